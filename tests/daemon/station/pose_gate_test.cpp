@@ -19,17 +19,33 @@ struct PoseGateTest : testing::Test {
   Prng prng{3};
   Vec3 at{1000.0, 500.0, 900.0};
 
+  /// The next pose, sent and come at `ns`.
+  PoseSample sample_at(std::int64_t ns) {
+    PoseSample sample;
+    sample.arrival_ns = ns;
+    sample.utime_us = ns / 1000;
+    sample.seq = ++seq;
+    sample.T_base_flange.translation_mm = at;
+    return sample;
+  }
   void send(int count) {
     for (int i = 0; i < count; ++i) {
-      now_ns += ns_from_ms(period_ms);
-      PoseSample sample;
-      sample.arrival_ns = now_ns;
-      sample.utime_us = now_ns / 1000;
-      sample.seq = ++seq;
+      PoseSample sample = sample_at(now_ns += ns_from_ms(period_ms));
       sample.stopped = stopped;
-      sample.T_base_flange.translation_mm = at + jitter_mm * (prng.uniform() - 0.5) * Vec3(1, 1, 1);
+      sample.T_base_flange.translation_mm += jitter_mm * (prng.uniform() - 0.5) * Vec3(1, 1, 1);
       gate.add(sample);
     }
+  }
+  /// The robot has stood long enough for a scan, which begins.
+  void expose() {
+    send(300);
+    PoseMean mean;
+    ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
+    gate.begin_exposure(mean.T_base_flange);
+  }
+  Code held_still(std::int64_t taken_ns) {
+    PoseMean mean;
+    return gate.held_still(taken_ns, mean);
   }
   Code settled() {
     PoseMean mean;
@@ -85,10 +101,7 @@ TEST_F(PoseGateTest, names_stale_poses_and_wrong_frames) {
   send(200);
   EXPECT_EQ(gate.link(now_ns + settings.stale_ns), Code::ok);
   EXPECT_EQ(gate.link(now_ns + settings.stale_ns + 1), Code::pose_stale);
-  PoseSample sample;
-  sample.arrival_ns = now_ns + kNsPerMs;
-  sample.utime_us = sample.arrival_ns / 1000;
-  sample.seq = seq + 1;
+  PoseSample sample = sample_at(now_ns + kNsPerMs);
   sample.tool_id = 3;
   gate.add(sample);
   EXPECT_EQ(gate.link(sample.arrival_ns), Code::wrong_frame);
@@ -133,21 +146,15 @@ TEST_F(PoseGateTest, what_a_sender_said_of_stopped_is_forgotten_when_it_fell_sil
 
 TEST_F(PoseGateTest, silence_in_an_exposure_does_not_end_the_wish_for_stopped) {
   stopped = true;
-  send(200);
-  PoseMean mean;
-  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
-  gate.begin_exposure(mean.T_base_flange);
+  expose();
   // The network held the poses back for a second: by their sender's clock nothing is missing.
   const std::int64_t sent_ns = now_ns;
   for (int i = 1; i <= 10; ++i) {
-    PoseSample sample;
-    sample.arrival_ns = sent_ns + PoseGate::kForgetNs + ns_from_ms(period_ms * i);
-    sample.utime_us = (sent_ns + ns_from_ms(period_ms * i)) / 1000;
-    sample.seq = ++seq;
-    sample.T_base_flange.translation_mm = at;
+    PoseSample sample = sample_at(sent_ns + ns_from_ms(period_ms * i));
+    sample.arrival_ns += PoseGate::kForgetNs;
     gate.add(sample);
   }
-  EXPECT_EQ(gate.held_still(sent_ns, mean), Code::moved_during_scan);
+  EXPECT_EQ(held_still(sent_ns), Code::moved_during_scan);
 }
 
 TEST_F(PoseGateTest, absurd_numbers_from_outside_only_restart_the_window) {
@@ -167,72 +174,50 @@ TEST_F(PoseGateTest, absurd_numbers_from_outside_only_restart_the_window) {
 
 TEST_F(PoseGateTest, an_emergency_stop_is_no_standstill) {
   send(200);
-  PoseSample sample;
-  sample.arrival_ns = now_ns + kNsPerMs;
-  sample.utime_us = sample.arrival_ns / 1000;
-  sample.seq = seq + 1;
+  PoseSample sample = sample_at(now_ns += kNsPerMs);
   sample.estop = true;
-  sample.T_base_flange.translation_mm = at;
   gate.add(sample);
-  PoseMean mean;
-  EXPECT_EQ(gate.settled(sample.arrival_ns, mean), Code::not_settled);
+  EXPECT_EQ(settled(), Code::not_settled);
 }
 
 TEST_F(PoseGateTest, watches_an_exposure_longer_than_its_ring) {
-  send(200);
-  PoseMean mean;
-  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
-  gate.begin_exposure(mean.T_base_flange);
+  expose();
   send(3);
   at.z() += 0.2;
   send(1);
   at.z() -= 0.2;
   send(2000);  // 8 s: the jump has long left the two-second ring
-  EXPECT_EQ(gate.held_still(now_ns - 1, mean), Code::moved_during_scan);
+  EXPECT_EQ(held_still(now_ns - 1), Code::moved_during_scan);
 }
 
 TEST_F(PoseGateTest, a_sample_sent_before_the_end_of_the_exposure_has_not_seen_it) {
-  send(300);
-  PoseMean mean;
-  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
-  gate.begin_exposure(mean.T_base_flange);
+  expose();
   send(20);
-  PoseSample late;
-  late.utime_us = now_ns / 1000 + 4'000;
-  late.seq = ++seq;
-  late.T_base_flange.translation_mm = at;
+  PoseSample late = sample_at(now_ns + ns_from_ms(4));
   const std::int64_t taken_ns = now_ns + ns_from_ms(10);
   late.arrival_ns = now_ns + ns_from_ms(15);  // 11 ms on its way
   gate.add(late);
-  EXPECT_EQ(gate.held_still(taken_ns, mean), Code::pose_stale);
+  EXPECT_EQ(held_still(taken_ns), Code::pose_stale);
   now_ns += ns_from_ms(10);
   send(1);
-  EXPECT_EQ(gate.held_still(taken_ns, mean), Code::ok);
+  EXPECT_EQ(held_still(taken_ns), Code::ok);
 }
 
 TEST_F(PoseGateTest, a_motion_hidden_in_lost_samples_is_no_standstill) {
-  send(300);
-  PoseMean mean;
-  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
-  gate.begin_exposure(mean.T_base_flange);
+  expose();
   send(20);
   now_ns += settings.gap_us * kNsPerUs;  // a jolt, and the robot is back before the next sample
   send(20);
-  EXPECT_EQ(gate.held_still(now_ns - 1, mean), Code::pose_stale);
+  EXPECT_EQ(held_still(now_ns - 1), Code::pose_stale);
   send(200);
-  EXPECT_EQ(gate.held_still(now_ns - 1, mean), Code::pose_stale) << "nobody will ever know";
+  EXPECT_EQ(held_still(now_ns - 1), Code::pose_stale) << "nobody will ever know";
 }
 
 TEST_F(PoseGateTest, a_sample_that_comes_again_does_not_say_where_the_robot_is_now) {
-  send(300);
-  PoseMean mean;
-  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
-  gate.begin_exposure(mean.T_base_flange);
+  expose();
   send(1);
-  PoseSample old;
-  old.utime_us = now_ns / 1000;
-  old.seq = seq;
-  old.T_base_flange.translation_mm = at;
+  PoseSample old = sample_at(now_ns);
+  old.seq = --seq;
   const std::int64_t taken_ns = now_ns;
   for (int i = 0; i < 50; ++i) {
     now_ns += ns_from_ms(period_ms);
@@ -240,18 +225,16 @@ TEST_F(PoseGateTest, a_sample_that_comes_again_does_not_say_where_the_robot_is_n
     if (i == 25) old.utime_us -= 1'000;
     gate.add(old);
   }
-  EXPECT_EQ(gate.held_still(taken_ns, mean), Code::pose_stale);
+  EXPECT_EQ(held_still(taken_ns), Code::pose_stale);
 }
 
 TEST_F(PoseGateTest, gives_the_mean_over_the_exposure_once_something_newer_has_come) {
-  send(200);
-  PoseMean mean;
-  ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
-  gate.begin_exposure(mean.T_base_flange);
+  expose();
   send(1000);
   const std::int64_t taken_ns = now_ns;
-  EXPECT_EQ(gate.held_still(taken_ns, mean), Code::pose_stale);
+  EXPECT_EQ(held_still(taken_ns), Code::pose_stale);
   send(1);
+  PoseMean mean;
   ASSERT_EQ(gate.held_still(taken_ns, mean), Code::ok);
   EXPECT_EQ(mean.samples, 1001U);
   EXPECT_LT((mean.T_base_flange.translation_mm - at).norm(), 2e-4);
@@ -259,11 +242,7 @@ TEST_F(PoseGateTest, gives_the_mean_over_the_exposure_once_something_newer_has_c
 
 TEST_F(PoseGateTest, averages_rotations_of_either_sign) {
   for (int i = 0; i < 200; ++i) {
-    now_ns += 4 * kNsPerMs;
-    PoseSample sample;
-    sample.arrival_ns = now_ns;
-    sample.utime_us = now_ns / 1000;
-    sample.seq = ++seq;
+    PoseSample sample = sample_at(now_ns += 4 * kNsPerMs);
     Quat q = rotation_from_kuka_abc(0.3, 0.2, 0.1);
     if (i % 2 == 0) q.coeffs() = -q.coeffs();
     sample.T_base_flange.rotation = q;
@@ -370,12 +349,8 @@ INSTANTIATE_TEST_SUITE_P(Hz, PoseRateTest, testing::Values(100, 250, 1'000, 2'00
 
 TEST_F(PoseGateTest, a_pose_in_a_wrong_frame_is_no_part_of_the_next_window) {
   send(10);
-  PoseSample sample;
+  PoseSample sample = sample_at(now_ns += ns_from_ms(period_ms));
   sample.tool_id = 3;
-  sample.arrival_ns = now_ns += ns_from_ms(period_ms);
-  sample.utime_us = now_ns / 1000;
-  sample.seq = ++seq;
-  sample.T_base_flange.translation_mm = at;
   gate.add(sample);
   send(125);  // 496 ms, 500 with the pose in the wrong frame
   EXPECT_EQ(settled(), Code::not_settled);

@@ -38,6 +38,13 @@ class CaptureTest : public ::testing::Test {
     line_.run_for(ms);
     return line_.station->capture.shot;
   }
+  /// Until the scanner has been asked and owes its answer.
+  void ask_scanner() {
+    line_.scanner_answers = false;
+    ask(CaptureRequest::Action::shoot);
+    line_.run_for(1'100);
+    ASSERT_EQ(line_.scans.size(), 1U);
+  }
   static bool says(const FixedString<limits::kErrorTextBytes>& text, std::string_view part) {
     return text.view().find(part) != std::string_view::npos;
   }
@@ -129,16 +136,8 @@ TEST_F(CaptureTest, a_slow_turn_is_seen_as_well) {
 TEST_F(CaptureTest, what_moved_while_the_scan_was_taken_is_refused_and_its_scan_is_gone) {
   begin();
   line_.robot_moves_mm = 0.015;
-  line_.scanner_answers = false;
-  ask(Action::shoot);
-  line_.run_for(1'100);
-  ASSERT_EQ(line_.scans.size(), 1U);
-  ScanDone done;
-  done.cmd_seq = line_.scans[0].request.cmd_seq;
-  done.slot = line_.scans[0].slot;
-  done.durable = true;
-  done.scan.path = "/spool/capture/1-1.ply";
-  line_.feed(done);
+  ask_scanner();
+  line_.feed(scanned(0));
   line_.run_for(100);
   const CaptureShot& shot = line_.station->capture.shot;
   ASSERT_TRUE(shot.done);
@@ -151,18 +150,10 @@ TEST_F(CaptureTest, what_moved_while_the_scan_was_taken_is_refused_and_its_scan_
 
 TEST_F(CaptureTest, poses_that_are_lost_during_the_scan_are_no_proof) {
   begin();
-  line_.scanner_answers = false;
-  ask(Action::shoot);
-  line_.run_for(1'100);
-  ASSERT_EQ(line_.scans.size(), 1U);
+  ask_scanner();
   line_.lose_poses(3);
   line_.run_for(20);
-  ScanDone done;
-  done.cmd_seq = line_.scans[0].request.cmd_seq;
-  done.slot = line_.scans[0].slot;
-  done.durable = true;
-  done.scan.path = "/spool/capture/1-1.ply";
-  line_.feed(done);
+  line_.feed(scanned(0));
   line_.run_for(100);
   EXPECT_EQ(line_.station->capture.shot.code, Code::pose_stale);
   EXPECT_EQ(line_.dropped.size(), 1U);
@@ -404,10 +395,7 @@ TEST_F(CaptureTest, one_view_at_a_time) {
 
 TEST_F(CaptureTest, ABORT_ends_the_view_and_not_the_session) {
   begin();
-  line_.scanner_answers = false;
-  ask(Action::shoot);
-  line_.run_for(1'100);
-  ASSERT_EQ(line_.scans.size(), 1U);
+  ask_scanner();
   line_.plc.abort = true;
   line_.feed(line_.plc);
   line_.run_for(20);
@@ -425,10 +413,7 @@ TEST_F(CaptureTest, ABORT_ends_the_view_and_not_the_session) {
 
 TEST_F(CaptureTest, ending_in_the_middle_of_a_scan_waits_for_its_buffer) {
   begin();
-  line_.scanner_answers = false;
-  ask(Action::shoot);
-  line_.run_for(1'100);
-  ASSERT_EQ(line_.scans.size(), 1U);
+  ask_scanner();
   ask(Action::end);
   EXPECT_EQ(line_.view().state, PlcState::maintenance) << "the worker still writes";
   line_.run_for(20);
@@ -489,10 +474,7 @@ TEST_F(CaptureTest, a_view_without_a_free_buffer_says_so) {
 
 TEST_F(CaptureTest, poses_that_end_with_the_scan_are_no_proof_that_the_robot_stood) {
   begin();
-  line_.scanner_answers = false;
-  ask(Action::shoot);
-  line_.run_for(1'100);
-  ASSERT_EQ(line_.scans.size(), 1U);
+  ask_scanner();
   line_.robot_present = false;
   line_.feed(scanned(0));
   line_.run_for(500);
@@ -507,10 +489,7 @@ TEST_F(CaptureTest, poses_that_end_with_the_scan_are_no_proof_that_the_robot_sto
 
 TEST_F(CaptureTest, another_tool_during_the_scan_is_refused_by_name) {
   begin();
-  line_.scanner_answers = false;
-  ask(Action::shoot);
-  line_.run_for(1'100);
-  ASSERT_EQ(line_.scans.size(), 1U);
+  ask_scanner();
   line_.robot_tool = 3;
   line_.run_for(20);
   line_.feed(scanned(0));
@@ -535,10 +514,7 @@ TEST_F(CaptureTest, ABORT_counts_before_the_scan_and_after_it) {
   abort();  // it still settles
   EXPECT_TRUE(line_.scans.empty());
 
-  line_.scanner_answers = false;
-  ask(Action::shoot);
-  line_.run_for(1'100);
-  ASSERT_EQ(line_.scans.size(), 1U);
+  ask_scanner();
   line_.robot_present = false;
   line_.feed(scanned(0));
   line_.run_for(100);
@@ -549,10 +525,7 @@ TEST_F(CaptureTest, ABORT_counts_before_the_scan_and_after_it) {
 
 TEST_F(CaptureTest, a_scan_that_was_whole_before_its_ABORT_is_deleted) {
   begin();
-  line_.scanner_answers = false;
-  ask(Action::shoot);
-  line_.run_for(1'100);
-  ASSERT_EQ(line_.scans.size(), 1U);
+  ask_scanner();
   line_.plc.abort = true;
   line_.feed(line_.plc);
   line_.feed(scanned(0));  // the worker had finished; its answer to the cancellation comes as nobody's
@@ -564,10 +537,7 @@ TEST_F(CaptureTest, a_scan_that_was_whole_before_its_ABORT_is_deleted) {
 
 TEST_F(CaptureTest, a_session_that_ends_while_its_view_is_checked_leaves_no_scan) {
   begin();
-  line_.scanner_answers = false;
-  ask(Action::shoot);
-  line_.run_for(1'100);
-  ASSERT_EQ(line_.scans.size(), 1U);
+  ask_scanner();
   line_.robot_present = false;
   line_.feed(scanned(0));
   line_.run_for(100);
@@ -589,10 +559,7 @@ TEST_F(CaptureTest, nobody_begins_while_a_session_waits_for_its_buffer) {
 
 TEST_F(CaptureTest, answers_to_other_requests_are_nobodys) {
   begin();
-  line_.scanner_answers = false;
-  ask(Action::shoot);
-  line_.run_for(1'100);
-  ASSERT_EQ(line_.scans.size(), 1U);
+  ask_scanner();
   ScanDone other = scanned(0);
   ++other.cmd_seq;
   line_.feed(other);
@@ -608,10 +575,7 @@ TEST_F(CaptureTest, answers_to_other_requests_are_nobodys) {
 
 TEST_F(CaptureTest, a_scanner_that_fails_without_a_word_is_told_by_its_code) {
   begin();
-  line_.scanner_answers = false;
-  ask(Action::shoot);
-  line_.run_for(1'100);
-  ASSERT_EQ(line_.scans.size(), 1U);
+  ask_scanner();
   ScanDone done = scanned(0);
   done.code = Code::trigger_timeout;
   line_.feed(done);
