@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A child process applies jobs and reports each one after apply() returned; the parent kills it at a random moment
-// and looks at what is left. What was reported must be there.
+// What power cuts and failing writes leave behind, case by case. What was reported is there after a kill at any call:
+// survival_test.cpp.
 #include <signal.h>
 #include <sys/resource.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -16,97 +14,7 @@
 namespace slabd::storage {
 namespace {
 
-class CrashTest : public StoreTest {
- protected:
-  /// Runs in the child: slabs without end, one byte per durable block.
-  [[noreturn]] void work(int pipe_end, std::int64_t first_key) {
-    Result<std::unique_ptr<Store>> store = open_store(settings_);
-    if (!store.ok()) _exit(1);
-    store_ = std::move(store.value());
-    // A child begins where its parent's numbers stood, as the one before it did, and no two scans may be alike.
-    prng_ = Prng(static_cast<std::uint64_t>(first_key));
-    for (std::int64_t key = first_key;; ++key) {
-      begin(key);
-      for (int station = 1; station <= 18; ++station) {
-        const std::uint16_t res_seq = scan(key, station, 1);
-        if (HasFailure() || write(pipe_end, "b", 1) != 1) _exit(2);
-        if (station % 3 == 0) apply(AckJob{res_seq});
-      }
-      const std::uint16_t res_seq = end(key, Verdict::pass);
-      if (HasFailure() || write(pipe_end, "s", 1) != 1) _exit(3);
-      apply(AckJob{res_seq});
-    }
-  }
-  struct Reported {
-    int blocks = 0;
-    int slabs = 0;
-  };
-  Reported kill_after(int reports, std::int64_t first_key) {
-    std::array<int, 2> ends{};
-    EXPECT_EQ(pipe(ends.data()), 0);
-    const pid_t child = fork();
-    if (child == 0) {
-      close_fd(ends[0]);
-      work(ends[1], first_key);
-    }
-    close_fd(ends[1]);
-    Reported reported;
-    char what = 0;
-    const auto count = [&] { (what == 's' ? reported.slabs : reported.blocks) += 1; };
-    for (int i = 0; i < reports && read(ends[0], &what, 1) == 1; ++i) count();
-    usleep(static_cast<useconds_t>(prng_.below(3'000)));
-    EXPECT_EQ(kill(child, SIGKILL), 0);
-    while (read(ends[0], &what, 1) == 1) count();  // reported before it died
-    int status = 0;
-    EXPECT_EQ(waitpid(child, &status, 0), child);
-    EXPECT_TRUE(WIFSIGNALED(status)) << "the child ended by itself";
-    close_fd(ends[0]);
-    return reported;
-  }
-  static void close_fd(int fd) { ::close(fd); }
-};
-
-TEST_F(CrashTest, kill_9_loses_no_reported_row_and_leaves_the_file_whole) {
-  std::int64_t first_key = 1;
-  int blocks = 0;
-  int slabs = 0;
-  for (int round = 0; round < 15; ++round) {
-    const Reported reported = kill_after(1 + static_cast<int>(prng_.below(40)), first_key);
-    Result<std::unique_ptr<Connection>> opened = open_for_writing(settings_.db_path);
-    ASSERT_TRUE(opened.ok()) << opened.error().text.view();
-    Connection& db = *opened.value();
-    EXPECT_EQ(db.text("PRAGMA integrity_check"), "ok");
-    EXPECT_EQ(db.integer("SELECT count(*) FROM pragma_foreign_key_check"), 0);
-    const std::int64_t blocks_now = db.integer("SELECT count(*) FROM block");
-    const std::int64_t slabs_now = db.integer("SELECT count(*) FROM slab_result");
-    EXPECT_GE(blocks_now, blocks + reported.blocks);
-    EXPECT_LE(blocks_now, blocks + reported.blocks + 1) << "more than the one job in flight";
-    EXPECT_GE(slabs_now, slabs + reported.slabs);
-    // Whole jobs only: a block has five planes, two casings, its items and one record.
-    EXPECT_EQ(db.integer("SELECT count(*) FROM plane"), 5 * blocks_now);
-    EXPECT_EQ(db.integer("SELECT count(*) FROM casing"), 2 * blocks_now);
-    EXPECT_EQ(db.integer("SELECT count(*) FROM item WHERE station > 0"),
-              blocks_now * static_cast<std::int64_t>(kBlockItemsMax));
-    EXPECT_EQ(db.integer("SELECT count(*) FROM item WHERE station = 0"),
-              slabs_now * static_cast<std::int64_t>(kSlabItemsMax));
-    EXPECT_EQ(db.integer("SELECT count(*) FROM result"), blocks_now + slabs_now);
-    opened.value().reset();
-
-    blocks = static_cast<int>(blocks_now);
-    slabs = static_cast<int>(slabs_now);
-    open();
-    const auto line = recover();
-    if (line->slab_open) {
-      res_seq_ = line->res_seq;
-      end(line->last_slab_key, Verdict::aborted);
-      ++slabs;
-    }
-    while (!recover()->unacknowledged.empty()) apply(AckJob{recover()->unacknowledged.front().res_seq});
-    first_key = line->last_slab_key + 1;
-    close();
-  }
-  EXPECT_GT(blocks, 15);
-}
+class CrashTest : public StoreTest {};
 
 /// A file size limit makes the write-ahead log's growth fail as a broken disk would.
 class FileSizeLimit {
