@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "base/newest_time.h"
-#include "storage/recover.h"
+#include "storage/load.h"
 #include "storage/rows.h"
 #include "storage/storage.h"
 

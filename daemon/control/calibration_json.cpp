@@ -7,7 +7,7 @@
 
 #include "config/config.h"
 #include "daemon/control/calibration_change.h"
-#include "storage/record_fields.h"
+#include "storage/storage.h"
 
 namespace slabd::daemon {
 namespace {
