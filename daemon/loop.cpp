@@ -17,7 +17,7 @@
 #include <thread>
 #include <utility>
 
-#include "base/utf8.h"
+#include "base/plain_text.h"
 #include "daemon/control/calibration_change.h"
 #include "daemon/log_outlet.h"
 #include "daemon/measure.h"

@@ -5,7 +5,7 @@
 #include <string>
 #include <utility>
 
-#include "base/newest_time.h"
+#include "base/calibration.h"
 #include "storage/load.h"
 #include "storage/rows.h"
 #include "storage/storage.h"

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "base/splice.h"
+#include "base/jobs.h"
 
 namespace slabd::storage {
 namespace {

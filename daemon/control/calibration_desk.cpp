@@ -14,6 +14,7 @@
 #include <exception>
 #include <filesystem>
 
+#include "base/os.h"
 #include "config/config.h"
 #include "daemon/control/calibration_change.h"
 
@@ -35,23 +36,20 @@ bool is_plain_name(const std::string& name) {
 }
 
 Result<std::string> read_change(const std::string& path) {
-  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
-  if (fd < 0) return error(Code::config, "cannot open %s: %s", path.c_str(), std::strerror(errno));
+  const Fd file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
+  if (!file.is_open()) return error(Code::config, "cannot open %s: %s", path.c_str(), std::strerror(errno));
   struct stat status {};
-  const bool regular = ::fstat(fd, &status) == 0 && S_ISREG(status.st_mode);
-  if (!regular || static_cast<std::size_t>(status.st_size) > kChangeBytesMax) {
-    ::close(fd);
+  const bool regular = ::fstat(file.get(), &status) == 0 && S_ISREG(status.st_mode);
+  if (!regular || static_cast<std::size_t>(status.st_size) > kChangeBytesMax)
     return error(Code::config, "%s is no regular file of at most 64 MB", path.c_str());
-  }
   std::string text(static_cast<std::size_t>(status.st_size), '\0');
   std::size_t got = 0;
   while (got < text.size()) {
-    const ssize_t n = ::read(fd, text.data() + got, text.size() - got);
+    const ssize_t n = ::read(file.get(), text.data() + got, text.size() - got);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) break;
     got += static_cast<std::size_t>(n);
   }
-  ::close(fd);
   if (got != text.size()) return error(Code::config, "%s was cut short while it was read", path.c_str());
   return text;
 }

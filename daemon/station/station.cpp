@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cstdarg>
 
-#include "base/splice.h"
+#include "base/jobs.h"
 #include "daemon/station/parts.h"
 
 namespace slabd::daemon {

@@ -9,6 +9,7 @@
 #include <array>
 #include <cerrno>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/scan/declared_unit.h"
 #include "hal/scan/point_readers.h"
@@ -16,7 +17,6 @@
 #include "hal/scan/scan_window.h"
 #include "hal/scan/text_lines.h"
 #include "hal/system/crc32c.h"
-#include "hal/system/os.h"
 
 // Problem: five million points, 60 MB, must become float32 mm in a buffer that exists already, and the file may be
 // torn, lying or hostile. Idea: the extension chooses the reader; every reader gets the same window on a file of known

@@ -11,9 +11,9 @@
 #include <string>
 #include <vector>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/scan/lzf.h"
-#include "hal/system/os.h"
 
 // Writing scans, for the emulated line and for tests: each format the way its usual programs write it. Half a scan is
 // worse than none, so whatever goes wrong takes the file away again.

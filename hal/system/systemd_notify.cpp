@@ -6,8 +6,8 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "base/os.h"
 #include "hal/hal.h"
-#include "hal/system/os.h"
 
 namespace slabd::hal {
 namespace {

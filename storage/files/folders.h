@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "base/os.h"
 #include "base/result.h"
 
 /// Folders, free space, and the lock that keeps a second writer away. Plain POSIX; no SQLite here.
@@ -64,16 +65,11 @@ struct FileId {
 /// Held while the database is open for writing; the kernel drops it when the process dies.
 class WriterLock {
  public:
-  WriterLock() = default;
-  ~WriterLock();
-  WriterLock(const WriterLock&) = delete;
-  WriterLock& operator=(const WriterLock&) = delete;
-
   /// Locks `db_path`.writer; journal_write when another process has it.
   [[nodiscard]] Status take(const std::string& db_path);
 
  private:
-  int fd_ = -1;
+  Fd fd_;
 };
 
 // The name of the process that keeps a writer out of a database. SQLite says "database is locked" and no more.

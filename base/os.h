@@ -12,8 +12,8 @@
 
 #include "base/base.h"
 
-/// What the files of this room need from the operating system.
-namespace slabd::hal {
+/// Files and descriptors of the operating system.
+namespace slabd {
 
 /// What errno means, as a constant text (no heap, thread-safe).
 [[nodiscard]] inline const char* errno_text(int error_number) {
@@ -97,4 +97,4 @@ struct FileState {
   return state;
 }
 
-}  // namespace slabd::hal
+}  // namespace slabd
