@@ -61,7 +61,6 @@ const std::set<std::string> kPublic = {"algo/algo.h",
                                        "report/slab_view.h",
                                        "report/words.h",
                                        "emulator/block_drawing.h",
-                                       "emulator/concrete_scan.h",
                                        "emulator/block_scene.h",
                                        "emulator/line_run.h",
                                        "emulator/robot_error.h",
@@ -70,7 +69,6 @@ const std::set<std::string> kPublic = {"algo/algo.h",
                                        "emulator/scan_outlet.h",
                                        "emulator/slab_scene.h",
                                        "emulator/solid_scene.h",
-                                       "emulator/stand_by.h",
                                        "emulator/stream_gateway.h"};
 
 struct Include {
