@@ -18,7 +18,7 @@
 #include <utility>
 
 #include "base/plain_text.h"
-#include "daemon/control/calibration_change.h"
+#include "daemon/control/calibration_desk.h"
 #include "daemon/log_outlet.h"
 #include "daemon/measure.h"
 #include "daemon/seal.h"

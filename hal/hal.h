@@ -220,7 +220,7 @@ struct LcmSettings {
 /// Checks url, channel and interface name; the link itself is opened (and re-opened) by next().
 [[nodiscard]] Result<std::unique_ptr<PosePort>> make_lcm_pose_port(const LcmSettings& settings);
 
-/// The bounded LC02 reader (hal/robot/lc02_reader): one datagram in, one pose out. No heap, never reads past
+/// The bounded LC02 reader (hal/robot/lcm_wire.h): one datagram in, one pose out. No heap, never reads past
 /// `datagram`. False: not a pose on `channel`; `counters` says why. `sample.arrival_ns` is left for the caller.
 [[nodiscard]] bool decode_pose_datagram(std::span<const std::byte> datagram, std::string_view channel,
                                         PoseSample& sample, PoseLinkCounters& counters,

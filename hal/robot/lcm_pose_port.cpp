@@ -15,8 +15,7 @@
 
 #include "base/os.h"
 #include "hal/hal.h"
-#include "hal/robot/lc02_reader.h"
-#include "hal/robot/lcm_url.h"
+#include "hal/robot/lcm_wire.h"
 #include "hal/robot/pose_screen.h"
 
 // Problem: poses must come from the robot's bridge and nowhere else, over an interface that may not exist yet. Idea:

@@ -3,7 +3,6 @@
 
 #include <cmath>
 
-#include "hal/scan/declared_unit.h"
 #include "hal/scan/text_lines.h"
 
 // Problem: as for PLY, but what belongs to one field is spread over four lines (FIELDS, SIZE, TYPE, COUNT) whose order

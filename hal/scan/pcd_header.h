@@ -8,7 +8,6 @@
 
 #include "base/base.h"
 #include "hal/hal.h"
-#include "hal/scan/declared_unit.h"
 #include "hal/scan/text_lines.h"
 
 /// The text at the start of a PCD file (Point Cloud Library file format, versions 0.6 and 0.7), turned into places of

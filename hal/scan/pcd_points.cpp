@@ -6,11 +6,9 @@
 #include <bit>
 #include <cstring>
 
-#include "hal/scan/declared_unit.h"
 #include "hal/scan/lzf.h"
 #include "hal/scan/pcd_header.h"
 #include "hal/scan/plain_rows.h"
-#include "hal/scan/point_records.h"
 #include "hal/scan/scan_points.h"
 #include "hal/scan/scan_window.h"
 #include "hal/scan/text_lines.h"

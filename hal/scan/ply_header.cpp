@@ -3,7 +3,6 @@
 
 #include <algorithm>
 
-#include "hal/scan/declared_unit.h"
 #include "hal/scan/text_lines.h"
 
 // Problem: the header decides how five million vertices are read, and it comes from outside. Idea: one pass over

@@ -9,7 +9,6 @@
 
 #include "base/base.h"
 #include "hal/hal.h"
-#include "hal/scan/declared_unit.h"
 #include "hal/scan/text_lines.h"
 
 /// The text at the start of a PLY file, turned into what its body looks like. Nothing in it is believed about the

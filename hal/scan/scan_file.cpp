@@ -11,7 +11,6 @@
 
 #include "base/os.h"
 #include "hal/hal.h"
-#include "hal/scan/declared_unit.h"
 #include "hal/scan/point_readers.h"
 #include "hal/scan/scan_points.h"
 #include "hal/scan/scan_window.h"

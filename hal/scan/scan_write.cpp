@@ -65,7 +65,7 @@ Result<Shape> shape_of(const char* path, std::span<const float> xyz, std::size_t
   return Shape{points, width, height, by};
 }
 
-/// What a comment of an emulated scan says (hal/scan/declared_unit.h reads it); empty for others.
+/// What a comment of an emulated scan says (hal/scan/text_lines.h reads it); empty for others.
 FixedString<64> emulated_comment(const Shape& shape) {
   FixedString<64> text;
   if (shape.by.emulator) text.printf("emulated by slabctl simulate");

@@ -6,6 +6,7 @@
 #include <span>
 #include <string_view>
 
+#include "base/base.h"
 #include "hal/hal.h"
 
 /// LCM's short message on the wire, as liblcm sends it (lcm/udpm_util.h):
@@ -48,5 +49,22 @@ inline constexpr std::string_view kBridgeWordSuffix = "_WORD";
 inline constexpr double kQuaternionNormTolerance = 1e-3;
 /// No robot of this line reaches further from its root.
 inline constexpr double kFlangeReachMaxM = 10.0;
+
+/// LCM's UDP multicast address, `udpm://group:port?ttl=N[&recv_buf_size=N]`.
+struct LcmUrl {
+  std::uint32_t group = 0;  ///< IPv4, host byte order; 224.0.0.0/4
+  std::uint16_t port = 0;
+  std::uint8_t ttl = 0;  ///< of senders; a listener only checks it
+  std::uint32_t recv_buf_bytes = 1U << 20U;
+};
+
+/// Everything must be said: no default group or port, unlike liblcm. config: the text names the part that is wrong
+/// and what is allowed.
+[[nodiscard]] Result<LcmUrl> parse_lcm_url(std::string_view url);
+
+/// A channel of 1..63 characters without NUL; config otherwise.
+[[nodiscard]] Status check_lcm_channel(std::string_view channel);
+/// An IPv4 address or a name that an interface may have, whether or not this computer has it; config otherwise.
+[[nodiscard]] Status check_lcm_interface(std::string_view interface);
 
 }  // namespace slabd::hal
