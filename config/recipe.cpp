@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
-#include <sha256.h>
 
 #include <algorithm>
 #include <cctype>
@@ -231,12 +230,6 @@ void read_items(TableReader items, Recipe& recipe) {
 
 // ---- the file ---------------------------------------------------------------------------------------------------
 
-FixedString<64> sha256_of(const std::string& bytes) {
-  std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
-  SHA256Data(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size(), hex.data());
-  return FixedString<64>(hex.data());
-}
-
 void read_head(TableReader& root, Recipe& recipe) {
   std::string schema;
   root.required_text("schema", schema, 64);
@@ -330,7 +323,7 @@ void parse_recipe(const std::string& path, const std::string& bytes, Recipe& rec
                                     bytes.size(), storage::kRecipeTextBytes)});
     return;
   }
-  recipe.sha256 = sha256_of(bytes);
+  recipe.sha256.assign(calib::sha256_hex(bytes));
   TomlValue tree;
   if (!parse_toml(path, bytes, tree, problems)) return;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The verb "capture" of the control socket: JSON in, an event; the station's state, JSON out. Control path: heap and
-// exceptions of the JSON library stay in here and in status.cpp.
+// The verbs of the control socket that order something. "capture": JSON in, an event; the station's state, JSON out.
+// Control path: heap and exceptions of the JSON library stay in here and in status.cpp.
 #include <array>
 #include <nlohmann/json.hpp>
 
@@ -187,8 +187,6 @@ Result<CaptureRequest> parse_capture(std::string_view line, std::uint32_t uid) {
 // thread does the work between its jobs; here orders go in and their state comes out.
 
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 const char* phase_name(storage::CareState::Phase phase) {
   static constexpr std::array kNames = {"none", "under_way", "done", "failed"};
