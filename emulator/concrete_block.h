@@ -202,7 +202,7 @@ class ConcreteBlock {
   void fill_bore(std::size_t side);
   void put_defects();  ///< concrete_damage.cpp: form first, then damage
   void put_damage();
-  void put_form();   ///< concrete_marks.cpp: film, chalk, straps
+  void put_form();   ///< concrete_damage.cpp: film, chalk, straps
   void put_marks();  ///< pores, burrs, fin, dust, drops
   void put_pores();
   void put_burrs();

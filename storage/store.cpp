@@ -21,10 +21,9 @@
 #include "storage/files/database.h"
 #include "storage/files/folders.h"
 #include "storage/files/quarantine.h"
-#include "storage/files/spool.h"
+#include "storage/files/retention.h"
 #include "storage/jobs.h"
 #include "storage/load.h"
-#include "storage/retention.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {

@@ -37,7 +37,6 @@
 #include <limits>
 
 #include "algo/algo.h"
-#include "algo/features/cell_grid.h"
 #include "algo/features/seat_cells.h"
 #include "algo/features/seat_noise.h"
 #include "algo/median.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "algo/features/cell_grid.h"
+#include "algo/features/seat_cells.h"
 
 #include <Eigen/Cholesky>
 #include <algorithm>

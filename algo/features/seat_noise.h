@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <span>
 
-#include "algo/features/cell_grid.h"
 #include "algo/features/face_points.h"
 #include "algo/features/flatness.h"
+#include "algo/features/seat_cells.h"
 #include "algo/features/seat_points.h"
 #include "base/limits.h"
 #include "base/noise_print.h"

@@ -19,7 +19,7 @@
 
 #include "storage/files/folders.h"
 #include "storage/files/log_copy.h"
-#include "storage/files/spool.h"
+#include "storage/files/retention.h"
 
 namespace slabd::storage {
 namespace {

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "algo/features/casing_fits.h"
-#include "algo/features/cell_grid.h"
 #include "algo/features/jaw.h"
+#include "algo/features/seat_cells.h"
 #include "algo/features/seat_noise.h"
 #include "base/prng.h"
 
