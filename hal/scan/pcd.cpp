@@ -33,12 +33,12 @@ struct Field {
   std::uint64_t count = 1;
 };
 
-class HeaderParser {
+class HeaderParser : HeaderLines {
  public:
-  HeaderParser(std::string_view head, const char* file, LengthUnit unit) : head_(head), file_(file), unit_(unit) {}
+  HeaderParser(std::string_view head, const char* file, LengthUnit unit) : HeaderLines(head, file), unit_(unit) {}
 
   Result<PcdLayout> parse() {
-    layout_.line_end = first_line_end(head_);
+    layout_.line_end = line_end_;
     for (std::string_view line; next_line(line);) {
       if (Status status = statement(line); !status) return status.error();
       if (data_seen_) return finish();
@@ -49,12 +49,6 @@ class HeaderParser {
   }
 
  private:
-  bool next_line(std::string_view& line) {
-    if (!next_header_line(head_, layout_.line_end, position_, line)) return false;
-    ++line_number_;
-    return true;
-  }
-
   Status statement(std::string_view line) {
     std::string_view rest = line;
     const std::string_view keyword = take_word(rest);
@@ -172,11 +166,11 @@ class HeaderParser {
   // ---- side by side
 
   Result<PcdLayout> finish() {
-    if (names_ == 0) return refuse("no FIELDS line before DATA").error();
+    if (names_ == 0) return refuse("no FIELDS line before DATA");
     if (sizes_ != names_ || types_ != names_ || (counts_ != 0 && counts_ != names_))
       return error(Code::frame_incomplete, "%s: header: %zu FIELDS, but %zu SIZE, %zu TYPE, %zu COUNT", file_, names_,
                    sizes_, types_, counts_);
-    if (!width_seen_ || !height_seen_) return refuse("no WIDTH or no HEIGHT line before DATA").error();
+    if (!width_seen_ || !height_seen_) return refuse("no WIDTH or no HEIGHT line before DATA");
     if (Status status = find_places(); !status) return status.error();
     if (Status status = count_points(); !status) return status.error();
     layout_.header_bytes = position_;
@@ -234,21 +228,7 @@ class HeaderParser {
     }
   }
 
-  /// "file: header line n: what "subject" (hint)".
-  Status refuse(const char* what, std::string_view subject = {}, const char* hint = nullptr) const {
-    FixedString<70> quoted;
-    if (!subject.empty()) quoted.printf(" \"%s\"", shown(subject).c_str());
-    const bool hinted = hint != nullptr;
-    return error(Code::frame_incomplete, "%s: header line %zu: %s%s%s%s%s", file_, line_number_, what, quoted.c_str(),
-                 hinted ? " (" : "", hinted ? hint : "", hinted ? ")" : "");
-  }
-
-  std::string_view head_;
-  const char* file_;
   LengthUnit unit_;
-  std::size_t position_ = 0;
-  std::size_t line_number_ = 0;
-
   PcdLayout layout_;
   std::array<Field, kPcdFieldsMax> fields_;
   std::size_t names_ = 0, sizes_ = 0, types_ = 0, counts_ = 0;  ///< words in each of the four rows
@@ -261,6 +241,7 @@ class HeaderParser {
 Result<PcdLayout> parse_pcd_header(std::string_view head, const char* file, LengthUnit unit) {
   return HeaderParser(head, file, unit).parse();
 }
+
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "PCD's numbers are taken as they are");
@@ -428,35 +409,11 @@ class PcdBody {
   Settled settled_;
 };
 
-/// The header, with its bytes consumed.
-Result<PcdLayout> read_header(ScanWindow& window, LengthUnit unit) {
-  static_cast<void>(window.have(limits::kScanHeaderBytesMax));  // a shorter file is all header
-  if (window.broken()) return window.failure();
-  const std::string_view head = window.view().substr(0, limits::kScanHeaderBytesMax);
-  const std::size_t mark_bytes = byte_order_mark_bytes(head);
-  Result<PcdLayout> layout = parse_pcd_header(head.substr(mark_bytes), window.name(), unit);
-  if (!layout) return layout;
-  layout.value().header_bytes += mark_bytes;
-  layout.value().bytes_min += mark_bytes;
-  window.consume(layout.value().header_bytes);
-  return layout;
-}
-
-/// Success: where the header tells the length of the data, the window ends behind them.
-Status check_size(ScanWindow& window, const PcdLayout& layout) {
-  const std::uint64_t file_bytes = window.file_bytes();
-  if (file_bytes < layout.bytes_min)
-    return error(Code::frame_incomplete, "%s: byte %llu: the file ends here, its header asks for %s%llu bytes",
-                 window.name(), static_cast<unsigned long long>(file_bytes), layout.bytes_exact ? "" : "at least ",
-                 static_cast<unsigned long long>(layout.bytes_min));
-  return layout.bytes_exact ? end_data_at(window, layout.header_bytes, layout.bytes_min) : success();
-}
-
 }  // namespace
 
 template <typename Real>
 Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> xyz, Team& team) {
-  const Result<PcdLayout> header = read_header(window, unit);
+  const Result<PcdLayout> header = read_header(window, unit, parse_pcd_header);
   if (!header) return header.error();
   const PcdLayout& layout = header.value();
   if (Status status = check_size(window, layout); !status) return status.error();
@@ -480,7 +437,7 @@ template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<float>, T
 template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<double>, Team&);
 
 Result<PointRun> find_pcd_records(ScanWindow& window, LengthUnit unit) {
-  const Result<PcdLayout> header = read_header(window, unit);
+  const Result<PcdLayout> header = read_header(window, unit, parse_pcd_header);
   if (!header) return header.error();
   const PcdLayout& layout = header.value();
   if (Status status = check_size(window, layout); !status) return status.error();
@@ -488,33 +445,15 @@ Result<PointRun> find_pcd_records(ScanWindow& window, LengthUnit unit) {
   return PointRun{record_of(layout), {layout.points, 0, layout.width, layout.height, true}};
 }
 
-namespace {
-
-/// Of a binary file as its header says them, 0 where nothing says them yet.
-std::uint64_t bytes_told(ScanWindow& window, const PcdLayout& layout) {
-  if (layout.data == PcdData::binary) return layout.bytes_min;
+StatedBytes bytes_stated_by_pcd(ScanWindow& window, LengthUnit unit) {
+  const Result<PcdLayout> header = read_header(window, unit, parse_pcd_header);
+  if (!header) return {};
+  const PcdLayout& layout = header.value();
+  if (layout.data == PcdData::binary) return {layout.bytes_min, layout.bytes_min};
   std::uint32_t compressed_bytes = 0;
-  if (layout.data != PcdData::binary_compressed || !window.read(&compressed_bytes, sizeof compressed_bytes)) return 0;
-  return layout.bytes_min + compressed_bytes;
-}
-
-}  // namespace
-
-bool is_complete_pcd(ScanWindow& window, LengthUnit unit) {
-  const std::uint64_t told = bytes_told_by_pcd(window, unit);
-  return told != 0 && told <= window.file_bytes() && is_tail(window, told);
-}
-
-std::uint64_t bytes_told_by_pcd(ScanWindow& window, LengthUnit unit) {
-  const Result<PcdLayout> header = read_header(window, unit);
-  return header ? bytes_told(window, header.value()) : 0;
-}
-
-bool lacks_bytes_of_pcd(ScanWindow& window, LengthUnit unit) {
-  const Result<PcdLayout> header = read_header(window, unit);
-  if (!header) return false;
-  const std::uint64_t bytes = window.file_bytes();
-  return header.value().bytes_min > bytes || bytes_told(window, header.value()) > bytes;
+  if (layout.data != PcdData::binary_compressed || !window.read(&compressed_bytes, sizeof compressed_bytes))
+    return {layout.bytes_min, 0};
+  return {layout.bytes_min, layout.bytes_min + compressed_bytes};
 }
 
 }  // namespace slabd::hal

@@ -35,6 +35,20 @@ bool next_header_line(std::string_view head, LineEnd end, std::size_t& position,
   return true;
 }
 
+bool HeaderLines::next_line(std::string_view& line) {
+  if (!next_header_line(head_, line_end_, position_, line)) return false;
+  ++line_number_;
+  return true;
+}
+
+Error HeaderLines::refuse(const char* what, std::string_view subject, const char* hint) const {
+  FixedString<70> quoted;
+  if (!subject.empty()) quoted.printf(" \"%s\"", shown(subject).c_str());
+  const bool hinted = hint != nullptr;
+  return error(Code::frame_incomplete, "%s: header line %zu: %s%s%s%s%s", file_, line_number_, what, quoted.c_str(),
+               hinted ? " (" : "", hinted ? hint : "", hinted ? ")" : "");
+}
+
 bool TextLines::next(std::string_view& line) {
   window_.consume(handed_out_);
   handed_out_ = 0;
@@ -140,10 +154,6 @@ bool is_msvc_special(std::string_view word) {
   return word.starts_with("1.#IND") || word.starts_with("1.#QNAN") || word.starts_with("1.#SNAN") ||
          word.starts_with("1.#INF");
 }
-
-}  // namespace
-
-namespace {
 
 template <typename Real>
 bool parse_real(std::string_view word, Real& value) {

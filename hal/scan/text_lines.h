@@ -28,6 +28,22 @@ enum class LineEnd : char { lf = '\n', cr = '\r' };
 /// The next line of a header of `head`, from `position` on, without its end; false if no whole line is left.
 [[nodiscard]] bool next_header_line(std::string_view head, LineEnd end, std::size_t& position, std::string_view& line);
 
+/// The header of a scan file line by line, for a parser that refuses a line by its number.
+class HeaderLines {
+ protected:
+  HeaderLines(std::string_view head, const char* file) : head_(head), file_(file), line_end_(first_line_end(head)) {}
+
+  bool next_line(std::string_view& line);
+  /// "file: header line n: what "subject" (hint)".
+  [[nodiscard]] Error refuse(const char* what, std::string_view subject = {}, const char* hint = nullptr) const;
+
+  std::string_view head_;
+  const char* file_;
+  LineEnd line_end_;
+  std::size_t position_ = 0;
+  std::size_t line_number_ = 0;
+};
+
 /// The rest of a scan file line by line.
 class TextLines {
  public:
