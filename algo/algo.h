@@ -76,7 +76,7 @@ struct PlaneSettings {
 /// stands still. Orientation: `normal` has a positive dot product with `up`. Needs at least 3 points.
 /// ok = false: too few points, degenerate, no fixed point within refits_max, share or support below the limit, or the
 /// points are not one plane with outliers: a second surface in the zone of a given threshold, another plane that holds
-/// four fifths as many points, a place that hangs on where the threshold cuts (algo/features/plane_doubts.h). Surfaces
+/// four fifths as many points, a place that hangs on where the threshold cuts (algo/features/plane_steps.h). Surfaces
 /// closer together than about five standard deviations of the noise count as one. The figures reached are still filled
 /// in. `std_mm` is of what the threshold left: 1.3 % below the noise at three standard deviations; the covariances
 /// allow for it. No heap; O(K * sample + refits * points).

@@ -7,7 +7,6 @@
 #include "base/units.h"
 #include "base/pose.h"
 #include "base/fixed.h"
-#include "base/codes.h"
 #include "base/result.h"
 #include "base/prng.h"
 #include "base/items.h"

@@ -9,8 +9,8 @@
 #include <optional>
 #include <string>
 #include <string_view>
-#include <utility>
 
+#include "base/os.h"
 #include "base/result.h"
 
 /// Files that are there whole or not at all: written beside under a name of their own, then renamed. What must also
@@ -89,21 +89,11 @@ struct FileDigest {
 /// One writer at a time: holds a lock on a file until destroyed. The system lets go of it when the process dies.
 class FolderLock {
  public:
-  FolderLock() = default;
-  ~FolderLock();
-  FolderLock(FolderLock&& other) noexcept : fd_(other.fd_) { other.fd_ = -1; }
-  FolderLock& operator=(FolderLock&& other) noexcept {
-    std::swap(fd_, other.fd_);
-    return *this;
-  }
-  FolderLock(const FolderLock&) = delete;
-  FolderLock& operator=(const FolderLock&) = delete;
-
   /// False: somebody else holds it, or the file cannot be made.
   [[nodiscard]] bool take(const std::string& path);
 
  private:
-  int fd_ = -1;
+  Fd fd_;
 };
 
 }  // namespace slabd::cli

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "base/calibration.h"
-#include "base/emulation.h"
 #include "base/noise_print.h"
 #include "base/packed_map.h"
 #include "base/plc.h"
@@ -77,7 +76,7 @@ struct SlabHeader {
   Pose T_flange_scanner;
   std::int64_t began_utime_us = 0;
   std::uint8_t emulated =
-      0;  ///< emulation bits (base/emulation.h): of the line at its begin, and of each of its acquired attempts
+      0;  ///< emulation bits (base/records.h): of the line at its begin, and of each of its acquired attempts
 };
 
 /// Scans whose fingerprints are remembered: three whole slabs and some attempts. A scanner that hangs gives its last
@@ -258,5 +257,13 @@ struct RecoveredLine {
 
   FixedQueue<PlcResult, limits::kResultQueueMax> unacknowledged;  ///< oldest first
 };
+
+/// Where the scanner stood when a stored scan was taken: the pose as stored, the hand-eye of its slab, and the
+/// station's correction where it held. Equal records give equal bits, today and in ten years.
+[[nodiscard]] inline Pose stored_T_base_scanner(const SlabHeader& slab, const Attempt& attempt) {
+  const Pose T_base_scanner = attempt.T_base_flange * slab.T_flange_scanner;
+  return attempt.splice.source == SpliceSource::corrected ? attempt.splice.T_base_reported * T_base_scanner
+                                                          : T_base_scanner;
+}
 
 }  // namespace slabd

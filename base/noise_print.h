@@ -48,7 +48,7 @@ struct NoiseSigns {
   }
 };
 
-/// How algo makes it: algo/features/noise_print.h.
+/// How algo makes it: algo/features/seat_noise.h.
 struct NoisePrint {
   NoiseSigns<limits::kNoiseFineColumns, limits::kNoiseFineRows> fine;  ///< empty if the scan is not dense enough
   NoiseSigns<limits::kNoiseCoarseColumns, limits::kNoiseCoarseRows> coarse;

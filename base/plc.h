@@ -93,7 +93,7 @@ struct PlcResult {
   std::uint32_t points = 0;
   std::int64_t scan_utime_us = 0;
   std::uint8_t emulated =
-      0;  ///< emulation bits (base/emulation.h) of its slab when the record was made; read as STATUS bit 11
+      0;  ///< emulation bits (base/records.h) of its slab when the record was made; read as STATUS bit 11
 
   [[nodiscard]] static constexpr std::array<double, kPlcDeviations> filled(double v) {
     std::array<double, kPlcDeviations> a{};

@@ -3,15 +3,27 @@
 
 #include <array>
 #include <cstdint>
+#include <string_view>
 
-#include "base/codes.h"
 #include "base/fixed.h"
 #include "base/items.h"
 #include "base/limits.h"
 #include "base/pose.h"
+#include "base/result.h"
 
 /// What one block and one slab came to: the values that pass between algo, storage, the station and reports.
 namespace slabd {
+
+// Parts of the line that were not the real ones. A slab, an attempt and a record hold them as bits; 0: all were real,
+// as far as they say. A result with any bit set is not a verdict on concrete, whatever it reads.
+
+inline constexpr unsigned kEmulatedLine = 1U << 0U;    ///< [line] simulation = true
+inline constexpr unsigned kEmulatedRobot = 1U << 1U;   ///< the poses declare themselves emulated (flags, bit 4)
+inline constexpr unsigned kCommandedPoses = 1U << 2U;  ///< the poses are not measured (flags, bit 0 is missing)
+inline constexpr unsigned kEmulatedScan = 1U << 3U;    ///< the scan declares itself emulated (comment or header)
+
+/// By bit; as JSON, metrics and exports name them.
+inline constexpr std::array<std::string_view, 4> kEmulationNames = {"line", "robot", "poses", "scan"};
 
 using SlabId = FixedString<limits::kSlabIdBytes>;
 using PathText = FixedString<limits::kPathBytes>;
@@ -158,7 +170,7 @@ struct SurfaceFinding {
   double volume_mm3 = kNoValue;  ///< between the face and what was seen; NaN: nothing was seen
 };
 
-/// Pores of a block: pits up to the size that the recipe counts as a pore (algo/survey/surface_groups.h).
+/// Pores of a block: pits up to the size that the recipe counts as a pore (algo/survey/surface_damage.h).
 struct PoreSummary {
   std::uint32_t count = 0;       ///< of pores large enough to be counted
   double largest_mm = kNoValue;  ///< diameter of the circle of equal area; 0: there is none, NaN: not looked for

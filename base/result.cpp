@@ -16,4 +16,95 @@ Error error(Code code, const char* format, ...) {
   return {code, FixedString<limits::kErrorTextBytes>(text.data())};
 }
 
+namespace {
+
+struct Entry {
+  Code code;
+  std::string_view meaning;
+  std::string_view cure;
+};
+
+constexpr std::array kTable = {
+    Entry{Code::ok, "no fault", "nothing to do"},
+    Entry{Code::unknown_command, "the command word is none of 1..5", "correct CMD (HR 10) in the PLC program"},
+    Entry{Code::stale_session, "the command carries an old session number",
+          "read SESSION (IR 9) again, copy it to SESSION_ECHO (HR 38), write the command again"},
+    Entry{Code::busy, "another command is still being carried out", "wait until BUSY (IR 5 bit 1) is clear"},
+    Entry{Code::wrong_slab, "no slab is open, or the command names another slab",
+          "send SLAB_BEGIN first; SLAB_NO must stay the same until SLAB_END"},
+    Entry{Code::station_range, "the station number is outside 1..number of blocks", "correct STATION (HR 11)"},
+    Entry{
+        Code::unknown_type, "there is no usable recipe for this slab type, or a scan shows the slab end of another one",
+        "add or repair the recipe file, one for each type; `slabctl config check` names the fault; after SCAN: correct "
+        "SLAB_TYPE (HR 12)"},
+    Entry{Code::not_enabled, "ENABLE is not set, the PLC heartbeat is missing, or a calibration is under way (STATE 8)",
+          "set HR 1 bit 0 and change HR 0 at least every 500 ms; in STATE 8 wait, or end the calibration"},
+    Entry{Code::bad_id_text, "SLAB_ID is not printable ASCII", "correct HR 16..31"},
+    Entry{Code::bad_crc, "CMD_CRC does not match HR 10..36", "write the block again; check the word order"},
+    Entry{Code::interrupted, "the command was cut off by a restart or by ABORT, or the slab ended with SLAB_ABORT",
+          "give the command again; an aborted slab has no verdict, SLAB_BEGIN measures it anew"},
+    Entry{Code::bad_sequence, "CMD_SEQ is neither CMD_ACK nor its successor",
+          "seed the counter from CMD_ACK (IR 10) and count by one"},
+    Entry{Code::attempts_used_up, "the station was scanned 255 times in this slab, the most that are counted",
+          "end or abort the slab and begin it again; find out why the station is scanned again and again"},
+    Entry{Code::no_pose, "no robot pose has arrived",
+          "start the robot bridge; check the network interface and the multicast route"},
+    Entry{Code::pose_stale, "the newest robot pose is too old", "check the robot bridge and its network"},
+    Entry{Code::not_settled, "the robot did not come to rest",
+          "wait longer before SCAN; `slabctl robot monitor` shows spread and lost poses; check the robot's brakes"},
+    Entry{Code::outside_window, "the scanner does not look at the commanded station",
+          "check the station number, the robot program and [cell] T_base_slab"},
+    Entry{Code::moved_during_scan, "the robot moved while the scan was taken", "scan this station again"},
+    Entry{Code::wrong_frame, "the pose is not the flange in the robot root",
+          "set $TOOL and $BASE to $NULLFRAME in the robot program"},
+    Entry{Code::scanner_offline, "the scanner's folder cannot be used",
+          "check the path, its permissions and the mount"},
+    Entry{Code::trigger_timeout, "the scanner did not answer in time", "check the scanner program; scan again"},
+    Entry{Code::frame_incomplete, "the scan is incomplete, unreadable or not the one that was asked for",
+          "scan this station again"},
+    Entry{Code::exposure, "the scan is over- or underexposed", "check the scanner's exposure settings"},
+    Entry{Code::too_few_points, "the scan has too few valid points", "check distance, exposure and dirt; scan again"},
+    Entry{Code::block_not_found, "no supporting block was found, or the station was never scanned",
+          "check the station, the slab's position and that the block is there"},
+    Entry{Code::fit_failed, "a required feature could not be measured", "scan again; look for dirt or missing surface"},
+    Entry{Code::ambiguous, "the scan fits the block in more than one way", "scan again with the whole block in view"},
+    Entry{Code::deadline,
+          "the measurement was given up: too much work, or slabd ended while it ran; or no buffer was free",
+          "look at the scan (`slabctl inspect`), then scan again; check the computer's load"},
+    Entry{Code::store_full, "a disk is full, or has no room for two more slabs",
+          "free space on the disk of the scans or of the database; `journalctl -u slabd` says which"},
+    Entry{
+        Code::journal_write,
+        "the database or the spool of scans could not be written, or the database is damaged or not there",
+        "`slabctl status` and `journalctl -u slabd` say which; check the disk and its mount, then reset the fault; a "
+        "program that keeps the database locked is named with its process id (`slabctl doctor` names it too): end it; "
+        "`slabctl db check` tells a damaged database, and `slabctl db restore` brings a backup back"},
+    Entry{Code::calibration_missing, "there is no valid calibration",
+          "calibrate and apply it; a line never calibrated takes [calibration] from the config"},
+    Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},
+    Entry{Code::internal, "an internal check failed", "note the journal entry and restart the service"},
+    Entry{Code::surface_pores, "a pore is larger or deeper, or pores cover more, than the recipe allows",
+          "`slabctl show` names place, size and depth; look at the block"},
+    Entry{Code::block_damage, "surface of the block is displaced, broken out, cracked or missing",
+          "`slabctl show` names place, size and depth; look at the block: damage, dirt or something that lies on it"},
+};
+
+constexpr const Entry* find(Code code) {
+  for (const Entry& entry : kTable)
+    if (entry.code == code) return &entry;
+  return nullptr;
+}
+
+}  // namespace
+
+std::string_view describe(Code code) {
+  const Entry* entry = find(code);
+  return entry != nullptr ? entry->meaning : "unknown code";
+}
+
+std::string_view cure(Code code) {
+  const Entry* entry = find(code);
+  return entry != nullptr ? entry->cure : "note the code and the software version";
+}
+
 }  // namespace slabd

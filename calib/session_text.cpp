@@ -11,6 +11,7 @@
 #include <concepts>
 #include <span>
 
+#include "base/fields.h"
 #include "calib/key_lines.h"
 #include "calib/session.h"
 
@@ -200,9 +201,6 @@ class RecordReader {
 
   KeyFile keys_;
 };
-
-template <typename T, typename Record>
-concept RecordOf = std::same_as<std::remove_const_t<T>, Record>;
 
 /// Each record's fields in the order of its lines. False: one that it cannot do without is missing or makes no sense.
 template <typename Form, RecordOf<SessionSettings> Record>

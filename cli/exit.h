@@ -5,7 +5,6 @@
 #include <string_view>
 #include <utility>
 
-#include "base/codes.h"
 #include "base/result.h"
 
 /// How slabctl ends. Scripts and the line's maintenance build on these numbers; they never change meaning.

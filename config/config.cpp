@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "config/config_parts.h"
-#include "hal/robot/lcm_url.h"
+#include "hal/robot/lcm_wire.h"
 
 /// slabd.toml -> Config. One function per table; each fills what it can and reports the rest, so that a fault in one
 /// table does not hide faults in another and the PLC can still be told about code 504.

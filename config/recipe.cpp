@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
-#include <sha256.h>
 
 #include <algorithm>
 #include <cctype>
@@ -8,9 +7,10 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <optional>
 
 #include "config/config.h"
-#include "config/recipe_checks.h"
+#include "config/recipe_parts.h"
 #include "config/toml_reader.h"
 
 /// recipes/*.toml -> Recipe. A recipe decides verdicts, so it is complete or it is refused: every nominal and every
@@ -51,91 +51,59 @@ void read_nominal_deg(TableReader& table, std::string_view key, Nominal& out_rad
   out_rad = {rad_from_deg(angle_deg.value), angle_deg.confirmed};
 }
 
-void read_slab(TableReader slab, SlabGeometry& out) {
-  read_nominal(slab, "length_mm", out.length_mm, {1'000.0, 20'000.0});
-  read_nominal(slab, "width_mm", out.width_mm, {1'500.0, 5'000.0});
-  read_nominal(slab, "thickness_mm", out.thickness_mm, {50.0, 1'000.0});
-  std::int64_t pairs = 0;
-  // Below 6 pairs there are not the 12 seats that a slab frame needs (algo/items/slab_items.cpp): no slab could be
-  // judged.
-  slab.required_integer("pairs", pairs, 6, static_cast<std::int64_t>(limits::kPairsMax));
-  out.pairs = static_cast<std::uint8_t>(pairs);
-  read_nominal(slab, "pitch_mm", out.pitch_mm, {400.0, 1'000.0});
-  read_nominal(slab, "first_pair_from_end_mm", out.first_pair_from_end_mm, {50.0, 1'000.0});
-  read_nominal(slab, "seat_centre_distance_mm", out.seat_centre_distance_mm, {500.0, 3'000.0});
-  read_nominal(slab, "block_origin_z_mm", out.block_origin_z_mm, {0.0, 200.0});
-  slab.finish();
-}
+/// Fills the tables of a recipe; every fault is a problem of its table.
+class Reading {
+ public:
+  explicit Reading(TableReader& root) : root_(root) {}
+  ~Reading() { finish(); }
+  Reading(const Reading&) = delete;
+  Reading& operator=(const Reading&) = delete;
 
-void read_block(TableReader block, BlockGeometry& out) {
-  read_nominal(block, "cant_ratio", out.cant_ratio, {10.0, 1'000.0});
-  read_nominal(block, "jaw_half_distance_mm", out.jaw_half_distance_mm, {100.0, 280.0});
-  read_nominal(block, "jaw_reference_height_mm", out.jaw_reference_height_mm, {1.0, 30.0});
-  read_nominal_deg(block, "jaw_angle_deg", out.jaw_angle_rad, {91.0, 150.0});
-  read_nominal(block, "shoulder_outer_z_mm", out.shoulder_outer_z_mm, {5.0, 100.0});
-  read_nominal(block, "shoulder_inner_z_mm", out.shoulder_inner_z_mm, {5.0, 100.0});
-  read_nominal(block, "end_half_length_mm", out.end_half_length_mm, {60.0, 190.0});
-  read_nominal(block, "side_half_width_mm", out.side_half_width_mm, {120.0, 290.0});
-  read_nominal_deg(block, "draft_deg", out.draft_rad, {0.0, 45.0});
-  read_nominal(block, "slab_top_z_mm", out.slab_top_z_mm, {-200.0, -5.0});
-  read_nominal(block, "casing_half_spacing_mm", out.casing_half_spacing_mm, {50.0, 250.0});
-  read_nominal(block, "casing_bore_diameter_mm", out.casing_bore_diameter_mm, {10.0, 80.0});
-  read_nominal(block, "casing_rim_diameter_mm", out.casing_rim_diameter_mm, {12.0, 100.0});
-  read_nominal(block, "casing_rim_height_mm", out.casing_rim_height_mm, {-10.0, 10.0});
-  block.finish();
-}
+  void table(const char* name) {
+    finish();
+    now_.emplace(root_.table(name));
+  }
+  /// One that may be left out.
+  void table(const char* name, bool& given) {
+    table(name);
+    given = now_->present();
+    if (!given) now_.reset();
+  }
+  void nominal(const char* key, Nominal& out, Allowed allowed) {
+    if (now_) read_nominal(*now_, key, out, allowed);
+  }
+  void degrees(const char* key, Nominal& out_rad, Allowed allowed_deg) {
+    if (now_) read_nominal_deg(*now_, key, out_rad, allowed_deg);
+  }
+  void number(const char* key, double& out, Allowed allowed) { now_->required_number(key, out, allowed); }
+  void optional(const char* key, double& out, Allowed allowed) { now_->optional_number(key, out, allowed); }
+  void angle(const char* key, double& out_rad, Allowed allowed_deg) {
+    double angle_deg = kNoValue;
+    now_->required_number(key, angle_deg, allowed_deg);
+    doubt_degrees(*now_, key, angle_deg, allowed_deg);
+    out_rad = rad_from_deg(angle_deg);
+  }
+  template <typename Whole>
+  void whole(const char* key, Whole& out, std::int64_t low, std::int64_t high) {
+    std::int64_t read = 0;
+    now_->required_integer(key, read, low, high);
+    out = static_cast<Whole>(read);
+  }
+  template <typename Word>
+  void word(const char* key, Word& out, const std::vector<std::string_view>& words) {
+    auto index = static_cast<std::size_t>(out);
+    now_->optional_word(key, index, words);
+    out = static_cast<Word>(index);
+  }
 
-void read_evaluation(TableReader table, EvaluationSettings& out) {
-  table.required_number("crop_half_x_mm", out.crop_half_x_mm, {20.0, 190.0});
-  table.required_number("crop_half_s_mm", out.crop_half_s_mm, {20.0, 280.0});
-  // A chip of half a cell's area moves no mean by its depth.
-  table.required_number("cell_mm", out.cell_mm, {0.5, 3.0});
-  std::int64_t points_min = 0;
-  table.required_integer("cell_points_min", points_min, 1, 10'000);
-  out.cell_points_min = static_cast<std::uint16_t>(points_min);
-  // Recipes written before this key was known keep the default.
-  table.optional_number("cells_missing_max", out.cells_missing_max, {0.0, 0.5});
-  table.required_number("edge_margin_mm", out.edge_margin_mm, {0.0, 20.0});
-  table.required_number("inlier_share_min", out.inlier_share_min, {0.5, 1.0});
-  table.required_number("registration_gate_mm", out.registration_gate_mm, {0.1, 20.0});
-  table.required_number("registration_share_min", out.registration_share_min, {0.1, 1.0});
-  std::size_t word = out.flatness == FlatnessKind::closed ? 0 : 1;
-  table.optional_word("flatness", word, {"closed", "raw"});
-  out.flatness = word == 0 ? FlatnessKind::closed : FlatnessKind::raw;
-  // Wider than 20 mm, and a depression that lifts a rail pad would be a pit.
-  table.optional_number("closing_mm", out.closing_mm, {3.0, 20.0});
-  word = out.casing == CasingKind::open ? 0 : 1;
-  table.optional_word("casing", word, {"open", "capped"});
-  out.casing = word == 0 ? CasingKind::open : CasingKind::capped;
-  table.optional_number("defect_sigmas", out.defect_sigmas, {3.0, 20.0});
-  table.required_number("window_mm", out.window_mm, {1.0, 200.0});
-  double window_deg = kNoValue;
-  table.required_number("window_deg", window_deg, {0.1, 30.0});
-  doubt_degrees(table, "window_deg", window_deg, {0.1, 30.0});
-  out.window_rad = rad_from_deg(window_deg);
-  table.finish();
-}
+ private:
+  void finish() {
+    if (now_) now_->finish();
+  }
 
-/// Only shown, hence without `confirmed`.
-void read_edges(TableReader table, EdgeNominals& out) {
-  constexpr Allowed kAllowed_mm{2.0, 12.0};
-  table.optional_number("fillet_seat_mm", out.fillet_seat_mm, kAllowed_mm);
-  table.optional_number("fillet_shoulder_mm", out.fillet_shoulder_mm, kAllowed_mm);
-  table.optional_number("chamfer_mm", out.chamfer_mm, kAllowed_mm);
-  table.finish();
-}
-
-/// What the measuring system is assumed to be. Without the table no budget is computed and items keep their own U.
-void read_uncertainty(TableReader table, UncertaintySettings& out) {
-  out.given = table.present();
-  if (!out.given) return;
-  read_nominal(table, "scanner_form_mm", out.scanner_form_mm, {0.0, 1.0});
-  read_nominal(table, "scanner_form_length_mm", out.scanner_form_length_mm, {10.0, 2'000.0});
-  read_nominal(table, "scanner_length_ppm", out.scanner_length_ppm, {0.0, 10'000.0});
-  read_nominal(table, "reference_mm", out.reference_mm, {0.0, 1.0});
-  read_nominal_deg(table, "reference_deg", out.reference_rad, {0.0, 1.0});
-  table.finish();
-}
+  TableReader& root_;
+  std::optional<TableReader> now_;
+};
 
 // ---- items ------------------------------------------------------------------------------------------------------
 
@@ -262,12 +230,6 @@ void read_items(TableReader items, Recipe& recipe) {
 
 // ---- the file ---------------------------------------------------------------------------------------------------
 
-FixedString<64> sha256_of(const std::string& bytes) {
-  std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
-  SHA256Data(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size(), hex.data());
-  return FixedString<64>(hex.data());
-}
-
 void read_head(TableReader& root, Recipe& recipe) {
   std::string schema;
   root.required_text("schema", schema, 64);
@@ -361,18 +323,17 @@ void parse_recipe(const std::string& path, const std::string& bytes, Recipe& rec
                                     bytes.size(), storage::kRecipeTextBytes)});
     return;
   }
-  recipe.sha256 = sha256_of(bytes);
+  recipe.sha256.assign(calib::sha256_hex(bytes));
   TomlValue tree;
   if (!parse_toml(path, bytes, tree, problems)) return;
 
   TableReader root(path, &tree, "", problems);
   root.keep_doubts(doubts);
   read_head(root, recipe);
-  read_slab(root.table("slab"), recipe.slab);
-  read_block(root.table("block"), recipe.block);
-  read_evaluation(root.table("evaluation"), recipe.evaluation);
-  read_edges(root.table("edges"), recipe.edges);
-  read_uncertainty(root.table("uncertainty"), recipe.uncertainty);
+  {
+    Reading tables(root);
+    walk_tables(tables, recipe);
+  }
   read_items(root.table("items"), recipe);
   // Relations between numbers mean something only when every number is there.
   if (problems.size() == problems_before) check_relations(root, recipe);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "config/recipe_checks.h"
+#include "config/recipe_parts.h"
 
 #include <fmt/format.h>
 
@@ -51,8 +51,8 @@ void check_block(TableReader block, const BlockGeometry& b) {
                                      b.jaw_reference_height_mm.value));
 }
 
-/// The search for pores and damage covers 220 x 490 mm (algo/survey/surface_raster.h). End faces lean: the seat is up to
-/// 2 mm longer at its lower side than end_half_length_mm.
+/// The search for pores and damage covers 220 x 490 mm (algo/survey/surface_raster.h). End faces lean: the seat is up
+/// to 2 mm longer at its lower side than end_half_length_mm.
 void check_searched(TableReader block, const Recipe& recipe) {
   if (!recipe.tolerance(ItemId::surface_pores).given && !recipe.tolerance(ItemId::block_damage).given) return;
   const auto within = [&](const char* key, double value_mm, double most_mm) {

@@ -3,21 +3,20 @@
 
 #include <fmt/core.h>
 
+#include "config/recipe_parts.h"
+
 namespace slabd::daemon {
 namespace {
 
-constexpr const char* kUncertaintyNames[] = {"uncertainty.scanner_form_mm", "uncertainty.scanner_form_length_mm",
-                                             "uncertainty.scanner_length_ppm", "uncertainty.reference_mm",
-                                             "uncertainty.reference_deg"};
-
-std::string number(double value) {
+std::string number_text(double value) {
   return has_value(value) ? fmt::format("{}", value) : "-";
 }
 
 class Keys {
  public:
+  void add(const RecipeKey& key) { list_.push_back(key); }
   void add(std::string key, double value, KeyEffect effect) {
-    list_.push_back({std::move(key), number(value), effect});
+    list_.push_back({std::move(key), number_text(value), effect});
   }
   void add(std::string key, bool value, KeyEffect effect) {
     list_.push_back({std::move(key), value ? "true" : "false", effect});
@@ -25,39 +24,61 @@ class Keys {
   void add(std::string key, std::string_view value, KeyEffect effect) {
     list_.push_back({std::move(key), std::string(value), effect});
   }
-  /// A nominal: its value, and whether somebody confirmed it.
-  void add(const NamedNominal& n, KeyEffect effect) {
-    add(n.name, shown(n), effect);
-    add(std::string(n.name) + ".confirmed", n.nominal.confirmed, KeyEffect::none);
-  }
   [[nodiscard]] std::vector<RecipeKey> take() { return std::move(list_); }
 
  private:
   std::vector<RecipeKey> list_;
 };
 
-void add_evaluation(Keys& keys, const EvaluationSettings& e) {
-  const auto measured = [&](const char* key, double value) {
-    keys.add(std::string("evaluation.") + key, value, KeyEffect::measured);
+/// What the tables say, key by key.
+class TableKeys {
+ public:
+  struct Entry {
+    std::string_view table;
+    RecipeKey key;
+    std::optional<NamedNominal> nominal{};
   };
-  measured("crop_half_x_mm", e.crop_half_x_mm);
-  measured("crop_half_s_mm", e.crop_half_s_mm);
-  measured("cell_mm", e.cell_mm);
-  measured("cell_points_min", e.cell_points_min);
-  measured("cells_missing_max", e.cells_missing_max);
-  measured("edge_margin_mm", e.edge_margin_mm);
-  measured("inlier_share_min", e.inlier_share_min);
-  measured("registration_gate_mm", e.registration_gate_mm);
-  measured("registration_share_min", e.registration_share_min);
-  keys.add("evaluation.flatness", std::string_view(e.flatness == FlatnessKind::closed ? "closed" : "raw"),
-           KeyEffect::measured);
-  measured("closing_mm", e.closing_mm);
-  keys.add("evaluation.casing", std::string_view(e.casing == CasingKind::open ? "open" : "capped"),
-           KeyEffect::measured);
-  measured("defect_sigmas", e.defect_sigmas);
-  measured("window_mm", e.window_mm);
-  measured("window_deg", deg_from_rad(e.window_rad));
-}
+
+  explicit TableKeys(const Recipe& recipe) { walk_tables(*this, recipe); }
+  [[nodiscard]] const std::vector<Entry>& list() const { return list_; }
+  [[nodiscard]] std::vector<NamedNominal> nominals(bool of_uncertainty) const {
+    std::vector<NamedNominal> nominals;
+    for (const Entry& entry : list_)
+      if (entry.nominal && (entry.table == "uncertainty") == of_uncertainty) nominals.push_back(*entry.nominal);
+    return nominals;
+  }
+
+  void table(std::string_view name) {
+    table_ = name;
+    effect_ = name == "slab" ? KeyEffect::slab : name == "edges" ? KeyEffect::none : KeyEffect::measured;
+  }
+  void table(std::string_view name, bool given) {
+    table(name);
+    list_.push_back({table_, {std::string(name), given ? "given" : "-", effect_}});
+  }
+  void nominal(const char* key, const Nominal& n, Allowed, bool is_angle = false) {
+    NamedNominal named{key_of(key), n, is_angle};
+    put(key, number_text(shown(named)));
+    list_.back().nominal = named;
+  }
+  void degrees(const char* key, const Nominal& n, Allowed allowed) { nominal(key, n, allowed, true); }
+  void number(const char* key, double value, Allowed) { put(key, number_text(value)); }
+  void optional(const char* key, double value, Allowed) { put(key, number_text(value)); }
+  void angle(const char* key, double value_rad, Allowed) { put(key, number_text(deg_from_rad(value_rad))); }
+  void whole(const char* key, double value, std::int64_t, std::int64_t) { put(key, number_text(value)); }
+  template <typename Word>
+  void word(const char* key, Word value, std::initializer_list<std::string_view> words) {
+    put(key, std::string(words.begin()[static_cast<std::size_t>(value)]));
+  }
+
+ private:
+  [[nodiscard]] std::string key_of(const char* key) const { return std::string(table_) + "." + key; }
+  void put(const char* key, std::string value) { list_.push_back({table_, {key_of(key), std::move(value), effect_}}); }
+
+  std::string_view table_;
+  KeyEffect effect_ = KeyEffect::none;
+  std::vector<Entry> list_;
+};
 
 /// Of these U also says how well the tilt of the seat, the slab top or a jaw must be known for its plane to count
 /// (algo/inspector.cpp), with a budget too.
@@ -80,39 +101,12 @@ void add_item(Keys& keys, const Recipe& recipe, ItemId id) {
 }  // namespace
 
 std::vector<NamedNominal> geometry_of(const Recipe& recipe) {
-  const BlockGeometry& b = recipe.block;
-  const SlabGeometry& s = recipe.slab;
-  return {{"slab.length_mm", s.length_mm},
-          {"slab.width_mm", s.width_mm},
-          {"slab.thickness_mm", s.thickness_mm},
-          {"slab.pitch_mm", s.pitch_mm},
-          {"slab.first_pair_from_end_mm", s.first_pair_from_end_mm},
-          {"slab.seat_centre_distance_mm", s.seat_centre_distance_mm},
-          {"slab.block_origin_z_mm", s.block_origin_z_mm},
-          {"block.cant_ratio", b.cant_ratio},
-          {"block.jaw_half_distance_mm", b.jaw_half_distance_mm},
-          {"block.jaw_reference_height_mm", b.jaw_reference_height_mm},
-          {"block.jaw_angle_deg", b.jaw_angle_rad, true},
-          {"block.shoulder_outer_z_mm", b.shoulder_outer_z_mm},
-          {"block.shoulder_inner_z_mm", b.shoulder_inner_z_mm},
-          {"block.end_half_length_mm", b.end_half_length_mm},
-          {"block.side_half_width_mm", b.side_half_width_mm},
-          {"block.draft_deg", b.draft_rad, true},
-          {"block.slab_top_z_mm", b.slab_top_z_mm},
-          {"block.casing_half_spacing_mm", b.casing_half_spacing_mm},
-          {"block.casing_bore_diameter_mm", b.casing_bore_diameter_mm},
-          {"block.casing_rim_diameter_mm", b.casing_rim_diameter_mm},
-          {"block.casing_rim_height_mm", b.casing_rim_height_mm}};
+  return TableKeys(recipe).nominals(false);
 }
 
 std::vector<NamedNominal> uncertainty_of(const Recipe& recipe) {
-  const UncertaintySettings& u = recipe.uncertainty;
-  if (!u.given) return {};
-  return {{kUncertaintyNames[0], u.scanner_form_mm},
-          {kUncertaintyNames[1], u.scanner_form_length_mm},
-          {kUncertaintyNames[2], u.scanner_length_ppm},
-          {kUncertaintyNames[3], u.reference_mm},
-          {kUncertaintyNames[4], u.reference_rad, true}};
+  if (!recipe.uncertainty.given) return {};
+  return TableKeys(recipe).nominals(true);
 }
 
 double shown(const NamedNominal& n) {
@@ -138,17 +132,11 @@ std::vector<RecipeKey> keys_of(const Recipe& recipe) {
            KeyEffect::slab);
   keys.add("remove_warp", recipe.remove_warp, KeyEffect::slab);
   keys.add("guard", recipe.guard, KeyEffect::verdict);
-  keys.add("slab.pairs", static_cast<double>(recipe.slab.pairs), KeyEffect::slab);
-  for (const NamedNominal& n : geometry_of(recipe))
-    keys.add(n, std::string_view(n.name).starts_with("slab.") ? KeyEffect::slab : KeyEffect::measured);
-  add_evaluation(keys, recipe.evaluation);
-  keys.add("edges.fillet_seat_mm", recipe.edges.fillet_seat_mm, KeyEffect::none);
-  keys.add("edges.fillet_shoulder_mm", recipe.edges.fillet_shoulder_mm, KeyEffect::none);
-  keys.add("edges.chamfer_mm", recipe.edges.chamfer_mm, KeyEffect::none);
-  keys.add("uncertainty", recipe.uncertainty.given ? std::string_view("given") : "-", KeyEffect::measured);
-  const std::vector<NamedNominal> given = uncertainty_of(recipe);
-  for (std::size_t i = 0; i < std::size(kUncertaintyNames); ++i)
-    keys.add(given.empty() ? NamedNominal{kUncertaintyNames[i], {}} : given[i], KeyEffect::measured);
+  const TableKeys tables(recipe);
+  for (const TableKeys::Entry& entry : tables.list()) {
+    keys.add(entry.key);
+    if (entry.nominal) keys.add(entry.key.key + ".confirmed", entry.nominal->nominal.confirmed, KeyEffect::none);
+  }
   for (std::size_t i = 0; i < kItemCount; ++i) add_item(keys, recipe, static_cast<ItemId>(i));
   keys.add("items.surface_pores.depth_max_mm", recipe.pores.depth_max_mm, KeyEffect::verdict);
   keys.add("items.surface_pores.share_max", recipe.pores.share_max, KeyEffect::verdict);

@@ -12,7 +12,7 @@
 namespace slabd::daemon {
 
 struct NamedNominal {
-  const char* name;
+  std::string name;  ///< "block.jaw_angle_deg"
   Nominal nominal;
   bool is_angle = false;
 };

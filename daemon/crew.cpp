@@ -6,7 +6,6 @@
 #include "algo/algo.h"
 #include "base/pages.h"
 #include "config/config.h"
-#include "daemon/known_exposures.h"
 #include "daemon/measure.h"
 #include "daemon/slab_ends.h"
 

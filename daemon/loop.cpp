@@ -17,8 +17,8 @@
 #include <thread>
 #include <utility>
 
-#include "base/utf8.h"
-#include "daemon/control/calibration_change.h"
+#include "base/plain_text.h"
+#include "daemon/control/calibration_desk.h"
 #include "daemon/log_outlet.h"
 #include "daemon/measure.h"
 #include "daemon/seal.h"

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <string_view>
@@ -11,16 +12,73 @@
 #include "emulator/block_scene.h"
 #include "emulator/concrete_effects.h"
 #include "emulator/concrete_fields.h"
-#include "emulator/concrete_section.h"
-#include "emulator/height_field.h"
 
 /// A supporting block as cast: everything that is on the concrete, as heights z(x, y) in the block frame, with its
-/// truth. What the scanner makes of it is in concrete_scan.h.
+/// truth. What the scanner makes of it is in block_drawing.h.
 ///
 /// Written from the drawing without a line of algo: what measures must not share errors with what is measured.
 /// The planes remain the ideal planes of `BlockTruth`: grain and waviness have no mean and no tilt over the region that
 /// an item is taken from; pores, burrs, dust and smears are not part of a plane.
 namespace slabd::simulate {
+
+// The section x = const of a block: shoulder, jaw, bearing plane, jaw, shoulder as straight lines z(y), with arcs of a
+// circle where two of them meet. Exact: a fillet of radius r is a circle that touches both lines.
+
+/// The part of the block that a point of its surface belongs to. `edge`: a fillet or a chamfer.
+enum class ConcreteFace : std::uint8_t {
+  slab_top,
+  end,
+  side,
+  shoulder_inner,
+  shoulder_outer,
+  jaw_inner,
+  jaw_outer,
+  seat,
+  edge,
+  rim_inner,
+  rim_outer,
+  cap,
+  strap,
+  beyond,  ///< beyond the end of the slab: nothing returns
+};
+
+struct SectionLine {
+  double at_origin = 0.0;
+  double per_mm = 0.0;
+  [[nodiscard]] double z(double t) const { return at_origin + per_mm * t; }
+};
+
+/// An arc between two lines, from the point where it touches the left one to where it touches the right one. Radius 0:
+/// both are the intersection.
+struct SectionArc {
+  double from = 0.0;
+  double to = 0.0;
+  double centre_t = 0.0;
+  double centre_z = 0.0;
+  double radius = 0.0;
+  double side = -1.0;  ///< -1: the lower half of the circle (concave corner), +1: the upper (convex corner)
+
+  /// `left` and `right` must not be parallel. Concave where the right one climbs more than the left.
+  [[nodiscard]] static SectionArc between(const SectionLine& left, const SectionLine& right, double radius);
+  [[nodiscard]] double z(double t) const {
+    const double d = t - centre_t;
+    return centre_z + side * std::sqrt(std::fmax(0.0, radius * radius - d * d));
+  }
+};
+
+/// One section. Arcs from the inner shoulder outward: shoulder/jaw, jaw/seat, seat/jaw, jaw/shoulder.
+struct Section {
+  SectionLine shoulder_inner, jaw_inner, seat, jaw_outer, shoulder_outer;
+  std::array<SectionArc, 4> arcs;
+
+  /// Places the arcs.
+  void round(const std::array<double, 4>& radius_mm);
+  struct Point {
+    double z = 0.0;
+    ConcreteFace face = ConcreteFace::seat;
+  };
+  [[nodiscard]] Point at(double y) const;
+};
 
 struct ConcreteOrder {
   BlockTruth truth;  ///< dimensions, and the defects of `DefectKind` that are on the block
@@ -144,7 +202,7 @@ class ConcreteBlock {
   void fill_bore(std::size_t side);
   void put_defects();  ///< concrete_damage.cpp: form first, then damage
   void put_damage();
-  void put_form();   ///< concrete_marks.cpp: film, chalk, straps
+  void put_form();   ///< concrete_damage.cpp: film, chalk, straps
   void put_marks();  ///< pores, burrs, fin, dust, drops
   void put_pores();
   void put_burrs();

@@ -100,4 +100,167 @@ Vec3 PlaneSums::plane() const {
   return normal.ldlt().solve(Vec3(h_, xh_, yh_));
 }
 
+namespace {
+
+constexpr std::size_t kTileNodes = 16;
+/// A surface point is lifted by this before it is looked at, so that it does not hide itself.
+constexpr double kLiftMm = 0.02;
+/// Rays that come down straighter than this are treated as this slanted when a step is chosen.
+constexpr double kSlantMin = 1e-4;
+constexpr double kOnSurfaceMm = 1e-6;
+constexpr int kSecantsMax = 40;
+
+}  // namespace
+
+HeightField::HeightField(double half_x_mm, double half_y_mm, double step_mm)
+    : half_x_mm_(half_x_mm),
+      half_y_mm_(half_y_mm),
+      step_mm_(step_mm),
+      per_mm_(1.0 / step_mm),
+      columns_(static_cast<std::size_t>(std::ceil(2.0 * half_x_mm / step_mm)) + 1),
+      rows_(static_cast<std::size_t>(std::ceil(2.0 * half_y_mm / step_mm)) + 1),
+      z_(columns_ * rows_, 0.0F) {}
+
+HeightField::Window HeightField::window(double x_from, double x_to, double y_from, double y_to) const {
+  const auto first = [&](double from, double half, std::size_t count) {
+    return static_cast<std::size_t>(std::clamp(std::ceil((from + half) * per_mm_), 0.0, static_cast<double>(count)));
+  };
+  const auto last = [&](double to, double half, std::size_t count) {
+    return static_cast<std::size_t>(
+        std::clamp(std::floor((to + half) * per_mm_) + 1.0, 0.0, static_cast<double>(count)));
+  };
+  return {first(x_from, half_x_mm_, columns_), last(x_to, half_x_mm_, columns_), first(y_from, half_y_mm_, rows_),
+          last(y_to, half_y_mm_, rows_)};
+}
+
+std::size_t HeightField::nearest(double x_mm, double y_mm) const {
+  const double column = std::clamp((x_mm + half_x_mm_) * per_mm_ + 0.5, 0.0, static_cast<double>(columns_ - 1));
+  const double row = std::clamp((y_mm + half_y_mm_) * per_mm_ + 0.5, 0.0, static_cast<double>(rows_ - 1));
+  return index(static_cast<std::size_t>(column), static_cast<std::size_t>(row));
+}
+
+HeightField::Sample HeightField::sample(double x_mm, double y_mm) const {
+  const double column = std::clamp((x_mm + half_x_mm_) * per_mm_, 0.0, static_cast<double>(columns_ - 1) - 1e-9);
+  const double row = std::clamp((y_mm + half_y_mm_) * per_mm_, 0.0, static_cast<double>(rows_ - 1) - 1e-9);
+  const auto c = static_cast<std::size_t>(column);
+  const auto r = static_cast<std::size_t>(row);
+  Sample found{0.0, index(c, r), column - static_cast<double>(c), row - static_cast<double>(r)};
+  const float* low = &z_[found.at];
+  const float* high = low + columns_;
+  const double a = static_cast<double>(low[0]) + found.u * static_cast<double>(low[1] - low[0]);
+  const double b = static_cast<double>(high[0]) + found.u * static_cast<double>(high[1] - high[0]);
+  found.z = a + found.v * (b - a);
+  return found;
+}
+
+HeightField::Slope HeightField::slope(double x_mm, double y_mm) const {
+  const Sample s = sample(x_mm, y_mm);
+  const auto z = [&](std::size_t further) { return static_cast<double>(z_[s.at + further]); };
+  return {((1.0 - s.v) * (z(1) - z(0)) + s.v * (z(columns_ + 1) - z(columns_))) * per_mm_,
+          ((1.0 - s.u) * (z(columns_) - z(0)) + s.u * (z(columns_ + 1) - z(1))) * per_mm_};
+}
+
+void HeightField::finish() {
+  tile_columns_ = (columns_ + kTileNodes - 1) / kTileNodes;
+  tile_rows_ = (rows_ + kTileNodes - 1) / kTileNodes;
+  std::vector<float> own(tile_columns_ * tile_rows_, -1e9F);
+  const auto [low, high] = std::minmax_element(z_.begin(), z_.end());
+  lowest_mm_ = static_cast<double>(*low);
+  highest_mm_ = static_cast<double>(*high);
+  for (std::size_t row = 0; row < rows_; ++row) {
+    float* tiles = &own[row / kTileNodes * tile_columns_];
+    for (std::size_t column = 0; column < columns_; ++column)
+      tiles[column / kTileNodes] = std::max(tiles[column / kTileNodes], z_[index(column, row)]);
+  }
+  highest_.assign(own.size(), -1e9F);
+  for (std::size_t row = 0; row < tile_rows_; ++row)
+    for (std::size_t column = 0; column < tile_columns_; ++column)
+      for (std::size_t r = row == 0 ? 0 : row - 1; r < std::min(row + 2, tile_rows_); ++r)
+        for (std::size_t c = column == 0 ? 0 : column - 1; c < std::min(column + 2, tile_columns_); ++c) {
+          float& highest = highest_[row * tile_columns_ + column];
+          highest = std::max(highest, own[r * tile_columns_ + c]);
+        }
+}
+
+double HeightField::highest_near(double x_mm, double y_mm) const {
+  const double column = std::clamp((x_mm + half_x_mm_) * per_mm_ + 0.5, 0.0, static_cast<double>(columns_ - 1));
+  const double row = std::clamp((y_mm + half_y_mm_) * per_mm_ + 0.5, 0.0, static_cast<double>(rows_ - 1));
+  return static_cast<double>(highest_[static_cast<std::size_t>(row) / kTileNodes * tile_columns_ +
+                                      static_cast<std::size_t>(column) / kTileNodes]);
+}
+
+double HeightField::first_met(const Vec3& from, const Vec3& along) const {
+  const double down = -along.z();
+  if (!(down > 0.0)) return kNoValue;
+  const double aside = std::max(std::hypot(along.x(), along.y()), kSlantMin * down);
+  // One tile aside at least before the tile map has to be read again; half a node less for the rounding to a node.
+  const double tile_t = (static_cast<double>(kTileNodes) - 1.0) * step_mm_ / aside;
+  const double node_t = step_mm_ / aside;
+  const double last_t = (from.z() - lowest_mm_ + 1.0) / down;
+  double t = std::max(0.0, (from.z() - highest_mm_ - kLiftMm) / down);
+  double above_t = t;
+  double above = from.z() - down * t - height_mm(from.x() + along.x() * t, from.y() + along.y() * t);
+  if (above < 0.0) return kNoValue;
+  double below_t = t;
+  double below = above;
+  while (true) {
+    const double z = from.z() - down * t;
+    const double highest = highest_near(from.x() + along.x() * t, from.y() + along.y() * t);
+    const double free_t = (z - highest) / down;
+    t += free_t > 1e-3 / down ? std::min(free_t, tile_t) : node_t;
+    if (t > last_t) t = last_t;
+    const double gap = from.z() - down * t - height_mm(from.x() + along.x() * t, from.y() + along.y() * t);
+    if (gap <= 0.0) {
+      below_t = t;
+      below = gap;
+      break;
+    }
+    above_t = t;
+    above = gap;
+    if (t >= last_t) return kNoValue;
+  }
+  // Regula falsi with the Illinois rule: a kept end counts half.
+  int kept = 0;
+  for (int i = 0; i < kSecantsMax; ++i) {
+    t = above_t + (below_t - above_t) * above / (above - below);
+    const double gap = from.z() - down * t - height_mm(from.x() + along.x() * t, from.y() + along.y() * t);
+    if (std::abs(gap) < kOnSurfaceMm || below_t - above_t < kOnSurfaceMm) break;
+    if (gap > 0.0) {
+      above_t = t;
+      above = gap;
+      if (kept == 1) below *= 0.5;
+      kept = 1;
+    } else {
+      below_t = t;
+      below = gap;
+      if (kept == -1) above *= 0.5;
+      kept = -1;
+    }
+  }
+  return t;
+}
+
+bool HeightField::sees(const Vec3& eye, const Vec3& point) const {
+  const Vec3 along = eye - point;
+  const double up = along.z();
+  if (!(up > 0.0)) return false;
+  const double aside = std::max(std::hypot(along.x(), along.y()), kSlantMin * up);
+  const double tile_t = (static_cast<double>(kTileNodes) - 1.0) * step_mm_ / aside;
+  const double node_t = step_mm_ / aside;
+  const double free_t = (highest_mm_ - point.z()) / up;
+  double t = 0.0;
+  while (t < free_t) {
+    const double x = point.x() + along.x() * t;
+    const double y = point.y() + along.y() * t;
+    const double z = point.z() + up * t + kLiftMm;
+    if (z >= highest_near(x, y)) {
+      t += tile_t;
+      continue;
+    }
+    if (z < height_mm(x, y)) return false;
+    t += node_t;
+  }
+  return true;
+}
+
 }  // namespace slabd::simulate

@@ -75,4 +75,77 @@ class PlaneSums {
   double n_ = 0.0, x_ = 0.0, y_ = 0.0, h_ = 0.0, xx_ = 0.0, xy_ = 0.0, yy_ = 0.0, xh_ = 0.0, yh_ = 0.0;
 };
 
+// A surface z(x, y) sampled on a square raster, and where rays meet it.
+//
+// A ray from above first passes tiles whose highest point is below it, several millimetres a step, then the nodes
+// one by one until it is below the surface, then a secant finds the place in that step. Walls steeper than the
+// raster are one raster step wide.
+
+class HeightField {
+ public:
+  /// All heights 0. Half sizes about the origin, mm.
+  HeightField(double half_x_mm, double half_y_mm, double step_mm);
+
+  [[nodiscard]] std::size_t columns() const { return columns_; }
+  [[nodiscard]] std::size_t rows() const { return rows_; }
+  [[nodiscard]] double step_mm() const { return step_mm_; }
+  [[nodiscard]] double x_mm(std::size_t column) const { return static_cast<double>(column) * step_mm_ - half_x_mm_; }
+  [[nodiscard]] double y_mm(std::size_t row) const { return static_cast<double>(row) * step_mm_ - half_y_mm_; }
+  [[nodiscard]] std::size_t index(std::size_t column, std::size_t row) const { return row * columns_ + column; }
+  [[nodiscard]] float& z(std::size_t index) { return z_[index]; }
+  [[nodiscard]] float z(std::size_t index) const { return z_[index]; }
+
+  /// The nodes within `half_mm` of (x, y) along both axes: first and one past the last.
+  struct Window {
+    std::size_t column_from = 0, column_to = 0, row_from = 0, row_to = 0;
+  };
+  [[nodiscard]] Window window(double x_mm, double y_mm, double half_mm) const {
+    return window(x_mm - half_mm, x_mm + half_mm, y_mm - half_mm, y_mm + half_mm);
+  }
+  [[nodiscard]] Window window(double x_from_mm, double x_to_mm, double y_from_mm, double y_to_mm) const;
+  /// Index of the node next to (x, y); beyond the edge that of the edge.
+  [[nodiscard]] std::size_t nearest(double x_mm, double y_mm) const;
+
+  /// Bilinear; beyond the edge the edge's height.
+  [[nodiscard]] double height_mm(double x_mm, double y_mm) const { return sample(x_mm, y_mm).z; }
+  /// dz/dx and dz/dy of the cell at (x, y).
+  struct Slope {
+    double per_x = 0.0;
+    double per_y = 0.0;
+  };
+  [[nodiscard]] Slope slope(double x_mm, double y_mm) const;
+
+  /// Call it after the last change of a height: finds the tiles' highest points.
+  void finish();
+
+  /// Smallest t >= 0 at which from + t * along is on the surface; NaN if the ray does not descend or starts below it.
+  [[nodiscard]] double first_met(const Vec3& from, const Vec3& along) const;
+  /// True if nothing of the surface is between `point` (on it) and `eye` (above everything).
+  [[nodiscard]] bool sees(const Vec3& eye, const Vec3& point) const;
+
+ private:
+  struct Sample {
+    double z = 0.0;
+    std::size_t at = 0;  ///< index of the cell's first node
+    double u = 0.0;      ///< place in the cell, 0..1
+    double v = 0.0;
+  };
+  [[nodiscard]] Sample sample(double x_mm, double y_mm) const;
+  /// Highest point within one tile of (x, y) at least.
+  [[nodiscard]] double highest_near(double x_mm, double y_mm) const;
+
+  double half_x_mm_;
+  double half_y_mm_;
+  double step_mm_;
+  double per_mm_;
+  std::size_t columns_;
+  std::size_t rows_;
+  std::vector<float> z_;
+  std::size_t tile_columns_ = 0;
+  std::size_t tile_rows_ = 0;
+  std::vector<float> highest_;  ///< of each tile and its eight neighbours
+  double highest_mm_ = 0.0;     ///< of all
+  double lowest_mm_ = 0.0;
+};
+
 }  // namespace slabd::simulate

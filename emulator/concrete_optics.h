@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "base/base.h"
+#include "emulator/block_drawing.h"
 #include "emulator/concrete_block.h"
-#include "emulator/concrete_scan.h"
 
 /// The geometry of the scanner: where its eyes are, which ray belongs to a pixel, and what that ray meets.
 namespace slabd::simulate {

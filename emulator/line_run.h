@@ -2,7 +2,9 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <functional>
+#include <iosfwd>
 #include <string>
 #include <vector>
 
@@ -61,5 +63,24 @@ struct Line {
 /// Runs one slab. Never throws the slab away: a station that cannot be scanned is left out after its attempts, and
 /// slabd's verdict says what that means.
 [[nodiscard]] SlabRun run_slab(const Line& line, const SlabOrder& order, const SlabTruth& truth);
+
+// Robot and scanner for somebody else's PLC: a real one on the bench, or a test's. Orders come as lines of text, each
+// is answered with one:
+//
+//   slab N       the N-th slab (from 1) lies in the cell             -> "slab N"
+//   station K    the robot goes to station K and stands there        -> "standing K"
+//
+// Anything else is answered with "error: ..." and changes nothing.
+
+struct StandBy {
+  RobotPeer& robot;
+  ScannerPeer& scanner;
+  const Recipe& recipe;
+  const Cell& cell;
+  const std::vector<SlabTruth>& slabs;
+};
+
+/// Obeys until the end of `in`, or until `stop` and one more line.
+void stand_by(const StandBy& line, std::istream& in, std::ostream& out, const std::atomic<bool>& stop);
 
 }  // namespace slabd::simulate

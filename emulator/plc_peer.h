@@ -12,7 +12,7 @@
 #include "hal/hal.h"
 
 /// The PLC's half of the line, which works as a PLC program does, one cycle after the other, whoever moves the
-/// registers (plc_wire.h). Each cycle reads the 110 input registers, stores and acknowledges a result when one is
+/// registers (plc_peer.cpp). Each cycle reads the 110 input registers, stores and acknowledges a result when one is
 /// shown, and keeps its heartbeat.
 ///
 /// What a PLC programmer should copy from here: the command number is seeded from CMD_ACK, never from memory; the

@@ -3,18 +3,91 @@
 
 #include <lcm/lcm.h>
 
+#include <arpa/inet.h>
+#include <fmt/core.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+#include <cerrno>
 #include <chrono>
+#include <cstdint>
+#include <cstring>
 #include <mutex>
 #include <optional>
 #include <slabd/flange_pose_t.hpp>
+#include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
-#include "emulator/rsi_sender.h"
+#include "base/base.h"
+#include "base/os.h"
 
 namespace slabd::simulate {
 namespace {
 
+/// A KUKA controller's half of RSI: the small XML documents it sends over UDP, every one of them, and what becomes of
+/// some on a bad network.
+class RsiSender {
+ public:
+  /// `to`: "HOST:PORT" of the bridge. `faults`: share of packets that get lost, come late or come garbled, a third
+  /// each. config when `to` is no address.
+  [[nodiscard]] static Result<RsiSender> open(const std::string& to, double faults, std::uint64_t seed);
+
+  /// One cycle. Rounded to four decimals, as the controller does (mm, deg).
+  void send(const Pose& T_base_flange, std::int16_t base_id, std::int16_t tool_id, bool stopped, std::int64_t ipoc_ms);
+
+ private:
+  RsiSender(Fd fd, const sockaddr_in& to, double faults, std::uint64_t seed)
+      : fd_(std::move(fd)), to_(to), faults_(faults), random_(seed) {}
+  void put(const std::string& text) const;
+
+  Fd fd_;
+  sockaddr_in to_{};
+  double faults_ = 0.0;
+  Prng random_;
+  std::string late_;
+};
+
+Result<RsiSender> RsiSender::open(const std::string& to, double faults, std::uint64_t seed) {
+  const std::size_t colon = to.rfind(':');
+  const long port = colon == std::string::npos ? 0 : std::strtol(to.c_str() + colon + 1, nullptr, 10);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(static_cast<std::uint16_t>(port));
+  if (port <= 0 || port > 65'535 || ::inet_pton(AF_INET, to.substr(0, colon).c_str(), &address.sin_addr) != 1)
+    return error(Code::config, "--rsi %s: expected ADDRESS:PORT of the bridge, such as 127.0.0.1:49152", to.c_str());
+  Fd fd(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  if (!fd.is_open()) return error(Code::internal, "no UDP socket: %s", std::strerror(errno));
+  return RsiSender(std::move(fd), address, faults, seed);
+}
+
+void RsiSender::put(const std::string& text) const {
+  // Nobody there is the bridge's business.
+  (void)::sendto(fd_.get(), text.data(), text.size(), MSG_NOSIGNAL,
+                 static_cast<const sockaddr*>(static_cast<const void*>(&to_)), sizeof to_);
+}
+
+void RsiSender::send(const Pose& T_base_flange, std::int16_t base_id, std::int16_t tool_id, bool stopped,
+                     std::int64_t ipoc_ms) {
+  const Vec3& p = T_base_flange.translation_mm;
+  const KukaAbc abc = kuka_abc_from_rotation(T_base_flange.rotation);
+  std::string text = fmt::format(
+      "<Rob Type=\"KUKA\"><RIst X=\"{:.4f}\" Y=\"{:.4f}\" Z=\"{:.4f}\" A=\"{:.4f}\" B=\"{:.4f}\" C=\"{:.4f}\"/>"
+      "<Base>{}</Base><Tool>{}</Tool><Stopped>{}</Stopped><Emulated>1</Emulated><Delay D=\"0\"/><IPOC>{}</IPOC></Rob>",
+      p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad), base_id, tool_id,
+      stopped ? 1 : 0, ipoc_ms);
+  const double dice = random_.uniform();
+  if (dice < faults_ / 3.0) return;
+  if (dice < 2.0 * faults_ / 3.0) {
+    late_ = text;
+    return;
+  }
+  if (dice < faults_) text.resize(1 + random_.below(text.size() - 1));
+  put(text);
+  if (!late_.empty()) put(late_);
+  late_.clear();
+}
 using SteadyClock = std::chrono::steady_clock;
 
 constexpr std::int32_t kMeasured = 1;

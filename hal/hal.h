@@ -13,6 +13,7 @@
 #include <string_view>
 
 #include "base/base.h"
+#include "base/fields.h"
 #include "base/jobs.h"
 #include "base/team.h"
 
@@ -62,6 +63,9 @@ struct PlcLinkCounters {
   std::uint64_t unsent = 0;        ///< replies that the peer did not take
   std::int64_t last_frame_ns = 0;  ///< when the last of `frames` came, 0: never
 };
+/// The counters themselves.
+SLABD_FIELDS(PlcLinkCounters, connections, frames, exceptions, not_allowed, read_only, displaced, malformed, late, idle,
+             unsent);
 
 using PlcNoteText = FixedString<limits::kErrorTextBytes>;
 
@@ -175,6 +179,8 @@ struct PoseLinkCounters {
   std::uint64_t gaps = 0;  ///< breaks in the numbering ...
   std::uint64_t lost = 0;  ///< ... and the messages that are missing in them
 };
+SLABD_FIELDS(PoseLinkCounters, accepted, foreign, other_type, wrong_sender, malformed, not_finite, not_unit,
+             out_of_reach, second_publisher, repeated, time_back, jumps, gaps, lost);
 
 using PoseNoteText = FixedString<limits::kErrorTextBytes>;
 
@@ -220,7 +226,7 @@ struct LcmSettings {
 /// Checks url, channel and interface name; the link itself is opened (and re-opened) by next().
 [[nodiscard]] Result<std::unique_ptr<PosePort>> make_lcm_pose_port(const LcmSettings& settings);
 
-/// The bounded LC02 reader (hal/robot/lc02_reader): one datagram in, one pose out. No heap, never reads past
+/// The bounded LC02 reader (hal/robot/lcm_wire.h): one datagram in, one pose out. No heap, never reads past
 /// `datagram`. False: not a pose on `channel`; `counters` says why. `sample.arrival_ns` is left for the caller.
 [[nodiscard]] bool decode_pose_datagram(std::span<const std::byte> datagram, std::string_view channel,
                                         PoseSample& sample, PoseLinkCounters& counters,

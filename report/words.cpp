@@ -7,7 +7,7 @@
 #include <cmath>
 #include <utility>
 
-#include "base/emulation.h"
+#include "base/records.h"
 
 namespace slabd::cli::report {
 namespace {

@@ -2,7 +2,7 @@
 //
 // An id says which numbers it stands for. It is computed again from what is read, so that numbers that were damaged or
 // edited on the disk are not used under the name of those that were checked and applied.
-#include "storage/calibration_numbers.h"
+#include "storage/calibrations.h"
 
 #include <sha256.h>
 

@@ -10,11 +10,31 @@
 #include <algorithm>
 #include <cstdlib>
 
-#include "storage/calibration_numbers.h"
-#include "storage/calibration_rows.h"
 #include "storage/jobs.h"
+#include "storage/rows.h"
+#include "storage/storage.h"
 
 namespace slabd::storage {
+
+// Columns of the calibration tables beside the field lists; see storage/rows.h.
+
+/// What a record has beside its numbers.
+template <typename V, RecordOf<CalibrationRecord> R>
+void columns(V& v, R& r) {
+  v("id", r.id);
+  part(v, r, "", {{"operator", "operator_name"}});
+}
+
+/// Which calibration a row of numbers belongs to.
+struct NumbersOf {
+  std::string calibration_id;
+};
+struct NumbersOfStation {
+  std::string calibration_id;
+  std::uint8_t station = 0;
+};
+SLABD_FIELDS(NumbersOf, calibration_id);
+SLABD_FIELDS(NumbersOfStation, calibration_id, station);
 namespace {
 
 constexpr std::size_t kTextMax = 32U << 20U;  ///< of observations and certificate; SQLite's own limit is 1 GB

@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "storage/files/sqlite.h"
@@ -62,5 +63,16 @@ class Calibrations {
 
   Connection& db_;
 };
+
+// What the numbers of a calibration say about themselves.
+
+/// "he", "st", "rb", "mb", "sc": how ids of this kind begin.
+[[nodiscard]] std::string_view id_prefix(CalibrationKind kind);
+
+/// What keeps these numbers from being used, as the rest of a sentence; empty: nothing.
+[[nodiscard]] std::string nonsense_in(const CalibrationRecord& record);
+
+/// Is `record.id` the id of its numbers?
+[[nodiscard]] bool numbers_give_id(const CalibrationRecord& record);
 
 }  // namespace slabd::storage

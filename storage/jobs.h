@@ -5,8 +5,8 @@
 #include <string>
 #include <utility>
 
-#include "base/newest_time.h"
-#include "storage/recover.h"
+#include "base/calibration.h"
+#include "storage/load.h"
 #include "storage/rows.h"
 #include "storage/storage.h"
 

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "storage/load.h"
 
+#include <algorithm>
+
+#include "base/jobs.h"
+
 namespace slabd::storage {
 namespace {
 
@@ -156,6 +160,166 @@ void Loader::items(const BlockKey& key, FixedVector<Item, N>& out) {
     read_row(items_, 0, item);
     if (!out.push(item)) items_.refuse(0, "has more rows than a list of items can hold");
   }
+}
+
+// What a restarted daemon must know, read from the rows its predecessor left. The open slab comes back with every
+// station's latest attempt: a later attempt takes the place of an earlier one even when it came to nothing, because a
+// station that was given up for a new scan must not show its old pass.
+
+namespace {
+
+void read_counters(Connection& db, RecoveredLine& line) {
+  Statement one_line(db, "SELECT session, newest_utime_us FROM line");
+  if (one_line.step()) {
+    line.session = static_cast<std::uint16_t>(one_line.integer(0));
+    line.newest_utime_us = one_line.integer(1);
+  }
+  Statement command(db, "SELECT cmd_seq, status FROM command ORDER BY id DESC LIMIT 1");
+  if (command.step()) {
+    line.cmd_ack = static_cast<std::uint16_t>(command.integer(0));
+    line.cmd_status = static_cast<std::uint16_t>(command.integer(1));
+  }
+  line.acq_seq =
+      static_cast<std::uint16_t>(db.integer("SELECT cmd_seq FROM command WHERE acquired = 1 ORDER BY id DESC LIMIT 1"));
+  // After a restore records count on from another number: the PLC may hold acknowledgements of lost ones.
+  line.res_seq = static_cast<std::uint16_t>(db.integer(
+      "SELECT coalesce((SELECT res_seq FROM care WHERE result_id = (SELECT coalesce(max(id), 0) FROM result) "
+      "ORDER BY seq DESC LIMIT 1), (SELECT res_seq FROM result ORDER BY id DESC LIMIT 1), 0)"));
+}
+
+void read_fingerprints(Connection& db, RecoveredLine& line) {
+  Statement rows(db, "SELECT fingerprint FROM (SELECT id, fingerprint FROM seen_scan ORDER BY id DESC LIMIT " +
+                         std::to_string(kFingerprintsKept) + ") ORDER BY id");
+  for (std::size_t i = 0; rows.step(); ++i) line.fingerprints.at(i) = static_cast<std::uint64_t>(rows.integer(0));
+}
+
+/// A print that does not have the bytes of one is left out: without it one exposure less is recognised.
+void read_noise(Connection& db, RecoveredLine& line) {
+  Statement rows(db,
+                 "SELECT slab_key, station, attempt, bytes FROM (SELECT * FROM noise_print ORDER BY id DESC LIMIT " +
+                     std::to_string(limits::kNoisePrintsKept) + ") ORDER BY id");
+  while (rows.step()) {
+    KeptNoise kept;
+    kept.slab_key = rows.integer(0);
+    kept.station = static_cast<std::uint8_t>(rows.integer(1));
+    kept.attempt = static_cast<std::uint8_t>(rows.integer(2));
+    if (from_bytes(rows.bytes(3), kept.print)) line.noise.push_back(kept);
+  }
+}
+
+HeldBack read_unacknowledged(Connection& db, RecoveredLine& line) {
+  Statement rows(
+      db, "SELECT id, " + joined(names_of<PlcResult>(), ", ") + " FROM result WHERE acknowledged = 0 ORDER BY id");
+  HeldBack held_back;
+  while (rows.step()) {
+    PlcResult record;
+    read_row(rows, 1, record);
+    // SCAN is refused long before the queue is full; should it overflow, the oldest are shown first as always.
+    if (line.unacknowledged.push(record)) continue;
+    held_back = {rows.integer(0), db.integer("SELECT max(id) FROM result")};
+    break;
+  }
+  return held_back;
+}
+
+/// Of line.slab.
+void read_stations(Loader& loader, RecoveredLine& line) {
+  for (const StoredAttempt& stored : loader.attempts(line.slab.key)) {
+    const Attempt& attempt = stored.attempt;
+    StationRecord& station = line.stations[attempt.station - 1U];
+    if (attempt.asked) station.attempts = std::max(station.attempts, attempt.number);
+    station.phase = stored.state.phase;
+    station.code = stored.state.code;
+    station.measuring_since_ns = stored.state.measuring_since_ns;
+    if (stored.state.phase != StationPhase::failed) station.attempt = attempt;
+  }
+  for (StationRecord& station : line.stations) {
+    if (station.phase != StationPhase::measured) continue;
+    const BlockKey key{line.slab.key, station.attempt.station, station.attempt.number};
+    if (!loader.block(key, station.block))
+      throw SqlFailure{0, "slab " + std::to_string(key.slab_key) + " station " + std::to_string(key.station) +
+                              " attempt " + std::to_string(key.attempt) + " is measured but has no block"};
+  }
+}
+
+/// What the valid attempts of the last ended slab saw.
+void read_last_blocks(Loader& loader, RecoveredLine& line) {
+  for (const StoredAttempt& stored : loader.attempts(line.last_slab.key)) {
+    SeenBlock& seen = line.last_blocks[stored.attempt.station - 1U];
+    seen = {};
+    BlockResult block;
+    const BlockKey key{line.last_slab.key, stored.attempt.station, stored.attempt.number};
+    if (stored.state.phase != StationPhase::measured || !loader.block(key, block)) continue;
+    seen.seen = block.registration.status == RegistrationStatus::converged &&
+                block.reason != static_cast<std::uint16_t>(Code::frame_incomplete);
+    seen.T_base_scanner = stored_T_base_scanner(line.last_slab, stored.attempt);
+    seen.T_scanner_block = block.registration.T_scanner_block;
+  }
+}
+
+void read_last_ended(Connection& db, Loader& loader, RecoveredLine& line) {
+  const std::int64_t key = db.integer("SELECT coalesce(max(slab_key), 0) FROM slab_result");
+  if (key == 0) return;
+  SlabResult result;
+  std::int64_t ended_utime_us = 0;
+  const std::optional<SlabHeader> header = loader.slab(key);
+  if (!header || !loader.slab_result(key, result, ended_utime_us)) return;
+  line.last_slab = *header;
+  line.last_result = result;
+  read_last_blocks(loader, line);
+  if (!line.slab_open) {
+    line.slab = *header;
+    read_stations(loader, line);
+  }
+  line.table_slab_no = header->slab_no;
+  line.slab_emulated = header->emulated;
+  line.slab_verdict = result.verdict;
+  line.slab_reason = result.reason;
+  for (std::size_t i = 0; i < line.table.size(); ++i) {
+    line.table[i].verdict = result.station_verdict[i];
+    line.table[i].reason = result.station_reason[i];
+  }
+  for (const StoredAttempt& stored : loader.attempts(key)) {
+    std::uint8_t& attempts = line.table[stored.attempt.station - 1U].attempts;
+    if (stored.attempt.asked) attempts = std::max(attempts, stored.attempt.number);
+  }
+  Statement record(db, "SELECT " + joined(names_of<PlcResult>(), ", ") +
+                           " FROM result WHERE slab_key = ?1 AND kind = 2 AND is_repeat = 0 ORDER BY id DESC LIMIT 1");
+  if (record.bind(1, key).step()) read_row(record, 0, line.slab_record);
+}
+
+}  // namespace
+
+std::int64_t newest_key_used(Connection& db) {
+  // Keys of slabs that only a lost database knew are not used again: their scans may still be there.
+  return std::max(db.integer("SELECT coalesce(max(slab_key), 0) FROM slab"),
+                  db.integer("SELECT max(keys_used, pruned_key) FROM line"));
+}
+
+HeldBack read_line(Connection& db, RecoveredLine& line) {
+  Loader loader(db);
+  read_counters(db, line);
+  const std::int64_t newest = db.integer("SELECT coalesce(max(slab_key), 0) FROM slab");
+  line.last_slab_key = newest_key_used(db);
+  const HeldBack held_back = read_unacknowledged(db, line);
+  if (newest != 0) {
+    const std::int64_t ended =
+        db.integer("SELECT count(*) FROM slab_result WHERE slab_key = " + std::to_string(newest));
+    line.slab_open = ended == 0;
+  }
+  if (line.slab_open) {
+    const std::optional<SlabHeader> header = loader.slab(newest);
+    if (header) line.slab = *header;
+    read_stations(loader, line);
+    // Jobs::interrupt_unfinished() has left it accepted.
+    line.abort_seq = static_cast<std::uint16_t>(
+        db.integer("SELECT coalesce((SELECT cmd_seq FROM command WHERE status = 1 AND command = 4 AND slab_key = " +
+                   std::to_string(newest) + " ORDER BY id DESC LIMIT 1), 0)"));
+  }
+  read_last_ended(db, loader, line);
+  read_fingerprints(db, line);
+  read_noise(db, line);
+  return held_back;
 }
 
 }  // namespace slabd::storage

@@ -26,7 +26,7 @@
 --
 -- A change of this file needs the next version number (kSchemaVersion), a step from the version before
 -- (storage/schema.cpp.in) and a copy of the old text for the tests. A column that a step adds has a DEFAULT in both: the
--- value of older rows. A step never changes a column that a form of storage/seal_form.cpp names in an existing row,
+-- value of older rows. A step never changes a column that a form of storage/seals.cpp names in an existing row,
 -- because the slab would look altered; a new column belongs to a new form.
 
 CREATE TABLE line (
@@ -387,7 +387,7 @@ CREATE TRIGGER care_is_kept BEFORE DELETE ON care
 -- The chain of results. An entry holds the SHA-256 of the entry before it, so that what was changed behind slabd's back is
 -- found (slabctl db check). Entries are only added, and stay when retention takes their slab away.
 --   begun     the chain begins here; slabs up to key `about` ended before and have no seal
---   slab      slab `about` has ended: rows_sha256 is that of its rows (storage/seal_form.h), tables the digest of each table
+--   slab      slab `about` has ended: rows_sha256 is that of its rows (storage/seals.h), tables the digest of each table
 --   reopened  that end was taken back: the PLC was never shown it
 --   pruned    retention took slab `about` away
 --   care      row `about` of table care

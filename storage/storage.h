@@ -11,6 +11,7 @@
 
 #include "base/base.h"
 #include "base/jobs.h"
+#include "base/record_fields.h"
 
 /// SQLite: what was commanded, acquired, measured and decided. The daemon holds the only writer; slabctl reads.
 namespace slabd::storage {
@@ -371,5 +372,17 @@ struct RestoreOrder {
 /// journal_write: a daemon runs, the backup is not whole, or a file could not be written; then nothing was changed, or
 /// the daemon refuses to start until restoring succeeds.
 [[nodiscard]] Status restore_database(const StoreSettings& settings, const RestoreOrder& order);
+
+// Field lists of records that storage defines; see base/fields.h.
+
+SLABD_FIELDS(ChangeNote, who, why, utime_us);
+
+/// What a record has beside its id and its numbers.
+template <typename V, RecordOf<CalibrationRecord> R>
+void fields(V& v, R& r) {
+  SLABD_EACH(r, parent_id, figures, observations, certificate)
+  v("operator", r.operator_name);
+  SLABD_EACH(r, robot_serial, scanner_serial, temperature_c, software, created_utime_us, expires_utime_us)
+}
 
 }  // namespace slabd::storage

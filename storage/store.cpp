@@ -20,12 +20,10 @@
 #include "storage/files/backup.h"
 #include "storage/files/database.h"
 #include "storage/files/folders.h"
-#include "storage/files/lock_probe.h"
 #include "storage/files/quarantine.h"
-#include "storage/files/spool.h"
+#include "storage/files/retention.h"
 #include "storage/jobs.h"
-#include "storage/recover.h"
-#include "storage/retention.h"
+#include "storage/load.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {

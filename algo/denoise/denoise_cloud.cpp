@@ -12,7 +12,7 @@
 // or above a face at most about 0.4; what lies in the middle of another surface must have more than half.
 //
 // A strip of two lines has less. What is noise by that rule and hangs together over a length is none all the same
-// (algo/denoise/noise_group.h).
+// (algo/denoise/denoise.h).
 //
 // Views from one and the same place that were put together have a point each on the same rays. Then the pitch is that
 // of the rays: by the density of points a line of the scan would have gaps, and a cell hold a single ray.
@@ -20,7 +20,7 @@
 // Invariants: whether a point is kept depends on the points around it, not on their order (sums of integers, sorted
 // samples); the work per point is bounded. Both hold where views overlap or the scanner lingered, too: of a cell with
 // more points than are looked at, those count whose coordinates hash lowest, a draw that is the same in any order.
-#include "algo/denoise/denoise_cloud.h"
+#include "algo/denoise/denoise.h"
 
 #include <algorithm>
 #include <array>
@@ -31,7 +31,6 @@
 #include <cstring>
 #include <limits>
 
-#include "algo/denoise/noise_group.h"
 #include "algo/denoise/point_grid.h"
 #include "base/prng.h"
 

@@ -9,7 +9,7 @@
 //     an edge the points left over may give a second plane.
 //  2. A tile whose plane holds all but a few points is calm: those are kept. Every other point is asked for itself,
 //     with the planes of the nine tiles around (algo/denoise/denoise_grid_points.cpp).
-//  3. Noise that does not hang together (algo/denoise/denoise_groups.cpp) becomes NaN (algo/denoise/denoise.cpp).
+//  3. Noise that does not hang together (algo/denoise/denoise.cpp) becomes NaN (algo/denoise/denoise.cpp).
 //
 // Invariants: step 1 writes planes and masks of its own band of tile rows only, step 2 reads those around and the
 // points, step 3 alone changes points (but for those that lack a coordinate); so the bands may be shared among threads.

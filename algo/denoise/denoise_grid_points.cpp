@@ -5,7 +5,7 @@
 //
 // In a calm tile only the few points off its plane are asked, else every point. Does one of the planes of the nine
 // tiles around go through it, and do enough of the 7 x 7 points around lie on that plane too
-// (algo/denoise/surface_window.h)? At edges and corners and on the rims of small objects few do: there a point stays if
+// (algo/denoise/denoise_grid.h)? At edges and corners and on the rims of small objects few do: there a point stays if
 // one next to it stands amidst the plane. What no plane explains is noise if it is alone; in company, as on a small
 // object, it is asked whether a surface that is level, or has the slope of the tile or of its four neighbours, goes
 // through it.
@@ -26,7 +26,6 @@
 // clang-format on
 
 #include "algo/denoise/denoise_grid.h"
-#include "algo/denoise/surface_window.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace slabd::algo {
@@ -262,7 +261,7 @@ class PointJudge {
     if (!any_on_plane(region, plane, open)) return;
     RegionBits on;
     on_plane(region, plane, on);
-    // Most answers are known without counting, for a row at once (weights: algo/denoise/surface_window.h). Nothing
+    // Most answers are known without counting, for a row at once (weights: algo/denoise/denoise_grid.h). Nothing
     // within the twenty nearest points lies off the plane, but five of the nearest on it: 55 against at most 16. Or all
     // eight nearest and two more lie on it: 100 of 176.
     RegionBits off;

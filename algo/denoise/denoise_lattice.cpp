@@ -15,14 +15,14 @@
 // Where many points meet or lie outside, or most have no plane, there is no lattice, and the cloud is left to others.
 //
 // A cloud in an order of no meaning has no runs. It is brought into the lattice's order first
-// (algo/denoise/lattice_order.h), and then it is an organised scan, with the few points left over that share a cell
+// (algo/denoise/lattice.h), and then it is an organised scan, with the few points left over that share a cell
 // with a lower one.
 //
 // Invariants: the lower of two points is the same whoever comes first, so the order of the points does not matter. The
 // scan is cut into fixed blocks, and each row of the table belongs to one of them: the one that begins in it or above.
 // A block writes its own rows only; what it finds elsewhere (the rest of the row that the block behind it began) is put
 // off and spread by one thread in the end. Step 3 reads the table and changes its block's points only.
-#include "algo/denoise/denoise_lattice.h"
+#include "algo/denoise/denoise.h"
 
 #include <algorithm>
 #include <array>
@@ -43,7 +43,6 @@
 
 #include "algo/denoise/denoise_grid.h"
 #include "algo/denoise/lattice.h"
-#include "algo/denoise/lattice_order.h"
 
 #ifndef SLABD_ALGO_DENOISE_LATTICE_ONCE
 #define SLABD_ALGO_DENOISE_LATTICE_ONCE

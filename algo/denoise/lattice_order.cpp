@@ -19,7 +19,7 @@
 // whoever comes first; what is left over is sorted. What cannot be known before the points are dealt (that a band has
 // more points than cells, that more share a cell than there is memory for) ends with all points sorted in the cloud: no
 // point is ever lost, and no order shows.
-#include "algo/denoise/lattice_order.h"
+#include "algo/denoise/lattice.h"
 
 #include <hwy/cache_control.h>
 

@@ -8,7 +8,7 @@
 // edge can only be inside of every point, so the smallest gaps say most. The circle therefore leans on its inner
 // points (those outside count a tenth), which halves the error of its centre.
 //
-// The rim's height is that of its plane at the bore's axis (casing_rim.h): what lies on a rim, slurry or a drop, is no
+// The rim's height is that of its plane at the bore's axis (casing_fits.h): what lies on a rim, slurry or a drop, is no
 // rim, and one that is dark on a side returns fewer points there. It is one number for all of the rim only if most of
 // the way round it is that one plane, little tilted. It is taken clear of the rim's edges, which are round and seen
 // half: what is low there is no damage. A lip or a crust that stands over the seat is, as the rail pad would lie on it,
@@ -23,9 +23,8 @@
 #include <cmath>
 #include <limits>
 
+#include "algo/features/casing_fits.h"
 #include "algo/features/casing_points.h"
-#include "algo/features/casing_rim.h"
-#include "algo/features/circle.h"
 #include "algo/median.h"
 #include "algo/moments.h"
 

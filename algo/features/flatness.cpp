@@ -37,10 +37,8 @@
 #include <limits>
 
 #include "algo/algo.h"
-#include "algo/features/cell_grid.h"
-#include "algo/features/cell_noise.h"
-#include "algo/features/closing.h"
 #include "algo/features/seat_cells.h"
+#include "algo/features/seat_noise.h"
 #include "algo/median.h"
 
 namespace slabd::algo {

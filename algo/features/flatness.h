@@ -49,7 +49,7 @@ struct Flatness {
   double hole_mm2 = 0.0;     ///< the largest connected group of missing cells
   double lsq_mm = kNoValue;  ///< peak to valley of the cell means to their least-squares plane
   double min_zone_mm = kNoValue;
-  double closed_mm = kNoValue;  ///< the same two of the surface that is closed from above (closing.h)
+  double closed_mm = kNoValue;  ///< the same two of the surface that is closed from above (seat_cells.h)
   double closed_min_zone_mm = kNoValue;
   double bumps_mm = 0.0;           ///< by so much narrow low bumps make closed_mm larger
   double trimmed_mm = kNoValue;    ///< of the nine tenths of the cell means nearest to their plane (paper 5.2)

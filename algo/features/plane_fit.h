@@ -6,13 +6,13 @@
 
 #include "algo/algo.h"
 #include "algo/features/face_points.h"
-#include "algo/features/face_raster.h"
-#include "algo/features/hypotheses.h"
+#include "algo/features/plane_steps.h"
+#include "algo/features/seat_points.h"
 #include "algo/moments.h"
 #include "algo/points.h"
 
 /// The plane fits behind `fit_plane` and `fit_plane_lsq`, over any set of points with `size()` and `[i]`. Defined in
-/// plane.cpp for std::span<const Vec3> and CloudPoints, so that millions of points need no copy.
+/// plane_fit.cpp for std::span<const Vec3> and CloudPoints, so that millions of points need no copy.
 namespace slabd::algo {
 
 /// What a sample of the points says before all of them are asked: where the plane is and what counts as near it.

@@ -22,7 +22,7 @@
 ///
 /// The station's part of the sum is |gp + gj|^2 s_t^2 + |n x gn + l x gj|^2 s_w^2.
 ///
-/// What no station explains is the frame's roll where the slab's top contradicts it (slab_roll.h). It is the part
+/// What no station explains is the frame's roll where the slab's top contradicts it (witness_roll). It is the part
 /// `registration`, which for a slab is the frame: u = |d item / d roll| u_roll.
 namespace slabd::algo {
 
@@ -88,5 +88,22 @@ class SlabBudget {
   std::array<FrameResponse, limits::kStationsMax + 1> response_{};
   double u_roll_rad_ = 0.0;
 };
+
+/// What the slab's top says of the fitted frame's roll (about X). Seats cannot say it: a row that is too high looks to
+/// them like a slab that is rolled.
+struct RollWitness {
+  bool seen = false;           ///< enough of the top is seen beside both rows
+  double roll_rad = 0.0;       ///< of the top in the slab frame, nominally 0
+  double explained_rad = 0.0;  ///< what chance and an ordinary slab may show
+  double u_rad = 0.0;          ///< standard uncertainty of the frame's roll that follows
+};
+
+/// The top's roll is the mean of the two rows' medians: what both rows show alike in their own axes (a camber, slopes
+/// that are too steep everywhere) cancels, and so does what a scanner that is turned round with the block shows. The
+/// variance beyond what is explained counts: u^2 = roll^2 - explained^2, or 0.
+///
+/// `known`: the stations' uncertainties, as the fit takes them. No heap.
+[[nodiscard]] RollWitness witness_roll(const Recipe& recipe, std::span<const BlockResult> blocks,
+                                       const Pose& T_base_slab, const SlabBudget& known);
 
 }  // namespace slabd::algo

@@ -5,7 +5,7 @@
 //
 // Every item writes down its gradient by the observations it is made of, beside its formula; slab_budget.h makes a
 // budget of that, the frame's own uncertainty included. The slab's top, which no fit has touched, must agree with the
-// frame's roll; else the roll is uncertain by as much (slab_roll.h). Where there is no budget (none asked for in the
+// frame's roll; else the roll is uncertain by as much (slab_budget.h). Where there is no budget (none asked for in the
 // recipe), U combines the recipe's default for what happens inside one scan with the station's splice. Without a
 // station sigma nothing between stations can be decided: such items are indeterminate, never pass.
 #include <algorithm>
@@ -15,7 +15,6 @@
 #include "algo/items/block_items.h"
 #include "algo/items/slab_budget.h"
 #include "algo/items/slab_fit.h"
-#include "algo/items/slab_roll.h"
 #include "algo/items/slab_seats.h"
 
 namespace slabd::algo {

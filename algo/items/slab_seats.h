@@ -5,7 +5,7 @@
 #include <span>
 
 #include "algo/algo.h"
-#include "algo/items/row_parabola.h"
+#include "algo/items/slab_fit.h"
 
 namespace slabd::algo {
 

@@ -33,10 +33,10 @@
 ///                 All rectangular. Tilts of different features count as independent, and a difference between two
 ///                 places takes the features' tilts in already.
 ///                 And the step to which the scan's coordinates were rounded (CoordinateRounding), where there is one;
-///                 and the waves and the bend that the jaws' own profiles show (form_tilts_rad in flat_strip.h).
+///                 and the waves and the bend that the jaws' own profiles show (form_tilts_rad in jaw.h).
 ///   registration  The pose only says where the section x = 0 lies and where X points: u^2 = g' C g with
 ///                 RegistrationReport::covariance, times f as above. Slab frame: its roll, where the slab's top
-///                 contradicts it (slab_roll.h).
+///                 contradicts it (slab_budget.h).
 ///   calibration   Scanner on flange and station (StationSigma): one translation and one rotation per station,
 ///   robot         shared by everything seen in that station's scan, independent between stations; hence only items
 ///                 of the slab frame have these two parts (slab_budget.h).

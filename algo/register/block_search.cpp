@@ -21,7 +21,6 @@
 #include <utility>
 
 #include "algo/algo.h"
-#include "algo/register/place_count.h"
 #include "base/prng.h"
 
 namespace slabd::algo {

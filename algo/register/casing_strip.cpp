@@ -9,7 +9,7 @@
 #include "algo/lanes-inl.h"
 // clang-format on
 
-#include "algo/register/casing_strip.h"
+#include "algo/register/casing_ties.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace slabd::algo {

@@ -18,7 +18,6 @@
 #include <numbers>
 
 #include "algo/features/casing.h"
-#include "algo/register/casing_strip.h"
 
 namespace slabd::algo {
 namespace {

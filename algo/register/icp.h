@@ -10,7 +10,6 @@
 #include "algo/block_model.h"
 #include "algo/register/casing_ties.h"
 #include "algo/register/icp_kernels.h"
-#include "algo/register/icp_sample.h"
 #include "base/base.h"
 #include "base/team.h"
 

@@ -6,8 +6,10 @@
 #include <cstdint>
 #include <span>
 
+#include "algo/algo.h"
 #include "algo/block_model.h"
 #include "base/base.h"
+#include "base/team.h"
 
 /// What an ICP step asks of the sample, sixteen points at a time. A step needs no sum per point and unknown: all points
 /// of a face have the same normal, so the sums of weights, distances and coordinates of each face say everything.
@@ -106,5 +108,26 @@ void magnitudes(const IcpSample& points, const Association& from, const Slopes& 
                 std::span<float> out);
 /// How many are at most `limit`; sizes are multiples of sixteen.
 std::size_t count_up_to(std::span<const float> values, float limit);
+
+/// Parts of the sample that each look at the whole scan: the first one serves the coarse steps.
+inline constexpr std::size_t kSampleParts = 8;
+inline constexpr std::size_t kSampleFloats = 6 * limits::kIcpPointsMax;
+
+/// One point from each of equal slices of the scan: even coverage, no aliasing with the scan lines. Slice i goes to
+/// part i % kSampleParts. A slice without a point near the place drawn gives NaN. `shift`: roughly where the block is
+/// in the scanner frame. `memory`: kSampleFloats. A few tenths of a millisecond, for the scan's cache misses.
+[[nodiscard]] IcpSample draw_sample(const Cloud& cloud, const Vec3& shift, std::span<float> memory, Team& team);
+
+/// Where a point of a drawn sample (not of a sorted one) lies in the cloud: somewhere in this stretch.
+struct SliceOfScan {
+  std::size_t first = 0;
+  std::size_t points = 0;
+};
+[[nodiscard]] SliceOfScan slice_of(const Cloud& cloud, const IcpSample& sample, std::size_t i);
+
+/// Sorts each block of the sample by the face its points are near under `view` (block's `memory` as drawn). Only makes
+/// neighbours of one face likely: nothing relies on it. `keys`: a byte per point.
+[[nodiscard]] IcpSample sort_by_face(const IcpSample& sample, const IcpView& view, std::span<float> memory,
+                                     std::span<std::uint8_t> keys, Team& team);
 
 }  // namespace slabd::algo

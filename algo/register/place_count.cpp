@@ -8,7 +8,7 @@
 #include "algo/lanes-inl.h"
 // clang-format on
 
-#include "algo/register/place_count.h"
+#include "algo/register/block_search.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace slabd::algo {

@@ -22,7 +22,7 @@
 #include <cmath>
 #include <limits>
 
-#include "algo/thinned.h"
+#include "algo/points.h"
 
 namespace slabd::algo {
 namespace {

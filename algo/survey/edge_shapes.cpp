@@ -9,13 +9,11 @@
 // rows just beyond the edge lie off them. Of each row the median along the edge counts, so that pores, chips and dust
 // do not. A chamfer likewise: a straight cut with equal legs on both faces, across the edge at each place; of the sums
 // the median counts.
-#include "algo/survey/edge_shapes.h"
+#include "algo/survey/surface_reference.h"
 
 #include <algorithm>
 #include <cmath>
 #include <tuple>
-
-#include "algo/survey/surface_cells.h"
 
 namespace slabd::algo {
 namespace {

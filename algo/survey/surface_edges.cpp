@@ -6,15 +6,13 @@
 // Idea: a strip along an edge is expected to look like the others of its kind. Along a jaw's foot and upper edge that
 // is the median of the row. Along the block's ends and sides, which wear, it is the median of the edge nearby; and a
 // chamfer is expected to be as long as a parabola through its length on both sides says.
-#include "algo/survey/surface_edges.h"
+#include "algo/survey/surface_reference.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <functional>
 #include <limits>
-
-#include "algo/survey/surface_cells.h"
 
 namespace slabd::algo {
 namespace {

@@ -21,7 +21,6 @@
 #include <cstdint>
 
 #include "algo/points.h"
-#include "algo/thinned.h"
 
 namespace slabd::algo {
 namespace {

@@ -2,13 +2,13 @@
 //
 // Cells that lie off their surface, joined to places, and what a place is: by its depth, its size, its shape, and
 // whether it is open towards an outer edge of the block.
-#include "algo/survey/surface_groups.h"
+#include "algo/survey/surface_damage.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 
-#include "algo/survey/surface_cells.h"
+#include "algo/survey/surface_reference.h"
 
 namespace slabd::algo {
 namespace {

@@ -13,10 +13,6 @@
 #include <cmath>
 #include <limits>
 
-#include "algo/survey/edge_shapes.h"
-#include "algo/survey/surface_cells.h"
-#include "algo/survey/surface_edges.h"
-
 namespace slabd::algo {
 namespace {
 

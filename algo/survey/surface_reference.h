@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -63,5 +64,58 @@ inline constexpr float kSurfaceOff_mm = 0.12F;
 /// bits on every machine.
 void compare_with_expected(const BlockModel& model, const SurfaceTable& table, std::span<const SurfaceCell> cells,
                            const BlockResult& result, Team& team, SurfaceField& field);
+
+/// Takes away from `field.off`, which holds the distances to the faces, what is usual along the edges, and fills
+/// `field.face_off` along them; cells that the chamfers of outer edges reach get their zone. Cells of a strip that is
+/// seldom seen are no longer looked at. No heap; 0.9 ms.
+void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field);
+
+/// Heights over a nominal face as a plane in (x, y).
+struct FacePlane {
+  double a0 = 0.0;
+  double ax = 0.0;
+  double ay = 0.0;
+  [[nodiscard]] double at(double x, double y) const { return a0 + ax * x + ay * y; }
+};
+
+/// Fillets and chamfers of the block. `planes`: the fitted faces; `field.off` holds the distances to them, edges still
+/// in it. An edge of which too little was seen is left out, and so is one outside of what the raster can resolve:
+/// radius 1..12 mm, leg 2..9 mm. No heap; 0.2 ms; the same bits on every machine.
+void learn_edges(const BlockModel& model, const SurfaceTable& table, const std::array<FacePlane, kFaces>& planes,
+                 const SurfaceField& field, Team& team, FixedVector<EdgeFeature, kEdgesMax>& edges);
+
+// The entries of a SurfaceTable, read.
+
+namespace surface_cell {
+
+[[nodiscard]] inline Face face_of(std::uint16_t entry) {
+  return static_cast<Face>(entry & kFaceBits);
+}
+[[nodiscard]] inline std::size_t end_of(std::uint16_t entry) {
+  return entry >> kEndShift & kFar;
+}
+[[nodiscard]] inline std::size_t side_of(std::uint16_t entry) {
+  return entry >> kSideShift & kFar;
+}
+/// `use(i)` for the cells of the block, row by row; of its lower or upper half where `half` is 0 or 1.
+template <typename Use>
+void for_cells_of(const SurfaceTable& table, const Use& use, int half = -1) {
+  const auto [first, end] = table.rows();
+  const auto [left, right] = table.columns();
+  const std::size_t middle = (first + end) / 2;
+  for (std::size_t row = half == 1 ? middle : first; row < (half == 0 ? middle : end); ++row)
+    for (std::size_t i = row * kSurfaceColumns + left; i < row * kSurfaceColumns + right; ++i) use(i);
+}
+/// End and side faces are seen at a grazing angle, if at all.
+[[nodiscard]] inline bool is_judged(std::uint16_t entry) {
+  const Face face = face_of(entry);
+  return (entry & kFaceBits) != kNoFace && (face == Face::seat || face == Face::jaw_inner || face == Face::jaw_outer ||
+                                            face == Face::shoulder_inner || face == Face::shoulder_outer);
+}
+[[nodiscard]] inline bool is_near_edge(std::uint16_t entry) {
+  return (entry & (kFoot | kUpperEdge)) != 0 || end_of(entry) != kFar || side_of(entry) != kFar;
+}
+
+}  // namespace surface_cell
 
 }  // namespace slabd::algo

@@ -23,9 +23,8 @@
 #include "algo/lanes-inl.h"
 // clang-format on
 
-#include "algo/survey/map_lanes-inl.h"
 #include "algo/survey/segmentation.h"
-#include "algo/survey/surface_lanes-inl.h"
+#include "algo/survey/survey_lanes-inl.h"
 #include "algo/survey/survey_pass.h"
 
 HWY_BEFORE_NAMESPACE();

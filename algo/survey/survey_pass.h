@@ -8,7 +8,6 @@
 #include <span>
 
 #include "algo/block_model.h"
-#include "algo/features/face_raster.h"
 #include "algo/features/seat_points.h"
 #include "algo/survey/segmentation.h"
 #include "algo/survey/surface_raster.h"

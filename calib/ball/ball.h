@@ -98,10 +98,6 @@ struct BallReport {
   [[nodiscard]] bool ok() const { return refusal == BallRefusal::none; }
   /// Random part: white and correlated.
   [[nodiscard]] Mat3 cov_mm2() const { return cov_white_mm2 + cov_correlated_mm2; }
-  /// With the radius' uncertainty, for a figure that stands alone.
-  [[nodiscard]] Mat3 cov_total_mm2(double radius_sigma_mm) const {
-    return cov_mm2() + radius_sigma_mm * radius_sigma_mm * shift_per_radius * shift_per_radius.transpose();
-  }
 };
 
 /// All balls of one scan. Refused (not_found, too_few, too_many): `balls` still holds the reports of what was looked

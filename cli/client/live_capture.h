@@ -23,9 +23,9 @@
 ///   {"verb":"capture","action":"end","session":S}
 ///
 /// Each is answered at once with slabd.capture/1 (what is open, what the robot does, what became of the last shot) or
-/// with slabd.error/1 ("error": sentence with the cure, "code": of base/codes.h). A session is known by its name alone:
-/// `begin` of the session that is open continues it, so a slabctl that was killed just begins again. Nothing is kept
-/// over a restart of the daemon: it comes up idle.
+/// with slabd.error/1 ("error": sentence with the cure, "code": of base/result.h). A session is known by its name
+/// alone: `begin` of the session that is open continues it, so a slabctl that was killed just begins again. Nothing is
+/// kept over a restart of the daemon: it comes up idle.
 ///
 /// The lease ends when no action names the session for `lease_s`; the daemon then goes back to idle by itself and logs
 /// it.

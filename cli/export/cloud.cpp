@@ -17,8 +17,8 @@
 #include "algo/algo.h"
 #include "algo/block_model.h"
 #include "base/durable.h"
+#include "base/jobs.h"
 #include "base/pages.h"
-#include "base/splice.h"
 #include "report/slab_view.h"
 
 namespace slabd::cli {

@@ -4,8 +4,8 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "base/codes.h"
 #include "base/items.h"
+#include "base/result.h"
 #include "cli/exit.h"
 #include "cli/plc/plc.h"
 #include "cli/terminal/arguments.h"

@@ -8,7 +8,7 @@
 #include <filesystem>
 
 #include "algo/algo.h"
-#include "base/splice.h"
+#include "base/jobs.h"
 #include "daemon/measure.h"
 #include "report/json.h"
 

@@ -19,7 +19,6 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "emulator/line_run.h"
-#include "emulator/stand_by.h"
 
 namespace slabd::simulate {
 namespace {

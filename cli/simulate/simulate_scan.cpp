@@ -12,7 +12,6 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "emulator/block_drawing.h"
-#include "emulator/concrete_scan.h"
 #include "hal/hal.h"
 #include "report/json.h"
 

@@ -14,6 +14,15 @@
 /// only passes on with a job or its answer.
 namespace slabd::daemon {
 
+// Changing calibrations from outside the process.
+
+/// slabctl leaves a change as a file in this folder, because one control line could not hold a record, and tells the
+/// daemon its name.
+[[nodiscard]] std::string change_folder(const std::string& db_path);
+/// A change as JSON, and back; NaN is null, and every digit comes back. config: what is wrong with the text.
+[[nodiscard]] std::string change_json(const storage::CalibrationChange& change);
+[[nodiscard]] Result<storage::CalibrationChange> parse_change(std::string_view json);
+
 class CalibrationDesk {
  public:
   /// `folder`: where slabctl leaves changes; made here, for the group, when it is not there.

@@ -29,7 +29,7 @@ class Text {
     metric("gauge", name, help, "{" + label + "}", value);
   }
   /// One metric with several labels: the first call of its name explains it.
-  void counter_of(const char* name, const char* help, const char* what, std::uint64_t value) {
+  void counter_of(const char* name, const char* help, std::string_view what, std::uint64_t value) {
     metric("counter", name, help, "{what=\"" + std::string(what) + "\"}", static_cast<double>(value));
   }
   [[nodiscard]] std::string take() { return std::move(text_); }
@@ -74,21 +74,12 @@ double head_number(const storage::ChainHead& head) {
 }
 
 void tell_plc(Text& text, const hal::PlcPort& plc, bool alive) {
-  const hal::PlcLinkCounters& c = plc.counters();
   text.gauge("slabd_plc_alive", "1: the PLC's heartbeat changes", alive ? 1 : 0);
   text.gauge("slabd_plc_connections", "Modbus connections now open", static_cast<double>(plc.clients()));
-  constexpr const char* kName = "slabd_plc_events_total";
-  constexpr const char* kHelp = "What happened on the way to the PLC";
-  text.counter_of(kName, kHelp, "connections", c.connections);
-  text.counter_of(kName, kHelp, "frames", c.frames);
-  text.counter_of(kName, kHelp, "exceptions", c.exceptions);
-  text.counter_of(kName, kHelp, "not_allowed", c.not_allowed);
-  text.counter_of(kName, kHelp, "read_only", c.read_only);
-  text.counter_of(kName, kHelp, "displaced", c.displaced);
-  text.counter_of(kName, kHelp, "malformed", c.malformed);
-  text.counter_of(kName, kHelp, "late", c.late);
-  text.counter_of(kName, kHelp, "idle", c.idle);
-  text.counter_of(kName, kHelp, "unsent", c.unsent);
+  const auto put = [&](std::string_view what, std::uint64_t value) {
+    text.counter_of("slabd_plc_events_total", "What happened on the way to the PLC", what, value);
+  };
+  fields(put, plc.counters());
 }
 
 void tell_pose(Text& text, const hal::PosePort& pose, const LoopFigures& figures, bool ok) {

@@ -161,23 +161,18 @@ Json emulation(unsigned bits) {
   return list;
 }
 
+template <typename Record>
+void put_fields(const Record& record, Json& j) {
+  const auto put = [&](std::string_view key, const auto& value) { j[std::string(key)] = value; };
+  fields(put, record);
+}
+
 Json plc_link(const hal::PlcPort& plc, bool alive, std::int64_t now_ns) {
   const hal::PlcLinkCounters& c = plc.counters();
-  return {{"clients", plc.clients()},
-          {"alive", alive},
-          {"trouble", plc.trouble()},
-          {"last_frame_s",
-           c.last_frame_ns == 0 ? Json(nullptr) : Json(static_cast<double>(now_ns - c.last_frame_ns) / 1e9)},
-          {"connections", c.connections},
-          {"frames", c.frames},
-          {"exceptions", c.exceptions},
-          {"not_allowed", c.not_allowed},
-          {"read_only", c.read_only},
-          {"displaced", c.displaced},
-          {"malformed", c.malformed},
-          {"late", c.late},
-          {"idle", c.idle},
-          {"unsent", c.unsent}};
+  Json j{{"clients", plc.clients()}, {"alive", alive}, {"trouble", plc.trouble()}};
+  j["last_frame_s"] = c.last_frame_ns == 0 ? Json(nullptr) : Json(static_cast<double>(now_ns - c.last_frame_ns) / 1e9);
+  put_fields(c, j);
+  return j;
 }
 
 /// What is worth knowing of poses that are believed.
@@ -191,34 +186,21 @@ std::string_view pose_note(const PoseGate& gate, hal::PoseType type) {
 }
 
 Json pose_link(const hal::PosePort& port, bool ok, Code code, const Station& station, const LoopFigures& figures) {
-  const hal::PoseLinkCounters& c = port.counters();
   const std::string_view refusal = port.refusal(station.now_ns);
   std::string text(describe(code));
   if (!port.trouble().empty())
     text = port.trouble();
   else if (code != Code::ok && !refusal.empty())
     text += std::string(": ") + std::string(refusal);
-  return {{"ok", ok},
-          {"code", static_cast<int>(code)},
-          {"text", text},
-          {"note", ok ? pose_note(station.gate, figures.pose_type) : ""},
-          {"refusal", refusal},
-          {"accepted", c.accepted},
-          {"foreign", c.foreign},
-          {"other_type", c.other_type},
-          {"wrong_sender", c.wrong_sender},
-          {"malformed", c.malformed},
-          {"not_finite", c.not_finite},
-          {"not_unit", c.not_unit},
-          {"out_of_reach", c.out_of_reach},
-          {"second_publisher", c.second_publisher},
-          {"repeated", c.repeated},
-          {"time_back", c.time_back},
-          {"jumps", c.jumps},
-          {"gaps", c.gaps},
-          {"lost", c.lost},
-          {"stale", figures.poses_stale},
-          {"wrong_frame", figures.poses_wrong_frame}};
+  Json j{{"ok", ok},
+         {"code", static_cast<int>(code)},
+         {"text", text},
+         {"note", ok ? pose_note(station.gate, figures.pose_type) : ""},
+         {"refusal", refusal}};
+  put_fields(port.counters(), j);
+  j["stale"] = figures.poses_stale;
+  j["wrong_frame"] = figures.poses_wrong_frame;
+  return j;
 }
 
 /// Both memories as they are on the wire now, in the configured word order.

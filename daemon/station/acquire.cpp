@@ -12,7 +12,7 @@
 #include <cmath>
 #include <utility>
 
-#include "base/splice.h"
+#include "base/jobs.h"
 #include "daemon/station/parts.h"
 
 namespace slabd::daemon {

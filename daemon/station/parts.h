@@ -12,10 +12,10 @@
 ///   acquire.cpp           one SCAN from the settled robot to a measured, committed block
 ///   capture.cpp           maintenance: views for a calibration
 ///   station_views.cpp     which stop a scan shows its block from
-///   slab.cpp              a slab's begin and end
+///   commands.cpp              a slab's begin and end
 ///   stored.cpp            what a durable (or failed) store job means
 ///   calibration.cpp          which calibration counts, what a scan is spliced with, fault 503
-///   view.cpp              what the PLC reads
+///   station.cpp              what the PLC reads
 namespace slabd::daemon {
 
 // ---- station.cpp ----
@@ -44,7 +44,7 @@ void emit(Actions& actions, const T& action) {
 [[nodiscard]] Code current_fault(const Station& s);
 [[nodiscard]] const Recipe* recipe_for(const Station& s, std::uint16_t slab_type);
 
-// ---- view.cpp ----
+// ---- station.cpp ----
 /// emulation bits of the line as it is configured and of the poses that come now.
 [[nodiscard]] std::uint8_t emulation_of_line(const Station& s);
 /// The same, and of the newest scan, the open slab, and every result that the PLC is shown.
@@ -140,7 +140,7 @@ void abort_shot(Station& s, Actions& actions);
 /// Where views' scans lie until the session has them.
 [[nodiscard]] PathText capture_folder(const Station& s);
 
-// ---- slab.cpp ----
+// ---- commands.cpp ----
 void open_slab(Station& s, const BeginSlabJob& job);
 [[nodiscard]] BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& inputs);
 void begin_end(Station& s, std::uint16_t cmd_seq, bool aborting, Actions& actions);

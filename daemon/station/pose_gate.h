@@ -5,8 +5,8 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "base/codes.h"
 #include "base/limits.h"
+#include "base/result.h"
 #include "base/robot.h"
 
 namespace slabd::daemon {

@@ -9,7 +9,6 @@
 #include "base/base.h"
 #include "base/calibration.h"
 #include "base/jobs.h"
-#include "base/newest_time.h"
 #include "daemon/station/pose_gate.h"
 #include "daemon/station/station_views.h"
 #include "daemon/station/still_watch.h"

@@ -155,7 +155,7 @@ class Publisher {
     message.encode(wire_.data(), 0, static_cast<int>(wire_.size()));
     return lcm_publish(lcm_, options_.channel.c_str(), wire_.data(), static_cast<unsigned>(wire_.size())) == 0;
   }
-  /// Why there are no poses, for the status of slabd (hal/robot/lc02_reader.h, bridge_word_on).
+  /// Why there are no poses, for the status of slabd (hal/robot/lcm_wire.h, bridge_word_on).
   void publish_word(std::string_view text) {
     const std::string channel = options_.channel + "_WORD";
     (void)lcm_publish(lcm_, channel.c_str(), text.data(), static_cast<unsigned>(text.size()));

@@ -14,11 +14,11 @@
 #include <mutex>
 #include <thread>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/plc/modbus_client_plan.h"
 #include "hal/plc/plc_map.h"
 #include "hal/plc/plc_notes.h"
-#include "hal/system/os.h"
 
 // Problem: a client waits, for a connection and for every answer, and the loop must not.
 // Idea: one thread owns the connection and does what ClientPlan says; the loop's side exchanges whole images with it.

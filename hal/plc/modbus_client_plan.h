@@ -67,7 +67,6 @@ class ClientPlan {
   }
   /// What has come may be torn: the next answer tells.
   void read_again(std::int64_t now_ns) { read_ns_ = now_ns; }
-  [[nodiscard]] bool is_connected() const { return connected_; }
 
  private:
   static constexpr std::size_t kHeartbeat = 4;

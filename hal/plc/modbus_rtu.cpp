@@ -9,11 +9,11 @@
 #include <cerrno>
 #include <utility>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/plc/modbus_codec.h"
 #include "hal/plc/plc_map.h"
 #include "hal/plc/plc_notes.h"
-#include "hal/system/os.h"
 
 // Problem: on a serial line nothing says where a frame begins but silence, and a computer sees silence badly: a USB
 // adapter hands over bytes in bursts, and a busy loop looks late. Other slaves may share the line, and what they answer

@@ -12,11 +12,11 @@
 #include <charconv>
 #include <cstring>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/plc/modbus_codec.h"
 #include "hal/plc/plc_map.h"
 #include "hal/plc/plc_notes.h"
-#include "hal/system/os.h"
 
 // Problem: one slow, broken or hostile client must cost the PLC nothing, and no write of the PLC may be skipped.
 // Idea: non-blocking framing of our own in front of the codec, one small buffer a client, deadlines instead of waits.

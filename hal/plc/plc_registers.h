@@ -11,7 +11,7 @@
 
 /// The register table of map 1.0; private to this room. Every register is named once, here: address, type, scale, unit,
 /// meaning. A "cursor" is taken over the list: one writes registers from values and one reads them back (plc_map.cpp),
-/// one says them in words (plc_words.cpp), from which the documentation and `slabctl plc` are made.
+/// one says them in words (plc_map.cpp), from which the documentation and `slabctl plc` are made.
 namespace slabd::hal {
 
 /// What a register is, but for the type, which is the cursor's function, and the value.

@@ -13,11 +13,10 @@
 #include <optional>
 #include <utility>
 
+#include "base/os.h"
 #include "hal/hal.h"
-#include "hal/robot/lc02_reader.h"
-#include "hal/robot/lcm_url.h"
+#include "hal/robot/lcm_wire.h"
 #include "hal/robot/pose_screen.h"
-#include "hal/system/os.h"
 
 // Problem: poses must come from the robot's bridge and nowhere else, over an interface that may not exist yet. Idea:
 // one socket bound to the group's own address (liblcm binds every address, so that any datagram to the port is a

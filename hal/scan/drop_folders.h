@@ -9,8 +9,8 @@
 #include <string_view>
 
 #include "base/base.h"
+#include "base/os.h"
 #include "hal/hal.h"
-#include "hal/system/os.h"
 
 /// The three folders of a drop directory. request/: what slabd asks the scanner software for. inbox/: what that
 /// software answers. stray/: whatever else was found in inbox/. Folders are held by descriptor, so a name read there

@@ -12,12 +12,12 @@
 #include <mutex>
 #include <optional>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/scan/drop_folders.h"
 #include "hal/scan/scan_file.h"
 #include "hal/scan/scanner_ports.h"
 #include "hal/scan/text_lines.h"
-#include "hal/system/os.h"
 #include "hal/system/spool.h"
 
 // Problem: every scan looks like every other, and a scan taken for another station passes a slab that nobody

@@ -9,14 +9,13 @@
 #include <array>
 #include <cerrno>
 
+#include "base/os.h"
 #include "hal/hal.h"
-#include "hal/scan/declared_unit.h"
 #include "hal/scan/point_readers.h"
 #include "hal/scan/scan_points.h"
 #include "hal/scan/scan_window.h"
 #include "hal/scan/text_lines.h"
 #include "hal/system/crc32c.h"
-#include "hal/system/os.h"
 
 // Problem: five million points, 60 MB, must become float32 mm in a buffer that exists already, and the file may be
 // torn, lying or hostile. Idea: the extension chooses the reader; every reader gets the same window on a file of known
@@ -119,12 +118,22 @@ Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double>
   return read_points(path, unit, xyz, alone, columns);
 }
 
+namespace {
+
+/// What the header of a PLY or PCD file states of its length.
+StatedBytes stated_bytes(ScanWindow& window, ScanFamily family, LengthUnit unit) {
+  return family == ScanFamily::ply ? bytes_stated_by_ply(window, unit) : bytes_stated_by_pcd(window, unit);
+}
+
+}  // namespace
+
 bool is_complete_scan(int fd, const char* name, LengthUnit unit) {
   const std::optional<ScanFamily> family = scan_family(extension_of(name));
   const off_t bytes = size_of(fd);
   if (!family || *family == ScanFamily::text || bytes < 0) return false;
   ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
-  return *family == ScanFamily::ply ? is_complete_ply(window, unit) : is_complete_pcd(window, unit);
+  const std::uint64_t stated = stated_bytes(window, *family, unit).exact;
+  return stated != 0 && stated <= window.file_bytes() && is_tail(window, stated);
 }
 
 std::uint64_t bytes_of_data(int fd, const char* name, LengthUnit unit) {
@@ -134,9 +143,8 @@ std::uint64_t bytes_of_data(int fd, const char* name, LengthUnit unit) {
   const auto file_bytes = static_cast<std::uint64_t>(bytes);
   if (!family || *family == ScanFamily::text) return file_bytes;
   ScanWindow window(fd, name, file_bytes);
-  const std::uint64_t told =
-      *family == ScanFamily::ply ? bytes_told_by_ply(window, unit) : bytes_told_by_pcd(window, unit);
-  return told == 0 ? file_bytes : std::min(told, file_bytes);
+  const std::uint64_t stated = stated_bytes(window, *family, unit).exact;
+  return stated == 0 ? file_bytes : std::min(stated, file_bytes);
 }
 
 bool lacks_bytes(int fd, const char* name, LengthUnit unit) {
@@ -145,7 +153,8 @@ bool lacks_bytes(int fd, const char* name, LengthUnit unit) {
   if (bytes == 0) return true;
   if (!family || *family == ScanFamily::text || bytes < 0) return false;
   ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
-  return *family == ScanFamily::ply ? lacks_bytes_of_ply(window, unit) : lacks_bytes_of_pcd(window, unit);
+  const StatedBytes stated = stated_bytes(window, *family, unit);
+  return std::max(stated.least, stated.exact) > window.file_bytes();
 }
 
 // One table of the formats that are written and one of the extensions that are read.

@@ -11,10 +11,10 @@
 #include <mutex>
 #include <optional>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/scan/scan_stream.h"
 #include "hal/scan/scanner_ports.h"
-#include "hal/system/os.h"
 #include "hal/system/spool.h"
 
 // Problem: a scanner that has only a vendor's SDK gets a gateway, written by somebody else, on another computer, over a

@@ -10,7 +10,7 @@
 #include <cstring>
 #include <string_view>
 
-#include "hal/system/os.h"
+#include "base/os.h"
 
 // Invariants: buffer_[begin_, end_) are the file's bytes from offset_ on; offset_ + (end_ - begin_) <= file_bytes_.
 namespace slabd::hal {

@@ -11,9 +11,9 @@
 #include <string>
 #include <vector>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/scan/lzf.h"
-#include "hal/system/os.h"
 
 // Writing scans, for the emulated line and for tests: each format the way its usual programs write it. Half a scan is
 // worse than none, so whatever goes wrong takes the file away again.
@@ -65,7 +65,7 @@ Result<Shape> shape_of(const char* path, std::span<const float> xyz, std::size_t
   return Shape{points, width, height, by};
 }
 
-/// What a comment of an emulated scan says (hal/scan/declared_unit.h reads it); empty for others.
+/// What a comment of an emulated scan says (hal/scan/text_lines.h reads it); empty for others.
 FixedString<64> emulated_comment(const Shape& shape) {
   FixedString<64> text;
   if (shape.by.emulator) text.printf("emulated by slabctl simulate");

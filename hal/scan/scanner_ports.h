@@ -11,7 +11,7 @@
 
 #include "base/base.h"
 #include "base/jobs.h"
-#include "base/utf8.h"
+#include "base/plain_text.h"
 #include "hal/hal.h"
 
 /// What both scanner ports need: whether the thread that takes scans is stuck in a folder, its lines for the log, and

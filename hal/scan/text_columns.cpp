@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cctype>
 
-#include "hal/scan/declared_unit.h"
+#include "hal/scan/text_lines.h"
 
 namespace slabd::hal {
 

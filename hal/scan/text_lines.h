@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <string_view>
 
+#include "hal/hal.h"
 #include "hal/scan/scan_window.h"
 
 /// Lines, words and numbers of the text formats. Locale-free, bounded, no heap.
@@ -26,6 +27,22 @@ enum class LineEnd : char { lf = '\n', cr = '\r' };
 
 /// The next line of a header of `head`, from `position` on, without its end; false if no whole line is left.
 [[nodiscard]] bool next_header_line(std::string_view head, LineEnd end, std::size_t& position, std::string_view& line);
+
+/// The header of a scan file line by line, for a parser that refuses a line by its number.
+class HeaderLines {
+ protected:
+  HeaderLines(std::string_view head, const char* file) : head_(head), file_(file), line_end_(first_line_end(head)) {}
+
+  bool next_line(std::string_view& line);
+  /// "file: header line n: what "subject" (hint)".
+  [[nodiscard]] Error refuse(const char* what, std::string_view subject = {}, const char* hint = nullptr) const;
+
+  std::string_view head_;
+  const char* file_;
+  LineEnd line_end_;
+  std::size_t position_ = 0;
+  std::size_t line_number_ = 0;
+};
 
 /// The rest of a scan file line by line.
 class TextLines {
@@ -98,5 +115,35 @@ template <typename Real>  // float or double
 
 /// Text from a file as it may be shown in an error: cut to 60 bytes, anything not printable ASCII as '?'.
 [[nodiscard]] FixedString<63> shown(std::string_view text);
+
+// PLY, PCD and text scans have no field for a unit of length, so it is configured. Some programs write it into a
+// comment or a column name all the same; then it must agree with the configuration.
+
+[[nodiscard]] double mm_per(LengthUnit unit);
+[[nodiscard]] const char* name(LengthUnit unit);
+
+/// `text` is what follows the comment's mark. A declaration is "unit", "units", "length unit" or "length_unit", in any
+/// case, then a known name of a unit of length (mm, millimetres, m, meters, um, microns, cm, inch, ...), with ':', '=',
+/// "is" or "in" between them or not. False: it declares another unit than `configured` (also one that slabd cannot be
+/// configured for); `found` is then its word. Comments that declare nothing are for people.
+[[nodiscard]] bool comment_agrees(std::string_view text, LengthUnit configured, std::string_view& found);
+
+/// `text` declares a unit that has a known name.
+[[nodiscard]] bool declares_unit(std::string_view text);
+
+/// The same for the bare name of a unit, as in a column headed "x [mm]"; an unknown name agrees with everything.
+[[nodiscard]] bool unit_name_agrees(std::string_view word, LengthUnit configured);
+
+/// "file: line n: the file says unit "found", but it is to be read in mm ..."
+[[nodiscard]] Error unit_contradicted(const char* file, std::size_t line, std::string_view found,
+                                      LengthUnit configured);
+
+/// What a comment declares whose first word is "emulated": "emulated by slabctl simulate, block 3".
+struct DeclaredEmulation {
+  bool emulated = false;
+  std::uint8_t block = 0;  ///< 0: not said
+
+  void take(std::string_view comment);
+};
 
 }  // namespace slabd::hal

@@ -6,7 +6,6 @@
 #include <limits>
 #include <optional>
 
-#include "hal/scan/declared_unit.h"
 #include "hal/scan/plain_rows.h"
 #include "hal/scan/scan_points.h"
 #include "hal/scan/text_columns.h"

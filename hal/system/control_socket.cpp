@@ -9,8 +9,8 @@
 #include <cerrno>
 #include <cstring>
 
+#include "base/os.h"
 #include "hal/hal.h"
-#include "hal/system/os.h"
 
 // Problem: maintenance tools talk to the daemon while it works; none of them may delay it. Idea: fixed buffers, one
 // line per client and turn, nothing ever waited for. Invariants: a line is answered before the next is looked at; a

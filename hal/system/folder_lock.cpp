@@ -8,8 +8,8 @@
 #include <array>
 #include <cerrno>
 
+#include "base/os.h"
 #include "hal/hal.h"
-#include "hal/system/os.h"
 
 // Problem: two daemons with one drop folder or one spool take each other's scans and delete each other's files, and
 // each of them looks healthy. Idea: an advisory lock on a file in the folder, which the kernel gives back when its

@@ -11,6 +11,9 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "base/os.h"
+#include "hal/hal.h"
+
 namespace slabd::hal {
 
 FixedString<32> message_id(std::uint16_t code) {
@@ -47,6 +50,57 @@ bool Journal::say(Priority priority, std::uint16_t code, std::string_view messag
       ::sendto(fd_.get(), datagram.c_str(), datagram.size(), MSG_NOSIGNAL,
                static_cast<const sockaddr*>(static_cast<const void*>(&address)), static_cast<socklen_t>(size));
   return sent == static_cast<ssize_t>(datagram.size());
+}
+
+namespace {
+
+/// sd_notify(3), by hand for one reason: that one waits while the service manager does not read, and this is the thread
+/// that answers the PLC. A word that finds no room is lost; a manager that misses the watchdog restarts us, and one
+/// that reads nothing any more does neither.
+class SystemdNotify final : public ServiceNotify {
+ public:
+  SystemdNotify() {
+    const char* path = std::getenv("NOTIFY_SOCKET");
+    if (path == nullptr || (path[0] != '/' && path[0] != '@')) return;
+    const std::size_t length = std::strlen(path);
+    if (length < 2 || length >= sizeof address_.sun_path) return;
+    address_.sun_family = AF_UNIX;
+    std::memcpy(address_.sun_path, path, length);
+    if (path[0] == '@') address_.sun_path[0] = '\0';  // a name that is no file
+    address_bytes_ = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + length);
+    socket_ = Fd(::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+  }
+
+  void ready() override { is_told_ready_ = say("READY=1"); }
+  void watchdog() override {
+    if (!is_told_ready_) is_told_ready_ = say("READY=1");
+    say("WATCHDOG=1");
+  }
+  void stopping() override { say("STOPPING=1"); }
+  void status(std::string_view line) override {
+    FixedString<512> message("STATUS=");
+    // A newline would start another assignment of the protocol.
+    message.append(line.substr(0, line.find('\n')));
+    say(message.view());
+  }
+
+ private:
+  /// False: it found no room.
+  bool say(std::string_view message) const {
+    return !socket_.is_open() || ::sendto(socket_.get(), message.data(), message.size(), MSG_NOSIGNAL | MSG_DONTWAIT,
+                                          reinterpret_cast<const sockaddr*>(&address_), address_bytes_) >= 0;
+  }
+
+  sockaddr_un address_{};
+  socklen_t address_bytes_ = 0;
+  Fd socket_;
+  bool is_told_ready_ = true;  ///< or was never to be told
+};
+
+}  // namespace
+
+std::unique_ptr<ServiceNotify> make_systemd_notify() {
+  return std::make_unique<SystemdNotify>();
 }
 
 }  // namespace slabd::hal

@@ -5,7 +5,7 @@
 #include <string_view>
 
 #include "base/fixed.h"
-#include "hal/system/os.h"
+#include "base/os.h"
 
 /// Lines in the system's journal with fields that a machine can look for. The protocol is one datagram of
 /// FIELD=value lines, so no library and no heap is needed.

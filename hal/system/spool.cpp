@@ -8,7 +8,7 @@
 #include <array>
 #include <cerrno>
 
-#include "hal/system/os.h"
+#include "base/os.h"
 
 // Order matters here: contents before names, a name before the folder that holds it, new folders before their
 // parents' word for them. Only then may anybody be told that the scan is safe.

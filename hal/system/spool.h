@@ -5,7 +5,7 @@
 #include <string_view>
 
 #include "base/base.h"
-#include "hal/system/os.h"
+#include "base/os.h"
 
 namespace slabd::hal {
 

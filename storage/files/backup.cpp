@@ -32,12 +32,8 @@ std::string folder_of(const std::string& path) {
 
 // Where there are no such locks the copy is made all the same; nobody can take them there to delete it either.
 void Backup::WorkLock::take(const std::string& path) {
-  fd_ = open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (fd_ >= 0) (void)flock(fd_, LOCK_EX | LOCK_NB);
-}
-
-Backup::WorkLock::~WorkLock() {
-  if (fd_ >= 0) close(fd_);
+  fd_ = Fd(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (fd_.is_open()) (void)flock(fd_.get(), LOCK_EX | LOCK_NB);
 }
 
 Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes, Kind kind)
@@ -145,11 +141,9 @@ void remove_cut_short_backups(const std::string& db_path) {
     const std::string name = entry->path().filename().string();
     if (!name.starts_with("slabd-") || !name.ends_with(".db.part")) continue;
     // By the lock of whoever is at work, not by its age: after a power cut the start follows within a minute.
-    const int fd = open(entry->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-    if (fd < 0) continue;
+    const Fd part(open(entry->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
     std::error_code gone;
-    if (flock(fd, LOCK_EX | LOCK_NB) == 0) fs::remove(entry->path(), gone);
-    close(fd);
+    if (part.is_open() && flock(part.get(), LOCK_EX | LOCK_NB) == 0) fs::remove(entry->path(), gone);
   }
 }
 

@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 
+#include "base/os.h"
 #include "storage/files/file_checksum.h"
 #include "storage/files/sqlite.h"
 
@@ -39,14 +40,10 @@ class Backup {
   /// On the part, for remove_cut_short_backups(): somebody is at work. SQLite's own locks are of another kind.
   class WorkLock {
    public:
-    WorkLock() = default;
-    ~WorkLock();
-    WorkLock(const WorkLock&) = delete;
-    WorkLock& operator=(const WorkLock&) = delete;
     void take(const std::string& path);
 
    private:
-    int fd_ = -1;
+    Fd fd_;
   };
 
   void begin(Connection& from);

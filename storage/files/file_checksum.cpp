@@ -34,19 +34,9 @@ Error trouble(const char* doing, const std::string& path) {
                path.c_str(), std::strerror(errno));
 }
 
-class File {
- public:
-  explicit File(const std::string& path) : fd_(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)) {}
-  ~File() {
-    if (fd_ >= 0) close(fd_);
-  }
-  File(const File&) = delete;
-  File& operator=(const File&) = delete;
-  [[nodiscard]] int fd() const { return fd_; }
-
- private:
-  int fd_;
-};
+Fd open_to_read(const std::string& path) {
+  return Fd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+}
 
 /// Bytes read at `at`, fewer only at the file's end; -1 and errno.
 ssize_t read_at(int fd, std::uint64_t at, char* to, std::size_t count) {
@@ -125,16 +115,14 @@ ChecksumWriter::ChecksumWriter(std::string path)
   SHA256Init(&sum_->context);
 }
 
-ChecksumWriter::~ChecksumWriter() {
-  if (fd_ >= 0) close(fd_);
-}
+ChecksumWriter::~ChecksumWriter() = default;
 
 Status ChecksumWriter::step(std::uint64_t bytes, bool& done) {
   done = false;
-  if (fd_ < 0) fd_ = open(path_.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW);
-  if (fd_ < 0) return trouble("cannot open", path_);
+  if (!fd_.is_open()) fd_ = Fd(open(path_.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW));
+  if (!fd_.is_open()) return trouble("cannot open", path_);
   for (std::uint64_t taken = 0; taken < bytes;) {
-    const ssize_t n = read_at(fd_, read_, piece_.data(), std::min<std::uint64_t>(kPiece, bytes - taken));
+    const ssize_t n = read_at(fd_.get(), read_, piece_.data(), std::min<std::uint64_t>(kPiece, bytes - taken));
     if (n < 0) return trouble("cannot read", path_);
     if (n == 0) {
       std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
@@ -142,7 +130,7 @@ Status ChecksumWriter::step(std::uint64_t bytes, bool& done) {
       const std::string line = line_for(read_, hex.data());
       for (std::size_t written = 0; written < line.size();) {
         const ssize_t more =
-            pwrite64(fd_, line.data() + written, line.size() - written, static_cast<off64_t>(read_ + written));
+            pwrite64(fd_.get(), line.data() + written, line.size() - written, static_cast<off64_t>(read_ + written));
         if (more < 0 && errno == EINTR) continue;
         if (more <= 0) return trouble("cannot write the checksum of", path_);
         written += static_cast<std::size_t>(more);
@@ -160,24 +148,22 @@ Status ChecksumWriter::step(std::uint64_t bytes, bool& done) {
 Status remove_checksum(const std::string& path) {
   Ends ends;
   {
-    const File file(path);
-    if (file.fd() < 0) return trouble("cannot open", path);
-    if (Status status = read_ends(file.fd(), path, ends); !status.ok()) return status;
+    const Fd file = open_to_read(path);
+    if (!file.is_open()) return trouble("cannot open", path);
+    if (Status status = read_ends(file.get(), path, ends); !status.ok()) return status;
   }
   if (ends.pages == 0 || ends.pages != ends.before || !ends.line().starts_with(kBegin)) return success();
-  const int fd = open(path.c_str(), O_WRONLY | O_CLOEXEC | O_NOFOLLOW);
-  if (fd < 0) return trouble("cannot open", path);
-  Status status = ftruncate64(fd, static_cast<off64_t>(ends.before)) == 0 ? success() : trouble("cannot cut", path);
-  close(fd);
-  return status;
+  const Fd file(open(path.c_str(), O_WRONLY | O_CLOEXEC | O_NOFOLLOW));
+  if (!file.is_open()) return trouble("cannot open", path);
+  return ftruncate64(file.get(), static_cast<off64_t>(ends.before)) == 0 ? success() : trouble("cannot cut", path);
 }
 
 Result<FileChecksum> check_checksum(const std::string& path) {
   FileChecksum found;
-  const File file(path);
-  if (file.fd() < 0) return trouble("cannot open", path);
+  const Fd file = open_to_read(path);
+  if (!file.is_open()) return trouble("cannot open", path);
   Ends ends;
-  if (Status status = read_ends(file.fd(), path, ends); !status.ok()) return status.error();
+  if (Status status = read_ends(file.get(), path, ends); !status.ok()) return status.error();
   const auto& [size, pages, before, marked, last] = ends;
   // The line's beginning is where it belongs, or it is not, but the pages end where a line would begin.
   found.present = ends.line().starts_with(kBegin) || (size >= last.size() && pages == before);
@@ -194,7 +180,7 @@ Result<FileChecksum> check_checksum(const std::string& path) {
   SHA256Init(&context);
   std::vector<char> piece(kPiece);
   for (std::uint64_t at = 0; at < before;) {
-    const ssize_t n = read_at(file.fd(), at, piece.data(), std::min<std::uint64_t>(kPiece, before - at));
+    const ssize_t n = read_at(file.get(), at, piece.data(), std::min<std::uint64_t>(kPiece, before - at));
     if (n < 0) return trouble("cannot read", path);
     if (n == 0) break;
     SHA256Update(&context, reinterpret_cast<const std::uint8_t*>(piece.data()), static_cast<std::size_t>(n));

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "base/os.h"
 #include "base/result.h"
 
 /// Proof that a backup is byte for byte what was written: one line of text behind its last page, with the length and
@@ -36,7 +37,7 @@ class ChecksumWriter {
  private:
   struct Sum;
   std::string path_;
-  int fd_ = -1;
+  Fd fd_;
   std::unique_ptr<Sum> sum_;
   std::vector<char> piece_;
   std::uint64_t read_ = 0;

@@ -12,8 +12,8 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 
-#include "storage/files/lock_probe.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {
@@ -53,10 +53,9 @@ Status make_folder(const std::string& path) {
   // mkdir obeys the umask, and takes the set-group-id bit from the parent only. A service that may set no such bit
   // (RestrictSUIDSGID) has its group on new files all the same.
   if (geteuid() == 0) {
-    const int fd = open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-    const bool given = fd >= 0 && give_to_owner(fd, parent);
-    if (fd >= 0) close(fd);
-    if (!given) return trouble("cannot give to the owner of its parent", path);
+    const Fd folder(open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
+    if (!folder.is_open() || !give_to_owner(folder.get(), parent))
+      return trouble("cannot give to the owner of its parent", path);
   }
   const bool right = stat(path.c_str(), &there) == 0 && (there.st_mode & 07777U) == kFolderMode;
   if (!right && chmod(path.c_str(), kFolderMode) != 0 && chmod(path.c_str(), kFolderMode & 0777U) != 0)
@@ -74,13 +73,11 @@ Status check_writable(const std::string& path) {
 }
 
 Status create_file(const std::string& path) {
-  const int fd = open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode);
-  if (fd < 0) return errno == EEXIST ? success() : trouble("cannot create", path);
+  const Fd file(open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, kFileMode));
+  if (!file.is_open()) return errno == EEXIST ? success() : trouble("cannot create", path);
   const std::string folder = std::filesystem::path(path).parent_path().string();
-  const bool ok = give_to_owner(fd, folder) && fchmod(fd, kFileMode) == 0;
-  Status status = ok ? success() : trouble("cannot set owner and mode 0640 of", path);
-  close(fd);
-  if (!status.ok()) return status;
+  if (!give_to_owner(file.get(), folder) || fchmod(file.get(), kFileMode) != 0)
+    return trouble("cannot set owner and mode 0640 of", path);
   return sync_file(folder);
 }
 
@@ -92,11 +89,9 @@ void close_to_writers(const std::string& path) {
 }
 
 Status sync_file(const std::string& path) {
-  const int fd = open(path.empty() ? "." : path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (fd < 0) return trouble("cannot open", path);
-  Status status = fsync(fd) == 0 ? success() : trouble("cannot sync", path);
-  close(fd);
-  return status;
+  const Fd file(open(path.empty() ? "." : path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (!file.is_open()) return trouble("cannot open", path);
+  return fsync(file.get()) == 0 ? success() : trouble("cannot sync", path);
 }
 
 Status rename_file(const std::string& from, const std::string& to) {
@@ -162,26 +157,22 @@ bool lies_below(const std::string& path, const std::string& folder) {
   return rest.find_first_not_of('/') != std::string::npos;
 }
 
-WriterLock::~WriterLock() {
-  if (fd_ >= 0) close(fd_);
-}
-
 Status WriterLock::take(const std::string& db_path) {
   const std::string path = db_path + ".writer";
-  fd_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kLockMode);
-  if (fd_ < 0) return trouble("cannot open", path);
+  fd_ = Fd(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kLockMode));
+  if (!fd_.is_open()) return trouble("cannot open", path);
   // Made by root, slabd could not open it; another's stays as it is.
-  (void)give_to_owner(fd_, std::filesystem::path(path).parent_path().string());
-  (void)fchmod(fd_, kLockMode);
-  if (flock(fd_, LOCK_EX | LOCK_NB) == 0) {
+  (void)give_to_owner(fd_.get(), std::filesystem::path(path).parent_path().string());
+  (void)fchmod(fd_.get(), kLockMode);
+  if (flock(fd_.get(), LOCK_EX | LOCK_NB) == 0) {
     // For the next one that wants it, and does not get it. No harm where it cannot be written.
     const std::string self = std::to_string(getpid());
-    if (ftruncate(fd_, 0) == 0) (void)!pwrite(fd_, self.data(), self.size(), 0);
+    if (ftruncate(fd_.get(), 0) == 0) (void)!pwrite(fd_.get(), self.data(), self.size(), 0);
     return success();
   }
   if (errno == EWOULDBLOCK) {
     std::array<char, 24> pid{};
-    (void)!pread(fd_, pid.data(), pid.size() - 1, 0);
+    (void)!pread(fd_.get(), pid.data(), pid.size() - 1, 0);
     const std::int64_t owner = std::strtoll(pid.data(), nullptr, 10);
     return error(Code::journal_write, "%s is already open for writing by another process (%s%slock %s)",
                  db_path.c_str(), owner > 0 ? process_words(owner).c_str() : "", owner > 0 ? ", " : "", path.c_str());
@@ -190,11 +181,67 @@ Status WriterLock::take(const std::string& db_path) {
 }
 
 bool is_written_elsewhere(const std::string& db_path) {
-  const int fd = open((db_path + ".writer").c_str(), O_RDWR | O_CLOEXEC);
-  if (fd < 0) return false;  // nobody ever was there
-  const bool elsewhere = flock(fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
-  close(fd);  // and the lock is given back
-  return elsewhere;
+  const Fd file(open((db_path + ".writer").c_str(), O_RDWR | O_CLOEXEC));
+  if (!file.is_open()) return false;  // nobody ever was there
+  return flock(file.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+}
+
+// Problem: another program (sqlite3 in a terminal, a backup script) holds a transaction open, and every commit fails.
+// Idea: F_GETLK names the process that holds a conflicting lock; /proc/locks would as well, but the service does not
+// see it (ProcSubset=pid). The bytes are those of SQLite's file formats: sqlite.org/fileformat2.html 3.2 and
+// sqlite.org/walformat.html 2.3.
+
+namespace {
+
+/// Of the database file: PENDING, RESERVED, and the range of SHARED. A reader holds a shared lock, and keeps nobody
+/// out.
+constexpr std::int64_t kPendingByte = 0x40000000;
+constexpr std::int64_t kReservedByte = kPendingByte + 1;
+/// Of the index of the log: WAL_WRITE_LOCK.
+constexpr std::int64_t kLogWriteByte = 120;
+
+}  // namespace
+
+std::string process_words(std::int64_t pid) {
+  if (pid <= 0) return "a process that the kernel does not name";
+  std::string name;
+  std::ifstream comm("/proc/" + std::to_string(pid) + "/comm");
+  std::getline(comm, name);
+  for (char& c : name)
+    if (c < ' ' || c > '~') c = '?';
+  const std::string process = "process " + std::to_string(pid);
+  return name.empty() ? process : name + " (" + process + ")";
+}
+
+std::int64_t LockProbe::owner_of(Probed& probed, const std::string& path, std::int64_t first, std::int64_t last) {
+  const std::optional<FileId> now = file_id(path);
+  if (!now) return 0;
+  if (probed.fd < 0 || probed.file != now) {
+    probed.fd = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);  // the one before stays open, see the header
+    probed.file = now;
+  }
+  if (probed.fd < 0) return 0;
+  struct flock lock {};
+  lock.l_type = F_RDLCK;  // conflicts with write locks alone
+  lock.l_whence = SEEK_SET;
+  lock.l_start = first;
+  lock.l_len = last - first + 1;
+  if (fcntl(probed.fd, F_GETLK, &lock) != 0 || lock.l_type == F_UNLCK) return 0;
+  return lock.l_pid > 0 ? lock.l_pid : -1;
+}
+
+std::string foreign_lock(const std::string& db_path) {
+  static LockProbe probe;
+  std::string holder = probe.holder(db_path);
+  return holder.starts_with("slabd (") ? std::string() : holder;
+}
+
+std::string LockProbe::holder(const std::string& db_path) {
+  // SHARED's range follows RESERVED; an exclusive lock covers all of it.
+  constexpr std::int64_t kSharedSize = 510;
+  std::int64_t pid = owner_of(probed_[1], db_path + "-shm", kLogWriteByte, kLogWriteByte);
+  if (pid == 0) pid = owner_of(probed_[0], db_path, kPendingByte, kReservedByte + kSharedSize);
+  return pid == 0 ? std::string() : process_words(pid);
 }
 
 }  // namespace slabd::storage

@@ -19,7 +19,7 @@
 
 #include "storage/files/folders.h"
 #include "storage/files/log_copy.h"
-#include "storage/files/spool.h"
+#include "storage/files/retention.h"
 
 namespace slabd::storage {
 namespace {
@@ -58,16 +58,14 @@ Status write_note(const std::string& path, const std::string& folder, const std:
   std::error_code ec;
   fs::remove(path, ec);
   if (Status status = create_file(path); !status.ok()) return status;
-  const int fd = open(path.c_str(), O_WRONLY | O_CLOEXEC);
-  if (fd < 0) return trouble("cannot open", path);
+  const Fd file(open(path.c_str(), O_WRONLY | O_CLOEXEC));
+  if (!file.is_open()) return trouble("cannot open", path);
   const std::string text = std::string(kFirstLine) + folder + "\n" + why +
                            "\nThe database that was here lies in that folder, untouched. slabd begins "
                            "no new history by itself.\nPut a backup here with `slabctl db restore`, or begin anew with "
                            "`slabctl db restore --fresh`.\n";
-  const bool written = write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && fsync(fd) == 0;
-  const Status status = written ? success() : Status(trouble("cannot write", path));
-  close(fd);
-  return status;
+  if (!write_all(file.get(), text.data(), text.size()) || fsync(file.get()) != 0) return trouble("cannot write", path);
+  return success();
 }
 
 /// The slab whose folder of the spool this is; 0: of none.
@@ -165,20 +163,19 @@ bool may_hold_transaction(const std::string& log_path) {
   constexpr off_t kFrame = 24;
   const off_t bytes = file_bytes(log_path);
   if (bytes < kHeader) return false;
-  const int fd = open(log_path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (fd < 0) return true;
+  const Fd log(open(log_path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (!log.is_open()) return true;
   std::array<unsigned char, kHeader> header{};
   std::array<unsigned char, kFrame> frame{};
-  bool readable = pread(fd, header.data(), header.size(), 0) == kHeader;
+  bool readable = pread(log.get(), header.data(), header.size(), 0) == kHeader;
   bool found = false;
   const off_t page = big_endian(&header[8]);
   if (page >= 512 && page <= 65'536)
     for (off_t at = kHeader; readable && !found && at + kFrame + page <= bytes; at += kFrame + page) {
-      readable = pread(fd, frame.data(), frame.size(), at) == kFrame;
+      readable = pread(log.get(), frame.data(), frame.size(), at) == kFrame;
       if (!std::equal(&frame[8], &frame[16], &header[16])) break;
       found = big_endian(&frame[4]) != 0;
     }
-  close(fd);
   return found || !readable;
 }
 

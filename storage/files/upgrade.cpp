@@ -15,7 +15,6 @@
 
 #include "storage/files/file_checksum.h"
 #include "storage/files/folders.h"
-#include "storage/schema.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {

@@ -14,7 +14,7 @@
 #include <memory>
 
 #include "algo/algo.h"
-#include "algo/features/noise_print.h"
+#include "algo/features/seat_noise.h"
 #include "base/prng.h"
 #include "emulator/slab_scene.h"
 #include "tests/accuracy/studies.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Scans of real concrete (emulator/concrete_block.h, concrete_scan.h) with known truth, measured as the daemon does.
+// Scans of real concrete (emulator/concrete_block.h, block_drawing.h) with known truth, measured as the daemon does.
 // For each item: error, U and in how many scans U covers the error; verdicts of blocks that are good, and whether a
 // defect is noticed. The recipe is the shipped one with its whole budget. Two scans are drawn and measured at a time.
 #include <fmt/core.h>
@@ -12,7 +12,7 @@
 #include <map>
 #include <thread>
 
-#include "emulator/concrete_scan.h"
+#include "emulator/block_drawing.h"
 #include "hal/hal.h"
 #include "report/json.h"
 #include "tests/accuracy/block_scan.h"

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "algo/algo.h"
-#include "emulator/concrete_scan.h"
+#include "emulator/block_drawing.h"
 #include "emulator/slab_scene.h"
 #include "tests/config/reference_recipe.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "base/newest_time.h"
+#include "base/calibration.h"
 
 #include <gtest/gtest.h>
 

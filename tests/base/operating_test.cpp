@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "base/codes.h"
+#include "base/result.h"
 #include "tests/places/places.h"
 
 namespace slabd {

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "algo/algo.h"
+#include "base/jobs.h"
 #include "base/pages.h"
-#include "base/splice.h"
 #include "config/config.h"
 #include "daemon/measure.h"
 #include "storage/storage.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
-#include "base/emulation.h"
+#include "base/records.h"
 #include "cli/watch/screen.h"
 
 namespace slabd::cli::watch {

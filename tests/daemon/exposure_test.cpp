@@ -11,7 +11,6 @@
 #include <memory>
 
 #include "daemon/crew.h"
-#include "daemon/known_exposures.h"
 #include "tests/algo/each_set.h"
 #include "tests/algo/scene.h"
 #include "tests/config/text_file.h"

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "emulator/concrete_scan.h"
+#include "emulator/block_drawing.h"
 
 #include <gtest/gtest.h>
 
 #include <cstring>
 
-#include "emulator/block_drawing.h"
 #include "tests/config/reference_recipe.h"
 
 namespace slabd::simulate {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A line on the control socket, and the same bytes as a change of calibrations.
-#include "daemon/control/calibration_change.h"
+#include "daemon/control/calibration_desk.h"
 #include "daemon/loop.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/mock/mock.h"

@@ -16,9 +16,9 @@
 #include <thread>
 #include <vector>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/plc/plc_map.h"
-#include "hal/system/os.h"
 #include "tests/hal/temporary_folder.h"
 #include "tests/places/ports.h"
 

@@ -11,7 +11,7 @@
 
 #include "storage/files/database.h"
 #include "storage/jobs.h"
-#include "storage/seal_form.h"
+#include "storage/seals.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {

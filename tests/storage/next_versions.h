@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "storage/schema.h"
+#include "storage/files/upgrade.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {

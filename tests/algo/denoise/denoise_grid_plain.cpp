@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Which points of a grid are noise, given the planes of its tiles? The rules stand in
-// algo/denoise/denoise_grid_points.cpp and algo/denoise/surface_window.h; here they are applied to every point for
+// algo/denoise/denoise_grid_points.cpp and algo/denoise/denoise_grid.h; here they are applied to every point for
 // itself. Sums are in float and in the kernels' order, so that a point on the very gate is on the same side of it.
 #include "denoise_grid_plain.h"
 

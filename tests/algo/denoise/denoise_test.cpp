@@ -14,7 +14,6 @@
 
 #include "algo/block_model.h"
 #include "algo/denoise/denoise_grid.h"
-#include "algo/denoise/denoise_lattice.h"
 #include "algo/denoise/point_grid.h"
 #include "tests/algo/scene.h"
 

@@ -12,9 +12,8 @@
 #include <limits>
 #include <vector>
 
+#include "algo/denoise/denoise.h"
 #include "algo/denoise/denoise_grid.h"
-#include "algo/denoise/denoise_lattice.h"
-#include "algo/denoise/lattice_order.h"
 #include "algo/denoise/point_heaps.h"
 #include "tests/algo/scene.h"
 

@@ -8,8 +8,7 @@
 #include <cmath>
 #include <vector>
 
-#include "algo/features/casing_rim.h"
-#include "algo/features/circle.h"
+#include "algo/features/casing_fits.h"
 #include "algo/median.h"
 
 namespace slabd::algo::plain {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Noise of cells with every sum taken cell by cell; the method stands in algo/features/cell_noise.cpp.
+// Noise of cells with every sum taken cell by cell; the method stands in algo/features/seat_noise.cpp.
 #include "plain_features.h"
 
 #include <Eigen/Cholesky>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The circle fit with all of its steps; the method stands in algo/features/circle.cpp.
+// The circle fit with all of its steps; the method stands in algo/features/casing_fits.cpp.
 #include "plain_features.h"
 
 #include <Eigen/Cholesky>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "algo/features/circle.h"
+#include "algo/features/casing_fits.h"
 
 #include <gtest/gtest.h>
 

@@ -9,10 +9,10 @@
 #include <functional>
 #include <vector>
 
-#include "algo/features/casing_rim.h"
-#include "algo/features/closing.h"
-#include "algo/features/flat_strip.h"
-#include "algo/features/ripple.h"
+#include "algo/features/casing_fits.h"
+#include "algo/features/jaw.h"
+#include "algo/features/seat_cells.h"
+#include "algo/features/seat_noise.h"
 #include "base/prng.h"
 
 namespace slabd::algo {

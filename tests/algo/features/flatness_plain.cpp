@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "algo/algo.h"
-#include "algo/features/cell_grid.h"
-#include "algo/features/cell_noise.h"
+#include "algo/features/seat_cells.h"
+#include "algo/features/seat_noise.h"
 #include "algo/moments.h"
 
 namespace slabd::algo::plain {

@@ -5,9 +5,9 @@
 #include <span>
 
 #include "algo/features/casing.h"
-#include "algo/features/cell_noise.h"
-#include "algo/features/circle.h"
+#include "algo/features/casing_fits.h"
 #include "algo/features/flatness.h"
+#include "algo/features/seat_noise.h"
 
 /// Flatness, cell noise, casings and circle written down as they are meant: point by point, in double, every cell
 /// sorted, every angle an arctangent. Ten to thirty times slower than algo's; what those must agree with.

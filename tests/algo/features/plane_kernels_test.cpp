@@ -14,10 +14,9 @@
 #include <vector>
 
 #include "algo/algo.h"
-#include "algo/features/hypotheses.h"
 #include "algo/features/plane_fit.h"
 #include "algo/features/plane_kernels.h"
-#include "algo/features/plane_lsq.h"
+#include "algo/features/plane_steps.h"
 #include "algo/features/plane_zone.h"
 
 namespace slabd::algo {

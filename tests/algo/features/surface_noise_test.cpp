@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "algo/algo.h"
-#include "algo/features/cell_noise.h"
+#include "algo/features/seat_noise.h"
 #include "seat.h"
 
 namespace slabd::algo {

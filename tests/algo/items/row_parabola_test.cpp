@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "algo/items/row_parabola.h"
+#include "algo/items/slab_fit.h"
 
 #include <gtest/gtest.h>
 

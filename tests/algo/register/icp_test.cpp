@@ -14,7 +14,6 @@
 #include "algo/algo.h"
 #include "algo/register/icp.h"
 #include "algo/register/icp_kernels.h"
-#include "algo/register/icp_sample.h"
 #include "tests/algo/scene.h"
 
 namespace slabd::algo {

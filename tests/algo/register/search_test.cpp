@@ -9,8 +9,8 @@
 #include <limits>
 #include <vector>
 
-#include "algo/register/casing_strip.h"
-#include "algo/register/place_count.h"
+#include "algo/register/block_search.h"
+#include "algo/register/casing_ties.h"
 #include "base/base.h"
 
 namespace slabd::algo {

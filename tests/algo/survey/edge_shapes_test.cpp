@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "algo/algo.h"
-#include "emulator/concrete_scan.h"
+#include "emulator/block_drawing.h"
 #include "tests/algo/block_inspection.h"
 
 namespace slabd::algo {

@@ -11,7 +11,6 @@
 #include <limits>
 
 #include "config/config.h"
-#include "daemon/control/calibration_change.h"
 
 namespace slabd::daemon {
 namespace {

@@ -12,7 +12,6 @@
 
 #include "base/jobs.h"
 #include "base/plc.h"
-#include "base/splice.h"
 
 /// Keeps what a database would keep, as the jobs promise it, and what storage/jobs.cpp makes of a process that ended:
 /// every command that was begun and not ended is closed as interrupted, and each SCAN among them leaves the mark of a

@@ -15,10 +15,10 @@
 #include <thread>
 #include <vector>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/plc/modbus_codec.h"
 #include "hal/plc/plc_map.h"
-#include "hal/system/os.h"
 
 namespace slabd::hal {
 namespace {

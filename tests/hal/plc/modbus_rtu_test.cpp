@@ -12,10 +12,10 @@
 #include <memory>
 #include <vector>
 
+#include "base/os.h"
 #include "base/prng.h"
 #include "hal/hal.h"
 #include "hal/plc/modbus_codec.h"
-#include "hal/system/os.h"
 #include "tests/hal/temporary_folder.h"
 
 namespace slabd::hal {

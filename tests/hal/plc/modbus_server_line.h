@@ -12,8 +12,8 @@
 #include <memory>
 #include <vector>
 
+#include "base/os.h"
 #include "hal/hal.h"
-#include "hal/system/os.h"
 
 /// A Modbus server and clients that know nothing of Modbus: bytes in, bytes out, and a clock in the test's hand.
 namespace slabd::hal {

@@ -12,9 +12,9 @@
 #include <thread>
 #include <vector>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/plc/plc_map.h"
-#include "hal/system/os.h"
 #include "tests/hal/plc/modbus_server_line.h"
 
 namespace slabd::hal {

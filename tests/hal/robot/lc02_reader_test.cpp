@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "hal/robot/lc02_reader.h"
+#include "hal/robot/lcm_wire.h"
 
 #include <gtest/gtest.h>
 
@@ -10,8 +10,6 @@
 #include <slabd/flange_pose_t.hpp>
 #include <string>
 #include <vector>
-
-#include "hal/robot/lcm_url.h"
 
 namespace slabd::hal {
 namespace {

@@ -21,8 +21,8 @@
 #include <slabd/flange_pose_t.hpp>
 #include <string>
 
+#include "base/os.h"
 #include "hal/hal.h"
-#include "hal/system/os.h"
 #include "tests/places/ports.h"
 
 namespace slabd::hal {

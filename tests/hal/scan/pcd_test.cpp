@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "hal/scan/lzf.h"
-#include "hal/scan/pcd_header.h"
+#include "hal/scan/pcd.h"
 #include "tests/hal/scan/scan_reading.h"
 
 namespace slabd::hal {

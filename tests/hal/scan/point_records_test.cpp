@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "hal/scan/point_records.h"
+#include "hal/scan/point_readers.h"
 
 #include <gtest/gtest.h>
 

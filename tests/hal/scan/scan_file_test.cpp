@@ -8,7 +8,7 @@
 #include <limits>
 
 #include "hal/hal.h"
-#include "hal/scan/ply_header.h"
+#include "hal/scan/ply.h"
 #include "tests/hal/temporary_folder.h"
 
 namespace slabd::hal {

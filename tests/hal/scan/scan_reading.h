@@ -11,8 +11,8 @@
 #include <string_view>
 #include <vector>
 
+#include "base/os.h"
 #include "hal/scan/scan_file.h"
-#include "hal/system/os.h"
 
 /// Scans made of bytes in memory, read as files.
 namespace slabd::hal::test {

@@ -9,8 +9,8 @@
 #include <cstring>
 #include <memory>
 
+#include "base/os.h"
 #include "hal/hal.h"
-#include "hal/system/os.h"
 #include "tests/hal/temporary_folder.h"
 
 namespace slabd::hal {

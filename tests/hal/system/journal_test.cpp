@@ -9,7 +9,7 @@
 #include <set>
 #include <string>
 
-#include "hal/system/os.h"
+#include "base/os.h"
 #include "tests/hal/temporary_folder.h"
 
 namespace slabd::hal {

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "base/fields.h"
+#include "base/recipe.h"
+#include "config/toml_reader.h"
+
+/// What the parts of the recipe's reader share; private to them.
+namespace slabd::daemon {
+
+/// Everything a recipe states outside its head and its items, in the order of the file: key, member, range. `v.table`
+/// begins a table; `nominal` is a number with its confirmation, `degrees` such an angle, `number` a plain number that
+/// must be there, `optional` one that has a default, `whole` a whole number, `angle` a plain angle, `word` a choice in
+/// the order of its enumeration. Reading (config/recipe.cpp) and the list of keys (config/recipe_keys.cpp) walk it.
+template <typename V, RecordOf<Recipe> R>
+void walk_tables(V& v, R& r) {
+  v.table("slab");
+  // Below 6 pairs there are not the 12 seats that a slab frame needs (algo/items/slab_items.cpp): no slab could be
+  // judged.
+  v.whole("pairs", r.slab.pairs, 6, static_cast<std::int64_t>(limits::kPairsMax));
+  v.nominal("length_mm", r.slab.length_mm, {1'000.0, 20'000.0});
+  v.nominal("width_mm", r.slab.width_mm, {1'500.0, 5'000.0});
+  v.nominal("thickness_mm", r.slab.thickness_mm, {50.0, 1'000.0});
+  v.nominal("pitch_mm", r.slab.pitch_mm, {400.0, 1'000.0});
+  v.nominal("first_pair_from_end_mm", r.slab.first_pair_from_end_mm, {50.0, 1'000.0});
+  v.nominal("seat_centre_distance_mm", r.slab.seat_centre_distance_mm, {500.0, 3'000.0});
+  v.nominal("block_origin_z_mm", r.slab.block_origin_z_mm, {0.0, 200.0});
+
+  v.table("block");
+  v.nominal("cant_ratio", r.block.cant_ratio, {10.0, 1'000.0});
+  v.nominal("jaw_half_distance_mm", r.block.jaw_half_distance_mm, {100.0, 280.0});
+  v.nominal("jaw_reference_height_mm", r.block.jaw_reference_height_mm, {1.0, 30.0});
+  v.degrees("jaw_angle_deg", r.block.jaw_angle_rad, {91.0, 150.0});
+  v.nominal("shoulder_outer_z_mm", r.block.shoulder_outer_z_mm, {5.0, 100.0});
+  v.nominal("shoulder_inner_z_mm", r.block.shoulder_inner_z_mm, {5.0, 100.0});
+  v.nominal("end_half_length_mm", r.block.end_half_length_mm, {60.0, 190.0});
+  v.nominal("side_half_width_mm", r.block.side_half_width_mm, {120.0, 290.0});
+  v.degrees("draft_deg", r.block.draft_rad, {0.0, 45.0});
+  v.nominal("slab_top_z_mm", r.block.slab_top_z_mm, {-200.0, -5.0});
+  v.nominal("casing_half_spacing_mm", r.block.casing_half_spacing_mm, {50.0, 250.0});
+  v.nominal("casing_bore_diameter_mm", r.block.casing_bore_diameter_mm, {10.0, 80.0});
+  v.nominal("casing_rim_diameter_mm", r.block.casing_rim_diameter_mm, {12.0, 100.0});
+  v.nominal("casing_rim_height_mm", r.block.casing_rim_height_mm, {-10.0, 10.0});
+
+  v.table("evaluation");
+  auto& e = r.evaluation;
+  v.number("crop_half_x_mm", e.crop_half_x_mm, {20.0, 190.0});
+  v.number("crop_half_s_mm", e.crop_half_s_mm, {20.0, 280.0});
+  // A chip of half a cell's area moves no mean by its depth.
+  v.number("cell_mm", e.cell_mm, {0.5, 3.0});
+  v.whole("cell_points_min", e.cell_points_min, 1, 10'000);
+  v.optional("cells_missing_max", e.cells_missing_max, {0.0, 0.5});
+  v.number("edge_margin_mm", e.edge_margin_mm, {0.0, 20.0});
+  v.number("inlier_share_min", e.inlier_share_min, {0.5, 1.0});
+  v.number("registration_gate_mm", e.registration_gate_mm, {0.1, 20.0});
+  v.number("registration_share_min", e.registration_share_min, {0.1, 1.0});
+  v.word("flatness", e.flatness, {"closed", "raw"});
+  // Wider than 20 mm, and a depression that lifts a rail pad would be a pit.
+  v.optional("closing_mm", e.closing_mm, {3.0, 20.0});
+  v.word("casing", e.casing, {"open", "capped"});
+  v.optional("defect_sigmas", e.defect_sigmas, {3.0, 20.0});
+  v.number("window_mm", e.window_mm, {1.0, 200.0});
+  v.angle("window_deg", e.window_rad, {0.1, 30.0});
+
+  // Only shown, hence without `confirmed`.
+  v.table("edges");
+  v.optional("fillet_seat_mm", r.edges.fillet_seat_mm, {2.0, 12.0});
+  v.optional("fillet_shoulder_mm", r.edges.fillet_shoulder_mm, {2.0, 12.0});
+  v.optional("chamfer_mm", r.edges.chamfer_mm, {2.0, 12.0});
+
+  // What the measuring system is assumed to be. Without the table no budget is computed and items keep their own U.
+  v.table("uncertainty", r.uncertainty.given);
+  v.nominal("scanner_form_mm", r.uncertainty.scanner_form_mm, {0.0, 1.0});
+  v.nominal("scanner_form_length_mm", r.uncertainty.scanner_form_length_mm, {10.0, 2'000.0});
+  v.nominal("scanner_length_ppm", r.uncertainty.scanner_length_ppm, {0.0, 10'000.0});
+  v.nominal("reference_mm", r.uncertainty.reference_mm, {0.0, 1.0});
+  v.degrees("reference_deg", r.uncertainty.reference_rad, {0.0, 1.0});
+}
+
+/// Relations between numbers of a recipe that are each in range: the evaluation region must lie on the bearing plane,
+/// the pairs on the slab, the tables of the measuring workspace must be large enough, limits must enclose nominals,
+/// and an item's nominal must agree with the geometry it follows from. Reports through `root`, the recipe's top table.
+void check_relations(TableReader& root, const Recipe& recipe);
+
+}  // namespace slabd::daemon
