@@ -112,25 +112,21 @@ std::string as_json(const std::vector<storage::SlabSummary>& slabs, bool more,
   return json.text();
 }
 
-void print_slabs(const std::vector<storage::SlabSummary>& slabs) {
-  const Style style = style_for(stdout);
-  std::vector<std::vector<std::string>> rows = {
-      {"key", "slab no", "id<", "type", "began<", "blocks", "verdict<", "reason<"}};
+std::string slabs_text(const std::vector<storage::SlabSummary>& slabs) {
+  Table table{"key", "slab no", "id<", "type", "began<", "blocks", "verdict<", "reason<"};
   // The column is there only where it has something to say.
   const bool emulated = std::any_of(slabs.begin(), slabs.end(),
                                     [](const storage::SlabSummary& slab) { return slab.header.emulated != 0; });
-  if (emulated) rows.front().emplace_back("emulated<");
+  if (emulated) table.columns.emplace_back("emulated<");
   for (const storage::SlabSummary& slab : slabs) {
     const bool open = slab.ended_utime_us == 0;
-    rows.push_back({std::to_string(slab.header.key), std::to_string(slab.header.slab_no),
-                    std::string(slab.header.slab_id.view()), std::to_string(slab.header.slab_type),
-                    iso_time(slab.header.began_utime_us),
-                    fmt::format("{}/{}", slab.stations_measured, slab.header.stations),
-                    open ? "open" : verdict_text(slab.verdict, style), open ? "" : reason_words(slab.reason)});
-    if (emulated) rows.back().emplace_back(report::emulation_mark(slab.header.emulated, report::Language::en));
+    table.add(slab.header.key, slab.header.slab_no, slab.header.slab_id, slab.header.slab_type,
+              iso_time(slab.header.began_utime_us), fmt::format("{}/{}", slab.stations_measured, slab.header.stations),
+              open ? Cell("open") : Cell(slab.verdict), open ? "" : reason_words(slab.reason));
+    if (emulated) table.rows.back().emplace_back(report::emulation_mark(slab.header.emulated, report::Language::en));
   }
-  fmt::print("{}", table(rows));
-  if (emulated) fmt::print("! EMULATED: no verdict on concrete; `slabctl show` says what was not real\n");
+  return text_of(table, style_for(stdout)) +
+         (emulated ? "! EMULATED: no verdict on concrete; `slabctl show` says what was not real\n" : "");
 }
 
 int show_history(const Options& options) {
@@ -143,10 +139,8 @@ int show_history(const Options& options) {
   const bool more = slabs.size() > limit;
   if (more) slabs.resize(limit);
   const auto gaps = need(reader->gaps(), kNotReachable);
-  if (options.json) {
-    fmt::print("{}", as_json(slabs, more, gaps));
-  } else {
-    print_slabs(slabs);
+  fmt::print("{}", options.json ? as_json(slabs, more, gaps) : slabs_text(slabs));
+  if (!options.json) {
     if (more) fmt::print("! more than {}: --limit says how many\n", limit);
     for (const storage::HistoryGap& gap : gaps) fmt::print("! {}\n", gap_text(gap));
   }

@@ -179,23 +179,19 @@ int show_history(const Options& options) {
     fmt::print("{}", json.text());
     return kDone;
   }
-  std::vector<std::vector<std::string>> rows = {{"when<", "what<", "now in force<", "before<", "who<", "why<"}};
+  Table changes{"when<", "what<", "now in force<", "before<", "who<", "why<"};
   for (const storage::AppliedChange& c : applied)
-    rows.push_back({iso_time(c.note.utime_us),
-                    fmt::format("{} {}{}", c.is_rollback ? "rollback" : "apply", name(c.kind),
-                                c.slab_type == 0 ? "" : fmt::format(" {}", c.slab_type)),
-                    c.calibration_id, c.replaced_id.empty() ? "-" : c.replaced_id, c.note.who, c.note.why});
-  if (rows.size() == 1) {
-    fmt::print("no calibration was ever put in force\n");
-  } else {
-    fmt::print("{}", table(rows));
-  }
-  rows = {{"\nkept<", "kind<", "created<", "expires<", "operator<", "robot<", "scanner<", "holds for<"}};
+    changes.add(iso_time(c.note.utime_us),
+                fmt::format("{} {}{}", c.is_rollback ? "rollback" : "apply", name(c.kind),
+                            c.slab_type == 0 ? "" : fmt::format(" {}", c.slab_type)),
+                c.calibration_id, c.replaced_id.empty() ? "-" : c.replaced_id, c.note.who, c.note.why);
+  Table kept{"\nkept<", "kind<", "created<", "expires<", "operator<", "robot<", "scanner<", "holds for<"};
   for (const storage::CalibrationRecord& r : records)
-    rows.push_back({r.id, std::string(name(r.kind())), iso_time(r.created_utime_us),
-                    r.expires_utime_us == 0 ? "never" : iso_time(r.expires_utime_us), r.operator_name, r.robot_serial,
-                    r.scanner_serial, r.parent_id});
-  if (rows.size() > 1) fmt::print("{}", table(rows));
+    kept.add(r.id, name(r.kind()), iso_time(r.created_utime_us),
+             r.expires_utime_us == 0 ? "never" : iso_time(r.expires_utime_us), r.operator_name, r.robot_serial,
+             r.scanner_serial, r.parent_id);
+  fmt::print("{}{}", changes.rows.empty() ? "no calibration was ever put in force\n" : text_of(changes),
+             kept.rows.empty() ? "" : text_of(kept));
   return kDone;
 }
 

@@ -16,10 +16,6 @@ using calib::BallRefusal;
 using calib::BallReport;
 using calib::BallSettings;
 
-std::string figure(double value, int digits, double scale = 1.0) {
-  return has_value(value) ? fmt::format("{:.{}f}", scale * value, digits) : "-";
-}
-
 Vec3 sigmas(const Mat3& covariance) {
   return covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
 }
@@ -62,24 +58,22 @@ std::string ball_text(const BallReport& b, const BallSettings& s) {
   const double radius_shift = b.shift_per_radius.norm();
   text += fmt::format("  a radius certified too large by 0.01 mm would move it {:.3f} mm away from the scanner\n",
                       0.01 * radius_shift);
-  const auto mark = [&](BallRefusal gate) {
-    for (const BallRefusal failed : b.failed)
-      if (failed == gate) return std::string("no");
-    return std::string("yes");
+  Table gates{"  gate", "measured", "limit", "passed"};
+  const auto add = [&](const char* what, const Cell& measured, const std::string& limit, BallRefusal gate) {
+    gates.add(what, measured, limit,
+              std::find(b.failed.begin(), b.failed.end(), gate) != b.failed.end() ? "no" : "yes");
   };
-  text += table(
-      {{"  gate", "measured", "limit", "passed"},
-       {"  half angle of the cap, deg", figure(b.half_angle_rad, 1, deg_from_rad(1.0)),
-        fmt::format(">= {:.0f}", deg_from_rad(s.half_angle_min_rad)), mark(BallRefusal::small_cap)},
-       {"  seen around, deg", figure(b.azimuth_rad, 0, deg_from_rad(1.0)),
-        fmt::format(">= {:.0f}", deg_from_rad(s.azimuth_min_rad)), mark(BallRefusal::azimuth)},
-       {"  points", std::to_string(b.points_used), fmt::format(">= {}", s.points_min), mark(BallRefusal::few_points)},
-       {"  free radius, mm", fmt::format("{} +- {}", figure(b.radius_free_mm, 4), figure(b.radius_free_sigma_mm, 4)),
-        fmt::format("{:.4f} +- {:.3f}", s.radius_mm, s.radius_off_mm), mark(BallRefusal::radius)},
-       {"  share of points on the sphere", figure(b.kept_share, 3), fmt::format(">= {:.2f}", s.kept_share_min),
-        mark(BallRefusal::spoiled)},
-       {"  scatter, mm", figure(b.rms_mm, 4), fmt::format("< {:.4f}", s.rms_max * s.noise_mm),
-        mark(BallRefusal::noisy)}});
+  add("  half angle of the cap, deg", figure(deg_from_rad(b.half_angle_rad), 1),
+      fmt::format(">= {:.0f}", deg_from_rad(s.half_angle_min_rad)), BallRefusal::small_cap);
+  add("  seen around, deg", figure(deg_from_rad(b.azimuth_rad), 0),
+      fmt::format(">= {:.0f}", deg_from_rad(s.azimuth_min_rad)), BallRefusal::azimuth);
+  add("  points", b.points_used, fmt::format(">= {}", s.points_min), BallRefusal::few_points);
+  add("  free radius, mm", fmt::format("{} +- {}", figure(b.radius_free_mm, 4), figure(b.radius_free_sigma_mm, 4)),
+      fmt::format("{:.4f} +- {:.3f}", s.radius_mm, s.radius_off_mm), BallRefusal::radius);
+  add("  share of points on the sphere", figure(b.kept_share, 3), fmt::format(">= {:.2f}", s.kept_share_min),
+      BallRefusal::spoiled);
+  add("  scatter, mm", figure(b.rms_mm, 4), fmt::format("< {:.4f}", s.rms_max * s.noise_mm), BallRefusal::noisy);
+  text += text_of(gates);
   if (!b.ok()) text += words_text(b.words);
   return text;
 }
@@ -111,15 +105,15 @@ std::string artefact_text(const ArtefactReport& r, const calib::ArtefactCertific
                       pose[0], pose[1], pose[2], pose[3], pose[4], pose[5], pose[6]);
   text += fmt::format("  sigma {:.4f} mm per axis at its origin, {:.5f} deg\n", r.target.sigma_mm(),
                       deg_from_rad(r.target.sigma_rad()));
-  std::vector<std::vector<std::string>> rows = {{"  ball", "points", "off its place, mm", "x", "y", "z"}};
+  Table table{"  ball", "points", "off its place, mm", "x", "y", "z"};
   for (std::size_t k = 0; k < r.residuals_mm.size(); ++k) {
     const Vec3& off = r.residuals_mm[k];
     const auto which = static_cast<std::size_t>(r.assigned[k]);
     const std::string points = which < r.view.balls.size() ? std::to_string(r.view.balls[which].points_used) : "-";
-    rows.push_back({fmt::format("  {}", k + 1), points, fmt::format("{:.4f}", off.norm()),
-                    fmt::format("{:+.4f}", off.x()), fmt::format("{:+.4f}", off.y()), fmt::format("{:+.4f}", off.z())});
+    table.add(fmt::format("  {}", k + 1), points, Cell(off.norm(), 4), fmt::format("{:+.4f}", off.x()),
+              fmt::format("{:+.4f}", off.y()), fmt::format("{:+.4f}", off.z()));
   }
-  text += table(rows);
+  text += text_of(table);
   text += fmt::format("  scale {:+.0f} +- {:.0f} ppm (a diagnosis; never applied)\n", r.scale_ppm, r.scale_sigma_ppm);
   if (!r.ok()) text += words_text(r.words);
   return text;

@@ -75,8 +75,8 @@ double tilt_of(const Session& session, const Session::Entry& e, const calib::Gui
 
 std::string view_table(const Session& session, const calib::Guide& guide) {
   const std::map<std::size_t, calib::ViewFit> fits = fits_of(session);
-  std::vector<std::vector<std::string>> rows = {{"view", "use<", "points", "cap deg", "rms mm", "radius off",
-                                                 "tilt deg", "seen at x y z mm", "residual mm", "note<"}};
+  Table table{"view",       "use<",     "points",           "cap deg",     "rms mm",
+              "radius off", "tilt deg", "seen at x y z mm", "residual mm", "note<"};
   for (const Session::Entry& e : session.entries()) {
     const calib::CapturedView& v = e.view;
     const Vec3& p = v.T_scanner_target.translation_mm;
@@ -84,13 +84,12 @@ std::string view_table(const Session& session, const calib::Guide& guide) {
     std::string note = note_of(e);
     if (fit != fits.end() && !fit->second.kept) note = "rejected by the solution: look at its scan, or drop it";
     const bool readable = e.unreadable.empty();
-    rows.push_back({std::to_string(v.number), state_of(e), readable ? std::to_string(v.points) : "-",
-                    number(v.half_angle_deg, 0), number(v.rms_mm, 3), number(v.radius_off_mm, 3),
-                    readable ? number(tilt_of(session, e, guide), 0) : "-",
-                    readable && v.accepted() ? fmt::format("{:.0f} {:.0f} {:.0f}", p.x(), p.y(), p.z()) : "-",
-                    fit != fits.end() ? number(fit->second.residual_mm, 3) : "-", note});
+    table.add(v.number, state_of(e), readable ? std::to_string(v.points) : "-", number(v.half_angle_deg, 0),
+              number(v.rms_mm, 3), number(v.radius_off_mm, 3), readable ? number(tilt_of(session, e, guide), 0) : "-",
+              readable && v.accepted() ? fmt::format("{:.0f} {:.0f} {:.0f}", p.x(), p.y(), p.z()) : "-",
+              fit != fits.end() ? number(fit->second.residual_mm, 3) : "-", note);
   }
-  return table(rows);
+  return text_of(table);
 }
 
 void write_views(Json& json, const Session& session, const calib::Guide& guide) {

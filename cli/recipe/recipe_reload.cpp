@@ -42,17 +42,20 @@ json ask(const std::string& socket, const char* line) {
   stop(kNotReachable, "the daemon gave no answer that this slabctl knows");
 }
 
-void print_state(const json& answer) {
+std::string state_text(const json& answer) {
+  std::string text;
   for (const json& recipe : answer["in_use"])
-    fmt::print("in use: {}, slab type {}, sha256 {:.12}, {}\n", recipe.value("name", ""), recipe.value("slab_type", 0),
-               recipe.value("sha256", ""), recipe.value("file", ""));
+    text += fmt::format("in use: {}, slab type {}, sha256 {:.12}, {}\n", recipe.value("name", ""),
+                        recipe.value("slab_type", 0), recipe.value("sha256", ""), recipe.value("file", ""));
   for (const json& difference : answer["differs"]) {
-    fmt::print("{}: {}", difference.value("file", ""), difference.value("what", ""));
-    if (const std::string problem = difference.value("problem", ""); !problem.empty()) fmt::print(": {}", problem);
-    fmt::print("\n");
-    for (const json& key : difference["keys"]) fmt::print("  {}\n", key.get<std::string>());
+    text += fmt::format("{}: {}", difference.value("file", ""), difference.value("what", ""));
+    if (const std::string problem = difference.value("problem", ""); !problem.empty())
+      text += fmt::format(": {}", problem);
+    text += "\n";
+    for (const json& key : difference["keys"]) text += fmt::format("  {}\n", key.get<std::string>());
   }
-  if (answer["differs"].empty()) fmt::print("the folder holds what is in use\n");
+  if (answer["differs"].empty()) text += "the folder holds what is in use\n";
+  return text;
 }
 
 int reload(const Options& options) {
@@ -75,7 +78,7 @@ int reload(const Options& options) {
   if (options.as_json)
     fmt::print("{}\n", answer.dump(-1, ' ', false, json::error_handler_t::replace));
   else
-    print_state(answer);
+    fmt::print("{}", state_text(answer));
   if (!options.look_only && state() != "done")
     stop(kRefused, answer["reload"].value("text", "the recipes were not taken up"));
   return kDone;

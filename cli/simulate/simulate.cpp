@@ -279,7 +279,7 @@ int simulate(const Options& options) {
   if (options.json) {
     fmt::print("{}", simulation_json(recipe, facts, outcomes));
   } else {
-    for (const SlabOutcome& outcome : outcomes) print_outcome(recipe, facts, outcome);
+    for (const SlabOutcome& outcome : outcomes) fmt::print("{}", outcome_text(recipe, facts, outcome));
   }
   for (const SlabOutcome& outcome : outcomes)
     if (!outcome.run.finished)

@@ -196,40 +196,39 @@ std::string faults(const StationView& view, double look_mm) {
   return text;
 }
 
-void print_pose(const Pose& pose) {
+std::string pose_text(const Pose& pose) {
   const Vec3& p = pose.translation_mm;
   const KukaAbc abc = kuka_abc_from_rotation(pose.rotation);
-  fmt::print("{:10.3f} {:10.3f} {:10.3f} {:9.4f} {:9.4f} {:9.4f}", p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad),
-             deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
+  return fmt::format("{:10.3f} {:10.3f} {:10.3f} {:9.4f} {:9.4f} {:9.4f}", p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad),
+                     deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
 }
 
-void print_table(const Sources& sources, const std::vector<Row>& rows) {
+std::string table_text(const Sources& sources, const std::vector<Row>& rows) {
+  std::string text;
   const double look_mm = sources.config.pose.look_mm;
-  fmt::print("slab type {} ({}), hand-eye {}{}\n", sources.recipe.slab_type, sources.recipe.name.view(),
-             sources.hand_eye.id.view(), sources.hand_eye.applied ? "" : " (commissioning values)");
-  fmt::print("station          X          Y          Z         A         B         C   seen\n");
+  text += fmt::format("slab type {} ({}), hand-eye {}{}\n", sources.recipe.slab_type, sources.recipe.name.view(),
+                      sources.hand_eye.id.view(), sources.hand_eye.applied ? "" : " (commissioning values)");
+  text += "station          X          Y          Z         A         B         C   seen\n";
   for (const Row& row : rows) {
-    fmt::print("{:7} ", row.station);
-    print_pose(row.planned);
     const std::string wrong = faults(row.view, look_mm);
-    fmt::print("   {}\n", wrong.empty() ? "all" : wrong);
+    text += fmt::format("{:7} {}   {}\n", row.station, pose_text(row.planned), wrong.empty() ? "all" : wrong);
     if (row.taught) {
       const std::string taught_wrong = faults(row.taught_view, look_mm);
-      fmt::print(" taught ");
-      print_pose(*row.taught);
-      fmt::print("   {}; {:.2f} mm, {:.3f} deg from the plan\n", taught_wrong.empty() ? "all" : taught_wrong,
-                 off_mm(row.planned, *row.taught), off_deg(row.planned, *row.taught));
+      text += fmt::format(" taught {}   {}; {:.2f} mm, {:.3f} deg from the plan\n", pose_text(*row.taught),
+                          taught_wrong.empty() ? "all" : taught_wrong, off_mm(row.planned, *row.taught),
+                          off_deg(row.planned, *row.taught));
     }
     if (row.mastered) {
       const Pose& stands = row.taught ? *row.taught : row.planned;
       const bool near = in_gate(stands, *row.mastered, sources.config.splice);
-      fmt::print("        mastered {:.2f} mm, {:.3f} deg away: its correction {}\n", off_mm(stands, *row.mastered),
-                 off_deg(stands, *row.mastered),
-                 !sources.not_used.empty() ? sources.not_used + ", so it does NOT hold"
-                 : near                    ? "holds"
-                                           : "would NOT hold (calibration.station_gate_mm, station_gate_deg)");
+      text += fmt::format("        mastered {:.2f} mm, {:.3f} deg away: its correction {}\n",
+                          off_mm(stands, *row.mastered), off_deg(stands, *row.mastered),
+                          !sources.not_used.empty() ? sources.not_used + ", so it does NOT hold"
+                          : near                    ? "holds"
+                                                    : "would NOT hold (calibration.station_gate_mm, station_gate_deg)");
     }
   }
+  return text;
 }
 
 void write_view(Json& json, std::string_view key, const StationView& view, double look_mm) {
@@ -336,7 +335,7 @@ int stations(Options& options) {
   if (options.as_json)
     fmt::print("{}", json_of(sources, rows, alike, all_ok));
   else
-    print_table(sources, rows);
+    fmt::print("{}", table_text(sources, rows));
   return all_ok ? kDone : kNotPass;
 }
 

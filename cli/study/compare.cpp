@@ -166,39 +166,56 @@ std::string compare_json(const CompareStudy& study) {
   return json.text();
 }
 
-void print_compare(const CompareStudy& study) {
-  const Style style = style_for(stdout);
-  fmt::print("{}\n", study.source);
-  for (const std::string& sentence : study.notes.sentences()) fmt::print("! {}\n", sentence);
-  fmt::print("\n");
-  std::vector<std::vector<std::string>> rows = {{"characteristic", "unit<", "n", "reference", "measured",
-                                                 "mean error (95 %)", "mean |error|", "max |error|", "at<", "En max"}};
+Table errors_table(const CompareStudy& study, Reader reader) {
+  Table table{pick(reader, "characteristic", "检测项目"),
+              pick(reader, "unit<", "单位<"),
+              "n",
+              pick(reader, "reference", "参考值"),
+              pick(reader, "measured", "测量值"),
+              pick(reader, "mean error (95 %)", "平均误差（95 %）"),
+              pick(reader, "mean |error|", "平均绝对误差"),
+              pick(reader, "max |error|", "最大误差"),
+              pick(reader, "at<", "位置<"),
+              "En max"};
+  table.title = pick(reader, "Errors: measured less reference", "误差：测量值减参考值");
   for (const CompareItem& item : study.items) {
     const int digits = decimals_of(item.item);
-    rows.push_back(
-        {item.item, unit_of(item.item), std::to_string(item.pairs.size()), figure(item.reference_mean, digits),
-         figure(item.value_mean, digits), interval(item.errors.mean, digits), figure(item.errors.mean_abs, digits),
-         figure(item.errors.max_abs, digits), where(item.things[item.errors.worst]), figure(item.errors.en_max, 2)});
+    table.add(subject_of({.item = item.item}, reader), unit_of(item.item), item.pairs.size(),
+              Cell(item.reference_mean, digits), Cell(item.value_mean, digits), interval(item.errors.mean, digits),
+              Cell(item.errors.mean_abs, digits), Cell(item.errors.max_abs, digits),
+              where(item.things[item.errors.worst]), Cell(item.errors.en_max, 2));
   }
-  fmt::print("{}", table(rows));
+  return table;
+}
+
+Table agreement_table(const CompareStudy& study, Reader reader) {
+  Table table{pick(reader, "agreement", "一致性"),
+              pick(reader, "lower limit (95 %)", "下限（95 %）"),
+              pick(reader, "upper limit (95 %)", "上限（95 %）"),
+              pick(reader, "slope (95 %)", "斜率（95 %）"),
+              pick(reader, "intercept (95 %)", "截距（95 %）"),
+              pick(reader, "judgement<", "评定<")};
+  table.title = pick(reader, "Limits of agreement and Deming's line", "一致性界限与 Deming 回归");
+  for (const CompareItem& item : study.items) {
+    const int digits = decimals_of(item.item);
+    table.add(subject_of({.item = item.item}, reader), interval(item.limits.lower, digits),
+              interval(item.limits.upper, digits), item.line.ok ? interval(item.line.slope, 4) : "-",
+              item.line.ok ? interval(item.line.intercept, digits) : "-", judged(item.judgement, item.reason, reader));
+  }
+  return table;
+}
+
+std::string compare_text(const CompareStudy& study) {
+  std::string text = study.source + "\n";
+  for (const std::string& sentence : study.notes.sentences()) text += fmt::format("! {}\n", sentence);
+  text += "\n" + text_of(errors_table(study));
   if (study.all_mm.count > 0)
-    fmt::print("all {} lengths: mean |error| {} mm, max |error| {} mm\n", study.all_mm.count,
-               figure(study.all_mm.mean_abs, 3), figure(study.all_mm.max_abs, 3));
-  rows = {{"agreement", "lower limit (95 %)", "upper limit (95 %)", "slope (95 %)", "intercept (95 %)", "judgement<"}};
-  for (const CompareItem& item : study.items) {
-    const int digits = decimals_of(item.item);
-    const bool judged = item.judgement != Judgement::not_judged;
-    rows.push_back({item.item, interval(item.limits.lower, digits), interval(item.limits.upper, digits),
-                    item.line.ok ? interval(item.line.slope, 4) : "-",
-                    item.line.ok ? interval(item.line.intercept, digits) : "-",
-                    judged ? std::string(symbol(as_verdict(item.judgement), style)) + " " +
-                                 std::string(name(item.judgement)) + (item.reason.empty() ? "" : ": " + item.reason)
-                           : ""});
-  }
-  fmt::print("\n{}", table(rows));
+    text += fmt::format("all {} lengths: mean |error| {} mm, max |error| {} mm\n", study.all_mm.count,
+                        figure(study.all_mm.mean_abs, 3), figure(study.all_mm.max_abs, 3));
+  text += "\n" + text_of(agreement_table(study), style_for(stdout));
   for (const CompareItem& item : study.items)
-    if (!item.line.ok) fmt::print("no line for {}: {}\n", item.item, item.line.why_not);
-  fmt::print("lines by Deming's regression, because both sides err\n");
+    if (!item.line.ok) text += fmt::format("no line for {}: {}\n", item.item, item.line.why_not);
+  return text + "lines by Deming's regression, because both sides err\n";
 }
 
 }  // namespace slabd::cli::study

@@ -86,47 +86,33 @@ std::string percent(double value) {
   return figure(value, 1);
 }
 
-std::string judged_text(const GrrJudgement& judged, Style style) {
-  return std::string(symbol(as_verdict(judged.judgement), style)) + " " +
-         (judged.conditional ? "conditional" : std::string(name(judged.judgement))) +
-         (judged.reason.empty() ? "" : ": " + judged.reason);
+/// As a table has it.
+Cell judged_cell(const GrrJudgement& judged) {
+  Cell cell = study::judged(judged.judgement, judged.reason, std::nullopt);
+  if (judged.conditional) cell.text.replace(0, name(judged.judgement).size(), "conditional");
+  return cell;
 }
 
-void print_item(const GrrItem& item, Style style) {
-  const int digits = decimals_of(item.about.item) + 2;
-  fmt::print("\n{} [{}]: {} parts, {} appraisers ({}), {} trials\n\n", item.about.item, unit_of(item.about.item),
-             item.parts.size(), item.appraisers.size(), join(item.appraisers), item.trials.size());
-  const Components& c = item.by_anova.components;
-  std::vector<std::vector<std::string>> rows = {
-      {"source", "sigma", "% of TV", "% of T", "average-range sigma", "% of TV"}};
-  const auto add = [&](const char* what, double own, double other, bool zeroed) {
-    rows.push_back({std::string(what) + (zeroed ? " (negative, set to 0)" : ""), figure(own, digits),
-                    percent(100.0 * own / c.TV), percent(600.0 * own / item.tolerance), figure(other, digits),
-                    percent(item.by_range ? 100.0 * other / item.by_range->TV : kNoValue)});
-  };
-  const Components none;
-  const Components& r = item.by_range ? *item.by_range : none;
-  add("repeatability EV", c.EV, r.EV, false);
-  add("reproducibility AV", c.AV, r.AV, c.av_zeroed);
-  if (!item.by_anova.is_pooled) add("interaction INT", c.INT, kNoValue, c.int_zeroed);
-  add("gauge R&R", c.GRR, r.GRR, false);
-  add("parts PV", c.PV, r.PV, c.pv_zeroed);
-  add("total TV", c.TV, r.TV, false);
-  fmt::print("{}ndc {} ({} by ranges){}\n\n", table(rows), figure(c.ndc(), 2), figure(r.ndc(), 2),
-             item.by_range ? "" : fmt::format("; the ranges' factors end at {}", kGrrRangeMax));
-  rows = {{"analysis of variance", "SS", "df", "MS", "F", "p"}};
+std::string item_text(const GrrItem& item, Style style) {
   const Anova& a = item.by_anova;
+  Table table{"analysis of variance", "SS", "df", "MS", "F", "p"};
   for (const auto& [what, row] : {std::pair{"parts", &a.part},
                                   {"appraisers", &a.appraiser},
                                   {"interaction", &a.interaction},
                                   {"repeatability", &a.repeatability},
                                   {"repeatability, pooled", &a.pooled},
                                   {"total", &a.total}})
-    rows.push_back({what, fmt::format("{:.6g}", row->ss), figure(row->df, 0), fmt::format("{:.6g}", row->ms),
-                    figure(row->f, 3), figure(row->p, 3)});
-  fmt::print("{}interaction {} with the repeatability: p {} {} {}\n{}\n", table(rows),
-             a.is_pooled ? "pooled" : "not pooled", figure(a.interaction.p, 3),
-             a.interaction.p > kPoolAbove ? ">" : "<=", kPoolAbove, judged_text(item.judged, style));
+    table.add(what, fmt::format("{:.6g}", row->ss), Cell(row->df, 0), fmt::format("{:.6g}", row->ms), Cell(row->f, 3),
+              Cell(row->p, 3));
+  return fmt::format(
+      "\n{} [{}]: {} parts, {} appraisers ({}), {} trials\n\n{}ndc {} ({} by ranges){}\n\n"
+      "{}interaction {} with the repeatability: p {} {} {}\n{}\n",
+      item.about.item, unit_of(item.about.item), item.parts.size(), item.appraisers.size(), join(item.appraisers),
+      item.trials.size(), text_of(components_table(item)), figure(a.components.ndc(), 2),
+      figure(item.by_range.value_or(Components()).ndc(), 2),
+      item.by_range ? "" : fmt::format("; the ranges' factors end at {}", kGrrRangeMax), text_of(table),
+      a.is_pooled ? "pooled" : "not pooled", figure(a.interaction.p, 3),
+      a.interaction.p > kPoolAbove ? ">" : "<=", kPoolAbove, cell_text(judged_cell(item.judged), style));
 }
 
 void write_components(Json& json, std::string_view key, const Components& c, double tolerance) {
@@ -149,6 +135,37 @@ void place_all(const std::string& place, const CsvTable& plan, std::size_t row, 
 }
 
 }  // namespace
+
+Table components_table(const GrrItem& item, Reader reader) {
+  const Components& c = item.by_anova.components;
+  const Components r = item.by_range.value_or(Components());
+  Table table{pick(reader, "source", "来源"),
+              pick(reader, "sigma", "sigma（方差分析）"),
+              "% of TV",
+              "% of T",
+              pick(reader, "average-range sigma", "sigma（均值极差）"),
+              "% of TV"};
+  table.title = fmt::format("{} {}, {} {}, {} {}; {} (p {:.3f})", item.parts.size(), pick(reader, "parts", "个零件"),
+                            item.appraisers.size(), pick(reader, "appraisers", "名评价人"), item.trials.size(),
+                            pick(reader, "trials", "次试验"),
+                            item.by_anova.is_pooled ? pick(reader, "interaction pooled", "交互作用已合并")
+                                                    : pick(reader, "with interaction", "含交互作用"),
+                            item.by_anova.interaction.p);
+  const int digits = decimals_of(item.about.item) + 2;
+  const auto add = [&](std::string what, double own, double other, bool zeroed = false) {
+    if (zeroed) what += pick(reader, " (negative, set to 0)", "（负值，取 0）");
+    table.add(what, Cell(own, digits), percent(100.0 * own / c.TV), percent(600.0 * own / item.tolerance),
+              Cell(other, digits), percent(100.0 * other / r.TV));
+  };
+  add(pick(reader, "repeatability EV", "重复性 EV"), c.EV, r.EV);
+  add(pick(reader, "reproducibility AV", "再现性 AV"), c.AV, r.AV, c.av_zeroed);
+  if (!item.by_anova.is_pooled) add(pick(reader, "interaction INT", "交互作用 INT"), c.INT, kNoValue, c.int_zeroed);
+  add(pick(reader, "gauge R&R", "GRR"), c.GRR, r.GRR);
+  add(pick(reader, "parts PV", "零件变差 PV"), c.PV, r.PV, c.pv_zeroed);
+  add(pick(reader, "total TV", "总变差 TV"), c.TV, r.TV);
+  if (reader) table.add("ndc", Cell(c.ndc(), 2), "", "", Cell(r.ndc(), 2), "");
+  return table;
+}
 
 Judgement GrrStudy::judgement() const {
   Judgement worst = items.empty() || !refused.empty() ? Judgement::undecided : Judgement::capable;
@@ -272,23 +289,24 @@ std::string grr_json(const GrrStudy& study) {
   return json.text();
 }
 
-void print_grr(const GrrStudy& study, bool details) {
+std::string grr_text(const GrrStudy& study, bool details) {
+  std::string text;
   const Style style = style_for(stdout);
-  fmt::print("{}\n", study.source);
-  for (const std::string& sentence : study.notes.sentences()) fmt::print("! {}\n", sentence);
-  fmt::print("\n");
-  std::vector<std::vector<std::string>> rows = {
-      {"gauge R&R", "unit<", "EV", "AV", "GRR", "% of T", "% of TV", "ndc", "judgement<"}};
+  text += fmt::format("{}\n", study.source);
+  for (const std::string& sentence : study.notes.sentences()) text += fmt::format("! {}\n", sentence);
+  text += "\n";
+  Table table{"gauge R&R", "unit<", "EV", "AV", "GRR", "% of T", "% of TV", "ndc", "judgement<"};
   for (const GrrItem& item : study.items) {
     const Components& c = item.by_anova.components;
     const int digits = decimals_of(item.about.item) + 1;
-    rows.push_back({item.about.item, unit_of(item.about.item), figure(c.EV, digits), figure(c.AV, digits),
-                    figure(c.GRR, digits), percent(c.of_tolerance(item.tolerance)), percent(c.of_variation()),
-                    figure(c.ndc(), 2), judged_text(item.judged, style)});
+    table.add(item.about.item, unit_of(item.about.item), figure(c.EV, digits), figure(c.AV, digits),
+              figure(c.GRR, digits), percent(c.of_tolerance(item.tolerance)), percent(c.of_variation()),
+              figure(c.ndc(), 2), judged_cell(item.judged));
   }
-  fmt::print("{}", table(rows));
+  text += text_of(table, style);
   if (details || study.items.size() == 1)
-    for (const GrrItem& item : study.items) print_item(item, style);
+    for (const GrrItem& item : study.items) text += item_text(item, style);
+  return text;
 }
 
 }  // namespace slabd::cli::study

@@ -61,8 +61,10 @@ struct PlanReaders {
 [[nodiscard]] GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::string>& items,
                                  const std::function<double(const std::string&)>& tolerance, Interaction interaction);
 
+/// Sources of variation, by both methods.
+[[nodiscard]] Table components_table(const GrrItem& item, Reader reader = std::nullopt);
 [[nodiscard]] std::string grr_json(const GrrStudy& study);
 /// One line an item; with `details`, or one item only, the tables behind it.
-void print_grr(const GrrStudy& study, bool details);
+[[nodiscard]] std::string grr_text(const GrrStudy& study, bool details);
 
 }  // namespace slabd::cli::study

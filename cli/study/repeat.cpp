@@ -34,25 +34,9 @@ std::string small(double value) {
   return figure(value, kSmallDigits);
 }
 
-void print_characteristics(const RepeatStudy& study) {
-  std::vector<std::vector<std::string>> rows = {
-      {"characteristic", "unit<", "n", "mean", "std", "95 % of std", "range", "max dev"}};
-  for (const Characteristic& c : study.characteristics) {
-    const int digits = decimals_of(c.about.item);
-    rows.push_back(
-        {title_of(c.about), unit_of(c.about.item),
-         c.missing == 0 ? std::to_string(c.spread.count) : fmt::format("{} ({} missing)", c.spread.count, c.missing),
-         figure(c.spread.mean, digits), small(c.spread.std),
-         range_text(c.spread.std_low, c.spread.std_high, kSmallDigits), small(c.spread.range),
-         small(c.spread.deviation_max)});
-  }
-  fmt::print("{}\n", table(rows));
-}
-
 /// What the paper says of its Figs. 18 and 19: the largest range of any block.
-void print_worst(const RepeatStudy& study) {
-  std::vector<std::vector<std::string>> rows = {
-      {"characteristic", "unit<", "blocks", "missing", "worst std", "block<", "worst range", "block<"}};
+Table worst_table(const RepeatStudy& study) {
+  Table table{"characteristic", "unit<", "blocks", "missing", "worst std", "block<", "worst range", "block<"};
   for (std::size_t i = 0; i < study.characteristics.size();) {
     const Characteristic* by_std = nullptr;
     const Characteristic* by_range = nullptr;
@@ -68,32 +52,57 @@ void print_worst(const RepeatStudy& study) {
     const auto at = [](const Characteristic* c) {
       return c == nullptr ? std::string("-") : block_text(c->about.block, c->about.block_to);
     };
-    rows.push_back({item, unit_of(item), std::to_string(blocks), std::to_string(missing),
-                    by_std == nullptr ? "-" : small(by_std->spread.std), at(by_std),
-                    by_range == nullptr ? "-" : small(by_range->spread.range), at(by_range)});
+    table.add(item, unit_of(item), blocks, missing, by_std == nullptr ? "-" : small(by_std->spread.std), at(by_std),
+              by_range == nullptr ? "-" : small(by_range->spread.range), at(by_range));
   }
-  fmt::print("{}\n", table(rows));
+  return table;
 }
 
-void print_gauges(const RepeatStudy& study, Style style) {
-  std::vector<std::vector<std::string>> rows = {
-      {"type-1 study", "reference", "T", "bias", "95 % of bias", "p", "Cg", "Cgk", "judgement<"}};
+}  // namespace
+
+Table characteristics_table(const RepeatStudy& study, Reader reader) {
+  Table table{pick(reader, "characteristic", "检测项目"),
+              pick(reader, "unit<", "单位<"),
+              "n",
+              pick(reader, "mean", "平均值"),
+              pick(reader, "std", "标准差"),
+              pick(reader, "95 % of std", "标准差 95 % 区间"),
+              pick(reader, "range", "极差"),
+              pick(reader, "max dev", "最大偏离")};
+  table.title = pick(reader, "Figures", "统计值");
+  for (const Characteristic& c : study.characteristics)
+    table.add(subject_of(c.about, reader), unit_of(c.about.item),
+              c.missing == 0 ? Cell(c.spread.count) : Cell(fmt::format("{} ({} missing)", c.spread.count, c.missing)),
+              Cell(c.spread.mean, decimals_of(c.about.item)), small(c.spread.std),
+              range_text(c.spread.std_low, c.spread.std_high, kSmallDigits), small(c.spread.range),
+              small(c.spread.deviation_max));
+  return table;
+}
+
+Table gauges_table(const RepeatStudy& study, Reader reader) {
+  Table table{pick(reader, "type-1 study", "检测项目"),
+              pick(reader, "reference", "参考值"),
+              "T",
+              pick(reader, "bias", "偏倚"),
+              pick(reader, "95 % of bias", "偏倚 95 % 区间"),
+              "p",
+              "Cg",
+              "Cgk",
+              pick(reader, "judgement<", "评定<")};
+  table.title = fmt::format("{}: Cg = 0.2 T / (6 s), Cgk = (0.1 T - |{}|) / (3 s), >= {}, n >= {}",
+                            pick(reader, "Type-1 study", "第一类量具研究"), pick(reader, "bias", "偏倚"), kGaugeCapable,
+                            kGaugeRunsMin);
   for (const Characteristic& c : study.characteristics) {
     const Gauge& g = c.gauge;
     if (g.judgement == Judgement::not_judged) continue;
     const int digits = decimals_of(c.about.item);
-    rows.push_back({title_of(c.about), figure(g.reference, digits), figure(g.tolerance, digits), small(g.bias),
-                    range_text(g.bias_low, g.bias_high, kSmallDigits), figure(g.p, 3), figure(g.cg, 2),
-                    figure(g.cgk, 2),
-                    std::string(symbol(as_verdict(g.judgement), style)) + " " + std::string(name(g.judgement)) +
-                        (g.reason.empty() ? "" : ": " + g.reason)});
+    // A document has the reasons as sentences of their own.
+    table.add(subject_of(c.about, reader), Cell(g.reference, digits), Cell(g.tolerance, digits), small(g.bias),
+              range_text(g.bias_low, g.bias_high, kSmallDigits), Cell(g.p, 3), Cell(g.cg, 2), Cell(g.cgk, 2),
+              judged(g.judgement, reader ? "" : g.reason, reader));
   }
-  if (rows.size() > 1)
-    fmt::print("{}Cg = 0.2 T / (6 s), Cgk = (0.1 T - |bias|) / (3 s); capable from {} with {} runs\n", table(rows),
-               kGaugeCapable, kGaugeRunsMin);
+  return table;
 }
-
-}  // namespace
 
 Judgement RepeatStudy::judgement() const {
   Judgement worst = Judgement::not_judged;
@@ -194,15 +203,19 @@ std::string repeat_json(const RepeatStudy& study) {
   return json.text();
 }
 
-void print_repeat(const RepeatStudy& study, bool details) {
+std::string repeat_text(const RepeatStudy& study, bool details) {
+  std::string text;
   std::set<int> blocks;
   for (const Characteristic& c : study.characteristics) blocks.insert(c.about.block);
-  fmt::print("{}\n", study.source);
-  for (const std::string& sentence : study.notes.sentences()) fmt::print("! {}\n", sentence);
-  fmt::print("\n");
-  if (details || blocks.size() <= 1) print_characteristics(study);
-  if (blocks.size() > 1) print_worst(study);
-  print_gauges(study, style_for(stdout));
+  text += fmt::format("{}\n", study.source);
+  for (const std::string& sentence : study.notes.sentences()) text += fmt::format("! {}\n", sentence);
+  text += "\n";
+  if (details || blocks.size() <= 1) text += text_of(characteristics_table(study)) + "\n";
+  if (blocks.size() > 1) text += text_of(worst_table(study)) + "\n";
+  if (const Table gauges = gauges_table(study); !gauges.rows.empty())
+    text += fmt::format("{}Cg = 0.2 T / (6 s), Cgk = (0.1 T - |bias|) / (3 s); capable from {} with {} runs\n",
+                        text_of(gauges, style_for(stdout)), kGaugeCapable, kGaugeRunsMin);
+  return text;
 }
 
 }  // namespace slabd::cli::study

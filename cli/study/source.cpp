@@ -52,6 +52,33 @@ std::string unit_of(const std::string& item) {
   return id ? std::string(slabd::name(info(*id).unit)) : std::string();
 }
 
+std::string judgement_word(Judgement judgement, report::Language language) {
+  switch (judgement) {
+    case Judgement::not_judged: break;
+    case Judgement::capable: return report::pick(language, "capable", "能力满足");
+    case Judgement::not_capable: return report::pick(language, "not capable", "能力不足");
+    case Judgement::undecided: return report::pick(language, "undecided", "未定");
+  }
+  return report::pick(language, "not judged", "未评定");
+}
+
+std::string pick(Reader reader, std::string_view en, std::string_view zh) {
+  return report::pick(reader.value_or(report::Language::en), en, zh);
+}
+
+std::string subject_of(const Reading& reading, Reader reader) {
+  const auto id = item_from_name(reading.item);
+  if (!reader || !id) return title_of(reading);
+  return fmt::format("{} {}", report::item_word(*id, *reader),
+                     reading.block == 0 ? "" : block_text(reading.block, reading.block_to));
+}
+
+Cell judged(Judgement judgement, const std::string& reason, Reader reader) {
+  if (judgement == Judgement::not_judged) return "";
+  const std::string word = reader ? judgement_word(judgement, *reader) : std::string(name(judgement));
+  return {as_verdict(judgement), word + (reason.empty() ? "" : ": " + reason)};
+}
+
 std::size_t rank_of(const std::string& item) {
   const auto id = item_from_name(item);
   return id ? static_cast<std::size_t>(*id) : kItemCount;

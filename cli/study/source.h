@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -10,7 +11,10 @@
 #include "base/base.h"
 #include "base/pages.h"
 #include "cli/study/csv.h"
+#include "cli/study/repeatability.h"
 #include "hal/hal.h"
+#include "report/table.h"
+#include "report/words.h"
 #include "storage/storage.h"
 
 /// Where the values of a study come from: scan files measured here and now by the daemon's code, stored slabs, tables.
@@ -38,6 +42,15 @@ struct Reading {
 /// Decimals and unit that an item is shown with; four and none for one that slabd does not know.
 [[nodiscard]] int decimals_of(const std::string& item);
 [[nodiscard]] std::string unit_of(const std::string& item);
+/// Who reads a table: people at a document in a language, who get words, or at a terminal, who get the names of options
+/// and JSON.
+using Reader = std::optional<report::Language>;
+[[nodiscard]] std::string pick(Reader reader, std::string_view en, std::string_view zh);
+/// The characteristic.
+[[nodiscard]] std::string subject_of(const Reading& reading, Reader reader);
+[[nodiscard]] std::string judgement_word(Judgement judgement, report::Language language);
+/// The judgement with its symbol and `reason`; empty if it was not judged.
+[[nodiscard]] Cell judged(Judgement judgement, const std::string& reason, Reader reader);
 /// The order items are listed in: slabd's own, then the others.
 [[nodiscard]] std::size_t rank_of(const std::string& item);
 

@@ -152,11 +152,7 @@ int run_compare(const CompareOptions& options) {
   for (const std::string& item : options.items) need_compared("--item", item);
   for (const auto& [item, value] : allowed) need_compared("--max-error", item);
   write_document(compare_report(study, options.document.wanted()), options.document.out);
-  if (options.json) {
-    fmt::print("{}", compare_json(study));
-  } else {
-    print_compare(study);
-  }
+  fmt::print("{}", options.json ? compare_json(study) : compare_text(study));
   return exit_of(study.judgement());
 }
 

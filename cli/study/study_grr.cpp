@@ -136,11 +136,7 @@ int run_grr(const GrrOptions& options) {
     return kBadInput;
   }
   write_document(grr_report(study, options.document.wanted()), options.document.out);
-  if (options.json) {
-    fmt::print("{}", grr_json(study));
-  } else {
-    print_grr(study, options.details);
-  }
+  fmt::print("{}", options.json ? grr_json(study) : grr_text(study, options.details));
   return study.refused.empty() ? exit_of(study.judgement()) : kBadInput;
 }
 

@@ -162,11 +162,7 @@ int run_repeat(const RepeatOptions& options) {
   need_known(options, task, takes, study);
   for (const std::string& warning : study.warnings) complain("warning: " + warning);
   write_document(repeat_report(study, options.document.wanted()), options.document.out);
-  if (options.json) {
-    fmt::print("{}", repeat_json(study));
-  } else {
-    print_repeat(study, options.details);
-  }
+  fmt::print("{}", options.json ? repeat_json(study) : repeat_text(study, options.details));
   return exit_of(study.judgement());
 }
 
