@@ -47,19 +47,18 @@ std::string fitted(Canvas& canvas, const std::string& text, double width, const 
   return cut + "…";
 }
 
-/// A table with a place for each column.
+/// A table with a place for each column: as wide as its heading and its longest cell, then the page is shared out in
+/// proportion.
 struct Grid {
-  explicit Grid(const Table& whole) : table(visible(whole)), widths(table.columns.size(), 0.0) {
-    // As wide as what is written in a column, with the symbol of a verdict; the page is shared out in proportion.
-    constexpr double kMargin = 2.0;
-    constexpr double kSymbol = 3.0;
-    for (std::size_t c = 0; c < widths.size(); ++c) {
-      widths[c] = static_cast<double>(display_width(table.columns[c].heading));
+  Grid(const Table& whole, Canvas& ruler) : table(visible(whole)) {
+    for (std::size_t c = 0; c < table.columns.size(); ++c) {
+      const Cell* longest = nullptr;
       for (const Table::Row& row : table.rows)
-        if (c < row.size())
-          widths[c] =
-              std::max(widths[c], static_cast<double>(display_width(row[c].text)) + (row[c].verdict ? kSymbol : 0.0));
-      widths[c] += kMargin;
+        if (c < row.size() && (longest == nullptr || display_width(row[c].text) > display_width(longest->text)))
+          longest = &row[c];
+      const double cell = longest == nullptr ? 0.0 : ruler.text_width(longest->text, kHeading);
+      const double symbol = longest != nullptr && longest->verdict ? 3.6 : 0.0;
+      widths.push_back(std::max(cell + symbol, ruler.text_width(table.columns[c].heading, kHeading)) + 2.0);
     }
     const double sum = std::accumulate(widths.begin(), widths.end(), 0.0);
     for (double& width : widths) width *= kWidth / sum;
@@ -176,7 +175,7 @@ struct Pages::Layout {
   }
 
   void place(const Table& table) {
-    const auto grid = std::make_shared<const Grid>(table);
+    const auto grid = std::make_shared<const Grid>(table, ruler);
     const auto heading = [grid](Canvas& canvas) { draw_heading(canvas, *grid); };
     make_room(3.0 * kRowHeight);
     put(kRowHeight + 0.4, heading);

@@ -21,9 +21,9 @@ Table example() {
 
 TEST(Table, a_terminal_has_rounded_numbers_and_symbols_and_no_empty_optional_column) {
   EXPECT_EQ(text_of(example()),
-            "item         value  times  verdict\n"
-            "-----------------------------------\n"
-            "slope        0.333      2  X fail\n"
+            "item       value  times  verdict\n"
+            "--------------------------------\n"
+            "slope      0.333      2  X fail\n"
             "=1+1, \"x\"      -      0  .\n");
 }
 
