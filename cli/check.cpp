@@ -10,7 +10,6 @@
 #include "cli/database.h"
 #include "cli/exit.h"
 #include "cli/recipe/recipe_diff.h"
-#include "cli/recipe/recipe_reload.h"
 #include "cli/recipe/recipe_source.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/render.h"

@@ -14,7 +14,6 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
-#include "cli/terminal/table_columns.h"
 #include "hal/hal.h"
 #include "report/json.h"
 

@@ -3,8 +3,6 @@
 // slabctl history: the newest slabs, one line each.
 #include <fmt/core.h>
 #include <algorithm>
-#include <array>
-#include <chrono>
 #include <memory>
 #include <vector>
 
@@ -30,22 +28,12 @@ struct Options {
   bool json = false;
 };
 
-constexpr std::array kVerdicts = {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted,
-                                  Verdict::indeterminate};
-
 /// The words of the command line as a filter.
 storage::SlabFilter filter_of(const Options& options) {
   storage::SlabFilter filter = options.filter;
-  const std::int64_t now_us =
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-          .count();
-  for (const auto& [text, option, target] : {std::tuple{&options.since, "--since", &filter.since_utime_us},
-                                             std::tuple{&options.until, "--until", &filter.until_utime_us}}) {
-    if (text->empty()) continue;
-    const Result<std::int64_t> time = parse_time(*text, now_us);
-    if (!time) stop(kUsage, fmt::format("{}: {}", option, time.error().text.view()));
-    *target = time.value();
-  }
+  if (!options.since.empty()) filter.since_utime_us = time_of("--since", options.since);
+  if (!options.until.empty()) filter.until_utime_us = time_of("--until", options.until);
+  filter.verdict = verdict_from_name(options.verdict).value_or(Verdict::none);
   if (!options.item.empty()) {
     filter.item = item_from_name(options.item);
     if (!filter.item) {
@@ -56,8 +44,6 @@ storage::SlabFilter filter_of(const Options& options) {
                                meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
     }
   }
-  for (const Verdict verdict : kVerdicts)
-    if (name(verdict) == options.verdict) filter.verdict = verdict;
   return filter;
 }
 
@@ -177,8 +163,7 @@ void add_history(args::Command& app) {
   command->add_option("--until", options->until, "Began before that");
   command->add_option("--type", options->filter.slab_type, "Of this SLAB_TYPE")->check(args::range(1, 65'535));
   command->add_option("--id", options->filter.id_part, "With this somewhere in the slab id");
-  command->add_option("--verdict", options->verdict, "With this verdict")
-      ->check(args::one_of({"pass", "fail", "not_measured", "aborted", "indeterminate"}));
+  command->add_option("--verdict", options->verdict, "With this verdict")->check(args::one_of(verdict_names()));
   command->add_option("--block", options->filter.block, "At this block")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--item", options->item, "Of this item, as `slabctl show` names it");

@@ -18,7 +18,6 @@
 #include "cli/terminal/parse.h"
 #include "cli/terminal/progress.h"
 #include "cli/terminal/render.h"
-#include "cli/terminal/table_columns.h"
 #include "daemon/measure.h"
 #include "report/figures.h"
 #include "report/json.h"

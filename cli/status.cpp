@@ -11,8 +11,9 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
-#include "cli/watch/watch.h"
+#include "cli/watch/screen.h"
 #include "report/json.h"
 #include "report/words.h"
 
@@ -42,15 +43,6 @@ std::string text_at(const json& document, std::initializer_list<const char*> pat
   return at->is_null() ? "-" : plain(at->dump());
 }
 
-/// A list of words as the daemon gives it.
-std::uint8_t emulation_at(const json& status, const char* key) {
-  unsigned bits = 0;
-  if (status.contains(key) && status[key].is_array())
-    for (const json& word : status[key])
-      if (word.is_string()) bits |= report::emulation_bit(word.get<std::string>());
-  return static_cast<std::uint8_t>(bits);
-}
-
 std::string line(const char* label, const std::string& text) {
   return fmt::format("{:12} {}\n", label, text);
 }
@@ -67,10 +59,7 @@ std::string slab_text(const json& status, const Style& style) {
   }
   if (!status.contains("last_slab") || !status["last_slab"].is_object()) return text;
   const std::string word = text_at(status, {"last_slab", "verdict"});
-  Verdict verdict = Verdict::none;
-  for (const Verdict v :
-       {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted, Verdict::indeterminate})
-    if (name(v) == word) verdict = v;
+  const Verdict verdict = verdict_from_name(word).value_or(Verdict::none);
   const json& reason = status["last_slab"].value("reason", json(0));
   const std::string why = reason.is_number_unsigned() ? reason_text(reason.get<std::uint16_t>()) : "";
   text +=
@@ -149,10 +138,10 @@ std::string pose_faults_text(const json& status) {
 std::string status_text(const json& status) {
   std::string text;
   const Style style = style_for(stdout);
-  if (const std::uint8_t shown = emulation_at(status, "emulation"); shown != 0)
-    text += fmt::format(
-        "{}\n", coloured(report::emulation_banner(shown, emulation_at(status, "emulation_now"), report::Language::en),
-                         "7", style));
+  if (const std::uint8_t shown = watch::emulation_at(status, "emulation"); shown != 0)
+    text += fmt::format("{}\n", coloured(report::emulation_banner(shown, watch::emulation_at(status, "emulation_now"),
+                                                                  report::Language::en),
+                                         "7", style));
   text += line("software", text_at(status, {"software"}));
   text += line("state", fmt::format("{}, up {} s, session {}", text_at(status, {"state"}),
                                     text_at(status, {"uptime_s"}), text_at(status, {"session"})));

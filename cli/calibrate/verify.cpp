@@ -10,8 +10,7 @@
 #include <memory>
 
 #include "cli/calibrate/calibrate.h"
-#include "cli/calibrate/seat_shift.h"
-#include "cli/calibrate/session_solution.h"
+#include "cli/calibrate/session.h"
 #include "cli/client/calibration_desk.h"
 #include "cli/client/record_options.h"
 #include "cli/command.h"

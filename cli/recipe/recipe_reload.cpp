@@ -2,7 +2,7 @@
 //
 // slabctl recipe reload: has the running daemon take up its recipe folder between two slabs. The daemon reads and
 // checks the whole folder first; what it cannot use as it is leaves the recipes in use in force.
-#include "cli/recipe/recipe_reload.h"
+#include "cli/command.h"
 
 #include <fmt/core.h>
 
@@ -13,7 +13,6 @@
 #include <thread>
 
 #include "cli/client/control.h"
-#include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "config/config.h"

@@ -12,7 +12,6 @@
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
-#include "cli/replay/replay.h"
 #include "cli/replay/verify.h"
 #include "cli/replay/what_if.h"
 #include "cli/slab_choice.h"

@@ -17,6 +17,7 @@
 #include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/recipe/recipe_source.h"
 #include "cli/stations/krl.h"
 #include "cli/stations/station_plan.h"
 #include "cli/terminal/arguments.h"
@@ -60,27 +61,10 @@ struct Sources {
   std::string not_used;  ///< why the line does not use it; empty: it does
 };
 
-Recipe find_recipe(const daemon::Config& config, std::uint16_t slab_type) {
-  std::vector<Recipe> recipes;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipes(config.recipes_dir, recipes, problems);
-  const Recipe* found = nullptr;
-  for (const Recipe& candidate : recipes) {
-    const bool longer = found == nullptr || candidate.slab.length_mm.value > found->slab.length_mm.value;
-    if (slab_type == 0 ? longer : candidate.slab_type == slab_type) found = &candidate;
-  }
-  if (found == nullptr) {
-    std::ignore = report_problems(problems);
-    stop(kBadInput,
-         fmt::format("--type {}: {} has no usable recipe for this slab type", slab_type, config.recipes_dir));
-  }
-  return *found;
-}
-
 Sources gather(const Options& options) {
   Sources out;
   out.config = config_from(options.config);
-  out.recipe = find_recipe(out.config, options.type);
+  out.recipe = recipe_of_type(out.config, options.type);
   const std::unique_ptr<storage::Reader> reader = open_records(out.config);
   out.hand_eye = hand_eye_in_force(reader.get(), out.config);
   if (out.hand_eye.id.empty())

@@ -6,10 +6,8 @@
 #include <vector>
 
 #include "base/fields.h"
-#include "cli/study/agreement.h"
-#include "cli/study/repeatability.h"
-#include "cli/study/same_part.h"
 #include "cli/study/source.h"
+#include "cli/study/statistics.h"
 
 /// The paper's Table 6 for every characteristic: what slabd finds against what a laboratory finds on the same things.
 namespace slabd::cli::study {

@@ -6,9 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "cli/study/repeatability.h"
-#include "cli/study/same_part.h"
 #include "cli/study/source.h"
+#include "cli/study/statistics.h"
 
 /// The paper's ten repeats (Figs. 18 and 19) and the type-1 study, characteristic by characteristic.
 namespace slabd::cli::study {

@@ -8,9 +8,7 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
-#include <filesystem>
 
 #include "cli/exit.h"
 #include "cli/study/charts.h"
@@ -256,13 +254,6 @@ Figure difference_chart(const CompareItem& item, Language language) {
   return chart;
 }
 
-std::string ending(const std::string& path) {
-  std::string extension = std::filesystem::path(path).extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
-}
-
 }  // namespace
 
 /// Under the title of the first section.
@@ -350,29 +341,6 @@ report::Report compare_report(const CompareStudy& study, Language language) {
   }
   add_notes(made, study.notes);
   return made;
-}
-
-void DocumentOptions::add_to(args::Command& command) {
-  command.add_option("--out", out, "A document as well: .pdf, .html, .svg or .png");
-  command.add_option("--language", language, "Of the document")
-      ->check(args::one_of({"en", "zh"}))
-      ->capture_default_str();
-}
-
-void DocumentOptions::check() const {
-  const std::string extension = ending(out);
-  if (!out.empty() && extension != ".pdf" && extension != ".html" && extension != ".svg" && extension != ".png")
-    stop(kUsage, fmt::format("--out {}: the name must end in .pdf, .html, .svg or .png", out));
-}
-
-void write_document(const report::Report& document, const std::string& path) {
-  if (path.empty()) return;
-  const std::string extension = ending(path);
-  need(extension == ".pdf"   ? report::write_pdf(document, path)
-       : extension == ".svg" ? report::write_svg(document, 0, path)
-       : extension == ".png" ? report::write_png(document, 0, 100.0, path)
-                             : report::write_html(document, path),
-       kBadInput);
 }
 
 }  // namespace slabd::cli::study

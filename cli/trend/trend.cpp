@@ -5,9 +5,6 @@
 #include <fmt/core.h>
 
 #include <algorithm>
-#include <chrono>
-#include <filesystem>
-#include <fstream>
 #include <memory>
 #include <set>
 
@@ -15,6 +12,7 @@
 #include "cli/database.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
+#include "cli/terminal/document.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
 #include "cli/trend/trend_figure.h"
@@ -35,8 +33,7 @@ struct Options {
   std::string item;
   std::string since;
   std::string until;
-  std::string out;
-  std::string language = "en";
+  DocumentOptions document;
   std::size_t slabs = 200;
   int block = 0;
   int type = 0;
@@ -135,25 +132,8 @@ std::string trend_text(const Trend& t, bool other_types) {
   return text + fmt::format("\n{}\n{}", stations.title, faint(text_of(stations, style), few, style));
 }
 
-/// Writes the chart.
-void write_out(const Trend& t, const Options& options) {
-  const report::Language language = options.language == "zh" ? report::Language::zh : report::Language::en;
-  const report::Report document = trend::document_of(t, language);
-  const std::string extension = std::filesystem::path(options.out).extension().string();
-  Status status = success();
-  if (extension == ".pdf") {
-    status = report::write_pdf(document, options.out);
-  } else if (extension == ".svg") {
-    status = report::write_svg(document, 1, options.out);
-  } else if (extension == ".png") {
-    status = report::write_png(document, 1, 100.0, options.out);
-  } else {
-    stop(kUsage, fmt::format("--out {}: the name must end in .pdf, .svg or .png", options.out));
-  }
-  need(status, kBadInput);
-}
-
 int show_trend(const Options& options) {
+  options.document.check();
   const std::optional<ItemId> item = item_from_name(options.item);
   if (!item) {
     std::vector<std::string> names;
@@ -171,16 +151,8 @@ int show_trend(const Options& options) {
   filter.slabs = options.slabs;
   filter.slab_type = options.type;
   filter.block = options.block;
-  const std::int64_t now_us =
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-          .count();
-  for (const auto& [text, option, target] : {std::tuple{&options.since, "--since", &filter.since_utime_us},
-                                             std::tuple{&options.until, "--until", &filter.until_utime_us}}) {
-    if (text->empty()) continue;
-    const Result<std::int64_t> time = parse_time(*text, now_us);
-    if (!time) stop(kUsage, fmt::format("{}: {}", option, time.error().text.view()));
-    *target = time.value();
-  }
+  if (!options.since.empty()) filter.since_utime_us = time_of("--since", options.since);
+  if (!options.until.empty()) filter.until_utime_us = time_of("--until", options.until);
   const auto reader = open_database(options.database);
   auto values = reader->values(filter);
   // Two types have not the same blocks nor the same limits: without --type that of the newest slab.
@@ -207,7 +179,7 @@ int show_trend(const Options& options) {
   for (const storage::ItemValue& value : values.value())
     t.emulated = static_cast<std::uint8_t>(t.emulated | value.emulated);
   t.other_emulation = others;
-  if (!options.out.empty()) write_out(t, options);
+  options.document.write(trend::document_of(t, options.document.wanted()));
   fmt::print("{}", options.json ? as_json(t) : trend_text(t, other_types));
   return kDone;
 }
@@ -234,10 +206,7 @@ void add_trend(args::Command& app) {
       ->check(args::range(1, 65'535));
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command->add_option("--until", options->until, "Began before that");
-  command->add_option("--out", options->out, "Draw it as well: .pdf, .svg or .png");
-  command->add_option("--language", options->language, "Of the drawing")
-      ->check(args::one_of({"en", "zh"}))
-      ->capture_default_str();
+  options->document.add_to(*command);
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.trend/1 on stdout");
   command->runs([options] { return show_trend(*options); });

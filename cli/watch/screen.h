@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 
@@ -68,5 +69,11 @@ struct Picture {
 /// larger blocks and more of the past.
 [[nodiscard]] std::vector<std::string> screen(const Picture& picture, std::size_t columns, std::size_t rows,
                                               Style style, report::Language language);
+
+/// Bits of a list of emulation words in slabd.status/1.
+[[nodiscard]] std::uint8_t emulation_at(const nlohmann::json& status, const char* key);
+/// Shows the screen on the terminal until q, Ctrl-C or the end of input; the terminal is then as it was before. Asks
+/// the daemon at `socket` once a second and reads the database it names. kUsage when stdout is no terminal.
+[[nodiscard]] int run(const std::string& socket, report::Language language);
 
 }  // namespace slabd::cli::watch
