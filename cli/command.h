@@ -29,6 +29,7 @@ void add_stations(args::Command& app);
 void add_history(args::Command& app);
 void add_show(args::Command& app);
 void add_report(args::Command& app);
+void add_reasons(args::Command& app);
 void add_trend(args::Command& app);
 void add_replay(args::Command& app);
 void add_export(args::Command& app);

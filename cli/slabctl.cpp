@@ -109,6 +109,7 @@ void add_commands(args::Command& app) {
   add_history(app);
   add_show(app);
   add_report(app);
+  add_reasons(app);
   add_trend(app);
   add_replay(app);
   add_export(app);
