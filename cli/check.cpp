@@ -10,7 +10,6 @@
 #include "cli/database.h"
 #include "cli/exit.h"
 #include "cli/recipe/recipe_diff.h"
-#include "cli/recipe/recipe_reload.h"
 #include "cli/recipe/recipe_source.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/render.h"
@@ -67,34 +66,35 @@ std::string recipe_json(const Recipe& recipe) {
   return json.text();
 }
 
-void print_recipe(const Recipe& recipe) {
+std::string recipe_text(const Recipe& recipe) {
+  std::string text;
   const auto mark = [](bool confirmed) { return confirmed ? std::string("confirmed") : std::string("assumed"); };
-  const auto number = [](double v) { return has_value(v) ? fmt::format("{:.4f}", v) : std::string("-"); };
-  fmt::print("recipe {}  slab type {}  {} blocks\nsha256 {}\n", recipe.name.view(), recipe.slab_type, recipe.stations(),
-             recipe.sha256.view());
-  fmt::print("slope datum {}, remove_warp {}, guard band {} U, defects beyond {} sigma\n",
-             recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top", recipe.remove_warp,
-             recipe.guard, recipe.evaluation.defect_sigmas);
-  fmt::print("{}\n\n", recipe.uncertainty.given
-                           ? "U is computed from [uncertainty]; an item's own U counts where that is not possible"
-                           : "no [uncertainty]: every item has its own U");
-  std::vector<std::vector<std::string>> rows = {{"nominal", "value", "state<"}};
-  for (const NamedNominal& n : nominals_of(recipe))
-    rows.push_back({n.name, number(shown(n)), mark(n.nominal.confirmed)});
-  fmt::print("{}\n", table(rows));
-  rows = {{"item", "unit", "nominal", "lower", "upper", "U", "required", "state<"}};
+  text += fmt::format("recipe {}  slab type {}  {} blocks\nsha256 {}\n", recipe.name.view(), recipe.slab_type,
+                      recipe.stations(), recipe.sha256.view());
+  text += fmt::format("slope datum {}, remove_warp {}, guard band {} U, defects beyond {} sigma\n",
+                      recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top",
+                      recipe.remove_warp, recipe.guard, recipe.evaluation.defect_sigmas);
+  text +=
+      fmt::format("{}\n\n", recipe.uncertainty.given
+                                ? "U is computed from [uncertainty]; an item's own U counts where that is not possible"
+                                : "no [uncertainty]: every item has its own U");
+  Table table{"nominal", "value", "state<"};
+  for (const NamedNominal& n : nominals_of(recipe)) table.add(n.name, Cell(shown(n), 4), mark(n.nominal.confirmed));
+  text += fmt::format("{}\n", text_of(table));
+  table = Table{"item", "unit", "nominal", "lower", "upper", "U", "required", "state<"};
   for (const Item& item : tolerances_of(recipe)) {
     const Tolerance& t = recipe.tolerance(item.id);
-    rows.push_back({std::string(info(item.id).name), std::string(name(info(item.id).unit)), number(item.nominal),
-                    number(item.lower), number(item.upper), number(item.U), item.required ? "yes" : "no",
-                    mark(t.confirmed && t.nominal.confirmed)});
+    table.add(info(item.id).name, name(info(item.id).unit), Cell(item.nominal, 4), Cell(item.lower, 4),
+              Cell(item.upper, 4), Cell(item.U, 4), item.required ? "yes" : "no",
+              mark(t.confirmed && t.nominal.confirmed));
   }
-  fmt::print("{}\n", table(rows));
+  text += fmt::format("{}\n", text_of(table));
   if (has_value(recipe.pores.depth_max_mm))
-    fmt::print("surface_pores: depth at most {:g} mm\n", recipe.pores.depth_max_mm);
+    text += fmt::format("surface_pores: depth at most {:g} mm\n", recipe.pores.depth_max_mm);
   if (has_value(recipe.pores.share_max))
-    fmt::print("surface_pores: at most {:g} % of the area\n", 100.0 * recipe.pores.share_max);
-  fmt::print("{}\n", kNotVisible);
+    text += fmt::format("surface_pores: at most {:g} % of the area\n", 100.0 * recipe.pores.share_max);
+  text += fmt::format("{}\n", kNotVisible);
+  return text;
 }
 
 }  // namespace
@@ -184,7 +184,7 @@ int show_recipe(const std::string& file, bool json) {
   if (json) {
     fmt::print("{}", recipe_json(recipe));
   } else {
-    print_recipe(recipe);
+    fmt::print("{}", recipe_text(recipe));
   }
   return kDone;
 }

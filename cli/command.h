@@ -29,13 +29,23 @@ void add_stations(args::Command& app);
 void add_history(args::Command& app);
 void add_show(args::Command& app);
 void add_report(args::Command& app);
+void add_reasons(args::Command& app);
 void add_trend(args::Command& app);
+void add_replay(args::Command& app);
+void add_export(args::Command& app);
+/// `pin` and `unpin`.
+void add_pin(args::Command& app);
+void add_study(args::Command& app);
 void add_completion(args::Command& app);
 void add_simulate(args::Command& app);
 void add_calibrate(args::Command& app);
 void add_plc(args::Command& app);
 void add_db(args::Command& app);
 void add_metrics(args::Command& app);
+/// Below `recipe` and below `scanner`.
+void add_recipe_reload(args::Command& recipe);
+void add_scanner_send(args::Command& scanner);
+void add_scanner_verify(args::Command& scanner);
 
 /// The whole tree.
 void add_commands(args::Command& app);

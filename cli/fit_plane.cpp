@@ -14,7 +14,6 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
-#include "cli/terminal/table_columns.h"
 #include "hal/hal.h"
 #include "report/json.h"
 
@@ -141,26 +140,29 @@ std::string threshold_text(const Options& options) {
   return options.threshold_mm > 0.0 ? fmt::format("{} mm", options.threshold_mm) : "3 robust sigmas";
 }
 
-void print_fit(const Options& options, const Cloud& cloud, const PlaneFit& plane) {
+std::string fit_text(const Options& options, const Cloud& cloud, const PlaneFit& plane) {
+  std::string text;
   const algo::PlaneSettings s = options.settings();
-  fmt::print("{}: {} points, {} finite\n", options.file, cloud.read, cloud.points.size());
+  text += fmt::format("{}: {} points, {} finite\n", options.file, cloud.read, cloud.points.size());
   if (options.method == "lsq") {
-    fmt::print("method lsq: all points\n");
+    text += "method lsq: all points\n";
   } else {
-    fmt::print("method {}: {} hypotheses for contamination {}, threshold {}, seed {}\n", options.method,
-               algo::hypotheses_needed(s.contamination, s.confidence, 3), s.contamination, threshold_text(options),
-               s.seed);
+    text += fmt::format("method {}: {} hypotheses for contamination {}, threshold {}, seed {}\n", options.method,
+                        algo::hypotheses_needed(s.contamination, s.confidence, 3), s.contamination,
+                        threshold_text(options), s.seed);
   }
   const Explicit e = explicit_form(plane);
   if (has_value(e.a)) {
-    fmt::print("z = a x + b y + c with a = {:.10f}, b = {:.10f}, c = {:.10f}\n", e.a, e.b, e.c);
+    text += fmt::format("z = a x + b y + c with a = {:.10f}, b = {:.10f}, c = {:.10f}\n", e.a, e.b, e.c);
   } else {
-    fmt::print("the plane stands upright: there is no z = a x + b y + c\n");
+    text += "the plane stands upright: there is no z = a x + b y + c\n";
   }
   const Vec3& n = plane.normal;
-  fmt::print("normal ({:.8f}, {:.8f}, {:.8f}), offset {:.6f} mm\n", n.x(), n.y(), n.z(), plane.offset_mm);
-  fmt::print("{} of {} points are inliers ({:.4f}), std {:.6f} mm, {} {}\n", plane.inliers, plane.points,
-             plane.inlier_fraction, plane.std_mm, plane.iterations, plane.iterations == 1 ? "refit" : "refits");
+  text += fmt::format("normal ({:.8f}, {:.8f}, {:.8f}), offset {:.6f} mm\n", n.x(), n.y(), n.z(), plane.offset_mm);
+  text +=
+      fmt::format("{} of {} points are inliers ({:.4f}), std {:.6f} mm, {} {}\n", plane.inliers, plane.points,
+                  plane.inlier_fraction, plane.std_mm, plane.iterations, plane.iterations == 1 ? "refit" : "refits");
+  return text;
 }
 
 int fit_one(const Options& options, const Cloud& cloud) {
@@ -171,7 +173,7 @@ int fit_one(const Options& options, const Cloud& cloud) {
     write_setting(json, options, cloud);
     fmt::print("{}", json.text());
   } else {
-    print_fit(options, cloud, plane);
+    fmt::print("{}", fit_text(options, cloud, plane));
   }
   if (!plane.ok) complain(fmt::format("{}: not measured: {}", options.file, why_not(options, options.method, plane)));
   return plane.ok ? kDone : kNotPass;
@@ -190,12 +192,8 @@ int compare(const Options& options, const Cloud& cloud) {
   Json json("slabd.plane_comparison/1");
   write_setting(json, options, cloud);
   json.field("set", only_if(known, options.set)).key("methods").begin_array();
-  std::vector<std::vector<std::string>> rows = {{"method", "a", "b", "c", "std mm", "inliers", "status<"}};
-  if (known) {
-    rows[0].insert(rows[0].begin() + 4, "rms error");
-    rows.push_back({"set", fmt::format("{:.7f}", options.set[0]), fmt::format("{:.7f}", options.set[1]),
-                    fmt::format("{:.7f}", options.set[2]), "", "", "", ""});
-  }
+  Table table{"method", "a", "b", "c", "rms error?", "std mm", "inliers", "status<"};
+  if (known) table.add("set", Cell(options.set[0], 7), Cell(options.set[1], 7), Cell(options.set[2], 7));
   bool improved_ok = false;
   for (const char* method : {kMethods[2], kMethods[1], kMethods[0]}) {
     const PlaneFit plane = fit(options, method, cloud);
@@ -204,16 +202,15 @@ int compare(const Options& options, const Cloud& cloud) {
     json.begin_object();
     write_fit(json, method, plane);
     json.field("rms_error", known ? rms_error(e, options.set) : std::nan("")).end_object();
-    rows.push_back({method, fmt::format("{:.7f}", e.a), fmt::format("{:.7f}", e.b), fmt::format("{:.7f}", e.c),
-                    fmt::format("{:.6f}", plane.std_mm), std::to_string(plane.inliers),
-                    std::string(status_word(plane))});
-    if (known) rows.back().insert(rows.back().begin() + 4, fmt::format("{:.2e}", rms_error(e, options.set)));
+    table.add(method, Cell(e.a, 7), Cell(e.b, 7), Cell(e.c, 7),
+              known ? fmt::format("{:.2e}", rms_error(e, options.set)) : "", Cell(plane.std_mm, 6), plane.inliers,
+              status_word(plane));
   }
   if (options.json) {
     fmt::print("{}", json.text());
   } else {
     fmt::print("{}: {} points, {} finite; threshold {}, contamination {}, seed {}\n\n{}", options.file, cloud.read,
-               cloud.points.size(), threshold_text(options), options.contamination, options.seed, table(rows));
+               cloud.points.size(), threshold_text(options), options.contamination, options.seed, text_of(table));
   }
   return improved_ok ? kDone : kNotPass;
 }

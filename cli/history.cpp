@@ -3,8 +3,6 @@
 // slabctl history: the newest slabs, one line each.
 #include <fmt/core.h>
 #include <algorithm>
-#include <array>
-#include <chrono>
 #include <memory>
 #include <vector>
 
@@ -30,22 +28,12 @@ struct Options {
   bool json = false;
 };
 
-constexpr std::array kVerdicts = {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted,
-                                  Verdict::indeterminate};
-
 /// The words of the command line as a filter.
 storage::SlabFilter filter_of(const Options& options) {
   storage::SlabFilter filter = options.filter;
-  const std::int64_t now_us =
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-          .count();
-  for (const auto& [text, option, target] : {std::tuple{&options.since, "--since", &filter.since_utime_us},
-                                             std::tuple{&options.until, "--until", &filter.until_utime_us}}) {
-    if (text->empty()) continue;
-    const Result<std::int64_t> time = parse_time(*text, now_us);
-    if (!time) stop(kUsage, fmt::format("{}: {}", option, time.error().text.view()));
-    *target = time.value();
-  }
+  if (!options.since.empty()) filter.since_utime_us = time_of("--since", options.since);
+  if (!options.until.empty()) filter.until_utime_us = time_of("--until", options.until);
+  filter.verdict = verdict_from_name(options.verdict).value_or(Verdict::none);
   if (!options.item.empty()) {
     filter.item = item_from_name(options.item);
     if (!filter.item) {
@@ -56,8 +44,6 @@ storage::SlabFilter filter_of(const Options& options) {
                                meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
     }
   }
-  for (const Verdict verdict : kVerdicts)
-    if (name(verdict) == options.verdict) filter.verdict = verdict;
   return filter;
 }
 
@@ -112,25 +98,21 @@ std::string as_json(const std::vector<storage::SlabSummary>& slabs, bool more,
   return json.text();
 }
 
-void print_slabs(const std::vector<storage::SlabSummary>& slabs) {
-  const Style style = style_for(stdout);
-  std::vector<std::vector<std::string>> rows = {
-      {"key", "slab no", "id<", "type", "began<", "blocks", "verdict<", "reason<"}};
+std::string slabs_text(const std::vector<storage::SlabSummary>& slabs) {
+  Table table{"key", "slab no", "id<", "type", "began<", "blocks", "verdict<", "reason<"};
   // The column is there only where it has something to say.
   const bool emulated = std::any_of(slabs.begin(), slabs.end(),
                                     [](const storage::SlabSummary& slab) { return slab.header.emulated != 0; });
-  if (emulated) rows.front().emplace_back("emulated<");
+  if (emulated) table.columns.emplace_back("emulated<");
   for (const storage::SlabSummary& slab : slabs) {
     const bool open = slab.ended_utime_us == 0;
-    rows.push_back({std::to_string(slab.header.key), std::to_string(slab.header.slab_no),
-                    std::string(slab.header.slab_id.view()), std::to_string(slab.header.slab_type),
-                    iso_time(slab.header.began_utime_us),
-                    fmt::format("{}/{}", slab.stations_measured, slab.header.stations),
-                    open ? "open" : verdict_text(slab.verdict, style), open ? "" : reason_words(slab.reason)});
-    if (emulated) rows.back().emplace_back(report::emulation_mark(slab.header.emulated, report::Language::en));
+    table.add(slab.header.key, slab.header.slab_no, slab.header.slab_id, slab.header.slab_type,
+              iso_time(slab.header.began_utime_us), fmt::format("{}/{}", slab.stations_measured, slab.header.stations),
+              open ? Cell("open") : Cell(slab.verdict), open ? "" : reason_words(slab.reason));
+    if (emulated) table.rows.back().emplace_back(report::emulation_mark(slab.header.emulated, report::Language::en));
   }
-  fmt::print("{}", table(rows));
-  if (emulated) fmt::print("! EMULATED: no verdict on concrete; `slabctl show` says what was not real\n");
+  return text_of(table, style_for(stdout)) +
+         (emulated ? "! EMULATED: no verdict on concrete; `slabctl show` says what was not real\n" : "");
 }
 
 int show_history(const Options& options) {
@@ -143,10 +125,8 @@ int show_history(const Options& options) {
   const bool more = slabs.size() > limit;
   if (more) slabs.resize(limit);
   const auto gaps = need(reader->gaps(), kNotReachable);
-  if (options.json) {
-    fmt::print("{}", as_json(slabs, more, gaps));
-  } else {
-    print_slabs(slabs);
+  fmt::print("{}", options.json ? as_json(slabs, more, gaps) : slabs_text(slabs));
+  if (!options.json) {
     if (more) fmt::print("! more than {}: --limit says how many\n", limit);
     for (const storage::HistoryGap& gap : gaps) fmt::print("! {}\n", gap_text(gap));
   }
@@ -183,8 +163,7 @@ void add_history(args::Command& app) {
   command->add_option("--until", options->until, "Began before that");
   command->add_option("--type", options->filter.slab_type, "Of this SLAB_TYPE")->check(args::range(1, 65'535));
   command->add_option("--id", options->filter.id_part, "With this somewhere in the slab id");
-  command->add_option("--verdict", options->verdict, "With this verdict")
-      ->check(args::one_of({"pass", "fail", "not_measured", "aborted", "indeterminate"}));
+  command->add_option("--verdict", options->verdict, "With this verdict")->check(args::one_of(verdict_names()));
   command->add_option("--block", options->filter.block, "At this block")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--item", options->item, "Of this item, as `slabctl show` names it");

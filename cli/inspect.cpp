@@ -18,7 +18,6 @@
 #include "cli/terminal/parse.h"
 #include "cli/terminal/progress.h"
 #include "cli/terminal/render.h"
-#include "cli/terminal/table_columns.h"
 #include "daemon/measure.h"
 #include "report/figures.h"
 #include "report/json.h"
@@ -50,30 +49,32 @@ std::string as_json(const Options& options, const Recipe& recipe, const Pose& T_
   return json.text();
 }
 
-void print_report(const Options& options, const Recipe& recipe, const BlockResult& block) {
+std::string report_text(const Options& options, const Recipe& recipe, const BlockResult& block) {
+  std::string text;
   const Style style = style_for(stdout);
-  fmt::print("{}  block {}  recipe {}{}\n", options.scan, options.block, recipe.name.view(),
-             recipe.guard == 0.0 ? "  (simple acceptance: no guard band)" : "");
-  fmt::print("points {} read, {} finite, {} isolated, {} kept\n", block.scan.points_read, block.scan.points_finite,
-             block.scan.isolated_removed, block.scan.points_kept);
+  text += fmt::format("{}  block {}  recipe {}{}\n", options.scan, options.block, recipe.name.view(),
+                      recipe.guard == 0.0 ? "  (simple acceptance: no guard band)" : "");
+  text += fmt::format("points {} read, {} finite, {} isolated, {} kept\n", block.scan.points_read,
+                      block.scan.points_finite, block.scan.isolated_removed, block.scan.points_kept);
   const RegistrationReport& registration = block.registration;
-  fmt::print("registration {} after {} iterations", name(registration.status), registration.iterations);
-  if (!registration.note.empty()) fmt::print(" ({})", registration.note.view());
+  text += fmt::format("registration {} after {} iterations", name(registration.status), registration.iterations);
+  if (!registration.note.empty()) text += fmt::format(" ({})", registration.note.view());
   if (has_value(registration.deviation.std_mm))
-    fmt::print(", deviation {:.3f} +- {:.3f} mm over {} points", registration.deviation.mean_mm,
-               registration.deviation.std_mm, registration.deviation.count);
+    text += fmt::format(", deviation {:.3f} +- {:.3f} mm over {} points", registration.deviation.mean_mm,
+                        registration.deviation.std_mm, registration.deviation.count);
   const Vec3& normal = block.seat.normal_datum;
-  fmt::print("\n");
+  text += "\n";
   if (!normal.isZero())
-    fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f}), {} grid points\n", normal.x(), normal.y(), normal.z(),
-               block.seat.grid_points);
-  fmt::print("{}{}", seat_notes(block.seat, recipe.evaluation.cell_mm), surface_lines(block));
-  fmt::print("\n{}\n", item_table(std::span<const Item>(block.items.begin(), block.items.size()), style));
-  fmt::print("block {}: {}{}\n", options.block, verdict_text(block.verdict, style),
-             block.reason != 0 ? "  (" + reason_text(block.reason) + ")" : "");
-  fmt::print("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", block.times.total_ms,
-             block.times.read_ms, block.times.denoise_ms, block.times.register_ms, block.times.extract_ms);
-  fmt::print("{}\n", kNotVisible);
+    text += fmt::format("seat normal ({:.6f}, {:.6f}, {:.6f}), {} grid points\n", normal.x(), normal.y(), normal.z(),
+                        block.seat.grid_points);
+  text += seat_notes(block.seat, recipe.evaluation.cell_mm) + surface_lines(block);
+  text += fmt::format("\n{}\n", item_table(std::span<const Item>(block.items.begin(), block.items.size()), style));
+  text += fmt::format("block {}: {}{}\n", options.block, verdict_text(block.verdict, style),
+                      block.reason != 0 ? "  (" + reason_text(block.reason) + ")" : "");
+  text += fmt::format("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", block.times.total_ms,
+                      block.times.read_ms, block.times.denoise_ms, block.times.register_ms, block.times.extract_ms);
+  text += fmt::format("{}\n", kNotVisible);
+  return text;
 }
 
 /// One line for each cell in which something was seen.
@@ -133,11 +134,8 @@ int inspect(const Options& options) {
   if (status.ok())
     if (const auto warning = step_warning(block.scan); !warning.empty())
       complain(fmt::format("warning: {}: {}", options.scan, warning.view()));
-  if (options.json) {
-    fmt::print("{}", as_json(options, recipe, T_block_scanner, block));
-  } else {
-    print_report(options, recipe, block);
-  }
+  fmt::print("{}",
+             options.json ? as_json(options, recipe, T_block_scanner, block) : report_text(options, recipe, block));
   if (!options.deviation_map.empty()) {
     if (block.registration.status != RegistrationStatus::converged)
       complain(fmt::format("--deviation-map {}: not written, the block was not found", options.deviation_map));

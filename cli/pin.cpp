@@ -3,7 +3,7 @@
 // slabctl pin, unpin: keep a slab's scans whatever the spool's budget. A pin is a file beside the scans, pin.json: it
 // needs neither database nor daemon, goes with the folder into an archive, and the daemon looks for it before it
 // deletes.
-#include "cli/pin.h"
+#include "cli/command.h"
 
 #include <fmt/core.h>
 #include <unistd.h>
@@ -18,7 +18,6 @@
 #include <vector>
 
 #include "base/durable.h"
-#include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
 #include "cli/slab_choice.h"

@@ -4,9 +4,6 @@
 // are long gone.
 #include <fmt/core.h>
 
-#include <algorithm>
-#include <cctype>
-#include <filesystem>
 #include <memory>
 
 #include "cli/command.h"
@@ -14,6 +11,7 @@
 #include "cli/exit.h"
 #include "cli/slab_choice.h"
 #include "cli/terminal/arguments.h"
+#include "cli/terminal/document.h"
 #include "cli/terminal/parse.h"
 #include "report/content.h"
 #include "report/slab_view.h"
@@ -24,40 +22,20 @@ namespace {
 struct Options {
   DatabaseOptions database;
   std::string slab;
-  std::string out;
-  std::string language = "en";
-  int page = 0;
-  double dots_per_inch = 100.0;
+  DocumentOptions document;
 };
 
-std::string extension_of(const std::string& path) {
-  std::string extension = std::filesystem::path(path).extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
-}
-
-Status write(const report::Report& document, const Options& options) {
-  const std::string extension = extension_of(options.out);
-  if (extension == ".pdf") return report::write_pdf(document, options.out);
-  if (extension == ".svg") return report::write_svg(document, options.page, options.out);
-  if (extension == ".png") return report::write_png(document, options.page, options.dots_per_inch, options.out);
-  return report::write_html(document, options.out);
-}
-
 int report_slab(const Options& options) {
-  const std::string extension = extension_of(options.out);
-  if (extension != ".pdf" && extension != ".svg" && extension != ".png" && extension != ".html")
-    stop(kUsage, fmt::format("--out {}: the name must end in .pdf, .html, .svg or .png", options.out));
-  if (options.page != 0 && extension != ".svg" && extension != ".png")
+  const DocumentOptions& to = options.document;
+  to.check();
+  const std::string extension = to.extension();
+  if (to.page != 0 && extension != ".svg" && extension != ".png")
     stop(kUsage, "--page is for .svg and .png; a .pdf or .html has all pages");
   const auto reader = open_database(options.database);
   const storage::SlabRecord found = named_slab(*reader, options.slab);
   const auto picture = need(report::picture_of(*reader, found), kNotReachable);
-  const report::Report document =
-      report::compose(*picture, options.language == "zh" ? report::Language::zh : report::Language::en);
-  need(write(document, options), kBadInput);
-  fmt::print("{}\n", options.out);
+  to.write(report::compose(*picture, to.wanted()));
+  fmt::print("{}\n", to.out);
   return kDone;
 }
 
@@ -77,14 +55,14 @@ void add_report(args::Command& app) {
           "SLAB", options->slab,
           "Key (see history) or slab id (key:12, id:12 where a number may be either); the newest slab with that id")
       ->required();
-  command->add_option("--out", options->out, "The file; its extension says what it becomes")->required();
-  command->add_option("--language", options->language, "Of the words; numbers and ids are the same in all")
+  command->add_option("--out", options->document.out, "The file; its extension says what it becomes")->required();
+  command->add_option("--language", options->document.language, "Of the words; numbers and ids are the same in all")
       ->check(args::one_of({"en", "zh"}))
       ->capture_default_str();
-  command->add_option("--page", options->page, "Of .svg and .png: this page alone, 0 all below each other")
+  command->add_option("--page", options->document.page, "Of .svg and .png: this page alone, 0 all below each other")
       ->check(args::range(0, 1000))
       ->capture_default_str();
-  command->add_option("--dpi", options->dots_per_inch, "Of .png: dots per inch")
+  command->add_option("--dpi", options->document.dots_per_inch, "Of .png: dots per inch")
       ->check(within(20.0, 600.0))
       ->capture_default_str();
   options->database.add_to(*command);

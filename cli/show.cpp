@@ -79,148 +79,160 @@ std::string splice_summary(const SlabRecord& record) {
   return text;
 }
 
-void print_header(const SlabRecord& record, Style style) {
+std::string header_text(const SlabRecord& record, Style style) {
+  std::string text;
   const SlabHeader& header = record.summary.header;
   const bool open = is_open(record);
   if (header.emulated != 0)
-    fmt::print("{}\n", coloured(report::emulation_notice(header.emulated, report::Language::en), "7", style));
-  fmt::print("slab {} \"{}\"  key {}  type {}\n", header.slab_no, header.slab_id.view(), header.key, header.slab_type);
-  fmt::print("began {}  ended {}\n", iso_time(header.began_utime_us),
-             open ? "- (still open)" : iso_time(record.summary.ended_utime_us));
+    text += fmt::format("{}\n", coloured(report::emulation_notice(header.emulated, report::Language::en), "7", style));
+  text += fmt::format("slab {} \"{}\"  key {}  type {}\n", header.slab_no, header.slab_id.view(), header.key,
+                      header.slab_type);
+  text += fmt::format("began {}  ended {}\n", iso_time(header.began_utime_us),
+                      open ? "- (still open)" : iso_time(record.summary.ended_utime_us));
   if (!open)
-    fmt::print("verdict {}  {}\n", verdict_text(record.summary.verdict, style), reason_text(record.summary.reason));
-  fmt::print("recipe {} ({:.12})  calibration {}  {}\n", header.recipe.view(), header.recipe_sha256.view(),
-             header.calibration_id.view(), header.software.view());
-  if (!header.stations_id.empty()) fmt::print("station corrections {}\n", header.stations_id.view());
-  if (!header.scanner_id.empty()) fmt::print("scanner acceptance {}\n", header.scanner_id.view());
-  if (const std::string splices = splice_summary(record); !splices.empty()) fmt::print("splice: {}\n", splices);
+    text += fmt::format("verdict {}  {}\n", verdict_text(record.summary.verdict, style),
+                        reason_text(record.summary.reason));
+  text += fmt::format("recipe {} ({:.12})  calibration {}  {}\n", header.recipe.view(), header.recipe_sha256.view(),
+                      header.calibration_id.view(), header.software.view());
+  if (!header.stations_id.empty()) text += fmt::format("station corrections {}\n", header.stations_id.view());
+  if (!header.scanner_id.empty()) text += fmt::format("scanner acceptance {}\n", header.scanner_id.view());
+  if (const std::string splices = splice_summary(record); !splices.empty())
+    text += fmt::format("splice: {}\n", splices);
   if (header.unconfirmed > 0)
-    fmt::print("warning: {} nominals and tolerances of the recipe were not confirmed when this slab was judged\n",
-               header.unconfirmed);
-  if (header.guard == 0.0) fmt::print("simple acceptance: guard band 0\n");
-  fmt::print("\n");
+    text +=
+        fmt::format("warning: {} nominals and tolerances of the recipe were not confirmed when this slab was judged\n",
+                    header.unconfirmed);
+  if (header.guard == 0.0) text += "simple acceptance: guard band 0\n";
+  text += "\n";
+  return text;
 }
 
-void print_map(const SlabRecord& record, Style style) {
+std::string map_text(const SlabRecord& record, Style style) {
+  std::string text;
   std::vector<Verdict> verdicts;
   std::vector<std::size_t> damaged;
   for (int station = 1; station <= record.summary.header.stations; ++station) {
     verdicts.push_back(shown(record, station).verdict);
     damaged.push_back(damage_of(record, station).size());
   }
-  fmt::print("{}{}", slab_map(verdicts, style, damaged), map_legend(style));
+  text += slab_map(verdicts, style, damaged) + map_legend(style);
   if (std::any_of(damaged.begin(), damaged.end(), [](std::size_t count) { return count > 0; }))
-    fmt::print("  !N  N findings other than small pores (--block shows them)\n");
-  fmt::print("\n");
+    text += "  !N  N findings other than small pores (--block shows them)\n";
+  text += "\n";
+  return text;
 }
 
-void print_blocks(const SlabRecord& record, Style style) {
-  std::vector<std::vector<std::string>> rows = {
-      {"block", "attempts", "acquire s", "measure s", "verdict<", "reason<", "scan<"}};
+std::string blocks_text(const SlabRecord& record, Style style) {
+  Table table{"block", "attempts", "acquire s", "measure s", "verdict<", "reason<", "scan<"};
   for (int station = 1; station <= record.summary.header.stations; ++station) {
     const SlabBlock* block = latest(record, station);
     const auto [verdict, reason] = shown(record, station);
     if (block == nullptr) {
-      rows.push_back({std::to_string(station), "0", "-", "-", verdict_text(verdict, style), reason_words(reason), ""});
+      table.add(station, 0, "-", "-", verdict, reason_words(reason), "");
       continue;
     }
     const bool measured = block->phase == StationPhase::measured;
-    rows.push_back({std::to_string(station), std::to_string(block->attempt.number),
-                    fmt::format("{:.2f}", block->attempt.acquire_ms / 1e3),
-                    measured ? fmt::format("{:.2f}", block->block.times.total_ms / 1e3) : "-",
-                    verdict_text(verdict, style), reason_words(reason), std::string(block->attempt.scan_path.view())});
+    table.add(station, block->attempt.number, Cell(block->attempt.acquire_ms / 1e3, 2),
+              Cell(measured ? block->block.times.total_ms / 1e3 : kNoValue, 2), verdict, reason_words(reason),
+              block->attempt.scan_path);
   }
-  fmt::print("{}\n", table(rows));
+  return text_of(table, style) + "\n";
 }
 
 constexpr const char* kNeverJudged =
     "the slab was aborted: position, height, spacing and slope in the slab's frame were never judged, and a block that "
     "passed so far has no verdict";
 
-void print_slab_items(const SlabRecord& record, Style style) {
+std::string slab_items_text(const SlabRecord& record, Style style) {
+  std::string text;
   if (is_aborted(record)) {
-    fmt::print("slab items: none; {}\n", kNeverJudged);
-    return;
+    text += fmt::format("slab items: none; {}\n", kNeverJudged);
+    return text;
   }
   if (record.slab.items.empty()) {
-    fmt::print("slab items: none before SLAB_END\n");
-    return;
+    text += "slab items: none before SLAB_END\n";
+    return text;
   }
   const SlabFitReport& fit = record.slab.fit;
   if (fit.ok) {
-    fmt::print("slab fit over {} seats: rms {:.3f} mm, unweighted {:.3f} mm\n", fit.seats, fit.rms_mm,
-               fit.plain_rms_mm);
-    if (!fit.note.empty()) fmt::print("warning: {}\n", fit.note.view());
+    text += fmt::format("slab fit over {} seats: rms {:.3f} mm, unweighted {:.3f} mm\n", fit.seats, fit.rms_mm,
+                        fit.plain_rms_mm);
+    if (!fit.note.empty()) text += fmt::format("warning: {}\n", fit.note.view());
   } else {
-    fmt::print("slab fit: not possible ({})\n", fit.note.view());
+    text += fmt::format("slab fit: not possible ({})\n", fit.note.view());
   }
-  fmt::print("{}", item_table(std::span<const Item>(record.slab.items.begin(), record.slab.items.size()), style, true));
+  text += item_table(std::span<const Item>(record.slab.items.begin(), record.slab.items.size()), style, true);
+  return text;
 }
 
 /// Every item's U taken apart, and where each part comes from.
-void print_budget(const SlabRecord& record, const SlabBlock& block, std::span<const Item> in_slab,
-                  const std::string& scanner) {
+std::string budget_text(const SlabRecord& record, const SlabBlock& block, std::span<const Item> in_slab,
+                        const std::string& scanner) {
+  std::string text;
   const std::string of_block =
       budget_table(std::span<const Item>(block.block.items.begin(), block.block.items.size()), false);
   const std::string of_slab = budget_table(in_slab, true);
-  if (of_block.empty() && of_slab.empty()) return;
-  fmt::print("{}{}{}", of_block, of_slab.empty() ? "" : "\n", of_slab);
+  if (of_block.empty() && of_slab.empty()) return text;
+  text += fmt::format("{}{}{}", of_block, of_slab.empty() ? "" : "\n", of_slab);
   const SlabHeader& header = record.summary.header;
-  fmt::print(
+  text += fmt::format(
       "fit, registration: this scan (slab frame: its roll against the slab's top); noise: the larger of this scan's "
       "and the acceptance's\nscanner: {}\n"
       "calibration, robot: {} ({}{}{})\nreference: recipe {}\n\n",
       scanner, splice_words(block.attempt.splice), header.calibration_id.view(), header.stations_id.empty() ? "" : ", ",
       header.stations_id.view(), header.recipe.view());
+  return text;
 }
 
-int print_block(const SlabRecord& record, int station, const std::string& scanner, Style style) {
+std::string block_text(const SlabRecord& record, int station, const std::string& scanner, Style style) {
   const SlabBlock* block = latest(record, station);
   const auto [verdict, reason] = shown(record, station);
   const std::string conclusion =
       fmt::format("block {}: {}  {}\n", station, verdict_text(verdict, style),
                   is_aborted(record) && verdict == Verdict::none ? kNeverJudged : reason_text(reason));
   if (block == nullptr) {
-    fmt::print("block {} was not scanned\n{}", station, is_open(record) ? "" : conclusion);
-    return kDone;
+    return fmt::format("block {} was not scanned\n{}", station, is_open(record) ? "" : conclusion);
   }
-  fmt::print("block {}, attempt {}, scanned {}, session {} command {}\n", station, block->attempt.number,
-             iso_time(block->attempt.scan_utime_us), block->attempt.session, block->attempt.cmd_seq);
-  fmt::print("scan {}\n", block->attempt.scan_path.view());
-  fmt::print("pose: {} samples, spread {:.4f} mm; settled after {:.2f} s, acquired after {:.2f} s\n",
-             block->attempt.pose_samples, block->attempt.pose_spread_mm, block->attempt.settle_ms / 1e3,
-             block->attempt.acquire_ms / 1e3);
-  fmt::print("splice: {}\n", splice_words(block->attempt.splice));
+  std::string text =
+      fmt::format("block {}, attempt {}, scanned {}, session {} command {}\n", station, block->attempt.number,
+                  iso_time(block->attempt.scan_utime_us), block->attempt.session, block->attempt.cmd_seq);
+  text += fmt::format("scan {}\n", block->attempt.scan_path.view());
+  text += fmt::format("pose: {} samples, spread {:.4f} mm; settled after {:.2f} s, acquired after {:.2f} s\n",
+                      block->attempt.pose_samples, block->attempt.pose_spread_mm, block->attempt.settle_ms / 1e3,
+                      block->attempt.acquire_ms / 1e3);
+  text += fmt::format("splice: {}\n", splice_words(block->attempt.splice));
   if (block->phase != StationPhase::measured) {
     if (block->phase == StationPhase::acquired)
-      fmt::print("attempt {}: {}\n", block->attempt.number,
-                 is_aborted(record) ? "scanned, not measured: the slab was aborted" : "scanned, not measured yet");
+      text +=
+          fmt::format("attempt {}: {}\n", block->attempt.number,
+                      is_aborted(record) ? "scanned, not measured: the slab was aborted" : "scanned, not measured yet");
     else
-      fmt::print("attempt {}: not measured  {}\n", block->attempt.number, reason_text(block->code));
-    fmt::print("{}", conclusion);
-    return kDone;
+      text += fmt::format("attempt {}: not measured  {}\n", block->attempt.number, reason_text(block->code));
+    return text + conclusion;
   }
   const BlockResult& result = block->block;
-  fmt::print("registration {} after {} iterations, deviation {:.3f} +- {:.3f} mm over {} points\n",
-             name(result.registration.status), result.registration.iterations, result.registration.deviation.mean_mm,
-             result.registration.deviation.std_mm, result.registration.deviation.count);
+  text += fmt::format("registration {} after {} iterations, deviation {:.3f} +- {:.3f} mm over {} points\n",
+                      name(result.registration.status), result.registration.iterations,
+                      result.registration.deviation.mean_mm, result.registration.deviation.std_mm,
+                      result.registration.deviation.count);
   const Vec3& normal = result.seat.normal_datum;
   if (normal.isZero())
-    fmt::print("seat normal -\n");
+    text += "seat normal -\n";
   else
-    fmt::print("seat normal ({:.6f}, {:.6f}, {:.6f})\n", normal.x(), normal.y(), normal.z());
-  fmt::print("{}{}\n", seat_notes(result.seat, record.summary.header.cell_mm), surface_lines(result));
-  if (const auto warning = step_warning(result.scan); !warning.empty()) fmt::print("warning: {}\n", warning.view());
-  fmt::print("{}\n", item_table(std::span<const Item>(result.items.begin(), result.items.size()), style));
+    text += fmt::format("seat normal ({:.6f}, {:.6f}, {:.6f})\n", normal.x(), normal.y(), normal.z());
+  text += fmt::format("{}{}\n", seat_notes(result.seat, record.summary.header.cell_mm), surface_lines(result));
+  if (const auto warning = step_warning(result.scan); !warning.empty())
+    text += fmt::format("warning: {}\n", warning.view());
+  text += fmt::format("{}\n", item_table(std::span<const Item>(result.items.begin(), result.items.size()), style));
   std::vector<Item> in_slab;
   for (const Item& item : record.slab.items)
     if (item.station == station || item.station_to == station) in_slab.push_back(item);
-  if (!in_slab.empty()) fmt::print("in the slab's frame\n{}\n", item_table(in_slab, style, true));
-  print_budget(record, *block, in_slab, scanner);
-  fmt::print("{}", conclusion);
-  fmt::print("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", result.times.total_ms,
-             result.times.read_ms, result.times.denoise_ms, result.times.register_ms, result.times.extract_ms);
-  return kDone;
+  if (!in_slab.empty()) text += fmt::format("in the slab's frame\n{}\n", item_table(in_slab, style, true));
+  text += budget_text(record, *block, in_slab, scanner) + conclusion;
+  text +=
+      fmt::format("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", result.times.total_ms,
+                  result.times.read_ms, result.times.denoise_ms, result.times.register_ms, result.times.extract_ms);
+  return text;
 }
 
 int show(const Options& options) {
@@ -234,15 +246,14 @@ int show(const Options& options) {
     return kDone;
   }
   const Style style = style_for(stdout);
-  print_header(record, style);
-  print_map(record, style);
+  std::string text = header_text(record, style) + map_text(record, style);
   if (options.block != 0) {
     const auto verified = need(scanner_of(*reader, record.summary.header), kNotReachable);
-    return print_block(record, options.block, scanner_source(record.summary.header, verified), style);
+    text += block_text(record, options.block, scanner_source(record.summary.header, verified), style);
+  } else {
+    text += fmt::format("{}{}{}\n", blocks_text(record, style), slab_items_text(record, style), kNotVisible);
   }
-  print_blocks(record, style);
-  print_slab_items(record, style);
-  fmt::print("{}\n", kNotVisible);
+  fmt::print("{}", text);
   return kDone;
 }
 

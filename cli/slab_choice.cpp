@@ -4,8 +4,6 @@
 #include <fmt/core.h>
 
 #include <algorithm>
-#include <array>
-#include <chrono>
 
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
@@ -15,25 +13,13 @@
 namespace slabd::cli {
 namespace {
 
-constexpr std::array kChosenVerdicts = {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted,
-                                        Verdict::indeterminate};
-
 storage::SlabFilter filter_of(const SlabChoice& choice) {
   storage::SlabFilter filter;
   filter.limit = 1'000'000'000;
   filter.slab_type = choice.slab_type;
-  const std::int64_t now_us =
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-          .count();
-  for (const auto& [text, option, target] : {std::tuple{&choice.since, "--since", &filter.since_utime_us},
-                                             std::tuple{&choice.until, "--until", &filter.until_utime_us}}) {
-    if (text->empty()) continue;
-    const Result<std::int64_t> time = parse_time(*text, now_us);
-    if (!time) stop(kUsage, fmt::format("{}: {}", option, time.error().text.view()));
-    *target = time.value();
-  }
-  for (const Verdict verdict : kChosenVerdicts)
-    if (name(verdict) == choice.verdict) filter.verdict = verdict;
+  if (!choice.since.empty()) filter.since_utime_us = time_of("--since", choice.since);
+  if (!choice.until.empty()) filter.until_utime_us = time_of("--until", choice.until);
+  filter.verdict = verdict_from_name(choice.verdict).value_or(Verdict::none);
   return filter;
 }
 
@@ -53,8 +39,7 @@ void SlabChoice::add_filters_to(args::Command& command) {
   command.add_option("--since", since, "Slabs that began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command.add_option("--until", until, "Slabs that began before that");
   command.add_option("--type", slab_type, "Slabs of this SLAB_TYPE")->check(args::range(1, 65'535));
-  command.add_option("--verdict", verdict, "Slabs with this verdict")
-      ->check(args::one_of({"pass", "fail", "not_measured", "aborted", "indeterminate"}));
+  command.add_option("--verdict", verdict, "Slabs with this verdict")->check(args::one_of(verdict_names()));
 }
 
 storage::SlabRecord named_slab(storage::Reader& reader, const std::string& wanted) {

@@ -10,9 +10,6 @@
 #include "base/plain_text.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/export/export.h"
-#include "cli/pin.h"
-#include "cli/replay/replay.h"
 #include "cli/study/study.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
@@ -112,6 +109,7 @@ void add_commands(args::Command& app) {
   add_history(app);
   add_show(app);
   add_report(app);
+  add_reasons(app);
   add_trend(app);
   add_replay(app);
   add_export(app);

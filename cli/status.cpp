@@ -11,8 +11,9 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
-#include "cli/watch/watch.h"
+#include "cli/watch/screen.h"
 #include "report/json.h"
 #include "report/words.h"
 
@@ -42,37 +43,29 @@ std::string text_at(const json& document, std::initializer_list<const char*> pat
   return at->is_null() ? "-" : plain(at->dump());
 }
 
-/// A list of words as the daemon gives it.
-std::uint8_t emulation_at(const json& status, const char* key) {
-  unsigned bits = 0;
-  if (status.contains(key) && status[key].is_array())
-    for (const json& word : status[key])
-      if (word.is_string()) bits |= report::emulation_bit(word.get<std::string>());
-  return static_cast<std::uint8_t>(bits);
+std::string line(const char* label, const std::string& text) {
+  return fmt::format("{:12} {}\n", label, text);
 }
 
-void print_line(const char* label, const std::string& text) {
-  fmt::print("{:12} {}\n", label, text);
-}
-
-void print_slab(const json& status, const Style& style) {
+std::string slab_text(const json& status, const Style& style) {
+  std::string text;
   if (status.contains("slab") && status["slab"].is_object()) {
-    print_line("slab", fmt::format("{} \"{}\" type {}, {} of {} stations scanned", text_at(status, {"slab", "no"}),
-                                   text_at(status, {"slab", "id"}), text_at(status, {"slab", "type"}),
-                                   text_at(status, {"slab", "stations_done"}), text_at(status, {"slab", "stations"})));
+    text +=
+        line("slab", fmt::format("{} \"{}\" type {}, {} of {} stations scanned", text_at(status, {"slab", "no"}),
+                                 text_at(status, {"slab", "id"}), text_at(status, {"slab", "type"}),
+                                 text_at(status, {"slab", "stations_done"}), text_at(status, {"slab", "stations"})));
   } else {
-    print_line("slab", "none open");
+    text += line("slab", "none open");
   }
-  if (!status.contains("last_slab") || !status["last_slab"].is_object()) return;
+  if (!status.contains("last_slab") || !status["last_slab"].is_object()) return text;
   const std::string word = text_at(status, {"last_slab", "verdict"});
-  Verdict verdict = Verdict::none;
-  for (const Verdict v :
-       {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted, Verdict::indeterminate})
-    if (name(v) == word) verdict = v;
+  const Verdict verdict = verdict_from_name(word).value_or(Verdict::none);
   const json& reason = status["last_slab"].value("reason", json(0));
   const std::string why = reason.is_number_unsigned() ? reason_text(reason.get<std::uint16_t>()) : "";
-  print_line("last slab", fmt::format("{} {} {}{}", text_at(status, {"last_slab", "no"}), verdict_text(verdict, style),
-                                      why, text_at(status, {"last_slab", "emulated"}) == "yes" ? " EMULATED" : ""));
+  text +=
+      line("last slab", fmt::format("{} {} {}{}", text_at(status, {"last_slab", "no"}), verdict_text(verdict, style),
+                                    why, text_at(status, {"last_slab", "emulated"}) == "yes" ? " EMULATED" : ""));
+  return text;
 }
 
 std::string time_at(const json& document, const char* key) {
@@ -81,39 +74,45 @@ std::string time_at(const json& document, const char* key) {
   return utime_us == 0 ? "never" : iso_time(utime_us);
 }
 
-void print_watch(const json& calibration, const char* key, const char* label) {
+std::string watch_text(const json& calibration, const char* key, const char* label) {
+  std::string text;
   const json& watch = calibration.value(key, json(nullptr));
-  if (!watch.is_object()) return;
+  if (!watch.is_object()) return text;
   const std::string passed = text_at(watch, {"passed"});
-  print_line(label,
-             fmt::format("{}, last check {}{}, due {}{}", text_at(watch, {"id"}), time_at(watch, "checked_utime_us"),
-                         passed == "yes"  ? " passed"
-                         : passed == "no" ? " FAILED"
-                                          : "",
-                         time_at(watch, "due_utime_us"), text_at(watch, {"overdue"}) == "yes" ? " (OVERDUE)" : ""));
+  text += line(label,
+               fmt::format("{}, last check {}{}, due {}{}", text_at(watch, {"id"}), time_at(watch, "checked_utime_us"),
+                           passed == "yes"  ? " passed"
+                           : passed == "no" ? " FAILED"
+                                            : "",
+                           time_at(watch, "due_utime_us"), text_at(watch, {"overdue"}) == "yes" ? " (OVERDUE)" : ""));
+  return text;
 }
 
 /// Slab types that scans tell apart by the slab's ends only, or not at all.
-void print_alike(const json& status) {
-  if (!status.contains("alike_recipes") || !status["alike_recipes"].is_array()) return;
-  for (const json& pair : status["alike_recipes"]) print_line("slab types", text_at(pair, {"text"}));
+std::string alike_text(const json& status) {
+  std::string text;
+  if (!status.contains("alike_recipes") || !status["alike_recipes"].is_array()) return text;
+  for (const json& pair : status["alike_recipes"]) text += line("slab types", text_at(pair, {"text"}));
+  return text;
 }
 
-void print_calibration(const json& status) {
-  if (!status.contains("calibration") || !status["calibration"].is_object()) return;
+std::string calibration_text(const json& status) {
+  std::string text;
+  if (!status.contains("calibration") || !status["calibration"].is_object()) return text;
   const json& calibration = status["calibration"];
-  print_line("calibration", fmt::format("{} ({}), expires {}", text_at(calibration, {"id"}),
-                                        text_at(calibration, {"source"}), time_at(calibration, "expires_utime_us")));
+  text += line("calibration", fmt::format("{} ({}), expires {}", text_at(calibration, {"id"}),
+                                          text_at(calibration, {"source"}), time_at(calibration, "expires_utime_us")));
   if (calibration.contains("stations") && calibration["stations"].is_array())
     for (const json& table : calibration["stations"])
-      print_line("stations",
-                 fmt::format("{} of slab type {}: {} mastered, {}", text_at(table, {"id"}),
-                             text_at(table, {"slab_type"}), text_at(table, {"mastered"}), text_at(table, {"state"})));
-  print_watch(calibration, "reference_block", "ref. block");
-  print_watch(calibration, "monitor_ball", "monitor ball");
+      text += line("stations",
+                   fmt::format("{} of slab type {}: {} mastered, {}", text_at(table, {"id"}),
+                               text_at(table, {"slab_type"}), text_at(table, {"mastered"}), text_at(table, {"state"})));
+  text += watch_text(calibration, "reference_block", "ref. block");
+  text += watch_text(calibration, "monitor_ball", "monitor ball");
   if (const json& scanner = calibration.value("scanner", json(nullptr)); scanner.is_object())
-    print_line("acceptance", fmt::format("{} of the scanner: {}, expires {}", text_at(scanner, {"id"}),
-                                         text_at(scanner, {"state"}), time_at(scanner, "expires_utime_us")));
+    text += line("acceptance", fmt::format("{} of the scanner: {}, expires {}", text_at(scanner, {"id"}),
+                                           text_at(scanner, {"state"}), time_at(scanner, "expires_utime_us")));
+  return text;
 }
 
 /// `text` behind `separator`, nothing when there is none.
@@ -122,68 +121,72 @@ std::string after(const char* separator, const std::string& text) {
 }
 
 /// What was refused on the pose link, when anything was.
-void print_pose_faults(const json& status) {
+std::string pose_faults_text(const json& status) {
+  std::string text;
   std::string faults;
   for (const char* key : {"other_type", "wrong_sender", "second_publisher", "not_finite", "not_unit", "out_of_reach",
                           "repeated", "time_back", "jumps", "gaps", "lost", "stale", "wrong_frame"}) {
     const std::string count = text_at(status, {"links", "pose", key});
     if (count != "0" && count != "-") faults += fmt::format("{}{} {}", faults.empty() ? "" : ", ", count, key);
   }
-  if (!faults.empty()) print_line("", fmt::format("since the start: {}", faults));
+  if (!faults.empty()) text += line("", fmt::format("since the start: {}", faults));
   if (const std::string now = text_at(status, {"links", "pose", "refusal"}); now != "-" && !now.empty())
-    print_line("", fmt::format("now refused: {}", now));
+    text += line("", fmt::format("now refused: {}", now));
+  return text;
 }
 
-void print_status(const json& status) {
+std::string status_text(const json& status) {
+  std::string text;
   const Style style = style_for(stdout);
-  if (const std::uint8_t shown = emulation_at(status, "emulation"); shown != 0)
-    fmt::print("{}\n",
-               coloured(report::emulation_banner(shown, emulation_at(status, "emulation_now"), report::Language::en),
-                        "7", style));
-  print_line("software", text_at(status, {"software"}));
-  print_line("state", fmt::format("{}, up {} s, session {}", text_at(status, {"state"}), text_at(status, {"uptime_s"}),
-                                  text_at(status, {"session"})));
+  if (const std::uint8_t shown = watch::emulation_at(status, "emulation"); shown != 0)
+    text += fmt::format("{}\n", coloured(report::emulation_banner(shown, watch::emulation_at(status, "emulation_now"),
+                                                                  report::Language::en),
+                                         "7", style));
+  text += line("software", text_at(status, {"software"}));
+  text += line("state", fmt::format("{}, up {} s, session {}", text_at(status, {"state"}),
+                                    text_at(status, {"uptime_s"}), text_at(status, {"session"})));
   if (text_at(status, {"fault", "code"}) != "0" && text_at(status, {"fault", "code"}) != "-")
-    print_line("FAULT", fmt::format("{}: {}; {}", text_at(status, {"fault", "code"}),
-                                    text_at(status, {"fault", "text"}), text_at(status, {"fault", "cure"})));
+    text += line("FAULT", fmt::format("{}: {}; {}", text_at(status, {"fault", "code"}),
+                                      text_at(status, {"fault", "text"}), text_at(status, {"fault", "cure"})));
   if (status.contains("warn") && status["warn"].is_array())
     for (const json& warning : status["warn"])
-      print_line("warning", plain(warning.is_string() ? warning.get<std::string>() : warning.dump()));
-  print_line("plc", fmt::format("{} clients, heartbeat {}{}", text_at(status, {"links", "plc", "clients"}),
-                                text_at(status, {"links", "plc", "alive"}) == "yes" ? "alive" : "missing",
-                                after("; ", text_at(status, {"links", "plc", "trouble"}))));
-  print_line("robot", text_at(status, {"links", "pose", "ok"}) == "yes"
-                          ? "poses arrive" + after("; ", text_at(status, {"links", "pose", "note"}))
-                          : fmt::format("{}: {}", text_at(status, {"links", "pose", "code"}),
-                                        text_at(status, {"links", "pose", "text"})));
-  print_pose_faults(status);
-  print_line("scanner", fmt::format("online {}, {} stray files", text_at(status, {"links", "scanner", "online"}),
-                                    text_at(status, {"links", "scanner", "strays"})));
+      text += line("warning", plain(warning.is_string() ? warning.get<std::string>() : warning.dump()));
+  text += line("plc", fmt::format("{} clients, heartbeat {}{}", text_at(status, {"links", "plc", "clients"}),
+                                  text_at(status, {"links", "plc", "alive"}) == "yes" ? "alive" : "missing",
+                                  after("; ", text_at(status, {"links", "plc", "trouble"}))));
+  text += line("robot", text_at(status, {"links", "pose", "ok"}) == "yes"
+                            ? "poses arrive" + after("; ", text_at(status, {"links", "pose", "note"}))
+                            : fmt::format("{}: {}", text_at(status, {"links", "pose", "code"}),
+                                          text_at(status, {"links", "pose", "text"})));
+  text += pose_faults_text(status);
+  text += line("scanner", fmt::format("online {}, {} stray files", text_at(status, {"links", "scanner", "online"}),
+                                      text_at(status, {"links", "scanner", "strays"})));
   if (const std::string why = text_at(status, {"links", "scanner", "text"}); why != "-" && !why.empty())
-    print_line("", why);
+    text += line("", why);
   if (const nlohmann::json& chain = status.value("chain", nlohmann::json(nullptr)); chain.is_object())
-    print_line("chain", fmt::format("entry {} of the chain of results, SHA-256 {}",
-                                    text_at(status, {"chain", "entries"}), text_at(status, {"chain", "sha256"})));
-  print_line("store", fmt::format("ok {}, {} results wait for the PLC", text_at(status, {"links", "store", "ok"}),
-                                  text_at(status, {"results_pending"})));
+    text += line("chain", fmt::format("entry {} of the chain of results, SHA-256 {}",
+                                      text_at(status, {"chain", "entries"}), text_at(status, {"chain", "sha256"})));
+  text += line("store", fmt::format("ok {}, {} results wait for the PLC", text_at(status, {"links", "store", "ok"}),
+                                    text_at(status, {"results_pending"})));
   if (const std::string why = text_at(status, {"links", "store", "text"}); why != "-" && !why.empty())
-    print_line("", why);
-  print_calibration(status);
-  print_alike(status);
+    text += line("", why);
+  text += calibration_text(status);
+  text += alike_text(status);
   if (status.contains("maintenance") && status["maintenance"].is_object())
-    print_line(
-        "maintenance",
-        fmt::format("\"{}\" by {}, {} views; SCAN is refused; ends by itself in {} s when nobody goes on",
-                    text_at(status, {"maintenance", "session"}), text_at(status, {"maintenance", "operator"}),
-                    text_at(status, {"maintenance", "views"}), text_at(status, {"maintenance", "lease_left_s"})));
-  print_slab(status, style);
-  print_line("blocks", fmt::format("{} measured, last {} ms, longest {} ms", text_at(status, {"blocks", "measured"}),
-                                   text_at(status, {"blocks", "last_ms"}), text_at(status, {"blocks", "max_ms"})));
-  print_line("memory",
-             fmt::format("{} kB, peak {} kB, of it {} B for inspection", text_at(status, {"memory", "rss_kb"}),
-                         text_at(status, {"memory", "peak_kb"}), text_at(status, {"memory", "inspection_bytes"})));
-  print_line("config", text_at(status, {"config"}));
-  print_line("database", text_at(status, {"db"}));
+    text +=
+        line("maintenance",
+             fmt::format("\"{}\" by {}, {} views; SCAN is refused; ends by itself in {} s when nobody goes on",
+                         text_at(status, {"maintenance", "session"}), text_at(status, {"maintenance", "operator"}),
+                         text_at(status, {"maintenance", "views"}), text_at(status, {"maintenance", "lease_left_s"})));
+  text += slab_text(status, style);
+  text += line("blocks", fmt::format("{} measured, last {} ms, longest {} ms", text_at(status, {"blocks", "measured"}),
+                                     text_at(status, {"blocks", "last_ms"}), text_at(status, {"blocks", "max_ms"})));
+  text += line("memory",
+               fmt::format("{} kB, peak {} kB, of it {} B for inspection", text_at(status, {"memory", "rss_kb"}),
+                           text_at(status, {"memory", "peak_kb"}), text_at(status, {"memory", "inspection_bytes"})));
+  text += line("config", text_at(status, {"config"}));
+  text += line("database", text_at(status, {"db"}));
+  return text;
 }
 
 int show_status(const Options& options) {
@@ -200,11 +203,8 @@ int show_status(const Options& options) {
   const json status = json::parse(answer, nullptr, false);
   if (!status.is_object() || status.value("schema", "") != "slabd.status/1")
     stop(kNotReachable, fmt::format("{} does not speak slabd.status/1: {}", path, answer.substr(0, 200)));
-  if (options.as_json) {
-    fmt::print("{}\n", status.dump(2, ' ', true));  // ASCII alone: no control character stays
-  } else {
-    print_status(status);
-  }
+  // ASCII alone: no control character stays.
+  fmt::print("{}", options.as_json ? status.dump(2, ' ', true) + "\n" : status_text(status));
   return usable ? kDone : kBadInput;
 }
 

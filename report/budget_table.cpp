@@ -54,22 +54,16 @@ std::optional<Table> budget_table(const storage::SlabRecord& record, Language la
   }
   const auto say = [&](Word which) { return std::string(word(which, language)); };
   Table table;
-  table.caption = say(Word::budget);
-  table.columns = {{say(Word::characteristic), true, 0.20},
-                   {say(Word::block_column), true, 0.07},
-                   {say(Word::unit), true, 0.05},
-                   {"U, k = 2", false, 0.08}};
+  table.title = say(Word::budget);
+  table.columns = {say(Word::characteristic) + "<", say(Word::block_column) + "<", say(Word::unit) + "<", "U, k = 2"};
   for (const Word part : {Word::budget_fit, Word::budget_noise, Word::budget_scanner, Word::budget_registration,
                           Word::budget_calibration, Word::budget_robot, Word::budget_reference})
-    table.columns.push_back({say(part), false, 0.60 / static_cast<double>(kBudgetParts)});
+    table.columns.push_back(say(part));
   for (std::size_t i = 0; i < kItemCount; ++i) {
     if (largest.item[i] == nullptr) continue;
     const Item& item = *largest.item[i];
-    Row row{{item_word(item.id, language), place(item, largest.station[i]), std::string(name(info(item.id).unit)),
-             U_figure(item)},
-            Verdict::none};
-    for (std::string& part : budget_figures(item)) row.cells.push_back(std::move(part));
-    table.rows.push_back(std::move(row));
+    table.add(item_word(item.id, language), place(item, largest.station[i]), name(info(item.id).unit), U_figure(item));
+    for (const std::string& part : budget_figures(item)) table.rows.back().emplace_back(part);
   }
   if (table.rows.empty()) return std::nullopt;
   return table;

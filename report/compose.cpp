@@ -201,11 +201,9 @@ class Composer {
     section.title = say(Word::identity);
     section.together = true;
     Table table;
-    table.caption = say(Word::identity);
-    table.columns = {{say(Word::key), true, 0.24}, {say(Word::value), true, 0.76}};
-    const auto add = [&](Word key, std::string value) {
-      table.rows.push_back({{say(key), value.empty() ? say(Word::none) : std::move(value)}, Verdict::none});
-    };
+    table.title = say(Word::identity);
+    table.columns = {say(Word::key) + "<", say(Word::value) + "<"};
+    const auto add = [&](Word key, std::string value) { table.add(say(key), value.empty() ? say(Word::none) : value); };
     add(Word::slab_id, std::string(header_.slab_id.view()));
     add(Word::slab_number, fmt::format("{}, {} {}, {} {}", header_.slab_no, say(Word::slab_type), header_.slab_type,
                                        say(Word::database_key), header_.key));
@@ -234,20 +232,23 @@ class Composer {
 
   [[nodiscard]] Table item_table(std::string caption) const {
     Table table;
-    table.caption = std::move(caption);
-    table.columns = {{say(Word::characteristic), true, 0.24}, {say(Word::unit), true, 0.06},
-                     {say(Word::nominal), false, 0.10},       {say(Word::limits), false, 0.17},
-                     {say(Word::measured), false, 0.10},      {say(Word::deviation), false, 0.10},
-                     {say(Word::uncertainty), false, 0.09},   {say(Word::verdict), true, 0.14}};
+    table.title = std::move(caption);
+    table.columns = {say(Word::characteristic) + "<",
+                     say(Word::unit) + "<",
+                     say(Word::nominal),
+                     say(Word::limits),
+                     say(Word::measured),
+                     say(Word::deviation),
+                     say(Word::uncertainty),
+                     say(Word::verdict) + "<"};
     return table;
   }
   void add_item(Table& table, const Item& item, bool of_slab) const {
     const std::string limits = limits_figure(item);
-    table.rows.push_back(
-        {{item_label(item, of_slab), std::string(name(info(item.id).unit)), nominal_figure(item),
-          limits.empty() ? say(Word::information) : limits, value_figure(item), deviation_figure(item), U_figure(item),
-          item.verdict == Verdict::none ? "" : std::string(verdict_word(item.verdict, language_))},
-         item.verdict});
+    table.add(item_label(item, of_slab), name(info(item.id).unit), nominal_figure(item),
+              limits.empty() ? say(Word::information) : limits, value_figure(item), deviation_figure(item),
+              U_figure(item),
+              Cell(item.verdict, item.verdict == Verdict::none ? "" : verdict_word(item.verdict, language_)));
   }
 
   Section slab_items() {
@@ -274,14 +275,14 @@ class Composer {
     section.new_page = true;
     section.parts.push_back(Figures{{seats_figure(record_, language_)}});
     Table table;
-    table.caption = say(Word::full_and_crop);
-    table.columns = {{say(Word::block, ""), true, 0.08},
-                     {say(Word::full_plane) + ": " + say(Word::normal), false, 0.27},
-                     {say(Word::points), false, 0.10},
-                     {"std, mm", false, 0.085},
-                     {say(Word::crop) + ": " + say(Word::normal), false, 0.27},
-                     {say(Word::points), false, 0.10},
-                     {"std, mm", false, 0.085}};
+    table.title = say(Word::full_and_crop);
+    table.columns = {say(Word::block, "") + "<",
+                     say(Word::full_plane) + ": " + say(Word::normal),
+                     say(Word::points),
+                     "std, mm",
+                     say(Word::crop) + ": " + say(Word::normal),
+                     say(Word::points),
+                     "std, mm"};
     for (int station = 1; station <= header_.stations; ++station) {
       const SlabBlock* block = measured(station);
       if (block == nullptr) continue;
@@ -290,15 +291,11 @@ class Composer {
       };
       const PlaneFit& full = block->block.seat.full_plane;
       const PlaneFit& crop = block->block.seat.plane;
-      const auto cells = [&](const PlaneFit& plane) {
-        return plane.ok ? std::vector<std::string>{normal(plane.normal), std::to_string(plane.inliers),
-                                                   figure(plane.std_mm, 4)}
-                        : std::vector<std::string>{"-", "-", "-"};
-      };
-      Row row{{std::to_string(station)}, Verdict::none};
+      table.add(station);
       for (const PlaneFit* plane : {&full, &crop})
-        for (std::string& cell : cells(*plane)) row.cells.push_back(std::move(cell));
-      table.rows.push_back(std::move(row));
+        for (const Cell& cell : plane->ok ? Table::Row{normal(plane->normal), plane->inliers, Cell(plane->std_mm, 4)}
+                                          : Table::Row{"-", "-", "-"})
+          table.rows.back().push_back(cell);
     }
     section.parts.push_back(std::move(table));
     return section;
@@ -309,34 +306,26 @@ class Composer {
     section.title = say(Word::registration_table);
     section.new_page = true;
     Table table;
-    table.caption = section.title;
-    table.columns = {{say(Word::block, ""), true, 0.08},
-                     {say(Word::points), false, 0.12},
-                     {say(Word::mean) + ", mm", false, 0.11},
-                     {"std, mm", false, 0.09}};
-    for (int sigma = 1; sigma <= 6; ++sigma) table.columns.push_back({fmt::format("±{}σ, %", sigma), false, 0.10});
+    table.title = section.title;
+    table.columns = {say(Word::block, "") + "<", say(Word::points), say(Word::mean) + ", mm", "std, mm"};
+    Table counts = table;  // the same as numbers of points
+    counts.title = say(Word::points);
+    for (int sigma = 1; sigma <= 6; ++sigma) {
+      table.columns.emplace_back(fmt::format("±{}σ, %", sigma));
+      counts.columns.emplace_back(fmt::format("±{}σ", sigma));
+    }
     for (int station = 1; station <= header_.stations; ++station) {
       const SlabBlock* block = measured(station);
       if (block == nullptr) continue;
       // What lay how far from the model says nothing where it was not found in the scan.
       if (block->block.registration.status != RegistrationStatus::converged) continue;
       const DeviationStats& deviation = block->block.registration.deviation;
-      Row row{{std::to_string(station), std::to_string(deviation.count), figure(deviation.mean_mm, 4),
-               figure(deviation.std_mm, 4)},
-              Verdict::none};
-      for (const double share : deviation.within_sigma) row.cells.push_back(figure(100.0 * share, 3));
-      table.rows.push_back(std::move(row));
-    }
-    // The same as numbers of points.
-    Table counts = table;
-    counts.caption = say(Word::points);
-    for (std::size_t c = 4; c < counts.columns.size(); ++c) counts.columns[c].heading = fmt::format("±{}σ", c - 3);
-    for (Row& row : counts.rows) {
-      const SlabBlock* block = measured(std::stoi(row.cells[0]));
-      const DeviationStats& deviation = block->block.registration.deviation;
-      for (std::size_t k = 0; k < deviation.within_sigma.size(); ++k)
-        row.cells[4 + k] =
-            std::to_string(std::llround(deviation.within_sigma[k] * static_cast<double>(deviation.count)));
+      table.add(station, deviation.count, Cell(deviation.mean_mm, 4), Cell(deviation.std_mm, 4));
+      counts.rows.push_back(table.rows.back());
+      for (const double share : deviation.within_sigma) {
+        table.rows.back().emplace_back(100.0 * share, 3);
+        counts.rows.back().emplace_back(std::llround(share * static_cast<double>(deviation.count)));
+      }
     }
     section.parts.push_back(std::move(table));
     section.parts.push_back(std::move(counts));
@@ -347,7 +336,7 @@ class Composer {
     std::optional<Table> table = budget_table(record_, language_);
     if (!table) return;
     Section section;
-    section.title = table->caption;
+    section.title = table->title;
     section.together = true;
     const std::string id = header_.scanner_id.empty() ? say(Word::none) : std::string(header_.scanner_id.view());
     section.parts.push_back(Paragraph{say(Word::budget_note, id)});
@@ -359,22 +348,19 @@ class Composer {
     Section section;
     section.title = say(Word::cycle_times);
     Table table;
-    table.caption = section.title;
-    table.columns = {{say(Word::block, ""), true, 0.07}, {say(Word::scanned), true, 0.21},
-                     {say(Word::attempts), false, 0.10}, {say(Word::settle), false, 0.10},
-                     {say(Word::acquire), false, 0.11},  {say(Word::read), false, 0.07},
-                     {say(Word::denoise), false, 0.09},  {say(Word::register_step), false, 0.09},
-                     {say(Word::extract), false, 0.08},  {say(Word::total), false, 0.08}};
+    table.title = section.title;
+    table.columns = {
+        say(Word::block, "") + "<", say(Word::scanned) + "<", say(Word::attempts), say(Word::settle),
+        say(Word::acquire),         say(Word::read),          say(Word::denoise),  say(Word::register_step),
+        say(Word::extract),         say(Word::total)};
     for (int station = 1; station <= header_.stations; ++station) {
       const SlabBlock* block = latest(record_, station);
       if (block == nullptr) continue;
       const StageTimes& times = block->block.times;
-      Row row{{std::to_string(station), times_text(block->attempt.scan_utime_us), std::to_string(block->attempt.number),
-               figure(1e-3 * block->attempt.settle_ms, 2), figure(1e-3 * block->attempt.acquire_ms, 2)},
-              Verdict::none};
+      table.add(station, times_text(block->attempt.scan_utime_us), block->attempt.number,
+                Cell(1e-3 * block->attempt.settle_ms, 2), Cell(1e-3 * block->attempt.acquire_ms, 2));
       for (const double ms : {times.read_ms, times.denoise_ms, times.register_ms, times.extract_ms, times.total_ms})
-        row.cells.push_back(block->phase == StationPhase::measured ? figure(ms, 0) : "-");
-      table.rows.push_back(std::move(row));
+        table.rows.back().emplace_back(block->phase == StationPhase::measured ? ms : kNoValue, 0);
     }
     section.parts.push_back(std::move(table));
     return section;
@@ -389,10 +375,9 @@ class Composer {
     static constexpr std::array<const char*, 3> kNames = {"I", "J", "K"};
     for (int i = 0; i < 3; ++i) {
       const double value = block.seat.normal_datum.isZero() ? kNoValue : block.seat.normal_datum[i];
-      table.rows.push_back({{say(Word::normal_to_top, kNames.at(static_cast<std::size_t>(i))), "-",
-                             has_value(tilt) ? figure(nominal[i], 6) : "-", say(Word::information), figure(value, 6),
-                             has_value(tilt) ? figure(value - nominal[i], 6) : "-", "-", ""},
-                            Verdict::none});
+      table.add(say(Word::normal_to_top, kNames.at(static_cast<std::size_t>(i))), "-",
+                Cell(has_value(tilt) ? nominal[i] : kNoValue, 6), say(Word::information), Cell(value, 6),
+                Cell(has_value(tilt) ? value - nominal[i] : kNoValue, 6), "-", "");
     }
   }
 

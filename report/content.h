@@ -10,26 +10,13 @@
 #include <vector>
 
 #include "report/canvas.h"
+#include "report/table.h"
 #include "report/words.h"
 #include "storage/storage.h"
 
 /// What a report says, before it is known on what. Pages (PDF, SVG, PNG) and HTML are two ways to lay it out.
 namespace slabd::cli::report {
 
-struct Column {
-  std::string heading;
-  bool left = false;   ///< words; numbers stand to the right
-  double share = 1.0;  ///< of the table's width
-};
-struct Row {
-  std::vector<std::string> cells;
-  Verdict verdict = Verdict::none;  ///< of the last cell; none: no symbol
-};
-struct Table {
-  std::string caption;
-  std::vector<Column> columns;
-  std::vector<Row> rows;
-};
 struct Paragraph {
   std::string text;
   Verdict verdict = Verdict::none;  ///< a symbol before it, none: none

@@ -161,21 +161,19 @@ class Writer {
     out_ += fmt::format("<p class=\"{}\">{}</p>\n", style, text);
   }
 
-  void write(const Table& table) {
-    out_ += fmt::format("<table>\n<caption>{}</caption>\n<thead><tr>", escaped(table.caption));
-    for (const Column& column : table.columns)
-      out_ +=
-          fmt::format("<th scope=\"col\"{}>{}</th>", column.left ? " class=\"words\"" : "", escaped(column.heading));
+  void write(const Table& whole) {
+    const Table table = visible(whole);
+    const auto kind = [&](std::size_t c) { return c == 0 || table.columns[c].left ? " class=\"words\"" : ""; };
+    out_ += fmt::format("<table>\n<caption>{}</caption>\n<thead><tr>", escaped(table.title));
+    for (std::size_t c = 0; c < table.columns.size(); ++c)
+      out_ += fmt::format("<th scope=\"col\"{}>{}</th>", kind(c), escaped(table.columns[c].heading));
     out_ += "</tr></thead>\n<tbody>\n";
-    for (const Row& row : table.rows) {
-      out_ += row.verdict == Verdict::none ? "<tr>" : fmt::format("<tr class=\"{}\">", name(row.verdict));
-      for (std::size_t c = 0; c < row.cells.size(); ++c) {
-        const std::string_view kind = c < table.columns.size() && table.columns[c].left ? " class=\"words\"" : "";
-        const std::string_view mark = c + 1 == row.cells.size() ? sign(row.verdict) : "";
-        const std::string text = escaped(row.cells[c]);
-        out_ += c == 0 ? fmt::format("<th scope=\"row\"{}>{}</th>", kind, text)
-                       : fmt::format("<td{}>{}{}</td>", kind, mark, text);
-      }
+    for (const Table::Row& row : table.rows) {
+      const Verdict verdict = verdict_of(row);
+      out_ += verdict == Verdict::none ? "<tr>" : fmt::format("<tr class=\"{}\">", name(verdict));
+      for (std::size_t c = 0; c < row.size(); ++c)
+        out_ += fmt::format("<{0}{1}>{2}{3}</{4}>", c == 0 ? "th scope=\"row\"" : "td", kind(c),
+                            sign(row[c].verdict.value_or(Verdict::none)), escaped(row[c].text), c == 0 ? "th" : "td");
       out_ += "</tr>\n";
     }
     out_ += "</tbody>\n</table>\n";

@@ -7,7 +7,8 @@
 #include <fmt/core.h>
 
 #include <algorithm>
-#include <cmath>
+#include <memory>
+#include <numeric>
 
 #include "report/content.h"
 
@@ -46,43 +47,63 @@ std::string fitted(Canvas& canvas, const std::string& text, double width, const 
   return cut + "…";
 }
 
-void draw_cells(Canvas& canvas, const Table& table, const std::vector<std::string>& cells, Verdict verdict, double y,
-                const TextStyle& style) {
+/// A table with a place for each column: as wide as its heading and its longest cell, then the page is shared out in
+/// proportion.
+struct Grid {
+  Grid(const Table& whole, Canvas& ruler) : table(visible(whole)) {
+    for (std::size_t c = 0; c < table.columns.size(); ++c) {
+      const Cell* longest = nullptr;
+      for (const Table::Row& row : table.rows)
+        if (c < row.size() && (longest == nullptr || display_width(row[c].text) > display_width(longest->text)))
+          longest = &row[c];
+      const double cell = longest == nullptr ? 0.0 : ruler.text_width(longest->text, kHeading);
+      const double symbol = longest != nullptr && longest->verdict ? 3.6 : 0.0;
+      widths.push_back(std::max(cell + symbol, ruler.text_width(table.columns[c].heading, kHeading)) + 2.0);
+    }
+    const double sum = std::accumulate(widths.begin(), widths.end(), 0.0);
+    for (double& width : widths) width *= kWidth / sum;
+  }
+  Table table;
+  std::vector<double> widths;
+};
+
+void draw_cells(Canvas& canvas, const Grid& grid, const Table::Row& cells, double y, const TextStyle& style) {
   double x = 0.0;
-  for (std::size_t c = 0; c < std::min(cells.size(), table.columns.size()); ++c) {
-    const double width = kWidth * table.columns[c].share;
+  for (std::size_t c = 0; c < std::min(cells.size(), grid.widths.size()); ++c) {
+    const double width = grid.widths[c];
+    const Verdict verdict = cells[c].verdict.value_or(Verdict::none);
     TextStyle cell = style;
     double at = x + 0.8;
     double room = width - 1.6;
-    const bool symbol = verdict != Verdict::none && c + 1 == table.columns.size();
-    if (symbol) {
+    if (verdict != Verdict::none) {
       canvas.symbol(verdict, at + 1.3, y + 0.5 * kRowHeight, 2.3, kBlack);
       at += 3.6;
       room -= 3.6;
       cell.bold = verdict == Verdict::fail;
-    } else if (!table.columns[c].left) {
+    } else if (c > 0 && !grid.table.columns[c].left) {
       cell.anchor = Anchor::right;
       at = x + width - 0.8;
     }
-    canvas.text(at, y + 2.7, fitted(canvas, cells[c], room, cell), cell);
+    canvas.text(at, y + 2.7, fitted(canvas, cells[c].text, room, cell), cell);
     x += width;
   }
 }
 
-void draw_heading(Canvas& canvas, const Table& table) {
+void draw_heading(Canvas& canvas, const Grid& grid) {
   canvas.rectangle(0.0, 0.0, kWidth, kRowHeight + 0.4, Colour{0.90, 0.91, 0.93});
-  std::vector<std::string> headings;
-  for (const Column& column : table.columns) headings.push_back(column.heading);
-  draw_cells(canvas, table, headings, Verdict::none, 0.2, kHeading);
+  Table::Row headings;
+  for (const Column& column : grid.table.columns) headings.emplace_back(column.heading);
+  draw_cells(canvas, grid, headings, 0.2, kHeading);
 }
 
-void draw_row(Canvas& canvas, const Table& table, const Row& row) {
-  if (row.verdict == Verdict::fail || row.verdict == Verdict::indeterminate)
+void draw_row(Canvas& canvas, const Grid& grid, const Table::Row& row) {
+  const Verdict verdict = verdict_of(row);
+  if (verdict == Verdict::fail || verdict == Verdict::indeterminate)
     canvas.rectangle(0.0, 0.0, kWidth, kRowHeight,
-                     row.verdict == Verdict::fail ? Colour{0.98, 0.86, 0.86} : Colour{1.0, 0.95, 0.80});
+                     verdict == Verdict::fail ? Colour{0.98, 0.86, 0.86} : Colour{1.0, 0.95, 0.80});
   TextStyle style = kBody;
-  style.bold = row.verdict == Verdict::fail;
-  draw_cells(canvas, table, row.cells, row.verdict, 0.0, style);
+  style.bold = verdict == Verdict::fail;
+  draw_cells(canvas, grid, row, 0.0, style);
   canvas.line(0.0, kRowHeight, kWidth, kRowHeight, 0.06, kPaleGrey);
 }
 
@@ -154,14 +175,16 @@ struct Pages::Layout {
   }
 
   void place(const Table& table) {
+    const auto grid = std::make_shared<const Grid>(table, ruler);
+    const auto heading = [grid](Canvas& canvas) { draw_heading(canvas, *grid); };
     make_room(3.0 * kRowHeight);
-    put(kRowHeight + 0.4, [&table](Canvas& canvas) { draw_heading(canvas, table); });
-    for (const Row& row : table.rows) {
+    put(kRowHeight + 0.4, heading);
+    for (const Table::Row& row : grid->table.rows) {
       if (y + kRowHeight > kBottom) {
         next_page();
-        put(kRowHeight + 0.4, [&table](Canvas& canvas) { draw_heading(canvas, table); });
+        put(kRowHeight + 0.4, heading);
       }
-      put(kRowHeight, [&table, &row](Canvas& canvas) { draw_row(canvas, table, row); });
+      put(kRowHeight, [grid, &row](Canvas& canvas) { draw_row(canvas, *grid, row); });
     }
     y += kGap;
   }

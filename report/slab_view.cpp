@@ -119,4 +119,35 @@ const Item& final_item(const SlabRecord& record, int station, const Item& own) {
   return own;
 }
 
+const BlockResult* measured(const storage::SlabRecord& record, int station) {
+  const storage::SlabBlock* block = latest(record, station);
+  return block != nullptr && block->phase == StationPhase::measured ? &block->block : nullptr;
+}
+
+std::vector<Item> items_in_force(std::span<const BlockResult* const> blocks, const SlabResult& slab) {
+  std::vector<Item> items(slab.items.begin(), slab.items.end());
+  for (const BlockResult* block : blocks) {
+    if (block == nullptr) continue;
+    for (Item item : block->items) {
+      item.station = block->station;
+      const auto same = std::find_if(items.begin(), items.end(), [&](const Item& of_slab) {
+        return of_slab.id == item.id && of_slab.station == item.station && of_slab.station_to == 0;
+      });
+      if (same == items.end()) {
+        items.push_back(item);
+      } else if (!supersedes(*same)) {
+        *same = item;
+      }
+    }
+  }
+  return items;
+}
+
+std::vector<Item> items_in_force(const storage::SlabRecord& record) {
+  std::vector<const BlockResult*> blocks;
+  for (int station = 1; station <= record.summary.header.stations; ++station)
+    blocks.push_back(measured(record, station));
+  return items_in_force(blocks, record.slab);
+}
+
 }  // namespace slabd::cli

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -26,6 +27,9 @@ struct SlabName {
 [[nodiscard]] Result<std::optional<storage::SlabRecord>> find_slab(storage::Reader& reader, const std::string& wanted);
 /// The valid attempt of a station: its latest one; nullptr when there is none.
 [[nodiscard]] const storage::SlabBlock* latest(const storage::SlabRecord& record, int station);
+
+/// The result of the valid attempt; nullptr if it was not measured.
+[[nodiscard]] const BlockResult* measured(const storage::SlabRecord& record, int station);
 
 [[nodiscard]] bool is_open(const storage::SlabRecord& record);
 
@@ -56,5 +60,10 @@ struct Shown {
 /// The slab's own item of this block that takes the place of `own`, which was judged by the block alone; `own` when
 /// there is none: SLAB_END computes slopes anew against the slab's frame, and where that is the datum only those count.
 [[nodiscard]] const Item& final_item(const storage::SlabRecord& record, int station, const Item& own);
+
+/// The items of the slab and its blocks, each once per place: of the slope, which a block judges against its own slab
+/// top and the slab against its frame, the slab's where it counts. `blocks` by station, nullptr: not measured.
+[[nodiscard]] std::vector<Item> items_in_force(std::span<const BlockResult* const> blocks, const SlabResult& slab);
+[[nodiscard]] std::vector<Item> items_in_force(const storage::SlabRecord& record);
 
 }  // namespace slabd::cli

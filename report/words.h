@@ -126,6 +126,10 @@ enum class Word : std::uint8_t {
   refused,
 };
 [[nodiscard]] std::string_view word(Word word, Language language);
+/// Words that only one place needs.
+[[nodiscard]] inline std::string pick(Language language, std::string_view en, std::string_view zh) {
+  return std::string(language == Language::zh ? zh : en);
+}
 
 [[nodiscard]] std::string item_word(ItemId id, Language language);
 [[nodiscard]] std::string_view verdict_word(Verdict verdict, Language language);

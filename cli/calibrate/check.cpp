@@ -207,11 +207,11 @@ int show_trend(const CheckOptions& options, const daemon::Config& config, storag
     fmt::print("{}", json.text());
     return kDone;
   }
-  std::vector<std::vector<std::string>> rows = {{"when<", "what<", "result<", "measured<", "note<"}};
+  Table table{"when<", "what<", "result<", "measured<", "note<"};
   for (auto check = checks.rbegin(); check != checks.rend(); ++check)
-    rows.push_back({iso_time(check->utime_us), std::string(name(check->kind)), check->passed ? "passed" : "FAILED",
-                    figures_of(*check), std::string(check->note.view())});
-  if (rows.size() > 1) fmt::print("{}\n", table(rows));
+    table.add(iso_time(check->utime_us), name(check->kind), check->passed ? "passed" : "FAILED", figures_of(*check),
+              check->note);
+  if (!table.rows.empty()) fmt::print("{}\n", text_of(table));
   if (line->block.reference_id.empty() && line->ball.reference_id.empty())
     fmt::print("no reference block and no monitor ball is in force: slabctl calibrate reference --help\n");
   for (const LineCalibration::Watch* watch : {&line->block, &line->ball})

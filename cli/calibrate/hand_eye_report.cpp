@@ -61,11 +61,9 @@ std::string sigmas_of_pose(const Mat6& covariance, bool rotation) {
 
 std::string figures(ArtefactKind kind, const HandEye& r) {
   const bool pose = kind == ArtefactKind::pose;
-  std::vector<std::vector<std::string>> rows = {{"figure", "value", "unit<", "meaning<"}};
+  Table table{"figure", "value", "unit<", "meaning<"};
   const auto add = [&](const std::string& what, const std::string& value, const std::string& unit,
-                       const std::string& meaning) {
-    rows.push_back({what, value, unit, meaning});
-  };
+                       const std::string& meaning) { table.add(what, value, unit, meaning); };
   add("predicted point error", number(r.predicted_point_sigma_mm, 3), "mm",
       fmt::format("3-D, 1 sigma, rms over the field of view, random part; limit {}",
                   number(r.point_sigma_limit_mm, 3)));
@@ -95,7 +93,7 @@ std::string figures(ArtefactKind kind, const HandEye& r) {
     add("worst view kept", fmt::format("{}", r.views[r.worst_view].number), "",
         fmt::format("{} mm, as rare as {} sigma", number(r.views[r.worst_view].residual_mm, 3),
                     number(r.views[r.worst_view].sigmas, 1)));
-  return table(rows);
+  return text_of(table);
 }
 
 void write_target(Json& json, ArtefactKind kind, const HandEye& r) {

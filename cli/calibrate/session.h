@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "base/base.h"
 #include "base/durable.h"
 #include "calib/calib.h"
+#include "cli/exit.h"
 #include "config/config.h"
+#include "storage/storage.h"
 
 namespace slabd::args {
 class Command;
@@ -137,5 +141,71 @@ void remember_session(const std::string& dir);
 
 /// "session hall-2 (/var/lib/slabd/calibration/hall-2)"
 [[nodiscard]] std::string session_words(const Session& session);
+
+// Solving a session, and what is kept of it.
+
+struct SessionSolution {
+  std::vector<calib::View> views;  ///< of the fit
+  calib::HandEye hand_eye;
+  calib::SolvedRecord record;  ///< step and time are filled in when it is kept
+  std::string figures;         ///< slabd.hand_eye/1
+};
+/// Solves the views of the fit. The same session gives the same bits. config: no views, or one that cannot be used.
+[[nodiscard]] Result<SessionSolution> solve_session(const Session& session);
+
+/// Everything a solution was made from, as it is kept in the database.
+[[nodiscard]] std::string observations_text(const Session& session);
+
+/// Stops, with what to do, unless there is a solution of these views that may be verified and applied.
+void need_solution(const Session& session);
+
+// What a solver is told beside the views: noise, field of view, limit. Shared by `solve`, from tables, and by `new`,
+// for a whole session.
+
+struct SolveOptions {
+  double robot_sigma_mm = calib::StatedNoise{}.robot_mm;
+  double robot_sigma_deg = kNoValue;
+  double target_sigma_mm = calib::StatedNoise{}.target_mm;
+  double target_sigma_deg = kNoValue;
+  double limit_mm = kNoValue;
+  std::vector<double> fov;
+
+  void add_to(args::Command& command);
+  /// Who states nothing but a position noise for the robot gets rotations in proportion: a robot of 0.7 mm with the
+  /// angles of one of 0.06 mm would weigh them a hundred times too much. Targets are not taken to be better for it.
+  [[nodiscard]] calib::StatedNoise noise() const;
+  [[nodiscard]] calib::SolveSettings settings() const;
+  /// What is wrong with --fov; empty: nothing.
+  [[nodiscard]] std::string fov_fault() const;
+};
+
+// What a change of T_flange_scanner does at the slab: by how much every seat would be found elsewhere.
+
+/// A seat that moves by more wants somebody's word ...
+inline constexpr double kConfirmAboveMm = 0.2;
+/// ... and a scanner that turns by more: turned about what it sees it moves no seat, and every slope. A tenth of a
+/// slope's tolerance, half of its U.
+inline constexpr double kConfirmAboveDeg = 0.01;
+
+/// Does a change go into force without a word? One of unknown size (NaN) does not.
+[[nodiscard]] inline bool is_small_change(double shift_mm, double turn_deg) {
+  return shift_mm <= kConfirmAboveMm && turn_deg <= kConfirmAboveDeg;
+}
+
+struct StationShift {
+  int station = 0;
+  bool taught = false;  ///< by the pose it was mastered at; else by the nominal one
+  Vec3 shift_mm;        ///< of the seat's centre, slab axes
+};
+struct SeatShifts {
+  std::vector<StationShift> stations;
+  std::string slab;  ///< which recipe the stations are of, in words
+  double shift_max_mm = kNoValue;
+};
+
+/// Where the seats go when one T_flange_scanner takes the place of another: the robot stands as it was taught, or as it
+/// nominally would be, and sees the same. `slab_type` 0: of the first recipe. nullopt if found; else why not.
+[[nodiscard]] std::optional<Stop> find_seat_shifts(const daemon::Config& config, std::uint16_t slab_type,
+                                                   const Pose& before, const Pose& after, SeatShifts& out);
 
 }  // namespace slabd::cli

@@ -172,29 +172,29 @@ std::string as_json(const Work& work, const calib::StationsSolution& s, const Ke
   return json.text();
 }
 
-void print_solution(const Work& work, const calib::StationsSolution& s) {
-  fmt::print("certificate {} of slab type {}, {} visits, hand-eye {}\n\n", work.certificate.id,
-             work.certificate.slab_type, work.visits.size(), work.hand_eye.id);
+std::string solution_text(const Work& work, const calib::StationsSolution& s) {
+  std::string text = fmt::format("certificate {} of slab type {}, {} visits, hand-eye {}\n\n", work.certificate.id,
+                                 work.certificate.slab_type, work.visits.size(), work.hand_eye.id);
   if (!s.stations.empty()) {
-    std::vector<std::vector<std::string>> rows = {
-        {"station", "visits", "moves seat by (mm)", "turns (deg)", "spread (mm)", "sigma of a visit (mm, deg)"}};
+    Table table{"station", "visits", "moves seat by (mm)", "turns (deg)", "spread (mm)", "sigma of a visit (mm, deg)"};
     for (const calib::StationSolution& one : s.stations)
-      rows.push_back({std::to_string(one.station), std::to_string(one.numbers.visits),
-                      fmt::format("{:+.3f} {:+.3f} {:+.3f}", one.shift_mm.x(), one.shift_mm.y(), one.shift_mm.z()),
-                      fmt::format("{:.4f}", deg_from_rad(one.turn_rad)), fmt::format("{:.4f}", one.numbers.spread_mm),
-                      fmt::format("{:.4f} {:.5f}", one.numbers.sigma_mm, deg_from_rad(one.numbers.sigma_rad))});
-    fmt::print("{}\n", table(rows));
+      table.add(one.station, one.numbers.visits,
+                fmt::format("{:+.3f} {:+.3f} {:+.3f}", one.shift_mm.x(), one.shift_mm.y(), one.shift_mm.z()),
+                Cell(deg_from_rad(one.turn_rad), 4), Cell(one.numbers.spread_mm, 4),
+                fmt::format("{:.4f} {:.5f}", one.numbers.sigma_mm, deg_from_rad(one.numbers.sigma_rad)));
+    text += fmt::format("{}\n", text_of(table));
   }
   if (has_value(s.after_rms_mm))
-    fmt::print(
+    text += fmt::format(
         "seats against the certificate, rms in space: {:.3f} mm by hand-eye alone, {:.3f} mm corrected\n"
         "one visit repeats to {:.4f} mm and {:.5f} deg per axis (k = 1, {} degrees of freedom)\n",
         s.before_rms_mm, s.after_rms_mm, s.pooled_sigma_mm, deg_from_rad(s.pooled_sigma_rad), s.degrees_of_freedom);
   if (s.mount_mm > 0.0 || s.mount_rad > 0.0)
-    fmt::print(
+    text += fmt::format(
         "the hand-eye calibration of the visits and {} put a seat {:.3f} mm and {:.4f} deg apart, at most; as the "
         "scanner may have moved by that, it is in the sigma of a visit\n",
         work.hand_eye.id, s.mount_mm, deg_from_rad(s.mount_rad));
+  return text;
 }
 
 /// Solved again, the visits were made at the temperature they were made at.
@@ -230,7 +230,7 @@ void warn_of_temperature(const Options& options, const Work& work) {
         holds, kExpansion_per_K * span_mm, span_mm));
 }
 
-void print_reasons(const calib::StationsSolution& s) {
+void complain_of_reasons(const calib::StationsSolution& s) {
   for (const calib::StationReason& reason : s.reasons)
     complain(fmt::format("refused ({}): {}\n  what to do: {}", name(reason.code), reason.text, reason.cure));
 }
@@ -251,10 +251,10 @@ int calibrate_stations(const Options& options) {
   const calib::StationsSolution s = need(calib::solve_stations(work.certificate, work.visits, hand_eye, settings));
   warn_of_temperature(options, work);
   Kept kept;
-  if (!options.json) print_solution(work, s);
+  if (!options.json) fmt::print("{}", solution_text(work, s));
   if (!s.ok) {
     if (options.json) fmt::print("{}", as_json(work, s, kept));
-    print_reasons(s);
+    complain_of_reasons(s);
     return kRefused;
   }
   if (!options.record.dry_run) {

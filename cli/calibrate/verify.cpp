@@ -10,8 +10,7 @@
 #include <memory>
 
 #include "cli/calibrate/calibrate.h"
-#include "cli/calibrate/seat_shift.h"
-#include "cli/calibrate/session_solution.h"
+#include "cli/calibrate/session.h"
 #include "cli/client/calibration_desk.h"
 #include "cli/client/record_options.h"
 #include "cli/command.h"
@@ -135,47 +134,45 @@ std::string as_json(const Session& session, const SessionSolution& solution, con
   return json.text();
 }
 
-void print(const Session& session, const SessionSolution& solution, const Verification& v) {
-  fmt::print("{}\n{} on {} views that took no part in the fit\n", session_words(session), solution.record.id,
-             v.after_fits.size());
+std::string verification_text(const Session& session, const SessionSolution& solution, const Verification& v) {
+  std::string text = fmt::format("{}\n{} on {} views that took no part in the fit\n", session_words(session),
+                                 solution.record.id, v.after_fits.size());
   const bool pose = session.settings().kind == calib::ArtefactKind::pose;
-  std::vector<std::vector<std::string>> rows = {{"calibration<", "views<", "median", "rms", "max", "unit<"}};
+  Table table{"calibration<", "views<", "median", "rms", "max", "unit<"};
   const auto add = [&](const std::string& what, const char* views, const std::vector<calib::ViewFit>& fits) {
     if (fits.empty()) return;
     const calib::Spread mm = mm_of(fits);
-    rows.push_back({what, views, fmt::format("{:.3f}", mm.median), fmt::format("{:.3f}", mm.rms),
-                    fmt::format("{:.3f}", mm.max), "mm"});
+    table.add(what, views, Cell(mm.median, 3), Cell(mm.rms, 3), Cell(mm.max, 3), "mm");
     if (!pose) return;
     const calib::Spread deg = deg_of(fits);
-    rows.push_back({"", "", fmt::format("{:.4f}", deg.median), fmt::format("{:.4f}", deg.rms),
-                    fmt::format("{:.4f}", deg.max), "deg"});
+    table.add("", "", Cell(deg.median, 4), Cell(deg.rms, 4), Cell(deg.max, 4), "deg");
   };
   const std::string before = fmt::format("before: {}", v.before.id.view());
   add(before, "held out", v.before_fits);
   add("after: " + solution.record.id, "held out", v.after_fits);
   add(before, "of the fit", v.before_own);
   add("after: " + solution.record.id, "of the fit", v.after_own);
-  fmt::print("{}", table(rows));
-  if (!v.has_before) fmt::print("nothing is in force to compare with\n");
+  text += text_of(table);
+  if (!v.has_before) text += "nothing is in force to compare with\n";
   if (!v.seats.stations.empty()) {
-    fmt::print("if applied, seats of {} move by (mm, slab axes; the scanner turns by {:.3f} deg):\n", v.seats.slab,
-               v.turn_deg);
-    rows = {{"station", "x", "y", "z", "distance", "pose<"}};
+    text += fmt::format("if applied, seats of {} move by (mm, slab axes; the scanner turns by {:.3f} deg):\n",
+                        v.seats.slab, v.turn_deg);
+    table = Table{"station", "x", "y", "z", "distance", "pose<"};
     for (const StationShift& s : v.seats.stations)
-      rows.push_back({std::to_string(s.station), fmt::format("{:+.3f}", s.shift_mm.x()),
-                      fmt::format("{:+.3f}", s.shift_mm.y()), fmt::format("{:+.3f}", s.shift_mm.z()),
-                      fmt::format("{:.3f}", s.shift_mm.norm()), s.taught ? "mastered" : "nominal"});
-    fmt::print("{}", table(rows));
+      table.add(s.station, fmt::format("{:+.3f}", s.shift_mm.x()), fmt::format("{:+.3f}", s.shift_mm.y()),
+                fmt::format("{:+.3f}", s.shift_mm.z()), Cell(s.shift_mm.norm(), 3), s.taught ? "mastered" : "nominal");
+    text += text_of(table);
     if (std::any_of(v.seats.stations.begin(), v.seats.stations.end(), [](const StationShift& s) { return s.taught; }))
-      fmt::print(
+      text += fmt::format(
           "the station corrections in force hold for the old calibration and become stale; afterwards: slabctl "
           "calibrate stations --again --apply, or master the stations again if the scanner was moved on the flange\n");
   } else if (has_value(v.seats.shift_max_mm)) {
-    fmt::print("if applied, the middle of the view moves by {:.3f} mm; the scanner turns by {:.3f} deg\n",
-               v.seats.shift_max_mm, v.turn_deg);
+    text += fmt::format("if applied, the middle of the view moves by {:.3f} mm; the scanner turns by {:.3f} deg\n",
+                        v.seats.shift_max_mm, v.turn_deg);
   }
   if (v.has_before && mm_of(v.after_fits).rms > mm_of(v.before_fits).rms)
     complain("warning: the held-out views fit what is in force better than the new solution; is a change needed?");
+  return text;
 }
 
 bool asks_yes() {
@@ -200,7 +197,7 @@ int verify(const Options& options) {
     stop(kRefused,
          fmt::format("{} is refused by now; next: slabctl calibrate solve, which says why", solution.record.id));
   const Verification v = carry_out(options, session, solution);
-  if (!options.json) print(session, solution, v);
+  if (!options.json) fmt::print("{}", verification_text(session, solution, v));
   if (!v.passed) {
     const bool placed = mm_of(v.after_fits).max <= v.limit_mm;
     const auto worst = std::max_element(v.after_fits.begin(), v.after_fits.end(), [&](const auto& a, const auto& b) {

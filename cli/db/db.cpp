@@ -11,6 +11,7 @@
 #include <compare>
 #include <filesystem>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <random>
 #include <thread>
@@ -19,7 +20,6 @@
 #include "cli/client/calibration_desk.h"
 #include "cli/client/control.h"
 #include "cli/command.h"
-#include "cli/db/care_answer.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
@@ -52,6 +52,39 @@ struct Options {
   bool json = false;
   std::int64_t entry = 0;  ///< of the chain, whose checksum is wanted; 0: none
 };
+
+/// The daemon's slabd.care/1.
+struct CareAnswer {
+  struct Work {
+    std::string state;  ///< none, under_way, done, failed
+    std::string path;
+    std::int64_t done = 0;  ///< pages copied, slabs taken away
+    std::string error;
+  };
+  Work backup;
+  Work prune;
+};
+
+CareAnswer::Work work_of(const nlohmann::json& all, const char* name, const char* count) {
+  CareAnswer::Work work;
+  const nlohmann::json& j = all.at(name);
+  work.state = j.value("state", "");
+  work.path = j.value("path", "");
+  work.done = j.value(count, std::int64_t{0});
+  work.error = j.value("error", "");
+  return work;
+}
+
+/// scanner_offline: no such answer; config: the daemon refused, the text says why.
+Result<CareAnswer> parse_care(const std::string& line) {
+  try {
+    const nlohmann::json j = nlohmann::json::parse(line);
+    if (j.contains("error")) return error(Code::config, "slabd refused: %s", j.value("error", "").c_str());
+    return CareAnswer{work_of(j, "backup", "pages"), work_of(j, "prune", "slabs")};
+  } catch (const nlohmann::json::exception&) {
+    return error(Code::scanner_offline, "slabd gave an answer that is none: is it older than slabctl?");
+  }
+}
 
 int fail(const Error& why) {
   complain(why.text.view());

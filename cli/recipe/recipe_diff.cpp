@@ -172,17 +172,18 @@ std::string as_json(const Recipe& a, const Recipe& b, const std::vector<KeyDiffe
   return json.text();
 }
 
-void print_differences(const Recipe& a, const Recipe& b, const std::vector<KeyDifference>& differences) {
-  fmt::print("a: {} ({:.12})  {}\nb: {} ({:.12})  {}\n\n", a.name.view(), a.sha256.view(), a.path.view(), b.name.view(),
-             b.sha256.view(), b.path.view());
+std::string differences_text(const Recipe& a, const Recipe& b, const std::vector<KeyDifference>& differences) {
+  std::string text = fmt::format("a: {} ({:.12})  {}\nb: {} ({:.12})  {}\n\n", a.name.view(), a.sha256.view(),
+                                 a.path.view(), b.name.view(), b.sha256.view(), b.path.view());
   if (differences.empty()) {
-    fmt::print("no key differs\n");
-    return;
+    text += "no key differs\n";
+    return text;
   }
-  std::vector<std::vector<std::string>> rows = {{"key", "a", "b", "changes<"}};
+  Table table{"key", "a", "b", "changes<"};
   for (const KeyDifference& difference : differences)
-    rows.push_back({difference.key, difference.a, difference.b, std::string(name(difference.effect))});
-  fmt::print("{}", table(rows));
+    table.add(difference.key, difference.a, difference.b, name(difference.effect));
+  text += text_of(table);
+  return text;
 }
 
 int diff(const DiffOptions& options) {
@@ -206,10 +207,10 @@ int diff(const DiffOptions& options) {
   if (options.json) {
     fmt::print("{}", as_json(a, b, differences, options.stored ? &stored : nullptr));
   } else {
-    print_differences(a, b, differences);
+    fmt::print("{}", differences_text(a, b, differences));
     if (options.stored) {
       fmt::print("\nwhat b would have made of the stored values; {} of the slabs were judged with a\n", stored.of_a);
-      stored.what_if.print(style_for(stdout));
+      fmt::print("{}", stored.what_if.text(style_for(stdout)));
     }
   }
   const auto measured = std::count_if(differences.begin(), differences.end(), [](const KeyDifference& difference) {

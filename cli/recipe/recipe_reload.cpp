@@ -2,7 +2,7 @@
 //
 // slabctl recipe reload: has the running daemon take up its recipe folder between two slabs. The daemon reads and
 // checks the whole folder first; what it cannot use as it is leaves the recipes in use in force.
-#include "cli/recipe/recipe_reload.h"
+#include "cli/command.h"
 
 #include <fmt/core.h>
 
@@ -13,7 +13,6 @@
 #include <thread>
 
 #include "cli/client/control.h"
-#include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "config/config.h"
@@ -42,17 +41,20 @@ json ask(const std::string& socket, const char* line) {
   stop(kNotReachable, "the daemon gave no answer that this slabctl knows");
 }
 
-void print_state(const json& answer) {
+std::string state_text(const json& answer) {
+  std::string text;
   for (const json& recipe : answer["in_use"])
-    fmt::print("in use: {}, slab type {}, sha256 {:.12}, {}\n", recipe.value("name", ""), recipe.value("slab_type", 0),
-               recipe.value("sha256", ""), recipe.value("file", ""));
+    text += fmt::format("in use: {}, slab type {}, sha256 {:.12}, {}\n", recipe.value("name", ""),
+                        recipe.value("slab_type", 0), recipe.value("sha256", ""), recipe.value("file", ""));
   for (const json& difference : answer["differs"]) {
-    fmt::print("{}: {}", difference.value("file", ""), difference.value("what", ""));
-    if (const std::string problem = difference.value("problem", ""); !problem.empty()) fmt::print(": {}", problem);
-    fmt::print("\n");
-    for (const json& key : difference["keys"]) fmt::print("  {}\n", key.get<std::string>());
+    text += fmt::format("{}: {}", difference.value("file", ""), difference.value("what", ""));
+    if (const std::string problem = difference.value("problem", ""); !problem.empty())
+      text += fmt::format(": {}", problem);
+    text += "\n";
+    for (const json& key : difference["keys"]) text += fmt::format("  {}\n", key.get<std::string>());
   }
-  if (answer["differs"].empty()) fmt::print("the folder holds what is in use\n");
+  if (answer["differs"].empty()) text += "the folder holds what is in use\n";
+  return text;
 }
 
 int reload(const Options& options) {
@@ -75,7 +77,7 @@ int reload(const Options& options) {
   if (options.as_json)
     fmt::print("{}\n", answer.dump(-1, ' ', false, json::error_handler_t::replace));
   else
-    print_state(answer);
+    fmt::print("{}", state_text(answer));
   if (!options.look_only && state() != "done")
     stop(kRefused, answer["reload"].value("text", "the recipes were not taken up"));
   return kDone;

@@ -83,4 +83,20 @@ const Recipe* RecipeShelf::of_type(const SlabHeader& slab) const {
   return nullptr;
 }
 
+Recipe recipe_of_type(const daemon::Config& config, std::uint16_t slab_type) {
+  std::vector<Recipe> recipes;
+  std::vector<daemon::Problem> problems;
+  daemon::load_recipes(config.recipes_dir, recipes, problems);
+  const Recipe* found = nullptr;
+  for (const Recipe& candidate : recipes) {
+    const bool longer = found == nullptr || candidate.slab.length_mm.value > found->slab.length_mm.value;
+    if (slab_type == 0 ? longer : candidate.slab_type == slab_type) found = &candidate;
+  }
+  if (found != nullptr) return *found;
+  std::ignore = report_problems(problems);
+  stop(kBadInput, slab_type == 0 ? ""
+                                 : fmt::format("--type {}: {} has no usable recipe for this slab type", slab_type,
+                                               config.recipes_dir));
+}
+
 }  // namespace slabd::cli

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/recipe.h"
+#include "config/config.h"
 #include "storage/storage.h"
 
 /// Recipes that are no files any more: the database keeps what slabs were begun with.
@@ -38,5 +39,9 @@ class RecipeShelf {
   std::vector<Recipe> of_folder_;
   std::list<Recipe> of_database_;
 };
+
+/// The recipe that the daemon will use for this slab type (0: that of the longest slab).
+/// Stops if there is none; faults of other recipes are ignored.
+[[nodiscard]] Recipe recipe_of_type(const daemon::Config& config, std::uint16_t slab_type);
 
 }  // namespace slabd::cli

@@ -12,7 +12,6 @@
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
-#include "cli/replay/replay.h"
 #include "cli/replay/verify.h"
 #include "cli/replay/what_if.h"
 #include "cli/slab_choice.h"
@@ -58,13 +57,15 @@ void write_slab(Json& json, const SlabReplay& slab) {
   json.end_object().end_object();
 }
 
-void print_differences(const storage::Comparison& comparison) {
+std::string differences_text(const storage::Comparison& comparison) {
+  std::string text;
   for (std::size_t i = 0; i < std::min(comparison.differences.size(), kDifferencesNamed); ++i) {
     const storage::Difference& difference = comparison.differences[i];
-    fmt::print("    {}: stored {}, now {}\n", difference.figure, difference.stored, difference.now);
+    text += fmt::format("    {}: stored {}, now {}\n", difference.figure, difference.stored, difference.now);
   }
   if (comparison.differences.size() > kDifferencesNamed)
-    fmt::print("    and {} more\n", comparison.differences.size() - kDifferencesNamed);
+    text += fmt::format("    and {} more\n", comparison.differences.size() - kDifferencesNamed);
+  return text;
 }
 
 std::string without_checksum(const SlabReplay& slab) {
@@ -72,27 +73,29 @@ std::string without_checksum(const SlabReplay& slab) {
   return count == 0 ? "" : fmt::format("; of {} none was kept", count);
 }
 
-void print_slab(const SlabReplay& slab) {
+std::string slab_text(const SlabReplay& slab) {
+  std::string text;
   const auto replayed = std::count_if(slab.blocks.begin(), slab.blocks.end(),
                                       [](const BlockReplay& block) { return block.comparison.figures > 0; });
-  fmt::print("slab {} \"{}\" ({}): {}: {} of {} scans measured again, {} figures compared, {} differ\n",
-             slab.header.key, slab.header.slab_id.view(), slabd::name(slab.verdict), name(slab.outcome), replayed,
-             slab.blocks.size(), slab.figures(), slab.differences());
-  fmt::print("  {} of {} scans are proven by their checksum to hold the points that were measured{}\n",
-             slab.scans_proven(), slab.blocks.size(), without_checksum(slab));
+  text += fmt::format("slab {} \"{}\" ({}): {}: {} of {} scans measured again, {} figures compared, {} differ\n",
+                      slab.header.key, slab.header.slab_id.view(), slabd::name(slab.verdict), name(slab.outcome),
+                      replayed, slab.blocks.size(), slab.figures(), slab.differences());
+  text += fmt::format("  {} of {} scans are proven by their checksum to hold the points that were measured{}\n",
+                      slab.scans_proven(), slab.blocks.size(), without_checksum(slab));
   if (slab.recipe.starts_with("sha:"))
-    fmt::print("  recipe {} is no longer in the folder; measured with what the database has kept ({:.16})\n",
-               slab.header.recipe.view(), slab.recipe);
+    text += fmt::format("  recipe {} is no longer in the folder; measured with what the database has kept ({:.16})\n",
+                        slab.header.recipe.view(), slab.recipe);
   for (const ChangedInput& input : slab.changed)
-    fmt::print("  another {}: recorded {}; now {}\n", input.what, input.stored, input.now);
+    text += fmt::format("  another {}: recorded {}; now {}\n", input.what, input.stored, input.now);
   for (const BlockReplay& block : slab.blocks) {
     if (block.outcome == ReplayOutcome::identical && block.why.empty()) continue;
-    fmt::print("  block {} attempt {}: {}: {}\n    scan {}\n", block.station, block.attempt, name(block.outcome),
-               block.why, block.scan);
-    print_differences(block.comparison);
+    text += fmt::format("  block {} attempt {}: {}: {}\n    scan {}\n", block.station, block.attempt,
+                        name(block.outcome), block.why, block.scan);
+    text += differences_text(block.comparison);
   }
-  if (!slab.slab_why.empty()) fmt::print("  slab: {}\n", slab.slab_why);
-  print_differences(slab.slab);
+  if (!slab.slab_why.empty()) text += fmt::format("  slab: {}\n", slab.slab_why);
+  text += differences_text(slab.slab);
+  return text;
 }
 
 struct ReplaySources {
@@ -144,7 +147,7 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
     if (options.json) {
       write_slab(json, slab);
     } else {
-      print_slab(slab);
+      fmt::print("{}", slab_text(slab));
       std::fflush(stdout);
     }
   });
@@ -223,7 +226,7 @@ int decide(const ReplayOptions& options, ReplaySources& sources, const std::vect
   } else {
     fmt::print("what recipe {} ({}) would have decided, measured again from the scans\n", recipe.name.view(),
                recipe.path.view());
-    what_if.print(style_for(stdout));
+    fmt::print("{}", what_if.text(style_for(stdout)));
   }
   return what_if.any() ? kDone : kNotPass;
 }

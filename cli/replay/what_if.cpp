@@ -15,25 +15,6 @@
 namespace slabd::cli {
 namespace {
 
-std::vector<Item> items_in_force(std::span<const BlockResult* const> blocks, const SlabResult& slab) {
-  std::vector<Item> items(slab.items.begin(), slab.items.end());
-  for (const BlockResult* block : blocks) {
-    if (block == nullptr) continue;
-    for (Item item : block->items) {
-      item.station = block->station;
-      const auto same = std::find_if(items.begin(), items.end(), [&](const Item& of_slab) {
-        return of_slab.id == item.id && of_slab.station == item.station && of_slab.station_to == 0;
-      });
-      if (same == items.end()) {
-        items.push_back(item);
-      } else if (!supersedes(*same)) {
-        *same = item;
-      }
-    }
-  }
-  return items;
-}
-
 const Item* same_place(const std::vector<Item>& items, const Item& wanted) {
   for (const Item& item : items)
     if (item.id == wanted.id && item.station == wanted.station && item.station_to == wanted.station_to) return &item;
@@ -82,15 +63,10 @@ int VerdictTally::changed() const {
 }
 
 void WhatIf::add(const storage::SlabRecord& stored, std::span<const StationRecord> stations, const SlabResult& now) {
-  std::vector<const BlockResult*> blocks_then;
   std::vector<const BlockResult*> blocks_now;
-  for (std::size_t i = 0; i < stations.size(); ++i) {
-    const storage::SlabBlock* then = latest(stored, static_cast<int>(i + 1));
-    const bool measured = then != nullptr && then->phase == StationPhase::measured;
-    blocks_then.push_back(measured ? &then->block : nullptr);
-    blocks_now.push_back(measured ? &stations[i].block : nullptr);
-  }
-  const std::vector<Item> items_then = items_in_force(blocks_then, stored.slab);
+  for (std::size_t i = 0; i < stations.size(); ++i)
+    blocks_now.push_back(measured(stored, static_cast<int>(i + 1)) != nullptr ? &stations[i].block : nullptr);
+  const std::vector<Item> items_then = items_in_force(stored);
   const std::vector<Item> items_now = items_in_force(blocks_now, now);
 
   ChangedSlab slab;
@@ -112,34 +88,33 @@ void WhatIf::leave_out(const SlabHeader& slab, std::string why) {
   left_out_.push_back({slab.key, std::string(slab.slab_id.view()), std::move(why)});
 }
 
-void WhatIf::print(Style style) const {
-  std::vector<std::vector<std::string>> rows = {{"item", "values", "changed", "share", "changes<"}};
-  for (std::size_t i = 0; i < kItemCount; ++i) {
-    const VerdictTally& tally = items_[i];
-    if (tally.count == 0) continue;
-    rows.push_back({std::string(info(static_cast<ItemId>(i)).name), std::to_string(tally.count),
-                    std::to_string(tally.changed()), percent(tally), change_words(tally)});
-  }
-  rows.push_back({"slab verdict", std::to_string(slabs_.count), std::to_string(slabs_.changed()), percent(slabs_),
-                  change_words(slabs_)});
-  fmt::print("{}", table(rows));
+std::string WhatIf::text(Style style) const {
+  Table items{"item", "values", "changed", "share", "changes<"};
+  const auto add = [&](std::string_view what, const VerdictTally& tally) {
+    items.add(what, tally.count, tally.changed(), percent(tally), change_words(tally));
+  };
+  for (std::size_t i = 0; i < kItemCount; ++i)
+    if (items_[i].count > 0) add(info(static_cast<ItemId>(i)).name, items_[i]);
+  add("slab verdict", slabs_);
+  std::string text = text_of(items);
   if (!changed_.empty()) {
-    rows = {{"key", "id<", "stored<", "now<", "items whose verdict changes<"}};
+    Table changed{"key", "id<", "stored<", "now<", "items whose verdict changes<"};
     for (const ChangedSlab& slab : changed_) {
-      std::string items;
+      std::string which;
       constexpr std::size_t kNamed = 4;
       for (std::size_t i = 0; i < std::min(slab.items.size(), kNamed); ++i) {
         const auto& [then, now] = slab.items[i];
-        items += fmt::format("{}{}{} {} -> {}", items.empty() ? "" : ", ", info(then.id).name, place_words(then),
+        which += fmt::format("{}{}{} {} -> {}", which.empty() ? "" : ", ", info(then.id).name, place_words(then),
                              name(then.verdict), name(now.verdict));
       }
-      if (slab.items.size() > kNamed) items += fmt::format(" and {} more", slab.items.size() - kNamed);
-      rows.push_back({std::to_string(slab.key), slab.slab_id, verdict_text(slab.stored, style),
-                      verdict_text(slab.now, style), items});
+      if (slab.items.size() > kNamed) which += fmt::format(" and {} more", slab.items.size() - kNamed);
+      changed.add(slab.key, slab.slab_id, slab.stored, slab.now, which);
     }
-    fmt::print("\n{}", table(rows));
+    text += "\n" + text_of(changed, style);
   }
-  for (const LeftOut& slab : left_out_) fmt::print("left out: slab {} \"{}\": {}\n", slab.key, slab.slab_id, slab.why);
+  for (const LeftOut& slab : left_out_)
+    text += fmt::format("left out: slab {} \"{}\": {}\n", slab.key, slab.slab_id, slab.why);
+  return text;
 }
 
 void WhatIf::write(Json& json) const {

@@ -36,7 +36,7 @@ class WhatIf {
   void leave_out(const SlabHeader& slab, std::string why);
 
   /// Tables for people.
-  void print(Style style) const;
+  [[nodiscard]] std::string text(Style style) const;
   /// Fields `slabs`, `slabs_changed`, `share_changed`, `items`, `changed`, `left_out` of the open object.
   void write(Json& json) const;
   [[nodiscard]] bool any() const { return slabs_.count > 0; }

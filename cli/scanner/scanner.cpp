@@ -1,10 +1,90 @@
 // SPDX-License-Identifier: Apache-2.0
+//
+// slabctl scanner: the group, and its history: the verifications that the database keeps, oldest first.
+#include <fmt/core.h>
 
-#include "cli/scanner/scanner.h"
+#include <algorithm>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "cli/client/record_options.h"
 #include "cli/command.h"
+#include "cli/exit.h"
 #include "cli/terminal/arguments.h"
+#include "report/json.h"
 
 namespace slabd::cli {
+namespace {
+
+using nlohmann::json;
+
+std::string number(const json& record, const char* key) {
+  const json value = record.value(key, json(nullptr));
+  return value.is_number() ? fmt::format("{:.4f}", value.get<double>()) : "-";
+}
+
+bool is_verification(const json& record) {
+  if (!record.is_object()) return false;
+  // A word that is no word would throw below.
+  for (const char* key : {"schema", "utc", "scanner", "id"})
+    if (const auto at = record.find(key); at != record.end() && !at->is_string()) return false;
+  return record.value("schema", "") == "slabd.scanner_verification/1";
+}
+
+void add_records(const daemon::Config& config, std::vector<json>& records) {
+  const std::unique_ptr<storage::Reader> reader = open_records(config);
+  if (reader == nullptr) return;
+  const auto all = need(reader->calibrations(), kNotReachable);
+  const auto now = need(reader->current(CalibrationKind::scanner), kNotReachable);
+  // They come newest first; two of one second stay in the order in which they were kept.
+  for (auto it = all.rbegin(); it != all.rend(); ++it) {
+    const storage::CalibrationRecord& kept = *it;
+    if (kept.kind() != CalibrationKind::scanner) continue;
+    json record = json::parse(kept.figures, nullptr, false);
+    if (!is_verification(record)) record = {{"schema", "slabd.scanner_verification/1"}};
+    record["id"] = kept.id;
+    record["in_force"] = now && now->id == kept.id;
+    record["expires"] = kept.expires_utime_us == 0 ? json(nullptr) : json(iso_time(kept.expires_utime_us));
+    records.push_back(std::move(record));
+  }
+}
+
+int history(const std::string& config_path, bool as_json) {
+  const daemon::Config config = config_from(config_path);
+  std::vector<json> records;
+  add_records(config, records);
+  std::stable_sort(records.begin(), records.end(),
+                   [](const json& a, const json& b) { return a.value("utc", "") < b.value("utc", ""); });
+  if (as_json) {
+    fmt::print("{}\n", json{{"schema", "slabd.scanner_history/1"}, {"records", records}}.dump(2));
+    return kDone;
+  }
+  fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:7} {:16} {}\n", "time", "scanner", "PF", "|PS|", "RF", "form",
+             "limits", "record", "");
+  for (const json& record : records) {
+    fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:7} {:16} {}\n", record.value("utc", "-"),
+               record.value("scanner", "-"), number(record, "PF_mm"), number(record, "PS_abs_mm"),
+               number(record, "RF_mm"), number(record, "form_half_mm"),
+               record.value("within_limits", false) ? "within" : "OUT", record.value("id", ""),
+               record.value("in_force", false) ? "in force" : "");
+  }
+  return kDone;
+}
+
+void add_scanner_history(args::Command& scanner) {
+  struct Options {
+    std::string config;
+    bool as_json = false;
+  };
+  auto options = std::make_shared<Options>();
+  args::Command command = scanner.add_subcommand("history", "The verifications that were kept, oldest first");
+  command->footer("\nmm. Example: slabctl scanner history");
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_flag("--json", options->as_json, "Print slabd.scanner_history/1");
+  command->runs([options] { return history(options->config, options->as_json); });
+}
+
+}  // namespace
 
 void add_scanner(args::Command& app) {
   args::Command scanner =

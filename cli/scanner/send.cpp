@@ -11,10 +11,8 @@
 
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/scanner/scanner.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
-#include "cli/terminal/table_columns.h"
 #include "emulator/stream_gateway.h"
 
 namespace slabd::cli {

@@ -14,12 +14,10 @@
 #include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/scanner/scanner.h"
 #include "cli/scanner/verification.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/progress.h"
-#include "cli/terminal/table_columns.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {

@@ -44,12 +44,6 @@ calib::StationVisit visit_of(const SlabTruth& slab, const Cell& cell, int statio
   return visit;
 }
 
-void write_text(const fs::path& path, const std::string& text) {
-  std::ofstream file(path);
-  file << text;
-  if (!file.flush()) cli::stop(cli::kNotReachable, fmt::format("{} cannot be written", path.string()));
-}
-
 }  // namespace
 
 calib::MasterCertificate master_certificate(const Recipe& recipe, const SlabTruth& slab, double sigma_mm) {

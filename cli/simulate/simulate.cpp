@@ -10,9 +10,9 @@
 
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/recipe/recipe_source.h"
 #include "cli/simulate/mastered_slab.h"
 #include "cli/simulate/simulate_calibration.h"
-#include "cli/simulate/simulate_plane.h"
 #include "cli/simulate/simulate_report.h"
 #include "cli/simulate/simulate_scan.h"
 #include "cli/stations/krl.h"
@@ -109,24 +109,6 @@ RobotTraits robot_traits(const daemon::Config& config, const Options& options) {
   traits.rsi = options.rsi;
   traits.rsi_faults = options.rsi_faults;
   return traits;
-}
-
-/// The recipe that the daemon will use for this slab type (0: the longest slab there is a recipe for); faulty other
-/// recipes are the daemon's affair.
-Recipe find_recipe(const daemon::Config& config, std::uint16_t slab_type) {
-  std::vector<Recipe> recipes;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipes(config.recipes_dir, recipes, problems);
-  const Recipe* found = nullptr;
-  for (const Recipe& candidate : recipes) {
-    const bool longer = found == nullptr || candidate.slab.length_mm.value > found->slab.length_mm.value;
-    if (slab_type == 0 ? longer : candidate.slab_type == slab_type) found = &candidate;
-  }
-  if (found != nullptr) return *found;
-  std::ignore = cli::report_problems(problems);
-  cli::stop(cli::kBadInput, slab_type == 0 ? ""
-                                           : fmt::format("--type {}: {} has no usable recipe for this slab type",
-                                                         slab_type, config.recipes_dir));
 }
 
 std::string id_of(const Options& options, int index) {
@@ -229,7 +211,7 @@ int simulate(const Options& options) {
               fmt::format("--slab-id: '{}' has more than {} characters", id_of(options, i), limits::kSlabIdBytes));
   }
   const daemon::Config config = cli::config_from(options.config);
-  const Recipe recipe = find_recipe(config, options.type);
+  const Recipe recipe = cli::recipe_of_type(config, options.type);
   if ((config.plc.role == hal::PlcRole::rtu) != !options.plc_device.empty() && !options.stand_by)
     cli::stop(cli::kUsage,
               options.plc_device.empty()
@@ -278,7 +260,7 @@ int simulate(const Options& options) {
   if (options.json) {
     fmt::print("{}", simulation_json(recipe, facts, outcomes));
   } else {
-    for (const SlabOutcome& outcome : outcomes) print_outcome(recipe, facts, outcome);
+    for (const SlabOutcome& outcome : outcomes) fmt::print("{}", outcome_text(recipe, facts, outcome));
   }
   for (const SlabOutcome& outcome : outcomes)
     if (!outcome.run.finished)

@@ -55,12 +55,6 @@ void write_view(Json& json, const CalibrationScene& scene, const Pose& reported,
   json.end_array().end_object();
 }
 
-void write_text(const fs::path& path, const std::string& text) {
-  std::ofstream file(path);
-  file << text;
-  if (!file.flush()) cli::stop(cli::kNotReachable, fmt::format("{} cannot be written", path.string()));
-}
-
 /// Nothing is ever overwritten: an older set mixed with a new one would calibrate to nonsense.
 void make_folder(const fs::path& dir) {
   std::error_code fault;
@@ -79,6 +73,12 @@ void take_cell(const std::string& path, CalibrationTraits& scene) {
 }
 
 }  // namespace
+
+void write_text(const std::filesystem::path& path, const std::string& text) {
+  std::ofstream file(path, std::ios::binary);
+  file << text;
+  if (!file.flush()) cli::stop(cli::kNotReachable, fmt::format("{} cannot be written", path.string()));
+}
 
 std::optional<std::string> text_of(const std::string& path) {
   std::ifstream file(path, std::ios::binary);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <filesystem>
 #include <optional>
 #include <span>
 #include <string>
@@ -31,6 +32,8 @@ struct CalibrationOrder {
 /// truth.json. Returns the exit status.
 [[nodiscard]] int write_calibration(const CalibrationOrder& order);
 
+/// Writes a text file; stops if that is not possible.
+void write_text(const std::filesystem::path& path, const std::string& text);
 /// A file's bytes; nothing when it cannot be read.
 [[nodiscard]] std::optional<std::string> text_of(const std::string& path);
 /// The views of a file. config: names file and line.

@@ -95,10 +95,9 @@ std::vector<SlabItem> slab_items(const Recipe& recipe, const SlabOutcome& outcom
 }
 
 /// The most wrong one of each kind.
-void print_slab_items(const std::vector<SlabItem>& items, cli::Style style) {
-  if (items.empty()) return;
-  std::vector<std::vector<std::string>> rows = {
-      {"slab item<", "blocks", "true", "measured", "error um", "U um", "verdict<"}};
+std::string slab_items_text(const std::vector<SlabItem>& items, cli::Style style) {
+  if (items.empty()) return "";
+  cli::Table table{"slab item<", "blocks", "true", "measured", "error um", "U um", "verdict<"};
   const auto error = [](const SlabItem& i) { return std::abs(i.measured.value - i.planted); };
   for (const ItemId id : {ItemId::seat_spacing, ItemId::large_jaw_distance, ItemId::corner_level, ItemId::warp_left,
                           ItemId::warp_right}) {
@@ -108,37 +107,32 @@ void print_slab_items(const std::vector<SlabItem>& items, cli::Style style) {
         worst = &item;
     if (worst == nullptr) continue;
     const Item& m = worst->measured;
-    rows.push_back({std::string(info(id).name), m.station == 0 ? "-" : fmt::format("{}-{}", m.station, m.station_to),
-                    fmt::format("{:.3f}", worst->planted), fmt::format("{:.3f}", m.value),
-                    error_text(m.value, worst->planted), has_value(m.U) ? fmt::format("{:.0f}", 1e3 * m.U) : "-",
-                    cli::verdict_text(m.verdict, style)});
+    table.add(info(id).name, m.station == 0 ? "-" : fmt::format("{}-{}", m.station, m.station_to),
+              cli::Cell(worst->planted, 3), cli::Cell(m.value, 3), error_text(m.value, worst->planted),
+              cli::Cell(1e3 * m.U, 0), m.verdict);
   }
-  fmt::print("{}  (of spacings and large jaws the most wrong one; the robot's planted error is part of the error)\n\n",
-             cli::table(rows));
+  return cli::text_of(table, style) +
+         "  (of spacings and large jaws the most wrong one; the robot's planted error is part of the error)\n\n";
 }
 
-void print_stations(const Recipe& recipe, const SlabOutcome& outcome, cli::Style style) {
-  std::vector<std::string> heading = {"block", "scans", "acquire s", "result s"};
-  for (const Compared& item : kCompared) heading.emplace_back(item.heading);
-  heading.emplace_back("robot");
-  heading.emplace_back("verdict<");
-  heading.emplace_back("reason<");
-  std::vector<std::vector<std::string>> rows = {heading};
+std::string stations_text(const Recipe& recipe, const SlabOutcome& outcome, cli::Style style) {
+  cli::Table table{"block", "scans", "acquire s", "result s"};
+  for (const Compared& item : kCompared) table.columns.emplace_back(item.heading);
+  for (const char* heading : {"robot", "verdict<", "reason<"}) table.columns.emplace_back(heading);
   for (int k = 1; k <= outcome.truth.stations; ++k) {
     const StationRun& run = run_of(outcome, k);
-    std::vector<std::string> row = {std::to_string(k), std::to_string(run.scans), seconds(run.trigger_to_acquired_s),
-                                    seconds(run.acquired_to_result_s)};
+    table.add(k, run.scans, seconds(run.trigger_to_acquired_s), seconds(run.acquired_to_result_s));
+    cli::Table::Row& row = table.rows.back();
     for (const Compared& item : kCompared)
-      row.push_back(
+      row.emplace_back(
           error_text(measured_value(recipe, outcome, k, item.id), true_value(recipe, outcome.truth.at(k), item.id)));
-    row.push_back(fmt::format("{:.0f}", 1e3 * robot_off_mm(outcome.truth.at(k)).norm()));
     const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
-    row.push_back(cli::verdict_text(shown.verdict, style));
-    row.push_back(run.trouble.empty() ? cli::reason_words(shown.reason) : run.trouble);
-    rows.push_back(row);
+    row.emplace_back(1e3 * robot_off_mm(outcome.truth.at(k)).norm(), 0);
+    row.emplace_back(shown.verdict);
+    row.emplace_back(run.trouble.empty() ? cli::reason_words(shown.reason) : run.trouble);
   }
-  fmt::print("{}  (items: measured minus planted, um and millidegrees; robot: real minus reported flange, um)\n\n",
-             cli::table(rows));
+  return cli::text_of(table, style) +
+         "  (items: measured minus planted, um and millidegrees; robot: real minus reported flange, um)\n\n";
 }
 
 /// The item that a defect shows in; none for a missing block and for what only makes a scan worse.
@@ -173,11 +167,10 @@ std::optional<ItemId> item_of(DefectKind kind) {
   return std::nullopt;
 }
 
-void print_planted(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome,
-                   const std::vector<SlabItem>& slab) {
-  if (facts.defects.empty()) return;
-  const auto number = [](double v) { return has_value(v) ? fmt::format("{:.4f}", v) : std::string("-"); };
-  std::vector<std::vector<std::string>> rows = {{"defect", "block", "item<", "true", "measured", "verdict<"}};
+std::string planted_text(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome,
+                         const std::vector<SlabItem>& slab) {
+  if (facts.defects.empty()) return "";
+  cli::Table table{"defect", "block", "item<", "true", "measured", "verdict<"};
   for (std::size_t i = 0; i < facts.defects.size(); ++i) {
     const int k = facts.defects[i].station;
     const std::optional<ItemId> id = item_of(facts.defects[i].kind);
@@ -203,10 +196,10 @@ void print_planted(const Recipe& recipe, const RunFacts& facts, const SlabOutcom
       const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
       verdict = fmt::format("{} {}", name(shown.verdict), cli::reason_words(shown.reason));
     }
-    rows.push_back({facts.defect_texts[i], k != 0 ? std::to_string(k) : "-", id ? std::string(info(*id).name) : "-",
-                    number(truth), number(measured), verdict});
+    table.add(facts.defect_texts[i], k != 0 ? std::to_string(k) : "-", id ? info(*id).name : "-", cli::Cell(truth, 4),
+              cli::Cell(measured, 4), verdict);
   }
-  fmt::print("{}\n", cli::table(rows));
+  return cli::text_of(table) + "\n";
 }
 
 void write_station(Json& json, const Recipe& recipe, const SlabOutcome& outcome, int k) {
@@ -282,26 +275,28 @@ double measured_value(const Recipe& recipe, const SlabOutcome& outcome, int stat
   return kNoValue;
 }
 
-void print_outcome(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome) {
+std::string outcome_text(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome) {
+  std::string text;
   const cli::Style style = cli::style_for(stdout);
   const SlabRun& run = outcome.run;
-  fmt::print("slab {} \"{}\"  {}\n\n", run.order.slab_no, run.order.slab_id,
-             run.continued ? "(was already open: continued)" : "");
-  fmt::print("{}{}\n", cli::slab_map(table_verdicts(outcome), style), cli::map_legend(style));
-  print_stations(recipe, outcome, style);
+  text += fmt::format("slab {} \"{}\"  {}\n\n", run.order.slab_no, run.order.slab_id,
+                      run.continued ? "(was already open: continued)" : "");
+  text += fmt::format("{}{}\n", cli::slab_map(table_verdicts(outcome), style), cli::map_legend(style));
   const std::vector<SlabItem> slab = slab_items(recipe, outcome);
-  print_slab_items(slab, style);
-  print_planted(recipe, facts, outcome, slab);
+  text +=
+      stations_text(recipe, outcome, style) + slab_items_text(slab, style) + planted_text(recipe, facts, outcome, slab);
   if (run.finished) {
-    fmt::print("slab verdict {}  {}\n", cli::verdict_text(run.verdict, style), cli::reason_text(run.reason));
+    text += fmt::format("slab verdict {}  {}\n", cli::verdict_text(run.verdict, style), cli::reason_text(run.reason));
     const double compute_ms = block_compute_ms(outcome);
-    fmt::print("{} s from the last ACQUIRED to the verdict{}, {:.1f} s in all\n",
-               run.last_acquired_to_verdict_s < 0.0 ? "-" : fmt::format("{:.3f}", run.last_acquired_to_verdict_s),
-               has_value(compute_ms) ? fmt::format(" (computing on one block: {:.0f} ms)", compute_ms) : std::string(),
-               run.total_s);
+    text += fmt::format(
+        "{} s from the last ACQUIRED to the verdict{}, {:.1f} s in all\n",
+        run.last_acquired_to_verdict_s < 0.0 ? "-" : fmt::format("{:.3f}", run.last_acquired_to_verdict_s),
+        has_value(compute_ms) ? fmt::format(" (computing on one block: {:.0f} ms)", compute_ms) : std::string(),
+        run.total_s);
   } else {
-    fmt::print("no slab verdict: {}\n", run.trouble.text);
+    text += fmt::format("no slab verdict: {}\n", run.trouble.text);
   }
+  return text;
 }
 
 std::string simulation_json(const Recipe& recipe, const RunFacts& facts, const std::vector<SlabOutcome>& outcomes) {

@@ -31,7 +31,7 @@ struct RunFacts {
 /// millidegree resolution); of seat_lateral and seat_vertical only from the database. NaN when there is none.
 [[nodiscard]] double measured_value(const Recipe& recipe, const SlabOutcome& outcome, int station, ItemId id);
 
-void print_outcome(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome);
+[[nodiscard]] std::string outcome_text(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome);
 [[nodiscard]] std::string simulation_json(const Recipe& recipe, const RunFacts& facts,
                                           const std::vector<SlabOutcome>& outcomes);
 

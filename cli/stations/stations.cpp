@@ -17,6 +17,7 @@
 #include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "cli/recipe/recipe_source.h"
 #include "cli/stations/krl.h"
 #include "cli/stations/station_plan.h"
 #include "cli/terminal/arguments.h"
@@ -60,27 +61,10 @@ struct Sources {
   std::string not_used;  ///< why the line does not use it; empty: it does
 };
 
-Recipe find_recipe(const daemon::Config& config, std::uint16_t slab_type) {
-  std::vector<Recipe> recipes;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipes(config.recipes_dir, recipes, problems);
-  const Recipe* found = nullptr;
-  for (const Recipe& candidate : recipes) {
-    const bool longer = found == nullptr || candidate.slab.length_mm.value > found->slab.length_mm.value;
-    if (slab_type == 0 ? longer : candidate.slab_type == slab_type) found = &candidate;
-  }
-  if (found == nullptr) {
-    std::ignore = report_problems(problems);
-    stop(kBadInput,
-         fmt::format("--type {}: {} has no usable recipe for this slab type", slab_type, config.recipes_dir));
-  }
-  return *found;
-}
-
 Sources gather(const Options& options) {
   Sources out;
   out.config = config_from(options.config);
-  out.recipe = find_recipe(out.config, options.type);
+  out.recipe = recipe_of_type(out.config, options.type);
   const std::unique_ptr<storage::Reader> reader = open_records(out.config);
   out.hand_eye = hand_eye_in_force(reader.get(), out.config);
   if (out.hand_eye.id.empty())
@@ -196,40 +180,39 @@ std::string faults(const StationView& view, double look_mm) {
   return text;
 }
 
-void print_pose(const Pose& pose) {
+std::string pose_text(const Pose& pose) {
   const Vec3& p = pose.translation_mm;
   const KukaAbc abc = kuka_abc_from_rotation(pose.rotation);
-  fmt::print("{:10.3f} {:10.3f} {:10.3f} {:9.4f} {:9.4f} {:9.4f}", p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad),
-             deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
+  return fmt::format("{:10.3f} {:10.3f} {:10.3f} {:9.4f} {:9.4f} {:9.4f}", p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad),
+                     deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
 }
 
-void print_table(const Sources& sources, const std::vector<Row>& rows) {
+std::string table_text(const Sources& sources, const std::vector<Row>& rows) {
+  std::string text;
   const double look_mm = sources.config.pose.look_mm;
-  fmt::print("slab type {} ({}), hand-eye {}{}\n", sources.recipe.slab_type, sources.recipe.name.view(),
-             sources.hand_eye.id.view(), sources.hand_eye.applied ? "" : " (commissioning values)");
-  fmt::print("station          X          Y          Z         A         B         C   seen\n");
+  text += fmt::format("slab type {} ({}), hand-eye {}{}\n", sources.recipe.slab_type, sources.recipe.name.view(),
+                      sources.hand_eye.id.view(), sources.hand_eye.applied ? "" : " (commissioning values)");
+  text += "station          X          Y          Z         A         B         C   seen\n";
   for (const Row& row : rows) {
-    fmt::print("{:7} ", row.station);
-    print_pose(row.planned);
     const std::string wrong = faults(row.view, look_mm);
-    fmt::print("   {}\n", wrong.empty() ? "all" : wrong);
+    text += fmt::format("{:7} {}   {}\n", row.station, pose_text(row.planned), wrong.empty() ? "all" : wrong);
     if (row.taught) {
       const std::string taught_wrong = faults(row.taught_view, look_mm);
-      fmt::print(" taught ");
-      print_pose(*row.taught);
-      fmt::print("   {}; {:.2f} mm, {:.3f} deg from the plan\n", taught_wrong.empty() ? "all" : taught_wrong,
-                 off_mm(row.planned, *row.taught), off_deg(row.planned, *row.taught));
+      text += fmt::format(" taught {}   {}; {:.2f} mm, {:.3f} deg from the plan\n", pose_text(*row.taught),
+                          taught_wrong.empty() ? "all" : taught_wrong, off_mm(row.planned, *row.taught),
+                          off_deg(row.planned, *row.taught));
     }
     if (row.mastered) {
       const Pose& stands = row.taught ? *row.taught : row.planned;
       const bool near = in_gate(stands, *row.mastered, sources.config.splice);
-      fmt::print("        mastered {:.2f} mm, {:.3f} deg away: its correction {}\n", off_mm(stands, *row.mastered),
-                 off_deg(stands, *row.mastered),
-                 !sources.not_used.empty() ? sources.not_used + ", so it does NOT hold"
-                 : near                    ? "holds"
-                                           : "would NOT hold (calibration.station_gate_mm, station_gate_deg)");
+      text += fmt::format("        mastered {:.2f} mm, {:.3f} deg away: its correction {}\n",
+                          off_mm(stands, *row.mastered), off_deg(stands, *row.mastered),
+                          !sources.not_used.empty() ? sources.not_used + ", so it does NOT hold"
+                          : near                    ? "holds"
+                                                    : "would NOT hold (calibration.station_gate_mm, station_gate_deg)");
     }
   }
+  return text;
 }
 
 void write_view(Json& json, std::string_view key, const StationView& view, double look_mm) {
@@ -336,7 +319,7 @@ int stations(Options& options) {
   if (options.as_json)
     fmt::print("{}", json_of(sources, rows, alike, all_ok));
   else
-    print_table(sources, rows);
+    fmt::print("{}", table_text(sources, rows));
   return all_ok ? kDone : kNotPass;
 }
 

@@ -6,10 +6,8 @@
 #include <vector>
 
 #include "base/fields.h"
-#include "cli/study/agreement.h"
-#include "cli/study/repeatability.h"
-#include "cli/study/same_part.h"
 #include "cli/study/source.h"
+#include "cli/study/statistics.h"
 
 /// The paper's Table 6 for every characteristic: what slabd finds against what a laboratory finds on the same things.
 namespace slabd::cli::study {
@@ -64,7 +62,9 @@ struct CompareStudy {
 [[nodiscard]] CompareStudy compare(const Side& reference, const Side& measured,
                                    const std::map<std::string, double>& allowed);
 
+[[nodiscard]] Table errors_table(const CompareStudy& study, Reader reader = std::nullopt);
+[[nodiscard]] Table agreement_table(const CompareStudy& study, Reader reader = std::nullopt);
 [[nodiscard]] std::string compare_json(const CompareStudy& study);
-void print_compare(const CompareStudy& study);
+[[nodiscard]] std::string compare_text(const CompareStudy& study);
 
 }  // namespace slabd::cli::study

@@ -7,7 +7,7 @@
 #include <array>
 #include <cmath>
 
-#include "cli/study/distributions.h"
+#include "cli/study/statistics.h"
 
 namespace slabd::cli::study {
 namespace {

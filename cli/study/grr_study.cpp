@@ -1,12 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/study/grr_study.h"
-
 #include <fmt/core.h>
 
 #include <algorithm>
+#include <chrono>
+#include <filesystem>
 #include <map>
+#include <memory>
+#include <optional>
+#include <set>
 #include <tuple>
 
+#include "cli/command.h"
+#include "cli/database.h"
+#include "cli/exit.h"
+#include "cli/study/grr.h"
+#include "cli/study/study.h"
+#include "cli/study/study_report.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/progress.h"
 #include "cli/terminal/render.h"
 #include "config/config.h"
 #include "daemon/measure.h"
@@ -86,47 +98,33 @@ std::string percent(double value) {
   return figure(value, 1);
 }
 
-std::string judged_text(const GrrJudgement& judged, Style style) {
-  return std::string(symbol(as_verdict(judged.judgement), style)) + " " +
-         (judged.conditional ? "conditional" : std::string(name(judged.judgement))) +
-         (judged.reason.empty() ? "" : ": " + judged.reason);
+/// As a table has it.
+Cell judged_cell(const GrrJudgement& judged) {
+  Cell cell = study::judged(judged.judgement, judged.reason, std::nullopt);
+  if (judged.conditional) cell.text.replace(0, name(judged.judgement).size(), "conditional");
+  return cell;
 }
 
-void print_item(const GrrItem& item, Style style) {
-  const int digits = decimals_of(item.about.item) + 2;
-  fmt::print("\n{} [{}]: {} parts, {} appraisers ({}), {} trials\n\n", item.about.item, unit_of(item.about.item),
-             item.parts.size(), item.appraisers.size(), join(item.appraisers), item.trials.size());
-  const Components& c = item.by_anova.components;
-  std::vector<std::vector<std::string>> rows = {
-      {"source", "sigma", "% of TV", "% of T", "average-range sigma", "% of TV"}};
-  const auto add = [&](const char* what, double own, double other, bool zeroed) {
-    rows.push_back({std::string(what) + (zeroed ? " (negative, set to 0)" : ""), figure(own, digits),
-                    percent(100.0 * own / c.TV), percent(600.0 * own / item.tolerance), figure(other, digits),
-                    percent(item.by_range ? 100.0 * other / item.by_range->TV : kNoValue)});
-  };
-  const Components none;
-  const Components& r = item.by_range ? *item.by_range : none;
-  add("repeatability EV", c.EV, r.EV, false);
-  add("reproducibility AV", c.AV, r.AV, c.av_zeroed);
-  if (!item.by_anova.is_pooled) add("interaction INT", c.INT, kNoValue, c.int_zeroed);
-  add("gauge R&R", c.GRR, r.GRR, false);
-  add("parts PV", c.PV, r.PV, c.pv_zeroed);
-  add("total TV", c.TV, r.TV, false);
-  fmt::print("{}ndc {} ({} by ranges){}\n\n", table(rows), figure(c.ndc(), 2), figure(r.ndc(), 2),
-             item.by_range ? "" : fmt::format("; the ranges' factors end at {}", kGrrRangeMax));
-  rows = {{"analysis of variance", "SS", "df", "MS", "F", "p"}};
+std::string item_text(const GrrItem& item, Style style) {
   const Anova& a = item.by_anova;
+  Table table{"analysis of variance", "SS", "df", "MS", "F", "p"};
   for (const auto& [what, row] : {std::pair{"parts", &a.part},
                                   {"appraisers", &a.appraiser},
                                   {"interaction", &a.interaction},
                                   {"repeatability", &a.repeatability},
                                   {"repeatability, pooled", &a.pooled},
                                   {"total", &a.total}})
-    rows.push_back({what, fmt::format("{:.6g}", row->ss), figure(row->df, 0), fmt::format("{:.6g}", row->ms),
-                    figure(row->f, 3), figure(row->p, 3)});
-  fmt::print("{}interaction {} with the repeatability: p {} {} {}\n{}\n", table(rows),
-             a.is_pooled ? "pooled" : "not pooled", figure(a.interaction.p, 3),
-             a.interaction.p > kPoolAbove ? ">" : "<=", kPoolAbove, judged_text(item.judged, style));
+    table.add(what, fmt::format("{:.6g}", row->ss), Cell(row->df, 0), fmt::format("{:.6g}", row->ms), Cell(row->f, 3),
+              Cell(row->p, 3));
+  return fmt::format(
+      "\n{} [{}]: {} parts, {} appraisers ({}), {} trials\n\n{}ndc {} ({} by ranges){}\n\n"
+      "{}interaction {} with the repeatability: p {} {} {}\n{}\n",
+      item.about.item, unit_of(item.about.item), item.parts.size(), item.appraisers.size(), join(item.appraisers),
+      item.trials.size(), text_of(components_table(item)), figure(a.components.ndc(), 2),
+      figure(item.by_range.value_or(Components()).ndc(), 2),
+      item.by_range ? "" : fmt::format("; the ranges' factors end at {}", kGrrRangeMax), text_of(table),
+      a.is_pooled ? "pooled" : "not pooled", figure(a.interaction.p, 3),
+      a.interaction.p > kPoolAbove ? ">" : "<=", kPoolAbove, cell_text(judged_cell(item.judged), style));
 }
 
 void write_components(Json& json, std::string_view key, const Components& c, double tolerance) {
@@ -149,6 +147,37 @@ void place_all(const std::string& place, const CsvTable& plan, std::size_t row, 
 }
 
 }  // namespace
+
+Table components_table(const GrrItem& item, Reader reader) {
+  const Components& c = item.by_anova.components;
+  const Components r = item.by_range.value_or(Components());
+  Table table{pick(reader, "source", "来源"),
+              pick(reader, "sigma", "sigma（方差分析）"),
+              "% of TV",
+              "% of T",
+              pick(reader, "average-range sigma", "sigma（均值极差）"),
+              "% of TV"};
+  table.title = fmt::format("{} {}, {} {}, {} {}; {} (p {:.3f})", item.parts.size(), pick(reader, "parts", "个零件"),
+                            item.appraisers.size(), pick(reader, "appraisers", "名评价人"), item.trials.size(),
+                            pick(reader, "trials", "次试验"),
+                            item.by_anova.is_pooled ? pick(reader, "interaction pooled", "交互作用已合并")
+                                                    : pick(reader, "with interaction", "含交互作用"),
+                            item.by_anova.interaction.p);
+  const int digits = decimals_of(item.about.item) + 2;
+  const auto add = [&](std::string what, double own, double other, bool zeroed = false) {
+    if (zeroed) what += pick(reader, " (negative, set to 0)", "（负值，取 0）");
+    table.add(what, Cell(own, digits), percent(100.0 * own / c.TV), percent(600.0 * own / item.tolerance),
+              Cell(other, digits), percent(100.0 * other / r.TV));
+  };
+  add(pick(reader, "repeatability EV", "重复性 EV"), c.EV, r.EV);
+  add(pick(reader, "reproducibility AV", "再现性 AV"), c.AV, r.AV, c.av_zeroed);
+  if (!item.by_anova.is_pooled) add(pick(reader, "interaction INT", "交互作用 INT"), c.INT, kNoValue, c.int_zeroed);
+  add(pick(reader, "gauge R&R", "GRR"), c.GRR, r.GRR);
+  add(pick(reader, "parts PV", "零件变差 PV"), c.PV, r.PV, c.pv_zeroed);
+  add(pick(reader, "total TV", "总变差 TV"), c.TV, r.TV);
+  if (reader) table.add("ndc", Cell(c.ndc(), 2), "", "", Cell(r.ndc(), 2), "");
+  return table;
+}
 
 Judgement GrrStudy::judgement() const {
   Judgement worst = items.empty() || !refused.empty() ? Judgement::undecided : Judgement::capable;
@@ -272,23 +301,186 @@ std::string grr_json(const GrrStudy& study) {
   return json.text();
 }
 
-void print_grr(const GrrStudy& study, bool details) {
+std::string grr_text(const GrrStudy& study, bool details) {
+  std::string text;
   const Style style = style_for(stdout);
-  fmt::print("{}\n", study.source);
-  for (const std::string& sentence : study.notes.sentences()) fmt::print("! {}\n", sentence);
-  fmt::print("\n");
-  std::vector<std::vector<std::string>> rows = {
-      {"gauge R&R", "unit<", "EV", "AV", "GRR", "% of T", "% of TV", "ndc", "judgement<"}};
+  text += fmt::format("{}\n", study.source);
+  for (const std::string& sentence : study.notes.sentences()) text += fmt::format("! {}\n", sentence);
+  text += "\n";
+  Table table{"gauge R&R", "unit<", "EV", "AV", "GRR", "% of T", "% of TV", "ndc", "judgement<"};
   for (const GrrItem& item : study.items) {
     const Components& c = item.by_anova.components;
     const int digits = decimals_of(item.about.item) + 1;
-    rows.push_back({item.about.item, unit_of(item.about.item), figure(c.EV, digits), figure(c.AV, digits),
-                    figure(c.GRR, digits), percent(c.of_tolerance(item.tolerance)), percent(c.of_variation()),
-                    figure(c.ndc(), 2), judged_text(item.judged, style)});
+    table.add(item.about.item, unit_of(item.about.item), figure(c.EV, digits), figure(c.AV, digits),
+              figure(c.GRR, digits), percent(c.of_tolerance(item.tolerance)), percent(c.of_variation()),
+              figure(c.ndc(), 2), judged_cell(item.judged));
   }
-  fmt::print("{}", table(rows));
+  text += text_of(table, style);
   if (details || study.items.size() == 1)
-    for (const GrrItem& item : study.items) print_item(item, style);
+    for (const GrrItem& item : study.items) text += item_text(item, style);
+  return text;
+}
+
+// slabctl study grr: a plan of who measured what, from a table, scans or stored slabs.
+
+namespace {
+
+struct GrrOptions {
+  std::string plan;
+  ScanOptions scan;
+  DatabaseOptions database;
+  std::vector<std::string> items;
+  std::vector<std::string> tolerances;
+  std::string interaction = "auto";
+  std::string same_part;
+  bool details = false;
+  DocumentOptions document;
+  bool json = false;
+};
+
+/// An item that is named but not in the study is most likely a slip, and would leave its tolerance unheard.
+void need_known(const GrrOptions& options, const std::map<std::string, double>& tolerances,
+                const std::vector<Placing>& placings) {
+  std::set<std::string> measured;
+  for (const Placing& placing : placings)
+    if (has_value(placing.reading.value)) measured.insert(placing.reading.item);
+  const std::vector<std::string> names(measured.begin(), measured.end());
+  const auto there = [&](const char* option, const std::string& item) {
+    if (measured.contains(item)) return;
+    const std::string meant = nearest(item, names);
+    stop(kUsage, fmt::format("{}: '{}' was not measured here{}", option, item,
+                             meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
+  };
+  for (const std::string& item : options.items) there("--item", item);
+  for (const auto& [item, width] : tolerances) there("--tolerance", item);
+}
+
+/// A path as the plan says it, from the plan's own folder.
+std::string beside(const std::string& plan, const std::string& path) {
+  return (std::filesystem::path(plan).parent_path() / path).string();
+}
+
+int run_grr(const GrrOptions& options) {
+  options.document.check();
+  std::map<std::string, double> tolerances;
+  for (const std::string& text : options.tolerances) {
+    const auto [item, value] = parse_assignment("--tolerance", text);
+    if (!(value > 0.0))
+      stop(kUsage, fmt::format("--tolerance '{}': a width above 0, upper limit minus lower limit", text));
+    tolerances[item] = value;
+  }
+  const auto plan = need(CsvTable::read(options.plan), kBadInput);
+  std::optional<ScanMeter> meter;
+  std::unique_ptr<storage::Reader> reader;
+  if (plan.has("scan")) {
+    const Recipe recipe = options.scan.load();
+    warn_unconfirmed(recipe);
+    meter.emplace(recipe, *length_unit(options.scan.unit), options.scan.threads);
+  } else if (plan.has("slab")) {
+    reader = open_database(options.database);
+  }
+  PlanReaders readers;
+  std::vector<Take> scans;
+  SamePart same_part;
+  std::size_t row = 0;  // each row of the plan is read once, in their order
+  const auto part_of = [&](int block) {
+    const std::string name = plan.cell(row++, "part");
+    return !name.empty() || block == 0 ? name : fmt::format("block {}", block);
+  };
+  readers.scan = [&](const std::string& path, int block) -> Result<std::vector<Reading>> {
+    const ProgressNote note(stderr, fmt::format("measuring {} ...", path), std::chrono::seconds(1));
+    auto read = meter->measure(beside(options.plan, path), block);
+    if (!read.ok()) return read;
+    same_part.add_scan(part_of(block), path, block, meter->shape());
+    scans.push_back({path, read.value()});
+    return read;
+  };
+  std::map<std::int64_t, std::set<int>> blocks_used;  // by slab key; 0: all of them
+  readers.slab = [&](const std::string& slab, int block) -> Result<std::vector<Reading>> {
+    auto records = slabs_named(*reader, slab, 1000);
+    if (!records.ok()) return records.error();
+    if (records.value().empty()) return no_slab_named(slab);
+    if (records.value().size() > 1)
+      return error(Code::config, "slab id '%s' has %zu inspections; name the key of the one that is meant",
+                   slab.c_str(), records.value().size());
+    const SlabHeader& header = records.value().front().summary.header;
+    const std::int64_t key = header.key;
+    same_part.add_slab(part_of(0), header);
+    std::set<int>& used = blocks_used[key];
+    Take take = take_of(records.value().front());
+    // A plan with a column of blocks names a slab once for each of them.
+    if (used.contains(0) || used.contains(block) || (block == 0 && !used.empty()))
+      return error(Code::config, "slab '%s' (key %lld)%s is in the plan already: one measurement used twice",
+                   slab.c_str(), static_cast<long long>(key),
+                   block == 0 ? "" : fmt::format(", block {},", block).c_str());
+    if (used.empty()) scans.push_back(take);
+    used.insert(block);
+    return take.readings;
+  };
+  const auto placings = need(placings_of(plan, readers));
+  need_known(options, tolerances, placings);
+  const Interaction interaction = options.interaction == "keep"   ? Interaction::keep
+                                  : options.interaction == "pool" ? Interaction::pool
+                                                                  : Interaction::automatic;
+  const auto tolerance = [&](const std::string& item) {
+    const auto found = tolerances.find(item);
+    return found == tolerances.end() ? kNoValue : found->second;
+  };
+  StudyNotes notes = same_part.settle(options.same_part);
+  GrrStudy study = grr_study(placings, options.items, tolerance, interaction);
+  study.source = options.plan;
+  study.notes = std::move(notes);
+  if (const std::string twice = same_scan_twice(scans); !twice.empty())
+    study.refused.push_back(
+        fmt::format("{} have the same values to the last digit: one measurement used twice", twice));
+  for (const std::string& sentence : study.refused) complain(sentence);
+  if (study.items.empty()) {
+    if (study.refused.empty()) complain(fmt::format("{}: no such item was measured", options.plan));
+    return kBadInput;
+  }
+  options.document.write(grr_report(study, options.document.wanted()));
+  fmt::print("{}", options.json ? grr_json(study) : grr_text(study, options.details));
+  return study.refused.empty() ? exit_of(study.judgement()) : kBadInput;
+}
+
+}  // namespace
+
+void add_grr(args::Command& study) {
+  auto options = std::make_shared<GrrOptions>();
+  args::Command command = study.add_subcommand("grr", "Gauge R&R: repeatability, reproducibility, %GRR and ndc");
+  command->footer(
+      "\nPLAN is a table with the columns appraiser, trial and\n"
+      "  part, value [, item, lower, upper]   values measured elsewhere\n"
+      "  scan, block [, part]                 scans, from the plan's folder; a part is the block, or has a name\n"
+      "  slab [, block, part]                 stored slabs by key; every block is a part (name/block)\n"
+      "Appraisers are re-clampings, homings of the robot, or shifts. Every appraiser measures every part equally "
+      "often.\n"
+      "Judged by 6 GRR / T from the analysis of variance, without tolerance by GRR / TV and ndc: below 10 % capable,\n"
+      "above 30 % not, between a decision of people. Fewer than 10 parts, 2 appraisers, 2 trials: undecided.\n"
+      "An interaction with p > 0.05 is pooled with the repeatability.\n"
+      "Example: slabctl study grr plan.csv --item seat_slope --tolerance seat_slope=0.2\n"
+      "Exit status: 0 capable, 1 not capable or undecided, 3 the plan has a hole.");
+  command->add_option("PLAN", options->plan, "The table of who measured what")->required();
+  options->scan.add_to(*command);
+  command->add_option("--item", options->items, "Of this item alone; repeatable")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  command->add_option("--tolerance", options->tolerances, "T, upper limit minus lower limit: ITEM=WIDTH; repeatable")
+      ->take_all()
+      ->expected(1)
+      ->allow_extra_args(false);
+  command
+      ->add_option("--interaction", options->interaction,
+                   "auto: pooled when not significant; keep: never pooled; pool: always")
+      ->check(args::one_of({"auto", "keep", "pool"}))
+      ->capture_default_str();
+  add_same_part(*command, options->same_part);
+  command->add_flag("--details", options->details, "The tables behind every item");
+  options->document.add_to(*command);
+  options->database.add_to(*command);
+  command->add_flag("--json", options->json, "Print slabd.study_grr/1 on stdout");
+  command->runs([options] { return run_grr(*options); });
 }
 
 }  // namespace slabd::cli::study

@@ -6,9 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "cli/study/repeatability.h"
-#include "cli/study/same_part.h"
 #include "cli/study/source.h"
+#include "cli/study/statistics.h"
 
 /// The paper's ten repeats (Figs. 18 and 19) and the type-1 study, characteristic by characteristic.
 namespace slabd::cli::study {
@@ -44,8 +43,11 @@ struct GaugeTask {
 [[nodiscard]] RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::string>& items, int block,
                                        const GaugeTask& task, bool scans);
 
+[[nodiscard]] Table characteristics_table(const RepeatStudy& study, Reader reader = std::nullopt);
+/// The type-1 study of what has a reference.
+[[nodiscard]] Table gauges_table(const RepeatStudy& study, Reader reader = std::nullopt);
 [[nodiscard]] std::string repeat_json(const RepeatStudy& study);
 /// Tables for people; every block's own line when `details`, or when there is one block only.
-void print_repeat(const RepeatStudy& study, bool details);
+[[nodiscard]] std::string repeat_text(const RepeatStudy& study, bool details);
 
 }  // namespace slabd::cli::study

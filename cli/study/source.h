@@ -1,16 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
+#include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "algo/algo.h"
 #include "base/base.h"
+#include "base/jobs.h"
 #include "base/pages.h"
 #include "cli/study/csv.h"
+#include "cli/study/statistics.h"
 #include "hal/hal.h"
+#include "report/json.h"
+#include "report/table.h"
+#include "report/words.h"
 #include "storage/storage.h"
 
 /// Where the values of a study come from: scan files measured here and now by the daemon's code, stored slabs, tables.
@@ -38,6 +46,15 @@ struct Reading {
 /// Decimals and unit that an item is shown with; four and none for one that slabd does not know.
 [[nodiscard]] int decimals_of(const std::string& item);
 [[nodiscard]] std::string unit_of(const std::string& item);
+/// Who reads a table: people at a document in a language, who get words, or at a terminal, who get the names of options
+/// and JSON.
+using Reader = std::optional<report::Language>;
+[[nodiscard]] std::string pick(Reader reader, std::string_view en, std::string_view zh);
+/// The characteristic.
+[[nodiscard]] std::string subject_of(const Reading& reading, Reader reader);
+[[nodiscard]] std::string judgement_word(Judgement judgement, report::Language language);
+/// The judgement with its symbol and `reason`; empty if it was not judged.
+[[nodiscard]] Cell judged(Judgement judgement, const std::string& reason, Reader reader);
 /// The order items are listed in: slabd's own, then the others.
 [[nodiscard]] std::size_t rank_of(const std::string& item);
 
@@ -87,5 +104,46 @@ class ScanMeter {
 /// Takes from a table: columns item, value; optional run (else the n-th value of an item is run n), block, lower,
 /// upper. config: also rows of one item and block with different limits.
 [[nodiscard]] Result<std::vector<Take>> takes_of(const CsvTable& table);
+
+// A study takes several measurements for those of one part. Slab ids, slab types, and the block that a scan's name or
+// comment states can show that they are not; then the study is refused, unless the user states why they are one part.
+
+/// The block that a scan's name states: "03-1.ply" (station and attempt, as slabd names its scans), "block7.ply",
+/// "station-12_run2.pcd". nullopt if the name does not state one.
+[[nodiscard]] std::optional<int> block_in_name(const std::string& path);
+
+/// What every study prints about where its values come from.
+struct StudyNotes {
+  std::string same_part;             ///< what the user said (--same-part); empty: nothing had to be said
+  std::vector<std::string> differs;  ///< what shows that they are several parts
+  std::uint8_t emulated = 0;         ///< emulation bits of any of the measurements
+
+  /// As sentences, for the terminal and for reports.
+  [[nodiscard]] std::vector<std::string> sentences() const;
+};
+/// `same_part` (null, or why and differs), `emulated` and `emulation`.
+void write_notes(Json& json, const StudyNotes& notes);
+
+class SamePart {
+ public:
+  /// A stored slab that stands for `part`; "": the only one.
+  void add_slab(const std::string& part, const SlabHeader& slab);
+  /// A scan that is measured as `block` and stands for `part`.
+  void add_scan(const std::string& part, const std::string& path, int block, const ScanShape& shape);
+
+  /// Stops if several parts are taken for one, and `why` is empty.
+  [[nodiscard]] StudyNotes settle(const std::string& why) const;
+
+ private:
+  struct Part {
+    std::vector<std::string> ids;  ///< of slabs, each once
+    std::vector<int> types;
+    std::vector<int> blocks;  ///< that its scans are measured as
+  };
+  std::map<std::string, Part> parts_;
+  std::vector<std::string> wrong_blocks_;
+  unsigned emulated_ = 0;
+  bool any_real_ = false;
+};
 
 }  // namespace slabd::cli::study

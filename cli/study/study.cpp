@@ -4,10 +4,19 @@
 #include "cli/study/study.h"
 
 #include <fmt/core.h>
+#include <unistd.h>
+
+#include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <iostream>
+#include <optional>
+#include <string>
 #include <vector>
 
+#include "cli/client/calibration_desk.h"
+#include "cli/client/live_capture.h"
+#include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
@@ -66,3 +75,76 @@ void add_study(args::Command& app) {
 }
 
 }  // namespace slabd::cli
+
+// One scan after the other from the running daemon, by the same verb that calibration views come from. Each is measured
+// here, from the pose the daemon says the robot stood at; the daemon's copy is let go at once.
+namespace slabd::cli::study {
+namespace {
+
+Stop refused(const Error& why) {
+  return {live_capture_exit(why.code), std::string(why.text.view())};
+}
+
+bool robot_is_back(std::size_t number, std::size_t count) {
+  fmt::print(stderr, "scan {} of {}: Enter when the robot stands there again\n", number, count);
+  std::string line;
+  return static_cast<bool>(std::getline(std::cin, line));
+}
+
+/// A robot that stirred is no fault of the study: the scan is taken again, a few times.
+Result<LiveShot> shoot(LiveCapture& line, const std::string& what) {
+  constexpr int kTries = 5;
+  const bool terminal = isatty(STDERR_FILENO) != 0;
+  for (int i = 1;; ++i) {
+    Result<LiveShot> shot = line.shoot([&](std::string_view doing) {
+      if (terminal) fmt::print(stderr, "\r\x1b[K{}: {}", what, doing);
+    });
+    if (terminal) fmt::print(stderr, "\r\x1b[K");
+    if (shot.ok() || i == kTries) return shot;
+    const Code code = shot.error().code;
+    if (code != Code::not_settled && code != Code::moved_during_scan) return shot;
+    complain(fmt::format("{} again: {}", what, shot.error().text.view()));
+  }
+}
+
+/// nullopt if all were taken; else why not.
+std::optional<Stop> take_all(const LiveOrder& order, const daemon::Config& config, const Pose& X, const Recipe& recipe,
+                             LiveCapture& line, std::vector<Take>& takes) {
+  ScanMeter meter(recipe, config.scanner.unit, order.threads);
+  const Pose T_block_base = (config.T_base_slab * T_slab_block(recipe, order.station)).inverse();
+  for (std::size_t i = 1; i <= order.count; ++i) {
+    if (order.enter && !robot_is_back(i, order.count)) return Stop{kUsage, "stdin ended before the last scan"};
+    const Result<LiveShot> shot = shoot(line, fmt::format("scan {}/{}", i, order.count));
+    if (!shot.ok()) return refused(shot.error());
+    auto readings = meter.measure(shot.value().scan_path, order.station, T_block_base * shot.value().T_base_flange * X);
+    // A copy that is not let go now is let go by the daemon in a week; that is no reason to fail.
+    static_cast<void>(line.release(shot.value().scan_path));
+    if (!readings.ok()) return refused(readings.error());
+    const std::vector<Reading>& values = readings.value();
+    if (i == 1 && std::none_of(values.begin(), values.end(), [](const Reading& r) { return has_value(r.value); }))
+      return Stop{kBadInput, fmt::format("no block was found in the first scan; does the robot stand over block {}?",
+                                         order.station)};
+    takes.push_back({fmt::format("scan {}", i), std::move(readings.value())});
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::vector<Take> live_takes(const LiveOrder& order, const Recipe& recipe) {
+  const daemon::Config config = config_from(order.config);
+  const InForce now = hand_eye_in_force(config);
+  Result<LiveCapture> line = LiveCapture::begin(
+      config.control_socket, {fmt::format("study of block {}", order.station), default_operator().substr(0, 60)});
+  if (!line.ok()) throw refused(line.error());
+  for (const std::string& warning : line.value().warnings()) complain("warning: " + warning);
+  std::vector<Take> takes;
+  const std::optional<Stop> missed = take_all(order, config, now.T_flange_scanner, recipe, line.value(), takes);
+  if (missed) complain(missed->sentence);  // before the line is given back
+  if (const Status ended = line.value().end(); !ended.ok())
+    complain(fmt::format("warning: the line stays in maintenance until the lease ends: {}", ended.error().text.view()));
+  if (missed) stop(missed->status);
+  return takes;
+}
+
+}  // namespace slabd::cli::study

@@ -1,22 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
 #include <string>
+#include <vector>
 
 #include "base/recipe.h"
 #include "cli/exit.h"
-#include "cli/study/repeatability.h"
+#include "cli/study/source.h"
+#include "cli/study/statistics.h"
 
 namespace slabd::args {
 class Command;
 }  // namespace slabd::args
-
-namespace slabd::cli {
-
-/// `slabctl study`, like the commands of cli/command.h.
-void add_study(args::Command& app);
-
-}  // namespace slabd::cli
 
 /// The verbs of `slabctl study`.
 namespace slabd::cli::study {
@@ -47,5 +43,19 @@ struct Assignment {
 };
 /// "item=value"; stops if it is none or names no item.
 [[nodiscard]] Assignment parse_assignment(const std::string& option, const std::string& text);
+
+// Repeats on the running line, through the daemon.
+
+struct LiveOrder {
+  std::string config;  ///< the daemon's
+  int station = 0;     ///< the block that the robot stands over
+  std::size_t count = 0;
+  bool enter = false;  ///< wait for a line on stdin before every scan: the robot goes away and comes back
+  int threads = 1;
+};
+/// The daemon goes to maintenance, takes the scans while the robot stands, and goes back to idle, also when one is
+/// refused. Takes nothing from the PLC's results and stores none. Stops if the daemon is not there or busy, a shot was
+/// refused, or no block is found in the first scan.
+[[nodiscard]] std::vector<Take> live_takes(const LiveOrder& order, const Recipe& recipe);
 
 }  // namespace slabd::cli::study

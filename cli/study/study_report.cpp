@@ -8,9 +8,7 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
-#include <filesystem>
 
 #include "cli/exit.h"
 #include "cli/study/charts.h"
@@ -24,25 +22,12 @@ using report::Canvas;
 using report::Figure;
 using report::Figures;
 using report::Language;
+using report::pick;
 using report::Section;
-
-std::string pick(Language language, std::string_view en, std::string_view zh) {
-  return std::string(language == Language::zh ? zh : en);
-}
 
 std::string word_of(const std::string& item, Language language) {
   const auto id = item_from_name(item);
   return id ? fmt::format("{} [{}]", report::item_word(*id, language), unit_of(item)) : item;
-}
-
-std::string judgement_word(Judgement judgement, Language language) {
-  switch (judgement) {
-    case Judgement::not_judged: break;
-    case Judgement::capable: return pick(language, "capable", "能力满足");
-    case Judgement::not_capable: return pick(language, "not capable", "能力不足");
-    case Judgement::undecided: return pick(language, "undecided", "未定");
-  }
-  return pick(language, "not judged", "未评定");
 }
 
 report::Report document(Language language, std::string title, std::string subject) {
@@ -51,12 +36,6 @@ report::Report document(Language language, std::string title, std::string subjec
   made.judged = false;
   made.title = std::move(title);
   made.subject = std::move(subject);
-  return made;
-}
-
-std::vector<report::Column> columns(const std::vector<std::pair<std::string, double>>& headings) {
-  std::vector<report::Column> made;
-  for (const auto& [heading, share] : headings) made.push_back({heading, made.empty(), share});
   return made;
 }
 
@@ -133,53 +112,6 @@ Figure block_chart(const std::vector<Characteristic>& of_item, Language language
     }
   };
   return chart;
-}
-
-report::Table repeat_table(const RepeatStudy& study, Language language) {
-  report::Table table;
-  table.caption = pick(language, "Figures", "统计值");
-  table.columns = columns({{pick(language, "characteristic", "检测项目"), 0.28},
-                           {pick(language, "block", "承轨台"), 0.09},
-                           {"n", 0.07},
-                           {pick(language, "mean", "平均值"), 0.14},
-                           {"s", 0.12},
-                           {pick(language, "range", "极差"), 0.14},
-                           {pick(language, "largest deviation", "最大偏离"), 0.16}});
-  for (const Characteristic& c : study.characteristics)
-    table.rows.push_back({{word_of(c.about.item, language), block_text(c.about.block, c.about.block_to),
-                           c.missing == 0 ? std::to_string(c.spread.count)
-                                          : fmt::format("{}/{}", c.spread.count, c.spread.count + c.missing),
-                           figure(c.spread.mean, decimals_of(c.about.item)), figure(c.spread.std, kSmallDigits),
-                           figure(c.spread.range, kSmallDigits), figure(c.spread.deviation_max, kSmallDigits)},
-                          Verdict::none});
-  return table;
-}
-
-report::Table gauge_table(const RepeatStudy& study, Language language) {
-  report::Table table;
-  table.caption = fmt::format("{}: Cg = 0.2 T / (6 s), Cgk = (0.1 T - |{}|) / (3 s), >= {}, n >= {}",
-                              pick(language, "Type-1 study", "第一类量具研究"), pick(language, "bias", "偏倚"),
-                              kGaugeCapable, kGaugeRunsMin);
-  table.columns = columns({{pick(language, "characteristic", "检测项目"), 0.24},
-                           {pick(language, "block", "承轨台"), 0.08},
-                           {"T", 0.09},
-                           {pick(language, "reference", "参考值"), 0.12},
-                           {pick(language, "bias", "偏倚"), 0.12},
-                           {"p", 0.08},
-                           {"Cg", 0.08},
-                           {"Cgk", 0.08},
-                           {pick(language, "judgement", "评定"), 0.11}});
-  table.columns.back().left = true;
-  for (const Characteristic& c : study.characteristics) {
-    const Gauge& g = c.gauge;
-    if (g.judgement == Judgement::not_judged) continue;
-    const int digits = decimals_of(c.about.item);
-    table.rows.push_back({{word_of(c.about.item, language), block_text(c.about.block, c.about.block_to),
-                           figure(g.tolerance, digits), figure(g.reference, digits), figure(g.bias, kSmallDigits),
-                           figure(g.p, 3), figure(g.cg, 2), figure(g.cgk, 2), judgement_word(g.judgement, language)},
-                          as_verdict(g.judgement)});
-  }
-  return table;
 }
 
 // ---- gauge R&R -----------------------------------------------------------------------------------------------------
@@ -264,40 +196,6 @@ Figure appraiser_lines(const GrrItem& item, Language language) {
   return chart;
 }
 
-report::Table component_table(const GrrItem& item, Language language) {
-  const Components& c = item.by_anova.components;
-  report::Table table;
-  table.caption = fmt::format(
-      "{} {}, {} {}, {} {}; {}", item.parts.size(), pick(language, "parts", "个零件"), item.appraisers.size(),
-      pick(language, "appraisers", "名评价人"), item.trials.size(), pick(language, "trials", "次试验"),
-      item.by_anova.is_pooled ? fmt::format("{} (p {:.3f})", pick(language, "interaction pooled", "交互作用已合并"),
-                                            item.by_anova.interaction.p)
-                              : fmt::format("{} (p {:.3f})", pick(language, "with interaction", "含交互作用"),
-                                            item.by_anova.interaction.p));
-  table.columns = columns({{pick(language, "source", "来源"), 0.28},
-                           {pick(language, "sigma (ANOVA)", "sigma（方差分析）"), 0.18},
-                           {"% TV", 0.12},
-                           {"% T", 0.12},
-                           {pick(language, "sigma (ranges)", "sigma（均值极差）"), 0.18},
-                           {"% TV", 0.12}});
-  const Components none;
-  const Components& r = item.by_range ? *item.by_range : none;
-  const std::array<std::tuple<std::string, double, double>, 6> rows = {
-      {{pick(language, "repeatability EV", "重复性 EV"), c.EV, r.EV},
-       {pick(language, "reproducibility AV", "再现性 AV"), c.AV, r.AV},
-       {pick(language, "interaction INT", "交互作用 INT"), c.INT, kNoValue},
-       {"GRR", c.GRR, r.GRR},
-       {pick(language, "parts PV", "零件变差 PV"), c.PV, r.PV},
-       {pick(language, "total TV", "总变差 TV"), c.TV, r.TV}}};
-  for (const auto& [what, own, other] : rows)
-    table.rows.push_back(
-        {{what, figure(own, kSmallDigits), figure(100.0 * own / c.TV, 1), figure(600.0 * own / item.tolerance, 1),
-          figure(other, kSmallDigits), figure(100.0 * other / r.TV, 1)},
-         Verdict::none});
-  table.rows.push_back({{"ndc", figure(c.ndc(), 2), "", "", figure(r.ndc(), 2), ""}, Verdict::none});
-  return table;
-}
-
 // ---- against a laboratory ------------------------------------------------------------------------------------------
 
 Figure scatter_chart(const CompareItem& item, Language language) {
@@ -356,35 +254,6 @@ Figure difference_chart(const CompareItem& item, Language language) {
   return chart;
 }
 
-report::Table error_table(const CompareStudy& study, Language language) {
-  report::Table table;
-  table.caption = pick(language, "Errors: measured less reference", "误差：测量值减参考值");
-  table.columns = columns({{pick(language, "characteristic", "检测项目"), 0.25},
-                           {"n", 0.07},
-                           {pick(language, "mean", "平均值"), 0.13},
-                           {pick(language, "mean size", "平均绝对误差"), 0.13},
-                           {pick(language, "largest", "最大误差"), 0.13},
-                           {"En", 0.09},
-                           {pick(language, "judgement", "评定"), 0.2}});
-  table.columns.back().left = true;
-  for (const CompareItem& item : study.items) {
-    const int digits = decimals_of(item.item) + 1;
-    table.rows.push_back(
-        {{word_of(item.item, language), std::to_string(item.pairs.size()), figure(item.errors.mean.value, digits),
-          figure(item.errors.mean_abs, digits), figure(item.errors.max_abs, digits), figure(item.errors.en_max, 2),
-          judgement_word(item.judgement, language)},
-         as_verdict(item.judgement)});
-  }
-  return table;
-}
-
-std::string ending(const std::string& path) {
-  std::string extension = std::filesystem::path(path).extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
-}
-
 }  // namespace
 
 /// Under the title of the first section.
@@ -404,7 +273,7 @@ report::Report repeat_report(const RepeatStudy& study, Language language) {
     figures.parts.emplace_back(report::Paragraph{warning, Verdict::none, true});
   if (study.judgement() != Judgement::not_judged) {
     figures.verdict = as_verdict(study.judgement());
-    figures.parts.emplace_back(gauge_table(study, language));
+    figures.parts.emplace_back(gauges_table(study, language));
     for (const Characteristic& c : study.characteristics)
       if (!c.gauge.reason.empty())
         figures.parts.emplace_back(report::Paragraph{fmt::format("{}: {}", title_of(c.about), c.gauge.reason),
@@ -421,7 +290,7 @@ report::Report repeat_report(const RepeatStudy& study, Language language) {
     section.parts.emplace_back(
         Figures{{of_item.size() == 1 ? run_chart(of_item.front(), language) : block_chart(of_item, language)}});
   }
-  made.sections.emplace_back().parts.emplace_back(repeat_table(study, language));
+  made.sections.emplace_back().parts.emplace_back(characteristics_table(study, language));
   made.sections.back().title = pick(language, "All figures", "全部统计值");
   add_notes(made, study.notes);
   return made;
@@ -438,7 +307,7 @@ report::Report grr_report(const GrrStudy& study, Language language) {
     if (!item.judged.reason.empty())
       section.parts.emplace_back(report::Paragraph{item.judged.reason, as_verdict(item.judged.judgement), false});
     section.parts.emplace_back(Figures{{component_bars(item, language), appraiser_lines(item, language)}});
-    section.parts.emplace_back(component_table(item, language));
+    section.parts.emplace_back(components_table(item, language));
   }
   Section refused;
   refused.title = pick(language, "Refused", "未采用");
@@ -453,7 +322,8 @@ report::Report compare_report(const CompareStudy& study, Language language) {
   report::Report made = document(language, pick(language, "Against a laboratory", "与接触测量比对"), study.source);
   Section& errors = made.sections.emplace_back();
   errors.title = pick(language, "Errors", "误差");
-  errors.parts.emplace_back(error_table(study, language));
+  errors.parts.emplace_back(errors_table(study, language));
+  errors.parts.emplace_back(agreement_table(study, language));
   const std::size_t unmatched = study.only_reference.size();
   if (unmatched > 0)
     errors.parts.emplace_back(report::Paragraph{
@@ -471,29 +341,6 @@ report::Report compare_report(const CompareStudy& study, Language language) {
   }
   add_notes(made, study.notes);
   return made;
-}
-
-void DocumentOptions::add_to(args::Command& command) {
-  command.add_option("--out", out, "A document as well: .pdf, .html, .svg or .png");
-  command.add_option("--language", language, "Of the document")
-      ->check(args::one_of({"en", "zh"}))
-      ->capture_default_str();
-}
-
-void DocumentOptions::check() const {
-  const std::string extension = ending(out);
-  if (!out.empty() && extension != ".pdf" && extension != ".html" && extension != ".svg" && extension != ".png")
-    stop(kUsage, fmt::format("--out {}: the name must end in .pdf, .html, .svg or .png", out));
-}
-
-void write_document(const report::Report& document, const std::string& path) {
-  if (path.empty()) return;
-  const std::string extension = ending(path);
-  need(extension == ".pdf"   ? report::write_pdf(document, path)
-       : extension == ".svg" ? report::write_svg(document, 0, path)
-       : extension == ".png" ? report::write_png(document, 0, 100.0, path)
-                             : report::write_html(document, path),
-       kBadInput);
 }
 
 }  // namespace slabd::cli::study

@@ -12,6 +12,7 @@
 #include <cstdlib>
 #include <limits>
 
+#include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 
 namespace slabd::cli {
@@ -118,6 +119,32 @@ Result<std::int64_t> parse_time(std::string_view text, std::int64_t now_utime_us
   return std::chrono::duration_cast<std::chrono::microseconds>(time.time_since_epoch()).count();
 }
 
+std::int64_t time_of(const char* option, const std::string& text) {
+  if (text.empty()) return 0;
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  const Result<std::int64_t> time =
+      parse_time(text, std::chrono::duration_cast<std::chrono::microseconds>(now).count());
+  if (!time) stop(kUsage, std::string(option) + ": " + std::string(time.error().text.view()));
+  return time.value();
+}
+
+namespace {
+constexpr std::array kVerdicts = {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted,
+                                  Verdict::indeterminate};
+}  // namespace
+
+std::vector<std::string> verdict_names() {
+  std::vector<std::string> names;
+  for (const Verdict verdict : kVerdicts) names.emplace_back(name(verdict));
+  return names;
+}
+
+std::optional<Verdict> verdict_from_name(std::string_view wanted) {
+  for (const Verdict verdict : kVerdicts)
+    if (name(verdict) == wanted) return verdict;
+  return std::nullopt;
+}
+
 std::optional<hal::LengthUnit> length_unit(std::string_view name) {
   if (name == "mm") return hal::LengthUnit::mm;
   if (name == "m") return hal::LengthUnit::m;
@@ -152,6 +179,21 @@ args::Check some_words() {
       },
       "");
   return args::Check(check);
+}
+
+void add_columns(args::Command& command, std::string& text) {
+  command
+      .add_option("--columns", text,
+                  "Of a table (.xyz .asc .txt .csv): which columns are x, y and z, by name or by number from 1, as in "
+                  "PosX,PosY,PosZ or 2,3,4")
+      ->check([](const std::string& given) {
+        const Result<hal::TableColumns> columns = hal::parse_table_columns(given);
+        return columns.ok() ? std::string() : std::string(columns.error().text.view());
+      });
+}
+
+hal::TableColumns columns_of(const std::string& text) {
+  return text.empty() ? hal::TableColumns{} : hal::parse_table_columns(text).value();
 }
 
 }  // namespace slabd::cli

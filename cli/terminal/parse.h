@@ -3,7 +3,9 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "base/base.h"
 #include "hal/hal.h"
@@ -24,6 +26,11 @@ namespace slabd::cli {
 /// "12h", "7d". config: what was expected.
 [[nodiscard]] Result<std::int64_t> parse_time(std::string_view text, std::int64_t now_utime_us);
 
+/// The same of an option, before now; 0 if it was not given. Stops if it is not a moment.
+[[nodiscard]] std::int64_t time_of(const char* option, const std::string& text);
+/// The words that name a verdict of a stored slab, and the verdict of one; nullopt: of any other word.
+[[nodiscard]] std::vector<std::string> verdict_names();
+[[nodiscard]] std::optional<Verdict> verdict_from_name(std::string_view name);
 [[nodiscard]] std::optional<hal::LengthUnit> length_unit(std::string_view name);
 
 /// Checks of an option that takes a decimal number; every such option has one of them (tests/cli/options_test.cpp).
@@ -39,5 +46,11 @@ void read_whole_numbers_decimally(const args::Command& app);
 
 /// Of an option that asks a person why: something must be said.
 [[nodiscard]] args::Check some_words();
+
+/// Adds the option --columns to a command that reads scan files; `text` must outlive the command.
+void add_columns(args::Command& command, std::string& text);
+
+/// The columns named by the option's checked text.
+[[nodiscard]] hal::TableColumns columns_of(const std::string& text);
 
 }  // namespace slabd::cli

@@ -15,29 +15,6 @@
 namespace slabd::cli {
 namespace {
 
-struct Look {
-  std::string_view unicode;
-  std::string_view ascii;
-  std::string_view colour;  ///< SGR parameters
-};
-
-Look look_of(Verdict verdict) {
-  switch (verdict) {
-    case Verdict::pass: return {"✓", "+", "32"};
-    case Verdict::fail: return {"✗", "X", "1;31"};
-    case Verdict::indeterminate: return {"?", "?", "33"};
-    case Verdict::not_measured: return {"∅", "0", "35"};
-    case Verdict::aborted: return {"⊘", "/", "35"};
-    case Verdict::none: return {"·", ".", "2"};
-  }
-  return {"·", ".", "2"};
-}
-
-std::string padded(const std::string& text, std::size_t width, bool right) {
-  const std::string space(width - std::min(width, display_width(text)), ' ');
-  return right ? space + text : text + space;
-}
-
 std::string limits_text(const Item& item) {
   const std::string limits = limits_figure(item);
   return limits.empty() ? "info" : limits;
@@ -50,10 +27,6 @@ bool is_doubtful(const Item& item) {
 }
 
 }  // namespace
-
-std::string coloured(std::string_view text, std::string_view colour, Style style) {
-  return style.colour ? fmt::format("\x1b[{}m{}\x1b[0m", colour, text) : std::string(text);
-}
 
 Style style_for(std::FILE* stream) {
   const auto variable = [](const char* key) -> std::string_view {
@@ -71,96 +44,28 @@ Style style_for(std::FILE* stream) {
   return style;
 }
 
-std::string_view symbol(Verdict verdict, Style style) {
-  return style.unicode ? look_of(verdict).unicode : look_of(verdict).ascii;
-}
-
-std::string verdict_text(Verdict verdict, Style style) {
-  return coloured(fmt::format("{} {}", symbol(verdict, style), name(verdict)), look_of(verdict).colour, style);
-}
-
-std::size_t display_width(std::string_view text) {
-  std::size_t width = 0;
-  for (std::size_t at = 0; at < text.size();) {
-    const auto byte = [&](std::size_t i) {
-      return at + i < text.size() ? static_cast<unsigned char>(text[at + i]) : 0U;
-    };
-    if (text[at] == '\x1b') {
-      while (at < text.size() && text[at] != 'm') ++at;
-      ++at;
-      continue;
-    }
-    const unsigned first = byte(0);
-    const std::size_t length = first < 0x80 ? 1 : first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
-    unsigned code = length == 1 ? first : first & (0xFFU >> (length + 1));
-    for (std::size_t i = 1; i < length; ++i) code = code << 6U | (byte(i) & 0x3FU);
-    // East Asian Width W and F (Unicode TR 11), in whole blocks.
-    const bool wide = (code >= 0x1100 && code <= 0x115F) || (code >= 0x2E80 && code <= 0xA4CF) ||
-                      (code >= 0xAC00 && code <= 0xD7A3) || (code >= 0xF900 && code <= 0xFAFF) ||
-                      (code >= 0xFE30 && code <= 0xFE6F) || (code >= 0xFF00 && code <= 0xFF60) ||
-                      (code >= 0xFFE0 && code <= 0xFFE6) || (code >= 0x1F300 && code <= 0x3FFFD);
-    width += wide ? 2 : 1;
-    at += length;
-  }
-  return width;
-}
-
-std::string table(const std::vector<std::vector<std::string>>& rows) {
-  std::vector<std::vector<std::string>> cells = rows;
-  std::vector<bool> left;
-  if (!cells.empty()) {
-    for (std::string& heading : cells[0]) {
-      const bool marked = heading.ends_with('<');
-      if (marked) heading.pop_back();
-      left.push_back(left.empty() || marked);
-    }
-  }
-  std::vector<std::size_t> widths(left.size(), 0);
-  for (const auto& row : cells)
-    for (std::size_t c = 0; c < std::min(row.size(), widths.size()); ++c)
-      widths[c] = std::max(widths[c], display_width(row[c]));
-
-  std::string text;
-  for (std::size_t r = 0; r < cells.size(); ++r) {
-    std::string line;
-    for (std::size_t c = 0; c < std::min(cells[r].size(), widths.size()); ++c)
-      line += (c == 0 ? "" : "  ") + padded(cells[r][c], widths[c], !left[c]);
-    line.erase(line.find_last_not_of(' ') + 1);
-    text += line + "\n";
-    if (r != 0) continue;
-    std::size_t total = 0;
-    for (const std::size_t width : widths) total += width + 2;
-    text += std::string(total - 2, '-') + "\n";
-  }
-  return text;
-}
-
 std::string item_table(std::span<const Item> items, Style style, bool of_slab) {
-  std::vector<std::vector<std::string>> rows = {
-      {"characteristic", "nominal", "limits", "measured", "deviation", "U", "verdict<"}};
-  const bool with_probability = std::any_of(items.begin(), items.end(), is_doubtful);
-  if (with_probability) rows[0].insert(rows[0].begin() + 6, "conforms");
+  Table table{"characteristic", "nominal", "limits", "measured", "deviation", "U", "conforms?", "verdict<"};
   for (const Item& item : items) {
-    rows.push_back({item_label(item, of_slab), nominal_figure(item), limits_text(item), value_figure(item),
-                    deviation_figure(item), U_figure(item), verdict_text(item.verdict, style)});
-    if (with_probability)
-      rows.back().insert(rows.back().begin() + 6,
-                         is_doubtful(item) ? fmt::format("{:.1f} %", 100.0 * conformance_probability(item)) : "");
+    table.add(item_label(item, of_slab), nominal_figure(item), limits_text(item), value_figure(item),
+              deviation_figure(item), U_figure(item),
+              is_doubtful(item) ? fmt::format("{:.1f} %", 100.0 * conformance_probability(item)) : "", item.verdict);
     if (const std::string_view beside = beside_name(item.id); !beside.empty() && has_value(item.beside))
-      rows.push_back({fmt::format("  {}", beside), "", "", figure(item.beside, 3), "", "", "", ""});
+      table.add(fmt::format("  {}", beside), "", "", Cell(item.beside, 3));
   }
-  return table(rows);
+  return text_of(table, style);
 }
 
 std::string budget_table(std::span<const Item> items, bool of_slab) {
-  std::vector<std::vector<std::string>> rows = {{"U from, k = 1", "U (k = 2)"}};
-  for (std::size_t part = 0; part < kBudgetParts; ++part) rows[0].emplace_back(name(static_cast<BudgetPart>(part)));
+  Table table{"U from, k = 1", "U (k = 2)"};
+  for (std::size_t part = 0; part < kBudgetParts; ++part)
+    table.columns.emplace_back(name(static_cast<BudgetPart>(part)));
   for (const Item& item : items) {
     if (!has_budget(item) || !has_value(item.value)) continue;
-    rows.push_back({item_label(item, of_slab), U_figure(item)});
-    for (std::string& figure : budget_figures(item)) rows.back().push_back(std::move(figure));
+    table.add(item_label(item, of_slab), U_figure(item));
+    for (const std::string& figure : budget_figures(item)) table.rows.back().emplace_back(figure);
   }
-  return rows.size() == 1 ? "" : table(rows);
+  return table.rows.empty() ? "" : text_of(table);
 }
 
 std::string seat_notes(const SeatFeature& seat, double cell_mm) {
@@ -209,7 +114,7 @@ std::string slab_map(std::span<const Verdict> verdicts, Style style, std::span<c
       const Verdict verdict = verdicts[i];
       // The count takes the place of blanks in front of the next symbol.
       line += std::string(3 - std::min<std::size_t>(3, display_width(behind)), ' ').insert(0, behind);
-      line += coloured(symbol(verdict, style), look_of(verdict).colour, style);
+      line += coloured(symbol(verdict, style), verdict, style);
       behind = i < damaged.size() && damaged[i] > 0 ? fmt::format("!{}", std::min<std::size_t>(damaged[i], 9)) : "";
     }
     return line + behind + "\n";

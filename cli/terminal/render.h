@@ -9,31 +9,14 @@
 #include <vector>
 
 #include "base/base.h"
+#include "report/table.h"
 
-/// What people see in a terminal: verdicts as symbol and word (colour only adds to them), the table of a block's
-/// characteristics, and the map of a slab.
+/// What people see in a terminal: the table of a block's characteristics, and the map of a slab. Verdicts are a symbol
+/// and a word; colour only adds to them.
 namespace slabd::cli {
 
-struct Style {
-  bool colour = false;
-  bool unicode = false;
-};
 /// Colour on a terminal unless NO_COLOR is set or TERM is dumb; symbols beyond ASCII when the locale is UTF-8.
 [[nodiscard]] Style style_for(std::FILE* stream);
-
-/// One character: pass, fail, indeterminate, not measured, aborted, none.
-[[nodiscard]] std::string_view symbol(Verdict verdict, Style style);
-/// Symbol and word, coloured: "✓ pass".
-[[nodiscard]] std::string verdict_text(Verdict verdict, Style style);
-
-/// Columns that a text takes in a terminal: escape sequences none, Chinese characters two, others one.
-[[nodiscard]] std::size_t display_width(std::string_view text);
-/// In the colour of these SGR parameters, where there is colour.
-[[nodiscard]] std::string coloured(std::string_view text, std::string_view sgr, Style style);
-
-/// Rows of cells, padded by what a cell looks like and not by its bytes; the first row is the heading, columns after
-/// the first are right-aligned except where the heading ends with '<'.
-[[nodiscard]] std::string table(const std::vector<std::vector<std::string>>& rows);
 
 /// characteristic, nominal, limits, measured, deviation, U, verdict; items `of_slab` name their stations. Where it is
 /// neither sure nor impossible that a value lies within its limits, a column says how probable it is.

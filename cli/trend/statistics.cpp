@@ -7,19 +7,15 @@
 #include <map>
 #include <string_view>
 
+#include "cli/study/statistics.h"
+
 namespace slabd::cli::trend {
 namespace {
 
-constexpr double kD2 = 1.128;  // expected range of two normal values, in sigmas
-constexpr double kD4 = 3.267;  // upper control limit of such ranges over their mean
-constexpr double kNormal95 = 1.95996398;
+constexpr double kD2 = 1.128;         // expected range of two normal values, in sigmas
+constexpr double kD4 = 3.267;         // upper control limit of such ranges over their mean
+constexpr double kBothSides = 0.025;  // outside of a 95 % interval, on each side
 constexpr double kSignificant = 4.0;
-
-/// Quantile of chi-squared over its degrees of freedom (Wilson and Hilferty 1931): a per cent from ten degrees on.
-double chi_squared_over_nu(double normal_quantile, double nu) {
-  const double a = 2.0 / (9.0 * nu);
-  return std::pow(1.0 - a + normal_quantile * std::sqrt(a), 3.0);
-}
 
 /// A run of nine values on one side of the mean, whichever of its values one looks at last.
 void mark_runs(std::span<const double> values, double mean, std::vector<Signal>& signals) {
@@ -47,20 +43,14 @@ Individuals individuals(std::span<const double> values) {
   chart.count = values.size();
   chart.signals.assign(values.size(), Signal::none);
   if (values.empty()) return chart;
-  const auto n = static_cast<double>(values.size());
-  double sum = 0.0;
-  for (const double value : values) sum += value;
-  chart.mean = sum / n;
+  const study::Spread spread = study::spread_of(values);
+  chart.mean = spread.mean;
   if (values.size() < 2) return chart;
   double ranges = 0.0;
-  double squares = 0.0;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    squares += (values[i] - chart.mean) * (values[i] - chart.mean);
-    if (i > 0) ranges += std::abs(values[i] - values[i - 1]);
-  }
-  chart.moving_range = ranges / (n - 1.0);
+  for (std::size_t i = 1; i < values.size(); ++i) ranges += std::abs(values[i] - values[i - 1]);
+  chart.moving_range = ranges / static_cast<double>(values.size() - 1);
   chart.sigma = chart.moving_range / kD2;
-  chart.std = std::sqrt(squares / (n - 1.0));
+  chart.std = spread.std;
   chart.lower_control = chart.mean - 3.0 * chart.sigma;
   chart.upper_control = chart.mean + 3.0 * chart.sigma;
   chart.range_control = kD4 * chart.moving_range;
@@ -80,14 +70,15 @@ Capability capability(const Individuals& chart, double lower, double upper) {
   const double nu = 0.62 * static_cast<double>(chart.count - 1);
   if (has_value(lower) && has_value(upper)) {
     result.cp.value = (upper - lower) / (6.0 * chart.sigma);
-    result.cp.low = result.cp.value * std::sqrt(chi_squared_over_nu(-kNormal95, nu));
-    result.cp.high = result.cp.value * std::sqrt(chi_squared_over_nu(kNormal95, nu));
+    result.cp.low = result.cp.value * std::sqrt(study::chi_squared_quantile(kBothSides, nu) / nu);
+    result.cp.high = result.cp.value * std::sqrt(study::chi_squared_quantile(1.0 - kBothSides, nu) / nu);
   }
   double nearest = std::numeric_limits<double>::infinity();
   if (has_value(lower)) nearest = std::min(nearest, chart.mean - lower);
   if (has_value(upper)) nearest = std::min(nearest, upper - chart.mean);
   const double cpk = nearest / (3.0 * chart.sigma);
-  const double half = kNormal95 * std::sqrt(1.0 / (9.0 * static_cast<double>(chart.count)) + cpk * cpk / (2.0 * nu));
+  const double half = study::normal_quantile(1.0 - kBothSides) *
+                      std::sqrt(1.0 / (9.0 * static_cast<double>(chart.count)) + cpk * cpk / (2.0 * nu));
   result.cpk = {cpk, cpk - half, cpk + half};
   return result;
 }

@@ -5,9 +5,6 @@
 #include <fmt/core.h>
 
 #include <algorithm>
-#include <chrono>
-#include <filesystem>
-#include <fstream>
 #include <memory>
 #include <set>
 
@@ -15,6 +12,7 @@
 #include "cli/database.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
+#include "cli/terminal/document.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
 #include "cli/trend/trend_figure.h"
@@ -35,8 +33,7 @@ struct Options {
   std::string item;
   std::string since;
   std::string until;
-  std::string out;
-  std::string language = "en";
+  DocumentOptions document;
   std::size_t slabs = 200;
   int block = 0;
   int type = 0;
@@ -87,76 +84,56 @@ std::string faint(std::string text, bool yes, Style style) {
   return yes && style.colour ? "\x1b[2m" + text + "\x1b[0m" : text;
 }
 
-void print_trend(const Trend& t, bool other_types) {
+std::string trend_text(const Trend& t, bool other_types) {
+  std::string text;
   const Style style = style_for(stdout);
   const int digits = decimals(t.item);
-  fmt::print("{} [{}]{}, {} slabs{}", info(t.item).name, slabd::name(info(t.item).unit),
-             t.block != 0 ? fmt::format(" of block {}", t.block) : (t.is_mean ? ", mean of each slab" : ""),
-             t.chart.count, t.slab_type != 0 ? fmt::format(" of type {}", t.slab_type) : "");
-  if (t.not_measured > 0) fmt::print(", {} values not measured", t.not_measured);
-  fmt::print("\n");
+  text += fmt::format("{} [{}]{}, {} slabs{}", info(t.item).name, slabd::name(info(t.item).unit),
+                      t.block != 0 ? fmt::format(" of block {}", t.block) : (t.is_mean ? ", mean of each slab" : ""),
+                      t.chart.count, t.slab_type != 0 ? fmt::format(" of type {}", t.slab_type) : "");
+  if (t.not_measured > 0) text += fmt::format(", {} values not measured", t.not_measured);
+  text += "\n";
   if (other_types)
-    fmt::print("slabs of other types are left out: {} is the newest slab's, --type takes another\n", t.slab_type);
-  if (t.emulated != 0) fmt::print("{}\n", report::emulation_notice(t.emulated, report::Language::en));
+    text +=
+        fmt::format("slabs of other types are left out: {} is the newest slab's, --type takes another\n", t.slab_type);
+  if (t.emulated != 0) text += fmt::format("{}\n", report::emulation_notice(t.emulated, report::Language::en));
   if (t.other_emulation > 0)
-    fmt::print("{} {} slabs left out: the newest slab is {}\n", t.other_emulation,
-               t.emulated != 0 ? "real" : "emulated", t.emulated != 0 ? "emulated" : "real");
+    text += fmt::format("{} {} slabs left out: the newest slab is {}\n", t.other_emulation,
+                        t.emulated != 0 ? "real" : "emulated", t.emulated != 0 ? "emulated" : "real");
   if (t.other_limits > 0)
-    fmt::print("{} values left out that were judged by other limits than the newest\n", t.other_limits);
+    text += fmt::format("{} values left out that were judged by other limits than the newest\n", t.other_limits);
   if (t.incomplete > 0)
-    fmt::print("{} slabs left out of the chart in which a block's value is missing\n", t.incomplete);
-  if (t.values.empty()) return;
-  fmt::print("{} .. {}\n\n", iso_time(t.began_utime_us.front()), iso_time(t.began_utime_us.back()));
-  fmt::print("  {}\n\n", trend::sparkline(t.values, 72, style.unicode));
+    text += fmt::format("{} slabs left out of the chart in which a block's value is missing\n", t.incomplete);
+  if (t.values.empty()) return text;
+  text += fmt::format("{} .. {}\n\n", iso_time(t.began_utime_us.front()), iso_time(t.began_utime_us.back()));
+  text += fmt::format("  {}\n\n", trend::sparkline(t.values, 72, style.unicode));
   const bool few = t.chart.preliminary();
   std::size_t signals = 0;
   for (const Signal signal : t.chart.signals) signals += signal == Signal::none ? 0U : 1U;
-  std::string text;
-  text += fmt::format("mean {}   nominal {}   limits {} .. {}\n", figure(t.chart.mean, digits),
-                      figure(t.nominal, digits), figure(t.lower, digits), figure(t.upper, digits));
-  text += fmt::format("control limits {} .. {}   sigma {} short-term, {} long-term\n",
-                      figure(t.chart.lower_control, digits), figure(t.chart.upper_control, digits),
-                      figure(t.chart.sigma, digits), figure(t.chart.std, digits));
-  fmt::print("{}", faint(text, few, style));
+  text +=
+      faint(fmt::format(
+                "mean {}   nominal {}   limits {} .. {}\ncontrol limits {} .. {}   sigma {} short-term, {} long-term\n",
+                figure(t.chart.mean, digits), figure(t.nominal, digits), figure(t.lower, digits),
+                figure(t.upper, digits), figure(t.chart.lower_control, digits), figure(t.chart.upper_control, digits),
+                figure(t.chart.sigma, digits), figure(t.chart.std, digits)),
+            few, style);
   if (few) {
-    fmt::print("preliminary: {} slabs of {}; no capability, no signals before that\n", t.chart.count,
-               trend::kValuesMin);
+    text += fmt::format("preliminary: {} slabs of {}; no capability, no signals before that\n", t.chart.count,
+                        trend::kValuesMin);
   } else {
-    fmt::print("Cp {}   Cpk {}   (95 %, {} values{})\n", trend::index_text(t.capable.cp),
-               trend::index_text(t.capable.cpk), t.singles.count,
-               t.is_mean && t.capable_block != 0 ? fmt::format(" of block {}, the worst", t.capable_block) : "");
-    fmt::print("{} of {} values out of control\n", signals, t.chart.count);
+    text +=
+        fmt::format("Cp {}   Cpk {}   (95 %, {} values{})\n", trend::index_text(t.capable.cp),
+                    trend::index_text(t.capable.cpk), t.singles.count,
+                    t.is_mean && t.capable_block != 0 ? fmt::format(" of block {}, the worst", t.capable_block) : "");
+    text += fmt::format("{} of {} values out of control\n", signals, t.chart.count);
   }
-  if (t.stations.empty()) return;
-  std::vector<std::vector<std::string>> rows = {{"station", "slabs", "bias", "+-2s", "drift", "+-2s", "<"}};
-  for (const StationBias& s : t.stations)
-    rows.push_back({std::to_string(s.station), std::to_string(s.slabs), figure(s.bias, digits),
-                    figure(2.0 * s.bias_sigma, digits), figure(s.drift, digits), figure(2.0 * s.drift_sigma, digits),
-                    s.drifting() ? "drifts"
-                    : s.biased() ? "biased"
-                                 : ""});
-  fmt::print("\nEach station against the others of its slab\n{}", faint(table(rows), few, style));
-}
-
-/// Writes the chart.
-void write_out(const Trend& t, const Options& options) {
-  const report::Language language = options.language == "zh" ? report::Language::zh : report::Language::en;
-  const report::Report document = trend::document_of(t, language);
-  const std::string extension = std::filesystem::path(options.out).extension().string();
-  Status status = success();
-  if (extension == ".pdf") {
-    status = report::write_pdf(document, options.out);
-  } else if (extension == ".svg") {
-    status = report::write_svg(document, 1, options.out);
-  } else if (extension == ".png") {
-    status = report::write_png(document, 1, 100.0, options.out);
-  } else {
-    stop(kUsage, fmt::format("--out {}: the name must end in .pdf, .svg or .png", options.out));
-  }
-  need(status, kBadInput);
+  if (t.stations.empty()) return text;
+  const Table stations = trend::stations_table(t, report::Language::en);
+  return text + fmt::format("\n{}\n{}", stations.title, faint(text_of(stations, style), few, style));
 }
 
 int show_trend(const Options& options) {
+  options.document.check();
   const std::optional<ItemId> item = item_from_name(options.item);
   if (!item) {
     std::vector<std::string> names;
@@ -174,16 +151,8 @@ int show_trend(const Options& options) {
   filter.slabs = options.slabs;
   filter.slab_type = options.type;
   filter.block = options.block;
-  const std::int64_t now_us =
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-          .count();
-  for (const auto& [text, option, target] : {std::tuple{&options.since, "--since", &filter.since_utime_us},
-                                             std::tuple{&options.until, "--until", &filter.until_utime_us}}) {
-    if (text->empty()) continue;
-    const Result<std::int64_t> time = parse_time(*text, now_us);
-    if (!time) stop(kUsage, fmt::format("{}: {}", option, time.error().text.view()));
-    *target = time.value();
-  }
+  if (!options.since.empty()) filter.since_utime_us = time_of("--since", options.since);
+  if (!options.until.empty()) filter.until_utime_us = time_of("--until", options.until);
   const auto reader = open_database(options.database);
   auto values = reader->values(filter);
   // Two types have not the same blocks nor the same limits: without --type that of the newest slab.
@@ -210,12 +179,8 @@ int show_trend(const Options& options) {
   for (const storage::ItemValue& value : values.value())
     t.emulated = static_cast<std::uint8_t>(t.emulated | value.emulated);
   t.other_emulation = others;
-  if (!options.out.empty()) write_out(t, options);
-  if (options.json) {
-    fmt::print("{}", as_json(t));
-  } else {
-    print_trend(t, other_types);
-  }
+  options.document.write(trend::document_of(t, options.document.wanted()));
+  fmt::print("{}", options.json ? as_json(t) : trend_text(t, other_types));
   return kDone;
 }
 
@@ -241,10 +206,7 @@ void add_trend(args::Command& app) {
       ->check(args::range(1, 65'535));
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command->add_option("--until", options->until, "Began before that");
-  command->add_option("--out", options->out, "Draw it as well: .pdf, .svg or .png");
-  command->add_option("--language", options->language, "Of the drawing")
-      ->check(args::one_of({"en", "zh"}))
-      ->capture_default_str();
+  options->document.add_to(*command);
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.trend/1 on stdout");
   command->runs([options] { return show_trend(*options); });

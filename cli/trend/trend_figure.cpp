@@ -19,13 +19,10 @@ using report::Anchor;
 using report::Canvas;
 using report::Colour;
 using report::Language;
+using report::pick;
 using report::TextStyle;
 
 constexpr Colour kLimit{0.62, 0.05, 0.10};
-
-std::string pick(Language language, std::string_view en, std::string_view zh) {
-  return std::string(language == Language::zh ? zh : en);
-}
 
 /// One panel of the chart: values from left to right between the lowest and highest thing drawn.
 struct Panel {
@@ -252,6 +249,25 @@ report::Figure chart_figure(const Trend& trend, Language language) {
   return result;
 }
 
+Table stations_table(const Trend& trend, Language language) {
+  const int digits = decimals(trend.item);
+  Table table{pick(language, "station", "测站"),
+              pick(language, "slabs", "板数"),
+              pick(language, "bias", "偏移"),
+              "+-2s",
+              pick(language, "drift", "漂移"),
+              "+-2s",
+              "<"};
+  table.title = pick(language, "Each station against the others of its slab", "各测站与同板其他测站之差");
+  for (const StationBias& s : trend.stations)
+    table.add(s.station, s.slabs, Cell(s.bias, digits), Cell(2.0 * s.bias_sigma, digits), Cell(s.drift, digits),
+              Cell(2.0 * s.drift_sigma, digits),
+              s.drifting() ? Cell(Verdict::indeterminate, pick(language, "drifts", "漂移"))
+              : s.biased() ? pick(language, "biased", "偏移")
+                           : "");
+  return table;
+}
+
 report::Report document_of(const Trend& trend, Language language) {
   const int digits = decimals(trend.item);
   report::Report document;
@@ -263,19 +279,16 @@ report::Report document_of(const Trend& trend, Language language) {
   document.subject = chart.title;
   report::Section section;
   section.parts.emplace_back(report::Figures{{std::move(chart)}});
-  report::Table figures;
-  figures.caption = pick(language, "Figures", "统计值");
-  figures.columns = {{pick(language, "figure", "名称"), true, 0.5}, {pick(language, "value", "数值"), false, 0.5}};
-  const auto add = [&](std::string key, std::string value) {
-    figures.rows.push_back({{std::move(key), std::move(value)}, Verdict::none});
-  };
-  add(pick(language, "slabs", "板数"), std::to_string(trend.chart.count));
-  add(pick(language, "values not measured", "未测量"), std::to_string(trend.not_measured));
+  Table figures{pick(language, "figure", "名称"), pick(language, "value", "数值")};
+  figures.title = pick(language, "Figures", "统计值");
+  const auto add = [&](const std::string& key, const Cell& value) { figures.add(key, value); };
+  add(pick(language, "slabs", "板数"), trend.chart.count);
+  add(pick(language, "values not measured", "未测量"), trend.not_measured);
   add(pick(language, "values left out, judged by other limits than the newest", "已剔除：限值与最新板不同的数值"),
-      std::to_string(trend.other_limits));
+      trend.other_limits);
   if (trend.is_mean)
     add(pick(language, "slabs left out of the chart, a block's value missing", "已从图中剔除：缺少承轨台数值的板"),
-        std::to_string(trend.incomplete));
+        trend.incomplete);
   add(pick(language, "mean", "平均值"), figure(trend.chart.mean, digits));
   add(pick(language, "control limits", "控制限"),
       fmt::format("{} .. {}", figure(trend.chart.lower_control, digits), figure(trend.chart.upper_control, digits)));
@@ -292,26 +305,7 @@ report::Report document_of(const Trend& trend, Language language) {
         fmt::format(fmt::runtime(pick(language, "block {}, the worst, {} values", "最差的承轨台 {}，{} 个数值")),
                     trend.capable_block, trend.singles.count));
   section.parts.emplace_back(std::move(figures));
-  if (!trend.stations.empty()) {
-    report::Table table;
-    table.caption = pick(language, "Each station against the others of its slab", "各测站与同板其他测站之差");
-    table.columns = {{pick(language, "station", "测站"), true, 0.12},
-                     {pick(language, "slabs", "板数"), false, 0.13},
-                     {pick(language, "bias", "偏移"), false, 0.18},
-                     {"± 2σ", false, 0.15},
-                     {pick(language, "drift", "漂移"), false, 0.18},
-                     {"± 2σ", false, 0.14},
-                     {"", true, 0.10}};
-    for (const StationBias& s : trend.stations)
-      table.rows.push_back(
-          {{std::to_string(s.station), std::to_string(s.slabs), figure(s.bias, digits),
-            figure(2.0 * s.bias_sigma, digits), figure(s.drift, digits), figure(2.0 * s.drift_sigma, digits),
-            s.drifting() ? pick(language, "drifts", "漂移")
-            : s.biased() ? pick(language, "biased", "偏移")
-                         : std::string()},
-           s.drifting() ? Verdict::indeterminate : Verdict::none});
-    section.parts.emplace_back(std::move(table));
-  }
+  if (!trend.stations.empty()) section.parts.emplace_back(stations_table(trend, language));
   document.sections.push_back(std::move(section));
   return document;
 }

@@ -39,6 +39,8 @@ struct Trend {
 
 /// Individuals above moving ranges, control limits, tolerance when it is in reach; grey while preliminary.
 [[nodiscard]] report::Figure chart_figure(const Trend& trend, report::Language language);
+/// How far every station is off the others of its slab; empty of one station.
+[[nodiscard]] Table stations_table(const Trend& trend, report::Language language);
 /// The chart and its figures as a document.
 [[nodiscard]] report::Report document_of(const Trend& trend, report::Language language);
 

@@ -69,4 +69,17 @@ struct Picture {
 [[nodiscard]] std::vector<std::string> screen(const Picture& picture, std::size_t columns, std::size_t rows,
                                               Style style, report::Language language);
 
+/// Bits of a list of emulation words in slabd.status/1, parsed.
+template <typename Json>
+[[nodiscard]] std::uint8_t emulation_at(const Json& status, const char* key) {
+  unsigned bits = 0;
+  if (status.contains(key) && status[key].is_array())
+    for (const Json& word : status[key])
+      if (word.is_string()) bits |= report::emulation_bit(word.template get<std::string>());
+  return static_cast<std::uint8_t>(bits);
+}
+/// Shows the screen on the terminal until q, Ctrl-C or the end of input; the terminal is then as it was before. Asks
+/// the daemon at `socket` once a second and reads the database it names. kUsage when stdout is no terminal.
+[[nodiscard]] int run(const std::string& socket, report::Language language);
+
 }  // namespace slabd::cli::watch

@@ -2,7 +2,7 @@
 //
 // The watch command: a loop of ask, read, draw. What the daemon says of its links is true now; how long it has been so
 // is what this process saw, and the screen says "for >" as long as it has not seen the beginning.
-#include "cli/watch/watch.h"
+#include "cli/watch/screen.h"
 
 #include <fmt/core.h>
 #include <poll.h>
@@ -21,7 +21,6 @@
 #include "cli/client/control.h"
 #include "cli/command.h"
 #include "cli/exit.h"
-#include "cli/watch/screen.h"
 #include "report/slab_view.h"
 
 namespace slabd::cli::watch {
@@ -39,14 +38,6 @@ double seconds_since(Clock::time_point then) {
 double seconds_since(std::int64_t utime_us) {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   return std::chrono::duration<double>(now).count() - 1e-6 * static_cast<double>(utime_us);
-}
-
-std::uint8_t emulation_at(const json& status, const char* key) {
-  unsigned bits = 0;
-  if (status.contains(key) && status[key].is_array())
-    for (const json& word : status[key])
-      if (word.is_string()) bits |= report::emulation_bit(word.get<std::string>());
-  return static_cast<std::uint8_t>(bits);
 }
 
 /// The value at a path, or `otherwise`: a newer or older daemon may know other keys.

@@ -17,8 +17,7 @@
 #include <map>
 #include <vector>
 
-#include "cli/study/agreement.h"
-#include "cli/study/repeatability.h"
+#include "cli/study/statistics.h"
 #include "tests/accuracy/block_scan.h"
 
 namespace slabd::accuracy {

@@ -192,6 +192,22 @@ TEST_F(Export, models_are_closed_and_as_large_as_the_recipe_says) {
   EXPECT_EQ(run("export model " + kRecipe + " --out " + file("x.obj")).status, 3);
 }
 
+TEST_F(Export, reasons_are_the_same_table_in_every_form_the_most_frequent_first) {
+  store_slab();
+  const std::string command = "reasons --since 2025-11-20 --db " + db();
+  const json document = json::parse(run(command + " --json").out);
+  const json& rows = document["reasons"];
+  ASSERT_FALSE(rows.empty());
+  EXPECT_EQ(document["slabs"], 1);
+  EXPECT_TRUE(std::is_sorted(rows.rbegin(), rows.rend(), [](auto& a, auto& b) { return a["count"] < b["count"]; }));
+  EXPECT_NEAR(rows.back()["cumulative_percent"], 100.0, 1e-9);
+  const std::string csv = run(command + " --csv").out;
+  EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), static_cast<std::ptrdiff_t>(rows.size() + 1));
+  const std::string item = rows.front()["item"];
+  for (const char* form : {"", " --csv", " --html"}) expect_mentions(run(command + form).out, item);
+  EXPECT_EQ(json::parse(run("reasons --until 2025-11-20 --json --db " + db()).out)["reasons"], json::array());
+}
+
 TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
   store_slab();
   const std::string recipes_dir = places::source_dir() + "/recipes";
@@ -211,6 +227,7 @@ TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
   for (const std::string& command : {"show 1" + in_db,
                                      "show 1 --block 4" + in_db,
                                      "history" + in_db,
+                                     "reasons" + in_db,
                                      "trend jaw_distance" + in_db,
                                      "trend seat_slope --block 3" + in_db,
                                      "replay 1" + in_db + recipes(),
@@ -241,7 +258,7 @@ TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
     documents += " " + write("document-" + std::to_string(++count) + ".json", run(command + " --format json").out);
   const Ended valid = python("validate_json.py " + places::source_dir() + "/docs/schemas" + documents);
   EXPECT_EQ(valid.status, 0) << valid.out << valid.err;
-  expect_mentions(valid.out, "27 documents, 0 faults");
+  expect_mentions(valid.out, "28 documents, 0 faults");
 }
 
 TEST_F(Export, an_id_that_a_spreadsheet_would_compute_is_neutral_unless_a_program_asks_for_it_raw) {

@@ -30,7 +30,10 @@ TEST(Render, columns_line_up_whatever_the_cells_are_written_in) {
   EXPECT_EQ(display_width("abc"), 3U);
   EXPECT_EQ(display_width("承轨台 4"), 8U);
   EXPECT_EQ(display_width("\x1b[1;31m✗ fail\x1b[0m"), 6U);
-  EXPECT_EQ(table({{"项目", "值"}, {"坡度", "1"}, {"abcd", "22"}}),
+  Table table{"项目", "值"};
+  table.add("坡度", 1);
+  table.add("abcd", 22);
+  EXPECT_EQ(text_of(table),
             "项目  值\n"
             "--------\n"
             "坡度   1\n"
@@ -111,8 +114,10 @@ TEST(Render, slab_items_name_their_stations) {
 }
 
 TEST(Render, columns_align_by_what_is_seen_not_by_bytes) {
-  const std::string text = table({{"a", "b<"}, {"✓", "x"}, {"zz", "\x1b[32my\x1b[0m"}});
-  EXPECT_EQ(text, "a   b\n-----\n✓   x\nzz  \x1b[32my\x1b[0m\n");
+  Table table{"a", "b<"};
+  table.add("✓", "x");
+  table.add("zz", "\x1b[32my\x1b[0m");
+  EXPECT_EQ(text_of(table), "a   b\n-----\n✓   x\nzz  \x1b[32my\x1b[0m\n");
 }
 
 TEST(Render, reasons_name_the_item_or_the_code_and_its_cure) {

@@ -66,11 +66,11 @@ TEST(SlabView, the_budget_is_that_of_the_item_that_was_judged) {
   auto table = report::budget_table(record, report::Language::en);
   ASSERT_TRUE(table);
   ASSERT_EQ(table->rows.size(), 2U);
-  EXPECT_EQ(table->rows[0].cells[3], "0.0200");
-  EXPECT_EQ(table->rows[1].cells[3], "0.300");
+  EXPECT_EQ(table->rows[0][3].text, "0.0200");
+  EXPECT_EQ(table->rows[1][3].text, "0.300");
   record.slab.items[0].upper = 1.5;  // the slab's frame is the datum
   table = report::budget_table(record, report::Language::en);
-  EXPECT_EQ(table->rows[0].cells[3], "0.0100");
+  EXPECT_EQ(table->rows[0][3].text, "0.0100");
 }
 
 TEST(SlabView, a_name_says_whether_it_is_a_key_or_an_id) {

@@ -6,10 +6,8 @@
 #include <vector>
 
 #include "base/prng.h"
-#include "cli/study/agreement.h"
-#include "cli/study/distributions.h"
 #include "cli/study/grr.h"
-#include "cli/study/repeatability.h"
+#include "cli/study/statistics.h"
 
 namespace slabd::cli::study {
 namespace {

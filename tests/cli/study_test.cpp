@@ -8,7 +8,7 @@
 
 #include "base/prng.h"
 #include "cli/study/csv.h"
-#include "cli/study/same_part.h"
+#include "cli/study/source.h"
 #include "storage/storage.h"
 #include "tests/cli/slabctl_process.h"
 #include "tests/places/places.h"

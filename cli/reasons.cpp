@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl reasons: which reasons failed, left undecided or stopped an item or a block, the most frequent first.
+#include <fmt/core.h>
+
+#include <algorithm>
+#include <array>
+#include <map>
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/database.h"
+#include "cli/exit.h"
+#include "cli/slab_choice.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/document.h"
+#include "report/json.h"
+#include "report/slab_view.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  DatabaseOptions database;
+  SlabChoice choice;
+  TableOutput output;
+};
+
+int show_reasons(Options options) {
+  const auto reader = open_database(options.database);
+  options.choice.all = true;
+  // Of each reason, its item (of a block: "block") and its stations: how often, by verdict.
+  std::map<std::tuple<int, std::string_view, int, int>, std::map<Verdict, int>> counts;
+  int slabs = 0;
+  int total = 0;
+  for (const std::int64_t key : chosen_slabs(*reader, options.choice)) {
+    const auto record = need(reader->slab(key), kNotReachable);
+    if (!record) continue;  // the daemon has pruned it meanwhile
+    ++slabs;
+    const auto count = [&](int reason, std::string_view item, int station, int to, Verdict verdict) {
+      if (reason <= 0 || verdict == Verdict::pass || verdict == Verdict::none) return;
+      ++counts[{reason, item, station, to}][verdict];
+      ++total;
+    };
+    std::array<bool, limits::kStationsMax + 1> stopped{};  // by station: its items have no reason of their own
+    for (int station = 1; station <= record->summary.header.stations; ++station)
+      if (const auto [verdict, reason] = shown(*record, station); reason != 0 && reason < kReasonItemBase) {
+        count(reason, "block", station, 0, verdict);
+        stopped.at(static_cast<std::size_t>(station)) = true;
+      }
+    for (const Item& item : items_in_force(*record))
+      if (has_value(item.value) || (item.required && !stopped.at(item.station) && !stopped.at(item.station_to)))
+        count(info(item.id).reason, info(item.id).name, item.station, item.station_to, item.verdict);
+  }
+  Table table{{"reason", "reason"},   {"item<", "item"},    {"station", "station"},
+              {"to?", "station_to"},  {"failed", "failed"}, {"undecided", "undecided"},
+              {"stopped", "stopped"}, {"count", "count"},   {"sum %", "cumulative_percent"}};
+  table.title = fmt::format("Reasons of {} slabs, the most frequent first", slabs);
+  for (auto& [at, by] : counts) {
+    const auto& [reason, item, station, to] = at;
+    const int stopped = by[Verdict::not_measured] + by[Verdict::aborted];
+    table.add(reason, item, station == 0 ? Cell("") : Cell(station), to == 0 ? Cell("") : Cell(to), by[Verdict::fail],
+              by[Verdict::indeterminate], stopped, by[Verdict::fail] + by[Verdict::indeterminate] + stopped);
+  }
+  const auto times = [](const Table::Row& row) { return std::get<std::int64_t>(row[7].number); };
+  std::ranges::stable_sort(table.rows, std::greater(), times);
+  std::int64_t sum = 0;
+  for (Table::Row& row : table.rows) row.emplace_back(100.0 * static_cast<double>(sum += times(row)) / total, 1);
+  Json json("slabd.reasons/1");
+  options.output.print(table, json.field("slabs", slabs), "reasons");
+  return kDone;
+}
+
+}  // namespace
+
+void add_reasons(args::Command& app) {
+  auto options = std::make_shared<Options>();
+  args::Command command = app.add_subcommand("reasons", "How often each reason failed, stopped or left undecided");
+  command->footer(
+      "\nReads ended slabs only, all of them without a filter.\nExample: slabctl reasons --since 7d --html > "
+      "reasons.html");
+  options->choice.add_filters_to(*command);
+  options->database.add_to(*command);
+  options->output.add_to(*command, "slabd.reasons/1");
+  command->runs([options] { return show_reasons(*options); });
+}
+
+}  // namespace slabd::cli
