@@ -70,6 +70,7 @@ enum PlcWarn : std::uint16_t {
   // 8 to 10: base/calibration.h
   kWarnHandednessUnproven = 1U << 11U,  ///< nothing in force proves that the scanner's frame is right-handed
   kWarnRecipesDiffer = 1U << 12U,       ///< the recipe folder differs from the recipes in use
+  kWarnStopsAlike = 1U << 14U,          ///< the robot stops alike over neighbouring blocks: no pose proves a scan
   kWarnEmulation = 1U << 13U,           ///< robot or scanner is emulated, or was for what the PLC is shown
 };
 

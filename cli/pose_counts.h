@@ -15,7 +15,7 @@ struct NamedCount {
 };
 
 /// What was not believed, and what was missing.
-[[nodiscard]] inline std::array<NamedCount, 12> pose_faults(const hal::PoseLinkCounters& c) {
+[[nodiscard]] inline std::array<NamedCount, 13> pose_faults(const hal::PoseLinkCounters& c) {
   return {{{"other_type", c.other_type},
            {"wrong_sender", c.wrong_sender},
            {"second_publisher", c.second_publisher},
@@ -25,6 +25,7 @@ struct NamedCount {
            {"out_of_reach", c.out_of_reach},
            {"repeated", c.repeated},
            {"time_back", c.time_back},
+           {"time_unit", c.time_unit},
            {"jumps", c.jumps},
            {"gaps_total", c.gaps},
            {"lost", c.lost}}};

@@ -235,6 +235,16 @@ std::string block_text(const SlabRecord& record, int station, const std::string&
   return text;
 }
 
+/// That other slabs have the same SLAB_ID; "" where none has.
+std::string others_of_the_id(storage::Reader& reader, const SlabHeader& header) {
+  if (header.slab_id.empty()) return "";
+  const std::vector<std::int64_t> keys = need(reader.find_id(header.slab_id.view()), kNotReachable);
+  std::string others;
+  for (const std::int64_t key : keys)
+    if (key != header.key) others += fmt::format("{}{}", others.empty() ? "" : ", ", key);
+  return others.empty() ? "" : fmt::format("this SLAB_ID was given {} times: also key {}", keys.size(), others);
+}
+
 int show(const Options& options) {
   const auto reader =
       open_database(options.database, options.json ? storage::TextFor::programs : storage::TextFor::people);
@@ -246,7 +256,10 @@ int show(const Options& options) {
     return kDone;
   }
   const Style style = style_for(stdout);
-  std::string text = header_text(record, style) + map_text(record, style);
+  std::string text = header_text(record, style);
+  if (const std::string others = others_of_the_id(*reader, record.summary.header); !others.empty())
+    text += fmt::format("! {}\n\n", others);
+  text += map_text(record, style);
   if (options.block != 0) {
     const auto verified = need(scanner_of(*reader, record.summary.header), kNotReachable);
     text += block_text(record, options.block, scanner_source(record.summary.header, verified), style);
@@ -264,9 +277,10 @@ void add_show(args::Command& app) {
   args::Command command = app.add_subcommand("show", "One slab: map, items, scans; with --block one block's table");
   command->footer("\nExamples: slabctl show 12\n          slabctl show SLAB-0042 --block 7 --json");
   command
-      ->add_option(
-          "SLAB", options->slab,
-          "Key (see history) or slab id (key:12, id:12 where a number may be either); the newest slab with that id")
+      ->add_option("SLAB", options->slab,
+                   "Key (see history), slab id or SLAB_NO (key:12, id:12, no:12 where a number may be each); of "
+                   "several slabs with "
+                   "that id the newest. An id that begins with -: slabctl show -- -12A")
       ->required();
   command->add_option("--block", options->block, "Show this block's characteristics")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));

@@ -30,7 +30,8 @@ bool SlabChoice::has_filter() const {
 }
 
 void SlabChoice::add_to(args::Command& command) {
-  command.add_option("SLAB", slabs, "Keys (see history) or slab ids; of an id the newest slab");
+  command.add_option("SLAB", slabs,
+                     "Keys (see history), slab ids or numbers of the line (no:77); of several the newest slab");
   command.add_flag("--all", all, "Every slab that has ended");
   add_filters_to(command);
 }
@@ -44,7 +45,9 @@ void SlabChoice::add_filters_to(args::Command& command) {
 
 storage::SlabRecord named_slab(storage::Reader& reader, const std::string& wanted) {
   auto found = need(find_slab(reader, wanted));
-  if (!found) stop(kBadInput, fmt::format("no slab with key or id '{}'; `slabctl history` lists them", wanted));
+  if (!found)
+    stop(kBadInput, fmt::format("no slab with key or id '{}'{}; `slabctl history` lists them", wanted,
+                                wanted.find_first_not_of("0123456789") == std::string::npos ? ", nor SLAB_NO" : ""));
   return std::move(*found);
 }
 

@@ -125,7 +125,7 @@ std::string pose_faults_text(const json& status) {
   std::string text;
   std::string faults;
   for (const char* key : {"other_type", "wrong_sender", "second_publisher", "not_finite", "not_unit", "out_of_reach",
-                          "repeated", "time_back", "jumps", "gaps", "lost", "stale", "wrong_frame"}) {
+                          "repeated", "time_back", "time_unit", "jumps", "gaps", "lost", "stale", "wrong_frame"}) {
     const std::string count = text_at(status, {"links", "pose", key});
     if (count != "0" && count != "-") faults += fmt::format("{}{} {}", faults.empty() ? "" : ", ", count, key);
   }

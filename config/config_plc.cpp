@@ -23,20 +23,13 @@ void refuse_keys_of_other_roles(TableReader& plc, hal::PlcRole role) {
     hal::PlcRole role;
   };
   using enum hal::PlcRole;
-  static constexpr std::array kKeys = {RoleKey{"listen", server},
-                                       RoleKey{"allow", server},
-                                       RoleKey{"read_only", server},
-                                       RoleKey{"connect", client},
-                                       RoleKey{"command_base", client},
-                                       RoleKey{"status_base", client},
-                                       RoleKey{"read_write", client},
-                                       RoleKey{"poll_ms", client},
-                                       RoleKey{"timeout_ms", client},
-                                       RoleKey{"device", rtu},
-                                       RoleKey{"baud", rtu},
-                                       RoleKey{"parity", rtu},
-                                       RoleKey{"stop_bits", rtu},
-                                       RoleKey{"rs485", rtu}};
+  static constexpr std::array kKeys = {
+      RoleKey{"listen", server},     RoleKey{"allow", server},         RoleKey{"read_only", server},
+      RoleKey{"connect", client},    RoleKey{"command_base", client},  RoleKey{"status_base", client},
+      RoleKey{"read_write", client}, RoleKey{"registers_max", client}, RoleKey{"keep_connection", client},
+      RoleKey{"poll_ms", client},    RoleKey{"timeout_ms", client},    RoleKey{"device", rtu},
+      RoleKey{"baud", rtu},          RoleKey{"parity", rtu},           RoleKey{"stop_bits", rtu},
+      RoleKey{"rs485", rtu}};
   for (const RoleKey& entry : kKeys)
     if (entry.role != role && plc.has(entry.key))
       plc.problem(entry.key, fmt::format("has no meaning with role = \"{}\"; it belongs to role = \"{}\"",
@@ -63,6 +56,12 @@ void read_client(TableReader& plc, hal::PlcSettings& out) {
   read_endpoint(plc, "connect", 1, out.host, out.port);
   read_bases(plc, out);
   plc.optional_boolean("read_write", out.read_write);
+  // FC 23 reads the PLC's 40 registers at once.
+  std::int64_t registers_max = out.registers_max;
+  plc.optional_integer("registers_max", registers_max, out.read_write ? 40 : hal::kPlcRegistersMin,
+                       hal::kPlcRegistersMax);
+  out.registers_max = static_cast<std::uint16_t>(registers_max);
+  plc.optional_boolean("keep_connection", out.keep_connection);
   read_ms(plc, "poll_ms", out.poll_ns, {10.0, 500.0});
   read_ms(plc, "timeout_ms", out.timeout_ns, {50.0, 2'000.0});
 }

@@ -203,14 +203,14 @@ bool take_spool(const Config& config, hal::FolderLock& lock, bool& unlockable_sa
     case hal::FolderLock::State::ours: return true;
     case hal::FolderLock::State::cannot:
       if (!std::exchange(unlockable_said, true))
-        std::fprintf(stderr, "warning: storage.spool_dir %s cannot be locked (%s): no other slabd may use it\n",
-                     config.storage.spool_dir.c_str(), lock.text().c_str());
+        say_text("warning: storage.spool_dir %s cannot be locked (%s): no other slabd may use it\n",
+                 config.storage.spool_dir.c_str(), lock.text().c_str());
       return true;
     case hal::FolderLock::State::anothers: break;
   }
   figures.used_by_another = "storage.spool_dir " + std::string(config.storage.spool_dir) +
                             " is used by another daemon (" + std::string(lock.text().view()) + "): one at a time may";
-  std::fprintf(stderr, "error: %s\n", figures.used_by_another.c_str());
+  say_text("error: %s\n", figures.used_by_another.c_str());
   return false;
 }
 
@@ -401,7 +401,8 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
     (void)flush_log(kFlushMs);
     return status;
   } catch (const std::exception& e) {
-    std::fprintf(stderr, "error: slabd: %s\n", e.what());
+    say_text("error: slabd: %s\n", e.what());
+    (void)flush_log(kFlushMs);
     return kExitInternal;
   }
 }

@@ -104,6 +104,10 @@ inline constexpr std::array<std::string_view, 3> kPlcRoles = {"server", "client"
 
 enum class SerialParity : std::uint8_t { even, odd, none };
 
+/// All of slabd's registers in one request; and the fewest that a client can be set to ask for at once.
+inline constexpr std::uint16_t kPlcRegistersMax = 110;
+inline constexpr std::uint16_t kPlcRegistersMin = 16;
+
 struct PlcSettings {
   PlcRole role = PlcRole::server;
   std::uint8_t unit_id = 1;  ///< slabd's own (server, rtu), or the PLC's (client)
@@ -122,9 +126,11 @@ struct PlcSettings {
   FixedVector<Network, 16> read_only;  ///< who of them may only read: displays
 
   // client: the same two memories in the PLC
-  std::uint16_t command_base = 0;    ///< holding register of the PLC that is HR 0
-  std::uint16_t status_base = 1000;  ///< holding register of the PLC that is IR 0
-  bool read_write = false;           ///< use FC 23 to write and read at once
+  std::uint16_t command_base = 0;                  ///< holding register of the PLC that is HR 0
+  std::uint16_t status_base = 1000;                ///< holding register of the PLC that is IR 0
+  bool read_write = false;                         ///< use FC 23 to write and read at once
+  std::uint16_t registers_max = kPlcRegistersMax;  ///< of one request
+  bool keep_connection = true;                     ///< false: a new one for each request
   std::int64_t poll_ns = 50'000'000;
   std::int64_t timeout_ns = 500'000'000;  ///< of connecting, and of one answer
 
@@ -174,13 +180,14 @@ struct PoseLinkCounters {
   std::uint64_t second_publisher = 0;  ///< while two publish, neither is believed
   std::uint64_t repeated = 0;          ///< the same message again
   std::uint64_t time_back = 0;         ///< the sender's clock stands still or runs backwards
+  std::uint64_t time_unit = 0;         ///< the sender's clock counts in nanoseconds or milliseconds
   std::uint64_t jumps = 0;             ///< faster than any robot, and the next pose does not confirm it
   // Accepted, but the settled window begins again.
   std::uint64_t gaps = 0;  ///< breaks in the numbering ...
   std::uint64_t lost = 0;  ///< ... and the messages that are missing in them
 };
 SLABD_FIELDS(PoseLinkCounters, accepted, foreign, other_type, wrong_sender, malformed, not_finite, not_unit,
-             out_of_reach, second_publisher, repeated, time_back, jumps, gaps, lost);
+             out_of_reach, second_publisher, repeated, time_back, time_unit, jumps, gaps, lost);
 
 using PoseNoteText = FixedString<limits::kErrorTextBytes>;
 

@@ -32,7 +32,7 @@ constexpr std::array kCodesZh = {
     CodeWords{Code::not_enabled, "ENABLE 未置位、PLC 心跳缺失，或正在标定（状态 8）",
               "置位 HR 1 位 0，并至少每 500 ms 改变 HR 0；状态 8 时请等待或结束标定"},
     CodeWords{Code::bad_id_text, "SLAB_ID 不是可打印的 ASCII", "更正 HR 16 至 31"},
-    CodeWords{Code::bad_crc, "CMD_CRC 与 HR 10 至 36 不符", "重写命令块；检查字序"},
+    CodeWords{Code::bad_crc, "CMD_CRC 与 HR 10 至 36 不符，或命令块的字节顺序颠倒", "重写命令块；检查字节序和字序"},
     CodeWords{Code::interrupted, "命令因重启或 ABORT 而中断，或该板以 SLAB_ABORT 结束",
               "重新发送命令；已中止的板没有结论，用 SLAB_BEGIN 重新测量"},
     CodeWords{Code::bad_sequence, "CMD_SEQ 既不是 CMD_ACK 也不是其后继", "以 CMD_ACK (IR 10) 为起点，逐一递增"},
@@ -71,7 +71,7 @@ constexpr std::array kCodesZh = {
               "slabctl show 给出位置、大小和深度；检查承轨台：破损、污物或遗留物"},
 };
 
-constexpr std::array<std::pair<std::uint16_t, std::string_view>, 14> kWarningsZh = {{
+constexpr std::array<std::pair<std::uint16_t, std::string_view>, 15> kWarningsZh = {{
     {kWarnUnconfirmedNominals, "结论依赖于无人确认的公称值或公差"},
     {kWarnCommissioningCalibration, "使用调试标定值：尚未启用任何标定"},
     {kWarnStrayFiles, "不对应任何请求的文件已移至 stray/"},
@@ -86,6 +86,7 @@ constexpr std::array<std::pair<std::uint16_t, std::string_view>, 14> kWarningsZh
     {kWarnHandednessUnproven, "扫描仪坐标系的手性未经证实：尚未启用标定"},
     {kWarnRecipesDiffer, "配方文件夹与正在使用的配方不一致"},
     {kWarnEmulation, "仿真：机器人或扫描仪不是真实设备"},
+    {kWarnStopsAlike, "机器人在相邻承轨台上的停位相同，位姿无法证明扫描属于哪个承轨台"},
 }};
 
 constexpr std::array<std::pair<std::string_view, std::string_view>, 9> kStatesZh = {{

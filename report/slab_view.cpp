@@ -16,14 +16,20 @@ namespace {
 
 constexpr std::string_view kKeyPrefix = "key:";
 constexpr std::string_view kIdPrefix = "id:";
+constexpr std::string_view kNoPrefix = "no:";
 
 }  // namespace
 
 SlabName slab_name(const std::string& wanted) {
   const bool says_key = wanted.rfind(kKeyPrefix, 0) == 0;
   const bool says_id = wanted.rfind(kIdPrefix, 0) == 0;
+  const bool says_no = wanted.rfind(kNoPrefix, 0) == 0;
   SlabName name;
-  const std::string rest = wanted.substr(says_key ? kKeyPrefix.size() : says_id ? kIdPrefix.size() : 0);
+  const std::string rest = wanted.substr(says_key ? kKeyPrefix.size() : says_id || says_no ? kIdPrefix.size() : 0);
+  std::uint32_t no = 0;
+  const auto [no_stop, no_fault] = std::from_chars(rest.data(), rest.data() + rest.size(), no);
+  if (!says_key && !says_id && no_fault == std::errc{} && no_stop == rest.data() + rest.size()) name.no = no;
+  if (says_no) return name;
   std::int64_t key = 0;
   const auto [stop, fault] = std::from_chars(rest.data(), rest.data() + rest.size(), key);
   // 0004 is how a works numbers its slabs; nobody writes a key so.
@@ -46,13 +52,16 @@ Result<std::optional<SlabRecord>> find_slab(storage::Reader& reader, const std::
     if (!found) return found;
     of_key = std::move(found.value());
   }
-  if (name.id.empty()) return of_key;
-  const auto of_id = reader.find(name.id);
-  if (!of_id) return of_id.error();
-  if (!of_id.value()) return of_key;
-  if (!of_key) return reader.slab(*of_id.value());
-  if (*of_id.value() != of_key->summary.header.key) return two_slabs(name, *of_key);
-  return of_key;
+  if (!name.id.empty()) {
+    const auto of_id = reader.find_id(name.id);
+    if (!of_id) return of_id.error();
+    if (!of_id.value().empty() && !of_key) return reader.slab(of_id.value().front());
+    if (!of_id.value().empty() && of_id.value().front() != of_key->summary.header.key) return two_slabs(name, *of_key);
+  }
+  if (of_key || !name.no) return of_key;
+  const auto of_no = reader.find_no(*name.no);
+  if (!of_no) return of_no.error();
+  return of_no.value().empty() ? of_key : reader.slab(of_no.value().front());
 }
 
 const SlabBlock* latest(const SlabRecord& record, int station) {

@@ -13,17 +13,18 @@
 /// What is said of a stored slab, whoever says it: show, report and export alike.
 namespace slabd::cli {
 
-/// What somebody calls a slab by. A number may be a key or a SLAB_ID, "key:12" and "id:12" say which; anything else,
-/// also a number with zeros in front, is a SLAB_ID.
+/// What somebody calls a slab by. A number may be a key, a SLAB_ID or, where neither is there, a SLAB_NO; "key:12",
+/// "id:12" and "no:12" say which. Anything else, also a number with zeros in front, is a SLAB_ID.
 struct SlabName {
   std::optional<std::int64_t> key;
-  std::string id;  ///< empty: only a key is meant
+  std::string id;                   ///< empty: none is meant
+  std::optional<std::uint32_t> no;  ///< SLAB_NO
 };
 [[nodiscard]] SlabName slab_name(const std::string& wanted);
 /// What to say when a number is the key of one slab and the SLAB_ID of another.
 [[nodiscard]] Error two_slabs(const SlabName& name, const storage::SlabRecord& of_key);
 
-/// The slab of that name; of a SLAB_ID the newest one. config: the name means two slabs.
+/// The slab of that name; of a SLAB_ID or SLAB_NO the newest one. config: the name means two slabs.
 [[nodiscard]] Result<std::optional<storage::SlabRecord>> find_slab(storage::Reader& reader, const std::string& wanted);
 /// The valid attempt of a station: its latest one; nullptr when there is none.
 [[nodiscard]] const storage::SlabBlock* latest(const storage::SlabRecord& record, int station);

@@ -247,7 +247,8 @@ class SqliteReader final : public Reader {
       : db_(std::move(db)),
         path_(std::move(path)),
         loader_(*db_),
-        find_(*db_, "SELECT max(slab_key) FROM slab WHERE slab_id = ?1"),
+        find_id_(*db_, "SELECT slab_key FROM slab WHERE slab_id = ?1 OR trim(slab_id) = ?1 ORDER BY slab_key DESC"),
+        find_no_(*db_, "SELECT slab_key FROM slab WHERE slab_no = ?1 ORDER BY slab_key DESC"),
         acknowledged_(*db_,
                       "SELECT acknowledged FROM result WHERE slab_key = ?1 AND kind = 2 AND is_repeat = 0 "
                       "ORDER BY id DESC LIMIT 1"),
@@ -273,14 +274,11 @@ class SqliteReader final : public Reader {
     return record;
   }
 
-  Result<std::optional<std::int64_t>> find(std::string_view slab_id) override {
-    std::optional<std::int64_t> key;
-    const Status status = read([&] {
-      if (find_.bind(1, slab_id).step() && !find_.is_null(0)) key = find_.integer(0);
-      find_.reset();
-    });
-    if (!status.ok()) return status.error();
-    return key;
+  Result<std::vector<std::int64_t>> find_id(std::string_view slab_id) override {
+    return read_value<std::vector<std::int64_t>>([&] { return keys_of(find_id_.bind(1, slab_id)); });
+  }
+  Result<std::vector<std::int64_t>> find_no(std::uint32_t slab_no) override {
+    return read_value<std::vector<std::int64_t>>([&] { return keys_of(find_no_.bind(1, std::int64_t{slab_no})); });
   }
 
   Result<std::unique_ptr<BlockMaps>> maps(std::int64_t key, int station, int attempt) override {
@@ -329,6 +327,13 @@ class SqliteReader final : public Reader {
     const Status status = read([&] { value = work(); });
     if (!status.ok()) return status.error();
     return value;
+  }
+
+  static std::vector<std::int64_t> keys_of(Statement& rows) {
+    std::vector<std::int64_t> keys;
+    while (rows.step()) keys.push_back(rows.integer(0));
+    rows.reset();
+    return keys;
   }
 
   std::optional<RecipeText> find_recipe_text(std::string_view sha256) {
@@ -421,7 +426,8 @@ class SqliteReader final : public Reader {
   std::unique_ptr<Connection> db_;
   std::string path_;
   Loader loader_;
-  Statement find_;
+  Statement find_id_;
+  Statement find_no_;
   Statement acknowledged_;
   Statement measured_;
 };

@@ -276,9 +276,11 @@ class Reader {
   }
   /// Oldest first; of one slab by station.
   [[nodiscard]] virtual Result<std::vector<ItemValue>> values(const ItemFilter& filter) = 0;
-  /// By key, or by the newest slab with this SLAB_ID.
   [[nodiscard]] virtual Result<std::optional<SlabRecord>> slab(std::int64_t key) = 0;
-  [[nodiscard]] virtual Result<std::optional<std::int64_t>> find(std::string_view slab_id) = 0;
+  /// Keys of all slabs with this SLAB_ID, also where it was stored with blanks around it, or with this SLAB_NO; the
+  /// newest first.
+  [[nodiscard]] virtual Result<std::vector<std::int64_t>> find_id(std::string_view slab_id) = 0;
+  [[nodiscard]] virtual Result<std::vector<std::int64_t>> find_no(std::uint32_t slab_no) = 0;
   /// What was kept of one attempt to draw it; empty maps if the block was not found.
   [[nodiscard]] virtual Result<std::unique_ptr<BlockMaps>> maps(std::int64_t key, int station, int attempt) = 0;
 

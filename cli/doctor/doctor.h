@@ -91,6 +91,9 @@ void examine_machine(const daemon::Config& config, Examination& report);
 void examine_clock(Examination& report);
 /// What the kernel lets the running daemon have: file sizes, open files, memory.
 void examine_limits(const daemon::Config& config, Examination& report);
+/// The program of this computer that sends UDP from `port`, "name (pid 12)"; empty where the kernel tells none: another
+/// computer's, or another user's.
+[[nodiscard]] std::string udp_program(unsigned port);
 
 // ---- doctor_routes.cpp: the way to PLC and robot -----------------------------------------------------------------
 

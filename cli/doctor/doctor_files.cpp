@@ -147,10 +147,17 @@ void examine_drop_group(const std::string& drop_dir, const std::string& db_folde
         fmt::format("chgrp -R {} {}, and put the scanner software's user into that group alone", kScanGroup, drop_dir));
 }
 
-std::optional<std::uint64_t> free_bytes(const std::string& folder) {
+struct Free {
+  std::uint64_t bytes = 0;
+  std::optional<std::uint64_t> files;  ///< how many more there may be; nullopt: as many as fit
+};
+
+std::optional<Free> free_of(const std::string& folder) {
   struct statvfs disk {};
   if (::statvfs(existing(folder).c_str(), &disk) != 0) return std::nullopt;
-  return static_cast<std::uint64_t>(disk.f_bavail) * disk.f_frsize;
+  Free free{static_cast<std::uint64_t>(disk.f_bavail) * disk.f_frsize, std::nullopt};
+  if (disk.f_files > 0) free.files = disk.f_favail;
+  return free;
 }
 
 std::string gigabytes(std::uint64_t bytes) {
@@ -159,17 +166,23 @@ std::string gigabytes(std::uint64_t bytes) {
 
 void examine_space(const char* check, const std::string& folder, std::uint64_t least, std::uint64_t for_long,
                    const char* what, Examination& report) {
-  const std::optional<std::uint64_t> free = free_bytes(folder);
+  constexpr std::uint64_t kFilesMin = 1'000;  // some thirty slabs' scans
+  const std::optional<Free> free = free_of(folder);
   if (!free) {
     report.unknown(check, fmt::format("{}: {}", folder, std::strerror(errno)));
-  } else if (*free < least) {
-    report.failed(check, fmt::format("{} free for {}, less than {}", gigabytes(*free), what, gigabytes(least)),
+  } else if (free->files && *free->files < kFilesMin) {
+    report.failed(check,
+                  fmt::format("{} free for {}, but room for {} more files only: the inodes are used up",
+                              gigabytes(free->bytes), what, *free->files),
+                  "df -i; delete small files, or name another disk in [storage]");
+  } else if (free->bytes < least) {
+    report.failed(check, fmt::format("{} free for {}, less than {}", gigabytes(free->bytes), what, gigabytes(least)),
                   "free some space, or name another disk in [storage]");
-  } else if (*free < for_long) {
-    report.warning(check, fmt::format("{} free for {}", gigabytes(*free), what),
+  } else if (free->bytes < for_long) {
+    report.warning(check, fmt::format("{} free for {}", gigabytes(free->bytes), what),
                    "set [storage] spool_budget_gb below what is free, so that old scans make room");
   } else {
-    report.ok(check, fmt::format("{} free for {}", gigabytes(*free), what));
+    report.ok(check, fmt::format("{} free for {}", gigabytes(free->bytes), what));
   }
 }
 

@@ -15,7 +15,9 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cctype>
 #include <cerrno>
+#include <charconv>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -335,11 +337,26 @@ Heard listen(hal::PosePort& port, double seconds) {
   }
 }
 
+/// Who of this computer stands behind the addresses in a refusal.
+std::string programs_in(std::string_view why) {
+  std::string text;
+  for (std::size_t at = why.find(':'); at != std::string_view::npos; at = why.find(':', at + 1)) {
+    unsigned port = 0;
+    const char* end = why.data() + why.size();
+    const auto [stop, fault] = std::from_chars(why.data() + at + 1, end, port);
+    if (fault != std::errc{} || at == 0 || std::isdigit(static_cast<unsigned char>(why[at - 1])) == 0) continue;
+    if (const std::string program = udp_program(port); !program.empty())
+      text += fmt::format("{}port {} is {}", text.empty() ? "" : ", ", port, program);
+  }
+  return text;
+}
+
 /// What was not believed of all that came, with the last reason; empty when everything was.
 std::string refused(const hal::PosePort& port) {
   std::string text = pose_faults_text(port.counters());
   const std::string_view why = port.refusal(hal::make_system_clock()->mono_ns());
   if (!why.empty()) text += fmt::format("{}last refused: {}", text.empty() ? "" : "; ", why);
+  if (const std::string programs = programs_in(why); !programs.empty()) text += fmt::format(" ({})", programs);
   return text;
 }
 
@@ -348,7 +365,8 @@ void examine_heard(const daemon::Config& config, const Heard& heard, const hal::
   const double rate_hz = span_s > 0.0 ? static_cast<double>(heard.poses - 1) / span_s : 0.0;
   const hal::PoseLinkCounters& counters = port.counters();
   const std::uint64_t not_believed = counters.other_type + counters.wrong_sender + counters.second_publisher +
-                                     counters.malformed + counters.repeated + counters.time_back + counters.jumps;
+                                     counters.malformed + counters.repeated + counters.time_back + counters.time_unit +
+                                     counters.jumps;
   const std::string faults = refused(port);
   const std::string saw = fmt::format("{:.0f} poses/s, {}", rate_hz, faults.empty() ? "no gaps" : faults);
   if (heard.age_ns > config.pose.stale_ns)
@@ -412,10 +430,11 @@ constexpr std::array kWarningCures = {
     "slabctl calibrate stations; docs/CALIBRATION.md, \"Station corrections\"",
     "slabctl scanner verify; docs/SCANNER.md, \"Is it good enough?\"",
     "slabctl calibrate new, and apply it; docs/CALIBRATION.md",
-    "slabctl recipe diff shows the difference; restart slabd between two slabs",
+    "slabctl recipe diff shows the difference; slabctl recipe reload between two slabs",
     "expected on a test line; on a real one [line] simulation = false, real poses (flags, bits 0 and 4) and a real "
     "scanner; "
     "docs/PLC.md, STATUS bit 11",
+    "slabctl stations --krl FILE plans stops that differ; docs/ROBOT.md, \"The stations\"",
 };
 
 /// The daemon says its warnings in words, in the order of their bits.
@@ -513,9 +532,12 @@ void examine_scanner(const daemon::Config& config, const std::string& status_tex
   if (in_config_fault(status)) {
     report.unknown("scanner link", "in fault 504 the daemon does not look for a scanner");
   } else if (!status.is_null()) {
+    const std::string why = text(at(status, {"links", "scanner", "text"}));
     if (yes(at(status, {"links", "scanner", "online"})))
       report.ok("scanner link", stream ? "the scanner's gateway is connected to " + endpoint
                                        : drop + "/request and /inbox are there for the daemon");
+    else if (stream && why.find("cannot listen") != std::string::npos)
+      report.failed("scanner link", why, "ip address lists this computer's addresses; correct [scanner] listen");
     else if (stream)
       report.failed("scanner link", "no gateway is connected to " + endpoint,
                     "start the gateway; its address must be in [scanner] allow (docs/SCANNER.md)");

@@ -5,9 +5,13 @@
 
 #include <algorithm>
 #include <array>
+#include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <sstream>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "algo/algo.h"
 #include "base/limits.h"
@@ -122,6 +126,28 @@ void examine_clock(Examination& report) {
   } else {
     report.ok("clock", fmt::format("synchronised, within {:.1f} ms", static_cast<double>(state.maxerror) / 1e3));
   }
+}
+
+std::string udp_program(unsigned port) {
+  const std::string wanted = fmt::format(":{:04X}", port);
+  std::ifstream sockets("/proc/net/udp");
+  std::string inode;
+  for (std::string line; inode.empty() && std::getline(sockets, line);) {
+    std::istringstream words(line);
+    const std::vector<std::string> columns{std::istream_iterator<std::string>(words), {}};
+    if (columns.size() > 9 && columns[1].ends_with(wanted)) inode = "socket:[" + columns[9] + "]";
+  }
+  if (inode.empty()) return "";
+  std::error_code ignored;
+  for (const auto& process : std::filesystem::directory_iterator("/proc", ignored))
+    for (const auto& file : std::filesystem::directory_iterator(process.path() / "fd", ignored)) {
+      if (std::filesystem::read_symlink(file.path(), ignored) != inode) continue;
+      std::ifstream comm(process.path() / "comm");
+      std::string name;
+      std::getline(comm, name);
+      return fmt::format("{} (pid {})", name, process.path().filename().string());
+    }
+  return "";
 }
 
 }  // namespace slabd::cli

@@ -120,9 +120,9 @@ std::string id_of(const Options& options, int index) {
 std::optional<storage::SlabRecord> read_back(const std::string& db_path, const SlabOrder& order) {
   const auto reader = storage::open_reader(db_path);
   if (!reader) return std::nullopt;
-  const auto key = reader.value()->find(order.slab_id);
-  if (!key || !key.value()) return std::nullopt;
-  auto record = reader.value()->slab(*key.value());
+  const auto keys = reader.value()->find_id(order.slab_id);
+  if (!keys || keys.value().empty()) return std::nullopt;
+  auto record = reader.value()->slab(keys.value().front());
   if (!record || !record.value() || record.value()->summary.header.slab_no != order.slab_no) return std::nullopt;
   return std::move(record.value());
 }

@@ -38,6 +38,7 @@ struct Options {
   double turn_deg = 0.0;
   Dither dither;
   bool no_dither = false;
+  int set = 1;
   ScannerView view;
   double incidence_deg = 70.0;
   bool as_json = false;
@@ -103,6 +104,13 @@ Pose T_block_scanner(const Options& options) {
   return pose;
 }
 
+/// A set is the pattern of stops begun elsewhere: neighbours stay neighbours in it, and no station has the stop of
+/// another set's.
+int station_of_set(int station, int set) {
+  constexpr int kApart = 5;
+  return (station - 1 + kApart * (set - 1)) % static_cast<int>(limits::kStationsMax) + 1;
+}
+
 std::vector<Row> plan(const Options& options, const Sources& sources, const std::vector<Pose>& taught) {
   const auto look = [&](const Pose& T_base_flange, int station) {
     return look_at(sources.recipe, options.view, sources.config.T_base_slab, sources.hand_eye.T_flange_scanner,
@@ -114,7 +122,9 @@ std::vector<Row> plan(const Options& options, const Sources& sources, const std:
     Row row;
     row.station = station;
     row.planned = planned_flange(sources.recipe, sources.config.T_base_slab, sources.hand_eye.T_flange_scanner,
-                                 dithered(T_block_scanner(options), station, options.dither), station);
+                                 dithered(T_block_scanner(options), station_of_set(station, options.set),
+                                          options.dither),
+                                 station);
     row.view = look(row.planned, station);
     if (index < taught.size()) {
       row.taught = taught[index];
@@ -359,6 +369,10 @@ void add_stations(args::Command& app) {
   command
       ->add_option("--dither-deg", options->dither.deg, "... and are turned about the block by up to +- this per axis")
       ->check(within(0.0, 5.0))
+      ->excludes(no_dither)
+      ->capture_default_str();
+  command->add_option("--set", options->set, "Which of four patterns of stops: a program may change them with the slab")
+      ->check(args::range(1, 4))
       ->excludes(no_dither)
       ->capture_default_str();
   ScannerView& view = options->view;

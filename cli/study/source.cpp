@@ -204,20 +204,24 @@ Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, co
     if (!by_key.ok()) return by_key.error();
     of_key = std::move(by_key.value());
   }
-  storage::SlabFilter filter;
-  filter.limit = 100'000;  // the id is looked for as a part of ids, so more may come than are meant
-  filter.id_part = name.id;
+  std::vector<std::int64_t> keys;
   if (!name.id.empty()) {
-    const auto found = reader.slabs(filter);
-    if (!found.ok()) return found.error();
-    for (const storage::SlabSummary& summary : found.value()) {
-      const bool whole = summary.ended_utime_us != 0 && summary.verdict != Verdict::aborted;
-      if (summary.header.slab_id.view() != name.id || !whole || records.size() >= limit) continue;
-      if (of_key && summary.header.key != of_key->summary.header.key) return two_slabs(name, *of_key);
-      auto record = reader.slab(summary.header.key);
-      if (!record.ok()) return record.error();
-      if (record.value().has_value()) records.push_back(std::move(*record.value()));
-    }
+    auto of_id = reader.find_id(name.id);
+    if (!of_id.ok()) return of_id.error();
+    keys = std::move(of_id.value());
+  }
+  if (keys.empty() && !of_key && name.no) {
+    auto of_no = reader.find_no(*name.no);
+    if (!of_no.ok()) return of_no.error();
+    keys = std::move(of_no.value());
+  }
+  for (const std::int64_t key : keys) {
+    if (records.size() >= limit) break;
+    auto record = reader.slab(key);
+    if (!record.ok()) return record.error();
+    if (!record.value() || is_open(*record.value()) || is_aborted(*record.value())) continue;
+    if (of_key && key != of_key->summary.header.key) return two_slabs(name, *of_key);
+    records.push_back(std::move(*record.value()));
   }
   if (of_key) {
     records.clear();

@@ -97,6 +97,7 @@ void tell_pose(Text& text, const hal::PosePort& pose, const LoopFigures& figures
   text.counter_of(kName, kHelp, "second_publisher", c.second_publisher);
   text.counter_of(kName, kHelp, "repeated", c.repeated);
   text.counter_of(kName, kHelp, "time_back", c.time_back);
+  text.counter_of(kName, kHelp, "time_unit", c.time_unit);
   text.counter_of(kName, kHelp, "jump", c.jumps);
   text.counter("slabd_pose_gaps_total", "Breaks in the numbering of the robot's poses", c.gaps);
   text.counter("slabd_pose_lost_total", "Poses missing in those breaks", c.lost);

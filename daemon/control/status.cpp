@@ -60,6 +60,9 @@ Json warnings(std::uint16_t bits) {
   add(kWarnHandednessUnproven, "no applied calibration proves that the scanner's frame is right-handed");
   add(kWarnRecipesDiffer, kRecipesDifferText);
   add(kWarnEmulation, "emulation: robot or scanner is not the real one");
+  add(kWarnStopsAlike,
+      "the robot stops alike over neighbouring blocks, so that no pose proves of which block a scan is (slabctl "
+      "stations)");
   return list;
 }
 

@@ -150,6 +150,12 @@ bool is_same_command(const PlcInputs& a, const PlcInputs& b) {
          a.slab_id == b.slab_id;
 }
 
+/// SESSION_ECHO is the one number of a block that is known beforehand: it tells a PLC that sends the low byte first,
+/// before CMD_SEQ, which is then wrong too, is called out of sequence.
+bool is_byte_swapped(std::uint16_t echo, std::uint16_t session) {
+  return echo != session && static_cast<std::uint16_t>(echo << 8U | echo >> 8U) == session;
+}
+
 void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   CommandDesk& desk = s.desk;
   if (in.command_writer == 0) return;
@@ -182,7 +188,9 @@ void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   if (desk.pending && in.cmd_seq == under_way.cmd_seq && in.session_echo == under_way.session_echo &&
       is_same_command(in, under_way))
     return;
-  if (desk.session != desk.session_next || in.session_echo != desk.session) {
+  if (is_byte_swapped(in.session_echo, desk.session)) {
+    refuse(s, in, Code::bad_crc, actions);
+  } else if (desk.session != desk.session_next || in.session_echo != desk.session) {
     refuse(s, in, Code::stale_session, actions);
   } else if (desk.pending || in.cmd_seq != next_sequence(desk.ack)) {
     refuse(s, in, Code::bad_sequence, actions);

@@ -263,7 +263,8 @@ PlcOutputs plc_view(const Station& s) {
   out.simulation = emulation_shown(s) != 0;
   out.warn = static_cast<std::uint16_t>(
       s.warn | s.settings.warn | calibration_warnings(s) | (waiting ? +kWarnResultsWaiting : 0) |
-      (s.links.recipes_differ ? +kWarnRecipesDiffer : 0) | (out.simulation ? +kWarnEmulation : 0));
+      (s.links.recipes_differ ? +kWarnRecipesDiffer : 0) | (out.simulation ? +kWarnEmulation : 0) |
+      (s.stop_alike != 0 ? +kWarnStopsAlike : 0));
   const bool shooting = in_maintenance(s) && s.capture.phase != Capture::Phase::ready;
   out.busy = s.desk.pending || shooting || s.acquisition.phase != Acquisition::Phase::none ||
              s.slab.phase == SlabPhase::ending || s.slab.phase == SlabPhase::storing_end;

@@ -367,7 +367,7 @@ struct Station {
   Acquisition acquisition;
   OpenSlab slab;  ///< with phase none: the last one, as long as no other was begun
   Views views;    ///< where the scans of this slab and the last one showed their blocks
-  bool alike_stops_said = false;
+  int stop_alike = 0;  ///< of the last slab: a station whose stop is like the next one's; 0: none
   ResultDesk results;
   std::array<std::uint64_t, kFingerprintsKept> fingerprints{};  ///< of the last scans; 0: none
   std::size_t fingerprint_next = 0;                             ///< the oldest

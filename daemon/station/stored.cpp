@@ -3,6 +3,7 @@
 // What the answer to each store job means. Ok: it is durable and may be shown. Anything else: nothing is shown, the
 // fault is raised, and the cloud on disk keeps the work from being lost.
 #include <algorithm>
+#include <utility>
 
 #include "daemon/station/parts.h"
 
@@ -70,11 +71,10 @@ void on_block(Station& s, const PendingStore& pending, Code code, Actions& actio
   (void)queued;
 }
 
-/// Once in a process: it is the robot's program, and does not change from slab to slab.
+/// Logged when it begins: it is the robot's program, and does not change from slab to slab.
 void warn_of_alike_stops(Station& s, Actions& actions) {
   const int station = stop_like_the_next(s.views.slab);
-  if (station == 0 || s.alike_stops_said) return;
-  s.alike_stops_said = true;
+  if (std::exchange(s.stop_alike, station) != 0 || station == 0) return;
   log(actions, LogLine::Level::warning, Code::ok,
       "the robot looks at the block of station %d as it does at the next one's: their scans could be mistaken for each "
       "other and the pose would not show it; slabctl stations plans stops that differ (docs/SCANNER.md)",

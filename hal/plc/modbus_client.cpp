@@ -17,6 +17,7 @@
 #include "base/os.h"
 #include "hal/hal.h"
 #include "hal/plc/modbus_client_plan.h"
+#include "hal/plc/modbus_probe.h"
 #include "hal/plc/plc_map.h"
 #include "hal/plc/plc_notes.h"
 
@@ -27,6 +28,8 @@
 //     a late answer every further one is taken for the wrong question. On any error the connection is closed;
 //   - nothing to be written is ever queued: there is one present image, and after a loss that one is written;
 //   - what the PLC has written comes to the loop in the order it was read; each change is an event;
+//   - what a PLC does not take in one request is written, and read, from the back: the words that say that something
+//     is there (CMD_ACK, RES_SEQ; CMD_SEQ) are the last to be written and the first to be read;
 //   - every wait is bounded by `timeout_ns`, and no heap is used after construction.
 namespace slabd::hal {
 namespace {
@@ -34,6 +37,8 @@ namespace {
 /// Images read and not yet taken by the loop. The loop turns every 10 ms and a poll takes longer: two would do.
 constexpr std::size_t kUnreadMax = 8;
 constexpr int kUnacknowledgedMs = 5000;
+/// So many losses of the same kind in a row are a habit of the PLC and no accident.
+constexpr int kHabit = 3;
 
 struct ContextDeleter {
   void operator()(modbus_t* context) const {
@@ -83,7 +88,7 @@ class Client final : public PlcPort {
     trouble_seen_ = trouble_;
     if (unread_.empty()) {
       std::uint64_t count = 0;
-      static_cast<void>(!read(news_.get(), &count, sizeof count));  // lowers the flag; nothing there is fine too
+      static_cast<void>(!::read(news_.get(), &count, sizeof count));  // lowers the flag; nothing there is fine too
       return false;
     }
     holding_seen_ = unread_.front().image;
@@ -142,6 +147,12 @@ class Client final : public PlcPort {
       const int error_number = errno;
       lock.lock();
       note(next.deed, done, error_number, image, read_image);
+      if (useless_ < kHabit) continue;
+      useless_ = 0;
+      lock.unlock();
+      const FixedString<160> fault = fault_of_answers(settings_);
+      lock.lock();
+      habit_ = fault;
     }
   }
 
@@ -153,15 +164,14 @@ class Client final : public PlcPort {
       case ClientDeed::connect: return connect();
       case ClientDeed::write_all: return write(image, kAll, read_image);
       case ClientDeed::write_head: return write(image, kHead, read_image);
-      case ClientDeed::read:
-        return modbus_read_registers(context_.get(), settings_.command_base, kReadCount, read_image.data()) ==
-               kReadCount;
+      case ClientDeed::read: return read(read_image);
       case ClientDeed::wait: break;
     }
     return true;
   }
 
   bool connect() {
+    answers_ = 0;
     modbus_close(context_.get());
     if (modbus_connect(context_.get()) != 0) return false;
     const int fd = modbus_get_socket(context_.get());
@@ -175,11 +185,49 @@ class Client final : public PlcPort {
     return true;
   }
 
+  /// One question and its answer, over a connection of its own where the PLC closes it.
+  template <typename Talk>
+  bool exchange(const Talk& talk) {
+    if (!settings_.keep_connection && answers_ > 0 && !connect()) return false;
+    const bool done = talk();
+    if (done) ++answers_;
+    return done;
+  }
+
+  /// Where the request begins that ends before `end`; no piece has an end of one part and the beginning of the next.
+  [[nodiscard]] int piece_before(int end, int second_part, int third_part) const {
+    const int most = settings_.registers_max;
+    if (end <= most) return 0;
+    return std::max(end > third_part ? third_part : end > second_part ? second_part : 0, end - most);
+  }
+
   bool write(const InputImage& image, int count, HoldingImage& read_image) {
-    if (settings_.read_write)
-      return modbus_write_and_read_registers(context_.get(), settings_.status_base, count, image.data(),
-                                             settings_.command_base, kReadCount, read_image.data()) == kReadCount;
-    return modbus_write_registers(context_.get(), settings_.status_base, count, image.data()) == count;
+    for (int end = count; end > 0;) {
+      const int begin = piece_before(end, kRecordFirst, kTableFirst);
+      const int base = settings_.status_base + begin;
+      if (!exchange([&] {
+            if (settings_.read_write && begin == 0)
+              return modbus_write_and_read_registers(context_.get(), base, end, image.data(), settings_.command_base,
+                                                     kReadCount, read_image.data()) == kReadCount;
+            return modbus_write_registers(context_.get(), base, end - begin, image.data() + begin) == end - begin;
+          }))
+        return false;
+      end = begin;
+    }
+    return true;
+  }
+
+  bool read(HoldingImage& image) {
+    for (int end = kReadCount; end > 0;) {
+      const int begin = piece_before(end, kCommandFirst, kCommandFirst);
+      const auto talk = [&] {
+        return modbus_read_registers(context_.get(), settings_.command_base + begin, end - begin,
+                                     image.data() + begin) == end - begin;
+      };
+      if (!exchange(talk)) return false;
+      end = begin;
+    }
+    return true;
   }
 
   /// What became of it, with the mutex held.
@@ -205,6 +253,8 @@ class Client final : public PlcPort {
     if (deed != ClientDeed::read && !settings_.read_write) return;
     plan_.has_read(now_ns);
     trouble_.clear();
+    habit_.clear();
+    useless_ = closed_behind_ = 0;
     const HoldingImage image_now = confirm_command(read_image, now_ns);
     if (!fresh_ && image_now == last_read_) return;
     fresh_ = false;
@@ -238,16 +288,25 @@ class Client final : public PlcPort {
   void lose(ClientDeed deed, int error_number, std::int64_t now_ns) {
     modbus_close(context_.get());
     plan_.failed(now_ns);
+    const bool closed = error_number == ECONNRESET || error_number == EPIPE || error_number == ECONNABORTED;
+    if (deed != ClientDeed::connect) closed_behind_ = closed && answers_ == 1 ? closed_behind_ + 1 : 0;
     if (is_exception(error_number)) {
       ++counters_.exceptions;
     } else if (deed != ClientDeed::connect && error_number == ETIMEDOUT) {
       ++counters_.late;
+      ++useless_;
     } else if (deed != ClientDeed::connect && error_number >= MODBUS_ENOBASE) {
       ++counters_.malformed;
+      ++useless_;
     }
+    if (closed_behind_ >= kHabit && settings_.keep_connection)
+      habit_ =
+          "the PLC closes the connection behind each answer: plc.keep_connection = false makes one for each request";
     const char* doing = deed == ClientDeed::connect ? "connecting" : deed == ClientDeed::read ? "reading" : "writing";
     const char* cure = "; is its Modbus server running, and is the address right?";
-    if (is_exception(error_number)) {
+    if (error_number == EMBXILVAL) {
+      cure = "; is it too much for one request? plc.registers_max = 100 or 48, as its manual says";
+    } else if (is_exception(error_number)) {
       cure = deed == ClientDeed::read
                  ? "; does the PLC have 40 holding registers from plc.command_base on, for unit plc.unit_id?"
                  : "; does the PLC have 110 holding registers from plc.status_base on that may be written? FC 23 "
@@ -256,8 +315,9 @@ class Client final : public PlcPort {
       cure = "; the connection is made anew";
     }
     Trouble text;
-    text.printf("plc.connect %s:%u: %s: %s%s", settings_.host.c_str(), unsigned{settings_.port}, doing,
-                error_number >= MODBUS_ENOBASE ? modbus_strerror(error_number) : errno_text(error_number), cure);
+    text.printf("plc.connect %s:%u: %s: %s%s%s", settings_.host.c_str(), unsigned{settings_.port}, doing,
+                error_number >= MODBUS_ENOBASE ? modbus_strerror(error_number) : errno_text(error_number),
+                habit_.empty() ? cure : "; ", habit_.c_str());
     trouble_ = text;
     raise();
   }
@@ -273,6 +333,8 @@ class Client final : public PlcPort {
   }
 
   static constexpr int kReadCount = static_cast<int>(kHoldingRegisters);
+  static constexpr int kRecordFirst = 30;  ///< parts of slabd's registers: state, record, table
+  static constexpr int kTableFirst = 64;
 
   const PlcSettings settings_;
   std::unique_ptr<modbus_t, ContextDeleter> context_;
@@ -290,6 +352,10 @@ class Client final : public PlcPort {
   std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> candidate_{};  ///< HR 10..39 of the last answer
   std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> confirmed_{};  ///< of two answers in a row
   bool has_candidate_ = false;
+  int answers_ = 0;          ///< on this connection; the thread's own
+  int useless_ = 0;          ///< late or malformed answers since the last good one
+  int closed_behind_ = 0;    ///< connections in a row that the PLC closed behind their first answer
+  FixedString<160> habit_;   ///< what the PLC does every time, "" = nothing known
   bool read_again_ = false;  ///< the next answer was asked for early
   std::uint32_t delivered_ = 0;
   std::uint32_t connection_ = 0;

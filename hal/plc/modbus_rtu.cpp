@@ -34,15 +34,11 @@ namespace {
 constexpr std::int64_t kPauseNs = ns_from_ms(60);
 /// A line that is not there is looked for this often.
 constexpr std::int64_t kReopenNs = kNsPerS;
-/// A reply that comes back as an echo does so within this time after it left.
-constexpr std::int64_t kEchoNs = ns_from_ms(60);
 /// So many replies that did not come back, and the adapter is one that does not echo.
 constexpr int kRepliesToBeSure = 3;
 constexpr std::uint8_t kWriteOne = 6;
 /// Reads in one turn of the loop: what a terminal's buffer of 4 kB holds, so that noise cannot hold the loop.
 constexpr int kPiecesPerTurn = 16;
-/// Bits of one character: start, 8 data, parity or second stop, stop.
-constexpr std::int64_t kCharacterBits = 11;
 /// Without a frame for so long there is no master.
 constexpr std::int64_t kSilentNs = 2'500'000'000;
 
@@ -90,8 +86,7 @@ FixedString<96> set_line(int fd, const PlcSettings& settings) {
 
 class RtuSlave final : public PlcPort {
  public:
-  explicit RtuSlave(const PlcSettings& settings)
-      : settings_(settings), character_ns_(kCharacterBits * kNsPerS / settings.baud) {
+  explicit RtuSlave(const PlcSettings& settings) : settings_(settings) {
     publish(PlcOutputs{});
     open_line();
   }
@@ -263,16 +258,16 @@ class RtuSlave final : public PlcPort {
     echo_bytes_ = rtu_close(echo_, 1 + pdu.size());
     echo_next_ = true;
     reply_is_request_ = pdu[0] == kWriteOne;
-    echo_until_ns_ = now_ns_ + static_cast<std::int64_t>(echo_bytes_) * character_ns_ + kEchoNs;
     if (write(fd_.get(), echo_.data(), echo_bytes_) == static_cast<ssize_t>(echo_bytes_)) return;
     ++counters_.unsent;
     lose_line("a reply could not be written");
   }
 
   /// An adapter that listens while it speaks hands our reply back, and the reply to FC 6 is the request: answering it
-  /// would never end. A master that writes the same twice looks alike; which of the two it is, other replies tell,
-  /// whose echo is like no request. An adapter that changes its direction may hear a few bytes of noise before the
-  /// echo: they are dropped with it. True: what has come so far may still be the echo.
+  /// would never end. It comes before whatever the master sends next, however long an adapter or a device server keeps
+  /// it. A master that writes the same twice looks alike; which of the two it is, other replies tell, whose echo is
+  /// like no request; until then the master has to ask once more. An adapter that changes its direction may hear a few
+  /// bytes of noise before the echo: they are dropped with it. True: what has come so far may still be the echo.
   bool swallow_echo() {
     if (!echo_next_) return false;
     for (std::size_t noise = 0; noise < kRtuBytesMin && echo_may_come(); ++noise) {
@@ -290,10 +285,10 @@ class RtuSlave final : public PlcPort {
       replies_without_echo_ = std::min(replies_without_echo_ + 1, kRepliesToBeSure);
     return false;
   }
-  /// The reply left so lately that it may still come back, and has not yet, on an adapter that may do so.
+  /// The last reply may still come back: it has not yet, on an adapter that may do so.
   [[nodiscard]] bool echo_may_come() const {
     const bool sure_not_to = reply_is_request_ && replies_without_echo_ >= kRepliesToBeSure;
-    return echo_bytes_ != 0 && now_ns_ < echo_until_ns_ && !sure_not_to;
+    return echo_bytes_ != 0 && !sure_not_to;
   }
   /// Behind so much noise that it was given up, too.
   [[nodiscard]] bool is_echo(std::span<const std::uint8_t> frame) const {
@@ -309,7 +304,6 @@ class RtuSlave final : public PlcPort {
   }
 
   PlcSettings settings_;
-  std::int64_t character_ns_;
   Fd fd_;
   FixedString<limits::kErrorTextBytes> trouble_;
   std::uint32_t opened_ = 0;  ///< times; the line is one connection from its opening to its loss
@@ -320,10 +314,9 @@ class RtuSlave final : public PlcPort {
   std::array<std::uint8_t, kRtuBytesMax> echo_{};  ///< the last reply
   std::size_t echo_bytes_ = 0;                     ///< 0: none, or it came back
   bool echo_next_ = false;                         ///< nothing else has come since it left
-  std::int64_t echo_until_ns_ = 0;
-  bool reply_is_request_ = false;  ///< the last reply was to FC 6
-  int replies_without_echo_ = 0;   ///< in a row, on this line
-  bool has_echoed_ = false;        ///< a reply came back, on this line
+  bool reply_is_request_ = false;                  ///< the last reply was to FC 6
+  int replies_without_echo_ = 0;                   ///< in a row, on this line
+  bool has_echoed_ = false;                        ///< a reply came back, on this line
   std::uint32_t command_writes_ = 0;
 
   RegisterBank bank_;

@@ -212,10 +212,23 @@ bool record_intact(const InputImage& image) {
          image[kRecordCrc] == record_crc(image);
 }
 
+namespace {
+
+/// Most PLCs keep a text in a fixed length and fill it with blanks, some with blanks in front: they are no part of it.
+void trim(std::array<char, limits::kSlabIdBytes>& text) {
+  const auto fills = [](char c) { return c == ' ' || c == '\0'; };
+  const auto first = std::find_if_not(text.begin(), text.end(), fills);
+  const auto last = std::find_if_not(text.rbegin(), std::make_reverse_iterator(first), fills).base();
+  std::fill(std::copy(first, last, text.begin()), text.end(), '\0');
+}
+
+}  // namespace
+
 PlcInputs decode_inputs(const HoldingImage& image, WordOrder order) {
   PlcInputs inputs;
   Decoder io(image, order);
   walk_inputs(io, inputs);
+  trim(inputs.slab_id);
   inputs.crc_ok = image[kCommandCrc] == 0 || image[kCommandCrc] == command_crc(image);
   return inputs;
 }

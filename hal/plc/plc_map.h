@@ -47,7 +47,8 @@ using InputImage = std::array<std::uint16_t, kInputRegisters>;
 /// IR 30..61 at IR 62.
 void encode_outputs(const PlcOutputs& outputs, WordOrder order, InputImage& image);
 
-/// What the PLC has written; `command_writer` is left 0 for the server to fill in. Every memory decodes: what is
+/// What the PLC has written, SLAB_ID without blanks and NULs around it; `command_writer` is left 0 for the server to
+/// fill in. Every memory decodes: what is
 /// out of range is the station's to refuse. `crc_ok` is true when CMD_CRC is 0 or matches HR 10..36.
 [[nodiscard]] PlcInputs decode_inputs(const HoldingImage& image, WordOrder order);
 

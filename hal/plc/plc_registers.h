@@ -53,7 +53,7 @@ inline constexpr std::array<std::string_view, 6> kCommandWords = {"none",     "S
                                                                   "SLAB_END", "SLAB_ABORT", "REPORT"};
 inline constexpr std::array<std::string_view, 5> kStatusWords = {"none", "accepted", "acquiring", "acquired", "done"};
 /// PlcWarn, bit by bit.
-inline constexpr std::array<std::string_view, 14> kWarnWords = {"nominals nobody confirmed",
+inline constexpr std::array<std::string_view, 15> kWarnWords = {"nominals nobody confirmed",
                                                                 "commissioning calibration",
                                                                 "stray scan files",
                                                                 "results wait for RES_ACK",
@@ -66,7 +66,8 @@ inline constexpr std::array<std::string_view, 14> kWarnWords = {"nominals nobody
                                                                 "scanner not verified",
                                                                 "handedness of the scanner not proven",
                                                                 "recipe folder differs from recipes in use",
-                                                                "emulation"};
+                                                                "emulation",
+                                                                "robot stops alike over neighbouring blocks"};
 inline constexpr std::array<std::string_view, 3> kKindWords = {"none", "station", "slab"};
 
 /// IR 42..55, by kind of record. A plain number is a station, pair or count.
@@ -117,7 +118,9 @@ void walk_inputs(Cursor& io, Inputs& in) {
   io.u16({12, "SLAB_TYPE", "", "5600, 4925, 4856, ...: a recipe's slab_type; 0 = of the open slab"}, in.slab_type);
   io.u16({13, "RECIPE", "", "0 = by SLAB_TYPE; else the same number"}, in.recipe);
   io.u32({14, "SLAB_NO", "", "the line's own number; 0 = the open slab"}, in.slab_no);
-  io.text({16, "SLAB_ID", "", "32 bytes ASCII, first character in the high byte, NUL padded"}, in.slab_id);
+  io.text({16, "SLAB_ID", "",
+           "32 bytes ASCII, first character in the high byte; NULs and blanks around it are no part of it"},
+          in.slab_id);
   io.scaled({32, "SLAB_TEMPERATURE", "K", "in 0.1 K, 0 = unknown"}, in.slab_temperature_dk, 10.0);
   io.u16({33, "SLAB_AGE", "h", "since casting, 0 = unknown"}, in.slab_age_h);
   io.reserved({34, "-", "", "reserved, write 0"}, 3);

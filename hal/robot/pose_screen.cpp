@@ -56,7 +56,35 @@ void PoseScreen::note_sender(const PosePublisher& from, std::int64_t mono_ns, co
   refuse(from, mono_ns, "%s", why);
 }
 
+void PoseScreen::weigh_clock(std::int64_t mono_ns, const PoseSample& sample) {
+  constexpr std::int64_t kSpanNs = kNsPerS / 2;
+  constexpr int kSamplesMin = 10;
+  // Arrivals come in bursts and clocks are set; a wrong unit is a thousand times off, again and again.
+  constexpr double kThousandLow = 300.0;
+  constexpr double kThousandHigh = 3'000.0;
+  if (clock_from_ns_ != 0 && mono_ns - clock_from_ns_ < kSpanNs) {
+    ++clock_samples_;
+    return;
+  }
+  if (clock_from_ns_ != 0 && clock_samples_ >= kSamplesMin) {
+    const double arrived_us = static_cast<double>(mono_ns - clock_from_ns_) / 1e3;
+    const double sent_us =
+        static_cast<double>(static_cast<std::uint64_t>(sample.utime_us) - static_cast<std::uint64_t>(clock_from_us_));
+    const double rate = sent_us / arrived_us;
+    const bool fast = rate > kThousandLow && rate < kThousandHigh;
+    const bool slow = rate > 1.0 / kThousandHigh && rate < 1.0 / kThousandLow;
+    clock_odd_ = fast || slow ? clock_odd_ + 1 : 0;
+    clock_unit_ = clock_odd_ < 2 ? nullptr : fast ? "nanoseconds" : "milliseconds";
+  }
+  clock_from_ns_ = mono_ns;
+  clock_from_us_ = sample.utime_us;
+  clock_samples_ = 0;
+}
+
 bool PoseScreen::is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseLinkCounters& counters) {
+  const bool known = (owner_.ever && owner_.who == from) || (rival_.ever && rival_.who == from);
+  const bool of_same_computer = owner_.ever && owner_.who.address == from.address;
+  strangers_ = !known && of_same_computer && owner_.who.port != from.port ? strangers_ + 1 : 0;
   if (owner_.ever && !(owner_.who == from) && owner_.within(mono_ns, kSilentNs)) {
     // One of two, or the owner's successor: the owner's next word, or its silence, tells. Two newcomers are two.
     const bool two_newcomers = !(rival_.who == from) && rival_.within(mono_ns, kSilentNs);
@@ -70,6 +98,9 @@ bool PoseScreen::is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseL
   } else {
     // Another program, with its own clock and numbers.
     has_last_ = has_pending_ = has_seq_ = false;
+    clock_from_ns_ = 0;
+    clock_odd_ = 0;
+    clock_unit_ = nullptr;
     if (rival_.who == from) rival_.ever = false;
     if (owner_.ever) ++changes_;
     waited_ += since_owner_;
@@ -102,8 +133,16 @@ bool PoseScreen::admit(const PosePublisher& from, std::int64_t mono_ns, const Po
                        PoseLinkCounters& counters) {
   if (!is_alone(from, mono_ns, counters)) {
     const PosePublisher& other = owner_.who == from ? rival_.who : owner_.who;
-    refuse(from, mono_ns, "two programs publish poses, so neither is believed: %s, and another",
-           text_of(other).c_str());
+    // Two programs are heard again and again; one that closes its socket behind each message never is.
+    constexpr int kNeverTheSame = 5;
+    if (strangers_ >= kNeverTheSame)
+      refuse(from, mono_ns,
+             "the sender opens a new socket for each message, so nobody can tell it from a second "
+             "program (create the LCM object once): %s, and now one",
+             text_of(other).c_str());
+    else
+      refuse(from, mono_ns, "two programs publish poses, so neither is believed: %s, and another",
+             text_of(other).c_str());
     return false;
   }
   if (has_last_ && mono_ns - last_ns_ >= kSilentNs) has_last_ = has_pending_ = has_seq_ = false;
@@ -119,6 +158,14 @@ bool PoseScreen::admit(const PosePublisher& from, std::int64_t mono_ns, const Po
     return false;
   }
   count_numbering(sample, counters);
+  weigh_clock(mono_ns, sample);
+  if (clock_unit_ != nullptr) {
+    ++counters.time_unit;
+    refuse(from, mono_ns, "poses whose utime counts in %s and not in microseconds, so that no jump could be seen,",
+           clock_unit_);
+    has_last_ = has_pending_ = false;
+    return false;
+  }
   if (has_last_ && is_jump(last_, sample)) {
     const bool confirmed = has_pending_ && runs_forward(pending_, sample) && !is_jump(pending_, sample);
     if (!confirmed) {
@@ -157,6 +204,7 @@ bool PoseScreen::next_note(std::int64_t mono_ns, const PoseLinkCounters& now, Po
       Trouble{now.not_unit - said_.not_unit, "quaternions that are not of unit length"},
       Trouble{now.out_of_reach - said_.out_of_reach, "poses out of reach"},
       Trouble{now.time_back - said_.time_back, "poses by a clock that does not run forward"},
+      Trouble{now.time_unit - said_.time_unit, "poses whose utime is not in microseconds"},
       Trouble{now.repeated - said_.repeated, "repeated"},
       Trouble{now.jumps - said_.jumps, "jumps"},
       Trouble{now.lost - said_.lost, "lost"},

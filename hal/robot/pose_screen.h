@@ -32,6 +32,8 @@ class PoseScreen {
   ///     one that took over are no `second_publisher`; next_note() tells the change and how many were not believed.
   ///   - A clock that stands still or runs back: an old or a repeated message. After a second without any that could
   ///     be believed, whatever comes is: the sender's clock was set.
+  ///   - A clock that runs a thousand times too fast or too slow: its utime is in another unit, and nothing that asks
+  ///     for times could hold. Seen after a second, and refused until it runs as it should for half of one.
   ///   - A jump: refused once, and believed when the next sample lies where the jump went.
   [[nodiscard]] bool admit(const PosePublisher& from, std::int64_t mono_ns, const PoseSample& sample,
                            PoseLinkCounters& counters);
@@ -53,11 +55,14 @@ class PoseScreen {
   };
   [[nodiscard]] bool is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseLinkCounters& counters);
   void settle_rivals(PoseLinkCounters& counters);
+  /// Compares the sender's clock with the arrivals, twice a second.
+  void weigh_clock(std::int64_t mono_ns, const PoseSample& sample);
   void count_numbering(const PoseSample& sample, PoseLinkCounters& counters);
   [[gnu::format(printf, 4, 5)]] void refuse(const PosePublisher& from, std::int64_t mono_ns, const char* format, ...);
 
   Heard owner_;
   Heard rival_;
+  int strangers_ = 0;              ///< in a row: publishers of the owner's computer that were not heard before
   std::uint64_t since_owner_ = 0;  ///< poses of the rival since the owner was heard
   std::uint64_t changes_ = 0;      ///< of the owner, since the last note ...
   std::uint64_t waited_ = 0;       ///< ... and poses of the new one that were not believed before it
@@ -68,6 +73,12 @@ class PoseScreen {
   PoseSample pending_;
   bool has_seq_ = false;
   std::int32_t seq_ = 0;  ///< of the last sample that was not a repetition
+
+  std::int64_t clock_from_ns_ = 0;  ///< arrival and utime where the comparison of the clocks began; 0: not yet
+  std::int64_t clock_from_us_ = 0;
+  int clock_samples_ = 0;
+  int clock_odd_ = 0;                 ///< comparisons in a row that another unit explains
+  const char* clock_unit_ = nullptr;  ///< what the sender's utime counts in instead of microseconds
 
   PoseNoteText refusal_;
   std::int64_t refused_ns_ = 0;

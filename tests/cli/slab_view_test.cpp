@@ -85,6 +85,12 @@ TEST(SlabView, a_name_says_whether_it_is_a_key_or_an_id) {
   EXPECT_EQ(slab_name("key:0012").key, 12);
   EXPECT_EQ(slab_name("LINE-12").key, std::nullopt);
   EXPECT_EQ(slab_name("key:LINE").key, std::nullopt);
+  EXPECT_EQ(slab_name("12").no, 12U) << "where neither key nor id is there";
+  EXPECT_EQ(slab_name("no:12").no, 12U);
+  EXPECT_EQ(slab_name("no:12").key, std::nullopt);
+  EXPECT_EQ(slab_name("no:12").id, "");
+  EXPECT_EQ(slab_name("key:12").no, std::nullopt);
+  EXPECT_EQ(slab_name("id:12").no, std::nullopt);
 }
 
 /// `slabs` slabs of three blocks; block 3 lies off.

@@ -430,7 +430,8 @@ TEST_F(ConfigTest, a_problem_is_one_line_that_a_terminal_may_show) {
 TEST_F(ConfigTest, the_plc_may_be_polled) {
   const std::string start = kShortest;
   EXPECT_EQ(load(start + "[plc]\nrole = \"client\"\nconnect = \"10.0.0.5:502\"\nunit_id = 255\ncommand_base = 500\n"
-                         "status_base = 600\nread_write = true\npoll_ms = 20\ntimeout_ms = 250\n"),
+                         "status_base = 600\nread_write = true\npoll_ms = 20\ntimeout_ms = 250\nregisters_max = 48\n"
+                         "keep_connection = false\n"),
             Texts{});
   EXPECT_EQ(config_.plc.role, hal::PlcRole::client);
   EXPECT_EQ(config_.plc.host.view(), "10.0.0.5");
@@ -439,6 +440,8 @@ TEST_F(ConfigTest, the_plc_may_be_polled) {
   EXPECT_EQ(config_.plc.command_base, 500);
   EXPECT_EQ(config_.plc.status_base, 600);
   EXPECT_TRUE(config_.plc.read_write);
+  EXPECT_EQ(config_.plc.registers_max, 48);
+  EXPECT_FALSE(config_.plc.keep_connection);
   EXPECT_EQ(config_.plc.poll_ns, 20'000'000);
   EXPECT_EQ(config_.plc.timeout_ns, 250'000'000);
 

@@ -8,8 +8,13 @@
 
 #include <array>
 #include <cstdint>
+#include <filesystem>
+#include <fstream>
 #include <regex>
+#include <set>
 #include <string>
+
+#include "tests/places/places.h"
 
 namespace slabd::daemon {
 namespace {
@@ -52,6 +57,30 @@ TEST(LogOutlet, never_waits_for_a_stderr_that_nobody_reads_and_counts_what_is_lo
   EXPECT_NE(read_back.find("read again"), std::string::npos);
   ::dup2(real, STDERR_FILENO);
   for (const int fd : {ends[0], ends[1], real}) ::close(fd);
+}
+
+// A write to stderr waits where nobody reads it, and whoever writes waits with it: the loop, at last.
+TEST(LogOutlet, is_the_only_one_in_the_daemon_that_writes_to_stderr) {
+  namespace fs = std::filesystem;
+  const std::set<std::string> allowed = {"daemon/log_outlet.cpp", "base/pages.cpp"};  // its last words: it aborts
+  const std::regex writes("\\bstderr\\s*[,)]|std::cerr|std::clog|\\bperror\\(");
+  int files = 0;
+  for (const char* room : {"algo", "base", "calib", "config", "daemon", "hal", "storage"})
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(places::source_dir()) / room)) {
+      const std::string extension = entry.path().extension().string();
+      if (extension != ".cpp" && extension != ".h") continue;
+      const std::string name = fs::relative(entry.path(), places::source_dir()).string();
+      ++files;
+      if (allowed.count(name) != 0) continue;
+      std::ifstream in(entry.path());
+      int number = 0;
+      for (std::string line; std::getline(in, line);) {
+        ++number;
+        const std::string code = line.substr(0, line.find("//"));
+        EXPECT_FALSE(std::regex_search(code, writes)) << name << ':' << number << ": " << line;
+      }
+    }
+  EXPECT_GT(files, 100);
 }
 
 }  // namespace

@@ -65,10 +65,24 @@ TEST_F(ReaderTest, lists_newest_first_and_finds_by_the_newest_id) {
   EXPECT_FALSE(list.value()[1].acknowledged);
   EXPECT_EQ(list.value()[2].header.key, 3);
   EXPECT_TRUE(list.value()[2].acknowledged);
-  EXPECT_EQ(read->find("TWICE").value(), 4);
-  EXPECT_EQ(read->find("ONCE-1").value(), 1);
-  EXPECT_FALSE(read->find("NEVER").value().has_value());
+  EXPECT_EQ(read->find_id("TWICE").value(), (std::vector<std::int64_t>{4, 2}));
+  EXPECT_EQ(read->find_id("ONCE-1").value(), std::vector<std::int64_t>{1});
+  EXPECT_TRUE(read->find_id("NEVER").value().empty());
   EXPECT_FALSE(read->slab(99).value().has_value());
+  const std::uint32_t no = read->slab(3).value()->summary.header.slab_no;
+  EXPECT_EQ(read->find_no(no).value(), std::vector<std::int64_t>{3});
+  EXPECT_TRUE(read->find_no(no + 1'000'000).value().empty());
+}
+
+TEST_F(ReaderTest, a_slab_id_that_was_stored_with_blanks_is_found_without_them) {
+  open();
+  for (const auto& [key, id] : {std::pair{1, "S-4711                      "}, {2, "  S-4711"}, {3, "S-47110"}}) {
+    BeginSlabJob job{random_header(prng_, key), 1, ++cmd_seq_};
+    job.slab.slab_id.assign(id);
+    apply(job);
+    end(key, Verdict::pass);
+  }
+  EXPECT_EQ(reader()->find_id("S-4711").value(), (std::vector<std::int64_t>{2, 1}));
 }
 
 TEST_F(ReaderTest, control_characters_reach_people_as_numbers_and_programs_as_stored) {

@@ -105,6 +105,13 @@ TEST_F(StationTest, content_refusals_use_the_number_up_and_say_why) {
   line.command(PlcCommand::slab_begin);
   refused(Code::bad_crc);
   line.plc.crc_ok = true;
+  line.plc.session_echo = static_cast<std::uint16_t>(line.view().session << 8U);  // the bytes of the block are swapped
+  line.plc.cmd_seq = static_cast<std::uint16_t>(line.plc.cmd_seq << 8U);
+  line.feed(line.plc);
+  line.run_for(20);
+  EXPECT_EQ(line.view().refuse_code, 109) << "neither an old session nor a wrong number";
+  line.plc.session_echo = line.view().session;
+  line.plc.cmd_seq = line.view().cmd_ack;
   line.plc.slab_id[0] = '\x01';
   line.command(PlcCommand::slab_begin);
   refused(Code::bad_id_text);

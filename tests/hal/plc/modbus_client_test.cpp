@@ -26,7 +26,18 @@ namespace {
 /// A PLC's Modbus server: 2000 holding registers and one connection at a time.
 class FakePlc {
  public:
-  enum class Manner : std::uint8_t { good, deaf, late, drops_answer, refuses_writes, garbles, drips };
+  enum class Manner : std::uint8_t {
+    good,
+    deaf,
+    late,
+    drops_answer,
+    refuses_writes,
+    garbles,
+    drips,
+    closes_behind,
+    forgets_transaction,
+    lags_transaction
+  };
 
   FakePlc() {
     open_listener(0);
@@ -68,6 +79,12 @@ class FakePlc {
   std::atomic<int> connections = 0;
   std::atomic<int> writes_of_all = 0;
   std::atomic<int> frames = 0;
+  std::atomic<std::size_t> registers_max = 125;
+  /// First register and count of every request, in order.
+  [[nodiscard]] std::vector<std::pair<std::size_t, std::size_t>> requests() const {
+    const std::lock_guard lock(mutex_);
+    return requests_;
+  }
 
  private:
   void open_listener(std::uint16_t port) {
@@ -118,6 +135,8 @@ class FakePlc {
     reply[4] = static_cast<std::uint8_t>((reply.size() - 6) >> 8U);
     reply[5] = static_cast<std::uint8_t>(reply.size() - 6);
     const Manner now = manner;
+    if (now == Manner::forgets_transaction) reply[0] = reply[1] = 0;
+    if (now == Manner::lags_transaction) std::swap_ranges(reply.begin(), reply.begin() + 2, before_.begin());
     if (now == Manner::garbles) reply[0] = static_cast<std::uint8_t>(reply[0] + 1);
     if (now == Manner::deaf) return;
     if (now == Manner::drops_answer) {
@@ -133,12 +152,18 @@ class FakePlc {
       return;
     }
     if (keep) ::send(peer_.get(), reply.data(), reply.size(), MSG_NOSIGNAL);
+    if (now == Manner::closes_behind) peer_.reset();
   }
 
   bool fill(std::span<const std::uint8_t> pdu, std::vector<std::uint8_t>& reply) {
     const std::lock_guard lock(mutex_);
     const auto word = [&](std::size_t at) { return static_cast<std::size_t>(pdu[at] << 8U | pdu[at + 1]); };
     const bool both = pdu[0] == 23;
+    requests_.emplace_back(word(both ? 5 : 1), word(both ? 7 : 3));
+    if (requests_.back().second > registers_max) {
+      reply.insert(reply.end(), {static_cast<std::uint8_t>(pdu[0] | 0x80), 3});
+      return true;
+    }
     if (pdu[0] == 16 || both) {
       if (manner == Manner::refuses_writes) {
         reply.insert(reply.end(), {static_cast<std::uint8_t>(pdu[0] | 0x80), 2});
@@ -170,6 +195,8 @@ class FakePlc {
   std::uint16_t port_ = 0;
   mutable std::mutex mutex_;
   std::array<std::uint16_t, 2000> memory_{};
+  std::vector<std::pair<std::size_t, std::size_t>> requests_;
+  std::array<std::uint8_t, 2> before_{};  ///< transaction number of the question before
   std::atomic<bool> tears_ = false;
   std::size_t torn_at_ = 0;
   unsigned torn_to_ = 0;
@@ -304,6 +331,72 @@ TEST_F(ModbusClientTest, a_plc_that_lacks_the_registers_is_told_by_key) {
   start();
   until([&] { return port->counters().exceptions > 0; });
   EXPECT_NE(port->trouble().find("plc.status_base"), std::string_view::npos) << port->trouble();
+}
+
+TEST_F(ModbusClientTest, a_plc_that_takes_few_registers_gets_the_words_that_announce_last) {
+  using Requests = std::vector<std::pair<std::size_t, std::size_t>>;
+  const Requests state_last_100 = {{1064, 46}, {1000, 64}};
+  const Requests state_last_48 = {{1064, 46}, {1030, 34}, {1000, 30}};
+  const Requests state_last_16 = {{1094, 16}, {1078, 16}, {1064, 14}, {1048, 16},
+                                  {1032, 16}, {1030, 2},  {1014, 16}, {1000, 14}};
+  for (const auto& [most, writes] : {std::pair{100, state_last_100}, {48, state_last_48}, {16, state_last_16}}) {
+    SCOPED_TRACE(most);
+    port.reset();
+    plc.registers_max = static_cast<std::size_t>(most);
+    settings.registers_max = static_cast<std::uint16_t>(most);
+    const std::size_t before = plc.requests().size();
+    plc.order(5, static_cast<std::uint16_t>(most));
+    start();
+    outputs.session = static_cast<std::uint16_t>(most);
+    until([&] { return plc.get(1009) == most && !seen.empty() && seen.back().cmd_seq == most; });
+    EXPECT_EQ(seen.back().station, 5);
+    const Requests all = plc.requests();
+    const Requests first(all.begin() + static_cast<std::ptrdiff_t>(before),
+                         all.begin() + static_cast<std::ptrdiff_t>(before + writes.size()));
+    EXPECT_EQ(first, writes);
+    for (std::size_t i = before; i < all.size(); ++i) EXPECT_LE(all[i].second, static_cast<std::size_t>(most));
+    if (most != 16) continue;
+    const Requests from_CMD_SEQ = {{24, 16}, {10, 14}, {0, 10}};
+    EXPECT_NE(std::search(all.begin(), all.end(), from_CMD_SEQ.begin(), from_CMD_SEQ.end()), all.end());
+  }
+}
+
+TEST_F(ModbusClientTest, too_many_registers_for_one_request_are_told_by_key) {
+  plc.registers_max = 100;
+  start();
+  until([&] { return port->trouble().find("plc.registers_max") != std::string_view::npos; });
+}
+
+TEST_F(ModbusClientTest, a_plc_that_closes_behind_each_answer_is_told_and_can_be_worked_with) {
+  plc.manner = FakePlc::Manner::closes_behind;
+  start();
+  until([&] { return port->trouble().find("plc.keep_connection = false") != std::string_view::npos; });
+  port.reset();
+  settings.keep_connection = false;
+  seen.clear();
+  plc.order(3, 44);
+  start();
+  outputs.session = 17;
+  until([&] { return linked() && plc.get(1009) == 17 && !seen.empty() && seen.back().cmd_seq == 44; });
+  const int connections = plc.connections;
+  plc.order(4, 45);
+  until([&] { return seen.back().cmd_seq == 45; });
+  EXPECT_GT(plc.connections, connections);
+  EXPECT_EQ(seen.back().command_writer, 1U) << "the same PLC, whatever its connections";
+  EXPECT_TRUE(linked());
+}
+
+TEST_F(ModbusClientTest, transaction_numbers_that_are_not_the_questions_are_named) {
+  using enum FakePlc::Manner;
+  plc.manner = forgets_transaction;
+  start();
+  until([&] { return port->trouble().find("transaction number 0") != std::string_view::npos; });
+  plc.manner = good;
+  until([&] { return linked(); });
+  plc.manner = lags_transaction;
+  until([&] { return port->trouble().find("of the question before") != std::string_view::npos; });
+  plc.manner = late;
+  until([&] { return port->trouble().find("plc.timeout_ms is 400") != std::string_view::npos; });
 }
 
 TEST_F(ModbusClientTest, one_that_is_not_there_costs_the_loop_nothing) {

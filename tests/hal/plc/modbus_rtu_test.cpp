@@ -255,6 +255,20 @@ TEST_F(RtuTest, an_adapter_that_hears_itself_does_not_answer_itself) {
   EXPECT_EQ(turn().size(), 1U);
 }
 
+TEST_F(RtuTest, its_own_voice_is_known_however_late_it_comes_back) {
+  // Device servers keep bytes for as long as they like; what the master sends next comes behind them.
+  for (const std::int64_t late_ms : {61, 200, 3'000}) {
+    for (int round = 0; round < 5; ++round) {
+      ASSERT_EQ(asked(kRead), kReadAnswer);
+      now_ns_ += late_ms * kNsPerMs;
+      EXPECT_EQ(asked(kReadAnswer), Bytes{});
+      ASSERT_EQ(asked(kWriteSeq), kWriteSeq);
+      now_ns_ += late_ms * kNsPerMs;
+      EXPECT_EQ(asked(kWriteSeq), Bytes{}) << late_ms << " ms: an answer to its own answer never ends";
+    }
+  }
+}
+
 TEST_F(RtuTest, noise_in_front_of_its_own_voice_does_not_make_it_answer_itself) {
   // What a driver that changes its direction makes of the line; also as much that it looks like another slave's frame.
   for (const Bytes& noise : {Bytes{0}, Bytes{0xFF}, Bytes{kUnit}, Bytes{0, 0x55, 0xFF}, Bytes(9, 0x55)}) {

@@ -317,6 +317,29 @@ TEST(PlcMap, command_crc_guards_exactly_registers_10_to_36) {
   }
 }
 
+TEST(PlcMap, blanks_and_NULs_around_a_slab_id_are_no_part_of_it) {
+  using namespace std::string_literals;
+  const auto read = [](const std::string& text) {
+    PlcInputs inputs;
+    std::copy(text.begin(), text.end(), inputs.slab_id.begin());
+    HoldingImage image;
+    encode_inputs(inputs, WordOrder::abcd, true, image);
+    const PlcInputs back = decode_inputs(image, WordOrder::abcd);
+    EXPECT_TRUE(back.crc_ok) << "of what was sent";
+    return std::string(back.slab_id.begin(), back.slab_id.end());
+  };
+  const auto filled = [](std::string text) {
+    text.resize(limits::kSlabIdBytes);
+    return text;
+  };
+  EXPECT_EQ(read("S-47" + std::string(28, ' ')), filled("S-47"));
+  EXPECT_EQ(read(std::string(28, ' ') + "S-47"), filled("S-47"));
+  EXPECT_EQ(read("\0 S 47 \0  "s), filled("S 47")) << "what is inside stays";
+  EXPECT_EQ(read("A\0B "s), filled("A\0B"s)) << "for the station to refuse";
+  EXPECT_EQ(read(std::string(32, ' ')), filled("")) << "no id";
+  EXPECT_EQ(read(std::string(32, 'x')), std::string(32, 'x'));
+}
+
 TEST(PlcMap, inputs_come_back_as_they_went) {
   for (const WordOrder order : {WordOrder::abcd, WordOrder::cdab}) {
     for (const bool with_crc : {false, true}) {

@@ -67,6 +67,48 @@ TEST_F(PoseScreenTest, a_clock_that_does_not_run_is_refused_by_name) {
   EXPECT_NE(screen.refusal(now_ns).find("192.168.10.2:41000"), std::string_view::npos) << screen.refusal(now_ns);
 }
 
+TEST_F(PoseScreenTest, a_utime_in_another_unit_is_refused_by_name) {
+  for (const auto& [step, unit] : {std::pair{4'000'000, "nanoseconds"}, {4, "milliseconds"}}) {
+    screen = {};
+    int believed = 0;
+    for (int i = 0; i < 500; ++i) {
+      now_ns += ns_from_ms(4);
+      believed += offer(robot, ++seq, utime_us += step) ? 1 : 0;
+    }
+    EXPECT_NEAR(believed, 251, 3) << "a second, until it is known";
+    EXPECT_NE(screen.refusal(now_ns).find(unit), std::string_view::npos) << screen.refusal(now_ns);
+    EXPECT_GT(counters.time_unit, 200U);
+    // Mended, it is believed again.
+    for (int i = 0; i < 300; ++i) static_cast<void>(send());
+    EXPECT_TRUE(send());
+  }
+}
+
+TEST_F(PoseScreenTest, a_clock_that_was_set_forward_or_messages_in_bursts_are_no_other_unit) {
+  for (int i = 0; i < 2'000; ++i) {
+    if (i % 300 == 0) utime_us += i % 600 == 0 ? 3'600'000'000 : 500'000'000;
+    now_ns += i % 10 == 0 ? ns_from_ms(40) : 1'000;
+    utime_us += 4'000;
+    ASSERT_TRUE(offer(robot, ++seq, utime_us)) << i << ' ' << screen.refusal(now_ns);
+  }
+  EXPECT_EQ(counters.time_unit, 0U);
+}
+
+TEST_F(PoseScreenTest, a_new_socket_for_each_message_is_told_from_two_programs) {
+  ASSERT_TRUE(send());
+  for (int i = 1; i <= 20; ++i) {
+    now_ns += ns_from_ms(4);
+    static_cast<void>(offer({robot.address, static_cast<std::uint16_t>(robot.port + i)}, ++seq, utime_us += 4'000));
+  }
+  EXPECT_NE(screen.refusal(now_ns).find("new socket for each message"), std::string_view::npos)
+      << screen.refusal(now_ns);
+  for (int i = 0; i < 20; ++i) {
+    now_ns += ns_from_ms(4);
+    static_cast<void>(offer({robot.address, static_cast<std::uint16_t>(robot.port + i % 2)}, ++seq, utime_us += 4'000));
+  }
+  EXPECT_NE(screen.refusal(now_ns).find("two programs"), std::string_view::npos) << screen.refusal(now_ns);
+}
+
 TEST_F(PoseScreenTest, lost_messages_are_counted_one_by_one) {
   ASSERT_TRUE(send());
   seq += 3;
