@@ -4,8 +4,12 @@
 // session, and to make the target table that `calibrate solve` reads.
 #include <fmt/core.h>
 
+#include <charconv>
 #include <cmath>
+#include <filesystem>
 #include <memory>
+#include <numeric>
+#include <set>
 
 #include "base/durable.h"
 #include "cli/calibrate/calibrate.h"
@@ -60,15 +64,45 @@ void write_shots(Json& json, const calib::BallShots& shots) {
   json.field("worst_shot", shots.worst_shot).end_object();
 }
 
+/// The shell sorts view_10 before view_2, and a view may be missing: where all names end with a number, no two with the
+/// same, that is the view's. From 0; their places where the names do not tell.
+std::vector<std::size_t> view_numbers(const std::vector<std::string>& scans) {
+  constexpr unsigned kMost = 999;  // more is a date
+  std::vector<std::size_t> places(scans.size());
+  std::iota(places.begin(), places.end(), std::size_t{0});
+  std::vector<std::size_t> numbers;
+  for (const std::string& scan : scans) {
+    const std::string stem = std::filesystem::path(scan).stem().string();
+    const std::size_t digits = stem.size() - (stem.find_last_not_of("0123456789") + 1);
+    unsigned number = 0;
+    const auto [stop, fault] = std::from_chars(stem.data() + stem.size() - digits, stem.data() + stem.size(), number);
+    if (digits == 0 || fault != std::errc{} || number > kMost) return places;
+    numbers.push_back(number);
+  }
+  const std::set<std::size_t> different(numbers.begin(), numbers.end());
+  if (different.size() != numbers.size()) return places;
+  // People count from 1, programs from 0.
+  if (*different.begin() > 0)
+    for (std::size_t& number : numbers) --number;
+  return numbers;
+}
+
 /// Sightings of the accepted views, with the labels that let refused ones be missing.
 void write_target(const Options& options, const std::vector<calib::BallView>& views) {
+  const std::vector<std::size_t> numbers = view_numbers(options.scans);
+  for (std::size_t v = 0; v < views.size(); ++v)
+    if (numbers[v] != v) {
+      complain(fmt::format("the views are numbered by the names of the scans, not by their order: {} is view {}",
+                           options.scans[v], numbers[v] + 1));
+      break;
+    }
   std::vector<Pose> poses;
   std::vector<std::size_t> view_labels;
   std::vector<std::size_t> ball_labels;
   for (std::size_t v = 0; v < views.size(); ++v) {
     if (!views[v].ok()) continue;
     poses.push_back({Quat::Identity(), views[v].balls[0].centre_mm});
-    view_labels.push_back(v);
+    view_labels.push_back(numbers[v]);
     ball_labels.push_back(0);
   }
   if (poses.empty()) stop(kRefused, fmt::format("{} is not written: no view was accepted", options.target));
@@ -198,7 +232,10 @@ void add_calibrate_ball(args::Command& group) {
       "\nThe radius is the certified, effective one of the ball as coated (the radius, not the diameter).\n"
       "Example: slabctl calibrate ball view_*.ply --radius 25.4 --target target.txt\n"
       "Exit status: 0 every scan accepted, 6 one refused, 2 usage, 3 bad input.");
-  command->add_option("SCAN", options->scans, "Scans of the ball, one a view, in the order of the flange poses")
+  command
+      ->add_option("SCAN", options->scans,
+                   "Scans of the ball, one a view; the number at the end of a name is the line of its flange pose, "
+                   "without numbers their order")
       ->required();
   command->add_option("--radius", options->radius_mm, "Certified radius in mm")->required()->check(within(1.0, 200.0));
   command->add_option("--radius-sigma-mm", options->radius_sigma_mm, "Its standard uncertainty (k = 1)")

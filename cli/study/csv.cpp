@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/study/csv.h"
 
+#include <iconv.h>
+
 #include <algorithm>
 #include <charconv>
 #include <cmath>
 
 #include "base/items.h"
 #include "base/limits.h"
+#include "base/plain_text.h"
 #include "cli/calibrate/calibrate.h"
 
 namespace slabd::cli::study {
@@ -56,8 +59,43 @@ char separator_of(std::string_view heading) {
 
 }  // namespace
 
+namespace {
+
+Result<std::string> converted(std::string text, const char* encoding, const std::string& path) {
+  iconv_t how = ::iconv_open("UTF-8", encoding);
+  if (how == reinterpret_cast<iconv_t>(-1))  // NOLINT(performance-no-int-to-ptr): iconv's own way to fail
+    return error(Code::config, "%s: it is %s, which this computer cannot convert: save it as UTF-8", path.c_str(),
+                 encoding);
+  std::string out(4 * text.size() + 4, '\0');
+  char* from = text.data();
+  char* to = out.data();
+  std::size_t left = text.size();
+  std::size_t room = out.size();
+  const bool whole = ::iconv(how, &from, &left, &to, &room) != static_cast<std::size_t>(-1) && left == 0;
+  ::iconv_close(how);
+  if (!whole)
+    return error(Code::config, "%s: byte %zu is neither UTF-8 nor %s: save the table as UTF-8", path.c_str(),
+                 text.size() - left, encoding);
+  out.resize(out.size() - room);
+  return out;
+}
+
+/// Excel saves "Unicode text" as UTF-16 and, in China, CSV as GBK; GB 18030 contains it.
+Result<std::string> as_utf8(std::string text, const std::string& path) {
+  if (text.starts_with("\xFF\xFE") || text.starts_with("\xFE\xFF")) return converted(std::move(text), "UTF-16", path);
+  for (std::size_t at = 0; at < text.size();) {
+    const CodePoint c = code_point_at(std::string_view(text).substr(at));
+    if (!c.is_utf8) return converted(std::move(text), "GB18030", path);
+    at += c.bytes;
+  }
+  return text;
+}
+
+}  // namespace
+
 Result<CsvTable> CsvTable::read(const std::string& path) {
-  const Result<std::string> text = text_file(path);
+  Result<std::string> text = text_file(path);
+  if (text.ok()) text = as_utf8(std::move(text.value()), path);
   if (!text.ok()) return text.error();
   return parse(text.value(), path);
 }

@@ -56,7 +56,7 @@ class HeaderParser : HeaderLines {
   HeaderParser(std::string_view head, const char* file, LengthUnit unit) : HeaderLines(head, file), unit_(unit) {}
 
   Result<PlyLayout> parse() {
-    if (!head_.starts_with("ply\n") && !head_.starts_with("ply\r"))
+    if (!head_.starts_with("ply") || head_.find_first_not_of(" \t", 3) != head_.find_first_of("\r\n"))
       return error(Code::frame_incomplete, "%s: byte 0: not a PLY file (expected the line \"ply\")", file_);
     layout_.line_end = line_end_;
     for (std::string_view line; next_line(line);) {

@@ -2,7 +2,9 @@
 #include "hal/scan/text_columns.h"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
+#include <cmath>
 
 #include "hal/scan/text_lines.h"
 
@@ -14,6 +16,16 @@ Separator separator_of(std::string_view line) {
   return Separator::blanks;
 }
 
+namespace {
+
+/// Spreadsheets write every cell in quotes, numbers too.
+std::string_view without_quotes(std::string_view field) {
+  if (field.size() < 2 || field.front() != '"' || field.back() != '"') return field;
+  return trimmed(field.substr(1, field.size() - 2));
+}
+
+}  // namespace
+
 bool FieldReader::next(std::string_view& field) {
   if (used_up_) return false;
   if (separator_ == Separator::blanks) {
@@ -23,7 +35,7 @@ bool FieldReader::next(std::string_view& field) {
   }
   const std::size_t end = rest_.find(static_cast<char>(separator_));
   used_up_ = end == std::string_view::npos;
-  field = trimmed(rest_.substr(0, end));
+  field = without_quotes(trimmed(rest_.substr(0, end)));
   rest_.remove_prefix(used_up_ ? rest_.size() : end + 1);
   return true;
 }
@@ -167,7 +179,12 @@ namespace {
 Error refuse_names(const TextLines& lines, std::string_view line, Separator separator) {
   const std::optional<LikelyColumns> likely = likely_columns(line, separator);
   FixedString<130> three("A,B,C");
-  if (likely)
+  const auto is_typed_everywhere = [](std::string_view name) {
+    return std::all_of(name.begin(), name.end(), [](char c) { return c > ' ' && c <= '~'; });
+  };
+  if (likely && !std::all_of(likely->names.begin(), likely->names.end(), is_typed_everywhere))
+    three.printf("%zu,%zu,%zu", likely->xyz[0] + 1, likely->xyz[1] + 1, likely->xyz[2] + 1);
+  else if (likely)
     three.printf("%s,%s,%s", shown(likely->names[0].substr(0, 40)).c_str(),
                  shown(likely->names[1].substr(0, 40)).c_str(), shown(likely->names[2].substr(0, 40)).c_str());
   return lines.refuse(
@@ -266,6 +283,37 @@ bool names_every_axis(std::string_view line, Separator separator) {
     seen[name.axis] = true;
   }
   return seen[0] && seen[1] && seen[2];
+}
+
+bool is_line_of_column_numbers(std::string_view line, Separator separator) {
+  if (separator == Separator::blanks) return false;
+  FieldReader fields(line, separator);
+  std::string_view field;
+  std::uint64_t expected = 0;
+  for (bool is_first = true; fields.next(field); is_first = false) {
+    if (is_first && field.empty()) continue;  // above an index without a name
+    std::uint64_t number = 0;
+    if (!parse_count(field, number) || number != expected) return false;
+    ++expected;
+  }
+  return expected >= 3;
+}
+
+bool is_line_of_tuples(std::string_view line, Separator separator) {
+  constexpr std::size_t kPointsMin = 4;
+  std::array<double, 3> before{};
+  double of_neighbours = 0.0;
+  double of_axes = 0.0;
+  std::size_t column = 0;
+  FieldReader fields(line, separator);
+  for (std::string_view field; fields.next(field); ++column) {
+    double value = 0.0;
+    if (!parse_number(field, value)) return false;
+    if (column >= 3) of_axes += std::abs(value - before[column % 3]);
+    if (column >= 1) of_neighbours += std::abs(value - before[(column - 1) % 3]);
+    before[column % 3] = value;
+  }
+  return column % 3 == 0 && column >= 3 * kPointsMin && of_axes < 0.1 * of_neighbours;
 }
 
 std::size_t count_columns(std::string_view line, Separator separator) {

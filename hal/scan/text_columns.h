@@ -18,8 +18,8 @@ enum class Separator : char { blanks = ' ', tab = '\t', comma = ',', semicolon =
 /// The strongest one on the line: semicolon, tab, comma, blanks. Blanks separate in runs, the others one by one.
 [[nodiscard]] Separator separator_of(std::string_view line);
 
-/// Splits off the next field, without blanks around it; an empty one is a value that is missing. False: the line is
-/// used up.
+/// Splits off the next field, without blanks around it and the quotes around those; an empty one is a value that is
+/// missing. False: the line is used up.
 class FieldReader {
  public:
   FieldReader(std::string_view line, Separator separator) : rest_(line), separator_(separator) {}
@@ -64,6 +64,10 @@ struct LikelyColumns {
 /// A line of names in which x, y and z each stand alone (or with a unit behind). Stricter than is_line_of_names: "z up,
 /// x along, y across" is a comment for people.
 [[nodiscard]] bool names_every_axis(std::string_view line, Separator separator);
+/// A header that only numbers its columns, "0,1,2" or ",0,1,2", as pandas writes it.
+[[nodiscard]] bool is_line_of_column_numbers(std::string_view line, Separator separator);
+/// Several points in one row, x,y,z,x,y,z: each number is like the third before it and unlike its neighbour.
+[[nodiscard]] bool is_line_of_tuples(std::string_view line, Separator separator);
 /// How many columns a line of names or of numbers has, without empty ones at its end.
 [[nodiscard]] std::size_t count_columns(std::string_view line, Separator separator);
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "hal/scan/text_lines.h"
 
+#include "base/plain_text.h"
+
 #include <fast_float/fast_float.h>
 
 #include <algorithm>
@@ -212,12 +214,14 @@ bool parse_count(std::string_view word, std::uint64_t& value) {
 FixedString<63> shown(std::string_view text) {
   constexpr std::size_t kShownMax = 60;
   FixedString<63> out;
-  for (const char c : text.substr(0, kShownMax)) {
-    const bool printable = c >= ' ' && c <= '~';
-    const char visible = printable ? c : '?';
-    out.append({&visible, 1});
+  std::size_t at = 0;
+  while (at < text.size()) {
+    const CodePoint c = code_point_at(text.substr(at));
+    if (at + c.bytes > kShownMax) break;
+    out.append(c.is_utf8 && !is_control(c.value) ? text.substr(at, c.bytes) : "?");
+    at += c.bytes;
   }
-  if (text.size() > kShownMax) out.append("...");
+  if (at < text.size()) out.append("...");
   return out;
 }
 

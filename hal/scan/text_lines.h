@@ -113,7 +113,7 @@ template <typename Real>  // float or double
 /// A whole word as a count of at most kScanCountMax.
 [[nodiscard]] bool parse_count(std::string_view word, std::uint64_t& value);
 
-/// Text from a file as it may be shown in an error: cut to 60 bytes, anything not printable ASCII as '?'.
+/// Text from a file as it may be shown in an error: cut to 60 bytes, control characters and what is no UTF-8 as '?'.
 [[nodiscard]] FixedString<63> shown(std::string_view text);
 
 // PLY, PCD and text scans have no field for a unit of length, so it is configured. Some programs write it into a

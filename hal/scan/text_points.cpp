@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <optional>
 
@@ -43,11 +44,16 @@ class TextTable {
       return error(Code::frame_incomplete, "%s: line %zu announces %llu points, the file has %zu%s", window_.name(),
                    count_line_, static_cast<unsigned long long>(announced_), points_,
                    announced_ > points_ ? ": it was cut, or is still being written" : "");
-    if (counts_rows())
+    if (const char* what = no_coordinates(); what != nullptr)
       return error(Code::frame_incomplete,
-                   "%s: the first of %zu columns counts the rows and is not x: choose the columns, as with --columns "
-                   "2,3,4, or name them in a first line",
-                   window_.name(), row_columns_);
+                   "%s: of %zu columns %s: choose the columns, as with --columns %s, or name them in a first line",
+                   window_.name(), row_columns_, what, what == kRowAndColumn ? "3,4,5" : "2,3,4");
+    if (is_height_map())
+      return error(
+          Code::frame_incomplete,
+          "%s: all %zu columns hold the same kind of number: a height map, not points (save the scan as points "
+          "x y z)",
+          window_.name(), row_columns_);
     const Settled settled = settle_points(xyz_.data(), points_);
     return ScanShape{points_, settled.finite, 0, 0, false, settled.zeros, emulation_.emulated, emulation_.block};
   }
@@ -61,15 +67,67 @@ class TextTable {
     if (first.find('\n') == std::string_view::npos) lines_.end_lines_with(first_line_end(first));
   }
 
-  /// Rows whose first column is 1, 2, 3 ... or 0, 1, 2 ...: the number of the point, in front of its coordinates.
-  [[nodiscard]] bool counts_rows() const {
-    constexpr std::size_t kRowsMin = 20;
-    constexpr std::size_t kColumnsMin = 4;
-    if (columns_known_ || row_columns_ < kColumnsMin || points_ < kRowsMin) return false;
-    const double first = xyz_[0] == Real{0} ? 0.0 : 1.0;
-    for (std::size_t i = 0; i < points_; ++i)
-      if (xyz_[3 * i] != coordinate_mm<Real>(first + static_cast<double>(i), mm_)) return false;
-    return true;
+  static constexpr std::size_t kRowsToTell = 20;
+  static constexpr const char* kPointNumber = "the first numbers the points and is not x";
+  static constexpr const char* kRowAndColumn = "the first two are a point's row and column and not x and y";
+
+  /// What stands in the columns taken for x, y and z where nobody named or chose them; nullptr: coordinates.
+  [[nodiscard]] const char* no_coordinates() const {
+    if (columns_known_ || row_columns_ < 4 || points_ < kRowsToTell) return nullptr;
+    if (climbs(0)) return kPointNumber;
+    if (row_columns_ >= 5 && (are_indices(0, 1) || are_indices(1, 0))) return kRowAndColumn;
+    return nullptr;
+  }
+
+  /// The value in the file's own unit; -1 where it is no whole number from 0 on.
+  [[nodiscard]] double whole(std::size_t point, std::size_t axis) const {
+    const double value = static_cast<double>(xyz_[3 * point + axis]) / mm_;
+    const double nearest = std::floor(value + 0.5);
+    return nearest >= 0.0 && std::abs(value - nearest) <= 1e-6 * std::max(nearest, 1.0) ? nearest : -1.0;
+  }
+
+  /// Whole numbers that grow from row to row, by one but where points without a value were left out.
+  [[nodiscard]] bool climbs(std::size_t axis) const {
+    std::size_t ones = 0;
+    for (std::size_t i = 0; i < points_; ++i) {
+      const double here = whole(i, axis);
+      const double before = i == 0 ? here - 1.0 : whole(i - 1, axis);
+      if (here < 0.0 || !(here > before)) return false;
+      ones += here == before + 1.0 ? 1U : 0U;
+    }
+    return 10 * ones >= 9 * points_;
+  }
+
+  /// `slow` stands while `quick` climbs by one, and then climbs by one itself: the indices of a grid, some of whose
+  /// points may be missing.
+  [[nodiscard]] bool are_indices(std::size_t slow, std::size_t quick) const {
+    std::size_t runs = 1;
+    std::size_t ones = 0;
+    for (std::size_t i = 0; i < points_; ++i) {
+      const double row = whole(i, slow);
+      const double column = whole(i, quick);
+      if (row < 0.0 || column < 0.0) return false;
+      if (i == 0) continue;
+      const double step = row - whole(i - 1, slow);
+      const double along = column - whole(i - 1, quick);
+      if (step < 0.0 || (step == 0.0 && !(along > 0.0))) return false;
+      runs += step > 0.0 ? 1U : 0U;
+      ones += step == 0.0 && along == 1.0 ? 1U : 0U;
+    }
+    return runs > 1 && 2 * ones > points_ - runs;
+  }
+
+  /// A map of heights has neighbours side by side where a scan has three coordinates.
+  [[nodiscard]] bool is_height_map() const {
+    if (columns_known_ || row_columns_ < 4 || points_ < kRowsToTell) return false;
+    const std::size_t looked_at = std::min<std::size_t>(points_, 10'000);
+    std::size_t alike = 0;
+    for (std::size_t i = 0; i < looked_at; ++i) {
+      const Real* p = &xyz_[3 * i];
+      const auto [low, high] = std::minmax({p[0], p[1], p[2]});
+      alike += high - low < static_cast<Real>(0.1) * std::max(std::abs(low), std::abs(high)) ? 1U : 0U;
+    }
+    return 20 * alike >= 19 * looked_at;
   }
 
   /// The next line that is not a plain row; those before it are taken.
@@ -174,6 +232,7 @@ class TextTable {
     }
     if (!decided_) {
       separator_ = separator_of(line);
+      if (points_ == 0 && is_line_of_column_numbers(line, separator_)) return success();
       if (is_line_of_names(line, separator_)) {
         // "Units: m" names no column.
         std::string_view found;
@@ -186,7 +245,7 @@ class TextTable {
       }
       decided_ = true;
       row_columns_ = count_columns(line, separator_);
-      if (Status status = decide_without_names(); !status) return status;
+      if (Status status = decide_without_names(line); !status) return status;
     }
     plain_ = columns_.xyz == TextColumns{}.xyz;
     if (3 * points_ + 3 > xyz_.size())
@@ -195,14 +254,18 @@ class TextTable {
   }
 
   /// Where x, y and z are when no line names the columns.
-  Status decide_without_names() {
+  Status decide_without_names(std::string_view line) {
     if (chosen_.empty() || named_line_ != 0) {
       if (Status status = take_names_of_comment(); !status) return status;
     } else {
       columns_known_ = true;
       if (Status status = find_chosen_columns(lines_, {}, separator_, unit_, chosen_, columns_); !status) return status;
     }
-    if (columns_known_ || row_columns_ <= kTableColumnsMax) return success();
+    if (columns_known_) return success();
+    if (is_line_of_tuples(line, separator_))
+      return lines_.refuse("%zu columns: the points of a row side by side, x,y,z,x,y,z ...; save one point a line",
+                           row_columns_);
+    if (row_columns_ <= kTableColumnsMax) return success();
     return lines_.refuse(
         "%zu columns: a height map, not points (save the scan as points x y z, or choose three columns "
         "of points, as with --columns 1,2,3)",

@@ -55,6 +55,25 @@ TEST_F(CalibrateBall, finds_every_ball_of_a_simulated_set_and_solves_with_it) {
   EXPECT_LT(distance(json::parse(solved.out)["T_flange_scanner"], truth["T_flange_scanner"]), 0.3);
 }
 
+TEST_F(CalibrateBall, the_number_in_a_scans_name_is_the_views) {
+  simulate("set", "--views 2 --seed 5");
+  // As the shell sorts them, with views missing.
+  fs::rename(file("set/view_02.ply"), file("set/view_10.ply"));
+  fs::rename(file("set/view_01.ply"), file("set/view_3.ply"));
+  const std::string sorted = file("set/view_10.ply") + " " + file("set/view_3.ply");
+  const Ended found = run("calibrate ball " + sorted + " --radius 25.4 --target " + file("t"));
+  ASSERT_EQ(found.status, 0) << found.err;
+  expect_mentions(found.err, "numbered by the names of the scans, not by their order");
+  expect_mentions(content(file("t")), "\n10 1 ");
+  expect_mentions(content(file("t")), "\n3 1 ");
+  fs::rename(file("set/view_3.ply"), file("set/left.ply"));
+  const Ended places = run("calibrate ball " + file("set/view_10.ply") + " " + file("set/left.ply") +
+                           " --radius 25.4 --target " + file("t"));
+  ASSERT_EQ(places.status, 0) << places.err;
+  EXPECT_EQ(places.err.find("numbered"), std::string::npos) << places.err;
+  expect_mentions(content(file("t")), "\n2 1 ");
+}
+
 TEST_F(CalibrateBall, refuses_with_reason_cure_and_status_6) {
   simulate("set", "--views 2 --seed 5");
   const std::string first = file("set/view_01.ply");

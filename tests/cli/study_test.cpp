@@ -418,6 +418,29 @@ TEST_F(StudyTest, grr_of_the_handbook_gives_its_figures) {
   EXPECT_EQ(run("study grr " + plan + " --tolerance value=10").status, 1) << "18 %: a decision of people";
 }
 
+/// As Chinese Excel saves a table: GBK, or UTF-16 with a byte-order mark.
+TEST_F(StudyTest, a_table_in_chinese_excels_encodings_is_read_with_its_names) {
+  for (const auto& [name, in_gbk] : {std::pair{"\u5f20\u4e09", true}, {"\u674e\u56db", false}}) {
+    std::string table = aiag_plan();
+    for (std::size_t at = 0; (at = table.find(",A,", at)) != std::string::npos;)
+      table.replace(at, 3, in_gbk ? ",\xD5\xC5\xC8\xFD," : ",@@,");
+    if (!in_gbk) {
+      std::string wide = "\xFF\xFE";
+      for (std::size_t i = 0; i < table.size(); ++i) {
+        const bool is_name = table.compare(i, 2, "@@") == 0;
+        wide += is_name ? std::string("\x4E\x67\xDB\x56") : std::string{table[i], '\0'};
+        i += is_name ? 1 : 0;
+      }
+      table = wide;
+    }
+    const Ended chinese = run("study grr " + write("chinese.csv", table) + " --tolerance value=20 --json");
+    EXPECT_LE(chinese.status, 1) << chinese.err;
+    expect_mentions(chinese.out, name);
+  }
+  expect_mentions(run("study grr " + write("broken.csv", aiag_plan() + "7,\xFF\xFF,2,0.5\n")).err,
+                  "is neither UTF-8 nor GB18030");
+}
+
 TEST_F(StudyTest, grr_names_the_cell_that_is_missing_and_the_one_given_twice) {
   const Ended hole = run("study grr " + write("hole.csv", aiag_plan("7,B,2,")));
   EXPECT_EQ(hole.status, 3);

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <fmt/core.h>
+
 #include <cmath>
 #include <cstdlib>
+#include <functional>
 
 #include "hal/scan/text_lines.h"
 #include "tests/hal/scan/scan_reading.h"
@@ -168,13 +171,65 @@ TEST(TextPoints, a_height_map_and_a_first_column_that_counts_rows_are_not_points
   expect_refused(table(40, 60), "line 1: 60 columns: a height map, not points");
   expect_refused("# heights in mm\n" + table(40, 60), "line 2: 60 columns: a height map, not points");
   expect_refused(table(40, 25), "25 columns: a height map");
-  EXPECT_TRUE(test::read_bytes(table(40, 24), "a.csv").shape.ok());
-  for (const std::string first : {"0", "1"}) {
-    expect_refused(table(40, 3, first), "the first of 4 columns counts the rows and is not x");
+  expect_refused(table(40, 24), "all 24 columns hold the same kind of number: a height map");
+  EXPECT_TRUE(test::read_bytes(table(40, 3), "a.csv").shape.ok()) << "three columns are x, y, z";
+  for (const std::string first : {"0", "1", "1000"}) {
+    expect_refused(
+        table(40, 3, first),
+        "of 4 columns the first numbers the points and is not x: choose the columns, as with --columns 2,3,4");
     EXPECT_TRUE(test::read_bytes("x,y,z,i\n" + table(40, 3, first), "a.csv").shape.ok()) << "its names say so";
     EXPECT_TRUE(test::read_bytes(table(40, 2, first), "a.csv").shape.ok()) << "three columns are x, y, z";
     EXPECT_TRUE(test::read_bytes(table(40, 3, first) + "7,8,9,9\n", "a.csv").shape.ok()) << "a coordinate";
   }
+}
+
+/// Points of a grid with its indices in front; every `gap`th is missing.
+std::string grid(const std::function<std::string(int, int)>& in_front, int gap = 1000) {
+  std::string text;
+  for (int row = 0; row < 8; ++row)
+    for (int column = 0; column < 8; ++column)
+      if ((8 * row + column) % gap != gap - 1)
+        text += in_front(row, column) +
+                fmt::format("{:.3f} {:.3f} {:.3f} 90\n", 2.5 * column - 12, 2.5 * row - 15, 499.5 + 0.01 * column);
+  return text;
+}
+
+TEST(TextPoints, numbers_of_points_and_of_their_rows_and_columns_are_no_coordinates) {
+  const std::string index =
+      "the first two are a point's row and column and not x and y: choose the columns, as with --columns 3,4,5";
+  for (const int gap : {1000, 7}) {
+    expect_refused(grid([](int row, int column) { return fmt::format("{} {} ", row, column); }, gap), index);
+    expect_refused(grid([](int row, int column) { return fmt::format("{} {} ", column + 1, row + 1); }, gap), index);
+  }
+  expect_refused(grid([](int row, int column) { return fmt::format("{} ", 5000 + 8 * row + column); }, 11),
+                 "the first numbers the points");
+  EXPECT_TRUE(test::read_bytes(grid([](int, int) { return ""; }), "a.xyz").shape.ok());
+  // A raster of whole millimetres is one of coordinates: three columns, or four with a brightness.
+  std::string raster;
+  for (int y = 0; y < 8; ++y)
+    for (int x = 0; x < 8; ++x) raster += fmt::format("{} {} 499.{} 90\n", x, y, x + y);
+  EXPECT_TRUE(test::read_bytes(raster, "a.xyz").shape.ok());
+}
+
+TEST(TextPoints, a_header_of_column_numbers_is_no_point) {
+  std::string rows;
+  for (int i = 0; i < 30; ++i) rows += fmt::format("{},-{}.25,2.5,499.5\n", i, i);
+  expect_refused(",0,1,2\n" + rows, "of 4 columns the first numbers the points");
+  expect_points("0,1,2\n1.5,2.5,3.5\n", "a.csv", {1.5, 2.5, 3.5});
+  expect_points("0 1 2\n1.5 2.5 3.5\n", "a.xyz", {0, 1, 2, 1.5, 2.5, 3.5});
+}
+
+TEST(TextPoints, points_side_by_side_are_told_from_a_height_map) {
+  std::string row;
+  for (int i = 0; i < 40; ++i) row += fmt::format("{}{:.2f},-36.25,499.{:02}", i == 0 ? "" : ",", 2.5 * i - 48, i);
+  expect_refused(row + "\n" + row + "\n", "120 columns: the points of a row side by side, x,y,z,x,y,z");
+}
+
+TEST(TextPoints, quoted_numbers_are_numbers_and_names_are_shown_as_they_are) {
+  expect_points("\"x\",\"y\",\"z\"\n\"1\",\"2.5\",\"-3\"\n", "a.csv", {1, 2.5, -3});
+  expect_refused("X\u5750\u6807,Y\u5750\u6807,Z\u5750\u6807,n\n1,2,3,4\n",
+                 "or choose them with --columns 1,2,3; the names are \"X\u5750\u6807,Y\u5750\u6807");
+  expect_refused("a\xFF\x1B,b,c\n1,2,3\n", "the names are \"a??,b,c\"");
 }
 
 TEST(TextPoints, names_in_a_comment_that_are_not_x_y_z_are_not_passed_over) {
