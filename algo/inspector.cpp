@@ -26,6 +26,7 @@
 #include "algo/features/casing.h"
 #include "algo/features/flatness.h"
 #include "algo/features/jaw.h"
+#include "algo/features/noise_texture.h"
 #include "algo/features/plane_fit.h"
 #include "algo/features/seat_cells.h"
 #include "algo/features/seat_noise.h"
@@ -289,6 +290,52 @@ Status BlockInspector::register_to_model(const Cloud& cloud) {
   return error(Code::block_not_found, "registration %s: %s", name(report.status).data(), report.note.c_str());
 }
 
+namespace {
+
+/// Whether the faces have the noise of points that were measured. Refuses jaws that a scanner's program filled in part;
+/// returns an error for a seat, and for heights that were rounded before something smooth was done to them. `cells`:
+/// for three faces.
+Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<TextureCell> cells, Team& team,
+                     BlockResult& result) {
+  SeatFeature& seat = result.seat;
+  const std::array<PlaneFit*, 2> jaws = {&result.jaw_inner, &result.jaw_outer};
+  std::array<NoiseTexture, 3> textures;
+  team.run(3, [&](std::size_t which) {
+    const std::span<TextureCell> own = cells.subspan(which * kTextureCells, kTextureCells);
+    if (which == 0) {
+      textures[0] = look_at_texture(question_of(survey.over_crop(), frame, seat.plane), own);
+    } else if (jaws[which - 1]->ok) {
+      const ListedPoints& points = survey.of(which == 1 ? PointList::jaw_inner : PointList::jaw_outer);
+      textures[which] = look_at_texture(question_of(points.runs, points.frame, *jaws[which - 1]), own);
+    }
+  });
+  const NoiseTexture& texture = textures[0];
+  result.scan.lag_ratio = texture.lag_ratio;
+  // Points that were rounded alike have no noise either; their step is in U.
+  if (!result.scan.step_mm.isZero()) return success();
+  if (const double step_mm = hidden_step_mm(texture); step_mm > kCoordinateStepMax_mm) {
+    refuse(seat.plane, PlaneDoubt::not_fitted);
+    return error(
+        Code::fit_failed,
+        "the heights stand in steps of about %.2f mm, rounded before they were corrected or resampled: let the "
+        "scanner's program write more decimals, and switch off its filters",
+        step_mm);
+  }
+  if (texture.filled.cells > 0) {
+    refuse(seat.plane, PlaneDoubt::filled);
+    return error(
+        Code::fit_failed,
+        "seat plane: %.0f x %.0f mm at x %.0f mm, s %.0f mm have no noise: they were computed, not seen; switch "
+        "off gap filling, smoothing and resampling in the scanner's program (docs/SCANNER.md)",
+        texture.filled.width_mm, texture.filled.length_mm, texture.filled.x_mm, texture.filled.s_mm);
+  }
+  for (std::size_t side = 0; side < jaws.size(); ++side)
+    if (textures[side + 1].filled.cells > 0) refuse(*jaws[side], PlaneDoubt::filled);
+  return success();
+}
+
+}  // namespace
+
 Status BlockInspector::extract(const Cloud& cloud) {
   Workspace& w = *work_;
   BlockResult& result = w.result;
@@ -410,6 +457,10 @@ Status BlockInspector::extract(const Cloud& cloud) {
     return no_seat();
   }
 
+  static_assert(3 * kTextureCells * sizeof(TextureCell) <= limits::kScanPointsMax);
+  const std::span<TextureCell> cells(reinterpret_cast<TextureCell*>(w.label.data()), 3 * kTextureCells);
+  if (const Status seen = look_at_noise(survey, frame, cells, w.team, result); !seen) return seen;
+
   const auto casing = [&](PointList where, bool outer) {
     const CasingTask task{w.model.casing_centre(outer),
                           0.5 * geometry.casing_bore_diameter_mm.value,
@@ -417,7 +468,14 @@ Status BlockInspector::extract(const Cloud& cloud) {
                           geometry.casing_rim_height_mm.value,
                           evaluation.edge_margin_mm,
                           seat.plane};
-    return measure_casing(survey.of(where).runs, frame, task);
+    CasingFeature found = measure_casing(survey.of(where).runs, frame, task);
+    const std::span<TextureCell> own = cells.subspan(outer ? kTextureCells : 0, kTextureCells);
+    if (found.ok && result.scan.step_mm.isZero() &&
+        look_at_texture(question_of(survey.of(where).runs, frame, seat.plane), own).filled.cells > 0) {
+      found.ok = false;
+      found.doubt = CasingDoubt::filled;
+    }
+    return found;
   };
   if (evaluation.casing == CasingKind::open)
     w.team.run(2, [&](std::size_t which) {

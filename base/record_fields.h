@@ -12,7 +12,7 @@ namespace slabd {
 
 // ---- one block ---------------------------------------------------------------------------------------------------
 
-SLABD_FIELDS(ScanCounts, points_read, points_finite, isolated_removed, points_kept, step_mm);
+SLABD_FIELDS(ScanCounts, points_read, points_finite, isolated_removed, points_kept, step_mm, lag_ratio);
 SLABD_FIELDS(DeviationStats, count, mean_mm, std_mm, within_sigma);
 SLABD_FIELDS(RegistrationReport, status, iterations, share_associated, condition, note, T_scanner_block, noise_mm,
              covariance);

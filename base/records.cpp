@@ -29,6 +29,7 @@ std::string_view name(PlaneDoubt doubt) {
     case PlaneDoubt::support: return "support";
     case PlaneDoubt::bends: return "bends";
     case PlaneDoubt::rival: return "rival";
+    case PlaneDoubt::filled: return "filled";
   }
   return "none";
 }
@@ -45,6 +46,7 @@ std::string_view reason_of(PlaneDoubt doubt) {
     case PlaneDoubt::support: return "it rests on too few points, too little of the face, or too noisy ones";
     case PlaneDoubt::bends: return "it hangs on where the threshold cuts, as beside a second surface";
     case PlaneDoubt::rival: return "another plane holds about as many points";
+    case PlaneDoubt::filled: return "a part of it was computed by the scanner's program and not seen";
   }
   return "";
 }
@@ -59,6 +61,7 @@ std::string_view name(CasingDoubt doubt) {
     case CasingDoubt::rim_points: return "rim_points";
     case CasingDoubt::rim_crust: return "rim_crust";
     case CasingDoubt::rim_form: return "rim_form";
+    case CasingDoubt::filled: return "filled";
   }
   return "none";
 }
@@ -73,6 +76,7 @@ std::string_view reason_of(CasingDoubt doubt) {
     case CasingDoubt::rim_points: return "too few points on the rim";
     case CasingDoubt::rim_crust: return "something on the rim stands over the seat";
     case CasingDoubt::rim_form: return "the rim is no even plane all the way round";
+    case CasingDoubt::filled: return "a part of it was computed by the scanner's program and not seen";
   }
   return "";
 }
@@ -158,13 +162,21 @@ FixedString<160> sentence(const SurfaceFinding& f) {
   return text;
 }
 
-FixedString<200> step_warning(const ScanCounts& scan) {
-  FixedString<200> text;
-  if (!(scan.step_mm.maxCoeff() > kUsualStep_mm)) return text;
-  text.printf(
-      "the coordinates are rounded to %g, %g, %g mm (x, y, z of the scanner; 0: not rounded), which makes U larger: "
-      "let the scanner write more decimals",
-      scan.step_mm.x(), scan.step_mm.y(), scan.step_mm.z());
+FixedString<420> scan_warning(const ScanCounts& scan) {
+  FixedString<420> text;
+  if (scan.step_mm.maxCoeff() > kUsualStep_mm)
+    text.printf(
+        "the coordinates are rounded to %g, %g, %g mm (x, y, z of the scanner; 0: not rounded), which makes U larger: "
+        "let the scanner write more decimals",
+        scan.step_mm.x(), scan.step_mm.y(), scan.step_mm.z());
+  if (scan.lag_ratio < kSmoothedLagRatio) {
+    FixedString<210> smoothed;
+    smoothed.printf(
+        "%sneighbouring points share their noise (%.1f, without a filter 3): the scan was smoothed, and a wrong point "
+        "becomes a bump; switch off the filters of the scanner's program",
+        text.empty() ? "" : "; ", scan.lag_ratio);
+    text.append(smoothed.view());
+  }
   return text;
 }
 

@@ -61,13 +61,19 @@ struct ScanCounts {
   /// Step to which the coordinates along each axis of the scanner frame were rounded (mm). 0: no step was found, or the
   /// places along this axis are the scanner's own raster and therefore exact.
   Vec3 step_mm = Vec3::Zero();
+  /// Size of second differences over that of first ones between neighbours on the seat, squared: 3 where each point has
+  /// noise of its own, less where neighbours share it, as after a smoothing filter.
+  double lag_ratio = kNoValue;
 };
+
+/// Below it the scan was smoothed, or the scanner's own noise hangs together over several points.
+inline constexpr double kSmoothedLagRatio = 2.4;
 
 /// Coordinate steps up to here (mm) are usual (three decimals, two of a coarse scanner) and change U by nothing worth
 /// telling.
 inline constexpr double kUsualStep_mm = 0.01;
-/// A warning where the coordinates are rounded more coarsely than usual, empty otherwise.
-[[nodiscard]] FixedString<200> step_warning(const ScanCounts& scan);
+/// A warning where the coordinates are rounded more coarsely than usual, or the scan was smoothed; empty otherwise.
+[[nodiscard]] FixedString<420> scan_warning(const ScanCounts& scan);
 
 /// Why a plane is not `ok`: the first test that said no.
 enum class PlaneDoubt : std::uint8_t {
@@ -81,8 +87,9 @@ enum class PlaneDoubt : std::uint8_t {
   support,         ///< too few inliers, not spread far enough, or too noisy for its tilt
   bends,           ///< it hangs on where the threshold cuts
   rival,           ///< another plane holds about as many points
+  filled,          ///< a part of it has no noise: computed by the scanner's program, and not seen
 };
-inline constexpr std::size_t kPlaneDoubts = 10;
+inline constexpr std::size_t kPlaneDoubts = 11;
 [[nodiscard]] std::string_view name(PlaneDoubt doubt);
 /// In words, to follow "inner jaw:"; empty for none and not_fitted.
 [[nodiscard]] std::string_view reason_of(PlaneDoubt doubt);
@@ -228,8 +235,9 @@ enum class CasingDoubt : std::uint8_t {
   rim_points,    ///< too few seen
   rim_crust,     ///< something on the rim stands over the seat
   rim_form,      ///< no plane most of the way round, tilted, or too rough
+  filled,        ///< a part of it has no noise: computed by the scanner's program, and not seen
 };
-inline constexpr std::size_t kCasingDoubts = 8;
+inline constexpr std::size_t kCasingDoubts = 9;
 [[nodiscard]] std::string_view name(CasingDoubt doubt);
 /// In words, to follow "inner casing:"; empty for none and not_measured.
 [[nodiscard]] std::string_view reason_of(CasingDoubt doubt);

@@ -132,7 +132,7 @@ int inspect(const Options& options) {
   if (!status) complain(fmt::format("{}: {}", options.scan, status.error().text.view()));
   const BlockResult& block = inspector.result();
   if (status.ok())
-    if (const auto warning = step_warning(block.scan); !warning.empty())
+    if (const auto warning = scan_warning(block.scan); !warning.empty())
       complain(fmt::format("warning: {}: {}", options.scan, warning.view()));
   fmt::print("{}",
              options.json ? as_json(options, recipe, T_block_scanner, block) : report_text(options, recipe, block));

@@ -221,7 +221,7 @@ std::string block_text(const SlabRecord& record, int station, const std::string&
   else
     text += fmt::format("seat normal ({:.6f}, {:.6f}, {:.6f})\n", normal.x(), normal.y(), normal.z());
   text += fmt::format("{}{}\n", seat_notes(result.seat, record.summary.header.cell_mm), surface_lines(result));
-  if (const auto warning = step_warning(result.scan); !warning.empty())
+  if (const auto warning = scan_warning(result.scan); !warning.empty())
     text += fmt::format("warning: {}\n", warning.view());
   text += fmt::format("{}\n", item_table(std::span<const Item>(result.items.begin(), result.items.size()), style));
   std::vector<Item> in_slab;

@@ -129,7 +129,7 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
     return done;
   }
   if (slab_ends_.is_needed()) look_at_slab_ends(job, cloud, done);
-  if (const auto warning = step_warning(done.block.scan); !warning.empty()) {
+  if (const auto warning = scan_warning(done.block.scan); !warning.empty()) {
     LogLine line{LogLine::Level::warning, 0, {}};
     line.text.printf("station %u: %s", job.station, warning.c_str());
     say_line(line);

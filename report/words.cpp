@@ -217,7 +217,8 @@ constexpr std::array<const char*, kPlaneDoubts> kPlaneDoubtsZh = {"",
                                                                   "可见面积所占比例太小：点少处另有一个表面",
                                                                   "点太少、占面太小或噪声太大",
                                                                   "结果取决于阈值，如旁边另有一个表面",
-                                                                  "另一平面所含的点数相近"};
+                                                                  "另一平面所含的点数相近",
+                                                                  "其中一部分由扫描软件填补，并非实测"};
 constexpr std::array<const char*, kCasingDoubts> kCasingDoubtsZh = {"",
                                                                     "",
                                                                     "孔边可见部分太少，或不成圆",
@@ -225,7 +226,8 @@ constexpr std::array<const char*, kCasingDoubts> kCasingDoubtsZh = {"",
                                                                     "孔口高度处有填塞物",
                                                                     "管口端面点太少",
                                                                     "管口端面上有高出承轨面的异物",
-                                                                    "管口端面一周不成平整平面"};
+                                                                    "管口端面一周不成平整平面",
+                                                                    "其中一部分由扫描软件填补，并非实测"};
 
 }  // namespace
 

@@ -229,7 +229,7 @@ CREATE TABLE block (
   sigma_n_x REAL, sigma_n_y REAL, sigma_n_z REAL,
   sigma_top_n_x REAL, sigma_top_n_y REAL, sigma_top_n_z REAL,
   -- To what the coordinates of the scan were rounded, by axis of the scanner; 0: to nothing.
-  step_x REAL, step_y REAL, step_z REAL,
+  step_x REAL, step_y REAL, step_z REAL, lag_ratio REAL,
   PRIMARY KEY (slab_key, station, attempt),
   FOREIGN KEY (slab_key, station, attempt) REFERENCES attempt
 ) STRICT, WITHOUT ROWID;

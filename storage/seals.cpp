@@ -58,7 +58,7 @@ constexpr auto kForm1 = std::to_array<SealedTable>({
      "defect_s_mm, seat_flatness_closed_mm, seat_flatness_raw_mm, seat_flatness_trimmed_mm, pores, pores_largest_mm, "
      "pores_deepest_mm, pores_share, pores_depth_max_mm, pores_share_max, sigma_p_x, sigma_p_y, sigma_p_z, "
      "sigma_jaw_x, sigma_jaw_y, sigma_jaw_z, sigma_n_x, "
-     "sigma_n_y, sigma_n_z, sigma_top_n_x, sigma_top_n_y, sigma_top_n_z, step_x, step_y, step_z",
+     "sigma_n_y, sigma_n_z, sigma_top_n_x, sigma_top_n_y, sigma_top_n_z, step_x, step_y, step_z, lag_ratio",
      "", "station, attempt"},
     {"plane",
      "slab_key, station, attempt, feature, ok, doubt, normal_x, normal_y, normal_z, offset_mm, points, inliers, "

@@ -12,8 +12,8 @@
 //
 // A scan with parallel rays has an even raster along two axes, and its step is the raster's pitch. Nothing was rounded
 // there. Such a raster is believed where the third axis does not have the same step (a writer rounds all three alike),
-// where nearly every node of the raster holds one point, and where its lines hold alike many points (rounding a raster
-// to another step leaves lines empty or doubles them). A line profiler has a step along its way alone, X or Y, and its
+// where no node of the raster holds two points, and where its lines hold alike many (rounding a raster to another step
+// leaves lines empty or doubles them). A line profiler has a step along its way alone, X or Y, and its
 // profiles hold alike many points; a writer does not round one axis of three.
 #include "algo/survey/coordinate_step.h"
 
@@ -182,6 +182,8 @@ bool is_inner(std::size_t k, std::size_t count) {
 
 constexpr std::size_t kLinesMin = 64;
 constexpr std::size_t kLookedOfALine = 120;  // a quarter of them lies in the middle half: chance is 13 % there
+/// Where many points are missing chance alone makes lines uneven: then this many are asked.
+constexpr std::size_t kLookedInDoubt = 960;
 
 /// Does nearly every line in the middle hold as many points as those around it?
 bool are_even(std::span<const std::uint32_t> points) {
@@ -212,8 +214,9 @@ void for_points_of(const Cloud& cloud, std::size_t stride, const Use& use) {
 
 /// Are these two axes the scanner's own raster?
 bool is_raster(const Cloud& cloud, const Sample& sample, std::size_t a, std::size_t b, const Vec3& step,
-               std::span<std::uint32_t> scratch) {
-  constexpr double kNodesMin = 0.5;
+               std::size_t looked_of_a_line, std::span<std::uint32_t> scratch) {
+  // Half of the points may be missing; what is thinner than this is a writer's step, finer than the raster.
+  constexpr double kNodesMin = 0.2;
   constexpr double kNodesMax = 1.05;
   const Lines rows = lines_of(sample, a, step[static_cast<Eigen::Index>(a)]);
   const Lines columns = lines_of(sample, b, step[static_cast<Eigen::Index>(b)]);
@@ -223,7 +226,7 @@ bool is_raster(const Cloud& cloud, const Sample& sample, std::size_t a, std::siz
   std::fill(row_points.begin(), row_points.end(), 0U);
   std::fill(column_points.begin(), column_points.end(), 0U);
   const std::size_t stride =
-      std::max<std::size_t>(1, cloud.points / (kLookedOfALine * std::max(rows.count, columns.count)));
+      std::max<std::size_t>(1, cloud.points / (looked_of_a_line * std::max(rows.count, columns.count)));
   std::size_t inside = 0;
   for_points_of(cloud, stride, [&](const float* p) {
     const std::size_t row = rows.of(p[a]);
@@ -269,7 +272,9 @@ Vec3 find_coordinate_step(const Cloud& cloud, std::span<std::uint32_t> scratch) 
     double& step_b = step[static_cast<Eigen::Index>(b)];
     const double step_third = step[static_cast<Eigen::Index>(third)];
     if (step_a == 0.0 || step_b == 0.0 || same_step(step_a, step_third) || same_step(step_b, step_third)) continue;
-    if (!is_raster(cloud, sample, a, b, step, scratch)) continue;
+    if (!is_raster(cloud, sample, a, b, step, kLookedOfALine, scratch) &&
+        !is_raster(cloud, sample, a, b, step, kLookedInDoubt, scratch))
+      continue;
     step_a = 0.0;
     step_b = 0.0;
     break;

@@ -99,6 +99,15 @@ void warn(const Verification& v) {
     complain(
         "warning: how far the noise of neighbours hangs together was not seen, because no plate's scan has rows of 128 "
         "points or more; U takes what each scan shows of it");
+  // Noise of its own in every point falls to 1/e within one.
+  constexpr double kSharedPoints = 1.5;
+  for (const VerifiedPlate& p : v.plates)
+    if (const NoiseFigures& noise = p.figures.noise; noise.correlation_mm > kSharedPoints * noise.pitch_mm)
+      return complain(
+          fmt::format("warning: {}: neighbours share their noise over {:.1f} points: if it is the scanner's program "
+                      "that smooths, fills "
+                      "gaps or resamples, switch that off and verify again (docs/SCANNER.md, \"Filters off\")",
+                      p.file, noise.correlation_mm / noise.pitch_mm));
 }
 
 void print(const Verification& v) {

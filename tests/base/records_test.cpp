@@ -122,11 +122,22 @@ TEST(Pores, beyond_depth_or_share_fail_and_the_sentence_names_which) {
 
 TEST(Scan, warns_of_coordinates_that_are_rounded_more_than_usual) {
   ScanCounts scan;
-  EXPECT_TRUE(step_warning(scan).empty());
+  EXPECT_TRUE(scan_warning(scan).empty());
   scan.step_mm = Vec3(0.01, 0.01, 0.005);
-  EXPECT_TRUE(step_warning(scan).empty());
+  EXPECT_TRUE(scan_warning(scan).empty());
   scan.step_mm.z() = 0.1;
-  EXPECT_NE(step_warning(scan).view().find("0.01, 0.01, 0.1 mm"), std::string_view::npos) << step_warning(scan).c_str();
+  EXPECT_NE(scan_warning(scan).view().find("0.01, 0.01, 0.1 mm"), std::string_view::npos) << scan_warning(scan).c_str();
+}
+
+TEST(Scan, warns_of_neighbours_that_share_their_noise) {
+  ScanCounts scan;
+  scan.lag_ratio = 2.8;
+  EXPECT_TRUE(scan_warning(scan).empty());
+  scan.lag_ratio = 2.0;
+  EXPECT_TRUE(scan_warning(scan).view().starts_with("neighbouring points share their noise (2.0, without a filter 3)"));
+  scan.step_mm.z() = 0.1;
+  EXPECT_NE(scan_warning(scan).view().find("write more decimals; neighbouring points"), std::string_view::npos);
+  EXPECT_TRUE(scan_warning(scan).view().ends_with("scanner's program"));
 }
 
 TEST(Registration, every_status_has_a_word_of_its_own) {

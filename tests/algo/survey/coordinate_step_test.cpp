@@ -51,8 +51,10 @@ TEST(CoordinateStep, of_parallel_rays_is_their_raster_and_not_a_rounding) {
     EXPECT_EQ(step_of(scene::take({}, seen(0.0, pitch_mm))), Vec3::Zero());
   scene::Scan scan = seen(0.0, 0.5);
   scan.organised = false;
-  scan.missing_share = 0.2;
-  EXPECT_EQ(step_of(scene::take({}, scan)), Vec3::Zero());
+  for (const double missing : {0.2, 0.5, 0.6}) {
+    scan.missing_share = missing;
+    EXPECT_EQ(step_of(scene::take({}, scan)), Vec3::Zero()) << missing;
+  }
 }
 
 TEST(CoordinateStep, of_a_line_profiler_is_its_way_and_not_a_rounding) {
