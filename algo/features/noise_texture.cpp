@@ -29,8 +29,9 @@ constexpr float kReach_mm = 0.5F;
 /// Neighbours are at most this far apart, and their steps alike.
 constexpr float kStepMax_mm = 3.0F;
 constexpr float kStepsAlike = 0.5F;
-constexpr std::size_t kLooked = 120'000;
-constexpr std::size_t kStretch = 64;
+constexpr std::size_t kLooked = 80'000;
+/// Points in a row that are looked at together. Short, so that every place has several.
+constexpr std::size_t kStretch = 16;
 /// Less noise than this is the rounding of float coordinates.
 constexpr double kNoiseMin_mm = 0.0005;
 /// Of the usual noise: a place with less was computed.
@@ -125,6 +126,11 @@ class Look {
   double third_ = 0.0;
 };
 
+/// One stretch of `apart`, in no order: rows of a fitting length would put every `apart`th into the same columns.
+bool is_chosen(std::size_t stretch, std::size_t apart) {
+  return (std::uint64_t{stretch} * 0x9E37'79B9'7F4A'7C15U >> 32U) % apart == 0;
+}
+
 /// Mean size of the third differences in a place; NaN: too few were looked at.
 float mean_of(const TextureCell& cell) {
   return cell.count < kCellCountMin ? std::numeric_limits<float>::quiet_NaN()
@@ -212,16 +218,14 @@ NoiseTexture look_at_texture(const TextureQuestion& question, std::span<TextureC
   const auto for_fours = [&](std::size_t apart, const auto& use) {
     std::size_t at = 0;  // of all runs' points
     for (const SeatPoints& run : question.runs) {
-      // Only what lies in every `apart`th stretch.
       for (std::size_t i = 0; i + 4 <= run.size();) {
         const std::size_t stretch = (at + i) / kStretch;
-        const std::size_t wanted = (stretch + apart - 1) / apart * apart;
-        if (wanted != stretch) {
-          i = wanted * kStretch - at;
+        const std::size_t end = (stretch + 1) * kStretch - at;
+        if (!is_chosen(stretch, apart)) {
+          i = end;
           continue;
         }
-        for (const std::size_t end = (stretch + 1) * kStretch - at; i < end && i + 4 <= run.size(); ++i)
-          look.four(run, i, use);
+        for (; i < end && i + 4 <= run.size(); ++i) look.four(run, i, use);
       }
       at += run.size();
     }

@@ -194,7 +194,7 @@ class Client final : public PlcPort {
     return done;
   }
 
-  /// Where the request begins that ends before `end`; no piece has an end of one part and the beginning of the next.
+  /// Where the request begins that ends before `end`. Only the last one, from register 0 on, may hold several parts.
   [[nodiscard]] int piece_before(int end, int second_part, int third_part) const {
     const int most = settings_.registers_max;
     if (end <= most) return 0;

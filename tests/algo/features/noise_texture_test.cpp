@@ -18,7 +18,7 @@ namespace {
 /// A seat of 100 x 150 mm, seen row by row.
 struct Seat {
   static constexpr double kPitch = 0.2;
-  static constexpr int kColumns = 500;
+  static constexpr int kColumns = 512;  // as if made for a sample of every second, fourth ... stretch
   static constexpr int kRows = 750;
   std::vector<float> x, s, h;
 
@@ -68,7 +68,7 @@ struct Seat {
 TEST(NoiseTexture, of_a_scan_as_it_was_measured_is_white) {
   for (const double noise_mm : {0.006, 0.03, 0.05}) {
     const NoiseTexture t = Seat(noise_mm).texture();
-    EXPECT_GT(t.looked_at, 80'000U);
+    EXPECT_GT(t.looked_at, 50'000U);
     EXPECT_NEAR(t.sigma_mm, noise_mm, 0.02 * noise_mm);
     EXPECT_NEAR(t.lag_ratio, 3.0, 0.1);
     EXPECT_NEAR(t.rest_ratio, 0.344, 0.02);
@@ -87,7 +87,7 @@ TEST(NoiseTexture, is_missing_where_a_gap_was_filled) {
           seat.at(500 - n / 2 + row, 150 - n / 2 + column) = static_cast<float>(0.04 + left_mm * prng.normal());
       const NoiseTexture t = seat.texture();
       ASSERT_GT(t.filled.cells, 0U) << size_mm;
-      EXPECT_NEAR(t.filled.x_mm, Seat::kPitch * (150 - 250), 2.5) << size_mm;
+      EXPECT_NEAR(t.filled.x_mm, Seat::kPitch * (150 - Seat::kColumns / 2), 2.5) << size_mm;
       EXPECT_NEAR(t.filled.s_mm, Seat::kPitch * (500 - 375), 2.5) << size_mm;
       EXPECT_NEAR(t.filled.width_mm, size_mm, 8.0) << size_mm;
       EXPECT_LE(t.filled.area_mm2, size_mm * size_mm);
