@@ -33,6 +33,7 @@ struct SessionSettings {
   double noise_correlation_mm = 0.0;
   bool parallel = false;     ///< rays parallel to Z
   std::string unit = "mm";   ///< of the scans
+  std::string columns;       ///< of scans that are tables: "2,3,4"; empty if they name x, y and z
   std::size_t goal = 20;     ///< views that count, held-out ones among them
   std::size_t held_out = 3;  ///< of these
   /// Words of a table's format header that the poses given on the command line are in; empty: the neutral form.

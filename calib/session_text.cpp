@@ -214,7 +214,8 @@ bool fields(Form& f, Record& s) {
   f.number("limit_mm", s.limit_mm);
   whole = f.row("fov_mm", s.fov.half_x_mm, s.fov.half_y_mm, s.fov.near_mm, s.fov.far_mm) && whole;
   f.number("scanner_noise_mm", s.scanner_noise_mm, true).number("noise_correlation_mm", s.noise_correlation_mm, true);
-  f.flag("parallel", s.parallel).word("unit", s.unit).count("goal", s.goal, 400.0).count("held_out", s.held_out, 400.0);
+  f.flag("parallel", s.parallel).word("unit", s.unit).text("columns", s.columns);
+  f.count("goal", s.goal, 400.0).count("held_out", s.held_out, 400.0);
   f.text("flange_form", s.flange_form).text("certificate_sha256", s.certificate_sha256);
   whole = f.row("down_base", s.down_base.x(), s.down_base.y(), s.down_base.z()) && whole;
   f.pose("T_flange_scanner_start", s.T_flange_scanner, s.has_start);

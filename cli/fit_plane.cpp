@@ -34,8 +34,7 @@ struct Options {
   double contamination = 0.5;
   double share_min = kNoValue;
   std::uint64_t seed = 1;
-  std::string unit = "mm";
-  std::string columns;
+  ScanFormOptions form;
   bool compare = false;
   std::vector<double> set;  ///< a b c, for --compare
   bool json = false;
@@ -73,8 +72,7 @@ Result<Cloud> read_cloud(const Options& options) {
   Cloud cloud;
   cloud.points.resize(limits::kScanPointsMax);
   const std::span<double> xyz(cloud.points[0].data(), 3 * cloud.points.size());
-  const Result<ScanShape> shape =
-      hal::read_scan(options.file.c_str(), *length_unit(options.unit), xyz, columns_of(options.columns));
+  const Result<ScanShape> shape = hal::read_scan(options.file.c_str(), options.form.form(), xyz);
   if (!shape) return shape.error();
   cloud.read = shape.value().points;
   cloud.points.resize(cloud.read);
@@ -249,10 +247,7 @@ void add_fit_plane(args::Command& app) {
                    "Share of inliers below which the plane is not measured (default 0.8 (1 - contamination))")
       ->check(within(0.0, 1.0));
   command->add_option("--seed", options->seed, "Of the hypotheses, a whole number from 0")->capture_default_str();
-  command->add_option("--unit", options->unit, "Unit of the file: mm, m or um")
-      ->check(args::one_of({"mm", "m", "um"}))
-      ->capture_default_str();
-  add_columns(*command, options->columns);
+  options->form.add_to(*command);
   args::Option both = command->add_flag("--compare", options->compare, "All three methods side by side");
   command->add_option("--set", options->set, "a b c of the plane that was set, printed above the comparison")
       ->expected(3)

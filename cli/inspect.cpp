@@ -30,8 +30,7 @@ struct Options {
   std::string recipe;
   int block = 0;
   std::string T_block_scanner;
-  std::string unit = "mm";
-  std::string columns;
+  ScanFormOptions form;
   int threads = daemon::default_measure_threads();
   std::string deviation_map;
   bool json = false;
@@ -112,9 +111,7 @@ int inspect(const Options& options) {
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
   const std::int64_t read_start_ns = clock->mono_ns();
   Team readers(options.threads);
-  const ScanShape shape =
-      need(hal::read_scan(options.scan.c_str(), *length_unit(options.unit), xyz, readers, columns_of(options.columns)),
-           kBadInput);
+  const ScanShape shape = need(hal::read_scan(options.scan.c_str(), options.form.form(), xyz, readers), kBadInput);
   if (shape.finite == 0)
     stop(kBadInput, fmt::format("{}: none of its {} points is finite", options.scan, shape.points));
   const double read_ms = ms_from_ns(clock->mono_ns() - read_start_ns);
@@ -167,10 +164,7 @@ void add_inspect(args::Command& app) {
       "--T-block-scanner", options->T_block_scanner,
       "Where the scanner stood, \"x y z qw qx qy qz\" in mm and a unit quaternion, in the block's frame "
       "(default 600 mm above, looking down)");
-  command->add_option("--unit", options->unit, "Unit of the scan: mm, m or um; a file that says otherwise is refused")
-      ->check(args::one_of({"mm", "m", "um"}))
-      ->capture_default_str();
-  add_columns(*command, options->columns);
+  options->form.add_to(*command);
   command->add_option("--threads", options->threads, "Threads that measure; the results are the same")
       ->check(args::range(1, 2))
       ->capture_default_str();

@@ -163,14 +163,26 @@ void read_path(TableReader& table, std::string_view key, const std::string& fold
   out = path;
 }
 
+/// Three names of a table's columns, and commas.
+constexpr std::size_t kColumnsTextMax = 130;
+
 void read_drop(TableReader& scanner, const std::string& folder, hal::ScanDropSettings& out) {
   std::string drop_dir(out.drop_dir.view());
   read_path(scanner, "drop_dir", folder, drop_dir);
   out.drop_dir.assign(drop_dir);
   scanner.optional_boolean("any_name", out.any_name);
-  std::size_t unit = static_cast<std::size_t>(out.unit);
+  std::size_t unit = static_cast<std::size_t>(out.form.unit);
   scanner.optional_word("unit", unit, {"mm", "m", "um"});
-  out.unit = static_cast<hal::LengthUnit>(unit);
+  out.form.unit = static_cast<hal::LengthUnit>(unit);
+  std::string columns;
+  scanner.optional_text("columns", columns, kColumnsTextMax);
+  if (!columns.empty()) {
+    const Result<hal::TableColumns> parsed = hal::parse_table_columns(columns);
+    if (parsed)
+      out.form.columns = parsed.value();
+    else
+      scanner.problem("columns", std::string(parsed.error().text.view()));
+  }
   for (const char* key : {"listen", "allow"})
     if (scanner.has(key)) scanner.problem(key, "backend = \"drop\" does not listen; it needs backend = \"tcp\"");
 }
@@ -178,7 +190,7 @@ void read_drop(TableReader& scanner, const std::string& folder, hal::ScanDropSet
 void read_stream(TableReader& scanner, hal::ScanStreamSettings& out) {
   read_endpoint(scanner, "listen", 1, out.host, out.port);
   read_networks(scanner, "allow", out.allow);
-  for (const char* key : {"drop_dir", "any_name", "unit"})
+  for (const char* key : {"drop_dir", "any_name", "unit", "columns"})
     if (scanner.has(key))
       scanner.problem(key, "backend = \"tcp\" has no use for it: every scan says its request and its unit");
 }

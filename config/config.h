@@ -30,7 +30,7 @@ struct Config {
   hal::LcmSettings robot;
   PoseSettings pose;
   hal::ScannerBackend scanner_backend = hal::ScannerBackend::drop;
-  hal::ScanDropSettings scanner;   ///< backend "drop"; `unit` also of what lies in the spool: mm with "tcp"
+  hal::ScanDropSettings scanner;   ///< backend "drop"; `form` also of what lies in the spool: mm with "tcp"
   hal::ScanStreamSettings stream;  ///< backend "tcp"
   std::int64_t scan_timeout_ns = 10 * kNsPerS;
   std::int64_t settle_timeout_ns = 8 * kNsPerS;

@@ -14,10 +14,10 @@ namespace {
 
 class ThreadCrew final : public Crew {
  public:
-  ThreadCrew(std::span<const Recipe> recipes, hal::LengthUnit scan_unit, const hal::Clock& clock, int measure_threads,
-             bool simulation)
+  ThreadCrew(std::span<const Recipe> recipes, const hal::ScanForm& scan_form, const hal::Clock& clock,
+             int measure_threads, bool simulation)
       : recipes_(recipes),
-        scan_unit_(scan_unit),
+        scan_form_(scan_form),
         clock_(clock),
         simulation_(simulation),
         inspector_(measure_threads),
@@ -56,7 +56,7 @@ class ThreadCrew final : public Crew {
   Result<ScanShape> reload(const MeasureBlock& job);
 
   std::span<const Recipe> recipes_;
-  hal::LengthUnit scan_unit_;
+  hal::ScanForm scan_form_;
   const hal::Clock& clock_;
   bool simulation_;
   KnownExposures exposures_;  ///< the measuring thread's own
@@ -71,7 +71,7 @@ class ThreadCrew final : public Crew {
 /// The scan of a block that was acquired before a restart. frame_incomplete: the file no longer holds those points.
 Result<ScanShape> ThreadCrew::reload(const MeasureBlock& job) {
   const std::span<float> xyz = slots_[job.slot];
-  const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_unit_, xyz, inspector_.team());
+  const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_form_, xyz, inspector_.team());
   if (!read || !job.points_crc32c) return read;
   const std::uint32_t now = hal::points_crc32c(xyz.first(3 * read.value().points));
   if (now != *job.points_crc32c)
@@ -197,7 +197,7 @@ void ThreadCrew::look_at_slab_ends(const MeasureBlock& job, const algo::Cloud& c
 }
 
 std::optional<std::uint32_t> ThreadCrew::points_crc32c(const AcquiredScan& scan) {
-  const Result<hal::ScanChecksum> read = hal::read_scan_checksum(scan.path.c_str(), scan_unit_);
+  const Result<hal::ScanChecksum> read = hal::read_scan_checksum(scan.path.c_str(), scan_form_.unit);
   if (read.ok() && read.value().shape.points == scan.shape.points && read.value().shape.finite == scan.shape.finite)
     return read.value().crc32c;
   // The scan is measured all the same; without a checksum it is only less well proven.
@@ -210,9 +210,9 @@ std::optional<std::uint32_t> ThreadCrew::points_crc32c(const AcquiredScan& scan)
 
 }  // namespace
 
-std::unique_ptr<Crew> make_crew(std::span<const Recipe> recipes, hal::LengthUnit scan_unit, const hal::Clock& clock,
-                                int measure_threads, bool simulation) {
-  return std::make_unique<ThreadCrew>(recipes, scan_unit, clock, measure_threads, simulation);
+std::unique_ptr<Crew> make_crew(std::span<const Recipe> recipes, const hal::ScanForm& scan_form,
+                                const hal::Clock& clock, int measure_threads, bool simulation) {
+  return std::make_unique<ThreadCrew>(recipes, scan_form, clock, measure_threads, simulation);
 }
 
 }  // namespace slabd::daemon

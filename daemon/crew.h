@@ -93,7 +93,7 @@ class Crew {
 
 /// Threads, and all memory of the inspection path, resident from the start. `recipes` and `clock` must outlive it.
 /// `simulation`: the line is emulated, and an exposure that comes again is reported, not refused.
-[[nodiscard]] std::unique_ptr<Crew> make_crew(std::span<const Recipe> recipes, hal::LengthUnit scan_unit,
+[[nodiscard]] std::unique_ptr<Crew> make_crew(std::span<const Recipe> recipes, const hal::ScanForm& scan_form,
                                               const hal::Clock& clock, int measure_threads, bool simulation = false);
 
 /// One line to the service manager's journal, or to a terminal.

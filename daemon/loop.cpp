@@ -75,9 +75,9 @@ Code fault_without_store(const Error& why) {
   return why.code == Code::store_full ? Code::store_full : Code::journal_write;
 }
 
-Loop::Loop(const Ports& ports, const StationSettings& settings, hal::LengthUnit scan_unit, int measure_threads,
+Loop::Loop(const Ports& ports, const StationSettings& settings, const hal::ScanForm& scan_form, int measure_threads,
            LoopFigures figures)
-    : Loop(ports, settings, make_crew(settings.recipes, scan_unit, ports.clock, measure_threads, settings.simulation),
+    : Loop(ports, settings, make_crew(settings.recipes, scan_form, ports.clock, measure_threads, settings.simulation),
            std::move(figures)) {}
 
 Loop::Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<Crew> crew, LoopFigures figures)

@@ -104,9 +104,9 @@ class Loop {
   /// Each try reads the whole database; a damaged one does not become better by it.
   static constexpr std::int64_t kStorePatienceMax_ns = 300 * kNsPerS;
 
-  /// With the crew of a running daemon. `scan_unit`: of the scan files, which lie in the spool as the scanner wrote
+  /// With the crew of a running daemon. `scan_form`: of the scan files, which lie in the spool as the scanner wrote
   /// them. `measure_threads`: 1 or 2.
-  Loop(const Ports& ports, const StationSettings& settings, hal::LengthUnit scan_unit, int measure_threads,
+  Loop(const Ports& ports, const StationSettings& settings, const hal::ScanForm& scan_form, int measure_threads,
        LoopFigures figures);
   Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<Crew> crew, LoopFigures figures);
   ~Loop();

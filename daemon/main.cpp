@@ -346,7 +346,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
                       *notify,
                       &fault_reset_held,
                       recipe_watch ? &*recipe_watch : nullptr};
-    Loop loop(ports, now, config.scanner.unit, config.measure_threads, figures);
+    Loop loop(ports, now, config.scanner.form, config.measure_threads, figures);
     say_text("info: %s: %s, inspection memory %.0f MB%s\n", now.software.c_str(), plc_place(config.plc).c_str(),
              static_cast<double>(limits::kInspectionBytes) / 1e6, now.fault == Code::ok ? "" : "; in FAULT, see above");
     // Not before the database has been read: until then it may have to be opened anew, on a new thread and beside a new

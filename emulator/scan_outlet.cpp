@@ -188,7 +188,7 @@ Result<std::unique_ptr<ScanOutlet>> open_outlet(const daemon::Config& config, ha
   Result<DropAnswers> drop = DropAnswers::open(config.scanner.drop_dir.c_str());
   if (!drop) return drop.error();
   return std::unique_ptr<ScanOutlet>(
-      std::make_unique<DropOutlet>(std::move(drop.value()), config.scanner.unit, format));
+      std::make_unique<DropOutlet>(std::move(drop.value()), config.scanner.form.unit, format));
 }
 
 }  // namespace slabd::simulate

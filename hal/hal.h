@@ -271,6 +271,17 @@ struct TableColumns {
 };
 /// "PosX,PosY,PosZ" or "2,3,4". config: not three of them.
 [[nodiscard]] Result<TableColumns> parse_table_columns(std::string_view text);
+/// How scan files are written, as far as they do not say it themselves: the unit of their coordinates, and the columns
+/// of their tables.
+struct ScanForm {
+  LengthUnit unit = LengthUnit::mm;
+  TableColumns columns;
+  ScanForm() = default;
+  /// Implicit, because a unit alone is the usual form.
+  // NOLINTNEXTLINE(google-explicit-constructor)
+  ScanForm(LengthUnit length_unit, const TableColumns& table_columns = {})
+      : unit(length_unit), columns(table_columns) {}
+};
 /// Columns of a table that does not name them: x, y, z and a dozen values of each point. More of them are heights.
 inline constexpr std::size_t kTableColumnsMax = 24;
 
@@ -283,22 +294,19 @@ inline constexpr std::size_t kTableColumnsMax = 24;
 ///   .xyz .asc .txt .csv   lines of numbers between blanks, tabs, commas or semicolons, `#` and `//` comments, perhaps
 ///                         the number of points in a first line, column names in a first line or in a comment above
 ///                         the points; missing values are missing points. x, y, z are the columns of these names, else
-///                         of `columns`, else, without names, the first three of at most kTableColumnsMax
+///                         of `form.columns`, else, without names, the first three of at most kTableColumnsMax
 /// Lines end with LF, CR LF or CR; UTF-8's byte-order mark is stepped over, UTF-16 refused.
-/// The unit is `unit`; a file whose comments say another one is refused. A point that is not finite in x, y and z
+/// The unit is `form.unit`; a file whose comments say another one is refused. A point that is not finite in x, y and z
 /// becomes NaN in all three. The file must be a regular one (links are not followed) and end where its header says, but
 /// for zeros of up to 64 kB (PCL's writer) or one line end behind binary data.
 /// Counts are compared with the file's size and with `xyz` before a point is read; lines of a table, which announces
 /// nothing, are counted as they come. frame_incomplete: the text names file and byte, or line and column, and what was
 /// expected; too_few_points: no points at all. After an error `xyz` holds nothing of use. No heap; 320 kB of stack.
-[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz,
-                                          const TableColumns& columns = {});
+[[nodiscard]] Result<ScanShape> read_scan(const char* path, const ScanForm& form, std::span<float> xyz);
 /// The same; a team of two reads points that are records (binary, without lists) at once.
-[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz, Team& team,
-                                          const TableColumns& columns = {});
+[[nodiscard]] Result<ScanShape> read_scan(const char* path, const ScanForm& form, std::span<float> xyz, Team& team);
 /// The same with every digit of the file, for clouds that are analysed and not inspected.
-[[nodiscard]] Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz,
-                                          const TableColumns& columns = {});
+[[nodiscard]] Result<ScanShape> read_scan(const char* path, const ScanForm& form, std::span<double> xyz);
 
 /// CRC-32C (hal/system/crc32c.h) of points (x, y, z in mm) as they were read, in the order of the file, missing ones
 /// included: each number as the four bytes of its float32, little-endian; of a missing point three times 00 00 C0 7F,
@@ -402,7 +410,7 @@ struct ScanDropSettings {
   /// Who uses the folder alone; empty: it is not locked (tests).
   LockOwner owner;
   bool any_name = false;
-  LengthUnit unit = LengthUnit::mm;
+  ScanForm form;
   bool make_drop_dir = false;  ///< at the first look, in a folder that is there
   int read_threads = 1;        ///< 2: a helper reads binary scans with the port's own thread
   /// any_name: a scanner that was asked answers within this time, or its request's timeout if that is longer, or not at

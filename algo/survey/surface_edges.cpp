@@ -54,6 +54,7 @@ class Median {
 
 constexpr double kRaised_mm = 0.5;     ///< of an outer edge: flash, and no more than that
 constexpr double kFillet_mm = 3.0;     ///< of an inner edge, either way
+constexpr double kFootLow_mm = 0.5;    ///< of a jaw's foot, which a fillet only fills: lower is a groove
 constexpr double kSeenUsually = 0.6;   ///< share of a strip's cells that must be seen before a gap in it is one
 constexpr std::uint32_t kLikeMin = 8;  ///< cells of a strip
 
@@ -323,13 +324,16 @@ void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field)
   for (std::size_t row = 0; row < kRows; ++row) {
     median.clear();
     std::uint32_t cells = 0;
+    bool has_upper_edge = false;
     for (std::size_t i = row * kColumns; i < (row + 1) * kColumns; ++i) {
       if (!is_judged(table[i]) || end_of(table[i]) != kFar || (table[i] & (kFoot | kUpperEdge)) == 0) continue;
       ++cells;
+      has_upper_edge = has_upper_edge || (table[i] & kUpperEdge) != 0;
       if (field.seen(i)) median.add(field.off[i]);
     }
+    const double lowest_mm = has_upper_edge ? -kFillet_mm : -kFootLow_mm;
     if (median.count() >= kLikeMin && static_cast<double>(median.count()) >= kSeenUsually * static_cast<double>(cells))
-      rows[row] = {true, std::clamp(median.value(), -kFillet_mm, kFillet_mm)};
+      rows[row] = {true, std::clamp(median.value(), lowest_mm, kFillet_mm)};
   }
 
   const auto high_x = [](std::size_t i) { return std::size_t{i % kColumns >= kColumns / 2}; };

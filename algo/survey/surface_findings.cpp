@@ -397,14 +397,15 @@ bool seat_is_suspicious(const Search& search, const BlockModel& model, const Dev
   const double x_limit = -seat.u_low;
   const double v_high = seat.v_low + static_cast<double>(seat.rows) * kCell_mm;
   const double half = 0.5 * map.cell_mm;
-  /// Is all of the cell looked at?
+  /// True if any part of the cell is looked at. A cell of the map that reaches into the rim may be low by its chamfer:
+  /// that costs the second look and finds nothing.
   const auto asked = [&](std::size_t column, std::size_t row) {
     const double x = map.x_mm(column);
     const double y = map.y_mm(row);
     const double v = seat.v_axis.dot(Vec3(x, y, nominal.z_at(x, y))) - seat.v_origin;
     const double beside = std::abs(v) - search.casing_s;
     const double clear = search.casing_clear + 1.5 * half;
-    return std::abs(x) + half <= x_limit && v - half >= seat.v_low && v + half <= v_high &&
+    return std::abs(x) - half < x_limit && v + half > seat.v_low && v - half < v_high &&
            x * x + beside * beside > clear * clear;
   };
   double points = 0.0;

@@ -46,7 +46,7 @@ int run_artefact(const Options& options) {
   Json json("slabd.artefacts/1");
   json.field("certificate", certificate.id).field("certificate_date", certificate.date).key("views").begin_array();
   std::size_t accepted = 0;
-  each_scan(options.scans, options.ball.unit, [&](const std::string& path, std::span<const float> xyz) {
+  each_scan(options.scans, options.ball.form.form(), [&](const std::string& path, std::span<const float> xyz) {
     const Result<calib::ArtefactReport> report = calib::find_artefact(xyz, certificate, settings);
     if (!report) return Status(report.error());
     reports.push_back(report.value());

@@ -137,7 +137,7 @@ int run_ball(const Options& options) {
   Json json("slabd.balls/1");
   json.field("radius_mm", options.radius_mm).field("count", options.count).key("views").begin_array();
   std::size_t accepted = 0;
-  each_scan(options.scans, options.ball.unit, [&](const std::string& path, std::span<const float> xyz) {
+  each_scan(options.scans, options.ball.form.form(), [&](const std::string& path, std::span<const float> xyz) {
     const Result<calib::BallView> view = calib::find_balls(xyz, settings);
     if (!view) return Status(view.error());
     views.push_back(view.value());
@@ -187,9 +187,7 @@ void BallOptions::add_to(args::Command& command) {
       ->check(within(0.0, 20.0))
       ->capture_default_str();
   command.add_flag("--parallel", parallel, "The scan's rays are parallel to Z instead of through the origin");
-  command.add_option("--unit", unit, "Unit of the scans: mm, m or um")
-      ->check(args::one_of({"mm", "m", "um"}))
-      ->capture_default_str();
+  form.add_to(command);
 }
 
 calib::BallSettings BallOptions::settings() const {
@@ -200,9 +198,9 @@ calib::BallSettings BallOptions::settings() const {
   return s;
 }
 
-Result<std::vector<float>> scan_points(const std::string& path, const std::string& unit) {
+Result<std::vector<float>> scan_points(const std::string& path, const hal::ScanForm& form) {
   std::vector<float> xyz(3 * limits::kScanPointsMax);
-  const Result<ScanShape> shape = hal::read_scan(path.c_str(), *length_unit(unit), std::span<float>(xyz));
+  const Result<ScanShape> shape = hal::read_scan(path.c_str(), form, std::span<float>(xyz));
   if (!shape) return shape.error();
   xyz.resize(3 * shape.value().points);
   return xyz;
@@ -215,12 +213,12 @@ calib::BallReport as_shot(const calib::BallView& view) {
   return report;
 }
 
-void each_scan(const std::vector<std::string>& paths, const std::string& unit,
+void each_scan(const std::vector<std::string>& paths, const hal::ScanForm& form,
                const std::function<Status(const std::string&, std::span<const float>)>& use) {
   ProgressCount progress(stderr, paths.size());
   for (const std::string& path : paths) {
     progress.next(path);
-    const std::vector<float> xyz = need(scan_points(path, unit), kBadInput);
+    const std::vector<float> xyz = need(scan_points(path, form), kBadInput);
     if (const Status used = use(path, xyz); !used) stop(kUsage, fmt::format("{}: {}", path, used.error().text.view()));
   }
 }

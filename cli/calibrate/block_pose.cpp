@@ -32,7 +32,7 @@ struct Options {
   std::string start;
   std::string config;
   std::string target;
-  std::string unit = "mm";
+  ScanFormOptions form;
   bool json = false;
 };
 
@@ -57,8 +57,8 @@ class BlockFinder {
   }
 
   /// `T_block_scanner`: where to look.
-  Result<RegistrationReport> find(const std::string& path, hal::LengthUnit unit, const Pose& T_block_scanner) {
-    const Result<ScanShape> read = hal::read_scan(path.c_str(), unit, xyz_, inspector_.team());
+  Result<RegistrationReport> find(const std::string& path, const hal::ScanForm& form, const Pose& T_block_scanner) {
+    const Result<ScanShape> read = hal::read_scan(path.c_str(), form, xyz_, inspector_.team());
     if (!read.ok()) return read.error();
     const ScanShape& shape = read.value();
     const algo::Cloud cloud{xyz_, shape.points, shape.width, shape.height};
@@ -107,7 +107,7 @@ int run_block(const Options& options) {
   for (std::size_t i = 0; i < options.scans.size(); ++i) {
     const Pose& T_base_flange = flange.poses[i];
     const RegistrationReport r =
-        need(finder.find(options.scans[i], *length_unit(options.unit), T_base_block.inverse() * T_base_flange * X));
+        need(finder.find(options.scans[i], options.form.form(), T_base_block.inverse() * T_base_flange * X));
     const bool ok = r.status == RegistrationStatus::converged && r.T_scanner_block.all_finite();
     json.begin_object().field("file", options.scans[i]).field("status", ok ? "ok" : "refused").field("note", r.note);
     json.field("share_associated", r.share_associated);
@@ -169,9 +169,7 @@ void add_calibrate_block(args::Command& group) {
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   command->add_option("--target", options->target,
                       "Write the poses as a target table for `calibrate solve --kind pose`; all must be accepted");
-  command->add_option("--unit", options->unit, "Unit of the scans: mm, m or um")
-      ->check(args::one_of({"mm", "m", "um"}))
-      ->capture_default_str();
+  options->form.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.block_poses/1 on stdout");
   command->runs([options] { return run_block(*options); });
 }

@@ -78,7 +78,7 @@ BlockResult measure_scan(const CheckOptions& options, const daemon::Config& conf
   const ProgressNote note(stderr, "measuring ...", std::chrono::seconds(1));
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
-  const ScanShape shape = need(hal::read_scan(options.scan.c_str(), *length_unit(options.look.unit), xyz));
+  const ScanShape shape = need(hal::read_scan(options.scan.c_str(), options.look.form.form(), xyz));
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
   algo::BlockInspector inspector(daemon::default_measure_threads());
   inspector.use(recipe);

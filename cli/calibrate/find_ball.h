@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "calib/calib.h"
+#include "cli/terminal/parse.h"
 #include "report/json.h"
 
 namespace slabd::args {
@@ -28,12 +29,13 @@ namespace slabd::cli {
 void write_ball_view(Json& json, const calib::BallView& view);
 void write_artefact(Json& json, const calib::ArtefactReport& report);
 
-/// Options that everything that looks for balls shares: --scanner-noise-mm, --noise-correlation-mm, --parallel, --unit.
+/// Options that everything that looks for balls shares: --scanner-noise-mm, --noise-correlation-mm, --parallel,
+/// --unit, --columns.
 struct BallOptions {
   double noise_mm = 0.05;
   double noise_correlation_mm = 0.0;
   bool parallel = false;
-  std::string unit = "mm";
+  ScanFormOptions form;
   void add_to(args::Command& command);
   /// Radius and count are the caller's.
   [[nodiscard]] calib::BallSettings settings() const;
@@ -44,10 +46,10 @@ struct BallOptions {
 
 /// Reads the scans one after the other and hands them on. Stops at a scan that cannot be read (bad input), or at
 /// settings that cannot be used (usage).
-void each_scan(const std::vector<std::string>& paths, const std::string& unit,
+void each_scan(const std::vector<std::string>& paths, const hal::ScanForm& form,
                const std::function<Status(const std::string&, std::span<const float>)>& use);
 
 /// A scan's points (3 floats each, mm). The Error's text names the file.
-[[nodiscard]] Result<std::vector<float>> scan_points(const std::string& path, const std::string& unit);
+[[nodiscard]] Result<std::vector<float>> scan_points(const std::string& path, const hal::ScanForm& form);
 
 }  // namespace slabd::cli

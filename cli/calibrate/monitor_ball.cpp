@@ -19,12 +19,12 @@ namespace slabd::cli {
 namespace {
 
 /// The ball in a scan. nullopt if it was found; else why not.
-std::optional<Stop> find_in(const BallLook& look, const std::string& scan, hal::LengthUnit unit, const Pose& X,
+std::optional<Stop> find_in(const BallLook& look, const std::string& scan, const hal::ScanForm& form, const Pose& X,
                             SeenBall& seen) {
   const auto because = [](const Error& why) { return Stop{exit_for(why.code), std::string(why.text.view())}; };
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
-  const Result<ScanShape> shape = hal::read_scan(scan.c_str(), unit, xyz);
+  const Result<ScanShape> shape = hal::read_scan(scan.c_str(), form, xyz);
   if (!shape.ok()) return because(shape.error());
   calib::BallSettings settings;
   settings.radius_mm = look.radius_mm;
@@ -58,7 +58,7 @@ SeenBall take_live(const daemon::Config& config, const BallLook& look, const Pos
     for (const std::string& warning : shot.value().warnings) complain(fmt::format("warning: {}", warning));
     seen.T_base_flange = shot.value().T_base_flange;
     seen.source = fmt::format("live view of {}", shot.value().scan_utime_us);
-    unseen = find_in(look, shot.value().scan_path, config.scanner.unit, X, seen);
+    unseen = find_in(look, shot.value().scan_path, config.scanner.form, X, seen);
   } else {
     unseen = Stop{live_capture_exit(shot.error().code), std::string(shot.error().text.view())};
   }
@@ -82,9 +82,7 @@ void BallLook::add_to(args::Command& command) {
   command.add_option("--noise", noise_mm, "Expected standard deviation of the scanner's points, mm")
       ->check(within(0.001, 1.0))
       ->capture_default_str();
-  command.add_option("--unit", unit, "Unit of the scan: mm, m or um")
-      ->check(args::one_of({"mm", "m", "um"}))
-      ->capture_default_str();
+  form.add_to(command);
 }
 
 SeenBall look_at_ball(const daemon::Config& config, const BallLook& look, const Pose& T_flange_scanner) {
@@ -100,7 +98,7 @@ SeenBall look_at_ball(const daemon::Config& config, const BallLook& look, const 
   SeenBall seen;
   seen.T_base_flange = pose.value();
   seen.source = look.scan;
-  if (const auto unseen = find_in(look, look.scan, *length_unit(look.unit), T_flange_scanner, seen)) throw *unseen;
+  if (const auto unseen = find_in(look, look.scan, look.form.form(), T_flange_scanner, seen)) throw *unseen;
   return seen;
 }
 

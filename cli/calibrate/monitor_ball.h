@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "base/base.h"
+#include "cli/terminal/parse.h"
 #include "config/config.h"
 
 namespace slabd::args {
@@ -23,9 +24,9 @@ struct BallLook {
   std::string who;     ///< live: holds the line meanwhile; empty: the login
   double radius_mm = kNoValue;
   double noise_mm = 0.05;
-  std::string unit = "mm";
+  ScanFormOptions form;
 
-  /// --flange, --live, --radius, --noise, --unit.
+  /// --flange, --live, --radius, --noise, --unit, --columns.
   void add_to(args::Command& command);
 };
 

@@ -95,7 +95,8 @@ int begin(const Options& options) {
   settings.scanner_noise_mm = options.ball.noise_mm;
   settings.noise_correlation_mm = options.ball.noise_correlation_mm;
   settings.parallel = options.ball.parallel;
-  settings.unit = options.ball.unit;
+  settings.unit = options.ball.form.unit;
+  settings.columns = options.ball.form.columns;
   settings.goal = options.goal;
   settings.held_out = options.held_out;
   settings.flange_form = form_words(options.flange_form);

@@ -209,6 +209,7 @@ Result<calib::CapturedView> collect(Session& session, const ViewRequest& request
   view.flange = request.flange;
   view.live = request.live;
   std::vector<std::vector<float>> scans;
+  const hal::ScanForm form = ScanFormOptions{session.settings().unit, session.settings().columns}.form();
   for (std::size_t i = 0; i < request.scans.size(); ++i) {
     const std::string extension = fs::path(request.scans[i]).extension().string();
     calib::KeptShot shot;
@@ -224,7 +225,7 @@ Result<calib::CapturedView> collect(Session& session, const ViewRequest& request
     shot.bytes = digest.value().bytes;
     shot.sha256 = digest.value().sha256;
     view.shots.push_back(shot);
-    Result<std::vector<float>> xyz = scan_points(copy, session.settings().unit);
+    Result<std::vector<float>> xyz = scan_points(copy, form);
     if (!xyz.ok()) {  // its text names the copy, which is about to go
       const std::string_view why = xyz.error().text.view();
       const std::size_t after = why.starts_with(copy) ? copy.size() : 0;

@@ -83,7 +83,7 @@ class ScanReader {
   /// The sentence says why there is none.
   Status read(const storage::SlabBlock& block, const CloudSettings& settings) {
     const std::string path = scan_at(block, settings.scans_dir);
-    const Result<ScanShape> shape = hal::read_scan(path.c_str(), settings.unit, xyz_);
+    const Result<ScanShape> shape = hal::read_scan(path.c_str(), settings.form, xyz_);
     if (!shape) return shape.error();
     cloud_ = {xyz_, shape.value().points, shape.value().width, shape.value().height};
     inspector_.begin(block.attempt.station, Pose::identity(), Pose::identity());

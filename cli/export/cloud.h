@@ -11,7 +11,7 @@
 namespace slabd::cli {
 
 struct CloudSettings {
-  hal::LengthUnit unit = hal::LengthUnit::mm;
+  hal::ScanForm form;
   std::string scans_dir;  ///< a copy of the spool, for scans that were moved away
   double voxel_mm = 0.0;  ///< one mean point for each cube of this size; 0: every point
 };

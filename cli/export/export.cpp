@@ -158,7 +158,7 @@ struct CloudOptions {
   std::string slab;
   std::string out;
   std::string recipes_dir;
-  std::string unit;
+  ScanFormOptions form{.unit = "", .columns = ""};
   int block = 0;
   CloudSettings cloud;
 };
@@ -174,9 +174,9 @@ int export_cloud(CloudOptions options) {
   daemon::Config config;
   if (options.database.db.empty()) {
     config = config_from(options.database.config);
-    options.cloud.unit = config.scanner.unit;
+    options.cloud.form = config.scanner.form;
   }
-  if (!options.unit.empty()) options.cloud.unit = *length_unit(options.unit);
+  options.cloud.form = options.form.form(options.cloud.form);
   const auto reader = open_database(options.database);
   const storage::SlabRecord record = named_slab(*reader, options.slab);
   const SlabHeader& slab = record.summary.header;
@@ -234,8 +234,7 @@ void add_cloud(args::Command& parent) {
   options->database.add_to(*command);
   command->add_option("--recipes", options->recipes_dir, "Folder with the recipes; default: the configuration's");
   command->add_option("--scans", options->cloud.scans_dir, "A copy of the spool, for scans that were moved away");
-  command->add_option("--unit", options->unit, "Unit of the scans: mm, m or um; default: the configuration's, or mm")
-      ->check(args::one_of({"mm", "m", "um"}));
+  options->form.add_to(*command);
   command->runs([options] { return export_cloud(*options); });
 }
 

@@ -46,12 +46,12 @@ std::string signs_of_change(const Remeasured& again, const storage::SlabBlock& s
 
 }  // namespace
 
-Remeasurer::Remeasurer(int threads, hal::LengthUnit unit, std::string scans_dir)
+Remeasurer::Remeasurer(int threads, const hal::ScanForm& form, std::string scans_dir)
     : clock_(hal::make_system_clock()),
       memory_(limits::kScanSlotBytes),
       xyz_(memory_.take<float>(limits::kScanPointsMax * 3)),
       inspector_(threads),
-      unit_(unit),
+      form_(form),
       scans_dir_(std::move(scans_dir)) {}
 
 void Remeasurer::use(const Recipe& recipe) {
@@ -72,7 +72,7 @@ void Remeasurer::measure(const SlabHeader& slab, const ScannerNumbers& verified,
     out.note = pruned ? "the scans of this slab are gone, pruned or moved away" : "its scan is not there";
     return;
   }
-  const Result<ScanShape> shape = hal::read_scan(out.path.c_str(), unit_, xyz_, inspector_.team());
+  const Result<ScanShape> shape = hal::read_scan(out.path.c_str(), form_, xyz_, inspector_.team());
   if (!shape) {
     out.scan = Remeasured::Scan::unreadable;
     out.note = std::string(shape.error().text.view());

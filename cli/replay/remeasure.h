@@ -37,7 +37,7 @@ class Remeasurer {
  public:
   /// `scans_dir`: a copy of the spool to look in when a scan does not lie where it was stored; empty: none. Takes the
   /// memory of one scan and of the measuring workspace.
-  Remeasurer(int threads, hal::LengthUnit unit, std::string scans_dir);
+  Remeasurer(int threads, const hal::ScanForm& form, std::string scans_dir);
 
   /// Builds the recipe's model, unless it is the one in use. `recipe` must outlive its use.
   void use(const Recipe& recipe);
@@ -54,7 +54,7 @@ class Remeasurer {
   std::span<float> xyz_;
   algo::BlockInspector inspector_;
   const Recipe* recipe_ = nullptr;
-  hal::LengthUnit unit_;
+  hal::ScanForm form_;
   std::string scans_dir_;
 };
 

@@ -32,7 +32,7 @@ struct ReplayOptions {
   std::string recipe;
   std::string recipes_dir;
   std::string scans_dir;
-  std::string unit;
+  ScanFormOptions form{.unit = "", .columns = ""};
   int threads = daemon::default_measure_threads();
   bool json = false;
 };
@@ -101,19 +101,19 @@ std::string slab_text(const SlabReplay& slab) {
 struct ReplaySources {
   std::unique_ptr<storage::Reader> reader;
   std::string recipes_dir;
-  hal::LengthUnit unit = hal::LengthUnit::mm;
+  hal::ScanForm form;
 };
 
-/// The configuration says where recipes lie and in which unit scans are, unless the command line does.
+/// The configuration says where recipes lie and how scans are written, unless the command line does.
 ReplaySources open_sources(const ReplayOptions& options) {
   ReplaySources sources;
   daemon::Config config;
   if (options.database.db.empty()) {
     config = config_from(options.database.config);
-    sources.unit = config.scanner.unit;
+    sources.form = config.scanner.form;
   }
   sources.recipes_dir = options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir;
-  if (!options.unit.empty()) sources.unit = *length_unit(options.unit);
+  sources.form = options.form.form(sources.form);
   sources.reader = open_database(options.database);
   return sources;
 }
@@ -131,7 +131,7 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
   std::vector<daemon::Problem> problems;
   RecipeShelf shelf(recipes_in(sources.recipes_dir, problems));
   static_cast<void>(report_problems(problems));
-  Remeasurer remeasurer(options.threads, sources.unit, options.scans_dir);
+  Remeasurer remeasurer(options.threads, sources.form, options.scans_dir);
   std::array<int, 3> count{};
   int with_scans = 0;  // of those not verified
   Json json("slabd.replay/1");
@@ -206,7 +206,7 @@ std::string decide_anew(storage::Reader& reader, const storage::SlabRecord& reco
 int decide(const ReplayOptions& options, ReplaySources& sources, const std::vector<std::int64_t>& keys) {
   const Recipe recipe = recipe_named(sources.reader.get(), options.recipe);
   warn_unconfirmed(recipe);
-  Remeasurer remeasurer(options.threads, sources.unit, options.scans_dir);
+  Remeasurer remeasurer(options.threads, sources.form, options.scans_dir);
   remeasurer.use(recipe);
   WhatIf what_if;
   for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
@@ -264,8 +264,7 @@ void add_replay(args::Command& app) {
   command->add_option("--recipes", options->recipes_dir,
                       "Folder with the recipes, also former ones; default: the configuration's");
   command->add_option("--scans", options->scans_dir, "A copy of the spool, for scans that were moved away");
-  command->add_option("--unit", options->unit, "Unit of the scans: mm, m or um; default: the configuration's, or mm")
-      ->check(args::one_of({"mm", "m", "um"}));
+  options->form.add_to(*command);
   command->add_option("--threads", options->threads, "Threads that measure; the results are the same")
       ->check(args::range(1, 2))
       ->capture_default_str();

@@ -23,8 +23,7 @@ using Clock = std::chrono::steady_clock;
 struct Options {
   std::vector<std::string> files;
   std::string to = "127.0.0.1:1504";
-  std::size_t unit = 0;
-  std::string columns;
+  ScanFormOptions form;
   double wait_s = 60.0;
   std::size_t cut_after = 0;
 };
@@ -39,10 +38,10 @@ struct Scan {
   ScanShape shape;
 };
 
-Scan read(const std::string& path, hal::LengthUnit unit, const hal::TableColumns& columns) {
+Scan read(const std::string& path, const hal::ScanForm& form) {
   Scan scan;
   scan.xyz.resize(3 * limits::kScanPointsMax);
-  scan.shape = need(hal::read_scan(path.c_str(), unit, std::span<float>(scan.xyz), columns), kBadInput);
+  scan.shape = need(hal::read_scan(path.c_str(), form, std::span<float>(scan.xyz)), kBadInput);
   scan.xyz.resize(3 * scan.shape.points);
   return scan;
 }
@@ -104,7 +103,7 @@ int send(const Options& options) {
   std::signal(SIGTERM, on_signal);
   StreamGateway gateway(host, port);
   for (const std::string& file : options.files) {
-    const Scan scan = read(file, static_cast<hal::LengthUnit>(options.unit), columns_of(options.columns));
+    const Scan scan = read(file, options.form.form());
     const auto until = Clock::now() + std::chrono::milliseconds(static_cast<std::int64_t>(1e3 * options.wait_s));
     deliver(gateway, scan, file, options, until);
   }
@@ -124,9 +123,7 @@ void add_scanner_send(args::Command& scanner) {
       "Example: slabctl scanner send block.ply --to 127.0.0.1:1504");
   command->add_option("FILES", options->files, "Scans: .ply, .pcd, .xyz")->required();
   command->add_option("--to", options->to, "Where slabd listens: [scanner] listen")->capture_default_str();
-  command->add_option("--unit", options->unit, "Of the files: 0 mm, 1 m, 2 um; or mm, m, um")
-      ->words({{"mm", 0}, {"m", 1}, {"um", 2}});
-  add_columns(*command, options->columns);
+  options->form.add_to(*command);
   command->add_option("--wait-s", options->wait_s, "For each request")->check(within(0.1, 1e6))->capture_default_str();
   command->add_option("--cut-after", options->cut_after,
                       "Cut the first connection after so many points and connect again, to try just that");

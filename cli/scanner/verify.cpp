@@ -26,8 +26,7 @@ namespace {
 struct Options {
   std::vector<std::string> plates;
   std::vector<std::string> balls;
-  std::size_t unit = 0;
-  std::string columns;
+  ScanFormOptions form;
   AcceptanceSettings settings;
   Verification verification;  ///< scanner, diameter and limits come from the command line
   std::string out;
@@ -38,14 +37,14 @@ struct Options {
 
 /// Reads each file and judges it.
 void each(
-    const std::vector<std::string>& files, hal::LengthUnit unit, const hal::TableColumns& columns,
+    const std::vector<std::string>& files, const hal::ScanForm& form,
     const std::function<std::optional<Error>(const std::string&, std::span<const float>, const ScanShape&)>& judge,
     std::map<std::uint32_t, std::string>& seen) {
   std::vector<float> xyz(3 * limits::kScanPointsMax);
   ProgressCount progress(stderr, files.size());
   for (const std::string& file : files) {
     progress.next(file);
-    const ScanShape shape = need(hal::read_scan(file.c_str(), unit, std::span<float>(xyz), columns), kBadInput);
+    const ScanShape shape = need(hal::read_scan(file.c_str(), form, std::span<float>(xyz)), kBadInput);
     const std::span<const float> points = std::span(xyz).first(3 * shape.points);
     // One scan given ten times would make ten places of one.
     if (const auto [first, is_new] = seen.try_emplace(hal::points_crc32c(points), file); !is_new)
@@ -57,7 +56,6 @@ void each(
 }
 
 void look(const Options& options, Verification& v) {
-  const auto unit = static_cast<hal::LengthUnit>(options.unit);
   const auto plate = [&](const std::string& file, std::span<const float> xyz,
                          const ScanShape& shape) -> std::optional<Error> {
     const Result<PlateFigures> figures = judge_plate(xyz, shape, options.settings);
@@ -72,9 +70,9 @@ void look(const Options& options, Verification& v) {
     return std::nullopt;
   };
   std::map<std::uint32_t, std::string> seen;  // files by the checksum of their points
-  const hal::TableColumns columns = columns_of(options.columns);
-  each(options.plates, unit, columns, plate, seen);
-  each(options.balls, unit, columns, ball, seen);
+  const hal::ScanForm form = options.form.form();
+  each(options.plates, form, plate, seen);
+  each(options.balls, form, ball, seen);
 }
 
 std::string figure(double value, const char* format = "{:.4f}") {
@@ -216,8 +214,7 @@ void add_scanner_verify(args::Command& scanner) {
   command->add_option("--plate", options->plates, "Scans of a flat plate, one place each");
   command->add_option("--ball", options->balls, "Scans of one ball, one place each");
   command->add_option("--diameter-mm", v.diameter_mm, "Certified, of the ball as coated")->check(within(2.0, 400.0));
-  command->add_option("--unit", options->unit, "Of the files: mm, m, um")->words({{"mm", 0}, {"m", 1}, {"um", 2}});
-  add_columns(*command, options->columns);
+  options->form.add_to(*command);
   command->add_option("--gate-mm", options->settings.gate_mm, "Further from plate or ball than this is something else")
       ->check(within(0.05, 20.0))
       ->capture_default_str();

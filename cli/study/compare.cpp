@@ -262,7 +262,7 @@ Status from_scans(const CompareOptions& options, const Recipe& recipe, Side& sid
   const auto table = CsvTable::read(options.scans);
   if (!table.ok()) return table.error();
   if (const Status good = table.value().expect({"id", "block", "scan"}, {}); !good.ok()) return good;
-  ScanMeter meter(recipe, *length_unit(options.scan.unit), options.scan.threads);
+  ScanMeter meter(recipe, options.scan.form.form(), options.scan.threads);
   for (std::size_t row = 0; row < table.value().rows(); ++row) {
     const Result<int> block = table.value().block(row);
     if (!block.ok()) return block.error();

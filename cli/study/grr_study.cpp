@@ -375,7 +375,7 @@ int run_grr(const GrrOptions& options) {
   if (plan.has("scan")) {
     const Recipe recipe = options.scan.load();
     warn_unconfirmed(recipe);
-    meter.emplace(recipe, *length_unit(options.scan.unit), options.scan.threads);
+    meter.emplace(recipe, options.scan.form.form(), options.scan.threads);
   } else if (plan.has("slab")) {
     reader = open_database(options.database);
   }

@@ -265,7 +265,7 @@ Runs from_scans(const RepeatOptions& options, SamePart& part) {
   const auto files = need(scan_files(options.scans));
   warn_unconfirmed(recipe);
   std::vector<Take> takes;
-  ScanMeter meter(recipe, *length_unit(options.scan.unit), options.scan.threads);
+  ScanMeter meter(recipe, options.scan.form.form(), options.scan.threads);
   for (const std::string& file : files) {
     const ProgressNote note(stderr, fmt::format("measuring {} ...", file), std::chrono::seconds(1));
     takes.push_back({file, need(meter.measure(file, options.block))});

@@ -106,17 +106,17 @@ std::string same_scan_twice(std::span<const Take> takes) {
   return {};
 }
 
-ScanMeter::ScanMeter(const Recipe& recipe, hal::LengthUnit unit, int threads)
+ScanMeter::ScanMeter(const Recipe& recipe, const hal::ScanForm& form, int threads)
     : memory_(limits::kScanSlotBytes),
       xyz_(memory_.take<float>(limits::kScanPointsMax * 3)),
-      unit_(unit),
+      form_(form),
       clock_(hal::make_system_clock()),
       inspector_(threads) {
   inspector_.use(recipe);
 }
 
 Result<std::vector<Reading>> ScanMeter::measure(const std::string& path, int block, const Pose& T_block_scanner) {
-  const Result<ScanShape> read = hal::read_scan(path.c_str(), unit_, xyz_, inspector_.team());
+  const Result<ScanShape> read = hal::read_scan(path.c_str(), form_, xyz_, inspector_.team());
   if (!read.ok()) return read.error();
   const ScanShape& shape = shape_ = read.value();
   const algo::Cloud cloud{xyz_, shape.points, shape.width, shape.height};

@@ -70,7 +70,7 @@ struct Take {
 /// Measures scan files as `slabctl inspect` does. 72 MB and the workspace, once.
 class ScanMeter {
  public:
-  ScanMeter(const Recipe& recipe, hal::LengthUnit unit, int threads);
+  ScanMeter(const Recipe& recipe, const hal::ScanForm& form, int threads);
   /// The block's items; one that could not be measured has no value. `T_block_scanner`: where to look. config and the
   /// like: the file cannot be read.
   [[nodiscard]] Result<std::vector<Reading>> measure(const std::string& path, int block,
@@ -81,7 +81,7 @@ class ScanMeter {
  private:
   Pages memory_;
   std::span<float> xyz_;
-  hal::LengthUnit unit_;
+  hal::ScanForm form_;
   ScanShape shape_;
   std::unique_ptr<hal::Clock> clock_;
   algo::BlockInspector inspector_;

@@ -25,9 +25,7 @@ namespace slabd::cli::study {
 
 void ScanOptions::add_to(args::Command& command) {
   command.add_option("--recipe", recipe, "Recipe of the slab type, to measure scans with");
-  command.add_option("--unit", unit, "Unit of the scans: mm, m or um")
-      ->check(args::one_of({"mm", "m", "um"}))
-      ->capture_default_str();
+  form.add_to(command);
   threads = daemon::default_measure_threads();
   command.add_option("--threads", threads, "Threads that measure; the results are the same")
       ->check(args::range(1, 2))
@@ -110,7 +108,7 @@ Result<LiveShot> shoot(LiveCapture& line, const std::string& what) {
 /// nullopt if all were taken; else why not.
 std::optional<Stop> take_all(const LiveOrder& order, const daemon::Config& config, const Pose& X, const Recipe& recipe,
                              LiveCapture& line, std::vector<Take>& takes) {
-  ScanMeter meter(recipe, config.scanner.unit, order.threads);
+  ScanMeter meter(recipe, config.scanner.form, order.threads);
   const Pose T_block_base = (config.T_base_slab * T_slab_block(recipe, order.station)).inverse();
   for (std::size_t i = 1; i <= order.count; ++i) {
     if (order.enter && !robot_is_back(i, order.count)) return Stop{kUsage, "stdin ended before the last scan"};

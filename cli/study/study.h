@@ -9,6 +9,7 @@
 #include "cli/exit.h"
 #include "cli/study/source.h"
 #include "cli/study/statistics.h"
+#include "cli/terminal/parse.h"
 
 namespace slabd::args {
 class Command;
@@ -24,7 +25,7 @@ void add_compare(args::Command& study);
 /// How scans are to be measured.
 struct ScanOptions {
   std::string recipe;
-  std::string unit = "mm";
+  ScanFormOptions form;
   int threads = 1;
   void add_to(args::Command& command);
   /// Stops if there is no recipe or a wrong one.

@@ -181,19 +181,27 @@ args::Check some_words() {
   return args::Check(check);
 }
 
-void add_columns(args::Command& command, std::string& text) {
+void ScanFormOptions::add_to(args::Command& command) {
+  args::Option of_unit =
+      command.add_option("--unit", unit,
+                         unit.empty() ? "Unit of the scans: mm, m or um; default: the configuration's, or mm"
+                                      : "Unit of the scans: mm, m or um; a file that says otherwise is refused");
+  of_unit.check(args::one_of({"mm", "m", "um"}));
+  if (!unit.empty()) of_unit.capture_default_str();
   command
-      .add_option("--columns", text,
-                  "Of a table (.xyz .asc .txt .csv): which columns are x, y and z, by name or by number from 1, as in "
+      .add_option("--columns", columns,
+                  "Of tables (.xyz .asc .txt .csv): which columns are x, y and z, by name or by number from 1, as in "
                   "PosX,PosY,PosZ or 2,3,4")
       ->check([](const std::string& given) {
-        const Result<hal::TableColumns> columns = hal::parse_table_columns(given);
-        return columns.ok() ? std::string() : std::string(columns.error().text.view());
+        const Result<hal::TableColumns> parsed = hal::parse_table_columns(given);
+        return parsed.ok() ? std::string() : std::string(parsed.error().text.view());
       });
 }
 
-hal::TableColumns columns_of(const std::string& text) {
-  return text.empty() ? hal::TableColumns{} : hal::parse_table_columns(text).value();
+hal::ScanForm ScanFormOptions::form(hal::ScanForm otherwise) const {
+  if (!unit.empty()) otherwise.unit = *length_unit(unit);
+  if (!columns.empty()) otherwise.columns = hal::parse_table_columns(columns).value();
+  return otherwise;
 }
 
 }  // namespace slabd::cli

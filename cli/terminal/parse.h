@@ -47,10 +47,15 @@ void read_whole_numbers_decimally(const args::Command& app);
 /// Of an option that asks a person why: something must be said.
 [[nodiscard]] args::Check some_words();
 
-/// Adds the option --columns to a command that reads scan files; `text` must outlive the command.
-void add_columns(args::Command& command, std::string& text);
-
-/// The columns named by the option's checked text.
-[[nodiscard]] hal::TableColumns columns_of(const std::string& text);
+/// How the scan files of a command are written: its options --unit and --columns. An empty text takes the
+/// configuration's.
+struct ScanFormOptions {
+  std::string unit = "mm";
+  std::string columns;
+  /// Adds both options; this object must outlive the command.
+  void add_to(args::Command& command);
+  /// `otherwise` holds what was not given.
+  [[nodiscard]] hal::ScanForm form(hal::ScanForm otherwise = {}) const;
+};
 
 }  // namespace slabd::cli

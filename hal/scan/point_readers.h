@@ -105,7 +105,6 @@ template <typename Real>  // float or double
 /// two separators: a missing point. Refused, because x, y and z are not known or not there: other names, more than
 /// kTableColumnsMax columns without names, a first column that counts the rows, a decimal comma. No heap.
 template <typename Real>  // float or double
-[[nodiscard]] Result<ScanShape> read_text_points(ScanWindow& window, LengthUnit unit, std::span<Real> xyz,
-                                                 const TableColumns& columns = {});
+[[nodiscard]] Result<ScanShape> read_text_points(ScanWindow& window, const ScanForm& form, std::span<Real> xyz);
 
 }  // namespace slabd::hal

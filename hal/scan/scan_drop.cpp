@@ -423,7 +423,7 @@ class ScanDrop final : public ScannerPort {
     bool is_scan = false;
     if (opened) {
       const Fd fd(opened.value());
-      const Result<ScanShape> shape = read_scan_fd(fd.get(), entry.name.c_str(), settings_.unit, xyz, readers_);
+      const Result<ScanShape> shape = read_scan_fd(fd.get(), entry.name.c_str(), settings_.form, xyz, readers_);
       is_scan = shape.ok() && shape.value().finite > 0;
     }
     hang_.enter(HangWatch::kLookNs);
@@ -480,7 +480,7 @@ class ScanDrop final : public ScannerPort {
     const Result<int> opened = open_scan(folders_.inbox_fd(), name, name);
     if (!opened) return true;  // taking it will say why
     const Fd fd(opened.value());
-    return is_untouched(fd.get(), watched.entry) && is_complete_scan(fd.get(), name, settings_.unit);
+    return is_untouched(fd.get(), watched.entry) && is_complete_scan(fd.get(), name, settings_.form.unit);
   }
 
   bool is_quiet(const QuietWatch::Watched& watched) const {
@@ -505,8 +505,8 @@ class ScanDrop final : public ScannerPort {
     const Fd fd(opened.value());
     const off_t hole = lseek(fd.get(), 0, SEEK_HOLE);
     const bool has_hole = hole >= 0 && hole < entry.state.bytes &&
-                          static_cast<std::uint64_t>(hole) < bytes_of_data(fd.get(), name, settings_.unit);
-    return {lacks_bytes(fd.get(), name, settings_.unit), has_hole};
+                          static_cast<std::uint64_t>(hole) < bytes_of_data(fd.get(), name, settings_.form.unit);
+    return {lacks_bytes(fd.get(), name, settings_.form.unit), has_hole};
   }
 
   /// any_name: exactly one entry, a regular file, untouched for half a second.
@@ -561,7 +561,7 @@ class ScanDrop final : public ScannerPort {
     if (!opened) return opened.error();
     const Fd fd(opened.value());
     const InboxEntry& found = answer.entry;
-    Result<ScanShape> shape = read_scan_fd(fd.get(), shown.c_str(), settings_.unit, xyz, readers_);
+    Result<ScanShape> shape = read_scan_fd(fd.get(), shown.c_str(), settings_.form, xyz, readers_);
     const bool untouched = is_untouched(fd.get(), found);
     doubted = answer.accounted && (!shape || shape.value().zeros > 0 || !untouched);
     if (!shape) return shape.error();

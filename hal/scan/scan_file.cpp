@@ -64,8 +64,7 @@ bool is_utf16(std::string_view head) {
 }
 
 template <typename Real>
-Result<ScanShape> read_points_fd(int fd, const char* name, LengthUnit unit, std::span<Real> xyz, Team& team,
-                                 const TableColumns& columns) {
+Result<ScanShape> read_points_fd(int fd, const char* name, const ScanForm& form, std::span<Real> xyz, Team& team) {
   const std::string_view extension = extension_of(name);
   const std::optional<ScanFamily> family = scan_family(extension);
   if (!family) return unknown_format(name, extension);
@@ -73,49 +72,44 @@ Result<ScanShape> read_points_fd(int fd, const char* name, LengthUnit unit, std:
   if (bytes < 0) return error(Code::frame_incomplete, "%s: %s", name, errno_text(errno));
   if (bytes == 0) return error(Code::frame_incomplete, "%s: 0 bytes, nothing was written", name);
   ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
-  if (!columns.empty() && *family != ScanFamily::text)
-    return error(Code::frame_incomplete, "%s: columns can be chosen of a table (.xyz .asc .txt .csv) only", name);
   if (!window.have(4) && window.broken()) return window.failure();
   if (is_utf16(window.view().substr(0, 4)))
     return error(Code::frame_incomplete, "%s: UTF-16 text, two bytes for each character: save it as UTF-8 or ASCII",
                  name);
   switch (*family) {
-    case ScanFamily::ply: return read_ply(window, unit, xyz, team);
-    case ScanFamily::pcd: return read_pcd(window, unit, xyz, team);
-    case ScanFamily::text: return read_text_points(window, unit, xyz, columns);
+    case ScanFamily::ply: return read_ply(window, form.unit, xyz, team);
+    case ScanFamily::pcd: return read_pcd(window, form.unit, xyz, team);
+    case ScanFamily::text: return read_text_points(window, form, xyz);
   }
   return unknown_format(name, extension);
 }
 
 template <typename Real>
-Result<ScanShape> read_points(const char* path, LengthUnit unit, std::span<Real> xyz, Team& team,
-                              const TableColumns& columns) {
+Result<ScanShape> read_points(const char* path, const ScanForm& form, std::span<Real> xyz, Team& team) {
   const Result<int> opened = open_scan(AT_FDCWD, path, path);
   if (!opened) return opened.error();
   const Fd fd(opened.value());
-  return read_points_fd(fd.get(), path, unit, xyz, team, columns);
+  return read_points_fd(fd.get(), path, form, xyz, team);
 }
 
 }  // namespace
 
-Result<ScanShape> read_scan_fd(int fd, const char* name, LengthUnit unit, std::span<float> xyz, Team& team,
-                               const TableColumns& columns) {
-  return read_points_fd(fd, name, unit, xyz, team, columns);
+Result<ScanShape> read_scan_fd(int fd, const char* name, const ScanForm& form, std::span<float> xyz, Team& team) {
+  return read_points_fd(fd, name, form, xyz, team);
 }
 
-Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz, Team& team,
-                            const TableColumns& columns) {
-  return read_points(path, unit, xyz, team, columns);
+Result<ScanShape> read_scan(const char* path, const ScanForm& form, std::span<float> xyz, Team& team) {
+  return read_points(path, form, xyz, team);
 }
 
-Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<float> xyz, const TableColumns& columns) {
+Result<ScanShape> read_scan(const char* path, const ScanForm& form, std::span<float> xyz) {
   Team alone(1);
-  return read_points(path, unit, xyz, alone, columns);
+  return read_points(path, form, xyz, alone);
 }
 
-Result<ScanShape> read_scan(const char* path, LengthUnit unit, std::span<double> xyz, const TableColumns& columns) {
+Result<ScanShape> read_scan(const char* path, const ScanForm& form, std::span<double> xyz) {
   Team alone(1);
-  return read_points(path, unit, xyz, alone, columns);
+  return read_points(path, form, xyz, alone);
 }
 
 namespace {

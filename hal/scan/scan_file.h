@@ -15,8 +15,8 @@
 namespace slabd::hal {
 
 /// As `read_scan`; `name` (with its extension) is only used to choose the format and in error texts. `fd` stays open.
-[[nodiscard]] Result<ScanShape> read_scan_fd(int fd, const char* name, LengthUnit unit, std::span<float> xyz,
-                                             Team& team, const TableColumns& columns = {});
+[[nodiscard]] Result<ScanShape> read_scan_fd(int fd, const char* name, const ScanForm& form, std::span<float> xyz,
+                                             Team& team);
 
 /// Opens the regular file `name` below the folder `folder` (AT_FDCWD: `name` is a path) for reading, without following
 /// a link. frame_incomplete: it is none; the text shows it as `shown`. The caller owns the descriptor.

@@ -188,12 +188,19 @@ Error refuse_names(const TextLines& lines, std::string_view line, Separator sepa
     three.printf("%s,%s,%s", shown(likely->names[0].substr(0, 40)).c_str(),
                  shown(likely->names[1].substr(0, 40)).c_str(), shown(likely->names[2].substr(0, 40)).c_str());
   return lines.refuse(
-      "no column is named x, y or z: rename three, or choose them with --columns %s; the names are \"%s\" (a line that "
-      "names no columns begins with #)",
-      three.c_str(), shown(line).c_str());
+      "no column is named x, y or z: rename three, or choose them with %s; the names are \"%s\" (a line that names no "
+      "columns begins with #)",
+      how_to_choose(three.view()).c_str(), shown(line).c_str());
 }
 
 }  // namespace
+
+FixedString<300> how_to_choose(std::string_view three) {
+  FixedString<300> text;
+  const int size = static_cast<int>(three.size());
+  text.printf("--columns %.*s (on the line: scanner.columns = \"%.*s\")", size, three.data(), size, three.data());
+  return text;
+}
 
 bool has_chosen_columns(std::string_view line, Separator separator, const TableColumns& chosen) {
   return std::all_of(chosen.xyz.begin(), chosen.xyz.end(), [&](const FixedString<40>& one) {

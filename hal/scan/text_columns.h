@@ -54,6 +54,8 @@ struct LikelyColumns {
 /// frame_incomplete: a name is not there, or a unit contradicts `unit`.
 [[nodiscard]] Status find_chosen_columns(const TextLines& lines, std::string_view line, Separator separator,
                                          LengthUnit unit, const TableColumns& chosen, TextColumns& columns);
+/// How a person has these three columns read, for messages: by the option of the shell and by the key of the line.
+[[nodiscard]] FixedString<300> how_to_choose(std::string_view three);
 /// All that are chosen by name are in `line`.
 [[nodiscard]] bool has_chosen_columns(std::string_view line, Separator separator, const TableColumns& chosen);
 /// At least one is chosen by name.

@@ -25,8 +25,13 @@ bool is_comment(std::string_view line) {
 template <typename Real>
 class TextTable {
  public:
-  TextTable(ScanWindow& window, LengthUnit unit, std::span<Real> xyz, const TableColumns& chosen)
-      : window_(window), lines_(window, 0), unit_(unit), mm_(mm_per(unit)), xyz_(xyz), chosen_(chosen) {}
+  TextTable(ScanWindow& window, const ScanForm& form, std::span<Real> xyz)
+      : window_(window),
+        lines_(window, 0),
+        unit_(form.unit),
+        mm_(mm_per(form.unit)),
+        xyz_(xyz),
+        chosen_(form.columns) {}
 
   Result<ScanShape> read() {
     look_at_beginning();
@@ -45,9 +50,9 @@ class TextTable {
                    count_line_, static_cast<unsigned long long>(announced_), points_,
                    announced_ > points_ ? ": it was cut, or is still being written" : "");
     if (const char* what = no_coordinates(); what != nullptr)
-      return error(Code::frame_incomplete,
-                   "%s: of %zu columns %s: choose the columns, as with --columns %s, or name them in a first line",
-                   window_.name(), row_columns_, what, what == kRowAndColumn ? "3,4,5" : "2,3,4");
+      return error(
+          Code::frame_incomplete, "%s: of %zu columns %s: choose the columns, as with %s, or name them in a first line",
+          window_.name(), row_columns_, what, how_to_choose(what == kRowAndColumn ? "3,4,5" : "2,3,4").c_str());
     if (is_height_map())
       return error(
           Code::frame_incomplete,
@@ -197,8 +202,8 @@ class TextTable {
     if (!as_many || row_columns_ <= 3 || other_likely_ == TextColumns{}.xyz) return success();
     return lines_.refuse(
         "the comment on line %zu names the columns, none of them x, y or z: rename three, or choose them with "
-        "--columns A,B,C; the names are \"%s\"",
-        other_names_line_, other_names_.c_str());
+        "%s; the names are \"%s\"",
+        other_names_line_, how_to_choose("A,B,C").c_str(), other_names_.c_str());
   }
 
   /// Names in a comment count if there are as many as columns. A sentence in which x, y and z come first says nothing
@@ -268,8 +273,8 @@ class TextTable {
     if (row_columns_ <= kTableColumnsMax) return success();
     return lines_.refuse(
         "%zu columns: a height map, not points (save the scan as points x y z, or choose three columns "
-        "of points, as with --columns 1,2,3)",
-        row_columns_);
+        "of points, as with %s)",
+        row_columns_, how_to_choose("1,2,3").c_str());
   }
 
   Status point(std::string_view line) {
@@ -328,12 +333,11 @@ class TextTable {
 }  // namespace
 
 template <typename Real>
-Result<ScanShape> read_text_points(ScanWindow& window, LengthUnit unit, std::span<Real> xyz,
-                                   const TableColumns& columns) {
-  return TextTable<Real>(window, unit, xyz, columns).read();
+Result<ScanShape> read_text_points(ScanWindow& window, const ScanForm& form, std::span<Real> xyz) {
+  return TextTable<Real>(window, form, xyz).read();
 }
 
-template Result<ScanShape> read_text_points(ScanWindow&, LengthUnit, std::span<float>, const TableColumns&);
-template Result<ScanShape> read_text_points(ScanWindow&, LengthUnit, std::span<double>, const TableColumns&);
+template Result<ScanShape> read_text_points(ScanWindow&, const ScanForm&, std::span<float>);
+template Result<ScanShape> read_text_points(ScanWindow&, const ScanForm&, std::span<double>);
 
 }  // namespace slabd::hal

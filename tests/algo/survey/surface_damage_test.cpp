@@ -258,6 +258,34 @@ TEST(SurfaceDamage, what_is_sunk_missing_or_lies_on_the_block_is_found) {
   expect_damage(inspected(scene::take(block, seen(600.0))), FindingKind::bump, 14.0);
 }
 
+// The median of a row or of an edge must not learn damage that runs along all of it.
+TEST(SurfaceDamage, an_end_broken_off_all_along_the_seat_is_found) {
+  for (const double width_mm : {5.0, 8.0, 11.0}) {
+    SCOPED_TRACE(width_mm);
+    const auto broken = [&](const Vec3& p) {
+      return p.x() > 105.0 - width_mm && std::abs(p.y()) < 185.0 && p.z() > -12.0 ? p.z() - 10.0 : chamfered(p);
+    };
+    const BlockResult r = inspected(lowered(scene::take({}, seen(600.0)), broken));
+    EXPECT_NE(r.verdict, Verdict::pass);
+    EXPECT_GT(item(r, ItemId::block_damage).value, 300.0);
+  }
+}
+
+TEST(SurfaceDamage, a_groove_all_along_the_foot_of_a_jaw_is_found) {
+  for (const double side : {-1.0, 1.0}) {
+    for (const double width_mm : {6.0, 8.0, 11.0}) {
+      SCOPED_TRACE(::testing::Message() << width_mm << " mm wide, side " << side);
+      const auto groove = [&](const Vec3& p) {
+        const double y = side * p.y();
+        return y > 187.0 - width_mm && y < 187.0 && std::abs(p.x()) < 98.0 ? p.z() - 3.0 : kNowhere;
+      };
+      const BlockResult r = inspected(lowered(scene::take({}, seen(600.0)), groove));
+      EXPECT_NE(r.verdict, Verdict::pass);
+      EXPECT_GT(item(r, ItemId::block_damage).value, 150.0);
+    }
+  }
+}
+
 TEST(SurfaceDamage, drops_of_water_and_the_end_of_the_field_of_view_are_none) {
   const auto drops = [](const Vec3& p) {
     for (int k = 0; k < 6; ++k)

@@ -108,6 +108,16 @@ TEST(Findings, a_hole_beside_a_jaw_is_one_though_every_item_passes) {
   }
 }
 
+TEST(Findings, an_end_broken_off_or_a_groove_at_the_foot_11_mm_wide_is_one) {
+  const auto end = [](const Vec3& p) { return p.x() > 94.0 && std::abs(p.y()) < 185.0 && p.z() > -12.0; };
+  const auto groove = [](const Vec3& p) { return p.y() > 176.0 && p.y() < 187.0 && std::abs(p.x()) < 104.0; };
+  for (const double focus_mm : {0.0, 600.0}) {
+    SCOPED_TRACE(focus_mm);
+    expect_doubt(inspect(with_hole(scene::take({}, seen(focus_mm)), end, 10.0)));
+    expect_doubt(inspect(with_hole(scene::take({}, seen(focus_mm)), groove, 3.0)));
+  }
+}
+
 TEST(Findings, surface_that_returns_nothing_amid_the_scan_is_one) {
   const float nan = std::nanf("");
   scene::Cloud cloud = scene::take({}, seen(0.0));
