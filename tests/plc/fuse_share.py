@@ -37,7 +37,7 @@ class Share:
         self.answers.set()
         self.come_back()
 
-    # ---- what can happen to it
+    # ---- faults
 
     def come_back(self):
         self.paths, self.nodes, self.handles = {1: self.behind}, {}, {}

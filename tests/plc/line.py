@@ -161,7 +161,7 @@ def wait_for(done, seconds, what):
         time.sleep(0.02)
 
 
-# ---- three ways to move the registers ----------------------------------------------------------------------------
+# ---- three ways to transfer the registers ------------------------------------------------------------------------
 
 
 class MasterWire:
