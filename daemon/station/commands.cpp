@@ -436,7 +436,7 @@ void advance_end(Station& s, Actions& actions) {
 void on_slab_judged(Station& s, const SlabJudged& judged, Actions& actions) {
   if (s.slab.phase != SlabPhase::ending || judged.slab_key != s.slab.header.key) return;
   s.slab.judging = false;
-  if (s.desk.pending || s.slab.aborting) return;  // as in advance_end(), which is called again
+  if (s.desk.pending || s.slab.aborting) return;  // as in advance_end(), which asks again
   store_end(s, judged.slab, actions);
 }
 
