@@ -20,7 +20,7 @@ from pymodbus.server import ServerStop, StartTcpServer
 
 from st_block import Block
 
-logging.disable(logging.ERROR)  # pymodbus says every reconnection; timeout= must be whole seconds for it
+logging.disable(logging.ERROR)  # pymodbus logs every reconnection; its timeout= must be whole seconds
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 SLAB_BEGIN, SCAN, SLAB_END, SLAB_ABORT = 1, 2, 3, 4

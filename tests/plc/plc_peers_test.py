@@ -126,7 +126,7 @@ def losses(box):
     plc.until(lambda: plc.block.IR[26] == 102 and plc.block.IR[27] == ack + 1, 60, "the late frame to be refused")
     assert plc.block.IR[10] == ack, "and not carried out"
 
-    if box.role == "server":  # half open: the old connection says nothing any more and is never closed
+    if box.role == "server":  # half open: the old connection is silent and is never closed
         wire.client, abandoned = None, wire.client
         for _ in range(3):
             plc.cycle()
@@ -202,7 +202,7 @@ class Attack(threading.Thread):
             try:
                 self.once()
             except OSError:
-                pass  # thrown out: again
+                pass  # disconnected: retry
 
 
 class WrongLength(Attack):

@@ -43,7 +43,7 @@ class Watched(Plc):
         super().__init__(wire, period=0.005)
         self.results = stored
         self.trap = None
-        self.trap_order = None  # (cmd, station) the trap is for
+        self.trap_order = None  # (cmd, station) of the trap
 
     def cycle(self):
         image = self.wire.read()
@@ -116,7 +116,7 @@ class Line:
         role, wire = self.box.role, self.wire
         end = time.monotonic() + SILENCE_S
         abandoned = None
-        if role == "server":  # half open: nothing is closed, nothing is said
+        if role == "server":  # half open: not closed, but silent
             abandoned, wire.client = wire.client, None
             make, wire.make = wire.make, self.no_connection
         elif role == "client":

@@ -92,7 +92,7 @@ class DropScanner(threading.Thread):
                 self.put(f"{self.stem}.ply", data)
             if case is not None and self.step == READING and case.do:
                 case.do(self)
-        except OSError:  # no folder, no room: the scanner's software can do nothing about it
+        except OSError:  # no folder or no space: the scanner's software cannot continue
             pass
 
 
