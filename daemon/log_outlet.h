@@ -5,7 +5,7 @@
 #include <string_view>
 
 /// Writes lines to stderr on its own thread, from a fixed queue. A write blocks if stderr is a full pipe, a stopped
-/// terminal or a file on a disk that hangs; the loop, Modbus and heartbeat would stop with it. Lines that do not fit
+/// terminal or a file on a disk that hangs. Then the loop, Modbus and heartbeat would stop too. Lines that do not fit
 /// are dropped and counted.
 namespace slabd::daemon {
 

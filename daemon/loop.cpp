@@ -228,8 +228,8 @@ bool Loop::wants_store(std::int64_t patience_ns) const {
   return fault_was_reset_ || ports_.clock.mono_ns() - begun_ns_ >= patience_ns;
 }
 
-/// State for a database that cannot be read. Its session is far from that of a new database: a command refused here
-/// remains in the registers when the database is opened, and must not match.
+/// State for a database that cannot be read. Its session is far from that of a new database. A command refused here
+/// remains in the registers and must not match when the database is opened.
 static std::unique_ptr<RecoveredLine> nothing_recovered() {
   constexpr std::uint16_t kSessionWithoutStore = 0x8000;
   auto line = std::make_unique<RecoveredLine>();

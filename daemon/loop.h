@@ -55,8 +55,8 @@ struct LoopFigures {
   std::string used_by_another;
 };
 
-/// Fault of a line whose storage cannot be used because of `why`: store_full if a disk is full, which the operator
-/// solves by making room; journal_write for all other errors. Both are retried.
+/// Fault of a line whose storage cannot be used because of `why`: store_full if a disk is full, journal_write for all
+/// other errors. A full disk needs the operator. Both are retried.
 [[nodiscard]] Code fault_without_store(const Error& why);
 
 /// Hash of the points from some thousands of their coordinates, spread over the scan and over x, y and z. Never 0.

@@ -45,8 +45,8 @@ void catch_signals() {
   // `slabctl recipe reload` reloads the recipes and reports the result. A closed terminal or a log rotation must not
   // end a slab.
   std::signal(SIGHUP, SIG_IGN);
-  // Their default action is to end the process, which is never intended here: an operator tests whether slabd is alive,
-  // or a tool expects a program that reopens its log. Timers and profilers are not used.
+  // Their default action is to end the process, which is never intended here. An operator may test whether slabd is
+  // alive, or a tool may expect a program that reopens its log. Timers and profilers are not used.
   for (const int ignored : {SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR})
     std::signal(ignored, SIG_IGN);
   for (int real_time = SIGRTMIN; real_time <= SIGRTMAX; ++real_time) std::signal(real_time, SIG_IGN);

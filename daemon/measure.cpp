@@ -36,8 +36,8 @@ ScanDoubt doubt_turn(const ScanPlace& place, const Pose& T_scanner_block) {
   return doubt;
 }
 
-/// Adds a probable cause to an error: a block that was not found may be visible in another unit or frame, and
-/// coordinates that seem rounded may be fine in their own unit. `place` is that of the scan as it was read.
+/// Adds a probable cause to an error. A block that was not found may be visible in another unit or frame; coordinates
+/// that seem rounded may be fine in their own unit. `place` is that of the scan as it was read.
 Error named_cause(const Error& why, const ScanPlace& place, const Pose& T_base_block, const Pose& T_base_scanner) {
   if (why.code != Code::block_not_found && why.code != Code::too_few_points && why.code != Code::fit_failed &&
       why.code != Code::frame_incomplete)

@@ -11,10 +11,10 @@
 /// Measures blocks and judges slabs, for the daemon and for slabctl.
 namespace slabd::daemon {
 
-/// Denoises, registers, extracts and judges, with the clock between the stages: the only path from a scan to a block
-/// result, used by the daemon's worker and by `slabctl inspect`. The result is `inspector.result()`; it is complete in
-/// any case. An error is one sentence on why the block could not be measured. `read_ms` is copied into the result.
-/// `verified`: the scanner's acceptance for the slab. No heap.
+/// Denoises, registers, extracts and judges, with the clock between the stages. This is the only path from a scan to a
+/// block result, used by the daemon's worker and by `slabctl inspect`. The result is `inspector.result()`; it is
+/// complete in any case. An error is one sentence on why the block could not be measured. `read_ms` is copied into the
+/// result. `verified`: the scanner's acceptance for the slab. No heap.
 [[nodiscard]] Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station,
                                    const Pose& T_base_block, const Pose& T_base_scanner, algo::Cloud cloud,
                                    const ScanShape& read, double read_ms, const ScannerNumbers& verified = {});

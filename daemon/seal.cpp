@@ -34,8 +34,8 @@ constexpr bool kFramesAreSmall = true;
 #else
 constexpr bool kFramesAreSmall = false;
 #endif
-/// If the reserve is used up too, another thread may release memory: the number of milliseconds to wait for that, and
-/// the number of retries if small pieces are available.
+/// Limits after the reserve is used up too, because another thread may release memory: milliseconds to wait, and
+/// retries while small pieces are available.
 constexpr int kPatience = 50;
 constexpr int kTries = 10'000;
 constexpr std::size_t kSmallPiece = 256;

@@ -25,7 +25,7 @@ inline constexpr std::uint64_t kReserveBytes = 4'000'000;
 void use_one_heap();
 
 /// Locks all present and future mappings into memory: stacks, code, buffers. internal: the system forbids it, or allows
-/// less than the present mappings plus `more_bytes`; nothing is locked then, and the text contains the required size.
+/// less than the present mappings plus `more_bytes`. Then no memory is locked, and the text contains the required size.
 [[nodiscard]] Status lock_memory(std::uint64_t more_bytes);
 
 /// Limits further mappings to `headroom_bytes`. Above them are kReserveBytes: an allocation that fails gets them

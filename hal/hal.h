@@ -409,8 +409,8 @@ struct ScanDropSettings {
   LengthUnit unit = LengthUnit::mm;
   bool make_drop_dir = false;  ///< at the first look, if the parent folder exists
   int read_threads = 1;        ///< 2: a helper reads binary scans together with the port's own thread
-  /// any_name: longest time after a request in which the scanner still answers it, or the request's timeout if that is
-  /// longer (the scanner's own timeouts, a restart of slabd).
+  /// any_name: longest time after a request in which the scanner may still answer it, because of its own timeouts or a
+  /// restart of slabd. The request's timeout applies if it is longer.
   std::int64_t late_answer_ns = 10 * kNsPerS;
   /// Largest size of stray/: thirty full-size scans. Enough to inspect them, and a scanner program that exports without
   /// end cannot fill the disk.

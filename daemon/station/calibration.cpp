@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Selects the calibration in force. A slab is measured from its first to its last scan with the calibration of its
-// begin, also over a restart, because seats spliced with two calibrations would be in two frames. So a change is
-// activated between slabs, and the open slab keeps its own copy.
+// begin, also over a restart. Seats spliced with two calibrations would be in two frames. So a change is activated
+// between slabs, and the open slab keeps its own copy.
 //
 // This code never treats a calibration as better than it is. No slab can begin if it is missing, expired or has failed
 // its check. A correction that does not hold falls back to the hand-eye alone, with the robot's absolute accuracy in U.

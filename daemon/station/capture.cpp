@@ -4,11 +4,11 @@
 //
 //   idle --begin--> ready --shoot--> settling -> scanning -> checking --> ready --end, or the lease is over--> idle
 //
-// A view is taken like a production scan (the robot stands, the scanner is requested, the robot must not have moved),
-// with stricter limits, and its scan is stored separately. Invariants: a refused view leaves no scan, and shooting may
-// be repeated; a view is never a scan taken before its request. Meanwhile the PLC cannot start a command. If the
-// operator's program ends without releasing the line, the lease ends maintenance. A restart keeps only the mark that
-// the scanner may hold an unseen scan.
+// A view is taken like a production scan: the robot stands still, the scan is requested, and the robot must not have
+// moved. The limits are stricter, and the scan is stored separately. Invariants: a refused view leaves no scan, and
+// shooting may be repeated; a view is never a scan taken before its request. Meanwhile the PLC cannot start a command.
+// If the operator's program ends without releasing the line, the lease ends maintenance. A restart keeps only the mark
+// that the scanner may hold an unseen scan.
 //
 // A request to the scanner must not have the name of a production request, because a late answer would be taken for a
 // slab's scan. Therefore views use session 0, which the PLC never has, and numbers that start at a value from the

@@ -95,7 +95,7 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions);
 void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Actions& actions);
 void fail_acquisition(Station& s, Code code, Actions& actions);
 /// True if the points of this scan were received before. A scanner program that hangs may export its last scan under
-/// every new name, and all 18 blocks look alike: repeated points are not a scan of this block. Two real scans never
+/// every new name, and all 18 blocks look alike. So repeated points are not a scan of this block. Two real scans never
 /// agree in all their noise. New points are stored permanently by a separate job: this function is for scans that do
 /// not become an attempt.
 [[nodiscard]] bool was_seen(Station& s, const ScanDone& done, Actions& actions);
@@ -110,9 +110,9 @@ void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions);
 [[nodiscard]] const char* why_it_hangs(const Station& s);
 void abort_acquisition(Station& s, Actions& actions);
 void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actions);
-/// Returns clouds that are durable and not measured (after a restart or a storage fault) to the worker, one at a time,
-/// each marked in the database first. A cloud during whose measurement a process ended is not measured again: its
-/// result is "not measured".
+/// Passes durable clouds that were not measured (after a restart or a storage fault) to the worker, one at a time. Each
+/// is marked in the database first. A cloud during whose measurement a process ended is not measured again: its result
+/// is "not measured".
 void remeasure(Station& s, Actions& actions);
 /// Handles the answer to the job that stored the mark.
 void on_measuring_stored(Station& s, const PendingStore& pending, Code code, Actions& actions);

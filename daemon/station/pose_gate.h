@@ -24,9 +24,9 @@ struct PoseMean {
 /// Poses that arrive within kSliceNs of each other are kept as one slice: count, sums, extremes and flags of all of
 /// them. So a fast sender needs no more memory than one of 250 Hz, and every pose is part of the decision.
 ///
-/// Settled: over `window_ns` and at least `samples_min` samples, without a gap, peak to valley is within the limits and
-/// no sample has the flag "moving" or "emergency stop". This must last for `dwell_ns` more. A gap, a sequence jump, a
-/// step back of the sender's clock or a wrong frame restarts the window.
+/// Settled: over `window_ns` and at least `samples_min` samples, without a gap, peak to valley is within the limits. No
+/// sample has the flag "moving" or "emergency stop". This must last for `dwell_ns` more. A gap, a sequence jump, a step
+/// back of the sender's clock or a wrong frame restarts the window.
 class PoseGate {
  public:
   /// Silence after which the sender is forgotten, because the next pose may come from another program. The pose link

@@ -28,8 +28,8 @@
 ///
 /// There is also maintenance: views for a calibration, taken while no slab is open (capture.cpp).
 ///
-/// Rules without exception: nothing is acknowledged or shown before it is durable; a result reads pass only if it was
-/// measured and passed; slabd never repeats a scan on its own initiative.
+/// Rules without exception: data are acknowledged and shown only after they are durable. A result reads pass only if it
+/// was measured and passed. slabd never repeats a scan on its own initiative.
 namespace slabd::daemon {
 
 // ---- configuration ---------------------------------------------------------------------------------------------

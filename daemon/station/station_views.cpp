@@ -7,8 +7,8 @@
 namespace slabd::daemon {
 namespace {
 
-// Deviation of a good seat's registered position from the slab's rigid placement, standard deviation per axis: casting
-// (0.05 mm), registration of a real form to the nominal one, the robot's repeatability.
+// Deviation of a good seat's registered position from the slab's rigid placement, standard deviation per axis. Sources:
+// casting (0.05 mm), registration of a real form to the nominal one, the robot's repeatability.
 constexpr double kSeatSigmaMm = 0.10;
 constexpr double kSeatSigmaRad = 0.02 * kPi / 180.0;
 // Tolerance in standard deviations; larger if the slab's seats scatter more (a robot without corrections), up to a

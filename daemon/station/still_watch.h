@@ -26,9 +26,9 @@ struct PoseRange {
   [[nodiscard]] double rad() const { return (high_rad - low_rad).maxCoeff(); }
 };
 
-/// The longest run of poses, up to the newest one, over which the flange stood still: no gap in numbers and times, the
-/// right frame, no emergency stop, all within the guard. A violation starts a new run and is stored. Works at any rate
-/// of poses and for any length of the run; pure, fixed size.
+/// The longest run of poses, up to the newest one, over which the flange stood still. It has no gap in numbers and
+/// times, the right frame, no emergency stop, and is within the guard. A violation starts a new run and is stored.
+/// Works at any rate of poses and for any length of the run; pure, fixed size.
 class StillWatch {
  public:
   enum class Break : std::uint8_t { none, moved, gap, clock, estop, not_stopped, wrong_frame };

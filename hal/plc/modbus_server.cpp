@@ -32,8 +32,8 @@
 namespace slabd::hal {
 namespace {
 
-/// Time after its first byte in which a frame must be complete: one scan cycle of the slowest PLC, far below the half
-/// second after which a PLC repeats its request.
+/// Time after its first byte in which a frame must be complete. It covers one scan cycle of the slowest PLC, and a PLC
+/// repeats its request only after half a second.
 constexpr std::int64_t kFrameDeadlineNs = ns_from_ms(300);
 /// Silence after which a client is closed; a PLC sends a request every 500 ms.
 constexpr std::int64_t kIdleLimitNs = 60 * kNsPerS;
@@ -179,10 +179,10 @@ class Server final : public ModbusServer {
     return longest;
   }
 
-  /// Rank of a client; the lowest is replaced first. The order is: a free place, the address with the most places, a
-  /// client that has not sent a frame, one that may only read, one that may write, the commanding one. Among equals the
-  /// longest silent one is replaced. So a computer that floods the server displaces its own connections, and a
-  /// reconnecting PLC is safe before its first frame.
+  /// Rank of a client; the lowest is replaced first. The order is: a free place, the address with the most places, then
+  /// clients without a frame, read-only clients, writing clients, and the commanding one. Among equals the longest
+  /// silent one is replaced. So a computer that floods the server displaces its own connections, and a reconnecting PLC
+  /// is safe before its first frame.
   int rank(const Client& client) const {
     if (!client.fd.is_open()) return -1000;
     const bool owner = client.number == command_writer_ && now_ns_ - client.active_ns < kOwnerSilenceNs;

@@ -58,7 +58,7 @@ void encode_outputs(const PlcOutputs& outputs, WordOrder order, InputImage& imag
 void encode_inputs(const PlcInputs& inputs, WordOrder order, bool with_crc, HoldingImage& image);
 
 /// Decodes the input registers as a PLC does. config if MAGIC, MAP_VERSION or WORD_PROBE do not match this map and word
-/// order, or if a register holds a value outside the map; the text names it. Deviations have the resolution of the
+/// order, or if a register value is outside the map; the text names the register. Deviations have the resolution of the
 /// registers. The record is not checked; call `record_intact` first.
 [[nodiscard]] Result<PlcOutputs> decode_outputs(const InputImage& image, WordOrder order);
 

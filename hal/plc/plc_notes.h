@@ -6,8 +6,8 @@
 
 #include "hal/hal.h"
 
-/// Log lines of a link, made from its counters: at once for the first error, then at most one line in ten seconds with
-/// the sums since the last one. A peer that floods the port causes at most six lines a minute.
+/// Log lines of a link, made from its counters. The first error is logged at once; later lines contain sums and are at
+/// least ten seconds apart. A peer that floods the port causes at most six lines a minute.
 namespace slabd::hal {
 
 class PlcNotes {

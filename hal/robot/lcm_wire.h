@@ -34,8 +34,8 @@ static_assert(kLc02HeaderBytes + kLcmChannelMax + 1 + kPosePayloadBytes < limits
 
 /// Description of a message on the configured channel that is not of the configured type.
 using OtherTypeText = FixedString<192>;
-/// "a message of type bot_core.rigid_transform_t on FLANGE_POSE, where [pose] type = ..."; empty for a datagram of
-/// another channel, a datagram that is not LCM's, or a message of the right type and length.
+/// "a message of type bot_core.rigid_transform_t on FLANGE_POSE, where [pose] type = ..."; empty for another channel,
+/// another protocol, or a message of the right type and length.
 [[nodiscard]] OtherTypeText other_type_on(std::span<const std::byte> datagram, std::string_view channel, PoseType type);
 
 /// Suffix of the channel of a bridge's messages about why it has no poses; it follows the pose channel's name. The

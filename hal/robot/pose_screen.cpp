@@ -5,10 +5,10 @@
 #include <cmath>
 #include <cstdarg>
 
-// Problem: a well-formed pose may still be wrong: a second program publishes too, a network delivers an old datagram
-// late, a sender's memory is torn for one cycle. Idea: accept one publisher at a time, whose clock runs forward and
-// whose arm moves at plausible speed. Invariants: no pose is accepted while two publish. This class refuses poses
-// because of its history for at most kSilentNs; otherwise a sender's clock that was set would block the link.
+// Problem: a well-formed pose may still be wrong. A second program may publish too, a network may deliver an old
+// datagram late, a sender's memory may be torn for one cycle. Idea: accept one publisher at a time, whose clock runs
+// forward and whose arm moves at plausible speed. Invariants: no pose is accepted while two publish. This class refuses
+// poses because of its history for at most kSilentNs; otherwise a sender's clock that was set would block the link.
 namespace slabd::hal {
 namespace {
 

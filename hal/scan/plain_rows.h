@@ -23,11 +23,11 @@ struct PlainRows {
   std::size_t bytes = 0;  ///< of `text`, all complete lines
 };
 
-/// Reads plain rows from the start of `text`, which is the start of a line, into `xyz` (3 a row, in mm, not finite
-/// where the text is), at most `rows_max`. A plain row has three numbers, the fields of `form`, and LF or CR LF at its
-/// end. A plain number is "nan", or digits with optional sign, point and exponent, at most 8 digits in front of the
-/// point and 19 in all. Stops at the first row that is not plain, or that reaches into the last kPlainRowTail bytes of
-/// `text`. Numbers are rounded exactly as `parse_coordinate` rounds them. No heap; about 10 ns a row.
+/// Reads plain rows from `text`, which starts with a line, into `xyz` (3 a row, in mm, not finite where the text is).
+/// Reads at most `rows_max` rows. A plain row has three numbers, the fields of `form`, and LF or CR LF at its end. A
+/// plain number is "nan", or digits with optional sign, point and exponent, at most 8 digits in front of the point and
+/// 19 in all. Stops at the first row that is not plain, or that reaches into the last kPlainRowTail bytes of `text`.
+/// Numbers are rounded exactly as `parse_coordinate` rounds them. No heap; about 10 ns a row.
 template <typename Real>  // float or double
 [[nodiscard]] PlainRows read_plain_rows(std::string_view text, const PlainRowForm& form, double mm_per_unit, Real* xyz,
                                         std::size_t rows_max);

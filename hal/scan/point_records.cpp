@@ -10,8 +10,8 @@
 #include "hal/scan/scan_points.h"
 
 // Idea: read the file in pieces that are still in the cache when their numbers are converted and checked. So every byte
-// of the file and of the scan passes the memory once. Two threads take the pieces in turn, each through its own window,
-// so that the file is still read from front to back, which is fastest on a disk or a share.
+// of the file and of the scan passes the memory once. Two threads take the pieces in turn, each through its own window.
+// So the file is still read from front to back, which is fastest on a disk or a share.
 namespace slabd::hal {
 namespace {
 

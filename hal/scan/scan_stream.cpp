@@ -11,9 +11,9 @@
 
 // Problem: 60 MB arrive over a cable that may be pulled, from third-party software, and a scan assigned to the wrong
 // request would pass an unmeasured slab. Idea: a fixed header names the request and carries checksums of itself and of
-// all points; the number of points is compared with the buffer before one is stored. Invariants: points_ never exceeds
-// header_.count, which never exceeds the buffer. complete() requires the checksum over all points in the buffer, over
-// however many connections they came.
+// all points. The number of points is compared with the buffer before one is stored. Invariants: points_ never exceeds
+// header_.count, which never exceeds the buffer. complete() requires the checksum over all points in the buffer, even
+// if they came over several connections.
 namespace slabd::hal {
 namespace {
 

@@ -111,8 +111,8 @@ bool for_each_piece(ScanWindow& window, std::uint64_t begin, std::uint64_t end, 
   return true;
 }
 
-/// Detects CR LF written by a C runtime in text mode for LF: every LF has a CR before it, and their number equals the
-/// number of surplus bytes.
+/// Detects that a C runtime in text mode wrote CR LF for LF: every LF has a CR before it, and there are as many as
+/// surplus bytes.
 bool is_written_in_text_mode(ScanWindow& window, std::uint64_t data_begin, std::uint64_t too_many) {
   std::uint64_t line_feeds = 0;
   char before = '\0';

@@ -73,7 +73,7 @@ class ScanWindow {
 };
 
 // A binary scan may have after its data: nothing, one line end, or zeros. PCL's writer allocates a PCD file of its data
-// and one memory page and fills only the beginning; some programs end every file with a line end. With anything else
+// and one memory page and fills only the beginning. Some programs end every file with a line end. With anything else
 // the header and the data do not match.
 
 /// The largest memory page of a computer that may run a scanner program (64 kB on some ARM and POWER systems).
@@ -83,8 +83,8 @@ inline constexpr std::uint64_t kZeroTailBytesMax = 65'536;
 [[nodiscard]] bool is_tail(ScanWindow& window, std::uint64_t data_end);
 
 /// The data are in [data_begin, data_end) of the file, which is not shorter. Success: the window now ends at
-/// `data_end`. frame_incomplete: the bytes after it are not such a tail; the text names the number of surplus bytes,
-/// and names binary data written in text mode if that is the reason.
+/// `data_end`. frame_incomplete: the bytes after it are not such a tail; the text contains the number of surplus bytes.
+/// It also reports binary data written in text mode.
 [[nodiscard]] Status end_data_at(ScanWindow& window, std::uint64_t data_begin, std::uint64_t data_end);
 
 }  // namespace slabd::hal

@@ -14,8 +14,8 @@
 #include "base/plain_text.h"
 #include "hal/hal.h"
 
-/// Shared by both scanner ports: detection of a scan thread that is blocked in a folder, its lines for the log, and the
-/// JSON of a request and of its answer.
+/// Parts shared by both scanner ports: detection of a blocked scan thread, its log lines, and the JSON of requests and
+/// answers.
 namespace slabd::hal {
 
 /// Detects that a thread has been blocked in the operating system for too long. On a network share any call may block

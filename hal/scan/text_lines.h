@@ -100,8 +100,9 @@ class TextLines {
 /// Text in lower case (ASCII letters only), cut to 16 bytes.
 [[nodiscard]] FixedString<16> lower_case(std::string_view text);
 
-/// Parses a whole word as a number, exactly rounded: decimal or scientific, with optional sign; nan and inf in upper or
-/// lower case and in MSVC's spellings (nan(ind), 1.#QNAN). False if it is not a number; `value` is unchanged then.
+/// Parses a whole word as a number, exactly rounded: decimal or scientific, with optional sign. Accepts nan and inf in
+/// upper or lower case and in MSVC's spellings (nan(ind), 1.#QNAN). False if it is not a number; `value` is unchanged
+/// then.
 [[nodiscard]] bool parse_number(std::string_view word, double& value);
 /// Parses a whole word as a coordinate in mm, spelt as for `parse_number`: the float or double nearest to the text. In
 /// another unit than mm it is converted in double and rounded once more. Infinite if beyond the range of float.
@@ -123,9 +124,9 @@ template <typename Real>  // float or double
 [[nodiscard]] const char* name(LengthUnit unit);
 
 /// False if the comment `text` (without its mark) declares another unit than `configured`; `found` is then its word. A
-/// declaration is "unit", "units", "length unit" or "length_unit", in upper or lower case, then a known name of a unit
-/// (mm, millimetres, m, meters, um, microns, cm, inch, ...), with or without ':', '=', "is" or "in" between them. Units
-/// that slabd cannot be configured for count too. Comments without a declaration are ignored.
+/// declaration is "unit", "units", "length unit" or "length_unit", in upper or lower case, and a known name of a unit
+/// (mm, millimetres, m, meters, um, microns, cm, inch, ...). ':', '=', "is" or "in" may be between them. Units that
+/// slabd cannot be configured for count too. Comments without a declaration are ignored.
 [[nodiscard]] bool comment_agrees(std::string_view text, LengthUnit configured, std::string_view& found);
 
 /// True if `text` declares a unit that has a known name.

@@ -34,8 +34,8 @@ PathText folder_of(const PathText& path) {
   return path.view().substr(0, slash == 0 ? 1 : slash);
 }
 
-/// As renameat(), but EEXIST if a file has that name: it may be the only copy of a scan that this database, if it
-/// replaced another one, does not contain.
+/// As renameat(), but EEXIST if a file has that name. If this database replaced another one, that file may be the only
+/// copy of an unknown scan.
 int rename_to_new(int from_folder, const char* from, const char* path) {
   if (renameat2(from_folder, from, AT_FDCWD, path, RENAME_NOREPLACE) == 0) return 0;
   if (errno != EINVAL && errno != ENOSYS) return -1;
@@ -122,7 +122,7 @@ Status copy_across(int fd, int from_folder, const char* name, const PathText& pa
 }
 
 /// True if the file can be renamed into the folder. That requires one file system. A file with another name (a hard
-/// link into the inbox) is copied, because a program could rewrite it in the spool with the next block's scan.
+/// link into the inbox) is copied. Otherwise a program could overwrite it in the spool with the next block's scan.
 bool can_be_moved(int fd, const PathText& folder) {
   struct stat there {};
   struct stat here {};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Checks the memory ledger of docs/ARCHITECTURE.md ("Who allocates, and when") with a real daemon. Each line is a
-// figure of base/limits.h or daemon/seal.h, the resident memory of that name does not exceed it, and the sum of the
+// figure of base/limits.h or daemon/seal.h, and the resident memory of that name does not exceed it. The sum of the
 // lines matches the total in base/limits.h.
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -13,8 +13,8 @@
 #include "daemon/station/station.h"
 #include "tests/sim/world.h"
 
-/// The physical state: the slab on the line, the robot with the scanner, and the true content of every scan. slabd
-/// cannot access it; its verdicts are compared with it.
+/// The physical state: the slab on the line, the robot with the scanner, and the true content of every scan. Verdicts
+/// of slabd, which cannot access it, are compared with it.
 namespace slabd::sim {
 
 enum class BlockTruth : std::uint8_t { good, slope, jaw, protrusion, flatness, hidden, displaced };

@@ -9,7 +9,7 @@
 #include "tests/sim/world.h"
 
 /// One process of slabd, with fibers for its threads. It sleeps on the world's time, can be suspended, and can die at
-/// any moment. A dead process is run to its end without effect, so that its stacks release their objects: its sleeps
+/// any moment. A dead process is run to its end without effect, so that its stacks release their objects. Its sleeps
 /// return at once, and disk and wire ignore it.
 namespace slabd::sim {
 

@@ -13,13 +13,13 @@
 /// with a robot, slabd, and a link that loses and repeats command blocks; both sides can die at any moment. Numbers are
 /// the real 16-bit ones, started just below their wrap.
 ///
-/// In addition there are an operator, who takes manual control of the line and moves the robot, and a second commander,
-/// which has read SESSION and CMD_ACK and writes its own block.
+/// In addition an operator may take manual control of the line and move the robot. A second commander may read SESSION
+/// and CMD_ACK and write its own block.
 ///
-/// The model leaves out time (every message may take any time), the pose window (a robot at the wrong position is
-/// scanned), verdicts, and SLAB_BEGIN and SLAB_END (they do not move the robot). ENABLE and the heartbeat arrive at
-/// once, because they are levels that are written repeatedly. A second commander that reads before the PLC has
-/// commanded this process of slabd would be accepted: the list of addresses must prevent that.
+/// The model leaves out time (every message may take any time) and the pose window (a robot at the wrong position is
+/// scanned). It also leaves out verdicts, and SLAB_BEGIN and SLAB_END, which do not move the robot. ENABLE and the
+/// heartbeat arrive at once, because they are levels that are written repeatedly. A second commander that reads before
+/// the PLC has commanded this process of slabd would be accepted: the list of addresses must prevent that.
 namespace slabd::handshake {
 
 constexpr std::size_t kStations = 2;
@@ -158,9 +158,9 @@ struct Finding {
   std::vector<std::string> story;  ///< the shortest path to it
 };
 
-/// Checks every state. Violations are: a scan of a station without the robot there, a station left without a durable
-/// scan, a result that both sides have lost, and a state from which the slab cannot be finished without further
-/// mishaps.
+/// Checks every state. Violations are a scan of a station without the robot there, a station left without a durable
+/// scan, and a result lost by both sides. A state from which the slab cannot be finished without further mishaps is a
+/// violation too.
 [[nodiscard]] Finding explore(const Rules& rules, const Mishaps& mishaps);
 
 }  // namespace slabd::handshake

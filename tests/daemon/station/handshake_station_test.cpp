@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The model of the handshake is valid for slabd only if slabd behaves like the model. So the real station, on a
-// database in memory, and the model run through the same long random lives, and after every step the PLC must read the
-// same from both.
+// database in memory, and the model run through the same long random lives. After every step the PLC must read the same
+// from both.
 #include <gtest/gtest.h>
 
 #include <deque>

@@ -10,8 +10,8 @@
 #include "daemon/station/station.h"
 #include "tests/daemon/station/memory_store.h"
 
-/// A whole line around the station without threads, files or time: a PLC that keeps the written rules, a robot at rest,
-/// a scanner, a worker and a database. A test can make each of them fail. Time advances only in `run_for`.
+/// A whole line around the station, without threads, files or time. It has a PLC that keeps the written rules, a robot
+/// at rest, a scanner, a worker and a database. A test can make each of them fail. Time advances only in `run_for`.
 namespace slabd::daemon {
 
 inline Recipe test_recipe() {

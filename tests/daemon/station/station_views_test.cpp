@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Checks of scans by the robot's pose: stops as planned by `slabctl stations`, slabs in slightly different positions,
-// robots and castings with errors, and scanners that return another scan than the requested one.
+// Checks of scans by the robot's pose. Stops are planned as by `slabctl stations`, slabs lie in slightly different
+// positions, robots and castings have errors, and scanners return another scan than the requested one.
 #include "daemon/station/station_views.h"
 
 #include <gtest/gtest.h>
