@@ -59,8 +59,8 @@ class ThreadCrew final : public Crew {
   hal::ScanForm scan_form_;
   const hal::Clock& clock_;
   bool simulation_;
-  KnownExposures exposures_;  ///< the measuring thread's own
-  SlabEnds slab_ends_;        ///< likewise
+  KnownExposures exposures_;  ///< used by the measuring thread only
+  SlabEnds slab_ends_;        ///< used by the measuring thread only
   bool blind_ends_said_ = false;
   algo::BlockInspector inspector_;
   const Recipe* inspector_recipe_ = nullptr;
@@ -68,7 +68,8 @@ class ThreadCrew final : public Crew {
   std::array<std::span<float>, limits::kScanSlots> slots_;
 };
 
-/// The scan of a block that was acquired before a restart. frame_incomplete: the file no longer holds those points.
+/// Reads the scan of a block that was acquired before a restart. frame_incomplete if the file no longer contains those
+/// points.
 Result<ScanShape> ThreadCrew::reload(const MeasureBlock& job) {
   const std::span<float> xyz = slots_[job.slot];
   const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_form_, xyz, inspector_.team());
@@ -142,7 +143,7 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
   return done;
 }
 
-/// A scan that is refused is not remembered: what it repeats is remembered already.
+/// A refused scan is not stored, because the exposure that it repeats is stored already.
 void ThreadCrew::compare_exposure(const MeasureBlock& job, BlockMeasured& done) {
   inspector_.noise_print(done.noise);
   if (done.refused != Code::ok || done.noise.empty()) return;
@@ -159,7 +160,7 @@ void ThreadCrew::compare_exposure(const MeasureBlock& job, BlockMeasured& done) 
       "exposures it is below %.2f): the scanner gave an earlier exposure again, perhaps in another form",
       static_cast<long long>(earlier->slab_key), earlier->station, earlier->attempt, correlation, kSameExposure);
   if (simulation_) {
-    // An emulated line may be drawn with the same noise again and again.
+    // An emulated line may repeat the same noise.
     LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(Code::frame_incomplete), {}};
     line.text.printf("station %u: %s; accepted, because the line is emulated", job.station, text.c_str());
     say_line(line);
@@ -171,7 +172,7 @@ void ThreadCrew::compare_exposure(const MeasureBlock& job, BlockMeasured& done) 
   done.block.reason = static_cast<std::uint16_t>(Code::frame_incomplete);
 }
 
-/// Refuses the scan when this slab's scans show the end of another slab type.
+/// Refuses the scan if this slab's scans show the end of another slab type.
 void ThreadCrew::look_at_slab_ends(const MeasureBlock& job, const algo::Cloud& cloud, BlockMeasured& done) {
   if (done.refused != Code::ok) return;
   const Recipe& recipe = *inspector_recipe_;
@@ -200,7 +201,7 @@ std::optional<std::uint32_t> ThreadCrew::points_crc32c(const AcquiredScan& scan)
   const Result<hal::ScanChecksum> read = hal::read_scan_checksum(scan.path.c_str(), scan_form_.unit);
   if (read.ok() && read.value().shape.points == scan.shape.points && read.value().shape.finite == scan.shape.finite)
     return read.value().crc32c;
-  // The scan is measured all the same; without a checksum it is only less well proven.
+  // The scan is still measured; without a checksum there is only less proof of its points.
   LogLine line{LogLine::Level::warning, 0, {}};
   line.text.printf("no checksum is kept of a scan: %s", read.ok() ? scan.path.c_str() : read.error().text.c_str());
   if (read.ok()) line.text.append(" no longer holds what was read from it");

@@ -13,8 +13,8 @@
 #include "daemon/worker.h"
 #include "hal/hal.h"
 
-/// Who carries out what the loop must not wait for. A running daemon has three threads, an inspector and the memory of
-/// the scans; a simulation has its own, which work on its clock.
+/// The workers for all tasks that the loop must not wait for. A running daemon has three threads, an inspector and the
+/// memory of the scans; a simulation has its own workers, which use its clock.
 namespace slabd::daemon {
 
 /// The noise of the last exposures that were measured, of all slabs. The check belongs to the daemon's line only:
@@ -35,7 +35,7 @@ class KnownExposures {
     }
     return found;
   }
-  /// In place of the scan's own print, or else of the oldest one.
+  /// Replaces the scan's own print, or else the oldest one.
   void add(const KeptNoise& exposure) {
     for (std::size_t i = 0; i < count_; ++i) {
       if (!is_same_scan(kept_[i], exposure)) continue;
@@ -57,7 +57,7 @@ class KnownExposures {
   std::size_t next_ = 0;
 };
 
-/// A job of the station, or the change that lies on the calibration desk.
+/// A job of the station, or the change on the calibration desk.
 struct StoreTask {
   bool is_change = false;
   StoreJob job;
@@ -69,25 +69,24 @@ using MeasureQueue = JobQueue<MeasureBlock, BlockMeasured>;
 class Crew {
  public:
   virtual ~Crew() = default;
-  // Each is asked for once, and the queues go before the crew. `idle` is called about ten times a second while there is
-  // no job.
+  // Each is called once, and the queues are destroyed before the crew. `idle` is called about ten times a second while
+  // the queue is empty.
   [[nodiscard]] virtual std::unique_ptr<StoreQueue> storage(std::function<StoreDone(const StoreTask&)> work,
                                                             std::function<void()> idle) = 0;
   [[nodiscard]] virtual std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
                                                            std::function<void()> idle) = 0;
   /// The exposures that were measured before this process began, oldest first. Before the first block is measured.
   virtual void remember(std::span<const KeptNoise> exposures) { static_cast<void>(exposures); }
-  /// Measures what lies in the buffers. A block is answered whatever happens to it.
+  /// Measures the scans in the buffers. Every block is answered, also after an error.
   [[nodiscard]] virtual std::unique_ptr<MeasureQueue> measuring() = 0;
-  /// Where the points of a scan go; `index` below limits::kScanSlots.
+  /// Buffer for the points of a scan; `index` below limits::kScanSlots.
   [[nodiscard]] virtual std::span<float> slot(std::size_t index) = 0;
-  /// CRC-32C of the points of a scan in records that is durable, from its file: its buffer may be in the hands of the
-  /// measuring by then, which changes it. None: the file cannot be read, or holds something else. Called by the
-  /// scanner's thread.
+  /// CRC-32C of the points of a durable scan in records, from its file, because measuring may have changed its buffer
+  /// by then. nullopt if the file cannot be read or contains other points. Called by the scanner's thread.
   [[nodiscard]] virtual std::optional<std::uint32_t> points_crc32c(const AcquiredScan& scan) = 0;
   /// Other recipes from the next block on. Called while no block is measured; `recipes` must outlive their use.
   virtual void use_recipes(std::span<const Recipe> /*recipes*/) {}
-  /// The block in hand takes too long: it is to be answered soon.
+  /// The current block takes too long: it must be answered soon.
   virtual void give_up_measuring() {}
 };
 

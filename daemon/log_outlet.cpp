@@ -19,7 +19,7 @@ namespace slabd::daemon {
 namespace {
 
 using Line = FixedString<768>;
-/// More than slabd logs while a whole slab is inspected; 50 kB.
+/// More lines than slabd logs while a whole slab is inspected; 50 kB.
 constexpr std::size_t kLines = 64;
 
 struct Outlet {
@@ -31,7 +31,7 @@ struct Outlet {
   bool writing = false;
 };
 
-/// Never destroyed: the thread may be in a write when the process ends.
+/// Never destroyed, because the thread may be writing when the process ends.
 Outlet& outlet() {
   static auto* const one = new Outlet;
   return *one;
@@ -39,7 +39,7 @@ Outlet& outlet() {
 std::atomic<bool> g_started{false};
 std::atomic<std::uint64_t> g_lost{0};
 
-/// False: nobody reads it any more.
+/// False if the reader has closed stderr.
 bool write_all(std::string_view text) {
   while (!text.empty()) {
     const ssize_t n = ::write(STDERR_FILENO, text.data(), text.size());
@@ -88,7 +88,7 @@ void put_log(std::string_view line) {
   }
   Outlet& out = outlet();
   const std::lock_guard lock(out.mutex);
-  // The second place is for what is said of the lost ones.
+  // The second place is reserved for the note about lost lines.
   if (out.lines.size() + 2 > kLines) {
     ++out.lost;
     count_lost_lines(1);
@@ -103,7 +103,7 @@ void put_log(std::string_view line) {
   }
   Line text{line};
   if (text.size() < line.size()) {
-    // A long line is cut and keeps its end.
+    // A long line is cut and keeps its line end.
     Line cut{line.substr(0, Line::capacity() - 1)};
     cut.append("\n");
     text = cut;

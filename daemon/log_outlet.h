@@ -4,18 +4,18 @@
 #include <cstdint>
 #include <string_view>
 
-/// Lines for stderr. Where stderr is a pipe that is full, a terminal that is stopped or a file on a disk that hangs, a
-/// write waits, and the loop would wait with it: Modbus and heartbeat would stop. So a thread of its own writes, from a
-/// fixed queue. What does not fit is dropped and counted.
+/// Writes lines to stderr on its own thread, from a fixed queue. A write blocks if stderr is a full pipe, a stopped
+/// terminal or a file on a disk that hangs. Then the loop, Modbus and heartbeat would stop too. Lines that do not fit
+/// are dropped and counted.
 namespace slabd::daemon {
 
-/// From here on put_log() never waits. Once, before other threads are busy.
+/// After this call put_log() never waits. Call it once, before other threads are busy.
 void start_log_outlet();
-/// One line with its line end, from any thread. Before start_log_outlet() it is written at once.
+/// Writes one line with its line end, from any thread. Before start_log_outlet() it is written at once.
 void put_log(std::string_view line);
-/// Waits until everything is written, at most so long. False: stderr is not read.
+/// Waits until everything is written, at most `wait_ms`. False: stderr is not read.
 bool flush_log(int wait_ms);
-/// Lines lost since the start, also those that the journal did not take.
+/// Lines lost since the start, including those that the journal did not accept.
 [[nodiscard]] std::uint64_t log_lines_lost();
 void count_lost_lines(std::uint64_t lines);
 

@@ -29,28 +29,29 @@
 namespace slabd::daemon {
 namespace {
 
-/// A tick at least this often: PLC acknowledgement within 50 ms, heartbeat, settle gate.
+/// Longest interval between ticks: PLC acknowledgement within 50 ms, heartbeat, settle gate.
 constexpr int kTurnMs = 10;
 constexpr std::int64_t kWatchdogPeriodNs = 3 * kNsPerS;
-/// A worker that shows no sign of life for so long is stuck; the service manager's watchdog then ends the process.
-/// Longer than any scan timeout and than a slow disk's sync.
+/// Time after which a worker without a sign of life counts as stuck; the service manager's watchdog then ends the
+/// process. Longer than any scan timeout and than a sync of a slow disk.
 constexpr std::int64_t kWorkerStuckNs = 60 * kNsPerS;
-/// A block that takes longer is given up (405). By counted work alone none takes longer than some seconds
-/// (limits::kDenoiseLooksMax): this is for a computer that does ten times as little as it should.
+/// Time after which a block is given up (405). By counted work alone no block takes longer than some seconds
+/// (limits::kDenoiseLooksMax), so this is for a computer that is ten times too slow.
 constexpr std::int64_t kMeasuringMaxNs = 15 * kNsPerS;
-/// Of the desk's change; the station counts its tickets up from 1 and does not come here in a century.
+/// Ticket of the calibration desk's change. The station counts its tickets up from 1 and will not reach this number.
 constexpr std::uint32_t kChangeTicket = 0xFFFF'FFFF;
-/// The PLC link's state is logged when it has lasted so long, or when nothing was logged of it for the second time.
+/// Duration after which a state of the PLC link is logged, and age of the last line after which it is logged in any
+/// case.
 constexpr std::int64_t kPlcNewsNs = kNsPerS;
 constexpr std::int64_t kPlcNewsPeriodNs = 60 * kNsPerS;
 constexpr std::int64_t kScannerNewsNs = 2 * kNsPerS;
 constexpr std::int64_t kScannerNewsPeriodNs = 10 * kNsPerS;
-/// Views that nobody came for: whoever calibrates comes back within a week, or begins anew.
+/// Views not fetched within a week are deleted; the operator repeats a calibration that is interrupted for longer.
 constexpr std::int64_t kCaptureKeptUs = 7 * 86'400'000'000LL;
 constexpr std::string_view kNoRoom =
     R"({"schema":"slabd.error/1","error":"the daemon has no memory for an answer now (--seal); ask again"})";
 
-/// A sealed process may have no memory for somebody's text: then the job has failed, not the daemon.
+/// Returns an error if a sealed process has no memory for a text: the job fails, but the daemon continues.
 template <typename Work>
 auto or_failed(const Work& work) -> decltype(work()) {
   try {
@@ -60,7 +61,7 @@ auto or_failed(const Work& work) -> decltype(work()) {
   }
 }
 
-/// The same, for what is tried ten times a second anyway.
+/// The same for work that is retried ten times a second.
 template <typename Work>
 void or_later(const Work& work) {
   try {
@@ -121,7 +122,7 @@ StoreDone Loop::store(const StoreTask& task) {
   const StoreJob& job = task.job;
   done.ticket = job.ticket;
   if (ports_.store == nullptr) {
-    // Nothing can be commanded in this state (the fault refuses it); the session number alone may be shown.
+    // Commands are refused in this state because of the fault; only the session number may be shown.
     done.code = std::holds_alternative<SessionJob>(job.what) ? Code::ok : Code::journal_write;
     return done;
   }
@@ -139,7 +140,7 @@ StoreDone Loop::store(const StoreTask& task) {
   return done;
 }
 
-/// The journal is a witness outside of the database.
+/// The journal is evidence outside of the database.
 void Loop::note_chain(std::int64_t slab_key) {
   const storage::ChainHead head = storage::chain_head(*ports_.store);
   if (head.entries == 0) return;
@@ -158,7 +159,7 @@ void Loop::tell_store_trouble() {
       say({LogLine::Level::error, static_cast<std::uint16_t>(Code::journal_write), trouble});
   }
   if (trouble.empty()) return;
-  // Again and again: a fault that was reset must come back as long as its cause is there.
+  // Posted repeatedly, because a fault that was reset must come back as long as its cause remains.
   StoreDone lost;
   lost.ticket = kNoJobTicket;
   lost.code = Code::journal_write;
@@ -170,7 +171,7 @@ std::uint64_t fingerprint_of(std::span<const float> xyz) {
   constexpr std::size_t kLooks = 8'191;
   std::uint64_t hash = xyz.size() + 1;
   std::size_t step = xyz.size() / kLooks + 1;
-  if (step % 3 == 0) ++step;  // x alone may be the same in every scan, as that of parallel rays is
+  if (step % 3 == 0) ++step;  // x alone may be the same in every scan, as for parallel rays
   for (std::size_t i = 0; i < xyz.size(); i += step)
     hash = (hash ^ std::bit_cast<std::uint32_t>(xyz[i])) * 0x9E3779B97F4A7C15U ^ (hash >> 31U);
   return hash | 1U;
@@ -180,14 +181,14 @@ ScanDone Loop::scan(const AcquireScan& job) {
   ScanDone done;
   done.cmd_seq = job.request.cmd_seq;
   done.slot = job.slot;
-  // Measuring need not wait for the disk. Where nobody takes the news, it begins when the scan is durable.
+  // Measuring need not wait for the disk. If this early event cannot be posted, it begins when the scan is durable.
   const std::span<float> xyz = crew_->slot(job.slot);
   const auto decoded = [this, &done, xyz](const AcquiredScan& scan) {
     done.scan = scan;
     const std::span<const float> points = xyz.first(std::min(3 * scan.shape.points, xyz.size()));
     done.fingerprint = fingerprint_of(points);
-    // From here on the buffer is the measuring's, which changes it. What can be read again quickly is read again below;
-    // all else took twenty times as long to read as its checksum takes.
+    // From here on the buffer belongs to the measurement, which changes it. Scans in records are read again below,
+    // which is fast. For all others the checksum takes a twentieth of the reading time.
     if (!scan.shape.in_records) done.points_crc32c = hal::points_crc32c(points);
     (void)scan_worker_->post(done);
   };
@@ -220,15 +221,15 @@ bool Loop::run(const std::atomic<bool>& stop, std::int64_t patience_ns, const st
 
 bool Loop::wants_store(std::int64_t patience_ns) const {
   if (ports_.store != nullptr) return false;
-  // With a faulty configuration there is no store to ask for.
+  // With a faulty configuration the store cannot be reopened.
   const Code fault = station_->settings.fault;
   const bool used_by_another = fault == Code::config && !figures_.used_by_another.empty();
   if (fault != Code::journal_write && fault != Code::store_full && !used_by_another) return false;
   return fault_was_reset_ || ports_.clock.mono_ns() - begun_ns_ >= patience_ns;
 }
 
-/// Of a database that cannot be read. Its session is far from that of a new one: an order that was refused here still
-/// stands in the registers when the database comes, and must not fit.
+/// State for a database that cannot be read. Its session is far from that of a new database. A command refused here
+/// remains in the registers and must not match when the database is opened.
 static std::unique_ptr<RecoveredLine> nothing_recovered() {
   constexpr std::uint16_t kSessionWithoutStore = 0x8000;
   auto line = std::make_unique<RecoveredLine>();
@@ -245,7 +246,7 @@ void Loop::start() {
     } else {
       say({LogLine::Level::error, static_cast<std::uint16_t>(line.error().code), line.error().text});
       figures_.store_text = line.error().text;
-      // Nothing may be written over what could not be read.
+      // Data that could not be read must not be overwritten.
       ports_.store = nullptr;
       station_->settings.fault = fault_without_store(line.error());
       handle(Recovered{nothing_recovered().get()});
@@ -265,7 +266,7 @@ void Loop::finish() {
   while (delete_one()) continue;
 }
 
-/// A process that ends in order takes its marks away: the next one may measure these scans again.
+/// An orderly shutdown removes the marks of measurements, so that the next process may measure these scans again.
 void Loop::give_measurements_up() {
   if (!store_handed_over_) return;
   const Station& s = *station_;
@@ -319,12 +320,13 @@ void Loop::tick() {
   look_for_another_daemon();
 }
 
-/// With one drop folder two daemons take each other's scans: the one that came second stands until the first has ended.
+/// Two daemons with one drop folder take each other's scans, so the second one stays in fault until the first has
+/// ended.
 void Loop::look_for_another_daemon() {
   Code& fault = station_->settings.fault;
   const hal::ScannerText text = ports_.scanner.used_by_another();
   if (text.empty() == !scanner_is_anothers_) return;
-  if (!scanner_is_anothers_ && fault != Code::ok) return;  // what is wrong first has been said
+  if (!scanner_is_anothers_ && fault != Code::ok) return;  // an earlier fault was reported already
   scanner_is_anothers_ = !text.empty();
   fault = scanner_is_anothers_ ? Code::config : Code::ok;
   if (scanner_is_anothers_)
@@ -333,7 +335,7 @@ void Loop::look_for_another_daemon() {
     say({LogLine::Level::info, static_cast<std::uint16_t>(fault), "the drop folder is this daemon's alone"});
 }
 
-/// Between two slabs, and when nothing of the last one is under way.
+/// Loads new recipes between two slabs, once the last slab is finished.
 void Loop::take_up_recipes() {
   Station& s = *station_;
   LogLine line;
@@ -434,7 +436,7 @@ void Loop::take_answers() {
       say(line);
       continue;
     }
-    // It stays until the next failure: the fault does, too.
+    // The text stays until the next failure, as the fault does.
     const bool is_lost = stored.code == Code::journal_write || stored.code == Code::store_full;
     if (is_lost && !stored.text.empty()) figures_.store_text = stored.text;
     if (stored.ticket == kNoJobTicket) {
@@ -460,7 +462,7 @@ void Loop::take_answers() {
 void Loop::say_scanner_news() {
   const bool online = ports_.scanner.online();
   LogLine line;
-  // At the start its first look is still under way.
+  // At the start the port's first look is still in progress.
   if (scanner_online_.is_news(online, ports_.clock.mono_ns(),
                               {.lasts_ns = kScannerNewsNs, .apart_ns = kScannerNewsPeriodNs})) {
     line.level = online ? LogLine::Level::info : LogLine::Level::warning;
@@ -480,10 +482,10 @@ void Loop::serve_plc() {
   ports_.plc.publish(plc_view(*station_));
   bool& fault_reset_held = ports_.fault_reset_held != nullptr ? *ports_.fault_reset_held : fault_reset_held_;
   PlcInputs inputs;
-  // Every write is one event; bounded, so that a PLC that only writes cannot hold the loop.
+  // Every write is one event; bounded, so that a PLC that only writes cannot block the loop.
   for (std::size_t i = 0; i < limits::kModbusClientsMax * limits::kModbusFramesPerTurn; ++i) {
     if (!ports_.plc.next(ports_.clock.mono_ns(), inputs)) break;
-    // Held down is not reset: the edge counts, as for every other fault.
+    // A level held down is not a reset: only the edge counts, as for every other fault.
     const bool held = std::exchange(fault_reset_held, inputs.fault_reset);
     fault_was_reset_ = fault_was_reset_ || (inputs.fault_reset && !held);
     handle(inputs);
@@ -524,7 +526,7 @@ void Loop::feed_watchdog() {
   for (std::size_t i = 0; i < turns.size(); ++i) {
     if (turns[i] != worker_turns_[i] || worker_moved_ns_[i] == 0) worker_moved_ns_[i] = now_ns;
     worker_turns_[i] = turns[i];
-    // A share that hangs is told of (301) and ends when its server does; killing slabd would not bring it back.
+    // A share that hangs is reported (301) and recovers with its server; restarting slabd would not help.
     if (i == 1 && ports_.scanner.hangs()) worker_moved_ns_[i] = now_ns;
     alive = alive && now_ns - worker_moved_ns_[i] < kWorkerStuckNs;
   }
@@ -573,7 +575,7 @@ void Loop::perform(const Action& action) {
     say(*line);
   }
   if (!accepted) {
-    // The station keeps fewer jobs under way than the queues hold: anything else is a broken invariant.
+    // The station keeps fewer jobs in progress than the queues hold, so an overflow is a broken invariant.
     put_log("<2>slabd: a worker's queue overflowed\n");
     (void)flush_log(200);
     std::abort();
@@ -590,8 +592,8 @@ void Loop::judge_slab(const JudgeSlab& action) {
   has_follow_up_ = true;
 }
 
-/// Sixty megabytes may take a disk long, and the PLC waits for its heartbeat: the storage thread does it when it has
-/// nothing else to do.
+/// Deletes a file later on the storage thread, when it is idle. Deleting sixty megabytes may take a slow disk long, and
+/// the PLC waits for its heartbeat.
 bool Loop::delete_later(const PathText& path) {
   const std::lock_guard<std::mutex> lock(to_delete_guard_);
   return to_delete_.push(path);
@@ -616,13 +618,13 @@ void Loop::delete_file(const PathText& path) const {
   say(line);
 }
 
-/// Views that nobody fetched, a few at a time: the rest goes at the next calibration.
+/// Deletes views that were not fetched, a few at a time; the others are deleted at the next calibration.
 void Loop::tidy_captures(const PathText& folder) {
   const std::int64_t oldest_us = ports_.clock.utime_us() - kCaptureKeptUs;
-  std::error_code fault;  // no folder: nobody ever calibrated here
+  std::error_code fault;  // error: the folder does not exist, so it contains no views
   for (std::filesystem::directory_iterator entry(folder.c_str(), fault), end; !fault && entry != end;
        entry.increment(fault)) {
-    // Its time of change is when it was moved here.
+    // The change time is the time of the move to this folder.
     struct stat there {};
     const bool scan = ::lstat(entry->path().c_str(), &there) == 0 && S_ISREG(there.st_mode);
     if (scan && there.st_ctim.tv_sec * std::int64_t{1'000'000} < oldest_us && !delete_later(entry->path().c_str()))
@@ -634,7 +636,7 @@ namespace {
 
 std::atomic<std::uint64_t> untold_lines = 0;
 
-/// Once the journal takes lines again.
+/// Reports lost lines once the journal accepts lines again.
 void tell_untold() {
   const std::uint64_t lines = untold_lines.exchange(0, std::memory_order_relaxed);
   if (lines == 0) return;
@@ -645,8 +647,8 @@ void tell_untold() {
   say_line(line);
 }
 
-/// One line whatever it holds: names of files may hold line ends, and bytes that are no text, for which the journal
-/// would show "blob data". A text that was cut to its room may end within a character.
+/// Converts the text to one line of valid UTF-8. File names may contain line ends and invalid bytes, which the journal
+/// would show as "blob data". A text that was cut may end within a character.
 FixedString<limits::kErrorTextBytes> visible(std::string_view text) {
   FixedString<limits::kErrorTextBytes> line;
   while (!text.empty()) {
@@ -661,7 +663,8 @@ FixedString<limits::kErrorTextBytes> visible(std::string_view text) {
 }  // namespace
 
 void say_line(const LogLine& line) {
-  // Under a service manager a line goes to the journal with its fields; on a terminal a word reads better.
+  // Under a service manager a line is sent to the journal with its fields; on a terminal the level is written as a
+  // word.
   static const bool in_journal = hal::stderr_is_journal();
   static const hal::Journal journal;
   hal::Priority priority = hal::Priority::info;
@@ -692,8 +695,8 @@ void say_line(const LogLine& line) {
     text.printf("%sslabd: %s\n", prefix.c_str(), said.c_str());
   }
   if (!in_journal) return put_log(text.view());
-  // The same journal reads this stream. One that does not read must not stop the line: a line is lost then, and
-  // counted.
+  // The same journal reads stderr. If it does not read, the line is dropped and counted, so that the loop does not
+  // block.
   const ssize_t sent = ::send(STDERR_FILENO, text.c_str(), text.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
   if (sent >= 0) return;
   untold_lines.fetch_add(1, std::memory_order_relaxed);

@@ -19,7 +19,7 @@
 
 namespace slabd::daemon {
 
-/// What the loop is plugged into. `store` may be absent (nothing usable to store in): the PLC then reads a fault.
+/// Ports of the loop. `store` may be absent (storage is not usable): the PLC then reads a fault.
 struct Ports {
   hal::PlcPort& plc;
   hal::PosePort& pose;
@@ -28,52 +28,54 @@ struct Ports {
   hal::ControlPort* control = nullptr;
   hal::Clock& clock;
   hal::ServiceNotify& notify;
-  /// FAULT_RESET as the PLC wrote it last. Shared by loops that follow each other: held down it is an edge for none.
+  /// FAULT_RESET as last written by the PLC. Shared by consecutive loops, so that a level held down is not an edge for
+  /// the next one.
   bool* fault_reset_held = nullptr;
-  RecipeWatch* recipes = nullptr;  ///< of the recipe folder; absent: nothing is looked at
+  RecipeWatch* recipes = nullptr;  ///< of the recipe folder; absent: the folder is not watched
 };
 
-/// What `slabctl status` shows beside the station's own state.
+/// Data that `slabctl status` shows in addition to the station's state.
 struct LoopFigures {
-  std::int64_t started_ns = 0;  ///< of the process; 0: of this loop
+  std::int64_t started_ns = 0;  ///< start of the process; 0: start of this loop
   std::uint64_t blocks_measured = 0;
   double block_last_ms = 0.0;
   double block_max_ms = 0.0;
   double commit_last_ms = 0.0;
   double commit_max_ms = 0.0;
-  std::uint64_t poses_stale = 0;                    ///< times that the newest pose became too old
-  std::uint64_t poses_wrong_frame = 0;              ///< times that another base or tool became active
-  FixedString<limits::kErrorTextBytes> store_text;  ///< why the database could not be written; empty: it could
+  std::uint64_t poses_stale = 0;                    ///< number of times the newest pose became too old
+  std::uint64_t poses_wrong_frame = 0;              ///< number of times another base or tool became active
+  FixedString<limits::kErrorTextBytes> store_text;  ///< why the database could not be written; empty: no error
   hal::PlcRole plc_role = hal::PlcRole::server;
   hal::WordOrder plc_word_order = hal::WordOrder::abcd;
   hal::PoseType pose_type = hal::PoseType::flange_pose;
   std::string config_path;
   std::string db_path;
-  /// Another daemon uses the spool: which folder and who. Then the line stands in fault 504, and main() looks again.
+  /// Text with folder and owner if another daemon uses the spool. Then the line is in fault 504, and main() checks
+  /// again.
   std::string used_by_another;
 };
 
-/// The fault in which a line stands whose storage cannot be used for `why`. store_full where a disk is full, which a
-/// person mends by making room; journal_write for all else. Both are tried again.
+/// Fault of a line whose storage cannot be used because of `why`: store_full if a disk is full, journal_write for all
+/// other errors. A full disk needs the operator. Both are retried.
 [[nodiscard]] Code fault_without_store(const Error& why);
 
-/// A number for what the points are, from some thousands of their coordinates, spread over the scan and over x, y and
-/// z. Never 0. `xyz`: x, y, z of each point.
+/// Hash of the points from some thousands of their coordinates, spread over the scan and over x, y and z. Never 0.
+/// `xyz`: x, y, z of each point.
 [[nodiscard]] std::uint64_t fingerprint_of(std::span<const float> xyz);
 
-/// A state of which only changes are told: those that have lasted, so that one that flickers cannot fill the disk.
+/// Reports changes of a state once they have lasted, so that a flickering state cannot fill the disk.
 template <typename State>
 class ToldOnce {
  public:
   struct When {
-    std::int64_t lasts_ns = 0;                                        ///< a change is told when it has lasted so long,
-    std::int64_t apart_ns = 0;                                        ///< and the last one was told so long ago;
-    std::int64_t late_ns = std::numeric_limits<std::int64_t>::max();  ///< or, lasting or not, when that was so long ago
+    std::int64_t lasts_ns = 0;                                        ///< a change is reported after this time
+    std::int64_t apart_ns = 0;                                        ///< and the last report is at least this old
+    std::int64_t late_ns = std::numeric_limits<std::int64_t>::max();  ///< or in any case if the last report is this old
   };
 
   explicit ToldOnce(const State& first = {}) : seen_(first), told_(first) {}
 
-  /// Looks at the state. True: it is to be told now, and then counts as told.
+  /// Updates the state. True if it must be reported now; it then counts as reported.
   template <typename Now>
   [[nodiscard]] bool is_news(const Now& state, std::int64_t now_ns = 0, const When& when = {}) {
     if (seen_ != state) {
@@ -86,26 +88,26 @@ class ToldOnce {
     told_ns_ = now_ns;
     return true;
   }
-  /// At the last look.
+  /// State at the last update.
   [[nodiscard]] const State& seen() const { return seen_; }
 
  private:
   State seen_;
   State told_;
-  std::int64_t seen_ns_ = 0;  ///< since when it is so
+  std::int64_t seen_ns_ = 0;  ///< start of the present state
   std::int64_t told_ns_ = -(std::int64_t{1} << 40U);
 };
 
-/// Ports -> events -> step -> actions, on one thread; the crew (storage, scanner, measuring) does what blocks.
-/// Everything is allocated by the constructor; run() allocates nothing on the inspection path.
+/// Turns events of the ports into steps and actions, on one thread; the crew (storage, scanner, measuring) does all
+/// blocking work. The constructor allocates everything; run() allocates nothing on the inspection path.
 class Loop {
  public:
   static constexpr std::int64_t kStorePatience_ns = 5 * kNsPerS;
-  /// Each try reads the whole database; a damaged one does not become better by it.
+  /// Each try reads the whole database, and a retry does not repair a damaged one.
   static constexpr std::int64_t kStorePatienceMax_ns = 300 * kNsPerS;
 
-  /// With the crew of a running daemon. `scan_form`: of the scan files, which lie in the spool as the scanner wrote
-  /// them. `measure_threads`: 1 or 2.
+  /// With the crew of a running daemon. `scan_form`: of the scan files, which are stored in the spool as the scanner
+  /// wrote them. `measure_threads`: 1 or 2.
   Loop(const Ports& ports, const StationSettings& settings, const hal::ScanForm& scan_form, int measure_threads,
        LoopFigures figures);
   Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<Crew> crew, LoopFigures figures);
@@ -113,26 +115,26 @@ class Loop {
   Loop(const Loop&) = delete;
   Loop& operator=(const Loop&) = delete;
 
-  /// Runs until `stop` becomes true, and finishes store jobs under way before it returns. Also returns, with true, when
-  /// wants_store(patience_ns). `recovered` is called once, when what storage remembers has been taken up and everything
-  /// that works on slabs is there; not when storage cannot be used.
+  /// Runs until `stop` becomes true, and finishes started store jobs before it returns. Also returns, with true, if
+  /// wants_store(patience_ns). `recovered` is called once, after the stored state was restored and all workers exist;
+  /// not if storage cannot be used.
   bool run(const std::atomic<bool>& stop, std::int64_t patience_ns = kStorePatience_ns,
            const std::function<void()>& recovered = {});
 
-  // What run() consists of, for whoever moves the clock himself.
-  /// Takes up what storage remembers; once, first.
+  // Parts of run(), for callers with their own clock.
+  /// Restores the stored state; call it once, first.
   void start();
-  /// One turn: waits at most `wait_ms` for something to happen, then serves it all.
+  /// One turn: waits at most `wait_ms` for an event, then serves all events.
   void turn(int wait_ms);
-  /// Handles everything that has happened, without waiting.
+  /// Serves all present events without waiting.
   void serve();
-  /// Storage could not be used at the start (fault 501 or 502), and either `patience_ns` are over or the PLC has reset
-  /// the fault: whoever made this loop opens the store anew and makes another one. A disk that fails for a moment must
-  /// not stop the line until somebody comes.
+  /// True if storage could not be used at the start (fault 501 or 502), and either `patience_ns` are over or the PLC
+  /// has reset the fault. The caller then opens the store again and makes another loop. A temporary disk error must not
+  /// stop the line until an operator arrives.
   [[nodiscard]] bool wants_store(std::int64_t patience_ns) const;
-  /// Ends the scan in hand and waits for the store jobs under way; last.
+  /// Ends the current scan and waits for the store jobs in progress; call it last.
   void finish();
-  /// After finish(): waits until the scanner's worker can be ended. False: it hangs, and nobody can say for how long.
+  /// After finish(): waits until the scanner's worker can be ended. False if it hangs, for an unknown time.
   [[nodiscard]] bool scanner_comes_back();
 
   [[nodiscard]] const Station& station() const { return *station_; }
@@ -154,9 +156,9 @@ class Loop {
   void handle(const Event& event);
   void perform(const Action& action);
   void judge_slab(const JudgeSlab& action);
-  /// False: too many wait for it.
+  /// Queues a file for deletion; false if the queue is full.
   [[nodiscard]] bool delete_later(const PathText& path);
-  /// Deletes one file that waits for it; false: there is none. By the storage thread, or when nothing else runs.
+  /// Deletes one queued file; false if there is none. Called by the storage thread, or when no other thread runs.
   bool delete_one();
   void delete_file(const PathText& path) const;
   void tidy_captures(const PathText& folder);
@@ -164,7 +166,7 @@ class Loop {
 
   [[nodiscard]] StoreDone store(const StoreTask& task);
   void note_chain(std::int64_t slab_key);
-  /// What the store has found wrong by itself is a fault without a job.
+  /// Raises a fault without a job for an error that the store detected itself.
   void tell_store_trouble();
   [[nodiscard]] ScanDone scan(const AcquireScan& job);
 
@@ -173,14 +175,14 @@ class Loop {
 
   std::unique_ptr<Station> station_;
   std::unique_ptr<Actions> actions_;
-  std::unique_ptr<Event> follow_up_;  ///< the one event an action answers at once
+  std::unique_ptr<Event> follow_up_;  ///< the one event that an action causes at once
   bool has_follow_up_ = false;
-  std::vector<BlockResult> blocks_;  ///< of the slab being judged
+  std::vector<BlockResult> blocks_;  ///< of the slab that is being judged
   std::unique_ptr<SlabJudged> judged_;
 
   std::unique_ptr<Crew> crew_;
   std::atomic<bool> cancel_scan_{false};
-  /// The store has gone over from start(), which reads it on the loop's thread, to the storage thread.
+  /// True once start(), which reads the store on the loop's thread, has handed it to the storage thread.
   std::atomic<bool> store_handed_over_{false};
 
   std::mutex to_delete_guard_;
@@ -188,24 +190,24 @@ class Loop {
 
   bool scanner_is_anothers_ = false;                 ///< another daemon uses the drop folder
   bool fault_was_reset_ = false;                     ///< by the PLC, since the start
-  bool fault_reset_held_ = false;                    ///< of this loop, where no other one is to know
-  std::shared_ptr<const RecipeSet> recipes_in_use_;  ///< taken up since the start
-  bool measuring_given_up_ = false;                  ///< the block in hand
+  bool fault_reset_held_ = false;                    ///< of this loop, if it is not shared
+  std::shared_ptr<const RecipeSet> recipes_in_use_;  ///< loaded since the start
+  bool measuring_given_up_ = false;                  ///< for the current block
   std::int64_t watchdog_ns_ = 0;
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};
   std::int64_t begun_ns_ = 0;
-  bool commanded_said_ = false;  ///< that poses are not measured; once
+  bool commanded_said_ = false;  ///< a log line about unmeasured poses was written
   ToldOnce<bool> recipes_differ_;
   ToldOnce<std::string> pose_trouble_;
   ToldOnce<Code> pose_link_{Code::no_pose};
-  ToldOnce<bool> scanner_online_{true};  ///< nothing is told of a scanner that is there from the start
+  ToldOnce<bool> scanner_online_{true};  ///< a scanner that is online from the start is not reported
   ToldOnce<std::string> plc_trouble_;
   ToldOnce<FixedString<limits::kErrorTextBytes>> spool_trouble_;  ///< storage thread only
   ToldOnce<FixedString<limits::kErrorTextBytes>> store_trouble_;  ///< storage thread only
   CalibrationDesk calibration_desk_;
 
-  // Last: the workers start when everything they touch exists, and end first.
+  // Last: the workers start after all members they use, and end before them.
   std::unique_ptr<StoreQueue> store_worker_;
   std::unique_ptr<ScanQueue> scan_worker_;
   std::unique_ptr<MeasureQueue> measure_worker_;
@@ -213,33 +215,32 @@ class Loop {
 
 /// The answer to {"verb":"status"} on the control socket: one line of JSON, schema slabd.status/1.
 [[nodiscard]] std::string status_json(const Station& station, const Ports& ports, const LoopFigures& figures);
-/// The answer to {"verb":"calibration"}: what is in force, what the open slab uses, when checks are due, and what
-/// became of the last change; schema slabd.calibration_state/1.
+/// The answer to {"verb":"calibration"}: the calibration in force, that of the open slab, due dates of checks, and the
+/// result of the last change; schema slabd.calibration_state/1.
 [[nodiscard]] std::string calibration_json(const Station& station, const CalibrationDesk& desk);
-/// The answer to {"verb":"capture",...}: who calibrates, what the robot does, what became of the last view; schema
-/// slabd.capture/1.
+/// The answer to {"verb":"capture",...}: operator, state of the robot, result of the last view; schema slabd.capture/1.
 [[nodiscard]] std::string capture_json(const Station& station);
-/// The answer to {"verb":"recipes"}: what is in use, what the folder holds otherwise, what became of the last reload;
-/// schema slabd.recipes/1. With "reload":true a reload is ordered first, unless a slab is open.
+/// The answer to {"verb":"recipes"}: the recipes in use, differences in the folder, result of the last reload; schema
+/// slabd.recipes/1. With "reload":true a reload is ordered first, unless a slab is open.
 [[nodiscard]] std::string recipes_json(const RecipeWatch& watch);
-/// A capture request as an event. config: what is wrong with it.
+/// Parses a capture request into an event. config: the text names the error.
 [[nodiscard]] Result<CaptureRequest> parse_capture(std::string_view line, std::uint32_t uid);
-/// The answer to {"verb":"care"}: what became of the last backup and of pruning; schema slabd.care/1.
+/// The answer to {"verb":"care"}: results of the last backup and of pruning; schema slabd.care/1.
 [[nodiscard]] std::string care_json(const storage::Store& store);
-/// Carries {"verb":"backup"} (to a file named after the time, in the backup folder) or {"verb":"prune","keep_slabs":N}
+/// Passes {"verb":"backup"} (to a file named after the time, in the backup folder) or {"verb":"prune","keep_slabs":N}
 /// to the store. config, busy: as Store::order().
 [[nodiscard]] Status order_care(std::string_view line, storage::Store& store, const std::string& db_path,
                                 std::int64_t utime_us);
-/// The text behind {"verb":"metrics"}: Prometheus' exposition format.
+/// The text for {"verb":"metrics"}: Prometheus' exposition format.
 [[nodiscard]] std::string metrics_text(const Station& station, const Ports& ports, const LoopFigures& figures);
 /// The answer to {"verb":"metrics"}: one line of JSON, schema slabd.metrics/1.
 [[nodiscard]] std::string metrics_json(const Station& station, const Ports& ports, const LoopFigures& figures);
-/// "VmRSS" and the like from /proc/self/status, in kB; 0 where there is none.
+/// "VmRSS" and similar entries of /proc/self/status, in kB; 0 if the entry is missing.
 [[nodiscard]] std::int64_t memory_kb(const std::string& key);
-/// Answers one control request line; unknown verbs and bad JSON get {"error": ...}. Reading verbs change nothing;
-/// {"verb":"calibration_change","file":...} lays a change on the desk, and the caller has it carried out. "capture" is
-/// an event for the station: `handle` steps it before the answer is made. {"verb":"metrics","reset":true} begins the
-/// maxima of `figures` anew.
+/// Answers one line of a control request; unknown verbs and bad JSON get {"error": ...}. Reading verbs do not change
+/// any state. {"verb":"calibration_change","file":...} lays a change on the desk; the caller has it carried out.
+/// "capture" is an event for the station: `handle` steps it before the answer is made. {"verb":"metrics","reset":true}
+/// resets the maxima of `figures`.
 [[nodiscard]] std::string answer_control(std::string_view line, const Station& station, const Ports& ports,
                                          LoopFigures& figures, CalibrationDesk& desk,
                                          const std::function<void(const Event&)>& handle);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabd: plugs the ports into the loop and runs it. A configuration or a database that cannot be used does not end the
-// process: the PLC must see the fault, not a dark interface.
+// slabd: connects the ports to the loop and runs it. A configuration or a database that cannot be used does not end the
+// process, because the PLC must see the fault, not a dead interface.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
@@ -28,7 +28,7 @@ constexpr int kExitUsage = 2;
 constexpr int kExitBadInput = 3;
 constexpr int kExitUnreachable = 4;
 constexpr int kExitInternal = 5;
-/// At the end: so long a reader of stderr may take.
+/// Time given to a reader of stderr at the end.
 constexpr int kFlushMs = 1'000;
 
 std::atomic<bool> g_stop{false};
@@ -42,17 +42,17 @@ void catch_signals() {
   sigaction(SIGTERM, &action, nullptr);
   sigaction(SIGINT, &action, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
-  // Recipes are read anew by `slabctl recipe reload`, which says what became of it; and a terminal that is closed, or
-  // what rotates logs, must not end a slab.
+  // `slabctl recipe reload` reloads the recipes and reports the result. A closed terminal or a log rotation must not
+  // end a slab.
   std::signal(SIGHUP, SIG_IGN);
-  // Their default is to end the process, and none of them means that here: somebody tries whether slabd is alive, a
-  // tool expects a program that reopens its log. Timers and profilers are not used.
+  // Their default action is to end the process, which is never intended here. An operator may test whether slabd is
+  // alive, or a tool may expect a program that reopens its log. Timers and profilers are not used.
   for (const int ignored : {SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR})
     std::signal(ignored, SIG_IGN);
   for (int real_time = SIGRTMIN; real_time <= SIGRTMAX; ++real_time) std::signal(real_time, SIG_IGN);
 }
 
-/// For the log, never waiting for whoever reads it.
+/// Writes to the log without waiting for its reader.
 [[gnu::format(printf, 1, 2)]] void say_text(const char* format, ...) {
   std::array<char, 768> text{};
   va_list args;
@@ -66,8 +66,8 @@ void print(const std::vector<Problem>& problems) {
   for (const Problem& problem : problems) put_log("error: " + problem.text + "\n");
 }
 
-// Stand-ins for a robot link and a scanner that could not be set up. The daemon stays up and says why: the PLC sees
-// the link down, and a command that needs it fails with the code.
+// Stand-ins for a robot link and a scanner that could not be set up. The daemon keeps running and reports the reason:
+// the PLC sees the link down, and a command that needs it fails with the code.
 
 class AbsentPose : public hal::PosePort {
  public:
@@ -97,7 +97,7 @@ class AbsentScanner : public hal::ScannerPort {
   Error why_;
 };
 
-/// Where the PLC is met.
+/// Address or device at which the PLC is connected.
 FixedString<limits::kErrorTextBytes> plc_place(const hal::PlcSettings& plc) {
   FixedString<limits::kErrorTextBytes> place;
   switch (plc.role) {
@@ -110,7 +110,7 @@ FixedString<limits::kErrorTextBytes> plc_place(const hal::PlcSettings& plc) {
   return place;
 }
 
-/// Said once, at the start and by --check: what is allowed and probably not meant.
+/// Prints settings that are allowed but probably not intended; once, at the start and by --check.
 void print_doubts(const std::vector<Problem>& doubts) {
   for (const Problem& doubt : doubts) put_log("warning: " + doubt.text + "\n");
 }
@@ -121,7 +121,7 @@ int check(const Config& config, const std::vector<Problem>& config_problems, con
   print(recipe_problems);
   print_doubts(config.doubts);
   if (!config_problems.empty()) return kExitBadInput;
-  // Whoever checks a file before it is installed learns that the file is not to blame.
+  // The configuration itself is valid, so a check before its installation reports ok for it.
   std::printf("%s: ok%s\n", config.path.c_str(),
               recipe_problems.empty() ? "" : ", but not the recipes it names (see above)");
   if (!recipe_problems.empty()) return kExitBadInput;
@@ -165,7 +165,7 @@ StationSettings station_settings(const Config& config, const std::vector<Recipe>
   return settings;
 }
 
-/// The scanner, whichever way its scans come; one that cannot be set up says why whenever it is asked.
+/// Creates the scanner port of the configured backend; one that cannot be set up reports the reason in trouble().
 std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::Clock& clock) {
   if (config.scanner_backend == hal::ScannerBackend::tcp) {
     auto made = hal::make_scan_stream(config.stream, clock);
@@ -173,7 +173,7 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
     say_text("error: %s\n", made.error().text.c_str());
     return std::make_unique<AbsentScanner>(made.error());
   }
-  // The folder may lie on a share that hangs: only the scanner's own thread looks at it.
+  // The folder may be on a share that hangs, so only the scanner's own thread accesses it.
   hal::ScanDropSettings settings = config.scanner;
   settings.make_drop_dir = true;
   settings.read_threads = config.measure_threads;
@@ -184,9 +184,9 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
   return std::make_unique<AbsentScanner>(made.error());
 }
 
-/// The scanner's thread is in a call that nobody can end (a network share that hangs), and would be waited for. Every
-/// record that was promised is durable; as with a kill, everything durable stays. The service manager starts slabd
-/// again where it was not told to stop.
+/// Ends the process while the scanner's thread is in a call that cannot be interrupted (a network share that hangs); an
+/// orderly end would wait for it. All promised records are durable; as with a kill, all durable data remain. The
+/// service manager restarts slabd unless it ordered the stop.
 [[noreturn]] void leave_without_scanner(hal::ServiceNotify& notify, const hal::ScannerText& why) {
   notify.stopping();
   say_text("info: slabd: stopped while the scanner's thread hung: %s\n", why.c_str());
@@ -194,7 +194,8 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
   std::_Exit(g_stop ? 0 : kExitUnreachable);
 }
 
-/// Two daemons with one spool delete each other's scans as those of nobody. False: another one has it.
+/// Locks the spool; false if another daemon holds it. Two daemons with one spool would delete each other's scans as
+/// unknown files.
 bool take_spool(const Config& config, hal::FolderLock& lock, bool& unlockable_said, LoopFigures& figures) {
   figures.used_by_another.clear();
   std::error_code none;
@@ -214,7 +215,7 @@ bool take_spool(const Config& config, hal::FolderLock& lock, bool& unlockable_sa
   return false;
 }
 
-/// A seal that cannot be had is said and done without: a dark interface helps nobody.
+/// If memory cannot be locked or limited, log an error and continue, so that the PLC's interface stays up.
 void seal(std::uint64_t headroom_bytes) {
   const Status locked = lock_memory(headroom_bytes + kReserveBytes);
   const Status limited = limit_address_space(headroom_bytes);
@@ -232,8 +233,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   print(recipe_problems);
   print_doubts(config.doubts);
 
-  // As a server the port is taken. As a client or on a serial line a second slabd would write over what the first one
-  // shows the PLC, and take its scans.
+  // As a server, a second slabd fails because the port is in use. As a client or on a serial line it would overwrite
+  // the first one's registers in the PLC, and take its scans.
   if (config.plc.role != hal::PlcRole::server && storage::is_written_elsewhere(config.storage.db_path)) {
     say_text("error: another process works with %s, most likely slabd itself: only one may\n",
              config.storage.db_path.c_str());
@@ -264,12 +265,12 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     }
     scanner = std::make_unique<AbsentScanner>(error(Code::journal_write, "another process works with the database"));
   } else {
-    // Nothing more is said of the links: the configuration comes first.
+    // The links are not reported in this case, because the configuration must be corrected first.
     pose = std::make_unique<AbsentPose>(std::string_view());
     scanner = std::make_unique<AbsentScanner>(error(Code::config, "the configuration is not usable"));
   }
-  // Also in fault 504, where the configuration says, or would have said: who asks why the line stands must not be told
-  // that nothing runs.
+  // The control socket is also opened in fault 504, at the configured or default path, so that `slabctl status` can
+  // report the fault.
   if (auto made = hal::make_control_socket(config.control_socket.c_str()); made.ok()) {
     control = std::move(made.value());
   } else {
@@ -280,7 +281,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   hal::FolderLock spool_lock(hal::lock_owner_of_this_process(config.path));
   bool spool_unlockable_said = false;
   LoopFigures figures;
-  // Whole: who asks for it stands in another folder than the daemon.
+  // Absolute, because clients run in other folders than the daemon.
   std::error_code no_folder;
   figures.config_path = std::filesystem::absolute(config.path, no_folder).lexically_normal().native();
   figures.plc_role = config.plc.role;
@@ -288,9 +289,9 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   figures.pose_type = config.robot.type;
   figures.db_path = config.storage.db_path;
   figures.started_ns = clock->mono_ns();
-  // Once, unless storage cannot be used: then it is opened again and again, and everything else stays up meanwhile.
+  // Runs once, unless storage cannot be used: then it is reopened repeatedly, and all other parts stay up meanwhile.
   std::int64_t patience_ns = Loop::kStorePatience_ns;
-  // Lives as long as any loop: what was taken up is in use until the end.
+  // Outlives all loops, because reloaded recipes stay in use until the end.
   std::optional<RecipeWatch> recipe_watch;
   if (settings.fault == Code::ok)
     recipe_watch.emplace(config.recipes_dir,
@@ -300,7 +301,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   for (bool again = true; again; patience_ns = std::min(2 * patience_ns, Loop::kStorePatienceMax_ns)) {
     StationSettings now = settings;
     std::unique_ptr<storage::Store> store;
-    // Whoever has the database has the scanner: two that look after one drop folder take each other's scans.
+    // The scanner belongs to the process that holds the database: two processes with one drop folder take each other's
+    // scans.
     if (now.fault == Code::ok && !scanner_is_ours) {
       if (storage::is_written_elsewhere(config.storage.db_path)) {
         say_text("error: another process works with %s, and with its scanner: only one may\n",
@@ -318,14 +320,14 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
       const auto made =
           open_beside_the_line([&config] { return storage::open_store(config.storage); }, ports, now, figures, g_stop);
       if (made == nullptr) {
-        // The thread is at work on the database and touches what main() would take away; as with a kill, everything
-        // durable stays.
+        // The thread still uses the database and data that main() would destroy; as with a kill, all durable data
+        // remain.
         notify->stopping();
         say_text("info: slabd: stopped while the database was being opened\n");
         (void)flush_log(kFlushMs);
         std::_Exit(0);
       }
-      // Again: the first start makes the folder.
+      // Taken again, because the first start makes the folder.
       if (!take_spool(config, spool_lock, spool_unlockable_said, figures)) {
         now.fault = Code::config;
       } else if (made->ok()) {
@@ -349,8 +351,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     Loop loop(ports, now, config.scanner.form, config.measure_threads, figures);
     say_text("info: %s: %s, inspection memory %.0f MB%s\n", now.software.c_str(), plc_place(config.plc).c_str(),
              static_cast<double>(limits::kInspectionBytes) / 1e6, now.fault == Code::ok ? "" : "; in FAULT, see above");
-    // Not before the database has been read: until then it may have to be opened anew, on a new thread and beside a new
-    // loop. From there on it is the storage thread that does so, and every thread there will ever be has started.
+    // The process is sealed only after the database has been read: until then it may be reopened on a new thread with a
+    // new loop. Afterwards the storage thread reopens it, and all threads have started.
     again = loop.run(g_stop, patience_ns, [headroom_bytes] {
       if (headroom_bytes != 0) seal(headroom_bytes);
     });
@@ -365,7 +367,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
 }  // namespace
 }  // namespace slabd::daemon
 
-// What escapes is want of memory at the start: it ends the process, and the service manager tries again.
+// Only a lack of memory at the start throws here: it ends the process, and the service manager restarts it.
 int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
   using namespace slabd::daemon;
   CLI::App app{"slabd: inspects railway track slabs from 3-D scans and tells the PLC pass or fail"};

@@ -13,8 +13,8 @@ namespace slabd::daemon {
 
 namespace {
 
-/// The axes may be exchanged where a scan is far larger along the rail than across it: blocks are more than twice as
-/// long across.
+/// Detects exchanged axes: a scan that is far longer along the rail than across it. Blocks are more than twice as long
+/// across.
 ScanDoubt doubt_turn(const ScanPlace& place, const Pose& T_scanner_block) {
   constexpr double kLonger = 1.25;
   constexpr std::array kNames = {'X', 'Y', 'Z'};
@@ -36,8 +36,8 @@ ScanDoubt doubt_turn(const ScanPlace& place, const Pose& T_scanner_block) {
   return doubt;
 }
 
-/// A block that was not found is perhaps there in another unit or frame, and what seems rounded is perhaps fine in its
-/// own unit. `place` is that of the scan as it was read.
+/// Adds a probable cause to an error. A block that was not found may be visible in another unit or frame; coordinates
+/// that seem rounded may be fine in their own unit. `place` is that of the scan as it was read.
 Error named_cause(const Error& why, const ScanPlace& place, const Pose& T_base_block, const Pose& T_base_scanner) {
   if (why.code != Code::block_not_found && why.code != Code::too_few_points && why.code != Code::fit_failed &&
       why.code != Code::frame_incomplete)
@@ -46,7 +46,7 @@ Error named_cause(const Error& why, const ScanPlace& place, const Pose& T_base_b
   ExpectedPlace expected;
   expected.scanner_mm = T_scanner_block.translation_mm;
   expected.base_mm = T_base_block.translation_mm;
-  // Offline there is no robot, and the block's frame takes the place of its base.
+  // Offline the robot is missing, and the block's frame replaces its base frame.
   if (expected.base_mm.norm() == 0.0) expected.base_name = "block's";
   ScanDoubt doubt = doubt_scan(place, expected);
   if (doubt.empty() && why.code == Code::block_not_found) doubt = doubt_turn(place, T_scanner_block);
@@ -107,7 +107,7 @@ void judge_slab(const Recipe& recipe, const ScannerNumbers& verified, std::span<
         blocks[i].reason = record.code;
       }
     }
-    // What each scan was really spliced with, as its attempt keeps it.
+    // The splice that each scan was measured with, from its attempt.
     const Splice& splice = record.attempt.splice;
     sigmas[i] = {splice.calibration_mm, splice.calibration_rad, splice.robot_mm, splice.robot_rad};
   }

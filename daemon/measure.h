@@ -8,26 +8,26 @@
 #include "base/jobs.h"
 #include "hal/hal.h"
 
-/// The one way a block is measured and a slab is judged, by the daemon and by slabctl.
+/// Measures blocks and judges slabs, for the daemon and for slabctl.
 namespace slabd::daemon {
 
-/// Denoise, register, extract, judge, with the clock between the stages: the only path from a scan to a block result,
-/// used by the daemon's worker and by `slabctl inspect`. The result is `inspector.result()` and complete either way;
-/// an error says in a sentence why the block could not be measured. `read_ms` is carried into the result. `verified`:
-/// the scanner's acceptance of the slab. No heap.
+/// Denoises, registers, extracts and judges, with the clock between the stages. This is the only path from a scan to a
+/// block result, used by the daemon's worker and by `slabctl inspect`. The result is `inspector.result()`; it is
+/// complete in any case. An error is one sentence on why the block could not be measured. `read_ms` is copied into the
+/// result. `verified`: the scanner's acceptance for the slab. No heap.
 [[nodiscard]] Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station,
                                    const Pose& T_base_block, const Pose& T_base_scanner, algo::Cloud cloud,
                                    const ScanShape& read, double read_ms, const ScannerNumbers& verified = {});
 
-/// What a report will draw of the block measured last; empty maps when it was not found. No heap; 1 ms.
+/// Packs the data that a report draws of the last measured block; empty maps if the block was not found. No heap; 1 ms.
 void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps);
 
-/// "slabd 0.1.0+g0a7ddc5": identifies the software in every record, to the commit.
+/// "slabd 0.1.0+g0a7ddc5": identifies the software in every record by its commit.
 [[nodiscard]] FixedString<64> software_version();
 
-/// Judges the slab from what its stations hold, [station - 1]: each block with what its scan was spliced with. The only
-/// path to a slab's verdict, in the daemon and when a stored slab is replayed. `verified`: the scanner's acceptance
-/// that the slab was begun with. `blocks` is room for one block per station. No heap.
+/// Judges the slab from the records of its stations, [station - 1], each block with the splice of its scan. The only
+/// path to a slab's verdict, in the daemon and in a replay of a stored slab. `verified`: the scanner's acceptance when
+/// the slab was begun. `blocks` has room for one block per station. No heap.
 void judge_slab(const Recipe& recipe, const ScannerNumbers& verified, std::span<const StationRecord> stations,
                 const Pose& T_base_slab, std::span<BlockResult> blocks, SlabResult& out);
 

@@ -13,7 +13,7 @@ namespace {
 constexpr int kTurnMs = 10;
 constexpr std::int64_t kWatchdogPeriodNs = 3 * kNsPerS;
 
-/// What the thread leaves behind; shared, because it may outlive whoever waited for it.
+/// Result of the thread; shared, because the thread may outlive the caller.
 struct Opened {
   std::unique_ptr<Result<std::unique_ptr<storage::Store>>> result;
   std::atomic<bool> done{false};
@@ -26,7 +26,7 @@ void wait(const Ports& ports) {
   ::poll(fds.data(), count, kTurnMs);
 }
 
-/// What a display or an alarm asks is answered; a database of gigabytes is read for a minute.
+/// Answers requests of displays and alarms while a database of gigabytes is read for a minute.
 std::string answer(std::string_view line, const Ports& ports, const Station& station, const LoopFigures& figures) {
   if (line.find("\"status\"") != std::string_view::npos) return status_json(station, ports, figures);
   if (line.find("\"metrics\"") != std::string_view::npos) return metrics_json(station, ports, figures);
@@ -51,7 +51,7 @@ std::unique_ptr<Result<std::unique_ptr<storage::Store>>> open_beside_the_line(co
     opened->done = true;
   }).detach();
 
-  // A station that has recovered nothing yet refuses everything, and shows that it does.
+  // A station before its recovery refuses all commands and reports that.
   const auto station = std::make_unique<Station>(settings);
   const auto actions = std::make_unique<Actions>();
   ports.notify.ready();
@@ -77,7 +77,7 @@ std::unique_ptr<Result<std::unique_ptr<storage::Store>>> open_beside_the_line(co
     ports.notify.watchdog();
     ports.notify.status("the database is being opened and checked");
   }
-  // Whoever pressed it meanwhile, and holds it, has it tried once more.
+  // A reset that was pressed meanwhile and is still held triggers one more try.
   if (pressed) *ports.fault_reset_held = false;
   return std::move(opened->result);
 }

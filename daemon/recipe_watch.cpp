@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Words for people name so many keys of a file; the answer on the control socket has all of them.
+/// Largest number of keys of a file in a text for display; the answer on the control socket contains all of them.
 constexpr std::size_t kKeysMax = 200;
 
 std::string file_name(const std::string& path) {
@@ -66,7 +66,7 @@ std::string sentence(const std::vector<RecipeDifference>& list) {
   return text + "; `slabctl recipe reload` takes the folder up between two slabs";
 }
 
-/// Name, size, times and inode of every file: while these stay, nothing is read.
+/// Name, size, times and inode of every file: while these are unchanged, no file is read.
 std::string sign_of(const std::string& dir) {
   std::vector<std::string> signs;
   std::error_code fault;
@@ -100,10 +100,10 @@ struct RecipeWatch::State {
   std::atomic<bool> differs{false};
   std::atomic<bool> is_checked{false};
 
-  // The thread's own.
+  // Used by the thread only.
   std::string sign_seen;
   bool has_looked = false;
-  std::map<std::string, std::string> unused_at_start;  ///< files that were of no use at the start, with their bytes
+  std::map<std::string, std::string> unused_at_start;  ///< files that were not usable at the start, with their bytes
 
   void look();
   void check();
@@ -116,7 +116,7 @@ struct RecipeWatch::State {
   }
 };
 
-/// Compares the folder with what is in use.
+/// Compares the folder with the recipes in use.
 void RecipeWatch::State::look() {
   const std::string sign = sign_of(dir);
   std::shared_ptr<const RecipeSet> used;
@@ -153,7 +153,7 @@ void RecipeWatch::State::look() {
   sign_seen = sign;
   const std::lock_guard lock(mutex);
   if (in_use != used) {
-    sign_seen.clear();  // taken up meanwhile: the next look is about those
+    sign_seen.clear();  // recipes were reloaded meanwhile: the next look compares with those
     return;
   }
   words = std::string_view(sentence(found));
@@ -161,7 +161,7 @@ void RecipeWatch::State::look() {
   differs = !differences.empty();
 }
 
-/// Reads the whole folder as a start would. Any problem refuses it: what is in use stays.
+/// Reads the whole folder as at a start. Any problem rejects it, and the recipes in use stay.
 void RecipeWatch::State::check() {
   auto set = std::make_shared<RecipeSet>();
   std::vector<Problem> problems;
@@ -183,7 +183,7 @@ RecipeWatch::RecipeWatch(const std::string& dir, std::shared_ptr<const RecipeSet
   state_->dir = dir;
   state_->period_ms = period_ms;
   state_->in_use = std::move(in_use);
-  // Detached, with a state of its own: a look at a share that hangs comes back when it likes.
+  // Detached, with its own state, because a look at a share that hangs may return at any time.
   std::thread([state = state_] {
     std::unique_lock lock(state->mutex);
     while (!state->stop) {
@@ -195,7 +195,7 @@ RecipeWatch::RecipeWatch(const std::string& dir, std::shared_ptr<const RecipeSet
         else
           state->look();
       } catch (const std::exception& e) {
-        // A sealed process may have no memory for it now.
+        // A sealed process may have no memory for this now.
         const std::lock_guard failed(state->mutex);
         if (ordered) state->set_refused(e.what());
       }

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: a process that cannot grow must still never end, and C++ ends it when memory runs out at the wrong place (a
-// JSON object asks for memory while it is taken down, and nobody can catch what fails there). Idea: the limit that
-// holds is the soft one; the hard one lies a few megabytes above. An allocation that fails calls the new-handler, which
-// moves the soft limit up; whatever is under way ends, and before the next answer on the control socket the limit is
-// put back and no answer is begun until there is room for one. Invariants: the limit is never above what was said at
-// the start plus the reserve; the inspection path asks for nothing, so it never comes here.
+// Problem: a process that cannot grow must not end, but C++ ends it if memory runs out at the wrong place. For example,
+// a JSON object allocates memory in its destructor, and an exception there cannot be caught. Idea: the effective limit
+// is the soft one; the hard one is a few megabytes above. A failing allocation calls the new-handler, which raises the
+// soft limit, so that the work in progress ends. Before the next answer on the control socket the limit is restored,
+// and no answer is started until there is room for one. Invariants: the limit never exceeds the value set at the start
+// plus the reserve; the inspection path does not allocate, so it never comes here.
 #include "daemon/seal.h"
 
 #include <malloc.h>
@@ -27,15 +27,15 @@
 namespace slabd::daemon {
 namespace {
 
-/// The largest answer and everything on the way to it: a request of limits::kControlLineBytes as a JSON value.
+/// The largest answer and all memory needed to make it: a request of limits::kControlLineBytes as a JSON value.
 constexpr std::size_t kAnswerBytes = 2'000'000;
 #if defined(__OPTIMIZE__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 constexpr bool kFramesAreSmall = true;
 #else
 constexpr bool kFramesAreSmall = false;
 #endif
-/// With the reserve gone too, somebody may give something back: so many milliseconds are waited for that, and so often
-/// it is tried again when small pieces can be had.
+/// Limits after the reserve is used up too, because another thread may release memory: milliseconds to wait, and
+/// retries while small pieces are available.
 constexpr int kPatience = 50;
 constexpr int kTries = 10'000;
 constexpr std::size_t kSmallPiece = 256;
@@ -46,7 +46,7 @@ std::atomic<int> g_patience{kPatience};
 std::atomic<int> g_tries{kTries};
 std::atomic<std::uint64_t> g_reserve_uses{0};
 
-/// Of this process, in bytes; 0 when /proc does not say.
+/// Mapped memory of this process in bytes; 0 if /proc does not report it.
 std::uint64_t mapped_bytes() {
   std::ifstream statm("/proc/self/statm");
   std::uint64_t pages = 0;
@@ -54,7 +54,7 @@ std::uint64_t mapped_bytes() {
   return pages * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
 }
 
-/// CAP_IPC_LOCK: RLIMIT_MEMLOCK does not count.
+/// True with CAP_IPC_LOCK: RLIMIT_MEMLOCK does not apply.
 bool may_lock_anything() {
   constexpr unsigned kCapIpcLock = 14;
   std::ifstream status("/proc/self/status");
@@ -72,13 +72,13 @@ bool set_limit(std::uint64_t bytes) {
 }
 
 bool can_have(std::size_t bytes) {
-  void* volatile piece = std::malloc(bytes);  // volatile: or the compiler knows better and asks nobody
+  void* volatile piece = std::malloc(bytes);  // volatile, or the compiler removes the call
   const bool there = piece != nullptr;
   std::free(piece);
   return there;
 }
 
-/// std::new_handler: returns when another try may succeed.
+/// std::new_handler: returns if another try may succeed.
 void take_the_reserve() {
   if (!g_in_reserve.exchange(true)) {
     g_reserve_uses.fetch_add(1);
@@ -109,7 +109,7 @@ Status lock_memory(std::uint64_t more_bytes) {
   const std::uint64_t needed = mapped_bytes() + more_bytes;
   rlimit limit{};
   ::getrlimit(RLIMIT_MEMLOCK, &limit);
-  // A lock that takes in what is mapped now and not what comes later would be a seal of its own, without a reserve.
+  // A lock of present mappings that later mappings exceed would be a limit too, but without a reserve.
   const bool enough = limit.rlim_cur == RLIM_INFINITY || limit.rlim_cur >= needed || may_lock_anything();
   if (enough && ::mlockall(MCL_CURRENT | MCL_FUTURE) == 0) return success();
   const int why = enough ? errno : EPERM;

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: of P4856 and P4925 all seats are the same; the slabs are 4856 and 4925 mm long. Where the slab ends shows
-// only in the scans of the outermost blocks, and only if the scanner's field reaches so far.
+// Problem: P4856 and P4925 have the same seats; the slabs are 4856 and 4925 mm long. The slab's end is visible only in
+// the scans of the outermost blocks, and only if the scanner's field of view reaches that far.
 //
-// Idea: a profile of the slab top along the rail. The top is followed from the block outwards, in steps of 2 mm, to
-// where it ends. That is the slab's end if points lie beyond it, lower or behind a gap. Without any, it may be the edge
-// of the field of view: then the scans of inner blocks, beside which the top goes on, prove that the field reaches
-// further.
+// Idea: compute a profile of the slab top along the rail. The top is followed from the block outwards, in steps of 2
+// mm, to its end. That is the slab's end if there are points beyond it, lower or after a gap. Otherwise it may be the
+// edge of the field of view. Then the scans of inner blocks, where the top continues, prove that the field of view
+// reaches further.
 //
 // A good slab must never be refused. An end counts for another type only within kEndMm of that type's end, and never
 // within kEndMm of the slab's own.
@@ -21,18 +21,18 @@
 namespace slabd::daemon {
 namespace {
 
-// Types whose numbers differ by less show in no item.
+// Types whose values differ by less give the same items.
 constexpr double kSameLengthMm = 1.0;
 constexpr double kSameRad = 0.5 * kPi / 180.0;
 constexpr double kSameCant = 1.0;
-// A face that no item looks at may be this far off and is registered all the same.
+// A face that is not part of any item may differ by this much and is still registered.
 constexpr double kSameFaceMm = 3.0;
 
 /// Length tolerance of a slab, chamfer or broken edge, and the steps of the profile.
 constexpr double kEndMm = 8.0;
-/// Ends that are nearer to one another are not told apart.
+/// Ends that are closer than this cannot be distinguished.
 constexpr double kEndsDifferMm = 20.0;
-/// The field of view must reach so far beyond an end before missing points prove it.
+/// The field of view must reach this far beyond an end before missing points prove it.
 constexpr double kBeyondMm = 16.0;
 constexpr double kTurnedMax = 0.985;  // cosine of 10 degrees
 
@@ -43,7 +43,7 @@ constexpr std::size_t kSteps = 544;       // to 1.09 m beyond the block: first_p
 constexpr double kFromBlockMm = 10.0;     // beyond the foot of the end face
 constexpr double kAcross = 0.8;           // of the block's half width
 constexpr double kTopMm = 5.0;            // slab top, above or below its nominal height
-constexpr double kLowerMm = 20.0;         // what lies this far below is no slab top
+constexpr double kLowerMm = 20.0;         // points this far below are not slab top
 constexpr double kCoveredShare = 0.2;     // of the points of a usual step
 constexpr std::uint32_t kCoveredMin = 3;  // points
 constexpr std::size_t kGapSteps = 2;
@@ -54,7 +54,7 @@ struct Profile {
   std::array<std::uint32_t, kSteps> lower{};
 };
 
-/// Points of a usual step: median of the covered ones among the first 25 mm, where a slab has top in any case.
+/// Points of a usual step: median of the covered steps in the first 25 mm, where every slab has top.
 double usual_points(const Profile& profile) {
   std::array<std::uint32_t, 12> first{};
   std::copy_n(profile.top.begin(), first.size(), first.begin());
@@ -80,8 +80,8 @@ void follow(const Profile& profile, double from_mm, std::size_t side, TopView& v
   view.goes_on[side] = beyond >= kGoesOnSteps;
 }
 
-/// From the block's origin to the slab's end beyond it; NaN: another block comes first. `side`: 0 towards -x of the
-/// block, 1 towards +x.
+/// Distance from the block's origin to the slab's end next to it; NaN if another block comes first. `side`: 0 towards
+/// -x of the block, 1 towards +x.
 double end_beside_mm(const Recipe& recipe, int station, std::size_t side) {
   const SlabGeometry& slab = recipe.slab;
   const int pairs = slab.pairs;
@@ -179,7 +179,7 @@ TopView look_at_top(std::span<const float> xyz, const Pose& T_block_scanner, con
       block.end_half_length_mm.value + std::tan(block.draft_rad.value) * std::abs(top) + kFromBlockMm;
   const double across_mm = kAcross * block.side_half_width_mm.value;
   std::array<Profile, 2> profiles;
-  // Odd, so that it meets all columns of most grids; at this many points each step holds hundreds anyway.
+  // Odd, so that it meets all columns of most grids; with this many points each step holds hundreds in any case.
   const std::size_t stride = std::max<std::size_t>(1, points / kLooked) | 1U;
   for (std::size_t i = 0; i < points; i += stride) {
     const float* p = xyz.data() + 3 * i;
@@ -210,8 +210,8 @@ void SlabEnds::use(std::span<const Recipe> recipes, const Recipe& recipe) {
       (void)rivals_.push(&other);
 }
 
-/// Would the scan of this station have shown the slab top beyond `other_mm`, had there been any? By its own points, or
-/// by how far the scanner sees beside the inner blocks of the same row.
+/// True if the scan of this station would have shown the slab top beyond `other_mm`. Proved by its own points, or by
+/// the width that the scanner sees next to the inner blocks of the same row.
 bool SlabEnds::end_was_proven(int station, std::size_t side, double other_mm) const {
   const TopView& view = views_[static_cast<std::size_t>(station - 1)];
   if (view.goes_on[side]) return true;
@@ -220,7 +220,7 @@ bool SlabEnds::end_was_proven(int station, std::size_t side, double other_mm) co
   const int first = station <= pairs ? 1 : pairs + 1;
   const double sign = side == 0 ? -1.0 : 1.0;
   int inner = 0;
-  double least = 1e300;  // of the field's half width on this side, over the distance
+  double least = 1e300;  // half width of the field on this side, divided by the distance
   for (int k = first; k < first + pairs; ++k) {
     const TopView& other = views_[static_cast<std::size_t>(k - 1)];
     if (!other.seen || has_value(end_beside_mm(*recipe_, k, side)) || !(other.reach_mm[side] > 0.0)) continue;
@@ -241,7 +241,7 @@ SlabEnds::Finding SlabEnds::note(std::int64_t slab_key, int station, const TopVi
       const double own_mm = end_beside_mm(*recipe_, k, side);
       const double reach_mm = seen.reach_mm[side];
       if (!seen.seen || !has_value(own_mm) || !(reach_mm > 0.0)) continue;
-      // Something may lie across the slab before its end.
+      // An object may be on the slab before its end.
       if (std::abs(reach_mm - own_mm) <= kEndMm || std::abs(seen.last_mm[side] - own_mm) <= kEndMm) continue;
       for (const Recipe* other : rivals_) {
         const double other_mm = end_beside_mm(*other, k, side);

@@ -11,57 +11,60 @@
 #include "base/limits.h"
 #include "base/recipe.h"
 
-/// Two slab types may have the same seats and differ only in where the slab ends. A slab that was begun under the other
-/// type passes then, unless the scans at its ends show which of the two it is.
+/// Two slab types may have the same seats and differ only in the position of the slab's ends. A slab begun under the
+/// wrong type would pass, unless the scans at its ends show which type it is.
 namespace slabd::daemon {
 
-/// Two recipes whose blocks, and their places to one another, are the same within a casting's tolerances: a slab of one
-/// type, measured as the other, shows nothing wrong.
+/// Two recipes whose blocks and their relative positions are the same within a casting's tolerances: a slab of one
+/// type, measured as the other, shows no error.
 struct AlikeRecipes {
   const Recipe* a = nullptr;
   const Recipe* b = nullptr;
-  /// The slab ends at places that scans tell apart, if they reach so far. False: no scan tells the two apart.
+  /// True if the slab's ends differ by enough for scans to distinguish them, if the scans reach that far. False: no
+  /// scan distinguishes the types.
   bool ends_differ = false;
 };
-/// Of all pairs, by ascending slab type. Pointers into `recipes`.
+/// All such pairs, by ascending slab type. The pointers refer to `recipes`.
 [[nodiscard]] std::vector<AlikeRecipes> alike_recipes(std::span<const Recipe> recipes);
 /// One sentence for the log, the status and checks.
 [[nodiscard]] FixedString<limits::kErrorTextBytes> text_of(const AlikeRecipes& alike);
 
-/// The slab top beside one block, along the rail: [0] towards -x of the block, [1] towards +x.
+/// The slab top next to one block, along the rail: [0] towards -x of the block, [1] towards +x.
 struct TopView {
   bool seen = false;
-  std::array<double, 2> reach_mm{};  ///< from the block to where its top or the scan ends; 0: not seen
-  std::array<double, 2> last_mm{};   ///< to the last top that was seen, behind gaps too
-  std::array<bool, 2> goes_on{};     ///< there are points beyond that end, lower or behind a gap
-  double axis_x_mm = 0.0;            ///< where the scanner's axis meets the top
+  std::array<double, 2> reach_mm{};  ///< from the block to the end of its top or of the scan; 0: not seen
+  std::array<double, 2> last_mm{};   ///< to the last top that was seen, also after gaps
+  std::array<bool, 2> goes_on{};     ///< there are points beyond that end, lower or after a gap
+  double axis_x_mm = 0.0;            ///< intersection of the scanner's axis with the top
   double distance_mm = 0.0;          ///< along that axis
   Vec3 turned = Vec3::UnitX();       ///< the scanner's x axis in the block's frame
 };
-/// `xyz`: points of a registered scan, scanner frame, NaN for missing ones. No heap; looks at 600,000 points at most.
+/// Profile of the top from the points of a registered scan. `xyz`: scanner frame, NaN for missing points. No heap; uses
+/// at most 600,000 points.
 [[nodiscard]] TopView look_at_top(std::span<const float> xyz, const Pose& T_block_scanner, const BlockGeometry& block);
 
-/// Holds the slab ends that the scans of one slab show against its recipe and those that are like it. Belongs to the
-/// measuring thread; no heap.
+/// Compares the slab ends in the scans of one slab with its recipe and with similar recipes. Used by the measuring
+/// thread only; no heap.
 class SlabEnds {
  public:
   struct Finding {
-    const Recipe* other = nullptr;  ///< the recipe that the end fits, unlike the slab's own; null: no contradiction
-    int station = 0;                ///< whose scan shows the end
+    const Recipe* other = nullptr;  ///< the recipe that matches the end, unlike the slab's own; null: no contradiction
+    int station = 0;                ///< station whose scan shows the end
     double seen_mm = 0.0;           ///< from the block to the end of the top
-    double own_mm = 0.0;            ///< by the slab's recipe
+    double own_mm = 0.0;            ///< according to the slab's recipe
     double other_mm = 0.0;
-    bool top_goes_on = false;  ///< the top was seen beyond the own end, and not to where it ends
+    bool top_goes_on = false;  ///< the top was seen beyond the own end, but its own end was not seen
   };
 
-  /// The slabs to come have this recipe. Forgets everything.
+  /// Sets the recipe of the next slabs. Clears all views.
   void use(std::span<const Recipe> recipes, const Recipe& recipe);
-  /// There are recipes that only the slab's ends tell from this one.
+  /// True if other recipes differ from this one only in the slab's ends.
   [[nodiscard]] bool is_needed() const { return !rivals_.empty(); }
-  /// Notes what the scan of `station` shows and looks at all ends seen so far. Another slab key begins anew.
+  /// Stores the view of the scan of `station` and checks all ends seen so far. Another slab key clears the earlier
+  /// views.
   [[nodiscard]] Finding note(std::int64_t slab_key, int station, const TopView& view);
-  /// After the slab's last station: a scan of each end was noted, and none reached an end. How far they reached; NaN:
-  /// an end was seen, or not all stations were noted.
+  /// After the slab's last station: how far the scans reached if each end was scanned and no scan reached an end. NaN
+  /// if an end was seen, or if not all stations were noted.
   [[nodiscard]] double blind_reach_mm() const;
 
  private:

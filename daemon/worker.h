@@ -17,33 +17,33 @@
 
 namespace slabd::daemon {
 
-/// Jobs that somebody else carries out in order, and their answers. Worker does it on a thread of its own; a simulation
-/// on its own clock.
+/// Jobs that are carried out in order, and their answers. Worker runs them on its own thread; a simulation on its own
+/// clock.
 template <typename Job, typename Done>
 class JobQueue {
  public:
   virtual ~JobQueue() = default;
-  /// Readable when an answer waits; -1: nothing to wait on.
+  /// Readable if an answer is available; -1: no descriptor.
   [[nodiscard]] virtual int fd() const = 0;
-  /// False when the queue is full.
+  /// False if the queue is full.
   [[nodiscard]] virtual bool push(const Job& job) = 0;
-  /// Called by whoever carries out a job: an answer ahead of the job's own. False when there is no room.
+  /// Called while a job is carried out: an additional answer before the job's own. False if the queue is full.
   virtual bool post(const Done& done) = 0;
-  /// Oldest answer; false when none waits.
+  /// Returns the oldest answer; false if there is none.
   [[nodiscard]] virtual bool next(Done& done) = 0;
-  /// Signs of life; they stand still only while a job is stuck.
+  /// Counter that advances unless a job is stuck.
   [[nodiscard]] virtual std::uint64_t turns() const = 0;
   /// Waits until no job is queued or running (tests, shutdown).
   virtual void drain() = 0;
 };
 
 /// One thread that carries out jobs in order, so that the loop never waits for a disk, a scanner or a fit. Queues are
-/// fixed; a full one is a return value. `fd()` becomes readable when an answer waits.
+/// fixed; a full queue is reported by the return value. `fd()` becomes readable if an answer is available.
 template <typename Job, typename Done, std::size_t Capacity>
 class Worker final : public JobQueue<Job, Done> {
  public:
   /// `work` runs on the thread for every job; `idle` runs there about ten times a second while there is none. `name`:
-  /// of the thread, as ps and gdb show it, at most 15 characters.
+  /// of the thread for ps and gdb, at most 15 characters.
   Worker(const char* name, std::function<Done(const Job&)> work, std::function<void()> idle)
       : name_(name),
         work_(std::move(work)),
@@ -52,7 +52,7 @@ class Worker final : public JobQueue<Job, Done> {
         thread_([this] { run(); }) {}
   Worker(const Worker&) = delete;
   Worker& operator=(const Worker&) = delete;
-  /// Waits for the job in hand; jobs still queued are dropped (their effects were never promised).
+  /// Waits for the current job; queued jobs are dropped (their effects were not promised).
   ~Worker() override {
     {
       const std::lock_guard lock(mutex_);
@@ -125,7 +125,7 @@ class Worker final : public JobQueue<Job, Done> {
     }
   }
 
-  /// Under the lock. The last place is kept for what a job in hand returns.
+  /// Requires the lock. The last place is reserved for the result of the current job.
   bool give(const Done& done) {
     if (running_ && dones_.size() + 1 >= Capacity) return false;
     if (!dones_.push(done)) return false;
@@ -149,7 +149,7 @@ class Worker final : public JobQueue<Job, Done> {
   bool running_ = false;
   bool stop_ = false;
   std::atomic<std::uint64_t> turns_{0};
-  std::thread thread_;  // last: starts when everything else is there
+  std::thread thread_;  // last: starts after all other members exist
 };
 
 }  // namespace slabd::daemon

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl writes a change as a file and tells its name over the control socket. Whoever may write to the socket is in
-// the daemon's group and may apply a calibration; so the file is taken from one folder only, by a plain name, without
-// following links, and the database says itself whether the change makes sense.
+// slabctl writes a change to a file and sends its name over the control socket. Users who may write to the socket are
+// in the daemon's group and may apply a calibration. The file is therefore read from one folder only, by a plain name,
+// without following links, and the database checks the change.
 #include "daemon/control/calibration_desk.h"
 
 #include <fcntl.h>
@@ -25,7 +25,7 @@ namespace {
 constexpr std::size_t kChangeBytesMax = 64U << 20U;
 constexpr std::uint32_t kNobody = 0xFFFF'FFFF;
 
-/// Letters, digits, '-', '_' and '.', and no leading dot: nothing that leads out of the folder.
+/// Letters, digits, '-', '_' and '.', and no leading dot, so that the path cannot leave the folder.
 bool is_plain_name(const std::string& name) {
   if (name.empty() || name.size() > 100 || name.front() == '.') return false;
   for (const char c : name) {
@@ -55,7 +55,7 @@ Result<std::string> read_change(const std::string& path) {
   return text;
 }
 
-/// Who asked stands in the history, whatever name was given.
+/// Adds the requesting user to the history, whatever name was given.
 void note_user(storage::CalibrationChange& change, std::uint32_t uid) {
   const std::string user = " (uid " + std::to_string(uid) + ")";
   if (auto* apply = std::get_if<storage::ApplyCalibration>(&change); apply != nullptr && !apply->note.who.empty())
@@ -71,7 +71,7 @@ std::string change_folder(const std::string& db_path) {
 }
 
 CalibrationDesk::CalibrationDesk(std::string folder) : folder_(std::move(folder)) {
-  // Whoever may use the control socket may leave a file here; a folder that cannot be made shows when one is read.
+  // Users of the control socket may write a file here. If the folder cannot be made, reading a change reports it.
   if (!folder_.empty() && ::mkdir(folder_.c_str(), 0770) == 0) static_cast<void>(::chmod(folder_.c_str(), 02770));
 }
 
@@ -110,7 +110,7 @@ void CalibrationDesk::carry_out(storage::Store* store) {
         id_.assign(done.value());
       else
         error_ = done.error();
-      // A change that was refused is not there. One that failed may be: what is in force is what the database says.
+      // A change that was refused was not stored. One that failed may be stored, so the database is read again.
       if (done.ok() || error_.code != Code::config) {
         Result<std::unique_ptr<LineCalibration>> now = store->calibration();
         if (now.ok()) calibration_ = std::move(now.value());
@@ -142,8 +142,8 @@ FixedString<limits::kErrorTextBytes> CalibrationDesk::summary() const {
   return text;
 }
 
-// A change of calibrations on its way from slabctl to the daemon. Control path: heap and exceptions of the JSON library
-// stay in here. Numbers are written so that the same bits come back; NaN is null.
+// A change of calibrations as JSON, from slabctl to the daemon. Control path: heap and exceptions of the JSON library
+// are confined to this file. Numbers are written so that the same bits are restored; NaN is null.
 
 namespace {
 

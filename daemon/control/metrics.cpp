@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What the daemon knows of itself, in the text format of Prometheus. Names and meanings stand in one list; counters
-// count from the start of the process, maxima since the start or the last reset. Control path: uses the heap.
+// The daemon's metrics in the text format of Prometheus. Names and meanings are in one list; counters count from the
+// start of the process, maxima since the start or the last reset. Control path: uses the heap.
 #include <malloc.h>
 #include <sys/resource.h>
 
@@ -28,7 +28,7 @@ class Text {
   void labelled(const char* name, const char* help, const std::string& label, double value) {
     metric("gauge", name, help, "{" + label + "}", value);
   }
-  /// One metric with several labels: the first call of its name explains it.
+  /// One metric with several labels; the help text is written at the first use of its name.
   void counter_of(const char* name, const char* help, std::string_view what, std::uint64_t value) {
     metric("counter", name, help, "{what=\"" + std::string(what) + "\"}", static_cast<double>(value));
   }
@@ -49,14 +49,14 @@ class Text {
   std::string last_;
 };
 
-/// 0 where there is none.
+/// Size of the file; 0 if it does not exist.
 double file_bytes(const std::string& path) {
   std::error_code ec;
   const std::uintmax_t bytes = std::filesystem::file_size(path, ec);
   return ec ? 0.0 : static_cast<double>(bytes);
 }
 
-/// A label's value: backslash, quote and line end are escaped, what is not plain ASCII becomes '?'.
+/// A label's value: backslash, quote and line end are escaped, characters outside plain ASCII become '?'.
 std::string label_value(std::string_view text) {
   std::string out;
   for (const char c : text) {
@@ -66,7 +66,8 @@ std::string label_value(std::string_view text) {
   return out;
 }
 
-/// A label with the whole checksum would be a new series for every slab. 48 bits are a number that a double keeps.
+/// The first 48 bits of the checksum, which a double represents exactly. A label with the whole checksum would make a
+/// new series for every slab.
 double head_number(const storage::ChainHead& head) {
   constexpr std::size_t kHexDigits = 12;
   const std::string digits(head.sha256.view().substr(0, kHexDigits));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The verbs of the control socket that order something. "capture": JSON in, an event; the station's state, JSON out.
-// Control path: heap and exceptions of the JSON library stay in here and in status.cpp.
+// The ordering verbs of the control socket. "capture": parses JSON into an event, and writes the station's state as
+// JSON. Control path: heap and exceptions of the JSON library are confined to this file and status.cpp.
 #include <array>
 #include <nlohmann/json.hpp>
 
@@ -25,7 +25,7 @@ std::string_view phase_name(Capture::Phase phase) {
   return "unknown";
 }
 
-/// Sender's wall clock against ours: beyond this either a clock is wrong or poses come late.
+/// Largest difference between the sender's wall clock and slabd's; beyond it a clock is wrong or poses arrive late.
 constexpr std::int64_t kPoseAgeUsMax = 500'000;
 
 void warn_of_frame(const PoseSample& sample, Json& list) {
@@ -103,7 +103,7 @@ Json shot_json(const CaptureShot& shot) {
   return j;
 }
 
-/// A text of 1..capacity bytes; false when it is missing, no string or too long (it would be cut).
+/// Reads a text of 1..capacity bytes; false if it is missing, not a string or too long (it would be cut).
 template <std::size_t Capacity>
 bool take_text(const Json& request, const char* key, FixedString<Capacity>& out) {
   const auto at = request.find(key);
@@ -183,8 +183,8 @@ Result<CaptureRequest> parse_capture(std::string_view line, std::uint32_t uid) {
   return made;
 }
 
-// The verbs "care", "backup" and "prune" of the control socket: what the database as a whole is asked for. The storage
-// thread does the work between its jobs; here orders go in and their state comes out.
+// The verbs "care", "backup" and "prune" of the control socket: orders for the whole database. The storage thread
+// carries them out between its jobs; this code passes the orders on and reports their state.
 
 namespace {
 

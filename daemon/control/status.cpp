@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The answer to a status request on the control socket. Control path: heap and exceptions of the JSON library stay in
-// here.
+// The answer to a status request on the control socket. Control path: heap and exceptions of the JSON library are
+// confined to this file.
 #include <unistd.h>
 
 #include <algorithm>
@@ -66,7 +66,7 @@ Json warnings(std::uint16_t bits) {
   return list;
 }
 
-/// Paths may hold any bytes; what is not UTF-8 becomes U+FFFD instead of an exception.
+/// Paths may contain any bytes; invalid UTF-8 becomes U+FFFD instead of an exception.
 std::string text_of(const Json& json) {
   return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
@@ -79,7 +79,8 @@ std::string refusal(const Error& why) {
   return text_of(Json{{"schema", "slabd.error/1"}, {"error", why.text.view()}, {"code", static_cast<int>(why.code)}});
 }
 
-/// A request is flat but for a few members; deeper ones cost sixty times their length. Brackets in texts count too.
+/// True for a request nested too deeply; such requests cost sixty times their length. Valid ones are nearly flat.
+/// Brackets in texts are counted too.
 bool nests_too_deep(std::string_view line) {
   constexpr int kDepthMax = 32;
   int depth = 0;
@@ -103,7 +104,7 @@ std::int64_t memory_kb(const std::string& key) {
 
 namespace {
 
-/// What the next slab will be measured with, and what is due.
+/// Calibration of the next slab, and checks that are due.
 Json in_force(const Station& station) {
   const LineCalibration& c = station.calibration;
   static constexpr std::array<const char*, 3> kSources = {"missing", "commissioning", "applied"};
@@ -146,7 +147,7 @@ Json in_force(const Station& station) {
   return j;
 }
 
-/// Slab types that scans tell apart by the slab's ends only, or not at all.
+/// Slab types that scans can distinguish by the slab's ends only, or not at all.
 Json alike(std::span<const Recipe> recipes) {
   Json list = Json::array();
   for (const AlikeRecipes& pair : alike_recipes(recipes))
@@ -178,7 +179,7 @@ Json plc_link(const hal::PlcPort& plc, bool alive, std::int64_t now_ns) {
   return j;
 }
 
-/// What is worth knowing of poses that are believed.
+/// Remark on accepted poses; empty if there is none.
 std::string_view pose_note(const PoseGate& gate, hal::PoseType type) {
   if (gate.newest() == nullptr) return "";
   if (type == hal::PoseType::flange_pose && !gate.newest()->measured)
@@ -206,7 +207,7 @@ Json pose_link(const hal::PosePort& port, bool ok, Code code, const Station& sta
   return j;
 }
 
-/// Both memories as they are on the wire now, in the configured word order.
+/// Both register memories as they are on the wire now, in the configured word order.
 std::string plc_image_json(const Station& station, const hal::PlcPort& plc, const LoopFigures& figures) {
   hal::InputImage input{};
   hal::encode_outputs(plc_view(station), figures.plc_word_order, input);
@@ -221,7 +222,7 @@ std::string plc_image_json(const Station& station, const hal::PlcPort& plc, cons
   return text_of(j);
 }
 
-/// Who keeps this daemon from its folders; empty: nobody.
+/// Text on another daemon that uses this daemon's folders; empty if there is none.
 std::string used_by_another(const Ports& ports, const LoopFigures& figures) {
   return figures.used_by_another.empty() ? std::string(ports.scanner.used_by_another().view())
                                          : figures.used_by_another;
@@ -366,7 +367,7 @@ std::string answer_control(std::string_view line, const Station& station, const 
     }
     if (*verb == "care" || *verb == "backup" || *verb == "prune") {
       if (ports.store == nullptr) return refusal("the daemon has no usable database");
-      // Taking records away is for who could take the file away.
+      // Only users who could delete the database file may delete records.
       const std::uint32_t who = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
       if (*verb == "prune" && who != 0 && who != ::geteuid())
         return refusal("only root and slabd's own user may take records away");
@@ -405,7 +406,7 @@ std::string answer_control(std::string_view line, const Station& station, const 
     if (!laid.ok()) return refusal(laid.error().text.c_str());
     return calibration_json(station, desk);
   } catch (const std::exception&) {
-    // Somebody's question must not stop the line.
+    // A failing answer must not stop the line.
     return R"({"schema":"slabd.error/1","error":"the daemon could not make an answer"})";
   }
 }

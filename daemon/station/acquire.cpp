@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One SCAN: settle -> request the scan -> the robot must not have moved -> cloud and pose durable -> "robot may
-// leave" -> measure -> commit -> result. Up to "durable" there is one acquisition at a time; after it the block only
-// occupies a buffer while the next one may begin.
+// One SCAN: settle -> request the scan -> the robot must not have moved -> cloud and pose durable -> "robot may leave"
+// -> measure -> commit -> result. Up to "durable" there is one acquisition at a time. After that the block only
+// occupies a buffer while the next acquisition may begin.
 //
-// Measuring starts as soon as points and pose are there, in general while the scan is still on its way to the disk. A
-// durable scan waits for its measurement for half a second, so that a scan which measuring refuses ends as a failed
-// SCAN with the robot still at the station. A longer measurement is not waited for: its result comes after "acquired".
-// A scan that comes to nothing after all takes the measurement with it: the answer then only gives the buffer back.
+// Measuring starts as soon as points and pose are available, usually while the scan is still being written to the disk.
+// A durable scan waits up to half a second for its measurement. So a scan that measuring refuses ends as a failed SCAN
+// while the robot is still at the station. The result of a longer measurement comes after "acquired". If the scan
+// fails, its measurement is dropped, and its answer only releases the buffer.
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -18,26 +18,26 @@
 namespace slabd::daemon {
 namespace {
 
-/// A pose newer than the end of the exposure must come within this time, or the link counts as stale.
+/// A pose newer than the end of the exposure must arrive within this time, or the link counts as stale.
 constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
 
-/// A durable scan waits so long for its measurement, counted from the beginning of that: a scan that measuring
+/// Time that a durable scan waits for its measurement, counted from the start of the measurement. A scan that measuring
 /// refuses then fails while the robot is still at the station. Measuring takes 20 to 50 ms and the disk mostly longer,
-/// so in general nothing waits. After that time the scan is acquired, and a refusal is the block's result.
+/// so usually this costs no time. After that time the scan is acquired, and a refusal becomes the block's result.
 constexpr std::int64_t kRefusalWaitNs = kNsPerS / 2;
 
-/// No buffer: of a result that no measurement brings.
+/// Not a buffer: for a result without a measurement.
 constexpr std::uint8_t kNoSlot = 0xFF;
 
-/// The PLC waits 20 s for "acquired". A scanner's worker that hangs then is not waited for any longer.
+/// The PLC waits 20 s for "acquired". After this time a scanner's worker that hangs is given up.
 constexpr std::int64_t kHangTimeoutNs = 19 * kNsPerS + kNsPerS / 2;
 
 StationRecord& record_of(Station& s, std::uint8_t station) {
   return s.slab.stations[station - 1U];
 }
 
-/// The block's nominal centre must lie near the scanner's axis and in front of it: catches a wrong station, a wrong
-/// robot program and a slab that is not where the cell says.
+/// Checks that the block's nominal centre is near the scanner's axis and in front of it. Detects a wrong station, a
+/// wrong robot program and a slab that is not at its configured place.
 Code looks_at_station(const Station& s, const Pose& T_base_flange, double& off_axis_mm) {
   const Pose T_base_scanner = T_base_flange * s.slab.header.T_flange_scanner;
   const Pose T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, s.acquisition.station);
@@ -60,21 +60,21 @@ AcquireScan scan_to_ask(Station& s, int slot) {
   action.request.session = a.session;
   action.request.slab_id = s.slab.header.slab_id;
   action.request.station = a.station;
-  // Less than what is allowed only where another scan was taken first.
+  // Less than the allowed time only if another scan was taken first.
   action.request.timeout_ns = std::clamp(time_left_ns(s), kNsPerMs, s.settings.scan_timeout_ns);
   action.request.spool_path.printf("%s/%lld/%02u-%u", s.settings.spool_dir.c_str(),
                                    static_cast<long long>(s.slab.header.key), a.station, a.attempt.number);
   return action;
 }
 
-/// After a scan that was thrown away: for one that takes as long, and half a second more. One that is asked for in vain
-/// would have to be thrown away, too, and a slow scanner would never come to a block's own.
+/// After a discarded scan: true if there is time for one that takes as long, plus half a second. A request without time
+/// would also end in a discarded scan, and a slow scanner would never reach the block's own.
 bool time_for_another(const Station& s) {
   const std::int64_t took_ns = s.acquisition.cleared_in_ns;
   return took_ns == 0 || time_left_ns(s) >= std::min(s.settings.scan_timeout_ns, took_ns + kNsPerS / 2);
 }
 
-/// One scan that is thrown away: from then on everything that the scanner may hold is known.
+/// Requests a scan that is discarded; after it the scanner cannot hold an unknown scan.
 void clear_scanner(Station& s, int slot, Actions& actions) {
   s.acquisition.phase = Acquisition::Phase::clearing;
   s.acquisition.clearing_since_ns = s.now_ns;
@@ -94,13 +94,13 @@ void try_to_trigger(Station& s, Actions& actions) {
   PoseMean mean;
   double off_axis_mm = 0.0;
   Code code = s.gate.settled(s.now_ns, mean);
-  // A SCAN may come before the robot has left the last station: standing in the wrong place is not yet an error.
+  // A SCAN may come before the robot has left the last station, so a wrong position is not yet an error.
   if (code == Code::ok) code = looks_at_station(s, mean.T_base_flange, off_axis_mm);
   const int slot = free_slot(s);
   if (code == Code::ok && (s.owed.waits || s.links.scanner_hangs)) code = code_of_hang(s);
   if (code == Code::ok && slot < 0) code = Code::deadline;
   if (code != Code::ok) {
-    // What the scan that was thrown away took is not the robot's.
+    // The time of the discarded scan does not count as the robot's.
     const std::int64_t settling_ns = s.now_ns - a.started_ns - a.cleared_in_ns;
     if (settling_ns <= s.settings.settle_timeout_ns && time_for_another(s)) return;
     if (code == Code::outside_window)
@@ -149,7 +149,7 @@ void note_pose(Station& s, const PoseMean& mean, Actions& actions) {
   a.attempt.emulated = static_cast<std::uint8_t>(emulated);
 }
 
-/// A slab with one emulated scan is an emulated slab, also when a later scan of that station was a real one.
+/// A slab with one emulated scan is an emulated slab, even if a later scan of that station was a real one.
 void note_emulation(Station& s, std::uint8_t bits, Actions& actions) {
   SlabHeader& slab = s.slab.header;
   const auto all = static_cast<std::uint8_t>(slab.emulated | bits);
@@ -178,8 +178,8 @@ MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uin
   return action;
 }
 
-/// As soon as the robot is known to have stood still over the whole exposure. That it has not is check_stillness's to
-/// say, when the scan is durable.
+/// Starts measuring once the robot is known to have stood still over the whole exposure. If it has not,
+/// check_stillness() reports that when the scan is durable.
 void measure_ahead(Station& s, const PoseMean& mean, Actions& actions) {
   Acquisition& a = s.acquisition;
   note_pose(s, mean, actions);
@@ -226,12 +226,12 @@ void check_stillness(Station& s, Actions& actions) {
   pending.slab_key = a.attempt.slab_key;
   pending.fingerprint = a.fingerprint;
   const std::int64_t measuring_since_ns = a.ahead == Acquisition::Ahead::measured ? 0 : s.now_ns;
-  // An emulated line may be one without noise.
+  // The scans of an emulated line may have no noise.
   const bool refuse_known = !s.settings.simulation;
   submit(s, actions, AcquiredJob{a.attempt, a.fingerprint, measuring_since_ns, refuse_known}, pending);
 }
 
-/// ABORT is the PLC's right at any time; and a PLC that waits gets its answer.
+/// ABORT takes effect at any time, and a waiting PLC gets its answer.
 void give_up_when_scanner_hangs(Station& s, Actions& actions) {
   Acquisition& a = s.acquisition;
   if (!s.links.scanner_hangs || (!a.abort && s.now_ns - a.started_ns < kHangTimeoutNs)) return;
@@ -245,7 +245,7 @@ void release(Station& s) {
   s.acquisition = {};
 }
 
-/// A result will come, and its record has a place.
+/// Marks that a result will come; a place for its record is reserved.
 void expect_result(Station& s, std::uint8_t station, std::uint8_t slot) {
   ++s.measuring;
   s.station_measuring[station - 1U] = true;
@@ -256,21 +256,21 @@ void expect_no_result(Station& s, std::uint8_t station) {
   s.station_measuring[station - 1U] = false;
 }
 
-/// A measurement of what the acquisition in hand took.
+/// True for a measurement of the current acquisition's points.
 bool is_ahead(const Station& s, const BlockMeasured& measured) {
   const Acquisition& a = s.acquisition;
   return a.ahead == Acquisition::Ahead::measuring && measured.slab_key == a.attempt.slab_key &&
          measured.block.station == a.station && measured.attempt == a.attempt.number;
 }
 
-/// A measurement of a durable cloud. One that was dropped answers from another buffer.
+/// True for a measurement of a durable cloud. A dropped measurement answers from another buffer.
 bool is_expected(const Station& s, const BlockMeasured& measured) {
   const std::size_t index = measured.block.station - 1U;
   return measured.slab_key == s.slab.header.key && s.station_measuring[index] &&
          s.measuring_slot[index] == measured.slot && s.slab.stations[index].attempt.number == measured.attempt;
 }
 
-/// The result of a scan on which a process ended: nothing was measured.
+/// The result of a scan during whose measurement a process ended: not measured.
 BlockMeasured given_up(const Attempt& attempt) {
   BlockMeasured measured;
   measured.slab_key = attempt.slab_key;
@@ -283,8 +283,8 @@ BlockMeasured given_up(const Attempt& attempt) {
   return measured;
 }
 
-/// Of a scan that measuring refused: how many points it had, and where it showed a block, are kept as evidence. Nothing
-/// else of it can reach a verdict.
+/// Result of a scan that measuring refused: the number of points and the block's position are kept as evidence. No
+/// other data of it can influence a verdict.
 BlockResult refused_block(const BlockMeasured& measured) {
   BlockResult block;
   block.station = measured.block.station;
@@ -296,7 +296,7 @@ BlockResult refused_block(const BlockMeasured& measured) {
   return block;
 }
 
-/// Refuses a scan whose block lies where another stop would see it (station_views.h).
+/// Refuses a scan whose block is at a position that another stop would see (station_views.h).
 void hold_against_pose(Station& s, const Attempt& attempt, BlockMeasured& measured) {
   const RegistrationReport& registration = measured.block.registration;
   if (registration.status != RegistrationStatus::converged || s.slab.recipe == nullptr) return;
@@ -363,7 +363,8 @@ void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
   a.started_ns = s.now_ns;
   a.attempt.slab_key = s.slab.header.key;
   a.attempt.station = a.station;
-  // It counts when the scanner is asked: a PLC may repeat SCAN all night while robot or scanner are away.
+  // The number is used up only by a request to the scanner: a PLC may repeat SCAN all night while robot or scanner are
+  // off.
   a.attempt.number = static_cast<std::uint8_t>(record.attempts + 1);
   a.attempt.asked = false;
   a.attempt.session = a.session;
@@ -394,12 +395,12 @@ static void remember(Station& s, std::uint64_t fingerprint) {
   s.fingerprints[s.fingerprint_next] = fingerprint;
   s.fingerprint_next = (s.fingerprint_next + 1) % s.fingerprints.size();
 }
-/// While nobody saw a scan its mark stays the newest: what is remembered then goes to the disk when that is over.
+/// While a scan is unseen its mark stays the newest entry; other fingerprints are written to the disk afterwards.
 static void hold_back(Station& s, std::uint64_t fingerprint) {
   auto& waiting = s.unsaved_fingerprints;
   if (std::find(waiting.begin(), waiting.end(), fingerprint) == waiting.end()) (void)waiting.push(fingerprint);
 }
-/// What a scanner gives again and again is not forgotten while it does: it becomes the newest.
+/// Makes a repeated fingerprint the newest, so that it is not forgotten as long as the scanner repeats it.
 static void renew(Station& s, std::uint64_t fingerprint, Actions& actions) {
   auto& ring = s.fingerprints;
   const auto newest_first = [&](std::size_t back) -> std::uint64_t& {
@@ -408,14 +409,14 @@ static void renew(Station& s, std::uint64_t fingerprint, Actions& actions) {
   std::uint64_t moved = fingerprint;
   for (std::size_t back = 0; back < ring.size(); ++back) {
     std::swap(newest_first(back), moved);
-    if (moved == fingerprint) break;  // its old place
+    if (moved == fingerprint) break;  // its former place
   }
   if (s.scan_unseen)
     hold_back(s, fingerprint);
   else
     store_fingerprint(s, fingerprint, actions);
 }
-/// What is new is remembered with the job that records the attempt, so that a restart in between does not help it.
+/// New fingerprints are stored with the job that records the attempt, so that a restart in between does not lose them.
 static bool is_repeated(Station& s, std::uint64_t fingerprint, Actions& actions) {
   if (fingerprint == 0) return false;
   if (is_known(s, fingerprint)) {
@@ -430,7 +431,7 @@ static bool is_repeated(Station& s, std::uint64_t fingerprint, Actions& actions)
 bool was_seen(Station& s, const ScanDone& done, Actions& actions) {
   if (done.code != Code::ok || done.fingerprint == 0) return false;
   if (is_known(s, done.fingerprint)) {
-    renew(s, done.fingerprint, actions);  // the scan that nobody saw is not this one
+    renew(s, done.fingerprint, actions);  // this is not the unseen scan
     return true;
   }
   remember(s, done.fingerprint);
@@ -461,7 +462,7 @@ void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) 
       why_it_hangs(s));
 }
 
-/// Nothing else was asked of the worker meanwhile, so whatever it brings is what was given up.
+/// The worker received no other request meanwhile, so its answer belongs to the scan that was given up.
 static void settle_owed(Station& s, const ScanDone& done, Actions& actions) {
   const bool repeated = was_seen(s, done, actions);
   if (done.code == Code::ok && done.fingerprint != 0 && !repeated) s.scan_unseen = false;
@@ -472,7 +473,7 @@ static void settle_owed(Station& s, const ScanDone& done, Actions& actions) {
   log(actions, LogLine::Level::info, Code::ok, "the scanner's worker is back; the scan that was given up is dropped");
 }
 
-/// The scan that is thrown away: the block's own is asked for when it is there, or the command ends as it did.
+/// The discarded scan has arrived: the block's own is requested next, or the command ends with its code.
 static void on_cleared(Station& s, const ScanDone& done, Actions& actions) {
   Acquisition& a = s.acquisition;
   if (done.code == Code::ok && !a.decoded) {
@@ -483,7 +484,7 @@ static void on_cleared(Station& s, const ScanDone& done, Actions& actions) {
   s.slot_busy[a.slot] = false;
   a.slot_taken = false;
   if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
-  // One that is known is not the one that nobody saw, which may still come.
+  // A known scan is not the unseen one, which may still come.
   const Code code = done.code == Code::ok && a.repeats ? Code::frame_incomplete : done.code;
   if (a.abort || code != Code::ok) {
     fail_acquisition(s, a.abort ? Code::interrupted : code, actions);
@@ -507,7 +508,7 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   }
   if (on_view_scanned(s, done, actions)) return;
   Acquisition& a = s.acquisition;
-  // The buffer names the scan as much as the number does: numbers begin anew with a session.
+  // The buffer identifies the scan as well as the number, because numbers restart with each session.
   if (a.phase != Acquisition::Phase::scanning || done.cmd_seq != a.cmd_seq || done.slot != a.slot) {
     if (!s.scan_unseen) {
       (void)was_seen(s, done, actions);
@@ -526,7 +527,7 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   if (done.code == Code::ok) s.scan_emulated = done.scan.shape.emulated;
   a.read_ms = done.scan.read_ms;
   if (done.code == Code::ok && !a.decoded && !a.repeats && is_repeated(s, done.fingerprint, actions)) {
-    // An emulated line may be one without noise.
+    // The scans of an emulated line may have no noise.
     a.repeats = !s.settings.simulation;
     log(actions, LogLine::Level::error, Code::frame_incomplete,
         "station %u: the scanner gave the points of an earlier scan again%s", a.station,
@@ -536,7 +537,7 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   if (!done.durable) return;
   const bool no_answer = done.code == Code::scanner_offline || done.code == Code::trigger_timeout;
   if (no_answer && a.fingerprint == 0) {
-    // Nothing came, not even a bad scan: the scanner is away.
+    // The scanner did not answer at all, so it is offline and the attempt does not count.
     a.attempt.asked = false;
     record_of(s, a.station).attempts = static_cast<std::uint8_t>(a.attempt.number - 1);
   }
@@ -551,7 +552,7 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
 void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Actions& actions) {
   Acquisition& a = s.acquisition;
   if (code != Code::ok) {
-    // The whole history knows these points: the storage thread has said of which scan. No fault of the disk's.
+    // The points are in the stored history; the storage thread has logged the scan. The disk is not at fault.
     if (code == Code::frame_incomplete)
       s.views.slab[pending.station - 1U] = {};
     else
@@ -573,7 +574,7 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
   log(actions, LogLine::Level::info, Code::ok, "station %u: %zu points durable after %.0f ms, the robot may leave",
       pending.station, a.attempt.shape.finite, a.attempt.acquire_ms);
   const Acquisition was = a;
-  a = {};  // the buffer stays taken until the block is measured
+  a = {};  // the buffer stays in use until the block is measured
   if (s.slab.aborting) return;
   expect_result(s, pending.station, was.slot);
   if (was.ahead == Acquisition::Ahead::measured) commit_block(s, was.block, actions);
@@ -582,8 +583,8 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
 void fail_acquisition(Station& s, Code code, Actions& actions) {
   Acquisition& a = s.acquisition;
   const bool asked = a.phase == Acquisition::Phase::clearing || a.phase == Acquisition::Phase::scanning;
-  // What the scanner makes of a request that brought no new points may come later, as the scan of another block. In one
-  // transaction with the end of the command: a restart finds a SCAN under way, or the mark.
+  // The scan of a request without new points may arrive later, as the scan of another block. The mark is stored in one
+  // transaction with the end of the command: a restart finds a SCAN in progress, or the mark.
   const bool unseen = asked && a.fingerprint == 0;
   if (unseen) s.scan_unseen = true;
   const std::uint64_t fingerprint = unseen ? kUnseenScan : a.fingerprint;
@@ -616,7 +617,7 @@ void abort_acquisition(Station& s, Actions& actions) {
     case Acquisition::Phase::none:
       s.desk.pending_abort = s.desk.pending;  // a SCAN may be on its way to the journal
       break;
-    case Acquisition::Phase::storing: break;  // too late: the cloud is as good as durable
+    case Acquisition::Phase::storing: break;  // too late: the cloud is about to be durable
   }
 }
 
@@ -646,7 +647,7 @@ void remeasure(Station& s, Actions& actions) {
     if (s.slab.stations[i].phase != StationPhase::acquired || s.station_measuring[i]) continue;
     StationRecord& record = s.slab.stations[i];
     const auto station = static_cast<std::uint8_t>(i + 1);
-    // A mark from the future is from before a restart of the computer: the power failed, not the measurement.
+    // A mark with a future time is from before a restart of the computer: the power failed, not the measurement.
     if (const std::int64_t since_ns = std::exchange(record.measuring_since_ns, 0);
         since_ns != 0 && since_ns <= s.now_ns) {
       log(actions, LogLine::Level::error, Code::deadline,

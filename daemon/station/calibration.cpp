@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which calibration counts. A slab is measured from its first to its last scan with what was in force when it began,
-// also over a restart: seats spliced with two calibrations would lie in two frames. So a change is taken up between
-// slabs, and the open slab keeps a copy of its own.
+// Selects the calibration in force. A slab is measured from its first to its last scan with the calibration of its
+// begin, also over a restart. Seats spliced with two calibrations would be in two frames. So a change is activated
+// between slabs, and the open slab keeps its own copy.
 //
-// Nothing here ever makes a calibration better than it is: what is missing, expired or failed its check keeps slabs
-// from beginning; a correction that does not hold falls back to the hand-eye alone with the robot's absolute accuracy
-// in U. The scanner's acceptance can only add to U; that there is none is a warning and stops nothing.
+// This code never treats a calibration as better than it is. No slab can begin if it is missing, expired or has failed
+// its check. A correction that does not hold falls back to the hand-eye alone, with the robot's absolute accuracy in U.
+// The scanner's acceptance can only add to U; a missing one is only a warning.
 #include <cmath>
 #include <limits>
 
@@ -15,7 +15,7 @@
 namespace slabd::daemon {
 namespace {
 
-/// Nothing was ever applied: the configuration's values count, if it has any.
+/// Uses the configuration's values, if there are any, as long as no calibration was applied.
 void commission(const CalibrationId& id, const Pose& T_flange_scanner, LineCalibration& calibration) {
   const bool nothing_applied =
       calibration.source == LineCalibration::Source::missing && calibration.trouble.empty() && calibration.id.empty();
@@ -30,9 +30,9 @@ double distance_to_block_mm(const Station& s, std::uint8_t station, const Pose& 
   return (T_base_flange.translation_mm - T_base_block.translation_mm).norm();
 }
 
-/// A mirrored cloud looks like a good one, block by block. Only the robot poses and target views of a solved hand-eye
-/// calibration contradict it; commissioning values and an adopted calibration (`trouble`) have none. The open slab
-/// counts by the values it began with.
+/// True if a mirrored cloud would remain undetected. It looks like a good one, block by block. Only the robot poses and
+/// target views of a solved hand-eye calibration contradict it; commissioning values and an adopted calibration
+/// (`trouble`) have none. For an open slab the values of its begin count.
 bool handedness_unproven(const Station& s) {
   const auto unproven = [](const LineCalibration& c) {
     return c.source == LineCalibration::Source::commissioning ||
@@ -73,7 +73,7 @@ void recover_calibration(Station& s, const RecoveredLine& line, Actions& actions
   if (!line.slab_calibration.scanner.trouble.empty())
     log(actions, LogLine::Level::error, Code::ok, "the open slab goes on with the recipe's scanner alone: %s",
         line.slab_calibration.scanner.trouble.c_str());
-  // The open slab began with the values its header holds, whatever the configuration says by now.
+  // The open slab began with the values in its header, whatever the present configuration.
   commission(line.slab.calibration_id, line.slab.T_flange_scanner, s.slab.calibration);
 }
 
@@ -83,8 +83,8 @@ void on_calibration_changed(Station& s, const LineCalibration& calibration) {
   s.calibration_waits = true;
 }
 
-/// Nobody could put in force what has expired by the newest record, unless the clock of that record was wrong. As the
-/// database does it, for every kind of record.
+/// Corrects the newest time if a new calibration has expired by it: an expired calibration cannot be applied, so the
+/// clock of that record was wrong. The database does the same, for every kind of record.
 static void follow_clock(Station& s, const LineCalibration& next) {
   const auto came = [&s](bool is_new, std::int64_t expires_utime_us) {
     if (is_new && s.utime_us < expires_utime_us && s.newest_time.utime_us() >= expires_utime_us)
@@ -99,7 +99,7 @@ static void follow_clock(Station& s, const LineCalibration& next) {
 }
 
 void advance_calibration(Station& s, Actions& actions) {
-  // A SLAB_BEGIN on its way to the database names the calibration it was given with.
+  // A SLAB_BEGIN on its way to the database contains the id of its calibration.
   if (s.calibration_waits && !s.desk.pending) {
     const bool other = !(s.calibration.id == s.calibration_next.id);
     const bool other_scanner = !(s.calibration.scanner.id == s.calibration_next.scanner.id);
@@ -117,7 +117,7 @@ void advance_calibration(Station& s, Actions& actions) {
       log(actions, LogLine::Level::info, Code::ok, "scanner acceptance %s is in force%s",
           s.calibration.scanner.id.c_str(), when);
   }
-  if (s.settings.fault != Code::ok) return;  // what is wrong first has been said
+  if (s.settings.fault != Code::ok) return;  // an earlier fault was reported already
   const CalibrationFault fault = calibration_fault(s);
   if (fault == s.calibration_fault_said || s.slab.phase != SlabPhase::none) return;
   s.calibration_fault_said = fault;
@@ -129,7 +129,7 @@ void advance_calibration(Station& s, Actions& actions) {
 }
 
 CalibrationFault calibration_fault(const Station& s) {
-  // A slab that was begun is finished: what it was begun with was good then.
+  // An open slab is finished, because its calibration was valid at its begin.
   if (!s.recovered || s.slab.phase != SlabPhase::none) return CalibrationFault::none;
   return fault_of(s.calibration, expiry_utime_us(s));
 }
@@ -142,13 +142,13 @@ const StationsInForce* usable_table(const Station& s, std::uint16_t slab_type) {
 }
 
 Splice splice_now(const Station& s, std::uint8_t station, const Pose& T_base_flange, Actions& actions) {
-  // As the slab was begun: corrections that expire amid it, or did by a clock that was ahead for a moment, would be
-  // used for some of its seats and not for others.
+  // Validity as at the slab's begin. Otherwise corrections that expire during the slab, or appear expired by a wrong
+  // clock, would be used for some of its seats and not for others.
   const bool was_usable = !s.slab.header.stations_id.empty();
   const std::int64_t when_us = was_usable ? 0 : std::numeric_limits<std::int64_t>::max();
   Splice splice = splice_for(s.slab.calibration, s.settings.splice, s.slab.header.slab_type, station, T_base_flange,
                              distance_to_block_mm(s, station, T_base_flange), when_us);
-  // Corrections that exist and are not used deserve a word; a line that was never mastered does not need one each scan.
+  // Corrections that exist and are not used are logged; a line without corrections is not logged at each scan.
   if (is_uncorrected(splice.source) && !s.slab.calibration.tables.empty()) {
     if (splice.source == SpliceSource::outside_gate) {
       log(actions, LogLine::Level::warning, Code::ok,
@@ -169,8 +169,7 @@ Splice splice_now(const Station& s, std::uint8_t station, const Pose& T_base_fla
 
 std::uint16_t calibration_warnings(const Station& s) {
   std::uint16_t warn = 0;
-  // With a fault of the start (504, or 502 without a database) nobody has read what was calibrated, verified and
-  // checked.
+  // With a fault of the start (504, or 502 without a database) calibration, acceptance and checks were not read.
   if (!s.recovered || s.settings.fault != Code::ok) return warn;
   if (s.calibration.source == LineCalibration::Source::commissioning) warn |= kWarnCommissioningCalibration;
   if (handedness_unproven(s)) warn |= kWarnHandednessUnproven;
@@ -179,7 +178,7 @@ std::uint16_t calibration_warnings(const Station& s) {
       overdue(s.calibration.ball, s.settings.check_interval_us, now))
     warn |= kWarnCheckOverdue;
   if (standing_of(s.calibration.scanner, now) != ScannerStanding::verified) warn |= kWarnScannerNotVerified;
-  // Of the open slab, and of the last one until the next begins.
+  // For the open slab, and for the last one until the next begins.
   for (const StationRecord& record : s.slab.stations)
     if (is_uncorrected(record.attempt.splice.source) && !s.slab.calibration.tables.empty())
       warn |= kWarnStationsNotCorrected;

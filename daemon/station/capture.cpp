@@ -4,14 +4,15 @@
 //
 //   idle --begin--> ready --shoot--> settling -> scanning -> checking --> ready --end, or the lease is over--> idle
 //
-// A view goes the way of a production scan (the robot stands, the scanner is asked, the robot must still have stood),
-// with stricter limits, and its scan lies apart from those of slabs. Invariants: a view that was refused leaves no scan
-// behind and shooting may simply be repeated; a view is never a scan that was taken before it was asked for; the PLC
-// starts nothing meanwhile; whoever calibrates and dies gives the line back when the lease is over; nothing survives a
-// restart but the mark that the scanner may hold what nobody saw.
+// A view is taken like a production scan: the robot stands still, the scan is requested, and the robot must not have
+// moved. The limits are stricter, and the scan is stored separately. Invariants: a refused view leaves no scan, and
+// shooting may be repeated; a view is never a scan taken before its request. Meanwhile the PLC cannot start a command.
+// If the operator's program ends without releasing the line, the lease ends maintenance. A restart keeps only the mark
+// that the scanner may hold an unseen scan.
 //
-// A request to the scanner must not share its name with one of production, or a late answer would be taken for a slab's
-// scan: views use session 0, which the PLC never has, and number on from a start that the clock gives.
+// A request to the scanner must not have the name of a production request, because a late answer would be taken for a
+// slab's scan. Therefore views use session 0, which the PLC never has, and numbers that start at a value from the
+// clock.
 #include <algorithm>
 #include <cmath>
 
@@ -21,16 +22,16 @@
 namespace slabd::daemon {
 namespace {
 
-/// A view may show a ball and nothing else; what the ball itself needs is judged by whoever finds it.
+/// A view may show only a ball; the program that locates the ball checks its number of points.
 constexpr std::size_t kViewPointsMin = 1'000;
 constexpr std::int64_t kLeaseMinS = 10;
 constexpr std::int64_t kLeaseMaxS = 3600;
-/// A pose newer than the end of the exposure must come within this time.
+/// A pose newer than the end of the exposure must arrive within this time.
 constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
-/// A worker that hangs is waited for this much longer than a robot that does not stand still.
+/// Additional time for a worker that hangs, compared with a robot that does not stand still.
 constexpr std::int64_t kHangTimeoutNs = 20 * kNsPerS;
 
-/// Of a view that was thrown away.
+/// Text for a view that was discarded.
 constexpr std::string_view kUnseenView =
     "the scanner had been asked before for a scan that nobody saw, and this one may be that; it was thrown away: take "
     "the view again";
@@ -50,8 +51,8 @@ void renew(Station& s) {
   s.capture.lease_until_ns = s.now_ns + s.capture.lease_ns;
 }
 
-/// A view that ends before the scanner was asked leaves it as it was. Only a restart still believes the mark, and takes
-/// one scan more.
+/// A view that ends before the request leaves the scanner unchanged. The stored mark stays, so that after a restart one
+/// additional scan is taken.
 void withdraw_mark(Station& s) {
   const Capture& c = s.capture;
   if (c.phase == Capture::Phase::settling && c.mark != Capture::Mark::none && !c.unseen) s.scan_unseen = false;
@@ -66,9 +67,9 @@ void close(Station& s, Actions& actions, const char* why) {
   s.capture.request_no = request_no;
 }
 
-// ---- may a session begin, and whose is it? ----
+// ---- permission and ownership of a session ----
 
-/// Why not; ok: the line is idle.
+/// Reason why a session may not begin; ok if the line is idle.
 Error line_is_free(const Station& s) {
   if (!s.recovered) return error(Code::busy, "slabd is still starting; try again");
   if (s.slab.phase != SlabPhase::none) {
@@ -84,7 +85,7 @@ Error line_is_free(const Station& s) {
   if (s.desk.pending)
     return error(Code::busy, "the PLC's command %u (CMD %u) is being carried out; try again",
                  s.desk.pending_inputs.cmd_seq, s.desk.pending_inputs.command);
-  // Without a calibration a slab cannot begin; that is what a calibration is for.
+  // A missing calibration blocks slabs only; maintenance is needed to create one.
   const Code fault = current_fault(s);
   if (fault != Code::ok && fault != Code::calibration_missing)
     return error(fault, "fault %u: %.*s; %.*s", static_cast<unsigned>(fault), static_cast<int>(describe(fault).size()),
@@ -172,7 +173,7 @@ void refuse_shot(Station& s, const Error& why, Actions& actions) {
   refuse_shot(s, why.code, why.text.view(), actions);
 }
 
-/// What keeps the robot from counting as still, for people.
+/// Reason why the robot does not count as still, for display.
 Error why_not_still(const Station& s) {
   const double stood_s =
       s.still.samples() < 2 ? 0.0 : static_cast<double>(s.still.newest().arrival_ns - s.still.first().arrival_ns) / 1e9;
@@ -194,8 +195,8 @@ void shoot(Station& s) {
   c.looked_at = c.repeats = c.unseen = false;
   c.mark = Capture::Mark::none;
   c.started_ns = s.now_ns;
-  // Only poses that arrive from now on: whoever asks for a view has stopped the robot by now, and a pose that was sent
-  // before can be of the way there.
+  // Only poses that arrive from now on count. The robot was stopped before the view was requested, and an earlier pose
+  // may be from its motion.
   s.still.begin();
 }
 
@@ -207,8 +208,8 @@ bool is_out_of_patience(const Station& s, std::int64_t more_ns = 0) {
   return s.now_ns - s.capture.started_ns > s.settings.settle_timeout_ns + s.settings.capture.stable_ns + more_ns;
 }
 
-/// A restart has to know that the scanner may hold a view that nobody saw. Its points' own fingerprint takes the mark's
-/// place.
+/// Stores that the scanner may hold an unseen view, for a restart. The fingerprint of its points replaces the mark
+/// later.
 void mark_unseen(Station& s, Actions& actions) {
   Capture& c = s.capture;
   if (c.mark == Capture::Mark::none) {
@@ -225,7 +226,7 @@ void mark_unseen(Station& s, Actions& actions) {
 void try_to_ask_scanner(Station& s, Actions& actions) {
   Capture& c = s.capture;
   const Code link = s.gate.link(s.now_ns);
-  const bool room = s.storing.size() + 8 <= s.storing.capacity();  // for what is remembered of the view
+  const bool room = s.storing.size() + 8 <= s.storing.capacity();  // for storing the fingerprints of the view
   const int slot = room ? free_slot(s) : -1;
   const bool scanner_hangs = s.owed.waits || s.links.scanner_hangs;
   if (link != Code::ok || !s.still.settled() || slot < 0 || scanner_hangs) {
@@ -267,7 +268,7 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
   emit(actions, action);
 }
 
-/// Its buffer stays taken: the worker may still write into it.
+/// The buffer stays in use, because the worker may still write into it.
 void give_up_when_scanner_hangs(Station& s, Actions& actions) {
   Capture& c = s.capture;
   const std::int64_t patience_ns = s.settings.settle_timeout_ns + s.settings.capture.stable_ns + kHangTimeoutNs;
@@ -325,7 +326,7 @@ void end(Station& s, Actions& actions, const char* why) {
   close(s, actions, why);
 }
 
-/// Only what this daemon put there: a plain name in its own folder.
+/// True only for files that this daemon stored: a plain name in its own folder.
 bool is_view(const Station& s, std::string_view path) {
   const PathText folder = capture_folder(s);
   if (!path.starts_with(folder.view()) || path.size() <= folder.size() + 1 || path[folder.size()] != '/') return false;
@@ -356,7 +357,7 @@ void on_capture_request(Station& s, const CaptureRequest& request, Actions& acti
   }
   const bool ours = in_maintenance(s) && !c.ending && c.session == request.session;
   if (!ours) {
-    // A session that is over has ended, and its scans may still be taken; anything else needs an open one.
+    // The scans of a finished session may still be released; the other actions need an open session.
     const bool needs_one =
         request.action == CaptureRequest::Action::shoot || request.action == CaptureRequest::Action::keep;
     if (needs_one)
@@ -415,7 +416,7 @@ bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {
     c.repeats = repeats && !s.settings.simulation;
   }
   if (!done.durable) return true;
-  // What the scanner gives first after one that nobody saw may be that very scan, from another place.
+  // The first scan after an unseen one may be that scan, taken from another position.
   const bool late = c.unseen && !s.settings.simulation;
   if (done.code != Code::ok || c.abort || c.repeats || late) {
     if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
@@ -428,7 +429,7 @@ bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {
     refuse_shot(s, code, why, actions);
     return true;
   }
-  s.slot_busy[c.slot] = false;  // a view is not measured here; its file is what counts
+  s.slot_busy[c.slot] = false;  // a view is not measured here; only its file is used
   c.taken_ns = done.scan.taken_mono_ns;
   c.shot.scan_path = done.scan.path;
   c.shot.shape = done.scan.shape;

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The command desk. A command is carried out once, by the one who may, in the session he knows:
-//   (a) CMD_SEQ must be the successor of CMD_ACK: a repeated or replayed block does nothing,
+// The PLC's command interface. A command is carried out once, from the commanding connection, in the present session:
+//   (a) CMD_SEQ must be the successor of CMD_ACK: a repeated or replayed block has no effect,
 //   (b) SESSION_ECHO must be the session now shown: after a restart of either side old frames are void,
-//   (c) ENABLE set and heartbeat alive, (d) one connection commands; a command from another one takes over, but the
-//       session changes and its first block is refused.
-// CMD_ACK moves only when the command is in the journal, or when its content is refused.
+//   (c) ENABLE must be set and the heartbeat alive,
+//   (d) one connection commands; a command from another one takes over, but the session changes and its first block is
+// refused.
+// CMD_ACK moves only if the command is in the journal, or if its content is refused.
 #include <algorithm>
 #include <cctype>
 
@@ -14,7 +15,7 @@
 namespace slabd::daemon {
 namespace {
 
-/// Not carried out. Content refusals consume the number; a stale session or a wrong number does not.
+/// Refuses a command. Content refusals consume the number; a stale session or a wrong number does not.
 void refuse(Station& s, const PlcInputs& in, Code code, Actions& actions) {
   CommandDesk& desk = s.desk;
   desk.refuse_code = static_cast<std::uint16_t>(code);
@@ -37,7 +38,7 @@ bool printable(const std::array<char, limits::kSlabIdBytes>& id) {
   return text && std::all_of(end, id.end(), [](char c) { return c == '\0'; });
 }
 
-/// SLAB_NO and SLAB_TYPE of a command that continues a slab; 0 stands for "the open one".
+/// True if SLAB_NO and SLAB_TYPE of a command match the open slab; 0 means "the open one".
 bool names_open_slab(const Station& s, const PlcInputs& in) {
   const SlabHeader& slab = s.slab.header;
   return (in.slab_no == 0 || in.slab_no == slab.slab_no) && (in.slab_type == 0 || in.slab_type == slab.slab_type);
@@ -60,7 +61,7 @@ Code check_scan(const Station& s, const PlcInputs& in) {
   if (s.slab.recipe == nullptr) return Code::unknown_type;
   if (in.station < 1 || in.station > s.slab.recipe->stations()) return Code::station_range;
   if (s.acquisition.phase != Acquisition::Phase::none || s.station_measuring[in.station - 1U]) return Code::busy;
-  if (!room_for_records(s, 2)) return Code::busy;  // this scan's and the slab's
+  if (!room_for_records(s, 2)) return Code::busy;  // for this scan and the slab
   if (s.slab.stations[in.station - 1U].attempts == 0xFF) return Code::attempts_used_up;
   return Code::ok;
 }
@@ -69,7 +70,7 @@ Code check_end(const Station& s, const PlcInputs& in, bool aborting) {
   if (!aborting && current_fault(s) != Code::ok) return current_fault(s);
   if (s.slab.phase == SlabPhase::none || !names_open_slab(s, in)) return Code::wrong_slab;
   if (s.slab.phase == SlabPhase::storing_end || !room_for_records(s, 1)) return Code::busy;
-  if (aborting) return Code::ok;  // also while SLAB_END waits for something that does not come
+  if (aborting) return Code::ok;  // also while SLAB_END waits for an event that does not come
   if (s.slab.phase != SlabPhase::open) return Code::busy;
   if (s.slab.recipe == nullptr) return Code::unknown_type;
   return s.acquisition.phase == Acquisition::Phase::none ? Code::ok : Code::busy;
@@ -79,7 +80,7 @@ Code check_report(const Station& s, const PlcInputs& in) {
   if (!room_for_records(s, s.slab.phase == SlabPhase::none ? 1 : 2)) return Code::busy;
   if (in.station > limits::kStationsMax) return Code::station_range;
   if (in.station == 0) return s.results.slab_record.res_seq != 0 ? Code::ok : Code::wrong_slab;
-  // After its end the last slab's stations can be asked for until the next one begins. An aborted one has no results.
+  // After its end the last slab's stations can be queried until the next one begins. An aborted slab has no results.
   const bool has_ended = s.slab.phase == SlabPhase::none;
   const bool has_results = s.slab.result.verdict != Verdict::none && s.slab.result.verdict != Verdict::aborted;
   if (has_ended && (s.slab.header.key == 0 || !has_results)) return Code::wrong_slab;
@@ -90,11 +91,10 @@ Code check_content(const Station& s, const PlcInputs& in) {
   if (!in.crc_ok) return Code::bad_crc;
   if (in.command < 1 || in.command > 5) return Code::unknown_command;
   if (!in.enable || !s.plc.alive) return Code::not_enabled;
-  // While somebody calibrates the line is not enabled: a scan now would be of whatever the maintenance engineer looks
-  // at.
+  // During maintenance the line is not enabled, because a scan would show the target of the calibration.
   const bool inspects = in.command <= static_cast<std::uint16_t>(PlcCommand::slab_end);
   if (in_maintenance(s) && inspects) return Code::not_enabled;
-  // Room for this command's jobs and for those of the measurements under way.
+  // Room for this command's jobs and for those of the current measurements.
   if (s.storing.size() + s.measuring + 8 > s.storing.capacity()) return Code::busy;
   switch (static_cast<PlcCommand>(in.command)) {
     case PlcCommand::slab_begin: return check_begin(s, in);
@@ -111,7 +111,8 @@ void journal(Station& s, const PlcInputs& in, Actions& actions) {
   s.desk.pending = true;
   s.desk.pending_abort = false;
   s.desk.pending_inputs = in;
-  // What was refused under this number has been mended: REFUSE_SEQ speaks of this order only if it is refused too.
+  // The command refused under this number was corrected: REFUSE_SEQ keeps this number only if the new one is refused
+  // too.
   if (s.desk.refuse_seq == in.cmd_seq) s.desk.refuse_seq = s.desk.refuse_code = 0;
   PendingStore pending;
   pending.value = in.cmd_seq;
@@ -133,9 +134,9 @@ void journal(Station& s, const PlcInputs& in, Actions& actions) {
   submit(s, actions, job, pending);
 }
 
-/// Rule (d). Only a command that would be carried out takes over: a display that writes the block back as it read it,
-/// soon or late, changes nothing. The first commander of a process needs no change of session: it can only know the one
-/// now shown. True: the session changes, and this block is of the old one.
+/// Rule (d). Only a command that would be carried out takes over: a display that writes back the block has no effect,
+/// soon or late. The first commander of a process needs no change of session, because it can only have read the present
+/// one. True if the session changes; this block belongs to the old one.
 bool take_over(Station& s, const PlcInputs& in, Actions& actions) {
   if (in.command_writer == s.desk.writer) return false;
   const bool takeover = s.desk.writer != 0;
@@ -144,14 +145,14 @@ bool take_over(Station& s, const PlcInputs& in, Actions& actions) {
   return takeover;
 }
 
-/// The order, whoever writes it and in whatever session.
+/// True if both images contain the same command, independent of writer and session.
 bool is_same_command(const PlcInputs& a, const PlcInputs& b) {
   return a.command == b.command && a.station == b.station && a.slab_type == b.slab_type && a.slab_no == b.slab_no &&
          a.slab_id == b.slab_id;
 }
 
-/// SESSION_ECHO is the one number of a block that is known beforehand: it tells a PLC that sends the low byte first,
-/// before CMD_SEQ, which is then wrong too, is called out of sequence.
+/// True if SESSION_ECHO is byte-swapped. It is the only value of a block that is known in advance. It detects a PLC
+/// that sends the low byte first; otherwise its CMD_SEQ, which is wrong too, would be reported as out of sequence.
 bool is_byte_swapped(std::uint16_t echo, std::uint16_t session) {
   return echo != session && static_cast<std::uint16_t>(echo << 8U | echo >> 8U) == session;
 }
@@ -159,8 +160,8 @@ bool is_byte_swapped(std::uint16_t echo, std::uint16_t session) {
 void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   CommandDesk& desk = s.desk;
   if (in.command_writer == 0) return;
-  // A block that stands there is judged once. Written again it is judged again when CMD_ACK has moved since: a number
-  // that came too early may be the right one now.
+  // An unchanged block is evaluated once. A block that was written again is evaluated again if CMD_ACK has moved since,
+  // because a number that came too early may be right now.
   const bool looked_at = in.cmd_seq == desk.judged_seq && in.session_echo == desk.judged_echo &&
                          in.command_writer == desk.judged_writer &&
                          (in.command_writes == desk.judged_writes || desk.ack == desk.judged_ack);
@@ -173,17 +174,17 @@ void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   if (in.cmd_seq == 0) return;
 
   if (in.cmd_seq == desk.ack) {
-    // The same command again, late or after a restart: CMD_ACK already says so. Another one under this number is
-    // somebody's who has counted as the one before him did: to be silent would tell him that it is carried out.
+    // The same command again, late or after a restart: CMD_ACK already acknowledges it. Another command with this
+    // number is from a second writer with the same count. Without a refusal that writer would take CMD_ACK for its own.
     const PlcInputs& known = desk.pending_inputs;
     if (known.cmd_seq == in.cmd_seq && !is_same_command(known, in))
       refuse(s, in, Code::bad_sequence, actions);
     else if (known.cmd_seq != in.cmd_seq || known.session_echo != in.session_echo ||
              known.command_writer != in.command_writer)
-      ++desk.refused;  // not the PLC that only writes it again because no answer came
+      ++desk.refused;  // except for the PLC, which writes it again if no answer came
     return;
   }
-  // The block that is on its way to the journal, written back by another connection.
+  // The block that is being journalled, written back by another connection.
   const PlcInputs& under_way = desk.pending_inputs;
   if (desk.pending && in.cmd_seq == under_way.cmd_seq && in.session_echo == under_way.session_echo &&
       is_same_command(in, under_way))
@@ -203,12 +204,12 @@ void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   }
 }
 
-/// RES_ACK is a level that stands until the next record, so it says something of a record only when it came after it:
-/// a number that stood there before belongs to another one (number_record).
+/// RES_ACK is a level that lasts until the next record, so it acknowledges a record only if it was set after the record
+/// was shown. A value from before belongs to another record (number_record).
 void acknowledge(Station& s, const PlcInputs& in, Actions& actions) {
   if (in.res_ack != s.results.ack_before) s.results.ack_before = 0;
   if (s.results.queue.empty() || in.res_ack != s.results.queue.front().res_seq || s.results.ack_before != 0) return;
-  if (s.storing.size() + 8 > s.storing.capacity()) return;  // asked again with the PLC's next write
+  if (s.storing.size() + 8 > s.storing.capacity()) return;  // repeated at the PLC's next write
   s.results.queue.pop();
   store_acknowledgement(s, in.res_ack, actions);
 }
@@ -234,9 +235,9 @@ bool room_for_records(const Station& s, std::size_t more) {
   return promised + more <= limits::kResultQueueMax;
 }
 
-/// The new number is shown only when it is durable; until then every command is stale. Otherwise a restart could
-/// count back to a session that was already in use. A number on its way has been shown to nobody: a further reason to
-/// change needs no further number.
+/// The new number is shown only once it is durable; until then every command is stale. Otherwise a restart could count
+/// back to a session already used. A number that is being stored was not shown yet, so a further reason to change needs
+/// no further number.
 void bump_session(Station& s, Actions& actions, const char* why) {
   const bool under_way = std::any_of(s.storing.begin(), s.storing.end(), [](const PendingStore& pending) {
     return pending.kind == PendingStore::Kind::session;
@@ -319,13 +320,13 @@ void begin_command(Station& s, Actions& actions) {
   }
 }
 
-// A slab's begin and end. SLAB_END waits for the blocks still being measured, has the slab judged, and shows nothing
-// until the verdict is durable. SLAB_ABORT takes the same way with the verdict "aborted".
+// A slab's begin and end. SLAB_END waits for the blocks still being measured and has the slab judged; no result is
+// shown until the verdict is durable. SLAB_ABORT works the same way with the verdict "aborted".
 
 namespace {
 
-/// What the blocks have against them stays. A pass does not: it was provisional, and height, spacing and slope in the
-/// slab's frame, which may turn it over, were never judged.
+/// Result of an aborted slab. Failures of its blocks stay. A pass does not, because it was provisional: height, spacing
+/// and slope in the slab's frame were never judged and may change it.
 SlabResult aborted_result(const Station& s) {
   SlabResult result;
   result.verdict = Verdict::aborted;
@@ -357,8 +358,8 @@ void store_end(Station& s, const SlabResult& result, Actions& actions) {
 
 }  // namespace
 
-/// Never the number that stands in RES_ACK: after a database was restored, or with a PLC that counts ahead, the record
-/// would be taken for acknowledged before anybody has seen it.
+/// Assigns the next number, but never the present value of RES_ACK. After a restored database, or with a PLC that
+/// counts ahead, the record would count as acknowledged before it was read.
 void number_record(Station& s, PlcResult& record) {
   s.results.last_seq = next_sequence(s.results.last_seq);
   if (s.results.last_seq == s.plc.inputs.res_ack) s.results.last_seq = next_sequence(s.results.last_seq);
@@ -418,13 +419,13 @@ void begin_end(Station& s, std::uint16_t cmd_seq, bool aborting, Actions& action
 
 void advance_end(Station& s, Actions& actions) {
   if (s.slab.phase != SlabPhase::ending || s.acquisition.phase != Acquisition::Phase::none || s.measuring != 0) return;
-  if (s.now_ns == 0) return;   // at a restart: without a time nothing is recorded
+  if (s.now_ns == 0) return;   // at a restart no record is made before the time is known
   if (s.desk.pending) return;  // a SLAB_ABORT may be on its way to the journal: a slab has one end
   if (s.slab.aborting) {
     store_end(s, aborted_result(s), actions);
     return;
   }
-  // After a restart or a storage fault a durable cloud may still wait to be measured; remeasure() takes it up.
+  // After a restart or a storage fault a durable cloud may still have to be measured; remeasure() does that.
   const bool waiting = std::any_of(s.slab.stations.begin(), s.slab.stations.end(),
                                    [](const StationRecord& record) { return record.phase == StationPhase::acquired; });
   if (waiting || s.slab.judging) return;

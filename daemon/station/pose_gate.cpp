@@ -10,19 +10,19 @@ bool wrong_frame(const PoseSample& sample, const PoseSettings& settings) {
   return sample.base_id != settings.base_id || sample.tool_id != settings.tool_id;
 }
 
-/// The sender's numbers do not continue from `before`: samples were lost, repeated or re-ordered, or it restarted.
-/// A sender that leaves seq at 0 has only its clock to be judged by.
+/// True if the sender's numbers do not continue from `before`: samples were lost, repeated or re-ordered, or the sender
+/// restarted. If a sender leaves seq at 0, only its clock is checked.
 bool breaks_run(const PoseSample& before, const PoseSample& sample, const PoseSettings& settings) {
   const bool counts = before.seq != 0 || sample.seq != 0;
-  // Unsigned: the numbers come from outside and may be anything.
+  // Unsigned, because the numbers are external and may have any value.
   const bool next = static_cast<std::uint32_t>(sample.seq) - static_cast<std::uint32_t>(before.seq) == 1U;
   const std::uint64_t step_us =
       static_cast<std::uint64_t>(sample.utime_us) - static_cast<std::uint64_t>(before.utime_us);
   return (counts && !next) || step_us == 0 || step_us > static_cast<std::uint64_t>(settings.gap_us);
 }
 
-/// Our clock minus the sender's, and the sample's way here on top of it: of many samples the least is nearest to the
-/// truth. Modulo 2^64, as the numbers come from outside.
+/// slabd's clock minus the sender's, plus the sample's transport time; the smallest value of many samples is the best.
+/// Modulo 2^64, because the numbers are external.
 std::uint64_t clocks_apart_us(const PoseSample& sample) {
   return static_cast<std::uint64_t>(sample.arrival_ns / kNsPerUs) - static_cast<std::uint64_t>(sample.utime_us);
 }
@@ -53,9 +53,9 @@ void PoseGate::Slice::add(const PoseSample& sample, std::uint64_t sample_clocks_
   ++samples;
 }
 
-/// Mean and spread of the slices [first, last]. Translations are summed about the first pose, quaternions are turned
-/// to its side before they are averaged: exact enough for poses that differ by microns. The spread of rotations is
-/// never too small: within a slice the largest angle is added to that of the slice's first pose.
+/// Mean and spread of the slices [first, last]. Translations are summed relative to the first pose, quaternions get its
+/// sign before they are averaged: exact enough for poses that differ by microns. The spread of rotations is an upper
+/// bound: within a slice the largest angle is added to that of the slice's first pose.
 PoseMean PoseGate::mean_of_newest(std::size_t slices) const {
   const Pose& origin = slice(slices - 1).first;
   Vec3 sum = Vec3::Zero();
@@ -85,10 +85,10 @@ PoseMean PoseGate::mean_of_newest(std::size_t slices) const {
 
 void PoseGate::add(const PoseSample& sample) {
   if (slices_ != 0) {
-    // A pose in a wrong frame is not part of any run.
+    // A pose in a wrong frame is not part of a run.
     if (breaks_run(newest_, sample, settings_) || wrong_frame(sample, settings_) || wrong_frame(newest_, settings_))
       slices_ = 0;
-    // Perhaps another bridge, which need not know of the flag; that the arm stands still is asked for all the same.
+    // The sender may be another bridge that does not support the flag; standing still is required in any case.
     if (sample.arrival_ns - newest_.arrival_ns >= kForgetNs) stopped_flag_used_ = false;
   }
   if (slices_ == 0 || sample.arrival_ns - slice(0).arrival_ns >= kSliceNs) {
@@ -115,7 +115,7 @@ bool PoseGate::lacks_stopped() const {
 Code PoseGate::settled(std::int64_t now_ns, PoseMean& mean) const {
   if (const Code code = link(now_ns); code != Code::ok) return code;
   const std::int64_t span_ns = settings_.window_ns + settings_.dwell_ns;
-  // Window and dwell are one stretch of samples that all lie within the limits: standing still for that long.
+  // Window and dwell are one run of samples within the limits: standing still for their total time.
   std::size_t slices = 0;
   std::int64_t samples = 0;
   bool covered = false;
@@ -149,8 +149,8 @@ void PoseGate::begin_exposure(const Pose& start) {
 void PoseGate::watch(const PoseSample& sample) {
   Exposure& x = exposure_;
   if (x.verdict != Code::ok) return;
-  // Only what the sender made later than anything known says where the robot stands now: a sample that is repeated, or
-  // late, is no witness. And where none came for too long, nobody knows. Unsigned: the numbers come from outside.
+  // Only samples that the sender made later than all known ones show the robot's present position; repeated or late
+  // samples do not count. After a long gap the position is unknown. Unsigned, because the numbers are external.
   const std::uint64_t step_us =
       static_cast<std::uint64_t>(sample.utime_us) - static_cast<std::uint64_t>(x.newest_utime_us);
   if (step_us == 0 || step_us > std::uint64_t{INT64_MAX}) return;
@@ -182,7 +182,8 @@ Code PoseGate::held_still(std::int64_t to_ns, PoseMean& mean) const {
   const Exposure& x = exposure_;
   if (x.verdict != Code::ok) return x.verdict;
   if (x.samples == 0) return Code::pose_stale;
-  // When it was sent, not when it came: one that was on its way as the exposure ended has not seen the end.
+  // The time of sending counts, not of arrival: a sample that was under way when the exposure ended does not cover the
+  // end.
   const std::uint64_t sent_us = static_cast<std::uint64_t>(x.newest_utime_us) + x.clocks_apart_us;
   const std::uint64_t after_us = sent_us - static_cast<std::uint64_t>(to_ns / kNsPerUs);
   if (after_us == 0 || after_us > std::uint64_t{INT64_MAX}) return Code::pose_stale;

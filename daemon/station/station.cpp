@@ -11,7 +11,7 @@
 namespace slabd::daemon {
 
 void log(Actions& actions, LogLine::Level level, Code code, const char* format, ...) {
-  // A log line never displaces work: it is dropped when the actions run short.
+  // A log line is dropped if actions run short, so that it never displaces work.
   if (actions.size() + 8 > Actions::capacity()) return;
   std::array<char, limits::kErrorTextBytes + 1> text{};
   va_list args;
@@ -47,7 +47,7 @@ View view_of(const SlabHeader& slab, const Recipe& recipe, int station, const Po
   return {true, T_base_scanner, slab.T_base_slab * T_slab_block(recipe, station), T_scanner_block};
 }
 
-/// Of the last slab, and of the open one's blocks that are measured.
+/// Restores the views of the last slab, and of the open slab's measured blocks.
 void recover_views(Station& s, const RecoveredLine& line) {
   const Recipe* recipe = recipe_for(s, line.last_slab.slab_type);
   for (std::size_t i = 0; recipe != nullptr && i < line.last_blocks.size() && i < recipe->stations(); ++i) {
@@ -69,8 +69,8 @@ void recover_views(Station& s, const RecoveredLine& line) {
   }
 }
 
-/// Picks up where the last process stopped. The session always changes, so that a command meant for the last process
-/// cannot be carried out by this one; nothing is scanned again on our own account.
+/// Continues after the previous process. The session always changes, so that this process cannot carry out a command
+/// meant for the previous one; no scan is repeated on slabd's own initiative.
 void on_recovered(Station& s, const Recovered& event, Actions& actions) {
   const RecoveredLine& line = *event.line;
   s.desk.session_next = line.session;
@@ -165,7 +165,7 @@ void step(Station& station, const Event& event, Actions& actions) {
   actions.clear();
   std::visit(Dispatch{station, actions}, event);
   if (!station.recovered) return;
-  // Whatever happened may have been what one of these waited for; each does nothing when it is not its turn.
+  // Any event may be the one that these functions wait for; each does nothing in other phases.
   advance_acquisition(station, actions);
   advance_capture(station, actions);
   advance_end(station, actions);
@@ -173,7 +173,7 @@ void step(Station& station, const Event& event, Actions& actions) {
   advance_calibration(station, actions);
 }
 
-// What the PLC reads, derived from the state alone. A result appears here only after its commit.
+// The image for the PLC, derived from the state alone. A result appears here only after its commit.
 
 namespace {
 
@@ -181,7 +181,7 @@ bool acquired_or_measured(const StationRecord& record) {
   return record.phase == StationPhase::acquired || record.phase == StationPhase::measured;
 }
 
-/// A scan of this row became durable: it has a verdict that is not the code of a failed acquisition.
+/// True if a scan of this row became durable: its verdict is not the code of a failed acquisition.
 bool row_has_scan(const PlcStationRow& row) {
   const bool code = row.verdict == Verdict::not_measured && row.reason != 0 && row.reason < kReasonItemBase;
   const bool measuring_code = row.reason > 401 && row.reason < 500;
@@ -227,7 +227,7 @@ PlcState state_of(const Station& s) {
 
 std::uint8_t emulation_of_line(const Station& s) {
   unsigned bits = s.settings.simulation ? kEmulatedLine : 0U;
-  // A robot that is silent is neither real nor emulated.
+  // A silent robot is neither real nor emulated.
   const PoseSample* pose = s.gate.newest();
   if (pose != nullptr && s.now_ns - pose->arrival_ns < PoseGate::kForgetNs)
     bits |= (pose->emulated ? kEmulatedRobot : 0U) | (pose->commanded ? kCommandedPoses : 0U);
@@ -278,7 +278,7 @@ PlcOutputs plc_view(const Station& s) {
   out.pose_ok = s.gate.link(s.now_ns) == Code::ok;
   out.scanner_ok = s.links.scanner_online;
   out.plc_link_ok = s.plc.alive;
-  // In fault 504 no database is opened.
+  // In fault 504 the database is not opened.
   out.store_ok = s.recovered && fault != Code::journal_write && fault != Code::store_full && fault != Code::config;
 
   out.session = s.desk.session;

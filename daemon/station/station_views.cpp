@@ -7,21 +7,22 @@
 namespace slabd::daemon {
 namespace {
 
-// How far the registered place of a good seat lies from the slab's rigid placement, standard deviation per axis:
+// Deviation of a good seat's registered position from the slab's rigid placement, standard deviation per axis. Sources:
 // casting (0.05 mm), registration of a real form to the nominal one, the robot's repeatability.
 constexpr double kSeatSigmaMm = 0.10;
 constexpr double kSeatSigmaRad = 0.02 * kPi / 180.0;
-// Agreement is five of them, more where the slab's seats scatter more (a robot without corrections), never more than:
+// Tolerance in standard deviations; larger if the slab's seats scatter more (a robot without corrections), up to a
+// maximum.
 constexpr double kSigmas = 5.0;
 constexpr double kToleranceMmMax = 1.2;
 constexpr double kToleranceRadMax = 0.15 * kPi / 180.0;
-// Two scans of one block from one stop: the robot's repeatability alone.
+// Two scans of one block from one stop differ by the robot's repeatability only.
 constexpr double kSameViewMm = 0.3;
 constexpr double kSameViewRad = 0.04 * kPi / 180.0;
-// How differently two slabs may come to lie. The first scan of a slab has nothing else to be compared with.
+// Difference in the placement of two slabs. The first scan of a slab can only be compared with earlier slabs.
 constexpr double kPlacedAnewMm = 6.0;
 constexpr double kPlacedAnewRad = 0.15 * kPi / 180.0;
-// What is known of a slab's placement before its first scan.
+// Uncertainty of a slab's placement before its first scan.
 constexpr double kPlacedSigmaMm = 20.0;
 constexpr double kPlacedSigmaRad = 0.2 * kPi / 180.0;
 constexpr int kFitTurns = 8;
@@ -37,14 +38,14 @@ Vec3 rotation_vector(const Quat& q) {
   return n < 1e-12 ? Vec3(2.0 * v) : Vec3(2.0 * std::atan2(n, s * q.w()) / n * v);
 }
 
-/// A small motion of one block in the base frame, from its nominal place.
+/// A small motion of one block in the base frame, from its nominal position.
 struct Shift {
-  Vec3 p_base = Vec3::Zero();  ///< nominal place
+  Vec3 p_base = Vec3::Zero();  ///< nominal position
   Vec3 mm = Vec3::Zero();
   Vec3 rad = Vec3::Zero();
 };
 
-/// Where the block lies if the scan was taken from this stop, and is of its block.
+/// Displacement of the block if the scan was taken from this stop and shows its block.
 Shift shift_from(const Pose& T_base_scanner, const Pose& T_base_block, const Pose& T_scanner_block) {
   const Pose there = T_base_scanner * T_scanner_block;
   Shift shift;
@@ -65,8 +66,8 @@ struct Tolerance {
 
 using Shifts = FixedVector<Shift, limits::kStationsMax>;
 
-/// A slab's rigid displacement from its nominal place, fitted to the shifts of its blocks; seats out of place count
-/// less.
+/// A slab's rigid displacement from its nominal place, fitted to the shifts of its blocks; displaced seats have less
+/// weight.
 class Placement {
  public:
   explicit Placement(const Shifts& shifts) : count_(shifts.size()) {
@@ -102,7 +103,7 @@ class Placement {
         sum += weight[i] * 0.5 * r2;
         weights += weight[i];
       }
-      // Six parameters of six numbers a seat: one seat says nothing of the scatter.
+      // Six parameters for six numbers a seat: one seat gives no estimate of the scatter.
       const double freedom = weights * (1.0 - 1.0 / static_cast<double>(shifts.size()));
       scatter = freedom > 0.5 ? std::sqrt(sum / freedom) : 1.0;
     }
@@ -113,8 +114,8 @@ class Placement {
   [[nodiscard]] Off off_of(const Shift& shift) const {
     return {Vec3(shift.mm - jacobian(shift.p_base) * motion_).norm(), Vec3(shift.rad - motion_.tail<3>()).norm()};
   }
-  /// Within it a good seat at this place lies, as far as the scans so far can tell: one block says little of where the
-  /// slab's other end is.
+  /// Range of a good seat's position, as far as known from the scans so far: one block gives little information about
+  /// the other end of the slab.
   [[nodiscard]] Tolerance scatter_at(const Vec3& p_base) const {
     const Eigen::Matrix<double, 3, 6> J = jacobian(p_base);
     const Eigen::Matrix3d of_place = J * covariance_ * J.transpose();
@@ -122,7 +123,7 @@ class Placement {
     const double place_rad2 = covariance_.diagonal().tail<3>().maxCoeff() + kSeatSigmaRad * kSeatSigmaRad;
     return {kSigmas * scatter_ * std::sqrt(place_mm2), kSigmas * scatter_ * std::sqrt(place_rad2)};
   }
-  /// Within it a seat at this place agrees.
+  /// Tolerance within which a seat at this position agrees.
   [[nodiscard]] Tolerance tolerance_at(const Vec3& p_base) const {
     const Tolerance scatter = scatter_at(p_base);
     return {std::min(kToleranceMmMax, scatter.mm), std::min(kToleranceRadMax, scatter.rad)};
@@ -162,12 +163,12 @@ Off between(const Pose& a, const Pose& b) {
   return {(a.translation_mm - b.translation_mm).norm(), angle_between_rad(a.rotation, b.rotation)};
 }
 
-/// The nominal view of a stop: where it sees its block when the slab lies in its place.
+/// Nominal view of a stop: the pose of its block if the slab is at its nominal place.
 Pose nominal_view(const View& stop) {
   return stop.T_base_scanner.inverse() * stop.T_base_block;
 }
 
-/// The scan in hand, and what is asked of it.
+/// Compares the current scan with the other views.
 class Comparison {
  public:
   Comparison(const Views& views, int station, const View& view) : views_(views), station_(station), view_(view) {
@@ -208,7 +209,7 @@ class Comparison {
     return off.mm > kSeatOffMm + tolerance.mm || off.rad > kSeatOffRad + tolerance.rad;
   }
 
-  /// A scan of `stop`'s block from there would agree.
+  /// Refuses the scan if it agrees with a scan of `stop`'s block from that stop.
   void try_stop(const View& stop, int stop_station, bool of_last_slab, const Placement& placement) {
     if (!stops_differ(stop, view_)) return;
     const Shift shift = shift_from(stop.T_base_scanner, stop.T_base_block, view_.T_scanner_block);
@@ -226,7 +227,7 @@ class Comparison {
     finding_.other_off_rad = off.rad;
   }
 
-  /// Stops of this slab, or where it was not there yet, of the last one: the program is the same.
+  /// Stop of this slab, or of the last slab if this one has not reached it yet, because the robot program is the same.
   [[nodiscard]] const View* stop_at(std::size_t index) const {
     if (views_.slab[index].seen) return &views_.slab[index];
     return views_.last[index].seen ? &views_.last[index] : nullptr;
@@ -243,7 +244,8 @@ class Comparison {
       if (views_.last[i].seen) try_stop(views_.last[i], static_cast<int>(i) + 1, true, last);
   }
 
-  /// Every scan of this slab may be one stop behind, or ahead: then they agree with one another as scans from there.
+  /// Checks whether every scan of this slab is one stop behind or ahead: then they agree with one another as scans from
+  /// there.
   void look_from_neighbours(int step) {
     const auto neighbour = [&](std::size_t index) -> const View* {
       return stop_at(static_cast<std::size_t>((static_cast<int>(index) + step + count_) % count_));
@@ -259,7 +261,7 @@ class Comparison {
     try_stop(*stop, (station_ - 1 + step + count_) % count_ + 1, false, Placement(shifts));
   }
 
-  /// The view of another stop once more, wherever the robot really stands.
+  /// Checks for the repeated view of another stop, independent of the robot's real position.
   void look_at_recent() {
     for (const View& other : views_.recent)
       if (stops_differ(other, view_))
@@ -269,7 +271,7 @@ class Comparison {
   const Views& views_;
   int station_;
   const View& view_;
-  int count_ = 1;  ///< stations, as far as any was seen
+  int count_ = 1;  ///< number of stations seen so far
   ViewFinding finding_;
 };
 

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: a view of a calibration is worth nothing when the arm still swung, when poses were lost, or when those that
-// arrive are old. Idea: one stretch of poses, begun when the view was asked for, that only ends by being broken; the
-// mean and the spread that are reported are those of the whole stretch, the scan included. Invariant: every pose of the
-// stretch lies within the guard of every other one.
+// Problem: a view for a calibration is useless if the arm still swung, if poses were lost, or if the arriving poses are
+// old. Idea: one run of poses starts at the request and ends only with a violation. The reported mean and spread are
+// those of the whole run, including the scan. Invariant: every pose of the run is within the guard of every other one.
 #include "daemon/station/still_watch.h"
 
 #include <algorithm>
@@ -13,8 +12,8 @@ namespace slabd::daemon {
 namespace {
 
 constexpr std::int64_t kSecondNs = kNsPerS;
-/// Sender's and our own clock may drift apart by this over a stretch: the turn of the loop and a busy computer. More is
-/// a bridge that sends a queue of old poses.
+/// Allowed drift between the sender's and slabd's clock over a run, for the turn of the loop and a busy computer. A
+/// larger drift means that a bridge sends a queue of old poses.
 constexpr std::int64_t kClockSlackUs = 250'000;
 
 Vec3 turned_by(const Quat& from, const Quat& to) {
@@ -25,7 +24,7 @@ Vec3 turned_by(const Quat& from, const Quat& to) {
   return d.vec() * (2.0 * std::atan2(sine, d.w()) / sine);
 }
 
-/// The axis that moved most and by how much.
+/// The axis with the largest motion, and that motion.
 FixedString<240> moved_text(const PoseRange& range, const CaptureGuard& guard) {
   Eigen::Index axis_mm = 0;
   Eigen::Index axis_rad = 0;
@@ -75,7 +74,7 @@ StillWatch::Break StillWatch::broken_by(const PoseSample& sample) const {
   if (stopped_flag_used_ && !sample.stopped) return Break::not_stopped;
   if (samples_ == 0) return Break::none;
   const bool counts = newest_.seq != 0 || sample.seq != 0;
-  // Unsigned: the numbers come from outside and may be anything.
+  // Unsigned, because the numbers are external and may have any value.
   const bool next = static_cast<std::uint32_t>(sample.seq) - static_cast<std::uint32_t>(newest_.seq) == 1U;
   const auto since = [](std::int64_t from, std::int64_t to) {
     return static_cast<std::uint64_t>(to) - static_cast<std::uint64_t>(from);

@@ -26,17 +26,17 @@ struct PoseRange {
   [[nodiscard]] double rad() const { return (high_rad - low_rad).maxCoeff(); }
 };
 
-/// The longest stretch of poses, up to the newest one, over which the flange stood still: gapless numbers and times,
-/// the right frame, no emergency stop, everything within the guard. Whatever breaks it starts a new stretch and is
-/// remembered. Works at any rate of poses and for any length of stretch; pure, fixed size.
+/// The longest run of poses, up to the newest one, over which the flange stood still. It has no gap in numbers and
+/// times, the right frame, no emergency stop, and is within the guard. A violation starts a new run and is stored.
+/// Works at any rate of poses and for any length of the run; pure, fixed size.
 class StillWatch {
  public:
   enum class Break : std::uint8_t { none, moved, gap, clock, estop, not_stopped, wrong_frame };
-  /// What ended a stretch, with what there is to say of it. A copy: later poses end further stretches.
+  /// Reason why a run ended, with details. A copy, because later poses end further runs.
   struct Broken {
     Break by = Break::none;
-    PoseRange range;            ///< moved: of the stretch and the pose that ended it
-    std::int32_t gap_from = 0;  ///< gap: sender's numbers around it
+    PoseRange range;            ///< moved: of the run and the pose that ended it
+    std::int32_t gap_from = 0;  ///< gap: sender's numbers before and after it
     std::int32_t gap_to = 0;
     std::int16_t base_id = 0;  ///< of the pose that ended it
     std::int16_t tool_id = 0;
@@ -44,14 +44,14 @@ class StillWatch {
 
   StillWatch(const CaptureGuard& guard, const PoseSettings& settings) : guard_(guard), settings_(settings) {}
 
-  /// Forgets everything: only poses from now on count.
+  /// Clears the state: only poses from now on count.
   void begin();
   void add(const PoseSample& sample);
-  /// From here on first_break() says what broke the stretch first, and over what range it moved in all since then: the
-  /// pose that breaks a stretch of 0.01 mm is only the beginning of a drive.
+  /// From now on first_break() returns the first break, with the range of motion since then. The pose that breaks a run
+  /// of 0.01 mm is only the beginning of a drive.
   void mark() { marked_break_ = {}; }
 
-  /// Has the stretch lasted as long as the guard asks for?
+  /// True if the run has lasted as long as the guard requires.
   [[nodiscard]] bool settled() const;
   [[nodiscard]] std::uint32_t samples() const { return samples_; }
   [[nodiscard]] const PoseSample& first() const { return first_; }
@@ -59,12 +59,12 @@ class StillWatch {
   [[nodiscard]] const PoseRange& range() const { return range_; }
   [[nodiscard]] Pose mean() const;
 
-  /// How far it moved in the last whole second (the first second: so far).
+  /// Range of motion in the last complete second (in the first second: so far).
   [[nodiscard]] const PoseRange& recent() const { return recent_whole_ ? last_second_ : this_second_; }
   [[nodiscard]] const Broken& last_break() const { return last_break_; }
   [[nodiscard]] const Broken& first_break() const { return marked_break_; }
-  /// What broke it, or, with Break::none, how it moved in the last second: a sentence's end without a full stop, for
-  /// people.
+  /// Reason of the break or, with Break::none, the motion in the last second, for display: the end of a sentence,
+  /// without a full stop.
   [[nodiscard]] FixedString<240> describe(const Broken& broken) const;
 
  private:
@@ -85,7 +85,7 @@ class StillWatch {
   Vec3 sum_rad_ = Vec3::Zero();
   Broken last_break_;
   Broken marked_break_;
-  Pose marked_from_;  ///< where marked_break_.range counts from, when it moved
+  Pose marked_from_;  ///< start of marked_break_.range, if it moved
 
   bool recent_whole_ = false;
   PoseSample second_start_;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What the answer to each store job means. Ok: it is durable and may be shown. Anything else: nothing is shown, the
-// fault is raised, and the cloud on disk keeps the work from being lost.
+// Handles the answer to each store job. Ok: the record is durable and may be shown. Otherwise it is not shown and the
+// fault is raised; the cloud on the disk preserves the work.
 #include <algorithm>
 #include <utility>
 
@@ -10,8 +10,8 @@
 namespace slabd::daemon {
 namespace {
 
-/// Queues a record that is durable. RES_ACK may have come to stand at its number on its way to the disk: that is not
-/// its acknowledgement, nobody has seen it.
+/// Queues a durable record. RES_ACK may have reached its number while it was stored: that does not acknowledge it,
+/// because it was not shown yet.
 bool present(Station& s, const PlcResult& record, Actions& actions) {
   if (!s.results.queue.push(record)) return false;
   if (record.res_seq != s.plc.inputs.res_ack) return true;
@@ -38,7 +38,7 @@ void on_command(Station& s, const PendingStore& pending, Code code, Actions& act
     begin_command(s, actions);
     return;
   }
-  // Refused after all: the number is used up, so that the PLC sees the answer.
+  // Refused after all: the number is used up, so that the PLC reads the answer.
   s.desk.ack = pending.value;
   set_failed(s, pending.value, code);
   s.desk.refuse_code = static_cast<std::uint16_t>(code);
@@ -71,7 +71,8 @@ void on_block(Station& s, const PendingStore& pending, Code code, Actions& actio
   (void)queued;
 }
 
-/// Logged when it begins: it is the robot's program, and does not change from slab to slab.
+/// Logs stops that look alike when this first occurs: it depends on the robot's program and does not change between
+/// slabs.
 void warn_of_alike_stops(Station& s, Actions& actions) {
   const int station = stop_like_the_next(s.views.slab);
   if (std::exchange(s.stop_alike, station) != 0 || station == 0) return;
@@ -137,8 +138,8 @@ void store_acknowledgement(Station& s, std::uint16_t res_seq, Actions& actions) 
   submit(s, actions, AckJob{res_seq}, pending);
 }
 
-/// What a scanner gave must be known after a restart, also when the disk failed at that moment. And a record whose
-/// acknowledgement never became durable would keep its slab's scans for ever.
+/// Stores fingerprints and acknowledgements that a disk failure prevented. After a restart all scans of the scanner
+/// must be known. A record without a durable acknowledgement would keep its slab's scans permanently.
 static void settle_unsaved(Station& s, const PendingStore& pending, Code code, Actions& actions) {
   auto& fingerprints = s.unsaved_fingerprints;
   auto& acks = s.unsaved_acks;
@@ -148,9 +149,9 @@ static void settle_unsaved(Station& s, const PendingStore& pending, Code code, A
     if (pending.kind == PendingStore::Kind::ack) (void)acks.push(pending.value);
     return;
   }
-  // One for one, so that there is always room for it.
-  // While nobody saw a scan its mark has to be the newest, by which a restart knows of it: the others wait. Afterwards
-  // the newest goes first, which is the one that settled the mark.
+  // One for each success, so that there is always room for it.
+  // While a scan is unseen its mark must be the newest, because a restart finds it that way; the others wait.
+  // Afterwards the newest is stored first, which is the one that replaced the mark.
   const auto last = fingerprints.empty() ? fingerprints.end() : fingerprints.end() - 1;
   const auto next = s.scan_unseen ? std::find(fingerprints.begin(), fingerprints.end(), kUnseenScan) : last;
   if (next != fingerprints.end()) {
@@ -175,7 +176,7 @@ void on_stored(Station& s, const StoreDone& done, Actions& actions) {
   const PendingStore pending = *found;
   s.storing.erase(static_cast<std::size_t>(found - s.storing.begin()));
 
-  // A scan that the history knows is written as a failed one: the disk works.
+  // A scan found in the history is recorded as a failed one: the disk works.
   const bool is_known_scan = pending.kind == PendingStore::Kind::acquired && done.code == Code::frame_incomplete;
   settle_unsaved(s, pending, is_known_scan ? Code::ok : done.code, actions);
   switch (pending.kind) {
@@ -195,7 +196,7 @@ void on_stored(Station& s, const StoreDone& done, Actions& actions) {
       if (done.code != Code::ok) raise_fault(s, actions, done.code, "remembering what the scanner gave");
       break;
     case PendingStore::Kind::ack:
-      // Should slabd end before it is durable, the PLC sees this record once more and knows it already.
+      // If slabd ends before it is durable, the PLC sees this record again and recognises it.
       if (done.code != Code::ok) raise_fault(s, actions, done.code, "recording an acknowledgement");
       break;
   }

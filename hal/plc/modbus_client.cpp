@@ -21,23 +21,24 @@
 #include "hal/plc/plc_map.h"
 #include "hal/plc/plc_notes.h"
 
-// Problem: a client waits, for a connection and for every answer, and the loop must not.
-// Idea: one thread owns the connection and does what ClientPlan says; the loop's side exchanges whole images with it.
+// Problem: a client waits for a connection and for every answer, but the loop must not block.
+// Idea: one thread owns the connection and executes the steps of ClientPlan; the loop exchanges whole images with it.
 // Invariants:
-//   - libmodbus never mends a connection (recovery NONE): its LINK mode loops for ever when the peer is gone, and after
-//     a late answer every further one is taken for the wrong question. On any error the connection is closed;
-//   - nothing to be written is ever queued: there is one present image, and after a loss that one is written;
-//   - what the PLC has written comes to the loop in the order it was read; each change is an event;
-//   - what a PLC does not take in one request is written, and read, from the back: the words that say that something
-//     is there (CMD_ACK, RES_SEQ; CMD_SEQ) are the last to be written and the first to be read;
-//   - every wait is bounded by `timeout_ns`, and no heap is used after construction.
+//   - libmodbus does not repair a connection (recovery NONE). Its LINK mode loops endlessly if the peer is gone, and
+//     after a late answer it assigns every further answer to the wrong request. On any error the connection is closed.
+//   - Writes are not queued: there is one present image, and after a loss that image is written.
+//   - The loop receives what the PLC has written in the order it was read; each change is an event.
+//   - If one request is too short for the registers, they are written and read in pieces from the highest address down.
+//     The words that announce new data (CMD_ACK, RES_SEQ; CMD_SEQ) are the last to be written and the first to be read.
+//   - Every wait is bounded by `timeout_ns`, and no heap is used after construction.
 namespace slabd::hal {
 namespace {
 
-/// Images read and not yet taken by the loop. The loop turns every 10 ms and a poll takes longer: two would do.
+/// Images read and not yet taken by the loop. Two would be enough, because the loop turns every 10 ms and a poll takes
+/// longer.
 constexpr std::size_t kUnreadMax = 8;
 constexpr int kUnacknowledgedMs = 5000;
-/// So many losses of the same kind in a row are a habit of the PLC and no accident.
+/// Losses of the same kind in a row after which they are reported as a property of the PLC.
 constexpr int kHabit = 3;
 
 struct ContextDeleter {
@@ -75,7 +76,7 @@ class Client final : public PlcPort {
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;
 
-  // ---- the loop's side
+  // ---- called by the loop
 
   std::size_t poll_fds(std::span<pollfd> fds) override {
     fds[0] = {news_.get(), POLLIN, 0};
@@ -88,7 +89,7 @@ class Client final : public PlcPort {
     trouble_seen_ = trouble_;
     if (unread_.empty()) {
       std::uint64_t count = 0;
-      static_cast<void>(!::read(news_.get(), &count, sizeof count));  // lowers the flag; nothing there is fine too
+      static_cast<void>(!::read(news_.get(), &count, sizeof count));  // clears the event; EAGAIN is fine too
       return false;
     }
     holding_seen_ = unread_.front().image;
@@ -127,7 +128,7 @@ class Client final : public PlcPort {
     std::uint32_t number = 0;
   };
 
-  // ---- the thread. plan_ and written images are its own but for the look of publish(), under the mutex.
+  // ---- the thread. plan_ and the written images belong to it; only publish() reads them, under the mutex.
 
   void run() {
     pthread_setname_np(pthread_self(), "slabd-plc");
@@ -156,7 +157,7 @@ class Client final : public PlcPort {
     }
   }
 
-  /// Talks to the PLC. False: errno says why.
+  /// Executes one step with the PLC. If false, errno holds the reason.
   bool carry_out(ClientDeed deed, const InputImage& image, HoldingImage& read_image) {
     constexpr auto kAll = static_cast<int>(kInputRegisters);
     constexpr auto kHead = static_cast<int>(ClientPlan::kHeadRegisters);
@@ -185,7 +186,7 @@ class Client final : public PlcPort {
     return true;
   }
 
-  /// One question and its answer, over a connection of its own where the PLC closes it.
+  /// Executes one request and its answer, over a new connection if the PLC closes it each time.
   template <typename Talk>
   bool exchange(const Talk& talk) {
     if (!settings_.keep_connection && answers_ > 0 && !connect()) return false;
@@ -194,7 +195,7 @@ class Client final : public PlcPort {
     return done;
   }
 
-  /// Where the request begins that ends before `end`. Only the last one, from register 0 on, may hold several parts.
+  /// Start of the request that ends before `end`. Only the last request, from register 0 on, may hold several parts.
   [[nodiscard]] int piece_before(int end, int second_part, int third_part) const {
     const int most = settings_.registers_max;
     if (end <= most) return 0;
@@ -230,7 +231,7 @@ class Client final : public PlcPort {
     return true;
   }
 
-  /// What became of it, with the mutex held.
+  /// Records the result of a step. Requires the mutex.
   void note(ClientDeed deed, bool done, int error_number, const InputImage& image, const HoldingImage& read_image) {
     const std::int64_t now_ns = steady_ns();
     if (!done) {
@@ -259,16 +260,17 @@ class Client final : public PlcPort {
     if (!fresh_ && image_now == last_read_) return;
     fresh_ = false;
     last_read_ = image_now;
-    // The loop stands still: the oldest states are lost, as they are to any poll that comes late. Its own heartbeat is
-    // frozen then, and the PLC sees that.
+    // The loop is blocked: the oldest states are lost, as with any late poll. Its own heartbeat stops then, and the PLC
+    // detects that.
     if (unread_.full()) unread_.pop();
     static_cast<void>(unread_.push({image_now, connection_, ++delivered_}));
     raise();
   }
 
-  /// A PLC may copy its memory into an answer while its program fills the command block: then half of it is of the
-  /// order before, and neither CMD_SEQ being last nor the CRC, which ends before it, tells. So a new block counts when
-  /// two answers in a row agree; the second is asked for at once. Until then the last confirmed one stands.
+  /// Accepts a new command block only if two consecutive answers agree; the second is requested at once. A PLC may copy
+  /// its memory into an answer while its program fills the block, so that half of it is from the previous command.
+  /// Neither CMD_SEQ in last place nor the CRC, which ends before it, detects that. Until then the last confirmed block
+  /// is returned.
   HoldingImage confirm_command(const HoldingImage& read, std::int64_t now_ns) {
     const auto command = std::span(read).subspan(kCommandFirst);
     if (has_candidate_ && std::equal(command.begin(), command.end(), candidate_.begin())) {
@@ -278,7 +280,7 @@ class Client final : public PlcPort {
       std::copy(command.begin(), command.end(), candidate_.begin());
       has_candidate_ = true;
       if (!read_again_) plan_.read_again(now_ns);
-      read_again_ = !read_again_;  // once at once; a block that changes with every answer waits for the next poll
+      read_again_ = !read_again_;  // requested once; a block that changes with every answer waits for the next poll
     }
     HoldingImage image = read;
     std::copy(confirmed_.begin(), confirmed_.end(), image.begin() + kCommandFirst);
@@ -333,12 +335,12 @@ class Client final : public PlcPort {
   }
 
   static constexpr int kReadCount = static_cast<int>(kHoldingRegisters);
-  static constexpr int kRecordFirst = 30;  ///< parts of slabd's registers: state, record, table
+  static constexpr int kRecordFirst = 30;  ///< first registers of the parts: state, record, table
   static constexpr int kTableFirst = 64;
 
   const PlcSettings settings_;
   std::unique_ptr<modbus_t, ContextDeleter> context_;
-  Fd news_;  ///< readable while the loop should look
+  Fd news_;  ///< readable while there is news for the loop
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;
@@ -348,15 +350,16 @@ class Client final : public PlcPort {
   InputImage present_{};
   FixedQueue<Unread, kUnreadMax> unread_;
   HoldingImage last_read_{};
-  bool fresh_ = true;  ///< nothing was read on this connection yet
+  bool fresh_ = true;  ///< no register was read on this connection yet
   std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> candidate_{};  ///< HR 10..39 of the last answer
-  std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> confirmed_{};  ///< of two answers in a row
+  std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> confirmed_{};  ///< last block on which two answers
+                                                                              ///< agreed
   bool has_candidate_ = false;
-  int answers_ = 0;          ///< on this connection; the thread's own
+  int answers_ = 0;          ///< on this connection; used by the thread only
   int useless_ = 0;          ///< late or malformed answers since the last good one
-  int closed_behind_ = 0;    ///< connections in a row that the PLC closed behind their first answer
-  FixedString<160> habit_;   ///< what the PLC does every time, "" = nothing known
-  bool read_again_ = false;  ///< the next answer was asked for early
+  int closed_behind_ = 0;    ///< connections in a row that the PLC closed after their first answer
+  FixedString<160> habit_;   ///< repeated misbehaviour of the PLC; "" = unknown
+  bool read_again_ = false;  ///< the next answer was requested early
   std::uint32_t delivered_ = 0;
   std::uint32_t connection_ = 0;
   PlcLinkCounters counters_;
@@ -405,7 +408,7 @@ Result<std::unique_ptr<PlcPort>> make_modbus_client(const PlcSettings& settings)
   modbus_set_slave(context, settings.unit_id);
   const auto timeout_us = static_cast<std::uint32_t>(settings.timeout_ns / kNsPerUs);
   modbus_set_response_timeout(context, timeout_us / 1'000'000, timeout_us % 1'000'000);
-  modbus_set_byte_timeout(context, 0, 0);  // the response timeout bounds the whole answer, also one that drips
+  modbus_set_byte_timeout(context, 0, 0);  // the response timeout bounds the whole answer, also a slow one
   return std::unique_ptr<PlcPort>(std::make_unique<Client>(settings, context, std::move(news)));
 }
 

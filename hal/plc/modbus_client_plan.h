@@ -6,14 +6,13 @@
 
 #include "hal/plc/plc_map.h"
 
-/// What a client does next, as arithmetic on times: no socket, no thread, so that a test steps the clock.
+/// Decides the next step of the client from times alone, without socket or thread, so that a test sets the clock.
 ///
-///   - it connects, and after a failure waits 0.2 s, then twice as long each time, 5 s at most;
-///   - after connecting it writes everything: what is on the wire after a loss is the present image, never what was to
-///     be written before it;
-///   - a change of anything but HEARTBEAT and UTIME is written at once and whole (110 registers fit one FC 16); the
-///     first 30 registers when the heartbeat moves, at least every 500 ms;
-///   - it reads the PLC's half every `poll_ns`.
+///   - It connects. After a failure it waits 0.2 s, then twice as long each time, at most 5 s.
+///   - After connecting it writes all registers of the present image, not what was to be written before the loss.
+///   - If anything but HEARTBEAT and UTIME changes, it writes all 110 registers at once, which fit one FC 16.
+///   - It writes the first 30 registers when the heartbeat moves, at least every 500 ms.
+///   - It reads the PLC's registers every `poll_ns`.
 namespace slabd::hal {
 
 enum class ClientDeed : std::uint8_t { wait, connect, write_all, write_head, read };
@@ -29,9 +28,9 @@ class ClientPlan {
 
   struct Next {
     ClientDeed deed = ClientDeed::wait;
-    std::int64_t until_ns = 0;  ///< wait: no longer than this, unless the image changes
+    std::int64_t until_ns = 0;  ///< wait: until this time at the latest, or until the image changes
   };
-  /// `present` is what the PLC should read now.
+  /// Returns the next step. `present` is the image that the PLC should read now.
   [[nodiscard]] Next next(std::int64_t now_ns, const InputImage& present) const {
     if (!connected_) return now_ns >= connect_ns_ ? Next{ClientDeed::connect, 0} : Next{ClientDeed::wait, connect_ns_};
     if (!written_once_ || differs(present)) return {ClientDeed::write_all, 0};
@@ -45,7 +44,7 @@ class ClientPlan {
     written_once_ = false;
     read_ns_ = now_ns;
   }
-  /// Anything went wrong: the connection is gone, whatever was under way with it.
+  /// After any error: the connection is closed, and a request that was under way is lost.
   void failed(std::int64_t now_ns) {
     connected_ = false;
     connect_ns_ = now_ns + back_off_ns_;
@@ -60,12 +59,12 @@ class ClientPlan {
     std::copy_n(image.begin(), kHeadRegisters, written_.begin());
     head_ns_ = now_ns + kHeadPeriodNs;
   }
-  /// The PLC's half has come: this connection works.
+  /// The PLC's registers were read, so this connection works.
   void has_read(std::int64_t now_ns) {
     read_ns_ = now_ns + poll_ns_;
     back_off_ns_ = kBackOffFirstNs;
   }
-  /// What has come may be torn: the next answer tells.
+  /// Requests a second answer at once, because the last one may be torn.
   void read_again(std::int64_t now_ns) { read_ns_ = now_ns; }
 
  private:

@@ -6,7 +6,7 @@
 namespace slabd::hal {
 namespace {
 
-// Byte places: of the unit id in a TCP frame, of the PDU in a serial one.
+// Byte positions: of the unit id in a TCP frame, and of the PDU in a serial frame.
 constexpr std::size_t kUnitAt = 6;
 constexpr std::size_t kRtuPduAt = 1;
 
@@ -18,7 +18,7 @@ enum Function : std::uint8_t {
   kReadWriteMany = 23,
 };
 
-// Quantity limits, specification sections 6.3, 6.4, 6.12 and 6.17: what fits a PDU.
+// Largest quantities that fit a PDU, specification sections 6.3, 6.4, 6.12 and 6.17.
 constexpr unsigned kReadQuantityMax = 125;
 constexpr unsigned kWriteQuantityMax = 123;
 constexpr unsigned kReadWriteQuantityMax = 121;
@@ -93,7 +93,7 @@ RequestCheck check_read_write(std::span<const std::uint8_t> pdu) {
   return written(write);
 }
 
-/// The registers from `first` on in the memory that holds them; check_pdu has seen to it that they are all there.
+/// The registers from `first` on in the memory that holds them; check_pdu has checked that all of them exist.
 const std::uint16_t* holding_at(const RegisterBank& bank, unsigned first) {
   return first >= kMirrorFirst ? &bank.input[first - kMirrorFirst] : &bank.holding[first];
 }

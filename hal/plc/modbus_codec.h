@@ -9,10 +9,10 @@
 
 #include "hal/plc/plc_map.h"
 
-/// Modbus requests, judged and answered without libmodbus. Its server half (3.1.6) ignores the length and protocol id
-/// of a request, and answers an illegal one by sleeping half a second and throwing away what other requests are
-/// waiting. What is left to do is five functions on two small memories. Sections are those of "MODBUS Application
-/// Protocol Specification V1.1b3", "MODBUS Messaging on TCP/IP V1.0b" and "MODBUS over Serial Line V1.02".
+/// Checks and answers Modbus requests without libmodbus. The server half of libmodbus 3.1.6 ignores the length and
+/// protocol id of a request. It answers an illegal request by sleeping for half a second and discarding other waiting
+/// requests. Sections are those of "MODBUS Application Protocol Specification V1.1b3", "MODBUS Messaging on TCP/IP
+/// V1.0b" and "MODBUS over Serial Line V1.02".
 namespace slabd::hal {
 
 /// The longest PDU: a function code and 252 bytes.
@@ -24,37 +24,37 @@ enum class ModbusException : std::uint8_t {
   illegal_address = 2,
   illegal_value = 3,  ///< a quantity or length out of range
   device_failure = 4,
-  gateway_no_response = 11,  ///< no such unit behind this address
+  gateway_no_response = 11,  ///< the unit does not exist behind this address
 };
 
 struct RequestCheck {
-  std::optional<ModbusException> refusal;  ///< empty: `answer_pdu` will answer it
+  std::optional<ModbusException> refusal;  ///< empty: `answer_pdu` answers the request
   bool writes = false;                     ///< changes holding registers
-  bool writes_command = false;             ///< ... some of HR 10..39
+  bool writes_command = false;             ///< ... including some of HR 10..39
 };
 
-/// Judges a PDU (function code and data, at least one byte). Allowed are: FC 3 on HR 0..39 and HR 1000..1109, FC 4 on
-/// IR 0..109, FC 6, 16 and 23 (its write half) on HR 0..39.
+/// Checks a PDU (function code and data, at least one byte). Allowed are FC 3 on HR 0..39 and HR 1000..1109, FC 4 on IR
+/// 0..109, and FC 6, 16 and 23 (its write half) on HR 0..39.
 [[nodiscard]] RequestCheck check_pdu(std::span<const std::uint8_t> pdu);
 
-/// The two memories as Modbus sees them. A reply is made from one bank at one moment: no value is ever torn.
+/// The two register memories. A reply is built from one bank at one moment, so no value is torn.
 struct RegisterBank {
   HoldingImage holding{};
   InputImage input{};
 };
 
-/// Carries out a PDU that `check_pdu` did not refuse: changes `bank` when it writes (before it reads, as section 6.17
-/// wants it), fills `reply` and returns its length.
+/// Executes a PDU that `check_pdu` accepted: changes `bank` if it writes (before it reads, as in section 6.17), fills
+/// `reply` and returns its length.
 [[nodiscard]] std::size_t answer_pdu(std::span<const std::uint8_t> pdu, RegisterBank& bank,
                                      std::span<std::uint8_t, kPduBytesMax> reply);
-/// The PDU that refuses `function`.
+/// Exception reply to `function`.
 inline constexpr std::size_t kExceptionPduBytes = 2;
 [[nodiscard]] std::array<std::uint8_t, kExceptionPduBytes> exception_pdu(std::uint8_t function,
                                                                          ModbusException exception);
 
 // ---- TCP ---------------------------------------------------------------------------------------------------------
 
-/// Bytes up to and including the length field of the MBAP header; the length counts what follows.
+/// Bytes up to and including the length field of the MBAP header; the length counts the bytes that follow.
 inline constexpr std::size_t kMbapLengthEnd = 6;
 /// The whole header: the length field and the unit id.
 inline constexpr std::size_t kMbapBytes = 7;
@@ -62,11 +62,11 @@ inline constexpr std::size_t kMbapBytes = 7;
 inline constexpr std::size_t kMbapLengthMin = 2;
 inline constexpr std::size_t kMbapLengthMax = 1 + kPduBytesMax;
 
-/// Length of the whole frame from its first kMbapLengthEnd bytes; nothing when the protocol id is not 0 or the length
-/// is outside 2..254: the stream has lost its frames and must be closed.
+/// Length of the whole frame from its first kMbapLengthEnd bytes. nullopt if the protocol id is not 0 or the length is
+/// outside 2..254: frame synchronisation is lost and the stream must be closed.
 [[nodiscard]] std::optional<std::size_t> frame_bytes(std::span<const std::uint8_t, kMbapLengthEnd> header);
 
-/// Judges a whole frame (of the length `frame_bytes` gave): its unit id must be `unit_id`, 0 or 255, its PDU allowed.
+/// Checks a whole frame (of length `frame_bytes`): its unit id must be `unit_id`, 0 or 255, and its PDU allowed.
 [[nodiscard]] RequestCheck check_request(std::span<const std::uint8_t> frame, std::uint8_t unit_id);
 
 // ---- serial line -------------------------------------------------------------------------------------------------
@@ -76,13 +76,13 @@ inline constexpr std::size_t kRtuBytesMax = 1 + kPduBytesMax + 2;
 inline constexpr std::size_t kRtuBytesMin = 4;
 inline constexpr std::size_t kRtuCrcBytes = 2;
 
-/// CRC-16/Modbus; on the line its low byte comes first.
+/// CRC-16/Modbus; its low byte is sent first.
 [[nodiscard]] std::uint16_t crc16_of_bytes(std::span<const std::uint8_t> bytes);
 
-/// Length of a request from its first bytes (address and on); 0 while they do not tell, and for functions that slabd
-/// does not serve.
+/// Length of a request from its first bytes (the address and following). 0 if more bytes are needed, and for functions
+/// that slabd does not serve.
 [[nodiscard]] std::size_t rtu_request_bytes(std::span<const std::uint8_t> begin);
-/// Long enough, and its last two bytes are the CRC of those before.
+/// True if the frame is long enough and its last two bytes are the CRC of the preceding ones.
 [[nodiscard]] bool rtu_intact(std::span<const std::uint8_t> frame);
 /// Appends the CRC to `frame[0..bytes)`; returns the new length.
 [[nodiscard]] std::size_t rtu_close(std::span<std::uint8_t, kRtuBytesMax> frame, std::size_t bytes);

@@ -17,7 +17,7 @@ namespace {
 
 using Steady = std::chrono::steady_clock;
 
-/// Waits for `events`, at most until then.
+/// Waits for `events`, at most until `until`.
 bool ready(int fd, short events, Steady::time_point until) {
   const auto left_ms = std::chrono::duration_cast<std::chrono::milliseconds>(until - Steady::now()).count();
   pollfd one{fd, events, 0};
@@ -29,7 +29,7 @@ struct Answer {
   std::chrono::milliseconds after{};
 };
 
-/// Reads one holding register under this number. nullopt: no whole answer came.
+/// Reads one holding register with this transaction number. nullopt if no complete answer arrived.
 std::optional<Answer> ask(int fd, const PlcSettings& settings, unsigned transaction) {
   const auto byte = [](unsigned value) { return static_cast<std::uint8_t>(value & 0xFFU); };
   const unsigned base = settings.command_base;

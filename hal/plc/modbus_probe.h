@@ -6,9 +6,9 @@
 
 namespace slabd::hal {
 
-/// What a PLC's answers have wrong that makes each of them useless: their transaction numbers, or that all come too
-/// late. Asks it twice over a connection of its own, reads whatever comes and takes up to six times `timeout_ns`.
-/// Empty: nothing of this kind.
+/// Finds a fault that makes all of a PLC's answers useless: wrong transaction numbers, or answers that always come too
+/// late. Sends two requests over its own connection, reads all data that arrives and takes up to six times
+/// `timeout_ns`. Empty if no such fault was found.
 [[nodiscard]] FixedString<160> fault_of_answers(const PlcSettings& settings);
 
 }  // namespace slabd::hal

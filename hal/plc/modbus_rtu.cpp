@@ -15,31 +15,32 @@
 #include "hal/plc/plc_map.h"
 #include "hal/plc/plc_notes.h"
 
-// Problem: on a serial line nothing says where a frame begins but silence, and a computer sees silence badly: a USB
-// adapter hands over bytes in bursts, and a busy loop looks late. Other slaves may share the line, and what they answer
-// looks like requests.
-// Idea: a request for us is one that ends exactly with the newest byte and whose checksum is right. After silence it
-// may be any request and is answered or refused; glued behind other bytes it must be one that this map allows, which
-// random bytes are once in many years. A request after silence with a byte or two of noise behind it, as a line makes
-// when it changes its direction, is one as well, once silence has followed. Invariants:
-//   - only frames with our own address are answered; broadcasts are nobody's command, refusals nobody's request;
-//   - next() returns after each write, so the caller looks at every state the PLC has written;
-//   - nothing blocks; a line that vanishes is closed and looked for once a second;
+// Problem: only silence separates frames on a serial line, and a computer measures silence badly. A USB adapter
+// delivers bytes in bursts, and a busy loop reads late. Other slaves may share the line, and their answers look like
+// requests.
+// Idea: a request for slabd ends exactly with the newest byte and has a valid checksum. After silence any request is
+// answered or refused. Directly after other bytes only requests that this map allows are accepted; random bytes match
+// once in many years. A line that changes direction may add a byte or two of noise. A request after silence followed by
+// such noise is accepted once silence has followed.
+//   - only frames with slabd's own address are answered; broadcasts are ignored, and exception replies are not
+//     requests;
+// - next() returns after each write, so that the caller processes every state that the PLC has written;
+// - nothing blocks; a device that disappears is closed and reopened once a second;
 //   - no heap after construction.
 namespace slabd::hal {
 namespace {
 
-/// A frame's bytes come without a pause; this much of it means that the rest will not come. Longer than an USB adapter
-/// (16 ms) and one turn of the loop hold bytes back, shorter than any master waits before it asks again.
+/// Pause after which the rest of a frame is not expected any more. Longer than the delay of a USB adapter (16 ms) plus
+/// one turn of the loop, and shorter than any master's retry time.
 constexpr std::int64_t kPauseNs = ns_from_ms(60);
-/// A line that is not there is looked for this often.
+/// Interval of attempts to open a missing device.
 constexpr std::int64_t kReopenNs = kNsPerS;
-/// So many replies that did not come back, and the adapter is one that does not echo.
+/// Replies in a row without an echo after which the adapter is assumed not to echo.
 constexpr int kRepliesToBeSure = 3;
 constexpr std::uint8_t kWriteOne = 6;
-/// Reads in one turn of the loop: what a terminal's buffer of 4 kB holds, so that noise cannot hold the loop.
+/// Reads in one turn of the loop: the 4 kB of a terminal's buffer, so that noise cannot block the loop.
 constexpr int kPiecesPerTurn = 16;
-/// Without a frame for so long there is no master.
+/// Time without a frame after which the master is assumed to be absent.
 constexpr std::int64_t kSilentNs = 2'500'000'000;
 
 speed_t speed_of(std::uint32_t baud) {
@@ -50,7 +51,7 @@ speed_t speed_of(std::uint32_t baud) {
   return B0;
 }
 
-/// Raw, 8 data bits, no flow control. An empty text: done; else what the device refused.
+/// Sets the line to raw, 8 data bits, without flow control. Returns the setting that the device refused, empty if none.
 FixedString<96> set_line(int fd, const PlcSettings& settings) {
   FixedString<96> refused;
   termios line{};
@@ -64,10 +65,10 @@ FixedString<96> set_line(int fd, const PlcSettings& settings) {
   if (settings.parity != SerialParity::none) line.c_cflag |= PARENB;
   if (settings.parity == SerialParity::odd) line.c_cflag |= PARODD;
   if (settings.stop_bits == 2) line.c_cflag |= CSTOPB;
-  // A character with a parity error becomes a 0 and fails the checksum, instead of passing as it came.
+  // A character with a parity error becomes a 0 and fails the checksum, instead of being passed on.
   line.c_iflag &= ~static_cast<tcflag_t>(INPCK | IGNPAR);
   if (settings.parity != SerialParity::none) line.c_iflag |= INPCK;
-  line.c_cc[VMIN] = 1;  // with O_NONBLOCK: nothing there is EAGAIN, and 0 bytes mean that the line has gone
+  line.c_cc[VMIN] = 1;  // with O_NONBLOCK: no data is EAGAIN, and 0 bytes mean that the device is gone
   line.c_cc[VTIME] = 0;
   cfsetispeed(&line, speed_of(settings.baud));
   cfsetospeed(&line, speed_of(settings.baud));
@@ -123,7 +124,7 @@ class RtuSlave final : public PlcPort {
   std::span<const std::uint16_t> holding() const override { return bank_.holding; }
 
  private:
-  // ---- the line
+  // ---- the device
 
   void open_line() {
     replies_without_echo_ = 0;
@@ -155,7 +156,7 @@ class RtuSlave final : public PlcPort {
     reopen_ns_ = now_ns_ + kReopenNs;
   }
 
-  /// What has arrived, the newest kRtuBytesMax bytes of it. False: nothing new.
+  /// Reads the bytes that have arrived and keeps the newest kRtuBytesMax. False if there are none.
   bool receive() {
     std::array<std::uint8_t, kRtuBytesMax> piece{};
     const ssize_t n = read(fd_.get(), piece.data(), piece.size());
@@ -179,14 +180,14 @@ class RtuSlave final : public PlcPort {
     return true;
   }
 
-  /// The pause after what was no request when its last byte came. Only what was meant for us is answered or counted,
-  /// and nothing is answered when the silence has grown too long for it. True after a write.
+  /// Handles a pause after bytes that did not end as a request. Only bytes addressed to slabd are answered or counted,
+  /// and after a longer silence they are not answered. True after a write.
   bool end_with_pause() {
     const std::span<const std::uint8_t> came = std::span(buffer_).first(std::exchange(bytes_, 0));
     if (!at_start_ || came[0] != settings_.unit_id) return false;
     const bool in_time = now_ns_ - last_byte_ns_ < 4 * kPauseNs;
-    // Noise behind a request: what is shorter than any frame is nobody's. A 0 there leaves even the checksum right, so
-    // this is asked first.
+    // Noise after a request: fewer bytes than any frame. This is checked first, because the checksum stays right if a 0
+    // follows it.
     const std::size_t told = rtu_request_bytes(came);
     if (in_time && told != 0 && told <= came.size() && came.size() - told < kRtuBytesMin &&
         rtu_intact(came.first(told)))
@@ -199,8 +200,8 @@ class RtuSlave final : public PlcPort {
     return false;
   }
 
-  /// Whole, with a function that is not served: one whose length nobody told. Not a refusal, which is never a request
-  /// but may be our own that comes back late: refusing it would never end.
+  /// True for an intact frame with a function that is not served, whose length is therefore unknown. Excludes exception
+  /// replies: slabd's own may come back late, and refusing it would never end.
   static bool is_unknown_request(std::span<const std::uint8_t> frame) {
     constexpr std::uint8_t kRefusalBit = 0x80;
     return rtu_intact(frame) && (frame[1] & kRefusalBit) == 0 &&
@@ -233,7 +234,7 @@ class RtuSlave final : public PlcPort {
     return frame.subspan(1, frame.size() - 1 - kRtuCrcBytes);
   }
 
-  /// Answers or refuses a request of ours. True after a write.
+  /// Answers or refuses a request to slabd. True after a write.
   bool carry_out(std::span<const std::uint8_t> frame, const RequestCheck& check) {
     ++counters_.frames;
     counters_.last_frame_ns = now_ns_;
@@ -263,11 +264,12 @@ class RtuSlave final : public PlcPort {
     lose_line("a reply could not be written");
   }
 
-  /// An adapter that listens while it speaks hands our reply back, and the reply to FC 6 is the request: answering it
-  /// would never end. It comes before whatever the master sends next, however long an adapter or a device server keeps
-  /// it. A master that writes the same twice looks alike; which of the two it is, other replies tell, whose echo is
-  /// like no request; until then the master has to ask once more. An adapter that changes its direction may hear a few
-  /// bytes of noise before the echo: they are dropped with it. True: what has come so far may still be the echo.
+  /// Removes the echo of slabd's last reply. Some adapters receive what they send, and the reply to FC 6 equals the
+  /// request: answering it would never end. An echo arrives before the master's next request, whatever the delay of an
+  /// adapter or a device server. A master that repeats the same write looks the same. The replies to other functions
+  /// decide, because their echo is not a request; until then the master has to repeat its request. An adapter that
+  /// changes direction may add a few bytes of noise before the echo; they are removed too. True if the bytes so far may
+  /// still be the echo.
   bool swallow_echo() {
     if (!echo_next_) return false;
     for (std::size_t noise = 0; noise < kRtuBytesMin && echo_may_come(); ++noise) {
@@ -285,18 +287,19 @@ class RtuSlave final : public PlcPort {
       replies_without_echo_ = std::min(replies_without_echo_ + 1, kRepliesToBeSure);
     return false;
   }
-  /// The last reply may still come back: it has not yet, on an adapter that may do so.
+  /// True if the echo of the last reply may still arrive.
   [[nodiscard]] bool echo_may_come() const {
     const bool sure_not_to = reply_is_request_ && replies_without_echo_ >= kRepliesToBeSure;
     return echo_bytes_ != 0 && !sure_not_to;
   }
-  /// Behind so much noise that it was given up, too.
+  /// True for a late echo too, after more noise than swallow_echo() skips.
   [[nodiscard]] bool is_echo(std::span<const std::uint8_t> frame) const {
     return echo_may_come() && std::equal(frame.begin(), frame.end(), echo_.begin(),
                                          echo_.begin() + static_cast<std::ptrdiff_t>(echo_bytes_));
   }
   void note_echo() {
-    // Whoever echoes does so always: what misses from now on came late, behind a pause of ours.
+    // An adapter that echoes always does. An echo that is missing from now on is only late, after one of slabd's
+    // pauses.
     if (!reply_is_request_) has_echoed_ = true;
     if (!reply_is_request_) replies_without_echo_ = 0;
     echo_bytes_ = 0;
@@ -306,14 +309,14 @@ class RtuSlave final : public PlcPort {
   PlcSettings settings_;
   Fd fd_;
   FixedString<limits::kErrorTextBytes> trouble_;
-  std::uint32_t opened_ = 0;  ///< times; the line is one connection from its opening to its loss
+  std::uint32_t opened_ = 0;  ///< number of openings; one connection lasts from opening to loss
 
   std::array<std::uint8_t, kRtuBytesMax> buffer_{};
   std::size_t bytes_ = 0;
-  bool at_start_ = true;                           ///< the buffer begins after a pause, or behind a frame of ours
+  bool at_start_ = true;                           ///< the buffer starts after a pause, or after a frame of slabd
   std::array<std::uint8_t, kRtuBytesMax> echo_{};  ///< the last reply
-  std::size_t echo_bytes_ = 0;                     ///< 0: none, or it came back
-  bool echo_next_ = false;                         ///< nothing else has come since it left
+  std::size_t echo_bytes_ = 0;                     ///< 0: no reply was sent, or its echo has arrived
+  bool echo_next_ = false;                         ///< no other bytes have arrived since the reply
   bool reply_is_request_ = false;                  ///< the last reply was to FC 6
   int replies_without_echo_ = 0;                   ///< in a row, on this line
   bool has_echoed_ = false;                        ///< a reply came back, on this line

@@ -18,41 +18,43 @@
 #include "hal/plc/plc_map.h"
 #include "hal/plc/plc_notes.h"
 
-// Problem: one slow, broken or hostile client must cost the PLC nothing, and no write of the PLC may be skipped.
-// Idea: non-blocking framing of our own in front of the codec, one small buffer a client, deadlines instead of waits.
+// Problem: a slow, broken or hostile client must not delay the PLC, and no write of the PLC may be skipped.
+// Idea: non-blocking framing in front of the codec, one small buffer for each client, deadlines instead of waits.
 // Invariants:
-//   - exactly one frame is read at a time, never a byte of the next: what waits stays in the kernel, where poll()
-//     sees it, and the buffer cannot overflow;
-//   - next() returns after each write, so the caller looks at every state the PLC has written;
-//   - nothing blocks: a client that does not take its reply is closed;
-//   - nobody can push the one who commands off the line: of a full house those go first who never spoke, then displays;
-//   - a command is one connection's: what another wrote into the block is gone when the next writes;
+//   - One frame is read at a time, without any byte of the next. Waiting bytes stay in the kernel, where poll() reports
+//     them, and the buffer cannot overflow.
+//   - next() returns after each write, so that the caller processes every state that the PLC has written.
+//   - Nothing blocks: a client that does not accept its reply is closed.
+//   - The commanding client cannot be displaced: if all places are taken, clients without a request are closed first,
+//     then displays.
+//   - The command block belongs to one connection: a write of another connection first clears it.
 //   - no heap after construction.
 namespace slabd::hal {
 namespace {
 
-/// A frame must be whole this long after its first byte: one turn of a PLC's scan at the slowest, far below the
-/// half second after which a PLC repeats itself.
+/// Time after its first byte in which a frame must be complete. It covers one scan cycle of the slowest PLC, and a PLC
+/// repeats its request only after half a second.
 constexpr std::int64_t kFrameDeadlineNs = ns_from_ms(300);
-/// A client silent for this long has gone; a PLC speaks every 500 ms.
+/// Silence after which a client is closed; a PLC sends a request every 500 ms.
 constexpr std::int64_t kIdleLimitNs = 60 * kNsPerS;
-/// Pause of accepting when the process has no descriptors left.
+/// Pause before the next accept() if the process has no descriptors left.
 constexpr std::int64_t kAcceptPauseNs = kNsPerS;
-/// Connections the kernel keeps for us, and how many of them are looked at in one turn: a PLC that connects in the
-/// middle of a flood of connections must not stand at the end of a long queue, and none that was let in may lose its
-/// place to the next before it was asked once what it wants. Each costs some ten microseconds.
+/// Length of the kernel's queue of connections, and the number accepted in one turn. A PLC that connects during a flood
+/// of connections must not wait long. Accepting only half of the places ensures that a new client is served once before
+/// it can be displaced. Each accept takes about ten microseconds.
 constexpr int kBacklog = 128;
 constexpr int kAcceptsPerTurn = static_cast<int>(limits::kModbusClientsMax / 2);
-/// A dead link is noticed after 10 + 3 * 3 s by probes, after 5 s when a reply is not acknowledged.
+/// A dead link is detected after 10 + 3 * 3 s by probes, after 5 s if a reply is not acknowledged.
 constexpr int kKeepaliveIdleS = 10;
 constexpr int kKeepaliveIntervalS = 3;
 constexpr int kKeepaliveProbes = 3;
 constexpr int kUnacknowledgedMs = 5000;
-/// Whoever wrote the command block last keeps his place while he speaks at least this often (a PLC: every 500 ms).
+/// The last writer of the command block keeps its place while it sends a frame at least this often (a PLC: every 500
+/// ms).
 constexpr std::int64_t kOwnerSilenceNs = 5 * kNsPerS;
-/// Places for those who may only read; the others are for those who may write.
+/// Places for clients that may only read; the others are reserved for clients that may write.
 constexpr std::size_t kReadersMax = limits::kModbusClientsMax - 2;
-/// Replies the kernel keeps for a client that does not read, some hundreds; then it is closed.
+/// Bytes that the kernel keeps for a client that does not read: some hundreds of replies. Then it is closed.
 constexpr int kSendBufferBytes = 1 << 16;
 
 struct Client {
@@ -60,8 +62,8 @@ struct Client {
   std::uint32_t number = 0;
   std::uint32_t address = 0;
   bool read_only = false;
-  bool spoke = false;              ///< a whole frame has come
-  std::int64_t active_ns = 0;      ///< accepted, or last whole frame
+  bool spoke = false;              ///< a complete frame has arrived
+  std::int64_t active_ns = 0;      ///< time of accepting, or of the last complete frame
   std::int64_t first_byte_ns = 0;  ///< of the frame in `frame`
   std::size_t bytes = 0;
   std::size_t served = 0;  ///< frames this turn
@@ -168,8 +170,8 @@ class Server final : public ModbusServer {
     }
   }
 
-  /// Prefix length of the narrowest network that holds the address, -1: none does. Of `allow` and `read_only` the
-  /// narrower one decides, as among routes: the PLC may stand in a network that else may only read.
+  /// Prefix length of the narrowest network that contains the address, -1 if none does. As in routing, the narrower of
+  /// `allow` and `read_only` decides: the PLC may be in a network that otherwise may only read.
   static int narrowest(const FixedVector<PlcSettings::Network, 16>& networks, std::uint32_t address) {
     int longest = -1;
     for (const PlcSettings::Network& network : networks)
@@ -177,9 +179,10 @@ class Server final : public ModbusServer {
     return longest;
   }
 
-  /// Who makes room before whom: a free place, whoever holds most places, who never spoke, who may only read, who may
-  /// write, the one who commands; among equals who has been silent longest. So a computer that floods the server pushes
-  /// its own connections off, and a PLC that comes back is not the one to go before it has spoken.
+  /// Rank of a client; the lowest is replaced first. The order is: a free place, the address with the most places, then
+  /// clients without a frame, read-only clients, writing clients, and the commanding one. Among equals the longest
+  /// silent one is replaced. So a computer that floods the server displaces its own connections, and a reconnecting PLC
+  /// is safe before its first frame.
   int rank(const Client& client) const {
     if (!client.fd.is_open()) return -1000;
     const bool owner = client.number == command_writer_ && now_ns_ - client.active_ns < kOwnerSilenceNs;
@@ -191,7 +194,7 @@ class Server final : public ModbusServer {
     return kind - 10 * static_cast<int>(places);
   }
 
-  /// Displays never take the last places: however many there are, a PLC finds one without pushing anybody off.
+  /// Assigns a place. Displays cannot take the last places, so the PLC always finds one without displacing a client.
   void seat(Fd fd, std::uint32_t address, bool reader) {
     const bool readers_full =
         reader && static_cast<std::size_t>(std::count_if(clients_.begin(), clients_.end(), [](const Client& c) {
@@ -229,7 +232,7 @@ class Server final : public ModbusServer {
 
   // ---- serving
 
-  /// Serves what one client has waiting. True after a write.
+  /// Serves the waiting requests of one client. True after a write.
   bool serve(Client& client) {
     while (client.fd.is_open() && client.served < limits::kModbusFramesPerTurn && receive(client)) {
       ++client.served;
@@ -245,7 +248,7 @@ class Server final : public ModbusServer {
     return false;
   }
 
-  /// Reads on until one frame is whole. False: not yet, or the client was closed.
+  /// Reads until one frame is complete. False if it is not complete yet, or the client was closed.
   bool receive(Client& client) {
     for (;;) {
       std::size_t wanted = kMbapLengthEnd;
@@ -271,8 +274,8 @@ class Server final : public ModbusServer {
     }
   }
 
-  /// Answers the whole frame of `client`; true when it has changed holding registers. A write counts even when its
-  /// reply could not be sent: the registers have changed.
+  /// Answers the whole frame of `client`; true if it has changed holding registers. A write counts even if its reply
+  /// could not be sent, because the registers have changed.
   bool answer(Client& client) {
     const auto frame = std::span<const std::uint8_t>(client.frame).first(client.bytes);
     RequestCheck check = check_request(frame, settings_.unit_id);
@@ -283,7 +286,8 @@ class Server final : public ModbusServer {
       blame(counters_.exceptions, client.address);
     }
     std::array<std::uint8_t, limits::kModbusAduMax> reply{};
-    std::copy_n(frame.begin(), kMbapBytes, reply.begin());  // transaction, protocol and unit as they came
+    std::copy_n(frame.begin(), kMbapBytes, reply.begin());  // transaction, protocol and unit are copied from the
+                                                            // request
     const auto reply_pdu = std::span(reply).subspan<kMbapBytes>();
     const auto pdu = frame.subspan(kMbapBytes);
     std::size_t bytes = kExceptionPduBytes;
@@ -303,8 +307,8 @@ class Server final : public ModbusServer {
     return check.writes;
   }
 
-  /// The block is one connection's. Another one's write begins an empty block: words of two writers never make one
-  /// command.
+  /// The command block belongs to one connection. A write of another connection starts with an empty block, so that
+  /// words of two writers never form one command.
   void take_command_block(const Client& client) {
     ++command_writes_;
     if (client.number == command_writer_) return;
@@ -327,7 +331,7 @@ class Server final : public ModbusServer {
   RegisterBank bank_;
   PlcLinkCounters counters_;
   PlcNotes notes_;
-  std::uint32_t troubled_ = 0;  ///< address that last went wrong
+  std::uint32_t troubled_ = 0;  ///< address of the last error
   std::array<Client, limits::kModbusClientsMax> clients_;
   std::uint32_t last_number_ = 0;
   std::uint32_t command_writer_ = 0;
@@ -340,7 +344,7 @@ class Server final : public ModbusServer {
   std::size_t turn_visited_ = 0;
 };
 
-/// Opens the listening socket and reports the port it got.
+/// Opens the listening socket and returns its port.
 Result<Fd> listen_on(const PlcSettings& settings, std::uint16_t& port) {
   const char* host = settings.host.c_str();
   sockaddr_in address{};
@@ -371,7 +375,7 @@ Result<std::unique_ptr<ModbusServer>> make_modbus_server(const PlcSettings& sett
   if (settings.unit_id < 1 || settings.unit_id > 247)
     return error(Code::config, "plc.unit_id is %u, allowed 1..247", unsigned{settings.unit_id});
   PlcSettings complete = settings;
-  // Nobody named: this computer only, never everybody.
+  // Without a configured network only this computer may connect.
   if (complete.allow.empty()) static_cast<void>(complete.allow.push({0x7F000000U, 0xFF000000U}));
   std::uint16_t port = 0;
   Result<Fd> listener = listen_on(complete, port);

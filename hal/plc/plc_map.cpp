@@ -7,9 +7,9 @@
 
 #include "hal/plc/plc_registers.h"
 
-// Problem: two sides must agree on 150 registers, and an error in one place of a hand-written codec is found on the
+// Problem: two sides must agree on 150 registers, and an error in one line of a hand-written codec is found only on the
 // line. Idea: each memory is listed exactly once (plc_registers.h), as calls on a cursor; one cursor writes registers,
-// the other reads them. Invariants: a register is named once; nothing else in slabd knows an address.
+// another reads them. Invariants: a register is defined once; no other part of slabd contains an address.
 namespace slabd::hal {
 namespace {
 
@@ -25,7 +25,7 @@ double value_from(std::uint16_t word, double scale) {
   return static_cast<double>(static_cast<std::int16_t>(word)) / scale;
 }
 
-/// Lengths and angles go in thousandths; station numbers and counts as they are.
+/// Lengths and angles are stored in thousandths; station numbers and counts are stored unscaled.
 double deviation_scale(std::size_t index, bool of_slab) {
   const bool plain = of_slab && *kDeviations[index].slab_unit == '\0';
   return plain ? 1.0 : kThousandths;
@@ -91,7 +91,7 @@ class Encoder {
   WordOrder order_;
 };
 
-/// Reads values from registers and remembers the first register that holds something the map does not know.
+/// Reads values from registers and remembers the first register with a value outside the map.
 class Decoder {
  public:
   Decoder(std::span<const std::uint16_t> image, WordOrder order) : image_(image), order_(order) {}
@@ -214,7 +214,7 @@ bool record_intact(const InputImage& image) {
 
 namespace {
 
-/// Most PLCs keep a text in a fixed length and fill it with blanks, some with blanks in front: they are no part of it.
+/// Removes padding: most PLCs fill a text of fixed length with blanks, some in front.
 void trim(std::array<char, limits::kSlabIdBytes>& text) {
   const auto fills = [](char c) { return c == ' ' || c == '\0'; };
   const auto first = std::find_if_not(text.begin(), text.end(), fills);
@@ -240,8 +240,8 @@ void encode_inputs(const PlcInputs& inputs, WordOrder order, bool with_crc, Hold
   if (with_crc) image[kCommandCrc] = command_crc(image);
 }
 
-// The third cursor over the register table: it says each register in words. Documentation, `slabctl plc map` and
-// `slabctl plc monitor` are made from it, so that none of them can know another map than the daemon.
+// The third cursor over the register table: describes each register in text. Documentation, `slabctl plc map` and
+// `slabctl plc monitor` are made from it, so they always match the daemon's map.
 
 namespace {
 
@@ -255,7 +255,7 @@ class Teller {
   void u16(const Reg& reg, std::uint16_t& value) {
     value = image_[reg.address];
     Text text = number(value, reg.unit);
-    // What the table says of 0 holds here too: an age nobody has told is not an age of 0 h.
+    // The meaning of 0 in the table applies here too: an unknown age is not an age of 0 h.
     if (value == 0 && std::string_view(reg.meaning).ends_with("0 = unknown")) text = "unknown";
     tell(reg, 1, "u16", text);
   }
@@ -274,7 +274,7 @@ class Teller {
     value = image_[reg.address];
     tell(reg, 1, "u16", set_bits(value, [](unsigned bit) { return info(static_cast<ItemId>(bit)).name; }));
   }
-  /// "3: 1 2 18": how many, and which.
+  /// "3: 1 2 18": number of stations, and their numbers.
   void stations(const Reg& reg, std::uint32_t& value) {
     value = static_cast<std::uint32_t>(wide_value(image_, reg.address, 2, order_));
     Text text;
@@ -332,7 +332,7 @@ class Teller {
     const DeviationColumn& column = kDeviations[index];
     Reg reg{static_cast<std::uint16_t>(kDeviationFirst + index), of_slab ? column.slab_name : column.station_name,
             of_slab ? column.slab_unit : column.station_unit, ""};
-    // A column may be a length in one kind of record and a plain number in the other.
+    // A column may be a length in one kind of record and an unscaled number in the other.
     const bool station_scaled = *column.station_unit != '\0';
     const bool slab_scaled = *column.slab_unit != '\0';
     const char* const type = station_scaled == slab_scaled ? (station_scaled ? "i16 / 1000" : "i16")

@@ -11,24 +11,24 @@
 #include "base/base.h"
 #include "hal/hal.h"
 
-/// Register map 1.0: the two memories a PLC and slabd share, and the only place that knows their addresses, scales
-/// and word order. Addresses are zero-based PDU addresses.
+/// Register map 1.0: the two memories that the PLC and slabd share. Only this file defines their addresses, scales and
+/// word order. Addresses are zero-based PDU addresses.
 ///
 ///   holding registers 0..39   written by the PLC    (FC 6, 16, 23), read back by FC 3
 ///   input registers 0..109    written by slabd      (FC 4), mirrored read-only at holding registers 1000..1109
 ///
-/// Each memory is listed once (plc_registers.h) and walked in both directions, so that what the daemon encodes is what
-/// the emulated PLC and the tools decode. No heap, no I/O; a few hundred nanoseconds each.
+/// Each memory is listed once (plc_registers.h), and the list is used to encode and to decode. So the emulated PLC and
+/// the tools decode exactly what the daemon encodes. No heap, no I/O; a few hundred nanoseconds each.
 namespace slabd::hal {
 
 inline constexpr std::size_t kHoldingRegisters = 40;
 inline constexpr std::size_t kInputRegisters = 110;
-/// Holding registers HR 10..39 carry a command; whoever writes one of them owns the command desk.
+/// Holding registers HR 10..39 carry a command; the connection that writes one of them owns the command block.
 inline constexpr std::uint16_t kCommandFirst = 10;
 inline constexpr std::uint16_t kCommandLast = 39;
-/// HR 39, CMD_SEQ: written last, a command runs when it changes.
+/// HR 39, CMD_SEQ: written last; a change of its value starts the command.
 inline constexpr std::uint16_t kCommandSeqAddress = 39;
-/// Where FC 3 finds the input registers, for PLCs that cannot read them by FC 4.
+/// First holding register of the mirrored input registers, for PLCs that cannot read them by FC 4.
 inline constexpr std::uint16_t kMirrorFirst = 1000;
 
 inline constexpr std::uint16_t kMapMagic = 0x534C;  ///< IR 0, "SL"
@@ -42,31 +42,31 @@ using InputImage = std::array<std::uint16_t, kInputRegisters>;
 
 // ---- the daemon's directions ------------------------------------------------------------------------------------
 
-/// What the PLC reads. Every register is written; reserved ones are 0. mm and deg become um and millidegrees, rounded
-/// to nearest, saturated at +-32767; NaN becomes 0x8000. RES_SEQ is written at IR 30 and IR 63, CRC-16/Modbus over
-/// IR 30..61 at IR 62.
+/// Encodes the registers that the PLC reads. Every register is written; reserved ones are 0. mm and deg become um and
+/// millidegrees, rounded to nearest, saturated at +-32767; NaN becomes 0x8000. RES_SEQ is written at IR 30 and IR 63,
+/// CRC-16/Modbus over IR 30..61 at IR 62.
 void encode_outputs(const PlcOutputs& outputs, WordOrder order, InputImage& image);
 
-/// What the PLC has written, SLAB_ID without blanks and NULs around it; `command_writer` is left 0 for the server to
-/// fill in. Every memory decodes: what is
-/// out of range is the station's to refuse. `crc_ok` is true when CMD_CRC is 0 or matches HR 10..36.
+/// Decodes what the PLC has written. Blanks and NULs around SLAB_ID are removed; `command_writer` is left 0 for the
+/// server to fill in. Any memory content decodes; the station checks the ranges. `crc_ok` is true if CMD_CRC is 0 or
+/// matches HR 10..36.
 [[nodiscard]] PlcInputs decode_inputs(const HoldingImage& image, WordOrder order);
 
 // ---- the other side's directions (emulated PLC, tools) ----------------------------------------------------------
 
-/// What a PLC writes to command slabd. CMD_CRC is computed when `with_crc`, else 0 (not used).
+/// Encodes a PLC's command to slabd. CMD_CRC is computed if `with_crc` is true, else 0 (not used).
 void encode_inputs(const PlcInputs& inputs, WordOrder order, bool with_crc, HoldingImage& image);
 
-/// What a PLC understands of the input registers. config when MAGIC, MAP_VERSION or WORD_PROBE are not those of this
-/// map and word order, or a register holds a value the map does not know: the text names it. Deviations come back
-/// with the resolution of the registers. The record is taken as it is; ask `record_intact` first.
+/// Decodes the input registers as a PLC does. config if MAGIC, MAP_VERSION or WORD_PROBE do not match this map and word
+/// order, or if a register value is outside the map; the text names the register. Deviations have the resolution of the
+/// registers. The record is not checked; call `record_intact` first.
 [[nodiscard]] Result<PlcOutputs> decode_outputs(const InputImage& image, WordOrder order);
 
-/// True when IR 30..63 hold a whole record: RES_SEQ not 0 and equal to its copy, CRC right. A PLC that reads the
-/// registers in pieces must check this; all-zero memory is never intact.
+/// True if IR 30..63 hold a complete record: RES_SEQ is not 0 and equals its copy, and the CRC is right. A PLC that
+/// reads the registers in pieces must check this; all-zero memory is not a complete record.
 [[nodiscard]] bool record_intact(const InputImage& image);
 
-// ---- in words (documentation, tools) ------------------------------------------------------------------------------
+// ---- as text (documentation, tools) --------------------------------------------------------------------------------
 
 using RegisterText = FixedString<320>;  ///< sixteen names of items
 
@@ -78,18 +78,18 @@ struct RegisterRow {
   int bit = -1;                             ///< of a single bit, else -1
   int series = 0;                           ///< 1..18 in the station table, else 0
   std::string_view type;                    ///< "u16", "i16 / 1000", ...; "" = reserved
-  std::string_view name;                    ///< "PLC_HEARTBEAT"; IR 42..55: the item of the record's kind
+  std::string_view name;                    ///< "PLC_HEARTBEAT"; IR 42..55: the item for the record's kind
   std::string_view unit;                    ///< of the value, "" = a number
   std::string_view meaning;                 ///< one sentence
   std::string_view since;                   ///< version of the map
-  std::span<const std::string_view> words;  ///< what 0, 1, ... mean
-  std::string_view slab_name;               ///< IR 42..55: the item when the record is about a slab
+  std::span<const std::string_view> words;  ///< meanings of 0, 1, ...
+  std::string_view slab_name;               ///< IR 42..55: the item if the record describes a slab
   std::string_view slab_unit;
 };
 using RegisterSink = std::function<void(const RegisterRow& row, std::string_view value)>;
 
-/// Every register in order of address, with its value in words. No value is refused: what the map does not know is
-/// called unknown, a wrong constant wrong.
+/// Every register in order of address, with its value as text. Any value is accepted: a value outside the map is shown
+/// as unknown, a wrong constant as wrong.
 void tell_inputs(const HoldingImage& image, WordOrder order, const RegisterSink& sink);
 void tell_outputs(const InputImage& image, WordOrder order, const RegisterSink& sink);
 
@@ -104,7 +104,7 @@ void tell_outputs(const InputImage& image, WordOrder order, const RegisterSink& 
   return table;
 }
 inline constexpr std::array<std::uint16_t, 256> kCrc16OfByte = crc16_table();
-/// One byte more in a CRC-16/Modbus, which begins with 0xFFFF.
+/// Adds one byte to a CRC-16/Modbus, which starts with 0xFFFF.
 [[nodiscard]] constexpr unsigned crc16_step(unsigned crc, unsigned byte) {
   return (crc >> 8U) ^ kCrc16OfByte[(crc ^ byte) & 0xFFU];
 }

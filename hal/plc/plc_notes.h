@@ -6,15 +6,15 @@
 
 #include "hal/hal.h"
 
-/// What a link has to say for the log, made from its counters: at once when the first thing goes wrong, then at most
-/// one line in ten seconds with the sums since the last one. Whoever floods the port writes six lines a minute.
+/// Log lines of a link, made from its counters. The first error is logged at once; later lines contain sums and are at
+/// least ten seconds apart. A peer that floods the port causes at most six lines a minute.
 namespace slabd::hal {
 
 class PlcNotes {
  public:
   static constexpr std::int64_t kPeriodNs = 10 * kNsPerS;
 
-  /// False while nothing new went wrong, or it is too early. `detail` (may be empty) says who or what, last.
+  /// False without new errors, or too early. `detail` (may be empty) names the peer or the cause and is written last.
   bool next(std::int64_t mono_ns, const PlcLinkCounters& now, const char* detail, PlcNoteText& text) {
     struct Trouble {
       std::uint64_t count;

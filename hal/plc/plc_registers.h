@@ -9,12 +9,12 @@
 
 #include "hal/plc/plc_map.h"
 
-/// The register table of map 1.0; private to this room. Every register is named once, here: address, type, scale, unit,
-/// meaning. A "cursor" is taken over the list: one writes registers from values and one reads them back (plc_map.cpp),
-/// one says them in words (plc_map.cpp), from which the documentation and `slabctl plc` are made.
+/// The register table of map 1.0; private to this folder. Every register is defined once, here: address, type, scale,
+/// unit, meaning. Cursors walk the list (plc_map.cpp): one writes registers from values, one reads them back, one
+/// describes them in text. The documentation and `slabctl plc` are made from that text.
 namespace slabd::hal {
 
-/// What a register is, but for the type, which is the cursor's function, and the value.
+/// Description of a register without its type, which is the cursor's function, and its value.
 struct Reg {
   std::uint16_t address;
   const char* name;
@@ -23,7 +23,7 @@ struct Reg {
   const char* since = "1.0";
 };
 
-/// Where the i-th of `words` 16-bit parts lies: part 0 is the most significant one.
+/// Address of the i-th of `words` 16-bit parts; part 0 is the most significant one.
 constexpr std::size_t part_address(std::size_t address, std::size_t words, std::size_t part, WordOrder order) {
   return address + (order == WordOrder::abcd ? part : words - 1 - part);
 }
@@ -43,7 +43,7 @@ inline constexpr std::uint16_t kRecordCrc = 62;
 inline constexpr std::uint16_t kRecordCopy = 63;
 inline constexpr std::uint16_t kCommandCrc = 37;
 
-// ---- words of numbers --------------------------------------------------------------------------------------------
+// ---- words for numbers -------------------------------------------------------------------------------------------
 
 inline constexpr std::array<std::string_view, 9> kStateWords = {
     "init", "recover", "idle", "slab open", "settling", "scanning", "waiting for PLC", "fault", "maintenance"};
@@ -52,7 +52,7 @@ inline constexpr std::array<std::string_view, 6> kVerdictWords = {"none",       
 inline constexpr std::array<std::string_view, 6> kCommandWords = {"none",     "SLAB_BEGIN", "SCAN",
                                                                   "SLAB_END", "SLAB_ABORT", "REPORT"};
 inline constexpr std::array<std::string_view, 5> kStatusWords = {"none", "accepted", "acquiring", "acquired", "done"};
-/// PlcWarn, bit by bit.
+/// One word for each bit of PlcWarn.
 inline constexpr std::array<std::string_view, 15> kWarnWords = {"nominals nobody confirmed",
                                                                 "commissioning calibration",
                                                                 "stray scan files",
@@ -99,7 +99,7 @@ inline constexpr std::array<DeviationColumn, kPlcDeviations> kDeviations = {{
 template <typename Value, typename Of>
 concept ValueOrConst = std::same_as<std::remove_const_t<Value>, Of>;
 
-// ---- holding registers: the PLC's half ---------------------------------------------------------------------------
+// ---- holding registers: written by the PLC -----------------------------------------------------------------------
 
 template <typename Cursor, ValueOrConst<PlcInputs> Inputs>
 void walk_inputs(Cursor& io, Inputs& in) {
@@ -130,7 +130,7 @@ void walk_inputs(Cursor& io, Inputs& in) {
          in.cmd_seq);
 }
 
-// ---- input registers: slabd's half -------------------------------------------------------------------------------
+// ---- input registers: written by slabd ---------------------------------------------------------------------------
 
 template <typename Cursor, ValueOrConst<PlcOutputs> Outputs>
 void walk_state(Cursor& io, Outputs& out) {

@@ -18,22 +18,22 @@
 #include "hal/robot/lcm_wire.h"
 #include "hal/robot/pose_screen.h"
 
-// Problem: poses must come from the robot's bridge and nowhere else, over an interface that may not exist yet. Idea:
-// one socket bound to the group's own address (liblcm binds every address, so that any datagram to the port is a
-// pose), joined on the named interface only, opened and watched by next().
+// Problem: only the robot's bridge may supply poses, over an interface that may not exist yet. Idea: one socket bound
+// to the group's own address, joined on the named interface only. (liblcm binds every address, so that any datagram to
+// the port is a pose.) next() opens and checks the socket.
 //
-// A special case is the loop-back interface, "poses of this computer": a sender with ttl=0 loops back on whichever
-// interface its own route picks, often not `lo`. So the group is joined there too, and only datagrams from one of this
-// computer's addresses count; the kernel drops such source addresses when they arrive from outside (martians).
+// A special case is the loop-back interface, "poses of this computer". A sender with ttl=0 loops back on the interface
+// of its own route, often not `lo`. So the group is joined there too, and only datagrams from this computer's addresses
+// are accepted. The kernel drops such source addresses if they arrive from outside (martians).
 //
-// Invariant: trouble() is empty exactly while the socket is open.
+// Invariant: trouble() is empty if and only if the socket is open.
 namespace slabd::hal {
 namespace {
 
 constexpr std::int64_t kRetryNs = kNsPerS;
 constexpr std::size_t kOwnAddressesMax = 32;
 
-/// The interface a setting means, right now.
+/// The interface that the setting refers to at this moment.
 struct Interface {
   int index = 0;  ///< 0 = the kernel's choice
   bool loopback = false;
@@ -60,7 +60,7 @@ class LcmPosePort final : public PosePort {
       check_link(std::exchange(silent_, true));
     }
     if (!socket_.is_open()) return false;
-    // Bounded: a flood of foreign datagrams must not keep the caller here.
+    // Bounded, so that a flood of foreign datagrams cannot block the caller.
     for (std::size_t i = 0; i < limits::kPosesPerTurn; ++i) {
       bool waiting = false;
       if (receive(mono_ns, sample, waiting)) return true;
@@ -72,7 +72,7 @@ class LcmPosePort final : public PosePort {
  private:
   // ---- receiving
 
-  /// One datagram. `waiting` is false when there was none.
+  /// Receives one datagram. `waiting` is false if there was none.
   bool receive(std::int64_t mono_ns, PoseSample& sample, bool& waiting) {
     std::array<std::byte, limits::kLcmDatagramMax> datagram;
     sockaddr_in from{};
@@ -86,7 +86,7 @@ class LcmPosePort final : public PosePort {
       return false;
     }
     const PosePublisher publisher{ntohl(from.sin_addr.s_addr), ntohs(from.sin_port)};
-    // A flood of other programs' messages on the group is not worth a line; a pose from a stranger is.
+    // Other programs' messages on the group are not logged; a pose from an unknown sender is.
     const PoseLinkCounters before = counters_;
     PoseSample decoded;
     const bool good = decode_pose_datagram(std::span(datagram).first(static_cast<std::size_t>(n)),
@@ -115,8 +115,8 @@ class LcmPosePort final : public PosePort {
     return true;
   }
 
-  /// A foreign datagram on our own channel (a bridge that sends another type than the configured one, most likely), or
-  /// a bridge's sentence about the poses that it does not have.
+  /// Records a foreign datagram on the configured channel: usually from a bridge that sends another type than the
+  /// configured one. Also records a bridge's message about why it has no poses.
   void name_other_type(std::span<const std::byte> datagram, const PosePublisher& publisher, std::int64_t mono_ns) {
     const OtherTypeText word = bridge_word_on(datagram, settings_.channel.view());
     if (!word.empty() && is_trusted(publisher.address) && may_publish(publisher.address))
@@ -127,7 +127,7 @@ class LcmPosePort final : public PosePort {
     screen_.note_sender(publisher, mono_ns, what.c_str());
   }
 
-  /// Why an address may not publish; nullptr: it may.
+  /// Reason why an address may not publish; nullptr if it may.
   const char* why_not(std::uint32_t source) {
     if (!is_trusted(source)) {
       stranger_seen_ = true;
@@ -144,8 +144,8 @@ class LcmPosePort final : public PosePort {
 
   bool is_trusted(std::uint32_t source) const {
     if (!own_host_only_ || source >> 24U == IN_LOOPBACKNET) return true;
-    // A sender whose route to the group is `dev lo` has no address to send from and sends from 0.0.0.0. From outside
-    // the kernel takes that source only for groups 224.0.0.x.
+    // A sender whose route to the group is `dev lo` has no source address and sends from 0.0.0.0. From outside the
+    // kernel accepts that source only for groups 224.0.0.x.
     constexpr std::uint32_t kLinkLocalGroups = 0xE00000;
     if (source == INADDR_ANY) return url_.group >> 8U != kLinkLocalGroups;
     return std::find(own_addresses_.begin(), own_addresses_.end(), source) != own_addresses_.end();
@@ -153,18 +153,19 @@ class LcmPosePort final : public PosePort {
 
   // ---- the link
 
-  /// Once a second: opens a missing link; notices an interface that went down, or came back as another one. `silent`:
-  /// nothing has come since the last time.
+  /// Once a second: opens a missing link; detects an interface that went down or was replaced. `silent`: no datagram
+  /// has arrived since the last check.
   void check_link(bool silent) {
     const std::optional<Interface> interface = find_interface(silent);
     if (!interface) return;
     if (socket_.is_open() && interface->index != joined_index_) lose("the interface was replaced", 0, "");
     if (!socket_.is_open()) open_link(*interface);
-    // The kernel's choice may be another interface by now: an adapter was pulled and plugged in again, a route changed.
-    // Joining twice does nothing.
+    // The kernel may have selected another interface meanwhile: an adapter was plugged in again, or a route changed.
+    // Joining twice has no effect.
     if (socket_.is_open() && settings_.interface.empty()) join_again();
     if (socket_.is_open() && own_host_only_) {
-      // Routes and addresses may appear after we do; an unknown sender may be our own new address.
+      // Routes and addresses may appear after this process starts; an unknown sender may be a new address of this
+      // computer.
       join_again();
       if (!socket_.is_open()) return;
       if (stranger_seen_) read_own_addresses();
@@ -172,14 +173,14 @@ class LcmPosePort final : public PosePort {
     }
   }
 
-  /// Looks the interface up; when there is none or it is down the link is lost.
+  /// Looks up the interface. If it does not exist or is down, the link is closed.
   std::optional<Interface> find_interface(bool silent) {
     if (settings_.interface.empty()) return Interface{};
     in_addr address{};
     const bool by_address = inet_pton(AF_INET, settings_.interface.c_str(), &address) == 1;
     if (!by_address) name_.assign(settings_.interface.view());
-    // While something comes, the name found for an address is kept. Otherwise the address may have moved to another
-    // card, where the poses are.
+    // While datagrams arrive, the interface name found for an address is kept. Otherwise the address may have moved to
+    // another card, which now receives the poses.
     if (by_address && silent && socket_.is_open() && has_lost(address)) lose("the interface lost its address", 0, "");
     if (by_address && !socket_.is_open() && !find_name(address)) {
       lose("no interface has this address", 0, "set [robot] interface to one that `ip address` lists");
@@ -203,7 +204,8 @@ class LcmPosePort final : public PosePort {
     return Interface{static_cast<int>(index), (request.ifr_flags & IFF_LOOPBACK) != 0};
   }
 
-  /// Of the open link's interface. On a computer with more addresses than fit here nobody can tell: false.
+  /// True if the open link's interface no longer has the address. False if the computer has more addresses than fit
+  /// here, because it cannot be decided.
   bool has_lost(in_addr address) const {
     std::array<ifreq, 64> entries{};
     ifconf list{};
@@ -229,10 +231,11 @@ class LcmPosePort final : public PosePort {
   void open_link(const Interface& interface) {
     Fd fd(socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
     if (!fd.is_open()) return lose("no socket", errno, "");
-    set_int(fd.get(), SOL_SOCKET, SO_REUSEADDR, 1);  // other listeners (loggers, displays) live beside us
+    set_int(fd.get(), SOL_SOCKET, SO_REUSEADDR, 1);  // other listeners (loggers, displays) may run on this computer
     set_int(fd.get(), SOL_SOCKET, SO_REUSEPORT, 1);
     set_int(fd.get(), SOL_SOCKET, SO_RCVBUF, static_cast<int>(url_.recv_buf_bytes));
-    set_int(fd.get(), IPPROTO_IP, IP_MULTICAST_ALL, 0);  // only what this socket joined, not what others did
+    set_int(fd.get(), IPPROTO_IP, IP_MULTICAST_ALL, 0);  // only groups that this socket joined, not those of other
+                                                         // sockets
     sockaddr_in address{};
     address.sin_family = AF_INET;
     address.sin_port = htons(url_.port);
@@ -255,14 +258,14 @@ class LcmPosePort final : public PosePort {
     trouble_.clear();
   }
 
-  /// Once more by the kernel's choice. It keeps the memberships of interfaces that are gone, up to a number; then the
-  /// socket is opened anew, which gives them back.
+  /// Joins again on the kernel's choice of interface. The socket keeps the memberships of interfaces that are gone, up
+  /// to a limit; then the socket is reopened, which releases them.
   void join_again() {
     if (join(0) == ENOBUFS) lose("the interface was replaced very often", 0, "");
   }
 
-  /// Joins the group on an interface (0: the one the kernel's route to the group names). Returns errno, 0 = done or
-  /// joined already.
+  /// Joins the group on an interface (0: the one of the kernel's route to the group). Returns errno, or 0 if joined now
+  /// or before.
   int join(int index) {
     ip_mreqn request{};
     request.imr_multiaddr.s_addr = htonl(url_.group);
@@ -271,8 +274,8 @@ class LcmPosePort final : public PosePort {
     return errno == EADDRINUSE ? 0 : errno;
   }
 
-  /// Calls `use(interface name, address)` for each IPv4 address of this computer. The only heap here; it is the
-  /// system's and released at once.
+  /// Calls `use(interface name, address)` for each IPv4 address of this computer. The only heap use in this file;
+  /// getifaddrs() allocates it, and it is released at once.
   template <typename Use>
   static void for_each_own_address(Use use) {
     ifaddrs* list = nullptr;
@@ -300,7 +303,7 @@ class LcmPosePort final : public PosePort {
     return text;
   }
 
-  /// Closes the link and says why.
+  /// Closes the link and stores the reason.
   void lose(const char* what, int error_number, const char* cure) {
     socket_.reset();
     const char* interface = settings_.interface.empty() ? "the default one" : settings_.interface.c_str();
@@ -314,8 +317,8 @@ class LcmPosePort final : public PosePort {
   Fd socket_;
   int joined_index_ = 0;
   bool own_host_only_ = false;
-  bool stranger_seen_ = false;     ///< a datagram from an address that is not ours, since the last check
-  FixedString<IF_NAMESIZE> name_;  ///< of the interface that the setting's address was found on
+  bool stranger_seen_ = false;     ///< a datagram from an unknown address has arrived since the last check
+  FixedString<IF_NAMESIZE> name_;  ///< of the interface that has the setting's address
   FixedVector<std::uint32_t, kOwnAddressesMax> own_addresses_;
   PoseLinkCounters counters_;
   PoseScreen screen_;

@@ -9,7 +9,7 @@
 #include "base/base.h"
 #include "hal/hal.h"
 
-/// LCM's short message on the wire, as liblcm sends it (lcm/udpm_util.h):
+/// Format of LCM's short message, as liblcm sends it (lcm/udpm_util.h):
 ///
 ///   bytes 0..3   magic "LC02", big-endian 0x4c433032
 ///   bytes 4..7   sequence number of the sending process, not used
@@ -21,7 +21,7 @@ namespace slabd::hal {
 
 inline constexpr std::uint32_t kLc02ShortMagic = 0x4C433032;
 inline constexpr std::size_t kLc02HeaderBytes = 8;
-/// The first datagram of a message that did not fit into one: 20 bytes, then channel and payload as above.
+/// First datagram of a message that does not fit into one datagram: 20 bytes, then channel and payload as above.
 inline constexpr std::uint32_t kLc03FragmentMagic = 0x4C433033;
 inline constexpr std::size_t kLc03HeaderBytes = 20;
 inline constexpr std::size_t kLcmChannelMax = 63;
@@ -32,22 +32,22 @@ inline constexpr std::size_t kRigidTransformPayloadBytes = 72;
 static_assert(kLc02HeaderBytes + kLcmChannelMax + 1 + kPosePayloadBytes < limits::kLcmDatagramMax,
               "a pose on the longest channel must fit the receive buffer, or it would arrive cut");
 
-/// What came on the right channel and is not a message of the configured type.
+/// Description of a message on the configured channel that is not of the configured type.
 using OtherTypeText = FixedString<192>;
-/// "a message of type bot_core.rigid_transform_t on FLANGE_POSE, where [pose] type = ..."; empty for a datagram of
-/// another channel, for one that is not LCM's, and for a message of the right type and length.
+/// "a message of type bot_core.rigid_transform_t on FLANGE_POSE, where [pose] type = ..."; empty for another channel,
+/// another protocol, or a message of the right type and length.
 [[nodiscard]] OtherTypeText other_type_on(std::span<const std::byte> datagram, std::string_view channel, PoseType type);
 
-/// Channel of a bridge's sentences about why it has no poses: the pose channel's name and this. The payload is the
-/// text.
+/// Suffix of the channel of a bridge's messages about why it has no poses; it follows the pose channel's name. The
+/// payload is the text.
 inline constexpr std::string_view kBridgeWordSuffix = "_WORD";
-/// "the bridge says: no packets ..."; empty for a datagram of any other channel. What is no printable character
-/// (UTF-8 stays) is a question mark.
+/// "the bridge says: no packets ..."; empty for a datagram of any other channel. Non-printable characters (except
+/// UTF-8) become question marks.
 [[nodiscard]] OtherTypeText bridge_word_on(std::span<const std::byte> datagram, std::string_view channel);
 
-/// A quaternion this far from unit length is a fault of the sender, not rounding.
+/// Deviation of a quaternion from unit length above which it is a fault of the sender, not rounding.
 inline constexpr double kQuaternionNormTolerance = 1e-3;
-/// No robot of this line reaches further from its root.
+/// Upper limit of the reach of this line's robots from their root.
 inline constexpr double kFlangeReachMaxM = 10.0;
 
 /// LCM's UDP multicast address, `udpm://group:port?ttl=N[&recv_buf_size=N]`.
@@ -58,8 +58,8 @@ struct LcmUrl {
   std::uint32_t recv_buf_bytes = 1U << 20U;
 };
 
-/// Everything must be said: no default group or port, unlike liblcm. config: the text names the part that is wrong
-/// and what is allowed.
+/// Parses a URL. Unlike liblcm it requires group and port. config: the text names the wrong part and the allowed
+/// values.
 [[nodiscard]] Result<LcmUrl> parse_lcm_url(std::string_view url);
 
 /// A channel of 1..63 characters without NUL; config otherwise.

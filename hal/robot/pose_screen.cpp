@@ -5,10 +5,10 @@
 #include <cmath>
 #include <cstdarg>
 
-// Problem: a pose may be well-formed and still not be where the robot is: a second program publishes too, a network
-// delivers an old datagram late, a sender's memory is torn for one cycle. Idea: believe one publisher at a time, whose
-// clock runs forward and whose arm moves as arms do. Invariants: nothing is believed while two publish; nothing is
-// refused for longer than kSilentNs by what this class remembers, or a clock that was set would end the link.
+// Problem: a well-formed pose may still be wrong. A second program may publish too, a network may deliver an old
+// datagram late, a sender's memory may be torn for one cycle. Idea: accept one publisher at a time, whose clock runs
+// forward and whose arm moves at plausible speed. Invariants: no pose is accepted while two publish. This class refuses
+// poses because of its history for at most kSilentNs; otherwise a sender's clock that was set would block the link.
 namespace slabd::hal {
 namespace {
 
@@ -22,7 +22,7 @@ FixedString<24> text_of(const PosePublisher& p) {
   return text;
 }
 
-/// From one message to another, by the sender's clock; unsigned, because the numbers may be anything.
+/// Time between two messages by the sender's clock; unsigned, because the numbers may have any value.
 std::uint64_t forward_us(const PoseSample& from, const PoseSample& to) {
   return static_cast<std::uint64_t>(to.utime_us) - static_cast<std::uint64_t>(from.utime_us);
 }
@@ -32,7 +32,7 @@ bool runs_forward(const PoseSample& from, const PoseSample& to) {
 }
 
 bool is_jump(const PoseSample& from, const PoseSample& to) {
-  constexpr double kLongestS = 1.0;  // the arm may be anywhere by then
+  constexpr double kLongestS = 1.0;  // after this time the arm may be anywhere
   const double dt_s = std::min(static_cast<double>(forward_us(from, to)) / 1e6, kLongestS);
   const double step_mm = (to.T_base_flange.translation_mm - from.T_base_flange.translation_mm).norm();
   const double step_rad = angle_between_rad(from.T_base_flange.rotation, to.T_base_flange.rotation);
@@ -59,7 +59,7 @@ void PoseScreen::note_sender(const PosePublisher& from, std::int64_t mono_ns, co
 void PoseScreen::weigh_clock(std::int64_t mono_ns, const PoseSample& sample) {
   constexpr std::int64_t kSpanNs = kNsPerS / 2;
   constexpr int kSamplesMin = 10;
-  // Arrivals come in bursts and clocks are set; a wrong unit is a thousand times off, again and again.
+  // Arrivals come in bursts and clocks are set; a wrong unit is repeatedly a factor of a thousand.
   constexpr double kThousandLow = 300.0;
   constexpr double kThousandHigh = 3'000.0;
   if (clock_from_ns_ != 0 && mono_ns - clock_from_ns_ < kSpanNs) {
@@ -86,7 +86,8 @@ bool PoseScreen::is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseL
   const bool of_same_computer = owner_.ever && owner_.who.address == from.address;
   strangers_ = !known && of_same_computer && owner_.who.port != from.port ? strangers_ + 1 : 0;
   if (owner_.ever && !(owner_.who == from) && owner_.within(mono_ns, kSilentNs)) {
-    // One of two, or the owner's successor: the owner's next word, or its silence, tells. Two newcomers are two.
+    // A second publisher, or the owner's successor: the owner's next pose or its silence decides. Two newcomers count
+    // as two.
     const bool two_newcomers = !(rival_.who == from) && rival_.within(mono_ns, kSilentNs);
     rival_ = {from, mono_ns, true};
     ++since_owner_;
@@ -122,7 +123,7 @@ void PoseScreen::count_numbering(const PoseSample& sample, PoseLinkCounters& cou
   const std::uint32_t step = static_cast<std::uint32_t>(sample.seq) - static_cast<std::uint32_t>(seq_);
   if (has_seq_ && counts && step != 1U) {
     ++counters.gaps;
-    // Backwards: the sender began anew, and nobody knows what is missing.
+    // A backward step: the sender restarted, and the number of missing messages is unknown.
     if (step != 0U && step < 1U << 31U) counters.lost += step - 1U;
   }
   has_seq_ = true;
@@ -133,7 +134,7 @@ bool PoseScreen::admit(const PosePublisher& from, std::int64_t mono_ns, const Po
                        PoseLinkCounters& counters) {
   if (!is_alone(from, mono_ns, counters)) {
     const PosePublisher& other = owner_.who == from ? rival_.who : owner_.who;
-    // Two programs are heard again and again; one that closes its socket behind each message never is.
+    // Two programs each appear repeatedly; a program that closes its socket after each message never reappears.
     constexpr int kNeverTheSame = 5;
     if (strangers_ >= kNeverTheSame)
       refuse(from, mono_ns,

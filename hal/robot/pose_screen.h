@@ -6,7 +6,7 @@
 
 #include "hal/hal.h"
 
-/// What a single datagram cannot show: whether a well-formed pose fits those before it. Pure; no heap.
+/// Checks that need more than one datagram: whether a well-formed pose fits the preceding ones. Pure; no heap.
 namespace slabd::hal {
 
 struct PosePublisher {
@@ -17,27 +17,28 @@ struct PosePublisher {
 
 class PoseScreen {
  public:
-  /// Silence after which a publisher is gone, and another one (or the same one with another clock) is believed.
+  /// Silence after which a publisher is considered gone, and another one (or the same with another clock) is accepted.
   static constexpr std::int64_t kSilentNs = kNsPerS;
-  /// What no robot of this line does: a sample further from the last one is not believed until the next confirms it.
+  /// Limits that no robot of this line exceeds: a sample further from the last one is accepted only if the next
+  /// confirms it.
   static constexpr double kStepMm = 5.0;
   static constexpr double kSpeedMmPerS = 10'000.0;
   static constexpr double kStepRad = 0.05;
   static constexpr double kSpeedRadPerS = 20.0;
 
-  /// Whether a well-formed pose that came at `mono_ns` is believed. Counts in `counters` what is wrong with it, and
-  /// breaks in the numbering of those that are believed.
-  ///   - Two publishers within a second: neither is believed, because nobody can say which one is the robot. Whether
-  ///     they were two or one took the other's place shows later: when the first is heard again, or is not. Poses of
-  ///     one that took over are no `second_publisher`; next_note() tells the change and how many were not believed.
-  ///   - A clock that stands still or runs back: an old or a repeated message. After a second without any that could
-  ///     be believed, whatever comes is: the sender's clock was set.
-  ///   - A clock that runs a thousand times too fast or too slow: its utime is in another unit, and nothing that asks
-  ///     for times could hold. Seen after a second, and refused until it runs as it should for half of one.
-  ///   - A jump: refused once, and believed when the next sample lies where the jump went.
+  /// True if a well-formed pose that arrived at `mono_ns` is accepted. Counts in `counters` the reason of a refusal,
+  /// and gaps in the numbering of accepted poses.
+  ///   - Two publishers within a second: both are refused, because slabd cannot decide which one is the robot. If the
+  ///     first publisher stays silent, the second has replaced it, and its poses do not count as `second_publisher`.
+  ///     next_note() reports the change and the number of poses refused before it.
+  ///   - A clock that does not advance or goes backwards: an old or a repeated message. After a second without an
+  ///     accepted pose the next one is accepted: the sender's clock was set.
+  ///   - A clock that runs a thousand times too fast or too slow: utime has another unit, so no check of times would
+  ///     work. Detected after a second, and refused until the rate is right for half a second.
+  ///   - A jump: refused once, and accepted if the next sample is near the position of the jump.
   [[nodiscard]] bool admit(const PosePublisher& from, std::int64_t mono_ns, const PoseSample& sample,
                            PoseLinkCounters& counters);
-  /// A datagram that was refused before it could be looked at as a pose: for refusal() and the log.
+  /// Records the sender of a datagram that was refused before this check, for refusal() and the log.
   void note_sender(const PosePublisher& from, std::int64_t mono_ns, const char* why);
 
   /// See PosePort.
@@ -55,30 +56,30 @@ class PoseScreen {
   };
   [[nodiscard]] bool is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseLinkCounters& counters);
   void settle_rivals(PoseLinkCounters& counters);
-  /// Compares the sender's clock with the arrivals, twice a second.
+  /// Compares the sender's clock with the arrival times, twice a second.
   void weigh_clock(std::int64_t mono_ns, const PoseSample& sample);
   void count_numbering(const PoseSample& sample, PoseLinkCounters& counters);
   [[gnu::format(printf, 4, 5)]] void refuse(const PosePublisher& from, std::int64_t mono_ns, const char* format, ...);
 
   Heard owner_;
   Heard rival_;
-  int strangers_ = 0;              ///< in a row: publishers of the owner's computer that were not heard before
-  std::uint64_t since_owner_ = 0;  ///< poses of the rival since the owner was heard
+  int strangers_ = 0;              ///< publishers in a row on the owner's computer that had not published before
+  std::uint64_t since_owner_ = 0;  ///< poses of the rival since the owner's last pose
   std::uint64_t changes_ = 0;      ///< of the owner, since the last note ...
-  std::uint64_t waited_ = 0;       ///< ... and poses of the new one that were not believed before it
+  std::uint64_t waited_ = 0;       ///< ... and refused poses of the new owner before it
   bool has_last_ = false;
-  PoseSample last_;           ///< believed
-  std::int64_t last_ns_ = 0;  ///< when
+  PoseSample last_;           ///< the last accepted pose
+  std::int64_t last_ns_ = 0;  ///< its arrival time
   bool has_pending_ = false;  ///< the sample before this one jumped
   PoseSample pending_;
   bool has_seq_ = false;
   std::int32_t seq_ = 0;  ///< of the last sample that was not a repetition
 
-  std::int64_t clock_from_ns_ = 0;  ///< arrival and utime where the comparison of the clocks began; 0: not yet
+  std::int64_t clock_from_ns_ = 0;  ///< arrival and utime at the start of the clock comparison; 0: not started
   std::int64_t clock_from_us_ = 0;
   int clock_samples_ = 0;
-  int clock_odd_ = 0;                 ///< comparisons in a row that another unit explains
-  const char* clock_unit_ = nullptr;  ///< what the sender's utime counts in instead of microseconds
+  int clock_odd_ = 0;                 ///< comparisons in a row that fit another unit
+  const char* clock_unit_ = nullptr;  ///< unit of the sender's utime if it is not microseconds
 
   PoseNoteText refusal_;
   std::int64_t refused_ns_ = 0;

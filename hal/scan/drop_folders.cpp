@@ -14,7 +14,7 @@
 namespace slabd::hal {
 namespace {
 
-/// Calls `use(name)` for each entry but "." and ".." until it returns false. opendir() would allocate.
+/// Calls `use(name)` for each entry except "." and ".." until it returns false. opendir() would allocate.
 template <typename Use>
 bool for_each_name(int folder, Use use) {
   if (lseek(folder, 0, SEEK_SET) < 0) return false;
@@ -35,8 +35,8 @@ Error offline(const PathText& drop_dir, const char* folder, int error_number) {
   return error(Code::scanner_offline, "%s/%s: %s", drop_dir.c_str(), folder, errno_text(error_number));
 }
 
-/// File systems whose files another computer may change. FUSE is among them: most of what is mounted so comes over a
-/// network, and what does not loses a second and a half.
+/// True for file systems whose files another computer may change. FUSE is included, because most FUSE mounts are
+/// network file systems; a local one only loses a second and a half.
 bool is_network(int folder) {
   constexpr std::array<std::uint32_t, 9> kNetwork = {
       0x6969,                  // NFS
@@ -55,15 +55,15 @@ bool is_network(int folder) {
 
 constexpr mode_t kOursAndTheScanners = 02770;
 
-/// A service that may set no set-group-id bit (RestrictSUIDSGID) has it from the parent folder.
+/// A service that may not set the set-group-id bit (RestrictSUIDSGID) inherits it from the parent folder.
 bool open_to_the_group(int folder) {
   struct stat status {};
   if (fstat(folder, &status) == 0 && (status.st_mode & 07777U) == kOursAndTheScanners) return true;
   return fchmod(folder, kOursAndTheScanners) == 0;
 }
 
-/// Opens a folder below `parent`; one that is missing is made, for us and the group of the parent (slabd-scan: the
-/// scanner software's user).
+/// Opens a folder below `parent`. Makes a missing one, for slabd and the group of the parent (slabd-scan, which
+/// includes the scanner software's user).
 Status open_folder(const PathText& drop_dir, int parent, const char* name, Fd& fd) {
   const bool made = mkdirat(parent, name, 0770) == 0;
   if (!made && errno != EEXIST) return offline(drop_dir, name, errno);
@@ -76,20 +76,20 @@ Status open_folder(const PathText& drop_dir, int parent, const char* name, Fd& f
 
 bool describe_entry(int folder, const char* name, InboxEntry& entry) {
   entry.state = file_state(folder, name);
-  if (!entry.state.known) return false;  // gone since it was listed
+  if (!entry.state.known) return false;  // removed since it was listed
   entry.name.assign(name);
   entry.regular = S_ISREG(entry.state.mode);
   return true;
 }
 
-/// A file renamed while the folder is read can show under both names.
+/// A file renamed while the folder is read can be listed under both names.
 bool listed(const InboxEntries& entries, const InboxEntry& entry) {
   for (const InboxEntry& other : entries)
     if (other.state.device == entry.state.device && other.state.inode == entry.state.inode) return true;
   return false;
 }
 
-/// rename() that never replaces. File systems without that (some network shares) get a look before the leap.
+/// rename() that never replaces a file. On file systems without that (some network shares) the target is checked first.
 bool move_new(int from, const char* name, int to, const char* new_name) {
   if (renameat2(from, name, to, new_name, RENAME_NOREPLACE) == 0) return true;
   if (errno != EINVAL && errno != ENOSYS) return false;
@@ -101,12 +101,12 @@ bool move_new(int from, const char* name, int to, const char* new_name) {
   return renameat(from, name, to, new_name) == 0;
 }
 
-/// Names with a number behind them: tried one after the other, and the largest number.
+/// Limits of the number appended to a name: numbers tried one after the other, and the largest number.
 constexpr int kNamesTried = 2'000;
 constexpr int kNumberMax = 1'000'000;
-/// Entries of stray/ that one look at it takes: 50 ms here, some seconds on a slow share.
+/// Entries of stray/ examined in one call: 50 ms on a local disk, some seconds on a slow share.
 constexpr int kEntriesLookedAt = 2'000;
-/// Folders in folders, as far as they are counted and deleted.
+/// Depth to which nested folders are counted and deleted.
 constexpr int kFoldersDeep = 4;
 
 struct Stray {
@@ -116,8 +116,8 @@ struct Stray {
   bool folder = false;
 };
 
-/// The change time is when it was moved here, by the file system's own clock; what the scanner's computer wrote into
-/// the file's time does not matter.
+/// The change time is the time of the move to stray/, by the file system's own clock. The file's modification time
+/// comes from the scanner's computer and is not used.
 bool came_before(const Stray& a, const Stray& b) {
   return a.moved.tv_sec != b.moved.tv_sec ? a.moved.tv_sec < b.moved.tv_sec : a.moved.tv_nsec < b.moved.tv_nsec;
 }
@@ -156,7 +156,7 @@ bool look_at(int folder, const char* name, Stray& stray, int& looks) {
   return true;
 }
 
-/// With all that is in it; links are deleted, not followed. errno says why not.
+/// Deletes a folder with its contents; links are deleted, not followed. On failure errno holds the reason.
 bool remove_folder(int parent, const char* name, int deep, int& left) {
   {
     const Fd folder = open_inside(parent, name);
@@ -205,7 +205,7 @@ Status DropFolders::open() {
 Status DropFolders::list_inbox(std::string_view first, InboxEntries& entries) {
   entries.clear();
   is_crowded_ = false;
-  // A share's kernel lists a folder as it remembers it, unless it knows that it has changed: asking makes it know.
+  // The kernel lists a folder of a share from its cache until it learns of a change; this call updates the cache.
   if (on_network_ && !file_state(inbox_.get(), "").known) return offline(drop_dir_, "inbox", errno);
   const auto collect = [&](bool wanted_first) {
     return for_each_name(inbox_.get(), [&](const char* name) {
@@ -239,7 +239,8 @@ std::optional<std::int64_t> DropFolders::time_ns() const {
 
 bool DropFolders::set_aside(const char* name) {
   if (move_new(inbox_.get(), name, stray_.get(), name)) return true;
-  // Numbers go on from the last one, or a program that always writes the same name would have all of them tried.
+  // Numbers continue from the last one; otherwise a program that always writes the same name would need all of them
+  // tried.
   for (int tried = 0; errno == EEXIST && tried < kNamesTried; ++tried) {
     NameText other;
     other.printf("%.240s.%d", name, next_number_);
@@ -251,7 +252,7 @@ bool DropFolders::set_aside(const char* name) {
 
 bool DropFolders::trim_stray(const StrayLimits& limits, TrimmedOnes& trimmed) const {
   trimmed.clear();
-  std::array<Stray, kTrimmedAtOnce> first;  // a heap, what came last on top
+  std::array<Stray, kTrimmedAtOnce> first;  // a heap, the latest on top
   std::size_t found = 0;
   std::uint64_t held = 0;
   std::size_t entries = 0;
@@ -287,7 +288,7 @@ bool DropFolders::trim_stray(const StrayLimits& limits, TrimmedOnes& trimmed) co
     } else {
       one.error_number = errno;
     }
-    static_cast<void>(trimmed.push(one));  // as many as were found at most
+    static_cast<void>(trimmed.push(one));  // cannot be full: at most kTrimmedAtOnce were found
   }
   const bool any_went = std::any_of(trimmed.begin(), trimmed.end(), [](const Trimmed& t) { return t.deleted; });
   return any_went && too_much();
@@ -297,10 +298,10 @@ Status DropFolders::post_request(const char* name, std::string_view text) const 
   constexpr mode_t kReadableByScanner = 0664;
   NameText temporary;
   temporary.printf(".%s.tmp", name);
-  // What somebody left there goes first: opening a pipe would wait for its reader, for ever.
+  // Removes a leftover first: opening a pipe would wait for its reader, possibly forever.
   unlinkat(request_.get(), temporary.c_str(), 0);
   Fd fd(openat(request_.get(), temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0664));
-  // On a share its server says who may read what, and some refuse to be told.
+  // On a share the server sets the permissions, and some servers reject a change.
   const bool readable = fd.is_open() && (fchmod(fd.get(), kReadableByScanner) == 0 || on_network_);
   if (readable && write_text(fd.get(), text) && renameat(request_.get(), temporary.c_str(), request_.get(), name) == 0)
     return success();

@@ -12,15 +12,15 @@
 #include "base/os.h"
 #include "hal/hal.h"
 
-/// The three folders of a drop directory. request/: what slabd asks the scanner software for. inbox/: what that
-/// software answers. stray/: whatever else was found in inbox/. Folders are held by descriptor, so a name read there
-/// is a name used there; links are never followed below drop_dir. No heap.
+/// The three folders of a drop directory. request/ holds slabd's requests to the scanner software, inbox/ the
+/// software's answers. stray/ holds all other files found in inbox/. Folders are held by descriptor, so a name is used
+/// in the folder in which it was read; links below drop_dir are never followed. No heap.
 namespace slabd::hal {
 
 /// Longest file name of Linux file systems.
 using NameText = FixedString<255>;
 
-/// Something in the inbox. Two looks at it are the same when the file has not been touched between them.
+/// An entry of the inbox. Two samples of it are equal if the file was not changed between them.
 struct InboxEntry {
   NameText name;
   bool regular = false;
@@ -29,7 +29,7 @@ struct InboxEntry {
   [[nodiscard]] bool same_content(const InboxEntry& other) const { return state.same_content(other.state); }
 };
 
-/// Entries looked at together. An orderly inbox holds one; of a flood the rest is looked at once these are gone.
+/// Entries listed together. Normally the inbox holds one; in a flood the others are listed after these are gone.
 inline constexpr std::size_t kInboxEntriesMax = 32;
 using InboxEntries = FixedVector<InboxEntry, kInboxEntriesMax>;
 
@@ -39,34 +39,34 @@ class DropFolders {
   explicit DropFolders(const PathText& drop_dir, const LockOwner& owner = {})
       : drop_dir_(drop_dir), is_locked_(!owner.empty()), lock_(owner) {}
 
-  /// Opens the folders anew, making those below drop_dir that are missing, and checks that they can be used, by this
-  /// process alone. scanner_offline: the text names the folder and why.
+  /// Opens the folders again, makes those below drop_dir that are missing, and checks that only this process uses them.
+  /// scanner_offline: the text names the folder and the reason.
   [[nodiscard]] Status open();
-  /// Of the last open(): ours also if folders are not locked.
+  /// Result of the last open(); `ours` also if folders are not locked.
   [[nodiscard]] FolderLock::State lock_state() const { return lock_state_; }
-  /// Of a lock that is `cannot` or `anothers`.
+  /// Text for a lock that is `cannot` or `anothers`.
   [[nodiscard]] const ScannerText& lock_text() const { return lock_.text(); }
 
-  /// Makes drop_dir in a folder that is there. What goes wrong, open() says.
+  /// Makes drop_dir if its parent exists. Errors are reported by open().
   void make_drop_dir() const;
 
-  /// Of open(): another computer may write there, and what the kernel remembers of files may be seconds old.
+  /// Set by open(): another computer may write there, and the kernel's cache of the files may be seconds old.
   [[nodiscard]] bool on_network() const { return on_network_; }
 
-  /// What lies in the inbox. Entries whose name begins with `first` (when not empty) are listed before all others, so
-  /// that a flood cannot hide an answer. scanner_offline when the folder cannot be read.
+  /// Lists the inbox. Entries whose name begins with `first` (if not empty) are listed before all others, so that a
+  /// flood cannot hide an answer. scanner_offline if the folder cannot be read.
   [[nodiscard]] Status list_inbox(std::string_view first, InboxEntries& entries);
-  /// More lay there at the last list_inbox() than it listed.
+  /// True if the inbox held more entries than the last list_inbox() returned.
   [[nodiscard]] bool is_crowded() const { return is_crowded_; }
-  /// Calls `use(name)` for everything in the inbox until it returns false. Entries may be moved away by `use`.
+  /// Calls `use(name)` for each entry of the inbox until it returns false. `use` may move entries away.
   void for_each_in_inbox(const std::function<bool(const char*)>& use) const;
-  /// The file system's own time, to which FileState.status_ns is compared; nullopt if it cannot be had.
+  /// Time of the file system's own clock, for comparison with FileState.status_ns; nullopt if it cannot be read.
   [[nodiscard]] std::optional<std::int64_t> time_ns() const;
 
-  /// Moves an inbox entry to stray/ under its own name or, when that is taken, with a number behind it.
+  /// Moves an inbox entry to stray/ under its own name. If that name exists, a number is appended.
   [[nodiscard]] bool set_aside(const char* name);
 
-  /// What may lie in stray/: files, and folders with all that is in them.
+  /// Limits of stray/: files, and folders with their contents.
   struct StrayLimits {
     std::uint64_t bytes = 0;
     std::size_t entries = 1'000;
@@ -74,26 +74,27 @@ class DropFolders {
   struct Trimmed {
     bool deleted = false;
     NameText name;
-    std::uint64_t bytes = 0;  ///< of the file, or of what the folder held
-    std::uint64_t held = 0;   ///< in stray/, before
-    int error_number = 0;     ///< why it could not be deleted
+    std::uint64_t bytes = 0;  ///< of the file, or of the folder's contents
+    std::uint64_t held = 0;   ///< in stray/, before deletion
+    int error_number = 0;     ///< reason why it could not be deleted
   };
   static constexpr std::size_t kTrimmedAtOnce = 64;
   using TrimmedOnes = FixedVector<Trimmed, kTrimmedAtOnce>;
-  /// Deletes what was moved to stray/ first, as much as is too much there, up to kTrimmedAtOnce; those that could not
-  /// be deleted are told and passed over. Looks at a few thousand names, so that a flood that was collected over weeks
-  /// keeps nobody waiting: then of those the first. True: there is more to be deleted.
+  /// Deletes the oldest entries of stray/ while it exceeds the limits, at most kTrimmedAtOnce. Entries that cannot be
+  /// deleted are reported and skipped. Examines a few thousand names, so that a flood collected over weeks blocks no
+  /// thread; then the oldest of those are deleted. True if more must be deleted.
   [[nodiscard]] bool trim_stray(const StrayLimits& limits, TrimmedOnes& trimmed) const;
 
-  /// Puts request/<name> in place by rename, so that nobody reads half of it.
+  /// Writes request/<name> by rename, so that no program reads a partial file.
   [[nodiscard]] Status post_request(const char* name, std::string_view text) const;
   void withdraw_request(const char* name) const;
-  /// Takes a request back and leaves a word that its answer may still come, for the next process too.
+  /// Withdraws a request and leaves a marker that its answer may still come, also for the next process.
   void leave_unanswered(const char* name) const;
   void forget_unanswered() const;
-  /// The word's name: no scanner software takes it for a request.
+  /// Name of the marker; scanner software does not recognise it as a request.
   static constexpr const char* kUnanswered = ".unanswered";
-  /// Requests of a process that ended, and its word: nobody waits for their answers. How many there were.
+  /// Withdraws the requests of a process that ended, and its marker: their answers are not expected. Returns their
+  /// number.
   std::size_t withdraw_all_requests() const;
 
   [[nodiscard]] int inbox_fd() const { return inbox_.get(); }
@@ -110,16 +111,16 @@ class DropFolders {
   Fd request_;
   Fd inbox_;
   Fd stray_;
-  int next_number_ = 1;  ///< behind the next name that is taken
+  int next_number_ = 1;  ///< appended to the next name that exists already
 };
 
-/// Since when each inbox entry has not changed: the only sign of "finished" that a program without a naming rule
-/// gives. Names that vanish are forgotten. No heap; O(entries^2) of at most 32.
+/// Time since which each inbox entry has not changed: the only sign of completion for a program without a naming rule.
+/// Forgets names that disappear. No heap; O(entries^2) of at most 32.
 class QuietWatch {
  public:
   struct Watched {
     InboxEntry entry;
-    std::int64_t since_ns = 0;  ///< seen first in its present state
+    std::int64_t since_ns = 0;  ///< first seen in its present state
   };
 
   void look(std::int64_t now_ns, const InboxEntries& entries) {

@@ -5,8 +5,8 @@
 #include <cstring>
 #include <vector>
 
-// Invariants of the reader: decoded_[0, end_) are the last decoded bytes, at least kReach of them once so many were
-// decoded; no item is copied before its bytes, its distance and its length were checked.
+// Invariants of the reader: decoded_[0, end_) are the last decoded bytes, at least kReach of them once that many are
+// decoded. Every item is copied only after its bytes, its distance and its length were checked.
 namespace slabd::hal {
 
 Error LzfReader::refuse(const char* why) const {
@@ -43,7 +43,7 @@ Status LzfReader::decode_some() {
     const std::size_t distance = (control & 31U) * 256 + byte(item_bytes - 1) + 1;
     if (distance > end_) return refuse("refer to bytes before their beginning");
     if (length > left_) return refuse("decode to more bytes than the file says");
-    // Byte by byte: the copy may overlap itself, that is how runs are written.
+    // Byte by byte, because the copy may overlap itself; runs are encoded that way.
     for (std::size_t i = 0; i < length; ++i, ++end_) decoded_[end_] = decoded_[end_ - distance];
     in_.consume(item_bytes);
     left_ -= length;
@@ -88,7 +88,7 @@ Status LzfReader::finish() {
   return left_ == 0 ? success() : refuse("decode to fewer bytes than the file says");
 }
 
-// Greedy: the last place of every hash of three bytes is tried, nothing else.
+// Greedy: tries only the last position of every hash of three bytes.
 std::string lzf_compress(std::string_view bytes) {
   constexpr std::size_t kReach = 8'192;
   constexpr std::size_t kCopyMax = 264;
@@ -107,7 +107,7 @@ std::string lzf_compress(std::string_view bytes) {
       begin += count;
     }
   };
-  std::size_t literals = 0;  // begin of what is not written yet
+  std::size_t literals = 0;  // start of the bytes not written yet
   std::size_t i = 0;
   while (i + 2 < bytes.size()) {
     const std::uint32_t three = at(i) << 16U | at(i + 1) << 8U | at(i + 2);

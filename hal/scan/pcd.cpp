@@ -14,15 +14,14 @@
 #include "hal/scan/scan_window.h"
 #include "hal/scan/text_lines.h"
 
-// Problem: three bodies under one header; the compressed one is turned round (all x, then all y, then all z) and its
-// size is no measure of what it decodes to. Idea: decode it as a stream and fill the caller's points one coordinate at
-// a time. Binary numbers are little-endian: the format does not say, its writers are.
+// Problem: three body types follow one header. The compressed body is transposed (all x, then all y, then all z), and
+// its size does not limit the decoded size. Idea: decode it as a stream and fill the caller's points one coordinate at
+// a time. Binary numbers are read as little-endian; the format does not define it, but its writers use it.
 namespace slabd::hal {
 
-// Problem: as for PLY, but what belongs to one field is spread over four lines (FIELDS, SIZE, TYPE, COUNT) whose order
-// is a habit and no law. Idea: every line is taken as a row of words or numbers first; they are laid side by side when
-// DATA, the last line, has come. Invariant: a layout is returned only when all four rows have one length, x, y and z
-// are known and no length can have overflowed.
+// Problem: as for PLY, but each field is described on four lines (FIELDS, SIZE, TYPE, COUNT) whose order is not fixed.
+// Idea: every line is first read as a row of words or numbers; the rows are combined at DATA, the last line. Invariant:
+// a layout is returned only if all four rows have one length, x, y and z are known and no length can have overflowed.
 
 namespace {
 
@@ -115,7 +114,7 @@ class HeaderParser : HeaderLines {
     });
   }
 
-  /// One word per field, in their order; how many is checked at the end.
+  /// Reads one word per field, in the order of the fields; their number is checked at the end.
   template <typename Use>
   Status row(std::string_view rest, std::size_t& words, Use use) {
     if (words != 0) return refuse("a second line of this kind");
@@ -126,7 +125,7 @@ class HeaderParser : HeaderLines {
     return success();
   }
 
-  // ---- the rest
+  // ---- other lines
 
   Status number(std::string_view keyword, std::string_view rest, bool& seen, std::uint64_t& value) {
     const std::string_view word = take_word(rest);
@@ -136,7 +135,7 @@ class HeaderParser : HeaderLines {
     return success();
   }
 
-  /// tx ty tz qw qx qy qz of the sensor when the cloud was taken. Checked, so that nothing else hides here.
+  /// tx ty tz qw qx qy qz of the sensor at the exposure. Checked, so that no other content is accepted here.
   Status viewpoint(std::string_view rest) {
     for (int i = 0; i < 7; ++i) {
       const std::string_view word = take_word(rest);
@@ -163,7 +162,7 @@ class HeaderParser : HeaderLines {
     return success();
   }
 
-  // ---- side by side
+  // ---- combining the rows
 
   Result<PcdLayout> finish() {
     if (names_ == 0) return refuse("no FIELDS line before DATA");
@@ -217,7 +216,7 @@ class HeaderParser : HeaderLines {
 
   void sum_lengths() {
     switch (layout_.data) {
-      case PcdData::ascii:  // a value as text has a digit and something behind it, the last one needs nothing there
+      case PcdData::ascii:  // a value as text has a digit and a separator; the last one needs no separator
         layout_.bytes_min = position_ + layout_.points * layout_.values * 2 - 1;
         break;
       case PcdData::binary:
@@ -267,14 +266,14 @@ PointRecord record_of(const PcdLayout& layout) {
   return record;
 }
 
-/// One file on its way into `xyz`.
+/// Reads one file into `xyz`.
 template <typename Real>
 class PcdBody {
  public:
   PcdBody(ScanWindow& window, const PcdLayout& layout, LengthUnit unit, std::span<Real> xyz, Team& team)
       : window_(window), layout_(layout), mm_(mm_per(unit)), xyz_(xyz.first(3 * layout.points)), team_(team) {}
 
-  /// What the points are, once all is read.
+  /// Counts of the points, valid after all of them are read.
   [[nodiscard]] const Settled& settled() const { return settled_; }
 
   Status read() {
@@ -384,7 +383,7 @@ class PcdBody {
     return success();
   }
 
-  /// Both lengths in front of the compressed data must be what file and header say.
+  /// Both lengths in front of the compressed data must match the file and the header.
   Status check_lengths(std::uint64_t decoded_bytes) {
     std::array<std::uint32_t, 2> lengths{};
     static_assert(sizeof lengths == kPcdCompressedPrefixBytes);

@@ -10,8 +10,8 @@
 #include "hal/hal.h"
 #include "hal/scan/text_lines.h"
 
-/// The text at the start of a PCD file (Point Cloud Library file format, versions 0.6 and 0.7), turned into places of
-/// x, y and z. Nothing in it is believed about the file's size: the caller compares `bytes_min` and `bytes_exact`.
+/// Parses the header of a PCD file (Point Cloud Library file format, versions 0.6 and 0.7) into the positions of x, y
+/// and z. Does not check the file's size: the caller compares `bytes_min` and `bytes_exact`.
 namespace slabd::hal {
 
 enum class PcdData : std::uint8_t { ascii, binary, binary_compressed };
@@ -32,14 +32,14 @@ struct PcdLayout {
     bool is_double = false;
   };
   std::array<Coordinate, 3> xyz;
-  std::uint64_t bytes_min = 0;  ///< the file has at least so many bytes
-  bool bytes_exact = false;     ///< and no more of data (binary)
+  std::uint64_t bytes_min = 0;  ///< least size of the file
+  bool bytes_exact = false;     ///< true if that is the exact size (binary)
   DeclaredEmulation emulation;
 };
 
 /// Compressed data begin with two 32-bit lengths: of the compressed and of the decompressed bytes.
 inline constexpr std::size_t kPcdCompressedPrefixBytes = 8;
-/// Fields of one point; PCL's widest point types have about 20.
+/// Largest number of fields of one point; PCL's widest point types have about 20.
 inline constexpr std::size_t kPcdFieldsMax = 64;
 
 /// Reads the header at the start of `head` (the first limits::kScanHeaderBytesMax bytes of the file, or all of it).

@@ -11,12 +11,12 @@
 #include "hal/scan/scan_points.h"
 #include "hal/scan/text_lines.h"
 
-// Problem: 130 MB of text are 15 million numbers, and a reader that looks at every character by itself and guesses
-// wrong at the end of every number takes half a second. Idea: eight characters are one 64-bit word. How many of them
-// are digits is the place of the first byte that is none; what they mean is three multiplications, whatever their
-// number. So a number is a dozen operations in front of the point and a dozen behind it, without a branch that depends
-// on its length. Its digits m and exponent k, m * 10^k, are then one exact integer and one exact power of ten.
-// Invariant: in doubt the row is not plain, and nothing of it counts.
+// Problem: 130 MB of text are 15 million numbers. A reader that tests each character and mispredicts the end of every
+// number takes half a second. Idea: process eight characters as one 64-bit word. The number of digits is the position
+// of the first byte that is not a digit; three multiplications give their value for any number of digits. So a number
+// costs a dozen operations in front of the decimal point and a dozen after it, without a branch that depends on its
+// length. Its value m * 10^k is then one exact integer times one exact power of ten. Invariant: in doubt the row is not
+// plain, and it is left to the ordinary reader.
 namespace slabd::hal {
 namespace {
 
@@ -29,7 +29,7 @@ constexpr std::array<std::uint64_t, 17> integer_powers() {
   return power;
 }
 constexpr std::array<std::uint64_t, 17> kIntegerPowers = integer_powers();
-/// 10^22 is the last power of ten that is a double without rounding.
+/// 10^22 is the largest power of ten that a double represents exactly.
 constexpr int kExactPowerMax = 22;
 constexpr std::array<double, kExactPowerMax + 1> kPowers = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
                                                             1e8,  1e9,  1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
@@ -42,15 +42,15 @@ struct Digits {
   unsigned count = 0;  ///< 0..8
 };
 
-/// The digits, at most eight, that begin at `text`.
+/// Digits, at most eight, that start at `text`.
 [[gnu::always_inline]] inline Digits digits_at(const char* text) {
   std::uint64_t word = 0;
   std::memcpy(&word, text, sizeof word);
-  word ^= 0x3030'3030'3030'3030U;  // digits are now 0..9, everything else is more
-  // The high bit of every byte that is more than 9; a carry only reaches bytes behind one that is marked already.
+  word ^= 0x3030'3030'3030'3030U;  // digits are now 0..9, all other characters are larger
+  // The high bit of every byte above 9; a carry reaches only bytes after one that is already marked.
   const std::uint64_t others = ((word + 0x7676'7676'7676'7676U) | word) & 0x8080'8080'8080'8080U;
-  const unsigned count = static_cast<unsigned>(std::countr_zero(others)) / 8;  // 64 / 8 where all are digits
-  // Zeros in front of the digits instead of other characters behind them.
+  const unsigned count = static_cast<unsigned>(std::countr_zero(others)) / 8;  // 64 / 8 if all are digits
+  // Shifts out the characters after the digits and fills with zeros in front.
   word = count == 0 ? 0 : word << (64 - 8 * count);
   word = word * 10 + (word >> 8U);  // pairs, in every second byte
   constexpr std::uint64_t kPairs = 0x0000'00FF'0000'00FFU;
@@ -67,8 +67,8 @@ struct Decimal {
   bool missing = false;  ///< "nan"
 };
 
-/// The digits in front of the point, at most eight. One by one: how many there are hardly changes from row to row, so
-/// the processor guesses right and goes on with what follows instead of waiting for the count.
+/// Digits in front of the decimal point, at most eight, one by one. Their number hardly changes from row to row, so the
+/// branch is predicted and the processor does not wait for the count.
 [[gnu::always_inline]] inline const char* whole_digits(const char* p, std::uint64_t& value, unsigned& count) {
   value = 0;
   for (count = 0; count < 8; ++count, ++p) {
@@ -79,7 +79,7 @@ struct Decimal {
   return p;
 }
 
-/// One number; returns where it ends, or null where it is not plain. Looks at most 40 bytes ahead.
+/// Reads one number; returns its end, or null if it is not plain. Looks at most 40 bytes ahead.
 [[gnu::always_inline]] inline const char* scan_decimal(const char* p, Decimal& number) {
   number.negative = false;
   if (*p == '-') {
@@ -126,7 +126,7 @@ struct Decimal {
   return p;
 }
 
-/// False: the rounding is not certain, let fast_float do it.
+/// False if the rounding is not certain; fast_float is used then.
 template <typename Real>
 [[gnu::always_inline]] inline bool round_exactly(const Decimal& number, double mm_per_unit, Real& out) {
   if (number.missing) {
@@ -143,8 +143,8 @@ template <typename Real>
   constexpr std::uint64_t kExactMax = std::uint64_t{1} << 53U;
   if (std::same_as<Real, float> && mm_per_unit == 1.0) {
     // Two roundings of at most half a unit each (m as a double, the power): `value` is at most 4 steps of a double from
-    // the number. If no place half way between two floats (the 29 bits a float lacks: 1 0000...) is that near, both
-    // round to the same float. The result is a normal float or zero: 1e-22 <= value < 2e37.
+    // the number. If no midpoint between two floats (the 29 bits a float lacks: 1 0000...) is that near, both round to
+    // the same float. The result is a normal float or zero: 1e-22 <= value < 2e37.
     constexpr std::uint64_t kLacking = (std::uint64_t{1} << 29U) - 1;
     constexpr std::uint64_t kHalfWay = std::uint64_t{1} << 28U;
     constexpr std::uint64_t kSteps = 8;
@@ -159,7 +159,7 @@ template <typename Real>
   return true;
 }
 
-/// One call's text, form and place.
+/// Text, form and unit of one call.
 template <typename Real>
 class PlainReader {
  public:
@@ -184,7 +184,7 @@ class PlainReader {
     return p;
   }
 
-  /// Returns where the next row begins.
+  /// Reads one row and returns the start of the next; null if it is not plain.
   template <bool kBlanks>
   const char* row(const char* p, Real* xyz) const {
     p = past_blanks(p);
@@ -207,7 +207,7 @@ class PlainReader {
     return *p == '\n' && form_.words_more == 0 ? p + 1 : line_end<kBlanks>(p);
   }
 
-  /// From behind z.
+  /// Returns the start of the next row from the end of z.
   template <bool kBlanks>
   const char* line_end(const char* p) const {
     p = form_.any_more ? any_more<kBlanks>(p) : words_more(p);
@@ -226,7 +226,7 @@ class PlainReader {
     return past_blanks(p);
   }
 
-  /// The rest of the line, if z ends where it should.
+  /// Skips the rest of the line, if z ends at a separator.
   template <bool kBlanks>
   const char* any_more(const char* p) const {
     const char* const behind = past_blanks(p);
@@ -237,7 +237,7 @@ class PlainReader {
     const auto room = std::min<std::size_t>(static_cast<std::size_t>(end_ - behind), kTextLineBytesMax / 2);
     const char* const newline = static_cast<const char*>(std::memchr(behind, '\n', room));
     if (newline == nullptr) return nullptr;
-    // Where a disk has lost something it reads as zeros: rows may be gone between here and that line's end.
+    // Lost parts of a disk are read as zeros: rows may be missing between here and the end of that line.
     if (std::memchr(behind, '\0', static_cast<std::size_t>(newline - behind)) != nullptr) return nullptr;
     return newline[-1] == '\r' ? newline - 1 : newline;
   }

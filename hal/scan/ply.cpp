@@ -14,15 +14,15 @@
 #include "hal/scan/scan_window.h"
 #include "hal/scan/text_lines.h"
 
-// Problem: five million vertices in one of several layouts, between elements nobody asked for. Idea: walk the
-// elements in the order of the file; vertices of one length are records, whatever has lists item by item, text
-// line by line; everything else is stepped over. Invariant: the walk ends exactly where the file ends, so a header that
-// lies about any element is found out.
+// Problem: five million vertices in one of several layouts, between elements that are not needed. Idea: read the
+// elements in the order of the file: vertices of one length as records, elements with lists item by item, text line by
+// line. Other elements are skipped. Invariant: reading ends exactly at the end of the file, so a wrong count of any
+// element is detected.
 namespace slabd::hal {
 
-// Problem: the header decides how five million vertices are read, and it comes from outside. Idea: one pass over
-// lines, each line one small function that either extends the layout or refuses with its number. Invariants: a layout
-// is returned only when x, y, z are known; every length was summed without overflow.
+// Problem: the header, which is untrusted, decides how five million vertices are read. Idea: one pass over its lines;
+// one small function for each line either extends the layout or rejects it with the line's number. Invariants: a layout
+// is returned only if x, y, z are known; every length was summed without overflow.
 
 namespace {
 
@@ -43,7 +43,7 @@ bool is_double(std::string_view type) {
   return type == "double" || type == "float64";
 }
 
-/// What can count the values of a list.
+/// True for types that can hold the length of a list.
 bool is_integer(std::string_view type) {
   return bytes_of(type) != 0 && !is_float(type) && !is_double(type);
 }
@@ -97,7 +97,7 @@ class HeaderParser : HeaderLines {
     return success();
   }
 
-  /// `comment organized width W height H` and units mean something; every other comment is for people.
+  /// Evaluates `comment organized width W height H` and units; all other comments are ignored.
   Status comment(std::string_view rest) {
     std::string_view words = rest;
     if (take_word(words) == "organized" && is_shape(words)) return organised(words);
@@ -105,7 +105,7 @@ class HeaderParser : HeaderLines {
     return unit_declared_in(rest);
   }
 
-  /// "organized point cloud by Foo" is for people too.
+  /// False for free text such as "organized point cloud by Foo".
   static bool is_shape(std::string_view rest) {
     const std::string_view word = take_word(rest);
     return word == "width" || word == "height" || word.find_first_of("0123456789") == 0;
@@ -225,11 +225,11 @@ class HeaderParser : HeaderLines {
     bool any_list = false;
     for (const PlyElement& element : layout_.elements) {
       if (element.is_vertex) layout_.vertices = element.count;
-      // A value as text has at least one digit and something behind it.
+      // A value as text has at least one digit and a separator.
       body += element.count * (ascii ? 2 * element.properties : element.bytes);
       any_list = any_list || (element.has_list && element.count > 0);
     }
-    if (ascii && body > 0) --body;  // nothing needs to stand behind the last one
+    if (ascii && body > 0) --body;  // the last value needs no separator
     layout_.bytes_min = position_ + body;
     layout_.bytes_exact = !ascii && !any_list;
   }
@@ -289,7 +289,7 @@ PointRecord record_of(const PlyLayout& layout, const PlyElement& vertex) {
   return record;
 }
 
-/// One file on its way into `xyz`.
+/// Reads one file into `xyz`.
 template <typename Real>
 class PlyBody {
  public:
@@ -314,7 +314,7 @@ class PlyBody {
     return lines.status();
   }
 
-  /// What the points are, once all is read.
+  /// Counts of the points, valid after all of them are read.
   [[nodiscard]] const Settled& settled() const { return settled_; }
 
  private:
@@ -334,7 +334,7 @@ class PlyBody {
                : Status(window_.failure());
   }
 
-  /// Items with lists: each has its own length, which only its content tells.
+  /// Items with lists: the length of each is known only from its content.
   Status read_items(const PlyElement& element) {
     Real* out = xyz_.data();
     for (std::uint64_t i = 0; i < element.count; ++i) {
@@ -374,7 +374,7 @@ class PlyBody {
   // ---- ascii
 
   Status read_lines(TextLines& lines, const PlyElement& element) {
-    if (element.properties == 0) return success();  // nothing to write a line about
+    if (element.properties == 0) return success();  // such elements have no lines
     if (!element.is_vertex) return step_over_lines(lines, element.count);
     Real* out = xyz_.data();
     for (std::uint64_t i = 0; i < element.count; ++i, out += 3) {
@@ -396,7 +396,7 @@ class PlyBody {
     return success();
   }
 
-  /// x, y, z first, then single values.
+  /// True if x, y, z come first, followed by single values.
   [[nodiscard]] bool has_plain_rows(const PlyElement& vertex) const {
     const auto p = layout_.of(vertex);
     return !vertex.has_list && p[0].axis == 0 && p[1].axis == 1 && p[2].axis == 2;

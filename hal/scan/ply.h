@@ -11,15 +11,15 @@
 #include "hal/hal.h"
 #include "hal/scan/text_lines.h"
 
-/// The text at the start of a PLY file, turned into what its body looks like. Nothing in it is believed about the
-/// file's size: the caller compares `bytes_min` and `bytes_exact` with the file before it reads a vertex.
+/// Parses the header of a PLY file into a description of its body. Does not check the file's size: the caller compares
+/// `bytes_min` and `bytes_exact` with the file before it reads a vertex.
 namespace slabd::hal {
 
 enum class PlyEncoding : std::uint8_t { ascii, little_endian, big_endian };
 
 struct PlyProperty {
-  std::uint8_t bytes = 0;        ///< of the scalar, or of each value of the list
-  std::uint8_t count_bytes = 0;  ///< of the length in front of a list; 0 = a scalar
+  std::uint8_t bytes = 0;        ///< size of the scalar, or of each value of the list
+  std::uint8_t count_bytes = 0;  ///< size of the length in front of a list; 0 = a scalar
   bool count_signed = false;
   bool is_double = false;
   std::int8_t axis = -1;  ///< 0, 1, 2: the vertex' x, y, z
@@ -29,12 +29,12 @@ struct PlyElement {
   bool is_vertex = false;
   bool has_list = false;
   std::uint64_t count = 0;
-  std::size_t bytes = 0;  ///< of one item in a binary body; with lists: when all of them are empty
+  std::size_t bytes = 0;  ///< of one item in a binary body; with lists: if all of them are empty
   std::size_t first_property = 0;
   std::size_t properties = 0;
 };
 
-/// Known scanner and mesh programs write up to 5 elements and 30 properties.
+/// Known scanner and mesh programs write at most 5 elements and 30 properties.
 inline constexpr std::size_t kPlyElementsMax = 32;
 inline constexpr std::size_t kPlyPropertiesMax = 256;
 
@@ -48,8 +48,8 @@ struct PlyLayout {
   std::uint64_t vertices = 0;
   std::uint64_t width = 0;  ///< organised: width * height == vertices; 0 = unorganised
   std::uint64_t height = 0;
-  std::uint64_t bytes_min = 0;  ///< the file has at least so many bytes
-  bool bytes_exact = false;     ///< and no more of data: a binary body without lists
+  std::uint64_t bytes_min = 0;  ///< least size of the file
+  bool bytes_exact = false;     ///< true if that is the exact size: a binary body without lists
   DeclaredEmulation emulation;
 
   [[nodiscard]] std::span<const PlyProperty> of(const PlyElement& element) const {

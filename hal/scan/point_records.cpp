@@ -9,21 +9,20 @@
 
 #include "hal/scan/scan_points.h"
 
-// Idea: a piece of the file at a time, small enough to be still in the cache when its numbers are converted and judged,
-// so that memory sees every byte of the file once and every byte of the scan once. Two threads take the next piece in
-// turn, each through a window of its own: the file is still asked for from front to back, as a disk or a share likes
-// it.
+// Idea: read the file in pieces that are still in the cache when their numbers are converted and checked. So every byte
+// of the file and of the scan passes the memory once. Two threads take the pieces in turn, each through its own window.
+// So the file is still read from front to back, which is fastest on a disk or a share.
 namespace slabd::hal {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "the direct way takes the file's bytes as floats");
 
-/// The direct way works on groups of sixteen points; only the last piece is not a multiple.
+/// Size of a group on the direct path; only the last piece is not a multiple of it.
 constexpr std::size_t kGroupPoints = 16;
-/// The converting way goes over a piece three times, once for each axis: it should stay in the first-level cache.
+/// The converting path reads a piece three times, once for each axis, so it should fit the first-level cache.
 constexpr std::size_t kRecordPieceBytes = 16'384;
 
-/// Float x y z of our byte order in mm and nothing else, wanted as such.
+/// True for records of three floats x, y, z in mm in native byte order, read as floats.
 template <typename Real>
 bool is_direct(const PointRecord& record, double mm_per_unit) {
   return std::same_as<Real, float> && mm_per_unit == 1.0 && !record.big_endian && record.bytes == 3 * sizeof(float) &&
@@ -40,7 +39,7 @@ Stored load(const char* from) {
   return std::bit_cast<Stored>(bits);
 }
 
-/// Every point's number of one axis.
+/// Converts the numbers of one axis of all points.
 template <typename Stored, bool kBigEndian, typename Real>
 void convert_axis(const char* from, std::size_t record_bytes, std::size_t points, double mm_per_unit, Real* to) {
   for (std::size_t i = 0; i < points; ++i, from += record_bytes, to += 3)
@@ -58,7 +57,7 @@ void convert(const char* from, const PointRecord& record, std::size_t points, do
   }
 }
 
-/// Record by record from where the window stands.
+/// Reads record by record from the window's position.
 template <typename Real>
 bool read_in_turn(ScanWindow& window, const PointRecord& record, double mm_per_unit, std::span<Real> xyz,
                   Settled& settled) {
@@ -82,7 +81,7 @@ bool read_in_turn(ScanWindow& window, const PointRecord& record, double mm_per_u
   return true;
 }
 
-/// False also when one piece could not be read: nothing is said of what was.
+/// False also if one piece could not be read; `settled` is unchanged then.
 template <typename Real>
 bool read_in_pieces(const ScanWindow& window, const PointRecord& record, double mm_per_unit, std::span<Real> xyz,
                     Settled& settled, Team& team) {
@@ -120,7 +119,7 @@ bool read_point_records(ScanWindow& window, const PointRecord& record, double mm
     window.skip(bytes);
     return true;
   }
-  // What cannot be read is met again here, and told as one thread tells it.
+  // A read error occurs again here and is reported as with one thread.
   return read_in_turn(window, record, mm_per_unit, xyz, settled);
 }
 

@@ -20,40 +20,38 @@
 #include "hal/scan/text_lines.h"
 #include "hal/system/spool.h"
 
-// Problem: every scan looks like every other, and a scan taken for another station passes a slab that nobody
-// measured. Idea: a scan counts only when it names the request it answers (`<session>-<seq>.<ext>`), or, for software
-// that cannot, when it is the one and only file that appeared after the request. Invariants:
-//   - a file that lay in the inbox before its request is never its answer;
-//   - whatever was decoded is byte for byte what lies in the spool;
-//   - without names, an answer that may still come to a request ends the next one's innocence: it is waited for,
-//     and set aside, before anything else is asked for. A request has had its answer when a scan was read, and in no
-//     other way: not when something else appeared, nor when the folder failed, nor when slabd was stopped;
-//   - a file whose writer made it as long as it will be and then fills it is waited for like one that grows;
+// Problem: all scans look alike, and a scan assigned to another station would pass an unmeasured slab. Idea: a scan
+// counts only if it names the request it answers (`<session>-<seq>.<ext>`). For software that cannot do that, it must
+// be the only file that appeared after the request. Invariants:
+//   - a file that was in the inbox before the request is never its answer;
+//   - the spool file equals the decoded file byte for byte;
+//   - without names, the late answer to an earlier request is awaited and set aside before the next request. A request
+//     counts as answered only if a scan was read, not if another file appeared, the folder failed or slabd stopped;
+//   - a file that has its final length before its content is awaited like one that grows;
 //   - after acquire() neither the request nor an answer remains, good or bad, so that a repeat can be dropped.
 //
-// The folder may lie on a network share, whose kernel shows files as they were some seconds ago, and where any call may
-// hang for as long as the server does. So only the scanner's thread ever touches it (not even the constructor does),
-// that thread leaves word when it goes in (HangWatch), and what a file is at this moment is asked of the server
-// (FileState).
+// The folder may be on a network share, whose kernel shows files as they were some seconds ago, and on which any call
+// may hang as long as the server does. So only the scanner's thread accesses it (not even the constructor does). That
+// thread marks its stay there (HangWatch), and the present state of a file is requested from the server (FileState).
 namespace slabd::hal {
 namespace {
 
 constexpr std::int64_t kPollNs = 20 * kNsPerMs;
-/// ... of an inbox with more in it than is watched, and how long one look may move such files and delete others.
+/// ... of an inbox with more entries than are watched, and time for moving and deleting such files in one look.
 constexpr std::int64_t kCrowdedPollNs = 100 * kNsPerMs;
 constexpr std::int64_t kCrowdNs = 10 * kNsPerMs;
-/// A file is finished when nobody has touched it this long, unless it accounts for its own bytes ...
+/// A file is finished if it has not changed for this time, unless its header proves that it is complete ...
 constexpr std::int64_t kFinishedNs = 500 * kNsPerMs;
-/// ... and then as soon as two looks so far apart saw the same: a file's time has steps of up to 10 ms (the kernel's
-/// ticks), and whoever writes within the step of the first look would change the file and not its time.
+/// ... and then as soon as two looks this far apart are equal: a file's time has steps of up to 10 ms (the kernel's
+/// ticks), so a write within the step of the first look would not change it.
 constexpr std::int64_t kTimeStepNs = 20 * kNsPerMs;
-/// ... on a share, where the writing computer sends what it holds in pieces, when it likes.
+/// ... on a share, where the writing computer sends its data in pieces with pauses.
 constexpr std::int64_t kFinishedOnShareNs = 2 * kNsPerS;
-/// ... and a stray when it still has no name that means anything after this long.
+/// ... and a stray if its name is still not an answer after this time.
 constexpr std::int64_t kStrayNs = 5 * kNsPerS;
 
-/// Of a file that is certainly not finished, so long: it has 0 bytes, fewer than its header says, or parts in which
-/// nobody has written yet, which read as zeros.
+/// The same for a file that is certainly not finished: it has 0 bytes, fewer than its header states, or unwritten
+/// parts, which are read as zeros.
 constexpr std::int64_t kFilledNs = 5 * kNsPerS;
 
 void wait_for_next_look(std::int64_t pause_ns) {
@@ -70,8 +68,8 @@ bool is_request_stem(std::string_view stem) {
   return dash != std::string_view::npos && digits(stem.substr(0, dash)) && digits(stem.substr(dash + 1));
 }
 
-/// Extensions that scanner software gives a finished scan. All are answers, also those that the reader then refuses by
-/// name; anything else (7-3.part, 7-3.tmp) may be a scan still being written.
+/// Extensions of finished scans. All are answers, also those that the reader then rejects by name; a file with any
+/// other extension (7-3.part, 7-3.tmp) may still be written.
 bool is_scan_extension(std::string_view extension) {
   constexpr std::array<std::string_view, 6> kNotRead = {"e57", "stl", "obj", "las", "laz", "pts"};
   return scan_family(extension) ||
@@ -85,11 +83,11 @@ std::string_view stem_of(std::string_view name) {
   return name.substr(0, name.size() - extension.size() - 1);
 }
 
-/// An answer that is finished, and when it was first seen so.
+/// A finished answer, and the time at which it was first seen in that state.
 struct Answer {
   InboxEntry entry;
   std::int64_t seen_ns = 0;
-  bool accounted = false;  ///< its own header says that it is whole, whatever happened since it was listed
+  bool accounted = false;  ///< its own header proves that it is complete, even if it changed since it was listed
 };
 
 class ScanDrop final : public ScannerPort {
@@ -160,7 +158,7 @@ class ScanDrop final : public ScannerPort {
     if (Status status = open_folders(); !status) return status.error();
     const std::int64_t begin_ns = clock_.mono_ns();
     if (settings_.any_name) {
-      // Half of the time at most: a scan that is asked for too late would only be given up too.
+      // At most half of the time: a scan that is requested too late would be given up too.
       if (asked_before_) answer_may_come_until_ns_ = begun_ns_ + late_answer_ns(request);
       asked_before_ = false;
       if (Status status = outwait_late_answer(begin_ns + request.timeout_ns / 2, xyz, cancel); !status)
@@ -201,7 +199,7 @@ class ScanDrop final : public ScannerPort {
       bool doubted = false;
       Result<AcquiredScan> scan = take(answer.value(), request, xyz, decoded, doubted);
       hang_.enter(HangWatch::kLookNs);
-      // Its length is what its header says, but not yet its content: it has to lie still first.
+      // It has the length that its header states, but not its content yet, so it must first stop changing.
       trusted_ = !doubted;
       if (doubted) continue;
       if (!scan) {
@@ -213,7 +211,7 @@ class ScanDrop final : public ScannerPort {
     }
   }
 
-  /// A folder that is not there yet (a share not mounted) is no reason to give up: the next look opens it anew.
+  /// A missing folder (a share not mounted) is not final: the next look tries again.
   Status open_folders() {
     if (!looked_ && settings_.make_drop_dir) folders_.make_drop_dir();
     looked_ = true;
@@ -235,7 +233,7 @@ class ScanDrop final : public ScannerPort {
     online_ = status.ok();
   }
 
-  /// Whose the folder is, and, once, that its file system does not lock.
+  /// Records the owner of the folder, and reports once that its file system does not lock.
   void note_lock() {
     const FolderLock::State state = folders_.lock_state();
     {
@@ -257,7 +255,7 @@ class ScanDrop final : public ScannerPort {
     ScannerText line;
     if (!folders_.set_aside(name.c_str())) {
       if (errno == ENOENT || name == stuck_.view()) return;
-      stuck_ = name;  // it is tried again and again, and said once
+      stuck_ = name;  // retried at each look, but reported once
       line.printf("inbox/%.120s cannot be moved to stray/: %s", name.c_str(), errno_text(errno));
       notes_.add(line);
       return;
@@ -268,7 +266,7 @@ class ScanDrop final : public ScannerPort {
     trimmed_ = false;
   }
 
-  /// What was moved to stray/ first goes first, each with a line of its own: somebody may be looking for it.
+  /// Deletes the oldest entries of stray/ first, each with a log line, because an operator may look for it.
   void trim_stray() {
     DropFolders::StrayLimits limits;
     limits.bytes = settings_.stray_bytes_max;
@@ -276,7 +274,7 @@ class ScanDrop final : public ScannerPort {
     for (const DropFolders::Trimmed& one : trimmed_ones_) {
       ScannerText line;
       if (!one.deleted) {
-        // Tried again when the next one comes.
+        // Retried with the next file.
         line.printf("stray/%.120s cannot be deleted: %s", one.name.c_str(), errno_text(one.error_number));
       } else if (one.held > limits.bytes) {
         line.printf("stray/%.120s (%llu bytes) was deleted: stray/ held %llu bytes, allowed are %llu, it came first",
@@ -293,7 +291,7 @@ class ScanDrop final : public ScannerPort {
     }
   }
 
-  /// Looks at the inbox and moves away what is certainly not an answer to `awaited` (empty: nothing is awaited).
+  /// Lists the inbox and moves away files that are certainly not an answer to `awaited` (empty: no request).
   Status tidy(std::string_view awaited) {
     InboxEntries entries;
     if (Status status = look(awaited, entries); !status) return status;
@@ -307,7 +305,7 @@ class ScanDrop final : public ScannerPort {
         set_aside(watched.entry.name, answers_another ? "its request is over or never was" : "it answers no request");
     }
     clear_crowd(awaited);
-    // While a scan is waited for too: a disk is filled within a timeout.
+    // Also while a scan is awaited, because a disk can be filled within a timeout.
     const std::int64_t begin_ns = clock_.mono_ns();
     do {
       if (!trimmed_) trim_stray();
@@ -315,8 +313,8 @@ class ScanDrop final : public ScannerPort {
     return success();
   }
 
-  /// More files than are watched one by one: those that nobody has touched for kStrayNs, by the file system's clock, go
-  /// all at once, as many as there is time for in one look. What is written at this moment stays.
+  /// Clears an inbox with more files than are watched. Files unchanged for kStrayNs, by the file system's clock, are
+  /// moved at once, as many as one look allows. Files that are being written stay.
   void clear_crowd(std::string_view awaited) {
     is_crowd_cleared_ = false;
     if (!crowd_said_) return;
@@ -335,7 +333,7 @@ class ScanDrop final : public ScannerPort {
       }
       return clock_.mono_ns() - begin_ns < kCrowdNs;
     };
-    folders_.for_each_in_inbox(std::ref(move));  // by reference: a copy would take the heap
+    folders_.for_each_in_inbox(std::ref(move));  // by reference: a copy would use the heap
     is_crowd_cleared_ = strays_ != before;
     if (!folders_.is_crowded()) say_crowd_is_gone();
   }
@@ -370,7 +368,7 @@ class ScanDrop final : public ScannerPort {
     return status;
   }
 
-  /// Before the request: nothing may lie there that could be taken for its answer.
+  /// Before the request: the inbox must not contain a file that could be taken for its answer.
   Status clear_inbox(std::string_view stem) {
     if (Status status = tidy({}); !status) return status;
     InboxEntries entries;
@@ -386,18 +384,18 @@ class ScanDrop final : public ScannerPort {
 
   void pause() {
     hang_.leave();
-    // A list of thousands of names takes a processor for milliseconds, and other programs need it too.
+    // Listing thousands of names takes a processor some milliseconds, which other programs need too.
     wait_for_next_look(folders_.is_crowded() ? kCrowdedPollNs : kPollNs);
     hang_.enter(HangWatch::kLookNs);
   }
 
-  /// any_name: until the answer to a request that came to no scan has come, and was set aside, or can no longer come.
-  /// It has come when a scan can be read: any other file may be anybody's.
+  /// any_name: waits until the late answer to a failed request has come and was set aside, or can no longer come. It
+  /// has come if a scan can be read; other files may be of any origin.
   Status outwait_late_answer(std::int64_t deadline_ns, std::span<float> xyz, const std::atomic<bool>& cancel) {
     while (clock_.mono_ns() < answer_may_come_until_ns_) {
       InboxEntries entries;
       if (Status status = look({}, entries); !status) return status;
-      // What is set aside is no longer watched: the list changes.
+      // A copy, because the list changes when a file is set aside.
       const auto watched_now = watch_.watched();
       for (const QuietWatch::Watched& watched : watched_now) {
         if (!is_quiet(watched)) continue;
@@ -415,7 +413,7 @@ class ScanDrop final : public ScannerPort {
     return success();
   }
 
-  /// Decodes it, which is the only proof.
+  /// True if the file can be decoded as a scan, which is the only proof.
   bool holds_scan(const InboxEntry& entry, std::span<float> xyz) {
     if (!entry.regular || stem_of(entry.name.view()).empty()) return false;
     hang_.enter(HangWatch::kTakeNs);
@@ -438,8 +436,9 @@ class ScanDrop final : public ScannerPort {
       if (!found) return found.error();
       if (found.value()) return *found.value();
       if (clock_.mono_ns() >= deadline_ns) {
-        // Reading it will say what is missing. Of any name it stays where it is: it is waited for, and moved when it is
-        // whole, or its writer would go on in stray/ and the next request wait for an answer that never comes.
+        // Reading it will report what is missing. With any_name the file stays and is moved once it is complete.
+        // Otherwise its writer would continue in stray/, and the next request would wait for an answer that never
+        // comes.
         if (const QuietWatch::Watched* begun = find_begun(stem)) {
           if (!settings_.any_name) return Answer{begun->entry, begun->since_ns};
           return error(Code::frame_incomplete, "%s/inbox/%.120s: not whole within %.1f s: bytes are missing",
@@ -460,7 +459,7 @@ class ScanDrop final : public ScannerPort {
     return std::optional<Answer>();
   }
 
-  /// The answer that lacks bytes: it will be refused, whatever comes meanwhile.
+  /// An answer that lacks bytes: it will be rejected in any case.
   const QuietWatch::Watched* find_begun(std::string_view stem) const {
     for (const QuietWatch::Watched& watched : watch_.watched()) {
       if (!watched.entry.regular) continue;
@@ -470,15 +469,15 @@ class ScanDrop final : public ScannerPort {
     return nullptr;
   }
 
-  /// A name promises that the file is whole, and a binary header that accounts for all its bytes bears that out, until
-  /// its content is seen to be missing (`trusted_`). A table of text proves nothing (cut after any line it is a smaller
-  /// scan), so nobody may have touched it for half a second.
+  /// A file with an answer's name and a binary header that states its length is complete, unless its content was found
+  /// missing (`trusted_`). A text table proves nothing, because every part of it is a smaller scan. It must be
+  /// unchanged for half a second.
   bool is_finished(const QuietWatch::Watched& watched) const {
     if (!watched.entry.regular || is_quiet(watched)) return true;
     if (!trusted_ || clock_.mono_ns() - watched.since_ns < kTimeStepNs) return false;
     const char* name = watched.entry.name.c_str();
     const Result<int> opened = open_scan(folders_.inbox_fd(), name, name);
-    if (!opened) return true;  // taking it will say why
+    if (!opened) return true;  // take() will report the reason
     const Fd fd(opened.value());
     return is_untouched(fd.get(), watched.entry) && is_complete_scan(fd.get(), name, settings_.form.unit);
   }
@@ -491,8 +490,8 @@ class ScanDrop final : public ScannerPort {
     return !signs.lacks_bytes && !signs.has_hole;
   }
 
-  /// Of a file that more must come. Programs pause while they write, and those that copy over a network make the file
-  /// as long as it will be first and then fill it.
+  /// Signs that a file is not complete yet. Programs pause while they write; those that copy over a network set the
+  /// file's final length first and then fill it.
   struct Signs {
     bool lacks_bytes = false;
     bool has_hole = false;
@@ -534,8 +533,8 @@ class ScanDrop final : public ScannerPort {
     return std::optional<Answer>(Answer{only.entry, only.since_ns});
   }
 
-  /// any_name: programs that save one exposure as scan.ply and a moment later as scan.xyz are two files to two
-  /// requests. Not forgotten when it was refused: the other one comes with the next request.
+  /// any_name: a program that saves one exposure as scan.ply and a moment later as scan.xyz would answer two requests.
+  /// The extension is kept after a refusal, because the other file comes with the next request.
   bool is_of_another_kind(std::string_view name) const {
     const std::string_view extension = extension_of(name);
     return !extension_taken_.empty() && is_scan_extension(extension) &&
@@ -544,7 +543,7 @@ class ScanDrop final : public ScannerPort {
 
   // ---- taking
 
-  /// `doubted`: nothing was taken, because what was believed whole by its length alone is not whole yet.
+  /// `doubted`: no scan was taken, because a file that was complete by its length is not complete yet.
   Result<AcquiredScan> take(const Answer& answer, const ScanRequest& request, std::span<float> xyz,
                             const ScanDecoded& decoded, bool& doubted) {
     const std::int64_t begin_ns = clock_.mono_ns();
@@ -574,13 +573,13 @@ class ScanDrop final : public ScannerPort {
                    scan.shape.finite, scan.shape.points, request.points_min);
     scan.read_ms = ms_from_ns(clock_.mono_ns() - begin_ns);
     decoded(scan);
-    // From here on it is the disk that takes its time. One patience for both: the PLC waits no longer for two.
+    // From here on the disk needs the time. One time limit for both, because the PLC does not wait longer.
     const std::int64_t left_ns = HangWatch::kTakeNs - (clock_.mono_ns() - begin_ns);
     hang_.enter(std::max(left_ns, HangWatch::kStoreMinNs),
                 folders_.on_network() ? HangWatch::Place::copying : HangWatch::Place::spool);
     if (Status status = spool_file(fd.get(), folders_.inbox_fd(), answer.entry.name.c_str(), scan.path); !status)
       return status.error();
-    // Whoever had it open before it was moved writes on all the same. What was copied from a share may be gone there.
+    // A program that had the file open before the move can still write to it. A copied file may be gone from its share.
     const FileState now = file_state(fd.get(), "");
     if (!now.known || now.same_content(found.state)) return scan;
     unlink(scan.path.c_str());
@@ -588,7 +587,7 @@ class ScanDrop final : public ScannerPort {
                  shown.c_str());
   }
 
-  /// The decoded file is the one that was found, and nobody wrote to it meanwhile.
+  /// True if the decoded file is the listed one and has not changed meanwhile.
   static bool is_untouched(int fd, const InboxEntry& entry) { return file_state(fd, "").same_content(entry.state); }
 
   static Result<PathText> spool_path(const ScanRequest& request, std::string_view name) {
@@ -610,18 +609,18 @@ class ScanDrop final : public ScannerPort {
   HangWatch hang_;
   DropNotes notes_;
   bool looked_ = false;
-  bool begun_ = false;  ///< the folders could be used once, first then:
+  bool begun_ = false;  ///< the folders could be used once; the first time was:
   std::int64_t begun_ns_ = 0;
-  bool asked_before_ = false;  ///< any_name: what was asked for before that was waited for
-  bool trusted_ = true;        ///< of a file under way: its length speaks for its content
-  NameText stuck_;             ///< cannot be moved away
+  bool asked_before_ = false;  ///< any_name: an earlier process requested a scan
+  bool trusted_ = true;        ///< the length of the current file proves its content
+  NameText stuck_;             ///< name of a file that cannot be moved
   bool lock_said_ = false;
-  bool crowd_said_ = false;                    ///< the inbox holds more than is watched
+  bool crowd_said_ = false;                    ///< the inbox contains more than is watched
   bool is_crowd_cleared_ = false;              ///< by the last look: files were moved
-  std::uint64_t crowd_began_ = 0;              ///< strays by then
-  FixedString<16> extension_taken_;            ///< any_name: of the last scan that was taken
+  std::uint64_t crowd_began_ = 0;              ///< strays at that time
+  FixedString<16> extension_taken_;            ///< any_name: of the last accepted scan
   std::int64_t answer_may_come_until_ns_ = 0;  ///< any_name: 0 or past: no answer is outstanding
-  bool trimmed_ = false;                       ///< stray/ keeps its budget
+  bool trimmed_ = false;                       ///< stray/ is within its limits
   DropFolders::TrimmedOnes trimmed_ones_;
   std::atomic<bool> online_ = false;
   std::atomic<std::uint64_t> strays_ = 0;
@@ -635,7 +634,7 @@ class ScanDrop final : public ScannerPort {
 }  // namespace
 
 Result<std::unique_ptr<ScannerPort>> make_scan_drop(const ScanDropSettings& settings, const Clock& clock) {
-  // What is appended below: "/inbox/" and a name.
+  // Room for the suffix below: "/inbox/" and a name.
   if (settings.drop_dir.empty() || settings.drop_dir.size() == PathText::capacity())
     return error(Code::config, "scanner.drop_dir \"%s\" is empty or longer than %zu bytes", settings.drop_dir.c_str(),
                  PathText::capacity() - 1);

@@ -17,14 +17,14 @@
 #include "hal/scan/text_lines.h"
 #include "hal/system/crc32c.h"
 
-// Problem: five million points, 60 MB, must become float32 mm in a buffer that exists already, and the file may be
-// torn, lying or hostile. Idea: the extension chooses the reader; every reader gets the same window on a file of known
-// size, and the same buffer. Invariants: nothing is read past the file's size at opening; a point is finite in all
-// three coordinates or NaN in all three.
+// Problem: five million points, 60 MB, must become float32 mm in an existing buffer, and the file may be torn, wrong or
+// hostile. Idea: the extension selects the reader; every reader gets the same window on a file of known size, and the
+// same buffer. Invariants: no byte past the file's size at opening is read; a point is finite in all three coordinates
+// or NaN in all three.
 namespace slabd::hal {
 namespace {
 
-/// The file's size, -1 when it cannot be told.
+/// The file's size; -1 if it cannot be read.
 off_t size_of(int fd) {
   struct stat status {};
   return fstat(fd, &status) == 0 ? status.st_size : -1;
@@ -39,7 +39,7 @@ Error unknown_format(const char* name, std::string_view extension) {
 }  // namespace
 
 Result<int> open_scan(int folder, const char* name, const char* shown) {
-  // O_NONBLOCK: opening a pipe that someone left there must not wait for a writer.
+  // O_NONBLOCK: opening a pipe must not wait for a writer.
   Fd fd(openat(folder, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
   if (!fd.is_open()) {
     const char* why = errno == ELOOP ? "a link, links are not followed" : errno_text(errno);
@@ -53,7 +53,7 @@ Result<int> open_scan(int folder, const char* name, const char* shown) {
 
 namespace {
 
-/// UTF-16 by its byte-order mark, or by the zeros of its ASCII characters. Nothing that is read begins so.
+/// Detects UTF-16 by its byte-order mark, or by the zeros of its ASCII characters. No readable format begins like that.
 bool is_utf16(std::string_view head) {
   if (head.starts_with("\xFF\xFE") || head.starts_with("\xFE\xFF")) return true;
   if (head.size() < 4) return false;
@@ -114,7 +114,7 @@ Result<ScanShape> read_scan(const char* path, const ScanForm& form, std::span<do
 
 namespace {
 
-/// What the header of a PLY or PCD file states of its length.
+/// Length that the header of a PLY or PCD file states.
 StatedBytes stated_bytes(ScanWindow& window, ScanFamily family, LengthUnit unit) {
   return family == ScanFamily::ply ? bytes_stated_by_ply(window, unit) : bytes_stated_by_pcd(window, unit);
 }
@@ -151,7 +151,7 @@ bool lacks_bytes(int fd, const char* name, LengthUnit unit) {
   return std::max(stated.least, stated.exact) > window.file_bytes();
 }
 
-// One table of the formats that are written and one of the extensions that are read.
+// One table of the formats that can be written and one of the extensions that can be read.
 
 namespace {
 
@@ -225,13 +225,13 @@ std::optional<ScanFamily> scan_family(std::string_view file_extension) {
   return std::nullopt;
 }
 
-// Problem: a checksum of the points must not cost the measuring time, which begins as soon as they are there and
-// changes them where they lie. Idea: they are read a second time, from the file as it lies in the spool, by what read
-// them the first time and a piece at a time, while others measure.
+// Problem: the checksum of the points must not delay the measurement, which starts when they arrive and changes them in
+// the buffer. Idea: read them a second time from the spool file, with the same reader and in pieces, while other
+// threads measure.
 
 namespace {
 
-/// 24 kB: stays in the cache between the reader and the checksum.
+/// 24 kB: remains in the cache between the reader and the checksum.
 constexpr std::size_t kPiecePoints = 2'048;
 
 Result<PointRun> find_records(ScanWindow& window, const char* path, LengthUnit unit) {
@@ -244,7 +244,7 @@ Result<PointRun> find_records(ScanWindow& window, const char* path, LengthUnit u
 }  // namespace
 
 std::uint32_t points_crc32c(std::span<const float> xyz, std::uint32_t before) {
-  // A NaN keeps the bits it had in the file, or loses them, by what stands beside it (hal/scan/scan_points.h).
+  // The bits of a NaN are kept or replaced depending on its neighbours (hal/scan/scan_points.h).
   std::array<float, 3 * kPiecePoints> alike;
   while (!xyz.empty()) {
     const std::size_t count = std::min(xyz.size(), alike.size());
@@ -269,7 +269,7 @@ Result<ScanChecksum> read_scan_checksum(const char* path, LengthUnit unit) {
   sum.shape = run.value().shape;
   Settled settled;
   Team alone(1);
-  // One number beyond a cache line: whole lines would be written past the caches, which is right for a scan only.
+  // One number beyond a cache line: complete lines would be written past the caches, which is useful for a scan only.
   alignas(64) std::array<float, 1 + 3 * kPiecePoints> piece;
   for (std::size_t left = sum.shape.points; left > 0;) {
     const std::size_t points = std::min(left, kPiecePoints);

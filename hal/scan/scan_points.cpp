@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: whether five million points are finite is asked before anybody may say "acquired", and must cost less than
-// reading them. Idea: sixteen points are 48 numbers and 48 bits, one for each that is NaN. A point is missing where any
-// of its three bits is set; nearly always all three are, and nothing has to be written. So with zeros: three in a row
-// are rare.
+// Problem: five million points must be checked for finite values before the scan may be reported as acquired, and the
+// check must cost less than reading. Idea: sixteen points are 48 numbers and 48 bits, one for each NaN. A point is
+// missing if any of its three bits is set; nearly always all three are, and no store is needed. The same for zeros:
+// three in a row are rare.
 #include "hal/scan/scan_points.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -30,7 +30,7 @@ constexpr std::size_t kGroupFloats = 3 * kGroupPoints;
 using Tag = hn::CappedTag<float, 16>;
 constexpr std::size_t kLanes = hn::MaxLanes(Tag());
 
-/// Bit k is lane k.
+/// Bit k is lane k of the mask.
 HWY_INLINE std::uint64_t bits_of(hn::Mask<Tag> mask) {
   std::array<std::uint8_t, 8> byte{};
   hn::StoreMaskBits(Tag(), mask, byte.data());
@@ -62,8 +62,8 @@ HWY_INLINE Settled settle_group(const float* from, float* to) {
   const std::uint64_t nan = number ^ kEvery;
   const std::uint64_t missing = (nan | nan >> 1U | nan >> 2U) & kEveryX;
   const std::uint64_t nothing = zero & zero >> 1U & zero >> 2U & kEveryX;
-  // Which points are missing is chance, and a branch on it costs more than all this. That one is missing in part,
-  // infinite or zero hardly ever happens: it is written again.
+  // Missing points are randomly distributed, so a branch on them would cost more than all of this. A point that is
+  // missing in part, infinite or zero is rare; the group is processed again.
   const bool settled = nan == missing * 7 && nothing == 0 && hn::AllFalse(tag, infinite);  // 7: x, y and z
   if (!settled) return slabd::hal::settle_points<float>({to, kGroupFloats});
   return {kGroupPoints - hwy::PopCount(missing), 0};
@@ -88,7 +88,7 @@ Settled MoveAndSettle(const float* from, std::size_t points, float* to) {
   const bool aligned = reinterpret_cast<std::uintptr_t>(to) % (kLanes * sizeof(float)) == 0;
   if (!aligned) return settle<Store::cached>(from, points, to);
   const Settled settled = settle<Store::past_caches>(from, points, to);
-  hwy::FlushStream();  // another thread will read them
+  hwy::FlushStream();  // the points are read by another thread
   return settled;
 }
 

@@ -5,19 +5,19 @@
 #include <limits>
 #include <span>
 
-/// What every scan reader does with a coordinate, so that one cloud has the same bits from every format.
+/// Conversion of coordinates, common to all scan readers, so that one cloud has the same bits from every format.
 namespace slabd::hal {
 
-/// A coordinate of the file as mm: converted in double, rounded once.
+/// Converts a coordinate of the file to mm: in double, rounded once.
 template <typename Real>
 [[nodiscard]] Real coordinate_mm(double value, double mm_per_unit) {
   return static_cast<Real>(value * mm_per_unit);
 }
 
-/// What settling found.
+/// Counts found while settling.
 struct Settled {
-  std::size_t finite = 0;  ///< points that are there
-  std::size_t zeros = 0;   ///< of those that are missing: exactly (0, 0, 0)
+  std::size_t finite = 0;  ///< points that are not missing
+  std::size_t zeros = 0;   ///< missing points that were exactly (0, 0, 0)
   Settled& operator+=(const Settled& other) {
     finite += other.finite;
     zeros += other.zeros;
@@ -26,9 +26,9 @@ struct Settled {
   bool operator==(const Settled&) const = default;
 };
 
-/// Points (3 numbers each) that are missing become NaN in all three: those that are not finite in x, y and z, and those
-/// at exactly (0, 0, 0), the middle of the scanner, where nothing is ever measured. Scanner software writes that for
-/// "nothing seen here", and the disk reads so where nothing has been written yet.
+/// Sets missing points (3 numbers each) to NaN in all three coordinates: points that are not finite, and points at
+/// exactly (0, 0, 0). That is the centre of the scanner, where no point can be measured. Scanner software writes it for
+/// a missing point, and unwritten parts of a disk are read as it.
 template <typename Real>
 Settled settle_points(std::span<Real> xyz) {
   Settled settled;
@@ -47,12 +47,13 @@ Settled settle_points(std::span<Real> xyz) {
   return settled;
 }
 
-/// The same bits and counts, sixteen points at a time. 0.2 ms for a million points in memory.
+/// The same bits and counts, sixteen points at a time; 0.2 ms for a million points in memory.
 [[nodiscard]] Settled settle_points(float* xyz, std::size_t points);
 [[nodiscard]] Settled settle_points(double* xyz, std::size_t points);
 
-/// The same on the way from `from` (bytes of a file, anywhere) to `to`, past the caches where `to` allows: a scan is
-/// larger than they are, and a store that first fetches what it overwrites costs half as much again.
+/// The same while copying from `from` (bytes of a file, any alignment) to `to`, past the caches if the alignment of
+/// `to` allows. A scan is larger than the caches, and a store that first fetches the line it overwrites costs half as
+/// much again.
 [[nodiscard]] Settled move_and_settle_points(const char* from, std::size_t points, float* to);
 
 /// Copies `count` numbers and gives every NaN the bits 0x7FC00000.

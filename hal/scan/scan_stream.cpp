@@ -9,11 +9,11 @@
 #include "hal/scan/scan_points.h"
 #include "hal/system/crc32c.h"
 
-// Problem: 60 MB come over a cable that may be pulled, from a program somebody else wrote, and a scan taken for
-// another's passes a slab that nobody measured. Idea: a fixed header that names the request and carries checksums of
-// itself and of all points; points are counted against the buffer before one is stored. Invariants: points_ never
-// exceeds header_.count, which never exceeds the buffer; complete() only after the checksum over every point that is
-// in the buffer, whichever connections brought them.
+// Problem: 60 MB arrive over a cable that may be pulled, from third-party software, and a scan assigned to the wrong
+// request would pass an unmeasured slab. Idea: a fixed header names the request and carries checksums of itself and of
+// all points. The number of points is compared with the buffer before one is stored. Invariants: points_ never exceeds
+// header_.count, which never exceeds the buffer. complete() requires the checksum over all points in the buffer, even
+// if they came over several connections.
 namespace slabd::hal {
 namespace {
 
@@ -21,7 +21,7 @@ static_assert(std::endian::native == std::endian::little, "numbers are copied as
 
 constexpr std::array<char, 8> kMagic = {'S', 'L', 'A', 'B', 'S', 'C', 'A', 'N'};
 
-/// Byte offsets; docs/SCANNER.md has the same table.
+/// Byte offsets; docs/SCANNER.md contains the same table.
 enum At : std::size_t {
   kAtMagic = 0,
   kAtVersion = 8,
@@ -181,7 +181,8 @@ Status ScanStreamDecoder::take_header() {
   if (header.count > xyz_.size() / 3)
     return error(Code::frame_incomplete, "the scan has %u points, allowed are %zu", header.count, xyz_.size() / 3);
   if (header.first != 0) {
-    // A gateway that was started anew has another scan. What is here nobody will finish: the next request line says 0.
+    // A restarted gateway has another scan. The present points cannot be completed, so the next request line contains
+    // 0.
     if (!has_header_ || !header.same_scan(header_)) forget_points();
     if (header.first != points_)
       return error(Code::frame_incomplete, "the scan goes on at point %u, but %zu of this scan are here", header.first,

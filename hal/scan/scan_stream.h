@@ -10,7 +10,7 @@
 #include "hal/scan/scan_points.h"
 #include "hal/system/crc32c.h"
 
-/// Scans as a stream of bytes: what a scanner's gateway sends over TCP (docs/SCANNER.md). One scan is a header of 64
+/// Scans as a stream of bytes, as a scanner's gateway sends them over TCP (docs/SCANNER.md). One scan is a header of 64
 /// bytes and `count - first` points of three float32, x y z, all little-endian. Pure: no socket, no file, no clock.
 namespace slabd::hal {
 
@@ -24,13 +24,13 @@ struct ScanStreamHeader {
   std::uint32_t width = 0;  ///< 0 with height 0: not organised
   std::uint32_t height = 0;
   std::uint32_t count = 0;  ///< points of the whole scan
-  std::uint32_t first = 0;  ///< index of the first point that follows: 0, or how many slabd has already
+  std::uint32_t first = 0;  ///< index of the first point that follows: 0, or the number that slabd has already
   LengthUnit unit = LengthUnit::mm;
-  std::uint64_t utime_us = 0;    ///< end of the exposure by the sender's clock: for records and to know a scan again
+  std::uint64_t utime_us = 0;    ///< end of the exposure by the sender's clock: for records and to recognise a scan
   std::uint32_t points_crc = 0;  ///< CRC-32C of all `count` points as they are sent
-  bool emulated = false;         ///< bit 0 of the flags: there is no real scanner
+  bool emulated = false;         ///< bit 0 of the flags: the scanner is not real
 
-  /// The same scan, whatever point it goes on from.
+  /// True for the same scan, whatever point it continues from.
   [[nodiscard]] bool same_scan(const ScanStreamHeader& other) const {
     return session == other.session && cmd_seq == other.cmd_seq && width == other.width && height == other.height &&
            count == other.count && unit == other.unit && utime_us == other.utime_us && points_crc == other.points_crc &&
@@ -40,38 +40,38 @@ struct ScanStreamHeader {
 
 using ScanHeaderBytes = std::array<std::byte, kScanHeaderBytes>;
 [[nodiscard]] ScanHeaderBytes encode_scan_header(const ScanStreamHeader& header);
-/// frame_incomplete: the text names the field, what was found and what is allowed.
+/// frame_incomplete: the text names the field, its value and the allowed values.
 [[nodiscard]] Result<ScanStreamHeader> decode_scan_header(std::span<const std::byte, kScanHeaderBytes> bytes);
 
-/// Takes one scan, piece by piece, across cuts of the connection. No heap.
+/// Decodes one scan, piece by piece, across losses of the connection. No heap.
 ///
 ///   expect(session, seq) -> feed() ... feed() -> complete()
 ///                             ^           |
-///                             +-- cut() <-+   the next header may go on from points()
+///                             +-- cut() <-+   the next header may continue from points()
 class ScanStreamDecoder {
  public:
-  /// `xyz` receives the points in mm; a scan with more points than fit is refused by its header.
+  /// `xyz` receives the points in mm; a scan with more points than fit is rejected at its header.
   explicit ScanStreamDecoder(std::span<float> xyz) : xyz_(xyz) {}
 
-  /// Begins to wait for the answer to a request; whatever was there is forgotten.
+  /// Starts waiting for the answer to a request; discards earlier data.
   void expect(std::uint16_t session, std::uint16_t cmd_seq);
-  /// The connection is gone: a header comes next. Whole points stay.
+  /// The connection was lost: a header follows next. Complete points are kept.
   void cut();
-  /// The bytes that may be given to feed() now: of the header or of the points; 0 when the scan is complete.
+  /// Number of bytes that may be given to feed() now: of the header or of the points; 0 if the scan is complete.
   [[nodiscard]] std::size_t wanted() const;
-  /// Takes `bytes`, at most wanted(). frame_incomplete: this is not the scan that was asked for, or it is damaged (a
-  /// checksum); the connection is of no use any more. After a wrong checksum no points are kept, nor when another scan
-  /// of the same request wants to go on where this one was cut.
+  /// Decodes `bytes`, at most wanted(). frame_incomplete if this is not the requested scan, or it is damaged (a
+  /// checksum); the connection must be closed. Points are discarded after a wrong checksum, or if another scan of the
+  /// same request tries to continue this one.
   [[nodiscard]] Status feed(std::span<const std::byte> bytes);
 
   [[nodiscard]] bool complete() const { return complete_; }
-  /// Bytes of a scan have come on this connection, and not yet all of them.
+  /// True if part of a scan has arrived on this connection.
   [[nodiscard]] bool amid_scan() const { return !complete_ && (in_points_ || header_have_ != 0); }
   [[nodiscard]] bool has_header() const { return has_header_; }
   [[nodiscard]] const ScanStreamHeader& header() const { return header_; }
-  /// Points that lie in `xyz`, in mm, NaN in all three where one is missing.
+  /// Number of points in `xyz`, in mm, NaN in all three coordinates of a missing one.
   [[nodiscard]] std::size_t points() const { return points_; }
-  /// Those from `from` on, as they lie in `xyz`.
+  /// Points from index `from` on, in `xyz`.
   [[nodiscard]] std::span<const float> fresh(std::size_t from) const {
     return xyz_.subspan(3 * from, 3 * (points_ - from));
   }
@@ -79,7 +79,7 @@ class ScanStreamDecoder {
   [[nodiscard]] ScanShape shape() const {
     return {points_, settled_.finite, header_.width, header_.height, true, settled_.zeros, header_.emulated};
   }
-  /// How often a scan began with its first point: whoever copies the points has to begin again.
+  /// Number of scans that began with their first point; a copy of the points must restart when it changes.
   [[nodiscard]] std::uint32_t starts() const { return starts_; }
 
  private:
@@ -92,12 +92,12 @@ class ScanStreamDecoder {
   std::uint16_t session_ = 0;
   std::uint16_t cmd_seq_ = 0;
   ScanHeaderBytes header_bytes_{};
-  std::size_t header_have_ = 0;  ///< bytes of a header under way
-  bool in_points_ = false;       ///< the header is there, points follow
-  bool has_header_ = false;      ///< `header_` and `points_` are of a scan that may be gone on with
+  std::size_t header_have_ = 0;  ///< bytes of an incomplete header
+  bool in_points_ = false;       ///< the header is complete, points follow
+  bool has_header_ = false;      ///< `header_` and `points_` are of a scan that may be continued
   bool complete_ = false;
   ScanStreamHeader header_;
-  std::array<std::byte, kScanPointBytes> torn_{};  ///< a point whose end has not come yet
+  std::array<std::byte, kScanPointBytes> torn_{};  ///< an incomplete point
   std::size_t torn_have_ = 0;
   std::size_t points_ = 0;
   Settled settled_;

@@ -17,22 +17,23 @@
 #include "hal/scan/scanner_ports.h"
 #include "hal/system/spool.h"
 
-// Problem: a scanner that has only a vendor's SDK gets a gateway, written by somebody else, on another computer, over a
-// cable. Idea: the gateway keeps one connection; a request goes to it as a line of JSON, the scan comes back behind a
-// header that names the request, an answer goes back as a line. What is wrong with the stream ends the connection, not
-// the request: the gateway connects again, is told how many points are here already, and goes on. Invariants:
-//   - points count only for the request that their header names, and only when all checksums hold;
-//   - the file in the spool holds the very floats that were decoded, converted to mm;
-//   - one sender: another address is turned away while the first one is connected;
-//   - nothing waits longer than the request's timeout, and a silent sender no longer than kStallNs. But for the spool's
-//     disk: what this thread writes there may take as long as the disk does, so it leaves word (HangWatch).
+// Problem: a scanner that has only a vendor's SDK needs a gateway: third-party software on another computer, at the end
+// of a cable. Idea: the gateway keeps one connection. A request is sent as a line of JSON; the scan is received after a
+// header that names the request; the result is sent as a line. An error in the stream ends the connection, not the
+// request: the gateway reconnects, receives the number of stored points, and continues. Invariants:
+//   - points count only for the request that their header names, and only if all checksums match;
+//   - the spool file contains exactly the decoded floats, converted to mm;
+//   - one sender: another address is rejected while the first one is connected;
+//   - every wait is bounded by the request's timeout, and by kStallNs for a silent sender. Only the spool's disk may
+//     block this thread longer; HangWatch reports that.
 namespace slabd::hal {
 namespace {
 
 constexpr int kPollMs = 20;
-/// In the middle of a scan; longer than a lost segment is repeated, short enough for another try within the timeout.
+/// Longest silence within a scan: longer than TCP takes to resend a lost segment, short enough for a retry within the
+/// timeout.
 constexpr std::int64_t kStallNs = 3 * kNsPerS;
-/// Of reading on behind an error, so that the sender can read why before the connection is reset.
+/// Time of reading on after an error, so that the sender can read the reason before the connection is reset.
 constexpr std::int64_t kFarewellNs = 200 * kNsPerMs;
 
 FixedString<24> text_of(const sockaddr_in& address) {
@@ -47,7 +48,7 @@ void set_option(int fd, int level, int option, int value) {
   setsockopt(fd, level, option, &value, sizeof value);
 }
 
-/// A dead gateway is noticed within 20 s without traffic.
+/// Socket options of a sender; a dead gateway is detected within 20 s without traffic.
 void prepare_sender(int fd) {
   set_option(fd, IPPROTO_TCP, TCP_NODELAY, 1);
   set_option(fd, SOL_SOCKET, SO_KEEPALIVE, 1);
@@ -95,7 +96,7 @@ class StreamPort final : public ScanStreamPort {
     if (request.spool_path.size() + 4 > PathText::capacity())
       return error(Code::config, "%s: the spool path and \".ply\" exceed %zu bytes", request.spool_path.c_str(),
                    PathText::capacity());
-    idle();  // what came before the request is not its answer
+    idle();  // data received before the request is not its answer
     Job job{request, xyz};
     job.scan.path = request.spool_path;
     job.scan.path.append(".ply");
@@ -113,7 +114,7 @@ class StreamPort final : public ScanStreamPort {
       }
       wait();
       listen_if_needed();
-      // What a connection that has ended brought comes before the next one is told how much is here.
+      // Data of a closed connection is processed before the next one is sent the number of stored points.
       if (const Status status = receive(job); !status) {
         result = status.error();
         break;
@@ -130,7 +131,7 @@ class StreamPort final : public ScanStreamPort {
   }
 
  private:
-  /// One request under way.
+  /// One request in progress.
   struct Job {
     Job(const ScanRequest& r, std::span<float> xyz) : request(r), decoder(xyz) { decoder.expect(r.session, r.cmd_seq); }
     const ScanRequest& request;
@@ -138,9 +139,9 @@ class StreamPort final : public ScanStreamPort {
     SpoolWriter file;
     std::uint32_t starts = 0;       ///< of the scan that `file` holds
     std::size_t points_stored = 0;  ///< in `file`
-    std::int64_t moved_ns = 0;      ///< when bytes came last
-    std::int64_t begin_ns = 0;      ///< when the header came
-    std::optional<Error> last;      ///< what was wrong with the last try
+    std::int64_t moved_ns = 0;      ///< time of the last bytes
+    std::int64_t begin_ns = 0;      ///< time of the header
+    std::optional<Error> last;      ///< error of the last try
     AcquiredScan scan;
   };
 
@@ -178,8 +179,8 @@ class StreamPort final : public ScanStreamPort {
                        [source](const PlcSettings::Network& n) { return (source & n.mask) == n.address; });
   }
 
-  /// True: there is a new sender. The same computer may connect anew (it was restarted, its cable was pulled), another
-  /// one only when nobody is connected.
+  /// Accepts connections; true if there is a new sender. The same computer may reconnect (after a restart or a pulled
+  /// cable), another one only if no sender is connected.
   bool take_connections() {
     bool fresh = false;
     if (!listener_.is_open()) return false;
@@ -226,7 +227,7 @@ class StreamPort final : public ScanStreamPort {
     say(why);
   }
 
-  /// Says why, lets the sender read it, and closes.
+  /// Sends the reason, lets the sender read it, and closes the connection.
   void turn_away(const Error& why, std::uint16_t session, std::uint16_t cmd_seq) {
     static_cast<void>(send_line(sender_.get(), scan_answer_json(session, cmd_seq, &why, 0).view()));
     shutdown(sender_.get(), SHUT_WR);
@@ -244,7 +245,7 @@ class StreamPort final : public ScanStreamPort {
 
   void wait() const {
     std::array<pollfd, 2> fds = {pollfd{listener_.get(), POLLIN, 0}, pollfd{sender_.get(), POLLIN, 0}};
-    poll(fds.data(), fds.size(), kPollMs);  // -1 is passed over
+    poll(fds.data(), fds.size(), kPollMs);  // poll() ignores -1
   }
 
   // ---- a request
@@ -259,7 +260,7 @@ class StreamPort final : public ScanStreamPort {
       lost("the gateway does not take the request");
   }
 
-  /// Takes what is there. An error ends the request; what is wrong with the stream only ends the connection.
+  /// Receives available data. An error ends the request; an error in the stream only ends the connection.
   Status receive(Job& job) {
     while (sender_.is_open() && !job.decoder.complete()) {
       std::array<std::byte, limits::kScanReadBytes> piece;
@@ -301,12 +302,12 @@ class StreamPort final : public ScanStreamPort {
 
   void note_header(Job& job) {
     if (!job.decoder.has_header()) return;
-    // The exposure was over when its header was sent, and so before it came.
+    // The exposure ended before its header was sent.
     job.begin_ns = job.scan.taken_mono_ns = clock_.mono_ns();
     job.scan.taken_utime_us = clock_.utime_us();
   }
 
-  /// Into the spool what is decoded and not there yet.
+  /// Writes points to the spool that are decoded and not stored yet.
   static Status store(Job& job) {
     const ScanStreamHeader& header = job.decoder.header();
     if (job.decoder.starts() != job.starts) {
@@ -355,7 +356,7 @@ class StreamPort final : public ScanStreamPort {
                  unsigned{job.request.cmd_seq}, waited_s);
   }
 
-  /// Tells the sender. In the middle of a scan, or after a stored one that was refused, the connection ends with it.
+  /// Sends the result to the sender. In the middle of a scan an error also closes the connection.
   void conclude(const Job& job, const Result<AcquiredScan>& result) {
     if (!sender_.is_open()) return;
     const ScanRequest& request = job.request;

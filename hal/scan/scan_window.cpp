@@ -98,8 +98,8 @@ namespace {
 
 constexpr std::size_t kPieceBytes = 4'096;
 
-/// Calls `use(piece)` for the bytes [begin, end) of the file until it returns false. False: it did, or the file cannot
-/// be read.
+/// Calls `use(piece)` for the bytes [begin, end) of the file until it returns false. Returns false if it did, or if the
+/// file cannot be read.
 template <typename Use>
 bool for_each_piece(ScanWindow& window, std::uint64_t begin, std::uint64_t end, Use use) {
   std::array<char, kPieceBytes> piece;
@@ -111,8 +111,8 @@ bool for_each_piece(ScanWindow& window, std::uint64_t begin, std::uint64_t end, 
   return true;
 }
 
-/// A C runtime in text mode writes CR LF where the program wrote LF: then no LF is without a CR before it, and there
-/// are as many of them as there are bytes too many.
+/// Detects that a C runtime in text mode wrote CR LF for LF: every LF has a CR before it, and there are as many as
+/// surplus bytes.
 bool is_written_in_text_mode(ScanWindow& window, std::uint64_t data_begin, std::uint64_t too_many) {
   std::uint64_t line_feeds = 0;
   char before = '\0';

@@ -15,12 +15,12 @@
 #include "hal/hal.h"
 #include "hal/scan/lzf.h"
 
-// Writing scans, for the emulated line and for tests: each format the way its usual programs write it. Half a scan is
-// worse than none, so whatever goes wrong takes the file away again.
+// Writes scans, for the emulated line and for tests: each format as its usual programs write it. After an error the
+// file is removed, because a partial scan is worse than none.
 namespace slabd::hal {
 namespace {
 
-/// A new file that is taken away again unless `close` said that all of it is there.
+/// A new file that is removed unless `close` reports that all of it was written.
 class OutFile {
  public:
   explicit OutFile(const char* path)
@@ -65,7 +65,7 @@ Result<Shape> shape_of(const char* path, std::span<const float> xyz, std::size_t
   return Shape{points, width, height, by};
 }
 
-/// What a comment of an emulated scan says (hal/scan/text_lines.h reads it); empty for others.
+/// Text of the comment in an emulated scan (hal/scan/text_lines.h reads it); empty for others.
 FixedString<64> emulated_comment(const Shape& shape) {
   FixedString<64> text;
   if (shape.by.emulator) text.printf("emulated by slabctl simulate");
@@ -101,7 +101,7 @@ FixedString<320> pcd_header(const char* data, const Shape& shape) {
   return header;
 }
 
-/// Lines of three numbers, each with the fewest digits that read back as the same float.
+/// Lines of three numbers, each with the fewest digits that restore the same float.
 void write_lines(OutFile& file, std::span<const float> xyz, char separator) {
   constexpr std::size_t kLineMax = 3 * 18;
   std::vector<char> buffer(limits::kScanReadBytes);
@@ -132,7 +132,7 @@ void write_big_endian(OutFile& file, std::span<const float> xyz) {
   }
 }
 
-/// All x, then all y, then all z, compressed, behind both lengths.
+/// All x, then all y, then all z, compressed, after both lengths.
 void write_compressed(OutFile& file, std::span<const float> xyz) {
   std::vector<float> planes;
   planes.reserve(xyz.size());
@@ -164,7 +164,7 @@ Status write_scan(const char* path, ScanFormat format, std::span<const float> xy
   const Result<Shape> checked = shape_of(path, xyz, width, height, by);
   if (!checked) return checked.error();
   const Shape& shape = checked.value();
-  // Its lengths have 32 bits; LZF makes 33 bytes of 32 at worst.
+  // Its lengths have 32 bits; LZF makes at most 33 bytes of 32.
   if (format == ScanFormat::pcd_compressed && xyz.size_bytes() > UINT32_MAX / 33 * 32)
     return error(Code::config, "%s: %zu points are too many for compressed PCD", path, shape.points);
   OutFile file(path);
@@ -196,7 +196,7 @@ Status write_scan(const char* path, ScanFormat format, std::span<const float> xy
       write_lines(file, xyz, ',');
       break;
   }
-  // At the end: many readers of tables take the first line for the names, whatever it begins with.
+  // Written at the end, because many readers of tables take the first line as names, whatever it begins with.
   if (by.emulator && (format == ScanFormat::xyz || format == ScanFormat::csv)) {
     file.write("# ");
     file.write(emulated_comment(shape).view());

@@ -14,34 +14,34 @@
 #include "base/plain_text.h"
 #include "hal/hal.h"
 
-/// What both scanner ports need: whether the thread that takes scans is stuck in a folder, its lines for the log, and
-/// the JSON of a request and of its answer.
+/// Parts shared by both scanner ports: detection of a blocked scan thread, its log lines, and the JSON of requests and
+/// answers.
 namespace slabd::hal {
 
-/// Says of a thread that it has been in the operating system for too long. On a network share any call may hang for as
-/// long as the server does, and then nobody but another thread can tell.
+/// Detects that a thread has been blocked in the operating system for too long. On a network share any call may block
+/// as long as the server does, and then only another thread can report it.
 class HangWatch {
  public:
   enum class Place : std::uint8_t {
     drop_folder,
-    spool,    ///< on this computer's own disk, as is what is moved there
-    copying,  ///< from a share to the spool: which of them keeps it waiting, nobody can tell
+    spool,    ///< on this computer's own disk, also for files moved there
+    copying,  ///< from a share to the spool; it is unknown which of the two blocks
   };
   struct Hang {
-    std::int64_t ns = 0;  ///< nothing was heard for so long; 0: it does not hang
+    std::int64_t ns = 0;  ///< blocked for this long; 0: not blocked
     Place place = Place::drop_folder;
   };
 
-  /// A look at folders takes microseconds here, and some tens of ms on a share.
+  /// Limit for looking at folders, which takes microseconds on a local disk and some tens of ms on a share.
   static constexpr std::int64_t kLookNs = 3 * kNsPerS;
-  /// Reading 60 MB, or storing them: 2 s on a share at full 1 Gbit/s, and a disk may be slow too.
+  /// Limit for reading 60 MB, or storing them: 2 s on a share at full 1 Gbit/s, and a disk may be slow too.
   static constexpr std::int64_t kTakeNs = 10 * kNsPerS;
-  /// Of storing behind a reading that took nearly all of that.
+  /// Least time left for storing after a reading that took nearly all of kTakeNs.
   static constexpr std::int64_t kStoreMinNs = 2 * kNsPerS;
 
   explicit HangWatch(const Clock& clock) : clock_(clock) {}
 
-  /// From here on calls may hang, and hang when nothing is heard for `patience_ns`.
+  /// From now on calls may block; they count as hanging after `patience_ns` without another call of enter() or leave().
   void enter(std::int64_t patience_ns, Place place = Place::drop_folder) {
     const std::int64_t now_ns = clock_.mono_ns();
     until_ns_.store(kOutside, std::memory_order_release);
@@ -51,9 +51,9 @@ class HangWatch {
   }
   void leave() { until_ns_.store(kOutside, std::memory_order_release); }
 
-  /// For how long nothing was heard, once that is too long, and where. Any thread.
+  /// Returns how long the thread has been blocked, once that is too long, and the place. Any thread.
   [[nodiscard]] Hang hang() const {
-    // One number decides: a beginning, a place and a patience read one after the other may be of two calls.
+    // Only until_ns_ decides: start, place and patience read one after the other may be of two calls.
     const std::int64_t until_ns = until_ns_.load(std::memory_order_acquire);
     const std::int64_t now_ns = clock_.mono_ns();
     const Hang found = {now_ns - since_ns_.load(std::memory_order_acquire), place_.load(std::memory_order_acquire)};
@@ -76,8 +76,8 @@ class HangWatch {
   return text;
 }
 
-/// Lines from one thread that another one writes to the log: at once as long as they are few, then one a second, and
-/// what is too much as one line that counts it. No heap.
+/// Log lines that one thread adds and another one writes: at once while they are few, then one a second. Lines beyond
+/// the capacity are reported as one line with their number. No heap.
 class DropNotes {
  public:
   explicit DropNotes(const Clock& clock) : clock_(clock) {}
@@ -86,7 +86,7 @@ class DropNotes {
     const std::lock_guard lock(mutex_);
     if (!lines_.push(line)) ++untold_;
   }
-  /// What counts many files at once comes before the lines on single ones, and takes the place of an older such line.
+  /// Adds a line that summarises many files. It comes before the lines on single files and replaces an older such line.
   void add_first(const ScannerText& line) {
     const std::lock_guard lock(mutex_);
     first_ = line;
@@ -95,7 +95,7 @@ class DropNotes {
     const std::lock_guard lock(mutex_);
     if (first_.empty() && lines_.empty() && untold_ == 0) return false;
     const std::int64_t now_ns = clock_.mono_ns();
-    // Every second gives the right to one more line, at most kAtOnce of them saved.
+    // Every second permits one more line; at most kAtOnce are saved.
     paid_until_ns_ = std::max(paid_until_ns_, now_ns - kAtOnce * kNsPerS);
     if (paid_until_ns_ + kNsPerS > now_ns) return false;
     paid_until_ns_ += kNsPerS;
@@ -123,8 +123,8 @@ class DropNotes {
   std::int64_t paid_until_ns_ = -(std::int64_t{1} << 62U);
 };
 
-/// Text inside the quotes of a JSON string, as much as leaves room for `tail_bytes` behind it. All but plain ASCII is
-/// escaped: what a gateway takes its lines to be written in does not matter then. A byte that is no UTF-8 counts as the
+/// Appends text inside the quotes of a JSON string, as much as leaves room for `tail_bytes` after it. All but plain
+/// ASCII is escaped, so the encoding that a gateway assumes does not matter. A byte that is not UTF-8 becomes the
 /// character of that number.
 template <std::size_t Capacity>
 void append_json_text(FixedString<Capacity>& json, std::string_view text, std::size_t tail_bytes) {
@@ -158,7 +158,7 @@ void append_json_text(FixedString<Capacity>& json, std::string_view text, std::s
   return json;
 }
 
-/// slabd.scan_answer/1 as one line: what became of the scan of that request; `why` null: it was taken.
+/// slabd.scan_answer/1 as one line: the result of that request's scan; `why` is null if it was accepted.
 [[nodiscard]] inline FixedString<640> scan_answer_json(std::uint16_t session, std::uint16_t cmd_seq, const Error* why,
                                                        std::size_t points) {
   FixedString<640> line;

@@ -42,7 +42,7 @@ bool FieldReader::next(std::string_view& field) {
 
 namespace {
 
-/// A unit in words of its own behind a name ("x [mm] y [mm]" between blanks) is no column.
+/// A separate field with a unit after a name ("x [mm] y [mm]" between blanks) is not a column.
 bool is_unit_in_brackets(std::string_view field) {
   return field.starts_with('[') || field.starts_with('(');
 }
@@ -136,12 +136,12 @@ Result<TableColumns> parse_table_columns(std::string_view text) {
 }
 
 bool is_line_of_names(std::string_view line, Separator separator) {
-  if (line.find('\0') != std::string_view::npos) return false;  // UTF-16, or no text at all
+  if (line.find('\0') != std::string_view::npos) return false;  // UTF-16, or not a text
   bool any = false;
   FieldReader fields(line, separator);
   for (std::string_view field; fields.next(field);) {
     double value = 0.0;
-    // Also "1,5" and "12.3.4": a broken number is not a name, or a broken first line would be a lost point.
+    // Also "1,5" and "12.3.4": a malformed number is not a name, or a malformed first line would lose a point.
     if (field.find_first_of("0123456789+-.") == 0 || parse_number(field, value)) return false;
     any = any || !field.empty();
   }
@@ -282,7 +282,7 @@ bool names_every_axis(std::string_view line, Separator separator) {
   for (std::string_view field; fields.next(field);) {
     const ColumnName name = parse_name(field);
     if (name.axis == 3) continue;
-    // What is behind the letter is a unit if it is one word.
+    // The text after the letter is a unit if it is one word.
     if (name.unit.find_first_of(" \t") != std::string_view::npos) return false;
     const std::string_view bare = field.substr(std::min(field.find_first_not_of(" \t\"'"), field.size()));
     const bool unit_is_marked = bare.find_first_of("_[(") != std::string_view::npos;

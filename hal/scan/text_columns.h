@@ -9,8 +9,8 @@
 #include "hal/hal.h"
 #include "hal/scan/text_lines.h"
 
-/// Which separator a text scan uses and in which columns its x, y, z stand: decided by its first line that is not a
-/// comment, then the same for the whole file.
+/// Separator of a text scan and the columns of its x, y, z: determined by its first line that is not a comment, then
+/// the same for the whole file.
 namespace slabd::hal {
 
 enum class Separator : char { blanks = ' ', tab = '\t', comma = ',', semicolon = ';' };
@@ -18,8 +18,8 @@ enum class Separator : char { blanks = ' ', tab = '\t', comma = ',', semicolon =
 /// The strongest one on the line: semicolon, tab, comma, blanks. Blanks separate in runs, the others one by one.
 [[nodiscard]] Separator separator_of(std::string_view line);
 
-/// Splits off the next field, without blanks around it and the quotes around those; an empty one is a value that is
-/// missing. False: the line is used up.
+/// Splits off the next field, without blanks around it and the quotes around those; an empty field is a missing value.
+/// False at the end of the line.
 class FieldReader {
  public:
   FieldReader(std::string_view line, Separator separator) : rest_(line), separator_(separator) {}
@@ -33,7 +33,7 @@ class FieldReader {
 
 struct TextColumns {
   std::array<std::size_t, 3> xyz = {0, 1, 2};  ///< columns, from 0
-  std::size_t needed = 3;                      ///< fields a line must have at least
+  std::size_t needed = 3;                      ///< minimum number of fields in a line
 };
 
 /// A line of names: none of its fields is a number or begins like one. `columns`: where x, y, z are named (any case,
@@ -54,23 +54,23 @@ struct LikelyColumns {
 /// frame_incomplete: a name is not there, or a unit contradicts `unit`.
 [[nodiscard]] Status find_chosen_columns(const TextLines& lines, std::string_view line, Separator separator,
                                          LengthUnit unit, const TableColumns& chosen, TextColumns& columns);
-/// How a person has these three columns read, for messages: by the option of the shell and by the key of the line.
+/// The option of the shell and the key of the configuration that select the columns `three`, for messages.
 [[nodiscard]] FixedString<300> how_to_choose(std::string_view three);
-/// All that are chosen by name are in `line`.
+/// True if all columns chosen by name are in `line`.
 [[nodiscard]] bool has_chosen_columns(std::string_view line, Separator separator, const TableColumns& chosen);
-/// At least one is chosen by name.
+/// True if at least one column is chosen by name.
 [[nodiscard]] bool is_chosen_by_name(const TableColumns& chosen);
 
 /// The part of a comment that may be a line of names: without the comment's mark and a label ("# columns: x y z").
 [[nodiscard]] std::string_view names_in_comment(std::string_view comment);
-/// A line of names in which x, y and z each stand alone (or with a unit behind). Stricter than is_line_of_names: "z up,
-/// x along, y across" is a comment for people.
+/// A line of names in which x, y and z are separate words (or with a unit after them). Stricter than is_line_of_names:
+/// "z up, x along, y across" is a free comment.
 [[nodiscard]] bool names_every_axis(std::string_view line, Separator separator);
 /// A header that only numbers its columns, "0,1,2" or ",0,1,2", as pandas writes it.
 [[nodiscard]] bool is_line_of_column_numbers(std::string_view line, Separator separator);
 /// Several points in one row, x,y,z,x,y,z: each number is like the third before it and unlike its neighbour.
 [[nodiscard]] bool is_line_of_tuples(std::string_view line, Separator separator);
-/// How many columns a line of names or of numbers has, without empty ones at its end.
+/// Number of columns in a line of names or of numbers, without empty ones at its end.
 [[nodiscard]] std::size_t count_columns(std::string_view line, Separator separator);
 
 }  // namespace slabd::hal

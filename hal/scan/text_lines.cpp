@@ -76,7 +76,7 @@ bool TextLines::next(std::string_view& line) {
     if (!found && view.empty()) return false;
     ++number_;
     handed_out_ = found ? length + 1 : length;
-    line = window_.view().substr(0, length);  // looked up again: `have` moves what is visible
+    line = window_.view().substr(0, length);  // read again, because `have` moves the visible bytes
     while (line.ends_with('\r')) line.remove_suffix(1);
     return true;
   }
@@ -107,7 +107,7 @@ std::string_view TextLines::ahead() {
   window_.consume(handed_out_);
   handed_out_ = 0;
   if (end_ == LineEnd::cr) return {};
-  // At the end of the file, or where it cannot be read, `next` finds out again and says so.
+  // At the end of the file, or after a read error, `next` repeats the call and reports it.
   static_cast<void>(window_.have(kTextAheadMin));
   return window_.view();
 }
@@ -150,7 +150,7 @@ FixedString<16> lower_case(std::string_view text) {
 
 namespace {
 
-/// What the C runtime of older Windows programs prints for NaN and infinity: 1.#QNAN, -1.#IND0, 1.#INF.
+/// Text of the C runtime of older Windows programs for NaN and infinity: 1.#QNAN, -1.#IND0, 1.#INF.
 bool is_msvc_special(std::string_view word) {
   if (word.starts_with('-')) word.remove_prefix(1);
   return word.starts_with("1.#IND") || word.starts_with("1.#QNAN") || word.starts_with("1.#SNAN") ||
@@ -185,7 +185,7 @@ bool parse_number(std::string_view word, double& value) {
 
 template <typename Real>
 bool parse_coordinate(std::string_view word, double mm_per_unit, Real& mm) {
-  // Not by way of a double: rounding twice can end on the other side of the middle between two floats.
+  // Not via a double: rounding twice can end on the other side of a midpoint between two floats.
   if (mm_per_unit == 1.0) return parse_real(word, mm);
   double value = 0.0;
   if (!parse_real(word, value)) return false;
@@ -227,7 +227,7 @@ FixedString<63> shown(std::string_view text) {
 
 namespace {
 
-/// Metres per unit name. Units that slabd does not read are here too: a file in inches must not pass for mm.
+/// Metres per unit name. Also contains units that slabd does not read: a file in inches must not pass for mm.
 struct UnitName {
   std::string_view name;
   double metres;
@@ -259,7 +259,7 @@ bool is_one_of(std::string_view word, std::initializer_list<std::string_view> wo
   return std::find(words.begin(), words.end(), wanted.view()) != words.end();
 }
 
-/// Words of a comment: what stands between blanks, ':' , '=', ',' and quotes or brackets.
+/// Next word of a comment; separators are blanks, ':', '=', ',', quotes and brackets.
 std::string_view take_comment_word(std::string_view& rest) {
   constexpr std::string_view kBetween = " \t:=,;\"'()[]";
   const std::size_t begin = rest.find_first_not_of(kBetween);
@@ -281,7 +281,7 @@ std::optional<double> metres_of(std::string_view word) {
   return std::nullopt;
 }
 
-/// "unit of length is mm".
+/// Words without meaning, as in "unit of length is mm".
 bool is_filler(std::string_view word) {
   return is_one_of(word, {"is", "are", "of", "length"});
 }
@@ -313,7 +313,7 @@ bool comment_agrees(std::string_view text, LengthUnit configured, std::string_vi
   do {
     found = take_comment_word(text);
   } while (is_filler(found));
-  // "units in mm" is not a file in inches.
+  // "in" is not inches in "units in mm".
   if (const std::string_view after = take_comment_word(text); is_one_of(found, {"in"}) && metres_of(after))
     found = after;
   return unit_name_agrees(found, configured);

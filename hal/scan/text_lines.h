@@ -11,24 +11,24 @@
 /// Lines, words and numbers of the text formats. Locale-free, bounded, no heap.
 namespace slabd::hal {
 
-/// A line that is looked into is at most this long (room for 2,000 columns); a longer one is refused, not cut.
+/// Longest line that is parsed (room for 2,000 columns); a longer one is rejected, not cut.
 inline constexpr std::size_t kTextLineBytesMax = 32'768;
-/// Less than this ahead, and the window is filled up again.
+/// The window is refilled if fewer bytes than this are ahead.
 inline constexpr std::size_t kTextAheadMin = 1'024;
 
-/// What ends the lines of a file: LF, perhaps with CR before it, or CR alone (programs of the first Macintosh).
+/// Line ends of a file: LF, possibly with CR before it, or CR alone (programs of the first Macintosh).
 enum class LineEnd : char { lf = '\n', cr = '\r' };
 
-/// By the end of the first line of `head`. CR only if it is not followed by LF.
+/// Determined from the end of the first line of `head`. CR only if it is not followed by LF.
 [[nodiscard]] LineEnd first_line_end(std::string_view head);
 
 /// Length of UTF-8's byte-order mark at the start of `head`; 0 without one.
 [[nodiscard]] std::size_t byte_order_mark_bytes(std::string_view head);
 
-/// The next line of a header of `head`, from `position` on, without its end; false if no whole line is left.
+/// The next line of a header in `head`, from `position` on, without its end; false if only a partial line is left.
 [[nodiscard]] bool next_header_line(std::string_view head, LineEnd end, std::size_t& position, std::string_view& line);
 
-/// The header of a scan file line by line, for a parser that refuses a line by its number.
+/// Reads the header of a scan file line by line, for a parser that reports errors by line number.
 class HeaderLines {
  protected:
   HeaderLines(std::string_view head, const char* file) : head_(head), file_(file), line_end_(first_line_end(head)) {}
@@ -44,27 +44,27 @@ class HeaderLines {
   std::size_t line_number_ = 0;
 };
 
-/// The rest of a scan file line by line.
+/// Reads the rest of a scan file line by line.
 class TextLines {
  public:
-  /// `lines_before`: how many lines of the file were consumed already.
+  /// `lines_before`: number of lines of the file already consumed.
   TextLines(ScanWindow& window, std::size_t lines_before, LineEnd end = LineEnd::lf)
       : window_(window), number_(lines_before), end_(end) {}
 
-  /// From here on lines have this end.
+  /// Sets the line end for the following lines.
   void end_lines_with(LineEnd end) { end_ = end; }
-  /// The next line without its end (the last may have none); it is valid until the next call. False: at the end of the
-  /// file or on an error, `status` tells.
+  /// Returns the next line without its end (the last may have none), valid until the next call. False at the end of the
+  /// file or on an error; `status` returns which.
   [[nodiscard]] bool next(std::string_view& line);
-  /// Steps over blank lines and one line with something on it, of any length. False as for `next`.
+  /// Skips blank lines and one line that is not blank, of any length. False as for `next`.
   [[nodiscard]] bool skip();
-  /// What is visible of the text behind the line last handed out, which is no longer valid; at least kTextAheadMin
-  /// bytes unless the file has fewer. Nothing where lines end with CR alone: such files are rare and read line by line.
+  /// The visible text after the last line returned, which is no longer valid; at least kTextAheadMin bytes unless the
+  /// file has fewer. Empty if lines end with CR alone: such files are rare and are read line by line.
   [[nodiscard]] std::string_view ahead();
-  /// The first `bytes` of `ahead`, which are `lines` whole lines, have been read.
+  /// Consumes the first `bytes` of `ahead`, which are `lines` complete lines.
   void took(std::size_t bytes, std::size_t lines);
   [[nodiscard]] const Status& status() const { return status_; }
-  /// Of the line last handed out, from 1.
+  /// Number of the last line returned, from 1.
   [[nodiscard]] std::size_t number() const { return number_; }
 
   [[nodiscard]] const char* file() const { return window_.name(); }
@@ -78,7 +78,7 @@ class TextLines {
   ScanWindow& window_;
   std::size_t number_;
   LineEnd end_;
-  std::size_t handed_out_ = 0;  ///< bytes of the line last handed out, still in the window
+  std::size_t handed_out_ = 0;  ///< bytes of the last line returned, still in the window
   Status status_ = success();
 };
 
@@ -94,54 +94,55 @@ class TextLines {
   return word;
 }
 
-/// Without blanks and tabs around it.
+/// The text without blanks and tabs around it.
 [[nodiscard]] std::string_view trimmed(std::string_view text);
 
-/// ASCII letters only; cut to 16 bytes.
+/// Text in lower case (ASCII letters only), cut to 16 bytes.
 [[nodiscard]] FixedString<16> lower_case(std::string_view text);
 
-/// A whole word as a number, exactly rounded: decimal or scientific, a sign allowed; nan and inf in any case and with
-/// MSVC's spellings (nan(ind), 1.#QNAN). False: it is none, `value` is untouched.
+/// Parses a whole word as a number, exactly rounded: decimal or scientific, with optional sign. Accepts nan and inf in
+/// upper or lower case and in MSVC's spellings (nan(ind), 1.#QNAN). False if it is not a number; `value` is unchanged
+/// then.
 [[nodiscard]] bool parse_number(std::string_view word, double& value);
-/// A whole word as a coordinate in mm, spelt as for `parse_number`: the float or double nearest to what the text says;
-/// in another unit than mm converted in double and rounded once more. Beyond all floats: infinite.
+/// Parses a whole word as a coordinate in mm, spelt as for `parse_number`: the float or double nearest to the text. In
+/// another unit than mm it is converted in double and rounded once more. Infinite if beyond the range of float.
 template <typename Real>  // float or double
 [[nodiscard]] bool parse_coordinate(std::string_view word, double mm_per_unit, Real& mm);
-/// Why `word`, which stands between blanks, may not be a number: a decimal comma, or commas that separate. nullptr: no
-/// idea.
+/// Hint why `word`, delimited by blanks, is not a number: a decimal comma, or commas that separate. nullptr if there is
+/// none.
 [[nodiscard]] const char* hint_of_comma(std::string_view word);
-/// A whole word as a count of at most kScanCountMax.
+/// Parses a whole word as a count of at most kScanCountMax.
 [[nodiscard]] bool parse_count(std::string_view word, std::uint64_t& value);
 
-/// Text from a file as it may be shown in an error: cut to 60 bytes, control characters and what is no UTF-8 as '?'.
+/// Text from a file for an error message: cut to 60 bytes; control characters and invalid UTF-8 become '?'.
 [[nodiscard]] FixedString<63> shown(std::string_view text);
 
 // PLY, PCD and text scans have no field for a unit of length, so it is configured. Some programs write it into a
-// comment or a column name all the same; then it must agree with the configuration.
+// comment or a column name; then it must agree with the configuration.
 
 [[nodiscard]] double mm_per(LengthUnit unit);
 [[nodiscard]] const char* name(LengthUnit unit);
 
-/// `text` is what follows the comment's mark. A declaration is "unit", "units", "length unit" or "length_unit", in any
-/// case, then a known name of a unit of length (mm, millimetres, m, meters, um, microns, cm, inch, ...), with ':', '=',
-/// "is" or "in" between them or not. False: it declares another unit than `configured` (also one that slabd cannot be
-/// configured for); `found` is then its word. Comments that declare nothing are for people.
+/// False if the comment `text` (without its mark) declares another unit than `configured`; `found` is then its word. A
+/// declaration is "unit", "units", "length unit" or "length_unit", in upper or lower case, and a known name of a unit
+/// (mm, millimetres, m, meters, um, microns, cm, inch, ...). ':', '=', "is" or "in" may be between them. Units that
+/// slabd cannot be configured for count too. Comments without a declaration are ignored.
 [[nodiscard]] bool comment_agrees(std::string_view text, LengthUnit configured, std::string_view& found);
 
-/// `text` declares a unit that has a known name.
+/// True if `text` declares a unit that has a known name.
 [[nodiscard]] bool declares_unit(std::string_view text);
 
-/// The same for the bare name of a unit, as in a column headed "x [mm]"; an unknown name agrees with everything.
+/// The same for the bare name of a unit, as in a column headed "x [mm]"; an unknown name agrees with any unit.
 [[nodiscard]] bool unit_name_agrees(std::string_view word, LengthUnit configured);
 
 /// "file: line n: the file says unit "found", but it is to be read in mm ..."
 [[nodiscard]] Error unit_contradicted(const char* file, std::size_t line, std::string_view found,
                                       LengthUnit configured);
 
-/// What a comment declares whose first word is "emulated": "emulated by slabctl simulate, block 3".
+/// Content of a comment whose first word is "emulated": "emulated by slabctl simulate, block 3".
 struct DeclaredEmulation {
   bool emulated = false;
-  std::uint8_t block = 0;  ///< 0: not said
+  std::uint8_t block = 0;  ///< 0: not stated
 
   void take(std::string_view comment);
 };

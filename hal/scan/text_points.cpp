@@ -12,9 +12,9 @@
 #include "hal/scan/text_columns.h"
 #include "hal/scan/text_lines.h"
 
-// Problem: a table without a header says neither how many points it has nor how it is written, and a table read the
-// wrong way (a decimal comma taken for a separator, a column shifted) is a cloud nobody measured. Idea: the first line
-// decides, every other line must agree with it to the last column that is needed; in doubt refuse and say where.
+// Problem: a table without a header states neither its number of points nor its format. A table read wrongly (a decimal
+// comma taken for a separator, a shifted column) gives a wrong cloud. Idea: the first line sets the format, and every
+// other line must match it up to the last needed column. In doubt the file is rejected with the position.
 namespace slabd::hal {
 namespace {
 
@@ -39,7 +39,8 @@ class TextTable {
       const std::string_view text = trimmed(line);
       if (text.empty()) continue;
       Status status = is_comment(text) ? comment(text) : row(line);
-      // Behind what is read, too: parts of a file that were never written, or are lost, are zeros, and lines with them.
+      // Also checked after the fields that are read: unwritten or lost parts of a file are zeros and may hide whole
+      // lines.
       if (status) status = holds_no_zeros(line);
       if (!status) return status.error();
     }
@@ -64,9 +65,9 @@ class TextTable {
   }
 
  private:
-  /// Steps over UTF-8's byte-order mark, which spreadsheets write, and sees how lines end.
+  /// Skips UTF-8's byte-order mark, which spreadsheets write, and detects the line end.
   void look_at_beginning() {
-    static_cast<void>(window_.have(kTextLineBytesMax));  // where it cannot be read, the first line says so
+    static_cast<void>(window_.have(kTextLineBytesMax));  // if it cannot be read, the first line reports it
     window_.consume(byte_order_mark_bytes(window_.view()));
     const std::string_view first = window_.view().substr(0, kTextLineBytesMax);
     if (first.find('\n') == std::string_view::npos) lines_.end_lines_with(first_line_end(first));
@@ -76,7 +77,8 @@ class TextTable {
   static constexpr const char* kPointNumber = "the first numbers the points and is not x";
   static constexpr const char* kRowAndColumn = "the first two are a point's row and column and not x and y";
 
-  /// What stands in the columns taken for x, y and z where nobody named or chose them; nullptr: coordinates.
+  /// Names the content of the first three columns if it is not coordinates and the columns were not named or chosen;
+  /// else nullptr.
   [[nodiscard]] const char* no_coordinates() const {
     if (columns_known_ || row_columns_ < 4 || points_ < kRowsToTell) return nullptr;
     if (climbs(0)) return kPointNumber;
@@ -84,14 +86,14 @@ class TextTable {
     return nullptr;
   }
 
-  /// The value in the file's own unit; -1 where it is no whole number from 0 on.
+  /// The value in the file's own unit; -1 if it is not a whole number >= 0.
   [[nodiscard]] double whole(std::size_t point, std::size_t axis) const {
     const double value = static_cast<double>(xyz_[3 * point + axis]) / mm_;
     const double nearest = std::floor(value + 0.5);
     return nearest >= 0.0 && std::abs(value - nearest) <= 1e-6 * std::max(nearest, 1.0) ? nearest : -1.0;
   }
 
-  /// Whole numbers that grow from row to row, by one but where points without a value were left out.
+  /// True for whole numbers that grow from row to row, by one except where points were left out.
   [[nodiscard]] bool climbs(std::size_t axis) const {
     std::size_t ones = 0;
     for (std::size_t i = 0; i < points_; ++i) {
@@ -103,8 +105,8 @@ class TextTable {
     return 10 * ones >= 9 * points_;
   }
 
-  /// `slow` stands while `quick` climbs by one, and then climbs by one itself: the indices of a grid, some of whose
-  /// points may be missing.
+  /// True for the indices of a grid, some of whose points may be missing: `slow` is constant while `quick` increases by
+  /// one, and then increases itself.
   [[nodiscard]] bool are_indices(std::size_t slow, std::size_t quick) const {
     std::size_t runs = 1;
     std::size_t ones = 0;
@@ -122,7 +124,7 @@ class TextTable {
     return runs > 1 && 2 * ones > points_ - runs;
   }
 
-  /// A map of heights has neighbours side by side where a scan has three coordinates.
+  /// True for a map of heights: neighbouring heights are similar, unlike the three coordinates of a scan.
   [[nodiscard]] bool is_height_map() const {
     if (columns_known_ || row_columns_ < 4 || points_ < kRowsToTell) return false;
     const std::size_t looked_at = std::min<std::size_t>(points_, 10'000);
@@ -135,7 +137,7 @@ class TextTable {
     return 20 * alike >= 19 * looked_at;
   }
 
-  /// The next line that is not a plain row; those before it are taken.
+  /// Takes all plain rows and returns the next other line.
   bool next(std::string_view& line) {
     while (plain_) {
       const std::span<Real> room = xyz_.subspan(3 * points_);
@@ -162,7 +164,7 @@ class TextTable {
     return decided_ ? success() : names(names_in_comment(text));
   }
 
-  /// Above the points a comment may name the columns ("//X Y Z"); the last one that does counts.
+  /// A comment above the points may name the columns ("//X Y Z"); the last such comment counts.
   Status names(std::string_view text) {
     const Separator separator = separator_of(text);
     if (!chosen_.empty()) {
@@ -183,7 +185,8 @@ class TextTable {
     return find_columns(lines_, text, separator, unit_, named_);
   }
 
-  /// A comment that names columns, but not x, y and z. A sentence is none: its words stand between blanks.
+  /// Remembers a comment that names columns, but not x, y and z. A sentence, whose words are separated by blanks, does
+  /// not count.
   void note_other_names(std::string_view text, Separator separator) {
     if (!is_line_of_names(text, separator)) return;
     const std::optional<LikelyColumns> likely = likely_columns(text, separator);
@@ -195,7 +198,7 @@ class TextTable {
     other_likely_ = likely ? likely->xyz : std::array<std::size_t, 3>{};
   }
 
-  /// The first row has as many columns as a comment names, and x, y and z need not be its first three.
+  /// Rejects a table whose first row has as many columns as a comment names, if x, y and z need not be its first three.
   Status refuse_other_names() const {
     const bool as_many =
         other_names_line_ != 0 && separator_ == other_names_separator_ && row_columns_ == other_names_count_;
@@ -206,8 +209,8 @@ class TextTable {
         other_names_line_, how_to_choose("A,B,C").c_str(), other_names_.c_str());
   }
 
-  /// Names in a comment count if there are as many as columns. A sentence in which x, y and z come first says nothing
-  /// else than no comment at all; of any other nobody knows what it says.
+  /// Uses the names in a comment if there are as many as columns. Otherwise a comment with x, y and z in the first
+  /// three places changes nothing, and any other is ambiguous and rejected.
   Status take_names_of_comment() {
     if (named_line_ == 0) return refuse_other_names();
     columns_known_ = row_columns_ == named_count_;
@@ -222,7 +225,7 @@ class TextTable {
         row_columns_, named_line_, named_count_);
   }
 
-  /// The number of points, alone in a line before them: PTS, an option of CloudCompare.
+  /// True for the number of points, alone in a line before them: PTS, an option of CloudCompare.
   [[nodiscard]] bool is_count(std::string_view line) {
     if (count_line_ != 0 || points_ != 0 || !parse_count(trimmed(line), announced_)) return false;
     count_line_ = lines_.number();
@@ -239,7 +242,7 @@ class TextTable {
       separator_ = separator_of(line);
       if (points_ == 0 && is_line_of_column_numbers(line, separator_)) return success();
       if (is_line_of_names(line, separator_)) {
-        // "Units: m" names no column.
+        // "Units: m" does not name a column.
         std::string_view found;
         if (!comment_agrees(line, unit_, found))
           return unit_contradicted(window_.name(), lines_.number(), found, unit_);
@@ -258,7 +261,7 @@ class TextTable {
     return point(line);
   }
 
-  /// Where x, y and z are when no line names the columns.
+  /// Determines the columns of x, y and z if no line names the columns.
   Status decide_without_names(std::string_view line) {
     if (chosen_.empty() || named_line_ != 0) {
       if (Status status = take_names_of_comment(); !status) return status;
@@ -296,7 +299,7 @@ class TextTable {
     return success();
   }
 
-  /// "1,5": a decimal comma when something else separates; "5 2": when commas do and blanks stand within a field.
+  /// "1,5": a decimal comma while another character separates. "5 2": blanks within a field while commas separate.
   [[nodiscard]] const char* hint_for(std::string_view field) const {
     const bool comma_within = field.find(',') != std::string_view::npos;
     const bool blank_within = separator_ == Separator::comma && field.find_first_of(" \t") != std::string_view::npos;
@@ -316,16 +319,16 @@ class TextTable {
   Separator separator_ = Separator::blanks;
   TextColumns columns_;
   const TableColumns& chosen_;
-  bool columns_known_ = false;   ///< by name or by choice
+  bool columns_known_ = false;   ///< by name or by selection
   std::size_t row_columns_ = 0;  ///< of the first row, when no line names the columns
-  std::size_t count_line_ = 0;   ///< that announces the number of points; 0: none does
+  std::size_t count_line_ = 0;   ///< line with the number of points; 0: none
   std::uint64_t announced_ = 0;
-  std::size_t other_names_line_ = 0;  ///< of a comment that names columns, but not x, y and z; 0: none does
+  std::size_t other_names_line_ = 0;  ///< line of a comment that names columns, but not x, y and z; 0: none
   Separator other_names_separator_ = Separator::blanks;
   std::size_t other_names_count_ = 0;
   FixedString<63> other_names_;
   std::array<std::size_t, 3> other_likely_{};
-  std::size_t named_line_ = 0;  ///< of the comment that names the columns; 0: none does
+  std::size_t named_line_ = 0;  ///< line of the comment that names the columns; 0: none
   std::size_t named_count_ = 0;
   TextColumns named_;
 };

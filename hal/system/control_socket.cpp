@@ -12,25 +12,26 @@
 #include "base/os.h"
 #include "hal/hal.h"
 
-// Problem: maintenance tools talk to the daemon while it works; none of them may delay it. Idea: fixed buffers, one
-// line per client and turn, nothing ever waited for. Invariants: a line is answered before the next is looked at; a
-// client that sends too much, too often, too slowly or does not take its answer is closed. Who may ask is settled by
-// the socket's mode: its owner and its group.
+// Problem: maintenance tools communicate with the running daemon and must not delay it. Idea: fixed buffers, one line
+// per client and turn, no waiting. Invariants: a line is answered before the next is read. A client is closed if it
+// sends too much, too often or too slowly, or does not read its answer. The socket's mode restricts access to its owner
+// and its group.
 namespace slabd::hal {
 namespace {
 
 constexpr std::int64_t kIdleLimitNs = 10 * kNsPerS;
-/// With every place taken, whoever has been silent for so long makes room for the next one, who waits for 3 s.
+/// If all places are taken, a client that has been silent for this long is replaced by the next one, which waits up to
+/// 3 s.
 constexpr std::int64_t kMakesRoomNs = kNsPerS;
 constexpr mode_t kOwnerAndGroup = 0660;
-/// A person's display asks once or twice a second; the loop has better things to do than to answer a busy script.
+/// Rate limit of one client. A display requests data once or twice a second; a busy script must not take up the loop.
 constexpr int kRequestsPerSecondMax = 20;
 
 struct ControlClient {
   Fd fd;
-  std::int64_t active_ns = 0;  ///< accepted, or last whole line
-  std::size_t bytes = 0;       ///< received and not handed out
-  std::size_t handed_out = 0;  ///< of the line the caller holds, with its newline; dropped at the next look
+  std::int64_t active_ns = 0;  ///< time of accepting, or of the last complete line
+  std::size_t bytes = 0;       ///< bytes received and not handed out
+  std::size_t handed_out = 0;  ///< bytes of the line that the caller uses, with its newline; dropped in the next turn
   bool served = false;         ///< a line this turn
   std::uint32_t uid = ControlPort::kNobody;
   std::int64_t second_ns = 0;  ///< start of the second in which `requests` are counted
@@ -50,7 +51,7 @@ class ControlSocket final : public ControlPort {
     if (has_room()) fds[count++] = {listener_.get(), POLLIN, 0};
     for (const ControlClient& client : clients_) {
       if (!client.fd.is_open()) continue;
-      // A line that waits in our buffer makes no socket readable; writable it is at once.
+      // A line waiting in this buffer does not make the socket readable, but the socket is writable at once.
       const bool line_waits = line_end(client) != kNoLine;
       fds[count++] = {client.fd.get(), static_cast<short>(line_waits ? POLLIN | POLLOUT : POLLIN), 0};
     }
@@ -76,7 +77,7 @@ class ControlSocket final : public ControlPort {
 
   void reply(std::string_view json) override {
     if (current_ == nullptr) return;
-    // Line and newline in two sends: the answers are large and copying them gains nothing.
+    // Line and newline are sent separately, because the answers are large and copying them has no benefit.
     if (!send_all(*current_, json) || !send_all(*current_, "\n")) forget(*current_);
   }
 
@@ -93,7 +94,7 @@ class ControlSocket final : public ControlPort {
     while (ControlClient* place = place_for_one_more(mono_ns)) {
       Fd fd(accept4(listener_.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
       if (!fd.is_open()) return;
-      // Room for the largest answers, so that one send takes them.
+      // Large enough for the largest answers, so that one send is enough.
       const int bytes = 1 << 20;
       setsockopt(fd.get(), SOL_SOCKET, SO_SNDBUF, &bytes, sizeof bytes);
       forget(*place);
@@ -105,8 +106,8 @@ class ControlSocket final : public ControlPort {
     }
   }
 
-  /// A free place, or that of the longest silent client: a program that opens connections and forgets them must not
-  /// keep everybody else out. nullptr: none.
+  /// A free place, or that of the longest silent client, so that idle connections cannot keep other clients out.
+  /// nullptr if there is none.
   ControlClient* place_for_one_more(std::int64_t mono_ns) {
     ControlClient* place = nullptr;
     for (ControlClient& client : clients_) {
@@ -117,13 +118,13 @@ class ControlSocket final : public ControlPort {
     return place;
   }
 
-  /// It was this process that stood still, not the client.
+  /// True if the client has sent data that this process has not read yet.
   static bool has_written(const ControlClient& client) {
     char byte = 0;
     return recv(client.fd.get(), &byte, 1, MSG_PEEK | MSG_DONTWAIT) > 0;
   }
 
-  /// The user who connected, as the kernel knows it.
+  /// User id of the process that connected, from the kernel.
   static std::uint32_t uid_behind(const Fd& fd) {
     ucred peer{};
     socklen_t size = sizeof peer;
@@ -136,7 +137,7 @@ class ControlSocket final : public ControlPort {
         recv(client.fd.get(), &client.buffer[client.bytes], client.buffer.size() - client.bytes, MSG_DONTWAIT);
     if (n > 0) client.bytes += static_cast<std::size_t>(n);
     const bool later = n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR);
-    // A client may send its lines, shut down its half and wait: what it has sent is still answered.
+    // A client may send its lines, shut down its sending half and wait: the lines are still answered.
     const bool finished = n == 0 && line_end(client) == kNoLine;
     if (finished || (n < 0 && !later)) forget(client);
   }
@@ -200,11 +201,11 @@ class ControlSocket final : public ControlPort {
   Fd listener_;
   PathText path_;
   std::array<ControlClient, limits::kControlClientsMax> clients_;
-  ControlClient* current_ = nullptr;  ///< whose line the caller holds
+  ControlClient* current_ = nullptr;  ///< the client whose line the caller uses
   bool in_turn_ = false;
 };
 
-/// Removes what a dead daemon left at `address`; refuses when something else, or somebody, is there.
+/// Removes the socket of a dead daemon at `address`; fails if another file or a listening process is there.
 Status remove_stale(const char* path, const sockaddr_un& address) {
   struct stat status {};
   if (lstat(path, &status) != 0) {
@@ -214,7 +215,7 @@ Status remove_stale(const char* path, const sockaddr_un& address) {
   if (!S_ISSOCK(status.st_mode)) return error(Code::config, "control.socket %s: exists and is not a socket", path);
   const Fd probe(socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
   const bool answered = connect(probe.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
-  // EAGAIN: somebody listens and is busy. Only a refused connection proves that nobody does.
+  // EAGAIN means that a busy process listens. Only a refused connection proves that no process listens.
   if (answered || errno != ECONNREFUSED)
     return error(Code::config, "control.socket %s: another process is listening there", path);
   if (unlink(path) != 0) return error(Code::config, "control.socket %s: %s", path, errno_text(errno));
@@ -233,7 +234,7 @@ Result<std::unique_ptr<ControlPort>> make_control_socket(const char* path) {
   if (Status status = remove_stale(path, address); !status) return status.error();
 
   Fd fd(socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
-  // fchmod before bind() keeps the socket closed to others from its first moment, chmod after it undoes the umask.
+  // fchmod before bind() protects the socket from the start; chmod after it reverts the effect of the umask.
   if (!fd.is_open() || fchmod(fd.get(), kOwnerAndGroup) != 0 ||
       bind(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0 ||
       chmod(path, kOwnerAndGroup) != 0 || listen(fd.get(), static_cast<int>(limits::kControlClientsMax)) != 0)

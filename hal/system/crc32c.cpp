@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: every byte of a scan, 60 MB for each block, goes through this checksum, on the way from trigger to verdict.
-// Idea: the processor's own instruction takes eight bytes a cycle, but its result comes after three; so three stretches
-// of the same length are taken at once. Their checksums are put together by a table that says what so many zero bytes
-// behind a checksum make of it (Gopal et al., Intel 2011). Where there is no such instruction, slicing by eight
-// (Kounavis and Berry 2008). Both give the same value.
+// Problem: every byte of a scan, 60 MB for each block, passes this checksum on the way from trigger to verdict.
+// Idea: the processor's instruction processes eight bytes a cycle, but its latency is three cycles. So three stretches
+// of the same length are processed in parallel. A table with the effect of appended zero bytes on a checksum combines
+// the three results (Gopal et al., Intel 2011). Without the instruction, slicing by eight is used (Kounavis and Berry
+// 2008). Both give the same value.
 #include "hal/system/crc32c.h"
 
 #include <array>
@@ -59,13 +59,13 @@ std::uint32_t by_tables(std::span<const std::byte> bytes, std::uint32_t crc) {
 
 #ifdef __x86_64__
 
-/// Of one of the three stretches: short enough that a piece of a scan has many, long enough that putting them together
-/// (eight look-ups) is nothing beside them.
+/// Bytes of one of the three stretches. A piece of a scan has many of them, and combining them (eight look-ups) costs
+/// little in comparison.
 constexpr std::size_t kStretch = 2'048;
 
-/// [k][b]: what kStretch zero bytes make of the checksum that has byte b in its place k and zeros elsewhere.
+/// [k][b]: checksum after kStretch zero bytes if its byte k is b and the others are zero.
 constexpr std::array<Row, 4> make_shifts() {
-  // The checksum is linear: 32 columns, one for each bit, squared until they stand for kStretch bytes.
+  // The checksum is linear: 32 columns, one for each bit, squared until they represent kStretch bytes.
   std::array<std::uint32_t, 32> columns{};
   for (std::size_t bit = 0; bit < 32; ++bit) columns[bit] = byte_by_byte(std::uint32_t{1} << bit, std::byte{0});
   const auto times = [](const std::array<std::uint32_t, 32>& m, std::uint32_t vector) {

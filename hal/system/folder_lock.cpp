@@ -12,14 +12,15 @@
 #include "hal/hal.h"
 
 // Problem: two daemons with one drop folder or one spool take each other's scans and delete each other's files, and
-// each of them looks healthy. Idea: an advisory lock on a file in the folder, which the kernel gives back when its
-// process ends. Invariant: what is written into the file was written by whoever held the lock last.
+// each of them looks healthy. Idea: an advisory lock on a file in the folder, which the kernel releases when the
+// process ends. Invariant: the file's content was written by the last holder of the lock.
 namespace slabd::hal {
 namespace {
 
 constexpr const char* kLockName = ".slabd.lock";
 
-/// The lock is on a file, not on a name: a file that was deleted, or lies in a folder that was replaced, locks nothing.
+/// True if the name still refers to the open file. A lock on a deleted file, or in a folder that was replaced, has no
+/// effect.
 bool is_the_named_one(int file, int folder) {
   struct stat opened {};
   struct stat named {};
@@ -45,7 +46,7 @@ void write_owner(int file, const LockOwner& owner) {
   LockOwner line = owner;
   line.append("\n");
   const std::string_view text = line.view();
-  // A disk that is full takes the name away, not the lock.
+  // On a full disk the owner's name is lost, but the lock is held.
   if (ftruncate(file, 0) != 0 || pwrite(file, text.data(), text.size(), 0) < 0) return;
 }
 
@@ -74,7 +75,7 @@ FolderLock::State FolderLock::take(int folder_fd) {
   constexpr mode_t kReadableByAll = 0644;
   constexpr int kSafely = O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC;
   Fd file(openat(folder_fd, kLockName, O_RDWR | O_CREAT | kSafely, kReadableByAll));
-  // Of another user's daemon: to lock a file, most file systems let it be read.
+  // The file of another user's daemon: most file systems allow locking a file that can be read.
   if (!file.is_open()) file = Fd(openat(folder_fd, kLockName, O_RDONLY | kSafely));
   if (!file.is_open()) {
     text_.printf("%s cannot be opened: %s", kLockName, errno_text(errno));
@@ -88,7 +89,7 @@ FolderLock::State FolderLock::take(int folder_fd) {
     text_.printf("%s cannot be locked: %s", kLockName, errno_text(errno));
     return State::cannot;
   }
-  // Deleted between opening and locking: the next look takes the new one.
+  // Deleted between opening and locking: the next call locks the new file.
   if (!is_the_named_one(file.get(), folder_fd)) {
     text_.printf("%s was replaced while it was locked", kLockName);
     return State::cannot;

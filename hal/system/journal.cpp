@@ -54,9 +54,9 @@ bool Journal::say(Priority priority, std::uint16_t code, std::string_view messag
 
 namespace {
 
-/// sd_notify(3), by hand for one reason: that one waits while the service manager does not read, and this is the thread
-/// that answers the PLC. A word that finds no room is lost; a manager that misses the watchdog restarts us, and one
-/// that reads nothing any more does neither.
+/// sd_notify(3), reimplemented because the original blocks while the service manager does not read, and this thread
+/// answers the PLC. A message that finds no space is dropped. A service manager that misses the watchdog restarts
+/// slabd; one that no longer reads does not.
 class SystemdNotify final : public ServiceNotify {
  public:
   SystemdNotify() {
@@ -66,7 +66,7 @@ class SystemdNotify final : public ServiceNotify {
     if (length < 2 || length >= sizeof address_.sun_path) return;
     address_.sun_family = AF_UNIX;
     std::memcpy(address_.sun_path, path, length);
-    if (path[0] == '@') address_.sun_path[0] = '\0';  // a name that is no file
+    if (path[0] == '@') address_.sun_path[0] = '\0';  // an abstract name, not a file
     address_bytes_ = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + length);
     socket_ = Fd(::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   }
@@ -85,7 +85,7 @@ class SystemdNotify final : public ServiceNotify {
   }
 
  private:
-  /// False: it found no room.
+  /// Sends a message; false if the receiver had no space for it.
   bool say(std::string_view message) const {
     return !socket_.is_open() || ::sendto(socket_.get(), message.data(), message.size(), MSG_NOSIGNAL | MSG_DONTWAIT,
                                           reinterpret_cast<const sockaddr*>(&address_), address_bytes_) >= 0;
@@ -94,7 +94,7 @@ class SystemdNotify final : public ServiceNotify {
   sockaddr_un address_{};
   socklen_t address_bytes_ = 0;
   Fd socket_;
-  bool is_told_ready_ = true;  ///< or was never to be told
+  bool is_told_ready_ = true;  ///< true if READY=1 was sent or is not needed
 };
 
 }  // namespace

@@ -10,8 +10,8 @@
 
 #include "base/os.h"
 
-// Order matters here: contents before names, a name before the folder that holds it, new folders before their
-// parents' word for them. Only then may anybody be told that the scan is safe.
+// The order of operations matters: sync contents before names, a name before its folder, and new folders before their
+// parents. Only then may the scan be reported as safe.
 namespace slabd::hal {
 namespace {
 
@@ -34,12 +34,12 @@ PathText folder_of(const PathText& path) {
   return path.view().substr(0, slash == 0 ? 1 : slash);
 }
 
-/// As renameat(), and EEXIST where a file has that name: it may be the only copy of a scan that this database, put in
-/// another's place, does not know.
+/// As renameat(), but EEXIST if a file has that name. If this database replaced another one, that file may be the only
+/// copy of an unknown scan.
 int rename_to_new(int from_folder, const char* from, const char* path) {
   if (renameat2(from_folder, from, AT_FDCWD, path, RENAME_NOREPLACE) == 0) return 0;
   if (errno != EINVAL && errno != ENOSYS) return -1;
-  // A file system that cannot (a share). Nobody but this daemon writes into its spool, so looking first does.
+  // A file system without this flag (a share). Only this daemon writes into its spool, so checking first is sufficient.
   if (faccessat(AT_FDCWD, path, F_OK, AT_SYMLINK_NOFOLLOW) == 0) {
     errno = EEXIST;
     return -1;
@@ -52,7 +52,7 @@ bool sync_folder(const PathText& folder) {
   return fd.is_open() && fsync(fd.get()) == 0;
 }
 
-/// Makes every missing folder on the way to `path`, each durable before the next.
+/// Creates every missing folder on the way to `path`, each durable before the next.
 Status make_folders(const PathText& path) {
   const std::string_view whole = path.view();
   for (std::size_t slash = whole.find('/', 1); slash != std::string_view::npos; slash = whole.find('/', slash + 1)) {
@@ -87,16 +87,16 @@ Copied copy_bytes(int from, int to) {
   }
 }
 
-/// Where a scan lies while it is not whole.
+/// Path of a scan while it is incomplete.
 FixedString<limits::kPathBytes + 8> working_name(const PathText& path) {
   FixedString<limits::kPathBytes + 8> working(path.view());
   working.append(".part");
   return working;
 }
 
-/// To another file system, or of a file that has other names: a whole, synced copy under a working name first, then the
-/// rename. The other file system may be a share: its own copy need not be durable, it can fail while it is read, and
-/// somebody elsewhere may write to it.
+/// Copies to another file system, or a file that has other names: a whole, synced copy under a working name first, then
+/// the rename. The source file system may be a share: its own copy need not be durable, reading it can fail, and
+/// another computer may write to it.
 Status copy_across(int fd, int from_folder, const char* name, const PathText& path) {
   const auto working = working_name(path);
   {
@@ -121,8 +121,8 @@ Status copy_across(int fd, int from_folder, const char* name, const PathText& pa
   return success();
 }
 
-/// Two names can only be of one file on one file system. And of a file with another name left (a hard link into the
-/// inbox) whoever has that name rewrites the spool: with his next scan, another block's.
+/// True if the file can be renamed into the folder. That requires one file system. A file with another name (a hard
+/// link into the inbox) is copied. Otherwise a program could overwrite it in the spool with the next block's scan.
 bool can_be_moved(int fd, const PathText& folder) {
   struct stat there {};
   struct stat here {};
@@ -156,9 +156,9 @@ Status spool_file(int fd, int from_folder, const char* name, const PathText& pat
   }
   if (fsync(fd) != 0) return spool_error(path, "syncing the scan", errno);
   if (Status status = move_file(fd, from_folder, name, path); !status) return status;
-  // The old name's folder is synced too, or after a power cut the scan could appear under both names.
+  // The old name's folder is synced too; otherwise after a power cut the scan could appear under both names.
   const bool new_name_safe = sync_folder(folder_of(path));
-  const bool old_name_gone = fsync(from_folder) == 0 || errno == EINVAL;  // EINVAL: a share that cannot
+  const bool old_name_gone = fsync(from_folder) == 0 || errno == EINVAL;  // EINVAL: a share without fsync
   if (!new_name_safe || !old_name_gone) {
     const int why = errno;
     unlink(path.c_str());
@@ -170,7 +170,7 @@ Status spool_file(int fd, int from_folder, const char* name, const PathText& pat
 Status SpoolWriter::begin(const PathText& path) {
   abandon();
   if (Status status = make_folders(path); !status) return status;
-  // finish() would refuse it too; the sender need not send it all before.
+  // finish() would fail too; failing here saves the transfer.
   if (faccessat(AT_FDCWD, path.c_str(), F_OK, AT_SYMLINK_NOFOLLOW) == 0) return spool_error(path, "creating", EEXIST);
   fd_ = Fd(open(working_name(path).c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0640));
   if (!fd_.is_open()) return spool_error(path, "creating", errno);

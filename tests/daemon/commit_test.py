@@ -20,7 +20,7 @@ class Commit(unittest.TestCase):
         self.tree = pathlib.Path(self.folder.name, "tree").resolve()
         (self.tree / "script").mkdir(parents=True)
         shutil.copy(SOURCE / "script/commit", self.tree / "script/commit")
-        # Nobody's settings, and no tree above that a name in the environment leads to.
+        # Without user settings, and without a tree above that a variable of the environment refers to.
         self.environment = {k: v for k, v in os.environ.items() if not k.startswith("GIT_") and k != "SLABD_COMMIT"}
         self.environment.update(HOME=self.folder.name, GIT_CONFIG_NOSYSTEM="1")
 

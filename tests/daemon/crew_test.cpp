@@ -9,7 +9,7 @@
 namespace slabd::daemon {
 namespace {
 
-/// What the daemon does at its start with a block whose scan was durable and whose result was not.
+/// Handling of a block at the daemon's start if its scan was durable and its result was not.
 class Reload : public testing::Test {
  protected:
   Reload() {

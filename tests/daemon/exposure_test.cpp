@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The exposure of block 6 is given again as that of block 7, through files and the readers of the line.
+// The exposure of block 6 is repeated as that of block 7, through files and the readers of the line.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -27,7 +27,7 @@ struct Scan {
   std::size_t height = 0;
 
   [[nodiscard]] std::size_t points() const { return xyz.size() / 3; }
-  /// Without its grid, as files hold it that list the points that returned.
+  /// Without its grid, as in files that list only the points that returned.
   [[nodiscard]] Scan listed() const {
     Scan list;
     for (std::size_t i = 0; i < points(); ++i)
@@ -53,7 +53,7 @@ class Exposures : public ::testing::Test {
     how.organised = true;
     how.noise_mm = noise_mm_;
     how.pitch_mm = pitch_mm_;
-    how.field_x_mm = 260.0;  // the block and little else
+    how.field_x_mm = 260.0;  // the block and little more
     how.displacement = displacement;
     scene::Cloud cloud = scene::take(block, how);
     T_block_scanner_ = cloud.T_block_scanner;
@@ -64,7 +64,7 @@ class Exposures : public ::testing::Test {
     EXPECT_TRUE(hal::write_scan(path.c_str(), format, scan.xyz, scan.width, scan.height).ok());
     return path;
   }
-  /// As the daemon measures the stored scan of a block.
+  /// Measures the stored scan of a block as the daemon does.
   BlockMeasured measure(const std::string& path, std::uint8_t station, std::int64_t slab_key = 1,
                         std::uint8_t attempt = 1) {
     MeasureBlock job;
@@ -105,7 +105,7 @@ class Exposures : public ::testing::Test {
   Pose T_block_scanner_;
 };
 
-/// Three decimals, as viewers export.
+/// Text with three decimals, as viewers export.
 std::string text_of(const TextFiles& files, const Scan& scan) {
   std::string path = files.folder() + "/scan.xyz";
   std::FILE* file = std::fopen(path.c_str(), "w");
@@ -137,7 +137,7 @@ Scan moved(Scan scan, const Pose& by) {
   return scan;
 }
 
-/// Depths of 3 x 3 pixels; what is missing stays so.
+/// Depths filtered over 3 x 3 pixels; missing points stay missing.
 Scan filtered(const Scan& scan, bool median) {
   Scan out = scan;
   for (std::size_t r = 1; r + 1 < scan.height; ++r) {
@@ -194,7 +194,7 @@ TEST_F(Exposures, an_exposure_that_is_given_again_in_another_form_is_refused_wha
   Pose by;
   by.translation_mm = Vec3(3.0, -2.0, 1.5);
   by.rotation = rotation_from_kuka_abc(rad_from_deg(1.0), rad_from_deg(0.3), rad_from_deg(-0.4));
-  // About the middle of the block, so that it stays in the window.
+  // About the centre of the block, so that it stays in the window.
   Pose centre;
   centre.translation_mm = Vec3(0.0, 0.0, 600.0);
   expect_refused(write(moved(six, centre * by * centre.inverse())), "moved by millimetres and a degree");
@@ -211,7 +211,7 @@ TEST_F(Exposures, a_refused_scan_is_not_remembered_and_the_next_exposure_is_meas
 }
 
 TEST_F(Exposures, independent_scans_are_measured_also_of_the_same_block_in_the_same_pose) {
-  // Texture of concrete and the scanner's ripple: both scans have them in common.
+  // Texture of concrete and the scanner's ripple, which both scans have in common.
   scene::Block block;
   block.relief_mm = [](double x, double s) {
     return 0.010 * std::sin(2.0 * kPi * s / 3.0) + 0.010 * std::sin(2.1 * x + 0.7 * s) * std::cos(0.9 * x - 1.7 * s);

@@ -22,13 +22,13 @@ namespace {
 TEST(LogOutlet, never_waits_for_a_stderr_that_nobody_reads_and_counts_what_is_lost) {
   std::array<int, 2> ends{};
   ASSERT_EQ(::pipe(ends.data()), 0);
-  ASSERT_GT(::fcntl(ends[1], F_SETPIPE_SZ, 4096), 0);  // it is full long before the queue is
+  ASSERT_GT(::fcntl(ends[1], F_SETPIPE_SZ, 4096), 0);  // becomes full long before the queue
   const int real = ::dup(STDERR_FILENO);
   ::dup2(ends[1], STDERR_FILENO);
   start_log_outlet();
   const std::uint64_t before = log_lines_lost();
   const std::string line = "info: slabd: " + std::string(200, 'x') + "\n";
-  for (int i = 0; i < 5'000; ++i) put_log(line);  // a megabyte: more than the pipe and the queue take
+  for (int i = 0; i < 5'000; ++i) put_log(line);  // a megabyte: more than the capacity of pipe and queue
   const std::uint64_t lost = log_lines_lost() - before;
   EXPECT_GT(lost, 0U);
   EXPECT_FALSE(flush_log(0));
@@ -48,7 +48,7 @@ TEST(LogOutlet, never_waits_for_a_stderr_that_nobody_reads_and_counts_what_is_lo
     size = read_back.size();
     read_some();
   }
-  // One note, or several that add up where the writer ran in between.
+  // One note, or several with this sum if the writer ran in between.
   const std::regex note("([0-9]+) lines are missing here");
   std::uint64_t noted = 0;
   for (std::sregex_iterator at(read_back.begin(), read_back.end(), note), end; at != end; ++at)
@@ -59,10 +59,11 @@ TEST(LogOutlet, never_waits_for_a_stderr_that_nobody_reads_and_counts_what_is_lo
   for (const int fd : {ends[0], ends[1], real}) ::close(fd);
 }
 
-// A write to stderr waits where nobody reads it, and whoever writes waits with it: the loop, at last.
+// A write to stderr blocks if it is not read, and so does the writing thread: finally the loop.
 TEST(LogOutlet, is_the_only_one_in_the_daemon_that_writes_to_stderr) {
   namespace fs = std::filesystem;
-  const std::set<std::string> allowed = {"daemon/log_outlet.cpp", "base/pages.cpp"};  // its last words: it aborts
+  const std::set<std::string> allowed = {"daemon/log_outlet.cpp", "base/pages.cpp"};  // the last messages before
+                                                                                      // abort()
   const std::regex writes("\\bstderr\\s*[,)]|std::cerr|std::clog|\\bperror\\(");
   int files = 0;
   for (const char* room : {"algo", "base", "calib", "config", "daemon", "hal", "storage"})

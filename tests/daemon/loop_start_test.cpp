@@ -21,10 +21,10 @@
 namespace slabd::daemon {
 namespace {
 
-/// Counts who touches it while it is being read at the start. Reading takes as long as some looks of an idle worker.
+/// Counts calls during the recovery at the start. The recovery takes as long as some idle calls of a worker.
 class SlowStore final : public storage::Store {
  public:
-  /// `reading`: what reading it comes to.
+  /// `reading`: result of the recovery.
   explicit SlowStore(Code reading) : reading_(reading) {}
 
   Result<std::unique_ptr<RecoveredLine>> recover() override {
@@ -55,7 +55,7 @@ class SlowStore final : public storage::Store {
   std::atomic<bool> recovering_{false};
 };
 
-/// Counts who looks at it: each turn of the loop does, and more than once where somebody asks.
+/// Counts readings of the clock: at least one in each turn of the loop.
 class CountingClock final : public hal::Clock {
  public:
   [[nodiscard]] std::int64_t mono_ns() const override {
@@ -64,7 +64,7 @@ class CountingClock final : public hal::Clock {
   }
   [[nodiscard]] std::int64_t utime_us() const override { return clock_.utime_us(); }
   void advance(std::int64_t ns) { clock_.advance(ns); }
-  /// For a thread beside the loop: until that has turned some times, however long it takes.
+  /// For another thread than the loop's: waits until the loop has turned some times, however long it takes.
   void let_turn() const {
     const int before = looks_;
     while (looks_ < before + 8) std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -75,7 +75,7 @@ class CountingClock final : public hal::Clock {
   mutable std::atomic<int> looks_{0};
 };
 
-/// Real threads and queues, but nothing to measure.
+/// Real threads and queues, but without measuring.
 class IdleCrew final : public Crew {
  public:
   std::unique_ptr<StoreQueue> storage(std::function<StoreDone(const StoreTask&)> work,
@@ -105,7 +105,7 @@ struct LoopStart : ::testing::Test {
   hal::MockPose pose;
   hal::MockScanner scanner{clock};
 
-  /// Starts a loop on `store` and turns it for half a second, and until it was `idle` so many times.
+  /// Starts a loop on `store` and turns it for half a second, and until it was idle `idle` times.
   void live(SlowStore& store, int idle) {
     const Ports ports{plc, pose, scanner, &store, nullptr, clock, notify};
     Loop loop(ports, StationSettings{}, std::make_unique<IdleCrew>(), LoopFigures{});
@@ -176,7 +176,7 @@ TEST_F(LoopStart, storage_is_not_tried_again_for_a_fault_reset_that_is_held_down
         },
         ports, StationSettings{}, LoopFigures{}, std::atomic<bool>{false}));
   };
-  write(false);  // let go while the database is opened
+  write(false);  // released while the database is opened
   open_in_vain();
   EXPECT_TRUE(wants_store_after(true)) << "an edge again";
   open_in_vain();
@@ -229,7 +229,7 @@ TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heart
   EXPECT_EQ(plc.published.back().slab_verdict, Verdict::none);
 }
 
-/// Asks one question after `looks` looks without one, and keeps the answer.
+/// Sends one request after `looks` turns without one, and stores the answer.
 class OneQuestion final : public hal::ControlPort {
  public:
   explicit OneQuestion(std::string question, int looks = 0) : question_(std::move(question)), looks_(looks) {}

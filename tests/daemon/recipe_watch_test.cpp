@@ -17,7 +17,7 @@ namespace {
 
 constexpr int kPeriodMs = 5;
 
-/// A folder with the recipe of the tree, in use.
+/// A folder with a recipe of the source tree, in use.
 struct RecipesInUse : testing::Test {
   RecipesInUse() {
     std::string name = (std::filesystem::temp_directory_path() / "slabd-recipes-XXXXXX").string();
@@ -37,7 +37,7 @@ struct RecipesInUse : testing::Test {
   ~RecipesInUse() override { std::filesystem::remove_all(folder); }
 
   void write(const std::string& name, const std::string& bytes) const { std::ofstream(folder + "/" + name) << bytes; }
-  /// With other jaws.
+  /// The recipe with other jaws.
   [[nodiscard]] std::string tightened() const {
     std::string other = text;
     const std::size_t item = other.find("[items.jaw_distance]");

@@ -13,14 +13,14 @@ namespace slabd::daemon {
 namespace {
 
 constexpr std::size_t kMegabyte = 1'000'000;
-/// The sanitizers' does, when there is no more to be had.
+/// The allocators of the sanitizers end the process if memory runs out.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 constexpr bool kMallocEndsTheProcess = true;
 #else
 constexpr bool kMallocEndsTheProcess = false;
 #endif
 
-/// In a process of its own: its limits do not come back.
+/// Runs in a child process, because its limits cannot be reset.
 bool holds_in_a_child(const std::function<bool()>& what) {
   const pid_t child = ::fork();
   if (child == 0) ::_exit(what() ? 0 : 1);

@@ -31,7 +31,7 @@ Recipe recipe_of(const std::string& name) {
   return recipe;
 }
 
-/// What lies beyond the slab's end.
+/// Surface beyond the slab's end.
 enum class Beyond { nothing, floor, next_slab };
 
 struct Seen {
@@ -78,7 +78,7 @@ class SlabEndsTest : public ::testing::Test {
  protected:
   SlabEndsTest() : recipes_{recipe_of("p4856.toml"), recipe_of("p4925.toml"), recipe_of("p5600.toml")} {}
 
-  /// A slab of 8 pairs that ends `end_mm` beyond its outermost blocks, begun as `recipe`; the first finding.
+  /// First finding of a slab of 8 pairs that ends `end_mm` beyond its outermost blocks, begun as `recipe`.
   SlabEnds::Finding slab(const Recipe& recipe, double end_mm, std::uint64_t seed, Beyond beyond,
                          double field_x_mm = kWideMm) {
     ends_.use(recipes_, recipe);
@@ -86,7 +86,7 @@ class SlabEndsTest : public ::testing::Test {
     for (int k = 1; k <= recipe.stations(); ++k) {
       const bool minus = k == 1 || k == 9;
       const bool plus = k == 8 || k == 16;
-      // Inner blocks need not be drawn more than once a slab.
+      // One scan of an inner block per slab is enough.
       if (!minus && !plus && k % 8 != 2 && k % 8 != 3) continue;
       const std::uint64_t of_scan = seed * 100 + static_cast<std::uint64_t>(k);
       const Seen seen = scan(minus ? end_mm : kNoEnd, plus ? end_mm : kNoEnd, of_scan, beyond, field_x_mm, 3.0);
@@ -149,7 +149,7 @@ TEST_F(SlabEndsTest, missing_points_count_only_where_inner_blocks_show_that_the_
   EXPECT_EQ(note(3, kNoEnd, kWideMm).station, 1);
   EXPECT_EQ(ends_.note(8, 3, view_of(scan(kNoEnd, kNoEnd, 5), p4925())).other, nullptr) << "another slab begins anew";
 
-  // A picture that happens to end where the other type does.
+  // A field of view that happens to end where the other type does.
   ends_.use(recipes_, p4925());
   for (int k = 1; k <= 4; ++k) EXPECT_EQ(note(k, kNoEnd, 2.0 * kShortMm).other, nullptr);
 }

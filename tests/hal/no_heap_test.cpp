@@ -22,8 +22,8 @@
 #include "tests/hal/temporary_folder.h"
 #include "tests/places/ports.h"
 
-// The ports promise not to touch the heap once they are made. Here every allocation of a watched thread is counted,
-// also those of libmodbus and the C library.
+// The ports must not use the heap once they are made. Here every allocation of a watched thread is counted, including
+// those of libmodbus and the C library.
 namespace {
 thread_local bool watched = false;
 std::atomic<int> allocations = 0;
@@ -127,7 +127,7 @@ TEST(NoHeap, receiving_poses) {
             0);
   EXPECT_EQ(counters.accepted, 100U);
 
-  // The open port, through its once-a-second look at the interface.
+  // The open port, including its once-a-second check of the interface.
   LcmSettings settings;
   settings.url.printf("udpm://239.255.76.68:%u?ttl=0", unsigned{places::own_port()});
   settings.interface = "127.0.0.1";

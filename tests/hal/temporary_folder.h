@@ -12,7 +12,7 @@
 
 namespace slabd::hal::test {
 
-/// A fresh folder, removed with everything in it at the end of the test.
+/// A new folder, removed with its content at the end of the test.
 class TemporaryFolder {
  public:
   TemporaryFolder() {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// After start nothing on the way from a trigger to a verdict touches the heap. Each link of that way is run once to
-// warm up and then counted; the first tests show that the counter bites.
+// After the start no step from a trigger to a verdict uses the heap. Each step is run once to warm up and then counted;
+// the first tests show that the counter works.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -35,7 +35,7 @@ Recipe p5600() {
   return recipe;
 }
 
-/// A folder that goes with the test.
+/// A folder that is removed with the test.
 struct TempDir {
   fs::path path = fs::temp_directory_path() / ("slabd-alloc-" + std::to_string(::getpid()));
   TempDir() { fs::create_directories(path); }
@@ -123,7 +123,7 @@ TEST(Allocation, none_from_scan_file_to_block_verdict) {
     EXPECT_EQ(count.calls(), 0U);
   }
   EXPECT_EQ(verdict, Verdict::pass);
-  // What is kept of it can be drawn: most of the crop was seen, and it is as flat as the block is.
+  // The packed maps can be drawn: most of the crop was seen, and it is as flat as the block.
   const std::optional<std::vector<float>> seat = unpack_map(maps.seat);
   ASSERT_TRUE(seat.has_value());
   std::size_t seen = 0;

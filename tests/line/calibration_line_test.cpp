@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Calibrations through the real programs: slabctl changes them with the daemon running, with it stopped, and after it
-// was killed; the daemon takes them up, says so, and refuses slabs when it must.
+// Calibrations through the real programs: slabctl changes them while the daemon runs, while it is stopped, and after it
+// was killed. The daemon applies and logs them, and refuses slabs if required.
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -38,7 +38,7 @@ struct CalibrationLineTest : testing::Test {
   void start() {
     box.start();
     ASSERT_TRUE(box.ready()) << read_file(box.dir / "slabd.err");
-    // The PLC's port is there before the control socket, and the calibration is read after both.
+    // The PLC's port is opened before the control socket, and the calibration is read after both.
     for (int i = 0; i < 3'000; ++i) {
       const Box::Answer answer = box.slabctl({"status", "--config", box.config.native(), "--json"});
       if (answer.exit_status == 0 && json::parse(answer.out)["state"] != "recover") return;
@@ -90,7 +90,7 @@ TEST_F(CalibrationLineTest, is_applied_without_the_daemon_and_found_at_its_start
 }
 
 TEST_F(CalibrationLineTest, an_expired_or_missing_calibration_is_fault_503_with_its_cure) {
-  // Commissioning values taken out of the configuration: nothing is left to use.
+  // Removes the commissioning values from the configuration, so that the daemon has no calibration.
   std::string text = read_file(box.config);
   const std::size_t at = text.find("T_flange_scanner");
   text.erase(at, text.find('\n', at) + 1 - at);
@@ -131,7 +131,7 @@ TEST_F(CalibrationLineTest, a_check_that_fails_stops_the_line_until_one_passes) 
   EXPECT_FALSE(json::parse(bad.out)["passed"].get<bool>());
   EXPECT_EQ(status()["fault"]["code"], 503);
   EXPECT_NE(status()["fault"]["text"].get<std::string>().find("jaw distance is"), std::string::npos);
-  // A recipe that allows more is no recipe of the line.
+  // A recipe with wider tolerances is not a recipe of this line.
   std::string generous = read_file(recipe);
   const std::size_t jaw = generous.find("[items.jaw_distance]");
   const std::size_t u = generous.find("U = ", jaw);
@@ -178,7 +178,7 @@ TEST_F(CalibrationLineTest, station_corrections_need_a_hand_eye_calibration_in_f
   const std::string visits = (box.dir / "visits.txt").native();
   std::ofstream out(visits);
   for (int round = 1; round <= 5; ++round)
-    // The flange looks down from 600 mm; the seat is at the origin, 0.3 mm off as the robot sees it.
+    // The flange looks down from 600 mm; the seat is at the origin, 0.3 mm off as measured by the robot.
     out << "visit = 1 \"round " << round << "\" 0 0 600 0 1 0 0  0.3 -80 " << 450.0 + 0.01 * round << "  0.3 -80 "
         << 350.0 + 0.01 * round << "  0.3 -180 " << 450.0 + 0.012 * round << "\n";
   out.close();

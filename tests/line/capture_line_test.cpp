@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Views for a calibration from a real daemon: robot and scanner stand before a ball as `slabctl simulate calibration
-// --live` plays them, and a session takes views as slabctl does.
+// Views for a calibration from a real daemon: `slabctl simulate calibration --live` emulates robot and scanner in front
+// of a ball, and a session takes views as slabctl does.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -50,7 +50,7 @@ class CaptureLineTest : public testing::Test {
   Result<LiveCapture> begin(const std::string& session = "spring") const {
     return LiveCapture::begin((box_.dir / "control.sock").native(), {session, "anna", 60, false});
   }
-  /// `slabctl calibrate` with a session "spring" of its own.
+  /// Runs `slabctl calibrate` with its own session "spring".
   Box::Answer calibrate(std::vector<std::string> words) const {
     ::setenv("XDG_STATE_HOME", (box_.dir / "state").c_str(), 1);
     words.insert(words.begin(), "calibrate");
@@ -61,7 +61,7 @@ class CaptureLineTest : public testing::Test {
     const Box::Answer begun = calibrate({"new", "spring", "--radius", "25.4"});
     ASSERT_EQ(begun.exit_status, 0) << begun.err;
   }
-  /// The emulator has to come up first.
+  /// Waits until the emulator has started.
   void wait_for_poses() {
     for (int i = 0; i < 3'000; ++i) {
       const json now = status();
@@ -71,7 +71,7 @@ class CaptureLineTest : public testing::Test {
     FAIL() << "no poses: " << read_file(box_.dir / "cell.err");
   }
 
-  /// The storage thread deletes it when it has nothing else to do.
+  /// Waits for the deletion by the storage thread, which happens when it is idle.
   static bool is_gone(std::string_view path) {
     for (int i = 0; i < 3'000 && fs::exists(path); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(20));
     return !fs::exists(path);
@@ -155,7 +155,7 @@ TEST_F(CaptureLineTest, a_line_that_another_session_has_is_taken_over_when_asked
   EXPECT_EQ(refused.exit_status, 4) << refused.err;
   EXPECT_NE(refused.err.find("--take-over"), std::string::npos) << refused.err;
   EXPECT_EQ(status()["maintenance"]["session"], "autumn");
-  static_cast<void>(calibrate({"capture", "--live", "--take-over", "--shots", "1"}));  // no robot, no view
+  static_cast<void>(calibrate({"capture", "--live", "--take-over", "--shots", "1"}));  // views fail without the robot
   EXPECT_EQ(status()["maintenance"]["session"], "spring");
 }
 
@@ -164,7 +164,7 @@ TEST_F(CaptureLineTest, a_view_that_the_session_could_not_copy_stays_with_the_da
   new_session();
   const auto cell = emulate();
   wait_for_poses();
-  // As from a disk that takes nothing: no folder can be made in a file.
+  // Like a disk without space: a folder cannot be made inside a file.
   fs::remove_all(box_.dir / "calibration" / "spring" / "views");
   std::ofstream(box_.dir / "calibration" / "spring" / "views") << "full";
   const Box::Answer answer = calibrate({"capture", "--live", "--shots", "1"});
@@ -173,7 +173,7 @@ TEST_F(CaptureLineTest, a_view_that_the_session_could_not_copy_stays_with_the_da
   ASSERT_NE(at, std::string::npos) << answer.err;
   const std::string scan = answer.err.substr(at + 17, answer.err.find(',', at) - at - 17);
   EXPECT_TRUE(fs::exists(scan)) << scan;
-  // Those of a session that has its copy go.
+  // Scans of a session that has its copy are deleted.
   fs::remove(box_.dir / "calibration" / "spring" / "views");
   fs::create_directory(box_.dir / "calibration" / "spring" / "views");
   EXPECT_EQ(calibrate({"capture", "--live", "--shots", "1"}).exit_status, 0);

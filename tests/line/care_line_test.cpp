@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A real daemon and its database: copies while it runs, damage, restoring; and what the PLC reads when nothing works.
+// A real daemon and its database: copies while it runs, damage, restoring; and the PLC's registers while the database
+// is unusable.
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
@@ -28,7 +29,7 @@ namespace {
 
 using nlohmann::json;
 
-/// An input register over Modbus/TCP, -1 when nobody answers.
+/// Reads an input register over Modbus/TCP; -1 without an answer.
 int input_register(std::uint16_t port, std::uint8_t address) {
   const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
   sockaddr_in peer{};
@@ -64,7 +65,7 @@ class CareLine : public testing::Test {
     }
     return box_.slabctl(args);
   }
-  /// A copy, and where it lies.
+  /// Makes a copy and returns its path.
   [[nodiscard]] std::string backup() const {
     const Box::Answer answer = db({"backup", "--json"});
     EXPECT_EQ(answer.exit_status, 0) << answer.err;
@@ -118,17 +119,17 @@ TEST_F(CareLine, a_copy_on_another_disk_is_checked_there_and_old_ones_go) {
   EXPECT_EQ(offline.exit_status, 0) << "without a daemon too: " << offline.err;
 }
 
-/// No exit status of slabctl, nor of one that crashed or was not found.
+/// Not an exit status of slabctl, nor of a program that crashed or was not found.
 constexpr int kMountRefused = 97;
 
-/// In a mount namespace of its own, where backups can only be read, as of a unit that may not write there. Who is not
-/// root has such a namespace in a user namespace only, which some kernels and containers refuse.
+/// Runs the command in a mount namespace in which backups are read-only, as for a service unit without write access.
+/// Without root that requires a user namespace, which some kernels and containers refuse.
 int keep_one_on_a_read_only_disk(const fs::path& backups, const std::vector<std::string>& command,
                                  const fs::path& dir) {
   if (unshare(CLONE_NEWNS) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNS) != 0) return kMountRefused;
   struct statvfs disk {};
   if (statvfs(backups.c_str(), &disk) != 0) return kMountRefused;
-  // What the disk was mounted with cannot be taken away in a user namespace.
+  // The mount options of the disk cannot be removed in a user namespace.
   const unsigned long kept = disk.f_flag & (ST_NOSUID | ST_NODEV | ST_NOEXEC);
   if (mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
       mount(backups.c_str(), backups.c_str(), nullptr, MS_BIND, nullptr) != 0 ||
@@ -236,14 +237,14 @@ TEST_F(CareLine, a_second_daemon_leaves_the_scanner_alone_until_the_database_is_
   EXPECT_NE(other.log().find("another process works with"), std::string::npos) << other.log();
   EXPECT_TRUE(fs::exists(scan)) << other.log();
   EXPECT_EQ(box_.stop(), 0);
-  // Tried again after a few seconds.
+  // Retried after a few seconds.
   for (int i = 0; i < 6'000 && (input_register(other.port, kFault) != 0 || fs::exists(scan)); ++i) ::usleep(10'000);
   EXPECT_EQ(input_register(other.port, kFault), 0) << other.log();
   EXPECT_FALSE(fs::exists(scan)) << other.log();
   EXPECT_EQ(other.stop(), 0);
 }
 
-/// A daemon with a database and a port of its own, and one folder that is another's.
+/// A daemon with its own database and port, which shares one folder with another daemon.
 void share_folder(const Box& box, const Box& with, const std::string& folder) {
   std::string text = read_file(box.config);
   const std::string own = (box.dir / folder).native();
@@ -256,7 +257,7 @@ bool comes_to_fault(const Box& box, int code) {
   return input_register(box.port, kFault) == code;
 }
 
-/// The second of two stands in 504, names the first, and goes on when that has ended.
+/// The second of two daemons is in fault 504, names the first, and continues when the first has ended.
 void expect_one_at_a_time(Box& first, Box& second) {
   second.start();
   ASSERT_TRUE(second.ready()) << second.log();
@@ -290,7 +291,7 @@ TEST_F(CareLine, of_two_daemons_on_one_spool_the_second_stands_in_504_and_names_
   expect_one_at_a_time(box_, other);
 }
 
-/// `slabctl status --watch` on a terminal of its own.
+/// Runs `slabctl status --watch` on a separate terminal.
 class Watch {
  public:
   explicit Watch(const fs::path& config, const char* language = "en") {
@@ -309,7 +310,7 @@ class Watch {
   Watch(const Watch&) = delete;
   Watch& operator=(const Watch&) = delete;
 
-  /// Within a minute a whole new picture has `text`.
+  /// True if a complete new picture with `text` appears within a minute.
   [[nodiscard]] bool shows(const std::string& text) {
     const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
     std::string seen;
@@ -424,7 +425,7 @@ TEST_F(CareLine, without_recipes_it_says_504_and_its_database_is_still_backed_up
   const Box::Answer doctor = box_.slabctl({"doctor", "--config", box_.config.native(), "--listen-s", "1"});
   EXPECT_NE(doctor.out.find("fault 504"), std::string::npos) << doctor.out;
   EXPECT_EQ(doctor.out.find("another program"), std::string::npos) << doctor.out;
-  // Nobody has opened the database: what is in it, and whether it can be written, the daemon does not know.
+  // The database was not opened, so its content and whether it can be written are unknown.
   for (const char* claim : {"cannot write it", "no calibration has been applied yet", "scanner is not verified"}) {
     EXPECT_EQ(doctor.out.find(claim), std::string::npos) << claim << "\n" << doctor.out;
     EXPECT_EQ(status.out.find(claim), std::string::npos) << claim << "\n" << status.out;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl doctor at the bedside of a real daemon: it must find what is wrong, name the cure, and find nothing where all
-// is well.
+// slabctl doctor with a real daemon: it must find each fault, name the remedy, and report no fault on a good line.
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <lcm/lcm.h>
@@ -42,7 +41,7 @@ class DoctorTest : public testing::Test {
   struct Opinion {
     int exit_status = -1;
     json findings;
-    /// Health of the first finding of a check that is not ok, "ok" if all are, "" if it was not looked at.
+    /// Health of the first finding of a check that is not ok; "ok" if all are, "" if the check was not made.
     [[nodiscard]] std::string health(const std::string& check) const {
       std::string word;
       for (const json& finding : findings)
@@ -51,7 +50,7 @@ class DoctorTest : public testing::Test {
     }
     [[nodiscard]] std::string all() const { return findings.dump(1); }
   };
-  /// Where namespaces are refused (inside some containers) it must be for that reason that there is no answer.
+  /// If namespaces are refused (inside some containers), that must be the reason for the missing answer.
   void expect_no_namespaces() const {
     EXPECT_NE(read_file(box_.dir / "doctor.err").find("unshare"), std::string::npos)
         << read_file(box_.dir / "doctor.err");
@@ -166,11 +165,11 @@ TEST_F(DoctorTest, a_daemon_without_plc_and_robot_lacks_heartbeat_and_poses) {
 TEST_F(DoctorTest, a_heartbeat_that_is_a_bit_moves_as_well_as_a_number) {
   start();
   std::atomic<bool> stop{false};
-  std::atomic<double> longest_s{0.2};  // between two beats: this computer may be busy
+  std::atomic<double> longest_s{0.2};  // between two heartbeats: this computer may be busy
   std::thread plc([&] {
     const std::unique_ptr<modbus_t, void (*)(modbus_t*)> client(modbus_new_tcp("127.0.0.1", box_.port), modbus_free);
     ASSERT_EQ(modbus_connect(client.get()), 0);
-    // Two looks 1.2 s apart see the same of it, and so do looks 0.4 s apart.
+    // Two looks that are 0.4 s or 1.2 s apart read the same value of the bit.
     auto last = std::chrono::steady_clock::now();
     for (std::uint16_t bit = 0; !stop; bit ^= 1U) {
       (void)modbus_write_register(client.get(), 0, bit);
@@ -232,7 +231,7 @@ TEST_F(DoctorTest, poses_that_are_refused_are_told_with_the_reason_and_a_bridge_
   EXPECT_EQ(opinion.health("robot poses"), "warning") << opinion.all();
   EXPECT_NE(opinion.all().find("not measured"), std::string::npos) << opinion.all();
   std::thread death([&] {
-    // Some seconds after the doctor has begun to listen.
+    // Some seconds after the doctor has started to listen.
     for (int i = 0; i < 6'000 && !udp_backlog(box_.lcm_port); ++i)
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     std::this_thread::sleep_for(std::chrono::milliseconds(2'500));
@@ -356,7 +355,7 @@ TEST_F(DoctorTest, a_port_of_roots_is_not_the_services) {
   const std::size_t listen = text.find("listen = ");
   text.replace(listen, text.find('\n', listen) - listen, "listen = \"127.0.0.1:502\"");
   std::ofstream(box_.config) << text;
-  // As somebody who is not root, whatever this test runs as.
+  // As a user other than root, whatever user runs this test.
   const fs::path out = box_.dir / "doctor.out";
   Process doctor({"/usr/bin/unshare", "--user", places::slabctl(), "doctor", "--config", box_.config.native(), "--json",
                   "--listen-s", "0.5"},
@@ -376,7 +375,7 @@ TEST_F(DoctorTest, a_port_of_roots_is_not_the_services) {
 TEST_F(DoctorTest, a_route_over_an_interface_without_an_address_is_a_route) {
   const std::string text = read_file(box_.config);
   std::ofstream(box_.config) << std::regex_replace(text, std::regex("\ninterface = \"[^\"]*\""), "");
-  // A network of its own, as after `ip route add GROUP/32 dev lo`.
+  // A separate network, as after `ip route add GROUP/32 dev lo`.
   Process doctor(
       {"/bin/sh", "-c",
        "exec /usr/bin/unshare --net /bin/sh -c 'ip link set lo up && ip route add 239.0.0.0/8 dev lo && exec \"$@\"' "
@@ -390,7 +389,8 @@ TEST_F(DoctorTest, a_route_over_an_interface_without_an_address_is_a_route) {
   EXPECT_EQ(opinion.health("robot route"), "ok") << opinion.all();
 }
 
-/// In a mount namespace of its own: the scans' folder on a disk that is read-only. An exit status, 0 is good.
+/// Runs the doctor in a mount namespace in which the scans' folder is on a read-only disk. Returns its exit status; 0
+/// is good.
 int look_at_a_read_only_disk(const fs::path& folder, const std::vector<std::string>& doctor, const fs::path& dir) {
   if (unshare(CLONE_NEWNS) != 0) return 99;
   if (mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0) return 98;
@@ -455,7 +455,7 @@ TEST_F(DoctorTest, says_by_which_interface_the_plc_is_reached) {
 }
 
 TEST_F(DoctorTest, a_plc_that_cannot_be_reached_is_said_by_doctor_and_status) {
-  // slabd asks the PLC, and nobody is there.
+  // slabd connects to the PLC, which does not exist.
   std::string text = read_file(box_.config);
   const std::size_t listen = text.find("listen = ");
   ASSERT_NE(listen, std::string::npos) << text;
@@ -483,7 +483,7 @@ TEST_F(DoctorTest, finds_nothing_failed_on_a_running_line_and_leaves_it_alone) {
     EXPECT_NE(opinion.health(check), "failed") << check;
   EXPECT_EQ(opinion.health("robot frame"), "ok");
   EXPECT_EQ(opinion.health("plc heartbeat"), "ok");
-  // The slab goes on under the doctor's eyes and passes.
+  // The slab continues while the doctor runs, and passes.
   EXPECT_EQ(line->wait(), 0) << read_file(box_.dir / "simulate.err");
 }
 

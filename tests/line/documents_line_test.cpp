@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The documents of a running line against their published schemas, by an independent validator and without any key
-// beyond what is published (tests/cli/validate_json.py). What is written of stored slabs is in
-// tests/cli/export_test.cpp.
+// Validates the documents of a running line against their published schemas, with an independent validator and without
+// keys beyond the published ones (tests/cli/validate_json.py). tests/cli/export_test.cpp does the same for stored
+// slabs.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -20,11 +20,11 @@
 namespace slabd::line {
 namespace {
 
-/// Documents, and what the validator says of them.
+/// Documents, and the validator's results.
 class Documents {
  public:
   explicit Documents(const Box& box) : box_(box) {}
-  /// `title`: of a document that does not say what it is.
+  /// `title`: for a document without its own title.
   void keep(const std::string& text, const std::string& title = "") {
     const fs::path path = box_.dir / ("document-" + std::to_string(++count_) + ".json");
     std::ofstream(path) << text;
@@ -63,11 +63,11 @@ TEST(DocumentsLine, what_a_running_line_says_is_what_its_schemas_publish) {
     command.insert(command.end(), {"--config", box.config.native()});
     documents.ask(command);
   };
-  ask({"doctor", "--listen-s", "0.5"});  // of a line where nothing runs
+  ask({"doctor", "--listen-s", "0.5"});  // without a daemon
   box.start();
   ASSERT_TRUE(box.ready()) << box.log();
   ask({"status"});
-  ask({"robot", "monitor", "--once"});  // nobody sends
+  ask({"robot", "monitor", "--once"});  // without poses
   const auto line = box.simulate({"--slab-no", "1", "--defect", "missing=3", "--scans-per-block", "1", "--json"});
   std::this_thread::sleep_for(std::chrono::seconds(2));
   ask({"status"});
@@ -95,7 +95,7 @@ TEST(DocumentsLine, what_a_calibration_says_is_what_its_schemas_publish) {
   documents.ask({"calibrate", "ball", views + "/view_01.ply", "--radius", "20"});  // refused
   documents.ask({"calibrate", "new", session, "--config", box.config.native(), "--kind", "ball", "--radius", "25.4",
                  "--robot-sigma-mm", "0.017", "--fov", "100", "140", "540", "660", "--views", "12"});
-  documents.ask({"calibrate", "list", "--session", session});  // nothing yet
+  documents.ask({"calibrate", "list", "--session", session});  // still empty
   documents.ask({"calibrate", "capture", "--session", session, "--set", views});
   documents.ask({"calibrate", "drop", "3", "--why", "blurred", "--session", session});
   documents.ask({"calibrate", "undo", "--session", session});
@@ -119,7 +119,7 @@ TEST(DocumentsLine, what_is_in_force_and_was_checked_is_what_its_schemas_publish
     const Box::Answer answer = box.slabctl(command);
     EXPECT_EQ(answer.exit_status, 0) << command[0] << " " << command[1] << ": " << answer.err;
   };
-  ask({"calibrate", "history"});  // nothing was ever kept
+  ask({"calibrate", "history"});  // without stored calibrations
   ask({"calibrate", "check"});
   ask({"scanner", "history"});
   for (const char* sigma : {"0.05", "0.06"})
@@ -151,7 +151,7 @@ TEST(DocumentsLine, what_is_in_force_and_was_checked_is_what_its_schemas_publish
   std::vector<std::string> put_in_force = solve;
   put_in_force.insert(put_in_force.end(), {"--apply", "--config", box.config.native()});
   done(put_in_force);
-  ask({"stations"});  // mastered ones
+  ask({"stations"});  // mastered stations
 
   const std::string balls = (box.dir / "artefact").native();
   done({"simulate", "calibration", "--kind", "artefact", "--views", "2", "--out", balls, "--config",
@@ -179,7 +179,7 @@ TEST(DocumentsLine, what_the_daemon_is_asked_and_answers_is_what_its_schemas_pub
   box.start();
   ASSERT_TRUE(box.ready()) << box.log();
   const auto ask = [&](const std::string& request, const std::string& schema) {
-    // A peer that asks more than 20 times a second is kept waiting.
+    // A client with more than 20 requests a second is delayed.
     std::this_thread::sleep_for(std::chrono::milliseconds(60));
     const Result<std::string> answer = cli::ask_daemon((box.dir / "control.sock").native(), request + "\n");
     ASSERT_TRUE(answer.ok()) << answer.error().text.view();
@@ -201,7 +201,7 @@ TEST(DocumentsLine, what_the_daemon_is_asked_and_answers_is_what_its_schemas_pub
   ask(R"({"verb":"calibration_change","file":"none.json"})", "calibration_state");
   ask("{\"verb\":\"calibration\"}", "calibration_state");
 
-  // What no test has the patience to wait for, as the daemon writes it.
+  // States that would take too long to reach in a test, as the daemon writes them.
   daemon::Station station{daemon::StationSettings{}};
   station.recovered = true;
   station.capture.phase = daemon::Capture::Phase::ready;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Loaded before the C library (LD_PRELOAD): from the moment the process is sealed every so many-th request for memory
-// fails, whoever asks. SLABD_FAIL_EVERY is the number.
+// Loaded before the C library (LD_PRELOAD): after the process is sealed, every N-th allocation of any code fails.
+// SLABD_FAIL_EVERY is N.
 #include <sys/resource.h>
 
 #include <atomic>

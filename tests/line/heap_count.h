@@ -3,9 +3,9 @@
 
 #include <cstdint>
 
-/// Heap calls (malloc, calloc, realloc, the aligned ones, and so operator new) while a HeapCount lives, of the calling
-/// thread or of every thread. The test program stands in for the C library's allocator, so calls from any library
-/// count. One at a time in each thread, and only one of every thread.
+/// Counts heap calls (malloc, calloc, realloc, the aligned ones, and so operator new) during its lifetime, of the
+/// calling thread or of every thread. The test program replaces the C library's allocator, so calls from any library
+/// count. At most one object in each thread, and only one for all threads.
 class HeapCount {
  public:
   enum class Of { this_thread, every_thread };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A KUKA controller sends RSI to the bridge, the bridge publishes on LCM, the daemon measures a slab.
+// A KUKA controller sends RSI to the bridge, the bridge publishes on LCM, and the daemon measures a slab.
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <net/if.h>
@@ -41,7 +41,7 @@ class KukaLineTest : public testing::Test {
     command.insert(command.end(), more.begin(), more.end());
     return std::make_unique<Process>(command, box_.dir / "bridge.out", box_.dir / "bridge.err");
   }
-  /// Packets without <Base>, <Tool> and <Stopped>, for a minute or until it goes.
+  /// Sends packets without <Base>, <Tool> and <Stopped>, for a minute or until it is destroyed.
   [[nodiscard]] std::unique_ptr<Process> standing_robot() const {
     const std::string script =
         "for i in $(seq 6000); do printf '<Rob><RIst X=\"1800\" Y=\"-12.5\" Z=\"900\" A=\"30\" B=\"-20\" C=\"110\"/>"
@@ -102,7 +102,7 @@ TEST_F(KukaLineTest, a_robot_in_the_wrong_base_is_refused) {
   box_.start();
   ASSERT_TRUE(box_.ready()) << box_.log();
   const auto bridge = start_bridge({"--base", "4"});
-  // Packets without <Base>: what the operator stated counts.
+  // Packets without <Base>: the operator's statement is used.
   const auto robot = standing_robot();
   json seen;
   for (int i = 0; i < 1'000; ++i) {
@@ -180,7 +180,7 @@ TEST_F(KukaLineTest, packets_of_a_stranger_are_dropped) {
   EXPECT_TRUE(bridge->running());
 }
 
-/// The route of all groups over `lo`: SIOCADDRT or SIOCDELRT.
+/// Adds or deletes the route of all groups over `lo`: SIOCADDRT or SIOCDELRT.
 bool change_route(int socket, unsigned long change) {
   std::array<char, 3> lo{"lo"};
   rtentry route{};
@@ -197,7 +197,7 @@ bool change_route(int socket, unsigned long change) {
   return ioctl(socket, change, &route) == 0;
 }
 
-/// Sends packets until the bridge has said it; in a network of its own. An exit status, 0 is good.
+/// Sends packets until the bridge has reported the loss, in a separate network. Returns an exit status; 0 is good.
 int lose_the_route(const std::string& rsi, const fs::path& dir) {
   if (unshare(CLONE_NEWNET) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0) return 99;
   const int robot = socket(AF_INET, SOCK_DGRAM, 0);

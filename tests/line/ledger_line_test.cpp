@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The ledger of docs/ARCHITECTURE.md ("Who allocates, and when") against a real daemon: each line of it is a figure of
-// base/limits.h or daemon/seal.h, what is resident under its name is no more, and the lines add up to what
-// base/limits.h promises as a whole.
+// Checks the memory ledger of docs/ARCHITECTURE.md ("Who allocates, and when") with a real daemon. Each line is a
+// figure of base/limits.h or daemon/seal.h, and the resident memory of that name does not exceed it. The sum of the
+// lines matches the total in base/limits.h.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -43,7 +43,7 @@ std::size_t total(const Resident& resident) {
   return bytes;
 }
 
-/// What is resident, by the name it has in the ledger: large pieces by their size, which no two share.
+/// Resident memory by its name in the ledger. Large pieces are identified by their sizes, which are all different.
 Resident resident_of(pid_t pid) {
   Resident resident{};
   std::ifstream smaps("/proc/" + std::to_string(pid) + "/smaps");
@@ -95,7 +95,7 @@ class LedgerLine : public testing::Test {
     EXPECT_GE(resident[workspace], limits::kWorkspaceBytes) << "there from the start";
     EXPECT_LE(total(resident), limits::kInspectionBytes + limits::kProcessBytes) << when;
   }
-  /// Started, and the loop runs: only it tells figures.
+  /// Starts the daemon and waits until the loop runs, because only the loop reports figures.
   void start(const std::vector<std::string>& more) {
     box_.start(more);
     ASSERT_TRUE(box_.ready());

@@ -22,7 +22,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// One number from the database, read-only beside the writer; -1 when there is none.
+/// Reads one number from the database, read-only next to the writer; -1 if there is none.
 std::int64_t query(const fs::path& db, const std::string& sql) {
   sqlite3* handle = nullptr;
   std::int64_t value = -1;
@@ -58,14 +58,14 @@ struct LineTest : testing::Test {
     EXPECT_EQ(answer.exit_status, 0) << answer.err;
     return Json::parse(answer.out, nullptr, false);
   }
-  /// Polls until `done`; the test's own timeout ends a wait that never comes true.
+  /// Polls until `done`; the test's own timeout ends a wait that never succeeds.
   static void wait_until(const std::function<bool()>& done) {
     while (!done()) std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
 };
 
 TEST_F(LineTest, full_size_slab_passes_and_memory_is_flat) {
-  // All of it is there before the first scan, and base/limits.h says how much it is.
+  // All memory is allocated before the first scan; base/limits.h contains its size.
   EXPECT_GE(1024 * status()["memory"]["rss_kb"].get<std::size_t>(), limits::kInspectionBytes);
   const Box::Answer first = simulate({"--slab-no", "1", "--slab-id", "FULL-1"}, "full");
   ASSERT_EQ(first.exit_status, 0) << first.out << first.err;
@@ -89,7 +89,7 @@ TEST_F(LineTest, planted_defects_fail_their_blocks_and_no_other) {
   const Box::Answer answer =
       simulate({"--slab-no", "3", "--defect", "slope=4:1/35", "--defect", "jaw-distance=11:0.9", "--json"});
   ASSERT_EQ(answer.exit_status, 1) << answer.out << answer.err;
-  // The PLC's station table is the judge: exactly blocks 4 and 11 failed, the slab too.
+  // The PLC's station table decides: exactly blocks 4 and 11 failed, and so did the slab.
   const fs::path db = box.dir / "slabd.db";
   EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'fail'"), 2);
   EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'fail' AND station IN (4, 11)"), 2);
@@ -138,7 +138,7 @@ TEST_F(LineTest, a_slab_that_was_begun_under_the_type_of_its_twin_does_not_pass_
   EXPECT_NE(box.log().find("P4856 and P4925 have the same blocks and differ only in the slab's ends"),
             std::string::npos);
 
-  // A picture of 640 mm reaches past both ends.
+  // A field of view of 640 mm reaches past both ends.
   const std::vector<std::string> wide = {"--field-x-mm", "640",  "--scans-per-block", "1",
                                          "--type",       "4856", "--move-s",          "0"};
   std::vector<std::string> wrong = {"--slab-no", "8", "--slab-id", "TWIN", "--begin-as", "4925"};
@@ -188,7 +188,7 @@ TEST_F(LineTest, killed_in_mid_slab_keeps_what_was_acquired_and_finishes) {
   EXPECT_EQ(answer.exit_status, 0) << answer.out << answer.err;
   EXPECT_EQ(query(db, "SELECT count(*) FROM slab"), 1);
   EXPECT_EQ(query(db, "SELECT count(*) FROM slab_result WHERE verdict = 'pass'"), 1);
-  // What had been acquired was not scanned again.
+  // Acquired scans were not repeated.
   EXPECT_LE(query(db, "SELECT count(*) FROM attempt"), 19);
 }
 
@@ -232,7 +232,7 @@ TEST_F(LineTest, a_slab_is_finished_among_strays_old_files_and_half_ones_at_ever
   }
   EXPECT_EQ(line->wait(), 1) << read_file(box.dir / "simulate.err");
   const fs::path db = box.dir / "slabd.db";
-  // Copies of other blocks' scans lay about all the time, and the one bad block is still the right one.
+  // Copies of other blocks' scans were present all the time, and still the right block failed.
   EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'pass'"), 17);
   EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'fail' AND station = 11"), 1);
   EXPECT_GT(status()["links"]["scanner"]["strays"].get<int>(), 5);
@@ -261,8 +261,8 @@ TEST_F(LineTest, killed_while_a_scan_is_taken_has_one_more_taken_and_thrown_away
     EXPECT_EQ(entry.path().native().find("unseen"), std::string::npos) << entry.path();
 }
 
-// A scanner that hangs does not become better by a restart of slabd: the first answer to every other request is a scan
-// of block 1, under the new name. Block 5 has its slope planted, so that it passes only if it is taken for another.
+// A scanner fault persists over a restart of slabd: the first answer to every other request is a scan of block 1, under
+// the new name. Block 5 has a planted slope, so it passes only if its scan is mistaken.
 TEST_F(LineTest, a_scan_that_was_taken_before_a_restart_is_no_scan_of_another_block_after_it) {
   const fs::path db = box.dir / "slabd.db";
   std::string kept;
@@ -291,10 +291,10 @@ TEST_F(LineTest, a_scan_that_was_taken_before_a_restart_is_no_scan_of_another_bl
       for (const auto& entry : fs::directory_iterator(box.dir / "drop/request", gone)) {
         const std::string stem = entry.path().stem();
         if (stem.starts_with(".") || stem == answered) continue;
-        if (stem.starts_with("0-")) continue;  // thrown away, whatever it is
+        if (stem.starts_with("0-")) continue;  // discarded in any case
         answered = stem;
         if (turn++ % 2 != 0) continue;
-        line->signal(SIGSTOP);  // or its own scan would come first
+        line->signal(SIGSTOP);  // prevents that its own scan comes first
         fs::last_write_time(ready, fs::file_time_type::clock::now(), gone);
         fs::rename(ready, box.dir / "drop/inbox" / (stem + ".ply"), gone);
         for (int i = 0; i < 1'000 && fs::exists(entry.path(), gone); ++i)
@@ -321,8 +321,7 @@ TEST_F(LineTest, a_scan_that_was_taken_before_a_restart_is_no_scan_of_another_bl
   ASSERT_TRUE(box.ready());
   inspect_with_old_answers("22");  // and between two slabs
   EXPECT_GT(refused(), in_the_slab);
-  // Scans differ in their number of points. The old one counts once, and was refused for what it is from the first
-  // time.
+  // Scans differ in their number of points. The old scan counts once, and was refused from the first time.
   const std::string old_scan =
       "SELECT count(*) FROM attempt WHERE scan_finite = (SELECT scan_finite FROM attempt "
       "WHERE scan_path LIKE '%" +
@@ -335,7 +334,7 @@ TEST_F(LineTest, a_scan_that_was_taken_before_a_restart_is_no_scan_of_another_bl
   EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'fail' AND station = 5"), 2);
 }
 
-/// A line whose scans come over TCP.
+/// A line whose scans arrive over TCP.
 struct StreamLineTest : LineTest {
   std::uint16_t scanner_port = places::own_port();
   void SetUp() override {
@@ -360,7 +359,7 @@ TEST_F(StreamLineTest, a_slab_is_finished_over_tcp_from_planned_stations) {
   const fs::path db = box.dir / "slabd.db";
   EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'pass'"), 17);
   EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'fail' AND station = 4"), 1);
-  // What is drawn ahead for one station is never another's: no second attempt was needed.
+  // A scan prepared for one station is never used for another, so no second attempt was needed.
   EXPECT_EQ(query(db, "SELECT count(*) FROM attempt"), 18);
   const Box::Answer taught = box.slabctl(
       {"stations", "--config", box.config.native(), "--taught", (box.dir / "SLABPTS.dat").native(), "--json"});

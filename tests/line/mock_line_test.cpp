@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The daemon's own loop, with its real workers, algorithms and database, on scripted ports: one whole slab without a
-// socket, and with time that moves by hand.
+// socket, and with time advanced by the test.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -38,7 +38,7 @@ struct MockLineTest : testing::Test {
 
   void SetUp() override {
     fs::remove_all(dir);
-    fs::create_directories(dir / "spool/1");  // the scripted scanner writes there and makes no folders
+    fs::create_directories(dir / "spool/1");  // the scripted scanner writes there and does not make folders
     std::vector<Problem> problems;
     load_recipe(places::source_dir() + "/recipes/" + recipe_file, recipes[0], problems);
     ASSERT_TRUE(problems.empty()) << problems[0].text;
@@ -57,7 +57,7 @@ struct MockLineTest : testing::Test {
     settings.splice.repeatability_rad = kSigma.robot_rotation_rad;
     loop = std::make_unique<Loop>(ports, settings, hal::LengthUnit::mm, 2, LoopFigures{});
     const std::atomic<bool> stop{true};
-    loop->run(stop);  // recovers, then returns because it is told to stop
+    loop->run(stop);  // recovers, then returns because `stop` is set
     inputs.enable = true;
     inputs.command_writer = 1;
     inputs.slab_no = 4711;
@@ -79,7 +79,7 @@ struct MockLineTest : testing::Test {
     scanner.answer_with(std::move(xyz), scan.width, scan.height);
   }
 
-  /// Turns of 4 ms of scripted time until `done`, at most `turns`.
+  /// Runs turns of 4 ms of scripted time until `done`, at most `turns`.
   bool turn_until(const std::function<bool()>& done, int turns = 20'000) {
     for (int i = 0; i < turns; ++i) {
       if (done()) return true;
@@ -232,7 +232,7 @@ TEST_F(MockLineTest, a_scanner_that_hangs_is_given_up_on_abort) {
   EXPECT_TRUE(view().slab_open);
 }
 
-/// The disk failed at the start: the loop runs without a store, in fault 502, or 501 where it was full.
+/// The disk failed at the start: the loop runs without a store, in fault 502, or 501 if it was full.
 struct MockLineWithoutStore : MockLineTest {
   void SetUp() override {
     MockLineTest::SetUp();
@@ -268,7 +268,7 @@ TEST_P(MockLineWhoseStoreFails, asks_for_the_store_again_after_a_while_and_at_a_
   EXPECT_TRUE(loop->run(go_on, 3600 * kNsPerS));
 }
 
-/// The order stands in the registers until the PLC writes another one, and the first session of a new database is 1.
+/// The command remains in the registers until the PLC writes another one, and the first session of a new database is 1.
 TEST_P(MockLineWhoseStoreFails, what_was_refused_meanwhile_is_not_carried_out_when_the_database_is_there) {
   loop->start();
   ASSERT_TRUE(turn_until([&] { return view().session != 0 && view().fault != 0; }));
@@ -286,7 +286,7 @@ TEST_P(MockLineWhoseStoreFails, what_was_refused_meanwhile_is_not_carried_out_wh
   loop = std::make_unique<Loop>(Ports{plc, pose, scanner, store.get(), nullptr, clock, notify}, settings,
                                 hal::LengthUnit::mm, 1, LoopFigures{});
   loop->start();
-  for (int i = 0; i < 1'000 && view().session == 0; ++i) loop->turn(1);  // the PLC writes when the session stands
+  for (int i = 0; i < 1'000 && view().session == 0; ++i) loop->turn(1);  // the PLC writes once the session is shown
   ASSERT_NE(view().session, 0);
   EXPECT_FALSE(turn_until([&] { return view().slab_open; }, 200));
   EXPECT_EQ(view().fault, 0) << "nothing but the session keeps it from being carried out";

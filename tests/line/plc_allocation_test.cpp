@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// No role of the PLC's link touches the heap once it has a connection: server, client with its thread, serial line.
-// The other end is made of plain sockets here, so that every heap call of the process would be the link's.
+// No role of the PLC's link uses the heap once it has a connection: server, client with its thread, serial line. The
+// other end uses plain sockets here, so that every heap call of the process belongs to the link.
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -42,7 +42,7 @@ sockaddr_in loopback(std::uint16_t port) {
   return address;
 }
 
-/// One turn of the loop as far as the PLC is concerned.
+/// One turn of the loop for the PLC port only.
 void turn(PlcPort& port, const PlcOutputs& outputs, std::int64_t now_ns) {
   std::array<pollfd, kPlcPollFds> fds{};
   const std::size_t count = port.poll_fds(fds);
@@ -146,7 +146,7 @@ TEST(PlcAllocation, none_on_a_serial_line) {
   settings.role = PlcRole::rtu;
   settings.unit_id = 17;
   settings.device = std::string_view(ptsname(master.get()));
-  settings.parity = SerialParity::none;  // a pseudo-terminal has none
+  settings.parity = SerialParity::none;  // a pseudo-terminal has no parity
   auto line = make_plc_port(settings);
   ASSERT_TRUE(line.ok()) << line.error().text.c_str();
   PlcOutputs outputs;

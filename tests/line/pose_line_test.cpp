@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A real daemon hears poses as they really come: crafted datagrams by the hundred thousand, two publishers, a recorded
-// log, a type that others publish.
+// A real daemon receives realistic poses: hundreds of thousands of crafted datagrams, two publishers, a recorded log, a
+// type of other publishers.
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <lcm/eventlog.h>
@@ -58,7 +58,7 @@ std::string datagram(const std::string& payload, const std::string& channel = kC
   return std::string("LC02") + std::string("\0\0\0\1", 4) + channel + '\0' + payload;
 }
 
-/// A fragment of LCM's long message, which slabd never takes: the kinds that write outside of liblcm 1.3.1's buffers.
+/// A fragment of LCM's long message, which slabd never accepts: the kind that writes outside of liblcm 1.3.1's buffers.
 std::string fragment(std::uint32_t total, std::uint32_t offset, std::uint16_t number, std::uint16_t of,
                      const std::string& body) {
   std::string bytes = "LC03";
@@ -97,7 +97,7 @@ class Sender {
   sockaddr_in to_{};
 };
 
-/// One of the kinds of datagram that are no pose, or a wrong one.
+/// A datagram that is not a pose, or a wrong pose.
 std::string crafted(Prng& prng, std::int32_t seq) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   flange_pose_t m = pose(seq);
@@ -113,7 +113,7 @@ std::string crafted(Prng& prng, std::int32_t seq) {
     case 7:
       m.utime -= kPeriodUs;
       m.seq -= 1;
-      return datagram(encoded(m));  // the last one again
+      return datagram(encoded(m));  // the last pose repeated
     case 8: return datagram(encoded(m), "OTHER");
     case 9: return datagram(encoded(m)).substr(0, index(111));                  // cut
     case 10: return datagram(encoded(m)) + std::string(1 + index(1'000), 'x');  // too long
@@ -121,7 +121,8 @@ std::string crafted(Prng& prng, std::int32_t seq) {
     case 12: return fragment(0xFFFF'FFFF, 0, 0, 2, std::string(64, 'a'));
     case 13: return fragment(200, 0xFFFF'FFF0, 1, 2, std::string(64, 'b'));
     case 14: return fragment(200, 150, 1, 2, std::string(120, 'c'));
-    case 15: return std::string("LC02") + std::string(4, '\0') + std::string(1'200, 'n');  // a channel without end
+    case 15:
+      return std::string("LC02") + std::string(4, '\0') + std::string(1'200, 'n');  // a channel without a terminator
     case 16: return datagram(encoded(m), std::string(64, 'c'));
     default: {
       std::string noise(index(1'400), '\0');
@@ -147,14 +148,14 @@ class PoseLineTest : public testing::Test {
     return Json::parse(answer.out, nullptr, false);
   }
   [[nodiscard]] Json link() const { return status()["links"]["pose"]; }
-  /// Polls until `done`; the test's own timeout ends a wait that never comes true.
+  /// Polls until `done`; the test's own timeout ends a wait that never succeeds.
   static void wait_until(const std::function<bool()>& done) {
     while (!done()) std::this_thread::sleep_for(30ms);
   }
   void start() {
     box_.start();
     ASSERT_TRUE(box_.ready()) << box_.log();
-    // A loaded computer takes its time until the first turn.
+    // A loaded computer needs time until the first turn.
     wait_until([this] {
       return box_.slabctl({"status", "--config", box_.config.native()}).exit_status == 0 || !box_.running();
     });
@@ -172,18 +173,18 @@ TEST_F(PoseLineTest, two_hundred_thousand_crafted_datagrams_change_neither_pose_
   constexpr int kCraftedPerBurst = 200;
   std::int32_t seq = 0;
   const auto burst = [&](int crafted_ones) {
-    // Between true poses, from the same address and port: nothing but their content tells them apart.
+    // Sent between valid poses, from the same address and port, so that they differ only in their content.
     for (int i = 0; i < crafted_ones; ++i) static_cast<void>(robot.send(crafted(prng, seq + 1)));
     ASSERT_TRUE(robot.send(datagram(encoded(pose(++seq)))));
-    // The receive buffer is the kernel's, and finite.
+    // The kernel's receive buffer is finite.
     while (box_.running() && udp_backlog(box_.lcm_port).value_or(0) > 0) std::this_thread::sleep_for(1ms);
   };
-  burst(0);  // whoever speaks first is believed
+  burst(0);  // the first publisher is accepted
   for (int i = 0; i < 20; ++i) burst(kCraftedPerBurst);
   const Json before = status();
   for (int i = 20; i < kBursts; ++i) burst(kCraftedPerBurst);
-  // A true one that was lost in a full buffer is a gap, never a wrong pose.
-  wait_until([&] { return link()["code"] != 0; });  // all are read
+  // A valid pose lost in a full buffer is a gap, never a wrong pose.
+  wait_until([&] { return link()["code"] != 0; });  // all datagrams are read
   const Json after = status();
   const Json& pose_link = after["links"]["pose"];
   EXPECT_TRUE(box_.running());
@@ -194,7 +195,7 @@ TEST_F(PoseLineTest, two_hundred_thousand_crafted_datagrams_change_neither_pose_
        {"foreign", "malformed", "not_finite", "not_unit", "out_of_reach", "repeated", "time_back"})
     EXPECT_GT(pose_link[counter].get<int>(), 1'000) << counter;
   EXPECT_LE(after["memory"]["rss_kb"].get<int>(), before["memory"]["rss_kb"].get<int>() + 512);
-  // Poses have stopped, and that has a name.
+  // Poses have stopped, which is reported.
   EXPECT_EQ(pose_link["code"], 202) << pose_link;
   EXPECT_GE(pose_link["stale"].get<int>(), 1);
   EXPECT_EQ(box_.stop(), 0);
@@ -202,7 +203,7 @@ TEST_F(PoseLineTest, two_hundred_thousand_crafted_datagrams_change_neither_pose_
 
 TEST_F(PoseLineTest, two_publishers_are_told_and_the_slab_is_finished_when_one_is_stopped) {
   start();
-  // Another program that shows the arm elsewhere, for the first seconds of the slab.
+  // Another program that publishes another position of the arm, for the first seconds of the slab.
   std::atomic<bool> stop{false};
   std::thread second([&] {
     lcm_t* lcm = lcm_create(url().c_str());
@@ -274,7 +275,7 @@ TEST_F(PoseLineTest, a_log_played_by_lcm_logplayer_arrives_pose_by_pose) {
     lcm_eventlog_event_t event{};
     event.eventnum = i;
     event.timestamp = pose(i).utime;
-    std::string channel = i % 5 == 0 ? "CAMERA" : kChannel;  // a log holds more than poses
+    std::string channel = i % 5 == 0 ? "CAMERA" : kChannel;  // a log contains more than poses
     event.channellen = static_cast<int>(channel.size());
     event.datalen = static_cast<int>(bytes.size());
     event.channel = channel.data();

@@ -39,8 +39,8 @@ sockaddr_in loopback(std::uint16_t port) {
   return address;
 }
 
-/// A Modbus server that has done with STATE 0 and 1 (init, recover): the database is open, memory is there. One that
-/// lets nobody read is taken for ready when it listens.
+/// True if the Modbus server has left STATE 0 and 1 (init, recover): the database is open and memory is allocated. A
+/// server that refuses reading counts as ready when it listens.
 bool answers(std::uint16_t port) {
   const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
   const timeval patience{1, 0};

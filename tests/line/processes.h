@@ -10,13 +10,13 @@
 #include <string>
 #include <vector>
 
-/// Real processes for whole-line tests: a folder, ports and a multicast group of their own, so that tests run side by
-/// side and beside a production daemon.
+/// Real processes for whole-line tests: each with its own folder, ports and multicast group, so that tests can run in
+/// parallel and next to a production daemon.
 namespace slabd::line {
 
 namespace fs = std::filesystem;
 
-/// A child process with stdout and stderr in files. Killed when the object goes.
+/// A child process with stdout and stderr in files. Killed when the object is destroyed.
 class Process {
  public:
   Process(const std::vector<std::string>& command, const fs::path& out, const fs::path& err);
@@ -35,7 +35,7 @@ class Process {
   int status_ = -1;
 };
 
-/// A sanitizer keeps memory of its own, as much as the program's: what these promise of memory is not asked then.
+/// A sanitizer needs as much memory as the program itself, so memory figures are not checked with one.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 inline constexpr bool kSanitized = true;
 #else
@@ -43,9 +43,9 @@ inline constexpr bool kSanitized = false;
 #endif
 
 [[nodiscard]] std::string read_file(const fs::path& path);
-/// Waits: scans that were let go are deleted when the storage thread has nothing else to do.
+/// Waits for the deletion of released scans, which the storage thread does when it is idle.
 [[nodiscard]] bool is_emptied(const fs::path& folder);
-/// Bytes that came to a UDP port and were not read yet; none when nobody listens on it.
+/// Bytes in a UDP port's receive buffer; nullopt if the port is not bound.
 [[nodiscard]] std::optional<std::size_t> udp_backlog(std::uint16_t port);
 
 /// One configured daemon: writes its slabd.toml, starts and stops it.
@@ -56,12 +56,12 @@ class Box {
   Box(const Box&) = delete;
   Box& operator=(const Box&) = delete;
 
-  /// With these arguments more.
+  /// With additional arguments.
   void start(const std::vector<std::string>& more = {});
-  /// Waits until the daemon answers on its port; false when it ended instead.
+  /// Waits until the daemon answers on its port; false if it ended instead.
   [[nodiscard]] bool ready();
   void kill_hard();
-  /// SIGTERM; the exit status.
+  /// Sends SIGTERM and returns the exit status.
   int stop();
   [[nodiscard]] bool running() { return daemon_ && daemon_->running(); }
   [[nodiscard]] pid_t pid() const { return daemon_->pid(); }
@@ -74,15 +74,15 @@ class Box {
   };
   /// Runs slabctl to its end.
   [[nodiscard]] Answer slabctl(std::vector<std::string> args) const;
-  /// Starts `slabctl simulate` and does not wait.
+  /// Starts `slabctl simulate` without waiting.
   [[nodiscard]] std::unique_ptr<Process> simulate(std::vector<std::string> args) const;
 
-  /// What the daemon's command line begins with: env and its variables, or nothing.
+  /// Prefix of the daemon's command line: env and its variables, or empty.
   std::vector<std::string> launcher;
   fs::path dir;
   fs::path config;
   std::uint16_t port = 0;
-  /// Of the group that robot and daemon share.
+  /// Port of the group that robot and daemon share.
   std::uint16_t lcm_port = 0;
 
  private:

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A whole slab through the real daemon, then measured again from its scans: the database must come out bit by bit.
+// A whole slab through the real daemon, then measured again from its scans: the results must match the database bit by
+// bit.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -38,7 +39,7 @@ TEST(ReplayLine, a_slab_of_the_line_comes_out_again_bit_for_bit_beside_the_runni
   }
   EXPECT_GT(figures, 16U * 300);
 
-  // The recipe is no file any more: the daemon has put it beside the slab.
+  // The recipe file does not exist any more: the daemon has stored the recipe with the slab.
   const std::filesystem::path empty = box.config.parent_path() / "empty";
   std::filesystem::create_directories(empty);
   const Box::Answer kept = box.slabctl(

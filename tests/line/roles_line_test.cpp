@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The main job when it is not the PLC that asks over Ethernet: slabd as Modbus client of the emulated PLC, and both on
-// a serial line (a socat pty pair). What independent PLCs see is tests/plc's.
+// Whole slabs with other roles of slabd: as Modbus client of the emulated PLC, and with both on a serial line (a socat
+// pty pair). Tests with independent PLCs are in tests/plc.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -18,7 +18,7 @@ using Json = nlohmann::json;
 
 class RolesLineTest : public testing::Test {
  protected:
-  /// Puts `lines` in the place of plc.listen.
+  /// Replaces plc.listen by `lines`.
   void give_role(const std::string& lines) {
     std::string text = read_file(box_.config);
     const std::size_t listen = text.find("listen = ");
@@ -42,7 +42,7 @@ class RolesLineTest : public testing::Test {
     args.insert(args.end(), more.begin(), more.end());
     return box_.slabctl(args);
   }
-  /// A good slab and a bad one; after the first the daemon's memory stands.
+  /// Inspects a good slab and a bad one; after the first the daemon's memory must not grow.
   void run_slabs(const std::vector<std::string>& more = {}) {
     const Box::Answer first = slab(1, more);
     ASSERT_EQ(first.exit_status, 0) << first.out << first.err << box_.log();

@@ -67,12 +67,12 @@ class ScanStreamPortTest : public testing::Test {
     r.slab_id = "S \"1\"";
     r.station = 4;
     r.timeout_ns = ns_from_ms(timeout_ms);
-    // The daemon gives every attempt a place of its own.
+    // The daemon uses a separate path for every attempt.
     r.spool_path = PathText(folder_ / ("spool/1/04-" + std::to_string(seq - 2)));
     return r;
   }
   StreamGateway gateway() const { return {"127.0.0.1", port_->bound_port()}; }
-  /// The gateway's side, on its own thread; acquire() on this one.
+  /// Runs the gateway on its own thread, and acquire() on this one.
   Result<AcquiredScan> acquire(const ScanRequest& r, const std::function<void(StreamGateway&)>& software) {
     std::thread thread([&] {
       StreamGateway g = gateway();
@@ -86,13 +86,13 @@ class ScanStreamPortTest : public testing::Test {
   static StreamRequest wait_for(StreamGateway& g) {
     std::string note;
     for (;;) {
-      // A connection that slabd has ended may still look open here.
+      // A connection that slabd has closed may still look open here.
       static_cast<void>(g.connect());
       if (const auto r = g.next_request(1'000, note)) return *r;
     }
   }
-  /// A gateway of its own: connects, hears of the request, sends a header and the first bytes of the points, says that
-  /// this was all and waits for the end.
+  /// A separate gateway: connects, reads the request, sends a header and the first bytes of the points, ends its
+  /// sending half and waits for the end.
   void send_bytes(std::uint64_t utime_us, std::uint32_t first, std::size_t bytes_of_points) const {
     const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     sockaddr_in address{};
@@ -110,7 +110,7 @@ class ScanStreamPortTest : public testing::Test {
     header.utime_us = utime_us;
     header.points_crc = crc32c(bytes);
     const ScanHeaderBytes head = encode_scan_header(header);
-    char asked = 0;  // the request's line: slabd listens
+    char asked = 0;  // the line of the request: slabd listens
     EXPECT_EQ(recv(fd, &asked, 1, 0), 1);
     EXPECT_EQ(send(fd, head.data(), head.size(), MSG_NOSIGNAL), static_cast<ssize_t>(head.size()));
     EXPECT_EQ(send(fd, bytes.data(), bytes_of_points, MSG_NOSIGNAL), static_cast<ssize_t>(bytes_of_points));
@@ -160,7 +160,7 @@ TEST_F(ScanStreamPortTest, a_disk_that_does_not_take_the_scan_is_told_while_it_d
   port_.reset();
   clock_ = std::move(stepped);
   open("127.0.0.0/8");
-  // A pipe in the file's place keeps whoever opens it waiting.
+  // A pipe in place of the file blocks the program that opens it.
   fs::create_directories(folder_ / "spool/1");
   const std::string pipe = folder_ / "spool/1/04-1.ply.part";
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
@@ -219,7 +219,7 @@ TEST_F(ScanStreamPortTest, a_scan_taken_anew_after_a_cut_leaves_nothing_of_the_f
 TEST_F(ScanStreamPortTest, a_gateway_that_was_started_anew_amid_a_scan_delivers_its_own) {
   const auto result = acquire(request(), [this](StreamGateway& g) {
     EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99, 20'000).ok());
-    // One that believes have_points, though its scan is another: refused once.
+    // A gateway that uses have_points although it has another scan is refused once.
     send_bytes(100, 20'000, 0);
     StreamGateway anew = gateway();
     ASSERT_TRUE(anew.connect().ok());
@@ -346,7 +346,7 @@ TEST_F(ScanStreamPortTest, cancelling_ends_the_wait) {
   EXPECT_EQ(result.error().code, Code::interrupted);
 }
 
-/// The gateway that docs/SCANNER.md shows, as it stands there.
+/// The gateway of docs/SCANNER.md, taken from the document.
 TEST_F(ScanStreamPortTest, the_documented_gateway_delivers) {
   const std::string text = test::read_file(places::source_dir() + "/docs/SCANNER.md");
   const std::size_t begin = text.find("```python\n");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The scanner's acceptance through the real programs: scans of a plate and a ball become a record in the database, the
-// running daemon takes it up, U follows it, and a slab measured again finds the same numbers.
+// The scanner's acceptance through the real programs: scans of a plate and a ball become a record in the database. The
+// running daemon applies it, U follows it, and a slab measured again gives the same numbers.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -23,10 +23,10 @@ using nlohmann::json;
 constexpr double kAway_mm = 600.0;
 constexpr double kBall_mm = 50.0;  ///< diameter
 
-/// A scan as a scanner with this form error would give it: one ray for each point, noise along the ray.
+/// A scan by a scanner with this form error: one ray for each point, noise along the ray.
 struct Artefacts {
   double bend_mm = 0.0;    ///< half depth of a bowl over a plate
-  double apart_mm = 11.0;  ///< how far the artefact is moved along the axis from scan to scan
+  double apart_mm = 11.0;  ///< shift of the artefact along the axis between scans
 
   std::vector<float> scan(std::size_t side, double field_mm, std::uint64_t seed,
                           const std::function<double(double, double)>& depth_at) const {
@@ -51,7 +51,7 @@ struct Artefacts {
   [[nodiscard]] std::vector<float> ball(std::uint64_t seed) const {
     const double off_mm = 0.2 * apart_mm * (static_cast<double>(seed) - 5.0);
     return scan(400, 120.0, seed, [&](double x, double y) {
-      // Where the ray meets the sphere, as a share of its length.
+      // Intersection of the ray and the sphere, as a fraction of the ray's length.
       const Vec3 ray(x, y, kAway_mm);
       const Vec3 centre(off_mm, -off_mm, kAway_mm + apart_mm * static_cast<double>(seed));
       const double along = ray.dot(centre) / ray.squaredNorm();
@@ -82,7 +82,7 @@ struct ScannerLine : testing::Test {
     }
     FAIL() << "slabd does not answer: " << box.log();
   }
-  /// Draws the scans; names of files.
+  /// Writes the scans and returns the names of the files.
   void draw(const std::string& name, Artefacts artefacts, int plates, int balls, double apart_mm = 11.0) {
     artefacts.apart_mm = apart_mm;
     files_ = {"--diameter-mm", std::to_string(kBall_mm)};
@@ -211,7 +211,7 @@ TEST_F(ScannerLine, a_scanner_better_than_its_specification_leaves_U_as_it_is_an
   const std::string id = status()["calibration"]["scanner"]["id"];
   const json after = slab("AFTER", "2");
   EXPECT_EQ(after["scanner_id"], id);
-  // Another scan of another slab: the same but for what its noise and pose leave.
+  // Another scan of another slab: equal except for noise and pose.
   for (const char* name : {"seat_slope", "jaw_angle_inner", "jaw_distance", "casing_spacing", "seat_flatness"}) {
     const double then = item(before, name)["U"].get<double>();
     EXPECT_NEAR(item(after, name)["U"].get<double>(), then, 0.05 * then) << name;

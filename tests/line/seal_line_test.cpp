@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A real daemon whose memory is sealed: it inspects slabs, and whatever asks for more than there is, it stays and the
-// slab passes.
+// A real daemon with sealed memory: it inspects slabs, and if memory runs out it keeps running and the slab passes.
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
@@ -21,7 +20,7 @@
 namespace slabd::line {
 namespace {
 
-/// A connection that closes itself; -1 when nobody takes it.
+/// A connection that closes itself; -1 if it was not accepted.
 class Peer {
  public:
   explicit Peer(std::uint16_t port) : fd_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)) {
@@ -47,7 +46,7 @@ class Peer {
     if (fd_ >= 0) ::close(fd_);
   }
   void send(const std::string& bytes) const { (void)::send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL); }
-  /// The beginning of an answer; empty: none came.
+  /// The beginning of an answer; empty if none came.
   [[nodiscard]] std::string receive() const {
     std::array<char, 1024> bytes{};
     const ssize_t got = ::recv(fd_, bytes.data(), bytes.size(), 0);
@@ -63,7 +62,7 @@ class SealLine : public testing::Test {
   void TearDown() override {
     if (HasFailure()) std::fprintf(stderr, "---- slabd ----\n%s", box_.log().c_str());
   }
-  /// Asked for again where the daemon finds no memory to answer with: this is what some of these tests provoke.
+  /// Repeated if the daemon has no memory for the answer, which some of these tests provoke.
   [[nodiscard]] double figure(const std::string& name) const {
     for (int i = 0; i < 20; ++i) {
       const std::string text = box_.slabctl({"metrics", "--config", box_.config.native()}).out;
@@ -75,7 +74,7 @@ class SealLine : public testing::Test {
   [[nodiscard]] bool locking_is_refused() const {
     return box_.log().find("memory cannot be locked") != std::string::npos;
   }
-  /// Everything that may ask for memory, for as long as `line` lives: 64 kB of JSON in every shape, a hundred Modbus
+  /// Provokes all kinds of allocations during the life of `line`: 64 kB of JSON in every form, a hundred Modbus
   /// connections with half a frame each, backups.
   void provoke(Process& line) {
     std::map<std::string, std::string> requests;
@@ -99,7 +98,7 @@ class SealLine : public testing::Test {
         const Peer peer(box_.dir / "control.sock");
         peer.send(request + "\n");
         if (!peer.receive().empty()) ++answers_;
-        // Others hang up before their answer is made.
+        // Other clients disconnect before their answer is made.
         Peer(box_.dir / "control.sock").send(request + "\n");
       }
       ASSERT_TRUE(box_.running());
@@ -114,7 +113,7 @@ TEST_F(SealLine, a_daemon_that_can_take_no_more_memory_inspects_slabs_and_is_bac
   ASSERT_TRUE(box_.ready());
   const double limit = figure("slabd_memory_limit_bytes");
   EXPECT_GT(limit, 100e6);
-  // Without the right to lock that much it says so, and works.
+  // Without permission to lock that much memory it logs that and continues.
   EXPECT_TRUE(locking_is_refused() || figure("slabd_memory_locked_bytes") > 100e6);
   const Box::Answer slabs = box_.slabctl(
       {"simulate", "--config", box_.config.native(), "--points", "quarter", "--slabs", "2", "--slab-no", "1"});
@@ -130,7 +129,7 @@ TEST_F(SealLine, a_daemon_that_can_take_no_more_memory_inspects_slabs_and_is_bac
 TEST_F(SealLine, every_stack_is_there_from_the_start) {
   box_.start({"--seal"});
   ASSERT_TRUE(box_.ready());
-  (void)figure("slabd_uptime_seconds");  // answered only when sealed
+  (void)figure("slabd_uptime_seconds");  // answered only once sealed
   if (locking_is_refused()) {
     EXPECT_NE(box_.log().find("MB are needed, LimitMEMLOCK allows"), std::string::npos) << "nothing is touched then";
     return;
@@ -138,7 +137,7 @@ TEST_F(SealLine, every_stack_is_there_from_the_start) {
   std::size_t threads = 0;
   for (const auto& task : fs::directory_iterator("/proc/" + std::to_string(box_.pid()) + "/task"))
     threads += task.is_directory() ? 1U : 0U;
-  // The stacks in order of their addresses: as large as they were asked for, and resident to the last page.
+  // The stacks in order of their addresses: of the requested size, and completely resident.
   std::size_t stacks = 0;
   std::ifstream smaps("/proc/" + std::to_string(box_.pid()) + "/smaps");
   std::string line;
@@ -175,7 +174,7 @@ TEST_F(SealLine, requests_for_memory_that_fail_neither_end_it_nor_spoil_a_slab) 
   EXPECT_EQ(box_.stop(), 0);
 }
 
-// The thread that opens the database, and the loop that waits for it, come and go before there is a seal.
+// The thread that opens the database, and the loop that waits for it, end before the process is sealed.
 TEST_F(SealLine, the_seal_comes_when_the_database_could_be_opened_at_last) {
   Box other;
   other.start();

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The line with a robot that is off by 0.7 mm and comes back to 0.017 mm: mastered, corrected, and used. From features
-// to verdicts everything is the daemon's own code; the features stand for the scans (script/accuracy stations draws
-// them).
+// The line with a robot whose positions are off by 0.7 mm and repeat within 0.017 mm: mastered, corrected, and used.
+// From features to verdicts all code is the daemon's own; the features replace the scans (script/accuracy stations
+// generates them).
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -40,7 +40,7 @@ class StationsLineTest : public ::testing::Test {
     std::vector<daemon::Problem> problems;
     daemon::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipe_, problems);
     ASSERT_TRUE(problems.empty()) << problems[0].text;
-    // A perfect scanner: U is then what calibration and robot make of it, and may not hide behind the form error.
+    // A perfect scanner: U then consists of calibration and robot only, without the form error.
     recipe_.uncertainty.scanner_form_mm.value = 1e-9;
     recipe_.uncertainty.scanner_length_ppm.value = 1e-9;
     recipe_.uncertainty.reference_mm.value = 1e-9;
@@ -124,7 +124,7 @@ TEST_F(StationsLineTest, budget_names_what_was_used) {
     EXPECT_EQ(splice.source, SpliceSource::corrected);
     EXPECT_EQ(splice.visits, 5);
     EXPECT_NEAR(splice.calibration_mm, splice.robot_mm / std::sqrt(5.0), 1e-12) << "the law sqrt(1 + 1/M)";
-    EXPECT_GT(splice.robot_mm, 0.014);  // 0.017 mm and its lever; a station that scatters more keeps its own
+    EXPECT_GT(splice.robot_mm, 0.014);  // 0.017 mm and its lever; a station that scatters more keeps its own value
     EXPECT_LT(splice.robot_mm, 0.03);
   }
   for (const Splice& splice : without.splices) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A study on a real daemon: the emulated robot stands over a block, and slabctl repeats its scan.
+// A study with a real daemon: the emulated robot stays above a block, and slabctl repeats its scan.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -31,7 +31,7 @@ class StudyLineTest : public testing::Test {
     }
     return false;
   }
-  /// Robot and scanner, told to stand over block 3.
+  /// Robot and scanner, ordered to stay above block 3.
   std::unique_ptr<Process> stand_over_block_3() const {
     const std::string command = "(echo 'slab 1'; echo 'station 3'; sleep 120) | " + places::slabctl() +
                                 " simulate --config " + box_.config.native() +
@@ -39,7 +39,7 @@ class StudyLineTest : public testing::Test {
     return std::make_unique<Process>(std::vector<std::string>{"/bin/bash", "-c", command}, box_.dir / "cell.out",
                                      box_.dir / "cell.err");
   }
-  /// The emulated robot stirs by about as much as a view may by default.
+  /// The emulated robot moves by about as much as a view may by default.
   void allow_the_robot_to_stir() const {
     std::string text = read_file(box_.config);
     const std::string table = "[calibration]\n";
@@ -86,7 +86,7 @@ TEST_F(StudyLineTest, repeats_are_scanned_by_the_daemon_and_the_line_is_idle_aga
   EXPECT_TRUE(wait_until([](const json& now) { return now["state"] == "idle"; })) << status().dump();
   EXPECT_TRUE(is_emptied(box_.dir / "spool" / "capture")) << "every copy was let go";
 
-  // Half a slab away there is another block, but not where block 9 is looked for.
+  // Half a slab away there is another block, but not at the expected position of block 9.
   const Box::Answer wrong = repeat({"--live", "9", "--count", "2"});
   EXPECT_EQ(wrong.exit_status, 3) << wrong.out;
   EXPECT_NE(wrong.err.find("stand over block 9?"), std::string::npos) << wrong.err;

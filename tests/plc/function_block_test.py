@@ -127,7 +127,7 @@ class FunctionBlock(unittest.TestCase):
     def test_a_scan_is_done_by_its_own_number_and_not_by_somebody_elses_status(self):
         line = Line()
         block = line.order()
-        line.ir[ACK], line.ir[STATUS] = 42, 4  # somebody else's order has the number
+        line.ir[ACK], line.ir[STATUS] = 42, 4  # another client has used the number
         for _ in range(5):
             line.cycle()
         self.assertFalse(block.xDone)
@@ -183,7 +183,7 @@ class FunctionBlock(unittest.TestCase):
         self.assertEqual(line.block.HR[2], 9)
         line.ir[30] = line.ir[63] = 10
         for _ in range(5):
-            line.cycle()  # xStored still stands
+            line.cycle()  # xStored is still set
         self.assertEqual(line.block.HR[2], 9)
         self.assertTrue(line.block.xNewResult)
         line.cycle(xStored=False)

@@ -37,7 +37,7 @@ class Share:
         self.answers.set()
         self.come_back()
 
-    # ---- what can happen to it
+    # ---- faults
 
     def come_back(self):
         self.paths, self.nodes, self.handles = {1: self.behind}, {}, {}
@@ -82,7 +82,7 @@ class Share:
                 if not select.select([fd], [], [], 0.05)[0]:
                     continue
                 request = os.read(fd, 1 << 20)
-                self.answers.wait()  # frozen in the middle of a call: even a kill does not end it for the caller
+                self.answers.wait()  # a frozen call does not return, even if the caller is killed
                 length, opcode, unique, node = struct.unpack_from("<IIQQ", request)
                 if opcode in (FORGET, BATCH_FORGET, INTERRUPT):
                     continue
@@ -102,7 +102,7 @@ class Share:
                     if why.errno != errno.ENOENT:  # the caller was killed
                         raise
         except OSError:
-            pass  # unmounted or broken off
+            pass  # unmounted or interrupted
         finally:
             for handle in self.handles.values():
                 os.close(handle)

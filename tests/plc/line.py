@@ -20,7 +20,7 @@ from pymodbus.server import ServerStop, StartTcpServer
 
 from st_block import Block
 
-logging.disable(logging.ERROR)  # pymodbus says every reconnection; timeout= must be whole seconds for it
+logging.disable(logging.ERROR)  # pymodbus logs every reconnection; its timeout= must be whole seconds
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 SLAB_BEGIN, SCAN, SLAB_END, SLAB_ABORT = 1, 2, 3, 4
@@ -161,7 +161,7 @@ def wait_for(done, seconds, what):
         time.sleep(0.02)
 
 
-# ---- three ways to move the registers ----------------------------------------------------------------------------
+# ---- three ways to transfer the registers ------------------------------------------------------------------------
 
 
 class MasterWire:

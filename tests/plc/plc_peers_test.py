@@ -95,7 +95,8 @@ def losses(box):
     for station in range(1, 4):
         plc.scan(box, station, 7)
 
-    # slabd dies while it scans: the PLC sees the silence, slabd comes back with another session, nothing is repeated.
+    # slabd dies during a scan: the PLC detects the silence, slabd returns with another session, and no command is
+    # repeated.
     session = plc.block.IR[9]
     box.order("station 4", "standing 4")
     plc.inputs.update(xExecute=True, uiCmd=SCAN, uiStation=4)
@@ -112,7 +113,7 @@ def losses(box):
         if not scanned >> (station - 1) & 1:
             plc.scan(box, station, 7)
 
-    # The PLC dies: its memory is gone. A late frame of its old life is void, and the slab goes on.
+    # The PLC dies and loses its memory. A late frame from before is void, and the slab continues.
     session = plc.block.IR[9]
     last, old = plc.block.HR[3], list(plc.block.HR)
     wire.close()
@@ -125,7 +126,7 @@ def losses(box):
     plc.until(lambda: plc.block.IR[26] == 102 and plc.block.IR[27] == ack + 1, 60, "the late frame to be refused")
     assert plc.block.IR[10] == ack, "and not carried out"
 
-    if box.role == "server":  # half open: the old connection says nothing any more and is never closed
+    if box.role == "server":  # half open: the old connection is silent and is never closed
         wire.client, abandoned = None, wire.client
         for _ in range(3):
             plc.cycle()
@@ -201,7 +202,7 @@ class Attack(threading.Thread):
             try:
                 self.once()
             except OSError:
-                pass  # thrown out: again
+                pass  # disconnected: retry
 
 
 class WrongLength(Attack):
@@ -294,7 +295,7 @@ def latencies(port, seconds, answers=400):
 
 def attacks(box, seconds):
     box.start()
-    # 1,000 sockets here; the daemon itself never holds more than 8 of them.
+    # 1,000 sockets here; the daemon itself never has more than 8 of them open.
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(4096, hard)), hard))
     quiet, _ = latencies(box.port, seconds)

@@ -28,7 +28,7 @@ FAULTS = ("plc", "slabd", "link")
 BAD_BLOCK = 4
 SILENCE_S = 3.0
 GIVEN_UP = 405  # slabd ended while it measured: scan the station again
-# A status that is gone before the PLC read it has the next one stand for it.
+# The next status also counts if a status is gone before the PLC read it.
 MAY_BE_MEASURING = ("accepted", "acquiring", "acquired")
 
 
@@ -43,7 +43,7 @@ class Watched(Plc):
         super().__init__(wire, period=0.005)
         self.results = stored
         self.trap = None
-        self.trap_order = None  # (cmd, station) the trap is for
+        self.trap_order = None  # (cmd, station) of the trap
 
     def cycle(self):
         image = self.wire.read()
@@ -62,7 +62,7 @@ class Watched(Plc):
         if image is not None and image[10] == fb.HR[39] and fb.HR[39] != 0 and fb.HR[38] == image[9]:
             for status, moment in ((ACCEPTED, "accepted"), (ACQUIRING, "acquiring"), (ACQUIRED, "acquired"),
                                    (DONE, "done")):
-                # A status may be gone before it was read; then the next one stands for it.
+                # A status may be gone before it was read; then the next one counts.
                 if status <= image[11] <= DONE:
                     self.spring(moment)
         if fb.xNewResult:
@@ -100,7 +100,7 @@ class Line:
         self.plc = Watched(self.wire, self.stored)
         self.faults = 0
 
-    # ---- what happens
+    # ---- faults
 
     def plc_dies(self):
         last = self.plc.block.HR[3]
@@ -116,7 +116,7 @@ class Line:
         role, wire = self.box.role, self.wire
         end = time.monotonic() + SILENCE_S
         abandoned = None
-        if role == "server":  # half open: nothing is closed, nothing is said
+        if role == "server":  # half open: not closed, but silent
             abandoned, wire.client = wire.client, None
             make, wire.make = wire.make, self.no_connection
         elif role == "client":
@@ -144,7 +144,7 @@ class Line:
         self.faults += 1
         return {"plc": self.plc_dies, "slabd": self.slabd_dies, "link": self.link_breaks}[fault]()
 
-    # ---- what the PLC's program does about it
+    # ---- reactions of the PLC's program
 
     def ready(self):
         self.plc.inputs["xExecute"] = False

@@ -92,7 +92,7 @@ class DropScanner(threading.Thread):
                 self.put(f"{self.stem}.ply", data)
             if case is not None and self.step == READING and case.do:
                 case.do(self)
-        except OSError:  # no folder, no room: the scanner's software can do nothing about it
+        except OSError:  # no folder or no space: the scanner's software cannot continue
             pass
 
 
@@ -394,9 +394,9 @@ def returns(scanner):
 
 def stream_cases():
     everywhere = at(ALL, OK)
-    # The gateway may send a scan again that was refused, as long as the request waits.
+    # The gateway may send a refused scan again as long as the request waits.
     refused = at((READING,), OK, INCOMPLETE)
-    # The reference gateway connects again and goes on; it may also come too late.
+    # The reference gateway reconnects and continues; it may also be too late.
     resumed = at((READING,), OK)
     cases = [
         Case("cut within the header", resumed, give=cut_at(byte=10)),

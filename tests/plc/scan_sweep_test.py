@@ -93,7 +93,7 @@ class Sweep:
 
     def begin(self, slab_no):
         self.number += 1
-        self.box.order(f"slab {self.number}", f"slab {self.number}")  # a scan of its own each time
+        self.box.order(f"slab {self.number}", f"slab {self.number}")  # a separate scan each time
         code, _ = self.plc.order(SLAB_BEGIN, slab_no=slab_no, slab_id=f"SC-{slab_no}")
         assert code == 0, f"SLAB_BEGIN: {code}"
 

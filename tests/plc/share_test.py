@@ -48,7 +48,7 @@ def table_in_pieces(scanner, name, data):
     with open(scanner.path("inbox", name[:-4] + ".xyz"), "wb") as file:
         for i in range(3):
             time.sleep(1.2 if i else 0)
-            # Whole lines: a part of it is a smaller scan.
+            # Complete lines, so that a part of the table is a valid but smaller scan.
             begin, end = (table.rfind(b"\n", 0, len(table) * k // 3) + 1 for k in (i, i + 1))
             file.write(table[begin:end])
             file.flush()
@@ -138,7 +138,7 @@ class Test:
         self.orderly(station + 2, "a table in pieces, pauses of 1.2 s", Case("table", (OK,), self.table_give()))
         if self.share is not None:
             points = self.points_of(station + 2)
-            # Isolated points are left out; a part of the table would be two thirds.
+            # Isolated points are left out; with a part of the table missing it would be two thirds.
             assert points > 0.9 * self.scanner.lines, f"{points} points of {self.scanner.lines} were measured"
             self.until_scanned(station + 2)  # with all of its points
         return station + 3
@@ -205,7 +205,7 @@ class Test:
         time.sleep(0.5)
         began = time.monotonic()
         self.box.daemon.send_signal(signal.SIGTERM)
-        # The process itself cannot end while the kernel holds its thread, but it is out of the line's way at once.
+        # The process cannot end while the kernel holds its thread, but it leaves the line at once.
         said = "stopped while the scanner's thread hung"
         wait_for(lambda: said in self.box.log() or self.box.daemon.poll() is not None, 15, "it to stop")
         self.say(f"SIGTERM while it hangs: slabd leaves after {time.monotonic() - began:.1f} s")
@@ -283,7 +283,7 @@ def run(options):
         test = Test(box, scanner, share, options.stall)
         test.run()
         assert scanner.error is None, scanner.error
-        # Until it was stopped: later it has no NOTIFY_SOCKET.
+        # Only until it was stopped: later it has no NOTIFY_SOCKET.
         assert not shared or watchdog.gap < 5.0, f"the watchdog was not fed for {watchdog.gap:.1f} s"
         print(f"the watchdog was fed at least every {watchdog.gap:.1f} s" if shared else
               "not tried: a share that hangs, fails or goes away (mounting one needs root and /dev/fuse)", flush=True)

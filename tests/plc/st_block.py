@@ -220,7 +220,7 @@ class Block:
                 return Ton(clock) if kind == "TON" else kind == "_" if kind == "BOOL" else 0
             setattr(self, name, translated.initial.get(name, blank() if count is None else [blank()] * count))
         code = {}
-        exec(compile("def body(s):\n" + "\n".join(translated.lines), path, "exec"), code)  # our own text
+        exec(compile("def body(s):\n" + "\n".join(translated.lines), path, "exec"), code)  # text of this repository
         self._body = code["body"]
 
     def __call__(self, **inputs):

@@ -29,7 +29,7 @@ void* sqlite_malloc(int bytes) {
 
 }  // namespace
 
-/// Of one request by C++ code.
+/// Counts one request of C++ code; true if it must fail.
 bool refuses() {
   if (t_aside != 0 || !Fiber::inside()) return false;
   if (t_watching) ++t_counted;
@@ -47,7 +47,7 @@ void take_over() {
   if (sqlite3_config(SQLITE_CONFIG_GETMALLOC, &g_plain) != SQLITE_OK) std::abort();
   sqlite3_mem_methods ours = g_plain;
   ours.xMalloc = sqlite_malloc;
-  // One thread at a time uses SQLite here, and nobody asks it for its figures.
+  // Only one thread at a time uses SQLite here, and its memory statistics are not needed.
   const bool taken = sqlite3_config(SQLITE_CONFIG_MALLOC, &ours) == SQLITE_OK &&
                      sqlite3_config(SQLITE_CONFIG_SINGLETHREAD) == SQLITE_OK &&
                      sqlite3_config(SQLITE_CONFIG_MEMSTATUS, 0) == SQLITE_OK;

@@ -3,21 +3,21 @@
 
 #include <cstdint>
 
-/// The heap of slabd's side of a simulation: it can run out at the n-th request, and it can be watched for requests
-/// where there must be none. What the simulation itself asks for does not count.
+/// The heap of the simulated slabd. It can fail at the N-th request, and requests can be counted where none are
+/// allowed. Requests of the simulation itself do not count.
 namespace slabd::sim::heap {
 
-/// Registers SQLite's share of the heap. Before SQLite is used for the first time.
+/// Registers SQLite's share of the heap. Must be called before SQLite is used for the first time.
 void take_over();
-/// The `count`-th request from now on fails, once. 0: none.
+/// The `count`-th request from now on fails, once. 0: disabled.
 void fail_at(std::int64_t count);
 [[nodiscard]] bool failed();
-/// Counts requests until `stop`, which returns how many there were.
+/// Counts requests until `stop`, which returns their number.
 void watch();
 std::uint64_t stop();
 
-/// While one of these lives, a fiber of slabd does the simulation's work. Not over a change of fibers. Outside the
-/// fibers it is always the simulation's.
+/// During its lifetime a fiber of slabd does work of the simulation. It must not exist across a change of fibers.
+/// Outside the fibers all requests belong to the simulation.
 class Aside {
  public:
   Aside();

@@ -38,7 +38,7 @@ daemon::BlockMeasured FiberCrew::measure(const daemon::MeasureBlock& job) {
   gauge(*recipe, job, shown, done.block);
   const std::tuple<std::int64_t, int, int> scan{job.slab_key, job.station, job.attempt};
   const heap::Aside aside;
-  line_.refused.erase(scan);  // measured once more, after a restart
+  line_.refused.erase(scan);  // measured again, after a restart
   if (!line_.world.faulty(Fault::measure_refuses)) return done;
   line_.refused.insert(scan);
   done.refused = Code::frame_incomplete;

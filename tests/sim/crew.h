@@ -9,8 +9,8 @@
 #include "tests/sim/line.h"
 #include "tests/sim/process.h"
 
-/// slabd's workers as fibers of a simulated process, and a stand-in for the measuring that takes its time and then
-/// finds what the points show.
+/// slabd's workers as fibers of a simulated process, and a substitute for measuring that takes time and then returns
+/// the content of the points.
 namespace slabd::sim {
 
 template <typename Job, typename Done, std::size_t Capacity>

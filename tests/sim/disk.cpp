@@ -39,7 +39,7 @@ std::int64_t size_of(const LayerFile& f) {
   return static_cast<std::int64_t>((*f.content)->size());
 }
 
-/// Of a file that was just opened.
+/// Content of a file that was just opened.
 std::shared_ptr<Content> content_of(sqlite3_file* real, const std::string& path) {
   std::weak_ptr<Content>& known = g_disk->file(path).content;
   if (auto content = known.lock()) return content;
@@ -55,13 +55,13 @@ std::shared_ptr<Content> content_of(sqlite3_file* real, const std::string& path)
   return content;
 }
 
-/// Before sectors change: keeps what a loss of power may bring back.
+/// Called before sectors change: stores the content that a loss of power may restore.
 void keep_old(LayerFile& f, std::int64_t first_byte, std::int64_t end_byte) {
   const heap::Aside aside;
   Disk::File& log = g_disk->file(*f.path);
   constexpr std::int64_t kPage = 4096 / Disk::kSector;
   if (!log.unsynced.empty()) {
-    // A page of the cache that is written again is dirty again, as a whole.
+    // A page of the cache that is written again is completely dirty again.
     const std::int64_t end = (end_byte - 1) / Disk::kSector / kPage * kPage + kPage;
     for (auto at = log.unsynced.lower_bound(first_byte / Disk::kSector / kPage * kPage);
          at != log.unsynced.end() && at->first < end; ++at)
@@ -168,7 +168,7 @@ int x_reserved(sqlite3_file* file, int* out) {
   return layer(file)->real->pMethods->xCheckReservedLock(layer(file)->real, out);
 }
 int x_control(sqlite3_file* file, int op, void* arg) {
-  // The size hint and chunks would write past our books.
+  // The size hint and chunks would change the file unnoticed by this layer.
   if (op == SQLITE_FCNTL_SIZE_HINT || op == SQLITE_FCNTL_CHUNK_SIZE) return SQLITE_OK;
   return layer(file)->real->pMethods->xFileControl(layer(file)->real, op, arg);
 }
@@ -222,7 +222,7 @@ int x_delete(sqlite3_vfs* vfs, const char* path, int sync_folder) {
 int x_access(sqlite3_vfs* vfs, const char* path, int flags, int* out) {
   return real_vfs(vfs)->xAccess(real_vfs(vfs), path, flags, out);
 }
-/// Paths stay as they are given: relative ones, so that a trace does not know where it was made.
+/// Paths stay as given: relative ones, so that a trace does not depend on its folder.
 int x_full(sqlite3_vfs*, const char* path, int bytes, char* out) {
   if (std::strlen(path) + 1 > static_cast<std::size_t>(bytes)) return SQLITE_CANTOPEN;
   std::strcpy(out, path);
@@ -339,7 +339,7 @@ int Disk::allow(Call call, bool& tear) {
 }
 
 void Disk::lose_power() {
-  const std::uint64_t mode = chance_.below(4);  // 0: everything unsynced is lost, 1..2: some of it, 3: nothing
+  const std::uint64_t mode = chance_.below(4);  // 0: all unsynced data are lost, 1..2: some, 3: none
   for (auto& [path, f] : files_) {
     f.fold(false);
     const int fd = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
@@ -380,7 +380,7 @@ void Disk::lose_power() {
 
 }  // namespace slabd::sim
 
-/// Stands in for the C library's: what is known about a file goes with its name.
+/// Replaces the C library's function: the data about a file are kept under its new name.
 extern "C" int rename(const char* from, const char* to) noexcept {
   const slabd::sim::heap::Aside aside;
   const long result = syscall(SYS_rename, from, to);
@@ -388,7 +388,7 @@ extern "C" int rename(const char* from, const char* to) noexcept {
   return static_cast<int>(result);
 }
 
-/// Stands in for the C library's: the free space of the spool is the simulated disk's.
+/// Replaces the C library's function: the free space of the spool is that of the simulated disk.
 extern "C" int statvfs(const char*, struct statvfs* out) noexcept {
   *out = {};
   out->f_frsize = 4096;

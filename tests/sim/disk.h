@@ -10,12 +10,12 @@
 
 #include "tests/sim/process.h"
 
-/// The disk under the database: SQLite's own file layer on a folder in memory, with a layer of ours above it that knows
-/// what has been synced (and what the files hold: reading asks no kernel). It can fail as disks do, lose or tear at a
-/// loss of power what was not synced, and end the process in the middle of any write.
+/// The disk below the database: SQLite's own file layer on a folder in memory, below a layer that records what was
+/// synced. It also caches the content of the files, so that reading needs no system calls. The disk can fail like real
+/// disks. At a loss of power it can lose or tear unsynced data, and it can end the process during any write.
 ///
-/// After a failed sync what was written stays readable and is never written again, as Linux does it: a later sync that
-/// succeeds says nothing about it.
+/// After a failed sync the written data stay readable and are never written again, as in Linux: a later successful sync
+/// does not include them.
 namespace slabd::sim {
 
 class Disk {
@@ -26,14 +26,14 @@ class Disk {
   Disk(const Disk&) = delete;
   Disk& operator=(const Disk&) = delete;
 
-  /// Whose calls are to be believed; nullptr: nobody's.
+  /// Process whose calls have an effect; nullptr: none.
   void serve(Process* process) { process_ = process; }
-  /// The process dies at its `count`-th call that changes a file, a write being torn when `torn`.
+  /// The process dies at its `count`-th call that changes a file; if `torn`, that write is torn.
   void kill_at(std::int64_t count, bool torn) {
     kill_in_ = count;
     kill_torn_ = torn;
   }
-  /// What was not synced is lost, kept or torn, sector by sector. Only when no process runs.
+  /// Unsynced data are lost, kept or torn, sector by sector. Only while no process runs.
   void lose_power();
   [[nodiscard]] std::uint64_t calls() const { return calls_; }
   [[nodiscard]] std::uint64_t free_bytes() const;
@@ -45,25 +45,25 @@ class Disk {
     bool doomed = false;  ///< its sync failed
     std::array<unsigned char, kSector> bytes{};
   };
-  /// A run of sectors that was written, and how it was before.
+  /// A range of sectors that was written, and its content before.
   struct Run {
     std::int64_t sector = 0;
     std::int64_t count = 0;
     std::size_t old_at = 0;     ///< in `old`
-    std::size_t old_bytes = 0;  ///< fewer than the run: the rest did not exist
+    std::size_t old_bytes = 0;  ///< less than the range: the rest did not exist
   };
   struct File {
     std::vector<Run> runs;  ///< since the last sync, in order
     std::vector<unsigned char> old;
-    std::map<std::int64_t, OldSector> unsynced;  ///< the same by sector, as soon as something goes wrong
+    std::map<std::int64_t, OldSector> unsynced;  ///< the same by sector, filled once an error occurs
     std::int64_t synced_bytes = 0;
-    std::weak_ptr<std::vector<unsigned char>> content;  ///< as in the folder, for whoever has it open
-    /// Puts the runs into `unsynced`.
+    std::weak_ptr<std::vector<unsigned char>> content;  ///< content of the file, shared by all that have it open
+    /// Moves the runs into `unsynced`.
     void fold(bool doomed);
   };
   enum class Call : std::uint8_t { read, write, truncate, sync, remove, open };
-  /// SQLITE_OK: go on. Otherwise the call fails with it. `tear` becomes true when half of the write is to be done
-  /// first.
+  /// SQLITE_OK to continue; otherwise the call fails with this code. `tear` becomes true if half of the write must be
+  /// done first.
   int allow(Call call, bool& tear);
   [[nodiscard]] bool believed() const { return process_ != nullptr && !process_->dead(); }
   File& file(const std::string& path) { return files_[path]; }

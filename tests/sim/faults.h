@@ -8,7 +8,7 @@
 
 #include "base/plc.h"
 
-/// What goes wrong in a simulated life, and in which state of slabd it did.
+/// Faults of a simulated life, and the states of slabd in which they occurred.
 namespace slabd::sim {
 
 enum class Fault : std::uint8_t {
@@ -60,7 +60,7 @@ enum class Fault : std::uint8_t {
   control_flood,
   capture,
   measure_slow,
-  measure_refuses,  ///< it finds that the scan is of another exposure
+  measure_refuses,  ///< measuring reports that the scan is of another exposure
   // the PLC
   plc_restart,
   plc_abort,
@@ -72,7 +72,7 @@ enum class Fault : std::uint8_t {
   count
 };
 inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::count);
-/// Those that come alone, the first ones.
+/// The first ones, which may occur alone.
 inline constexpr std::size_t kLoneFaults = static_cast<std::size_t>(Fault::plc_elsewhere);
 [[nodiscard]] std::string_view name(Fault fault);
 
@@ -81,7 +81,7 @@ inline constexpr std::size_t kStates = 10;
 inline constexpr std::size_t kStateDown = 9;
 [[nodiscard]] std::string_view state_name(std::size_t state);
 
-/// Figures of one life, or of many; plain numbers, added up member by member.
+/// Figures of one life, or sums of many; plain numbers, added member by member.
 struct Totals {
   std::uint64_t seeds = 0;
   std::uint64_t failed = 0;

@@ -16,12 +16,12 @@
 namespace slabd::sim {
 namespace {
 
-/// SQLite and a result with its maps need some tens of kilobytes; only what is touched costs memory.
+/// SQLite and a result with its maps need some tens of kilobytes; memory is used only where it is touched.
 constexpr std::size_t kStackBytes = 1'024 * 1'024;
 
 thread_local Fiber* t_running = nullptr;
 
-/// Stacks of fibers that ended: a life has thousands of fibers, at most four at a time.
+/// Stacks of ended fibers: a life has thousands of fibers, at most four at a time.
 std::vector<std::unique_ptr<std::byte[]>>& spare_stacks() {
   thread_local std::vector<std::unique_ptr<std::byte[]>> stacks;
   return stacks;
@@ -77,7 +77,7 @@ void Fiber::enter() {
 }
 
 #if defined(__SANITIZE_ADDRESS__)
-// The sanitizer takes a jump for a return and must not see any.
+// The sanitizer mistakes a jump for a return, so jumps are not used with it.
 void Fiber::switch_in() {
   swapcontext(&caller_, &own_);
 }

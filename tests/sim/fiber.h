@@ -9,8 +9,8 @@
 #include <functional>
 #include <memory>
 
-/// Threads that take turns on one thread, so that a simulation alone decides who runs when. A fiber runs until it
-/// yields; whoever resumed it goes on then.
+/// Threads that run in turn on one thread, so that the simulation alone decides their order. A fiber runs until it
+/// yields; then its resumer continues.
 namespace slabd::sim {
 
 class Fiber {
@@ -18,12 +18,12 @@ class Fiber {
   explicit Fiber(std::function<void()> body);
   Fiber(const Fiber&) = delete;
   Fiber& operator=(const Fiber&) = delete;
-  /// It must have finished: what its stack owns would otherwise be lost.
+  /// The fiber must have finished; otherwise objects on its stack would leak.
   ~Fiber();
 
-  /// Runs it until it yields or ends. Not from inside a fiber.
+  /// Runs the fiber until it yields or ends. Not from inside a fiber.
   void resume();
-  /// Back to whoever resumed; from inside the running fiber only.
+  /// Returns to the resumer; from inside the running fiber only.
   static void yield();
   [[nodiscard]] static bool inside();
   [[nodiscard]] bool finished() const { return finished_; }
@@ -39,11 +39,11 @@ class Fiber {
   Stack stack_;
   ucontext_t own_{};
   ucontext_t caller_{};
-  // After the first time: without the two system calls of swapcontext for a signal mask that never changes.
+  // After the first time: avoids swapcontext's two system calls for a signal mask that never changes.
   jmp_buf own_jump_{};
   jmp_buf caller_jump_{};
   bool entered_ = false;
-  /// What the C++ runtime knows of exceptions being handled belongs to a stack, not to a thread.
+  /// The C++ runtime's data about exceptions being handled belong to a stack, not to a thread.
   std::array<std::byte, 16> exceptions_{};
   bool finished_ = false;
 #if defined(__SANITIZE_ADDRESS__)

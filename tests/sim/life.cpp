@@ -29,13 +29,14 @@ constexpr const char* kDatabase = "data/slabd.db";
 constexpr const char* kSpool = "spool";
 constexpr std::int64_t kTurn = 25 * kMs;
 constexpr std::int64_t kQuietTurn = 60 * kMs;
-constexpr std::int64_t kWatchdog = 10 * kSecond;      ///< of the unit
-constexpr std::int64_t kStartTimeout = 60 * kSecond;  ///< of the unit
-constexpr std::int64_t kRestartPause = 2 * kSecond;   ///< of the unit
-constexpr std::int64_t kCalmTimeout = 900 * kSecond;  ///< for the line to pass a good slab once nothing goes wrong
+constexpr std::int64_t kWatchdog = 10 * kSecond;      ///< of the service unit
+constexpr std::int64_t kStartTimeout = 60 * kSecond;  ///< of the service unit
+constexpr std::int64_t kRestartPause = 2 * kSecond;   ///< of the service unit
+constexpr std::int64_t kCalmTimeout = 900 * kSecond;  ///< time in which the line must pass a good slab after the last
+                                                      ///< fault
 constexpr std::size_t kAnyState = kStates;
 
-/// A fault waits for its time and for a state of slabd.
+/// A fault that is triggered at its time and in a given state of slabd.
 struct Episode {
   Fault fault = Fault::kill;
   std::int64_t from_ns = 0;
@@ -114,14 +115,14 @@ class Life {
   std::size_t shown_state_ = 0;
   bool quiet_ = false;
   bool stop_ = false;         ///< asked to end, as by systemctl restart
-  bool power_after_ = false;  ///< the process's end is one of the whole computer
+  bool power_after_ = false;  ///< the process ends because the computer loses power
   bool config_broken_ = false;
   std::int64_t repaired_ns_ = 0;
   std::int64_t fail_allocation_ = 0;
   std::int64_t kill_in_boot_ = 0;
 
   std::vector<Episode> episodes_;
-  std::vector<Episode> sequels_;  ///< of faults that were just fired
+  std::vector<Episode> sequels_;  ///< of faults that have just been triggered
   std::int64_t faults_end_ns_ = 0;
   std::int64_t mono_released_ns_ = 0;
   std::size_t covered_state_ = kAnyState;
@@ -131,7 +132,7 @@ class Life {
   Verdict calm_verdict_ = Verdict::none;
 };
 
-/// The daemon's log goes into the trace instead of the journal.
+/// Redirects the daemon's log into the trace.
 void Life::overhear_log() {
   cookie_io_functions_t io{};
   io.write = [](void* world, const char* text, std::size_t bytes) -> ssize_t {
@@ -153,13 +154,13 @@ void Life::think_up_faults() {
     Episode e;
     e.fault = static_cast<Fault>(chance_.below(kLoneFaults));
     e.from_ns = between(chance_, 0, faults_end_ns_ - 20 * kSecond);
-    // Mostly where the work is done, but everywhere.
+    // Mostly in the working states, but possible in all.
     const double where = chance_.uniform();
     e.state = where < 0.45 ? 3 + chance_.below(3) : where < 0.8 ? chance_.below(kStates) : kAnyState;
     e.lasts_ns = between(chance_, kSecond, happens(chance_, 0.2) ? 60 * kSecond : 12 * kSecond);
     episodes_.push_back(e);
   }
-  // A fault that waits for a state waits for ever unless something leads there.
+  // A fault that waits for a state may never be triggered unless another fault leads to that state.
   for (std::size_t i = 0; i < count; ++i) {
     const Episode e = episodes_[i];  // a copy: the list grows
     const bool by_restart = e.state <= 1 || e.state == kStateDown;
@@ -170,21 +171,21 @@ void Life::think_up_faults() {
   think_up_clusters();
 }
 
-/// Troubles seldom come alone: whose scan a scan is, over a kill, an order that is broken off and a disk that fails for
-/// a moment, goes wrong only where several meet. Spread over a life they hardly ever do.
+/// Adds clusters of faults. Errors in assigning a scan to its block need several faults together: a kill, an aborted
+/// order and a temporary disk failure. Spread over a life they hardly ever coincide.
 void Life::think_up_clusters() {
   constexpr std::array kTogether = {
       Fault::kill,           Fault::kill,           Fault::kill_at_write,  Fault::plc_abort,         Fault::plc_abort,
       Fault::plc_abort,      Fault::plc_restart,    Fault::plc_slab_abort, Fault::disk_eio,          Fault::disk_full,
       Fault::scanner_frozen, Fault::scanner_frozen, Fault::scanner_late,   Fault::scanner_truncated, Fault::capture};
-  // A source of its own: lives without clusters are what they would be without this.
+  // A separate random source, so that lives without clusters are unchanged by this function.
   Prng chance = world_.chance(11);
   if (!happens(chance, 0.4)) return;
   const auto clusters = 3 + chance.below(10);
   for (std::uint64_t i = 0; i < clusters; ++i) {
     const std::int64_t from_ns = between(chance, 5 * kSecond, faults_end_ns_ - 40 * kSecond);
     const auto count = 3 + chance.below(6);
-    // What makes a mistaken scan the scan of another block, and a wrong pass.
+    // Faults that turn a mistaken scan into the scan of another block, and a wrong pass.
     for (const Fault fault : {Fault::scanner_frozen, Fault::plc_elsewhere})
       if (happens(chance, 0.7))
         episodes_.push_back({fault, from_ns + between(chance, 0, 10 * kSecond), kAnyState,
@@ -219,8 +220,7 @@ daemon::StationSettings Life::settings() const {
   return s;
 }
 
-// ---- one process of slabd
-// ----------------------------------------------------------------------------------------------
+// ---- one process of slabd -----------------------------------------------------------------------------------------
 
 void Life::boot() {
   world_.trace.line(world_.now_ns, "slabd starts");
@@ -235,7 +235,7 @@ void Life::boot() {
   loop_thread_ = &process_->start([this] { run_daemon(); });
 }
 
-/// True: the store is to be tried again.
+/// True if the store must be opened again.
 bool Life::run_loop(daemon::Ports ports, std::int64_t patience_ns) {
   Process& process = *process_;
   daemon::StationSettings station = settings();
@@ -258,7 +258,7 @@ bool Life::run_loop(daemon::Ports ports, std::int64_t patience_ns) {
     }
   }
   shown_state_ = 1;
-  process.sleep_for(between(chance_, 20 * kMs, 150 * kMs));  // the memory of the scans is touched
+  process.sleep_for(between(chance_, 20 * kMs, 150 * kMs));  // time to touch the memory of the scans
   promises_.process_started(store != nullptr);
   ports.store = store.get();
   daemon::LoopFigures figures;
@@ -288,7 +288,7 @@ bool Life::run_loop(daemon::Ports ports, std::int64_t patience_ns) {
   return false;
 }
 
-/// What main() does, on simulated ports.
+/// The steps of main(), on simulated ports.
 void Life::run_daemon() {
   Process& process = *process_;
   try {
@@ -349,8 +349,7 @@ void Life::manage_service() {
   bury(false);
 }
 
-// ---- faults
-// --------------------------------------------------------------------------------------------------------------
+// ---- faults ------------------------------------------------------------------------------------------------------
 
 void Life::trigger_faults() {
   const std::size_t now = state();
@@ -365,7 +364,7 @@ void Life::trigger_faults() {
   }
   if (config_broken_ && world_.now_ns >= repaired_ns_) {
     config_broken_ = false;
-    stop_ = true;  // whoever repaired it restarts the service
+    stop_ = true;  // the repair ends with a restart of the service
   }
   for (Episode& e : episodes_) {
     if (e.fired || world_.now_ns < e.from_ns) continue;
@@ -412,7 +411,7 @@ void Life::fire(Episode& e) {
       if (process_ != nullptr) bury(true);
       break;
     case Fault::config_reload: {
-      // An editor's work on a recipe, then a restart of the service.
+      // An edited recipe, then a restart of the service.
       Recipe& recipe = recipes_[chance_.below(recipes_.size())];
       std::string sha(recipe.sha256.view());
       sha[0] = sha[0] == '0' ? '1' : '0';
@@ -428,7 +427,7 @@ void Life::fire(Episode& e) {
     case Fault::plc_restart: plc_.restart(); break;
     case Fault::plc_abort: plc_.wishes.abort = true; break;
     case Fault::plc_slab_abort:
-      // While blocks are still measured or the slab is judged, or earlier.
+      // While blocks are still being measured or the slab is being judged, or earlier.
       if (happens(chance_, 0.5))
         plc_.wishes.abort_after_end_ns = between(chance_, 0, 600 * kMs);
       else
@@ -440,7 +439,7 @@ void Life::fire(Episode& e) {
     case Fault::scanner_wrong_block: plc_.wishes.wrong_station = true; break;
     case Fault::robot_moves:
       world_.weather.until_ns[static_cast<std::size_t>(e.fault)] = until_ns;
-      // Two at once: poses that would show it do not come, or old ones do.
+      // Two faults at once: the poses that would show the motion are lost, or old ones arrive.
       if (happens(chance_, 0.5)) {
         const auto first = static_cast<std::size_t>(Fault::lcm_loss);
         const std::size_t also = first + chance_.below(static_cast<std::size_t>(Fault::robot_moves) - first);
@@ -451,7 +450,7 @@ void Life::fire(Episode& e) {
     case Fault::disk_fsync:
     case Fault::disk_eio:
       world_.weather.until_ns[static_cast<std::size_t>(e.fault)] = until_ns;
-      // What it leaves behind shows when the power goes, before or after the next process has built on it.
+      // The damage appears when the power fails, before or after the next process has used the disk.
       if (happens(chance_, 0.3))
         sequels_.push_back({Fault::kill, until_ns - between(chance_, 0, kSecond), kAnyState, 0, false});
       if (happens(chance_, 0.3))
@@ -461,8 +460,7 @@ void Life::fire(Episode& e) {
   }
 }
 
-// ---- the end of a life: nothing goes wrong any more
-// -------------------------------------------------------------------------
+// ---- the end of a life: no more faults ---------------------------------------------------------------------------
 
 void Life::begin_calm() {
   calm_ = true;
@@ -487,8 +485,7 @@ void Life::check_calm() {
                   static_cast<long long>(kCalmTimeout / kSecond), state_name(state()).data(), plc_.seen().fault);
 }
 
-// ---- time
-// ------------------------------------------------------------------------------------------------------------------
+// ---- time --------------------------------------------------------------------------------------------------------
 
 std::int64_t Life::next_ns() const {
   std::int64_t next = std::min(plc_.next_ns(), world_.now_ns + 500 * kMs);
@@ -535,7 +532,7 @@ std::vector<Recipe> life_recipes() {
     std::printf("%s\n", problems[0].text.c_str());
     std::exit(3);
   }
-  // Six pairs are the fewest that make a slab frame: a life is then made of more slabs.
+  // Six pairs are the minimum for a slab frame; a life then contains more slabs.
   Recipe small = whole;
   small.name = "P3710";
   small.slab_type = 3710;

@@ -17,7 +17,7 @@ double small(Prng& chance, double half_width) {
   return (2.0 * chance.uniform() - 1.0) * half_width;
 }
 
-/// Draws one after the other: as arguments of one call they would come in the order that the compiler likes.
+/// Draws the values one after the other; as arguments of one call their order would depend on the compiler.
 Vec3 scattered(Prng& chance, const Vec3& half_width) {
   Vec3 off;
   for (Eigen::Index i = 0; i < off.size(); ++i) off[i] = small(chance, half_width[i]);
@@ -55,7 +55,7 @@ Pose Robot::T_base_flange(std::int64_t at_ns) const {
 }
 
 bool Robot::moves(std::int64_t from_ns, std::int64_t to_ns) const {
-  // Closer than the robot repeats itself is no travel: it was sent where it stood.
+  // A distance below the robot's repeatability is not a motion: its target is its present position.
   const bool far = (to_.translation_mm - from_.translation_mm).norm() > 0.1;
   const bool travels = far && from_ns < arrives_ns_ && to_ns > leaves_ns_;
   return travels || (from_ns < jolt_to_ns_ && to_ns > jolt_from_ns_);
@@ -84,7 +84,7 @@ void Line::lay_down(bool again, bool certainly_good) {
   slab.placed_ns = world.now_ns;
   if (!again || slab.recipe == nullptr) {
     slab.slab_no = ++last_no_;
-    // Mostly the short one: a life is then made of more slabs.
+    // Mostly the short recipe, so that a life contains more slabs.
     slab.recipe = &recipes[happens(chance, 0.1) ? 1 : 0];
   }
   slab.blocks = {};

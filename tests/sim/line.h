@@ -13,8 +13,8 @@
 #include "daemon/station/station.h"
 #include "tests/sim/world.h"
 
-/// What is physically there: the slab on the line, the robot with the scanner, and what every scan really showed. slabd
-/// never sees any of this; its verdicts are compared with it.
+/// The physical state: the slab on the line, the robot with the scanner, and the true content of every scan. Verdicts
+/// of slabd, which cannot access it, are compared with it.
 namespace slabd::sim {
 
 enum class BlockTruth : std::uint8_t { good, slope, jaw, protrusion, flatness, hidden, displaced };
@@ -22,13 +22,13 @@ enum class BlockTruth : std::uint8_t { good, slope, jaw, protrusion, flatness, h
   return truth == BlockTruth::good;
 }
 
-/// One slab on the line, from the moment it is laid down.
+/// One slab on the line, from the moment it is placed.
 struct SlabTruth {
-  std::uint32_t serial = 0;  ///< counts placements: the same slab laid down again is another one
+  std::uint32_t serial = 0;  ///< counts placements: the same slab placed again has a new number
   std::uint32_t slab_no = 0;
   const Recipe* recipe = nullptr;
   std::array<BlockTruth, limits::kStationsMax> blocks{};
-  Pose T_base_slab;  ///< where it really lies
+  Pose T_base_slab;  ///< its true position
   std::int64_t placed_ns = 0;
 
   [[nodiscard]] bool good() const {
@@ -38,34 +38,34 @@ struct SlabTruth {
   }
 };
 
-/// What one scan really shows. Its number travels through slabd as the points do: in the buffer, and in the spool.
+/// True content of one scan. Its number is passed through slabd like the points: in the buffer and in the spool.
 struct ScanTruth {
-  std::uint32_t take = 0;    ///< number of the exposure; 0: nothing was ever written here
+  std::uint32_t take = 0;    ///< number of the exposure; 0: the buffer was never written
   std::uint32_t serial = 0;  ///< of the slab
-  std::uint8_t block = 0;    ///< seen, 0: none
+  std::uint8_t block = 0;    ///< block in the scan, 0: none
   BlockTruth truth = BlockTruth::hidden;
-  bool smeared = false;  ///< the robot moved meanwhile
+  bool smeared = false;  ///< the robot moved during the exposure
   bool mostly_nan = false;
   Pose T_scanner_block;
-  std::int64_t exposed_ns = 0;  ///< when it began
+  std::int64_t exposed_ns = 0;  ///< start of the exposure
 };
-/// Floats of a buffer that say which exposure lies there.
+/// Floats of a buffer that contain the number of the exposure.
 inline constexpr std::size_t kTruthFloats = 4;
 
-/// The robot: stands at a station (0: home) or travels.
+/// The robot: it is at a station (0: home) or travels.
 class Robot {
  public:
   Robot(World& world, const Pose& T_base_slab_nominal, const Pose& T_flange_scanner);
 
-  /// By the PLC's order; takes a second or so.
+  /// Moves by the PLC's order; takes about a second.
   void go_to(const Recipe& recipe, int station);
   [[nodiscard]] bool arrived() const { return world_.now_ns >= arrives_ns_; }
-  /// Of the flange, at this moment or another one near it.
+  /// Pose of the flange at this or a nearby moment.
   [[nodiscard]] Pose T_base_flange(std::int64_t at_ns) const;
   [[nodiscard]] Pose T_base_scanner(std::int64_t at_ns) const { return T_base_flange(at_ns) * T_flange_scanner_; }
-  /// Does it move somewhere in this stretch of time?
+  /// True if it moves at some time in this interval.
   [[nodiscard]] bool moves(std::int64_t from_ns, std::int64_t to_ns) const;
-  /// Something shakes it for a moment.
+  /// Shakes the robot for a moment.
   void jolt(std::int64_t at_ns, std::int64_t for_ns) {
     jolt_from_ns_ = at_ns;
     jolt_to_ns_ = at_ns + for_ns;
@@ -84,7 +84,7 @@ class Robot {
   std::int64_t jolt_to_ns_ = 0;
 };
 
-/// The line as it stands.
+/// The present state of the line.
 struct Line {
   Line(World& world_in, std::span<const Recipe> recipes_in);
 
@@ -94,20 +94,20 @@ struct Line {
   Pose T_base_slab;  ///< as configured
   Pose T_flange_scanner;
   Robot robot;
-  SlabTruth slab;                              ///< serial 0: none lies there
+  SlabTruth slab;                              ///< serial 0: the line is empty
   std::vector<ScanTruth> takes;                ///< every exposure
   std::map<std::string, std::uint32_t> spool;  ///< durable scans by path: number of the exposure
-  /// Scans that measuring refused, by slab, station and attempt: nothing of them may reach a verdict.
+  /// Scans that measuring refused, by slab, station and attempt: their data must not reach a verdict.
   std::set<std::tuple<std::int64_t, int, int>> refused;
-  std::uint32_t last_export = 0;  ///< exposure that the scanner gave last, whoever asked
+  std::uint32_t last_export = 0;  ///< the exposure that the scanner returned last, for any request
 
-  /// Lays down the next slab. `again`: the last one, perhaps damaged meanwhile.
+  /// Places the next slab. `again`: the last one, possibly damaged in the meantime.
   void lay_down(bool again, bool certainly_good);
   void take_away() { slab.serial = 0; }
-  /// Begins an exposure; what it shows may still be spoilt by what happens meanwhile.
+  /// Starts an exposure; later events may still spoil its content.
   [[nodiscard]] ScanTruth& expose();
   void write(const ScanTruth& shown, std::span<float> xyz) const;
-  /// What lies in a buffer; take 0: nothing.
+  /// The exposure in a buffer; take 0: none.
   [[nodiscard]] ScanTruth read(std::span<const float> xyz) const;
   [[nodiscard]] ScanTruth in_spool(const std::string& path) const;
 
@@ -116,8 +116,8 @@ struct Line {
   std::uint32_t last_no_ = 0;
 };
 
-/// Stands in for the inspector: what it would find in these points, as items judged by the recipe. The points carry
-/// what they show, so no scan of millions of points is needed.
+/// Replaces the inspector: returns its result for these points, as items judged by the recipe. The points contain the
+/// number of their exposure, so a scan of millions of points is not needed.
 void gauge(const Recipe& recipe, const daemon::MeasureBlock& job, const ScanTruth& shown, BlockResult& block);
 
 }  // namespace slabd::sim

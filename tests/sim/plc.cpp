@@ -68,15 +68,14 @@ void Plc::restart() {
   cycle_ns_ = off_until_ns_;
 }
 
-// ---- the link
-// ----------------------------------------------------------------------------------------------------------
+// ---- the link ----------------------------------------------------------------------------------------------------
 
 void Plc::act() {
   if (world_.now_ns < off_until_ns_) return;
   Frame frame;
   while (outstanding_ != Transfer::none && wire_.receive(connection_, frame)) on_reply(frame);
   if (outstanding_ != Transfer::none && world_.now_ns >= deadline_ns_) {
-    // Any silence: a new connection, or a late answer would be taken for the next one's.
+    // After any silence a new connection is opened; otherwise a late answer would be assigned to the next request.
     outstanding_ = Transfer::none;
     connection_ = wire_.connect();
     cycle_ns_ = world_.now_ns + 100 * kMs;
@@ -115,7 +114,7 @@ void Plc::on_reply(const Frame& frame) {
   const bool ours = frame.size() > hal::kMbapBytes + 1 && frame[0] == (transaction_ >> 8U) &&
                     frame[1] == (transaction_ & 0xFFU) && frame[2] == 0 && frame[3] == 0 &&
                     frame.size() == 6U + frame[4] * 256U + frame[5];
-  if (!ours) return;  // an answer to something else, or spoilt
+  if (!ours) return;  // an answer to another request, or a corrupt one
   const Transfer what = std::exchange(outstanding_, Transfer::none);
   const bool quiet = kept_.stage == Stage::none && !seen_.busy && !seen_.result && synced_;
   cycle_ns_ = world_.now_ns + (what != Transfer::read ? 2 * kMs : quiet ? kQuietCycle : kCycle);
@@ -124,15 +123,14 @@ void Plc::on_reply(const Frame& frame) {
   for (std::size_t i = 0; i < image.size(); ++i)
     image[i] = static_cast<std::uint16_t>(frame[9 + 2 * i] * 256U + frame[10 + 2 * i]);
   const Result<PlcOutputs> outputs = hal::decode_outputs(image, hal::WordOrder::abcd);
-  if (!outputs.ok()) return;  // not slabd, or spoilt on the way
+  if (!outputs.ok()) return;  // not slabd, or corrupt
   image_ = image;
   seen_ = outputs.value();
   ever_seen_ = true;
   think();
 }
 
-// ---- the program
-// -------------------------------------------------------------------------------------------------------
+// ---- the program -------------------------------------------------------------------------------------------------
 
 void Plc::think() {
   if (!session_asked_) {
@@ -154,7 +152,7 @@ void Plc::think() {
     wishes.abort = false;
     abort = true;
   }
-  // A person, or the program, resets a fault every few seconds.
+  // The operator, or the program, resets a fault every few seconds.
   bool fault_reset = false;
   if (seen_.fault_present && world_.now_ns - fault_reset_ns_ > 4 * kSecond) {
     fault_reset_ns_ = world_.now_ns;
@@ -268,7 +266,7 @@ void Plc::run_order() {
       const bool ending = out_.command == static_cast<std::uint16_t>(PlcCommand::slab_end);
       if (ending && wishes.abort_after_end_ns >= 0 && waited_ns >= wishes.abort_after_end_ns) {
         wishes.abort_after_end_ns = -1;
-        kept_.giving_up = true;  // somebody has no patience
+        kept_.giving_up = true;  // the operator gives up
         order(PlcCommand::slab_abort, 0);
         break;
       }
@@ -296,7 +294,7 @@ void Plc::order_ended(bool done, Code code) {
     }
   }
   if (command == PlcCommand::slab_end && code == Code::unknown_type) kept_.giving_up = true;
-  // An end that could not be recorded leaves the slab open: time for one more look at a block.
+  // An end that could not be recorded leaves the slab open, so that a block may be scanned again.
   if (command == PlcCommand::slab_end && code == Code::journal_write && happens(chance_, 0.3)) {
     kept_.stage = Stage::scan;
     wishes.rescan = true;
@@ -335,7 +333,7 @@ void Plc::plan_slab() {
       if (open)
         kept_.stage = Stage::scan;
       else if (seen_.slab_open) {
-        // Begun by an order whose answer was lost, or by somebody else: its own number ends it.
+        // Begun by a command whose answer was lost, or by another client: SLAB_ABORT with its own number ends it.
         order(PlcCommand::slab_abort, 0);
         out_.slab_no = seen_.slab_no;
       } else
@@ -343,7 +341,7 @@ void Plc::plan_slab() {
       break;
     case Stage::scan: {
       if (!open) {
-        // It was open once. Nobody has ended it.
+        // The slab was open, and no command has ended it.
         if (vanished_ns_ == 0) vanished_ns_ = world_.now_ns;
         if (world_.now_ns - vanished_ns_ > 10 * kSecond)
           world_.violated("slab %u was open and is not any more", kept_.slab_no);
@@ -363,7 +361,7 @@ void Plc::plan_slab() {
       int next = 0;
       for (int k = 1; k <= kept_.stations && next == 0; ++k)
         if (missing(k)) next = k;
-      // A program that comes back later to what came to nothing.
+      // A program that returns later to blocks that failed.
       if (next != 0 && world_.faulty(Fault::plc_elsewhere)) {
         next = going_to_;
         while (next == 0 || !missing(next)) next = static_cast<int>(between(chance_, 1, kept_.stations));
@@ -379,7 +377,7 @@ void Plc::plan_slab() {
         line_.robot.go_to(*line_.slab.recipe, wrong ? 1 + next % kept_.stations : next);
         return;
       }
-      // Often before the robot stands: slabd waits for that.
+      // Often sent before the robot has arrived, because slabd waits for that.
       if (!line_.robot.arrived() && happens(chance_, 0.8)) return;
       going_to_ = 0;
       wishes.rescan = false;

@@ -10,11 +10,11 @@
 #include "tests/sim/line.h"
 #include "tests/sim/wire.h"
 
-/// The PLC as docs/PLC.md asks for it: one transfer at a time, orders by the written rules, results stored before they
-/// are acknowledged, only VERDICT 1 a pass. What it holds in retentive memory survives its own loss of power.
+/// A PLC that follows docs/PLC.md: one transfer at a time, commands by the written rules, results stored before they
+/// are acknowledged, only VERDICT 1 counts as a pass. Its retentive memory survives its loss of power.
 namespace slabd::sim {
 
-/// What came of a slab.
+/// The PLC's decision on a slab.
 struct Decision {
   std::uint32_t slab_no = 0;
   std::uint16_t cmd_seq = 0;
@@ -29,22 +29,22 @@ class Plc {
   void act();
   void restart();
 
-  /// Set by a fault; carried out when the program comes to it.
+  /// Set by a fault; carried out at the right step of the program.
   struct Wishes {
     bool abort = false;       ///< raise ABORT for a moment
-    bool slab_abort = false;  ///< give the slab up
-    /// Give it up so long after SLAB_END was acknowledged; negative: no.
+    bool slab_abort = false;  ///< give up the slab
+    /// Delay after SLAB_END was acknowledged until the slab is given up; negative: never.
     std::int64_t abort_after_end_ns = -1;
     bool report = false;
     bool rescan = false;
-    bool wrong_station = false;  ///< the robot goes somewhere else
+    bool wrong_station = false;  ///< the robot goes to a wrong station
     std::int64_t disabled_until_ns = 0;
   } wishes;
 
-  /// No new slab is laid down.
+  /// New slabs are not placed.
   bool resting = false;
   bool next_is_good = false;
-  /// Called with every decision on a slab, before it leaves the line.
+  /// Called with every decision on a slab, before the slab leaves the line.
   std::function<void(const Decision&)> decided;
   [[nodiscard]] bool line_is_empty() const { return kept_.stage == Stage::none; }
   [[nodiscard]] const PlcOutputs& seen() const { return seen_; }
@@ -89,7 +89,7 @@ class Plc {
   Prng chance_;
   Kept kept_;
 
-  // Lost with the power.
+  // Lost at a loss of power.
   PlcInputs out_;
   PlcOutputs seen_;
   hal::InputImage image_{};
@@ -115,7 +115,7 @@ class Plc {
   std::int64_t step_ns_ = 0;
   std::uint16_t refused_before_ = 0;
   int reset_ = 0;
-  int going_to_ = 0;  ///< the robot is on its way there, to be scanned then
+  int going_to_ = 0;  ///< station to which the robot is moving, to be scanned then
 };
 
 }  // namespace slabd::sim

@@ -11,7 +11,7 @@ namespace slabd::sim {
 namespace {
 
 constexpr std::string_view kChannel = "FLANGE_POSE";
-constexpr std::size_t kDatagramsWaiting = 200;  ///< a socket's buffer
+constexpr std::size_t kDatagramsWaiting = 200;  ///< capacity of a socket's buffer
 
 template <typename Datagram>
 void put_u32(Datagram& out, std::uint32_t value) {
@@ -47,7 +47,7 @@ void PoseStream::send() {
   bytes.size += static_cast<std::size_t>(size);
   message.encode(bytes.bytes.data(), static_cast<int>(at), size);
 
-  // What shakes the robot shakes its cable.
+  // A shock of the robot also shakes its cable.
   const bool shaken = robot_.moves(sent_ns_, sent_ns_ + 1);
   if (happens(chance_, shaken && world_.faulty(Fault::lcm_loss) ? 0.95 : world_.often(Fault::lcm_loss, 0.2))) {
     if (shaken && world_.faulty(Fault::lcm_duplicate)) waiting_.push_back(last_);
@@ -70,7 +70,7 @@ bool PoseStream::next(PoseSample& sample, hal::PoseLinkCounters& counters) {
   while (sent_ns_ + period_ns_ <= world_.now_ns) {
     sent_ns_ += period_ns_;
     if (world_.now_ns - sent_ns_ > static_cast<std::int64_t>(kDatagramsWaiting) * period_ns_) {
-      ++seq_;  // sent while nobody read: the buffer was full
+      ++seq_;  // sent while the socket was not read: the buffer was full
       continue;
     }
     send();
@@ -86,7 +86,7 @@ bool PoseStream::next(PoseSample& sample, hal::PoseLinkCounters& counters) {
 // ---- scanner -------------------------------------------------------------------------------------------------------
 
 SimScanner::SimScanner(Line& line, Process& process) : line_(line), process_(process), chance_(line.world.chance(5)) {
-  for (std::size_t i = 0; i < line.takes.size(); ++i) (void)chance_.next();  // another process, other chances
+  for (std::size_t i = 0; i < line.takes.size(); ++i) (void)chance_.next();  // other random numbers in each process
 }
 
 bool SimScanner::wait(std::int64_t time_ns, const std::atomic<bool>& cancel) {
@@ -118,7 +118,7 @@ Result<AcquiredScan> SimScanner::acquire(const ScanRequest& request, std::span<f
   if (shown.smeared) world.trace.line(world.now_ns, "the robot moved during the exposure");
   const std::int64_t taken_ns = world.mono_ns();
   const std::int64_t taken_us = world.utime_us();
-  // A scanner program that hangs exports what it has under the new name; and it has what nobody took.
+  // A frozen scanner program exports its last scan under the new name, including one that was never fetched.
   std::size_t exported = take;
   if (world.faulty(Fault::scanner_frozen) && line_.last_export != 0 && happens(chance_, 0.6))
     exported = line_.last_export;
@@ -126,17 +126,17 @@ Result<AcquiredScan> SimScanner::acquire(const ScanRequest& request, std::span<f
 
   if ((world.faulty(Fault::scanner_stall) || world.faulty(Fault::scanner_late)) && happens(chance_, 0.7)) {
     const bool late = world.faulty(Fault::scanner_late);
-    // Frozen or slow, the clock that ends the waiting is slabd's own.
+    // Even if the scanner is frozen or slow, slabd's own clock ends the wait.
     while (world.mono_ns() - started_ns < request.timeout_ns)
       if (!wait(200 * kMs, cancel)) return cancelled;
-    if (late) ++stray_;  // its file comes under a name that nobody waits for any more
+    if (late) ++stray_;  // its file arrives under a name that is no longer expected
     return error(Code::trigger_timeout, "no scan within %lld s", static_cast<long long>(request.timeout_ns / kNsPerS));
   }
   if (!wait(between(chance_, 40 * kMs, 150 * kMs), cancel)) return cancelled;
   if (world.faulty(Fault::scanner_truncated) && happens(chance_, 0.5))
     return error(Code::frame_incomplete, "the file ends early");
   if (world.faulty(Fault::scanner_empty) && happens(chance_, 0.5)) return error(Code::too_few_points, "no points");
-  if (world.faulty(Fault::scanner_duplicate) && happens(chance_, 0.5)) ++stray_;  // the same file once more
+  if (world.faulty(Fault::scanner_duplicate) && happens(chance_, 0.5)) ++stray_;  // the same file again
   AcquiredScan scan;
   scan.shape = {4'800'000, 4'500'000, 2400, 2000};
   if (world.faulty(Fault::scanner_nan) && happens(chance_, 0.7)) {
@@ -151,7 +151,7 @@ Result<AcquiredScan> SimScanner::acquire(const ScanRequest& request, std::span<f
   scan.taken_utime_us = taken_us;
   scan.read_ms = 40.0;
   decoded(scan);
-  // Written and synced beside the measuring.
+  // Written and synced while the scan is measured.
   const bool slow = world.faulty(Fault::disk_slow);
   if (!wait(slow ? between(chance_, 1'000 * kMs, 8'000 * kMs) : between(chance_, 60 * kMs, 400 * kMs), cancel))
     return cancelled;
@@ -186,7 +186,7 @@ bool ControlRoom::next(std::string& line) {
   if (!capture) {
     if (!in_session_) return false;
     in_session_ = false;
-    if (happens(chance_, 0.4)) return false;  // walks away: the lease must end it
+    if (happens(chance_, 0.4)) return false;  // the client disappears, so the lease must end the session
     line = R"({"verb":"capture","action":"end","session":"monday"})";
     return true;
   }

@@ -8,7 +8,7 @@
 #include "tests/sim/line.h"
 #include "tests/sim/process.h"
 
-/// slabd's ports, plugged into the simulated line. A port belongs to one process; what it talks to outlives it.
+/// slabd's ports, connected to the simulated line. A port belongs to one process; its peer outlives the process.
 namespace slabd::sim {
 
 // ---- robot poses ---------------------------------------------------------------------------------------------------
@@ -17,7 +17,7 @@ namespace slabd::sim {
 class PoseStream {
  public:
   PoseStream(World& world, const Robot& robot) : world_(world), robot_(robot), chance_(world.chance(4)) {}
-  /// Nothing that was sent before now is delivered any more.
+  /// Datagrams sent before this moment are not delivered any more.
   void begin() { sent_ns_ = world_.now_ns; }
   [[nodiscard]] bool next(PoseSample& sample, hal::PoseLinkCounters& counters);
 
@@ -67,7 +67,7 @@ class SimScanner final : public hal::ScannerPort {
   [[nodiscard]] std::uint64_t stray_files() const override { return stray_; }
 
  private:
-  /// False: cancelled, or the process is gone.
+  /// False if cancelled, or if the process is dead.
   bool wait(std::int64_t time_ns, const std::atomic<bool>& cancel);
   Line& line_;
   Process& process_;
@@ -77,7 +77,7 @@ class SimScanner final : public hal::ScannerPort {
 
 // ---- control socket ------------------------------------------------------------------------------------------------
 
-/// Whoever talks to the control socket: nobody, a flood, or a person who takes views for a calibration.
+/// The clients of the control socket: none, a flood, or an operator who takes views for a calibration.
 class ControlRoom {
  public:
   explicit ControlRoom(World& world) : world_(world), chance_(world.chance(6)) {}

@@ -22,7 +22,7 @@ std::int64_t Process::next_ns() const {
 
 void Process::run_due() {
   if (world_.now_ns < held_until_ns_) return;
-  // By index: a thread may start others.
+  // By index, because a thread may start others.
   for (std::size_t i = 0; i < threads_.size() && !dead_; ++i) {
     Thread& thread = *threads_[i];
     if (thread.fiber->finished() || thread.wake_ns > world_.now_ns) continue;
@@ -33,7 +33,7 @@ void Process::run_due() {
 }
 
 void Process::sleep_until(std::int64_t when_ns) {
-  // What happens at one instant still takes turns.
+  // Simultaneous events are still executed in turn.
   if (dead_) {
     Fiber::yield();
     return;

@@ -8,9 +8,9 @@
 #include "tests/sim/fiber.h"
 #include "tests/sim/world.h"
 
-/// One process of slabd: fibers for its threads. It sleeps on the world's time, can be held up, and can die at any
-/// moment. A dead process is run to its end without effect: its sleeps return at once, disk and wire ignore it, so that
-/// what its stacks own is given back.
+/// One process of slabd, with fibers for its threads. It sleeps on the world's time, can be suspended, and can die at
+/// any moment. A dead process is run to its end without effect, so that its stacks release their objects. Its sleeps
+/// return at once, and disk and wire ignore it.
 namespace slabd::sim {
 
 class Process {
@@ -24,7 +24,7 @@ class Process {
   };
   Thread& start(std::function<void()> body);
 
-  /// When something is to be done next.
+  /// Time of the next action.
   [[nodiscard]] std::int64_t next_ns() const;
   /// Runs every thread that is due.
   void run_due();
@@ -32,16 +32,16 @@ class Process {
   // From inside a thread.
   void sleep_until(std::int64_t when_ns);
   void sleep_for(std::int64_t time_ns) { sleep_until(world_.now_ns + time_ns); }
-  /// Of any thread: it goes on now instead of later.
+  /// Wakes a thread, which then runs now instead of later.
   void wake(Thread& thread) {
     if (thread.wake_ns > world_.now_ns) thread.wake_ns = world_.now_ns;
   }
   [[nodiscard]] Thread* current() const { return current_; }
 
-  /// Nothing it does has an effect from now on.
+  /// From now on the process has no effect.
   void die() { dead_ = true; }
   [[nodiscard]] bool dead() const { return dead_; }
-  /// No thread gets the processor before.
+  /// Suspends all threads until then.
   void hold(std::int64_t until_ns) { held_until_ns_ = until_ns; }
   [[nodiscard]] bool ended() const;
   /// Runs a dead process to its end.

@@ -15,7 +15,7 @@ Verdict verdict_from(std::string_view word) {
   return Verdict::none;
 }
 
-/// A reader of our own: nothing of slabd's storage looks at itself here.
+/// A separate reader, so that slabd's storage is not checked by its own code.
 class Rows {
  public:
   Rows(sqlite3* db, const char* sql) {
@@ -41,8 +41,7 @@ Promises::Record Promises::record_of(std::int64_t slab_key, const PlcResult& rec
   return {slab_key, record.kind, record.station, record.cmd_seq, record.slab_no, record.verdict, false};
 }
 
-// ---- the database
-// ------------------------------------------------------------------------------------------------------
+// ---- the database ------------------------------------------------------------------------------------------------
 
 void Promises::committed(const StoreJob& job) {
   const heap::Aside aside;
@@ -95,7 +94,7 @@ void Promises::committed(const StoreJob& job) {
 
 void Promises::doubtful(const StoreJob& job) {
   const heap::Aside aside;
-  // One that came again because its answer was an error replaces what the first left: what is shown is its record.
+  // A job repeated after an error answer replaces its first result: the record that is shown is the second one.
   if (const auto* block = std::get_if<BlockJob>(&job.what)) {
     records_.erase(block->record.res_seq);
     doubtful_records_[block->record.res_seq] = record_of(block->slab_key, block->record);
@@ -120,11 +119,11 @@ const char* Promises::why_no_scan(const std::string& path, std::uint32_t serial,
   return nullptr;
 }
 
-/// Long before a slab passes on it, and whether the slab's other blocks are good or not.
+/// Checks a block long before its slab passes, whether or not the slab's other blocks are good.
 void Promises::check_block(const BlockJob& job) {
   const auto placement = placements_.find(job.slab_key);
   const auto scan = acquired_.find({job.slab_key, job.block.station, job.attempt});
-  if (placement == placements_.end() || scan == acquired_.end()) return;  // committed with an error for an answer
+  if (placement == placements_.end() || scan == acquired_.end()) return;  // committed, but answered with an error
   ++world_.totals.blocks_passed;
   if (const char* why = why_no_scan(scan->second, placement->second, job.block.station))
     world_.violated("block %d of slab %u passes, but it %s", job.block.station, job.record.slab_no, why);
@@ -136,7 +135,7 @@ const char* Promises::why_no_pass(std::int64_t slab_key, int& station) const {
   if (slab.serial == 0 || no == slab_nos_.end() || no->second != slab.slab_no) return "0: another slab lies there";
   for (station = 1; station <= slab.recipe->stations(); ++station) {
     if (asked_.contains({slab_key, station})) return "was to be scanned again, which came to nothing";
-    // The last durable attempt is the one that counts.
+    // The last durable attempt counts.
     const auto after = acquired_.upper_bound({slab_key, station, 255});
     if (after == acquired_.begin()) return "was never scanned";
     const auto& [key, path] = *std::prev(after);
@@ -153,7 +152,7 @@ void Promises::check_rows(const char* db_path) {
   sqlite3* db = nullptr;
   if (sqlite3_open_v2(db_path, &db, SQLITE_OPEN_READONLY, nullptr) != SQLITE_OK) {
     sqlite3_close(db);
-    return;  // the disk fails just now: the next start looks again
+    return;  // the disk fails at the moment: the next start checks again
   }
   std::map<std::uint16_t, Record> there;
   std::map<std::int64_t, Verdict> ended;
@@ -184,11 +183,11 @@ void Promises::check_rows(const char* db_path) {
       attempts.insert(key);
       const auto command = static_cast<std::uint16_t>(scans.number(4));
       acquired_commands_.insert(command);
-      // One whose commit was answered with an error becomes a failed one, unless a start finds it before.
+      // A scan whose commit was answered with an error becomes a failed one, unless a start finds it before.
       const auto doubtful = doubtful_scans_.find(command);
       if (doubtful == doubtful_scans_.end() || doubtful->second.first != key) acquired_.try_emplace(key, scans.text(3));
     }
-    // A failing disk may end any of them early.
+    // A failing disk may end any of these queries early.
     whole = slabs.usable() && rows.usable() && ends.usable() && scans.usable() && sqlite3_errcode(db) == SQLITE_DONE;
     whole = whole || sqlite3_errcode(db) == SQLITE_OK;
   }
@@ -222,8 +221,8 @@ void Promises::check_rows(const char* db_path) {
 
 void Promises::recovered(const RecoveredLine& line) {
   const heap::Aside aside;
-  // A commit whose answer was an error, or nobody heard, may be in the database all the same: the disk may not let
-  // check_rows() see that.
+  // A commit that was answered with an error, or not at all, may still be in the database; the disk may hide it from
+  // check_rows().
   if (const auto at = doubtful_scans_.find(line.acq_seq); at != doubtful_scans_.end()) {
     acquired_commands_.insert(at->first);
     acquired_.insert(at->second);
@@ -243,8 +242,7 @@ void Promises::recovered(const RecoveredLine& line) {
   session_stored_ = line.session;
 }
 
-// ---- the wire
-// ----------------------------------------------------------------------------------------------------------
+// ---- the wire ----------------------------------------------------------------------------------------------------
 
 void Promises::shown(const PlcOutputs& out) {
   if (!has_store_) {
@@ -253,7 +251,7 @@ void Promises::shown(const PlcOutputs& out) {
     fresh_process_ = true;
     return;
   }
-  // What was refused on its content is counted and not stored: a new process may begin below.
+  // Commands refused on their content are counted and not stored: a new process may start with a lower number.
   if (fresh_process_) last_.cmd_ack = out.cmd_ack;
   if (out.session != last_.session && out.session != 0) {
     if (!sessions_.insert(out.session).second) world_.violated("session %u was used before", out.session);
@@ -300,8 +298,7 @@ void Promises::decided(const Decision& decision) {
   world_.violated("slab %u leaves as passed, but station %d %s", decision.slab_no, station, why);
 }
 
-// ---- the store, overheard
-// ------------------------------------------------------------------------------------------------
+// ---- observing the store -------------------------------------------------------------------------------------
 
 Result<std::unique_ptr<RecoveredLine>> OverheardStore::recover() {
   auto line = store_->recover();

@@ -12,12 +12,12 @@
 #include "tests/sim/plc.h"
 #include "tests/sim/process.h"
 
-/// What slabd promises, looked at after everything it does, by somebody who knows what really happened:
+/// Checks slabd's promises after each of its actions against the true state:
 ///
-///   a pass is shown only when it is committed, and a slab passes only when each of its blocks was scanned as it lies
-///   there now, standing still, and is good; a slab has one verdict; a record shown under a number never changes; what
-///   was committed survives the process and the power; SESSION is never used twice; CMD_ACK counts by one; nothing
-///   shown as acquired is missing from the database.
+///   A pass is shown only after it is committed. A slab passes only if each of its blocks is good and was scanned
+///   in its present position by a robot at rest. A slab has one verdict. A record shown under a number never
+///   changes. Committed data survive the process and a power loss. SESSION is never used twice. CMD_ACK counts by
+///   one. All data shown as acquired are in the database.
 namespace slabd::sim {
 
 class Promises {
@@ -27,14 +27,14 @@ class Promises {
   // ---- the database ----
   /// `apply` answered ok, and the process was alive.
   void committed(const StoreJob& job);
-  /// It answered an error, or the process died in it: the job may be there or not.
+  /// `apply` answered an error, or the process died in it: the job may be in the database or not.
   void doubtful(const StoreJob& job);
-  /// At a start, on the database as the process left it: every committed row is there. What was doubtful is decided.
+  /// Checks at a start that every committed row is in the database of the previous process. Doubtful jobs are resolved.
   void check_rows(const char* db_path);
   void recovered(const RecoveredLine& line);
 
   // ---- the wire ----
-  /// `has_store`: without one a process shows a fault, and numbers that nobody may use.
+  /// `has_store`: without a store a process shows a fault, and numbers that must not be used.
   void process_started(bool has_store) {
     fresh_process_ = true;
     has_store_ = has_store;
@@ -55,8 +55,7 @@ class Promises {
     bool operator==(const Record&) const = default;
   };
   [[nodiscard]] const char* why_no_pass(std::int64_t slab_key, int& station) const;
-  /// Whether the scan under this path shows the block of that placement, from a robot that stood. What it lacks, or
-  /// nullptr.
+  /// nullptr if the scan under this path shows the block of that placement, from a robot at rest; otherwise the reason.
   [[nodiscard]] const char* why_no_scan(const std::string& path, std::uint32_t serial, int station) const;
   void check_block(const BlockJob& job);
   static Record record_of(std::int64_t slab_key, const PlcResult& record);
@@ -65,11 +64,11 @@ class Promises {
   Line& line_;
   std::map<std::uint16_t, Record> records_;     ///< committed, by RES_SEQ
   std::map<AttemptKey, std::string> acquired_;  ///< committed, with the scan's path
-  /// SCANs that were accepted and have come to nothing yet, by slab and station.
+  /// Accepted SCANs that have not failed yet, by slab and station.
   std::map<std::pair<std::int64_t, std::uint8_t>, std::uint16_t> asked_;
   std::map<std::int64_t, Verdict> slabs_;  ///< committed ends
   std::map<std::int64_t, std::uint32_t> slab_nos_;
-  std::map<std::int64_t, std::uint32_t> placements_;  ///< of the slabs that were begun, as they lay there then
+  std::map<std::int64_t, std::uint32_t> placements_;  ///< placements of the slabs at their begin
   std::set<std::uint16_t> acquired_commands_;
   std::map<std::uint16_t, std::pair<AttemptKey, std::string>> doubtful_scans_;  ///< by command; committed or not
   std::map<std::uint16_t, Record> doubtful_records_;                            ///< by RES_SEQ; committed or not
@@ -81,7 +80,7 @@ class Promises {
   PlcOutputs last_;
 };
 
-/// The real store, overheard.
+/// The real store, with its calls observed.
 class OverheardStore final : public storage::Store {
  public:
   OverheardStore(std::unique_ptr<storage::Store> store, Promises& promises, const Process& process)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Lives by the thousand: as many processes as asked for take seeds from a common counter and add up their figures in
-// shared memory. The first life that breaks a promise is printed at once, with the command that lives it again.
+// Runs thousands of lives: several processes take seeds from a common counter and add up their figures in shared
+// memory. The first life that breaks a promise is printed at once, with the command to repeat it.
 #include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -35,7 +35,7 @@ struct Options {
 
 constexpr unsigned kJobsMax = 256;
 
-/// Lies in memory that all workers share.
+/// Located in memory that all workers share.
 struct Shared {
   std::atomic<std::uint64_t> next{0};
   std::atomic<bool> stop{false};
@@ -48,7 +48,7 @@ struct Shared {
 };
 
 Shared* g_shared = nullptr;
-/// Ctrl-C ends a run as its last seed would: with the summary.
+/// Ctrl-C ends a run with the summary, as the last seed would.
 void on_signal(int) {
   if (g_shared != nullptr) g_shared->stop = true;
 }
@@ -146,7 +146,7 @@ int live_once(const Options& options) {
   return life.violation.empty() ? 0 : 1;
 }
 
-/// One line for each seed, to be compared with that of another compiler.
+/// Prints one line for each seed, for comparison with another compiler.
 int print_hashes(const Options& options) {
   const std::vector<Recipe> recipes = life_recipes();
   const std::string folder = enter_own_folder();
@@ -206,7 +206,7 @@ int main(int argc, char** argv) {
   app.add_option("--minutes", options.minutes, "end after so long, whatever --seeds says");
   app.add_flag("--keep-going", options.keep_going, "also after a promise was broken");
   CLI11_PARSE(app, argc, argv);
-  ::unsetenv("JOURNAL_STREAM");  // the log's prefixes belong to the trace
+  ::unsetenv("JOURNAL_STREAM");  // so that the log's prefixes are written to the trace
   if (options.seed != 0) return live_once(options);
   if (options.hashes != 0) return print_hashes(options);
   return live_many(options);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A bounded number of lives with every test run; script/sim lives as many as there is time for.
+// A limited number of lives in every test run; script/sim runs lives for as long as desired.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -42,7 +42,7 @@ TEST_F(Sim, no_seed_makes_a_wrong_pass_a_lost_row_or_a_line_that_stands_still) {
     ASSERT_EQ(life.violation, "") << "seed " << seed << "; again: script/sim --seed " << seed << "\n"
                                   << testing::PrintToString(life.last_lines);
   }
-  // A simulation in which nothing happens keeps every promise.
+  // A simulation without events would keep every promise, so minimum counts are required.
   EXPECT_GT(totals.passes_taken, 150U);
   EXPECT_GT(totals.slabs_judged, totals.passes + 50U) << "not only good slabs";
   EXPECT_GT(totals.restarts, 100U);
@@ -65,17 +65,16 @@ TEST_F(Sim, a_seed_is_one_life_bit_by_bit) {
   EXPECT_NE(live(1, recipes, false).hash, live(2, recipes, false).hash);
 }
 
-// ---- a log that is not on the disk
-// --------------------------------------------------------------------------------------
+// ---- a log that is not on the disk --------------------------------------------------------------------------------
 
-/// One process after the other with the store on the simulated disk.
+/// Consecutive processes with the store on the simulated disk.
 struct LogInDoubt : Sim {
   void SetUp() override {
     Sim::SetUp();
     settings.db_path = "data/slabd.db";
     settings.spool_dir = "spool";
   }
-  /// Lives as long as `work` does, and is then killed.
+  /// Runs a process for the duration of `work`, and then kills it.
   template <typename Work>
   void process(const Work& work) {
     Process process(world);
@@ -96,7 +95,7 @@ struct LogInDoubt : Sim {
   static bool commit(storage::Store& store, std::uint16_t session) {
     return store.apply(StoreJob{1, SessionJob{session}}).ok();
   }
-  /// Of a process's own start.
+  /// The session as stored, read at a process's own start.
   int stored_session() {
     int session = -1;
     process([&](storage::Store& store) {
@@ -104,7 +103,7 @@ struct LogInDoubt : Sim {
     });
     return session;
   }
-  /// Leaves a log with at least one commit whose sync failed; session 1 was committed before, and not more than 2.
+  /// Leaves a log with at least one commit whose sync failed; session 1 was committed before, and at most session 2.
   void leave_doubtful_log() {
     fs::remove_all("data");
     disk.reset();
@@ -160,8 +159,7 @@ TEST_F(Sim, two_lives_share_no_chance) {
     }
 }
 
-// ---- the simulation's own parts
-// --------------------------------------------------------------------------------------
+// ---- the simulation's own parts -----------------------------------------------------------------------------------
 
 TEST_F(Sim, a_process_sleeps_on_the_worlds_time_and_is_run_to_its_end_when_it_dies) {
   Process process(world);

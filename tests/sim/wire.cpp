@@ -43,13 +43,13 @@ void Wire::send(std::uint32_t connection, Frame frame) {
   if (world_.faulty(Fault::modbus_exception) && happens(chance_, 0.1)) {
     Frame refused(frame.begin(), frame.begin() + hal::kMbapBytes);
     refused.push_back(static_cast<std::uint8_t>(frame[hal::kMbapBytes] | 0x80U));
-    refused.push_back(6);  // the gateway's: server device busy
+    refused.push_back(6);  // the gateway's exception: server device busy
     refused[4] = 0;
     refused[5] = 3;
     put(replies_, connection, std::move(refused));
     return;
   }
-  // A gateway that has kept an old frame sends it once more, in somebody's name.
+  // A gateway that has kept an old frame sends it again, on behalf of a connection.
   if (world_.faulty(Fault::modbus_stale_transaction) && !last_request_.empty() && happens(chance_, 0.1))
     put(requests_, happens(chance_, 0.5) ? connection : connection + 1'000'000, last_request_);
   if (happens(chance_, 0.2)) last_request_ = frame;
@@ -59,7 +59,7 @@ void Wire::send(std::uint32_t connection, Frame frame) {
 bool Wire::receive(std::uint32_t connection, Frame& frame) {
   Request reply;
   while (take_due(replies_, world_.now_ns, reply)) {
-    if (reply.connection != connection) continue;  // of a connection that was given up
+    if (reply.connection != connection) continue;  // of a connection that was abandoned
     frame = std::move(reply.frame);
     return true;
   }
@@ -85,12 +85,11 @@ void Wire::answer(std::uint32_t connection, Frame frame) {
   put(replies_, connection, std::move(frame));
 }
 
-// ---- slabd's end
-// -----------------------------------------------------------------------------------------------------
+// ---- slabd's side -------------------------------------------------------------------------------------------------
 
 bool SimPlcPort::serve(const Wire::Request& request) {
   const Frame& frame = request.frame;
-  // A stream that has lost its frames is closed; here that is a frame without an answer.
+  // A stream that has lost frame synchronisation is closed; here a frame without an answer represents that.
   const auto whole = hal::frame_bytes(std::span(frame).first<hal::kMbapLengthEnd>());
   if (!whole || *whole != frame.size()) {
     ++counters_.malformed;

@@ -8,8 +8,8 @@
 #include "hal/plc/modbus_codec.h"
 #include "tests/sim/world.h"
 
-/// Modbus/TCP between the PLC and slabd as frames, with a gateway on the way that loses, repeats, holds up, swaps and
-/// spoils them, and slabd's end of it: the real codec and register map on simulated connections.
+/// Modbus/TCP between the PLC and slabd as frames, with a gateway in between that loses, repeats, delays, swaps and
+/// corrupts them. On slabd's side the real codec and register map run on simulated connections.
 namespace slabd::sim {
 
 using Frame = std::vector<std::uint8_t>;
@@ -18,20 +18,20 @@ class Wire {
  public:
   explicit Wire(World& world) : world_(world), chance_(world.chance(7)) {}
 
-  // ---- the PLC's end ----
+  // ---- the PLC's side ----
   [[nodiscard]] std::uint32_t connect() { return ++connections_; }
   void send(std::uint32_t connection, Frame frame);
   /// The next reply that has arrived.
   [[nodiscard]] bool receive(std::uint32_t connection, Frame& frame);
   [[nodiscard]] std::int64_t next_reply_ns() const { return next_of(replies_); }
 
-  // ---- slabd's end ----
+  // ---- slabd's side ----
   struct Request {
     std::int64_t at_ns = 0;
     std::uint32_t connection = 0;
     Frame frame;
   };
-  /// A process listens, or none does; what was on its way to the last one is gone.
+  /// Sets whether a process listens; data on their way to the previous process are lost.
   void listen(bool yes);
   [[nodiscard]] bool take(Request& request);
   void answer(std::uint32_t connection, Frame frame);
@@ -46,7 +46,7 @@ class Wire {
   World& world_;
   Prng chance_;
   std::uint32_t connections_ = 0;
-  std::uint32_t dead_connection_ = 0;  ///< half-open: nothing comes back on it
+  std::uint32_t dead_connection_ = 0;  ///< half-open: answers on it are lost
   bool listening_ = false;
   Queue requests_;
   Queue replies_;
@@ -56,7 +56,7 @@ class Wire {
 
 class SimPlcPort final : public hal::PlcPort {
  public:
-  /// `shown` is called with every image that differs from the one before.
+  /// `shown` is called with every image that differs from the previous one.
   SimPlcPort(Wire& wire, std::function<void(const PlcOutputs&, const hal::InputImage&)> shown)
       : wire_(wire), shown_(std::move(shown)) {}
 

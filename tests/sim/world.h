@@ -16,15 +16,14 @@
 #include "hal/hal.h"
 #include "tests/sim/faults.h"
 
-/// What all parts of a simulated life share: time, chance, the faults in force, the trace and the verdict on slabd.
+/// State shared by all parts of a simulated life: time, random sources, active faults, the trace and the violation.
 namespace slabd::sim {
 
 inline constexpr std::int64_t kMs = 1'000'000;
 inline constexpr std::int64_t kSecond = 1'000 * kMs;
 inline constexpr std::int64_t kNever = INT64_MAX;
 
-/// Everything that happened, as one number and as the last lines. The same seed must give the same number whoever
-/// compiled the program.
+/// All events, as one number and as the last lines. The same seed must give the same number with every compiler.
 class Trace {
  public:
   explicit Trace(bool loud) : loud_(loud) {}
@@ -39,7 +38,7 @@ class Trace {
     for (std::size_t i = 0; i < size; ++i) number(at[i]);
   }
   void number(std::uint64_t value) { hash_ = ((hash_ ^ value) * 0x9E3779B97F4A7C15U) ^ (hash_ >> 29U); }
-  /// A line for people, and for the number.
+  /// Adds a readable line, which also enters the number.
   [[gnu::format(printf, 3, 4)]] void line(std::int64_t now_ns, const char* format, ...);
 
   [[nodiscard]] std::uint64_t hash() const { return hash_; }
@@ -51,7 +50,7 @@ class Trace {
   std::deque<std::string> lines_;
 };
 
-/// Which faults are in force, and until when. A window of a fault makes single things go wrong with a chance.
+/// The active faults and their end times. While a fault is active, single operations fail with a certain probability.
 struct Weather {
   std::array<std::int64_t, kFaults> until_ns{};
   [[nodiscard]] bool has(Fault fault, std::int64_t now_ns) const {
@@ -68,24 +67,25 @@ struct World {
   Trace trace;
   Weather weather;
   Totals totals;
-  std::string violation;  ///< the first broken promise; the life ends with it
+  std::string violation;  ///< the first broken promise; it ends the life
 
   // Clocks of slabd's computer.
   std::int64_t mono_offset_ns = 5 * kSecond;
   std::int64_t utime_offset_us = 1'790'000'000'000'000;
-  std::int64_t mono_held_ns = 0;  ///< not 0: the monotonic clock stands still there
+  std::int64_t mono_held_ns = 0;  ///< not 0: the monotonic clock stops at this value
   [[nodiscard]] std::int64_t mono_ns() const { return mono_held_ns != 0 ? mono_held_ns : now_ns + mono_offset_ns; }
   [[nodiscard]] std::int64_t utime_us() const { return now_ns / 1000 + utime_offset_us; }
 
   [[nodiscard]] bool faulty(Fault fault) const { return weather.has(fault, now_ns); }
-  /// Some windows of a fault are storms, in most it happens now and then: then work goes on in spite of it.
+  /// Probability of a fault: some windows of a fault are storms; in most it is rare, and work continues.
   [[nodiscard]] double often(Fault fault, double in_storm) const {
     const std::int64_t until_ns = weather.until_ns[static_cast<std::size_t>(fault)];
     if (until_ns <= now_ns) return 0.0;
     return until_ns / kMs % 4 == 0 ? in_storm : 0.05 * in_storm;
   }
-  /// An independent source of chance for each part, so that one more draw in one does not change the others. Seeds that
-  /// are not mixed would begin the same sequence a few draws apart, and neighbours would live nearly the same life.
+  /// An independent random source for each part, so that one more draw in one part does not change the others. Without
+  /// mixing, seeds would start the same sequence a few draws apart, and neighbouring seeds would give nearly the same
+  /// life.
   [[nodiscard]] Prng chance(std::uint64_t part) const { return Prng(Prng(Prng(seed).next() + part).next()); }
 
   [[gnu::format(printf, 2, 3)]] void violated(const char* format, ...);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A change of calibrations on its way from a file to the database.
+// A change of calibrations from its file to the database.
 #include "daemon/control/calibration_desk.h"
 
 #include <gtest/gtest.h>
@@ -133,7 +133,7 @@ TEST_F(CalibrationDeskTest, a_change_is_carried_out_and_its_file_is_gone) {
   EXPECT_EQ(reader.value()->applied(1).value().at(0).note.who, "anna (uid 1000)") << "who asked stands in the history";
 }
 
-/// Writes, and answers with an error all the same, as a disk does that fails in the middle of a commit.
+/// A store that writes, but answers with an error, like a disk that fails during a commit.
 class DoubtfulStore : public Store {
  public:
   explicit DoubtfulStore(Store& store) : store_(store) {}

@@ -85,7 +85,7 @@ TEST_F(StatusTest, metrics_are_told_as_prometheus_reads_them) {
   const std::string text = answer["text"];
   EXPECT_NE(text.find("\nslabd_block_max_seconds 1.5\n"), std::string::npos) << text;
   EXPECT_NE(text.find("slabd_info{software=\"slabd \\\"x\\\\1\\\"\"} 1\n"), std::string::npos) << text;
-  // Every figure is explained once, before its first line.
+  // Every metric has one help text, before its first line.
   std::set<std::string> explained;
   std::istringstream lines(text);
   for (std::string line; std::getline(lines, line);) {

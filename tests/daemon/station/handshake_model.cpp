@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Breadth first through all states, so that the way to a violation is the shortest one. A step is what cannot be
-// interrupted: a message arrives, a record becomes durable, a scan is taken, the PLC goes through one cycle, a process
-// dies. Whatever may happen next is tried.
+// Searches all states breadth first, so that the path to a violation is the shortest one. A step cannot be interrupted:
+// a message arrives, a record becomes durable, a scan is taken, the PLC runs one cycle, a process dies. Every possible
+// next step is tried.
 #include "tests/daemon/station/handshake_model.h"
 
 #include <fmt/core.h>
@@ -22,14 +22,14 @@ void Slabd::receive(const Frame& frame, const Rules& rules) {
   if (frame.seq == judged.seq && frame.session == judged.session && frame.writer == judged.writer) return;
   judged = {frame.seq, frame.session, 0, frame.writer};
   if (frame.seq == ack) return;
-  // The block on its way to the journal, written back by another connection.
+  // The block that is being journalled, written back by another connection.
   if (phase == Phase::journalling && frame.seq == command.seq && frame.session == command.session &&
       frame.station == command.station)
     return;
   const bool stale = session != session_next || frame.session != session;
   if (rules.session_is_echoed && stale) return;
   if (phase == Phase::journalling || phase == Phase::storing) {
-    // A command on its way to the journal, or its scan: any other number is wrong, and the successor comes too early.
+    // While a command is being journalled or scanned, any other number is wrong, and its successor is too early.
     if (phase == Phase::journalling || (rules.number_is_successor && frame.seq != next_sequence(ack))) return;
   }
   if (rules.number_is_successor && frame.seq != next_sequence(ack)) return;
@@ -40,7 +40,7 @@ void Slabd::receive(const Frame& frame, const Rules& rules) {
     if (rules.session_is_echoed) return;
   }
   const bool enabled = !rules.enable_is_required || (enable && heard);
-  if (busy() || !enabled) {  // refused on its content, which uses the number up
+  if (busy() || !enabled) {  // refused on its content, which uses up the number
     ack = frame.seq;
     status = Status::failed;
     return;
@@ -128,7 +128,7 @@ void Slabd::die() {
   next.has = has;
   next.results = results;
   next.session = session_stored;
-  next.enable = enable;  // the PLC writes them again
+  next.enable = enable;  // the PLC writes them repeatedly
   next.heard = heard;
   *this = next;
 }
@@ -158,7 +158,7 @@ void Slabd::hear_heartbeat(const Rules& rules) {
   was_lost = false;
 }
 
-// ---- everything that may happen ------------------------------------------------------------------------------------
+// ---- all possible steps --------------------------------------------------------------------------------------------
 
 namespace {
 
@@ -195,7 +195,7 @@ Key key_of(const World& w) {
 struct Step {
   std::string what;
   World world;
-  bool mishap = false;    ///< a death, a repetition, a failed scan, a lost block: progress must not need it
+  bool mishap = false;    ///< a death, a repetition, a failed scan, a lost block: progress must be possible without it
   std::string violation;  ///< of this step
 };
 
@@ -270,7 +270,7 @@ class Steps {
       ++next.deaths;
     }
     give_up(w);
-    if (!s.up) return;  // nothing can be read, nothing is believed
+    if (!s.up) return;  // no data can be read, and old data do not count
     results(w);
     switch (p.phase) {
       case Plc::Phase::started: {
@@ -309,8 +309,9 @@ class Steps {
     }
   }
 
-  /// An order that nobody answers is given up: the robot may move only when it is void. Or an operator takes the line
-  /// in hand and moves it, with ENABLE away. Neither while slabd is BUSY, as far as that can be read.
+  /// An order without an answer is given up; then the robot may move only after the order is void. Or an operator takes
+  /// manual control of the line and moves the robot, with ENABLE off. Neither while slabd is BUSY, as far as that can
+  /// be read.
   void give_up(const World& w) {
     const Plc& p = w.plc;
     const bool may = p.phase == Plc::Phase::choosing || p.phase == Plc::Phase::commanding ||
@@ -348,7 +349,7 @@ class Steps {
     }
   }
 
-  /// The next station that slabd's table does not know and whose result is not here.
+  /// Selects the next station that is not in slabd's table and whose result the PLC does not have.
   void choose(const World& w) {
     for (std::size_t i = 0; i < kStations; ++i) {
       if (w.plc.stored[i] || w.slabd.has[i] != Has::nothing || w.slabd.cloud_in_memory_only[i]) continue;
@@ -370,7 +371,7 @@ class Steps {
     next.plc.command = next.wire = frame;
   }
 
-  /// Writes the block; again while there is no answer; anew when the session or the number has changed.
+  /// Writes the block; repeats it until it is answered; makes a new one when the session or the number has changed.
   void command(const World& w) {
     const Slabd& s = w.slabd;
     const Frame& mine = w.plc.command;
@@ -429,7 +430,8 @@ class Steps {
       ++next.repeats;
     }
   }
-  /// Somebody who could be the PLC: a spare one, a panel, a laptop. He knows the numbers and not where the robot is.
+  /// A second client that could be the PLC: a spare PLC, a panel, a laptop. It uses the right numbers, but not the
+  /// robot's position.
   void strangers(const World& w) {
     const Slabd& s = w.slabd;
     if (w.stranger.station != 0) {
@@ -457,7 +459,7 @@ class Steps {
   std::vector<Step> steps_;
 };
 
-/// What must hold in every state.
+/// Conditions for every state.
 std::string violation_of(const World& w) {
   for (std::size_t i = 0; i < kStations; ++i) {
     const Slabd& s = w.slabd;
@@ -496,7 +498,7 @@ class Explorer {
  private:
   Finding look_at_everything() {
     note(World{}, 0);
-    std::vector<std::pair<std::uint32_t, std::uint32_t>> good;  // to, from: steps that are no mishap
+    std::vector<std::pair<std::uint32_t, std::uint32_t>> good;  // to, from: steps without a mishap
     Steps steps(rules_, mishaps_, false);
     for (std::uint32_t at = 0; at < seen_.size(); ++at) {
       const World world = seen_[at].world;
@@ -515,14 +517,14 @@ class Explorer {
     return {0, "the slab cannot be finished any more", story_of(stuck)};
   }
 
-  /// The state's number; a new one came from `from`.
+  /// Returns the state's number; a new state was reached from `from`.
   std::uint32_t note(const World& world, std::uint32_t from) {
     const auto [place, fresh] = known_.try_emplace(key_of(world), static_cast<std::uint32_t>(seen_.size()));
     if (fresh) seen_.push_back({world, from});
     return place->second;
   }
 
-  /// Backwards from the finished slabs: whoever is not reached is stuck, though nothing more goes wrong.
+  /// Searches backwards from the finished slabs: states that are not reached are stuck, even without further mishaps.
   std::size_t find_stuck(std::vector<std::pair<std::uint32_t, std::uint32_t>>& good) const {
     std::sort(good.begin(), good.end());
     std::vector<bool> can_finish(seen_.size(), false);

@@ -17,19 +17,19 @@ std::string told(const Finding& finding) {
 
 TEST(HandshakeModel, no_wrong_place_no_lost_scan_no_lost_result_and_always_a_way_on) {
   std::vector<Mishaps> lives = {{3, 1, 1}, {2, 2, 1}, {2, 1, 0, 1}, {1, 1, 0, 0, 1}};
-  // Everything at once: some fifty million states, five minutes and 8 GB of memory.
+  // All mishaps together: some fifty million states, five minutes and 8 GB of memory.
   if (std::getenv("SLABD_WHOLE_HANDSHAKE") != nullptr)
     lives.insert(lives.end(), {{1, 1, 0, 2}, {1, 1, 0, 1, 1}, {2, 0, 0, 1, 1}, {1, 0, 1, 1, 1}, {2, 1, 0, 1, 1}});
   for (const Mishaps& mishaps : lives) {
     const Finding finding = explore(Rules{}, mishaps);
     EXPECT_EQ(finding.violation, "") << told(finding);
-    // So that nobody believes a model that cannot move.
+    // Detects a model in which few steps are possible.
     EXPECT_GT(finding.states, 100'000U);
     std::printf("%zu states\n", finding.states);
   }
 }
 
-// A PLC that forgets SYNC_REQ after its start is caught by its heartbeat, if it was away for long enough.
+// A PLC that forgets SYNC_REQ after its start is detected by its heartbeat, if it was down for long enough.
 TEST(HandshakeModel, a_lost_heartbeat_stands_in_for_a_sync_req_that_never_came) {
   Rules rules;
   rules.synchronises = false;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The model of the handshake says something of slabd only if slabd does what the model does. So the real station, on a
-// database in memory, and the model's half go through the same long random lives, and after every step the PLC must
-// read the same from both.
+// The model of the handshake is valid for slabd only if slabd behaves like the model. So the real station, on a
+// database in memory, and the model run through the same long random lives. After every step the PLC must read the same
+// from both.
 #include <gtest/gtest.h>
 
 #include <deque>
@@ -20,7 +20,7 @@ using handshake::Rules;
 using handshake::Slabd;
 using handshake::Status;
 
-/// slabd's station with a slab open, whose every answer a test holds in its hand.
+/// slabd's station with an open slab, whose answers are controlled by the test.
 class RealSlabd {
  public:
   RealSlabd(const RealSlabd&) = delete;
@@ -64,7 +64,7 @@ class RealSlabd {
     ++plc_.sync_req;
     feed(plc_);
   }
-  /// What the oldest unanswered job of the database is.
+  /// Kind of the oldest unanswered store job.
   [[nodiscard]] std::optional<PendingStore::Kind> oldest() const {
     if (answers_.empty()) return std::nullopt;
     for (const PendingStore& pending : station_->storing)
@@ -77,11 +77,11 @@ class RealSlabd {
     feed(done);
     answer_quiet_ones();
   }
-  /// The robot has come to rest at the commanded station and the scanner answers.
+  /// The robot has stopped at the commanded station and the scanner answers.
   bool scan(Code code, bool refused = false) {
     robot_ = station_->acquisition.station;
     for (int t = 0; t < 2'000 && !request_; t += 4) tick(true);
-    // After a death in the middle of a scan, or one that failed, one more is asked for first; it is thrown away.
+    // After a death during a scan, or a failed scan, an additional scan is requested first; it is discarded.
     if (request_ && request_->request.session == 0 && code == Code::ok) {
       answer_scanner(Code::ok);
       for (int t = 0; t < 2'000 && !request_; t += 4) tick(true);
@@ -90,12 +90,12 @@ class RealSlabd {
     if (refused) measure_ahead_and_refuse();
     answer_scanner(code);
     for (int t = 0; t < 40; t += 4) tick(true);
-    // The robot is silent until the next scan, so that no acquisition runs ahead of the test.
+    // The robot is silent until the next scan, so that acquisitions do not run ahead of the test.
     for (int t = 0; t < 3'000; t += 4) tick(false);
     answer_quiet_ones();
     return true;
   }
-  /// The points are measured before the scan is durable, and are those of another exposure.
+  /// The points are measured before the scan is durable, and belong to another exposure.
   void measure_ahead_and_refuse() {
     const std::uint8_t station = station_->acquisition.station;
     feed(scan_done(Code::ok));
@@ -149,14 +149,14 @@ class RealSlabd {
     answers_.clear();
     measuring_.clear();
     request_.reset();
-    // The model measures again what it had acquired; a process that crashed alone would not (station_measuring_test).
+    // The model measures acquired scans again; a process that crashed alone would not (station_measuring_test).
     store_.restart_computer();
     const RecoveredLine line = store_.recover();
     feed(Recovered{&line});
-    // The PLC's memory is as it was: it beats on, and its block is written again by nobody.
+    // The PLC's memory is unchanged: its heartbeat continues, and its block is not written again.
     plc_.command_writer = 0;
     tick(false);
-    if (!beats_) plc_.heartbeat = 0;  // nor has it beaten in this process
+    if (!beats_) plc_.heartbeat = 0;  // the heartbeat is also missing in this process
     feed(plc_);
     answer_quiet_ones();
   }
@@ -198,7 +198,7 @@ class RealSlabd {
   void answer_all() {
     while (!answers_.empty()) answer_oldest();
   }
-  /// Jobs whose answer the model does not tell from the job: results, acknowledgements, failed scans.
+  /// Answers jobs whose answers do not change the model's state: results, acknowledgements, failed scans.
   void answer_quiet_ones() {
     for (std::size_t i = 0; i < answers_.size();) {
       const auto pending = std::find_if(station_->storing.begin(), station_->storing.end(),
@@ -237,7 +237,7 @@ Status status_of(const PlcOutputs& view) {
   switch (static_cast<CommandStatus>(view.cmd_status)) {
     case CommandStatus::accepted:
     case CommandStatus::acquiring: return Status::accepted;
-    // To the PLC the same: the robot may leave.
+    // For the PLC the two are the same: the robot may leave.
     case CommandStatus::acquired:
     case CommandStatus::done: return Status::acquired;
     default: return Status::none;
@@ -246,11 +246,11 @@ Status status_of(const PlcOutputs& view) {
 
 constexpr std::size_t kKinds = 10;
 
-/// One life of both, side by side.
+/// One life of station and model, in parallel.
 class Lives {
  public:
   Lives(const Rules& rules, Prng& prng) : rules_(rules), prng_(prng) {
-    // The model begins where the station is.
+    // The model starts in the station's state.
     const PlcOutputs at = real_.view();
     model_.session = model_.session_next = model_.session_stored = at.session;
     model_.ack = model_.ack_stored = at.cmd_ack;
@@ -260,7 +260,8 @@ class Lives {
     model_.writer = handshake::kPlc;
   }
 
-  /// Random steps; the first difference in what the PLC reads, or nothing. `done` counts kinds of steps.
+  /// Runs random steps; returns the first difference in the PLC's registers, or an empty text. `done` counts kinds of
+  /// steps.
   std::string live(int steps, std::array<int, kKinds>& done) {
     std::string differs = difference("the beginning");
     for (int n = 0; n < steps && differs.empty(); ++n) {
@@ -300,7 +301,7 @@ class Lives {
     return text;
   }
 
-  /// What was done; nullptr: nothing, it was not its time.
+  /// Name of the step; nullptr if it was not possible.
   const char* step(std::size_t& kind) {
     const auto station = static_cast<std::uint8_t>(1 + prng_.below(handshake::kStations));
     switch (prng_.below(11)) {
@@ -341,7 +342,7 @@ class Lives {
         return "a death";
     }
   }
-  /// The right block, or nearly. The PLC of the model never asks for a station twice.
+  /// Sends the right block, or nearly. The model's PLC never orders a station twice.
   const char* send(std::uint8_t station) {
     Frame frame{next_sequence(model_.ack), model_.session, station};
     if (prng_.below(6) == 0) frame.seq = static_cast<std::uint16_t>(frame.seq + prng_.below(5) - 2);
@@ -360,7 +361,7 @@ class Lives {
       real_.hear_heartbeat();
       return "the heartbeat again";
     }
-    // Settling takes time in which the robot of this test is silent: only where nothing waits for it.
+    // Settling takes time in which the robot of this test is silent, so it is allowed only without a waiting command.
     if (model_.busy() || prng_.below(6) != 0) return nullptr;
     model_.lose_heartbeat();
     real_.lose_heartbeat();
@@ -382,13 +383,13 @@ class Lives {
       model_.session_was_stored();
     else if (*kind == PendingStore::Kind::command)
       model_.command_was_stored();
-    else if (*kind != PendingStore::Kind::measuring)  // a mark in the database, of which the PLC sees nothing
+    else if (*kind != PendingStore::Kind::measuring)  // a mark in the database, invisible to the PLC
       model_.scan_was_stored();
     return "an answer of the database";
   }
   const char* scan() {
     if (model_.phase != Slabd::Phase::acquiring) return nullptr;
-    // Nothing came, or measuring refuses what came: to the model the same.
+    // No scan came, or measuring refuses it: for the model the two are the same.
     const bool refused = prng_.below(8) == 0;
     const bool fails = prng_.below(4) == 0;
     fails || refused ? model_.scan_failed() : model_.scan(rules_);
@@ -398,7 +399,7 @@ class Lives {
   const char* measure(std::uint8_t station) {
     const bool has_cloud = model_.has[station - 1U] == handshake::Has::cloud;
     if (!real_.is_measuring(station) || !has_cloud || model_.phase == Slabd::Phase::storing) return nullptr;
-    // What is refused after ACQUIRED has a result, too.
+    // A scan refused after ACQUIRED has a result too.
     model_.measured(station - 1U);
     real_.measured(station, prng_.below(8) == 0 ? Code::frame_incomplete : Code::ok);
     return "a result";

@@ -13,22 +13,22 @@
 #include "base/jobs.h"
 #include "base/plc.h"
 
-/// Keeps what a database would keep, as the jobs promise it, and what storage/jobs.cpp makes of a process that ended:
-/// every command that was begun and not ended is closed as interrupted, and each SCAN among them leaves the mark of a
-/// scan that nobody saw. But SLAB_ABORT stays, to be finished. A commit may be done and its answer say that it failed:
-/// what becomes of the job is then known to nobody but the database.
+/// Stores in memory what a database would store for each job, and handles the end of a process like storage/jobs.cpp.
+/// Every command that was begun and not ended is closed as interrupted, and each SCAN among them leaves the mark of an
+/// unseen scan. SLAB_ABORT stays, to be finished. A commit may be done although its answer is an error; the station
+/// cannot know its result then.
 namespace slabd::daemon {
 
 struct MemoryStore {
   RecoveredLine line;
   std::optional<Code> fail_next;
-  std::function<bool(const StoreJob&)> fail_when;  ///< jobs that find the disk broken
+  std::function<bool(const StoreJob&)> fail_when;  ///< jobs for which the disk fails
   std::vector<StoreJob> applied;
   int slabs_ended = 0;
-  int refused = 0;                  ///< jobs that no station may give
+  int refused = 0;                  ///< jobs that a station must not submit
   std::vector<std::uint64_t> seen;  ///< fingerprints, oldest first
 
-  /// `answer_lost`: it is carried out, and the answer is that it failed.
+  /// `answer_lost`: the job is carried out, but the answer is an error.
   Code apply(const StoreJob& job, bool answer_lost = false) {
     if (fail_next) {
       const Code code = *fail_next;
@@ -63,12 +63,12 @@ struct MemoryStore {
     forget_unseen();
     return Code::ok;
   }
-  /// The monotonic clock begins anew: marks of measurements lie in the future and prove nothing against a scan.
+  /// The monotonic clock restarts: marks of measurements have future times and do not count against a scan.
   void restart_computer() {
     for (StationRecord& record : line.stations)
       if (record.measuring_since_ns != 0) record.measuring_since_ns += 86'400 * kNsPerS;
   }
-  /// What a restarted daemon would find.
+  /// The state that a restarted daemon would find.
   RecoveredLine recover() {
     line.abort_seq = 0;
     for (const CommandJob& command : std::exchange(unfinished_, {})) {
@@ -83,7 +83,7 @@ struct MemoryStore {
     unwritten_.reset();
     return line;
   }
-  /// Would a process that starts now trust what the scanner gives first?
+  /// True if a process that starts now would accept the scanner's first scan.
   [[nodiscard]] bool trusts_scanner() const {
     const auto is_scan = [](const CommandJob& command) { return is(command, PlcCommand::scan); };
     const bool scan_under_way = std::any_of(unfinished_.begin(), unfinished_.end(), is_scan);
@@ -95,7 +95,7 @@ struct MemoryStore {
   [[nodiscard]] static bool is(const CommandJob& command, PlcCommand what) {
     return command.command == static_cast<std::uint16_t>(what);
   }
-  /// SLAB_ABORT of the open slab with no order after it.
+  /// True for SLAB_ABORT of the open slab without a later command.
   [[nodiscard]] bool is_abort_to_finish(const CommandJob& command) const {
     return is(command, PlcCommand::slab_abort) && line.slab_open && command.slab_key == line.slab.key &&
            newest_order_.session == command.session && newest_order_.cmd_seq == command.cmd_seq;
@@ -110,7 +110,7 @@ struct MemoryStore {
                   [&](const CommandJob& command) { return command.session == session && command.cmd_seq == cmd_seq; });
     if (newest_.session == session && newest_.cmd_seq == cmd_seq) line.cmd_status = status;
   }
-  /// As the station's jobs that name no command.
+  /// Closes the newest such command, as the station's jobs do that do not name a command.
   template <typename... Commands>
   void close_newest(Commands... which) {
     const auto found = std::find_if(unfinished_.rbegin(), unfinished_.rend(),
@@ -119,7 +119,7 @@ struct MemoryStore {
     closed_last_ = *found;
     close(closed_last_->session, closed_last_->cmd_seq, static_cast<std::uint16_t>(CommandStatus::done));
   }
-  /// The command of what is taken back is one that has not ended.
+  /// Reopens the command whose job was taken back.
   void reopen_last() {
     if (!closed_last_) return;
     unfinished_.push_back(*closed_last_);
@@ -143,13 +143,13 @@ struct MemoryStore {
   }
 
   // ---- jobs ----
-  /// An earlier attempt had the same points.
+  /// True if an earlier attempt had the same points.
   [[nodiscard]] bool is_in_history(const Attempt& attempt) const {
     if (!attempt.fingerprint) return false;
     const auto known = history_.find(*attempt.fingerprint);
     return known != history_.end() && known->second != std::tuple{attempt.slab_key, attempt.station, attempt.number};
   }
-  /// The PLC hears that a scan came to nothing, and so it is written with the next job.
+  /// The PLC reads that the scan failed, so the failure is written with the next job.
   Code failed(const StoreJob& job, Code code) {
     if (const auto* scan = std::get_if<AcquiredJob>(&job.what))
       unwritten_ = {scan->attempt, static_cast<std::uint16_t>(code), scan->fingerprint};
@@ -165,7 +165,7 @@ struct MemoryStore {
       return !attempts_.contains({block->slab_key, block->block.station, block->attempt});
     return false;
   }
-  /// The station goes on as if what was answered with an error had not been done: its next job takes it back.
+  /// Takes back jobs that were answered with an error, because the station continues as if they had not been done.
   void undo_unseen() {
     for (const auto& [station, block] : unseen_blocks_) {
       StationRecord& record = line.stations[station - 1U];
@@ -235,7 +235,7 @@ struct MemoryStore {
     record.phase = StationPhase::failed;
     record.code = job.code;
     remember(job.fingerprint);
-    // Answered with an error, and durable all the same: then it has not been acquired.
+    // The job was answered with an error but is durable: the scan has not been acquired.
     if (line.acq_seq == job.attempt.cmd_seq) line.acq_seq = acq_before_;
     close(job.attempt.session, job.attempt.cmd_seq, static_cast<std::uint16_t>(kCommandFailed + job.code));
   }
@@ -249,14 +249,14 @@ struct MemoryStore {
   }
   void keep(const BlockJob& job) {
     StationRecord& record = line.stations[job.block.station - 1U];
-    // A later attempt takes the place of an earlier one, also when it came to nothing.
+    // A later attempt replaces an earlier one, even if it failed.
     if (record.attempt.number == job.attempt && record.phase != StationPhase::failed) {
       record.phase = StationPhase::measured;
       record.block = job.block;
       record.measuring_since_ns = 0;
       close(record.attempt.session, record.attempt.cmd_seq, static_cast<std::uint16_t>(CommandStatus::done));
     }
-    // Measured before, and nobody was told: one record is enough.
+    // Measured before, but its answer was lost: one record is enough.
     forget_records([&](const PlcResult& r) {
       return r.kind == job.record.kind && r.station == job.record.station && r.cmd_seq == job.record.cmd_seq;
     });
@@ -318,7 +318,7 @@ struct MemoryStore {
   std::uint16_t unseen_report_ = 0;
   std::optional<FailedAttemptJob> unwritten_;
   std::uint16_t acq_before_ = 0;
-  std::optional<CommandJob> closed_last_;  ///< by the job before
+  std::optional<CommandJob> closed_last_;  ///< by the preceding job
 };
 
 }  // namespace slabd::daemon

@@ -19,7 +19,7 @@ struct PoseGateTest : testing::Test {
   Prng prng{3};
   Vec3 at{1000.0, 500.0, 900.0};
 
-  /// The next pose, sent and come at `ns`.
+  /// The next pose, sent and received at `ns`.
   PoseSample sample_at(std::int64_t ns) {
     PoseSample sample;
     sample.arrival_ns = ns;
@@ -36,7 +36,7 @@ struct PoseGateTest : testing::Test {
       gate.add(sample);
     }
   }
-  /// The robot has stood long enough for a scan, which begins.
+  /// The robot has stood still long enough for a scan, which starts.
   void expose() {
     send(300);
     PoseMean mean;
@@ -123,14 +123,14 @@ TEST_F(PoseGateTest, what_a_sender_said_of_stopped_is_forgotten_when_it_fell_sil
   send(400);
   EXPECT_EQ(settled(), Code::not_settled);
   EXPECT_TRUE(gate.lacks_stopped());
-  // A bridge that was started anew, without the flag; another one is not believed sooner than this.
+  // A restarted bridge without the flag; another one is not accepted sooner.
   now_ns += PoseGate::kForgetNs;
   send(100);
   EXPECT_FALSE(gate.lacks_stopped());
   EXPECT_EQ(settled(), Code::not_settled) << "the window begins again";
   send(100);
   EXPECT_EQ(settled(), Code::ok);
-  // A moving robot does not settle because its flag was forgotten.
+  // A moving robot does not settle, although its flag was forgotten.
   now_ns += PoseGate::kForgetNs;
   for (int i = 0; i < 300; ++i) {
     at.x() += 0.001;
@@ -147,7 +147,7 @@ TEST_F(PoseGateTest, what_a_sender_said_of_stopped_is_forgotten_when_it_fell_sil
 TEST_F(PoseGateTest, silence_in_an_exposure_does_not_end_the_wish_for_stopped) {
   stopped = true;
   expose();
-  // The network held the poses back for a second: by their sender's clock nothing is missing.
+  // The network delayed the poses by a second: by their sender's clock they have no gap.
   const std::int64_t sent_ns = now_ns;
   for (int i = 1; i <= 10; ++i) {
     PoseSample sample = sample_at(sent_ns + ns_from_ms(period_ms * i));
@@ -195,7 +195,7 @@ TEST_F(PoseGateTest, a_sample_sent_before_the_end_of_the_exposure_has_not_seen_i
   send(20);
   PoseSample late = sample_at(now_ns + ns_from_ms(4));
   const std::int64_t taken_ns = now_ns + ns_from_ms(10);
-  late.arrival_ns = now_ns + ns_from_ms(15);  // 11 ms on its way
+  late.arrival_ns = now_ns + ns_from_ms(15);  // 11 ms of transport time
   gate.add(late);
   EXPECT_EQ(held_still(taken_ns), Code::pose_stale);
   now_ns += ns_from_ms(10);
@@ -206,7 +206,7 @@ TEST_F(PoseGateTest, a_sample_sent_before_the_end_of_the_exposure_has_not_seen_i
 TEST_F(PoseGateTest, a_motion_hidden_in_lost_samples_is_no_standstill) {
   expose();
   send(20);
-  now_ns += settings.gap_us * kNsPerUs;  // a jolt, and the robot is back before the next sample
+  now_ns += settings.gap_us * kNsPerUs;  // a jolt; the robot has returned before the next sample
   send(20);
   EXPECT_EQ(held_still(now_ns - 1), Code::pose_stale);
   send(200);
@@ -253,7 +253,7 @@ TEST_F(PoseGateTest, averages_rotations_of_either_sign) {
   EXPECT_LT(angle_between_rad(mean.T_base_flange.rotation, rotation_from_kuka_abc(0.3, 0.2, 0.1)), 1e-12);
 }
 
-/// A sender of any rate, up to far more poses a second than slabd keeps.
+/// A sender with any rate, up to far more poses a second than slabd stores.
 struct PoseRateTest : testing::TestWithParam<int> {
   PoseSettings settings;
   PoseGate gate{settings};
@@ -339,7 +339,7 @@ TEST_P(PoseRateTest, the_mean_is_that_of_all_poses) {
   }
   PoseMean mean;
   ASSERT_EQ(gate.settled(now_ns, mean), Code::ok);
-  // The window is a few poses shorter than what was sent.
+  // The window is a few poses shorter than the poses sent.
   EXPECT_LT((mean.T_base_flange.translation_mm - place - sum / count).norm(), 0.01 * 10.0 / count);
   EXPECT_GT(mean.spread_mm, 0.008);
   EXPECT_LT(mean.spread_mm, 0.0101);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which calibration counts, as the PLC and the records see it.
+// The calibration in force, as seen by the PLC and in the records.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -22,7 +22,7 @@ LineCalibration hand_eye(const char* id, double x_mm = 0.0) {
   return c;
 }
 
-/// Every station of the test slab mastered where the test robot stands.
+/// Every station of the test slab is mastered at the test robot's position.
 LineCalibration mastered(const char* id, const Recipe& recipe) {
   LineCalibration c = hand_eye(id);
   StationsInForce table;
@@ -231,7 +231,7 @@ TEST(StationCalibration, a_restart_goes_on_with_the_open_slabs_own) {
     line.run_for(20);
     line.scan(1);
   }
-  store.line.slab_calibration = store.line.calibration;  // what storage finds by the header's ids
+  store.line.slab_calibration = store.line.calibration;  // found by storage through the header's ids
   store.line.calibration = hand_eye("he-2", 7.0);
   Line again(store);
   again.scan(2);
@@ -289,7 +289,7 @@ TEST(StationCalibration, a_new_one_ends_what_a_clock_that_was_ahead_has_let_expi
   EXPECT_EQ(line.view().fault, 0);
 }
 
-/// The database takes them and follows the clock; the station must not wait for a restart to do so.
+/// The database accepts them and follows the clock; the station must do so without a restart.
 TEST(StationCalibration, corrections_and_an_acceptance_made_after_a_clock_that_was_ahead_are_used_at_once) {
   constexpr std::int64_t kDay_us = 86'400'000'000;
   MemoryStore store;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Maintenance: views for a calibration through the line's own robot and scanner, and what the PLC sees meanwhile.
+// Maintenance: views for a calibration with the line's own robot and scanner, and the PLC's registers meanwhile.
 #include <gtest/gtest.h>
 
 #include "tests/daemon/station/station_line.h"
@@ -38,7 +38,7 @@ class CaptureTest : public ::testing::Test {
     line_.run_for(ms);
     return line_.station->capture.shot;
   }
-  /// Until the scanner has been asked and owes its answer.
+  /// Waits until the scanner has a request and owes its answer.
   void ask_scanner() {
     line_.scanner_answers = false;
     ask(CaptureRequest::Action::shoot);
@@ -48,7 +48,7 @@ class CaptureTest : public ::testing::Test {
   static bool says(const FixedString<limits::kErrorTextBytes>& text, std::string_view part) {
     return text.view().find(part) != std::string_view::npos;
   }
-  /// The scanner's answer to request `index`: a whole scan, on the disk.
+  /// The scanner's answer to request `index`: a complete, durable scan.
   ScanDone scanned(std::size_t index) const {
     ScanDone done;
     done.cmd_seq = line_.scans[index].request.cmd_seq;
@@ -109,7 +109,7 @@ TEST_F(CaptureTest, poses_of_before_the_request_do_not_count) {
 TEST_F(CaptureTest, an_arm_that_swings_by_more_than_a_hundredth_is_refused_with_what_moved) {
   begin();
   line_.robot_shakes = true;
-  line_.robot_shake_mm = 0.012;  // production's gate lets this pass
+  line_.robot_shake_mm = 0.012;  // accepted by the gate for production
   const CaptureShot& shot = shoot(10'000);
   ASSERT_TRUE(shot.done);
   EXPECT_EQ(shot.code, Code::not_settled);
@@ -182,7 +182,7 @@ TEST_F(CaptureTest, the_scanners_own_words_are_passed_on) {
   EXPECT_EQ(shot.text.view(), "as the test wants it");
   EXPECT_TRUE(all_buffers_are_free());
   line_.scan_code = Code::ok;
-  EXPECT_EQ(shoot().code, Code::frame_incomplete);  // may be what it owed
+  EXPECT_EQ(shoot().code, Code::frame_incomplete);  // may be the scan it owed
   EXPECT_EQ(shoot().code, Code::ok);
   EXPECT_NE(line_.scans[0].request.cmd_seq, line_.scans[1].request.cmd_seq);
 }
@@ -205,7 +205,7 @@ TEST_F(CaptureTest, a_view_given_again_is_no_scan_of_a_block) {
   line_.fingerprint = 4711;
   ASSERT_EQ(shoot().code, Code::ok);
   ask(Action::end);
-  line_.start();  // a restart does not help it
+  line_.start();  // a restart must not change that
   line_.run_for(300);
   line_.command(PlcCommand::slab_begin);
   line_.run_for(20);
@@ -230,7 +230,7 @@ TEST_F(CaptureTest, the_points_of_an_earlier_scan_are_no_view) {
     ASSERT_FALSE(line_.dropped.empty());
     EXPECT_EQ(line_.dropped.back(), line_.scans.back().request.spool_path.view());
     EXPECT_TRUE(all_buffers_are_free());
-    // The scan that was asked for may still come.
+    // The requested scan may still come.
     line_.fingerprint = 0;
     EXPECT_EQ(shoot().code, Code::frame_incomplete);
     EXPECT_TRUE(says(line_.station->capture.shot.text, "take the view again"));
@@ -370,7 +370,7 @@ TEST_F(CaptureTest, a_session_that_goes_on_keeps_the_line) {
 TEST_F(CaptureTest, the_same_session_goes_on_and_another_waits_or_takes_over) {
   begin();
   EXPECT_EQ(shoot().code, Code::ok);
-  begin();  // the slabctl before was killed
+  begin();  // the previous slabctl was killed
   EXPECT_EQ(line_.station->capture.shot.number, 1U) << "and finds its last view";
   EXPECT_FALSE(line_.station->capture.shot.scan_path.empty());
   const Error& why = ask(Action::begin, "autumn");
@@ -405,7 +405,7 @@ TEST_F(CaptureTest, ABORT_ends_the_view_and_not_the_session) {
   EXPECT_TRUE(all_buffers_are_free());
   line_.plc.abort = false;
   line_.feed(line_.plc);
-  // The scan that was broken off may still come.
+  // The cancelled scan may still come.
   line_.scanner_answers = true;
   EXPECT_EQ(shoot().code, Code::frame_incomplete);
   EXPECT_EQ(shoot().code, Code::ok);
@@ -511,14 +511,14 @@ TEST_F(CaptureTest, ABORT_counts_before_the_scan_and_after_it) {
   };
   ask(Action::shoot);
   line_.run_for(500);
-  abort();  // it still settles
+  abort();  // while it is settling
   EXPECT_TRUE(line_.scans.empty());
 
   ask_scanner();
   line_.robot_present = false;
   line_.feed(scanned(0));
   line_.run_for(100);
-  abort();  // it waits for a pose
+  abort();  // while it waits for a pose
   EXPECT_EQ(line_.dropped.size(), 1U) << "a view that is refused leaves no scan";
   EXPECT_TRUE(all_buffers_are_free());
 }
@@ -528,7 +528,7 @@ TEST_F(CaptureTest, a_scan_that_was_whole_before_its_ABORT_is_deleted) {
   ask_scanner();
   line_.plc.abort = true;
   line_.feed(line_.plc);
-  line_.feed(scanned(0));  // the worker had finished; its answer to the cancellation comes as nobody's
+  line_.feed(scanned(0));  // the worker had finished before the cancellation; its answer belongs to no request
   line_.run_for(40);
   EXPECT_EQ(line_.station->capture.shot.code, Code::interrupted);
   ASSERT_EQ(line_.dropped.size(), 1U);

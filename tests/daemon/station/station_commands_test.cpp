@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The command desk and the queue of results: what is refused, what is counted, what an acknowledgement means.
+// The command interface and the queue of results: refusals, counting, and the meaning of acknowledgements.
 #include <gtest/gtest.h>
 
 #include "daemon/station/station.h"
@@ -43,7 +43,7 @@ TEST_F(StationTest, refuses_a_stale_session_without_using_the_number_up) {
   line.feed(line.plc);
   EXPECT_EQ(line.view().cmd_ack, ack);
   EXPECT_EQ(line.view().refuse_code, 102);
-  // The same number with the right session is carried out.
+  // The same number with the right session is accepted.
   line.plc.session_echo = line.view().session;
   line.feed(line.plc);
   line.run_for(20);
@@ -155,7 +155,7 @@ TEST_F(StationTest, a_full_queue_refuses_everything_that_would_need_a_place_in_i
     line.scan(1 + i % 18);
     if (line.view().cmd_status != 4) break;
   }
-  // The slab's own record keeps its place; nothing else fits any more.
+  // The slab's own record keeps its place; further records do not fit.
   line.command(PlcCommand::report, 1);
   line.run_for(20);
   EXPECT_EQ(line.view().cmd_status, failed(Code::busy));
@@ -233,7 +233,7 @@ TEST_F(StationTest, counter_wraps_past_65535_without_using_zero) {
   EXPECT_TRUE(line.view().slab_open);
 }
 
-// RES_ACK is a level. What stands there before a record is shown says nothing of that record.
+// RES_ACK is a level. Its value before a record is shown does not refer to that record.
 TEST_F(StationTest, a_record_never_gets_the_number_that_stands_in_res_ack) {
   begin();
   line.plc.res_ack = 1;  // a database was restored, or the PLC counts ahead

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A network share hangs and holds the scanner's worker in a call that nobody can end. The line must get its answer, the
-// buffer must belong to nobody else, and whatever the worker brings when it is back is no scan of any block.
+// A network share hangs and blocks the scanner's worker in a call that cannot be interrupted. The line must get its
+// answer, the buffer must not be used otherwise, and the worker's late scan must not count for any block.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -25,7 +25,7 @@ struct StationHangTest : StationTest {
     asked = line.scans.back();
     line.feed(kHangs);
   }
-  /// The worker is back, with what it was asked for long ago.
+  /// The worker returns with the result of its old request.
   void come_back(Code code) {
     line.worker_hangs = false;
     line.scanner_answers = true;
@@ -46,7 +46,7 @@ struct StationHangTest : StationTest {
     return std::none_of(line.station->slot_busy.begin(), line.station->slot_busy.end(), [](bool b) { return b; });
   }
   AcquireScan asked;
-  std::uint64_t fingerprint = 0;  ///< of what the worker brings
+  std::uint64_t fingerprint = 0;  ///< of the worker's scan
 };
 
 TEST_F(StationHangTest, a_scan_ends_301_before_the_plc_gives_up_and_the_slab_stays_open) {
@@ -84,7 +84,7 @@ TEST_F(StationHangTest, nothing_is_asked_of_it_meanwhile_and_its_buffer_is_nobod
     line.run_for(8'000);
     EXPECT_EQ(line.view().cmd_status, failed(Code::scanner_offline)) << "the settle time, not longer";
   }
-  line.feed(kWorks);  // it can be asked, but its answer to the first request is still to come
+  line.feed(kWorks);  // requests are possible again, but the answer to the first one is still missing
   line.scan(2);
   line.run_for(8'000);
   EXPECT_EQ(line.view().cmd_status, failed(Code::scanner_offline));
@@ -109,7 +109,7 @@ TEST_F(StationHangTest, a_scan_that_was_given_up_is_no_later_one_either) {
   line.run_for(20'000);
   fingerprint = 4711;
   come_back(Code::ok);
-  line.fingerprint = 4711;  // the scanner gives it once more, under a name that is waited for
+  line.fingerprint = 4711;  // the scanner repeats it, under a name that is expected
   line.scan(1);
   EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
   EXPECT_EQ(line.view().stations_done, 0);
@@ -158,7 +158,7 @@ TEST_F(StationHangTest, a_hang_that_ends_in_time_costs_nothing) {
   EXPECT_EQ(line.measured.size(), 1U);
 }
 
-/// A scan that was decoded before its copy to the spool hung is being measured; the buffer is the measurement's.
+/// A scan that was decoded before its copy to the spool hung is being measured; the buffer belongs to the measurement.
 TEST(StationHang, a_measurement_ahead_finds_nobody_and_gives_its_buffer_back) {
   MemoryStore store;
   Line line{store};

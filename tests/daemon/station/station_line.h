@@ -10,8 +10,8 @@
 #include "daemon/station/station.h"
 #include "tests/daemon/station/memory_store.h"
 
-/// A whole line around the station without threads, files or time: a PLC that keeps the written rules, a robot that
-/// stands, a scanner, a worker and a database, each of which a test may make fail. Time moves only by `run_for`.
+/// A whole line around the station, without threads, files or time. It has a PLC that keeps the written rules, a robot
+/// at rest, a scanner, a worker and a database. A test can make each of them fail. Time advances only in `run_for`.
 namespace slabd::daemon {
 
 inline Recipe test_recipe() {
@@ -28,7 +28,7 @@ inline Recipe test_recipe() {
   return recipe;
 }
 
-/// Another type is other numbers: 8 pairs.
+/// Another slab type with other figures: 8 pairs.
 inline Recipe short_recipe() {
   Recipe recipe = test_recipe();
   recipe.name = "P4925";
@@ -46,9 +46,9 @@ class Line {
     start();
   }
 
-  // ---- faults a test may plant ----
+  // ---- faults that a test can set ----
   bool robot_present = true;
-  double robot_off_mm = 0.0;    ///< beside the commanded station
+  double robot_off_mm = 0.0;    ///< distance from the commanded station
   double robot_moves_mm = 0.0;  ///< while a scan is taken
   bool robot_shakes = false;
   bool robot_says_stopped = false;
@@ -59,22 +59,23 @@ class Line {
   double robot_turn_rad = 0.0;  ///< about base Z
   std::int16_t robot_tool = 0;  ///< active on the controller
   Code scan_code = Code::ok;
-  bool worker_hangs = false;  ///< the scanner's, in a call that cannot be cancelled
+  bool worker_hangs = false;  ///< the scanner's worker, in a call that cannot be cancelled
   bool scanner_answers = true;
-  bool disk_syncs = true;         ///< false: the scan lies in the buffer, and `sync_ends` says when and how it goes on
+  bool disk_syncs = true;         ///< false: the scan is in the buffer, and `sync_ends` decides when and how it
+                                  ///< continues
   std::uint64_t fingerprint = 0;  ///< of the next scans' points
-  std::uint64_t fingerprint_thrown_away = 0;  ///< of scans that are; 0: as the others'
+  std::uint64_t fingerprint_thrown_away = 0;  ///< of discarded scans; 0: as for the others
   std::optional<std::uint32_t> points_crc32c{};
-  bool decodes_first = true;    ///< false: nobody hears of the points before they are durable
+  bool decodes_first = true;    ///< false: the points are not reported before they are durable
   bool measuring_works = true;  ///< false: MeasureBlock is never answered
   Verdict block_verdict = Verdict::pass;
-  Code refuses = Code::ok;  ///< what measuring says of the scans
+  Code refuses = Code::ok;  ///< result of measuring
   bool plc_beats = true;
-  bool disk_answers = true;  ///< false: jobs wait for ever, as on a disk that hangs
+  bool disk_answers = true;  ///< false: jobs wait forever, as on a disk that hangs
 
   MemoryStore& store;
   Recipe recipe;
-  std::uint16_t slab_type = recipe.slab_type;  ///< what the PLC asks for, whatever the daemon knows
+  std::uint16_t slab_type = recipe.slab_type;  ///< as requested by the PLC, whether or not the daemon has it
   StationSettings settings;
   std::unique_ptr<Station> station;
   PlcInputs plc;
@@ -99,20 +100,20 @@ class Line {
 
   PlcOutputs view() const { return plc_view(*station); }
 
-  /// The scan that was on its way to the disk is there, or is not.
+  /// Ends the writing of the current scan, with this code.
   void sync_ends(Code code) {
     syncing_.code = code;
     feed(syncing_);
   }
 
-  /// The oldest measurement that was held back (measuring_works) ends.
+  /// Ends the oldest measurement that was held back (measuring_works).
   void measuring_ends() {
     const MeasureBlock measure = measured.front();
     measured.erase(measured.begin());
     feed(measurement_of(measure));
   }
 
-  /// Called around every step, for tests that watch what a step does.
+  /// Called around every step, for tests that observe single steps.
   void (*before_step)() = nullptr;
   void (*after_step)() = nullptr;
 
@@ -141,7 +142,7 @@ class Line {
     }
   }
 
-  /// The PLC's next command, by the rules; returns its number.
+  /// Sends the PLC's next command, by the rules; returns its number.
   std::uint16_t command(PlcCommand what, int station_no = 0) {
     plc.enable = true;
     if (plc.heartbeat == 0) ++plc.heartbeat;
@@ -179,7 +180,7 @@ class Line {
   PoseSample pose() {
     PoseSample sample;
     sample.arrival_ns = now_ns_;
-    sample.utime_us = now_ns_ / 1000 + 1'000'000;  // of the same clock as ours
+    sample.utime_us = now_ns_ / 1000 + 1'000'000;  // the same clock as slabd's
     sample.tool_id = robot_tool;
     sample.stopped = robot_says_stopped;
     sample.emulated = robot_emulated;
@@ -280,12 +281,12 @@ class Line {
   std::deque<Event> pending_;
 };
 
-/// CMD_STATUS of a command that came to nothing.
+/// CMD_STATUS of a failed command.
 constexpr std::uint16_t failed(Code code) {
   return static_cast<std::uint16_t>(kCommandFailed + static_cast<std::uint16_t>(code));
 }
 
-/// A line of its own, with an open slab after begin().
+/// A separate line, with an open slab after begin().
 struct StationTest : testing::Test {
   MemoryStore store;
   Line line{store};

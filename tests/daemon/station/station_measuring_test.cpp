@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A measurement that a process does not survive, SLAB_ABORT beside a measurement, attempts that count, and a display
-// that writes the command block back.
+// A measurement during which the process ends, SLAB_ABORT during a measurement, counting of attempts, and a display
+// that writes back the command block.
 #include "tests/daemon/station/station_line.h"
 
 namespace slabd::daemon {
@@ -62,7 +62,7 @@ TEST_F(StationMeasuring, of_a_scan_that_ended_the_process_is_not_begun_again_una
 
 TEST_F(StationMeasuring, begins_again_after_a_restart_of_the_computer_and_is_marked_first) {
   acquire_and_hang();
-  // A monotonic clock begins anew with the computer: the mark lies in the future.
+  // The monotonic clock restarts with the computer, so the mark has a future time.
   store.line.stations[0].measuring_since_ns += 3'600 * kNsPerS;
   line.measured.clear();
   line.start();

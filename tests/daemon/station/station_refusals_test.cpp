@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Every job that can fail in storage, every command that can come at the wrong moment, and what stands before the
-// start: nothing is shown that is not durable, what is refused is named, and afterwards the line goes on.
+// Every job that can fail in storage, every command that can come at the wrong moment, and events before the start.
+// Only durable data are shown, refusals have a code, and afterwards the line continues.
 #include <gtest/gtest.h>
 
 #include "daemon/station/station.h"
@@ -33,7 +33,7 @@ struct StationRefusals : StationTest {
     EXPECT_EQ(line.view().cmd_ack, line.plc.cmd_seq);
     EXPECT_EQ(line.view().cmd_status, failed(code)) << "command " << line.plc.command;
   }
-  /// The measurement that nobody answered comes after all.
+  /// The late answer to a measurement.
   BlockMeasured answer_to(const MeasureBlock& asked) {
     BlockMeasured done;
     done.slab_key = asked.slab_key;
@@ -49,7 +49,7 @@ struct StationRefusals : StationTest {
   }
 };
 
-// ---- storage says no ----
+// ---- storage fails ----
 
 TEST_F(StationRefusals, a_session_that_could_not_be_stored_is_never_shown) {
   begin();
@@ -148,7 +148,7 @@ TEST_F(StationRefusals, a_repeated_record_that_could_not_be_stored_is_not_shown)
   line.command(PlcCommand::report, 4);
   store.fail_next = Code::journal_write;
   line.run_for(20);
-  // REPORT is a command and a record; whichever of them fails, nothing appears.
+  // REPORT is a command and a record; if either fails, neither is shown.
   expect_fault();
   EXPECT_EQ(line.view().cmd_status, failed(Code::journal_write));
   EXPECT_FALSE(line.view().result);
@@ -315,9 +315,9 @@ TEST_F(StationRefusals, a_station_cannot_be_scanned_for_ever) {
 TEST_F(StationRefusals, report_has_only_records_that_there_are) {
   line.run_for(300);
   line.command(PlcCommand::report);
-  refused(Code::wrong_slab);  // no slab was ever judged
+  refused(Code::wrong_slab);  // no slab was judged yet
   line.command(PlcCommand::report, 3);
-  refused(Code::wrong_slab);  // none is open
+  refused(Code::wrong_slab);  // no slab is open
   line.command(PlcCommand::report, 19);
   refused(Code::station_range);
   begin();
@@ -390,7 +390,7 @@ TEST_F(StationRefusals, a_copy_of_a_command_from_another_connection_is_counted_a
   EXPECT_EQ(line.scans.size(), 1U);
 }
 
-// ---- before the start, and what is only told ----
+// ---- before the start, and events without an answer ----
 
 TEST(StationBeforeItsStart, is_safe_and_does_nothing) {
   StationSettings settings;
@@ -474,7 +474,7 @@ TEST_F(StationRefusals, a_result_of_another_slab_or_attempt_is_nobodys) {
   SlabJudged judged;
   judged.slab_key = line.measured[0].slab_key;
   judged.slab.verdict = Verdict::pass;
-  line.feed(judged);  // nobody asked
+  line.feed(judged);  // not requested
   line.run_for(40);
   EXPECT_TRUE(line.view().slab_open);
   EXPECT_EQ(line.view().slab_verdict, Verdict::none);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Measuring finds that a scan is of another exposure than the requested one (BlockMeasured::refused). Before the scan
+// Measuring detects that a scan is of another exposure than the requested one (BlockMeasured::refused). Before the scan
 // is acquired that ends the SCAN, with the robot still at the station; afterwards it is the block's result.
 #include "tests/daemon/station/station_line.h"
 
@@ -8,7 +8,7 @@ namespace slabd::daemon {
 namespace {
 
 struct RefusedScan : StationTest {
-  /// A SCAN of this station up to the moment at which the points lie in the buffer and the disk still writes.
+  /// A SCAN of this station, until the points are in the buffer and the disk is still writing.
   void scan_to_buffer(int station_no) {
     line.disk_syncs = false;
     line.scan(station_no);

@@ -66,7 +66,7 @@ TEST(StationOfAnotherType, slab_of_eight_pairs_ends_with_sixteen_stations) {
   for (std::size_t address = 102; address < 106; ++address) EXPECT_EQ(image[address], 0) << "rows 17 and 18";
   EXPECT_EQ(image[106], 1);
 
-  // A daemon that starts again knows no other stations either.
+  // After a restart the daemon shows the same stations only.
   line.start();
   EXPECT_EQ(line.view().slab_verdict, Verdict::pass);
 }
@@ -91,15 +91,15 @@ TEST_F(StationTest, a_scanner_that_gives_an_earlier_scan_again_has_not_scanned) 
   line.fingerprint = 4711;
   line.scan(1);
   EXPECT_EQ(line.view().stations_done, 1);
-  line.scan(2);  // it hangs
+  line.scan(2);  // the scanner hangs
   EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
   EXPECT_EQ(line.view().stations_done, 1);
   EXPECT_EQ(line.measured.size(), 1U) << "nothing is measured ahead";
-  line.decodes_first = false;  // whoever hears of the points when they are durable learns the same
+  line.decodes_first = false;  // the same if the points are reported only once durable
   line.scan(2);
   EXPECT_EQ(line.view().cmd_status, failed(Code::frame_incomplete));
   line.fingerprint = 4713;
-  line.fingerprint_thrown_away = 4715;  // of block 2, perhaps, when it was asked for before
+  line.fingerprint_thrown_away = 4715;  // perhaps of block 2, from the earlier request
   line.scan(2);
   EXPECT_EQ(line.view().stations_done, 2);
 }
@@ -124,7 +124,7 @@ TEST_F(StationTest, a_restart_does_not_let_an_earlier_scan_pass) {
   line.scan(1);
   line.fingerprint = 4712;
   line.robot_moves_mm = 0.5;
-  line.scan(2);  // refused, and still no scan of any other block
+  line.scan(2);  // refused, and must not count for any other block
   line.robot_moves_mm = 0.0;
   EXPECT_EQ(line.view().stations_done, 1);
   line.start();
@@ -217,7 +217,7 @@ TEST_F(EmulationTest, a_stored_emulated_pass_is_not_shown_as_a_real_one_after_em
   EXPECT_EQ(line.view().record.res_seq, 0);
   EXPECT_EQ(line.view().table_slab_no, 77U);
   EXPECT_TRUE(is_shown()) << "the verdict stands in the table still";
-  // The verdict on demand, too.
+  // The verdict on request has it too.
   line.command(PlcCommand::report, 0);
   line.run_for(40);
   EXPECT_EQ(line.view().record.kind, 2);
@@ -294,7 +294,7 @@ TEST_F(StationTest, next_scan_may_begin_while_the_last_one_is_measured) {
   EXPECT_EQ(line.view().cmd_status, 3);
   EXPECT_EQ(line.measured.size(), 2U);
   EXPECT_NE(line.measured[0].slot, line.measured[1].slot);
-  // Both buffers hold blocks that are not measured: the third scan waits and ends by its deadline.
+  // Both buffers contain unmeasured blocks: the third scan waits until its deadline.
   line.scan(3);
   line.run_for(9000);
   EXPECT_EQ(line.view().cmd_status, failed(Code::deadline));
@@ -364,7 +364,7 @@ TEST_F(StationTest, what_was_measured_of_a_scan_that_came_to_nothing_is_dropped)
     EXPECT_EQ(records[0].verdict, Verdict::fail);
     line.block_verdict = Verdict::pass;
   }
-  // Both buffers are free again: two more scans at once.
+  // Both buffers are free again: two more scans can be taken at once.
   line.measuring_works = false;
   line.scan(4);
   line.scan(5);
@@ -419,7 +419,7 @@ TEST_F(StationTest, nothing_is_shown_that_could_not_be_stored) {
   EXPECT_EQ(line.view().fault, 502);
   EXPECT_EQ(line.view().record.res_seq, 0);
   EXPECT_EQ(line.view().table[0].verdict, Verdict::none);
-  // The cloud is durable: after the fault is reset the block is measured again, from disk.
+  // The cloud is durable: after the fault is reset the block is measured again, from the disk.
   line.plc.fault_reset = true;
   line.feed(line.plc);
   line.run_for(100);
@@ -570,7 +570,7 @@ TEST_F(StationTest, a_scan_in_another_buffer_than_the_one_that_was_given_is_nobo
   EXPECT_EQ(line.measured.size(), 1U);
 }
 
-// A block's pass is provisional: height, spacing and slope in the slab's frame are judged by SLAB_END alone.
+// A block's pass is provisional: only SLAB_END judges height, spacing and slope in the slab's frame.
 TEST_F(StationTest, slab_abort_reads_aborted_and_no_block_of_it_passed) {
   begin();
   line.scan(1);
@@ -616,7 +616,7 @@ TEST_F(StationTest, restart_keeps_acquired_blocks_and_shows_unacknowledged_resul
   ASSERT_EQ(line.measured.size(), 1U);
   EXPECT_TRUE(line.measured[0].reload);
   EXPECT_EQ(line.measured[0].station, 2);
-  EXPECT_EQ(line.scans.size(), scans);  // never scanned again on our own account
+  EXPECT_EQ(line.scans.size(), scans);  // slabd does not repeat a scan on its own initiative
   EXPECT_EQ(line.view().table[2].verdict, Verdict::not_measured);
   EXPECT_EQ(line.view().table[2].reason, 110);
 
@@ -665,7 +665,7 @@ TEST_F(StationTest, a_scan_that_comes_before_the_robot_has_left_waits_for_it) {
   begin();
   line.scan(1);
   line.take_results();
-  line.command(PlcCommand::scan, 2);  // the robot still stands over station 1
+  line.command(PlcCommand::scan, 2);  // the robot is still at station 1
   line.run_for(400);
   EXPECT_EQ(line.view().state, PlcState::settling);
   line.robot_station = 2;
@@ -682,7 +682,7 @@ TEST_F(StationTest, a_config_fault_shows_itself_and_refuses_work) {
   EXPECT_EQ(line.view().state, PlcState::fault);
   EXPECT_EQ(line.view().fault, 504);
   EXPECT_FALSE(line.view().ready);
-  // What is in the database nobody knows: no calibration, no acceptance is no finding of anybody's.
+  // The content of the database is unknown, so missing calibration and acceptance are not reported.
   EXPECT_EQ(line.view().warn, 0);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);

@@ -8,11 +8,11 @@ namespace {
 
 constexpr std::int64_t kTurnMs = 10;
 constexpr int kTurnsPerBeat = 20;
-/// One place of the daemon's queue may be taken by a change of calibration.
+/// One place of the daemon's queue is reserved for a change of calibration.
 constexpr std::size_t kStoreQueue = limits::kWorkerQueue - 1;
 /// The PLC waits 20 s for a scan.
 constexpr int kOrderTurns = 2'500;
-/// A view, its lease and a worker that hangs are over by then.
+/// Turns after which a view, its lease and a worker that hangs have ended.
 constexpr int kRestTurns = 8'000;
 
 }  // namespace
@@ -35,12 +35,12 @@ void TruthLine::start() {
   disk_.process_ends();
   scanner_.process_ends();
   measuring_.process_ends();
-  std::erase_if(refused_, [](const auto& scan) { return scan.second; });  // its number is given again
+  std::erase_if(refused_, [](const auto& scan) { return scan.second; });  // its number is used again
   scanner_.worker_hangs = false;
   station_ = std::make_unique<Station>(settings_);
   plc_.command_writer = 0;
   RecoveredLine line = store_.recover();
-  // By the header's id, as the database finds it.
+  // Found by the header's id, as in the database.
   if (!(line.slab.calibration_id == settings_.calibration_id))
     line.slab_calibration = calibration_named(line.slab.calibration_id);
   feed(Recovered{&line});
@@ -79,7 +79,7 @@ void TruthLine::measured(const BlockMeasured& done) {
   const bool in_hand = a.attempt.slab_key == done.slab_key && a.station == done.block.station &&
                        a.attempt.number == done.attempt && a.phase != Acquisition::Phase::storing;
   if (done.refused == Code::ok) {
-    refused_.erase(scan);  // measured once more, after a restart
+    refused_.erase(scan);  // measured again, after a restart
   } else {
     ++figures_.refused;
     refused_[scan] = in_hand;
@@ -128,7 +128,7 @@ void TruthLine::carry_out(const MeasureBlock& action) {
   measuring_.push(action);
 }
 
-/// Its answer comes before any other event, as in the daemon.
+/// Answered before any other event, as in the daemon.
 void TruthLine::carry_out(const JudgeSlab& action) {
   judged_.emplace();
   judged_->slab_key = action.slab_key;
@@ -205,7 +205,7 @@ bool TruthLine::run_until(const Done& done, int turns_max) {
   return done();
 }
 
-/// It came to what was asked for.
+/// True if the command has succeeded.
 bool TruthLine::order_and_wait(PlcCommand what, int station_no) {
   if (--orders_left_ < 0) return false;
   order(what, station_no);

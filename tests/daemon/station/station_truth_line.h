@@ -11,34 +11,34 @@
 #include "tests/daemon/station/station_line.h"
 #include "tests/daemon/station/station_truth_parts.h"
 
-/// A line that is led by chance and knows which block every scan really shows. Everything around the station may go
-/// wrong at any turn, alone or together; the promises are checked at every step:
+/// A line driven by random events that records which block every scan really shows. Everything around the station may
+/// fail at any turn, alone or together; these conditions are checked at every step:
 ///
-///   a scan that is recorded for a block was exposed for it, and what is measured for a block is that scan;
-///   a process that started now would not trust a scanner that holds a scan which nobody saw;
-///   the scanner is asked for one scan at a time, into a buffer that nobody measures;
-///   what is measured lies in a buffer that the scanner does not write, and in one that nothing else is measured in;
-///   no job comes that a database would refuse, and not more of them than the daemon's queue holds;
-///   a scan that measuring refused before it was recorded is not recorded, and none has a result with a verdict;
-///   when nothing goes wrong any more a whole slab passes within some orders, and nothing is left over.
+///   a scan recorded for a block was exposed for it, and the block's measurement uses that scan;
+///   a process that starts now would not accept the first scan of a scanner that holds an unseen one;
+///   the scanner has one request at a time, into a buffer that is not being measured;
+///   a buffer that is being measured is not written by the scanner, and is used by one measurement only;
+///   only jobs that a database would accept are submitted, and not more than the daemon's queue holds;
+///   a scan that measuring refused before it was recorded is not recorded, and no refused scan has a verdict;
+///   without further faults a whole slab passes within some commands, and nothing is left over.
 ///
-/// A scenario shows what somebody thought of. This is for what nobody did: which moments a death, an ABORT or a lost
-/// answer must hit one after the other, so that a scan comes to stand for another block.
+/// A scenario covers only the cases its author thought of. This test finds the others: sequences of a death, an ABORT
+/// or a lost answer after which a scan counts for another block.
 namespace slabd::daemon {
 
 class TruthLine {
  public:
   explicit TruthLine(std::uint64_t seed);
 
-  /// Turns of 10 ms in which everything may go wrong.
+  /// Runs turns of 10 ms with random faults.
   void live(int turns);
-  /// From now on nothing does: a whole slab, with at most `orders_max` orders.
+  /// Runs a whole slab without further faults, with at most `orders_max` commands.
   void pass_a_slab(int orders_max);
 
-  /// The first promise that was not kept, and at which step; empty: none.
+  /// The first violated condition, and its step; empty: none.
   [[nodiscard]] const std::string& violation() const { return violation_; }
 
-  /// What happened, so that a line on which nothing does is noticed.
+  /// Event counts, to detect a line on which nothing happens.
   struct Figures {
     std::uint64_t steps = 0;
     std::uint64_t scans_recorded = 0;
@@ -47,7 +47,7 @@ class TruthLine {
     std::uint64_t reloads = 0;
     std::uint64_t deaths = 0;
     std::uint64_t refused = 0;  ///< scans that measuring refused
-    int orders = 0;             ///< of the slab that passed
+    int orders = 0;             ///< for the slab that passed
     bool operator==(const Figures&) const = default;
   };
   [[nodiscard]] const Figures& figures() const { return figures_; }
@@ -70,7 +70,7 @@ class TruthLine {
   void carry_out(const LogLine& /*action*/) {}
   void violated(const std::string& what);
 
-  // ---- what leads the line ----
+  // ---- random events ----
   void turn();
   void send_poses();
   void act_as_plc();

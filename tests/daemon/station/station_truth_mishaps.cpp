@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Who orders what, and what goes wrong: everything in it is drawn.
+// Random commands and random faults.
 #include <algorithm>
 
 #include "tests/daemon/station/station_truth_line.h"
@@ -11,7 +11,7 @@ namespace slabd::daemon {
 
 void TruthLine::act_as_plc() {
   if (chance_.happens(0.05)) acknowledge();
-  // A scan that is thrown away is rare, and its end has more ways than one.
+  // Discarded scans are rare and can end in several ways.
   const double abort = scanner_.throws_away() ? 0.02 : 0.004;
   if (chance_.happens(plc_.abort ? 0.1 : abort)) press_abort(!plc_.abort);
   if (station_->fault != 0 && chance_.happens(0.03)) reset_fault();
@@ -21,7 +21,7 @@ void TruthLine::act_as_plc() {
   }
   if (chance_.happens(0.001)) plc_.command_writer = static_cast<std::uint32_t>(chance_.between(1, 3));
   const PlcOutputs view = plc_view(*station_);
-  const bool is_hasty = chance_.happens(0.003);  // does not wait for the last order's end
+  const bool is_hasty = chance_.happens(0.003);  // does not wait for the end of the last command
   if (is_hasty || (!view.busy && chance_.happens(0.2))) give_some_order(view);
 }
 
@@ -80,9 +80,9 @@ void TruthLine::acknowledge() {
   feed(plc_);
 }
 
-// ---- maintenance, and what goes wrong ------------------------------------------------------------------------------
+// ---- maintenance and faults ----------------------------------------------------------------------------------------
 
-/// Views for a calibration, mostly while the PLC leaves the line alone, and by two who do not know each other.
+/// Views for a calibration, mostly while the PLC is idle, from two independent sessions.
 void TruthLine::act_as_maintenance() {
   if (chance_.happens(in_maintenance_ ? 0.0015 : 0.001)) in_maintenance_ = !in_maintenance_;
   if (chance_.happens(0.002)) change_calibration();
@@ -119,7 +119,7 @@ void TruthLine::let_things_go_wrong() {
   if (turn_ == dies_at_turn_ || chance_.happens(0.0008)) die();
 }
 
-/// The scanner holds what no process will ever know, and may give it for whatever is asked for next.
+/// True if the scanner holds a scan that a new process would not recognise, and may return it for the next request.
 bool TruthLine::a_restart_would_be_deceived() const {
   const std::uint64_t held = scanner_.holds().fingerprint;
   const bool is_known = std::find(store_.seen.begin(), store_.seen.end(), held) != store_.seen.end();

@@ -23,7 +23,7 @@ void TruthScanner::ask(const AcquireScan& action, const Exposure& before_the_len
                        const std::vector<std::uint64_t>& delivered) {
   if (!is_frozen || held_.fingerprint == 0) {
     held_ = before_the_lens;
-    held_.fingerprint = 1001 + 2 * exposures_.size();  // odd, as of points
+    held_.fingerprint = 1001 + 2 * exposures_.size();  // odd, as fingerprints of points are
     exposures_[held_.fingerprint] = held_;
   }
   request_.emplace();
@@ -31,8 +31,8 @@ void TruthScanner::ask(const AcquireScan& action, const Exposure& before_the_len
   request_->gives = held_;
   request_->turns_left = chance_.between(1, 60);
   if (all_is_well) return;
-  // An old file under the new name; the exposure that was made for it is still held.
-  constexpr int kOldest = 20;  // well within what slabd remembers
+  // Returns an old file under the new name; the scanner still holds the new exposure.
+  constexpr int kOldest = 20;  // well within the number of fingerprints that slabd stores
   if (!delivered.empty() && chance_.happens(0.03)) {
     const int back = chance_.between(1, std::min(kOldest, static_cast<int>(delivered.size())));
     const Exposure old = truth_of(delivered[delivered.size() - static_cast<std::size_t>(back)]);
@@ -44,7 +44,7 @@ void TruthScanner::ask(const AcquireScan& action, const Exposure& before_the_len
 
 std::optional<ScanDone> TruthScanner::turn(std::int64_t now_ns) {
   if (!is_asked() || worker_hangs) return std::nullopt;
-  // Points that are there may come through all the same.
+  // Points that are available may be reported in spite of a cancellation.
   if (request_->is_cancelled && (!request_->is_decoded || chance_.happens(0.1))) return last_word(Code::interrupted);
   if (--request_->turns_left > 0) return std::nullopt;
   if (request_->end == End::timeout) return last_word(Code::trigger_timeout);
@@ -62,7 +62,7 @@ std::optional<ScanDone> TruthScanner::turn(std::int64_t now_ns) {
   done.scan.shape = {1000, 900, 0, 0};
   done.scan.taken_mono_ns = now_ns - 5 * kNsPerMs;
   first_word_ = done;
-  if (!all_is_well && chance_.happens(0.1)) return std::nullopt;  // nobody took the news
+  if (!all_is_well && chance_.happens(0.1)) return std::nullopt;  // the early event was lost
   return done;
 }
 

@@ -13,8 +13,7 @@
 #include "daemon/station/station.h"
 #include "tests/daemon/station/memory_store.h"
 
-/// What stands around the station in a random line: each part does its work turn by turn, and what goes wrong with it
-/// is drawn from the seed.
+/// The parts around the station in a random line: each works turn by turn, with faults drawn from the seed.
 namespace slabd::daemon {
 
 class Chance {
@@ -29,10 +28,10 @@ class Chance {
   Prng prng_;
 };
 
-/// In force, and for ever unless somebody says until when.
+/// A calibration in force, without expiry.
 [[nodiscard]] LineCalibration calibration_named(const CalibrationId& id);
 
-/// What a scan really shows, for whatever it is taken.
+/// True content of a scan, independent of its assignment.
 struct Exposure {
   std::uint64_t fingerprint = 0;
   std::int64_t slab_key = 0;  ///< 0: no slab's block
@@ -41,36 +40,35 @@ struct Exposure {
   [[nodiscard]] std::string text() const;
 };
 
-/// The scanner and its worker. Each request makes an exposure, and one that failed may still come: a program that is
-/// frozen gives what it holds, unseen or not, under every new name.
+/// The scanner and its worker. Each request makes an exposure, and that of a failed request may still come. A frozen
+/// program returns the exposure it holds, seen or not, under every new name.
 class TruthScanner {
  public:
   explicit TruthScanner(Chance& chance) : chance_(chance) {}
 
   bool is_frozen = false;
-  bool worker_hangs = false;  ///< in a share, in a call that nobody can end
+  bool worker_hangs = false;  ///< in a share, in a call that cannot be interrupted
   bool all_is_well = false;
 
-  /// `before_the_lens` is exposed unless the program is frozen. `delivered`: what it handed out before, to hand out
-  /// again.
+  /// `before_the_lens` is exposed unless the program is frozen. `delivered`: earlier scans, which it may return again.
   void ask(const AcquireScan& action, const Exposure& before_the_lens, const std::vector<std::uint64_t>& delivered);
   void cancel() { request_->is_cancelled = true; }
   void process_ends() { request_.reset(); }
-  /// At most one answer.
+  /// Returns at most one answer.
   std::optional<ScanDone> turn(std::int64_t now_ns);
 
   [[nodiscard]] bool is_asked() const { return request_.has_value(); }
-  /// The points of a scan that is thrown away are there, and are on their way to the disk.
+  /// True if the points of a discarded scan are decoded and being written to the disk.
   [[nodiscard]] bool throws_away() const {
     return is_asked() && request_->is_decoded && request_->action.request.session == 0;
   }
   [[nodiscard]] bool writes_into(std::uint8_t slot) const {
     return is_asked() && !request_->is_decoded && request_->action.slot == slot;
   }
-  /// What a program that is frozen would give.
+  /// The exposure that a frozen program would return.
   [[nodiscard]] const Exposure& holds() const { return held_; }
   [[nodiscard]] Exposure truth_of(std::uint64_t fingerprint) const;
-  /// What lies in a buffer, and in a file.
+  /// Exposure in a buffer, and in a file.
   [[nodiscard]] Exposure in_slot(std::uint8_t slot) const { return slots_.at(slot); }
   [[nodiscard]] Exposure in_file(const PathText& path) const;
   void drop_file(const PathText& path) { files_.erase(std::string(path.view())); }
@@ -89,7 +87,7 @@ class TruthScanner {
 
   Chance& chance_;
   std::optional<Request> request_;
-  ScanDone first_word_;  ///< of the request in hand
+  ScanDone first_word_;  ///< of the present request
   Exposure held_;
   std::map<std::uint64_t, Exposure> exposures_;
   std::array<Exposure, limits::kScanSlots> slots_{};
@@ -101,17 +99,17 @@ class TruthDisk {
  public:
   TruthDisk(Chance& chance, MemoryStore& store) : chance_(chance), store_(store) {}
 
-  bool fails = false;  ///< every commit, though some are done all the same
+  bool fails = false;  ///< every commit fails, although some are done
   bool is_slow = false;
   bool all_is_well = false;
-  /// A commit that a later start depends on has just failed: the most telling moment to die.
+  /// A commit that a later start depends on has just failed: the most useful moment for a death.
   bool is_telling_moment = false;
 
   void push(const StoreJob& job) { queue_.push_back(job); }
   [[nodiscard]] std::size_t waiting() const { return queue_.size(); }
-  /// The jobs that became due, answered.
+  /// Carries out and answers the jobs that are due.
   std::vector<StoreDone> turn();
-  /// What was under way may be done; the rest is lost.
+  /// The current job may be done; the others are lost.
   void process_ends();
 
  private:
@@ -123,7 +121,7 @@ class TruthDisk {
   int turns_left_ = 0;
 };
 
-/// The measuring's worker: every block is good, and some scans are refused.
+/// The measuring worker: every block is good, and some scans are refused.
 class TruthMeasuring {
  public:
   explicit TruthMeasuring(Chance& chance) : chance_(chance) {}

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Some seeds with every test run; as many as there is time for with
+// Some seeds in every test run; more with
 //   SLABD_TRUTH_SEEDS=100000 SLABD_TRUTH_FROM=1 daemon_station_test --gtest_filter='StationTruth.*'
 #include <gtest/gtest.h>
 
@@ -15,7 +15,7 @@ namespace slabd::daemon {
 namespace {
 
 constexpr int kTurns = 3'000;
-constexpr int kOrdersMax = 60;  ///< 20 are a whole slab
+constexpr int kOrdersMax = 60;  ///< a whole slab needs 20
 
 std::uint64_t number_from(const char* name, std::uint64_t otherwise) {
   const char* text = std::getenv(name);
@@ -51,7 +51,7 @@ TEST(StationTruth, no_chance_gives_a_block_another_ones_scan_or_leaves_the_line_
       static_cast<unsigned long long>(all.reloads), static_cast<unsigned long long>(all.deaths),
       static_cast<unsigned long long>(all.refused), all.orders);
   if (seeds < 100) return;
-  // A line on which nothing happens keeps every promise.
+  // A line without events would meet every condition, so minimum counts are required.
   EXPECT_GT(all.scans_recorded, 10 * seeds);
   EXPECT_GT(all.scans_thrown_away, seeds);
   EXPECT_GT(all.deaths, seeds);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The process ends while a scan is taken: nobody has seen its points, and a scanner that hangs may give them for any
+// The process ends while a scan is taken: its points were not seen, and a scanner that hangs may return them for any
 // block.
 #include <gtest/gtest.h>
 
@@ -106,7 +106,7 @@ TEST_F(UnseenScan, what_the_scanner_could_not_deliver_is_not_taken_for_another_b
 
     const std::size_t before = line.scans.size();
     const std::size_t measured = line.measured.size();
-    line.fingerprint = fingerprint += 2;  // for all that slabd knows, of block 4
+    line.fingerprint = fingerprint += 2;  // may be of block 4, as far as slabd can tell
     line.robot_station = 5;
     line.run_for(600);
     const std::uint16_t seq = line.command(PlcCommand::scan, 5);
@@ -185,7 +185,7 @@ TEST_F(UnseenScan, abort_ends_it) {
   EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq) << "the buffer came back";
 }
 
-/// A scanner that takes `ms` over the scan that is thrown away.
+/// A scanner that needs `ms` for the discarded scan.
 struct SlowScanner : UnseenScan {
   void throw_away_for(int ms, bool poses_go_on = true) {
     die_while_scanning();
@@ -248,7 +248,7 @@ TEST_F(SlowScanner, that_leaves_no_time_for_the_blocks_own_is_asked_for_it_by_th
   EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq);
 }
 
-/// The mark of a scan that nobody saw has to outlive everything that comes after it.
+/// The mark of an unseen scan must outlive all later scans.
 TEST_F(UnseenScan, is_known_after_a_restart_however_often_what_is_thrown_away_was_broken_off) {
   begin();
   const auto abort_when = [this](std::size_t scans, bool decoded) {
@@ -272,8 +272,8 @@ TEST_F(UnseenScan, is_known_after_a_restart_however_often_what_is_thrown_away_wa
   line.robot_station = 2;
   line.run_for(600);
   abort_when(1, false);  // the mark is stored
-  abort_when(2, true);   // the scan that is thrown away is known, and newer than the mark
-  abort_when(3, false);  // and nobody saw this one
+  abort_when(2, true);   // the discarded scan is known, and newer than the mark
+  abort_when(3, false);  // this one was not seen
   line.start();
   line.scanner_answers = true;
   line.plc.command_writer = 0;
@@ -282,7 +282,7 @@ TEST_F(UnseenScan, is_known_after_a_restart_however_often_what_is_thrown_away_wa
   EXPECT_EQ(line.scans[3].request.session, 0) << "what was asked for station 2 may come now";
 }
 
-/// Nothing is remembered behind the mark while it stands.
+/// No fingerprint is stored after the mark while it is needed.
 TEST_F(UnseenScan, the_mark_stays_when_a_worker_comes_back_with_a_known_scan_and_the_process_dies) {
   begin();
   line.fingerprint = 0x0E01;

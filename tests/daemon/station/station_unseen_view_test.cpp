@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The process ends while a calibration's view is taken, of which no journal knows: the scanner may give it for a block.
+// The process ends while a view is taken. Views are not journalled, so the scanner may return it for a block.
 #include <gtest/gtest.h>
 
 #include "tests/daemon/station/station_line.h"
@@ -26,7 +26,7 @@ struct UnseenView : testing::Test {
     line.fingerprint = fingerprint;
     ask(CaptureRequest::Action::shoot);
   }
-  /// A new process, and a slab.
+  /// Starts a new process and a slab.
   void die() {
     line.start();
     line.scanner_answers = true;
@@ -35,7 +35,7 @@ struct UnseenView : testing::Test {
     line.command(PlcCommand::slab_begin);
     line.run_for(20);
   }
-  /// Breaks `job` and all of its kind after it.
+  /// Breaks `job` and all later jobs of its kind.
   void break_disk_at(int job, bool (*is_kind)(const SeenScanJob&)) {
     store.fail_when = [job, is_kind, count = 0](const StoreJob& what) mutable {
       const auto* seen = std::get_if<SeenScanJob>(&what.what);
@@ -77,7 +77,7 @@ TEST_F(UnseenView, stays_marked_when_the_scanner_gives_an_old_scan_in_its_place)
   shoot(0x0E01);
   EXPECT_EQ(store.seen.back(), 0x0E01U);
   break_disk_at(2, is_mark);
-  shoot(0x0E01);  // an old file; what was exposed for it is still to come
+  shoot(0x0E01);  // an old file; the exposure for the view is still to come
   EXPECT_EQ(store.seen.back(), kUnseenScan);
 }
 
@@ -87,7 +87,7 @@ TEST_F(UnseenView, stays_marked_until_the_scan_that_was_given_for_it_is_durable)
   shoot(0x0E03);
   ASSERT_EQ(line.scans.size(), 2U);
   EXPECT_EQ(store.seen.back(), kUnseenScan);
-  // The disk works again for one job, and the process dies.
+  // The disk works again for one job, and then the process dies.
   break_disk_at(2, is_any);
   ++line.plc.sync_req;
   line.feed(line.plc);
@@ -95,7 +95,7 @@ TEST_F(UnseenView, stays_marked_until_the_scan_that_was_given_for_it_is_durable)
   store.fail_when = {};
   die();
   line.fingerprint = 0x0E03;
-  line.scan(4);  // the view's once more
+  line.scan(4);  // the view's points again
   ASSERT_GT(line.scans.size(), 2U);
   EXPECT_TRUE(line.scans[2].request.session == 0 || line.view().cmd_status == failed(Code::frame_incomplete));
   EXPECT_TRUE(line.measured.empty()) << "the view is measured as block 4";

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The pose proves the scan: stops as `slabctl stations` plans them, slabs that lie a little elsewhere each time, robots
-// and castings with errors, and scanners that give another scan than the one that was asked for.
+// Checks of scans by the robot's pose. Stops are planned as by `slabctl stations`, slabs lie in slightly different
+// positions, robots and castings have errors, and scanners return another scan than the requested one.
 #include "daemon/station/station_views.h"
 
 #include <gtest/gtest.h>
@@ -46,7 +46,7 @@ Pose small_motion(Prng& prng, double mm, double deg) {
   return pose;
 }
 
-/// One slab in the cell: where its blocks really are, and where the scanner really stands.
+/// One slab in the cell: the true positions of its blocks and of the scanner.
 class Cell {
  public:
   Cell(std::uint64_t seed, const Errors& errors, const Dither& dither = {})
@@ -54,20 +54,20 @@ class Cell {
     place();
   }
 
-  /// Another slab.
+  /// Places another slab.
   void place() {
     placement_ = small_motion(prng_, errors_.placement_mm, errors_.placement_deg);
     for (int k = 1; k <= stations(); ++k)
       T_base_block_[index(k)] =
           kSlab * placement_ * T_slab_block(recipe(), k) * small_motion(prng_, errors_.casting_mm, errors_.casting_deg);
   }
-  /// The seat of station k is out of place by this.
+  /// Displaces the seat of station k.
   void displace(int k, const Pose& by) { T_base_block_[index(k)] = T_base_block_[index(k)] * by; }
 
   [[nodiscard]] Pose nominal_block(int k) const { return kSlab * T_slab_block(recipe(), k); }
-  /// As the robot states it.
+  /// Pose of the stop as stated by the robot.
   [[nodiscard]] Pose stop(int k) const { return nominal_block(k) * dithered(nominal_T_block_scanner(), k, dither_); }
-  /// A scan of block `k` from its stop: where it shows its block.
+  /// Pose of the block in a scan of block `k` from its stop.
   [[nodiscard]] Pose scan(int k) {
     const Pose really = stop(k) * small_motion(prng_, errors_.robot_mm, errors_.robot_deg);
     return really.inverse() * T_base_block_[index(k)];
@@ -85,7 +85,7 @@ class Cell {
   std::array<Pose, limits::kStationsMax> T_base_block_{};
 };
 
-/// Gives a slab's scans to the comparison, as the daemon does; returns how many were refused.
+/// Passes a slab's scans to the comparison, as the daemon does; returns the number of refusals.
 template <typename Scan>
 int run_slab(Views& views, Cell& cell, const Scan& scan, int from = 1) {
   views.begin_slab();
@@ -196,7 +196,7 @@ TEST(StationViews, scans_of_the_slab_before_are_refused) {
     ASSERT_EQ(run_slab(views, cell, [&](int k) { return recorded[static_cast<std::size_t>(k - 1)] = cell.scan(k); }),
               0);
     cell.place();
-    // One station late: what the log holds for the next stop.
+    // One station late: the recorded scan of the next stop.
     const int refused =
         run_slab(views, cell, [&](int k) { return recorded[static_cast<std::size_t>(k % stations())]; });
     EXPECT_GE(refused, stations() - 2) << "seed " << seed;

@@ -11,7 +11,7 @@
 namespace slabd::daemon {
 namespace {
 
-/// Poses at `rate_hz`; a test changes what it wants.
+/// Poses at `rate_hz`, whose members a test may change.
 class Sender {
  public:
   explicit Sender(double rate_hz = 250.0) : step_ns_(static_cast<std::int64_t>(1e9 / rate_hz)) {}
@@ -131,7 +131,7 @@ TEST(StillWatch, whatever_breaks_the_stretch_is_remembered_from_the_mark_on) {
   EXPECT_EQ(broken([](PoseSample& s, Sender&) { s.base_id = 1; }), Break::wrong_frame);
 }
 
-/// Stands, is marked; then `change` breaks the stretch and goes on as it likes. What is said of the first break.
+/// Description of the first break after mark(); `change` causes it and may continue.
 template <typename Change>
 std::string said_of_first(Change change) {
   StillWatch watch({}, {});
@@ -164,7 +164,7 @@ TEST(StillWatch, the_first_break_is_told_as_it_was_whatever_comes_after_it) {
 TEST(StillWatch, a_drive_is_told_in_its_whole_length) {
   const std::string drove = said_of_first([](StillWatch& watch, Sender& sender) {
     const Pose stood = sender.pose;
-    for (int i = 0; i <= 800; ++i) {  // 50 mm in two seconds, and then it stands
+    for (int i = 0; i <= 800; ++i) {  // 50 mm in two seconds, then at rest
       const double way = i < 500 ? 0.5 - 0.5 * std::cos(kPi * i / 500.0) : 1.0;
       sender.pose.translation_mm = stood.translation_mm + Vec3(0.0, -50.0 * way, 0.0);
       sender.pose.rotation = Quat(Eigen::AngleAxisd(rad_from_deg(2.0 * way), Vec3::UnitZ())) * stood.rotation;
@@ -174,7 +174,7 @@ TEST(StillWatch, a_drive_is_told_in_its_whole_length) {
   });
   EXPECT_TRUE(drove.starts_with("it moved 50.000 mm along base y and turned 2.0000 deg about base z,")) << drove;
 
-  // Poses of another tool say nothing of how far the flange moved.
+  // Poses of another tool do not count for the flange's motion.
   const std::string jolt = said_of_first([](StillWatch& watch, Sender& sender) {
     sender.pose.translation_mm.x() += 0.5;
     watch.add(sender.next());

@@ -14,7 +14,7 @@ struct ClientPlanTest : ::testing::Test {
   std::int64_t now = kNsPerS;
 
   ClientDeed deed() { return plan.next(now, image).deed; }
-  /// Does what the plan says until it waits; returns what it did.
+  /// Carries out the plan until it waits; returns the steps.
   std::vector<ClientDeed> work() {
     std::vector<ClientDeed> done;
     for (ClientDeed d = deed(); d != ClientDeed::wait && done.size() < 20; d = deed()) {
@@ -68,7 +68,7 @@ TEST_F(ClientPlanTest, after_a_loss_the_present_image_is_written_and_nothing_els
   work();
   image[10] = 7;
   EXPECT_EQ(deed(), write_all);
-  plan.failed(now);  // it broke in the middle: the PLC may have it or not
+  plan.failed(now);  // it broke in the middle: the PLC may have the write or not
   image[10] = 8;
   EXPECT_EQ(deed(), wait);
   now += 200 * kMs;
@@ -88,7 +88,7 @@ TEST_F(ClientPlanTest, waits_longer_after_every_failure_and_briefly_again_after_
     now += 1;
   }
   EXPECT_EQ(pauses, (std::vector<std::int64_t>{200, 400, 800, 1600, 3200, 5000, 5000, 5000}));
-  // A connection that takes nothing is no success.
+  // A connection without an answer does not count as a success.
   plan.connected(now);
   plan.failed(now);
   EXPECT_EQ(plan.next(now, image).until_ns - now, 5000 * kMs);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The client against a PLC that misbehaves by name.
+// The client against a PLC with defined misbehaviour.
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
@@ -60,7 +60,7 @@ class FakePlc {
     memory_[11] = station;
     memory_[39] = cmd_seq;
   }
-  /// The next answer that holds this register shows another value in it.
+  /// The next answer that contains this register has another value in it.
   void tear_next_answer(std::size_t address, std::uint16_t value) {
     const std::lock_guard lock(mutex_);
     torn_at_ = address;
@@ -72,7 +72,7 @@ class FakePlc {
     const std::lock_guard lock(mutex_);
     return memory_[address];
   }
-  /// Power off: the connection breaks, nobody listens, the memory is blank afterwards.
+  /// Power off: the connection breaks, the port is closed, and the memory is blank afterwards.
   void power(bool on) { powered_ = on; }
 
   std::atomic<Manner> manner = Manner::good;
@@ -196,7 +196,7 @@ class FakePlc {
   mutable std::mutex mutex_;
   std::array<std::uint16_t, 2000> memory_{};
   std::vector<std::pair<std::size_t, std::size_t>> requests_;
-  std::array<std::uint8_t, 2> before_{};  ///< transaction number of the question before
+  std::array<std::uint8_t, 2> before_{};  ///< transaction number of the preceding request
   std::atomic<bool> tears_ = false;
   std::size_t torn_at_ = 0;
   unsigned torn_to_ = 0;
@@ -216,12 +216,12 @@ struct ModbusClientTest : ::testing::Test {
     settings.role = PlcRole::client;
     settings.port = plc.port();
     settings.poll_ns = 10 * kNsPerMs;
-    settings.timeout_ns = 400 * kNsPerMs;  // no loaded computer makes a good PLC late
+    settings.timeout_ns = 400 * kNsPerMs;  // long enough for a good PLC on a loaded computer
     auto made = make_plc_port(settings);
     ASSERT_TRUE(made.ok()) << made.error().text.c_str();
     port = std::move(made.value());
   }
-  /// Turns the loop until `done`; the test's own timeout ends a wait that never comes true.
+  /// Turns the loop until `done`; the test's own timeout ends a wait that never succeeds.
   void until(const std::function<bool()>& done) {
     while (!done()) {
       std::array<pollfd, kPlcPollFds> fds{};
@@ -259,7 +259,7 @@ TEST_F(ModbusClientTest, a_block_that_was_torn_on_its_way_is_never_delivered) {
   start();
   until([&] { return !seen.empty() && seen.back().cmd_seq == 7; });
   for (std::uint16_t station = 2; station < 40; ++station) {
-    // An answer that copies registers upwards while the PLC's program writes the next order: its end is already new.
+    // An answer that copies registers upwards while the PLC's program writes the next command: its end is already new.
     plc.tear_next_answer(39, static_cast<std::uint16_t>(station + 6));
     until([&] { return !plc.tears(); });
     plc.order(station, static_cast<std::uint16_t>(station + 6));
@@ -290,7 +290,7 @@ TEST_F(ModbusClientTest, a_plc_that_restarts_gets_the_present_image_and_is_a_new
   plc.power(false);
   until([&] { return !linked(); });
   EXPECT_EQ(port->clients(), 0U);
-  for (std::uint16_t session = 2; session < 6; ++session) {  // what happens meanwhile is not replayed
+  for (std::uint16_t session = 2; session < 6; ++session) {  // changes in the meantime are not replayed
     outputs.session = session;
     port->publish(outputs);
   }
@@ -298,7 +298,7 @@ TEST_F(ModbusClientTest, a_plc_that_restarts_gets_the_present_image_and_is_a_new
   const int connections = plc.connections;
   plc.power(true);
   until([&] { return linked() && plc.get(1009) == 5; });
-  // Once a connection; a slow test computer may need more than one of them.
+  // Once a connection; a slow test computer may need more than one connection.
   EXPECT_GE(plc.writes_of_all, before + 1);
   EXPECT_LE(plc.writes_of_all - before, plc.connections - connections);
   EXPECT_GE(seen.back().command_writer, 2U);

@@ -48,14 +48,14 @@ Bytes read_write_pdu(unsigned read_first, unsigned read_quantity, unsigned first
   return pdu;
 }
 
-/// 0 = served.
+/// Exception code of the answer; 0 if it was served.
 int refusal(const Bytes& pdu, std::uint8_t unit = 1) {
   const RequestCheck check = check_request(frame(unit, pdu), 1);
   EXPECT_FALSE(check.refusal && (check.writes || check.writes_command));
   return check.refusal ? static_cast<int>(*check.refusal) : 0;
 }
 
-/// Is every register of [first, first + quantity) in [low, high)? One at a time.
+/// True if every register of [first, first + quantity) is in [low, high); checked one at a time.
 bool all_inside(unsigned first, unsigned quantity, unsigned low, unsigned high) {
   for (unsigned r = first; r < first + quantity; ++r)
     if (r < low || r >= high) return false;
@@ -198,7 +198,7 @@ TEST(ModbusCodec, writes_change_what_they_name_and_nothing_else) {
   EXPECT_EQ(bank.holding[10], 0x0102);
   EXPECT_EQ(bank.holding[11], 0x0304);
   EXPECT_EQ(bank.holding[12], before.holding[12]);
-  // FC 23 writes first (specification 6.17): the read sees it.
+  // FC 23 writes first (specification 6.17), so the read returns the new value.
   EXPECT_EQ(answered({23, 0, 0, 0, 2, 0, 1, 0, 1, 2, 0x77, 0x66}, bank), (Bytes{23, 4, 1, 0, 0x77, 0x66}));
   EXPECT_EQ(bank.input, before.input);
 }

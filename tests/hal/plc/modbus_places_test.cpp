@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Who gets a place, who keeps it, and whose the command block is.
+// Assignment of places to clients, and ownership of the command block.
 #include "tests/hal/plc/modbus_server_line.h"
 
 namespace slabd::hal {
@@ -39,7 +39,7 @@ TEST_F(ModbusServerTest, a_thousand_connections_do_not_push_the_plc_off) {
   EXPECT_TRUE(display->still_open()) << "who has spoken stays before who has not";
   EXPECT_EQ(asked(*plc, read_frame(2, 4, 0, 1)).size(), 11U);
   EXPECT_EQ(server_->counters().displaced, 1000U - 6U);
-  // Also when every newcomer speaks: then the display goes, the one who commands does not.
+  // The same if every new client sends a request: the display is displaced, the commanding client is not.
   for (int i = 0; i < 20; ++i) {
     flood.push_back(connected());
     EXPECT_EQ(asked(*flood.back(), read_frame(1, 4, 0, 1)).size(), 11U);
@@ -108,7 +108,7 @@ TEST_F(ModbusServerTest, the_last_writer_of_the_command_block_owns_it) {
   EXPECT_NE(owner_a, 0U);
   b->send(write_frame(3, 0, {2, 1, 3, 4}));
   EXPECT_EQ(turn().at(0).command_writer, owner_a);
-  b->send(write_frame(4, 9, {0, 2}));  // touches HR 10
+  b->send(write_frame(4, 9, {0, 2}));  // writes HR 10
   const std::uint32_t owner_b = turn().at(0).command_writer;
   EXPECT_NE(owner_b, owner_a);
   a->send(write_frame(5, 39, {7}));
@@ -139,7 +139,7 @@ TEST_F(ModbusServerTest, who_floods_the_server_pushes_his_own_connections_off) {
     EXPECT_EQ(asked(*flood.back(), read_frame(1, 4, 0, 1)).size(), 11U);
     now_ns_ += kNsPerMs;
   }
-  const auto plc = connected("127.0.0.1");  // back after a loss, and has not spoken yet
+  const auto plc = connected("127.0.0.1");  // reconnected after a loss, without a request yet
   for (int i = 0; i < 100; ++i) {
     flood.push_back(connected("127.0.0.9"));
     EXPECT_EQ(asked(*flood.back(), read_frame(1, 4, 0, 1)).size(), 11U);
@@ -195,7 +195,7 @@ TEST_F(ModbusServerTest, displays_never_take_the_last_two_places) {
   const auto second = connected("127.0.0.2");
   EXPECT_EQ(server_->clients(), 8U);
   EXPECT_TRUE(displays[29]->still_open());
-  // A full house: a display goes before anybody who may write, though he has been silent longer.
+  // All places are taken: a display is displaced before any client that may write, even one that was silent longer.
   now_ns_ += kNsPerS;
   EXPECT_EQ(asked(*displays[29], read_frame(1, 4, 0, 1)).size(), 11U);
   EXPECT_EQ(asked(*second, read_frame(1, 4, 0, 1)).size(), 11U);
@@ -219,7 +219,7 @@ TEST_F(ModbusServerTest, words_of_two_writers_never_make_one_command) {
   EXPECT_EQ(seen.cmd_seq, 9);
   EXPECT_EQ(seen.station, 0) << "a station that the PLC has not written";
   EXPECT_EQ(seen.command, 0);
-  // HR 0..3 belong to nobody and stay.
+  // HR 0..3 do not belong to a connection and stay.
   stranger->send(write_frame(4, 0, {8}));
   ASSERT_EQ(turn().size(), 1U);
   plc->send(write_frame(5, 10, {2}));
@@ -231,7 +231,7 @@ TEST_F(ModbusServerTest, a_refused_write_takes_no_block_over) {
   const auto stranger = connected();
   plc->send(write_frame(1, 10, {2, 5, 5600}));
   ASSERT_EQ(turn().size(), 1U);
-  stranger->send(write_frame(2, 39, {1, 1}));  // runs out of the map
+  stranger->send(write_frame(2, 39, {1, 1}));  // exceeds the map
   EXPECT_TRUE(turn().empty());
   plc->send(write_frame(3, 39, {9}));
   EXPECT_EQ(turn().at(0).station, 5);

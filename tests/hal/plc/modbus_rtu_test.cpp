@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The serial slave on a pseudo-terminal, whose other end the test holds as the master would.
+// The serial slave on a pseudo-terminal, with the test as the master at its other end.
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <poll.h>
@@ -51,7 +51,7 @@ class RtuTest : public ::testing::Test {
     ASSERT_EQ(unlockpt(master_.get()), 0);
     std::filesystem::remove(device_);
     std::filesystem::create_symlink(ptsname(master_.get()), device_);  // as udev does for adapters
-    // As a cable: no echo and no line discipline while nobody has opened the other end yet.
+    // Like a cable: no echo and no line discipline before the other end is opened.
     const Fd other(open(device_.c_str(), O_RDWR | O_NOCTTY));
     termios raw{};
     tcgetattr(other.get(), &raw);
@@ -62,7 +62,7 @@ class RtuTest : public ::testing::Test {
     settings.role = PlcRole::rtu;
     settings.unit_id = kUnit;
     settings.device = std::string_view(device_);
-    settings.parity = SerialParity::none;  // a pseudo-terminal has none
+    settings.parity = SerialParity::none;  // a pseudo-terminal has no parity
     auto made = make_plc_port(settings);
     ASSERT_TRUE(made.ok()) << made.error().text.c_str();
     line_ = std::move(made.value());
@@ -71,7 +71,7 @@ class RtuTest : public ::testing::Test {
   void send(const Bytes& bytes) const {
     ASSERT_EQ(write(master_.get(), bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
   }
-  /// Waits until the slave has something to read, then runs one turn.
+  /// Waits until data for the slave arrive, then runs one turn.
   std::vector<PlcInputs> turn() {
     std::array<pollfd, kPlcPollFds> fds{};
     const std::size_t count = line_->poll_fds(fds);
@@ -162,10 +162,10 @@ TEST_F(RtuTest, other_slaves_broadcasts_and_wrong_checksums_get_no_answer_and_ch
 }
 
 TEST_F(RtuTest, a_request_right_behind_another_slaves_traffic_is_answered) {
-  // The question to slave 5 and its answer, glued to ours as a USB adapter would.
+  // A request to slave 5 and its answer, directly followed by a request to slabd, as from a USB adapter.
   const Bytes foreign = joined(closed({5, 3, 0, 0, 0, 3}), closed({5, 3, 6, 1, 2, 3, 4, 5, 6}));
   EXPECT_EQ(asked(joined(foreign, kRead)), kReadAnswer);
-  // More foreign bytes than a frame holds.
+  // More foreign bytes than a frame can hold.
   EXPECT_EQ(asked(joined(Bytes(700, 0x55), kRead)), kReadAnswer);
 }
 
@@ -175,7 +175,7 @@ TEST_F(RtuTest, what_the_map_does_not_allow_is_refused_after_a_pause_only) {
   EXPECT_EQ(asked(joined({0x55}, closed({kUnit, 3, 0, 40, 0, 1}))), Bytes{}) << "glued: it may be anything";
   pause();
   EXPECT_EQ(asked(closed({kUnit, 3, 0, 0, 0, 0})), closed({kUnit, 0x83, 3}));
-  // A function of unknown length ends with the silence.
+  // A frame with a function of unknown length ends with the silence.
   send(closed({kUnit, 7}));
   turn();
   EXPECT_EQ(receive(), Bytes{});
@@ -215,7 +215,7 @@ TEST_F(RtuTest, what_is_longer_than_noise_or_too_late_gets_no_answer) {
 }
 
 TEST_F(RtuTest, a_served_function_in_a_frame_of_wrong_length_is_no_unknown_function) {
-  // The byte count says three, the quantity two: which of them lies, nobody knows.
+  // The byte count is three, the quantity two: it is unknown which is wrong.
   EXPECT_EQ(asked(closed({kUnit, 16, 0, 2, 0, 2, 3, 0, 5, 0, 1})), Bytes{});
   pause();
   EXPECT_EQ(receive(), Bytes{});
@@ -224,7 +224,8 @@ TEST_F(RtuTest, a_served_function_in_a_frame_of_wrong_length_is_no_unknown_funct
 }
 
 TEST_F(RtuTest, replies_that_come_back_late_are_not_answered) {
-  // Our own, after the time in which an echo is expected: a refusal, a read's answer, those of FC 16 and FC 23.
+  // slabd's own replies, after the time in which an echo is expected: an exception reply, answers to a read, FC 16 and
+  // FC 23.
   for (const Bytes& reply :
        {closed({kUnit, 0x87, 1}), kReadAnswer, closed({kUnit, 16, 0, 38, 0, 1}), closed({kUnit, 23, 2, 0, 9})}) {
     EXPECT_EQ(asked(reply), Bytes{});
@@ -256,7 +257,7 @@ TEST_F(RtuTest, an_adapter_that_hears_itself_does_not_answer_itself) {
 }
 
 TEST_F(RtuTest, its_own_voice_is_known_however_late_it_comes_back) {
-  // Device servers keep bytes for as long as they like; what the master sends next comes behind them.
+  // Device servers may delay bytes for any time; the master's next request comes after them.
   for (const std::int64_t late_ms : {61, 200, 3'000}) {
     for (int round = 0; round < 5; ++round) {
       ASSERT_EQ(asked(kRead), kReadAnswer);
@@ -270,9 +271,9 @@ TEST_F(RtuTest, its_own_voice_is_known_however_late_it_comes_back) {
 }
 
 TEST_F(RtuTest, noise_in_front_of_its_own_voice_does_not_make_it_answer_itself) {
-  // What a driver that changes its direction makes of the line; also as much that it looks like another slave's frame.
+  // Noise of a driver that changes direction; also enough of it to look like another slave's frame.
   for (const Bytes& noise : {Bytes{0}, Bytes{0xFF}, Bytes{kUnit}, Bytes{0, 0x55, 0xFF}, Bytes(9, 0x55)}) {
-    // Reads first: they must not tell that this adapter does not echo.
+    // Reads first: they must not lead to the conclusion that this adapter does not echo.
     for (int i = 0; i < 5; ++i) {
       ASSERT_EQ(asked(kRead), kReadAnswer);
       EXPECT_EQ(asked(joined(noise, kReadAnswer)), Bytes{});
@@ -285,7 +286,7 @@ TEST_F(RtuTest, noise_in_front_of_its_own_voice_does_not_make_it_answer_itself) 
     send(kWriteSeq);
     EXPECT_TRUE(turn().empty());
     EXPECT_EQ(receive(), Bytes{});
-    // Once it has come, the same bytes are a request.
+    // After the echo the same bytes are a request.
     EXPECT_EQ(asked(kWriteSeq), kWriteSeq);
     EXPECT_EQ(asked(kWriteSeq), Bytes{}) << "its echo, without noise";
     pause();

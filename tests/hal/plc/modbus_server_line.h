@@ -15,7 +15,7 @@
 #include "base/os.h"
 #include "hal/hal.h"
 
-/// A Modbus server and clients that know nothing of Modbus: bytes in, bytes out, and a clock in the test's hand.
+/// A Modbus server, raw clients that send and receive bytes, and a clock set by the test.
 namespace slabd::hal {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -57,7 +57,7 @@ inline Bytes joined(std::initializer_list<Bytes> frames) {
   return all;
 }
 
-/// A client without any idea of Modbus.
+/// A client that sends and receives raw bytes.
 class RawClient {
  public:
   explicit RawClient(std::uint16_t port, const char* from = nullptr) : fd_(socket(AF_INET, SOCK_STREAM, 0)) {
@@ -73,7 +73,7 @@ class RawClient {
   void send(const Bytes& bytes) const {
     EXPECT_EQ(::send(fd_.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL), static_cast<ssize_t>(bytes.size()));
   }
-  /// What has arrived; waits for the first byte up to a second when `wait`.
+  /// Bytes that have arrived; waits up to a second for the first one if `wait`.
   [[nodiscard]] Bytes receive(bool wait = true) const {
     pollfd p{fd_.get(), POLLIN, 0};
     if (poll(&p, 1, wait ? 1000 : 0) != 1) return {};
@@ -117,7 +117,7 @@ class ModbusServerTest : public ::testing::Test {
     server_ = std::move(made.value());
   }
 
-  /// Waits until a socket of the server has something, then runs one turn. Returns the inputs after each write.
+  /// Waits until a socket of the server is ready, then runs one turn. Returns the inputs after each write.
   std::vector<PlcInputs> turn(int wait_ms = 200) {
     std::array<pollfd, kPlcPollFds> fds{};
     const std::size_t count = server_->poll_fds(fds);

@@ -91,7 +91,7 @@ TEST_F(ModbusServerTest, all_three_write_functions_change_the_registers) {
   EXPECT_EQ(writes[0].res_ack, 77);
   EXPECT_EQ(writes[0].sync_req, 78);
   static_cast<void>(client->receive());
-  // FC 23: write HR 39, read back HR 38..39 in one go; the write comes first.
+  // FC 23: write HR 39 and read HR 38..39 in one request; the write is executed first.
   client->send(frame(3, {23, 0, 38, 0, 2, 0, 39, 0, 1, 2, 0xAB, 0xCD}));
   writes = turn();
   ASSERT_EQ(writes.size(), 1U);
@@ -169,7 +169,7 @@ TEST_F(ModbusServerTest, a_frame_that_stays_unfinished_is_closed_after_its_deadl
   now_ns_ += ns_from_ms(300);
   turn();
   EXPECT_TRUE(client->still_open());
-  client->send({0});  // another byte does not start the clock again
+  client->send({0});  // another byte does not restart the time limit
   now_ns_ += 1;
   turn();
   EXPECT_TRUE(client->closed_by_server());
@@ -233,7 +233,7 @@ TEST_F(ModbusServerTest, a_flood_of_frames_is_served_in_slices_and_others_get_th
 TEST_F(ModbusServerTest, a_client_that_never_reads_is_closed_and_never_waited_for) {
   const auto deaf = connected();
   const Bytes request = read_frame(1, 4, 0, 110);
-  // More replies than both ends' kernels hold for it.
+  // More replies than the kernel buffers at both ends.
   std::size_t asked_count = 0;
   while (server_->clients() == 1 && asked_count < 500'000) {
     const ssize_t n = ::send(deaf->fd(), request.data(), request.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
@@ -264,14 +264,14 @@ TEST_F(ModbusServerTest, random_bytes_never_stop_it_from_serving_the_plc) {
       const auto attacker = std::make_unique<RawClient>(server_->bound_port());
       Bytes bytes(1 + prng.below(300));
       for (auto& b : bytes) b = static_cast<std::uint8_t>(prng.below(256));
-      if (prng.below(2) == 0 && bytes.size() > 8) {  // a plausible header, to get further
+      if (prng.below(2) == 0 && bytes.size() > 8) {  // a plausible header, to pass the first checks
         bytes[2] = bytes[3] = bytes[4] = 0;
         bytes[6] = 1;
         bytes[7] = static_cast<std::uint8_t>(std::array{3, 4, 6, 16, 23, 8}[prng.below(6)]);
       }
       if (::send(attacker->fd(), bytes.data(), bytes.size(), MSG_NOSIGNAL) < 0) continue;
       turn();   // its connection
-      turn(1);  // its bytes, if they ask for anything
+      turn(1);  // its bytes, if they form a request
       const Bytes reply = asked(*plc, read_frame(7, 4, 0, 2));
       ASSERT_EQ(reply, (Bytes{0, 7, 0, 0, 0, 7, 1, 4, 4, 0x53, 0x4C, 0x01, 0x00}));
     }
@@ -343,7 +343,7 @@ TEST(ModbusServerSettings, bad_hosts_and_units_are_refused) {
   PlcSettings settings;
   settings.host = "plc.example";
   EXPECT_FALSE(make_modbus_server(settings).ok());
-  settings.host = "192.0.2.254";  // TEST-NET: no interface of ours
+  settings.host = "192.0.2.254";  // TEST-NET: not an address of this computer
   EXPECT_FALSE(make_modbus_server(settings).ok());
   settings.host = "127.0.0.1";
   settings.unit_id = 0;

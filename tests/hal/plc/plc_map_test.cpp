@@ -68,7 +68,7 @@ TEST(PlcMap, crc_is_crc16_modbus) {
   // first).
   const std::array<std::uint16_t, 3> request = {0x1103, 0x006B, 0x0003};
   EXPECT_EQ(crc16_modbus(request), 0x8776);
-  // Not zero for zeros: all-zero memory has a wrong checksum.
+  // Not zero for zeros, so all-zero memory has a wrong checksum.
   const std::array<std::uint16_t, 1> zero = {0x0000};
   EXPECT_EQ(crc16_modbus(zero), 0xB001);
 }
@@ -208,7 +208,7 @@ TEST(PlcMap, outputs_come_back_as_they_went) {
     EXPECT_EQ(back.busy, false);
     EXPECT_EQ(back.simulation, true);
     EXPECT_EQ(back.table[17].reason, 617);
-    // Encoding what was decoded gives the same registers: nothing was lost and nothing was mixed up.
+    // Encoding the decoded values gives the same registers: no value was lost or exchanged.
     InputImage again;
     encode_outputs(back, order, again);
     EXPECT_EQ(again, image);
@@ -221,7 +221,7 @@ TEST(PlcMap, all_zero_memory_never_reads_as_pass_nor_as_a_record) {
   const Result<PlcOutputs> decoded = decode_outputs(zero, WordOrder::abcd);
   ASSERT_FALSE(decoded.ok());
   EXPECT_NE(decoded.error().text.view().find("IR 0"), std::string_view::npos);
-  // Also when the rest of the map is there: a blank record, table and slab verdict are "none".
+  // Also if the rest of the map is present: blank record, table and slab verdict are "none".
   InputImage blank;
   encode_outputs(PlcOutputs{}, WordOrder::abcd, blank);
   EXPECT_FALSE(record_intact(blank));

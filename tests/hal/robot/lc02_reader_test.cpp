@@ -34,7 +34,7 @@ flange_pose_t message() {
   return m;
 }
 
-/// As liblcm sends it: header, channel, NUL, payload.
+/// Encoded as liblcm does: header, channel, NUL, payload.
 Datagram datagram(const flange_pose_t& m, const std::string& channel = "FLANGE_POSE") {
   std::string bytes = "LC02";
   bytes += std::string("\0\0\0\7", 4) + channel + '\0';
@@ -196,7 +196,7 @@ TEST(Lc02Reader, magic_and_fingerprint_must_match_in_every_bit) {
     }
   }
   Datagram fragment = datagram(message());
-  fragment[3] = std::byte{'3'};  // "LC03": the long, fragmented form is not for us
+  fragment[3] = std::byte{'3'};  // "LC03": the fragmented form is not supported
   expect_dropped(fragment, Fate::foreign);
 }
 

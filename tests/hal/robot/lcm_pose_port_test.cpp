@@ -253,7 +253,8 @@ TEST(LcmPosePort, a_rigid_transform_is_a_pose_when_the_configuration_says_so) {
   EXPECT_NE(note.view().find("1 messages of another type"), std::string_view::npos) << note.view();
 }
 
-/// In a network of its own, where `lo` is down and there is no route. What the body says is an exit status: 0 is good.
+/// Runs `body` in a separate network namespace, where `lo` is down and without routes. Returns its exit status; 0
+/// is good.
 template <typename Body>
 int in_own_network(Body body) {
   const pid_t child = fork();
@@ -290,12 +291,12 @@ TEST(LcmPosePort, an_interface_that_goes_down_and_comes_back_is_listened_on_agai
             0);
 }
 
-/// A network adapter that can be pulled and plugged in again, with the route to all groups over it. Each time it is
-/// another interface to the kernel, as an adapter on USB is.
+/// A network adapter that can be unplugged and plugged in again, with the route to all groups. Each time the kernel
+/// sees another interface, as with a USB adapter.
 class Adapter {
  public:
   explicit Adapter(std::string_view name = "robot") { name.copy(name_.data(), name_.size() - 1); }
-  /// False where this computer has no such device, or not for us.
+  /// False if this computer has no such device, or access is denied.
   bool plug() {
     tap_ = Fd(open("/dev/net/tun", O_RDWR | O_CLOEXEC));
     ifreq request = named();
@@ -313,7 +314,7 @@ class Adapter {
            ioctl(fd.get(), SIOCADDRT, &route) == 0;
   }
   void pull() { tap_.reset(); }
-  /// It stays plugged in and up, without an address. Its routes go with it.
+  /// Removes the address; the interface stays plugged in and up. Its routes are removed too.
   bool give_address_away() const {
     const Fd fd(socket(AF_INET, SOCK_DGRAM, 0));
     ifreq none = named();
@@ -361,7 +362,7 @@ TEST(LcmPosePort, an_adapter_that_is_pulled_and_plugged_in_again_is_listened_on_
         adapter.pull();
         now_ns += 2 * kNsPerS;
         if (port->next(now_ns, sample)) return 3;
-        // A name or an address that is gone has a sentence; the kernel's choice may come back any time.
+        // A missing name or address is reported; the kernel's choice may return at any time.
         if (*interface != '\0' && port->trouble().empty()) return 4;
         if (!adapter.plug()) return 5;
         if (!hears(again)) return 6;
@@ -389,7 +390,7 @@ TEST(LcmPosePort, an_address_that_moves_to_another_card_is_followed) {
               };
               if (!hears(1, kNsPerS + 1)) return 3;
               if (!first.give_address_away() || !second.plug()) return 4;
-              // Something came in the first second, nothing in the next.
+              // One datagram came in the first second, none in the next.
               if (port->next(2 * kNsPerS, sample) || port->next(3 * kNsPerS, sample)) return 5;
               if (!hears(2, 3 * kNsPerS + 1)) return 6;
               if (!second.give_address_away()) return 7;
@@ -402,7 +403,7 @@ TEST(LcmPosePort, an_address_that_moves_to_another_card_is_followed) {
 TEST(LcmPosePort, without_a_route_the_cure_is_named) {
   EXPECT_EQ(in_own_network([] {
               if (!set_up("lo", true)) return 1;
-              const auto port = open_port(settings_for(7667, ""));  // the kernel's route, of which there is none
+              const auto port = open_port(settings_for(7667, ""));  // the kernel's route, which does not exist
               PoseSample sample;
               if (port->next(kNsPerS, sample) || port->fd() >= 0) return 2;
               return port->trouble().find("ip route add 239.255.76.67/32 dev lo") == std::string_view::npos ? 3 : 0;

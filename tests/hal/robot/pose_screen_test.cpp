@@ -78,7 +78,7 @@ TEST_F(PoseScreenTest, a_utime_in_another_unit_is_refused_by_name) {
     EXPECT_NEAR(believed, 251, 3) << "a second, until it is known";
     EXPECT_NE(screen.refusal(now_ns).find(unit), std::string_view::npos) << screen.refusal(now_ns);
     EXPECT_GT(counters.time_unit, 200U);
-    // Mended, it is believed again.
+    // With the fault corrected, poses are accepted again.
     for (int i = 0; i < 300; ++i) static_cast<void>(send());
     EXPECT_TRUE(send());
   }
@@ -115,7 +115,7 @@ TEST_F(PoseScreenTest, lost_messages_are_counted_one_by_one) {
   ASSERT_TRUE(send());
   EXPECT_EQ(counters.gaps, 1U);
   EXPECT_EQ(counters.lost, 3U);
-  seq = 0;  // began anew
+  seq = 0;  // the sender restarted
   ASSERT_TRUE(send());
   EXPECT_EQ(counters.gaps, 2U);
   EXPECT_EQ(counters.lost, 3U);

@@ -24,7 +24,7 @@ Result<std::string> decoded(const std::string& stream, std::size_t bytes, std::s
   return out;
 }
 
-/// The definition, word for word, with everything in memory.
+/// Decoder that follows the definition literally, with all data in memory.
 std::string decoded_simply(const std::string& in) {
   std::string out;
   for (std::size_t i = 0; i < in.size();) {
@@ -49,7 +49,7 @@ std::string noise(std::size_t bytes, std::uint64_t values, Prng& prng) {
 }
 
 TEST(Lzf, a_stream_made_by_hand) {
-  // "abc", then 4 bytes from 3 back (overlapping), then 300 bytes of what came last in two long copies.
+  // "abc", then 4 bytes from 3 back (overlapping), then 300 bytes of the last output in two long copies.
   const std::string stream = std::string(
                                  "\x02"
                                  "abc",
@@ -87,7 +87,7 @@ TEST(Lzf, the_furthest_reference_is_8192_bytes_back) {
   const std::string first = noise(8'192, 256, prng);
   std::string stream;
   for (std::size_t at = 0; at < first.size(); at += 32) stream += '\x1F' + first.substr(at, 32);
-  // 40 times all of it again, by copies of 256 + 8 bytes from 8192 back.
+  // The whole again 40 times, by copies of 256 + 8 bytes from 8192 back.
   std::size_t bytes = first.size();
   for (int i = 0; i < 40 * 31; ++i, bytes += 264) stream += "\xFF\xFF\xFF";
   const auto back = decoded(stream, bytes);

@@ -127,7 +127,7 @@ TEST(Pcd, zeros_behind_the_data_as_pcls_writer_leaves_them_are_read) {
   const std::string header =
       "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\n" + kFields + kTwo + "VIEWPOINT 0 0 0 1 0 0 0\nDATA ";
   const std::string packed = compressed(kSix);
-  // PCL makes the file as long as a memory page and the data, header not counted.
+  // PCL sets the file's length to a memory page plus the data, without the header.
   for (const std::size_t page : {4'096U, 16'384U, 65'536U}) {
     std::string binary = header + "binary\n" + kSix;
     binary.resize(page + kSix.size(), '\0');

@@ -11,13 +11,13 @@
 #include "hal/scan/text_lines.h"
 #include "tests/hal/scan/scan_reading.h"
 
-// The fast way through a table against the C library, number by number: the same bits, or left to the slow way.
+// Compares the fast path of tables with the C library, number by number: the same bits, or left to the slow path.
 namespace slabd::hal {
 namespace {
 
 using test::bytes_of;
 
-/// Numbers as programs, people and enemies write them.
+/// Numbers in the spellings of programs, people and attackers.
 std::string spelling(Prng& prng) {
   const auto digits = [&](std::uint64_t count) {
     std::string text;
@@ -31,7 +31,7 @@ std::string spelling(Prng& prng) {
     case 1: std::snprintf(text, sizeof text, "%.9g", static_cast<double>(static_cast<float>(value))); return text;
     case 2: std::snprintf(text, sizeof text, "%.17g", value); return text;
     case 3: std::snprintf(text, sizeof text, "%.*e", static_cast<int>(prng.below(20)), value); return text;
-    case 4:  // half way between two floats, and a little beside it: where rounding twice goes wrong
+    case 4:  // half way between two floats, or close to it, where double rounding fails
     {
       const auto f = static_cast<float>(value);
       const double middle = 0.5 * (double{f} + double{std::nextafter(f, INFINITY)});
@@ -84,7 +84,7 @@ bool same_bits(Real a, Real b) {
   return std::isnan(a) ? std::isnan(b) : bytes_of(a) == bytes_of(b);
 }
 
-/// What the C library says the number is, nearest to the text.
+/// Result of the C library: the value nearest to the text.
 void plainly(const std::string& text, double mm_per_unit, float& value) {
   value = mm_per_unit == 1.0 ? std::strtof(text.c_str(), nullptr)
                              : static_cast<float>(std::strtod(text.c_str(), nullptr) * mm_per_unit);
@@ -93,7 +93,7 @@ void plainly(const std::string& text, double mm_per_unit, double& value) {
   value = std::strtod(text.c_str(), nullptr) * mm_per_unit;
 }
 
-/// `count` rows at a time, so that fast and slow rows stand beside each other. Returns the share read the fast way.
+/// Reads `count` rows at a time, so that fast and slow rows are mixed. Returns the share read on the fast path.
 template <typename Real>
 double compare_numbers(int numbers, double mm_per_unit, std::uint64_t seed) {
   Prng prng(seed);
@@ -161,7 +161,7 @@ TEST(PlainRows, floats_written_with_the_fewest_digits_come_back_and_mostly_the_f
   EXPECT_EQ(read, wanted);
 }
 
-/// Rows that the fast way takes from `text`, with room for nothing but them.
+/// Number of rows that the fast path reads from `text`; the buffer is just large enough for them.
 std::size_t rows_of(const std::string& text, const PlainRowForm& form) {
   std::vector<float> xyz(3 * 16);
   const PlainRows plain = read_plain_rows(text + std::string(kPlainRowTail, 'x'), form, 1.0, xyz.data(), 16);
@@ -188,7 +188,7 @@ TEST(PlainRows, only_rows_of_the_form_are_taken) {
 }
 
 TEST(PlainRows, nothing_behind_the_text_is_looked_at) {
-  // Each text lies directly before a page that may not be touched.
+  // Each text ends directly before an inaccessible page.
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   auto* const two =
       static_cast<char*>(mmap(nullptr, 2 * page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
@@ -210,7 +210,7 @@ TEST(PlainRows, nothing_behind_the_text_is_looked_at) {
 }
 
 TEST(PlainRows, a_scan_reads_the_same_with_and_without_them) {
-  // The same rows once plain and once with a column in front, which only the slow way reads.
+  // The same rows once plain and once with a column in front, which only the slow path reads.
   Prng prng(7);
   std::string plain = "# scan\r\nx y z i\n";
   std::string other = "# scan\r\ni x y z\n";

@@ -5,7 +5,7 @@
 
 #include "tests/hal/scan/scan_reading.h"
 
-// What scan_file_test.cpp does not hold already: text, lists, elements around the vertices.
+// PLY files with text, lists, and elements around the vertices; scan_file_test.cpp covers the rest.
 namespace slabd::hal {
 namespace {
 
@@ -146,7 +146,7 @@ TEST(Ply, elements_without_properties_take_no_room) {
                 {1, 2, 3, 4, 5, 6});
 }
 
-/// As a C runtime in text mode writes it.
+/// The bytes as a C runtime in text mode writes them.
 std::string in_text_mode(const std::string& bytes) {
   std::string out;
   for (const char c : bytes) {
@@ -173,7 +173,7 @@ TEST(Ply, binary_data_written_in_text_mode_are_named_as_that) {
   expect_refused(in_text_mode(whole),
                  ": 3 bytes too many behind the data that the header announces (every LF has a CR "
                  "before it: binary data were written in text mode");
-  // One LF without a CR: something else went wrong.
+  // One LF without a CR: the file has another fault.
   const test::Read r = test::read_bytes(in_text_mode(whole) + "\n", "a.ply");
   EXPECT_NE(r.why().find(": 4 bytes too many"), std::string::npos) << r.why();
   EXPECT_EQ(r.why().find("text mode"), std::string::npos) << r.why();

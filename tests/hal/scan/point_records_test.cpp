@@ -9,7 +9,7 @@
 
 #include "tests/hal/scan/scan_reading.h"
 
-// Files of several pieces, so that two threads have something to share.
+// Files of several pieces, so that two threads share the work.
 namespace slabd::hal {
 namespace {
 
@@ -33,7 +33,7 @@ std::vector<Layout> layouts() {
           {"as long as a record may be", {kScanPointBytesMax, {4'084, 0, 2'000}, {}, false}}};
 }
 
-/// Every 97th point is missing in one way or another.
+/// Every 97th point is missing, in different ways.
 std::vector<float> points_of(std::size_t points) {
   std::vector<float> xyz(3 * points);
   for (std::size_t i = 0; i < points; ++i) {
@@ -68,7 +68,7 @@ struct Outcome {
   std::string why;
 };
 
-/// Of a file that claims `claimed` bytes, `head` of them in front of the points.
+/// Reads a file that claims `claimed` bytes, with `head` of them before the points.
 Outcome read_with(int threads, const std::string& bytes, std::size_t head, std::uint64_t claimed, const Layout& layout,
                   std::size_t points) {
   const Fd fd = memory_file(bytes);
@@ -101,7 +101,7 @@ TEST(PointRecords, two_threads_read_what_one_reads) {
   }
 }
 
-// A writer that cuts its file short, and a header whose points go beyond the file.
+// Two files that are too short: one cut by its writer, and one whose header declares points beyond the end.
 TEST(PointRecords, two_threads_say_of_a_short_file_what_one_says) {
   const Layout layout = layouts()[0];
   const std::string bytes = records_of(points_of(kPoints), layout.record);
@@ -118,7 +118,7 @@ TEST(PointRecords, two_threads_say_of_a_short_file_what_one_says) {
   }
 }
 
-// Whoever reads again after a failure must not count twice.
+// A second read after a failure must not count points twice.
 TEST(PointRecords, a_failure_leaves_no_points_in_the_count) {
   const Layout layout = layouts()[0];
   const std::string bytes = records_of(points_of(kPoints), layout.record);

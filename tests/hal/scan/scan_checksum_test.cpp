@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The checksum that says, years later, that a scan's points are those that were measured.
+// The checksum that proves years later that a scan's points are the measured ones.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -20,7 +20,7 @@ using test::TemporaryFolder;
 
 constexpr float kMissing = std::numeric_limits<float>::quiet_NaN();
 
-/// More than one piece of the reader, and no whole number of them.
+/// More than one piece of the reader, and not a multiple of it.
 std::vector<float> cloud(std::size_t points = 10'007) {
   Prng prng(11);
   std::vector<float> xyz;
@@ -75,7 +75,7 @@ TEST(ScanChecksum, of_a_file_is_that_of_its_points) {
     const std::string path = folder / (std::string(name(format)) + "." + std::string(extension(format)));
     ASSERT_TRUE(write_scan(path.c_str(), format, xyz, 0, 0).ok());
     EXPECT_EQ(of_file(path), points_crc32c(xyz)) << name(format);
-    // What is measured is what the buffer holds after reading.
+    // The measured points are those in the buffer after reading.
     std::vector<float> read(xyz.size());
     const Result<ScanShape> shape = read_scan(path.c_str(), LengthUnit::mm, read);
     ASSERT_TRUE(shape.ok());

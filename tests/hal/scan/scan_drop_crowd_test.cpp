@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A drop directory that others use too: files by the thousand, files of PCL's writer, a second daemon.
+// A drop directory that is used by others too: thousands of files, files of PCL's writer, a second daemon.
 #include <fcntl.h>
 #include <sys/file.h>
 #include <sys/stat.h>
@@ -22,7 +22,7 @@ bool any_holds(const std::vector<std::string>& lines, const std::string& part) {
                      [&part](const std::string& line) { return line.find(part) != std::string::npos; });
 }
 
-// ---- files by the thousand
+// ---- thousands of files
 
 TEST_F(ScanDropTest, thousands_of_strays_are_moved_counted_and_no_scan_is_lost) {
   constexpr std::size_t kStrays = 5'000;
@@ -40,11 +40,11 @@ TEST_F(ScanDropTest, thousands_of_strays_are_moved_counted_and_no_scan_is_lost) 
   ASSERT_FALSE(notes.empty());
   EXPECT_EQ(notes[0].substr(0, 48), "inbox/ is no longer crowded: 5000 files that ans")
       << "the newest word on it, first";
-  // What was deleted in stray/ for want of room is counted too.
+  // Files deleted from stray/ for lack of space are counted too.
   EXPECT_EQ(names_in(stray()).size() + scanner_->deleted().files, kStrays);
 }
 
-/// Files that one look may move under TickingClock: those watched one by one, and one for each of ten milliseconds.
+/// Files that one look may move under TickingClock: those watched individually, and one for each of ten milliseconds.
 constexpr std::size_t kInboxLook = 32 + 11;
 
 TEST_F(ScanDropTest, one_look_at_a_crowd_is_bounded_and_makes_progress) {
@@ -83,7 +83,7 @@ TEST_F(ScanDropTest, of_a_crowd_what_is_written_at_this_moment_stays) {
 
 // ---- PCL's writer
 
-/// Stretches the file to a memory page and its data, then fills the beginning: header not counted, as PCL does.
+/// Extends the file to a memory page plus its data, then fills the beginning, as PCL does; the header is not counted.
 void write_as_pcl_does(const std::string& path, const std::string& whole) {
   const std::size_t header = whole.find("DATA ");
   const std::size_t data = whole.find('\n', header) + 1;
@@ -100,7 +100,7 @@ TEST_F(ScanDropTest, files_of_pcls_writer_are_answers_and_taken_without_waiting)
   for (const ScanFormat format : {ScanFormat::pcd, ScanFormat::pcd_compressed}) {
     ASSERT_TRUE(write_scan((drop() + "/whole").c_str(), format, points(), 0, 0).ok());
     const std::string whole = read_file(drop() + "/whole");
-    // Under the clock's own time: what is complete by its header needs two looks, not half a second.
+    // With the ticking clock: a file that is complete according to its header needs two looks, not half a second.
     TickingClock ticking;
     open_with(ticking);
     const std::string name = "7-" + std::to_string(seq);
@@ -121,7 +121,7 @@ TEST_F(ScanDropTest, files_of_pcls_writer_are_answers_and_taken_without_waiting)
 TEST_F(ScanDropTest, a_hole_behind_the_data_is_no_hole_in_them) {
   ASSERT_TRUE(write_scan((drop() + "/whole").c_str(), ScanFormat::pcd, points(), 0, 0).ok());
   const std::string whole = read_file(drop() + "/whole");
-  open(true);  // of any name a file has to lie still, and to have no holes
+  open(true);  // a file of any name must be unchanged for some time and have no holes
   const auto begin_ns = clock_->mono_ns();
   const auto result = acquire(request(), [&] {
     write_file(drop() + "/stretched", whole);
@@ -184,7 +184,7 @@ TEST(FolderLock, what_cannot_be_locked_is_told_in_words) {
   EXPECT_EQ(lock.take(folder.string().c_str()), FolderLock::State::cannot);
   EXPECT_NE(lock.text().view().find(".slabd.lock cannot be opened"), std::string_view::npos) << lock.text().c_str();
   fs::remove(folder / ".slabd.lock");
-  // A name that control characters stand in does not reach a terminal.
+  // A lock owner's name with control characters is not written to a terminal.
   write_file(folder / ".slabd.lock", "evil\x1b[2J\nmore");
   const int fd = ::open((folder / ".slabd.lock").c_str(), O_RDONLY | O_CLOEXEC);
   ASSERT_EQ(flock(fd, LOCK_EX | LOCK_NB), 0);
@@ -217,7 +217,7 @@ TEST_F(ScanDropLockTest, the_second_daemon_touches_nothing_and_goes_on_when_the_
   EXPECT_EQ(second->trouble(), second->used_by_another().view());
 
   const auto scan = acquire(request(3), [&] {
-    // The second one withdraws no request and moves no answer.
+    // The second daemon does not withdraw requests or move answers.
     second->idle();
     const auto refused = second->acquire(request(9), xyz_, cancel_, on_decoded_);
     EXPECT_FALSE(refused.ok());

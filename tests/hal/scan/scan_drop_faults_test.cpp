@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What goes wrong around a drop directory: disks, rights, clocks, files that are replaced, answers that come late.
+// Faults around a drop directory: disks, permissions, clocks, replaced files, late answers.
 #include <fcntl.h>
 #include <sched.h>
 #include <sys/mount.h>
@@ -16,7 +16,7 @@
 namespace slabd::hal {
 namespace {
 
-/// In a process of its own, where mounts and users may change. What the body says is an exit status: 0 is good.
+/// Runs `body` in a separate process, where mounts and users may change. Returns its exit status; 0 is good.
 template <typename Body>
 int in_own_process(Body body) {
   const pid_t child = fork();
@@ -72,7 +72,7 @@ TEST_F(ScanDropTest, folders_that_may_not_be_written_are_offline_by_name_and_com
   fs::permissions(stray(), fs::perms::all);
   fs::permissions(inbox(), kReadOnly);
   EXPECT_EQ(in_own_process([this] {
-              if (geteuid() == 0 && setresuid(65'534, 65'534, 65'534) != 0) return 1;  // for root nothing is forbidden
+              if (geteuid() == 0 && setresuid(65'534, 65'534, 65'534) != 0) return 1;  // root may do everything
               const auto refused = scanner_->acquire(request(3, 200), xyz_, cancel_, on_decoded_);
               if (refused.ok() || refused.error().code != Code::scanner_offline) return 2;
               if (refused.error().text.view().find("inbox") == std::string_view::npos) return 3;
@@ -83,7 +83,7 @@ TEST_F(ScanDropTest, folders_that_may_not_be_written_are_offline_by_name_and_com
   EXPECT_TRUE(acquire(request(4), [this] { drop_scan("7-4.ply"); }).ok());
 }
 
-/// Until stray/ holds no more than `bytes`.
+/// Trims until stray/ holds at most `bytes`.
 void trim(const DropFolders& folders, std::uint64_t bytes) {
   DropFolders::StrayLimits limits;
   limits.bytes = bytes;
@@ -96,10 +96,10 @@ TEST_F(ScanDropTest, what_was_set_aside_first_is_deleted_first_when_stray_has_no
   for (int i = 1; i <= 10; ++i) {
     const std::string name = "7-" + std::to_string(100 + i) + ".ply";
     drop_scan(name, static_cast<float>(i));
-    // A scanner whose clock is a year ahead, or behind, does not change what is oldest.
+    // A scanner's clock that is a year ahead or behind does not change the order of age.
     const auto off = std::chrono::hours(24 * 365 * (i % 2 == 0 ? 1 : -1));
     fs::last_write_time(inbox(name), fs::file_time_type::clock::now() + off);
-    wait_ms(15);  // the file system's clock has a grain
+    wait_ms(15);  // the file system's clock has a coarse step
     scanner_->idle();
   }
   EXPECT_EQ(names_in(stray()).size(), 10U) << "2 GB have room for all of them";
@@ -134,7 +134,7 @@ TEST_F(ScanDropTest, folders_in_stray_count_and_go_with_all_that_is_in_them) {
 }
 
 TEST_F(ScanDropTest, small_files_without_end_do_not_fill_stray) {
-  // A preview beside each scan, for months.
+  // A preview next to each scan, for months.
   for (int i = 0; i < 5'000; ++i) write_file(stray("preview-" + std::to_string(i) + ".png"), "x");
   DropFolders folders{PathText(drop())};
   ASSERT_TRUE(folders.open().ok());
@@ -159,7 +159,7 @@ TEST_F(ScanDropTest, a_name_that_is_always_the_same_is_set_aside_each_time) {
 }
 
 TEST_F(ScanDropTest, a_scanner_that_exports_without_end_does_not_fill_the_disk) {
-  // Files of 1 GB that take no room here: what counts is their length.
+  // Sparse files of 1 GB: only their length counts.
   for (int i = 1; i <= 5; ++i) {
     const std::string name = "7-" + std::to_string(300 + i) + ".ply";
     write_file(drop() + "/part", "x");
@@ -238,7 +238,7 @@ TEST(HangWatch, a_call_that_does_not_come_back_shows_after_its_patience_and_not_
   clock.now_ns += 1;
   EXPECT_EQ(watch.hang().ns, 3 * kNsPerS);
   EXPECT_EQ(watch.hang().place, HangWatch::Place::drop_folder);
-  watch.enter(10 * kNsPerS, HangWatch::Place::spool);  // it came back, and goes in again
+  watch.enter(10 * kNsPerS, HangWatch::Place::spool);  // it returned and enters again
   EXPECT_EQ(watch.hang().ns, 0);
   clock.now_ns += 9 * kNsPerS;
   EXPECT_EQ(watch.hang().ns, 0);
@@ -253,13 +253,13 @@ TEST(HangWatch, a_call_that_does_not_come_back_shows_after_its_patience_and_not_
 TEST_F(ScanDropTest, a_disk_that_does_not_take_the_scan_is_told_as_the_spools_and_not_as_a_share) {
   SteppedClock stepped;
   open_with(stepped);
-  // A second name makes it a copy, and a pipe in its place keeps whoever opens it waiting.
+  // A second name makes it a copy, and opening a pipe in its place blocks.
   fs::create_directories(folder_ / "spool/1");
   const std::string pipe = folder_ / "spool/1/04-1.ply.part";
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
   std::atomic<bool> points_are_there = false;
   on_decoded_ = [&](const AcquiredScan&) {
-    stepped.now_ns += 9 * kNsPerS;  // reading took most of the patience; the PLC has none for another ten seconds
+    stepped.now_ns += 9 * kNsPerS;  // reading took most of the time limit; the PLC does not wait another ten seconds
     points_are_there = true;
   };
   std::thread watcher([&] {
@@ -288,7 +288,8 @@ TEST_F(ScanDropTest, a_disk_that_does_not_take_the_scan_is_told_as_the_spools_an
 TEST_F(ScanDropTest, whatever_time_the_scanners_computer_has_its_files_are_answers) {
   std::uint16_t seq = 10;
   for (const int years : {-25, -1, 0, 1, 74}) {
-    const std::string name = "7-" + std::to_string(++seq) + ".xyz";  // a table: nothing but standing still ends it
+    const std::string name = "7-" + std::to_string(++seq) + ".xyz";  // a table: only an unchanged file counts as
+                                                                     // complete
     const auto result = acquire(request(seq), [&] {
       const std::string temporary = drop() + "/skewed";
       ASSERT_TRUE(write_scan(temporary.c_str(), ScanFormat::xyz, points(), 0, 0).ok());
@@ -391,7 +392,7 @@ TEST_F(ScanDropAnyNameTest, an_answer_that_is_still_written_at_the_deadline_ends
     rest.seekg(1000);
     std::ofstream(inbox("late.ply"), std::ios::binary | std::ios::app) << rest.rdbuf();
   });
-  // It is shorter than the wait for an answer that never comes.
+  // Shorter than the wait for an answer that never comes.
   const auto next = acquire(request(4, 8'000), [&] { drop_scan("fresh.ply", 5.0F); });
   scanner_that_is_slow.join();
   ASSERT_TRUE(next.ok()) << next.error().text.c_str();

@@ -16,7 +16,7 @@
 #include "hal/hal.h"
 #include "tests/hal/temporary_folder.h"
 
-/// A drop directory with scanner software before it.
+/// A drop directory with emulated scanner software.
 namespace slabd::hal {
 namespace fs = std::filesystem;
 using test::names_in;
@@ -30,12 +30,12 @@ inline void wait_ms(int ms) {
   std::this_thread::sleep_for(std::chrono::milliseconds(ms));
 }
 
-/// Waits, without a limit of its own (the test runner has one), until `done`.
+/// Waits until `done`, without its own limit (the test runner has one).
 inline void wait_until(const std::function<bool()>& done) {
   while (!done()) wait_ms(2);
 }
 
-/// Time passes when the test says so.
+/// A clock that the test advances.
 class SteppedClock final : public Clock {
  public:
   [[nodiscard]] std::int64_t mono_ns() const override {
@@ -43,7 +43,7 @@ class SteppedClock final : public Clock {
     return now_ns;
   }
   [[nodiscard]] std::int64_t utime_us() const override { return now_ns / kNsPerUs; }
-  /// Waits `ms`, and until the port has looked at the inbox some times: it asks for the time a few times a look.
+  /// Waits `ms`, and until the port has looked at the inbox some times: it reads the clock a few times per look.
   void let_look(int ms) const {
     const int before = asked_;
     wait_ms(ms);
@@ -55,7 +55,7 @@ class SteppedClock final : public Clock {
   mutable std::atomic<int> asked_ = 0;
 };
 
-/// Each look at it is a millisecond later than the one before: what is bounded by time is bounded by looks.
+/// A clock that advances one millisecond at each reading, so that time limits become limits on readings.
 class TickingClock final : public Clock {
  public:
   [[nodiscard]] std::int64_t mono_ns() const override { return now_ns_ += kNsPerMs; }
@@ -73,7 +73,7 @@ class ScanDropTest : public ::testing::Test {
   }
 
   void open(bool any_name) { open_with(*clock_, any_name); }
-  /// The clock must outlive the port's use.
+  /// The clock must outlive the port.
   void open_with(const Clock& clock, bool any_name = false) {
     ScanDropSettings settings;
     settings.drop_dir = PathText(drop());
@@ -110,14 +110,14 @@ class ScanDropTest : public ::testing::Test {
     return xyz;
   }
 
-  /// Writes under another name and renames, as scanner software should.
+  /// Writes under another name and renames, as scanner software should do.
   void drop_scan(const std::string& name, float z = 5.0F) const {
     const std::string temporary = drop() + "/" + name + ".writing";
     ASSERT_TRUE(write_ply(temporary.c_str(), points(z), 0, 0).ok());
     fs::rename(temporary, inbox(name));
   }
 
-  /// Runs acquire() on this thread and `scanner_software` on another as soon as the request is there.
+  /// Runs acquire() on this thread, and `scanner_software` on another as soon as the request exists.
   Result<AcquiredScan> acquire(const ScanRequest& r, const std::function<void()>& scanner_software) {
     make_place(fs::path(std::string(r.spool_path.view())));
     const std::string name = std::to_string(r.session) + "-" + std::to_string(r.cmd_seq) + ".json";
@@ -134,7 +134,7 @@ class ScanDropTest : public ::testing::Test {
     return result;
   }
 
-  /// The daemon gives every attempt a place of its own.
+  /// The daemon uses a separate path for every attempt.
   static void make_place(const fs::path& place) {
     std::error_code none;
     for (const auto& entry : fs::directory_iterator(place.parent_path(), none))
@@ -148,7 +148,7 @@ class ScanDropTest : public ::testing::Test {
     fs::rename(temporary, inbox(name));
   }
 
-  /// Writes into the inbox itself, in parts with pauses, as software does that knows no better.
+  /// Writes directly into the inbox, in parts with pauses, as unsuitable software does.
   void write_slowly(ScanFormat format, const std::string& name, int parts, int pause_ms) const {
     const std::string temporary = drop() + "/whole";
     ASSERT_TRUE(write_scan(temporary.c_str(), format, points(), 0, 0).ok());

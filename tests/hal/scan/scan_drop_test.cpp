@@ -279,7 +279,7 @@ TEST_F(ScanDropTest, a_writer_may_pause_in_what_certainly_lacks_something) {
     ASSERT_TRUE(result.ok()) << name(format) << ": " << result.error().text.c_str();
     EXPECT_EQ(result.value().shape.finite, kPoints);
   }
-  // A table that was opened, and is written when the scan is computed.
+  // A table that is created at first and written after the scan is computed.
   const auto table = acquire(request(20), [&] {
     write_file(inbox("7-20.xyz"), "");
     wait_ms(900);
@@ -363,7 +363,7 @@ TEST_F(ScanDropTest, a_spool_that_cannot_be_written_is_an_error_and_the_answer_d
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::journal_write);
   EXPECT_TRUE(names_in(inbox()).empty());
-  // The scan was a good one: what was wrong is said where its file is said to have gone.
+  // The scan was good: the error is reported with the place to which its file was moved.
   ScannerText note;
   ASSERT_TRUE(scanner_->next_note(note));
   EXPECT_NE(note.view().find("inbox/7-3.ply was moved to stray/"), std::string_view::npos) << note.c_str();
@@ -429,9 +429,9 @@ TEST_F(ScanDropTest, a_folder_that_is_not_there_yet_is_reported_by_name_and_used
   EXPECT_TRUE(scanner.online());
 }
 
-// ---- files that are as long as they will be before they are written ------------------------------------------------
+// ---- files that have their final length before their content --------------------------------------------------------
 
-/// As programs do that copy over a network: the length first, then the content in parts.
+/// Files as written by programs that copy over a network: the length first, then the content in parts.
 class ScanDropFilledTest : public ScanDropTest {
  protected:
   static constexpr std::size_t kMany = 80'000;
@@ -528,7 +528,7 @@ TEST_F(ScanDropAnyNameTest, two_files_are_no_answer_and_the_next_scan_starts_cle
   EXPECT_EQ(result.error().code, Code::frame_incomplete);
   EXPECT_TRUE(names_in(inbox()).empty());
   EXPECT_EQ(scanner_->stray_files(), 2U);
-  // Neither may have been the answer: for some seconds that may still come.
+  // Perhaps neither was the answer, which may still come for some seconds.
   const auto repeat = acquire(request(4), [&] { drop_scan("c.ply"); });
   EXPECT_TRUE(repeat.ok()) << repeat.error().text.c_str();
 }
@@ -552,7 +552,7 @@ TEST_F(ScanDropAnyNameTest, an_exposure_that_is_saved_twice_is_not_the_next_requ
     ASSERT_TRUE(own.ok()) << own.error().text.c_str();
     EXPECT_EQ(xyz_[2], 6.0F);
   }
-  // After a restart slabd knows of none.
+  // After a restart slabd has no record of that exposure.
   open(true);
   EXPECT_TRUE(acquire(request(6), [&] { drop_scan_as(ScanFormat::xyz, "scan.xyz"); }).ok());
 }
@@ -565,7 +565,7 @@ TEST_F(ScanDropAnyNameTest, a_file_that_stays_short_of_its_header_is_303) {
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::frame_incomplete);
   EXPECT_NE(result.error().text.view().find("short.ply: not whole within 2.0 s"), std::string_view::npos);
-  // Whoever writes it may go on, so it is waited for; the next request has its own all the same.
+  // Its writer may continue, so the file stays; the next request still gets its own answer.
   EXPECT_EQ(names_in(inbox()).size(), 1U);
   const auto next = acquire(request(4, 20'000), [&] { drop_scan("fresh.ply", 5.0F); });
   ASSERT_TRUE(next.ok()) << next.error().text.c_str();
@@ -574,11 +574,10 @@ TEST_F(ScanDropAnyNameTest, a_file_that_stays_short_of_its_header_is_303) {
   EXPECT_EQ(scanner_->stray_files(), 1U);
 }
 
-/// Scanner software that is late: it gives what it was asked for before once slabd asks again, then what it is asked
-/// for.
+/// Scanner software that is late: after the next request it first answers the previous request, then the present one.
 class ScanDropLateTest : public ScanDropAnyNameTest {
  protected:
-  /// `before` happens while nothing is asked for yet. Returns the height of the scan that was taken.
+  /// `before` runs before the next request. Returns the height of the accepted scan.
   float next_scan_after_a_late_one(const std::function<void()>& before = [] {}) {
     std::thread software([&] {
       wait_ms(200);
@@ -594,7 +593,7 @@ class ScanDropLateTest : public ScanDropAnyNameTest {
     EXPECT_TRUE(names_in(request_file()).empty());
     return xyz_[2];
   }
-  /// The request is taken back before anything came.
+  /// The request is cancelled before an answer came.
   void be_cancelled() {
     const auto cancelled = acquire(request(), [&] { cancel_ = true; });
     ASSERT_FALSE(cancelled.ok());

@@ -45,7 +45,7 @@ Read read(const std::string& path, LengthUnit unit = LengthUnit::mm, std::size_t
   return {std::move(xyz), std::move(shape)};
 }
 
-/// The file must be refused and the text must hold `expected`.
+/// Expects that the file is rejected with a text that contains `expected`.
 void expect_refused(const std::string& bytes, const std::string& expected, Code code = Code::frame_incomplete,
                     const std::string& name = "scan.ply") {
   TemporaryFolder folder;
@@ -92,7 +92,7 @@ TEST(ScanFile, pieces_larger_than_the_read_buffer_join_without_a_seam) {
   const Read direct = read(folder / "direct.ply", LengthUnit::mm, points);
   ASSERT_TRUE(direct.shape.ok());
   EXPECT_EQ(direct.xyz, xyz);
-  // The same points with a colour byte behind each take the other path.
+  // The same points with a colour byte after each take the other path.
   std::string bytes =
       header(kLittle, "element vertex " + std::to_string(points) + "\n" + kFloatXyz + "property uchar red\n");
   for (std::size_t i = 0; i < points; ++i)
@@ -172,7 +172,7 @@ TEST(ScanFile, elements_before_and_after_the_vertices_are_stepped_over) {
   ASSERT_TRUE(r.shape.ok()) << r.shape.error().text.c_str();
   EXPECT_EQ(r.shape.value().points, 1U);
   EXPECT_EQ(r.xyz[0], 1.0F);
-  // A face at least stores its count.
+  // A face stores at least its count.
   expect_refused(head + std::string(18, 'c') + vertex, "asks for at least");
 }
 
@@ -281,7 +281,7 @@ TEST(ScanFile, links_folders_and_missing_files_are_refused) {
 }
 
 TEST(ScanFile, random_headers_are_read_or_refused_but_never_believed_beyond_their_length) {
-  // Lines inserted into, and taken out of, a good header. Whatever is accepted must keep its promises.
+  // Lines inserted into, and removed from, a good header. An accepted file must meet all guarantees.
   const std::vector<std::string> lines = {"format binary_big_endian 1.0\n",
                                           "element vertex 3\n",
                                           "element face 2\n",

@@ -9,8 +9,8 @@
 #include "tests/hal/scan/scan_reading.h"
 #include "tests/hal/temporary_folder.h"
 
-// One cloud, written in every way there is, must come back as the same bits. The encoders here share nothing with
-// hal/scan/scan_write.cpp, except that both call the LZF compressor, which lzf_test.cpp pins on its own.
+// One cloud, written in every supported encoding, must be read as the same bits. The encoders here share no code with
+// hal/scan/scan_write.cpp, except the LZF compressor, which lzf_test.cpp tests separately.
 namespace slabd::hal {
 namespace {
 
@@ -22,7 +22,7 @@ using test::TemporaryFolder;
 
 constexpr std::size_t kWidth = 60, kHeight = 40;
 
-/// A grid with holes, awkward numbers among it.
+/// A grid with holes and some awkward numbers.
 std::vector<float> cloud() {
   Prng prng(5);
   std::vector<float> xyz;
@@ -62,7 +62,7 @@ std::string digits(double value, int significant) {
   return text;
 }
 
-/// x y z of every point as the given type, with two other values between y and z where `extras`.
+/// x y z of every point as the given type, with two other values between y and z if `extras`.
 struct Encoding {
   bool is_double = false;
   bool big_endian = false;
@@ -143,7 +143,7 @@ std::string pcd(const std::vector<float>& xyz, const Encoding& e, const std::str
          bytes_of(static_cast<std::uint32_t>(planes.size())) + compressed;
 }
 
-/// Read piece by piece, the file says the same; or it says that it cannot be.
+/// Reading the file in pieces gives the same checksum, or the error that this is not possible.
 void expect_checksum(const std::string& bytes, const std::string& name, const ScanShape& shape, std::uint32_t crc,
                      const std::string& what) {
   TemporaryFolder folder;

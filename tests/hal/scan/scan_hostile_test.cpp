@@ -7,8 +7,8 @@
 #include "hal/scan/lzf.h"
 #include "tests/hal/scan/scan_reading.h"
 
-// Good files, damaged at random. Whatever comes out must be an error with a text, or a cloud that keeps the reader's
-// promises. The sanitizer presets run the same under their eyes; SLABD_SCAN_MUTATIONS=200000 runs it longer.
+// Good files, damaged at random. The result must be an error with a text, or a cloud that meets the reader's
+// guarantees. The sanitizer presets run the same test; SLABD_SCAN_MUTATIONS=200000 runs it longer.
 namespace slabd::hal {
 namespace {
 
@@ -81,7 +81,7 @@ std::vector<Sample> samples() {
 
 constexpr std::size_t kCapacity = 32;
 
-/// Reads damaged bytes; checks every promise. Returns whether they were accepted.
+/// Reads damaged bytes and checks every guarantee. Returns true if they were accepted.
 bool keeps_its_promises(const Sample& sample, const std::string& bytes, const std::string& what) {
   const test::Read r = test::read_bytes(bytes, sample.name, LengthUnit::mm, kCapacity);
   if (!r.shape) {
@@ -120,7 +120,8 @@ TEST(ScanHostile, a_file_cut_anywhere_is_refused_where_its_header_can_tell) {
       const std::string what = sample.name + " cut to " + std::to_string(bytes) + " bytes: ";
       const bool accepted = keeps_its_promises(sample, sample.bytes.substr(0, bytes), what);
       const bool is_table = sample.name == "a.xyz" || sample.name == "a.csv";
-      // The last number of a text may lose digits unseen; whoever drops text must let it stand still first.
+      // The last number of a text may lose digits undetected; therefore text files must be unchanged for some time
+      // first.
       const bool is_text = is_table || sample.bytes.find("ascii") != std::string::npos;
       const bool in_last_line = bytes > sample.bytes.rfind('\n', sample.bytes.size() - 2);
       const bool must_refuse = !is_table && !(is_text && in_last_line);

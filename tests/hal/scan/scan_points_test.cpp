@@ -11,15 +11,15 @@
 
 #include "base/prng.h"
 
-// Sixteen at a time against one by one: the same bits and the same counts, wherever the points lie, on every
-// instruction set this machine has.
+// Sixteen points at a time compared with one by one: the same bits and counts, at any alignment, on every instruction
+// set of this computer.
 namespace slabd::hal {
 namespace {
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr float kInf = std::numeric_limits<float>::infinity();
 
-/// `points` of them, of which a share is missing: wholly, in part, infinite or zero.
+/// `points` points, of which a share is missing: wholly, in part, infinite or zero.
 std::vector<float> cloud(std::size_t points, double share, bool nasty, Prng& prng) {
   std::vector<float> xyz;
   for (std::size_t i = 0; i < points; ++i) {
@@ -72,7 +72,7 @@ TEST_P(SettlePoints, agree_with_one_by_one_in_place_and_on_the_way) {
         std::vector<double> twice(from.begin(), from.end());
         EXPECT_EQ(settle_points(twice.data(), points), settled);
 
-        // From and to addresses of every kind; nothing before or behind is written.
+        // All kinds of source and target addresses; no byte before or after the target is written.
         for (std::size_t shift = 0; shift < 17; shift += 4) {
           std::vector<char> bytes(from.size() * sizeof(float) + 64, '\0');
           if (!from.empty()) std::memcpy(bytes.data() + shift + 1, from.data(), from.size() * sizeof(float));

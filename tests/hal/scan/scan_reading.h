@@ -14,7 +14,7 @@
 #include "base/os.h"
 #include "hal/scan/scan_file.h"
 
-/// Scans made of bytes in memory, read as files.
+/// Reads scans from bytes in memory as files.
 namespace slabd::hal::test {
 
 inline constexpr float kMissing = std::numeric_limits<float>::quiet_NaN();
@@ -28,13 +28,13 @@ std::string bytes_of(T value, bool big_endian = false) {
 }
 
 struct Read {
-  std::vector<float> xyz;  ///< -1 where nothing was written
+  std::vector<float> xyz;  ///< -1 if not written
   Result<ScanShape> shape;
 
   [[nodiscard]] std::string why() const { return shape ? "" : shape.error().text.c_str(); }
 };
 
-/// A file of these bytes under this name, which only lives in memory.
+/// An in-memory file with these bytes and this name.
 inline Fd memory_file(std::string_view bytes) {
   Fd fd(memfd_create("scan", MFD_CLOEXEC));
   EXPECT_TRUE(fd.is_open());
@@ -63,7 +63,7 @@ inline Read read_bytes(std::string_view bytes, const std::string& name, LengthUn
   return {std::move(xyz), std::move(shape)};
 }
 
-/// The scan must be refused; the text must hold the file's name and `expected`.
+/// Expects that the scan is rejected with a text that contains the file's name and `expected`.
 inline void expect_refused(std::string_view bytes, const std::string& expected, const std::string& name,
                            Code code = Code::frame_incomplete, LengthUnit unit = LengthUnit::mm) {
   const Read r = read_bytes(bytes, name, unit);
@@ -73,7 +73,7 @@ inline void expect_refused(std::string_view bytes, const std::string& expected, 
   EXPECT_NE(r.why().find(name), std::string::npos) << r.why();
 }
 
-/// The scan must be read, and hold these points (NaN = missing) and nothing else.
+/// Expects that the scan is read with exactly these points (NaN = missing).
 inline void expect_points(std::string_view bytes, const std::string& name, const std::vector<float>& xyz,
                           LengthUnit unit = LengthUnit::mm) {
   const Read r = read_bytes(bytes, name, unit);

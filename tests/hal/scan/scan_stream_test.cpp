@@ -34,7 +34,7 @@ TEST(Crc32c, is_the_same_with_the_instruction_and_without_at_any_length_and_plac
   Prng prng(6);
   std::vector<std::byte> bytes(40'000);
   for (std::byte& b : bytes) b = std::byte(prng.next() & 255U);
-  // Around one, two and three times the three stretches that are taken at once.
+  // Lengths around one, two and three times the three stretches that are processed in parallel.
   for (const std::size_t length :
        std::array<std::size_t, 14>{0, 1, 7, 8, 9, 63, 6'143, 6'144, 6'145, 12'287, 12'288, 18'432, 18'441, 39'990})
     for (std::size_t from = 0; from < 9; ++from) {
@@ -85,7 +85,8 @@ struct ScanStreamTest : testing::Test {
   ScanStreamDecoder decoder{xyz};
   ScanStreamTest() { decoder.expect(7, 3); }
 
-  /// In pieces of `piece` bytes, each in a heap block of exactly its size, so that a sanitizer sees any read beyond it.
+  /// Feeds pieces of `piece` bytes, each in a heap block of its exact size, so that a sanitizer detects any read beyond
+  /// it.
   Status feed(const Bytes& bytes, std::size_t piece = 1'000) {
     for (std::size_t at = 0; at < bytes.size();) {
       const std::size_t n = std::min({piece, bytes.size() - at, std::max<std::size_t>(1, decoder.wanted())});
@@ -199,7 +200,7 @@ TEST_F(ScanStreamTest, another_scan_never_goes_on_where_one_was_cut) {
   EXPECT_EQ(decoder.points(), 10U);
   expect_refused(other.header_bytes(10), "the scan goes on at point 10, but 0 of this scan are here");
   decoder.cut();
-  // Whoever took it has lost the first one: that is not asked for any more.
+  // The sender has taken another scan, so the first one is not requested any more.
   EXPECT_EQ(decoder.points(), 0U);
   EXPECT_FALSE(decoder.has_header());
   expect_refused(s.header_bytes(10), "the scan goes on at point 10, but 0");

@@ -35,7 +35,7 @@ TEST(TextPoints, separators_comments_extra_columns_and_line_ends) {
 }
 
 TEST(TextPoints, zeros_where_lines_were_are_refused_also_behind_what_is_read) {
-  // As a file reads that lost a block, or whose block was never written: the hole takes whole lines with it.
+  // Content of a file with a lost or unwritten block: the hole covers whole lines.
   const std::string hole(40, '\0');
   for (const char separator : {' ', ',', ';', '\t'}) {
     std::string rows;
@@ -55,7 +55,7 @@ TEST(TextPoints, the_first_line_chooses_the_separator_for_all) {
   expect_refused("1,2,3\n4 5 6\n", "line 2, column 1: \"4 5 6\" is not a number");
   expect_refused("1;2;3\n4,5,6\n", "line 2, column 1: \"4,5,6\" is not a number");
   expect_refused("1\t2\t3\n4 5\t6\n", "line 2, column 1: \"4 5\" is not a number");
-  expect_points("1 2 3\n4 \t5\t 6\n", "a.xyz", {1, 2, 3, 4, 5, 6});  // a tab is a blank where blanks separate
+  expect_points("1 2 3\n4 \t5\t 6\n", "a.xyz", {1, 2, 3, 4, 5, 6});  // a tab counts as a blank where blanks separate
 }
 
 TEST(TextPoints, names_in_the_first_line_say_where_x_y_z_are) {
@@ -76,7 +76,7 @@ TEST(TextPoints, names_in_the_first_line_say_where_x_y_z_are) {
   expect_refused("x,y,z\nx,y,z\n1,2,3\n", "line 2, column 1: \"x\" is not a number");
   expect_refused("1,2,3\nx,y,z\n", "line 2, column 1: \"x\" is not a number");
   expect_refused("id,a,x,y,z\n1,2,3,4\n", "line 2: 4 columns, needed are 5");
-  // A unit needs no comment's mark.
+  // A unit does not need a comment mark.
   expect_points("Units: mm\n1 2 3\n", "a.csv", {1, 2, 3});
   expect_refused("Units: m\n1 2 3\n", "line 1: the file says unit \"m\", but \"mm\" is configured");
 }
@@ -88,7 +88,7 @@ TEST(TextPoints, names_in_a_comment_above_the_points_say_where_x_y_z_are_too) {
         "# a b c\n# z y x\n3 2 1\n", "# z y x\nx y z\n1 2 3\n", "# z [mm] y [mm] x [mm]\n3 2 1\n",
         "//X Y Z R G B Scalar field\n1 2 3 4 5 6 7\n"})
     expect_points(text, "a.asc", {1, 2, 3});
-  // Sentences, and what stands below the first point.
+  // Sentences, and comments below the first point.
   for (const std::string text :
        {"# x y z are in the scanner's frame\n1 2 3\n", "# z up, y across, x along\n1 2 3\n",
         "# x: along, y: across\n1 2 3\n", "# the axes z, y and x\n1,2,3\n", "# x\n1 2 3\n", "# z y\n1 2 3\n"})
@@ -149,7 +149,7 @@ TEST(TextPoints, a_count_in_the_first_line_is_held_against_the_lines) {
   expect_refused("2\n2\n1 2 3\n4 5 6\n", "line 2: 1 columns, needed are 3");
   expect_refused("1 2 3\n2\n4 5 6\n", "line 2: 1 columns, needed are 3");
   expect_refused("2\n", "no points", Code::too_few_points);
-  // Of many rows, which are read another way.
+  // Many rows, which take another path.
   std::string many;
   for (int i = 0; i < 60; ++i) many += "1.25 2.5 3.75\n";
   EXPECT_TRUE(test::read_bytes("60\n" + many, "a.asc").shape.ok());
@@ -204,7 +204,7 @@ TEST(TextPoints, numbers_of_points_and_of_their_rows_and_columns_are_no_coordina
   expect_refused(grid([](int row, int column) { return fmt::format("{} ", 5000 + 8 * row + column); }, 11),
                  "the first numbers the points");
   EXPECT_TRUE(test::read_bytes(grid([](int, int) { return ""; }), "a.xyz").shape.ok());
-  // A raster of whole millimetres is one of coordinates: three columns, or four with a brightness.
+  // A grid of whole millimetres contains coordinates: three columns, or four with a brightness.
   std::string raster;
   for (int y = 0; y < 8; ++y)
     for (int x = 0; x < 8; ++x) raster += fmt::format("{} {} 499.{} 90\n", x, y, x + y);

@@ -51,7 +51,7 @@ class ControlSocketTest : public ::testing::Test {
     ASSERT_TRUE(made.ok()) << made.error().text.c_str();
     port_ = std::move(made.value());
   }
-  /// One turn; each line is answered with itself in brackets. Returns how many there were.
+  /// Runs one turn; each line is answered with itself in brackets. Returns their number.
   int turn() {
     int lines = 0;
     for (std::string_view line; port_->next(now_ns_, line); ++lines) port_->reply("<" + std::string(line) + ">");
@@ -191,7 +191,7 @@ TEST_F(ControlSocketTest, a_client_that_never_reads_is_closed) {
     if (send(client.get(), "q\n", 2, MSG_NOSIGNAL) < 0) break;
     std::string_view line;
     while (port_->next(now_ns_, line)) port_->reply(answer);
-    now_ns_ += kNsPerS / 10;  // slow enough for the limit of requests
+    now_ns_ += kNsPerS / 10;  // slow enough for the rate limit
   }
   EXPECT_LT(send(client.get(), "q\n", 2, MSG_NOSIGNAL), 0);
 }
@@ -246,7 +246,7 @@ TEST_F(ControlSocketTest, a_second_daemon_is_refused_and_a_dead_ones_socket_is_t
   port_.reset();
   EXPECT_FALSE(std::filesystem::exists(path_));
   {
-    // A process that was killed leaves its socket behind.
+    // A killed process leaves its socket behind.
     sockaddr_un address{};
     address.sun_family = AF_UNIX;
     std::memcpy(address.sun_path, path_.c_str(), path_.size());

@@ -13,7 +13,7 @@
 namespace slabd::hal {
 namespace {
 
-/// The service manager's end, and slabd's.
+/// Both ends of the protocol: the service manager's and slabd's.
 struct Manager {
   Manager() {
     sockaddr_un address{};
@@ -52,7 +52,7 @@ TEST(SystemdNotify, messages_are_those_of_the_protocol) {
 TEST(SystemdNotify, a_manager_that_reads_nothing_keeps_nobody_waiting) {
   const Manager manager;
   for (int i = 0; i < 2'000; ++i) manager.notify->status("full");
-  manager.notify->ready();  // finds no room, and is said again
+  manager.notify->ready();  // finds no space, and is repeated
   while (!manager.next_message().empty()) continue;
   manager.notify->watchdog();
   EXPECT_EQ(manager.next_message(), "READY=1");
