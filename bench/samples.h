@@ -8,10 +8,10 @@
 
 /// Times measured on a machine with other load.
 ///
-/// A sample is disturbed if the kernel preempted it (an involuntary context switch), or if wall and CPU time of a
-/// single thread differ by more than a twentieth. The figure is the median of the undisturbed samples; the minimum is
-/// reported as well. If too few samples are undisturbed, the figure is the CPU time for one thread and the minimum for
-/// two, and `basis` names it.
+/// A sample is disturbed if the kernel preempted it (an involuntary context switch). It is also disturbed if wall and
+/// CPU time of a single thread differ by more than a twentieth. The figure is the median of the undisturbed samples;
+/// the minimum is reported as well. If too few samples are undisturbed, the figure is the CPU time for one thread and
+/// the minimum for two, and `basis` names it.
 namespace slabd::bench {
 
 struct Sample {

@@ -24,7 +24,7 @@ constexpr double kSunkBeyondX = 55.0;
 constexpr double kCornerX = 57.0;
 constexpr double kCornerY = 155.0;
 
-/// Half axes of a work glove that lies flat: the upper half of this ellipsoid is above the bearing plane.
+/// Half axes of a flat work glove: the upper half of this ellipsoid is above the bearing plane.
 const Vec3 kGloveHalfMm(60.0, 50.0, 15.0);
 constexpr double kCableRadiusMm = 5.0;
 /// The cable touches the shoulders, whose upper edge is at 29.75 mm.

@@ -32,7 +32,7 @@ ConcreteOptics::ConcreteOptics(const ConcreteOrder& order, const Pose& T_scanner
       T_scanner_block_(T_scanner_block),
       T_block_scanner_(T_scanner_block.inverse()) {
   Prng random(derived_seed(scanner.seed, 600, 0));
-  // The cameras are beside the projector along the rail or across it.
+  // The cameras are on both sides of the projector, along the rail or across it.
   const bool across = random.uniform() < 0.5;
   const double projector_aside = 40.0 * (2.0 * random.uniform() - 1.0);
   const Vec3 base = across ? Vec3(0.0, 0.5 * kBaseMm, 0.0) : Vec3(0.5 * kBaseMm, 0.0, 0.0);

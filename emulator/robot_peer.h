@@ -7,9 +7,9 @@
 
 #include "base/base.h"
 
-/// The robot's half of the line: a thread that publishes FLANGE_POSE over LCM as a KUKA bridge does, or sends RSI to
-/// such a bridge as the controller does, at rest as well as in motion. While it moves, the "stopped" flag is clear. At
-/// rest the measured pose has an encoder tremor of a few micrometres.
+/// The robot's half of the line, a thread. It publishes FLANGE_POSE over LCM as a KUKA bridge does, or sends RSI to
+/// such a bridge as the controller does, moving or at rest. While it moves, the "stopped" flag is clear. At rest the
+/// measured pose has an encoder tremor of a few micrometres.
 namespace slabd::simulate {
 
 struct RobotTraits {

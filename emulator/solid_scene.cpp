@@ -58,7 +58,7 @@ Window window_of(const Picture& picture, const std::vector<Ball>& around) {
   double high_y = -kNever;
   for (const Ball& ball : around) {
     const double nearest = ball.centre_mm.z() - ball.radius_mm;
-    if (nearest < 1.0) return {0, picture.columns, 0, picture.rows};  // beside or behind the scanner: the whole picture
+    if (nearest < 1.0) return {0, picture.columns, 0, picture.rows};  // next to or behind the scanner: all of it
     // Larger than the ball's outline from any side: its radius at its nearest depth, and the slant of its centre.
     const double scale = picture.distance_mm / ball.centre_mm.z();
     const Vec3 middle = ball.centre_mm * scale;

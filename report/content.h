@@ -93,7 +93,7 @@ struct SlabPicture {
 [[nodiscard]] Figure tolerance_figure(std::span<const Item> items, Language language);
 [[nodiscard]] Figure seats_figure(const storage::SlabRecord& record, Language language);
 
-// ---- laying out ----------------------------------------------------------------------------------------------------
+// ---- layout --------------------------------------------------------------------------------------------------------
 
 inline constexpr double kPageWidth_mm = 210.0;
 inline constexpr double kPageHeight_mm = 297.0;

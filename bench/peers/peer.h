@@ -100,10 +100,10 @@ class Peer {
 [[nodiscard]] Rigid inverse(const Rigid& T);
 [[nodiscard]] Direction rotated(const Rigid& T, const Direction& v);
 
-/// Fits the plane n.p = d by orthogonal least squares to the points within `reach_mm` of it and replaces it, as every
-/// careful user of a library does after RANSAC. Double precision, one pass per step, until the plane no longer changes
-/// or `steps_max` is reached. Points are `stride` floats or doubles apart, x y z first. Also stores peak to valley and
-/// standard deviation of the inliers.
+/// A plane n.p = d with its inliers. refit_plane replaces it by the orthogonal least-squares fit of the points within
+/// `reach_mm`, as careful users of a library do after RANSAC. Double precision, one pass per step, until the number of
+/// inliers no longer changes or `steps_max` is reached. Points are `stride` floats or doubles apart, x y z first.
+/// spread_about computes peak to valley and standard deviation.
 struct PlaneAnswer {
   Direction normal{};
   double offset_mm = 0.0;

@@ -157,7 +157,7 @@ InForce need_hand_eye(storage::Reader* reader, const daemon::Config& config) {
   return now;
 }
 
-// ---- telling -----------------------------------------------------------------------------------------------------
+// ---- output ------------------------------------------------------------------------------------------------------
 
 void write_check(Json& json, const CalibrationCheck& check) {
   write_fields(json, check, [&](std::string_view field) {

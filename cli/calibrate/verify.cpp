@@ -104,7 +104,7 @@ Verification carry_out(const Options& options, const Session& session, const Ses
   return v;
 }
 
-// ---- telling -----------------------------------------------------------------------------------------------------
+// ---- output ------------------------------------------------------------------------------------------------------
 
 void write_fits(Json& json, std::string_view key, const std::vector<calib::ViewFit>& fits) {
   json.key(key);

@@ -76,7 +76,7 @@ inline constexpr const char* kDaemonUser = "slabd";
 /// "ok", "note", "warning", "failed", "unknown".
 [[nodiscard]] std::string_view name(Health health);
 
-// ---- doctor_files.cpp: what lies on the disk ---------------------------------------------------------------------
+// ---- doctor_files.cpp: files and folders -------------------------------------------------------------------------
 
 /// Checks configuration and recipes. False without a usable configuration; `config` then still contains the
 /// control socket that slabd takes from it.
@@ -96,11 +96,11 @@ void examine_limits(const daemon::Config& config, Examination& report);
 /// user.
 [[nodiscard]] std::string udp_program(unsigned port);
 
-// ---- doctor_routes.cpp: the way to PLC and robot -----------------------------------------------------------------
+// ---- doctor_routes.cpp: routes to PLC and robot ------------------------------------------------------------------
 
 void examine_routes(const daemon::Config& config, Examination& report);
 
-// ---- doctor_links.cpp: the daemon and who it talks to ------------------------------------------------------------
+// ---- doctor_links.cpp: daemon, PLC, robot and scanner ------------------------------------------------------------
 
 /// Queries the daemon; returns its status (slabd.status/1), empty if it does not run.
 [[nodiscard]] std::string examine_daemon(const daemon::Config& config, Examination& report);

@@ -29,7 +29,7 @@
 namespace slabd::cli {
 namespace {
 
-// ---- items as a table (RFC 4180): a row for each item of each slab, columns that only ever grow at the end ---------
+// ---- items as a table (RFC 4180): a row for each item of each slab; new columns are appended -----------------------
 
 /// First column of every row, the version of the columns. A column that changes meaning or position requires a new
 /// version.

@@ -45,7 +45,7 @@ using Registers = PlcRegisters;
 /// Sampling period of the heartbeats, independent of the display rate.
 constexpr auto kLook = std::chrono::milliseconds(50);
 
-// ---- two ways to get them ----------------------------------------------------------------------------------------
+// ---- two sources of the registers --------------------------------------------------------------------------------
 
 class WireSource {
  public:
@@ -101,7 +101,7 @@ bool take_words(const json& document, const char* key, std::array<std::uint16_t,
   return true;
 }
 
-// ---- what is said about them -------------------------------------------------------------------------------------
+// ---- output ------------------------------------------------------------------------------------------------------
 
 /// Time since a number last changed, as seen by this monitor.
 class Pulse {

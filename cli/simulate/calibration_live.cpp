@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One thread drives: it looks for requests, draws the scans, and moves the robot on. It does so shortly after the last
+// One thread drives: it polls for requests, draws the scans, and moves the robot on. It does so shortly after the last
 // scan of a view, when the daemon has detected that the robot did not move. The robot publishes in its own thread. A
 // client can request views one after the other: a request during a motion waits until the robot has stopped.
 #include "cli/simulate/calibration_live.h"

@@ -21,8 +21,8 @@ constexpr double kEdgeMm = 2.0;
 constexpr double kPostRadiusMm = 6.0;
 constexpr double kTableBelowMm = 130.0;
 constexpr double kFrameBelowMm = 60.0;
-/// Range of target positions that are completely in the picture (350 x 500 mm at 600 mm), and of the scanner's tilt,
-/// because a block is only registered from near its nominal view.
+/// Range of target positions that are completely in the picture (350 x 500 mm at 600 mm), and of the scanner's tilt. A
+/// block is only registered from near its nominal view.
 struct ViewRange {
   double free_x_mm, free_y_mm;  ///< from the centre, at 600 mm
   double near_mm, far_mm;

@@ -65,8 +65,8 @@ struct PlaneOrder {
   double noise_mm = 0.01;
 };
 
-/// z = x + 2 y + 1 over |x|, |y| <= 1 with noise along its normal (sum of twelve uniform numbers), and outliers
-/// distributed evenly over the box around it. The same seed gives the same points on every machine.
+/// Points of z = x + 2 y + 1 over |x|, |y| <= 1 with noise along the normal (sum of twelve uniform numbers). Outliers
+/// are distributed evenly over the box around it. The same seed gives the same points on every machine.
 [[nodiscard]] std::vector<Vec3> draw_plane(const PlaneOrder& order);
 
 void add_simulate_plane(args::Command& simulate);

@@ -196,7 +196,7 @@ Figure appraiser_lines(const GrrItem& item, Language language) {
   return chart;
 }
 
-// ---- against a laboratory ------------------------------------------------------------------------------------------
+// ---- comparison with a laboratory ----------------------------------------------------------------------------------
 
 Figure scatter_chart(const CompareItem& item, Language language) {
   Figure chart;

@@ -89,7 +89,7 @@ bool measure_items(const StudyOptions& options, const Run& run, Table& table) {
       tallies[k].U.push_back(item.U);
       tallies[k].covered += std::abs(error) <= item.U ? 1 : 0;
     }
-    // Every seat is flat, and its value is only noise: the interval value - U must contain zero.
+    // Every seat is flat, and its value is only noise: value - U must not exceed zero.
     const Item& flat = bench.item(ItemId::seat_flatness);
     flatness.error.push_back(flat.value);
     flatness.U.push_back(flat.U);

@@ -106,7 +106,7 @@ void study_row(const StudyOptions& options, const Row& row, Table& table) {
   table.at_most(refusals, refused, 0.05 * seeds, "");
 }
 
-// ---- as real robots are: few to many views, millimetres, a displaced view in ten ----
+// ---- realistic sets: few to many views, millimetres, one displaced view in ten ------
 
 /// Position of the artefact in the base frame by a calibration and one view.
 Vec3 place(ArtefactKind kind, const calib::View& view, const Pose& X) {

@@ -548,7 +548,7 @@ TEST_F(StudyTest, grr_passes_over_no_name_that_fits_nothing) {
   expect_mentions(one_part.err, "warp: 1 parts");
 }
 
-// ---- against a laboratory ------------------------------------------------------------------------------------------
+// ---- comparison with a laboratory ----------------------------------------------------------------------------------
 
 TEST_F(StudyTest, compare_of_two_tables_gives_errors_limits_and_line) {
   std::string contact = "id,block,item,value,U\n";

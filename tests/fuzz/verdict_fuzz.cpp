@@ -34,8 +34,8 @@ constexpr std::size_t kSubjects = 12;
 constexpr double kPitch_mm = 0.85;
 constexpr double kCell_mm = 3.0;
 
-/// Blocks: a good one, one without the slab's top around it (its slope has no datum), and from the third on only
-/// blocks out of tolerance, by at least twice U at any place.
+/// Blocks: a good one, and one without the slab's top around it (its slope has no datum). The others are out of
+/// tolerance by at least twice U, at any place.
 scene::Block subject(std::size_t number) {
   scene::Block block;
   switch (number) {
