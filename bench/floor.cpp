@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Four streams, each a quarter of the array: the hardware prefetchers follow several rows of addresses at once, and one
-// alone does not fill the memory's queue. Two sums per stream hide the latency of the additions.
+// Reads four streams, each a quarter of the array: the hardware prefetchers follow several address sequences at once,
+// and one alone does not fill the memory queue. Two sums per stream hide the latency of the additions.
 #include "bench/floor.h"
 
 #include <immintrin.h>

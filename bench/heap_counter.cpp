@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A library for LD_PRELOAD: stands in for the C library's allocator and counts the calls of all threads, so that one
-// counter serves slabd and programs that were never built to be counted. Counting costs time (5 to 15 % of a program
-// that allocates millions of times), so the driver counts in a run of its own and times in others.
+// A library for LD_PRELOAD that replaces the C library's allocator and counts the calls of all threads. It works for
+// slabd and for programs built without counters. Counting costs 5 to 15 % of a program that allocates millions of
+// times, so the driver counts and times in separate runs.
 #include <atomic>
 #include <cerrno>
 #include <cstddef>
@@ -23,7 +23,7 @@ void note() {
 }  // namespace
 
 extern "C" {
-/// Found by name (dlsym) by the program that is counted.
+/// The counted program finds this function by name (dlsym).
 std::uint64_t slabd_bench_heap_calls() {
   return g_calls.load(std::memory_order_relaxed);
 }

@@ -26,7 +26,7 @@ Json json_of(const Figure& figure) {
   return json;
 }
 
-/// json[key][...], null when a step is missing.
+/// json[key][...], null if a step is missing.
 Json at(const Json& json, std::initializer_list<std::string_view> path) {
   const Json* here = &json;
   for (const std::string_view step : path) {
@@ -56,7 +56,7 @@ std::string job_name(const Json& run) {
   return run["job"].get<std::string>() + (threads > 1 ? fmt::format(" {}t", threads) : "");
 }
 
-/// An answer that is no number makes the mean none either.
+/// Square of a number; NaN for any other value, so that the mean is also NaN.
 double square_of(const Json& value) {
   return value.is_number() ? value.get<double>() * value.get<double>() : std::numeric_limits<double>::quiet_NaN();
 }
@@ -65,8 +65,8 @@ bool is_error(const std::string& figure) {
   return figure.find("_error_") != std::string::npos;
 }
 
-/// All processes of one program on one job become one entry: times over all repetitions, medians of the stages, the
-/// largest memory, of errors the root of the mean square over the scans that were scored, else the worst.
+/// Merges all processes of one program on one job into one entry: times over all repetitions, medians of the stages,
+/// and the largest memory. Errors are the root mean square over the scored scans, otherwise the worst.
 Json peers_of(const PeerRuns& timed, const PeerRuns& counted, const PeerRuns& scored) {
   Json peers = Json::object();
   std::map<std::pair<std::string, std::string>, std::vector<Sample>> samples;
@@ -74,7 +74,7 @@ Json peers_of(const PeerRuns& timed, const PeerRuns& counted, const PeerRuns& sc
   for (const Json& run : timed) {
     const std::pair<std::string, std::string> who{run["peer"], job_name(run)};
     peers[who.first]["version"] = run["version"];
-    Json& entry = peers[who.first][who.second];  // after it: a new key moves the others
+    Json& entry = peers[who.first][who.second];  // after `samples`, because a new key moves the others
     entry["threads"] = run["threads"];
     for (const Json& one : run["runs"]) {
       samples[who].push_back(sample_of(one["total"]));
@@ -90,7 +90,7 @@ Json peers_of(const PeerRuns& timed, const PeerRuns& counted, const PeerRuns& sc
     const Json before = at(entry, {"peak_rss_mb"});
     if (!before.is_number() || before.get<double>() < run["peak_rss_mb"].get<double>())
       entry["peak_rss_mb"] = run["peak_rss_mb"];
-    // The stages in the order in which they ran.
+    // The stages in execution order.
     const Json last = at(run["runs"].back(), {"stages"});
     for (const auto& [stage, lap] : last.items())
       entry["stages_ms"][stage] = figure_of(stages[who][stage], entry["threads"]).ms;
@@ -101,7 +101,7 @@ Json peers_of(const PeerRuns& timed, const PeerRuns& counted, const PeerRuns& sc
   }
   std::map<std::pair<std::string, std::string>, double> scans;
   for (const Json& run : scored) scans[{run["peer"], job_name(run)}] += 1.0;
-  // Programs that were not timed have no column.
+  // Programs that were not timed do not have a column.
   std::erase_if(scans, [&](const auto& scan) { return at(peers, {scan.first.first, scan.first.second}).is_null(); });
   for (const auto& [who, count] : scans) {
     Json& entry = peers[who.first][who.second];
@@ -116,14 +116,14 @@ Json peers_of(const PeerRuns& timed, const PeerRuns& counted, const PeerRuns& sc
     for (const auto& [name, sum] : squares) entry["figures"][name] = std::sqrt(sum / count);
   }
   for (const Json& run : counted) {
-    // The first repetition warms up what is kept for ever; a steady block is the last one.
+    // The first repetition allocates the permanent memory; the last one is a steady block.
     const Json allocations = at(run["runs"].back(), {"allocations"});
     if (allocations.is_number()) peers[run["peer"].get<std::string>()][job_name(run)]["allocations"] = allocations;
   }
   return peers;
 }
 
-/// The entry of the program, slabd left out, that does a job in the least time; null when there is none.
+/// The entry of the program with the least time for a job, slabd excluded; null if there is none.
 Json fastest(const Json& peers, std::string_view job) {
   Json best;
   for (const auto& [peer, jobs] : peers.items()) {
@@ -135,8 +135,8 @@ Json fastest(const Json& peers, std::string_view job) {
   return best;
 }
 
-/// One line of the table that the project is judged by. `limit`s are what `value` must reach: at most them, or at least
-/// them where `more_is_better`.
+/// One line of the table by which the project is judged. `value` reaches a limit (`must`, `aim`) if it is at most the
+/// limit, or at least the limit if `more_is_better`.
 Json judged(std::string_view what, const Json& value, double must, double aim, bool more_is_better,
             std::string_view unit = "x") {
   Json line;
@@ -156,23 +156,23 @@ Json judged(std::string_view what, const Json& value, double must, double aim, b
   return line;
 }
 
-/// 1 thread / 2 threads of a stage: of the same kind of figure, so of the minima as soon as one of them is no median of
-/// undisturbed wall times.
+/// Time with 1 thread / time with 2 threads of a stage. If one of the figures is not a median of undisturbed wall
+/// times, the ratio is that of the minima.
 Json gain_of_two(const Json& one, const Json& two) {
   const bool quiet = at(one, {"basis"}) == "wall" && at(two, {"basis"}) == "wall";
   const std::string_view key = quiet ? "ms" : "min_ms";
   return quotient(at(one, {key}), at(two, {key}));
 }
 
-/// Whether a stage's or a program's figure is less than it should be, because others used the machine: no median of
-/// undisturbed wall times, or one of less than two thirds of the samples.
+/// True if a stage's or a program's figure may be too low because other processes used the machine. It is then not a
+/// median of undisturbed wall times, or fewer than two thirds of the samples were undisturbed.
 bool rough(const Json& figure) {
   const Json basis = at(figure, {"basis"});
   if (!basis.is_string()) return false;
   return basis != "wall" || 3 * figure["disturbed"].get<int>() > figure["samples"].get<int>();
 }
 
-/// The slab that waited longest for its verdict, measured in blocks: null when there is none.
+/// The slab with the longest wait for its verdict in units of its block time; null if there is none.
 Json slowest_slab(const Json& slabs) {
   Json slowest, most;
   for (const Json& slab : slabs) {
@@ -241,7 +241,7 @@ std::string number(const Json& value) {
   return fmt::format("{:.2g}", v);
 }
 
-/// A figure with a mark when it is no median of undisturbed wall times.
+/// Text of a figure, with a mark if it is not a median of undisturbed wall times.
 std::string marked(const Json& figure) {
   const Json ms = at(figure, {"ms"});
   if (!ms.is_number()) return "-";
@@ -284,7 +284,7 @@ std::string judgement_table(const Json& lines) {
   return out;
 }
 
-/// "what" of a stage's name "what/threads".
+/// Part "what" of a stage name "what/threads".
 std::string without_threads(const std::string& key) {
   return key.substr(0, key.rfind('/'));
 }
@@ -313,12 +313,12 @@ std::string stage_table(const Json& json, std::string_view first_words) {
 }
 
 std::string growth_table(const Json& json) {
-  // Scans of other sizes are held against the one of five million points that was measured beside them.
+  // Scans of other sizes are compared with the one of five million points of the same run.
   const Json& stages = json["stages"];
   const Json five = at(stages, {"growth/points  5.0 M/1", "ms"});
   std::string out = "| | ms | min | / organised block | ns a point |\n|---|---|---|---|---|\n";
   for (const auto& [key, figure] : stages.items()) {
-    // The stages of each run have a third part in their names.
+    // Stage names of single runs have a third part.
     const std::string name = without_threads(key);
     if (key.rfind("growth/", 0) != 0 || std::count(name.begin(), name.end(), '/') != 1) continue;
     constexpr std::string_view kPoints = "growth/points ";
@@ -450,7 +450,7 @@ Json report(const Measured& measured) {
       {"file_to_verdict_unorganised_1t_ms", "file_to_verdict/ply/1"},
   };
   for (const auto& [key, stage] : kStageOf) json[key] = stage_ms(stages, stage);
-  // The organised scan has its grid and 2 % missing points; as a file it is what a scanner of today writes.
+  // The organised scan has its grid and 2 % missing points, as current scanners write it.
   json["allocations_per_block"] = at(peers, {"slabd", "block-organised", "allocations"});
   json["rss_mb"] = at(peers, {"slabd", "block-organised", "peak_rss_mb"});
   json["pcl_tuned_ms"] = at(peers, {"PCL", "block-tuned", "ms"});

@@ -10,12 +10,12 @@
 
 #include "bench/samples.h"
 
-/// What was measured, as one JSON object, and that object as tables.
+/// The measurements as one JSON object, and that object as tables.
 namespace slabd::bench {
 
 using Json = nlohmann::ordered_json;
 
-/// Always there in the object that `script/bench --json` prints: a number, or null when it was not measured. `_ms`:
+/// Keys that the object of `script/bench --json` always contains: a number, or null if it was not measured. `_ms`:
 /// milliseconds as `Figure::ms`; the warm floor, the block and its stages on the organised scan.
 inline constexpr std::array<std::string_view, 23> kPromisedKeys = {"floor_read_warm_ms",
                                                                    "floor_read_warm_2t_ms",
@@ -40,12 +40,12 @@ inline constexpr std::array<std::string_view, 23> kPromisedKeys = {"floor_read_w
                                                                    "file_to_verdict_unorganised_1t_ms",
                                                                    "slab_verdict_wait_ms",
                                                                    "slab_block_compute_ms"};
-/// The same for the programs slabd is compared with.
+/// The same for the programs that slabd is compared with.
 inline constexpr std::array<std::string_view, 6> kPromisedPeerKeys = {
     "pcl_tuned_ms",   "open3d_tuned_ms",          "pcl_spec_ms",
     "open3d_spec_ms", "fastest_peer_register_ms", "fastest_peer_plane_ms"};
 
-/// What bench/peers printed, line by line: one object per process run.
+/// Output of bench/peers: one object per process run.
 using PeerRuns = std::vector<Json>;
 
 struct Measured {
@@ -53,9 +53,9 @@ struct Measured {
   PeerRuns peers;    ///< timed; slabd's own runs among them
   PeerRuns counted;  ///< with heap calls counted, not timed
   PeerRuns scored;   ///< on scans of other seeds, for their errors; not timed
-  Json growth;       ///< stages of the report of a build for larger scans, which stand for those of the same name here
-  Json slabs;        ///< what `slabctl simulate --json` said of each slab on the real daemon; null: there was none
-  Json environment;  ///< machine, versions, date, load: printed as it is
+  Json growth;       ///< stages of a report for larger scans; they replace those of the same name here
+  Json slabs;        ///< output of `slabctl simulate --json` per slab on the real daemon; null if not given
+  Json environment;  ///< machine, versions, date, load; printed unchanged
 };
 
 [[nodiscard]] Json report(const Measured& measured);

@@ -6,12 +6,12 @@
 #include <string>
 #include <vector>
 
-/// Times taken on a machine that others use too.
+/// Times measured on a machine with other load.
 ///
-/// A sample knows whether it was disturbed: whether the kernel took the core away while it ran (an involuntary context
-/// switch), or wall and CPU time of a single thread differ by more than a twentieth. Undisturbed samples give the
-/// median; the minimum stands beside it. Where too few are left, a single thread is told by its CPU time and two
-/// threads by their minimum, and the figure says so.
+/// A sample is disturbed if the kernel preempted it (an involuntary context switch). It is also disturbed if wall and
+/// CPU time of a single thread differ by more than a twentieth. The figure is the median of the undisturbed samples;
+/// the minimum is reported as well. If too few samples are undisturbed, the figure is the CPU time for one thread and
+/// the minimum for two, and `basis` names it.
 namespace slabd::bench {
 
 struct Sample {
@@ -21,15 +21,15 @@ struct Sample {
 };
 
 struct Figure {
-  double ms = 0.0;      ///< what is reported
+  double ms = 0.0;      ///< reported value
   double min_ms = 0.0;  ///< of the wall times
   double cpu_ms = 0.0;  ///< median of the CPU times
   std::size_t samples = 0;
   std::size_t disturbed = 0;
-  const char* basis = "";  ///< "wall", "cpu" or "min wall": what `ms` is the median, or the minimum, of
+  const char* basis = "";  ///< "wall", "cpu" or "min wall": the quantity in `ms`
 };
 
-/// Needs at least one sample.
+/// Figure of the samples. Requires at least one.
 [[nodiscard]] Figure figure_of(const std::vector<Sample>& samples, int threads);
 
 /// Wall and CPU clocks around a piece of work, laps between them.
@@ -37,9 +37,9 @@ class Stopwatch {
  public:
   Stopwatch() { restart(); }
   void restart();
-  /// Since the last lap, restart or construction.
+  /// Sample since the last lap, restart or construction.
   [[nodiscard]] Sample lap(int threads);
-  /// Since `restart` or construction.
+  /// Sample since `restart` or construction.
   [[nodiscard]] Sample total(int threads) const;
 
  private:
@@ -54,7 +54,7 @@ class Stopwatch {
   Instant lap_{};
 };
 
-/// Samples by name; names are "what/how/threads", as in "block/organised/1".
+/// Samples by name; names are "what/how/threads", for example "block/organised/1".
 using Samples = std::map<std::string, std::vector<Sample>>;
 
 }  // namespace slabd::bench

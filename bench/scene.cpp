@@ -32,7 +32,7 @@ void append(std::vector<float>& values, const Vec3& v) {
   for (int axis = 0; axis < 3; ++axis) values.push_back(static_cast<float>(v[axis]));
 }
 
-/// One voxel of kVoxelMm as a number; the scene is smaller than 2^20 voxels each way.
+/// Index of a voxel of kVoxelMm; the scene is smaller than 2^20 voxels in each direction.
 std::uint64_t voxel_of(const Vec3& p) {
   constexpr double kMiddle = 1U << 20U;
   const auto part = [](double x) { return static_cast<std::uint64_t>(std::floor(x / kVoxelMm) + kMiddle); };
@@ -55,7 +55,7 @@ bool write_scan(const std::string& path, hal::ScanFormat format, const Scan& sca
   return status.ok();
 }
 
-/// Voxel centroids of the points that are no outliers.
+/// Voxel centroids of the points that are not outliers.
 std::vector<float> clean_voxels(const Scan& scan, const std::vector<std::uint8_t>& outlier) {
   struct Sum {
     Vec3 sum = Vec3::Zero();
@@ -131,9 +131,9 @@ std::vector<float> Scene::crop(const Scan& scan) const {
 }
 
 std::vector<float> Scene::model() const {
-  // Rays much denser than the voxels, so that steep faces are covered as well as level ones; the first ray that meets a
-  // voxel stands for it. Normals are exact: differences over a hundredth of a millimetre on a plane, and where the two
-  // sides of a ray differ an edge is near and the ray is left out.
+  // The rays are much denser than the voxels, so that steep faces are covered as well as level ones. The first ray in
+  // a voxel represents it. Normals are exact: differences over a hundredth of a millimetre on a plane. A ray whose two
+  // sides differ is near an edge and is left out.
   constexpr double kRayMm = 0.3;
   constexpr double kStepMm = 0.01;
   constexpr double kBendMm = 1e-7;

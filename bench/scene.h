@@ -8,9 +8,9 @@
 #include "bench/peers/peer.h"
 #include "emulator/scan_drawing.h"
 
-/// The scan that everybody measures, with known truth: 2048 x 2448 points at 0.255 mm, noise 0.03 mm, 0.5 % outliers
-/// 1 to 60 mm off, 2 % missing; the block is as drawn and stands (2, 2, 1) mm and 0.5 deg about (1, 1, 1) beside where
-/// the start assumes it. Drawn by the emulator's geometry, which shares nothing with algo.
+/// The scan that all programs measure, with known truth: 2048 x 2448 points at 0.255 mm, noise 0.03 mm, 0.5 % outliers
+/// 1 to 60 mm off, 2 % missing. The block is as drawn, displaced from the assumed start by (2, 2, 1) mm and 0.5 deg
+/// about (1, 1, 1). The emulator draws it; its geometry shares no code with algo.
 namespace slabd::bench {
 
 inline constexpr double kPitchMm = 0.255;
@@ -19,7 +19,7 @@ inline constexpr std::size_t kRows = 2448;
 inline constexpr std::uint64_t kSeed = 20;
 
 struct Scan {
-  std::vector<float> xyz;  ///< NaN for missing points when organised
+  std::vector<float> xyz;  ///< NaN for missing points if organised
   std::size_t width = 0;   ///< 0 = unorganised
   std::size_t height = 0;
   [[nodiscard]] std::size_t points() const { return xyz.size() / 3; }
@@ -27,23 +27,23 @@ struct Scan {
 
 class Scene {
  public:
-  /// `seed`: of noise, outliers and missing points.
+  /// `seed`: seed of the noise, outliers and missing points.
   explicit Scene(const Recipe& recipe, std::uint64_t seed = kSeed);
 
-  /// The scan of so many columns and rows over the same field. Same seed, same bits.
+  /// Draws the scan with this number of columns and rows over the same field. The same seed gives the same bits.
   [[nodiscard]] Scan draw(std::size_t columns = kColumns, std::size_t rows = kRows,
                           simulate::Projection projection = simulate::Projection::parallel) const;
 
   [[nodiscard]] const Pose& T_scanner_block() const { return T_scanner_block_; }
   [[nodiscard]] Truth truth() const;
-  /// 1 where a point stands more than half a millimetre off the surface along the ray: outliers stand 1 mm off or more.
-  /// 0 for missing points.
+  /// 1 if a point is more than half a millimetre off the surface along the ray: outliers are at least 1 mm off. 0 for
+  /// missing points.
   [[nodiscard]] std::vector<std::uint8_t> labels(const Scan& scan) const;
 
-  /// The bearing plane as the start sees it: outliers and a little of the jaws among its points.
+  /// Points of the bearing plane cropped with the start pose, with outliers and a few points of the jaws.
   [[nodiscard]] std::vector<float> crop(const Scan& scan) const;
 
-  /// Writes what bench/peers/peer.h lists. False, and a message on stderr, when that fails.
+  /// Writes the files listed in bench/peers/peer.h. Returns false and prints to stderr on failure.
   [[nodiscard]] bool write(const Scan& organised, const std::string& folder) const;
 
  private:
@@ -54,12 +54,12 @@ class Scene {
   Pose T_scanner_block_;
 };
 
-/// The points of scan.ply as text, scan_ascii.ply and scan.xyz. False, and a message on stderr, when that fails.
+/// Writes the points of scan.ply as text, scan_ascii.ply and scan.xyz. Returns false and prints to stderr on failure.
 [[nodiscard]] bool write_as_text(const Scan& organised, const std::string& folder);
 
-/// Without the missing points, in the order of the scan.
+/// The scan without the missing points, in the same order.
 [[nodiscard]] Scan unorganised(const Scan& organised);
-/// ... and in an order of no meaning, as from several merged views.
+/// The same in random order, as from several merged views.
 [[nodiscard]] Scan shuffled(const Scan& organised);
 
 }  // namespace slabd::bench

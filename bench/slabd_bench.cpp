@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The driver: draws the scan, lets Google Benchmark run the stages, starts every program of the comparison on the same
-// scan in between, and prints one report. Rounds of everything, so that floors, stages and peers share the same minutes
-// of the machine.
+// The driver: draws the scan, runs the stages with Google Benchmark and every program of the comparison on the same
+// scan, and prints one report. It works in rounds, so that floors, stages and peers share the same minutes of the
+// machine.
 #include <fmt/chrono.h>
 #include <fmt/core.h>
 #include <sys/utsname.h>
@@ -39,8 +39,8 @@ struct Options {
   std::vector<std::string> lines;
 };
 
-/// A folder for the scan files, gone with the program. Files of 60 to 140 MB: on the disk under /var/tmp and read from
-/// the page cache.
+/// A folder for the scan files (60 to 140 MB each) in $TMPDIR or /tmp, deleted at exit. Warm files are read from the
+/// page cache.
 class ScanFolder {
  public:
   ScanFolder() {
@@ -64,11 +64,11 @@ struct PeerJob {
   const char* job;
   int repeats;
   int threads;
-  bool first_round_only;  ///< takes ten seconds and more
+  bool first_round_only;  ///< takes at least ten seconds
   bool library;           ///< needs the packages of bench/apt-packages-peers
   bool scored = false;    ///< its errors are compared
 };
-/// Scans, each with another seed, over which errors are told.
+/// Number of scans, each with another seed, over which errors are computed.
 constexpr int kScoredScans = 8;
 constexpr PeerJob kPeerJobs[] = {
     {"slabd_peer", "block", 5, 1, false, false, true},     {"slabd_peer", "block-organised", 5, 1, false, false, true},
@@ -87,7 +87,7 @@ fs::path own_folder() {
   return fs::read_symlink("/proc/self/exe").parent_path();
 }
 
-/// What the program prints on stdout, as JSON; nothing, and a message, when it fails.
+/// Output of the program on stdout as JSON; nullopt and a message if it fails.
 std::optional<Json> run_peer(const PeerJob& job, const std::string& folder, bool count, int repeats) {
   const std::string preload =
       count ? fmt::format("LD_PRELOAD='{}' ", (own_folder() / "libslabd_heap_counter.so").string()) : "";
@@ -101,7 +101,7 @@ std::optional<Json> run_peer(const PeerJob& job, const std::string& folder, bool
   char piece[4096];
   while (const std::size_t got = std::fread(piece, 1, sizeof piece, pipe)) out.append(piece, got);
   const int status = pclose(pipe);
-  // A library may write a line of its own; ours is the last.
+  // A library may print a line of its own; the program's line is the last.
   const std::size_t begin = out.rfind("{\"peer\"");
   Json json = begin == std::string::npos ? Json() : Json::parse(out.substr(begin), nullptr, false);
   if (status == 0 && json.is_object()) return json;
@@ -109,7 +109,7 @@ std::optional<Json> run_peer(const PeerJob& job, const std::string& folder, bool
   return std::nullopt;
 }
 
-/// Errors on other scans of the same scene; false when a scan cannot be written.
+/// Measures errors on other scans of the same scene; false if a scan cannot be written.
 bool score_peers(const Options& options, const Recipe& recipe, const std::string& folder, PeerRuns& runs) {
   fs::create_directory(folder);
   for (int i = 1; i <= (options.quick ? 2 : kScoredScans); ++i) {
@@ -124,13 +124,13 @@ bool score_peers(const Options& options, const Recipe& recipe, const std::string
   return true;
 }
 
-/// Rounds of the peers; a program that fails is reported and left out.
+/// Runs the peers; a program that fails is reported and left out.
 void run_peers(const Options& options, const std::string& folder, bool first, bool count, PeerRuns& runs) {
   for (const PeerJob& job : kPeerJobs) {
     if (job.library && !options.peers) continue;
     if (job.first_round_only && !first) continue;
     if (options.quick && std::string_view(job.job) == "block-spec") continue;
-    // Counted: one block to warm up what is kept for ever, one to count; a library's slow job counts its only one.
+    // Counted: one block to allocate permanent memory, one to count; a library's slow job counts its only block.
     const int repeats = count ? (job.library ? 1 : 2) : job.repeats;
     if (auto run = run_peer(job, folder, count, repeats)) runs.push_back(std::move(*run));
   }
@@ -183,7 +183,7 @@ Json environment(const Options& options) {
   return json;
 }
 
-/// "PCL 1.13.0", as the programs say.
+/// "PCL 1.13.0", as the programs report it.
 std::string versions_of(const PeerRuns& runs) {
   std::set<std::string> versions;
   for (const Json& run : runs)
@@ -192,7 +192,7 @@ std::string versions_of(const PeerRuns& runs) {
   return fmt::format("{}", fmt::join(versions, ", "));
 }
 
-/// The slabs of reports that `slabctl simulate --json` wrote; null without any.
+/// Slabs of reports written by `slabctl simulate --json`; null if there are none.
 Json slabs_of(const std::vector<std::string>& files) {
   Json slabs;
   for (const std::string& file : files) {
@@ -206,7 +206,7 @@ Json slabs_of(const std::vector<std::string>& files) {
   return slabs;
 }
 
-/// The stages of a report kept before; null without any.
+/// Stages of a stored report; null if there is none.
 Json stages_of(const std::string& file) {
   std::ifstream in(file);
   const Json json = Json::parse(in, nullptr, false);

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The stages of one block and the floors they are held against.
+// The stages of one block and the floors with which they are compared.
 //
-// Measuring changes the scan (what is no surface becomes NaN), so each sample begins with a copy of the scan as drawn
-// into the buffer of huge pages, which is not timed: the points lie where a scanner's driver or a decoder would just
-// have put them. "Warm" means that. "Cold" means that a gigabyte of other memory was read in between.
+// Measuring changes the scan (points off the surface become NaN), so each sample begins with a copy of the scan into
+// the buffer of huge pages, which is not timed. The points are then where a scanner's driver or a decoder would have
+// written them, which is called "warm". "Cold": a gigabyte of other memory was read in between.
 #include "bench/stages.h"
 
 #include <benchmark/benchmark.h>
@@ -30,7 +30,8 @@ namespace {
 constexpr std::size_t kScanFloats = 3 * limits::kScanPointsMax;
 constexpr std::size_t kOtherFloats = std::size_t{1} << 28U;  // 1 GiB
 
-/// A second thread that waits busily for its half of a pass: waking a sleeping one would cost as much as the pass.
+/// A second thread that busy-waits for its half of a pass, because waking a sleeping thread would cost as much as the
+/// pass.
 class SecondThread {
  public:
   SecondThread() : thread_([this] { serve(); }) {}
@@ -42,7 +43,7 @@ class SecondThread {
   SecondThread(const SecondThread&) = delete;
   SecondThread& operator=(const SecondThread&) = delete;
 
-  /// Awake and busy from the return of this call until `rest`.
+  /// Wakes the thread. It busy-waits from the return of this call until `rest`.
   void attend() {
     state_ = kCalled;
     state_.notify_one();
@@ -82,7 +83,7 @@ class SecondThread {
   std::thread thread_;
 };
 
-/// What a point is measured for; the other faces are only held against the model.
+/// Feature that a point is measured for; the other faces are only compared with the model.
 enum class Feature : std::uint8_t { bearing_plane, casings, jaws, slab_top, other_faces };
 
 struct Bench {
@@ -111,7 +112,7 @@ struct Bench {
 
   algo::BlockInspector& inspector(int threads) { return threads == 1 ? one : two; }
 
-  /// The scan as drawn, in the buffer.
+  /// Copies the scan as drawn into the buffer.
   algo::Cloud load(const Scan& scan) {
     std::memcpy(buffer.data(), scan.xyz.data(), scan.xyz.size() * sizeof(float));
     return {buffer, scan.points(), scan.width, scan.height};
@@ -127,7 +128,7 @@ struct Bench {
   std::vector<float> crop_floats;
   std::vector<Vec3> crop;
   std::vector<std::unique_ptr<Scan>> sized;
-  std::vector<Feature> features;  ///< of each point of the organised scan
+  std::vector<Feature> features;  ///< feature of each point of the organised scan
   Samples& samples;
   Pages pages;
   std::span<float> buffer;
@@ -145,8 +146,8 @@ int repetitions(int full) {
   return g_bench->options.quick ? std::max(3, full / 4) : full;
 }
 
-/// One sample per iteration under `name`, in Google Benchmark's books and in ours. `work` is given a stopwatch that has
-/// just been started; `prepare` and `after` are not timed.
+/// Adds one sample per iteration under `name`, to Google Benchmark's results and to `samples`. `work` receives a
+/// stopwatch that has just been started; `prepare` and `after` are not timed.
 template <class Prepare, class Work, class After>
 void stage(const std::string& name, int threads, int full_repetitions, const Prepare& prepare, const Work& work,
            const After& after) {
@@ -210,7 +211,7 @@ void register_floors() {
   const auto copy = [](std::span<const float> from, std::span<float> to) {
     std::memcpy(to.data(), from.data(), from.size() * sizeof(float));
   };
-  // Just written and read once: as warm as a scan can be.
+  // The scan was just written and read once: the warmest possible state.
   const auto warm = [] {
     g_bench->second.rest();
     const algo::Cloud cloud = g_bench->load(g_bench->organised);
@@ -229,7 +230,7 @@ void register_floors() {
 
 // ---- the block --------------------------------------------------------------------------------------------------
 
-/// The whole block as the daemon runs it, and each of its stages as a sample of its own.
+/// Measures the whole block as the daemon runs it, with each of its stages as a separate sample.
 void measure(const std::string& key, int threads, algo::Cloud cloud, Stopwatch& watch) {
   algo::BlockInspector& inspector = g_bench->inspector(threads);
   Samples& samples = g_bench->samples;
@@ -306,7 +307,7 @@ void register_reading() {
   };
   for (const int threads : {1, 2}) {
     reading("read/ply", path("scan.ply"), 21, false, threads);
-    // The scan of the floors, which has its missing points too.
+    // The scan of the floors, with its missing points.
     reading("read/ply_organised_cold", path("scan_organised.ply"), 21, true, threads);
     reading("read/ply_organised", path("scan_organised.ply"), 21, false, threads);
   }
@@ -329,7 +330,7 @@ void register_reading() {
 
 // ---- instruction sets -------------------------------------------------------------------------------------------
 
-/// Those of this machine that slabd has code for. The limit is lifted again.
+/// Instruction sets of this machine that slabd has code for. The limit is removed again.
 std::vector<algo::InstructionSet> usable_sets() {
   using algo::InstructionSet;
   std::vector<InstructionSet> sets;
@@ -368,12 +369,12 @@ void register_sets() {
 
 // ---- growth -----------------------------------------------------------------------------------
 
-/// By the truth: outliers go with the face they stand over.
+/// Feature of each point by the truth; an outlier has the feature of the face behind it.
 std::vector<Feature> features_of(const Scan& scan, const Recipe& recipe, const Pose& T_block_scanner) {
   algo::BlockModel model;
   model.build(recipe.block);
   const double casing_s = recipe.block.casing_half_spacing_mm.value;
-  // The rim, and as far around it as points are taken for it.
+  // The rim and the margin around it within which points count as rim points.
   const double rim = 0.5 * recipe.block.casing_rim_diameter_mm.value + recipe.evaluation.edge_margin_mm;
   const Mat3 R = T_block_scanner.rotation.toRotationMatrix();
   std::vector<Feature> features(scan.points(), Feature::other_faces);
@@ -397,7 +398,7 @@ std::vector<Feature> features_of(const Scan& scan, const Recipe& recipe, const P
   return features;
 }
 
-/// Measuring a scan that is registered, of which the features up to `last` are left.
+/// Measures a registered scan that contains only the features up to `last`.
 void feature_stage(const std::string& name, Feature last) {
   auto cloud = std::make_shared<algo::Cloud>();
   stage(
@@ -436,7 +437,7 @@ void feature_stage(const std::string& name, Feature last) {
 
 void register_growth(const Scene& scene) {
   if (g_bench->options.quick) return;
-  // The same field with more and more rows and columns, up to the capacity; a larger scan is refused.
+  // The same field with more rows and columns, up to the capacity; a larger scan is rejected.
   for (const double million : {0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0}) {
     if (1e6 * million > static_cast<double>(limits::kScanPointsMax)) break;
     const double scale = std::sqrt(1e6 * million / static_cast<double>(kColumns * kRows));
@@ -451,8 +452,8 @@ void register_growth(const Scene& scene) {
         std::pair("3 and the jaws", Feature::jaws), std::pair("4 and the slab top", Feature::slab_top),
         std::pair("5 and the other faces", Feature::other_faces)})
     feature_stage(fmt::format("growth/features, registered scan: {}", name), last);
-  // The same scan measured for other recipes: how much of the seat is evaluated, how far the block may be from where
-  // the robot says it is. Building the model for a recipe is not timed: the daemon does that once per slab type.
+  // The same scan measured with other recipes: evaluated part of the seat, and possible distance of the block from the
+  // robot's pose. Building the model for a recipe is not timed, because the daemon does it once per slab type.
   const auto recipe_stage = [](const std::string& name, const Recipe& recipe) {
     auto cloud = std::make_shared<algo::Cloud>();
     stage(
@@ -513,7 +514,7 @@ void run_stages(const StageOptions& options) {
     return true;
   }();
   (void)initialised;
-  // Google Benchmark's own table goes to stderr: stdout belongs to ours.
+  // Google Benchmark's own table is printed to stderr: stdout belongs to the report.
   benchmark::ConsoleReporter reporter(benchmark::ConsoleReporter::OO_None);
   reporter.SetOutputStream(&std::cerr);
   reporter.SetErrorStream(&std::cerr);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl config check, recipe check, recipe show (recipe diff: cli/recipe): the same readers as the daemon's, for
-// people.
+// slabctl config check, recipe check, recipe show (recipe diff: cli/recipe): check files with the daemon's parsers.
 #include <fmt/core.h>
 #include <memory>
 #include <vector>
@@ -115,11 +114,11 @@ namespace {
 
 // ---- checking ----------------------------------------------------------------------------------------------------
 
-/// What a check came to; grows file by file, then is said once: for people, or as slabd.check/1.
+/// Result of a check, collected from all files and printed once, as text or as slabd.check/1.
 struct Check {
   std::vector<daemon::Problem> problems;
-  std::vector<daemon::Problem> doubts;  ///< what is allowed and probably not meant
-  std::vector<Recipe> recipes;          ///< the good ones
+  std::vector<daemon::Problem> doubts;  ///< allowed settings that are probably mistakes
+  std::vector<Recipe> recipes;          ///< the valid ones
   bool commissioning = false;
 };
 
@@ -140,7 +139,7 @@ std::string check_json(const std::vector<std::string>& files, const Check& check
   return json.text();
 }
 
-/// Problems and warnings go to stderr either way, as everything said to people.
+/// Prints the result. Problems and warnings go to stderr in both forms, like all messages.
 int conclude(const std::vector<std::string>& files, const Check& check, bool json) {
   const bool ok = report_problems(check.problems);
   if (json) fmt::print("{}", check_json(files, check));
@@ -160,7 +159,7 @@ int conclude(const std::vector<std::string>& files, const Check& check, bool jso
   return ok ? kDone : kBadInput;
 }
 
-/// Adds the recipe, or its problems; true when it is good.
+/// Adds the recipe or its problems; true if it is valid.
 bool check_recipe(const std::string& file, Check& check) {
   const std::size_t before = check.problems.size();
   Recipe recipe;
@@ -189,7 +188,7 @@ int show_recipe(const std::string& file, bool json) {
   return kDone;
 }
 
-/// The bytes that the database has kept, so that they can be put into a file again; with --json as of a file.
+/// Prints the stored bytes, so that they can be written to a file again; with --json like a file.
 int show_stored(const DatabaseOptions& database, const std::string& word, bool json) {
   const auto reader = open_database(database);
   const storage::RecipeText text = stored_recipe(*reader, word);

@@ -33,7 +33,7 @@ void add_reasons(args::Command& app);
 void add_trend(args::Command& app);
 void add_replay(args::Command& app);
 void add_export(args::Command& app);
-/// `pin` and `unpin`.
+/// Adds `pin` and `unpin`.
 void add_pin(args::Command& app);
 void add_study(args::Command& app);
 void add_completion(args::Command& app);
@@ -42,32 +42,33 @@ void add_calibrate(args::Command& app);
 void add_plc(args::Command& app);
 void add_db(args::Command& app);
 void add_metrics(args::Command& app);
-/// Below `recipe` and below `scanner`.
+/// Subcommands of `recipe` and `scanner`.
 void add_recipe_reload(args::Command& recipe);
 void add_scanner_send(args::Command& scanner);
 void add_scanner_verify(args::Command& scanner);
 
-/// The whole tree.
+/// Adds all commands.
 void add_commands(args::Command& app);
 
-/// Parses and runs a command line; returns the exit status. Nothing but this and the commands knows CLI11.
+/// Parses and runs a command line; returns the exit status. Only this function and the commands use CLI11.
 [[nodiscard]] int run(int argc, const char* const* argv);
 
-/// Prints every problem as one line on stderr; true when there was none.
+/// Prints every problem as one line on stderr; true if there were none.
 [[nodiscard]] bool report_problems(const std::vector<daemon::Problem>& problems);
 
-/// The recipe, or the configuration, of a command that needs one. With problems, prints them and stops.
+/// The recipe or the configuration of a command that needs one. Prints problems and stops.
 [[nodiscard]] Recipe recipe_from(const std::string& path);
 [[nodiscard]] daemon::Config config_from(const std::string& path);
 
-/// The same for a command that goes on with what could be read. False if there were problems (printed).
+/// The same for a command that works with a partial configuration. Returns false and prints the problems if there were
+/// any.
 [[nodiscard]] bool config_from(const std::string& path, daemon::Config& config);
 
-/// Warns on stderr while a verdict depends on unconfirmed nominals or tolerances, and names the assumptions of the
-/// measuring system that U rests on.
+/// Warns on stderr if a verdict depends on unconfirmed nominals or tolerances, and names the assumptions of U about
+/// the measuring system.
 void warn_unconfirmed(const Recipe& recipe);
 
-/// The candidate that differs from `word` in the fewest letters, empty when none is near.
+/// The candidate that differs from `word` in the fewest letters; empty if none is similar.
 [[nodiscard]] std::string nearest(const std::string& word, const std::vector<std::string>& candidates);
 
 }  // namespace slabd::cli

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl completion and slabctl manual: shell completion and the manual page, both from the command tree itself, so
-// that a new option is in them the moment it exists.
+// slabctl completion and slabctl manual: shell completion and the manual page. Both are generated from the command
+// tree, so they always contain all options.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
 
@@ -24,7 +24,7 @@ std::vector<const CLI::Option*> options_of(const CLI::App& app) {
   return app.get_options([](const CLI::Option*) { return true; });
 }
 
-/// Calls f(path, app) for the program and everything below it; `path` is "slabctl calibrate solve".
+/// Calls f(path, app) for the program and all subcommands; `path` is "slabctl calibrate solve".
 template <typename F>
 void for_each_command(const CLI::App& app, const std::string& path, const F& f) {
   f(path, app);
@@ -39,7 +39,7 @@ std::vector<std::string> words_after(const CLI::App& app) {
   return words;
 }
 
-/// The candidates stand in one case for each command; everything else completes files.
+/// One case per command contains its candidates; all other words complete file names.
 std::string bash_script(const CLI::App& app) {
   std::string cases;
   for_each_command(app, "slabctl", [&](const std::string& path, const CLI::App& command) {
@@ -70,7 +70,7 @@ std::string zsh_script(const CLI::App& app) {
          bash_script(app);
 }
 
-/// In single quotes of fish.
+/// Text in single quotes of fish.
 std::string fish_quoted(const std::string& text) {
   std::string out = "'";
   for (const char c : text) {
@@ -83,7 +83,7 @@ std::string fish_quoted(const std::string& text) {
 std::string fish_script(const CLI::App& app) {
   std::string text = "# slabctl completion for fish; load it with: slabctl completion fish | source\n";
   for_each_command(app, "slabctl", [&](const std::string& path, const CLI::App& command) {
-    // Every word of the path was typed, and none of the words that would lead further.
+    // All words of the path were typed, and no word of a subcommand below it.
     std::string when;
     for (std::size_t at = path.find(' '); at != std::string::npos; at = path.find(' ', at + 1)) {
       const std::string word = path.substr(at + 1, path.find(' ', at + 1) - at - 1);
@@ -104,7 +104,7 @@ std::string fish_script(const CLI::App& app) {
   return text;
 }
 
-/// Text of a manual page: a line must not begin with a control character, a minus is a minus.
+/// Text of a manual page: escapes control characters at the beginning of a line, and minus signs.
 std::string roff(const std::string& text) {
   std::string out;
   bool line_start = true;

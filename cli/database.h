@@ -10,7 +10,7 @@ namespace slabd::args {
 class Command;
 }  // namespace slabd::args
 
-/// Which database a reading command means, and opening it.
+/// Selection of the database of a reading command.
 namespace slabd::cli {
 
 struct DatabaseOptions {
@@ -19,7 +19,7 @@ struct DatabaseOptions {
   void add_to(args::Command& command);
 };
 
-/// The database, read-only; stops if it cannot be opened. `text`: programs where the output is JSON or raw.
+/// Opens the database read-only; stops on an error. `text`: programs if the output is JSON or raw.
 [[nodiscard]] std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options,
                                                              storage::TextFor text = storage::TextFor::people);
 

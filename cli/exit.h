@@ -7,23 +7,23 @@
 
 #include "base/result.h"
 
-/// How slabctl ends. Scripts and the line's maintenance build on these numbers; they never change meaning.
+/// Exit status of slabctl. Scripts and maintenance depend on these numbers; their meaning never changes.
 namespace slabd::cli {
 
 enum Exit : int {
-  kDone = 0,          ///< done; where something was inspected: passed
-  kNotPass = 1,       ///< inspected, and not pass
+  kDone = 0,          ///< done; for an inspection: passed
+  kNotPass = 1,       ///< inspected, verdict not pass
   kUsage = 2,         ///< wrong options
-  kBadInput = 3,      ///< a file's content; the text names file:line or byte
+  kBadInput = 3,      ///< invalid content of a file; the text names file:line or byte
   kNotReachable = 4,  ///< daemon, device or database not reachable
   kInternal = 5,
-  kRefused = 6,  ///< refused on quality (calibration)
+  kRefused = 6,  ///< rejected because of quality (calibration)
 };
 
-/// One sentence on stderr, for people. JSON and results alone go to stdout.
+/// Prints one sentence to stderr. stdout contains only JSON and results.
 void complain(std::string_view sentence);
 
-/// The exit status of a room's Error: files and their content are bad input, links and disks are not reachable.
+/// Exit status of an Error: files and their content are bad input, links and disks are not reachable.
 [[nodiscard]] constexpr Exit exit_for(Code code) {
   switch (code) {
     case Code::scanner_offline:
@@ -35,23 +35,23 @@ void complain(std::string_view sentence);
   }
 }
 
-/// The end of a command that cannot go on. stop() throws it; run() alone catches it, prints the sentence and returns
-/// the status. It never leaves cli: a callback for another room returns a value instead.
+/// End of a command that cannot continue. stop() throws it; only run() catches it, prints the sentence and returns the
+/// status. It never leaves cli: a callback for another room returns a value instead.
 struct Stop {
   Exit status;
-  std::string sentence;  ///< empty if stderr has the reason already
+  std::string sentence;  ///< empty if the reason has been printed to stderr
 };
 [[noreturn]] void stop(Exit status, std::string_view sentence = {});
-/// The sentence of `why`, and the status of exit_for().
+/// Stops with the text of `why` and the status of exit_for().
 [[noreturn]] void stop(const Error& why);
 
-/// The value of `result`; without one, stop() with the Error.
+/// The value of `result`; calls stop() with the Error if there is none.
 template <typename T>
 T need(Result<T> result) {
   if (!result) stop(result.error());
   return std::move(result.value());
 }
-/// The same with a status of the caller's.
+/// The same with a status from the caller.
 template <typename T>
 T need(Result<T> result, Exit otherwise) {
   if (!result) stop(otherwise, result.error().text.view());

@@ -21,9 +21,9 @@ namespace slabd::cli {
 namespace {
 
 constexpr std::array<const char*, 3> kMethods = {"improved", "ransac", "lsq"};
-/// A plane that leans further than this from the horizontal has no useful z = a x + b y + c.
+/// A plane that is closer to the vertical than this has no useful z = a x + b y + c.
 constexpr double kFlatMin = 1e-9;
-/// A share of inliers so far below what --contamination promises is another plane, or none.
+/// Factor of the inlier share promised by --contamination; a smaller share is another plane, or none.
 constexpr double kPromiseKept = 0.8;
 constexpr double kThickMax = 1.0 / 3.0;
 
@@ -54,7 +54,7 @@ struct Cloud {
   std::vector<Vec3> points;  ///< the finite ones, mm
 };
 
-/// z = a x + b y + c; NaN for a plane that stands upright.
+/// z = a x + b y + c; NaN for a vertical plane.
 struct Explicit {
   double a = kNoValue;
   double b = kNoValue;
@@ -80,8 +80,8 @@ Result<Cloud> read_cloud(const Options& options) {
   return cloud;
 }
 
-/// Points without any plane have one that fits them best. The tilt's standard error times the root of their number is
-/// how far they stand from it against how far they reach along it: 0.02 for a plane worth the name, 1 for a cube.
+/// True if the points do not form a plane. The tilt's standard error times the root of their number is the ratio of
+/// thickness to extent: 0.02 for a good plane, 1 for a cube.
 bool is_thick(const PlaneFit& plane) {
   const double tilt_sigma = std::sqrt(plane.cov_normal.trace());
   return tilt_sigma * std::sqrt(static_cast<double>(plane.inliers)) > kThickMax;
@@ -100,7 +100,7 @@ std::string_view status_word(const PlaneFit& plane) {
   return plane.ok ? "ok" : "not_measured";
 }
 
-/// Why a plane counts as not measured, as far as the figures say.
+/// Reason why a plane counts as not measured, as far as the figures show it.
 std::string why_not(const Options& options, std::string_view method, const PlaneFit& plane) {
   const double share_min = options.settings().inlier_share_min;
   if (method != "lsq" && plane.inliers >= 3 && plane.inlier_fraction < share_min)
@@ -196,7 +196,7 @@ int compare(const Options& options, const Cloud& cloud) {
   for (const char* method : {kMethods[2], kMethods[1], kMethods[0]}) {
     const PlaneFit plane = fit(options, method, cloud);
     const Explicit e = explicit_form(plane);
-    improved_ok = plane.ok;  // the last one is ours
+    improved_ok = plane.ok;  // the last method is slabd's
     json.begin_object();
     write_fit(json, method, plane);
     json.field("rms_error", known ? rms_error(e, options.set) : std::nan("")).end_object();

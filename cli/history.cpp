@@ -28,7 +28,7 @@ struct Options {
   bool json = false;
 };
 
-/// The words of the command line as a filter.
+/// The options of the command line as a filter.
 storage::SlabFilter filter_of(const Options& options) {
   storage::SlabFilter filter = options.filter;
   if (!options.since.empty()) filter.since_utime_us = time_of("--since", options.since);
@@ -56,7 +56,7 @@ const char* name(storage::HistoryGap::What what) {
   return "unknown";
 }
 
-/// What is missing, in a sentence.
+/// Describes a gap of the history in a sentence.
 std::string gap_text(const storage::HistoryGap& gap) {
   if (gap.what == storage::HistoryGap::What::pruned)
     return fmt::format("{} slabs up to key {} were taken away by retention", gap.slabs, gap.slab_key);
@@ -100,7 +100,7 @@ std::string as_json(const std::vector<storage::SlabSummary>& slabs, bool more,
 
 std::string slabs_text(const std::vector<storage::SlabSummary>& slabs) {
   Table table{"key", "slab no", "id<", "type", "began<", "blocks", "verdict<", "reason<"};
-  // The column is there only where it has something to say.
+  // The column is shown only if it has content.
   const bool emulated = std::any_of(slabs.begin(), slabs.end(),
                                     [](const storage::SlabSummary& slab) { return slab.header.emulated != 0; });
   if (emulated) table.columns.emplace_back("emulated<");
@@ -120,7 +120,7 @@ int show_history(const Options& options) {
   const auto reader =
       open_database(options.database, options.json ? storage::TextFor::programs : storage::TextFor::people);
   const std::size_t limit = filter.limit;
-  ++filter.limit;  // one that is not shown tells whether there are more
+  ++filter.limit;  // an additional slab, not shown, detects whether there are more
   auto slabs = need(reader->slabs(filter), kNotReachable);
   const bool more = slabs.size() > limit;
   if (more) slabs.resize(limit);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl inspect: one block offline, through daemon::measure_block, the path every scan of the line takes.
+// slabctl inspect: measures one block offline with daemon::measure_block, as every scan of the line.
 #include <fmt/core.h>
 #include <cmath>
 #include <cstdio>
@@ -76,7 +76,7 @@ std::string report_text(const Options& options, const Recipe& recipe, const Bloc
   return text;
 }
 
-/// One line for each cell in which something was seen.
+/// Writes one line for each cell with points.
 void write_deviation_map(const std::string& path, const algo::DeviationMap& map) {
   std::string text = "x_mm,y_mm,deviation_mm,points\n";
   for (std::size_t row = 0; row < map.rows; ++row) {

@@ -12,10 +12,10 @@ int main(int argc, char** argv) {
   using namespace slabd::cli;
   try {
     const int status = run(argc, argv);
-    // What was printed last is written only now; on a disk that is full nobody else would notice that it is not there.
+    // The last output is written here; an error, for example a full disk, must be reported.
     const bool flushed = std::fflush(stdout) == 0;
     if (flushed && std::ferror(stdout) == 0) return status;
-    // Of a write that failed before, errno tells no more.
+    // If an earlier write failed, errno does not contain its reason.
     complain(fmt::format("what was printed could not be written{}",
                          flushed ? std::string() : fmt::format(": {}", std::strerror(errno))));
     return kNotReachable;

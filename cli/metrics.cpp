@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl metrics: what the daemon knows of itself, for Prometheus. A daemon that does not answer is a figure too.
+// slabctl metrics: exports the daemon's metrics for Prometheus. A daemon that does not answer is also exported as a
+// value.
 #include <fmt/core.h>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -28,14 +29,14 @@ int tell(const Options& options, const std::string& text, int status) {
     fmt::print("{}", text);
     return status;
   }
-  // Whole or not at all: the collector may look at any moment.
+  // The file is replaced as a whole, because the collector may read it at any time.
   OutFile out(options.out, {.synced = true, .mode = 0664});
   out.write(text);
   need(out.close(), kNotReachable);
   return status;
 }
 
-/// What slabd answered instead of figures.
+/// Reason for an answer without metrics.
 std::string refusal_in(const nlohmann::json& answer) {
   if (answer.is_object() && answer.value("schema", "") == "slabd.error/1") return answer.value("error", "");
   return "is it older than slabctl?";
@@ -45,8 +46,7 @@ int show_metrics(const Options& options) {
   std::string path = options.socket;
   bool usable = true;
   if (path.empty()) {
-    // A configuration that cannot be used is no reason to leave old figures standing: slabd, in fault 504, takes its
-    // socket from it as we do.
+    // With an invalid configuration old metrics must not remain: slabd, in fault 504, takes its socket from it.
     daemon::Config config;
     usable = config_from(options.config, config);
     path = config.control_socket;

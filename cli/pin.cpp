@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl pin, unpin: keep a slab's scans whatever the spool's budget. A pin is a file beside the scans, pin.json: it
-// needs neither database nor daemon, goes with the folder into an archive, and the daemon looks for it before it
+// slabctl pin, unpin: keeps a slab's scans independent of the spool's budget. A pin is a file pin.json next to the
+// scans: it needs neither database nor daemon, and is archived with the folder. The daemon checks for it before it
 // deletes.
 #include "cli/command.h"
 
@@ -41,7 +41,7 @@ struct PinPlace {
   std::int64_t key = 0;
   std::string slab_id;
   std::string file;
-  std::vector<std::string> scans;  ///< where they lie that the slab's attempts name
+  std::vector<std::string> scans;  ///< paths of the scans of the slab's attempts
 };
 
 std::size_t scans_there(const PinPlace& place) {
@@ -51,7 +51,7 @@ std::size_t scans_there(const PinPlace& place) {
   }));
 }
 
-/// Where the pin of the slab is located.
+/// Path of the slab's pin, and of its scans.
 PinPlace place_of(const PinOptions& options) {
   const daemon::Config config = config_from(options.config);
   DatabaseOptions database;
@@ -67,7 +67,7 @@ PinPlace place_of(const PinOptions& options) {
     stop(kBadInput, fmt::format("slab {} \"{}\": its scans are gone ({} is not there)", place.key, place.slab_id,
                                 folder.string()));
   place.file = (folder / "pin.json").string();
-  // By name, not by whole path: the spool may be known by another path today than when the scan was recorded.
+  // By name, not by whole path: the path of the spool may have changed since the scan was recorded.
   for (const storage::SlabBlock& block : found.blocks)
     if (const fs::path scan(block.attempt.scan_path.view()); scan.has_filename())
       place.scans.push_back((folder / scan.filename()).string());
@@ -84,7 +84,7 @@ int pin(const PinOptions& options) {
   write_time(json, "pinned", now_us);
   json.field("user", static_cast<unsigned>(::getuid())).end_object();
   need(write_durably(place.file, json.text()), kNotReachable);
-  // Counted now: the daemon may have been deleting them, and leaves what it had not taken when the pin came.
+  // Counted after writing the pin: the daemon may have been deleting scans, and stops when it finds the pin.
   const std::size_t there = scans_there(place);
   if (there == 0) {
     ::unlink(place.file.c_str());

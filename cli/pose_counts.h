@@ -14,7 +14,7 @@ struct NamedCount {
   std::uint64_t count;
 };
 
-/// What was not believed, and what was missing.
+/// Counters of rejected and of missing poses.
 [[nodiscard]] inline std::array<NamedCount, 13> pose_faults(const hal::PoseLinkCounters& c) {
   return {{{"other_type", c.other_type},
            {"wrong_sender", c.wrong_sender},
@@ -31,7 +31,7 @@ struct NamedCount {
            {"lost", c.lost}}};
 }
 
-/// "3 lost, 1 jumps"; empty when nothing was.
+/// "3 lost, 1 jumps"; empty if all counters are zero.
 [[nodiscard]] inline std::string pose_faults_text(const hal::PoseLinkCounters& counters) {
   std::string text;
   for (const NamedCount& c : pose_faults(counters))

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl reasons: which reasons failed, left undecided or stopped an item or a block, the most frequent first.
+// slabctl reasons: reasons for failed, undecided or stopped items and blocks, the most frequent first.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -29,7 +29,7 @@ struct Options {
 int show_reasons(Options options) {
   const auto reader = open_database(options.database);
   options.choice.all = true;
-  // Of each reason, its item (of a block: "block") and its stations: how often, by verdict.
+  // Counts by verdict, for each reason with its item ("block" for a block) and its stations.
   std::map<std::tuple<int, std::string_view, int, int>, std::map<Verdict, int>> counts;
   int slabs = 0;
   int total = 0;
@@ -42,7 +42,7 @@ int show_reasons(Options options) {
       ++counts[{reason, item, station, to}][verdict];
       ++total;
     };
-    std::array<bool, limits::kStationsMax + 1> stopped{};  // by station: its items have no reason of their own
+    std::array<bool, limits::kStationsMax + 1> stopped{};  // by station: its items do not have reasons of their own
     for (int station = 1; station <= record->summary.header.stations; ++station)
       if (const auto [verdict, reason] = shown(*record, station); reason != 0 && reason < kReasonItemBase) {
         count(reason, "block", station, 0, verdict);

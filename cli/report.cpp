@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl report: a stored slab as a document. Reads the database only, so that any slab can be reported whose scans
-// are long gone.
+// slabctl report: a stored slab as a document. It reads only the database, so slabs without scans can be reported.
 #include <fmt/core.h>
 
 #include <memory>

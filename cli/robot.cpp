@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl robot monitor: what the robot says, as slabd hears it, through the same reader and the same gate. It listens
-// beside a running daemon; multicast reaches both.
+// slabctl robot monitor: shows the robot's messages as slabd receives them, with the same reader and the same gate. It
+// works in parallel with a running daemon, because multicast reaches both.
 #include <fmt/core.h>
 #include <poll.h>
 #include <unistd.h>
@@ -40,18 +40,18 @@ void on_signal(int) {
   g_stop = true;
 }
 
-/// Counts over the time since the last look.
+/// Counts since the previous display.
 struct Traffic {
   std::int64_t since_ns = 0;
   std::uint64_t poses = 0;
-  std::uint64_t gaps = 0;  ///< the link had counted then
+  std::uint64_t gaps = 0;  ///< count of the link at that time
   void begin(std::int64_t now_ns, std::uint64_t gaps_then) { *this = {now_ns, 0, gaps_then}; }
   [[nodiscard]] double rate_hz(std::int64_t now_ns) const {
     return now_ns > since_ns ? 1e9 * static_cast<double>(poses) / static_cast<double>(now_ns - since_ns) : 0.0;
   }
 };
 
-/// What there is to be said at one moment.
+/// Data displayed at one time.
 struct View {
   double rate_hz = 0.0;
   std::uint64_t gaps = 0;
@@ -64,7 +64,8 @@ struct View {
   std::string refusal;
   hal::PoseLinkCounters counters;
   bool lacks_stopped = false;
-  /// slabd may have listened for longer than we have, and then waits for it.
+  /// True if the robot does not report "stopped". slabd may have received it earlier than this monitor, and then waits
+  /// for it.
   [[nodiscard]] bool stopped_missing(const daemon::Config& config) const {
     return !newest.stopped && config.robot.type == hal::PoseType::flange_pose;
   }
@@ -76,7 +77,7 @@ class Monitor {
     traffic_.begin(clock_->mono_ns(), 0);
   }
 
-  /// Listens until `end_ns`.
+  /// Receives poses until `end_ns`.
   void listen(std::int64_t end_ns) {
     for (std::int64_t now = clock_->mono_ns(); now < end_ns && !g_stop; now = clock_->mono_ns()) {
       PoseSample sample;
@@ -206,7 +207,7 @@ std::string json_of(const daemon::Config& config, const View& view) {
   return json.text();
 }
 
-/// Over the last picture on a terminal, below it elsewhere.
+/// Prints over the previous display on a terminal, otherwise below it.
 void show(const std::vector<std::string>& lines, std::size_t& shown) {
   const bool terminal = ::isatty(STDOUT_FILENO) == 1;
   if (terminal && shown != 0) fmt::print("\x1b[{}A", shown);

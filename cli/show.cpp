@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl show: one slab from the database: its map, the slab's items, and with --block one block's table.
+// slabctl show: prints one slab from the database: its map, the slab's items, and with --block one block's table.
 #include <fmt/core.h>
 #include <algorithm>
 #include <array>
@@ -36,7 +36,7 @@ struct Options {
   bool json = false;
 };
 
-/// One line: what U of the slab's items rests on.
+/// One line with the sources of the U of the slab's items.
 std::string splice_words(const Splice& splice) {
   const double sigma_mm = std::hypot(splice.calibration_mm, splice.robot_mm);
   const std::string worth =
@@ -56,7 +56,7 @@ std::string splice_words(const Splice& splice) {
   return "";
 }
 
-/// How many stations were spliced how.
+/// Number of stations by source of the splice.
 std::string splice_summary(const SlabRecord& record) {
   std::array<int, kSpliceSources> count{};
   double worst_mm = 0.0;
@@ -165,7 +165,7 @@ std::string slab_items_text(const SlabRecord& record, Style style) {
   return text;
 }
 
-/// Every item's U taken apart, and where each part comes from.
+/// The parts of every item's U, and their sources.
 std::string budget_text(const SlabRecord& record, const SlabBlock& block, std::span<const Item> in_slab,
                         const std::string& scanner) {
   std::string text;
@@ -235,7 +235,7 @@ std::string block_text(const SlabRecord& record, int station, const std::string&
   return text;
 }
 
-/// That other slabs have the same SLAB_ID; "" where none has.
+/// Note that other slabs have the same SLAB_ID; empty if there are none.
 std::string others_of_the_id(storage::Reader& reader, const SlabHeader& header) {
   if (header.slab_id.empty()) return "";
   const std::vector<std::int64_t> keys = need(reader.find_id(header.slab_id.view()), kNotReachable);

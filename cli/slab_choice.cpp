@@ -58,7 +58,7 @@ std::vector<std::int64_t> chosen_slabs(storage::Reader& reader, const SlabChoice
   std::vector<std::int64_t> keys;
   for (const std::string& wanted : choice.slabs) {
     const storage::SlabRecord found = named_slab(reader, wanted);
-    // A slab under two names, such as its key and its id, is one slab.
+    // A slab named twice, for example by key and id, counts once.
     const std::int64_t key = found.summary.header.key;
     if (std::find(keys.begin(), keys.end(), key) == keys.end()) keys.push_back(key);
   }

@@ -11,7 +11,7 @@ namespace slabd::args {
 class Command;
 }  // namespace slabd::args
 
-/// Which stored slabs a command works on: named ones, or all that the filters let through.
+/// Selection of the stored slabs of a command: named ones, or all that match the filters.
 namespace slabd::cli {
 
 struct SlabChoice {
@@ -23,16 +23,16 @@ struct SlabChoice {
   std::string verdict;
 
   void add_to(args::Command& command);
-  /// The filters alone; no slab can be named, and without any all are meant.
+  /// Adds only the filters; slabs cannot be named, and without a filter all are selected.
   void add_filters_to(args::Command& command);
   [[nodiscard]] bool has_filter() const;
 };
 
-/// The slab of that name, as find_slab() finds it; stops if there is none.
+/// The slab of that name, as found by find_slab(); stops if it does not exist.
 [[nodiscard]] storage::SlabRecord named_slab(storage::Reader& reader, const std::string& wanted);
 
-/// Keys, each once, oldest first, or as they were named; slabs that are still open only when they are named. Stops if
-/// one that was named does not exist; the filters may leave an empty list.
+/// Keys, each once, oldest first, or in the order of the names; open slabs only if named. Stops if a named slab does
+/// not exist; with filters the list may be empty.
 [[nodiscard]] std::vector<std::int64_t> chosen_slabs(storage::Reader& reader, const SlabChoice& choice);
 
 }  // namespace slabd::cli

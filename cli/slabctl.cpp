@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The command tree: parse, run one command, return its exit status. JSON and results go to stdout, everything said to
-// people on the way goes to stderr.
+// The command tree: parses, runs one command, returns its exit status. JSON and results go to stdout, all messages to
+// stderr.
 #include <fmt/core.h>
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -36,7 +36,7 @@ std::vector<std::string> command_names(const CLI::App& app) {
   return names;
 }
 
-/// A word where a command was expected: CLI11 reports it as a surplus argument; say what was probably meant.
+/// A word instead of a command, which CLI11 reports as a surplus argument: the message suggests the nearest command.
 [[noreturn]] void stop_at_unknown(const CLI::App& app, const std::string& word) {
   const std::vector<std::string> names = command_names(app);
   const std::string meant = nearest(word, names);
@@ -49,7 +49,7 @@ std::vector<std::string> command_names(const CLI::App& app) {
 }  // namespace
 
 void complain(std::string_view sentence) {
-  // A sentence may hold a text from a file or a database; some have lines of their own.
+  // The sentence may contain text from a file or a database; some sentences have several lines.
   fmt::print(stderr, "slabctl: {}\n", plain(sentence, Lines::kept));
 }
 
@@ -141,7 +141,7 @@ int run(int argc, const char* const* argv) {
     }
     app.parse(argc, argv);
   } catch (const CLI::ParseError& parse_error) {
-    // --help and --version come this way too, with status 0.
+    // --help and --version also arrive here, with status 0.
     return app.exit(parse_error) == 0 ? kDone : kUsage;
   } catch (const Stop& end) {
     if (!end.sentence.empty()) complain(end.sentence);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl status: asks the running daemon over its control socket, one JSON line each way.
+// slabctl status: queries the running daemon over its control socket, one JSON line in each direction.
 #include <fmt/core.h>
 
 #include <memory>
@@ -30,7 +30,7 @@ struct Options {
   bool watch = false;
 };
 
-/// The text of `document[path...]`, "-" when it is not there; a newer or older daemon may know other keys.
+/// The text of `document[path...]`, "-" if missing; a newer or older daemon may have other keys.
 std::string text_at(const json& document, std::initializer_list<const char*> path) {
   const json* at = &document;
   for (const char* key : path) {
@@ -88,7 +88,7 @@ std::string watch_text(const json& calibration, const char* key, const char* lab
   return text;
 }
 
-/// Slab types that scans tell apart by the slab's ends only, or not at all.
+/// Slab types that scans can distinguish only by the slab's ends, or not at all.
 std::string alike_text(const json& status) {
   std::string text;
   if (!status.contains("alike_recipes") || !status["alike_recipes"].is_array()) return text;
@@ -115,12 +115,12 @@ std::string calibration_text(const json& status) {
   return text;
 }
 
-/// `text` behind `separator`, nothing when there is none.
+/// `text` after `separator`; empty without a text.
 std::string after(const char* separator, const std::string& text) {
   return text.empty() || text == "-" ? "" : separator + text;
 }
 
-/// What was refused on the pose link, when anything was.
+/// Counts of rejected messages on the pose link, if there are any.
 std::string pose_faults_text(const json& status) {
   std::string text;
   std::string faults;
@@ -193,7 +193,7 @@ int show_status(const Options& options) {
   std::string path = options.socket;
   bool usable = true;
   if (path.empty()) {
-    // With a configuration that cannot be used slabd runs as well, in fault 504, and takes its socket from it as we do.
+    // slabd also runs with an invalid configuration, in fault 504, and takes its socket from it.
     daemon::Config config;
     usable = config_from(options.config, config);
     path = config.control_socket;
@@ -203,7 +203,7 @@ int show_status(const Options& options) {
   const json status = json::parse(answer, nullptr, false);
   if (!status.is_object() || status.value("schema", "") != "slabd.status/1")
     stop(kNotReachable, fmt::format("{} does not speak slabd.status/1: {}", path, answer.substr(0, 200)));
-  // ASCII alone: no control character stays.
+  // ASCII only: control characters are escaped.
   fmt::print("{}", options.as_json ? status.dump(2, ' ', true) + "\n" : status_text(status));
   return usable ? kDone : kBadInput;
 }

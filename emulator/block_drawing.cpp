@@ -24,7 +24,7 @@ constexpr double kSteepFromDeg = 68.0;
 constexpr double kSteepToDeg = 82.0;
 constexpr double kFlyingShare = 0.3;
 constexpr double kFlyingStepMm = 1.0;
-constexpr double kFlyingBoreMm = 6.0;  ///< how deep into a bore that returns nothing
+constexpr double kFlyingBoreMm = 6.0;  ///< depth of a flying point into a bore without a return
 constexpr double kOutlierShare = 0.0005;
 constexpr double kOutlierMm = 30.0;
 constexpr double kDropoutShare = 0.01;
@@ -43,8 +43,8 @@ Vec3 random_direction(Prng& random) {
   return Vec3(random.normal(), random.normal(), random.normal()).normalized();
 }
 
-/// Form error of the optics over the field: products of Legendre polynomials of degree 2 and 3, which have no mean and
-/// no tilt over the field; largest value 1.
+/// Form error of the optics over the field: products of Legendre polynomials of degree 2 and 3, without mean and tilt
+/// over the field; largest value 1.
 class LensForm {
  public:
   explicit LensForm(Prng& random) {
@@ -88,7 +88,7 @@ struct Errors {
   double scale;
   Vec3 patch_centre = Vec3::Zero();  ///< block frame
   double patch_radius_mm = 0.0;
-  Pose misfit;  ///< of the second view
+  Pose misfit;  ///< pose error of the second view
 };
 
 class Drawing {
@@ -194,7 +194,7 @@ class Drawing {
   [[nodiscard]] Vec3 point(std::size_t column, std::size_t row) {
     const std::size_t pixel = row * scanner_.columns + column;
     const Seen& seen = seen_[pixel];
-    // Always the same draws, so that an effect does not change the chances of another one.
+    // The number of draws is constant, so that one effect does not change the random numbers of another.
     const std::uint64_t chance = random_.next();
     const std::uint64_t more = random_.next();
     const auto share = [](std::uint64_t bits) { return static_cast<double>(bits & 0xFFFFFFU) / 16777216.0; };
@@ -252,7 +252,7 @@ class Drawing {
   Prng random_;
   double noise_mm_ = 0.0;
   double outlier_share_ = 0.0;
-  std::vector<float> own_, shared_;  ///< noise of a pixel, and of 2 x 2 pixels
+  std::vector<float> own_, shared_;  ///< noise of each pixel, and of each 2 x 2 pixels
   std::vector<Seen> seen_;
   DrawnScan drawn_;
 };

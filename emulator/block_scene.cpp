@@ -8,7 +8,7 @@ namespace slabd::simulate {
 namespace {
 
 constexpr double kDomeSigmaMm = 25.0;
-/// The dome ends where it is below 1e-5 of its height; beyond, the exponential is not worth its time.
+/// The dome ends where it is below 1e-5 of its height, to save the time of the exponential.
 constexpr double kDomeReachMm = 4.8 * kDomeSigmaMm;
 
 constexpr double kChipX = 20.0;
@@ -20,14 +20,14 @@ constexpr double kBurrHalfXMm = 7.5;
 constexpr double kBurrHalfSMm = 2.0;
 
 constexpr double kSunkBeyondX = 55.0;
-/// The corner that may be broken out.
+/// Position of the corner that a defect breaks out.
 constexpr double kCornerX = 57.0;
 constexpr double kCornerY = 155.0;
 
-/// A work glove dropped flat: half an ellipsoid's worth of it above the bearing plane.
+/// Half axes of a flat work glove: the upper half of this ellipsoid is above the bearing plane.
 const Vec3 kGloveHalfMm(60.0, 50.0, 15.0);
 constexpr double kCableRadiusMm = 5.0;
-/// The cable lies on the shoulders, which end at 29.75 mm.
+/// The cable touches the shoulders, whose upper edge is at 29.75 mm.
 constexpr double kCableAxisZMm = 35.0;
 
 /// A point of the cross-section: `s` along the bearing plane outward, `h` along its normal.
@@ -68,7 +68,7 @@ double relief_mm(const BlockTruth& truth, double x_mm, double s_mm) {
 
 double true_flatness_mm(const Recipe& recipe, const BlockTruth& truth) {
   if (truth.bump_mm == 0.0 && truth.chip_mm == 0.0 && truth.burr_mm == 0.0) return 0.0;
-  // Points every quarter of a cell, against their own plane. The casings (at s = +-116.5) lie outside the region.
+  // Points every quarter of a cell, relative to their own plane. The casings (at s = +-116.5) are outside the region.
   const EvaluationSettings& e = recipe.evaluation;
   const double step = 0.25 * e.cell_mm;
   const auto each_point = [&](const auto& visit) {
@@ -101,7 +101,7 @@ Vec3 BlockSurface::direction(double x, double y) const {
 BlockSurface::Face BlockSurface::seen(const Vec3& n_block, double d_block) const {
   const Vec3 n = T_scanner_block_.rotation * n_block;
   const double d = d_block + n.dot(T_scanner_block_.translation_mm);
-  // A face edge-on to all rays has its beginning at infinity; a millionth of a degree beside is as good.
+  // A face parallel to all rays would begin at infinity; it is turned by a millionth of a degree instead.
   const auto not_zero = [](double v) { return std::abs(v) < 1e-8 ? -1e-8 : v; };
   if (projection_ == Projection::parallel) {
     const double nz = not_zero(n.z());
@@ -131,8 +131,8 @@ Result<BlockSurface> BlockSurface::make(const Recipe& recipe, const BlockTruth& 
   if (!surface.bearing_.entered || !surface.slab_top_.entered || T_scanner_block.translation_mm.z() < 100.0)
     return error(Code::config, "the block is not in front of the scanner");
 
-  // A jaw face leans away from the free space: its normal turns from the bearing normal towards the track centre line
-  // (outer jaw) or away from it (inner jaw) by 180 degrees minus the angle between the two faces.
+  // The jaw face leans away from the free space. Its normal is the bearing normal turned by 180 degrees minus the
+  // angle between the faces: towards the track centre line (outer jaw) or away from it (inner jaw).
   const double jaw_half = 0.5 * truth.jaw_distance_mm;
   const double height = b.jaw_reference_height_mm.value;
   const auto through = [&](const Vec3& n, const Vec3& p) { return surface.seen(n, n.dot(p)); };
@@ -149,7 +149,7 @@ Result<BlockSurface> BlockSurface::make(const Recipe& recipe, const BlockTruth& 
                                    on_section(slope, truth.jaw_shift_mm + jaw_half, height) + deeper);
   surface.shoulder_outer_low_ = surface.seen(Vec3::UnitZ(), b.shoulder_outer_z_mm.value - truth.corner_mm);
 
-  // |x| = half - z tan(draft); with X and Y exchanged the side faces.
+  // x| = half - z tan(draft); side faces with X and Y exchanged.
   const double c = std::cos(b.draft_rad.value);
   const double s = std::sin(b.draft_rad.value);
   const double end = b.end_half_length_mm.value * c;
@@ -178,7 +178,7 @@ Result<BlockSurface> BlockSurface::make(const Recipe& recipe, const BlockTruth& 
     const double magnified = projection == Projection::parallel ? 1.0 : kPictureDistanceMm / rim.centre.z();
     rim.picture_x = magnified * rim.centre.x();
     rim.picture_y = magnified * rim.centre.y();
-    // A fifth more than the rim for the slant of the rays.
+    // The margin of a fifth of the rim covers the slant of the rays.
     surface.reach_mm_ = std::max(surface.reach_mm_, magnified * (1.2 * rim_radius + 1.0));
   }
   return surface;
@@ -187,8 +187,8 @@ Result<BlockSurface> BlockSurface::make(const Recipe& recipe, const BlockTruth& 
 double BlockSurface::seat_key(double x, double y) const {
   const double key = bearing_.key(x, y);
   if (!has_relief_) return key;
-  // What stands on the plane is met sooner by its height over the cosine of the ray; where on the plane the ray stands
-  // then differs by a few per cent of the height, left out.
+  // An object on the plane is met earlier by its height over the cosine of the ray. The point on the plane then
+  // differs by a few per cent of the height, which is neglected.
   const double depth = depth_of(key);
   const Vec3 p = T_block_scanner_ * point(x, y, depth, 0.0);
   const double along = p.y() * std::cos(truth_.slope_rad) + p.z() * std::sin(truth_.slope_rad);
@@ -255,8 +255,8 @@ double BlockSurface::depth_mm(double x, double y) const {
     if (p.x() > kCornerX && p.y() > kCornerY) depth = depth_of(std::max(top_key, bodies_key(x, y, true)));
   }
 
-  // Ring or bore is decided where the ray meets the rim's plane. The 0.25 mm wall between rim and bearing plane is
-  // seen under a few degrees, hundredths of a millimetre wide: left out.
+  // The ray is in the ring or the bore according to its intersection with the rim's plane. The 0.25 mm wall between
+  // rim and bearing plane is seen at a few degrees, hundredths of a millimetre wide, and is neglected.
   if (truth_.present) {
     for (const Rim& rim : rims_) {
       if (std::abs(x - rim.picture_x) > reach_mm_ || std::abs(y - rim.picture_y) > reach_mm_) continue;

@@ -8,69 +8,69 @@
 
 #include "base/base.h"
 
-/// What the emulated scanner sees: one supporting block with known dimensions, drawn by rays.
+/// Ray casting of one supporting block with known dimensions, the object of the emulated scanner.
 ///
 /// The block is a union of convex bodies, each an intersection of half-spaces. A picture point (x, y) is a ray, either
-/// parallel to the scanner's Z (an orthographic scan) or through the scanner's origin (a projector and camera seen as
-/// one centre). Along it every half-space begins or ends at a depth; written as minus the depth (parallel) or one over
-/// the depth (perspective), that is linear in x and y, and nearer is larger. A convex body is then met at the smallest
-/// of the beginnings, if that lies before the largest of the ends, and a union at the largest of what its bodies give:
-/// a whole scan is a few additions and comparisons per ray, exact, with hidden faces and shadows as they fall.
+/// parallel to the scanner's Z (an orthographic scan) or through the scanner's origin (projector and camera as one
+/// centre). Along the ray every half-space begins or ends at a depth. Its key is minus the depth (parallel) or one
+/// over the depth (perspective), which is linear in x and y; nearer is larger. A convex body is met at the smallest
+/// key of its beginnings, if that is before the largest of its ends. A union is met at the largest key of its bodies.
+/// A scan is thus a few additions and comparisons per ray, exact, with hidden faces and shadows.
 ///
-/// Written from the drawing, on purpose without a line of algo: what measures must not share errors with what is
-/// measured.
+/// The code follows the drawing and shares nothing with algo, so that the emulator and the measurement do not share
+/// errors.
 namespace slabd::simulate {
 
-/// One block as it was really cast. Angles rad, lengths mm, block frame (X along the rail, Y outward, Z up).
+/// Actual dimensions of one block. Angles rad, lengths mm, block frame (X along the rail, Y outward, Z up).
 struct BlockTruth {
-  bool present = true;               ///< false: the scanner sees nothing but the slab's top
-  double slope_rad = 0.0;            ///< bearing plane about X; positive climbs outward
+  bool present = true;               ///< false: the scanner sees only the slab's top
+  double slope_rad = 0.0;            ///< bearing plane about X; positive rises outward
   double jaw_angle_inner_rad = 0.0;  ///< between bearing plane and jaw face, in the free space
   double jaw_angle_outer_rad = 0.0;
-  double jaw_distance_mm = 0.0;  ///< at the reference height, half of it on either side of the origin
+  double jaw_distance_mm = 0.0;  ///< at the reference height, symmetric about the origin
   double casing_spacing_mm = 0.0;
   double protrusion_inner_mm = 0.0;  ///< rim above the bearing plane; negative = sunk
   double protrusion_outer_mm = 0.0;
-  double jaw_shift_mm = 0.0;       ///< both jaws moved outward along the bearing plane, the casings in place
-  double slab_top_shift_mm = 0.0;  ///< the slab's top against its nominal height in the block's frame
-  // Where the slab ends along the rail, |x| from the block's origin; NaN = another block comes first.
+  double jaw_shift_mm = 0.0;       ///< shift of both jaws outward along the bearing plane; the casings stay in place
+  double slab_top_shift_mm = 0.0;  ///< the slab's top relative to its nominal height in the block's frame
+  // End of the slab along the rail, |x| from the block's origin; NaN: another block comes first.
   double top_end_minus_mm = kNoValue;
   double top_end_plus_mm = kNoValue;
 
-  // On the bearing plane (see `relief_mm`).
-  double bump_mm = 0.0;  ///< height of a smooth dome in its middle
+  // Relief of the bearing plane (see `relief_mm`).
+  double bump_mm = 0.0;  ///< height of the centre of a smooth dome
   double chip_mm = 0.0;  ///< depth of a spalled spot
   double burr_mm = 0.0;  ///< height of a ridge
-  double sunk_mm = 0.0;  ///< how far the part of the bearing plane beyond x = 55 is sunk
+  double sunk_mm = 0.0;  ///< depth by which the bearing plane beyond x = 55 is sunk
 
-  double corner_mm = 0.0;  ///< depth of the corner broken out of the block: x > 57, y > 155, a place of 48 x 85 mm
+  double corner_mm = 0.0;  ///< depth of the corner broken out of the block: x > 57, y > 155, an area of 48 x 85 mm
 
-  // What should not lie there; NaN = does not.
-  double glove_s_mm = kNoValue;  ///< a glove's place along the bearing plane
-  double cable_x_mm = kNoValue;  ///< place along the rail of a cable that hangs over the block
+  // Foreign objects; NaN: absent.
+  double glove_s_mm = kNoValue;  ///< position of a glove along the bearing plane
+  double cable_x_mm = kNoValue;  ///< position along the rail of a cable that crosses the block
 };
 
 /// The block as drawn.
 [[nodiscard]] BlockTruth nominal_truth(const Recipe& recipe);
 
-/// Height of what stands on the bearing plane (negative: is missing from it) at (x, s): a dome exp(-r^2 / (2 * 25^2))
-/// about the origin, so that it spoils the flatness and not the slope; a round chip of 6 mm at (20, -30); a burr of 4
-/// mm along s and 15 mm along x at (-20, 40). Chip and burr have vertical walls, and each covers a whole cell of 1.5 mm
-/// wherever the cells begin. Beyond x = 55 the whole plane may be sunk.
+/// Height of the relief on the bearing plane at (x, s), negative for missing material. A dome exp(-r^2 / (2 * 25^2))
+/// about the origin affects the flatness and not the slope. A round chip of 6 mm is at (20, -30), a burr of 4 mm along
+/// s and 15 mm along x at (-20, 40). Chip and burr have vertical walls, and each covers a whole cell of 1.5 mm for any
+/// cell origin. Beyond x = 55 the whole plane may be sunk.
 [[nodiscard]] double relief_mm(const BlockTruth& truth, double x_mm, double s_mm);
 
-/// Peak to valley that a perfect instrument finds in the recipe's evaluation region: the relief against its own
-/// least-squares plane there. 0 without relief.
+/// Peak to valley of an ideal measurement in the recipe's evaluation region: the relief relative to its own
+/// least-squares plane. 0 without relief.
 [[nodiscard]] double true_flatness_mm(const Recipe& recipe, const BlockTruth& truth);
 
 enum class Projection : std::uint8_t { parallel, perspective };
-/// A perspective picture is described where it is as large as a parallel one: at the nominal stand-off.
+/// Distance at which a perspective picture is as large as a parallel one: the nominal stand-off.
 inline constexpr double kPictureDistanceMm = 600.0;
 
 /// The visible surface of one block, in the scanner frame.
 class BlockSurface {
  public:
-  /// config when the block is not in front of the scanner.
+  /// Code::config if the block is not in front of the scanner.
   [[nodiscard]] static Result<BlockSurface> make(const Recipe& recipe, const BlockTruth& truth,
                                                  const Pose& T_scanner_block,
                                                  Projection projection = Projection::parallel);
@@ -90,7 +90,7 @@ class BlockSurface {
     bool entered = true;
     [[nodiscard]] double key(double x, double y) const { return at_origin + per_x * x + per_y * y; }
   };
-  /// Where a ray is inside a convex body: from key `in` down to key `out`.
+  /// Part of a ray inside a convex body: from key `in` down to key `out`.
   struct Inside {
     double in = std::numeric_limits<double>::infinity();
     double out = -std::numeric_limits<double>::infinity();
@@ -106,7 +106,7 @@ class BlockSurface {
   struct Rim {
     Face plane;
     Vec3 centre = Vec3::Zero();
-    double picture_x = 0.0;  ///< of its centre
+    double picture_x = 0.0;  ///< picture point of its centre
     double picture_y = 0.0;
   };
 
@@ -115,7 +115,7 @@ class BlockSurface {
   /// Direction of a ray with z = 1.
   [[nodiscard]] Vec3 direction(double x, double y) const;
   [[nodiscard]] Face seen(const Vec3& n_block, double d_block) const;
-  /// The block's bodies at (x, y); `low`: with the surfaces of the broken corner.
+  /// Key of the block's bodies at (x, y); `low`: with the surfaces of the broken corner.
   [[nodiscard]] double bodies_key(double x, double y, bool low) const;
   [[nodiscard]] double seat_key(double x, double y) const;
   [[nodiscard]] double top_key(double x, double y) const;
@@ -129,13 +129,13 @@ class BlockSurface {
   bool has_clutter_ = false;
   Face slab_top_, bearing_, jaw_inner_, jaw_outer_, shoulder_inner_, shoulder_outer_;
   Vec3 bearing_n_ = Vec3::UnitZ();                         ///< scanner frame
-  Face bearing_low_, jaw_outer_low_, shoulder_outer_low_;  ///< as deep as the corner is broken out
+  Face bearing_low_, jaw_outer_low_, shoulder_outer_low_;  ///< surfaces of the broken corner
   std::array<Face, 4> outline_{};                          ///< end faces, side faces
-  FixedVector<Face, 3> slab_ends_;                         ///< and the slab's bottom; empty: the top goes on
+  FixedVector<Face, 3> slab_ends_;                         ///< and the slab's bottom; empty: the top is unlimited
   std::array<Rim, 2> rims_{};
   double bore_radius2_mm2_ = 0.0;
   double rim_radius2_mm2_ = 0.0;
-  double reach_mm_ = 0.0;  ///< no rim point is further than this from its centre, in the picture
+  double reach_mm_ = 0.0;  ///< largest distance of a rim point from its centre, in the picture
 };
 
 }  // namespace slabd::simulate

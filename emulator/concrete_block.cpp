@@ -10,7 +10,7 @@ namespace slabd::simulate {
 namespace {
 
 constexpr double kFootMm = 6.0;
-/// Where the block hides its own foot, or the slab top is taken for a fillet.
+/// Area where the block hides its own foot, or where the slab top could count as a fillet.
 constexpr double kTopClearX = 112.0;
 constexpr double kTopClearY = 247.0;
 
@@ -104,7 +104,7 @@ void ConcreteBlock::level_top(const std::function<bool(double, double)>& seen) {
   for (std::size_t row = 0; row < field_.rows(); ++row)
     for (std::size_t column = 0; column < field_.columns(); ++column) {
       const std::size_t node = field_.index(column, row);
-      // The fillet at the foot is on the slab top's relief.
+      // The fillet at the foot follows the slab top's relief.
       const bool at_foot =
           face_[node] == ConcreteFace::edge && field_.z(node) < static_cast<float>(top_z_mm_ + kFootMm);
       if (face_[node] == ConcreteFace::slab_top || at_foot)

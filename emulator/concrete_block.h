@@ -13,12 +13,12 @@
 #include "emulator/concrete_effects.h"
 #include "emulator/concrete_fields.h"
 
-/// A supporting block as cast: everything that is on the concrete, as heights z(x, y) in the block frame, with its
-/// truth. What the scanner makes of it is in block_drawing.h.
+/// A supporting block as cast: everything on the concrete, as heights z(x, y) in the block frame, with its truth.
+/// block_drawing.h draws the scan of it.
 ///
-/// Written from the drawing without a line of algo: what measures must not share errors with what is measured.
-/// The planes remain the ideal planes of `BlockTruth`: grain and waviness have no mean and no tilt over the region that
-/// an item is taken from; pores, burrs, dust and smears are not part of a plane.
+/// The code follows the drawing and shares nothing with algo, so that the emulator and the measurement do not share
+/// errors. The planes remain the ideal planes of `BlockTruth`: grain and waviness have no mean and no tilt over the
+/// region of an item. Pores, burrs, dust and smears are not part of a plane.
 namespace slabd::simulate {
 
 // The section x = const of a block: shoulder, jaw, bearing plane, jaw, shoulder as straight lines z(y), with arcs of a
@@ -39,7 +39,7 @@ enum class ConcreteFace : std::uint8_t {
   rim_outer,
   cap,
   strap,
-  beyond,  ///< beyond the end of the slab: nothing returns
+  beyond,  ///< beyond the end of the slab: no return
 };
 
 struct SectionLine {
@@ -48,8 +48,8 @@ struct SectionLine {
   [[nodiscard]] double z(double t) const { return at_origin + per_mm * t; }
 };
 
-/// An arc between two lines, from the point where it touches the left one to where it touches the right one. Radius 0:
-/// both are the intersection.
+/// An arc between two lines, from its contact with the left one to its contact with the right one. With radius 0 both
+/// are the intersection.
 struct SectionArc {
   double from = 0.0;
   double to = 0.0;
@@ -58,7 +58,7 @@ struct SectionArc {
   double radius = 0.0;
   double side = -1.0;  ///< -1: the lower half of the circle (concave corner), +1: the upper (convex corner)
 
-  /// `left` and `right` must not be parallel. Concave where the right one climbs more than the left.
+  /// `left` and `right` must not be parallel. The arc is concave if the right line is steeper than the left.
   [[nodiscard]] static SectionArc between(const SectionLine& left, const SectionLine& right, double radius);
   [[nodiscard]] double z(double t) const {
     const double d = t - centre_t;
@@ -71,7 +71,7 @@ struct Section {
   SectionLine shoulder_inner, jaw_inner, seat, jaw_outer, shoulder_outer;
   std::array<SectionArc, 4> arcs;
 
-  /// Places the arcs.
+  /// Computes the arcs.
   void round(const std::array<double, 4>& radius_mm);
   struct Point {
     double z = 0.0;
@@ -85,12 +85,12 @@ struct ConcreteOrder {
   EffectStrengths effects;
   std::vector<ConcreteDefect> defects;
   std::uint64_t seed = 1;
-  /// Between nodes of the height field: finer than the pixels of a full scan (0.255 mm), and a fillet of 4 mm is within
-  /// 0.002 mm of its circle between two of them. Coarser is quicker.
+  /// Distance of the nodes of the height field: finer than the pixels of a full scan (0.255 mm). A fillet of 4 mm is
+  /// within 0.002 mm of its circle between two nodes. A coarser grid is faster.
   double node_mm = 0.25;
 };
 
-/// The basis with dimensions off within `strength` times half of the recipe's tolerances (effect `cast`). mm, rad.
+/// The basis with deviations of up to `strength` times half of the recipe's tolerances (effect `cast`). mm, rad.
 [[nodiscard]] BlockTruth scattered_truth(const Recipe& recipe, const BlockTruth& basis, double strength,
                                          std::uint64_t seed);
 /// The basis with those defects of the list that change a dimension.
@@ -99,12 +99,12 @@ struct ConcreteOrder {
 enum class MarkKind : std::uint8_t { pore, burr, grain_of_dust, drop, damage, crack };
 [[nodiscard]] std::string_view name(MarkKind kind);
 
-/// Something that was planted on the block, or broken out of it. Block frame, mm.
+/// A mark that was planted on the block or broken out of it. Block frame, mm.
 struct PlantedMark {
   MarkKind kind = MarkKind::pore;
   double x_mm = 0.0;
   double y_mm = 0.0;
-  double z_mm = 0.0;       ///< of the surface there before
+  double z_mm = 0.0;       ///< of the surface without the mark
   double length_mm = 0.0;  ///< along the rail
   double width_mm = 0.0;
   double depth_mm = 0.0;  ///< largest distance from the surface, positive inward, negative outward
@@ -114,8 +114,9 @@ struct PlantedMark {
 struct ConcreteTruth {
   BlockTruth block;  ///< dimensions with scatter and defects
   double casing_spacing_mm = 0.0;
-  /// Peak to valley of the means of `evaluation.cell_mm` cells in the evaluation region against their least-squares
-  /// plane, of the noise-free surface: with everything on it, and without pores, burrs, fin, dust and drops.
+  /// Peak to valley of the means of `evaluation.cell_mm` cells in the evaluation region relative to their
+  /// least-squares plane, for the noise-free surface. Raw: with all marks; form: without pores, burrs, fin, dust and
+  /// drops.
   double flatness_raw_mm = 0.0;
   double flatness_form_mm = 0.0;
   double raw_low_mm = 0.0;  ///< lowest and highest cell of the raw surface
@@ -126,7 +127,8 @@ struct ConcreteTruth {
   double roll_rad = 0.0;                ///< of the bearing plane about Y
   std::array<double, 2> rim_covered{};  ///< share of the rim under slurry, inner and outer
   std::vector<PlantedMark> marks;
-  /// The true value in the item's unit; NaN for items that one block does not determine. Flatness: form.
+  /// The true value in the item's unit; NaN for items that one block does not determine. The flatness is that of the
+  /// form.
   [[nodiscard]] double value(ItemId id) const;
 };
 
@@ -139,21 +141,21 @@ struct Bore {
   double chamfer_mm = 0.0;  ///< of the bore's edge, outward and down from the rim
   Content content = Content::empty;
   double level_mm = 0.0;         ///< of the content, below the rim
-  double thread_depth_mm = 0.0;  ///< the wall returns down to here; 0: not at all
+  double thread_depth_mm = 0.0;  ///< depth down to which the wall returns; 0: no return
 };
 
-/// How the surface reflects at a place: bits.
+/// Reflection of the surface at a point, as bits.
 inline constexpr std::uint8_t kWet = 1;     ///< mostly no return
 inline constexpr std::uint8_t kGlossy = 2;  ///< noisy
 inline constexpr std::uint8_t kClump = 4;   ///< no return
 
 class ConcreteBlock {
  public:
-  /// Half sizes of the height field: more than the field of view at the slab top, tilted and off centre.
+  /// Half sizes of the height field: larger than the field of view at the slab top, tilted and off centre.
   static constexpr double kHalfXMm = 220.0;
   static constexpr double kHalfYMm = 315.0;
 
-  /// About 0.5 s. The same order gives the same bits.
+  /// Takes about 0.5 s. The same order gives the same bits.
   [[nodiscard]] static ConcreteBlock cast(const Recipe& recipe, const ConcreteOrder& order);
 
   [[nodiscard]] const HeightField& field() const { return field_; }
@@ -161,17 +163,17 @@ class ConcreteBlock {
   [[nodiscard]] ConcreteFace face(std::size_t node) const { return face_[node]; }
   [[nodiscard]] std::uint8_t gloss(std::size_t node) const { return gloss_[node]; }
   [[nodiscard]] const std::array<Bore, 2>& bores() const { return bores_; }
-  /// Corner of seat and jaw, inner and outer, at x = 0: y and z of the sharp corner.
+  /// Sharp corners of seat and jaw, inner and outer, at x = 0: y and z.
   [[nodiscard]] const std::array<Vec3, 2>& jaw_corners() const { return jaw_corners_; }
 
-  /// Removes mean and tilt of the slab top's relief over the part of it that `seen` selects (block frame, asked every
-  /// 2 mm): otherwise the local slope datum would be off by what the relief does there.
+  /// Removes mean and tilt of the slab top's relief over its part that `seen` selects (block frame, called every 2
+  /// mm). Otherwise the relief would shift the local slope datum.
   void level_top(const std::function<bool(double x_mm, double y_mm)>& seen);
 
  private:
   explicit ConcreteBlock(const Recipe& recipe, const ConcreteOrder& order);
   struct Faces;
-  /// A node of the height field before `added` is put on it along the face's normal.
+  /// A node of the height field before `added` is applied along the face's normal.
   struct Node {
     double z = 0.0;
     double added = 0.0;
@@ -184,7 +186,7 @@ class ConcreteBlock {
   static constexpr double kReliefMm = 0.15;
 
   [[nodiscard]] double seat_z(double x_mm, double y_mm) const;
-  /// s of the place on the bearing plane over (x, y).
+  /// Coordinate s of the point on the bearing plane over (x, y).
   [[nodiscard]] double along_seat(double x_mm, double y_mm) const;
   [[nodiscard]] bool over_rim(double x_mm, double y_mm, double margin_mm) const;
 
@@ -216,7 +218,7 @@ class ConcreteBlock {
   };
   [[nodiscard]] Flatness flatness() const;
 
-  /// Adds `height(dx, dy)` to the nodes within `half_mm` of (x, y); faces of plastic are left out.
+  /// Adds `height(dx, dy)` to the nodes within `half_mm` of (x, y), except plastic faces.
   template <typename Height>
   void stamp(double x, double y, double half_mm, const Height& height);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The casings' rims and what is in their bores.
+// The casings' rims and the content of their bores.
 #include <algorithm>
 #include <cmath>
 
@@ -80,11 +80,11 @@ void ConcreteBlock::set_rim(std::size_t side) {
       const double dx = field_.x_mm(column) - bore.centre.x();
       const double dy = field_.y_mm(row) - bore.centre.y();
       const double z = bore.centre.z() + per_x * dx + per_y * dy;
-      // In the rim's plane: the rim is a circle there.
+      // Distance in the rim's plane, where the rim is a circle.
       const double r = Vec3(dx, dy, per_x * dx + per_y * dy).norm();
       if (r >= rim_radius) continue;
       const std::size_t node = field_.index(column, row);
-      // Over the bore the rim goes on, as deep as its chamfer: the scan decides there by the exact circle.
+      // The height field continues over the bore, as deep as the rim's chamfer: the scan uses the exact circle there.
       field_.z(node) = static_cast<float>(z - std::clamp(bore.radius_mm + edge - r, 0.0, edge));
       face_[node] = side == 0 ? ConcreteFace::rim_inner : ConcreteFace::rim_outer;
     }
@@ -106,7 +106,7 @@ void ConcreteBlock::cover_rim(std::size_t side, double share) {
         const double dy = field_.y_mm(row) - bore.centre.y();
         const double r = std::hypot(dx, dy);
         if (r < bore.radius_mm || r >= rim_radius) continue;
-        // From the outer edge inward: what is further out is covered sooner.
+        // The slurry covers the rim from the outer edge inward.
         const double outward = (r - bore.radius_mm) / (rim_radius - bore.radius_mm);
         visit(field_.index(column, row), dx, dy, splash.at(dx, dy) + 2.0 * outward);
       }
@@ -149,7 +149,7 @@ void ConcreteBlock::drop_rim(std::size_t side, double share) {
 
 void ConcreteBlock::fill_bore(std::size_t side) {
   Bore& bore = bores_[side];
-  // Strength 1: the outer casing only.
+  // Up to strength 1 only the outer casing is affected.
   const auto has = [&](Effect effect) { return strength(effect) > (side == 1 ? 0.0 : 1.0); };
   Prng random(seed_of(Effect::dirt, side));
   if (strength(Effect::thread) > 0.0) bore.thread_depth_mm = kThreadMm * strength(Effect::thread);

@@ -13,7 +13,7 @@ namespace {
 constexpr double kBowlHalfMm = 15.0;
 constexpr double kBowHalfXMm = 95.0;
 constexpr double kBowHalfSMm = 60.0;
-/// Broken concrete is rough.
+/// Roughness of broken concrete.
 constexpr double kBreakRoughMm = 0.5;
 constexpr double kBreakGrainMm = 3.0;
 constexpr double kCrackDepthMm = 3.0;
@@ -36,7 +36,7 @@ BlockTruth with_defects(const BlockTruth& basis, const std::vector<ConcreteDefec
       case ConcreteDefectKind::slope: truth.slope_rad += rad_from_deg(defect.size); break;
       case ConcreteDefectKind::jaw_distance: truth.jaw_distance_mm += defect.size; break;
       case ConcreteDefectKind::jaw_angle: truth.jaw_angle_outer_rad += rad_from_deg(defect.size); break;
-      // The rim stands over the seat by the size itself, wherever the drawing has it.
+      // The rim protrudes by the size, whatever the nominal protrusion.
       case ConcreteDefectKind::casing_out: truth.protrusion_outer_mm = defect.size; break;
       case ConcreteDefectKind::casing_sunk: truth.protrusion_inner_mm -= defect.size; break;
       case ConcreteDefectKind::spacing: truth.casing_spacing_mm += defect.size; break;
@@ -65,7 +65,7 @@ void ConcreteBlock::put_defects() {
       const double height = defect.kind == ConcreteDefectKind::hump ? defect.size : -defect.size;
       stamp(x, y, kBowlHalfMm, [&](double dx, double dy) { return height * bell(std::hypot(dx, dy), kBowlHalfMm); });
     } else if (defect.kind == ConcreteDefectKind::bow) {
-      // The bell ends within the evaluation region along s, so that the region has its whole height.
+      // The bell ends within the evaluation region along s, so that its whole height is in the region.
       stamp(0.0, 0.0, kBowHalfXMm,
             [&](double dx, double dy) { return defect.size * bell(dx, kBowHalfXMm) * bell(dy, kBowHalfSMm); });
     }
@@ -82,7 +82,7 @@ void ConcreteBlock::put_damage() {
     const double sign = random.uniform() < 0.5 ? -1.0 : 1.0;
     const RasterField rough = RasterField::grain({40.0, 40.0, 0.5}, kBreakGrainMm, random.next());
     const auto roughness = [&](double dx, double dy) { return kBreakRoughMm * rough.at(dx, dy); };
-    // Lowers the surface to `floor(dx, dy)` where that is below it.
+    // Lowers the surface to `floor(dx, dy)` where it is higher.
     const auto break_out = [&](double x, double y, double half, const auto& floor) {
       double deepest = 0.0;
       const HeightField::Window w = field_.window(x, y, half);
@@ -101,7 +101,7 @@ void ConcreteBlock::put_damage() {
     };
     switch (defect.kind) {
       case ConcreteDefectKind::chip_corner: {
-        // The plane through the points `size` away from the corner along its three edges.
+        // The plane through the points at distance `size` from the corner along its three edges.
         const double x = sign * (end - shoulder * tan_draft);
         const double y = recipe_.block.side_half_width_mm.value - shoulder * tan_draft;
         mark({MarkKind::damage, x, y, 0.0, size, size, size, false});
@@ -120,7 +120,7 @@ void ConcreteBlock::put_damage() {
         break;
       }
       case ConcreteDefectKind::chip_jaw: {
-        // At the upper edge, where the outer jaw meets its shoulder.
+        // At the upper edge between the outer jaw and its shoulder.
         const double x = (2.0 * random.uniform() - 1.0) * (end - 2.0 * size);
         const double jaw_climb = std::tan(truth_.block.slope_rad + kPi - truth_.block.jaw_angle_outer_rad);
         const double y = jaw_corners_[1].y() + (shoulder - jaw_corners_[1].z()) / jaw_climb;
@@ -132,7 +132,7 @@ void ConcreteBlock::put_damage() {
         break;
       }
       case ConcreteDefectKind::crack: {
-        // From end to end of the seat, within the evaluation region.
+        // The crack crosses the whole seat, within the evaluation region.
         const double y = (2.0 * random.uniform() - 1.0) * 50.0;
         const EdgeVariation course(random.next());
         mark({MarkKind::crack, 0.0, y, 0.0, 2.0 * end, size, kCrackDepthMm, true});
@@ -193,7 +193,7 @@ constexpr double kFilmMm = 0.03;
 constexpr double kChalkMm = 0.03;
 constexpr double kChalkStepMm = 0.02;
 constexpr double kChalkHalfMm = 4.0;
-/// Half of the block as far as things are strewn over it.
+/// Half size of the area of the block over which marks are scattered.
 constexpr double kStrewnX = 98.0;
 constexpr double kStrewnY = 232.0;
 /// Half of the seat between the jaws' fillets.
@@ -235,7 +235,8 @@ void ConcreteBlock::put_form() {
     const double y = between(random, -40.0, 40.0);
     stamp(x, y, 70.0, [&](double dx, double dy) {
       const double off = std::abs(dx - lean * dy);
-      // The scanner sees a step of the reflectivity as one of the height: up on the dark side, down on the light.
+      // The scanner measures a step of the reflectivity as a step of the height: up on the dark side, down on the
+      // light.
       if (off < kChalkHalfMm - 0.5) return kChalkMm * chalk;
       if (off < kChalkHalfMm) return (kChalkMm - kChalkStepMm) * chalk;
       return off < kChalkHalfMm + 0.5 ? kChalkStepMm * chalk : 0.0;
@@ -298,7 +299,7 @@ void ConcreteBlock::put_fin(Effect effect) {
   const double aside = effect == Effect::fin ? between(random, 56.0, 95.0) : between(random, 5.0, 45.0);
   const double x = random.uniform() < 0.5 ? -aside : aside;
   const EdgeVariation presence(random.next());
-  // Present where the course is in its upper part: the quantile is found on the course itself.
+  // The fin is present where `presence` is in its upper quantile, which is computed from its values.
   std::vector<double> values;
   for (double y = -kSeatHalfY; y < kSeatHalfY; y += 1.0) values.push_back(presence.at(y));
   std::sort(values.begin(), values.end());
@@ -323,7 +324,7 @@ void ConcreteBlock::put_dust() {
     const double x = between(random, -kStrewnX, kStrewnX);
     const double y = between(random, -kStrewnY, kStrewnY);
     const double size = between(random, 0.1, 0.5);
-    // A grain smaller than a cell of the raster keeps its volume, not its height.
+    // A grain smaller than a raster cell keeps its volume, not its height.
     const double volume = kPi / 6.0 * size * size * size;
     const double height = std::min(0.7 * size, volume / node2);
     stamp(x, y, std::max(0.5 * size, 0.5 * field_.step_mm()), [&](double, double) { return height; });

@@ -9,8 +9,8 @@
 
 #include "base/base.h"
 
-/// Everything that makes a scan of real concrete differ from a scan of its drawing, as one table: name, usual strength
-/// and meaning. Strength 0 is off, 1 is a plant with a good scanner, 2 to 3 a bad day.
+/// Differences between a scan of real concrete and a scan of its drawing, as one table: name, usual strength and
+/// meaning. Strength 0 is off, 1 is a plant with a good scanner, 2 to 3 a bad day.
 namespace slabd::simulate {
 
 enum class Effect : std::uint8_t {
@@ -71,30 +71,30 @@ struct EffectInfo {
 [[nodiscard]] const std::array<EffectInfo, kEffects>& effects();
 [[nodiscard]] const EffectInfo& info(Effect effect);
 
-/// `ideal`: the drawing, seen with noise; `clean`: real concrete with few voids and little dust; `real`: every effect
-/// at its usual strength.
+/// `ideal`: the drawing with noise; `clean`: real concrete with few voids and little dust; `real`: every effect at its
+/// usual strength.
 enum class SurfaceKind : std::uint8_t { ideal, clean, real };
-/// config: the text is none of the three names, and the error lists them.
+/// Code::config if the text is not one of the three names; the error lists them.
 [[nodiscard]] Result<SurfaceKind> surface_named(std::string_view name);
 [[nodiscard]] std::string_view name(SurfaceKind kind);
 
 /// One strength for each effect.
 class EffectStrengths {
  public:
-  /// All off.
+  /// All effects off.
   EffectStrengths() = default;
   explicit EffectStrengths(SurfaceKind kind);
   [[nodiscard]] double operator[](Effect effect) const { return strength_[static_cast<std::size_t>(effect)]; }
   void set(Effect effect, double strength) { strength_[static_cast<std::size_t>(effect)] = strength; }
-  /// Takes "NAME=STRENGTH", strength 0..10 (standoff -10..10). Returns nothing if it was taken, else the sentence to
-  /// print; it lists all names if the name is unknown, which is more than an Error holds.
+  /// Parses "NAME=STRENGTH", strength 0..10 (standoff -10..10). Returns nullopt on success, otherwise the message to
+  /// print. For an unknown name it lists all names, which is longer than an Error allows.
   [[nodiscard]] std::optional<std::string> take(std::string_view text);
 
  private:
   std::array<double, kEffects> strength_{};
 };
 
-/// Every effect with usual strength and meaning, one per line, for the help.
+/// Help text: every effect with usual strength and meaning, one per line.
 [[nodiscard]] std::string effect_help();
 
 /// Defects of a real block. The first group changes dimensions, the second the form of the seat, the third is damage.
@@ -119,8 +119,8 @@ inline constexpr std::size_t kConcreteDefects = 14;
 struct ConcreteDefectInfo {
   ConcreteDefectKind kind{};
   std::string_view name;
-  double usual = 0.0;     ///< size of a defect that must be noticed
-  std::string_view item;  ///< name of the item that must not pass; empty: damage, a finding of its own
+  double usual = 0.0;     ///< size of a defect that must be detected
+  std::string_view item;  ///< name of the item that must not pass; empty: damage, reported as a finding
   std::string_view meaning;
 };
 [[nodiscard]] const std::array<ConcreteDefectInfo, kConcreteDefects>& concrete_defects();
@@ -130,11 +130,12 @@ struct ConcreteDefect {
   ConcreteDefectKind kind{};
   double size = 0.0;
 };
-/// Of those that leave the block's dimensions as they are: form of the seat and damage.
+/// True for defects that do not change the block's dimensions: form of the seat and damage.
 [[nodiscard]] bool is_damage(ConcreteDefectKind kind);
-/// Every one of these with usual size and meaning, one per line, for the help.
+/// Help text: every such defect with usual size and meaning, one per line.
 [[nodiscard]] std::string damage_help();
-/// Takes "NAME=SIZE", or "NAME" for the usual size. config: unknown name (the error lists all names), or not a size.
+/// Parses "NAME=SIZE", or "NAME" for the usual size. Code::config if the name is unknown (the error lists all names)
+/// or the size is invalid.
 [[nodiscard]] Result<ConcreteDefect> parse_concrete_defect(std::string_view text);
 
 }  // namespace slabd::simulate

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The faces of a block, with fillets and chamfers, and the textures that belong to the concrete itself: grain, waviness
-// and relief.
+// The faces of a block with fillets and chamfers, and the textures of the concrete: grain, waviness and relief.
 #include <algorithm>
 #include <cmath>
 
@@ -19,7 +18,7 @@ constexpr double kFilletTopMm = kFilletMm[4];
 constexpr double kFilletScatter = 0.25;
 constexpr double kChamferMm = 4.0;
 constexpr double kWearShare = 0.4;
-/// An edge never vanishes by wear.
+/// Smallest size of a worn edge, as a share.
 constexpr double kWornLeast = 0.1;
 constexpr double kGrainMm = 0.010;
 constexpr double kGrainLengthMm = 2.0;
@@ -27,9 +26,9 @@ constexpr double kWavePeakToValleyMm = 0.03;
 constexpr double kOutlineScatterMm = 0.4;
 constexpr double kCasingAlongMm = 0.08;
 constexpr double kRollDeg = 0.02;
-/// The relief of a shoulder begins at its edge with nothing and is complete after this.
+/// The relief of a shoulder rises from zero at its edge to full height over this distance.
 constexpr double kReliefFadeMm = 8.0;
-/// Kept clear of the ends of a jaw when its waviness is levelled.
+/// Distance from the ends of a jaw that is left out when its waviness is levelled.
 constexpr double kJawEndMm = 8.0;
 /// The corner that a defect breaks out of the block, as in BlockSurface.
 constexpr double kCornerX = 57.0;
@@ -57,15 +56,15 @@ bool is_jaw(ConcreteFace face) {
 
 }  // namespace
 
-/// Everything that a node's height needs.
+/// Data for the height of a node.
 struct ConcreteBlock::Faces {
   double tan_draft = 0.0;
   std::array<double, 2> half_x{};  ///< at z = 0, minus and plus
   std::array<double, 2> half_y{};  ///< inner and outer
-  double chamfer_fall = 0.0;       ///< of a chamfer, mm per mm
+  double chamfer_fall = 0.0;       ///< slope of a chamfer, mm per mm
   Section sharp;                   ///< at x = 0, without arcs
   std::vector<Section> sections;   ///< by column
-  // Worn along the edge: by column for the side faces (inner, outer), by row for the end faces (minus, plus).
+  // Wear along the edge: by column for the side faces (inner, outer), by row for the end faces (minus, plus).
   std::array<std::vector<double>, 2> chamfer_side, chamfer_end;
   std::array<std::vector<SectionArc>, 2> foot_side, foot_end;
   std::array<double, 2> jaw_nz{};  ///< z of the jaws' normals
@@ -87,7 +86,7 @@ void ConcreteBlock::shape(Faces& f) {
   for (double& half : f.half_y) half = b.side_half_width_mm.value + off();
   top_z_mm_ = b.slab_top_z_mm.value + truth.slab_top_shift_mm + off();
   truth_.roll_rad = rad_from_deg(within(random, cast * kRollDeg));
-  // Opposite ways, so that their midpoint, the seat's reference point, is where the slab has it.
+  // The casings move in opposite directions, so that their midpoint, the seat's reference point, remains in place.
   bores_[1].centre.x() = within(random, cast * kCasingAlongMm);
   bores_[0].centre.x() = -bores_[1].centre.x();
   f.tan_draft = std::tan(b.draft_rad.value);
@@ -188,7 +187,7 @@ ConcreteBlock::Node ConcreteBlock::block_node(const Faces& f, std::size_t column
   const double from_end = std::abs(x) - (f.half_x[end] - p.z * f.tan_draft) + chamfer_end;
   const double from_side = std::abs(y) - (f.half_y[side] - p.z * f.tan_draft) + f.chamfer_side[side][column];
   double cut = node.z - std::max(from_end, from_side) * f.chamfer_fall;
-  cut = std::min(cut, 0.5 * (end_z + side_z - chamfer_end / f.tan_draft));  // the upright edge between both faces
+  cut = std::min(cut, 0.5 * (end_z + side_z - chamfer_end / f.tan_draft));  // the vertical edge between both faces
   if (cut < node.z) {
     node.z = cut;
     node.face = ConcreteFace::edge;
@@ -200,7 +199,7 @@ ConcreteBlock::Node ConcreteBlock::block_node(const Faces& f, std::size_t column
   if (node.face == ConcreteFace::seat) {
     node.added = f.wave_mm * f.wave.at(x, y) + f.grain_mm * f.grain.at(x, y);
   } else if (is_jaw(node.face)) {
-    // Along the face, so that its texture is not stretched.
+    // Coordinate along the face, so that its texture is not stretched.
     const std::size_t i = jaw_of(node.face);
     const double v = jaw_corners_[i].y() + (y - jaw_corners_[i].y()) / f.jaw_nz[i];
     node.added = f.wave_mm * f.wave.at(x, v) + f.grain_mm * f.grain.at(x, v);
@@ -225,7 +224,7 @@ void ConcreteBlock::round_foot(const Faces& f, std::size_t column, std::size_t r
     if (t <= arc.from || t >= arc.to || arc.z(t) <= node.z) return;
     node = {arc.z(t), f.relief_mm * relief_.at(x, y), ConcreteFace::edge};
   };
-  // Along an end or side face, and turned about the corner between them.
+  // Along an end or side face, and rotated about the corner between them.
   if (dy <= 0.0 || dx > 0.0)
     raise(f.foot_end[end][row], dx > 0.0 && dy > 0.0 ? foot_x + std::hypot(dx, dy) : std::abs(x));
   if (dx <= 0.0) raise(f.foot_side[side][column], std::abs(y));
@@ -239,7 +238,7 @@ void ConcreteBlock::cast_faces() {
   const BlockTruth& truth = truth_.block;
   const double end_minus = has_value(truth.top_end_minus_mm) ? -truth.top_end_minus_mm : -1e9;
   const double end_plus = has_value(truth.top_end_plus_mm) ? truth.top_end_plus_mm : 1e9;
-  // Heights along the normals of the faces, levelled before they are added.
+  // Heights along the normals of the faces, which are levelled before they are added.
   std::vector<float> added(face_.size(), 0.0F);
   for (std::size_t row = 0; row < field_.rows(); ++row)
     for (std::size_t column = 0; column < field_.columns(); ++column) {

@@ -49,7 +49,7 @@ RasterField RasterField::waves(const FieldSize& size, double shortest_mm, double
     const double phase = 2.0 * kPi * random.uniform();
     const double kx = 2.0 * kPi / length * std::cos(direction) * size.step_mm;
     const double ky = 2.0 * kPi / length * std::sin(direction) * size.step_mm;
-    // cos(a + b) from tables of one row and one column: no cosine per node.
+    // cos(a + b) from tables of one row and one column, without a cosine per node.
     std::vector<float> cos_x(columns);
     std::vector<float> sin_x(columns);
     for (std::size_t i = 0; i < columns; ++i) {
@@ -103,9 +103,9 @@ Vec3 PlaneSums::plane() const {
 namespace {
 
 constexpr std::size_t kTileNodes = 16;
-/// A surface point is lifted by this before it is looked at, so that it does not hide itself.
+/// Height by which a surface point is lifted for the visibility test, so that it does not hide itself.
 constexpr double kLiftMm = 0.02;
-/// Rays that come down straighter than this are treated as this slanted when a step is chosen.
+/// Rays steeper than this count as this slanted when a step is chosen.
 constexpr double kSlantMin = 1e-4;
 constexpr double kOnSurfaceMm = 1e-6;
 constexpr int kSecantsMax = 40;
@@ -193,7 +193,8 @@ double HeightField::first_met(const Vec3& from, const Vec3& along) const {
   const double down = -along.z();
   if (!(down > 0.0)) return kNoValue;
   const double aside = std::max(std::hypot(along.x(), along.y()), kSlantMin * down);
-  // One tile aside at least before the tile map has to be read again; half a node less for the rounding to a node.
+  // A step of at least one tile sideways before the tile map is read again; half a node less for the rounding to a
+  // node.
   const double tile_t = (static_cast<double>(kTileNodes) - 1.0) * step_mm_ / aside;
   const double node_t = step_mm_ / aside;
   const double last_t = (from.z() - lowest_mm_ + 1.0) / down;
@@ -219,7 +220,7 @@ double HeightField::first_met(const Vec3& from, const Vec3& along) const {
     above = gap;
     if (t >= last_t) return kNoValue;
   }
-  // Regula falsi with the Illinois rule: a kept end counts half.
+  // Regula falsi with the Illinois rule: the value of a retained end is halved.
   int kept = 0;
   for (int i = 0; i < kSecantsMax; ++i) {
     t = above_t + (below_t - above_t) * above / (above - below);

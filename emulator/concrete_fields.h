@@ -6,10 +6,10 @@
 
 #include "base/base.h"
 
-/// Random fields over a rectangle of a plane, each sampled once on a coarse raster and interpolated.
+/// Random fields over a rectangle of a plane, sampled once on a coarse raster and interpolated.
 namespace slabd::simulate {
 
-/// A rectangle centred on the origin and the raster that a field over it is kept on. mm.
+/// A rectangle centred on the origin and the raster of a field over it. mm.
 struct FieldSize {
   double half_x_mm = 0.0;
   double half_y_mm = 0.0;
@@ -42,7 +42,7 @@ class RasterField {
   std::vector<float> heights_;
 };
 
-/// A smooth random function of one length, within -1..1: how an edge is worn along its course.
+/// A smooth random function of one length, within -1..1: the wear along an edge.
 class EdgeVariation {
  public:
   explicit EdgeVariation(std::uint64_t seed);
@@ -54,7 +54,7 @@ class EdgeVariation {
   std::array<double, kWaves> phase_{};
 };
 
-/// Least-squares plane h = a + b x + c y of what is added.
+/// Least-squares plane h = a + b x + c y of the added points.
 class PlaneSums {
  public:
   void add(double x, double y, double h) {
@@ -68,18 +68,18 @@ class PlaneSums {
     xh_ += x * h;
     yh_ += y * h;
   }
-  /// a, b, c; zero with fewer than three points.
+  /// a, b, c; zero if there are fewer than three points.
   [[nodiscard]] Vec3 plane() const;
 
  private:
   double n_ = 0.0, x_ = 0.0, y_ = 0.0, h_ = 0.0, xx_ = 0.0, xy_ = 0.0, yy_ = 0.0, xh_ = 0.0, yh_ = 0.0;
 };
 
-// A surface z(x, y) sampled on a square raster, and where rays meet it.
+// A surface z(x, y) sampled on a square raster, and its intersections with rays.
 //
-// A ray from above first passes tiles whose highest point is below it, several millimetres a step, then the nodes
-// one by one until it is below the surface, then a secant finds the place in that step. Walls steeper than the
-// raster are one raster step wide.
+// A ray from above first passes tiles whose highest point is below it, several millimetres a step. Then it passes the
+// nodes one by one until it is below the surface; a secant finds the point in that step. Walls steeper than the raster
+// are one raster step wide.
 
 class HeightField {
  public:
@@ -103,10 +103,10 @@ class HeightField {
     return window(x_mm - half_mm, x_mm + half_mm, y_mm - half_mm, y_mm + half_mm);
   }
   [[nodiscard]] Window window(double x_from_mm, double x_to_mm, double y_from_mm, double y_to_mm) const;
-  /// Index of the node next to (x, y); beyond the edge that of the edge.
+  /// Index of the node nearest to (x, y); beyond the edge that of the edge.
   [[nodiscard]] std::size_t nearest(double x_mm, double y_mm) const;
 
-  /// Bilinear; beyond the edge the edge's height.
+  /// Bilinear height; beyond the edge the height of the edge.
   [[nodiscard]] double height_mm(double x_mm, double y_mm) const { return sample(x_mm, y_mm).z; }
   /// dz/dx and dz/dy of the cell at (x, y).
   struct Slope {
@@ -115,12 +115,12 @@ class HeightField {
   };
   [[nodiscard]] Slope slope(double x_mm, double y_mm) const;
 
-  /// Call it after the last change of a height: finds the tiles' highest points.
+  /// Finds the tiles' highest points. Call it after the last change of a height.
   void finish();
 
   /// Smallest t >= 0 at which from + t * along is on the surface; NaN if the ray does not descend or starts below it.
   [[nodiscard]] double first_met(const Vec3& from, const Vec3& along) const;
-  /// True if nothing of the surface is between `point` (on it) and `eye` (above everything).
+  /// True if the surface does not intersect the line between `point` (on it) and `eye` (above everything).
   [[nodiscard]] bool sees(const Vec3& eye, const Vec3& point) const;
 
  private:
@@ -131,7 +131,7 @@ class HeightField {
     double v = 0.0;
   };
   [[nodiscard]] Sample sample(double x_mm, double y_mm) const;
-  /// Highest point within one tile of (x, y) at least.
+  /// Highest point within at least one tile of (x, y).
   [[nodiscard]] double highest_near(double x_mm, double y_mm) const;
 
   double half_x_mm_;
@@ -143,8 +143,8 @@ class HeightField {
   std::vector<float> z_;
   std::size_t tile_columns_ = 0;
   std::size_t tile_rows_ = 0;
-  std::vector<float> highest_;  ///< of each tile and its eight neighbours
-  double highest_mm_ = 0.0;     ///< of all
+  std::vector<float> highest_;  ///< of each tile with its eight neighbours
+  double highest_mm_ = 0.0;     ///< of the whole surface
   double lowest_mm_ = 0.0;
 };
 

@@ -32,7 +32,7 @@ ConcreteOptics::ConcreteOptics(const ConcreteOrder& order, const Pose& T_scanner
       T_scanner_block_(T_scanner_block),
       T_block_scanner_(T_scanner_block.inverse()) {
   Prng random(derived_seed(scanner.seed, 600, 0));
-  // The cameras are beside the projector along the rail or across it.
+  // The cameras are on both sides of the projector, along the rail or across it.
   const bool across = random.uniform() < 0.5;
   const double projector_aside = 40.0 * (2.0 * random.uniform() - 1.0);
   const Vec3 base = across ? Vec3(0.0, 0.5 * kBaseMm, 0.0) : Vec3(0.5 * kBaseMm, 0.0, 0.0);
@@ -116,11 +116,11 @@ void ConcreteOptics::look_into(const ConcreteBlock& block, const Bore& bore, con
     const Vec3 q = from + t * along;
     return (q - q.dot(bore.axis) * bore.axis).norm();
   };
-  // The edge of the bore is at the foot of its chamfer.
+  // The edge of the bore is at the bottom of its chamfer.
   if (radius_at((height + bore.chamfer_mm) / down) >= bore.radius_mm) return;
   seen.bore = static_cast<std::uint8_t>(static_cast<int>(bore.content) + 1);
   seen.t = std::numeric_limits<float>::quiet_NaN();
-  // Every eye that looks for the point must look through the bore's mouth.
+  // Projector and cameras must see the point through the mouth of the bore.
   const auto is_lit = [&](const Vec3& q) {
     if (effects_[Effect::shadow] == 0.0) return true;
     return std::all_of(eyes_block_.begin(), eyes_block_.end(), [&](const Vec3& eye) {
@@ -139,7 +139,7 @@ void ConcreteOptics::look_into(const ConcreteBlock& block, const Bore& bore, con
       seen.face = ConcreteFace::cap;
       seen.gloss = 0;
       if (returns && is_lit(q)) {
-        // Sand is rough, and water gives a height that is not its own.
+        // Sand is rough, and water returns a wrong height.
         const double off = bore.content == Bore::Content::water  ? 0.8 * (unit(random >> 16U) - 0.5)
                            : bore.content == Bore::Content::sand ? 0.6 * (unit(random >> 16U) - 0.5)
                                                                  : 0.0;
@@ -149,7 +149,7 @@ void ConcreteOptics::look_into(const ConcreteBlock& block, const Bore& bore, con
     }
   }
   if (bore.thread_depth_mm == 0.0 || unit(random >> 32U) >= kThreadShare) return;
-  // The wall: where the ray is one radius from the axis, with the thread's groove on it.
+  // The wall is hit at one radius from the axis, with the thread's groove on it.
   const Vec3 a = along - along.dot(bore.axis) * bore.axis;
   const Vec3 f = from - from.dot(bore.axis) * bore.axis;
   const auto wall_t = [&](double radius) {

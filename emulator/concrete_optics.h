@@ -9,17 +9,17 @@
 #include "emulator/block_drawing.h"
 #include "emulator/concrete_block.h"
 
-/// The geometry of the scanner: where its eyes are, which ray belongs to a pixel, and what that ray meets.
+/// Geometry of the scanner: positions of cameras and projector, the ray of a pixel, and the point that it hits.
 namespace slabd::simulate {
 
-/// The place that a pixel sees, before any error.
+/// The point that a pixel sees, without errors.
 struct Seen {
-  float t = 0.0F;       ///< place on the pixel's ray: scanner Z beyond the ray's origin, mm; NaN: nothing returns
-  float cosine = 1.0F;  ///< of the incidence
-  float nearer = 0.0F;  ///< interreflection: by how much the point seems nearer, mm
+  float t = 0.0F;       ///< position on the pixel's ray: scanner Z beyond the ray's origin, mm; NaN: no return
+  float cosine = 1.0F;  ///< cosine of the angle of incidence
+  float nearer = 0.0F;  ///< interreflection: distance by which the point seems nearer, mm
   ConcreteFace face = ConcreteFace::beyond;
   std::uint8_t gloss = 0;
-  std::uint8_t bore = 0;  ///< 0: not in a casing's bore, else the content's number + 1
+  std::uint8_t bore = 0;  ///< 0: not in a casing's bore, otherwise the content's number + 1
 };
 
 class ConcreteOptics {
@@ -30,10 +30,10 @@ class ConcreteOptics {
   [[nodiscard]] const Vec3& origin() const { return origin_; }
   /// Direction of a pixel's ray in the scanner frame, z = 1.
   [[nodiscard]] Vec3 ray(std::size_t column, std::size_t row) const;
-  /// True if a point of the block frame is in the field of view and all eyes see it.
+  /// True if a point of the block frame is in the field of view and visible for the projector and both cameras.
   [[nodiscard]] bool in_view(const ConcreteBlock& block, const Vec3& p_block) const;
 
-  /// Follows the ray of a pixel. `random`: one draw for what returns by chance.
+  /// Traces the ray of a pixel. `random`: one draw for random returns.
   [[nodiscard]] Seen look(const ConcreteBlock& block, std::size_t column, std::size_t row, std::uint64_t random) const;
 
  private:
@@ -49,7 +49,7 @@ class ConcreteOptics {
   Vec3 origin_ = Vec3::Zero();
   Vec3 origin_block_ = Vec3::Zero();
   std::array<Vec3, 3> eyes_block_{};  ///< projector, cameras
-  std::array<double, 4> bend_{};      ///< how rays leave the even grid, share of the place by odd terms
+  std::array<double, 4> bend_{};      ///< deviation of rays from the even grid, share of the position by odd terms
 };
 
 }  // namespace slabd::simulate

@@ -13,7 +13,7 @@ namespace {
 struct Kind {
   DefectKind kind;
   std::string_view name;
-  std::string_view value;  ///< what stands after K: in help and errors
+  std::string_view value;  ///< text after K: in help and errors
   double min = 0.0;
   double max = 0.0;
   std::string_view meaning;

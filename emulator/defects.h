@@ -9,6 +9,7 @@
 
 /// Planted faults, `name=K:VALUE` on the command line: block K is cast, placed or scanned wrongly by a known amount.
 /// Faults of the whole slab are written `name=VALUE`.
+/// Faults of the whole slab are written `name=VALUE`.
 namespace slabd::simulate {
 
 enum class DefectKind : std::uint8_t {
@@ -45,10 +46,10 @@ struct Defect {
   double value = 0.0;  ///< as written: mm, deg, a share, or n of 1:n
 };
 
-/// Parses one `--defect`. config: the text names the option, what was expected and the allowed range.
+/// Parses one `--defect`. Code::config on failure; the text names the option, the expected form and the allowed range.
 [[nodiscard]] Result<Defect> parse_defect(std::string_view text);
 
-/// Every kind with its unit, range and meaning, one per line, for the help.
+/// Help text: every kind with its unit, range and meaning, one per line.
 [[nodiscard]] std::string defect_help();
 
 }  // namespace slabd::simulate

@@ -20,7 +20,7 @@ PlcOrder plc_order(const SlabOrder& slab, PlcCommand command, int station = 0) {
   return {command, station, slab.slab_type, slab.slab_no, slab.slab_id};
 }
 
-/// A broken link or Ctrl-C ends the run; everything else is the station's own affair.
+/// True if the trouble ends the run: a broken link or Ctrl-C. Other troubles concern one station.
 bool ends_run(const PlcTrouble& trouble) {
   return trouble.link_lost || trouble.interrupted;
 }
@@ -47,7 +47,7 @@ class SlabProgram {
   }
   StationRun& at(int station) { return run_.station[static_cast<std::size_t>(station - 1)]; }
 
-  /// An open slab with this number goes on where it stopped; any other one is aborted first, as a foreman would.
+  /// Continues an open slab with this number; aborts any other open slab first, as an operator would.
   bool begin() {
     tell(0, "SLAB_BEGIN");
     if (seen().slab_open && seen().slab_no == run_.order.slab_no) {
@@ -77,7 +77,7 @@ class SlabProgram {
     return true;
   }
 
-  /// False only when the run cannot go on.
+  /// Returns false only if the run cannot continue.
   bool scan(int station) {
     line_.robot.move_to(truth_.at(station).T_base_flange_reported);
     line_.scanner.stand_over(station, station < truth_.stations ? station + 1 : 0);
@@ -115,7 +115,8 @@ class SlabProgram {
     tell(truth_.stations, "SLAB_END");
     std::uint16_t seq = 0;
     if (!line_.plc.issue(plc_order(run_.order, PlcCommand::slab_end), seq, run_.trouble)) return false;
-    // The verdict registers are final before the record, which waits until the records before it are taken.
+    // The verdict registers are final before the record, because the record waits for the acknowledgement of earlier
+    // ones.
     const auto final_table = [&] { return seen().table_slab_no == run_.order.slab_no && !seen().slab_open; };
     PlcClock::time_point shown_at{};
     const auto shown = [&] {
@@ -128,7 +129,7 @@ class SlabProgram {
     if (shown_at == PlcClock::time_point{}) shown_at = stored.at;
     if (last_acquired_ != PlcClock::time_point{}) run_.last_acquired_to_verdict_s = seconds(shown_at - last_acquired_);
 
-    // They must agree.
+    // Registers and record must agree.
     if (!line_.plc.await(final_table, line_.timing.result_timeout, "the station table", run_.trouble)) return false;
     run_.table = seen().table;
     run_.verdict = seen().slab_verdict;

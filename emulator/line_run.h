@@ -14,8 +14,8 @@
 #include "emulator/scanner_peer.h"
 #include "emulator/slab_scene.h"
 
-/// The line's program for one slab: SLAB_BEGIN, 18 times move and SCAN, SLAB_END, wait for the verdict. It is what
-/// the PLC program of a real line does, with the emulated peers in place of the machines.
+/// The line's program for one slab: SLAB_BEGIN, move and SCAN for each station, SLAB_END, wait for the verdict. It
+/// does the same as the PLC program of a real line, with emulated peers instead of the machines.
 namespace slabd::simulate {
 
 struct SlabOrder {
@@ -24,11 +24,11 @@ struct SlabOrder {
   std::uint16_t slab_type = 0;
 };
 
-/// One station as the line saw it. Times in s; negative = did not happen.
+/// One station as the line saw it. Times in s; negative: did not happen.
 struct StationRun {
   int scans = 0;              ///< SCAN commands given
   std::uint16_t cmd_seq = 0;  ///< of the last one
-  std::string trouble;        ///< why the last SCAN came to nothing
+  std::string trouble;        ///< reason for the failure of the last SCAN
   double trigger_to_acquired_s = -1.0;
   double acquired_to_result_s = -1.0;
   bool has_record = false;
@@ -39,13 +39,13 @@ struct SlabRun {
   SlabOrder order;
   bool finished = false;   ///< a slab verdict was shown
   bool continued = false;  ///< the slab was already open: finished stations were skipped
-  PlcTrouble trouble;      ///< why it did not finish
+  PlcTrouble trouble;      ///< reason for an unfinished slab
   std::array<StationRun, limits::kStationsMax> station{};
-  std::array<PlcStationRow, limits::kStationsMax> table{};  ///< as the PLC read it at the end
+  std::array<PlcStationRow, limits::kStationsMax> table{};  ///< as read by the PLC at the end
   Verdict verdict = Verdict::none;
   std::uint16_t reason = 0;
   PlcResult record;                          ///< of the slab
-  double last_acquired_to_verdict_s = -1.0;  ///< as the PLC sees both; to a PLC cycle
+  double last_acquired_to_verdict_s = -1.0;  ///< as seen by the PLC; resolution of a PLC cycle
   double total_s = 0.0;
 };
 
@@ -60,17 +60,17 @@ struct Line {
   std::function<void(int station, std::string_view doing)> progress;
 };
 
-/// Runs one slab. Never throws the slab away: a station that cannot be scanned is left out after its attempts, and
-/// slabd's verdict says what that means.
+/// Runs one slab. Never discards the slab: a station that cannot be scanned is skipped after its attempts, and slabd's
+/// verdict takes that into account.
 [[nodiscard]] SlabRun run_slab(const Line& line, const SlabOrder& order, const SlabTruth& truth);
 
-// Robot and scanner for somebody else's PLC: a real one on the bench, or a test's. Orders come as lines of text, each
-// is answered with one:
+// Robot and scanner for an external PLC: a real one on the bench, or a test. Orders are lines of text, each with one
+// line as the answer:
 //
-//   slab N       the N-th slab (from 1) lies in the cell             -> "slab N"
-//   station K    the robot goes to station K and stands there        -> "standing K"
+//   slab N       the N-th slab (from 1) is in the cell               -> "slab N"
+//   station K    the robot moves to station K and stops there        -> "standing K"
 //
-// Anything else is answered with "error: ..." and changes nothing.
+// Any other line is answered with "error: ..." and changes nothing.
 
 struct StandBy {
   RobotPeer& robot;
@@ -80,7 +80,7 @@ struct StandBy {
   const std::vector<SlabTruth>& slabs;
 };
 
-/// Obeys until the end of `in`, or until `stop` and one more line.
+/// Executes orders until the end of `in`, or until `stop` and one more line.
 void stand_by(const StandBy& line, std::istream& in, std::ostream& out, const std::atomic<bool>& stop);
 
 }  // namespace slabd::simulate

@@ -22,24 +22,24 @@
 namespace slabd::simulate {
 namespace {
 
-/// How the emulated PLC and slabd exchange registers: the PLC asks slabd's server (TCP or serial line), or slabd asks
-/// the PLC, which then holds both memories itself. What a PLC program does is the same.
+/// Register exchange between the emulated PLC and slabd. Either the PLC is the client of slabd's server (TCP or serial
+/// line), or slabd is the client and the PLC holds both memories. The PLC program is the same in both cases.
 class PlcWire {
  public:
   virtual ~PlcWire() = default;
-  /// Connects, or connects anew. False with the reason in fault().
+  /// Connects or reconnects. Returns false with the reason in fault().
   [[nodiscard]] virtual bool open() = 0;
-  /// Nothing is connected any more: a late answer would otherwise be taken for the next one's.
+  /// Disconnects, because a late answer would otherwise count as the answer to the next request.
   virtual void close() = 0;
-  /// IR 0..109. False: the link is broken, or slabd has written nothing yet.
+  /// Reads IR 0..109. False: the link is broken, or slabd has not written yet.
   [[nodiscard]] virtual bool read(hal::InputImage& image) = 0;
-  /// `count` registers of `image` from HR `first` on.
+  /// Writes `count` registers of `image` from HR `first` on.
   [[nodiscard]] virtual bool write(int first, int count, const hal::HoldingImage& image) = 0;
-  /// HR 3 as it stands in the memory that slabd reads.
+  /// Reads HR 3 as stored in the memory that slabd reads.
   [[nodiscard]] virtual bool read_sync(std::uint16_t& value) = 0;
-  /// Why the last call failed, with what to look at.
+  /// Reason for the failure of the last call, with a hint.
   [[nodiscard]] virtual std::string fault() const = 0;
-  /// Where slabd is: "127.0.0.1:1502", "/dev/ttyS1".
+  /// Address of slabd: "127.0.0.1:1502", "/dev/ttyS1".
   [[nodiscard]] virtual std::string name() const = 0;
 };
 
@@ -55,7 +55,7 @@ struct MappingFree {
   void operator()(modbus_mapping_t* mapping) const { modbus_mapping_free(mapping); }
 };
 
-/// The PLC asks: a client on TCP, the master of a serial line.
+/// The PLC as client: TCP, or the master of a serial line.
 class AskingWire : public PlcWire {
  public:
   AskingWire(const hal::PlcSettings& plc, std::string device) : plc_(plc), device_(std::move(device)) {}
@@ -90,7 +90,7 @@ class AskingWire : public PlcWire {
   std::string name() const override { return device_.empty() ? fmt::format("{}:{}", host(), plc_.port) : device_; }
 
  private:
-  /// "0.0.0.0" is where a server listens, not where a client connects.
+  /// Host to connect to; "0.0.0.0" is only valid for listening.
   [[nodiscard]] std::string host() const {
     const std::string_view listen = plc_.host.view();
     return listen.empty() || listen == "0.0.0.0" ? "127.0.0.1" : std::string(listen);
@@ -114,7 +114,8 @@ class AskingWire : public PlcWire {
   int fault_ = 0;
 };
 
-/// slabd asks: both memories lie here, and a thread answers for them. One connection at a time, as a small PLC has.
+/// The PLC as server: it holds both memories, and a thread answers requests. One connection at a time, as on a small
+/// PLC.
 class AskedWire : public PlcWire {
  public:
   AskedWire(const hal::PlcSettings& plc, ModbusContext context, int listener)
@@ -133,7 +134,7 @@ class AskedWire : public PlcWire {
   bool read(hal::InputImage& image) override {
     const std::lock_guard lock(mutex_);
     const std::uint16_t* const status = memory_->tab_registers + plc_.status_base;
-    // Memory that nobody has written is no link.
+    // Memory that was never written counts as a broken link.
     if (!connected_ || status[0] == 0) return false;
     std::copy_n(status, image.size(), image.begin());
     return true;
@@ -172,7 +173,7 @@ class AskedWire : public PlcWire {
     std::array<std::uint8_t, MODBUS_TCP_MAX_ADU_LENGTH> request{};
     modbus_set_socket(context_.get(), peer_);
     const int bytes = modbus_receive(context_.get(), request.data());
-    if (bytes == 0) return;  // for another unit
+    if (bytes == 0) return;  // addressed to another unit
     const std::lock_guard lock(mutex_);
     if (bytes < 0 || modbus_reply(context_.get(), request.data(), bytes, memory_.get()) < 0)
       drop_peer();
@@ -188,7 +189,7 @@ class AskedWire : public PlcWire {
   hal::PlcSettings plc_;
   ModbusContext context_;
   std::unique_ptr<modbus_mapping_t, MappingFree> memory_{modbus_mapping_new(0, 0, 65'536, 0)};
-  std::mutex mutex_;  ///< the registers
+  std::mutex mutex_;  ///< guards the registers
   int listener_;
   int peer_ = -1;
   std::atomic<bool> connected_{false};
@@ -196,8 +197,8 @@ class AskedWire : public PlcWire {
   std::thread server_;
 };
 
-/// `plc`: the daemon's settings, of which this is the other end. `device`: the other end of the serial line (rtu only).
-/// config when the PLC's server cannot listen at plc.connect.
+/// `plc`: the daemon's settings; this is the opposite end. `device`: the other end of the serial line (rtu only).
+/// Code::config if the PLC's server cannot listen at plc.connect.
 Result<std::unique_ptr<PlcWire>> make_plc_wire(const hal::PlcSettings& plc, const std::string& device) {
   if (plc.role != hal::PlcRole::client) return std::unique_ptr<PlcWire>(std::make_unique<AskingWire>(plc, device));
   ModbusContext context(modbus_new_tcp(plc.host.c_str(), plc.port));
@@ -211,7 +212,7 @@ Result<std::unique_ptr<PlcWire>> make_plc_wire(const hal::PlcSettings& plc, cons
 using std::chrono::milliseconds;
 
 constexpr milliseconds kConnectTimeout{5'000};
-constexpr milliseconds kAskedTimeout{12'000};  // slabd as client looks for a lost PLC every five seconds
+constexpr milliseconds kAskedTimeout{12'000};  // as client slabd retries a lost PLC every five seconds
 constexpr milliseconds kReconnectPeriod{500};
 constexpr milliseconds kSessionTimeout{3'000};
 constexpr int kControlRegisters = 4;  // HR 0..3
@@ -224,7 +225,7 @@ struct PlcPeer::Impl {
   std::unique_ptr<PlcWire> wire;
   std::string name;
 
-  PlcInputs memory;  // what this PLC holds for slabd
+  PlcInputs memory;  // registers that this PLC provides to slabd
   PlcOutputs seen;
   std::vector<StoredResult> results;
   PlcClock::time_point beat_at{};
@@ -242,7 +243,7 @@ struct PlcPeer::Impl {
 
   // ---- one cycle --------------------------------------------------------------------------------------------------
 
-  /// Reads, acknowledges, beats; sleeps for the rest of the cycle first. A broken link is mended here.
+  /// Runs one cycle: waits for its start, reads, acknowledges and sends the heartbeat. Reconnects a broken link.
   bool cycle(PlcTrouble& trouble) {
     std::this_thread::sleep_until(cycle_at + traits.cycle);
     cycle_at = PlcClock::now();
@@ -276,8 +277,8 @@ struct PlcPeer::Impl {
     return true;
   }
 
-  /// Stored first, acknowledged second; slabd shows it again until it sees RES_ACK. A record that is already here
-  /// (same slab, station and command) is only acknowledged.
+  /// Stores the record before acknowledging it; slabd repeats it until it reads RES_ACK. A record that is already
+  /// stored (same slab, station and command) is only acknowledged.
   void store_result() {
     const PlcResult& record = seen.record;
     const bool known = std::any_of(results.begin(), results.end(), [&](const StoredResult& stored) {
@@ -285,12 +286,13 @@ struct PlcPeer::Impl {
              stored.record.station == record.station && stored.record.cmd_seq == record.cmd_seq;
     });
     if (!known) results.push_back({record, PlcClock::now()});
-    if (memory.res_ack == record.res_seq) return;  // on its way with every heartbeat
+    if (memory.res_ack == record.res_seq) return;  // sent with every heartbeat
     memory.res_ack = record.res_seq;
-    write_control();  // a failure shows in the next cycle, and the heartbeat writes it again
+    write_control();  // the next cycle detects a failure, and the heartbeat repeats the write
   }
 
-  /// Any error: close and connect anew (a late answer would otherwise be taken for the next one's).
+  /// Closes and reconnects after any error, because a late answer would otherwise count as the answer to the next
+  /// request.
   bool mend(PlcTrouble& trouble) {
     const auto lost_at = PlcClock::now();
     while (PlcClock::now() - lost_at < traits.link_timeout && !stop->load()) {
@@ -376,12 +378,12 @@ bool PlcPeer::await(const std::function<bool()>& done, milliseconds timeout, con
   return true;
 }
 
-/// An order that nobody answered may still be on its way: it is given up only when a new session makes it void.
+/// Voids an unanswered order by requesting a new session, because the order may still be on its way.
 void PlcPeer::make_void() {
   const std::uint16_t session = seen().session;
   ++impl_->memory.sync_req;
-  impl_->write_control();  // written again with every heartbeat
-  PlcTrouble ignored;      // whoever gave up reports why
+  impl_->write_control();  // repeated with every heartbeat
+  PlcTrouble ignored;      // the caller reports the reason
   static_cast<void>(
       await([&] { return seen().session != session && !seen().busy; }, kSessionTimeout, "a new session", ignored));
 }
@@ -403,11 +405,11 @@ bool PlcPeer::issue(const PlcOrder& order, std::uint16_t& cmd_seq, PlcTrouble& t
     const std::uint16_t refused_before = seen().refused;
     auto written_at = PlcClock::now();
     if (attempt == 0 && written != nullptr) *written = written_at;
-    impl_->write_command();  // a failure shows in the next cycle, as a lost link or as no answer
+    impl_->write_command();  // the next cycle detects a failure as a lost link or a missing answer
     bool refused = false;
     for (int rewrites = 0;;) {
       if (!impl_->cycle(trouble)) return false;
-      // Refused first: CMD_ACK may have this number from somebody else's order.
+      // Refusals are checked first, because CMD_ACK may have this number from another client's order.
       refused = seen().refused != refused_before && seen().refuse_seq == memory.cmd_seq &&
                 (seen().refuse_code == static_cast<std::uint16_t>(Code::stale_session) ||
                  seen().refuse_code == static_cast<std::uint16_t>(Code::bad_sequence));
@@ -419,11 +421,11 @@ bool PlcPeer::issue(const PlcOrder& order, std::uint16_t& cmd_seq, PlcTrouble& t
         return false;
       }
       written_at = PlcClock::now();
-      impl_->write_command();  // the same number: if the first one arrived, this is a duplicate and does nothing
+      impl_->write_command();  // the same number: if the first one arrived, slabd ignores this duplicate
     }
     if (refused || seen().cmd_ack != memory.cmd_seq) {
-      // Stale session or wrong number: SESSION and CMD_ACK are read again. A session on its way to the disk is shown
-      // when it is there.
+      // After a stale session or a wrong number, SESSION and CMD_ACK are read again. A session that is being written
+      // to disk is shown when it is stored.
       if (!await([&] { return seen().ready; }, kSessionTimeout, "READY", trouble) &&
           (trouble.link_lost || trouble.interrupted || seen().fault_present))
         return false;
@@ -454,8 +456,8 @@ bool PlcPeer::issue(const PlcOrder& order, std::uint16_t& cmd_seq, PlcTrouble& t
 bool PlcPeer::await_status(std::uint16_t cmd_seq, CommandStatus status, milliseconds timeout, PlcTrouble& trouble) {
   const auto reached = [&] {
     if (status == CommandStatus::acquired && seen().acq_seq == cmd_seq) return true;
-    if (seen().cmd_ack != cmd_seq) return true;  // not ours any more: decided below
-    if (status == CommandStatus::acquired && seen().cmd_status < kCommandFailed) return false;  // ACQ_SEQ says it
+    if (seen().cmd_ack != cmd_seq) return true;  // another client's order: checked below
+    if (status == CommandStatus::acquired && seen().cmd_status < kCommandFailed) return false;  // ACQ_SEQ reports it
     return seen().cmd_status >= static_cast<std::uint16_t>(status);
   };
   if (!await(reached, timeout, status == CommandStatus::acquired ? "ACQUIRED" : "the command to be done", trouble))

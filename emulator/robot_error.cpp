@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The smooth part is a random field over the flange's place, made of waves (random Fourier features): with wave vectors
-// k ~ N(0, 1 / length^2) the correlation of two places is exp(-r^2 / (2 length^2)). It is the robot's and does not
-// depend on the order or number of visits. What is new at every coming is drawn from the visit's own stream.
+// The smooth part is a random field over the flange's position, a sum of waves (random Fourier features). With wave
+// vectors k ~ N(0, 1 / length^2) the correlation of two positions is exp(-r^2 / (2 length^2)). The field belongs to
+// the robot and does not depend on the order or number of visits. The repeatability error is drawn from the visit's
+// own stream.
 #include "emulator/robot_error.h"
 
 #include <cmath>
@@ -13,7 +14,7 @@ namespace slabd::simulate {
 namespace {
 
 constexpr std::size_t kComponents = 6;  // x, y, z, about X, Y, Z
-/// The field is Gaussian to a few per cent with this many, and costs microseconds.
+/// With this number of waves the field is Gaussian to a few per cent, and a call takes microseconds.
 constexpr std::size_t kWaves = 64;
 constexpr double kArmMm = 1500.0;
 constexpr std::uint64_t kSmoothStream = 11;

@@ -6,16 +6,16 @@
 
 #include "base/base.h"
 
-/// How a real robot misses the pose it reports: an error that repeats and changes smoothly with the place (geometry of
-/// the arm; what "absolute accuracy" means), and one that is new at every coming (repeatability). A white error alone
-/// would average out over views, a smooth one does not: calibrations are to be tried with both.
+/// Error of a real robot's reported pose. One part repeats and changes smoothly with the position (geometry of the
+/// arm, "absolute accuracy"); the other is new at every visit (repeatability). A white error alone would average out
+/// over views, a smooth one does not: calibrations must be tested with both.
 namespace slabd::simulate {
 
 struct RobotErrorTraits {
   std::uint64_t seed = 1;
   double smooth_mm = 0.0;           ///< standard deviation per axis over the working volume, 0.7 for a large robot
-  double smooth_length_mm = 500.0;  ///< two places this far apart have errors with the correlation exp(-1/2)
-  double smooth_rad = -1.0;         ///< of rotation per axis; negative: smooth_mm over an arm of 1.5 m
+  double smooth_length_mm = 500.0;  ///< distance of two positions whose errors have the correlation exp(-1/2)
+  double smooth_rad = -1.0;         ///< rotation per axis; negative: smooth_mm over an arm of 1.5 m
   double repeat_mm = 0.0;           ///< standard deviation per axis; ISO 9283 RP of 0.06 mm is 0.017
   double repeat_rad = -1.0;         ///< negative: repeat_mm over an arm of 1.5 m
 };
@@ -24,11 +24,11 @@ class RobotError {
  public:
   explicit RobotError(const RobotErrorTraits& traits = {});
 
-  /// Where the flange really stands when the controller reports `T_base_flange`, on its `visit`-th coming there. The
-  /// same seed, pose and visit always give the same answer.
+  /// Real pose of the flange when the controller reports `T_base_flange`, on its `visit`-th visit. The same seed, pose
+  /// and visit always give the same result.
   [[nodiscard]] Pose real(const Pose& T_base_flange, std::uint64_t visit) const;
 
-  /// Without the part that is new at every coming.
+  /// Real pose without the repeatability error.
   [[nodiscard]] Pose real_mean(const Pose& T_base_flange) const;
 
   [[nodiscard]] const RobotErrorTraits& traits() const { return traits_; }

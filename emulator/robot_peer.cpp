@@ -26,15 +26,14 @@
 namespace slabd::simulate {
 namespace {
 
-/// A KUKA controller's half of RSI: the small XML documents it sends over UDP, every one of them, and what becomes of
-/// some on a bad network.
+/// A KUKA controller's side of RSI: sends the small XML documents over UDP, with the faults of a bad network.
 class RsiSender {
  public:
-  /// `to`: "HOST:PORT" of the bridge. `faults`: share of packets that get lost, come late or come garbled, a third
-  /// each. config when `to` is no address.
+  /// `to`: "HOST:PORT" of the bridge. `faults`: share of packets that are lost, late or corrupted, a third each.
+  /// Code::config if `to` is not an address.
   [[nodiscard]] static Result<RsiSender> open(const std::string& to, double faults, std::uint64_t seed);
 
-  /// One cycle. Rounded to four decimals, as the controller does (mm, deg).
+  /// Sends one cycle. Values are rounded to four decimals, as by the controller (mm, deg).
   void send(const Pose& T_base_flange, std::int16_t base_id, std::int16_t tool_id, bool stopped, std::int64_t ipoc_ms);
 
  private:
@@ -63,7 +62,7 @@ Result<RsiSender> RsiSender::open(const std::string& to, double faults, std::uin
 }
 
 void RsiSender::put(const std::string& text) const {
-  // Nobody there is the bridge's business.
+  // A missing receiver is not an error of the controller.
   (void)::sendto(fd_.get(), text.data(), text.size(), MSG_NOSIGNAL,
                  static_cast<const sockaddr*>(static_cast<const void*>(&to_)), sizeof to_);
 }
@@ -94,14 +93,14 @@ constexpr std::int32_t kMeasured = 1;
 constexpr std::int32_t kStopped = 2;
 constexpr std::int32_t kRunning = 4;
 constexpr std::int32_t kEmulated = 16;
-/// Encoder tremor of the orientation: that of the position over the arm's reach.
+/// Encoder tremor of the orientation is that of the position over the arm's reach.
 constexpr double kTremorLeverMm = 1000.0;
 
 double seconds_since(SteadyClock::time_point start) {
   return std::chrono::duration<double>(SteadyClock::now() - start).count();
 }
 
-/// Starts and ends at rest.
+/// Position along the motion, which starts and ends at rest.
 double eased(double share) {
   return share * share * (3.0 - 2.0 * share);
 }
@@ -125,14 +124,14 @@ std::string_view multicast_group(std::string_view lcm_url) {
 struct RobotPeer::Impl {
   RobotTraits traits;
   lcm_t* lcm = nullptr;
-  std::optional<RsiSender> rsi;  // instead
+  std::optional<RsiSender> rsi;  // used instead of LCM
 
   mutable std::mutex mutex;  // guards the motion
   Pose from;
   Pose to;
   SteadyClock::time_point started;
 
-  std::jthread thread;  // last: joined before the rest goes
+  std::jthread thread;  // last member: joined before the others are destroyed
 
   ~Impl() {
     thread.request_stop();
@@ -140,7 +139,7 @@ struct RobotPeer::Impl {
     if (lcm != nullptr) lcm_destroy(lcm);
   }
 
-  /// 0 at the start of the motion, 1 when the arm stands.
+  /// 0 at the start of the motion, 1 when the arm has stopped.
   [[nodiscard]] double progress() const {
     return traits.move_s > 0.0 ? std::min(1.0, seconds_since(started) / traits.move_s) : 1.0;
   }
@@ -167,7 +166,7 @@ struct RobotPeer::Impl {
   void publish(const slabd::flange_pose_t& message, std::vector<std::uint8_t>& wire) const {
     wire.resize(static_cast<std::size_t>(message.getEncodedSize()));
     message.encode(wire.data(), 0, static_cast<int>(wire.size()));
-    // A lost datagram is the receiver's business: its gap check is part of what is emulated.
+    // A lost datagram is not an error here: the receiver's gap check is part of the emulation.
     lcm_publish(lcm, traits.channel.c_str(), wire.data(), static_cast<unsigned>(wire.size()));
   }
   [[nodiscard]] static std::int64_t milliseconds_now() {
@@ -178,7 +177,7 @@ struct RobotPeer::Impl {
     Pose T_base_flange;
     bool stands = false;
   };
-  /// With the tremor of the encoders.
+  /// A sample with the tremor of the encoders.
   Shown sample(Prng& random) const {
     Pose pose;
     bool stands = false;

@@ -7,9 +7,9 @@
 
 #include "base/base.h"
 
-/// The robot's half of the line: a thread that publishes FLANGE_POSE over LCM as a KUKA bridge does, or sends RSI to
-/// such a bridge as the controller does, whether the arm moves or stands. While it moves the "stopped" flag is clear;
-/// standing, the measured pose trembles by a few micrometres, as encoders do.
+/// The robot's half of the line, a thread. It publishes FLANGE_POSE over LCM as a KUKA bridge does, or sends RSI to
+/// such a bridge as the controller does, moving or at rest. While it moves, the "stopped" flag is clear. At rest the
+/// measured pose has an encoder tremor of a few micrometres.
 namespace slabd::simulate {
 
 struct RobotTraits {
@@ -17,30 +17,30 @@ struct RobotTraits {
   std::string channel;
   double rate_hz = 125.0;
   double move_s = 0.3;       ///< from one station to the next
-  double tremor_mm = 0.002;  ///< standard deviation per axis while standing
+  double tremor_mm = 0.002;  ///< standard deviation per axis at rest
   std::int16_t base_id = 0;
   std::int16_t tool_id = 0;
   std::uint64_t seed = 1;
   std::string rsi;          ///< "HOST:PORT" of a bridge; empty: LCM
-  double rsi_faults = 0.0;  ///< share of RSI packets that get lost, come late or garbled
+  double rsi_faults = 0.0;  ///< share of RSI packets that are lost, late or corrupted
 };
 
-/// "udpm://239.255.76.99:7667?ttl=0" -> "239.255.76.99"; LCM's own group when the URL names none.
+/// "udpm://239.255.76.99:7667?ttl=0" -> "239.255.76.99"; LCM's default group if the URL names none.
 [[nodiscard]] std::string_view multicast_group(std::string_view lcm_url);
 
 class RobotPeer {
  public:
-  /// Opens the link and starts to publish `T_base_flange`, standing. no_pose with the cure when there is no multicast
-  /// route; config when `rsi` is no address.
+  /// Opens the link and starts to publish `T_base_flange`, at rest. Code::no_pose with the cure if the multicast route
+  /// is missing; Code::config if `rsi` is not an address.
   [[nodiscard]] static Result<std::unique_ptr<RobotPeer>> start(const RobotTraits& traits, const Pose& T_base_flange);
   ~RobotPeer();
   RobotPeer(const RobotPeer&) = delete;
   RobotPeer& operator=(const RobotPeer&) = delete;
 
-  /// Begins the motion; returns at once. A second call before the end starts from wherever the arm is.
+  /// Starts the motion and returns at once. A call during a motion starts from the current pose.
   void move_to(const Pose& T_base_flange);
   [[nodiscard]] bool standing() const;
-  /// Where it says it is now, without the tremor.
+  /// The reported pose, without the tremor.
   [[nodiscard]] Pose pose() const;
 
  private:

@@ -8,7 +8,7 @@ namespace slabd::simulate {
 namespace {
 
 /// Standard normal deviates as 2^16 equally likely values, the quantiles of the distribution: one table look-up per
-/// point instead of a logarithm and a cosine. Ends at +-4.3 sigma.
+/// point instead of a logarithm and a cosine. The tails end at +-4.3 sigma.
 const std::vector<float>& normal_table() {
   static const std::vector<float> table = [] {
     constexpr std::size_t kSize = 1U << 16U;
@@ -114,12 +114,12 @@ std::vector<float> noise_field(const ScannerTraits& traits, std::uint64_t seed) 
 DrawnScan draw_scan(const BlockSurface& surface, const ScannerTraits& traits, std::uint64_t seed,
                     std::vector<float>& xyz) {
   const std::vector<float>& normals = normal_table();
-  // Shares as 16-bit thresholds: steps of 1/65536, finer than anybody can count in one scan.
+  // Shares as 16-bit thresholds: steps of 1/65536, too fine to be detected in one scan.
   const auto missing_below = static_cast<std::uint32_t>(std::lround(traits.missing_share * 65536.0));
   const auto outlier_below = static_cast<std::uint32_t>(std::lround(traits.outlier_share * 65536.0));
   const double outlier_span = (kOutlierMaxMm - kOutlierMinMm) / 32768.0;
   const float missing_point = std::numeric_limits<float>::quiet_NaN();
-  constexpr std::uint64_t kNoiseStream = 0x6E6F697365U;  // another stream than the one that decides about rays
+  constexpr std::uint64_t kNoiseStream = 0x6E6F697365U;  // independent of the stream for the rays
   const bool correlated = traits.noise_correlation_mm > 0.0;
   const std::vector<float> field = correlated ? noise_field(traits, seed ^ kNoiseStream) : std::vector<float>{};
 
@@ -133,7 +133,7 @@ DrawnScan draw_scan(const BlockSurface& surface, const ScannerTraits& traits, st
     const double y = (static_cast<double>(row) + 0.5) * step_y - 0.5 * traits.field_y_mm;
     for (std::size_t column = 0; column < traits.columns; ++column) {
       const double x = (static_cast<double>(column) + 0.5) * step_x - 0.5 * traits.field_x_mm;
-      // One draw feeds all decisions about a ray, 16 bits each.
+      // One draw is used for all decisions about a ray, 16 bits each.
       const std::uint64_t bits = random.next();
       const double depth = surface.depth_mm(x, y);
       const bool no_return = std::isnan(depth);

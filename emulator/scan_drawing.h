@@ -8,10 +8,10 @@
 #include "emulator/block_scene.h"
 #include "emulator/concrete_effects.h"
 
-/// What the emulated scanner makes of a surface: noise, outliers and gaps.
+/// Errors that the emulated scanner adds to a surface: noise, outliers and gaps.
 namespace slabd::simulate {
 
-/// How the noise of two points of one scan hangs together with their distance; both have fallen to 1/e at the
+/// Correlation of the noise of two points of one scan over their distance; both shapes have fallen to 1/e at the
 /// correlation length along a row.
 enum class NoiseShape : std::uint8_t {
   gaussian,     ///< exp(-r^2 / L^2): smooth, as from a filter
@@ -26,12 +26,12 @@ struct ScannerTraits {
   Projection projection = Projection::parallel;
   bool organised = true;              ///< keep the grid, NaN for missing points
   double noise_mm = 0.03;             ///< standard deviation along the ray
-  double noise_correlation_mm = 0.0;  ///< 0: every point errs by itself
+  double noise_correlation_mm = 0.0;  ///< 0: independent noise at every point
   NoiseShape noise_shape = NoiseShape::gaussian;
-  double outlier_share = 0.005;  ///< of the returned points, evenly 1..60 mm before or behind the surface
+  double outlier_share = 0.005;  ///< of the returned points, uniformly 1..60 mm before or behind the surface
   double missing_share = 0.02;
-  /// The blocks are real concrete (emulator/concrete_block.h) instead of polyhedra: always in perspective, with noise,
-  /// outliers and gaps by these effects. Only draw_block heeds it.
+  /// Set if the blocks are real concrete (emulator/concrete_block.h) instead of polyhedra: always in perspective, with
+  /// noise, outliers and gaps by these effects. Used by draw_block only.
   std::optional<EffectStrengths> concrete;
   std::vector<ConcreteDefect> damage;  ///< on the concrete
   std::uint64_t scanner_seed = 1;      ///< concrete: cameras, lens and scale of the scanner
@@ -49,7 +49,7 @@ struct DrawnScan {
 };
 
 /// Draws one scan into `xyz` (3 floats a point; resized) of a surface made for the same projection. The same seed
-/// gives the same bits. About 0.2 s for the full grid, 0.5 s with correlated noise.
+/// gives the same bits. Takes about 0.2 s for the full grid, 0.5 s with correlated noise.
 [[nodiscard]] DrawnScan draw_scan(const BlockSurface& surface, const ScannerTraits& traits, std::uint64_t seed,
                                   std::vector<float>& xyz);
 

@@ -18,22 +18,22 @@
 namespace slabd::simulate {
 namespace {
 
-/// The scanner software's side of a drop directory: which request waits, and how an answer gets into the inbox. One
-/// thread uses it.
+/// The scanner software's side of a drop directory: finds waiting requests and delivers answers to the inbox. Used by
+/// one thread.
 class DropAnswers {
  public:
-  /// scanner_offline when the folder has no request/ and inbox/ that can be used (the daemon makes them). Requests that
-  /// already lie there were meant for another scanner and are left alone.
+  /// Code::scanner_offline if the folder has no usable request/ and inbox/ (the daemon creates them). Requests that
+  /// already exist are for another scanner and are ignored.
   [[nodiscard]] static Result<DropAnswers> open(const std::string& drop_dir);
 
-  /// "<session>-<seq>" of a request that was not answered yet, or empty. `trouble` is set when one cannot be read.
+  /// "<session>-<seq>" of a request without an answer, or empty. `trouble` is set if one cannot be read.
   [[nodiscard]] std::string pending(std::string& trouble);
-  /// Where to write a scan before it is delivered; on the inbox's file system. Removed with remove_part().
+  /// Path for a scan before it is delivered, on the inbox's file system. Deleted by remove_part().
   [[nodiscard]] const std::filesystem::path& part_path() const { return part_path_; }
-  /// Moves the scan at part_path() into the inbox as the answer to `name`, which then waits no more. scanner_offline:
-  /// it could not be moved.
+  /// Moves the scan at part_path() into the inbox as the answer to `name`, which is then no longer pending.
+  /// Code::scanner_offline if it cannot be moved.
   [[nodiscard]] Status deliver(const std::string& name, hal::ScanFormat format);
-  /// Nothing will be delivered for it.
+  /// Marks the request as answered without a scan.
   void give_up(const std::string& name) { answered_.insert(name); }
   void remove_part() const;
 
@@ -55,7 +55,7 @@ Result<DropAnswers> DropAnswers::open(const std::string& drop_dir) {
   const auto is_there = [&] {
     return fs::is_directory(answers.request_dir_, fault) && fs::is_directory(answers.inbox_dir_, fault);
   };
-  // A daemon that has just been started makes them when it has read its database.
+  // A daemon that has just been started creates the folders after it has read its database.
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(5);
   while (!is_there() && std::chrono::steady_clock::now() < until)
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -102,7 +102,7 @@ void DropAnswers::remove_part() const {
   fs::remove(part_path_, ignored);
 }
 
-/// What a length in mm is multiplied with.
+/// Factor that converts a length in mm to the unit.
 double per_mm(hal::LengthUnit unit) {
   switch (unit) {
     case hal::LengthUnit::mm: return 1.0;
@@ -156,7 +156,7 @@ class StreamOutlet final : public ScanOutlet {
         std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
             .count();
     Status given = gateway_.answer(*waiting_, xyz_, width_, height_, utime_us, SIZE_MAX, true);
-    // A connection that was lost: slabd repeats the request on the next one, and the scan goes on where it was cut.
+    // After a lost connection slabd repeats the request on the next one, and the scan continues at the cut.
     for (int tries = 0; !given && given.error().code == Code::scanner_offline && tries < 5; ++tries) {
       std::string note;
       if (!gateway_.connect()) break;

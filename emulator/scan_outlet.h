@@ -8,26 +8,25 @@
 #include "config/config.h"
 #include "hal/hal.h"
 
-/// How the emulated scanner hears requests and delivers scans: as files in a drop directory, or over TCP. One thread
-/// uses it.
+/// Receives requests and delivers scans of the emulated scanner: as files in a drop directory, or over TCP. Used by
+/// one thread.
 namespace slabd::simulate {
 
 class ScanOutlet {
  public:
   virtual ~ScanOutlet() = default;
-  /// "<session>-<seq>" of a request that was not answered yet, or empty. `trouble` is set when something is wrong.
+  /// "<session>-<seq>" of a request without an answer, or empty. `trouble` is set on an error.
   [[nodiscard]] virtual std::string pending(std::string& trouble) = 0;
-  /// Makes a scan (mm) ready to be delivered; what was ready before is forgotten. `xyz` holds nothing of use
-  /// afterwards.
+  /// Prepares a scan (mm) for delivery and replaces the previous one. The content of `xyz` is unspecified afterwards.
   [[nodiscard]] virtual Status put(std::vector<float>& xyz, std::size_t width, std::size_t height) = 0;
-  /// Delivers what is ready as the answer to `name`, which then waits no more.
+  /// Delivers the prepared scan as the answer to `name`, which is then no longer pending.
   [[nodiscard]] virtual Status deliver(const std::string& name) = 0;
-  /// Nothing will be delivered for it.
+  /// Marks the request as answered without a scan.
   virtual void give_up(const std::string& name) = 0;
 };
 
-/// The one that the daemon's configuration asks for; `format` of dropped files. scanner_offline: the drop directory
-/// cannot be used. A daemon that does not listen yet is tried again.
+/// Opens the outlet of the daemon's configuration; `format`: format of dropped files. Code::scanner_offline if the
+/// drop directory cannot be used. The connection is retried if the daemon does not listen yet.
 [[nodiscard]] Result<std::unique_ptr<ScanOutlet>> open_outlet(const daemon::Config& config, hal::ScanFormat format);
 
 }  // namespace slabd::simulate

@@ -23,7 +23,7 @@ struct Job {
   const Recipe* recipe = nullptr;
   const SlabTruth* slab = nullptr;
   const Cell* cell = nullptr;
-  std::uint64_t slab_count = 0;  ///< tells one slab's drawings from the next one's
+  std::uint64_t slab_count = 0;  ///< distinguishes the drawings of successive slabs
   int station = 0;
   int next_station = 0;
 };
@@ -49,23 +49,23 @@ struct ScannerPeer::Impl {
   std::uint64_t delivered = 0;
   std::string trouble;
 
-  // The thread's own.
+  // Used by the thread only.
   std::vector<float> xyz;
   std::vector<float> last_exposure;                             ///< mm; kept for given_again
-  std::array<std::uint64_t, limits::kStationsMax + 1> scans{};  ///< drawn so far of each station
+  std::array<std::uint64_t, limits::kStationsMax + 1> scans{};  ///< number of scans drawn of each station
   std::uint64_t drawn_slab = 0;
-  int drawn_station = 0;  ///< of drawn_slab: whose scan is ready; 0 = nobody's
-  // Of a faulty scanner: a scan is made again from what it was drawn of.
+  int drawn_station = 0;  ///< station of drawn_slab whose scan is prepared; 0: none
+  // For a faulty scanner: the data from which a scan is drawn again.
   struct Take {
     Job job;
     int station = 0;
     std::uint64_t seed = 0;
   };
-  std::vector<Take> recorded;  ///< loop
+  std::vector<Take> recorded;  ///< for fault `loop`
   std::size_t given = 0;
-  std::optional<Take> last_frame;  ///< frame_before
+  std::optional<Take> last_frame;  ///< for fault `frame_before`
 
-  std::jthread thread;  // last: joined before the rest goes
+  std::jthread thread;  // last member: joined before the others are destroyed
 
   ~Impl() {
     thread.request_stop();
@@ -79,7 +79,7 @@ struct ScannerPeer::Impl {
     trouble = text;
   }
 
-  /// Draws `station` and makes it ready.
+  /// Draws `station` and prepares the scan for delivery.
   bool draw(const Job& now, int station) {
     if (drawn_slab != now.slab_count) scans.fill(0);
     drawn_slab = now.slab_count;
@@ -118,7 +118,7 @@ struct ScannerPeer::Impl {
     return true;
   }
 
-  /// The points drawn last, in another form.
+  /// Prepares the last drawn points in another form: without the grid and in reverse order.
   bool put_again(int station) {
     drawn_station = 0;
     std::vector<float> again;
@@ -133,7 +133,7 @@ struct ScannerPeer::Impl {
     return true;
   }
 
-  /// The take that a faulty scanner answers with.
+  /// The take that a faulty scanner delivers.
   Take faulty_take(const Job& now) {
     const int station = fault.one_block != 0 ? fault.one_block : now.station;
     if (drawn_slab != now.slab_count) scans.fill(0);
@@ -201,7 +201,7 @@ struct ScannerPeer::Impl {
     }
   }
 
-  /// The station to draw ahead: the one before the scanner until its scan is delivered, then the next.
+  /// Station to draw in advance: the one before the scanner until its scan is delivered, then the next.
   [[nodiscard]] int wanted(const Job& now) const {
     if (now.slab == nullptr || is_faulty()) return 0;
     const int ahead = now.next_station;

@@ -12,21 +12,21 @@
 #include "emulator/slab_scene.h"
 #include "hal/hal.h"
 
-/// The scanner's half of the line: a thread that answers each request with a scan of what stands before the scanner
-/// then, by the outlet it was given.
+/// The scanner's half of the line: a thread that answers each request through its outlet with a scan of the block
+/// before the scanner.
 ///
-/// A scan takes longer to draw and to write than to deliver, so the next station's scan is made ready while the daemon
-/// measures. A request for which nothing fits is drawn on the spot.
+/// Drawing and writing a scan takes longer than delivering it, so the next station's scan is prepared while the daemon
+/// measures. A request without a prepared scan is drawn at once.
 namespace slabd::simulate {
 
-/// What scanner programs do that give another scan than the one that was asked for.
+/// Faults of scanner programs that deliver a scan other than the requested one.
 struct ScannerFault {
-  bool frame_before = false;  ///< a double buffer: the frame of the request before, then it takes this one's
-  int one_block = 0;          ///< every scan is a new one of this block; 0: no
-  int given_again = 0;        ///< a station answered with the exposure before, without grid, in reverse order; 0: none
-  int loop = 0;               ///< after so many scans those are given again, in their order; 0: no
+  bool frame_before = false;  ///< double buffer: delivers the previous frame, then takes the current one
+  int one_block = 0;          ///< every scan is a new one of this block; 0: off
+  int given_again = 0;  ///< this station is answered with the previous exposure, without grid, in reverse order; 0: off
+  int loop = 0;         ///< after N scans these are repeated in their order; 0: off
 };
-/// "", "frame-before", "one-block=K", "given-again=K", "loop=N". config: none of these.
+/// Parses "", "frame-before", "one-block=K", "given-again=K", "loop=N". Code::config for any other text.
 [[nodiscard]] Result<ScannerFault> parse_scanner_fault(std::string_view text);
 
 class ScannerPeer {
@@ -38,15 +38,15 @@ class ScannerPeer {
   ScannerPeer(const ScannerPeer&) = delete;
   ScannerPeer& operator=(const ScannerPeer&) = delete;
 
-  /// What lies in the cell from now on; all three must outlive the peer or the next call.
+  /// Sets the content of the cell; all three must outlive the peer or the next call.
   void look_at(const Recipe& recipe, const SlabTruth& slab, const Cell& cell);
-  /// Which block is before the scanner, and which will be next (0 = none, nothing is drawn ahead).
+  /// Sets the block before the scanner and the next one (0: none, no scan is drawn in advance).
   void stand_over(int station, int next_station);
 
   [[nodiscard]] std::uint64_t delivered() const;
-  /// True flatness of a block of real concrete that was drawn of the slab in the cell; NaN: not drawn, or a polyhedron.
+  /// True flatness of a block of real concrete of the slab in the cell; NaN: not drawn, or a polyhedron.
   [[nodiscard]] double flatness_mm(int station) const;
-  /// The last thing that went wrong; empty while all is well.
+  /// The last error; empty if there was none.
   [[nodiscard]] std::string trouble() const;
 
  private:

@@ -7,7 +7,7 @@ namespace slabd::simulate {
 namespace {
 
 // Scatter of a good casting: about a quarter of the tolerances, so that a slab without planted defects passes with
-// guard bands and still no two blocks are alike.
+// guard bands although its blocks differ.
 constexpr double kScatterSlopeDeg = 0.008;
 constexpr double kScatterJawAngleDeg = 0.1;
 constexpr double kScatterJawDistanceMm = 0.08;
@@ -15,9 +15,9 @@ constexpr double kScatterCasingSpacingMm = 0.08;
 constexpr double kScatterProtrusionMm = 0.04;
 constexpr double kScatterPlaceMm = 0.05;
 
-/// The robot's error repeats from slab to slab and changes little between neighbours: one wave over the cell per axis.
+/// The robot's error repeats from slab to slab and differs little between neighbours: one wave over the cell per axis.
 constexpr double kRobotWaveMm = 4000.0;
-/// A flange that is off by e stands turned by about e over the arm's last metre.
+/// A flange with a position error e is rotated by about e over the arm's last metre.
 constexpr double kRobotLeverMm = 1000.0;
 
 double within(Prng& random, double amplitude) {
@@ -46,7 +46,7 @@ Pose place_slab(const Pose& nominal, const SlabVariation& v) {
   return nominal * shift;
 }
 
-/// Real flange from reported flange; a smooth function of the place, the same for every slab.
+/// Real flange pose for a reported one; a smooth function of the position, the same for every slab.
 Pose robot_error(const Pose& T_base_flange, const SlabVariation& v) {
   if (v.robot_length_mm > 0.0) {
     RobotErrorTraits traits;
@@ -74,7 +74,7 @@ Pose robot_error(const Pose& T_base_flange, const SlabVariation& v) {
   return real;
 }
 
-/// The robot comes to rest a little beside the same place every time.
+/// Adds the robot's repeatability error to a pose.
 Pose robot_repeats(const Pose& T_base_flange, const SlabVariation& v, int station) {
   if (v.robot_sigma_mm == 0.0 && v.robot_sigma_deg == 0.0) return T_base_flange;
   Prng random(derived_seed(v.seed, 3000U + static_cast<std::uint64_t>(station), v.slab_no));
@@ -86,7 +86,8 @@ Pose robot_repeats(const Pose& T_base_flange, const SlabVariation& v, int statio
   return real;
 }
 
-/// Defects of the whole slab move its blocks up and down. `along` is the block's place along the slab, -1..1.
+/// Vertical displacement of a block by a defect of the whole slab. `along` is the block's position along the slab,
+/// -1..1.
 double lifted_mm(const Defect& defect, bool left_row, double along) {
   const double bent = defect.value * (1.0 - along * along);
   if (defect.kind == DefectKind::warp_left) return left_row ? bent : 0.0;
@@ -122,7 +123,7 @@ void plant(const Defect& defect, StationTruth& station, double& reported_above_m
     case DefectKind::vertical: station.offset_slab_mm.z() += defect.value; break;
     case DefectKind::corner_level:
     case DefectKind::warp_left:
-    case DefectKind::warp_right: break;  // not one block's
+    case DefectKind::warp_right: break;  // defects of the whole slab
   }
 }
 
@@ -170,14 +171,14 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
     if (column == drawn.pairs - 1)
       (left ? station.block.top_end_plus_mm : station.block.top_end_minus_mm) = beyond_last;
 
-    // The slab's top does not move with a block that stands too high, but bends and twists with the slab.
+    // The slab's top does not move with a block that is too high, but bends and twists with the slab.
     station.block.slab_top_shift_mm = -station.offset_slab_mm.z();
     station.offset_slab_mm.z() += slab_lift_mm;
 
     station.T_slab_block = T_slab_block(recipe, k);
     station.T_slab_block.translation_mm += station.offset_slab_mm;
 
-    // The robot was taught on a nominal slab in the nominal place and knows nothing of this one.
+    // The robot was taught on a nominal slab in the nominal position; its poses do not depend on this slab.
     const Pose T_block_scanner = dithered(nominal_T_block_scanner(), k, {variation.dither_mm, variation.dither_deg});
     const Pose taught = cell.taught.empty() ? cell.T_base_slab * T_slab_block(recipe, k) * T_block_scanner *
                                                   cell.T_flange_scanner.inverse()
@@ -216,7 +217,7 @@ double true_value(const Recipe& recipe, const StationTruth& station, ItemId id) 
 
 double true_slab_value(const Recipe& recipe, const SlabTruth& slab, ItemId id, int station) {
   const int pairs = recipe.slab.pairs;
-  // A missing block has no place.
+  // A missing block has no position.
   const auto seat = [&](int k) -> Vec3 {
     return slab.at(k).block.present ? slab.at(k).T_slab_block.translation_mm : Vec3::Constant(kNoValue);
   };

@@ -47,7 +47,7 @@ double meet(const Plate& plate, const Vec3& from, const Vec3& along, double beyo
   return inside ? t : kNever;
 }
 
-/// Part of the picture that a few balls around a thing can cover.
+/// Part of the picture that a few balls around an object can cover.
 struct Window {
   std::size_t column_first = 0, column_end = 0, row_first = 0, row_end = 0;
 };
@@ -58,8 +58,8 @@ Window window_of(const Picture& picture, const std::vector<Ball>& around) {
   double high_y = -kNever;
   for (const Ball& ball : around) {
     const double nearest = ball.centre_mm.z() - ball.radius_mm;
-    if (nearest < 1.0) return {0, picture.columns, 0, picture.rows};  // beside or behind the scanner: anywhere
-    // Wider than the ball's outline from any side: its radius at its nearest depth, and the slant of its middle.
+    if (nearest < 1.0) return {0, picture.columns, 0, picture.rows};  // next to or behind the scanner: all of it
+    // Larger than the ball's outline from any side: its radius at its nearest depth, and the slant of its centre.
     const double scale = picture.distance_mm / ball.centre_mm.z();
     const Vec3 middle = ball.centre_mm * scale;
     const double slant = ball.centre_mm.norm() / ball.centre_mm.z();

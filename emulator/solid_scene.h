@@ -5,15 +5,15 @@
 
 #include "base/base.h"
 
-/// Balls, posts and plates, and where a ray first meets one. For scenes that are put together in one frame and looked
-/// at from another.
+/// Balls, posts and plates, and their first intersection with a ray. For scenes that are built in one frame and viewed
+/// from another.
 namespace slabd::simulate {
 
 struct Ball {
   Vec3 centre_mm;
   double radius_mm;
 };
-/// The mantle of a cylinder; its ends are open.
+/// The lateral surface of a cylinder; its ends are open.
 struct Post {
   Vec3 from_mm;
   Vec3 to_mm;
@@ -31,16 +31,16 @@ struct Solids {
   std::vector<Post> posts;
   std::vector<Plate> plates;
 
-  /// The same things in another frame.
+  /// The same objects in another frame.
   [[nodiscard]] Solids in_frame(const Pose& T_frame_here) const;
 
-  /// The first t > `beyond` at which from + t * along meets something; infinity when nothing is met.
+  /// The first t > `beyond` at which from + t * along meets an object; infinity if there is none.
   [[nodiscard]] double first_met(const Vec3& from, const Vec3& along, double beyond) const;
 };
 
-/// Depths (z, mm) of everything in a picture seen from the origin along +Z: pixel (column, row) is the ray through
-/// (x, y, distance_mm) with x, y evenly spaced over the field, and NaN where nothing is met. Each thing is drawn only
-/// where it can be.
+/// Depths (z, mm) of all objects in a picture seen from the origin along +Z. Pixel (column, row) is the ray through
+/// (x, y, distance_mm) with x, y evenly spaced over the field; NaN if the ray meets no object. Each object is drawn
+/// only in the window that it can cover.
 struct Picture {
   std::size_t columns = 0;
   std::size_t rows = 0;
@@ -56,7 +56,7 @@ struct Picture {
     return {x / distance_mm, y / distance_mm, 1.0};
   }
   void clear(std::size_t wide, std::size_t high);
-  /// Draws over what is further away.
+  /// Draws over objects that are further away.
   void draw(const Solids& solids_scanner);
 };
 

@@ -23,7 +23,7 @@ using nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kLineMax = 65'536;
-constexpr int kAnswerMs = 20'000;  ///< longer than slabd waits for any scan, and than its disk takes
+constexpr int kAnswerMs = 20'000;  ///< longer than slabd waits for a scan or writes it to disk
 
 int left_ms(Clock::time_point until) {
   return static_cast<int>(
@@ -100,7 +100,7 @@ std::optional<StreamRequest> StreamGateway::next_request(int wait_ms, std::strin
 
 bool StreamGateway::send_all(std::span<const std::byte> bytes) {
   while (!bytes.empty()) {
-    // Somebody who has closed without reading leaves a full window, and send() would wait for room for ever.
+    // A peer that closed without reading leaves a full window, and a blocking send() would never return.
     pollfd room{fd_, POLLOUT | POLLRDHUP, 0};
     if (poll(&room, 1, -1) < 0 && errno != EINTR) return false;
     if ((room.revents & (POLLRDHUP | POLLHUP | POLLERR)) != 0) return false;
@@ -123,7 +123,7 @@ Status StreamGateway::answer(const StreamRequest& request, std::span<const float
   header.utime_us = static_cast<std::uint64_t>(utime_us);
   header.points_crc = hal::crc32c(std::as_bytes(xyz));
   header.emulated = emulated;
-  // What slabd has may be of a scan that another process began, which these points are not.
+  // The points that slabd has may be of a scan that another process began; these must not be continued.
   const bool is_begun = begun_ == request.name() && utime_us_ == utime_us;
   header.first = is_begun && request.have_points < header.count ? request.have_points : 0;
   begun_ = request.name();
@@ -137,7 +137,7 @@ Status StreamGateway::answer(const StreamRequest& request, std::span<const float
     close();
     return error(Code::scanner_offline, "cut off after %zu points, as asked for", end);
   }
-  // Also when sending failed: slabd says why before it closes.
+  // Read also after a failed send, because slabd sends the reason before it closes.
   const auto until = Clock::now() + std::chrono::milliseconds(kAnswerMs);
   while (const std::optional<std::string> text = next_line(left_ms(until))) {
     const json line = json::parse(*text, nullptr, false);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Where U comes from: of every characteristic the one with the largest U, block items by their block. All of them, 260
-// lines, stand in `slabctl show --json` and nobody reads them on paper.
+// The largest U of each characteristic, with its parts; block items name their block. The full budget of about 260
+// lines is in `slabctl show --json`, because it is too long for paper.
 #include <fmt/core.h>
 
 #include <array>
@@ -32,7 +32,7 @@ std::string place(const Item& item, int station) {
   return station == 0 ? "-" : std::to_string(station);
 }
 
-/// Has this block an item of its own for the slab's?
+/// True if the slab item's block has an item of its own of the same kind.
 bool is_of_block(const storage::SlabRecord& record, const Item& of_slab) {
   const storage::SlabBlock* block = of_slab.station_to == 0 ? latest(record, of_slab.station) : nullptr;
   return block != nullptr && block->phase == StationPhase::measured &&
@@ -43,7 +43,8 @@ bool is_of_block(const storage::SlabRecord& record, const Item& of_slab) {
 
 std::optional<Table> budget_table(const storage::SlabRecord& record, Language language) {
   Largest largest;
-  // As everywhere: of a block and the slab the item that was judged; one for information where there is no other.
+  // As in the other reports, of a block's and a slab's item the judged one is used. An item for information is used
+  // only if it is the only one.
   for (const Item& item : record.slab.items)
     if (supersedes(item) || !is_of_block(record, item)) largest.take(item, item.station);
   for (int station = 1; station <= record.summary.header.stations; ++station) {

@@ -21,13 +21,13 @@ struct Unref {
 };
 using Layout = std::unique_ptr<PangoLayout, Unref>;
 
-/// Text is laid out a hundred times its size and drawn smaller: pango rounds to whole units.
+/// Text is laid out at a hundred times its size and scaled down, because Pango rounds to whole units.
 constexpr double kLayoutScale = 100.0;
 
 Layout layout_of(cairo_t* context, std::string_view text, const TextStyle& style) {
   Layout layout(pango_cairo_create_layout(context));
   PangoFontDescription* font = pango_font_description_new();
-  // The second family has the Chinese characters that the first has not.
+  // The second family contains the Chinese characters that the first does not.
   pango_font_description_set_family(font, "DejaVu Sans, Noto Sans CJK SC");
   pango_font_description_set_weight(font, style.bold ? PANGO_WEIGHT_BOLD : PANGO_WEIGHT_NORMAL);
   pango_font_description_set_absolute_size(font, style.size_pt * kMmPerPoint * kLayoutScale * PANGO_SCALE);
@@ -59,7 +59,7 @@ void show(cairo_t* context, PangoLayout* layout) {
 }  // namespace
 
 VerdictLook look_of(Verdict verdict) {
-  // Lightness falls from pass to fail; ink is chosen for contrast on the fill.
+  // Lightness falls from pass to fail; the ink colour contrasts with the fill.
   switch (verdict) {
     case Verdict::pass: return {{0.84, 0.94, 0.87}, {0.05, 0.35, 0.18}};
     case Verdict::fail: return {{0.62, 0.05, 0.10}, kWhite};

@@ -11,7 +11,7 @@
 
 using cairo_t = struct _cairo;
 
-/// What a report is drawn with: millimetres, x to the right, y down, one code for PDF, SVG and PNG.
+/// Drawing operations of a report: millimetres, x to the right, y down, the same code for PDF, SVG and PNG.
 namespace slabd::cli::report {
 
 struct Colour {
@@ -33,18 +33,18 @@ struct TextStyle {
   Anchor anchor = Anchor::left;
 };
 
-/// How a verdict looks: told apart by symbol and word, by colour, and by lightness alone in a grey print.
+/// Appearance of a verdict. Verdicts differ in symbol, word, colour, and in lightness alone for a grey print.
 struct VerdictLook {
   Colour fill;
   Colour ink;
 };
 [[nodiscard]] VerdictLook look_of(Verdict verdict);
 
-/// Colour of `share` (0 lowest, 1 highest) on a scale whose steps look equal to every eye and whose lightness only
-/// grows (viridis, CC0): a grey print keeps the order.
+/// Colour of `share` (0 lowest, 1 highest) on a perceptually uniform scale of increasing lightness (viridis, CC0): a
+/// grey print keeps the order.
 [[nodiscard]] Colour scale_colour(double share);
 
-/// Draws on one page that somebody else made. Not thread-safe.
+/// Draws on one page of a Cairo context that the caller owns. Not thread-safe.
 class Canvas {
  public:
   explicit Canvas(cairo_t* context) : context_(context) {}
@@ -55,20 +55,20 @@ class Canvas {
                  std::optional<Colour> stroke = std::nullopt, double stroke_width = 0.2, bool dashed = false);
   void circle(double x, double y, double radius, std::optional<Colour> fill,
               std::optional<Colour> stroke = std::nullopt, double stroke_width = 0.2);
-  /// Slanting lines: "nothing was seen here".
+  /// Diagonal hatching, which marks an area without data.
   void hatch(double x, double y, double width, double height);
   /// One line; y is its baseline.
   void text(double x, double y, std::string_view text, const TextStyle& style);
-  /// One line that rises by 45 degrees, its middle at (x, y).
+  /// One line that rises by 45 degrees, centred at (x, y).
   void slanted_text(double x, double y, std::string_view text, const TextStyle& style);
   [[nodiscard]] double text_width(std::string_view text, const TextStyle& style);
-  /// Broken into lines of `width`; y is the top. Returns its height; draws nothing when `measure_only`. Lines that do
-  /// not fit into `height_max` are cut, with an ellipsis; 0: it may be of any height.
+  /// Breaks the text into lines of `width`; y is the top. Returns the height; draws nothing if `measure_only`. Lines
+  /// that do not fit into `height_max` are cut with an ellipsis; 0 means unlimited.
   double paragraph(double x, double y, double width, std::string_view text, const TextStyle& style,
                    bool measure_only = false, double height_max = 0.0);
-  /// The verdict's symbol in a square of `size` around (x, y).
+  /// Draws the verdict's symbol in a square of `size` around (x, y).
   void symbol(Verdict verdict, double x, double y, double size, Colour ink);
-  /// Cells row by row, the first row at the BOTTOM; alpha 0 shows what is below.
+  /// Cells row by row, the first row at the bottom; alpha 0 is transparent.
   void cells(double x, double y, double width, double height, std::size_t columns, std::size_t rows,
              std::span<const std::uint32_t> argb);
   void move_origin(double x, double y);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Codes, warnings and states in Chinese. The English ones are the daemon's own (base/result.h, its status); a test
-// holds this list to be complete.
+// Codes, warnings and states in Chinese. The English texts are in base/result.h and the daemon's status; a test checks
+// that this list is complete.
 #include <array>
 #include <utility>
 

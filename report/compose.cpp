@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// From a stored slab to what its report says. The order follows the readers: verdict, where, what exactly, and only
-// then the evidence; the last word on every page is which slab it is.
+// Composes the report of a stored slab. The order is verdict, location, exact values, evidence; every page ends with
+// the slab's identity.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -18,7 +18,7 @@ namespace {
 using storage::SlabBlock;
 using storage::SlabRecord;
 
-/// More of them would push the identities off the first page.
+/// More findings would push the identities off the first page.
 constexpr std::size_t kFindingsShown = 22;
 
 class Composer {
@@ -62,7 +62,7 @@ class Composer {
   [[nodiscard]] std::string times_text(std::int64_t utime_us) const {
     return utime_us == 0 ? say(Word::none) : iso_time(utime_us);
   }
-  /// Items of the slab name their stations.
+  /// Label of an item; items of the slab name their stations.
   [[nodiscard]] std::string item_label(const Item& item, bool of_slab) const {
     std::string label = item_word(item.id, language_);
     if (!of_slab) return label;
@@ -88,26 +88,26 @@ class Composer {
     } else {
       text += std::string(verdict_word(Verdict::not_measured, language_));
     }
-    // Its value and limit are those of the diameter alone.
+    // The item's value and limit are those of the diameter alone.
     if (item.id == ItemId::surface_pores && measured(station) != nullptr)
       text += fmt::format(" ({})", pore_sentence(measured(station)->block.pores, language_));
     list.emplace_back(item.verdict, std::move(text));
   }
 
-  /// Said at its block already.
+  /// True if the item's block already reports it.
   [[nodiscard]] bool said_by_block(const Item& item) const {
     const SlabBlock* block = item.station_to == 0 && item.station != 0 ? measured(item.station) : nullptr;
     return block != nullptr && find_item(block->block.items.begin(), block->block.items.end(), item.id) != nullptr;
   }
 
-  /// Why a station has no result though no code says why.
+  /// Reason for a station without a result if no code gives one.
   [[nodiscard]] std::string unmeasured_sentence(int station) const {
     const SlabBlock* block = latest(record_, station);
     if (block == nullptr || block->phase != StationPhase::acquired) return say(Word::not_scanned);
     return say(is_aborted(record_) ? Word::not_measured_aborted : Word::not_measured_yet);
   }
 
-  /// Items that the recipe does not require and that nobody could measure.
+  /// Number of items that the recipe does not require and that were not measured.
   [[nodiscard]] int not_required_not_measured() const {
     const auto counts = [](const Item& item) {
       return item.verdict == Verdict::not_measured && !item.required ? 1 : 0;
@@ -154,13 +154,13 @@ class Composer {
       const auto rank = [](Verdict v) { return v == Verdict::fail ? 0 : v == Verdict::indeterminate ? 2 : 1; };
       return rank(a.first) < rank(b.first);
     });
-    // A person can look at damage at once, and few of the other lines may be shown.
+    // Damage comes first, because a person can check it at once and only kFindingsShown lines are shown.
     list.insert(list.begin(), damage.begin(), damage.end());
     for (std::size_t i = 0; i < std::min(list.size(), kFindingsShown); ++i)
       section.parts.push_back(Paragraph{list[i].second, list[i].first});
     if (list.size() > kFindingsShown)
       section.parts.push_back(Paragraph{say(Word::more_findings, list.size() - kFindingsShown)});
-    // A sentence that says "pass" is for a slab that passed, whatever was found or not found to say against it.
+    // The sentence that contains "pass" is printed only for a slab that passed, even if the list of findings is empty.
     const storage::SlabSummary& summary = record_.summary;
     const int open_items = not_required_not_measured();
     if (list.empty() && !is_open(record_) && summary.verdict == Verdict::pass)
@@ -308,7 +308,7 @@ class Composer {
     Table table;
     table.title = section.title;
     table.columns = {say(Word::block, "") + "<", say(Word::points), say(Word::mean) + ", mm", "std, mm"};
-    Table counts = table;  // the same as numbers of points
+    Table counts = table;  // the same table with numbers of points
     counts.title = say(Word::points);
     for (int sigma = 1; sigma <= 6; ++sigma) {
       table.columns.emplace_back(fmt::format("±{}σ, %", sigma));
@@ -317,7 +317,7 @@ class Composer {
     for (int station = 1; station <= header_.stations; ++station) {
       const SlabBlock* block = measured(station);
       if (block == nullptr) continue;
-      // What lay how far from the model says nothing where it was not found in the scan.
+      // Deviations from the model are meaningless if the block was not found in the scan.
       if (block->block.registration.status != RegistrationStatus::converged) continue;
       const DeviationStats& deviation = block->block.registration.deviation;
       table.add(station, deviation.count, Cell(deviation.mean_mm, 4), Cell(deviation.std_mm, 4));
@@ -366,8 +366,8 @@ class Composer {
     return section;
   }
 
-  /// The paper's Table 5 begins with the seat's normal; its nominal follows from the nominal slope. It stands against
-  /// the slab top beside the seat, also where the slope below is judged against the slab's frame.
+  /// The paper's Table 5 begins with the seat's normal; its nominal follows from the nominal slope. The normal is
+  /// relative to the slab top beside the seat, even if the slope below is judged against the slab's frame.
   void add_normal(Table& table, const BlockResult& block) const {
     const Item* slope = find_item(block.items.begin(), block.items.end(), ItemId::seat_slope);
     const double tilt = slope != nullptr && has_value(slope->nominal) ? rad_from_deg(slope->nominal) : kNoValue;
@@ -413,7 +413,7 @@ class Composer {
     const BlockResult& result = block->block;
     Table table = item_table(fmt::format("{}: {}", section.title, say(Word::characteristic)));
     add_normal(table, result);
-    // What SLAB_END made of the block: its slope against the slab's frame, and where its seat lies among the others.
+    // Results of SLAB_END for the block: slope against the slab's frame, and position of the seat among the others.
     std::vector<Item> items;
     for (const Item& item : result.items) items.push_back(final_item(record_, station, item));
     for (const Item& item : record_.slab.items)
@@ -430,7 +430,7 @@ class Composer {
     }
     if (const std::string refused = refusal_sentence(result, language_); !refused.empty())
       section.parts.push_back(Paragraph{say(Word::refused, refused)});
-    // One paragraph, so that two blocks still fit on a page.
+    // One paragraph, because two blocks must fit on a page.
     std::string surface;
     if (const std::string pores = pore_sentence(result.pores, language_); !pores.empty())
       surface = say(Word::pores, pores);

@@ -14,23 +14,23 @@
 #include "report/words.h"
 #include "storage/storage.h"
 
-/// What a report says, before it is known on what. Pages (PDF, SVG, PNG) and HTML are two ways to lay it out.
+/// Content of a report, independent of the medium. Pages (PDF, SVG, PNG) and HTML lay it out.
 namespace slabd::cli::report {
 
 struct Paragraph {
   std::string text;
-  Verdict verdict = Verdict::none;  ///< a symbol before it, none: none
+  Verdict verdict = Verdict::none;  ///< its symbol precedes the text; Verdict::none: no symbol
   bool warning = false;
 };
-/// Drawn in a box of this size (mm) whose upper left corner is the origin.
+/// A drawing in a box of this size (mm) with the upper left corner at the origin.
 struct Figure {
   std::string title;
-  std::string alt;  ///< what there is to see, for who cannot see it
+  std::string alt;  ///< description of the drawing for readers who cannot see it
   double width_mm = 0.0;
   double height_mm = 0.0;
   std::function<void(Canvas&)> draw;
 };
-/// Side by side.
+/// Figures next to each other.
 struct Figures {
   std::vector<Figure> list;
 };
@@ -39,17 +39,17 @@ using Part = std::variant<Paragraph, Table, Figures>;
 struct Section {
   std::string title;
   Verdict verdict = Verdict::none;
-  std::string remark;  ///< beside the title
+  std::string remark;  ///< next to the title
   bool new_page = false;
-  bool together = false;  ///< not broken over two pages
+  bool together = false;  ///< the section is kept on one page
   std::vector<Part> parts;
 };
 
 struct Report {
   Language language = Language::en;
   std::string title;
-  std::string subject;  ///< the slab, in a few words; stands on every page
-  bool judged = true;   ///< false: the document is about no single slab and has no verdict
+  std::string subject;  ///< the slab in a few words; printed on every page
+  bool judged = true;   ///< false: the document is not about a single slab and has no verdict
   Verdict verdict = Verdict::none;
   bool open = false;
   std::int64_t ended_utime_us = 0;
@@ -57,7 +57,7 @@ struct Report {
   std::vector<Section> sections;
 };
 
-/// A map as it is drawn: heights row by row, NaN where nothing was seen.
+/// A map as drawn: heights row by row, NaN for cells without data.
 struct DrawnMap {
   std::size_t columns = 0;
   std::size_t rows = 0;
@@ -65,24 +65,24 @@ struct DrawnMap {
   std::vector<float> heights_mm;
 };
 
-/// A stored slab with the maps of the valid attempts, [station - 1]; nothing where none was kept.
+/// A stored slab with the maps of the valid attempts, [station - 1]; nullopt if no map was stored.
 struct SlabPicture {
   const storage::SlabRecord* record = nullptr;
   std::array<std::optional<DrawnMap>, limits::kStationsMax> registration;
   std::array<std::optional<DrawnMap>, limits::kStationsMax> seat;
-  /// Both ends of the colour scales, the same for all blocks.
+  /// The colour scales run from minus to plus these values and are the same for all blocks.
   double registration_scale_mm = 0.1;
   double seat_scale_mm = 0.02;
 };
 
-/// Reads and unpacks the maps. An error is the database's.
+/// Reads and decompresses the maps. Errors are those of the database.
 [[nodiscard]] Result<std::unique_ptr<SlabPicture>> picture_of(storage::Reader& reader,
                                                               const storage::SlabRecord& record);
 
 /// `picture` must outlive the report.
 [[nodiscard]] Report compose(const SlabPicture& picture, Language language);
 
-/// Of each characteristic the largest U with its parts; nothing when no budget was computed.
+/// Table of the largest U of each characteristic with its parts; nullopt if no budget was computed.
 [[nodiscard]] std::optional<Table> budget_table(const storage::SlabRecord& record, Language language);
 
 // ---- drawings ----------------------------------------------------------------------------------------------------
@@ -93,12 +93,12 @@ struct SlabPicture {
 [[nodiscard]] Figure tolerance_figure(std::span<const Item> items, Language language);
 [[nodiscard]] Figure seats_figure(const storage::SlabRecord& record, Language language);
 
-// ---- laying out ----------------------------------------------------------------------------------------------------
+// ---- layout --------------------------------------------------------------------------------------------------------
 
 inline constexpr double kPageWidth_mm = 210.0;
 inline constexpr double kPageHeight_mm = 297.0;
 
-/// Lays the report out; the first call of `draw_page(p)` may come after `pages()` only.
+/// The report laid out on A4 pages. Pages count from 0.
 class Pages {
  public:
   explicit Pages(const Report& report);
@@ -114,13 +114,13 @@ class Pages {
 };
 
 /// Writes all pages into one PDF, or one page (or all, below each other, when `page` is 0) as SVG or PNG.
-/// config: what could not be written; nothing is left behind then.
+/// Code::config if a file cannot be written; in that case no partial file remains.
 [[nodiscard]] Status write_pdf(const Report& report, const std::string& path);
 [[nodiscard]] Status write_svg(const Report& report, int page, const std::string& path);
 [[nodiscard]] Status write_png(const Report& report, int page, double dots_per_inch, const std::string& path);
-/// A document that needs nothing else: inline SVG, tables with scopes, a description for every figure.
+/// A self-contained document: inline SVG, tables with scopes, a description for every figure.
 [[nodiscard]] std::string html(const Report& report);
-/// config: it cannot be written; nothing is left behind then.
+/// Code::config if the file cannot be written; in that case no partial file remains.
 [[nodiscard]] Status write_html(const Report& report, const std::string& path);
 /// One drawing as an SVG element whose ids begin with `prefix`.
 [[nodiscard]] std::string svg_of(const Figure& figure, const std::string& prefix);

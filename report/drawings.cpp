@@ -27,13 +27,13 @@ std::string list_words(const std::vector<int>& stations) {
   return text;
 }
 
-/// The map in a frame with millimetres beside it; returns the frame's right end.
+/// Position of a map in the drawing; converts block millimetres to drawing coordinates.
 struct Frame {
   double left = 0.0;
   double top = 0.0;
   double width = 0.0;
   double height = 0.0;
-  double mm_wide = 0.0;  ///< of the block
+  double mm_wide = 0.0;  ///< width of the map on the block
   double mm_high = 0.0;
 
   [[nodiscard]] double x(double x_mm) const { return left + width * (0.5 + x_mm / mm_wide); }
@@ -136,10 +136,10 @@ Figure map_figure(const std::optional<DrawnMap>& map, double scale_mm, Word titl
   return figure;
 }
 
-/// The words of more marks would cover the map.
+/// More labels would cover the map.
 constexpr std::size_t kMarksNamed = 6;
 
-/// A finding as the box around it; s along the seat and y differ by less than is drawn.
+/// Draws the bounding box of a finding. The seat coordinate s and y differ by less than the line width.
 void draw_finding(Canvas& canvas, const Frame& frame, const SurfaceFinding& finding, bool named, Language language) {
   constexpr double kLeast_mm = 1.2;
   const double width = std::max(kLeast_mm, frame.width * finding.length_mm / frame.mm_wide);
@@ -151,7 +151,7 @@ void draw_finding(Canvas& canvas, const Frame& frame, const SurfaceFinding& find
   if (!named) return;
   const std::string mark = finding_mark(finding, language);
   TextStyle style{4.6, true, kBlack, Anchor::left};
-  // To the side on which the map has more room.
+  // The label is drawn on the side with more room.
   const double wide = canvas.text_width(mark, style);
   const bool right = finding.x_mm <= 0.0;
   const double left = std::clamp(right ? x + 0.5 * width + 0.5 : x - 0.5 * width - 0.5 - wide, frame.left,
@@ -173,7 +173,8 @@ void draw_tolerance(Canvas& canvas, const Item& item, double y, double left, dou
   const double low = both ? item.lower : has_value(item.upper) ? std::min(0.0, item.upper) : item.lower;
   const double high = both ? item.upper : has_value(item.upper) ? item.upper : item.lower + 1.0;
   if (!(high > low)) return;
-  // A fifth of the band beyond either limit is shown; further out stands at the edge, with an arrow's tip.
+  // The chart shows a fifth of the band beyond either limit. Values further out are drawn at the edge with an
+  // arrowhead.
   const auto place = [&](double value) {
     return left + width * std::clamp((value - low) / (high - low) / 1.4 + 0.2 / 1.4, 0.0, 1.0);
   };
@@ -195,7 +196,7 @@ void draw_tolerance(Canvas& canvas, const Item& item, double y, double left, dou
   }
 }
 
-/// A dot where each finding lies on its block, which is drawn w x h around (x, y). Blocks of the second row are turned.
+/// Draws a dot for each finding of a block that is drawn w x h around (x, y). Blocks of the second row are turned.
 void draw_damage(Canvas& canvas, const storage::SlabRecord& record, int station, double x, double y, double w,
                  double h) {
   constexpr double kBlockHalfX_mm = 110.0;
@@ -274,7 +275,7 @@ Figure slab_map_figure(const storage::SlabRecord& record, Language language) {
 
 Figure registration_figure(const SlabPicture& picture, int station, Language language) {
   const auto i = static_cast<std::size_t>(station - 1);
-  // Where the seat is evaluated, as far as the other map says.
+  // Evaluated area of the seat, as far as the seat map covers it.
   const std::optional<DrawnMap>& seat = picture.seat[i];
   const double half_x = seat ? 0.5 * seat->cell_mm * static_cast<double>(seat->columns) : 0.0;
   const double half_y = seat ? 0.5 * seat->cell_mm * static_cast<double>(seat->rows) : 0.0;
@@ -287,7 +288,7 @@ Figure registration_figure(const SlabPicture& picture, int station, Language lan
                                for (std::size_t k = 0; k < damage.size(); ++k)
                                  draw_finding(canvas, frame, damage[k], k < kMarksNamed, language);
                              });
-  // For who cannot see the map, and for who has none.
+  // Text for readers who cannot see the map, and for blocks without a map.
   for (const SurfaceFinding& finding : damage) figure.alt += "; " + finding_sentence(finding, language);
   return figure;
 }
@@ -367,7 +368,7 @@ Figure seats_figure(const storage::SlabRecord& record, Language language) {
         if (has_value(bar.*value)) most = std::max(most, bar.*value);
         if (with_limit && has_value(bar.limit_mm)) limit = bar.limit_mm;
       }
-      // The limit is drawn when it is in reach of the values; else it is only named.
+      // The limit line is drawn only if it is near the values; otherwise the limit is given as text.
       const bool near = has_value(limit) && limit < 3.0 * most;
       const double top_value = std::max(near ? std::max(most, limit) : most, 1e-3) * 1.25;
       const double bottom = top + kHeight + 4.0;

@@ -8,8 +8,8 @@
 namespace slabd::cli {
 namespace {
 
-/// As many as keep a value that failed apart from the limit it is beyond; beyond a millionth of the last one shown it
-/// is the numbers' own rounding.
+/// Enough decimals to distinguish a failed value from the limit it exceeds. With six extra decimals the difference is
+/// a rounding error, and the usual number is returned.
 int digits_of(const Item& item) {
   const int usual = decimals(item.id);
   if (item.verdict != Verdict::fail) return usual;
@@ -32,7 +32,7 @@ int decimals(ItemId id) {
 std::string figure(double value, int decimals) {
   if (!std::isfinite(value)) return "-";
   std::string text = fmt::format("{:.{}f}", value, decimals);
-  // What is shown is zero, whichever side of it the value lies on.
+  // A value that is shown as zero has no sign.
   if (text.front() == '-' && text.find_first_of("123456789") == std::string::npos) text.erase(0, 1);
   return text;
 }
@@ -48,7 +48,7 @@ std::string deviation_figure(const Item& item) {
 }
 std::string U_figure(const Item& item) {
   const std::string text = figure(item.U, decimals(item.id));
-  // An uncertainty is never zero.
+  // An uncertainty is never shown as zero.
   if (!(item.U > 0.0) || text.find_first_of("123456789") != std::string::npos) return text;
   return decimals(item.id) == 4 ? "< 0.0001" : "< 0.001";
 }
@@ -72,7 +72,7 @@ std::string item_label(const Item& item, bool of_slab) {
 std::string flatness_operator(double cell_mm, const SeatFeature& seat) {
   std::string text = has_value(cell_mm) ? fmt::format("cell mean {} mm", cell_mm) : std::string("cell mean");
   text += ", least-squares plane";
-  // Without pits the two are the same, and so is what is judged.
+  // Without pits both values are equal, and so is the judged one.
   if (seat.flatness_closed_mm != seat.flatness_raw_mm) {
     if (seat.flatness_mm == seat.flatness_closed_mm) text += ", closed from above";
     if (seat.flatness_mm == seat.flatness_raw_mm) text += ", pits and all";

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The report as one HTML document that needs no other file and no script. Headings in order, every table with a caption
-// and scopes, every drawing with a description that says what it shows, nothing told by colour alone.
+// The report as one HTML document without other files and scripts. Headings are in order, tables have captions and
+// scopes, drawings have descriptions, and no fact is shown by colour alone.
 #include <fmt/core.h>
 
 #include <map>
@@ -57,15 +57,15 @@ std::string escaped(std::string_view text) {
       case '<': out += "&lt;"; break;
       case '>': out += "&gt;"; break;
       case '"': out += "&quot;"; break;
-      // A path may hold any byte; a control character is none that HTML knows.
+      // A path may contain any byte, and HTML does not allow control characters.
       default: out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
     }
   }
   return out;
 }
 
-/// The drawings write their text as outlines, and each brings the outline of every letter it uses. One document needs
-/// each of them once: later drawings refer to the first one's.
+/// The drawings contain text as outlines, each with the outline of every letter it uses. The document stores each
+/// outline once; later drawings refer to the first one's.
 class Letters {
  public:
   std::string share(const std::string& svg) {
@@ -79,7 +79,7 @@ class Letters {
       const std::size_t id = svg.find("id=\"", begin) + 4;
       const std::size_t id_end = svg.find('"', id);
       const std::size_t body = svg.find('>', begin);
-      if (end == std::string::npos || id_end > body) break;  // not as this drawing library writes it: left as it is
+      if (end == std::string::npos || id_end > body) break;  // not in this library's format: left as it is
       const std::string name = svg.substr(id, id_end - id);
       const auto [known, fresh] = first_.try_emplace(svg.substr(body, end - body), name);
       out.append(svg, at, (fresh ? end + kEnd.size() : begin) - at);

@@ -16,14 +16,14 @@
 namespace slabd::cli {
 namespace {
 
-/// Control characters (base/plain_text.h) are escaped, so that JSON in a terminal does nothing else than show.
+/// Escapes control characters (base/plain_text.h), so that JSON printed to a terminal cannot control it.
 std::string quoted(std::string_view text) {
   std::string out = "\"";
   while (!text.empty()) {
     const CodePoint point = code_point_at(text);
     const auto value = static_cast<std::uint32_t>(point.value);
     if (!point.is_utf8) {
-      out += "\\ufffd";  // file names may hold any bytes
+      out += "\\ufffd";  // file names may contain any bytes
     } else if (value == '"' || value == '\\') {
       out += '\\';
       out += static_cast<char>(value);
@@ -39,16 +39,16 @@ std::string quoted(std::string_view text) {
   return out + "\"";
 }
 
-/// nullopt: it is ok.
+/// nullopt if the feature is ok.
 template <typename Feature>
 auto doubt_of(const Feature& feature) {
   return only_if(!feature.ok, feature.doubt);
 }
 
-/// What white noise does to a plane is its height at the centroid, and its direction. `in_seat`: no more than doubt and
-/// precision, because the seat has the other figures among its own.
+/// Writes the effect of white noise on a plane as two sigmas: of the height at the centroid and of the normal.
+/// `in_seat`: writes only doubt and precision, because the seat object has the other figures itself.
 void write_plane_fields(Json& json, PlaneFit plane, bool in_seat) {
-  if (plane.normal.isZero()) plane.normal = plane.centroid = Vec3::Constant(kNoValue);  // nobody measured them
+  if (plane.normal.isZero()) plane.normal = plane.centroid = Vec3::Constant(kNoValue);  // not measured
   bool is_wanted = !in_seat;
   write_fields(json, plane, [&](std::string_view field) {
     if (field == "doubt") json.field(field, doubt_of(plane));
@@ -84,7 +84,7 @@ void write_seat(Json& json, SeatFeature seat, double cell_mm) {
     if (field == "flatness_noise_mm") json.field("flatness_operator", flatness_operator(cell_mm, seat));
     return true;
   });
-  // null: the channel was not computed; cells 0: it was, and there is no defect.
+  // null: the channel was not computed; cells 0: it was computed, and no defect was found.
   json.field("defect", only_if(has_value(seat.defect.limit_mm), seat.defect));
   write_plane_fields(json, seat.plane, true);
   write_plane(json, "full_plane", seat.full_plane);
@@ -101,7 +101,7 @@ void write_registration(Json& json, const RegistrationReport& registration) {
   json.field("deviation", registration.deviation).end_object();
 }
 
-/// null: no budget was computed and U is the recipe's.
+/// null if no budget was computed; U is then the recipe's.
 void write_budget(Json& json, const Item& item) {
   json.key("budget");
   if (!has_budget(item)) {

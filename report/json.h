@@ -16,14 +16,14 @@
 
 #include "base/base.h"
 
-/// JSON as slabctl prints it: written front to back, so the order of keys is the order of the calls and stays the same
-/// from one release to the next. Numbers carry every digit they have; NaN and infinity become null.
+/// JSON as slabctl prints it, written front to back: keys are in the order of the calls and stay in that order between
+/// releases. Numbers have all digits; NaN and infinity become null.
 namespace slabd::cli {
 
 class Json {
  public:
   Json() = default;
-  /// A document: an object that begins with its schema.
+  /// A document: an object whose first field is its schema.
   explicit Json(std::string_view schema) { begin_object().field("schema", schema); }
 
   Json& begin_object() { return open('{'); }
@@ -34,9 +34,9 @@ class Json {
   Json& key(std::string_view name);
   Json& null() { return raw("null"); }
   Json& value(std::string_view text);
-  /// Numbers, truths, texts; an enumeration by its `name`; an absent optional as null; a pose as
-  /// `[x, y, z, qw, qx, qy, qz]`, a vector as one row, a matrix as rows; a range as a list; a record as the object of
-  /// its fields (base/fields.h).
+  /// Numbers, booleans and texts; an enumeration by its `name`; an empty optional as null; a pose as `[x, y, z, qw,
+  /// qx, qy, qz]`, a vector as one row, a matrix as rows; a range as a list; a record as the object of its fields
+  /// (base/fields.h).
   template <typename T>
   requires(!std::convertible_to<const T&, std::string_view>) Json& value(const T& v) {
     if constexpr (std::same_as<T, bool>) {
@@ -82,8 +82,8 @@ class Json {
     key(name);
     return value(v);
   }
-  /// `name: [...]`, for each element of `range` what `write(element)` returns; if it returns nothing, the object with
-  /// the fields that it writes.
+  /// Writes `name: [...]`, for each element of `range` the value that `write(element)` returns. If it returns void,
+  /// the element is an object with the fields that it writes.
   template <typename Range, typename Write>
   Json& list(std::string_view name, const Range& range, Write&& write) {
     key(name).begin_array();
@@ -111,7 +111,7 @@ class Json {
     field(name, v);
   }
 
-  /// The finished document, with a newline at its end; what is still open is closed.
+  /// The finished document with a final newline; closes open objects and arrays.
   [[nodiscard]] std::string text() const;
 
  private:
@@ -132,8 +132,8 @@ class Json {
   bool after_key_ = false;
 };
 
-/// The fields of a record in the open object. `choose(name)` is called before each; it may write other fields first,
-/// and false leaves this one out.
+/// Writes the fields of a record into the open object. `choose(name)` is called before each field; it may write other
+/// fields first and returns false to leave the field out.
 template <typename Record, typename Choose>
 void write_fields(Json& json, const Record& record, Choose choose) {
   const auto each = [&](std::string_view name, const auto& member) {
@@ -156,9 +156,9 @@ void write_crc32c(Json& json, std::string_view name, const std::optional<std::ui
 /// the standard uncertainties by part (k = 1), null when U is the recipe's.
 void write_item(Json& json, const Item& item, bool of_slab = false);
 
-/// `verdict, reason, scan, registration, features, items, timing_ms` of one block, as fields of the open object.
-/// `cell_mm` is the flatness cell it was measured with, NaN when nobody knows any more. Covariances are rows; that of
-/// the registration is ordered x, y, z (mm), then about X, Y, Z (rad).
+/// Writes `verdict, reason, scan, registration, features, items, timing_ms` of one block as fields of the open object.
+/// `cell_mm` is the flatness cell of the measurement, NaN if unknown. Covariances are rows; that of the registration
+/// is ordered x, y, z (mm), then about X, Y, Z (rad).
 void write_block(Json& json, const BlockResult& block, double cell_mm);
 
 /// `emulated`, true or false, and `emulation`, the names of the emulation bits.

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The report on A4 sheets. Everything is measured first and gets its place; drawing then needs no decisions, so the
-// pages are the same on every surface. A section that belongs together moves to the next page as a whole; a table that
-// does not fit is broken between rows and repeats its heading.
+// The report on A4 sheets. All parts are measured and placed before drawing, so the pages are the same on every
+// surface. A section with `together` moves to the next page as a whole; a table that does not fit is broken between
+// rows and repeats its heading.
 #include <cairo.h>
 #include <fmt/core.h>
 
@@ -25,17 +25,17 @@ constexpr double kGap = 2.5;
 const TextStyle kBody{7.2, false, kBlack, Anchor::left};
 const TextStyle kHeading{7.0, true, kBlack, Anchor::left};
 constexpr Colour kEmulationInk{0.62, 0.05, 0.10};
-/// Pale enough to read tables through it, dark enough for a bad copy.
+/// Pale enough to read tables through it, dark enough to remain on a bad copy.
 constexpr Colour kWatermark{0.88, 0.80, 0.80};
 
-/// Something with a place.
+/// A part of the report with its position.
 struct Placed {
   int page = 0;
   double y = 0.0;
-  std::function<void(Canvas&)> draw;  ///< with its upper left corner as the origin
+  std::function<void(Canvas&)> draw;  ///< draws with its upper left corner as the origin
 };
 
-/// Text cut to what fits, with an ellipsis.
+/// Text cut to the width, with an ellipsis.
 std::string fitted(Canvas& canvas, const std::string& text, double width, const TextStyle& style) {
   if (canvas.text_width(text, style) <= width) return text;
   std::string cut = text;
@@ -47,8 +47,7 @@ std::string fitted(Canvas& canvas, const std::string& text, double width, const 
   return cut + "…";
 }
 
-/// A table with a place for each column: as wide as its heading and its longest cell, then the page is shared out in
-/// proportion.
+/// A table with column positions: each column is as wide as its heading and its longest cell, scaled to fill the page.
 struct Grid {
   Grid(const Table& whole, Canvas& ruler) : table(visible(whole)) {
     for (std::size_t c = 0; c < table.columns.size(); ++c) {
@@ -228,7 +227,7 @@ struct Pages::Layout {
     for (const Section& section : report.sections) {
       if (section.parts.empty()) continue;
       if (section.new_page && y > kTop) next_page();
-      // Of a section that may be broken, title and first lines stay together.
+      // Title and first lines of a section that may be broken stay together.
       make_room(section.together ? std::min(height_of(section), kBottom - kTop) : 8.0 + 3.0 * kRowHeight);
       if (!section.title.empty()) place_title(section);
       for (const Part& part : section.parts) std::visit([&](const auto& p) { place(p); }, part);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The maps of a slab, and one colour scale for all of them: blocks are compared with each other, and a scale that fits
-// each block by itself would make a flat seat as colourful as a broken one.
+// Maps of a slab with one colour scale for all blocks, so that blocks can be compared. A scale fitted to each block
+// would make a flat seat as colourful as a broken one.
 #include <algorithm>
 #include <cmath>
 
@@ -18,7 +18,7 @@ std::optional<DrawnMap> unpacked(const PackedMap& packed) {
   return DrawnMap{packed.columns, packed.rows, packed.cell_mm, std::move(*heights)};
 }
 
-/// 1, 2 or 5 times a power of ten, not below `value`.
+/// Rounds up to 1, 2 or 5 times a power of ten.
 double rounded_up(double value) {
   const double power = std::pow(10.0, std::floor(std::log10(value)));
   for (const double step : {1.0, 2.0, 5.0})
@@ -26,7 +26,7 @@ double rounded_up(double value) {
   return 10.0 * power;
 }
 
-/// What 99 of 100 cells stay within: of the block that reaches furthest, or twice that of the median block.
+/// Limit that holds 99 of 100 cells: of the block with the largest one, or twice that of the median block.
 double scale_over(const std::array<std::optional<DrawnMap>, limits::kStationsMax>& maps, bool furthest, double least,
                   double most) {
   std::vector<double> reach;
@@ -62,7 +62,8 @@ Result<std::unique_ptr<SlabPicture>> picture_of(storage::Reader& reader, const s
     picture->registration[i] = unpacked(maps.value()->registration);
     picture->seat[i] = unpacked(maps.value()->seat);
   }
-  // A block of the wrong shape shows by how much. A seat's defect is small and ringed; its scale is that of good seats.
+  // The registration scale covers the block of the worst shape. A seat's defect is small and circled, so the seat
+  // scale is that of good seats.
   picture->registration_scale_mm = scale_over(picture->registration, true, 0.05, 2.0);
   picture->seat_scale_mm = scale_over(picture->seat, false, 0.02, 1.0);
   return picture;

@@ -7,7 +7,7 @@
 
 namespace slabd::cli {
 
-/// A stored slab as slabd.slab/1, whoever writes it (docs/schemas/slab.json). `only_block` 0: all blocks.
+/// A stored slab as slabd.slab/1 (docs/schemas/slab.json). `only_block` 0: all blocks.
 [[nodiscard]] std::string slab_json(const storage::SlabRecord& record, int only_block = 0);
 
 }  // namespace slabd::cli

@@ -32,7 +32,7 @@ SlabName slab_name(const std::string& wanted) {
   if (says_no) return name;
   std::int64_t key = 0;
   const auto [stop, fault] = std::from_chars(rest.data(), rest.data() + rest.size(), key);
-  // 0004 is how a works numbers its slabs; nobody writes a key so.
+  // An id such as 0004 is usual for slabs; keys have no leading zeros.
   const bool id_for_sure = says_id || (!says_key && rest.starts_with('0'));
   if (!id_for_sure && fault == std::errc{} && stop == rest.data() + rest.size()) name.key = key;
   if (!says_key) name.id = rest;
@@ -87,7 +87,7 @@ Shown shown(const SlabRecord& record, int station) {
   if (block == nullptr) return {};
   if (block->phase == StationPhase::failed) return {Verdict::not_measured, block->code};
   if (block->phase != StationPhase::measured) return {};
-  // Nobody judges any more what a block's pass waits for.
+  // A block's pass is not final before SLAB_END, and an aborted slab is no longer judged.
   if (is_aborted(record) && block->block.verdict == Verdict::pass) return {};
   return {block->block.verdict, block->block.reason};
 }

@@ -10,23 +10,23 @@
 
 #include "storage/storage.h"
 
-/// What is said of a stored slab, whoever says it: show, report and export alike.
+/// Presentation rules for stored slabs, shared by show, report and export.
 namespace slabd::cli {
 
-/// What somebody calls a slab by. A number may be a key, a SLAB_ID or, where neither is there, a SLAB_NO; "key:12",
-/// "id:12" and "no:12" say which. Anything else, also a number with zeros in front, is a SLAB_ID.
+/// Name of a slab on the command line. A number may be a key, a SLAB_ID or, if neither exists, a SLAB_NO; "key:12",
+/// "id:12" and "no:12" are explicit. Any other text, also a number with leading zeros, is a SLAB_ID.
 struct SlabName {
   std::optional<std::int64_t> key;
-  std::string id;                   ///< empty: none is meant
+  std::string id;                   ///< empty if the name cannot be a SLAB_ID
   std::optional<std::uint32_t> no;  ///< SLAB_NO
 };
 [[nodiscard]] SlabName slab_name(const std::string& wanted);
-/// What to say when a number is the key of one slab and the SLAB_ID of another.
+/// Error for a number that is the key of one slab and the SLAB_ID of another.
 [[nodiscard]] Error two_slabs(const SlabName& name, const storage::SlabRecord& of_key);
 
-/// The slab of that name; of a SLAB_ID or SLAB_NO the newest one. config: the name means two slabs.
+/// Finds the slab of that name; for a SLAB_ID or SLAB_NO the newest one. Code::config if the name is ambiguous.
 [[nodiscard]] Result<std::optional<storage::SlabRecord>> find_slab(storage::Reader& reader, const std::string& wanted);
-/// The valid attempt of a station: its latest one; nullptr when there is none.
+/// The valid attempt of a station, which is its latest one; nullptr if there is none.
 [[nodiscard]] const storage::SlabBlock* latest(const storage::SlabRecord& record, int station);
 
 /// The result of the valid attempt; nullptr if it was not measured.
@@ -34,36 +34,37 @@ struct SlabName {
 
 [[nodiscard]] bool is_open(const storage::SlabRecord& record);
 
-/// Then nobody judged the slab's items: position, height, spacing, and slope against the slab's frame.
+/// True if the slab was aborted. Its slab items are not judged: position, height, spacing, and slope against the
+/// slab's frame.
 [[nodiscard]] bool is_aborted(const storage::SlabRecord& record);
 
 struct Shown {
   Verdict verdict = Verdict::none;
   std::uint16_t reason = 0;
 };
-/// What maps and tables say of a station: the final verdict once the slab has ended, also of a station that was never
-/// scanned; the latest attempt's own before. Of an aborted slab what its blocks have against them, never a pass.
+/// Verdict of a station in maps and tables: the final one once the slab has ended, also for a station that was never
+/// scanned; before, that of the latest attempt. For an aborted slab only the blocks' objections, never a pass.
 [[nodiscard]] Shown shown(const storage::SlabRecord& record, int station);
 
-/// A pit within all limits of surface_pores is a small pore: one of many, and nothing to look at.
+/// True if the finding is a pit within all limits of surface_pores: one of many, and not damage.
 [[nodiscard]] bool is_small_pore(const BlockResult& block, const SurfaceFinding& finding);
 /// The findings of a station's latest attempt that are not small pores, the largest first.
 [[nodiscard]] std::vector<SurfaceFinding> damage_of(const storage::SlabRecord& record, int station);
 
-/// Does a slab's item of one block take the place of the block's own? Only if it was judged, that is, has a limit:
-/// where slopes are judged against the slab top beside the seat, the one against the slab's frame is for information.
+/// True if a slab's item of one block replaces the block's own item, that is, if it has a limit. If slopes are judged
+/// against the slab top beside the seat, the slope against the slab's frame is for information.
 [[nodiscard]] bool supersedes(const Item& of_slab);
 
-/// "slab_frame" or "local_slab_top": what the slopes of a slab that has ended were judged against. Empty: they were
-/// not.
+/// Datum of the judged slopes of a slab that has ended: "slab_frame" or "local_slab_top". Empty if slopes were not
+/// judged.
 [[nodiscard]] std::string_view slope_datum(const storage::SlabRecord& record);
 
-/// The slab's own item of this block that takes the place of `own`, which was judged by the block alone; `own` when
-/// there is none: SLAB_END computes slopes anew against the slab's frame, and where that is the datum only those count.
+/// The slab's item of this block that replaces `own`, or `own` if there is none. SLAB_END computes slopes again
+/// against the slab's frame; if that is the datum, only those are valid.
 [[nodiscard]] const Item& final_item(const storage::SlabRecord& record, int station, const Item& own);
 
-/// The items of the slab and its blocks, each once per place: of the slope, which a block judges against its own slab
-/// top and the slab against its frame, the slab's where it counts. `blocks` by station, nullptr: not measured.
+/// The items of the slab and its blocks, each once per place. If the slab's item has a limit, it replaces the block's
+/// item of the same kind (supersedes). `blocks` by station; nullptr: not measured.
 [[nodiscard]] std::vector<Item> items_in_force(std::span<const BlockResult* const> blocks, const SlabResult& slab);
 [[nodiscard]] std::vector<Item> items_in_force(const storage::SlabRecord& record);
 

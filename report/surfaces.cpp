@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Pages on a PDF, an SVG or a PNG.
+// Writes pages to a PDF, an SVG or a PNG.
 #include <cairo-pdf.h>
 #include <cairo-svg.h>
 #include <cairo.h>
@@ -16,7 +16,7 @@ namespace slabd::cli::report {
 namespace {
 
 constexpr double kPointsPerMm = 72.0 / 25.4;
-/// Cairo's own limit of an image's side.
+/// Cairo's limit of an image's side.
 constexpr double kPixelsMax = 32'000.0;
 
 cairo_status_t put(void* file, const unsigned char* bytes, unsigned int count) {
@@ -25,7 +25,7 @@ cairo_status_t put(void* file, const unsigned char* bytes, unsigned int count) {
   return out.good() ? CAIRO_STATUS_SUCCESS : CAIRO_STATUS_WRITE_ERROR;
 }
 
-/// The file under its name, unless Cairo or the disk had trouble.
+/// Renames the file to `path`, unless Cairo or the disk reported an error.
 Status keep(OutFile& file, const std::string& path, cairo_status_t status) {
   if (file.good() && status != CAIRO_STATUS_SUCCESS)
     return error(Code::config, "%s cannot be written: %s", path.c_str(), cairo_status_to_string(status));
@@ -33,7 +33,7 @@ Status keep(OutFile& file, const std::string& path, cairo_status_t status) {
 }
 
 void draw_on(cairo_t* context, const Pages& pages, int page, double scale, double from_top_mm) {
-  // No surface: whoever keeps the file says so, and Cairo loses the memory of what is drawn on nothing.
+  // Without a surface the caller reports the error; Cairo leaks the memory of drawing on none.
   if (cairo_status(context) != CAIRO_STATUS_SUCCESS) return;
   cairo_save(context);
   cairo_scale(context, scale, scale);
@@ -44,7 +44,7 @@ void draw_on(cairo_t* context, const Pages& pages, int page, double scale, doubl
   cairo_restore(context);
 }
 
-/// One page, or all below each other.
+/// Draws one page, or all below each other.
 void draw_stack(cairo_t* context, const Pages& pages, int page, double scale) {
   if (page > 0) {
     draw_on(context, pages, page - 1, scale, 0.0);
@@ -63,7 +63,7 @@ cairo_status_t append(void* text, const unsigned char* bytes, unsigned int count
   return CAIRO_STATUS_SUCCESS;
 }
 
-/// `text` with `prefix` before every id and every reference to one: several drawings may then share a document.
+/// Puts `prefix` before every id and every reference to one, so that several drawings can share a document.
 std::string with_prefix(const std::string& text, const std::string& prefix) {
   std::string out;
   for (std::size_t at = 0; at < text.size();) {
@@ -91,7 +91,7 @@ Status write_pdf(const Report& report, const std::string& path) {
       cairo_pdf_surface_create_for_stream(put, &file, kPageWidth_mm * kPointsPerMm, kPageHeight_mm * kPointsPerMm);
   cairo_pdf_surface_set_metadata(surface, CAIRO_PDF_METADATA_TITLE, (report.title + ", " + report.subject).c_str());
   cairo_pdf_surface_set_metadata(surface, CAIRO_PDF_METADATA_CREATOR, "slabd");
-  // The same slab gives the same file: the date is the slab's, not today's.
+  // The same slab gives the same file, because the date is the slab's and not today's.
   cairo_pdf_surface_set_metadata(surface, CAIRO_PDF_METADATA_CREATE_DATE,
                                  iso_time(report.ended_utime_us == 0 ? 1 : report.ended_utime_us).c_str());
   cairo_t* context = cairo_create(surface);

@@ -29,7 +29,7 @@ Look look_of(Verdict verdict) {
   return {"·", ".", "2"};
 }
 
-/// In quotes, which are doubled, when it holds a quote, a comma or a line end.
+/// A field that contains a quote, a comma or a line end is quoted, and its quotes are doubled.
 std::string csv_field(std::string_view text) {
   if (text.find_first_of("\",\r\n") == std::string_view::npos) return std::string(text);
   std::string quoted = "\"";

@@ -14,7 +14,7 @@
 #include "base/base.h"
 #include "report/figures.h"
 
-/// A table as a value. A command computes it once; the terminal, CSV, JSON, HTML and the pages are ways to write it.
+/// A table as a value. A command computes it once; it is written to the terminal, CSV, JSON, HTML and the pages.
 namespace slabd::cli {
 
 class Json;
@@ -28,14 +28,14 @@ struct Style {
 [[nodiscard]] std::string_view symbol(Verdict verdict, Style style);
 /// Symbol and word, coloured: "✓ pass".
 [[nodiscard]] std::string verdict_text(Verdict verdict, Style style);
-/// In the colour of these SGR parameters, where there is colour.
+/// Text in the colour of these SGR parameters if the style has colour.
 [[nodiscard]] std::string coloured(std::string_view text, std::string_view sgr, Style style);
-/// In the verdict's colour.
+/// Text in the verdict's colour.
 [[nodiscard]] std::string coloured(std::string_view text, Verdict verdict, Style style);
-/// Columns that a text takes in a terminal: escape sequences none, Chinese characters two, others one.
+/// Columns of a text in a terminal: escape sequences have zero, Chinese characters two, others one.
 [[nodiscard]] std::size_t display_width(std::string_view text);
 
-/// The text that people read. Of a number also its value with every digit, for programs.
+/// Text for people. A number has also its value with every digit, for programs.
 struct Cell {
   template <typename T>
   requires std::convertible_to<const T&, std::string_view> Cell(const T& words)  // NOLINT(google-explicit-constructor)
@@ -57,8 +57,8 @@ struct Cell {
 };
 
 struct Column {
-  /// A heading that ends with '<' is of words, which are aligned left; with '?' of a column that people see only if one
-  /// of its cells has a text. Without a name for programs the column is for people only.
+  /// A heading that ends with '<' marks a text column, aligned left. One with '?' marks a column that is shown only if
+  /// a cell has a text. A column without a name for programs is for people only.
   Column(std::string_view words, std::string name_for_programs);
   template <typename T>
   requires std::convertible_to<const T&, std::string_view> Column(const T& words)
@@ -85,24 +85,24 @@ struct Table {
   std::vector<Row> rows;
 };
 
-/// Without the optional columns that have nothing to show.
+/// The table without optional columns that are empty.
 [[nodiscard]] Table visible(const Table& table);
-/// Of the last cell that has one, else none.
+/// Verdict of the last cell that has one; Verdict::none if none has.
 [[nodiscard]] Verdict verdict_of(const Table::Row& row);
 
 [[nodiscard]] std::string cell_text(const Cell& cell, Style style);
-/// For a terminal: cells are padded by what they look like and not by their bytes; the first column is aligned left.
+/// The table for a terminal: cells are padded by display width, not bytes; the first column is aligned left.
 [[nodiscard]] std::string text_of(const Table& table, Style style = {});
 
-/// Who will open a CSV. A spreadsheet program takes a text that begins with = + - @ or a control character for a
-/// formula and computes it; in a table for one it gets an apostrophe before it. A program gets the text as it is.
-/// Numbers are the same for both.
+/// Reader of a CSV. A spreadsheet program evaluates a text that begins with = + - @ or a control character as a
+/// formula; for one, such a text is prefixed with an apostrophe. A program gets the text as it is. Numbers are the
+/// same for both.
 enum class TableFor : std::uint8_t { program, spreadsheet };
-/// RFC 4180, of the columns with a key. Numbers have every digit and a full stop whatever the locale; what is not there
-/// is an empty field, never 0.
+/// RFC 4180, only columns with a key. Numbers have every digit and a full stop whatever the locale; a missing value is
+/// an empty field, never 0.
 [[nodiscard]] std::string csv_heading(const Table& table);
 [[nodiscard]] std::string csv_rows(const Table& table, TableFor reader);
-/// `name: [{key: value, ...}, ...]`; a text that is empty and a number that is not finite are null.
+/// Writes `name: [{key: value, ...}, ...]`; empty texts and numbers that are not finite are null.
 void write_rows(Json& json, std::string_view name, const Table& table);
 
 }  // namespace slabd::cli

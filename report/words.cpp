@@ -357,7 +357,7 @@ std::string edge_sentence(const BlockResult& block, Language language) {
   };
   std::string text;
   const auto add = [&](const std::string& part) { text += (text.empty() ? "" : zh ? "，" : ", ") + part; };
-  // What belongs together has one nominal, behind the last one.
+  // A group has one nominal, printed after its last item.
   double nominal_mm = kNoValue;
   const auto end_group = [&] {
     if (has_value(nominal_mm)) text += fmt::format(fmt::runtime(zh ? "（名义 {:g}）" : " (nominal {:g})"), nominal_mm);
@@ -400,7 +400,7 @@ std::string edge_sentence(const BlockResult& block, Language language) {
 std::string reason_sentence(std::uint16_t reason, Language language) {
   if (reason == 0) return "";
   if (const std::optional<ItemId> item = item_from_reason(reason); item && info(*item).plc_bit >= 0) {
-    // Both warps share a bit of the PLC's mask; the items say which one it was.
+    // Both warps share a bit of the PLC's mask; the items distinguish them.
     if (*item == ItemId::warp_left) return language == Language::zh ? "翘曲" : "warp";
     return item_word(*item, language);
   }

@@ -7,11 +7,11 @@
 
 #include "base/base.h"
 
-/// Every word of the report in every language it is written in. Numbers, ids and units are the same in all of them.
+/// All words of the report in every language. Numbers, ids and units are the same in all languages.
 namespace slabd::cli::report {
 
 enum class Language : std::uint8_t { en, zh };
-/// "en", "zh": the HTML lang attribute.
+/// HTML lang attribute: "en", "zh".
 [[nodiscard]] std::string_view code(Language language);
 
 enum class Word : std::uint8_t {
@@ -126,32 +126,32 @@ enum class Word : std::uint8_t {
   refused,
 };
 [[nodiscard]] std::string_view word(Word word, Language language);
-/// Words that only one place needs.
+/// Text that is used in one place only.
 [[nodiscard]] inline std::string pick(Language language, std::string_view en, std::string_view zh) {
   return std::string(language == Language::zh ? zh : en);
 }
 
 [[nodiscard]] std::string item_word(ItemId id, Language language);
 [[nodiscard]] std::string_view verdict_word(Verdict verdict, Language language);
-/// A finding, with place and size.
+/// A finding with place and size.
 [[nodiscard]] std::string finding_sentence(const SurfaceFinding& finding, Language language);
 /// Kind and size: "chip 40 x 15".
 [[nodiscard]] std::string finding_mark(const SurfaceFinding& finding, Language language);
 /// Count, largest, deepest and share, with the limits of depth and share; empty if pores were not looked for.
 [[nodiscard]] std::string pore_sentence(const PoreSummary& pores, Language language);
-/// Planes and casings that were refused, and why: "inner jaw: another plane holds about as many points; outer casing:
-/// ..."; empty if none was.
+/// Planes and casings that were rejected, and the reason: "inner jaw: another plane holds about as many points; outer
+/// casing: ..."; empty if none was.
 [[nodiscard]] std::string refusal_sentence(const BlockResult& block, Language language);
-/// "fillet 4.1 mm seat/jaw_inner, 4.3 mm seat/jaw_outer (nominal 4), chamfer 3.6..4.1 mm ends"; empty if none was seen.
+/// "fillet 4.1 mm seat/jaw_inner, 4.3 mm seat/jaw_outer (nominal 4), chamfer 3.6..4.1 mm ends"; empty if no edge was
+/// seen.
 [[nodiscard]] std::string edge_sentence(const BlockResult& block, Language language);
-/// What was not real, by emulation bits: "EMULATED (robot emulated, scan emulated): no verdict on concrete"; empty for
-/// 0.
+/// Emulated parts by emulation bits: "EMULATED (robot emulated, scan emulated): no verdict on concrete"; empty for 0.
 [[nodiscard]] std::string emulation_notice(std::uint8_t bits, Language language);
-/// Bit of a name as in kEmulationNames; 0 for any other.
+/// Emulation bit of a name in kEmulationNames; 0 for other names.
 [[nodiscard]] unsigned emulation_bit(std::string_view name);
-/// The same notice of a running line, where `now` has the bits of the line without the slab that is shown.
+/// The same notice for a running line; `now` has the bits of the line without the slab that is shown.
 [[nodiscard]] std::string emulation_banner(std::uint8_t shown, std::uint8_t now, Language language);
-/// The same in one word, for tables and watermarks; empty for 0.
+/// The notice in one word, for tables and watermarks; empty for 0.
 [[nodiscard]] std::string_view emulation_mark(std::uint8_t bits, Language language);
 /// "seat slope", or "402: no supporting block was found, ..."; empty for 0.
 [[nodiscard]] std::string reason_sentence(std::uint16_t reason, Language language);
@@ -161,9 +161,9 @@ enum class Word : std::uint8_t {
 /// describe() and cure() of a code in either language.
 [[nodiscard]] std::string_view meaning(Code code, Language language);
 [[nodiscard]] std::string_view cure_words(Code code, Language language);
-/// A WARN bit in Chinese; empty: not known here (the daemon says it in English).
+/// A WARN bit in Chinese; empty if unknown here (the daemon has the English text).
 [[nodiscard]] std::string_view warning_zh(std::uint16_t bit);
-/// STATE as slabd.status/1 names it.
+/// Text of STATE as named in slabd.status/1.
 [[nodiscard]] std::string_view state_word(std::string_view state, Language language);
 
 }  // namespace slabd::cli::report

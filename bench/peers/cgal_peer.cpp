@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The bearing plane alone with CGAL's Efficient RANSAC. It wants a normal for every point; it is given the true ones
-// for free, so its time is that of the detection.
+// The bearing plane alone with CGAL's Efficient RANSAC. The method requires a normal for every point; the true normals
+// are supplied, so the time is that of the detection.
 #include <CGAL/Point_set_3.h>
 #include <CGAL/Shape_detection/Efficient_RANSAC.h>
 #include <CGAL/Simple_cartesian.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One block with Open3D, as a careful user writes it; the jobs are those of pcl_peer.cpp. OMP_NUM_THREADS says how many
-// threads it may use.
+// One block with Open3D, as a careful user writes it; the jobs are those of pcl_peer.cpp. OMP_NUM_THREADS sets the
+// number of threads.
 #include <open3d/Open3DConfig.h>
 #include <open3d/geometry/BoundingVolume.h>
 #include <open3d/geometry/PointCloud.h>
@@ -60,7 +60,7 @@ Eigen::Matrix4d register_points(const PointCloud& source, const PointCloud& mode
 
 PlaneAnswer segment_plane(const PointCloud& cloud) {
   constexpr int kPointsPerPlane = 3;
-  constexpr int kPlanes = 50;  // as many as PCL's default; its own default of 100 buys nothing here
+  constexpr int kPlanes = 50;  // as many as PCL's default; Open3D's default of 100 has no benefit here
   const auto [plane, inliers] = cloud.SegmentPlane(slabd::bench::kPlaneInlierMm, kPointsPerPlane, kPlanes);
   PlaneAnswer answer;
   answer.normal = {plane[0], plane[1], plane[2]};

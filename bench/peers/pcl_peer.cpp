@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // One block with the Point Cloud Library, as a careful user writes it. `block-tuned` removes outliers on the voxels
-// only; `block-spec` on the whole cloud, as a method that starts with outlier removal says. `register` and `plane` are
-// those two steps alone, on inputs prepared by the driver.
+// only; `block-spec` on the whole cloud, as a method that begins with outlier removal requires. `register` and `plane`
+// are those two steps alone, on inputs prepared by the driver.
 #include <pcl/common/io.h>
 #include <pcl/common/transforms.h>
 #include <pcl/filters/statistical_outlier_removal.h>
@@ -56,8 +56,8 @@ Model::Ptr model_of(const std::vector<float>& values) {
   return model;
 }
 
-/// Point to plane, target tree included; both clouds in the block frame. PCL 1.13 compiles its ICP only for one type of
-/// point, so the scan gets room for normals that nobody looks at.
+/// Registers point to plane, target tree included; both clouds in the block frame. PCL 1.13 compiles its ICP only for
+/// one point type, so the scan has unused normals.
 Eigen::Matrix4f register_points(const Points::Ptr& scan, const Model::Ptr& model) {
   auto source = std::make_shared<Model>();
   pcl::copyPointCloud(*scan, *source);

@@ -15,7 +15,7 @@ namespace slabd::bench {
 namespace {
 
 using HeapCalls = std::uint64_t (*)();
-/// The preloaded counter, or nothing.
+/// The preloaded counter, or nullptr.
 HeapCalls heap_counter() {
   static const auto counter = reinterpret_cast<HeapCalls>(dlsym(RTLD_DEFAULT, "slabd_bench_heap_calls"));
   return counter;
@@ -24,7 +24,8 @@ HeapCalls heap_counter() {
 double peak_rss_mb() {
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);)
-    if (line.rfind("VmHWM:", 0) == 0) return 1024e-6 * std::strtod(line.c_str() + 6, nullptr);  // kB there are KiB
+    if (line.rfind("VmHWM:", 0) == 0)
+      return 1024e-6 * std::strtod(line.c_str() + 6, nullptr);  // the kB of VmHWM are KiB
   return -1.0;
 }
 
@@ -80,7 +81,8 @@ std::vector<std::uint8_t> Peer::labels() const {
 }
 
 void Peer::begin() {
-  // What the books need is taken here, so that it is not counted: room for the stages, whose short names need none.
+  // The memory for the bookkeeping is allocated here, so that it is not counted. The stages' short names need no heap
+  // memory.
   constexpr std::size_t kStagesMax = 16;
   runs_.emplace_back();
   runs_.back().stages.reserve(kStagesMax);
@@ -187,7 +189,7 @@ void refit_plane(const Number* xyz, std::size_t points, std::size_t stride, doub
   constexpr int kStepsMax = 3;
   for (int step = 0; step < kStepsMax; ++step) {
     const Direction n = plane.normal;
-    // Sums about the first point: the scanner is 600 mm away and squares of that would eat digits.
+    // Sums are relative to the first point: the scanner is 600 mm away, and squares of that would lose digits.
     const double ox = static_cast<double>(xyz[0]), oy = static_cast<double>(xyz[1]), oz = static_cast<double>(xyz[2]);
     const double d = plane.offset_mm - (n[0] * ox + n[1] * oy + n[2] * oz);
     std::size_t count = 0;

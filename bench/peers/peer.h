@@ -9,11 +9,10 @@
 
 #include "bench/samples.h"
 
-/// What every program of the comparison shares, slabd's own included: the task it is given, the clocks it is timed
-/// with and the truth its answer is held to. Standard types only, because every library brings flags and an Eigen
-/// alignment of its own.
+/// Common part of all programs of the comparison, slabd's own included: task, clocks, and the truth for scoring. Only
+/// standard types are used, because every library has its own flags and Eigen alignment.
 ///
-/// The task is a folder written by the driver (bench/scene.h says what lies in it):
+/// The task is a folder written by the driver (bench/scene.h describes its scan):
 ///     scan.ply      the scan as binary PLY, missing points left out; scan_organised.ply: with its grid
 ///     labels.u8     1 for every point of scan.ply that is an outlier
 ///     model.f32     the model's surface, x y z nx ny nz, block frame, one point per 1.5 mm
@@ -39,17 +38,18 @@ inline constexpr int kIcpIterationsMax = 50;
 inline constexpr int kSorNeighbours = 20;
 inline constexpr double kSorSigmas = 2.0;
 inline constexpr double kPlaneInlierMm = 0.10;
-/// The bearing plane in the block's frame: |x|, |y| and the distance to the nominal plane are below these.
+/// Crop of the bearing plane in the block's frame: |x|, |y| and the distance to the nominal plane are below these
+/// limits.
 inline constexpr double kCropXMm = 95.0;
 inline constexpr double kCropYMm = 185.0;
 inline constexpr double kCropZMm = 12.0;
 inline constexpr double kSlope = 1.0 / 40.0;
 
-/// One run of one program on one task; prints what it found as one line of JSON on stdout.
+/// One run of one program on one task; prints its results as one line of JSON on stdout.
 class Peer {
  public:
-  /// `peer --folder F --job J [--repeats N] [--threads N]`; ends the process with a message when that is not what
-  /// stands there.
+  /// Parses `peer --folder F --job J [--repeats N] [--threads N]`; ends the process with a message on any other
+  /// command line.
   Peer(int argc, char** argv, std::string name, std::string version);
 
   [[nodiscard]] const std::string& job() const { return job_; }
@@ -57,23 +57,23 @@ class Peer {
   [[nodiscard]] int threads() const { return threads_; }
   [[nodiscard]] const Truth& truth() const { return truth_; }
   [[nodiscard]] std::string path(const std::string& file) const { return folder_ + "/" + file; }
-  /// A file of the folder as numbers; ends the process when it cannot be read.
+  /// Contents of a file of the folder as numbers; ends the process if it cannot be read.
   [[nodiscard]] std::vector<float> floats(const std::string& file) const;
   [[nodiscard]] std::vector<std::uint8_t> labels() const;
 
   /// Starts the clocks of one repetition.
   void begin();
-  /// The time since `begin` or the last lap belongs to `stage`.
+  /// Assigns the time since `begin` or the last lap to `stage`.
   void lap(const std::string& stage);
-  /// Stops the clocks. What follows (scoring) is not timed.
+  /// Stops the clocks. Later work (scoring) is not timed.
   void end();
 
   void score_pose(const Rigid& T_block_scanner);
-  /// Of the seat plane, in the scanner's frame, either sign.
+  /// Scores the normal of the seat plane, in the scanner's frame, either sign.
   void score_normal(const Direction& normal_scanner);
   /// `kept[i]`: point i of scan.ply was kept.
   void score_denoising(const std::vector<bool>& kept);
-  /// The largest of all repetitions is kept, or one that is no number.
+  /// Stores the largest value of all repetitions, or NaN if one of them is NaN.
   void figure(const std::string& name, double value);
 
   /// Prints the line. Returns the exit status.
@@ -95,15 +95,15 @@ class Peer {
   std::uint64_t heap_calls_ = 0;
 };
 
-/// a * b of rigid transforms, and the way back.
+/// a * b of rigid transforms, and the inverse.
 [[nodiscard]] Rigid product(const Rigid& a, const Rigid& b);
 [[nodiscard]] Rigid inverse(const Rigid& T);
 [[nodiscard]] Direction rotated(const Rigid& T, const Direction& v);
 
-/// Orthogonal least squares through the points within `reach_mm` of the plane n.p = d (both are replaced); what every
-/// careful user of a library does after its RANSAC. Double precision, one pass per step, until the plane stands still
-/// or `steps_max`. Points are `stride` floats or doubles apart, x y z first. Also tells peak to valley and standard
-/// deviation of the points taken.
+/// A plane n.p = d with its inliers. refit_plane replaces it by the orthogonal least-squares fit of the points within
+/// `reach_mm`, as careful users of a library do after RANSAC. Double precision, one pass per step, until the number of
+/// inliers no longer changes or `steps_max` is reached. Points are `stride` floats or doubles apart, x y z first.
+/// spread_about computes peak to valley and standard deviation.
 struct PlaneAnswer {
   Direction normal{};
   double offset_mm = 0.0;

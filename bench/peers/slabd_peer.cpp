@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabd itself as one of the programs compared: the same tasks, clocks and counters as the libraries. `block` is the
-// whole block from the file to the verdict, as the daemon measures it.
+// slabd as one of the compared programs: the same tasks, clocks and counters as the libraries. `block` is the whole
+// block from the file to the verdict, as the daemon measures it.
 #include <algorithm>
 #include <cmath>
 #include <iostream>
@@ -33,7 +33,7 @@ bench::Rigid rigid_of(const Pose& pose) {
   return T;
 }
 
-/// What every job needs, made once: the daemon, too, makes it at its start.
+/// Objects that every job needs, created once, as the daemon does at its start.
 struct Bench {
   Recipe recipe;
   Pages pages{limits::kScanSlotBytes};
@@ -88,7 +88,7 @@ void run_denoise(Peer& peer, Bench& bench) {
   peer.lap("outliers");
   peer.end();
   if (!status) give_up(status.error());
-  // What is left is in the order of the scan: a point was kept if it is the next one of the finite ones.
+  // The remaining points are in the order of the scan: a point was kept if it is the next finite one.
   std::vector<bool> kept(drawn.size() / 3, false);
   std::size_t next = 0;
   for (std::size_t i = 0; i < kept.size(); ++i) {
@@ -99,7 +99,7 @@ void run_denoise(Peer& peer, Bench& bench) {
   peer.score_denoising(kept);
 }
 
-/// Registration alone, on the whole denoised scan: slabd needs no voxels.
+/// Runs the registration alone on the whole denoised scan, because slabd needs no voxels.
 void run_register(Peer& peer, Bench& bench) {
   algo::Cloud cloud = bench.read(peer.path("scan.ply"));
   bench.inspector.begin(1, Pose::identity(), nominal_T_block_scanner());

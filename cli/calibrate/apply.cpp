@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate apply, rollback, history: what is in force, and how it came to be.
+// slabctl calibrate apply, rollback, history: changes the calibration in force and lists its history.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -36,7 +36,7 @@ storage::ChangeNote note_of(const Options& options) {
   return {options.who.empty() ? default_operator() : options.who, options.why, wall_clock_us()};
 }
 
-/// An acceptance that was put in force may vouch for nothing: the scanner was found bad after it.
+/// Warns if the acceptance in force is invalid, because a later verification of the scanner was out of its limits.
 void warn_of_standing(const daemon::Config& config, std::string_view id) {
   const auto reader = records_if_readable(config);
   if (!reader.ok()) return complain(reader.error().text.view());
@@ -67,8 +67,9 @@ int carry_out(const Options& options, const storage::CalibrationChange& change) 
   return kDone;
 }
 
-/// Ids are made from numbers, and two lines may begin with the same commissioning value: what a session was verified
-/// against does not tell the lines apart. A configuration that was copied or moved is the same line by its database.
+/// True if the session is of this line. Record ids are made from numbers, so two lines with the same commissioning
+/// value have the same id; the configuration distinguishes them. A configuration that was copied or moved is the same
+/// line if it has the same database.
 bool is_of_line(const Session& session, const std::string& config_path, const daemon::Config& config) {
   const std::string& begun_with = session.settings().config;
   std::error_code fault;
@@ -79,10 +80,10 @@ bool is_of_line(const Session& session, const std::string& config_path, const da
           std::filesystem::equivalent(begun.storage.db_path, config.storage.db_path, fault));
 }
 
-/// Two machines' clocks may differ by this.
+/// Largest accepted difference between the clocks of two machines.
 constexpr std::int64_t kClockSlack_us = std::int64_t{10} * 60 * 1'000'000;
 
-/// The session's solution becomes a record with everything it was made from, and comes into force.
+/// Stores the session's solution as a record with all its inputs, and puts it in force.
 int apply_session(const SessionOptions& which, RecordOptions record_options, bool yes, bool json_wanted) {
   Session session = find_session(which);
   need(session.lock());
@@ -103,7 +104,7 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
                                session_words(session), session.settings().config, record_options.config));
   finish_killed_change(config);
   const InForce now = hand_eye_in_force(config);
-  // Kept again with another end, the same numbers have the id with a number behind a dot.
+  // The id of the same numbers with another expiry has an added number behind a dot.
   if (now.id.view().substr(0, now.id.view().find('.')) != solution.record.id &&
       now.id.view() != solution.verified->before_id)
     stop(kRefused,
@@ -114,7 +115,7 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   storage::CalibrationRecord record;
   if (record_options.operator_name.empty()) record_options.operator_name = session.settings().operator_name;
   record_options.describe(config, record, session.oldest_utime_us());
-  // Each time they are applied they would be as young as that day.
+  // A view time in the future would make the calibration look new at every application.
   if (session.oldest_utime_us() > record.created_utime_us + kClockSlack_us)
     stop(kRefused,
          fmt::format("the oldest view was captured at {}, a time to come: how old this calibration is cannot be told; "
@@ -196,7 +197,7 @@ int show_history(const Options& options) {
   return kDone;
 }
 
-/// A measured calibration gives way to `after`, which `source` names, only in the sight of what that changes.
+/// Requires a confirmation if replacing the calibration in force by `after` (named `source`) is not a small change.
 void confirm_replacing(const daemon::Config& config, const Pose& after, std::string_view source, bool yes) {
   finish_killed_change(config);
   const InForce now = hand_eye_in_force(config);
@@ -205,7 +206,7 @@ void confirm_replacing(const daemon::Config& config, const Pose& after, std::str
   SeatShifts seats;
   if (const std::optional<Stop> unknown = find_seat_shifts(config, 0, before, after, seats)) {
     if (!yes) throw *unknown;
-    return complain(unknown->sentence);  // wanted, whatever it changes
+    return complain(unknown->sentence);  // --yes was given
   }
   const double turn_deg = deg_from_rad(angle_between_rad(before.rotation, after.rotation));
   const std::string change =
@@ -216,7 +217,7 @@ void confirm_replacing(const daemon::Config& config, const Pose& after, std::str
                              kConfirmAboveDeg));
 }
 
-/// The same for a kept hand-eye calibration that is named. Does nothing for any other record; the change itself rejects
+/// The same for a stored hand-eye calibration that is named. Does nothing for other records; the change itself rejects
 /// a name that does not exist.
 void confirm_applying(const Options& options, bool yes) {
   const daemon::Config config = config_from(options.config);
@@ -233,7 +234,7 @@ void confirm_applying(const Options& options, bool yes) {
   if (numbers != nullptr) confirm_replacing(config, numbers->T_flange_scanner, named->id, yes);
 }
 
-/// Commissioning values become a record like any other, with the uncertainty somebody answers for.
+/// Stores the commissioning values as a record, with an uncertainty that the operator states.
 int adopt(RecordOptions options, double sigma_mm, double sigma_deg, bool yes) {
   const daemon::Config config = config_from(options.config);
   if (config.calibration.id.empty())

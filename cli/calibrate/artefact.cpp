@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate artefact: the pose of an artefact of three or more balls in scans, against its certificate.
+// slabctl calibrate artefact: measures the pose of an artefact of three or more balls in scans, with its certificate.
 #include <fmt/core.h>
 #include <memory>
 
@@ -21,7 +21,7 @@ struct Options {
   bool json = false;
 };
 
-/// The table is read line by line beside the flange poses, so a view that is refused cannot just be missing.
+/// The table is matched line by line with the flange poses, so it is not written if a view was rejected.
 void write_target(const Options& options, const std::vector<calib::ArtefactReport>& reports) {
   std::vector<Pose> poses;
   for (std::size_t i = 0; i < reports.size(); ++i) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate ball: is the ball seen well enough in these scans, and where is it? Offline, before and after a
-// session, and to make the target table that `calibrate solve` reads.
+// slabctl calibrate ball: checks the ball's visibility in scans and measures its position. Used offline before and
+// after a session, and to make the target table for `calibrate solve`.
 #include <fmt/core.h>
 
 #include <charconv>
@@ -64,8 +64,8 @@ void write_shots(Json& json, const calib::BallShots& shots) {
   json.field("worst_shot", shots.worst_shot).end_object();
 }
 
-/// The shell sorts view_10 before view_2, and a view may be missing: where all names end with a number, no two with the
-/// same, that is the view's. From 0; their places where the names do not tell.
+/// View numbers from the names of the scans, from 0. The shell sorts view_10 before view_2, and a view may be missing.
+/// If all names end with different numbers, these are used; otherwise the positions in the list.
 std::vector<std::size_t> view_numbers(const std::vector<std::string>& scans) {
   constexpr unsigned kMost = 999;  // more is a date
   std::vector<std::size_t> places(scans.size());
@@ -81,13 +81,13 @@ std::vector<std::size_t> view_numbers(const std::vector<std::string>& scans) {
   }
   const std::set<std::size_t> different(numbers.begin(), numbers.end());
   if (different.size() != numbers.size()) return places;
-  // People count from 1, programs from 0.
+  // Names count from 1, view numbers from 0.
   if (*different.begin() > 0)
     for (std::size_t& number : numbers) --number;
   return numbers;
 }
 
-/// Sightings of the accepted views, with the labels that let refused ones be missing.
+/// Writes the sightings of the accepted views with labels, so that rejected ones can be missing.
 void write_target(const Options& options, const std::vector<calib::BallView>& views) {
   const std::vector<std::size_t> numbers = view_numbers(options.scans);
   for (std::size_t v = 0; v < views.size(); ++v)
@@ -115,7 +115,7 @@ void write_target(const Options& options, const std::vector<calib::BallView>& vi
   need(file.close(Code::journal_write), kNotReachable);
 }
 
-/// What the free radius of all views says about the certified one; a warning is not a refusal.
+/// Compares the free radius of all views with the certified one; prints a warning, which does not reject the views.
 void tell_radius(const Options& options, const std::vector<calib::BallView>& views, Json& json) {
   std::vector<calib::BallReport> balls;
   for (const calib::BallView& view : views)
@@ -255,8 +255,8 @@ void add_calibrate_ball(args::Command& group) {
   command->runs([options] { return run_ball(*options); });
 }
 
-// What was found in a scan, for people and as JSON. A gate is shown with its figure and its limit whether it passed or
-// not: the next view is better when one sees how near the limit this one was.
+// Results of a scan, as text and JSON. A gate is shown with figure and limit even if it passed, so that the operator
+// can see how close to the limit the view is.
 
 namespace {
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl calibrate block: a supporting block, or the reference block, as an artefact with a full pose. Its pose in a
-// scan is what the registration of every inspection finds, by the same code.
+// scan is that of the registration of every inspection, computed by the same code.
 //
-// A registration needs to know where to look, to about 15 mm and 3 degrees, and views of a calibration are tilted to
-// all sides. The first view looks straight down as the line does; from then on the robot's poses, with what is known of
-// the scanner's place, say where the block must be. What is known grows: from the sixth view on it is the solution of
-// the views so far.
+// A registration requires a start pose to about 15 mm and 3 degrees, and the views of a calibration are tilted to all
+// sides. The first view looks straight down as on the line. For the next ones the start pose follows from the robot's
+// poses and the approximate scanner pose. From kViewsMin views on, the scanner pose is the solution of the views so
+// far.
 #include <fmt/core.h>
 #include <memory>
 #include <span>
@@ -36,7 +36,7 @@ struct Options {
   bool json = false;
 };
 
-/// Roughly where the scanner sits: as said, else of the configuration.
+/// Approximate scanner pose: from --start, otherwise from the configuration.
 Pose find_start(const Options& options) {
   if (!options.start.empty()) return need(calib::parse_flange("", options.start, "--start"));
   daemon::Config config;
@@ -45,7 +45,7 @@ Pose find_start(const Options& options) {
   return hand_eye_in_force(config).T_flange_scanner;
 }
 
-/// The block's pose in one scan.
+/// Finds the block's pose in a scan.
 class BlockFinder {
  public:
   explicit BlockFinder(const Recipe& recipe)
@@ -56,19 +56,19 @@ class BlockFinder {
     inspector_.use(recipe);
   }
 
-  /// `T_block_scanner`: where to look.
+  /// `T_block_scanner`: start pose of the registration.
   Result<RegistrationReport> find(const std::string& path, const hal::ScanForm& form, const Pose& T_block_scanner) {
     const Result<ScanShape> read = hal::read_scan(path.c_str(), form, xyz_, inspector_.team());
     if (!read.ok()) return read.error();
     const ScanShape& shape = read.value();
     const algo::Cloud cloud{xyz_, shape.points, shape.width, shape.height};
-    // Items that cannot be measured from such a side are no fault here: the registration is what counts.
+    // Items that cannot be measured from this direction are ignored, because only the registration is used.
     const Status measured =
         daemon::measure_block(inspector_, *clock_, 1, Pose::identity(), T_block_scanner, cloud, shape, 0.0);
     why_not_ = measured.ok() ? "" : std::string(measured.error().text.view());
     return inspector_.result().registration;
   }
-  /// Why the block was not found, in words; with what the scan's size and place say of its unit and frame.
+  /// Reason why the block was not found, with hints from the scan's size and position about its unit and frame.
   [[nodiscard]] const std::string& why_not() const { return why_not_; }
 
  private:
@@ -79,7 +79,7 @@ class BlockFinder {
   std::string why_not_;
 };
 
-/// What the views so far say of the scanner and the block; nothing before there are enough.
+/// Updates the poses of scanner and block from the views so far; does nothing with fewer than kViewsMin views.
 void learn(std::span<const calib::View> views, Pose& X, Pose& T_base_block) {
   if (views.size() < calib::kViewsMin) return;
   calib::SolveSettings quick;

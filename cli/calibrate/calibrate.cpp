@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate: the group. What each verb does is in its own file.
+// slabctl calibrate: the command group. Each subcommand is in its own file.
 #include "cli/calibrate/calibrate.h"
 
 #include "cli/command.h"

@@ -15,7 +15,7 @@ namespace slabd::args {
 class Command;
 }  // namespace slabd::args
 
-/// The verbs of `slabctl calibrate`, one file each. Each adds itself to the group.
+/// The subcommands of `slabctl calibrate`, one file each. Each function adds one to the group.
 namespace slabd::cli {
 
 void add_calibrate_new(args::Command& group);
@@ -36,32 +36,33 @@ void add_calibrate_adopt(args::Command& group);
 void add_calibrate_rollback(args::Command& group);
 void add_calibrate_history(args::Command& group);
 
-// How a session is told, after every step of it.
+// Output of a session after every step.
 
 class Session;
-/// How far the views reach, what is missing, the suggested next pose in words, as quaternion and for KUKA.
+/// Coverage of the views, missing directions, and the suggested next pose in words, as quaternion and for KUKA.
 [[nodiscard]] std::string guide_text(const Session& session, const calib::Guide& guide);
-/// The same as fields of the open object: `coverage`, `suggestion` (null: none needed), `next` (a command).
+/// The same as fields of the open object: `coverage`, `suggestion` (null: not needed), `next` (a command).
 void write_guide(Json& json, const Session& session, const calib::Guide& guide);
-/// `session` and `folder`, fields of the open object.
+/// Writes `session` and `folder` as fields of the open object.
 void write_session(Json& json, const Session& session);
-/// The command that leads on from here.
+/// The command for the next step.
 [[nodiscard]] std::string next_command(const Session& session);
 
-// How a hand-eye result is told, for every verb that solves.
+// Output of a hand-eye result, for every command that solves.
 
-/// For people: the transform in three notations, every figure with unit and meaning, warnings, refusals with cures.
+/// Text: the transform in three notations, every figure with unit and meaning, warnings, reasons for rejection with
+/// cures.
 [[nodiscard]] std::string hand_eye_text(calib::ArtefactKind kind, const calib::HandEye& result,
                                         const calib::StatedNoise& noise);
-/// The fields of slabd.hand_eye/1, into the open object: status, T_flange_scanner, target, figures, reasons, warnings.
-/// Views are numbered from 1. null where there is nothing to tell.
+/// Writes the fields of slabd.hand_eye/1 into the open object: status, T_flange_scanner, target, figures, reasons,
+/// warnings. Views are numbered from 1. Missing values are null.
 void write_hand_eye(Json& json, calib::ArtefactKind kind, const calib::HandEye& result,
                     const calib::StatedNoise& noise);
 
-/// A transform three ways (4 x 4, quaternion w first, KUKA X Y Z A B C), indented lines.
+/// A transform in three notations (4 x 4, quaternion w first, KUKA X Y Z A B C) as indented lines.
 [[nodiscard]] std::string pose_three_ways(const Pose& pose);
 
-/// A whole text file, at most 16 MB. config: that it cannot be read, and why.
+/// Contents of a text file of at most 16 MB. Code::config with the reason if it cannot be read.
 [[nodiscard]] Result<std::string> text_file(const std::string& path);
 
 }  // namespace slabd::cli

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate capture: one view, or a whole folder of them, into the session. The scans are copied first and
-// judged as copied, so that what the session keeps is what was judged. A view that was taken before is recognised by
-// its pose and the content of its scans: giving a command again after it was stopped finishes it and doubles nothing.
-// A refused view is kept too, with its reason; it counts for nothing.
+// slabctl calibrate capture: adds one view, or a folder of views, to the session. The scans are copied first, and the
+// copies are evaluated, so that the session contains the evaluated data. An existing view is detected by its pose and
+// the content of its scans: a repeated command completes an interrupted one without duplicates. A rejected view is
+// stored with its reason and is not counted.
 #include <fmt/core.h>
 #include <unistd.h>
 
@@ -43,7 +43,7 @@ struct Options {
   bool json = false;
 };
 
-/// A table of poses with its lines as they stand there, so that a view keeps what was written.
+/// A table of poses with its lines as written, so that a view stores the original text.
 struct WrittenTable {
   calib::PoseTable table;
   std::string form;
@@ -94,7 +94,8 @@ ViewRequest request_from(const WrittenTable& table, std::size_t row) {
   return request;
 }
 
-/// Takes digits, and nothing else, off the front of `text`; a number that no view has stays a million. False: none.
+/// Removes the leading digits of `text`; large numbers are limited to a million, which is not a valid view. Returns
+/// false if there are none.
 bool take_number(std::string_view& text, std::size_t& number) {
   constexpr std::size_t kNumberMax = 1'000'000;
   const std::size_t digits = std::min(text.find_first_not_of("0123456789"), text.size());
@@ -105,7 +106,7 @@ bool take_number(std::string_view& text, std::size_t& number) {
   return digits > 0;
 }
 
-/// The numbers in "view_07_2.ply": view 7, shot 2. False: not the name of a view's scan.
+/// Parses the numbers in "view_07_2.ply": view 7, shot 2. False if it is not the name of a view's scan.
 bool numbers_of(const fs::path& file, std::size_t& view, std::size_t& shot) {
   constexpr std::string_view kPrefix = "view_";
   const std::string stem = file.stem().string();
@@ -120,9 +121,8 @@ bool numbers_of(const fs::path& file, std::size_t& view, std::size_t& shot) {
   return take_number(rest, shot) && rest.empty();
 }
 
-/// A folder with flange.txt and view_NN.ply or view_NN_S.ply: NN is the pose in the table, S the shot. Pictures and
-/// notes beside them are none of ours; two scans that say the same NN and S are refused, for which of them was taken at
-/// that pose only a person knows.
+/// View requests from a folder with flange.txt and view_NN.ply or view_NN_S.ply: NN is the pose in the table, S the
+/// shot. Other files are ignored. Two scans with the same NN and S are rejected, because the right one is unknown.
 Result<std::vector<ViewRequest>> requests_from_set(const std::string& dir) {
   const Result<WrittenTable> table = read_table(dir + "/flange.txt");
   if (!table.ok()) return table.error();
@@ -230,7 +230,8 @@ void write_view(Json& json, const Taken& taken) {
   json.field("repeat_mm", v.repeat_mm).end_object();
 }
 
-/// A view that could not be taken is a value: capture_all() goes on after a robot that did not stand still.
+/// Captures the views of one command. A failed view is a return value, so that capture_all() continues after a robot
+/// motion.
 int capture(const Options& options) {
   const int sources = (options.live ? 1 : 0) + (options.set.empty() ? 0 : 1) + (options.scans.empty() ? 0 : 1);
   const int poses = (options.flange.empty() ? 0 : 1) + (options.flange_file.empty() ? 0 : 1);
@@ -292,11 +293,11 @@ int capture(const Options& options) {
   return refused > 0 ? kRefused : kDone;
 }
 
-/// View after view with one command: a line on stdin says that the robot stands at the next pose.
+/// Captures views one after the other: a line on stdin reports that the robot is at the next pose.
 int capture_all(Options options) {
   for (;;) {
     const int status = capture(options);
-    options.take_over = false;  // once: who took the line since then has a reason
+    options.take_over = false;  // only for the first view: a later owner of the line is not interrupted
     if (status != kDone && status != kRefused) return status;
     const Session session = find_session(options.session);
     const std::size_t counted = session.counted(calib::ViewUse::fit) + session.counted(calib::ViewUse::held_out);

@@ -6,36 +6,37 @@
 
 #include "cli/calibrate/session.h"
 
-/// From scans and a pose to a view of the session.
+/// Adds scans with a pose to a session as a view.
 namespace slabd::cli {
 
 struct ViewRequest {
-  std::vector<std::string> scans;  ///< shots of one pose
-  std::string flange_form;         ///< words of a format header; empty: neutral
-  std::string flange;              ///< numbers, single blanks between
+  std::vector<std::string> scans;  ///< all shots of one pose
+  std::string flange_form;         ///< words of a format header; empty: slabd's own form
+  std::string flange;              ///< numbers, separated by single blanks
   calib::LiveStamp live;
   bool hold_out = false;
 };
 struct Taken {
   calib::CapturedView view;
-  bool already = false;  ///< it was there
-  bool dropped = false;  ///< ... and was dropped: it counts for nothing
+  bool already = false;  ///< the view existed before
+  bool dropped = false;  ///< the existing view was dropped and is not counted
 };
 
-/// Copies the scans, finds the artefact in them, and makes the view part of the session (whose lock is held), refused
-/// or not. config: a scan or pose that cannot be read, the scan of another view; journal_write.
+/// Copies the scans, finds the artefact in them, and adds the view to the session (whose lock is held), accepted or
+/// rejected. Code::config: a scan or pose that cannot be read, or a scan of another view; Code::journal_write.
 [[nodiscard]] Result<Taken> take_view(Session& session, const ViewRequest& request);
 
 struct LiveOptions {
   int shots = 3;
   bool hold_out = false;
-  bool take_over = false;  ///< end a session of another name that is open
+  bool take_over = false;  ///< ends an open session of another name
 };
-/// The same from the running daemon: it makes sure that the robot stands still through all shots. scanner_offline,
-/// no_pose, and what the daemon says otherwise; journal_write: the session has no copy, the daemon's scans are kept.
+/// The same with the running daemon, which ensures that the robot does not move during the shots.
+/// Code::scanner_offline, Code::no_pose and other errors of the daemon. Code::journal_write: the session has no copy,
+/// and the daemon keeps its scans.
 [[nodiscard]] Result<Taken> take_live(Session& session, const LiveOptions& options);
-/// Gives the line back before its lease is over; says in words how the line stands. A line that the session does not
-/// have is left alone, and that is no error.
+/// Returns the line before its lease ends; the result describes the state of the line. If the session does not hold
+/// the line, this is not an error and the line is not changed.
 [[nodiscard]] Result<std::string> end_live(const Session& session);
 
 }  // namespace slabd::cli

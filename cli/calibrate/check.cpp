@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate check and reference: the artefacts that watch over a calibration. The reference block is measured
-// by daemon::measure_block, the path every scan of the line takes: what the check finds is what verdicts are made of.
+// slabctl calibrate check and reference: artefacts that monitor a calibration. The reference block is measured by
+// daemon::measure_block, as every scan of the line, so a check tests the computation of the verdicts.
 #include <fmt/core.h>
 #include <cmath>
 #include <memory>
@@ -56,7 +56,7 @@ struct ReferenceOptions {
 
 // ---- reference block ---------------------------------------------------------------------------------------------
 
-/// What passes a check is what U allows, so the recipe must be one that verdicts are made with.
+/// Requires a recipe of the line, because a check passes by the recipe's U.
 void need_recipe_of_line(const Recipe& recipe, const std::string& file, const daemon::Config& config) {
   std::vector<daemon::Problem> problems;
   std::vector<Recipe> of_line;
@@ -73,7 +73,7 @@ BlockResult measure_scan(const CheckOptions& options, const daemon::Config& conf
   if (options.recipe.empty()) stop(kUsage, "a scan needs --recipe: the block's shape, and what U is computed from");
   const Recipe recipe = recipe_from(options.recipe);
   need_recipe_of_line(recipe, options.recipe, config);
-  // With what is known of the scanner, as the line measures.
+  // Measured with the scanner's acceptance, as on the line.
   const auto line = need(reader.line_calibration());
   const ProgressNote note(stderr, "measuring ...", std::chrono::seconds(1));
   Pages memory(limits::kScanSlotBytes);
@@ -88,8 +88,8 @@ BlockResult measure_scan(const CheckOptions& options, const daemon::Config& conf
   return inspector.result();
 }
 
-/// When the last check of reference blocks was made; 0: never. One that bears a time to come was made while the clock
-/// was wrong, and says nothing of when.
+/// Time of the last check of reference blocks; 0: never. A check with a time in the future is ignored, because the
+/// clock was wrong.
 Result<std::int64_t> last_check_utime_us(storage::Reader& reader) {
   constexpr std::size_t kLookBack = 1'000;
   const auto checks = reader.checks(kLookBack);
@@ -101,9 +101,8 @@ Result<std::int64_t> last_check_utime_us(storage::Reader& reader) {
   return newest;
 }
 
-/// One station of a slab that the line has inspected: the reference block may stand in the cell as a station. It says
-/// how the line measures now only if it was scanned with what is in force, and since the last check. `source`: its
-/// name.
+/// Result of one station of an inspected slab, for a reference block that is a station of the cell. It is valid only
+/// if it was scanned with the calibration in force and after the last check. `source`: its name.
 BlockResult take_from_slab(const CheckOptions& options, storage::Reader& reader, const CalibrationId& in_force,
                            std::string& source) {
   const storage::SlabRecord slab = named_slab(reader, options.slab);
@@ -130,7 +129,8 @@ BlockResult take_from_slab(const CheckOptions& options, storage::Reader& reader,
 
 // ---- monitor ball ------------------------------------------------------------------------------------------------
 
-/// From another pose the robot errs by another amount, as much as its absolute accuracy: that is no drift.
+/// Message if the pose differs from the ball's own pose, else empty: the robot error there differs by up to its
+/// absolute accuracy, which is not a drift.
 std::string elsewhere(const daemon::Config& config, const std::string& observations, const SeenBall& seen) {
   const std::optional<Pose> then = ball_pose_of(observations);
   if (!then) return "";
@@ -144,7 +144,8 @@ std::string elsewhere(const daemon::Config& config, const std::string& observati
       off_mm, deg_from_rad(off_rad));
 }
 
-/// What failed from the ball's own pose is not cured from one where the robot may err the other way.
+/// Rejects a passed check from another pose if the last check failed, because the robot error may have the opposite
+/// sign there.
 void need_clear_elsewhere(storage::Reader& reader, const CalibrationCheck& check, const std::string& where) {
   if (check.passed && need(reader.line_calibration())->ball.failed)
     stop(kRefused, fmt::format("refused: the last check failed, and this one does not clear it: {}", where));
@@ -156,7 +157,7 @@ InForce need_hand_eye(storage::Reader* reader, const daemon::Config& config) {
   return now;
 }
 
-// ---- telling -----------------------------------------------------------------------------------------------------
+// ---- output ------------------------------------------------------------------------------------------------------
 
 void write_check(Json& json, const CalibrationCheck& check) {
   write_fields(json, check, [&](std::string_view field) {
@@ -180,7 +181,7 @@ std::string figures_of(const CalibrationCheck& check) {
   return fmt::format("slope {:.4f} deg, jaw distance {:.4f} mm", deg_from_rad(check.slope_rad), check.jaw_distance_mm);
 }
 
-/// The trend, oldest first, so that a drift reads downwards.
+/// Prints the trend, oldest first.
 int show_trend(const CheckOptions& options, const daemon::Config& config, storage::Reader* reader) {
   std::vector<CalibrationCheck> checks;
   std::unique_ptr<LineCalibration> line = std::make_unique<LineCalibration>();
@@ -222,20 +223,20 @@ int show_trend(const CheckOptions& options, const daemon::Config& config, storag
 
 // ---- the commands ------------------------------------------------------------------------------------------------
 
-/// What identifies a scan wherever its file lies: the beginning of its source.
+/// Identifies a scan independently of its path: the beginning of its source.
 Result<std::string> mark_of(const std::string& scan) {
   const Result<FileDigest> digest = digest_of(scan);
   if (!digest.ok()) return digest.error();
   return fmt::format("sha256 {} ", digest.value().sha256.substr(0, 16));
 }
 
-/// A scan is one look at the artefact: judged twice it says nothing new, and held against itself nothing at all. Adds
-/// what identifies it to `source`; stops if it was judged before, or if the ball's place is from it.
+/// Requires a new scan, because a scan that was evaluated before contains no new information. Adds its identification
+/// to `source`; stops if it was evaluated before or defines the ball's position.
 void need_new(const CheckOptions& options, storage::Reader& reader, std::string& source) {
   constexpr std::size_t kLookBack = 10'000;
   if (options.look.live) return;
   if (options.slab.empty()) source = need(mark_of(options.scan)) + source;
-  // A file is known by what is in it, wherever it lies; a station of a slab by its name, whole: station 1 is not 12.
+  // A file is identified by its content, a station of a slab by its whole name: station 1 is not 12.
   const std::size_t digest_end = std::string_view("sha256 0123456789abcdef ").size();
   const auto same = [&](std::string_view other) {
     return options.slab.empty() ? other.substr(0, digest_end) == source.substr(0, digest_end) : other == source;
@@ -274,7 +275,7 @@ CalibrationCheck judge(const CheckOptions& options, const daemon::Config& config
     BallLook look = options.look;
     look.scan = options.scan;
     look.who = options.who;
-    // With another radius the same ball is found elsewhere along the view, by about what the radius differs.
+    // With another radius the ball's centre moves along the view by about the difference.
     if (has_value(look.radius_mm) && std::abs(look.radius_mm - ball.radius_mm) > kSameRadiusMm)
       stop(kBadInput, fmt::format("--radius {:g}: {} was taken into use with {:g} mm, and a check compares with that; "
                                   "leave --radius out, or take the ball into use anew (slabctl calibrate reference)",
@@ -352,7 +353,7 @@ int take_reference(const ReferenceOptions& options) {
   std::unique_ptr<storage::Reader> reader = open_records(config);
   storage::CalibrationRecord record;
   options.record.describe(config, record);
-  if (options.record.valid_days < 0) record.expires_utime_us = 0;  // an artefact's certificate says how long it holds
+  if (options.record.valid_days < 0) record.expires_utime_us = 0;  // an artefact's certificate contains its own expiry
   if (!options.certificate.empty()) {
     const std::string text = need(text_file(options.certificate));
     const auto certificate = need(calib::parse_reference_certificate(text, options.certificate));

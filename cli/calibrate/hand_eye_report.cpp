@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A hand-eye result for people and for programs. Every figure says its unit and what it means; a refused result shows
-// the same figures, and what to do.
+// A hand-eye result as text and JSON. Every figure has its unit and meaning; a rejected result has the same figures
+// and the cure.
 #include <fmt/core.h>
 
 #include <cmath>

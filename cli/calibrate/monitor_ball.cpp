@@ -18,7 +18,7 @@
 namespace slabd::cli {
 namespace {
 
-/// The ball in a scan. nullopt if it was found; else why not.
+/// Finds the ball in a scan. nullopt on success, otherwise the reason.
 std::optional<Stop> find_in(const BallLook& look, const std::string& scan, const hal::ScanForm& form, const Pose& X,
                             SeenBall& seen) {
   const auto because = [](const Error& why) { return Stop{exit_for(why.code), std::string(why.text.view())}; };
@@ -38,11 +38,11 @@ std::optional<Stop> find_in(const BallLook& look, const std::string& scan, const
   return std::nullopt;
 }
 
-/// Takes one view through the daemon; the line is idle again afterwards, whatever came of it.
+/// Takes one view through the daemon; the line is idle again afterwards, even after an error.
 SeenBall take_live(const daemon::Config& config, const BallLook& look, const Pose& X) {
   const std::string who = look.who.empty() ? default_operator() : look.who;
-  // A name of its own: of two checks at once neither goes on with, nor ends, the other's session. The lease is short,
-  // as nobody can go on with it either should this one be killed.
+  // The session name is unique, so that two simultaneous checks cannot continue or end each other's session. The lease
+  // is short, because after a crash no other process can continue the session.
   constexpr std::int64_t kLease_s = 30;
   const std::string session = fmt::format("monitor ball {}", ::getpid());
   Result<LiveCapture> line = LiveCapture::begin(config.control_socket, {session, who, kLease_s, false});
@@ -53,7 +53,7 @@ SeenBall take_live(const daemon::Config& config, const BallLook& look, const Pos
   });
   if (terminal) fmt::print(stderr, "\r\x1b[K");
   SeenBall seen;
-  std::optional<Stop> unseen;  // said before the line is given back
+  std::optional<Stop> unseen;  // printed before the line is returned
   if (shot.ok()) {
     for (const std::string& warning : shot.value().warnings) complain(fmt::format("warning: {}", warning));
     seen.T_base_flange = shot.value().T_base_flange;

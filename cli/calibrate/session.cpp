@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The folder of a calibration. Two rules make it survive a stop at any moment:
+// The folder of a calibration. Two rules make it survive an interruption at any moment:
+// - New data is collected under a name that begins with ".part-", synced, and renamed. A command is either not begun
+// or done.
+// - The state of a view (taken back, dropped, undone) is never overwritten. Every step is a file of its own next to
+// the view, numbered over the whole session; the state is the sequence of the steps.
 //
-// - What is new is collected under a name that begins with ".part-", synced, and renamed. There is no state of a
-//   command that is not either not begun or done.
-// - What a view is worth now (taken back, dropped, undone) is never written over: every step is a file of its own
-//   beside the view, numbered over the whole session, and the state is what the steps say in their order.
-//
-// A leftover ".part-" folder is a capture that was stopped. Readers name it; the next capture, which holds the lock and
-// so knows that nobody is at it, clears it away: its scans are still where they came from.
+// A remaining ".part-" folder is an interrupted capture. Readers report it; the next capture, which holds the lock,
+// deletes it, because its scans still exist at their source.
 #include "cli/calibrate/session.h"
 
 #include <fmt/core.h>
@@ -34,7 +33,7 @@ Error cannot_make(const std::string& path, const std::error_code& fault) {
   return error(Code::journal_write, "cannot make %s: %s", path.c_str(), fault.message().c_str());
 }
 
-/// Names of what a folder holds, sorted: the order of a directory is nobody's.
+/// Sorted names of a folder's entries, because the order of a directory is undefined.
 std::vector<std::string> names_in(const std::string& folder) {
   std::vector<std::string> names;
   std::error_code fault;
@@ -44,7 +43,7 @@ std::vector<std::string> names_in(const std::string& folder) {
   return names;
 }
 
-/// Makes a folder with its parents; those that are new belong to the group, as everything of slabd does.
+/// Creates a folder with its parents; new ones belong to the group, like all files of slabd.
 Status make_folders(const std::string& path) {
   std::error_code fault;
   fs::create_directories(path, fault);
@@ -52,7 +51,7 @@ Status make_folders(const std::string& path) {
   return success();
 }
 
-/// A new folder. A calibration begun by one of the group may be finished by another.
+/// Creates a folder that is writable for the group, because another member may finish a calibration.
 Status make_folder(const std::string& path) {
   std::error_code fault;
   if (!fs::create_directory(path, fault)) return cannot_make(path, fault);
@@ -66,7 +65,7 @@ std::size_t number_of(const std::string& name) {
   return digits ? static_cast<std::size_t>(std::stoul(name)) : 0;
 }
 
-/// Of "drop-12.txt".
+/// The step number in "drop-12.txt".
 std::size_t step_of(const std::string& file) {
   const std::size_t from = file.find('-') + 1;
   return number_of(file.substr(from, file.rfind('.') - from));
@@ -84,7 +83,7 @@ Status Session::create(const std::string& dir, const calib::SessionSettings& set
   const std::string parent = fs::path(target).parent_path().string();
   if (const Status made = make_folders(parent); !made.ok()) return made;
   const std::string part = parent + "/" + kPart + fs::path(target).filename().string();
-  fs::remove_all(part, fault);  // of a stopped `new`: it held nothing yet
+  fs::remove_all(part, fault);  // left by an interrupted `new`; it contained no data
   for (const char* inner : {"", "/views", "/solutions"})
     if (const Status made = make_folder(part + inner); !made.ok()) return made;
   calib::SessionSettings agreed = settings;
@@ -143,7 +142,7 @@ Status Session::read_views() {
       continue;
     }
     const std::size_t number = number_of(name);
-    if (number == 0) continue;  // not ours
+    if (number == 0) continue;  // not a view
     Entry entry;
     entry.folder = folder;
     const Result<std::string> text = text_file(folder + "/view.txt");
@@ -167,7 +166,7 @@ Status Session::read_views() {
       const auto change = words.ok() ? calib::parse_view_change(words.value(), folder + "/" + file)
                                      : Result<calib::ViewChange>(words.error());
       if (!change.ok()) {
-        // Whether the view counts is not known, so it does not; the step is not given away.
+        // The state of the view is unknown, so it is not counted; the step number is not reused.
         entry.unreadable = fmt::format(
             "{}; put that file back as it was, or remove it and drop the view again if it "
             "shall not count",
@@ -191,11 +190,11 @@ Status Session::read_views() {
       }
     entries_.push_back(std::move(entry));
   }
-  // An undo lies with the view whose step it took back.
+  // An undo is stored with the view whose step it takes back.
   for (const Undo& undo : undos)
     for (Step& step : steps_)
       if (step.view == undo.view && step.step == undo.step) step.taken_back = true;
-  // Somebody may repair what cannot be read: its step is not given away meanwhile.
+  // An unreadable view may be repaired later, so its step number is not reused.
   last_step_ += unknown_steps;
   for (Entry& entry : entries_)
     for (const Step& step : steps_) {
@@ -213,11 +212,11 @@ void Session::read_solutions() {
   for (const std::string& name : names_in(dir_ + "/solutions")) {
     if (number_of(name) == 0) continue;
     const std::string folder = dir_ + "/solutions/" + name;
-    last_step_ = std::max(last_step_, number_of(name));  // its name is taken, whatever is in it
+    last_step_ = std::max(last_step_, number_of(name));  // the number is used even if the content is invalid
     const Result<std::string> text = text_file(folder + "/solved.txt");
     const auto solved = text.ok() ? calib::parse_solved(text.value(), folder + "/solved.txt")
                                   : Result<calib::SolvedRecord>(text.error());
-    if (!solved.ok()) {  // can be solved again at any time
+    if (!solved.ok()) {  // can be computed again at any time
       half_done_.push_back(std::string(solved.error().text.view()) + "; solve again");
       continue;
     }
@@ -239,7 +238,7 @@ std::int64_t Session::oldest_utime_us() const {
   std::int64_t oldest = std::numeric_limits<std::int64_t>::max();
   for (const Entry& entry : entries_) {
     if (!entry.counts() || entry.view.use != calib::ViewUse::fit) continue;
-    std::tm parts{};  // as iso_time() wrote it; what is not so is as old as can be
+    std::tm parts{};  // in the format of iso_time(); any other text counts as the oldest time
     const bool read = ::strptime(entry.view.captured.c_str(), "%Y-%m-%dT%H:%M:%SZ", &parts) != nullptr;
     oldest = std::min(oldest, read ? std::int64_t{::timegm(&parts)} * 1'000'000 : 0);
   }
@@ -279,7 +278,7 @@ calib::CoverageSettings Session::coverage_settings() const {
       coverage.target_radius_mm = std::max(coverage.target_radius_mm, ball.norm() + c->ball_radius_mm);
   if (const auto held_out = views(calib::ViewUse::held_out); held_out.ok())
     for (const calib::View& view : held_out.value()) coverage.taken.push_back(view.T_base_flange);
-  // Whatever its size, an artefact need not stay in the middle to be whole in the picture.
+  // An artefact of any size may be off the centre and still be completely in the picture.
   coverage.target_radius_mm =
       std::min(coverage.target_radius_mm, 0.6 * std::min(settings_.fov.half_x_mm, settings_.fov.half_y_mm));
   return coverage;
@@ -303,7 +302,7 @@ std::optional<calib::ArtefactCertificate> Session::certificate() const {
 Status Session::lock() {
   lock_.emplace();
   if (lock_->take(dir_ + "/lock")) {
-    // What was read before the lock may be old by now.
+    // The data read before the lock may be outdated.
     Result<Session> again = open(dir_);
     if (!again.ok()) return again.error();
     again.value().lock_.emplace(std::move(*lock_));

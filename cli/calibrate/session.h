@@ -17,18 +17,18 @@ namespace slabd::args {
 class Command;
 }  // namespace slabd::args
 
-/// A calibration under way, as a folder that people can read:
+/// A calibration session, stored as a folder of readable files:
 ///
-///     session.txt                   what was agreed at its beginning
-///     certificate.txt               of the artefact, when there is one
-///     views/007/view.txt            pose and what was found; 007/*.ply the scans as they came
-///     views/007/drop-12.txt         step 12 dropped it
-///     views/003/undo-13.txt         step 13 took a step of this view back
+///     session.txt                   settings agreed at the beginning
+///     certificate.txt               of the artefact, if there is one
+///     views/007/view.txt            pose and results; 007/*.ply the original scans
+///     views/007/drop-12.txt         step 12 dropped the view
+///     views/003/undo-13.txt         step 13 took back a step of this view
 ///     next-pose.txt                 the suggested T_base_flange
 ///     solutions/0014/solved.txt     the result; figures.json; verified.txt
 ///
-/// Every change is one rename of something whole and synced, so a stop at any moment leaves the state before or after
-/// it. Nothing is ever changed or deleted, except what a stop left half-copied, and that is named first.
+/// Every change is one rename of a complete, synced entry, so an interruption leaves the state before or after it.
+/// Nothing is changed or deleted, except the partial copies of an interrupted capture, which are reported first.
 namespace slabd::cli {
 
 class Session {
@@ -36,12 +36,12 @@ class Session {
   struct Entry {
     calib::CapturedView view;
     std::string folder;
-    std::string unreadable;  ///< why view.txt cannot be used; then only view.number is known
+    std::string unreadable;  ///< reason why view.txt cannot be used; then only view.number is valid
     std::size_t dropped_step = 0;
     std::string dropped_why;
-    bool undone = false;  ///< its capture was taken back
+    bool undone = false;  ///< its capture was undone
 
-    /// Takes part in fit or verification.
+    /// True if the view is used in fit or verification.
     [[nodiscard]] bool counts() const { return unreadable.empty() && view.accepted() && dropped_step == 0 && !undone; }
   };
   struct Solution {
@@ -50,51 +50,52 @@ class Session {
     std::optional<calib::VerifiedRecord> verified;
   };
 
-  /// Makes the folder; `certificate` is kept as text. config: it exists already; journal_write.
+  /// Creates the folder; `certificate` is stored as text. Code::config: it exists already; Code::journal_write.
   [[nodiscard]] static Status create(const std::string& dir, const calib::SessionSettings& settings,
                                      const std::string& certificate);
-  /// Reads everything. config: no session there, or its session.txt cannot be used.
+  /// Reads the whole session. Code::config: the folder is not a session, or its session.txt is invalid.
   [[nodiscard]] static Result<Session> open(const std::string& dir);
 
   [[nodiscard]] const std::string& dir() const { return dir_; }
   [[nodiscard]] const calib::SessionSettings& settings() const { return settings_; }
   [[nodiscard]] const std::string& certificate_text() const { return certificate_text_; }
   [[nodiscard]] const std::vector<Entry>& entries() const { return entries_; }
-  /// Words for what a stop left half-done, one each.
+  /// Descriptions of interrupted operations.
   [[nodiscard]] const std::vector<std::string>& half_done() const { return half_done_; }
-  /// The newest solution, whatever has changed since.
+  /// The newest solution, even if views have changed since.
   [[nodiscard]] const std::optional<Solution>& solution() const { return solution_; }
-  /// Is it a solution of the views that count now?
+  /// True if the solution was computed from the current views.
   [[nodiscard]] bool solution_is_current() const { return solution_ && solution_->record.inputs == inputs(); }
 
   [[nodiscard]] std::size_t counted(calib::ViewUse use) const;
-  /// When the first of the views that are solved was captured: a new view among old ones makes them no younger.
+  /// Capture time of the oldest view of the fit: newer views do not make the calibration newer.
   [[nodiscard]] std::int64_t oldest_utime_us() const;
-  /// The views of one use, by number. config: one cannot be read as its form says.
+  /// The views of one use, by number. Code::config if one cannot be parsed.
   [[nodiscard]] Result<std::vector<calib::View>> views(calib::ViewUse use) const;
-  /// SHA-256 of everything a solution is computed from, or a verification.
+  /// SHA-256 of all inputs of a solution or a verification.
   [[nodiscard]] std::string inputs(calib::ViewUse use = calib::ViewUse::fit) const;
   [[nodiscard]] calib::SolveSettings solve_settings() const;
   [[nodiscard]] calib::CoverageSettings coverage_settings() const;
   [[nodiscard]] calib::Guide guide() const;
   [[nodiscard]] std::optional<calib::ArtefactCertificate> certificate() const;
 
-  // Changes; each needs the lock. config: another slabctl is changing the session.
+  // Changes; each requires the lock. Code::config: another slabctl is changing the session.
   [[nodiscard]] Status lock();
-  /// A folder to collect a view's scans in. `intent` says what is being copied, for whoever finds it half-done.
+  /// Creates a folder for a view's scans. `intent` describes the copy, in case it is interrupted.
   [[nodiscard]] Result<std::string> begin_view(const std::string& intent);
-  /// The view is there from here on; number, step and time are filled in. `part` as begin_view() gave it.
+  /// Makes the view part of the session; sets number, step and time. `part` as returned by begin_view().
   [[nodiscard]] Status commit_view(const std::string& part, calib::CapturedView& view);
-  /// Gives up a begun view: what was copied goes.
+  /// Discards a begun view and deletes its copies.
   void discard_view(const std::string& part) const;
-  /// config: no such view, or dropped already.
+  /// Code::config: the view does not exist or is already dropped.
   [[nodiscard]] Status drop(std::size_t number, const std::string& who, const std::string& why);
-  /// Takes back the newest capture or drop that is not taken back yet; tells which in words. config: nothing left.
+  /// Takes back the newest capture or drop that has not been taken back; returns its description. Code::config: there
+  /// is none.
   [[nodiscard]] Result<std::string> undo(const std::string& who);
-  /// Keeps a solution with its figures; one with the same inputs and figures is there already and stays.
+  /// Stores a solution with its figures, unless one with the same inputs and figures exists.
   [[nodiscard]] Status keep_solution(calib::SolvedRecord& record, const std::string& figures);
-  /// The suggested pose as a table of one line, next-pose.txt, for whoever moves the robot by it. A hint: a disk that
-  /// does not take it is no error.
+  /// Writes the suggested pose as a table of one line, next-pose.txt, for moving the robot. Write errors are ignored,
+  /// because it is a hint.
   void leave_next_pose(const calib::Guide& guide) const;
   [[nodiscard]] Status keep_verified(const calib::VerifiedRecord& record) const;
 
@@ -111,10 +112,10 @@ class Session {
   std::vector<std::string> half_done_paths_;
   struct Step {
     std::size_t step = 0;
-    std::size_t view = 0;  ///< number
+    std::size_t view = 0;  ///< number of the view
     bool is_drop = false;
     bool taken_back = false;
-    std::string why;  ///< of a drop
+    std::string why;  ///< reason of a drop
   };
   std::vector<Step> steps_;  ///< captures and drops
   std::size_t last_step_ = 0;
@@ -122,44 +123,45 @@ class Session {
   std::optional<FolderLock> lock_;
 };
 
-/// `--session NAME|DIR` and `--config`, and which session a command means.
+/// `--session NAME|DIR` and `--config`, which select the session of a command.
 struct SessionOptions {
   std::string session;
   std::string config;
   void add_to(args::Command& command);
 };
-/// The session named, else the one last worked on, else the only one in the configuration's folder; it is remembered as
-/// last worked on. Stops, with what to do, if there is none.
+/// The named session, otherwise the last used one, otherwise the only one in the configuration's folder; it is stored
+/// as the last used one. Stops with a cure if there is none.
 [[nodiscard]] Session find_session(const SessionOptions& options);
 void remember_session(const std::string& dir);
-/// Where `name` lies: itself when it is a path (has a slash), else in the folder of the configuration. config: a bare
-/// name, and no configuration that says where.
+/// Folder of `name`: itself if it is a path (has a slash), otherwise in the configuration's folder. Code::config: a
+/// name without a path, and no configuration with a folder.
 [[nodiscard]] Result<std::string> session_dir(const std::string& name, const std::string& config);
-/// The configuration, if there is a usable one: that of `path` (empty: the default place, where none is no error).
-/// False: there is one with problems (printed).
+/// Reads the configuration of `path` (empty: the default path, where it may be missing). False if it has errors, which
+/// are printed.
 [[nodiscard]] bool config_if_any(const std::string& path, std::optional<daemon::Config>& config);
 
 /// "session hall-2 (/var/lib/slabd/calibration/hall-2)"
 [[nodiscard]] std::string session_words(const Session& session);
 
-// Solving a session, and what is kept of it.
+// Solution of a session, and its stored form.
 
 struct SessionSolution {
   std::vector<calib::View> views;  ///< of the fit
   calib::HandEye hand_eye;
-  calib::SolvedRecord record;  ///< step and time are filled in when it is kept
+  calib::SolvedRecord record;  ///< step and time are set when it is stored
   std::string figures;         ///< slabd.hand_eye/1
 };
-/// Solves the views of the fit. The same session gives the same bits. config: no views, or one that cannot be used.
+/// Solves the views of the fit. The same session gives the same bits. Code::config if no views exist, or one is
+/// invalid.
 [[nodiscard]] Result<SessionSolution> solve_session(const Session& session);
 
-/// Everything a solution was made from, as it is kept in the database.
+/// All inputs of a solution, as stored in the database.
 [[nodiscard]] std::string observations_text(const Session& session);
 
-/// Stops, with what to do, unless there is a solution of these views that may be verified and applied.
+/// Stops with a cure unless there is a solution of the current views that may be verified and applied.
 void need_solution(const Session& session);
 
-// What a solver is told beside the views: noise, field of view, limit. Shared by `solve`, from tables, and by `new`,
+// Inputs of a solver in addition to the views: noise, field of view, limit. Shared by `solve`, for tables, and `new`,
 // for a whole session.
 
 struct SolveOptions {
@@ -171,40 +173,41 @@ struct SolveOptions {
   std::vector<double> fov;
 
   void add_to(args::Command& command);
-  /// Who states nothing but a position noise for the robot gets rotations in proportion: a robot of 0.7 mm with the
-  /// angles of one of 0.06 mm would weigh them a hundred times too much. Targets are not taken to be better for it.
+  /// Stated noise. If only a position noise is given for the robot, the rotation noise is in proportion: the angles of
+  /// a 0.06 mm robot with 0.7 mm would get a hundred times too much weight. The noise of the targets is not reduced
+  /// for that.
   [[nodiscard]] calib::StatedNoise noise() const;
   [[nodiscard]] calib::SolveSettings settings() const;
-  /// What is wrong with --fov; empty: nothing.
+  /// Error of --fov; empty if it is valid.
   [[nodiscard]] std::string fov_fault() const;
 };
 
-// What a change of T_flange_scanner does at the slab: by how much every seat would be found elsewhere.
+// Effect of a change of T_flange_scanner at the slab: displacement of every seat.
 
-/// A seat that moves by more wants somebody's word ...
+/// A larger displacement of a seat requires a confirmation ...
 inline constexpr double kConfirmAboveMm = 0.2;
-/// ... and a scanner that turns by more: turned about what it sees it moves no seat, and every slope. A tenth of a
-/// slope's tolerance, half of its U.
+/// ... and so does a larger rotation of the scanner: a rotation about the seen point moves no seat, but changes every
+/// slope. A tenth of a slope's tolerance, half of its U.
 inline constexpr double kConfirmAboveDeg = 0.01;
 
-/// Does a change go into force without a word? One of unknown size (NaN) does not.
+/// True if a change needs no confirmation. A change of unknown size (NaN) needs one.
 [[nodiscard]] inline bool is_small_change(double shift_mm, double turn_deg) {
   return shift_mm <= kConfirmAboveMm && turn_deg <= kConfirmAboveDeg;
 }
 
 struct StationShift {
   int station = 0;
-  bool taught = false;  ///< by the pose it was mastered at; else by the nominal one
-  Vec3 shift_mm;        ///< of the seat's centre, slab axes
+  bool taught = false;  ///< with the taught pose of mastering; otherwise the nominal pose
+  Vec3 shift_mm;        ///< displacement of the seat's centre, slab axes
 };
 struct SeatShifts {
   std::vector<StationShift> stations;
-  std::string slab;  ///< which recipe the stations are of, in words
+  std::string slab;  ///< the recipe of the stations, in words
   double shift_max_mm = kNoValue;
 };
 
-/// Where the seats go when one T_flange_scanner takes the place of another: the robot stands as it was taught, or as it
-/// nominally would be, and sees the same. `slab_type` 0: of the first recipe. nullopt if found; else why not.
+/// Displacement of the seats if one T_flange_scanner replaces another, with the same scans at the taught poses, or at
+/// nominal ones. `slab_type` 0: that of the first recipe. nullopt on success, otherwise the reason.
 [[nodiscard]] std::optional<Stop> find_seat_shifts(const daemon::Config& config, std::uint16_t slab_type,
                                                    const Pose& before, const Pose& after, SeatShifts& out);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate list, drop, undo: what the session holds, and taking views out of it. Nothing is ever deleted.
+// slabctl calibrate list, drop, undo: lists the session's views and excludes views from it. Nothing is deleted.
 #include <fmt/core.h>
 
 #include <cmath>
@@ -46,7 +46,7 @@ std::string note_of(const Session::Entry& e) {
   return "";
 }
 
-/// How every view that counts fits the solution, by number; empty while there is none of these views.
+/// Residuals of every counted view in the solution, by number; empty without a current solution.
 std::map<std::size_t, calib::ViewFit> fits_of(const Session& session) {
   std::map<std::size_t, calib::ViewFit> fits;
   if (!session.solution_is_current()) return fits;
@@ -154,7 +154,7 @@ int list(const Options& options) {
   return kDone;
 }
 
-/// drop and undo end alike: what happened, and where the session stands.
+/// Output of drop and undo: the change, and the state of the session.
 int tell_change(const Options& options, const Session& session, const std::string& what) {
   const calib::Guide guide = session.guide();
   session.leave_next_pose(guide);
@@ -217,7 +217,7 @@ void add_calibrate_undo(args::Command& group) {
   command->runs([options] { return undo(*options); });
 }
 
-// Where a calibration stands and what to do next, told after every step of it.
+// State of a calibration and next step, printed after every step.
 
 namespace {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate new: what is known before the first view is agreed once, so that every later command is short and
-// every view is judged alike.
+// slabctl calibrate new: stores the settings before the first view, so that later commands are short and all views are
+// evaluated alike.
 #include <fmt/core.h>
 #include <pwd.h>
 #include <unistd.h>
@@ -43,7 +43,7 @@ struct Options {
   bool json = false;
 };
 
-/// The scanner's place as it is believed to be: what was said, else in force, else commissioned.
+/// Approximate scanner pose: from the option, otherwise the one in force, otherwise the commissioning value.
 void find_start(const Options& options, const std::optional<daemon::Config>& config, calib::SessionSettings& settings) {
   if (!options.start.empty()) {
     const Result<Pose> pose = parse_pose(options.start);
@@ -59,14 +59,13 @@ void find_start(const Options& options, const std::optional<daemon::Config>& con
   }
 }
 
-/// Every later command finds the session by its name, on a command line, in a list and in the note of the last one,
-/// which is a line.
+/// True if the name can be used in a command line, a list, and the one-line note of the last session.
 bool is_usable(const std::string& dir, const std::string& name) {
   const bool shown = std::none_of(dir.begin(), dir.end(), [](char c) { return (c >= 0 && c < ' ') || c == '\x7F'; });
   return shown && !name.empty() && !name.starts_with('.') && !name.starts_with(' ') && !name.ends_with(' ');
 }
 
-/// The words of a format header that `--flange-form` means.
+/// Words of a format header for `--flange-form`.
 std::string form_words(const std::string& form) {
   if (form == "quaternion") return "";
   if (form == "kuka") return "rotation=kuka_abc unit=mm angle=deg";
@@ -106,7 +105,7 @@ int begin(const Options& options) {
     stop(kUsage, fmt::format("--views {}: with {} held out, {} would be left to solve with; at least {} are needed",
                              settings.goal, settings.held_out,
                              settings.goal - std::min(settings.goal, settings.held_out), calib::kViewsMin));
-  // The form is tried on a pose, so that a wrong word shows now and not at the robot.
+  // The form is tested with a pose, so that a wrong word is detected now and not at the robot.
   const std::string sample = settings.flange_form.find("kuka") != std::string::npos ? "0 0 0 0 0 0" : "0 0 0 1 0 0 0";
   if (options.flange_form != "quaternion" && options.flange_form != "kuka" &&
       settings.flange_form.find("xyzw") == std::string::npos)
@@ -192,15 +191,15 @@ void add_calibrate_new(args::Command& group) {
   command->runs([options] { return begin(*options); });
 }
 
-// Which session a command means when nobody says: the one this person worked on last, else the only one there is; of
-// one line only, where a configuration is named. Every command says which it took. The note of the last one is a
-// convenience; without it (no home folder) everything works with --session.
+// Default session of a command: the one this user used last, otherwise the only one; if a configuration is named, only
+// sessions of its line. Every command prints its session. The note of the last session is optional; without a home
+// folder --session is required.
 
 namespace {
 
 namespace fs = std::filesystem;
 
-/// Empty: nowhere to keep it.
+/// Path of the note; empty without a home folder.
 std::string note_path() {
   if (const char* state = std::getenv("XDG_STATE_HOME"); state != nullptr && *state == '/')
     return std::string(state) + "/slabd/calibration-session";
@@ -238,19 +237,19 @@ std::vector<std::string> sessions_in(const std::string& folder) {
 constexpr const char* kHowToBegin =
     "begin one with: slabctl calibrate new NAME --kind ball --radius MM (slabctl calibrate new --help explains)";
 
-/// The configuration of the other line that a session was begun with, empty when it may be meant. Who names a
-/// configuration means that line: a session of another one must not be solved, let alone applied, for it. One that was
-/// begun without a configuration belongs to none.
+/// Configuration of the other line to which a session belongs; empty if the session may be used. A named configuration
+/// selects its line: a session of another line must not be solved or applied for it. A session begun without a
+/// configuration may be used on any line.
 std::string other_line(const std::string& dir, const std::string& config) {
   if (config.empty()) return "";
   const Result<Session> session = Session::open(dir);
-  if (!session.ok()) return "";  // complained of when it is opened
+  if (!session.ok()) return "";  // reported when it is opened
   const std::string& begun_with = session.value().settings().config;
   std::error_code fault;
   return begun_with.empty() || fs::equivalent(begun_with, config, fault) ? "" : begun_with;
 }
 
-/// Lines may keep their sessions in one folder. `others` says in words which are left out, and why.
+/// Sessions of a line in a folder that several lines may share. `others` lists the excluded ones with the reason.
 std::vector<std::string> sessions_of_line(const std::string& folder, const std::string& config, std::string& others) {
   std::vector<std::string> found;
   for (const std::string& dir : sessions_in(folder)) {
@@ -267,7 +266,7 @@ std::string which_session(const SessionOptions& options) {
   if (!options.session.empty()) {
     const Result<std::string> dir = session_dir(options.session, options.config);
     if (dir.ok()) return dir.value();
-    // A configuration that cannot be used is bad input; without one a bare name says nothing.
+    // An invalid configuration is bad input; a bare name without a configuration is a usage error.
     std::error_code fault;
     const bool has_config = !options.config.empty() || fs::exists(kDefaultConfig, fault);
     stop(has_config ? kBadInput : kUsage, dir.error().text.view());
@@ -334,7 +333,7 @@ void remember_session(const std::string& dir) {
   if (path.empty() || last_session() == dir) return;
   std::error_code fault;
   fs::create_directories(fs::path(path).parent_path(), fault);
-  // Failing to remember is no reason to fail.
+  // A failure to store the note is ignored.
   if (!fault) static_cast<void>(write_durably(path, dir + "\n"));
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate solve: views of the session, or two tables of poses, in; T_flange_scanner and every figure out.
+// slabctl calibrate solve: computes T_flange_scanner and all figures from the session's views or from two tables of
+// poses.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -121,7 +122,7 @@ int solve_kept_views(const Options& options) {
   return kRefused;
 }
 
-/// CLI11 has checked that four numbers are there, and that none is negative.
+/// CLI11 has checked that there are four numbers, none of them negative.
 void check_ball_bar(const std::vector<double>& bar) {
   const auto is_ball = [](double number) {
     return number >= 1.0 && number <= static_cast<double>(calib::kBallsMax) && number == std::floor(number);
@@ -251,12 +252,12 @@ void SolveOptions::add_to(args::Command& command) {
       ->check(at_least(0.0));
 }
 
-// The solution of a session and the record that is applied of it. Both are computed from what the views hold and from
-// nothing else (no clock, no place on the disk), so solving again gives the same bits, and the id says so.
+// The solution of a session and its record. Both are computed only from the views (not from the clock or paths), so
+// solving again gives the same bits and the same id.
 
 namespace {
 
-/// What the balls are certified as; the artefact's own certificate, if there is one.
+/// Certified balls: from the artefact's certificate if there is one.
 calib::BallSettings certified_balls(const Session& session) {
   calib::BallSettings balls;
   balls.radius_mm = session.settings().radius_mm;
@@ -268,9 +269,9 @@ calib::BallSettings certified_balls(const Session& session) {
   return balls;
 }
 
-/// What the certified radius may be wrong by moves the centres of all views along the view, by the same amount: an
-/// error of X that does not fall with their number and is in no residual. Of the sigma of the radius, as a covariance
-/// of X.
+/// Covariance of X from the sigma of the certified radius. A radius error moves the centres of all views along the
+/// view by the same amount. This error of X does not decrease with the number of views and is not visible in
+/// residuals.
 Mat6 covariance_of_radius(const Session& session, const std::vector<calib::View>& views, const calib::HandEye& h) {
   const calib::SessionSettings& settings = session.settings();
   std::vector<Vec3> shifts_mm;
@@ -278,7 +279,7 @@ Mat6 covariance_of_radius(const Session& session, const std::vector<calib::View>
     const bool pose = settings.kind == calib::ArtefactKind::pose;
     const Vec3& seen = pose ? view.T_scanner_target.translation_mm : view.balls.front().centre_mm;
     const Vec3 along = settings.parallel ? Vec3(Vec3::UnitZ()) : Vec3(seen.normalized());
-    double half_angle_rad = calib::BallSettings{}.half_angle_min_rad;  // no accepted view has a smaller cap
+    double half_angle_rad = calib::BallSettings{}.half_angle_min_rad;  // an accepted view has at least this cap
     for (const Session::Entry& entry : session.entries())
       if (entry.view.number == view.number && has_value(entry.view.half_angle_deg))
         half_angle_rad = rad_from_deg(entry.view.half_angle_deg);
@@ -289,8 +290,9 @@ Mat6 covariance_of_radius(const Session& session, const std::vector<calib::View>
   return sigma_mm * sigma_mm * per_mm * per_mm.transpose();
 }
 
-/// A wrong radius shifts every centre along the view and X with them; no residual, left-out or held-out view shows it.
-/// What the balls themselves show is held against the certificate, and the shift against what the result claims.
+/// Compares the radius of the balls in the scans with the certificate, and the resulting shift with the claimed
+/// accuracy. A wrong radius moves every centre along the view and X with them; residuals of fitted, left-out or
+/// held-out views do not show it.
 void judge_radius(const Session& session, calib::HandEye& h) {
   const calib::BallSettings balls = certified_balls(session);
   std::vector<calib::BallReport> seen;
@@ -304,7 +306,7 @@ void judge_radius(const Session& session, calib::HandEye& h) {
   const calib::RadiusCheck check = calib::check_radius(seen, balls);
   if (!check.suspicious) return;
   constexpr double kLeastMm = 0.02;
-  // What the certificate covers is in the sigmas of the record.
+  // The sigmas of the record include the certificate's uncertainty.
   if (check.covered || !(std::abs(check.shift_mm) > std::max(kLeastMm, h.predicted_point_sigma_mm))) {
     h.warnings.emplace_back(check.words.reason.view());
     return;
@@ -343,8 +345,8 @@ Result<SessionSolution> solve_session(const Session& session) {
   record.ok = h.ok;
   if (h.determined) {
     record.numbers.T_flange_scanner = h.T_flange_scanner;
-    // The record's sigmas are per axis: of a point somewhere in the field of view, and of the rotation; with what the
-    // artefact adds, for whoever uses X has that in it.
+    // The record's sigmas are per axis: of a point in the field of view, and of the rotation. They include the
+    // contribution of the artefact, because it is an error of X.
     record.numbers.sigma_mm = calib::point_sigma_mm(covariance, h.T_flange_scanner, settings.fov) / std::sqrt(3.0);
     record.numbers.sigma_rad = std::sqrt(covariance.bottomRightCorner<3, 3>().trace() / 3.0);
     storage::CalibrationRecord kept;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate stations: a mastered slab that the line has inspected several times, or reference balls at the
-// stations, become corrections of the robot. The visits are what the normal inspection measured and the database holds,
-// so mastering needs no mode of its own: let the robot go round five times, then solve.
+// slabctl calibrate stations: computes corrections of the robot from a mastered slab that the line has inspected
+// several times, or from reference balls at the stations. The visits are the stored results of normal inspections, so
+// mastering needs no mode of its own: inspect the slab five times, then solve.
 #include <fmt/core.h>
 #include <algorithm>
 #include <limits>
@@ -36,15 +36,15 @@ struct Options {
   bool json = false;
 };
 
-/// Everything a solution is made from.
+/// Inputs of a solution.
 struct Work {
   calib::MasterCertificate certificate;
   std::string certificate_text;
   std::vector<calib::StationVisit> visits;
   storage::CalibrationRecord hand_eye;
-  std::int64_t oldest_utime_us = std::numeric_limits<std::int64_t>::max();  ///< of the visits, where it is known
-  std::int64_t end_utime_us = 0;                                            ///< of the record solved again; 0: never
-  double temperature_c = kNoValue;                                          ///< at the visits
+  std::int64_t oldest_utime_us = std::numeric_limits<std::int64_t>::max();  ///< of the visits, if known
+  std::int64_t end_utime_us = 0;    ///< expiry of the record that is solved again; 0: never
+  double temperature_c = kNoValue;  ///< during the visits
 };
 
 void add_slab(storage::Reader& reader, const std::string& name, Work& work) {
@@ -76,7 +76,7 @@ void read_certificate(const std::string& text, const std::string& name, Work& wo
   work.certificate_text = text;
 }
 
-/// Corrections are corrections of a hand-eye calibration: without one in force there is nothing to correct.
+/// Requires a hand-eye calibration in force, because corrections are relative to it.
 void find_hand_eye(storage::Reader* reader, Work& work) {
   if (reader != nullptr) {
     auto current = need(reader->current(CalibrationKind::hand_eye));
@@ -90,7 +90,7 @@ void find_hand_eye(storage::Reader* reader, Work& work) {
        "calibrate apply");
 }
 
-/// The table in force again, with the hand-eye calibration that is in force by now.
+/// Solves the table in force again with the current hand-eye calibration.
 void take_again(const Options& options, storage::Reader* reader, Work& work) {
   std::uint16_t slab_type = options.slab_type;
   std::optional<storage::CalibrationRecord> record;
@@ -110,12 +110,12 @@ void take_again(const Options& options, storage::Reader* reader, Work& work) {
   work.visits = need(calib::parse_visits(record->observations, record->id + ", visits"));
   work.end_utime_us = record->expires_utime_us;
   work.temperature_c = record->temperature_c;
-  // Visits from files need not say what they were taken with; they were solved with it at first.
+  // Visits from files may lack the calibration they were taken with; it is that of the first solution.
   for (calib::StationVisit& visit : work.visits)
     if (visit.hand_eye_id.empty()) visit.hand_eye_id = record->parent_id;
 }
 
-/// The numbers of the hand-eye calibrations of the visits, where they are not those in force.
+/// Reads the hand-eye calibrations of the visits that are not in force.
 void find_earlier_hand_eyes(storage::Reader& reader, Work& work) {
   std::map<std::string, HandEyeNumbers> known;
   for (calib::StationVisit& visit : work.visits) {
@@ -197,7 +197,7 @@ std::string solution_text(const Work& work, const calib::StationsSolution& s) {
   return text;
 }
 
-/// Solved again, the visits were made at the temperature they were made at.
+/// Rejects another temperature for visits that are solved again.
 void need_their_temperature(const Options& options, const Work& work) {
   const double given_c = options.record.temperature_c;
   if (!options.again || !has_value(given_c) || !has_value(work.temperature_c) || given_c == work.temperature_c) return;
@@ -205,7 +205,7 @@ void need_their_temperature(const Options& options, const Work& work) {
                            given_c, work.temperature_c));
 }
 
-/// The robot takes up what the slab has grown by since it was certified, as if it erred by it.
+/// Warns if the slab has expanded since certification, because the corrections include the expansion as a robot error.
 void warn_of_temperature(const Options& options, const Work& work) {
   constexpr double kExpansion_per_K = 1e-5;  // concrete and steel
   constexpr double kFar_K = 3.0;
@@ -260,7 +260,7 @@ int calibrate_stations(const Options& options) {
   if (!options.record.dry_run) {
     storage::CalibrationRecord record;
     options.record.describe(config, record, work.oldest_utime_us);
-    // Solved again, the visits are as old as they were.
+    // The age of visits that are solved again does not change.
     if (work.end_utime_us != 0 && (record.expires_utime_us == 0 || record.expires_utime_us > work.end_utime_us))
       record.expires_utime_us = work.end_utime_us;
     if (!has_value(record.temperature_c)) record.temperature_c = work.temperature_c;

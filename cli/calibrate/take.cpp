@@ -49,7 +49,7 @@ void note_ball(calib::CapturedView& view, const calib::BallReport& ball) {
   view.half_angle_deg = smaller(view.half_angle_deg, deg_from_rad(ball.half_angle_rad));
 }
 
-/// One ball, from all shots together.
+/// Finds one ball, from all shots together.
 Status find_one_ball(const Session& session, const std::vector<std::vector<float>>& scans, calib::CapturedView& view) {
   const calib::BallSettings settings = ball_settings(session.settings());
   std::vector<calib::BallReport> shots;
@@ -75,8 +75,8 @@ Status find_one_ball(const Session& session, const std::vector<std::vector<float
   return success();
 }
 
-/// An artefact's pose: the mean over the shots. The covariance stays that of one: most of it is what neighbouring
-/// points err in common, and repeated shots do not reduce that.
+/// Pose of an artefact: the mean over the shots. The covariance is that of one shot: most of it is the common error of
+/// neighbouring points, which repeated shots do not reduce.
 Status find_one_artefact(const Session& session, const std::vector<std::vector<float>>& scans,
                          calib::CapturedView& view) {
   calib::ArtefactSettings settings;
@@ -120,7 +120,7 @@ Status find_one_artefact(const Session& session, const std::vector<std::vector<f
   return success();
 }
 
-/// Does a view that counts have this pose?
+/// The counted view with this pose, or nullptr.
 const Session::Entry* view_at(const Session& session, const Pose& pose, Pose& there) {
   for (const Session::Entry& entry : session.entries()) {
     if (!entry.counts()) continue;
@@ -132,7 +132,7 @@ const Session::Entry* view_at(const Session& session, const Pose& pose, Pose& th
   return nullptr;
 }
 
-/// A view from a pose that has one already: it would count without adding anything, and held out it would verify
+/// Rejects a view whose pose another view has: it would add no information, and as a held-out view it would verify
 /// nothing.
 void refuse_same_place(const Session& session, const Pose& pose, calib::CapturedView& view) {
   if (view.use == calib::ViewUse::refused) return;
@@ -153,14 +153,14 @@ struct Digests {
   std::vector<FileDigest> shots;
 };
 
-/// Refused for its pose alone, which another view had.
+/// True if it was rejected only because another view has its pose.
 bool refused_for_its_pose(const calib::CapturedView& view) {
   return view.refusal == kSamePose;
 }
 
-/// Was this very view, or this very scan, captured before? What counts for nothing only because of its pose does not
-/// keep its scan from being a view: one that was dropped or refused as standing where another stood, and has another
-/// pose now, or its pose for itself by now.
+/// The entry that was captured from these scans with this pose; nullptr if there is none. Code::config if a scan
+/// belongs to another view. A dropped view, or one rejected for its pose, does not block its scans: they can become a
+/// view with another pose. Scans rejected for their pose can also be used once no counted view has that pose.
 Result<const Session::Entry*> known_view(const Session& session, const ViewRequest& request, const Pose& pose,
                                          const Digests& digests) {
   const Session::Entry* counts_not = nullptr;
@@ -200,7 +200,7 @@ std::string intent_of(const ViewRequest& request) {
   return words + " with T_base_flange " + request.flange;
 }
 
-/// Everything between the first byte copied and the view's last; the caller gives the folder up when it fails.
+/// Copies and evaluates a view; the caller discards the folder on failure.
 Result<calib::CapturedView> collect(Session& session, const ViewRequest& request, const Digests& digests,
                                     const std::string& part) {
   calib::CapturedView view;
@@ -226,7 +226,7 @@ Result<calib::CapturedView> collect(Session& session, const ViewRequest& request
     shot.sha256 = digest.value().sha256;
     view.shots.push_back(shot);
     Result<std::vector<float>> xyz = scan_points(copy, form);
-    if (!xyz.ok()) {  // its text names the copy, which is about to go
+    if (!xyz.ok()) {  // its text names the copy, which will be deleted
       const std::string_view why = xyz.error().text.view();
       const std::size_t after = why.starts_with(copy) ? copy.size() : 0;
       return error(Code::config, "%s%.*s", request.scans[i].c_str(), static_cast<int>(why.size() - after),
@@ -275,23 +275,22 @@ Result<Taken> take_view(Session& session, const ViewRequest& request) {
   return Taken{view.value(), false, false};
 }
 
-// A view from the running line. The daemon waits until the robot stands and takes one scan at a time; the shots become
-// one view here, in the session's own folder, and only then the daemon's scans are let go. The line stays in
-// maintenance between two views (a lease, so a slabctl that dies gives it back by saying nothing) and is idle again at
-// the goal.
+// A view from the running line. The daemon waits until the robot stops and takes one scan at a time. The shots become
+// one view in the session's folder; only then are the daemon's scans released. The line stays in maintenance between
+// two views and is idle again at the goal. It is held by a lease, which expires if slabctl crashes.
 
 namespace {
 
-/// Between two shots of one view the robot must not have moved further than it may move during one.
+/// Largest motion of the robot between two shots of one view, the same as during one shot.
 constexpr double kBetweenShotsMm = 0.02;
 const double kBetweenShotsRad = rad_from_deg(0.002);
 
-/// By what the daemon knows it; its names are at most this long.
+/// Session name for the daemon, whose names have at most this length.
 std::string name_on_the_line(const Session& session) {
   return session.settings().name.substr(0, 100);
 }
 
-/// The daemon that has the line the session was begun for.
+/// Control socket of the line for which the session was begun.
 Result<std::string> socket_of(const Session& session) {
   if (session.settings().config.empty())
     return error(Code::config,
@@ -313,7 +312,7 @@ Result<LiveCapture> begin(const Session& session, bool take_over) {
   return LiveCapture::begin(socket.value(), wanted);
 }
 
-/// The shots' poses as one, and how far they spread.
+/// Combines the shots' poses into one and checks their spread.
 Status combine(const std::vector<LiveShot>& shots, ViewRequest& request) {
   std::vector<calib::View> poses;
   for (const LiveShot& shot : shots) poses.emplace_back().T_scanner_target = shot.T_base_flange;
@@ -370,9 +369,9 @@ Result<Taken> take_live(Session& session, const LiveOptions& options) {
   request.hold_out = options.hold_out;
   if (good.ok()) good = combine(shots, request);
   taken = good.ok() ? take_view(session, request) : Result<Taken>(good.error());
-  // What stood still and could not be copied is the only one of its kind.
+  // A complete view that could not be copied exists only as the daemon's scans.
   const bool has_no_copy = good.ok() && !taken.ok();
-  // A scan that is not let go now is let go by the daemon in a week; that is no reason to fail.
+  // A failed release is ignored, because the daemon deletes the scan after a week.
   for (const LiveShot& shot : shots) {
     if (has_no_copy)
       complain(fmt::format("kept for a week: {}, of the flange at \"{}\"", shot.scan_path, request.flange));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate verify: the solution against views that took no part in it, beside what is in force, and what would
-// change at the slab. A calibration can fit its own views and be wrong; views that were kept apart cannot be flattered.
+// slabctl calibrate verify: compares the solution with held-out views and with the calibration in force, and prints
+// the change at the slab. A calibration can fit its own views and be wrong; held-out views are independent of the fit.
 #include <fmt/core.h>
 #include <unistd.h>
 
@@ -37,8 +37,8 @@ struct Verification {
   std::vector<calib::ViewFit> before_own, after_own;    ///< the views of the fit, rejected ones left out
   SeatShifts seats;
   double turn_deg = kNoValue;
-  double limit_mm = kNoValue;   ///< of a held-out view's residual
-  double limit_deg = kNoValue;  ///< ... of its rotation; NaN: none is seen
+  double limit_mm = kNoValue;   ///< limit of a held-out view's residual
+  double limit_deg = kNoValue;  ///< ... and of its rotation; NaN if the artefact has none
   bool passed = false;
 };
 
@@ -96,7 +96,7 @@ Verification carry_out(const Options& options, const Session& session, const Ses
   v.after_fits = calib::residuals_of(settings.kind, held_out, after.T_flange_scanner, after.targets, settings.noise);
   v.limit_mm = calib::kLeaveOneOutRatioMax * after.leave_one_out_mm.median;
   v.passed = mm_of(v.after_fits).max <= v.limit_mm;
-  // An artefact that was turned where it stands is missed by its rotation alone.
+  // The rotation residual is needed to detect an artefact that was rotated in place.
   if (settings.kind == calib::ArtefactKind::pose) {
     v.limit_deg = calib::kLeaveOneOutRatioMax * after.leave_one_out_deg.median;
     v.passed = v.passed && deg_of(v.after_fits).max <= v.limit_deg;
@@ -104,7 +104,7 @@ Verification carry_out(const Options& options, const Session& session, const Ses
   return v;
 }
 
-// ---- telling -----------------------------------------------------------------------------------------------------
+// ---- output ------------------------------------------------------------------------------------------------------
 
 void write_fits(Json& json, std::string_view key, const std::vector<calib::ViewFit>& fits) {
   json.key(key);
@@ -192,7 +192,7 @@ int verify(const Options& options) {
     stop(kRefused, fmt::format("solving again gives {} and not the {} that is stored: another version of slabctl "
                                "solved it; next: slabctl calibrate solve",
                                solution.record.id, session.solution()->record.id));
-  // The radii of views taken since count as well, and a newer slabctl may ask for more.
+  // Later views also contribute to the radius check, and a newer slabctl may have other criteria.
   if (session.solution()->record.ok && !solution.record.ok)
     stop(kRefused,
          fmt::format("{} is refused by now; next: slabctl calibrate solve, which says why", solution.record.id));

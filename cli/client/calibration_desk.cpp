@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A change is a file first, whole and synced, and only then a word to the daemon. Killed at any moment, either nothing
-// has happened or the change is in the database; doing the same command again is always right, because a record is
-// named after its numbers and applying what is in force changes nothing.
+// A change is first written to a synced file and then sent to the daemon. After a crash either nothing has happened or
+// the change is in the database. Repeating the command is safe: a record id is made from its numbers, and applying the
+// calibration in force changes nothing.
 #include "cli/client/calibration_desk.h"
 
 #include <pwd.h>
@@ -25,9 +25,9 @@ namespace {
 using nlohmann::json;
 
 constexpr auto kPollEvery = std::chrono::milliseconds(50);
-constexpr int kPollsMax = 400;  ///< 20 s: longer than any sync the daemon survives
+constexpr int kPollsMax = 400;  ///< 20 s: longer than any sync that the daemon survives
 
-/// Leaves `text` in `folder` under a new name, on the disk for good; returns the name.
+/// Writes `text` durably to `folder` under a new name; returns the name.
 Result<std::string> leave_file(const std::string& folder, const std::string& text) {
   if (::mkdir(folder.c_str(), 0770) == 0) static_cast<void>(::chmod(folder.c_str(), 02770));
   const std::string name = std::to_string(wall_clock_us()) + "-" + std::to_string(::getpid()) + ".json";
@@ -36,7 +36,7 @@ Result<std::string> leave_file(const std::string& folder, const std::string& tex
   return name;
 }
 
-/// The daemon's "last_change" once it is about `file` and done; null while it is not.
+/// The daemon's "last_change" if it is that of `file` and done, otherwise null.
 json outcome_of(const json& state, const std::string& file) {
   const json& last = state.value("last_change", json(nullptr));
   if (!last.is_object() || last.value("file", "") != file || !last.value("done", false)) return nullptr;
@@ -86,7 +86,7 @@ Result<DeskAnswer> through_daemon(const daemon::Config& config, const storage::C
 
 Result<DeskAnswer> change_calibration(const daemon::Config& config, const storage::CalibrationChange& change) {
   if (daemon_has_database(config.control_socket)) return through_daemon(config, change);
-  // Nobody listens. Should a daemon run without its socket, or start just now, its lock keeps us out.
+  // The daemon does not answer. If one runs without its socket or starts now, its lock prevents the access.
   Result<std::unique_ptr<storage::Store>> store = storage::open_store(config.storage);
   if (!store.ok()) return store.error();
   const Result<std::string> id = store.value()->change(change);

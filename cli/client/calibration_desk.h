@@ -7,28 +7,27 @@
 #include "config/config.h"
 #include "storage/storage.h"
 
-/// The one way slabctl changes calibrations: through the daemon when it runs, because only one process may write the
-/// database; else straight into the database, which is locked against a daemon that starts meanwhile.
+/// Changes calibrations. The daemon carries out the change if it runs, because only one process may write the
+/// database. Otherwise slabctl writes the database, which is locked against a starting daemon.
 namespace slabd::cli {
 
 struct DeskAnswer {
-  std::string id;  ///< of the record the change was about
+  std::string id;  ///< id of the changed record
   bool by_daemon = false;
-  bool after_slab = false;  ///< the daemon has it and uses it from the next slab on; one is open now
+  bool after_slab = false;  ///< the daemon uses the change from the next slab on, because a slab is open
 };
 
-/// Carries out one change and returns when it is durable. config: refused, nothing was changed, the text says why and
-/// what to do. scanner_offline: the daemon runs but did not answer in time; whether it was carried out is then shown by
-/// `slabctl calibrate history`. journal_write, store_full: the database could not be written.
+/// Carries out one change and returns when it is durable. Code::config: rejected without a change, with reason and
+/// cure. Code::scanner_offline: the daemon did not answer in time; `slabctl calibrate history` shows whether the
+/// change was carried out. Code::journal_write, Code::store_full: the database could not be written.
 [[nodiscard]] Result<DeskAnswer> change_calibration(const daemon::Config& config,
                                                     const storage::CalibrationChange& change);
 
-/// To be called before a command reads what it is about to change: when nobody listens and a change was killed while it
-/// opened the database, no reader is let in until a writer has finished that. Should it not succeed, the reader says
-/// why.
+/// Call this before reading data that the command will change. If a change was killed while it opened the database,
+/// readers have no access until a writer has recovered it. If that fails, the reader reports the error.
 void finish_killed_change(const daemon::Config& config);
 
-/// "operator" for a note when nobody gave a name: the login name of who runs slabctl.
+/// Login name of the user of slabctl, "operator" if unknown.
 [[nodiscard]] std::string default_operator();
 /// Wall clock, us.
 [[nodiscard]] std::int64_t wall_clock_us();

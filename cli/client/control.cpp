@@ -40,10 +40,10 @@ Error unreachable(const std::string& path, const char* cause) {
                path.c_str(), cause);
 }
 
-/// A connected socket, or errno. EAGAIN: somebody listens, and takes nobody in.
+/// Connects the socket; returns 0 or errno. EAGAIN: the daemon listens, but does not accept.
 int connect_to(const std::string& path, const Socket& socket) {
-  // A daemon that stands still takes nobody in; when those who gave up have filled its queue (they stay in it), the
-  // next one would wait for ever.
+  // A blocked daemon does not accept connections. Clients that gave up remain in its queue; once it is full, connect()
+  // would block permanently.
   const timeval patience{kAnswerTimeoutMs / 1000, 0};
   ::setsockopt(socket.fd(), SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
   sockaddr_un address{};

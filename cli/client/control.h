@@ -7,17 +7,17 @@
 
 #include "base/result.h"
 
-/// Talking to the running daemon over its control socket: one JSON line each way.
+/// Client of the running daemon's control socket: one JSON line in each direction.
 namespace slabd::cli {
 
-/// Sends one line (with its newline) and returns the answer's line. scanner_offline: nobody listens at `path`, or
-/// nobody answers within 3 s; the text says what to look at.
+/// Sends one line (with its newline) and returns the answer's line. Code::scanner_offline if the daemon does not
+/// listen at `path` or does not answer within 3 s; the text contains the cure.
 [[nodiscard]] Result<std::string> ask_daemon(const std::string& path, std::string_view line);
 
-/// The process that listens at `path`, as the kernel knows it; 0: nobody, or not to be had.
+/// Process that listens at `path`, as reported by the kernel; 0 if there is none or it is unknown.
 [[nodiscard]] std::int64_t daemon_process(const std::string& path);
 
-/// Does a daemon listen at `path`, and work with its database? In fault 504 it only says so and opens none.
+/// True if a daemon listens at `path` and works with its database. In fault 504 it does not open the database.
 [[nodiscard]] bool daemon_has_database(const std::string& path);
 
 }  // namespace slabd::cli

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The daemon answers every line at once; a view takes seconds. So shoot() asks for it and then asks what became of it,
-// which also keeps the lease. The daemon takes at most 20 lines a second from one peer, and ask_daemon() is a new one
-// each time.
+// The daemon answers every line at once; a view takes seconds. shoot() therefore starts it and polls its state, which
+// also renews the lease. The daemon accepts at most 20 lines a second from one peer, and each ask_daemon() is a new
+// one.
 #include "cli/client/live_capture.h"
 
 #include <fmt/core.h>
@@ -26,7 +26,7 @@ Error error_in(const json& answer) {
   return error(static_cast<Code>(code), "%s", answer.value("error", "slabd refused without a reason").c_str());
 }
 
-/// The answer as slabd.capture/1.
+/// Parses the answer as slabd.capture/1.
 Result<json> understood(const Result<std::string>& answer) {
   if (!answer.ok()) return answer.error();
   json state = json::parse(answer.value(), nullptr, false);
@@ -153,7 +153,7 @@ Status LiveCapture::end() {
 Result<LiveCapture::Ended> LiveCapture::end(const std::string& socket, const std::string& session) {
   const Result<json> state = understood(LiveCapture(socket, session).ask("end"));
   if (!state.ok()) return state.error();
-  // A session that still waits for the worker under its view ends by itself and counts as ended.
+  // A session that still waits for the worker to finish its view ends by itself and counts as ended.
   Ended ended;
   if (state.value().value("phase", "closed") == "closed" || state.value().value("session", "") == session) return ended;
   ended.other = state.value().value("session", "");

@@ -49,7 +49,7 @@ void RecordOptions::describe(const daemon::Config& config_in, storage::Calibrati
 
 namespace {
 
-/// A record that is kept already keeps what it says, whatever is given beside the same numbers.
+/// Warns that an existing record keeps its data, even if other data is given with the same numbers.
 void say_what_is_not_changed(const daemon::Config& config, const storage::CalibrationRecord& given,
                              const std::string& id) {
   const auto reader = records_if_readable(config);

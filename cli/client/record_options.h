@@ -14,7 +14,7 @@ namespace slabd::args {
 class Command;
 }  // namespace slabd::args
 
-/// What every calibration record says about where it comes from, and how a command keeps and applies one.
+/// Origin data of calibration records, and functions that store and apply records.
 namespace slabd::cli {
 
 struct RecordOptions {
@@ -23,41 +23,42 @@ struct RecordOptions {
   std::string robot_serial;
   std::string scanner_serial;
   double temperature_c = kNoValue;
-  int valid_days = -1;  ///< -1: the configuration's
-  std::string why;      ///< of applying it
+  int valid_days = -1;  ///< -1: the configuration's value
+  std::string why;      ///< reason for applying it
   bool apply = false;
   bool dry_run = false;
 
   void add_to(args::Command& command);
-  /// Only who, with what and for how long: --operator, --robot-serial, --scanner-serial, --temperature, --valid-days.
+  /// Adds the options for operator, equipment and validity: --operator, --robot-serial, --scanner-serial,
+  /// --temperature, --valid-days.
   void add_origin_to(args::Command& command);
-  /// Fills operator, serials, temperature, software, times. The record may be used for the given time from
-  /// `measured_utime_us` on, the oldest of what it is computed from: who computes it again has measured nothing.
+  /// Sets operator, serials, temperature, software, times. The validity begins at `measured_utime_us`, the time of the
+  /// oldest input, because computing a calibration again is not a measurement.
   void describe(const daemon::Config& config_in, storage::CalibrationRecord& record,
                 std::int64_t measured_utime_us = std::numeric_limits<std::int64_t>::max()) const;
 };
 
 struct Kept {
-  Exit status = kDone;  ///< else the sentence is printed
-  std::string id;       ///< empty if it is not kept
+  Exit status = kDone;  ///< otherwise the message is printed
+  std::string id;       ///< empty if it is not stored
   bool applied = false;
   bool after_slab = false;
 };
-/// Keeps the record and, if asked to, puts it in force. A failure is a value: the command still has to print what it
-/// measured.
+/// Stores the record and puts it in force if requested. A failure is a return value, because the command must still
+/// print its measurement.
 [[nodiscard]] Kept keep_record(const daemon::Config& config, const RecordOptions& options,
                                const storage::CalibrationRecord& record);
-/// "kept as st-...; apply it with ...", for people.
+/// Message "kept as st-...; apply it with ...".
 [[nodiscard]] std::string kept_text(const Kept& kept, bool dry_run);
 
-/// The database, read-only; nullptr in a fresh installation, which has none yet, or one whose creation was stopped.
+/// Opens the database read-only; nullptr in a new installation without a database, or if its creation was interrupted.
 [[nodiscard]] std::unique_ptr<storage::Reader> open_records(const daemon::Config& config);
-/// The same for a command that goes on without it.
+/// The same for a command that works without it.
 [[nodiscard]] Result<std::unique_ptr<storage::Reader>> records_if_readable(const daemon::Config& config);
 
-/// The hand-eye calibration that counts: the one applied, else the configuration's commissioning value.
+/// The effective hand-eye calibration: the applied one, otherwise the configuration's commissioning value.
 struct InForce {
-  CalibrationId id;  ///< empty: neither
+  CalibrationId id;  ///< empty if there is neither
   Pose T_flange_scanner;
   bool applied = false;
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl db: the database as a whole. Only one process may write it: orders go to the daemon while it runs; restoring
-// needs it stopped, and its lock keeps it so.
+// slabctl db: operations on the whole database. Only one process may write it: while the daemon runs, it carries out
+// the orders. Restoring requires a stopped daemon; the database lock prevents its start.
 #include <fmt/core.h>
 #include <unistd.h>
 
@@ -33,7 +33,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr auto kPollEvery = std::chrono::milliseconds(200);
-/// Nothing happened to a copy for so long: the daemon is busier than any slab keeps it.
+/// Polls without progress of a copy after which the daemon counts as blocked, longer than any slab needs.
 constexpr int kStillPollsMax = 600;
 
 struct Options {
@@ -50,7 +50,7 @@ struct Options {
   bool lose_calibrations = false;
   bool unproven = false;
   bool json = false;
-  std::int64_t entry = 0;  ///< of the chain, whose checksum is wanted; 0: none
+  std::int64_t entry = 0;  ///< entry of the chain whose checksum is printed; 0: none
 };
 
 /// The daemon's slabd.care/1.
@@ -58,7 +58,7 @@ struct CareAnswer {
   struct Work {
     std::string state;  ///< none, under_way, done, failed
     std::string path;
-    std::int64_t done = 0;  ///< pages copied, slabs taken away
+    std::int64_t done = 0;  ///< pages copied, slabs deleted
     std::string error;
   };
   Work backup;
@@ -75,7 +75,8 @@ CareAnswer::Work work_of(const nlohmann::json& all, const char* name, const char
   return work;
 }
 
-/// scanner_offline: no such answer; config: the daemon refused, the text says why.
+/// Code::scanner_offline: the answer is invalid; Code::config: the daemon rejected the request, the text contains the
+/// reason.
 Result<CareAnswer> parse_care(const std::string& line) {
   try {
     const nlohmann::json j = nlohmann::json::parse(line);
@@ -97,8 +98,8 @@ std::string megabytes(std::int64_t bytes) {
 
 // ---- check, verify -----------------------------------------------------------------------------------------------
 
-/// "slabd-20260314T015900.123Z.db", as backups are named. Copies that somebody put aside under names of their own are
-/// nobody else's to count or to delete.
+/// True for names such as "slabd-20260314T015900.123Z.db". Copies with other names were made by a user and are neither
+/// counted nor deleted.
 bool is_backup_name(const std::string& name) {
   constexpr std::string_view kForm = "slabd-00000000T000000.000Z.db";
   if (name.size() != kForm.size()) return false;
@@ -109,7 +110,7 @@ bool is_backup_name(const std::string& name) {
   return true;
 }
 
-/// Backups of a database. `ec`: their folder cannot be looked at.
+/// Backups of a database. `ec`: their folder cannot be read.
 std::vector<std::string> backups_of(const std::string& db_path, std::error_code& ec) {
   std::vector<std::string> found;
   const std::string folder = fs::path(db_path).parent_path().string() + "/backups";
@@ -119,7 +120,7 @@ std::vector<std::string> backups_of(const std::string& db_path, std::error_code&
   return found;
 }
 
-/// Of a file that is not whole the chain says nothing.
+/// State of the chain; unknown if the file is damaged.
 const char* chain_state(const storage::DatabaseReport& report, const storage::ChainReport& chain) {
   if (!report.trouble.empty()) return "unknown";
   if (!chain.trouble.empty()) return "altered";
@@ -144,7 +145,7 @@ void tell_chain(const storage::ChainReport& chain, std::int64_t entry) {
     fmt::print("entry {}, SHA-256 {}\n", entry, chain.asked.empty() ? "none: there is no such entry" : chain.asked);
 }
 
-/// `is_backup`: it should have a checksum.
+/// `is_backup`: the file should have a checksum.
 int tell(const std::string& path, const storage::DatabaseReport& report, const storage::ChainReport& chain,
          const Options& options, bool is_backup) {
   const bool whole = report.trouble.empty();
@@ -173,7 +174,7 @@ int tell(const std::string& path, const storage::DatabaseReport& report, const s
   return whole && chain.trouble.empty() ? kDone : kBadInput;
 }
 
-/// An error is a value: `check` still lists the backups.
+/// An error is a return value: `check` still lists the backups.
 int examine(const std::string& path, const Options& options, bool is_backup) {
   const Result<storage::DatabaseReport> report = storage::check_database(path, options.full);
   if (!report.ok()) return fail(report.error());
@@ -183,14 +184,14 @@ int examine(const std::string& path, const Options& options, bool is_backup) {
 }
 
 struct KnownBackup {
-  std::int64_t slab_key = 0;  ///< the newest slab that it knows
+  std::int64_t slab_key = 0;  ///< newest slab that it contains
   fs::file_time_type written;
   std::string path;
   auto operator<=>(const KnownBackup&) const = default;
 };
 
-/// Oldest first: by the slabs they know, then by when their files were written. A clock that was ahead leaves a name
-/// that sorts last for years. Without those that cannot be read: nobody knows how old they are.
+/// Backups by age, oldest first: by newest slab, then by write time. The name is not used, because a clock that was
+/// ahead would sort it last for years. Unreadable backups are left out, because their age is unknown.
 std::vector<KnownBackup> by_age(const std::vector<std::string>& backups) {
   std::vector<KnownBackup> sorted;
   for (const std::string& path : backups) {
@@ -230,7 +231,7 @@ Result<CareAnswer> ask_care(const daemon::Config& config, const std::string& lin
   return parse_care(answer.value());
 }
 
-/// Through the daemon; returns where the copy lies.
+/// Makes a backup through the daemon; returns its path.
 Result<std::string> backup_by_daemon(const daemon::Config& config) {
   Result<CareAnswer> care = ask_care(config, R"({"verb":"backup"})");
   std::int64_t last = -1;
@@ -256,10 +257,10 @@ Result<std::string> backup_offline(const daemon::Config& config) {
   return path;
 }
 
-/// All but `made`, which was just found whole, and the newest of the others. What cannot be read stays, and takes no
-/// other's place.
+/// Deletes old backups except `made`, which was just checked, and the newest of the others. Unreadable files remain
+/// and do not count.
 [[nodiscard]] int drop_old_backups(const daemon::Config& config, const std::string& made, int keep) {
-  std::error_code unseen;  // then there is nothing to delete
+  std::error_code unseen;  // on an error there is nothing to delete
   auto backups = backups_of(config.storage.db_path, unseen);
   std::erase_if(backups,
                 [&](const std::string& path) { return fs::path(path).filename() == fs::path(made).filename(); });
@@ -285,7 +286,7 @@ Result<std::string> backup_offline(const daemon::Config& config) {
 int back_up(const Options& options) {
   const daemon::Config config = config_from(options.config);
   if (!options.out.empty()) {
-    // A link counts, wherever it leads.
+    // A link counts as existing, wherever it points.
     std::error_code ec;
     const fs::file_status there = fs::symlink_status(options.out, ec);
     if (fs::status_known(there) ? fs::exists(there) : static_cast<bool>(ec))
@@ -300,7 +301,7 @@ int back_up(const Options& options) {
   if (!options.out.empty()) {
     const std::string part = options.out + ".part";
     std::error_code ec;
-    fs::remove(part, ec);  // of a copy that was cut short
+    fs::remove(part, ec);  // remainder of an interrupted copy
     Status copied = copy_synced(path, part);
     if (copied.ok()) copied = rename_durably(part, options.out);
     if (!copied.ok()) {

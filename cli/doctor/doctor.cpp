@@ -86,8 +86,8 @@ int examine(const Options& options) {
     examine_scanner(config, status, options.scan, report);
     examine_calibration(config, status, report);
   } else {
-    // slabd runs with such a configuration too, in fault 504 or with what it read before, and takes its socket from it
-    // as we do. Of the rest nothing can be said.
+    // slabd also runs with such a configuration, in fault 504 or with its previous one, and takes its socket from it.
+    // The other checks are not possible.
     (void)examine_daemon(config, report);
   }
   if (options.as_json)

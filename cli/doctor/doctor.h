@@ -13,27 +13,27 @@
 #include "base/recipe.h"
 #include "config/config.h"
 
-/// slabctl doctor: is everything the line needs in place, from the configuration file to the pose of the robot? In the
-/// order in which a line is put together, so that the first thing that is wrong is the first one to mend.
+/// slabctl doctor: checks everything that the line requires, from the configuration file to the robot's pose. The
+/// order is that of the assembly of a line, so that the first fault is the first one to repair.
 namespace slabd::cli {
 
 enum class Health : std::uint8_t {
   ok,
-  note,     ///< right as it is, but worth knowing
-  warning,  ///< the line works, with less than it could have
-  failed,   ///< the line does not work like this
-  unknown   ///< could not be looked at, and why
+  note,     ///< correct, with additional information
+  warning,  ///< the line works with reduced performance or safety
+  failed,   ///< the line does not work
+  unknown   ///< could not be checked; the text contains the reason
 };
 
 struct Finding {
-  std::string check;  ///< what was looked at: "disk", "plc heartbeat"
+  std::string check;  ///< checked item: "disk", "plc heartbeat"
   Health health = Health::ok;
   std::string saw;
-  std::string cure;  ///< what to do; empty when all is well
+  std::string cure;  ///< cure; empty if ok
 };
 SLABD_FIELDS(Finding, check, health, saw, cure);
 
-/// Collects findings and says each at once.
+/// Collects findings and prints each one at once.
 class Examination {
  public:
   explicit Examination(bool quiet) : quiet_(quiet) {}
@@ -61,7 +61,7 @@ class Examination {
   std::vector<Finding> findings_;
 };
 
-/// Who the daemon runs as: its own user where there is one, else who asks.
+/// User of the daemon: its own account if it exists, otherwise the current user.
 struct Account {
   std::string name;
   uid_t uid = 0;
@@ -69,19 +69,20 @@ struct Account {
 };
 inline constexpr const char* kDaemonUser = "slabd";
 [[nodiscard]] Account daemon_account();
-/// Whether a file's mode lets the account have `want`: 4 read, 2 write, 1 execute or enter. Root may all.
+/// True if a file's mode gives the account the access `want`: 4 read, 2 write, 1 execute or enter. Root has every
+/// access.
 [[nodiscard]] bool may(const Account& account, const struct stat& file, unsigned want);
 
 /// "ok", "note", "warning", "failed", "unknown".
 [[nodiscard]] std::string_view name(Health health);
 
-// ---- doctor_files.cpp: what lies on the disk ---------------------------------------------------------------------
+// ---- doctor_files.cpp: files and folders -------------------------------------------------------------------------
 
-/// Configuration and recipes. False when there is no configuration to go on with; `config` then names a control socket
-/// all the same, the one slabd takes from it.
+/// Checks configuration and recipes. False without a usable configuration; `config` then still contains the
+/// control socket that slabd takes from it.
 [[nodiscard]] bool examine_files(const std::string& config_path, daemon::Config& config, std::vector<Recipe>& recipes,
                                  Examination& report);
-/// Folders, who may write to them, free space, and how fast a scan and a commit become durable (writes 64 MB and
+/// Checks folders, write permissions, free space, and the time until a scan and a commit are durable (writes 64 MB and
 /// deletes them).
 void examine_disk(const daemon::Config& config, Examination& report);
 
@@ -89,24 +90,24 @@ void examine_disk(const daemon::Config& config, Examination& report);
 
 void examine_machine(const daemon::Config& config, Examination& report);
 void examine_clock(Examination& report);
-/// What the kernel lets the running daemon have: file sizes, open files, memory.
+/// Checks the kernel's limits of the running daemon: file sizes, open files, memory.
 void examine_limits(const daemon::Config& config, Examination& report);
-/// The program of this computer that sends UDP from `port`, "name (pid 12)"; empty where the kernel tells none: another
-/// computer's, or another user's.
+/// The local program that sends UDP from `port`, "name (pid 12)"; empty if unknown: on another computer, or of another
+/// user.
 [[nodiscard]] std::string udp_program(unsigned port);
 
-// ---- doctor_routes.cpp: the way to PLC and robot -----------------------------------------------------------------
+// ---- doctor_routes.cpp: routes to PLC and robot ------------------------------------------------------------------
 
 void examine_routes(const daemon::Config& config, Examination& report);
 
-// ---- doctor_links.cpp: the daemon and who it talks to ------------------------------------------------------------
+// ---- doctor_links.cpp: daemon, PLC, robot and scanner ------------------------------------------------------------
 
-/// Asks the daemon; returns its status (slabd.status/1), empty when it does not run.
+/// Queries the daemon; returns its status (slabd.status/1), empty if it does not run.
 [[nodiscard]] std::string examine_daemon(const daemon::Config& config, Examination& report);
 void examine_plc(const daemon::Config& config, bool daemon_runs, Examination& report);
-/// Listens for `seconds`.
+/// Receives poses for `seconds`.
 void examine_robot(const daemon::Config& config, double seconds, Examination& report);
-/// `scan`: has one taken, through the daemon's maintenance state.
+/// `scan`: takes a scan in the daemon's maintenance state.
 void examine_scanner(const daemon::Config& config, const std::string& status, bool scan, Examination& report);
 void examine_calibration(const daemon::Config& config, const std::string& status, Examination& report);
 

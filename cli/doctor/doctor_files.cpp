@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Whether the daemon may write where it must is asked of the file's mode and the user it runs as, because who looks is
-// often root, to whom everything is open. How fast a disk is, is measured on the disk itself: what counts is the time
-// until a scan and a commit are durable, not what the page cache takes.
+// Write permissions of the daemon are derived from file mode and user, because the current user is often root and can
+// write everywhere. Disk speed is measured on the disk itself: the time until a scan and a commit are durable counts,
+// not that of the page cache.
 #include <fcntl.h>
 #include <fmt/core.h>
 #include <grp.h>
@@ -30,7 +30,7 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-/// A scan, and how long its way to the disk may take before the robot waits for it: it moves for some 4 s.
+/// Size of a scan, and the longest time to the disk without a wait of the robot, which moves for about 4 s.
 constexpr std::size_t kScanBytes = 64U << 20U;
 constexpr double kScanSlow_s = 2.0;
 /// The PLC waits for a commit with every command.
@@ -59,25 +59,25 @@ class File {
   int fd_;
 };
 
-/// The folder itself, or the nearest one above it that exists.
+/// The folder itself, or its nearest existing parent.
 fs::path existing(fs::path path) {
   std::error_code none;
   while (!path.empty() && !fs::exists(path, none) && path != path.parent_path()) path = path.parent_path();
   return path.empty() ? fs::path(".") : path;
 }
 
-/// Of the scanner software's user; the package makes it.
+/// Group of the scanner software's user; created by the package.
 constexpr const char* kScanGroup = "slabd-scan";
 
-/// Who may write in a folder beside the daemon.
+/// Write permissions of other users than the daemon.
 struct Rights {
   const char* mode;
-  const char* group;  ///< nullptr: the daemon's
+  const char* group;  ///< nullptr: the daemon's group
 };
 constexpr Rights kOwnerWrites = {"2750", nullptr};
 constexpr Rights kScannerWrites = {"2770", kScanGroup};
 
-/// True when the daemon can write there.
+/// True if the daemon can write to the folder.
 bool examine_folder(const char* check, const std::string& folder, const Account& account, const Rights& rights,
                     Examination& report) {
   const fs::path there = existing(folder);
@@ -99,7 +99,7 @@ bool examine_folder(const char* check, const std::string& folder, const Account&
                               there.string()));
     return false;
   }
-  // Modes say nothing of a disk that the kernel has made read-only, as it does with a damaged one.
+  // The mode does not show a disk that the kernel has made read-only, as it does with a damaged one.
   if (struct statvfs disk{}; ::statvfs(there.c_str(), &disk) == 0 && (disk.f_flag & ST_RDONLY) != 0) {
     report.failed(
         check, fmt::format("{} lies on a disk that can only be read", there.string()),
@@ -115,7 +115,7 @@ bool examine_folder(const char* check, const std::string& folder, const Account&
   return true;
 }
 
-/// Group and others read results and scans. Who may write them may change a verdict while slabd is stopped.
+/// Group and others may only read results and scans, because a writer could change a verdict while slabd is stopped.
 void examine_rights(const char* check, const std::string& path, const Account& account, Examination& report) {
   struct stat file {};
   if (::stat(path.c_str(), &file) != 0) return;
@@ -134,7 +134,7 @@ void examine_rights(const char* check, const std::string& path, const Account& a
                  fmt::format("chmod g-w,o-w {}", path));
 }
 
-/// The scanner software needs the drop folder and nothing else of slabd.
+/// The scanner software needs access to the drop folder only.
 void examine_drop_group(const std::string& drop_dir, const std::string& db_folder, const Account& account,
                         Examination& report) {
   struct stat drop {};
@@ -149,7 +149,7 @@ void examine_drop_group(const std::string& drop_dir, const std::string& db_folde
 
 struct Free {
   std::uint64_t bytes = 0;
-  std::optional<std::uint64_t> files;  ///< how many more there may be; nullopt: as many as fit
+  std::optional<std::uint64_t> files;  ///< number of files that can be created; nullopt: unlimited
 };
 
 std::optional<Free> free_of(const std::string& folder) {
@@ -166,7 +166,7 @@ std::string gigabytes(std::uint64_t bytes) {
 
 void examine_space(const char* check, const std::string& folder, std::uint64_t least, std::uint64_t for_long,
                    const char* what, Examination& report) {
-  constexpr std::uint64_t kFilesMin = 1'000;  // some thirty slabs' scans
+  constexpr std::uint64_t kFilesMin = 1'000;  // the scans of about thirty slabs
   const std::optional<Free> free = free_of(folder);
   if (!free) {
     report.unknown(check, fmt::format("{}: {}", folder, std::strerror(errno)));
@@ -186,13 +186,13 @@ void examine_space(const char* check, const std::string& folder, std::uint64_t l
   }
 }
 
-/// How long something took, or why it could not be done.
+/// Duration of an operation, or errno of its failure.
 struct Timed {
   double time = 0.0;
   int fault = 0;  ///< errno
 };
 
-/// errno of a write, 0 when all of it was written.
+/// Writes all bytes; returns errno, 0 on success.
 int write_whole(int fd, const char* bytes, std::size_t count) {
   while (count > 0) {
     const ssize_t n = ::write(fd, bytes, count);
@@ -204,12 +204,12 @@ int write_whole(int fd, const char* bytes, std::size_t count) {
   return 0;
 }
 
-/// Seconds until one scan is durable, as the spool writes it.
+/// Seconds until one scan, written like in the spool, is durable.
 Timed scan_durable_s(const std::string& folder) {
   const File file(folder + "/.doctor", O_CREAT | O_TRUNC | O_WRONLY);
   if (file.fd() < 0) return {0.0, errno};
   std::vector<char> piece(1U << 20U);
-  // Not zeros: some disks do not write those.
+  // Not zeros, because some disks do not write them.
   for (std::size_t i = 0; i < piece.size(); ++i) piece[i] = static_cast<char>((i * 2654435761U) >> 13U);
   const Clock::time_point start = Clock::now();
   for (std::size_t written = 0; written < kScanBytes; written += piece.size())
@@ -218,7 +218,7 @@ Timed scan_durable_s(const std::string& folder) {
   return {seconds_since(start), 0};
 }
 
-/// The middle one of some small synced writes, ms.
+/// Median time of some small synced writes, ms.
 Timed commit_ms(const std::string& folder) {
   const File file(folder + "/.doctor", O_CREAT | O_TRUNC | O_WRONLY);
   if (file.fd() < 0) return {0.0, errno};
@@ -234,7 +234,7 @@ Timed commit_ms(const std::string& folder) {
   return {times[times.size() / 2], 0};
 }
 
-/// The disk failed, or who asks is not allowed to try.
+/// Reports a failed write: a disk error, or missing permissions of the user.
 void tell_unwritten(const char* check, const std::string& folder, int fault, Examination& report) {
   const std::string saw = fmt::format("{}: {}", folder, std::strerror(fault));
   if (fault == EROFS || fault == EIO || fault == ENOSPC || fault == EDQUOT)
@@ -268,8 +268,8 @@ void examine_speed(const daemon::Config& config, const std::string& db_folder, E
   }
 }
 
-/// A transaction that another program keeps open. The daemon's own are over in milliseconds, and whoever is there once
-/// is looked for twice.
+/// Reports a transaction that another program keeps open. The daemon's own ones take milliseconds, so a holder is
+/// checked twice.
 void examine_foreign_lock(const std::string& db_path, Examination& report) {
   const std::string holder = storage::foreign_lock(db_path);
   if (holder.empty()) return;

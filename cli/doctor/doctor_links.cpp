@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The daemon is asked what it knows; where it does not run, the links are looked at from here. PLC registers are only
-// read. Poses are listened to beside the daemon: multicast reaches everybody.
+// The state of the links comes from the daemon; if it does not run, the links are checked from here. PLC registers are
+// only read. Poses can be received in parallel with the daemon, because multicast reaches all receivers.
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <fmt/core.h>
@@ -40,7 +40,7 @@ namespace {
 
 using nlohmann::json;
 
-/// Poses that come less often do not fill the settled window; the robot's cycle is 4 or 12 ms.
+/// At a lower rate poses do not fill the settled window; the robot's cycle is 4 or 12 ms.
 constexpr double kPoseRateMin_hz = 50.0;
 constexpr double kClockSkew_s = 1.0;
 constexpr std::int64_t kExpiresSoon_us = 30LL * 86'400 * 1'000'000;
@@ -65,7 +65,7 @@ std::string text(const json& value) {
   if (value.is_string()) return value.get<std::string>();
   return value.is_null() ? "-" : value.dump();
 }
-/// Null when the daemon does not run.
+/// The daemon's status; null if it does not run.
 json status_of(const std::string& answer) {
   return answer.empty() ? json(nullptr) : json::parse(answer, nullptr, false);
 }
@@ -73,13 +73,13 @@ bool yes(const json& value) {
   return value.is_boolean() && value.get<bool>();
 }
 
-/// The address under which the server is reached from this computer.
+/// Address of the server from this computer.
 std::string reach(const daemon::Config& config) {
   const std::string host(config.plc.host.view());
   return host == "0.0.0.0" || host.empty() ? "127.0.0.1" : host;
 }
 
-/// Whether the service has been given the right to ports that are root's: as it is delivered it has none.
+/// True if the service has the right to bind privileged ports; the delivered unit does not have it.
 bool service_may_bind_any_port() {
   std::error_code none;
   for (const char* folder : {"/etc/systemd/system/slabd.service.d", "/run/systemd/system/slabd.service.d"})
@@ -92,7 +92,7 @@ bool service_may_bind_any_port() {
   return false;
 }
 
-/// False, and said: the daemon will not be let to the port, whatever who asks may.
+/// False, with a finding, if the daemon may not open the port; the rights of the current user do not matter.
 bool examine_privileged_port(const daemon::Config& config, const std::string& where, Examination& report) {
   unsigned first_free = 1024;
   std::ifstream("/proc/sys/net/ipv4/ip_unprivileged_port_start") >> first_free;
@@ -104,7 +104,7 @@ bool examine_privileged_port(const daemon::Config& config, const std::string& wh
   return false;
 }
 
-/// Nobody must sit on the port before the daemon does.
+/// Checks that the port is free before the daemon starts.
 void examine_free_port(const daemon::Config& config, Examination& report) {
   const std::string where = fmt::format("{}:{}", config.plc.host.view(), config.plc.port);
   if (!examine_privileged_port(config, where, report)) return;
@@ -166,8 +166,8 @@ bool read_image(modbus_t* client, hal::InputImage& input, hal::HoldingImage& hol
          read_holding(client, holding);
 }
 
-/// Looks at the PLC's half until its heartbeat has moved, for 1.2 s at most. Often: the map allows a bit that changes
-/// every 500 ms, which is where it was for who looks after an even number of changes. False: `read` failed.
+/// Reads the PLC's half until its heartbeat has changed, for at most 1.2 s. It polls fast, because the heartbeat may
+/// be a bit that changes every 500 ms, and an even number of changes would be missed. False: `read` failed.
 bool watch_heartbeat(const std::function<bool(hal::HoldingImage&)>& read, hal::HoldingImage& first,
                      hal::HoldingImage& later) {
   using Clock = std::chrono::steady_clock;
@@ -180,7 +180,7 @@ bool watch_heartbeat(const std::function<bool(hal::HoldingImage&)>& read, hal::H
   return true;
 }
 
-/// What the PLC has written, as watch_heartbeat saw it.
+/// Checks the PLC's registers as read by watch_heartbeat.
 void examine_plc_half(const daemon::Config& config, const hal::HoldingImage& first, const hal::HoldingImage& later,
                       Examination& report) {
   const PlcInputs plc = hal::decode_inputs(later, config.plc.word_order);
@@ -191,13 +191,13 @@ void examine_plc_half(const daemon::Config& config, const hal::HoldingImage& fir
     report.ok("plc heartbeat", fmt::format("HR 0 went from {} to {}", first[0], later[0]));
   if (!plc.enable)
     report.note("plc enable", "ENABLE (HR 1, bit 0) is off: commands are refused", "switch the PLC to automatic");
-  // A slab number from the other word order is a multiple of 65536.
+  // A slab number with swapped words is a multiple of 65536.
   if (plc.slab_no != 0 && (plc.slab_no & 0xFFFFU) == 0)
     report.warning("word order", fmt::format("SLAB_NO reads {}, as if its words were swapped", plc.slab_no),
                    "compare WORD_PROBE (IR 2-3) in the PLC with 0x12345678; set [plc] word_order");
 }
 
-/// The wire belongs to the PLC (client, serial line): the daemon says what it sees there.
+/// The link belongs to the PLC (client, serial line): the daemon reports its registers.
 void examine_through_daemon(const daemon::Config& config, Examination& report) {
   hal::HoldingImage first{};
   hal::HoldingImage later{};
@@ -250,7 +250,8 @@ void examine_registers(const daemon::Config& config, Examination& report) {
   examine_plc_half(config, first, later, report);
 }
 
-/// Opened as the daemon does, which tells a serial line from other files; its mode tells whether slabd may.
+/// Opens the device as the daemon does, which distinguishes a serial line from other files; its mode shows whether
+/// slabd may open it.
 void examine_serial_line(const char* device, Examination& report) {
   constexpr const char* kCheck = "plc line";
   const int fd = ::open(device, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
@@ -276,7 +277,7 @@ void examine_serial_line(const char* device, Examination& report) {
     report.ok(kCheck, fmt::format("{} is a serial line and can be opened by {}", device, account.name));
 }
 
-/// Without the daemon: is there somebody, or something, to talk to?
+/// Checks the PLC's side without the daemon: the server, or the serial line.
 void examine_far_end(const daemon::Config& config, Examination& report) {
   if (config.plc.role == hal::PlcRole::rtu) {
     return examine_serial_line(config.plc.device.c_str(), report);
@@ -294,12 +295,12 @@ void examine_far_end(const daemon::Config& config, Examination& report) {
 
 // ---- robot ---------------------------------------------------------------------------------------------------------
 
-/// What came while somebody listened.
+/// Poses received while listening.
 struct Heard {
   std::size_t poses = 0;
   std::int64_t first_ns = 0;
   std::int64_t last_ns = 0;
-  std::int64_t age_ns = 0;  ///< of the newest when the listening ended
+  std::int64_t age_ns = 0;  ///< age of the newest pose at the end
   double skew_s = 0.0;
   Vec3 low = Vec3::Constant(1e9);
   Vec3 high = Vec3::Constant(-1e9);
@@ -337,7 +338,7 @@ Heard listen(hal::PosePort& port, double seconds) {
   }
 }
 
-/// Who of this computer stands behind the addresses in a refusal.
+/// Local programs that send from the ports in a refusal.
 std::string programs_in(std::string_view why) {
   std::string text;
   for (std::size_t at = why.find(':'); at != std::string_view::npos; at = why.find(':', at + 1)) {
@@ -351,7 +352,7 @@ std::string programs_in(std::string_view why) {
   return text;
 }
 
-/// What was not believed of all that came, with the last reason; empty when everything was.
+/// Counts of rejected poses, with the last reason; empty if none was rejected.
 std::string refused(const hal::PosePort& port) {
   std::string text = pose_faults_text(port.counters());
   const std::string_view why = port.refusal(hal::make_system_clock()->mono_ns());
@@ -409,13 +410,13 @@ void examine_heard(const daemon::Config& config, const Heard& heard, const hal::
                 "only records show it; NTP on both sides mends it");
 }
 
-/// The configuration is not usable: slabd has opened no database and looks for no scanner, so it knows nothing of them.
+/// True if the configuration is invalid: slabd has then no state of database and scanner, because it uses neither.
 bool in_config_fault(const json& status) {
   const json& fault = at(status, {"fault", "code"});
   return fault.is_number() && fault.get<int>() == static_cast<int>(Code::config);
 }
 
-/// What ends a warning of the daemon's, by its bit of WARN (docs/PLC.md).
+/// Cure of a daemon warning, by its bit of WARN (docs/PLC.md).
 constexpr std::array kWarningCures = {
     "compare the recipe with the drawing, then confirmed = true; slabctl recipe show FILE lists what is not",
     "slabctl calibrate new; docs/CALIBRATION.md",
@@ -437,7 +438,7 @@ constexpr std::array kWarningCures = {
     "slabctl stations --krl FILE plans stops that differ; docs/ROBOT.md, \"The stations\"",
 };
 
-/// The daemon says its warnings in words, in the order of their bits.
+/// The status contains the warnings as text, in the order of their bits.
 void examine_warnings(const json& status, Examination& report) {
   const json& bits = at(status, {"warn_bits"});
   unsigned rest = bits.is_number_unsigned() ? bits.get<unsigned>() : 0U;

@@ -28,7 +28,7 @@ std::string first_line(const std::string& path) {
   return line;
 }
 
-/// "MemAvailable" and the like, bytes; 0 where there is none.
+/// Value of "MemAvailable" and similar keys in bytes; 0 if missing.
 std::uint64_t memory(const std::string& key) {
   std::ifstream file("/proc/meminfo");
   std::string line;
@@ -81,13 +81,13 @@ void examine_limits(const daemon::Config& config, Examination& report) {
   if (pid == 0 || !file)
     return report.unknown("limits", "those of the daemon cannot be read", "as root: slabctl doctor");
   struct Need {
-    const char* name;  ///< as the kernel writes it
+    const char* name;  ///< as named by the kernel
     std::uint64_t least;
     const char* unit;
     const char* cure;
   };
-  // A scan of 6 million points as PLY, or a database of some ten thousand slabs; sockets, files and a reserve; the
-  // buffers with everything a process has beside them.
+  // Required limits: a scan of 6 million points as PLY, or a database of some ten thousand slabs; sockets, files and a
+  // reserve; the buffers and the process itself.
   static constexpr std::array kNeeds = {
       Need{"Max file size", std::uint64_t{100} << 30U, "bytes",
            "LimitFSIZE=infinity in the unit, or ulimit -f unlimited"},

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which way packets to the PLC and to the robot's group would go. The kernel is asked by connecting a datagram socket:
-// that looks the route up and sends nothing.
+// Route of packets to the PLC and to the robot's group. Connecting a datagram socket makes the kernel look up the
+// route without sending anything.
 #include <arpa/inet.h>
 #include <fmt/core.h>
 #include <ifaddrs.h>
@@ -20,11 +20,11 @@ namespace slabd::cli {
 namespace {
 
 struct RouteSeen {
-  int fault = 0;              ///< errno when there is none
-  std::uint32_t address = 0;  ///< of this computer
+  int fault = 0;              ///< errno; 0 if a route exists
+  std::uint32_t address = 0;  ///< local address
   std::string interface;
-  bool running = false;  ///< cable in, other end alive
-  /// A route over an interface without an address of its own tells neither.
+  bool running = false;  ///< cable connected, remote end active
+  /// False for a route over an interface without its own address.
   [[nodiscard]] bool interface_known() const { return !interface.empty(); }
 };
 
@@ -34,7 +34,7 @@ std::string dotted(std::uint32_t address) {
   return ::inet_ntop(AF_INET, &raw, text.data(), INET_ADDRSTRLEN) == nullptr ? "?" : std::string(text.c_str());
 }
 
-/// Calls `use(name, flags, IPv4 address or nothing)` for every address of every interface.
+/// Calls `use(name, flags, IPv4 address or nullopt)` for every address of every interface.
 template <typename Use>
 void for_each_interface(Use use) {
   ifaddrs* list = nullptr;
@@ -84,7 +84,7 @@ std::optional<std::uint32_t> address_in(std::string_view text) {
   return ntohl(raw.s_addr);
 }
 
-/// `far`: what lies at the other end, "the PLC 192.168.0.10".
+/// `far`: the remote end, "the PLC 192.168.0.10".
 bool examine_route(std::string_view check, const std::string& far, const RouteSeen& route, Examination& report) {
   if (route.fault != 0) {
     report.failed(check, fmt::format("no way to {}: {}", far, std::strerror(route.fault)),
@@ -108,14 +108,14 @@ void examine_plc_route(const daemon::Config& config, Examination& report) {
   if (config.plc.role == hal::PlcRole::rtu) return;  // a serial line has no route
   if (config.plc.role == hal::PlcRole::client) {
     const auto plc = address_in(config.plc.host.view());
-    if (!plc) return;  // the configuration allows addresses only
+    if (!plc) return;  // the configuration allows only addresses
     examine_route("plc route", fmt::format("the PLC {}", dotted(*plc)), route_to(*plc), report);
     return;
   }
   const auto listen = address_in(config.plc.host.view());
   for (const hal::PlcSettings::Network& network : config.plc.allow) {
     const bool one = network.mask == ~0U;
-    // Everybody, or a whole private range, says nothing about where the PLC is.
+    // A large private range, or any address, does not identify the PLC's network.
     if (network.mask < 0xFFFF0000U) continue;
     const std::uint32_t somebody = one ? network.address : network.address + 1;
     const RouteSeen route = route_to(somebody);
@@ -138,7 +138,7 @@ void examine_robot_route(const daemon::Config& config, Examination& report) {
   if (!group) return;
   const std::string_view wanted = config.robot.interface.view();
   const RouteSeen route = route_to(*group);
-  // The named interface is joined whatever the route says; without a name the route decides.
+  // A named interface is used whatever the route is; without a name the route selects it.
   if (wanted.empty()) {
     examine_route("robot route", fmt::format("group {}", dotted(*group)), route, report);
     return;

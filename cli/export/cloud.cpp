@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A slab's scans are 90 million points. They leave one scan at a time: read, denoised as in measuring, moved into the
-// frame, thinned, appended. How many there are is known only at the end, so the header has room for the number and is
+// A slab's scans have 90 million points. They are written one scan at a time: read, denoised as in measuring, moved
+// into the frame, thinned, appended. Their number is known only at the end, so the header reserves space for it and is
 // written again.
 //
-// Invariants: one scan's memory whatever the slab; the same scans give the same bytes (means are summed in the order of
-// the scan, cubes come in the order of their place).
+// Invariants: memory for one scan, whatever the slab; the same scans give the same bytes (means are summed in scan
+// order, cubes are sorted by position).
 #include "cli/export/cloud.h"
 
 #include <fmt/core.h>
@@ -29,7 +29,7 @@ using algo::Face;
 constexpr std::size_t kHeaderBytes = 1024;
 constexpr std::size_t kBufferBytes = std::size_t{1} << 20U;
 
-/// A PLY file of vertices that grows.
+/// A PLY file of vertices with appended points.
 class VertexFile {
  public:
   VertexFile(const std::string& path, std::string comments, std::string properties)
@@ -73,14 +73,14 @@ class VertexFile {
   std::size_t count_ = 0;
 };
 
-/// One scan at a time, without what no surface goes through.
+/// Reads one scan at a time and removes points that are not on a surface.
 class ScanReader {
  public:
   explicit ScanReader(const Recipe& recipe)
       : memory_(limits::kScanSlotBytes), xyz_(memory_.take<float>(limits::kScanPointsMax * 3)) {
     inspector_.use(recipe);
   }
-  /// The sentence says why there is none.
+  /// The error contains the reason.
   Status read(const storage::SlabBlock& block, const CloudSettings& settings) {
     const std::string path = scan_at(block, settings.scans_dir);
     const Result<ScanShape> shape = hal::read_scan(path.c_str(), settings.form, xyz_);
@@ -89,7 +89,7 @@ class ScanReader {
     inspector_.begin(block.attempt.station, Pose::identity(), Pose::identity());
     return inspector_.denoise(cloud_);
   }
-  /// Calls f(p_scanner) for every point that is left.
+  /// Calls f(p_scanner) for every remaining point.
   template <typename F>
   void for_each(const F& f) const {
     for (std::size_t i = 0; i < cloud_.points; ++i)
@@ -103,7 +103,7 @@ class ScanReader {
   algo::BlockInspector inspector_;
 };
 
-/// Collects points by cube; gives their means.
+/// Collects points by cube and returns their means.
 class Thinner {
  public:
   explicit Thinner(double voxel_mm) : voxel_mm_(voxel_mm) {}

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl export: what slabd measured, for other systems. Results leave as CSV or JSON, slab by slab, so that a year of
-// them needs no more memory than one.
+// slabctl export: exports results for other systems. They are written as CSV or JSON slab by slab, so that memory does
+// not depend on their number.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -29,9 +29,10 @@
 namespace slabd::cli {
 namespace {
 
-// ---- items as a table (RFC 4180): a row for each item of each slab, columns that only ever grow at the end ---------
+// ---- items as a table (RFC 4180): a row for each item of each slab; new columns are appended -----------------------
 
-/// The first column of every row: which columns there are. A column that changes meaning or place makes the next one.
+/// First column of every row, the version of the columns. A column that changes meaning or position requires a new
+/// version.
 constexpr const char* kItemRowsVersion = "slabd.items/1";
 constexpr const char* kColumns =
     "version,slab_key,slab_id,slab_no,slab_type,began,ended,slab_verdict,slab_reason,recipe,recipe_sha256,guard,"
@@ -46,7 +47,7 @@ Table empty_table() {
   return table;
 }
 
-/// What is 0 is not there.
+/// An empty cell for 0.
 Cell unless_0(int number) {
   return number == 0 ? Cell("") : Cell(number);
 }
@@ -67,12 +68,12 @@ void add_item(Table& table, const storage::SlabRecord& record, const Item& item,
             slope_datum(record), slab.emulated != 0);
 }
 
-/// The heading, with its line end.
+/// The heading with its line end.
 std::string item_heading() {
   return csv_heading(empty_table());
 }
 
-/// Rows of the valid attempt of each block, by station, then of the slab. Times are UTC.
+/// Rows of the valid attempt of each block by station, then of the slab. Times are UTC.
 std::string item_rows(const storage::SlabRecord& record, TableFor reader) {
   Table table = empty_table();
   for (int station = 1; station <= record.summary.header.stations; ++station) {
@@ -93,7 +94,7 @@ struct ExportOptions {
   bool raw = false;
 };
 
-/// What --format says, else the file's extension, else csv.
+/// Format from --format, otherwise from the file's extension, otherwise csv.
 std::string format_of(const ExportOptions& options) {
   if (!options.format.empty()) return options.format;
   std::string extension = std::filesystem::path(options.out).extension().string();
@@ -104,7 +105,7 @@ std::string format_of(const ExportOptions& options) {
   stop(kUsage, fmt::format("--out {}: allowed are .csv and .json, or say --format", options.out));
 }
 
-/// Calls `write(record)` for each slab. An error is a value, because what was written still gets its end.
+/// Calls `write(record)` for each slab. An error is a return value, because the written part is still completed.
 template <typename Write>
 Status for_each(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Write& write) {
   ProgressCount progress(stderr, keys.size());

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The block is a profile across the rail (side, shoulder, jaw, seat, jaw, shoulder, side) between two end faces. Every
-// corner of the profile becomes two vertices, where its line along the rail meets the end faces; the end faces are cut
-// into strips down to the slab's top. The seat's two halves each hold a casing: a rim below (or above) the seat and a
+// corner of the profile gives two vertices, where its line along the rail meets the end faces; the end faces are cut
+// into strips down to the slab's top. Each half of the seat contains a casing: a rim below (or above) the seat and a
 // bore in it.
 //
-// Invariant: closed. Every edge belongs to two triangles that run along it in opposite directions; so strips end at
-// vertices that the neighbouring face has too.
+// Invariant: the surface is closed. Every edge belongs to two triangles that traverse it in opposite directions.
+// Strips therefore end at vertices that the neighbouring face also has.
 #include "cli/export/mesh.h"
 
 #include <array>
@@ -25,7 +25,7 @@ using algo::BlockModel;
 using algo::Face;
 using Index = std::uint32_t;
 
-/// Of a casing's circle; a whole number of them lies in each quarter.
+/// Segments of a casing's circle; each quarter has a whole number of them.
 constexpr Index kSegments = 64;
 constexpr double kBoreShown = 0.6;
 
@@ -34,7 +34,7 @@ struct ProfilePoint {
   double z = 0.0;
 };
 
-/// Where two faces that run along the rail meet, in the section x = 0.
+/// Intersection of two faces along the rail in the section x = 0.
 ProfilePoint meet(const BlockModel& model, Face a, Face b) {
   const algo::Plane& p = model.plane(a);
   const algo::Plane& q = model.plane(b);
@@ -60,7 +60,7 @@ class BlockMesh {
     for (std::size_t i = 0; i < kPoints; ++i) {
       for (const std::size_t side : {0U, 1U}) {
         top_[i][side] = add(at(profile_[i].y, profile_[i].z, side));
-        // The profile begins and ends on the slab's top: there corner and foot are one vertex.
+        // The profile begins and ends on the slab's top, where corner and foot are one vertex.
         foot_[i][side] = i == 0 || i + 1 == kPoints ? top_[i][side] : add(at(profile_[i].y, bottom(), side));
       }
     }
@@ -83,7 +83,7 @@ class BlockMesh {
   using Circle = std::array<Index, kSegments>;
 
   [[nodiscard]] double bottom() const { return profile_.front().z; }
-  /// On the end face at x < 0 (side 0) or x > 0.
+  /// Point on the end face at x < 0 (side 0) or x > 0.
   [[nodiscard]] Vec3 at(double y, double z, std::size_t side) const {
     const algo::Plane& end = model_.plane(Face::end_plus);
     const double x = (end.d - end.n.z() * z) / end.n.x();
@@ -111,7 +111,7 @@ class BlockMesh {
     mesh_.vertices.push_back(p);
     return static_cast<Index>(mesh_.vertices.size() - 1);
   }
-  /// Nothing when two of the corners are the same.
+  /// Adds nothing if two of the corners are equal.
   void triangle(Index a, Index b, Index c) {
     if (a != b && b != c && c != a) mesh_.triangles.push_back({a, b, c});
   }
@@ -154,14 +154,14 @@ class BlockMesh {
     for (Index k = 0; k < kSegments; ++k) triangle(floor[k], floor[(k + 1) % kSegments], middle);
   }
 
-  /// The face between four corners and a circle in it: from each corner a fan to the arc that it sees, and a triangle
-  /// on each side where one fan ends and the next begins.
+  /// Adds the face between four corners and a circle in it: from each corner a fan to its nearest arc, and a triangle
+  /// on each side between two fans.
   void around(const std::array<Index, 4>& corners, const Vec3& centre, const Circle& ring) {
     const auto angle_of = [&](const Vec3& p) {
       const Vec3 d = p - centre;
       return std::atan2(model_.along_seat().dot(d), d.x());
     };
-    std::array<Index, 4> end{};  // of the arc between corner j and the next one
+    std::array<Index, 4> end{};  // end of the arc between corner j and the next one
     for (std::size_t j = 0; j < 4; ++j) {
       const Vec3 middle = 0.5 * (mesh_.vertices[corners[j]] + mesh_.vertices[corners[(j + 1) % 4]]);
       const double turn = angle_of(middle) / (2.0 * std::numbers::pi);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl plc monitor: the live registers in words. With a daemon that is a Modbus server it reads them over the wire
-// as any display does, which shows what a PLC would see; it never writes, so it never takes the command block over.
-// With the other two roles the wire belongs to the PLC, and the daemon is asked over its control socket.
+// slabctl plc monitor: shows the live registers in words. If the daemon is a Modbus server, the monitor reads them
+// over the network like a PLC or a display; it never writes, so it never takes over the command block. With the other
+// two roles the link belongs to the PLC, and the registers come from the daemon's control socket.
 #include <arpa/inet.h>
 #include <fmt/format.h>
 #include <modbus.h>
@@ -42,10 +42,10 @@ struct Options {
 
 using Registers = PlcRegisters;
 
-/// How often the heartbeats are looked at, however rarely they are shown.
+/// Sampling period of the heartbeats, independent of the display rate.
 constexpr auto kLook = std::chrono::milliseconds(50);
 
-// ---- two ways to get them ----------------------------------------------------------------------------------------
+// ---- two sources of the registers --------------------------------------------------------------------------------
 
 class WireSource {
  public:
@@ -101,9 +101,9 @@ bool take_words(const json& document, const char* key, std::array<std::uint16_t,
   return true;
 }
 
-// ---- what is said about them -------------------------------------------------------------------------------------
+// ---- output ------------------------------------------------------------------------------------------------------
 
-/// How long ago a number last changed, as this monitor saw it.
+/// Time since a number last changed, as seen by this monitor.
 class Pulse {
  public:
   void see(std::uint16_t value) {
@@ -252,10 +252,9 @@ bool take_address(std::string_view text, hal::PlcSettings& plc) {
 
 int monitor(Options options) {
   daemon::Config config;
-  // Another slabd is looked at from a computer that has none: unit 1, high word first.
+  // A remote slabd without a local configuration: unit 1, high word first.
   const bool foreign = !options.connect.empty() && !std::filesystem::exists(options.config);
-  // With a configuration that cannot be used slabd runs as well, in fault 504, and takes registers and socket from it
-  // as we do.
+  // slabd also runs with an invalid configuration, in fault 504, and takes registers and socket from it.
   const bool usable = foreign || config_from(options.config, config);
   if (!options.connect.empty()) {
     if (!take_address(options.connect, config.plc))
@@ -274,7 +273,7 @@ int monitor(Options options) {
   std::signal(SIGINT, on_interrupt);
   const auto read = [&] {
     Result<Registers> registers = over_wire ? wire.read() : plc_registers(socket);
-    // This computer need not be in [plc] allow to be told by its own daemon.
+    // This computer need not be in [plc] allow to read from its own daemon.
     if (!registers && over_wire && options.connect.empty())
       if (Result<Registers> told = plc_registers(socket); told) registers = std::move(told);
     return registers;
@@ -283,7 +282,7 @@ int monitor(Options options) {
     Result<Registers> registers = read();
     show(options, registers, pulses, terminal && !options.once && !options.as_json);
     if (options.once || g_stop != 0) return !usable ? kBadInput : registers ? kDone : kNotReachable;
-    // A heartbeat may be a bit: between two pictures it can have changed and be what it was.
+    // A heartbeat may be a bit, which can change twice between two displays.
     const auto next = Clock::now() + std::chrono::milliseconds(options.interval_ms);
     while (g_stop == 0 && Clock::now() < next) {
       std::this_thread::sleep_for(std::min<Clock::duration>(kLook, next - Clock::now()));

@@ -49,7 +49,7 @@ std::string meaning_text(const RegisterRow& row) {
 std::string table(RegisterRow::Memory memory, const char* prefix) {
   std::string text = fmt::format("| {} | Name | Type | Unit | Meaning | Since |\n|---|---|---|---|---|---|\n", prefix);
   each_row(memory, [&](const RegisterRow& row) {
-    if (row.series > 1) return;  // the station table: its first row stands for all
+    if (row.series > 1) return;  // the first row of the station table represents all
     std::string address = address_text(row);
     std::string name(row.name);
     std::string unit(row.unit);
@@ -73,7 +73,7 @@ std::string csv_text(std::string_view text) {
   return quoted + "\"";
 }
 
-/// use(code, what it is, what to do): those of the interface, then the items.
+/// Calls use(code, meaning, cure) for the codes of the interface, then for the items.
 template <typename Use>
 void each_code(Use&& use) {
   const std::string_view unknown = describe(static_cast<Code>(1));

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl recipe diff: what two recipes say otherwise, and what the second would have made of the slabs that are
-// stored.
+// slabctl recipe diff: differences between two recipes, and verdicts of the second one for the stored slabs.
 //
-// Measured values and their budgets are in the database, and so are the seats that the slab's items follow from. So
-// other limits, another guard band and another slab geometry can be tried on years of slabs in seconds, without a scan.
-// What is measured on a block, and its U, rest on the block's nominals, on [evaluation] and on [uncertainty]: where
-// those differ, only the scans can tell (slabctl replay --recipe), and that is said.
+// Measured values, budgets and the seats for the slab's items are in the database. Other limits, another guard band
+// and another slab geometry can therefore be tested on years of slabs in seconds, without scans. The measured values
+// of a block and their U depend on the block's nominals, on [evaluation] and on [uncertainty]. If those differ, the
+// output refers to slabctl replay --recipe, which measures the scans again.
 #include "cli/recipe/recipe_diff.h"
 
 #include <fmt/core.h>
@@ -62,16 +61,16 @@ std::vector<KeyDifference> differences_of(const Recipe& a, const Recipe& b) {
   return list;
 }
 
-/// Without a budget U is the recipe's, or what the scan shows where that is more (algo/items/uncertainty.h); of
-/// flatness the scan shows nothing.
+/// True for items whose U without a budget is the larger one of the recipe's U and that from the scan
+/// (algo/items/uncertainty.h). The scan gives no U of flatness.
 bool widens_by_scan(ItemId id) {
   return info(id).scope == ItemScope::block && id != ItemId::seat_flatness && id != ItemId::surface_pores &&
          id != ItemId::block_damage;
 }
 
-/// U and verdict of `judged`, which holds the recipe's U. What the scan showed is stored where it was more than the U
-/// of the recipe that measured it; else it was anything up to the stored U, which is taken then. False: the verdict
-/// rests on what is not known.
+/// Sets U and verdict of `judged`, which contains the recipe's U. A stored U above that of the original recipe is the
+/// U from the scan. Otherwise the U from the scan is unknown and at most the stored U, which is then used. False: the
+/// verdict depends on the unknown U.
 bool judge_without_budget(const Item& stored, double U_measured_with, double guard, Item& judged) {
   judged.verdict = judge(judged, guard);
   if (!has_value(judged.value) || !has_value(judged.U) || !widens_by_scan(judged.id)) return true;
@@ -103,7 +102,7 @@ int rejudge(const Recipe& recipe, const Recipe* measured_with, BlockResult& bloc
     }
     item = judged;
   }
-  // A block that came to nothing keeps what it came to.
+  // A block without a result keeps its reason.
   const Code code = block.reason != 0 && block.reason < kReasonItemBase ? static_cast<Code>(block.reason) : Code::ok;
   if (code != Code::ok) return unknown;
   block.verdict = with_findings(combine(block.items.begin(), block.items.end()), block);
@@ -113,8 +112,8 @@ int rejudge(const Recipe& recipe, const Recipe* measured_with, BlockResult& bloc
 
 struct StoredSlabs {
   WhatIf what_if;
-  int of_a = 0;       ///< judged with the first recipe
-  int unknown_U = 0;  ///< block items whose verdict rests on a U that only the scan knows
+  int of_a = 0;       ///< slabs judged with the first recipe
+  int unknown_U = 0;  ///< block items whose verdict depends on a U that only the scan contains
 };
 
 StoredSlabs judge_stored(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Recipe& a,
@@ -189,7 +188,7 @@ std::string differences_text(const Recipe& a, const Recipe& b, const std::vector
 int diff(const DiffOptions& options) {
   if (!options.stored && options.choice.has_filter())
     stop(kUsage, "--since, --until, --type and --verdict choose stored slabs: say --db or --config too");
-  // A recipe out of the database needs one, the configuration's unless another is named.
+  // A recipe from the database requires one: the configuration's, unless another is named.
   std::unique_ptr<storage::Reader> reader;
   if (options.stored || names_stored_recipe(options.a) || names_stored_recipe(options.b)) {
     reader = open_database(options.database);

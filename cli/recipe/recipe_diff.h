@@ -11,13 +11,13 @@ class Command;
 
 namespace slabd::cli {
 
-/// `slabctl recipe diff`, below the command `recipe`.
+/// Adds `slabctl recipe diff` to the command `recipe`.
 void add_recipe_diff(args::Command& recipe);
 
-/// The stations of a stored slab with their block items judged anew by `recipe`: its limits, its guard band, and its U
-/// where no budget was computed, or the stored one if that is larger: the scan may have widened it. Values, budgets and
-/// seats stay as they were measured. `measured_with` is the recipe that the slab was measured with, or null;
-/// `unknown_U` grows by the items whose verdict rests on what only the scan knows of their U.
+/// Judges the block items of a stored slab again with `recipe`: its limits, its guard band, and, without a budget, its
+/// U or the stored one if that is larger, because the scan may have increased it. Values, budgets and seats remain as
+/// measured. `measured_with` is the recipe of the measurement, or null. `unknown_U` increases by the number of items
+/// whose verdict depends on a U that only the scan contains.
 [[nodiscard]] std::vector<StationRecord> rejudged(const storage::SlabRecord& record, const Recipe& recipe,
                                                   const Recipe* measured_with, int& unknown_U);
 

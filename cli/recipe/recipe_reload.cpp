@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl recipe reload: has the running daemon take up its recipe folder between two slabs. The daemon reads and
-// checks the whole folder first; what it cannot use as it is leaves the recipes in use in force.
+// slabctl recipe reload: makes the running daemon load its recipe folder between two slabs. The daemon checks the
+// whole folder first; if it is invalid, the previous recipes remain in force.
 #include "cli/command.h"
 
 #include <fmt/core.h>
@@ -23,7 +23,7 @@ namespace {
 using nlohmann::json;
 
 constexpr auto kPollEvery = std::chrono::milliseconds(100);
-/// A folder on a share may take its time; one that hangs is not waited for.
+/// A folder on a network share may be slow; a share that hangs is not waited for.
 constexpr int kPollsMax = 300;
 
 struct Options {

@@ -17,15 +17,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A file moved into the spool keeps the time it was written at, which is before it was seen. Between two file systems
-/// it is copied then, which takes a moment.
+/// Tolerance of the write time. A file moved into the spool keeps its write time, but between two file systems it is
+/// copied after it was detected, which takes a moment.
 constexpr std::int64_t kWrittenLater_us = 60'000'000;
 
 bool same(const ScanShape& a, const ScanShape& b) {
   return a.points == b.points && a.finite == b.finite && a.width == b.width && a.height == b.height;
 }
 
-/// What of the file is not as it was acquired. Where no checksum was kept of its points, all there is are signs.
+/// Differences between the file and the acquired scan. Without a stored checksum of the points only signs of a change
+/// can be found.
 std::string signs_of_change(const Remeasured& again, const storage::SlabBlock& stored, const ScanShape& shape) {
   const ScanShape& was = stored.attempt.shape;
   if (!same(shape, was))
@@ -66,7 +67,7 @@ void Remeasurer::measure(const SlabHeader& slab, const ScannerNumbers& verified,
   out.path = scan_at(stored, scans_dir_);
   std::error_code ignored;
   if (!fs::exists(out.path, ignored)) {
-    // The daemon keeps its budget a slab at a time, and the folder goes with the last scan.
+    // The daemon deletes scans by slab to keep its budget, and the folder with the last scan.
     const bool pruned = !fs::exists(fs::path(out.path).parent_path(), ignored);
     out.scan = pruned ? Remeasured::Scan::pruned : Remeasured::Scan::missing;
     out.note = pruned ? "the scans of this slab are gone, pruned or moved away" : "its scan is not there";
@@ -78,13 +79,13 @@ void Remeasurer::measure(const SlabHeader& slab, const ScannerNumbers& verified,
     out.note = std::string(shape.error().text.view());
     return;
   }
-  // Before the measuring, which changes them where they lie.
+  // Computed before measuring, because measuring changes the points in place.
   out.points_crc32c = hal::points_crc32c(xyz_.first(3 * shape.value().points));
   out.proven = stored.attempt.points_crc32c == out.points_crc32c;
   out.altered = (stored.attempt.points_crc32c.has_value() && !out.proven) || !same(shape.value(), stored.attempt.shape);
   const int station = stored.attempt.station;
   const algo::Cloud cloud{xyz_, shape.value().points, shape.value().width, shape.value().height};
-  // A block that cannot be measured is a result like any other; why not stands in it.
+  // A block that cannot be measured is a normal result, which contains the reason.
   static_cast<void>(
       daemon::measure_block(inspector_, *clock_, station, slab.T_base_slab * T_slab_block(*recipe_, station),
                             stored_T_base_scanner(slab, stored.attempt), cloud, shape.value(), 0.0, verified));
@@ -107,7 +108,7 @@ Result<std::optional<ScannerNumbers>> scanner_of(storage::Reader& reader, const 
   if (!found.value() || found.value()->id != slab.scanner_id.view()) return numbers;
   const storage::CalibrationRecord& record = *found.value();
   const auto* kept = std::get_if<ScannerNumbers>(&record.numbers);
-  // An id says which numbers it stands for; one that was kept again has a number behind it.
+  // A record's id is made from its numbers; that of a record stored again has an added number.
   if (kept != nullptr && record.id.starts_with(storage::calibration_id(record))) numbers = *kept;
   return numbers;
 }

@@ -12,40 +12,39 @@
 #include "config/config.h"
 #include "storage/storage.h"
 
-/// Stored scans measured again by the daemon's own path. Files and database are only read.
+/// Measures stored scans again with the code of the daemon. Files and database are only read.
 namespace slabd::cli {
 
 struct Remeasured {
   enum class Scan : std::uint8_t {
-    measured,    ///< `block` and `maps` are filled in, whatever the verdict
-    pruned,      ///< no scan of this slab is there: the daemon deletes them together to keep its budget
-    missing,     ///< it should be there
-    unreadable,  ///< it is no scan (any more)
+    measured,    ///< `block` and `maps` are set, for any verdict
+    pruned,      ///< the slab has no scans: the daemon deletes them together to keep its budget
+    missing,     ///< the scan should exist, but does not
+    unreadable,  ///< the file is not a valid scan
   };
   Scan scan = Scan::missing;
-  std::string path;  ///< of the scan
-  std::string
-      note;  ///< one sentence: why there is no result, or what of the file is not as it was acquired; else empty
-  std::optional<std::uint32_t> points_crc32c;  ///< of the points that were read
-  bool proven = false;   ///< they are those that were measured: the checksum kept with the attempt says so
-  bool altered = false;  ///< they are not: it says so, or there are more or fewer of them
+  std::string path;  ///< path of the scan
+  std::string note;  ///< one sentence: the reason for a missing result, or changes of the file; otherwise empty
+  std::optional<std::uint32_t> points_crc32c;  ///< checksum of the points that were read
+  bool proven = false;   ///< the checksum stored with the attempt proves that the points are unchanged
+  bool altered = false;  ///< the points are changed, by checksum or by number
   BlockResult block;
   BlockMaps maps;
 };
 
 class Remeasurer {
  public:
-  /// `scans_dir`: a copy of the spool to look in when a scan does not lie where it was stored; empty: none. Takes the
-  /// memory of one scan and of the measuring workspace.
+  /// `scans_dir`: a copy of the spool for scans that are no longer at their stored path; may be empty. Allocates
+  /// memory for one scan and the measuring workspace.
   Remeasurer(int threads, const hal::ScanForm& form, std::string scans_dir);
 
-  /// Builds the recipe's model, unless it is the one in use. `recipe` must outlive its use.
+  /// Builds the recipe's model, unless it is the current one. `recipe` must outlive its use.
   void use(const Recipe& recipe);
-  /// Measures the attempt's scan with the poses that are stored with it. `verified`: the scanner's acceptance that the
-  /// slab was begun with.
+  /// Measures the attempt's scan with the poses stored with it. `verified`: the scanner's acceptance at the begin of
+  /// the slab.
   void measure(const SlabHeader& slab, const ScannerNumbers& verified, const storage::SlabBlock& stored,
                Remeasured& out);
-  /// The file of the attempt's scan is there.
+  /// True if the file of the attempt's scan exists.
   [[nodiscard]] bool finds_scan(const storage::SlabBlock& stored) const;
 
  private:
@@ -58,18 +57,18 @@ class Remeasurer {
   std::string scans_dir_;
 };
 
-/// The scanner's acceptance that the slab was begun with. Nothing: it is not in the database, or its numbers were
-/// changed there. Without one the figures are all unknown, and the recipe's specification counts alone.
+/// The scanner's acceptance at the begin of the slab. nullopt: it is not in the database, or its numbers were changed
+/// there. If the slab had none, all figures are unknown, and only the recipe's specification applies.
 [[nodiscard]] Result<std::optional<ScannerNumbers>> scanner_of(storage::Reader& reader, const SlabHeader& slab);
 
-/// What SLAB_END saw, attempt by attempt as the daemon keeps its stations, with `blocks[i]` in place of what was stored
-/// of the i-th attempt (nullptr: what was stored).
+/// Input of SLAB_END: the stations by attempts, as in the daemon, with `blocks[i]` instead of the stored i-th attempt
+/// (nullptr: the stored one).
 [[nodiscard]] std::vector<StationRecord> stations_of(const storage::SlabRecord& record,
                                                      std::span<const BlockResult* const> blocks);
 
-/// Where an attempt's scan lies today: where it was stored, or under the same folder and name below `scans_dir`.
+/// Current path of an attempt's scan: where it was stored, or under the same folder and name below `scans_dir`.
 [[nodiscard]] std::string scan_at(const storage::SlabBlock& stored, const std::string& scans_dir);
 
-/// All recipes that can be read in a folder; `problems` names the others.
+/// All readable recipes of a folder; `problems` lists the others.
 [[nodiscard]] std::vector<Recipe> recipes_in(const std::string& dir, std::vector<daemon::Problem>& problems);
 }  // namespace slabd::cli

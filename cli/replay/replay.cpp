@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl replay: stored slabs measured again from their scans. Either everything that was stored must come out again
-// (--verify), or another recipe decides and the verdicts are compared (--recipe).
+// slabctl replay: measures stored slabs again from their scans. With --verify all stored results must be reproduced;
+// with --recipe another recipe judges, and the verdicts are compared.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -37,7 +37,7 @@ struct ReplayOptions {
   bool json = false;
 };
 
-/// Shown to people; JSON has all.
+/// Number of differences in the text output; JSON has all.
 constexpr std::size_t kDifferencesNamed = 3;
 
 void write_slab(Json& json, const SlabReplay& slab) {
@@ -104,7 +104,7 @@ struct ReplaySources {
   hal::ScanForm form;
 };
 
-/// The configuration says where recipes lie and how scans are written, unless the command line does.
+/// Recipes folder and scan form come from the command line, otherwise from the configuration.
 ReplaySources open_sources(const ReplayOptions& options) {
   ReplaySources sources;
   daemon::Config config;
@@ -118,12 +118,12 @@ ReplaySources open_sources(const ReplayOptions& options) {
   return sources;
 }
 
-/// Calls `work(record)` for every slab chosen, oldest first.
+/// Calls `work(record)` for every selected slab, oldest first.
 template <typename Work>
 void for_each_slab(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Work& work) {
   for (const std::int64_t key : keys) {
     const auto record = need(reader.slab(key), kNotReachable);
-    if (record) work(*record);  // else the daemon has pruned it meanwhile
+    if (record) work(*record);  // otherwise the daemon has pruned it meanwhile
   }
 }
 
@@ -133,7 +133,7 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
   static_cast<void>(report_problems(problems));
   Remeasurer remeasurer(options.threads, sources.form, options.scans_dir);
   std::array<int, 3> count{};
-  int with_scans = 0;  // of those not verified
+  int with_scans = 0;  // slabs that have scans, among those not verified
   Json json("slabd.replay/1");
   json.field("software", daemon::software_version()).field("threads", options.threads);
   json.field("instruction_set", algo::instruction_set()).key("slabs").begin_array();
@@ -161,14 +161,14 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
                options.threads, options.threads == 1 ? "" : "s", algo::instruction_set(),
                daemon::software_version().view());
   }
-  // Old scans are deleted as a matter of course: among many slabs that is no finding, of a named one it is.
+  // Old scans are deleted regularly: a slab without scans is a finding only if it was named.
   const bool enough = options.choice.slabs.empty() ? identical > 0 && with_scans == 0 : not_verified == 0;
   if (with_scans > 0)
     complain(fmt::format("of the slabs not verified {} could be measured: only the recipe is missing", with_scans));
   return differs == 0 && enough ? kDone : kNotPass;
 }
 
-/// What the slab would have come to with `recipe`; why not, when that cannot be said.
+/// Judges the slab with `recipe`; returns the reason if that is not possible.
 std::string decide_anew(storage::Reader& reader, const storage::SlabRecord& record, const Recipe& recipe,
                         Remeasurer& remeasurer, WhatIf& what_if) {
   const SlabHeader& slab = record.summary.header;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: years later somebody asks whether a verdict can be trusted. Idea: measure the stored scans again by the same
-// path and compare every stored figure. Same input, same bits: on one thread or two, on any instruction set, by any
-// build. So where a bit differs, something that went in is not what is recorded, and it is looked for: software,
-// recipe, calibration, the scan's file.
+// Problem: a verdict must be verifiable years later. Idea: measure the stored scans again with the same code and
+// compare every stored figure. The same input gives the same bits: on one thread or two, on any instruction set, in
+// any build. If a bit differs, an input differs from its record, and the program searches for it: software, recipe,
+// calibration, scan file.
 //
-// Invariant: what could not be compared is never called identical.
+// Invariant: data that could not be compared is never reported as identical.
 #include "cli/replay/verify.h"
 
 #include <fmt/core.h>
@@ -40,7 +40,7 @@ Result<const Recipe*> recipe_of(const SlabHeader& slab, storage::Reader& reader,
   return of_type;
 }
 
-/// The poses that count are stored with the slab and its attempts; this holds them against the records they came from.
+/// The effective poses are stored with the slab and its attempts; this compares them with their source records.
 Status check_calibration(storage::Reader& reader, const storage::SlabRecord& record,
                          std::vector<ChangedInput>& changed) {
   const SlabHeader& slab = record.summary.header;
@@ -82,7 +82,7 @@ std::string names_of(const std::vector<ChangedInput>& changed) {
   return names;
 }
 
-/// A version that names no commit for sure is that of many builds.
+/// A version without an exact commit is that of many builds.
 std::string this_build(const SlabHeader& slab) {
   const std::string_view version = slab.software.view();
   if (version.ends_with(".dirty") || version.ends_with("unknown"))
@@ -90,7 +90,7 @@ std::string this_build(const SlabHeader& slab) {
   return "this build measures otherwise under the same version";
 }
 
-/// Why the figures are not the same, as far as the records can tell.
+/// Reason for the difference, as far as the records show it.
 std::string reason_for_difference(const SlabHeader& slab, const std::vector<ChangedInput>& changed,
                                   const Remeasured& again) {
   std::string why;
@@ -126,14 +126,14 @@ BlockReplay replay_block(const SlabHeader& slab, const ScannerNumbers& verified,
   if (replay.outcome == ReplayOutcome::differs) {
     replay.why = reason_for_difference(slab, changed, again);
   } else if (again.altered) {
-    // A scan that was changed proves nothing, whatever comes out of it.
+    // A result from a changed scan proves nothing, even if it is identical.
     replay.outcome = ReplayOutcome::differs;
     replay.why = "the scan was changed: " + again.note + "; no stored figure shows it";
   }
   return replay;
 }
 
-/// What the slab's header repeats of its recipe: reports print it beside the verdict.
+/// Compares the recipe data in the slab's header, which reports print next to the verdict.
 void compare_header(const SlabHeader& stored, const Recipe& recipe, storage::Comparison& out) {
   const auto one = [&](const char* figure, double was, double is) {
     ++out.figures;
@@ -236,7 +236,7 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
   } else if (record.summary.verdict == Verdict::aborted) {
     replay.slab_why = "the slab was aborted: nothing was judged";
   } else {
-    // Stations whose scan is gone take part with what was stored, so that the judging itself is always verified.
+    // For stations without a scan the stored result is used, so that the judgement is always verified.
     std::vector<BlockResult> room(limits::kStationsMax);
     auto judged = std::make_unique<SlabResult>();
     daemon::judge_slab(*recipe, verified, stations_of(record, blocks), slab.T_base_slab, room, *judged);

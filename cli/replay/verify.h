@@ -10,17 +10,17 @@
 #include "cli/replay/remeasure.h"
 #include "storage/compare.h"
 
-/// Does a stored slab come out again, bit for bit? And if not, what is not as it was?
+/// Verifies that a stored slab is reproduced bit for bit, and finds changed inputs if it is not.
 namespace slabd::cli {
 
 enum class ReplayOutcome : std::uint8_t {
-  identical,     ///< everything that was stored came out again
-  differs,       ///< something did not, or a scan that should be there is not
-  not_verified,  ///< not everything could be measured and judged again; what could be is identical
+  identical,     ///< all stored data was reproduced
+  differs,       ///< some data was not, or a scan is missing that should exist
+  not_verified,  ///< not all data could be measured and judged again; the rest is identical
 };
 [[nodiscard]] std::string_view name(ReplayOutcome outcome);
 
-/// Something that a measurement rests on is not what is recorded.
+/// An input of a measurement that differs from its record.
 struct ChangedInput {
   std::string what;  ///< "software", "recipe", "calibration", "stations"
   std::string stored;
@@ -32,10 +32,10 @@ struct BlockReplay {
   int station = 0;
   int attempt = 0;
   std::string scan;
-  std::optional<std::uint32_t> crc32c_stored;  ///< of the points when they were measured; none: not kept
-  std::optional<std::uint32_t> crc32c_now;     ///< of those that the file holds; none: it could not be read
+  std::optional<std::uint32_t> crc32c_stored;  ///< of the points when measured; nullopt: not stored
+  std::optional<std::uint32_t> crc32c_now;     ///< of the points in the file; nullopt: it could not be read
   ReplayOutcome outcome = ReplayOutcome::not_verified;
-  std::string why;  ///< of what is not identical; of an identical one what is odd about its file
+  std::string why;  ///< reason for a difference; for an identical result, signs of a changed file
   storage::Comparison comparison;
 };
 
@@ -43,24 +43,24 @@ struct SlabReplay {
   SlabHeader header;
   Verdict verdict = Verdict::none;
   ReplayOutcome outcome = ReplayOutcome::not_verified;
-  std::string recipe;  ///< path of what it was measured again with; "sha:..." out of the database; empty: nothing
+  std::string recipe;  ///< path of the recipe used; "sha:..." from the database; empty if there was none
   std::vector<ChangedInput> changed;
   std::vector<BlockReplay> blocks;  ///< every attempt that was measured
-  bool slab_compared = false;       ///< it had ended with a verdict, and no block differs in what its scan was
+  bool slab_compared = false;       ///< the slab had a verdict, and no block differs because of its scan
   storage::Comparison slab;
   std::string slab_why;
-  bool scans_left = false;  ///< nothing was measured, though it has scans that are there
+  bool scans_left = false;  ///< the slab was not measured, although it has scans
 
   [[nodiscard]] std::size_t figures() const;
-  /// Scans whose points are those that were measured, by their checksum; and those of which none was kept.
+  /// Number of scans with unchanged points, by their checksum; and of those without a stored checksum.
   [[nodiscard]] std::size_t scans_proven() const;
   [[nodiscard]] std::size_t scans_without_checksum() const;
   [[nodiscard]] std::size_t differences() const;
 };
 
-/// Measures and judges the slab again with its recipe off the shelf: the very one that was recorded if it is there or
-/// in the database, else the one of its slab type, which is then a changed input. `ChangedInput`s are found against
-/// `reader`. journal_write: the database cannot be read.
+/// Measures and judges the slab again with its recipe from the shelf. That is the recorded one if the folder or the
+/// database contains it, otherwise that of its slab type, which then is a changed input. `ChangedInput`s are found by
+/// comparison with `reader`. Code::journal_write: the database cannot be read.
 [[nodiscard]] Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecord& record,
                                              RecipeShelf& shelf, Remeasurer& remeasurer);
 

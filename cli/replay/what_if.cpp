@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: a limit is about to be moved; how many slabs that were judged would have been judged otherwise, and by which
-// item? Each item counts once per slab and place: of the slope, which a block judges against its own slab top and the
-// slab against its frame, the slab's word where it has one.
+// Problem: before a limit is changed, find the number of stored slabs with another verdict, and the items that cause
+// it. Each item counts once per slab and place. A slope is judged by the block (own slab top) and by the slab (its
+// frame); the slab's judgement counts if there is one.
 #include "cli/replay/what_if.h"
 
 #include <fmt/core.h>

@@ -13,7 +13,7 @@
 #include "report/json.h"
 #include "storage/storage.h"
 
-/// What other limits or nominals would have decided on stored slabs: counts, item by item and slab by slab.
+/// Decisions of other limits or nominals on stored slabs: counts by item and by slab.
 namespace slabd::cli {
 
 /// Verdicts before and after.
@@ -21,7 +21,7 @@ using VerdictPair = std::pair<Verdict, Verdict>;
 
 struct VerdictTally {
   int count = 0;
-  std::map<VerdictPair, int> changes;  ///< only those that differ
+  std::map<VerdictPair, int> changes;  ///< only verdicts that differ
 
   void add(Verdict stored, Verdict now);
   [[nodiscard]] int changed() const;
@@ -29,13 +29,13 @@ struct VerdictTally {
 
 class WhatIf {
  public:
-  /// A slab that ended with a verdict, and what it would have come to: `stations` with their blocks as they would have
-  /// been, and the slab judged from them.
+  /// Adds a slab that ended with a verdict, and its new results: `stations` with their new blocks, and the slab judged
+  /// from them.
   void add(const storage::SlabRecord& stored, std::span<const StationRecord> stations, const SlabResult& now);
-  /// A slab about which nothing can be said; it counts in no share.
+  /// Adds a slab without new results; it is not part of any share.
   void leave_out(const SlabHeader& slab, std::string why);
 
-  /// Tables for people.
+  /// Tables as text.
   [[nodiscard]] std::string text(Style style) const;
   /// Fields `slabs`, `slabs_changed`, `share_changed`, `items`, `changed`, `left_out` of the open object.
   void write(Json& json) const;
@@ -61,7 +61,7 @@ class WhatIf {
 
   VerdictTally slabs_;
   std::array<VerdictTally, kItemCount> items_;
-  std::vector<ChangedSlab> changed_;  ///< a verdict of the slab or of an item
+  std::vector<ChangedSlab> changed_;  ///< slabs with a changed verdict of the slab or of an item
   std::vector<LeftOut> left_out_;
 };
 

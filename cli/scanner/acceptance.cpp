@@ -9,15 +9,15 @@
 #include "base/prng.h"
 #include "calib/calib.h"
 
-// Problem: U rests on what is assumed of the scanner, and an assumption is not a measurement. Idea: scan things whose
-// shape is known better than the scanner measures. Two kinds of error are told apart, because they act differently:
-// noise, which averages away over a feature as far as neighbouring points do not err together, and form, which does
-// not. Sums are taken in the order of the points, so the same scan gives the same figures.
+// Problem: U depends on assumptions about the scanner. Idea: scan objects whose shape is known better than the scanner
+// measures. Two kinds of error are distinguished, because they act differently. Noise averages out over a feature as
+// far as neighbouring points are uncorrelated; form does not. Sums are in the order of the points, so the same scan
+// gives the same figures.
 namespace slabd::cli {
 namespace {
 
 constexpr std::size_t kPlatePointsMin = 10'000;
-constexpr std::size_t kTriples = 300;  ///< half of the points may be something else: 1 - (1 - 0.5^3)^300 = 1 - 4e-18
+constexpr std::size_t kTriples = 300;  ///< half of the points may be other objects: 1 - (1 - 0.5^3)^300 = 1 - 4e-18
 constexpr std::size_t kSampleMax = 5'000;
 
 struct Plane {
@@ -36,7 +36,7 @@ std::vector<Vec3> finite_points(std::span<const float> xyz) {
   return points;
 }
 
-/// Least squares over those within `gate_mm` of `start`.
+/// Least-squares plane of the points within `gate_mm` of `start`.
 Plane refined(const std::vector<Vec3>& points, const Plane& start, double gate_mm) {
   Vec3 sum = Vec3::Zero();
   std::size_t count = 0;
@@ -56,7 +56,7 @@ Plane refined(const std::vector<Vec3>& points, const Plane& start, double gate_m
   return plane;
 }
 
-/// The plane with the most points within the gate, then least squares over them.
+/// The plane with the most points within the gate, refined by least squares.
 Plane find_plane(const std::vector<Vec3>& points, const AcceptanceSettings& settings) {
   Prng prng(settings.seed);
   std::vector<Vec3> sample;
@@ -82,7 +82,7 @@ Plane find_plane(const std::vector<Vec3>& points, const AcceptanceSettings& sett
   return best;
 }
 
-/// Range of residuals without the furthest few; how many those are.
+/// Range of the residuals without the few largest ones; `rejected` is their number.
 double range_of(std::vector<double> residuals, std::size_t& rejected) {
   rejected = static_cast<std::size_t>(kRejectedShareMax * static_cast<double>(residuals.size()));
   const std::size_t kept = residuals.size() - rejected;
@@ -100,7 +100,7 @@ double rms_of(const std::vector<double>& residuals) {
   return std::sqrt(sum / static_cast<double>(residuals.size()));
 }
 
-/// The plate's own coordinates, scaled to about -1 .. 1.
+/// Coordinates on the plate, scaled to about -1 .. 1.
 struct PlateFrame {
   Plane plane;
   Vec3 along;
@@ -123,7 +123,7 @@ struct PlateFrame {
   [[nodiscard]] double scale() const { return 0.5 * std::max(high.x() - low.x(), high.y() - low.y()); }
 };
 
-constexpr int kFormTerms = 15;  ///< of a polynomial of 4th order in two variables
+constexpr int kFormTerms = 15;  ///< terms of a polynomial of 4th order in two variables
 using Terms = Eigen::Matrix<double, kFormTerms, 1>;
 
 Terms terms_at(double u, double v) {
@@ -140,7 +140,7 @@ class Form {
   Form(const PlateFrame& frame, const std::vector<Vec3>& q) : scale_(frame.scale()) {
     Eigen::Matrix<double, kFormTerms, kFormTerms> normal = decltype(normal)::Zero();
     Terms right = Terms::Zero();
-    const std::size_t step = std::max<std::size_t>(1, q.size() / 200'000);  // form is smooth: not every point is needed
+    const std::size_t step = std::max<std::size_t>(1, q.size() / 200'000);  // form is smooth: a sample is enough
     for (std::size_t i = 0; i < q.size(); i += step) {
       const Terms t = terms_at(q[i].x() / scale_, q[i].y() / scale_);
       normal.noalias() += t * t.transpose();
@@ -155,10 +155,10 @@ class Form {
   Terms coefficients_;
 };
 
-/// What the plate's cells say: the scanner's form, and over which length it was seen.
+/// Figures from the plate's cells: the scanner's form error, and the length over which it was measured.
 struct CellFigures {
   double form_half_mm = kNoValue;  ///< half the range of the means of cells that are well filled
-  double length_mm = kNoValue;     ///< longest way across them
+  double length_mm = kNoValue;     ///< longest distance across them
 };
 
 CellFigures figures_of_cells(const std::vector<Vec3>& q, double cell_mm) {
@@ -182,7 +182,7 @@ CellFigures figures_of_cells(const std::vector<Vec3>& q, double cell_mm) {
   double high = -1e300;
   for (auto& [key, cell] : cells) {
     if (2 * cell.count < most) {
-      cell.count = 0;  // at the border, or a few points of something else that the plane happens to pass through
+      cell.count = 0;  // at the border, or points of another object that the plane passes through
       continue;
     }
     const double mean = cell.sum / static_cast<double>(cell.count);
@@ -190,7 +190,7 @@ CellFigures figures_of_cells(const std::vector<Vec3>& q, double cell_mm) {
     high = std::max(high, mean);
   }
   if (high < low) return {};
-  // The width seen from 16 directions; between two of them it is 0.5 % less at most, which only makes U larger.
+  // Width in 16 directions; between two of them the error is at most 0.5 %, which only makes U larger.
   constexpr int kDirections = 16;
   std::array<double, kDirections> least;
   std::array<double, kDirections> most_along;
@@ -215,7 +215,7 @@ CellFigures figures_of_cells(const std::vector<Vec3>& q, double cell_mm) {
   return figures;
 }
 
-/// Autocovariance along the rows of the grid, up to this many steps.
+/// Lags of the autocovariance along the rows of the grid.
 constexpr std::size_t kLagsMax = 64;
 
 NoiseFigures noise_of(std::span<const float> xyz, const ScanShape& shape, const PlateFrame& frame, const Form& form,
@@ -228,14 +228,14 @@ NoiseFigures noise_of(std::span<const float> xyz, const ScanShape& shape, const 
   }
   noise.sigma_mm = std::sqrt(sum2 / static_cast<double>(q.size()));
   if (shape.width < 2 * kLagsMax || shape.height == 0) return noise;
-  // Single far points would only add white noise to what hangs together.
+  // Single far points would only add white noise to the correlated part.
   const double far_mm = std::min(gate_mm, 6.0 * noise.sigma_mm);
   std::array<double, kLagsMax + 1> product{};
   std::array<std::size_t, kLagsMax + 1> pairs{};
   std::vector<double> row(shape.width);
   double pitch_sum = 0.0;
   std::size_t pitch_count = 0;
-  const std::size_t row_step = std::max<std::size_t>(1, shape.height / 400);  // 400 rows say enough
+  const std::size_t row_step = std::max<std::size_t>(1, shape.height / 400);  // 400 rows are enough
   for (std::size_t r = 0; r < shape.height; r += row_step) {
     Vec3 before = Vec3::Constant(kNoValue);
     for (std::size_t c = 0; c < shape.width; ++c) {
@@ -265,14 +265,14 @@ NoiseFigures noise_of(std::span<const float> xyz, const ScanShape& shape, const 
     const double share = product[lag] / static_cast<double>(pairs[lag]) / variance;
     constexpr double kFallen = 0.36787944117144233;  // 1/e
     if (share <= kFallen) {
-      // Neighbours that already have nothing in common: shorter than can be seen.
+      // Neighbours are uncorrelated: the length is below the resolution.
       noise.correlation_mm = lag == 1 && share < 0.05
                                  ? 0.0
                                  : noise.pitch_mm * (static_cast<double>(lag - 1) + (last - kFallen) / (last - share));
       break;
     }
     last = share;
-    // Further than this was not looked: at least so far.
+    // Larger lags are not computed: the length is at least this.
     if (lag == kLagsMax) noise.correlation_mm = noise.pitch_mm * static_cast<double>(kLagsMax);
   }
   return noise;
@@ -283,7 +283,7 @@ struct Sphere {
   double radius;
 };
 
-/// Least squares of the radial distances, radius free.
+/// Least-squares fit of the radial distances, with free radius.
 Sphere fit_sphere(const std::vector<Vec3>& points, Sphere sphere) {
   for (int round = 0; round < 20; ++round) {
     Eigen::Matrix4d normal = Eigen::Matrix4d::Zero();
@@ -354,7 +354,7 @@ Result<BallFigures> judge_ball(std::span<const float> xyz, double diameter_mm, c
   search.radius_mm = 0.5 * diameter_mm;
   const Result<calib::BallView> view = calib::find_balls(xyz, search);
   if (!view) return view.error();
-  // The gates of a calibration are stricter than a test of the scanner may be: a bad scanner has figures too.
+  // The gates of a calibration are stricter than those of a scanner test, because a bad scanner must also get figures.
   if (view.value().balls.empty() || !view.value().balls[0].centre_mm.allFinite())
     return error(Code::block_not_found, "no ball of %.3f mm: %s", diameter_mm, view.value().words.reason.c_str());
   Sphere sphere{view.value().balls[0].centre_mm, search.radius_mm};

@@ -7,8 +7,8 @@
 #include "base/base.h"
 #include "base/jobs.h"
 
-/// What a scanner makes of a flat plate and of a ball, in the terms of VDI/VDE 2634 part 2 (area-scanning systems).
-/// Pure: scans in (mm, 3 floats a point, NaN = missing), figures out.
+/// Acceptance figures of a scanner from scans of a flat plate and of a ball, in the terms of VDI/VDE 2634 part 2
+/// (area-scanning systems). Pure functions of scans (mm, 3 floats a point, NaN = missing).
 ///
 ///   PF  probing error form: range of the radial distances of the points from their least-squares sphere
 ///   PS  probing error size: diameter of that sphere minus the certified one
@@ -18,36 +18,37 @@
 namespace slabd::cli {
 
 inline constexpr double kRejectedShareMax = 0.003;
-inline constexpr double kBesideShareMax = 0.1;  ///< of the points within kBesideGates gates of a plate
+inline constexpr double kBesideShareMax = 0.1;  ///< share of the points within kBesideGates gates of a plate
 inline constexpr double kBesideGates = 5.0;
 
 struct AcceptanceSettings {
-  double gate_mm = 1.0;  ///< further from the plate, or the sphere, than this is something else in the scan
+  double gate_mm = 1.0;  ///< points further from the plate or the sphere belong to other objects
   double incidence_max_rad = rad_from_deg(60.0);  ///< on the ball
-  double form_cell_mm = 10.0;                     ///< noise is averaged over this before the scanner's form is taken
-  std::uint64_t seed = 1;                         ///< of the search for the plate's plane
+  double form_cell_mm = 10.0;  ///< cell size for averaging the noise before the scanner's form is computed
+  std::uint64_t seed = 1;      ///< seed of the search for the plate's plane
 };
 
-/// How the noise of neighbouring points hangs together. Form (what a surface of 4th order follows) is taken out first.
+/// Correlation of the noise of neighbouring points. The form (a surface of 4th order) is removed first.
 struct NoiseFigures {
-  double sigma_mm = kNoValue;        ///< of one point, along the plate's normal
-  double correlation_mm = kNoValue;  ///< along a row: where the correlation has fallen to 1/e; NaN: no rows
+  double sigma_mm = kNoValue;        ///< standard deviation of one point, along the plate's normal
+  double correlation_mm = kNoValue;  ///< along a row: distance at which the correlation is 1/e; NaN: rows too short
   double pitch_mm = kNoValue;        ///< between neighbours of a row
 };
 
 struct PlateFigures {
   std::size_t points = 0;                     ///< on the plate
-  std::size_t rejected = 0;                   ///< of these left out of RF
-  Vec3 centre_mm = Vec3::Constant(kNoValue);  ///< of these
+  std::size_t rejected = 0;                   ///< number of them left out of RF
+  Vec3 centre_mm = Vec3::Constant(kNoValue);  ///< centre of the points on the plate
   Vec3 normal = Vec3::Constant(kNoValue);     ///< towards the scanner
-  double length_mm = kNoValue;                ///< longest way across the cells that are well filled
+  double length_mm = kNoValue;                ///< longest distance across the well-filled cells
   double RF_mm = kNoValue;
   double rms_mm = kNoValue;        ///< of all points on the plate
-  double form_half_mm = kNoValue;  ///< half the range of the means of cells: what does not average away
+  double form_half_mm = kNoValue;  ///< half the range of the cell means: the part that does not average out
   NoiseFigures noise;
 };
-/// too_few_points: fewer than 10,000 points of one plane. block_not_found: more than kBesideShareMax of the points near
-/// the plane are not on it, so what was found is a slice of something bent, or other things stand beside the plate.
+/// Code::too_few_points: fewer than 10,000 points of one plane. Code::block_not_found: more than kBesideShareMax of
+/// the points near the plane are not on it. The plane is then a section of a curved surface, or other objects are next
+/// to the plate.
 [[nodiscard]] Result<PlateFigures> judge_plate(std::span<const float> xyz, const ScanShape& shape,
                                                const AcceptanceSettings& settings);
 
@@ -60,12 +61,13 @@ struct BallFigures {
   double PS_mm = kNoValue;
   double rms_mm = kNoValue;
 };
-/// `diameter_mm` certified. block_not_found: there is no such ball in the scan; the text says why.
+/// `diameter_mm` is the certified one. Code::block_not_found: the scan does not contain such a ball; the text has the
+/// reason.
 [[nodiscard]] Result<BallFigures> judge_ball(std::span<const float> xyz, double diameter_mm,
                                              const AcceptanceSettings& settings);
 
-// Two scans look at one place when the artefact hardly moved in between: many of them say little about the volume.
+// Two scans are of one place if the artefact was hardly moved between them: such scans cover little of the volume.
 inline constexpr double kPlaceApart_mm = 10.0;
-inline constexpr double kPlaceApart_rad = rad_from_deg(5.0);  ///< of a plate's normal
+inline constexpr double kPlaceApart_rad = rad_from_deg(5.0);  ///< angle between the plates' normals
 
 }  // namespace slabd::cli

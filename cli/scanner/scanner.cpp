@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl scanner: the group, and its history: the verifications that the database keeps, oldest first.
+// slabctl scanner: the command group, and its history: the verifications in the database, oldest first.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -25,7 +25,7 @@ std::string number(const json& record, const char* key) {
 
 bool is_verification(const json& record) {
   if (!record.is_object()) return false;
-  // A word that is no word would throw below.
+  // A value that is not a string would throw below.
   for (const char* key : {"schema", "utc", "scanner", "id"})
     if (const auto at = record.find(key); at != record.end() && !at->is_string()) return false;
   return record.value("schema", "") == "slabd.scanner_verification/1";
@@ -36,7 +36,7 @@ void add_records(const daemon::Config& config, std::vector<json>& records) {
   if (reader == nullptr) return;
   const auto all = need(reader->calibrations(), kNotReachable);
   const auto now = need(reader->current(CalibrationKind::scanner), kNotReachable);
-  // They come newest first; two of one second stay in the order in which they were kept.
+  // The database returns the newest first; records of the same second keep their order.
   for (auto it = all.rbegin(); it != all.rend(); ++it) {
     const storage::CalibrationRecord& kept = *it;
     if (kept.kind() != CalibrationKind::scanner) continue;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl scanner send: scan files as answers over TCP, for whoever writes a gateway and wants to see one that works.
+// slabctl scanner send: delivers scan files over TCP, as a reference for developers of a gateway.
 #include <fmt/core.h>
 
 #include <atomic>
@@ -46,7 +46,7 @@ Scan read(const std::string& path, const hal::ScanForm& form) {
   return scan;
 }
 
-/// "address:port".
+/// Splits "address:port".
 bool split(const std::string& to, std::string& host, std::uint16_t& port) {
   const std::size_t colon = to.rfind(':');
   const std::string digits = colon == std::string::npos ? "" : to.substr(colon + 1);
@@ -58,7 +58,7 @@ bool split(const std::string& to, std::string& host, std::uint16_t& port) {
   return true;
 }
 
-/// Delivers one scan; tries again, from where it was cut, while the time lasts.
+/// Delivers one scan; retries from the cut until `until`.
 void deliver(StreamGateway& gateway, const Scan& scan, const std::string& file, const Options& options,
              Clock::time_point until) {
   const std::int64_t utime_us =

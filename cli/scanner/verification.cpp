@@ -15,7 +15,7 @@
 namespace slabd::cli {
 namespace {
 
-/// NaN counts as not seen.
+/// Largest value; NaN means not measured.
 template <typename List, typename Value>
 double worst(const List& list, Value value) {
   double most = kNoValue;
@@ -23,7 +23,7 @@ double worst(const List& list, Value value) {
   return most;
 }
 
-/// How many of them lie apart from all that came before and count.
+/// Number of items that are apart from all counted ones before them.
 template <typename List, typename Apart>
 std::size_t places(const List& list, Apart apart) {
   std::vector<const typename List::value_type*> counted;
@@ -71,7 +71,7 @@ ScannerNumbers numbers_of(const Verification& v) {
   n.PS_mm = worst(v.balls, [](const VerifiedBall& b) { return std::abs(b.figures.PS_mm); });
   n.RF_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.RF_mm; });
   n.form_half_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.form_half_mm; });
-  // The same form over less length tilts more.
+  // The same form error over a smaller length gives a larger tilt.
   n.form_length_mm = -worst(v.plates, [](const VerifiedPlate& p) { return -p.figures.length_mm; });
   n.noise_sigma_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.noise.sigma_mm; });
   n.noise_correlation_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.noise.correlation_mm; });
@@ -83,7 +83,7 @@ ScannerNumbers numbers_of(const Verification& v) {
 std::vector<std::string> limits_broken(const Verification& v) {
   std::vector<std::string> broken;
   const auto judge = [&](const char* figure, double value, double limit) {
-    if (std::isnan(limit) || value <= limit) return;  // a figure that is NaN is not within its limit
+    if (std::isnan(limit) || value <= limit) return;  // NaN is not within its limit
     broken.push_back(std::isnan(value) ? fmt::format("{} was not measured (allowed {:.4f} mm)", figure, limit)
                                        : fmt::format("{} {:.4f} mm (allowed {:.4f} mm)", figure, value, limit));
   };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl scanner verify: the scanner against a plate and a ball, and, kept and applied, what U rests on from then on.
+// slabctl scanner verify: measures the scanner with a plate and a ball; a stored and applied result is used for U.
 #include <fmt/core.h>
 
 #include <cmath>
@@ -28,14 +28,14 @@ struct Options {
   std::vector<std::string> balls;
   ScanFormOptions form;
   AcceptanceSettings settings;
-  Verification verification;  ///< scanner, diameter and limits come from the command line
+  Verification verification;  ///< scanner, diameter and limits are from the command line
   std::string out;
   RecordOptions record;  ///< --apply, --by, --reason, --expires-days, --config
   bool keep = false;
   bool as_json = false;
 };
 
-/// Reads each file and judges it.
+/// Reads each file and evaluates it.
 void each(
     const std::vector<std::string>& files, const hal::ScanForm& form,
     const std::function<std::optional<Error>(const std::string&, std::span<const float>, const ScanShape&)>& judge,
@@ -46,7 +46,7 @@ void each(
     progress.next(file);
     const ScanShape shape = need(hal::read_scan(file.c_str(), form, std::span<float>(xyz)), kBadInput);
     const std::span<const float> points = std::span(xyz).first(3 * shape.points);
-    // One scan given ten times would make ten places of one.
+    // The same scan ten times would count as ten places.
     if (const auto [first, is_new] = seen.try_emplace(hal::points_crc32c(points), file); !is_new)
       stop(kBadInput,
            fmt::format("{}: the same points as {}; every place needs a scan of its own", file, first->second));
@@ -97,7 +97,7 @@ void warn(const Verification& v) {
     complain(
         "warning: how far the noise of neighbours hangs together was not seen, because no plate's scan has rows of 128 "
         "points or more; U takes what each scan shows of it");
-  // Noise of its own in every point falls to 1/e within one.
+  // Independent noise in every point falls to 1/e within one point.
   constexpr double kSharedPoints = 1.5;
   for (const VerifiedPlate& p : v.plates)
     if (const NoiseFigures& noise = p.figures.noise; noise.correlation_mm > kSharedPoints * noise.pitch_mm)
@@ -130,8 +130,9 @@ void print(const Verification& v) {
     fmt::print("\nfor [uncertainty] of the recipe, where there is no acceptance in force:\n{}", lines);
 }
 
-/// Keeps the record and puts it in force, as far as it may be. One that is out of its limits is never put in force but
-/// always kept: the line has to know of it. A failure is printed and returned: the figures must still be shown.
+/// Stores the record and puts it in force if it is valid. A record out of its limits is always stored, because the
+/// line must warn of it, but never put in force. A failure is printed and returned, because the figures must still be
+/// shown.
 Exit keep(const Options& options, const Verification& v, std::int64_t utime_us, Kept& kept) {
   Exit status = kDone;
   const ScannerNumbers numbers = numbers_of(v);

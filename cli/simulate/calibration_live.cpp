@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One thread drives: it looks for requests, draws what the scanner sees, and sends the robot on a moment after the last
-// scan of a view was given, when the daemon has seen the robot stand still over it. The robot publishes on its own
-// thread. Whoever takes views only has to ask for one after the other: a view that is asked for while the robot drives
-// waits until it stands.
+// One thread drives: it polls for requests, draws the scans, and moves the robot on. It does so shortly after the last
+// scan of a view, when the daemon has detected that the robot did not move. The robot publishes in its own thread. A
+// client can request views one after the other: a request during a motion waits until the robot has stopped.
 #include "cli/simulate/calibration_live.h"
 
 #include <fmt/core.h>
@@ -34,12 +33,12 @@ using namespace std::chrono_literals;
 
 constexpr auto kLookEvery = 5ms;
 constexpr auto kFollowEvery = 200ms;
-/// The daemon needs poses from after the scan; less than the second of standing that the next view begins with, so that
-/// no view can be taken twice from one place.
+/// Time at rest after a scan. The daemon needs poses from after the scan. It is shorter than the second at rest before
+/// a view, so that two views cannot be taken from one pose.
 constexpr auto kStandsOn = 600ms;
-/// Encoders of a robot that is held for a calibration; production trembles more (RobotTraits).
+/// Encoder tremor of a robot held for a calibration; in production it is larger (RobotTraits).
 constexpr double kTremorMm = 0.0008;
-/// How high over the slab's middle the target stands.
+/// Height of the target above the slab's centre.
 constexpr double kTargetAboveSlabMm = 200.0;
 
 std::atomic<bool> g_stop{false};
@@ -111,7 +110,7 @@ class LiveCell {
     say_view();
   }
 
-  /// The file may be half-written when it is looked at: what cannot be read is left for the next look.
+  /// Reads the file of poses. It may be half-written; what cannot be parsed is read again later.
   void follow() {
     if (Clock::now() < look_again_at_) return;
     look_again_at_ = Clock::now() + kFollowEvery;
@@ -135,7 +134,7 @@ class LiveCell {
   RobotPeer& robot_;
   std::vector<Pose> views_;
   std::array<double, 7> standing_at_;
-  std::size_t view_ = 1;  ///< the robot's how-manieth coming; its repeatability is new at each
+  std::size_t view_ = 1;  ///< number of the robot's visit; the repeatability error is new at each
   int shots_ = 0;
   bool goes_on_ = false;
   bool all_said_ = false;
@@ -171,7 +170,7 @@ int run_calibration_live(CalibrationLiveOrder order) {
   if (!order.poses_file.empty()) {
     views = cli::need(poses_in(order.poses_file));
   } else if (!order.follow_file.empty()) {
-    // Nobody may have suggested a pose yet: the first view is then the plan's.
+    // The file may not contain a pose yet: the first view is then the plan's.
     const Result<std::vector<Pose>> poses = poses_in(order.follow_file);
     views = {poses.ok() ? poses.value().back() : views.front()};
   }

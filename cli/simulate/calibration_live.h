@@ -8,28 +8,27 @@
 #include "cli/simulate/calibration_scene.h"
 #include "hal/hal.h"
 
-/// Robot and scanner before a calibration target, as peers of a running daemon: the robot drives from view to view and
-/// publishes where it says it stands, the scanner answers the daemon's requests with what it sees from where the robot
-/// really stands.
+/// Robot and scanner with a calibration target, as peers of a running daemon. The robot moves from view to view and
+/// publishes its reported pose; the scanner answers the daemon's requests with scans from the real pose.
 namespace slabd::simulate {
 
 struct CalibrationLiveOrder {
   CalibrationTraits scene;
   CalibrationScanTraits scan;
-  std::string config;   ///< the daemon's
+  std::string config;   ///< the daemon's configuration
   std::string recipe;   ///< for the reference block
-  std::string out_dir;  ///< empty, or where certificate.txt, flange.txt (the views) and truth.json are written
+  std::string out_dir;  ///< folder for certificate.txt, flange.txt (the views) and truth.json; may be empty
   int views = 24;
-  int shots = 3;            ///< scans at every view; then the robot goes on
-  std::string poses_file;   ///< not empty: the views, one T_base_flange a line in the neutral form
-  std::string follow_file;  ///< not empty: the robot goes to the last line of this file whenever it changes
+  int shots = 3;            ///< scans per view before the robot moves on
+  std::string poses_file;   ///< if given: the views, one T_base_flange a line in slabd's own form
+  std::string follow_file;  ///< if given: the robot moves to the last line of this file whenever it changes
   double move_s = 0.5;
   double rate_hz = 125.0;
-  bool keep_flange = false;  ///< T_flange_scanner was given; else it is the configuration's
-  bool keep_target = false;  ///< T_base_target was given; else it stands over the middle of the configured slab
+  bool keep_flange = false;  ///< T_flange_scanner was given; otherwise it is the configuration's
+  bool keep_target = false;  ///< T_base_target was given; otherwise it is over the centre of the configured slab
 };
 
-/// Runs until it is interrupted (Ctrl-C); returns the exit status. Says on stderr which view the robot stands at.
+/// Runs until it is interrupted (Ctrl-C); returns the exit status. Prints the current view to stderr.
 [[nodiscard]] int run_calibration_live(CalibrationLiveOrder order);
 
 }  // namespace slabd::simulate

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Three steps: the scene in the target's frame, its depth in every pixel from where the scanner really stands, and what
-// a scanner makes of depths: shadows of the projector, gaps, noise of both kinds, mixed points at edges, outliers.
+// Three steps: the scene in the target's frame, its depth in every pixel from the real scanner pose, and the scanner's
+// errors: shadows of the projector, gaps, noise of both kinds, mixed points at edges, outliers.
 #include "cli/simulate/calibration_scene.h"
 
 #include <algorithm>
@@ -14,17 +14,17 @@
 namespace slabd::simulate {
 namespace {
 
-/// Beyond this incidence a matt surface returns nothing that could be used.
+/// Beyond this incidence a matt surface gives no usable return.
 const double kIncidenceCosineMin = std::cos(rad_from_deg(80.0));
-/// A step of depth that makes an edge.
+/// A depth step that counts as an edge.
 constexpr double kEdgeMm = 2.0;
 constexpr double kPostRadiusMm = 6.0;
 constexpr double kTableBelowMm = 130.0;
 constexpr double kFrameBelowMm = 60.0;
-/// Where a target may stand before the scanner and still be whole in the picture (350 x 500 mm at 600 mm), and how far
-/// the scanner may tilt: a block is registered from near its nominal view only.
+/// Range of target positions that are completely in the picture (350 x 500 mm at 600 mm), and of the scanner's tilt. A
+/// block is only registered from near its nominal view.
 struct ViewRange {
-  double free_x_mm, free_y_mm;  ///< from the middle, at 600 mm
+  double free_x_mm, free_y_mm;  ///< from the centre, at 600 mm
   double near_mm, far_mm;
   double tilt_min_deg, tilt_max_deg;
   double roll_deg;
@@ -45,7 +45,7 @@ double within(Prng& random, double amplitude) {
   return amplitude * (2.0 * random.uniform() - 1.0);
 }
 
-/// No two distances within 15 mm of each other, and not flat.
+/// Ball centres that are not flat and whose distances differ by at least 15 mm.
 std::vector<Vec3> artefact_balls() {
   return {Vec3(-78.0, -52.0, 0.0), Vec3(92.0, -40.0, 12.0), Vec3(-20.0, 84.0, -10.0)};
 }
@@ -62,7 +62,7 @@ calib::ArtefactCertificate certify(const CalibrationTraits& traits) {
   return c;
 }
 
-/// Everything but the block, in the target's frame.
+/// All objects except the block, in the target's frame.
 Solids build(const CalibrationTraits& traits, const calib::ArtefactCertificate& certificate) {
   Solids solids;
   if (traits.kind == TargetKind::block) return solids;
@@ -77,14 +77,14 @@ Solids build(const CalibrationTraits& traits, const calib::ArtefactCertificate& 
         {Vec3(0.0, 15.0, -traits.ball_radius_mm - kFrameBelowMm), Vec3(125.0, 0.0, 0.0), Vec3(0.0, 105.0, 0.0)});
   if (!traits.clutter) return solids;
   solids.plates.push_back({Vec3(0.0, 0.0, table_z), Vec3(600.0, 0.0, 0.0), Vec3(0.0, 600.0, 0.0)});
-  // A wall behind, a rod, and a ball that is another one.
+  // A wall in the back, a rod, and a foreign ball.
   solids.plates.push_back({Vec3(-230.0, 0.0, table_z + 45.0), Vec3(0.0, 250.0, 0.0), Vec3(0.0, 0.0, 45.0)});
   solids.posts.push_back({Vec3(165.0, 130.0, table_z), Vec3(165.0, 130.0, table_z + 80.0), 10.0});
   solids.balls.push_back({Vec3(-150.0, 155.0, table_z + 0.7 * traits.ball_radius_mm), 0.7 * traits.ball_radius_mm});
   return solids;
 }
 
-/// A plate right before every ball, so that its edge hides the given share of the disc seen.
+/// Adds a plate before every ball, whose edge hides the given share of the visible disc.
 void hide(Solids& solids_scanner, std::size_t balls, double share) {
   if (share <= 0.0) return;
   for (std::size_t k = 0; k < balls; ++k) {
@@ -98,7 +98,7 @@ void hide(Solids& solids_scanner, std::size_t balls, double share) {
   }
 }
 
-/// The depth picture becomes a scan.
+/// Converts the depth picture into a scan.
 class ScanMaker {
  public:
   ScanMaker(const CalibrationScanTraits& traits, std::uint64_t seed, const Picture& picture, const Solids& solids)
@@ -121,7 +121,7 @@ class ScanMaker {
     xyz.reserve(3 * picture_.depth_mm.size());
     for (std::size_t row = 0; row < picture_.rows; ++row)
       for (std::size_t column = 0; column < picture_.columns; ++column) {
-        // Drawn for every pixel, so that a scene's change moves nothing else.
+        // Drawn for every pixel, so that a change of the scene does not change other pixels.
         Draws draws;
         draws.edge = random.uniform();
         draws.fault = random.uniform();
@@ -146,19 +146,19 @@ class ScanMaker {
     return static_cast<double>(picture_.depth_mm[row * picture_.columns + column]);
   }
 
-  /// What chance decides about one pixel.
+  /// Random numbers of one pixel.
   struct Draws {
-    double edge = 0.0;   ///< is it a mixed point, if it lies at an edge?
-    double fault = 0.0;  ///< is it missing, or an outlier?
-    double place = 0.0;  ///< where between front and back, or how far off
+    double edge = 0.0;   ///< for a mixed point at an edge
+    double fault = 0.0;  ///< for a missing point or an outlier
+    double place = 0.0;  ///< position between front and back, or distance of an outlier
     double noise = 0.0;  ///< standard normal
   };
 
-  /// How much further than `z` a neighbour lies, at most; 0 without an edge.
+  /// Largest distance of a neighbour behind `z`; 0 without an edge.
   [[nodiscard]] double step_behind(std::size_t row, std::size_t column, double z) const {
     double behind = 0.0;
     const auto look = [&](std::size_t r, std::size_t c) {
-      if (r < picture_.rows && c < picture_.columns) behind = std::max(behind, at(r, c) - z);  // NaN counts for nothing
+      if (r < picture_.rows && c < picture_.columns) behind = std::max(behind, at(r, c) - z);  // NaN is ignored
     };
     look(row, column + 1);
     look(row, column - 1);
@@ -167,7 +167,7 @@ class ScanMaker {
     return behind > kEdgeMm ? behind : 0.0;
   }
 
-  /// Cosine of the incidence, from the depths around; 1 at the picture's border.
+  /// Cosine of the incidence angle, from the neighbouring depths; 1 at the picture's border.
   [[nodiscard]] double incidence_cosine(std::size_t row, std::size_t column, const Vec3& ray, double z) const {
     if (row + 1 >= picture_.rows || column + 1 >= picture_.columns) return 1.0;
     const double right = at(row, column + 1);
@@ -182,7 +182,7 @@ class ScanMaker {
     if (traits_.projector_mm == 0.0) return false;
     const Vec3 projector(traits_.projector_mm, 0.0, 0.0);
     const Vec3 towards = projector - p;
-    // Beginning a little outside of the surface itself.
+    // The start is slightly off the surface.
     return solids_.first_met(p, towards, 0.5 / towards.norm()) < 1.0;
   }
 
@@ -252,7 +252,7 @@ std::vector<Pose> CalibrationScene::plan_views(int count) const {
   const ViewRange range = range_of(traits_.kind);
   std::vector<Pose> flange;
   for (int i = 0; i < count; ++i) {
-    // Golden sections spread tilt, azimuth and roll evenly over any number of views.
+    // Golden sections distribute tilt, azimuth and roll evenly over any number of views.
     const auto spread = [&](double ratio) { return std::fmod(0.5 + ratio * i, 1.0); };
     const double tilt_deg = range.tilt_min_deg + (range.tilt_max_deg - range.tilt_min_deg) * spread(0.618034);
     const double tilt = rad_from_deg(std::max(0.0, tilt_deg + within(random, 1.0)));

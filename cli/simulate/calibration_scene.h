@@ -12,11 +12,12 @@
 #include "emulator/robot_error.h"
 #include "emulator/scan_drawing.h"
 
-/// What the emulated scanner sees while it is being calibrated: a tooling ball on its post, an artefact of three balls,
-/// or the reference block, with a table, a wall, a rod and a foreign ball around, in scans with noise of both kinds,
+/// Calibration scene of the emulated scanner: a tooling ball on its post, an artefact of three balls, or the reference
+/// block, with a table, a wall, a rod and a foreign ball. Scans have noise of both kinds, mixed points at edges, and
+/// shadows of the projector. The seed determines everything, and the truth is known.
 /// mixed points at edges, and shadows of the projector. Everything is decided by the seed, and the truth is known.
 ///
-/// Written without a line of calib's ball finding: what measures must not share errors with what is measured.
+/// The code shares nothing with calib's ball finding, so that the emulator and the measurement do not share errors.
 namespace slabd::simulate {
 
 enum class TargetKind : std::uint8_t { ball, artefact, block };
@@ -39,13 +40,13 @@ struct CalibrationScanTraits {
   std::size_t columns = 640;           ///< 2048 for a full scan
   std::size_t rows = 768;              ///< 2448
   double noise_mm = 0.03;              ///< white, along the ray
-  double correlated_mm = 0.0;          ///< and what neighbouring points have in common ...
+  double correlated_mm = 0.0;          ///< noise that neighbouring points share ...
   double correlation_length_mm = 2.0;  ///< ... over this length, at the nominal stand-off
-  double flyer_share = 0.3;            ///< of the pixels at an edge: lies somewhere between front and back
+  double flyer_share = 0.3;            ///< of the pixels at an edge: is between front and back
   double outlier_share = 0.0005;
   double missing_share = 0.01;
-  double projector_mm = 100.0;  ///< its distance from the camera along X; 0 = no shadows
-  /// Share of the ball (of every ball) hidden behind a plate, from the side of scanner +X; 0 = none.
+  double projector_mm = 100.0;  ///< distance of the projector from the camera along X; 0: no shadows
+  /// Share of the ball (of every ball) hidden behind a plate, from the side of scanner +X; 0: none.
   double hidden_share = 0.0;
   bool organised = true;
 
@@ -60,23 +61,23 @@ struct CalibrationScanTraits {
 
 class CalibrationScene {
  public:
-  /// config: a radius that is not 5..60 mm; kind block without a recipe.
+  /// Code::config: a radius outside 5..60 mm, or kind block without a recipe.
   [[nodiscard]] static Result<CalibrationScene> make(const CalibrationTraits& traits, const Recipe* recipe = nullptr);
 
   [[nodiscard]] const CalibrationTraits& traits() const { return traits_; }
   [[nodiscard]] const RobotError& robot() const { return robot_; }
-  /// kind artefact: what the laboratory certified (here without error); kind ball: one ball at the origin.
+  /// Kind artefact: the laboratory's values (here without error); kind ball: one ball at the origin.
   [[nodiscard]] const calib::ArtefactCertificate& certificate() const { return certificate_; }
 
-  /// Poses as a good operator chooses them, T_base_flange as the controller will report them: tilts of 20..35 degrees
-  /// to all sides, rolls of +-90, the target in the middle and the corners of the picture, near, mid and far.
+  /// Views that a good operator would choose, as T_base_flange reported by the controller: tilts of 20..35 degrees to
+  /// all sides, rolls of +-90, the target in the middle and the corners of the picture, near, mid and far.
   [[nodiscard]] std::vector<Pose> plan_views(int count) const;
 
-  /// Where the target really is in the scanner's frame when the controller reports `T_base_flange` on visit `visit`.
+  /// Real pose of the target in the scanner's frame when the controller reports `T_base_flange` on visit `visit`.
   [[nodiscard]] Pose T_scanner_target(const Pose& T_base_flange, std::uint64_t visit) const;
 
-  /// Draws what the scanner sees from there into `xyz` (3 floats a point, resized). config: the target is not in front
-  /// of the scanner. The same arguments give the same bits; `shot` changes the scan's noise alone. About 0.1 s, and 1 s
+  /// Draws the scan from there into `xyz` (3 floats a point, resized). Code::config: the target is not in front of the
+  /// scanner. The same arguments give the same bits; `shot` changes only the scan's noise. Takes about 0.1 s, and 1 s
   /// for a full scan.
   [[nodiscard]] Result<DrawnScan> draw(const Pose& T_base_flange, std::uint64_t visit,
                                        const CalibrationScanTraits& scan, std::vector<float>& xyz,

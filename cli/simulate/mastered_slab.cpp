@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Seat points as a scan would give them, without drawing ninety scans: what registration and plane fit of a scan of
-// five million points are off by is known (a few micrometres), and the rest of a visit is where the robot really stood.
+// Seat points as from scans, without drawing ninety of them. The error of registration and plane fit with five million
+// points is known (a few micrometres); the rest of a visit is the real pose of the robot.
 #include "cli/simulate/mastered_slab.h"
 
 #include <fmt/core.h>
@@ -20,9 +20,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Of a seat's reference point in one scan.
+/// Standard deviation of a seat's reference point in one scan.
 constexpr double kPointSigmaMm = 0.003;
-/// The second and third point of a visit lie this far from the first (calib::seat_visit).
+/// Distance of the second and third point of a visit from the first (calib::seat_visit).
 constexpr double kSeatArmMm = 100.0;
 constexpr std::uint64_t kVisitStream = 24;
 

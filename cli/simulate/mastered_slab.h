@@ -7,12 +7,12 @@
 
 namespace slabd::simulate {
 
-/// `slabctl simulate calibration --kind slab`: a mastered slab in the cell and what the inspection saw of its seats on
-/// `order.views` rounds, for `slabctl calibrate stations --visits`. Makes `order.out_dir` and writes visits.txt,
-/// certificate.txt and truth.json (where every station's flange really stood). Returns the exit status.
+/// `slabctl simulate calibration --kind slab`: a mastered slab in the cell and the inspected seats of `order.views`
+/// rounds, for `slabctl calibrate stations --visits`. Makes `order.out_dir` and writes visits.txt, certificate.txt and
+/// truth.json (the real flange pose of every station). Returns the exit status.
 [[nodiscard]] int write_mastered_slab(const CalibrationOrder& order);
 
-/// What a laboratory would say of this slab's seats, exactly; U as stated.
+/// Certificate of this slab's seats with the exact values; U as stated.
 [[nodiscard]] calib::MasterCertificate master_certificate(const Recipe& recipe, const SlabTruth& slab,
                                                           double sigma_mm = 0.005);
 

@@ -28,15 +28,15 @@ struct Options {
   std::uint32_t slab_no = 1;
   std::string slab_id;
   std::uint16_t type = 0;      ///< 0: that of the longest slab
-  std::uint16_t begin_as = 0;  ///< SLAB_TYPE that the PLC writes; 0: the slab's own
+  std::uint16_t begin_as = 0;  ///< SLAB_TYPE written by the PLC; 0: the slab's own
   int slabs = 1;
   std::vector<std::string> defects;
   SlabVariation variation;
   ScannerOptions scanner;
   std::string scan_format = "ply";
   std::string scanner_fault;
-  std::string stations;  ///< KRL points that the robot drives to
-  std::string backend;   ///< empty: the configuration's
+  std::string stations;  ///< KRL points of the robot program
+  std::string backend;   ///< empty: the configuration's backend
   double robot_rate_hz = 125.0;
   std::string rsi;
   double rsi_faults = 0.0;
@@ -44,8 +44,8 @@ struct Options {
   int plc_cycle_ms = 5;
   std::string plc_device;  ///< other end of the serial line
   int scans_per_station = 3;
-  std::string certificate;  ///< where to write what a laboratory would say of the slab
-  bool stand_by = false;    ///< robot and scanner only
+  std::string certificate;  ///< path for a certificate of the slab
+  bool stand_by = false;    ///< runs robot and scanner only
   bool json = false;
 };
 
@@ -55,7 +55,7 @@ void on_signal(int) {
   stop_requested = true;
 }
 
-/// Ctrl-C ends the run between two PLC cycles; a second one kills.
+/// Ctrl-C ends the run between two PLC cycles; a second one kills the process.
 void catch_signals() {
   struct sigaction action = {};
   action.sa_handler = on_signal;
@@ -64,7 +64,7 @@ void catch_signals() {
   sigaction(SIGTERM, &action, nullptr);
 }
 
-/// One line on a terminal, rewritten in place; nothing elsewhere.
+/// One line on a terminal, rewritten in place; no output elsewhere.
 class Progress {
  public:
   Progress(int stations, std::uint32_t slab_no)
@@ -131,7 +131,7 @@ int exit_of(const std::vector<SlabOutcome>& outcomes) {
   for (const SlabOutcome& outcome : outcomes) {
     const SlabRun& run = outcome.run;
     if (run.finished || run.trouble.interrupted) continue;
-    // The daemon refused (a code) or could not be talked to any more.
+    // The daemon rejected the command (a code) or no longer answered.
     return run.trouble.code == Code::ok ? cli::kNotReachable : cli::exit_for(run.trouble.code);
   }
   const bool all_pass = std::all_of(outcomes.begin(), outcomes.end(), [](const SlabOutcome& outcome) {
@@ -146,7 +146,7 @@ Peer started(Result<Peer> peer) {
   return cli::need(std::move(peer), wrong ? cli::kBadInput : cli::kNotReachable);
 }
 
-/// The three peers are there: run the slabs.
+/// Runs the slabs with the three connected peers.
 std::vector<SlabOutcome> run_line(const Options& options, const daemon::Config& config, const Recipe& recipe,
                                   const Cell& cell, std::vector<SlabTruth> truths, PlcPeer& plc, RobotPeer& robot,
                                   ScannerPeer& scanner) {
@@ -179,7 +179,7 @@ std::vector<SlabOutcome> run_line(const Options& options, const daemon::Config& 
   return outcomes;
 }
 
-/// Casts all slabs before anything moves, so that a wrong option is found first.
+/// Casts all slabs before the run, so that an invalid option is detected first.
 Result<std::vector<SlabTruth>> cast_slabs(const Options& options, const Recipe& recipe, const Cell& cell,
                                           const std::vector<Defect>& defects) {
   std::vector<SlabTruth> truths;

@@ -55,7 +55,7 @@ void write_view(Json& json, const CalibrationScene& scene, const Pose& reported,
   json.end_array().end_object();
 }
 
-/// Nothing is ever overwritten: an older set mixed with a new one would calibrate to nonsense.
+/// Requires a new or empty folder, because a mix of an old and a new set would give a wrong calibration.
 void make_folder(const fs::path& dir) {
   std::error_code fault;
   fs::create_directories(dir, fault);
@@ -65,7 +65,7 @@ void make_folder(const fs::path& dir) {
     cli::stop(cli::kUsage, fmt::format("--out {}: is not empty; name a new folder", dir.string()));
 }
 
-/// Hand-eye and place of the slab as the daemon has them.
+/// Takes hand-eye calibration and slab position from the daemon's configuration.
 void take_cell(const std::string& path, CalibrationTraits& scene) {
   const daemon::Config config = cli::config_from(path);
   if (!config.calibration.id.empty()) scene.T_flange_scanner = config.calibration.T_flange_scanner;
@@ -119,9 +119,9 @@ void write_calibration_truth(const CalibrationScene& scene, const CalibrationSca
     write_text(dir / "certificate.txt", calib::certificate_text(scene.certificate()));
 }
 
-/// The drawn block is exactly what its recipe says; so is its certificate.
+/// Writes the certificate of the drawn block, which is equal to its recipe.
 void write_block_certificate(const Recipe& recipe, const fs::path& dir) {
-  constexpr std::int64_t kCertifiedUtimeUs = 1'767'225'600'000'000;  // 2026-01-01: the same file for the same recipe
+  constexpr std::int64_t kCertifiedUtimeUs = 1'767'225'600'000'000;  // 2026-01-01: the same recipe gives the same file
   const std::string text = fmt::format(
       "# the emulated reference block; read by: slabctl calibrate reference --certificate\n"
       "id = emulated-block\ndate = {:.10}\nslope_deg = {:.6f}\nslope_U_deg = 0.0005\njaw_distance_mm = {:.4f}\n"

@@ -13,8 +13,8 @@ namespace {
 
 using cli::Json;
 
-/// Block items whose truth the scene knows, with their places among a station record's deviations (IR 42..50);
-/// flatness has a register of its own.
+/// Block items with a known truth, and their index among a station record's deviations (IR 42..50); flatness has a
+/// separate register.
 struct Compared {
   ItemId id;
   int deviation_index;
@@ -50,7 +50,7 @@ std::vector<Verdict> table_verdicts(const SlabOutcome& outcome) {
   return verdicts;
 }
 
-/// Median time that slabd computed on a block (reading left out), ms; NaN when the database cannot be read.
+/// Median of slabd's computing time for a block without reading, ms; NaN if the database cannot be read.
 double block_compute_ms(const SlabOutcome& outcome) {
   std::vector<double> times_ms;
   if (outcome.stored)
@@ -67,18 +67,18 @@ std::string seconds(double s) {
   return s < 0.0 ? "-" : fmt::format("{:.2f}", s);
 }
 
-/// Measured minus planted in um or millidegrees: what the measurement is wrong by.
+/// Error of the measurement: measured minus planted, in um or millidegrees.
 std::string error_text(double measured, double planted) {
   if (!has_value(measured) || !has_value(planted)) return "-";
   return fmt::format("{:+.0f}", 1e3 * (measured - planted));
 }
 
-/// How far the flange really stood from where the robot said, as planted.
+/// Planted difference between the real and the reported position of the flange.
 Vec3 robot_off_mm(const StationTruth& truth) {
   return truth.T_base_flange_real.translation_mm - truth.T_base_flange_reported.translation_mm;
 }
 
-/// Items between seats or of the whole slab as they are planted: the truth beside the record's items.
+/// Planted items between seats or of the whole slab: the truth with the record's items.
 struct SlabItem {
   Item measured;
   double planted = kNoValue;
@@ -94,7 +94,7 @@ std::vector<SlabItem> slab_items(const Recipe& recipe, const SlabOutcome& outcom
   return items;
 }
 
-/// The most wrong one of each kind.
+/// Table of the item with the largest error of each kind.
 std::string slab_items_text(const std::vector<SlabItem>& items, cli::Style style) {
   if (items.empty()) return "";
   cli::Table table{"slab item<", "blocks", "true", "measured", "error um", "U um", "verdict<"};
@@ -135,7 +135,7 @@ std::string stations_text(const Recipe& recipe, const SlabOutcome& outcome, cli:
          "  (items: measured minus planted, um and millidegrees; robot: real minus reported flange, um)\n\n";
 }
 
-/// The item that a defect shows in; none for a missing block and for what only makes a scan worse.
+/// The item that a defect changes; nullopt for a missing block and for defects of the scan only.
 std::optional<ItemId> item_of(DefectKind kind) {
   switch (kind) {
     case DefectKind::slope: return ItemId::seat_slope;

@@ -9,10 +9,10 @@
 #include "emulator/line_run.h"
 #include "storage/storage.h"
 
-/// What came of an emulated run: the slab as the PLC saw it, planted truth beside measured values, and the times.
+/// Results of an emulated run: the slab as seen by the PLC, planted truth next to measured values, and the times.
 namespace slabd::simulate {
 
-/// One slab: truth, what the PLC saw, and (if readable) what the database holds.
+/// One slab: truth, PLC data, and (if readable) database contents.
 struct SlabOutcome {
   SlabTruth truth;
   SlabRun run;
@@ -27,8 +27,8 @@ struct RunFacts {
   std::vector<std::string> defect_texts;
 };
 
-/// The measured value of a block item: from the database, else nominal + the result record's deviation (um and
-/// millidegree resolution); of seat_lateral and seat_vertical only from the database. NaN when there is none.
+/// The measured value of a block item: from the database, otherwise nominal + the result record's deviation (um and
+/// millidegree resolution). seat_lateral and seat_vertical are only in the database. NaN if missing.
 [[nodiscard]] double measured_value(const Recipe& recipe, const SlabOutcome& outcome, int station, ItemId id);
 
 [[nodiscard]] std::string outcome_text(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome);

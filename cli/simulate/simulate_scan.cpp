@@ -23,7 +23,7 @@ namespace {
 
 using cli::Json;
 
-/// Off the nominal view as a real robot and slab are.
+/// A view off the nominal one by typical errors of robot and slab.
 Pose seeded_view(std::uint64_t seed) {
   Prng random(derived_seed(seed, 4, 0));
   const auto within = [&](double amplitude) { return amplitude * (2.0 * random.uniform() - 1.0); };
@@ -71,7 +71,7 @@ std::string truth_json(const ScanOrder& order, const Recipe& recipe, const Stati
   return json.text();
 }
 
-/// The format asked for, or the one the file's name means; it must be readable under that name.
+/// The requested format, or that of the file's name; it must be readable under that name.
 hal::ScanFormat format_of(const ScanOrder& order) {
   const std::optional<hal::ScanFormat> by_name = hal::scan_format_of(order.out);
   if (!by_name)
@@ -83,7 +83,7 @@ hal::ScanFormat format_of(const ScanOrder& order) {
                                      order.format, wanted ? hal::extension(*wanted) : "?"));
 }
 
-/// --damage, on concrete alone: a polyhedron has no edge to break.
+/// Parses --damage, which requires concrete: a polyhedron cannot be damaged.
 std::vector<ConcreteDefect> damage_of(const std::vector<std::string>& texts, bool on_concrete) {
   std::vector<ConcreteDefect> damage;
   for (const std::string& text : texts) {
@@ -118,7 +118,7 @@ int write_scan(const ScanOrder& order) {
                                : order.scanner.concrete
                                    ? concrete_view(*order.scanner.concrete, order.seed).T_scanner_block.inverse()
                                    : seeded_view(order.seed);
-  // The scanner stands over the block's nominal place; a block moved by a defect is seen there, beside it.
+  // The scanner is over the block's nominal position; a block displaced by a defect is off the centre.
   Pose T_nominal_block;
   T_nominal_block.translation_mm = truth.T_slab_block.rotation.conjugate() * truth.offset_slab_mm;
   const Pose T_scanner_block = T_block_scanner.inverse() * T_nominal_block;

@@ -14,14 +14,14 @@ namespace slabd::args {
 class Command;
 }  // namespace slabd::args
 
-/// `slabctl simulate scan`: one scan with its truth beside it, for offline inspection.
+/// `slabctl simulate scan`: one scan with its truth, for offline inspection.
 namespace slabd::simulate {
 
 struct ScanOrder {
   std::string recipe;
   int block = 1;
   std::string out;
-  std::string format;  ///< a name of hal::ScanFormat; empty = what `out` ends in
+  std::string format;  ///< a name of hal::ScanFormat; empty: by the extension of `out`
   std::vector<std::string> defects;
   std::uint64_t seed = 1;
   ScannerTraits scanner;
@@ -29,15 +29,15 @@ struct ScanOrder {
   double casting = 1.0;
 };
 
-/// Writes the scan and, beside it, <out>.json (the extension replaced). Returns the exit status.
+/// Writes the scan and <out>.json (the extension replaced). Returns the exit status.
 [[nodiscard]] int write_scan(const ScanOrder& order);
 
 void add_simulate_scan(args::Command& simulate);
 
-/// What --format and --scan-format take.
+/// Values of --format and --scan-format.
 [[nodiscard]] std::vector<std::string> scan_format_names();
 
-/// Options that every emulated scan shares: --points, --unorganised, --perspective, --noise-correlation-mm,
+/// Options shared by all emulated scans: --points, --unorganised, --perspective, --noise-correlation-mm,
 /// --noise-shape, --surface, --effect.
 struct ScannerOptions {
   std::string points = "full";
@@ -48,8 +48,8 @@ struct ScannerOptions {
   std::string noise_shape = "gaussian";
   std::string surface = "ideal";
   std::vector<std::string> effects;  ///< NAME=STRENGTH
-  /// Strengths if real concrete was asked for: any surface but ideal, or an effect. Stops if a name or strength is
-  /// wrong.
+  /// Strengths for real concrete, if requested by a surface other than ideal or by an effect. Stops if a name or
+  /// strength is invalid.
   [[nodiscard]] std::optional<EffectStrengths> concrete() const;
   void add_to(args::Command& command);
   [[nodiscard]] ScannerTraits traits() const;
@@ -65,8 +65,8 @@ struct PlaneOrder {
   double noise_mm = 0.01;
 };
 
-/// z = x + 2 y + 1 over |x|, |y| <= 1 with noise along its normal (sum of twelve uniform numbers), then outliers
-/// spread evenly over the box around it. The same seed gives the same points everywhere.
+/// Points of z = x + 2 y + 1 over |x|, |y| <= 1 with noise along the normal (sum of twelve uniform numbers). Outliers
+/// are distributed evenly over the box around it. The same seed gives the same points on every machine.
 [[nodiscard]] std::vector<Vec3> draw_plane(const PlaneOrder& order);
 
 void add_simulate_plane(args::Command& simulate);

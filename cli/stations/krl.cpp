@@ -29,7 +29,7 @@ std::string upper(std::string_view text) {
   return out;
 }
 
-/// Without blanks, and without a comment behind ';'.
+/// The line without blanks and without a comment after ';'.
 std::string bare(std::string_view line) {
   std::string out;
   for (const char c : upper(line.substr(0, line.find(';'))))
@@ -41,7 +41,7 @@ Error at_line(std::string_view origin, std::size_t line, const std::string& what
   return error(Code::config, "%.*s:%zu: %s", static_cast<int>(origin.size()), origin.data(), line, what.c_str());
 }
 
-/// The number behind "X " among "X 1.0,Y 2,..."; the names are separated from their numbers by a blank in the file.
+/// The number after "X " in "X 1.0,Y 2,..."; a blank separates names and numbers in the file.
 std::optional<double> member(std::string_view members, std::string_view name) {
   std::size_t at = 0;
   while (at < members.size()) {
@@ -77,7 +77,7 @@ Result<Pose> pose_of(std::string_view members, std::string_view origin, std::siz
               Vec3(v[0], v[1], v[2])};
 }
 
-/// "STATION[12]={" -> 12; nothing for other lines.
+/// "STATION[12]={" -> 12; nullopt for other lines.
 std::optional<std::size_t> station_of(const std::string& line) {
   const std::size_t open = line.find('[');
   if (open == std::string::npos || open == 0 || line.starts_with("DECL") || line.starts_with("SIGNAL"))

@@ -7,18 +7,18 @@
 
 #include "base/base.h"
 
-/// Poses as a KRL data list and back. KRL: X, Y, Z in mm, A, B, C in degrees, R = Rz(A) Ry(B) Rx(C).
+/// Writes poses as a KRL data list and reads them. KRL: X, Y, Z in mm, A, B, C in degrees, R = Rz(A) Ry(B) Rx(C).
 namespace slabd::cli {
 
-/// A data list "<name>.dat": `DECL GLOBAL FRAME STATION[n]`, one line a pose. Positions with 4 decimals, angles with 6:
-/// what is read back is within 0.1 um and 0.00001 deg.
+/// A data list "<name>.dat": `DECL GLOBAL FRAME STATION[n]`, one line a pose. Positions have 4 decimals, angles 6:
+/// reading it back is exact to 0.1 um and 0.00001 deg.
 [[nodiscard]] std::string krl_data_list(std::string_view name, const std::vector<Pose>& T_base_flange);
-/// A program fragment "<name>.src" that drives to STATION[k] with $BASE and $TOOL at $NULLFRAME.
+/// A program fragment "<name>.src" that moves to STATION[k] with $BASE and $TOOL at $NULLFRAME.
 [[nodiscard]] std::string krl_program(std::string_view name, std::size_t stations);
 
-/// Reads every `STATION[k]={...}` (any array name) with X, Y, Z, A, B, C in any order; S, T and external axes may be
-/// there and are not used. config: the text names `origin` and line of a number that is missing, is not one or is out
-/// of range, a station that is there twice or is left out.
+/// Reads every `STATION[k]={...}` (any array name) with X, Y, Z, A, B, C in any order; S, T and external axes are
+/// ignored. Code::config: a number is missing, invalid or out of range, or a station is duplicate or missing; the text
+/// names `origin` and line.
 [[nodiscard]] Result<std::vector<Pose>> parse_krl_points(std::string_view text, std::string_view origin);
 
 /// The same from a file.

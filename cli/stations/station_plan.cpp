@@ -4,18 +4,18 @@
 #include <algorithm>
 #include <cmath>
 
-// Problem: a pose that the robot reaches may still show a jaw face edge on, or cut the seat off, and that is found out
-// in production as "not measured". Idea: put points with normals on every face that the recipe measures, and ask of
-// each whether it is inside the view, met by its ray steeply enough, and not hidden by the block itself. The block is
-// the height z(x, y) that the recipe describes; a ray is hidden when it passes below that height on its way.
+// Problem: from a reachable pose a jaw face may still be edge on, or the seat may be cut off, which production reports
+// only as "not measured". Idea: put points with normals on every measured face. For each point test the field of view,
+// the angle of incidence, and occlusion by the block. The block is the recipe's height z(x, y); a ray is occluded if
+// it passes below that height.
 namespace slabd::cli {
 namespace {
 
-constexpr double kStepMm = 5.0;     ///< between the points of a feature
-constexpr double kRayStepMm = 4.0;  ///< along a ray
-constexpr double kClearMm = 0.5;    ///< a ray this far below a surface is hidden by it
-constexpr double kRimShare = 0.9;   ///< of a rim that must be seen: its circle is fitted to what there is
-constexpr double kTopShare = 0.25;  ///< of the strip around the block: a datum plane needs spread, not all of it
+constexpr double kStepMm = 5.0;     ///< distance of the points of a feature
+constexpr double kRayStepMm = 4.0;  ///< step along a ray
+constexpr double kClearMm = 0.5;    ///< a ray this far below a surface is occluded
+constexpr double kRimShare = 0.9;   ///< share of a rim that must be seen, because a circle is fitted to it
+constexpr double kTopShare = 0.25;  ///< share of the strip around the block: enough spread for a datum plane
 constexpr double kTopStripMm = 20.0;
 
 struct Spot {
@@ -30,7 +30,7 @@ class BlockShape {
     lean_ = b_.jaw_angle_rad.value - kPi / 2.0;
   }
 
-  /// A point `s` along the bearing plane and `h` above it, at `x`.
+  /// The point with coordinate `s` along the bearing plane and `h` above it, at `x`.
   [[nodiscard]] Vec3 at(double x, double s, double h) const {
     return {x, s * std::cos(cant_) - h * std::sin(cant_), s * std::sin(cant_) + h * std::cos(cant_)};
   }
@@ -59,7 +59,7 @@ class BlockShape {
   }
 
  private:
-  /// Height of the plane that the jaw face on that side lies in, over y; it falls towards the seat.
+  /// Height of the plane of the jaw face on that side over y; it falls towards the seat.
   [[nodiscard]] double jaw_height(double y, double side) const {
     const Vec3 foot = at(0.0, side * b_.jaw_half_distance_mm.value, b_.jaw_reference_height_mm.value);
     const Vec3 n = jaw_normal(side);
@@ -123,7 +123,7 @@ class BlockShape {
   double lean_ = 0.0;
 };
 
-/// Over the surface until it is above everything.
+/// Follows the ray over the surface until it is above all faces.
 bool is_hidden(const BlockShape& shape, const Vec3& p, const Vec3& eye) {
   const Vec3 way = (eye - p).normalized();
   if (way.z() <= 0.0) return true;
@@ -135,7 +135,7 @@ bool is_hidden(const BlockShape& shape, const Vec3& p, const Vec3& eye) {
   return false;
 }
 
-/// How far inside the view a point of the scanner's frame is, in mm at its distance.
+/// Distance of a point in the scanner's frame from the border of the view, in mm at its depth.
 double margin_of(const ScannerView& view, const Vec3& p) {
   const double scale = p.z() / view.distance_mm;
   return std::min({0.5 * view.x_mm * scale - std::abs(p.x()), 0.5 * view.y_mm * scale - std::abs(p.y()),

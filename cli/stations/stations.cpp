@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl stations: where the flange must stand for every block, whether the scanner sees there what the recipe
-// measures, and the points for the robot's program; or how taught points compare with the plan.
+// slabctl stations: computes the flange pose for every block, checks that all measured features are visible, and
+// writes the points for the robot's program; or compares taught points with the plan.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -44,14 +44,14 @@ struct Options {
   bool as_json = false;
 };
 
-/// One station: the plan, and the taught point where there is one.
+/// One station: the planned point, and the taught one if given.
 struct Row {
   int station = 0;
   Pose planned;
   StationView view;
   std::optional<Pose> taught;
   StationView taught_view;
-  std::optional<Pose> mastered;  ///< where the robot stood when the station was mastered
+  std::optional<Pose> mastered;  ///< pose of the robot when the station was mastered
 };
 
 struct Sources {
@@ -59,7 +59,7 @@ struct Sources {
   Recipe recipe;
   InForce hand_eye;
   std::optional<StationTable> table;
-  std::string not_used;  ///< why the line does not use it; empty: it does
+  std::string not_used;  ///< reason why the line does not use it; empty if it does
 };
 
 Sources gather(const Options& options) {
@@ -84,7 +84,7 @@ Sources gather(const Options& options) {
   return out;
 }
 
-/// Taught points: a KRL data list or program, else the neutral form, one pose a line.
+/// Reads taught points: a KRL data list or program, otherwise slabd's own form, one pose a line.
 std::vector<Pose> read_taught(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   std::ostringstream bytes;
@@ -95,7 +95,7 @@ std::vector<Pose> read_taught(const std::string& path) {
   return need(calib::parse_poses(text, path, calib::TableRole::flange), kBadInput).poses;
 }
 
-/// The scanner over a block: looking straight down, turned about its axis.
+/// Pose of the scanner over a block: looking straight down, rotated about its axis.
 Pose T_block_scanner(const Options& options) {
   Pose pose = nominal_T_block_scanner();
   pose.translation_mm.z() = options.standoff_mm;
@@ -104,8 +104,8 @@ Pose T_block_scanner(const Options& options) {
   return pose;
 }
 
-/// A set is the pattern of stops begun elsewhere: neighbours stay neighbours in it, and no station has the stop of
-/// another set's.
+/// Station whose stop is used in a set. A set shifts the pattern of stops: neighbours remain neighbours, and no
+/// station has the stop of another set.
 int station_of_set(int station, int set) {
   constexpr int kApart = 5;
   return (station - 1 + kApart * (set - 1)) % static_cast<int>(limits::kStationsMax) + 1;
@@ -121,10 +121,9 @@ std::vector<Row> plan(const Options& options, const Sources& sources, const std:
     const auto index = static_cast<std::size_t>(station - 1);
     Row row;
     row.station = station;
-    row.planned = planned_flange(sources.recipe, sources.config.T_base_slab, sources.hand_eye.T_flange_scanner,
-                                 dithered(T_block_scanner(options), station_of_set(station, options.set),
-                                          options.dither),
-                                 station);
+    row.planned = planned_flange(
+        sources.recipe, sources.config.T_base_slab, sources.hand_eye.T_flange_scanner,
+        dithered(T_block_scanner(options), station_of_set(station, options.set), options.dither), station);
     row.view = look(row.planned, station);
     if (index < taught.size()) {
       row.taught = taught[index];
@@ -137,13 +136,13 @@ std::vector<Row> plan(const Options& options, const Sources& sources, const std:
   return rows;
 }
 
-/// Where the scanner stands over its block, by the taught point where there is one.
+/// Scanner pose over its block, from the taught point if there is one.
 Pose stop_of(const Sources& sources, const Row& row) {
   return (sources.config.T_base_slab * T_slab_block(sources.recipe, row.station)).inverse() *
          (row.taught ? *row.taught : row.planned) * sources.hand_eye.T_flange_scanner;
 }
 
-/// The two neighbours whose stops differ least; from the last station to the first again.
+/// The two neighbouring stations with the smallest difference of stops, cyclic.
 struct Alike {
   int station = 0;
   int next = 0;
@@ -173,7 +172,7 @@ bool in_gate(const Pose& planned, const Pose& mastered, const SpliceSettings& sp
          angle_between_rad(planned.rotation, mastered.rotation) <= splice.gate_rad;
 }
 
-/// What is wrong with a view, in words; empty: nothing.
+/// Faults of a view as text; empty if there are none.
 std::string faults(const StationView& view, double look_mm) {
   std::string text;
   const auto add = [&text](const std::string& part) { text += (text.empty() ? "" : "; ") + part; };
@@ -277,8 +276,8 @@ void write_file(const std::string& path, const std::string& text) {
   need(file.close(), kBadInput);
 }
 
-/// FILE.dat and FILE.src; the module's name is the file's. Points that somebody has touched up look like these, so what
-/// is there is replaced only by who says so.
+/// Writes FILE.dat and FILE.src; the module has the name of the file. Existing files may contain points that were
+/// corrected by hand, so they are only replaced with --overwrite.
 void write_krl(const std::string& path, bool overwrite, const std::vector<Row>& rows) {
   std::filesystem::path base(path);
   base.replace_extension();

@@ -21,7 +21,7 @@ void include(double value, double& low, double& high) {
 }
 
 void widen(double& low, double& high) {
-  if (low > high) {  // nothing was included
+  if (low > high) {  // no value was included
     low = 0.0;
     high = 1.0;
   }

@@ -6,7 +6,7 @@
 
 #include "report/canvas.h"
 
-/// A drawn frame with two scales; what studies draw their charts in.
+/// A frame with two scales for the charts of studies.
 namespace slabd::cli::study {
 
 inline constexpr report::Colour kChartInk{0.12, 0.25, 0.42};
@@ -17,10 +17,10 @@ class Chart {
   Chart(double left_mm, double top_mm, double width_mm, double height_mm)
       : left_(left_mm), top_(top_mm), width_(width_mm), height_(height_mm) {}
 
-  /// Widens the scale so that this value is in it; NaN changes nothing.
+  /// Extends the scale to include this value; NaN changes nothing.
   void include_x(double x);
   void include_y(double y);
-  /// Leaves a margin on all sides; call it once, after everything is included.
+  /// Adds a margin on all sides; call it once, after all values are included.
   void settle();
 
   [[nodiscard]] double x(double value) const { return left_ + width_ * (value - x_low_) / (x_high_ - x_low_); }
@@ -28,13 +28,13 @@ class Chart {
   [[nodiscard]] double y_span() const { return y_high_ - y_low_; }
 
   void frame(report::Canvas& canvas) const;
-  /// Five figures on the scale; none on x when `digits_x` is negative.
+  /// Draws five figures on each scale; none on x if `digits_x` is negative.
   void scales(report::Canvas& canvas, int digits_x, int digits_y) const;
-  /// Below the frame, at x.
+  /// Draws a label below the frame at x.
   void tick_x(report::Canvas& canvas, double at, std::string_view text) const;
-  /// From side to side, with a word at the right end.
+  /// Draws a level line across the frame with a label at the right end.
   void level(report::Canvas& canvas, double at, std::string_view label, report::Colour colour, bool dashed) const;
-  /// A straight line, cut at the frame.
+  /// Draws a straight line, clipped at the frame.
   void line(report::Canvas& canvas, double slope, double intercept, report::Colour colour, bool dashed) const;
   void point(report::Canvas& canvas, double at_x, double at_y, double radius, report::Colour colour) const;
 

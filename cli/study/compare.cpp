@@ -36,8 +36,7 @@ std::string where(const ThingKey& key) {
   return key.block == 0 ? key.id : fmt::format("{} block {}", key.id, key.block);
 }
 
-/// Errors that differ by less, of their size or of one unit, differ by what decimal figures lose in a machine: tables
-/// have no more than six decimals.
+/// Relative or absolute difference that is only rounding: tables have at most six decimals.
 constexpr double kSameErrors = 1e-9;
 
 void judge_item(CompareItem& item) {
@@ -47,7 +46,7 @@ void judge_item(CompareItem& item) {
     item.judgement = Judgement::not_capable;
     item.reason = fmt::format("off by more than {:g}", item.allowed);
   } else if (item.missing > 0) {
-    // What is hard to measure may also be what is measured wrong.
+    // Blocks that are hard to measure may also be measured with a larger error.
     item.reason = fmt::format("{} of {} not measured", item.missing, item.missing + item.pairs.size());
   } else if (item.errors.std <= kSameErrors * std::fmax(item.errors.max_abs, 1.0)) {
     item.reason = "all errors are the same: coarse figures, or one table copied";
@@ -71,7 +70,7 @@ void add_to(Side& side, const std::string& id, const Reading& reading) {
     there.reading = reading;
     return;
   }
-  // U is mostly what repeats have in common, so averaging does not shrink it.
+  // Most of U is common to all repeats, so averaging does not reduce it.
   there.reading.value = (before * there.reading.value + reading.value) / (before + 1.0);
   there.reading.U = (before * there.reading.U + reading.U) / (before + 1.0);
 }
@@ -230,7 +229,7 @@ std::string compare_text(const CompareStudy& study) {
   return text + "lines by Deming's regression, because both sides err\n";
 }
 
-// slabctl study compare: a laboratory's table against stored slabs, scans, or another table.
+// slabctl study compare: compares a laboratory's table with stored slabs, scans, or another table.
 
 namespace {
 
@@ -257,7 +256,7 @@ Status from_table(const CompareOptions& options, Side& side) {
   return success();
 }
 
-/// Columns id, block, scan; paths from the table's own folder.
+/// Reads columns id, block, scan; paths are relative to the table's folder.
 Status from_scans(const CompareOptions& options, const Recipe& recipe, Side& side, SamePart& part) {
   const auto table = CsvTable::read(options.scans);
   if (!table.ok()) return table.error();
@@ -280,16 +279,16 @@ Status from_scans(const CompareOptions& options, const Recipe& recipe, Side& sid
   return success();
 }
 
-/// Of the slabs that the laboratory names, what it measured on them.
+/// Reads the stored values of the slabs in the laboratory's table.
 Status from_slabs(const CompareOptions& options, const Side& contact, storage::Reader& reader, Side& side,
                   SamePart& part) {
   std::set<std::string> ids;
   for (const auto& [key, value] : contact) ids.insert(key.id);
-  std::map<std::int64_t, std::string> called;  // key -> what the laboratory calls the slab
+  std::map<std::int64_t, std::string> called;  // key -> the laboratory's name of the slab
   for (const std::string& id : ids) {
     const auto records = slabs_named(reader, id, options.runs);
     if (!records.ok()) return records.error();
-    // Of an id without a slab the rows are named as unmatched.
+    // The rows of an id without a slab are reported as unmatched.
     for (const storage::SlabRecord& record : records.value()) {
       const std::int64_t key = record.summary.header.key;
       if (const auto [other, fresh] = called.try_emplace(key, id); !fresh)
@@ -353,7 +352,7 @@ int run_compare(const CompareOptions& options) {
                              options.contact);
   study.notes = std::move(notes);
   name_unmatched(study.only_reference, "not measured by slabd");
-  // Of a scan the laboratory need not have measured everything.
+  // The laboratory need not measure all features of a scan.
   if (!options.values.empty()) name_unmatched(study.only_measured, "not in the contact table");
   if (study.items.empty())
     stop(kBadInput, fmt::format("{}: nothing in it was measured by slabd too; ids, items and blocks must be the same",

@@ -9,15 +9,16 @@
 #include "cli/study/source.h"
 #include "cli/study/statistics.h"
 
-/// The paper's Table 6 for every characteristic: what slabd finds against what a laboratory finds on the same things.
+/// The paper's Table 6 for every characteristic: values of slabd compared with a laboratory's values of the same
+/// objects.
 namespace slabd::cli::study {
 
-/// What one side says of one thing; repeats are averaged.
+/// Value of one side for one object; repeats are averaged.
 struct SideValue {
   Reading reading;
   std::size_t count = 0;  ///< values in the mean
 };
-/// By thing (a slab id), then item and block.
+/// Key by object (a slab id), then item and block.
 struct ThingKey {
   std::string id;
   std::string item;
@@ -26,9 +27,9 @@ struct ThingKey {
 };
 SLABD_FIELDS(ThingKey, id, block, item);
 using Side = std::map<ThingKey, SideValue>;
-/// Averages into what is there already. Readings without value are left out.
+/// Averages the reading into an existing value. Readings without a value are left out.
 void add_to(Side& side, const std::string& id, const Reading& reading);
-/// Columns id, item, value; optional block, U (k = 2). config: what is wrong, and where.
+/// Reads columns id, item, value; optional block, U (k = 2). Code::config names the fault and its place.
 [[nodiscard]] Result<Side> side_of(const CsvTable& table);
 
 struct CompareItem {
@@ -40,8 +41,8 @@ struct CompareItem {
   Errors errors;
   AgreementLimits limits;
   Regression line;
-  std::size_t missing = 0;    ///< things in the reference that were not measured
-  double allowed = kNoValue;  ///< largest error that is allowed
+  std::size_t missing = 0;    ///< objects in the reference that were not measured
+  double allowed = kNoValue;  ///< largest allowed error
   Judgement judgement = Judgement::not_judged;
   std::string reason;
 };
@@ -56,9 +57,9 @@ struct CompareStudy {
 
   [[nodiscard]] Judgement judgement() const;
 };
-/// `allowed`: by item. Judged only where it is given: capable when everything in the reference was measured, the errors
-/// scatter and the limits of agreement with their intervals lie inside; not capable when an error lies outside; else
-/// undecided.
+/// `allowed`: by item; other items are not judged. Capable if everything in the reference was measured, the errors
+/// scatter, and the limits of agreement with their intervals are within it. Not capable if an error exceeds it;
+/// otherwise undecided.
 [[nodiscard]] CompareStudy compare(const Side& reference, const Side& measured,
                                    const std::map<std::string, double>& allowed);
 

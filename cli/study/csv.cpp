@@ -21,7 +21,7 @@ std::string trimmed(std::string_view text) {
   return std::string(text.substr(first, text.find_last_not_of(" \t\r") - first + 1));
 }
 
-/// False: a quote was opened and not closed.
+/// False if a quote is not closed.
 bool split(std::string_view line, char separator, std::vector<std::string>& cells) {
   std::string cell;
   bool quoted = false;
@@ -80,7 +80,7 @@ Result<std::string> converted(std::string text, const char* encoding, const std:
   return out;
 }
 
-/// Excel saves "Unicode text" as UTF-16 and, in China, CSV as GBK; GB 18030 contains it.
+/// Converts to UTF-8: Excel saves "Unicode text" as UTF-16 and, in China, CSV as GBK, which GB 18030 contains.
 Result<std::string> as_utf8(std::string text, const std::string& path) {
   if (text.starts_with("\xFF\xFE") || text.starts_with("\xFE\xFF")) return converted(std::move(text), "UTF-16", path);
   for (std::size_t at = 0; at < text.size();) {
@@ -163,7 +163,7 @@ Result<CsvTable::Limits> CsvTable::limits(std::size_t row) const {
   if (!lower.ok()) return lower.error();
   const Result<double> upper = number(row, "upper");
   if (!upper.ok()) return upper.error();
-  // A tolerance of nothing, or of less, would make every gauge a good one.
+  // With a tolerance of zero or below, every gauge would be capable.
   if (lower.value() >= upper.value())
     return error(Code::config, "%s: lower %g is not below upper %g", place(row).c_str(), lower.value(), upper.value());
   return Limits{lower.value(), upper.value()};

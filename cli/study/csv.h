@@ -10,35 +10,35 @@
 #include "base/items.h"
 #include "base/result.h"
 
-/// Tables that people keep beside a study: one line of column names, then values. Commas, semicolons or tabs, whichever
-/// the first line uses; a byte order mark, blanks around cells, "quoted" cells, empty lines and # comments are fine.
+/// Tables for studies: one line of column names, then values. The separator is that of the first line: comma,
+/// semicolon or tab. A byte order mark, blanks around cells, "quoted" cells, empty lines and # comments are accepted.
 namespace slabd::cli::study {
 
 class CsvTable {
  public:
-  /// config: file:line and what is wrong with it; a column named twice, a line with more or fewer cells, no line at
-  /// all.
+  /// Code::config with file:line and the fault: a duplicate column, a line with more or fewer cells, or an empty file.
   [[nodiscard]] static Result<CsvTable> read(const std::string& path);
-  /// The same of a text; `path` is what errors name.
+  /// The same for a text; `path` is used in errors.
   [[nodiscard]] static Result<CsvTable> parse(std::string_view text, const std::string& path);
 
   [[nodiscard]] std::size_t rows() const { return rows_.size(); }
   [[nodiscard]] bool has(std::string_view column) const;
-  /// Empty where there is no such column.
+  /// Empty if the column does not exist.
   [[nodiscard]] const std::string& cell(std::size_t row, std::string_view column) const;
-  /// NaN for an empty cell and where there is no such column. config: no number (a decimal comma is none), not finite.
+  /// NaN for an empty cell or a missing column. Code::config if the cell is not a finite number (a decimal comma is
+  /// invalid).
   [[nodiscard]] Result<double> number(std::size_t row, std::string_view column) const;
-  /// Columns lower and upper, each as `number`. config: also a lower limit that is not below the upper one.
+  /// Columns lower and upper, each as `number`. Code::config also if the lower limit is not below the upper one.
   struct Limits {
     double lower = kNoValue;
     double upper = kNoValue;
   };
   [[nodiscard]] Result<Limits> limits(std::size_t row) const;
-  /// A block number 1..18; 0 for an empty cell and where there is no such column.
+  /// A block number 1..18; 0 for an empty cell or a missing column.
   [[nodiscard]] Result<int> block(std::size_t row, std::string_view column = "block") const;
   /// "plan.csv:7"
   [[nodiscard]] std::string place(std::size_t row) const;
-  /// config: names the columns that are missing, and columns that nobody reads (most likely a slip).
+  /// Code::config: names missing and unknown columns (an unknown one is probably a typing error).
   [[nodiscard]] Status expect(std::initializer_list<std::string_view> needed,
                               std::initializer_list<std::string_view> optional) const;
 

@@ -12,7 +12,7 @@
 namespace slabd::cli::study {
 namespace {
 
-/// 1 / d2 and 1 / d2* (of one range: d2*^2 = d2^2 + d3^2) of ranges of 2, 3, ... 20 normal values.
+/// 1 / d2 and 1 / d2* (for one range: d2*^2 = d2^2 + d3^2) of ranges of 2, 3, ... 20 normal values.
 constexpr std::array kOneOverD2 = {0.8862, 0.5908, 0.4857, 0.4299, 0.3946, 0.3698, 0.3512, 0.3367, 0.3249, 0.3152,
                                    0.3069, 0.2998, 0.2935, 0.2880, 0.2831, 0.2787, 0.2747, 0.2711, 0.2677};
 constexpr std::array kOneOverD2Star = {0.7071, 0.5231, 0.4467, 0.4030, 0.3742, 0.3534, 0.3375, 0.3249, 0.3146, 0.3059,
@@ -24,7 +24,7 @@ bool crossed(const Crossed& study) {
          study.value.size() == study.parts * study.appraisers * study.trials;
 }
 
-/// Means over everything but the named factors.
+/// Means over all factors except the named ones.
 struct Means {
   double all = 0.0;
   std::vector<double> part;
@@ -49,7 +49,8 @@ Means means_of(const Crossed& s) {
   return means;
 }
 
-/// Not by EV: pooled with the interaction it is above 0 though every trial repeats the first to its last digit.
+/// True if repeated trials differ. EV does not show it, because pooled with the interaction it is above 0 even if all
+/// trials are equal.
 bool trials_scatter(const Crossed& study) {
   for (std::size_t i = 0; i < study.parts; ++i)
     for (std::size_t j = 0; j < study.appraisers; ++j)
@@ -115,7 +116,7 @@ std::optional<Anova> anova(const Crossed& study, Interaction interaction) {
   const auto r = static_cast<double>(study.trials);
   const Means means = means_of(study);
   const auto square = [](double x) { return x * x; };
-  // Every sum from differences, so that none of them is what two large numbers leave over.
+  // Sums are formed from differences, to avoid cancellation of large numbers.
   double parts = 0.0;
   double appraisers = 0.0;
   double both = 0.0;

@@ -12,8 +12,8 @@
 #include "cli/study/source.h"
 #include "cli/study/statistics.h"
 
-/// Gauge repeatability and reproducibility of crossed studies: every appraiser measures every part equally often. For a
-/// robot cell an appraiser is a re-clamping, a homing or a shift. Two ways, as in AIAG MSA-4, chapter III.
+/// Gauge repeatability and reproducibility of crossed studies: every appraiser measures every part equally often. For
+/// a robot cell an appraiser is a re-clamping, a homing or a shift. Two methods, as in AIAG MSA-4, chapter III.
 namespace slabd::cli::study {
 
 /// Balanced by construction: `value[(part * appraisers + appraiser) * trials + trial]`, all finite.
@@ -27,22 +27,22 @@ struct Crossed {
     return value[(part * appraisers + appraiser) * trials + trial];
   }
 };
-/// What a study needs before it is judged: fewer say too little.
+/// Minimum size of a study that is judged.
 inline constexpr std::size_t kGrrPartsMin = 10;
 inline constexpr std::size_t kGrrAppraisersMin = 2;
 inline constexpr std::size_t kGrrTrialsMin = 2;
-/// Factors of the average-range method end here.
+/// Largest count with a factor of the average-range method.
 inline constexpr std::size_t kGrrRangeMax = 20;
 
 /// Standard deviations by source.
 struct Components {
   double EV = kNoValue;   ///< repeatability: the same appraiser again
-  double AV = kNoValue;   ///< reproducibility: one appraiser against another
+  double AV = kNoValue;   ///< reproducibility: differences between appraisers
   double INT = kNoValue;  ///< appraisers differ from part to part; only in ANOVA without pooling, else 0
   double GRR = kNoValue;  ///< root of the sum of squares of the above
-  double PV = kNoValue;   ///< the parts themselves
+  double PV = kNoValue;   ///< variation of the parts
   double TV = kNoValue;   ///< GRR and PV
-  /// A variance came out negative and was set to zero: AV, INT, PV.
+  /// True if a negative variance was set to zero: AV, INT, PV.
   bool av_zeroed = false;
   bool int_zeroed = false;
   bool pv_zeroed = false;
@@ -55,9 +55,10 @@ struct Components {
   [[nodiscard]] double ndc() const { return 1.41 * PV / GRR; }
 };
 
-/// EV = R K1; AV = sqrt((X K2)^2 - EV^2 / (parts trials)); PV = Rp K3, with R the mean range of the trials, X the range
-/// of the appraisers' means and Rp that of the parts' (MSA-4, fig. III-B 16). K1 = 1 / d2 of the trials, K2 and K3 =
-/// 1 / d2* of one range of as many, to the four digits of the handbook. Nothing: a count below 2 or above kGrrRangeMax.
+/// EV = R K1; AV = sqrt((X K2)^2 - EV^2 / (parts trials)); PV = Rp K3, with R the mean range of the trials, X the
+/// range of the appraisers' means and Rp that of the parts' (MSA-4, fig. III-B 16). K1 = 1 / d2 of the trials; K2 and
+/// K3 = 1 / d2* of one range of that number, to the four digits of the handbook. nullopt if a count is below 2 or
+/// above kGrrRangeMax.
 [[nodiscard]] std::optional<Components> average_range(const Crossed& study);
 
 struct AnovaRow {
@@ -69,7 +70,7 @@ struct AnovaRow {
 };
 SLABD_FIELDS(AnovaRow, ss, df, ms, f, p);
 enum class Interaction : std::uint8_t {
-  automatic,  ///< pooled with the repeatability when it is not significant: p > 0.05 (MSA-4, appendix A)
+  automatic,  ///< pooled with the repeatability if it is not significant: p > 0.05 (MSA-4, appendix A)
   keep,
   pool,
 };
@@ -80,31 +81,31 @@ struct Anova {
   AnovaRow part;
   AnovaRow appraiser;
   AnovaRow interaction;
-  AnovaRow repeatability;  ///< of the trials alone
-  AnovaRow pooled;         ///< with the interaction in it
+  AnovaRow repeatability;  ///< of the trials only
+  AnovaRow pooled;         ///< including the interaction
   AnovaRow total;
-  bool is_pooled = false;  ///< which model `components` is of
+  bool is_pooled = false;  ///< true if `components` is of the pooled model
   Components components;
   Components with_interaction;
   Components without_interaction;
 };
-/// F of part and appraiser are against the interaction, or against the pooled repeatability when pooled; that of the
-/// interaction against the repeatability. Nothing: a count below 2.
+/// F of part and appraiser is relative to the interaction, or to the pooled repeatability if pooled; F of the
+/// interaction is relative to the repeatability. nullopt if a count is below 2.
 [[nodiscard]] std::optional<Anova> anova(const Crossed& study, Interaction interaction = Interaction::automatic);
 
 struct GrrJudgement {
   Judgement judgement = Judgement::not_judged;
-  bool conditional = false;  ///< between 10 and 30 %: undecided, may be acceptable for what it costs
+  bool conditional = false;  ///< between 10 and 30 %: undecided, may be acceptable depending on the cost
   std::string reason;
 };
-/// By 6 GRR / T when there is a tolerance, else by GRR / TV and ndc: below 10 % and (TV) ndc 5 or more is capable,
-/// above 30 % or ndc below 5 not, between is undecided. Fewer parts, appraisers or trials than above are undecided, and
-/// so is a study none of whose trials differs from the one before.
+/// Judges by 6 GRR / T if there is a tolerance, otherwise by GRR / TV and ndc. Below 10 % and (TV) ndc of at least 5
+/// is capable, above 30 % or ndc below 5 is not, between is undecided. A study with too few parts, appraisers or
+/// trials is undecided, and so is one whose trials are all equal.
 [[nodiscard]] GrrJudgement judge(const Crossed& study, const Components& components, double tolerance);
 
-// A gauge R&R study as people plan it: who measured which part how often, put together from a table.
+// A gauge R&R study as planned: parts, appraisers and trials, assembled from a table.
 
-/// One measurement and what it stands for.
+/// One measurement with its part, appraiser and trial.
 struct Placing {
   std::string place;  ///< "plan.csv:7"
   std::string part;
@@ -128,34 +129,33 @@ struct GrrStudy {
   std::string source;
   StudyNotes notes;
   std::vector<GrrItem> items;
-  std::vector<std::string> refused;  ///< sentences: which item, which cell is missing or filled twice
+  std::vector<std::string> refused;  ///< sentences: the item, and the cell that is missing or filled twice
 
   [[nodiscard]] Judgement judgement() const;
 };
 
-/// Placings of a plan. `scan` measures a file, `slab` reads a stored slab (one record: an id with several inspections
-/// is refused) of which a block is meant, or all (0); both answer with everything measured. Columns: appraiser, trial,
-/// and
+/// Measurements of a plan. `scan` measures a file. `slab` reads one block or all (0) of a stored slab; an id with
+/// several inspections is rejected. Both return all measured values. Columns: appraiser, trial, and
 ///   part, value [, item, lower, upper]   values measured elsewhere;
-///   scan, block [, part]                 a part is the block, unless it has a name;
+///   scan, block [, part]                 the part is the block, unless it has a name;
 ///   slab [, block, part]                 every block is a part; with a name: name/block.
-/// config: a column or cell that is missing or wrong, with its place.
+/// Code::config: a column or cell is missing or invalid, with its place.
 struct PlanReaders {
   std::function<Result<std::vector<Reading>>(const std::string& path, int block)> scan;
   std::function<Result<std::vector<Reading>>(const std::string& slab, int block)> slab;
 };
 [[nodiscard]] Result<std::vector<Placing>> placings_of(const CsvTable& plan, const PlanReaders& readers);
 
-/// By item, of `items` (when empty all with two parts, or with a tolerance of the study's own). An item whose table has
-/// a hole is refused, never filled up. `tolerance(item)`: NaN for the recipe's, which must then be the same in every
-/// placing.
+/// Studies by item, for `items` (if empty, for all with two parts or with a tolerance in the study). An item with a
+/// missing cell is rejected, never completed. `tolerance(item)`: NaN for the recipe's, which must then be the same in
+/// all measurements.
 [[nodiscard]] GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::string>& items,
                                  const std::function<double(const std::string&)>& tolerance, Interaction interaction);
 
 /// Sources of variation, by both methods.
 [[nodiscard]] Table components_table(const GrrItem& item, Reader reader = std::nullopt);
 [[nodiscard]] std::string grr_json(const GrrStudy& study);
-/// One line an item; with `details`, or one item only, the tables behind it.
+/// One line per item; with `details`, or for one item only, with the tables.
 [[nodiscard]] std::string grr_text(const GrrStudy& study, bool details);
 
 }  // namespace slabd::cli::study

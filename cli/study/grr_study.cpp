@@ -40,11 +40,11 @@ struct GrrCell {
   double value = kNoValue;
 };
 
-/// The values of one item as they come, before anybody knows whether they make a whole table.
+/// The values of one item, before the table is known to be complete.
 struct LooseTable {
   GrrItem item;
   std::map<std::tuple<std::size_t, std::size_t, std::size_t>, GrrCell> cells;
-  std::string first_place;  ///< place of what `item.about` is
+  std::string first_place;  ///< place of `item.about`
   std::string twice;
   std::string limits_differ;
   bool any = false;
@@ -66,7 +66,7 @@ struct LooseTable {
                           placing.part, placing.appraiser, placing.trial);
   }
 
-  /// Empty when the table is whole; fills `item.crossed` then.
+  /// Fills `item.crossed`. Returns an empty text if the table is complete.
   std::string fill() {
     if (!twice.empty()) return twice;
     item.crossed = {item.parts.size(), item.appraisers.size(), item.trials.size(), {}};
@@ -98,7 +98,7 @@ std::string percent(double value) {
   return figure(value, 1);
 }
 
-/// As a table has it.
+/// Table cell of a judgement.
 Cell judged_cell(const GrrJudgement& judged) {
   Cell cell = study::judged(judged.judgement, judged.reason, std::nullopt);
   if (judged.conditional) cell.text.replace(0, name(judged.judgement).size(), "conditional");
@@ -134,7 +134,7 @@ void write_components(Json& json, std::string_view key, const Components& c, dou
   json.field("INT_zeroed", c.int_zeroed).field("PV_zeroed", c.pv_zeroed).end_object();
 }
 
-/// Everything of one plan line as placings.
+/// Adds all readings of one plan line.
 void place_all(const std::string& place, const CsvTable& plan, std::size_t row, int block, bool every_block,
                std::vector<Reading> readings, std::vector<Placing>& out) {
   const std::string& part = plan.cell(row, "part");
@@ -238,11 +238,12 @@ GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::
   for (auto& [key, loose] : tables) {
     GrrItem& item = loose.item;
     item.tolerance = tolerance(key.second);
-    // What is never measured, or is of no part but the whole slab, was not meant when nobody named it.
+    // Items that are never measured, or that are only of the whole slab, are skipped unless they were named.
     const bool named = !items.empty() || has_value(item.tolerance);
     if (!named && (!loose.any || (tables.size() > 1 && item.parts.size() < 2))) continue;
     std::string hole = loose.fill();
-    // Whose tolerance would it be? A part judged by other limits may also be another thing under the same name.
+    // Different limits have no tolerance in common. A part judged by other limits may also be another object
+    // with the same name.
     if (hole.empty() && !has_value(item.tolerance)) hole = loose.limits_differ;
     if (hole.empty()) {
       if (const auto found = anova(item.crossed, interaction)) {
@@ -321,7 +322,7 @@ std::string grr_text(const GrrStudy& study, bool details) {
   return text;
 }
 
-// slabctl study grr: a plan of who measured what, from a table, scans or stored slabs.
+// slabctl study grr: a plan of measurements, from a table, scans or stored slabs.
 
 namespace {
 
@@ -338,7 +339,8 @@ struct GrrOptions {
   bool json = false;
 };
 
-/// An item that is named but not in the study is most likely a slip, and would leave its tolerance unheard.
+/// Rejects named items that are not in the study, because they are probably typing errors and their tolerance would be
+/// ignored.
 void need_known(const GrrOptions& options, const std::map<std::string, double>& tolerances,
                 const std::vector<Placing>& placings) {
   std::set<std::string> measured;
@@ -355,7 +357,7 @@ void need_known(const GrrOptions& options, const std::map<std::string, double>& 
   for (const auto& [item, width] : tolerances) there("--tolerance", item);
 }
 
-/// A path as the plan says it, from the plan's own folder.
+/// A path of the plan, relative to the plan's folder.
 std::string beside(const std::string& plan, const std::string& path) {
   return (std::filesystem::path(plan).parent_path() / path).string();
 }
@@ -382,7 +384,7 @@ int run_grr(const GrrOptions& options) {
   PlanReaders readers;
   std::vector<Take> scans;
   SamePart same_part;
-  std::size_t row = 0;  // each row of the plan is read once, in their order
+  std::size_t row = 0;  // each row of the plan is read once, in order
   const auto part_of = [&](int block) {
     const std::string name = plan.cell(row++, "part");
     return !name.empty() || block == 0 ? name : fmt::format("block {}", block);
@@ -395,7 +397,7 @@ int run_grr(const GrrOptions& options) {
     scans.push_back({path, read.value()});
     return read;
   };
-  std::map<std::int64_t, std::set<int>> blocks_used;  // by slab key; 0: all of them
+  std::map<std::int64_t, std::set<int>> blocks_used;  // by slab key; 0: all blocks
   readers.slab = [&](const std::string& slab, int block) -> Result<std::vector<Reading>> {
     auto records = slabs_named(*reader, slab, 1000);
     if (!records.ok()) return records.error();
@@ -408,7 +410,7 @@ int run_grr(const GrrOptions& options) {
     same_part.add_slab(part_of(0), header);
     std::set<int>& used = blocks_used[key];
     Take take = take_of(records.value().front());
-    // A plan with a column of blocks names a slab once for each of them.
+    // A plan with a column of blocks has one row per block of a slab.
     if (used.contains(0) || used.contains(block) || (block == 0 && !used.empty()))
       return error(Code::config, "slab '%s' (key %lld)%s is in the plan already: one measurement used twice",
                    slab.c_str(), static_cast<long long>(key),

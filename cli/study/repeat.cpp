@@ -37,13 +37,13 @@ std::string range_text(double low, double high, int digits) {
   return fmt::format("{} .. {}", figure(low, digits), figure(high, digits));
 }
 
-/// Scatter is small against values: a hundredth of a micrometre, a hundred-thousandth of a degree.
+/// Scatter is small compared with values: a hundredth of a micrometre, a hundred-thousandth of a degree.
 constexpr int kSmallDigits = 5;
 std::string small(double value) {
   return figure(value, kSmallDigits);
 }
 
-/// What the paper says of its Figs. 18 and 19: the largest range of any block.
+/// The largest range of any block, as the paper reports for its Figs. 18 and 19.
 Table worst_table(const RepeatStudy& study) {
   Table table{"characteristic", "unit<", "blocks", "missing", "worst std", "block<", "worst range", "block<"};
   for (std::size_t i = 0; i < study.characteristics.size();) {
@@ -105,7 +105,7 @@ Table gauges_table(const RepeatStudy& study, Reader reader) {
     const Gauge& g = c.gauge;
     if (g.judgement == Judgement::not_judged) continue;
     const int digits = decimals_of(c.about.item);
-    // A document has the reasons as sentences of their own.
+    // A document contains the reasons as separate sentences.
     table.add(subject_of(c.about, reader), Cell(g.reference, digits), Cell(g.tolerance, digits), small(g.bias),
               range_text(g.bias_low, g.bias_high, kSmallDigits), Cell(g.p, 3), Cell(g.cg, 2), Cell(g.cgk, 2),
               judged(g.judgement, reader ? "" : g.reason, reader));
@@ -133,7 +133,7 @@ RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::str
   RepeatStudy study;
   using Key = std::tuple<std::size_t, std::string, int, int>;
   std::map<Key, Characteristic> found;
-  std::map<const Characteristic*, std::size_t> first;  // the run it came from
+  std::map<const Characteristic*, std::size_t> first;  // first run with this characteristic
   for (std::size_t run = 0; run < takes.size(); ++run) {
     study.runs.push_back(takes[run].name);
     for (const Reading& reading : takes[run].readings) {
@@ -159,13 +159,13 @@ RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::str
     study.warnings.push_back(
         fmt::format("{} runs; a type-1 study needs {}{}", takes.size(), kGaugeRunsMin,
                     takes.size() == 10 ? ": the standard deviation of ten is known to 0.69 .. 1.83 times itself" : ""));
-  std::set<std::string> warned;  // one sentence an item: a recipe that changed would fill the screen
+  std::set<std::string> warned;  // one warning per item, so that a changed recipe does not fill the screen
   for (auto& [key, c] : found) {
     std::vector<double> values;
     for (const double value : c.values)
       if (has_value(value)) values.push_back(value);
     const double reference = known(task.references, c.about);
-    // What the recipe does not ask for and nobody ever saw is no subject of a study, unless somebody asks about it.
+    // An item that is not required and was never measured is skipped, unless it was named or has a reference.
     if (values.empty() && items.empty() && !has_value(reference)) continue;
     c.missing = c.values.size() - values.size();
     c.spread = spread_of(values);
@@ -227,7 +227,7 @@ std::string repeat_text(const RepeatStudy& study, bool details) {
   return text;
 }
 
-// slabctl study repeat: the same thing measured again and again, from scans, stored slabs, a table, or on the line.
+// slabctl study repeat: repeated measurements of the same object, from scans, stored slabs, a table, or on the line.
 
 namespace {
 
@@ -252,7 +252,7 @@ struct RepeatOptions {
   bool json = false;
 };
 
-/// What was measured, and where it comes from in words.
+/// Measurements and their source in words.
 struct Runs {
   std::vector<Take> takes;
   std::string source;
@@ -278,7 +278,7 @@ Runs from_scans(const RepeatOptions& options, SamePart& part) {
 Runs from_slabs(const RepeatOptions& options, SamePart& part) {
   const auto reader = open_database(options.database);
   std::vector<Take> takes;
-  std::set<std::int64_t> seen;  // a slab that is named twice, once by its id perhaps, was not measured twice
+  std::set<std::int64_t> seen;  // a slab that is named twice, for example once by its id, counts once
   for (const std::string& wanted : options.slabs) {
     const auto records = need(slabs_named(*reader, wanted, options.runs));
     if (records.empty()) stop(no_slab_named(wanted));
@@ -292,7 +292,7 @@ Runs from_slabs(const RepeatOptions& options, SamePart& part) {
       for (Take& take : attempts_of(record)) takes.push_back(std::move(take));
     }
   }
-  // Attempts at other blocks are no runs of this one.
+  // Attempts at other blocks are not runs of this one.
   if (options.attempts && options.block == 0) stop(kUsage, "--attempts are repeats of one block: --block K");
   if (options.attempts)
     std::erase_if(takes,
@@ -335,7 +335,7 @@ GaugeTask task_of(const RepeatOptions& options) {
   return task;
 }
 
-/// An item that is named but measured nowhere is most likely a slip.
+/// Rejects named items that are never measured, because they are probably typing errors.
 void need_known(const RepeatOptions& options, const GaugeTask& task, const std::vector<Take>& takes,
                 const RepeatStudy& study) {
   const auto there = [&](const std::string& wanted) {

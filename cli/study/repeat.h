@@ -9,14 +9,14 @@
 #include "cli/study/source.h"
 #include "cli/study/statistics.h"
 
-/// The paper's ten repeats (Figs. 18 and 19) and the type-1 study, characteristic by characteristic.
+/// The paper's ten repeats (Figs. 18 and 19) and the type-1 study for every characteristic.
 namespace slabd::cli::study {
 
 struct Characteristic {
-  Reading about;               ///< item, blocks and limits; its value is of no meaning here
-  std::vector<double> values;  ///< one a run, NaN: not measured
+  Reading about;               ///< item, blocks and limits; its value is unused
+  std::vector<double> values;  ///< one per run, NaN: not measured
   std::size_t missing = 0;
-  std::string limits_differ;  ///< which runs were judged by different limits; empty: all by the same
+  std::string limits_differ;  ///< runs that were judged by different limits; empty if all have the same
   Spread spread;
   Gauge gauge;
 };
@@ -28,26 +28,26 @@ struct RepeatStudy {
   std::vector<std::string> warnings;
   std::vector<Characteristic> characteristics;
 
-  /// The worst of what was judged: not capable, then undecided; not_judged when nothing was.
+  /// The worst judgement: not capable, then undecided; not_judged if nothing was judged.
   [[nodiscard]] Judgement judgement() const;
 };
 
-/// What is known of the thing that was measured: by item, or by item and block ("seat_slope@3"), the latter first.
+/// Known values of the measured object: by item, or by item and block ("seat_slope@3"), which has priority.
 struct GaugeTask {
   std::map<std::string, double> references;
-  std::map<std::string, double> tolerances;  ///< else upper minus lower limit, where there are both
+  std::map<std::string, double> tolerances;  ///< default: upper minus lower limit, if both exist
 };
-/// Characteristics by item and block, of `items` (all when empty) at `block` (all when 0). `scans`: the takes come from
-/// scans, so two that are equal to the last bit are one scan taken twice, and nothing is capable by them. Runs that
-/// were judged by different limits have no tolerance in common: undecided, unless the task states one.
+/// Characteristics by item and block, of `items` (all if empty) at `block` (all if 0). `scans`: the takes are from
+/// scans, so two with equal bits are the same scan twice, and nothing is judged capable with them. Runs with different
+/// limits have no common tolerance: undecided, unless the task contains one.
 [[nodiscard]] RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::string>& items, int block,
                                        const GaugeTask& task, bool scans);
 
 [[nodiscard]] Table characteristics_table(const RepeatStudy& study, Reader reader = std::nullopt);
-/// The type-1 study of what has a reference.
+/// The type-1 study of characteristics with a reference.
 [[nodiscard]] Table gauges_table(const RepeatStudy& study, Reader reader = std::nullopt);
 [[nodiscard]] std::string repeat_json(const RepeatStudy& study);
-/// Tables for people; every block's own line when `details`, or when there is one block only.
+/// Text tables; with `details`, or for one block only, with a line per block.
 [[nodiscard]] std::string repeat_text(const RepeatStudy& study, bool details);
 
 }  // namespace slabd::cli::study

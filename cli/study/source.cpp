@@ -120,7 +120,7 @@ Result<std::vector<Reading>> ScanMeter::measure(const std::string& path, int blo
   if (!read.ok()) return read.error();
   const ScanShape& shape = shape_ = read.value();
   const algo::Cloud cloud{xyz_, shape.points, shape.width, shape.height};
-  // A block that was not found leaves its items without a value, and the study counts them.
+  // A block that was not found gives items without a value, which the study counts.
   static_cast<void>(
       daemon::measure_block(inspector_, *clock_, block, Pose::identity(), T_block_scanner, cloud, shape, 0.0));
   std::vector<Reading> readings;
@@ -169,7 +169,8 @@ Take take_of(const storage::SlabRecord& record) {
     const auto before = std::find_if(take.readings.begin(), take.readings.end(), [&](const Reading& r) {
       return r.item == reading.item && r.block == reading.block && r.block_to == reading.block_to;
     });
-    // One without limits is for information, as where slopes are judged against the slab's top: the block's stays.
+    // An item without limits is for information, as if slopes are judged against the slab's top: the block's item
+    // remains.
     const bool judged = has_value(reading.lower) || has_value(reading.upper);
     if (before == take.readings.end()) {
       take.readings.push_back(std::move(reading));
@@ -282,7 +283,7 @@ Result<std::vector<Take>> takes_of(const CsvTable& table) {
 
 namespace {
 
-/// More of them say nothing new.
+/// Number of names in a message.
 constexpr std::size_t kSentencesShown = 6;
 
 template <typename T>

@@ -38,7 +38,7 @@ Spread spread_of(std::span<const double> values) {
   spread.count = values.size();
   if (values.empty()) return spread;
   const auto n = static_cast<double>(values.size());
-  // Shifted by the first value: deviations of micrometres from a distance of metres keep their digits.
+  // Relative to the first value: micrometre deviations of metre distances keep their digits.
   double sum = 0.0;
   for (const double value : values) sum += value - values.front();
   spread.mean = values.front() + sum / n;
@@ -47,7 +47,7 @@ Spread spread_of(std::span<const double> values) {
   spread.range = spread.largest - spread.smallest;
   spread.deviation_max = std::max(spread.largest - spread.mean, spread.mean - spread.smallest);
   if (values.size() < 2) return spread;
-  if (spread.range == 0.0) {  // the mean of equal values may round away from them
+  if (spread.range == 0.0) {  // the mean of equal values may have a rounding error
     spread.std = spread.std_low = spread.std_high = spread.deviation_max = 0.0;
     return spread;
   }
@@ -94,7 +94,7 @@ Gauge type_1(const Spread& spread, std::size_t missing, double reference, double
   Gauge gauge;
   gauge.reference = reference;
   gauge.tolerance = tolerance;
-  if (has_value(reference)) gauge.judgement = Judgement::undecided;  // until the figures say more
+  if (has_value(reference)) gauge.judgement = Judgement::undecided;  // default until a criterion decides
   if (spread.count < 2) {
     if (has_value(reference))
       gauge.reason = missing > 0 ? fmt::format("not measured in {} of {} runs", missing, missing + spread.count)
@@ -130,7 +130,7 @@ Gauge type_1(const Spread& spread, std::size_t missing, double reference, double
   return gauge;
 }
 
-// Boost.Math, told to answer NaN where it would throw.
+// Boost.Math with a policy that returns NaN instead of throwing.
 
 namespace {
 
@@ -183,7 +183,7 @@ namespace {
 constexpr double kCoverage = 1.96;
 constexpr double kCorrelationMin = 0.9;
 
-/// Pearson's; NaN when one side does not vary.
+/// Pearson's correlation; NaN if one side does not vary.
 double correlation(std::span<const Pair> pairs) {
   const auto n = static_cast<double>(pairs.size());
   double x_mean = 0.0;
@@ -219,7 +219,7 @@ struct Line {
   double intercept = kNoValue;
 };
 
-/// Deming's line through all pairs but `left_out`.
+/// Deming's line through all pairs except `left_out`.
 Line line_through(std::span<const Pair> pairs, double ratio, std::size_t left_out) {
   double n = 0.0;
   double x_mean = 0.0;
@@ -245,14 +245,14 @@ Line line_through(std::span<const Pair> pairs, double ratio, std::size_t left_ou
   }
   const double d = yy - ratio * xx;
   Line line;
-  // Of the two forms of the root the one that does not subtract numbers of a size.
+  // The form of the root without cancellation.
   const double h = std::sqrt(d * d + 4.0 * ratio * xy * xy);
   line.slope = d >= 0.0 ? (d + h) / (2.0 * xy) : 2.0 * ratio * xy / (h - d);
   line.intercept = y_mean - line.slope * x_mean;
   return line;
 }
 
-/// The jackknife: pseudo-values n all - (n - 1) without one, their mean and standard error.
+/// The jackknife: pseudo-values n * all - (n - 1) * (all without one), their mean and standard error.
 Estimate jackknifed(double all, const std::vector<double>& without_one) {
   const auto n = static_cast<double>(without_one.size());
   std::vector<double> pseudo;
@@ -260,7 +260,7 @@ Estimate jackknifed(double all, const std::vector<double>& without_one) {
   return around(all, spread_of(pseudo).std / std::sqrt(n), n - 2.0);
 }
 
-/// Variance ratio from the stated uncertainties; 0 when not all pairs state both.
+/// Variance ratio from the stated uncertainties; 0 if a pair lacks one of them.
 double stated_ratio(std::span<const Pair> pairs) {
   double above = 0.0;
   double below = 0.0;

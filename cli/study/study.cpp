@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl study: what the paper did once by hand to show how good it is, for a quality engineer on his own line.
+// slabctl study: the paper's tests of the measuring system, for a quality engineer on a production line.
 #include "cli/study/study.h"
 
 #include <fmt/core.h>
@@ -74,8 +74,8 @@ void add_study(args::Command& app) {
 
 }  // namespace slabd::cli
 
-// One scan after the other from the running daemon, by the same verb that calibration views come from. Each is measured
-// here, from the pose the daemon says the robot stood at; the daemon's copy is let go at once.
+// Takes scans from the running daemon with the command for calibration views. Each scan is measured here from the
+// robot pose of the daemon; the daemon's copy is released at once.
 namespace slabd::cli::study {
 namespace {
 
@@ -89,7 +89,7 @@ bool robot_is_back(std::size_t number, std::size_t count) {
   return static_cast<bool>(std::getline(std::cin, line));
 }
 
-/// A robot that stirred is no fault of the study: the scan is taken again, a few times.
+/// Takes a scan. If the robot moved, it is repeated a few times, because this is not an error of the study.
 Result<LiveShot> shoot(LiveCapture& line, const std::string& what) {
   constexpr int kTries = 5;
   const bool terminal = isatty(STDERR_FILENO) != 0;
@@ -105,7 +105,7 @@ Result<LiveShot> shoot(LiveCapture& line, const std::string& what) {
   }
 }
 
-/// nullopt if all were taken; else why not.
+/// Takes all scans. nullopt on success, otherwise the reason.
 std::optional<Stop> take_all(const LiveOrder& order, const daemon::Config& config, const Pose& X, const Recipe& recipe,
                              LiveCapture& line, std::vector<Take>& takes) {
   ScanMeter meter(recipe, config.scanner.form, order.threads);
@@ -115,7 +115,7 @@ std::optional<Stop> take_all(const LiveOrder& order, const daemon::Config& confi
     const Result<LiveShot> shot = shoot(line, fmt::format("scan {}/{}", i, order.count));
     if (!shot.ok()) return refused(shot.error());
     auto readings = meter.measure(shot.value().scan_path, order.station, T_block_base * shot.value().T_base_flange * X);
-    // A copy that is not let go now is let go by the daemon in a week; that is no reason to fail.
+    // A failed release is ignored, because the daemon deletes the copy after a week.
     static_cast<void>(line.release(shot.value().scan_path));
     if (!readings.ok()) return refused(readings.error());
     const std::vector<Reading>& values = readings.value();
@@ -138,7 +138,7 @@ std::vector<Take> live_takes(const LiveOrder& order, const Recipe& recipe) {
   for (const std::string& warning : line.value().warnings()) complain("warning: " + warning);
   std::vector<Take> takes;
   const std::optional<Stop> missed = take_all(order, config, now.T_flange_scanner, recipe, line.value(), takes);
-  if (missed) complain(missed->sentence);  // before the line is given back
+  if (missed) complain(missed->sentence);  // printed before the line is returned
   if (const Status ended = line.value().end(); !ended.ok())
     complain(fmt::format("warning: the line stays in maintenance until the lease ends: {}", ended.error().text.view()));
   if (missed) stop(missed->status);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What a study found as pages: a table of figures, and charts that show at a glance what the figures say. The figures
-// are those of the terminal and of the JSON.
+// Results of a study as pages: a table of figures and charts of them. The figures are those of the terminal and of the
+// JSON.
 #include "cli/study/study_report.h"
 
 #include <fmt/core.h>
@@ -44,7 +44,7 @@ constexpr int kSmallDigits = 5;
 
 // ---- repeats -------------------------------------------------------------------------------------------------------
 
-/// One block: its values over the runs. `c` is kept, so a figure may outlive the study.
+/// Chart of one block: its values over the runs. `c` is copied, so a figure may outlive the study.
 Figure run_chart(const Characteristic& c, Language language) {
   Figure chart;
   chart.title = fmt::format("{}, {} {}", word_of(c.about.item, language), pick(language, "block", "承轨台"),
@@ -78,7 +78,7 @@ Figure run_chart(const Characteristic& c, Language language) {
   return chart;
 }
 
-/// Several blocks: all values of each over its place in the list, with a bar from the smallest to the largest.
+/// Chart of several blocks: all values of each at its index, with a bar from the smallest to the largest.
 Figure block_chart(const std::vector<Characteristic>& of_item, Language language) {
   Figure chart;
   chart.title =
@@ -151,7 +151,7 @@ Figure component_bars(const GrrItem& item, Language language) {
   return chart;
 }
 
-/// What each appraiser found on each part, less the part's mean: level lines of one height agree.
+/// Each appraiser's mean of each part less the part's mean: level lines of equal height mean agreement.
 Figure appraiser_lines(const GrrItem& item, Language language) {
   Figure chart;
   chart.title = pick(language, "each appraiser's mean, less the part's", "各评价人均值与零件均值之差");
@@ -196,7 +196,7 @@ Figure appraiser_lines(const GrrItem& item, Language language) {
   return chart;
 }
 
-// ---- against a laboratory ------------------------------------------------------------------------------------------
+// ---- comparison with a laboratory ----------------------------------------------------------------------------------
 
 Figure scatter_chart(const CompareItem& item, Language language) {
   Figure chart;
@@ -256,7 +256,7 @@ Figure difference_chart(const CompareItem& item, Language language) {
 
 }  // namespace
 
-/// Under the title of the first section.
+/// Adds the notes below the title of the first section.
 static void add_notes(report::Report& made, const StudyNotes& notes) {
   made.emulated = notes.emulated;
   Section section;

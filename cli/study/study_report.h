@@ -9,14 +9,14 @@
 #include "cli/terminal/document.h"
 #include "report/content.h"
 
-/// Studies as documents, by the drawing code of the slab reports.
+/// Studies as documents, drawn by the code of the slab reports.
 namespace slabd::cli::study {
 
-/// One chart an item: over the runs for one block, over the blocks for several (the paper's Figs. 18 and 19).
+/// One chart per item: over the runs for one block, over the blocks for several (the paper's Figs. 18 and 19).
 [[nodiscard]] report::Report repeat_report(const RepeatStudy& study, report::Language language);
-/// Components, and what each appraiser found on each part.
+/// Components, and the means of each appraiser for each part.
 [[nodiscard]] report::Report grr_report(const GrrStudy& study, report::Language language);
-/// Measured over reference with the line, and differences with the limits of agreement.
+/// Measured over reference values with the line, and differences with the limits of agreement.
 [[nodiscard]] report::Report compare_report(const CompareStudy& study, report::Language language);
 
 }  // namespace slabd::cli::study

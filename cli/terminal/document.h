@@ -12,34 +12,34 @@ class Command;
 
 namespace slabd::cli {
 
-/// --out FILE, whose extension says what the document becomes, and --language.
+/// --out FILE, whose extension selects the format, and --language.
 struct DocumentOptions {
   std::string out;
   std::string language = "en";
-  int page = 0;                  ///< of .svg and .png; 0: all, below each other
-  double dots_per_inch = 100.0;  ///< of .png
+  int page = 0;                  ///< page of .svg and .png; 0: all, below each other
+  double dots_per_inch = 100.0;  ///< for .png
 
   void add_to(args::Command& command);
   [[nodiscard]] report::Language wanted() const {
     return language == "zh" ? report::Language::zh : report::Language::en;
   }
-  /// ".pdf", lower case.
+  /// The extension, for example ".pdf", in lower case.
   [[nodiscard]] std::string extension() const;
-  /// Stops at a name that ends in none of .pdf, .html, .svg, .png.
+  /// Stops if the extension is not .pdf, .html, .svg or .png.
   void check() const;
-  /// Writes the document if a name was given; stops if that is not possible.
+  /// Writes the document if a name was given; stops on an error.
   void write(const report::Report& document) const;
 };
 
 class Json;
 
-/// A command whose answer is one table: in the terminal, or what --json, --csv or --html ask for.
+/// Output of a command with one table: terminal, --json, --csv or --html.
 struct TableOutput {
   bool json = false;
   bool csv = false;
   bool html = false;
   void add_to(args::Command& command, const std::string& schema);
-  /// `document` begins with what JSON has beside the rows, which are its list `name`.
+  /// `document` contains the JSON fields before the rows, which are written as the list `name`.
   void print(const Table& table, Json document, const std::string& name) const;
 };
 

@@ -18,10 +18,10 @@
 namespace slabd::cli {
 namespace {
 
-/// A finite number from `low` to `high`; `range` says which those are, in an error and in the help.
+/// Accepts a finite number from `low` to `high`; `range` is their text in errors and in the help.
 CLI::Validator finite_within(double low, double high, const std::string& range) {
   return {[=](std::string& text) {
-            // Decimal only: by strtod 0x19 is a number too.
+            // Decimal only, because strtod also accepts 0x19.
             const char* first = text.data() + (text.starts_with("+") && !text.starts_with("+-") ? 1 : 0);
             double value = kNoValue;
             const auto [stop, fault] = std::from_chars(first, text.data() + text.size(), value);
@@ -32,7 +32,7 @@ CLI::Validator finite_within(double low, double high, const std::string& range) 
           range};
 }
 
-/// Zeros in front go. Without a description: the help has the option's range.
+/// Removes leading zeros. It has no description, because the help contains the option's range.
 template <typename Integer>
 CLI::Validator decimal_digits() {
   return {[](std::string& text) {
@@ -50,7 +50,7 @@ CLI::Validator decimal_digits() {
 void read_whole_numbers_of(CLI::App& app) {
   for (CLI::Option* option : app.get_options()) {
     const std::string type = option->get_type_name();
-    if (type.find('{') != std::string::npos) continue;  // words that stand for numbers
+    if (type.find('{') != std::string::npos) continue;  // words that represent numbers
     if (type.starts_with("UINT"))
       option->transform(decimal_digits<std::uint64_t>());
     else if (type.starts_with("INT"))
@@ -97,7 +97,7 @@ Result<std::int64_t> parse_time(std::string_view text, std::int64_t now_utime_us
       return wrong();
     return now_utime_us - count * seconds * 1'000'000;
   }
-  // Places of a date's digits; everything else must be as it stands here.
+  // Positions of a date's digits; all other characters must match.
   constexpr std::string_view kForm = "0000-00-00T00:00:00Z";
   if (text.size() != 10 && text.size() != kForm.size()) return wrong();
   for (std::size_t i = 0; i < text.size(); ++i)

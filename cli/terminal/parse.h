@@ -15,46 +15,46 @@ class Command;
 class Check;
 }  // namespace slabd::args
 
-/// Values as people write them on the command line.
+/// Parsers for values on the command line.
 namespace slabd::cli {
 
-/// "x y z qw qx qy qz" (mm, unit quaternion within 1e-3), separated by blanks or commas. config: what is wrong, and
-/// the allowed range.
+/// Parses "x y z qw qx qy qz" (mm, unit quaternion within 1e-3), separated by blanks or commas. Code::config: the
+/// fault and the allowed range.
 [[nodiscard]] Result<Pose> parse_pose(std::string_view text);
 
-/// A moment (UTC), as us since 1970: "2026-11-20", "2026-11-20T23:28:01Z", or so long before `now_utime_us`: "30m",
-/// "12h", "7d". config: what was expected.
+/// Parses a time (UTC) as us since 1970: "2026-11-20", "2026-11-20T23:28:01Z", or an interval before `now_utime_us`:
+/// "30m", "12h", "7d". Code::config: the expected form.
 [[nodiscard]] Result<std::int64_t> parse_time(std::string_view text, std::int64_t now_utime_us);
 
-/// The same of an option, before now; 0 if it was not given. Stops if it is not a moment.
+/// The time of an option, with intervals before now; 0 if it was not given. Stops if it is invalid.
 [[nodiscard]] std::int64_t time_of(const char* option, const std::string& text);
-/// The words that name a verdict of a stored slab, and the verdict of one; nullopt: of any other word.
+/// The names of verdicts of a stored slab, and the verdict of a name; nullopt if the name is unknown.
 [[nodiscard]] std::vector<std::string> verdict_names();
 [[nodiscard]] std::optional<Verdict> verdict_from_name(std::string_view name);
 [[nodiscard]] std::optional<hal::LengthUnit> length_unit(std::string_view name);
 
-/// Checks of an option that takes a decimal number; every such option has one of them (tests/cli/options_test.cpp).
-/// CLI11's own Range lets "nan" through, and a limit that is NaN holds nothing back.
+/// Validators of options with a decimal number; every such option has one of them (tests/cli/options_test.cpp).
+/// CLI11's own Range accepts "nan", and a limit that is NaN restricts nothing.
 [[nodiscard]] args::Check within(double low, double high);
 [[nodiscard]] args::Check at_least(double low);
-/// For one without a range: any number but NaN and infinity.
+/// Without a range: any number except NaN and infinity.
 [[nodiscard]] args::Check finite_number();
 
-/// Gives every option below `app` that takes a whole number plain decimal digits: CLI11 reads 011 as nine and 0x10 as
-/// sixteen, as C does, and the largest number for one that is too large.
+/// Makes all options below `app` with a whole number accept only decimal digits. CLI11 reads 011 as nine and 0x10 as
+/// sixteen, as C does, and replaces a too large number by the largest one.
 void read_whole_numbers_decimally(const args::Command& app);
 
-/// Of an option that asks a person why: something must be said.
+/// Requires a text that is not blank, for options that ask for a reason.
 [[nodiscard]] args::Check some_words();
 
-/// How the scan files of a command are written: its options --unit and --columns. An empty text takes the
-/// configuration's.
+/// The options --unit and --columns of a command that reads scan files. If a text is empty, the configuration's value
+/// applies.
 struct ScanFormOptions {
   std::string unit = "mm";
   std::string columns;
   /// Adds both options; this object must outlive the command.
   void add_to(args::Command& command);
-  /// `otherwise` holds what was not given.
+  /// `otherwise` contains the values that were not given.
   [[nodiscard]] hal::ScanForm form(hal::ScanForm otherwise = {}) const;
 };
 

@@ -29,7 +29,7 @@ ProgressNote::~ProgressNote() {
   thread_.request_stop();
   thread_.join();
   if (!shown_) return;
-  std::fputs("\r\x1b[K", stream_);  // to the line's start, erase to its end
+  std::fputs("\r\x1b[K", stream_);  // carriage return, erase to the end of the line
   std::fflush(stream_);
 }
 

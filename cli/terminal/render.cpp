@@ -20,7 +20,7 @@ std::string limits_text(const Item& item) {
   return limits.empty() ? "info" : limits;
 }
 
-/// Neither as good as sure nor as good as impossible.
+/// True if the conformance is neither practically certain nor practically impossible.
 bool is_doubtful(const Item& item) {
   const double probability = conformance_probability(item);
   return probability > 0.0005 && probability < 0.9995;
@@ -112,7 +112,7 @@ std::string slab_map(std::span<const Verdict> verdicts, Style style, std::span<c
     for (std::size_t column = 0; column < pairs; ++column) {
       const std::size_t i = left ? column : 2 * pairs - column - 1;
       const Verdict verdict = verdicts[i];
-      // The count takes the place of blanks in front of the next symbol.
+      // The count replaces blanks before the next symbol.
       line += std::string(3 - std::min<std::size_t>(3, display_width(behind)), ' ').insert(0, behind);
       line += coloured(symbol(verdict, style), verdict, style);
       behind = i < damaged.size() && damaged[i] > 0 ? fmt::format("!{}", std::min<std::size_t>(damaged[i], 9)) : "";
@@ -133,7 +133,7 @@ std::string map_legend(Style style) {
 
 std::string reason_words(std::uint16_t reason) {
   if (reason == 0) return "";
-  // warp_left and warp_right share a number; a reason without a bit in the fail mask has a sentence of its own.
+  // warp_left and warp_right share a number; a reason without a bit in the fail mask has its own sentence.
   if (const std::optional<ItemId> item = item_from_reason(reason); item && info(*item).plc_bit >= 0)
     return fmt::format("{}: {}", reason, *item == ItemId::warp_left ? "warp" : info(*item).name);
   return fmt::format("{}: {}", reason, describe(static_cast<Code>(reason)));

@@ -14,10 +14,10 @@ namespace {
 
 constexpr double kD2 = 1.128;         // expected range of two normal values, in sigmas
 constexpr double kD4 = 3.267;         // upper control limit of such ranges over their mean
-constexpr double kBothSides = 0.025;  // outside of a 95 % interval, on each side
+constexpr double kBothSides = 0.025;  // probability outside a 95 % interval, on each side
 constexpr double kSignificant = 4.0;
 
-/// A run of nine values on one side of the mean, whichever of its values one looks at last.
+/// Marks a value if it and the eight before it are on one side of the mean.
 void mark_runs(std::span<const double> values, double mean, std::vector<Signal>& signals) {
   constexpr int kRun = 9;
   int run = 0;
@@ -93,7 +93,7 @@ bool StationBias::drifting() const {
 std::vector<StationBias> station_biases(std::span<const Placed> values) {
   constexpr std::size_t kStationsMin = 3;
   struct Point {
-    double slab;  ///< 0, 1, 2, ... in their order
+    double slab;  ///< index of the slab: 0, 1, 2, ...
     double off;
   };
   std::map<int, std::vector<Point>> by_station;

@@ -13,14 +13,14 @@
 #include "base/limits.h"
 
 /// Statistical process control of one characteristic: individuals and moving range, capability with its confidence,
-/// and what each station does differently from the others.
+/// and differences between stations.
 namespace slabd::cli::trend {
 
-/// Fewer values say nothing about limits and capability: what is computed from them is shown grey, Cp and Cpk not at
-/// all (AIAG SPC, 2nd edition, asks for 25 subgroups).
+/// Minimum number of values for limits and capability. With fewer, limits are shown grey, and Cp and Cpk not at all
+/// (AIAG SPC, 2nd edition, requires 25 subgroups).
 inline constexpr std::size_t kValuesMin = 25;
 
-/// Why a value stands out. A jump: its moving range lies above the limit of the ranges.
+/// Reason for a marked value. A jump: its moving range is above the limit of the ranges.
 enum class Signal : std::uint8_t { none, beyond_limits, jump, nine_on_one_side };
 
 /// Charts of single values in their order.
@@ -36,7 +36,7 @@ struct Individuals {
   std::vector<Signal> signals;      ///< one per value
   [[nodiscard]] bool preliminary() const { return count < kValuesMin; }
 };
-/// Two values at least, else everything but `count` and `mean` stays NaN. Values are finite.
+/// Requires at least two values, otherwise all except `count` and `mean` remains NaN. Values must be finite.
 [[nodiscard]] Individuals individuals(std::span<const double> values);
 
 /// An index with its 95 % confidence interval.
@@ -50,21 +50,22 @@ struct Capability {
   Index cp;  ///< NaN for one-sided limits
   Index cpk;
 };
-/// From the short-term sigma. Its degrees of freedom are 0.62 (n - 1) (moving ranges overlap); Cp's interval is that of
-/// chi-squared, Cpk's Bissell's (1990). NaN: fewer than kValuesMin values, no limits, or no scatter.
+/// Capability from the short-term sigma. Its degrees of freedom are 0.62 (n - 1) (moving ranges overlap); Cp's
+/// interval is that of chi-squared, Cpk's Bissell's (1990). NaN: fewer than kValuesMin values, missing limits, or zero
+/// scatter.
 [[nodiscard]] Capability capability(const Individuals& chart, double lower, double upper);
 
-/// What one station does differently from the median of all stations of the same slab: one that is far off must not
-/// make the others look off the other way.
+/// Difference of one station from the median of all stations of the same slab. The median is used so that a station
+/// with a large error does not shift the others.
 struct StationBias {
   int station = 0;
   std::size_t slabs = 0;
   double bias = kNoValue;
   double bias_sigma = kNoValue;  ///< standard error
-  double drift = kNoValue;       ///< of the bias from the first slab to the last, by a straight line
+  double drift = kNoValue;       ///< change of the bias from the first slab to the last, by a straight line
   double drift_sigma = kNoValue;
   bool preliminary = true;  ///< fewer than kValuesMin slabs
-  /// Beyond four standard errors: among 18 stations chance alone does that once in a thousand looks.
+  /// True beyond four standard errors: among 18 stations this happens by chance once in a thousand evaluations.
   [[nodiscard]] bool biased() const;
   [[nodiscard]] bool drifting() const;
 };
@@ -74,10 +75,10 @@ struct Placed {
   int station = 0;
   double value = kNoValue;
 };
-/// By station. Slabs with fewer than three stations are left out.
+/// Biases by station. Slabs with fewer than three stations are left out.
 [[nodiscard]] std::vector<StationBias> station_biases(std::span<const Placed> values);
 
-/// Bars of eight heights in one line, the newest `width` values; "·" for none.
+/// Bars of eight heights in one line, the newest `width` values; "·" for a missing value.
 [[nodiscard]] std::string sparkline(std::span<const double> values, std::size_t width, bool unicode);
 
 }  // namespace slabd::cli::trend

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl trend: one characteristic over the slabs. Is the process calm, is it capable, and does one station go its own
-// way?
+// slabctl trend: one characteristic over the slabs: stability and capability of the process, and stations that differ
+// from the others.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -79,7 +79,7 @@ std::string as_json(const Trend& t) {
   return json.text();
 }
 
-/// What is preliminary is printed faint, and says so.
+/// Preliminary figures are printed faint.
 std::string faint(std::string text, bool yes, Style style) {
   return yes && style.colour ? "\x1b[2m" + text + "\x1b[0m" : text;
 }
@@ -155,7 +155,7 @@ int show_trend(const Options& options) {
   if (!options.until.empty()) filter.until_utime_us = time_of("--until", options.until);
   const auto reader = open_database(options.database);
   auto values = reader->values(filter);
-  // Two types have not the same blocks nor the same limits: without --type that of the newest slab.
+  // Slab types differ in blocks and limits: without --type that of the newest slab is used.
   bool other_types = false;
   if (values && !values.value().empty()) {
     filter.slab_type = values.value().back().slab_type;
@@ -164,7 +164,7 @@ int show_trend(const Options& options) {
     if (other_types) values = reader->values(filter);
   }
   if (!values) stop(kNotReachable, values.error().text.view());
-  // As two types are, emulated and real slabs are two things; the newest slab decides which are shown.
+  // Emulated and real slabs are separated as well; the newest slab selects which are shown.
   std::size_t others = 0;
   const bool emulated = !values.value().empty() && values.value().back().emulated != 0;
   if (const auto is_other = [&](const storage::ItemValue& value) { return (value.emulated != 0) != emulated; };

@@ -24,7 +24,7 @@ using report::TextStyle;
 
 constexpr Colour kLimit{0.62, 0.05, 0.10};
 
-/// One panel of the chart: values from left to right between the lowest and highest thing drawn.
+/// One panel of the chart: values from left to right, scaled to the lowest and highest drawn value.
 struct Panel {
   double top = 0.0;
   double height = 0.0;
@@ -79,18 +79,18 @@ void widen(Panel& panel) {
   panel.high += margin;
 }
 
-/// The same requirement: what was judged by other limits is another characteristic.
+/// True if both have the same requirement; an item with other limits is another characteristic.
 bool same_requirement(const Item& a, const Item& b) {
   const auto same = [](double x, double y) { return x == y || (!has_value(x) && !has_value(y)); };
   return same(a.nominal, b.nominal) && same(a.lower, b.lower) && same(a.upper, b.upper);
 }
 
-using Requirements = std::map<int, const Item*>;  // of each block
+using Requirements = std::map<int, const Item*>;  // by block
 
-/// What the newest slab was judged by. A block that it has no value of is taken with the limits of its neighbours.
+/// Limits of the newest slab. A block without a value in it gets the limits of another block.
 Requirements newest_requirements(const std::vector<storage::ItemValue>& values) {
   Requirements newest;
-  const auto is_judged = [](const storage::ItemValue& v) {  // or measured, at least; others know of no limits
+  const auto is_judged = [](const storage::ItemValue& v) {  // or at least measured; other items have no limits
     return has_value(v.item.value) || has_value(v.item.nominal) || has_value(v.item.lower) || has_value(v.item.upper);
   };
   const auto last = std::find_if(values.rbegin(), values.rend(), is_judged);
@@ -101,8 +101,8 @@ Requirements newest_requirements(const std::vector<storage::ItemValue>& values) 
   return newest;
 }
 
-/// Of the block that is worst off. All blocks together have no short-term scatter: what lies between two of them is
-/// not what the process does from one slab to the next.
+/// Capability of the worst block. It is not computed for all blocks together, because differences between blocks are
+/// not the scatter of the process from slab to slab.
 void judge_blocks(std::span<const Placed> placed, const Requirements& newest, Trend& trend) {
   std::map<int, std::vector<double>> by_station;
   for (const Placed& value : placed) by_station[value.station].push_back(value.value);
@@ -157,7 +157,7 @@ Trend trend_of(ItemId item, int block, const std::vector<storage::ItemValue>& va
       trend.lower = value->item.lower;
       trend.upper = value->item.upper;
     }
-    // The mean of fewer blocks is another quantity: where one is missing it would look like a shift.
+    // The mean of fewer blocks is another quantity: a missing block would look like a shift.
     if (list.size() < most) {
       ++trend.incomplete;
       continue;
@@ -207,7 +207,7 @@ report::Figure chart_figure(const Trend& trend, Language language) {
     for (const double value : trend.values) include(upper, value);
     include(upper, chart.lower_control);
     include(upper, chart.upper_control);
-    // Tolerances join when they do not squeeze the values into a line.
+    // Tolerances are included if the values remain readable.
     const double spread = std::max(upper.high - upper.low, 1e-9);
     for (const double limit : {trend.lower, trend.upper})
       if (has_value(limit) && std::abs(limit - chart.mean) < 4.0 * spread) include(upper, limit);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Looked at from three metres, for a second, by somebody with other things to do. So: the blocks first and large, one
-// word for every link, what to do beside what is wrong, and everything grey as soon as it is no longer true for sure.
-// Colour only repeats what symbol and word say.
+// The screen must be readable from three metres within a second. Therefore the blocks are first and large, every link
+// has one word, and the cure is next to the fault. Data that may be outdated is grey. Colour only repeats symbol and
+// word.
 #include "cli/watch/screen.h"
 
 #include <fmt/core.h>
@@ -43,7 +43,7 @@ std::string_view colour_of(Verdict verdict) {
   return kFaint;
 }
 
-/// The first characters of `text` that fit.
+/// The beginning of `text` that fits.
 std::string cut(const std::string& text, std::size_t columns) {
   if (display_width(text) <= columns) return text;
   std::string out;
@@ -89,7 +89,7 @@ class Composer {
 
  private:
   [[nodiscard]] std::string say(std::string_view en, std::string_view zh) const { return std::string(zh_ ? zh : en); }
-  /// Texts come from the daemon's answer and from the database.
+  /// Removes control characters, because texts come from the daemon's answer and from the database.
   void add(Line line) {
     for (Piece& piece : line) piece.text = plain(piece.text);
     lines_.push_back(std::move(line));
@@ -101,7 +101,7 @@ class Composer {
     for (const Piece& piece : line) {
       const std::string text = cut(piece.text, left);
       left -= std::min(left, display_width(text));
-      // What may be old has no colour of its own.
+      // Data that may be outdated is not coloured.
       const std::string_view sgr = p_.stale() && piece.sgr != kInverse ? kFaint : piece.sgr;
       out += sgr.empty() ? text : coloured(text, sgr, style_);
     }
@@ -137,7 +137,7 @@ class Composer {
   void map() {
     const std::size_t pairs = p_.stations.size() / 2;
     if (pairs == 0) return;
-    // A tile: number and symbol; three rows high where there is room.
+    // A tile: number and symbol; three rows high if there is room.
     const std::size_t tile = std::clamp<std::size_t>((columns_ - 8) / pairs, 6, 16);
     const bool tall = rows_ >= 34;
     for (const bool left : {true, false}) {
@@ -202,7 +202,7 @@ class Composer {
       add({{fmt::format(" {} {}: {}", say("FAULT", "故障"), p_.fault, p_.fault_text), kRed}});
       add({{"  -> " + p_.fault_cure, kBold}});
     }
-    // Two always; more of them where the past still has room.
+    // At least two; more if the list of past slabs still has room.
     const std::size_t room = rows_ > 30 ? p_.warnings.size() : 2;
     for (std::size_t i = 0; i < std::min(room, p_.warnings.size()); ++i) {
       std::string text = " ! " + p_.warnings[i];

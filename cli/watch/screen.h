@@ -9,11 +9,11 @@
 #include "cli/terminal/render.h"
 #include "report/words.h"
 
-/// The operator's screen: what there is to see, and how it looks in so many columns and rows. Pure; the watch command
-/// asks the daemon, reads the database and writes the lines.
+/// The operator's screen: its data, and its lines for given columns and rows. Pure functions; the watch command
+/// queries the daemon, reads the database and writes the lines.
 namespace slabd::cli::watch {
 
-/// Older than this and nothing on the screen may look live.
+/// Age from which data is shown as outdated.
 inline constexpr double kStaleAfter_s = 3.0;
 
 enum class Link : std::uint8_t { plc, robot, scanner, store, calibration };
@@ -21,24 +21,24 @@ enum class Link : std::uint8_t { plc, robot, scanner, store, calibration };
 struct LinkState {
   Link link{};
   bool ok = false;
-  std::string word;      ///< "alive", "missing", ...: one word, already in the screen's language
-  std::string cure;      ///< when it is not ok
-  double for_s = 0.0;    ///< how long it has been so ...
-  bool at_least = true;  ///< ... or longer: it was so when the watch began
+  std::string word;      ///< "alive", "missing", ...: one word in the screen's language
+  std::string cure;      ///< set if not ok
+  double for_s = 0.0;    ///< time since the last change of the state ...
+  bool at_least = true;  ///< ... or longer: the state is older than the watch
 };
 
 struct PastSlab {
   std::uint32_t number = 0;
   std::string id;
-  Verdict verdict = Verdict::none;  ///< none: open
+  Verdict verdict = Verdict::none;  ///< Verdict::none: open
   std::uint16_t reason = 0;
-  double age_s = 0.0;  ///< since its end
+  double age_s = 0.0;  ///< since the end of the slab
   std::uint8_t emulated = 0;
 };
 
 struct Picture {
-  double age_s = kNoValue;  ///< of the daemon's last answer; NaN: it never answered
-  std::string trouble;      ///< why it does not answer now
+  double age_s = kNoValue;  ///< age of the daemon's last answer; NaN: it has not answered
+  std::string trouble;      ///< reason for a missing answer
   std::string software;
   std::string state;
   double uptime_s = 0.0;
@@ -47,16 +47,16 @@ struct Picture {
   std::string fault_text;
   std::string fault_cure;
   std::vector<std::string> warnings;
-  std::string emulation;  ///< the banner; empty: everything is real
+  std::string emulation;  ///< banner; empty if everything is real
 
   bool slab_open = false;
-  std::string slab;  ///< of the map: "7 \"SLAB-7\""
+  std::string slab;  ///< slab of the map: "7 \"SLAB-7\""
   int stations_done = 0;
-  int current_station = 0;        ///< 0: none
-  std::vector<Verdict> stations;  ///< [station - 1]; of the open slab, else of the last one
+  int current_station = 0;        ///< 0: no station
+  std::vector<Verdict> stations;  ///< [station - 1]; of the open slab, otherwise of the last one
   double map_age_s = kNoValue;    ///< since the newest of these verdicts; NaN: unknown
   std::vector<PastSlab> past;     ///< newest first
-  std::string past_trouble;       ///< why slabs cannot be read now; what was read last is shown faint
+  std::string past_trouble;       ///< reason why slabs cannot be read; the last ones are shown faint
 
   [[nodiscard]] bool stale() const { return !(age_s <= kStaleAfter_s); }
 };
@@ -64,12 +64,12 @@ struct Picture {
 /// "3 s", "12 min", "5 h", "9 d"; "?" for NaN.
 [[nodiscard]] std::string age_text(double age_s);
 
-/// Exactly `rows` lines, none wider than `columns`. From 80 x 24 on everything important is there; a larger screen gets
-/// larger blocks and more of the past.
+/// Exactly `rows` lines, none wider than `columns`. 80 x 24 contains all important data; a larger screen has larger
+/// blocks and more past slabs.
 [[nodiscard]] std::vector<std::string> screen(const Picture& picture, std::size_t columns, std::size_t rows,
                                               Style style, report::Language language);
 
-/// Bits of a list of emulation words in slabd.status/1, parsed.
+/// Bits of a parsed list of emulation words in slabd.status/1.
 template <typename Json>
 [[nodiscard]] std::uint8_t emulation_at(const Json& status, const char* key) {
   unsigned bits = 0;
@@ -78,8 +78,8 @@ template <typename Json>
       if (word.is_string()) bits |= report::emulation_bit(word.template get<std::string>());
   return static_cast<std::uint8_t>(bits);
 }
-/// Shows the screen on the terminal until q, Ctrl-C or the end of input; the terminal is then as it was before. Asks
-/// the daemon at `socket` once a second and reads the database it names. kUsage when stdout is no terminal.
+/// Shows the screen on the terminal until q, Ctrl-C or the end of input, then restores the terminal. Queries the
+/// daemon at `socket` once a second and reads the database that it names. kUsage if stdout is not a terminal.
 [[nodiscard]] int run(const std::string& socket, report::Language language);
 
 }  // namespace slabd::cli::watch

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The watch command: a loop of ask, read, draw. What the daemon says of its links is true now; how long it has been so
-// is what this process saw, and the screen says "for >" as long as it has not seen the beginning.
+// The watch command: a loop of query, read and draw. The state of the links is from the daemon. Its duration is
+// measured by this process; "for >" means that the state is older than the process.
 #include "cli/watch/screen.h"
 
 #include <fmt/core.h>
@@ -40,7 +40,7 @@ double seconds_since(std::int64_t utime_us) {
   return std::chrono::duration<double>(now).count() - 1e-6 * static_cast<double>(utime_us);
 }
 
-/// The value at a path, or `otherwise`: a newer or older daemon may know other keys.
+/// The value at a path, or `otherwise`; a newer or older daemon may have other keys.
 template <typename T>
 T at(const json& document, std::initializer_list<const char*> path, T otherwise) {
   const json* node = &document;
@@ -57,10 +57,10 @@ T at(const json& document, std::initializer_list<const char*> path, T otherwise)
   }
 }
 
-/// Remembers since when a link's word is what it is.
+/// Stores the time of the last change of a link's state.
 class Since {
  public:
-  /// `what`: the state in a word that does not change with the language.
+  /// `what`: the state as a word that does not depend on the language.
   void note(LinkState& state, const std::string& what) {
     Seen& seen = seen_[state.link];
     if (seen.word.empty()) {
@@ -81,7 +81,7 @@ class Since {
   std::map<Link, Seen> seen_;
 };
 
-/// The terminal, taken over and given back: own screen, no echo, no cursor.
+/// Takes over the terminal and restores it: alternate screen, no echo, no cursor.
 class Terminal {
  public:
   Terminal() {
@@ -110,7 +110,7 @@ class Terminal {
     if (::ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) != 0 || size.ws_col == 0) size = {24, 80, 0, 0};
     std::string out = "\x1b[H";
     const std::vector<std::string> lines = screen(picture, size.ws_col, size.ws_row, style, language);
-    // Line by line, each cleared behind its end: nothing flickers.
+    // Lines are written one by one and cleared to their end, to avoid flicker.
     for (std::size_t i = 0; i < lines.size(); ++i) out += (i == 0 ? "" : "\r\n") + lines[i] + "\x1b[K";
     write_all(out + "\x1b[J");
   }
@@ -159,7 +159,7 @@ class Watcher {
       p.fault_cure = report::cure_words(static_cast<Code>(p.fault), language_);
     }
     p.warnings.clear();
-    // In the order of their bits, as the daemon lists them.
+    // In the order of their bits, like the daemon's list.
     std::vector<std::string_view> chinese;
     if (language_ == Language::zh)
       for (unsigned bit = 0, bits = at<std::uint16_t>(status, {"warn_bits"}, 0); bit < 16; ++bit)
@@ -199,7 +199,7 @@ class Watcher {
     add(Link::scanner, scanner, scanner ? say("online", "在线") : say("offline", "离线"),
         std::string(report::cure_words(Code::scanner_offline, language_)));
     const bool store = at<bool>(status, {"links", "store", "ok"}, false);
-    // A full disk wants room, and no backup.
+    // A full disk needs free space, not a backup.
     const Code failed = picture_.fault == static_cast<int>(Code::store_full) ? Code::store_full : Code::journal_write;
     add(Link::store, store, store ? say("writing", "正常") : say("failed", "故障"),
         std::string(report::cure_words(failed, language_)));
@@ -212,15 +212,15 @@ class Watcher {
     add(Link::calibration, applied, word, say("calibrate: slabctl calibrate", "请标定：slabctl calibrate"), source);
   }
 
-  /// What was read last stays, and the screen says that it is not of now.
+  /// Keeps the last read data, which the screen shows as outdated.
   void cannot_read(const Error& why) {
     picture_.past_trouble = why.text.view();
     reader_.reset();
   }
-  /// The slabs, from the database.
+  /// Reads the slabs from the database.
   void read_database(const std::string& path) {
-    // What is open stays readable when another database takes its place (slabctl db restore), and would be shown for
-    // ever. Where none is now, the reader says so.
+    // The open file remains readable after another database replaces it (slabctl db restore), and would be shown
+    // permanently. If the file is missing, the reader reports it.
     struct stat now {};
     const bool there = ::stat(path.c_str(), &now) == 0;
     const bool same = there && now.st_dev == reader_file_.st_dev && now.st_ino == reader_file_.st_ino;
@@ -271,7 +271,7 @@ class Watcher {
   bool has_answer_ = false;
   Clock::time_point answered_{};
   std::unique_ptr<storage::Reader> reader_;
-  struct stat reader_file_ {};  ///< which file `reader_` reads
+  struct stat reader_file_ {};  ///< identity of the file that `reader_` has open
 };
 
 }  // namespace
@@ -288,7 +288,7 @@ int run(const std::string& socket, Language language) {
   Watcher watcher(socket, language);
   while (g_stop == 0) {
     Terminal::draw(watcher.look(), style, watcher.language());
-    // Until the next second, a key, or the terminal going away; a changed window interrupts as well.
+    // Waits for a second, a key, or the end of the terminal; a resized window also interrupts.
     pollfd input{STDIN_FILENO, POLLIN, 0};
     if (::poll(&input, 1, 1000) <= 0) continue;
     char key = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabd-kuka-bridge: takes what a KUKA controller sends over RSI and publishes it as slabd.flange_pose_t over LCM. It
+// slabd-kuka-bridge: publishes the poses that a KUKA controller sends over RSI as slabd.flange_pose_t over LCM. It
 // never answers the controller (RSI with ONLYSEND), so it cannot move or stop the robot.
 #include <arpa/inet.h>
 #include <fmt/core.h>
@@ -49,16 +49,16 @@ struct Options {
   BridgeSettings settings;
 };
 
-/// stderr, one line: the journal adds the time.
+/// Writes one line to stderr; the journal adds the time.
 template <typename... Args>
 void say(const char* format, const Args&... args) {
   const std::string line = fmt::format(fmt::runtime(format), args...) + "\n";
-  // A journal that does not read must not stop the poses: better a line is lost.
+  // A blocked journal must not delay the poses: a line may be lost.
   if (::send(STDERR_FILENO, line.data(), line.size(), MSG_DONTWAIT | MSG_NOSIGNAL) < 0 && errno == ENOTSOCK)
     fmt::print(stderr, "{}", line);
 }
 
-/// The whole text as a number of the range.
+/// Parses the whole text as a number in the range.
 bool whole_number(std::string_view text, long low, long high, long& number) {
   const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), number);
   return fault == std::errc() && end == text.data() + text.size() && number >= low && number <= high;
@@ -73,8 +73,8 @@ bool parse_listen(std::string_view text, sockaddr_in& address) {
   return ::inet_pton(AF_INET, std::string(text.substr(0, colon)).c_str(), &address.sin_addr) == 1;
 }
 
-/// Whether poses that are published there go to a multicast group. liblcm takes much that does not, or leaves out what
-/// it does not know, and where it opens nothing it does not say whether the address is wrong or the route is missing.
+/// True if the URL is that of a multicast group. liblcm accepts other URLs and ignores unknown options, and its error
+/// does not distinguish a wrong address from a missing route.
 bool is_lcm_url(std::string_view url) {
   constexpr std::string_view kScheme = "udpm://";
   if (url.substr(0, kScheme.size()) != kScheme) return false;
@@ -99,7 +99,7 @@ std::string dotted(std::uint32_t address) {
   return fmt::format("{}.{}.{}.{}", address >> 24U, (address >> 16U) & 255U, (address >> 8U) & 255U, address & 255U);
 }
 
-/// The receiving socket; -1 and a sentence when there is none.
+/// Opens the receiving socket; -1 and a logged message on failure.
 int open_socket(const sockaddr_in& address, const std::string& listen) {
   const int fd = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   if (fd < 0 || ::bind(fd, static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) != 0) {
@@ -136,7 +136,7 @@ class Publisher {
   Publisher(const Publisher&) = delete;
   Publisher& operator=(const Publisher&) = delete;
 
-  /// Without a route for the group there is no LCM: tried again until there is one.
+  /// Opens LCM, which requires a route for the group: retries until there is one or the process is stopped.
   bool open() {
     for (bool said = false; !g_stop && lcm_ == nullptr;) {
       lcm_ = lcm_create(options_.lcm_url.c_str());
@@ -148,14 +148,14 @@ class Publisher {
     }
     return lcm_ != nullptr;
   }
-  /// False: it did not leave this computer; errno tells why.
+  /// False if the pose was not sent; errno contains the reason.
   [[nodiscard]] bool publish(const FlangePose& pose) {
     const flange_pose_t message = message_of(pose);
     wire_.resize(static_cast<std::size_t>(message.getEncodedSize()));
     message.encode(wire_.data(), 0, static_cast<int>(wire_.size()));
     return lcm_publish(lcm_, options_.channel.c_str(), wire_.data(), static_cast<unsigned>(wire_.size())) == 0;
   }
-  /// Why there are no poses, for the status of slabd (hal/robot/lcm_wire.h, bridge_word_on).
+  /// Publishes the reason for missing poses, for the status of slabd (hal/robot/lcm_wire.h, bridge_word_on).
   void publish_word(std::string_view text) {
     const std::string channel = options_.channel + "_WORD";
     (void)lcm_publish(lcm_, channel.c_str(), text.data(), static_cast<unsigned>(text.size()));
@@ -167,7 +167,7 @@ class Publisher {
   std::vector<std::uint8_t> wire_;
 };
 
-/// What is said about the link, rarely: a robot sends 250 times a second.
+/// Rate-limited log of the link: a robot sends 250 packets a second.
 class Voice {
  public:
   explicit Voice(Publisher& publisher) : publisher_(publisher) {}
@@ -183,7 +183,7 @@ class Voice {
     say("{}", why.text.view());
     publisher_.publish_word(why.text.view());
   }
-  /// A packet that is not to be believed, and why.
+  /// Logs a rejected packet and the reason.
   void dropped(const std::string& sender, const std::string& why) {
     const auto now = SteadyClock::now();
     const std::string sentence = fmt::format("packets of {} are dropped: {}", sender, why);
@@ -195,7 +195,8 @@ class Voice {
     dropped_at_ = now;
     say("{}", sentence);
   }
-  /// Whether a pose left this computer: slabd knows only that none comes. `error`: of the one that did not.
+  /// Logs whether poses are sent, because slabd cannot detect the reason for missing poses. `error`: errno of the
+  /// failed send.
   void published(bool sent, int error) {
     const auto now = SteadyClock::now();
     if (!sent) {
@@ -315,7 +316,8 @@ int bridge(const Options& options) {
 }  // namespace
 }  // namespace slabd::kuka
 
-// What escapes is want of memory at the start: it ends the process, and the service manager tries again.
+// The only exception that escapes is lack of memory at the start: it ends the process, and the service manager
+// restarts it.
 int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
   using namespace slabd::kuka;
   struct sigaction action {};

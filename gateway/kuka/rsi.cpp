@@ -14,13 +14,13 @@ namespace {
 constexpr double kReach_mm = 10'000.0;
 constexpr double kAngle_deg = 360.0;
 constexpr std::int64_t kRestart_ms = 1'000;
-/// Still a number when it is told in microseconds.
+/// Limit of IPOC, so that it does not overflow in microseconds.
 constexpr std::int64_t kIpocMax_ms = std::numeric_limits<std::int64_t>::max() / 1'000;
 constexpr std::int32_t kMeasured = 1;
 constexpr std::int32_t kStopped = 2;
 constexpr std::int32_t kEmulated = 16;
 
-/// The whole text as a number.
+/// Parses the whole text as a number.
 template <typename Number>
 bool number_from(std::string_view text, Number& value) {
   while (!text.empty() && (text.front() == ' ' || text.front() == '+')) text.remove_prefix(1);
@@ -33,7 +33,7 @@ Error unusable(const char* what, const char* expected) {
   return error(Code::frame_incomplete, "RSI packet: %s, expected %s", what, expected);
 }
 
-/// The root of a packet that is not a controller's.
+/// Error for a packet whose root element is not that of a controller.
 Error no_robot(const pugi::xml_document& document) {
   const std::string_view root = document.document_element().name();
   if (root == "Sen")
@@ -44,8 +44,8 @@ Error no_robot(const pugi::xml_document& document) {
   return unusable("no element <Rob>", "what a KUKA controller sends");
 }
 
-/// KR C2 has RSI 1 and 2 (Ethernet RSI XML, object ST_ETHERNET). Its packets are read as well when they have <RIst>;
-/// its first one has nothing but the count, and elements of its own begin with ST_.
+/// Error for a packet without <RIst>. KR C2 has RSI 1 and 2 (Ethernet RSI XML, object ST_ETHERNET). Its packets are
+/// accepted if they have <RIst>; its first packet contains only the count, and its own elements begin with ST_.
 Error no_place(const pugi::xml_node& robot) {
   bool only_count = static_cast<bool>(robot.child("IPOC"));
   bool of_krc2 = static_cast<bool>(robot.attribute("TYPE"));
@@ -75,13 +75,13 @@ Status coordinate(const pugi::xml_node& node, const char* attribute, double limi
   return Nothing{};
 }
 
-/// An element that comes twice says two things, and nobody knows which one holds.
+/// Rejects a packet with an element twice, because the valid one is unknown.
 Status expect_once(const pugi::xml_node& robot, const char* element) {
   if (!robot.child(element).next_sibling(element)) return Nothing{};
   return error(Code::frame_incomplete, "RSI packet: <%s> twice, expected it once", element);
 }
 
-/// A whole number that may be missing.
+/// Parses a whole number that may be missing.
 template <typename Number>
 Status optional_number(const pugi::xml_node& robot, const char* element, std::int64_t low, std::int64_t high,
                        std::optional<Number>& to) {
@@ -155,7 +155,7 @@ Senders::Answer Senders::hear(std::uint32_t address, std::int64_t now_ns) {
   return same ? Answer::alone : Answer::other;
 }
 
-/// Wraps as an unsigned number does, by way of the negative ones; slabd looks at the step alone.
+/// Adds with wraparound through the negative numbers; slabd only uses the difference.
 std::int32_t Bridge::seq_ahead(std::int64_t by) const {
   return static_cast<std::int32_t>(static_cast<std::uint32_t>(seq_) + static_cast<std::uint32_t>(by));
 }
@@ -165,7 +165,7 @@ std::optional<FlangePose> Bridge::translate(const RsiPacket& packet) {
   if (ipoc_ms_ < 0) {
     seq_ = seq_ahead(1);
   } else if (ahead_ms > 0 && !anew_) {
-    // The count may tremble by a millisecond; a cycle is not lost by that.
+    // The count may jitter by a millisecond, which must not count as a lost cycle.
     const std::int64_t cycles = std::max<std::int64_t>(1, (ahead_ms + settings_.cycle_ms / 2) / settings_.cycle_ms);
     counters_.lost += static_cast<std::uint64_t>(cycles - 1);
     seq_ = seq_ahead(cycles);
@@ -174,7 +174,7 @@ std::optional<FlangePose> Bridge::translate(const RsiPacket& packet) {
     return std::nullopt;
   } else {
     ++counters_.restarts;
-    // More than the next number: to slabd a gap.
+    // Skips a number, so that slabd detects a gap.
     seq_ = seq_ahead(2);
   }
   anew_ = false;

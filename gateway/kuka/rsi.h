@@ -7,18 +7,18 @@
 
 #include "base/base.h"
 
-/// KUKA RobotSensorInterface (RSI), the controller's half: every 4 or 12 ms one UDP datagram, a small XML document as
-/// its ETHERNET object is configured (docs/ROBOT.md has the file):
+/// KUKA RobotSensorInterface (RSI), the controller's side: every 4 or 12 ms one UDP datagram, a small XML document in
+/// the format configured in its ETHERNET object (docs/ROBOT.md contains the file):
 ///
 ///   <Rob Type="KUKA"><RIst X="1620.0000" Y="0.0000" Z="1910.0000" A="0.0000" B="90.0000" C="0.0000"/>
 ///   <Base>0</Base><Tool>0</Tool><Stopped>1</Stopped><IPOC>4208775012</IPOC></Rob>
 ///
-/// RIst is where the tool stands in the base, measured: mm and degrees, R = Rz(A) Ry(B) Rx(C). With $TOOL = $NULLFRAME
-/// and $BASE = $NULLFRAME it is the flange in the robot's root, which is what slabd asks for. IPOC counts milliseconds.
-/// Base, Tool, Stopped and Emulated are not in every configuration.
+/// RIst is the measured pose of the tool in the base: mm and degrees, R = Rz(A) Ry(B) Rx(C). With $TOOL = $NULLFRAME
+/// and $BASE = $NULLFRAME it is the flange in the robot root frame, which slabd requires. IPOC counts milliseconds.
+/// Base, Tool, Stopped and Emulated are optional.
 namespace slabd::kuka {
 
-/// Largest datagram that is looked at.
+/// Largest accepted datagram.
 inline constexpr std::size_t kRsiBytesMax = 1500;
 
 struct RsiPacket {
@@ -27,44 +27,44 @@ struct RsiPacket {
   std::optional<std::int16_t> base_id;
   std::optional<std::int16_t> tool_id;
   std::optional<bool> stopped;
-  bool emulated = false;  ///< <Emulated>1</Emulated>: there is no robot behind it
+  bool emulated = false;  ///< <Emulated>1</Emulated>: the pose is not from a real robot
 };
 
-/// One datagram. frame_incomplete: not such a document; the text names element, attribute and allowed range. Uses the
-/// heap.
+/// Parses one datagram. Code::frame_incomplete if it is not such a document; the text names element, attribute and
+/// allowed range. Uses the heap.
 [[nodiscard]] Result<RsiPacket> parse_rsi(std::string_view datagram);
 
-/// What a pose needs beside the packet.
+/// Settings that complete a packet to a pose.
 struct BridgeSettings {
   std::int64_t cycle_ms = 4;  ///< 4 (IPO_FAST) or 12
-  std::int16_t base_id = 0;   ///< where the packets do not say; somebody else vouches for them then
+  std::int16_t base_id = 0;   ///< used if the packets do not contain it; it is then not verified
   std::int16_t tool_id = 0;
 };
 
-/// A message for slabd, before LCM's encoding. Units as in hal/robot/flange_pose.lcm.
+/// A message for slabd before LCM encoding. Units as in hal/robot/flange_pose.lcm.
 struct FlangePose {
   std::int64_t robot_time_us = -1;
   std::int32_t seq = 0;
   std::int16_t base_id = 0;
   std::int16_t tool_id = 0;
-  std::int32_t flags = 0;  ///< bit 0 measured, bit 1 stopped (only where the controller says so), bit 4 emulated
+  std::int32_t flags = 0;  ///< bit 0 measured, bit 1 stopped (only if the controller reports it), bit 4 emulated
   Pose T_base_flange;      ///< mm
 };
 
-/// Who sends: while two do, neither is believed, because nobody can say which one is the robot. Told apart by address;
-/// a port may change whenever RSI is started anew.
+/// Detects competing senders: while two controllers send, both are rejected, because the real one is unknown. Senders
+/// are distinguished by address, because the port may change when RSI is restarted.
 class Senders {
  public:
-  /// Silence after which a sender is gone.
+  /// Time without packets after which a sender is removed.
   static constexpr std::int64_t kSilentNs = kNsPerS;
   enum class Answer : std::uint8_t {
-    alone,  ///< the one that has sent all the time
-    other,  ///< the first, or another one than before, which has been silent
-    two     ///< not to be believed
+    alone,  ///< the same sender as before
+    other,  ///< the first sender, or a new one after the previous one has been silent
+    two     ///< two senders: the packet is rejected
   };
-  /// A usable packet of `address` at `now_ns` of a clock that runs forward.
+  /// Registers a usable packet from `address` at `now_ns` of a monotonic clock.
   [[nodiscard]] Answer hear(std::uint32_t address, std::int64_t now_ns);
-  /// The one that sends beside `address`, when two do.
+  /// The other sender if two send, one of them from `address`.
   [[nodiscard]] std::uint32_t beside(std::uint32_t address) const {
     return first_.address == address ? second_.address : first_.address;
   }
@@ -84,18 +84,18 @@ struct BridgeCounters {
   std::uint64_t published = 0;
   std::uint64_t malformed = 0;
   std::uint64_t old = 0;       ///< repeated or overtaken by a newer one: not published
-  std::uint64_t lost = 0;      ///< cycles that never came
-  std::uint64_t restarts = 0;  ///< of the controller's count, or with another controller
+  std::uint64_t lost = 0;      ///< cycles without a packet
+  std::uint64_t restarts = 0;  ///< restarts of the controller's count, or changes of the controller
 };
 
-/// Keeps the packets in order and counts what is missing: `seq` jumps by the cycles that were lost, so that slabd sees
-/// the gap. A count that goes back by more than a second is a controller that was started again.
+/// Keeps the packets in order and counts missing ones: `seq` jumps by the number of lost cycles, so that slabd detects
+/// the gap. A count that decreases by more than a second means that the controller was restarted.
 class Bridge {
  public:
   explicit Bridge(const BridgeSettings& settings) : settings_(settings) {}
-  /// Nothing when the packet is old.
+  /// Message for the packet; nullopt if the packet is old.
   [[nodiscard]] std::optional<FlangePose> translate(const RsiPacket& packet);
-  /// The next packet is of another controller, with a count of its own.
+  /// The next packet is from another controller, which has its own count.
   void begin_anew() { anew_ = true; }
   void count_malformed() { ++counters_.malformed; }
   [[nodiscard]] const BridgeCounters& counters() const { return counters_; }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A 38.1 mm ball on its post above a table, seen with a pitch of 0.255 mm and 0.05 mm of noise along the rays: how far
-// do centre and free radius scatter for caps of several sizes, with white noise and with noise that hangs together, and
-// does the reported covariance say so?
+// A 38.1 mm ball on its post above a table, scanned with a pitch of 0.255 mm and 0.05 mm of noise along the rays. The
+// study measures the scatter of centre and free radius for caps of several sizes, with white and with correlated
+// noise. It also compares the scatter with the reported covariance.
 #include <fmt/core.h>
 #include <cmath>
 
@@ -19,7 +19,7 @@ struct Case {
   const char* what;
   double cap_deg;
   double correlation_mm;
-  double along_um;  ///< goals: the floor of a fixed-radius fit
+  double along_um;  ///< limits: the floor of a fixed-radius fit
   double across_um;
 };
 constexpr std::array kCases = {Case{"cap 30 deg", 30.0, 0.0, 1.0, 3.4}, Case{"cap 45 deg", 45.0, 0.0, 0.7, 1.6},
@@ -43,7 +43,7 @@ calib::BallScene scene_of(std::uint64_t seed, double correlation_mm) {
   return scene;
 }
 
-/// For this study the gates only must not stand in the way of small caps.
+/// The gates are wide enough to accept small caps.
 calib::BallSettings settings_of(const Case& c) {
   calib::BallSettings s;
   s.radius_mm = kRadius;
@@ -74,7 +74,7 @@ bool one_case(const Case& c, const StudyOptions& options, Table& table) {
       continue;
     }
     const calib::BallReport& ball = view.value().balls[0];
-    Mat3 axes;  // rows: across twice, along the view
+    Mat3 axes;  // rows: two across the view, one along it
     axes.row(2) = scene.balls[0].centre_mm.normalized();
     axes.row(0) = Vec3::UnitY().cross(Vec3(axes.row(2))).normalized();
     axes.row(1) = Vec3(axes.row(2)).cross(Vec3(axes.row(0)));
@@ -97,7 +97,7 @@ bool one_case(const Case& c, const StudyOptions& options, Table& table) {
   table.tell(what + ": ... its covariance says", says.z(), "um");
   table.at_most(what + ": centre across the view, standard deviation", across(sd), c.across_um, "um");
   table.tell(what + ": ... its covariance says", across(says), "um");
-  // The mean of so many must vanish within three of its own standard errors.
+  // The mean over all scans must be within 3.5 of its own standard errors.
   table.at_most(what + ": bias along the view over its standard error", std::abs(mean.z()) / (sd.z() / std::sqrt(n)),
                 3.5, "");
   table.tell(what + ": free radius, bias", radius_sum / n, "um");

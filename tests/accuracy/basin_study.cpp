@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Registration from random starts, every axis uniform within +- the band, on one scan of a quarter of the points (the
-// registration samples at most 65 536 of them anyway). Right means converged within 0.05 mm and 0.01 deg of the truth.
-// A converged pose that is wrong is the worst answer there is and must not happen anywhere, however far the start.
-// The station window of the recipe, which would reject far poses, is opened so that the algorithm is seen alone.
+// registration samples at most 65 536 of them anyway). A result is right if it converged within 0.05 mm and 0.01 deg
+// of the truth. A converged wrong pose is the worst result and must not occur, however far the start. The station
+// window of the recipe, which would reject far poses, is opened to test the algorithm alone.
 #include <fmt/core.h>
 
 #include "tests/accuracy/block_scan.h"
@@ -18,7 +18,7 @@ constexpr double kRightDeg = 0.01;
 struct Band {
   double mm;
   double deg;
-  bool goal;  ///< every start must end right
+  bool goal;  ///< every start must give the right pose
   simulate::Projection projection;
 };
 constexpr std::array kBands = {
@@ -29,7 +29,7 @@ constexpr std::array kBands = {
 
 struct Count {
   int right = 0;
-  int wrong = 0;  ///< converged, but elsewhere
+  int wrong = 0;  ///< converged to a wrong pose
 };
 
 Pose random_start(const Pose& truth, const Band& band, Prng& random) {

@@ -35,7 +35,7 @@ Sight varied_sight(const Recipe& recipe, std::uint64_t seed, double off_mm, doub
   assert(slab);
   Sight sight;
   sight.station = slab.value().at(1);
-  // The block alone: where it stands on its slab is another study's affair.
+  // The study measures a single block, so its position on the slab is nominal.
   sight.station.offset_slab_mm = Vec3::Zero();
   sight.station.block.slab_top_shift_mm = 0.0;
 
@@ -55,7 +55,7 @@ BlockBench::BlockBench(const Recipe& recipe) : recipe_(recipe), xyz_(3 * limits:
 
 namespace {
 
-/// Heights of a stationary Gaussian relief whose correlation falls as exp(-(r / length)^2), standard deviation 1.
+/// Heights of a stationary Gaussian relief with the correlation exp(-(r / length)^2) and standard deviation 1.
 class Relief {
  public:
   explicit Relief(const RoughConcrete& concrete) : heights_(kColumns * kRows) {
@@ -85,7 +85,7 @@ class Relief {
 
  private:
   static constexpr double kStepMm = 2.0;
-  static constexpr int kColumns = 400;  // 800 mm: more than the scanner sees
+  static constexpr int kColumns = 400;  // 800 mm: larger than the field of view
   static constexpr int kRows = 400;
   static constexpr int kWaves = 200;
   static std::size_t index(int column, int row) {
@@ -94,7 +94,7 @@ class Relief {
   std::vector<double> heights_;
 };
 
-/// Between the jaws and near the bearing plane: formed by steel.
+/// The area between the jaws and near the bearing plane, which is formed by steel.
 constexpr double kSeatHalfMm = 185.0;
 constexpr double kSeatNearMm = 3.0;
 

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Full-size scans (4.9 million points, noise 0.03 mm, 0.5 % outliers, 2 % missing) of blocks whose dimensions and
-// place differ from scan to scan. For each item: rms and worst error against the planted truth, and in how many scans
-// its U covered the error. The scanner is perfect but for its noise, and the recipe's budget says so, so U is what the
-// noise alone explains: the sharpest test that a stated U can be put to.
+// position differ from scan to scan. For each item: rms and worst error relative to the planted truth, and the number
+// of scans in which U covers the error. The scanner has no error but noise, and neither has the recipe's budget. U
+// thus contains only the noise, which is the strictest test of U.
 //
-// Three scanners: one of white noise seen in parallel (`block`: the errors are held against goals), the same seen in
-// perspective as a real one sees (`perspective`), and two whose noise hangs together over 1 mm (`correlated`: fewer
-// independent points, so larger errors, which U has to know of).
+// Three scanners. `block`: white noise and parallel rays; the errors have goals. `perspective`: white noise and the
+// perspective of a real scanner. `correlated`: noise correlated over 1 mm; fewer independent points give larger
+// errors, which U must include.
 #include <fmt/core.h>
 
 #include <array>
@@ -44,7 +44,7 @@ struct Tally {
 enum class Judge { errors_and_coverage, coverage };
 
 struct Run {
-  std::string prefix;  ///< of every row
+  std::string prefix;  ///< prefix of every row
   simulate::ScannerTraits scanner;
   Judge judge = Judge::errors_and_coverage;
   int scans = 0;
@@ -89,7 +89,7 @@ bool measure_items(const StudyOptions& options, const Run& run, Table& table) {
       tallies[k].U.push_back(item.U);
       tallies[k].covered += std::abs(error) <= item.U ? 1 : 0;
     }
-    // Every seat is flat, and its value is nothing but noise: U has to reach down to zero.
+    // Every seat is flat, and its value is only noise: value - U must not exceed zero.
     const Item& flat = bench.item(ItemId::seat_flatness);
     flatness.error.push_back(flat.value);
     flatness.U.push_back(flat.U);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Does the stated U cover the truth, and is it no larger than it must be? Thousands of slabs at the level of fitted
-// features (tests/algo/items/item_simulation.h), once with the reference recipe's assumptions, in which the scanner's
-// form decides nearly everything, and once with a scanner a hundred times better, in which noise, robot and
-// registration do.
+// Tests that the stated U covers the truth and is not larger than necessary. Thousands of slabs are simulated at the
+// level of fitted features (tests/algo/items/item_simulation.h). The first setting has the reference recipe's
+// assumptions, in which the scanner's form error dominates. The second has a scanner a hundred times better, in which
+// noise, robot and registration dominate.
 #include <fmt/core.h>
 
 #include "tests/accuracy/studies.h"
@@ -12,7 +12,7 @@
 namespace slabd::accuracy {
 namespace {
 
-/// One station in so many gets its flatness cells simulated: 6 800 normal numbers each.
+/// One station in kFlatnessEvery gets simulated flatness cells: 6 800 normal numbers each.
 constexpr int kFlatnessEvery = 9;
 
 void report(const char* setting, const std::vector<simulation::Coverage>& result, Table& table) {

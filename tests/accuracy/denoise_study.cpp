@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Denoising over a grid of scans: point pitch, also twice as wide one way, parallel and perspective rays, a tilted
-// scanner, outliers in a narrow and in a wide band, single and in clumps, from a thousandth to a tenth of the points;
-// noise of 0.03 mm with 5 % of the points at five times that, 2 % missing. An outlier counts when the surface does not
-// come within a millimetre of it, by brute force on the model. Faces met by the rays at more than 83 degrees are left
-// out: no scanner sees them.
+// Denoising over a grid of scans. Point pitch, also twice as wide in one direction; parallel and perspective rays; a
+// tilted scanner. Outliers in a narrow and in a wide band, single and in clumps, from a thousandth to a tenth of the
+// points. Noise of 0.03 mm with 5 % of the points at five times that; 2 % missing. A point counts as an outlier if it
+// is more than a millimetre from the surface, by brute force on the model. Faces at more than 83 degrees to the rays
+// are left out, because no scanner measures them.
 #include <fmt/core.h>
 
 #include <array>
@@ -55,7 +55,7 @@ bool within_a_millimetre(const algo::BlockModel& model, const Vec3& p) {
   return false;
 }
 
-/// Workspace and model, kept from scan to scan.
+/// Denoises scans; keeps workspace and model from scan to scan.
 class DenoiseBench {
  public:
   DenoiseBench() : cells_(limits::kDenoiseCellsMax + 1), surface_(limits::kDenoiseCellsMax) {
@@ -105,7 +105,7 @@ scene::Scan scan_of(double pitch, double ratio, const View& view, std::uint64_t 
   scan.focus_mm = view.focus_mm;
   scan.tail_share = 0.05;
   scan.seed = seed;
-  // A fine pitch sees only part of the field: a corner of the block, with every kind of face.
+  // With a fine pitch the scan covers only part of the field: a corner of the block, with every kind of face.
   const double part = std::min(1.0, std::sqrt(kPoints * pitch * pitch * ratio / (scan.field_x_mm * scan.field_y_mm)));
   scan.field_x_mm *= part;
   scan.field_y_mm *= part;
@@ -133,7 +133,7 @@ bool denoise_study(const StudyOptions& options, Table& table) {
                 scan.outlier_far_mm = far_mm;
                 scan.outlier_clump = clump;
                 scan.organised = organised;
-                // A clump has three and a half points on average.
+                // The mean size of a clump is three and a half points.
                 scan.outlier_share = clump > 1 ? share / 3.5 : share;
                 bench.run(scan, quality);
               }

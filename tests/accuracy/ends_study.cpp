@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // P4856 and P4925: slabs of good castings, drawn with their ends, begun under their own type and under the other one.
-// A slab of its own type must never be refused; one of the other type must be, where the field of view reaches an end.
+// A slab must never be rejected under its own type. Under the other type it must be rejected if the field of view
+// reaches an end.
 #include <fmt/core.h>
 
 #include "algo/algo.h"
@@ -24,7 +25,7 @@ constexpr std::array kFields = {
     Field{600.0, simulate::Projection::perspective, true},
     Field{700.0, simulate::Projection::parallel, true},
 };
-/// The outermost blocks and two inner ones of each row; the others look like these.
+/// The outermost blocks and two inner ones of each row; the others are equal to the inner ones.
 constexpr std::array kStations = {1, 2, 3, 8, 9, 10, 11, 16};
 
 std::optional<Recipe> recipe_named(const char* name) {
@@ -53,7 +54,7 @@ bool ends_study(const StudyOptions& options, Table& table) {
   simulate::Cell cell;
   cell.T_base_slab.translation_mm = Vec3(1800.0, 0.0, 300.0);
   algo::BlockInspector inspector(1);
-  inspector.use(recipes[0]);  // the blocks are the same
+  inspector.use(recipes[0]);  // both recipes have the same blocks
   std::vector<float> xyz;
   const int slabs = options.cases(30, 3);
   for (const Field& field : kFields) {

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Correlation of the noise of two scans (base/noise_print.h), on both sides of kSameExposure: scans that are different
-// exposures, with everything in common that a line can give them, and the same exposure given again in another form.
-// The scans are the seat's evaluation region at the density of a quarter scan, of a real scanner (0.255 mm) and of a
-// full scan. Surfaces and scanner errors are those of a cast block and a fringe-projection scanner: grain of 0.010 mm
-// rms that is correlated over 2 mm, pores, dust, a periodic error of 0.010 mm along one axis, a bent field, dropouts;
-// strength 3 is three times as much. Noise is either correlated over 2 x 2 pixels (0.013 mm) or white (0.030 mm).
+// Correlation of the noise of two scans (base/noise_print.h), on both sides of kSameExposure. Different exposures have
+// everything in common that is possible on a line; the same exposure is delivered again in another form. The scans are
+// the seat's evaluation region at the density of a quarter scan, of a real scanner (0.255 mm) and of a full scan.
+// Surfaces and scanner errors are those of a cast block and a fringe-projection scanner: grain of 0.010 mm rms that is
+// correlated over 2 mm, pores, dust, a periodic error of 0.010 mm along one axis, a bent field, dropouts. Strength 3
+// is three times as much. Noise is either correlated over 2 x 2 pixels (0.013 mm) or white (0.030 mm).
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -27,7 +27,7 @@ using simulate::derived_seed;
 constexpr double kHalfX = 51.0;
 constexpr double kHalfS = 75.0;
 
-/// Heights of a seat without its plane, on a raster of 0.1 mm.
+/// Heights of a seat relative to its plane, on a raster of 0.1 mm.
 class Texture {
  public:
   Texture(double strength, std::uint64_t seed) : heights_(kColumns * kRows), random_(seed) {
@@ -55,7 +55,7 @@ class Texture {
   static std::size_t index(int column, int row) {
     return static_cast<std::size_t>(row) * kColumns + static_cast<std::size_t>(column);
   }
-  /// White noise through a Gaussian: the correlation of two heights is exp(-(r / length)^2).
+  /// Adds white noise through a Gaussian filter: the correlation of two heights is exp(-(r / length)^2).
   void add_grain(double rms_mm, double length_mm) {
     const double sigma = 5.0 * length_mm;
     const int reach = static_cast<int>(3.0 * sigma);
@@ -113,7 +113,7 @@ struct Patch {
   [[nodiscard]] double h_at(std::size_t column, std::size_t row) const { return h[row * width + column]; }
 };
 
-/// `off_mm`: of the scanner's grid against the block; its errors move along.
+/// Draws a scan. `off_mm`: shift of the scanner's grid against the block; the scanner's errors move with the grid.
 Patch expose(const Scanner& scanner, const Texture& texture, double strength, double off_mm, std::uint64_t seed) {
   Prng random(seed);
   Patch patch;
@@ -201,7 +201,7 @@ Patch exported(const Patch& patch, Form form) {
 
 class Printer {
  public:
-  /// Registered up to 0.02 mm and 0.1 mrad beside the truth.
+  /// Noise print with a registration error of up to 0.02 mm and 0.1 mrad.
   [[nodiscard]] NoisePrint print(const Patch& patch, std::uint64_t seed) {
     Prng random(seed);
     const auto within = [&](double amplitude) { return amplitude * (2.0 * random.uniform() - 1.0); };
@@ -248,7 +248,7 @@ struct Correlations {
     for (const double v : values) squares += (v - m) * (v - m);
     return std::sqrt(squares / static_cast<double>(values.size() - 1));
   }
-  /// Of a scan that is compared with all prints kept, if correlations are distributed normally.
+  /// Expected false alarms of a scan that is compared with all stored prints, for normally distributed correlations.
   [[nodiscard]] double false_alarms() const {
     const double z = (kSameExposure - mean(values)) / sigma();
     return static_cast<double>(limits::kNoisePrintsKept) * 0.5 * std::erfc(z / std::sqrt(2.0));
@@ -297,7 +297,7 @@ bool exposures_study(const StudyOptions& options, Table& table) {
       const auto seed = [&](std::uint64_t purpose) {
         return derived_seed(options.first, 50 + 10 * which + purpose, k);
       };
-      // Half of the scans from exactly the same pose.
+      // Half of the scans are from exactly the same pose.
       const double off_mm = i % 2 == 0 ? 0.0 : 2.0 * Prng(seed(0)).uniform() - 1.0;
       const Patch of_block = expose(scanner, usual[k % kBlocks], 1.0, off_mm, seed(1));
       if (k < kBlocks) of_blocks.push_back(printer.print(of_block, seed(2)));

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Is the hand-eye solver at the floor? Sets with known truth, one robot error and one arrangement a row: the rms error
-// of points in the field of view over the sets, against that of the optimum (least squares with the true weights on the
-// true inliers, an implementation of its own), and against what the solver predicts; residuals and leave-one-out beside
-// the optimum's for sets as real robots give them. Then sets that carry no calibration: each must be refused, for its
-// own reason; and how often good sets are refused.
+// Compares the hand-eye solver with its floor. Each row has sets with known truth, one robot error and one
+// arrangement. The rms error of points in the field of view is compared with that of the optimum and with the solver's
+// prediction. The optimum is least squares with the true weights on the true inliers, a separate implementation. For
+// sets as real robots give them, residuals and leave-one-out errors are compared with the optimum's. Sets without a
+// valid calibration must each be rejected for the right reason. The rate of rejected good sets is reported.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -27,7 +27,7 @@ struct Row {
   ArtefactKind kind;
   Plan plan;
   double ratio_max;
-  bool smooth = false;  ///< errors are not what any covariance expects: the prediction is told, not judged
+  bool smooth = false;  ///< errors do not follow the covariance: the prediction is reported, not judged
 };
 
 std::vector<Row> rows() {
@@ -97,7 +97,7 @@ void study_row(const StudyOptions& options, const Row& row, Table& table) {
   if (row.smooth)
     table.tell(truth, rms(predicted) / rms(ours), "");
   else {
-    // max(1, s0) makes predictions a little large; the rms of few sets scatters.
+    // max(1, s0) makes predictions slightly large; the rms of few sets scatters.
     const double half = 0.06 + 1.2 / std::sqrt(seeds);
     table.within(truth, rms(predicted) / rms(ours), 1.05 - half, 1.05 + half, "");
   }
@@ -106,9 +106,9 @@ void study_row(const StudyOptions& options, const Row& row, Table& table) {
   table.at_most(refusals, refused, 0.05 * seeds, "");
 }
 
-// ---- as real robots are: few to many views, millimetres, a displaced view in ten ----
+// ---- realistic sets: few to many views, millimetres, one displaced view in ten ------
 
-/// Where a calibration puts the artefact in the base frame, seen from one view.
+/// Position of the artefact in the base frame by a calibration and one view.
 Vec3 place(ArtefactKind kind, const calib::View& view, const Pose& X) {
   const Vec3& seen = kind == ArtefactKind::ball ? view.balls[0].centre_mm : view.T_scanner_target.translation_mm;
   return view.T_base_flange * (X * seen);
@@ -120,7 +120,7 @@ Vec3 mean_place(ArtefactKind kind, const std::vector<calib::View>& views, const 
   return sum / static_cast<double>(views.size());
 }
 
-/// Residuals of the optimum, and how far it misses each view that it has not seen.
+/// Residuals of the optimum, and its leave-one-out errors.
 void optimum_residuals(ArtefactKind kind, const Set& set, const calib::StatedNoise& noise, const Pose& X,
                        std::vector<double>& residual_mm, std::vector<double>& left_out_mm) {
   Set good = set;
@@ -160,7 +160,7 @@ void study_like_real_ones(const StudyOptions& options, Table& table) {
           const Result<HandEye> solved = calib::solve(kind, set.views, plan.noise());
           if (!solved) continue;
           const HandEye& result = solved.value();
-          // Sets in which a good view was rejected, or a displaced one kept, are counted and not compared.
+          // Sets with a rejected good view or an accepted displaced one are counted and not compared.
           if (result.rejected != set.outliers) {
             ++confused;
             continue;

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kArmMm = 1500.0;
 
-/// rms of what is left in space after the best rigid motion.
+/// rms distance that remains in space after the best rigid motion.
 double left_after_fit_mm(const std::vector<Vec3>& seen, const std::vector<Vec3>& true_places) {
   Eigen::Matrix3Xd a(3, static_cast<Eigen::Index>(seen.size()));
   Eigen::Matrix3Xd b = a;

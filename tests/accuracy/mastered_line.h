@@ -11,9 +11,9 @@
 #include "calib/calib.h"
 #include "emulator/slab_scene.h"
 
-/// A line with a robot that is off, mastered and then used as the daemon uses it: visits from the inspected mastered
-/// slab, corrections from the visits, splices by base/calibration.h, one fit of the slab with what each splice is
-/// worth. What a scan shows is either drawn and measured in full, or put together from the truth.
+/// A line whose robot has errors, mastered and then used as by the daemon: visits from the inspected mastered slab,
+/// corrections from the visits, splices by base/calibration.h, one fit of the slab with the uncertainty of each
+/// splice. Blocks are either drawn and measured from full scans or computed from the truth.
 namespace slabd::accuracy {
 
 struct LineTraits {
@@ -21,28 +21,29 @@ struct LineTraits {
   double absolute_mm = 0.7;  ///< smooth robot error over 500 mm, standard deviation per axis; in rotation over 1.5 m
   double repeat_mm = 0.017;  ///< new at every visit, per axis; in rotation over 1.5 m
   int visits = 5;
-  Pose X_error;  ///< what the hand-eye calibration is wrong by: used = true * error
+  Pose X_error;  ///< error of the hand-eye calibration: used = true * error
 };
 
 /// One production slab, judged with or without corrections.
 struct JudgedSlab {
   SlabResult result;
   std::vector<Splice> splices;
-  double seats_rms_mm = 0.0;  ///< seats in space against the truth after the best rigid motion of all
+  double seats_rms_mm = 0.0;  ///< rms of the seats in space relative to the truth, after the best rigid motion of all
 };
 
 class MasteredLine {
  public:
-  /// Measures block `k` of a slab with the scanner taken to stand at `T_base_scanner`.
+  /// Measures block `k` of a slab with the assumed scanner pose `T_base_scanner`.
   using Measure = std::function<BlockResult(const simulate::SlabTruth& slab, int k, const Pose& T_base_scanner)>;
 
   MasteredLine(const Recipe& recipe, const LineTraits& traits, Measure measure);
 
-  /// The mastered slab goes through `visits` times; false when the corrections were refused (`why`).
+  /// Masters the line with `visits` visits of the mastered slab; false if the corrections were rejected (`why`).
   [[nodiscard]] bool master(std::string& why);
   [[nodiscard]] const calib::StationsSolution& solution() const { return solution_; }
 
-  /// Casts slab `number` and judges it. `corrected` false: the hand-eye alone, with the robot's absolute accuracy.
+  /// Casts slab `number` and judges it. `corrected` false: hand-eye calibration only, with the robot's absolute
+  /// accuracy.
   [[nodiscard]] JudgedSlab judge(std::uint32_t number, bool corrected, simulate::SlabTruth& truth);
 
   [[nodiscard]] static simulate::Cell cell();
@@ -58,8 +59,8 @@ class MasteredLine {
   calib::StationsSolution solution_;
 };
 
-/// Measures without a scan: the features as they really are, in the frame the block would register to, with white noise
-/// of a full scan's size.
+/// Computes the block result without a scan: the true features in the frame to which the block would register, with
+/// white noise as from a full scan.
 [[nodiscard]] BlockResult features_of(const Recipe& recipe, const simulate::SlabTruth& slab, int k,
                                       const Pose& T_base_scanner, Prng& random);
 

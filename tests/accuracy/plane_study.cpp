@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The set-up of the paper's Table 1: 2000 points of z = x + 2y + 1 over a square, x and y in -1..1, and outliers spread
-// over the same box, 500 of them (20 %) as in the paper or 2000 (50 %); a, b, c of z = ax + by + c from plain least
-// squares, classical RANSAC and improved RANSAC. The oracle is the orthogonal fit of the 2000 good points alone, made
-// here by a dumb solver: nothing can do better.
+// The set-up of the paper's Table 1: 2000 points of z = x + 2y + 1 over a square, x and y in -1..1, and outliers
+// spread over the same box, 500 of them (20 %) as in the paper or 2000 (50 %). The fits of a, b, c of z = ax + by + c
+// are plain least squares, classical RANSAC and improved RANSAC. The oracle is the orthogonal fit of the 2000 good
+// points alone by a simple solver here; no method can be better.
 #include <fmt/core.h>
 #include <Eigen/Eigenvalues>
 
@@ -15,10 +15,11 @@ namespace {
 
 constexpr int kGood = 2000;
 const Vec3 kTruth(1.0, 2.0, 1.0);
-/// A fit further off than this in any of a, b, c found another plane (a thousand standard errors).
+/// A fit with a larger error of a, b or c found another plane (a thousand standard errors).
 constexpr double kFailure = 0.5;
 
-/// Noise along the plane's normal: the sum of twelve uniform numbers less six is normal enough and the same anywhere.
+/// Noise along the plane's normal: the sum of twelve uniform numbers less six is nearly normal and the same on every
+/// machine.
 std::vector<Vec3> table1_points(std::uint64_t seed, double sigma, int outliers) {
   Prng random(seed);
   std::vector<Vec3> points;
@@ -107,7 +108,7 @@ bool plane_study(const StudyOptions& options, Table& table) {
       const PlaneFit clean = algo::fit_plane(table1_points(seed, 0.0, outliers), Vec3::UnitZ(), settings);
       exact.add(clean.ok ? abc(clean.normal, clean.offset_mm) : Vec3::Constant(kNoValue));
     }
-    // The rms over the same seeds as the oracle's.
+    // The rms over the same seeds as those of the oracle.
     Errors compared = improved;
     for (std::vector<double>& values : compared.of) values.resize(static_cast<std::size_t>(seeds));
     double exact_worst = 0.0;
@@ -118,7 +119,8 @@ bool plane_study(const StudyOptions& options, Table& table) {
     tell(table, share + ", classical RANSAC", classical);
     tell(table, share + ", improved RANSAC", compared);
     tell(table, share + ", oracle", best);
-    // With half of the points bad some fifty lie inside the threshold by chance, and no cut by distance can tell them.
+    // With half of the points bad some fifty are inside the threshold by chance, and no distance threshold can
+    // separate them.
     const std::string ratio = share + fmt::format(": improved over oracle, {} seeds", seeds);
     if (outliers == 500)
       table.at_most(ratio, compared.worst_ratio(best), 1.05, "");

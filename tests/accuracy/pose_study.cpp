@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Is the covariance that a registration reports true? Nominal block, white noise along the rays, a new scan and a new
-// place for each seed: the motion from the registered to the true block, normalised by its covariance, must be
-// distributed as chi-square with six degrees of freedom, each component as one, and its mean must be nothing.
-// Scans of a quarter of a million points: the registration samples 65 536 of however many there are.
+// Tests the covariance that a registration reports. Nominal block, white noise along the rays, a new scan and a new
+// pose for each seed. The motion from the registered to the true block, normalised by its covariance, must be
+// distributed as chi-square with six degrees of freedom. Each component must be distributed as one, with zero mean.
+// Scans have a quarter of a million points: the registration samples 65 536 of any number.
 #include <fmt/core.h>
 
 #include <Eigen/Cholesky>
@@ -80,7 +80,7 @@ bool pose_study(const StudyOptions& options, Table& table) {
     for (const Quantile& q : kQuantiles) {
       double below = 0.0;
       for (const double value : chi2) below += value <= q.value ? 1.0 : 0.0;
-      // Three standard errors of a share of n scans, 0.05 at the least.
+      // Three standard errors of a share of n scans, at least 0.05.
       const double reach = std::max(0.05, 3.0 * std::sqrt(q.share * (1.0 - q.share) / n));
       table.within(at + fmt::format("share below the {} % point", 100.0 * q.share), below / n, q.share - reach,
                    std::min(q.share + reach, 1.0), "");
@@ -88,7 +88,7 @@ bool pose_study(const StudyOptions& options, Table& table) {
     for (int k = 0; k < 6; ++k) {
       table.tell(at + fmt::format("squared error over variance, {}", kNames[static_cast<std::size_t>(k)]),
                  squares[k] / n, "");
-      // The mean of n unbiased scans is off by 3 / sqrt(n) now and then: 0.1 of sigma takes a thousand of them to tell.
+      // The mean of n unbiased scans can be off by 3 / sqrt(n): to detect 0.1 of sigma takes a thousand of them.
       table.at_most(at + fmt::format("bias over sigma, {}", kNames[static_cast<std::size_t>(k)]), std::abs(sum[k] / n),
                     std::max(0.1, 3.0 / std::sqrt(n)), "");
     }

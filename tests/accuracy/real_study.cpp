@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Scans of real concrete (emulator/concrete_block.h, block_drawing.h) with known truth, measured as the daemon does.
-// For each item: error, U and in how many scans U covers the error; verdicts of blocks that are good, and whether a
-// defect is noticed. The recipe is the shipped one with its whole budget. Two scans are drawn and measured at a time.
+// Scans of real concrete (emulator/concrete_block.h, block_drawing.h) with known truth, measured as by the daemon. For
+// each item: error, U and the number of scans in which U covers the error; verdicts of good blocks, and detected
+// defects. The recipe is the shipped one with its whole budget. Two scans are drawn and measured at a time.
 #include <fmt/core.h>
 
 #include <atomic>
@@ -30,7 +30,7 @@ constexpr std::array kItems = {
     ItemId::seat_slope,   ItemId::seat_flatness,  ItemId::jaw_angle_inner,         ItemId::jaw_angle_outer,
     ItemId::jaw_distance, ItemId::casing_spacing, ItemId::casing_protrusion_inner, ItemId::casing_protrusion_outer};
 
-/// One kind of block: what differs from the surface asked for.
+/// One kind of block: its differences from the selected surface.
 struct Kind {
   std::string name;
   EffectStrengths effects;
@@ -47,7 +47,7 @@ struct Case {
   double measure_s = 0.0;
 };
 
-/// The items that did not pass, else the reason of the block.
+/// The items that did not pass, or the reason of the block if there are none.
 std::vector<std::string> blamed(const Case& one) {
   std::vector<std::string> names;
   for (const Item& item : one.result.items)
@@ -218,8 +218,8 @@ std::string blame_text(const Verdicts& verdicts) {
   return text;
 }
 
-/// Counts of scans with a defect: the block passes, and the defect itself is pointed at (its item
-/// does not pass; damage: a finding within 25 mm of it).
+/// Counts of scans with a defect: passed blocks (missed), and scans in which the defect itself is reported (named). It
+/// is if its item does not pass, or for damage, if a finding is within 25 mm of it.
 struct Noticed {
   int missed = 0;
   int named = 0;
@@ -245,8 +245,8 @@ Noticed noticed(const std::vector<Case>& cases, const ConcreteDefect& defect) {
   return n;
 }
 
-/// Items that pass although the truth is out of tolerance: what must never happen. `out` counts those that are. A crust
-/// stands over the seat by its size, which the rim's own height does not show.
+/// Items that pass although the truth is out of tolerance, which must never happen. `out` counts the items out of
+/// tolerance. A crust is higher than the seat by its size, which the rim's true height does not include.
 struct WrongPasses {
   int out = 0;
   int passed = 0;
@@ -263,7 +263,7 @@ WrongPasses wrong_passes(const std::vector<Case>& cases, const Kind& kind, const
       const Tolerance& tolerance = recipe.tolerance(id);
       double truth = one.scan.truth.value(id);
       if (id == ItemId::casing_protrusion_outer && crust != kind.defects.end()) truth = std::max(truth, crust->size);
-      // An item without one of the limits has NaN there.
+      // A missing limit of an item is NaN.
       if (!(truth < tolerance.lower) && !(truth > tolerance.upper)) continue;
       ++wrong.out;
       const Item* item = find_item(one.result.items.begin(), one.result.items.end(), id);
@@ -294,7 +294,7 @@ void tell_item(const std::string& what, const Figures& f, const std::string& uni
   table.tell(what + ", U needed for 95 %", f.U_needed(), unit);
 }
 
-/// Everything about one kind: items, verdicts, seconds.
+/// Reports one kind: items, verdicts, seconds.
 void report(const std::vector<Case>& cases, const Kind& kind, const Recipe& recipe, const StudyOptions& options,
             Table& table) {
   const WrongPasses wrong = wrong_passes(cases, kind, recipe);
@@ -363,7 +363,7 @@ constexpr std::string_view kMarkdownHead =
     "passed because of |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n";
 
 /// A row of the table in docs/MEASURING.md: verdicts, then for each kind of item the share that U covers and the mean
-/// U, both of the worse one where there are two.
+/// U. If there are two items of a kind, both are those of the worse one.
 void print_markdown_row(const std::vector<Case>& cases, const Kind& kind) {
   const Verdicts v = verdicts_of(cases);
   fmt::print("| {} | {} | {} | {} | {} |", kind.name, v.pass, v.indeterminate, v.fail, v.not_measured);
@@ -395,7 +395,7 @@ void print_markdown_row(const std::vector<Case>& cases, const Kind& kind) {
   std::fflush(stdout);
 }
 
-/// One line for a kind in the table of all effects and defects.
+/// Reports a kind as one line in the table of all effects and defects.
 void report_line(const std::vector<Case>& cases, const Kind& kind, const Recipe& recipe, const StudyOptions& options,
                  Table& table) {
   const Verdicts v = verdicts_of(cases);
@@ -431,10 +431,10 @@ void report_line(const std::vector<Case>& cases, const Kind& kind, const Recipe&
   std::fflush(stdout);
 }
 
-/// The surface of the paper's block: it waves more than a good plant's, and its scanner has little noise. Found by
-/// trying until seats (wave, grain) and whole blocks (relief, cast) had the paper's figures.
+/// The surface of the paper's block: larger waves than in a good plant, and a scanner with little noise. The strengths
+/// of wave and grain (seats) and of relief and cast (whole blocks) were adjusted by trial to the paper's figures.
 constexpr std::array kPaperEffects = {"cast=1.5", "grain=1.6", "relief=2", "wave=3.1", "noise=0.5"};
-/// So near to the paper's shares (one block of one mould) a drawn lot of blocks is expected, %.
+/// Expected distance of a drawn lot of blocks from the paper's shares (one block of one mould), %.
 constexpr std::array kPaperReach = {4.0, 2.0, 1.5};
 
 std::optional<Kind> kind_of(const RealOptions& options) {
@@ -504,15 +504,15 @@ bool real_study(const StudyOptions& options, Table& table) {
   return true;
 }
 
-/// Eighteen seats of the paper's slab: Table 5 and Fig. 17 have a standard deviation of 0.013 to 0.029 mm and a
-/// (trimmed) flatness of 0.057 to 0.103 mm; Table 4 has 79, 96 and 98 % of all points within 1, 2 and 3 standard
-/// deviations of the model. Concrete off its model by as much as cast blocks are, seen by a good scanner.
+/// Eighteen seats of the paper's slab. Table 5 and Fig. 17 have a standard deviation of 0.013 to 0.029 mm and a
+/// (trimmed) flatness of 0.057 to 0.103 mm. Table 4 has 79, 96 and 98 % of all points within 1, 2 and 3 standard
+/// deviations of the model. The concrete deviates from its model as cast blocks do; the scanner is good.
 bool paper_study(const StudyOptions& options, Table& table) {
   const std::optional<Recipe> recipe = reference_recipe();
   if (!recipe) return false;
   StudyOptions of_paper = options;
   of_paper.real.surface = "clean";
-  // After the others, so that an effect of the command line is the last word.
+  // The effects of the command line come last, because they override the others.
   of_paper.real.effects.insert(of_paper.real.effects.begin(), kPaperEffects.begin(), kPaperEffects.end());
   const std::optional<Kind> kind = kind_of(of_paper.real);
   if (!kind) return false;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The paper repeats the scan of one block ten times and finds standard deviations within 0.010 mm and flatness within
-// 0.030 mm of each other (its Figs. 11 and 12). Here the same with full-size scans, in several series of ten, each of
-// another block; the robot comes back to within its repeatability.
+// 0.030 mm of each other (its Figs. 11 and 12). This study does the same with full-size scans, in several series of
+// ten, each of another block; the robot returns to within its repeatability.
 #include <fmt/core.h>
 
 #include "tests/accuracy/block_scan.h"

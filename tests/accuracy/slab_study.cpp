@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Whole slabs. The robot comes to rest with an error of 0.017 mm per axis that nobody tells slabd; hand-eye and slab
-// place are known exactly. 20 good slabs of 18 full-size scans: errors of every slab item, and whether U covers them.
-// Then one slab for every kind of planted defect (quarter-size scans): the defect's item must be off by what was
-// planted, its block or pair must fail and nobody else.
+// Whole slabs. The robot stops with an error of 0.017 mm per axis that slabd cannot measure; hand-eye calibration and
+// slab position are exact. 20 good slabs of 18 full-size scans: errors of every slab item, and coverage of U. Then one
+// slab for every kind of planted defect (quarter-size scans): the defect's item must be off by the planted value, and
+// only its block or pair must fail.
 #include <fmt/core.h>
 
 #include <map>
@@ -34,7 +34,7 @@ simulate::SlabVariation variation(std::uint64_t seed) {
   return v;
 }
 
-/// Measures slabs; keeps its buffers.
+/// Measures slabs; keeps its buffers from slab to slab.
 class SlabBench {
  public:
   explicit SlabBench(const Recipe& recipe) : recipe_(recipe), xyz_(3 * limits::kScanPointsMax) {
@@ -44,7 +44,7 @@ class SlabBench {
     sigma_.robot_position_mm = kRobotMm;
   }
 
-  /// As the daemon: every station from its reported pose, then one fit. Stations that fail are told on stderr.
+  /// Measures as the daemon: every station from its reported pose, then one fit. Prints failed stations to stderr.
   const SlabResult& measure(const simulate::SlabTruth& slab, const simulate::ScannerTraits& traits) {
     const simulate::Cell place = cell();
     for (int k = 1; k <= slab.stations; ++k) {
@@ -116,7 +116,7 @@ bool good_slabs(const StudyOptions& options, const Recipe& recipe, SlabBench& be
     table.tell(what + ", worst error", largest(size), unit);
     table.tell(what + ", mean U", mean(tally.U), unit);
     const double covers = static_cast<double>(tally.covered) / static_cast<double>(tally.error.size());
-    // One item a slab is too few to tell 93.5 % from 95 %.
+    // One item a slab is too few to distinguish 93.5 % from 95 %.
     if (tally.error.size() >= 100)
       table.at_least(what + ", U covers", covers, kCoverageMin, "");
     else
@@ -129,7 +129,7 @@ bool good_slabs(const StudyOptions& options, const Recipe& recipe, SlabBench& be
 struct Plant {
   simulate::Defect defect;
   ItemId item;
-  int station;            ///< of the item
+  int station;            ///< station of the item
   std::set<int> failing;  ///< stations whose verdict must be fail
   std::set<int> displaced;
 };
@@ -147,7 +147,7 @@ std::vector<Plant> plants() {
   };
 }
 
-/// One slab of quarter-size scans per defect.
+/// Measures one slab of quarter-size scans per defect.
 bool spoilt_slabs(const StudyOptions& options, const Recipe& recipe, SlabBench& bench, Table& table) {
   simulate::ScannerTraits quarter;
   quarter.columns /= 2;

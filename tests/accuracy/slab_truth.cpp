@@ -15,8 +15,8 @@ std::size_t index(int station) {
 
 SlabTruthItems::SlabTruthItems(const Recipe& recipe, const simulate::SlabTruth& slab, const std::set<int>& displaced)
     : recipe_(recipe), slab_(slab) {
-  // Where the seats stand against their nominal places, less the small rigid motion that explains most of it: plain
-  // least squares on three equations a seat, d = t + w x p.
+  // Displacement of the seats from their nominal positions, less the small rigid motion that explains most of it:
+  // plain least squares on three equations a seat, d = t + w x p.
   const int n = slab.stations;
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(3 * n, 6);
   Eigen::VectorXd b = Eigen::VectorXd::Zero(3 * n);

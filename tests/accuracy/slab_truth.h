@@ -6,14 +6,14 @@
 
 #include "emulator/slab_scene.h"
 
-/// What a perfect instrument would report of a slab: the items' definitions applied to where the blocks really stand,
-/// by a plain solver and without a line of algo.
+/// Slab items of an ideal measurement: the items' definitions applied to the true positions of the blocks, with a
+/// simple solver and without code of algo.
 namespace slabd::accuracy {
 
 class SlabTruthItems {
  public:
-  /// `displaced`: stations that the slab frame and the rows' parabolas must not follow, because a defect was planted
-  /// there.
+  /// `displaced`: stations that are left out of the slab frame and the rows' parabolas, because they have a planted
+  /// defect.
   SlabTruthItems(const Recipe& recipe, const simulate::SlabTruth& slab, const std::set<int>& displaced);
 
   /// True value of a slab-scope item or of the slope in the slab frame; NaN for others.

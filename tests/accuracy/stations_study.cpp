@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Station corrections. The robot is off by 0.7 mm per axis, smoothly over 500 mm, and comes back to 0.017 mm; the
-// hand-eye calibration is wrong by 0.1 mm and 0.005 deg. A slab with certified seats is inspected in five rounds, the
-// corrections are solved, and other slabs are inspected with and without them. For many robots at the level of
-// features, for a few with full-size scans. Goal: seats within 0.05 mm rms once corrected, and U true in both cases.
+// Station corrections. The robot has an error of 0.7 mm per axis, smooth over 500 mm, and a repeatability of 0.017 mm.
+// The hand-eye calibration is wrong by 0.1 mm and 0.005 deg. A slab with certified seats is inspected in five rounds,
+// the corrections are solved, and other slabs are inspected with and without them. Many robots are simulated at the
+// level of features, a few with full-size scans. Goal: corrected seats within 0.05 mm rms, and a valid U in both
+// cases.
 #include <fmt/core.h>
 
 #include <cmath>
@@ -34,7 +35,7 @@ struct Outcome {
   int undecided = 0;
 };
 
-/// Measures slabs by drawing their scans; keeps its buffers.
+/// Measures slabs by drawing their scans; keeps its buffers from slab to slab.
 class ScanMeasure {
  public:
   explicit ScanMeasure(const Recipe& recipe) : recipe_(recipe), xyz_(3 * limits::kScanPointsMax) {
@@ -112,8 +113,8 @@ bool run_lines(const StudyOptions& options, const Recipe& recipe, const Mastered
   table.tell(what + ": seats in space, hand-eye alone, rms", rms(without.seats_mm), "mm");
   for (const auto& [outcome, words] : {std::pair{&with, "corrected"}, std::pair{&without, "hand-eye alone"}}) {
     table.at_most(fmt::format("{}: {}, items that pass and should not", what, words), outcome->wrong_passes, 0, "");
-    // By hand-eye alone seats lie a millimetre off: where too few of a row agree on a warp, nobody says which of them
-    // are in place, and the row's heights are not measured.
+    // With the hand-eye calibration alone, seats are a millimetre off. If too few seats of a row agree on a warp, the
+    // correct ones cannot be identified, and the row's heights are not measured.
     const std::string open = fmt::format("{}: {}, items without value or U", what, words);
     if (outcome == &with)
       table.at_most(open, outcome->undecided, 0, "");

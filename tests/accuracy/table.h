@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-/// What a study found: one row a figure, with the goal it was held against.
+/// Results of a study: one figure per row, with its goal.
 namespace slabd::accuracy {
 
 class Table {
@@ -13,16 +13,16 @@ class Table {
     std::string what;
     double measured = 0.0;
     std::string unit;
-    std::string goal;  ///< empty: information, held against nothing
+    std::string goal;  ///< empty: information without a goal
     bool ok = true;
   };
 
-  /// A figure that must not exceed `limit`. Not a number misses every goal.
+  /// Adds a figure that must not exceed `limit`. NaN misses every goal.
   void at_most(const std::string& what, double measured, double limit, const std::string& unit);
-  /// A figure that must reach `limit`.
+  /// Adds a figure that must reach `limit`.
   void at_least(const std::string& what, double measured, double limit, const std::string& unit);
   void within(const std::string& what, double measured, double lower, double upper, const std::string& unit);
-  /// A figure that is told and not judged.
+  /// Adds a figure for information.
   void tell(const std::string& what, double measured, const std::string& unit);
 
   [[nodiscard]] bool all_ok() const;

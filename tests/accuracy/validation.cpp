@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabd_validation: section 5 of the paper again, on the emulator: registration deviations (Table 4), one seat (Table
-// 5), eighteen seats (Fig. 17), ten repeats (Figs. 18 and 19), against contact measurement (Table 6, conclusion 3), and
-// a type-1 study. Prints tables in Markdown, the paper's figure beside each of ours; script/validation puts them into
-// docs/VALIDATION.md.
+// slabd_validation: section 5 of the paper, repeated on the emulator: registration deviations (Table 4), one seat
+// (Table 5), eighteen seats (Fig. 17), ten repeats (Figs. 18 and 19), comparison with contact measurement (Table 6,
+// conclusion 3), and a type-1 study. Prints tables in Markdown with the paper's figure next to each own figure;
+// script/validation puts them into docs/VALIDATION.md.
 //
-// The seats: 18 castings, each with a dome of 0.08 to 0.05 mm and scans of such a noise that the points scatter as in
-// the paper's Fig. 17, by 0.029 mm (seat 1, its Table 5) down to 0.013 mm. The robot comes back to 0.017 mm and 0.002
-// deg per axis for every scan. Contact measurement errs evenly within the stated (0.9 + L / 400) um at both ends of
-// every length. Nothing here knows the concrete, the light or the optics of the paper: what that leaves out is said.
+// The seats: 18 castings, each with a dome of 0.08 to 0.05 mm. The noise of the scans is chosen so that the points
+// scatter as in the paper's Fig. 17, from 0.029 mm (seat 1, its Table 5) down to 0.013 mm. The robot returns to 0.017
+// mm and 0.002 deg per axis for every scan. Contact measurement has a uniform error within the stated (0.9 + L / 400)
+// um at both ends of every length. The emulation does not include the paper's concrete, light and optics; the output
+// lists these limits.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -33,18 +34,18 @@ constexpr std::size_t kRepeats = 10;
 constexpr std::size_t kGaugeRuns = cli::study::kGaugeRunsMin;
 constexpr double kRobotMm = 0.017;
 constexpr double kRobotDeg = 0.002;
-/// Scatter of the points about the seat, form and noise together; and the height of the dome that is the form.
+/// Scatter of the points about the seat, form and noise together; and the height of the dome, which is the form.
 constexpr double kStdLowMm = 0.013;
 constexpr double kStdHighMm = 0.029;
 constexpr double kDomeLowMm = 0.05;
 constexpr double kDomeHighMm = 0.08;
-/// Half the depth of an S-shaped error of the scanner's field, for the question what it would do to the slope.
+/// Half the depth of an S-shaped error of the scanner's field, to estimate its effect on the slope.
 constexpr double kFieldErrorMm = 0.05;
 
 struct Seat {
   Sight sight;
   double noise_mm = 0.0;
-  std::map<ItemId, std::vector<double>> values;  ///< one a repeat
+  std::map<ItemId, std::vector<double>> values;  ///< one value per repeat
   std::vector<double> std_mm;
   BlockResult first;
 };
@@ -61,7 +62,7 @@ Pose come_back(const Pose& T_scanner_block, Prng& random) {
 
 /// The dome of a seat over the evaluation region, 102 x 150 mm.
 struct Form {
-  double mean_mm = 0.0;  ///< by so much it lifts the least-squares plane; it does not tilt it
+  double mean_mm = 0.0;  ///< height by which the dome lifts the least-squares plane; it does not tilt it
   double std_mm = 0.0;
 };
 Form form_of(const Seat& seat) {
@@ -86,7 +87,7 @@ std::vector<Seat> cast_seats(const Recipe& recipe) {
   return seats;
 }
 
-/// What a perfect laboratory finds that fits the seat's plane over the same region.
+/// Value that an ideal laboratory finds with a seat plane fitted over the same region.
 double laboratory_value(const Recipe& recipe, const Seat& seat, ItemId id) {
   const simulate::BlockTruth& block = seat.sight.station.block;
   const double truth = simulate::true_value(recipe, seat.sight.station, id);
@@ -95,7 +96,7 @@ double laboratory_value(const Recipe& recipe, const Seat& seat, ItemId id) {
     case ItemId::seat_flatness: return simulate::true_flatness_mm(recipe, block);
     case ItemId::casing_protrusion_inner:
     case ItemId::casing_protrusion_outer: return truth - lifted;
-    // The jaws lean outward, so a higher reference plane lies where they are further apart.
+    // The jaws lean outward, so at a higher reference plane they are further apart.
     case ItemId::jaw_distance:
       return truth + lifted * (std::tan(block.jaw_angle_inner_rad - 0.5 * kPi) +
                                std::tan(block.jaw_angle_outer_rad - 0.5 * kPi));
@@ -107,7 +108,8 @@ constexpr std::array kItems = {
     ItemId::seat_slope,     ItemId::seat_flatness,           ItemId::jaw_distance,
     ItemId::casing_spacing, ItemId::casing_protrusion_inner, ItemId::casing_protrusion_outer};
 
-/// False, and said: a scan could not be measured. A validation with holes is none.
+/// Measures all repeats of a seat. Returns false with a message if a scan cannot be measured, because the validation
+/// must be complete.
 bool measure(BlockBench& bench, Seat& seat, std::size_t repeats, std::uint64_t seed) {
   Prng random(simulate::derived_seed(seed, 21, 0));
   simulate::ScannerTraits traits;
@@ -125,7 +127,7 @@ bool measure(BlockBench& bench, Seat& seat, std::size_t repeats, std::uint64_t s
   return true;
 }
 
-/// What a coordinate measuring machine of (0.9 + L / 400) um says of a length, and of an angle over 150 mm.
+/// Errors of a coordinate measuring machine of (0.9 + L / 400) um for a length, and for an angle over 150 mm.
 class ContactMachine {
  public:
   explicit ContactMachine(std::uint64_t seed) : random_(seed) {}
@@ -135,7 +137,7 @@ class ContactMachine {
     const double rise = end(kBase_mm) + end(kBase_mm) + end(kBase_mm) + end(kBase_mm);
     return truth_deg + deg_from_rad(std::atan(rise / kBase_mm));
   }
-  /// The mean of ten, as the paper took it.
+  /// The mean of ten measurements, as in the paper.
   template <typename Once>
   double mean(const Once& once) {
     double sum = 0.0;
@@ -290,14 +292,15 @@ bool print_comparison(const std::vector<Seat>& seats, const Recipe& recipe, Bloc
   return true;
 }
 
-/// Slope against the registered model, which is what a scanner that does not see the slab's bottom can have meant.
+/// Slope relative to the registered model, which is the probable definition for a scanner that cannot see the slab's
+/// bottom.
 double slope_to_model_deg(const BlockResult& block) {
   const Vec3& n = block.seat.plane.normal;
   return deg_from_rad(std::atan2(-n.y(), n.z()));
 }
 
-/// What a block that is not its model does to the registration, and the registration to a slope that is taken against
-/// the model: the paper's 0.257 mm of Table 4 beside its 0.021 deg of Table 6.
+/// Prints the effect of a block that deviates from its model on the registration, and thereby on a slope relative to
+/// the model: the paper's 0.257 mm of Table 4 next to its 0.021 deg of Table 6.
 bool print_concrete(const std::vector<Seat>& seats, const Recipe& recipe, BlockBench& bench) {
   constexpr double kPaperStdMm = 0.257;
   constexpr std::array kLengthsMm = {10.0, 25.0, 50.0, 100.0};
@@ -327,7 +330,7 @@ bool print_concrete(const std::vector<Seat>& seats, const Recipe& recipe, BlockB
         return false;
       }
       const DeviationStats& d = bench.result().registration.deviation;
-      if (i == 0) {  // so much relief that the deviations scatter as the paper's do
+      if (i == 0) {  // scales the relief to the paper's scatter of deviations
         scale = kPaperStdMm / d.std_mm;
         continue;
       }
@@ -361,7 +364,7 @@ bool print_concrete(const std::vector<Seat>& seats, const Recipe& recipe, BlockB
   return true;
 }
 
-/// The same figures once more, with what nothing can beat when the scanner errs by white noise alone.
+/// Prints the same figures with their lower bounds for a scanner with white noise only.
 void print_floors(const std::vector<Seat>& seats, const Recipe& recipe) {
   const Seat& seat = seats[0];
   const SeatFeature& s = seat.first.seat;
@@ -370,7 +373,7 @@ void print_floors(const std::vector<Seat>& seats, const Recipe& recipe) {
   const auto line = [](const char* what, const std::string& paper, const std::string& ours, const std::string& floor) {
     row(what, paper, ours, "floor " + floor);
   };
-  // A plane over a region of half width h: the slope's variance is that of the points over n h^2 / 3.
+  // A plane over a region of half width h: the variance of the slope is that of the points over n h^2 / 3.
   constexpr double kHalfMm = 75.0;
   const double slope_deg = deg_from_rad(seat.noise_mm / std::sqrt(points) / (kHalfMm / std::sqrt(3.0)));
   const double bias =
@@ -382,7 +385,7 @@ void print_floors(const std::vector<Seat>& seats, const Recipe& recipe) {
   constexpr double kRangeOfTen = 3.078;
   line("range of ten standard deviations", "<= 0.010 mm", fmt::format("{:.5f} mm", ten(seat.std_mm).range),
        fmt::format("{:.5f} mm: 3.08 sigma / sqrt(2 n)", kRangeOfTen * seat.noise_mm / std::sqrt(2.0 * points)));
-  // Largest and smallest of m normal values lie about 2 sqrt(2 ln m) apart.
+  // The range of m normal values is about 2 sqrt(2 ln m).
   const double cells = static_cast<double>(s.grid_points);
   const double cell_noise = seat.noise_mm / std::sqrt(points / cells);
   line("flatness", "0.091 mm", mm(s.flatness_mm),

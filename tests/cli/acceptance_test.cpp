@@ -13,13 +13,13 @@
 namespace slabd::cli {
 namespace {
 
-/// A scan of something drawn by the emulator, with its noise along the rays and a bend that nobody asked for.
+/// A scan drawn by the emulator, with noise along the rays and a bend of the field.
 struct Scene {
   simulate::Solids solids;
   double noise_mm = 0.03;
   double correlation_mm = 0.0;
   double bend_mm = 0.0;  ///< depth of a bowl over the field's half diagonal
-  double scale = 1.0;    ///< everything looks so much larger
+  double scale = 1.0;    ///< scale of all coordinates
   double outlier_share = 0.002;
   std::vector<float> xyz;
   ScanShape shape;
@@ -72,7 +72,7 @@ TEST(ScannerAcceptance, a_plates_noise_is_found_whatever_the_seed) {
     EXPECT_NEAR(f.noise.sigma_mm, 0.03, 0.003) << seed;
     EXPECT_EQ(f.noise.correlation_mm, 0.0) << "every point errs by itself";
     EXPECT_NEAR(f.noise.pitch_mm, 1.0 / 3.0, 0.01);
-    // 99.7 % of a normal distribution lie within 2.968 standard deviations.
+    // 99.7 % of a normal distribution are within 2.968 standard deviations.
     EXPECT_NEAR(f.RF_mm, 2.0 * 2.968 * 0.03, 0.005) << seed;
     EXPECT_LT(f.form_half_mm, 0.006) << "cells of 900 points";
     EXPECT_NEAR(f.length_mm, 184.0, 4.0);

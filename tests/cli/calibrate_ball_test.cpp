@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// simulate calibration, calibrate ball and calibrate artefact, from scans on disk to the table that solve reads.
+// simulate calibration, calibrate ball and calibrate artefact, from scan files to the table that solve reads.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -57,7 +57,7 @@ TEST_F(CalibrateBall, finds_every_ball_of_a_simulated_set_and_solves_with_it) {
 
 TEST_F(CalibrateBall, the_number_in_a_scans_name_is_the_views) {
   simulate("set", "--views 2 --seed 5");
-  // As the shell sorts them, with views missing.
+  // Order as sorted by the shell, with views missing.
   fs::rename(file("set/view_02.ply"), file("set/view_10.ply"));
   fs::rename(file("set/view_01.ply"), file("set/view_3.ply"));
   const std::string sorted = file("set/view_10.ply") + " " + file("set/view_3.ply");
@@ -92,7 +92,7 @@ TEST_F(CalibrateBall, refuses_with_reason_cure_and_status_6) {
   EXPECT_EQ(report["accepted"], 1);
   EXPECT_EQ(report["views"][1]["refusal"], "azimuth");
   EXPECT_FALSE(report["views"][1]["cure"].get<std::string>().empty());
-  // The refused one is missing in the table and the others keep their numbers.
+  // The rejected view is missing in the table and the others keep their numbers.
   expect_mentions(content(file("t")), "labels=view,ball");
   expect_mentions(content(file("t")), "\n1 1 ");
   EXPECT_EQ(content(file("t")).find("\n2 "), std::string::npos);
@@ -106,7 +106,7 @@ TEST_F(CalibrateBall, a_table_that_is_there_is_replaced_whole_or_stays) {
       "calibrate artefact " + file("frame/view_01.ply") + " --certificate " + file("frame/certificate.txt");
   for (const std::string& command : {ball, artefact}) {
     const std::string target = write("target.txt", "what was there");
-    // A second name of the same file: whoever writes into it in place changes this one as well, bit by bit.
+    // A hard link to the same file: writing in place would change its content as well.
     fs::remove(file("old.txt"));
     fs::create_hard_link(target, file("old.txt"));
     const Ended found = run(command + " --target " + target);
@@ -165,7 +165,7 @@ TEST_F(CalibrateBall, names_wrong_usage_and_bad_files) {
   const Ended block = run("simulate calibration --kind block --out " + file("b"));
   EXPECT_EQ(block.status, 2);
   expect_mentions(block.err, "--recipe");
-  // Nothing is overwritten.
+  // Existing files are not overwritten.
   simulate("set", "--views 1");
   const Ended again = run("simulate calibration --views 1 --out " + file("set"));
   EXPECT_EQ(again.status, 2);

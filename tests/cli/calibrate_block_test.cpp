@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate block as a process: tilted scans of a block, found one after the other by registration, give the
-// scanner's place.
+// slabctl calibrate block as a process: finds the scanner's pose from tilted scans of a block, registered one after
+// the other.
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -19,7 +19,7 @@ class CalibrateBlock : public Slabctl {
   const Pose X_ = {Quat(0.9961947018, 0.0, 0.0871557002, 0.0).normalized(), Vec3(40.0, -25.0, 180.0)};
   const std::string recipe_ = places::source_dir() + "/recipes/p5600.toml";
 
-  /// Straight down first, then 22 degrees to eight sides, turned about the view as well.
+  /// Straight down first, then 22 degrees to eight sides, also rotated about the view.
   void draw(int views) const {
     std::vector<Pose> flange;
     const Vec3 block(1500.0, 200.0, 600.0);
@@ -49,8 +49,8 @@ class CalibrateBlock : public Slabctl {
 
 TEST_F(CalibrateBlock, a_block_seen_from_all_sides_is_an_artefact) {
   draw(9);
-  // Off by 9 mm and 1.4 degrees.
-  // A second name of the table that was there: it is replaced, not written into.
+  // The start pose is off by 9 mm and 1.4 degrees. A hard link to the existing table shows that it is replaced and not
+  // written in place.
   fs::create_hard_link(write("target.txt", "what was there"), file("old.txt"));
   const Ended found = run(block(9, "45 -20 185 0.995 0 0.0998 0"));
   ASSERT_EQ(found.status, 0) << found.out << found.err;
@@ -63,13 +63,13 @@ TEST_F(CalibrateBlock, a_block_seen_from_all_sides_is_an_artefact) {
   std::array<double, 7> X{};
   for (std::size_t k = 0; k < 7; ++k) X[k] = out["T_flange_scanner"][k];
   const Pose off = X_.inverse() * Pose::from_array(X);
-  // Where a point 600 mm in front of the scanner comes to lie.
+  // Position of a point 600 mm in front of the scanner.
   EXPECT_LT((off * Vec3(0.0, 0.0, 600.0) - Vec3(0.0, 0.0, 600.0)).norm(), 0.1);
 }
 
 TEST_F(CalibrateBlock, a_scan_without_the_block_where_it_should_be_is_refused_and_nothing_is_written) {
   draw(2);
-  // The poses of the two views exchanged: the first one does not look straight down.
+  // The poses of the two views are exchanged: the first one does not look straight down.
   std::string table = content(file("set") + "/flange.txt");
   ASSERT_FALSE(write("turned.txt", table).empty());
   std::string command = block(2, "40 -25 180 0.9961947 0 0.0871557 0");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The calibration routine as a new user goes through it, in processes: new, capture, solve, verify, apply. Then the
-// same with kill -9 at any moment, and every wrong turn: each must say what to do next.
+// The calibration routine as a new user performs it, in processes: new, capture, solve, verify, apply. Then the same
+// with kill -9 at any moment, and every wrong step: each error must contain the next command.
 #include <fcntl.h>
 #include <fmt/core.h>
 #include <gtest/gtest.h>
@@ -30,7 +30,7 @@ class CalibrateSession : public Slabctl {
   CalibrateSession() { ::setenv("XDG_STATE_HOME", file("state").c_str(), 1); }
   ~CalibrateSession() override { ::unsetenv("XDG_STATE_HOME"); }
 
-  /// A configuration in a folder of its own: database, sessions.
+  /// Writes a configuration with its own folder for database and sessions.
   [[nodiscard]] std::string config(const std::string& name) const {
     fs::create_directories(file(name));
     return write(name + "/slabd.toml", R"([plc]
@@ -73,7 +73,7 @@ socket = "control.sock"
     EXPECT_EQ(ended.status, 0) << ended.err;
     return json::parse(ended.out, nullptr, false);
   }
-  /// Runs slabctl and kills it after `us`; false: it had ended by itself.
+  /// Runs slabctl and kills it after `us`; false if it had already ended.
   bool run_killed(const std::vector<std::string>& arguments, long us) const {
     std::vector<std::string> words = {places::slabctl()};
     words.insert(words.end(), arguments.begin(), arguments.end());
@@ -114,7 +114,7 @@ double length(const json& a, const json& b) {
   return std::sqrt(squares);
 }
 
-/// The lines of a record's observations that do not tell when, where and by whom.
+/// The lines of a record's observations without times, paths and operators.
 std::string without_times(const std::string& text) {
   std::string kept;
   std::istringstream lines(text);
@@ -154,10 +154,10 @@ TEST_F(CalibrateSession, from_nothing_to_an_applied_calibration_in_six_commands)
   EXPECT_TRUE(listed["solution"]["verified"].get<bool>());
   EXPECT_EQ(listed["views"].size(), 13U);
   EXPECT_LT(listed["views"][0]["residual_mm"].get<double>(), 0.1);
-  // The raw scans are kept as they came.
+  // The original scans are kept.
   EXPECT_EQ(content(listed["views"][2]["shots"][0].get<std::string>()), content(file("set/view_03.ply")));
 
-  // The same from tables: one path.
+  // The same from tables gives the same result.
   EXPECT_EQ(run("calibrate ball " + file("set/view_*.ply") + " --radius 25.4 --target " + file("t.txt")).status, 0);
   const Ended tables = run("calibrate solve --kind ball --flange " + file("set/flange.txt") + " --target " +
                            file("t.txt") + " --robot-sigma-mm 0.017 --fov 100 140 540 660 --json");
@@ -167,7 +167,7 @@ TEST_F(CalibrateSession, from_nothing_to_an_applied_calibration_in_six_commands)
 TEST_F(CalibrateSession, killed_at_any_moment_loses_nothing_and_ends_with_the_same_bits) {
   simulate("set", "--views 13 --seed 4");
   ASSERT_EQ(run(new_in("whole")).status, 0);
-  // How long each takes here and now decides when it is killed.
+  // The kill times are chosen from the durations measured here.
   std::vector<double> took_us;
   for (const char* command : {"capture --set", "solve", "verify --yes", "apply"}) {
     std::string line = std::string("calibrate ") + command;
@@ -187,7 +187,7 @@ TEST_F(CalibrateSession, killed_at_any_moment_loses_nothing_and_ends_with_the_sa
   const auto hit = [&](const std::vector<std::string>& arguments, int times, double us_max) {
     for (int i = 0; i < times; ++i) {
       killed += run_killed(arguments, static_cast<long>(random.uniform() * us_max)) ? 1 : 0;
-      const json now = list("--session " + session);  // can always be read
+      const json now = list("--session " + session);  // must always be readable
       std::size_t counted = 0;
       for (const json& view : now["views"]) {
         EXPECT_TRUE(view["counts"].get<bool>()) << view.dump();
@@ -212,7 +212,7 @@ TEST_F(CalibrateSession, killed_at_any_moment_loses_nothing_and_ends_with_the_sa
   EXPECT_EQ(record.id, whole.id);
   EXPECT_EQ(record.figures, whole.figures);
   EXPECT_EQ(without_times(record.observations), without_times(whole.observations));
-  // One application, however often it was asked for.
+  // Repeated apply commands count as one application.
   const json history = json::parse(run("calibrate history --json --config " + file("killed/slabd.toml")).out);
   EXPECT_EQ(history["applied"].size(), 1U);
   EXPECT_EQ(history["records"].size(), 1U);
@@ -224,7 +224,7 @@ TEST_F(CalibrateSession, an_apply_killed_while_it_opened_the_database_is_finishe
   for (const std::string& command :
        {"capture --set " + file("set"), std::string("solve"), std::string("verify --yes"), std::string("apply")})
     ASSERT_EQ(run("calibrate " + command).status, 0) << command;
-  // What a process killed while it copies the log leaves behind: readers stay out until a writer has looked.
+  // State after a process was killed while it copied the log: readers are blocked until a writer has recovered it.
   const std::string copy = file("a") + "/slabd.db-log-copy";
   std::ofstream(copy) << "half of a copy";
   const Ended again = run("calibrate apply");
@@ -240,7 +240,7 @@ TEST_F(CalibrateSession, a_view_from_a_pose_that_has_one_counts_for_nothing) {
       run("calibrate capture --scan " + file("set") + "/view_01.ply --flange-file " + file("set") + "/flange.txt:1")
           .status,
       0);
-  // Another scan, and the flange where it stood.
+  // Another scan with the same flange pose.
   expect_next(
       run("calibrate capture --scan " + file("other") + "/view_01.ply --flange-file " + file("set") + "/flange.txt:1"),
       6, "REFUSED (same_pose): the flange stands where it stood for view 1");
@@ -250,7 +250,7 @@ TEST_F(CalibrateSession, a_view_from_a_pose_that_has_one_counts_for_nothing) {
 TEST_F(CalibrateSession, two_scans_that_say_the_same_view_and_shot_are_refused) {
   simulate("set", "--views 4 --seed 5");
   ASSERT_EQ(run(new_in("a")).status, 0);
-  // A copy of another pose's scan: which of the two counted was up to the order of the folder.
+  // A copy of another pose's scan; without the check the order of the folder would select the scan.
   for (const char* twin : {"view_3.ply", "view_003.ply", "view_03_1.ply", "view_03.xyz", "view_000000003.ply"}) {
     fs::copy_file(file("set/view_02.ply"), file("set") + "/" + twin);
     const Ended refused = run("calibrate capture --set " + file("set"));
@@ -271,14 +271,14 @@ TEST_F(CalibrateSession, pictures_beside_the_scans_are_none_of_them) {
     ASSERT_FALSE(write(other, "no scan").empty());
   expect_next(run("calibrate capture --set " + file("set")), 0, "view 4/13");
   EXPECT_EQ(content(list()["views"][3]["shots"][0].get<std::string>()), content(file("set/view_04.ply")));
-  // Who counts from 0 would get every pose wrong by one.
+  // Views numbered from 0 would give every pose to the wrong scan.
   fs::rename(file("set/view_04.ply"), file("set/view_00.ply"));
   expect_next(run("calibrate capture --set " + file("set")), 3, "views are numbered from 1");
 }
 
 TEST_F(CalibrateSession, views_that_do_not_fit_each_other_are_said_while_they_are_captured) {
   simulate("set", "--views 10 --seed 5");
-  // The robot reports the inverse, and nobody said so.
+  // The robot reports the inverse, without a declaration.
   std::string table = content(file("set") + "/flange.txt");
   table.insert(0, "# format: frames=T_flange_base\n");
   ASSERT_FALSE(write("set/flange.txt", table).empty());
@@ -318,11 +318,11 @@ TEST_F(CalibrateSession, what_the_radius_may_be_wrong_by_is_said_and_in_the_reco
   const calib::SolvedRecord unsure = record_of("unsure", "--radius-sigma-mm 0.05", solved);
   EXPECT_NE(solved.out.find("the certified radius is uncertain by 0.0500 mm"), std::string::npos) << solved.out;
   EXPECT_EQ(unsure.point_sigma_mm, sure.point_sigma_mm) << "the random part";
-  // A centre goes along the view by 1.1 to 1.2 times what the radius is off.
+  // A centre moves along the view by 1.1 to 1.2 times the radius error.
   const double added_mm = std::sqrt(3.0 * (std::pow(unsure.numbers.sigma_mm, 2) - std::pow(sure.numbers.sigma_mm, 2)));
   EXPECT_GT(added_mm / 0.05, 1.0);
   EXPECT_LT(added_mm / 0.05, 1.35);
-  // The scans show that it is off by 0.04 mm; that its certificate would allow it is no reason to be silent.
+  // The scans show a radius error of 0.04 mm, which must be reported even if the certificate's uncertainty covers it.
   record_of("off", "--radius 25.44 --radius-sigma-mm 0.025", solved);
   EXPECT_NE(solved.out.find("the certificate's own uncertainty (0.0500 mm, k = 2) covers it"), std::string::npos)
       << solved.out;
@@ -354,7 +354,7 @@ TEST_F(CalibrateSession, verify_looks_at_the_verdict_anew) {
   ASSERT_EQ(run(wrong).status, 0);
   ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
   expect_next(run("calibrate solve --force"), 6, "ball_radius");
-  // As a slabctl stored it that did not look at the radius.
+  // A record as stored by a slabctl that did not check the radius.
   const std::string path = "a/calibration/hall/solutions/0014/solved.txt";
   auto record = calib::parse_solved(content(file(path)), "solved.txt");
   ASSERT_TRUE(record.ok()) << record.error().text.view();
@@ -370,13 +370,13 @@ TEST_F(CalibrateSession, a_database_whose_creation_was_stopped_does_not_stand_in
   ASSERT_EQ(run(new_in("a", "", 10)).status, 0);
   ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
   ASSERT_EQ(run("calibrate solve").status, 0);
-  // A file that is there and holds nothing, as after a stop between its making and its first transaction.
+  // An empty database file, as after an interruption between its creation and its first transaction.
   ASSERT_FALSE(write("a/slabd.db", "").empty());
   EXPECT_EQ(run("calibrate verify --yes").status, 0);
   EXPECT_EQ(run("calibrate history --config " + file("a/slabd.toml")).status, 0);
   expect_next(run("calibrate apply"), 0, "is in force");
   EXPECT_FALSE(in_force("a").id.empty());
-  // What is somebody else's is not taken for it.
+  // A file of another program is not taken for a database.
   ASSERT_EQ(run(new_in("b", "", 10)).status, 0);
   ASSERT_FALSE(write("b/slabd.db", "this is no database, and it is longer than nothing").empty());
   EXPECT_NE(run("calibrate history --config " + file("b/slabd.toml")).status, 0);
@@ -432,7 +432,7 @@ TEST_F(CalibrateSession, lines_that_keep_their_sessions_in_one_folder_do_not_get
   const std::string a = line("hall-a");
   const std::string b = line("hall-b");
   ASSERT_EQ(run("calibrate new one --config " + a + " --radius 25.4").status, 0);
-  // It is the last one, and the only one there is; for the other line it is neither.
+  // The session is the last and the only one, but it must not be used for the other line.
   for (const char* command : {"list", "solve", "verify", "apply"}) {
     const Ended none = run(std::string("calibrate ") + command + " --config " + b);
     EXPECT_EQ(none.status, 3) << command << none.out << none.err;
@@ -465,7 +465,7 @@ TEST_F(CalibrateSession, drop_and_undo_go_back_step_by_step_and_delete_nothing) 
   expect_next(run("calibrate undo"), 0, "view 3 is taken back");
   expect_next(run("calibrate undo"), 0, "view 2 is taken back");
   EXPECT_EQ(list()["coverage"]["views"], 1);
-  // What was taken back may be captured again; it is a new view.
+  // A capture that was undone can be repeated as a new view.
   expect_next(run("calibrate capture --set " + file("set")), 0, "view 3/13");
   EXPECT_EQ(list()["views"].size(), 5U);
   EXPECT_TRUE(fs::exists(file("a/calibration/hall/views/003/shot_1.ply")));
@@ -475,7 +475,7 @@ TEST_F(CalibrateSession, a_dropped_view_tells_why_it_is_dropped_now) {
   simulate("set", "--views 8 --seed 6");
   ASSERT_EQ(run(new_in("a")).status, 0);
   ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
-  // Steps 9 and 11: by their names the first one is the last.
+  // Steps 9 and 11: sorted by file name, the later step is first.
   ASSERT_EQ(run("calibrate drop 3 --why first").status, 0);
   ASSERT_EQ(run("calibrate undo").status, 0);
   ASSERT_EQ(run("calibrate drop 3 --why second").status, 0);
@@ -492,7 +492,7 @@ TEST_F(CalibrateSession, a_step_that_cannot_be_read_for_a_while_is_not_given_awa
   ASSERT_EQ(run("calibrate drop 4 --why unreadable").status, 0);
   ASSERT_EQ(run("calibrate drop 2 --why 'somebody leaned on the post'").status, 0);
   fs::rename(newest + ".away", newest);
-  // One step back each, and only that.
+  // Each undo takes back exactly one step.
   expect_next(run("calibrate undo"), 0, "view 2 counts again");
   expect_next(run("calibrate undo"), 0, "view 4 counts again");
   const json views = list()["views"];
@@ -520,7 +520,7 @@ TEST_F(CalibrateSession, poses_are_read_as_declared) {
   simulate("set", "--views 3 --shots 2 --seed 8");
   const std::string numbers = content(file("set/flange.txt"));
   ASSERT_EQ(run(new_in("a", "--flange-form kuka")).status, 0);
-  // A quaternion where A, B, C were declared.
+  // A quaternion, although A, B, C were declared.
   const std::string shots = " --scan " + file("set/view_01_1.ply") + " --scan " + file("set/view_01_2.ply");
   expect_next(run("calibrate capture" + shots + " --flange '1 2 3 1 0 0 0'"), 3, "expected x y z A B C");
   expect_next(run("calibrate capture" + shots + " --flange-file " + file("set/flange.txt") + ":1"), 0,
@@ -534,7 +534,7 @@ TEST_F(CalibrateSession, poses_are_read_as_declared) {
 }
 
 TEST_F(CalibrateSession, no_wrong_turn_is_a_dead_end) {
-  // Nothing yet.
+  // No session exists.
   const std::string none = config("none");
   expect_next(run("calibrate list --config " + none), 3, "slabctl calibrate new");
   expect_next(run("calibrate list --session ./nowhere"), 3, "slabctl calibrate new");
@@ -548,7 +548,7 @@ TEST_F(CalibrateSession, no_wrong_turn_is_a_dead_end) {
                 "NAME: a session's name");
   }
   EXPECT_FALSE(fs::exists(file("none/calibration")));
-  // A configuration with a fault is bad input, whether the session is named or not.
+  // An invalid configuration is bad input, whether the session is named or not.
   const std::string faulty = write("faulty.toml", "[plc]\nunitid = 3\n");
   expect_next(run("calibrate list --config " + faulty), 3, "unknown key");
   expect_next(run("calibrate list --session x --config " + faulty), 3, "unknown key");
@@ -562,11 +562,11 @@ TEST_F(CalibrateSession, no_wrong_turn_is_a_dead_end) {
   expect_next(run("calibrate capture"), 2, "--scan");
   expect_next(run("calibrate capture --scan " + write("bad.ply", "ply\n") + " --flange '0 0 0 1 0 0 0'"), 3, "bad.ply");
   expect_next(run("calibrate capture --set " + file("state")), 3, "flange.txt");
-  // A refused view is kept, named, and counts for nothing.
+  // A rejected view is stored and listed, but not counted.
   simulate("hidden", "--views 1 --seed 5 --hidden 0.5");
   expect_next(run("calibrate capture --set " + file("hidden")), 6, "cure:");
   EXPECT_EQ(list()["views"][0]["use"], "refused");
-  // Too few views: refused, stored only when asked for, never applied.
+  // Too few views: rejected, stored only on request, never applied.
   EXPECT_EQ(run("calibrate capture --set " + file("set")).status, 0);
   EXPECT_EQ(run("calibrate drop 3 --why test").status, 0);
   const Ended few = run("calibrate solve");
@@ -576,7 +576,7 @@ TEST_F(CalibrateSession, no_wrong_turn_is_a_dead_end) {
   expect_next(run("calibrate solve --force"), 6, "never applied");
   expect_next(run("calibrate verify --yes"), 6, "slabctl calibrate solve");
   expect_next(run("calibrate apply"), 6, "never applied");
-  // Enough to solve, too few held out.
+  // Enough views to solve, too few held out.
   EXPECT_EQ(run("calibrate undo").status, 0);
   expect_next(run("calibrate verify --yes"), 6, "slabctl calibrate solve");
 }
@@ -596,12 +596,12 @@ TEST_F(CalibrateSession, a_change_above_a_fifth_of_a_millimetre_needs_a_word) {
   EXPECT_LT(told["after"]["residual_mm"]["rms"].get<double>(), 0.1);
   EXPECT_EQ(told["stations"].size(), 16U);  // of the first recipe
   EXPECT_GT(told["shift_max_mm"].get<double>(), 10.0);
-  // A view less: what was verified is not what would be applied.
+  // With one view less, the verified solution is not the one to be applied.
   ASSERT_EQ(run("calibrate drop 1 --why test").status, 0);
   expect_next(run("calibrate apply"), 6, "slabctl calibrate solve");
   ASSERT_EQ(run("calibrate undo").status, 0);
   ASSERT_EQ(run("calibrate apply").status, 0);
-  // Calibrated again from nearly the same views: a small change needs no word.
+  // Calibrated again from nearly the same views: a small change needs no confirmation.
   simulate("set2", "--views 10 --seed 10 --noise-mm 0.031");
   ASSERT_EQ(run("calibrate new again --config " + file("a/slabd.toml") +
                 " --radius 25.4 --robot-sigma-mm 0.017 --fov 100 140 540 660 --views 10")
@@ -615,7 +615,7 @@ TEST_F(CalibrateSession, a_change_above_a_fifth_of_a_millimetre_needs_a_word) {
 
 TEST_F(CalibrateSession, a_held_out_view_that_is_missed_refuses_the_solution) {
   simulate("set", "--views 13 --seed 11");
-  // The pose of view 13, which is held out, is off by 2 mm.
+  // The pose of the held-out view 13 is wrong by 2 mm.
   std::string table = content(file("set/flange.txt"));
   const std::size_t last = table.rfind('\n', table.size() - 2) + 1;
   const double x = std::stod(table.substr(last));
@@ -646,7 +646,8 @@ TEST_F(CalibrateSession, an_artefact_goes_the_same_way) {
 
 TEST_F(CalibrateSession, a_held_out_artefact_that_was_turned_where_it_stood_refuses_the_solution) {
   simulate("set", "--kind artefact --views 10 --seed 12");
-  // Turned about the artefact's origin by 0.3 degrees, view 10, which is held out, sees it in its place.
+  // The pose of the held-out view 10 is rotated about the artefact's origin by 0.3 degrees, so that only the rotation
+  // is wrong.
   const json truth = json::parse(content(file("set/truth.json")));
   const Vec3 origin(truth["T_base_target"][0], truth["T_base_target"][1], truth["T_base_target"][2]);
   auto table = calib::parse_poses(content(file("set/flange.txt")), "flange.txt", calib::TableRole::flange);
@@ -678,7 +679,7 @@ TEST_F(CalibrateSession, an_old_calibration_is_not_revived_by_applying_it_again)
   ASSERT_EQ(run(new_in("a", "", 10)).status, 0);
   for (const std::string& command : {"capture --set " + file("set"), std::string("solve"), std::string("verify --yes")})
     ASSERT_EQ(run("calibrate " + command).status, 0) << command;
-  // One of its views was captured in 2020, the others today.
+  // One of the views was captured in 2020, the others today.
   const std::string path = "a/calibration/hall/views/001/view.txt";
   auto view = calib::parse_view(content(file(path)), "view.txt");
   ASSERT_TRUE(view.ok());
@@ -697,10 +698,10 @@ TEST_F(CalibrateSession, an_old_calibration_is_not_revived_by_applying_it_again)
   const json history = json::parse(run("calibrate history --json --config " + file("a/slabd.toml")).out);
   EXPECT_EQ(history["records"].size(), 1U);
   EXPECT_EQ(history["records"][0]["robot_serial"], "KR-1");
-  // With another end it is kept once more, and may be given again like any other.
+  // With another expiry the record is stored once more; repeating the command changes nothing.
   for (int i = 0; i < 2; ++i) EXPECT_EQ(run("calibrate apply --valid-days 14600").status, 0);
   EXPECT_TRUE(in_force("a").id.ends_with(".2")) << in_force("a").id;
-  // Views from a time to come say nothing about their age: each time they would be as young as the day.
+  // The age of views with a future time is unknown: at each application they would look new.
   for (int i = 1; i <= 10; ++i) {
     const std::string one = fmt::format("a/calibration/hall/views/{:03}/view.txt", i);
     auto from_then = calib::parse_view(content(file(one)), "view.txt");
@@ -735,11 +736,11 @@ TEST_F(CalibrateSession, a_session_is_applied_to_its_own_line_only) {
   ASSERT_EQ(run(new_in("a", "", 10)).status, 0);
   for (const std::string& command : {"capture --set " + file("set"), std::string("solve"), std::string("verify --yes")})
     ASSERT_EQ(run("calibrate " + command).status, 0) << command;
-  // The other line has the same commissioning value, so nothing else tells them apart.
+  // The other line has the same commissioning value, so that only the configuration distinguishes them.
   const std::string elsewhere = "calibrate apply --session " + file("a/calibration/hall") + " --config " + config("b");
   expect_next(run(elsewhere), 6, "was begun with " + file("a/slabd.toml"));
   EXPECT_TRUE(in_force("b").id.empty());
-  // Another file about the same database is the same line.
+  // Another configuration file with the same database is the same line.
   fs::copy_file(file("a/slabd.toml"), file("a/copy.toml"));
   expect_next(run("calibrate apply --session " + file("a/calibration/hall") + " --config " + file("a/copy.toml")), 0,
               "is in force");
@@ -756,7 +757,7 @@ TEST_F(CalibrateSession, a_slip_in_a_pose_is_cured_as_the_refusal_says) {
     return run("calibrate capture --scan " + file("set/view_0") + std::to_string(scan) + ".ply --flange-file " +
                file("set/flange.txt") + ":" + std::to_string(line));
   };
-  // The second scan with the first one's pose, then with its own.
+  // The second scan with the first one's pose, then with its own pose.
   ASSERT_EQ(run(new_in("a")).status, 0);
   ASSERT_EQ(capture(1, 1).status, 0);
   expect_next(capture(2, 1), 6, "same_pose");
@@ -764,7 +765,7 @@ TEST_F(CalibrateSession, a_slip_in_a_pose_is_cured_as_the_refusal_says) {
   expect_next(capture(2, 2), 0, "view 3: accepted");
   expect_next(capture(2, 2), 0, "view 3: captured already, accepted");
   EXPECT_EQ(list()["views"].size(), 3U);
-  // The first one was the wrong one.
+  // The first view was the wrong one.
   ASSERT_EQ(run(new_in("b")).status, 0);
   ASSERT_EQ(capture(1, 1).status, 0);
   expect_next(capture(2, 1), 6, "drop the other one and capture this again");
@@ -773,7 +774,7 @@ TEST_F(CalibrateSession, a_slip_in_a_pose_is_cured_as_the_refusal_says) {
   expect_next(capture(2, 1), 0, "view 3: captured already, accepted");
   expect_next(capture(1, 1), 0, "view 1: captured already, and DROPPED");
   EXPECT_EQ(list()["views"].size(), 3U);
-  // A view with the pose of another.
+  // A view with the pose of another view.
   ASSERT_EQ(run(new_in("c")).status, 0);
   ASSERT_EQ(capture(1, 1).status, 0);
   ASSERT_EQ(capture(2, 4).status, 0);
@@ -798,7 +799,7 @@ TEST_F(CalibrateSession, a_step_that_was_damaged_leaves_its_view_out_and_blocks_
     EXPECT_FALSE(views[1]["counts"].get<bool>());
     expect_mentions(views[1]["note"].get<std::string>(), "drop-5.txt");
     expect_mentions(views[1]["note"].get<std::string>(), "put that file back as it was, or remove it");
-    // Its scan is not taken for a new one.
+    // Its scan is not accepted as a new one.
     expect_next(run("calibrate capture --set " + file("set")), 3, "a scan of view 2");
   }
   ASSERT_EQ(run("calibrate drop 3 --why test").status, 0);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl calibrate solve as a process: files in, figures, refusals and exit status out.
+// slabctl calibrate solve as a process: input files, figures, reasons for rejection and exit status.
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -158,7 +158,7 @@ TEST_F(CalibrateSolve, causes_are_named_with_a_cure_that_fits_the_files) {
     return r["code"] == "scale";
   })) << scale["reasons"];
 
-  // The file declares T_flange_base and holds T_base_flange.
+  // The file declares T_flange_base, but contains T_base_flange.
   PoseFormat inverse;
   inverse.inverse = inverse.declared = true;
   Set wrong = set;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Station corrections and what they hold for: the hand-eye calibration, the time, the temperature of their visits.
+// Validity of station corrections: hand-eye calibration, age, and temperature of the visits.
 #include <fmt/core.h>
 #include <nlohmann/json.hpp>
 
@@ -34,7 +34,7 @@ class CalibrateStations : public Slabctl {
   [[nodiscard]] Ended adopt(const std::string& sigma_mm, const std::string& more = "") const {
     return slabctl("calibrate adopt --sigma-mm " + sigma_mm + " --sigma-deg 0.003 --apply " + more);
   }
-  /// Keeps the record and puts it in force, as of that day.
+  /// Stores the record and puts it in force at that time.
   [[nodiscard]] std::string put_in_force(const storage::CalibrationRecord& record, std::int64_t utime_us) const {
     daemon::Config config;
     EXPECT_TRUE(config_from(file("slabd.toml"), config));
@@ -53,7 +53,7 @@ class CalibrateStations : public Slabctl {
     return current.ok() && current.value() ? *current.value() : storage::CalibrationRecord{};
   }
   [[nodiscard]] json planned() const { return json::parse(slabctl("stations --type 5600 --json").out); }
-  /// Station 1, mastered where the flange is planned to stand.
+  /// Station 1, mastered at its planned flange pose.
   [[nodiscard]] storage::CalibrationRecord table_of_the_plan() const {
     const json row = planned()["stations"][0];
     std::array<double, 7> pose{};
@@ -67,14 +67,14 @@ class CalibrateStations : public Slabctl {
     record.created_utime_us = wall_clock_us() - 20 * kDay_us;
     return record;
   }
-  /// A certificate of two seats, 1000 mm apart, and five rounds over them.
+  /// A certificate of two seats at a distance of 1000 mm, and five rounds.
   [[nodiscard]] std::string sources() const {
     std::string visits;
     for (int round = 1; round <= 5; ++round)
       for (int station = 1; station <= 2; ++station) {
         const std::string x = std::to_string(1000 * (station - 1));
         const std::string head = "visit = " + std::to_string(station) + " \"round " + std::to_string(round) + "\" " + x;
-        // The flange looks down from 600 mm; the seat is at the origin, 0.3 mm off as the robot sees it.
+        // The flange looks down from 600 mm; the seat is at the origin, with a robot error of 0.3 mm.
         visits += head + " 0 600 0 1 0 0  0.3 -80 " + std::to_string(450.0 + 0.01 * round) + "  0.3 -80 " +
                   std::to_string(350.0 + 0.01 * round) + "  0.3 -180 " + std::to_string(450.0 + 0.012 * round) + "\n";
       }
@@ -92,7 +92,7 @@ TEST_F(CalibrateStations, corrections_that_the_line_does_not_use_do_not_hold) {
   static_cast<void>(put_in_force(table, wall_clock_us()));
   EXPECT_TRUE(planned()["stations"][0]["correction_holds"].get<bool>());
   expect_mentions(slabctl("stations --type 5600").out, "its correction holds");
-  // A hand-eye calibration with the same numbers, by an id of its own: what they were solved with is not in force.
+  // A hand-eye calibration with the same numbers and another id: the one used for the solution is not in force.
   ASSERT_EQ(adopt("0.06").status, 0);
   EXPECT_FALSE(planned()["stations"][0]["correction_holds"].get<bool>());
   expect_mentions(slabctl("stations --type 5600").out, "its correction is stale: solved with " + table.parent_id);
@@ -123,7 +123,7 @@ TEST_F(CalibrateStations, solved_again_they_hold_no_longer_than_before) {
   EXPECT_NE(second.id, record.id);
   EXPECT_EQ(second.expires_utime_us, record.expires_utime_us) << "nothing was measured since";
   EXPECT_EQ(second.temperature_c, 21.0);
-  // Expired, they are not solved into force again.
+  // Expired corrections cannot be solved again and put in force.
   record.created_utime_us = wall_clock_us() - 20 * kDay_us;
   record.expires_utime_us = wall_clock_us() - 10 * kDay_us;
   record.parent_id = in_force(CalibrationKind::hand_eye).id;
@@ -164,7 +164,7 @@ TEST_F(CalibrateStations, adopting_over_another_calibration_wants_a_word) {
   EXPECT_NE(in_force(CalibrationKind::hand_eye).id, before);
   const json history = json::parse(slabctl("calibrate history --json").out);
   EXPECT_EQ(history["applied"][0]["why"], "adopted from " + file("slabd.toml"));
-  // Less than a fifth of a millimetre is shown and needs none.
+  // Less than a fifth of a millimetre is reported and needs no confirmation.
   configure("30.1, 80, 150");
   const Ended small = adopt("0.05");
   EXPECT_EQ(small.status, 0) << small.err;
@@ -183,7 +183,7 @@ TEST_F(CalibrateStations, a_scanner_tilted_about_what_it_sees_moves_no_seat_and_
   const Ended unsaid = adopt("0.05");
   EXPECT_EQ(unsaid.status, 6) << unsaid.out;
   expect_mentions(unsaid.err, "move by up to 0.000 mm, the scanner turns by 0.070 deg");
-  // Nor is there a way round by its name.
+  // Applying it by name also requires the confirmation.
   const Ended kept = slabctl("calibrate adopt --sigma-mm 0.05 --sigma-deg 0.003");
   ASSERT_EQ(kept.status, 0) << kept.err;
   const std::string id = kept.out.substr(8, kept.out.find(';') - 8);

@@ -47,7 +47,8 @@ TEST(CalibrationScene, points_of_the_ball_lie_where_the_truth_says_and_scatter_a
     int count = 0;
     for (std::size_t i = 0; i < xyz.size(); i += 3) {
       const Vec3 p(xyz[i], xyz[i + 1], xyz[i + 2]);
-      // Within 25 degrees of the ray through the centre, where noise along the ray is noise along the radius.
+      // Only points within 25 degrees of the ray through the centre, where noise along the ray is noise along the
+      // radius.
       if (!((p - centre).norm() < 26.0) || (p - centre).normalized().dot(-centre.normalized()) < 0.9) continue;
       const double off = (p - centre).norm() - scene.traits().ball_radius_mm;
       squares += off * off;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Completion and manual come from the command tree: whatever --help lists must be in them.
+// Completion and manual are generated from the command tree: they must contain everything that --help lists.
 #include <regex>
 
 #include "storage/storage.h"
@@ -12,7 +12,7 @@ namespace {
 
 class Completion : public Slabctl {
  protected:
-  /// What bash offers after `line`, which ends in the word under the cursor.
+  /// Completions of bash for `words`; the last one is the word at the cursor.
   [[nodiscard]] std::string offered(const std::string& words) const {
     const std::string script =
         write("try.sh", "source <(" + places::slabctl() + " completion bash)\nCOMP_WORDS=(" + words +

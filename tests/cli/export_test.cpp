@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl export: what it writes is read by readers that know nothing of slabd (tests/cli/read_exports.py), and every
-// JSON document is held against its published schema by an independent validator (tests/cli/validate_json.py).
+// slabctl export: independent readers (tests/cli/read_exports.py) parse its output. An independent validator
+// (tests/cli/validate_json.py) checks every JSON document with its published schema.
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/resource.h>
@@ -23,7 +23,7 @@ namespace {
 using nlohmann::json;
 
 struct Export : StoredSlab {
-  /// Three blocks; with a name that a table must put in quotes.
+  /// Three blocks, and an id that a CSV must quote.
   void store_slab() {
     header_.slab_id = "A, \"42\"";
     begin();
@@ -72,7 +72,7 @@ TEST_F(Export, a_table_has_one_row_for_each_item_and_reads_as_rfc_4180) {
   ASSERT_NE(stored, nullptr);
   EXPECT_EQ(std::stod((*jaw)["value"].get<std::string>()), stored->value);  // every digit
   EXPECT_EQ(std::stod((*jaw)["U"].get<std::string>()), stored->U);
-  // An item that was not measured has no value, and none is 0.
+  // An item that was not measured has an empty value, never 0.
   for (const json& row : table["rows"]) EXPECT_TRUE(row["verdict"] != "not_measured" || row["value"] == "") << row;
   EXPECT_EQ(run("export 1 --db " + db()).out, content(file("items.csv")).substr(3));
 }
@@ -155,7 +155,7 @@ TEST_F(Export, clouds_are_read_by_others_and_lie_where_they_should) {
   const json of_slab = read("cloud", file("slab.ply"));
   EXPECT_EQ(of_slab["stations"], (json{3, 4, 12}));
   EXPECT_LT(of_slab["points"], 200'000);
-  // Stations 3 and 4 lie at y = 758, station 12 across: x = -2520 + 630 (i - 1), heights from the slab's top to a
+  // Stations 3 and 4 are at y = 758, station 12 is opposite: x = -2520 + 630 (i - 1), heights from the slab's top to a
   // shoulder.
   EXPECT_NEAR(of_slab["low"][0].get<double>(), -1260.0 - 170.0, 120.0);
   EXPECT_NEAR(of_slab["low"][1].get<double>(), -758.0 - 270.0, 120.0);
@@ -179,7 +179,7 @@ TEST_F(Export, models_are_closed_and_as_large_as_the_recipe_says) {
     EXPECT_NEAR(of_block["low"][2].get<double>(), -30.0, 1e-3);
     EXPECT_NEAR(of_block["high"][2].get<double>(), 29.75, 1e-3);
     const double block_volume = of_block["volume_mm3"];
-    // About 210 x 490 mm and 30 mm high, shoulders more, bores less.
+    // About 210 x 490 mm and 30 mm high; shoulders add volume, bores remove it.
     EXPECT_NEAR(block_volume, 210.0 * 490.0 * 36.0, 0.15 * 210.0 * 490.0 * 36.0);
 
     const std::string slab = file(std::string("slab") + extension);
@@ -324,7 +324,7 @@ TEST_F(Export, the_validator_finds_a_key_too_many_and_a_wrong_type) {
   EXPECT_EQ(python("validate_json.py " + schemas + write("version.json", document.dump())).status, 1);
 }
 
-/// Files of a folder of their own.
+/// Files in a separate folder.
 class OutFileTest : public ::testing::Test {
  protected:
   OutFileTest() {
@@ -364,7 +364,7 @@ TEST_F(OutFileTest, a_link_stays_and_the_file_it_means_is_replaced) {
 
 TEST_F(OutFileTest, a_pipe_is_written_into_and_stays_a_pipe) {
   ASSERT_EQ(::mkfifo(file("pipe").c_str(), 0600), 0);
-  // Open at both ends, so that nobody waits for the other.
+  // Opened for both directions, so that neither side blocks.
   const int reader = ::open(file("pipe").c_str(), O_RDWR | O_NONBLOCK);
   ASSERT_GE(reader, 0);
   for (const bool synced : {false, true}) {
@@ -391,7 +391,7 @@ TEST_F(OutFileTest, a_file_of_slabds_own_follows_no_link_that_somebody_laid) {
   EXPECT_EQ(content(file("victim")), "untouched");
 }
 
-// As root the kernel lets a process follow each link; without root no link of another user can be made here.
+// As root a process follows links of all users; without root the test cannot create a link of another user.
 TEST_F(OutFileTest, a_link_of_another_user_is_followed_only_where_that_user_could_not_have_planted_it) {
   if (::geteuid() != 0) GTEST_SKIP() << "only root can give a link to another user";
   constexpr uid_t kOther = 65'534;
@@ -496,7 +496,7 @@ TEST_F(OutFileTest, what_is_written_at_its_start_again_does_not_go_where_others_
 
 TEST_F(Export, what_standard_output_did_not_take_is_told_once) {
   store_slab();
-  for (const char* slabs : {"--all", "--verdict pass"}) {  // more than is kept back, and less
+  for (const char* slabs : {"--all", "--verdict pass"}) {  // larger and smaller than the output buffer
     const std::string command =
         places::slabctl() + " export " + slabs + " --db " + db() + " >/dev/full 2>" + file("full");
     const int status = std::system(command.c_str());

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl fit-plane and simulate plane: the set-up of the paper's Table 1, drawn from the seed of the published
-// figures, as two commands.
+// slabctl fit-plane and simulate plane: the set-up of the paper's Table 1, from the seed of the published figures,
+// with two commands.
 #include <nlohmann/json.hpp>
 #include <tuple>
 
@@ -161,7 +161,7 @@ TEST_F(FitPlane, bad_files_are_status_3_and_named) {
   EXPECT_EQ(torn.status, 3);
   expect_mentions(torn.err, "torn.xyz");
 
-  // One point too many, in a file of the right length that is nearly all hole.
+  // One point too many, in a sparse file of the right length.
   const std::size_t count = limits::kScanPointsMax + 1;
   const std::string header = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(count) +
                              "\nproperty float x\nproperty float y\nproperty float z\nend_header\n";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The monitor ball on scans: taken into use once, looked at again later, from the same pose of the robot.
+// The monitor ball on scans: taken into use once, checked later, from the same pose of the robot.
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
@@ -29,7 +29,7 @@ class MonitorBallTest : public Slabctl {
                                 "[control]\nsocket = \"control.sock\"\n"));
     static_cast<void>(write("flange.txt", std::string(kFlange) + "\n"));
   }
-  /// What the scanner sees from kFlange when the ball is `up_mm` higher than it was.
+  /// Draws a scan from kFlange with the ball raised by `up_mm`.
   std::string scan(const std::string& name, double up_mm, const std::string& more = "", int seed = 3) {
     const Ended drawn = run("simulate calibration --kind ball --poses " + file("flange.txt") + " --out " + file(name) +
                             " --T-flange-scanner '0 80 150 1 0 0 0' --robot-sigma-mm 0 --seed " + std::to_string(seed) +
@@ -69,7 +69,7 @@ TEST_F(MonitorBallTest, within_its_limit_passes_a_drift_is_flagged_and_more_fail
   expect_mentions(drifted.err, "allowed are 0.100 mm");
   expect_mentions(drifted.err, "fault 503");
   expect_mentions(drifted.err, "check again from the same pose");
-  // The scan that the ball's place is from would find it there whatever happened since.
+  // The scan that defines the ball's position would always pass.
   const Ended itself = check(file("first") + "/view_01.ply");
   EXPECT_EQ(itself.status, 6) << itself.out;
   expect_mentions(itself.err, "has its place from this scan; a check needs a scan of its own");
@@ -116,7 +116,7 @@ TEST_F(MonitorBallTest, a_radius_that_is_not_the_balls_own_is_refused) {
   take_into_use();
   const std::string drifted = scan("drifted", 0.11, "", 6);
   EXPECT_EQ(check(drifted).status, 6);
-  // Another radius finds the ball elsewhere along the view: it would be back in its place.
+  // Another radius moves the ball along the view and could hide its displacement.
   const Ended other = check(scan("again", 0.11, "", 7), "--radius 25.45");
   EXPECT_EQ(other.status, 3) << other.out;
   expect_mentions(other.err, "--radius 25.45");

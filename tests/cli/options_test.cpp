@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Promises about the options of every command, also of one that is added tomorrow.
+// Requirements for the options of all commands, including future ones.
 #include <gtest/gtest.h>
 
 #include <CLI/CLI.hpp>
@@ -15,14 +15,14 @@
 namespace slabd::cli {
 namespace {
 
-/// Every option of the tree below `app`, with the words that lead to it.
+/// Calls `see` for every option of the tree below `app`, with its command path.
 void visit(CLI::App& app, const std::string& path, const std::function<void(const std::string&, CLI::Option&)>& see) {
   for (CLI::Option* option : app.get_options()) see(path + " " + option->get_name(), *option);
   for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; }))
     visit(*command, path + " " + command->get_name(), see);
 }
 
-/// What the option answers to `text`, given as often as it wants values; empty: it takes it.
+/// The error of the option for `text`, given the required number of times; empty if it is accepted.
 std::string refusal(CLI::Option& option, const std::string& text) {
   option.clear();
   for (int i = 0; i < option.get_items_expected_min(); ++i) option.add_result(text);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// docs/PLC.md and the function block say what the program does. SLABD_UPDATE_DOCS=1 writes the generated tables anew.
+// docs/PLC.md and the function block match the program. SLABD_UPDATE_DOCS=1 writes the generated tables.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -119,7 +119,7 @@ TEST(PlcDocs, registers_are_told_in_words) {
   EXPECT_EQ(verdict, "77 UNKNOWN");
 }
 
-/// The first number behind `name`, in the unit it is written with.
+/// The first number after `name`, in its own unit.
 long long number_behind(const std::string& text, const std::string& name) {
   std::smatch match;
   const std::regex pattern(name + R"([^;]*?(?:T#|:= )(\d+)(MS|S)?)");

@@ -16,7 +16,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// A pseudo-terminal: what a program writes to `stream`, a person would see in `seen_until`.
+/// A pseudo-terminal: `seen_until` returns what a program writes to `stream`.
 struct Terminal {
   Terminal() : master(posix_openpt(O_RDWR | O_NOCTTY)) {
     EXPECT_EQ(grantpt(master), 0);
@@ -31,7 +31,7 @@ struct Terminal {
   Terminal(const Terminal&) = delete;
   Terminal& operator=(const Terminal&) = delete;
 
-  /// Reads, waiting, until `ending` has come.
+  /// Reads, blocking, until `ending` has been received.
   [[nodiscard]] std::string seen_until(const std::string& ending) const {
     std::string seen;
     char byte = 0;
@@ -112,7 +112,7 @@ TEST(RobotPeer, cure_for_a_missing_route_names_the_group_in_use) {
   EXPECT_EQ(multicast_group("udpm://239.1.2.3"), "239.1.2.3");
   EXPECT_EQ(multicast_group("udpm://"), "239.255.76.67");
   EXPECT_EQ(multicast_group("udpm://?ttl=1"), "239.255.76.67");
-  // A unicast address has no multicast route anywhere: the message itself.
+  // A unicast address has no multicast route on any machine, so the message is tested.
   simulate::RobotTraits traits;
   traits.lcm_url = "udpm://10.9.8.7:7667?ttl=0";
   traits.channel = "FLANGE_POSE";

@@ -52,7 +52,8 @@ def mesh(path):
         vertices = np.stack([elements["vertex"][axis] for axis in "xyz"], axis=1).astype(float)
         assert (elements["face"]["n"] == 3).all()
         corners = vertices[elements["face"]["index"]]
-    # Closed: every edge is run along once in each direction. By place, because STL shares no vertices.
+    # Closed: every edge is traversed once in each direction. Vertices are compared by position, because STL does not
+    # share them.
     places, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     index = index.reshape(-1, 3)
     edges = np.concatenate([index[:, [0, 1]], index[:, [1, 2]], index[:, [2, 0]]])

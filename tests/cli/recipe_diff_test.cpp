@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl recipe diff: keys, and what another recipe would have made of stored values.
+// slabctl recipe diff: keys, and the verdicts of another recipe for stored values.
 #include "cli/recipe/recipe_diff.h"
 
 #include <fmt/format.h>
@@ -68,7 +68,7 @@ TEST_F(RecipeDiff, the_same_recipe_makes_the_same_of_every_stored_value) {
   EXPECT_EQ(same["stored"]["slabs"]["changed"], 0);
   EXPECT_TRUE(same["stored"]["changed"].empty()) << same["stored"]["changed"];
 
-  // Wider limits let the fourth block pass; narrower ones fail the others too, whose U stays what it was.
+  // With wider limits the fourth block passes; with narrower ones the others also fail. Their U does not change.
   const json wider =
       diff(recipe_with("nominal = 380\ntolerance = 0.5", "nominal = 380\ntolerance = 2"), "--db " + db());
   ASSERT_EQ(wider["stored"]["changed"].size(), 1U);
@@ -90,7 +90,7 @@ TEST_F(RecipeDiff, what_only_scans_can_tell_is_said) {
   EXPECT_EQ(ended.status, 0);
   expect_mentions(ended.err, "1 differences change what is measured");
   expect_mentions(ended.out, "evaluation.crop_half_x_mm");
-  // Of other slabs nothing can be said.
+  // Slabs of another type cannot be judged.
   const Ended other =
       run("recipe diff " + kRecipe + " " + places::source_dir() + "/recipes/p4925.toml --type 5600 --db " + db());
   expect_mentions(other.out, "left out: slab 1 \"SLAB-0042\": it has 18 blocks, the recipe 16");
@@ -118,7 +118,7 @@ storage::SlabRecord stored_spacing(double value, double U) {
 TEST_F(RecipeDiff, what_the_scan_added_to_U_is_not_forgotten) {
   Recipe b = recipe_;
   const auto set_U = [&](double U) { b.tolerances[static_cast<std::size_t>(ItemId::casing_spacing)].U = U; };
-  Recipe with_smaller_U = recipe_;  // measured with
+  Recipe with_smaller_U = recipe_;  // the recipe of the measurement
   with_smaller_U.tolerances[static_cast<std::size_t>(ItemId::casing_spacing)].U = 0.1;
   struct Now {
     double U = kNoValue;
@@ -138,16 +138,17 @@ TEST_F(RecipeDiff, what_the_scan_added_to_U_is_not_forgotten) {
     EXPECT_EQ(is.verdict, verdict);
     EXPECT_EQ(is.unknown, unknown);
   };
-  // Limits 232.5 .. 233.5. More than the recipe's 0.1 is the scan's: known, whatever b says below it.
+  // Limits 232.5 .. 233.5. A stored U above the recipe's 0.1 is the U from the scan, which applies if b has a smaller
+  // one.
   set_U(0.1);
   expect(now(233.3, 0.25, &with_smaller_U), 0.25, Verdict::indeterminate, 0);
   set_U(0.05);
   expect(now(233.3, 0.25, &with_smaller_U), 0.25, Verdict::indeterminate, 0);
-  // Of which recipe the stored one was is not known, or it was the recipe's: the scan may have asked for less.
+  // The recipe of the measurement is unknown, or the stored U is the recipe's: the U from the scan may be smaller.
   expect(now(233.3, 0.25, nullptr), 0.25, Verdict::indeterminate, 1);
   expect(now(233.42, 0.1, &with_smaller_U), 0.1, Verdict::indeterminate, 1);
-  expect(now(233.1, 0.25, nullptr), 0.25, Verdict::pass, 0);  // either way
-  // A larger one counts as it is; none stays none; beside none nobody knows what the scan adds.
+  expect(now(233.1, 0.25, nullptr), 0.25, Verdict::pass, 0);  // the same with either U
+  // A larger U of b applies, and a missing one remains missing. Without a stored U the U from the scan is unknown.
   set_U(0.3);
   expect(now(233.1, 0.25, nullptr), 0.3, Verdict::pass, 0);
   expect(now(233.1, kNoValue, nullptr), 0.3, Verdict::pass, 1);
@@ -164,7 +165,7 @@ TEST_F(RecipeDiff, verdicts_that_only_scans_can_tell_are_counted) {
   std::string without_budget = content(kRecipe);
   const std::size_t at = without_budget.find("[uncertainty]");
   without_budget.erase(at, without_budget.find("[items.seat_slope]") - at);
-  // What had its U from the budget alone needs one of its own.
+  // Items whose U came only from the budget need a U in the recipe.
   for (const char* item : {"seat_lateral", "seat_vertical", "seat_spacing", "large_jaw_distance", "corner_level",
                            "warp_left", "warp_right"}) {
     const std::string header = std::string("[items.") + item + "]\n";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl replay on a stored slab of three blocks: what comes out again, and what is named when something does not.
+// slabctl replay on a stored slab of three blocks: reproduced results, and the names of changed inputs.
 #include <cstdlib>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -33,7 +33,7 @@ struct Replay : StoredSlab {
   [[nodiscard]] json replayed(const std::string& more = "") const {
     return json::parse(replay("--json " + more).out, nullptr, false)["slabs"][0];
   }
-  /// The recipe with a text replaced, in a folder of its own.
+  /// The recipe with a text replaced, in a separate folder.
   [[nodiscard]] std::string recipe_with(const std::string& text, const std::string& other) const {
     std::string recipe = content(kRecipe);
     const std::size_t at = recipe.find(text);
@@ -69,7 +69,7 @@ TEST_F(Replay, comes_out_again_bit_for_bit_on_one_thread_and_on_two_and_writes_n
 }
 
 TEST_F(Replay, a_changed_byte_in_a_scan_is_named) {
-  // The middle of the file is the middle of an organised scan: the seat.
+  // The middle of the file is the middle of an organised scan, which is the seat.
   change_byte(scan(4), fs::file_size(scan(4)) / 2);
   const Ended ended = replay();
   EXPECT_EQ(ended.status, 1);
@@ -112,7 +112,7 @@ TEST_F(Replay, a_recipe_that_is_no_file_any_more_comes_from_the_database) {
   EXPECT_EQ(ended.status, 0) << ended.out << ended.err;
   expect_mentions(ended.out, "identical: 3 of 3 scans measured again");
   expect_mentions(ended.out, "recipe P5600 is no longer in the folder; measured with what the database has kept (sha:");
-  // Another file of the same name and type does not get in its way.
+  // Another file with the same name and type does not matter.
   static_cast<void>(recipe_with("crop_half_x_mm = 51.0", "crop_half_x_mm = 50.0"));
   const json slab = json::parse(replay_with(file("recipes"), "--json").out, nullptr, false)["slabs"][0];
   EXPECT_EQ(slab["outcome"], "identical");
@@ -151,7 +151,7 @@ TEST_F(Replay, nothing_is_decided_from_a_scan_that_was_changed) {
   expect_mentions(ended.out, "block 4: the scan was changed: its points are not those that were measured");
 }
 
-/// Neither checksums nor the recipe's file were kept with the slab.
+/// A slab without stored checksums and without the recipe's file.
 struct ReplayUnproven : Replay {
   void SetUp() override {
     keeps_proof_ = false;
@@ -228,7 +228,7 @@ TEST_F(Replay, wrong_use_is_said) {
   EXPECT_EQ(run("replay 1 --db " + file("none.db")).status, 4);
 }
 
-/// What is recorded is held against what there is.
+/// Compares records with the actual inputs.
 struct ReplayOther : StoredSlab {
   [[nodiscard]] std::string config() const {
     return write("slabd.toml",
@@ -374,7 +374,7 @@ TEST_F(ReplayOther, a_pin_lies_beside_the_scans_and_says_why) {
   EXPECT_EQ(pin["key"], 1);
   EXPECT_EQ(run("unpin" + of_slab).status, 0);
   EXPECT_FALSE(fs::exists(file("spool/1/pin.json")));
-  // Nobody is told that scans are kept which are not there.
+  // Pinning a slab whose scans are missing must fail.
   std::vector<fs::path> scans;
   for (const auto& entry : fs::directory_iterator(file("spool/1"))) scans.push_back(entry.path());
   ASSERT_FALSE(scans.empty());
@@ -413,7 +413,7 @@ TEST_F(ReplayOther, backups_of_a_clock_that_was_ahead_are_not_kept_at_the_cost_o
   const fs::path folder = file("backups");
   const std::string back_up = "db backup --config " + config();
   ASSERT_EQ(run(back_up).status, 0);
-  // Two nights in which the clock was ahead, and one of whose backup nothing can be read.
+  // Two backups of nights with the clock ahead, and one unreadable backup.
   const fs::path stale = folder / "slabd-20991230T000000.000Z.db";
   fs::rename(fs::directory_iterator(folder)->path(), stale);
   fs::copy_file(stale, folder / "slabd-20991231T000000.000Z.db");

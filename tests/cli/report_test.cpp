@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A stored slab and what its report says: the same figures as database, JSON and PLC record, in every form and
+// Reports of a stored slab: the figures are equal to those in database, JSON and PLC record, in every format and
 // language.
 #include <algorithm>
 #include <array>
@@ -21,7 +21,7 @@ namespace {
 
 using nlohmann::json;
 
-/// A table row of the HTML: its cells without tags.
+/// The cells of a row of an HTML table, without tags.
 using Row = std::vector<std::string>;
 
 class ReportTest : public Slabctl {
@@ -47,7 +47,7 @@ class ReportTest : public Slabctl {
     const Status status = store_->apply({1, what});
     ASSERT_TRUE(status.ok()) << status.error().text.view();
   }
-  /// Awkward values: ties of the last digit, negative zero, digits that carry.
+  /// Difficult values: ties of the last digit, negative zero, carries.
   static Item an_item(Prng& prng, ItemId id, int station) {
     Item item;
     item.id = id;
@@ -154,10 +154,10 @@ class ReportTest : public Slabctl {
 
   std::unique_ptr<storage::Store> store_;
   SlabHeader header_;
-  std::uint8_t emulated_ = 0;  ///< of every attempt
+  std::uint8_t emulated_ = 0;  ///< emulation bits of every attempt
   std::vector<BlockResult> blocks_;
   std::vector<PlcResult> records_;
-  std::vector<SurfaceFinding> findings_;  ///< of the next blocks, like these:
+  std::vector<SurfaceFinding> findings_;  ///< findings of the next blocks
   PoreSummary pores_;
   std::vector<EdgeFeature> edges_;
   PlaneDoubt jaw_doubt_ = PlaneDoubt::not_fitted;
@@ -304,7 +304,7 @@ TEST_F(ReportTest, figures_agree_with_database_json_and_plc_record_to_the_last_d
       EXPECT_NE(text.find((*row)[5]), std::string::npos) << "the terminal shows another deviation";
       EXPECT_NE((*row)[5], "-0.000");
       EXPECT_NE((*row)[5], "-0.0000");
-      // Where the record has it (IR 42 on). Of station 2 every value is a tie, which may be rounded either way.
+      // Position in the record (IR 42 on). All values of station 2 are ties, which may be rounded either way.
       const int place = id == ItemId::seat_slope        ? 0
                         : id == ItemId::jaw_angle_inner ? 1
                         : id == ItemId::jaw_distance    ? 3
@@ -321,8 +321,8 @@ TEST_F(ReportTest, figures_agree_with_database_json_and_plc_record_to_the_last_d
   EXPECT_EQ(compared, 17 * 3);
 }
 
-// What SLAB_END made of a block's slope is what counts, and what everybody must show: the page of the block, the slab's
-// table, the JSON document and the slab's own record for the PLC.
+// The slope computed by SLAB_END is the valid one and must be shown in all outputs: the block's page, the slab's
+// table, the JSON document and the slab's record for the PLC.
 TEST_F(ReportTest, the_slabs_own_items_agree_in_report_json_and_the_slabs_record) {
   for (int station = 1; station <= 18; ++station) measure(station);
   Prng prng(7);
@@ -371,14 +371,14 @@ TEST_F(ReportTest, the_slabs_own_items_agree_in_report_json_and_the_slabs_record
   outputs.record = record;
   hal::InputImage image{};
   hal::encode_outputs(outputs, hal::WordOrder::abcd, image);
-  // IR 49, 51, 53: the worst of each kind; its station behind it.
+  // IR 49, 51, 53: the worst of each kind, each followed by its station.
   for (std::size_t k = 0; k < worst.size(); ++k) {
     EXPECT_LE(std::abs(worst.at(k).first * 1000.0 - static_cast<std::int16_t>(image[49 + 2 * k])), 0.551) << k;
     EXPECT_EQ(image[50 + 2 * k], worst.at(k).second) << k;
   }
 }
 
-// WCAG 2 asks for 4.5 : 1 between small text and what it stands on.
+// WCAG 2 requires 4.5 : 1 between small text and its background.
 TEST(ReportColours, ink_of_every_verdict_can_be_read_on_its_fill) {
   const auto luminance = [](const report::Colour& colour) {
     const auto linear = [](double c) { return c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055) / 1.055, 2.4); };
@@ -412,7 +412,7 @@ TEST_F(ReportTest, html_is_one_document_with_scopes_captions_descriptions_and_a_
     EXPECT_EQ(count("<th "), count("<th scope="));
     EXPECT_EQ(count("<figure>"), count("role=\"img\" aria-label="));
     EXPECT_EQ(count("<h1>"), 1U);
-    // No id may stand twice.
+    // Ids must be unique.
     std::vector<std::string> ids;
     const std::regex id(" id=\"([^\"]*)\"");
     for (std::sregex_iterator it(html.begin(), html.end(), id), stop; it != stop; ++it) ids.push_back((*it)[1]);
@@ -659,7 +659,7 @@ TEST(Figures, of_a_value_that_failed_by_less_than_is_shown_have_the_digits_that_
   item.value = 232.851998;
   EXPECT_EQ(value_figure(item), "232.851998");
   EXPECT_EQ(limits_figure(item), "232.852000 .. 233.148000");
-  // What shows already, what is inside, and what no digit tells.
+  // A difference that the usual digits show, one below all shown digits, and a value that did not fail.
   item.value = 233.149;
   EXPECT_EQ(value_figure(item), "233.149");
   EXPECT_EQ(limits_figure(item), "232.852 .. 233.148");

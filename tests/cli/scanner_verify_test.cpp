@@ -10,7 +10,7 @@
 namespace slabd::cli {
 namespace {
 
-/// A plate 600 mm away with noise of 0.02 mm, as a scan file.
+/// Writes the scan of a plate at 600 mm with noise of 0.02 mm.
 void write_plate(const std::string& path, std::size_t side = 300) {
   Prng prng(5);
   std::vector<float> xyz;

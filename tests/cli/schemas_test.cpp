@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What is published of the documents the programs write and read: docs/schemas, and the list of them. That the
-// documents keep to their schemas is in export_test, study_test, slabctl_test and tests/line/documents_line_test.cpp.
+// Published schemas of the documents that the programs write and read: docs/schemas, and the list of them. The
+// conformity of the documents is tested in export_test, study_test, slabctl_test and
+// tests/line/documents_line_test.cpp.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -32,7 +33,7 @@ std::string content(const fs::path& path) {
   return text.str();
 }
 
-/// All files; common holds what the schemas of documents share, and describes no document.
+/// All files; common contains the shared parts of the schemas and does not describe a document.
 std::map<std::string, json> schema_files() {
   std::map<std::string, json> schemas;
   for (const fs::directory_entry& entry : fs::directory_iterator(kSource / "docs/schemas"))
@@ -47,7 +48,7 @@ std::map<std::string, json> published() {
   return schemas;
 }
 
-/// "slab/1" of every "slabd.slab/1" in the programs' source, comments left out: they may speak of other versions.
+/// "slab/1" of every "slabd.slab/1" in the programs' source without comments, which may name other versions.
 std::set<std::string> named_in_the_source() {
   std::set<std::string> names;
   const std::regex name(R"(slabd\.([a-z_]+/[0-9]+))");
@@ -63,7 +64,7 @@ std::set<std::string> named_in_the_source() {
   return names;
 }
 
-/// The first sentence says enough for a list.
+/// The published list of schemas with their descriptions.
 std::string list_of(const std::map<std::string, json>& schemas) {
   std::string list = "| Schema | Document |\n|---|---|\n";
   for (const auto& [name, schema] : schemas)
@@ -76,7 +77,7 @@ TEST(Schemas, every_document_that_the_programs_name_is_published_and_nothing_els
   const std::map<std::string, json> schemas = published();
   std::set<std::string> named = named_in_the_source();
   EXPECT_GT(named.size(), 40U);
-  // A CSV (docs/EXPORT.md), and the one document that is known by where it arrives.
+  // A CSV (docs/EXPORT.md), and the only document that is identified by the socket it arrives at.
   EXPECT_EQ(named.erase("items/1"), 1U);
   EXPECT_EQ(named.count("control_request/1"), 0U);
   named.insert("control_request/1");
@@ -89,7 +90,7 @@ TEST(Schemas, every_document_that_the_programs_name_is_published_and_nothing_els
   EXPECT_EQ(named, titles);
 }
 
-/// Keys without a word of what they are, as paths.
+/// Adds the paths of keys without a description.
 void add_unexplained(const json& schema, const std::string& path, std::vector<std::string>& list) {
   if (schema.is_array())
     for (const json& part : schema) add_unexplained(part, path, list);
@@ -100,7 +101,7 @@ void add_unexplained(const json& schema, const std::string& path, std::vector<st
       continue;
     }
     for (const auto& [key, value] : part.items()) {
-      // A reference leads to a schema with a description, and a constant explains itself.
+      // A reference leads to a schema with a description; a constant needs none.
       if (!value.contains("description") && !value.contains("$ref") && !value.contains("const"))
         list.push_back(path + "/" + key);
       add_unexplained(value, path + "/" + key, list);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl show on a database made by hand.
+// slabctl show on a database with constructed contents.
 #include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
@@ -42,7 +42,7 @@ class Show : public Slabctl {
     const Status status = store_->apply({1, what});
     ASSERT_TRUE(status.ok()) << status.error().text.view();
   }
-  /// Station 3 measured: its block passes.
+  /// Station 3 is measured and its block passes.
   void measure_station_3() {
     Attempt attempt;
     attempt.slab_key = header_.key;
@@ -68,7 +68,7 @@ class Show : public Slabctl {
 
   std::unique_ptr<storage::Store> store_;
   SlabHeader header_;
-  BlockResult block_;  ///< what station 3 measures
+  BlockResult block_;  ///< result of station 3
   SlabResult slab_;
   PlcResult record_;
 };
@@ -76,7 +76,7 @@ class Show : public Slabctl {
 TEST_F(Show, ended_slab_shows_final_verdicts_also_of_stations_that_were_never_scanned) {
   apply(BeginSlabJob{header_, 1, 1});
   measure_station_3();
-  slab_.station_verdict[2] = Verdict::fail;  // a slab-frame item turned its pass over
+  slab_.station_verdict[2] = Verdict::fail;  // a slab-frame item changed its pass
   slab_.station_reason[2] = 611;
   apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
 
@@ -125,7 +125,7 @@ TEST_F(Show, open_slab_shows_what_is_known_so_far) {
   EXPECT_EQ(show("--block 1").out.find("block 1: "), std::string::npos);
 }
 
-// What a block has against it stays; its pass was provisional.
+// A block's objections remain valid; its pass was provisional.
 TEST_F(Show, no_block_of_an_aborted_slab_passes) {
   for (const bool old_version : {false, true}) {
     if (old_version) {
@@ -175,7 +175,7 @@ TEST_F(Show, a_block_that_was_not_found_has_no_numbers_and_no_zeros_instead) {
   EXPECT_EQ(features["casing_outer"]["centre_mm"], nothing);
 }
 
-// Two types have neither the same blocks nor the same limits.
+// Two types differ in blocks and limits.
 TEST_F(Show, a_trend_is_that_of_one_type) {
   for (std::int64_t key = 1; key <= 3; ++key) {
     header_.key = key;

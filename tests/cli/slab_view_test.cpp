@@ -93,7 +93,7 @@ TEST(SlabView, a_name_says_whether_it_is_a_key_or_an_id) {
   EXPECT_EQ(slab_name("id:12").no, std::nullopt);
 }
 
-/// `slabs` slabs of three blocks; block 3 lies off.
+/// `slabs` slabs of three blocks; block 3 has the offset `off`.
 std::vector<storage::ItemValue> values(int slabs, double off) {
   std::vector<storage::ItemValue> list;
   for (int slab = 1; slab <= slabs; ++slab)
@@ -150,7 +150,7 @@ TEST(Trend, what_the_newest_slab_was_judged_by_counts_also_for_a_block_that_it_l
 TEST(Trend, a_block_is_capable_by_its_own_limits) {
   std::vector<storage::ItemValue> list = values(60, 0.2);
   for (storage::ItemValue& value : list)
-    if (value.item.station == 3) value.item.upper = 1.9;  // and so it lies within
+    if (value.item.station == 3) value.item.upper = 1.9;  // so that it is within its limits
   const trend::Trend trend = trend::trend_of(ItemId::seat_slope, 0, list);
   EXPECT_EQ(trend.other_limits, 0U);
   EXPECT_GT(trend.capable.cpk.value, 1.0);

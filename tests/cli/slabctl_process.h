@@ -11,7 +11,7 @@
 
 #include "tests/places/places.h"
 
-/// slabctl as people run it: a process with an exit status, in a folder of its own.
+/// Runs slabctl as a process with an exit status, in a separate folder.
 namespace slabd::cli {
 
 namespace fs = std::filesystem;
@@ -42,7 +42,7 @@ class Slabctl : public ::testing::Test {
     std::ofstream(file(name), std::ios::binary) << text;
     return file(name);
   }
-  /// Runs `slabctl arguments` through the shell, in the plain locale so that symbols are ASCII everywhere.
+  /// Runs `slabctl arguments` through the shell, in the C locale so that symbols are ASCII.
   [[nodiscard]] Ended run(const std::string& arguments) const {
     const std::string command =
         "LC_ALL=C " + places::slabctl() + " " + arguments + " >" + file("out") + " 2>" + file("err");

@@ -120,7 +120,7 @@ TEST_F(Slabctl, unreachable_daemon_and_database_are_status_4) {
   EXPECT_FALSE(fs::exists(file("none.db"))) << "a reading command must not make a database";
 }
 
-/// A daemon that was stopped still has a queue of those who want to ask, and whoever gives up stays in it.
+/// A stopped daemon still has a connection queue, and clients that gave up remain in it.
 TEST_F(Slabctl, a_daemon_that_takes_no_question_is_status_4_and_keeps_nobody) {
   const std::string path = file("deaf.sock");
   sockaddr_un address{};
@@ -147,7 +147,7 @@ TEST_F(Slabctl, a_daemon_that_takes_no_question_is_status_4_and_keeps_nobody) {
 }
 
 TEST_F(Slabctl, what_a_full_disk_did_not_take_is_not_done) {
-  // More and less than what is kept back before it is written.
+  // Outputs larger and smaller than the buffer.
   for (const std::string& command : {"recipe show " + kRecipe + " --json", std::string("plc codes")}) {
     EXPECT_EQ(run(command).status, 0) << command;
     const int status = std::system((places::slabctl() + " " + command + " >/dev/full 2>" + file("full")).c_str());
@@ -229,7 +229,7 @@ TEST_F(Slabctl, checks_give_their_findings_as_json) {
   EXPECT_EQ(json::parse(no_recipes.out)["ok"], false);
   const Ended no_poses = run("config check --json " + write("bad.toml", recipes));
   EXPECT_EQ(no_poses.status, 3);
-  // The scanner's place may come from an applied calibration instead; the slab's comes from here alone.
+  // The scanner's pose may come from an applied calibration instead; the slab's pose is only in the configuration.
   EXPECT_EQ(json::parse(no_poses.out)["problems"].size(), 1U);
 }
 
@@ -263,8 +263,7 @@ TEST_F(Slabctl, a_scan_in_another_unit_or_frame_is_refused_with_its_extent_dista
                   "it lies where the block stands in the block's frame");
   expect_mentions(refused([](const Vec3& p) { return Vec3(p.y(), p.x(), p.z()); }),
                   "and the block lies along Y: the two may be exchanged, or the scanner is turned");
-  expect_mentions(refused([](const Vec3& p) { return Vec3(-p.x(), -p.y(), p.z()); }),
-                  "turned or other type?");
+  expect_mentions(refused([](const Vec3& p) { return Vec3(-p.x(), -p.y(), p.z()); }), "turned or other type?");
 }
 
 TEST_F(Slabctl, damage_planted_on_concrete_is_found) {
@@ -411,7 +410,7 @@ TEST_F(Slabctl, deviation_map_is_a_table_of_the_places_that_were_seen) {
     EXPECT_EQ(std::fmod(std::abs(x), 4.0), 2.0) << "the middle of a 4 mm cell: " << line;
     if (std::abs(x) < 51.0 && std::abs(y) < 75.0) lowest = std::min(lowest, deviation);
   }
-  // The block is 210 x 480 mm and the scan shows some of the slab around it; the bores are empty.
+  // The block is 210 x 480 mm and the scan contains some of the slab around it; the bores are empty.
   EXPECT_GT(cells, 210U * 480U / 16U * 9U / 10U);
   EXPECT_LT(cells, 360U * 520U / 16U);
   EXPECT_LT(lowest, -0.2) << "the chip";
@@ -436,7 +435,7 @@ TEST_F(Slabctl, deviation_map_of_a_block_that_was_not_found_is_not_written) {
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 TEST_F(Slabctl, an_inspection_keeps_within_the_memory_that_the_limits_add_up_to) {
-  // All of it is taken and written to at the start, whatever the scan's size; so a small one shows it too.
+  // All memory is allocated and written at the start, whatever the scan's size, so a small scan is enough.
   ASSERT_EQ(simulate_scan("scan.ply", "").status, 0);
   ASSERT_LE(run("inspect " + file("scan.ply") + " --recipe " + kRecipe + " --block 3").status, 1);
   rusage used{};
@@ -444,7 +443,7 @@ TEST_F(Slabctl, an_inspection_keeps_within_the_memory_that_the_limits_add_up_to)
   const auto resident = 1024 * static_cast<std::size_t>(used.ru_maxrss);
   constexpr std::size_t kOneScan = limits::kScanSlotBytes + limits::kWorkspaceBytes;
   EXPECT_GE(resident, kOneScan);
-  // The tool's own code and shared libraries: 19.5 to 20.2 MB, as the page cache holds them.
+  // Code and shared libraries: 19.5 to 20.2 MB, depending on the page cache.
   EXPECT_LE(resident, kOneScan + 24'000'000);
   EXPECT_LE(resident, 160'000'000U);
 }

@@ -81,7 +81,7 @@ TEST(StationPlan, everything_the_recipe_measures_is_seen_from_the_planned_poses)
     EXPECT_TRUE(view.ok(10.0)) << k;
     EXPECT_LT(view.off_axis_mm, 1e-6);
     EXPECT_NEAR(view.distance_mm, 600.0, 1e-6);
-    // Straight down on a face that leans 20 degrees, seen from 190 mm aside: 70 - atan(190 / 600), about.
+    // A view straight down on a face that leans 20 degrees, 190 mm off the axis: about 70 - atan(190 / 600).
     const FeatureView& jaw = view.feature[static_cast<std::size_t>(Feature::jaw_outer)];
     EXPECT_NEAR(deg_from_rad(jaw.incidence_max_rad), 51.6, 4.0);
     EXPECT_EQ(jaw.seen, 1.0);
@@ -106,7 +106,7 @@ TEST(StationPlan, what_cannot_be_seen_is_said_feature_by_feature) {
   flat.incidence_max_rad = rad_from_deg(40.0);
   EXPECT_FALSE(seen(nominal_T_block_scanner(), flat, Feature::jaw_outer).ok());
   EXPECT_TRUE(seen(nominal_T_block_scanner(), flat, Feature::seat).ok());
-  // From far outside the outer shoulder hides the foot of its jaw face.
+  // From far outside the outer shoulder occludes the foot of its jaw face.
   Pose low = nominal_T_block_scanner();
   low.translation_mm = Vec3(0.0, 700.0, 250.0);
   low.rotation = rotation_from_kuka_abc(0.0, 0.0, kPi + std::atan2(-700.0, 250.0));

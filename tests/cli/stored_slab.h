@@ -16,8 +16,8 @@
 #include "storage/storage.h"
 #include "tests/cli/slabctl_process.h"
 
-/// A slab in a database with its scans beside it, measured and judged as the daemon does, but with a few stations only:
-/// what a command makes of stored slabs can be tried in seconds.
+/// A slab in a database with its scans, measured and judged as by the daemon, but with a few stations only, so that
+/// tests of commands take seconds.
 namespace slabd::cli {
 
 class StoredSlab : public Slabctl {
@@ -83,7 +83,7 @@ class StoredSlab : public Slabctl {
     attempt.scan_path.assign(scan(station, number));
     attempt.shape = shape.value();
     if (keeps_proof_) attempt.points_crc32c = hal::points_crc32c(xyz_.first(3 * shape.value().points)) ^ crc_error_;
-    attempt.scan_utime_us = 4'000'000'000'000'000;  // in the far future: files are never younger
+    attempt.scan_utime_us = 4'000'000'000'000'000;  // in the far future: files are never newer
     attempt.splice.source = SpliceSource::commissioning;
     attempt.splice.calibration_mm = 0.02;
     attempt.splice.calibration_rad = 2e-5;
@@ -130,8 +130,8 @@ class StoredSlab : public Slabctl {
     return *inspector_;
   }
 
-  bool keeps_proof_ = true;      ///< checksums and the recipe's file
-  std::uint32_t crc_error_ = 0;  ///< as if other points had been measured
+  bool keeps_proof_ = true;      ///< stores checksums and the recipe's file
+  std::uint32_t crc_error_ = 0;  ///< error of the stored checksum, as if other points had been measured
   Recipe recipe_;
   SlabHeader header_;
   std::vector<StationRecord> stations_ = std::vector<StationRecord>(limits::kStationsMax);

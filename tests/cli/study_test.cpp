@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl study as people run it: on scans, stored slabs and tables.
+// slabctl study as a process: on scans, stored slabs and tables.
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
@@ -21,8 +21,8 @@ using study::CsvTable;
 
 class StudyTest : public Slabctl {
  protected:
-  double upper_of_last_ = 1.5321;  ///< the newest inspection may have been judged by another recipe
-  std::string id_of_last_;         ///< empty: as the others
+  double upper_of_last_ = 1.5321;  ///< the newest inspection may have another recipe's limit
+  std::string id_of_last_;         ///< empty: the same as the others
 
   void simulate_block(int block, const std::string& out) {
     const Ended ended = run("simulate scan --points quarter --recipe " + kRecipe + " --block " + std::to_string(block) +
@@ -30,7 +30,7 @@ class StudyTest : public Slabctl {
     ASSERT_EQ(ended.status, 0) << ended.err;
   }
 
-  /// Inspections of slab T-1: two blocks, their slope scattered by 0.001 deg about 1.43 and 1.45.
+  /// Inspections of slab T-1: two blocks with slopes scattered by 0.001 deg about 1.43 and 1.45.
   void store(int inspections) {
     auto opened = storage::open_store({file("slabd.db"), file("spool"), 0});
     ASSERT_TRUE(opened.ok());
@@ -87,7 +87,7 @@ class StudyTest : public Slabctl {
   }
   [[nodiscard]] static json parsed(const Ended& ended) { return json::parse(ended.out, nullptr, false); }
 
-  bool slab_slope_for_information_ = false;  ///< slopes are judged against the slab's top, block by block
+  bool slab_slope_for_information_ = false;  ///< slopes are judged against the slab's top, for each block
 };
 
 TEST_F(StudyTest, csv_reads_what_people_write_and_names_what_it_cannot_read) {
@@ -377,7 +377,7 @@ TEST_F(StudyTest, repeat_says_what_is_missing_or_misspelt) {
 
 // ---- gauge R&R -----------------------------------------------------------------------------------------------------
 
-/// The handbook's set as a plan; `leave_out` drops lines that begin so.
+/// The handbook's data as a plan; lines that begin with `leave_out` are left out.
 std::string aiag_plan(const std::string& leave_out = "-") {
   const char* rows[9] = {
       ".29 -.56 1.34 .47 -.80 .02 .59 -.31 2.26 -1.36",   ".41 -.68 1.17 .50 -.92 -.11 .75 -.20 1.99 -1.25",
@@ -418,7 +418,7 @@ TEST_F(StudyTest, grr_of_the_handbook_gives_its_figures) {
   EXPECT_EQ(run("study grr " + plan + " --tolerance value=10").status, 1) << "18 %: a decision of people";
 }
 
-/// As Chinese Excel saves a table: GBK, or UTF-16 with a byte-order mark.
+/// Encodings of Chinese Excel: GBK, or UTF-16 with a byte-order mark.
 TEST_F(StudyTest, a_table_in_chinese_excels_encodings_is_read_with_its_names) {
   for (const auto& [name, in_gbk] : {std::pair{"\u5f20\u4e09", true}, {"\u674e\u56db", false}}) {
     std::string table = aiag_plan();
@@ -537,7 +537,7 @@ TEST_F(StudyTest, grr_passes_over_no_name_that_fits_nothing) {
     EXPECT_EQ(ended.status, 2) << option << ended.out;
     expect_mentions(ended.err, "'valeu' was not measured here, did you mean 'value'?");
   }
-  // Of one part only, it would be left out, had nobody said its tolerance.
+  // Without its own tolerance, an item of one part only would be left out.
   std::istringstream usual(aiag_plan());
   std::string text;
   for (std::string line; std::getline(usual, line);) text += line + (text.empty() ? ",item" : ",value") + "\n";
@@ -548,7 +548,7 @@ TEST_F(StudyTest, grr_passes_over_no_name_that_fits_nothing) {
   expect_mentions(one_part.err, "warp: 1 parts");
 }
 
-// ---- against a laboratory ------------------------------------------------------------------------------------------
+// ---- comparison with a laboratory ----------------------------------------------------------------------------------
 
 TEST_F(StudyTest, compare_of_two_tables_gives_errors_limits_and_line) {
   std::string contact = "id,block,item,value,U\n";
@@ -595,7 +595,7 @@ TEST_F(StudyTest, compare_of_two_tables_gives_errors_limits_and_line) {
   const Ended copied = run("study compare " + measured + " --values " + measured + " --max-error jaw_distance=1");
   EXPECT_EQ(copied.status, 1) << copied.out;
   expect_mentions(copied.out, "undecided: all errors are the same");
-  // Nor is one that was made of the other by adding five hundredths, of which no machine number is.
+  // A table made from the other by adding 0.05 is rejected as well, although 0.05 is not a machine number.
   std::string apart = "id,block,item,value,U\n";
   for (int i = 0; i < 6; ++i)
     apart += "S" + std::to_string(i) + "," + std::to_string(i + 1) + ",jaw_distance," +

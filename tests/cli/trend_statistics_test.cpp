@@ -70,7 +70,7 @@ TEST(Capability, of_a_one_sided_item_has_no_cp) {
   EXPECT_NEAR(c.cpk.value, 3.0, 0.8);
 }
 
-// The promise of an interval is how often it holds the truth.
+// An interval must contain the true value with its stated probability.
 TEST(Capability, intervals_hold_the_true_index_95_times_of_100) {
   Prng prng(6);
   constexpr int kTrials = 4000;
@@ -89,7 +89,7 @@ TEST(Capability, intervals_hold_the_true_index_95_times_of_100) {
 std::vector<Placed> slabs_with(Prng& prng, int slabs, int odd_station, double bias, double drift) {
   std::vector<Placed> values;
   for (int slab = 1; slab <= slabs; ++slab) {
-    const double common = prng.normal();  // a slab as a whole is no station's fault
+    const double common = prng.normal();  // a common offset of the slab is not a fault of a station
     for (int station = 1; station <= 18; ++station) {
       double value = common + 0.1 * prng.normal();
       if (station == odd_station) value += bias + drift * slab / slabs;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The drawn block against something stupid: a point is inside the block or it is not, and a ray is walked in small
-// steps until it is.
+// Compares the drawn block with a brute-force model: a predicate for points inside the block, and rays that advance in
+// small steps.
 #include "emulator/block_scene.h"
 #include "emulator/scan_drawing.h"
 
@@ -59,7 +59,7 @@ int solid(const Recipe& r, const BlockTruth& t, const Vec3& p) {
   const bool inside_outline = std::abs(p.x()) < b.end_half_length_mm.value - p.z() * draft &&
                               std::abs(p.y()) < b.side_half_width_mm.value - p.z() * draft;
   if (!inside_outline) return 0;
-  // Where the corner is broken out, the block's surface lies so much deeper.
+  // At the broken corner the block's surface is deeper by this.
   const double broken = p.x() > 57.0 && p.y() > 155.0 ? t.corner_mm : 0.0;
   if (broken > 0.0) {
     const double z = p.z() + broken;
@@ -117,7 +117,7 @@ void compare_with_marching(const BlockTruth& truth, const Pose& T_scanner_block,
     if (std::isnan(expected) && std::isnan(drawn)) continue;
     if (!(std::abs(expected - drawn) < 1e-6)) ++disagree;
   }
-  // Rays that graze a casing's 0.25 mm wall are drawn as if it were not there.
+  // Rays that graze a casing's 0.25 mm wall are drawn without the wall.
   EXPECT_LE(disagree, rays / 500);
 }
 
@@ -191,7 +191,7 @@ TEST(BlockScene, chip_and_burr_stand_where_they_were_planted) {
   const auto plain = BlockSurface::make(r, nominal_truth(r), view);
   const auto spoilt = BlockSurface::make(r, truth, view);
   ASSERT_TRUE(plain && spoilt);
-  // The scanner's Y is minus the block's; the seat climbs 1:40, which turns 0.3 mm along the normal into 0.3001.
+  // The scanner's Y is minus the block's; the seat rises 1:40, so 0.3 mm along the normal are 0.3001 along Z.
   const auto lift = [&](double x, double y) { return plain.value().depth_mm(x, -y) - spoilt.value().depth_mm(x, -y); };
   EXPECT_NEAR(lift(20.0, -30.0), -0.3, 2e-4);
   EXPECT_NEAR(lift(-20.0, 40.0), 0.2, 2e-4);
@@ -208,7 +208,7 @@ TEST(BlockScene, glove_and_cable_stand_before_the_block_and_nowhere_else) {
     const auto plain = BlockSurface::make(r, nominal_truth(r), nominal_T_block_scanner().inverse(), projection);
     const auto strewn = BlockSurface::make(r, truth, nominal_T_block_scanner().inverse(), projection);
     ASSERT_TRUE(plain && strewn);
-    // On the glove's top, 15 mm above a seat that stands 2.5 mm high there; on the cable, 40 mm above the origin.
+    // On the glove's top, 15 mm above a seat that is 2.5 mm high there; on the cable, 40 mm above the origin.
     EXPECT_NEAR(strewn.value().depth_mm(0.0, -100.0), 600.0 - 2.5 - 15.0, 1.5);
     const double x = projection == Projection::parallel ? -40.0 : -40.0 * 600.0 / 560.0;
     EXPECT_NEAR(strewn.value().depth_mm(x, 50.0), 560.0, 0.3);
@@ -216,7 +216,7 @@ TEST(BlockScene, glove_and_cable_stand_before_the_block_and_nowhere_else) {
   }
 }
 
-/// Correlation of the field with itself `shift` columns on.
+/// Correlation of the field with itself, shifted by `shift` columns.
 double correlation(const std::vector<float>& field, std::size_t columns, std::size_t shift) {
   double sum = 0.0;
   double power = 0.0;
@@ -269,7 +269,7 @@ struct Statistics {
 Statistics draw_missing_block(const ScannerTraits& traits, std::uint64_t seed) {
   const Recipe r = recipe();
   BlockTruth truth = nominal_truth(r);
-  truth.present = false;  // a plane: every deviation is the scanner's
+  truth.present = false;  // a plane, so that every deviation is due to the scanner
   const auto surface = BlockSurface::make(r, truth, nominal_T_block_scanner().inverse());
   Statistics s;
   std::vector<float> xyz;

@@ -8,7 +8,7 @@
 namespace slabd::simulate {
 namespace {
 
-/// A block of the drawing's dimensions with nothing on it.
+/// A block with the drawing's dimensions and without marks.
 ConcreteOrder bare(const Recipe& recipe) {
   ConcreteOrder order;
   order.truth = nominal_truth(recipe);
@@ -47,7 +47,7 @@ TEST(ConcreteBlock, fillet_at_the_jaw_has_its_radius) {
       const double radius = block.truth().fillet_mm[side + 1];
       EXPECT_GE(radius, 3.0);
       EXPECT_LE(radius, 5.0);
-      // A circle that touches both faces of the corner leaves this gap to it.
+      // Gap between the corner and a circle that touches both of its faces.
       const double gap = radius * (1.0 / std::sin(0.5 * recipe.block.jaw_angle_rad.value) - 1.0);
       const Vec3& corner = block.jaw_corners()[side];
       double nearest = 1e9;
@@ -73,7 +73,7 @@ TEST(ConcreteBlock, pores_are_as_many_and_as_large_as_asked_for) {
     }
     return block.truth().marks.size();
   };
-  // A few fall on the casings, which are plastic.
+  // Some pores are on the casings, which are plastic.
   EXPECT_GE(pores_of(1.0), 70U);
   EXPECT_LE(pores_of(1.0), 80U);
   EXPECT_GE(pores_of(0.25), 15U);

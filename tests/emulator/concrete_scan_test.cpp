@@ -52,7 +52,7 @@ TEST(ConcreteScan, without_effects_it_is_the_polyhedron) {
     far += std::abs(static_cast<double>(xyz[3 * i + 2]) - depth) > 1e-3 ? 1U : 0U;
   }
   EXPECT_GT(compared, 120'000U);
-  // Next to an edge the height field is off by a part of its raster.
+  // Next to an edge the height field is wrong by a part of its raster.
   EXPECT_LT(static_cast<double>(far), 0.02 * static_cast<double>(compared));
 }
 

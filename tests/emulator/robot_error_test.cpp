@@ -18,7 +18,7 @@ TEST(RobotError, is_zero_unless_asked_for) {
 }
 
 TEST(RobotError, has_the_size_and_the_length_it_was_given) {
-  // Over many robots, since the places of one robot hang together.
+  // Averages over many robots, because the errors of one robot are correlated.
   double square = 0.0;
   double turn_square = 0.0;
   double product = 0.0;

@@ -83,13 +83,13 @@ TEST(SlabScene, defects_of_the_slab_are_its_items_and_leave_the_others_alone) {
   EXPECT_NEAR(truth(ItemId::seat_spacing, 1), 630.0, 1e-9);
   EXPECT_NEAR(truth(ItemId::seat_spacing, 2), 630.7, 1e-9);
   EXPECT_NEAR(truth(ItemId::seat_spacing, 3), 629.3, 1e-9);
-  // Without the twist and the bend, which tilt the pair a little against each other, by exactly the planted 0.9 mm.
+  // Difference without twist and bend, which tilt the pair's blocks relative to each other; the planted 0.9 mm.
   EXPECT_NEAR(truth(ItemId::large_jaw_distance, 6) - truth(ItemId::large_jaw_distance, 4), 0.9, 2e-3);
   EXPECT_NEAR(truth(ItemId::large_jaw_distance, 4), 1895.38, 5e-3);
   EXPECT_EQ(true_value(recipe, slab.value().at(6), ItemId::jaw_distance),
             true_value(recipe, slab.value().at(5), ItemId::jaw_distance));
   EXPECT_TRUE(std::isnan(truth(ItemId::seat_slope, 3)));
-  // A bent slab takes its top along.
+  // The top moves with a bent slab.
   EXPECT_NEAR(slab.value().at(5).offset_slab_mm.z(), 2.0, 0.01);
   EXPECT_EQ(slab.value().at(5).block.slab_top_shift_mm, 0.0);
 }
@@ -152,7 +152,7 @@ TEST(SlabScene, is_decided_by_seed_and_slab_number) {
   EXPECT_EQ(first.value().at(3).block.jaw_distance_mm, again.value().at(3).block.jaw_distance_mm);
   EXPECT_NE(first.value().T_base_slab.translation_mm, other.value().T_base_slab.translation_mm);
   EXPECT_NE(first.value().at(3).block.jaw_distance_mm, other.value().at(3).block.jaw_distance_mm);
-  // The robot is the same robot.
+  // The robot's error does not depend on the slab.
   EXPECT_EQ(first.value().at(3).T_base_flange_real.translation_mm,
             other.value().at(3).T_base_flange_real.translation_mm);
 }

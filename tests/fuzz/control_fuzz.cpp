@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A line on the control socket, and the same bytes as a change of calibrations.
+// Input: a line on the control socket, and the same bytes as a change of calibrations.
 #include "daemon/control/calibration_desk.h"
 #include "daemon/loop.h"
 #include "tests/fuzz/fuzz.h"

@@ -8,8 +8,8 @@
 #include <string>
 #include <string_view>
 
-/// What every fuzz target is: bytes from outside go in; whatever they are, nothing but a value or an error may come
-/// out. `script/fuzz` runs a target under libFuzzer with the sanitizers; every build replays the corpus as a test.
+/// Entry point of every fuzz target. For any input bytes the code returns a value or an error. `script/fuzz` runs a
+/// target under libFuzzer with the sanitizers; every build replays the corpus as a test.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
 
 namespace slabd::fuzz {
@@ -18,15 +18,15 @@ inline std::string_view text_of(const std::uint8_t* data, std::size_t size) {
   return {static_cast<const char*>(static_cast<const void*>(data)), size};
 }
 
-/// A promise of the decoder was broken; stops, so that the input is kept. Not assert: it holds in every build.
+/// Stops if `promise` is false, so that libFuzzer keeps the input. Not assert, because it must work in every build.
 inline void must(bool promise, const char* what) {
   if (promise) return;
   std::fprintf(stderr, "broken promise: %s\n", what);
   std::abort();
 }
 
-/// A file of its own for decoders that want a path; the same for every input of a process, in memory where there is
-/// some. Deleted at the end.
+/// A file for decoders that require a path; the same for every input of a process, in memory if possible. Deleted at
+/// the end.
 class InputFile {
  public:
   explicit InputFile(const char* extension);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A packed map as a database holds it: columns, rows (two bytes each), then the bits.
+// Input: a packed map as stored in a database: columns, rows (two bytes each), then the bits.
 #include "base/packed_map.h"
 #include "tests/fuzz/fuzz.h"
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A stream of Modbus/TCP frames, as the server takes it apart, and the same bytes as a serial frame.
+// Input: a stream of Modbus/TCP frames as the server parses it, and the same bytes as a serial frame.
 #include <algorithm>
 
 #include "hal/plc/modbus_codec.h"

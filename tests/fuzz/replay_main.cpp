@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Runs a target over files and folders of inputs, without libFuzzer: each of them, and the halves of each, because a
-// cut-off input is the commonest one.
+// Runs a target over files and folders of inputs without libFuzzer: each input and its halves, because truncated
+// inputs are the most common ones.
 #include <algorithm>
 #include <filesystem>
 #include <fstream>

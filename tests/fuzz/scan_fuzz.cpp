@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A scan file; SCAN_NAME says what it pretends to be. One program each for PLY, PCD and tables of text.
+// Input: a scan file; SCAN_NAME is its file name. One program each for PLY, PCD and text tables.
 #include <sys/mman.h>
 #include <unistd.h>
 

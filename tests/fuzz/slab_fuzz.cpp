@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Blocks as measured to the slab's verdict. A whole scan is slow to measure (verdict_fuzz.cpp), and what comes after it
-// has no points any more: the input begins with a good slab and says what is wrong with its blocks. What must hold
-// whatever that is: a pass is one (every station there, every required item within its guarded limits), a station far
-// out of tolerance never passes, and the base frame decides nothing.
+// From measured blocks to the slab's verdict. Measuring a whole scan is slow (verdict_fuzz.cpp), so the input modifies
+// the results of a good slab's blocks. Invariants: a pass has every station and every required item within its guarded
+// limits; a station far out of tolerance never passes; the base frame does not change the verdict.
 //
-//   0        bits 0, 1: pairs (6, 7, 8, 9), bit 2: slope in the slab frame, bit 3: budgets, bit 4: warp is taken out,
+//   0        bits 0, 1: pairs (6, 7, 8, 9), bit 2: slope in the slab frame, bit 3: budgets, bit 4: warp is removed,
 //            bit 5: simple acceptance
-//   rest     steps of 8 bytes: kind, station, what, three bytes more, value (int16)
+//   rest     steps of 8 bytes: kind, station, item, three more bytes, value (int16)
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -74,7 +73,7 @@ class Slab {
     o.sigma_p_mm = o.sigma_jaw_mm = Vec3::Constant(0.001);
     o.sigma_n_rad = o.sigma_top_n_rad = Vec3::Constant(1e-6);
   }
-  /// What a block says of itself, as its inspection does at the end.
+  /// Computes the verdict of each block, as its inspection does at the end.
   void judge_blocks() {
     for (BlockResult& b : blocks) {
       if (b.items.empty()) continue;
@@ -91,8 +90,8 @@ class Slab {
   std::vector<algo::StationSigma> sigmas;
   Pose T_base_slab = scene::displaced(2500.0, -300.0, 400.0, 0.4, -0.3, 25.0);
   std::array<bool, limits::kStationsMax + 1> missing{};  ///< never scanned, or not measured
-  std::array<bool, limits::kStationsMax + 1> beside{};   ///< out of its lateral tolerance, by far
-  bool plain = true;                                     ///< nothing was done to observations but `beside`
+  std::array<bool, limits::kStationsMax + 1> beside{};   ///< far out of its lateral tolerance
+  bool plain = true;                                     ///< observations are unchanged except by `beside`
 };
 
 struct Step {
@@ -105,7 +104,7 @@ struct Step {
         what(at[2]),
         more{at[3], at[4], at[5]},
         value(static_cast<std::int16_t>(static_cast<std::uint16_t>(at[6]) | static_cast<std::uint16_t>(at[7] << 8U))) {}
-  /// Any number there is: infinite, none, tiny, huge.
+  /// A double with arbitrary bits: infinite, NaN, tiny or huge.
   [[nodiscard]] double any() const {
     return std::bit_cast<double>(static_cast<std::uint64_t>(static_cast<std::uint16_t>(value)) << 48U |
                                  static_cast<std::uint64_t>(more[0]) << 40U |
@@ -119,7 +118,7 @@ void apply(Slab& slab, const Step& step) {
   BlockResult& b = slab.block(station);
   const double off_mm = 1e-3 * step.value;
   switch (step.kind % 10) {
-    case 0:  // the block lies elsewhere
+    case 0:  // the block is displaced
       slab.place(station, Vec3::Unit(step.what % 3) * off_mm);
       slab.beside[k] = step.what % 3 == 1 && std::abs(off_mm) >= 1.5;
       if (!slab.beside[k]) slab.plain = false;
@@ -129,7 +128,7 @@ void apply(Slab& slab, const Step& step) {
       slab.missing[k] = true;
       slab.plain = false;
       break;
-    case 2:  // an item is out of it, or just within
+    case 2:  // an item is outside its limit, or just within
       if (b.items.empty()) break;
       {
         Item& item = b.items[step.what % b.items.size()];
@@ -142,7 +141,7 @@ void apply(Slab& slab, const Step& step) {
       (step.kind % 10 == 3 ? b.items[step.what % b.items.size()].value : b.items[step.what % b.items.size()].U) =
           step.any();
       break;
-    case 5:  // not seen
+    case 5:  // a seat or jaw is not seen
       slab.plain = false;
       if ((step.what & 1U) != 0) b.observation.ok = false;
       if ((step.what & 2U) != 0) b.observation.jaw_ok = false;
@@ -156,7 +155,7 @@ void apply(Slab& slab, const Step& step) {
       (*vectors[step.what / 3U % vectors.size()])[step.what % 3U] = step.any();
       break;
     }
-    case 7: {  // the station is known so well
+    case 7: {  // the uncertainty of the station
       algo::StationSigma& sigma = slab.sigmas[k - 1];
       ((step.what & 1U) != 0 ? sigma.position_mm : sigma.rotation_rad) = std::abs(step.any());
       slab.plain = false;
@@ -202,7 +201,7 @@ void check_pass(const Slab& slab, const SlabResult& out) {
 
 SlabResult inspect(const Slab& slab) {
   SlabResult out;
-  out.verdict = Verdict::pass;  // whatever was there before
+  out.verdict = Verdict::pass;  // overwrites any previous value
   algo::inspect_slab(slab.recipe, slab.blocks, slab.sigmas, slab.T_base_slab, out);
   return out;
 }
@@ -223,7 +222,7 @@ void check(const Slab& slab, const SlabResult& out) {
     fuzz::must(verdict != Verdict::fail || out.verdict == Verdict::fail, "a station that fails fails the slab");
     fuzz::must((verdict == Verdict::pass) == (out.station_reason[k - 1] == 0), "a station that does not pass says why");
     fuzz::must(!slab.missing[k] || verdict != Verdict::pass, "a station that was not measured never passes");
-    // Three seats of at least twelve cannot take the frame with them.
+    // Three seats of at least twelve cannot move the fitted frame.
     if (slab.plain && displaced <= 3)
       fuzz::must(!slab.beside[k] || verdict != Verdict::pass, "a seat out of its place never passes");
   }
@@ -243,7 +242,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (steps == 0) fuzz::must(out.verdict == Verdict::pass, "a good slab passes");
 
   if (!slab.plain) return 0;
-  // The same slab elsewhere: no pass becomes a fail.
+  // The same slab in another frame: no pass becomes a fail.
   const Pose T = scene::displaced(-700.0, 1200.0, 30.0, -0.6, 0.9, 140.0);
   for (BlockResult& b : slab.blocks) {
     SeatObservation& o = b.observation;

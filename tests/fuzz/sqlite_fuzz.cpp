@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A damaged database: the input says which bytes of a good one are changed to what (offset, value pairs), or, when it
-// begins as SQLite's files do, is the file itself. Read as slabctl does, then opened as the daemon does.
+// A damaged database: the input lists bytes of a good one to change (offset, value pairs). An input that begins with
+// SQLite's header is the file itself. It is read as by slabctl and then opened as by the daemon.
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -49,7 +49,7 @@ BlockJob measured_block() {
   return job;
 }
 
-/// A small good one: a slab, a command, a scan, a block, a calibration.
+/// A small good database: a slab, a command, a scan, a block, a calibration.
 std::string good_database() {
   const fuzz::InputFile place(".x");
   const StoreSettings settings = settings_in(place.folder());

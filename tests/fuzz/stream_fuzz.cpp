@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A scan over TCP, in pieces, cut, taken up again and damaged as the input says:
+// A scan over TCP, in pieces, interrupted, resumed and damaged according to the input:
 //
-//   0        bit 0: one byte is changed on the way, bit 1: the header is the input's own, with its checksum put right,
-//            bit 2: after a cut the sender begins again instead of going on
+//   0        bit 0: one byte is changed in transit, bit 1: the header is from the input, with a correct checksum,
+//            bit 2: after a cut the sender restarts the scan instead of continuing
 //   1, 2     width and height of the grid; another number of points than width * height: not organised
 //   3        unit
-//   4..7     which byte is changed (three bytes), and how
-//   8        number of pieces; then one byte each: the size of the piece, and (bit 7) whether the link is cut after it
+//   4..7     position of the changed byte (three bytes), and the change
+//   8        number of pieces; then one byte each: the size of the piece, and (bit 7) a cut of the link after it
 //   rest     the points; with bit 1 the header and the points
 #include <algorithm>
 #include <cmath>
@@ -31,7 +31,7 @@ constexpr std::uint16_t kCmdSeq = 3;
 
 using Bytes = std::vector<std::byte>;
 
-/// In a heap block of exactly its size, so that a sanitizer sees any read beyond it. False: refused.
+/// Feeds a heap block of exactly the piece's size, so that a sanitizer detects reads beyond it. False: rejected.
 bool feed(ScanStreamDecoder& decoder, std::span<const std::byte> piece) {
   const auto exact = std::make_unique<std::byte[]>(piece.size());
   std::copy(piece.begin(), piece.end(), exact.get());
@@ -43,14 +43,14 @@ bool feed(ScanStreamDecoder& decoder, std::span<const std::byte> piece) {
   return status.ok();
 }
 
-/// As many of `bytes` as the decoder wants now, in one piece of at most `size`; 0: it wants no more.
+/// Feeds at most `size` of `bytes` and at most what the decoder requests, in one piece; 0: it requests no more.
 std::size_t feed_some(ScanStreamDecoder& decoder, std::span<const std::byte> bytes, std::size_t size, bool& refused) {
   const std::size_t n = std::min({bytes.size(), size, decoder.wanted()});
   if (n != 0 && !feed(decoder, bytes.first(n))) refused = true;
   return n;
 }
 
-/// What is there when a scan is complete.
+/// Checks a complete scan.
 void check_complete(const ScanStreamDecoder& decoder, std::span<const float> xyz) {
   const ScanStreamHeader& header = decoder.header();
   const ScanShape shape = decoder.shape();
@@ -130,8 +130,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (decoder.complete()) check_complete(decoder, xyz);
   if (own_header) return 0;
 
-  // CRC-32C sees every change within 32 bits, so of a changed scan nothing may be left, unless the sender gave the
-  // changed header anew after a cut.
+  // CRC-32C detects every change within 32 bits, so a changed scan must be rejected, unless the sender repeated the
+  // changed header after a cut.
   const bool in_points = changed_at >= kScanHeaderBytes;
   if (changed && in_points) fuzz::must(!decoder.complete(), "a changed point is noticed");
   if (!changed && !points.empty()) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A recipe or a configuration (TOML_RECIPE: 1, 0).
+// Input: a recipe or a configuration (TOML_RECIPE: 1, 0).
 #include "config/config.h"
 #include "tests/fuzz/fuzz.h"
 

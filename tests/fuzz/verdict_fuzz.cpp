@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A whole scan to the verdict. The input names a block as built and what happens to its scan; what must hold whatever
-// that is: a pass is one (every required item measured, within its guarded limits, the block found), a block built far
-// out of tolerance never passes, and the same scan on two threads, in another order or seen from another frame never
-// turns a pass into a fail.
+// From a whole scan to the verdict. The input selects a block as built and changes to its scan. Invariants: a pass has
+// every required item measured and within its guarded limits, and the block was found; a block built far out of
+// tolerance never passes; measuring the same scan on two threads, in another order or in another frame never turns a
+// pass into a fail.
 //
 //   0        the block (kSubjects)
-//   1        what is compared (kRelations)
+//   1        the compared measurement (kRelations)
 //   2        seed of the scan's noise
 //   3        bit 0: organised
-//   rest     steps of 8 bytes: kind, place x, place y, radius, value (int16), two bytes more
+//   rest     steps of 8 bytes: kind, x, y, radius, value (int16), two more bytes
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -30,12 +30,12 @@ constexpr std::size_t kHeadBytes = 4;
 constexpr std::size_t kStepBytes = 8;
 constexpr std::size_t kStepsMax = 8;
 constexpr std::size_t kSubjects = 12;
-/// Coarser than a scanner, and cells that are wider in proportion: ten scans a second instead of one.
+/// Coarser than a scanner, with proportionally wider cells: ten scans a second instead of one.
 constexpr double kPitch_mm = 0.85;
 constexpr double kCell_mm = 3.0;
 
-/// Blocks: a good one, one without the slab's top round it (its slope has no datum), and from the third on none that is
-/// within tolerance: out of it by at least twice its U, wherever one looks.
+/// Blocks: a good one, and one without the slab's top around it (its slope has no datum). The others are out of
+/// tolerance by at least twice U, at any place.
 scene::Block subject(std::size_t number) {
   scene::Block block;
   switch (number) {
@@ -66,10 +66,10 @@ Recipe recipe() {
 
 struct Subject {
   scene::Cloud cloud;
-  Pose T_block_scanner = nominal_T_block_scanner();  ///< where the inspection begins
-  bool may_hide = false;                             ///< a step may have taken the defect out of sight or mended it
-  bool has_strangers = false;                        ///< points far from their neighbours of the grid
-  bool has_step = false;                             ///< a plateau that flatness must see stands on the seat
+  Pose T_block_scanner = nominal_T_block_scanner();  ///< start pose of the inspection
+  bool may_hide = false;                             ///< a step may have hidden or removed the defect
+  bool has_strangers = false;                        ///< some points are far from their neighbours in the grid
+  bool has_step = false;                             ///< a plateau on the seat that flatness must detect
 };
 
 struct Step {
@@ -101,11 +101,11 @@ void each_in(Subject& s, const Step& step, const Change& change) {
 void apply(Subject& s, const Step& step) {
   constexpr float nan = std::numeric_limits<float>::quiet_NaN();
   switch (step.kind % 10) {
-    case 0:  // nothing seen there
+    case 0:  // no points there
       each_in(s, step, [nan](float* p) { std::fill_n(p, 3, nan); });
       s.may_hide = true;
       break;
-    case 1: {  // higher or lower there; on the seat, wide and high enough, flatness has to say so
+    case 1: {  // higher or lower there; flatness must detect it on the seat if wide and high enough
       const double height_mm = 1e-3 * step.value;
       each_in(s, step, [&](float* p) { p[2] -= static_cast<float>(height_mm); });
       const bool on_seat = std::abs(step.x_mm) + step.radius_mm < 45.0 && std::abs(step.y_mm) + step.radius_mm < 70.0;
@@ -123,7 +123,7 @@ void apply(Subject& s, const Step& step) {
       s.may_hide = true;
       break;
     }
-    case 3: {  // coordinates of any bits, in points that are `radius` apart
+    case 3: {  // arbitrary bits as coordinates, in points that are `radius` apart
       const std::uint32_t bits = static_cast<std::uint32_t>(static_cast<std::uint16_t>(step.value)) << 16U |
                                  static_cast<std::uint32_t>(step.more[0]) << 8U | step.more[1];
       const std::size_t stride = 3 * (8 + static_cast<std::size_t>(step.radius_mm * 20.0));
@@ -133,13 +133,13 @@ void apply(Subject& s, const Step& step) {
       s.has_strangers = true;
       break;
     }
-    case 4: {  // one of so many points is left
+    case 4: {  // every n-th point is removed
       const std::size_t keep = 2 + step.more[0] % 7;
       for (std::size_t i = 0; i + 2 < s.cloud.xyz.size(); i += 3)
         if (i / 3 % keep == 0) std::fill_n(&s.cloud.xyz[i], 3, nan);
       break;
     }
-    case 5: {  // the inspection begins somewhere else
+    case 5: {  // another start pose of the inspection
       const auto small = [](std::uint8_t b) { return 0.25 * (static_cast<double>(b) - 128.0); };
       s.T_block_scanner = scene::displaced(0.5 * step.x_mm, 0.3 * step.y_mm, small(step.more[0]), 0.0,
                                            0.1 * small(step.more[1]), 1e-4 * step.value) *
@@ -152,7 +152,7 @@ void apply(Subject& s, const Step& step) {
       s.may_hide = true;
       break;
     }
-    case 7:  // everything there in one point
+    case 7:  // all points there become one
       each_in(s, step, [&](float* p) {
         p[0] = static_cast<float>(step.x_mm);
         p[1] = static_cast<float>(step.y_mm);
@@ -167,7 +167,7 @@ void apply(Subject& s, const Step& step) {
       s.may_hide = true;
       break;
     }
-    default: {  // something lies over it, tilted
+    default: {  // a tilted object covers it
       each_in(s, step, [&](float* p) {
         p[2] = static_cast<float>(600.0 - 1e-3 * step.value +
                                   0.02 * (step.more[0] - 128) * (static_cast<double>(p[0]) - step.x_mm) /
@@ -185,7 +185,7 @@ struct Outcome {
   std::vector<double> values;
 };
 
-/// Measures a copy and checks what must hold of any result.
+/// Measures a copy and checks the invariants of any result.
 Outcome measure(algo::BlockInspector& inspector, const scene::Cloud& cloud, const Pose& T_block_scanner,
                 const Recipe& recipe) {
   std::vector<float> xyz = cloud.xyz;
@@ -248,7 +248,7 @@ scene::Cloud shuffled(const scene::Cloud& cloud, std::uint64_t seed) {
 }
 
 const scene::Cloud& drawn(std::size_t number, bool organised, std::uint8_t seed) {
-  // Four scans of every block; drawing takes longer than measuring.
+  // Four scans of every block are cached, because drawing takes longer than measuring.
   static std::array<scene::Cloud, kSubjects * 8> kept;
   const std::size_t of = seed % 4U;
   scene::Cloud& cloud = kept[(number * 2 + (organised ? 1 : 0)) * 4 + of];

@@ -11,7 +11,7 @@ std::string packet(std::int64_t ipoc, const std::string& more = "") {
          "<IPOC>" + std::to_string(ipoc) + "</IPOC></Rob>";
 }
 
-// Half angles, by hand: cos/sin of 15, -10 and 55 degrees.
+// Half angles computed by hand: cos/sin of 15, -10 and 55 degrees.
 TEST(Rsi, kuka_angles_become_the_quaternion_of_the_controllers_manual) {
   const Result<RsiPacket> read = parse_rsi(packet(4'208'775'012));
   ASSERT_TRUE(read.ok()) << read.error().text.view();
@@ -27,7 +27,7 @@ TEST(Rsi, kuka_angles_become_the_quaternion_of_the_controllers_manual) {
   EXPECT_FALSE(read.value().base_id.has_value());
 }
 
-// What the flange's axes do is told from the robot's side, not from formulas: A alone turns X towards Y.
+// Directions of the flange axes as seen from the robot, without formulas: A alone turns X towards Y.
 TEST(Rsi, a_turns_about_z_b_about_y_c_about_x) {
   const auto pointing = [](const char* angles) {
     const std::string text = std::string("<Rob><RIst X=\"0\" Y=\"0\" Z=\"0\" ") + angles + "/><IPOC>1</IPOC></Rob>";
