@@ -45,7 +45,7 @@ struct StationCorrection {
   std::uint8_t visits = 0;  ///< M; 0 if this station was not mastered
   Pose T_base_reported;     ///< C_s: maps a point computed from the reported pose to its true place in the base frame
   Pose T_base_flange;       ///< mean reported pose of the visits
-  /// One visit about the mean of many, per axis, at the block; includes the certificate's uncertainty
+  /// One visit about the mean of many, per axis, at the block; includes the certificate's uncertainty.
   double sigma_mm = kNoValue;
   double sigma_rad = kNoValue;  ///< rotation of one visit; the rest as sigma_mm
   double spread_mm = kNoValue;  ///< standard deviation of this station's own visits, per axis
@@ -82,7 +82,7 @@ struct ScannerNumbers {
   double form_half_mm = kNoValue;    ///< half width of the form error that does not average out, over form_length_mm
   double form_length_mm = kNoValue;  ///< shortest length over which a plate was measured
   double noise_sigma_mm = kNoValue;  ///< noise of a single point
-  /// Distance at which the noise correlation of neighbours falls to 1/e; 0 if uncorrelated
+  /// Distance at which the noise correlation of neighbours falls to 1/e; 0 if uncorrelated.
   double noise_correlation_mm = kNoValue;
   double pitch_mm = kNoValue;  ///< distance between neighbours in a row
   std::uint16_t plates = 0;    ///< number of places where the plate was measured
@@ -119,7 +119,7 @@ struct CalibrationCheck {
 /// A table of station corrections in force.
 struct StationsInForce {
   CalibrationId id;
-  /// Hand-eye calibration the table was solved with; if another one is in force, the table is stale
+  /// Hand-eye calibration the table was solved with; if another one is in force, the table is stale.
   CalibrationId hand_eye_id;
   std::int64_t expires_utime_us = 0;  ///< 0 if it never expires
   StationTable table;
@@ -188,7 +188,7 @@ enum class ScannerStanding : std::uint8_t { verified, never, expired, failed };
 /// artefact into use is not a check and does not postpone the next one.
 [[nodiscard]] std::int64_t checked_from_utime_us(const LineCalibration::Watch& watch);
 /// True if a check is due: the artefact in force has had no check for longer than `interval_us` (0: never due). Also
-/// true if the last check lies more than an hour in the future, because the clock was wrong then.
+/// true if the last check is more than an hour in the future, because the clock was wrong then.
 [[nodiscard]] bool overdue(const LineCalibration::Watch& watch, std::int64_t interval_us, std::int64_t utime_us);
 
 // ---- splicing one scan ---------------------------------------------------------------------------------------------

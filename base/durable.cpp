@@ -325,7 +325,7 @@ Result<FileDigest> digest_of(const std::string& path) {
 bool FolderLock::take(const std::string& path) {
   fd_ = Fd(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0664));
   if (!fd_.is_open()) return false;
-  // For the group, independent of the umask; only the owner can change the mode
+  // For the group, independent of the umask; only the owner can change the mode.
   static_cast<void>(::fchmod(fd_.get(), 0664));
   if (::flock(fd_.get(), LOCK_EX | LOCK_NB) == 0) return true;
   fd_.reset();

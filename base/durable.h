@@ -18,8 +18,8 @@
 /// journal_write.
 namespace slabd::cli {
 
-/// Checks that every symbolic link in `path`, including the last name, may be followed: its owner is the caller or
-/// root, or no other user can write to its folder. In any other folder (/tmp with its sticky bit, another user's home)
+/// Checks that every symbolic link in `path`, including the last name, may be followed. Its owner must be the caller or
+/// root, or no other user may write to its folder. In any other folder (/tmp with its sticky bit, another user's home)
 /// another user can place a link to the caller's own files. Error config: the text names the link and its owner.
 [[nodiscard]] Status check_links(const std::string& path);
 

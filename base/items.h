@@ -109,9 +109,9 @@ struct PoreLimits {
   double share_max = kNoValue;     ///< share of the visible area
 };
 
-/// Name of `Item::beside` in JSON and reports; empty if the item has none: seat_slope "ratio_n" (n of 1:n),
-/// seat_flatness "min_zone_mm", seat_std "cells_mm", seat_vertical "unremoved_mm", corner_level "quarter_mm",
-/// surface_pores "deepest_mm" (the deepest pore), block_damage "depth_mm" (of the largest damage).
+/// Name of `Item::beside` in JSON and reports; empty if the item has none. The names are seat_slope "ratio_n" (n of
+/// 1:n), seat_flatness "min_zone_mm", seat_std "cells_mm", seat_vertical "unremoved_mm", corner_level "quarter_mm".
+/// Further surface_pores "deepest_mm" (the deepest pore), block_damage "depth_mm" (of the largest damage).
 [[nodiscard]] std::string_view beside_name(ItemId id);
 
 /// Decision by ISO 14253-1 with guard band `guard * U`: pass if inside the limits by the guard band, fail if outside by
@@ -119,12 +119,12 @@ struct PoreLimits {
 /// limits is information: its verdict is `none`.
 [[nodiscard]] Verdict judge(const Item& item, double guard);
 
-/// Probability that the true value is within the limits, if the measured value has a normal distribution with u = U / 2
-/// (JCGM 106, 7.2 and 7.3). NaN without value, limits or U.
+/// Probability that the true value is within the limits (JCGM 106, 7.2 and 7.3). The measured value has a normal
+/// distribution with u = U / 2. NaN without value, limits or U.
 [[nodiscard]] double conformance_probability(const Item& item);
 
-/// Verdict of a block or slab: fail if any item fails; else not_measured if a required item is; else indeterminate if
-/// any item is; else pass. An empty list is not_measured. Unmeasured items that are not required are ignored.
+/// Verdict of a block or slab: fail if any item fails, else not_measured if a required item is. Otherwise indeterminate
+/// if any item is, else pass. An empty list is not_measured. Unmeasured items that are not required are ignored.
 [[nodiscard]] Verdict combine(const Item* begin, const Item* end);
 
 }  // namespace slabd

@@ -258,8 +258,8 @@ struct RecoveredLine {
   FixedQueue<PlcResult, limits::kResultQueueMax> unacknowledged;  ///< oldest first
 };
 
-/// Pose of the scanner when a stored scan was taken: the stored flange pose, the hand-eye of its slab, and the
-/// station's correction if it was applied. Equal records give equal bits, in later versions too.
+/// Pose of the scanner when a stored scan was taken. It is computed from the stored flange pose, the hand-eye of its
+/// slab, and the station's correction if it was applied. Equal records give equal bits, in later versions too.
 [[nodiscard]] inline Pose stored_T_base_scanner(const SlabHeader& slab, const Attempt& attempt) {
   const Pose T_base_scanner = attempt.T_base_flange * slab.T_flange_scanner;
   return attempt.splice.source == SpliceSource::corrected ? attempt.splice.T_base_reported * T_base_scanner

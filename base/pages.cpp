@@ -14,9 +14,9 @@
 #endif
 
 // Problem: the kernel uses transparent huge pages only for whole, aligned 2-MiB ranges, and only on request (the
-// setting "madvise"). Idea: map one such range more than needed, unmap the parts before the first and after the last
-// byte, request huge pages, then write to every page. The end is not rounded up to 2 MiB: its last part uses ordinary
-// pages, and the resident size is the requested size.
+// setting "madvise"). Idea: map one such range more than needed and unmap the parts before the first and after the last
+// byte. Then request huge pages and write to every page. The end is not rounded up to 2 MiB: its last part uses
+// ordinary pages, and the resident size is the requested size.
 namespace slabd {
 namespace {
 

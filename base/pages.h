@@ -10,9 +10,9 @@
 
 namespace slabd {
 
-/// One memory mapping for all data as large as a scan, held from start to end. It uses pages of 2 MiB if available (a
-/// pass over five million points touches 15 000 pages of 4 KiB, but 30 of these), else ordinary ones. Every page is
-/// written once, so that no scan waits for a page fault. Arrays are taken from it in sequence and live as long as it
+/// One memory mapping for all data as large as a scan, held from start to end. It uses pages of 2 MiB if available,
+/// else ordinary ones. A pass over five million points touches 15 000 pages of 4 KiB, but only 30 of 2 MiB. Every page
+/// is written once, so that no scan waits for a page fault. Arrays are taken from it in sequence and live as long as it
 /// does. The page size affects only speed.
 class Pages {
  public:

@@ -38,17 +38,15 @@ struct CodePoint {
   return {value, bytes, true};
 }
 
-/// True if a terminal may do anything but display the character in its place: controls (Unicode category Cc),
-/// bidirectional and other invisible format characters (Cf), line and paragraph separators, tags.
+/// True if a terminal may do anything but display the character in its place. These are controls (Unicode category Cc),
+/// bidirectional and other invisible format characters (Cf), line and paragraph separators, and tags.
 [[nodiscard]] constexpr bool is_control(char32_t c) {
   return c < 0x20 || (c >= 0x7F && c <= 0x9F) || c == 0xAD || c == 0x61C || c == 0x180E ||
          (c >= 0x200B && c <= 0x200F) || (c >= 0x2028 && c <= 0x202E) || (c >= 0x2060 && c <= 0x206F) || c == 0xFEFF ||
          (c >= 0xFFF9 && c <= 0xFFFB) || (c >= 0xE0000 && c <= 0xE007F);
 }
 
-/// Lines::kept leaves '
-/// ' and '\t', '\r' before a '
-/// ', and the byte order mark of a file unchanged.
+/// Lines::kept leaves '\n' and '\t', '\r' before a '\n', and the byte order mark of a file unchanged.
 enum class Lines { replaced, kept };
 
 /// Returns `text` with every control character and every byte that is not valid UTF-8 replaced.

@@ -53,7 +53,7 @@ enum class PlcState : std::uint16_t {
   maintenance = 8,
 };
 
-/// CMD_STATUS values below 0x8000; refused or failed is 0x8000 + code.
+/// CMD_STATUS values below 0x8000; a rejected or failed command has 0x8000 + code.
 enum class CommandStatus : std::uint16_t { none = 0, accepted = 1, acquiring = 2, acquired = 3, done = 4 };
 inline constexpr std::uint16_t kCommandFailed = 0x8000;
 
@@ -70,7 +70,7 @@ enum PlcWarn : std::uint16_t {
   // bits 8 to 10: base/calibration.h
   kWarnHandednessUnproven = 1U << 11U,  ///< no calibration in force proves that the scanner's frame is right-handed
   kWarnRecipesDiffer = 1U << 12U,       ///< the recipe folder differs from the recipes in use
-  /// The robot's stops over neighbouring blocks are too similar to assign a scan by its pose
+  /// The robot's stops over neighbouring blocks are too similar to assign a scan by its pose.
   kWarnStopsAlike = 1U << 14U,
   kWarnEmulation = 1U << 13U,  ///< robot or scanner is emulated, or was for the data shown to the PLC
 };

@@ -70,7 +70,7 @@ struct EvaluationSettings {
   double edge_margin_mm = kNoValue;        ///< distance from every edge of a face that is excluded from its fit
   double inlier_share_min = kNoValue;      ///< smallest share of inliers; below it a plane is not measured
   double registration_gate_mm = kNoValue;  ///< a point farther from the model than this belongs to no face
-  /// Smallest share of points within the gate; below it the pose is rejected
+  /// Smallest share of points within the gate; below it the pose is rejected.
   double registration_share_min = kNoValue;
   FlatnessKind flatness = FlatnessKind::closed;
   double closing_mm = 10.0;  ///< pits up to this width are bridged

@@ -45,8 +45,8 @@ struct RegistrationReport {
   double share_associated = 0.0;  ///< share of the sampled points near the model
   double condition = kNoValue;    ///< condition of the normal matrix, lengths scaled to the block
   double noise_mm = kNoValue;     ///< robust standard deviation of the points in the last step
-  /// Covariance of the small motion (x, y, z in mm, rotation about X, Y, Z in rad; block frame, about the block's
-  /// origin) from the registered block to the true one, for white noise of `noise_mm`.
+  /// Covariance of the small motion from the registered block to the true one, for white noise of `noise_mm`. Order: x,
+  /// y, z in mm, rotation about X, Y, Z in rad; block frame, about the block's origin.
   Mat6 covariance = Mat6::Constant(kNoValue);
   FixedString<64> note;  ///< degenerate: the direction; rejected: the gate
   Pose T_scanner_block;
@@ -179,7 +179,7 @@ struct SurfaceFinding {
 /// Pores of a block: pits up to the recipe's size of a pore (algo/survey/surface_damage.h).
 struct PoreSummary {
   std::uint32_t count = 0;  ///< number of pores large enough to be counted
-  /// Diameter of the circle of equal area; 0 if there are none, NaN if pores were not searched
+  /// Diameter of the circle of equal area; 0 if there are none, NaN if pores were not searched.
   double largest_mm = kNoValue;
   double deepest_mm = kNoValue;
   double share = kNoValue;  ///< share of the visible area
@@ -191,8 +191,8 @@ struct PoreSummary {
 /// Verdict of surface_pores from the verdict by diameter: fail if depth or share exceeds its limit. A guard
 /// band is not used because neither has a U. A verdict not_measured is kept.
 [[nodiscard]] Verdict with_pore_limits(Verdict by_diameter, const PoreSummary& pores);
-/// Sentence such as "12 pores, largest 8.1 mm, deepest 3.4 mm (more than 3 mm), 0.40 % of the area (at most 1 %)";
-/// empty if pores were not searched.
+/// Sentence such as "12 pores, largest 8.1 mm, deepest 3.4 mm (more than 3 mm), 0.40 % of the area (at most 1 %)".
+/// Empty if pores were not searched.
 [[nodiscard]] FixedString<160> sentence(const PoreSummary& pores);
 
 /// A face at an edge of the block; the names are those of the block model.
@@ -225,7 +225,8 @@ inline constexpr std::size_t kEdgesMax = 12;
 /// Sentence such as "pit on the seat at x 80 mm, s 2 mm: 42 x 368 mm, 15460 mm2, up to 10.0 mm deep".
 [[nodiscard]] FixedString<160> sentence(const SurfaceFinding& finding);
 
-/// Reason why a casing is not `ok`: the first test that failed. From `rim_points` on the bore is located all the same.
+/// Reason why a casing is not `ok`: the first test that failed. From `rim_points` on, the bore was located
+/// nevertheless.
 enum class CasingDoubt : std::uint8_t {
   none,
   not_measured,  ///< the scan was not processed up to this step, or the recipe's casings are capped

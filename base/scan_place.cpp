@@ -14,8 +14,8 @@ namespace {
 constexpr double kQuantile = 0.02;
 constexpr double kRightFactor = 2.0;
 constexpr double kUnitFactor = 1.6;
-/// A scan closer than this to the block's place in the base frame, and farther than this from its place in the scanner
-/// frame, is in the base frame.
+/// A scan is in the base frame if it is closer than this to the block's place there, and farther than this from its
+/// place in the scanner frame.
 constexpr double kNearMm = 200.0;
 /// Size range of a scan of a block.
 constexpr double kSizeMinMm = 100.0;

@@ -103,13 +103,13 @@ inline constexpr std::size_t kBallsMax = 16;
 
 /// Reads a table; `origin` (a file name) is the prefix of errors, as in "flange.txt:12: ...". Code::config: an unknown
 /// key or word in the header, or a number that is missing, surplus or not finite. Also a quaternion whose length is not
-/// 1 within 1e-3, a position beyond 100 m (a table in um), more than kViewsMax lines, and a table without poses.
+/// 1 within 1e-3, or a position beyond 100 m (a table in um). Also more than kViewsMax lines, or a table without poses.
 [[nodiscard]] Result<PoseTable> parse_poses(std::string_view text, std::string_view origin, TableRole role);
 
 /// Combines two tables into views, numbered by the lines of the flange table. Without labels the lines correspond, so
 /// the lengths must be equal. With labels a flange pose without a sighting is skipped. Errors contain the `origin` of a
-/// table. They are different lengths, a label outside the flange table, a ball twice in a view, and a ball centre
-/// instead of a pose (`rotation=none` with kind pose).
+/// table. They are different lengths, a label outside the flange table, or a ball twice in a view. A ball centre
+/// instead of a pose (`rotation=none` with kind pose) is an error too.
 [[nodiscard]] Result<std::vector<View>> views_from(ArtefactKind kind, const PoseTable& flange,
                                                    std::string_view flange_origin, const PoseTable& target,
                                                    std::string_view target_origin);

@@ -82,7 +82,7 @@ void check_evaluation(TableReader table, const EvaluationSettings& e, const Bloc
   if (cells > static_cast<double>(limits::kFlatnessCellsMax))
     table.problem("cell_mm", fmt::format("found {}: the crop has {:.0f} such cells, allowed are {}", e.cell_mm, cells,
                                          limits::kFlatnessCellsMax));
-  // With fewer, the noise of a cell cannot be separated from form, nor U be computed
+  // With fewer, the noise of a cell cannot be separated from form, nor U be computed.
   constexpr double kCellsMin = 400.0;
   if (cells < kCellsMin)
     table.problem("cell_mm", fmt::format("found {}: the crop has {:.0f} such cells, needed are {:.0f}", e.cell_mm,

@@ -80,8 +80,8 @@ class TableKeys {
   std::vector<Entry> list_;
 };
 
-/// True if U of this item also limits the tilt uncertainty of the seat, the slab top or a jaw, above which its plane is
-/// not accepted (algo/inspector.cpp). This applies with a budget too.
+/// True if U of this item also limits the accepted tilt uncertainty of the seat, the slab top or a jaw
+/// (algo/inspector.cpp). This applies with a budget too.
 bool asks_of_planes(ItemId id) {
   return id == ItemId::seat_slope || id == ItemId::jaw_angle_inner || id == ItemId::jaw_angle_outer;
 }

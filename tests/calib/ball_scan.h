@@ -7,8 +7,8 @@
 
 #include "base/base.h"
 
-/// Scans of balls for tests of ball finding: rays from the origin over a grid, the nearest of spheres, upright
-/// cylinders and planes, noise along the ray. Simple and slow, so that it can be verified by reading.
+/// Scans of balls for tests of ball finding. Rays from the origin over a grid meet the nearest of spheres, upright
+/// cylinders and planes, with noise along the ray. Simple and slow, so that it can be verified by reading.
 namespace slabd::calib {
 
 struct SceneBall {

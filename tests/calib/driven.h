@@ -94,8 +94,8 @@ inline Driven follow(const Cell& cell, ArtefactKind kind, std::size_t count, con
   return driven;
 }
 
-/// The usual advice: tilts of 20 to 35 degrees to all sides, rolls of +-90, the target in corners and middle, near, mid
-/// and far, all at random.
+/// Follows the usual advice: random tilts of 20 to 35 degrees to all sides, and rolls of +-90. The target is in corners
+/// and middle, near, mid and far.
 inline Driven advice(const Cell& cell, ArtefactKind kind, std::size_t count, std::uint64_t seed) {
   Prng random(seed * 313 + 11);
   Driven driven;

@@ -7,8 +7,8 @@
 
 #include "calib/calib.h"
 
-/// Hand-eye views with known truth: a scanner that looks down on an artefact from a cone of directions, the artefact
-/// anywhere in its view, and a robot with errors. Its geometry is independent of the solver's code.
+/// Hand-eye views with known truth. The scanner looks down on an artefact from a cone of directions, the artefact is
+/// anywhere in its view, and the robot has errors. Its geometry is independent of the solver's code.
 namespace slabd::calib::scene {
 
 struct Plan {

@@ -3,8 +3,8 @@
 
 #include <cstdint>
 
-/// Ports for tests. A port assigned by the kernel may be assigned to another process after it is closed, but a daemon
-/// that is restarted needs the same port again. Several suites run simultaneously on one computer.
+/// Ports for tests. The kernel may assign a closed port to another process, but a restarted daemon needs the same port
+/// again. Several suites run simultaneously on one computer.
 namespace slabd::places {
 
 /// A port number reserved for this process until it ends, as TCP and as UDP port. No process listens on it now, no
