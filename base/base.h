@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-/// The vocabulary every room shares. All headers of this room are public; this one names them in reading order.
+/// The vocabulary that all rooms share. All headers of this room are public; this header includes them in reading
+/// order.
 // clang-format off
 #include "base/limits.h"
 #include "base/units.h"

@@ -16,8 +16,8 @@ bool is_over(std::int64_t expires_utime_us, std::int64_t utime_us) {
   return expires_utime_us != 0 && utime_us >= expires_utime_us;
 }
 
-/// Why the correction of this station does not count, or `corrected`; the distance to the mastered pose is filled in
-/// wherever there is one.
+/// Reason why the station's correction does not apply, or `corrected`. Sets the distance to the mastered pose if the
+/// station was mastered.
 SpliceSource judge_correction(const LineCalibration& calibration, const StationsInForce* table, int station,
                               const SpliceSettings& settings, const Pose& T_base_flange, std::int64_t utime_us,
                               Splice& splice) {
@@ -111,7 +111,7 @@ std::int64_t checked_from_utime_us(const LineCalibration::Watch& watch) {
 
 bool overdue(const LineCalibration::Watch& watch, std::int64_t interval_us, std::int64_t utime_us) {
   if (interval_us == 0 || watch.reference_id.empty()) return false;
-  // A check of the future was made while the clock was wrong: when it really was nobody knows. An hour is for clocks
+  // A check in the future was made while the clock was wrong, so its true time is unknown. The hour tolerates clocks
   // that are set back a little.
   constexpr std::int64_t kAhead_us = 3'600'000'000;
   const std::int64_t since_us = utime_us - checked_from_utime_us(watch);
@@ -143,8 +143,8 @@ Splice splice_for(const LineCalibration& calibration, const SpliceSettings& sett
     splice.robot_rad = correction.sigma_rad;
     return splice;
   }
-  // One X for all stations: across the track its error shows twice, because the rows are seen with the flange turned
-  // by half a turn. Stations count as independent in the budget, so the factor stands here.
+  // All stations share one hand-eye pose. Across the track its error counts twice because the two rows are scanned with
+  // the flange turned by 180 degrees. The budget treats stations as independent; sqrt(2) corrects that.
   const double rows = std::sqrt(2.0);
   splice.calibration_mm = rows * calibration.hand_eye.sigma_mm;
   splice.calibration_rad = rows * calibration.hand_eye.sigma_rad;

@@ -12,141 +12,146 @@
 #include "base/pose.h"
 #include "base/units.h"
 
-/// What is known of the scanner on the flange, of the robot at every station, and of the artefacts that watch over
-/// both: the numbers that pass between calib, storage, the station and reports. Lengths in mm, angles in rad, standard
-/// uncertainties (k = 1) unless named U (k = 2). Where a number is not known it is NaN.
+/// Calibration results: the scanner on the flange, the robot at every station, and the artefacts that monitor both.
+/// These numbers pass between calib, storage, the station and reports. Lengths in mm, angles in rad, standard
+/// uncertainties (k = 1) unless named U (k = 2). An unknown number is NaN.
 namespace slabd {
 
-/// "he-3f2a91c07b5e": two letters of the kind and the first 12 hex digits of the SHA-256 of its numbers, so that equal
-/// ids mean equal numbers. Commissioning values of the configuration: "commissioning-<12 digits>".
+/// Identifier such as "he-3f2a91c07b5e": two letters for the kind and the first 12 hex digits of the SHA-256 of its
+/// numbers. Equal ids therefore mean equal numbers. Values from the configuration have "commissioning-<12 digits>".
 using CalibrationId = FixedString<64>;
 
 enum class CalibrationKind : std::uint8_t { hand_eye, stations, reference_block, monitor_ball, scanner };
 inline constexpr std::size_t kCalibrationKinds = 5;
-/// "hand_eye", "stations", "reference_block", "monitor_ball", "scanner": the word in JSON, the database and on command
-/// lines.
+/// Word used in JSON, the database and on command lines: "hand_eye", "stations", "reference_block", "monitor_ball" or
+/// "scanner".
 [[nodiscard]] std::string_view name(CalibrationKind kind);
 [[nodiscard]] std::optional<CalibrationKind> calibration_kind_named(std::string_view word);
 
 // ---- the numbers of each kind --------------------------------------------------------------------------------------
 
-/// Scanner on flange.
+/// Pose of the scanner on the flange.
 struct HandEyeNumbers {
   Pose T_flange_scanner;
-  double sigma_mm = kNoValue;  ///< of a point in the field of view, per axis: predicted by the solver, times max(1, s0)
-  double sigma_rad = kNoValue;  ///< of the scanner's rotation, per axis
+  /// Position of a point in the field of view, per axis: predicted by the solver, times max(1, s0)
+  double sigma_mm = kNoValue;
+  double sigma_rad = kNoValue;  ///< rotation of the scanner, per axis
 };
 
-/// What the robot's error at one taught station is made up for by. In production
-/// T_base_scanner = T_base_reported * T_base_flange (reported now) * T_flange_scanner, as long as the robot reports
-/// about the pose it reported when the station was mastered.
+/// Correction of the robot's error at one mastered station. In production T_base_scanner = T_base_reported *
+/// T_base_flange (reported now) * T_flange_scanner. It is applied only while the reported pose is within the gate
+/// around the pose at mastering.
 struct StationCorrection {
-  std::uint8_t visits = 0;      ///< M; 0: this station was not mastered
-  Pose T_base_reported;         ///< C_s: from where the reported pose puts a point to where it is
-  Pose T_base_flange;           ///< mean reported pose of the visits
-  double sigma_mm = kNoValue;   ///< of one visit about the mean of many, per axis, at the block; with the certificate's
-  double sigma_rad = kNoValue;  ///< ... of its rotation
+  std::uint8_t visits = 0;  ///< M; 0 if this station was not mastered
+  Pose T_base_reported;     ///< C_s: maps a point computed from the reported pose to its true place in the base frame
+  Pose T_base_flange;       ///< mean reported pose of the visits
+  /// One visit about the mean of many, per axis, at the block; includes the certificate's uncertainty.
+  double sigma_mm = kNoValue;
+  double sigma_rad = kNoValue;  ///< rotation of one visit; the rest as sigma_mm
   double spread_mm = kNoValue;  ///< standard deviation of this station's own visits, per axis
 };
-/// All stations of one slab type. They hold for the hand-eye calibration they were solved with, and for no other.
+/// Corrections of all stations of one slab type, valid only with the hand-eye calibration they were solved with.
 struct StationTable {
   std::uint16_t slab_type = 0;
   std::array<StationCorrection, limits::kStationsMax> station{};  ///< [station - 1]
 };
 
-/// The certified block of the daily check.
+/// Certified values of the block for the daily check.
 struct ReferenceBlock {
-  double slope_rad = kNoValue;    ///< of the seat against the local slab top
-  double slope_U_rad = kNoValue;  ///< of the certificate, k = 2
+  double slope_rad = kNoValue;    ///< slope of the seat against the local slab top
+  double slope_U_rad = kNoValue;  ///< uncertainty from the certificate, k = 2
   double jaw_distance_mm = kNoValue;
   double jaw_distance_U_mm = kNoValue;
 };
 
-/// A ball fixed in the cell, as it was found when it was taken into use.
+/// A ball fixed in the cell, as measured when it was taken into use.
 struct MonitorBall {
   Vec3 p_base = Vec3::Constant(kNoValue);
   double radius_mm = kNoValue;
-  double limit_mm = kNoValue;  ///< further from its place than this: the robot, the scanner's seat or the cell moved
+  double limit_mm = kNoValue;  ///< largest allowed distance from p_base; beyond it the robot, the scanner's mount or
+                               ///< the cell has moved
 };
 
-/// The scanner against a plate and a ball (VDI/VDE 2634 part 2): the worst of all places. NaN: not looked at.
+/// Acceptance of the scanner with a plate and a ball (VDI/VDE 2634 part 2): the worst of all places. NaN if not
+/// measured.
 struct ScannerNumbers {
-  FixedString<64> scanner;                 ///< its name or serial number; empty: not said
-  double PF_mm = kNoValue;                 ///< probing error form
-  double PS_mm = kNoValue;                 ///< probing error size, magnitude: half width of the error of any length
-  double RF_mm = kNoValue;                 ///< flatness measurement error
-  double form_half_mm = kNoValue;          ///< half width of the form error that does not average away, seen over ...
-  double form_length_mm = kNoValue;        ///< ... this length: the shortest a plate was seen over
-  double noise_sigma_mm = kNoValue;        ///< of a single point
-  double noise_correlation_mm = kNoValue;  ///< where the noise of neighbours has only 1/e in common; 0: none is seen
-  double pitch_mm = kNoValue;              ///< between neighbours of a row
-  std::uint16_t plates = 0;                ///< places that were looked at
+  FixedString<64> scanner;           ///< name or serial number; empty if not given
+  double PF_mm = kNoValue;           ///< probing error form
+  double PS_mm = kNoValue;           ///< probing error size, magnitude; half width of the error of any length
+  double RF_mm = kNoValue;           ///< flatness measurement error
+  double form_half_mm = kNoValue;    ///< half width of the form error that does not average out, over form_length_mm
+  double form_length_mm = kNoValue;  ///< shortest length over which a plate was measured
+  double noise_sigma_mm = kNoValue;  ///< noise of a single point
+  /// Distance at which the noise correlation of neighbours falls to 1/e; 0 if uncorrelated.
+  double noise_correlation_mm = kNoValue;
+  double pitch_mm = kNoValue;  ///< distance between neighbours in a row
+  std::uint16_t plates = 0;    ///< number of places where the plate was measured
   std::uint16_t balls = 0;
-  bool within_limits = false;  ///< every figure that was given a limit kept it
+  bool within_limits = false;  ///< true if every figure with a limit is within it
 };
-/// The guideline asks for the plate in at least six places of the volume and the ball in ten.
+/// Minimum numbers from the guideline: the plate in six places of the volume and the ball in ten.
 inline constexpr std::uint16_t kPlatePlacesMin = 6;
 inline constexpr std::uint16_t kBallPlacesMin = 10;
-/// Why these figures cannot vouch for a scanner, as a sentence without its end; empty: they can.
+/// Reason why these figures cannot be accepted, without a final period; empty if they can.
 [[nodiscard]] FixedString<limits::kErrorTextBytes> refusal_of(const ScannerNumbers& numbers);
 
 // ---- checks --------------------------------------------------------------------------------------------------------
 
-/// One daily check of the reference block, or one look at the monitor ball.
+/// One daily check of the reference block, or one measurement of the monitor ball.
 struct CalibrationCheck {
   CalibrationKind kind = CalibrationKind::reference_block;  ///< or monitor_ball
-  CalibrationId reference_id;                               ///< the record it was compared with
-  CalibrationId hand_eye_id;                                ///< in force at the time; empty: none
+  CalibrationId reference_id;                               ///< the record the measurement was compared with
+  CalibrationId hand_eye_id;  ///< hand-eye calibration in force at that time; empty if none
   bool passed = false;
-  double slope_rad = kNoValue;  ///< measured
+  double slope_rad = kNoValue;  ///< measured slope
   double slope_U_rad = kNoValue;
   double jaw_distance_mm = kNoValue;
   double jaw_distance_U_mm = kNoValue;
-  Vec3 off_mm = Vec3::Constant(kNoValue);  ///< monitor ball: measured minus its place, base axes
-  std::int64_t utime_us = 0;               ///< when the check was judged
+  Vec3 off_mm = Vec3::Constant(kNoValue);  ///< monitor ball: measured position minus its stored position, base axes
+  std::int64_t utime_us = 0;               ///< time of the verdict
   FixedString<64> who;
   FixedString<limits::kPathBytes> source;  ///< scan file, or "slab 12 station 3"
-  FixedString<160> note;                   ///< why it failed
+  FixedString<160> note;                   ///< reason of the failure
 };
 
-// ---- what the line works with
-// ----------------------------------------------------------------------------------------
+// ---- calibration in force ---------------------------------------------------------------------------------------
 
 /// A table of station corrections in force.
 struct StationsInForce {
   CalibrationId id;
-  CalibrationId hand_eye_id;          ///< they were solved with; differs from the one in force: stale
-  std::int64_t expires_utime_us = 0;  ///< 0 = never
+  /// Hand-eye calibration the table was solved with; if another one is in force, the table is stale.
+  CalibrationId hand_eye_id;
+  std::int64_t expires_utime_us = 0;  ///< 0 if it never expires
   StationTable table;
 };
 
-/// The scanner's acceptance in force. Its figures count in U for as long as it stands, expired or not: U does not fall
-/// because a day has passed.
+/// The scanner's acceptance in force. Its figures count in U even after it has expired, so that U does not decrease
+/// when the expiry date passes.
 struct ScannerInForce {
-  CalibrationId id;        ///< empty: the scanner was never accepted, the recipe's specification counts alone
-  ScannerNumbers numbers;  ///< without an id nothing is known
-  std::int64_t expires_utime_us = 0;  ///< 0 = never
-  bool failed = false;                ///< a later verification was out of its limits
-  FixedString<160> trouble;           ///< why what was applied is not used
+  CalibrationId id;        ///< empty: the scanner was never accepted, and only the recipe's specification counts
+  ScannerNumbers numbers;  ///< meaningless without an id
+  std::int64_t expires_utime_us = 0;  ///< 0 if it never expires
+  bool failed = false;                ///< true if a later verification was out of its limits
+  FixedString<160> trouble;           ///< reason why the applied acceptance is not used
 };
 
-/// Everything that is applied, as the daemon takes it up at its start and between two slabs.
+/// All calibrations in force, loaded by the daemon at its start and between two slabs.
 struct LineCalibration {
-  /// commissioning: nothing was ever applied, the configuration's values count. missing: there are not even those, or
-  /// what was applied cannot be used (`trouble` says why).
+  /// commissioning: a calibration was never applied, and the values of the configuration are used. missing: the
+  /// configuration has no values either, or the applied calibration cannot be used (`trouble` contains the reason).
   enum class Source : std::uint8_t { missing, commissioning, applied } source = Source::missing;
   FixedString<160> trouble;
   CalibrationId id;
   HandEyeNumbers hand_eye;
-  std::int64_t expires_utime_us = 0;                         ///< of the hand-eye calibration; 0 = never
-  FixedVector<StationsInForce, limits::kRecipesMax> tables;  ///< at most one of a slab type
+  std::int64_t expires_utime_us = 0;                         ///< hand-eye calibration; 0 if it never expires
+  FixedVector<StationsInForce, limits::kRecipesMax> tables;  ///< at most one for each slab type
 
   struct Watch {
-    CalibrationId reference_id;         ///< the artefact in force; empty: there is none, and no check is due
-    std::int64_t since_utime_us = 0;    ///< when it was first taken into use
-    std::int64_t checked_utime_us = 0;  ///< last check of this kind, whatever artefact was in force then; 0: none yet
-    bool failed = false;                ///< that check failed; another artefact does not undo it, a passed check does
-    FixedString<160> note;              ///< ... because
+    CalibrationId reference_id;         ///< the artefact in force; empty if there is none, then no check is due
+    std::int64_t since_utime_us = 0;    ///< time it was first taken into use
+    std::int64_t checked_utime_us = 0;  ///< last check of this kind with any artefact; 0 if there was none
+    bool failed = false;    ///< true if that check failed; only a passed check clears it, another artefact does not
+    FixedString<160> note;  ///< reason of the failure
   };
   Watch block;  ///< reference block
   Watch ball;   ///< monitor ball
@@ -160,81 +165,80 @@ struct LineCalibration {
   }
 };
 
-/// May a slab begin? Not when the calibration is missing, has expired or failed its last check.
+/// Reason why a slab must not begin: the calibration is missing, has expired or failed its last check.
 enum class CalibrationFault : std::uint8_t { none, missing, expired, check_failed };
 [[nodiscard]] CalibrationFault fault_of(const LineCalibration& calibration, std::int64_t utime_us);
-/// One sentence: what is wrong and what to do; empty for none.
+/// One sentence with the fault and its remedy; empty for `none`.
 [[nodiscard]] FixedString<limits::kErrorTextBytes> describe(CalibrationFault fault, const LineCalibration& calibration);
 
-/// WARN (IR 8), beside the bits of PlcWarn (base/plc.h).
+/// Bits of WARN (IR 8), in addition to those of PlcWarn (base/plc.h).
 enum CalibrationWarn : std::uint16_t {
   kWarnCheckOverdue = 1U << 8U,
   kWarnStationsNotCorrected = 1U << 9U,
   kWarnScannerNotVerified = 1U << 10U,
 };
 
-/// Does anything vouch for the scanner? Never a reason to stop: a line that never used an acceptance goes on.
+/// State of the scanner's acceptance. It never stops the line: a line without an acceptance continues.
 enum class ScannerStanding : std::uint8_t { verified, never, expired, failed };
 /// "verified", "never", "expired", "failed".
 [[nodiscard]] std::string_view name(ScannerStanding standing);
 [[nodiscard]] ScannerStanding standing_of(const ScannerInForce& scanner, std::int64_t utime_us);
 
-/// What the next check is counted from: the last one, or the artefact's first day. Taking an artefact into use is no
-/// check: once there was one, only the next one moves what is due.
+/// Time from which the next check is counted: the last check, or the artefact's first day if there was none. Taking an
+/// artefact into use is not a check and does not postpone the next one.
 [[nodiscard]] std::int64_t checked_from_utime_us(const LineCalibration::Watch& watch);
-/// Is a check due? `interval_us` 0: never. True from the moment an artefact is in force for longer than the interval
-/// without a check; and after a check that bears a time more than an hour ahead, made while the clock was wrong.
+/// True if a check is due: the artefact in force has had no check for longer than `interval_us` (0: never due). Also
+/// true if the last check is more than an hour in the future, because the clock was wrong then.
 [[nodiscard]] bool overdue(const LineCalibration::Watch& watch, std::int64_t interval_us, std::int64_t utime_us);
 
-// ---- splicing one scan
-// -----------------------------------------------------------------------------------------------
+// ---- splicing one scan ---------------------------------------------------------------------------------------------
 
-/// What is assumed of the robot, from the configuration.
+/// Assumptions about the robot, from the configuration.
 struct SpliceSettings {
-  double gate_mm = 1.0;                  ///< of the reported pose from the mastered one, position and ...
-  double gate_rad = rad_from_deg(0.05);  ///< ... rotation; beyond it the correction does not hold
-  double absolute_mm = kNoValue;         ///< the robot's absolute accuracy, per axis, where nothing corrects it
+  double gate_mm = 1.0;                  ///< largest distance between reported and mastered position ...
+  double gate_rad = rad_from_deg(0.05);  ///< ... and rotation; beyond either the correction is not applied
+  double absolute_mm = kNoValue;         ///< absolute accuracy of the robot without a correction, per axis
   double absolute_rad = kNoValue;
-  double repeatability_mm = 0.0;  ///< its repeatability, with commissioning values
+  double repeatability_mm = 0.0;  ///< repeatability of the robot, used with commissioning values
   double repeatability_rad = 0.0;
-  double commissioning_mm = kNoValue;  ///< the configuration's word for a station's splice
+  double commissioning_mm = kNoValue;  ///< uncertainty of a station's splice given in the configuration
   double commissioning_rad = kNoValue;
 };
 
-/// What a scan was spliced with. All but `corrected` use the hand-eye alone: the last four say why.
+/// Source of a scan's splice. All but `corrected` use only the hand-eye calibration; the last four name the reason.
 enum class SpliceSource : std::uint8_t {
-  none,           ///< nothing is known: zeroed memory
-  commissioning,  ///< the configuration's values and its word for their uncertainty
-  corrected,      ///< hand-eye and the station's correction
+  none,           ///< no calibration; also the value of zeroed memory
+  commissioning,  ///< the configuration's values and uncertainty
+  corrected,      ///< hand-eye calibration and station correction
   not_mastered,   ///< this station of this slab type has no correction
   stale,          ///< the corrections were solved with another hand-eye calibration
   expired,        ///< the corrections are too old
-  outside_gate,   ///< the robot stands elsewhere than when the station was mastered
+  outside_gate,   ///< the robot is outside the gate around the mastered pose
 };
 inline constexpr std::size_t kSpliceSources = 7;
 [[nodiscard]] std::string_view name(SpliceSource source);
 
-/// How one station's scan was brought into the base frame, and how well that is known at the block.
+/// Transformation of one station's scan into the base frame, and its uncertainty at the block.
 struct Splice {
   SpliceSource source = SpliceSource::none;
-  std::uint8_t visits = 0;   ///< corrected: M
-  Pose T_base_reported;      ///< the correction used; identity without one
-  double off_mm = kNoValue;  ///< reported pose from the mastered one, where there is one
+  std::uint8_t visits = 0;   ///< M if corrected
+  Pose T_base_reported;      ///< the correction used; identity if none
+  double off_mm = kNoValue;  ///< distance of the reported position from the mastered one; NaN if not mastered
   double off_rad = kNoValue;
-  double calibration_mm = kNoValue;  ///< corrected: sigma / sqrt(M); else of the hand-eye
+  double calibration_mm = kNoValue;  ///< sigma / sqrt(M) if corrected; else from the hand-eye calibration
   double calibration_rad = kNoValue;
-  double robot_mm = kNoValue;  ///< corrected: sigma of one visit; else absolute accuracy, or repeatability
+  double robot_mm = kNoValue;  ///< sigma of one visit if corrected; else absolute accuracy, or repeatability
   double robot_rad = kNoValue;
 };
-/// `lever_mm`: from the flange to the block; a flange turned by its absolute error shifts the block by so much more.
+/// Computes the splice of one scan. `lever_mm` is the distance from flange to block; the flange's absolute rotation
+/// error shifts the block by that error times the lever.
 [[nodiscard]] Splice splice_for(const LineCalibration& calibration, const SpliceSettings& settings,
                                 std::uint16_t slab_type, int station, const Pose& T_base_flange, double lever_mm,
                                 std::int64_t utime_us);
 
-/// The newest time of day that records vouch for (us since 1970). Calibrations expire by it where the clock is behind,
-/// so it may not follow every clock: one that was ahead by a year for a minute would let them all expire for good. A
-/// time more than a day ahead counts only when another one an hour later follows and none comes from before the jump;
-/// the first of all counts at once.
+/// Newest time of day that the records confirm (us since 1970), used for expiry when the clock is behind. A clock that
+/// is a year ahead for a minute must not expire all calibrations permanently. Therefore a time more than a day ahead
+/// counts only after another one follows an hour later with none from before the jump. The first time counts at once.
 class NewestTime {
  public:
   NewestTime() = default;
@@ -257,7 +261,7 @@ class NewestTime {
   static constexpr std::int64_t kHolds_us = 3'600'000'000;
   static constexpr std::int64_t kStep_us = 24 * kHolds_us;
   std::int64_t newest_ = 0;
-  std::int64_t jumped_ = 0;  ///< first of the times far ahead, 0: none
+  std::int64_t jumped_ = 0;  ///< first of the times far ahead; 0 if none
 };
 
 }  // namespace slabd

@@ -9,8 +9,8 @@
 namespace slabd {
 namespace {
 
-/// Shift along X, Y, Z and turn about X, Y, Z, as shares of the amplitudes. Found by a random search for the largest
-/// least distance; no rule connects the rows, so that no difference of two stops is that of two others.
+/// Shift along X, Y, Z and rotation about X, Y, Z, as fractions of the amplitudes. Found by a random search that
+/// maximises the smallest distance. No rule connects the rows, so that differences of two stops do not repeat.
 constexpr std::array<std::array<double, 6>, limits::kStationsMax> kPattern = {{
     {{1.00, 1.00, 0.15, -0.90, 1.00, 0.40}},
     {{-0.05, 0.00, -0.60, 0.80, -1.00, -0.80}},

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Whoever stops a long export (Ctrl-C, a time limit) finds nothing half done: neither under the file's name, nor the
-// hundreds of megabytes beside it.
+// A long export that is stopped (Ctrl-C, a time limit) leaves nothing behind: neither a partial file under the final
+// name nor a temporary file of hundreds of megabytes.
 #include "base/durable.h"
 
 #include <fcntl.h>
@@ -33,24 +33,25 @@ std::string folder_of(const std::string& path) {
   return folder.empty() ? "." : folder;
 }
 
-/// What is being written, for the handler; empty: nothing. One file at a time: who comes second is not looked after.
+/// Path of the temporary file, for the signal handler; empty if there is none. Only one file at a time is tracked; a
+/// second one is not.
 std::array<char, 4096> under_way{};
 
 constexpr std::array kStops = {SIGINT, SIGTERM, SIGHUP};
 
 void stopped(int number) {
   if (under_way[0] != '\0') ::unlink(under_way.data());
-  // The handler was for once: now the signal does what it does.
+  // SA_RESETHAND has restored the default action, so the signal now ends the process.
   ::raise(number);
 }
 
 void note_under_way(const std::string& part) {
   if (part.size() >= under_way.size() || under_way[0] != '\0') return;
   std::memcpy(under_way.data() + 1, part.c_str() + 1, part.size());
-  under_way[0] = part[0];  // last: a handler that comes in between sees nothing or all
+  under_way[0] = part[0];  // last, so that a handler in between sees either an empty or a complete path
   for (const int number : kStops) {
     struct sigaction now {};
-    // One that is ignored (nohup) stays ignored.
+    // An ignored signal (nohup) stays ignored.
     if (::sigaction(number, nullptr, &now) != 0 || now.sa_handler != SIG_DFL) continue;
     struct sigaction once {};
     once.sa_handler = stopped;
@@ -59,7 +60,8 @@ void note_under_way(const std::string& part) {
   }
 }
 
-/// The size a shell allows (ulimit -f) is an answer of write() then, told like a full disk, and no death.
+/// Ignores SIGXFSZ, so that a file size limit (ulimit -f) is reported by write() like a full disk instead of ending the
+/// process.
 void be_told_of_size_limits() {
   struct sigaction now {};
   if (::sigaction(SIGXFSZ, nullptr, &now) == 0 && now.sa_handler == SIG_DFL) ::signal(SIGXFSZ, SIG_IGN);
@@ -69,7 +71,7 @@ void no_longer_under_way(const std::string& part) {
   if (part == under_way.data()) under_way[0] = '\0';
 }
 
-/// The caller or root: nobody is protected from root.
+/// True for the caller and root: links of root are not checked.
 bool is_trusted(uid_t owner) {
   return owner == 0 || owner == ::geteuid();
 }
@@ -79,7 +81,7 @@ std::string name_of(uid_t uid) {
   return "user " + (user != nullptr ? std::string(user->pw_name) : std::to_string(uid));
 }
 
-/// Empty: the link `at`, of `owner`, may be followed.
+/// Reason why the link `at`, owned by `owner`, must not be followed; empty if it may be.
 std::string why_not_followed(const std::filesystem::path& at, uid_t owner) {
   if (is_trusted(owner)) return {};
   const std::string folder = at.has_parent_path() ? at.parent_path().string() : ".";
@@ -90,17 +92,17 @@ std::string why_not_followed(const std::filesystem::path& at, uid_t owner) {
          ", and others than you can write to its folder: " + "it is not followed";
 }
 
-/// The file that a path means.
+/// Resolved target of a path.
 struct Target {
-  std::string path;     ///< without links, also where the file does not exist yet
-  std::string refusal;  ///< a link that is not followed; `path` is empty then
+  std::string path;     ///< path without links; also set if the file does not exist yet
+  std::string refusal;  ///< reason why a link is not followed; `path` is empty then
   int error_number = 0;
 };
 
-/// Goes along `path` name by name, as the kernel does, and looks at each link on the way.
+/// Resolves `path` name by name, as the kernel does, and checks each link on the way.
 Target target_of(const std::string& path) {
   namespace fs = std::filesystem;
-  constexpr int kLinksMax = 40;  // as the kernel's
+  constexpr int kLinksMax = 40;  // the kernel's limit
   int links = 0;
   fs::path done;
   std::vector<fs::path> names;
@@ -110,7 +112,7 @@ Target target_of(const std::string& path) {
   };
   push(path);
   while (!names.empty()) {
-    const fs::path at = done / names.back();  // an absolute name stands alone
+    const fs::path at = done / names.back();  // operator/ drops `done` if the name is absolute
     names.pop_back();
     struct stat there {};
     if (::lstat(at.c_str(), &there) != 0 || !S_ISLNK(there.st_mode)) {
@@ -131,8 +133,8 @@ bool same_file(const struct stat& a, const struct stat& b) {
   return a.st_dev == b.st_dev && a.st_ino == b.st_ino;
 }
 
-/// A descriptor of this program that is this very file, such as /dev/stdout after `> file`: replacing the file would
-/// take from the shell what it writes to, and with it what `>>` had kept. -1: none.
+/// Descriptor of this program that refers to this very file, such as /dev/stdout after `> file`; -1 if none. Replacing
+/// that file would detach the shell's output from it and lose what `>>` had kept.
 int own_descriptor(const struct stat& there) {
   for (const int fd : {STDOUT_FILENO, STDERR_FILENO}) {
     struct stat mine {};
@@ -141,7 +143,7 @@ int own_descriptor(const struct stat& there) {
   return -1;
 }
 
-/// "-k3x9qa": as good as unique; O_EXCL sees to the rest.
+/// Returns a suffix such as "-k3x9qa". Collisions are unlikely, and O_EXCL rejects them.
 std::string random_suffix() {
   constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyz0123456789";
   std::array<unsigned char, 6> bytes{};
@@ -161,7 +163,7 @@ OutFile::OutFile(std::string path, Kind kind) : path_(std::move(path)), kind_(ki
     target_ = std::move(target.path);
     if (error_number_ != 0) return;
   }
-  bool is_shared = false;  // others write into it too: its start is not ours to go back to
+  bool is_shared = false;  // other processes write into it too, so its start must not be overwritten
   if (kind_.of_slabd) {
     open_part();
   } else if (path_ == "-") {
@@ -208,7 +210,7 @@ void OutFile::open_part() {
   }
   note_under_way(part_);
   be_told_of_size_limits();
-  // fchmod: the umask would take the group's right to write away.
+  // fchmod, because the umask would remove the group's write permission.
   if (kind_.mode && ::fchmod(fd, *kind_.mode) != 0) error_number_ = errno;
   file_ = ::fdopen(fd, "wb");
   if (file_ != nullptr) return;
@@ -233,7 +235,7 @@ void OutFile::write_at_start(std::string_view text) {
   write(text);
 }
 
-/// Everything out of the program's hands, and the file under its name.
+/// Flushes all data and moves the file to its final name.
 void OutFile::finish() {
   const bool is_stdout = file_ == stdout;
   if (error_number_ == 0 && std::fflush(file_) != 0) error_number_ = errno;
@@ -241,7 +243,7 @@ void OutFile::finish() {
   if (file_ != nullptr && file_ != stdout && std::fclose(file_) != 0 && error_number_ == 0) error_number_ = errno;
   file_ = nullptr;
   if (is_stdout && std::ferror(stdout) != 0) {
-    // `close` says so, and who ends the program need not say it again, nor try again.
+    // `close` reports the error; the exit handler must not write the rest or report it again.
     ::__fpurge(stdout);
     std::clearerr(stdout);
   }
@@ -300,7 +302,7 @@ Status copy_synced(const std::string& from, const std::string& to) {
     if (n == 0) break;
     if (n > 0 || errno == EINTR) continue;
     if (errno != EXDEV && errno != EINVAL && errno != ENOSYS && errno != EOPNOTSUPP) return cannot("write", to);
-    // Two file systems that cannot do it between them: by hand, from where it stopped.
+    // copy_file_range is not supported between these two file systems: copy the rest with read and write.
     std::vector<char> piece(std::size_t{1} << 20U);
     for (ssize_t got = 0; (got = ::read(source.get(), piece.data(), piece.size())) != 0;) {
       if (got < 0 && errno == EINTR) continue;
@@ -323,7 +325,8 @@ Result<FileDigest> digest_of(const std::string& path) {
 bool FolderLock::take(const std::string& path) {
   fd_ = Fd(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0664));
   if (!fd_.is_open()) return false;
-  static_cast<void>(::fchmod(fd_.get(), 0664));  // for the group, whatever the umask; only its owner can
+  // For the group, independent of the umask; only the owner can change the mode.
+  static_cast<void>(::fchmod(fd_.get(), 0664));
   if (::flock(fd_.get(), LOCK_EX | LOCK_NB) == 0) return true;
   fd_.reset();
   return false;

@@ -13,30 +13,29 @@
 #include "base/os.h"
 #include "base/result.h"
 
-/// Files that are there whole or not at all: written beside under a name of their own, then renamed. What must also
-/// outlast a computer that stops is synced, and its folder. Errors name the file; where nothing else is said they are
+/// Files that appear completely or not at all: written under a temporary name in the same folder, then renamed. A file
+/// that must survive a power failure is synced together with its folder. Error texts name the file; the default code is
 /// journal_write.
 namespace slabd::cli {
 
-/// Every symbolic link on the way to `path`, its last name included, may be followed: its owner is the caller or root,
-/// or only they can write to the folder that contains it. In every other folder (/tmp with its sticky bit, a home of
-/// another user) another user can put a link there that leads to the caller's own files. config: the sentence names the
-/// link and its owner.
+/// Checks that every symbolic link in `path`, including the last name, may be followed. Its owner must be the caller or
+/// root, or no other user may write to its folder. In any other folder (/tmp with its sticky bit, another user's home)
+/// another user can place a link to the caller's own files. Error config: the text names the link and its owner.
 [[nodiscard]] Status check_links(const std::string& path);
 
-/// A file that appears whole or not at all, whoever stops the program (Ctrl-C, a time limit) and whoever else writes
-/// the same file: the last one to finish has it. "-" is standard output. A symbolic link stays, and the file that it
-/// means is replaced, unless another user may have put the link there (check_links); a pipe or a character device is no
-/// file that could be replaced: it is written into.
+/// A file that appears completely or not at all, even if a signal (Ctrl-C, a time limit) stops the program. If several
+/// programs write the same file, the last one to finish wins. "-" is standard output. A symbolic link is kept and its
+/// target is replaced, unless another user may have placed the link (check_links). A pipe or a character device cannot
+/// be replaced and is written directly.
 class OutFile {
  public:
   struct Kind {
-    bool synced = false;     ///< on the disk when `close` returns
-    bool rewritten = false;  ///< `write_at_start` will be called: a pipe, or what this program's own output goes
-                             ///< to, is refused at once
-    bool of_slabd = false;   ///< what stands under the name is replaced whatever it is: a link that somebody
-                             ///< laid into a shared folder must not lead a file of slabd's own elsewhere
-    std::optional<mode_t> mode = std::nullopt;  ///< whatever the umask; else 0666 less the umask
+    bool synced = false;  ///< synced to disk when `close` returns
+    /// `write_at_start` will be called: a pipe and this program's own output are rejected at once
+    bool rewritten = false;
+    bool of_slabd = false;  ///< a link under this name is replaced, not followed: a link in a shared folder must not
+                            ///< redirect slabd's own files
+    std::optional<mode_t> mode = std::nullopt;  ///< exact mode, independent of the umask; nullopt: 0666 less the umask
   };
   explicit OutFile(std::string path) : OutFile(std::move(path), Kind{}) {}
   OutFile(std::string path, Kind kind);
@@ -46,35 +45,35 @@ class OutFile {
 
   void write(std::string_view text) { write(text.data(), text.size()); }
   void write(const void* bytes, std::size_t count);
-  /// Overwrites what was written first; the rest stays.
+  /// Overwrites the beginning of the file; the rest is kept.
   void write_at_start(std::string_view text);
-  /// Everything was written until now; if not, `close` says why.
+  /// True if all writes succeeded so far; if not, `close` returns the reason.
   [[nodiscard]] bool good() const { return error_number_ == 0; }
-  /// `code`: it could not be opened, or not all of it was written; nothing is left then.
+  /// Returns `code` if the file could not be opened or not written completely; no file remains then.
   [[nodiscard]] Status close(Code code = Code::config);
 
  private:
   void open_part();
   void finish();
 
-  std::string path_;  ///< as the user said it
+  std::string path_;  ///< path as given by the user
   Kind kind_;
-  std::string target_;  ///< the file that `path_` means, links followed
-  std::string part_;    ///< beside it; empty: written into what is there
+  std::string target_;  ///< the file at `path_`, with links resolved
+  std::string part_;    ///< temporary file in the same folder; empty if the target is written directly
   std::FILE* file_ = nullptr;
   int error_number_ = 0;
-  std::string refusal_;  ///< a link that is not followed
+  std::string refusal_;  ///< reason why a link is not followed
 };
 
-/// Replaces a file of slabd's own by `text`, or leaves it as it was. What a user names (--out) is an OutFile.
+/// Replaces a file of slabd's own with `text`, or leaves it unchanged. A file named by the user (--out) is an OutFile.
 [[nodiscard]] Status write_durably(const std::string& path, std::string_view text, mode_t mode = 0664);
 
-/// Copies a file's bytes into a new file and syncs it; the folder is the caller's. Shares blocks where the file system
-/// can.
+/// Copies a file into a new file and syncs it; the caller syncs the folder. Shares blocks if the file system supports
+/// it.
 [[nodiscard]] Status copy_synced(const std::string& from, const std::string& to);
 
-/// Gives a finished folder (or file) its final name, in the same folder, and syncs that. `to` must not exist, or be an
-/// empty folder.
+/// Renames a finished folder or file to its final name in the same folder, and syncs that folder. `to` must not exist,
+/// or be an empty folder.
 [[nodiscard]] Status rename_durably(const std::string& from, const std::string& to);
 
 [[nodiscard]] Status sync_folder(const std::string& path);
@@ -83,13 +82,13 @@ struct FileDigest {
   std::uint64_t bytes = 0;
   std::string sha256;  ///< hex
 };
-/// Of the file's content.
+/// Size and SHA-256 of the file's content.
 [[nodiscard]] Result<FileDigest> digest_of(const std::string& path);
 
-/// One writer at a time: holds a lock on a file until destroyed. The system lets go of it when the process dies.
+/// Exclusive lock on a file, held until destruction. The kernel releases it when the process dies.
 class FolderLock {
  public:
-  /// False: somebody else holds it, or the file cannot be made.
+  /// False if another process holds the lock, or if the file cannot be created.
   [[nodiscard]] bool take(const std::string& path);
 
  private:

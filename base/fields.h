@@ -4,15 +4,15 @@
 #include <concepts>
 #include <type_traits>
 
-/// Lists of the fields of a record: each record is described once, and SQL, JSON and comparison walk the same list.
+/// Field lists of records: each record is described once, and SQL, JSON and comparison use the same list.
 ///
 /// `fields(visitor, record)` calls `visitor(name, member)` for each member in the order of the list. The name is the
-/// key in JSON; storage/rows.h builds the columns of the database from it. A unit is the end of the name. The function
-/// is declared in the namespace of the record, so that the visitors find it.
+/// JSON key, and storage/rows.h derives the database columns from it. A name ends with its unit. The function is
+/// declared in the namespace of the record, so that the visitors find it by argument-dependent lookup.
 ///
 ///     SLABD_FIELDS(Spread, median, rms, max);
 ///
-/// A record whose names differ from those of its members, or which holds the fields of another one, spells it out:
+/// A record with names that differ from its members, or with the fields of another record, has an explicit function:
 ///
 ///     template <typename V, RecordOf<PoreSummary> R>
 ///     void fields(V& v, R& r) {

@@ -9,11 +9,11 @@
 #include <cstdio>
 #include <string_view>
 
-/// Containers of fixed capacity: no heap, trivially copyable when their elements are, and a full container is a
-/// return value rather than an exception.
+/// Containers of fixed capacity: no heap, trivially copyable if their elements are. A full container is reported by a
+/// return value, not by an exception.
 namespace slabd {
 
-/// Text of at most `Capacity` bytes; longer text is cut, never refused (it is for people and identifiers).
+/// Text of at most `Capacity` bytes, for people and identifiers. Longer text is truncated, never rejected.
 template <std::size_t Capacity>
 class FixedString {
  public:
@@ -57,7 +57,7 @@ class FixedString {
   std::size_t size_ = 0;
 };
 
-/// A vector of at most `Capacity` elements. `push` says whether there was room.
+/// A vector of at most `Capacity` elements. `push` returns false if it is full.
 template <typename T, std::size_t Capacity>
 class FixedVector {
  public:

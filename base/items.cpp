@@ -92,7 +92,7 @@ Verdict judge(const Item& item, double guard) {
   const bool has_lower = has_value(item.lower);
   const bool has_upper = has_value(item.upper);
   if (!has_lower && !has_upper) return Verdict::none;
-  // Simple acceptance gives the band away, not the knowledge of what the value is worth.
+  // With guard 0 the band is zero, but U is still required to judge the value.
   if (!(std::isfinite(item.U) && item.U > 0.0)) return Verdict::indeterminate;
   const double band = guard > 0.0 ? guard * item.U : 0.0;
   if ((has_lower && item.value < item.lower - band) || (has_upper && item.value > item.upper + band))
@@ -107,7 +107,7 @@ double conformance_probability(const Item& item) {
   const bool has_upper = has_value(item.upper);
   if (!std::isfinite(item.value) || (!has_lower && !has_upper) || !(item.U > 0.0) || !std::isfinite(item.U))
     return kNoValue;
-  // Phi by erfc: exact in both tails.
+  // Phi by erfc, which is accurate in both tails.
   const double scale = 1.0 / (0.5 * item.U * std::sqrt(2.0));
   const double above_upper = has_upper ? 0.5 * std::erfc((item.upper - item.value) * scale) : 0.0;
   const double below_lower = has_lower ? 0.5 * std::erfc((item.value - item.lower) * scale) : 0.0;
@@ -124,7 +124,7 @@ Verdict combine(const Item* begin, const Item* end) {
       case Verdict::indeterminate: open = true; break;
       case Verdict::pass: any_measured = true; break;
       case Verdict::none:
-        // Information, unless somebody made it required: then a verdict was expected and there is none.
+        // Information; but if the recipe requires the item, a missing verdict makes the result not_measured.
       case Verdict::not_measured:
       case Verdict::aborted: missing = missing || item->required; break;
     }

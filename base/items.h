@@ -12,14 +12,14 @@
 
 namespace slabd {
 
-/// What the PLC reads as VERDICT. Zeroed memory reads as `none`; only `pass` is a pass.
+/// VERDICT as the PLC reads it. Zeroed memory is `none`; only `pass` is a pass.
 enum class Verdict : std::uint8_t { none = 0, pass = 1, fail = 2, not_measured = 3, aborted = 4, indeterminate = 5 };
 
-/// "pass", "fail", "not_measured", ...: the word used in JSON, the database and reports.
+/// Word used in JSON, the database and reports: "pass", "fail", "not_measured", ...
 [[nodiscard]] std::string_view name(Verdict verdict);
 
-/// What is measured. 0..15 are the bits of the PLC's fail mask; warp_right shares bit 15, seat_std is information only.
-/// surface_pores and block_damage have no bit, but a REASON each (ItemInfo::reason).
+/// Measured characteristics. 0..15 are the bits of the PLC's fail mask. warp_right shares bit 15; seat_std is
+/// information only. surface_pores and block_damage have no bit, but a REASON each (ItemInfo::reason).
 enum class ItemId : std::uint8_t {
   seat_slope = 0,
   seat_flatness = 1,
@@ -47,33 +47,32 @@ inline constexpr std::size_t kItemCount = 20;
 enum class ItemScope : std::uint8_t { block, seat_in_slab, seat_neighbours, seat_pair, slab };
 enum class ItemUnit : std::uint8_t { mm, deg };
 
-/// The fixed facts of an item; tolerances live in the recipe.
+/// Constant properties of an item; the recipe contains the tolerances.
 struct ItemInfo {
   ItemId id;
   std::string_view name;
   ItemScope scope;
   ItemUnit unit;
-  int plc_bit;  ///< bit of fail mask IR 38 / IR 39, -1 = none
-  int reason;   ///< REASON of a verdict that this item decides, -1 = the item is information and decides nothing
-  /// A recipe may leave this item out; then it is not listed and decides nothing.
+  int plc_bit;  ///< bit of fail mask IR 38 / IR 39; -1 if none
+  int reason;   ///< REASON of a verdict decided by this item; -1 if the item is information and decides nothing
+  /// True if a recipe may omit this item; then it is not listed and decides nothing.
   bool optional = false;
 };
 [[nodiscard]] const ItemInfo& info(ItemId id);
 [[nodiscard]] std::string_view name(ItemUnit unit);
 [[nodiscard]] std::optional<ItemId> item_from_name(std::string_view item_name);
-/// The first item whose REASON this is, or nullopt: warp_left for both warps.
+/// First item with this REASON (warp_left for both warps); nullopt if there is none.
 [[nodiscard]] std::optional<ItemId> item_from_reason(int reason);
 
-/// Where an item's standard uncertainty comes from (GUM budget; the terms and formulas stand in
-/// algo/items/uncertainty.h).
+/// Source of an item's standard uncertainty (GUM budget; algo/items/uncertainty.h contains the terms and formulas).
 enum class BudgetPart : std::uint8_t {
   fit,           ///< covariance of the fitted features from white noise
-  noise,         ///< what the noise of neighbouring points has in common adds to it
+  noise,         ///< addition due to correlated noise of neighbouring points
   scanner,       ///< the scanner's specified form and length error
   registration,  ///< section and direction taken from the registered pose
   calibration,   ///< scanner on flange and station correction
   robot,         ///< repeatability
-  reference,     ///< the artefact the system was set up with
+  reference,     ///< the artefact used to set up the system
 };
 inline constexpr std::size_t kBudgetParts = 7;
 [[nodiscard]] std::string_view name(BudgetPart part);
@@ -83,13 +82,12 @@ inline constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();
   return !std::isnan(v);
 }
 
-/// One measured characteristic. NaN stands for "none" in every number: not measured, or no such limit.
-/// Units: mm, or degrees for angles (`info(id).unit`); the only place where degrees live inside, because tolerances,
-/// reports and the PLC all speak degrees.
+/// One measured characteristic. NaN means not measured, or no such limit. Units: mm, or degrees for angles
+/// (`info(id).unit`). Degrees are used internally only here, because tolerances, reports and the PLC use degrees.
 struct Item {
   ItemId id = ItemId::seat_slope;
   Verdict verdict = Verdict::none;
-  bool required = false;        ///< not measured means the block or slab is not measured
+  bool required = false;        ///< if not measured, the block or slab is not measured
   std::uint8_t station = 0;     ///< 1..18; 0 for the whole slab
   std::uint8_t station_to = 0;  ///< second station of a spacing or a pair; else 0
   double value = kNoValue;
@@ -97,36 +95,36 @@ struct Item {
   double lower = kNoValue;  ///< absolute limits of `value`
   double upper = kNoValue;
   double U = kNoValue;       ///< expanded uncertainty, k = 2
-  double beside = kNoValue;  ///< the companion figure of this item (see `beside_name`)
+  double beside = kNoValue;  ///< companion figure of this item (see `beside_name`)
 
-  /// Standard uncertainties (k = 1, in the item's unit) whose root sum of squares is U / 2. All zero: no budget was
-  /// computed and U is the recipe's default.
+  /// Standard uncertainties (k = 1, in the item's unit) whose root sum of squares is U / 2. All zero if no budget was
+  /// computed; then U is the recipe's default.
   std::array<double, kBudgetParts> budget{};
 
   [[nodiscard]] double deviation() const { return value - nominal; }
 };
-/// What surface_pores limits besides the diameter, which is `Item::value`. NaN: no limit.
+/// Limits of surface_pores in addition to the diameter, which is `Item::value`. NaN: no limit.
 struct PoreLimits {
-  double depth_max_mm = kNoValue;  ///< of the deepest pore
-  double share_max = kNoValue;     ///< of the area that was seen
+  double depth_max_mm = kNoValue;  ///< depth of the deepest pore
+  double share_max = kNoValue;     ///< share of the visible area
 };
 
-/// Name of `Item::beside` in JSON and reports, empty when the item has none: seat_slope "ratio_n" (n of 1:n),
-/// seat_flatness "min_zone_mm", seat_std "cells_mm", seat_vertical "unremoved_mm", corner_level "quarter_mm",
-/// surface_pores "deepest_mm" (the deepest pore), block_damage "depth_mm" (of the largest damage).
+/// Name of `Item::beside` in JSON and reports; empty if the item has none. The names are seat_slope "ratio_n" (n of
+/// 1:n), seat_flatness "min_zone_mm", seat_std "cells_mm", seat_vertical "unremoved_mm", corner_level "quarter_mm".
+/// Further surface_pores "deepest_mm" (the deepest pore), block_damage "depth_mm" (of the largest damage).
 [[nodiscard]] std::string_view beside_name(ItemId id);
 
-/// ISO 14253-1 with guard band `guard * U`: pass inside the limits by the guard band, fail outside by it, else
-/// indeterminate. No value: not_measured. No U (NaN or 0): indeterminate, also with guard 0. No limits at all: the item
-/// is information and passes nothing and fails nothing; its verdict is `none`.
+/// Decision by ISO 14253-1 with guard band `guard * U`: pass if inside the limits by the guard band, fail if outside by
+/// it, else indeterminate. No value: not_measured. No U (NaN or 0): indeterminate, also with guard 0. An item without
+/// limits is information: its verdict is `none`.
 [[nodiscard]] Verdict judge(const Item& item, double guard);
 
-/// Probability that the true value lies within the limits when the measured one is normally distributed about it with
-/// u = U / 2 (JCGM 106, 7.2 and 7.3). NaN without value, limits or U.
+/// Probability that the true value is within the limits (JCGM 106, 7.2 and 7.3). The measured value has a normal
+/// distribution with u = U / 2. NaN without value, limits or U.
 [[nodiscard]] double conformance_probability(const Item& item);
 
-/// Block and slab rule: fail if any item fails; else not_measured if a required item is; else indeterminate if any
-/// item is; else pass. An empty list is not_measured. Items that are not required and not measured do not count.
+/// Verdict of a block or slab: fail if any item fails, else not_measured if a required item is. Otherwise indeterminate
+/// if any item is, else pass. An empty list is not_measured. Unmeasured items that are not required are ignored.
 [[nodiscard]] Verdict combine(const Item* begin, const Item* end);
 
 }  // namespace slabd

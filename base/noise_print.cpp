@@ -14,7 +14,7 @@ std::uint32_t known_places(const Signs& signs) {
   return places;
 }
 
-/// Places known in both, and how many of them have different signs.
+/// Number of places known in both, and number of those with different signs.
 struct Agreement {
   std::uint32_t places = 0;
   std::uint32_t different = 0;
@@ -46,7 +46,7 @@ void for_words(Print& print, const F& f) {
 }  // namespace
 
 double noise_correlation(const NoisePrint& a, const NoisePrint& b) {
-  // Of two dense scans the finer grid: the surface's texture has less of a part in it.
+  // For two dense scans use the finer grid, which is less affected by surface texture.
   const Agreement fine = agreement(a.fine, b.fine);
   if (fine.places >= limits::kNoisePlacesMin) return fine.correlation();
   const Agreement coarse = agreement(a.coarse, b.coarse);

@@ -15,13 +15,13 @@
 /// Files and descriptors of the operating system.
 namespace slabd {
 
-/// What errno means, as a constant text (no heap, thread-safe).
+/// Meaning of errno as a constant text (no heap, thread-safe).
 [[nodiscard]] inline const char* errno_text(int error_number) {
   const char* text = strerrordesc_np(error_number);
   return text == nullptr ? "unknown error" : text;
 }
 
-/// Owns one file descriptor; -1 = none. Closing errors are ignored: what must be durable is synced before.
+/// Owner of one file descriptor; -1 if none. Errors of close are ignored because durable data is synced before.
 class Fd {
  public:
   Fd() = default;
@@ -50,7 +50,7 @@ class Fd {
   int fd_ = -1;
 };
 
-/// Writes it all, however the system takes it in pieces. False: errno says why.
+/// Writes all bytes, also if the system accepts them in pieces. False: errno contains the reason.
 [[nodiscard]] inline bool write_all(int fd, const void* from, std::size_t bytes) {
   for (const char* at = static_cast<const char*>(from); bytes > 0;) {
     const ssize_t n = ::write(fd, at, bytes);
@@ -62,15 +62,15 @@ class Fd {
   return true;
 }
 
-/// What a file is at this moment.
+/// Current state of a file.
 struct FileState {
-  bool known = false;  ///< false: there is none, or it cannot be asked
+  bool known = false;  ///< false if the file does not exist or its state cannot be read
   mode_t mode = 0;
   dev_t device = 0;
   ino_t inode = 0;
   std::int64_t bytes = 0;
   std::int64_t changed_ns = 0;  ///< mtime
-  std::int64_t status_ns = 0;   ///< ctime: written, renamed or moved last, by the file system's own clock
+  std::int64_t status_ns = 0;   ///< ctime: last write, rename or move, by the file system's clock
 
   [[nodiscard]] bool same_content(const FileState& other) const {
     return known && other.known && device == other.device && inode == other.inode && bytes == other.bytes &&
@@ -78,9 +78,9 @@ struct FileState {
   }
 };
 
-/// Of an entry of a folder, links not followed, or with an empty name of the open file itself. On a network share the
-/// kernel answers stat() from what it remembers, for a minute if the mount says so; this asks the server. On a local
-/// disk it costs no more than stat().
+/// State of a folder's entry, links not followed; with an empty name, of the open file itself. On a network share the
+/// kernel may answer stat() from its cache for a minute, depending on the mount; this call queries the server. On a
+/// local disk it costs no more than stat().
 [[nodiscard]] inline FileState file_state(int fd, const char* name) {
   struct statx status {};
   constexpr int kAnew = AT_STATX_FORCE_SYNC | AT_SYMLINK_NOFOLLOW | AT_EMPTY_PATH | AT_NO_AUTOMOUNT;

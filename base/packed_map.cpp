@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A map as bits. For every row: five bits k (the row's Rice parameter, 31 = nothing was seen); then, unless nothing was
-// seen, runs of missing and seen cells in turn, beginning with the missing ones (length + 1 in Elias gamma), until the
-// row is full; then the seen cells' rests, signs folded in. A rest of quotient q = rest >> k is q ones, a zero and k
-// bits; from kEscape ones on, 18 plain bits follow.
+// Bit format of a map. Each row has five bits k (the row's Rice parameter; 31: nothing was seen). Unless k is 31, runs
+// of missing and seen cells follow alternately until the row is full, starting with the missing ones (length + 1 in
+// Elias gamma). Then the residuals of the seen cells follow, with the sign folded in. A residual with quotient q =
+// residual >> k is q ones, a zero and k bits; after kEscape ones, 18 plain bits follow.
 //
-// The prediction is the mean of the cell before and the cell of the row below, or the one of them that was seen. Noise
-// is what most of a map's bits are spent on, so a cleverer prediction would save little. Both sides keep the same row
-// of rounded heights: nothing drifts.
+// The prediction is the mean of the previous cell and the cell of the row below, or the one of them that was seen. Most
+// bits of a map encode noise, so a better prediction would save little. Encoder and decoder keep the same row of
+// rounded heights, so no error accumulates.
 //
-// The worst map takes 38 bits a cell; with a step so wide that all heights round to zero it takes little more than one.
+// The worst map takes 38 bits per cell; with a step so large that all heights round to zero it takes little more than
+// one bit.
 #include "base/packed_map.h"
 
 #include <algorithm>
@@ -56,7 +57,7 @@ class BitReader {
     }
     return value;
   }
-  /// Ones up to the next zero; that many at most.
+  /// Counts ones up to the next zero, at most `most`.
   [[nodiscard]] unsigned ones(unsigned most) {
     unsigned count = 0;
     while (count < most && take(1) == 1U) ++count;
@@ -70,7 +71,7 @@ class BitReader {
   bool ok_ = true;
 };
 
-/// A run's length; 0 bits of sense: more than `most`.
+/// Reads the length of a run; returns most + 1 if it is above `most`.
 std::uint32_t take_run(BitReader& bits, std::uint32_t most) {
   const unsigned zeros = bits.ones(16);
   const std::uint32_t length = (1U << zeros | bits.take(zeros)) - 1U;
@@ -83,7 +84,7 @@ std::uint32_t take_rest(BitReader& bits, unsigned k) {
   return quotient << k | bits.take(k);
 }
 
-/// Reads which cells of a row were seen (0) and which not (kMissing).
+/// Reads which cells of a row were seen (0) or missing (kMissing).
 bool take_row_mask(BitReader& bits, std::span<std::int32_t> row) {
   bool seen = false;
   for (std::size_t at = 0; at < row.size(); seen = !seen) {
@@ -163,7 +164,7 @@ void MapWriter::add_row(std::span<const double> heights_mm) {
     const bool is_seen = at > 0 ? below_[at] != kMissing : false;
     while (end < heights_mm.size() && (below_[end] != kMissing) == is_seen) ++end;
     put_run(static_cast<std::uint32_t>(end - at));
-    if (at == 0 && end == 0) {  // the row begins with seen cells: a run of no missing ones
+    if (at == 0 && end == 0) {  // the row begins with seen cells: write an empty run of missing ones
       while (end < heights_mm.size() && below_[end] != kMissing) ++end;
       put_run(static_cast<std::uint32_t>(end));
     }

@@ -13,10 +13,10 @@
 #include <sanitizer/asan_interface.h>
 #endif
 
-// Problem: transparent huge pages come only to whole, aligned 2-MiB stretches, and only when asked for (the setting
-// "madvise"). Idea: map one such stretch more than is needed, give back what lies before the first and behind the last
-// byte, ask, then write to every page. The end is not rounded up to 2 MiB: its last part lies in ordinary pages, and
-// what is resident is what was asked for.
+// Problem: the kernel uses transparent huge pages only for whole, aligned 2-MiB ranges, and only on request (the
+// setting "madvise"). Idea: map one such range more than needed and unmap the parts before the first and after the last
+// byte. Then request huge pages and write to every page. The end is not rounded up to 2 MiB: its last part uses
+// ordinary pages, and the resident size is the requested size.
 namespace slabd {
 namespace {
 
@@ -37,7 +37,7 @@ std::byte* map_aligned(std::size_t bytes) {
   return begin + before;
 }
 
-/// AddressSanitizer knows nothing of arrays inside one mapping: a stretch nobody may touch stands between them.
+/// AddressSanitizer does not check arrays inside one mapping, so a poisoned gap separates them.
 #if defined(__SANITIZE_ADDRESS__)
 constexpr std::size_t kGuard = 4'096;
 void forbid(const std::byte* begin, std::size_t bytes) {
@@ -59,7 +59,7 @@ constexpr std::size_t kGuards = 0;
 Pages::Pages(std::size_t bytes)
     : bytes_(rounded_up(bytes + kGuards * kGuard, static_cast<std::size_t>(sysconf(_SC_PAGESIZE)))), limit_(bytes) {
   begin_ = map_aligned(bytes_);
-  // Refused where the kernel has no huge pages; ordinary ones do as well, a little slower.
+  // Fails on kernels without huge pages; ordinary pages also work, slightly slower.
   static_cast<void>(madvise(begin_, bytes_, MADV_HUGEPAGE));
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   for (std::size_t at = 0; at < bytes_; at += page) *static_cast<volatile std::byte*>(begin_ + at) = std::byte{0};

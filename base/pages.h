@@ -10,20 +10,20 @@
 
 namespace slabd {
 
-/// One piece of memory for everything that is as large as a scan, held from start to end: in pages of 2 MiB where the
-/// system has them (a pass over five million points touches 15 000 pages of 4 KiB, but 30 of these), in ordinary ones
-/// where not, and every page written once, so that no scan waits for the kernel to find it a page.
-/// Arrays are taken from it one after the other and live as long as it does. Which pages there are changes speed only.
+/// One memory mapping for all data as large as a scan, held from start to end. It uses pages of 2 MiB if available,
+/// else ordinary ones. A pass over five million points touches 15 000 pages of 4 KiB, but only 30 of 2 MiB. Every page
+/// is written once, so that no scan waits for a page fault. Arrays are taken from it in sequence and live as long as it
+/// does. The page size affects only speed.
 class Pages {
  public:
-  /// `bytes`: the sum of limits::array_bytes of the arrays to be taken. Throws std::bad_alloc when there are none.
+  /// `bytes`: the sum of limits::array_bytes of all arrays to be taken. Throws std::bad_alloc if the mapping fails.
   explicit Pages(std::size_t bytes);
   ~Pages();
   Pages(const Pages&) = delete;
   Pages& operator=(const Pages&) = delete;
 
-  /// The next `count` items, zeroed, at a multiple of limits::kArrayAlignment. Taking more than the constructor was
-  /// told is a broken invariant (the sum in base/limits.h is wrong) and ends the process.
+  /// Returns the next `count` items, zeroed, at a multiple of limits::kArrayAlignment. Taking more than the
+  /// constructor's `bytes` is a broken invariant (the sum in base/limits.h is wrong) and ends the process.
   template <typename T>
   [[nodiscard]] std::span<T> take(std::size_t count) {
     static_assert(std::is_trivially_destructible_v<T>, "nobody ends the life of these items");
@@ -39,8 +39,8 @@ class Pages {
   [[nodiscard]] void* take_bytes(std::size_t bytes);
 
   std::byte* begin_ = nullptr;
-  std::size_t bytes_ = 0;  ///< mapped
-  std::size_t limit_ = 0;  ///< that may be taken
+  std::size_t bytes_ = 0;  ///< mapped bytes
+  std::size_t limit_ = 0;  ///< bytes that may be taken
   std::size_t taken_ = 0;
 };
 

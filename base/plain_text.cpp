@@ -7,7 +7,7 @@
 namespace slabd {
 namespace {
 
-/// What is at the front of `text` must be replaced.
+/// True if the first character of `text` must be replaced.
 bool replaces(std::string_view text, const CodePoint& point, Lines lines) {
   if (!point.is_utf8) return true;
   if (!is_control(point.value)) return false;

@@ -16,7 +16,7 @@ struct Worst {
   double station = kNoValue;
 };
 
-/// Largest deviation in size; the first of equals.
+/// Returns the item with the largest absolute deviation; the first of equals.
 Worst worst_of(const SlabResult& slab, ItemId id) {
   Worst worst;
   for (const Item& item : slab.items) {
@@ -66,14 +66,14 @@ PlcResult station_record(const BlockResult& block, const SlabResult& slab) {
   record.reason = slab.station_reason[index];
   struct Place {
     ItemId id;
-    std::size_t deviation;  ///< from IR 42
+    std::size_t deviation;  ///< index from IR 42
   };
   for (const Place& place :
        {Place{ItemId::seat_slope, 0}, Place{ItemId::seat_lateral, 9}, Place{ItemId::seat_vertical, 10}}) {
     const Item* item = find_item(slab.items.begin(), slab.items.end(), place.id, block.station);
     if (item == nullptr) continue;
     record.deviation[place.deviation] = item->deviation();
-    // Of the slope there are two: the slab's own takes the place of the one against the local slab top.
+    // There are two slopes: the one in the slab frame replaces the one against the local slab top.
     const std::uint16_t failed = fail_mask(item, item + 1);
     const std::uint16_t open = open_mask(item, item + 1);
     const Item* local = find_item(block.items.begin(), block.items.end(), place.id);

@@ -8,13 +8,13 @@
 #include "base/limits.h"
 #include "base/records.h"
 
-/// The PLC's half and slabd's half of register map 1.0 as values with units. `hal/plc/plc_map.h` is the only place that
-/// knows addresses, scales and word order.
+/// The PLC's half and slabd's half of register map 1.0 as values with units. Only `hal/plc/plc_map.h` contains
+/// addresses, scales and word order.
 namespace slabd {
 
 enum class PlcCommand : std::uint16_t { none = 0, slab_begin = 1, scan = 2, slab_end = 3, slab_abort = 4, report = 5 };
 
-/// What the PLC has written so far (HR 0..39), decoded after each write.
+/// Values written by the PLC so far (HR 0..39), decoded after each write.
 struct PlcInputs {
   std::uint16_t heartbeat = 0;
   bool enable = false;
@@ -26,18 +26,18 @@ struct PlcInputs {
   std::uint16_t command = 0;
   std::uint16_t station = 0;
   std::uint16_t slab_type = 0;
-  std::uint16_t recipe = 0;  ///< 0 = by type
+  std::uint16_t recipe = 0;  ///< 0: selected by type
   std::uint32_t slab_no = 0;
   std::array<char, limits::kSlabIdBytes> slab_id{};
-  std::uint16_t slab_temperature_dk = 0;  ///< 0.1 K, 0 = unknown
-  std::uint16_t slab_age_h = 0;           ///< 0 = unknown
-  bool crc_ok = true;                     ///< CMD_CRC matches or is 0 (not used)
+  std::uint16_t slab_temperature_dk = 0;  ///< 0.1 K; 0 if unknown
+  std::uint16_t slab_age_h = 0;           ///< 0 if unknown
+  bool crc_ok = true;                     ///< CMD_CRC matches, or is 0 (not used)
   std::uint16_t session_echo = 0;
   std::uint16_t cmd_seq = 0;
 
-  /// Connection that last wrote HR 10..39; 0 = nobody yet. Unique over the life of the process.
+  /// Connection that last wrote HR 10..39; 0 if none. Unique over the life of the process.
   std::uint32_t command_writer = 0;
-  /// How often HR 10..39 were written: the same block written again is another event than one that still stands there.
+  /// Number of writes to HR 10..39, so that rewriting the same block counts as a new event.
   std::uint32_t command_writes = 0;
 };
 
@@ -53,7 +53,7 @@ enum class PlcState : std::uint16_t {
   maintenance = 8,
 };
 
-/// CMD_STATUS values below 0x8000; refused or failed is 0x8000 + code.
+/// CMD_STATUS values below 0x8000; a rejected or failed command has 0x8000 + code.
 enum class CommandStatus : std::uint16_t { none = 0, accepted = 1, acquiring = 2, acquired = 3, done = 4 };
 inline constexpr std::uint16_t kCommandFailed = 0x8000;
 
@@ -67,19 +67,20 @@ enum PlcWarn : std::uint16_t {
   kWarnRecipeUnusable = 1U << 5U,
   kWarnDiskLow = 1U << 6U,
   kWarnControlSocket = 1U << 7U,
-  // 8 to 10: base/calibration.h
-  kWarnHandednessUnproven = 1U << 11U,  ///< nothing in force proves that the scanner's frame is right-handed
+  // bits 8 to 10: base/calibration.h
+  kWarnHandednessUnproven = 1U << 11U,  ///< no calibration in force proves that the scanner's frame is right-handed
   kWarnRecipesDiffer = 1U << 12U,       ///< the recipe folder differs from the recipes in use
-  kWarnStopsAlike = 1U << 14U,          ///< the robot stops alike over neighbouring blocks: no pose proves a scan
-  kWarnEmulation = 1U << 13U,           ///< robot or scanner is emulated, or was for what the PLC is shown
+  /// The robot's stops over neighbouring blocks are too similar to assign a scan by its pose.
+  kWarnStopsAlike = 1U << 14U,
+  kWarnEmulation = 1U << 13U,  ///< robot or scanner is emulated, or was for the data shown to the PLC
 };
 
-/// Deviations of a result record, IR 42..55: mm or deg, NaN = none. Kind 2 carries station numbers and a count at
-/// some places; hal/plc/plc_map.cpp has the table.
+/// Deviations of a result record, IR 42..55: mm or deg, NaN if none. In kind 2 some of them are station numbers and a
+/// count; hal/plc/plc_map.cpp contains the table.
 inline constexpr std::size_t kPlcDeviations = 14;
 
 struct PlcResult {
-  std::uint16_t res_seq = 0;  ///< 0 = no record
+  std::uint16_t res_seq = 0;  ///< 0 without a record
   std::uint16_t kind = 0;     ///< 1 station, 2 slab
   std::uint16_t cmd_seq = 0;
   std::uint16_t station = 0;
@@ -109,7 +110,7 @@ struct PlcStationRow {
   std::uint16_t reason = 0;
 };
 
-/// Everything the PLC can read (IR 0..109).
+/// All values that the PLC can read (IR 0..109).
 struct PlcOutputs {
   std::uint16_t heartbeat = 0;
   // STATUS bits
@@ -154,7 +155,7 @@ struct PlcOutputs {
 
 /// Result records of a measured block and of a finished slab, in the order of IR 42..55.
 [[nodiscard]] PlcResult station_record(const BlockResult& block);
-/// The same after SLAB_END: verdict and reason are final, and the items that the slab's frame decides are there.
+/// Station record after SLAB_END: verdict and reason are final, and items in the slab frame are included.
 [[nodiscard]] PlcResult station_record(const BlockResult& block, const SlabResult& slab);
 [[nodiscard]] PlcResult slab_record(const SlabResult& slab, int stations);
 

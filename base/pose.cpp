@@ -44,8 +44,8 @@ Quat rotation_from_kuka_abc(double a_rad, double b_rad, double c_rad) {
 }
 
 KukaAbc kuka_abc_from_rotation(const Quat& rotation) {
-  // Near B = +-90 deg both arguments of A are rounding noise; C is then taken from what A leaves over, so that the
-  // three belong together whatever A became.
+  // Near B = +-90 deg both arguments of A are rounding noise. C is then computed from R and A, so that the three angles
+  // are consistent for any A.
   const Mat3 R = rotation.normalized().toRotationMatrix();
   constexpr double kSingular = 1e-14;
   KukaAbc abc;

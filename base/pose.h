@@ -17,8 +17,8 @@ using Quat = Eigen::Quaternion<double, Eigen::DontAlign>;
 
 /// A rigid transform. A variable `T_a_b` maps coordinates in frame b to coordinates in frame a:
 /// `p_a = T_a_b * p_b`, `T_a_c = T_a_b * T_b_c`. Translation in mm, rotation a unit quaternion.
-/// The scale factor of the paper's eq. (7) is 1 and does not appear. The functions are not inline because every file
-/// that includes this header would compile Eigen's expressions again.
+/// The scale factor of the paper's eq. (7) is 1 and is omitted. The functions are not inline because every file that
+/// includes this header would compile Eigen's expressions again.
 struct Pose {
   Quat rotation = Quat::Identity();
   Vec3 translation_mm = Vec3::Zero();
@@ -29,17 +29,17 @@ struct Pose {
   [[nodiscard]] Vec3 operator*(const Vec3& p_mm) const;
   [[nodiscard]] Pose inverse() const;
   [[nodiscard]] Mat4 matrix() const;
-  /// The neutral written form of a pose: x y z (mm) qw qx qy qz.
+  /// Written form of a pose: x y z (mm) qw qx qy qz.
   [[nodiscard]] std::array<double, 7> to_array() const;
   [[nodiscard]] static Pose from_array(const std::array<double, 7>& v);
   [[nodiscard]] bool all_finite() const;
 };
 
-/// KUKA's A, B, C (rad): the active rotation `Rz(A) * Ry(B) * Rx(C)`. The paper's eq. (4) is exactly the transpose of
-/// this and its eq. (5) is a third matrix (R3 R2 R1, not the R1 R2 R3 of eq. (4)); neither is used anywhere.
+/// Converts KUKA's A, B, C (rad), the active rotation `Rz(A) * Ry(B) * Rx(C)`. The paper's eq. (4) is its transpose,
+/// and its eq. (5) is a third matrix (R3 R2 R1, not the R1 R2 R3 of eq. (4)). Neither is used.
 [[nodiscard]] Quat rotation_from_kuka_abc(double a_rad, double b_rad, double c_rad);
 
-/// The angles of a rotation, A and C in -pi..pi, B in -pi/2..pi/2: `rotation_from_kuka_abc` brings the rotation back to
+/// Angles of a rotation, A and C in -pi..pi, B in -pi/2..pi/2. `rotation_from_kuka_abc` reproduces the rotation to
 /// 1e-14 rad, also with B at +-90 deg, where only A -+ C is defined and C = 0 is chosen.
 struct KukaAbc {
   double a_rad = 0.0;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-/// What nearly every file includes, read by the compiler once for all of them: CMakeLists.txt. No file may count on it;
-/// the builds with sanitizers go without.
+/// Precompiled header of the includes used by nearly every file (CMakeLists.txt). No file may rely on it; sanitizer
+/// builds do not use it.
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>

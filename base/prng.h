@@ -8,8 +8,8 @@
 
 namespace slabd {
 
-/// splitmix64 (Steele, Lea, Flood 2014): 64 bits of state, equidistributed, the same on every machine. Seeded by the
-/// caller and passed in; there is no global generator.
+/// Generator splitmix64 (Steele, Lea, Flood 2014): 64 bits of state, equidistributed, the same on every machine. The
+/// caller seeds it and passes it in; a global generator does not exist.
 class Prng {
  public:
   explicit constexpr Prng(std::uint64_t seed) : state_(seed) {}
@@ -23,9 +23,9 @@ class Prng {
   }
   /// Uniform in [0, 1), 53 bits.
   constexpr double uniform() { return static_cast<double>(next() >> 11U) * 0x1.0p-53; }
-  /// Uniform index in [0, count); count > 0. The bias of at most count / 2^64 does not matter here.
+  /// Uniform index in [0, count); count > 0. Its bias of at most count / 2^64 is negligible.
   constexpr std::uint64_t below(std::uint64_t count) { return next() % count; }
-  /// Standard normal, Box-Muller, one value per call (the second is discarded: no hidden state).
+  /// Standard normal by Box-Muller, one value per call. The second value is discarded, so no state is hidden.
   double normal() {
     const double u = 1.0 - uniform();
     const double v = uniform();

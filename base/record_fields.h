@@ -5,9 +5,8 @@
 #include "base/fields.h"
 #include "base/jobs.h"
 
-/// The field lists of the records that pass between the rooms. Order and names are those of the JSON documents. What a
-/// field means and its unit stand at the member; a list leaves out the records inside of a record, which have their
-/// own.
+/// Field lists of the records that pass between the rooms, with the order and names of the JSON documents. Meaning and
+/// unit of a field are documented at the member. Nested records are omitted; they have lists of their own.
 namespace slabd {
 
 // ---- one block ---------------------------------------------------------------------------------------------------

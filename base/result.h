@@ -12,8 +12,8 @@
 
 namespace slabd {
 
-/// Refusals, failures and faults as the PLC sees them (register map 1.0, codes). 600 + item number is used as the
-/// REASON of a verdict that a failing item decides.
+/// Error codes as the PLC reads them (register map 1.0, codes). 600 + item number is the REASON of a verdict decided by
+/// a failing item.
 enum class Code : std::uint16_t {
   ok = 0,
   // the PLC's command
@@ -47,32 +47,32 @@ enum class Code : std::uint16_t {
   fit_failed = 403,
   ambiguous = 404,
   deadline = 405,
-  // the box
+  // the computer
   store_full = 501,
   journal_write = 502,
   calibration_missing = 503,
   config = 504,
   internal = 505,
-  // what was found on a block: reasons of items without a bit in the fail mask
+  // findings on a block: reasons of items without a bit in the fail mask
   surface_pores = 616,
   block_damage = 617,
 };
 
 inline constexpr std::uint16_t kReasonItemBase = 600;
 
-/// One sentence: what it is. Never empty.
+/// One sentence that describes the error. Never empty.
 [[nodiscard]] std::string_view describe(Code code);
-/// One sentence: what to do about it. Never empty.
+/// One sentence with the remedy. Never empty.
 [[nodiscard]] std::string_view cure(Code code);
 
-/// Why something did not work: the code the PLC and the exit status are derived from, and one sentence for people
-/// that names the place (file:line, byte, key or register) and the allowed range.
+/// Error: the code for the PLC and the exit status, and one sentence for people. The sentence names the place
+/// (file:line, byte, key or register) and the allowed range.
 struct Error {
   Code code = Code::internal;
   FixedString<limits::kErrorTextBytes> text;
 };
 
-/// A value or an Error. Check before use; a failed call leaves outputs as they were.
+/// A value or an Error. Check before use; a failed call leaves outputs unchanged.
 template <typename T>
 class [[nodiscard]] Result {
  public:
@@ -104,7 +104,7 @@ using Status = Result<Nothing>;
   return Nothing{};
 }
 
-/// An Error with a printf-formatted sentence.
+/// Creates an Error with a printf-formatted sentence.
 [[nodiscard, gnu::format(printf, 2, 3)]] Error error(Code code, const char* format, ...);
 
 }  // namespace slabd

@@ -7,7 +7,7 @@
 
 namespace slabd {
 
-/// One flange pose as it arrived, converted to mm. Decisions use `arrival_ns` (our monotonic clock), records
+/// One flange pose as received, converted to mm. Decisions use `arrival_ns` (local monotonic clock), records use
 /// `utime_us`.
 struct PoseSample {
   std::int64_t arrival_ns = 0;
@@ -19,30 +19,30 @@ struct PoseSample {
   bool stopped = false;
   bool running = false;
   bool estop = false;
-  bool emulated = false;   ///< the sender declares that there is no real robot
-  bool commanded = false;  ///< the message has flags, and they do not say "measured"
+  bool emulated = false;   ///< the sender declares an emulated robot
+  bool commanded = false;  ///< the message has flags, but not the flag "measured"
   Pose T_base_flange;
 };
 
-/// When the robot counts as standing still, and where it must stand. Lengths mm, angles rad, times ns.
+/// Criteria for a robot at rest, and its expected place. Lengths mm, angles rad, times ns.
 struct PoseSettings {
-  std::int64_t window_ns = 300'000'000;  ///< settled over this time ...
-  int samples_min = 20;                  ///< ... and at least so many samples (a slower sender gets a longer window)
-  double settled_mm = 0.03;              ///< peak to valley per axis; half the robot's repeatability
+  std::int64_t window_ns = 300'000'000;  ///< the pose is settled over this time ...
+  int samples_min = 20;      ///< ... and at least this number of samples (a slower sender gets a longer window)
+  double settled_mm = 0.03;  ///< peak to valley per axis; half the robot's repeatability
   double settled_rad = 0.003 * kPi / 180.0;
-  std::int64_t dwell_ns = 200'000'000;  ///< for the arm's swing, which the encoders do not see
-  double moved_mm = 0.05;               ///< allowed during the exposure
+  std::int64_t dwell_ns = 200'000'000;  ///< waiting time for the swing of the arm, which the encoders do not measure
+  double moved_mm = 0.05;               ///< largest motion during the exposure
   double moved_rad = 0.005 * kPi / 180.0;
-  std::int64_t stale_ns = 100'000'000;  ///< newest sample older than this: no pose
+  std::int64_t stale_ns = 100'000'000;  ///< a pose older than this is not used
   std::int64_t gap_us = 100'000;        ///< sender's clock; a longer gap restarts the window
-  std::int16_t base_id = 0;             ///< KUKA base and tool that make the pose the flange in ROBROOT
+  std::int16_t base_id = 0;             ///< KUKA base and tool for which the pose is the flange in ROBROOT
   std::int16_t tool_id = 0;
-  double look_mm = 150.0;  ///< block centre off the scanner's axis, at most
+  double look_mm = 150.0;  ///< largest distance of the block centre from the scanner's axis
 };
 
-/// How still a flange must stand for a view of a calibration. A view counts a hundred times (every scan until the next
-/// calibration rests on it), so this is stricter than the gate of production. Wider limits are for a robot that cannot
-/// do it; they are told with every view.
+/// Required stillness of the flange for a calibration view. All scans until the next calibration depend on a view, so
+/// these limits are stricter than the production gate. Wider limits are for a robot that cannot meet them; they are
+/// reported with every view.
 struct CaptureGuard {
   static constexpr double kStableMm = 0.01;
   static constexpr double kStableRad = 0.001 * kPi / 180.0;
@@ -50,7 +50,7 @@ struct CaptureGuard {
 
   double stable_mm = kStableMm;        ///< peak to valley of x, y, z ...
   double stable_rad = kStableRad;      ///< ... and of the rotation about each axis ...
-  std::int64_t stable_ns = kStableNs;  ///< ... for so long before the scan, and through it
+  std::int64_t stable_ns = kStableNs;  ///< ... for this time before the scan, and during it
   int samples_min = 20;                ///< in the time before the scan
 
   [[nodiscard]] bool is_wider() const {

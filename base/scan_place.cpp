@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A scan in metres, in the robot's base frame or with Z towards the scanner holds the block all the same, but nothing
-// that looks for it in mm along +Z finds it. Extent and distance name the cause: a block is never 0.6 mm away.
+// A scan in metres, in the robot's base frame or with Z towards the scanner contains the block, but a search in mm
+// along +Z does not find it. Extent and distance reveal the cause: a block is never 0.6 mm away.
 #include "base/scan_place.h"
 
 #include <algorithm>
@@ -14,10 +14,10 @@ namespace {
 constexpr double kQuantile = 0.02;
 constexpr double kRightFactor = 2.0;
 constexpr double kUnitFactor = 1.6;
-/// A scan this near to where the block stands in the base frame, and this far from where the scanner should see it, is
-/// in the base frame.
+/// A scan is in the base frame if it is closer than this to the block's place there, and farther than this from its
+/// place in the scanner frame.
 constexpr double kNearMm = 200.0;
-/// A scan that shows a block is this large.
+/// Size range of a scan of a block.
 constexpr double kSizeMinMm = 100.0;
 constexpr double kSizeMaxMm = 2'000.0;
 
@@ -80,7 +80,7 @@ ScanDoubt doubt_scan(const ScanPlace& found, const ExpectedPlace& expected) {
   const double expected_mm = expected.scanner_mm.norm();
   doubt.printf("the scan is %.3g x %.3g x %.3g large, %.3g away along %s; expected is a block %.0f mm away along +Z: ",
                extent.x(), extent.y(), extent.z(), distance, looking_along(found.median).data(), expected_mm);
-  // In the base frame the distance says nothing about the unit.
+  // In the base frame the distance does not determine the unit.
   const bool known_base = expected.base_mm.allFinite();
   for (const double mm : {1.0, 1000.0}) {
     const Vec3 place = found.median * mm;

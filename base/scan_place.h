@@ -10,46 +10,47 @@
 #include "base/pose.h"
 #include "base/units.h"
 
-/// Size and place of a scan, and the doubts that follow from them: another unit, another frame, an axis that points the
-/// other way. Shared by everything that looks for something in a scan and does not find it. Pure; no heap.
+/// Size and place of a scan, and the likely errors: another unit, another frame, a reversed axis. Used by every search
+/// that does not find its object in a scan. Pure; no heap.
 namespace slabd {
 
-/// Where the points of a scan are, in the scan's own unit taken as mm. From at most kScanPlaceSample points.
+/// Extent of a scan's points, in the scan's own unit interpreted as mm. Computed from at most kScanPlaceSample points.
 struct ScanPlace {
-  std::size_t points = 0;                  ///< finite ones of the sample; 0: nothing below is set
-  Vec3 low = Vec3::Constant(kNoValue);     ///< 2 % of the points are lower, axis by axis
-  Vec3 high = Vec3::Constant(kNoValue);    ///< ... higher
+  std::size_t points = 0;                  ///< number of finite points in the sample; if 0, nothing below is set
+  Vec3 low = Vec3::Constant(kNoValue);     ///< 2 % quantile, axis by axis
+  Vec3 high = Vec3::Constant(kNoValue);    ///< 98 % quantile, axis by axis
   Vec3 median = Vec3::Constant(kNoValue);  ///< axis by axis
 
   [[nodiscard]] Vec3 extent() const { return high - low; }
 };
 inline constexpr std::size_t kScanPlaceSample = 2048;
 
-/// Of x y z, x y z, ...; points that are not finite are left out. O(points) at most, a few microseconds.
+/// Computes the place of x y z, x y z, ...; points that are not finite are skipped. At most O(points), a few
+/// microseconds.
 [[nodiscard]] ScanPlace scan_place(std::span<const float> xyz);
 
-/// A unit by which a scan could have been written instead of mm.
+/// A unit that a scan may have been written in instead of mm.
 struct LikelyUnit {
-  std::string_view name;  ///< "metres"; empty: mm, or none of the known ones
-  double mm = 1.0;        ///< length of one
+  std::string_view name;  ///< "metres"; empty if mm, or not a known unit
+  double mm = 1.0;        ///< length of one unit in mm
 };
-/// The unit in which a length that reads `found` is nearest to `expected_mm`: m, cm, in, um; empty while mm is right
-/// within a factor of two, or no unit brings it within 1.6. cm and inches are told apart only by that.
+/// Unit in which the length `found` is closest to `expected_mm`: m, cm, in, um. Empty if mm is right within a factor of
+/// two, or if no unit is within a factor of 1.6. cm and inches differ only in this comparison.
 [[nodiscard]] LikelyUnit likely_unit(double found, double expected_mm);
 
 /// Axis along which the scanner looks at the points: "+Z", "-Z", "+X", ...; empty without points.
 [[nodiscard]] std::string_view looking_along(const Vec3& median);
 
-/// Where what was scanned should be.
+/// Expected place of the scanned object.
 struct ExpectedPlace {
   Vec3 scanner_mm = Vec3::Constant(kNoValue);  ///< scanner frame, +Z towards the part
-  Vec3 base_mm = Vec3::Constant(kNoValue);     ///< the same place in another frame; NaN: not known
-  std::string_view base_name = "base";         ///< of that frame
+  Vec3 base_mm = Vec3::Constant(kNoValue);     ///< the same place in another frame; NaN if unknown
+  std::string_view base_name = "base";         ///< name of that frame
 };
 
 using ScanDoubt = FixedString<240>;
-/// One sentence with extent, distance, probable unit or axes when the scan cannot be what was expected; empty when its
-/// distance is right within a factor of two and it lies on the expected side of the scanner.
+/// One sentence with extent, distance, and probable unit or axes if the scan does not match the expected place. Empty
+/// if its distance is right within a factor of two and it is on the expected side of the scanner.
 [[nodiscard]] ScanDoubt doubt_scan(const ScanPlace& found, const ExpectedPlace& expected);
 
 }  // namespace slabd

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A block of a scan takes milliseconds and its stages a fraction of one each; a condition variable would cost as much
-// as some of the stages. So the helper looks at a counter, for a while without sleeping, and the caller likewise.
+// A block of a scan takes milliseconds and some stages only a fraction of one, as much as a condition variable would
+// cost. Therefore helper and caller both spin on a counter for a while before they sleep.
 #include "base/team.h"
 
 #include <pthread.h>
@@ -16,8 +16,8 @@
 namespace slabd {
 namespace {
 
-/// A tenth to a third of a millisecond of looking, as long as the machine's pause takes, before the thread lies down:
-/// longer than what one thread does alone between two runs of a stage.
+/// Number of spins before a thread sleeps: 0.1 to 0.3 ms, depending on the machine's pause instruction. This is longer
+/// than the caller's own work between two runs of a stage.
 constexpr int kLooks = 8000;
 
 void pause_briefly() {
@@ -26,7 +26,7 @@ void pause_briefly() {
 #endif
 }
 
-/// What kernels keep on the stack, with room: written once, so that the first scan does not wait for these pages.
+/// Stack used by the kernels, with reserve; written once, so that the first scan does not wait for page faults.
 constexpr std::size_t kStackTouched = 128 * 1024;
 void touch_stack() {
   std::array<volatile std::byte, kStackTouched> stack;
@@ -79,7 +79,7 @@ void Team::run_erased(std::size_t blocks, Call call, void* context) {
 }
 
 void Team::help() {
-  pthread_setname_np(pthread_self(), "slabd-helper");  // as ps and gdb show it
+  pthread_setname_np(pthread_self(), "slabd-helper");  // name shown by ps and gdb
   touch_stack();
   std::uint32_t seen = 0;
   for (;;) {

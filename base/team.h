@@ -10,12 +10,12 @@
 
 namespace slabd {
 
-/// One or two threads that share numbered blocks of work. Which of them does a block is chance; so a block writes its
-/// result to a place of its own, and whoever called merges the results in the order of their numbers: the same bits on
+/// One or two threads that share numbered blocks of work. Either thread may execute a block, so each block writes its
+/// result to a place of its own. The caller merges the results in the order of the blocks, which gives the same bits on
 /// one thread and on two.
 class Team {
  public:
-  /// The calling thread and threads - 1 helpers (1 or 2 in all; anything else counts as the nearer of the two).
+  /// Creates a team of the calling thread and threads - 1 helpers (1 or 2 in total; other values are clamped).
   explicit Team(int threads);
   ~Team();
   Team(const Team&) = delete;
@@ -23,9 +23,9 @@ class Team {
 
   [[nodiscard]] int threads() const { return helper_.joinable() ? 2 : 1; }
 
-  /// Calls f(block) once for every block from 0 to blocks - 1 and returns when all are done. Calls are not nested. No
-  /// heap. A helper that waits spins for some 0.2 ms, then sleeps; waking it costs some 10 us, so give it blocks that
-  /// are worth it.
+  /// Calls f(block) once for each block from 0 to blocks - 1 and returns when all are done. Calls must not be nested.
+  /// No heap. A waiting helper spins for about 0.2 ms, then sleeps; waking it costs about 10 us, so blocks should be
+  /// larger than that.
   template <typename F>
   void run(std::size_t blocks, F&& f) {
     run_erased(
@@ -43,7 +43,7 @@ class Team {
   void* context_ = nullptr;
   std::size_t blocks_ = 0;
   std::atomic<std::size_t> next_{0};
-  /// Number of the job given out, and of the one the helper has finished; `stop_` ends it.
+  /// Number of the current job, and of the last job finished by the helper; `stop_` ends the helper.
   std::atomic<std::uint32_t> job_{0};
   std::atomic<std::uint32_t> done_{0};
   std::atomic<bool> stop_{false};

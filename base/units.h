@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <numbers>
 
-/// Inside slabd lengths are mm, angles rad and times ns (monotonic) or us (wall clock). These are the only
-/// conversions; they are used at the edges: `hal`, file readers, reports.
+/// Internal lengths are mm, angles rad and times ns (monotonic) or us (wall clock). These are the only conversions;
+/// they are used at the boundaries: `hal`, file readers, reports.
 namespace slabd {
 
 inline constexpr double kPi = std::numbers::pi;

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The observation equations (see the header) and their minimisation by Ceres. One thread and fixed tolerances: the same
-// views give the same bits. Derivatives are analytic, with respect to small motions; Ceres is handed a manifold whose
-// first tangent coordinates are the parameters themselves, so there is one Jacobian for the minimiser and for the
-// statistics.
+// Minimisation of the observation equations (see the header) by Ceres. With one thread and fixed tolerances the same
+// views give the same bits. Derivatives are analytic, with respect to small motions. The first tangent coordinates of
+// the manifold are the parameters themselves, so minimiser and statistics use the same Jacobian.
 #include "calib/adjustment.h"
 
 #include <ceres/ceres.h>
@@ -18,7 +17,7 @@
 namespace slabd::calib {
 namespace {
 
-/// A pose as Ceres holds it: translation, then the quaternion as Eigen stores it (x, y, z, w).
+/// A pose in Ceres: translation, then the quaternion in Eigen's order (x, y, z, w).
 constexpr int kPoseNumbers = 7;
 using PoseNumbers = std::array<double, kPoseNumbers>;
 
@@ -30,8 +29,8 @@ Pose pose_from(const double* v) {
   return {Quat(v[6], v[3], v[4], v[5]), Vec3(v[0], v[1], v[2])};
 }
 
-/// (t, R) + (dt, turn) = (t + dt, R exp(turn)). Cost functions write derivatives by (dt, turn) into the first six of
-/// their seven columns, and PlusJacobian picks these; nothing else ever uses the seven.
+/// Manifold (t, R) + (dt, turn) = (t + dt, R exp(turn)). Cost functions write derivatives by (dt, turn) into the first
+/// six of their seven columns, and PlusJacobian selects these. The seventh is never used.
 class PoseManifold final : public ceres::Manifold {
  public:
   [[nodiscard]] int AmbientSize() const override { return kPoseNumbers; }
@@ -67,7 +66,7 @@ class PoseManifold final : public ceres::Manifold {
   }
 };
 
-/// The targets that view i depends on, ascending.
+/// Targets that view i depends on, ascending.
 std::vector<std::size_t> targets_of(const Equations& equations, std::size_t i) {
   if (equations.kind() == ArtefactKind::pose) return {0};
   std::vector<std::size_t> targets;
@@ -76,7 +75,7 @@ std::vector<std::size_t> targets_of(const Equations& equations, std::size_t i) {
   return targets;
 }
 
-/// One view as Ceres sees it. Parameter blocks: X, then its targets.
+/// Cost function of one view. Parameter blocks: X, then its targets.
 class ViewCost final : public ceres::CostFunction {
  public:
   ViewCost(const Equations& equations, std::size_t view, const Eigen::MatrixXd& whitener)
@@ -127,7 +126,7 @@ class ViewCost final : public ceres::CostFunction {
 };
 
 double moved_mm(const State& a, const State& b) {
-  // Rotations at half a metre, the distance at which the scanner looks.
+  // Rotations act at half a metre, the scanner's working distance.
   constexpr double kLeverMm = 500.0;
   double moved =
       (a.X.translation_mm - b.X.translation_mm).norm() + kLeverMm * angle_between_rad(a.X.rotation, b.X.rotation);
@@ -289,7 +288,7 @@ Adjusted adjust(const Equations& equations, std::span<const std::size_t> chosen,
 
 Adjusted adjust_and_weigh(const Equations& equations, std::span<const std::size_t> chosen, const Weighing& weighing,
                           const State& state, bool robust) {
-  // The lever arms in the covariances change with X by next to nothing once X is near: two rounds, rarely more.
+  // The lever arms in the covariances hardly change once X is close, so two rounds are usually enough.
   constexpr int kRoundsMax = 6;
   constexpr double kStillMm = 1e-7;
   Adjusted adjusted{state, 0.0, false};

@@ -12,7 +12,7 @@ namespace {
 constexpr double kArmMaxMm = 2000.0;
 constexpr double kUnitTolerance = 1e-3;
 
-/// Names these very numbers: the first 12 hex digits of the SHA-256 of their full-precision text.
+/// Identifier of these numbers: the first 12 hex digits of the SHA-256 of their full-precision text.
 FixedString<64> identify(const std::array<double, 7>& pose, double sigma_mm, double sigma_deg) {
   FixedString<512> text;
   text.printf("%.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g", pose[0], pose[1], pose[2], pose[3], pose[4],

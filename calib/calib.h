@@ -14,25 +14,26 @@
 #include "calib/session.h"
 #include "calib/stations.h"
 
-/// Where the scanner sits on the flange, and how well that is known: found from views of an artefact (hand_eye.h),
-/// corrected station by station (stations.h), watched over by artefacts (reference.h). Until a calibration is applied,
-/// the commissioning values of the configuration count.
+/// Pose of the scanner on the flange and its uncertainty. It is computed from views of an artefact (hand_eye.h),
+/// corrected per station (stations.h), and monitored by artefacts (reference.h). Until a calibration is applied, the
+/// commissioning values of the configuration are used.
 namespace slabd::calib {
 
 struct Calibration {
   Pose T_flange_scanner;
-  double station_sigma_mm = kNoValue;  ///< per axis, k = 1; NaN = unknown
+  double station_sigma_mm = kNoValue;  ///< per axis, k = 1; NaN if unknown
   double station_sigma_rad = kNoValue;
   bool commissioning = true;  ///< from the configuration, not from an applied calibration
-  FixedString<64> id;         ///< identifies these very numbers in every record
+  FixedString<64> id;         ///< identifies these numbers in every record
 };
 
-/// Takes x y z (mm) qw qx qy qz and the station sigmas as written. calibration_missing when a number is not finite,
-/// the quaternion is not of unit length within 1e-3, the arm is longer than 2 m, or a sigma is not positive.
+/// Creates a calibration from x y z (mm) qw qx qy qz and the station sigmas. calibration_missing: a number is not
+/// finite, or the quaternion is not of unit length within 1e-3. Also if the arm is longer than 2 m, or a sigma is not
+/// positive.
 [[nodiscard]] Result<Calibration> commissioning(const std::array<double, 7>& T_flange_scanner, double station_sigma_mm,
                                                 double station_sigma_deg);
 
-/// Splicing, paper 2.3.2 with lambda = 1: where the scanner stood in the robot's base frame.
+/// Splicing, paper 2.3.2 with lambda = 1: pose of the scanner in the robot's base frame.
 [[nodiscard]] inline Pose splice(const Calibration& calibration, const Pose& T_base_flange) {
   return T_base_flange * calibration.T_flange_scanner;
 }

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Every reading of the poses that people have been seen to produce by mistake is applied to the views, and the views
-// are asked how well they then agree. Only residuals of a complete solution decide. The two invariants of a pair of
-// motions (equal angles, equal shifts along the axes) are told beside them: they need no solution and show where a
-// mistake is, but a target that is inverted passes both, and transposed rotations pass the first.
+// Applies every known mistaken reading of the poses to the views and compares how well they then agree. Only residuals
+// of a complete solution decide. The two invariants of a pair of motions (equal angles, equal shifts along the axes)
+// are reported too. They need no solution and locate a mistake, but an inverted target satisfies both, and transposed
+// rotations the first.
 #include "calib/conventions.h"
 
 #include <algorithm>
@@ -22,26 +22,27 @@ namespace {
 constexpr std::size_t kViewsToTell = 5;
 constexpr double kStatedOffSigmas = 3.0;
 constexpr double kTimesBetter = 5.0;
-/// Readings this near to the best one explain the views as well.
+/// Readings with residuals up to this factor of the best one explain the views equally well.
 constexpr double kAsWell = 1.5;
 constexpr int kSubsets = 20;
 constexpr std::size_t kRefined = 4;
 constexpr double kTurnToTellRad = rad_from_deg(5.0);
-/// A view is explained when its residual is below this many sigmas.
+/// A view is explained if its residual is below this many sigmas.
 constexpr double kExplainedSigmas = 3.0;
-/// A slip is named when it leaves at most this share of the views unexplained, and that much less than what is stated.
+/// A slip is reported if it leaves at most this share of the views unexplained, and less than the stated reading by at
+/// least kSlipGainMin.
 constexpr double kSlipUnexplainedMax = 0.15;
 constexpr double kSlipGainMin = 0.1;
-/// With fewer equations left over, a slip among many fits by chance.
+/// With fewer redundant equations, one of many slips fits by chance.
 constexpr int kSlipSpareMin = 9;
 
 using Angles = std::array<double, 3>;
 
-/// A way to read three angles (A, B, C) as a rotation.
+/// A way to interpret three angles (A, B, C) as a rotation.
 struct AngleOrder {
   const char* name;
-  std::array<int, 3> axes;  ///< of the three turns, each about the axes that the ones before have turned
-  bool reversed;            ///< the angles are taken as C, B, A
+  std::array<int, 3> axes;  ///< axes of the three turns, each about the axes turned by the previous ones
+  bool reversed;            ///< the angles are used as C, B, A
 };
 constexpr std::array kOrders = {
     AngleOrder{"Z-Y-X of (A, B, C)", {2, 1, 0}, false},
@@ -66,7 +67,7 @@ Quat rotation_of(const AngleOrder& order, Angles abc) {
   return turn(order.axes[0], abc[0]) * turn(order.axes[1], abc[1]) * turn(order.axes[2], abc[2]);
 }
 
-/// The angles a controller would show: the middle one in -90..90 deg, or 0..180 deg where first and last axis are one.
+/// Angles as a controller displays them: the middle one in -90..90 deg, or 0..180 deg if first and last axis are equal.
 Angles angles_of(const AngleOrder& order, const Quat& rotation) {
   const Mat3 R = rotation.toRotationMatrix();
   const auto [i, j, k] = order.axes;
@@ -93,7 +94,7 @@ Pose& pose_of(View& view, Side side) {
   return side == Side::flange ? view.T_base_flange : view.T_scanner_target;
 }
 
-/// A, B, C as reported, or as KUKA would have reported the rotation.
+/// A, B, C as reported, or as KUKA would report the rotation.
 Angles reported(const View& view, Side side) {
   if (side == Side::flange && view.reported_abc_rad) return *view.reported_abc_rad;
   return angles_of(kKuka, side == Side::flange ? view.T_base_flange.rotation : view.T_scanner_target.rotation);
@@ -104,7 +105,7 @@ struct Reading {
   std::string cure;
   Misreading changes;
   std::function<void(View&)> apply;
-  int shift = 0;  ///< lines that the target table is moved by
+  int shift = 0;  ///< number of lines by which the target table is moved
 };
 
 void scale(View& view, Side side, double factor) {
@@ -161,7 +162,7 @@ void add_rotation_readings(Side side, const Format& format, std::vector<Reading>
         });
   }
   add("the " + table + " angles that were reported are a rotation vector", convert, [=](View& v) {
-    // A rotation has two sets of angles; a rotation vector longer than half a turn is not what a controller shows.
+    // A rotation has two sets of angles; controllers do not display a rotation vector longer than 180 degrees.
     Angles abc = reported(v, side);
     if (std::hypot(abc[0], abc[1], abc[2]) > kPi)
       abc = {abc[0] - std::copysign(kPi, abc[0]), std::copysign(kPi, abc[1]) - abc[1],
@@ -187,10 +188,10 @@ void add_rotation_readings(Side side, const Format& format, std::vector<Reading>
     add("the " + table + " angles are degrees that were read as radians", unit_cure("deg"), times(kPi / 180.0));
 }
 
-/// The scanner's frame is left-handed. Mirrored x, y and z differ by half a turn only, which the hand-eye transform
-/// takes up: one of them stands for all. A pose that was fitted to a mirrored cloud is a rotation again, that of the
-/// mirror image of the artefact: M R F with F a reflection in the target's own frame, which the target's unknown
-/// rotation takes up but for its sign.
+/// Adds the reading that the scanner's frame is left-handed. Mirrored x, y and z differ only by a half turn, which the
+/// hand-eye transform absorbs, so one of them represents all. A pose fitted to a mirrored cloud is again a rotation,
+/// that of the artefact's mirror image. It is M R F with F a reflection in the target's own frame. The target's unknown
+/// rotation absorbs F except for its sign.
 void add_mirror_reading(std::span<const View> views, std::vector<Reading>& readings) {
   std::size_t behind = 0;
   std::size_t sightings = 0;
@@ -257,7 +258,7 @@ std::vector<Reading> readings_for(ArtefactKind kind, std::span<const View> views
   return readings;
 }
 
-/// View `pose`'s flange pose with what view `target` saw.
+/// Combines the flange pose of view `pose` with the sighting of view `target`.
 View paired(std::span<const View> views, std::size_t pose, std::size_t target) {
   View view = views[target];
   view.number = views[pose].number;
@@ -283,7 +284,7 @@ double median(std::span<const double> values) {
   return spread_of(values).median;
 }
 
-/// Angle, and shift along the axis, of motions between two views on either side of X.
+/// Compares the motions between two views on both sides of X: angle, and shift along the axis.
 void compare_motions(std::span<const View> views, Hypothesis& hypothesis) {
   std::vector<double> angles;
   std::vector<double> pitches;
@@ -330,7 +331,7 @@ void refine(ArtefactKind kind, const StatedNoise& noise, Tried& tried) {
   if (refined.hypothesis.sigmas < tried.hypothesis.sigmas) tried = std::move(refined);
 }
 
-/// Share of the views whose residual is beyond kExplainedSigmas.
+/// Share of the views with a residual beyond kExplainedSigmas.
 double unexplained(ArtefactKind kind, const StatedNoise& noise, std::span<const View> views, const State& state) {
   std::size_t count = 0;
   for (const ViewFit& fit : residuals_of(kind, views, state.X, state.targets, noise))
@@ -338,7 +339,7 @@ double unexplained(ArtefactKind kind, const StatedNoise& noise, std::span<const 
   return static_cast<double>(count) / static_cast<double>(views.size());
 }
 
-/// From view `from` on the two tables are one line apart.
+/// From view `from` on, the two tables are shifted by one line.
 struct Slip {
   std::size_t from = 0;
   int shift = 0;  ///< 1: view `from`'s target has no flange pose; -1: view `from`'s flange pose has no target
@@ -382,9 +383,9 @@ int spare_equations(ArtefactKind kind, std::span<const View> views) {
   return spare;
 }
 
-/// The slip that explains the views best, if it explains nearly all of them and clearly more than what is stated. Half
-/// of the views are in order, as stated or one line apart, wherever the slip begins: they say where the scanner sits,
-/// and all beginnings are held against that.
+/// The slip that explains the views best, if it explains nearly all of them and clearly more than the stated reading.
+/// Wherever the slip begins, one half of the views is consistent, as stated or shifted by one line. That half
+/// determines the scanner's pose, and all possible beginnings are tested with it.
 std::optional<Tried> best_slip(ArtefactKind kind, std::span<const View> views, const StatedNoise& noise,
                                const State& as_stated) {
   const std::size_t n = views.size();
@@ -432,7 +433,7 @@ std::optional<Tried> best_slip(ArtefactKind kind, std::span<const View> views, c
   return tried;
 }
 
-/// Where a view saw its target: the pose, or the first ball.
+/// Place of the target in a view: of the pose, or of the first ball.
 const Vec3& place_of(ArtefactKind kind, const View& view) {
   return kind == ArtefactKind::pose ? view.T_scanner_target.translation_mm : view.balls.front().centre_mm;
 }
@@ -515,14 +516,15 @@ ConventionReport test_conventions(ArtefactKind kind, std::span<const View> views
   if (stated > kStatedOffSigmas) {
     report.stated_fits = false;
     if (best * kTimesBetter < stated && best <= kReadingFitsSigmas) {
-      // An inverted target is told from an inverted flange by nothing but where the scanner would sit: near its flange.
+      // An inverted target and an inverted flange differ only in the scanner's place; the one closer to its flange is
+      // chosen.
       report.fits = 1;
       for (std::size_t k = 2; k < all.size() && all[k].hypothesis.sigmas < kAsWell * best; ++k)
         if (all[k].state.X.translation_mm.norm() < 0.99 * all[report.fits].state.X.translation_mm.norm())
           report.fits = k;
     }
   }
-  // Where most lines come after the slip, the whole table moved by one line fits nearly as well.
+  // If most lines follow the slip, moving the whole table by one line fits almost as well.
   const bool moved = report.fits != 0 && all[report.fits].hypothesis.changes == Misreading::pairing;
   if (report.fits == 0 || moved) {
     std::optional<Tried> slip = best_slip(kind, views, noise, all[0].state);

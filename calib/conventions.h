@@ -11,22 +11,22 @@
 #include "base/base.h"
 #include "calib/observations.h"
 
-/// Do the poses mean what the file says? A robot's angles in another order, a transposed matrix, a quaternion that
-/// starts with the wrong number, metres for millimetres, an inverse: each fits nothing, or worse, fits half. Every such
-/// reading is tried and the one that fits is named.
+/// Test of the stated conventions of poses. Typical mistakes are another order of the angles, a transposed matrix, a
+/// quaternion with another first element, metres for millimetres, or an inverse. Wrong poses fit badly or only in part.
+/// All such readings are tried, and the one that fits is reported.
 namespace slabd::calib {
 
-/// What a reading changes.
+/// Property changed by a reading.
 enum class Misreading : std::uint8_t {
   none,
   convention,
   units,
   handedness,  ///< an axis of the scanner is mirrored
-  pairing,     ///< a target belongs to another line's flange pose
+  pairing,     ///< a target belongs to the flange pose of another line
 };
 
-/// What the tables declare about themselves; empty where no table was read (a session). A cure never proposes what the
-/// table declares already.
+/// Formats declared in the tables; empty if no table was read (a session). A cure never proposes a format that is
+/// already declared.
 struct DeclaredFormats {
   std::optional<PoseFormat> flange;
   std::optional<PoseFormat> target;
@@ -35,41 +35,40 @@ struct DeclaredFormats {
 /// One reading of the views.
 struct Hypothesis {
   std::string name;  ///< "as stated", "flange angles are X-Y-Z, not Z-Y-X of (A, B, C)", ...
-  std::string cure;  ///< how to write the file instead
+  std::string cure;  ///< instruction for correcting the file
   Misreading changes = Misreading::none;
   double angle_mismatch_deg = kNoValue;  ///< pose: median over pairs of |angle(A_ij) - angle(B_ij)|
-  double pitch_mismatch_mm =
-      kNoValue;                    ///< pose: median over pairs of the motions' shift along their own axes, compared
-  double residual_mm = kNoValue;   ///< median over views
-  double residual_deg = kNoValue;  ///< pose
-  double sigmas = kNoValue;        ///< robust size of the residuals over the stated noise: about 1 when right
+  double pitch_mismatch_mm = kNoValue;   ///< pose: median over pairs of the difference of shifts along the motion axes
+  double residual_mm = kNoValue;         ///< median over views
+  double residual_deg = kNoValue;        ///< pose
+  double sigmas = kNoValue;              ///< robust size of the residuals over the stated noise: about 1 if right
 };
 
-/// The largest group of views whose target is the same although the flange moved. An artefact that is fixed in the cell
-/// cannot look so.
+/// The largest group of views with the same target although the flange moved. That is impossible for an artefact fixed
+/// in the cell.
 struct SameTarget {
-  std::vector<std::size_t> views;  ///< indices, ascending; fewer than two: none
+  std::vector<std::size_t> views;  ///< indices, ascending; none if fewer than two
   double moved_mm = 0.0;           ///< largest distance between two of their flange poses
-  double turned_rad = 0.0;         ///< largest rotation between two of them
+  double turned_rad = 0.0;         ///< largest rotation between two of their flange poses
 };
-/// Ball: equal to 1e-6 mm. Pose: equal within five sigmas of the stated target noise, with flange poses that are
-/// further apart than ten.
+/// Finds such a group. Ball: equal to 1e-6 mm. Pose: equal within five sigmas of the stated target noise, with flange
+/// poses farther apart than ten sigmas.
 [[nodiscard]] SameTarget same_target(ArtefactKind kind, std::span<const View> views, const StatedNoise& noise);
 
 struct ConventionReport {
-  std::vector<Hypothesis> tried;  ///< [0] is "as stated"; best first after it
+  std::vector<Hypothesis> tried;  ///< [0] is "as stated"; then best first
   bool stated_fits = true;
-  /// Index of the only other reading that explains the views, or 0. When several fit as well as it (they cannot be told
-  /// apart by these views), the first of them.
+  /// Index of the only other reading that explains the views, or 0. If several fit equally well (these views cannot
+  /// distinguish them), the first of them.
   std::size_t fits = 0;
 };
 
-/// Residuals of a reading that is proposed are at most this many times the stated noise.
+/// Largest residuals of a proposed reading, in multiples of the stated noise.
 inline constexpr double kReadingFitsSigmas = 3.0;
 
-/// Tries all readings. Needs at least 5 views; with fewer, or when rotations are too small to tell, nothing is claimed:
-/// stated_fits stays true. A reading is named only if what is stated is off by more than 3 sigmas, or contradicts many
-/// views, and the reading explains the views at least five times as well and to within kReadingFitsSigmas.
+/// Tries all readings. Requires at least 5 views; with fewer, or if the rotations are too small, stated_fits stays
+/// true. A reading is reported only under two conditions. The stated one must be wrong by more than 3 sigmas, or
+/// contradict many views. The other must explain the views at least five times better, and within kReadingFitsSigmas.
 [[nodiscard]] ConventionReport test_conventions(ArtefactKind kind, std::span<const View> views,
                                                 const StatedNoise& noise, const DeclaredFormats& declared = {});
 

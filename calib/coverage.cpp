@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which view teaches most? The predicted error of a scanned point in the field of view follows from the views' normal
-// matrix N alone, not from what is measured. So every candidate pose (tilts of 20 to 35 degrees to eight sides, rolls,
-// the target in corners and middle, near, mid and far) adds its own J'J to N, and the one that lowers the predicted
-// error most is the one to drive to. Three things keep that honest:
+// Selection of the most informative view. The predicted error of a scanned point in the field of view depends only on
+// the views' normal matrix N, not on measured values. Candidate poses are tilts of 20 to 35 degrees to eight sides,
+// rolls, and the target in corners and middle, near, mid and far. Each candidate adds its J'J to N, and the one that
+// reduces the predicted error most is suggested. Three rules apply:
 //
-// - At first N is singular and the scanner's place is a guess. The guess enters as a weak prior (30 mm, 10 degrees per
-//   axis), so that "lowers the error most" means something from the first view on; and what the prior says about where
-//   the target will appear keeps it away from the picture's edge until the estimate is good enough to put it there.
-// - The optimum would be a few poses repeated for ever, and repeats say nothing about a robot's error that changes over
-//   the cell. Among candidates within a few percent of the best, the one that is newest wins: a side not yet looked to,
-//   a cell of the view not yet filled, a pose unlike those driven.
-// - The robot must be able to go there: candidates lie near a pose that was driven, are never tilted further than the
-//   recipe for views asks, and the target is never nearer than the field of view's near limit.
+// - At first N is singular and the scanner's pose is a guess. The guess is a weak prior (30 mm, 10 degrees per axis),
+//   which makes the predicted error defined from the first view on. The prior's uncertainty of the target's place also
+//   keeps it away from the edge of the picture until the estimate is good enough.
+// - The optimum would be a few poses repeated many times, and repeats do not reveal a robot error that varies over the
+//   cell. Among candidates within a few per cent of the best, the newest one is taken: a new side, an empty cell of the
+//   view, a pose unlike the previous ones.
+// - The robot must be able to reach the pose. Candidates are close to a pose already driven and not tilted more than
+//   the recipe for views requires. The target is never closer than the near limit of the field of view.
 #include "calib/coverage.h"
 
 #include <algorithm>
@@ -26,31 +26,31 @@ namespace {
 
 constexpr std::array kTiltsDeg = {20.0, 27.0, 34.0};
 constexpr std::array kRollsDeg = {-90.0, -45.0, 0.0, 45.0, 90.0};
-/// Of the field of view's half width; the middle comes by itself.
+/// As shares of the field of view's half width; the middle is always included.
 constexpr std::array kCornerShares = {0.5, 0.92};
-constexpr double kDepthMargin = 0.08;  ///< of the depth range, from its ends
+constexpr double kDepthMargin = 0.08;  ///< share of the depth range, from its ends
 
 constexpr double kStartShiftMm = 30.0;
 const double kStartTurnRad = rad_from_deg(10.0);
 constexpr double kPlaceUnknownMm = 1000.0;
 
-/// A candidate this near to a pose that was driven would be driven there again.
+/// A candidate this close to a pose already driven counts as the same pose.
 constexpr double kAgainMm = 20.0;
 const double kAgainRad = rad_from_deg(3.0);
-/// A candidate lies at most this far from some pose that was driven.
+/// Largest distance of a candidate from some pose already driven.
 constexpr double kReachMm = 600.0;
 const double kReachRad = rad_from_deg(80.0);
-/// The target stays in the view with this many sigmas of its expected place ...
+/// The target must stay in the view with this many sigmas of its expected place ...
 constexpr double kSeenSigmas = 1.5;
-/// ... which may be this much wider than the field of view calibrated for.
+/// ... in a view this much wider than the calibrated field of view.
 constexpr double kSeenShare = 1.2;
-/// Candidates this much worse than the best are as good; the newest of them is taken.
+/// Candidates within this factor of the best count as equal; the newest of them is taken.
 constexpr double kAsGood = 1.06;
 
 const std::array<std::array<double, 2>, kPlaces> kPlaceSigns = {
     {{0.0, 0.0}, {1.0, 1.0}, {-1.0, 1.0}, {-1.0, -1.0}, {1.0, -1.0}}};
 
-/// Straight down, and the sides as the person at the robot's foot sees them.
+/// Straight down, and the sides as seen from the robot's base.
 struct Sides {
   Vec3 down, away, left;
 
@@ -96,7 +96,7 @@ Vec3 target_seen(ArtefactKind kind, const View& view) {
   return view.balls.empty() ? Vec3::Zero() : view.balls.front().centre_mm;
 }
 
-/// Views with the target where the state puts it; of planned ones nothing else is known.
+/// A view with the target at the place given by the state, as used for planned views.
 View ideal(ArtefactKind kind, View view, const State& state) {
   const Pose T_scanner_base = (view.T_base_flange * state.X).inverse();
   if (kind == ArtefactKind::pose) view.T_scanner_target = T_scanner_base * state.targets[0];
@@ -104,7 +104,7 @@ View ideal(ArtefactKind kind, View view, const State& state) {
   return view;
 }
 
-/// What the start says, as information about the parameters.
+/// Information of the start about the parameters.
 Eigen::VectorXd start_information(int parameters) {
   Eigen::VectorXd information = Eigen::VectorXd::Constant(parameters, 1.0 / (kPlaceUnknownMm * kPlaceUnknownMm));
   information.head<3>().setConstant(1.0 / (kStartShiftMm * kStartShiftMm));
@@ -119,7 +119,7 @@ Eigen::MatrixXd normal_matrix(const Linearised& linear, int parameters) {
   return normal;
 }
 
-/// The most probable state, views and start taken together: Gauss-Newton from the start.
+/// Most probable state of views and start together: Gauss-Newton from the start.
 State lean_on(ArtefactKind kind, std::span<const View> views, const StatedNoise& noise, const Pose& start) {
   constexpr int kIterations = 30;
   State state{start, best_targets(kind, views, start)};
@@ -152,7 +152,7 @@ State lean_on(ArtefactKind kind, std::span<const View> views, const StatedNoise&
   return state;
 }
 
-/// The search for the next view around one state.
+/// Search for the next view around one state.
 class Search {
  public:
   Search(ArtefactKind kind, std::span<const View> views, const StatedNoise& noise, const CoverageSettings& settings,
@@ -171,7 +171,7 @@ class Search {
     information_ = normal_matrix(linearise(equations, equations.whiteners(state, {noise}), state), parameters_);
     information_.diagonal() += start_information(parameters_);
     covariance_ = inverse(information_);
-    // The mean square error of a point of the field of view is trace(points_ C).
+    // The mean square error of a point in the field of view is trace(points_ C).
     points_ = Mat6::Zero();
     const Mat3 R_X = state.X.rotation.toRotationMatrix();
     const FieldOfView& fov = settings.fov;
@@ -183,7 +183,7 @@ class Search {
           J.rightCols<3>() = -R_X * skew(Vec3(x, y, z));
           points_ += J.transpose() * J / 27.0;
         }
-    // The picture stands upright as in the first view.
+    // The picture's upright direction is that of the first view.
     const Pose first = views[0].T_base_flange * state.X;
     upright_ = rotation_between(axis_of(first), sides_.down) * first.rotation;
   }
@@ -254,7 +254,7 @@ class Search {
     const Linearised linear = linearise(equations, equations.whiteners(state_, {noise_}), state_);
     if (!in_view(equations, s)) return;
     const Eigen::MatrixXd& J = linear.J[0];
-    // C - C J' (I + J C J')^-1 J C, the covariance with one view more.
+    // C - C J' (I + J C J')^-1 J C: the covariance with one more view.
     const Eigen::MatrixXd JC = product(J, covariance_);
     const Eigen::MatrixXd gain = Eigen::MatrixXd::Identity(J.rows(), J.rows()) + carried(J, covariance_);
     const Eigen::MatrixXd after = covariance_ - transposed_product(JC, solve_symmetric(gain, JC));
@@ -274,7 +274,7 @@ class Search {
            std::any_of(views_.begin(), views_.end(), [&](const View& view) { return again(view.T_base_flange); });
   }
 
-  /// Will the target be seen, as far as its place is known?
+  /// True if the target will be in the view, given the uncertainty of its place.
   bool in_view(const Equations& equations, Suggestion& s) const {
     Eigen::VectorXd r;
     Eigen::MatrixXd J;
@@ -379,9 +379,8 @@ Guide guide_next(ArtefactKind kind, std::span<const View> given, const StatedNoi
   return guide;
 }
 
-// Coverage for the person at the robot. Sides are those of somebody who stands at the robot's foot and looks along base
-// +X, corners those of the scanner's own axes, which its picture shows; both are named, because "left" alone has sent
-// people the wrong way.
+// Texts for the person at the robot. Sides are as seen from the robot's base along base +X; corners refer to the
+// scanner's own axes, which its picture shows. The texts contain both, because "left" alone has been misunderstood.
 
 namespace {
 
@@ -428,7 +427,7 @@ std::vector<std::string> missing_words(const Coverage& coverage, ArtefactKind ki
     text.printf("the scanner was turned by %.1f deg (smallest principal spread), it should be 15: tilt more", spread);
     missing.emplace_back(text.view());
   }
-  if (coverage.views < kViewsMin) return missing;  // everything is missing: the suggestion says enough
+  if (coverage.views < kViewsMin) return missing;  // too early; the suggestion is sufficient
   std::vector<std::string> sides;
   for (std::size_t sector = 0; sector < kSectors; ++sector)
     if (!coverage.sectors[sector]) sides.emplace_back(kSides[sector]);

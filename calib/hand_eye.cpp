@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Hand-eye calibration in five steps: starting points in closed form; a robust adjustment from each, the best of which
-// says what is normal here; views that are rarer than one in sixteen thousand leave, are asked again after every plain
-// adjustment of the others, and come back if they fit; if positions and rotations are clearly not as noisy relative to
-// each other as stated, they are weighed by what they are and all is done again; figures.
+// Hand-eye calibration in five steps:
+//   1. Starting points in closed form.
+//   2. A robust adjustment from each; the best one defines which views are normal.
+//   3. Views rarer than one in sixteen thousand are removed. After every plain adjustment of the others they are tested
+//      again and return if they fit.
+//   4. If the noise ratio of positions and rotations clearly differs from the stated one, they are weighted by their
+//      actual noise and all steps are repeated.
+//   5. Figures.
 //
-// A view is judged by its residual's own standard deviation, not by the noise alone: in a small set a view pulls the
-// solution towards itself, and half of its error does not show in its residual.
+// A view is judged by the standard deviation of its own residual, not only by the noise. In a small set a view pulls
+// the solution towards itself, and half of its error does not appear in its residual.
 #include "calib/hand_eye.h"
 
 #include <algorithm>
@@ -21,7 +25,7 @@ namespace slabd::calib {
 namespace {
 
 constexpr double kRejectSigmas = 4.0;
-/// A smaller share of its own variance left in a residual says nothing about the view.
+/// Smallest share of its variance that a residual must retain to be informative about the view.
 constexpr double kRedundancyMin = 1e-6;
 
 using Chosen = std::vector<std::size_t>;
@@ -33,7 +37,7 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-/// What the views and the stated noise must be to be computed with at all.
+/// Checks that the views and the stated noise can be used in a computation.
 Status check(ArtefactKind kind, std::span<const View> views, const StatedNoise& noise) {
   if (views.empty()) return error(Code::config, "no views");
   if (views.size() > kViewsMax)
@@ -42,7 +46,7 @@ Status check(ArtefactKind kind, std::span<const View> views, const StatedNoise& 
   for (const double sigma : {noise.robot_mm, noise.robot_rad, noise.target_mm, noise.target_rad})
     if (!std::isfinite(sigma) || sigma < 0.0)
       return error(Code::config, "stated noise must be finite and not negative, got %g", sigma);
-  // No device is better, and the squares of much smaller numbers are zero.
+  // Smaller than the noise of any device; the squares of much smaller numbers underflow to zero.
   constexpr double kLeastMm = 1e-6;
   constexpr double kLeastRad = 1e-9;
   if (std::hypot(noise.robot_mm, noise.target_mm) < kLeastMm)
@@ -80,7 +84,7 @@ Status check(ArtefactKind kind, std::span<const View> views, const StatedNoise& 
   return success();
 }
 
-/// How far each view is from what the chosen ones say.
+/// Distance of each view from the solution of the chosen ones.
 struct Verdicts {
   std::vector<double> squares;  ///< of the residual over its own covariance
   std::vector<int> freedom;
@@ -130,7 +134,7 @@ struct Selected {
   Verdicts verdicts;
 };
 
-/// Plain adjustment of the views that agree. `first` is what the robust adjustment found normal.
+/// Plain adjustment of the consistent views. `first` contains the views that the robust adjustment found normal.
 Selected select(const Equations& equations, const Weighing& weighing, const State& state, Chosen first) {
   constexpr int kRoundsMax = 20;
   Selected selected{std::move(first), {state, 0.0, false}, {}, {}};
@@ -142,7 +146,7 @@ Selected select(const Equations& equations, const Weighing& weighing, const Stat
     selected.verdicts = ask(equations, selected.kept, selected.linear);
     tried.push_back(selected.kept);
     Chosen next = believable(selected.verdicts);
-    // When most views leave, nobody knows which ones are right. When a set comes up again it would forever.
+    // If most views would be removed, the right ones are unknown. If a set repeats, the iteration would not end.
     const bool hopeless = 2 * next.size() < equations.size();
     if (hopeless || round == kRoundsMax || std::find(tried.begin(), tried.end(), next) != tried.end()) break;
     selected.kept = std::move(next);
@@ -161,12 +165,12 @@ RobustFit fit_robustly(const Equations& equations, const Weighing& weighing) {
   std::iota(all.begin(), all.end(), std::size_t{0});
   RobustFit best;
   double lowest = std::numeric_limits<double>::infinity();
-  // The best few starts lead to the same place; the rest are for sets in which nothing fits yet.
+  // The best few starts lead to the same solution; the others are for sets in which nothing fits yet.
   constexpr std::size_t kEnoughStarts = 4;
   constexpr double kFits = 3.0;
   std::size_t tried = 0;
   for (const State& start : starting_points(equations, weighing)) {
-    // Far from the solution the robust loss is flat, so later starts are brought near by plain least squares.
+    // Far from the solution the robust loss is flat, so later starts are first improved by plain least squares.
     const bool late = ++tried > kEnoughStarts;
     if (late && robust_size(equations, weighing, best.state) < kFits) break;
     const State near = late ? adjust_and_weigh(equations, all, weighing, start, false).state : start;
@@ -189,8 +193,8 @@ RobustFit fit_robustly(const Equations& equations, const Weighing& weighing) {
   return best;
 }
 
-/// Size of the residuals relative to their weights, positions and rotations apart. NaN where no equations are left
-/// over.
+/// Size of the residuals relative to their weights, separately for positions and rotations. NaN without redundant
+/// equations.
 struct Sizes {
   double all = kNoValue;
   double position = kNoValue;
@@ -221,10 +225,10 @@ Sizes sizes_of(const Equations& equations, const Chosen& kept, const Linearised&
           size(rotation, rotation_freedom)};
 }
 
-/// Weighs positions and rotations by what they turn out to be where that is certainly not what was stated relative to
-/// each other. Else the stated noise stands: it is known from more than these few views. Returns whether anything
-/// changed. Views of one place say partly the same, and likelihoods that take them as independent exceed any threshold
-/// by chance: they count by Rao and Scott's design effect (1984).
+/// Weights positions and rotations by their estimated noise if that certainly differs from the stated ratio. Otherwise
+/// the stated noise is kept, because it is based on more than these few views. Returns true if the weights changed.
+/// Views of one place are partly redundant, and likelihoods that treat them as independent exceed any threshold by
+/// chance. Therefore the threshold includes Rao and Scott's design effect (1984).
 bool reweigh(const Equations& equations, const Selected& selected, Weighing& weighing) {
   constexpr double kSure = 11.8;
   const Components found = estimate_components(equations, selected.kept, selected.adjusted.state, weighing);
@@ -245,13 +249,13 @@ ViewFit fit_of(const Equations& equations, std::size_t i, const State& state) {
   return fit;
 }
 
-/// One solution: what its views were weighed by, which stayed, and how each is missed when it takes no part.
+/// One solution: the weights of its views, the kept ones, and the residual of each view left out.
 struct Solution {
   Weighing weighing;
   Selected selected;
   Sizes stated;  ///< before reweighing
   bool reweighted = false;
-  std::vector<ViewFit> leave_one_out;  ///< residual_mm, residual_deg of kept views; NaN where nothing can be said
+  std::vector<ViewFit> leave_one_out;  ///< residual_mm, residual_deg of kept views; NaN if undetermined
 };
 
 Solution solution_of(const Equations& equations, const StatedNoise& noise, bool lever, const State& start,
@@ -285,7 +289,7 @@ void leave_one_out(const Equations& equations, Solution& solution) {
   for (const std::size_t out : selected.kept) {
     bool alone = false;
     count(out, [&](const std::size_t& n) { alone = alone || n < 2; });
-    if (alone) continue;  // without this view nobody knows where its ball is
+    if (alone) continue;  // without this view the place of its ball is unknown
     Chosen others;
     for (const std::size_t i : selected.kept)
       if (i != out && !same_place(equations.view(i).T_base_flange, equations.view(out).T_base_flange))
@@ -296,7 +300,7 @@ void leave_one_out(const Equations& equations, Solution& solution) {
   }
 }
 
-/// rms by which positions are missed, over the views that both solutions keep; NaN when there are none.
+/// rms leave-one-out error of positions over the views that both solutions keep; NaN if there are none.
 double missed_mm(const Solution& solution, const Solution& other) {
   double squares = 0.0;
   std::size_t count = 0;
@@ -309,10 +313,11 @@ double missed_mm(const Solution& solution, const Solution& other) {
   return count > 0 ? std::sqrt(squares / static_cast<double>(count)) : kNoValue;
 }
 
-/// A robot's repeatability is drawn anew for every view, and a turn of its flange carries the target along: then the
-/// weights with the lever are the best ones. The error of its geometry is not: it is as smooth as the robot moves, and
-/// views that were weighed with the lever miss the next one by up to a tenth more. Which robot this is says the miss
-/// itself; a random error looks like a smooth one by more than kLess in fewer than one set of twenty.
+/// Chooses the weights with or without the lever of the robot's rotation error. A robot's repeatability is independent
+/// in every view, and a turn of its flange moves the target too. Then the weights with the lever are the best. Errors
+/// of its geometry are smooth over the workspace; then weights with the lever increase the leave-one-out error by up to
+/// a tenth. The leave-one-out error itself decides. A random error appears smooth by more than kLess in fewer than one
+/// set of twenty.
 Solution with_or_without_lever(const Equations& equations, Solution with) {
   constexpr double kLess = 1.025;
   if (equations.kind() == ArtefactKind::ball) return with;
@@ -323,7 +328,7 @@ Solution with_or_without_lever(const Equations& equations, Solution with) {
   return better ? without : with;
 }
 
-/// A view whose sightings are `scale` times as far away.
+/// View with its sightings scaled by `scale`.
 View scaled(View view, double scale) {
   view.T_scanner_target.translation_mm *= scale;
   for (BallSighting& seen : view.balls) seen.centre_mm *= scale;
@@ -335,13 +340,14 @@ struct Scale {
   double sigma = kNoValue;
 };
 
-/// The paper's lambda (eq. 7), fitted beside X and the targets by the kept views: A X (lambda c) = p. Gauss-Newton with
-/// one column more, R_X c, from lambda = 1; each step adjusts everything else anew at the sightings as scaled so far.
-/// Weighed as stated: variances found without lambda hold what a wrong scale does.
+/// Estimates the paper's lambda (eq. 7), fitted together with X and the targets from the kept views: A X (lambda
+/// c) = p. Gauss-Newton with one additional column, R_X c, from lambda = 1. Each step adjusts the other parameters
+/// again with the scaled sightings. Weighted as stated, because variances estimated without lambda include the effect
+/// of a wrong scale.
 Scale estimate_scale(const Equations& equations, const Selected& selected, const Weighing& found) {
   constexpr int kSteps = 8;
   constexpr double kDone = 1e-8;
-  constexpr double kDetermined = 1e-9;  // of the column's length, what the other parameters leave of it
+  constexpr double kDetermined = 1e-9;  // smallest part of the column's length left by the other parameters
   constexpr double kScaleMin = 0.5;
   constexpr double kScaleMax = 2.0;
   Weighing weighing;
@@ -352,8 +358,7 @@ Scale estimate_scale(const Equations& equations, const Selected& selected, const
   for (int step = 0; step < kSteps; ++step) {
     std::vector<View> views;
     for (const std::size_t i : selected.kept) views.push_back(scaled(equations.view(i), scale));
-    // Equations number the targets by the views they are given, so a ball that only rejected views see is left as it
-    // is.
+    // Equations number the targets by the given views, so a ball seen only in rejected views is not changed.
     const Equations at(equations.kind(), views);
     if (at.targets() != equations.targets()) return {};
     Chosen all(views.size());
@@ -382,7 +387,7 @@ Scale estimate_scale(const Equations& equations, const Selected& selected, const
       squares += linear.w[i].squaredNorm();
       rows += static_cast<double>(column.size());
     }
-    // The other parameters stand at their optimum, so the residuals have no part along their columns.
+    // The other parameters are at their optimum, so the residuals are orthogonal to their columns.
     const double own2 = length2 - other.dot(product(covariance, other).col(0));
     const double freedom = rows - at.parameters() - 1.0;
     if (!(own2 > kDetermined * length2) || freedom < 1.0) return {};
@@ -403,8 +408,8 @@ Spread spread_over(const HandEye& result, double ViewFit::*figure) {
   return spread_of(values);
 }
 
-/// Covariance of X for errors as stated, or larger where they turned out larger: the adjustment N^-1 J' w of errors
-/// with that covariance, whatever it was weighed by.
+/// Covariance of X for errors as stated, or larger if they were estimated larger. It is that of the adjustment N^-1 J'
+/// w for such errors, independent of its weights.
 Mat6 covariance_of_pose(const Equations& equations, const Selected& selected, const Weighing& weighing,
                         const SharedErrors& shared, bool as_stated, double s0) {
   Weighing errors = weighing;
@@ -414,13 +419,13 @@ Mat6 covariance_of_pose(const Equations& equations, const Selected& selected, co
   errors.target_rotation = std::max(1.0, weighing.target_rotation);
   const Eigen::MatrixXd covariance = covariance_of_estimate(equations, selected.kept, selected.linear,
                                                             selected.adjusted.state, weighing, errors, shared);
-  // Variances found from views taken as independent are too small where they are not.
+  // Variances estimated from views treated as independent are too small if the views are not.
   const double size = shared.repeats ? shared.size : as_stated ? s0 : 1.0;
   const double factor = size > 1.0 ? size * size : 1.0;
   return factor * covariance.topLeftCorner<6, 6>();
 }
 
-/// q and -q are one rotation; the one that is written has w >= 0.
+/// q and -q are the same rotation; the result has w >= 0.
 Pose with_positive_w(Pose pose) {
   if (pose.rotation.w() < 0.0) pose.rotation.coeffs() *= -1.0;
   return pose;
@@ -433,8 +438,8 @@ void forget_pose(HandEye& result) {
   for (Pose& target : result.targets) target = {unturned, nowhere};
 }
 
-/// Kept views that say something about the scanner's place. A ball that one place alone has seen is where that place
-/// says it is: its view adds as many unknowns as equations.
+/// Kept views that are informative about the scanner's pose. A ball seen only from one place gives no information: its
+/// view adds as many unknowns as equations.
 Chosen telling_views(ArtefactKind kind, std::span<const View> views, const Chosen& kept) {
   const auto share_a_ball = [&](const View& a, const View& b) {
     return std::any_of(a.balls.begin(), a.balls.end(), [&](const BallSighting& seen) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Figures that need no adjustment: how far the scanner was turned and the ball moved, what a covariance means for a
-// scanned point, what planned views would be worth, how views fit a calibration that others were used for.
+// Figures without an adjustment: spread of rotations and ball places, error of a scanned point from a covariance, value
+// of planned views, and fit of views with a calibration from other views.
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
@@ -23,7 +23,7 @@ std::array<double, 3> principal(const Mat3& m) {
   return roots;
 }
 
-/// Views with the artefact exactly where X and the targets put it.
+/// Views with the artefact exactly at the place given by X and the targets.
 std::vector<View> ideal(ArtefactKind kind, std::span<const View> views, const State& state) {
   std::vector<View> ideal(views.begin(), views.end());
   for (View& view : ideal) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A set of views is as good as the direction it determines worst. Rotations are compared with shifts at half a metre
-// from the flange, where the scanner looks.
+// A set of views is as good as the direction that it determines worst. Rotations are compared with shifts at half a
+// metre from the flange, the scanner's working distance.
 #include "calib/hand_eye_parts.h"
 
 #include <algorithm>
@@ -49,7 +49,7 @@ Eigen::MatrixXd parameter_covariance(const Equations& equations, std::span<const
     normal += transposed_product(J, J);
   }
   const SymmetricParts parts = symmetric_parts(normal);
-  // Rounding in the normal matrix hides what is this much smaller; a direction like that is not determined anyway.
+  // Smaller eigenvalues are below the rounding error of the normal matrix; such a direction is not determined anyway.
   constexpr double kNothing = 1e-13;
   const double floor = kNothing * parts.values[n - 1];
   Eigen::VectorXd inverse = Eigen::VectorXd::Zero(n);
@@ -83,21 +83,22 @@ Weakness weakness_of(const Equations& equations, std::span<const std::size_t> ch
   return weakness;
 }
 
-// The whitened residuals w of a set have the covariance s^2 I when every view errs anew. When views of one place share
-// a part of it, rows of the same meaning (slots) of two such views have the covariance s^2 share. Then
+// The whitened residuals w of a set have the covariance s^2 I if the views have independent errors. If views of one
+// place share a part of it, rows of the same meaning (slots) of two such views have the covariance s^2 share. Then
 //
 //     E |w|^2      = s^2 (F - share h)     F = rows - leverage
 //     E |within|^2 = s^2 (1 - share) d     within: from the mean of its slot in its place; d degrees of freedom
 //
-// where h sums j N^-1 k' over pairs of rows j, k of one slot: whatever a place's views share, the parameters follow.
-// Two equations give s and the share. A sandwich of squared sums of residuals alone would need no model, but ten places
-// with their 30 equations for 9 parameters are far too few for it, with repeats and without.
+// where h sums j N^-1 k' over pairs of rows j, k of one slot, the part of a shared error that the parameters absorb.
+// Two equations give s and the share. A sandwich of squared sums of residuals would need no model. Its accuracy is
+// insufficient for ten places with 30 equations and 9 parameters, with and without repeats.
 
 namespace {
 
 constexpr std::size_t kRowKinds = 2;  ///< rotations, positions
 
-/// Rows of the same slot mean the same in every view: an axis of a ball, of the artefact's turn or of its origin.
+/// Slot of a row. Rows of the same slot have the same meaning in every view: an axis of a ball, or of the artefact's
+/// rotation or origin.
 int slot_of(const Equations& equations, std::size_t view, int row) {
   if (equations.kind() == ArtefactKind::pose) return row;
   return 3 * static_cast<int>(equations.view(view).balls[static_cast<std::size_t>(row / 3)].ball) + row % 3;
@@ -170,11 +171,11 @@ SharedErrors shared_errors(const Equations& equations, std::span<const std::size
     }
   }
 
-  // Were every place one view, this many equations would be left over, each counted as often as it was repeated.
+  // Redundancy if every place were one view, with each equation counted as often as it was repeated.
   constexpr double kSome = 0.5;
   double rest = freedom;
   double left = squares;
-  std::array<double, kRowKinds> anew{};  // variance that is drawn anew
+  std::array<double, kRowKinds> anew{};  // independent part of the variance
   for (std::size_t k = 0; k < kRowKinds; ++k) {
     anew[k] = within_freedom[k] > 0.0 ? within[k] / within_freedom[k] : 0.0;
     rest -= followed[k];
@@ -204,7 +205,7 @@ Eigen::MatrixXd covariance_of_estimate(const Equations& equations, std::span<con
   for (const std::vector<std::size_t>& place : places_of(equations, chosen)) {
     Eigen::MatrixXd together = Eigen::MatrixXd::Zero(parameters, slots(equations));
     for (const std::size_t i : place) {
-      // w = L^-1 r has the covariance (L^-1 K) (L^-1 K)' if that of r is K K'.
+      // w = L^-1 r has the covariance (L^-1 K) (L^-1 K)' if r has K K'.
       const Eigen::MatrixXd K = inverse(equations.whitener(i, state, errors));
       Eigen::MatrixXd scores = transposed_product(linear.J[i], product(equations.whitener(i, state, weighing), K));
       if (place.size() > 1)
@@ -224,8 +225,8 @@ Eigen::MatrixXd covariance_of_estimate(const Equations& equations, std::span<con
 //
 //     V = a V_position + b V_robot_rotation + c V_target_rotation.
 //
-// With P = W - W J N^-1 J' W, W = V^-1, N = J' W J, restricted maximum likelihood asks for r' P V_k P r = tr(P V_k) for
-// each k. The ratio of both sides is the next factor's correction; factors stay positive, and views being independent
+// With P = W - W J N^-1 J' W, W = V^-1, N = J' W J, restricted maximum likelihood requires r' P V_k P r = tr(P V_k) for
+// each k. The ratio of both sides is the correction of the factor, which stays positive. Views are independent, so
 // every sum is over 6 x 6 blocks.
 
 namespace {
@@ -233,7 +234,7 @@ namespace {
 constexpr std::size_t kParts = 3;
 using Factors = std::array<double, kParts>;
 
-/// One view: residual, derivative, and the covariance's parts for noise as stated.
+/// One view: residual, derivative, and the parts of its covariance for the stated noise.
 struct Block {
   Eigen::VectorXd r;
   Eigen::MatrixXd J;
@@ -301,7 +302,7 @@ Components estimate_components(const Equations& equations, std::span<const std::
                equations.covariance(i, state, times(0.0, 0.0, 1.0))};
     blocks.push_back(std::move(block));
   }
-  // One common factor has a closed form: all corrections weighed by their traces; iterating it settles at once.
+  // One common factor has a closed form: all corrections weighted by their traces; one iteration is enough.
   constexpr int kStepsMax = 300;
   constexpr double kSettled = 1e-4;
   constexpr double kFactorMin = 1e-6;

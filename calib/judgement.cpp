@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// From figures to reasons. A cause is named before its consequences, and a consequence that the cause explains is not
-// named as another reason: poses read wrongly make every other figure meaningless, and a scanner that was never turned
-// needs no remark about its condition number.
+// Derives reasons from figures. A cause is reported before its consequences, and consequences explained by it are not
+// reported separately. Poses with a wrong meaning invalidate all other figures, and for a scanner that was never
+// rotated the condition number is not reported.
 #include "calib/hand_eye_parts.h"
 
 #include <array>
@@ -13,7 +13,7 @@
 namespace slabd::calib {
 namespace {
 
-/// Below this a principal rotation or spread counts as none at all.
+/// Below this a principal rotation or spread counts as zero.
 constexpr double kNoRotationDeg = 0.5;
 constexpr double kNearNothingMm = 10.0;
 
@@ -30,7 +30,8 @@ void refuse(HandEye& result, Refusal code, std::string text, std::string cure) {
   result.reasons.push_back({code, std::move(text), std::move(cure)});
 }
 
-/// Of positions and rotations one may well be better than stated; both are only when the figures were made up.
+/// Larger of the ratios of positions and rotations. One of them may be better than stated; if both are, the stated
+/// figures were invented.
 double larger_s0(const HandEye& result) {
   return has_value(result.s0_rotation) ? std::max(result.s0_position, result.s0_rotation) : result.s0;
 }
@@ -44,9 +45,9 @@ std::string numbers_of(const HandEye& result, std::span<const std::size_t> indic
   return list;
 }
 
-/// Targets that are copies of each other. True when there are enough of them to explain everything.
+/// Reports targets that are copies of each other. True if there are enough copies to explain all other faults.
 bool judge_same_target(const Circumstances& c, HandEye& result) {
-  constexpr std::size_t kCopiesMin = 3;  // two by chance or by one stale answer: a warning, the view is left out
+  constexpr std::size_t kCopiesMin = 3;  // two may be by chance or a stale answer: warning, and the view is left out
   const SameTarget& same = c.same_target;
   if (same.views.size() < 2) return false;
   const std::string text =
@@ -62,7 +63,7 @@ bool judge_same_target(const Circumstances& c, HandEye& result) {
   return true;
 }
 
-/// "frames=..." that says what both tables hold when both are inverted.
+/// Text "frames=..." with the contents of both tables, if both are inverted.
 std::string cure_of_both_inverted(const DeclaredFormats& declared) {
   const bool flange = declared.flange && declared.flange->inverse;
   const bool target = declared.target && declared.target->inverse;
@@ -83,11 +84,12 @@ Refusal refusal_of(Misreading misreading) {
   return Refusal::convention;
 }
 
-/// Poses that mean something else than was stated. True when that explains everything.
+/// Reports poses with another meaning than stated. True if that explains all other faults.
 bool judge_reading(const Circumstances& c, HandEye& result) {
   if (judge_same_target(c, result)) return true;
   const ConventionReport& report = result.conventions;
-  // A ball that was always in one place or on a line leaves so much open that a wrong reading may fit by chance.
+  // A ball that was always at one place or on a line leaves too many directions open: a wrong reading may fit by
+  // chance.
   const bool open = c.kind == ArtefactKind::ball && result.ball_spread_axes_mm[1] < kBallSpreadMinMm;
   const bool named = report.fits != 0 && (!open || report.tried[report.fits].changes == Misreading::units);
   if (named) {
@@ -153,8 +155,9 @@ void judge_count(const Circumstances& c, HandEye& result) {
            "nothing new");
 }
 
-/// True when the rotations are the cause of whatever is badly determined. Turns about two axes determine the
-/// calibration (tilts to all sides without a roll); the third only adds to it, so the second principal value decides.
+/// Reports missing rotations. True if they are the cause of the undetermined directions. Rotations about two axes
+/// determine the calibration (tilts to all sides without a roll). The third only improves it, so the second principal
+/// value decides.
 bool judge_rotations(HandEye& result) {
   const std::array<double, 3>& spread = result.rotation_spread_axes_deg;
   if (!(spread[1] < kRotationSpreadMinDeg)) return false;
@@ -201,7 +204,7 @@ bool judge_ball_places(HandEye& result) {
   return true;
 }
 
-/// Balls that were seen in one plane only look the same in a mirrored cloud.
+/// Reports a ball that stayed in one plane: a mirrored cloud would then look the same.
 void judge_handedness(const Circumstances& c, HandEye& result) {
   constexpr double kSigmas = 5.0;
   const double needed_mm = kSigmas * std::hypot(c.noise.robot_mm, c.noise.target_mm);
@@ -227,7 +230,7 @@ void judge_fit(const Circumstances& c, HandEye& result) {
            "no equations are left over: whatever these views hold, it fits, right or wrong",
            "have every ball seen from several poses of the flange");
   if (result.s0 > kS0Max) {
-    // Residuals of centimetres are no noise: something is read wrongly, in a way the convention test does not know.
+    // Residuals of centimetres are not noise: a reading is wrong in a way that the convention test does not cover.
     constexpr double kNoNoiseMm = 10.0;
     const double fits_mm = result.s0_position * std::hypot(c.noise.robot_mm, c.noise.target_mm);
     refuse(
@@ -262,7 +265,7 @@ void judge_fit(const Circumstances& c, HandEye& result) {
   }
 }
 
-/// The scanner's lengths against the robot's.
+/// Compares the scanner's lengths with the robot's.
 void judge_scale(const Circumstances& c, HandEye& result) {
   const double off = result.scale - 1.0;
   if (!(std::abs(off) > kScaleSigmas * result.scale_sigma)) return;
@@ -348,7 +351,7 @@ void judge(const Circumstances& c, HandEye& result) {
              "capture more views, tilted 20 to 35 deg, the artefact in the corners of the view");
   }
   advise(c, result);
-  // Nothing may be used that is not determined, even if no reason was found above.
+  // An undetermined result must not be used, even if none of the reasons above applies.
   if (!result.determined && result.reasons.empty())
     refuse(result, Refusal::ill_conditioned, "the views do not determine " + c.weakest,
            "capture views that differ more");

@@ -15,7 +15,8 @@ Error at_line(std::string_view file, int line, const std::string& what) {
   return error(Code::config, "%.*s:%d: %s", static_cast<int>(file.size()), file.data(), line, what.c_str());
 }
 
-/// Splits a line at blanks; quotes hold words together, and a # outside of them ends the line. False: an open quote.
+/// Splits a line at blanks; quotes keep words together, and a # outside of them ends the line. False if a quote is
+/// open.
 bool split(std::string_view text, std::vector<std::string>& words) {
   std::size_t i = 0;
   while (i < text.size()) {

@@ -19,7 +19,7 @@ Mat3 skew(const Vec3& v) {
 Quat exp_rotation(const Vec3& v) {
   const double angle = v.norm();
   const double half = 0.5 * angle;
-  // sin(half) / angle, by its series where the quotient would lose digits.
+  // sin(half) / angle, by its series if the quotient would lose digits.
   const double s = angle > 1e-4 ? std::sin(half) / angle : 0.5 - half * half / 12.0;
   return Quat(std::cos(half), s * v.x(), s * v.y(), s * v.z());
 }
@@ -69,7 +69,7 @@ Quat rotation_between(const Vec3& from, const Vec3& to) {
   const Vec3 b = to.normalized();
   const Vec3 axis = a.cross(b);
   const double w = 1.0 + a.dot(b);
-  // Opposite directions: half a turn about any axis that is normal to them.
+  // Opposite directions: a rotation by 180 degrees about any axis perpendicular to them.
   if (w < 1e-12) {
     const Vec3 normal = a.unitOrthogonal();
     return Quat(0.0, normal.x(), normal.y(), normal.z());
@@ -127,7 +127,7 @@ Matrix inverse_cholesky(const Matrix& V) {
 //     n even: exp(-h) sum_{j < n/2} h^j / j!
 //     n odd:  erfc(sqrt h) + exp(-h) sum_{j < (n-1)/2} h^(j + 1/2) / Gamma(j + 3/2)
 //
-// Everything is kept as a logarithm, so that a residual of a thousand sigmas is still told from one of two thousand.
+// All values are logarithms, so that a residual of a thousand sigmas differs from one of two thousand.
 
 namespace {
 
@@ -161,7 +161,7 @@ double normal_sigmas(double x, int freedom) {
   if (x <= 0.0) return 0.0;
   const double wanted = log_tail(x, freedom);
   double low = 0.0;
-  double high = std::sqrt(x) + 1.0;  // more degrees of freedom make the same sum less rare
+  double high = std::sqrt(x) + 1.0;  // more degrees of freedom make the same sum more probable
   for (int k = 0; k < 80; ++k) {
     const double middle = 0.5 * (low + high);
     (log_erfc(middle / std::sqrt(2.0)) > wanted ? low : high) = middle;

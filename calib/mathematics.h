@@ -15,67 +15,67 @@ namespace slabd::calib {
 
 [[nodiscard]] Quat exp_rotation(const Vec3& v);
 
-/// Length 0..pi.
+/// Rotation vector of length 0..pi.
 [[nodiscard]] Vec3 log_rotation(const Quat& q);
 
 /// d log(exp(d) exp(r)) / dd at d = 0.
 [[nodiscard]] Mat3 left_jacobian_inverse(const Vec3& r);
 
-/// The rotation nearest to a matrix.
+/// Rotation closest to a matrix.
 [[nodiscard]] Mat3 nearest_rotation(const Mat3& m);
 
-/// The motion that takes `from` to `to` best, unweighted (Kabsch 1976; Arun et al. 1987). Three points or more, not on
-/// a line.
+/// Motion that maps `from` to `to` best, unweighted (Kabsch 1976; Arun et al. 1987). Requires three points or more, not
+/// on a line.
 [[nodiscard]] Pose rigid_fit(std::span<const Vec3> from, std::span<const Vec3> to);
 
-/// The shortest rotation that takes one direction (any length > 0) to another.
+/// Shortest rotation from one direction (any length > 0) to another.
 [[nodiscard]] Quat rotation_between(const Vec3& from, const Vec3& to);
 
 // ---- matrices of any size
 //
-// Plain functions, because Eigen's products and decompositions are templates: every file that writes them compiles them
-// again, half a minute in the worst.
+// Plain functions, because Eigen's products and decompositions are templates: every file that uses them compiles them
+// again, in the worst case for half a minute.
 
 /// A B
 [[nodiscard]] Eigen::MatrixXd product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
 /// A' B
 [[nodiscard]] Eigen::MatrixXd transposed_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
-/// A V A', the covariance V carried through A.
+/// A V A': covariance V propagated through A.
 [[nodiscard]] Eigen::MatrixXd carried(const Eigen::MatrixXd& A, const Eigen::MatrixXd& V);
 
-/// Of any square matrix; not finite where it is singular.
+/// Inverse of any square matrix; not finite if it is singular.
 [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::MatrixXd& A);
 
-/// The X of N X = B for a symmetric N, by L D L'.
+/// Solution X of N X = B for a symmetric N, by L D L'.
 [[nodiscard]] Eigen::MatrixXd solve_symmetric(const Eigen::MatrixXd& N, const Eigen::MatrixXd& B);
 
-/// Of |det N| of a symmetric N.
+/// Logarithm of |det N| of a symmetric N.
 [[nodiscard]] double log_determinant(const Eigen::MatrixXd& N);
 
-/// The shortest x for which |A x - b| is least, whatever the rank of A.
+/// Shortest x that minimises |A x - b|, for any rank of A.
 [[nodiscard]] Eigen::VectorXd solve_least_squares(const Eigen::MatrixXd& A, const Eigen::VectorXd& b);
 
-/// N = vectors diag(values) vectors' of a symmetric N; values ascend.
+/// N = vectors diag(values) vectors' of a symmetric N; ascending values.
 struct SymmetricParts {
   Eigen::VectorXd values;
   Eigen::MatrixXd vectors;
 };
 [[nodiscard]] SymmetricParts symmetric_parts(const Eigen::MatrixXd& N);
 
-/// Singular values, descending, and the right singular vectors of a matrix with no fewer rows than columns.
+/// Singular values, descending, and right singular vectors of a matrix with at least as many rows as columns.
 struct SingularParts {
   Eigen::VectorXd values;
   Eigen::MatrixXd right;
 };
 [[nodiscard]] SingularParts singular_parts(const Eigen::MatrixXd& A);
 
-/// The inverse of the lower triangle L of V = L L', for a positive definite V.
+/// Inverse of the lower triangle L of V = L L', for a positive definite V.
 [[nodiscard]] Eigen::MatrixXd inverse_cholesky(const Eigen::MatrixXd& V);
 
-// ---- how rare a sum of squares is
+// ---- probability of a sum of squares
 
-/// |z| of a normal variable that is as rare as chi-square `x` with `freedom` >= 1 degrees of freedom. Also where the
-/// probability is far below the smallest double.
+/// |z| of a normal variable with the same tail probability as chi-square `x` with `freedom` >= 1 degrees of freedom.
+/// Also computed for probabilities far below the smallest double.
 [[nodiscard]] double normal_sigmas(double x, int freedom);
 
 /// Median of chi-square with `freedom` degrees of freedom, to a per cent.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Tables of poses as text. A table says what it holds or is in the neutral form; a number is never interpreted by its
-// size. Every refusal names origin and line, so that the person who wrote the file finds it.
+// Tables of poses as text. A table declares its content or is in the neutral form; numbers are never interpreted by
+// their size. Every error contains origin and line, so that the author can find it.
 #include "calib/observations.h"
 
 #include <algorithm>
@@ -41,7 +41,7 @@ constexpr const char* frames_of(TableRole role, bool inverse) {
   return inverse ? "T_target_scanner" : "T_scanner_target";
 }
 
-/// Takes the next word off `text`; empty at its end.
+/// Removes and returns the next word of `text`; empty at its end.
 std::string_view next_word(std::string_view& text) {
   const std::size_t from = std::min(text.find_first_not_of(kBlanks), text.size());
   const std::size_t to = std::min(text.find_first_of(kBlanks, from), text.size());
@@ -50,13 +50,13 @@ std::string_view next_word(std::string_view& text) {
   return word;
 }
 
-/// Where a message belongs: "flange.txt:12".
+/// Place of an error in a text: "flange.txt:12".
 struct Place {
   std::string_view origin;
   std::size_t line;
 };
 
-/// "origin:line: sentence".
+/// Error with the text "origin:line: sentence".
 [[gnu::format(printf, 2, 3)]] Error at(const Place& place, const char* format, ...) {
   std::array<char, limits::kErrorTextBytes> text{};
   va_list args;
@@ -71,13 +71,13 @@ int width(std::string_view word) {
   return static_cast<int>(std::min<std::size_t>(word.size(), 40));
 }
 
-/// A file's name in a sentence: its end, where the name stands, when it is long.
+/// File name for a sentence; only the end of a long one, which contains the name.
 std::string_view ending(std::string_view origin) {
   constexpr std::size_t kMost = 80;
   return origin.size() > kMost ? origin.substr(origin.size() - kMost) : origin;
 }
 
-/// The header line behind "format:".
+/// Parses the header line after "format:".
 Result<PoseFormat> parse_header(std::string_view text, const Place& place, TableRole role) {
   PoseFormat format;
   format.declared = true;
@@ -156,7 +156,7 @@ Result<std::size_t> parse_label(std::string_view word, const char* what, std::si
   return number - 1;
 }
 
-/// One line of numbers, appended to the table.
+/// Parses one line of numbers and appends it to the table.
 Status parse_line(std::string_view line, const Place& place, PoseTable& table) {
   const PoseFormat& format = table.format;
   if (format.labelled) {
@@ -216,7 +216,7 @@ double robot_rad_for(double robot_mm) {
 
 Result<PoseTable> parse_poses(std::string_view text, std::string_view origin, TableRole role) {
   PoseTable table;
-  if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);  // some editors put a byte-order mark in front
+  if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);  // skip the byte order mark of some editors
   std::size_t number = 0;
   while (!text.empty()) {
     const std::size_t end = std::min(text.find('\n'), text.size());

@@ -12,8 +12,8 @@
 
 #include "base/base.h"
 
-/// What a calibration is computed from: where the robot said the flange was, and where the scanner saw the artefact.
-/// And its written forms. Text in, values out: nothing here opens a file.
+/// Input of a calibration: the flange poses reported by the robot, and the artefact as measured by the scanner; and
+/// their text forms. No function here opens a file.
 namespace slabd::calib {
 
 enum class ArtefactKind : std::uint8_t {
@@ -24,41 +24,41 @@ enum class ArtefactKind : std::uint8_t {
   return kind == ArtefactKind::ball ? "ball" : "pose";
 }
 
-/// One ball as one view saw it.
+/// One ball in one view.
 struct BallSighting {
-  std::size_t ball = 0;           ///< which ball of the cell, from 0
+  std::size_t ball = 0;           ///< index of the ball in the cell, from 0
   Vec3 centre_mm = Vec3::Zero();  ///< scanner frame
-  /// Random part, scanner axes, k = 1. Empty = what the caller states for all.
+  /// Random part, scanner axes, k = 1. nullopt: the value stated for all.
   std::optional<Mat3> cov_mm2;
 };
 
-/// What was seen while the robot stood still once. A `ball` view has at least one sighting (several balls of one view
-/// share its robot error); a `pose` view has T_scanner_target.
+/// Measurements at one stop of the robot. A `ball` view has at least one sighting (the balls of one view share the
+/// robot's error); a `pose` view has T_scanner_target.
 struct View {
-  std::size_t number = 0;  ///< what people call it, from 1; 0 = by its place in the set
-  Pose T_base_flange;      ///< as the robot reported it
-  /// A, B, C as reported, before anything wrapped them; for the convention test, which reads them in other ways.
+  std::size_t number = 0;  ///< number shown to people, from 1; 0: its place in the set
+  Pose T_base_flange;      ///< as reported by the robot
+  /// A, B, C as reported, before any wrapping, for the convention test, which tries other readings.
   std::optional<std::array<double, 3>> reported_abc_rad;
   std::vector<BallSighting> balls;
   Pose T_scanner_target;
-  /// Of the small motion that takes it to the true one, `T_true = T_scanner_target * motion`: x, y, z (mm), rotation
-  /// about X, Y, Z (rad), target frame (calib::TargetPose). Empty = what the caller states for all.
+  /// Covariance of the small motion to the true pose, `T_true = T_scanner_target * motion`: x, y, z (mm), rotation
+  /// about X, Y, Z (rad), target frame (calib::TargetPose). nullopt: the value stated for all.
   std::optional<Mat6> target_covariance;
 };
 
-/// Standard deviations per axis, k = 1, as the robot's and the scanner's data say. They weigh the views and are what
-/// the residuals are held against.
+/// Standard deviations per axis, k = 1, from the data of robot and scanner. They weight the views, and the residuals
+/// are compared with them.
 struct StatedNoise {
   double robot_mm = 0.06;
   double robot_rad = rad_from_deg(0.0023);
-  double target_mm = 0.01;  ///< a ball's centre, an artefact's origin
+  double target_mm = 0.01;  ///< centre of a ball, or origin of an artefact
   double target_rad = rad_from_deg(0.003);
 };
-/// The stated position error of a robot as an angle: 0.06 mm go with 0.0023 deg (an arm of 1.5 m), others in
-/// proportion. For callers who know only the position error.
+/// Angle error for a stated position error of a robot: 0.0023 deg for 0.06 mm (an arm of 1.5 m), proportional for
+/// others. Used if only the position error is known.
 [[nodiscard]] double robot_rad_for(double robot_mm);
 
-/// How rotations and units are written. Everything is declared, nothing is guessed from the numbers.
+/// Text form of rotations. Forms and units are declared, never guessed from the numbers.
 enum class RotationForm : std::uint8_t {
   quaternion_wxyz,  ///< x y z qw qx qy qz
   quaternion_xyzw,  ///< x y z qx qy qz qw
@@ -67,60 +67,60 @@ enum class RotationForm : std::uint8_t {
 };
 [[nodiscard]] std::string_view name(RotationForm form);
 
-/// The declaration of a table of poses. Without a header line a text is in the neutral form, these defaults. Else
+/// Declared format of a table of poses. Without a header line a text is in the neutral form, with these defaults.
+/// A header line before the first pose declares another form:
 ///
 ///     # format: rotation=kuka_abc unit=mm angle=deg frames=T_base_flange
 ///
-/// before the first pose. `rotation=` as in RotationForm, `unit=mm|m`, `angle=deg|rad` (kuka_abc alone, and then it
-/// must be said, as the unit must), `frames=` the transform that the lines hold: T_base_flange or T_flange_base,
-/// T_scanner_target or T_target_scanner (inverse ones are inverted), `labels=view,ball`: two whole numbers in front of
-/// every line of a target table, the line of the flange table it belongs to and the ball that was seen, both from 1.
+/// `rotation=` as in RotationForm, `unit=mm|m`, `angle=deg|rad` (only for kuka_abc, where
+/// angle and unit are required). `frames=` is the transform in the lines: T_base_flange or T_flange_base,
+/// T_scanner_target or T_target_scanner (inverse ones are inverted). `labels=view,ball` declares two integers before
+/// every line of a target table: the line of the flange table, and the ball, both from 1.
 struct PoseFormat {
   RotationForm rotation = RotationForm::quaternion_wxyz;
   bool metres = false;
   bool radians = false;
-  bool inverse = false;  ///< the lines hold T_flange_base or T_target_scanner
+  bool inverse = false;  ///< the lines contain T_flange_base or T_target_scanner
   bool labelled = false;
-  bool declared = false;  ///< a header line was there
+  bool declared = false;  ///< a header line was present
 };
 
-/// A table of poses as it was written, converted to mm and rad and to the direction the solver wants.
+/// A table of poses, converted to mm and rad and to the direction required by the solver.
 struct PoseTable {
   PoseFormat format;
   std::vector<Pose> poses;
-  std::vector<std::array<double, 7>>
-      written;                     ///< the numbers of each line as they stand there, 0 where there are fewer
-  std::vector<std::size_t> lines;  ///< line of each pose in the text, from 1
-  std::vector<std::size_t> views;  ///< labelled: from 0, else empty
-  std::vector<std::size_t> balls;  ///< labelled: from 0, else empty
+  std::vector<std::array<double, 7>> written;  ///< the numbers of each line as written, 0 if there are fewer
+  std::vector<std::size_t> lines;              ///< line of each pose in the text, from 1
+  std::vector<std::size_t> views;              ///< labelled: from 0; otherwise empty
+  std::vector<std::size_t> balls;              ///< labelled: from 0; otherwise empty
 };
 
 enum class TableRole : std::uint8_t { flange, target };
 
-/// At most this many views: a set larger than that is a mistake (a whole log), and it would be solved for minutes.
+/// Largest number of views. A larger set is a mistake (a whole log) and would be solved for minutes.
 inline constexpr std::size_t kViewsMax = 400;
 inline constexpr std::size_t kBallsMax = 16;
 
-/// Reads a table; `origin` (a file name) stands in front of errors, as in "flange.txt:12: ...". Refused (Code::config):
-/// an unknown key or word of the header, a number that is missing, surplus or not finite, a quaternion whose length is
-/// not 1 within 1e-3, a position beyond 100 m (a table in um), more than kViewsMax lines, no pose at all.
+/// Reads a table; `origin` (a file name) is the prefix of errors, as in "flange.txt:12: ...". Code::config: an unknown
+/// key or word in the header, or a number that is missing, surplus or not finite. Also a quaternion whose length is not
+/// 1 within 1e-3, or a position beyond 100 m (a table in um). Also more than kViewsMax lines, or a table without poses.
 [[nodiscard]] Result<PoseTable> parse_poses(std::string_view text, std::string_view origin, TableRole role);
 
-/// The views of two tables, numbered by the lines of the flange table. Not labelled: line by line, so they must have
-/// the same length; labelled: a flange pose without a sighting is no view. `origin` of both for the errors: a count
-/// that differs, a label outside the flange table, a ball twice in a view, a ball centre where a pose is needed
-/// (`rotation=none` with kind pose).
+/// Combines two tables into views, numbered by the lines of the flange table. Without labels the lines correspond, so
+/// the lengths must be equal. With labels a flange pose without a sighting is skipped. Errors contain the `origin` of a
+/// table. They are different lengths, a label outside the flange table, or a ball twice in a view. A ball centre
+/// instead of a pose (`rotation=none` with kind pose) is an error too.
 [[nodiscard]] Result<std::vector<View>> views_from(ArtefactKind kind, const PoseTable& flange,
                                                    std::string_view flange_origin, const PoseTable& target,
                                                    std::string_view target_origin);
 
-/// The other way: every pose in the given form, its header line first unless it is the neutral form. Numbers have as
-/// many digits as bring back the same bits (neutral form), labels as given (`views` and `balls` from 0, or empty).
+/// Writes poses in the given form, with a header line unless it is the neutral form. Numbers in the neutral form have
+/// enough digits to reproduce the same bits; labels as given (`views` and `balls` from 0, or empty).
 [[nodiscard]] std::string write_poses(std::span<const Pose> poses, const PoseFormat& format, TableRole role,
                                       std::span<const std::size_t> views = {}, std::span<const std::size_t> balls = {});
 
-/// Two flange poses nearer than this are one place: a view from there again repeats the first one's error of the robot
-/// and says nothing new about where the scanner sits.
+/// Two flange poses closer than this are one place. A further view from there repeats the robot's error of the first
+/// one and gives no new information about the scanner's pose.
 inline constexpr double kSamePlaceMm = 1.0;
 inline constexpr double kSamePlaceDeg = 0.1;
 [[nodiscard]] bool same_place(const Pose& a, const Pose& b);

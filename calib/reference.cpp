@@ -11,17 +11,17 @@ namespace {
 constexpr const char* kKeys =
     "id, date, issuer, slope_deg, slope_U_deg, jaw_distance_mm, jaw_distance_U_mm, coverage_factor";
 
-/// A share of the limit that says: something drifts. Repeatability alone (0.017 mm per axis, twice) reaches it once in
-/// thirty checks of the usual 0.1 mm.
+/// Share of the limit above which a drift is reported. Repeatability alone (0.017 mm per axis, twice) reaches it once
+/// in thirty checks with the usual 0.1 mm.
 constexpr double kDriftShare = 0.7;
-/// Nothing in a cell drifts so far.
+/// Larger than any drift in a cell.
 constexpr double kNoDriftMm = 5.0;
 
 struct Deviation {
   const char* what;
   const char* unit;
   double off;
-  double allowed;  ///< NaN: unknown, which passes nothing
+  double allowed;  ///< NaN: unknown, never passes
 };
 
 double allowed_of(double U_measured, double U_certified, double limit) {

@@ -7,9 +7,8 @@
 #include "base/base.h"
 #include "base/calibration.h"
 
-/// The artefacts that watch over a calibration from day to day. Repeats cannot show what is wrong by the same amount
-/// every time (a scanner that bends its picture, a worn projector); an artefact whose slope and jaw distance somebody
-/// else has measured can.
+/// Artefacts that monitor a calibration from day to day. Repeats do not reveal a constant error (a distorting scanner,
+/// a worn projector). An artefact with an independently certified slope and jaw distance does.
 namespace slabd::calib {
 
 struct ReferenceCertificate {
@@ -30,24 +29,24 @@ struct ReferenceCertificate {
 ///     jaw_distance_U_mm = 0.006
 ///     coverage_factor = 2            # optional, 2 if absent; of both
 ///
-/// config: the text names `file_name`:line, what is wrong and what is allowed.
+/// config: the text contains `file_name`:line, the fault and the allowed values.
 [[nodiscard]] Result<ReferenceCertificate> parse_reference_certificate(std::string_view text,
                                                                        std::string_view file_name);
 
-/// Limits beside those that follow from the uncertainties; NaN: none.
+/// Limits in addition to those from the uncertainties; NaN if there are none.
 struct CheckLimits {
   double slope_rad = kNoValue;
   double jaw_distance_mm = kNoValue;
 };
 
-/// Compares one measurement of the reference block with its certificate. Passed when slope and jaw distance were both
-/// measured, each with a U, and lie within sqrt(U^2 + U_certificate^2) of the certificate and within `limits`: a larger
-/// error says that the U of every verdict since the last check was not true. Fills passed, the measured figures and
-/// note; the caller fills ids, time, who and source.
+/// Compares one measurement of the reference block with its certificate. Passed if slope and jaw distance were both
+/// measured, each with a U, and are within sqrt(U^2 + U_certificate^2) of the certificate and within `limits`. A larger
+/// error means that the U of all verdicts since the last check was too small. Sets passed, the measured figures and
+/// note; the caller sets ids, time, who and source.
 [[nodiscard]] CalibrationCheck check_block(const ReferenceBlock& certified, const BlockResult& measured,
                                            const CheckLimits& limits);
 
-/// Compares the monitor ball with its place. A note on a check that passed says that it nearly failed.
+/// Compares the monitor ball with its stored place. A passed check has a note if it nearly failed.
 [[nodiscard]] CalibrationCheck check_ball(const MonitorBall& certified, const Vec3& centre_base_mm);
 
 }  // namespace slabd::calib

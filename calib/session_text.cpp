@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Records that people read and edit at their own risk: `key = value` lines, and a checksum over them as the last one.
-// The checksum tells a file that was cut off by a power failure, or changed by hand, from what slabctl wrote. It guards
-// against accidents, not against forgery.
+// Records that people may read and edit: `key = value` lines, followed by a checksum. The checksum detects a file that
+// was truncated by a power failure or edited by hand. It protects against accidents, not against forgery.
 //
-// Each record has one list of its fields, fields(), which writes it with a RecordWriter and reads it with a
+// Each record has one list of fields, fields(), which is used for writing with a RecordWriter and for reading with a
 // RecordReader.
 #include <algorithm>
 #include <array>
@@ -20,21 +19,21 @@ namespace {
 
 constexpr std::string_view kChecksumKey = "sha256 = ";
 constexpr double kNumberMost = 1e12;
-constexpr double kCountMost = 9e15;  ///< exact in a double
+constexpr double kCountMost = 9e15;  ///< exactly representable as a double
 constexpr double kStepMost = 1e6;
 
 Error wrong(std::string_view file, const char* what) {
   return error(Code::config, "%.*s: %s", static_cast<int>(file.size()), file.data(), what);
 }
 
-/// Text between quotes; a quote in it, or a line's end, would break the line.
+/// Text in quotes; inner quotes and line breaks are replaced, because they would break the line.
 std::string in_quotes(std::string_view text) {
   std::string out = "\"";
   for (const char c : text.substr(0, std::size_t{4096})) out += c == '"' ? '\'' : c == '\n' || c == '\r' ? ' ' : c;
   return out + "\"";
 }
 
-/// Lines front to back, the checksum last.
+/// Writes lines in order, with the checksum last.
 class RecordWriter {
  public:
   static constexpr bool kReads = false;
@@ -48,7 +47,7 @@ class RecordWriter {
   Self text(std::string_view key, std::string_view value) {
     return value.empty() ? *this : line(key, in_quotes(value));
   }
-  /// Without quotes.
+  /// Writes a value without quotes.
   Self word(std::string_view key, std::string_view value) { return line(key, value); }
   template <typename Enum>
   bool choice(std::string_view key, Enum value, std::initializer_list<Enum> /*all*/) {
@@ -79,7 +78,7 @@ class RecordWriter {
   Self pose(std::string_view key, const Pose& pose, bool given) {
     return given ? numbers(key, pose.to_array()) : *this;
   }
-  /// The lower triangle of a symmetric matrix, row by row.
+  /// Writes the lower triangle of a symmetric matrix, row by row.
   Self triangle(std::string_view key, const Mat6& m, bool given) {
     std::vector<double> values;
     for (int row = 0; row < 6; ++row)
@@ -97,7 +96,7 @@ class RecordWriter {
   std::string text_;
 };
 
-/// The same fields out of the lines of a file. What is not there stays as it is, unless it is required.
+/// Reads the same fields from the lines of a file. Missing optional fields leave the member unchanged.
 class RecordReader {
  public:
   static constexpr bool kReads = true;
@@ -116,7 +115,7 @@ class RecordReader {
     return *this;
   }
   Self word(std::string_view key, std::string& out) { return text(key, out); }
-  /// False: it is none of `all`, and `out` stays.
+  /// Reads one of `all`; if the word is another, returns false and leaves `out` unchanged.
   template <typename Enum>
   bool choice(std::string_view key, Enum& out, std::initializer_list<Enum> all) {
     std::string found;
@@ -158,7 +157,7 @@ class RecordReader {
     last = static_cast<std::int64_t>(found[1]);
     return true;
   }
-  /// Not normalised again: the same bits come back.
+  /// Not normalised again, so that the same bits are read.
   Self pose(std::string_view key, Pose& out, bool& given) {
     std::array<double, 7> p{};
     given = take(key, kNumberMost, p);
@@ -202,7 +201,7 @@ class RecordReader {
   KeyFile keys_;
 };
 
-/// Each record's fields in the order of its lines. False: one that it cannot do without is missing or makes no sense.
+/// Fields of each record in the order of its lines. Returns false if a required one is missing or invalid.
 template <typename Form, RecordOf<SessionSettings> Record>
 bool fields(Form& f, Record& s) {
   f.comment("a calibration by slabctl calibrate; agreed at its beginning, not to be edited");
@@ -262,7 +261,7 @@ bool fields(Form& f, Record& s) {
   f.pose("T_flange_scanner", s.numbers.T_flange_scanner, is_determined);
   f.number("sigma_mm", s.numbers.sigma_mm).number("sigma_rad", s.numbers.sigma_rad);
   f.number("point_sigma_mm", s.point_sigma_mm).number("leave_one_out_mm", s.leave_one_out_mm).number("s0", s.s0);
-  // Never applied unless everything is there.
+  // Never applicable unless the record is complete.
   if constexpr (Form::kReads)
     s.ok = s.ok && is_determined && has_value(s.numbers.sigma_mm) && has_value(s.numbers.sigma_rad) && !s.id.empty();
   return true;
@@ -276,7 +275,7 @@ bool fields(Form& f, Record& v) {
   return true;
 }
 
-/// The record whose checksum fits. `lacking`: what is said when a field that it cannot do without makes no sense.
+/// Reads a record with a valid checksum. `lacking`: error text if a required field is invalid.
 template <typename Record>
 Result<Record> read_record(std::string_view text, std::string_view file_name, const char* lacking = "") {
   const Result<std::string> body = without_checksum(text, file_name);
@@ -405,7 +404,7 @@ Result<Pose> parse_flange(std::string_view form, std::string_view numbers, std::
   view.flange = numbers;
   const Result<View> read = solver_view(ArtefactKind::pose, view, origin);
   if (read) return read.value().T_base_flange;
-  // The line is one of the table that was put together to read it, and nobody has that.
+  // The line number refers to a temporary table, so it is removed from the error.
   std::string text(read.error().text.view());
   const std::string named = std::string(origin) + ":";
   const std::size_t end = text.find(':', named.size());

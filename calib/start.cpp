@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Where the adjustment starts. A closed form needs no prior knowledge of the scanner's place and comes within a few
-// per cent of the optimum, but it is as good as its worst view, so it is also taken on small subsets drawn by a fixed
-// generator; what agrees with most views wins. Sets too small or too poor for the linear form start from a net of
-// rotations instead. Whatever the rotation came from, everything else follows from it linearly.
+// Starting points of the adjustment. A closed form requires no prior knowledge of the scanner's pose and comes within a
+// few per cent of the optimum, but one wrong view spoils it. Therefore it is also applied to small subsets drawn by a
+// fixed generator, and the result that agrees with most views wins. Sets too small or too poor for the linear form use
+// a grid of rotations. For a given rotation all other parameters are linear.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -20,11 +20,11 @@ constexpr std::uint64_t kSeed = 20;
 constexpr std::size_t kBallSubset = 6;  // 18 equations for 15 unknowns
 constexpr std::size_t kPoseSubset = 4;
 constexpr std::size_t kStarts = 12;
-constexpr double kRotationScale = 500.0;  // mm: brings the columns of vec R to the size of the others
+constexpr double kRotationScale = 500.0;  // mm: scales the columns of vec R to the size of the others
 
 using Chosen = std::vector<std::size_t>;
 
-/// Calls f(point, target) for what a view sees: its balls, or the artefact's origin.
+/// Calls f(point, target) for the points of a view: its balls, or the artefact's origin.
 template <typename F>
 void for_each_point(const Equations& equations, std::size_t i, F&& f) {
   const View& view = equations.view(i);
@@ -41,8 +41,8 @@ int points_in(const Equations& equations, const Chosen& chosen) {
   return points;
 }
 
-/// `R_X c + t_X - R_A' p' = -R_A' (t_A - m)`, p = p' + m: linear in (vec R_X, t_X, p'); the translation of X when the
-/// rotation is known, else both.
+/// Solves `R_X c + t_X - R_A' p' = -R_A' (t_A - m)`, p = p' + m, linear in (vec R_X, t_X, p'). With a known rotation it
+/// solves only for the translations, else for both.
 Eigen::VectorXd solve_linear(const Equations& equations, const Chosen& chosen, const Mat3* R_known) {
   const int offset = R_known == nullptr ? 9 : 0;
   const int unknowns = offset + 3 + 3 * static_cast<int>(equations.targets());
@@ -84,7 +84,7 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-/// X and targets for a rotation: t_X from the chosen views, targets as the medians of where all views put them.
+/// X and targets for a given rotation: t_X from the chosen views, each target as the median of its places in all views.
 State complete(const Equations& equations, const Chosen& chosen, const Mat3& R_X) {
   State state;
   state.X.rotation = Quat(R_X).normalized();
@@ -102,7 +102,7 @@ State complete(const Equations& equations, const Chosen& chosen, const Mat3& R_X
       state.targets[target].translation_mm[static_cast<int>(k)] = places[k].empty() ? 0.0 : median(places[k]);
   }
   if (equations.kind() == ArtefactKind::pose) {
-    // The view whose orientation of the target has the smallest median distance to all others.
+    // Selects the orientation of the target with the smallest median distance to those of the other views.
     double best = std::numeric_limits<double>::infinity();
     std::vector<Quat> turned;
     for (std::size_t i = 0; i < equations.size(); ++i)
@@ -121,7 +121,7 @@ State complete(const Equations& equations, const Chosen& chosen, const Mat3& R_X
   return state;
 }
 
-/// `(R_B' kron R_A) vec R_X - vec R_Z = 0`: the direction in which all views agree best.
+/// Solves `(R_B' kron R_A) vec R_X - vec R_Z = 0` for the direction in which all views agree best.
 Mat3 rotation_by_kronecker(const Equations& equations, const Chosen& chosen) {
   using Matrix9 = Eigen::Matrix<double, 9, 9>;
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(18, 18);
@@ -131,7 +131,7 @@ Mat3 rotation_by_kronecker(const Equations& equations, const Chosen& chosen) {
     Matrix9 K;
     for (int row = 0; row < 3; ++row)
       for (int column = 0; column < 3; ++column) K.block<3, 3>(3 * row, 3 * column) = R_B(column, row) * R_A;
-    normal.topLeftCorner<9, 9>() += Matrix9::Identity();  // K'K = I, K is orthogonal
+    normal.topLeftCorner<9, 9>() += Matrix9::Identity();  // K'K = I, because K is orthogonal
     normal.topRightCorner<9, 9>() -= K.transpose();
     normal.bottomLeftCorner<9, 9>() -= K;
     normal.bottomRightCorner<9, 9>() += Matrix9::Identity();
@@ -150,7 +150,7 @@ Mat3 rotation_by_closed_form(const Equations& equations, const Chosen& chosen) {
   return nearest_rotation(R);
 }
 
-/// The 24 rotations that take the axes into each other.
+/// The 24 rotations that permute the axes.
 std::vector<Mat3> net_of_rotations() {
   std::vector<Mat3> net;
   for (int x = 0; x < 3; ++x)
@@ -167,7 +167,7 @@ std::vector<Mat3> net_of_rotations() {
   return net;
 }
 
-/// Views that lie far away count little: the logarithm of Cauchy's loss.
+/// Logarithm of Cauchy's loss, which gives little weight to distant views.
 double misfit(const Equations& equations, const Weighing& weighing, const State& state) {
   double sum = 0.0;
   Eigen::VectorXd r;
@@ -222,7 +222,7 @@ std::vector<State> starting_points(const Equations& equations, const Weighing& w
     for (const Mat3& R : net_of_rotations()) offer(all, R);
   std::stable_sort(starts.begin(), starts.end(), [](const Start& a, const Start& b) { return a.misfit < b.misfit; });
 
-  // Starts that agree lead to the same place: keep different ones.
+  // Starts with nearly the same rotation lead to the same solution, so only different ones are kept.
   constexpr double kSameRad = 0.02;
   std::vector<State> best;
   for (const Start& start : starts) {

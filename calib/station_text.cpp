@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The written forms of a master certificate and of visits. What a certificate says is believed by every slab measured
-// afterwards, so it is read strictly; visits are written with every digit, because they are solved again when the
-// hand-eye calibration changes and must then give the same corrections as a new capture would.
+// Text forms of a master certificate and of visits. All later measurements depend on the certificate, so it is read
+// strictly. Visits are written with all digits. They are solved again when the hand-eye calibration changes, and must
+// then give the same corrections as a new capture.
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -68,14 +68,15 @@ void read_ball(KeyFile& file, const KeyLine& line, MasterCertificate& out) {
   s->points_mm.push_back(vector_at(v, 0));
 }
 
-/// Balls on a line leave the turn about it open.
+/// Checks that the balls are not on a line, which would leave the rotation about it undetermined.
 Status check_balls(const MasterStation& s, std::string_view file_name) {
   if (s.is_seat) return success();
   const auto file = static_cast<int>(file_name.size());
   if (s.points_mm.size() < kStationBallsMin)
     return error(Code::config, "%.*s: station %d has %zu balls, it needs %zu", file, file_name.data(), s.station,
                  s.points_mm.size(), kStationBallsMin);
-  // The turn about a line through the balls hangs on how far the widest triangle stands off its longest side.
+  // The rotation about a line through the balls is determined by the height of the widest triangle over its longest
+  // side.
   constexpr double kHeightLeastMm = 50.0;
   double height_mm = 0.0;
   const std::vector<Vec3>& p = s.points_mm;
@@ -147,7 +148,7 @@ std::string master_certificate_text(const MasterCertificate& c) {
   if (!c.issuer.empty()) text += "issuer = \"" + c.issuer + "\"\n";
   text += "slab_type = " + std::to_string(c.slab_type) + "\n";
   text += std::string("frame = ") + (c.frame == MasterCertificate::Frame::slab ? "slab" : "base") + "\n";
-  // Written with k = 1, so that no digit is lost.
+  // Written with k = 1 to keep all digits.
   text += "coverage_factor = 1\nU_mm = " + number_text(c.sigma_mm) + "\n";
   text += "temperature_c = " + number_text(c.temperature_c) + "\n";
   for (const MasterStation& s : c.stations) {
@@ -169,7 +170,7 @@ std::optional<StationVisit> seat_visit(const BlockResult& block, const Pose& T_b
   const bool measured =
       block.registration.status == RegistrationStatus::converged && block.seat.plane.ok && inner.ok && outer.ok;
   if (!measured) return std::nullopt;
-  // All of it in the block's registered frame; the pose of that frame takes it back to the scanner.
+  // All points are in the block's registered frame; the pose of that frame converts them to the scanner frame.
   const MasterStation seat = master_seat(block.station, 0.5 * (inner.centre + outer.centre), block.seat.plane.normal,
                                          outer.centre - inner.centre);
   StationVisit visit{block.station, std::string(round), T_base_flange, {}};
@@ -230,7 +231,7 @@ Result<std::vector<StationVisit>> parse_visits(std::string_view text, std::strin
       file.fault(*line, "has a quaternion (qw qx qy qz) that is not of length 1 within 0.001");
       break;
     }
-    // As written: normalising again would change the last bits of what was captured.
+    // As written, because normalising again would change the last bits of the captured values.
     visit.T_base_flange.translation_mm = vector_at(v, 0);
     visit.T_base_flange.rotation = std::abs(q.norm() - 1.0) > 1e-12 ? Quat(q.normalized()) : q;
     for (std::size_t i = 7; i < v.size(); i += 3) visit.points_mm.push_back(vector_at(v, i));

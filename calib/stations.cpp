@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A correction takes up whatever is wrong at its station, a wrong certificate included: there is no residual in which
-// a seat certified 10 mm beside its place would show. So everything that can show is looked at before a correction is
-// given out: that the robot came back to the same pose, that the visits agree, that no round is off as a whole, that
-// what was measured has the certified shape, and that the correction is no larger than a robot's error.
+// A correction absorbs any error at its station, including one of the certificate: a seat certified 10 mm from its
+// place gives no residual. Therefore everything detectable is checked before a correction is issued. The robot returned
+// to the same pose, the visits agree, and no round is displaced as a whole. The measured points have the certified
+// shape, and the correction is not larger than a robot's error.
 //
-// Where the mastered slab lay is not known. One rigid fit of all stations finds it, and the corrections refer to that:
-// a common motion of all stations changes no item of a slab, because a slab is judged in its own frame.
+// The place of the mastered slab is unknown. One rigid fit of all stations estimates it, and the corrections refer to
+// that. A common motion of all stations changes no item of a slab, because a slab is judged in its own frame.
 #include "calib/stations.h"
 
 #include <Eigen/LU>
@@ -25,16 +25,17 @@ constexpr std::array<std::string_view, 13> kRefusals = {
     "too_few_visits", "unknown_station", "wrong_points", "outside_gate", "slab_moved", "spread",       "shape",
     "shift",          "placement",       "copies",       "turn",         "slope",      "scanner_moved"};
 constexpr std::size_t kPlacementStationsMin = 3;
-/// Below what a scan's noise alone does to a seat.
+/// Smallest plausible scatter, below the effect of a scan's noise on a seat.
 constexpr double kScatterMinMm = 1e-5;
 constexpr double kScatterMinRad = 1e-8;
-/// Two calibrations of one mount are hardly ever further apart than this many times what both are uncertain by: 99.9 %
-/// of a normal vector's lengths, in standard deviations per axis.
+/// Two calibrations of one mount rarely differ by more than this factor times their combined uncertainty. It is the
+/// 99.9 % quantile of the length of a normal vector, in standard deviations per axis.
 constexpr double kMountSigmas = 4.03;
-/// The first this wide and the second this narrow: stations on a line leave the slab's turn about it open.
+/// Smallest first and second extent of the stations; stations on a line leave the slab's rotation about it
+/// undetermined.
 constexpr double kPlacementWidthMinMm = 300.0;
 
-/// Nearby rotations: the mean of their vectors about the first, twice, is their mean to far below a microradian.
+/// Mean of close rotations: averaging their vectors about the first, twice, has an error far below a microradian.
 Pose mean_pose(const std::vector<const StationVisit*>& visits) {
   Pose mean = visits.front()->T_base_flange;
   for (int pass = 0; pass < 2; ++pass) {
@@ -54,19 +55,19 @@ Pose mean_pose(const std::vector<const StationVisit*>& visits) {
   return mean;
 }
 
-/// One station while it is solved.
+/// State of one station during the solution.
 struct Work {
   const MasterStation* certified = nullptr;
   std::vector<const StationVisit*> visits;
-  std::vector<std::vector<Vec3>> points;  ///< [visit][point], base frame by the hand-eye alone
+  std::vector<std::vector<Vec3>> points;  ///< [visit][point], base frame by the hand-eye calibration only
   std::vector<Vec3> mean_points;
-  std::vector<Vec3> off_mm;   ///< [visit]: reference point from the mean
-  std::vector<Vec3> off_rad;  ///< [visit]: turn from the mean
-  double mount_mm = 0.0;      ///< hand-eye calibrations of the visits against this one, at the seat
+  std::vector<Vec3> off_mm;   ///< [visit]: offset of the reference point from the mean
+  std::vector<Vec3> off_rad;  ///< [visit]: rotation from the mean
+  double mount_mm = 0.0;      ///< difference of the visits' hand-eye calibrations from this one, at the seat
   double mount_rad = 0.0;
 };
 
-/// Seats are pinned at their reference point, balls at their centre.
+/// Reference point of a seat, or the centroid of balls.
 Vec3 reference_point(const MasterStation& certified, const std::vector<Vec3>& points) {
   if (certified.is_seat) return points.front();
   Vec3 sum = Vec3::Zero();
@@ -74,10 +75,10 @@ Vec3 reference_point(const MasterStation& certified, const std::vector<Vec3>& po
   return sum / static_cast<double>(points.size());
 }
 
-/// What a certificate's standard deviation of a coordinate (mm) does to the turn of its station: standard deviation per
-/// axis (rad), rms over the axes. A seat's directions are made perpendicular, and each turns with its tip. Balls err
-/// each by itself, and the fit through them turns by N^-1 sum d x e with N = sum |d|^2 I - d d': balls near a line say
-/// little about the turn around it, however long the line is.
+/// Effect of the certificate's standard deviation of a coordinate (mm) on the rotation of its station: standard
+/// deviation per axis (rad), rms over the axes. A seat's directions are made perpendicular, and each rotates with its
+/// tip. Balls have independent errors, and the fit through them rotates by N^-1 sum d x e with N = sum |d|^2 I - d d'.
+/// Balls close to a line determine the rotation about it poorly, at any length of the line.
 double turn_rad_per_mm(const MasterStation& certified) {
   if (certified.is_seat) return 1.0 / kSeatLeverMm;
   const Vec3 centre = reference_point(certified, certified.points_mm);
@@ -158,7 +159,7 @@ class Solver {
              "station %d was visited, but certificate %s does not have it", station, certificate_.id.c_str());
   }
 
-  /// A visit counts once, under whatever name it is given; one that comes again would make the robot repeat too well.
+  /// False if the visit was already given, under any name; a repeated visit would make the repeatability too good.
   bool is_new(const Work& work, const StationVisit& visit) {
     for (const StationVisit* known : work.visits) {
       const bool same_round = known->round == visit.round;
@@ -210,7 +211,7 @@ class Solver {
     }
   }
 
-  /// Does the scanner sit where it sat on the visits?
+  /// Checks that the scanner's mount is the same as at the visits.
   void check_mount() {
     const Work* worst = nullptr;
     const StationVisit* taken = nullptr;
@@ -249,12 +250,12 @@ class Solver {
            taken->hand_eye_id.c_str(), worst->mount_mm, deg_from_rad(worst->mount_rad), limit_mm,
            deg_from_rad(limit_rad));
   }
-  /// Where one is not known the other one counts alone.
+  /// Root sum of squares; an unknown value is ignored.
   [[nodiscard]] static double both(double a, double b) {
     return std::hypot(has_value(a) ? a : 0.0, has_value(b) ? b : 0.0);
   }
 
-  /// One rigid fit of everything certified to everything seen.
+  /// Places the certificate by one rigid fit of all certified points to all measured ones.
   bool place_certificate() {
     if (certificate_.frame == MasterCertificate::Frame::base) return true;
     std::vector<Vec3> certified;
@@ -319,8 +320,8 @@ class Solver {
       }
     StationCorrection& c = s.numbers;
     c.T_base_reported = rigid_fit(from, to);
-    // What the average visit shows of the reference point shall come to lie on the certified one, whatever the
-    // directions say: their points only turn.
+    // The mean measured reference point must coincide with the certified one, whatever the directions; their points
+    // only rotate.
     const Vec3 seen = reference_point(*work.certified, work.mean_points);
     const Vec3 certified = out_.T_base_certificate * reference_point(*work.certified, work.certified->points_mm);
     c.T_base_reported.translation_mm = certified - c.T_base_reported.rotation * seen;
@@ -332,10 +333,10 @@ class Solver {
     const double degrees = 3.0 * (static_cast<double>(work.visits.size()) - 1.0);
     c.spread_mm = std::sqrt(sum_of_squares(work.off_mm) / degrees);
     s.spread_rad = std::sqrt(sum_of_squares(work.off_rad) / degrees);
-    // What the certificate may be wrong by is in every use of the correction, once. It is taken into the sigma of one
-    // visit so that this visit and the mean of the M before it have it together: sigma^2 (1 + 1 / M).
+    // The certificate's error is contained once in every use of the correction. It is included in the sigma of one
+    // visit. One visit and the mean of M visits then contain it once: sigma^2 (1 + 1 / M).
     const double share = 1.0 / (1.0 + 1.0 / static_cast<double>(work.visits.size()));
-    // So is what the scanner may have moved by since.
+    // The same applies to a possible move of the scanner.
     const double once_mm = std::hypot(certificate_.sigma_mm, work.mount_mm / std::sqrt(3.0));
     const double once_rad =
         std::hypot(certificate_.sigma_mm * turn_rad_per_mm(*work.certified), work.mount_rad / std::sqrt(3.0));
@@ -355,8 +356,8 @@ class Solver {
     }
   }
 
-  /// Standard deviation of one visit: that of all stations, unless this one scatters more than chance lets it (95 %);
-  /// widened for having been estimated from so many visits (a t-distribution's variance).
+  /// Standard deviation of one visit: the pooled value, unless this station scatters more than chance permits (95 %).
+  /// It is enlarged for the limited number of visits (variance of a t-distribution).
   [[nodiscard]] double settle(double own, double own_degrees, double pooled) const {
     // Wilson and Hilferty's approximation of the 95 % quantile of chi-square over its degrees of freedom.
     const double k = 2.0 / (9.0 * own_degrees);
@@ -367,8 +368,8 @@ class Solver {
     return widened * (louder ? own : pooled);
   }
 
-  /// A slab that was pushed between two rounds moves all its stations alike; without this every station would be
-  /// refused for its spread, and nobody would know why.
+  /// Checks for a slab that was moved between two rounds, which moves all its stations alike. Without this check every
+  /// station would be rejected for its spread, and the cause would be unknown.
   void check_rounds() {
     std::vector<std::string> rounds;
     for (const Work& work : work_)
@@ -389,7 +390,7 @@ class Solver {
       });
       together.push_back(sum / count);
     }
-    // From the place that most rounds saw: the mean of all would make the good ones look moved too.
+    // Relative to the place in most rounds, because the mean of all would make the good ones appear moved.
     Vec3 usual;
     for (int axis = 0; axis < 3; ++axis) {
       std::vector<double> values;
@@ -447,9 +448,10 @@ class Solver {
           s.station, deg_from_rad(s.turn_rad), deg_from_rad(settings_.turn_max_rad));
   }
 
-  /// A direction certified wrong is taken up by its correction without a trace, and the seat then reads as certified.
-  /// The block itself knows better: its seat against the slab's top beside it. The two differ by how the slab is warped
-  /// and tilted, much the same at all stations; one that stands out is a mistake in the certificate or a bad block.
+  /// Checks the certified slopes. A correction absorbs a wrong certified direction, and the seat would then read as
+  /// certified. The block itself is an independent reference: its seat against the slab's top next to it. The
+  /// difference is due to warp and tilt of the slab and is similar at all stations. An outlier is a mistake in the
+  /// certificate or a bad block.
   void check_slopes() {
     std::vector<std::pair<double, int>> off;
     for (const Work& work : work_) {
@@ -526,7 +528,7 @@ Result<StationsSolution> solve_stations(const MasterCertificate& certificate, st
       return error(Code::config, "station %d, %s: a number is not finite", visit.station, visit.round.c_str());
   }
   StationSettings used = settings;
-  used.visits_min = std::max<std::size_t>(used.visits_min, 2);  // one visit says nothing of its own scatter
+  used.visits_min = std::max<std::size_t>(used.visits_min, 2);  // one visit does not determine its own scatter
   return Solver(certificate, hand_eye, used).run(visits);
 }
 

@@ -12,24 +12,25 @@
 #include "config/config_parts.h"
 #include "hal/robot/lcm_wire.h"
 
-/// slabd.toml -> Config. One function per table; each fills what it can and reports the rest, so that a fault in one
-/// table does not hide faults in another and the PLC can still be told about code 504.
+/// Reads slabd.toml into Config. One function per table fills the values it can read and reports the rest. A fault in
+/// one table therefore does not hide faults in another, and the PLC can still receive code 504.
 namespace slabd::daemon {
 namespace {
 
-constexpr double kReachMm = 20'000.0;  ///< no cell and no robot is larger
-constexpr double kArmMaxMm = 2'000.0;  ///< nor does a scanner sit further from its flange
-// Written in metres instead of mm, both are smaller; (0, 0, 0) is a place that was not entered, as on a test bench.
+constexpr double kReachMm = 20'000.0;  ///< larger than any cell and any robot
+constexpr double kArmMaxMm = 2'000.0;  ///< larger than any distance of a scanner from its flange
+// A pose written in metres instead of mm is below both limits; (0, 0, 0) means not entered, as on a test bench.
 constexpr double kSlabOffMinMm = 10.0;
 constexpr double kArmMinMm = 1.0;
-/// Of window and dwell together. At 250 Hz the ring holds two seconds; the rest is for a sender that is a third faster.
+/// Limit of window and dwell together. At 250 Hz the ring holds two seconds; the reserve is for a sender that is a
+/// third faster.
 constexpr double kStandstillMaxMs = 1'500.0;
-/// The ring holds this many poses whatever the sender's rate, so that the window is always filled in the end.
+/// The ring holds this number of poses at any rate of the sender, so that the window always fills.
 constexpr std::int64_t kSamplesMinMax = 300;
 static_assert(kSamplesMinMax < limits::kPoseRing && kStandstillMaxMs * 250 / 1000 < limits::kPoseRing);
-constexpr std::size_t kPathMax = limits::kPathBytes - 64;  ///< names inside a folder are appended
+constexpr std::size_t kPathMax = limits::kPathBytes - 64;  ///< reserve for names inside a folder
 
-/// 127.0.0.0/8: nobody but this computer until told otherwise.
+/// 127.0.0.0/8: by default only this computer is allowed.
 template <typename Networks>
 void allow_loopback_only(Networks& allow) {
   allow.clear();
@@ -43,14 +44,15 @@ void read_s(TableReader& table, std::string_view key, std::int64_t& out_ns, Allo
 }
 
 void read_deg(TableReader& table, std::string_view key, double& out_rad, Allowed allowed_deg) {
-  if (!table.has(key)) return;  // a default keeps its bits
+  if (!table.has(key)) return;  // keep the exact default
   double angle_deg = deg_from_rad(out_rad);
   table.optional_number(key, angle_deg, allowed_deg);
   doubt_degrees(table, key, angle_deg, allowed_deg);
   out_rad = rad_from_deg(angle_deg);
 }
 
-/// A standard deviation in mm. What is smaller than a micrometre was probably written in metres, and U would follow it.
+/// Reads a standard deviation in mm. A value below a micrometre was probably written in metres and would make U too
+/// small.
 void read_sigma_mm(TableReader& table, std::string_view key, double& out, Allowed allowed) {
   constexpr double kSigmaMinMm = 0.001;
   table.optional_number(key, out, allowed);
@@ -65,7 +67,7 @@ void read_int16(TableReader& table, std::string_view key, std::int16_t& out) {
   out = static_cast<std::int16_t>(number);
 }
 
-/// Window and dwell are one stretch of poses that must fit into the ring, or no robot would ever count as settled.
+/// Window and dwell together must fit into the ring, or no robot would ever count as settled.
 void check_standstill(TableReader& robot, const PoseSettings& pose) {
   const double total_ms = static_cast<double>(pose.window_ns + pose.dwell_ns) / 1e6;
   if (total_ms > kStandstillMaxMs)
@@ -114,7 +116,7 @@ void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, Co
   robot.finish();
 }
 
-/// [pose]: who may publish, and what.
+/// Reads [pose]: the allowed senders and the message type.
 void read_pose(TableReader table, const PoseSettings& pose, hal::LcmSettings& lcm) {
   std::size_t type = static_cast<std::size_t>(lcm.type);
   table.optional_word("type", type, {hal::kPoseTypes[0], hal::kPoseTypes[1]});
@@ -128,7 +130,7 @@ void read_pose(TableReader table, const PoseSettings& pose, hal::LcmSettings& lc
   table.finish();
 }
 
-/// False, and a problem: a path of another operating system.
+/// Returns false and reports a problem if the path is of another operating system.
 bool is_path_of_this_computer(TableReader& table, std::string_view key, const std::string& path) {
   if (!table.has(key)) return true;
   const bool drive = path.size() >= 2 && std::isalpha(static_cast<unsigned char>(path[0])) != 0 && path[1] == ':' &&
@@ -150,7 +152,7 @@ bool is_path_of_this_computer(TableReader& table, std::string_view key, const st
   return true;
 }
 
-/// A relative path starts at the configuration's own folder: the daemon's working directory is nobody's business.
+/// Reads a path. A relative path starts at the configuration's folder, independent of the daemon's working directory.
 void read_path(TableReader& table, std::string_view key, const std::string& folder, std::string& out) {
   std::string path = out;
   table.optional_text(key, path, kPathMax);
@@ -207,11 +209,11 @@ void read_scanner(TableReader scanner, const std::string& folder, Config& config
   scanner.finish();
 }
 
-/// A number of slabs: 0, or at least kKeepSlabsMin.
+/// Reads a number of slabs: 0, or at least kKeepSlabsMin.
 void read_count(TableReader& storage, std::string_view key, const char* zero, std::int64_t& out) {
   if (!storage.has(key)) return;
   auto count = static_cast<double>(out);
-  storage.optional_number(key, count, {0.0, 1e9});  // 2e4 is a whole number too
+  storage.optional_number(key, count, {0.0, 1e9});  // accepts 2e4 as a whole number
   if (count != std::floor(count))
     storage.problem(key, fmt::format("found {}, allowed is a whole number", count));
   else if (count > 0.0 && count < static_cast<double>(storage::kKeepSlabsMin))
@@ -231,7 +233,7 @@ void read_storage(TableReader storage, const std::string& folder, storage::Store
         fmt::format("found {}, allowed is 0 (keep every scan) or 3..100000; a slab's scans are 1.1 GB", budget_gb));
   out.spool_budget_bytes = static_cast<std::uint64_t>(budget_gb * 1e9);
   read_count(storage, "keep_slabs", "keep every record", out.keep_slabs);
-  // Twice the room at most, unless somebody says otherwise.
+  // By default slabs that did not pass at most double the required space.
   out.keep_failed_slabs = out.keep_slabs;
   const bool says = storage.has("keep_failed_slabs");
   read_count(storage, "keep_failed_slabs", "keep all that did not pass", out.keep_failed_slabs);
@@ -246,7 +248,7 @@ double longest(const std::array<double, 7>& pose) {
   return std::max({std::abs(pose[0]), std::abs(pose[1]), std::abs(pose[2])});
 }
 
-/// (0, 0, 0, 1) is no turn where qw comes last, and half a turn where it comes first.
+/// Doubts (0, 0, 0, 1): the identity if qw comes last, but a rotation by 180 degrees if qw comes first.
 void doubt_order(TableReader& table, std::string_view key, const std::array<double, 7>& pose) {
   if (std::abs(pose[6]) == 1.0)
     table.doubt(
@@ -280,15 +282,15 @@ void read_checks(TableReader& table, Config& config) {
   config.calibration_valid_days = static_cast<int>(valid_days);
 }
 
-/// Towards wider only: a view counts in every scan until the next calibration.
+/// Reads limits that may only be wider than the default, because a view affects every scan until the next calibration.
 void read_capture(TableReader& table, CaptureGuard& guard) {
   table.optional_number("capture_stable_mm", guard.stable_mm, {CaptureGuard::kStableMm, 1.0});
   read_deg(table, "capture_stable_deg", guard.stable_rad, {deg_from_rad(CaptureGuard::kStableRad), 0.1});
   read_s(table, "capture_stable_s", guard.stable_ns, {0.2, static_cast<double>(CaptureGuard::kStableNs) / 1e9});
 }
 
-/// Of the commissioning value, and without one it says nothing: whoever takes the value out once a calibration is
-/// applied may leave it. One of the two alone makes every slab item indeterminate.
+/// Reads the uncertainty of the commissioning value. Without that value it has no effect, so it may remain when the
+/// value is removed. One of mm and deg alone would make every slab item indeterminate.
 void read_station_sigma(TableReader& table, const char* key, const char* other, bool commissioned, double& out,
                         Allowed allowed) {
   if (key == std::string_view("station_sigma_mm"))
@@ -301,7 +303,7 @@ void read_station_sigma(TableReader& table, const char* key, const char* other, 
 
 void read_calibration(TableReader table, const std::string& folder, Config& config) {
   std::array<double, 7> pose = Pose::identity().to_array();
-  double sigma_mm = kNoValue;  // absent: slab-frame items will be indeterminate
+  double sigma_mm = kNoValue;  // absent: slab-frame items are indeterminate
   double sigma_deg = kNoValue;
   const bool commissioned = table.has("T_flange_scanner");
   if (commissioned) {
@@ -323,7 +325,7 @@ void read_calibration(TableReader table, const std::string& folder, Config& conf
   config.sessions_dir = std::filesystem::path(config.storage.db_path).parent_path().native() + "/calibration";
   read_path(table, "sessions_dir", folder, config.sessions_dir);
   table.finish();
-  if (!commissioned) return;  // what is applied counts; without it every slab is refused with fault 503
+  if (!commissioned) return;  // the applied calibration is used; without it every slab is rejected with fault 503
   const Result<calib::Calibration> calibration = calib::commissioning(pose, sigma_mm, sigma_deg);
   if (!calibration.ok()) {
     table.problem("T_flange_scanner", std::string(calibration.error().text.view()));
@@ -347,7 +349,7 @@ void read_rest(TableReader& root, const std::string& folder, Config& config) {
   recipes.finish();
   TableReader control = root.table("control");
   read_path(control, "socket", folder, config.control_socket);
-  // sockaddr_un::sun_path holds 108 bytes with its NUL.
+  // sockaddr_un::sun_path has 108 bytes including the NUL.
   if (config.control_socket.size() > 107)
     control.problem("socket", fmt::format("found a path of {} bytes, allowed are 107", config.control_socket.size()));
   control.finish();
@@ -373,8 +375,8 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   TomlValue tree;
   const bool complete = parse_toml(path, *bytes, tree, problems);
 
-  // After a syntax error only the tables above it exist: the PLC's is read for its address, and a key that is
-  // "missing" below the error would only be noise.
+  // After a syntax error only the tables above it exist. The PLC's table is read for its address; problems for keys
+  // "missing" below the error are dropped.
   std::vector<Problem> ignored;
   const std::string folder = std::filesystem::absolute(path).parent_path().native();
   TableReader root(path, &tree, "", complete ? problems : ignored);

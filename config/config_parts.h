@@ -7,7 +7,7 @@
 #include "config/config.h"
 #include "config/toml_reader.h"
 
-/// What the readers of slabd.toml share; private to them.
+/// Internal functions shared by the readers of slabd.toml.
 namespace slabd::daemon {
 
 template <std::size_t Capacity>
@@ -17,25 +17,25 @@ void read_text(TableReader& table, std::string_view key, FixedString<Capacity>& 
   out.assign(text);
 }
 
-/// A time in ms in the file, ns inside.
+/// Reads a time in ms from the file and stores it in ns.
 inline void read_ms(TableReader& table, std::string_view key, std::int64_t& out_ns, Allowed allowed_ms) {
   double time_ms = static_cast<double>(out_ns) / 1e6;
   table.optional_number(key, time_ms, allowed_ms);
   out_ns = std::llround(time_ms * 1e6);
 }
 
-/// "127.0.0.1:1502" -> host and port, the port at least `port_min`.
+/// Reads "127.0.0.1:1502" into host and port; the port must be at least `port_min`.
 void read_endpoint(TableReader& table, std::string_view key, unsigned port_min, FixedString<64>& host,
                    std::uint16_t& port);
 
-/// A list of IPv4 networks or addresses; `out` keeps what it has when the key is absent.
+/// Reads a list of IPv4 networks or addresses; `out` is unchanged if the key is absent.
 void read_networks(TableReader& table, std::string_view key, FixedVector<hal::PlcSettings::Network, 16>& out);
 
-/// [plc]. Fills what it can; every fault is a problem of the table.
+/// Reads [plc] as far as possible; every fault is a problem of the table.
 void read_plc(TableReader plc, hal::PlcSettings& out);
 
-/// What each table may say and all of them together may not: places that are one inside the other, addresses that are
-/// taken twice, times that do not fit each other. Each fault is a problem of one of the tables.
+/// Checks relations between tables: paths inside one another, addresses used twice, times that do not match. Each fault
+/// is a problem of one of the tables.
 void check_together(TableReader& root, const Config& config);
 
 }  // namespace slabd::daemon

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// [plc] -> PlcSettings. One table for three roles: what a role does not use is refused, because somebody who wrote it
-// thinks that it does something.
+// [plc] -> PlcSettings. One table for three roles. A key that the role does not use is rejected, because its author
+// would expect an effect.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -13,10 +13,10 @@
 namespace slabd::daemon {
 namespace {
 
-/// A slave's address on a serial line when none is given: not 1, which every device has from the factory.
+/// Default slave address on a serial line: not 1, which is the factory setting of every device.
 constexpr std::int64_t kRtuUnitId = 17;
 
-/// A key of another role does nothing, and somebody thinks it does.
+/// Rejects keys of another role: they would have no effect.
 void refuse_keys_of_other_roles(TableReader& plc, hal::PlcRole role) {
   struct RoleKey {
     const char* key;
@@ -37,7 +37,7 @@ void refuse_keys_of_other_roles(TableReader& plc, hal::PlcRole role) {
                                          hal::kPlcRoles.at(static_cast<std::size_t>(entry.role))));
 }
 
-/// Where the PLC's memory has room for 40 and for 110 registers.
+/// Reads the base addresses of the 40 and the 110 registers in the PLC's memory.
 void read_bases(TableReader& plc, hal::PlcSettings& out) {
   std::int64_t command = out.command_base;
   std::int64_t status = out.status_base;
@@ -51,12 +51,12 @@ void read_bases(TableReader& plc, hal::PlcSettings& out) {
 }
 
 void read_client(TableReader& plc, hal::PlcSettings& out) {
-  out.host.clear();  // nobody, rather than the address the server would listen on
+  out.host.clear();  // clear the server's default address
   if (!plc.has("connect")) plc.missing("connect", "the PLC, \"address:port\"");
   read_endpoint(plc, "connect", 1, out.host, out.port);
   read_bases(plc, out);
   plc.optional_boolean("read_write", out.read_write);
-  // FC 23 reads the PLC's 40 registers at once.
+  // FC 23 reads the PLC's 40 registers in one request.
   std::int64_t registers_max = out.registers_max;
   plc.optional_integer("registers_max", registers_max, out.read_write ? 40 : hal::kPlcRegistersMin,
                        hal::kPlcRegistersMax);
@@ -140,7 +140,7 @@ void read_plc(TableReader plc, hal::PlcSettings& out) {
   std::size_t role = 0;
   plc.optional_word("role", role, {hal::kPlcRoles.begin(), hal::kPlcRoles.end()});
   out.role = static_cast<hal::PlcRole>(role);
-  // Modbus over serial line V1.02, 2.2; a PLC reached directly by TCP may also be 0 or 255 (TCP/IP V1.0b, 4.4.2.3).
+  // Modbus over serial line V1.02, 2.2; a PLC connected directly by TCP may also use 0 or 255 (TCP/IP V1.0b, 4.4.2.3).
   const bool client = out.role == hal::PlcRole::client;
   std::int64_t unit_id = out.role == hal::PlcRole::rtu ? kRtuUnitId : out.unit_id;
   plc.optional_integer("unit_id", unit_id, client ? 0 : 1, client ? 255 : 247);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Values that are good by themselves and cannot work together. What is left alone here shows at run time at best as "no
-// such file", at worst as a folder that is emptied.
+// Checks for values that are valid alone but not together. An undetected conflict appears at run time as "no such
+// file", or as a folder that is emptied.
 #include <fmt/format.h>
 #include <sys/stat.h>
 
@@ -28,7 +28,7 @@ struct Place {
   std::string path;
 };
 
-/// With a slash at its end.
+/// Normalised path with a slash at its end.
 std::string named(const std::filesystem::path& path) {
   std::string place = path.lexically_normal().native();
   if (!place.ends_with('/')) place += '/';
@@ -37,12 +37,12 @@ std::string named(const std::filesystem::path& path) {
 
 using FileId = std::pair<dev_t, ino_t>;
 
-/// Where a path really leads. Links are followed, also those to what is not there yet; folders are told by device and
-/// inode, too, because a bind mount shows one folder under two names.
+/// Resolved location of a path. Links are followed, including those to targets that do not exist yet. Folders are also
+/// compared by device and inode, because a bind mount shows one folder under two names.
 struct RealPlace {
   std::string path;              ///< with a slash at its end
-  std::optional<FileId> itself;  ///< absent: it is not there
-  std::vector<FileId> above;     ///< the folders that it lies in, as far as they are there, and itself
+  std::optional<FileId> itself;  ///< nullopt if it does not exist
+  std::vector<FileId> above;     ///< the existing folders that contain it, and itself
 };
 
 std::optional<FileId> id_of(const std::filesystem::path& path) {
@@ -52,7 +52,7 @@ std::optional<FileId> id_of(const std::filesystem::path& path) {
 }
 
 RealPlace look_at(const std::string& path) {
-  constexpr int kLinksMax = 40;  // as the kernel's
+  constexpr int kLinksMax = 40;  // the kernel's limit
   std::error_code fault;
   std::deque<std::filesystem::path> left;
   for (const auto& part : std::filesystem::absolute(path, fault)) left.push_back(part);
@@ -82,7 +82,8 @@ RealPlace look_at(const std::string& path) {
   return place;
 }
 
-/// Whoever looks at a folder on a share that hangs does not come back: then the name has to do.
+/// Resolves a path in a thread, because access to a share that hangs does not return. After 3 s the unresolved name is
+/// used.
 RealPlace real_place(const std::string& path) {
   constexpr auto kPatience = std::chrono::seconds(3);
   const auto looked = std::make_shared<std::promise<RealPlace>>();
@@ -109,15 +110,15 @@ bool lies_in(const std::string& path, const std::string& folder) {
          (outer.itself && std::find(inner.above.begin(), inner.above.end(), *outer.itself) != inner.above.end());
 }
 
-/// What a path is called in a message, with where it leads if that is elsewhere.
+/// Path for a message, with its resolved location if that differs.
 std::string told(const std::string& path) {
   const std::string real = real_place(path).path;
   if (real == named(path)) return path;
   return fmt::format("{} (really {})", path, real.substr(0, real.size() - 1));
 }
 
-/// What the scanner's folder holds is moved aside and deleted; whoever scans may write there. So nothing of slabd's
-/// own lies in it, and it lies in no folder whose files slabd counts as its own.
+/// The scanner's folder may be written by others, and slabd moves and deletes its files. Therefore slabd's own files
+/// must not be in it, and it must not be in a folder that slabd treats as its own.
 void check_drop_dir(TableReader& root, const Config& config) {
   if (config.scanner_backend != hal::ScannerBackend::drop) return;
   const std::string drop_dir(config.scanner.drop_dir.view());
@@ -139,7 +140,7 @@ void check_drop_dir(TableReader& root, const Config& config) {
                                   told(place.path), place.table, place.key));
 }
 
-/// Database and socket are files: neither can be one of the folders, or hold one, or be the other.
+/// Database and socket are files: neither may be one of the folders, contain one, or be the other.
 void check_files(TableReader& root, const Config& config) {
   const Place db{"storage", "db", config.storage.db_path};
   const Place socket{"control", "socket", config.control_socket};
@@ -168,7 +169,7 @@ void check_files(TableReader& root, const Config& config) {
                                socket.path));
 }
 
-/// Two listeners on one port: the second gets none, for ever.
+/// Rejects two listeners on one port: the second one would never be able to bind.
 void check_listeners(TableReader& root, const Config& config) {
   const bool both = config.plc.role == hal::PlcRole::server && config.scanner_backend == hal::ScannerBackend::tcp;
   if (!both || config.plc.port != config.stream.port) return;
@@ -177,7 +178,7 @@ void check_listeners(TableReader& root, const Config& config) {
   if (!plc.ok() || !scanner.ok()) return;
   const auto a = plc.value().address;
   const auto b = scanner.value().address;
-  if (a != b && a != 0 && b != 0) return;  // 0.0.0.0 is every address
+  if (a != b && a != 0 && b != 0) return;  // 0.0.0.0 matches every address
   root.table("scanner").problem(
       "listen", fmt::format("found \"{}:{}\", where the PLC is listened for already (plc.listen); allowed is another "
                             "port",
@@ -185,7 +186,7 @@ void check_listeners(TableReader& root, const Config& config) {
 }
 
 void check_timeouts(TableReader& root, const Config& config) {
-  // The PLC waits 20 s for "acquired"; a second is left for the disk.
+  // The PLC waits 20 s for "acquired"; one second is reserved for the disk.
   const double total_s = static_cast<double>(config.settle_timeout_ns + config.scan_timeout_ns) / 1e9;
   if (total_s > 19.0)
     root.table("scanner").problem("timeout_s",

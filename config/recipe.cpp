@@ -13,13 +13,13 @@
 #include "config/recipe_parts.h"
 #include "config/toml_reader.h"
 
-/// recipes/*.toml -> Recipe. A recipe decides verdicts, so it is complete or it is refused: every nominal and every
-/// item must be written out, with `confirmed` saying whether a person has compared it with the drawing. In the file
-/// angles are degrees (`_deg`) and slopes may be ratios ("1:40"); inside, geometry is mm and rad.
+/// Reads recipes/*.toml into Recipe. A recipe determines verdicts, so an incomplete one is rejected: it must contain
+/// every nominal and every item. `confirmed` is true if a person has compared the value with the drawing. In the file
+/// angles are in degrees (`_deg`) and slopes may be ratios ("1:40"); internally geometry is mm and rad.
 namespace slabd::daemon {
 namespace {
 
-/// "1:40" -> the angle of that slope in degrees.
+/// Angle in degrees of a slope such as "1:40".
 std::optional<double> degrees_from_ratio(const TomlValue& value) {
   if (value.kind != TomlValue::Kind::text || !value.text.starts_with("1:")) return std::nullopt;
   const std::string run = value.text.substr(2);
@@ -30,7 +30,7 @@ std::optional<double> degrees_from_ratio(const TomlValue& value) {
   return deg_from_rad(std::atan(1.0 / n));
 }
 
-/// `{ value = 1.0, confirmed = false }`
+/// Reads `{ value = 1.0, confirmed = false }`.
 void read_nominal(TableReader& table, std::string_view key, Nominal& out, Allowed allowed) {
   const TomlValue* v = table.value(key);
   const std::string expected =
@@ -63,7 +63,7 @@ class Reading {
     finish();
     now_.emplace(root_.table(name));
   }
-  /// One that may be left out.
+  /// Begins an optional table.
   void table(const char* name, bool& given) {
     table(name);
     given = now_->present();
@@ -107,7 +107,7 @@ class Reading {
 
 // ---- items ------------------------------------------------------------------------------------------------------
 
-/// A number in the item's unit; degrees may also be written as a slope "1:n".
+/// Reads a number in the item's unit; degrees may also be written as a slope "1:n".
 std::optional<double> read_limit(TableReader& item, std::string_view key, const TomlValue& v, const ItemInfo& info) {
   if (const std::optional<double> number = as_number(v); number && std::isfinite(*number) && std::abs(*number) <= 1e5)
     return number;
@@ -119,7 +119,8 @@ std::optional<double> read_limit(TableReader& item, std::string_view key, const 
   return std::nullopt;
 }
 
-/// `nominal = 380` is as confirmed as its limits; `nominal = { value = 380, confirmed = true }` speaks for itself.
+/// Reads a nominal. `nominal = 380` has the confirmation of its limits; `nominal = { value = 380, confirmed = true }`
+/// has its own.
 void read_item_nominal(TableReader& item, const ItemInfo& info, Tolerance& out) {
   const TomlValue* v = item.value("nominal");
   if (v == nullptr) return;
@@ -137,7 +138,7 @@ void read_item_nominal(TableReader& item, const ItemInfo& info, Tolerance& out) 
   nominal.finish();
 }
 
-/// Either `tolerance` (nominal +- tolerance) or `lower` and / or `upper`, absolute.
+/// Reads either `tolerance` (nominal +- tolerance) or `lower` and / or `upper`, absolute.
 void read_limits(TableReader& item, const ItemInfo& info, Tolerance& out) {
   const TomlValue* lower = item.value("lower");
   const TomlValue* upper = item.value("upper");
@@ -158,13 +159,13 @@ void read_limits(TableReader& item, const ItemInfo& info, Tolerance& out) {
                  fmt::format("found {:.6g} with upper {:.6g}, allowed is lower < upper", out.lower, out.upper));
 }
 
-/// Sizes have no lower limit that means anything; what is out on either side of its nominal is bad on both.
+/// True for sizes, which need no lower limit. The other items must be limited on both sides of the nominal.
 bool is_size(ItemId id) {
   return id == ItemId::seat_flatness || id == ItemId::casing_skew_inner || id == ItemId::casing_skew_outer ||
          id == ItemId::surface_pores || id == ItemId::block_damage;
 }
 
-/// An item without a REASON is information: a block that failed by it would not say why.
+/// Rejects limits of an item without a REASON. Such an item is information; a block failed by it would have no reason.
 void refuse_judging(TableReader& item, const Tolerance& t) {
   for (const char* key : {"lower", "upper", "tolerance"})
     if (item.has(key))
@@ -175,7 +176,7 @@ void refuse_judging(TableReader& item, const Tolerance& t) {
     item.problem("required", "found true for an item that is information and never judged; allowed is false");
 }
 
-/// Limits of depth and share, beside that of the diameter. They are as confirmed as the item.
+/// Reads limits of depth and share, in addition to the diameter's. Their confirmation is the item's.
 void read_pore_limits(TableReader& item, PoreLimits& out) {
   item.optional_number("depth_max_mm", out.depth_max_mm, {0.5, 50.0});
   item.optional_number("share_max", out.share_max, {1e-4, 1.0});
@@ -209,7 +210,7 @@ void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
 void read_items(TableReader items, Recipe& recipe) {
   for (std::size_t i = 0; i < kItemCount; ++i) {
     const ItemInfo& item = info(static_cast<ItemId>(i));
-    // An item left out by mistake would silently not be judged.
+    // A missing item is a fault, because otherwise it would silently not be judged.
     if (!items.has(item.name)) {
       if (item.optional) continue;
       items.missing(item.name, "a table; an item that is not judged says required = false and gives no limits");
@@ -221,7 +222,7 @@ void read_items(TableReader items, Recipe& recipe) {
     read_item(std::move(table), item, recipe.tolerances[i]);
   }
   items.finish();
-  // Under a cap there is nothing to be seen of a casing.
+  // A capped casing is not visible.
   if (recipe.evaluation.casing == CasingKind::capped)
     for (const ItemId id : {ItemId::casing_spacing, ItemId::casing_protrusion_inner, ItemId::casing_protrusion_outer,
                             ItemId::casing_skew_inner, ItemId::casing_skew_outer})
@@ -259,15 +260,15 @@ struct RecipeFile {
   std::string bytes;
   Recipe recipe;
   bool is_good = false;
-  std::optional<std::uint16_t> slab_type;  ///< also of a faulty file, as far as it can be told
+  std::optional<std::uint16_t> slab_type;  ///< also read from a faulty file if possible
 };
 
-/// Not what an editor puts beside a file (".#p5600.toml", ".p5600.toml.swp").
+/// False for temporary files of editors (".#p5600.toml", ".p5600.toml.swp").
 bool is_recipe_file(const std::filesystem::path& path) {
   return path.extension() == ".toml" && !path.filename().string().starts_with('.');
 }
 
-/// The number behind a line's "slab_type =", of a file that need not be TOML.
+/// Number after "slab_type =" at the start of a line, in a file that need not be valid TOML.
 std::optional<std::uint16_t> slab_type_in(std::string_view text) {
   static constexpr std::string_view kKey = "slab_type";
   static constexpr std::string_view kBlank = " \t";
@@ -335,7 +336,7 @@ void parse_recipe(const std::string& path, const std::string& bytes, Recipe& rec
     walk_tables(tables, recipe);
   }
   read_items(root.table("items"), recipe);
-  // Relations between numbers mean something only when every number is there.
+  // Relations are checked only if all numbers are present.
   if (problems.size() == problems_before) check_relations(root, recipe);
   root.finish();
 }
@@ -380,7 +381,7 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
   std::vector<RecipeFile> files;
   files.reserve(paths.size());
   for (const std::string& path : paths) files.push_back(read_recipe_file(path, problems, doubts));
-  // Of two files one may be what the other was before somebody corrected it: a guess could let bad slabs pass.
+  // One of two files may be an old version of the other: a guess could pass bad slabs.
   std::map<std::uint16_t, std::string> path_of_type;
   bool any_type_unknown = false;
   for (const RecipeFile& file : files) {

@@ -8,7 +8,7 @@
 namespace slabd::daemon {
 namespace {
 
-/// Two places that state one number may differ by a rounded last digit, not by more.
+/// Allowed difference of two values that state the same number: a rounded last digit.
 constexpr double kAgreement = 0.01;
 
 void check_slab(TableReader slab, const SlabGeometry& g) {
@@ -21,7 +21,7 @@ void check_slab(TableReader slab, const SlabGeometry& g) {
                                                         g.seat_centre_distance_mm.value, g.width_mm.value));
 }
 
-/// The slab states the height between block origin and slab top, and so does the block: it is one height.
+/// The height between block origin and slab top is in both tables, and the values must agree.
 void check_slab_top(TableReader slab, const Recipe& recipe) {
   const double origin_mm = recipe.slab.block_origin_z_mm.value;
   const double top_mm = recipe.block.slab_top_z_mm.value;
@@ -51,8 +51,8 @@ void check_block(TableReader block, const BlockGeometry& b) {
                                      b.jaw_reference_height_mm.value));
 }
 
-/// The search for pores and damage covers 220 x 490 mm (algo/survey/surface_raster.h). End faces lean: the seat is up
-/// to 2 mm longer at its lower side than end_half_length_mm.
+/// The search for pores and damage covers 220 x 490 mm (algo/survey/surface_raster.h). The end faces are inclined: at
+/// its lower side the seat is up to 2 mm longer than end_half_length_mm.
 void check_searched(TableReader block, const Recipe& recipe) {
   if (!recipe.tolerance(ItemId::surface_pores).given && !recipe.tolerance(ItemId::block_damage).given) return;
   const auto within = [&](const char* key, double value_mm, double most_mm) {
@@ -65,13 +65,13 @@ void check_searched(TableReader block, const Recipe& recipe) {
 }
 
 void check_evaluation(TableReader table, const EvaluationSettings& e, const BlockGeometry& b) {
-  // The end faces lean inwards above z = 0 and the bearing plane stays below the shoulders.
+  // The end faces are inclined inwards above z = 0, and the bearing plane is below the shoulders.
   const double x_max = b.end_half_length_mm.value;
   if (e.crop_half_x_mm + e.edge_margin_mm >= x_max)
     table.problem("crop_half_x_mm",
                   fmt::format("found {} with edge_margin_mm {}, allowed is a crop inside end_half_length_mm {}",
                               e.crop_half_x_mm, e.edge_margin_mm, x_max));
-  // The jaw face meets the bearing plane further in than at the reference height.
+  // The jaw face meets the bearing plane further inward than at the reference height.
   const double lean_mm = b.jaw_reference_height_mm.value * std::tan(b.jaw_angle_rad.value - 0.5 * kPi);
   const double s_max = b.jaw_half_distance_mm.value - lean_mm;
   if (e.crop_half_s_mm + e.edge_margin_mm >= s_max)
@@ -82,13 +82,14 @@ void check_evaluation(TableReader table, const EvaluationSettings& e, const Bloc
   if (cells > static_cast<double>(limits::kFlatnessCellsMax))
     table.problem("cell_mm", fmt::format("found {}: the crop has {:.0f} such cells, allowed are {}", e.cell_mm, cells,
                                          limits::kFlatnessCellsMax));
-  constexpr double kCellsMin = 400.0;  // from fewer the noise of a cell cannot be told from form, nor U from the noise
+  // With fewer, the noise of a cell cannot be separated from form, nor U be computed.
+  constexpr double kCellsMin = 400.0;
   if (cells < kCellsMin)
     table.problem("cell_mm", fmt::format("found {}: the crop has {:.0f} such cells, needed are {:.0f}", e.cell_mm,
                                          cells, kCellsMin));
 }
 
-/// The outer jaws at reference height, section through a pair, across the track.
+/// Distance of the outer jaws at reference height, section through a pair, across the track.
 double large_jaw_distance_mm(const Recipe& r) {
   const double cant_rad = std::atan(1.0 / r.block.cant_ratio.value);
   const double outer_y_mm = r.block.jaw_half_distance_mm.value * std::cos(cant_rad) -
@@ -130,7 +131,7 @@ std::string limits_text(const Tolerance& t) {
 
 void check_item(TableReader item, const Recipe& recipe, ItemId id) {
   const Tolerance& t = recipe.tolerance(id);
-  // Whoever does not know how well he measures decides nothing: every slab would be indeterminate.
+  // Without U every verdict would be indeterminate, so the recipe is rejected.
   const bool never_computed = id == ItemId::surface_pores || id == ItemId::block_damage;
   if (t.required && (has_value(t.lower) || has_value(t.upper)) && !has_value(t.U) &&
       (never_computed || !recipe.uncertainty.given))
@@ -147,7 +148,7 @@ void check_item(TableReader item, const Recipe& recipe, ItemId id) {
   if ((has_value(t.lower) && t.nominal.value < t.lower) || (has_value(t.upper) && t.nominal.value > t.upper))
     item.problem("nominal", fmt::format("found {:.4f}, allowed is a nominal inside its own limits: {}", t.nominal.value,
                                         limits_text(t)));
-  // With a guard band of half the tolerance zone nothing can pass.
+  // If the guard band is at least half the tolerance zone, no value can pass.
   if (has_value(t.U) && has_value(t.lower) && has_value(t.upper) && 2.0 * recipe.guard * t.U >= t.upper - t.lower)
     item.problem("U", fmt::format("found {}: with guard {} no value can pass between {:.4f} and {:.4f}", t.U,
                                   recipe.guard, t.lower, t.upper));

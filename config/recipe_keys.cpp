@@ -30,7 +30,7 @@ class Keys {
   std::vector<RecipeKey> list_;
 };
 
-/// What the tables say, key by key.
+/// Keys of the tables, in the order of walk_tables.
 class TableKeys {
  public:
   struct Entry {
@@ -80,8 +80,8 @@ class TableKeys {
   std::vector<Entry> list_;
 };
 
-/// Of these U also says how well the tilt of the seat, the slab top or a jaw must be known for its plane to count
-/// (algo/inspector.cpp), with a budget too.
+/// True if U of this item also limits the accepted tilt uncertainty of the seat, the slab top or a jaw
+/// (algo/inspector.cpp). This applies with a budget too.
 bool asks_of_planes(ItemId id) {
   return id == ItemId::seat_slope || id == ItemId::jaw_angle_inner || id == ItemId::jaw_angle_outer;
 }

@@ -8,7 +8,7 @@
 
 #include "base/recipe.h"
 
-/// A recipe as a list of keys, as they stand in its file.
+/// A recipe as the list of the keys in its file.
 namespace slabd::daemon {
 
 struct NamedNominal {
@@ -17,26 +17,26 @@ struct NamedNominal {
   bool is_angle = false;
 };
 [[nodiscard]] std::vector<NamedNominal> geometry_of(const Recipe& recipe);
-/// Empty when the recipe has no [uncertainty].
+/// Nominals of [uncertainty]; empty if the recipe does not have that table.
 [[nodiscard]] std::vector<NamedNominal> uncertainty_of(const Recipe& recipe);
-/// In the unit of the file: degrees for angles.
+/// Value in the unit of the file: degrees for angles.
 [[nodiscard]] double shown(const NamedNominal& n);
 
-/// What another value of a key changes.
+/// Effect of a changed value of a key.
 enum class KeyEffect : std::uint8_t {
-  none,      ///< words: who confirmed what, the recipe's name
-  verdict,   ///< how measured values are judged: stored values are enough to tell
-  slab,      ///< how the slab's items follow from measured seats: stored seats are enough
-  measured,  ///< what is measured on a block, or its U: only the scans can tell
+  none,      ///< only text: confirmations, the recipe's name
+  verdict,   ///< verdicts on measured values: stored values are enough to re-evaluate
+  slab,      ///< the slab's items computed from measured seats: stored seats are enough
+  measured,  ///< measurement of a block, or its U: re-evaluation requires the scans
 };
 [[nodiscard]] std::string_view name(KeyEffect effect);
 
 struct RecipeKey {
   std::string key;    ///< "block.jaw_angle_deg", "items.seat_slope.upper", "guard"
-  std::string value;  ///< every digit; "-" where there is none
+  std::string value;  ///< full precision; "-" if there is none
   KeyEffect effect = KeyEffect::none;
 };
-/// Everything a recipe says, always the same keys in the same order. Angles in degrees.
+/// All keys of a recipe, always the same keys in the same order. Angles in degrees.
 [[nodiscard]] std::vector<RecipeKey> keys_of(const Recipe& recipe);
 
 }  // namespace slabd::daemon

@@ -5,18 +5,18 @@
 #include "base/recipe.h"
 #include "config/toml_reader.h"
 
-/// What the parts of the recipe's reader share; private to them.
+/// Internal parts shared by the recipe's reader and its list of keys.
 namespace slabd::daemon {
 
-/// Everything a recipe states outside its head and its items, in the order of the file: key, member, range. `v.table`
-/// begins a table; `nominal` is a number with its confirmation, `degrees` such an angle, `number` a plain number that
-/// must be there, `optional` one that has a default, `whole` a whole number, `angle` a plain angle, `word` a choice in
-/// the order of its enumeration. Reading (config/recipe.cpp) and the list of keys (config/recipe_keys.cpp) walk it.
+/// Visits all values of a recipe except its head and its items, in the order of the file: key, member, range. `v.table`
+/// begins a table, and `nominal` is a number with its confirmation, `degrees` such an angle. `number` is a required
+/// plain number, `optional` a number with a default, `whole` an integer, `angle` a plain angle. `word` is a choice in
+/// the order of its enumeration. Used for reading (config/recipe.cpp) and for the list of keys
+/// (config/recipe_keys.cpp).
 template <typename V, RecordOf<Recipe> R>
 void walk_tables(V& v, R& r) {
   v.table("slab");
-  // Below 6 pairs there are not the 12 seats that a slab frame needs (algo/items/slab_items.cpp): no slab could be
-  // judged.
+  // A slab frame needs 12 seats (algo/items/slab_items.cpp); with fewer than 6 pairs a slab could not be judged.
   v.whole("pairs", r.slab.pairs, 6, static_cast<std::int64_t>(limits::kPairsMax));
   v.nominal("length_mm", r.slab.length_mm, {1'000.0, 20'000.0});
   v.nominal("width_mm", r.slab.width_mm, {1'500.0, 5'000.0});
@@ -46,7 +46,7 @@ void walk_tables(V& v, R& r) {
   auto& e = r.evaluation;
   v.number("crop_half_x_mm", e.crop_half_x_mm, {20.0, 190.0});
   v.number("crop_half_s_mm", e.crop_half_s_mm, {20.0, 280.0});
-  // A chip of half a cell's area moves no mean by its depth.
+  // A larger cell could hide a chip: a chip of half a cell's area does not shift the cell's mean by its own depth.
   v.number("cell_mm", e.cell_mm, {0.5, 3.0});
   v.whole("cell_points_min", e.cell_points_min, 1, 10'000);
   v.optional("cells_missing_max", e.cells_missing_max, {0.0, 0.5});
@@ -55,20 +55,20 @@ void walk_tables(V& v, R& r) {
   v.number("registration_gate_mm", e.registration_gate_mm, {0.1, 20.0});
   v.number("registration_share_min", e.registration_share_min, {0.1, 1.0});
   v.word("flatness", e.flatness, {"closed", "raw"});
-  // Wider than 20 mm, and a depression that lifts a rail pad would be a pit.
+  // Above 20 mm a depression that lifts a rail pad would be bridged as a pit.
   v.optional("closing_mm", e.closing_mm, {3.0, 20.0});
   v.word("casing", e.casing, {"open", "capped"});
   v.optional("defect_sigmas", e.defect_sigmas, {3.0, 20.0});
   v.number("window_mm", e.window_mm, {1.0, 200.0});
   v.angle("window_deg", e.window_rad, {0.1, 30.0});
 
-  // Only shown, hence without `confirmed`.
+  // Only displayed, therefore without `confirmed`.
   v.table("edges");
   v.optional("fillet_seat_mm", r.edges.fillet_seat_mm, {2.0, 12.0});
   v.optional("fillet_shoulder_mm", r.edges.fillet_shoulder_mm, {2.0, 12.0});
   v.optional("chamfer_mm", r.edges.chamfer_mm, {2.0, 12.0});
 
-  // What the measuring system is assumed to be. Without the table no budget is computed and items keep their own U.
+  // Assumptions about the measuring system. Without this table no budget is computed and items keep their own U.
   v.table("uncertainty", r.uncertainty.given);
   v.nominal("scanner_form_mm", r.uncertainty.scanner_form_mm, {0.0, 1.0});
   v.nominal("scanner_form_length_mm", r.uncertainty.scanner_form_length_mm, {10.0, 2'000.0});
@@ -77,9 +77,9 @@ void walk_tables(V& v, R& r) {
   v.degrees("reference_deg", r.uncertainty.reference_rad, {0.0, 1.0});
 }
 
-/// Relations between numbers of a recipe that are each in range: the evaluation region must lie on the bearing plane,
-/// the pairs on the slab, the tables of the measuring workspace must be large enough, limits must enclose nominals,
-/// and an item's nominal must agree with the geometry it follows from. Reports through `root`, the recipe's top table.
+/// Checks relations between numbers that are each in range. The evaluation region must be on the bearing plane and the
+/// pairs on the slab. The measuring workspace's tables must be large enough. Limits must enclose nominals, and an
+/// item's nominal must agree with the geometry. Reports through `root`, the recipe's top table.
 void check_relations(TableReader& root, const Recipe& recipe);
 
 }  // namespace slabd::daemon

@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kUnitTolerance = 1e-3;
 
-/// The library's nodes as ours. Members keep the order in which they stand in the file.
+/// Converts the library's nodes. Members keep the order of the file.
 void convert(const toml::node& node, TomlValue& out) {
   out.line = std::max(1U, node.source().begin.line);
   out.column = std::max(1U, node.source().begin.column);
@@ -53,12 +53,12 @@ void convert(const toml::node& node, TomlValue& out) {
   }
 }
 
-/// Steps over strings and comments of a TOML text, and tells the rest character by character.
+/// Returns the characters of a TOML text one by one, without strings and comments.
 class TomlMarks {
  public:
   explicit TomlMarks(std::string_view text) : rest_(text) {}
 
-  /// The next character that is in no string and no comment, and its line; false: the end.
+  /// Sets `mark` to the next character outside strings and comments; false at the end.
   bool next(char& mark) {
     while (!rest_.empty()) {
       const char c = rest_.front();
@@ -81,7 +81,7 @@ class TomlMarks {
     line_ += static_cast<std::uint32_t>(std::count(rest_.begin(), rest_.begin() + static_cast<long>(bytes), '\n'));
     rest_.remove_prefix(bytes);
   }
-  /// One on a line ends with it at the latest: then it has no end, and the library says so.
+  /// Skips a string. A string on one line without an end stops at the end of the line; the library reports the error.
   void step_over_string(char quote) {
     const std::string three(3, quote);
     const bool many_lines = rest_.starts_with(three);
@@ -92,7 +92,7 @@ class TomlMarks {
       step(quote == '"' && rest_.front() == '\\' && rest_.size() > 1 && rest_[1] != '\n' ? 2 : 1);
     }
     step(std::min(end.size(), rest_.size()));
-    // Up to two quotes more before the three that end it belong to the string.
+    // Up to two additional quotes before the closing three belong to the string.
     for (int i = 0; many_lines && i < 2 && rest_.starts_with(quote); ++i) step(1);
   }
 
@@ -100,7 +100,7 @@ class TomlMarks {
   std::uint32_t line_ = 1;
 };
 
-/// The line on which something nests deeper than kTomlNestingMax; 0: nowhere.
+/// First line nested deeper than kTomlNestingMax; 0 if there is none.
 std::uint32_t too_deep_at(std::string_view bytes) {
   TomlMarks marks(bytes);
   std::size_t brackets = 0;
@@ -128,7 +128,7 @@ std::uint32_t too_deep_at(std::string_view bytes) {
   return 0;
 }
 
-/// What a line of a log and a terminal may show: control characters by their numbers. Text in UTF-8 stays.
+/// Text safe for a log line and a terminal: control characters are replaced by their numbers, UTF-8 is kept.
 std::string visible(std::string_view text) {
   std::string out;
   for (std::size_t i = 0; i < text.size(); ++i) {
@@ -142,7 +142,7 @@ std::string visible(std::string_view text) {
   return out;
 }
 
-/// What stands above line `line`; empty when that cannot be parsed either.
+/// Parses the part above line `line`; `root` is empty if that fails too.
 void parse_above(const std::string& bytes, std::uint32_t line, TomlValue& root) {
   std::size_t end = 0;
   for (std::uint32_t i = 1; i < line && end != std::string::npos; ++i) {
@@ -166,7 +166,7 @@ const TomlValue::Member* TomlValue::find(std::string_view key) const {
 }
 
 std::optional<std::string> read_text_file(const std::string& path, std::vector<Problem>& problems) {
-  // Folders and devices open like files but are none.
+  // Folders and devices can be opened like files.
   std::error_code status_error;
   const auto status = std::filesystem::status(path, status_error);
   if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
@@ -246,7 +246,7 @@ std::string found(const TomlValue& value) {
   switch (value.kind) {
     case TomlValue::Kind::boolean: return value.boolean ? "true" : "false";
     case TomlValue::Kind::integer: return fmt::format("{}", value.integer);
-    case TomlValue::Kind::real: return fmt::format("{:#}", value.real);  // 20.0 is no whole number
+    case TomlValue::Kind::real: return fmt::format("{:#}", value.real);  // prints 20.0 as a real number
     case TomlValue::Kind::text: return fmt::format("\"{}\"", value.text.substr(0, 60));
     case TomlValue::Kind::array: return fmt::format("a list of {}", value.items.size());
     case TomlValue::Kind::table: return "a table";

@@ -11,11 +11,11 @@
 
 #include "config/config.h"
 
-/// Files written by people, read strictly. A person must be able to repair the file from the message alone, so every
-/// value knows its line and column, every fault is reported (not only the first), and a key nobody asked for is a
-/// fault that names the nearest key somebody did ask for.
+/// Strict reader for files written by people. A person must be able to repair the file from the message alone.
+/// Therefore every value has its line and column, and all faults are reported, not only the first. An unknown key is a
+/// fault whose message contains the nearest known key.
 ///
-/// The TOML library stays in toml_reader.cpp; what leaves it is the small tree below.
+/// The TOML library is used only in toml_reader.cpp; its results are converted to the small tree below.
 namespace slabd::daemon {
 
 struct TomlValue {
@@ -23,40 +23,40 @@ struct TomlValue {
   struct Member;
 
   Kind kind = Kind::table;
-  std::uint32_t line = 1;  ///< of the value, from 1
+  std::uint32_t line = 1;  ///< line of the value, from 1
   std::uint32_t column = 1;
   bool boolean = false;
   std::int64_t integer = 0;
   double real = 0.0;
   std::string text;
-  std::vector<TomlValue> items;  ///< of an array
-  std::vector<Member> members;   ///< of a table, as written
+  std::vector<TomlValue> items;  ///< elements of an array
+  std::vector<Member> members;   ///< members of a table, as written
 
   [[nodiscard]] const Member* find(std::string_view key) const;
 };
 
 struct TomlValue::Member {
   std::string key;
-  std::uint32_t line = 1;  ///< of the key
+  std::uint32_t line = 1;  ///< line of the key
   std::uint32_t column = 1;
   TomlValue value;
 };
 
-inline constexpr std::size_t kTomlBytesMax = 1'000'000;  ///< nobody writes a configuration of a megabyte
+inline constexpr std::size_t kTomlBytesMax = 1'000'000;  ///< largest file size
 
-/// The file's bytes, or one problem and nothing: missing, unreadable, longer than kTomlBytesMax.
+/// The file's bytes, or nullopt and one problem: missing, unreadable, or longer than kTomlBytesMax.
 [[nodiscard]] std::optional<std::string> read_text_file(const std::string& path, std::vector<Problem>& problems);
 
-/// Keys and brackets nest at most this deep each: whoever reads a tree, and the library when it lets go of one, calls
-/// himself once per level. Nothing of ours nests deeper than four.
+/// Maximum nesting of keys and of brackets, each: readers of a tree, and the library when it frees one, recurse once
+/// per level. slabd's own files nest at most four levels.
 inline constexpr std::size_t kTomlNestingMax = 32;
 
-/// Parses TOML. A syntax error, or nesting beyond kTomlNestingMax, is one problem; `root` then holds what stands above
-/// the faulty line (possibly nothing), so that a reader may still serve from the tables it could read.
+/// Parses TOML. A syntax error, or nesting beyond kTomlNestingMax, is one problem. `root` then contains the part above
+/// the faulty line (possibly empty), so that a reader can still use the tables there.
 [[nodiscard]] bool parse_toml(const std::string& path, const std::string& bytes, TomlValue& root,
                               std::vector<Problem>& problems);
 
-/// The candidate with the smallest edit distance (the first of equals); empty when there are none.
+/// The candidate with the smallest edit distance (the first of equals); empty without candidates.
 [[nodiscard]] std::string_view nearest(std::string_view word, const std::set<std::string, std::less<>>& candidates);
 
 /// Closed range of a number.
@@ -65,9 +65,9 @@ struct Allowed {
   double high;
 };
 
-/// One table being read. `optional_*` leave `out` alone when the key is absent; all readers leave it alone when the
-/// value is faulty, and report. Absent tables read like empty ones, at the position of their parent. Every key asked
-/// for is known; `finish` reports the others.
+/// Reader of one table. `optional_*` leave `out` unchanged if the key is absent. All readers leave it unchanged and
+/// report a problem if the value is faulty. Absent tables are read like empty ones, at the position of their parent.
+/// Every key that is read counts as known; `finish` reports the others.
 class TableReader {
  public:
   TableReader(const std::string& file, const TomlValue* table, std::string name, std::vector<Problem>& problems);
@@ -80,31 +80,31 @@ class TableReader {
   void required_integer(std::string_view key, std::int64_t& out, std::int64_t low, std::int64_t high);
   void optional_boolean(std::string_view key, bool& out);
   void required_boolean(std::string_view key, bool& out);
-  /// Text of 1..bytes_max bytes.
+  /// Reads a text of 1..bytes_max bytes.
   void optional_text(std::string_view key, std::string& out, std::size_t bytes_max);
   void required_text(std::string_view key, std::string& out, std::size_t bytes_max);
-  /// One of `words`; returns its index.
+  /// Reads one of `words` and sets its index.
   void optional_word(std::string_view key, std::size_t& index, const std::vector<std::string_view>& words);
-  /// x y z (mm) qw qx qy qz: finite, |x|, |y|, |z| <= reach_mm, quaternion of unit length within 1e-3.
+  /// Reads x y z (mm) qw qx qy qz: finite, |x|, |y|, |z| <= reach_mm, quaternion of unit length within 1e-3.
   void required_pose(std::string_view key, std::array<double, 7>& out, double reach_mm);
 
-  /// A table inside this one. It must be read and finished by the caller.
+  /// Reader of a table inside this one. The caller must read and finish it.
   [[nodiscard]] TableReader table(std::string_view key);
-  /// The raw value, for what the readers above do not cover; nullptr when absent.
+  /// The raw value, for types that the readers above do not support; nullptr if absent.
   [[nodiscard]] const TomlValue* value(std::string_view key);
 
-  /// "file:line:column: table.key: what"; at the key when it is there, else at the table.
+  /// Reports "file:line:column: table.key: fault"; at the key if it is present, else at the table.
   void problem(std::string_view key, const std::string& what);
-  /// The same at a value inside `key`.
+  /// Reports the same at a value inside `key`.
   void problem_at(const TomlValue& at, std::string_view key, const std::string& what);
   void missing(std::string_view key, const std::string& expected);
 
-  /// Where doubts go, those of tables inside this one too; without it they are dropped.
+  /// Sets the list that receives doubts, including those of inner tables; without it they are dropped.
   void keep_doubts(std::vector<Problem>* doubts) { doubts_ = doubts; }
-  /// The same as `problem` for a value that may be right: it does not make the file unusable.
+  /// Reports a value that may be right, in the form of `problem`; the file remains usable.
   void doubt(std::string_view key, const std::string& what);
 
-  /// Reports the keys that were never asked for.
+  /// Reports the keys that were never read.
   void finish();
   [[nodiscard]] bool present() const { return table_ != nullptr; }
 
@@ -124,11 +124,11 @@ class TableReader {
   std::uint32_t column_ = 1;
 };
 
-/// 300, 20.0, "abc", a list of 3: what was found, for messages, as it stands in the file.
+/// Text of a value for messages, as written in the file: 300, 20.0, "abc", a list of 3.
 [[nodiscard]] std::string found(const TomlValue& value);
-/// A doubt of an angle in degrees that is a round number of degrees as radians: 0.17453 is 10 deg.
+/// Reports a doubt if an angle in degrees is a round number of degrees written in radians: 0.17453 is 10 deg.
 void doubt_degrees(TableReader& table, std::string_view key, double angle_deg, Allowed allowed_deg);
-/// A number written as integer or real.
+/// Value of a number written as integer or real.
 [[nodiscard]] std::optional<double> as_number(const TomlValue& value);
 
 }  // namespace slabd::daemon

@@ -299,13 +299,13 @@ inline constexpr std::size_t kTableColumnsMax = 24;
 ///                         the points; missing values are missing points. x, y, z are the columns of these names, else
 ///                         of `form.columns`, else, without names, the first three of at most kTableColumnsMax
 /// Lines end with LF, CR LF or CR. A UTF-8 byte-order mark is skipped, UTF-16 is rejected.
-/// The unit is `form.unit`; a file whose comments state another unit is rejected. A point that is not finite in x, y and z
-/// becomes NaN in all three. The file must be a regular file (links are not followed) and end where its header states.
-/// Up to 64 kB of zeros (PCL's writer) or one line end may follow binary data.
-/// Counts are compared with the file's size and with `xyz` before a point is read; a table announces no count, so its
-/// lines are counted while they are read. frame_incomplete: the text names file and byte, or line and column, and the
-/// expected content. too_few_points: the file contains no points. After an error the content of `xyz` is undefined.
-/// Uses no heap; 320 kB of stack.
+/// The unit is `form.unit`; a file whose comments state another unit is rejected. A point that is not finite in x, y
+/// and z becomes NaN in all three. The file must be a regular file (links are not followed) and end where its header
+/// states. Up to 64 kB of zeros (PCL's writer) or one line end may follow binary data. Counts are compared with the
+/// file's size and with `xyz` before a point is read; a table announces no count, so its lines are counted while they
+/// are read. frame_incomplete: the text names file and byte, or line and column, and the expected content.
+/// too_few_points: the file contains no points. After an error the content of `xyz` is undefined. Uses no heap; 320 kB
+/// of stack.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, const ScanForm& form, std::span<float> xyz);
 /// The same; a team of two reads points that are records (binary, without lists) in parallel.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, const ScanForm& form, std::span<float> xyz, Team& team);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// An id says which numbers it stands for. It is computed again from what is read, so that numbers that were damaged or
-// edited on the disk are not used under the name of those that were checked and applied.
+// An id identifies the numbers of a calibration. It is recomputed from the numbers read, so that numbers damaged or
+// edited on the disk are not used under the id of checked and applied ones.
 #include "storage/calibrations.h"
 
 #include <sha256.h>
@@ -17,7 +17,7 @@ constexpr std::size_t kIdDigits = 12;
 constexpr double kArmMaxMm = 2000.0;
 constexpr double kUnitTolerance = 1e-6;
 
-/// The numbers as text with every digit; minus zero is zero, as SQLite stores it, and there is one NaN only.
+/// Converts numbers to text with full precision; minus zero becomes zero, as SQLite stores it, and all NaN are equal.
 class Canonical {
  public:
   void operator()(double x) {
@@ -79,7 +79,7 @@ bool positive(double x) {
   return std::isfinite(x) && x > 0.0;
 }
 
-/// What keeps these numbers from being used; empty: nothing.
+/// Reason why these numbers cannot be used; empty if they can.
 struct FindNonsense {
   std::string operator()(const HandEyeNumbers& n) const {
     if (!is_rigid(n.T_flange_scanner)) return "T_flange_scanner is not a rigid transform of finite numbers";
@@ -141,7 +141,7 @@ std::string nonsense_in(const CalibrationRecord& record) {
 }
 
 bool numbers_give_id(const CalibrationRecord& record) {
-  // The same numbers kept again, for another certificate or time, have a number behind the id.
+  // Equal numbers with another certificate or expiry have an id with an appended number.
   const std::string numbers = calibration_id(record);
   return record.id == numbers || record.id.starts_with(numbers + ".");
 }

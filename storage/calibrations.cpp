@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What is in force is never a column that somebody sets: it is the newest row of `applied`, and rows are only added. A
-// rollback is such a row too, and names the row that a further rollback goes back to. So an apply or a rollback is one
-// insert, atomic by itself, and the history cannot disagree with what is used.
+// The calibration in force is the newest row of `applied`; it is not a column that could be set. Rows are only added. A
+// rollback is also a row, and contains the row that the next rollback returns to. Apply and rollback are therefore one
+// atomic insert each, and the history always matches the calibration in use.
 #include "storage/calibrations.h"
 
 #include <sqlite3.h>
@@ -16,16 +16,16 @@
 
 namespace slabd::storage {
 
-// Columns of the calibration tables beside the field lists; see storage/rows.h.
+// Columns of the calibration tables in addition to the field lists; see storage/rows.h.
 
-/// What a record has beside its numbers.
+/// Columns of a record in addition to its numbers.
 template <typename V, RecordOf<CalibrationRecord> R>
 void columns(V& v, R& r) {
   v("id", r.id);
   part(v, r, "", {{"operator", "operator_name"}});
 }
 
-/// Which calibration a row of numbers belongs to.
+/// Key of a row of numbers: its calibration.
 struct NumbersOf {
   std::string calibration_id;
 };
@@ -37,7 +37,8 @@ SLABD_FIELDS(NumbersOf, calibration_id);
 SLABD_FIELDS(NumbersOfStation, calibration_id, station);
 namespace {
 
-constexpr std::size_t kTextMax = 32U << 20U;  ///< of observations and certificate; SQLite's own limit is 1 GB
+/// observations, certificate and figures together; SQLite's own limit is 1 GB
+constexpr std::size_t kTextMax = 32U << 20U;
 
 template <typename... Parts>
 std::string select(const char* table, const std::string& rest) {
@@ -103,9 +104,9 @@ std::string Calibrations::keep(const CalibrationRecord& given) {
   return record.id;
 }
 
-/// The id of this very record when it is kept already (a change is given again when its answer was lost), else empty;
-/// `record.id` is then a free one. The same numbers under another certificate or for another time are another record,
-/// with a number behind the id.
+/// Id of this record if it is already stored (a change is repeated if its answer was lost). Otherwise empty, and
+/// `record.id` is set to a free id. The same numbers with another certificate or expiry are another record, with a
+/// number appended to the id.
 std::string Calibrations::kept_already(CalibrationRecord& record) {
   constexpr std::int64_t kSameDayUs = 86'400'000'000;
   const std::string numbers = record.id;
@@ -132,8 +133,9 @@ void Calibrations::check_may_apply(const CalibrationRecord& record, const Change
   const std::string not_in_force = record.id + " is not put in force: ";
   if (note.who.empty() || note.why.empty()) refuse(not_in_force + "say who does it and why");
   if (!numbers_give_id(record)) refuse(not_in_force + "its numbers in the database were changed after it was kept");
-  // By the newest record where the clock is behind, or a clock that was put back would bring back what has expired. But
-  // the clock may have been ahead before: who puts a calibration in force that is new says what day it is.
+  // The newest record's time replaces a clock that is behind, because a clock set back would make expired calibrations
+  // valid again. The newest time may also be wrong, if the clock was ahead before. Therefore applying a new calibration
+  // uses its own time.
   const std::int64_t now = is_new(record, note.utime_us) ? note.utime_us : std::max(note.utime_us, newest_utime_us());
   if (record.expires_utime_us != 0 && now >= record.expires_utime_us)
     refuse(not_in_force + "it has expired; calibrate again");
@@ -176,7 +178,7 @@ std::string Calibrations::apply(const ApplyCalibration& change) {
   if (!record) refuse("there is no calibration \"" + change.id + "\"; slabctl calibrate history lists them");
   const Row replaced = newest(record->kind(), record->slab_type());
   check_may_apply(*record, change.note);
-  if (replaced.calibration_id == record->id) return record->id;  // given again because its answer was lost
+  if (replaced.calibration_id == record->id) return record->id;  // repeated because its answer was lost
   insert_applied(*record, replaced, false, replaced.seq, change.note);
   follow_clock(*record, change.note.utime_us);
   return record->id;
@@ -273,7 +275,7 @@ std::optional<CalibrationRecord> Calibrations::find_exactly(std::string_view id)
 std::optional<CalibrationRecord> Calibrations::find(std::string_view id) {
   if (id.empty()) return std::nullopt;
   if (auto exact = find_exactly(id)) return exact;
-  // The first characters of an id do when only one begins so; ids hold no wildcards, what is asked for may.
+  // A prefix is sufficient if only one id begins with it. Compared by substr, because the prefix may contain wildcards.
   Statement rows(db_, "SELECT kind, slab_type, " + joined(names_of<CalibrationRecord>(), ", ") +
                           " FROM calibration WHERE substr(id, 1, length(?1)) = ?1 LIMIT 2");
   std::optional<CalibrationRecord> found;
@@ -319,7 +321,7 @@ std::vector<CalibrationCheck> Calibrations::checks(std::size_t limit) {
   return list;
 }
 
-// ---- what the line works with ------------------------------------------------------------------------------------
+// ---- calibrations in force ---------------------------------------------------------------------------------------
 
 void Calibrations::use_hand_eye(const std::optional<CalibrationRecord>& record, LineCalibration& out) {
   if (!record || record->kind() != CalibrationKind::hand_eye) {
@@ -334,7 +336,7 @@ void Calibrations::use_hand_eye(const std::optional<CalibrationRecord>& record, 
   out.source = LineCalibration::Source::applied;
   out.hand_eye = std::get<HandEyeNumbers>(record->numbers);
   out.expires_utime_us = record->expires_utime_us;
-  // Robot poses and target views contradict a mirrored cloud. A value from elsewhere has none.
+  // Views of robot poses and targets would contradict a mirrored point cloud. An adopted calibration has none.
   if (std::string_view(record->observations).starts_with("# adopted from "))
     out.trouble.printf("%s was adopted: no views prove that the scanner's frame is right-handed", record->id.c_str());
 }
@@ -351,7 +353,7 @@ void Calibrations::use_table(const std::optional<CalibrationRecord>& record, Lin
   table.hand_eye_id.assign(record->parent_id);
   table.expires_utime_us = record->expires_utime_us;
   table.table = std::get<StationTable>(record->numbers);
-  static_cast<void>(out.tables.push(table));  // more slab types than recipes: nobody asks for the rest
+  static_cast<void>(out.tables.push(table));  // if there are more slab types than recipes, the rest is never used
 }
 
 void Calibrations::use_scanner(const std::optional<CalibrationRecord>& record, ScannerInForce& out) {
@@ -367,8 +369,8 @@ void Calibrations::use_scanner(const std::optional<CalibrationRecord>& record, S
   out.id.assign(record->id);
   out.numbers = std::get<ScannerNumbers>(record->numbers);
   out.expires_utime_us = record->expires_utime_us;
-  // Only a later acceptance cures a failed verification; to take an older one again does not. One of another scanner,
-  // by its name, says nothing about this one; one of a scanner without a name may be this one's.
+  // A failed verification is cleared only by a later acceptance, not by applying an older one again. A verification of
+  // another named scanner is ignored; one without a name may be of this scanner.
   Statement later(
       db_,
       "SELECT 1 FROM calibration JOIN scanner_acceptance ON calibration_id = id WHERE within_limits = 0 AND "
@@ -384,7 +386,7 @@ LineCalibration::Watch Calibrations::watch(CalibrationKind kind) {
   Statement first(db_, "SELECT min(utime_us) FROM applied WHERE calibration_id = ?1");
   if (first.bind(1, std::string_view(row.calibration_id)).step()) watch.since_utime_us = first.integer(0);
   first.reset();
-  // Of the kind, not of the artefact: what failed against one artefact is not cured by taking another.
+  // By kind, not by artefact: a check that failed with one artefact is not cleared by applying another.
   Statement last(db_, select<CalibrationCheck>("calibration_check", "WHERE kind = ?1 ORDER BY seq DESC LIMIT 1"));
   if (!last.bind(1, name(kind)).step()) return watch;
   CalibrationCheck check;
@@ -420,7 +422,7 @@ void Calibrations::in_force(LineCalibration& out) {
 void Calibrations::of_slab(const SlabHeader& slab, LineCalibration& out) {
   out = LineCalibration{};
   if (!slab.scanner_id.empty()) use_scanner(find(slab.scanner_id.view()), out.scanner);
-  // Commissioning values are the configuration's; nothing of them lies here.
+  // Commissioning values are in the configuration, not in the database.
   if (!slab.calibration_id.view().starts_with(id_prefix(CalibrationKind::hand_eye))) return;
   use_hand_eye(find(slab.calibration_id.view()), out);
   if (!slab.stations_id.empty()) use_table(find(slab.stations_id.view()), out);

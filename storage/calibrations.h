@@ -9,28 +9,29 @@
 #include "storage/files/sqlite.h"
 #include "storage/storage.h"
 
-/// Calibrations as rows: kept, put in force, rolled back, checked. Every call belongs into the caller's transaction and
-/// throws SqlFailure; one that cannot be carried out throws Refusal (storage/jobs.h) before it has changed anything.
+/// Database rows of calibrations: store, apply, roll back, check. Every call must be inside the caller's transaction
+/// and throws SqlFailure. A call that cannot be carried out throws Refusal (storage/jobs.h) before it has changed
+/// anything.
 namespace slabd::storage {
 
 class Calibrations {
  public:
   explicit Calibrations(Connection& db) : db_(db) {}
 
-  /// Returns the id of the record the change was about.
+  /// Carries out a change and returns the id of the record it affects.
   std::string carry_out(const CalibrationChange& change);
 
   [[nodiscard]] std::vector<CalibrationRecord> all();
-  /// By id, or by how it begins when only one begins so.
+  /// Finds a record by its id, or by a prefix of the id that is unique.
   [[nodiscard]] std::optional<CalibrationRecord> find(std::string_view id);
   [[nodiscard]] std::optional<CalibrationRecord> current(CalibrationKind kind, std::uint16_t slab_type);
   [[nodiscard]] std::vector<AppliedChange> applied(std::size_t limit);
   [[nodiscard]] std::vector<CalibrationCheck> checks(std::size_t limit);
 
-  /// What is in force. A record whose numbers do not give its id is not used: source `missing`, or the table or the
-  /// scanner's acceptance left out, and `trouble` says so.
+  /// Reads the calibrations in force. A record whose numbers do not match its id is not used: the source is `missing`,
+  /// or the table or the scanner's acceptance is omitted. `trouble` contains the reason.
   void in_force(LineCalibration& out);
-  /// What this slab was begun with.
+  /// Reads the calibrations with which this slab was begun.
   void of_slab(const SlabHeader& slab, LineCalibration& out);
 
  private:
@@ -42,7 +43,7 @@ class Calibrations {
   std::string keep(const CalibrationCheck& check);
 
   struct Row {
-    std::int64_t seq = 0;  ///< 0: nothing was ever in force
+    std::int64_t seq = 0;  ///< 0 if none was ever in force
     std::int64_t before_seq = 0;
     std::string calibration_id;
   };
@@ -56,23 +57,24 @@ class Calibrations {
   void use_scanner(const std::optional<CalibrationRecord>& record, ScannerInForce& out);
   [[nodiscard]] LineCalibration::Watch watch(CalibrationKind kind);
   [[nodiscard]] std::int64_t newest_utime_us();
-  /// Made within a day before `utime_us`, and never in force.
+  /// True if the record was made within a day before `utime_us` and was never in force.
   [[nodiscard]] bool is_new(const CalibrationRecord& record, std::int64_t utime_us);
-  /// A new record is in force that the newest time of all records would let expire: that time was a wrong clock's.
+  /// Resets the newest time of all records if it is past the expiry of a newly applied record: it came from a wrong
+  /// clock.
   void follow_clock(const CalibrationRecord& record, std::int64_t utime_us);
 
   Connection& db_;
 };
 
-// What the numbers of a calibration say about themselves.
+// Checks of a calibration's numbers.
 
-/// "he", "st", "rb", "mb", "sc": how ids of this kind begin.
+/// Prefix of the ids of this kind: "he", "st", "rb", "mb", "sc".
 [[nodiscard]] std::string_view id_prefix(CalibrationKind kind);
 
-/// What keeps these numbers from being used, as the rest of a sentence; empty: nothing.
+/// Reason why these numbers cannot be used, as the rest of a sentence; empty if they can.
 [[nodiscard]] std::string nonsense_in(const CalibrationRecord& record);
 
-/// Is `record.id` the id of its numbers?
+/// True if `record.id` is the id of its numbers.
 [[nodiscard]] bool numbers_give_id(const CalibrationRecord& record);
 
 }  // namespace slabd::storage

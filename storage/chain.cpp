@@ -92,7 +92,7 @@ class Examination {
       ++report_.entries;
       Sha256 sum{};
       const bool whole = take(rows, 8, sum) && rows_length_ok_;
-      // The entry before a missing one is not known, and the gap is told already.
+      // After a gap the previous entry is unknown, and the gap is already reported.
       if (!whole || (follows && sum != seal_of(previous, entry)))
         altered(words(entry) + " was altered");
       else if (entry.kind == "slab" && !tables_fit(rows.bytes(9), entry.rows))
@@ -120,7 +120,7 @@ class Examination {
     if (entry.kind == "care") gaps_[entry.about] = entry.rows;
   }
 
-  /// In the order of the chain.
+  /// Compares the sealed slabs in the order of the chain.
   void compare_slabs() {
     std::vector<std::int64_t> in_order;
     for (const auto& [key, seq] : sealed_) in_order.push_back(seq);
@@ -197,7 +197,7 @@ class Examination {
       if (!gaps_.contains(seq)) altered("gap " + std::to_string(seq) + " of the history was added: table care");
   }
 
-  /// They carry their own checksum, as their name.
+  /// Compares recipes and calibrations with the checksum in their name.
   void compare_texts() {
     Statement texts(db_, "SELECT sha256, name, text FROM recipe_text ORDER BY kept_utime_us, sha256");
     Digest digest;
@@ -223,8 +223,8 @@ class Examination {
   ChainReport report_;
   bool rows_length_ok_ = true;
   std::int64_t begun_key_ = 0;
-  std::map<std::int64_t, std::int64_t> sealed_;  ///< by slab key: its newest seal that holds
-  std::set<std::int64_t> pruned_before_;         ///< of slabs that never had a seal
+  std::map<std::int64_t, std::int64_t> sealed_;  ///< newest valid seal by slab key
+  std::set<std::int64_t> pruned_before_;         ///< pruned slabs that never had a seal
   std::map<std::int64_t, Sha256> gaps_;
   std::map<std::int64_t, std::unique_ptr<SlabDigests>> digests_;
 };

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Is what was measured again what was stored? A figure that is compared by hand-written code is forgotten with the next
-// column; so the lists that make the rows (storage/rows.h) say what there is to compare.
+// Comparison of a repeated measurement with the stored one. It uses the column lists of storage/rows.h, because
+// hand-written comparisons would miss new columns.
 //
-// Invariant: two numbers count as equal exactly when the database would hold the same bits for them: NaN is NULL, minus
-// zero is zero, everything else is told apart to its last bit (the shortest text that reads back as the number).
+// Invariant: two numbers are equal exactly if the database would store the same bits for them. NaN is NULL and minus
+// zero is zero; all other numbers are compared to the last bit (the shortest text that reads back as the number).
 #include "storage/compare.h"
 
 #include <algorithm>
@@ -63,7 +63,7 @@ class Texts {
   std::vector<std::string> list_;
 };
 
-/// How long a computer took is no result.
+/// True for durations: they are not results.
 bool is_time(std::string_view column) {
   constexpr std::array<std::string_view, 5> kTimes = {"read_ms", "denoise_ms", "register_ms", "extract_ms", "total_ms"};
   return std::find(kTimes.begin(), kTimes.end(), column) != kTimes.end();

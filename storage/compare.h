@@ -8,23 +8,23 @@
 #include "base/fields.h"
 #include "base/jobs.h"
 
-/// Is what was measured again what was stored?
+/// Comparison of a repeated measurement with the stored one.
 namespace slabd::storage {
 
-/// A stored figure that came out otherwise.
+/// A stored figure that differs from the new one.
 struct Difference {
   std::string figure;  ///< "item seat_slope U", "plane jaw_inner offset_mm", "station 4 verdict"
-  std::string stored;  ///< every digit of it; "none" for a number that is not there
+  std::string stored;  ///< full precision; "none" if the number is absent
   std::string now;
 };
 SLABD_FIELDS(Difference, figure, stored, now);
 struct Comparison {
-  std::size_t figures = 0;  ///< compared
+  std::size_t figures = 0;  ///< number of compared figures
   std::vector<Difference> differences;
 };
 SLABD_FIELDS(Comparison, figures, differences);
-/// Adds to `out` what of a block, of its maps or of a slab's end differs in any bit that the database would hold. Times
-/// are not compared, nor is a map that was not kept.
+/// Adds to `out` the values of a block, of its maps or of a slab's end that differ in any bit stored in the database.
+/// Times are not compared, and neither is a map that was not stored.
 void compare(const BlockResult& stored, const BlockResult& now, Comparison& out);
 void compare(const BlockMaps& stored, const BlockMaps& now, Comparison& out);
 void compare(const SlabResult& stored, const SlabResult& now, Comparison& out);

@@ -55,7 +55,7 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       insert_command_(db,
                       "INSERT INTO command (session, cmd_seq, command, station, utime_us, status, acquired, slab_key) "
                       "VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, nullif(?8, 0))"),
-      // Sequence numbers come again after 65535 commands: the newest one is meant.
+      // Sequence numbers repeat after 65535 commands, so the newest one is used.
       close_command_(db,
                      "UPDATE command SET status = ?3, acquired = ?4 WHERE id = "
                      "(SELECT max(id) FROM command WHERE session = ?1 AND cmd_seq = ?2)"),
@@ -97,7 +97,7 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
                             "DELETE FROM result WHERE slab_key = ?1 AND kind = ?2 AND station = ?3 "
                             "AND (kind = 2 OR cmd_seq = ?4) AND acknowledged = 0 AND is_repeat = 0"),
       insert_result_(db, insert_for<SlabKey, ResultState, PlcResult>("result")),
-      // This record and no earlier one: a slab's end whose commit was answered with an error was never shown.
+      // Only this record: an earlier one, of a slab's end whose commit returned an error, was never shown.
       acknowledge_(db,
                    "UPDATE result SET acknowledged = 1 WHERE id = "
                    "(SELECT min(id) FROM result WHERE acknowledged = 0 AND res_seq = ?1 AND id NOT BETWEEN ?2 AND ?3)"),
@@ -173,7 +173,7 @@ void Jobs::operator()(const BeginSlabJob& job) {
 }
 
 void Jobs::keep_recipe(const SlabHeader& slab) {
-  // First whether it is there: that costs no copy of the text.
+  // Check for existence first, to avoid copying the text.
   const bool kept = has_recipe_.bind(1, slab.recipe_sha256.view()).step() && has_recipe_.integer(0) > 0;
   has_recipe_.reset();
   if (kept) return;
@@ -249,7 +249,7 @@ void Jobs::close_command(std::uint16_t session, std::uint16_t cmd_seq, std::uint
 }
 
 void Jobs::note_time(std::int64_t utime_us) {
-  // Rolled back, or set back by whoever put a calibration in force.
+  // The transaction may have been rolled back, or follow_clock() may have reset the time.
   const std::int64_t stored = newest_.step() ? newest_.integer(0) : 0;
   newest_.reset();
   if (stored != newest_time_.utime_us()) newest_time_ = NewestTime(stored);
@@ -264,7 +264,7 @@ AttemptState Jobs::state_of(const Attempt& attempt, StationPhase phase, std::uin
   state.phase = phase;
   state.code = code;
   const std::string path(attempt.scan_path.view());
-  // Only what lies in our spool is ever ours to delete, so only that is counted.
+  // Only files in the spool may be deleted, so only those are counted.
   if (lies_below(path, settings_.spool_dir)) state.scan_bytes = file_bytes(path);
   state.scan_state = state.scan_bytes > 0 ? ScanState::kept : ScanState::none;
   return state;
@@ -362,7 +362,7 @@ void Jobs::insert_block(const BlockKey& key, const BlockResult& block) {
   insert_items(key, block.items.begin(), block.items.end());
 }
 
-/// After insert_block, which took away the maps of an earlier answer together with their block.
+/// Called after insert_block, which deletes the maps of an earlier answer together with their block.
 void Jobs::insert_maps(const BlockKey& key, const BlockMaps& maps) {
   if (!maps.registration.empty()) write_row(insert_map_, key, FeatureName{"registration"}, maps.registration);
   if (!maps.seat.empty()) write_row(insert_map_, key, FeatureName{"seat"}, maps.seat);
@@ -417,7 +417,7 @@ void Jobs::operator()(const AckJob& job) {
 }
 
 void Jobs::operator()(const ReportJob& job) {
-  // A station record is repeated while its slab is open, a slab record when it has ended.
+  // A station record is repeated while its slab is open, a slab record after the slab has ended.
   std::int64_t slab_key = 0;
   Statement& newest = job.record.kind == 2 ? last_ended_ : newest_slab_;
   if (newest.step()) {
@@ -450,8 +450,8 @@ void Jobs::interrupt_unfinished() {
     std::uint8_t station;
     std::int64_t slab_key;
     bool scan;
-    bool newest_scan;  ///< of its station, and its slab is open: no later SCAN has taken its place
-    bool abort;        ///< of the open slab, and nothing else was commanded since
+    bool newest_scan;  ///< newest SCAN of its station, and the slab is open
+    bool abort;        ///< newest command of the open slab
   };
   std::vector<Unfinished> list;
   while (unfinished_.step()) {
@@ -465,7 +465,7 @@ void Jobs::interrupt_unfinished() {
     u.abort = u.slab_key != 0 && unfinished_.integer(6) == 1;
   }
   for (const Unfinished& u : list) {
-    if (u.abort) continue;  // read_line() tells the station of it
+    if (u.abort) continue;  // read_line() returns it to the station
     if (u.scan) remember_scan(kUnseenScan);
     if (u.newest_scan) insert_failed_scan(u.slab_key, u.station, u.session, u.cmd_seq);
     close_command(u.session, u.cmd_seq, kInterrupted, false);

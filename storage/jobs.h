@@ -12,21 +12,21 @@
 
 namespace slabd::storage {
 
-/// A job that contradicts what is stored. Thrown inside a transaction, which is then rolled back; the connection
-/// stays good.
+/// A job that contradicts the stored data. Thrown inside a transaction, which is then rolled back; the connection
+/// remains usable.
 struct Refusal {
   Error error;
 };
 
-/// What each StoreJob means in rows. Every call runs inside one transaction of the caller and throws SqlFailure or
-/// Refusal.
+/// Executes each StoreJob as row changes. Every call must be inside one transaction of the caller and throws SqlFailure
+/// or Refusal.
 ///
-/// A commit whose answer was an error may have reached the disk all the same. Some jobs then come again: the session
-/// when the PLC resets the fault, a block because it is measured once more, the slab's end and a report because the PLC
-/// commands them anew; an acknowledgement is given again by the station. So every job may find rows of its own: it
-/// replaces them, or leaves them when nothing would change. Nor do blocks, ends and reports come again for certain: the
-/// PLC may have the station scanned anew instead, and theirs are records that a restart would show. So these are taken
-/// back by the next job that can be written, and an acquired scan is a failed one then, as the PLC was told.
+/// A commit that returned an error may still have reached the disk. Some jobs are then repeated: the session when the
+/// PLC resets the fault, a block when it is measured again, an acknowledgement by the station. Ends and reports are
+/// repeated when the PLC repeats its command. Therefore a job may find its own rows: it replaces them, or leaves them
+/// if nothing would change. Blocks, ends and reports may also not be repeated, because the PLC may order a new scan
+/// instead, but a restart would show their records. The next job that can be written therefore reverts them. An
+/// acquired scan becomes a failed one, as already reported to the PLC.
 class Jobs {
  public:
   /// `settings` and `held_back` belong to the caller; `held_back` may change between jobs.
@@ -44,19 +44,19 @@ class Jobs {
   void operator()(const SeenScanJob& job);
   void operator()(const MeasuringJob& job);
 
-  /// What the last job came to when it is written and its answer is an error all the same; taken once. A scan that an
-  /// earlier attempt already had: frame_incomplete.
+  /// Error of the last job if it was written although its answer is an error; cleared by this call. frame_incomplete if
+  /// an earlier attempt had the same scan.
   [[nodiscard]] std::optional<Error> take_answer() { return std::exchange(answer_, std::nullopt); }
 
-  /// Every command that was accepted and not finished becomes "interrupted"; a SCAN among them leaves a failed attempt.
-  /// But SLAB_ABORT of the open slab, its newest command, stays accepted: the station finishes it.
+  /// Marks every accepted but unfinished command as "interrupted"; a SCAN also leaves a failed attempt. Exception: a
+  /// SLAB_ABORT that is the newest command of the open slab stays accepted, and the station finishes it.
   void interrupt_unfinished();
 
-  /// Begins the chain of results where there is none.
+  /// Begins the chain of results if there is none.
   void begin_chain();
 
-  /// Take back what nobody was shown. A block stays acquired, to be measured again; the command for an end or a report
-  /// stays accepted, and is one that was interrupted should the process end.
+  /// Revert results that were never shown. A block stays acquired, to be measured again. The command of an end or a
+  /// report stays accepted, and counts as interrupted if the process ends.
   void undo_end(std::int64_t slab_key);
   void undo_block(const BlockKey& key);
   void undo_report(std::uint16_t res_seq);
@@ -74,11 +74,11 @@ class Jobs {
   void keep_recipe(const SlabHeader& slab);
   void remember_scan(std::uint64_t fingerprint);
   void remember_noise(const BlockKey& key, const NoisePrint& noise);
-  /// Did an earlier attempt have these points? Then it is named in `answer_`.
+  /// True if an earlier attempt had these points; `answer_` then contains that attempt.
   [[nodiscard]] bool is_known(const Attempt& attempt);
   [[nodiscard]] AttemptState state_of(const Attempt& attempt, StationPhase phase, std::uint16_t code) const;
 
-  /// A late change of an ended slab is sealed anew.
+  /// Seals an ended slab again after a late change.
   void seal_if_ended(std::int64_t slab_key);
 
   Connection& db_;

@@ -73,7 +73,7 @@ bool Loader::slab_result(std::int64_t slab_key, SlabResult& out, std::int64_t& e
     if (row.station < 1 || row.station > limits::kStationsMax) station_results_.refuse(0, "is no station");
     out.station_verdict[row.station - 1U] = row.verdict;
     out.station_reason[row.station - 1U] = row.reason;
-    // Versions before kept the pass of a block whose slab was aborted; it was provisional.
+    // Earlier versions stored the provisional pass of a block although its slab was aborted.
     if (out.verdict == Verdict::aborted && row.verdict == Verdict::pass)
       out.station_verdict[row.station - 1U] = Verdict::none;
   }
@@ -87,7 +87,7 @@ std::vector<StoredAttempt> Loader::attempts(std::int64_t slab_key) {
   while (attempts_.step()) {
     StoredAttempt& row = list.emplace_back();
     read_row(attempts_, 0, row.attempt, row.state);
-    // The schema says so too; a station beyond the table must not be used as an index.
+    // Also checked by the schema, but the station is used as an index.
     if (row.attempt.station < 1 || row.attempt.station > limits::kStationsMax) attempts_.refuse(1, "is no station");
   }
   return list;
@@ -162,9 +162,9 @@ void Loader::items(const BlockKey& key, FixedVector<Item, N>& out) {
   }
 }
 
-// What a restarted daemon must know, read from the rows its predecessor left. The open slab comes back with every
-// station's latest attempt: a later attempt takes the place of an earlier one even when it came to nothing, because a
-// station that was given up for a new scan must not show its old pass.
+// State of a restarted daemon, read from the rows of its predecessor. The open slab is restored with every station's
+// latest attempt. A later attempt replaces an earlier one even if it failed: a station that was rescanned must not show
+// its old pass.
 
 namespace {
 
@@ -181,7 +181,8 @@ void read_counters(Connection& db, RecoveredLine& line) {
   }
   line.acq_seq =
       static_cast<std::uint16_t>(db.integer("SELECT cmd_seq FROM command WHERE acquired = 1 ORDER BY id DESC LIMIT 1"));
-  // After a restore records count on from another number: the PLC may hold acknowledgements of lost ones.
+  // After a restore the record numbers continue from another value, because the PLC may have acknowledgements of lost
+  // records.
   line.res_seq = static_cast<std::uint16_t>(db.integer(
       "SELECT coalesce((SELECT res_seq FROM care WHERE result_id = (SELECT coalesce(max(id), 0) FROM result) "
       "ORDER BY seq DESC LIMIT 1), (SELECT res_seq FROM result ORDER BY id DESC LIMIT 1), 0)"));
@@ -193,7 +194,7 @@ void read_fingerprints(Connection& db, RecoveredLine& line) {
   for (std::size_t i = 0; rows.step(); ++i) line.fingerprints.at(i) = static_cast<std::uint64_t>(rows.integer(0));
 }
 
-/// A print that does not have the bytes of one is left out: without it one exposure less is recognised.
+/// Reads the noise prints. A print with invalid bytes is omitted; one exposure less is then recognised.
 void read_noise(Connection& db, RecoveredLine& line) {
   Statement rows(db,
                  "SELECT slab_key, station, attempt, bytes FROM (SELECT * FROM noise_print ORDER BY id DESC LIMIT " +
@@ -214,7 +215,7 @@ HeldBack read_unacknowledged(Connection& db, RecoveredLine& line) {
   while (rows.step()) {
     PlcResult record;
     read_row(rows, 1, record);
-    // SCAN is refused long before the queue is full; should it overflow, the oldest are shown first as always.
+    // SCAN is rejected long before the queue is full; if it overflows, the oldest records are shown first as usual.
     if (line.unacknowledged.push(record)) continue;
     held_back = {rows.integer(0), db.integer("SELECT max(id) FROM result")};
     break;
@@ -222,7 +223,7 @@ HeldBack read_unacknowledged(Connection& db, RecoveredLine& line) {
   return held_back;
 }
 
-/// Of line.slab.
+/// Reads the stations of line.slab.
 void read_stations(Loader& loader, RecoveredLine& line) {
   for (const StoredAttempt& stored : loader.attempts(line.slab.key)) {
     const Attempt& attempt = stored.attempt;
@@ -242,7 +243,7 @@ void read_stations(Loader& loader, RecoveredLine& line) {
   }
 }
 
-/// What the valid attempts of the last ended slab saw.
+/// Reads the block poses in the valid attempts of the last ended slab.
 void read_last_blocks(Loader& loader, RecoveredLine& line) {
   for (const StoredAttempt& stored : loader.attempts(line.last_slab.key)) {
     SeenBlock& seen = line.last_blocks[stored.attempt.station - 1U];
@@ -291,7 +292,7 @@ void read_last_ended(Connection& db, Loader& loader, RecoveredLine& line) {
 }  // namespace
 
 std::int64_t newest_key_used(Connection& db) {
-  // Keys of slabs that only a lost database knew are not used again: their scans may still be there.
+  // Keys of slabs that only a lost database contained are not reused, because their scans may still exist.
   return std::max(db.integer("SELECT coalesce(max(slab_key), 0) FROM slab"),
                   db.integer("SELECT max(keys_used, pruned_key) FROM line"));
 }

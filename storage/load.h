@@ -16,20 +16,20 @@ struct StoredAttempt {
   AttemptState state;
 };
 
-/// Reads whole records back, for recovery and for the reader. Each call belongs into the caller's transaction.
-/// Throws SqlFailure.
+/// Reads whole records, for recovery and for the reader. Each call must be inside the caller's transaction. Throws
+/// SqlFailure.
 class Loader {
  public:
   explicit Loader(Connection& db);
 
   [[nodiscard]] std::optional<SlabHeader> slab(std::int64_t slab_key);
-  /// False: the slab has not ended; `out` and `ended_utime_us` are untouched.
+  /// False if the slab has not ended; then `out` and `ended_utime_us` are unchanged.
   [[nodiscard]] bool slab_result(std::int64_t slab_key, SlabResult& out, std::int64_t& ended_utime_us);
-  /// By station, then number.
+  /// Attempts of a slab, by station, then number.
   [[nodiscard]] std::vector<StoredAttempt> attempts(std::int64_t slab_key);
-  /// False: nothing was measured; `out` is untouched.
+  /// False if nothing was measured; then `out` is unchanged.
   [[nodiscard]] bool block(const BlockKey& key, BlockResult& out);
-  /// Maps that were not kept stay empty.
+  /// Reads the maps; maps that were not stored are empty.
   void maps(const BlockKey& key, BlockMaps& out);
 
  private:
@@ -49,18 +49,18 @@ class Loader {
   Statement maps_;
 };
 
-/// Unacknowledged results that did not fit into RecoveredLine: ids in this closed range. The PLC is not shown them
-/// before the next restart, so that no acknowledgement may mean them, although newer results are shown meanwhile.
+/// Closed range of ids of unacknowledged results that did not fit into RecoveredLine. They are not shown to the PLC
+/// before the next restart, so no acknowledgement may refer to them, although newer results are shown.
 struct HeldBack {
   std::int64_t first_id = 1;
-  std::int64_t last_id = 0;  ///< below first_id: none
+  std::int64_t last_id = 0;  ///< below first_id if empty
 };
 
-/// The newest slab key that was ever used, as far as the database knows. Throws SqlFailure.
+/// Newest slab key ever used, according to the database. Throws SqlFailure.
 [[nodiscard]] std::int64_t newest_key_used(Connection& db);
 
-/// Fills what a restarted daemon must know. Call it inside a transaction, after the unfinished commands have been
-/// marked interrupted. Throws SqlFailure.
+/// Fills the state required by a restarted daemon. Call it inside a transaction, after the unfinished commands were
+/// marked as interrupted. Throws SqlFailure.
 [[nodiscard]] HeldBack read_line(Connection& db, RecoveredLine& line);
 
 }  // namespace slabd::storage

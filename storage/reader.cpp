@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Reading beside the running daemon. Every call is one read transaction of its own: it sees one moment, and it holds
-// no moment for long, because the write-ahead log cannot be emptied past a reader.
+// Reading while the daemon is running. Every call is one short read transaction with a consistent state. It must be
+// short because the write-ahead log cannot be emptied beyond a reader's position.
 #include <algorithm>
 #include <array>
 #include <exception>
@@ -15,30 +15,29 @@
 
 namespace slabd::storage {
 
-// What somebody looks for among tens of thousands of slabs. One statement each: the newest slabs are walked by their
-// key, and what is asked of each is found by its own key, so that the limit ends the work, not the size of the
-// database.
+// Searches among tens of thousands of slabs, one statement each. The newest slabs are visited by their key, and the
+// searched rows are found by that key. The limit therefore bounds the cost, not the size of the database.
 
 namespace {
 
-/// The valid attempt of the item's station.
+/// Condition: the item belongs to the valid attempt of its station.
 constexpr const char* kValidAttempt =
     "item.attempt = (SELECT max(a.attempt) FROM attempt AS a WHERE a.slab_key = item.slab_key AND a.station = "
     "item.station)";
 
-/// A block's item counts until SLAB_END has judged another one in its place, against the slab's frame. One without
-/// limits is for information.
+/// Condition: the item was not replaced by SLAB_END. A block's item is valid until SLAB_END judges it again in the
+/// slab's frame. An item without limits is only information.
 constexpr const char* kNotSuperseded =
     "NOT EXISTS (SELECT 1 FROM item AS f WHERE f.slab_key = item.slab_key AND f.station = 0 AND f.id = item.id AND "
     "f.from_station = item.station AND f.to_station = 0 AND (f.lower IS NOT NULL OR f.upper IS NOT NULL))";
 
-/// A station that was never scanned, or whose valid attempt failed, has no items: none of them was measured. Of a slab
-/// that has ended; ?8 is the station ...
+/// Condition: the station ?8 of an ended slab has no items, because it was never scanned or its valid attempt failed.
+/// None of its items was measured.
 constexpr const char* kIsUnseen =
     "(slab_result.verdict IS NOT NULL AND ?8 <= slab.stations AND NOT EXISTS (SELECT 1 FROM attempt AS a JOIN item "
     "USING (slab_key, station, attempt) WHERE a.slab_key = slab.slab_key AND a.station = ?8 AND a.attempt = "
     "(SELECT max(b.attempt) FROM attempt AS b WHERE b.slab_key = a.slab_key AND b.station = a.station)))";
-/// ... or any.
+/// Condition: at least one station of an ended slab has no items.
 constexpr const char* kHasUnseen =
     "(slab_result.verdict IS NOT NULL AND slab.stations > (SELECT count(*) FROM attempt AS a WHERE a.slab_key = "
     "slab.slab_key AND a.attempt = (SELECT max(b.attempt) FROM attempt AS b WHERE b.slab_key = a.slab_key AND "
@@ -51,7 +50,7 @@ std::int64_t count_of(std::size_t limit) {
   return static_cast<std::int64_t>(std::min<std::size_t>(limit, 1'000'000'000));
 }
 
-/// The same columns with the table's name before them: other tables of the statement share some.
+/// Columns with the table's name as prefix, because other tables of the statement have columns of the same name.
 std::string of_table(const char* table, const std::vector<std::string>& names) {
   std::string text;
   for (const std::string& name : names) text += (text.empty() ? "" : ", ") + (table + ("." + name));
@@ -72,7 +71,7 @@ std::string condition(const SlabFilter& filter) {
     where += any ? "item.verdict NOT IN ('pass', 'none')" : "item.verdict = ?7";
     if (filter.block != 0)
       where += " AND (item.station = ?8 OR (item.station = 0 AND ?8 IN (item.from_station, item.to_station)))";
-    // A block's item in the slab's frame may be for information: then the block's own is the one that was judged.
+    // A block's item in the slab's frame may be only information; then the block's own item is the judged one.
     const bool may_inform = info(*filter.item).scope == ItemScope::block;
     where += " AND ((item.station = 0";
     if (may_inform) where += " AND (item.lower IS NOT NULL OR item.upper IS NOT NULL)";
@@ -81,7 +80,7 @@ std::string condition(const SlabFilter& filter) {
     where +=
         " AND ?8 <= slab.stations AND EXISTS (SELECT 1 FROM station_result AS s WHERE s.slab_key = slab.slab_key AND "
         "s.station = ?8 AND ";
-    // An aborted slab has no pass, also where a version before wrote one.
+    // An aborted slab has no pass, although an earlier version may have stored one.
     const bool passed = filter.verdict == Verdict::pass;
     where += any      ? "(s.verdict <> 'pass' OR slab_result.verdict = 'aborted'))"
              : passed ? "s.verdict = ?7 AND slab_result.verdict <> 'aborted')"
@@ -92,8 +91,8 @@ std::string condition(const SlabFilter& filter) {
   return where;
 }
 
-/// SQL, in parentheses: of how many stations the valid attempt came to a result, which `not_measured` is not.
-/// `slab_key` is an expression of the statement around it.
+/// SQL in parentheses: number of stations whose valid attempt has a result other than `not_measured`. `slab_key` is an
+/// expression of the surrounding statement.
 std::string count_measured(std::string_view slab_key) {
   return "(SELECT count(*) FROM attempt AS a JOIN block USING (slab_key, station, attempt) WHERE a.slab_key = " +
          std::string(slab_key) +
@@ -135,7 +134,7 @@ std::vector<SlabSummary> find_slabs(Connection& db, const SlabFilter& filter) {
 
 namespace {
 
-/// The table `chosen` of slabs whose values count; ?1 .. ?4 are the filter's.
+/// SQL of the table `chosen`: the slabs that match the filter; ?1 .. ?4 are the filter's values.
 std::string chosen_slabs(const ItemFilter& filter) {
   std::string sql =
       "WITH chosen AS (SELECT slab_key, slab_id, began_utime_us, slab_type, stations, emulated FROM slab CROSS JOIN "
@@ -152,7 +151,7 @@ void bind_slabs(Statement& rows, const ItemFilter& filter) {
   if (filter.slab_type != 0) rows.bind(4, std::int64_t{filter.slab_type});
 }
 
-/// A station without any item of its valid attempt has not measured this one either.
+/// Adds a not_measured value for every station whose valid attempt has no items.
 void add_unseen(Connection& db, const ItemFilter& filter, std::vector<ItemValue>& list) {
   Statement slabs(db,
                   chosen_slabs(filter) +
@@ -194,9 +193,9 @@ void add_unseen(Connection& db, const ItemFilter& filter, std::vector<ItemValue>
 }  // namespace
 
 std::vector<ItemValue> find_values(Connection& db, const ItemFilter& filter) {
-  // CROSS JOIN keeps the order of the tables: from the chosen slabs to their items, not from all items of that name.
-  // The slab's own rows (station 0) that were judged come first of each place, so that a block's value in whose stead
-  // SLAB_END judged another one is passed over; those for information come last.
+  // CROSS JOIN fixes the order of the tables: from the chosen slabs to their items, not from all items of that name.
+  // For each place the slab's own judged rows (station 0) come first, so that the replaced value of a block is skipped.
+  // Rows for information come last.
   std::string sql =
       chosen_slabs(filter) +
       "SELECT chosen.slab_key, chosen.slab_id, chosen.began_utime_us, "
@@ -344,7 +343,7 @@ class SqliteReader final : public Reader {
                    "WHERE substr(sha256, 1, length(?1)) = ?1 LIMIT 2");
     rows.bind(1, sha256);
     while (rows.step()) {
-      if (found) return std::nullopt;  // two begin so
+      if (found) return std::nullopt;  // ambiguous prefix
       found.emplace();
       found->sha256.assign(rows.text(0));
       found->name.assign(rows.text(1));
@@ -375,7 +374,7 @@ class SqliteReader final : public Reader {
       gap.note.who = care.text(3);
       gap.note.why = care.text(4);
       gap.note.utime_us = care.integer(5);
-      // Retention takes the newest slab of the backup away some day, and with it what could be said.
+      // Retention may have deleted the newest slab of the backup; then kept_key is unknown.
       gap.kept_key = care.integer(6) > care.integer(7) ? care.integer(6) : 0;
     }
     return gaps;
@@ -401,7 +400,7 @@ class SqliteReader final : public Reader {
     b.attempt = stored.attempt;
     b.phase = stored.state.phase;
     b.code = stored.state.code;
-    // A failed attempt has no block; `b.block` then says "none".
+    // A failed attempt has no block; then the verdict of `b.block` is none.
     static_cast<void>(loader_.block({b.attempt.slab_key, b.attempt.station, b.attempt.number}, b.block));
     b.final_verdict = result.station_verdict[b.attempt.station - 1U];
     b.final_reason = result.station_reason[b.attempt.station - 1U];

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A database from yesterday takes the place of today's. What it does not know must not be pretended: the history gets a
-// line that says so, slab keys that may have been used (their scans may still lie in the spool) are stepped over, the
-// session number and the numbers of records go somewhere nobody has been, and a slab that was open yesterday is not
-// open now.
+// A backup replaces the current database. Data that it lacks must not be hidden, so the history gets an entry about the
+// gap. Slab keys that may have been used are skipped, because their scans may still be in the spool. The session number
+// and the record numbers continue from unused values. A slab that was open in the backup is ended.
 //
-// Everything is prepared in a file of its own; then what lies in the place goes to quarantine, and the new file takes
-// its name. Stopped in between, the daemon finds the quarantine's note and waits for a person.
+// Everything is prepared in a separate file. Then the old files are moved to quarantine, and the new file gets the
+// database's name. After an interruption the daemon finds the quarantine's note and waits for a person.
 #include <sqlite3.h>
 #include <unistd.h>
 
@@ -33,10 +32,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What a database knows that must not be forgotten without a word; nothing where it does not say. Of calibrations
-/// which ones, not how many: after an earlier restore, or in another line's backup, as many may be others.
+/// Data of a database that must not be lost silently; empty if it cannot be read. Calibrations are compared
+/// individually, not by number: after an earlier restore, or in another line's backup, equal numbers may be different
+/// ones.
 struct Known {
-  std::int64_t slab_key = 0;        ///< the newest
+  std::int64_t slab_key = 0;        ///< the newest key
   std::set<std::string> applied{};  ///< calibrations put in force
   std::set<std::string> checks{};
 };
@@ -66,7 +66,7 @@ Known known_at(const std::string& path) {
       Statement rows(db, sql);
       while (rows.step()) found.emplace(rows.text(0));
     } catch (const SqlFailure&) {
-      // As above; what could be read counts.
+      // Damaged; the rows that could be read count.
     }
     return found;
   };
@@ -121,7 +121,7 @@ void prepare(Connection& db, const StoreSettings& settings, const RestoreOrder& 
       .bind(7, std::int64_t{order.session})
       .run();
   Seals(db).note_care(db.integer("SELECT max(seq) FROM care"));
-  // Whatever the scanner holds, no scan of the last days is known here: the first one that it gives proves nothing.
+  // The scans of the last days are unknown here, so the first scan of the scanner cannot be trusted.
   jobs(SeenScanJob{kUnseenScan});
   transaction.commit();
 }
@@ -135,15 +135,15 @@ Status clear_part(const std::string& part) {
   return success();
 }
 
-/// What is being prepared goes when it comes to nothing: it may be gigabytes, and nothing names it. From keep() on it
-/// stays, as the sign that there was a database: the one that it replaces is on its way into quarantine.
+/// Deletes the prepared file on failure, because it may have gigabytes and no program refers to it. After keep() the
+/// file stays: it proves that there was a database, while the replaced one is moved to quarantine.
 class PartGuard {
  public:
-  /// `is_sign`: what an earlier one left that was cut short is all that shows that there was a database.
+  /// `is_sign`: the file of an earlier interrupted restore is the only proof that there was a database.
   PartGuard(std::string part, bool is_sign) : part_(std::move(part)), is_sign_(is_sign) {}
   ~PartGuard() {
     if (kept_) return;
-    (void)clear_part(part_);  // why it came to nothing is told already
+    (void)clear_part(part_);  // the failure is already reported
     if (is_sign_) std::ofstream(part_) << "slabctl db restore was cut short here, and failed when it was begun again\n";
   }
   PartGuard(const PartGuard&) = delete;
@@ -156,8 +156,8 @@ class PartGuard {
   bool kept_ = false;
 };
 
-/// A log that SQLite would take for the new database's. Where a database or its quarantine's note lies, it is theirs
-/// and goes with them.
+/// Rejects a log that SQLite would use for the new database. If a database or a quarantine's note exists, the log
+/// belongs to it and is moved with it.
 Status check_nothing_strays(const std::string& path) {
   if (file_bytes(path) > 0) return success();
   for (const char* side : {"-wal", "-shm", "-journal", kLogCopy})
@@ -175,7 +175,7 @@ Status put_in_place(const std::string& part, const std::string& path, PartGuard&
   }
   if (Status status = finish_quarantine(path); !status.ok()) return status;
   if (Status status = rename_file(part, path); !status.ok()) return status;
-  guard.keep();  // it is the database now
+  guard.keep();  // the file is the database now
   return sync_file(fs::path(path).parent_path().string());
 }
 
@@ -209,8 +209,8 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
                    "%s was altered before it was backed up: %.300s. Take an older backup; --unproven restores this one",
                    order.from.c_str(), chain.value().trouble.c_str());
   }
-  // A whole one that a restoring before this one had put into quarantine when it was cut short still tells what is
-  // lost. A damaged one, or one with a log that cannot be made durable, does not say.
+  // An intact database that an earlier, interrupted restore had moved to quarantine still shows the losses. A damaged
+  // one, or one whose log cannot be made durable, does not.
   if (Status status = finish_quarantine(path); !status.ok()) return status;
   const std::string replaced = quarantine_note(path) ? replaced_in_quarantine(path) : path;
   const bool speaks = !replaced.empty() && file_bytes(replaced) > 0 && make_log_durable(replaced).ok();
@@ -243,7 +243,7 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
     return error((failure.result & 0xFF) == SQLITE_FULL ? Code::store_full : Code::journal_write, "%s: %s",
                  part.c_str(), failure.text.c_str());
   }
-  // Closed by its only user: everything is in the file, and no log is left.
+  // After the only connection is closed, all data is in the file and the log is empty.
   if (file_bytes(part + "-wal") > 0) return error(Code::journal_write, "%s could not be closed", part.c_str());
   std::error_code ec;
   fs::remove(part + "-wal", ec);

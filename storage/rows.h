@@ -17,26 +17,26 @@
 #include "base/record_fields.h"
 #include "storage/files/sqlite.h"
 
-/// How the project's structs become rows. `columns(visitor, struct)` lists column names and members. It walks the field
-/// list of the struct (base/record_fields.h); only structs whose columns have other names have a list of their own
-/// here. The same list makes the INSERT, the SELECT, the binding and the reading, so the four cannot drift apart; a
-/// list that does not match schema.sql fails when the statements are prepared.
+/// Mapping of the project's structs to rows. `columns(visitor, struct)` lists column names and members. It uses the
+/// field list of the struct (base/record_fields.h); only structs with other column names have their own list here.
+/// INSERT, SELECT, binding and reading use the same list, so they cannot differ. A list that does not match schema.sql
+/// fails when the statements are prepared.
 namespace slabd::storage {
 
-// What a list of columns is used for: names for the SQL text, binding, reading.
+// Visitors of a list of columns: names for the SQL text, binding, reading.
 //
-// Numbers keep their bits (NaN is NULL; minus zero becomes zero, as SQLite stores REAL), an absent whole number is
-// NULL. Enumerations are words.
+// Numbers are stored bit by bit (NaN is NULL; minus zero becomes zero, as SQLite stores REAL). An absent integer is
+// NULL. Enumerations are stored as words.
 
 enum class ScanState : std::uint8_t;
 
-/// A covariance: square, stored whole, so that its bits come back even when it is symmetric only to rounding.
+/// A covariance: square and stored completely, so that its bits are restored even if it is symmetric only to rounding.
 template <int N>
 using Square = Eigen::Matrix<double, N, N, Eigen::DontAlign>;
 
 // ---- words -------------------------------------------------------------------------------------------------------
 
-/// How the database writes a value of an enumeration.
+/// Word for a value of an enumeration in the database.
 template <typename E>
 [[nodiscard]] std::string_view word(E value) {
   return name(value);
@@ -45,7 +45,7 @@ template <typename E>
 [[nodiscard]] std::string_view word(StationPhase phase);
 [[nodiscard]] std::string_view word(ScanState state);
 
-/// Number of the values of an enumeration, which count up from 0.
+/// Number of values of an enumeration, which are numbered from 0.
 template <typename E>
 inline constexpr std::size_t kValues = 0;
 template <>
@@ -73,7 +73,7 @@ inline constexpr std::size_t kValues<FindingFace> = kFindingFaces;
 template <>
 inline constexpr std::size_t kValues<EdgeFace> = kEdgeFaces;
 
-/// False when no value has this word.
+/// Sets `out` to the value with this word; false if there is none.
 template <typename E>
 [[nodiscard]] bool from_word(std::string_view text, E& out) {
   static_assert(kValues<E> > 0, "say how many values it has");
@@ -87,7 +87,7 @@ template <typename E>
 
 // ---- visitors ----------------------------------------------------------------------------------------------------
 
-/// Collects column names; a pose, a vector, a matrix or an array is several columns.
+/// Collects column names; a pose, a vector, a matrix or an array has several columns.
 class Names {
  public:
   template <typename T>
@@ -95,7 +95,7 @@ class Names {
     list_.emplace_back(name);
   }
   void operator()(std::string_view name, const Pose&) { several(name, {"x", "y", "z", "qw", "qx", "qy", "qz"}); }
-  /// A column of a vector is named by the axis instead of the unit: step_mm is step_x, step_y, step_z.
+  /// A vector's columns are named by the axis instead of the unit: step_mm is step_x, step_y, step_z.
   void operator()(std::string_view name, const Vec3&) {
     for (const std::string_view unit : {"_mm", "_rad"})
       if (name.ends_with(unit)) name.remove_suffix(unit.size());
@@ -174,8 +174,8 @@ class Bind {
   int index_;
 };
 
-/// Reads members from consecutive columns. A value that does not fit its member throws: the row was not written by
-/// this program.
+/// Reads members from consecutive columns. Throws if a value does not fit its member: this program did not write the
+/// row.
 class Fetch {
  public:
   Fetch(Statement& statement, int first) : statement_(statement), column_(first) {}
@@ -193,7 +193,7 @@ class Fetch {
     for (int i = 0; i < 3; ++i) take(v[i]);
   }
   void take(Pose& pose) {
-    // Not Pose::from_array: normalising again would change the last bits.
+    // Not Pose::from_array, because normalising again would change the last bits.
     std::array<double, 7> a{};
     take(a);
     pose.translation_mm = Vec3(a[0], a[1], a[2]);
@@ -213,7 +213,7 @@ class Fetch {
     std::string_view stored = statement_.text(column_);
     if (statement_.stored_text(column_).size() > N)
       statement_.refuse(column_, "is longer than " + std::to_string(N) + " bytes");
-    // Made readable it may be longer; a character that does not fit goes as a whole.
+    // Escaping control characters may lengthen the text; a character that does not fit is removed completely.
     std::size_t fits = std::min(stored.size(), N);
     while (fits < stored.size() && fits > 0 && (static_cast<unsigned char>(stored[fits]) & 0xC0U) == 0x80U) --fits;
     text.assign(stored.substr(0, fits));
@@ -263,11 +263,11 @@ class Fetch {
 
   Statement& statement_;
   int column_;
-  std::string_view name_;  ///< of the member that is read
+  std::string_view name_;  ///< name of the member being read
 };
 
-/// Walks the fields of a record inside of a row. A column is named by `prefix` and the field, unless `others` has
-/// another name for the field.
+/// Visits the fields of a record inside a row. A column is named by `prefix` and the field, unless `others` contains
+/// another name.
 template <typename V, typename Part>
 void part(V& v, Part& inner, std::string_view prefix = "",
           std::initializer_list<std::pair<std::string_view, std::string_view>> others = {}) {
@@ -285,9 +285,9 @@ void part(V& v, Part& inner, std::string_view prefix = "",
 // ---- SQL ---------------------------------------------------------------------------------------------------------
 
 [[nodiscard]] std::string joined(const std::vector<std::string>& names, std::string_view separator);
-/// "INSERT INTO table (a, b) VALUES (?1, ?2)"
+/// SQL text such as "INSERT INTO table (a, b) VALUES (?1, ?2)".
 [[nodiscard]] std::string insert_text(std::string_view table, const std::vector<std::string>& names);
-/// The same, replacing the other columns of the row that has the same `key`.
+/// As insert_text(), but replaces the other columns of an existing row with the same `key`.
 [[nodiscard]] std::string upsert_text(std::string_view table, const std::vector<std::string>& names,
                                       const std::vector<std::string>& key);
 
@@ -315,11 +315,11 @@ int read_row(Statement& statement, int first, Parts&... parts) {
   return fetch.next_column();
 }
 
-// ---- parts of rows that exist only here --------------------------------------------------------------------------
+// ---- parts of rows that are used only in storage -----------------------------------------------------------------
 
 struct BlockKey {
   std::int64_t slab_key = 0;
-  std::uint8_t station = 0;  ///< 0: of the slab itself
+  std::uint8_t station = 0;  ///< 0: the slab itself
   std::uint8_t attempt = 0;
 };
 struct SlabKey {
@@ -328,7 +328,7 @@ struct SlabKey {
 struct FeatureName {
   FixedString<16> feature;
 };
-/// Of a finding, an edge or an item among those of its block.
+/// Position of a finding, an edge or an item in the list of its block.
 struct Position {
   std::uint8_t position = 0;
 };
@@ -398,7 +398,7 @@ void columns(V& v, R& r) {
   SLABD_EACH(r, points_crc32c, asked, emulated, fingerprint)
 }
 
-/// What a block has beside its planes, casings, findings, edges and items.
+/// Columns of a block, without its planes, casings, findings, edges and items.
 template <typename V, RecordOf<BlockResult> R>
 void columns(V& v, R& r) {
   SLABD_EACH(r, verdict, reason)
@@ -417,7 +417,7 @@ void columns(V& v, R& r) {
   part(v, r.times);
 }
 
-/// By BudgetPart.
+/// Column names, in the order of BudgetPart.
 inline constexpr std::array<std::string_view, kBudgetParts> kBudgetColumns = {
     "budget_fit",         "budget_noise", "budget_scanner",  "budget_registration",
     "budget_calibration", "budget_robot", "budget_reference"};

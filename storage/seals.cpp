@@ -12,7 +12,7 @@ namespace slabd::storage {
 
 namespace {
 
-// Form 1, schema version 1. Never edit a form that seals were made with.
+// Form 1, schema version 1. Never change a form that seals were made with.
 constexpr auto kForm1 = std::to_array<SealedTable>({
     {"slab",
      "slab_key, slab_id, slab_no, slab_type, stations, temperature_dk, age_h, recipe, recipe_sha256, "
@@ -145,7 +145,7 @@ Digest& Digest::text(std::string_view value) {
 Digest& Digest::column(const Statement& row, int column) {
   sqlite3_stmt* const at = row.handle();
   const int type = sqlite3_column_type(at, column);
-  // One piece for the type and the number or length: most columns are a number.
+  // Type and number (or length) are hashed in one call, because most columns are numbers.
   std::array<std::uint8_t, 9> head{};
   const auto put_head = [&](char letter, std::uint64_t value) {
     head[0] = static_cast<std::uint8_t>(letter);
@@ -214,7 +214,7 @@ namespace {
 constexpr std::string_view kEntry = "slabd seal 1";
 
 std::span<const std::uint8_t> bytes_of(std::string_view text) {
-  // An empty view may hold a null pointer.
+  // An empty view may contain a null pointer.
   return {reinterpret_cast<const std::uint8_t*>(text.empty() ? "" : text.data()), text.size()};
 }
 
@@ -331,7 +331,7 @@ void Seals::seal(std::int64_t slab_key) {
 void Seals::seal_if_ended(std::int64_t slab_key) {
   const bool ended = ended_.bind(1, slab_key).step();
   ended_.reset();
-  // A slab whose seal was deleted gets none by a late change.
+  // If the slab's seal was deleted, a late change must not replace it.
   if (ended && newest_of(slab_key).kind == "slab") seal(slab_key);
 }
 

@@ -13,18 +13,19 @@
 
 namespace slabd::storage {
 
-// Canonical form of what is stored of a slab, and its SHA-256.
+// Canonical form of a slab's stored data, and its SHA-256.
 //
-// A form is a list of tables, columns and row orders. It is frozen: seals that were made with it are checked with it
-// for ever. A schema that adds columns adds a form. A value is hashed as its type (one letter) and its bytes, numbers
-// high byte first, texts and blobs behind their length. Not in a form is what changes legitimately after the end of a
-// slab: result.acknowledged and records that are shown again, attempt.scan_state and measuring_since_ns, commands.
+// A form is a list of tables, columns and row orders. It is frozen, because seals made with it are checked with it
+// permanently. A schema that adds columns adds a form. A value is hashed as its type (one letter) and its bytes:
+// numbers most significant byte first, texts and blobs after their length. A form excludes data that may change after
+// the end of a slab. These are result.acknowledged and repeated records, attempt.scan_state and measuring_since_ns,
+// and commands.
 
 inline constexpr std::int64_t kSealForm = 1;
 
 using Sha256 = std::array<std::uint8_t, 32>;
 
-/// SHA-256 of values, piece by piece.
+/// Incremental SHA-256 of values.
 class Digest {
  public:
   Digest();
@@ -32,10 +33,10 @@ class Digest {
   Digest(const Digest&) = delete;
   Digest& operator=(const Digest&) = delete;
   Digest& bytes(std::span<const std::uint8_t> value);
-  Digest& text(std::string_view value);  ///< behind its length
-  Digest& integer(std::int64_t value);   ///< 8 bytes, high byte first
+  Digest& text(std::string_view value);  ///< length, then the bytes
+  Digest& integer(std::int64_t value);   ///< 8 bytes, most significant first
   Digest& column(const Statement& row, int column);
-  /// Of everything until now; begins again.
+  /// Returns the SHA-256 of all values since the last call, and starts again.
   [[nodiscard]] Sha256 take();
 
  private:
@@ -48,18 +49,18 @@ class Digest {
 struct SealedTable {
   std::string_view name;
   std::string_view columns;
-  std::string_view where;  ///< more than slab_key = ?1
+  std::string_view where;  ///< condition in addition to slab_key = ?1
   std::string_view order;
 };
-/// In the order in which they are hashed. Empty: this program does not know the form.
+/// Tables of a form in hashing order; empty if the form is unknown.
 [[nodiscard]] std::span<const SealedTable> sealed_tables(std::int64_t form);
 
-/// Hashes the rows of slabs, table by table. A statement lives for one table: the daemon seals a slab in some minutes,
-/// and eleven wide statements that wait for that would hold 0.3 MB.
+/// Hashes the rows of slabs, table by table. A statement exists only while its table is hashed. The daemon seals one
+/// slab in some minutes, and eleven wide statements kept for that would use 0.3 MB.
 class SlabDigests {
  public:
   SlabDigests(Connection& db, std::int64_t form);
-  /// Valid until the next call; as many as sealed_tables(form).
+  /// Digests in the order of sealed_tables(form), valid until the next call.
   [[nodiscard]] const std::vector<Sha256>& of(std::int64_t slab_key);
 
  private:
@@ -69,7 +70,7 @@ class SlabDigests {
   Digest digest_;
 };
 
-/// Of the digests of all tables: what the chain holds of a slab.
+/// Digest of the digests of all tables; the chain stores it for a slab.
 [[nodiscard]] Sha256 digest_of(const std::vector<Sha256>& tables);
 
 /// SHA-256 of a row of table care.
@@ -86,30 +87,30 @@ struct SealEntry {
   std::int64_t utime_us = 0;
   Sha256 rows{};
 };
-/// The checksum of an entry that follows one with checksum `previous`; all zeros before the first.
+/// Checksum of an entry after one with checksum `previous`, which is all zeros before the first entry.
 [[nodiscard]] Sha256 seal_of(const Sha256& previous, const SealEntry& entry);
 
-/// Appends to the chain of results. Made when it is needed, some times a slab: it holds statements. Every call belongs
-/// into the transaction that changes what it seals. Throws SqlFailure.
+/// Appends to the chain of results. It holds statements, so it is created only when needed, a few times per slab. Every
+/// call must be in the transaction that makes the sealed change. Throws SqlFailure.
 class Seals {
  public:
   explicit Seals(Connection& db);
-  /// Begins the chain where there is none; gaps of the history that are known by then get their entries.
+  /// Begins the chain if there is none, and adds entries for the existing gaps of the history.
   void begin();
-  /// The rows of an ended slab are as they will stay. Does nothing when the newest seal of the slab holds exactly that.
+  /// Seals the final rows of an ended slab. Does nothing if the slab's newest seal is equal.
   void seal(std::int64_t slab_key);
-  /// As seal(), of a slab that may still be open: then it does nothing.
+  /// As seal(), but does nothing if the slab is still open.
   void seal_if_ended(std::int64_t slab_key);
-  /// The end of a slab is taken back.
+  /// Adds an entry for a slab whose end is reverted.
   void reopen(std::int64_t slab_key);
-  /// Before the rows of a slab are deleted.
+  /// Adds an entry; call it before the rows of a slab are deleted.
   void prune(std::int64_t slab_key);
-  /// A row was added to table care.
+  /// Adds an entry for a new row of table care.
   void note_care(std::int64_t seq);
 
  private:
   void append(SealEntry& entry, std::string_view tables);
-  /// The newest entry about the slab's end; kind is empty when there is none.
+  /// The newest entry about the slab's end; its kind is empty if there is none.
   [[nodiscard]] SealEntry newest_of(std::int64_t slab_key);
   [[nodiscard]] SealEntry about_slab(const char* kind, std::int64_t slab_key);
 

@@ -13,17 +13,17 @@
 #include "base/jobs.h"
 #include "base/record_fields.h"
 
-/// SQLite: what was commanded, acquired, measured and decided. The daemon holds the only writer; slabctl reads.
+/// SQLite storage of commands, scans, measurements and verdicts. The daemon has the only writer; slabctl reads.
 namespace slabd::storage {
 
 inline constexpr int kApplicationId = 0x534C4244;  // "SLBD"
 inline constexpr int kSchemaVersion = 1;
 
-/// The longest recipe of the line has 8 kB, comments included. The files of all recipes stay in memory.
+/// Largest recipe file. The longest recipe of the line has 8 kB, including comments. All recipe files stay in memory.
 inline constexpr std::size_t kRecipeTextBytes = 65'536;
-/// A recipe's file: what a slab's recipe_sha256 stands for.
+/// A recipe's file, identified by a slab's recipe_sha256.
 struct RecipeText {
-  FixedString<64> sha256;  ///< of `text`, hex
+  FixedString<64> sha256;  ///< SHA-256 of `text`, hex
   FixedString<32> name;
   std::string text;  ///< byte for byte; at most kRecipeTextBytes
   std::int64_t kept_utime_us = 0;
@@ -32,35 +32,34 @@ struct RecipeText {
 struct StoreSettings {
   std::string db_path;
   std::string spool_dir;
-  /// SLAB_BEGIN is refused below this much free space on the spool disk: two slabs of 18 x 60 MB.
+  /// Minimum free space on the spool disk for SLAB_BEGIN: two slabs of 18 x 60 MB.
   std::uint64_t spool_free_bytes_min = 2'300'000'000;
-  /// Bytes of scans the spool may hold; beyond it the scans (never the records) of the oldest acknowledged slabs are
-  /// deleted, passed ones first. 0 = keep everything.
+  /// Budget of the spool in bytes of scans. Beyond it the scans (never the records) of the oldest acknowledged slabs
+  /// are deleted, passed ones first. 0: keep all scans.
   std::uint64_t spool_budget_bytes = 0;
-  /// Slabs whose records are kept, by number and not by age, because a wall clock may be wrong; older ones go when
-  /// their scans are gone and the PLC has every result. 0 = keep everything; else at least kKeepSlabsMin.
+  /// Number of slabs whose records are kept; a count, because an age would depend on the wall clock. Older ones are
+  /// deleted after their scans are deleted and the PLC has all results. 0: keep all; else at least kKeepSlabsMin.
   std::int64_t keep_slabs = 0;
-  /// Of slabs that did not pass (failed, indeterminate, not measured, aborted) so many of the newest are kept all the
-  /// same, those among the newest keep_slabs counted in. 0 = every one; without keep_slabs it means nothing. At least
-  /// kKeepSlabsMin.
+  /// Number of newest slabs that did not pass (failed, indeterminate, not measured, aborted) and are kept in any case,
+  /// including those among the newest keep_slabs. 0: all of them. No effect without keep_slabs. At least kKeepSlabsMin.
   std::int64_t keep_failed_slabs = 0;
-  /// Of the recipes that slabs may be begun with. A slab's one is kept with it, in the same transaction; here it has no
-  /// time yet.
+  /// Files of the recipes with which slabs may begin. A slab's recipe is stored in the slab's transaction, with its
+  /// time; here the time is not set.
   std::vector<RecipeText> recipe_texts{};
 };
-/// So many slabs always stay: the PLC's table, repeats and counters come from the newest ones.
+/// Minimum number of slabs kept: the PLC's table, repeats and counters are taken from the newest ones.
 inline constexpr std::int64_t kKeepSlabsMin = 100;
 
 // ---- calibrations ------------------------------------------------------------------------------------------------
 
-/// One calibration with everything it was made from. Records are only ever added.
+/// One calibration with all its input data. Records are only added.
 struct CalibrationRecord {
-  std::string id;  ///< made by storage from kind, numbers and parent (`calibration_id`)
-  /// In the order of CalibrationKind.
+  std::string id;  ///< computed by storage from kind, numbers and parent (`calibration_id`)
+  /// Alternatives in the order of CalibrationKind.
   std::variant<HandEyeNumbers, StationTable, ReferenceBlock, MonitorBall, ScannerNumbers> numbers;
-  std::string parent_id;     ///< stations: the hand-eye calibration they were solved with. Empty: none
-  std::string figures;       ///< quality figures as a JSON object, as the solver printed them
-  std::string observations;  ///< the views as captured, in the neutral text form: enough to solve again
+  std::string parent_id;     ///< stations: the hand-eye calibration they were solved with; empty if none
+  std::string figures;       ///< quality figures as a JSON object, as printed by the solver
+  std::string observations;  ///< the captured views in the neutral text form, sufficient to solve again
   std::string certificate;   ///< text of the artefact's certificate
   std::string operator_name;
   std::string robot_serial;
@@ -68,35 +67,35 @@ struct CalibrationRecord {
   double temperature_c = kNoValue;
   std::string software;
   std::int64_t created_utime_us = 0;
-  std::int64_t expires_utime_us = 0;  ///< 0 = never
+  std::int64_t expires_utime_us = 0;  ///< 0: never
 
   [[nodiscard]] CalibrationKind kind() const { return static_cast<CalibrationKind>(numbers.index()); }
-  /// Of a station table; 0 for the other kinds, which hold for every slab.
+  /// Slab type of a station table; 0 for the other kinds, which are valid for every slab.
   [[nodiscard]] std::uint16_t slab_type() const;
 };
-/// "he-3f2a91c07b5e": equal ids mean equal kind, numbers and parent.
+/// Computes an id such as "he-3f2a91c07b5e": equal ids mean equal kind, numbers and parent.
 [[nodiscard]] std::string calibration_id(const CalibrationRecord& record);
 
-/// Who changed what is in force, and why; the words of a person, kept for ever.
+/// Author and reason of a change, as entered by a person; kept permanently.
 struct ChangeNote {
   std::string who;
   std::string why;
   std::int64_t utime_us = 0;
 };
 
-/// Adds a record. One with the same numbers that is there already stays as it is and counts as added.
+/// Adds a record. A record equal to an existing one (numbers, certificate, expiry within a day) counts as added.
 struct KeepCalibration {
   CalibrationRecord record;
 };
-/// Puts a record in force in place of the one of its kind (and slab type).
+/// Applies a record, replacing the one of its kind (and slab type).
 struct ApplyCalibration {
   std::string id;
   ChangeNote note;
 };
-/// Puts back what was in force before; doing it again goes back further. Refused when there is nothing before.
+/// Restores the previously applied record; repeated calls go back further. Rejected without an earlier one.
 struct RollBackCalibration {
   CalibrationKind kind = CalibrationKind::hand_eye;
-  std::uint16_t slab_type = 0;  ///< of station tables; 0: of the newest change of this kind
+  std::uint16_t slab_type = 0;  ///< slab type of station tables; 0: that of the newest change of this kind
   ChangeNote note;
 };
 /// Adds a check to the trend.
@@ -105,37 +104,37 @@ struct KeepCheck {
 };
 using CalibrationChange = std::variant<KeepCalibration, ApplyCalibration, RollBackCalibration, KeepCheck>;
 
-/// One line of the history of what was in force. Lines are only ever added.
+/// One entry of the history of applied calibrations. Entries are only added.
 struct AppliedChange {
   std::int64_t seq = 0;
   CalibrationKind kind = CalibrationKind::hand_eye;
   std::uint16_t slab_type = 0;
   bool is_rollback = false;
-  std::string calibration_id;  ///< in force from here on
-  std::string replaced_id;     ///< in force until here; empty: none
+  std::string calibration_id;  ///< in force from this entry on
+  std::string replaced_id;     ///< in force until this entry; empty if none
   ChangeNote note;
 };
 
-// ---- care of the database as a whole -------------------------------------------------------------------------------
+// ---- maintenance of the database -----------------------------------------------------------------------------------
 
 /// Copies the whole database to `path`, which must not exist.
 struct BackupOrder {
   std::string path;
 };
-/// Takes away the records of slabs older than the newest `keep_slabs`, as StoreSettings::keep_slabs does by itself.
+/// Deletes the records of slabs older than the newest `keep_slabs`, by the rules of StoreSettings::keep_slabs.
 struct PruneOrder {
   std::int64_t keep_slabs = 0;
   std::optional<std::int64_t>
-      keep_failed_slabs{};  ///< none: StoreSettings', or as many as keep_slabs where it keeps all
+      keep_failed_slabs{};  ///< nullopt: the value of StoreSettings, or keep_slabs if it keeps all
 };
 using CareOrder = std::variant<BackupOrder, PruneOrder>;
 
-/// What became of the last orders.
+/// State of the last orders.
 struct CareState {
   enum class Phase : std::uint8_t { none, under_way, done, failed };
   Phase backup = Phase::none;
   std::string backup_path;
-  std::int64_t backup_pages = 0;  ///< of backup_pages_all
+  std::int64_t backup_pages = 0;  ///< pages copied, of backup_pages_all
   std::int64_t backup_pages_all = 0;
   std::string backup_error;
   Phase prune = Phase::none;
@@ -143,93 +142,94 @@ struct CareState {
   std::string prune_error;
 };
 
-/// The writer. One object, one thread. Every apply() is one transaction, durable when it returns
-/// (synchronous=EXTRA, then WAL). A write error closes the file; the next call opens it anew, with quick_check, before
-/// it does anything. A job given again because its answer was an error replaces what the first one may have left.
+/// The writer. One object, one thread. Every apply() is one transaction, durable on return (synchronous=EXTRA, then
+/// WAL). After a write error the file is closed and the next call reopens it first, with quick_check if the error
+/// looked like damage. A job that is repeated after an error replaces the rows left by the first one.
 class Store {
  public:
   virtual ~Store() = default;
-  /// Reads what a restarted daemon must know and marks interrupted commands (one transaction); then deletes scans of
-  /// the newest slab that were spooled and never recorded. Call it once, before the first scan. More unacknowledged
-  /// results than RecoveredLine holds stay unacknowledged, the newest of them, until the next restart.
+  /// Reads the state required by a restarted daemon and marks interrupted commands (one transaction). Then it deletes
+  /// scans of the newest slab that were spooled but never recorded. Call it once, before the first scan. If there are
+  /// more unacknowledged results than RecoveredLine holds, the newest of them stay unacknowledged until the next
+  /// restart.
   [[nodiscard]] virtual Result<std::unique_ptr<RecoveredLine>> recover() = 0;
-  /// Codes: store_full (disk, or less than spool_free_bytes_min at a slab's begin), frame_incomplete (AcquiredJob; it
-  /// is written, as a failed attempt), journal_write (anything else).
+  /// Executes a job. Errors: store_full (disk, or less than spool_free_bytes_min at a slab's begin); frame_incomplete
+  /// (AcquiredJob, stored as a failed attempt); journal_write (anything else).
   [[nodiscard]] virtual Status apply(const StoreJob& job) = 0;
-  /// Carries out one change of calibrations, in one transaction; returns the id of the record that it was about.
-  /// config: it cannot be (no such id, nothing to roll back to, numbers that make no sense), nothing was changed and
-  /// the text says what to do. store_full, journal_write as apply().
+  /// Carries out one change of calibrations in one transaction; returns the id of the affected record. config: the
+  /// change is impossible (unknown id, nothing to roll back to, invalid numbers), nothing was changed, and the text
+  /// contains the remedy. store_full, journal_write as apply().
   [[nodiscard]] virtual Result<std::string> change(const CalibrationChange& change) = 0;
-  /// What is in force now.
+  /// Returns the calibrations in force.
   [[nodiscard]] virtual Result<std::unique_ptr<LineCalibration>> calibration() = 0;
-  /// Called by the writer's thread about ten times a second while there is no job: after some calls in a row the
-  /// write-ahead log is moved into the database, so that no commit has to.
+  /// Called by the writer's thread about ten times per second while no job waits. After several calls in a row it
+  /// moves the write-ahead log into the database, so that no commit has to.
   virtual void idle() {}
-  /// Why old scans could not be deleted to keep the spool budget; empty when all is well. Never fails a job.
+  /// Reason why old scans could not be deleted to keep the spool budget; empty if there is none. It never fails a job.
   [[nodiscard]] virtual std::string_view spool_trouble() const { return {}; }
-  /// The recipes that slabs may be begun with from now on (StoreSettings::recipe_texts). Callable from any thread.
+  /// Sets the recipes for new slabs (StoreSettings::recipe_texts). Callable from any thread.
   virtual void use_recipes(const std::vector<RecipeText>& /*texts*/) {}
-  /// Why the next job would be refused, as far as idle() has seen: the database was deleted or replaced while it is
-  /// open. Empty when all is well. The open file can still be backed up.
+  /// Reason why the next job would be rejected, as detected by idle(): the database was deleted or replaced while it is
+  /// open. Empty if there is none. The open file can still be backed up.
   [[nodiscard]] virtual std::string_view trouble() const { return {}; }
-  /// Callable from any thread. Takes an order, which idle() then carries out piece by piece, so that no job waits for
-  /// long. busy: one of its kind is under way. config: it makes no sense (the text says why).
+  /// Accepts an order, which idle() carries out in pieces, so that jobs do not wait long. Callable from any thread.
+  /// busy: an order of the same kind is in progress. config: the order is invalid (the text contains the reason).
   [[nodiscard]] virtual Status order(const CareOrder& order) = 0;
-  /// Callable from any thread.
+  /// State of the orders. Callable from any thread.
   [[nodiscard]] virtual CareState care() const = 0;
 };
 
-/// Opens or creates the database (folders too, mode 2750). One of an older schema version is copied to
-/// `<db>.v<version>-backup` and then brought up to date in one transaction. journal_write when it cannot be opened, is
-/// open for writing elsewhere, is damaged, another application's or of a test version before 1.0 (application_id), or
-/// newer than this program (user_version); the text names the file and the figures. A damaged one is moved, with its
-/// log, to `<db>.quarantine-<time>`, and a note takes its place, so that no start begins a new history by accident. For
-/// the same reason none is created where scans, backups or a log show that there has been one.
+/// Opens or creates the database and its folders (mode 2750). A database of an older schema version is copied to
+/// `<db>.v<version>-backup` and then upgraded in one transaction. journal_write if it cannot be opened, is open for
+/// writing elsewhere, or is damaged. Also if it belongs to another application or to a test version before 1.0
+/// (application_id), or is newer than this program (user_version). The text contains the file and the figures. A
+/// damaged database is moved with its log to `<db>.quarantine-<time>`, and a note replaces it, so that no start begins
+/// a new history by accident. For the same reason, no database is created if scans, backups or a log prove an earlier
+/// one.
 [[nodiscard]] Result<std::unique_ptr<Store>> open_store(const StoreSettings& settings);
 
 // ---- reading (slabctl; short read-only transactions, never checkpoints) -------------------------------------------
 
 struct SlabSummary {
   SlabHeader header;
-  std::int64_t ended_utime_us = 0;  ///< 0 = still open
+  std::int64_t ended_utime_us = 0;  ///< 0: still open
   Verdict verdict = Verdict::none;
   std::uint16_t reason = 0;
-  int stations_measured = 0;  ///< stations whose valid attempt came to a result, which `not_measured` is not
+  int stations_measured = 0;  ///< stations whose valid attempt has a result other than `not_measured`
   bool acknowledged = false;
 };
 
-/// Which slabs; everything that is set must hold.
+/// Filter for slabs; all conditions that are set must be met.
 struct SlabFilter {
   std::size_t limit = 20;
   std::optional<std::int64_t> since_utime_us = std::nullopt;  ///< began at or after
   std::optional<std::int64_t> until_utime_us = std::nullopt;  ///< began before
-  int slab_type = 0;                                          ///< 0: all
-  std::string id_part;                                        ///< somewhere in the SLAB_ID; empty: all
-  /// Without item and block: of the slab. With a block: of that station after SLAB_END. With an item: of the item (at
-  /// that block, when there is one); none: any verdict but pass.
+  int slab_type = 0;                                          ///< 0: all types
+  std::string id_part;                                        ///< part of the SLAB_ID; empty: all
+  /// Verdict of the slab if neither item nor block is set. With a block, the verdict of that station after SLAB_END;
+  /// with an item, of the item (at that block, if set). none: any verdict except pass.
   Verdict verdict = Verdict::none;
-  int block = 0;  ///< 0: none
+  int block = 0;  ///< 0: any
   std::optional<ItemId> item;
 };
 
-/// Which values of one item. Slabs that are still open or were aborted have none: nobody stands behind what was seen of
-/// them until then.
+/// Filter for values of one item. Open and aborted slabs have no values, because their measurements are not final.
 struct ItemFilter {
   ItemId item = ItemId::seat_slope;
-  std::size_t slabs = 1'000;  ///< the newest ones
+  std::size_t slabs = 1'000;  ///< number of newest slabs
   std::optional<std::int64_t> since_utime_us = std::nullopt;
   std::optional<std::int64_t> until_utime_us = std::nullopt;
   int slab_type = 0;
-  int block = 0;  ///< 0: all; of a spacing or a pair: its first station
+  int block = 0;  ///< 0: all; for a spacing or a pair: its first station
 };
-/// One value of an item, of the valid attempt; the slab's own one where SLAB_END computed it anew. A block's item is
-/// not_measured, without limits, where its station was never scanned or no scan of it came to a result.
+/// One value of an item, from the valid attempt, or from the slab if SLAB_END recomputed it. A block's item is
+/// not_measured, without limits, if its station was never scanned or no scan of it had a result.
 struct ItemValue {
   std::int64_t slab_key = 0;
   std::uint16_t slab_type = 0;
   SlabId slab_id;
   std::int64_t began_utime_us = 0;
-  Item item;                  ///< budget and companion are not read
+  Item item;                  ///< budget and companion are not set
   std::uint8_t emulated = 0;  ///< emulation bits of its slab
 };
 
@@ -238,148 +238,145 @@ struct SlabBlock {
   StationPhase phase = StationPhase::empty;
   std::uint16_t code = 0;
   BlockResult block;
-  /// After SLAB_END, slab items included; of a slab that was aborted never a pass.
+  /// Verdict after SLAB_END, including slab items; never a pass if the slab was aborted.
   Verdict final_verdict = Verdict::none;
   std::uint16_t final_reason = 0;
 };
 
 struct SlabRecord {
   SlabSummary summary;
-  SlabResult slab;                ///< items empty until SLAB_END
-  std::vector<SlabBlock> blocks;  ///< every attempt, by station and number; the latest of a station is the valid one
+  SlabResult slab;                ///< items are empty until SLAB_END
+  std::vector<SlabBlock> blocks;  ///< all attempts, by station and number; a station's latest one is valid
 };
 
-/// What is known to be missing from the history.
+/// A known gap in the history.
 struct HistoryGap {
   enum class What : std::uint8_t {
-    restored,    ///< from a backup: slabs measured after it was made are not there
-    begun_anew,  ///< nothing from before is there
-    pruned,      ///< slabs up to `slab_key` were taken away by retention
+    restored,    ///< from a backup: slabs measured after the backup are missing
+    begun_anew,  ///< all earlier data is missing
+    pruned,      ///< slabs up to `slab_key` were deleted by retention
   };
   What what = What::restored;
-  std::int64_t slab_key = 0;  ///< keys up to here may have been used before
-  std::int64_t kept_key = 0;  ///< restored: the newest of them that is there; 0: none, or nobody knows any more
-  std::int64_t slabs = 0;     ///< pruned: how many
-  ChangeNote note;            ///< of a person; empty for retention
-  std::string source;         ///< restored: the backup
+  std::int64_t slab_key = 0;  ///< keys up to this one may have been used before
+  std::int64_t kept_key = 0;  ///< restored: the newest existing slab up to slab_key; 0 if there is none, or if unknown
+  std::int64_t slabs = 0;     ///< pruned: number of deleted slabs
+  ChangeNote note;            ///< entered by a person; empty for retention
+  std::string source;         ///< restored: path of the backup
 };
 
 class Reader {
  public:
   virtual ~Reader() = default;
-  /// Newest first.
+  /// Slabs that match the filter, newest first.
   [[nodiscard]] virtual Result<std::vector<SlabSummary>> slabs(const SlabFilter& filter) = 0;
   [[nodiscard]] Result<std::vector<SlabSummary>> slabs(std::size_t limit) {
     SlabFilter filter;
     filter.limit = limit;
     return slabs(filter);
   }
-  /// Oldest first; of one slab by station.
+  /// Values that match the filter, oldest slab first, then by station.
   [[nodiscard]] virtual Result<std::vector<ItemValue>> values(const ItemFilter& filter) = 0;
   [[nodiscard]] virtual Result<std::optional<SlabRecord>> slab(std::int64_t key) = 0;
-  /// Keys of all slabs with this SLAB_ID, also where it was stored with blanks around it, or with this SLAB_NO; the
-  /// newest first.
+  /// Keys of all slabs with this SLAB_ID, ignoring blanks around the stored text, or with this SLAB_NO; newest first.
   [[nodiscard]] virtual Result<std::vector<std::int64_t>> find_id(std::string_view slab_id) = 0;
   [[nodiscard]] virtual Result<std::vector<std::int64_t>> find_no(std::uint32_t slab_no) = 0;
-  /// What was kept of one attempt to draw it; empty maps if the block was not found.
+  /// Stored maps of one attempt; empty if the block was not found.
   [[nodiscard]] virtual Result<std::unique_ptr<BlockMaps>> maps(std::int64_t key, int station, int attempt) = 0;
 
-  /// The recipe's file by its SHA-256, or by the first characters of one when only one begins so. nullopt if no slab
-  /// was begun with it.
+  /// The recipe's file by its SHA-256, or by a unique prefix of it. nullopt if no slab was begun with it.
   [[nodiscard]] virtual Result<std::optional<RecipeText>> recipe_text(std::string_view sha256) = 0;
 
-  /// Oldest first; empty: the history is complete.
+  /// Gaps, oldest first; empty if the history is complete.
   [[nodiscard]] virtual Result<std::vector<HistoryGap>> gaps() = 0;
 
-  /// Every record, newest first.
+  /// All records, newest first.
   [[nodiscard]] virtual Result<std::vector<CalibrationRecord>> calibrations() = 0;
-  /// By id, or by the first characters of one when only one begins so.
+  /// A record by its id, or by a unique prefix of it.
   [[nodiscard]] virtual Result<std::optional<CalibrationRecord>> calibration(std::string_view id) = 0;
   /// The record in force; station tables by slab type.
   [[nodiscard]] virtual Result<std::optional<CalibrationRecord>> current(CalibrationKind kind,
                                                                          std::uint16_t slab_type = 0) = 0;
-  /// What the daemon would work with now.
+  /// The calibrations that the daemon would use now.
   [[nodiscard]] virtual Result<std::unique_ptr<LineCalibration>> line_calibration() = 0;
-  /// Newest first.
+  /// Applied changes, newest first.
   [[nodiscard]] virtual Result<std::vector<AppliedChange>> applied(std::size_t limit) = 0;
-  /// Newest first.
+  /// Checks, newest first.
   [[nodiscard]] virtual Result<std::vector<CalibrationCheck>> checks(std::size_t limit) = 0;
 };
-/// Who reads the texts of a database, which may come from elsewhere.
+/// Recipient of texts read from a database, which may contain control characters.
 enum class TextFor : std::uint8_t {
   people,   ///< control characters are replaced (base/plain_text.h); documents keep their lines
   programs  ///< as stored: for JSON, which escapes them, and for raw tables
 };
-/// config when the file does not exist, is no slabd database, or is one of an older or newer schema version (a reader
-/// changes nothing; the daemon's start brings an older one up to date).
+/// Opens a database for reading. config: the file does not exist, is not a slabd database, or has an older or newer
+/// schema version. A reader changes nothing; the daemon upgrades an older one at its start.
 [[nodiscard]] Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path, TextFor text = TextFor::people);
-/// Nobody has kept anything there yet: no file, or one whose creation was stopped before its first transaction. The
-/// next writer makes it whole. Never true of a file that holds anything, ours or not.
+/// True if the database was never used: the file does not exist, or its creation was stopped before the first
+/// transaction. The next writer completes it. Never true for a file with content, of slabd or not.
 [[nodiscard]] bool is_unused(const std::string& db_path);
-/// A writer was stopped while it made the log of the one before durable: readers wait, the next writer finishes it.
+/// True if a writer was stopped while it made an earlier log durable: readers wait, and the next writer completes it.
 [[nodiscard]] bool is_unfinished(const std::string& db_path);
 
-// ---- looking after the file (slabctl) ------------------------------------------------------------------------------
+// ---- maintenance of the file (slabctl) -----------------------------------------------------------------------------
 
 struct DatabaseReport {
-  std::string trouble;  ///< what is damaged or contradicts itself; empty: whole
+  std::string trouble;  ///< the damage or contradiction found; empty if the database is intact
   int version = 0;
   std::int64_t slabs = 0;
   std::int64_t oldest_key = 0;
   std::int64_t newest_key = 0;
   std::int64_t newest_utime_us = 0;  ///< newest wall clock of any record
   std::int64_t bytes = 0;
-  std::int64_t log_bytes = 0;  ///< of the write-ahead log beside it
-  /// The file is byte for byte the backup that was written (storage/files/file_checksum.h). False without `trouble`: a
-  /// live database, or a copy that another program made, of which that cannot be proven.
+  std::int64_t log_bytes = 0;  ///< size of its write-ahead log
+  /// True if the file is byte for byte the backup that was written (storage/files/file_checksum.h). False without
+  /// `trouble`: a live database, or a copy made by another program, which cannot be verified.
   bool has_checksum = false;
 };
-/// Reads a whole database or backup and says whether it can be trusted: a backup's checksum and length, SQLite's own
-/// check (`full`: indices against tables as well), references, and that what is called measured and ended is there.
-/// Writes nothing. config: there is no such file, or it is none of ours.
+/// Checks a whole database or backup: a backup's checksum and length, SQLite's own check (`full`: also indices against
+/// tables) and references. It also checks that measured attempts and ended slabs have their results. Writes nothing.
+/// config: the file does not exist, or is not a slabd database.
 [[nodiscard]] Result<DatabaseReport> check_database(const std::string& path, bool full);
 
-/// The newest slab that a database of any schema version knows, 0: none. What says how new a backup is. As
-/// check_database(), without looking whether it is whole.
+/// Newest slab key in a database of any schema version; 0 if it has none. Shows how recent a backup is. Errors as
+/// check_database(), without its checks.
 [[nodiscard]] Result<std::int64_t> newest_slab_key(const std::string& path);
 
-/// Copies a database that no daemon has open to `to` (which must not exist), synced. For a running daemon:
-/// Store::order.
+/// Copies a database that no daemon has open to `to`, which must not exist; the copy is synced. For a running daemon
+/// use Store::order.
 [[nodiscard]] Status back_up_database(const std::string& db_path, const std::string& to);
-/// `<folder of the database>/backups`; made for the group when it is not there.
+/// Returns `<folder of the database>/backups`; created for the group if it does not exist.
 [[nodiscard]] Result<std::string> backup_folder(const std::string& db_path);
-/// `slabd-20261121T154530.123Z.db` in there; names sort by time.
+/// Returns `slabd-20261121T154530.123Z.db` in that folder; the names sort by time.
 [[nodiscard]] Result<std::string> backup_path(const std::string& db_path, std::int64_t utime_us);
 
-/// Who keeps a writer out of this database now, and is no slabd: "sqlite3 (process 1234)"; empty: no such process. A
-/// slabd that writes at this moment is not one.
+/// Process other than slabd that blocks the writer of this database now: "sqlite3 (process 1234)"; empty if none. A
+/// slabd that is writing is not reported.
 [[nodiscard]] std::string foreign_lock(const std::string& db_path);
-/// Another process has this database open for writing now.
+/// True if another process has this database open for writing.
 [[nodiscard]] bool is_written_elsewhere(const std::string& db_path);
 
 struct RestoreOrder {
-  std::string from;  ///< a backup; empty: begin with an empty history
+  std::string from;  ///< path of a backup; empty: begin with an empty history
   ChangeNote note;
-  std::uint16_t session = 0;  ///< drawn by chance: no old command, nor RES_ACK, may fit the next session and record
-  /// Calibrations that were put in force, and checks of them, since the backup are given up.
+  std::uint16_t session = 0;  ///< random, so that no old command or RES_ACK matches the next session and record
+  /// Accepts the loss of calibrations applied, and of checks made, after the backup.
   bool lose_calibrations = false;
-  /// A backup without a checksum (another program's copy), or one that was altered before it was made, is restored as
-  /// well.
+  /// Accepts a backup without a checksum (another program's copy), or one that was altered before it was made.
   bool accept_unproven = false;
 };
-/// Puts a backup, checked in full and brought up to date, in the place of the database; what lies there now goes to
-/// quarantine. The history says from then on that it has a gap; slab keys that may have been used are not used again;
-/// a slab that was open in the backup ends aborted; the first SCAN throws a scan away, as none of the last is known.
-/// config: what lies there knows of calibrations or checks that the backup does not, or the backup has no checksum.
-/// journal_write: a daemon runs, the backup is not whole, or a file could not be written; then nothing was changed, or
-/// the daemon refuses to start until restoring succeeds.
+/// Replaces the database with a backup, which is fully checked and upgraded; the current files are moved to quarantine.
+/// The history gets an entry about the gap, and slab keys that may have been used are not used again. A slab that was
+/// open in the backup ends aborted. The first SCAN discards a scan, because the last scans are unknown. config: the
+/// current database has calibrations or checks that the backup lacks, or the backup has no checksum. journal_write: a
+/// daemon is running, the backup is not intact, or a file could not be written. Then nothing was changed, or the daemon
+/// does not start until a restore succeeds.
 [[nodiscard]] Status restore_database(const StoreSettings& settings, const RestoreOrder& order);
 
 // Field lists of records that storage defines; see base/fields.h.
 
 SLABD_FIELDS(ChangeNote, who, why, utime_us);
 
-/// What a record has beside its id and its numbers.
+/// Fields of a record in addition to its id and its numbers.
 template <typename V, RecordOf<CalibrationRecord> R>
 void fields(V& v, R& r) {
   SLABD_EACH(r, parent_id, figures, observations, certificate)

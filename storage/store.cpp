@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The writer: one connection, one thread, one transaction for each job.
+// The writer: one connection, one thread, one transaction per job.
 //
-// A refused job (a contradiction, a full disk) is rolled back and the connection stays. Any other write error closes
-// the connection: after a failed sync nobody knows what is on the disk, and trying again on the same connection could
-// build on it. The next job opens the file anew, which makes the log durable; the whole is checked only where the error
-// looked like damage.
+// A rejected job (a contradiction, a full disk) is rolled back and the connection is kept. Any other write error closes
+// the connection. After a failed sync the state of the disk is unknown, and a retry on the same connection could depend
+// on it. The next job reopens the file, which makes the log durable; quick_check runs only if the error looked like
+// damage.
 #include <sqlite3.h>
 
 #include <algorithm>
@@ -29,16 +29,16 @@
 namespace slabd::storage {
 namespace {
 
-/// A third of a second: the PLC's next command follows the last commit faster.
+/// A third of a second: the PLC sends its next command sooner after a commit.
 constexpr int kQuietLooks = 4;
-/// Five seconds: a disk that fails is not asked all the time.
+/// Five seconds: limits the retries on a failing disk.
 constexpr int kLooksToSettle = 50;
-/// 1 MB of a copy in one look, ten times a second: a few milliseconds of a disk.
+/// 1 MB of a copy per call, ten times a second: a few milliseconds of disk time.
 constexpr int kBackupPages = 256;
-/// A second: how soon a line with nothing to do learns that its database was taken away.
+/// One second: time until an idle line detects that its database was removed.
 constexpr int kLooksAtPlace = 10;
 
-/// Everything that depends on one opened file.
+/// Objects that depend on one opened file.
 struct OpenDatabase {
   OpenDatabase(std::unique_ptr<Connection> connection, const StoreSettings& settings, const HeldBack& held_back)
       : db(std::move(connection)),
@@ -51,25 +51,24 @@ struct OpenDatabase {
   Jobs jobs;
   Spool spool;
   Retention retention;
-  std::optional<FileId> log_file;  ///< SQLite keeps the same one as long as the connection stands
-  std::unique_ptr<Backup> backup;  ///< under way; ends with the connection it reads
+  std::optional<FileId> log_file;  ///< stays the same while the connection is open
+  std::unique_ptr<Backup> backup;  ///< copy in progress; ends with the connection it reads
 };
 
-/// Errors after which SQLite has rolled back cleanly and the connection is as good as before.
+/// True for errors after which SQLite has rolled back cleanly and the connection is usable.
 bool leaves_connection_good(int result) {
   const int primary = result & 0xFF;
   return primary == SQLITE_CONSTRAINT || primary == SQLITE_FULL || primary == SQLITE_BUSY;
 }
 
-/// The next who opens the file has to look at the whole of it.
+/// True if the next open must check the whole file.
 bool looks_damaged(int result) {
   const int primary = result & 0xFF;
   return primary == SQLITE_CORRUPT || primary == SQLITE_NOTADB;
 }
 
-/// Jobs that were answered with an error: not done for all who were told, and done in the database or not. What shows
-/// the PLC something is taken back. A scan that came to nothing is written: nobody gives that job again, and without it
-/// the attempt before would stand as the one that the slab's verdict is about.
+/// Jobs that returned an error but may be in the database. Records for the PLC are reverted. A failed scan is written,
+/// because the job is not repeated. Otherwise the previous attempt would remain the valid one for the slab's verdict.
 class Unsettled {
  public:
   [[nodiscard]] bool empty() const {
@@ -83,13 +82,13 @@ class Unsettled {
     if (const auto* block = std::get_if<BlockJob>(&job.what))
       if (block->block.station >= 1 && block->block.station <= blocks_.size())
         blocks_[block->block.station - 1U] = {block->slab_key, block->block.station, block->attempt};
-    // One at a time: the command for the next one is written before it begins.
+    // Only one at a time: the command for the next one is written before it begins.
     if (const auto* scan = std::get_if<AcquiredJob>(&job.what))
       attempt_ = {scan->attempt, static_cast<std::uint16_t>(code), scan->fingerprint};
     if (const auto* failed = std::get_if<FailedAttemptJob>(&job.what)) attempt_ = *failed;
   }
   void forget_attempt() { attempt_ = {}; }
-  /// In the transaction of the next job, before it, or in one of its own.
+  /// Reverts the jobs, in the transaction of the next job before its changes, or in a separate one.
   void settle(Jobs& jobs) const {
     if (end_ != 0) jobs.undo_end(end_);
     if (report_ != 0) jobs.undo_report(report_);
@@ -101,7 +100,7 @@ class Unsettled {
  private:
   std::int64_t end_ = 0;
   std::uint16_t report_ = 0;
-  /// By station: no other attempt of one is measured before a job was written.
+  /// Indexed by station: no other attempt of a station is measured before a job was written.
   std::array<BlockKey, limits::kStationsMax> blocks_{};
   FailedAttemptJob attempt_;
 };
@@ -121,7 +120,7 @@ class SqliteStore final : public Store {
     if (Status status = reopen(); !status.ok()) return status;
     if (Status status = check_age(); !status.ok()) return status;
     file_ = file_id(settings_.db_path);
-    (void)backup_folder(settings_.db_path);  // now, so that whoever orders a copy need not wait for it
+    (void)backup_folder(settings_.db_path);  // now, so that an order for a copy does not have to wait for it
     remove_cut_short_backups(settings_.db_path);
     return success();
   }
@@ -152,7 +151,7 @@ class SqliteStore final : public Store {
     log_holds_commits_ = true;
     if (std::holds_alternative<BeginSlabJob>(job.what))
       if (Status status = check_free_space(); !status.ok()) {
-        trim_due_ = true;  // a slab that does not begin will not end either: what may go has to go by itself
+        trim_due_ = true;  // a slab that does not begin does not end either, so the spool is trimmed in idle()
         return status;
       }
     Status status = look_at_place();
@@ -167,12 +166,12 @@ class SqliteStore final : public Store {
         answer = open.jobs.take_answer();
         transaction.commit();
       });
-    // Nobody is told of what the next start would not find.
+    // A job is reported as done only if the next start will find it.
     if (status.ok()) status = look_at_place();
     if (status.ok()) {
       unsettled_ = {};
     } else if (contradicted_) {
-      // Rolled back; the same would be refused again. Perhaps by what was to be settled.
+      // It was rolled back and would be rejected again. The cause may be an unsettled job.
       looks_to_settle_ = 0;
       (void)settle();
     } else {
@@ -216,18 +215,18 @@ class SqliteStore final : public Store {
     if (looks_to_place_ > 0) --looks_to_place_;
     if (looks_to_place_ == 0) (void)look_at_place();
     if (quiet_looks_ < kQuietLooks && ++quiet_looks_ < kQuietLooks) return;
-    // Whatever hinders it: pruning, trimming and the checkpoint may be what makes room.
-    // A file that was taken away and is not open any more cannot be copied, and whoever waits for it is told.
+    // A failure does not stop the rest: pruning, trimming and the checkpoint may free space. If the file was removed
+    // and is not open, the waiting backup order ends with an error.
     if (settle() || (!open_ && !trouble_.empty())) back_up_a_piece();
     if (!trouble_.empty()) {
-      // Nothing is taken away on the word of a database that the next start would not find.
+      // Nothing is deleted if the next start would not find this database.
       refuse_to_prune();
       return;
     }
     prune_one();
     if (trim_due_) trim_spool();
     if (!log_holds_commits_ || !open_) return;
-    // What is in the log is durable: a failure here is the next job's to report, on a file that is opened anew.
+    // The log's content is durable, so a failure here is ignored; the next job reopens the file and reports it.
     (void)run("checkpoint", [&](OpenDatabase& open) { log_holds_commits_ = !open.db->checkpoint(); });
   }
 
@@ -253,7 +252,7 @@ class SqliteStore final : public Store {
       return success();
     }
     const PruneOrder& prune = std::get<PruneOrder>(order);
-    // What is kept by itself is not taken away by hand unless that is said.
+    // Slabs kept by the settings are deleted by an order only if it states so explicitly.
     const std::int64_t failed =
         prune.keep_failed_slabs.value_or(settings_.keep_slabs != 0 ? settings_.keep_failed_slabs : prune.keep_slabs);
     if (prune.keep_slabs < kKeepSlabsMin)
@@ -280,14 +279,14 @@ class SqliteStore final : public Store {
   }
 
  private:
-  /// Jobs reads the settings' texts, on this thread alone.
+  /// Jobs reads the texts of the settings, only on this thread.
   void take_recipes() {
     const std::lock_guard lock(recipes_mutex_);
     if (recipes_next_) settings_.recipe_texts = std::move(*recipes_next_);
     recipes_next_.reset();
   }
 
-  /// What cannot be read now is read after the next slab: it is only shown.
+  /// Reads the head of the chain. If that fails it is read after the next slab, because it is only displayed.
   void read_head() {
     ChainHead head;
     if (!open_) return;
@@ -304,8 +303,8 @@ class SqliteStore final : public Store {
     head_ = head;
   }
 
-  /// When no job comes: what nobody was told must not stand in the history meanwhile, nor in a copy of it. True when
-  /// there is nothing left to settle.
+  /// Reverts unsettled jobs if no job arrives, so that unreported results do not appear in the history or in a copy.
+  /// True if nothing is left to settle.
   bool settle() {
     if (unsettled_.empty()) return true;
     if (looks_to_settle_ > 0 && --looks_to_settle_ > 0) return false;
@@ -315,7 +314,7 @@ class SqliteStore final : public Store {
       transaction.commit();
     });
     log_holds_commits_ = true;
-    // What contradicts the database would do so for ever, and must not stand in the way of every later job.
+    // A job that contradicts the database would do so again, and must not block all later jobs.
     if (contradicted_) unsettled_.forget_attempt();
     if (status.ok())
       unsettled_ = {};
@@ -324,7 +323,7 @@ class SqliteStore final : public Store {
     return status.ok();
   }
 
-  /// A failure ends the copy and nothing else: the next job opens the file anew if that is needed.
+  /// Copies a piece of the ordered backup. A failure ends only the copy; the next job reopens the file if necessary.
   void back_up_a_piece() {
     std::string path;
     {
@@ -360,8 +359,8 @@ class SqliteStore final : public Store {
     care_.backup_pages_all = all;
   }
 
-  /// By order, or because a slab has ended and only so many are to be kept. Not while a copy is made: it would only
-  /// grow under the copy's hands.
+  /// Prunes one slab, by order or because a slab has ended and the number is limited. Not during a copy, which would
+  /// then have to copy the changed pages again.
   void prune_one() {
     std::int64_t keep = settings_.keep_slabs;
     std::int64_t keep_failed = settings_.keep_failed_slabs;
@@ -407,7 +406,7 @@ class SqliteStore final : public Store {
         return status;
       }
     }
-    // Only a start may begin a history: whatever lies there now, this line's is somewhere else.
+    // Only a start may begin a new history; a different file at this path is not this line's database.
     if (file_ && !quarantine_note(settings_.db_path) && file_id(settings_.db_path) != file_)
       return error(
           Code::journal_write,
@@ -426,8 +425,9 @@ class SqliteStore final : public Store {
     return success();
   }
 
-  /// A slab is in the database before it has a folder in the spool, so one that only the spool knows was in a newer
-  /// database. Going on would give its key to another slab, and say that the history is complete.
+  /// Rejects a database that is older than the spool. A slab is stored in the database before its folder exists, so a
+  /// slab known only to the spool was in a newer database. Its key would otherwise be assigned again, and the history
+  /// would appear complete.
   Status check_age() {
     std::int64_t known = 0;
     const Status read = run("recovery", [&](OpenDatabase& open) { known = newest_key_used(*open.db); });
@@ -442,14 +442,14 @@ class SqliteStore final : public Store {
         settings_.db_path.c_str(), static_cast<long long>(known), scans.c_str());
   }
 
-  /// Whether what is committed would be found by the next start. A file that was deleted or replaced under an open
-  /// connection takes every commit without an error, and loses it with the process. The connection stays: it holds the
-  /// only copy, and a backup is made from it.
+  /// Checks that the next start would find the commits. A file that was deleted or replaced while open accepts all
+  /// commits without an error, and loses them with the process. The connection stays open: it has the only copy, and a
+  /// backup can be made from it.
   Status look_at_place() {
     looks_to_place_ = kLooksAtPlace;
     if (!open_ && file_ && !trouble_.empty() && file_id(settings_.db_path) != file_) return success();
     trouble_.clear();
-    if (!open_ || !file_) return success();  // reopen() looks by itself
+    if (!open_ || !file_) return success();  // reopen() performs the check itself
     const std::string log = settings_.db_path + "-wal";
     const bool stands = file_id(settings_.db_path) == file_;
     if (stands && (!open_->log_file || file_id(log) == open_->log_file)) return success();
@@ -487,7 +487,7 @@ class SqliteStore final : public Store {
     }
   }
 
-  /// Another program has a transaction open.
+  /// Error if another program has a transaction open.
   [[nodiscard]] Error locked_out(const char* what) {
     const std::string holder = lock_probe_.holder(settings_.db_path);
     return error(
@@ -497,7 +497,7 @@ class SqliteStore final : public Store {
         settings_.db_path.c_str(), what, holder.empty() ? "another program, which has just let it go" : holder.c_str());
   }
 
-  /// Nobody knows what of the log is on the disk, so closing must not move it into the database.
+  /// Closes the file. The durable part of the log is unknown, so closing must not checkpoint it.
   void give_up() {
     if (open_) (void)sqlite3_db_config(open_->db->handle(), SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, nullptr);
     open_.reset();
@@ -512,7 +512,7 @@ class SqliteStore final : public Store {
                  static_cast<double>(settings_.spool_free_bytes_min) / 1e6);
   }
 
-  /// A slab's scans at a time: while slabs end, and when nothing else is to be done.
+  /// Trims the scans of one slab per call, when a slab ends and when idle.
   void trim_spool() {
     trim_due_ = false;
     if (settings_.spool_budget_bytes == 0) return;
@@ -520,7 +520,7 @@ class SqliteStore final : public Store {
     if (trim_due_) log_holds_commits_ = true;
   }
 
-  /// What led here is durable whatever happens to old scans.
+  /// Runs work on the spool; a failure there does not fail the job, which is already durable.
   template <typename Work>
   void tidy_spool(const Work& work) {
     Status tidied = success();
@@ -534,21 +534,21 @@ class SqliteStore final : public Store {
   std::optional<WriterLock> lock_;
   LockProbe lock_probe_;
   std::optional<FileId> file_;  ///< the database that was opened at the start
-  bool checked_ = false;        ///< it was whole then, and nothing has looked like damage since
+  bool checked_ = false;        ///< it was intact then, and no error has looked like damage since
   HeldBack held_back_;          ///< outlives a reopened file
   Unsettled unsettled_;
-  bool contradicted_ = false;  ///< the last job that was run: by what is stored
-  int looks_to_settle_ = 0;    ///< before it is tried again
+  bool contradicted_ = false;  ///< the last job contradicted the stored data
+  int looks_to_settle_ = 0;    ///< calls of idle() until the next attempt
   std::unique_ptr<OpenDatabase> open_;
   FixedString<limits::kErrorTextBytes> spool_trouble_;
   FixedString<limits::kErrorTextBytes> trouble_;
-  int looks_to_place_ = 0;  ///< before idle() looks again whether the file is still in its place
+  int looks_to_place_ = 0;  ///< calls of idle() until the next check of the file's place
   bool log_holds_commits_ = false;
   int quiet_looks_ = 0;
-  bool retention_due_ = true;  ///< a slab has ended since the last look
-  bool trim_due_ = true;       ///< the spool may hold more than its budget
+  bool retention_due_ = true;  ///< a slab has ended since the last check
+  bool trim_due_ = true;       ///< the spool may exceed its budget
   std::mutex recipes_mutex_;
-  std::optional<std::vector<RecipeText>> recipes_next_;  ///< taken by the next job
+  std::optional<std::vector<RecipeText>> recipes_next_;  ///< used by the next job
   mutable std::mutex care_mutex_;
   ChainHead head_;
   CareState care_;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// From ball centres to the pose of their frame. Distances do not depend on the pose, so they say which ball is which;
-// when two ways fit, none is taken. The pose is the weighted least-squares one: the centres' covariances, which are
-// long across or along the view, and the certificate's uncertainty, turned into the target's frame.
+// Computes the pose of a frame from its ball centres. Distances do not depend on the pose, so they identify the balls;
+// if two assignments fit, the artefact is rejected. The pose is fitted by weighted least squares. The weights are the
+// covariances of the centres, which are elongated across or along the view, and the certificate's uncertainty, rotated
+// into the target's frame.
 #include "calib/ball/artefact.h"
 
 #include <Eigen/Cholesky>
@@ -32,7 +33,7 @@ Pose small_motion(const Vec6& xi) {
   return motion;
 }
 
-/// How the place of a target point, in target axes, changes with a small motion of the target.
+/// Derivative of a target point's place (target axes) by a small motion of the target.
 Mat36 place_by_motion(const Vec3& p_target) {
   Mat36 j;
   j.leftCols<3>() = Mat3::Identity();
@@ -41,11 +42,11 @@ Mat36 place_by_motion(const Vec3& p_target) {
 }
 
 struct Measured {
-  std::vector<Vec3> centres_mm;  ///< scanner frame, in the certificate's order
+  std::vector<Vec3> centres_mm;  ///< scanner frame, in the order of the certificate
   std::vector<Mat3> cov_mm2;
 };
 
-/// Gauss-Newton on the six small motions; three steps suffice from the start above.
+/// Gauss-Newton on the six small motions; three steps are enough from rigid_fit().
 bool fit_pose(const ArtefactCertificate& certificate, const Measured& measured, TargetPose& target) {
   Pose pose = rigid_fit(certificate.balls_mm, measured.centres_mm);
   for (int step = 0; step < kSteps; ++step) {
@@ -74,7 +75,7 @@ bool fit_pose(const ArtefactCertificate& certificate, const Measured& measured, 
   return pose.all_finite() && target.covariance.allFinite();
 }
 
-/// Distances of balls to each other, rising, as text: what a person compares first.
+/// Distances between balls, ascending, as text for comparison by a person.
 std::string distances_text(std::span<const Vec3> balls) {
   std::vector<double> distances;
   for (std::size_t i = 0; i < balls.size(); ++i)
@@ -129,16 +130,17 @@ void refuse(ArtefactReport& report, ArtefactRefusal why, std::string_view cure) 
   report.words.cure.assign(cure);
 }
 
-/// A certificate whose balls fit each other in another order within this is refused: measured distances may be off by
-/// 0.3 mm, twice that must still tell the balls apart, and some is kept in reserve.
+/// Smallest ambiguity of distances that is accepted. Measured distances may differ by 0.3 mm, twice that must still
+/// identify the balls, and there is some reserve.
 constexpr double kTellApartMm = 1.0;
 
 struct Assignments {
-  /// [certified] = index of the measured ball; at most two are looked for: none, the one, or not unique.
+  /// [certified] = index of the measured ball. At most two assignments are searched, to detect an ambiguity.
   std::vector<std::vector<int>> found;
 };
 
-/// Every way, up to two, to give each certified ball another measured one so that all distances agree within `off_mm`.
+/// Assignments (at most two) of different measured balls to the certified ones for which all distances agree within
+/// `off_mm`.
 Assignments assign_by_distance(std::span<const Vec3> certified, std::span<const Vec3> measured, double off_mm) {
   Assignments all;
   std::vector<int> chosen;
@@ -170,13 +172,13 @@ Assignments assign_by_distance(std::span<const Vec3> certified, std::span<const 
   return all;
 }
 
-// The certificate of an artefact, as text. What it says is believed by every later calibration, so it is read strictly:
-// no key unknown, missing or twice, nothing guessed, and a frame whose balls could be confused is not an artefact.
+// Reader of an artefact's certificate. All later calibrations depend on it, so it is read strictly. Unknown, missing or
+// repeated keys are errors, and so is a frame with ambiguous balls.
 
 constexpr const char* kKeys =
     "id, date, issuer, ball_radius_mm, ball_radius_U_mm, U_mm, coverage_factor, temperature_c, ball";
 constexpr double kCoordinateMostMm = 3000.0;
-/// Height of the flattest triangle: less and the frame's rotation about its long side is open.
+/// Smallest height of the flattest triangle; with less, the rotation about its long side is not determined.
 constexpr double kHeightLeastMm = 20.0;
 
 std::string_view trimmed(std::string_view text) {
@@ -186,7 +188,7 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-/// Without a comment; a # between quotes is not one.
+/// Line without its comment; a # between quotes is kept.
 std::string_view without_comment(std::string_view line) {
   bool quoted = false;
   for (std::size_t i = 0; i < line.size(); ++i) {
@@ -196,7 +198,7 @@ std::string_view without_comment(std::string_view line) {
   return line;
 }
 
-/// config: fewer than three balls or more than eight, balls that touch, lie on a line, or cannot be told apart.
+/// config: fewer than three balls or more than eight; balls that touch, are on a line, or cannot be identified.
 Status check_certificate(const ArtefactCertificate& c) {
   const std::vector<Vec3>& balls = c.balls_mm;
   if (balls.size() < kArtefactBallsMin || balls.size() > kArtefactBallsMax)
@@ -234,7 +236,7 @@ Status check_certificate(const ArtefactCertificate& c) {
   return success();
 }
 
-/// One certificate while it is read.
+/// State while a certificate is read.
 class Reader {
  public:
   explicit Reader(std::string_view file_name) : file_(file_name) {}
@@ -489,7 +491,7 @@ std::string certificate_text(const ArtefactCertificate& c) {
   quoted("id", c.id.view());
   quoted("date", c.date.view());
   if (!c.issuer.empty()) quoted("issuer", c.issuer.view());
-  // Written with k = 1, so that no digit is lost.
+  // Written with k = 1 to keep all digits.
   add("coverage_factor", 1.0);
   add("ball_radius_mm", c.ball_radius_mm);
   add("ball_radius_U_mm", c.ball_radius_sigma_mm);

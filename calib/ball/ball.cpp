@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One scan, all its balls: candidates from the whole scan, the points near each of them, a fit and its gates. What is
-// not a sphere at all is dropped; a sphere that fails a gate stays in the report with its figures.
+// Finds all balls of one scan. Steps: candidates from the whole scan, the points near each candidate, a fit, and its
+// gates. A candidate that is not a sphere is dropped; a sphere that fails a gate is reported with its figures.
 #include "calib/ball/ball.h"
 
 #include <Eigen/Eigenvalues>
@@ -17,38 +17,38 @@
 namespace slabd::calib {
 namespace {
 
-// Where could a ball be? Among millions of points on table, posts and walls its cap is a few per cent.
+// Search for candidates. The ball's cap is a few per cent of millions of points on table, posts and walls.
 //
-// The radius is known, so every patch of surface names the only place where the centre can be: one radius behind it,
-// along its normal. Patches of the ball all name the same place, those of a plane a plane, those of a cylinder or of
-// another ball a line or a shell. Votes are counted in cells, and peaks are candidates. In contrast to drawing random
-// quadruples of points this takes the whole scan into account, needs no luck, and gives the same answer every time.
+// The radius is known, so every patch of surface determines the only possible centre: one radius behind it, along its
+// normal. Patches of the ball all give the same place. Those of a plane give a plane, and those of a cylinder or
+// another ball a line or a shell. Votes are counted in cells, and peaks are candidates. Unlike random quadruples of
+// points, this uses the whole scan, involves no chance, and gives the same result every time.
 //
-// Patches are cells of an eighth of the radius with the cells around them; their moments are gathered in one pass over
-// the scan, of which every third or fourth point is enough.
+// A patch is a cell of an eighth of the radius with its neighbours. Their moments are accumulated in one pass over the
+// scan, for which every third or fourth point is enough.
 
-/// A place that much of a spherical surface points to.
+/// A place at which much spherical surface has its centre.
 struct BallCandidate {
   Vec3 centre_mm = Vec3::Zero();  ///< to about a hundredth of the radius
   double votes = 0.0;             ///< patches of surface, each an eighth of a radius wide
 };
 
 constexpr double kCellsPerRadius = 8.0;
-/// Enough points to find a ball with; the fit takes all of them.
+/// Number of points sufficient to find a ball; the fit uses all points.
 constexpr std::size_t kPointsEnough = 1'500'000;
-/// A surface before a scanner fills some 10^5 cells; a scan that fills more shows none.
+/// Largest number of cells. A surface in front of a scanner fills about 10^5; a scan that fills more has no surface.
 constexpr std::size_t kCellsMax = 1U << 20U;
-/// No scanner sees further; a coordinate beyond is a faulty point.
+/// Larger coordinates are faulty points, because they exceed the range of any scanner.
 constexpr double kFarMm = 20'000.0;
 constexpr double kPatchPointsMin = 8.0;
-/// A patch thicker than this many cells is an edge or a clump.
+/// Largest thickness of a patch in cells; a thicker one is an edge or a cluster.
 constexpr double kPatchThickness = 0.25;
-/// A cap of 60 degrees casts some 200 votes; a third of it, seen badly, this many.
+/// Smallest number of votes: a cap of 60 degrees gives about 200, a poorly visible third of it this many.
 constexpr double kVotesMin = 25.0;
 
 using Index = std::array<std::int32_t, 3>;
 
-/// Cells of space that hold something, found by where they are. They are numbered in the order of their coming.
+/// Hash table of the occupied cells of space, numbered in the order of insertion.
 template <typename Content>
 class CellTable {
  public:
@@ -63,7 +63,7 @@ class CellTable {
   [[nodiscard]] Vec3 middle(const Index& index) const {
     return edge_mm_ * Vec3(index[0] + 0.5, index[1] + 0.5, index[2] + 0.5);
   }
-  /// The cell there, made if need be; nullptr when there are too many.
+  /// Returns the cell at `index`, created if necessary; nullptr if the table is full.
   Content* at(const Index& index) {
     std::uint32_t* slot = &slots_[slot_of(index)];
     if (*slot != kNobody) return &cells_[*slot].content;
@@ -100,7 +100,7 @@ class CellTable {
  private:
   static constexpr std::uint32_t kNobody = 0xFFFF'FFFF;
 
-  /// 21 bits each: with cells of an eighth of a millimetre that is far beyond kFarMm.
+  /// 21 bits per axis: with cells of an eighth of a millimetre that is far beyond kFarMm.
   [[nodiscard]] static std::uint64_t key_of(const Index& index) {
     std::uint64_t key = 0;
     for (const std::int32_t i : index) key = (key << 21U) | (static_cast<std::uint64_t>(i) & 0x1F'FFFFU);
@@ -122,7 +122,7 @@ class CellTable {
   std::vector<Cell> cells_;
 };
 
-/// Sums over points, relative to the middle of their cell.
+/// Sums over points, relative to the centre of their cell.
 struct Moments {
   float n = 0.0F;
   std::array<float, 3> p{};
@@ -142,7 +142,8 @@ void add_points(std::span<const float> xyz, CellTable<Moments>& table) {
   Vec3 middle;
   for (std::size_t i = 0; i < points; i += step) {
     const Vec3 p(xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]);
-    if (!(std::abs(p.x()) < kFarMm && std::abs(p.y()) < kFarMm && std::abs(p.z()) < kFarMm)) continue;  // nor NaN
+    // Also rejects NaN.
+    if (!(std::abs(p.x()) < kFarMm && std::abs(p.y()) < kFarMm && std::abs(p.z()) < kFarMm)) continue;
     const Index index = table.index_of(p);
     if (cell == nullptr || index != last) {
       cell = table.at(index);
@@ -159,7 +160,7 @@ void add_points(std::span<const float> xyz, CellTable<Moments>& table) {
   }
 }
 
-/// Every patch votes for the place one radius behind it.
+/// Adds a vote of every patch for the place one radius behind it.
 CellTable<Votes> cast_votes(const CellTable<Moments>& table, double edge_mm, double radius_mm,
                             const Vec3& viewpoint_mm) {
   CellTable<Votes> votes(edge_mm);
@@ -193,9 +194,9 @@ CellTable<Votes> cast_votes(const CellTable<Moments>& table, double edge_mm, dou
   return votes;
 }
 
-/// Centres of spheres of about `radius_mm` in a scan (3 floats a point, mm, NaN = missing), most votes first, at most
-/// `count_max` of them. A few per cent more or less of radius are found as well; cylinders and edges may come along.
-/// O(points) with at most 80 MB of working memory, whatever the scan.
+/// Centres of spheres of about `radius_mm` in a scan (3 floats per point, mm, NaN = missing), most votes first, at most
+/// `count_max`. Spheres with a radius different by a few per cent are found too, and cylinders and edges may be
+/// included. O(points), with at most 80 MB of working memory for any scan.
 std::vector<BallCandidate> ball_candidates(std::span<const float> xyz, double radius_mm, const Vec3& viewpoint_mm,
                                            std::size_t count_max) {
   const double edge_mm = radius_mm / kCellsPerRadius;
@@ -228,11 +229,11 @@ std::vector<BallCandidate> ball_candidates(std::span<const float> xyz, double ra
 constexpr double kRadiusLeastMm = 1.0;
 constexpr double kRadiusMostMm = 200.0;
 constexpr int kCountMost = 16;
-/// Candidates beyond the balls wanted: posts, other balls, corners.
+/// Additional candidates beyond the expected balls: posts, other balls, corners.
 constexpr std::size_t kCandidatesSpare = 8;
 constexpr int kRadiusViewsMin = 5;
 constexpr double kRadiusOffLeastMm = 0.010;
-/// Points looked at for one candidate: a cap of a full scan has 60 000.
+/// Largest number of points for one candidate: a cap of a full scan has 60 000.
 constexpr std::size_t kNearMax = 1U << 20U;
 
 Status check(std::span<const float> xyz, const BallSettings& s) {
@@ -254,7 +255,7 @@ Status check(std::span<const float> xyz, const BallSettings& s) {
   return success();
 }
 
-/// The points of the scan within `half_mm` of a sphere, in the scan's order.
+/// Collects the points of the scan within `half_mm` of a sphere, in the scan's order.
 void gather(std::span<const float> xyz, const Vec3& centre_mm, double radius_mm, double half_mm,
             std::vector<Vec3>& near) {
   near.clear();
@@ -271,11 +272,11 @@ void gather(std::span<const float> xyz, const Vec3& centre_mm, double radius_mm,
   }
 }
 
-/// All spheres of about the radius, judged; the same sphere once.
+/// Returns all spheres of about the radius, judged, each only once.
 std::vector<BallReport> measure_all(std::span<const float> xyz, const BallSettings& settings) {
   const std::vector<BallCandidate> candidates = ball_candidates(
       xyz, settings.radius_mm, settings.viewpoint_mm, static_cast<std::size_t>(2 * settings.count) + kCandidatesSpare);
-  // The votes' centre is good to a few per cent of the radius, and the radius may be that far off as well.
+  // The centre from the votes has an error of a few per cent of the radius, and so may the radius.
   const double half_mm = 0.1 * settings.radius_mm + 2.0 * shell_mm(settings);
   std::vector<Vec3> near;
   std::vector<BallReport> balls;
@@ -296,7 +297,7 @@ std::vector<BallReport> measure_all(std::span<const float> xyz, const BallSettin
   return balls;
 }
 
-/// A diameter given for a radius, or the other way round: the ball is there at half or twice the size. NaN: it is not.
+/// Radius of a ball of half or twice the size, if diameter and radius were confused; NaN if there is none.
 double radius_of_another(std::span<const float> xyz, const BallSettings& settings) {
   for (const double factor : {0.5, 2.0}) {
     BallSettings other = settings;
@@ -423,7 +424,7 @@ BallShots average_shots(std::span<const BallReport> shots, const BallSettings& s
   return mean;
 }
 
-// Least squares of dr + dz cos(phi) = 0 over the cap's area: means of cos and cos^2 over it.
+// Least squares of dr + dz cos(phi) = 0 over the cap's area: means of cos and cos^2.
 double shift_per_radius(double half_angle_rad) {
   const double c = std::cos(half_angle_rad);
   return 1.5 * (1.0 + c) / (1.0 + c + c * c);

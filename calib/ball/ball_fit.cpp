@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// From the points around a candidate to a centre: which of them lie on the cap and count, and the sphere through them.
+// Fits a sphere to the points around a candidate: selection of the points on the cap, then the fit.
 //
-// The cap's border is the problem, not its middle. Towards the silhouette the surface turns away from the rays and
-// points smear; along every edge of what is seen, pixels mix front and back. So points count up to 60 degrees of
-// incidence and not nearer than 1.5 mm to an edge, where an edge is what borders on nothing in a raster across the
-// view. Incidence is taken from the ray alone (how far it passes the centre by), so a point's own error decides nothing
-// about its selection, which would bias the centre.
+// The border of the cap is critical. Towards the silhouette the surface turns away from the rays and points smear.
+// Along every visible edge, pixels mix foreground and background. Therefore points are used up to 60 degrees of
+// incidence and not closer than 1.5 mm to an edge. An edge is a place next to an empty cell in a raster across the
+// view. Incidence is computed from the ray only (its distance from the centre), because a selection by a point's own
+// error would bias the centre.
 //
-// The estimate is geometric: sum of Tukey's rho of |p - c| - R. The algebraic fit is off by 5 to 80 um on caps.
+// The estimate is geometric: the sum of Tukey's rho of |p - c| - R. The algebraic fit has an error of 5 to 80 um on
+// caps.
 #include "calib/ball/ball_fit.h"
 
 #include <Eigen/Cholesky>
@@ -21,14 +22,14 @@ namespace {
 constexpr double kTukeySigmas = 4.685;
 constexpr double kMadToSigma = 1.4826;
 constexpr int kIterationsMax = 60;
-/// The scale follows the fit for so many steps, then it stands still and the iteration must converge.
+/// The scale is updated in the first steps, then it is fixed and the iteration must converge.
 constexpr int kScaleSteps = 8;
 constexpr double kStepMm = 1e-8;
 constexpr std::size_t kPointsLeast = 60;
 
-/// A sphere's free fit may be this much worse than the scanner's noise and still be called a sphere.
+/// Largest rms of a free fit, relative to the scanner's noise, for which the surface still counts as a sphere.
 constexpr double kSphereRms = 6.0;
-constexpr double kSphereRadiusOff = 0.25;  // of the radius
+constexpr double kSphereRadiusOff = 0.25;  // as a share of the radius
 
 double median_of(std::vector<double>& values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -36,12 +37,12 @@ double median_of(std::vector<double>& values) {
   return *middle;
 }
 
-/// Distance by which the ray to `p` passes the centre, over the radius: the sine of its incidence on the sphere.
+/// Distance of the ray to `p` from the centre, divided by the radius: the sine of its incidence on the sphere.
 double sine_of_incidence(const Vec3& p, const Vec3& viewpoint, const Vec3& centre, double radius) {
   return (centre - viewpoint).cross(p - viewpoint).norm() / ((p - viewpoint).norm() * radius);
 }
 
-/// What is seen of the ball, in cells across the view; tells how far a place is from its nearest edge.
+/// Visible part of the ball in cells across the view; used to find the distance of a place from the nearest edge.
 class SeenRaster {
  public:
   SeenRaster(double cell_mm, double reach_mm)
@@ -51,7 +52,7 @@ class SeenRaster {
 
   void mark(double x, double y) { seen_[at(index(x), index(y))] = 1; }
 
-  /// A cell without a point among six that have one is a few missing pixels, not an edge.
+  /// Fills an empty cell with at least six filled neighbours: some pixels are missing, but it is not an edge.
   void close_gaps() {
     std::vector<std::uint8_t> closed = seen_;
     for (int y = 1; y + 1 < size_; ++y)
@@ -64,7 +65,7 @@ class SeenRaster {
     seen_ = std::move(closed);
   }
 
-  /// Takes away every cell with an empty one within `rim_mm`.
+  /// Clears every cell with an empty one within `rim_mm`.
   void erode(double rim_mm) {
     const int reach = static_cast<int>(std::ceil(rim_mm / cell_mm_));
     std::vector<std::uint8_t> inner = seen_;
@@ -94,7 +95,7 @@ class SeenRaster {
   std::vector<std::uint8_t> seen_;
 };
 
-/// Those of `near` that lie on the cap of this sphere and count.
+/// Selects the points of `near` on the cap of this sphere that pass incidence limit and rim.
 CapPoints select_cap(std::span<const Vec3> near, const SphereFit& sphere, const BallSettings& settings, double shell,
                      std::uint64_t& on_sphere) {
   const Mat3 axes = view_axes(sphere.centre_mm, settings.viewpoint_mm);
@@ -103,7 +104,7 @@ CapPoints select_cap(std::span<const Vec3> near, const SphereFit& sphere, const 
     double x, y, incidence;
   };
   std::vector<OnCap> cap;
-  std::size_t central = 0;  // points in the middle, for the pitch
+  std::size_t central = 0;  // points in the middle, to estimate the pitch
   const double middle_mm = 0.5 * sphere.radius_mm;
   for (const Vec3& p : near) {
     const Vec3 d = p - sphere.centre_mm;
@@ -130,10 +131,10 @@ CapPoints select_cap(std::span<const Vec3> near, const SphereFit& sphere, const 
   return chosen;
 }
 
-/// How far the cap reaches in each of 36 sectors: the incidence that five of the sector's points pass.
+/// Measures the extent of the cap in each of 36 sectors: the incidence exceeded by five of the sector's points.
 void measure_extent(const CapPoints& cap, const SphereFit& fit, const BallSettings& settings, BallReport& report) {
   constexpr std::size_t kSectors = 36;
-  constexpr std::size_t kSteps = 180;  // of half a degree
+  constexpr std::size_t kSteps = 180;  // steps of half a degree
   constexpr std::uint32_t kPointsPast = 5;
   const Mat3 axes = view_axes(fit.centre_mm, settings.viewpoint_mm);
   std::array<std::array<std::uint32_t, kSteps>, kSectors> counts{};
@@ -168,7 +169,7 @@ void measure_extent(const CapPoints& cap, const SphereFit& fit, const BallSettin
     report.half_angle_rad = 0.0;
     return;
   }
-  // Over the sectors that see the cap's flank, if there are any: a hidden side is another fault.
+  // Median over the sectors that reach the cap's flank, if any, because a hidden side is a separate fault.
   std::sort(reaches.begin(), reaches.end());
   const auto first = covered > 0 ? std::lower_bound(reaches.begin(), reaches.end(), reach_min) : reaches.begin();
   report.half_angle_rad = *(first + (reaches.end() - first) / 2);
@@ -185,7 +186,7 @@ TukeyWeight tukey(double residual_mm, double scale_mm) {
 
 Mat3 view_axes(const Vec3& centre_mm, const Vec3& viewpoint_mm) {
   const Vec3 towards = (viewpoint_mm - centre_mm).normalized();
-  // Scanner X as far as possible, so that sides can be named.
+  // As close to scanner X as possible, so that sides can be named.
   const Vec3 seed = std::abs(towards.x()) < 0.9 ? Vec3(Vec3::UnitX()) : Vec3(Vec3::UnitY());
   Mat3 axes;
   axes.col(2) = towards;
@@ -209,7 +210,7 @@ SphereFit fit_sphere(std::span<const Vec3> points_mm, const Vec3& centre_mm, dou
     if (fit.iterations <= kScaleSteps) {
       for (std::size_t i = 0; i < points_mm.size(); ++i)
         sizes[i] = std::abs((points_mm[i] - fit.centre_mm).norm() - fit.radius_mm);
-      // Points without any noise (a drawing) would give a scale of nothing.
+      // Points without any noise (a drawing) would give a scale of zero.
       fit.scale_mm = std::max(kMadToSigma * median_of(sizes), 1e-6);
     }
     Eigen::Matrix4d normal = Eigen::Matrix4d::Zero();
@@ -246,7 +247,7 @@ SphereFit fit_sphere(std::span<const Vec3> points_mm, const Vec3& centre_mm, dou
 
 bool measure_ball(std::span<const Vec3> near_mm, const Vec3& start_mm, const BallSettings& settings,
                   BallReport& report) {
-  // What sphere is it, if one at all? Radius free, so that a wrong radius is told from a bad surface.
+  // Coarse fit with free radius, which separates a wrong radius from a bad surface.
   SphereFit coarse;
   coarse.centre_mm = start_mm;
   coarse.radius_mm = settings.radius_mm;
@@ -275,7 +276,7 @@ bool measure_ball(std::span<const Vec3> near_mm, const Vec3& start_mm, const Bal
   if (free.ok) {
     report.radius_free_mm = free.radius_mm;
     report.centre_free_mm = free.centre_mm;
-    // From its own residuals: those of a wrong fixed radius are no noise.
+    // Computed from its own residuals, because those of a wrong fixed radius are not noise.
     report.radius_free_sigma_mm =
         cap_noise(cap.p_mm, free, settings.viewpoint_mm, settings.noise_correlation_mm).radius_sigma_mm;
   }

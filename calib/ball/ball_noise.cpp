@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How well is the centre known? Ten thousand points that err independently would put it to half a micrometre; they do
-// not err independently. A scanner's errors hang together over some pixels, and then fewer, larger errors count: with
-// 2 mm of correlation the centre is ten times worse.
+// Uncertainty of the centre. Ten thousand points with independent errors would determine it to half a micrometre. A
+// scanner's errors are correlated over several pixels, so the effective number of points is smaller: with 2 mm of
+// correlation the centre is ten times worse.
 //
-// So the covariance is the sandwich A^-1 B A^-1 of an M-estimator (A = sum psi' g g', g = the residual's gradient) with
-// B = sum over pairs of points of the covariance of their errors. That covariance is read off the residuals themselves:
-// in a raster across the view, mean products of residuals by distance, up to where they no longer differ from nothing.
-// The fit takes three degrees of freedom of some ninety; errors longer than a third of the cap it cannot see at all:
-// they show as repeatability between views, or not.
+// The covariance is the sandwich A^-1 B A^-1 of an M-estimator (A = sum psi' g g', g = gradient of the residual). B is
+// the sum over pairs of points of the covariance of their errors. That covariance is estimated from the residuals: in a
+// raster across the view, mean products of residuals by distance, up to where they are insignificant. The fit uses
+// three of about ninety degrees of freedom. Errors longer than a third of the cap are not detectable in the fit; they
+// appear only as scatter between views.
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -22,18 +22,18 @@ namespace {
 using Vec4 = Eigen::Matrix<double, 4, 1, Eigen::DontAlign>;
 using Mat44 = Eigen::Matrix<double, 4, 4, Eigen::DontAlign>;
 
-/// Correlation further apart than this share of the ball's radius is the fit's affair, not the estimate's.
+/// Largest correlation distance as a share of the ball's radius; beyond it the fit absorbs the errors.
 constexpr double kLagMax = 0.45;
-/// Raster cells across the cap, at most: 1e6 products.
+/// Largest number of raster cells across the cap: 1e6 products.
 constexpr double kCellsAcross = 64.0;
-/// A correlation counts from this many standard errors on.
+/// Smallest significant correlation in standard errors.
 constexpr double kSignificant = 3.0;
 
 struct RasterCell {
   double n = 0.0;
-  double sum = 0.0;       ///< of residuals
-  double squares = 0.0;   ///< and their squares
-  Vec4 g = Vec4::Zero();  ///< of weighted gradients
+  double sum = 0.0;       ///< sum of residuals
+  double squares = 0.0;   ///< sum of their squares
+  Vec4 g = Vec4::Zero();  ///< sum of weighted gradients
 };
 
 /// The cap in cells across the view.
@@ -65,8 +65,8 @@ void each_pair(const Raster& raster, int lags, const Visit& visit) {
     }
 }
 
-/// Covariance of two points' errors by their distance in cells, 0 from where it cannot be told from nothing; [0] is
-/// for points of one cell.
+/// Covariance of two points' errors by their distance in cells; 0 from where it is insignificant. [0] is for points of
+/// the same cell.
 std::vector<double> covariance_by_distance(const Raster& raster, int lags, double variance) {
   std::vector<double> products(static_cast<std::size_t>(lags) + 1, 0.0);
   std::vector<double> pairs(products.size(), 0.0);
@@ -94,7 +94,7 @@ CapNoise cap_noise(std::span<const Vec3> points_mm, const SphereFit& fit, const 
                    double least_length_mm) {
   CapNoise noise;
   const Mat3 axes = view_axes(fit.centre_mm, viewpoint_mm);
-  // Cells of at least two pitches, so that most hold a few points.
+  // Cells of at least two pitches, so that most contain a few points.
   const double reach = fit.radius_mm;
   const double pitch = std::sqrt(kPi * 0.75 * reach * reach / static_cast<double>(std::max<std::size_t>(fit.kept, 1)));
   Raster raster;
@@ -168,7 +168,7 @@ CapNoise cap_noise(std::span<const Vec3> points_mm, const SphereFit& fit, const 
   const Eigen::Matrix3d together3 = together.topLeftCorner<3, 3>();
   noise.cov_white_mm2 = between(slope3, alone3);
   noise.cov_correlated_mm2 = between(slope3, together3);
-  // A covariance cut off at a distance need not be one; what is negative then is the sampling error of nothing.
+  // A covariance truncated at a distance may be indefinite; negative eigenvalues are sampling errors of zero.
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> split{Eigen::Matrix3d(noise.cov_correlated_mm2)};
   noise.cov_correlated_mm2 =
       split.eigenvectors() * split.eigenvalues().cwiseMax(0.0).asDiagonal() * split.eigenvectors().transpose();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The gates, and what a refusal says: the figure that failed, its limit, and what to do. The first gate in the order
-// below is the one that is spoken of; the later ones are often its consequences.
+// Gates, and texts of the refusals: the failed figure, its limit, and the remedy. Only the first failed gate in the
+// order below is reported, because later ones are often its consequences.
 #include <cmath>
 #include <tuple>
 
@@ -10,7 +10,7 @@
 namespace slabd::calib {
 namespace {
 
-/// "+X", "-Y", ...: the scanner axis nearest to a direction.
+/// Scanner axis closest to a direction: "+X", "-Y", ...
 const char* side_name(const Vec3& direction) {
   static constexpr const char* kNames[3][2] = {{"+X", "-X"}, {"+Y", "-Y"}, {"+Z", "-Z"}};
   int axis = 0;
@@ -78,9 +78,9 @@ BallWords explain(BallRefusal refusal, const BallSettings& s, const BallReport& 
 void judge_ball(const BallSettings& s, BallReport& r) {
   r.failed.clear();
   const auto gate = [&](bool passed, BallRefusal refusal) {
-    if (!passed) std::ignore = r.failed.push(refusal);  // one entry a gate: there is room
+    if (!passed) std::ignore = r.failed.push(refusal);  // there is space for every gate
   };
-  // Written so that a NaN fails.
+  // NaN fails every gate.
   gate(r.half_angle_rad >= s.half_angle_min_rad, BallRefusal::small_cap);
   gate(r.azimuth_rad >= s.azimuth_min_rad - 1e-9, BallRefusal::azimuth);
   gate(r.points_used >= s.points_min, BallRefusal::few_points);
@@ -88,7 +88,7 @@ void judge_ball(const BallSettings& s, BallReport& r) {
   gate(r.kept_share >= s.kept_share_min, BallRefusal::spoiled);
   gate(r.rms_mm < s.rms_max * s.noise_mm, BallRefusal::noisy);
   gate(r.converged && r.centre_mm.allFinite() && r.cov_mm2().allFinite(), BallRefusal::unstable);
-  // A quarter of a cap tells nothing about the radius unless it is far off.
+  // A quarter of a cap determines the radius poorly, so only a large difference counts.
   const bool other_ball = std::abs(r.radius_free_mm - s.radius_mm) > 10.0 * s.radius_off_mm &&
                           std::abs(r.radius_free_mm - s.radius_mm) > 5.0 * r.radius_free_sigma_mm;
   r.refusal = r.failed.empty() ? BallRefusal::none : other_ball ? BallRefusal::radius : r.failed[0];

@@ -18,7 +18,7 @@
 namespace slabd::storage {
 namespace {
 
-constexpr std::uint64_t kRoomLeft = 200'000'000;  ///< for the records of a day
+constexpr std::uint64_t kRoomLeft = 200'000'000;  ///< space for the records of a day
 
 [[noreturn]] void fail(const std::string& text, int result = SQLITE_IOERR) {
   throw SqlFailure{result, text};
@@ -30,7 +30,8 @@ std::string folder_of(const std::string& path) {
 
 }  // namespace
 
-// Where there are no such locks the copy is made all the same; nobody can take them there to delete it either.
+// If the file system does not support these locks, the copy continues; deletion requires the lock too, so the copy is
+// safe.
 void Backup::WorkLock::take(const std::string& path) {
   fd_ = Fd(open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (fd_.is_open()) (void)flock(fd_.get(), LOCK_EX | LOCK_NB);
@@ -47,7 +48,7 @@ Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes, Kind
                 static_cast<double>(bytes) / kMb, static_cast<double>(kRoomLeft) / kMb,
                 leave_bytes > 0 ? " and the room for the next slab's scans" : "");
   must(check_room(folder_of(to_), bytes + kRoomLeft + leave_bytes, what.data()));
-  std::filesystem::remove(part_, ec);  // of a copy that was cut short
+  std::filesystem::remove(part_, ec);  // left by an interrupted copy
   try {
     must(create_file(part_));
     begin(from);
@@ -61,7 +62,7 @@ Backup::Backup(Connection& from, std::string to, std::uint64_t leave_bytes, Kind
 void Backup::begin(Connection& from) {
   lock_.take(part_);
   copy_ = std::make_unique<Connection>(in_real_folder(part_), SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
-  // Synced by step(), and worth nothing until it has its name.
+  // step() syncs the copy, and it is not valid before it is renamed.
   copy_->execute("PRAGMA synchronous = OFF");
   copy_->execute("PRAGMA journal_mode = OFF");
   copy_->execute("PRAGMA cache_size = -1024");
@@ -114,7 +115,7 @@ void Backup::finish_copy() {
   backup_ = nullptr;
   if (result != SQLITE_OK) fail("copying to " + part_ + ": " + sqlite3_errstr(result), result);
   if (kind_ == Kind::backup) copy_->execute("PRAGMA default_cache_size = " + std::to_string(kBackupMark));
-  // One file that can be read anywhere, without a log beside it.
+  // The result is a single file that can be read anywhere, without a log next to it.
   if (copy_->text("PRAGMA journal_mode = DELETE") != "delete") fail(part_ + " cannot be made a file of its own");
   copy_.reset();
   must(sync_file(part_));
@@ -140,7 +141,7 @@ void remove_cut_short_backups(const std::string& db_path) {
   for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec)) {
     const std::string name = entry->path().filename().string();
     if (!name.starts_with("slabd-") || !name.ends_with(".db.part")) continue;
-    // By the lock of whoever is at work, not by its age: after a power cut the start follows within a minute.
+    // Decided by the lock of the writing process, not by age: after a power cut the daemon starts within a minute.
     const Fd part(open(entry->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
     std::error_code gone;
     if (part.is_open() && flock(part.get(), LOCK_EX | LOCK_NB) == 0) fs::remove(entry->path(), gone);

@@ -13,31 +13,32 @@ struct sqlite3_backup;
 
 namespace slabd::storage {
 
-/// A copy of a whole database under way. It is made over the connection that writes, so that what is committed
-/// meanwhile goes into the copy as well and no second process ever has to checkpoint. Piece by piece, each synced; then
-/// the copy is read again, piece by piece, for its checksum (storage/files/file_checksum.h). The copy has its name only
-/// when it is whole. Everything throws SqlFailure.
+/// A backup in progress. It uses the writing connection, so that concurrent commits are included and no second process
+/// has to checkpoint. It is copied in pieces, each synced, and then read again in pieces for its checksum
+/// (storage/files/file_checksum.h). The copy gets its final name only when it is complete. All members throw
+/// SqlFailure.
 class Backup {
  public:
   enum class Kind : std::uint8_t {
     backup,      ///< with a checksum
-    in_the_work  ///< without: it will be written to
+    in_the_work  ///< without a checksum, because the copy will be modified
   };
-  /// Fails when `to` exists, or when there is not the room for a copy, the records of a day and `leave_bytes`: what the
-  /// line needs to begin a slab.
+  /// Fails if `to` exists, or if the disk lacks space for the copy, the records of a day and `leave_bytes`.
+  /// `leave_bytes` is the space required to begin a slab.
   Backup(Connection& from, std::string to, std::uint64_t leave_bytes, Kind kind = Kind::backup);
-  /// A copy that is not whole is deleted.
+  /// Deletes an incomplete copy.
   ~Backup();
   Backup(const Backup&) = delete;
   Backup& operator=(const Backup&) = delete;
 
-  /// Copies or reads up to `pages`; -1: all that are left. True: the copy is whole, synced and has its name.
+  /// Copies or reads up to `pages`, or all remaining ones if -1. Returns true if the copy is complete, synced and
+  /// renamed.
   bool step(int pages);
   [[nodiscard]] std::int64_t pages_all() const { return pages_all_; }
   [[nodiscard]] std::int64_t pages_done() const { return pages_done_; }
 
  private:
-  /// On the part, for remove_cut_short_backups(): somebody is at work. SQLite's own locks are of another kind.
+  /// Lock on the partial file, checked by remove_cut_short_backups(). SQLite's own locks are of another kind.
   class WorkLock {
    public:
     void take(const std::string& path);
@@ -56,7 +57,7 @@ class Backup {
   WorkLock lock_;
   std::unique_ptr<Connection> copy_;
   sqlite3_backup* backup_ = nullptr;
-  std::unique_ptr<ChecksumWriter> checksum_;  ///< under way
+  std::unique_ptr<ChecksumWriter> checksum_;  ///< checksum in progress
   Kind kind_;
   std::int64_t page_bytes_ = 0;
   bool has_its_name_ = false;
@@ -64,8 +65,7 @@ class Backup {
   std::int64_t pages_done_ = 0;
 };
 
-/// Deletes what backups that a crash cut short have left in the folder of the backups; not what another process works
-/// at just now.
+/// Deletes incomplete copies left by a crash in the backup folder, but not one that another process is writing.
 void remove_cut_short_backups(const std::string& db_path);
 
 }  // namespace slabd::storage

@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The settings and their reasons:
-//   synchronous=EXTRA   set before the switch to WAL: the journal of that switch must be gone for good, or a power cut
-//                       can bring it back and roll the database back to that moment
-//   journal_mode=WAL    readers never block the writer; one sync for each commit
-//   persistent log      -wal (empty) and -shm stay when the writer closes: who may read these files and not write in
-//   the
-//                       folder can read the database also while slabd is stopped, with any SQLite
-//   checkpoints         by the writer only: two more syncs, so when it has had nothing to do for a while (Store::idle);
-//                       in a commit only when the log has reached 16 MB, to which its file is cut back afterwards
-//   mmap off, fixed cache, trusted_schema off, cell_size_check, defensive: a damaged or hostile file is an error
-//                       message, not memory damage
+// Settings and their reasons:
+//   synchronous=EXTRA: set before the switch to WAL. The journal of that switch must be deleted permanently, or a power
+//     cut could restore it and roll the database back to that moment.
+//   journal_mode=WAL: readers never block the writer; one sync per commit.
+//   persistent log: -wal (empty) and -shm remain when the writer closes. A user who may read these files but not write
+//     in the folder can then read the database with any SQLite while slabd is stopped.
+//   checkpoints: only by the writer, because they cost two more syncs, and only after an idle period (Store::idle). A
+//     commit performs one only if the log has reached 16 MB; the log file is then truncated to that size.
+//   mmap off, fixed cache, trusted_schema off, cell_size_check, defensive: a damaged or hostile file causes an error
+//     message, not memory corruption.
 #include "storage/files/database.h"
 
 #include <sqlite3.h>
@@ -33,10 +32,10 @@
 namespace slabd::storage {
 namespace {
 
-constexpr int kMoreLooks = 2;  ///< at a database that looks damaged
+constexpr int kMoreLooks = 2;  ///< further checks of a database that looks damaged
 constexpr int kBusyMs = 2000;  ///< only a person with another tool can make the writer wait
 
-/// Settings that write nothing into the file.
+/// Applies settings that do not write to the file.
 void protect(Connection& db) {
   sqlite3_busy_timeout(db.handle(), kBusyMs);
   if (sqlite3_db_config(db.handle(), SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr) != SQLITE_OK)
@@ -49,13 +48,13 @@ void protect(Connection& db) {
   db.execute("PRAGMA foreign_keys = ON");
 }
 
-/// "SLAB": test versions before 1.0, with schema versions of their own.
+/// "SLAB": test versions before 1.0, with their own schema versions.
 constexpr std::int64_t kApplicationIdBefore1_0 = 0x534C4142;
 
 enum class Owner { nobody, us };
 
-/// Throws when the file is another application's, of a version before 1.0 or of a newer slabd. "nobody": an empty file,
-/// or one that a crash left between its first page and the schema.
+/// Throws if the file belongs to another application, a version before 1.0 or a newer slabd. A file without owner is
+/// empty, or was left by a crash between its first page and the schema.
 Owner owner_of(Connection& db) {
   const std::int64_t application = db.integer("PRAGMA application_id");
   const std::int64_t version = db.integer("PRAGMA user_version");
@@ -98,7 +97,8 @@ void create_schema(Connection& db) {
   transaction.commit();
 }
 
-/// The code in "unable to get the page. error code=266", by which SQLite's check tells a read that failed; else 0.
+/// Code in "unable to get the page. error code=266", with which SQLite's check reports a failed read; 0 if there is
+/// none.
 int read_failure_in(const std::string& answer) {
   static constexpr std::string_view kWords = "error code=";
   const std::size_t at = answer.find(kWords);
@@ -140,13 +140,13 @@ bool is_damage(const SqlFailure& failure) {
   return (failure.result & 0xFF) == SQLITE_CORRUPT;
 }
 
-/// It may be read, and nothing can be made beside it: a reader's rights, or a disk that is read-only.
+/// True if the file can be read but nothing can be created next to it: read-only permissions or a read-only disk.
 bool is_for_reading_only(const std::string& path) {
   const std::string folder = std::filesystem::path(path).parent_path().string();
   return access(path.c_str(), R_OK) == 0 && access(folder.empty() ? "." : folder.c_str(), W_OK) != 0;
 }
 
-/// SQLite keeps a file beside a database with a log, for readers too, and says no more than that it cannot open it.
+/// Adds the reason to SQLite's message: a database with a log requires a -shm file, for readers too.
 SqlFailure explained(SqlFailure failure, const std::string& path) {
   const int primary = failure.result & 0xFF;
   if ((primary == SQLITE_CANTOPEN || primary == SQLITE_READONLY) && is_for_reading_only(path))
@@ -158,7 +158,7 @@ SqlFailure explained(SqlFailure failure, const std::string& path) {
   return failure;
 }
 
-/// What a connection of its own finds wrong, damage or not; empty: nothing.
+/// Damage found through a separate connection; empty if there is none, or if the failure is not damage.
 std::string damage_at(const std::string& path) {
   try {
     Connection db(in_real_folder(path), SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
@@ -172,8 +172,8 @@ std::string damage_at(const std::string& path) {
   }
 }
 
-/// Damage is what every look finds in the same words, in files that can be read from end to end. A read that fails for
-/// a moment may look like damage to SQLite, and a whole database must not be set aside for it.
+/// True if repeated checks report the same damage, and all files can be read completely. A temporary read failure may
+/// look like damage to SQLite, and must not move an intact database to quarantine.
 bool is_damaged_for_good(const std::string& path) {
   const std::string damage = damage_at(path);
   if (damage.empty()) return false;
@@ -189,7 +189,7 @@ bool is_damaged_for_good(const std::string& path) {
   return true;
 }
 
-/// A backup that was copied into place is a database now: its checksum goes with the first checkpoint.
+/// Removes the mark of a backup that was copied into place: it is a database now and has lost its checksum.
 void forget_mark(Connection& db) {
   if (db.integer("PRAGMA default_cache_size") != kBackupMark) return;
   db.execute("PRAGMA default_cache_size = 0");
@@ -200,13 +200,13 @@ enum class Upgrade : std::uint8_t { with_copy, in_place };
 
 std::unique_ptr<Connection> open_checked(const std::string& path, Upgrade how, bool check_whole) {
   auto db = std::make_unique<Connection>(in_real_folder(path), SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOFOLLOW);
-  // Until it is known to be whole, closing it must not move the log: a damaged database stays as it was found.
+  // Until the database is known to be intact, closing must not checkpoint the log: a damaged database stays unchanged.
   checkpoint_on_close(*db, false);
   protect(*db);
   const Owner owner = owner_of(*db);
   use_write_ahead_log(*db);
   if (owner == Owner::nobody) create_schema(*db);
-  if (check_whole) check(*db);  // before an upgrade: a damaged database is not touched
+  if (check_whole) check(*db);  // before an upgrade, because a damaged database must not be changed
   upgrade(*db, path, how == Upgrade::with_copy);
   forget_mark(*db);
   checkpoint_on_close(*db, true);
@@ -247,7 +247,7 @@ Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& pat
   }
 }
 
-/// A start of the daemon takes a fraction of a second to make its log durable.
+/// Waits for a starting daemon, which makes its log durable within a fraction of a second.
 void wait_for_log(const std::string& path) {
   constexpr unsigned kLook_us = 50'000;
   for (int waited_ms = 0; log_is_in_doubt(path); waited_ms += static_cast<int>(kLook_us / 1000)) {
@@ -258,9 +258,10 @@ void wait_for_log(const std::string& path) {
   }
 }
 
-/// A process that may not write in the folder cannot make -shm, without which SQLite reads no database with a log.
-/// Where -shm is there it reads by that, also an unfinished log. Where it is not, and no log holds anything, no process
-/// has the database open: then it is read without both, and every transaction ends with a look whether it stayed so.
+/// True if the database can be read without locks and without -shm. A process that cannot write in the folder cannot
+/// create -shm, which SQLite requires for a database with a log. If -shm exists, SQLite uses it, even for an unfinished
+/// log. If it does not, and no log has content, no process has the database open. It is then opened as unchanging, and
+/// every transaction verifies that at its end.
 bool can_be_read_still(const std::string& path, const SqlFailure& failure) {
   const int primary = failure.result & 0xFF;
   if (primary != SQLITE_CANTOPEN && primary != SQLITE_READONLY) return false;
@@ -290,7 +291,7 @@ std::unique_ptr<Connection> open_protected(const std::string& path) {
   return db;
 }
 
-/// `looked`: what asking for the file came to; a folder that may not be looked into may hold it.
+/// `looked`: result of the check for the file; it may exist in a folder without permission.
 Error no_database(const std::string& path, const std::error_code& looked) {
   if (looked)
     return error(Code::config, "cannot look for database %s: %s; are you in the group of its folder?", path.c_str(),
@@ -357,12 +358,12 @@ Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path) {
 }
 
 bool has_our_header(const std::string& path) {
-  // SQLite's file format: 16 bytes of text; the application's number at byte 68, high byte first.
+  // SQLite's file format: 16 bytes of text; the application_id at byte 68, most significant byte first.
   static constexpr std::string_view kMagic("SQLite format 3\0", 16);
   static constexpr std::string_view kOurs("SLBD");
   static_assert(kApplicationId == 0x534C4244);
   std::error_code fault;
-  if (!std::filesystem::is_regular_file(path, fault)) return false;  // a FIFO would be waited for
+  if (!std::filesystem::is_regular_file(path, fault)) return false;  // opening a FIFO would block
   std::ifstream in(path, std::ios::binary);
   std::array<char, 72> header{};
   in.read(header.data(), header.size());
@@ -376,18 +377,18 @@ bool unused_at(const std::string& path) {
   try {
     return owner_of(*connect_for_reading(path)) == Owner::nobody;
   } catch (const SqlFailure&) {
-    return false;  // whoever opens it properly says what is wrong
+    return false;  // open_for_writing() and open_for_reading() report the cause
   }
 }
 
-// Can this file be trusted? SQLite's check says whether the pages hold together; the questions after it, whether the
-// rows do. Opened read-only, and never checkpointed: a backup stays the file it was.
+// Integrity check of a file. SQLite's check covers the pages, the queries after it the rows. The file is opened
+// read-only and never checkpointed, so that a backup stays unchanged.
 
 namespace {
 
 struct Question {
-  const char* count;    ///< of what must not be
-  const char* meaning;  ///< when it is not 0
+  const char* count;    ///< counts violations
+  const char* meaning;  ///< description if the count is not 0
 };
 
 constexpr std::array kQuestions = {
@@ -404,7 +405,7 @@ constexpr std::array kQuestions = {
     Question{"SELECT count(*) <> 1 FROM line", "the one row of the line is not there"},
 };
 
-/// What is wrong with the file before it is read as a database.
+/// Problem of the file before it is read as a database.
 std::string trouble_of_file(const std::string& path, const FileChecksum& checksum) {
   for (const char* side : {"-wal", "-journal"}) {
     if (file_bytes(path + side) == 0) continue;
@@ -454,7 +455,7 @@ Result<DatabaseReport> check_database(const std::string& path, bool full) {
   }
   Result<std::unique_ptr<Connection>> opened = open_any_version(path);
   if (!opened.ok()) {
-    // One that cannot be opened here (a newer slabd's, a disk that is read-only) may be as whole as any.
+    // A file that cannot be opened here (a newer slabd's, a read-only disk) may still be intact.
     if (opened.error().code != Code::journal_write) return opened.error();
     report.trouble = opened.error().text.view();
     return report;

@@ -7,36 +7,36 @@
 #include "base/result.h"
 #include "storage/files/sqlite.h"
 
-/// Opening the database file: whose it is, and the settings everything else relies on.
+/// Opening of the database file: ownership checks, and the settings that the other functions rely on.
 namespace slabd::storage {
 
-/// Opens or creates the database, makes the log durable that lies there (storage/files/log_copy.h), checks it
-/// (application_id, user_version, quick_check), brings an older one up to date (storage/files/upgrade.h) and puts the
-/// settings in force. journal_write; the text names file and figures. A foreign or newer file is left as it was, a
-/// damaged one of ours goes to quarantine (storage/files/quarantine.h); the writer's lock must be held.
+/// Opens or creates the database. Steps: make an existing log durable (storage/files/log_copy.h), check the file
+/// (application_id, user_version, quick_check), upgrade an older one (storage/files/upgrade.h), apply the settings.
+/// journal_write: the text contains file and figures. A foreign or newer file is unchanged; a damaged slabd database is
+/// moved to quarantine (storage/files/quarantine.h). The writer's lock must be held.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_for_writing(const std::string& path);
 
-/// As open_for_writing(), of the file that this process checked before and closed after a call that failed: without
-/// quick_check, which may take a minute of a database that is gigabytes, while the line waits.
+/// As open_for_writing(), for a file that this process has checked before and closed after a failed call. It omits
+/// quick_check, which may take a minute on a database of gigabytes while the line waits.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_again_for_writing(const std::string& path);
 
-/// As open_for_writing(), of a file that is itself a copy: brought up to date without another copy.
+/// As open_for_writing(), for a file that is itself a copy: upgraded without another copy.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_copy_for_writing(const std::string& path);
 
-/// As open_for_reading(), of any schema version. journal_write: it is ours and damaged.
+/// As open_for_reading(), for any schema version. journal_write: it is a slabd database and damaged.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_any_version(const std::string& path);
 
-/// Opens an existing database read-only; config when it does not exist or is not ours.
+/// Opens an existing database read-only; config if it does not exist or is not a slabd database.
 [[nodiscard]] Result<std::unique_ptr<Connection>> open_for_reading(const std::string& path);
 
-/// The first look at the database in a transaction. Who may not write waits here, for up to 2 s, until a slabd that is
-/// just starting has made the index of the log.
+/// Performs the first read of a transaction. A process without write permission waits here, for up to 2 s, until a
+/// starting slabd has built the index of the log.
 void begin_to_read(Connection& db);
 
-/// Whether the file's first bytes are those of a database of ours, whatever the rest is.
+/// True if the file starts with the header of a slabd database, whatever its other content.
 [[nodiscard]] bool has_our_header(const std::string& path);
 
-/// As is_unused() in storage/storage.h.
+/// Implements is_unused() of storage/storage.h.
 [[nodiscard]] bool unused_at(const std::string& path);
 
 }  // namespace slabd::storage

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: SQLite's own check looks at the structure of pages. A flipped bit in a stored number, in unused space or in
-// a length beyond the last page is not an error to it.
-// Idea: a line of fixed length and fixed form behind the last page. It is compared as a whole text, so that a change in
-// the line is noticed as well as one before it.
+// Problem: SQLite's own check covers the structure of pages. It does not detect a flipped bit in a stored number, in
+// unused space or in a length beyond the last page.
+// Idea: a line of fixed length and form after the last page. It is compared as a whole text, which also detects changes
+// in the line itself.
 // Invariant: a file that ends with the exact line for its bytes is proven. A file whose length is exactly that of its
-// pages has no line. Every other file of ours is damaged: a byte was changed in the line, or a part was cut off.
+// pages has no line. Any other slabd database is damaged: a byte of the line was changed, or a part was cut off.
 #include "storage/files/file_checksum.h"
 
 #include <fcntl.h>
@@ -25,8 +25,8 @@ namespace {
 
 constexpr std::size_t kPiece = 65'536;
 constexpr std::string_view kBegin = "\nslabd backup, checksum 1: ";
-/// SQLite's file format, section 1.3: page size at byte 16 (1 means 65536), pages at 28, change counter at 24 and the
-/// counter for which the number of pages is valid at 92, kBackupMark at 48.
+/// SQLite's file format, section 1.3: page size at byte 16 (1 means 65536), number of pages at 28, change counter at
+/// 24. The counter for which the number of pages is valid is at 92, kBackupMark at 48.
 constexpr std::size_t kHeaderBytes = 100;
 
 Error trouble(const char* doing, const std::string& path) {
@@ -38,7 +38,7 @@ Fd open_to_read(const std::string& path) {
   return Fd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
 }
 
-/// Bytes read at `at`, fewer only at the file's end; -1 and errno.
+/// Reads up to `count` bytes at `at`, fewer only at the end of the file; -1 and errno on failure.
 ssize_t read_at(int fd, std::uint64_t at, char* to, std::size_t count) {
   std::size_t done = 0;
   while (done < count) {
@@ -66,7 +66,7 @@ std::uint32_t big_endian(const char* at, std::size_t count) {
   return value;
 }
 
-/// Length that the header of a database of ours names; 0: the header does not say.
+/// Length of the database according to its header; 0 if the header does not contain it.
 std::uint64_t bytes_of_pages(const std::array<char, kHeaderBytes>& header) {
   static constexpr std::string_view kMagic("SQLite format 3\0", 16);
   if (std::string_view(header.data(), kMagic.size()) != kMagic) return 0;
@@ -75,12 +75,12 @@ std::uint64_t bytes_of_pages(const std::array<char, kHeaderBytes>& header) {
   return std::uint64_t{page == 1 ? 65'536U : page} * big_endian(header.data() + 28, 4);
 }
 
-/// A file's end and what its header says of its length.
+/// The end of a file, and the length given in its header.
 struct Ends {
   std::uint64_t size = 0;
-  std::uint64_t pages = 0;   ///< bytes, 0: the header does not say
-  std::uint64_t before = 0;  ///< bytes before a line
-  bool marked = false;       ///< the header holds kBackupMark
+  std::uint64_t pages = 0;   ///< bytes according to the header; 0 if it does not contain them
+  std::uint64_t before = 0;  ///< bytes before the line
+  bool marked = false;       ///< the header contains kBackupMark
   std::array<char, kChecksumLineBytes> last{};
   [[nodiscard]] std::string_view line() const {
     return size < last.size() ? "" : std::string_view(last.data(), last.size());
@@ -165,7 +165,7 @@ Result<FileChecksum> check_checksum(const std::string& path) {
   Ends ends;
   if (Status status = read_ends(file.get(), path, ends); !status.ok()) return status.error();
   const auto& [size, pages, before, marked, last] = ends;
-  // The line's beginning is where it belongs, or it is not, but the pages end where a line would begin.
+  // The line starts at its place; or its start is damaged, but the pages end where a line would start.
   found.present = ends.line().starts_with(kBegin) || (size >= last.size() && pages == before);
   if (!found.present) {
     if (pages != 0 && size == pages && marked)

@@ -19,10 +19,10 @@
 namespace slabd::storage {
 namespace {
 
-// The group reads; only the owner writes.
+// The group may read; only the owner may write.
 constexpr mode_t kFolderMode = 02750;
 constexpr mode_t kFileMode = 0640;
-// Not even that: who can open a file can lock it, and slabd would not start.
+// The lock file is not readable for the group: a process that can open a file can lock it, and slabd would not start.
 constexpr mode_t kLockMode = 0600;
 
 Status trouble(const char* doing, const std::string& path) {
@@ -30,7 +30,7 @@ Status trouble(const char* doing, const std::string& path) {
                std::strerror(errno));
 }
 
-/// What root makes is the owner's of the folder that it lies in: slabd must be able to write it afterwards.
+/// Gives a file created by root to the owner of its folder, so that slabd can write it later.
 bool give_to_owner(int fd, const std::string& folder) {
   struct stat there {};
   if (geteuid() != 0) return true;
@@ -50,8 +50,8 @@ Status make_folder(const std::string& path) {
   if (!parent.empty() && parent != path)
     if (Status status = make_folder(parent); !status.ok()) return status;
   if (mkdir(path.c_str(), kFolderMode) != 0 && errno != EEXIST) return trouble("cannot make folder", path);
-  // mkdir obeys the umask, and takes the set-group-id bit from the parent only. A service that may set no such bit
-  // (RestrictSUIDSGID) has its group on new files all the same.
+  // mkdir applies the umask, and inherits the set-group-id bit only from the parent. A service that may not set that
+  // bit (RestrictSUIDSGID) still has its group on new files.
   if (geteuid() == 0) {
     const Fd folder(open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
     if (!folder.is_open() || !give_to_owner(folder.get(), parent))
@@ -60,13 +60,13 @@ Status make_folder(const std::string& path) {
   const bool right = stat(path.c_str(), &there) == 0 && (there.st_mode & 07777U) == kFolderMode;
   if (!right && chmod(path.c_str(), kFolderMode) != 0 && chmod(path.c_str(), kFolderMode & 0777U) != 0)
     return trouble("cannot set mode 2750 of folder", path);
-  // What will be promised about files in here is worth nothing while the folder itself may vanish.
+  // Files in this folder are durable only if the folder itself is.
   return sync_file(parent);
 }
 
 Status check_writable(const std::string& path) {
   if (faccessat(AT_FDCWD, path.c_str(), W_OK | X_OK, AT_EACCESS) == 0) return success();
-  // A service's view of a disk is not that of whoever looks for the reason.
+  // A service may be restricted to other paths than the user who looks for the cause.
   const char* hint =
       errno == EROFS ? " (a service writes only where its unit says ReadWritePaths=; systemctl edit slabd)" : "";
   return error(Code::journal_write, "cannot write in %s: %s%s", path.c_str(), std::strerror(errno), hint);
@@ -123,7 +123,7 @@ bool share_a_disk(const std::string& folder, const std::string& other) {
   if (stat(folder.c_str(), &a) != 0 || stat(other.c_str(), &b) != 0 || statvfs(folder.c_str(), &room_a) != 0 ||
       statvfs(other.c_str(), &room_b) != 0)
     return true;
-  // Subvolumes have device numbers of their own, and the figures of what they share.
+  // Subvolumes have their own device numbers, but the same free-space figures.
   return a.st_dev == b.st_dev || (room_a.f_frsize == room_b.f_frsize && room_a.f_blocks == room_b.f_blocks);
 }
 
@@ -161,11 +161,11 @@ Status WriterLock::take(const std::string& db_path) {
   const std::string path = db_path + ".writer";
   fd_ = Fd(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kLockMode));
   if (!fd_.is_open()) return trouble("cannot open", path);
-  // Made by root, slabd could not open it; another's stays as it is.
+  // A file created by root could not be opened by slabd; another user's file is unchanged.
   (void)give_to_owner(fd_.get(), std::filesystem::path(path).parent_path().string());
   (void)fchmod(fd_.get(), kLockMode);
   if (flock(fd_.get(), LOCK_EX | LOCK_NB) == 0) {
-    // For the next one that wants it, and does not get it. No harm where it cannot be written.
+    // Stores the pid for the error message of the next process. A failure is ignored.
     const std::string self = std::to_string(getpid());
     if (ftruncate(fd_.get(), 0) == 0) (void)!pwrite(fd_.get(), self.data(), self.size(), 0);
     return success();
@@ -182,22 +182,22 @@ Status WriterLock::take(const std::string& db_path) {
 
 bool is_written_elsewhere(const std::string& db_path) {
   const Fd file(open((db_path + ".writer").c_str(), O_RDWR | O_CLOEXEC));
-  if (!file.is_open()) return false;  // nobody ever was there
+  if (!file.is_open()) return false;  // the database has never been opened
   return flock(file.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
 }
 
-// Problem: another program (sqlite3 in a terminal, a backup script) holds a transaction open, and every commit fails.
-// Idea: F_GETLK names the process that holds a conflicting lock; /proc/locks would as well, but the service does not
-// see it (ProcSubset=pid). The bytes are those of SQLite's file formats: sqlite.org/fileformat2.html 3.2 and
+// Problem: another program (sqlite3 in a terminal, a backup script) has a transaction open, and every commit fails.
+// Idea: F_GETLK returns the process with a conflicting lock. /proc/locks contains it too, but is hidden from the
+// service (ProcSubset=pid). The byte offsets are from SQLite's file formats: sqlite.org/fileformat2.html 3.2 and
 // sqlite.org/walformat.html 2.3.
 
 namespace {
 
-/// Of the database file: PENDING, RESERVED, and the range of SHARED. A reader holds a shared lock, and keeps nobody
-/// out.
+/// Locks of the database file: PENDING, RESERVED, and the range of SHARED. A reader holds a shared lock, which does not
+/// block a writer.
 constexpr std::int64_t kPendingByte = 0x40000000;
 constexpr std::int64_t kReservedByte = kPendingByte + 1;
-/// Of the index of the log: WAL_WRITE_LOCK.
+/// Lock of the log's index: WAL_WRITE_LOCK.
 constexpr std::int64_t kLogWriteByte = 120;
 
 }  // namespace
@@ -217,12 +217,12 @@ std::int64_t LockProbe::owner_of(Probed& probed, const std::string& path, std::i
   const std::optional<FileId> now = file_id(path);
   if (!now) return 0;
   if (probed.fd < 0 || probed.file != now) {
-    probed.fd = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);  // the one before stays open, see the header
+    probed.fd = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);  // the previous one stays open, see the header
     probed.file = now;
   }
   if (probed.fd < 0) return 0;
   struct flock lock {};
-  lock.l_type = F_RDLCK;  // conflicts with write locks alone
+  lock.l_type = F_RDLCK;  // conflicts only with write locks
   lock.l_whence = SEEK_SET;
   lock.l_start = first;
   lock.l_len = last - first + 1;
@@ -237,7 +237,7 @@ std::string foreign_lock(const std::string& db_path) {
 }
 
 std::string LockProbe::holder(const std::string& db_path) {
-  // SHARED's range follows RESERVED; an exclusive lock covers all of it.
+  // The range of SHARED follows RESERVED; an exclusive lock covers all of it.
   constexpr std::int64_t kSharedSize = 510;
   std::int64_t pid = owner_of(probed_[1], db_path + "-shm", kLogWriteByte, kLogWriteByte);
   if (pid == 0) pid = owner_of(probed_[0], db_path, kPendingByte, kReservedByte + kSharedSize);

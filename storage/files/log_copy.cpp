@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A sync of the log fails: then Linux takes what it could not write for written. It can still be read, and no later
-// sync writes it, though every later sync succeeds. Whoever opens the database next finds commits in the log that are
-// not on the disk, puts its own behind them, and a power cut takes all of them. The process that saw the sync fail may
-// have been killed, so no process can know: each one makes the log durable before its first commit.
+// Problem: after a failed sync of the log, Linux treats the unwritten pages as written. They can be read, but no later
+// sync writes them, although it succeeds. The next process would find commits that are not on the disk and append its
+// own, and a power cut would lose all of them. The process with the failed sync may have been killed, so a later one
+// cannot detect this. Therefore every process makes the log durable before its first commit.
 //
-// The same bytes written once more are written for good. But a power cut in the middle of that may spoil sectors that
-// were safe, so a copy comes first. And it may not be moved into the database instead: a checkpoint writes pages whose
-// log is not on the disk, and a power cut would leave half of them.
+// Idea: writing the same bytes again makes them durable. A power cut during that may damage sectors that were safe, so
+// a copy is made first. A checkpoint is not an alternative. It would write pages whose log is not on the disk, and a
+// power cut could leave only some of them.
 //
-//   1. the log is copied into `-log-copy.part`, which is synced
-//   2. that gets the name `-log-copy`, the folder is synced
-//   3. the log is written from the copy, in place, and synced
-//   4. the copy's first sector is wiped and synced, then its name removed and the folder synced
+//   1. Copy the log to `-log-copy.part` and sync it.
+//   2. Rename it to `-log-copy` and sync the folder.
+//   3. Write the log in place from the copy and sync it.
+//   4. Clear the copy's first sector and sync it, then delete its name and sync the folder.
 //
-// Invariants: what bears the name `-log-copy` and the magic words is whole and on the disk, and no commit has been made
-// since it was taken. So whoever finds one goes on at step 3, and a name that a power cut brings back says nothing.
+// Invariants: a file named `-log-copy` with the magic words is complete and durable, and no commit was made since it
+// was copied. A process that finds one continues at step 3. A name that reappears after a power cut, without the magic
+// words, is ignored.
 #include "storage/files/log_copy.h"
 
 #include <sqlite3.h>
@@ -103,11 +104,11 @@ void read_through(const std::string& path, RawFile::Kind kind) {
 
 namespace {
 
-constexpr std::size_t kSector = 512;  ///< the copy's header, alone in its sector
+constexpr std::size_t kSector = 512;  ///< the copy's header has its own sector
 constexpr std::int64_t kContentAt = kSector;
 constexpr std::string_view kMagic = "slabd: a copy of the log";
 
-// By its name SQLite takes the copy for no log, so it is opened as a database.
+// SQLite does not recognise the copy as a log by its name, so it is opened as a database.
 using Header = std::array<unsigned char, kSector>;
 
 std::string folder_of(const std::string& path) {

@@ -11,36 +11,36 @@
 
 struct sqlite3_file;
 
-/// Making a write-ahead log durable that an earlier connection or process has left.
+/// Makes a write-ahead log durable that an earlier connection or process has left.
 namespace slabd::storage {
 
-/// After this, every byte of `db_path`-wal is on the disk, whatever failed before: a commit may be put behind it.
-/// Without a log it does nothing. A reader may have the log open meanwhile: it always reads the same bytes. The
-/// writer's lock must be held, no connection of this process be open. Needs the log's size (16 MB at most in normal
-/// life) of free space for a moment, and five syncs.
-/// journal_write, store_full, internal (no memory): the database must not be used until another call succeeds.
+/// Makes every byte of `db_path`-wal durable, whatever failed before, so that commits may be appended. Does nothing
+/// without a log. A reader may have the log open: it always reads the same bytes. The writer's lock must be held, and
+/// this process must have no open connection. Temporarily requires free space of the log's size (normally at most 16
+/// MB), and five syncs. journal_write, store_full, internal (no memory): the database must not be used until another
+/// call succeeds.
 [[nodiscard]] Status make_log_durable(const std::string& db_path);
 
-/// Such a call is under way, or was cut short and the next start of slabd has to end it: a reader must not open the
-/// database, for it might take a log that a power cut has spoilt for the whole one, and the writer would believe it.
+/// True if such a call is in progress, or was interrupted and the next start of slabd must finish it. A reader must not
+/// open the database then. It might accept a log damaged by a power cut as complete and pass that on to the writer.
 [[nodiscard]] bool log_is_in_doubt(const std::string& db_path);
 
-/// The copy's name, which belongs to the database as its log does.
+/// Suffix of the copy's name; the copy belongs to the database as its log does.
 inline constexpr const char* kLogCopy = "-log-copy";
 
-/// A file as SQLite's file layer reads and writes it, below any connection. Everything throws SqlFailure.
+/// A file accessed through SQLite's file layer, below any connection. All members throw SqlFailure.
 class RawFile {
  public:
   enum class Kind : std::uint8_t { database, log };
 
-  /// Opens what exists.
+  /// Opens an existing file.
   RawFile(const std::string& path, Kind kind);
   ~RawFile();
   RawFile(const RawFile&) = delete;
   RawFile& operator=(const RawFile&) = delete;
 
   [[nodiscard]] static bool exists(const std::string& path);
-  /// The name is gone; whether it stays gone is for a sync of the folder.
+  /// Deletes the name; it is durable only after a sync of the folder.
   static void remove(const std::string& path);
   [[nodiscard]] std::int64_t size();
   void read(std::int64_t at, std::span<unsigned char> bytes);
@@ -55,7 +55,7 @@ class RawFile {
   sqlite3_file* file_ = nullptr;
 };
 
-/// Reads a file from its first byte to its last.
+/// Reads a whole file to verify that it is readable.
 void read_through(const std::string& path, RawFile::Kind kind);
 
 }  // namespace slabd::storage

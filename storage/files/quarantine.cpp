@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The order matters: the database gets its second name in the quarantine, then the note takes its first name in one
-// step, and only then does the log follow. At no moment does a database lie there without the log that belongs to it:
-// that would open as a whole one, with the newest results missing.
+// The order of the steps matters. The database gets its second name in the quarantine, the note atomically replaces the
+// first name, and only then the log is moved. A database is never left without its log, because SQLite would open it
+// without an error, but the newest results would be missing.
 #include "storage/files/quarantine.h"
 
 #include <fcntl.h>
@@ -68,7 +68,7 @@ Status write_note(const std::string& path, const std::string& folder, const std:
   return success();
 }
 
-/// The slab whose folder of the spool this is; 0: of none.
+/// Slab key of a folder of the spool; 0 if it is not a slab's folder.
 std::int64_t key_of(const fs::path& folder) {
   const std::string name = folder.filename().string();
   if (name.empty() || name.size() > 18 || name.find_first_not_of("0123456789") != std::string::npos) return 0;
@@ -85,7 +85,7 @@ std::string folder_in(const std::string& note) {
 
 std::optional<std::string> quarantine_note(const std::string& path) {
   std::error_code fault;
-  if (!fs::is_regular_file(path, fault)) return std::nullopt;  // a FIFO would be waited for
+  if (!fs::is_regular_file(path, fault)) return std::nullopt;  // opening a FIFO would block
   std::ifstream in(path, std::ios::binary);
   std::string text(4096, '\0');
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
@@ -133,7 +133,7 @@ Status finish_quarantine(const std::string& path) {
       return trouble("cannot move", path + side);
     moved = true;
   }
-  unlink((path + "-shm").c_str());  // says nothing without the log
+  unlink((path + "-shm").c_str());  // has no meaning without the log
   if (!moved) return success();
   if (Status status = sync_file(folder); !status.ok()) return status;
   return sync_file(folder_of(path));
@@ -155,9 +155,9 @@ std::uint32_t big_endian(const unsigned char* bytes) {
          std::uint32_t{bytes[3]};
 }
 
-/// Whether a write-ahead log holds a whole transaction, or cannot be read. SQLite's file format, section 4: a header of
-/// 32 bytes with the page size at 8; frames of 24 bytes and a page, whose bytes 4 to 7 are not 0 when the frame ends a
-/// transaction, and whose salt (8 to 15) is the header's (16 to 23).
+/// True if a write-ahead log contains a whole transaction, or cannot be read. SQLite's file format, section 4: a header
+/// of 32 bytes with the page size at 8, then frames of 24 bytes and a page. Bytes 4 to 7 of a frame are not 0 if it
+/// ends a transaction. Its salt (8 to 15) equals the header's (16 to 23).
 bool may_hold_transaction(const std::string& log_path) {
   constexpr off_t kHeader = 32;
   constexpr off_t kFrame = 24;
@@ -179,7 +179,7 @@ bool may_hold_transaction(const std::string& log_path) {
   return found || !readable;
 }
 
-/// A slab's folder that holds anything; an empty one says nothing.
+/// A slab's folder that is not empty; empty text if there is none.
 std::string scans_in(const std::string& spool_dir) {
   std::error_code ec;
   for (fs::directory_iterator entry(spool_dir, ec), end; !ec && entry != end; entry.increment(ec)) {
@@ -191,7 +191,7 @@ std::string scans_in(const std::string& spool_dir) {
   return {};
 }
 
-/// Whether a folder holds what the daemon names its scans; folders of digits that people make hold other things.
+/// True if a folder contains a file with the name of a scan; other folders named by digits do not count.
 bool has_scan(const fs::path& folder) {
   std::error_code ec;
   for (fs::directory_iterator entry(folder, ec), end; !ec && entry != end; entry.increment(ec))
@@ -216,9 +216,9 @@ std::string scans_above(const std::string& spool_dir, std::int64_t known_key) {
 std::string sign_of_earlier_life(const std::string& path, const std::string& spool_dir) {
   std::error_code ec;
   if (file_bytes(path) > 0) return {};
-  // A log without a transaction is what a creation leaves that was stopped; nothing was ever kept there.
+  // A log without a transaction is left by an interrupted creation; it never contained data.
   if (may_hold_transaction(path + "-wal")) return path + "-wal";
-  // Somebody was putting a backup there and was cut short: no history is begun under his hands.
+  // An interrupted restore: a new history must not be begun before it is completed.
   for (const char* side : {"", ".part"})
     if (file_bytes(path + kRestored + side) > 0) return path + kRestored + side;
   const std::string name = fs::path(path).filename().string();

@@ -6,39 +6,39 @@
 
 #include "base/result.h"
 
-/// A damaged database is evidence and must neither be written to nor be taken for the history. It goes, with its log,
-/// into a folder of its own; a short text stays under its name, which no program takes for a database.
+/// A damaged database is evidence: it must not be modified or used as the history. It is moved with its log into a
+/// folder of its own. A short text replaces it, which no program accepts as a database.
 namespace slabd::storage {
 
-/// Moves `path`, `path`-wal and `path`-journal to `<path>.quarantine-<time>` and leaves the text. Cut short at any
-/// moment, either the database is untouched or is_quarantined() is true and finish_quarantine() moves the rest. The
-/// writer's lock must be held. Returns the folder. journal_write: nothing was moved.
+/// Moves `path`, `path`-wal and `path`-journal to `<path>.quarantine-<time>`, writes the text and returns the folder.
+/// If interrupted, either the database is unchanged, or quarantine_note() is set and finish_quarantine() moves the
+/// rest. The writer's lock must be held. journal_write: nothing was moved.
 [[nodiscard]] Result<std::string> quarantine(const std::string& path, const std::string& why);
 
-/// The text under the database's name, when that is what lies there.
+/// The text at the database's path; nullopt if the file there is not such a text.
 [[nodiscard]] std::optional<std::string> quarantine_note(const std::string& path);
 
-/// Why a whole one went there: restoring was about to put another in its place.
+/// Reason for an intact database in quarantine: a restore was about to replace it.
 inline constexpr const char* kReplaced = "replaced by slabctl db restore";
 
-/// Where the whole database lies that a restoring was replacing when it was cut short; empty: the note is of a damaged
-/// one, or there is none.
+/// Path of the intact database that an interrupted restore was replacing; empty if the note is of a damaged one, or if
+/// there is none.
 [[nodiscard]] std::string replaced_in_quarantine(const std::string& path);
 
-/// Moves what quarantine() was stopped before. Does nothing when no note lies there.
+/// Moves the files that an interrupted quarantine() has left. Does nothing without a note.
 [[nodiscard]] Status finish_quarantine(const std::string& path);
 
-/// Added to a database's name: what restore_database() prepares before it takes its place.
+/// Suffix of the file that restore_database() prepares next to the database.
 inline constexpr const char* kRestored = ".restored";
 
-/// What shows that there has been a database although no file (or an empty one) lies at `path`: a log, a backup, a
-/// restoring that was cut short, a quarantine, scans of slabs in the spool. Empty: nothing.
+/// Path of a file or folder that proves an earlier database, although none (or an empty file) is at `path`; empty if
+/// there is none. Proofs are a log, a backup, an interrupted restore, a quarantine, and scans of slabs in the spool.
 [[nodiscard]] std::string sign_of_earlier_life(const std::string& path, const std::string& spool_dir);
 
-/// The folder of the newest slab with scans in the spool when its key is above `known_key`; empty: there is none.
+/// Folder of the newest slab with scans in the spool if its key is above `known_key`; empty otherwise.
 [[nodiscard]] std::string scans_above(const std::string& spool_dir, std::int64_t known_key);
 
-/// The largest slab number among the spool's folders, 0: none.
+/// Largest slab key among the spool's folders; 0 if there are none.
 [[nodiscard]] std::int64_t newest_key_in_spool(const std::string& spool_dir);
 
 }  // namespace slabd::storage

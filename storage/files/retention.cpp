@@ -20,7 +20,7 @@
 namespace slabd::storage {
 namespace {
 
-/// In the order of their references; a block takes its planes, casings and maps along.
+/// Tables in the order of their references; deleting a block also deletes its planes, casings and maps.
 constexpr std::array kTables = {"item",    "block",          "attempt",     "result",
                                 "command", "station_result", "slab_result", "slab"};
 
@@ -68,8 +68,8 @@ bool Retention::take_one(std::int64_t keep_slabs, std::int64_t keep_failed_slabs
 
 namespace {
 
-/// A regular file that got its name here at `utime_us` or later: a rename sets the time of change, and keeps the
-/// others. A spool that outlived its database holds older files under the same slab keys; those are not ours to judge.
+/// True for a regular file that got its name at `utime_us` or later: a rename sets ctime and keeps the other times. A
+/// spool that outlived its database contains older files under the same slab keys; those are kept.
 bool came_after(const std::string& path, std::int64_t utime_us) {
   struct stat there {};
   if (lstat(path.c_str(), &there) != 0 || !S_ISREG(there.st_mode)) return false;
@@ -101,7 +101,7 @@ bool is_scan_name(const std::string& name) {
 
 namespace {
 
-/// Station and attempt, which a scan's name begins with.
+/// Station and attempt at the start of a scan's name.
 using Attempted = std::pair<std::int64_t, std::int64_t>;
 Attempted attempted(const std::string& name) {
   Attempted of = {0, 0};
@@ -172,7 +172,7 @@ Status Spool::trim(bool& more) {
 }
 
 bool Spool::is_pinned(std::int64_t slab_key) const {
-  // Whatever cannot be looked at counts as pinned: deleting is what cannot be undone.
+  // If the check fails, the slab counts as pinned, because a deletion cannot be undone.
   struct stat there {};
   const std::string pin = spool_dir_ + "/" + std::to_string(slab_key) + "/" + kPinName;
   return lstat(pin.c_str(), &there) == 0 || (errno != ENOENT && errno != ENOTDIR);
@@ -194,8 +194,8 @@ Status Spool::finish_deleting() {
   std::set<std::string> folders;
   Transaction transaction(db_, "BEGIN IMMEDIATE");
   for (const Scan& scan : scans) {
-    // The spool was somewhere else when this was to go: nobody's to delete now. Or a person has pinned the slab since,
-    // while slabd was down or a file was stuck: what is left of its scans stays.
+    // If the spool's path has changed, the file is not in the current spool and is kept. If the slab was pinned
+    // meanwhile (while slabd was stopped, or a file could not be deleted), its remaining scans are kept.
     const bool ours = lies_below(scan.path, spool_dir_);
     if (!ours || (is_there(scan.path) && is_pinned(scan.slab_key))) {
       release_.bind(1, scan.slab_key).bind(2, scan.station).bind(3, scan.attempt).run();
@@ -209,7 +209,7 @@ Status Spool::finish_deleting() {
     mark_deleted_.bind(1, scan.slab_key).bind(2, scan.station).bind(3, scan.attempt).run();
   }
   transaction.commit();
-  // A slab's folder goes with its last scan; one that still holds something stays.
+  // Deletes a slab's folder after its last scan; a folder that is not empty stays.
   for (const std::string& folder : folders)
     if (lies_below(folder, spool_dir_)) rmdir(folder.c_str());
   return status;
@@ -219,11 +219,11 @@ Status Spool::drop_orphans() {
   if (!newest_slab_.step()) return success();
   const std::int64_t slab_key = newest_slab_.integer(0);
   const std::int64_t began_utime_us = newest_slab_.integer(1);
-  // A restored database knows the slab as it was when the backup was made; what was scanned since is evidence.
+  // After a restore the slab's record is from the time of the backup; later scans are evidence and are kept.
   const bool may_be_a_lost_ones = slab_key <= newest_slab_.integer(2);
   newest_slab_.reset();
   if (may_be_a_lost_ones || is_pinned(slab_key)) return success();
-  // Names, not whole paths: the spool may be known by another path today than when the scan was recorded.
+  // Compares names, not paths: the spool may have had another path when the scan was recorded.
   std::set<std::string> recorded;
   std::set<Attempted> attempts;
   scan_paths_.bind(1, slab_key);
@@ -241,7 +241,7 @@ Status Spool::drop_orphans() {
     const std::string name = entry->path().filename().string();
     const std::string path = folder + "/" + name;
     if (!is_scan_name(name) || recorded.contains(name) || !came_after(path, began_utime_us)) continue;
-    // A scan that was under way has its attempt by now. One of an attempt that nobody began here is of a newer
+    // At this point a scan in progress has its attempt. A scan of an attempt unknown to this database is from a newer
     // database.
     if (!name.ends_with(".part") && !attempts.contains(attempted(name))) {
       ++unknown;

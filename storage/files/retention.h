@@ -9,65 +9,64 @@
 
 namespace slabd::storage {
 
-/// Takes the records of old slabs away, a slab at a time: some 500 rows in one transaction, so that a power cut leaves
-/// a slab whole or gone and no job waits for long. Candidates have ended, every result of theirs was acknowledged, none
-/// of their scans is kept, and at least kKeepSlabsMin newer slabs stay. Slabs that did not pass stay longer: people ask
-/// for those. Both numbers are counts, so the database is bounded whatever the line makes. The line says how many went,
-/// up to which key, and the chain of results gets an entry for each. Calibrations and seals stay for ever. The file
-/// does not shrink; its free pages are used again.
+/// Deletes the records of old slabs, one slab at a time. A transaction deletes about 500 rows of one slab, so that a
+/// power cut never leaves part of a slab and jobs do not wait long. Candidates have ended, all their results were
+/// acknowledged, their scans are deleted, and at least kKeepSlabsMin newer slabs remain. Slabs that did not pass are
+/// kept longer, because they are requested more often. Both limits are counts, so the size of the database is bounded.
+/// Table line stores the number of deleted slabs and the newest key, and the chain of results gets an entry for each.
+/// Calibrations and seals are kept permanently. The file does not shrink; its free pages are reused.
 class Retention {
  public:
   explicit Retention(Connection& db);
-  /// Takes the oldest candidate away that is neither one of the newest `keep_slabs` nor one of the newest
-  /// `keep_failed_slabs` (0: all) of those that did not pass; false: there is none. Throws SqlFailure.
+  /// Deletes the oldest candidate that is neither one of the newest `keep_slabs` slabs nor one of the newest
+  /// `keep_failed_slabs` (0: all) that did not pass. Returns false if there is none. Throws SqlFailure.
   bool take_one(std::int64_t keep_slabs, std::int64_t keep_failed_slabs);
 
  private:
-  /// Key of row `offset`, 0 when there are fewer.
+  /// Key of row `offset`; 0 if there are fewer rows.
   [[nodiscard]] static std::int64_t key_at(Statement& newest_first, std::int64_t offset);
 
   Connection& db_;
   Statement newest_;
   Statement newest_failed_;
   Statement candidate_;
-  Statement drop_of_no_slab_;  ///< commands given between slabs: REPORT
+  Statement drop_of_no_slab_;  ///< commands outside slabs: REPORT
   Statement note_;
 };
 
-/// "04-2.ply": station and attempt, as the daemon names its scans; "04-2-unseen.ply": one that is thrown away. Anything
-/// else in the spool is somebody else's.
+/// True for "04-2.ply" (station and attempt, the daemon's name of a scan) and "04-2-unseen.ply" (a discarded scan).
+/// Other files in the spool do not belong to slabd.
 [[nodiscard]] bool is_scan_name(const std::string& name);
 
-/// Keeps the spool within its budget by deleting scans, never records. Candidates are slabs that have ended and whose
-/// every result the PLC has acknowledged: passed ones first, then the others, each by age. A slab at a time: each call
-/// deletes the scans of at most one, so that a smaller budget does not stop the line for minutes.
+/// Keeps the spool within its budget by deleting scans, never records. Candidates are ended slabs whose results were
+/// all acknowledged by the PLC: passed ones first, then the others, each by age. Each call deletes the scans of at most
+/// one slab, so that a reduced budget does not stop the line for minutes.
 ///
-/// First the rows say "deleting", then the files go, then the rows say "deleted": a crash between leaves either a file
-/// that the next call deletes, or nothing.
+/// The rows are set to "deleting" first, then the files are deleted, then the rows are set to "deleted". A crash in
+/// between leaves at most a file that the next call deletes.
 class Spool {
  public:
-  /// A file of this name beside a slab's scans keeps them, whatever the budget: slabctl pin puts it there, with a
-  /// reason.
+  /// A file with this name next to a slab's scans protects them from the budget; slabctl pin creates it, with a reason.
   static constexpr const char* kPinName = "pin.json";
 
   Spool(Connection& db, std::string spool_dir, std::uint64_t budget_bytes);
 
-  /// `more`: a slab's scans went, and others may have to. Throws SqlFailure. journal_write: a file could not be
-  /// deleted; its rows stay "deleting" and are tried again, and it does not keep the others from going. Scans that were
-  /// recorded in another folder than today's spool neither count nor go; those of a slab that was pinned before the
-  /// rest of them could go are kept again.
+  /// Deletes the scans of one slab if the spool exceeds its budget. `more`: scans were deleted, and others may have to
+  /// be. Throws SqlFailure. journal_write: a file could not be deleted. Its rows stay "deleting" for another attempt,
+  /// and it does not block the others. Scans recorded in another folder than the current spool are neither counted nor
+  /// deleted. If a slab was pinned before all its scans were deleted, the rest is kept again.
   [[nodiscard]] Status trim(bool& more);
 
-  /// Deletes what a crash between spooling a scan and recording it left: files in the newest slab's folder that carry
-  /// a scan's name, came there after that slab had begun, and are named by no attempt of it. Not where a lost database
-  /// may have named them, and not of a pinned slab. Call it before the first scan after a start. Throws SqlFailure.
+  /// Deletes files left by a crash between spooling a scan and recording it. These are files in the newest slab's
+  /// folder that have a scan's name, are newer than the slab's begin, and belong to no attempt. Skips pinned slabs, and
+  /// slabs whose records a lost database may contain. Call it before the first scan after a start. Throws SqlFailure.
   /// journal_write: a file could not be deleted.
   [[nodiscard]] Status drop_orphans();
 
  private:
   [[nodiscard]] Status finish_deleting();
   [[nodiscard]] bool is_pinned(std::int64_t slab_key) const;
-  /// For a statement on the paths of this spool: they lie from ?1 on and before ?2.
+  /// Binds ?1 and ?2 to the range of paths of this spool.
   Statement& below(Statement& statement) const;
 
   Connection& db_;
@@ -75,12 +74,12 @@ class Spool {
   std::string first_path_;
   std::string end_path_;
   std::uint64_t budget_bytes_;
-  Statement kept_bytes_;       ///< of all folders: an index alone answers it
-  Statement kept_here_bytes_;  ///< of this spool
+  Statement kept_bytes_;       ///< all folders; answered from an index alone
+  Statement kept_here_bytes_;  ///< this spool
   Statement next_slab_;
   Statement mark_deleting_;
   Statement deleting_;
-  Statement release_;  ///< not to be deleted after all
+  Statement release_;  ///< marks a scan as kept again
   Statement mark_deleted_;
   Statement newest_slab_;
   Statement scan_paths_;

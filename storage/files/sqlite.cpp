@@ -19,8 +19,8 @@ namespace {
   throw SqlFailure{result, std::string(message) + " (SQLite " + std::to_string(result) + ") in: " + doing};
 }
 
-/// SQLite asks like C++ does: what fails is asked for again as long as the process's new-handler knows a way (a sealed
-/// daemon has a reserve). Then SQLite gets nullptr, and the statement fails.
+/// Repeats a failed allocation as long as the process's new-handler frees memory, like operator new (a daemon with
+/// locked memory has a reserve). Then SQLite gets nullptr, and the statement fails.
 sqlite3_mem_methods g_plain;
 
 template <typename Ask>
@@ -41,7 +41,7 @@ const char* kind_of(mode_t mode) {
   return "a device";
 }
 
-/// Every byte that has a meaning in a URI is escaped.
+/// Percent-encodes every byte that has a meaning in a URI.
 std::string uri_of(const std::string& path) {
   constexpr std::string_view kDigits = "0123456789ABCDEF";
   std::string uri = "file:";
@@ -69,7 +69,7 @@ void must(const Status& status) {
 
 void use_the_new_handler() {
   static const bool done = [] {
-    if (sqlite3_config(SQLITE_CONFIG_GETMALLOC, &g_plain) != SQLITE_OK) return false;  // in use already
+    if (sqlite3_config(SQLITE_CONFIG_GETMALLOC, &g_plain) != SQLITE_OK) return false;  // already in use
     sqlite3_mem_methods asking = g_plain;
     asking.xMalloc = [](int bytes) { return ask_again([bytes] { return g_plain.xMalloc(bytes); }); };
     asking.xRealloc = [](void* old, int bytes) {
@@ -94,7 +94,7 @@ FileStand::FileStand(const std::string& path) {
 
 Connection::Connection(const std::string& path, int flags) {
   use_the_new_handler();
-  // To open a FIFO waits for its other end, which nobody may ever open.
+  // Opening a FIFO would block until its other end is opened.
   struct stat there {};
   if (::stat(path.c_str(), &there) == 0 && !S_ISREG(there.st_mode))
     throw SqlFailure{SQLITE_CANTOPEN, path + " is " + kind_of(there.st_mode) + ", not a database file"};
@@ -177,7 +177,7 @@ Statement& Statement::bind(int index, double value) {
 }
 
 Statement& Statement::bind(int index, std::string_view value) {
-  // An empty view may hold a null pointer, which SQLite would read as NULL.
+  // An empty view may contain a null pointer, which SQLite would store as NULL.
   const char* bytes = value.empty() ? "" : value.data();
   if (sqlite3_bind_text64(handle_, index, bytes, value.size(), SQLITE_TRANSIENT, SQLITE_UTF8) != SQLITE_OK)
     fail(connection_.handle(), "bind");
@@ -275,7 +275,7 @@ Transaction::Transaction(Connection& connection, const char* begin) : connection
 }
 
 Transaction::~Transaction() {
-  // A failed rollback leaves nothing to do here: the connection is closed by whoever sees the failure before it.
+  // A failed rollback is ignored: the code that handles the original failure closes the connection.
   if (open_ && sqlite3_get_autocommit(connection_.handle()) == 0)
     sqlite3_exec(connection_.handle(), "ROLLBACK", nullptr, nullptr, nullptr);
 }

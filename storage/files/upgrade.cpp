@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A new slabd meets the database of an old one. Nobody is watching, and the database holds the only record of slabs
-// that are long built in. So: first a copy that is on the disk for good, then all changes in one transaction, and
-// whatever happens in between leaves the old database and at least one copy of it. An upgrade that was cut short and
-// starts again finds its copy, sees that it is the same, and does not fill the disk with another.
+// Upgrade of an old database by a new slabd. It runs unattended, and the database contains the only record of installed
+// slabs. Therefore a durable copy is made first, and all changes are one transaction. An interruption leaves the old
+// database and at least one copy. An interrupted upgrade that starts again finds an identical copy and does not write
+// another.
 #include "storage/files/upgrade.h"
 
 #include <sqlite3.h>
@@ -22,8 +22,8 @@ namespace {
 
 constexpr int kBackupsMax = 100;
 
-/// Rows that refer to a calibration that is not there. A step that makes another table again adds that table here; all
-/// tables would take minutes, because of every item of every slab.
+/// Counts rows that refer to a missing calibration. A step that rebuilds another table must add that table here.
+/// Checking all tables would take minutes, because they contain every item of every slab.
 constexpr const char* kLostReferences =
     "SELECT count(*) FROM (SELECT DISTINCT m.name FROM sqlite_schema AS m, pragma_foreign_key_list(m.name) AS f "
     "WHERE f.\"table\" = 'calibration') AS child, pragma_foreign_key_check(child.name)";
@@ -32,7 +32,7 @@ constexpr const char* kLostReferences =
   throw SqlFailure{result, text};
 }
 
-/// The whole database as one file, what is still in the write-ahead log included.
+/// Copies the whole database, including the write-ahead log, into one file.
 void copy_database(Connection& db, const std::string& to) {
   Connection copy(to, SQLITE_OPEN_READWRITE);
   sqlite3_backup* const backup = sqlite3_backup_init(copy.handle(), "main", db.handle(), "main");
@@ -63,7 +63,7 @@ void remove_part(const std::string& part) {
   for (const char* side : {"", "-journal"}) std::filesystem::remove(part + side, ec);
 }
 
-/// A copy that does not fit is not begun, and one that fails is not left to fill the disk.
+/// Copies only if there is enough space, and deletes the copy on failure.
 void copy_into_part(Connection& db, const std::string& folder, const std::string& part) {
   const std::int64_t bytes = db.integer("PRAGMA page_count") * db.integer("PRAGMA page_size");
   must(check_room(folder, static_cast<std::uint64_t>(bytes), "a copy before it is brought up to date"));
@@ -79,24 +79,24 @@ void copy_into_part(Connection& db, const std::string& folder, const std::string
   }
 }
 
-/// Puts a synced copy beside the database and leaves every older one alone.
+/// Stores a synced copy next to the database and keeps all older ones.
 void back_up(Connection& db, const std::string& path, std::int64_t version) {
   const std::string name = path + ".v" + std::to_string(version) + "-backup";
   const std::string folder = std::filesystem::path(path).parent_path().string();
   const std::string part = name + ".part";
   std::error_code ec;
-  remove_part(part);  // of an upgrade that was cut short
+  remove_part(part);  // left by an interrupted upgrade
   copy_into_part(db, folder, part);
   for (int i = 1; i <= kBackupsMax; ++i) {
     const std::string wanted = i == 1 ? name : name + "." + std::to_string(i);
     if (std::filesystem::exists(wanted, ec)) {
       if (!same_content(part, wanted)) continue;
       std::filesystem::remove(part, ec);
-      // Whoever gave it its name may have been stopped before the name was on the disk.
+      // The process that renamed it may have been stopped before the rename was durable.
       must(sync_file(folder));
       return;
     }
-    // Nobody else writes here: the writer's lock is held.
+    // The writer's lock is held, so no other process writes here.
     must(rename_file(part, wanted));
     must(sync_file(folder));
     return;
@@ -111,8 +111,8 @@ void upgrade(Connection& db, const std::string& path, bool with_copy) {
   const std::int64_t version = db.integer("PRAGMA user_version");
   if (version >= to.version) return;
   if (with_copy) back_up(db, path, version);
-  // A table that others refer to can only be made anew while nobody looks after references; they are checked as a whole
-  // before anything is committed. Inside a transaction the switch does nothing.
+  // A referenced table can only be rebuilt while foreign keys are off; lost references are checked before the commit.
+  // Inside a transaction the pragma has no effect.
   db.execute("PRAGMA foreign_keys = OFF");
   Transaction transaction(db, "BEGIN EXCLUSIVE");
   for (const char* step : to.steps.subspan(static_cast<std::size_t>(version - 1))) db.execute(step);

@@ -66,7 +66,7 @@ TEST(Conformance, probability_of_one_limit_as_in_jcgm_106) {
 TEST(Conformance, probability_of_two_limits) {
   EXPECT_NEAR(conformance_probability(item(1.342, 1.3321, 1.5321, 0.020)), 0.838913, 5e-7);
   EXPECT_NEAR(conformance_probability(item(0.0, -0.5, 0.5, 1.0)), 0.6826895, 5e-8);
-  // Far out the small tail keeps its digits.
+  // Far outside the limits the small probability stays exact.
   EXPECT_NEAR(1.0 - conformance_probability(item(0.4, -0.5, 0.5, 0.05)), 3.1671e-5, 1e-9);
   EXPECT_GE(conformance_probability(item(50.0, -0.5, 0.5, 0.1)), 0.0);
 }
@@ -79,7 +79,7 @@ TEST(Conformance, is_unknown_without_value_limits_or_U) {
 }
 
 TEST(Conformance, guard_band_of_U_keeps_a_pass_above_97_percent) {
-  // At the guarded limit (r = 2 in units of u) one side's risk is Phi(-2).
+  // At the guarded limit (r = 2 in units of u) the risk on one side is Phi(-2).
   const Item at_guard = item(0.5 - 0.15, -0.5, 0.5, 0.15);
   EXPECT_EQ(judge(at_guard, 1.0), Verdict::pass);
   EXPECT_NEAR(conformance_probability(at_guard), 0.97725, 5e-6);

@@ -23,7 +23,7 @@ TEST(NewestTime, takes_no_notice_of_a_clock_that_was_ahead_for_a_while) {
   for (int minute = 0; minute < 59; ++minute) newest.note(1'200 * kDay_us + minute * kMinute_us);
   EXPECT_EQ(newest.utime_us(), 700 * kDay_us);
   newest.note(700 * kDay_us + kMinute_us);
-  // Another time, the same day ahead: it begins anew.
+  // A second jump to the same day: the hour starts again.
   newest.note(1'200 * kDay_us + 90 * kMinute_us);
   EXPECT_EQ(newest.utime_us(), 700 * kDay_us + kMinute_us);
 }

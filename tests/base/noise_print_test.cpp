@@ -11,7 +11,8 @@
 namespace slabd {
 namespace {
 
-/// `places` random signs from the first place of the coarse grid on, and as many in the fine grid if `dense`.
+/// Print with `places` random signs from the first place of the coarse grid on, and as many in the fine grid if
+/// `dense`.
 std::unique_ptr<NoisePrint> random_print(std::uint64_t seed, std::size_t places, bool dense = false) {
   Prng prng(seed);
   auto print = std::make_unique<NoisePrint>();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// docs/OPERATING.md and the journal's catalog hold every code with its cure. SLABD_UPDATE_DOCS=1 writes them anew.
+// docs/OPERATING.md and the journal's catalog contain every code with its remedy. SLABD_UPDATE_DOCS=1 rewrites them.
 #include <gtest/gtest.h>
 
 #include <cstdio>

@@ -69,7 +69,7 @@ TEST(PackedMap, of_the_largest_map_the_daemon_makes_finds_room_however_rough_it_
       expect_unpacks(grid, map);
     }
   }
-  Grid holes = random_grid(prng, 100, 150, 50.0, 0.0);  // the costliest mask: every other cell
+  Grid holes = random_grid(prng, 100, 150, 50.0, 0.0);  // the most expensive mask: every other cell
   for (std::size_t i = 0; i < holes.heights.size(); i += 2) holes.heights[i] = kNone;
   expect_unpacks(holes, holes.packed(0.01));
 }

@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::size_t kHugePage = std::size_t{2} << 20U;
 
-/// Kilobytes of the mapping at `address` that lie in huge pages; -1 when the kernel does not say.
+/// Kilobytes of the mapping at `address` in huge pages; -1 if the kernel does not report it.
 long huge_kb(const void* address) {
   std::ifstream smaps("/proc/self/smaps");
   bool here = false;
@@ -74,7 +74,8 @@ TEST(Pages, are_huge_where_the_system_has_huge_pages) {
   Pages pages(8 * kHugePage);
   const std::span<std::byte> all = pages.take<std::byte>(8 * kHugePage);
   EXPECT_EQ(reinterpret_cast<std::uintptr_t>(all.data()) % kHugePage, 0U);
-  // A machine whose memory is in crumbs may have none to give: then nothing is promised but that it works.
+  // With fragmented memory the kernel may have no huge pages to offer, so the test requires only that the mapping
+  // works.
   if (offered) {
     EXPECT_GE(huge_kb(all.data()), 0);
     RecordProperty("huge_kb", std::to_string(huge_kb(all.data())));

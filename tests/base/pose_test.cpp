@@ -6,7 +6,7 @@
 namespace slabd {
 namespace {
 
-// KUKA A = 0.3, B = 0.2, C = 0.1 rad: the published rows of Rz(A) Ry(B) Rx(C).
+// KUKA A = 0.3, B = 0.2, C = 0.1 rad: published rows of Rz(A) Ry(B) Rx(C).
 TEST(KukaAbc, is_the_active_rz_ry_rx) {
   const Mat3 R = rotation_from_kuka_abc(0.3, 0.2, 0.1).toRotationMatrix();
   Mat3 expected;
@@ -20,8 +20,8 @@ TEST(KukaAbc, is_the_active_rz_ry_rx) {
   EXPECT_NEAR(q.z(), .1435721750, 1e-10);
 }
 
-// The paper's eqs. (1)-(3) are passive rotations; its eq. (4) R1 R2 R3 is the transpose of the matrix we use, and the
-// matrix it prints as eq. (5) is R3 R2 R1. Pinned here so that nobody "corrects" the code to the paper.
+// The paper's eqs. (1)-(3) are passive rotations. Its eq. (4) R1 R2 R3 is the transpose of the matrix used here, and
+// the matrix printed as eq. (5) is R3 R2 R1. This test prevents a "correction" of the code to the paper.
 TEST(KukaAbc, is_neither_matrix_of_the_paper) {
   const double ex = 0.1;
   const double ey = 0.2;

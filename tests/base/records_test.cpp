@@ -153,7 +153,7 @@ TEST(SlabRecord, carries_the_worst_seat_of_each_kind_with_its_station) {
   SlabResult slab;
   for (const auto& [station, value] : {std::pair{3, 0.2}, std::pair{7, -0.6}, std::pair{11, 0.6}})
     ASSERT_TRUE(slab.items.push(judged(ItemId::seat_lateral, Verdict::pass, true, station, value)));
-  slab.fail_mask = 1U << 4U;  // a block item: the slab's record answers for its blocks too
+  slab.fail_mask = 1U << 4U;  // a block item: the slab's record includes its blocks
   slab.station_verdict[6] = Verdict::fail;
   slab.station_verdict[0] = Verdict::fail;
   const PlcResult record = slab_record(slab, 18);

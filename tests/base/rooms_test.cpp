@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The walls of the house, read from the tree: who may include whom, which headers of a room are public, and that no
-// library other than Eigen shows in our headers.
+// Dependency rules of the source tree: the allowed includes between rooms, the public headers of each room, and that
+// headers use no library other than Eigen.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -33,7 +33,7 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
     {"gateway", {"base", "gateway"}},
 };
 
-/// All headers of base are vocabulary and public.
+/// All headers of base are public.
 const std::set<std::string> kPublic = {"algo/algo.h",
                                        "algo/block_model.h",
                                        "calib/calib.h",
@@ -146,13 +146,13 @@ TEST(Rooms, station_knows_only_the_vocabulary) {
 }
 
 TEST(Rooms, show_no_library_but_eigen_in_their_headers) {
-  // Headers of the C and C++ standard libraries and of POSIX; everything else in <> is a library's.
+  // Headers of the C and C++ standard libraries and of POSIX; every other <> include is from a library.
   static const std::set<std::string> kPosix = {"fcntl.h",         "netinet/in.h",  "poll.h",
                                                "pthread.h",       "sys/eventfd.h", "sys/stat.h",
                                                "sys/sysmacros.h", "sys/types.h",   "unistd.h"};
   for (const auto& [room, allowed] : kMayInclude)
     for (const fs::path& file : sources_of(room)) {
-      // algo/lanes-inl.h is compiled into .cpp files once for each instruction set; nobody sees it as a header.
+      // algo/lanes-inl.h is compiled into .cpp files once for each instruction set; it is not used as a header.
       const bool inlined = file.stem().string().ends_with("-inl");
       if (file.extension() != ".h" || inlined) continue;
       for (const Include& include : includes_of(file)) {

@@ -10,7 +10,7 @@
 namespace slabd {
 namespace {
 
-/// Points over 350 x 500 mm, 600 mm before the scanner, each put through `change`.
+/// Points over 350 x 500 mm, 600 mm in front of the scanner, each transformed by `change`.
 template <typename Change>
 ScanPlace place_of(const Change& change) {
   std::vector<float> xyz;
@@ -47,7 +47,7 @@ TEST(ScanPlace, extent_and_median_leave_out_strays_and_missing_points) {
   EXPECT_EQ(place.extent().y(), 0.0);
   EXPECT_EQ(place.median.z(), 600.0);
   EXPECT_EQ(scan_place({}).points, 0U);
-  // Nearly two samples' worth of points: the last ones count, too.
+  // Almost two samples of points: the last points must be included.
   std::vector<float> line;
   for (std::size_t i = 0; i < 2 * kScanPlaceSample - 1; ++i)
     line.insert(line.end(), {static_cast<float>(i), 5.0F, 600.0F});
@@ -88,7 +88,7 @@ TEST(ScanPlace, a_scan_in_the_base_frame_is_named_in_mm_and_in_metres) {
   };
   EXPECT_TRUE(says(doubt(place_of(in_base(1.0))), "where the block stands in the base frame; give the points"));
   EXPECT_TRUE(says(doubt(place_of(in_base(1000.0))), "in metres it lies where the block stands in the base frame"));
-  // Offline the block's own frame is the base: a scan in metres lies near its origin, too, but is far too small.
+  // Offline the base is the block's own frame. A scan in metres is near its origin too, but far too small.
   ExpectedPlace offline = expected();
   offline.base_mm = Vec3::Zero();
   offline.base_name = "block's";

@@ -47,7 +47,7 @@ Pose some_pose(Prng& random) {
   return pose;
 }
 
-/// Accepted balls of the certificate under a pose, each off by `noise_mm` per axis, in reverse order.
+/// Accepted balls of the certificate at a pose, each with `noise_mm` per axis, in reverse order.
 std::vector<BallReport> seen_from(const Pose& T_scanner_target, const ArtefactCertificate& c, double noise_mm,
                                   Prng& random) {
   std::vector<BallReport> balls;
@@ -105,7 +105,7 @@ TEST(Certificate, refuses_what_is_not_right_with_file_and_line) {
   expect_error(without("ball = 60"), "2 balls");
   expect_error(with("60.003 170.021 -12.5", "80 3 0"), "lie on a line");
   expect_error(with("60.003 170.021 -12.5", "100.006 170.021 0"), "cannot be told apart");
-  // Cut off anywhere before its third ball it is no certificate.
+  // A certificate truncated before its third ball is invalid.
   const std::string whole = kText;
   for (std::size_t length = 0; length <= whole.rfind("ball ="); ++length)
     EXPECT_FALSE(parse_certificate(whole.substr(0, length), "a.cert").ok()) << length;
@@ -172,7 +172,7 @@ TEST(Artefact, covariance_is_the_scatter_of_the_pose) {
   TargetPose target;
   target.T_scanner_target = truth;
   target.covariance = promised;
-  // The balls' own mean is known best; far away the rotation counts.
+  // The centroid of the balls is the most accurate point; far away the rotation dominates.
   EXPECT_LT(target.sigma_mm(Vec3(86.0, 57.0, -4.0)), 0.0062);
   EXPECT_GT(target.sigma_mm(Vec3(1000.0, 0.0, 0.0)), 0.03);
 }
@@ -197,13 +197,13 @@ TEST(Artefact, refuses_with_the_reason) {
   balls[0].centre_mm += Vec3(1.0, 0.0, 0.0);
   expect_refused(locate_artefact(balls, c, {}), ArtefactRefusal::no_match);
 
-  // A ball that came loose: distances still within their limit, residual not.
+  // A loose ball: distances are still within their limit, but the residual is not.
   balls = seen_from(pose, c, 0.001, random);
   const Vec3 towards = (balls[1].centre_mm - balls[2].centre_mm).normalized();
   balls[1].centre_mm += 0.2 * towards;
   expect_refused(locate_artefact(balls, c, {}), ArtefactRefusal::residual);
 
-  // All lengths 700 ppm too long.
+  // All lengths are 700 ppm too long.
   balls = seen_from(pose, c, 0.0, random);
   for (BallReport& ball : balls) ball.centre_mm *= 1.0007;
   const ArtefactReport stretched = locate_artefact(balls, c, {});
@@ -246,7 +246,7 @@ TEST(Artefact, is_measured_from_a_scan_and_its_mirror_image_is_not_taken) {
   const Result<ArtefactReport> mirrored = find_artefact(scan_of(true), c, settings);
   ASSERT_TRUE(mirrored.ok());
   EXPECT_EQ(mirrored.value().refusal, ArtefactRefusal::residual) << mirrored.value().words.reason.view();
-  // Three of the four alone are not enough.
+  // Three of the four alone are not sufficient.
   ArtefactCertificate five = c;
   five.balls_mm.emplace_back(-60.0, -40.0, 0.0);
   const Result<ArtefactReport> incomplete = find_artefact(scan_of(false), five, settings);

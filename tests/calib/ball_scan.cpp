@@ -37,7 +37,7 @@ std::vector<double> smooth(std::vector<double> field, std::size_t width, std::si
     power += weights.back() * weights.back();
   }
   for (double& w : weights) w /= std::sqrt(power);
-  // The grid wraps around: every place has the same variance.
+  // The grid is periodic, so that all places have the same variance.
   const auto wrapped = [](int i, std::size_t n) {
     const int size = static_cast<int>(n);
     return static_cast<std::size_t>(((i % size) + size) % size);

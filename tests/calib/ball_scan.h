@@ -7,8 +7,8 @@
 
 #include "base/base.h"
 
-/// Scans of balls for the tests of ball finding: rays from the origin over a grid, the nearest of spheres, upright
-/// cylinders and planes, noise along the ray. Plain and slow, so that it can be checked by reading.
+/// Scans of balls for tests of ball finding. Rays from the origin over a grid meet the nearest of spheres, upright
+/// cylinders and planes, with noise along the ray. Simple and slow, so that it can be verified by reading.
 namespace slabd::calib {
 
 struct SceneBall {
@@ -29,19 +29,20 @@ struct BallScene {
   std::vector<SceneBall> balls;
   std::vector<ScenePost> posts;
   std::vector<ScenePlane> planes;
-  double pitch_mm = 0.3;  ///< of rays at `distance_mm`
+  double pitch_mm = 0.3;  ///< distance of the rays at `distance_mm`
   double distance_mm = 500.0;
-  double half_width_mm = 100.0;  ///< of the picture there
+  double half_width_mm = 100.0;  ///< half width of the picture there
   bool parallel = false;
   double noise_mm = 0.05;       ///< along the ray
-  double correlation_mm = 0.0;  ///< its length (Gaussian) at `distance_mm`; 0 = white
-  double flyer_share = 0.0;     ///< of the pixels next to an edge
+  double correlation_mm = 0.0;  ///< correlation length of the noise (Gaussian) at `distance_mm`; 0: white
+  double flyer_share = 0.0;     ///< share of the pixels next to an edge
   double missing_share = 0.0;
-  double hidden_beyond_x_mm = std::numeric_limits<double>::infinity();  ///< picture x from which a plate hides all
+  /// Picture x beyond which a plate hides everything
+  double hidden_beyond_x_mm = std::numeric_limits<double>::infinity();
   std::uint64_t seed = 1;
 };
 
-/// 3 floats a point, NaN for missing ones; row by row.
+/// Draws the scene: 3 floats per point, NaN for missing ones; row by row.
 [[nodiscard]] std::vector<float> draw(const BallScene& scene);
 
 }  // namespace slabd::calib

@@ -18,7 +18,7 @@ BallSettings settings(double radius_mm = kRadius) {
   return s;
 }
 
-/// A ball on its post above a table, a little off the middle, different for every seed.
+/// A ball on its post above a table, slightly off centre, different for every seed.
 BallScene scene_of(std::uint64_t seed) {
   BallScene scene;
   scene.seed = seed;
@@ -40,7 +40,7 @@ BallView view_of(const BallScene& scene, const BallSettings& s = settings()) {
   return view ? view.value() : BallView{};
 }
 
-/// The only ball, accepted.
+/// Report of the only ball, which must be accepted.
 BallReport ball_of(const BallScene& scene, const BallSettings& s = settings()) {
   const BallView view = view_of(scene, s);
   EXPECT_TRUE(view.ok()) << view.words.reason.view();
@@ -54,7 +54,7 @@ void expect_refused(const BallView& view, BallRefusal why) {
   EXPECT_FALSE(view.words.cure.empty());
 }
 
-/// Errors of many seeds across and along the view (um), and what the covariances promised.
+/// Errors over many seeds across and along the view (um), and the values predicted by the covariances.
 struct Spread {
   Vec3 bias_um = Vec3::Zero();
   Vec3 sd_um = Vec3::Zero();
@@ -141,7 +141,8 @@ TEST(Ball, is_found_among_posts_walls_tables_and_other_balls) {
     const Vec3 c = scene.balls[0].centre_mm;
     scene.balls.push_back({c + Vec3(70.0, 10.0, 40.0), 12.7});
     scene.balls.push_back({c + Vec3(-70.0, 30.0, 50.0), 25.4});
-    scene.posts.push_back({c + Vec3(60.0, -60.0, 20.0), c + Vec3(60.0, 40.0, 21.0), kRadius});  // of the same radius
+    // A post of the same radius
+    scene.posts.push_back({c + Vec3(60.0, -60.0, 20.0), c + Vec3(60.0, 40.0, 21.0), kRadius});
     scene.planes.push_back({Vec3(1.0, 0.0, 0.05).normalized(), 120.0});
     scene.planes.push_back({Vec3(0.0, 1.0, 0.02).normalized(), 90.0});
     const BallReport ball = ball_of(scene);
@@ -183,7 +184,7 @@ TEST(Ball, a_radius_that_is_off_by_less_than_its_gate_shows_over_many_views) {
   for (std::uint64_t seed = 1; seed <= 6; ++seed) {
     const BallScene scene = scene_of(seed);
     right.push_back(ball_of(scene));
-    wrong.push_back(ball_of(scene, settings(kRadius + 0.03)));  // accepted, each by itself
+    wrong.push_back(ball_of(scene, settings(kRadius + 0.03)));  // accepted individually
   }
   const RadiusCheck quiet = check_radius(right, settings());
   EXPECT_FALSE(quiet.suspicious);
@@ -193,7 +194,7 @@ TEST(Ball, a_radius_that_is_off_by_less_than_its_gate_shows_over_many_views) {
   EXPECT_NEAR(loud.shift_mm, 0.03 * wrong[0].shift_per_radius.norm(), 0.005);
   EXPECT_NE(loud.words.reason.view().find("too far from"), std::string_view::npos) << loud.words.reason.view();
   EXPECT_FALSE(loud.covered);
-  // A certificate that is not sure of the radius either silences nothing.
+  // An uncertain radius in the certificate does not suppress the warning.
   BallSettings unsure = settings(kRadius + 0.03);
   unsure.radius_sigma_mm = 0.025;
   const RadiusCheck covered = check_radius(wrong, unsure);
@@ -308,7 +309,7 @@ TEST(BallRefusals, more_scatter_than_the_scanner_has_is_refused) {
 
 TEST(BallRefusals, dirt_all_over_the_ball_is_refused) {
   std::vector<float> xyz = draw(scene_of(8));
-  for (std::size_t i = 2; i < xyz.size(); i += 15) xyz[i] -= 0.35F;  // every fifth point stands out
+  for (std::size_t i = 2; i < xyz.size(); i += 15) xyz[i] -= 0.35F;  // every fifth point protrudes
   expect_refused(find_balls(xyz, settings()).value(), BallRefusal::spoiled);
 }
 

@@ -25,7 +25,7 @@ TEST(Commissioning, splices_flange_and_scanner) {
   const auto calibration = commissioning(kGood, kNoValue, kNoValue);
   ASSERT_TRUE(calibration.ok());
   const Pose T_base_flange{Quat(0.0, 1.0, 0.0, 0.0), Vec3(1000.0, 0.0, 900.0)};
-  // The flange looks down: 150 mm along its Z is 150 mm less height.
+  // The flange looks down, so 150 mm along its Z reduces the height by 150 mm.
   EXPECT_LT((splice(calibration.value(), T_base_flange).translation_mm - Vec3(1010.0, 20.0, 750.0)).norm(), 1e-9);
   EXPECT_FALSE(has_value(calibration.value().station_sigma_mm));
 }

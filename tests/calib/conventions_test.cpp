@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Poses that mean something else than they say are refused, and the name of what they mean is given.
+// Poses with another meaning than stated are rejected, and the message contains the actual meaning.
 #include "calib/conventions.h"
 
 #include <gtest/gtest.h>
@@ -164,8 +164,8 @@ TEST(Conventions, noise_beyond_what_is_stated_is_no_misreading) {
 }
 
 TEST(Conventions, invariants_of_motions_show_where_a_mistake_is) {
-  // As on a real robot: the angles agree although rotations are transposed, angles and pitch although the target is
-  // inverted; units show in the pitch, Euler orders in the angle.
+  // As on a real robot: the angles agree for transposed rotations, angles and pitch agree for an inverted target. Units
+  // appear in the pitch, Euler orders in the angle.
   scene::Plan plan;
   plan.views = 20;
   const scene::Set set = scene::make(ArtefactKind::pose, plan, 9);
@@ -185,8 +185,8 @@ TEST(Conventions, invariants_of_motions_show_where_a_mistake_is) {
   EXPECT_GT(metres.pitch_mismatch_mm, 10.0);
 }
 
-/// A mirrored cloud: balls as they are seen in it, and the pose of an artefact as a rigid fit finds it there, which is
-/// that of the artefact's mirror image (F: a reflection of the artefact in its own plane).
+/// Mirrors a cloud: balls as they appear in it, and the pose of an artefact as found by a rigid fit. That pose is the
+/// one of the artefact's mirror image (F: a reflection of the artefact in its own plane).
 void mirror(View& view, int axis) {
   Mat3 M = Mat3::Identity();
   M(axis, axis) = -1.0;
@@ -211,7 +211,7 @@ TEST(Conventions, a_mirrored_cloud_is_named_with_its_axis) {
         EXPECT_FALSE(result.ok) << what;
         ASSERT_EQ(result.reasons.size(), 1U) << what << ": " << result.reasons[0].text;
         EXPECT_EQ(result.reasons[0].code, Refusal::handedness) << what << ": " << result.reasons[0].text;
-        // x and y are half a turn about z apart; a mirrored z puts the artefact behind the scanner.
+        // x and y differ by a half turn about z; a mirrored z places the artefact behind the scanner.
         EXPECT_NE(result.reasons[0].text.find(axis == 2 ? "z axis is mirrored" : "x axis is mirrored"),
                   std::string::npos)
             << what << ": " << result.reasons[0].text;
@@ -222,7 +222,7 @@ TEST(Conventions, balls_in_one_plane_of_the_view_do_not_prove_the_handedness) {
   for (const bool mirrored : {false, true}) {
     scene::Plan plan;
     scene::Set set = scene::make(ArtefactKind::ball, plan, 5);
-    // The robot drove so that the ball was 600 mm away every time.
+    // All views have the ball at a distance of 600 mm.
     for (View& view : set.views) {
       const double off_mm = 600.0 - view.balls[0].centre_mm.z();
       const Quat R = view.T_base_flange.rotation * set.T_flange_scanner.rotation;
@@ -268,7 +268,8 @@ TEST(Conventions, one_answer_given_twice_is_a_warning_and_its_view_is_left_out) 
 }
 
 TEST(Conventions, a_cure_never_proposes_what_the_table_declares) {
-  // The file says T_target_scanner and holds T_scanner_target: what was read is the inverse of what was meant.
+  // The file declares T_target_scanner but contains T_scanner_target, so the poses read are the inverse of the intended
+  // ones.
   scene::Plan plan;
   scene::Set set = scene::make(ArtefactKind::pose, plan, 21);
   for (View& view : set.views) view.T_scanner_target = view.T_scanner_target.inverse();
@@ -281,7 +282,7 @@ TEST(Conventions, a_cure_never_proposes_what_the_table_declares) {
       << result.reasons[0].text;
   EXPECT_EQ(result.reasons[0].cure, "declare what it holds: # format: frames=T_scanner_target");
 
-  // Metres declared, millimetres written.
+  // Declared in metres, written in millimetres.
   set = scene::make(ArtefactKind::ball, plan, 22);
   for (View& view : set.views) view.T_base_flange.translation_mm *= kMmPerM;
   settings.declared.flange = PoseFormat{.metres = true, .declared = true};
@@ -298,7 +299,7 @@ TEST(Conventions, rows_that_slide_after_a_failed_picture_are_named_by_their_line
         scene::Plan plan;
         plan.views = 20;
         const scene::Set set = scene::make(kind, plan, 17);
-        // `line` has lost its target, or its flange pose; the last line of the other table is gone.
+        // `line` has lost its target, or its flange pose; the last line of the other table is removed.
         std::vector<View> views(set.views.begin(), set.views.end() - 1);
         for (std::size_t i = line - 1; i < views.size(); ++i) {
           if (flange_too_many) {
@@ -321,7 +322,7 @@ TEST(Conventions, rows_that_slide_after_a_failed_picture_are_named_by_their_line
 }
 
 TEST(Conventions, a_reading_is_proposed_only_if_it_fits_to_the_stated_noise) {
-  // Targets that belong to nothing: no reading is right, and none is proposed, whatever is the least bad one.
+  // Targets of another set: no reading is right, and none is proposed, including the best one.
   for (const ArtefactKind kind : {ArtefactKind::ball, ArtefactKind::pose})
     for (std::uint64_t seed = 1; seed <= 6; ++seed) {
       scene::Plan plan;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Suggestions: whoever follows nothing but them ends with a calibration that passes every gate, from a start that is
-// 30 mm and 10 degrees off, and with a better one than the usual advice gives.
+// Suggestions: an operator who follows only them obtains a calibration that passes every gate, from a start with an
+// error of 30 mm and 10 degrees. The calibration is better than one by the usual advice.
 #include <gtest/gtest.h>
 
 #include "driven.h"
@@ -24,7 +24,7 @@ TEST_P(FollowedSuggestions, reach_a_solution_that_passes_every_gate) {
   const Cell cell = cell_for(GetParam());
   for (const std::uint64_t seed : {1U, 2U, 3U, 4U}) {
     const Pose start = driven::bad_start(cell, 30.0, 10.0, seed);
-    // 20 views of which 3 are held out.
+    // 20 views, of which 3 are held out.
     const Driven driven = driven::follow(cell, GetParam(), 17, start, seed);
     ASSERT_EQ(driven.views.size(), 17U) << "seed " << seed;
     EXPECT_LE(driven.missed, 1) << "seed " << seed << ": the target was not in the picture";
@@ -74,7 +74,7 @@ TEST(Coverage, suggestions_stay_within_reach_and_never_nearer_than_the_field_of_
     EXPECT_GE(guide.next->target_scanner.z(), cell.settings.fov.near_mm);
     EXPECT_LE(guide.next->target_scanner.z(), cell.settings.fov.far_mm);
     EXPECT_LE(guide.next->tilt_deg, 35.0);
-    // As long as the scanner's place is a guess, the ball is not sent to the picture's edge.
+    // While the scanner's pose is a guess, the ball is not placed at the edge of the picture.
     EXPECT_LE(std::abs(guide.next->target_scanner.x()) + guide.next->place_sigma_mm, 1.3 * cell.settings.fov.half_x_mm);
     ASSERT_TRUE(driven::take(cell, ArtefactKind::ball, guide.next->T_base_flange, random, views)) << "view " << i;
   }

@@ -7,8 +7,8 @@
 
 #include "calib/calib.h"
 
-/// A calibration driven view by view in a cell with known truth: an operator who follows the suggestions, or who tilts
-/// and turns as the usual advice says.
+/// A calibration driven view by view in a cell with known truth. The operator follows the suggestions, or tilts and
+/// turns by the usual advice.
 namespace slabd::calib::driven {
 
 struct Cell {
@@ -16,7 +16,7 @@ struct Cell {
   Pose T_base_target{Quat::Identity(), Vec3(1500.0, 200.0, 600.0)};
   StatedNoise noise;
   CoverageSettings settings;
-  double picture_half_mm = 150.0;  ///< beyond it the target is cut off and the view refused
+  double picture_half_mm = 150.0;  ///< beyond it the target is cut off and the view is rejected
 };
 
 inline double within(Prng& random, double amplitude) {
@@ -30,7 +30,7 @@ inline Quat small_turn(const Vec3& v) {
       Eigen::AngleAxisd(v.norm(), Eigen::Vector3d(v.norm() > 0.0 ? Vec3(v.normalized()) : Vec3(Vec3::UnitX()))));
 }
 
-/// A start that is `off_mm` and `off_deg` from the truth, in a direction that the seed decides.
+/// A start with an error of `off_mm` and `off_deg` in a direction determined by the seed.
 inline Pose bad_start(const Cell& cell, double off_mm, double off_deg, std::uint64_t seed) {
   Prng random(seed * 977 + 5);
   Pose start = cell.T_flange_scanner;
@@ -39,7 +39,7 @@ inline Pose bad_start(const Cell& cell, double off_mm, double off_deg, std::uint
   return start;
 }
 
-/// What the scanner sees when the robot has gone to `T_base_flange`; false: not whole in the picture.
+/// Adds the view of the scanner with the robot at `T_base_flange`; false if the target is not complete in the picture.
 inline bool take(const Cell& cell, ArtefactKind kind, const Pose& T_base_flange, Prng& random,
                  std::vector<View>& views) {
   View view;
@@ -65,7 +65,7 @@ inline bool take(const Cell& cell, ArtefactKind kind, const Pose& T_base_flange,
   return true;
 }
 
-/// Where the target is in the view's middle, seen from straight above: how every calibration begins.
+/// Pose with the target in the middle of the view, seen from straight above: the beginning of every calibration.
 inline Pose first_pose(const Cell& cell) {
   const Quat down(Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitX()));
   const double depth_mm = 0.5 * (cell.settings.fov.near_mm + cell.settings.fov.far_mm);
@@ -75,10 +75,10 @@ inline Pose first_pose(const Cell& cell) {
 
 struct Driven {
   std::vector<View> views;
-  int missed = 0;  ///< suggestions where the target was not in the picture
+  int missed = 0;  ///< suggestions for which the target was not in the picture
 };
 
-/// Follows every suggestion, as well as an operator does: 5 mm and 1 degree.
+/// Follows every suggestion with an operator's accuracy: 5 mm and 1 degree.
 inline Driven follow(const Cell& cell, ArtefactKind kind, std::size_t count, const Pose& start, std::uint64_t seed) {
   Prng random(seed * 131 + 7);
   Driven driven;
@@ -94,8 +94,8 @@ inline Driven follow(const Cell& cell, ArtefactKind kind, std::size_t count, con
   return driven;
 }
 
-/// The usual advice: tilts of 20 to 35 degrees to all sides, rolls of +-90, the target in corners and middle, near, mid
-/// and far, all at random.
+/// Follows the usual advice: random tilts of 20 to 35 degrees to all sides, and rolls of +-90. The target is in corners
+/// and middle, near, mid and far.
 inline Driven advice(const Cell& cell, ArtefactKind kind, std::size_t count, std::uint64_t seed) {
   Prng random(seed * 313 + 11);
   Driven driven;

@@ -19,7 +19,7 @@ Vec3 normal_vector(Prng& random, double sigma) {
   return Vec3(x, y, z) * sigma;
 }
 
-/// A small motion with normally distributed parts.
+/// A small motion with normally distributed components.
 Pose small_motion(Prng& random, double mm, double rad) {
   const Vec3 shift = normal_vector(random, mm);
   const Vec3 r = normal_vector(random, rad);
@@ -160,7 +160,7 @@ struct Model {
   [[nodiscard]] int parameters() const {
     return kind == ArtefactKind::pose ? 12 : 6 + 3 * static_cast<int>(set.targets.size());
   }
-  /// In the base frame: where X and the robot put the target, minus where it is.
+  /// Residual in the base frame: the target's place by X and the robot, minus its true place.
   [[nodiscard]] Eigen::VectorXd residual(std::size_t i, const Eigen::VectorXd& x) const {
     const View& view = set.views[i];
     const Pose X = pose(set.T_flange_scanner, x, 0);
@@ -190,7 +190,7 @@ struct Model {
   }
 };
 
-/// Covariance of the residual of a view by moving every error source a little, base frame.
+/// Covariance of a view's residual, computed by a small change of every error source, base frame.
 Eigen::MatrixXd covariance_of(const Model& model, std::size_t i, const StatedNoise& noise) {
   const Eigen::VectorXd x = Eigen::VectorXd::Zero(model.parameters());
   const Eigen::VectorXd before = model.residual(i, x);
@@ -228,7 +228,7 @@ Pose reference(ArtefactKind kind, const Set& set, const StatedNoise& noise) {
     const Eigen::LLT<Eigen::MatrixXd> cholesky(C);
     model.roots.push_back(cholesky.matrixL().solve(Eigen::MatrixXd::Identity(C.rows(), C.rows())));
   }
-  // Gauss-Newton from the truth with central differences; the truth is near.
+  // Gauss-Newton from the truth, which is close, with central differences.
   Eigen::VectorXd x = Eigen::VectorXd::Zero(model.parameters());
   constexpr int kSteps = 12;
   for (int step = 0; step < kSteps; ++step) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The solver against planted truth and against an optimum computed by other means.
+// Compares the solver with known truth and with an optimum computed by other means.
 #include "calib/hand_eye.h"
 
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ std::string told(const HandEye& result) {
   return text;
 }
 
-/// rms error in the field of view over that of the optimum, over `seeds` sets.
+/// Ratio of the rms error in the field of view to that of the optimum, over `seeds` sets.
 double ratio_to_reference(ArtefactKind kind, const Plan& plan, int seeds) {
   double ours = 0.0;
   double best = 0.0;
@@ -109,7 +109,7 @@ TEST(HandEye, covariance_and_predicted_error_are_true) {
       errors += std::pow(scene::point_error_mm(result.T_flange_scanner, set.T_flange_scanner), 2) / kSeeds;
       predicted += std::pow(result.predicted_point_sigma_mm, 2) / kSeeds;
     }
-    // Six expected, 0.45 the standard deviation of the mean; max(1, s0) makes it smaller.
+    // Expected are six with a standard deviation of the mean of 0.45; max(1, s0) reduces it.
     EXPECT_GT(chi2, 4.2) << name(kind);
     EXPECT_LT(chi2, 7.4) << name(kind);
     EXPECT_NEAR(std::sqrt(predicted / errors), 1.06, 0.17) << name(kind);
@@ -223,7 +223,7 @@ TEST(HandEye, stated_noise_that_is_wrong_is_refused_but_x_stays_right) {
 }
 
 TEST(HandEye, accuracy_stated_as_noise_is_said_and_does_not_forbid_the_use) {
-  // Neighbouring poses share most of a smooth error: the scatter is a part of what was stated in good faith.
+  // Neighbouring poses share most of a smooth error, so the scatter is only a part of the stated accuracy.
   Plan plan = plan_of(15);
   plan.robot_mm = 0.06;
   plan.smooth_mm = 0.7;
@@ -260,7 +260,8 @@ TEST(HandEye, tilts_to_all_sides_without_a_roll_are_enough_and_a_roll_is_advised
 }
 
 TEST(HandEye, positions_and_rotations_are_weighed_by_what_they_are) {
-  // Rotations ten times as noisy as stated: weighed as stated they spoil X, weighed by what they are they do not.
+  // Rotations are ten times as noisy as stated. Weighted as stated they degrade X, weighted by their actual noise they
+  // do not.
   Plan plan = plan_of(25, 0.1);
   plan.robot_deg = 0.1;
   StatedNoise wrong = plan.noise();
@@ -280,7 +281,7 @@ TEST(HandEye, positions_and_rotations_are_weighed_by_what_they_are) {
 }
 
 TEST(HandEye, a_robot_that_errs_anew_is_weighed_with_its_lever) {
-  // Independent turns of the flange carry the target along, and weights that know it are the best there are.
+  // Independent turns of the flange move the target too, and weights that include this are the best.
   const Plan plan = plan_of(20, 0.7);
   double ours = 0.0;
   double best = 0.0;
@@ -299,8 +300,8 @@ TEST(HandEye, a_robot_that_errs_anew_is_weighed_with_its_lever) {
 }
 
 TEST(HandEye, turns_that_carry_nothing_are_found_out) {
-  // What is stated of the robot is the sighting's: the same size of turns, but none of them over the lever. Many views
-  // show it in the sizes of the residuals, few by what they miss.
+  // The stated noise belongs to the sighting, not to the robot: turns of the same size, but without the lever. Many
+  // views show this in the sizes of the residuals, few views only in the leave-one-out error.
   for (const std::size_t views : {std::size_t{8}, std::size_t{20}}) {
     Plan plan = plan_of(views, 0.05);
     plan.robot_deg = 0.0;
@@ -341,7 +342,7 @@ TEST(HandEye, turns_that_carry_nothing_are_found_out) {
 }
 
 TEST(HandEye, a_few_poses_seen_again_and_again_are_no_more_than_a_few_poses) {
-  // They fit each other to the scanner's noise, and what fits may be anywhere.
+  // They agree to the scanner's noise, but the result may be anywhere.
   const Plan plan = plan_of(5, 0.017);
   for (const ArtefactKind kind : kKinds)
     for (std::uint64_t seed = 1; seed <= 20; ++seed) {
@@ -365,8 +366,8 @@ TEST(HandEye, a_few_poses_seen_again_and_again_are_no_more_than_a_few_poses) {
     }
 }
 
-/// `times` views from every pose of a set. The robot errs at a pose by `shared_mm` every time and by `anew_mm` besides,
-/// the target's noise is always drawn anew.
+/// `times` views from every pose of a set. The robot has the same error `shared_mm` at a pose every time and in
+/// addition an independent one of `anew_mm`. The target's noise is always independent.
 Set repeated(ArtefactKind kind, const Plan& plan, double shared_mm, double anew_mm, std::size_t times,
              std::uint64_t seed) {
   Plan once = plan;
@@ -398,11 +399,11 @@ Set repeated(ArtefactKind kind, const Plan& plan, double shared_mm, double anew_
 TEST(HandEye, repeats_of_a_pose_are_worth_what_they_have_of_their_own) {
   struct Case {
     double shared_mm, anew_mm;
-    double share;  ///< of the variance of positions
+    double share;  ///< share of the variance of positions
   };
   constexpr std::array kCases = {
-      Case{0.06, 0.0, 0.97},  // the robot stands, and scans are taken
-      Case{0.0, 0.06, 0.0},   // it goes away and errs anew every time
+      Case{0.06, 0.0, 0.97},  // the robot stands still while scans are taken
+      Case{0.0, 0.06, 0.0},   // the robot leaves and has an independent error every time
       Case{0.042, 0.042, 0.49},
   };
   constexpr int kSeeds = 24;
@@ -423,7 +424,7 @@ TEST(HandEye, repeats_of_a_pose_are_worth_what_they_have_of_their_own) {
           return warning.find("48 views from 8 poses") != std::string::npos;
         })) << seed;
       }
-      // Taken as independent they are 2.1 to 2.6, 1 and 1.6 to 1.8. max(1, s0) makes it smaller; 24 sets know it to a
+      // Treated as independent they are 2.1 to 2.6, 1 and 1.6 to 1.8. max(1, s0) reduces it; 24 sets determine it to a
       // tenth.
       EXPECT_NEAR(std::sqrt(errors / predicted), 0.95, 0.2) << name(kind) << " " << c.shared_mm;
       EXPECT_NEAR(share, c.share, 0.12) << name(kind) << " " << c.shared_mm;
@@ -446,7 +447,7 @@ TEST(HandEye, copies_of_views_are_worth_one) {
 }
 
 TEST(HandEye, balls_seen_once_add_nothing_and_what_is_left_must_be_more_than_enough) {
-  // Two balls seen twice determine X to the last equation: the first view is 27 mm off, and everything fits.
+  // Two balls seen twice determine X without redundancy: the first view has an error of 27 mm, and everything fits.
   constexpr std::array<std::size_t, 8> kSeen = {0, 0, 1, 1, 2, 3, 4, 5};
   Plan plan = plan_of(kSeen.size());
   plan.balls = 6;
@@ -469,7 +470,7 @@ TEST(HandEye, balls_seen_once_add_nothing_and_what_is_left_must_be_more_than_eno
 }
 
 TEST(HandEye, one_view_that_decides_is_named) {
-  // The smallest sets that are allowed: by chance one of a hundred hangs on a single view.
+  // The smallest allowed sets: by chance one of a hundred depends on a single view.
   const Plan plan = plan_of(6);
   int refused = 0;
   for (std::uint64_t seed = 1000; seed < 1100; ++seed) {
@@ -544,7 +545,7 @@ TEST(HandEye, own_covariances_of_sightings_are_used) {
     const Plan plan = plan_of(12, 0.0);
     Set set = make(kind, plan, 14);
     for (std::size_t i = 0; i < set.views.size(); i += 2) {
-      // Half of the views are a hundred times worse, and say so.
+      // Half of the views are a hundred times worse, and their covariances state it.
       const double bad_mm = 1.0;
       if (kind == ArtefactKind::ball) {
         set.views[i].balls[0].centre_mm += Vec3(0.8, -0.5, 0.9);
@@ -569,7 +570,7 @@ TEST(HandEye, what_is_no_set_of_views_is_an_error) {
   StatedNoise none;
   none.robot_mm = none.target_mm = 0.0;
   EXPECT_FALSE(solve(ArtefactKind::ball, set.views, none).ok());
-  // Their squares are no numbers any more.
+  // Their squares underflow.
   for (const double tiny : {1e-155, 1e-158, 1e-160, 1e-162}) {
     none.robot_mm = none.target_mm = tiny;
     none.robot_rad = 0.0;
@@ -611,7 +612,7 @@ TEST(HandEye, a_shift_that_all_views_share_moves_x_as_told) {
     const Plan plan = plan_of(15);
     const Set set = make(kind, plan, 31);
     const HandEye before = solved(kind, set, plan);
-    // As a radius that is certified 0.01 mm too large moves the centres.
+    // Shifts as caused by a radius that is certified 0.01 mm too large.
     Set moved = set;
     std::vector<Vec3> shifts;
     for (View& view : moved.views) {
@@ -647,7 +648,7 @@ TEST(HandEye, scale_is_diagnosed_against_a_certified_length) {
 
 TEST(HandEye, a_scale_of_the_scanner_is_fitted_named_beyond_three_sigmas_and_refused_when_it_is_large) {
   struct Case {
-    double scale;  ///< of what the scanner reports
+    double scale;  ///< scale of the scanner's values
     bool is_said, is_refused;
   };
   constexpr std::array kCases = {Case{1.0, false, false}, Case{1.001, true, false}, Case{0.999, true, false},
@@ -675,7 +676,7 @@ TEST(HandEye, a_scale_of_the_scanner_is_fitted_named_beyond_three_sigmas_and_ref
 }
 
 TEST(HandEye, a_robot_that_errs_smoothly_is_not_taken_for_a_scale) {
-  // 20 views know lambda to 0.1 to 0.3 % with a robot of 0.7 mm.
+  // 20 views determine lambda to 0.1 to 0.3 % with a robot of 0.7 mm.
   for (const ArtefactKind kind : kKinds)
     for (std::uint64_t seed = 1; seed <= 20; ++seed) {
       Plan plan = plan_of(20);
@@ -688,7 +689,7 @@ TEST(HandEye, a_robot_that_errs_smoothly_is_not_taken_for_a_scale) {
 }
 
 TEST(HandEye, rotation_spread_is_that_of_the_cone) {
-  // A cone of 35 deg with roll has about 25 deg as its smallest principal value.
+  // A cone of 35 deg with roll has a smallest principal value of about 25 deg.
   const Set set = make(ArtefactKind::ball, plan_of(400), 1);
   EXPECT_NEAR(rotation_spread_axes_deg(set.views)[2], 24.5, 2.0);
   EXPECT_NEAR(ball_spread_axes_mm(set.views)[0], 200.0 / std::sqrt(12.0), 4.0);
@@ -701,7 +702,7 @@ TEST(Adjustment, derivatives_are_those_of_differences) {
     const Set set = make(kind, plan, 3);
     const Equations equations(kind, set.views);
     State state{set.T_flange_scanner, set.targets};
-    // Away from the solution, so that the rotation residual is not small.
+    // Far from the solution, so that the rotation residual is not small.
     state.X.rotation = state.X.rotation * exp_rotation(Vec3(0.2, -0.1, 0.3));
     Eigen::VectorXd r;
     Eigen::MatrixXd J;

@@ -128,7 +128,7 @@ TEST(Observations, several_balls_are_told_by_their_labels) {
   says("1 1 0 0 500\n1 1 0 0 500\n2 1 0 0 1\n", "t.txt:3: ball 1 for the second time in view 1");
   const auto gap = read("2 1 0 0 500\n");
   ASSERT_TRUE(gap.ok()) << gap.error().text.view();
-  ASSERT_EQ(gap.value().size(), 1U);  // the first pose saw nothing; the second keeps its number
+  ASSERT_EQ(gap.value().size(), 1U);  // the first pose has no sighting; the second keeps its number
   EXPECT_EQ(gap.value()[0].number, 2U);
   EXPECT_EQ(gap.value()[0].T_base_flange.translation_mm, Vec3(4, 5, 6));
   says("1 1 0 0 500\n2 3 0 0 500\n", "ball 2 is never seen");

@@ -123,7 +123,7 @@ TEST(SessionText, steps_solutions_and_verifications_come_back) {
   ASSERT_TRUE(solved_back.ok());
   EXPECT_TRUE(solved_back.value().ok);
   EXPECT_EQ(solved_back.value().numbers.T_flange_scanner.to_array(), solved.numbers.T_flange_scanner.to_array());
-  // A solution without its numbers is never one that may be applied.
+  // A solution without its numbers must never be applicable.
   solved.numbers.sigma_mm = kNoValue;
   EXPECT_FALSE(parse_solved(solved_text(solved), "solved.txt").value().ok);
   VerifiedRecord verified;

@@ -19,7 +19,7 @@ Pose small_motion(Prng& random, double mm, double rad) {
   return pose;
 }
 
-/// A slab of `stations` seats in two rows, a robot that is off differently at each, and rounds of visits.
+/// A slab of `stations` seats in two rows, a robot with a different error at each, and rounds of visits.
 struct Scene {
   explicit Scene(std::uint64_t seed = 1) : random(seed) {
     X.translation_mm = Vec3(0.0, 80.0, 150.0);
@@ -52,7 +52,7 @@ struct Scene {
     for (int k = 1; k <= 6; ++k) {
       const MasterStation& s = certificate.stations[static_cast<std::size_t>(k - 1)];
       StationVisit visit{k, "round " + std::to_string(round), flange(k), {}};
-      // Where the scanner really stands: robot error and repeatability about the seat.
+      // True pose of the scanner: robot error and repeatability about the seat.
       const Vec3 seat = T_base_slab * s.points_mm[0];
       Pose about;
       about.translation_mm = seat;
@@ -95,7 +95,7 @@ TEST(Stations, take_up_the_robots_error_and_leave_its_repeatability) {
   EXPECT_LT(s.after_rms_mm, 0.04);
   EXPECT_NEAR(s.pooled_sigma_mm, kRepeatMm, 0.005);
   EXPECT_EQ(s.degrees_of_freedom, 6 * 3 * 4);
-  // A visit nobody has seen yet, spliced with the correction, against the certificate where the slab was found to lie.
+  // A new visit, spliced with the correction, is compared with the certificate at the slab's estimated place.
   scene.visits.clear();
   double squares = 0.0;
   int count = 0;
@@ -127,7 +127,7 @@ TEST(Stations, what_the_certificate_may_be_wrong_by_is_claimed_too) {
   const double without_rad = scene.solve().stations[0].numbers.sigma_rad;
   scene.certificate.sigma_mm = 1.0;
   const StationCorrection c = scene.solve().stations[0].numbers;
-  // One visit now and the mean of five then: together they must hold the certificate's millimetre once.
+  // One visit and the mean of five must together contain the certificate's millimetre once.
   const double with2 = c.sigma_mm * c.sigma_mm * (1.0 + 1.0 / 5.0);
   EXPECT_NEAR(std::sqrt(with2 - without * without * (1.0 + 1.0 / 5.0)), 1.0, 1e-3);
   const double with2_rad = c.sigma_rad * c.sigma_rad * (1.0 + 1.0 / 5.0);
@@ -135,7 +135,7 @@ TEST(Stations, what_the_certificate_may_be_wrong_by_is_claimed_too) {
 }
 
 TEST(Stations, what_balls_may_be_certified_wrong_by_turns_a_station_by_how_they_stand) {
-  // One in a triangle, one almost on a line, 300 mm long and 50 mm wide; both have nearly the same rms distance.
+  // One set in a triangle, one almost on a line, 300 mm long and 50 mm wide; both have nearly the same rms distance.
   const std::vector<std::vector<Vec3>> kBalls = {
       {Vec3(-124.0, 0.0, 0.0), Vec3(62.0, 107.0, 0.0), Vec3(62.0, -107.0, 0.0)},
       {Vec3(-150.0, 0.0, 0.0), Vec3(150.0, 0.0, 0.0), Vec3(0.0, 50.0, 0.0)}};
@@ -146,7 +146,7 @@ TEST(Stations, what_balls_may_be_certified_wrong_by_turns_a_station_by_how_they_
     double turned = 0.0;  // rad^2, per axis
     double stated = 0.0;
     for (int set = 0; set < kSets; ++set) {
-      // A robot and a slab without any error, so that corrections turn by the certificate's errors alone.
+      // Robot and slab have no error, so that only the certificate's errors rotate the corrections.
       MasterCertificate certificate;
       certificate.frame = MasterCertificate::Frame::base;
       certificate.id = "balls";
@@ -187,7 +187,7 @@ TEST(Stations, a_slope_that_the_block_itself_contradicts_is_refused) {
   const double cant = std::atan(0.025);
   for (StationVisit& visit : scene.visits) visit.local_slope_rad = cant + rad_from_deg(0.01);
   EXPECT_TRUE(scene.solve().ok);
-  // Certified 0.12 degrees too flat: the correction would take it up, and every seat there would read as certified.
+  // Certified 0.12 degrees too flat: the correction would absorb it, and every seat there would read as certified.
   MasterStation& wrong = scene.certificate.stations[3];
   const double flat = cant - rad_from_deg(0.12);
   wrong = master_seat(4, wrong.points_mm[0], Vec3(0.0, std::sin(flat), std::cos(flat)),
@@ -243,7 +243,7 @@ TEST(Stations, a_slab_that_was_pushed_between_rounds_is_recognised) {
   Scene scene;
   for (StationVisit& visit : scene.visits)
     if (visit.round == "round 5") {
-      // The slab moves by 0.3 mm along base X: the scanner sees its points moved by the same, in its own axes.
+      // The slab moves by 0.3 mm along base X, so the scanner's points move by the same amount in its own axes.
       const Quat back = (visit.T_base_flange * scene.X).rotation.conjugate();
       for (Vec3& p : visit.points_mm) p += back * Vec3(0.3, 0.0, 0.0);
     }
@@ -284,7 +284,7 @@ TEST(Stations, visits_are_worth_nothing_once_the_scanner_has_moved_on_the_flange
     visit.hand_eye_id = "he-000000000001";
     visit.hand_eye = then;
   }
-  // Estimated anew, the scanner where it was: what they differ by cannot be told from a move, so it counts.
+  // A new estimate with the scanner unmoved: the difference cannot be distinguished from a move, so it is included.
   HandEyeNumbers now = then;
   now.T_flange_scanner.translation_mm.y() += 0.09;
   const auto anew = solve_stations(scene.certificate, scene.visits, now, {});
@@ -293,13 +293,13 @@ TEST(Stations, visits_are_worth_nothing_once_the_scanner_has_moved_on_the_flange
   const double before = scene.solve().stations[0].numbers.sigma_mm;
   const double share = 1.0 / (1.0 + 1.0 / 5.0);
   EXPECT_NEAR(anew.value().stations[0].numbers.sigma_mm, std::hypot(before, std::sqrt(share / 3.0) * 0.09), 1e-4);
-  // Moved: nothing else in the solution shows it.
+  // Moved: no other figure of the solution reveals it.
   now.T_flange_scanner.translation_mm.y() += 0.31;
   const auto moved = solve_stations(scene.certificate, scene.visits, now, {});
   ASSERT_TRUE(moved.ok());
   EXPECT_EQ(moved.value().reasons.size(), 1U);
   EXPECT_TRUE(refused_for(moved.value(), StationRefusal::scanner_moved));
-  // Turned about its own axis: the seat stays where it is.
+  // Rotated about its own axis: the place of the seat does not change.
   now = then;
   const Vec3 seat = scene.visits[0].points_mm[0];
   Pose about;
@@ -458,7 +458,7 @@ TEST(MasterCertificateText, faults_are_named_with_their_line) {
   EXPECT_NE(refusal(with(good, "ball = 2 1 202 3\n", "")).find("station 2 has 2 balls"), std::string::npos);
   EXPECT_NE(refusal(with(good, "ball = 2 1 202 3", "ball = 2 401 2 3")).find("near to each other or to a line"),
             std::string::npos);
-  // A long triangle of 20 mm has area enough, but no height.
+  // A long triangle with a height of 20 mm has enough area, but not enough height.
   EXPECT_NE(refusal(with(good, "ball = 2 1 202 3", "ball = 2 1 22 3")).find("near to each other or to a line"),
             std::string::npos);
   EXPECT_NE(refusal("nonsense\n").find("cert.txt:1: 'key = value' expected"), std::string::npos);

@@ -8,7 +8,7 @@ namespace {
 
 using Texts = std::vector<std::string>;
 
-/// The shortest configuration: everything else has a default.
+/// The shortest valid configuration; all other keys have defaults.
 constexpr const char* kShortest =
     "[cell]\n"
     "T_base_slab = [1000, 0, 500, 1, 0, 0, 0]\n"
@@ -358,7 +358,7 @@ TEST_F(ConfigTest, one_half_of_an_uncertainty_is_refused) {
   EXPECT_EQ(load(std::string(kShortest) + "station_sigma_deg = 0.001\n"),
             Texts{"slabd.toml:5:21: calibration.station_sigma_deg: found without station_sigma_mm; allowed are both or "
                   "neither"});
-  // Whoever takes the commissioning value out, because a calibration has been applied, may leave them.
+  // They may remain when the commissioning value is removed because a calibration has been applied.
   EXPECT_EQ(load("[cell]\nT_base_slab = [0,0,0,1,0,0,0]\n[calibration]\nstation_sigma_mm = 0.02\n"), Texts{});
 }
 
@@ -411,7 +411,7 @@ TEST_F(ConfigTest, what_nests_without_end_is_refused_before_it_is_read) {
                                   "x = " + std::string(40'000, '['), "x = " + std::string(40'000, '{')})
     EXPECT_EQ(load("[plc]\nlisten = \"0.0.0.0:1602\"\n" + deep + "\n"), Texts{"slabd.toml:3:1" + why});
   EXPECT_EQ(config_.plc.port, 1602) << "what stands above it counts";
-  // Dots in texts, comments and numbers nest nothing.
+  // Dots in texts, comments and numbers do not nest.
   const std::string dots(200, '.');
   std::string numbers = "[";
   for (int i = 0; i < 100; ++i) numbers += "0.5, ";
@@ -671,7 +671,7 @@ TEST_F(ConfigTest, installed_example_is_valid) {
 }
 
 TEST(EditDistance, agrees_with_its_definition) {
-  // The definition, spelled out recursively.
+  // Recursive definition.
   struct Slow {
     static std::size_t distance(std::string_view a, std::string_view b) {
       if (a.empty()) return b.size();

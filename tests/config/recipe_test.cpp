@@ -80,7 +80,7 @@ TEST_F(RecipeTest, p5600_geometry_is_the_reference) {
   EXPECT_EQ(e.cell_points_min, 12);
   EXPECT_EQ(e.cells_missing_max, 0.05);
   EXPECT_EQ(e.defect_sigmas, 5.0);
-  // First and last block where the reference puts them: x = -2520 + 630 (i - 1), y = +-758, z = 30.
+  // First and last block of the reference: x = -2520 + 630 (i - 1), y = +-758, z = 30.
   EXPECT_TRUE(T_slab_block(recipe_, 1).translation_mm.isApprox(Vec3(-2520, 758, 30)));
   EXPECT_TRUE(T_slab_block(recipe_, 18).translation_mm.isApprox(Vec3(-2520, -758, 30)));
 }
@@ -116,7 +116,7 @@ TEST_F(RecipeTest, recipe_without_uncertainty_keeps_the_items_own_U) {
   text = with(text, "defect_sigmas = 5.0 ", "# ");
   for (const std::string item : {"seat_lateral", "seat_vertical", "seat_spacing", "large_jaw_distance", "corner_level",
                                  "warp_left", "warp_right"}) {
-    // Required, and nothing would ever say how well it is known.
+    // The item is required, and its uncertainty would be undefined.
     const std::string header = "[items." + item + "]\n";
     EXPECT_THAT(load(text), ::testing::Contains(::testing::HasSubstr("items." + item + ".U: missing")));
     text = with(text, header, header + "U = 0.2\n");
@@ -166,7 +166,7 @@ TEST_F(RecipeTest, a_nominal_block_passes_every_item_of_p5600) {
     Item item = blank_item(recipe_, static_cast<ItemId>(i));
     if (!has_value(item.nominal)) continue;
     item.value = item.nominal;
-    if (!has_value(item.U)) item.U = 0.1;  // the station sigma's part
+    if (!has_value(item.U)) item.U = 0.1;  // contribution of the station sigma
     EXPECT_EQ(judge(item, recipe_.guard), Verdict::pass) << info(item.id).name;
   }
 }
@@ -197,14 +197,14 @@ TEST_F(RecipeTest, short_slabs_have_eight_pairs_in_the_middle_and_the_block_of_p
     EXPECT_EQ(recipe_.stations(), 16);
     EXPECT_EQ(recipe_.slab.length_mm.value, type);
     EXPECT_EQ(recipe_.slab.pitch_mm.value, 617);
-    // The overhang is the same at both ends.
+    // The overhang is equal at both ends.
     EXPECT_DOUBLE_EQ(T_slab_block(recipe_, 8).translation_mm.x(), -T_slab_block(recipe_, 1).translation_mm.x());
     EXPECT_EQ(T_slab_block(recipe_, 9).translation_mm.x(), T_slab_block(recipe_, 8).translation_mm.x());
     EXPECT_FALSE(recipe_.slab.length_mm.confirmed);
     EXPECT_FALSE(recipe_.slab.pitch_mm.confirmed);
     EXPECT_FALSE(recipe_.tolerance(ItemId::seat_spacing).nominal.confirmed);
     EXPECT_TRUE(recipe_.block.cant_ratio.confirmed) << "the paper states it for the family";
-    // Pitch and its spacing nominal are assumed here and stated by the paper there.
+    // Pitch and its spacing nominal are assumptions here; for P5600 the paper states them.
     EXPECT_EQ(unconfirmed_count(recipe_), unconfirmed_count(p5600) + 1);
     EXPECT_EQ(recipe_.block.casing_half_spacing_mm.value, p5600.block.casing_half_spacing_mm.value);
     EXPECT_EQ(recipe_.evaluation.crop_half_x_mm, p5600.evaluation.crop_half_x_mm);
@@ -225,13 +225,13 @@ TEST_F(RecipeTest, every_recipe_that_is_shipped_is_good) {
   EXPECT_EQ(recipes.size(), 3U);
 }
 
-/// Line of the first occurrence, from 1: the recipe may be edited without touching these tests.
+/// Line of the first occurrence, from 1, so that the recipe may be edited without changing these tests.
 std::size_t line_of(const std::string& text, const std::string& what) {
   const auto end = text.begin() + static_cast<std::ptrdiff_t>(text.find(what));
   return 1 + static_cast<std::size_t>(std::count(text.begin(), end, '\n'));
 }
 
-/// One change of p5600.toml and the sentence it earns, at the LINE of the change.
+/// A change of p5600.toml and the expected message, where LINE is the line of the change.
 struct Fault {
   const char* from;
   const char* to;
@@ -390,7 +390,7 @@ TEST_F(RecipeTest, an_item_that_is_information_cannot_be_made_to_judge) {
             "items.seat_std.tolerance" + never);
   EXPECT_EQ(problems_of("required = true # info\n", "required = true # info"),
             "items.seat_std.required: found true for an item that is information and never judged; allowed is false");
-  // A figure to compare with is none that judges.
+  // A nominal with U but without limits is allowed; it does not judge.
   EXPECT_EQ(load(with(good, before, before + "nominal = 0.03\nU = 0.01\n")), Texts{});
 }
 
@@ -404,7 +404,7 @@ TEST_F(RecipeTest, damaged_bytes_never_escape_as_an_exception) {
   }
 }
 
-/// A folder of recipes is what it holds, and never what somebody forgot in it.
+/// Tests for a folder of recipes: only its current files count, not recipes loaded before.
 class RecipeFolder : public RecipeTest {
  protected:
   std::string good_ = read_whole(kP5600);

@@ -6,7 +6,7 @@
 #include "config/config.h"
 #include "tests/places/places.h"
 
-/// The reference recipe as it is shipped.
+/// The reference recipe as shipped.
 namespace slabd::cli {
 
 inline const std::string kReferenceRecipe = places::source_dir() + "/recipes/p5600.toml";

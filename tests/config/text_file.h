@@ -14,7 +14,7 @@
 
 namespace slabd::daemon {
 
-/// Text files in a fresh folder; problems come back without the folder's name, so that they can be compared whole.
+/// Text files in a new folder. Problems are returned without the folder's name, so that whole messages can be compared.
 class TextFiles {
  public:
   TextFiles() {
@@ -57,7 +57,7 @@ class TextFiles {
   return text.str();
 }
 
-/// `text` with its only occurrence of `from` replaced.
+/// Returns `text` with its only occurrence of `from` replaced.
 [[nodiscard]] inline std::string with(std::string text, const std::string& from, const std::string& to) {
   const std::size_t at = text.find(from);
   EXPECT_NE(at, std::string::npos) << from;

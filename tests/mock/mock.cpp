@@ -46,7 +46,7 @@ bool MockPose::next(std::int64_t mono_ns, PoseSample& sample) {
 }
 
 void MockScanner::answer_with(std::vector<float> points, std::size_t width, std::size_t height) {
-  // std::function wants to copy its callable; the scan itself is shared.
+  // std::function requires a copyable callable, so the scan is shared.
   const auto kept = std::make_shared<const std::vector<float>>(std::move(points));
   script_.push_back([kept, width, height](std::span<float> xyz, const std::atomic<bool>&) -> Result<ScanShape> {
     if (kept->size() > xyz.size())
@@ -98,7 +98,7 @@ Result<AcquiredScan> MockScanner::acquire(const ScanRequest& request, std::span<
     if (Status status = write_ply(scan.path.c_str(), points, scan.shape.width, scan.shape.height); !status)
       return status.error();
   }
-  decoded(scan);  // from here on the buffer is somebody else's
+  decoded(scan);  // after this call the buffer belongs to the receiver
   return scan;
 }
 

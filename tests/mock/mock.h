@@ -8,11 +8,11 @@
 
 #include "hal/hal.h"
 
-/// The scripted lives of the ports, for tests of the cycle and for replay: nothing here opens a socket or sleeps.
-/// Unlike the real ports these may allocate.
+/// Scripted mocks of the ports, for tests of the cycle and for replay: they open no sockets and do not sleep. Unlike
+/// the real ports they may allocate.
 namespace slabd::hal {
 
-/// Time stands still until it is moved.
+/// Clock whose time changes only when a test moves it.
 class ManualClock final : public Clock {
  public:
   [[nodiscard]] std::int64_t mono_ns() const override { return mono_ns_; }
@@ -22,7 +22,7 @@ class ManualClock final : public Clock {
     mono_ns_ += ns;
     utime_us_ += ns / kNsPerUs;
   }
-  /// Sets the wall clock alone, as a time server or an operator would.
+  /// Sets only the wall clock, as a time server or an operator would.
   void set_utime_us(std::int64_t utime_us) { utime_us_ = utime_us; }
 
  private:
@@ -43,7 +43,7 @@ class MockNotify final : public ServiceNotify {
   std::string last_status;
 };
 
-/// Gives the written inputs one after the other and keeps every published image.
+/// Returns the written inputs one after the other and stores every published image.
 class MockPlc final : public PlcPort {
  public:
   void write(const PlcInputs& inputs) { writes.push_back(inputs); }
@@ -66,7 +66,7 @@ class MockPlc final : public PlcPort {
   std::size_t client_count = 1;
 };
 
-/// Gives the queued samples, each not before its `arrival_ns`.
+/// Returns the queued samples, each not before its `arrival_ns`.
 class MockPose final : public PosePort {
  public:
   void push(const PoseSample& sample) { samples.push_back(sample); }
@@ -78,24 +78,24 @@ class MockPose final : public PosePort {
 
   std::deque<PoseSample> samples;
   PoseLinkCounters link_counters;
-  std::string link_trouble;  ///< not empty: there is no link and no samples come
+  std::string link_trouble;  ///< if not empty, the link is down and no samples arrive
 };
 
-/// Answers each request with the next step of its script; with none left, trigger_timeout. acquire() returns at once,
-/// unless the step is `hang`: then it waits for `cancel`. The script is to be written before acquire() runs on another
-/// thread; `requests` is to be read after it has returned.
+/// Answers each request with the next step of its script, or with trigger_timeout if none is left. acquire() returns at
+/// once, unless the step is `hang`: then it waits for `cancel`. Write the script before acquire() runs on another
+/// thread; read `requests` after it has returned.
 class MockScanner final : public ScannerPort {
  public:
   explicit MockScanner(const Clock& clock) : clock_(clock) {}
 
-  /// A scan from memory (mm, 3 floats a point); `width * height` is 0 or the point count.
+  /// Answers with a scan from memory (mm, 3 floats per point); `width * height` is 0 or the point count.
   void answer_with(std::vector<float> xyz, std::size_t width = 0, std::size_t height = 0);
-  /// A scan from a file, read as `read_scan` does.
+  /// Answers with a scan from a file, read by `read_scan`.
   void answer_with_file(std::string path, LengthUnit unit = LengthUnit::mm);
   void fail_with(Code code);
   void hang_until_cancelled();
 
-  /// As the port promises; the scan is written to `<spool_path>.ply` when that path is not empty.
+  /// Implements the port; the scan is written to `<spool_path>.ply` if that path is not empty.
   [[nodiscard]] Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz,
                                              const std::atomic<bool>& cancel, const ScanDecoded& decoded) override;
   void idle() override { ++idle_count; }

@@ -14,12 +14,12 @@
 namespace slabd::places {
 namespace {
 
-// Below what the kernel gives to sockets that leave the choice to it (net.ipv4.ip_local_port_range, from 32768).
+// Below the range from which the kernel assigns ports (net.ipv4.ip_local_port_range, from 32768).
 constexpr unsigned kFirst = 20'000;
 constexpr unsigned kCount = 10'000;
 
-/// Held until the process ends. The claim is a name, as tests/plc/line.py claims it: one of the kernel's own, which
-/// goes with the process however it ends and is, like ports, each network namespace's.
+/// Claims a port until the process ends, with the same name as tests/plc/line.py. The name is an abstract socket: the
+/// kernel removes it with the process, and like ports it belongs to a network namespace.
 bool claim(unsigned port) {
   const std::string name = "slabd-test-port-" + std::to_string(port);
   sockaddr_un address{};
@@ -33,7 +33,7 @@ bool claim(unsigned port) {
   return false;
 }
 
-/// By nobody who knows nothing of claims.
+/// True if the port is not used by a process that does not claim its ports.
 bool is_free(unsigned port, int type) {
   sockaddr_in address{};
   address.sin_family = AF_INET;

@@ -3,13 +3,13 @@
 
 #include <cstdint>
 
-/// Ports of the tests. A port that the kernel chose and that was closed again belongs to whoever asks next, and a
-/// daemon that is stopped and started needs its own back; several suites run side by side on one computer.
+/// Ports for tests. The kernel may assign a closed port to another process, but a restarted daemon needs the same port
+/// again. Several suites run simultaneously on one computer.
 namespace slabd::places {
 
-/// A number that is this process's alone until it ends, as TCP and as UDP port: nobody listens on it now, and neither
-/// another test of any clone nor a socket that leaves the choice to the kernel gets it. For multicast it is enough to
-/// give every line a port of its own, whatever its group. Holds one descriptor.
+/// A port number reserved for this process until it ends, as TCP and as UDP port. No process listens on it now, no
+/// other test of any clone gets it, and the kernel does not assign it. For multicast a separate port for each line is
+/// sufficient, whatever its group. Holds one descriptor.
 [[nodiscard]] std::uint16_t own_port();
 
 }  // namespace slabd::places

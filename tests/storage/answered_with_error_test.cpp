@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Jobs that were answered with an error are not done for all who were told, and some of them are in the log all the
-// same. What the PLC was not shown must not be shown later, nor told to whoever reads the history; what it was told
-// came to nothing must be recorded as that.
+// Jobs that returned an error are reported as not done, but some of them are in the log nevertheless. Results that were
+// not shown to the PLC must not appear later, in records or in the history. A failure that was reported to the PLC must
+// be recorded as a failure.
 #include <cerrno>
 #include <cstdint>
 #include <filesystem>
@@ -18,16 +18,16 @@ namespace fs = std::filesystem;
 
 using AnsweredWithAnError = FastStoreTest;
 
-// A slab's end is answered with an error, and some of the times its commit is in the log all the same. While nobody was
-// told that the slab has ended, it has not: a block that is scanned again must not find its slab passed.
+// The commit of a slab's end returns an error, but is sometimes in the log nevertheless. As long as the end was not
+// reported, the slab is open: a block that is scanned again must not find its slab passed.
 TEST_F(AnsweredWithAnError, an_end_is_taken_back_by_the_next_job) {
-  // Which call is the one that leaves it in the log depends on the pages that are written: all of them, some times.
+  // The call that leaves it in the log depends on the pages written, so all calls are tried, some of them repeatedly.
   int in_the_log = 0;
   std::int64_t key = 0;
   for (int turn = 0; turn < 120; ++turn) {
     const std::uint64_t point = 1 + static_cast<std::uint64_t>(turn) % 30;
     for (const bool restarted : {true, false}) {
-      crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened since count
+      crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened from here on count
       open();
       begin(++key);
       accept(PlcCommand::slab_end, 0, key);
@@ -60,9 +60,9 @@ TEST_F(AnsweredWithAnError, an_end_is_taken_back_by_the_next_job) {
   EXPECT_GT(in_the_log, 0) << "no such end has ever been in the log: this test cannot fail";
 }
 
-// A block that passed is answered with an error, its commit is in the log some of the times all the same, and the PLC
-// has the station scanned anew instead of having it measured once more. What the PLC was never shown must not be shown
-// after a restart: it would take the place of what it was shown since.
+// A passed block returns an error, its commit is sometimes in the log nevertheless, and the PLC has the station scanned
+// again. A record that was never shown to the PLC must not appear after a restart, because it would replace a newer
+// one.
 TEST_F(AnsweredWithAnError, a_block_is_taken_back_by_the_next_job) {
   constexpr std::uint64_t kNever = ~std::uint64_t{0} >> 1U;
   const auto pass = [this](std::int64_t key, int station) {
@@ -75,13 +75,13 @@ TEST_F(AnsweredWithAnError, a_block_is_taken_back_by_the_next_job) {
   std::int64_t key = 0;
   for (int turn = 0; turn < 80; ++turn) {
     for (const bool restarted : {true, false}) {
-      crash_disk::fail(root_, kNever, 1, EIO, false);  // only files opened since count
+      crash_disk::fail(root_, kNever, 1, EIO, false);  // only files opened from here on count
       open();
       begin(++key);
       acquire(key, 3, 1);
       crash_disk::fail(root_, kNever, 1, EIO, false);
       EXPECT_TRUE(pass(key, 3));
-      // The next block makes about as many calls, of which the last ones leave it in the log.
+      // The next block makes about the same number of calls; the last of them leave it in the log.
       const std::uint64_t point = crash_disk::heal() + 10 - static_cast<std::uint64_t>(turn) % 20;
       acquire(key, 4, 1);
       crash_disk::fail(root_, point, 12, EIO, false);
@@ -110,17 +110,17 @@ TEST_F(AnsweredWithAnError, a_block_is_taken_back_by_the_next_job) {
   EXPECT_GT(in_the_log, 0) << "no such block has ever been in the log: this test cannot fail";
 }
 
-// The same when no job comes: the fault may stand for hours, and meanwhile the history, an export and a copy of the
-// database must not tell of an end that nobody was told of.
+// The same without a further job, because a fault may last for hours. The history, an export and a copy of the database
+// must not contain an unreported end.
 TEST_F(AnsweredWithAnError, an_end_is_taken_back_in_a_quiet_moment) {
   int in_the_log = 0;
   std::int64_t key = 0;
   const std::string copy = settings_.db_path + "-copy";
   for (int turn = 0; turn < 120; ++turn) {
-    // Every call once, then those near the end of the commit again and again: two of five leave an end in the log.
+    // Every call once, then those near the end of the commit repeatedly: two of five leave an end in the log.
     const auto call = static_cast<std::uint64_t>(turn);
     const std::uint64_t point = turn < 30 ? 1 + call : 16 + call % 9;
-    crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened since count
+    crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened from here on count
     open();
     begin(++key);
     acquire(key, 5, 1);
@@ -142,7 +142,7 @@ TEST_F(AnsweredWithAnError, an_end_is_taken_back_in_a_quiet_moment) {
       ASSERT_TRUE(copied.ok());
       EXPECT_EQ(copied.value()->slab(key).value()->summary.ended_utime_us, 0) << "call " << point;
       fs::remove(copy);
-      // What was settled is settled: the end that comes now stays.
+      // Everything is settled: a new end stays.
       const std::uint16_t last = end(key, Verdict::fail);
       apply(SessionJob{++session_});
       EXPECT_EQ(reader()->slab(key).value()->slab.verdict, Verdict::fail);
@@ -155,7 +155,7 @@ TEST_F(AnsweredWithAnError, an_end_is_taken_back_in_a_quiet_moment) {
   EXPECT_GT(in_the_log, 0) << "no such end has ever been in the log: this test cannot fail";
 }
 
-// While the disk takes nothing, no copy of what is doubtful is made.
+// While the disk rejects writes, unsettled data is not copied.
 TEST_F(AnsweredWithAnError, what_cannot_be_taken_back_is_not_copied) {
   crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);
   open();
@@ -173,8 +173,8 @@ TEST_F(AnsweredWithAnError, what_cannot_be_taken_back_is_not_copied) {
   EXPECT_EQ(store_->care().backup, CareState::Phase::done);
 }
 
-// A scan that came to nothing, or was refused by the disk, is told to the PLC and never given again. What is in the
-// database must say so all the same: else an earlier attempt stands as the one that the verdict is about.
+// A scan that failed or was rejected by the disk is reported to the PLC and not repeated. The database must record the
+// failure, because otherwise an earlier attempt would decide the verdict.
 TEST_F(AnsweredWithAnError, an_attempt_is_a_failed_one_with_the_next_job) {
   std::int64_t key = 0;
   int in_the_log = 0;
@@ -222,10 +222,10 @@ TEST_F(AnsweredWithAnError, an_attempt_is_a_failed_one_with_the_next_job) {
   EXPECT_GT(in_the_log, 0);
 }
 
-// The log cannot grow, and so what was answered with an error cannot be settled. What the log holds can go into the
-// database all the same, and then there is room.
+// The log cannot grow, so unsettled jobs cannot be settled. The log's content can still be moved into the database,
+// which frees space.
 TEST_F(AnsweredWithAnError, a_full_disk_does_not_keep_the_log_from_being_used_again) {
-  crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened since count
+  crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened from here on count
   open();
   const std::int64_t slabs = kKeepSlabsMin + 10;
   for (std::int64_t key = 1; key <= slabs; ++key) {
@@ -233,7 +233,7 @@ TEST_F(AnsweredWithAnError, a_full_disk_does_not_keep_the_log_from_being_used_ag
     EXPECT_NE(scan(key, 4, 1), 0);
     acknowledge(end(key, Verdict::pass));
   }
-  // Pages that are free, as in a database that has been pruned, and a log that is used to its end.
+  // Free pages, as in a pruned database, and a log that is used to its end.
   ASSERT_TRUE(store_->order(PruneOrder{kKeepSlabsMin, kKeepSlabsMin}).ok());
   for (int look = 0; look < 60; ++look) store_->idle();
   ASSERT_EQ(store_->care().prune, CareState::Phase::done);
@@ -253,7 +253,7 @@ TEST_F(AnsweredWithAnError, a_full_disk_does_not_keep_the_log_from_being_used_ag
   (void)crash_disk::heal();
 }
 
-// What contradicts the database will do so for ever: it must not stand in the way of every later job.
+// A job that contradicts the database does so every time, and must not block later jobs.
 TEST_F(AnsweredWithAnError, an_attempt_that_contradicts_stops_nothing) {
   crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);
   open();
@@ -263,7 +263,7 @@ TEST_F(AnsweredWithAnError, an_attempt_that_contradicts_stops_nothing) {
   of_no_slab.slab_key = 77;
   EXPECT_FALSE(try_apply(AcquiredJob{of_no_slab, 5}).ok());
   EXPECT_TRUE(try_apply(SessionJob{++session_}).ok());
-  // The same when the disk failed first, so that it is to be settled.
+  // The same after a disk failure, so that the job has to be settled.
   crash_disk::fail(root_, 1, crash_disk::kAllThatFollow, EIO, false);
   EXPECT_FALSE(try_apply(AcquiredJob{of_no_slab, 5}).ok());
   (void)crash_disk::heal();
@@ -272,8 +272,8 @@ TEST_F(AnsweredWithAnError, an_attempt_that_contradicts_stops_nothing) {
   acknowledge(end(1, Verdict::fail));
 }
 
-// A report is answered with an error, and its repeated record is in the log some of the times. It goes with the next
-// job, and a PLC that asks after a restart hears that its order came to nothing.
+// A report returns an error, and its repeated record is sometimes in the log. The next job removes it, and after a
+// restart the PLC reads that its command failed.
 TEST_F(AnsweredWithAnError, a_report_is_taken_back_by_the_next_job) {
   int in_the_log = 0;
   open();
@@ -283,7 +283,7 @@ TEST_F(AnsweredWithAnError, a_report_is_taken_back_by_the_next_job) {
   for (int turn = 0; turn < 120; ++turn) {
     const std::uint64_t point = 1 + static_cast<std::uint64_t>(turn) % 30;
     for (const bool restarted : {true, false}) {
-      crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened since count
+      crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened from here on count
       open();
       accept(PlcCommand::report, 4, 1);
       const PlcResult record = random_record(prng_, ++res_seq_, 1);

@@ -234,7 +234,7 @@ TEST_F(CalibrationsTest, station_corrections_hold_for_the_hand_eye_they_were_sol
   EXPECT_EQ(line.table_for(5600)->table.station[6].T_base_reported.translation_mm, Vec3(0.5, 0.2, 7.0));
   EXPECT_EQ(line.table_for(5600)->table.station[7].visits, 0);
 
-  put_in_force(b);  // the corrections stay, and say that they are another one's
+  put_in_force(b);  // the corrections stay and are reported as stale
   line = in_force();
   EXPECT_EQ(line.id.view(), b);
   EXPECT_EQ(line.tables[0].hand_eye_id.view(), a);
@@ -390,7 +390,7 @@ TEST_F(CalibrationsTest, a_new_record_is_put_in_force_after_a_clock_that_was_ahe
   old_one.expires_utime_us = 365 * kDay_us;
   const std::string old_id = keep(old_one);
   put_in_force(old_id);
-  // For an hour slabs were measured under a clock two years ahead.
+  // For an hour slabs were measured while the clock was two years ahead.
   on_the_disk("UPDATE line SET newest_utime_us = " + std::to_string(730 * kDay_us));
   EXPECT_NE(refused(ApplyCalibration{old_id, note()}).find("has expired"), std::string::npos);
   CalibrationRecord stale = hand_eye(3.0);

@@ -23,7 +23,7 @@ class CareTest : public StoreTest {
   void quiet(int looks) {
     for (int i = 0; i < looks; ++i) store_->idle();
   }
-  /// Ended, acknowledged, without scans.
+  /// Creates slabs that are ended, acknowledged and without scans.
   void slabs(std::int64_t first, std::int64_t last) {
     for (std::int64_t key = first; key <= last; ++key) {
       begin(key);
@@ -31,7 +31,7 @@ class CareTest : public StoreTest {
       acknowledge(end(key, Verdict::pass));
     }
   }
-  /// Measured and acknowledged, with maps; its scan has been deleted.
+  /// Creates a measured and acknowledged attempt with maps, whose scan has been deleted.
   void scan_without_file(std::int64_t key, int station, int number) {
     accept(PlcCommand::scan, station, key);
     apply(AcquiredJob{attempt(key, station, number)});
@@ -92,7 +92,7 @@ TEST_F(CareTest, one_copy_at_a_time_and_none_over_an_existing_file) {
   ASSERT_TRUE(store_->order(BackupOrder{folder_.path() + "/no folder/copy.db"}).ok());
   quiet(10);
   EXPECT_EQ(store_->care().backup, Phase::failed);
-  begin(1);  // work goes on
+  begin(1);  // jobs continue
 }
 
 TEST_F(CareTest, what_room_a_copy_needs_and_what_there_is_are_told_to_a_tenth_of_a_megabyte) {
@@ -109,7 +109,7 @@ TEST_F(CareTest, what_room_a_copy_needs_and_what_there_is_are_told_to_a_tenth_of
 TEST_F(CareTest, a_copy_leaves_the_room_for_scans_where_they_lie_and_nowhere_else) {
   TemporaryFolder other_disk("/dev/shm");
   if (share_a_disk(folder_.path(), other_disk.path())) GTEST_SKIP() << "there is no second file system here";
-  settings_.spool_free_bytes_min = std::uint64_t{1} << 62U;  // no disk has it
+  settings_.spool_free_bytes_min = std::uint64_t{1} << 62U;  // more than any disk has
   const auto copy = [&] {
     open();
     (void)recover();
@@ -155,7 +155,7 @@ TEST_F(CareTest, what_cannot_be_opened_here_is_not_called_damaged) {
   (void)recover();
   slabs(1, 1);
   close();
-  fs::copy_file(settings_.db_path, copy_path());  // without a checksum, which any change would break
+  fs::copy_file(settings_.db_path, copy_path());  // without a checksum, which any change would invalidate
   const auto set_version = [&](int version) {
     Connection db(copy_path(), SQLITE_OPEN_READWRITE);
     db.execute("PRAGMA user_version = " + std::to_string(version));
@@ -167,7 +167,7 @@ TEST_F(CareTest, what_cannot_be_opened_here_is_not_called_damaged) {
   EXPECT_NE(newer.error().text.view().find("written by a newer slabd"), std::string_view::npos);
   set_version(kSchemaVersion);
   EXPECT_EQ(check_database(copy_path(), true).value().trouble, "");
-  // What is ours and spoilt from its second sector on is damaged, and is told as such.
+  // A slabd database damaged from its second sector on is reported as damaged.
   std::fstream(copy_path(), std::ios::in | std::ios::out | std::ios::binary).seekp(100) << std::string(4000, 'x');
   const Result<DatabaseReport> spoilt = check_database(copy_path(), true);
   ASSERT_TRUE(spoilt.ok()) << spoilt.error().text.view();
@@ -175,7 +175,7 @@ TEST_F(CareTest, what_cannot_be_opened_here_is_not_called_damaged) {
 }
 
 TEST_F(CareTest, a_folder_that_may_not_be_looked_into_is_not_called_empty) {
-  // A circle of links stands for a folder of another group, into which root may look.
+  // A circle of links simulates a folder of another group, which root could read.
   fs::create_symlink(folder_.path() + "/circle", folder_.path() + "/circle");
   const auto reader = open_reader(folder_.path() + "/circle/slabd.db");
   ASSERT_FALSE(reader.ok());
@@ -237,7 +237,7 @@ TEST_F(CareTest, only_so_many_slabs_are_kept_and_the_history_says_so) {
   EXPECT_EQ(recover()->last_slab_key, kKeepSlabsMin + 5);
 }
 
-/// Ended and acknowledged with this verdict; nothing was scanned.
+/// Creates slabs that are ended and acknowledged with this verdict, without scans.
 class FailedSlabsTest : public CareTest {
  protected:
   void ended(std::int64_t first, std::int64_t last, Verdict verdict) {
@@ -256,7 +256,7 @@ TEST_F(FailedSlabsTest, outlive_passed_ones_and_only_so_many_do) {
   (void)recover();
   ended(1, 3, Verdict::fail);
   ended(4, 5, Verdict::pass);
-  ended(6, kKeepSlabsMin + 3, Verdict::fail);  // with the first three 101 that did not pass
+  ended(6, kKeepSlabsMin + 3, Verdict::fail);  // together with the first three, 101 that did not pass
   ended(kKeepSlabsMin + 4, 2 * kKeepSlabsMin + 3, Verdict::pass);
   quiet(30);
   EXPECT_EQ(count("slab"), 2 * kKeepSlabsMin) << "the newest 100, and 100 of those that did not pass";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What is changed behind slabd's back is found and named; what slabd itself does leaves the chain whole.
+// Changes made without slabd are found and reported; slabd's own operations keep the chain intact.
 #include "storage/chain.h"
 
 #include <sqlite3.h>
@@ -19,14 +19,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A connection without any of our settings: a person with sqlite3.
+/// A connection without slabd's settings: a person with sqlite3.
 class Person {
  public:
   explicit Person(const std::string& path) { EXPECT_EQ(sqlite3_open(path.c_str(), &db_), SQLITE_OK); }
   ~Person() { EXPECT_EQ(sqlite3_close(db_), SQLITE_OK); }
   Person(const Person&) = delete;
   Person& operator=(const Person&) = delete;
-  /// False when the database refuses.
+  /// Returns false if the database rejects the statement.
   bool tries(const std::string& sql) { return sqlite3_exec(db_, sql.c_str(), nullptr, nullptr, nullptr) == SQLITE_OK; }
   void does(const std::string& sql) { EXPECT_TRUE(tries(sql)) << sqlite3_errmsg(db_) << " " << sql; }
 
@@ -47,7 +47,7 @@ std::string hex(const Sha256& sum) {
 class ChainTest : public StoreTest {
  protected:
   ChainTest() {
-    // In memory where that is possible: nothing here is about the disk.
+    // In memory if possible, because these tests do not depend on the disk.
     settings_.db_path = fast_.path() + "/db/slabd.db";
     settings_.spool_dir = fast_.path() + "/spool";
     settings_.spool_free_bytes_min = 1;
@@ -57,7 +57,7 @@ class ChainTest : public StoreTest {
     open();
     (void)recover();
   }
-  /// With every table of a slab in it: a failed and a measured attempt, findings, maps, a record shown again.
+  /// Creates a slab with rows in all tables: a failed and a measured attempt, findings, maps, a repeated record.
   void slab(std::int64_t key, Verdict verdict = Verdict::pass) {
     begin(key, static_cast<std::uint32_t>(100 + key));
     accept(PlcCommand::scan, 2, key);
@@ -88,7 +88,7 @@ class ChainTest : public StoreTest {
     return chain.ok() ? chain.value() : ChainReport{};
   }
   [[nodiscard]] std::string trouble() const { return report().trouble; }
-  /// Slab 1 to 3, slabd stopped; a whole copy of that is kept.
+  /// Creates slabs 1 to 3 and a complete copy after slabd has stopped.
   void three_slabs() {
     start();
     for (std::int64_t key = 1; key <= 3; ++key) slab(key, key == 2 ? Verdict::fail : Verdict::pass);
@@ -97,7 +97,7 @@ class ChainTest : public StoreTest {
     fs::remove(settings_.db_path + "-wal");
     fs::remove(settings_.db_path + "-shm");
   }
-  /// As three_slabs() left it, then changed by a person; what the check says.
+  /// Result of the check after a person's change of the database of three_slabs().
   std::string after(const std::string& sql) {
     fs::copy_file(whole_, settings_.db_path, fs::copy_options::overwrite_existing);
     Person(settings_.db_path).does("PRAGMA ignore_check_constraints = ON; " + sql);
@@ -156,7 +156,7 @@ TEST_F(ChainTest, columns_that_are_not_sealed_are_those_that_change_after_the_en
         left.insert(std::string(table.name) + "." + std::string(names.text(0)));
   }
   EXPECT_EQ(left, (std::set<std::string>{"attempt.measuring_since_ns", "attempt.scan_state", "result.acknowledged"}));
-  // Every table with a slab's rows is sealed, but for the journal of commands and what counts across slabs.
+  // All tables with a slab's rows are sealed, except the journal of commands and data across slabs.
   Statement tables(*db.value(),
                    "SELECT m.name FROM sqlite_schema AS m WHERE m.type = 'table' AND EXISTS (SELECT 1 FROM "
                    "pragma_table_info(m.name) WHERE name = 'slab_key') ORDER BY m.name");
@@ -262,7 +262,8 @@ TEST_F(ChainTest, an_altered_seal_is_named) {
 
 TEST_F(ChainTest, a_row_and_its_seal_changed_together_break_the_chain_behind_them) {
   three_slabs();
-  // The seal is made anew for the altered rows, as a person would who knows how one is made, and no further.
+  // The seal of the altered rows is recomputed, as a person with that knowledge could do, but not the rest of the
+  // chain.
   ASSERT_NE(after("UPDATE slab_result SET verdict = 'pass' WHERE slab_key = 2"), "");
   Result<std::unique_ptr<Connection>> db = open_any_version(settings_.db_path);
   ASSERT_TRUE(db.ok());
@@ -308,7 +309,7 @@ TEST_F(ChainTest, fifty_random_slabs_stay_whole_after_restarts_pruning_a_backup_
   const ChainHead witnessed = chain_head(*store_);
   EXPECT_EQ(witnessed.entries, 51) << "and the beginning";
   EXPECT_EQ(report().head, witnessed.sha256.view());
-  // Another hundred: what is older goes.
+  // A further hundred: older slabs are pruned.
   empty_slabs(51, 125);
   ASSERT_TRUE(store_->order(PruneOrder{kKeepSlabsMin, kKeepSlabsMin}).ok());
   quiet(60);
@@ -319,7 +320,7 @@ TEST_F(ChainTest, fifty_random_slabs_stay_whole_after_restarts_pruning_a_backup_
   EXPECT_EQ(pruned.sealed, 125 - pruned.pruned);
   EXPECT_EQ(report({}, witnessed.entries).asked, witnessed.sha256.view()) << "a head that was noted is found again";
   EXPECT_EQ(chain_head(*store_).sha256.view(), pruned.head);
-  // The daemon's own backup, while it runs.
+  // The running daemon's own backup.
   const std::string backup = fast_.path() + "/backup.db";
   ASSERT_TRUE(store_->order(BackupOrder{backup}).ok());
   quiet(200);
@@ -402,7 +403,7 @@ TEST_F(ChainTest, an_end_that_was_taken_back_and_given_again_is_whole) {
   (void)end(2, Verdict::pass);
   close();
   {
-    // As the store does with an end whose answer was an error.
+    // Same operation as the store's for an end that returned an error.
     Result<std::unique_ptr<Connection>> db = open_for_writing(settings_.db_path);
     ASSERT_TRUE(db.ok());
     const HeldBack nothing;

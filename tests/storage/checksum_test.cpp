@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A backup is byte for byte what was written, or it is called damaged.
+// A backup is either byte for byte as written, or reported as damaged.
 #include <sqlite3.h>
 
 #include <filesystem>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The calls are defined here, in the executable, so that the dynamic linker gives them to libsqlite3 and libstdc++ as
-// well; each goes to the kernel directly. Memory-mapped writes are not seen: only SQLite's wal-index is written so, and
-// that is made anew after a power cut.
+// The system calls are defined here, in the executable, so that the dynamic linker also uses them for libsqlite3 and
+// libstdc++. Each forwards directly to the kernel. Memory-mapped writes are not recorded: only SQLite's wal-index is
+// written that way, and it is rebuilt after a power cut.
 #include "tests/storage/crash_disk.h"
 
 #include <fcntl.h>
@@ -27,7 +27,7 @@ struct Fault {
   bool armed = false;
   bool kills = false;
   bool with_reads = false;
-  bool full = false;  ///< instead of counted calls: whatever would grow a file
+  bool full = false;  ///< fails every call that would grow a file, instead of counted calls
   std::string root;
   std::uint64_t first = 0;
   std::uint64_t last = 0;
@@ -44,11 +44,11 @@ struct Watch {
   int files = 0;
 };
 
-/// Calls come before this file's objects are made, from libraries that start earlier.
+/// Calls may precede the construction of this file's objects, from libraries that start earlier.
 constinit bool g_in_use = false;
 Watch g_watch;
 Fault g_fault;
-std::map<int, std::string> g_path_of_fd;  ///< of both, under any root
+std::map<int, std::string> g_path_of_fd;  ///< for both, below any root
 std::map<int, int> g_file_of_fd;
 
 bool lies_in(const std::string& path, const std::string& root) {
@@ -63,12 +63,12 @@ std::string below(const std::string& path) {
   return path == g_watch.root ? "" : path.substr(g_watch.root.size() + 1);
 }
 
-/// The wal-index is no promise to anybody.
+/// The wal-index does not have to survive.
 bool is_index(const std::string& path) {
   return path.ends_with("-shm");
 }
 
-/// True: the call is to fail, errno is set.
+/// True if the call must fail; errno is set.
 bool hits(const char* name, bool reads = false) {
   if (!g_in_use || !g_fault.armed) return false;
   const std::string path(name);
@@ -187,7 +187,7 @@ void carry_out(std::string& content, const DiskChange& change) {
   }
 }
 
-/// Some sectors of an unsynced write.
+/// Applies some sectors of an unsynced write.
 void carry_out_torn(std::string& content, const DiskChange& change, double kept, Prng& prng) {
   if (change.kind == Kind::resize) {
     if (prng.uniform() < kept) carry_out(content, change);
@@ -195,7 +195,7 @@ void carry_out_torn(std::string& content, const DiskChange& change, double kept,
   }
   const auto begin = static_cast<std::size_t>(change.offset);
   const std::size_t end = begin + change.bytes.size();
-  if (prng.below(4) == 0 && content.size() < end) content.resize(end, '\0');  // the length, without the content
+  if (prng.below(4) == 0 && content.size() < end) content.resize(end, '\0');  // the length without the content
   for (std::size_t at = begin; at < end;) {
     const std::size_t next = std::min(end, (at / kSector + 1) * kSector);
     if (prng.uniform() < kept) {
@@ -313,7 +313,7 @@ class PowerCut {
     pending_names_ = std::move(left);
   }
 
-  /// A file whose folder is gone is gone.
+  /// True if all folders of the file exist.
   [[nodiscard]] bool is_reachable(const std::string& path) const {
     for (std::string folder = folder_of(path); !folder.empty(); folder = folder_of(folder))
       if (!names_.folders.contains(folder)) return false;

@@ -9,24 +9,24 @@
 
 #include "base/prng.h"
 
-/// A disk whose power fails. While a folder is watched, every system call of this process that changes something below
-/// it (SQLite's and our own: the calls are taken over by name) is carried out and written down. From the list, what the
-/// disk may hold after a power cut at any moment is made: what was synced, and any part of what was not.
+/// A disk that simulates power cuts. While a folder is watched, every system call of this process that changes it is
+/// executed and recorded. The calls of SQLite and slabd are replaced by name. From this list it generates possible disk
+/// contents after a power cut at any moment: all synced data, and any part of the rest.
 ///
-/// The same place makes calls fail, or kills the process, at the n-th call.
+/// The same hooks can make the n-th call fail, or kill the process there.
 namespace slabd::storage {
 
 struct DiskChange {
   enum class Kind : std::uint8_t { create, write, resize, sync, sync_folder, unlink, rename, link, make_folder, mark };
   Kind kind = Kind::mark;
-  int file = -1;            ///< of create, write, resize, sync, link
-  std::int64_t offset = 0;  ///< of write; the new size of resize
-  std::string bytes;        ///< of write
-  std::string path;         ///< of everything that is about a name
-  std::string other;        ///< the new name of rename
+  int file = -1;            ///< for create, write, resize, sync, link
+  std::int64_t offset = 0;  ///< for write; for resize the new size
+  std::string bytes;        ///< for write
+  std::string path;         ///< for all changes of a name
+  std::string other;        ///< for rename: the new name
 };
 
-/// Files by their path below the watched folder, and folders.
+/// Folders, and files by their path below the watched folder.
 struct DiskImage {
   std::map<std::string, std::string> files;
   std::set<std::string> folders;
@@ -35,44 +35,44 @@ struct DiskImage {
 };
 
 struct DiskLog {
-  DiskImage base;  ///< durable when the watch began
+  DiskImage base;  ///< durable content when the watch began
   std::vector<DiskChange> changes;
   [[nodiscard]] std::size_t marks_before(std::size_t end) const;
 };
 
-/// What a file system promises about names.
+/// Guarantees of a file system for names.
 enum class NameModel : std::uint8_t {
-  ordered,  ///< A: any sync makes every earlier change of names durable, and they become so in order (ext4, XFS)
-  strict,   ///< B: a change of a name is durable when its own folder was synced, and not before (POSIX)
+  ordered,  ///< A: any sync makes all earlier changes of names durable, in order (ext4, XFS)
+  strict,   ///< B: a change of a name is durable only after a sync of its own folder (POSIX)
 };
 
-/// One of the things that may be there when the power failed after `end` changes. Unsynced bytes: each sector of 512
-/// alone is new, old, or (rarely) neither; a file that grew may have its length without its content.
+/// Returns a possible content after a power cut following `end` changes. Unsynced bytes: each sector of 512 bytes is
+/// independently new, old, or (rarely) neither. A file that grew may have its length without its content.
 [[nodiscard]] DiskImage image_after(const DiskLog& log, std::size_t end, NameModel model, Prng& prng);
-/// Everything up to `end` done: what a killed process leaves.
+/// Content with all changes up to `end`: the state after a kill.
 [[nodiscard]] DiskImage image_of_all(const DiskLog& log, std::size_t end);
 
 namespace crash_disk {
 
-/// Begins to write down what happens below `root` (an absolute path without a slash at the end).
+/// Starts recording below `root` (an absolute path without a slash at the end).
 void watch(const std::string& root);
-/// A point the log should know: something has been promised to somebody.
+/// Records a mark: a step was reported as done.
 void mark();
 /// Ends the watch.
 [[nodiscard]] DiskLog stop();
 
-/// Calls below `root` that a fault may hit, from 1 on, are counted; the `first`-th and the `count - 1` after it fail
-/// with `error_number`. `with_reads`: reading calls count too.
+/// Makes calls below `root` fail with `error_number`: the `first`-th call (from 1) and the `count - 1` after it.
+/// `with_reads`: reading calls count too.
 void fail(const std::string& root, std::uint64_t first, std::uint64_t count, int error_number, bool with_reads);
-/// The process dies by SIGKILL instead of making the `first`-th call.
+/// Kills the process by SIGKILL in place of the `first`-th call.
 void kill_at(const std::string& root, std::uint64_t first);
-/// A `count` for fail(): until it is healed.
+/// A `count` for fail(): all calls until heal().
 inline constexpr std::uint64_t kAllThatFollow = 1'000'000'000;
-/// The disk is full from now on: what there is may be written over, and nothing grows.
+/// Simulates a full disk: existing bytes may be overwritten, but nothing can grow.
 void fill(const std::string& root);
-/// No more faults. Returns how many calls were counted.
+/// Ends all faults and returns the number of calls counted.
 std::uint64_t heal();
-/// Whether the fault has hit.
+/// True if the fault has occurred.
 [[nodiscard]] bool has_hit();
 
 }  // namespace crash_disk

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What power cuts and failing writes leave behind, case by case. What was reported is there after a kill at any call:
-// survival_test.cpp.
+// Results of power cuts and failing writes, case by case. survival_test.cpp tests that reported data survives a kill at
+// any call.
 #include <signal.h>
 #include <sys/resource.h>
 
@@ -16,7 +16,7 @@ namespace {
 
 class CrashTest : public StoreTest {};
 
-/// A file size limit makes the write-ahead log's growth fail as a broken disk would.
+/// A file size limit makes the growth of the write-ahead log fail like a broken disk.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(rlim_t bytes) {
@@ -32,7 +32,7 @@ class FileSizeLimit {
   rlimit before_{};
 };
 
-// What a power cut leaves while a start makes the log durable: the log spoilt, its copy whole.
+// State after a power cut while a start makes the log durable: the log is damaged, its copy is intact.
 TEST_F(CrashTest, a_log_that_a_power_cut_spoils_comes_back_from_its_copy_and_nobody_reads_it_before) {
   namespace fs = std::filesystem;
   open();
@@ -64,7 +64,7 @@ TEST_F(CrashTest, a_log_that_a_power_cut_spoils_comes_back_from_its_copy_and_nob
   EXPECT_TRUE(open_reader(image).ok());
 }
 
-// The name comes back with a power cut after it was removed; by then its first sector says that it is nothing.
+// A power cut may restore the removed name, but the first sector is already cleared.
 TEST_F(CrashTest, a_copy_of_the_log_that_was_done_with_is_not_believed_again) {
   open();
   begin(1);
@@ -108,7 +108,7 @@ TEST_F(CrashTest, a_running_store_begins_no_new_history_where_its_file_is_gone) 
     const FileSizeLimit limit(4096);
     ASSERT_FALSE(try_apply(AckJob{record}).ok());
   }
-  // The disk goes away: what is left is the empty folder it was mounted on.
+  // The disk is unmounted: only the empty mount folder remains.
   const std::string folder = std::filesystem::path(settings_.db_path).parent_path().string();
   std::filesystem::rename(folder, folder + "-unmounted");
   std::filesystem::create_directory(folder);
@@ -117,7 +117,7 @@ TEST_F(CrashTest, a_running_store_begins_no_new_history_where_its_file_is_gone) 
   EXPECT_NE(status.error().text.view().find("not the file any more"), std::string_view::npos)
       << status.error().text.view();
   EXPECT_FALSE(std::filesystem::exists(settings_.db_path));
-  // Nor in an empty file, nor in another database.
+  // The same with an empty file, and with another database.
   std::ofstream(settings_.db_path).close();
   EXPECT_FALSE(try_apply(AckJob{record}).ok());
   EXPECT_EQ(std::filesystem::file_size(settings_.db_path), 0U);
@@ -127,7 +127,7 @@ TEST_F(CrashTest, a_running_store_begins_no_new_history_where_its_file_is_gone) 
   EXPECT_TRUE(recover()->slab_open);
 }
 
-/// The writer has the file open, so every commit in a file that was taken away succeeds, and is gone with the process.
+/// The writer has the file open, so commits to a removed file succeed and are lost with the process.
 class TakenAwayTest : public CrashTest {
  protected:
   void SetUp() override {
@@ -142,7 +142,7 @@ class TakenAwayTest : public CrashTest {
     return !status.ok() && status.error().code == Code::journal_write &&
            status.error().text.view().find("slabctl db backup") != std::string_view::npos;
   }
-  /// What idle() finds within a second.
+  /// Trouble detected by idle() within a second.
   [[nodiscard]] std::string idle_trouble() {
     for (int i = 0; i < 12; ++i) store_->idle();
     return std::string(store_->trouble());
@@ -189,12 +189,12 @@ TEST_F(TakenAwayTest, is_found_without_a_job_and_what_is_open_can_be_saved) {
   acquire(1, 2, 1);
   for (const char* side : {"", "-wal", "-shm"}) std::filesystem::remove(settings_.db_path + side);
   EXPECT_NE(idle_trouble().find("slabctl db backup"), std::string::npos);
-  // Nothing is taken away on its word, and whoever ordered that is told.
+  // Nothing is deleted based on this database, and the order reports the reason.
   ASSERT_TRUE(store_->order(PruneOrder{1000, {}}).ok());
   store_->idle();
   EXPECT_EQ(store_->care().prune, CareState::Phase::failed);
   EXPECT_NE(store_->care().prune_error.find("slabctl db backup"), std::string::npos);
-  // A job that was refused meanwhile is settled in the copy: the PLC was told that it failed.
+  // A job rejected meanwhile is settled in the copy, as its failure was reported to the PLC.
   EXPECT_TRUE(is_refused(FailedAttemptJob{attempt(1, 3, 1), 205}));
   const std::string saved = folder_.path() + "/saved.db";
   ASSERT_TRUE(store_->order(BackupOrder{saved}).ok());

@@ -7,14 +7,14 @@
 
 namespace slabd::storage {
 
-/// A store in memory, where there is some: what fails there by order need not be synced to a disk ten thousand times.
+/// A store in memory if possible, because ordered failures do not require ten thousand syncs to a disk.
 class FastStoreTest : public StoreTest {
  protected:
   FastStoreTest();
   ~FastStoreTest() override;
 
-  std::string images_;  ///< a folder of the test's own
-  std::string root_;    ///< in it: database and spool; what the power is cut of
+  std::string images_;  ///< the test's own folder
+  std::string root_;    ///< folder below it with database and spool, subject to power cuts
 };
 
 }  // namespace slabd::storage

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A scanner that hands out recorded scans again: every attempt of the whole history is known by its points.
+// A scanner that repeats recorded scans: every attempt in the history is recognised by its points.
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {
@@ -12,7 +12,7 @@ struct KnownScanTest : StoreTest {
     (void)recover();
   }
 
-  /// Accepts and records one scan; `take` says which of the recorded exposures it is.
+  /// Accepts and records one scan; `take` identifies the recorded exposure.
   Status take_scan(std::int64_t slab, int station, int number, std::int64_t take, bool refuse_known = true) {
     accept(PlcCommand::scan, station, slab);
     Attempt a = attempt(slab, station, number);
@@ -60,7 +60,7 @@ TEST_F(KnownScanTest, what_is_refused_is_kept_as_a_failed_attempt_and_its_slab_s
   EXPECT_EQ(line->stations[7].code, 303);
   EXPECT_EQ(line->stations[7].attempts, 1);
   EXPECT_EQ(line->stations[6].phase, StationPhase::acquired);
-  // The station's next scan is another one.
+  // The station's next scan is a different one.
   EXPECT_TRUE(take_scan(1, 8, 2, 4713).ok());
 }
 

@@ -19,7 +19,7 @@ void replace(std::string& text, std::string_view what, std::string_view with) {
   text.replace(at, what.size(), with);
 }
 
-/// From `begin` to the first `end` behind it, both included.
+/// Text from `begin` to the first `end` after it, both included.
 std::string part_of(std::string_view text, std::string_view begin, std::string_view end) {
   const std::size_t from = text.find(begin);
   const std::size_t to = text.find(end, from);
@@ -27,7 +27,7 @@ std::string part_of(std::string_view text, std::string_view begin, std::string_v
   return std::string(text.substr(from, to + end.size() - from));
 }
 
-/// Adds a column behind the last one of a table in `text`.
+/// Adds a column after the last one of a table in `text`.
 void add_column(std::string& text, const std::string& table, const std::string& last_column,
                 const std::string& column) {
   const std::string before = part_of(text, "CREATE TABLE " + table + " (", last_column);

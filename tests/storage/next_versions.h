@@ -9,11 +9,11 @@
 
 namespace slabd::storage {
 
-/// Two made-up schema versions after this program's, so that tests can upgrade a database. While it lives, this process
-/// is a program of the last of them.
-///   first step   adds table mould and column slab.mould
-///   second step  needs the first: adds columns mould.wear_mm and item.mould_U, and makes table calibration again with
-///                one more kind, because SQLite cannot widen a CHECK
+/// Two invented schema versions after this program's, so that tests can upgrade a database. During its lifetime this
+/// process acts as a program of the later one.
+///   first step: adds table mould and column slab.mould
+///   second step: requires the first; adds columns mould.wear_mm and item.mould_U, and rebuilds table calibration with
+///     an additional kind, because SQLite cannot extend a CHECK
 class NextVersions {
  public:
   static constexpr int kFirst = kSchemaVersion + 1;
@@ -21,13 +21,13 @@ class NextVersions {
 
   /// `last`: kFirst or kLast.
   explicit NextVersions(int last = kLast) : NextVersions(last, second_step()) {}
-  /// The second step is `second` instead.
+  /// Uses `second` as the second step.
   explicit NextVersions(const std::string& second) : NextVersions(kLast, second) {}
 
  private:
   NextVersions(int last, const std::string& second);
   [[nodiscard]] static std::string second_step();
-  /// What a new database of these versions is made with.
+  /// Schema text of a new database of these versions.
   [[nodiscard]] static std::string fresh_text(int last);
 
   std::string text_;

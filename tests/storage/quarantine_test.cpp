@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A damaged database is set aside whole, and nobody begins a new history without a person's word.
+// A damaged database is moved to quarantine completely, and only a person can begin a new history.
 #include "storage/files/quarantine.h"
 
 #include <filesystem>
@@ -105,7 +105,7 @@ TEST_F(QuarantineTest, damage_found_while_the_daemon_runs_ends_in_quarantine_too
   (void)recover();
   damage();
   std::string answers;
-  // More pages than fit in memory.
+  // More pages than the cache holds.
   for (std::int64_t key = 1; key <= 10; ++key)
     for (int station = 1; station <= 18; station += 3) {
       const Status status =

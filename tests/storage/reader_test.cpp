@@ -45,7 +45,7 @@ TEST_F(ReaderTest, lists_newest_first_and_finds_by_the_newest_id) {
     job.slab.slab_id.assign(key == 2 || key == 4 ? "TWICE" : "ONCE-" + std::to_string(key));
     apply(job);
     scan(key, 1, 1);
-    acquire(key, 1, 2);  // a station scanned again and not measured yet counts as not measured
+    acquire(key, 1, 2);  // a station that was scanned again but not measured yet counts as not measured
     scan(key, 2, 1);
     if (key == 5) break;
     const std::uint16_t res_seq = end(key, Verdict::pass);
@@ -91,7 +91,7 @@ TEST_F(ReaderTest, control_characters_reach_people_as_numbers_and_programs_as_st
   job.slab.slab_id.assign("A-1");
   apply(job);
   close();
-  // The daemon refuses such an id; a database from elsewhere can hold it.
+  // The daemon rejects such an id, but a database from elsewhere can contain it.
   const std::string hostile = "A\x1b]0;owned\x07\n9 PASS";
   {
     Connection db(settings_.db_path, SQLITE_OPEN_READWRITE);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The file of the recipe that a slab was begun with.
+// Tests for the recipe file with which a slab was begun.
 #include <sqlite3.h>
 
 #include "tests/storage/store_fixture.h"
@@ -41,7 +41,7 @@ TEST_F(RecipeTextTest, is_kept_with_the_first_slab_that_names_it) {
   EXPECT_EQ(text->sha256.view(), "aa11");
   EXPECT_EQ(text->kept_utime_us, first_began_us_);
   EXPECT_FALSE(kept("aa22").has_value());
-  begin_with(3, "bb33");  // of a recipe whose file nobody gave
+  begin_with(3, "bb33");  // a recipe without a file
   EXPECT_FALSE(kept("bb33").has_value());
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What a restarted daemon is told, in every phase of a slab. Each state is built through apply(), then the store is
-// closed and opened again.
+// State recovered by a restarted daemon, in every phase of a slab. Each state is built through apply(), then the store
+// is closed and opened again.
 #include <filesystem>
 #include <fstream>
 
@@ -71,7 +71,7 @@ TEST_F(RecoverTest, an_emulated_attempt_marks_its_slab_for_good) {
   apply(BeginSlabJob{header, session_, 1});
   Attempt attempt = random_attempt(prng_, 1, 4, 1);
   attempt.emulated = 0;
-  attempt.fingerprint.reset();  // the same points would be refused
+  attempt.fingerprint.reset();  // the same points would be rejected
   apply(AcquiredJob{attempt});
   EXPECT_EQ(restart()->slab.emulated, 0);
   attempt.station = 5;
@@ -192,7 +192,7 @@ TEST_F(RecoverTest, a_scan_whose_end_nobody_saw_stands_among_the_fingerprints_un
 TEST_F(RecoverTest, the_newest_fingerprints_come_back_oldest_first) {
   EXPECT_EQ(restart()->fingerprints[0], 0U);
   begin(1);
-  std::uint64_t next = 0xFFFF'FFFF'0000'0000;  // beyond what a signed number holds
+  std::uint64_t next = 0xFFFF'FFFF'0000'0000;  // above the range of a signed number
   for (int number = 1; number <= 70; ++number) {
     accept(PlcCommand::scan, 4, 1);
     Attempt a = attempt(1, 4, static_cast<std::uint8_t>(number));
@@ -205,11 +205,11 @@ TEST_F(RecoverTest, the_newest_fingerprints_come_back_oldest_first) {
       EXPECT_EQ(restart()->fingerprints[3], 0U) << "three and no more";
     }
   }
-  apply(SeenScanJob{next++});  // a view
+  apply(SeenScanJob{next++});  // a calibration view
   accept(PlcCommand::scan, 4, 1);
-  apply(FailedAttemptJob{attempt(1, 4, 71), 205});  // no scan came
+  apply(FailedAttemptJob{attempt(1, 4, 71), 205});  // no scan arrived
   accept(PlcCommand::scan, 4, 1);
-  apply(AcquiredJob{attempt(1, 4, 72), next - 1});  // recorded again, because the first answer was an error
+  apply(AcquiredJob{attempt(1, 4, 72), next - 1});  // recorded again because the first one returned an error
   const auto line = restart();
   for (std::size_t i = 0; i < kFingerprintsKept; ++i)
     EXPECT_EQ(line->fingerprints[i], next - kFingerprintsKept + i) << i;
@@ -264,7 +264,7 @@ TEST_F(RecoverTest, failed_rescan_takes_the_place_of_an_old_pass) {
   EXPECT_EQ(line->stations[3].attempt.number, 1) << "the latest acquired one";
   EXPECT_EQ(line->stations[3].block.verdict, Verdict::none);
 
-  accept(PlcCommand::scan, 4, 1);  // cut off by the restart
+  accept(PlcCommand::scan, 4, 1);  // interrupted by the restart
   line = restart();
   EXPECT_EQ(line->stations[3].phase, StationPhase::failed);
   EXPECT_EQ(line->stations[3].code, 110);
@@ -282,7 +282,7 @@ TEST_F(RecoverTest, failed_rescan_takes_the_place_of_an_old_pass) {
 }
 
 TEST_F(RecoverTest, scan_that_was_never_carried_out_does_not_displace_a_later_one) {
-  // The journal entry reached the disk although its commit reported an error; the PLC gave the command again.
+  // The journal entry reached the disk although its commit returned an error; the PLC repeated the command.
   begin(1);
   accept(PlcCommand::scan, 4, 1);
   scan(1, 4, 1, Verdict::pass);
@@ -337,7 +337,7 @@ TEST_F(RecoverTest, aborted_slab_is_closed_as_aborted) {
   SlabResult slab;
   slab.verdict = Verdict::aborted;
   slab.reason = 110;
-  slab.station_verdict[0] = Verdict::pass;  // as versions before wrote it
+  slab.station_verdict[0] = Verdict::pass;  // as earlier versions stored it
   slab.station_verdict[1] = Verdict::fail;
   PlcResult record = random_record(prng_, ++res_seq_, 2);
   record.verdict = Verdict::aborted;
@@ -398,7 +398,7 @@ TEST_F(RecoverTest, a_clock_that_was_ahead_for_a_moment_leaves_no_mark) {
   EXPECT_EQ(restart()->newest_utime_us, before + 60'000'000);
 }
 
-/// A SCAN counts from the moment it is accepted, also when that it failed could not be recorded and others came after.
+/// A SCAN counts as soon as it is accepted, even if its failure could not be recorded and other scans followed.
 TEST_F(RecoverTest, a_station_given_up_for_a_new_scan_has_no_old_pass_whatever_was_scanned_since) {
   begin(1);
   scan(1, 3, 1);
@@ -413,7 +413,7 @@ TEST_F(RecoverTest, a_station_given_up_for_a_new_scan_has_no_old_pass_whatever_w
   EXPECT_EQ(line->stations[2].phase, StationPhase::measured);
 }
 
-/// SLAB_END was answered with an error, and in the log all the same: a record that no PLC has seen.
+/// SLAB_END returned an error but is in the log: a record that the PLC has never read.
 TEST_F(RecoverTest, an_acknowledgement_is_of_the_record_shown_and_of_no_earlier_one) {
   begin(1);
   acquire(1, 1, 1);
@@ -436,10 +436,10 @@ TEST_F(RecoverTest, results_beyond_the_queue_wait_for_the_next_restart_unacknowl
   ASSERT_EQ(line->unacknowledged.size(), limits::kResultQueueMax);
   EXPECT_EQ(line->unacknowledged.front().res_seq, all.front()) << "the oldest are kept";
 
-  apply(AckJob{all[limits::kResultQueueMax + 1]});  // never shown: cannot be meant
+  apply(AckJob{all[limits::kResultQueueMax + 1]});  // never shown, so it cannot be meant
   EXPECT_EQ(recover()->unacknowledged.size(), limits::kResultQueueMax);
 
-  // The PLC takes everything it is shown, also what is measured meanwhile and therefore newer than the three.
+  // The PLC acknowledges all records shown, including new measurements that are newer than the three.
   for (std::size_t i = 0; i < limits::kResultQueueMax; ++i) apply(AckJob{all[i]});
   const std::uint16_t newer = scan(1, 7, 50);
   const std::uint16_t newest = scan(1, 8, 50);
@@ -458,7 +458,7 @@ TEST_F(RecoverTest, results_beyond_the_queue_wait_for_the_next_restart_unacknowl
   EXPECT_TRUE(restart()->unacknowledged.empty());
 }
 
-/// A stupid model of the line beside the store: after every job, what recover() says must be what the model says.
+/// A simple model of the line next to the store: after every job, recover() must agree with the model.
 TEST_F(RecoverTest, long_random_day_agrees_with_a_model) {
   struct Model {
     std::int64_t slab = 0;
@@ -514,7 +514,7 @@ TEST_F(RecoverTest, long_random_day_agrees_with_a_model) {
   }
 }
 
-// A backup that was copied into place by hand, or a disk that was set back.
+// A backup that was copied into place manually, or a disk that was reset.
 TEST_F(RecoverTest, a_database_older_than_its_spool_gives_no_key_a_second_time) {
   begin(1);
   scan(1, 1, 1);
@@ -539,7 +539,7 @@ TEST_F(RecoverTest, a_database_older_than_its_spool_gives_no_key_a_second_time) 
   const std::string_view text = refused.error().text.view();
   EXPECT_NE(text.find("slabs up to 1, and " + settings_.spool_dir + "/10"), std::string_view::npos) << text;
   EXPECT_NE(text.find("slabctl db restore"), std::string_view::npos) << text;
-  // Nothing newer is left than what lies there.
+  // The existing database is the newest one left.
   ASSERT_TRUE(restore_database(
                   settings_, {settings_.db_path, {"anna", "the disk broke", 1'700'000'000'000'000}, 4711, false, true})
                   .ok());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Yesterday's database in today's place: what it does not know is said, and never made up.
+// A backup replaces the current database: missing data is reported, and never invented.
 #include <filesystem>
 #include <fstream>
 
@@ -39,7 +39,7 @@ class RestoreTest : public StoreTest {
     return restore_database(settings_,
                             {from, {"anna", "the disk broke", 1'700'000'000'000'000}, 4711, lose_calibrations});
   }
-  /// A hand-eye calibration is put in force in the database as it lies there.
+  /// Applies a hand-eye calibration to the current database.
   void calibrate(double height_mm = 150.0) {
     open();
     CalibrationRecord record;
@@ -114,7 +114,7 @@ TEST_F(RestoreTest, the_first_scan_after_it_proves_nothing) {
 }
 
 TEST_F(RestoreTest, scans_that_only_the_lost_database_knew_stay) {
-  // Slab 2 was open when the backup was made; station 2 was scanned afterwards.
+  // Slab 2 was open when the backup was made; station 2 was scanned after that.
   const std::string later = scan_file(2, 2, 1, 1000);
   ASSERT_TRUE(restore(backup_).ok());
   open();
@@ -138,7 +138,7 @@ TEST_F(RestoreTest, calibrations_are_not_lost_without_a_word) {
 }
 
 TEST_F(RestoreTest, calibrations_are_not_exchanged_for_as_many_others_without_a_word) {
-  // A backup with a calibration; then an older one is put back, and the line is calibrated anew: one change each.
+  // A backup with a calibration; then an older one is restored and the line is calibrated again: one change in each.
   calibrate(150.0);
   const std::string then = folder_.path() + "/then.db";
   ASSERT_TRUE(back_up_database(settings_.db_path, then).ok());
@@ -149,7 +149,7 @@ TEST_F(RestoreTest, calibrations_are_not_exchanged_for_as_many_others_without_a_
   EXPECT_EQ(status.error().code, Code::config);
   EXPECT_NE(status.error().text.view().find("1 changes of calibrations and 0 checks"), std::string_view::npos)
       << status.error().text.view();
-  // With nothing but what the backup knows too, nothing is lost.
+  // If the backup contains all changes, nothing is lost.
   const std::string now = folder_.path() + "/now.db";
   ASSERT_TRUE(back_up_database(settings_.db_path, now).ok());
   EXPECT_TRUE(restore(now).ok());
@@ -166,7 +166,7 @@ TEST_F(RestoreTest, cut_short_where_no_database_lay_begins_no_history) {
     EXPECT_NE(store.error().text.view().find("shows that there was one"), std::string_view::npos)
         << store.error().text.view();
     EXPECT_FALSE(fs::exists(settings_.db_path)) << left;
-    // Begun again with a backup that cannot be brought up to date: what is left is small, and still shows it.
+    // Repeated with a backup that cannot be upgraded: the remaining file is small, but still proves the database.
     {
       const NextVersions later("ALTER TABLE nowhere ADD COLUMN a");
       const Status status = restore(backup_);
@@ -235,7 +235,7 @@ TEST_F(RestoreTest, what_one_left_that_was_cut_short_is_no_backup) {
 
 TEST_F(RestoreTest, done_again_after_it_was_cut_short_still_knows_what_would_be_lost) {
   calibrate();
-  // Stopped after the database had gone to quarantine, before the backup had its name.
+  // Interrupted after the database was moved to quarantine, before the backup was renamed.
   ASSERT_TRUE(quarantine(settings_.db_path, kReplaced).ok());
   const std::string note = quarantine_note(settings_.db_path).value();
   EXPECT_EQ(note.find("damaged"), std::string::npos) << note;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A person of the group reads the database in every state in which slabd leaves it, and cannot write it.
+// A person of the group can read, but not write, the database in every state in which slabd leaves it.
 //
-// The person is a process of its own that was forked before this one opened the database. Under root it becomes another
-// user in the group of the database. Without root it stays the same user, and the rights to write are taken from files
-// and folder while it reads: to SQLite that is the same.
+// The person is a separate process, forked before this one opens the database. Under root it becomes another user in
+// the group of the database. Without root it stays the same user, and write permissions are removed from files and
+// folder while it reads, which is the same for SQLite.
 #include <fcntl.h>
 #include <grp.h>
 #include <sqlite3.h>
@@ -30,13 +30,13 @@ namespace fs = std::filesystem;
 
 constexpr uid_t kOtherUser = 65'534;
 constexpr gid_t kOtherGroup = 65'534;
-constexpr gid_t kGroup = 64'321;  ///< of the database; needs no name
+constexpr gid_t kGroup = 64'321;  ///< group of the database; needs no name
 
 bool is_root() {
   return geteuid() == 0;
 }
 
-/// Without root a file is its user's anyway.
+/// Without root a file already belongs to this user.
 void give(const std::string& path, uid_t owner) {
   EXPECT_EQ(is_root() ? chown(path.c_str(), owner, kGroup) : 0, 0) << std::strerror(errno);
 }
@@ -45,7 +45,7 @@ void set_mode(const std::string& path, mode_t mode) {
   EXPECT_EQ(chmod(path.c_str(), mode), 0) << path << ": " << std::strerror(errno);
 }
 
-/// Answers one line with one line, in a process of its own.
+/// A separate process that answers each line with one line.
 class Person {
  public:
   template <typename Answer>
@@ -101,7 +101,7 @@ class Person {
   pid_t child_ = 0;
 };
 
-/// As any program with SQLite reads it.
+/// Reads like any program that uses SQLite.
 std::string plain_count(const std::string& path) {
   sqlite3* db = nullptr;
   std::string answer;
@@ -117,7 +117,7 @@ std::string plain_count(const std::string& path) {
   return answer;
 }
 
-/// What the person does; the first word says what. One reader stays open over questions.
+/// Actions of the person, selected by the first word. One reader stays open between requests.
 class Reading {
  public:
   explicit Reading(std::string path) : path_(std::move(path)) {}
@@ -149,7 +149,7 @@ class Reading {
     if (!chain.ok()) return std::string(chain.error().text.view());
     return report.value().trouble + chain.value().trouble + std::to_string(chain.value().sealed);
   }
-  /// What a person might try; the names of what succeeded.
+  /// Tries all writes and returns the names of those that succeeded.
   [[nodiscard]] std::string write_all() const {
     std::string done;
     for (const char* side : {"", "-wal", "-shm", ".writer"}) {
@@ -192,7 +192,7 @@ class RightsTest : public StoreTest {
       acknowledge(end(key, Verdict::fail));
     }
   }
-  /// With the rights of somebody who may only read.
+  /// Sends a request with read-only permissions.
   std::string ask(Person& person, const std::string& what) {
     if (is_root()) return person.ask(what);
     for (const auto& file : fs::directory_iterator(db_folder_))
@@ -204,7 +204,7 @@ class RightsTest : public StoreTest {
       if (file.is_regular_file()) set_mode(file.path(), 0640);
     return answer;
   }
-  /// What a kill or a power cut leaves: the files as they are while slabd has them open.
+  /// Copies the files as a kill or a power cut leaves them, while slabd has them open.
   void killed_here(const std::string& to) {
     fs::create_directory(to);
     for (const char* side : {"", "-wal", "-shm"}) {
@@ -255,7 +255,7 @@ TEST_F(RightsTest, a_database_that_an_older_slabd_left_without_side_files_is_rea
   fs::remove(settings_.db_path + "-shm");
   EXPECT_EQ(ask(person, "read"), "2");
   EXPECT_EQ(ask(person, "check"), "2");
-  std::ofstream(settings_.db_path + "-shm") << std::string(32'768, '\0');  // one of them alone
+  std::ofstream(settings_.db_path + "-shm") << std::string(32'768, '\0');  // only one of the two
   ASSERT_EQ(chmod((settings_.db_path + "-shm").c_str(), 0644), 0);
   EXPECT_EQ(ask(person, "read"), "2");
 }
@@ -277,7 +277,7 @@ TEST_F(RightsTest, a_log_with_commits_and_an_unfinished_frame_is_read_after_a_ki
   EXPECT_EQ(ask(person, "plain"), "5");
   EXPECT_EQ(ask(person, "check"), "5");
   EXPECT_EQ(file_bytes(log), bytes) << "reading changes nothing";
-  // A power cut may leave any bytes in the index: it is made anew in memory.
+  // A power cut may leave arbitrary bytes in the index, which SQLite then rebuilds in memory.
   std::fstream(there + "/slabd.db-shm", std::ios::in | std::ios::out | std::ios::binary) << std::string(4'096, '\x77');
   EXPECT_EQ(ask(person, "read"), "5");
 }
@@ -369,7 +369,7 @@ TEST_F(RightsTest, a_database_that_is_changed_while_it_is_read_without_locks_is_
     EXPECT_EQ(db.integer("SELECT count(*) FROM slab"), 1);
     moment.commit();
   }
-  start();  // slabd makes a log
+  start();  // slabd creates a log
   Transaction moment(db, "BEGIN");
   EXPECT_EQ(db.integer("SELECT count(*) FROM slab"), 1);
   try {

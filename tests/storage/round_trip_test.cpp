@@ -72,7 +72,7 @@ TEST_F(RoundTripTest, maps_keep_their_bytes_and_go_with_the_block_they_belong_to
   acquire(1, 4, 1);
   BlockJob job{1, 1, random_block(prng_, 4, Verdict::pass), random_record(prng_, ++res_seq_, 1), random_maps(prng_)};
   apply(job);
-  job.maps = random_maps(prng_);  // after an error the block is measured once more
+  job.maps = random_maps(prng_);  // after an error the block is measured again
   apply(job);
   Result<std::unique_ptr<BlockMaps>> read = reader()->maps(1, 4, 1);
   ASSERT_TRUE(read.ok()) << read.error().text.view();
@@ -102,7 +102,7 @@ TEST_F(RoundTripTest, the_noise_of_the_last_exposures_comes_back_with_the_line) 
   };
   draw();
   apply(job);
-  draw();  // after an error the block is measured once more
+  draw();  // after an error the block is measured again
   apply(job);
   const auto line = recover();
   ASSERT_EQ(line->noise.size(), 1U);
@@ -113,7 +113,7 @@ TEST_F(RoundTripTest, the_noise_of_the_last_exposures_comes_back_with_the_line) 
   EXPECT_EQ(line->noise[0].print.places, 3'000U);
 
   end(1, Verdict::fail);
-  // Of all slabs the newest 64, oldest first.
+  // The newest 64 of all slabs, oldest first.
   for (std::int64_t key = 2; key <= 5; ++key) {
     begin(key);
     for (int station = 1; station <= 18; ++station) {
@@ -190,7 +190,7 @@ TEST_F(RoundTripTest, jobs_given_twice_leave_one_record) {
   const BlockJob measured{1, 1, block, record};
   apply(measured);
   apply(measured);
-  apply(AcquiredJob{a});  // late: the block is measured and stays so
+  apply(AcquiredJob{a});  // late: the block stays measured
   const auto line = recover();
   EXPECT_EQ(line->unacknowledged.size(), 1U);
   EXPECT_EQ(line->stations[4].phase, StationPhase::measured);
@@ -200,7 +200,7 @@ TEST_F(RoundTripTest, jobs_given_twice_leave_one_record) {
   accept(PlcCommand::slab_end, 0, 1);
   const SlabJob ended{1, random_slab(prng_, Verdict::pass), random_record(prng_, ++res_seq_, 2), 99};
   apply(ended);
-  SlabJob again = ended;  // after an error the daemon judges and numbers the slab anew
+  SlabJob again = ended;  // after an error the daemon judges and numbers the slab again
   again.slab = random_slab(prng_, Verdict::indeterminate);
   again.record.res_seq = ++res_seq_;
   apply(again);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Finding slabs and values among many, against slabs whose answers are known.
+// Searches for slabs and values among many, compared with known answers.
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {
@@ -17,7 +17,7 @@ class SearchTest : public StoreTest {
     item.verdict = verdict;
     return item;
   }
-  /// One more attempt of a station whose only items are flatness and slope.
+  /// Adds an attempt whose only items are flatness and slope.
   void measured(std::int64_t key, int station, int number, double flatness_mm, Verdict verdict) {
     acquire(key, station, number);
     BlockResult block;
@@ -34,13 +34,13 @@ class SearchTest : public StoreTest {
     slab.verdict = verdict;
     slab.station_verdict.fill(Verdict::pass);
     if (bad_station > 0) slab.station_verdict[static_cast<std::size_t>(bad_station - 1)] = verdict;
-    // SLAB_END computes the slope of station 2 anew.
+    // SLAB_END recomputes the slope of station 2.
     EXPECT_TRUE(slab.items.push(an_item(ItemId::seat_slope, 2, 1.25, verdict)));
     EXPECT_TRUE(slab.items.push(an_item(ItemId::corner_level, 0, 0.5, Verdict::pass)));
     apply(SlabJob{key, slab, random_record(prng_, ++res_seq_, 2), 9'000'000});
   }
-  /// Slab n begins at n seconds, of type 56 (odd) or 49: 1 passes, 2 fails at block 2's flatness, 3 fails at block 7 in
-  /// an attempt that was scanned again and passes, 4 is open.
+  /// Creates four slabs: slab n begins at n seconds and has type 56 (odd) or 49. Slab 1 passes, 2 fails at block 2's
+  /// flatness. Slab 3 fails at block 7 in an attempt that was scanned again and passes; slab 4 is open.
   void make_four() {
     open();
     for (std::int64_t key = 1; key <= 4; ++key) {
@@ -116,7 +116,7 @@ TEST_F(SearchTest, slabs_by_block_and_item) {
   EXPECT_EQ(found(filter), (Keys{2})) << "the slab's own slope of block 2";
 }
 
-// Nothing was measured where no scan came to anything: there is no row of any item then.
+// If no scan has a result, the item rows are missing, and nothing was measured.
 TEST_F(SearchTest, an_item_is_not_measured_where_its_station_has_no_result) {
   make_four();
   ended(4, Verdict::not_measured, 0);
@@ -166,7 +166,7 @@ TEST_F(SearchTest, an_item_is_not_measured_where_its_station_has_no_result) {
   EXPECT_EQ(reader()->values(values).value().size(), 3U);
 }
 
-// A block's pass waits for what the slab has to say of it.
+// A block's pass is provisional until the slab is judged.
 TEST_F(SearchTest, no_block_of_an_aborted_slab_passed_whatever_a_version_before_wrote) {
   make_four();
   ended(4, Verdict::aborted, 0);
@@ -226,7 +226,7 @@ TEST_F(SearchTest, an_item_for_information_does_not_take_the_place_of_the_one_th
 }
 
 TEST_F(SearchTest, an_item_for_information_that_was_not_measured_is_no_find) {
-  // slope_datum = "local_slab_top", and no slab frame: the block's slope was judged and passed.
+  // slope_datum = "local_slab_top" without a slab frame: the block's slope was judged and passed.
   open();
   apply(BeginSlabJob{random_header(prng_, 1), 1, ++cmd_seq_});
   for (int station = 1; station <= 18; ++station) measured(1, station, 1, 0.1, Verdict::pass);

@@ -18,7 +18,7 @@ namespace {
 
 class SettingsTest : public StoreTest {
  protected:
-  /// A database made by somebody else.
+  /// Creates a database of another application.
   void make(const std::string& sql) {
     std::filesystem::create_directories(folder_.path() + "/db");
     sqlite3* db = nullptr;
@@ -52,7 +52,7 @@ TEST_F(SettingsTest, who_may_not_read_the_file_is_asked_about_its_group) {
   ASSERT_EQ(chmod(settings_.db_path.c_str(), 0), 0);
   const pid_t child = fork();
   if (child == 0) {
-    if (geteuid() == 0 && setresuid(65'534, 65'534, 65'534) != 0) _exit(9);  // for root nothing is forbidden
+    if (geteuid() == 0 && setresuid(65'534, 65'534, 65'534) != 0) _exit(9);  // root would be permitted everything
     const auto reader = open_reader(settings_.db_path);
     _exit(!reader.ok() && reader.error().text.view().find("are you in its group?") != std::string_view::npos ? 0 : 1);
   }
@@ -61,7 +61,7 @@ TEST_F(SettingsTest, who_may_not_read_the_file_is_asked_about_its_group) {
   EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;
 }
 
-/// Another program that keeps a transaction open, as sqlite3 in a terminal does after BEGIN IMMEDIATE.
+/// Another program with an open transaction, like sqlite3 in a terminal after BEGIN IMMEDIATE.
 class OtherProgram {
  public:
   explicit OtherProgram(const std::string& db_path) {
@@ -139,7 +139,7 @@ TEST_F(SettingsTest, settings_are_in_force_on_the_writing_connection) {
   EXPECT_EQ(defensive, 1);
 }
 
-/// Pages of the database file itself, without what is only in its log.
+/// Number of pages in the database file, without those only in its log.
 std::int64_t pages_in_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   std::array<unsigned char, 32> header{};
@@ -226,7 +226,7 @@ TEST_F(SettingsTest, a_database_of_a_test_version_is_refused_in_words_and_left_a
     EXPECT_TRUE(bytes_of(settings_.db_path) == before);
     EXPECT_FALSE(std::filesystem::exists(settings_.db_path + "-wal")) << "it was switched to our journal mode";
   }
-  // What the sentence says to do: the new database works, and the old one is kept.
+  // The remedy in the message works: a new database is created, and the old one is kept.
   const std::string before = bytes_of(settings_.db_path);
   const Status fresh = restore_database(settings_, {"", {"anna", "1.0 is here", 1'700'000'000'000'000}, 4711});
   ASSERT_TRUE(fresh.ok()) << fresh.error().text.view();
@@ -315,7 +315,7 @@ TEST_F(SettingsTest, slab_begin_is_refused_when_the_spool_disk_is_nearly_full) {
   EXPECT_NE(status.error().text.view().find(settings_.spool_dir), std::string_view::npos);
   EXPECT_EQ(recover()->last_slab_key, 0) << "nothing may be journaled";
   EXPECT_EQ(recover()->cmd_ack, 0);
-  apply(SessionJob{7});  // everything else still works
+  apply(SessionJob{7});  // all other jobs still work
 }
 
 TEST_F(SettingsTest, slab_begins_when_there_is_space_for_it) {

@@ -12,7 +12,7 @@
 namespace slabd::storage {
 namespace {
 
-/// Every scan here is 1000 bytes, every slab two scans.
+/// Every scan in these tests has 1000 bytes, every slab two scans.
 class SpoolTest : public StoreTest {
  protected:
   std::uint16_t whole_slab(std::int64_t key, Verdict verdict) {
@@ -52,7 +52,7 @@ TEST_F(SpoolTest, oldest_acknowledged_passes_go_first_then_the_others) {
   open();
   std::string seen;
   for (int i = 0; i < 8; ++i) {
-    apply(AckJob{0});  // acknowledges nothing, but gives the spool its turn
+    apply(AckJob{0});  // acknowledges nothing, but triggers trimming of the spool
     seen += kept() + " ";
   }
   EXPECT_EQ(seen, "13456 1356 356 56 56 56 56 56 ")
@@ -100,7 +100,8 @@ TEST_F(SpoolTest, what_is_left_of_a_slab_that_is_pinned_while_its_scans_go_stays
   for (std::int64_t key = 1; key <= 2; ++key) acknowledge(whole_slab(key, Verdict::pass));
   close();
   {
-    // Killed between "these go" and the second file; then a person comes, and slabd is started again.
+    // Killed after marking the scans and before deleting the second file; then a person pins the slab and slabd
+    // restarts.
     Result<std::unique_ptr<Connection>> db = open_for_writing(settings_.db_path);
     ASSERT_TRUE(db.ok());
     db.value()->execute("UPDATE attempt SET scan_state = 'deleting' WHERE slab_key = 1");
@@ -146,7 +147,7 @@ TEST_F(SpoolTest, scan_that_cannot_be_deleted_is_reported_and_tried_again) {
   begin(1);
   scan(1, 1, 1);
   const std::string path = settings_.spool_dir + "/1/1-1.ply";
-  // A folder in the file's place cannot be unlinked, not even by root.
+  // A folder in place of the file cannot be unlinked, not even by root.
   ASSERT_TRUE(std::filesystem::remove(path));
   ASSERT_TRUE(std::filesystem::create_directory(path));
   acknowledge(end(1, Verdict::pass));
@@ -186,7 +187,7 @@ TEST_F(SpoolTest, scans_of_a_spool_that_was_somewhere_else_neither_count_nor_go)
   EXPECT_EQ(kept(), "56");
   EXPECT_EQ(store_->spool_trouble(), "");
   for (const char* name : {"/1/1-1.ply", "/3/2-1.ply"}) EXPECT_TRUE(std::filesystem::exists(before + name)) << name;
-  // And back again: they count, and go.
+  // With the old path again they count and are deleted.
   settings_.spool_dir = before;
   open();
   acknowledge(whole_slab(7, Verdict::pass));
@@ -227,7 +228,7 @@ TEST_F(SpoolTest, a_slab_that_is_refused_for_lack_of_room_makes_what_may_go_go) 
 
 class OrphanTest : public SpoolTest {
  protected:
-  /// The slab began at the epoch unless said otherwise: every file in the spool is younger.
+  /// The slab begins at the epoch by default, so that every file in the spool is newer.
   void begin_at(std::int64_t key, std::int64_t began_utime_us = 0) {
     BeginSlabJob job{random_header(prng_, key), session_, ++cmd_seq_};
     job.slab.began_utime_us = began_utime_us;
@@ -246,7 +247,7 @@ TEST_F(OrphanTest, scan_that_was_spooled_and_never_recorded_goes_at_the_next_sta
   scan(1, 1, 2);
   acquire(1, 2, 1);
   accept(PlcCommand::scan, 3, 1);
-  const std::string orphan = scan_file(1, 3, 1, 1000);  // and the power fails
+  const std::string orphan = scan_file(1, 3, 1, 1000);  // then the power fails
   const std::string copied_halfway = scan_file(1, 3, 2, 1000) + ".part";
   std::filesystem::rename(settings_.spool_dir + "/1/3-2.ply", copied_halfway);
   const std::string thrown_away = settings_.spool_dir + "/1/3-1-unseen.ply";
@@ -266,7 +267,7 @@ TEST_F(OrphanTest, scans_of_the_same_slab_in_a_newer_database_are_kept_and_told)
   scan(1, 1, 1);
   accept(PlcCommand::scan, 2, 1);
   const std::string under_way = scan_file(1, 2, 1, 1000);
-  // The slab went on from here, and this database is the copy that was made meanwhile.
+  // The slab continued after this, and this database is a copy made before.
   const std::vector<std::string> later = {scan_file(1, 3, 1, 1000), scan_file(1, 1, 2, 1000)};
   restart();
   EXPECT_FALSE(std::filesystem::exists(under_way));

@@ -12,11 +12,11 @@ namespace slabd::storage {
 namespace {
 
 double number(Prng& prng) {
-  // Awkward doubles: full mantissas, tiny and huge, now and then none.
+  // Difficult doubles: full mantissas, tiny and huge, sometimes NaN.
   const std::uint64_t kind = prng.below(8);
   if (kind == 0) return kNoValue;
   if (kind == 1) return prng.normal() * 1e-300;
-  if (kind == 2) return static_cast<double>(prng.below(1000));  // a whole number, which SQLite packs as one
+  if (kind == 2) return static_cast<double>(prng.below(1000));  // a whole number, which SQLite stores as an integer
   return prng.normal() * 1234.5678;
 }
 
@@ -26,14 +26,14 @@ Vec3 vector(Prng& prng) {
 
 template <typename Matrix>
 void matrix(Prng& prng, Matrix& out) {
-  // Not symmetric: a covariance that is so only to rounding must keep its bits too.
+  // Not symmetric, because a covariance symmetric only to rounding must keep its bits too.
   for (int row = 0; row < out.rows(); ++row)
     for (int column = 0; column < out.cols(); ++column) out(row, column) = number(prng);
 }
 
 Pose pose(Prng& prng) {
   Pose p;
-  // Deliberately not of unit length: storage must not "improve" it.
+  // Deliberately not of unit length, because storage must not normalise it.
   p.rotation = Quat(prng.normal(), prng.normal(), prng.normal(), prng.normal());
   p.translation_mm = vector(prng);
   return p;

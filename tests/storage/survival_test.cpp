@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Power cuts, kills and failing calls at every point of the store's life, in the product's own settings. A life is a
-// list of steps; after each one that was reported as done, the content of the database is known (a number made from
-// every row of every table). Whatever happens then, the database must be whole and hold the content of the last
-// reported step, or of the one under way: nothing lost, nothing half done.
+// Power cuts, kills and failing calls at every point of the store's life, with the product's own settings. A life is a
+// list of steps. After each step that was reported as done, the content of the database is known (a hash of every row
+// of every table). After any failure the database must be intact and have the content of the last reported step, or of
+// the one in progress. Nothing may be lost or half done.
 //
-// The default run looks at some hundred images and points. SLABD_SURVIVAL_IMAGES, _POINTS and _SEED ask for more
+// The default run covers some hundred images and points. SLABD_SURVIVAL_IMAGES, _POINTS and _SEED set more
 // (script/survival).
 #include <signal.h>
 #include <sqlite3.h>
@@ -38,8 +38,8 @@ std::uint64_t number_from(const char* name, std::uint64_t otherwise) {
   return text == nullptr ? otherwise : std::strtoull(text, nullptr, 10);
 }
 
-/// FNV-1a over every value of every row, in the order of the keys; without the chain of results, which also tells of
-/// ends that were taken back.
+/// FNV-1a over every value of every row, in the order of the keys, without the chain of results, which also contains
+/// reverted ends.
 std::uint64_t content_of(Connection& db) {
   std::uint64_t hash = 14695981039346656037ULL;
   const auto add = [&](const void* bytes, std::size_t size) {
@@ -79,16 +79,16 @@ std::uint64_t content_of(Connection& db) {
 
 class SurvivalTest : public FastStoreTest {
  protected:
-  /// Returns false when it came to nothing; then it is asked again, as the line would.
+  /// A step returns false if it failed; then it is repeated, as the line would.
   using Step = std::function<bool()>;
 
   SurvivalTest() : seed_(number_from("SLABD_SURVIVAL_SEED", 1)), prng_of_cuts_(seed_) {}
 
-  /// Every job is made before the life begins, so that each life of a seed is the same one.
+  /// All jobs are created before the life begins, so that every life of a seed is the same.
   void make_life(int slabs, int stations) {
     steps_.clear();
     steps_.push_back([this] {
-      store_.reset();  // as the daemon does, when the database cannot be read at its start
+      store_.reset();  // as the daemon does if the database cannot be read at its start
       Result<std::unique_ptr<Store>> store = open_store(settings_);
       if (!store.ok()) return false;
       store_ = std::move(store.value());
@@ -106,8 +106,8 @@ class SurvivalTest : public FastStoreTest {
         Attempt a = random_attempt(prng_, key, station, 1);
         a.session = session_;
         a.cmd_seq = cmd_seq_;
-        // The times of a slab follow each other: one far ahead is believed only when a second one follows in the same
-        // run, which a failing call may part from it.
+        // The times of a slab are consecutive. A time far ahead counts only after a second one in the same run, and a
+        // failing call may separate them.
         a.scan_utime_us = header.began_utime_us + 1'000'000 * station;
         job(AcquiredJob{a});
         PlcResult record = random_record(prng_, ++res_seq_, 1);
@@ -129,7 +129,7 @@ class SurvivalTest : public FastStoreTest {
     auto kept = std::make_shared<StoreJob>(StoreJob{1, what});
     steps_.push_back([this, kept] { return store_ != nullptr && store_->apply(*kept).ok(); });
   }
-  /// Nothing to do for a while: the log is moved into the database. Part of the step before it.
+  /// Adds an idle period to the previous step: the log is moved into the database.
   void quiet() {
     Step before = steps_.back();
     steps_.back() = [this, before] {
@@ -139,7 +139,7 @@ class SurvivalTest : public FastStoreTest {
     };
   }
 
-  /// The content after each step of an undisturbed life; [0] is that of a database just made.
+  /// Stores the content after each step of an undisturbed life; [0] is that of a new database.
   void learn_contents() {
     contents_.clear();
     {
@@ -161,7 +161,7 @@ class SurvivalTest : public FastStoreTest {
     return content_of(*db.value());
   }
 
-  /// Looks at what is left at `root`: whole, and with the content of step `done` or the next. Returns which one.
+  /// Checks the files at `root`: intact, and with the content of step `done` or the next. Returns that step.
   std::size_t expect_survived(const std::string& root, std::size_t done, const std::string& what) {
     const std::string path = root + "/db/slabd.db";
     try {
@@ -193,7 +193,7 @@ class SurvivalTest : public FastStoreTest {
     return done;
   }
 
-  /// A daemon starts with what is left, and works.
+  /// Checks that a daemon starts with the remaining files and works.
   void expect_goes_on(const std::string& root, const std::string& what) {
     StoreSettings settings = settings_;
     settings.db_path = root + "/db/slabd.db";
@@ -242,7 +242,7 @@ TEST_P(PowerCutTest, leaves_a_whole_database_with_every_reported_step) {
               log.changes.size(), steps_.size(), static_cast<unsigned long long>(images));
   std::uint64_t under_way = 0;
   for (std::uint64_t i = 0; i < images && !HasFailure(); ++i) {
-    // Every point first, then again.
+    // All points first, then again.
     const std::size_t end =
         images <= log.changes.size() ? 1 + i * (log.changes.size() - 1) / images : 1 + i % log.changes.size();
     const std::size_t done = log.marks_before(end);
@@ -258,7 +258,7 @@ TEST_P(PowerCutTest, leaves_a_whole_database_with_every_reported_step) {
   EXPECT_GT(under_way, 0U) << "no image kept a step that was not reported yet: too friendly a disk";
 }
 
-// Power fails again while the database comes back.
+// Second power cut while the database is recovered.
 TEST_P(PowerCutTest, during_the_restart_after_a_power_cut_loses_nothing_either) {
   const std::uint64_t cuts = number_from("SLABD_SURVIVAL_IMAGES", 300) / 60;
   make_life(1, 3);
@@ -288,8 +288,9 @@ TEST_P(PowerCutTest, during_the_restart_after_a_power_cut_loses_nothing_either) 
   }
 }
 
-// What lies under the database's name is the database with its log, or the quarantine's note; with the note, the rest
-// follows at the next start. Never a database alone: it would open as a whole one.
+// The file at the database's path is either the database with its log, or the quarantine's note. With the note, the
+// rest is moved at the next start. A database without its log must never be there, because it would open without an
+// error.
 TEST_P(PowerCutTest, of_a_quarantine_never_parts_a_database_from_its_log) {
   make_life(1, 3);
   for (const Step& step : steps_) ASSERT_TRUE(step());
@@ -324,7 +325,7 @@ TEST_P(PowerCutTest, of_a_quarantine_never_parts_a_database_from_its_log) {
   EXPECT_GT(noted, 0);
 }
 
-// Either the old database counts, or the restored one, or a note keeps the daemon from beginning anything.
+// The database is either the old or the restored one, or a note prevents the daemon from starting.
 TEST_P(PowerCutTest, while_a_backup_is_restored_leaves_one_of_both_or_a_note) {
   make_life(2, 2);
   for (const Step& step : steps_) ASSERT_TRUE(step());
@@ -386,7 +387,7 @@ TEST_F(SurvivalTest, a_disk_that_forgets_what_was_synced_is_noticed) {
   EXPECT_GT(noticed, 10) << "the test cannot fail";
 }
 
-/// Which of `total` points are looked at: all that were asked for, evenly.
+/// Selects the points to test: `wanted` of `total`, evenly.
 std::vector<std::uint64_t> points_of(std::uint64_t total, std::uint64_t wanted, std::uint64_t seed) {
   std::vector<std::uint64_t> points;
   const std::uint64_t step = std::max<std::uint64_t>(1, total / std::max<std::uint64_t>(1, wanted));
@@ -440,7 +441,7 @@ struct Trouble {
   const char* name;
   int error_number;
   bool with_reads;
-  std::uint64_t calls;  ///< that fail in a row
+  std::uint64_t calls;  ///< number of consecutive failing calls
 };
 
 class FailingCallTest : public SurvivalTest, public ::testing::WithParamInterface<Trouble> {};
@@ -486,14 +487,14 @@ TEST_P(FailingCallTest, at_every_call_is_reported_or_mended_and_a_repeat_brings_
               static_cast<unsigned long long>(calls), reported);
 }
 
-/// False where SQLite alone knows what failed: it calls a sync for which there was no room an I/O error.
+/// False if only SQLite has the cause: it reports a sync without free space as an I/O error.
 bool expect_told_as_full(const Error& told) {
   if (told.text.view().find(std::strerror(ENOSPC)) == std::string_view::npos) return false;
   EXPECT_EQ(told.code, Code::store_full) << told.text.view();
   return true;
 }
 
-// A person makes room for 501, and looks for a damaged database at 502.
+// A person frees space on code 501, and looks for a damaged database on code 502.
 TEST_F(SurvivalTest, a_backup_on_a_disk_that_is_full_says_that_it_is_full) {
   const std::string copy = root_ + "/copy.db";
   open();
@@ -523,7 +524,7 @@ TEST_F(SurvivalTest, a_backup_that_fails_leaves_nothing_behind) {
     const Status status = back_up_database(settings_.db_path, copy);
     const bool hit = crash_disk::has_hit();
     (void)crash_disk::heal();
-    // The sync of the folder comes after the copy has its name.
+    // The sync of the folder follows the renaming of the copy.
     EXPECT_TRUE(fs::exists(copy) || !status.ok()) << "call " << point;
     if (fs::exists(copy)) {
       EXPECT_EQ(content_at(copy, true), content_at(settings_.db_path, true)) << "call " << point;
@@ -560,8 +561,8 @@ TEST_F(SurvivalTest, a_copy_before_an_upgrade_on_a_disk_that_is_full_says_that_i
   EXPECT_GT(told, 2) << "are the calls still taken over?";
 }
 
-// SQLite's check tells a read that failed in the words it has for damage. Whatever fails while a whole database is
-// opened, and for however long: it stays where it is, and opens when the disk answers again.
+// SQLite's check reports a failed read with the same words as damage. An intact database must stay in place when reads
+// fail while it is opened, for any duration, and must open when the disk works again.
 TEST_F(SurvivalTest, reads_that_fail_set_no_whole_database_aside) {
   make_life(1, 3);
   for (const Step& step : steps_) ASSERT_TRUE(step());
@@ -584,8 +585,8 @@ TEST_F(SurvivalTest, reads_that_fail_set_no_whole_database_aside) {
   std::printf("reads that fail: %llu calls, %d times refused\n", static_cast<unsigned long long>(calls), refused);
 }
 
-// The two halves of `script/survival --strace`: a life in a given folder, which writes a byte for every reported step,
-// and the look at what a kill left of it. Without that folder each is an undisturbed life.
+// The two parts of `script/survival --strace`. One is a life in a given folder, which writes a byte for every reported
+// step; the other is the check after a kill. Without that folder each part is an undisturbed life.
 class StraceTest : public SurvivalTest {
  protected:
   StraceTest() {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A database of this program meets a program of a later schema version, whose steps are made up (next_versions.h).
+// Upgrade of a database of this program by a program of a later, invented schema version (next_versions.h).
 #include <signal.h>
 #include <sqlite3.h>
 #include <sys/resource.h>
@@ -24,7 +24,7 @@ std::string whole(const std::string& path) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-/// One connection without any of our settings.
+/// A connection without slabd's settings.
 class Plain {
  public:
   explicit Plain(const std::string& path) { EXPECT_EQ(sqlite3_open(path.c_str(), &db_), SQLITE_OK); }
@@ -36,7 +36,7 @@ class Plain {
     EXPECT_EQ(sqlite3_exec(db_, sql.c_str(), nullptr, nullptr, nullptr), SQLITE_OK)
         << sqlite3_errmsg(db_) << " " << sql;
   }
-  /// The first column of all rows.
+  /// First column of all rows.
   std::vector<std::string> column(const std::string& sql) {
     std::vector<std::string> values;
     sqlite3_stmt* statement = nullptr;
@@ -54,7 +54,7 @@ class Plain {
 
 class UpgradeTest : public StoreTest {
  protected:
-  /// Slab 1 ended, slab 2 open with station 5 measured, in a database of this program.
+  /// Creates slab 1, ended, and slab 2, open with station 5 measured, in a database of this program.
   void make_old() {
     open();
     for (std::int64_t key = 1; key <= 2; ++key) {
@@ -71,7 +71,7 @@ class UpgradeTest : public StoreTest {
   [[nodiscard]] std::string backup(int version = kSchemaVersion) const {
     return settings_.db_path + ".v" + std::to_string(version) + "-backup";
   }
-  /// Every start of a program that upgrades fails for `reason`, and leaves the old database and one copy of it.
+  /// Checks that every start of an upgrading program fails for `reason`, and leaves the old database and one copy.
   void expect_refused(const std::string& reason) {
     for (int start = 0; start < 3; ++start) {
       const Result<std::unique_ptr<Store>> store = open_store(settings_);
@@ -235,7 +235,7 @@ TEST_F(UpgradeTest, copy_of_the_old_database_stays_beside_it) {
   }
   EXPECT_FALSE(fs::exists(backup() + ".part"));
   const std::string before = whole(backup());
-  open();  // nothing left to do
+  open();  // nothing is left to upgrade
   close();
   EXPECT_EQ(whole(backup()), before);
   EXPECT_FALSE(fs::exists(backup() + ".2"));
@@ -256,7 +256,7 @@ TEST_F(UpgradeTest, an_upgrade_that_fails_leaves_the_old_database_and_one_copy) 
   make_old();
   {
     Plain db(settings_.db_path);
-    db.run("ALTER TABLE item ADD COLUMN mould_U REAL");  // in the way of the last step
+    db.run("ALTER TABLE item ADD COLUMN mould_U REAL");  // conflicts with the last step
   }
   const NextVersions later;
   expect_refused("mould_U");
