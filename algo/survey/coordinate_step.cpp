@@ -42,7 +42,7 @@ constexpr std::array kUsualSteps = {25.4,    12.7,  10.0,  5.0,    2.54,    2.5,
 
 struct Sample {
   std::array<std::array<float, kSample>, 3> values{};
-  std::array<std::size_t, kSample> index{};  ///< in the cloud
+  std::array<std::array<std::uint32_t, kSample>, 2> line{};  ///< column and row, of an organised scan
   std::size_t count = 0;
   std::size_t tries = 0;
 };
@@ -56,7 +56,11 @@ void draw(const Cloud& cloud, Sample& sample) {
     const float* p = cloud.xyz.data() + 3 * index;
     if (!std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2])) continue;
     for (std::size_t axis = 0; axis < 3; ++axis) sample.values[axis][sample.count] = p[axis];
-    sample.index[sample.count++] = index;
+    if (cloud.width != 0) {
+      sample.line[0][sample.count] = static_cast<std::uint32_t>(index % cloud.width);
+      sample.line[1][sample.count] = static_cast<std::uint32_t>(index / cloud.width);
+    }
+    ++sample.count;
   }
 }
 
@@ -197,26 +201,20 @@ GridAxis grid_axis_of(const Cloud& cloud, const Sample& sample, std::size_t axis
   const std::span<const float> values = std::span(sample.values[axis]).first(sample.count);
   const double alike = 2.0 * precision_of(values);
   for (const bool of_rows : {false, true}) {
-    const auto line = [&](std::size_t i) {
-      return of_rows ? sample.index[i] / cloud.width : sample.index[i] % cloud.width;
-    };
-    std::size_t first = 0;
-    std::size_t last = 0;
-    for (std::size_t i = 0; i < sample.count; ++i) {
-      if (line(i) < line(first)) first = i;
-      if (line(i) > line(last)) last = i;
-    }
-    if (line(last) - line(first) + 1 < kLinesMin) continue;
-    const auto origin = static_cast<double>(values[first]);
-    const double pitch_mm =
-        (static_cast<double>(values[last]) - origin) / static_cast<double>(line(last) - line(first));
+    const std::span<const std::uint32_t> line = std::span(sample.line[of_rows ? 1 : 0]).first(sample.count);
+    const auto [low, high] = std::minmax_element(line.begin(), line.end());
+    const std::uint32_t steps = *high - *low;
+    if (steps + 1 < kLinesMin) continue;
+    const auto origin = static_cast<double>(values[static_cast<std::size_t>(low - line.begin())]);
+    const auto end = static_cast<double>(values[static_cast<std::size_t>(high - line.begin())]);
+    const double pitch_mm = (end - origin) / static_cast<double>(steps);
     const auto is_on_line = [&](std::size_t i) {
-      const double expected = origin + pitch_mm * static_cast<double>(line(i) - line(first));
+      const double expected = origin + pitch_mm * static_cast<double>(line[i] - *low);
       return std::abs(static_cast<double>(values[i]) - expected) <= alike;
     };
     std::size_t on_line = 0;
     while (on_line < sample.count && is_on_line(on_line)) ++on_line;
-    if (on_line == sample.count) return {std::abs(pitch_mm), of_rows, line(last) - line(first) + 1};
+    if (on_line == sample.count) return {std::abs(pitch_mm), of_rows, steps + 1};
   }
   return {};
 }

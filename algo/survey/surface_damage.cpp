@@ -325,15 +325,23 @@ void leave_out_beyond_view(const BlockModel& model, const SurfaceTable& table, c
   constexpr std::uint32_t kSeenMin = 3;  // fewer points in a cell of the map are strays
   FieldOfView parallel(map, std::nullopt);
   FieldOfView central(map, eye);
-  for (std::size_t row = 0; row < map.rows; ++row)
+  for (std::size_t row = 0; row < map.rows; ++row) {
+    // Parallel rays leave a row of the map in its row: of that its ends are enough.
+    std::optional<Vec3> first;
+    Vec3 last;
     for (std::size_t column = 0; column < map.columns; ++column) {
       if (map.count[row * map.columns + column] < kSeenMin) continue;
       Vec3 p(map.x_mm(column), map.y_mm(row), 0.0);
       Face face = Face::top;
       if (!model.visible(p.x(), p.y(), face, p.z())) continue;
-      parallel.add(p);
       central.add(p);
+      if (!first) first = p;
+      last = p;
     }
+    if (!first) continue;
+    parallel.add(*first);
+    parallel.add(last);
+  }
   parallel.close();
   central.close();
   for (std::size_t row = table.rows()[0]; row < table.rows()[1]; ++row)
