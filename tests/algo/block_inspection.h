@@ -12,7 +12,7 @@ namespace slabd::algo {
 /// `room`: points that the scan's buffer holds; fewer than the scan has means no more than those.
 inline BlockResult inspect(scene::Cloud cloud, const Recipe& recipe = scene::p5600(),
                            const Pose& T_base_block = Pose::identity(), std::size_t room = 0) {
-  BlockInspector inspector;
+  static BlockInspector inspector;  // one for all scans of a test, as in the daemon
   inspector.use(recipe);
   inspector.begin(4, T_base_block, T_base_block * nominal_T_block_scanner());
   Cloud view = cloud.view();

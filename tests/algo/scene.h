@@ -49,6 +49,7 @@ struct Scan {
   double missing_share = 0.02;
   double field_x_mm = 350.0;
   double field_y_mm = 500.0;
+  bool incidence = false;  ///< the cloud has its points' angles
   bool organised = false;  ///< missing points as NaN in a width x height grid
   std::uint64_t seed = 1;
   /// Where the block really is, seen from where it should be: T_nominal_true.
@@ -60,7 +61,7 @@ struct Cloud {
   std::size_t width = 0;
   std::size_t height = 0;
   std::vector<bool> outlier;         ///< of each point
-  std::vector<float> incidence_deg;  ///< of each point: the ray against the normal of the face it met
+  std::vector<float> incidence_deg;  ///< of each point if asked for: the ray against the normal of the face it met
   Pose T_block_scanner;              ///< truth
 
   [[nodiscard]] algo::Cloud view() { return {xyz, xyz.size() / 3, width, height}; }

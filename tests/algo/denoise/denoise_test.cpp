@@ -193,7 +193,8 @@ struct Quality {
   double steep_lost = 0.0;  ///< up to 83; what is met at a flatter angle no scanner sees
 };
 
-Quality quality(const scene::Scan& scan) {
+Quality quality(scene::Scan scan) {
+  scan.incidence = true;
   BlockModel model;
   model.build(scene::p5600().block);
   const scene::Cloud cloud = scene::take({}, scan);
