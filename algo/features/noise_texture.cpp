@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: many scanner programs fill gaps, smooth, round and resample before they write. A gap that was filled shows a
-// perfect surface where nothing was seen; a mean over neighbours makes a bump of a single wrong point. The points alone
+// Problem: many scanner programs fill gaps, smooth, round and resample before they write. A filled gap shows a perfect
+// surface where nothing was seen; an average over neighbours makes a bump of a single wrong point. The points alone
 // look right.
 //
-// Idea: what was measured has noise of its own at every point, and what was computed has not. Along a row of the scan
-// the distances r of the points from the face's plane are differenced,
+// Idea: measured points have noise of their own, computed points do not. Along a row of the scan the distances r of the
+// points from the face's plane are differenced,
 //
-//     d1 = r2 - r1,    d2 = r3 - 2 r2 + r1,    d3 = r4 - 3 r3 + 3 r2 - r1,
+//     d1 = r2 - r1, d2 = r3 - 2 r2 + r1, d3 = r4 - 3 r3 + 3 r2 - r1,
 //
-// which takes the surface's form away. The mean size of d3, place by place, is the noise there: on real concrete and on
+// which removes the surface's form. The mean size of d3 per place is the noise there. On real concrete and on drawn
+// blocks, no place of 4 mm has less than 0.75 of the usual noise; a filled one has almost none. The ratio of d2 to d1
+// shows how far neighbours share their noise, and the distribution of d1 whether heights are in steps.
 // drawn blocks no place of 4 mm has less than 0.75 of the usual one, a filled one has nothing. The sizes of d2 against
 // those of d1 say how far neighbours share their noise, and the distribution of d1 whether heights stand in steps.
 #include "algo/features/noise_texture.h"
@@ -24,9 +26,9 @@
 namespace slabd::algo {
 namespace {
 
-/// Points further than this from the plane are no noise of it: outliers, damage, an edge.
+/// Points further than this from the plane are not its noise: outliers, damage, an edge.
 constexpr float kReach_mm = 0.5F;
-/// Neighbours are at most this far apart, and their steps alike.
+/// Neighbours are at most this far apart, and their steps are similar.
 constexpr float kStepMax_mm = 3.0F;
 constexpr float kStepsAlike = 0.5F;
 constexpr std::size_t kLooked = 80'000;
@@ -131,7 +133,7 @@ bool is_chosen(std::size_t stretch, std::size_t apart) {
   return (std::uint64_t{stretch} * 0x9E37'79B9'7F4A'7C15U >> 32U) % apart == 0;
 }
 
-/// Mean size of the third differences in a place; NaN: too few were looked at.
+/// Mean size of the third differences in a place; NaN if too few were examined.
 float mean_of(const TextureCell& cell) {
   return cell.count < kCellCountMin ? std::numeric_limits<float>::quiet_NaN()
                                     : cell.sum_mm / static_cast<float>(cell.count);
@@ -147,7 +149,7 @@ float usual_of(std::span<const TextureCell> cells) {
   return count == 0 ? 0.0F : static_cast<float>(median_of(std::span(means).first(count)));
 }
 
-/// Groups of neighbouring places with hardly any noise. Marks what it has counted by a negative sum.
+/// Finds groups of adjacent places with hardly any noise. Marks counted ones by a negative sum.
 FilledPlace filled_places(std::span<TextureCell> cells, float limit) {
   FilledPlace largest;
   double area_mm2 = 0.0;
