@@ -7,7 +7,7 @@
 // Idea: measured points have noise of their own, computed points do not. Along a row of the scan the distances r of the
 // points from the face's plane are differenced,
 //
-//     d1 = r2 - r1, d2 = r3 - 2 r2 + r1, d3 = r4 - 3 r3 + 3 r2 - r1,
+//     d1 = r2 - r1,    d2 = r3 - 2 r2 + r1,    d3 = r4 - 3 r3 + 3 r2 - r1,
 //
 // which removes the surface's form. The mean size of d3 per place is the noise there. On real concrete and on drawn
 // blocks, no place of 4 mm has less than 0.75 of the usual noise; a filled one has almost none. The ratio of d2 to d1

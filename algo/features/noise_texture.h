@@ -56,7 +56,7 @@ struct TextureCell {
 [[nodiscard]] TextureQuestion question_of(std::span<const SeatPoints> runs, const SeatFrame& frame,
                                           const PlaneFit& plane);
 
-/// Step (mm) of heights that are in steps although no coordinate is a multiple of one; 0 if there are no such steps.
+/// Step (mm) of heights in steps although no coordinate is a multiple of one; 0 if the heights have none.
 [[nodiscard]] double hidden_step_mm(const NoiseTexture& texture);
 
 /// Examines about 80,000 neighbours. `cells`: kTextureCells, scratch. No heap, one thread, 0.5 ms.

@@ -341,7 +341,7 @@ double expected_range(std::size_t count) {
 // Idea: features common to two exposures are smooth over a few cells: the block's form and texture, the scanner's
 // ripple and lens error. Noise is not. So the mean heights of 4 x 4 cells are differenced three times along both axes,
 //
-//     d = sum_ij k_i k_j h_ij, k = 1, -3, 3, -1,
+//     d = sum_ij k_i k_j h_ij,    k = 1, -3, 3, -1,
 //
 // which removes every surface of second degree in x or s exactly. Of a wave of length L the part (2 sin(pi cell / L))^6
 // remains: 0.2 % of the amplitude at L = 8 mm, while white noise grows by 20. Only the sign of d is kept, so that a
