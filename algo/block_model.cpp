@@ -111,11 +111,17 @@ bool BlockModel::visible(double x, double y, Face& face, double& z) const {
   if (face == Face::seat) {
     const Vec3 p(x, y, z);
     const double along = along_seat_.dot(p - casing_centre(outer));
-    const double radius = std::hypot(x, along);
-    if (radius < 0.5 * geometry_.casing_bore_diameter_mm.value) return false;
-    if (radius < 0.5 * geometry_.casing_rim_diameter_mm.value) {
-      face = outer ? Face::rim_outer : Face::rim_inner;
-      z = height(face);
+    const double bore_mm = 0.5 * geometry_.casing_bore_diameter_mm.value;
+    const double rim_mm = 0.5 * geometry_.casing_rim_diameter_mm.value;
+    // Nearly everywhere the square is enough; near the border the root decides.
+    const double reach_mm = std::max(bore_mm, rim_mm);
+    if (x * x + along * along < 1.001 * reach_mm * reach_mm) {
+      const double radius = std::hypot(x, along);
+      if (radius < bore_mm) return false;
+      if (radius < rim_mm) {
+        face = outer ? Face::rim_outer : Face::rim_inner;
+        z = height(face);
+      }
     }
   }
   const Face shoulder = outer ? Face::shoulder_outer : Face::shoulder_inner;

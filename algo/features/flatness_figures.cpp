@@ -14,7 +14,7 @@
 namespace slabd::algo {
 namespace {
 
-constexpr float kNone = -std::numeric_limits<float>::infinity();
+constexpr float kNone = -std::numeric_limits<float>::infinity();  ///< lower than any height; -kNone is higher
 constexpr std::size_t kCells = limits::kFlatnessCellsMax;
 /// Radius of the disc in cells: 20 mm across in cells of half a millimetre.
 constexpr int kReachMax = 20;
@@ -29,30 +29,24 @@ constexpr double kPitShare = 0.6;
 /// Directions in which the width of a place is measured.
 constexpr std::size_t kDirections = 8;
 
-/// Of the values within a disc about each cell the best one; kNone has no say.
+/// Of the values within a disc about each cell the best one; `none`, where there is none, is worse than any value. A
+/// row at a time, shifted against itself by each offset within the disc.
 template <typename Better>
-void disc_filter(const CellGrid& grid, std::span<const float> in, std::span<float> out, int reach,
+void disc_filter(const CellGrid& grid, std::span<const float> in, std::span<float> out, int reach, float none,
                  const Better& better) {
   const auto columns = static_cast<int>(grid.columns);
   const auto rows = static_cast<int>(grid.rows);
-  // Half the chord of each row of the disc.
-  std::array<int, 2 * kReachMax + 1> half{};
   const double radius = reach + 0.25;
-  for (int r = -reach; r <= reach; ++r)
-    half[static_cast<std::size_t>(r + reach)] = static_cast<int>(std::sqrt(radius * radius - r * r));
+  std::fill(out.begin(), out.end(), none);
   for (int row = 0; row < rows; ++row)
-    for (int column = 0; column < columns; ++column) {
-      float best = kNone;
-      for (int r = std::max(-reach, -row); r <= std::min(reach, rows - 1 - row); ++r) {
-        const int wide = half[static_cast<std::size_t>(r + reach)];
-        const int first = std::max(column - wide, 0);
-        const int last = std::min(column + wide, columns - 1);
-        for (int c = first; c <= last; ++c) {
-          const float v = in[static_cast<std::size_t>((row + r) * columns + c)];
-          if (v != kNone && (best == kNone || better(v, best))) best = v;
-        }
-      }
-      out[static_cast<std::size_t>(row * columns + column)] = best;
+    for (int r = std::max(-reach, -row); r <= std::min(reach, rows - 1 - row); ++r) {
+      // Half the chord of this row of the disc.
+      const int wide = std::min(static_cast<int>(std::sqrt(radius * radius - r * r)), columns - 1);
+      float* best = &out[static_cast<std::size_t>(row * columns)];
+      const float* from = &in[static_cast<std::size_t>((row + r) * columns)];
+      for (int off = -wide; off <= wide; ++off)
+        for (int c = std::max(0, -off); c < columns - std::max(0, off); ++c)
+          best[c] = better(from[c + off], best[c]) ? from[c + off] : best[c];
     }
 }
 
@@ -118,8 +112,10 @@ Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, st
   }
   const int reach = std::min(static_cast<int>(std::lround(0.5 * size.width_mm / grid.region.cell_mm)), kReachMax);
   const std::span<float> room = std::span(between).first(cells);
-  disc_filter(grid, f, room, reach, [](float a, float b) { return a > b; });
-  disc_filter(grid, room, c, reach, [](float a, float b) { return a < b; });
+  disc_filter(grid, f, room, reach, kNone, [](float a, float b) { return a > b; });
+  std::replace(room.begin(), room.end(), kNone, -kNone);
+  disc_filter(grid, room, c, reach, -kNone, [](float a, float b) { return a < b; });
+  std::replace(c.begin(), c.end(), -kNone, kNone);
 
   for (std::size_t i = 0; i < cells; ++i)
     mark[i] = f[i] != kNone && static_cast<double>(c[i] - f[i]) > size.least_mm ? kLow : kPlain;

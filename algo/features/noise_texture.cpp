@@ -14,16 +14,25 @@
 // shows how far neighbours share their noise, and the distribution of d1 whether heights are in steps.
 // drawn blocks no place of 4 mm has less than 0.75 of the usual one, a filled one has nothing. The sizes of d2 against
 // those of d1 say how far neighbours share their noise, and the distribution of d1 whether heights stand in steps.
-#include "algo/features/noise_texture.h"
-
+//
+// Sixteen quadruples of neighbours are looked at together, as they begin one point after the other.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "algo/features/noise_texture.cpp"
+#include <hwy/foreach_target.h>
+//
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 
+#include "algo/features/noise_texture.h"
+#include "algo/lanes-inl.h"
 #include "algo/median.h"
 
+HWY_BEFORE_NAMESPACE();
 namespace slabd::algo {
+namespace HWY_NAMESPACE {
 namespace {
 
 /// Points further than this from the plane are not its noise: outliers, damage, an edge.
@@ -31,9 +40,142 @@ constexpr float kReach_mm = 0.5F;
 /// Neighbours are at most this far apart, and their steps are similar.
 constexpr float kStepMax_mm = 3.0F;
 constexpr float kStepsAlike = 0.5F;
+/// A quadruple begins at each point of a stretch, and reaches beyond it by this.
+constexpr std::size_t kBeyond = 3;
+static_assert(kTextureStretch == kLanes);
+
+/// Sixteen quadruples: sizes of their first and third differences, the bins of the first and the second ones, and the
+/// cell. Bit k is set where the k-th is of neighbours in one row, and where it lies in a cell.
+struct Fours {
+  alignas(64) std::array<float, kLanes> first, third;
+  alignas(64) std::array<std::int32_t, kLanes> first_bin, second_bin, cell;
+  std::uint32_t used = 0;
+  std::uint32_t in_cell = 0;
+};
+
+class Look {
+ public:
+  Look(const TextureQuestion& question, float per_bin)
+      : n_{f16(static_cast<float>(question.normal.x())), f16(static_cast<float>(question.normal.y())),
+           f16(static_cast<float>(question.normal.z()))},
+        offset_(f16(static_cast<float>(question.offset_mm))),
+        per_bin_(f16(per_bin)) {}
+
+  /// `use(fours)` for the chosen stretches of a run that begins `at` points after the first one.
+  template <typename Use>
+  HWY_INLINE void over(const SeatPoints& run, std::size_t at, std::uint32_t apart, const Use& use) const {
+    if (run.size() <= kBeyond) return;
+    const std::size_t last = run.size() - kBeyond;
+    for (std::size_t i = 0; i < last;) {
+      const std::size_t stretch = (at + i) / kLanes;
+      const std::size_t end = std::min((stretch + 1) * kLanes - at, last);
+      if (is_chosen(stretch, apart)) use(look(run, i, end - i));
+      i = end;
+    }
+  }
+
+ private:
+  /// One stretch of `apart`, in no order: rows of a fitting length would put every `apart`th into the same columns.
+  static HWY_INLINE bool is_chosen(std::size_t stretch, std::uint32_t apart) {
+    return static_cast<std::uint32_t>(std::uint64_t{stretch} * 0x9E37'79B9'7F4A'7C15U >> 32U) % apart == 0;
+  }
+  /// The `count` ones from the i-th point on.
+  HWY_INLINE Fours look(const SeatPoints& run, std::size_t i, std::size_t count) const {
+    if (count == kLanes) return look(&run.x[i], &run.s[i], &run.h[i]);
+    std::array<std::array<float, kLanes + kBeyond>, 3> room{};
+    std::copy_n(&run.x[i], count + kBeyond, room[0].begin());
+    std::copy_n(&run.s[i], count + kBeyond, room[1].begin());
+    std::copy_n(&run.h[i], count + kBeyond, room[2].begin());
+    Fours fours = look(room[0].data(), room[1].data(), room[2].data());
+    fours.used &= (1U << count) - 1U;
+    return fours;
+  }
+  HWY_INLINE Fours look(const float* x, const float* s, const float* h) const {
+    const auto off = [&](std::size_t k) {
+      return n_[0] * load(x + k) + n_[1] * load(s + k) + n_[2] * load(h + k) - offset_;
+    };
+    const auto step = [](const float* v, std::size_t k) { return load(v + k + 1) - load(v + k); };
+    const F16 r0 = off(0), r1 = off(1), r2 = off(2), r3 = off(3);
+    const F16 x1 = step(x, 0);
+    const F16 s1 = step(s, 0);
+    const F16 size = max(abs(x1), abs(s1));
+    const auto alike = [&](std::size_t k) {
+      return max(abs(step(x, k) - x1), abs(step(s, k) - s1)) <= f16(kStepsAlike) * size;
+    };
+    const F16 reach = f16(kReach_mm);
+    Fours fours;
+    fours.used = bits((abs(r0) < reach) & (abs(r1) < reach) & (abs(r2) < reach) & (abs(r3) < reach) &
+                      (size > f16(0.0F)) & (size < f16(kStepMax_mm)) & alike(1) & alike(2));
+    const F16 d1 = abs(r1 - r0);
+    const F16 d2 = abs(r2 - f16(2.0F) * r1 + r0);
+    store(d1, fours.first.data());
+    store(abs(r3 - f16(3.0F) * r2 + f16(3.0F) * r1 - r0), fours.third.data());
+    const auto bin_of = [&](const F16& d) {
+      return to_int(min(d * per_bin_, f16(static_cast<float>(kTextureBins - 1))));
+    };
+    store(bin_of(d1), fours.first_bin.data());
+    store(bin_of(d2), fours.second_bin.data());
+    constexpr float kPerCell = 1.0F / static_cast<float>(kTextureCell_mm);
+    constexpr auto kColumns = static_cast<float>(kTextureColumns);
+    constexpr auto kRows = static_cast<float>(kTextureRows);
+    const F16 column = load(x + 1) * f16(kPerCell) + f16(kColumns / 2.0F);
+    const F16 row = load(s + 1) * f16(kPerCell) + f16(kRows / 2.0F);
+    const F16 zero = f16(0.0F);
+    const M16 inside = (column >= zero) & (column < f16(kColumns)) & (row >= zero) & (row < f16(kRows));
+    fours.in_cell = bits(inside);
+    store(to_int(keep(inside, floor(row) * f16(kColumns) + floor(column))), fours.cell.data());
+    return fours;
+  }
+
+  std::array<F16, 3> n_;
+  F16 offset_;
+  F16 per_bin_;
+};
+
+/// Of the run's chosen quadruples only how many there are, and the sizes of their first differences.
+void AddSizes(const TextureQuestion& question, const SeatPoints& run, std::size_t at, std::uint32_t apart,
+              TextureSums& sums) {
+  Look(question, 0.0F).over(run, at, apart, [&](const Fours& fours) {
+    sums.count += static_cast<std::size_t>(std::popcount(fours.used));
+    for (std::uint32_t left = fours.used; left != 0; left &= left - 1)
+      sums.sizes += static_cast<double>(fours.first[static_cast<std::size_t>(std::countr_zero(left))]);
+  });
+}
+
+void AddFours(const TextureQuestion& question, const SeatPoints& run, std::size_t at, std::uint32_t apart,
+              float per_bin, TextureSums& sums) {
+  double third = sums.third;
+  Look(question, per_bin).over(run, at, apart, [&](const Fours& fours) {
+    sums.count += static_cast<std::size_t>(std::popcount(fours.used));
+    for (std::uint32_t left = fours.used; left != 0; left &= left - 1) {
+      const auto k = static_cast<std::size_t>(std::countr_zero(left));
+      third += static_cast<double>(fours.third[k]);
+      ++sums.first[static_cast<std::size_t>(fours.first_bin[k])];
+      ++sums.second[static_cast<std::size_t>(fours.second_bin[k])];
+    }
+    for (std::uint32_t left = fours.used & fours.in_cell; left != 0; left &= left - 1) {
+      const auto k = static_cast<std::size_t>(std::countr_zero(left));
+      TextureCell& cell = sums.cells[static_cast<std::size_t>(fours.cell[k])];
+      cell.sum_mm += fours.third[k];
+      ++cell.count;
+    }
+  });
+  sums.third = third;
+}
+
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace slabd::algo
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+
+namespace slabd::algo {
+HWY_EXPORT(AddSizes);
+HWY_EXPORT(AddFours);
+namespace {
+
 constexpr std::size_t kLooked = 80'000;
-/// Points in a row that are looked at together. Short, so that every place has several.
-constexpr std::size_t kStretch = 16;
 /// Less noise than this is the rounding of float coordinates.
 constexpr double kNoiseMin_mm = 0.0005;
 /// Of the usual noise: a place with less was computed.
@@ -41,96 +183,34 @@ constexpr float kFilledShare = 0.3F;
 constexpr std::uint32_t kCellCountMin = 12;
 constexpr std::uint32_t kFilledCellsMin = 4;
 /// Sizes of differences: bins of a fiftieth of the first ones' mean.
-constexpr std::size_t kBins = 1'024;
 constexpr double kBinsPerMean = 50.0;
 /// Mean size of a normal variable, and the factor of d3 on white noise.
 constexpr double kMeanSize = 0.7979;
 constexpr double kThirdDifference = 4.4721;
 
-class Look {
- public:
-  Look(const TextureQuestion& question, std::span<TextureCell> cells)
-      : normal_(question.normal.cast<float>()), offset_(static_cast<float>(question.offset_mm)), cells_(cells) {
-    std::fill(cells_.begin(), cells_.end(), TextureCell{});
+/// The size that this share of the differences stays below.
+double size_of_share(const TextureBins& bins, double share, std::size_t count, double bin_mm) {
+  const double wanted = share * static_cast<double>(count);
+  double below = 0.0;
+  for (std::size_t i = 0; i < kTextureBins; ++i) {
+    const auto here = static_cast<double>(bins[i]);
+    if (below + here >= wanted) return bin_mm * (static_cast<double>(i) + (wanted - below) / here);
+    below += here;
   }
+  return bin_mm * static_cast<double>(kTextureBins);
+}
 
-  /// Four points from `i` on, if they are neighbours in one row.
-  template <typename Use>
-  void four(const SeatPoints& run, std::size_t i, const Use& use) const {
-    std::array<float, 4> r;
-    for (std::size_t k = 0; k < 4; ++k) {
-      r[k] = normal_.x() * run.x[i + k] + normal_.y() * run.s[i + k] + normal_.z() * run.h[i + k] - offset_;
-      if (!(std::abs(r[k]) < kReach_mm)) return;
-    }
-    const float x1 = run.x[i + 1] - run.x[i];
-    const float s1 = run.s[i + 1] - run.s[i];
-    const float step = std::max(std::abs(x1), std::abs(s1));
-    if (!(step > 0.0F && step < kStepMax_mm)) return;
-    for (std::size_t k = 1; k < 3; ++k) {
-      const float x2 = run.x[i + k + 1] - run.x[i + k];
-      const float s2 = run.s[i + k + 1] - run.s[i + k];
-      if (std::max(std::abs(x2 - x1), std::abs(s2 - s1)) > kStepsAlike * step) return;
-    }
-    use(r, run.x[i + 1], run.s[i + 1]);
-  }
-
-  void add(const std::array<float, 4>& r, float x, float s, float per_bin) {
-    const float d1 = r[1] - r[0];
-    const float d2 = r[2] - 2.0F * r[1] + r[0];
-    const float d3 = std::abs(r[3] - 3.0F * r[2] + 3.0F * r[1] - r[0]);
-    ++count_;
-    third_ += static_cast<double>(d3);
-    ++first_[std::min(static_cast<std::size_t>(std::abs(d1) * per_bin), kBins - 1)];
-    ++second_[std::min(static_cast<std::size_t>(std::abs(d2) * per_bin), kBins - 1)];
-    constexpr float kPerCell = 1.0F / static_cast<float>(kTextureCell_mm);
-    const float column = x * kPerCell + static_cast<float>(kTextureColumns) / 2.0F;
-    const float row = s * kPerCell + static_cast<float>(kTextureRows) / 2.0F;
-    if (!(column >= 0.0F && column < static_cast<float>(kTextureColumns) && row >= 0.0F &&
-          row < static_cast<float>(kTextureRows)))
-      return;
-    TextureCell& cell = cells_[static_cast<std::size_t>(row) * kTextureColumns + static_cast<std::size_t>(column)];
-    cell.sum_mm += d3;
-    ++cell.count;
-  }
-
-  [[nodiscard]] NoiseTexture answer(double bin_mm) const {
-    NoiseTexture texture;
-    texture.looked_at = count_;
-    if (count_ < kTextureMin) return texture;
-    texture.sigma_mm = third_ / static_cast<double>(count_) / kMeanSize / kThirdDifference;
-    const double usual_mm = size_of_share(first_, 0.5, bin_mm);
-    const double ratio = size_of_share(second_, 0.5, bin_mm) / usual_mm;
-    texture.lag_ratio = ratio * ratio;
-    texture.step_mm = size_of_share(first_, 0.95, bin_mm);
-    texture.rest_ratio = usual_mm / texture.step_mm;
-    return texture;
-  }
-
- private:
-  /// The size that this share of the differences stays below.
-  [[nodiscard]] double size_of_share(const std::array<std::uint32_t, kBins>& bins, double share, double bin_mm) const {
-    const double wanted = share * static_cast<double>(count_);
-    double below = 0.0;
-    for (std::size_t i = 0; i < kBins; ++i) {
-      const auto here = static_cast<double>(bins[i]);
-      if (below + here >= wanted) return bin_mm * (static_cast<double>(i) + (wanted - below) / here);
-      below += here;
-    }
-    return bin_mm * static_cast<double>(kBins);
-  }
-
-  Eigen::Vector3f normal_;
-  float offset_;
-  std::span<TextureCell> cells_;
-  std::size_t count_ = 0;
-  std::array<std::uint32_t, kBins> first_{};  ///< by size
-  std::array<std::uint32_t, kBins> second_{};
-  double third_ = 0.0;
-};
-
-/// One stretch of `apart`, in no order: rows of a fitting length would put every `apart`th into the same columns.
-bool is_chosen(std::size_t stretch, std::size_t apart) {
-  return (std::uint64_t{stretch} * 0x9E37'79B9'7F4A'7C15U >> 32U) % apart == 0;
+NoiseTexture texture_of(const TextureSums& sums, double bin_mm) {
+  NoiseTexture texture;
+  texture.looked_at = sums.count;
+  if (sums.count < kTextureMin) return texture;
+  texture.sigma_mm = sums.third / static_cast<double>(sums.count) / kMeanSize / kThirdDifference;
+  const double usual_mm = size_of_share(sums.first, 0.5, sums.count, bin_mm);
+  const double ratio = size_of_share(sums.second, 0.5, sums.count, bin_mm) / usual_mm;
+  texture.lag_ratio = ratio * ratio;
+  texture.step_mm = size_of_share(sums.first, 0.95, sums.count, bin_mm);
+  texture.rest_ratio = usual_mm / texture.step_mm;
+  return texture;
 }
 
 /// Mean size of the third differences in a place; NaN if too few were examined.
@@ -215,40 +295,33 @@ double hidden_step_mm(const NoiseTexture& texture) {
 NoiseTexture look_at_texture(const TextureQuestion& question, std::span<TextureCell> cells) {
   std::size_t points = 0;
   for (const SeatPoints& run : question.runs) points += run.size();
-  const std::size_t every = std::max<std::size_t>(1, points / kLooked);
-  Look look(question, cells);
-  const auto for_fours = [&](std::size_t apart, const auto& use) {
+  const auto every = static_cast<std::uint32_t>(std::max<std::size_t>(1, points / kLooked));
+  const auto for_runs = [&](const auto& add) {
     std::size_t at = 0;  // of all runs' points
     for (const SeatPoints& run : question.runs) {
-      for (std::size_t i = 0; i + 4 <= run.size();) {
-        const std::size_t stretch = (at + i) / kStretch;
-        const std::size_t end = (stretch + 1) * kStretch - at;
-        if (!is_chosen(stretch, apart)) {
-          i = end;
-          continue;
-        }
-        for (; i < end && i + 4 <= run.size(); ++i) look.four(run, i, use);
-      }
+      add(run, at);
       at += run.size();
     }
   };
   // How fine the bins have to be.
-  double size = 0.0;
-  std::size_t count = 0;
-  for_fours(32 * every, [&](const std::array<float, 4>& r, float, float) {
-    size += static_cast<double>(std::abs(r[1] - r[0]));
-    ++count;
+  TextureSums sums{cells};
+  for_runs([&](const SeatPoints& run, std::size_t at) {
+    HWY_DYNAMIC_DISPATCH(AddSizes)(question, run, at, 32 * every, sums);
   });
-  const double mean = count == 0 ? 0.0 : size / static_cast<double>(count);
+  const double mean = sums.count == 0 ? 0.0 : sums.sizes / static_cast<double>(sums.count);
   if (!(mean > 0.0)) return {};
   const double bin_mm = mean / kBinsPerMean;
-  for_fours(every, [&](const std::array<float, 4>& r, float x, float s) {
-    look.add(r, x, s, static_cast<float>(1.0 / bin_mm));
+  std::fill(cells.begin(), cells.end(), TextureCell{});
+  sums.count = 0;
+  for_runs([&](const SeatPoints& run, std::size_t at) {
+    HWY_DYNAMIC_DISPATCH(AddFours)(question, run, at, every, static_cast<float>(1.0 / bin_mm), sums);
   });
-  NoiseTexture texture = look.answer(bin_mm);
+  NoiseTexture texture = texture_of(sums, bin_mm);
   if (!(texture.sigma_mm > kNoiseMin_mm)) return texture;
   texture.filled = filled_places(cells, kFilledShare * usual_of(cells));
   return texture;
 }
 
 }  // namespace slabd::algo
+
+#endif

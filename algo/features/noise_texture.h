@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 
@@ -50,6 +51,21 @@ inline constexpr std::size_t kTextureCells = kTextureColumns * kTextureRows;
 struct TextureCell {
   float sum_mm = 0.0F;  ///< of the sizes of third differences
   std::uint32_t count = 0;
+};
+
+/// Points in a row that are looked at together. Short, so that every place has several.
+inline constexpr std::size_t kTextureStretch = 16;
+inline constexpr std::size_t kTextureBins = 1'024;
+using TextureBins = std::array<std::uint32_t, kTextureBins>;
+
+/// Sums over neighbours: four points in a row.
+struct TextureSums {
+  std::span<TextureCell> cells;
+  std::size_t count = 0;
+  double sizes = 0.0;   ///< of first differences
+  double third = 0.0;   ///< sizes of third differences
+  TextureBins first{};  ///< first differences by size
+  TextureBins second{};
 };
 
 /// Of a face that was fitted in the block's frame.

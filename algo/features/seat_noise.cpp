@@ -501,6 +501,9 @@ double ripple_amplitude_mm(const ListedPoints& seat) {
   for (const SeatPoints& run : seat.runs)
     for (std::size_t first = 0; first < run.size(); first += kRow, ++row) {
       if (row % stride != 0) continue;
+      // Neighbours share a bin: its sums stay in registers until another one's turn comes.
+      Bin* own = &bins[0][0];
+      Bin sums = *own;
       for (std::size_t i = first; i < std::min(first + kRow, run.size()); ++i) {
         const double across = static_cast<double>(run.x[i]) / kStrip_mm + 0.5 * static_cast<double>(kStrips);
         const double along = static_cast<double>(run.s[i]) / kBin_mm + 0.5 * static_cast<double>(kBins);
@@ -508,11 +511,17 @@ double ripple_amplitude_mm(const ListedPoints& seat) {
             along >= static_cast<double>(kBins))
           continue;
         Bin& bin = bins[static_cast<std::size_t>(across)][static_cast<std::size_t>(along)];
+        if (&bin != own) {
+          *own = sums;
+          own = &bin;
+          sums = bin;
+        }
         const auto h = static_cast<double>(run.h[i]);
-        bin.sum += h;
-        bin.squares += h * h;
-        ++bin.count;
+        sums.sum += h;
+        sums.squares += h * h;
+        ++sums.count;
       }
+      *own = sums;
     }
   std::array<double, kStrips * kBins> sizes;
   std::array<double, kStrips * kBins> noise;

@@ -42,18 +42,24 @@ constexpr std::array kUsualSteps = {25.4,    12.7,  10.0,  5.0,    2.54,    2.5,
 
 struct Sample {
   std::array<std::array<float, kSample>, 3> values{};
+  std::array<std::array<std::uint32_t, kSample>, 2> line{};  ///< column and row, of an organised scan
   std::size_t count = 0;
+  std::size_t tries = 0;
 };
 
 /// Points all over the cloud, in an order that no row or column of it shares.
 void draw(const Cloud& cloud, Sample& sample) {
   constexpr std::size_t kTries = 4 * kSample;
-  for (std::size_t i = 0; i < kTries && sample.count < kSample; ++i) {
-    const auto fraction = static_cast<std::uint32_t>((i + 1) * 0x9E37'79B9U);
+  while (sample.tries < kTries && sample.count < kSample) {
+    const auto fraction = static_cast<std::uint32_t>(++sample.tries * 0x9E37'79B9U);
     const auto index = static_cast<std::size_t>((std::uint64_t{fraction} * cloud.points) >> 32U);
     const float* p = cloud.xyz.data() + 3 * index;
     if (!std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2])) continue;
     for (std::size_t axis = 0; axis < 3; ++axis) sample.values[axis][sample.count] = p[axis];
+    if (cloud.width != 0) {
+      sample.line[0][sample.count] = static_cast<std::uint32_t>(index % cloud.width);
+      sample.line[1][sample.count] = static_cast<std::uint32_t>(index / cloud.width);
+    }
     ++sample.count;
   }
 }
@@ -66,22 +72,24 @@ double precision_of(std::span<const float> values) {
   return 1.6 * static_cast<double>(std::nextafter(largest, std::numeric_limits<float>::infinity()) - largest);
 }
 
-/// Share of the values that are multiples of `step`.
-double share_of_multiples(std::span<const float> values, double step, double precision) {
-  std::size_t good = 0;
+/// Are enough of the values multiples of `step`?
+bool are_multiples(std::span<const float> values, double step, double precision) {
+  std::size_t good = values.size();
   for (const float v : values) {
     const double k = static_cast<double>(v) / step;
-    if (std::abs(k - std::floor(k + 0.5)) * step <= precision) ++good;
+    if (std::abs(k - std::floor(k + 0.5)) * step <= precision) continue;
+    if (static_cast<double>(--good) / static_cast<double>(values.size()) < kShareMin) return false;
   }
-  return static_cast<double>(good) / static_cast<double>(values.size());
+  return true;
 }
 
 double usual_step(std::span<const float> values, double precision) {
   double best = 0.0;
   for (const double step : kUsualSteps) {
     if (step <= best || step < 16.0 * precision) continue;
-    if (share_of_multiples(values.first(std::min(kFirstLook, values.size())), step, precision) < kShareMin) continue;
-    if (share_of_multiples(values, step, precision) >= kShareMin) best = step;
+    if (are_multiples(values.first(std::min(kFirstLook, values.size())), step, precision) &&
+        are_multiples(values, step, precision))
+      best = step;
   }
   return best;
 }
@@ -102,8 +110,11 @@ double common_step(std::span<const float> sorted, double precision) {
   }
   if (count < kDifferencesMin) return 0.0;
   const std::span<double> d = std::span(differences).first(count);
-  std::sort(d.begin(), d.end());
+  // Most values have no step: that shows before they are sorted.
+  std::nth_element(d.begin(), d.begin() + static_cast<std::ptrdiff_t>(count / 20), d.end());
   double step = d[count / 20];
+  if (step < least) return 0.0;
+  std::sort(d.begin(), d.end());
   std::array<double, kSample> left;
   for (int round = 0; round < kRounds; ++round) {
     if (step < least) return 0.0;
@@ -175,12 +186,56 @@ Lines lines_of(const Sample& sample, std::size_t axis, double step) {
   return lines;
 }
 
+constexpr std::size_t kLinesMin = 64;
+
+/// How the values of an axis go with the columns or the rows of an organised scan.
+struct GridAxis {
+  double pitch_mm = 0.0;  ///< 0: they do not
+  bool is_of_rows = false;
+  std::size_t lines = 0;  ///< from the first to the last one
+};
+
+/// The sample as it was drawn, not sorted.
+GridAxis grid_axis_of(const Cloud& cloud, const Sample& sample, std::size_t axis) {
+  if (cloud.width == 0) return {};
+  const std::span<const float> values = std::span(sample.values[axis]).first(sample.count);
+  const double alike = 2.0 * precision_of(values);
+  for (const bool of_rows : {false, true}) {
+    const std::span<const std::uint32_t> line = std::span(sample.line[of_rows ? 1 : 0]).first(sample.count);
+    const auto [low, high] = std::minmax_element(line.begin(), line.end());
+    const std::uint32_t steps = *high - *low;
+    if (steps + 1 < kLinesMin) continue;
+    const auto origin = static_cast<double>(values[static_cast<std::size_t>(low - line.begin())]);
+    const auto end = static_cast<double>(values[static_cast<std::size_t>(high - line.begin())]);
+    const double pitch_mm = (end - origin) / static_cast<double>(steps);
+    const auto is_on_line = [&](std::size_t i) {
+      const double expected = origin + pitch_mm * static_cast<double>(line[i] - *low);
+      return std::abs(static_cast<double>(values[i]) - expected) <= alike;
+    };
+    std::size_t on_line = 0;
+    while (on_line < sample.count && is_on_line(on_line)) ++on_line;
+    if (on_line == sample.count) return {std::abs(pitch_mm), of_rows, steps + 1};
+  }
+  return {};
+}
+
+/// Are these two axes the grid in which an organised scan was taken, and nearly all of its points there? Then nothing
+/// was rounded, and the points need not be counted.
+bool is_grid(const GridAxis& a, const GridAxis& b, double step_a, double step_b, const Sample& sample) {
+  constexpr double kSeenMin = 0.8;
+  const auto is_step = [](const GridAxis& axis, double step) {
+    return axis.pitch_mm > 0.0 && axis.lines < kStepScratch / 2 &&
+           std::abs(axis.pitch_mm - step) * static_cast<double>(axis.lines) < 0.5 * step;
+  };
+  return is_step(a, step_a) && is_step(b, step_b) && a.is_of_rows != b.is_of_rows &&
+         static_cast<double>(sample.count) >= kSeenMin * static_cast<double>(sample.tries);
+}
+
 /// The middle half, where a field of view has no corners.
 bool is_inner(std::size_t k, std::size_t count) {
   return 4 * k >= count && 4 * k < 3 * count;
 }
 
-constexpr std::size_t kLinesMin = 64;
 constexpr std::size_t kLookedOfALine = 120;  // a quarter of them lies in the middle half: chance is 13 % there
 /// Where many points are missing chance alone makes lines uneven: then this many are asked.
 constexpr std::size_t kLookedInDoubt = 960;
@@ -263,6 +318,8 @@ Vec3 find_coordinate_step(const Cloud& cloud, std::span<std::uint32_t> scratch) 
   Sample sample;
   draw(cloud, sample);
   if (sample.count < kFirstLook) return step;
+  std::array<GridAxis, 3> grid;
+  for (std::size_t axis = 0; axis < 3; ++axis) grid[axis] = grid_axis_of(cloud, sample, axis);
   for (std::size_t axis = 0; axis < 3; ++axis)
     step[static_cast<Eigen::Index>(axis)] = step_of(std::span(sample.values[axis]).first(sample.count));
   for (std::size_t third = 0; third < 3; ++third) {
@@ -272,7 +329,8 @@ Vec3 find_coordinate_step(const Cloud& cloud, std::span<std::uint32_t> scratch) 
     double& step_b = step[static_cast<Eigen::Index>(b)];
     const double step_third = step[static_cast<Eigen::Index>(third)];
     if (step_a == 0.0 || step_b == 0.0 || same_step(step_a, step_third) || same_step(step_b, step_third)) continue;
-    if (!is_raster(cloud, sample, a, b, step, kLookedOfALine, scratch) &&
+    if (!is_grid(grid[a], grid[b], step_a, step_b, sample) &&
+        !is_raster(cloud, sample, a, b, step, kLookedOfALine, scratch) &&
         !is_raster(cloud, sample, a, b, step, kLookedInDoubt, scratch))
       continue;
     step_a = 0.0;

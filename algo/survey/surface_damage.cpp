@@ -217,22 +217,21 @@ constexpr double kPoreUnlimited_mm = 12.0;
 /// `eye` meet z = 0 in the block's frame. Rays from one centre see more of the slab's top than of a shoulder.
 class FieldOfView {
  public:
-  FieldOfView(const BlockModel& model, const DeviationMap& map, std::optional<Vec3> eye) : map_(map), eye_(eye) {
+  FieldOfView(const DeviationMap& map, std::optional<Vec3> eye) : map_(map), eye_(eye) {
     left_.fill(kOutside);
     right_.fill(-kOutside);
-    for (std::size_t row = 0; row < map.rows; ++row)
-      for (std::size_t column = 0; column < map.columns; ++column) {
-        if (map.count[row * map.columns + column] < kSeenMin) continue;
-        Vec3 p(map.x_mm(column), map.y_mm(row), 0.0);
-        Face face = Face::top;
-        if (!model.visible(p.x(), p.y(), face, p.z())) continue;
-        const Place place = place_of(p);
-        if (!(place.row >= 0.0 && place.row < static_cast<double>(map.rows))) continue;
-        const auto at = static_cast<std::size_t>(place.row + 0.5);
-        if (at >= map.rows) continue;
-        left_[at] = std::min(left_[at], place.column);
-        right_[at] = std::max(right_[at], place.column);
-      }
+  }
+  /// `p`: the place of a cell in which something was seen.
+  void add(const Vec3& p) {
+    const Place place = place_of(p);
+    if (!(place.row >= 0.0 && place.row < static_cast<double>(map_.rows))) return;
+    const auto at = static_cast<std::size_t>(place.row + 0.5);
+    if (at >= map_.rows) return;
+    left_[at] = std::min(left_[at], place.column);
+    right_[at] = std::max(right_[at], place.column);
+  }
+  /// After the last place.
+  void close() {
     bulge_out(left_, 1.0);
     bulge_out(right_, -1.0);
   }
@@ -252,7 +251,6 @@ class FieldOfView {
   }
 
  private:
-  static constexpr std::uint32_t kSeenMin = 3;  ///< fewer are strays
   static constexpr double kOutside = 1e9;
   static constexpr std::size_t kRowsMax = limits::kFaceTableY / limits::kDeviationMapCell_mm;
   using Side = std::array<double, kRowsMax>;
@@ -324,8 +322,28 @@ bool saw_enough(const SurfaceTable& table, const SurfaceField& field) {
 void leave_out_beyond_view(const BlockModel& model, const SurfaceTable& table, const DeviationMap& map, const Vec3& eye,
                            SurfaceField& field) {
   constexpr double kMargin = 1.0, kMarginCentral = 0.25;
-  const FieldOfView parallel(model, map, std::nullopt);
-  const FieldOfView central(model, map, eye);
+  constexpr std::uint32_t kSeenMin = 3;  // fewer points in a cell of the map are strays
+  FieldOfView parallel(map, std::nullopt);
+  FieldOfView central(map, eye);
+  for (std::size_t row = 0; row < map.rows; ++row) {
+    // Parallel rays leave a row of the map in its row: of that its ends are enough.
+    std::optional<Vec3> first;
+    Vec3 last;
+    for (std::size_t column = 0; column < map.columns; ++column) {
+      if (map.count[row * map.columns + column] < kSeenMin) continue;
+      Vec3 p(map.x_mm(column), map.y_mm(row), 0.0);
+      Face face = Face::top;
+      if (!model.visible(p.x(), p.y(), face, p.z())) continue;
+      central.add(p);
+      if (!first) first = p;
+      last = p;
+    }
+    if (!first) continue;
+    parallel.add(*first);
+    parallel.add(last);
+  }
+  parallel.close();
+  central.close();
   for (std::size_t row = table.rows()[0]; row < table.rows()[1]; ++row)
     for (std::size_t i = row * kColumns; i < (row + 1) * kColumns; ++i) {
       if (field.zone[i] == SurfaceZone::none || field.seen(i)) continue;

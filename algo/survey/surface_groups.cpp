@@ -28,6 +28,7 @@ struct Limits {
   float weak_of_face = 0.0F;  ///< beside a low cell this is enough
   float high = 0.0F;
 };
+constexpr std::size_t kZones = static_cast<std::size_t>(SurfaceZone::behind_edge) + 1;
 Limits limits_of(SurfaceZone zone, double edge_wear) {
   constexpr float kNever = 1e9F;
   const auto wear = static_cast<float>(edge_wear);
@@ -294,6 +295,11 @@ void FoundSurfaces::add(const FoundSurface& found) {
 
 void group_cells(const BlockModel& model, const SurfaceTable& table, const SurfaceField& field, double pore_max_mm,
                  std::span<std::uint8_t> marks, std::span<std::uint32_t> stack, FoundSurfaces& found) {
+  std::array<Limits, kZones> limits_in;
+  for (std::size_t zone = 0; zone < kZones; ++zone)
+    limits_in[zone] = limits_of(static_cast<SurfaceZone>(zone), field.edge_wear);
+  std::array<double, kFaces> cell_mm2;
+  for (std::size_t face = 0; face < kFaces; ++face) cell_mm2[face] = kCellArea_mm2 / model.planes()[face].n.z();
   for (std::size_t i = 0; i < kCells; ++i) {
     marks[i] = kWhole;
     const SurfaceZone zone = field.zone[i];
@@ -302,8 +308,8 @@ void group_cells(const BlockModel& model, const SurfaceTable& table, const Surfa
       marks[i] = kEmpty;
       continue;
     }
-    found.seen_mm2 += kCellArea_mm2 / model.planes()[table.cells()[i] & kFaceBits].n.z();
-    const Limits limit = limits_of(zone, field.edge_wear);
+    found.seen_mm2 += cell_mm2[table.cells()[i] & kFaceBits];
+    const Limits& limit = limits_in[static_cast<std::size_t>(zone)];
     const float off = field.off[i];
     if (off < -limit.low || field.face_off[i] < -limit.low_of_face)
       marks[i] = kLow;

@@ -113,15 +113,16 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
   const std::size_t blocks = (cloud.points + kBlockPoints - 1) / kBlockPoints;
   work.pool.clear();
   std::array<std::atomic<bool>, 2> taken{};
-  for (const MapSums& map : work.map) {
-    std::fill(map.sum_nm.begin(), map.sum_nm.end(), 0);
-    std::fill(map.count.begin(), map.count.end(), 0U);
-  }
-  if (with_map)
-    team.run(2, [&](std::size_t i) { std::fill(work.surface[i].begin(), work.surface[i].end(), SurfaceCell{}); });
+  const std::size_t slots = with_map ? static_cast<std::size_t>(team.threads()) : 0;
+  team.run(slots, [&](std::size_t i) {
+    std::fill(work.map[i].sum_nm.begin(), work.map[i].sum_nm.end(), 0);
+    std::fill(work.map[i].count.begin(), work.map[i].count.end(), 0U);
+    std::fill(work.surface[i].begin(), work.surface[i].end(), SurfaceCell{});
+  });
   const std::size_t lanes = surface_lanes(cloud);
   team.run(blocks, [&](std::size_t b) {
-    // Whole numbers add up to the same in any order, so any map will do that nobody else writes to.
+    // Whole numbers add up to the same in any order, so any map will do that nobody else writes to. One thread never
+    // gets beyond the first one.
     std::size_t slot = 0;
     while (taken[slot].exchange(true, std::memory_order_acquire)) slot = 1 - slot;
     const std::size_t begin = b * kBlockPoints;
@@ -134,11 +135,11 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
     taken[slot].store(false, std::memory_order_release);
   });
 
-  for (std::size_t i = 0; i < work.map[0].count.size(); ++i) {
-    work.map[0].sum_nm[i] += work.map[1].sum_nm[i];
-    work.map[0].count[i] += work.map[1].count[i];
-  }
-  if (with_map)
+  if (slots == 2) {
+    for (std::size_t i = 0; i < work.map[0].count.size(); ++i) {
+      work.map[0].sum_nm[i] += work.map[1].sum_nm[i];
+      work.map[0].count[i] += work.map[1].count[i];
+    }
     team.run(2, [&](std::size_t half) {
       const std::size_t size = work.surface[0].size();
       for (std::size_t i = half * size / 2; i < (half + 1) * size / 2; ++i) {
@@ -149,6 +150,7 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
         sum.count += other.count;
       }
     });
+  }
 
   Passed passed;
   passed.overflown = work.pool.overflown();

@@ -148,11 +148,15 @@ class SurfaceLanes {
       return every << (step_ >> 30U & (turns_ - 1U)) & 0xffffU;
     }
     const std::size_t point = first_ + kLanes * number;
+    // Within a row the same ones of each sixteen: their number is a multiple of the turns.
+    if (point < row_end_) return of_row_;
     const auto row = static_cast<std::size_t>(static_cast<double>(point) * per_width_);
     const auto column = static_cast<std::uint32_t>(point - row * width_);
     // Rows take turns: 0, 2, 1, 3.
     const auto shift = static_cast<std::uint32_t>(turns_ == 4 ? 0b11011000U >> (2 * (row & 3U)) & 3U : row & 1U);
-    return every << ((0U - column - shift) & (turns_ - 1U)) & 0xffffU;
+    row_end_ = point - column + width_;
+    of_row_ = every << ((0U - column - shift) & (turns_ - 1U)) & 0xffffU;
+    return of_row_;
   }
   HWY_NOINLINE void put_first() {
     put(load(x_.data()), load(y_.data()), load(r_.data()));
@@ -192,6 +196,8 @@ class SurfaceLanes {
   std::size_t width_;
   std::size_t first_;
   double per_width_;
+  std::size_t row_end_ = 0;  ///< the row for which `of_row_` holds ends before this point
+  std::uint32_t of_row_ = 0;
   std::uint32_t step_ = 0;
   std::size_t count_ = 0;  ///< points that wait to be put to the raster
   alignas(64) Waiting x_{}, y_{}, r_{};

@@ -86,6 +86,22 @@ class CalibrateStations : public Slabctl {
   }
 };
 
+TEST_F(CalibrateStations, four_sets_of_stops_share_no_stop_and_each_tells_its_stations_apart) {
+  std::vector<json> sets;
+  for (const char* set : {"1", "2", "3", "4"}) {
+    const Ended told = slabctl(std::string("stations --type 5600 --json --set ") + set);
+    ASSERT_EQ(told.status, 0) << told.err;
+    EXPECT_EQ(told.err.find("alike stops"), std::string::npos) << told.err;
+    sets.push_back(json::parse(told.out));
+  }
+  for (std::size_t a = 0; a < sets.size(); ++a)
+    for (std::size_t b = 0; b < a; ++b)
+      for (std::size_t station = 0; station < 18; ++station)
+        EXPECT_NE(sets[a]["stations"][station]["T_base_flange"], sets[b]["stations"][station]["T_base_flange"])
+            << "sets " << a + 1 << " and " << b + 1 << ", station " << station + 1;
+  EXPECT_EQ(slabctl("stations --type 5600 --set 5").status, kUsage);
+}
+
 TEST_F(CalibrateStations, corrections_that_the_line_does_not_use_do_not_hold) {
   ASSERT_EQ(adopt("0.05").status, 0);
   storage::CalibrationRecord table = table_of_the_plan();

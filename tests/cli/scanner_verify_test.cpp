@@ -11,14 +11,22 @@ namespace slabd::cli {
 namespace {
 
 /// Writes the scan of a plate at 600 mm with noise of 0.02 mm.
-void write_plate(const std::string& path, std::size_t side = 300) {
+void write_plate(const std::string& path, std::size_t side = 300, bool smoothed = false) {
   Prng prng(5);
+  std::vector<double> noise(side * side);
+  for (double& n : noise) n = 0.02 * prng.normal();
+  const auto smooth = [&](std::size_t row, std::size_t column) {
+    double sum = 0.0;
+    for (std::size_t i = row; i < row + 3; ++i)
+      for (std::size_t j = column; j < column + 3; ++j) sum += noise[(i % side) * side + j % side] / 3.0;
+    return sum;
+  };
   std::vector<float> xyz;
   for (std::size_t row = 0; row < side; ++row)
     for (std::size_t column = 0; column < side; ++column) {
       xyz.push_back(0.4F * static_cast<float>(column) - 60.0F);
       xyz.push_back(0.4F * static_cast<float>(row) - 60.0F);
-      xyz.push_back(static_cast<float>(600.0 + 0.02 * prng.normal()));
+      xyz.push_back(static_cast<float>(600.0 + (smoothed ? smooth(row, column) : noise[row * side + column])));
     }
   ASSERT_TRUE(hal::write_ply(path.c_str(), xyz, side, side).ok());
 }
@@ -69,6 +77,17 @@ TEST_F(ScannerVerify, the_budget_takes_the_shortest_length_because_the_same_form
   const auto record = nlohmann::json::parse(both.out);
   EXPECT_NEAR(record["plates"][1]["length_mm"].get<double>(), 112.6, 0.5);
   expect_mentions(record["uncertainty"].get<std::string>(), "scanner_form_length_mm = { value = 113");
+}
+
+TEST_F(ScannerVerify, a_scanner_program_that_smooths_is_named) {
+  const std::string plain = file("plain.ply");
+  const std::string smoothed = file("smoothed.ply");
+  write_plate(plain);
+  write_plate(smoothed, 300, true);
+  EXPECT_EQ(run("scanner verify --plate " + plain).err.find("smooths"), std::string::npos);
+  const std::string told = run("scanner verify --plate " + smoothed).err;
+  expect_mentions(told, "smoothed.ply: neighbours share their noise over ");
+  expect_mentions(told, "switch that off and verify again");
 }
 
 TEST_F(ScannerVerify, a_plate_that_is_bent_out_of_the_gate_is_no_plate) {

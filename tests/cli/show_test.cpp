@@ -357,6 +357,18 @@ TEST_F(Show, a_number_that_means_two_slabs_is_asked_back) {
   EXPECT_EQ(shown("key:x").status, kBadInput);
 }
 
+TEST_F(Show, an_id_that_was_given_twice_names_the_other_slab) {
+  header_.slab_id = "TWICE";
+  apply(BeginSlabJob{header_, 1, 1});
+  apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
+  const auto shown = [&](const std::string& name) { return run("show " + name + " --db " + file("slabd.db")); };
+  EXPECT_EQ(shown("TWICE").out.find("was given"), std::string::npos);
+  header_.key = 2;
+  apply(BeginSlabJob{header_, 1, 2});
+  expect_mentions(shown("TWICE").out, "this SLAB_ID was given 2 times: also key 1");
+  expect_mentions(shown("key:1").out, "this SLAB_ID was given 2 times: also key 2");
+}
+
 TEST_F(Show, a_history_that_is_cut_says_so) {
   for (const std::uint16_t key : std::initializer_list<std::uint16_t>{1, 2, 3}) {
     header_.key = key;

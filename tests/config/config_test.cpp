@@ -48,6 +48,7 @@ backend = "drop"
 drop_dir = "/srv/drop"
 any_name = true
 unit = "um"
+columns = "PosX, PosY, PosZ"
 timeout_s = 12.5
 [storage]
 db = "/srv/slabd.db"
@@ -264,7 +265,8 @@ TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_EQ(config_.settle_timeout_ns, 6'000'000'000);
   EXPECT_EQ(config_.scanner.drop_dir.view(), "/srv/drop");
   EXPECT_TRUE(config_.scanner.any_name);
-  EXPECT_EQ(config_.scanner.unit, hal::LengthUnit::um);
+  EXPECT_EQ(config_.scanner.form.unit, hal::LengthUnit::um);
+  EXPECT_EQ(config_.scanner.form.columns.xyz[2].view(), "PosZ");
   EXPECT_EQ(config_.scan_timeout_ns, 12'500'000'000);
   EXPECT_EQ(config_.storage.db_path, "/srv/slabd.db");
   EXPECT_EQ(config_.storage.spool_dir, "/srv/spool");
@@ -515,12 +517,22 @@ TEST_F(ConfigTest, scans_may_come_over_tcp) {
   EXPECT_EQ(config_.stream.port, 1600);
   ASSERT_EQ(config_.stream.allow.size(), 1U);
   EXPECT_EQ(config_.stream.allow[0].address, 0x0A01'021EU);
-  EXPECT_EQ(config_.scanner.unit, hal::LengthUnit::mm) << "what lies in the spool";
+  EXPECT_EQ(config_.scanner.form.unit, hal::LengthUnit::mm) << "what lies in the spool";
   EXPECT_EQ(
       load(start + "[scanner]\nbackend = \"tcp\"\nunit = \"m\"\n"),
       Texts{"slabd.toml:7:8: scanner.unit: backend = \"tcp\" has no use for it: every scan says its request and its "
             "unit"});
+  EXPECT_EQ(load(start + "[scanner]\nbackend = \"tcp\"\ncolumns = \"2,3,4\"\n").size(), 1U);
   EXPECT_EQ(load(start + "[scanner]\nlisten = \"10.1.2.3:1600\"\n").size(), 1U);
+}
+
+TEST_F(ConfigTest, columns_of_tables_are_three_names_or_numbers) {
+  const std::string start = kShortest;
+  EXPECT_EQ(load(start + "[scanner]\ncolumns = \"2,3,4\"\n"), Texts{});
+  EXPECT_EQ(config_.scanner.form.columns.xyz[0].view(), "2");
+  EXPECT_EQ(load(start + "[scanner]\ncolumns = \"2,3\"\n"),
+            Texts{"slabd.toml:6:11: scanner.columns: columns \"2,3\": expected are three names or numbers with commas "
+                  "between, as in 2,3,4"});
 }
 
 TEST_F(ConfigTest, who_may_publish_poses_and_what) {

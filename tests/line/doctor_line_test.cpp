@@ -23,6 +23,7 @@
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <regex>
 #include <slabd/flange_pose_t.hpp>
 #include <thread>
@@ -35,6 +36,18 @@ namespace slabd::line {
 namespace {
 
 using nlohmann::json;
+
+/// Runs the doctor in a mount namespace in which `folder` is on a disk of its own. Returns 0, or the step that the
+/// kernel refused.
+int look_at_a_disk(const fs::path& folder, unsigned long flags, const char* options,
+                   const std::vector<std::string>& doctor, const fs::path& dir) {
+  if (unshare(CLONE_NEWNS) != 0) return 99;
+  if (mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0) return 98;
+  if (mount("none", folder.c_str(), "tmpfs", flags, options) != 0) return 97;
+  Process process(doctor, dir / "doctor.out", dir / "doctor.err");
+  (void)process.wait();
+  return 0;
+}
 
 class DoctorTest : public testing::Test {
  protected:
@@ -67,6 +80,24 @@ class DoctorTest : public testing::Test {
       EXPECT_TRUE(!bad || finding["cure"] != "") << finding;
     }
     return {answer.exit_status, document["findings"]};
+  }
+  /// Findings with the scans' folder on a disk with these mount options; nullopt if the kernel refuses the mount.
+  [[nodiscard]] std::optional<Opinion> with_scans_on(unsigned long flags, const char* options) const {
+    fs::create_directories(box_.dir / "spool");
+    const pid_t child = ::fork();
+    if (child == 0)
+      _exit(look_at_a_disk(
+          box_.dir / "spool", flags, options,
+          {places::slabctl(), "doctor", "--config", box_.config.native(), "--json", "--listen-s", "0.5"}, box_.dir));
+    int status = -1;
+    ::waitpid(child, &status, 0);
+    if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) {
+      EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) >= 97);
+      return std::nullopt;
+    }
+    const json document = json::parse(read_file(box_.dir / "doctor.out"), nullptr, false);
+    EXPECT_TRUE(document.is_object());
+    return Opinion{0, document.is_object() ? document["findings"] : json::array()};
   }
   void start() {
     box_.start();
@@ -245,6 +276,35 @@ TEST_F(DoctorTest, poses_that_are_refused_are_told_with_the_reason_and_a_bridge_
   EXPECT_NE(opinion.all().find("the newest is"), std::string::npos) << opinion.all();
 }
 
+TEST_F(DoctorTest, two_programs_that_publish_poses_are_named) {
+  std::atomic<bool> stop{false};
+  const auto publish = [&](double x) {
+    lcm_t* lcm = lcm_create(lcm_url().c_str());
+    ASSERT_NE(lcm, nullptr);
+    flange_pose_t pose{};
+    pose.quat[0] = 1.0;
+    pose.trans[0] = x;
+    pose.flags = 1;
+    for (pose.seq = 1; !stop; ++pose.seq) {
+      pose.utime += 8'000;
+      std::vector<std::uint8_t> bytes(static_cast<std::size_t>(pose.getEncodedSize()));
+      pose.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+      lcm_publish(lcm, "FLANGE_POSE", bytes.data(), static_cast<unsigned>(bytes.size()));
+      std::this_thread::sleep_for(std::chrono::milliseconds(8));
+    }
+    lcm_destroy(lcm);
+  };
+  std::thread first([&] { publish(0.0); });
+  std::thread second([&] { publish(0.3); });
+  const Opinion opinion = examine({}, "2");
+  stop = true;
+  first.join();
+  second.join();
+  EXPECT_EQ(opinion.health("robot poses"), "failed") << opinion.all();
+  EXPECT_NE(opinion.all().find("two programs publish poses"), std::string::npos) << opinion.all();
+  EXPECT_NE(opinion.all().find(" (pid " + std::to_string(::getpid()) + ")"), std::string::npos) << opinion.all();
+}
+
 TEST_F(DoctorTest, poses_of_another_type_are_named_with_the_key_to_set) {
   lcm_t* lcm = lcm_create(lcm_url().c_str());
   ASSERT_NE(lcm, nullptr);
@@ -389,36 +449,32 @@ TEST_F(DoctorTest, a_route_over_an_interface_without_an_address_is_a_route) {
   EXPECT_EQ(opinion.health("robot route"), "ok") << opinion.all();
 }
 
-/// Runs the doctor in a mount namespace in which the scans' folder is on a read-only disk. Returns its exit status; 0
-/// is good.
-int look_at_a_read_only_disk(const fs::path& folder, const std::vector<std::string>& doctor, const fs::path& dir) {
-  if (unshare(CLONE_NEWNS) != 0) return 99;
-  if (mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0) return 98;
-  if (mount("none", folder.c_str(), "tmpfs", MS_RDONLY, "mode=0777") != 0) return 97;
-  Process process(doctor, dir / "doctor.out", dir / "doctor.err");
-  (void)process.wait();
-  return 0;
+TEST_F(DoctorTest, a_disk_that_can_only_be_read_is_not_writable) {
+  const std::optional<Opinion> opinion = with_scans_on(MS_RDONLY, "mode=0777");
+  if (!opinion) GTEST_SKIP() << "the kernel refuses mounts here";
+  EXPECT_EQ(opinion->health("scans"), "failed") << opinion->all();
+  EXPECT_NE(opinion->all().find("can only be read"), std::string::npos) << opinion->all();
 }
 
-TEST_F(DoctorTest, a_disk_that_can_only_be_read_is_not_writable) {
-  fs::create_directories(box_.dir / "spool");
-  const pid_t child = ::fork();
-  if (child == 0)
-    _exit(look_at_a_read_only_disk(
-        box_.dir / "spool",
-        {places::slabctl(), "doctor", "--config", box_.config.native(), "--json", "--listen-s", "0.5"}, box_.dir));
-  int status = -1;
-  ::waitpid(child, &status, 0);
-  ASSERT_TRUE(WIFEXITED(status));
-  if (WEXITSTATUS(status) != 0) {
-    EXPECT_GE(WEXITSTATUS(status), 97) << "what the kernel refuses here cannot be looked at";
-    return;
-  }
-  const json document = json::parse(read_file(box_.dir / "doctor.out"), nullptr, false);
-  ASSERT_TRUE(document.is_object());
-  const Opinion opinion{0, document["findings"]};
-  EXPECT_EQ(opinion.health("scans"), "failed") << opinion.all();
-  EXPECT_NE(opinion.all().find("can only be read"), std::string::npos) << opinion.all();
+TEST_F(DoctorTest, a_disk_without_inodes_is_full_whatever_space_it_has) {
+  const std::optional<Opinion> opinion = with_scans_on(0, "mode=0777,nr_inodes=40");
+  if (!opinion) GTEST_SKIP() << "the kernel refuses mounts here";
+  EXPECT_EQ(opinion->health("scan disk"), "failed") << opinion->all();
+  EXPECT_NE(opinion->all().find("the inodes are used up"), std::string::npos) << opinion->all();
+}
+
+TEST_F(DoctorTest, an_address_that_this_computer_lacks_is_why_no_gateway_connects) {
+  const std::string text = read_file(box_.config);
+  const std::size_t scanner = text.find("[scanner]");
+  ASSERT_NE(scanner, std::string::npos);
+  const std::size_t next = text.find("\n[", scanner);
+  std::ofstream(box_.config) << text.substr(0, scanner) << "[scanner]\nbackend = \"tcp\"\nlisten = \"192.0.2.7:1504\"\n"
+                             << text.substr(next);
+  start();
+  const Opinion opinion = examine();
+  EXPECT_EQ(opinion.health("scanner link"), "failed") << opinion.all();
+  EXPECT_NE(opinion.all().find("192.0.2.7"), std::string::npos) << opinion.all();
+  EXPECT_NE(opinion.all().find("correct [scanner] listen"), std::string::npos) << opinion.all();
 }
 
 TEST_F(DoctorTest, knows_the_daemons_configuration_whatever_folder_the_daemon_was_started_in) {

@@ -77,6 +77,14 @@ TEST_F(StatusTest, what_is_odd_about_poses_that_are_believed_is_noted) {
   EXPECT_EQ(note(false, false), "") << "this message cannot say it";
 }
 
+TEST_F(StatusTest, stops_that_are_alike_are_told_with_the_command_that_plans_others) {
+  EXPECT_EQ(ask(R"({"verb":"status"})").dump().find("stops alike"), std::string::npos);
+  station_.stop_alike = 4;
+  const std::string answer = ask(R"({"verb":"status"})").dump();
+  EXPECT_NE(answer.find("the robot stops alike over neighbouring blocks"), std::string::npos) << answer;
+  EXPECT_NE(answer.find("slabctl stations"), std::string::npos) << answer;
+}
+
 TEST_F(StatusTest, metrics_are_told_as_prometheus_reads_them) {
   figures_.block_max_ms = 1500.0;
   station_.settings.software = "slabd \"x\\1\"";

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/dither.h"
 #include "daemon/station/station.h"
 #include "tests/daemon/station/memory_store.h"
 
@@ -57,6 +58,7 @@ class Line {
   bool scan_emulated = false;
   double robot_shake_mm = 0.2;
   double robot_turn_rad = 0.0;  ///< about base Z
+  Dither dither{0.0, 0.0};      ///< the stops; all alike at first
   std::int16_t robot_tool = 0;  ///< active on the controller
   Code scan_code = Code::ok;
   bool worker_hangs = false;  ///< the scanner's worker, in a call that cannot be cancelled
@@ -187,7 +189,7 @@ class Line {
     sample.commanded = robot_commanded;
     sample.seq = ++pose_seq_;
     const Pose T_base_block = T_slab_block(recipe, robot_station);
-    sample.T_base_flange = T_base_block * nominal_T_block_scanner();
+    sample.T_base_flange = T_base_block * dithered(nominal_T_block_scanner(), robot_station, dither);
     sample.T_base_flange.translation_mm.x() += robot_off_mm;
     if (robot_shakes) sample.T_base_flange.translation_mm.y() += (pose_seq_ % 2) * robot_shake_mm;
     const Quat turn(Eigen::AngleAxisd(robot_turn_rad, Vec3::UnitZ()));

@@ -38,6 +38,24 @@ TEST_F(StationTest, takes_a_slab_from_begin_to_an_acknowledged_verdict) {
   EXPECT_EQ(line.view().state, PlcState::idle);
 }
 
+TEST_F(StationTest, stops_that_are_alike_are_a_warning_bit_and_stops_that_differ_are_not) {
+  const auto warning_after_a_slab = [&] {
+    begin();
+    for (int k = 1; k <= 18; ++k) {
+      line.scan(k);
+      line.take_results();
+    }
+    line.command(PlcCommand::slab_end);
+    line.run_for(40);
+    EXPECT_EQ(line.view().slab_verdict, Verdict::pass);
+    line.take_results();
+    return (line.view().warn & kWarnStopsAlike) != 0;
+  };
+  EXPECT_TRUE(warning_after_a_slab());
+  line.dither = {};
+  EXPECT_FALSE(warning_after_a_slab());
+}
+
 TEST(StationOfAnotherType, slab_of_eight_pairs_ends_with_sixteen_stations) {
   MemoryStore store;
   Line line(store, short_recipe());

@@ -74,10 +74,11 @@ class ScanDropTest : public ::testing::Test {
 
   void open(bool any_name) { open_with(*clock_, any_name); }
   /// The clock must outlive the port.
-  void open_with(const Clock& clock, bool any_name = false) {
+  void open_with(const Clock& clock, bool any_name = false, const ScanForm& form = {}) {
     ScanDropSettings settings;
     settings.drop_dir = PathText(drop());
     settings.any_name = any_name;
+    settings.form = form;
     auto made = make_scan_drop(settings, clock);
     ASSERT_TRUE(made.ok()) << made.error().text.c_str();
     scanner_ = std::move(made.value());

@@ -206,6 +206,26 @@ TEST_F(ScanDropTest, answers_in_every_format_are_read_and_keep_their_extension) 
   EXPECT_EQ(scanner_->stray_files(), 0U);
 }
 
+TEST_F(ScanDropTest, the_columns_of_the_line_are_those_of_its_tables_and_of_no_other_file) {
+  ScanForm form;
+  form.columns = parse_table_columns("PosX,PosY,PosZ").value();
+  open_with(*clock_, false, form);
+  const auto drop_table = [&] {
+    std::ofstream table(drop() + "/writing.csv");
+    table << "n,PosX,PosY,PosZ\n";
+    for (std::size_t i = 0; i < kPoints; ++i) table << i << ',' << i << ",1,5\n";
+    table.close();
+    fs::rename(drop() + "/writing.csv", inbox("7-3.csv"));
+  };
+  const auto table = acquire(request(), drop_table);
+  ASSERT_TRUE(table.ok()) << table.error().text.c_str();
+  EXPECT_EQ(table.value().shape.finite, kPoints);
+  EXPECT_EQ(xyz_[3 * 100], 100.0F);
+  EXPECT_EQ(xyz_[3 * 100 + 2], 5.0F);
+  const auto binary = acquire(request(4), [&] { drop_scan_as(ScanFormat::ply, "7-4.ply"); });
+  ASSERT_TRUE(binary.ok()) << binary.error().text.c_str();
+}
+
 TEST_F(ScanDropTest, binary_that_accounts_for_its_bytes_is_taken_after_two_looks_and_text_when_it_stood_still) {
   SteppedClock stepped;
   open_with(stepped);

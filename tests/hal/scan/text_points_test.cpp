@@ -66,10 +66,12 @@ TEST(TextPoints, names_in_the_first_line_say_where_x_y_z_are) {
     expect_points(text, "a.csv", {1, 2, 3});
   expect_refused("east,north,height\n1,2,3\n",
                  "line 1: no column is named x, y or z: rename three, or choose them with "
-                 "--columns A,B,C; the names are \"east,north,height\"");
+                 "--columns A,B,C (on the line: scanner.columns = \"A,B,C\"); the names are \"east,north,height\"");
   expect_refused("\"no\",\"names\",\"known\"\n1,2,3\n", "line 1: no column is named x, y or z");
-  expect_refused("intensity,PosX,PosY,PosZ\n12,1,2,3\n", "choose them with --columns PosX,PosY,PosZ; the names are");
-  expect_refused("lz [mm];lx [mm];ly [mm]\n3;1;2\n", "choose them with --columns lx,ly,lz; the names are");
+  expect_refused("intensity,PosX,PosY,PosZ\n12,1,2,3\n",
+                 "choose them with --columns PosX,PosY,PosZ (on the line: "
+                 "scanner.columns = \"PosX,PosY,PosZ\"); the names are");
+  expect_refused("lz [mm];lx [mm];ly [mm]\n3;1;2\n", "choose them with --columns lx,ly,lz (on the line: ");
   expect_refused("Messung am Block\n1 2 3\n", "a line that names no columns begins with #");
   expect_refused("x,y,height\n1,2,3\n", "line 1: of x, y and z only 2");
   expect_refused("x,y,z,x\n1,2,3,4\n", "line 1: a second column named \"x\"");
@@ -228,7 +230,8 @@ TEST(TextPoints, points_side_by_side_are_told_from_a_height_map) {
 TEST(TextPoints, quoted_numbers_are_numbers_and_names_are_shown_as_they_are) {
   expect_points("\"x\",\"y\",\"z\"\n\"1\",\"2.5\",\"-3\"\n", "a.csv", {1, 2.5, -3});
   expect_refused("X\u5750\u6807,Y\u5750\u6807,Z\u5750\u6807,n\n1,2,3,4\n",
-                 "or choose them with --columns 1,2,3; the names are \"X\u5750\u6807,Y\u5750\u6807");
+                 "or choose them with --columns 1,2,3 (on the line: scanner.columns = \"1,2,3\"); the names are "
+                 "\"X\u5750\u6807,Y\u5750\u6807");
   expect_refused("a\xFF\x1B,b,c\n1,2,3\n", "the names are \"a??,b,c\"");
 }
 
@@ -248,7 +251,7 @@ std::string refusal_of(const std::string& text, const std::string& columns, cons
   const Result<TableColumns> chosen = parse_table_columns(columns);
   if (!chosen) return chosen.error().text.c_str();
   const Fd fd = test::memory_file(text);
-  const Result<ScanShape> shape = read_scan_fd(fd.get(), name.c_str(), LengthUnit::mm, xyz, alone, chosen.value());
+  const Result<ScanShape> shape = read_scan_fd(fd.get(), name.c_str(), {LengthUnit::mm, chosen.value()}, xyz, alone);
   if (!shape) return shape.error().text.c_str();
   EXPECT_EQ(xyz[0], 1.0F) << text;
   EXPECT_EQ(xyz[1], 2.0F) << text;
@@ -273,7 +276,6 @@ TEST(TextPoints, columns_are_chosen_by_name_or_by_number) {
   holds(refusal_of("9 1 2 3\n", "PosX,PosY,PosZ"), "this table does not name its columns: choose them by number");
   holds(refusal_of("9 1 2\n", "2,3,4"), "line 1: 3 columns, needed are 4");
   holds(refusal_of("i,PosX [m],PosY,PosZ\n9,1,2,3\n", "PosX,PosY,PosZ"), "the file says unit \"m\"");
-  holds(refusal_of("ply\n", "1,2,3", "a.ply"), "columns can be chosen of a table");
   for (const std::string& columns : {std::string(), std::string("x"), std::string("x,y"), std::string("x,y,z,i"),
                                      std::string(",,"), std::string("1,2,"), std::string(41, 'x') + ",y,z"})
     holds(refusal_of(named, columns), "expected are three names or numbers");
