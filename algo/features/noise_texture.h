@@ -53,7 +53,7 @@ struct TextureCell {
   std::uint32_t count = 0;
 };
 
-/// Points in a row that are looked at together. Short, so that every place has several.
+/// Number of points in a row that are examined together. Short, so that every place has several.
 inline constexpr std::size_t kTextureStretch = 16;
 inline constexpr std::size_t kTextureBins = 1'024;
 using TextureBins = std::array<std::uint32_t, kTextureBins>;
@@ -68,7 +68,7 @@ struct TextureSums {
   TextureBins second{};
 };
 
-/// Of a face that was fitted in the block's frame.
+/// Input for a face that was fitted in the block's frame.
 [[nodiscard]] TextureQuestion question_of(std::span<const SeatPoints> runs, const SeatFrame& frame,
                                           const PlaneFit& plane);
 
