@@ -58,7 +58,7 @@ struct PlaneSettings {
   double contamination = 0.5;      ///< epsilon of eq. (8)
   double confidence = 1.0 - 1e-6;  ///< P of eq. (8)
   double threshold_mm = 0.0;       ///< inlier distance; 0 = three robust standard deviations of the best hypothesis
-  double threshold_min_mm = 0.0;   ///< not less than this: rounded coordinates may all lie on the plane
+  double threshold_min_mm = 0.0;   ///< not less than this: rounded coordinates may all be on the plane
   double inlier_share_min = 0.0;   ///< below it `ok` is false
   PlaneSupport support{};          ///< below it `ok` is false
   /// For a face of which only the direction is used, such as one that undulates: the largest tilt that may depend on
@@ -83,7 +83,7 @@ struct PlaneSettings {
 [[nodiscard]] PlaneFit fit_plane(std::span<const Vec3> points, const Vec3& up, const PlaneSettings& settings);
 
 /// Orthogonal least squares on all points: blocked, shifted sums in double, symmetric eigenproblem. ok = false if there
-/// are fewer than 3 points or all lie on one line.
+/// are fewer than 3 points or all are on one line.
 [[nodiscard]] PlaneFit fit_plane_lsq(std::span<const Vec3> points, const Vec3& up);
 
 /// The classical RANSAC of the paper's comparison (Table 1), for comparisons only: of K planes through three random

@@ -56,7 +56,7 @@ class BlockModel {
   [[nodiscard]] const std::array<Plane, kFaces>& planes() const { return planes_; }
   [[nodiscard]] const BlockGeometry& geometry() const { return geometry_; }
 
-  /// Unit vector across the rail along the bearing plane, climbing outward.
+  /// Unit vector across the rail along the bearing plane, rising outward.
   [[nodiscard]] const Vec3& along_seat() const { return along_seat_; }
   /// Nominal centre of a casing on the bearing plane.
   [[nodiscard]] Vec3 casing_centre(bool outer) const;

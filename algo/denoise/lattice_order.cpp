@@ -19,7 +19,6 @@
 // in any order; the remaining points are sorted. Two failures are detected only after dealing: a band has more points
 // than cells, or more points share a cell than the memory holds. Then all points are sorted in the cloud. Therefore no
 // point is ever lost, and the result does not depend on the order.
-// point is ever lost, and no order shows.
 #include "algo/denoise/lattice.h"
 
 #include <hwy/cache_control.h>

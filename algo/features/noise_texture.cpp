@@ -12,10 +12,8 @@
 // which removes the surface's form. The mean size of d3 per place is the noise there. On real concrete and on drawn
 // blocks, no place of 4 mm has less than 0.75 of the usual noise; a filled one has almost none. The ratio of d2 to d1
 // shows how far neighbours share their noise, and the distribution of d1 whether heights are in steps.
-// drawn blocks no place of 4 mm has less than 0.75 of the usual one, a filled one has nothing. The sizes of d2 against
-// those of d1 say how far neighbours share their noise, and the distribution of d1 whether heights stand in steps.
 //
-// Sixteen quadruples of neighbours are looked at together, as they begin one point after the other.
+// Sixteen quadruples of neighbours are processed together; each starts one point after the previous one.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/features/noise_texture.cpp"
 #include <hwy/foreach_target.h>

@@ -16,8 +16,6 @@
 // A wrong pose that looks converged is the worst outcome. So the pose is accepted only if the step is tiny, no
 // direction is undetermined, and on every face most of the points expected by the model are found. A flat slab without
 // a block passes the first test easily, but not the others.
-// direction is undetermined, and of the points that the model expects on a face most are on it, face by face. A flat
-// slab without a block satisfies the first test easily, and none of the others.
 #include "algo/register/registration.h"
 
 #include <Eigen/Eigenvalues>

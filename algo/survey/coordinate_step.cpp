@@ -234,7 +234,7 @@ bool is_inner(std::size_t k, std::size_t count) {
   return 4 * k >= count && 4 * k < 3 * count;
 }
 
-constexpr std::size_t kLookedOfALine = 120;  // a quarter of them lies in the middle half: chance is 13 % there
+constexpr std::size_t kLookedOfALine = 120;  // a quarter of them is in the middle half, with 13 % chance variation
 /// With many missing points, chance alone makes lines uneven: then this many points are examined.
 constexpr std::size_t kLookedInDoubt = 960;
 

@@ -40,7 +40,7 @@ constexpr std::size_t kStepsMin = 7;
 /// neither.
 constexpr float kMeanMin = 0.035F;
 constexpr double kStraight = 0.7;
-constexpr float kAside = 0.025F;  ///< cost of a cell to the side
+constexpr float kAside = 0.025F;  ///< cost of a sideways move by one cell
 /// Cells between a window and its neighbours.
 constexpr std::size_t kGap = 1;
 constexpr std::size_t kWidth = 2;
