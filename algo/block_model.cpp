@@ -60,7 +60,7 @@ void BlockModel::build(const BlockGeometry& geometry) {
   along_seat_ = Vec3(0.0, std::cos(cant), std::sin(cant));
   set(Face::seat, n_seat, Vec3::Zero());
 
-  // A jaw rises outward at the jaw angle to the seat, so its free side looks inward and up.
+  // A jaw rises outward at the jaw angle to the seat. Its free side is inward and up.
   const double angle = geometry.jaw_angle_rad.value;
   for (const double side : {-1.0, 1.0}) {
     const Vec3 outward = side * along_seat_;
@@ -126,7 +126,7 @@ bool BlockModel::visible(double x, double y, Face& face, double& z) const {
   }
   const Face shoulder = outer ? Face::shoulder_outer : Face::shoulder_inner;
   lower(shoulder, height(shoulder));
-  // End and side faces are nearly vertical: above the slab they only bound where the block is.
+  // End and side faces are nearly vertical: above the slab they only limit the extent of the block.
   for (const Face f : {Face::end_minus, Face::end_plus, Face::side_inner, Face::side_outer}) lower(f, height(f));
   higher(Face::top, height(Face::top));
   return true;
@@ -134,7 +134,7 @@ bool BlockModel::visible(double x, double y, Face& face, double& z) const {
 
 void FaceTable::build(const BlockModel& model, std::span<std::uint16_t> wide, std::span<std::uint16_t> near,
                       std::span<std::uint16_t> scratch) {
-  // Nine looks per cell: a cell that holds an edge shows both faces.
+  // Nine samples per cell: a cell that contains an edge shows both faces.
   for (std::size_t row = 0; row < limits::kFaceTableY; ++row) {
     for (std::size_t column = 0; column < limits::kFaceTableX; ++column) {
       std::uint16_t seen = 0;

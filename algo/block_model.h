@@ -11,7 +11,7 @@
 /// The block as planes. All in the block frame (mm): X along the rail, Y outward, Z up.
 namespace slabd::algo {
 
-/// The faces a scan from above can see. The order decides ties between faces at equal distance.
+/// The faces visible to a scan from above. The order decides ties between faces at equal distance.
 enum class Face : std::uint8_t {
   seat,
   jaw_inner,
@@ -33,36 +33,36 @@ inline constexpr std::uint16_t kAllFaces = (1U << kFaces) - 1U;
   return static_cast<std::uint16_t>(1U << static_cast<unsigned>(face));
 }
 
-/// Those that say where the block is. A rim does not: it is no part of the casting, and what covers it, mortar, water
-/// or a cap, must not cost the block its pose.
+/// Faces that determine the pose. A rim is excluded: it is not part of the casting, and a cover on it, such as mortar,
+/// water or a cap, must not cost the block its pose.
 inline constexpr std::uint16_t kPoseFaces =
     static_cast<std::uint16_t>(kAllFaces & ~(bit(Face::rim_inner) | bit(Face::rim_outer)));
 
-/// n.p = d, n of unit length towards the free side.
+/// Plane n.p = d; n has unit length and points to the free side.
 struct Plane {
   Vec3 n = Vec3::UnitZ();
   double d = 0.0;
   [[nodiscard]] double distance(const Vec3& p) const { return n.x() * p.x() + n.y() * p.y() + n.z() * p.z() - d; }
-  /// Height of a plane that is not vertical.
+  /// Height of the plane at (x, y). The plane must not be vertical.
   [[nodiscard]] double z_at(double x, double y) const { return (d - n.x() * x - n.y() * y) / n.z(); }
 };
 
 class BlockModel {
  public:
-  /// From nominals; no heap.
+  /// Computes the planes from nominals; no heap.
   void build(const BlockGeometry& geometry);
 
   [[nodiscard]] const Plane& plane(Face face) const { return planes_[static_cast<std::size_t>(face)]; }
   [[nodiscard]] const std::array<Plane, kFaces>& planes() const { return planes_; }
   [[nodiscard]] const BlockGeometry& geometry() const { return geometry_; }
 
-  /// Unit vector across the rail along the bearing plane, climbing outward.
+  /// Unit vector across the rail along the bearing plane, rising outward.
   [[nodiscard]] const Vec3& along_seat() const { return along_seat_; }
   /// Nominal centre of a casing on the bearing plane.
   [[nodiscard]] Vec3 casing_centre(bool outer) const;
 
-  /// The face seen from above at (x, y) and its height; false inside a casing's bore, which returns nothing.
-  /// z = max(slab top, min(ends, sides, shoulder, max(bearing plane, jaw))), casings cut in.
+  /// Computes the face visible from above at (x, y) and its height. Returns false inside a casing's bore.
+  /// z = max(slab top, min(ends, sides, shoulder, max(bearing plane, jaw))), with the casings cut in.
   [[nodiscard]] bool visible(double x, double y, Face& face, double& z) const;
 
  private:
@@ -71,11 +71,11 @@ class BlockModel {
   Vec3 along_seat_ = Vec3::UnitY();
 };
 
-/// Faces near a place: for each 1 mm cell of (x, y) which faces are seen within a wide and within a near distance.
-/// Finding the face a point belongs to is then a look-up and a few plane distances.
+/// Faces near a position: for each 1 mm cell of (x, y), the faces visible within a wide and within a near distance. A
+/// point's face is then found by one lookup and a few plane distances.
 class FaceTable {
  public:
-  /// How far the wide set looks, hence how far off a pose may be; the near set serves once the pose is found.
+  /// Reach of the wide set, which bounds the error of the start pose. The near set is for a pose already found.
   static constexpr int kWide_mm = 25;
   static constexpr int kNear_mm = 2;
   static constexpr std::size_t kCells = limits::kFaceTableX * limits::kFaceTableY;
@@ -106,7 +106,7 @@ class FaceTable {
   std::span<const std::uint16_t> near_;
 };
 
-/// The face among `candidates` whose plane is closest to `p`; `distance` is signed. False when there is no candidate.
+/// Finds the face of `candidates` whose plane is closest to `p`; `distance` is signed. False without candidates.
 [[nodiscard]] inline bool closest_face(const std::array<Plane, kFaces>& planes, std::uint16_t candidates, const Vec3& p,
                                        Face& face, double& distance) {
   if (candidates == 0) return false;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One block, stage by stage. All memory is taken in the constructor; each stage borrows what it needs of it:
+// One block, stage by stage. The constructor allocates all memory; each stage uses parts of it:
 //
-//     order             denoise: points by cell                 extract: the points that the survey lists
+//     order             denoise: points by cell                 extract: the points listed by the survey
 //                       register: points around the casings
-//     label             denoise: who stays                      noise print: its cells
+//     label             denoise: points to keep                 noise print: its cells
 //                       register: points around the casings
 //     cell_start        denoise: starts of the cells
 //     surface           denoise: the surface in each cell       extract: the surface's raster, and the search on it
@@ -12,7 +12,7 @@
 //     residuals                   ... and their distances                search for damage
 //     wide, near        the face table, built by `use`
 //     heights           the height map, built by `use`
-//     survey_*, map_*   extract: what the one pass over the scan leaves (algo/survey/survey.h)
+//     survey_*, map_*   extract: results of the one pass over the scan (algo/survey/survey.h)
 //     flatness          extract: their cells
 #include <atomic>
 #include <cassert>
@@ -82,7 +82,7 @@ struct BlockInspector::Workspace {
     static_assert(sizeof(float) == sizeof(std::uint32_t));
   }
 
-  /// The surface rasters of either thread, and what is left behind them.
+  /// The surface rasters of both threads, and the memory behind them.
   static std::span<SurfaceCell> raster_in(std::span<TilePlane> memory, std::size_t thread) {
     return {reinterpret_cast<SurfaceCell*>(memory.data()) + thread * kSurfaceCells, kSurfaceCells};
   }
@@ -93,7 +93,7 @@ struct BlockInspector::Workspace {
   }
 
   Team team;
-  Pages pages;  // first: the arrays below lie in it; limits::kWorkspaceBytes sums them up
+  Pages pages;  // first: the arrays below are located in it; limits::kWorkspaceBytes is their sum
   std::span<std::uint32_t> order;
   std::span<std::uint8_t> label;
   std::span<std::uint32_t> cell_start;
@@ -116,8 +116,8 @@ struct BlockInspector::Workspace {
   FlatnessWorkspace flatness;
   std::span<float> casings;                      // in the memory of `order`
   std::array<std::span<SurfaceCell>, 2> raster;  // in the memory of `surface`
-  std::span<float> raster_rest;                  // ... and so
-  PointPool pool;                                // in that of `order`
+  std::span<float> raster_rest;                  // ... also in the memory of `surface`
+  PointPool pool;                                // in the memory of `order`
   std::array<PlaneStart, kLargeFaces> plane_start;
   SurveyTable survey_table;
   SurfaceTable surface_table;
@@ -139,10 +139,11 @@ struct BlockInspector::Workspace {
 
 namespace {
 
-/// How much of a face must be seen before its plane counts. A corner of it fits a plane as well as the whole, but its
-/// tilt is then the corner's. So: a third of the whole face's spread both ways (a slab top seen past one end of the
-/// block only has an eighth), a twentieth of the points that the sparsest scan of the whole would give (the slab top
-/// reaches beyond a small field of view), and noise that leaves no more than half of the angle's U (k = 2).
+/// Minimum visible part of a face for its plane to count. A corner of a face fits a plane as well as the whole face
+/// does, but its tilt is that of the corner. Required are: a third of the whole face's spread in both directions (a
+/// slab top seen past only one end of the block has an eighth); a twentieth of the points that the sparsest scan of the
+/// whole face would give (the slab top extends beyond a small field of view); and noise that leaves at most half of the
+/// angle's U (k = 2).
 PlaneSupport support_of(const FaceExtent& whole, const EvaluationSettings& evaluation, double U_deg) {
   constexpr double kSpreadShare = 1.0 / 3.0;
   constexpr double kPointsShare = 0.05;
@@ -157,7 +158,7 @@ PlaneSupport support_of(const FaceExtent& whole, const EvaluationSettings& evalu
   return support;
 }
 
-/// Where flatness is measured.
+/// Region in which flatness is measured.
 FlatnessRegion flatness_region(const Recipe& recipe) {
   const EvaluationSettings& evaluation = recipe.evaluation;
   FlatnessRegion region{evaluation.crop_half_x_mm, evaluation.crop_half_s_mm, evaluation.cell_mm,
@@ -184,7 +185,7 @@ void set_edge_nominals(const EdgeNominals& nominals, BlockResult& result) {
   }
 }
 
-/// A scan that never came as far as the registration has none; `note` says why.
+/// Fills the report of a scan that ended before the registration; `note` gives the reason.
 void refuse_registration(RegistrationReport& report, std::string_view note) {
   report.status = RegistrationStatus::rejected;
   report.note = note;
@@ -298,15 +299,15 @@ double step_along_mm(const PlaneFit& plane, const BlockResult& result) {
   return normal.cwiseProduct(result.scan.step_mm).norm();
 }
 
-/// The largest place without noise. None where the rounding of coordinates hides it: points that were rounded alike
-/// have no noise either, unless their own noise is half a step or more.
+/// The largest place without noise. None if the rounding of coordinates hides it: points rounded to one step have no
+/// noise either, unless their own noise is half a step or more.
 FilledPlace filled_place(const NoiseTexture& texture, double step_mm) {
   return step_mm > kStepOfNoiseMax * texture.sigma_mm ? FilledPlace{} : texture.filled;
 }
 
-/// Whether the faces have the noise of points that were measured. Refuses jaws that a scanner's program filled in part;
-/// returns an error for a seat, and for heights that were rounded before something smooth was done to them. `cells`:
-/// for three faces.
+/// Checks that the faces have the noise of measured points. Refuses jaws that a scanner's program filled in part.
+/// Returns an error for such a seat, and for heights that were rounded before a smooth correction or resampling.
+/// `cells`: for three faces.
 Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<TextureCell> cells, Team& team,
                      BlockResult& result) {
   SeatFeature& seat = result.seat;
@@ -323,7 +324,7 @@ Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<Tex
   });
   const NoiseTexture& texture = textures[0];
   const double known_step_mm = step_along_mm(seat.plane, result);
-  // The differences of heights in coarse steps say nothing of a filter.
+  // Differences of heights in coarse steps do not show a filter.
   if (known_step_mm <= kStepOfNoiseMax * texture.sigma_mm) result.scan.lag_ratio = texture.lag_ratio;
   // The 95 % difference of rounded heights is one or two of their known steps.
   if (const double step_mm = hidden_step_mm(texture); step_mm > std::max(kCoordinateStepMax_mm, 3.0 * known_step_mm)) {
@@ -362,7 +363,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
   const auto settings_of = [&](const FaceExtent& whole, ItemId angle, std::uint64_t seed) {
     PlaneSettings settings;
     settings.inlier_share_min = evaluation.inlier_share_min;
-    // Three standard deviations of what rounding to the coarsest axis' step leaves.
+    // Three standard deviations of the rounding error at the coarsest axis' step.
     settings.threshold_min_mm = std::sqrt(0.75) * result.scan.step_mm.maxCoeff();
     settings.support = support_of(whole, evaluation, w.recipe.tolerance(angle).U);
     settings.seed = seed;
@@ -370,14 +371,14 @@ Status BlockInspector::extract(const Cloud& cloud) {
   };
   SeatFeature& seat = result.seat;
   const FaceExtents& extents = w.extents;
-  // Of the slab top only the direction is used, and cast tops undulate by tenths.
+  // Only the direction of the slab top is used, and cast tops undulate by tenths of a millimetre.
   PlaneSettings of_top = settings_of(extents.top, ItemId::seat_slope, 5);
   constexpr double kTopBendShare = 1.0 / 3.0;
   if (const double U_deg = w.recipe.tolerance(ItemId::seat_slope).U; has_value(U_deg))
     of_top.bend_max_rad = kTopBendShare * rad_from_deg(U_deg);
   const Pose T_block_scanner = result.registration.T_scanner_block.inverse();
   const Survey& survey = w.survey;
-  // A recipe from before the items of pores and damage keeps its search, and what it comes to.
+  // A recipe older than the items of pores and damage keeps its search and its results.
   const bool has_surface_items =
       w.recipe.tolerance(ItemId::surface_pores).given || w.recipe.tolerance(ItemId::block_damage).given;
   survey_scan(cloud,
@@ -401,11 +402,11 @@ Status BlockInspector::extract(const Cloud& cloud) {
                  limits::kSurveyPiecesMax * PointPool::kPiece);
   seat.full_plane = survey.large[static_cast<std::size_t>(LargeFace::seat)];
   result.slab_top = survey.large[static_cast<std::size_t>(LargeFace::top)];
-  // The scanner errs along its rays, about along the seat's normal; a steep jaw has a part of that.
+  // The scanner errs along its rays, about along the seat's normal; a steep jaw receives a part of that error.
   const double ripple_mm = ripple_amplitude_mm(survey.of(PointList::seat_crop));
   std::array<JawFit, 2> jaws;
   w.team.run(3, [&](std::size_t which) {
-    // The seat is asked cell by cell, by its flatness.
+    // The seat is checked cell by cell, by its flatness.
     if (which == 0) {
       seat.plane = fit_plane_over(survey.of(PointList::seat_crop), w.model.plane(Face::seat).n,
                                   settings_of(extents.seat_crop, ItemId::seat_slope, 1));
@@ -425,8 +426,8 @@ Status BlockInspector::extract(const Cloud& cloud) {
   });
   result.jaw_inner = jaws[0].plane;
   result.jaw_outer = jaws[1].plane;
-  // The share is one of all that was seen in the face's place: with half of the seat five millimetres down, the other
-  // half must not speak for it.
+  // The share is of all points seen at the face's place. Otherwise, if half of the seat is five millimetres low, the
+  // other half alone would determine the plane.
   const auto count_off = [&](PlaneFit& plane, std::size_t seen, std::size_t off) {
     plane.points = seen + off;
     plane.inlier_fraction =
@@ -537,7 +538,7 @@ DeviationMap BlockInspector::deviation_map() const {
 
 SeatMap BlockInspector::seat_map() const {
   const Workspace& w = *work_;
-  // A seat whose cells were summed up has its extremes.
+  // The raw extremes have a value if the seat's cells were summed.
   if (!has_value(w.result.seat.raw_low_mm)) return {};
   const FlatnessRegion region = flatness_region(w.recipe);
   const CellGrid grid(region);
@@ -548,7 +549,7 @@ SeatMap BlockInspector::seat_map() const {
 void BlockInspector::noise_print(NoisePrint& out) {
   Workspace& w = *work_;
   out = {};
-  // As for the seat's map: then the survey's lists are those of this block, and its plane was fitted.
+  // As for the seat's map: the survey's lists are then those of this block, and its plane was fitted.
   if (!has_value(w.result.seat.raw_low_mm)) return;
   static_assert(kNoiseCells * sizeof(NoiseCell) <= limits::kScanPointsMax);
   const std::span<NoiseCell> cells(reinterpret_cast<NoiseCell*>(w.label.data()), kNoiseCells);

@@ -7,7 +7,7 @@
 namespace slabd::algo {
 namespace {
 
-/// HWY_TARGETS are those the kernels were compiled for.
+/// Highway's target bits of a set. HWY_TARGETS are those for which the kernels were compiled.
 std::int64_t targets_of(InstructionSet set) {
   switch (set) {
     case InstructionSet::best: return 0;

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Sixteen numbers at a time, on every machine. A kernel written with these types is ordinary arithmetic: a * b + c. The
-// compiler sees it once for each instruction set (Highway's foreach_target); sixteen lanes are one register of AVX-512,
-// two of AVX2, four of SSE.
+// Arithmetic on sixteen numbers at a time, on every machine. A kernel with these types is ordinary arithmetic: a * b +
+// c. It is compiled once per instruction set (Highway's foreach_target). Sixteen lanes are one register of AVX-512, two
+// of AVX2, four of SSE.
 //
-// The lanes are the same sixteen everywhere, each operation rounds once (a product and a sum are never fused), and sums
-// over the lanes are taken in one fixed order. So every instruction set gives the same bits.
+// There are sixteen lanes everywhere, each operation rounds once (a product and a sum are never fused), and lanes are
+// summed in one fixed order. Therefore every instruction set gives the same bits.
 //
-// Not a header of the room: only .cpp files that are compiled for each instruction set include it, after
+// Not a public header of the room: only .cpp files compiled for each instruction set include it, after
 // hwy/foreach_target.h.
 #if defined(SLABD_ALGO_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SLABD_ALGO_LANES_INL_H_
@@ -33,7 +33,7 @@ inline constexpr std::size_t kLanes = 16;
 
 template <typename T>
 using Tag = hn::CappedTag<T, kLanes>;
-/// Registers that sixteen numbers of a type take.
+/// Number of registers for sixteen numbers of type T.
 template <typename T>
 inline constexpr std::size_t kRegisters = kLanes / hn::MaxLanes(Tag<T>());
 
@@ -62,7 +62,7 @@ using I16 = Pack<std::int32_t, kRegisters<std::int32_t>>;
 using M16 = MaskPack<float, kRegisters<float>>;
 using MD16 = MaskPack<double, kRegisters<double>>;
 
-// One line per operation: on a register, and on halves.
+// Defines each operation for one register and for two halves.
 #define SLABD_LANES_BINARY(name, op)                                     \
   template <typename T>                                                  \
   HWY_INLINE Pack<T, 1> name(const Pack<T, 1>& a, const Pack<T, 1>& b) { \
@@ -104,7 +104,7 @@ SLABD_LANES_BINARY(operator+, Add)
 SLABD_LANES_BINARY(operator-, Sub)
 SLABD_LANES_BINARY(operator*, Mul)
 SLABD_LANES_BINARY(operator/, Div)
-/// As the machine has them: which one comes back when one is NaN differs, so give them no NaN.
+/// Minimum and maximum of the machine. The result for one NaN operand differs between machines: pass no NaN.
 SLABD_LANES_BINARY(min, Min)
 SLABD_LANES_BINARY(max, Max)
 SLABD_LANES_BINARY(bit_or, Or)
@@ -121,7 +121,7 @@ SLABD_LANES_COMPARE(operator>=, Ge)
 SLABD_LANES_COMPARE(operator==, Eq)
 SLABD_LANES_LOGIC(operator&, And)
 SLABD_LANES_LOGIC(operator|, Or)
-/// Those of `b` that are not in `a`.
+/// Lanes of `b` that are not in `a`.
 SLABD_LANES_LOGIC(and_not, AndNot)
 
 #undef SLABD_LANES_BINARY
@@ -175,21 +175,21 @@ HWY_INLINE void store(const Pack<T, K>& a, T* to) {
   store(a.hi, to + K / 2 * hn::MaxLanes(Tag<T>()));
 }
 
-/// 0, 1, ... 15.
+/// The numbers 0, 1, ... 15.
 HWY_INLINE F16 lane_numbers() {
   alignas(64) static constexpr float kNumbers[kLanes] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
   return load(kNumbers);
 }
 
-/// Sixteen points x y z, x y z, ... taken apart.
+/// Sixteen points x y z, x y z, ... split into coordinates.
 struct Points16 {
   F16 x, y, z;
 };
-/// A register's worth of points lies in three registers, and no two x of it in the same lane of theirs, because three
-/// and the number of lanes have no common factor: two choices lane by lane bring all x together, one permutation puts
-/// them in order. Machines without a permutation of that width have Highway's own way.
+/// The points of one register length are stored in three registers. Three and the number of lanes have no common
+/// factor, so no two x have the same lane. Two lane-wise selections collect all x, one permutation orders them.
+/// Machines without a permutation of that width use Highway's method.
 #if HWY_TARGET <= HWY_AVX2
-/// Lanes whose number leaves `rest` when divided by three.
+/// Lanes whose number modulo three is `rest`.
 template <typename Tag>
 HWY_INLINE hn::Mask<Tag> every_third(Tag tag, std::size_t rest) {
   alignas(64) static constexpr std::int32_t kThirds[kLanes] = {0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0};
@@ -220,8 +220,8 @@ HWY_INLINE void take_apart(const float* xyz, Pack<float, K>& x, Pack<float, K>& 
 #if HWY_TARGET <= HWY_AVX2
     constexpr std::size_t kWidth = hn::MaxLanes(Tag<float>());
     auto v0 = hn::LoadU(tag, xyz), v1 = hn::LoadU(tag, xyz + kWidth), v2 = hn::LoadU(tag, xyz + 2 * kWidth);
-    // Three loads, and not nine under masks: those keep the processor from seeing that memory is read in sequence, and
-    // passes over a scan take twice as long.
+    // Three plain loads instead of nine masked ones: with masked loads the prefetcher does not detect sequential reads,
+    // and passes over a scan take twice as long.
     asm("" : "+x"(v0.raw), "+x"(v1.raw), "+x"(v2.raw));
     x.v = every_third_number<0>(tag, v0, v1, v2);
     y.v = every_third_number<1>(tag, v0, v1, v2);
@@ -234,11 +234,11 @@ HWY_INLINE void take_apart(const float* xyz, Pack<float, K>& x, Pack<float, K>& 
     take_apart(xyz + 3 * (K / 2) * hn::MaxLanes(Tag<float>()), x.hi, y.hi, z.hi);
   }
 }
-/// Fetches sixteen points that are wanted later; none need be there.
+/// Prefetches sixteen points for later use. The memory need not exist.
 HWY_INLINE void fetch_points(const float* xyz) {
   for (std::size_t line = 0; line < 3; ++line) hwy::Prefetch(xyz + kLanes * line);
 }
-/// `xyz` must hold sixteen points.
+/// Loads sixteen points; `xyz` must hold that many.
 HWY_INLINE Points16 load_points(const float* xyz) {
   Points16 p;
   take_apart(xyz, p.x, p.y, p.z);
@@ -251,7 +251,7 @@ HWY_INLINE Points16 load_points(const float* xyz, std::size_t count) {
   return load_points(room);
 }
 
-/// a[0] b[0] c[0] d[0], a[1] ...: 64 numbers.
+/// Stores 64 numbers: a[0] b[0] c[0] d[0], a[1] ...
 template <std::size_t K>
 HWY_INLINE void store_interleaved(const Pack<float, K>& a, const Pack<float, K>& b, const Pack<float, K>& c,
                                   const Pack<float, K>& d, float* to) {
@@ -262,7 +262,7 @@ HWY_INLINE void store_interleaved(const Pack<float, K>& a, const Pack<float, K>&
     store_interleaved(a.hi, b.hi, c.hi, d.hi, to + 4 * (K / 2) * hn::MaxLanes(Tag<float>()));
   }
 }
-/// a[0] b[0], a[1] ...: 32 numbers.
+/// Stores 32 numbers: a[0] b[0], a[1] ...
 template <std::size_t K>
 HWY_INLINE void store_interleaved(const Pack<float, K>& a, const Pack<float, K>& b, float* to) {
   if constexpr (K == 1) {
@@ -275,7 +275,7 @@ HWY_INLINE void store_interleaved(const Pack<float, K>& a, const Pack<float, K>&
 
 // ---- masks -----------------------------------------------------------------------------------------------------
 
-/// Bit k is lane k.
+/// Mask as a word: bit k is lane k.
 template <typename T>
 HWY_INLINE std::uint32_t bits(const MaskPack<T, 1>& mask) {
   if constexpr (hn::MaxLanes(Tag<T>()) == kLanes) {
@@ -283,7 +283,7 @@ HWY_INLINE std::uint32_t bits(const MaskPack<T, 1>& mask) {
     hn::StoreMaskBits(Tag<T>(), mask.m, reinterpret_cast<std::uint8_t*>(&word));
     return word;
   } else {
-    // Eight bytes are what it may write.
+    // StoreMaskBits may write up to eight bytes.
     std::array<std::uint8_t, 8> byte{};
     hn::StoreMaskBits(Tag<T>(), mask.m, byte.data());
     return byte[0];
@@ -314,7 +314,7 @@ HWY_INLINE Pack<T, K> keep(const MaskPack<T, K>& mask, const Pack<T, K>& a) {
 
 // ---- whole numbers -------------------------------------------------------------------------------------------
 
-/// By k bits; the sign comes in from above.
+/// Arithmetic shift by k bits.
 template <int k>
 HWY_INLINE Pack<std::int32_t, 1> shift_right(const Pack<std::int32_t, 1>& a) {
   return {hn::ShiftRight<k>(a.v)};
@@ -323,7 +323,7 @@ template <int k, std::size_t K>
 HWY_INLINE Pack<std::int32_t, K> shift_right(const Pack<std::int32_t, K>& a) {
   return {shift_right<k>(a.lo), shift_right<k>(a.hi)};
 }
-/// By 0 to 31 bits, each lane by its own.
+/// Arithmetic shift of each lane by its own count, 0 to 31 bits.
 HWY_INLINE Pack<std::int32_t, 1> shift_right(const Pack<std::int32_t, 1>& a, const Pack<std::int32_t, 1>& by) {
   return {hn::Shr(a.v, by.v)};
 }
@@ -331,7 +331,7 @@ template <std::size_t K>
 HWY_INLINE Pack<std::int32_t, K> shift_right(const Pack<std::int32_t, K>& a, const Pack<std::int32_t, K>& by) {
   return {shift_right(a.lo, by.lo), shift_right(a.hi, by.hi)};
 }
-/// By 0 to 31 bits, each lane by its own.
+/// Left shift of each lane by its own count, 0 to 31 bits.
 HWY_INLINE Pack<std::int32_t, 1> shift_left(const Pack<std::int32_t, 1>& a, const Pack<std::int32_t, 1>& by) {
   return {hn::Shl(a.v, by.v)};
 }
@@ -339,7 +339,7 @@ template <std::size_t K>
 HWY_INLINE Pack<std::int32_t, K> shift_left(const Pack<std::int32_t, K>& a, const Pack<std::int32_t, K>& by) {
   return {shift_left(a.lo, by.lo), shift_left(a.hi, by.hi)};
 }
-/// Every bit that is set in a lane.
+/// OR of all lanes.
 template <std::size_t K>
 HWY_INLINE std::uint32_t any_bits(const Pack<std::int32_t, K>& a) {
   if constexpr (K > 1) {
@@ -352,7 +352,7 @@ HWY_INLINE std::uint32_t any_bits(const Pack<std::int32_t, K>& a) {
     return all;
   }
 }
-/// Lanes in which `one` bit is set.
+/// Lanes in which bit `one` is set.
 HWY_INLINE MaskPack<float, 1> test_bits(const Pack<std::int32_t, 1>& a, const Pack<std::int32_t, 1>& one) {
   return {hn::RebindMask(Tag<float>(), hn::TestBit(a.v, one.v))};
 }
@@ -385,7 +385,7 @@ HWY_INLINE MaskPack<float, K> has_bits(const Pack<std::int32_t, K>& a, const Pac
     return {has_bits(a.lo, wanted.lo), has_bits(a.hi, wanted.hi)};
   }
 }
-/// Lane k is set where bit k is.
+/// Mask whose lane k is set if bit k is set.
 HWY_INLINE M16 lanes_of(std::uint32_t bits) {
   alignas(64) static constexpr std::int32_t kBits[kLanes] = {1,       1 << 1,  1 << 2,  1 << 3, 1 << 4,  1 << 5,
                                                              1 << 6,  1 << 7,  1 << 8,  1 << 9, 1 << 10, 1 << 11,
@@ -401,7 +401,7 @@ HWY_INLINE bool any(const MaskPack<T, K>& mask) {
   return any(mask.lo) || any(mask.hi);
 }
 
-/// Writes the lanes that are set, one after the other; returns how many. Up to sixteen numbers behind `to` change.
+/// Stores the set lanes contiguously and returns their number. Up to sixteen numbers from `to` on may change.
 template <typename T>
 HWY_INLINE std::size_t store_set(const MaskPack<T, 1>& mask, const Pack<T, 1>& a, T* to) {
   hn::StoreU(hn::Compress(a.v, mask.m), Tag<T>(), to);
@@ -415,7 +415,7 @@ HWY_INLINE std::size_t store_set(const MaskPack<T, K>& mask, const Pack<T, K>& a
 
 // ---- between types ---------------------------------------------------------------------------------------------
 
-/// Towards zero; what an int does not hold gives an unspecified number, so bound it first.
+/// Converts towards zero. The result is unspecified if an int cannot hold it, so limit the value first.
 template <std::size_t K>
 HWY_INLINE Pack<std::int32_t, K> to_int(const Pack<float, K>& a) {
   if constexpr (K == 1)
@@ -430,7 +430,7 @@ HWY_INLINE Pack<float, K> to_float(const Pack<std::int32_t, K>& a) {
   else
     return {to_float(a.lo), to_float(a.hi)};
 }
-/// Exact.
+/// Converts exactly.
 template <std::size_t K>
 HWY_INLINE auto to_double(const Pack<float, K>& a) {
   if constexpr (K > 1) {
@@ -446,7 +446,7 @@ HWY_INLINE auto to_double(const Pack<float, K>& a) {
   }
 }
 
-/// To the nearest float.
+/// Rounds to the nearest float.
 template <std::size_t K>
 HWY_INLINE auto to_float(const Pack<double, K>& a) {
   if constexpr (sizeof(Pack<double, K>) > 2 * sizeof(Pack<double, 1>) || HWY_TARGET == HWY_SCALAR) {
@@ -464,7 +464,7 @@ HWY_INLINE auto to_float(const Pack<double, K>& a) {
   }
 }
 
-/// The bits of a float, as a whole number.
+/// The bits of a float, as an integer.
 template <std::size_t K>
 HWY_INLINE Pack<std::int32_t, K> pattern(const Pack<float, K>& a) {
   if constexpr (K == 1)
@@ -473,7 +473,7 @@ HWY_INLINE Pack<std::int32_t, K> pattern(const Pack<float, K>& a) {
     return {pattern(a.lo), pattern(a.hi)};
 }
 
-/// base[index] in every lane. `base`: 32-bit numbers.
+/// Gathers base[index] in every lane. `base`: 32-bit numbers.
 template <typename T, std::size_t K>
 HWY_INLINE Pack<T, K> gather(const T* base, const Pack<std::int32_t, K>& index) {
   if constexpr (K == 1)
@@ -484,7 +484,7 @@ HWY_INLINE Pack<T, K> gather(const T* base, const Pack<std::int32_t, K>& index) 
 
 // ---- sums over the lanes ---------------------------------------------------------------------------------------
 
-/// In double, in one order: lane k + 8 to lane k, then k + 4, k + 2, k + 1.
+/// Sum in double, in one fixed order: lane k + 8 to lane k, then k + 4, k + 2, k + 1.
 template <typename T, std::size_t K>
 HWY_INLINE double sum_of_lanes(const Pack<T, K>& a) {
   alignas(64) std::array<T, kLanes> lane;

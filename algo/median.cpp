@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A median needs no sorting. How many values are at most as large as some number is a loop without branches, sixteen
-// values at a time; each such count halves the range in which the value wanted can lie, until so few are left that they
-// are looked at one by one. Numbers are halved by their bit patterns, which are ordered as the numbers are: then it
-// takes at most 64 counts whatever the values, and no value has to be moved. A small sample says where to begin, which
-// saves most of them.
+// A median needs no sorting. Counting the values up to some number is a loop without branches, sixteen values at a
+// time. Each count halves the range of the wanted value, until a few values are left, which are examined one by one.
+// The range is halved by bit patterns, which have the same order as the numbers: so at most 64 counts are needed for
+// any values, and no value is moved. A small sample gives the initial range and saves most of the counts.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/median.cpp"
 // clang-format off
@@ -62,13 +61,13 @@ HWY_EXPORT(count_at_most_lanes);
 HWY_EXPORT(values_between_lanes);
 namespace {
 
-/// So few values are not worth another count.
+/// With at most this many values left, another count does not pay.
 constexpr std::size_t kFew = 64;
 constexpr std::size_t kSample = 32;
 /// Three standard deviations of a rank in the sample.
 constexpr std::size_t kEitherSide = 8;
 
-/// Whole numbers in the order of the numbers; and back, for any but NaN.
+/// Maps numbers to integers of the same order, and back, for all values except NaN.
 std::uint64_t order_of(double value) {
   const auto bits = std::bit_cast<std::uint64_t>(value);
   constexpr std::uint64_t kSign = std::uint64_t{1} << 63U;
@@ -99,7 +98,7 @@ double value_at_rank(std::span<const double> values, std::size_t rank) {
     return sorted_at(std::span(few).first(n), rank);
   }
 
-  // At most `rank` values are in order at or before `low`, more than that at or before `high`.
+  // At most `rank` values are at or before `low` in order, more than `rank` at or before `high`.
   std::uint64_t low = order_of(-std::numeric_limits<double>::infinity()) - 1;
   std::uint64_t high = order_of(std::numeric_limits<double>::infinity());
   std::size_t up_to_low = 0;
@@ -125,7 +124,7 @@ double value_at_rank(std::span<const double> values, std::size_t rank) {
   }
   while (up_to_high - up_to_low > kFew && high - low > 1) look_at(low + (high - low) / 2);
   if (high - low <= 1) return value_of(high);
-  // No number stands before the first `low`, and no value is at most what is none.
+  // If `low` precedes the first number it converts to NaN, and no value compares at most NaN.
   const std::size_t found = HWY_DYNAMIC_DISPATCH(values_between_lanes)(values.data(), n, value_of(low), value_of(high),
                                                                        few.data(), few.size());
   return sorted_at(std::span(few).first(found), rank - up_to_low);

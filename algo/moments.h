@@ -7,10 +7,10 @@
 
 #include "base/base.h"
 
-/// Sums that can be trusted on five million points. The textbook "sum of squares minus square of sums" loses all its
-/// digits on points that lie metres from the origin with a spread of hundredths of a millimetre. Here every value is
-/// taken relative to a shift close to the data and added in blocks of 4096, so that small numbers meet small numbers;
-/// the blocks also fix the order of addition, hence the bits of the result.
+/// Accurate sums over five million points. The textbook "sum of squares minus square of sums" loses all its digits if
+/// points are metres from the origin with a spread of hundredths of a millimetre. Here every value is taken relative to
+/// a shift close to the data and summed in blocks of 4096, so that the summands have similar sizes. The blocks also fix
+/// the order of addition, hence the bits of the result.
 namespace slabd::algo {
 
 inline constexpr std::size_t kSumBlock = 4096;
@@ -36,7 +36,7 @@ class PointMoments {
     if (++in_block_ == kSumBlock) close_block();
   }
 
-  /// Call once after the last `add`, before reading.
+  /// Completes the sums. Call once after the last `add`, before reading.
   void close_block() {
     for (std::size_t i = 0; i < total_.size(); ++i) total_[i] += block_[i];
     block_.fill(0.0);
@@ -44,7 +44,7 @@ class PointMoments {
     in_block_ = 0;
   }
 
-  /// Sums that somebody else took about the same shift: x y z, xx xy xz, yy yz, zz.
+  /// Adds sums computed elsewhere about the same shift: x y z, xx xy xz, yy yz, zz.
   void add_sums(const std::array<double, 9>& sums, std::size_t count) {
     for (std::size_t i = 0; i < total_.size(); ++i) total_[i] += sums[i];
     count_ += count;
@@ -84,7 +84,7 @@ class ScalarMoments {
     block_squares_ += v * v;
     if (++in_block_ == kSumBlock) close_block();
   }
-  /// Call once after the last `add`, before reading.
+  /// Completes the sums. Call once after the last `add`, before reading.
   void close_block() {
     sum_ += block_sum_;
     squares_ += block_squares_;
@@ -95,7 +95,7 @@ class ScalarMoments {
 
   [[nodiscard]] std::size_t count() const { return count_; }
   [[nodiscard]] double mean() const { return shift_ + sum_ / static_cast<double>(count_); }
-  /// Sum of squared deviations from the mean over (count - lost); NaN when nothing is left to divide by.
+  /// Sum of squared deviations from the mean over (count - lost); NaN if count <= lost.
   [[nodiscard]] double variance(std::size_t lost) const {
     if (count_ <= lost) return kNoValue;
     const double scatter = squares_ - sum_ * sum_ / static_cast<double>(count_);

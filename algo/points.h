@@ -7,7 +7,7 @@
 
 #include "base/base.h"
 
-/// Two ways to look at a set of points without copying it. Fits are written once over either.
+/// Two views of a set of points without a copy. Each fit is written once for both.
 namespace slabd::algo {
 
 /// A rigid transform unpacked for the inner loops over float points: one matrix product, no quaternion.
@@ -28,7 +28,7 @@ class FastTransform {
   Vec3 t_;
 };
 
-/// The points of a cloud named by `index`, in the block frame.
+/// The points of a cloud selected by `index`, in the block frame.
 struct CloudPoints {
   const float* xyz = nullptr;
   std::span<const std::uint32_t> index;
@@ -38,8 +38,8 @@ struct CloudPoints {
   [[nodiscard]] Vec3 operator[](std::size_t i) const { return T_block_scanner(xyz + 3 * std::size_t{index[i]}); }
 };
 
-/// Index of a point among the `stride` ones that begin at j * stride. As good as drawn, and always the same: a fixed
-/// stride meets the rows of many a scan in the same few columns, and so do multiples of a constant.
+/// Index of a point among the `stride` ones from j * stride on: pseudo-random and reproducible. A fixed stride would
+/// hit the same few columns in the rows of many scans, and so would multiples of a constant.
 [[nodiscard]] inline std::size_t thinned_index(std::size_t j, std::size_t stride) {
   std::uint64_t h = j * 0x9E37'79B9'7F4A'7C15U;
   h = (h ^ (h >> 29U)) * 0xBF58'476D'1CE4'E5B9U;

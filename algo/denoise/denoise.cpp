@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which points are noise? Not those without neighbours: a reflection a millimetre off the seat has hundreds of them,
-// and on a steep face a good point of a coarse scan has two. Noise is what no surface goes through: a surface is a
-// sheet, and around each of its points a good part of all points lies in one plane with it, whatever the plane's slope.
-// The yardstick is the scan's own pitch. A speck smaller than about three pitches is noise, an object is not. A strip
-// may be narrower: what hangs together over a length is no noise, be it one grid line wide
+// Problem: which points are noise? Having neighbours is not the criterion: a reflection a millimetre off the seat has
+// hundreds, and a good point of a coarse scan on a steep face has two. Noise is a point without a surface through it. A
+// surface is a sheet: around each of its points, a large share of all points is in one plane with it, whatever the
+// plane's slope. Lengths are measured in the scan's own pitch. A speck smaller than about three pitches is noise, a
+// larger object is not. A strip may be narrower: noise connected over a length is kept, even if one grid line wide
 // (algo/denoise/denoise.h).
 #include "algo/denoise/denoise.h"
 
@@ -21,20 +21,20 @@
 namespace slabd::algo {
 namespace {
 
-/// Points to be taken out, noted before they are. Each lies in memory of its own that nobody foresees, so it is fetched
-/// a few points before its turn.
+/// Points to be removed, listed first. Their addresses are unpredictable for the hardware, so each is prefetched a few
+/// points ahead.
 class NoiseList {
  public:
   explicit NoiseList(float* xyz) : xyz_(xyz) {}
 
-  /// The points of a word of a mask whose first bit is point `first`. Words with none, one, two or three come as chance
-  /// will have it, and to ask each of them how many it has would be foreseen wrongly time and again; more are rare.
+  /// Adds the points of a mask word whose first bit is point `first`. Words have zero to three bits at random, and a
+  /// branch on their number would mispredict often; more than three are rare.
   void add(std::size_t first, std::uint64_t noise) {
     for (int k = 0; k < kUnasked; ++k) note(first, noise);
     while (noise != 0) note(first, noise);
     if (count_ >= kFull) take_out();
   }
-  /// Sets them to NaN.
+  /// Sets the listed points to NaN.
   void take_out() {
     for (std::size_t k = 0; k < kAhead; ++k) place_[count_ + k] = place_[0];
     for (std::size_t k = 0; k < count_; ++k) {
@@ -52,7 +52,7 @@ class NoiseList {
   static constexpr std::size_t kWordBits = 64;
   static constexpr std::size_t kAhead = 16;
 
-  /// Writes a place, be there a bit or not; only counts it if there is.
+  /// Writes an entry unconditionally; counts it only if a bit is left.
   void note(std::size_t first, std::uint64_t& noise) {
     place_[count_] = first + static_cast<std::size_t>(std::countr_zero(noise));
     count_ += noise != 0 ? 1U : 0U;
@@ -65,7 +65,7 @@ class NoiseList {
   std::uint64_t taken_ = 0;
 };
 
-/// Step 3 for one band; returns how many points it took out.
+/// Step 3 for one band; returns the number of removed points.
 std::uint64_t take_out(const GridLayout& grid, GridWork& work, std::size_t band) {
   NoiseList list(work.xyz);
   const std::size_t first = band * GridLayout::kBandTileRows * GridLayout::kTileRows;
@@ -105,7 +105,7 @@ bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, Scan
   GridWork work(grid, cloud.xyz.data(), nullptr, memory);
   work.measure_pitch(grid);
   if (!work.neighbours_are_near(grid) || !judge_grid(grid, work, team)) {
-    // Nobody behind may believe the shape either.
+    // Later stages must not use the wrong shape either.
     cloud.width = cloud.height = 0;
     return false;
   }
@@ -120,28 +120,28 @@ bool remove_isolated(Cloud& cloud, const DenoiseWorkspace& work, Team& team, Sca
   assert(cloud.points <= work.keep.size());
   counts = ScanCounts{};
   counts.points_read = cloud.points;
-  // A scan whose header says grid and whose points do not lie in one is a cloud like any other.
+  // A scan whose header declares a grid but whose points are not in one is processed like any other cloud.
   if (denoise_grid(cloud, work, team, counts) || denoise_lattice(cloud, work, team, counts)) return true;
   return denoise_cloud(cloud, work, counts);
 }
 
-// Denoising of an organised scan, between step 2 and step 3 (algo/denoise/denoise_grid.cpp): noise that hangs together
-// over a length is damage, and stays for flatness to measure (algo/denoise/denoise.h). One rule after the other,
-// each for what the one before it left.
+// Denoising of an organised scan, between step 2 and step 3 (algo/denoise/denoise_grid.cpp): noise connected over a
+// length is damage, and is kept so that flatness measures it (algo/denoise/denoise.h). The rules are applied one after
+// the other, each to the remainder of the one before.
 //
-// Few points are noise and hardly two of them touch, so this costs no more than a look at their bits, 48 at a time. In
-// a group of three or more some point touches two others; from such points groups are followed. No more than 31 x 31
-// points fit a group that is too short, so following one ends after so many steps, and a list that is not longer will
-// do. A point that a short group had belongs to no other; a point that a long one had says of every group that comes
-// upon it that it is the same one. So each point is followed about once, however large the groups.
+// Few points are noise and two of them hardly ever touch, so this costs one test of their bits, 48 at a time. In a
+// group of three or more, some point touches two others; groups are followed from such points. At most 31 x 31 points
+// fit into a group that is too short, so following ends after that number of steps, and a list of that length is
+// enough. A point of a short group belongs to no other group. A point of a long group marks every group that reaches it
+// as long. So each point is followed about once, however large the groups are.
 //
-// Invariants: a group is what hangs together, whoever finds it, so neither order nor threads nor bands decide anything.
-// `off` is no longer needed and says, around where groups start, which noise may still belong to a long one; it and
-// `noise` alone change. What is in `off` and no longer in `noise` was found to be damage.
+// Invariants: a group is a connected component, so order, threads and bands do not change the result. Here
+// `off` is free; around the starts of groups it is reused for noise that may still belong to a long group. Only `off`
+// and `noise` change. Points that are in `off` and no longer in `noise` were found to be damage.
 
 namespace {
 
-/// Bits with at least two of the eight around them set; the outer ones of `middle` lack theirs.
+/// Bits with at least two of their eight neighbours set. The outer bits of `middle` lack some neighbours.
 std::uint64_t touching_two(std::uint64_t above, std::uint64_t middle, std::uint64_t below) {
   std::uint64_t one = 0;
   std::uint64_t two = 0;
@@ -157,7 +157,7 @@ class NoiseGroups {
  public:
   NoiseGroups(const GridLayout& grid, GridWork& work) : grid_(grid), work_(work) {}
 
-  /// Calls f(column, row) for what touches two others in a row of the mask, which f may change.
+  /// Calls f(column, row) for each point that touches two others in a row of the mask; f may change the mask.
   template <typename F>
   void for_each_start(const GridMask& mask, int row, F&& f) const {
     constexpr int kStep = GridMask::kInner;
@@ -166,7 +166,7 @@ class NoiseGroups {
       const std::uint64_t above = mask.wide(column, row - 1);
       const std::uint64_t middle = mask.wide(column, row);
       const std::uint64_t below = mask.wide(column, row + 1);
-      // Nearly always nothing touches, which a machine foresees better than whether there is noise at all.
+      // Nearly always no points touch. This branch predicts better than one on whether there is any noise.
       const std::uint64_t any = above | middle | below;
       if ((middle & kInner & (above | below | any << 1U | any >> 1U)) == 0) continue;
       for (std::uint64_t left = touching_two(above, middle, below) & kInner; left != 0; left &= left - 1)
@@ -184,7 +184,7 @@ class NoiseGroups {
   }
 
   void keep_long_ones(const noise_group::Rule& rule) {
-    // No further from where it is followed does a group say anything.
+    // A group affects nothing further than this from its start.
     const int tile_rows_around = (rule.length + GridLayout::kTileRows - 1) / GridLayout::kTileRows;
     int copied = 0;
     for (int tr = 0; tr < grid_.tile_rows; ++tr) {
@@ -218,10 +218,10 @@ class NoiseGroups {
     return work_.z != nullptr ? work_.z[i] : work_.xyz[3 * i + 2];
   }
 
-  /// Decides about the point, and about those that are met on the way. Those beside it are always among them: so what
-  /// touches but one other is decided with that one.
+  /// Decides about the point and about the visited points. All its neighbours are visited, so a point with only one
+  /// neighbour is decided together with that neighbour.
   void follow(int column, int row, const noise_group::Rule& rule) {
-    // The last one that is asked may add its eight neighbours.
+    // The last visited point may add its eight neighbours.
     std::array<Place, kShort + 8> group;
     std::size_t size = 0;
     Place low{column, row};

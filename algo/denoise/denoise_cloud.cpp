@@ -1,25 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which points are noise? Not those without neighbours: a reflection a millimetre off the seat has hundreds of them,
-// and on a steep face a good point of a coarse scan has two. Noise is what no surface goes through: a surface is a
-// sheet, and around each of its points a good part of all points lies in one plane with it, whatever the plane's slope.
+// Problem: which points are noise? Having neighbours is not the criterion: a reflection a millimetre off the seat has
+// hundreds, and a good point of a coarse scan on a steep face has two. Noise is a point without a surface through it. A
+// surface is a sheet: around each of its points, a large share of all points is in one plane with it, whatever the
+// plane's slope.
 //
-// So the yardstick is the scan's own pitch. Points are sorted into cells three pitches wide. Most cells are level (most
-// of their points at one height) and so are the cells around them: there a point is noise if it is off that height, and
-// nothing else needs to be looked at. Elsewhere, at edges and on steep faces, each point is asked by itself: is there a
-// slope, seen in its cell or one beside it, so that the plane with that slope through the point holds enough of the
-// points around it? Near points weigh more. Of a full plane's weight an edge has 0.6, a corner 0.36, and a point beside
-// or above a face at most about 0.4; what lies in the middle of another surface must have more than half.
+// Idea: lengths are measured in the scan's own pitch. Points are sorted into cells three pitches wide. Most cells are
+// level (most of their points are at one height) and so are the cells around them. There a point is noise if it is off
+// that height, without further tests. Elsewhere, at edges and on steep faces, each point is tested separately. A slope
+// found in its cell or an adjacent one must give a plane through the point that holds enough of the points around it.
+// Near points have more weight. Of a full plane's weight an edge has 0.6, a corner 0.36, and a point next to or above a
+// face at most about 0.4. A point in the middle of another surface must have more than half.
 //
-// A strip of two lines has less. What is noise by that rule and hangs together over a length is none all the same
+// A strip of two lines has less. Noise by that rule that is connected over a length is kept all the same
 // (algo/denoise/denoise.h).
 //
-// Views from one and the same place that were put together have a point each on the same rays. Then the pitch is that
-// of the rays: by the density of points a line of the scan would have gaps, and a cell hold a single ray.
+// Merged views from one position have one point each on the same rays. Then the pitch is that of the rays. By the
+// density of points, a line of the scan would have gaps, and a cell would contain a single ray.
 //
-// Invariants: whether a point is kept depends on the points around it, not on their order (sums of integers, sorted
-// samples); the work per point is bounded. Both hold where views overlap or the scanner lingered, too: of a cell with
-// more points than are looked at, those count whose coordinates hash lowest, a draw that is the same in any order.
+// Invariants: the decision on a point depends on the points around it, not on their order (sums of integers, sorted
+// samples); the work per point is bounded. Both also hold where views overlap or the scanner paused: of a cell with too
+// many points, only those with the lowest hash of their coordinates are used, a sample that is the same in any order.
 #include "algo/denoise/denoise.h"
 
 #include <algorithm>
@@ -39,54 +40,55 @@ namespace {
 
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 
-/// Cells in pitches: nine points on a surface, enough for a majority.
+/// Cell size in pitches: nine points on a surface, enough for a majority.
 constexpr float kCellPitches = 3.0F;
-/// A cell is level if at least this share of its points, and four, lie near their median height: within a pitch and a
-/// little noise, so that no steep face looks level, and at most half a millimetre. Cells beside each other are level at
-/// the same height within half a millimetre.
+/// A cell is level if at least this share of its points, and four, are near their median height. Near is within a pitch
+/// and a little noise, so that no steep face counts as level, and at most half a millimetre. Adjacent cells are level
+/// at the same height if they differ by at most half a millimetre.
 constexpr float kLevelNoise_mm = 0.1F;
 constexpr float kLevel_mm = 0.5F;
 constexpr float kLevelShare = 0.6F;
 constexpr std::size_t kCellPointsMin = 4;
-/// Where the cells around are level at the same height, points this far from it belong to the surface: noise with heavy
+/// Where the cells around are level at the same height, points this far from it belong to the surface. Noise with heavy
 /// tails does, an outlier of a millimetre does not, with 0.2 mm left for the tilt across a cell.
 constexpr float kCalm_mm = 0.6F;
-/// Of the eight cells around: from five on the cell is part of a level surface; with all eight nothing else is near.
+/// Level cells among the eight around: from five on, the cell is part of a level surface; with eight, no other surface
+/// is near.
 constexpr int kCalmCells = 5;
-/// Points of a cell that are looked at, for its surface and for the points around them: five times what it holds.
+/// Points of a cell that are used, for its surface and as neighbours: five times the usual number.
 constexpr std::size_t kCellSample = 48;
-/// Slopes tried in a cell that is not level, and the steepest one believed: 85 degrees.
+/// Slopes tried in a cell that is not level, and the steepest one accepted: 85 degrees.
 constexpr int kSlopeDraws = 24;
 constexpr float kSlopeMax = 11.5F;
-/// A slope counts if so many of the cells around share it.
+/// Number of cells around that must share a slope for it to count.
 constexpr int kAgreeingCells = 2;
-/// Cells on which the scan's tilt is judged, and how many points its rays have.
+/// Number of cells for estimating the scan's tilt, and for the number of points per ray.
 constexpr std::size_t kTiltCells = 1U << 14U;
 constexpr std::size_t kRayCells = 1U << 14U;
-/// A point lies in a plane if its height is within noise, plus a third of what the plane rises over a pitch: across a
-/// steep plane that is a third of a row, so that no two rows of a level surface ever lie in a steep one.
+/// A point is on a plane if its height is within noise plus a third of the plane's rise over a pitch. Across a steep
+/// plane that is a third of a row, so that a steep plane never holds two rows of a level surface.
 constexpr float kPlaneNoise_mm = 0.45F;
 constexpr float kPlanePitches = 0.35F;
 /// Neighbours within 3.5 pitches count, with weight (1 - d^2 / R^2)^2: 12.6 in all around a point of a full surface.
 constexpr float kReachPitches = 3.5F;
-/// What reaches as far to both sides touches four cells along each axis.
+/// This reach to both sides touches at most four cells along each axis.
 constexpr std::size_t kNeighboursMax = 4 * 4 * kCellSample;
 static_assert(2.0F * kReachPitches < 3.0F * kCellPitches);
-/// Share of that weight that must lie in a plane with the point; the share that needs no other reason; and the least
-/// weight, more than four nearest neighbours have: a clump of five is noise.
+/// Minimum share of that weight in a plane with the point; the share that suffices without another condition; and the
+/// minimum weight, more than that of four nearest neighbours: a clump of five is noise.
 constexpr int kWeightOne = 1024;
 constexpr float kShareMin = 0.42F;
 constexpr float kShareSure = 0.55F;
 constexpr int kWeightMin = 3 * kWeightOne + kWeightOne / 2;
-/// Below the sure share the point must lie beside the rest, as on an edge, not amidst it: the rest's centre of gravity
-/// this far away, in reaches.
+/// Below the sure share the point must be beside the remaining points, as on an edge, not among them: their centre of
+/// gravity must be this far away, in units of the reach.
 constexpr float kBeside = 0.27F;
 
 bool finite(const float* p) {
   return std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]);
 }
 
-/// A point that lacks one coordinate is missing altogether.
+/// Marks points that lack one coordinate as missing.
 std::size_t mark_missing(Cloud& cloud) {
   float* xyz = cloud.xyz.data();
   std::size_t there = 0;
@@ -109,8 +111,8 @@ float plane_gate(const Slope& slope, float pitch_mm) {
   return kPlaneNoise_mm + kPlanePitches * pitch_mm * slope.steepness();
 }
 
-/// A draw among the points of a cell: an order that looks like none, and that only their coordinates decide. Points
-/// with the same coordinates stand for each other.
+/// Sampling order of the points in a cell: pseudo-random and determined only by their coordinates. Points with the same
+/// coordinates are interchangeable.
 class Draw {
  public:
   explicit Draw(const float* xyz) : xyz_(xyz) {}
@@ -137,16 +139,16 @@ class Draw {
   const float* xyz_;
 };
 
-/// What denoising has cost so far, in looks at a point. The bound is on counted work and not on time: the same scan
-/// comes to the same result on every computer.
+/// Cost of denoising so far, in point visits. The limit is on counted work and not on time, so that the same scan has
+/// the same result on every computer.
 class WorkCount {
  public:
   explicit WorkCount(const std::atomic<bool>* give_up) : give_up_(give_up) {}
 
   void looked(std::size_t points) { looks_ += points; }
-  /// Points that lie anywhere in memory, one by one.
+  /// Counts visits of points at random addresses, one by one.
   void followed(std::size_t points) { looks_ += 2 * points; }
-  /// Each point of a draw is hashed, for every comparison it takes part in.
+  /// Counts drawn points: each is hashed for every comparison.
   void drew(std::size_t points) { looks_ += kLooksPerDraw * points; }
   void sorted(std::size_t points) { drew(points * static_cast<std::size_t>(std::bit_width(points))); }
   [[nodiscard]] bool used_up() const {
@@ -159,7 +161,7 @@ class WorkCount {
   std::uint64_t looks_ = 0;
 };
 
-/// Puts the points of every cell that are looked at in front.
+/// Moves the sampled points of every cell to its front.
 void draw_samples(const float* xyz, PointGrid& grid, WorkCount& work) {
   for (std::size_t c = 0; c < grid.cells(); ++c) {
     const std::span<std::uint32_t> points = grid.in_cell(c);
@@ -170,14 +172,14 @@ void draw_samples(const float* xyz, PointGrid& grid, WorkCount& work) {
   }
 }
 
-/// Those of a cell's points that are looked at.
+/// The sampled points of a cell.
 std::span<const std::uint32_t> sample_of(const PointGrid& grid, std::size_t cell) {
   const std::span<const std::uint32_t> points = grid.in_cell(cell);
   return points.first(std::min(points.size(), kCellSample));
 }
 
-/// How many points a ray has, typically. What is about where a point is lies on its ray; of points anywhere most have
-/// nothing there.
+/// Median number of points per ray. Points at about the same XY are on one ray; for points at random positions the
+/// result is 1.
 std::size_t points_of_a_ray(const float* xyz, const PointGrid& grid) {
   constexpr float kSamePitches = 1.0F / 3.0F;
   const float same_mm = kSamePitches * grid.pitch_mm();
@@ -203,7 +205,7 @@ std::size_t points_of_a_ray(const float* xyz, const PointGrid& grid) {
   return median;
 }
 
-/// What the points of one cell say about the surface in it. Heights are taken above a plane with the scan's own tilt.
+/// Finds the surface in one cell from its points. Heights are relative to a plane with the scan's own tilt.
 class CellJudge {
  public:
   CellJudge(const float* xyz, const PointGrid& grid) : xyz_(xyz), grid_(grid) {}
@@ -243,7 +245,7 @@ class CellJudge {
     std::nth_element(sample_.begin(), middle, sample_.begin() + static_cast<std::ptrdiff_t>(count_));
     return middle->z;
   }
-  /// The plane through three points that holds most of the others, fitted to those.
+  /// The plane through three points that holds most of the others, refitted to those.
   [[nodiscard]] TilePlane sloped() {
     std::sort(sample_.begin(), sample_.begin() + static_cast<std::ptrdiff_t>(count_));
     Prng prng(count_);
@@ -270,7 +272,7 @@ class CellJudge {
     const float bx = b.x - a.x, by = b.y - a.y, bz = b.z - a.z;
     const float cx = c.x - a.x, cy = c.y - a.y, cz = c.z - a.z;
     const float area = bx * cy - by * cx;
-    // Three points of one row say nothing about the slope across it.
+    // Three points of one row do not determine the slope across it.
     if (std::abs(area) < 0.5F * grid_.pitch_mm() * grid_.pitch_mm()) return false;
     slope = {(bz * cy - by * cz) / area, (bx * cz - bz * cx) / area};
     return slope.steepness() <= kSlopeMax;
@@ -284,7 +286,7 @@ class CellJudge {
     for (std::size_t i = 0; i < count_; ++i) held += std::abs(off(slope, foot, sample_[i])) <= gate ? 1U : 0U;
     return held;
   }
-  /// Least squares over the points the plane holds: three of them alone extrapolate badly.
+  /// Least squares over the points on the plane: three points alone extrapolate badly.
   [[nodiscard]] Slope refitted(const Slope& slope, const Point& foot) const {
     const float gate = plane_gate(slope, grid_.pitch_mm());
     double n = 0.0, x = 0.0, y = 0.0, z = 0.0, xx = 0.0, xy = 0.0, yy = 0.0, xz = 0.0, yz = 0.0;
@@ -311,7 +313,7 @@ class CellJudge {
   std::size_t count_ = 0;
 };
 
-/// The tilt of the scan: the median rise from level cells to level cells beside them. A thousandth is enough.
+/// The tilt of the scan: the median rise between adjacent level cells. A resolution of a thousandth is enough.
 Slope typical_tilt(const PointGrid& grid, CellJudge& judge) {
   constexpr int kBins = 2001;
   constexpr float kPerBin = 1e-3F;
@@ -344,8 +346,8 @@ Slope typical_tilt(const PointGrid& grid, CellJudge& judge) {
   return {median(along_x), median(along_y)};
 }
 
-/// Slopes that a point of some cell may lie on: those of its cell and the eight around it that a neighbour agrees with.
-/// A cell half full of noise has a slope too, but no neighbour shares it.
+/// Candidate slopes for the points of a cell: those of its cell and the eight around it that a neighbour shares. A cell
+/// half full of noise has a slope too, but no neighbour shares it.
 class SlopeChoice {
  public:
   SlopeChoice(const PointGrid& grid, std::span<const TilePlane> surface) : grid_(grid), surface_(surface) {}
@@ -389,8 +391,8 @@ class SlopeChoice {
   std::size_t count_ = 0;
 };
 
-/// Calls f(k, dx, dy, d2) for the points within reach of `p` in XY that are looked at; at most kNeighboursMax, and `p`
-/// may be one of them. Returns how many were looked at.
+/// Calls f(k, dx, dy, d2) for the sampled points within reach of `p` in XY; at most kNeighboursMax, and `p` may be one
+/// of them. Returns the number of visited points.
 template <typename F>
 [[gnu::always_inline]] inline std::size_t for_each_around(const float* xyz, const PointGrid& grid, const float* p,
                                                           float reach_mm, F&& f) {
@@ -414,8 +416,8 @@ template <typename F>
   return looked;
 }
 
-/// Asks single points whether a surface goes through them. The points around a cell are copied side by side once, for
-/// all points of the cell: then each point's look at its neighbours is a loop over plain arrays.
+/// Tests for single points whether a surface goes through them. The points around a cell are copied into contiguous
+/// arrays once for all points of the cell, so that the search for neighbours is a loop over plain arrays.
 class PointJudge {
  public:
   PointJudge(const float* xyz, const PointGrid& grid, std::size_t points_of_ray, WorkCount& work)
@@ -425,7 +427,7 @@ class PointJudge {
         reach_mm_(kReachPitches * grid.pitch_mm()),
         weight_min_(kWeightMin * static_cast<int>(points_of_ray)) {}
 
-  /// The points asked next lie in this cell.
+  /// Selects the cell of the next tested points.
   void enter(int column, int row) {
     column0_ = std::max(column - kReachCells, 0);
     row0_ = std::max(row - kReachCells, 0);
@@ -444,7 +446,7 @@ class PointJudge {
   }
 
  private:
-  /// What reaches 3.5 pitches to each side touches two more cells of 3 pitches.
+  /// A reach of 3.5 pitches to each side touches two more cells of 3 pitches.
   static constexpr int kReachCells = 2;
   static constexpr int kSide = 2 * kReachCells + 1;
   static constexpr std::size_t kCopiesMax = std::size_t{kSide * kSide} * kCellSample;
@@ -470,7 +472,7 @@ class PointJudge {
     return static_cast<std::size_t>((row - row0_) * (kSide + 1) + (column - column0_));
   }
 
-  /// Neighbours within reach, with their weights; what is out of reach in the cells around has none.
+  /// Collects the points of the cells around, with weights; points out of reach have weight 0.
   void gather(std::uint32_t self) {
     count_ = 0;
     total_ = 0;
@@ -523,7 +525,7 @@ class PointJudge {
   }
 
   [[nodiscard]] bool beside_the_rest(const Slope& slope, float gate, int rest) const {
-    constexpr float kUnits = 1024.0F;  // per reach: whole numbers add up the same in any order
+    constexpr float kUnits = 1024.0F;  // per reach; integer sums do not depend on the order
     std::int64_t x = 0;
     std::int64_t y = 0;
     for (std::size_t i = 0; i < count_; ++i) {
@@ -551,7 +553,7 @@ class PointJudge {
   int total_ = 0;
 };
 
-/// How many of the cells around a level cell are level at about the same height.
+/// Number of cells around a level cell that are level at about the same height.
 int calm_cells_around(const PointGrid& grid, std::span<const TilePlane> surface, int column, int row) {
   const float level = surface[grid.cell(column, row)].z;
   int calm = 0;
@@ -561,16 +563,16 @@ int calm_cells_around(const PointGrid& grid, std::span<const TilePlane> surface,
   return calm - 1;
 }
 
-/// What is known of a point.
+/// State of a point.
 enum Keep : std::uint8_t {
   kNoise,     ///< no surface goes through it
-  kSurface,   ///< one does
-  kLongOne,   ///< it hangs together with others over a length, by the rule at hand
-  kShortOne,  ///< ... with some at most
-  kAsked,     ///< about to be known
+  kSurface,   ///< a surface goes through it
+  kLongOne,   ///< in a long connected group, by the current rule
+  kShortOne,  ///< in a short group
+  kAsked,     ///< queued
 };
 
-/// Brings the noise of every cell into an order of its own, with the points that are looked at in front as before.
+/// Sorts the noise of every cell into a defined order, with the sampled points still in front.
 void sort_noise(const float* xyz, PointGrid& grid, std::span<const std::uint8_t> keep, WorkCount& work) {
   const auto is_noise = [&](std::uint32_t i) { return keep[i] == kNoise; };
   for (std::size_t c = 0; c < grid.cells(); ++c) {
@@ -586,8 +588,8 @@ void sort_noise(const float* xyz, PointGrid& grid, std::span<const std::uint8_t>
   }
 }
 
-/// Keeps the noise that hangs together, from one point to those within two pitches in XY. Followed until the group is
-/// long, or comes upon one that was: so each point is followed about once.
+/// Keeps connected noise; points within two pitches in XY are connected. A group is followed until it is long or
+/// reaches a long one, so each point is followed about once.
 class NoiseGroups {
  public:
   NoiseGroups(const float* xyz, const PointGrid& grid, std::span<std::uint8_t> keep, const noise_group::Rule& rule,
@@ -619,8 +621,8 @@ class NoiseGroups {
 
  private:
   static constexpr float kLinkPitches = 2.0F;
-  /// A group that is too short holds a point in a square of a pitch, 961 in all. Where more lie, views overlap, and
-  /// what is left over is followed for itself. So it matters where one begins, which sort_noise() settles.
+  /// A group that is too short has one point per square pitch, 961 in all. If there are more, views overlap, and the
+  /// remainder is followed separately. So the starting point matters; sort_noise() makes it reproducible.
   static constexpr std::size_t kGroupMax = 1024;
 
   void add(std::uint32_t k) {
@@ -637,7 +639,7 @@ class NoiseGroups {
   std::size_t size_ = 0;
 };
 
-/// By one rule after the other; what hangs together is then as good as a surface.
+/// Applies the rules one after the other; long groups then count as surface.
 void keep_noise_groups(const float* xyz, PointGrid& grid, std::span<std::uint8_t> keep, WorkCount& work) {
   for (const noise_group::Rule& rule : noise_group::kRules) {
     NoiseGroups groups(xyz, grid, keep, rule, work);
@@ -687,7 +689,7 @@ bool denoise_cloud(Cloud& cloud, const DenoiseWorkspace& work, ScanCounts& count
       for (const std::uint32_t i : grid.in_cell(cell)) {
         const bool at_level = calm >= kCalmCells && std::abs(cell_judge.height(i) - level) <= kCalm_mm;
         work.keep[i] = at_level || (calm < 8 && point_judge.on_surface(i, slopes)) ? kSurface : kNoise;
-        // A cell may hold most of the scan.
+        // A cell may contain most of the scan.
         if (spent.used_up()) return false;
       }
     }

@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Denoising of an organised scan: neighbours are known, so a surface is a plane over columns and rows, and one
-// comparison of z tells whether a point lies on it. The grid is taken in tiles of 16 columns and 8 rows.
+// comparison of z decides whether a point is on it. The grid is divided into tiles of 16 columns and 8 rows.
 //
-//  1. Every tile gets the plane that most of its points lie on. Most tiles continue the plane of the tile beside them,
-//     so nothing is fitted: sixteen points at a time are compared with it while they are loaded. Where it drifts it is
-//     fitted anew by least squares, where nothing continues a few planes through three points are tried. Of a tile with
-//     an edge the points left over may give a second plane.
-//  2. A tile whose plane holds all but a few points is calm: those are kept. Every other point is asked for itself,
-//     with the planes of the nine tiles around (algo/denoise/denoise_grid_points.cpp).
-//  3. Noise that does not hang together (algo/denoise/denoise.cpp) becomes NaN (algo/denoise/denoise.cpp).
+//  1. Every tile gets the plane that holds most of its points. Most tiles continue the plane of the adjacent tile, so
+//     nothing is fitted: sixteen points at a time are compared with it while they are loaded. Where it drifts it is
+//     refitted by least squares; where no plane continues, a few planes through three points are tried. In a tile with
+//     an edge the remaining points may give a second plane.
+//  2. A tile whose plane holds all but a few points is calm: those on the plane are kept. Every other point is tested
+//     separately, with the planes of the nine tiles around (algo/denoise/denoise_grid_points.cpp).
+//  3. Noise that is not connected over a length (algo/denoise/denoise.cpp) becomes NaN (algo/denoise/denoise.cpp).
 //
-// Invariants: step 1 writes planes and masks of its own band of tile rows only, step 2 reads those around and the
-// points, step 3 alone changes points (but for those that lack a coordinate); so the bands may be shared among threads.
-// Planes do not continue across bands.
+// Invariants: step 1 writes planes and masks of its own band of tile rows only; step 2 reads the adjacent ones and the
+// points; only step 3 changes points (except those that lack a coordinate). So threads may share the bands. Planes do
+// not continue across bands.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -41,27 +41,27 @@ constexpr int kColumns = GridLayout::kTileColumns;
 constexpr int kRows = GridLayout::kTileRows;
 static_assert(kColumns == static_cast<int>(kLanes));
 
-/// The plane's share of a tile's points that needs no look at another one; the share from which fitting it to its
-/// points is worth while; and from which it is a plane at all.
+/// The plane's share of a tile's points: enough without trying another plane; enough for a refit to pay; half, for the
+/// count of points with a plane; and the minimum for a plane.
 constexpr float kShareSure = 0.85F;
 constexpr float kShareWorth = 0.4F;
 constexpr float kShareMost = 0.5F;
 constexpr float kShareMin = 0.35F;
-/// A plane has not drifted while so many of its points lie within a third of the gate.
+/// A plane has not drifted if this share of its points is within a third of the gate.
 constexpr float kTight = 1.0F / 3.0F;
 constexpr float kTightShare = 0.85F;
 constexpr int kRefits = 3;
-/// Fewest points that make a plane, and that a second one is looked for in. One that no tile beside offers must hold
-/// more of those: a clump and the rows of a surface beside it fit a plane too.
+/// Minimum number of points for a plane, and for the search for a second one. A second plane that no adjacent tile
+/// offers must hold more: a clump and the rows of a surface next to it fit a plane too.
 constexpr int kPlanePoints = 12;
 constexpr int kSecondPoints = 16;
 constexpr int kDrawnSecond = 24;
 constexpr float kDrawnSecondShare = 0.65F;
-/// Planes through three points that are tried, on at most so many points.
+/// Number of planes through three points that are tried, and of points they are tested on.
 constexpr int kDraws = 24;
 constexpr int kSample = 48;
-/// Points that are fetched ahead: four tiles. The next row of tiles is fetched into the second-level cache besides, as
-/// it lies in memory, with each tile as many points as it has.
+/// Prefetch distance in points: four tiles. The next row of tiles is also prefetched into the second-level cache, in
+/// memory order, with each tile its own number of points.
 constexpr std::size_t kAhead = 4 * kLanes;
 constexpr std::size_t kTilePoints = kLanes * static_cast<std::size_t>(kRows);
 
@@ -69,34 +69,34 @@ HWY_INLINE F16 lanes_from_middle() {
   return lane_numbers() - f16(kTileMidColumn);
 }
 
-/// One tile: its heights, NaN where a point is missing, and which points are to be explained.
+/// One tile: its heights, NaN if a point is missing, and the points without a plane so far.
 struct Tile {
   alignas(64) std::array<std::array<float, kColumns>, kRows> z;
   TileBits wanted;
   int points = 0;
 };
 
-/// How a plane does on a tile.
+/// Result of comparing a plane with a tile.
 struct Held {
   TilePlane plane{kNoPlane, 0.0F, 0.0F};
   TileBits on;
   int points = 0;
   int tight = 0;
   bool drifted = false;
-  bool clear = false;  ///< all others are far off
+  bool clear = false;  ///< all other points are far off
   [[nodiscard]] bool share(const Tile& tile, float least) const {
     return static_cast<float>(points) >= least * static_cast<float>(tile.points);
   }
   [[nodiscard]] bool sure(const Tile& tile) const { return share(tile, kShareSure) && !drifted; }
 };
 
-/// The points that a plane holds are explained.
+/// Removes the points on the plane from the wanted ones.
 HWY_INLINE void take(Tile& tile, const Held& held) {
   tile.wanted = and_not(held.on, tile.wanted);
   tile.points -= held.points;
 }
 
-/// A plane laid over a tile, row by row.
+/// Evaluates a plane over a tile, row by row.
 class Laid {
  public:
   explicit HWY_INLINE Laid(const TilePlane& plane)
@@ -134,7 +134,7 @@ HWY_INLINE void hold(const Tile& tile, const TilePlane& plane, Held& out) {
   out.drifted = static_cast<float>(out.tight) < kTightShare * static_cast<float>(out.points);
 }
 
-/// Least squares over the points that the plane holds. Returns false when they do not fix a plane.
+/// Least squares over the points on the plane. Returns false if they do not determine a plane.
 bool refit(const Tile& tile, const Held& held, TilePlane& plane) {
   const F16 u = lanes_from_middle();
   const F16 none = f16(0.0F);
@@ -161,7 +161,7 @@ bool refit(const Tile& tile, const Held& held, TilePlane& plane) {
   uu -= count * su * su, uv -= count * su * sv, vv -= count * sv * sv;
   ru -= count * su * sr, rv -= count * sv * sr;
   const double det = uu * vv - uv * uv;
-  // Points of one column or row say nothing about the slope across it.
+  // Points of one column or row do not determine the slope across it.
   if (!(det > 0.05 * count * count)) return false;
   const double a = (ru * vv - rv * uv) / det;
   const double b = (rv * uu - ru * uv) / det;
@@ -170,7 +170,7 @@ bool refit(const Tile& tile, const Held& held, TilePlane& plane) {
   return true;
 }
 
-/// Fits the plane to its points until it holds no more of them.
+/// Refits the plane to its points until it holds no more of them.
 void settle(const Tile& tile, Held& held) {
   for (int i = 0; i < kRefits; ++i) {
     TilePlane plane;
@@ -184,7 +184,7 @@ void settle(const Tile& tile, Held& held) {
   }
 }
 
-/// The best of a few planes through three points of the tile.
+/// Finds the best of a few planes through three points of the tile.
 void draw_plane(const Tile& tile, Held& best) {
   alignas(64) std::array<float, kSample> u, v, z;
   const int step = 1 + (tile.points - 1) / kSample;
@@ -228,8 +228,8 @@ void draw_plane(const Tile& tile, Held& best) {
   settle(tile, best);
 }
 
-/// The plane of the wanted points: one of those offered if it holds most of them, else a new one. `best` without points
-/// where there is none.
+/// Finds the plane of the wanted points: an offered one if it holds most of them, else a new one. `best` stays
+/// empty without a plane.
 void find_plane(const Tile& tile, const std::array<TilePlane, 4>& offered, bool first, Held& best) {
   best = Held{};
   for (const TilePlane& plane : offered) {
@@ -254,7 +254,7 @@ class PlaneFinder {
  public:
   PlaneFinder(const GridLayout& grid, GridWork& work) : grid_(grid), work_(work) {}
 
-  /// Step 1 for one band, and step 2 for its tile rows but the first and the last: while their points are in the cache.
+  /// Step 1 for one band, and step 2 for its inner tile rows while their points are in the cache.
   void find(std::size_t band) {
     GridCounts counts;
     const int first = grid_.first_tile_row(band);
@@ -285,7 +285,7 @@ class PlaneFinder {
     }
   }
 
-  /// Loads a tile, `rows` and `count` columns of it inside the grid, and compares it with `held.plane` on the way.
+  /// Loads a tile (`rows` rows and `count` columns inside the grid) and compares it with `held.plane` on the way.
   template <bool kPoints>
   HWY_INLINE void look(int tc, int tr, int rows, std::size_t count, Tile& tile, Held& held) const {
     constexpr std::size_t kNumbers = kPoints ? 3 : 1;
@@ -300,7 +300,7 @@ class PlaneFinder {
     std::uint32_t tight = 0;
 #pragma GCC unroll 8
     for (int r = 0; r < rows; ++r, from += stride) {
-      // Tiles jump from row to row, which no machine foresees.
+      // Tiles jump from row to row, which the hardware prefetcher does not predict.
       for (std::size_t line = 0; line < kNumbers; ++line, below += kLanes) {
         hwy::Prefetch(from + kNumbers * kAhead + kLanes * line);
         __builtin_prefetch(below, 0, 2);
@@ -312,7 +312,7 @@ class PlaneFinder {
       const M16 held_here = laid.on(off);
       held.on.add(r, bits(held_here));
       unclear = unclear | and_not(held_here, laid.close_by(off));
-      // Where a plane drifts, it shows in the tile's first and last row.
+      // Drift of a plane shows in the tile's first and last row.
       if (r != 0 && r != kRows - 1) continue;
       on += static_cast<std::uint32_t>(std::popcount(held.on.row(r)));
       tight += static_cast<std::uint32_t>(std::popcount(bits(laid.tight(off))));
@@ -333,7 +333,7 @@ class PlaneFinder {
     look<false>(tc, tr, rows, count, tile, held);
   }
 
-  /// One tile: does the plane to the left go on?
+  /// Processes one tile: tests whether the plane to the left continues.
   HWY_INLINE void see(int tc, int tr, bool above, GridCounts& counts) {
     const TilePlane* left = tc > 0 ? work_.planes(tc - 1, tr) : kNone.data();
     const TilePlane* up = above ? work_.planes(tc, tr - 1) : kNone.data();
@@ -363,7 +363,8 @@ class PlaneFinder {
     work_.marks.of(tc, tr) = static_cast<std::uint8_t>(marks);
   }
 
-  /// ... and if it does not: planes from around, or new ones. Returns how many points there are if one holds half.
+  /// Otherwise tries planes of adjacent tiles, or new ones. Returns the number of points if one plane holds half of
+  /// them.
   HWY_NOINLINE static std::uint64_t find_tile_planes(Tile& tile, Held& held, const TilePlane* left, const TilePlane* up,
                                                      TilePlane* own) {
     own[0] = own[1] = kNone[0];
@@ -382,7 +383,7 @@ class PlaneFinder {
     return most ? static_cast<std::uint64_t>(points) : 0;
   }
 
-  /// The tile and one beside it have one plane each, the same.
+  /// True if the tile and an adjacent one have one plane each, and these are the same.
   [[nodiscard]] static bool alike(const TilePlane& first, const TilePlane& second, const TilePlane* own) {
     return std::isnan(second.z) && std::isnan(own[1].z) && apart_mm(first, own[0]) <= kStep_mm;
   }

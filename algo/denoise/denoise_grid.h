@@ -14,16 +14,16 @@
 
 namespace slabd::algo {
 
-// Does a surface go through a point of a grid? Asked in the window of 7 x 7 points around it, one bit each: bit
-// 7 * row + column, the point itself in the middle (bit 24). Near points weigh more; the weights are whole numbers, so
-// the answer is exact.
+// Tests whether a surface goes through a point of a grid, in the window of 7 x 7 points around it, one bit each: bit 7
+// * row + column, the point itself in the middle (bit 24). Near points have more weight; the weights are integers, so
+// the result is exact.
 
 namespace window {
 
 inline constexpr int kReach = 3;  ///< rows and columns each way
 inline constexpr int kSide = 2 * kReach + 1;
 
-/// The points within the square root of `distance2` of the middle, without the middle.
+/// The points within sqrt(`distance2`) of the middle, without the middle.
 constexpr std::uint64_t disc(int distance2) {
   std::uint64_t bits = 0;
   for (int r = -kReach; r <= kReach; ++r)
@@ -37,25 +37,25 @@ inline constexpr std::uint64_t kMiddle = disc(5);
 inline constexpr std::uint64_t kFar = disc(10);
 inline constexpr std::uint64_t kAround = ((std::uint64_t{1} << 49U) - 1U) & ~(std::uint64_t{1} << 24U);
 
-/// 11 for the 8 nearest points, 6 for the 12 next ones, 1 for 16 more: in all 176. Close to (1 - d^2 / 3.5^2)^2.
+/// Weight 11 for the 8 nearest points, 6 for the next 12, 1 for 16 more: 176 in all. Close to (1 - d^2 / 3.5^2)^2.
 [[gnu::always_inline]] inline int weight(std::uint64_t bits) {
   return 5 * (std::popcount(bits & kNear) + std::popcount(bits & kMiddle)) + std::popcount(bits & kFar);
 }
 
-/// Weight that must lie on a surface with the point: more than four nearest points have, so that a clump of five is
+/// Minimum weight on a surface with the point. It is more than that of four nearest points, so that a clump of five is
 /// noise.
 inline constexpr int kWeightMin = 48;
-/// Share of the weight present that must lie on it, in per cent. Of a full surface's weight an edge has 60, a corner
-/// 36, a point one step beyond an edge 40, the second row 87. Where a surface reigns, among clutter but far from edges,
-/// a smaller share will do.
+/// Share of the weight present that must be on the surface, in per cent. Of a full surface's weight an edge has 60, a
+/// corner 36, a point one step beyond an edge 40, the second row 87. Where one plane dominates its tile, among clutter
+/// but far from edges, a smaller share is enough.
 inline constexpr int kShareReigning = 46;
 inline constexpr int kShareMin = 55;
-/// A point with so large a share stands amidst the surface: more than any edge has. The surface goes on from it to the
-/// points next to it, so that edges and corners stay among clutter, and small objects keep their rims; what lies one
-/// step beyond an edge has only edge points beside it.
+/// A point with this share is inside the surface: no edge has that much. The surface continues from it to its
+/// neighbours, so that edges and corners among clutter stay, and small objects keep their rims. A point one step beyond
+/// an edge has only edge points as neighbours.
 inline constexpr int kShareAmidst = 65;
 
-/// `on`: the points on a surface that goes through the middle; `present`: all that were seen; `share`: in per cent.
+/// `on`: points on a surface through the middle; `present`: all measured points; `share`: in per cent.
 [[gnu::always_inline]] inline bool holds_middle(std::uint64_t on, std::uint64_t present, int share) {
   const int held = weight(on);
   return held >= kWeightMin && 100 * held >= share * weight(present);
@@ -65,9 +65,9 @@ inline constexpr int kShareAmidst = 65;
 
 inline constexpr float kNoPlane = std::numeric_limits<float>::quiet_NaN();
 
-/// A point lies on a plane if its height is within noise, plus a third of what the plane rises from point to point:
-/// across a steep plane that is a third of a row, so that no two rows of a level surface ever lie in a steep one. On a
-/// level one, noise with heavy tails belongs to the surface, an outlier of a millimetre does not.
+/// Gate of a plane: the height must be within noise plus a third of the plane's rise per point. Across a steep plane
+/// that is a third of a row, so that a steep plane never holds two rows of a level surface. On a level plane, noise
+/// with heavy tails belongs to the surface, an outlier of a millimetre does not.
 inline float grid_gate_mm(float per_column, float per_row) {
   constexpr float kLevel_mm = 0.6F;
   constexpr float kNoise_mm = 0.45F;
@@ -79,13 +79,13 @@ inline float gate_of(const TilePlane& p) {
   return grid_gate_mm(p.per_column, p.per_row);
 }
 
-/// How an organised scan is divided.
+/// Division of an organised scan into tiles and bands.
 struct GridLayout {
   static constexpr int kTileColumns = 16;
   static constexpr int kTileRows = 8;
-  /// Bands are what threads share.
+  /// Bands are the units that threads share.
   static constexpr int kBandTileRows = 32;
-  /// A narrower grid is not worth it, and its masks would be larger than the scan.
+  /// A narrower grid does not pay, and its masks would be larger than the scan.
   static constexpr std::size_t kColumnsMin = 64;
   static constexpr std::size_t kRowsMin = 64;
 
@@ -107,7 +107,7 @@ struct GridLayout {
   [[nodiscard]] int first_tile_row(std::size_t band) const {
     return std::min(static_cast<int>(band) * kBandTileRows, tile_rows);
   }
-  /// Bytes of a mask's row: one tile to the left and to the right, so that windows may reach over the edge.
+  /// Bytes of a mask row, with one extra tile on the left and the right so that windows may extend over the edge.
   [[nodiscard]] std::size_t mask_stride() const { return 2 * (static_cast<std::size_t>(tile_columns) + 3); }
   [[nodiscard]] std::size_t mask_bytes() const {
     return mask_stride() * static_cast<std::size_t>(kTileRows * tile_rows + 2 * window::kReach);
@@ -115,14 +115,14 @@ struct GridLayout {
   [[nodiscard]] std::size_t marks_bytes() const {
     return (static_cast<std::size_t>(tile_columns) + 1) * (static_cast<std::size_t>(tile_rows) + 2);
   }
-  /// Bytes of `DenoiseWorkspace::keep` that GridWork takes, from the first one on.
+  /// Bytes of `DenoiseWorkspace::keep` for GridWork, from the first byte on.
   [[nodiscard]] std::size_t work_bytes() const { return 2 * mask_bytes() + marks_bytes(); }
   [[nodiscard]] bool fits(const DenoiseWorkspace& memory) const {
     return 2 * tiles() <= memory.surface.size() && work_bytes() <= memory.keep.size();
   }
 };
 
-/// The middle of a tile, from which its planes are told, and a plane told from a tile so many tiles further.
+/// Middle of a tile, the origin of its planes, and a plane re-expressed for a tile N tiles further.
 inline constexpr float kTileMidColumn = 0.5F * static_cast<float>(GridLayout::kTileColumns - 1);
 inline constexpr float kTileMidRow = 0.5F * static_cast<float>(GridLayout::kTileRows - 1);
 [[gnu::always_inline]] inline TilePlane moved(const TilePlane& p, int columns, int rows) {
@@ -130,23 +130,23 @@ inline constexpr float kTileMidRow = 0.5F * static_cast<float>(GridLayout::kTile
               static_cast<float>(GridLayout::kTileRows * rows) * p.per_row,
           p.per_column, p.per_row};
 }
-/// How far apart two planes are at the corners of a tile, at most.
+/// Largest distance of two planes at the corners of a tile.
 [[gnu::always_inline]] inline float apart_mm(const TilePlane& a, const TilePlane& b) {
   return std::abs(a.z - b.z) + 8.0F * std::abs(a.per_column - b.per_column) + 4.0F * std::abs(a.per_row - b.per_row);
 }
-/// Planes that are no further apart are one; those of tiles side by side are the same at a glance (TileMarks).
+/// Planes closer than this count as one; for adjacent tiles, closer than kStep_mm counts as the same (TileMarks).
 inline constexpr float kAlikeLevel_mm = 0.15F;
 inline constexpr float kStep_mm = 0.2F;
-/// So far off a plane nothing lies on those of tiles around that are alike. These are two steps apart, each told from
-/// its own tile; their gates are the same but for a tenth.
+/// Points further off a plane than this are on none of the similar planes around. Those are two steps apart, each
+/// relative to its own tile, and their gates differ by at most a tenth.
 inline float clear_off_mm(const TilePlane& p) {
   return 1.1F * gate_of(p) + 4.0F * kStep_mm;
 }
-/// A tile is calm with at most so many points off its plane.
+/// A tile is calm if at most this number of its points is off its plane.
 inline constexpr int kCalmOff = 10;
 
-/// One bit for each point of a tile, four rows in a word. Always inlined: counting bits is one instruction where it is
-/// called, not where this header is first seen.
+/// One bit for each point of a tile, four rows in a word. Always inlined, so that bit counting compiles to one
+/// instruction in the caller's instruction set and not in that of this header's first inclusion.
 struct TileBits {
   std::array<std::uint64_t, 2> four_rows{};
 
@@ -164,7 +164,7 @@ struct TileBits {
     return std::popcount(four_rows[0]) + std::popcount(four_rows[1]);
   }
   [[nodiscard]] bool none() const { return (four_rows[0] | four_rows[1]) == 0; }
-  /// Calls f(column, row) for every bit that is set, row by row.
+  /// Calls f(column, row) for every set bit, row by row.
   template <typename F>
   [[gnu::always_inline]] void for_each(F&& f) const {
     for (int half = 0; half < 2; ++half) {
@@ -178,24 +178,24 @@ struct TileBits {
 [[gnu::always_inline]] inline TileBits operator&(const TileBits& a, const TileBits& b) {
   return {{a.four_rows[0] & b.four_rows[0], a.four_rows[1] & b.four_rows[1]}};
 }
-/// Those of `b` that are not in `a`.
+/// The bits of `b` that are not in `a`.
 [[gnu::always_inline]] inline TileBits and_not(const TileBits& a, const TileBits& b) {
   return {{~a.four_rows[0] & b.four_rows[0], ~a.four_rows[1] & b.four_rows[1]}};
 }
 
-/// One bit a point, by tiles.
+/// A mask of one bit per point, stored by tiles.
 class GridMask {
  public:
   GridMask(const GridLayout& grid, std::uint8_t* memory) : memory_(memory), stride_(grid.mask_stride()) {
     std::fill_n(memory_, grid.mask_bytes(), std::uint8_t{0});
   }
-  /// Of sixteen points from a column on, all in one row.
+  /// Bits of sixteen points from `column` on, all in one row.
   [[nodiscard]] std::uint32_t sixteen(int column, int row) const {
     std::uint32_t word = 0;
     std::memcpy(&word, at(row) + 2 + column / 8, sizeof word);
     return (word >> (static_cast<unsigned>(column) % 8)) & 0xFFFFU;
   }
-  /// Any of at most 32 in one row?
+  /// True if any of `points` (at most 32) bits in one row is set.
   [[nodiscard]] bool any(int column, int points, int row) const {
     std::uint64_t word = 0;
     std::memcpy(&word, at(row) + 2 + column / 8, sizeof word);
@@ -220,22 +220,22 @@ class GridMask {
     std::memcpy(&half, at(row) + 2 + 2 * tile_column, sizeof half);
     return half;
   }
-  /// Of 64 points from a column on that is a multiple of 64: no further than to the row's last tile.
+  /// Bits of 64 points from `column`, a multiple of 64, but not beyond the row's last tile.
   [[nodiscard]] std::uint64_t sixtyfour(std::size_t column, std::size_t row) const {
     std::uint64_t word = 0;
     const std::size_t first = 2 + column / 8;
     std::memcpy(&word, at(static_cast<int>(row)) + first, std::min(sizeof word, stride_ - 4 - first));
     return word;
   }
-  /// Of 64 points from the eighth before a column on that is a multiple of eight: those of kInner from that column on
-  /// and one more on each side are the row's, also where it has ended; what follows need not be.
+  /// Bits of 64 points from column - 8 on, `column` a multiple of eight. The kInner bits from `column` on and one more
+  /// on each side belong to the row, even beyond its end; the remaining ones may not.
   static constexpr int kInner = 48;
   [[nodiscard]] std::uint64_t wide(int column, int row) const {
     std::uint64_t word = 0;
     std::memcpy(&word, at(row) + 1 + column / 8, sizeof word);
     return word;
   }
-  /// Of one point, or of one a step outside the grid.
+  /// Bit of one point, which may be one step outside the grid.
   [[nodiscard]] bool bit(int column, int row) const {
     const auto bit = static_cast<unsigned>(column + 16);
     return ((static_cast<unsigned>(at(row)[bit / 8]) >> (bit % 8)) & 1U) != 0;
@@ -248,11 +248,11 @@ class GridMask {
     const auto bit = static_cast<unsigned>(column + 16);
     at(row)[bit / 8] = static_cast<std::uint8_t>(at(row)[bit / 8] & ~(1U << (bit % 8)));
   }
-  /// Rows [first, last) of another mask of the same grid.
+  /// Copies rows [first, last) of another mask of the same grid.
   void copy(const GridMask& from, int first, int last) {
     if (first < last) std::copy(from.at(first), from.at(last), at(first));
   }
-  /// How many there are in a tile and within a window's reach of it.
+  /// Number of set bits in a tile and within a window's reach of it.
   [[gnu::always_inline]] [[nodiscard]] int count_about(int tile_column, int tile_row) const {
     constexpr unsigned kFirst = 16 - window::kReach;
     constexpr std::uint32_t kWide = ((1U << (GridLayout::kTileColumns + 2 * window::kReach)) - 1U) << (kFirst % 8);
@@ -265,7 +265,7 @@ class GridMask {
     }
     return count;
   }
-  /// The 7 x 7 points around one.
+  /// Bits of the 7 x 7 points around a point.
   [[nodiscard]] std::uint64_t around(int column, int row) const {
     std::uint64_t bits = 0;
     const auto bit = static_cast<unsigned>(column + 16 - window::kReach);
@@ -285,16 +285,16 @@ class GridMask {
   std::size_t stride_;
 };
 
-/// What is known of a tile at a glance, one byte each. Outside the grid and until a tile is seen everything is as if
-/// the plane went on.
+/// Summary of each tile, one byte. Outside the grid, and until a tile was processed, its marks are those of a
+/// continuing plane.
 class TileMarks {
  public:
   static constexpr std::uint8_t kQuiet = 1;     ///< one plane holds all of its points
   static constexpr std::uint8_t kLikeLeft = 2;  ///< it and the tile to the left have one plane each, the same
-  static constexpr std::uint8_t kLikeUp = 4;    ///< it and the tile above
-  /// Its points off its plane are so far off that they are on none of those around if all are alike.
+  static constexpr std::uint8_t kLikeUp = 4;    ///< the same for it and the tile above
+  /// The points off the tile's plane are so far off that they are on no similar plane around.
   static constexpr std::uint8_t kClearOff = 8;
-  /// After the judgement, of a row's first tile and instead of all others: a group of noise may start in the row.
+  /// After the judgement, in a row's first tile, instead of all other marks: a group of noise may start here.
   static constexpr std::uint8_t kStarts = 16;
 
   TileMarks(const GridLayout& grid, std::uint8_t* memory)
@@ -304,7 +304,7 @@ class TileMarks {
   [[nodiscard]] std::uint8_t& of(int tile_column, int tile_row) const {
     return memory_[static_cast<std::size_t>(tile_row + 1) * stride_ + static_cast<std::size_t>(tile_column)];
   }
-  /// The tile and the eight around it have one and the same plane.
+  /// True if the tile and the eight around it have one and the same plane.
   [[nodiscard]] bool same_plane_around(int tile_column, int tile_row) const {
     const std::uint8_t* here = &of(tile_column, tile_row);
     const std::uint8_t* up = here - stride_;
@@ -318,15 +318,15 @@ class TileMarks {
   std::size_t stride_;
 };
 
-/// What a band found.
+/// Counts of one band.
 struct GridCounts {
   std::uint64_t finite = 0;
   std::uint64_t with_plane = 0;  ///< points of tiles in which one plane holds half of them
 };
 
-/// The scan and what is known about it, shared by all bands.
+/// The scan and the intermediate results, shared by all bands.
 struct GridWork {
-  /// The grid is either the scan itself or, with `points` null, a table of heights, NaN where there is none.
+  /// The grid is the scan itself or, if `points` is null, a table of heights, NaN in empty cells.
   GridWork(const GridLayout& grid, float* points, const float* heights, const DenoiseWorkspace& memory)
       : xyz(points),
         z(heights),
@@ -345,21 +345,21 @@ struct GridWork {
     with_plane += counts.with_plane;
   }
 
-  /// Distances of neighbours in XY, along rows and along columns: the medians of a thousand.
+  /// Measures the distances of neighbours in XY, along rows and along columns: medians of a thousand.
   void measure_pitch(const GridLayout& grid) {
     per_column_mm = median_step(grid, false);
     per_row_mm = median_step(grid, true);
   }
-  /// Are the points beside and below one its neighbours, pitch measured? On a level seat points of unrelated columns
-  /// lie in one plane too, so planes do not tell; but each row then begins somewhere else than the one above it. By one
-  /// point it may, or by any when rows are far apart: then what hangs together along a column still touches.
+  /// True if the points next to and below a point are its neighbours. The pitch must be measured. Planes cannot show
+  /// it: on a level seat points of unrelated columns share a plane. With a wrong width each row is shifted. One point
+  /// is accepted, and any shift if rows are far apart: then points connected along a column still touch.
   [[nodiscard]] bool neighbours_are_near(const GridLayout& grid) const {
     constexpr float kShearMax = 1.5F;    // in steps of the shorter side
-    constexpr float kUnevenMax = 64.0F;  // lines that a robot moves past may be far apart, not so far
+    constexpr float kUnevenMax = 64.0F;  // lines of a moving robot may be far apart, up to this ratio
     const float uneven = std::max(per_column_mm, per_row_mm) / std::min(per_column_mm, per_row_mm);
     return uneven <= kUnevenMax && median_shear(grid) <= kShearMax;
   }
-  /// Steeper than 85 degrees: nothing that a scanner sees, but two surfaces at different depths.
+  /// True if steeper than 85 degrees: this is not a visible face but two surfaces at different depths.
   [[nodiscard]] bool too_steep(const TilePlane& plane) const {
     constexpr float kSlopeMax = 11.5F;
     const float along = plane.per_column * per_row_mm;
@@ -374,14 +374,14 @@ struct GridWork {
   float per_row_mm = 1.0F;
   TilePlane* surface;
   std::size_t tile_columns;
-  GridMask off;    ///< finite, and on none of its tile's planes; lost to keep_noise_groups
-  GridMask noise;  ///< to be taken out
+  GridMask off;    ///< finite, and on none of its tile's planes; overwritten by keep_noise_groups
+  GridMask noise;  ///< to be removed
   TileMarks marks;
   std::atomic<std::uint64_t> finite{0};
   std::atomic<std::uint64_t> with_plane{0};
 
  private:
-  /// Median of what f(point, the one beside it, the one below it) gives at a thousand places, NaN left out.
+  /// Median of f(point, next in the row, next in the column) at a thousand grid positions, without NaN.
   template <typename F>
   [[nodiscard]] float median_of(const GridLayout& grid, float if_none, F&& f) const {
     constexpr std::size_t kSide = 32;
@@ -406,7 +406,7 @@ struct GridWork {
       return mm > 0.0F ? mm : kNoPlane;
     });
   }
-  /// How far the longer of both steps goes along the shorter one, in shorter steps.
+  /// Component of the longer step along the shorter one, in shorter steps.
   [[nodiscard]] float median_shear(const GridLayout& grid) const {
     return median_of(grid, kNoPlane, [](const float* p, const float* beside, const float* below) {
       const float ax = beside[0] - p[0], ay = beside[1] - p[1];
@@ -416,16 +416,16 @@ struct GridWork {
   }
 };
 
-/// Planes of one band's tiles, and the judgement of all its tile rows but the first and the last.
+/// Computes the planes of one band's tiles and judges all its tile rows but the first and the last.
 void find_grid_planes(const GridLayout& grid, GridWork& work, std::size_t band);
-/// The judgement of one tile row; the planes of those above and below it, if there are any, must be known.
+/// Judges one tile row. The planes of the rows above and below, if they exist, must be computed.
 void judge_tile_row(const GridLayout& grid, GridWork& work, int tile_row);
 
-/// Steps 1 and 2 for all bands. False where most points have no plane in their tile: neighbours in the grid are no
-/// neighbours in space.
+/// Runs steps 1 and 2 for all bands. False if most points have no plane in their tile: then neighbours in the grid are
+/// not neighbours in space.
 [[nodiscard]] bool judge_grid(const GridLayout& grid, GridWork& work, Team& team);
 
-/// A point that is not the grid's own: does it lie on one of the planes of the tile at its column and row?
+/// True if a point that is not in the grid is on one of the planes of the tile at its column and row.
 [[nodiscard]] inline bool lies_on_planes(const GridWork& work, std::uint32_t column, std::uint32_t row, float z) {
   const int c = static_cast<int>(column);
   const int r = static_cast<int>(row);
@@ -437,15 +437,15 @@ void judge_tile_row(const GridLayout& grid, GridWork& work, int tile_row);
   });
 }
 
-/// Between steps 2 and 3: takes out of `noise` what hangs together (algo/denoise/denoise.h). `off` and the marks
-/// are lost.
+/// Runs between steps 2 and 3: removes connected groups from `noise` (algo/denoise/denoise.h). Overwrites `off` and the
+/// marks.
 void keep_noise_groups(const GridLayout& grid, GridWork& work, Team& team);
 
-/// Step 3, where the grid is the scan itself: sets what is noise to NaN. Returns how many points that were.
+/// Step 3, if the grid is the scan itself: sets noise to NaN. Returns the number of these points.
 std::uint64_t take_out_noise(const GridLayout& grid, GridWork& work, Team& team);
 
-/// False, and nothing changed but points that lacked a coordinate, when `cloud` is not organised or its grid is none;
-/// in the second case it has no width and height any more.
+/// Returns false if `cloud` is not organised or its grid is wrong; then it changed only points that lacked a
+/// coordinate. In the second case it also removes width and height.
 [[nodiscard]] bool denoise_grid(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts);
 
 }  // namespace slabd::algo

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Denoising of an organised scan, step 2 (algo/denoise/denoise_grid.cpp has step 1): which points off their tile's
-// planes does a surface go through all the same?
+// Denoising of an organised scan, step 2 (step 1 is in algo/denoise/denoise_grid.cpp): finds the points off their
+// tile's planes that still have a surface through them.
 //
-// In a calm tile only the few points off its plane are asked, else every point. Does one of the planes of the nine
-// tiles around go through it, and do enough of the 7 x 7 points around lie on that plane too
-// (algo/denoise/denoise_grid.h)? At edges and corners and on the rims of small objects few do: there a point stays if
-// one next to it stands amidst the plane. What no plane explains is noise if it is alone; in company, as on a small
-// object, it is asked whether a surface that is level, or has the slope of the tile or of its four neighbours, goes
-// through it.
+// In a calm tile only the few points off its plane are tested, else every point. One of the planes of the nine tiles
+// around must go through the point, and enough of the 7 x 7 points around must be on that plane too
+// (algo/denoise/denoise_grid.h). At edges and corners and on the rims of small objects few are: there a point stays if
+// a neighbour is inside the plane's surface. A point without a plane is noise if it is alone. With enough unexplained
+// neighbours, as on a small object, it stays if a surface goes through it that is level, or has the slope of the tile
+// or of its four neighbours.
 //
-// Nearly all tiles are calm and stand among tiles with the same plane: there a point off the plane needs no look at
-// another one, only at its company.
+// Nearly all tiles are calm and surrounded by tiles with the same plane. There a point off the plane is not tested
+// against other planes, only for its neighbours.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -35,18 +35,18 @@ namespace {
 constexpr int kColumns = GridLayout::kTileColumns;
 constexpr int kRows = GridLayout::kTileRows;
 
-/// A plane reigns in its tile if at most one point in so many is off it.
+/// A plane dominates its tile if at most one of this number of points is off it.
 constexpr int kReignShare = 4;
-/// Planes as one, in gates at the corners of a tile; kAlikeLevel_mm is the least a gate can make of it.
+/// Planes count as one within this many gates at the corners of a tile, but never below kAlikeLevel_mm.
 constexpr float kAlike = 0.25F;
-/// A point that fewer unexplained ones surround is alone.
+/// A point with fewer unexplained points around it is alone.
 constexpr int kCompany = 4;
-/// Steepest slope that four neighbours are believed, mm per point.
+/// Steepest slope accepted from four neighbours, mm per point.
 constexpr float kOwnSlopeMax = 1.0F;
-/// A surface goes on to a point next to it that is off by such a part of the gate, which allows for their noise; at a
-/// whole gate an outlier would lean on a stray point.
+/// A surface continues to an adjacent point that is off by at most this part of the gate, which allows for the noise of
+/// both. With a whole gate an outlier would be supported by a stray point.
 constexpr float kGoesOn = 0.6F;
-/// Planes with a wider gate are steep, and do not go on: so far off a point may be an outlier.
+/// Planes with a wider gate are steep and do not continue: a point this far off may be an outlier.
 constexpr float kGoesOnGate_mm = 0.75F;
 constexpr std::size_t kCandidates = 18;
 
@@ -78,7 +78,7 @@ class PointJudge {
   };
   using RegionBits = std::array<std::uint32_t, kRegionRows>;
 
-  /// Heights from a column on, be it left of the grid; NaN where a point is missing or the grid has ended.
+  /// Heights from `column` on, which may be left of the grid; NaN where a point is missing or the grid has ended.
   [[nodiscard]] HWY_INLINE F16 sixteen(int column, int row) const {
     if (column >= 0 && column + kColumns <= static_cast<int>(grid_.columns)) {
       const std::size_t i = static_cast<std::size_t>(row) * grid_.columns + static_cast<std::size_t>(column);
@@ -106,7 +106,7 @@ class PointJudge {
     }
   }
 
-  /// Which points of the region lie on the plane.
+  /// Marks the points of the region that are on the plane.
   static void on_plane(const Region& region, const TilePlane& plane, RegionBits& on) {
     const F16 gate = f16(gate_of(plane));
     const F16 left = f16(plane.per_column) * (lanes_from_middle() - f16(kMargin));
@@ -118,7 +118,7 @@ class PointJudge {
               (bits(abs(load(region.z[k].data() + kColumns) - (at + right)) <= gate) << kColumns);
     }
   }
-  /// Does any of the tile's open points?
+  /// True if any of the tile's open points is on the plane.
   [[nodiscard]] static bool any_on_plane(const Region& region, const TilePlane& plane, const TileBits& open) {
     const F16 gate = f16(gate_of(plane));
     const F16 along = f16(plane.per_column) * lanes_from_middle();
@@ -130,7 +130,7 @@ class PointJudge {
     }
     return false;
   }
-  /// The window around a point of the tile or one beside it.
+  /// The window around a point that is in the tile or adjacent to one in it.
   [[nodiscard]] static HWY_INLINE std::uint64_t window_of(const RegionBits& rows, int column, int row) {
     std::uint64_t bits = 0;
     for (int k = 0; k < window::kSide; ++k)
@@ -141,7 +141,7 @@ class PointJudge {
     return bits;
   }
 
-  /// Planes of the nine tiles around, told from this one; its own come first.
+  /// Collects the planes of the nine tiles around, relative to this one; its own come first.
   std::size_t gather_planes(int tc, int tr, std::array<TilePlane, kCandidates>& planes) const {
     std::size_t n = 0;
     const auto add = [&](int dc, int dr) {
@@ -167,21 +167,21 @@ class PointJudge {
     return n;
   }
 
-  /// How far a point of the tile is off a plane.
+  /// Distance of a point of the tile from a plane, mm.
   [[nodiscard]] float off_mm(int tc, int tr, int column, int row, const TilePlane& plane) const {
     const float at = plane.z + plane.per_column * (static_cast<float>(column) - kTileMidColumn) +
                      plane.per_row * (static_cast<float>(row) - kTileMidRow);
     return std::abs(height(kColumns * tc + column, kRows * tr + row) - at);
   }
-  /// Does any of a calm tile's points come near a plane other than its own? A quick look that spares a thorough one: it
-  /// may say yes in vain.
+  /// True if any of a calm tile's open points may be near a plane other than its own. A cheap test that avoids an
+  /// expensive one; false positives are possible.
   [[nodiscard]] bool near_other_plane(int tc, int tr, const TileBits& open) const {
     const TilePlane& own = work_.planes(tc, tr)[0];
     if (work_.marks.same_plane_around(tc, tr) && (work_.marks.of(tc, tr) & TileMarks::kClearOff) != 0) return false;
     for (int r = std::max(0, tr - 1); r <= std::min(grid_.tile_rows - 1, tr + 1); ++r) {
       for (int c = std::max(0, tc - 1); c <= std::min(grid_.tile_columns - 1, tc + 1); ++c) {
         for (int i = 0; i < 2; ++i) {
-          // A plane through absurd heights is NaN once it is moved; the tile's other one is asked all the same.
+          // A plane through absurd heights becomes NaN when it is moved; the tile's other plane is still tested.
           if (std::isnan(work_.planes(c, r)[i].z)) break;
           const TilePlane plane = moved(work_.planes(c, r)[i], tc - c, tr - r);
           if (apart_mm(plane, own) <= kAlikeLevel_mm) continue;
@@ -202,7 +202,7 @@ class PointJudge {
     const bool calm =
         !std::isnan(own[0].z) && std::isnan(own[1].z) && open.count() <= kCalmOff && !work_.too_steep(own[0]);
     if (!calm || near_other_plane(tc, tr, open)) return judge_by_planes(tc, tr, calm, open);
-    // Too few about the tile for any of its points to have company; nearly always.
+    // Nearly always there are too few open points around the tile for any of them to have company.
     if (work_.off.count_about(tc, tr) <= kCompany) return work_.noise.set(tc, tr, open);
     judge_in_company(tc, tr, nullptr, open);
   }
@@ -210,7 +210,7 @@ class PointJudge {
     return std::popcount(work_.off.around(kColumns * tc + column, kRows * tr + row) & window::kAround) >= kCompany;
   }
 
-  /// Planes from around are asked first.
+  /// Judges points against the planes of the nine tiles first.
   HWY_NOINLINE void judge_by_planes(int tc, int tr, bool calm, TileBits open) {
     const TilePlane* own = work_.planes(tc, tr);
     const int off = open.count();
@@ -219,7 +219,7 @@ class PointJudge {
     if (!calm)
       for (int r = 0; r < kRows; ++r)
         open.set(r, (region.finite[static_cast<std::size_t>(r + kReach)] >> kMargin) & 0xFFFFU);
-    // Nothing reigns where the tile's plane is no surface: the first plane gathered is then another tile's.
+    // No plane dominates if the tile has none of its own: the first plane gathered is then another tile's.
     const bool reigns =
         !std::isnan(own[0].z) && std::isnan(own[1].z) && !work_.too_steep(own[0]) && kReignShare * off <= open.count();
     std::array<TilePlane, kCandidates> planes;
@@ -229,7 +229,7 @@ class PointJudge {
     judge_in_company(tc, tr, &region, open);
   }
 
-  /// What no plane explains: noise if it is alone, or if no surface goes through it. `region` may be missing.
+  /// Judges points without a plane: noise if alone, or if no surface goes through. `region` may be null.
   HWY_NOINLINE void judge_in_company(int tc, int tr, const Region* region, const TileBits& open) {
     Region own_region;
     TileBits noise;
@@ -246,7 +246,7 @@ class PointJudge {
     work_.noise.set(tc, tr, noise);
   }
 
-  /// Does a point next to it stand amidst the surface?
+  /// True if an adjacent point is inside the surface.
   [[nodiscard]] static bool beside_surface(const RegionBits& on, const RegionBits& finite, int column, int row) {
     for (int r = row - 1; r <= row + 1; ++r)
       for (int c = column - 1; c <= column + 1; ++c)
@@ -256,14 +256,14 @@ class PointJudge {
     return false;
   }
 
-  /// Takes those points out of `open` that the plane explains.
+  /// Removes the points explained by the plane from `open`.
   static void explain(const Region& region, const TilePlane& plane, int share, TileBits& open) {
     if (!any_on_plane(region, plane, open)) return;
     RegionBits on;
     on_plane(region, plane, on);
-    // Most answers are known without counting, for a row at once (weights: algo/denoise/denoise_grid.h). Nothing
-    // within the twenty nearest points lies off the plane, but five of the nearest on it: 55 against at most 16. Or all
-    // eight nearest and two more lie on it: 100 of 176.
+    // Most results need no counting and are found for a row at once (weights: algo/denoise/denoise_grid.h). One case:
+    // none of the twenty nearest points is off the plane, and five of the nearest are on it: 55 against at most 16. The
+    // other: all eight nearest and two more are on it: 100 of 176.
     RegionBits off;
     for (std::size_t k = 0; k < kRegionRows; ++k) off[k] = region.finite[k] & ~on[k];
     const auto beside = [](std::uint32_t bits) { return (bits << 1U) | (bits >> 1U); };
@@ -294,15 +294,16 @@ class PointJudge {
     }
   }
 
-  /// Does a surface go through the point, or on to it from one next to it: level, or as steep as the tile's plane? Or
-  /// amidst one that is as steep as its four neighbours rise, which two clumps may feign a little of? Steep faces
-  /// further off must not lend their slope: with their wide gate they would tie a clump to the surface below it.
+  /// True if a surface goes through the point, or continues to it from a neighbour: level, or as steep as the tile's
+  /// plane. Also if the point is inside a surface as steep as its four neighbours rise; two clumps may imitate a little
+  /// of such a surface. Slopes of steep faces further away are not used: their wide gate would connect a clump to the
+  /// surface below it.
   static bool through(const Region& region, int column, int row, const TilePlane& own) {
     const auto z = [&](int c, int r) {
       return region.z[static_cast<std::size_t>(row + kReach + r)][static_cast<std::size_t>(column + kMargin + c)];
     };
-    // Does the surface through the point (c, r) further, rising a per column and b per row, hold such a share around
-    // it?
+    // True if the surface through the point offset by (c, r), rising a per column and b per row, holds this share
+    // around it.
     const auto holds = [&](float a, float b, int c, int r, int share) {
       const F16 gate = f16(grid_gate_mm(a, b));
       const F16 along = f16(a) * (lane_numbers() - f16(window::kReach)) + f16(z(c, r));

@@ -1,27 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Denoising of a scan that was exported without its grid. Its rays are evenly spaced all the same
-// (algo/denoise/lattice.h), so the grid can be had back, and a scan that has its grid is denoised ten times faster
-// (algo/denoise/denoise_grid.cpp).
+// Denoising of a scan that was exported without its grid. Its rays are still evenly spaced (algo/denoise/lattice.h), so
+// the grid can be recovered, and a scan with a grid is denoised ten times faster (algo/denoise/denoise_grid.cpp).
 //
-//  1. The height of every point goes into a table of columns and rows. Where two points meet in a cell the lower one
-//     stays. In the order in which scanners export, sixteen consecutive points are a run in one row, nearly always side
-//     by side: one comparison tells, one store spreads them, and a note of four bytes says where they went.
-//  2. The table is denoised as an organised scan is.
-//  3. The notes are gone through, not the points: where no noise lies under a run, it is kept unseen. Of the others the
-//     points are asked for their cells again. One that is noise is taken out; one that met a lower one in its cell is
-//     kept if it lies on one of the planes there; one outside of the table is noise.
+//  1. The height of every point is stored in a table of columns and rows. If two points meet in a cell, the lower one
+//     stays. In the order in which scanners export, sixteen consecutive points are a run in one row, nearly always in
+//     adjacent cells: one comparison tests this, one store spreads them, and a note of four bytes stores their
+//     position.
+//  2. The table is denoised like an organised scan.
+//  3. Step 3 reads the notes, not the points: a run without noise is kept without reading its points. For the other
+//     runs the cells of the points are computed again. A noise point is removed. A point that met a lower one in its
+//     cell is kept if it is on one of the planes there. A point outside the table is noise.
 //
-// Where many points meet or lie outside, or most have no plane, there is no lattice, and the cloud is left to others.
+// If many points meet or are outside, or most have no plane, the scan has no lattice, and the function returns false.
 //
-// A cloud in an order of no meaning has no runs. It is brought into the lattice's order first
-// (algo/denoise/lattice.h), and then it is an organised scan, with the few points left over that share a cell
-// with a lower one.
+// A cloud whose order has no meaning contains no runs. It is first sorted into the lattice's order
+// (algo/denoise/lattice.h). Then it is an organised scan, followed by the few points that share a cell with a lower
+// one.
 //
-// Invariants: the lower of two points is the same whoever comes first, so the order of the points does not matter. The
-// scan is cut into fixed blocks, and each row of the table belongs to one of them: the one that begins in it or above.
-// A block writes its own rows only; what it finds elsewhere (the rest of the row that the block behind it began) is put
-// off and spread by one thread in the end. Step 3 reads the table and changes its block's points only.
+// Invariants: the lower of two points does not depend on which comes first, so the order of the points does not matter.
+// The scan is cut into fixed blocks, and each row of the table belongs to one of them: the last one that begins in it
+// or above. A block writes its own rows only. Points in other rows (the rest of a row of the next block) are deferred
+// and spread by one thread at the end. Step 3 reads the table and changes its block's points only.
 #include "algo/denoise/denoise.h"
 
 #include <algorithm>
@@ -49,13 +49,13 @@
 namespace slabd::algo {
 namespace {
 
-/// What is noted of sixteen points: a kind, and of a run its first cell and its span, the columns behind that it
-/// reaches to: 15 if and only if they lie side by side from left to right.
+/// Note about sixteen points: a kind, and for a run its first cell and its span. The span is the number of further
+/// columns; it is 15 if and only if the points are in adjacent cells from left to right.
 enum class Note : std::uint32_t {
-  nothing,  ///< no point is there
+  nothing,  ///< all points are missing
   run,      ///< all in one row, within a span of columns from the first, none met another
-  singly,   ///< anything else
-  put_off,  ///< not yet spread: not all of it lies in the block's own rows
+  singly,   ///< any other case
+  put_off,  ///< not yet spread: some points are outside the block's own rows
 };
 constexpr std::uint32_t kCellBits = std::bit_width(limits::kScanPointsMax);
 constexpr std::uint32_t kSpanBits = 5;
@@ -74,18 +74,18 @@ constexpr std::uint32_t cell_of(std::uint32_t note) {
   return note & ((1U << kCellBits) - 1U);
 }
 
-/// Points of a block: some thirty rows of a table, which fit the cache.
+/// Points of a block: about thirty rows of a table, which fit into the cache.
 constexpr std::size_t kBlock = 1U << 16U;
 constexpr std::size_t kBlocksMax = (limits::kScanPointsMax + kBlock - 1) / kBlock;
 constexpr std::size_t kNotesMax = (limits::kScanPointsMax + 15) / 16;
 constexpr std::size_t kRowsMax = limits::kScanPointsMax / GridLayout::kColumnsMin;
 constexpr std::uint16_t kAnyBlock = 0xFFFF;
 
-/// What a block found.
+/// Counts of one block.
 struct Spread {
   std::uint64_t finite = 0;
   std::uint64_t met = 0;      ///< points that met another one in their cell
-  std::uint64_t outside = 0;  ///< of the table
+  std::uint64_t outside = 0;  ///< outside the table
   void operator+=(const Spread& o) { finite += o.finite, met += o.met, outside += o.outside; }
 };
 
@@ -94,14 +94,14 @@ struct Spreading {
   Lattice lattice;
   float* xyz = nullptr;
   std::size_t points = 0;
-  float* table = nullptr;          ///< heights, row by row; NaN where there is none
-  std::uint8_t* met = nullptr;     ///< one bit for each cell, row by row: points met there
-  std::uint32_t* notes = nullptr;  ///< one for sixteen points
-  std::uint16_t* owner = nullptr;  ///< of each row: its block
+  float* table = nullptr;          ///< heights, row by row; NaN in empty cells
+  std::uint8_t* met = nullptr;     ///< one bit for each cell, row by row: set if points met there
+  std::uint32_t* notes = nullptr;  ///< one for each sixteen points
+  std::uint16_t* owner = nullptr;  ///< the block of each row
   [[nodiscard]] std::size_t end_of(std::size_t block) const { return std::min(points, (block + 1) * kBlock); }
 };
 
-/// Bytes of one bit for each cell, with room to read eight from any of them.
+/// Bytes for one bit per cell, with padding to read eight bytes from any of them.
 constexpr std::size_t met_bytes(std::size_t cells) {
   return cells / 8 + 8;
 }
@@ -115,7 +115,7 @@ namespace slabd::algo {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// Places of sixteen points, to be looked at one by one.
+/// Cells of sixteen points, to be processed one by one.
 struct Singly {
   alignas(64) std::array<float, kLanes> column, row, z;
   std::uint32_t finite, inside;
@@ -130,13 +130,13 @@ struct Singly {
   [[nodiscard]] std::uint32_t row_of(std::size_t k) const { return static_cast<std::uint32_t>(row[k]); }
 };
 
-/// Step 1 for one block, or for any one: whatever row it lies in.
+/// Step 1 for one block, or for kAnyBlock in every row.
 class Spreader {
  public:
   Spreader(const Spreading& work, std::uint16_t block)
       : work_(work), block_(block), columns_(static_cast<std::uint32_t>(work.lattice.columns)) {}
 
-  /// Spreads point i and the fifteen behind it.
+  /// Spreads point i and the next fifteen.
   HWY_INLINE void spread(const Lattice& lattice, std::size_t i, std::size_t end, Spread& out) {
     constexpr std::size_t kAhead = 1'536;  // floats
     fetch_points(work_.xyz + 3 * i + kAhead);
@@ -169,15 +169,15 @@ class Spreader {
     return spread_singly(p, {work_.lattice, p, at}, out);
   }
 
-  /// Sixteen in cells beside each other. Returns their span; 0, and nothing done, if others are there.
+  /// Stores sixteen points in adjacent cells. Returns their span, or 0 and stores nothing if a cell is occupied.
   static HWY_INLINE std::uint32_t spread_side_by_side(const Points16& p, float* to) {
     const F16 there = load(to);
     if (any(there == there)) return 0;
     store(p.z, to);
     return kLanes - 1;
   }
-  /// Sixteen so many columns along, in whatever order. Returns their span, or a little more; 0, and nothing done, if
-  /// others are there or two of them meet.
+  /// Stores sixteen points, each at its own column offset `along`, in any order. Returns their span or slightly more,
+  /// or 0 and stores nothing if a cell is occupied or two of them meet.
   static HWY_INLINE std::uint32_t spread_run(const Points16& p, const F16& along, float* to) {
     static_assert(kSpanMax == 2 * kLanes - 1);
     const F16 low = load(to);
@@ -237,7 +237,7 @@ class TakeOut {
         per_columns_(1.0 / static_cast<double>(columns_)) {}
 
   std::uint64_t take_out(std::size_t first, std::size_t end) const {
-    // What is to be looked at is listed first, and fetched meanwhile: the points are no longer in the cache.
+    // Points to be examined are listed first and prefetched meanwhile, because they are no longer in the cache.
     std::array<std::uint32_t, kBlock / kLanes> listed;
     std::size_t n = 0;
     for (std::size_t i = first; i < end; i += kLanes) {
@@ -267,11 +267,11 @@ class TakeOut {
     int column, row;
   };
   [[nodiscard]] HWY_INLINE Place place_of(std::uint32_t what) const {
-    // Half a cell away from where rounding could matter.
+    // Adds half a cell, so that rounding cannot change the row.
     const auto row = static_cast<std::uint32_t>((cell_of(what) + 0.5) * per_columns_);
     return {static_cast<int>(cell_of(what) - row * columns_), static_cast<int>(row)};
   }
-  /// Did points meet in the cell, or as many behind it?
+  /// True if points met in the cell or in one of the next `behind` cells.
   [[nodiscard]] HWY_INLINE bool met_in(std::uint32_t cell, std::uint32_t behind) const {
     if (!any_met_) return false;
     std::uint64_t bits = 0;
@@ -290,7 +290,7 @@ class TakeOut {
     return static_cast<std::uint64_t>(std::popcount(lanes));
   }
 
-  /// Sixteen points with gaps, each alone in its cell.
+  /// Removes the noise of sixteen points with gaps, each alone in its cell.
   std::uint64_t of_run(std::size_t i, const Place& first) const {
     static_assert(kSpanMax == 2 * kLanes - 1);
     const std::uint32_t noise = grid_.noise.sixteen(first.column, first.row) |
@@ -309,13 +309,13 @@ class TakeOut {
       const std::uint32_t column = at.column_of(k);
       const std::uint32_t row = at.row_of(k);
       const std::uint32_t cell = row * columns_ + column;
-      // The table is out of the cache too.
+      // The table is not in the cache either.
       const bool owner = !met_in(cell, 0) || work_.table[cell] == at.z[k];
       const bool bad = owner ? grid_.noise.any(static_cast<int>(column), 1, static_cast<int>(row))
                              : !lies_on_planes(grid_, column, row, at.z[k]);
       if (bad) noise |= left & -left;
     }
-    // A point that lacks one coordinate is missing altogether.
+    // A point that lacks one coordinate counts as missing.
     remove(i, bits((p.x == p.x) | (p.y == p.y) | (p.z == p.z)) & ~at.finite);
     return remove(i, noise);
   }
@@ -329,7 +329,7 @@ class TakeOut {
 
 }  // namespace
 
-/// Row of the first point of a block that lies inside of the table; the last one's number if none does.
+/// Row of the first point of a block that is inside the table; the number of the last row if no point is inside.
 std::uint32_t first_row(const Spreading& work, std::size_t block) {
   for (std::size_t i = block * kBlock; i < work.end_of(block); i += kLanes) {
     const Points16 p = sixteen_points(work.xyz, work.end_of(block), i);
@@ -342,21 +342,21 @@ std::uint32_t first_row(const Spreading& work, std::size_t block) {
 void spread_block(const Spreading& work, std::size_t block, Spread& out) {
   const auto columns = static_cast<std::size_t>(work.lattice.columns);
   const auto rows = static_cast<std::size_t>(work.lattice.rows);
-  // Whole tiles: a row is a multiple of sixteen.
+  // Whole tiles: the length of a row is a multiple of sixteen.
   for (std::size_t r = 0; r < rows; ++r) {
     if (work.owner[r] != block) continue;
     float* row = work.table + r * columns;
     for (std::size_t c = 0; c < columns; c += kLanes) store(f16(kNoPlane), row + c);
   }
   Spreader spreader(work, static_cast<std::uint16_t>(block));
-  // A copy, so that the compiler knows that no store changes it.
+  // A copy, so that the compiler can assume that no store changes it.
   const Lattice lattice = work.lattice;
   out = Spread{};
   for (std::size_t i = block * kBlock; i < work.end_of(block); i += kLanes)
     spreader.spread(lattice, i, work.end_of(block), out);
 }
 
-/// What the blocks have put off.
+/// Spreads the points that the blocks deferred.
 void spread_rest(const Spreading& work, Spread& out) {
   Spreader spreader(work, kAnyBlock);
   for (std::size_t i = 0; i < work.points; i += kLanes)
@@ -367,8 +367,8 @@ std::uint64_t take_out_of_block(const Spreading& work, const GridWork& grid, boo
   return TakeOut(work, grid, any_met).take_out(block * kBlock, work.end_of(block));
 }
 
-/// Of points that share a cell of the grid with its own those that are no noise close ranks: one as low as the cell's
-/// own is judged with it, a higher one by the planes there. Returns how many.
+/// Compacts the points that share a cell of the grid and are not noise. A point as low as the cell's own is judged with
+/// it, a higher one by the planes there. Returns their number.
 std::size_t keep_left_over(const Lattice& lattice, const GridWork& grid, float* xyz, std::size_t points) {
   const auto columns = static_cast<std::size_t>(lattice.columns);
   std::size_t kept = 0;
@@ -403,8 +403,8 @@ HWY_EXPORT(keep_left_over);
 
 namespace {
 
-/// To each block the rows from where it begins to where the next one does, be it upwards or downwards; to the outer
-/// ones what lies beyond.
+/// Assigns rows to blocks: each block gets the rows from its start to that of the next block, upwards or downwards. The
+/// outer blocks get the rows beyond.
 void share_rows(const Spreading& work, std::size_t blocks) {
   const auto rows = static_cast<std::size_t>(work.lattice.rows);
   std::array<std::uint32_t, kBlocksMax> first{};
@@ -432,21 +432,21 @@ OrderMemory order_memory(const DenoiseWorkspace& memory) {
           memory.cell_start};
 }
 
-/// No further than the workspace reaches.
+/// Limits the cloud to the size of the workspace.
 bool bring_into_order(Cloud& cloud, const Lattice& lattice, const DenoiseWorkspace& memory, Team& team,
                       Ordered& found) {
   const std::size_t room = std::min({cloud.xyz.size() / 3, memory.order.size(), memory.keep.size()});
   Cloud reached{cloud.xyz.first(3 * room), cloud.points, cloud.width, cloud.height};
   if (room < cloud.points) return false;
   const bool ordered = order_points(reached, lattice, order_memory(memory), team, found);
-  // Also where it could not be had: no points that are sorted instead have a grid.
+  // Also after a failure: points sorted by height instead have no grid.
   cloud.points = reached.points;
   cloud.width = reached.width;
   cloud.height = reached.height;
   return ordered;
 }
 
-/// A cloud that was brought into its lattice's order is an organised scan with a few points left over.
+/// Denoises a cloud sorted into its lattice's order: an organised scan with a few points left over.
 bool denoise_ordered(Cloud& cloud, const Lattice& lattice, const Ordered& found, const DenoiseWorkspace& memory,
                      Team& team, ScanCounts& counts) {
   const GridLayout grid(static_cast<std::size_t>(lattice.columns), static_cast<std::size_t>(lattice.rows));
@@ -473,7 +473,7 @@ bool denoise_ordered(Cloud& cloud, const Lattice& lattice, const Ordered& found,
 }  // namespace
 
 bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, ScanCounts& counts) {
-  // First the sample lies in it, then the notes and the owners of the rows.
+  // The memory holds first the sample, then the notes and the owners of the rows.
   constexpr std::size_t kOwnerWords = (kRowsMax + 1) / 2;
   static_assert(std::max(kLatticeFloats, kNotesMax + kOwnerWords) <= limits::kDenoiseCellsMax);
   const std::span<std::uint32_t> scratch = memory.cell_start;
@@ -483,7 +483,7 @@ bool denoise_lattice(Cloud& cloud, const DenoiseWorkspace& memory, Team& team, S
   work.points = cloud.points;
   float* sample = ::new (scratch.data()) float[kLatticeFloats];
   if (!find_lattice(cloud, {sample, kLatticeFloats}, team, work.lattice)) return false;
-  // Where there is no room to bring the points into order, everything takes longer and comes to the same.
+  // Without memory for sorting, denoising takes longer and has the same result.
   Ordered ordered;
   if (!is_in_order(cloud, work.lattice) && bring_into_order(cloud, work.lattice, memory, team, ordered))
     return denoise_ordered(cloud, work.lattice, ordered, memory, team, counts);

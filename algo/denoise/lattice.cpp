@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The rays of a scanner are evenly spaced: over x and y if they are parallel, over x / z and y / z if they come from
-// one point. How far apart, and where? A sample of some thousand points, sorted along an axis, shows the columns (or
-// rows) as steps. Their pitch and phase come from a line through the steps; of the two kinds of rays the one with the
-// smaller misfit is believed.
+// Problem: find the pitch and phase of a scanner's evenly spaced rays. They are even over x and y if parallel, over x /
+// z and y / z if they come from one point.
 //
-// Invariant: the sample is chosen by what the points are, not by where they stand, and is sorted before anything is
-// asked of it. So neither the order of the points nor the number of threads shows.
+// Idea: a sample of some thousand points, sorted along an axis, shows the columns (or rows) as steps. Their pitch and
+// phase come from a line through the steps. Of the two kinds of rays, the one with the smaller misfit is used.
+//
+// Invariant: the sample is chosen by the points' coordinates, not by their index, and is sorted before use. So the
+// result does not depend on the order of the points or the number of threads.
 #include "algo/denoise/lattice.h"
 
 #include <algorithm>
@@ -31,7 +32,7 @@
 namespace slabd::algo {
 namespace {
 
-/// The points chosen so far, by any thread; of more than there is room for only the number.
+/// The sampled points of all threads; points beyond the capacity are only counted.
 struct Sample {
   float* x = nullptr;
   float* y = nullptr;
@@ -53,14 +54,14 @@ HWY_BEFORE_NAMESPACE();
 namespace slabd::algo {
 namespace HWY_NAMESPACE {
 
-/// Chooses points whose coordinates, combined bit by bit, end in bits that about one in so many (mask + 1, a power of
-/// two) has. They need not be taken apart for that: every number is combined with the two behind it, and what begins at
-/// an x counts.
+/// Samples points by a hash: the bits of the three coordinates are combined, and about one in mask + 1 (a power of two)
+/// matches the wanted bits. The points are not split for this: every number is combined with the next two, and only the
+/// results that begin at an x count.
 void take_sample(const float* xyz, std::size_t points, std::int32_t mask, Sample& sample) {
-  // Round coordinates end in zeros: the bits wanted are others.
+  // Round coordinates end in zeros, so the wanted bits are not zeros.
   const I16 wanted = i16(0x2AAAAAAA & mask);
   const I16 looked_at = i16(mask);
-  // Lanes that hold an x, in the first, second and third sixteen numbers of sixteen points.
+  // Lanes that contain an x, in the first, second and third sixteen numbers of sixteen points.
   constexpr std::array<std::uint32_t, 3> kFirst = {0x9249, 0x4924, 0x2492};
   constexpr std::size_t kAhead = 768;  // floats
   const auto choose = [&](const float* from) {
@@ -76,7 +77,7 @@ void take_sample(const float* xyz, std::size_t points, std::int32_t mask, Sample
     fetch_points(xyz + 3 * i + kAhead);
     choose(xyz + 3 * i);
   }
-  // The last ones with room behind them.
+  // The last points, copied into a padded buffer.
   std::array<float, 3 * kLanes + 2> last;
   last.fill(kNoPlane);
   std::copy_n(xyz + 3 * i, 3 * (points - i), last.data());
@@ -94,24 +95,24 @@ HWY_EXPORT(take_sample);
 
 namespace {
 
-/// Fewer points show no steps.
+/// With fewer points the steps do not show.
 constexpr std::size_t kSampleMin = 2'048;
-/// Points that a thread looks at in one go.
+/// Points that a thread processes as one task.
 constexpr std::size_t kPiece = 1U << 17U;
-/// Mean distance of points from the middle of their column or row, in pitches; 0.25 if they know of none. With less
-/// than the second one no other kind of rays is tried.
+/// Mean distance of points from the middle of their column or row, in pitches; 0.25 for random points. Below the second
+/// limit the other kind of rays is not tried.
 constexpr double kMisfitMax = 0.1;
 constexpr double kMisfitSure = 0.01;
-/// Samples at either end that may be strays; and columns or rows beyond the others: a fiftieth and some.
+/// Samples at either end that may be strays; and columns or rows added beyond the others: a fiftieth and eight.
 constexpr std::size_t kStrays = 4;
 constexpr double kMarginShare = 0.02;
 constexpr double kMargin = 8.0;
 
-/// Sorts n finite numbers, digit by digit: a third of the time that comparing takes. `room`: n as well.
+/// Radix sort of n finite numbers, in a third of the time of a comparison sort. `room`: n numbers as well.
 void sort_numbers(float* value, std::size_t n, float* room) {
   constexpr unsigned kDigitBits = 11;
   constexpr std::uint32_t kSign = 1U << 31U;
-  // As whole numbers that are in the same order.
+  // Maps floats to integers of the same order.
   const auto key = [](float v) {
     const auto bits = std::bit_cast<std::uint32_t>(v);
     return (bits & kSign) != 0 ? ~bits : bits | kSign;
@@ -126,20 +127,20 @@ void sort_numbers(float* value, std::size_t n, float* room) {
   }
 }
 
-/// Evenly spaced columns, or rows: number k at origin + k * pitch.
+/// Evenly spaced columns or rows: number k at origin + k * pitch.
 struct Steps {
   double origin = 0.0;
   double pitch = 0.0;
   double misfit = 1.0;  ///< in pitches
-  double first = 0.0;   ///< number of the first one
+  double first = 0.0;   ///< number of the first column or row
   double count = 0.0;
 };
 
-/// `value`: n coordinates, sorted; `room`: n as well.
+/// Finds the steps in `value`: n coordinates, sorted; `room`: n numbers as well.
 bool find_steps(const float* value, std::size_t n, float* room, Steps& steps) {
   const std::size_t from = n / 256;
   const std::size_t to = n - n / 256;
-  // From value to value it is nearly nothing, or a pitch, rarely several.
+  // The difference of consecutive values is nearly zero, or one pitch, rarely several.
   const std::size_t differences = to - from - 1;
   for (std::size_t i = 0; i < differences; ++i) room[i] = value[from + i + 1] - value[from + i];
   constexpr std::size_t kLargest = 32;
@@ -156,8 +157,8 @@ bool find_steps(const float* value, std::size_t n, float* room, Steps& steps) {
   pitch = static_cast<double>(median_above(static_cast<float>(0.5 * pitch)));
   if (!(pitch > 1e-6 * std::abs(static_cast<double>(value[to - 1]))) || !std::isfinite(pitch)) return false;
 
-  // Steps are counted from each value to the next, with a phase that follows them slowly; then a line goes through
-  // all of them, and through those that it tells.
+  // Steps are counted from each value to the next, with a phase that follows them slowly. Then a line is fitted through
+  // all of them, and through the values that it assigns to steps.
   double origin = static_cast<double>(value[from]);
   for (int pass = 0; pass < 4; ++pass) {
     constexpr double kFollow = 0.1;
@@ -205,7 +206,7 @@ bool find_steps(const float* value, std::size_t n, float* room, Steps& steps) {
   return true;
 }
 
-/// Whole tiles, so that no row of a table ends amidst one.
+/// Rounds up to whole tiles, so that no row of a table ends inside one.
 bool whole_tiles(const Steps& x, const Steps& y, Lattice& lattice) {
   const auto whole = [](double count, double tile) { return tile * std::ceil(count / tile); };
   const double columns = whole(x.count, GridLayout::kTileColumns);
@@ -235,7 +236,7 @@ bool find_lattice(const Cloud& cloud, std::span<float> memory, Team& team, Latti
   const auto room = [&](std::size_t k) { return memory.data() + k * kLatticeSampleMax; };
   Sample sample;
   sample.x = room(0), sample.y = room(1), sample.z = room(2);
-  // About half as many points as there is room for.
+  // Samples about half of the capacity.
   std::size_t share = 1;
   while (cloud.points / share > kLatticeSampleMax / 2) share *= 2;
   team.run((cloud.points + kPiece - 1) / kPiece, [&](std::size_t piece) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Columns and rows of sixteen points on a lattice (algo/denoise/lattice.h). Not a header of the room: kernels include
-// it after algo/lanes-inl.h.
+// Columns and rows of sixteen points on a lattice (algo/denoise/lattice.h). Not a public header of the room: kernels
+// include it after algo/lanes-inl.h.
 #if defined(SLABD_ALGO_LATTICE_CELLS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SLABD_ALGO_LATTICE_CELLS_INL_H_
 #undef SLABD_ALGO_LATTICE_CELLS_INL_H_
@@ -32,7 +32,7 @@ HWY_INLINE float first_lane(const Pack<float, K>& a) {
   return first_lane(a.lo);
 }
 
-/// Point i and the fifteen behind it; NaN beyond `points`.
+/// Loads point i and the next fifteen; NaN beyond `points`.
 HWY_INLINE Points16 sixteen_points(const float* xyz, std::size_t points, std::size_t i) {
   return points - i >= kLanes ? load_points(xyz + 3 * i) : load_points(xyz + 3 * i, points - i);
 }
@@ -40,7 +40,7 @@ HWY_INLINE M16 finite_points(const Points16& p) {
   return ((p.x - p.x) + (p.y - p.y) + (p.z - p.z)) == f16(0.0F);
 }
 
-/// Whole numbers, or not finite; inside or outside of the table.
+/// Integers, or not finite; inside or outside the table.
 struct Places16 {
   F16 column, row;
 };

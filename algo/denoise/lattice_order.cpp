@@ -1,24 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A cloud in an order of no meaning (merged views, a program that sorts by something else) costs every pass a cache
-// miss a point. To give each point its place in the grid of its rays first costs less than one such pass, and leaves an
-// organised scan. The cloud fills its buffer, and free memory holds just over half of it; so:
+// Problem: a cloud whose order has no meaning (merged views, a program that sorts by something else) costs every pass
+// one cache miss per point. Moving each point to its place in the grid of its rays first costs less than one such pass,
+// and gives an organised scan. The cloud fills its buffer, and the free memory holds just over half of it. Idea:
 //
-//  1. The grid's rows are cut into bands that fit the second-level cache, and points are dealt to heaps of sixty-four
-//     that are of one band. A full heap is put to the next place that is free (algo/denoise/point_heaps.h): heaps of
-//     the first bands into the free memory, those of the last ones to the front of the cloud, over points that have
-//     been read. So nothing has to be counted beforehand; in the end the places are sorted by band.
-//  2. Band by band, each point goes to its cell in a small table that stays in the cache, and the whole table to its
-//     place in the cloud. The last bands come first: their places are at the rear, where all has been read. Then the
-//     front is free for the first ones.
+//  1. The grid's rows are divided into bands that fit into the second-level cache. Points are dealt into buckets
+//     ("heaps") of sixty-four points of one band. A full bucket is stored in the next free place
+//     (algo/denoise/point_heaps.h): buckets of the first bands in the free memory, those of the last bands at the front
+//     of the cloud, over points already read. So no counting pass is needed; at the end the places are sorted by band.
+//  2. Band by band, each point is stored in its cell in a small table that stays in the cache, and the whole table is
+//     copied to its place in the cloud. The last bands come first: their places are at the rear, where all points have
+//     been read. Then the front is free for the first bands.
 //
-// Memory is what this takes, so nothing is read in order to be overwritten: heaps are whole cache lines, and they and
-// the tables of step 2 are written past the caches.
+// This step is limited by memory bandwidth, so no memory is read only to be overwritten: buckets are whole cache lines,
+// and buckets and tables of step 2 are written with non-temporal stores.
 //
-// Invariants: each place, and each band's part of the grid, is written by one thread. In a cell the lowest point stays,
-// whoever comes first; what is left over is sorted. What cannot be known before the points are dealt (that a band has
-// more points than cells, that more share a cell than there is memory for) ends with all points sorted in the cloud: no
-// point is ever lost, and no order shows.
+// Invariants: each place, and each band's part of the grid, is written by one thread. The lowest point of a cell stays,
+// in any order; the remaining points are sorted. Two failures are detected only after dealing: a band has more points
+// than cells, or more points share a cell than the memory holds. Then all points are sorted in the cloud. Therefore no
+// point is ever lost, and the result does not depend on the order.
 #include "algo/denoise/lattice.h"
 
 #include <hwy/cache_control.h>
@@ -53,7 +53,7 @@ namespace slabd::algo {
 namespace {
 
 constexpr std::size_t kBandsMax = kKindsMax - 2;
-/// Cells of a band: their points are less than half a megabyte, unless a single row has more.
+/// Cells of a band: their points take less than half a megabyte, unless a single row is larger.
 constexpr std::size_t kBandCells = 1U << 15U;
 constexpr float kNoPoint = std::numeric_limits<float>::quiet_NaN();
 
@@ -67,22 +67,22 @@ struct Bands {
   std::size_t columns, rows;
   std::size_t band_rows = 1;
   std::size_t count = 0;
-  /// Numbers beyond the bands: of points outside of the table, and of missing ones.
+  /// Kinds beyond the bands: points outside the table, and missing ones.
   [[nodiscard]] std::size_t outside() const { return count; }
   [[nodiscard]] std::size_t missing() const { return count + 1; }
   [[nodiscard]] std::size_t kinds() const { return count + 2; }
-  /// First cell of a band; of the one behind the last the number of all cells.
+  /// First cell of a band; for the band after the last one, the number of all cells.
   [[nodiscard]] std::size_t first_cell(std::size_t band) const { return columns * std::min(rows, band * band_rows); }
   [[nodiscard]] std::size_t cells() const { return columns * band_rows; }
 };
 
-/// Points are moved so many bytes at a time.
+/// Points are moved in units of this size.
 constexpr std::size_t kMoveBytes = 4 * sizeof(float);
 static_assert(kHeapBytes - kPointBytes + kMoveBytes <= Dealer::kStride);
-/// Whether a heap is full is foreseen by nobody, and after a wrong guess everything begins anew: where so many points
-/// go is told before the first of them is moved.
+/// The "bucket full" branch mispredicts about once per bucket. So the targets of this many points are computed before
+/// the first of them is moved.
 constexpr std::size_t kAtOnce = 256;
-/// Heaps, and floats, ahead that are fetched.
+/// Prefetch distances, in buckets and in floats.
 constexpr std::size_t kHeapsAhead = 8;
 constexpr std::size_t kAhead = 768;
 
@@ -92,7 +92,7 @@ struct LeftOver {
   std::atomic<std::size_t> points{0};
   std::atomic<bool> too_many{false};
 
-  /// Room for more points; null when there is none.
+  /// Reserves memory for more points; null if it is full.
   [[nodiscard]] float* take(std::size_t more) {
     std::size_t at = points.load();
     do {
@@ -102,13 +102,13 @@ struct LeftOver {
   }
 };
 
-/// What some points of a cloud are.
+/// Counts of sampled points.
 struct SampledPlaces {
   std::size_t points = 0, finite = 0;
-  std::size_t outside = 0;  ///< finite, but not in the table
+  std::size_t outside = 0;  ///< finite, but outside the table
 };
 
-/// Among points of a cell the lowest comes first.
+/// Order of points in a cell: the lowest comes first.
 bool comes_before(const float* a, const float* b) {
   return std::tie(a[2], a[0], a[1]) < std::tie(b[2], b[0], b[1]);
 }
@@ -130,7 +130,7 @@ namespace slabd::algo {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// Bands of sixteen points, or what is beyond the bands: whole numbers.
+/// Bands of sixteen points, or the kinds beyond the bands, as whole numbers.
 class BandOf {
  public:
   explicit BandOf(const Bands& bands)
@@ -140,7 +140,7 @@ class BandOf {
         missing_(static_cast<float>(bands.missing())) {}
   HWY_INLINE F16 operator()(const Points16& p) const {
     const Places16 at = places(lattice_, p);
-    // Half a row away from where rounding could matter.
+    // Adds half a row, so that rounding cannot change the band.
     const F16 band = floor((at.row + f16(0.5F)) * f16(per_band_));
     return select(finite_points(p), select(inside(lattice_, at), band, f16(outside_)), f16(missing_));
   }
@@ -150,7 +150,7 @@ class BandOf {
   const float per_band_, outside_, missing_;
 };
 
-/// Whole registers past the caches, where the memory lies on a cache line.
+/// Writes whole registers with non-temporal stores if the target is aligned; otherwise copies.
 HWY_INLINE void write_past_caches(const float* from, std::size_t floats, float* to) {
   const Tag<float> tag;
   constexpr std::size_t kWidth = hn::MaxLanes(Tag<float>());
@@ -163,7 +163,7 @@ HWY_INLINE void write_past_caches(const float* from, std::size_t floats, float* 
 
 }  // namespace
 
-/// Of sixteen points from each of these on: in how many sixteens do all lie near the first?
+/// Samples sixteen points at every `stride`: counts the samples in which all points are near the first.
 std::size_t count_near(const Cloud& cloud, const Lattice& lattice, std::size_t stride, std::size_t& looked_at) {
   constexpr float kNear = 31.0F;
   std::size_t near = 0;
@@ -181,7 +181,7 @@ std::size_t count_near(const Cloud& cloud, const Lattice& lattice, std::size_t s
   return near;
 }
 
-/// Of sixteen points from each of these on: how many are finite, and outside of the table?
+/// Samples sixteen points at every `stride`: counts the finite ones and those outside the table.
 SampledPlaces count_outside(const Cloud& cloud, const Lattice& lattice, std::size_t stride) {
   SampledPlaces seen;
   for (std::size_t i = 0; i + kLanes <= cloud.points; i += stride) {
@@ -194,8 +194,8 @@ SampledPlaces count_outside(const Cloud& cloud, const Lattice& lattice, std::siz
   return seen;
 }
 
-/// Step 1 for points first to last: each goes to its band's heap. Heaps of band `split`, and all behind it, are put at
-/// the front.
+/// Step 1 for points first to last: moves each to its band's bucket. Full buckets of band `split` and of the bands
+/// after it are stored at the front.
 void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t last, std::size_t split, Dealer& dealer,
           HeapPlaces& heaps) {
   const auto put_away = [&](std::size_t kind) {
@@ -223,7 +223,7 @@ void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t l
       dealer.next[to] = behind;
       if (behind % Dealer::kStride == kHeapBytes) put_away(to);
     };
-    // What follows the last point is not ours to read.
+    // Memory beyond the last point does not belong to the cloud.
     const std::size_t wide = std::min(end, last - 1);
     for (std::size_t i = from; i < wide; ++i) move(i, std::integral_constant<std::size_t, kMoveBytes>());
     if (wide < end) move(wide, std::integral_constant<std::size_t, kPointBytes>());
@@ -231,14 +231,15 @@ void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t l
   hwy::FlushStream();  // another thread may read them
 }
 
-/// Step 2 for one band: its points, which are lost, go to their cells, `to`. `table`: memory for the band's cells.
-/// Returns how many share a cell with a lower one; these are left over, or in free cells when there is no room.
+/// Step 2 for one band: moves its points to their cells, `to`. The buckets are overwritten. `table`: memory for the
+/// band's cells. Returns the number of points that share a cell with a lower one. These go to `left`, or to free cells
+/// if `left` is full.
 std::size_t fill_band(const Bands& bands, std::size_t band, const HeapsOfKind& heaps, float* to, float* table,
                       LeftOver& left) {
   const Lattice lattice = bands.lattice;
   const F16 first_row = f16(static_cast<float>(band * bands.band_rows));
   const std::size_t cells = bands.first_cell(band + 1) - bands.first_cell(band);
-  // Points that share a cell are put back to where points have been read.
+  // Points that share a cell are written back over points already read.
   PointsOfHeaps met_to(heaps), met_from(heaps);
   std::size_t met = 0;
   const auto put = [&](float* from, std::int32_t cell) {
@@ -253,7 +254,7 @@ std::size_t fill_band(const Bands& bands, std::size_t band, const HeapsOfKind& h
       std::memcpy(there, point.data(), sizeof point);
     }
   };
-  // Heaps lie anywhere, so they are fetched ahead.
+  // Buckets are at random addresses, so they are prefetched.
   HeapsOfKind unread = heaps;
   std::array<std::span<float>, kHeapsAhead> fetched;
   const auto fetch = [&] {
@@ -313,7 +314,7 @@ bool is_in_order(const Cloud& cloud, const Lattice& lattice) {
 
 namespace {
 
-/// The two steps on one cloud.
+/// Runs the two steps on one cloud.
 class Ordering {
  public:
   Ordering(Cloud& cloud, const Lattice& lattice, const OrderMemory& memory, Team& team)
@@ -326,9 +327,9 @@ class Ordering {
         cells_(bands_.first_cell(bands_.count)),
         places_(xyz_, memory.points) {}
 
-  /// Is there room, by all that can be known before points are moved?
+  /// True if the memory suffices, as far as this is predictable before points are moved.
   [[nodiscard]] bool is_possible() {
-    // The first bands are as many as the last ones, or the free memory holds fewer: then the grid must not be full.
+    // The first bands hold half of the cells, or fewer if the free memory is smaller: then the grid must not be full.
     const std::size_t spare = HeapPlaces::spare(bands_.kinds());
     if (cells_ > room_ || places_.kept_room() < spare) return false;
     const std::size_t kept_points = kHeapPoints * (places_.kept_room() - spare);
@@ -352,11 +353,11 @@ class Ordering {
     const SampledPlaces seen = HWY_DYNAMIC_DISPATCH(count_outside)(cloud_, bands_.lattice, stride);
     constexpr std::size_t kSure = 3;
     if (kOutsideShare * seen.outside > kSure * seen.finite) return false;
-    // So far above that no sample errs by it.
+    // The margin is larger than any sampling error.
     return seen.points == 0 || cloud_.points / seen.points * seen.finite <= cells_ + cells_ / 32;
   }
 
-  /// Step 1. False when the points turn out not to be those of a lattice, or not to fit.
+  /// Step 1. False if the points are not those of a lattice, or do not fit.
   [[nodiscard]] bool deal_points(Ordered& found) {
     const std::size_t blocks = (cloud_.points + kBlock - 1) / kBlock;
     for (std::size_t slot = 0; slot < 2; ++slot) {
@@ -371,7 +372,7 @@ class Ordering {
        places_);
       places_.block_is_done(block);
     });
-    // What has filled no heap needs a place too.
+    // Partly filled buckets need a place too.
     bool fits = !places_.overfull() && places_.kept_left() >= 2 * bands_.kinds() + 2 * kPlaceRun;
     for (std::size_t kind = 0; kind < bands_.missing(); ++kind) {
       const std::size_t points = dealers_[0]->points(kind) + dealers_[1]->points(kind);
@@ -383,9 +384,9 @@ class Ordering {
     }
     return fits && cells_ + outside_ <= room_ && kOutsideShare * outside_ <= found.finite;
   }
-  /// All that has been dealt comes back, sorted.
+  /// Copies all dealt points back into the cloud, sorted.
   void take_back_dealt() {
-    // Places that nobody used are nothing.
+    // Reserved places that were not used are cleared.
     for (Dealer* dealer : dealers_) {
       for (std::size_t place = dealer->kept.next; place < dealer->kept.end; ++place) clear(place);
       for (std::size_t place = dealer->front.next; place < dealer->front.end; ++place)
@@ -400,10 +401,10 @@ class Ordering {
     points.finish(cloud_);
   }
 
-  /// Step 2. The cloud has its points then. False when more share a cell than there is room for.
+  /// Step 2. On return the cloud has its points. False if more points share a cell than the memory holds.
   [[nodiscard]] bool fill_cells(Ordered& found) {
     list_heaps();
-    // The dealers' memory is the tables' from here on.
+    // From here on the tables use the dealers' memory.
     const std::size_t table_floats = 3 * bands_.cells();
     float* tables = ::new (words_.data() + table_word_) float[2 * table_floats];
     std::fill_n(tables, 2 * table_floats, kNoPoint);
@@ -440,7 +441,7 @@ class Ordering {
   }
 
  private:
-  /// Either thread has memory of its own.
+  /// Each of the two threads has its own memory.
   struct Slots {
     std::array<std::atomic<bool>, 2> taken{};
     struct Slot {
@@ -454,7 +455,7 @@ class Ordering {
       std::size_t number = 0;
     };
   };
-  /// Points that come back to the cloud, from behind where they go.
+  /// Points copied back to the cloud; the write position never passes the read position.
   class Collected {
    public:
     explicit Collected(float* xyz) : xyz_(xyz) {}
@@ -472,7 +473,7 @@ class Ordering {
     float* const xyz_;
     std::size_t points_ = 0;
   };
-  /// The places of full heaps, kind by kind, and of those that are not.
+  /// Lists the places of full buckets by kind, and those of partly filled ones.
   void list_heaps() {
     std::uint32_t first = 0;
     std::array<std::uint32_t, kKindsMax> behind{};
@@ -498,16 +499,16 @@ class Ordering {
   Team& team_;
   const std::span<std::uint32_t> words_;
   float* const xyz_;
-  const std::size_t room_;  ///< points that the cloud has room for
+  const std::size_t room_;  ///< capacity of the cloud in points
   const std::size_t cells_;
   HeapPlaces places_;
   std::size_t split_ = 0;  ///< the first of the last bands
-  // In the memory of words, behind the list of heaps: first what dealing takes, then tables; and what is left over.
+  // In the memory of `words`, after the list of buckets: first the dealers, then tables; and points left over.
   std::size_t table_word_ = 0, left_word_ = 0;
   std::byte* dealing_ = nullptr;
   std::array<Dealer*, 2> dealers_{};
   Slots slots_;
-  std::array<std::uint32_t, kKindsMax> first_{};  ///< of each kind in the list of heaps
+  std::array<std::uint32_t, kKindsMax> first_{};  ///< start of each kind in the list of buckets
   std::array<std::array<BegunHeap, 2>, kKindsMax> begun_{};
   std::size_t outside_ = 0;
 };

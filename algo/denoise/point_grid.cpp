@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Three questions before points can be sorted: where is the field (strays may lie anywhere), how dense is it, and how
-// large may a cell be without needing more cells than there are. Each is answered by counting, so the answers do not
-// depend on the order in which the points come.
+// Sorting needs three values first: the extent of the field (strays may be anywhere), its density, and a cell size that
+// does not exceed the maximum number of cells. Each is found by counting, so the results do not depend on the order of
+// the points.
 #include "algo/denoise/point_grid.h"
 
 #include <cmath>
@@ -10,12 +10,12 @@
 namespace slabd::algo {
 namespace {
 
-/// Bins in which the field's extent is counted, +-1 km.
+/// Size of the bins that count the field's extent, +-1 km.
 constexpr float kExtentBin_mm = 4.0F;
-/// The central 98 % along each axis, and a twentieth more on each side; strays beyond share the border cells.
+/// The central 98 % along each axis, and a twentieth more on each side; strays beyond are counted in the border cells.
 constexpr std::size_t kTailShare = 100;
 constexpr float kMarginShare = 0.05F;
-/// Density is judged in cells that hold at least so many points each.
+/// Density is measured in cells that contain at least this many points each.
 constexpr float kDensityCell_mm = 4.0F;
 constexpr std::uint32_t kDensityPoints = 16;
 constexpr int kDensityDoublings = 8;
@@ -53,12 +53,12 @@ void PointGrid::find_extent(const float* xyz, std::size_t points) {
   along(1, y0_, y1_);
 }
 
-/// Columns and rows of cells of at least `cell_mm`, at most limits::kDenoiseCellsMax of them.
+/// Sets columns and rows of cells of at least `cell_mm`, at most limits::kDenoiseCellsMax cells.
 void PointGrid::lay_out(float cell_mm) {
   const double wide_mm = static_cast<double>(x1_) - static_cast<double>(x0_);
   const double high_mm = static_cast<double>(y1_) - static_cast<double>(y0_);
   const auto cells_max = static_cast<double>(limits::kDenoiseCellsMax);
-  // Two per cent larger than the area asks for, and as large as the longer side asks for: nearly never too many cells.
+  // Two per cent more than the area requires, and at least what the longer side requires: nearly never too many cells.
   double mm = std::max(static_cast<double>(cell_mm), 1.02 * std::sqrt(wide_mm * high_mm / cells_max));
   mm = std::max(mm, 4.0 * std::max(wide_mm, high_mm) / cells_max);
   const auto count = [&](double length_mm) { return std::max(1, static_cast<int>(std::ceil(length_mm / mm))); };
@@ -72,7 +72,7 @@ void PointGrid::lay_out(float cell_mm) {
   per_mm_ = static_cast<float>(1.0 / mm);
 }
 
-/// Points of cell c in cell_start_[c + 1].
+/// Counts the points of cell c in cell_start_[c + 1].
 void PointGrid::count_points(const float* xyz, std::size_t points) {
   std::fill(cell_start_.begin(), cell_start_.begin() + static_cast<std::ptrdiff_t>(cells() + 1), 0U);
   for (std::size_t i = 0; i < points; ++i)
@@ -93,7 +93,7 @@ void PointGrid::find_pitch(const float* xyz, std::size_t points) {
   }
 }
 
-/// Counting sort: cell c holds order_[start[c] .. start[c + 1]).
+/// Counting sort: the points of cell c are order_[start[c] .. start[c + 1]).
 void PointGrid::sort_points(const float* xyz, std::size_t points) {
   count_points(xyz, points);
   const std::span<std::uint32_t> start = cell_start_.first(cells() + 1);

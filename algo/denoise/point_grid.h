@@ -8,8 +8,8 @@
 
 #include "base/base.h"
 
-/// Points sorted into square cells over the scanner's XY, the cells a stated number of point pitches wide: neighbours
-/// without a tree, for organised and unorganised clouds alike.
+/// Points sorted into square cells over the scanner's XY; the cell size is given in point pitches. Finds neighbours
+/// without a tree, for organised and unorganised clouds.
 namespace slabd::algo {
 
 class PointGrid {
@@ -19,13 +19,13 @@ class PointGrid {
       : order_(order), cell_start_(cell_start) {}
 
   /// Sorts points (x y z, ...), finite or missing (x is NaN; at least one is not). The grid depends on the set of
-  /// points, not on their order; within a cell they keep it. O(points), six passes.
+  /// points, not on their order; within a cell the order is kept. O(points), six passes.
   void build(const float* xyz, std::size_t points, float cell_pitches);
 
-  /// Sorts the same points anew, with a pitch so many times as wide.
+  /// Sorts the same points again, with the pitch multiplied by `times`.
   void widen(const float* xyz, std::size_t points, float times, float cell_pitches);
 
-  /// Typical distance of neighbouring points in XY: a square of that side holds one point in the middle of the scan.
+  /// Typical distance of neighbouring points in XY: a square of that side contains one point in the middle of the scan.
   [[nodiscard]] float pitch_mm() const { return pitch_mm_; }
   [[nodiscard]] float cell_mm() const { return 1.0F / per_mm_; }
   [[nodiscard]] int columns() const { return columns_; }
@@ -38,7 +38,7 @@ class PointGrid {
   }
   [[nodiscard]] int column(float x) const { return clamped((x - x0_) * per_mm_, columns_); }
   [[nodiscard]] int row(float y) const { return clamped((y - y0_) * per_mm_, rows_); }
-  /// Indices of the points of a cell; whoever built the grid may put them into another order.
+  /// Indices of the points of a cell. The owner of the grid may reorder them.
   [[nodiscard]] std::span<std::uint32_t> in_cell(std::size_t cell) {
     return order_.subspan(cell_start_[cell], cell_start_[cell + 1] - cell_start_[cell]);
   }
@@ -48,7 +48,7 @@ class PointGrid {
 
  private:
   [[nodiscard]] static int clamped(float cell, int count) {
-    // Compared as float first: a stray coordinate of 1e30 has no int.
+    // Compared as float first: a stray coordinate of 1e30 does not fit into an int.
     if (!(cell > 0.0F)) return 0;
     if (cell >= static_cast<float>(count)) return count - 1;
     return static_cast<int>(cell);

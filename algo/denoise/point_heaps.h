@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Heaps of points of one kind each, as algo/denoise/lattice_order.cpp deals them: many small arrays in little memory.
+// Buckets ("heaps") of points of one kind each, for algo/denoise/lattice_order.cpp: many small arrays in little memory.
 #pragma once
 
 #include <algorithm>
@@ -15,41 +15,41 @@
 
 namespace slabd::algo {
 
-/// Points of a heap: sixty-four are twelve cache lines. A heap lies anywhere, and the first lines of it are waited for:
-/// with half as many points it is that twice as often.
+/// Points of a bucket: sixty-four are twelve cache lines. Buckets are at random addresses, and reading one waits for
+/// its first lines; with half the size that happens twice as often.
 inline constexpr std::size_t kPointBytes = 3 * sizeof(float);
 inline constexpr std::size_t kHeapPoints = 64;
 inline constexpr std::size_t kHeapFloats = 3 * kHeapPoints;
 inline constexpr std::size_t kHeapBytes = kHeapPoints * kPointBytes;
-/// Kinds of points that are told apart.
+/// Maximum number of kinds of points.
 inline constexpr std::size_t kKindsMax = 255;
 
-/// Points are dealt in blocks of so many heaps, and a block is begun when the one so many before it is done.
+/// Points are dealt in blocks of kBlockHeaps buckets. A block starts when the one kBlocksAtOnce before it is done.
 inline constexpr std::size_t kBlockHeaps = 64;
 inline constexpr std::size_t kBlock = kBlockHeaps * kHeapPoints;
 inline constexpr std::size_t kBlocksMax = (limits::kScanPointsMax + kBlock - 1) / kBlock;
 inline constexpr std::size_t kBlocksAtOnce = 4;
 
-/// Number of a place for one heap.
+/// Number of the place of one bucket.
 using Place = std::uint32_t;
 
-/// What a thread has of places at one end of the memory: it takes several at a time.
+/// A thread's reserved places at one end of the memory; it reserves several at a time.
 struct PlaceRun {
   std::size_t next = 0, end = 0;
 };
 inline constexpr std::size_t kPlaceRun = 8;
 
-/// One thread's points that have not filled a heap yet, and the heaps that it has filled. Large: lies in the memory.
+/// One thread's partly filled buckets, and the counts of its full ones. Large: located in the workspace.
 struct Dealer {
-  /// A heap of each kind begins at multiples of this; what lies between them is written over, for points are moved
-  /// sixteen bytes at a time.
+  /// A bucket of each kind begins at multiples of this. The bytes between buckets are overwritten, because points are
+  /// moved sixteen bytes at a time.
   static constexpr std::size_t kStride = 1'024;
 
   std::array<std::byte, kStride * kKindsMax> heaps;
-  std::array<std::uint32_t, kKindsMax> next;  ///< the byte of `heaps` at which each kind's next point goes
-  std::array<std::uint32_t, kKindsMax> full;  ///< heaps of each kind that have been put somewhere
+  std::array<std::uint32_t, kKindsMax> next;  ///< byte offset in `heaps` of each kind's next point
+  std::array<std::uint32_t, kKindsMax> full;  ///< stored full buckets of each kind
   PlaceRun kept, front;
-  std::size_t blocks_done = 0;  ///< the thread knows that these are
+  std::size_t blocks_done = 0;  ///< blocks known to be done
 
   void clear() {
     for (std::size_t kind = 0; kind < kKindsMax; ++kind) next[kind] = static_cast<std::uint32_t>(kStride * kind);
@@ -57,7 +57,7 @@ struct Dealer {
     kept = front = {};
     blocks_done = 0;
   }
-  /// Points of a kind that have not filled a heap.
+  /// Number of points of a kind in its partly filled bucket.
   [[nodiscard]] std::size_t begun(std::size_t kind) const { return next[kind] % kStride / kPointBytes; }
   [[nodiscard]] const float* heap(std::size_t kind) const {
     return reinterpret_cast<const float*>(heaps.data() + kStride * kind);
@@ -65,22 +65,22 @@ struct Dealer {
   [[nodiscard]] std::size_t points(std::size_t kind) const { return kHeapPoints * full[kind] + begun(kind); }
 };
 
-/// Places for heaps: in memory that is free, "kept", and over points at the front of the cloud that have been read; and
-/// what kind of heap is at each.
+/// Places for buckets, and the kind of bucket in each. "Kept" places are in free memory, "front" places over points at
+/// the front of the cloud that have been read.
 ///
-/// No heap is without a place. Heaps are no more than the points read fill, and the front has as many places as the
-/// blocks that are done; so only for those of the last kBlocksAtOnce blocks others must do, and spare() is enough.
+/// Invariant: every bucket has a place. The buckets hold at most the points read, and the front has as many places as
+/// the completed blocks. So only the buckets of the last kBlocksAtOnce blocks need other places, which spare() covers.
 class HeapPlaces {
  public:
-  /// Kept places beyond those for the points meant for them: for what fills no heap, and for heaps that are full before
-  /// the front has a place.
+  /// Kept places beyond those for the intended points: for partly filled buckets, and for full buckets while the front
+  /// has no free place.
   static constexpr std::size_t spare(std::size_t kinds) {
     return 2 * kinds + kBlocksAtOnce * kBlockHeaps + 5 * kPlaceRun;
   }
 
   HeapPlaces(float* front, std::array<std::span<float>, 3> kept) : front_(front), kept_(kept) {}
 
-  /// So many of them may be used; `kinds`: as many.
+  /// Sets the number of usable kept and front places; `kinds` has an entry for each.
   void use(std::size_t kept, std::size_t front, std::uint8_t* kinds) {
     kept_max_ = kept;
     front_max_ = front;
@@ -93,18 +93,18 @@ class HeapPlaces {
     return heaps;
   }
 
-  /// A block of points has been read, and what it had to write is visible to whoever takes a place then.
+  /// Marks a block as read. Its writes are visible to every thread that takes a place afterwards.
   void block_is_done(std::size_t block) {
     done_[block].store(true, std::memory_order_release);
     done_[block].notify_all();
   }
-  /// Returns when block `block` may be begun.
+  /// Waits until block `block` may start.
   void wait_for_turn(std::size_t block) const {
     if (block >= kBlocksAtOnce) done_[block - kBlocksAtOnce].wait(false, std::memory_order_acquire);
   }
 
-  /// A place for a heap, at the front if wanted and there is one. When there are no more kept ones the front takes what
-  /// was not meant for it, and `overfull()` from then on.
+  /// Takes a place for a bucket: at the front if wanted and available, else a kept one. If no kept place is left, the
+  /// front takes the bucket, and overfull() is true from then on.
   [[nodiscard]] Place take(Dealer& dealer, bool at_front) {
     if (at_front && (any(dealer.front) || reserve_front(dealer))) return front_place(dealer);
     if (any(dealer.kept) || reserve_kept(dealer)) return static_cast<Place>(dealer.kept.next++);
@@ -115,7 +115,7 @@ class HeapPlaces {
   void note(Place place, std::size_t kind) {
     if (place < kept_max_ + front_max_) kinds_[place] = static_cast<std::uint8_t>(kind);
   }
-  /// Places of all heaps noted, kind by kind. `first`: where each kind's begin; they are moved behind its last.
+  /// Lists the places of all buckets by kind. `first`: start of each kind; the function moves it to the kind's end.
   void sort_by_kind(std::array<std::uint32_t, kKindsMax>& first, Place* sorted) const {
     for (Place place = 0; place < kept_max_ + front_max_; ++place)
       if (kinds_[place] != kNothing) sorted[first[kinds_[place]]++] = place;
@@ -128,7 +128,7 @@ class HeapPlaces {
     return kept_[piece].data() + kHeapFloats * heap;
   }
   [[nodiscard]] bool overfull() const { return overfull_.load(std::memory_order_relaxed); }
-  /// Places that have been taken, but for those that a dealer still has in reserve.
+  /// Number of taken kept places, including those reserved by a dealer.
   [[nodiscard]] std::size_t kept_taken() const { return std::min(kept_max_, kept_taken_.load()); }
   [[nodiscard]] std::size_t kept_left() const { return kept_max_ - kept_taken(); }
   [[nodiscard]] std::size_t front_taken() const { return front_taken_.load(); }
@@ -169,12 +169,12 @@ class HeapPlaces {
   std::atomic<bool> overfull_{false};
 };
 
-/// A heap that is not full; none if it has no points.
+/// A partly filled bucket; points = 0 if empty.
 struct BegunHeap {
   Place place = 0;
   std::size_t points = 0;
 };
-/// What a thread has of a kind gets a place, though it fills no heap.
+/// Stores a thread's partly filled bucket of a kind.
 inline BegunHeap put_begun_heap(Dealer& dealer, HeapPlaces& heaps, std::size_t kind, bool at_front) {
   const std::size_t points = dealer.begun(kind);
   if (points == 0) return {};
@@ -183,12 +183,12 @@ inline BegunHeap put_begun_heap(Dealer& dealer, HeapPlaces& heaps, std::size_t k
   return {place, points};
 }
 
-/// Goes through the heaps of one kind: the full ones, then what either thread has begun.
+/// Iterates over the buckets of one kind: the full ones, then the partly filled ones of both threads.
 class HeapsOfKind {
  public:
   HeapsOfKind(const HeapPlaces& places, std::span<const Place> full, const std::array<BegunHeap, 2>& begun)
       : places_(&places), full_(full), begun_(begun) {}
-  /// The points of the next heap; none behind the last.
+  /// The points of the next bucket; empty after the last one.
   std::span<float> next() {
     if (!full_.empty()) {
       const Place place = full_.front();
@@ -207,11 +207,11 @@ class HeapsOfKind {
   std::array<BegunHeap, 2> begun_;
 };
 
-/// Goes through the points of one kind, in the order of their heaps.
+/// Iterates over the points of one kind, in the order of their buckets.
 class PointsOfHeaps {
  public:
   explicit PointsOfHeaps(const HeapsOfKind& heaps) : heaps_(heaps) {}
-  /// The next point; there must be one.
+  /// The next point, which must exist.
   float* next() {
     if (left_.empty()) left_ = heaps_.next();
     return std::exchange(left_, left_.subspan(3)).data();

@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Where is a casing, and how far does it stick out? The scanner sees its flat rim and nothing inside its bore, so the
-// bore shows as a round hole in the points. In each angular sector the innermost point lies a fraction of the point
-// pitch outside the edge. Where a patch of points is missing it lies far out; the robust circle ignores it.
+// Problem: find a casing's position and height. The scanner sees its flat rim and nothing inside its bore, so the bore
+// shows as a round hole in the points. In each angular sector the innermost point is a fraction of the point pitch
+// outside the edge. Where a patch of points is missing it is far outside; the robust circle ignores it.
 //
-// The gaps are not even: where the scanner's point rows run along the edge a whole sector can miss it by a row. But the
-// edge can only be inside of every point, so the smallest gaps say most. The circle therefore leans on its inner
-// points (those outside count a tenth), which halves the error of its centre.
+// The gaps are uneven: where the scanner's point rows run along the edge, a whole sector can miss it by a row. But the
+// edge can only be inside of every point, so the smallest gaps are the most accurate. The circle therefore gives less
+// weight to points outside it (a tenth), which halves the error of its centre.
 //
-// The rim's height is that of its plane at the bore's axis (casing_fits.h): what lies on a rim, slurry or a drop, is no
-// rim, and one that is dark on a side returns fewer points there. It is one number for all of the rim only if most of
-// the way round it is that one plane, little tilted. It is taken clear of the rim's edges, which are round and seen
-// half: what is low there is no damage. A lip or a crust that stands over the seat is, as the rail pad would lie on it,
-// and a rim with one has no height.
+// The rim's height is that of its plane at the bore's axis (casing_fits.h): slurry or a drop on a rim is not part of
+// it, and a dark side of a rim returns fewer points. One height is valid for the whole rim only if most of its
+// circumference is in that one plane with little tilt. It is measured clear of the rim's edges, which are round and
+// half visible: low places there are not damage. A lip or a crust higher than the seat is damage, because the rail pad
+// would rest on it, and a rim with one has no height.
 //
-// The sectors are wide on purpose: the wider, the more points compete for the innermost and the smaller the gap
+// The sectors are deliberately wide: in a wider sector more points compete for the innermost and the gap is smaller
 // (spread ~ 1/width), which outweighs the smaller number of sectors (~ 1/sqrt(count)).
 #include "algo/features/casing.h"
 
@@ -33,71 +33,72 @@ namespace {
 
 constexpr std::size_t kSectors = limits::kRimSectors;
 constexpr std::size_t kSectorsMin = kSectors / 2;
-/// Half of the edge in one piece spreads its directions by 0.095; less fixes the centre too poorly along one axis.
+/// Spread of the edge's directions: half of the edge in one piece has 0.095; below this one axis of the centre is too
+/// uncertain.
 constexpr double kSpreadMin = 0.09;
-/// The innermost points depend on the centre the sectors are drawn around; this many rounds settle it.
+/// The innermost points depend on the centre of the sectors; this many rounds are enough to converge.
 constexpr int kRounds = 6;
-/// ... or fewer: the same innermost points give the same centre but for this.
+/// ... or fewer: done if the innermost points are the same and the centre moved by at most this.
 constexpr double kSettled_mm = 1e-9;
-/// Innermost points are looked for this far around the nominal bore radius.
+/// Search range for innermost points around the nominal bore radius.
 constexpr double kSearch_mm = 2.5;
-/// ... and this far off the nominal rim height.
+/// ... and around the nominal rim height.
 constexpr double kHeightGate_mm = 1.5;
-/// Scale: never sharper than a few hundredths, or a regular point pattern would decide who is an outlier.
+/// The scale is at least a few hundredths; otherwise a regular point pattern would decide which points are outliers.
 constexpr CircleWeights kEdgeWeights = {.scale_min = 0.02, .outside_weight = 0.1};
-/// Neighbouring sectors share the scanner's rows, so their gaps are not independent as the circle's covariance takes
-/// them to be. Over 400 phases and turns of the point pattern each, at pitches of 0.2 to 0.5 mm, even, jittered or
-/// stretched, with a tenth of the points missing, the true variance of the centre is 0.95 to 1.7 times the independent
-/// one, and up to 2.1 times when half of the edge is hidden.
+/// Neighbouring sectors share the scanner's rows, so their gaps are not independent, as the circle's covariance
+/// assumes. Measured over 400 phases and rotations of the point pattern each, at pitches of 0.2 to 0.5 mm, even,
+/// jittered or stretched, with a tenth of the points missing: the true variance of the centre is 0.95 to 1.7 times the
+/// independent one, and up to 2.1 times if half of the edge is hidden.
 constexpr double kEdgeVariance = 1.3;
 double shared_rows(double spread) {
   return kEdgeVariance * std::sqrt(std::sqrt(0.5 / spread));
 }
-/// Distances to the circle of the next and the next but one point are alike by chance up to this many times 1/sqrt(n)
-/// of their variance: 0.20 of 48 points, which of 1800 good edges none reached up to 0.3 mm of pitch.
+/// Correlation of the distances to the circle of the next point and the next but one: by chance up to this many times
+/// 1/sqrt(n) of their variance. That is 0.20 for 48 points; none of 1800 good edges reached it at pitches up to 0.3 mm.
 constexpr double kFormChance = 1.4;
-/// Half of the edge moved by t moves the centre by 0.6 to 0.7 t, 2.6 to 3 times the scatter that is left: so that twice
-/// the standard deviation covers both casings of a block moved apart.
+/// Half of the edge displaced by t moves the centre by 0.6 to 0.7 t, 2.6 to 3 times the remaining scatter. With this
+/// factor twice the standard deviation covers both casings of a block displaced in opposite directions.
 constexpr double kFormVariance = 4.0;
-/// Beyond so many times the scatter a point says no more: of whether neighbours are alike, which a single wide gap must
-/// not outvote, and of how far the edge has moved. With less scatter than this the centre moves by less than a
-/// scanner's own form error.
+/// Distances are clipped at this many times the scatter: for the correlation, which a single wide gap must not
+/// dominate, and for the estimate of the displacement. Below this scatter the centre moves by less than a scanner's own
+/// form error.
 constexpr double kFormAlike = 0.7;
 constexpr double kFormReach = 3.0;
-/// Outside of the circle sooner: such points hardly drew it (kEdgeWeights), and where the edge is dark they lie
-/// anywhere.
+/// A smaller limit outside the circle: such points hardly affected it (kEdgeWeights), and where the edge is dark their
+/// distances are arbitrary.
 constexpr double kFormOutside = 1.0;
 constexpr double kFormMin_mm = 0.03;
 constexpr double kRadiusOffMax_mm = 1.0;
-/// Points in a bore at the height of its rim or above it, for as large a part of the rim. A strays' share is a few per
-/// cent, a cap's one.
+/// Maximum density of points in the bore at or above rim height, relative to the rim. Strays reach a few per cent, a
+/// cap reaches one.
 constexpr double kInBoreMax = 0.2;
 constexpr std::uint32_t kRimPointsMin = 200;
-/// Where the rim is that plane, so many of the points must be on it; as for planes. Of those at either edge of it no
-/// more than the rest may stand over the seat.
+/// Minimum share of the rim's points on its plane; as for planes. At either edge of the rim at most the remaining share
+/// may be higher than the seat.
 constexpr double kRimShareMin = 0.8;
 constexpr double kLipMax = 0.2;
-/// Standard deviation of the rim beyond that of the seat, the same noise.
+/// Standard deviation of the rim beyond that of the seat, which has the same noise.
 constexpr double kRimFormMax_mm = 0.15;
-/// Half of the way round must have been seen.
+/// Half of the circumference must have been seen.
 constexpr double kRimSeenMin = 0.5;
-/// Points of the rim that its height is taken from: all of them, up to a pitch of 0.2 mm.
+/// Points used for the rim's height: all of them, up to a pitch of 0.2 mm.
 constexpr std::size_t kRimSample = 12'288;
-/// Of the way round, so much must lie on one plane; the rest may lie under what is on the rim, and hardly any of it
-/// lower.
+/// Minimum share of the circumference on one plane. The rest may be above it, covered by objects on the rim, and hardly
+/// any of it below.
 constexpr double kRimOnMin = 0.6;
 constexpr double kRimBelowMax = 0.1;
-/// The rim's plane may climb so much from the axis to its edge: the higher side of a rim in the middle of its tolerance
-/// then still lies below the seat.
+/// Maximum rise of the rim's plane from the axis to its edge: the higher side of a rim in the middle of its tolerance
+/// is then still below the seat.
 constexpr double kRimTiltMax_mm = 0.25;
-/// Points around a casing that are asked for the eighth of the ring they lie in, about; and how few of them in an
-/// eighth say nothing.
+/// Number of points around a casing, about, that are assigned to eighths of the ring; and the minimum in an eighth for
+/// it to count.
 constexpr std::size_t kRingSample = 3000;
 constexpr double kEighthPointsMin = 4.0;
-/// The rim ends this far inside its nominal edge: a casing may sit half a millimetre beside its place.
+/// The usable rim ends this far inside its nominal edge: a casing may be off its position by half a millimetre.
 constexpr double kRimEdge_mm = 0.5;
 
-/// Points a pass looks at in one go; their heights then fit the stack.
+/// Points per call of a pass; their heights then fit on the stack.
 constexpr std::size_t kPiece = 1024;
 
 /// Plane coordinates around the nominal centre: x along the rail, y across, height above the fitted seat.
@@ -132,7 +133,7 @@ class CasingFrame {
   Vec3 ey_;
 };
 
-/// Calls `look(piece)` for all points, kPiece at most in one go.
+/// Calls `look(piece)` for all points, at most kPiece at a time.
 template <typename Look>
 void for_each_piece(std::span<const SeatPoints> runs, const SeatFrame&, const Look& look) {
   for (const SeatPoints& run : runs) {
@@ -161,7 +162,7 @@ void for_each_piece(const CloudPoints& cloud, const SeatFrame& seat, const Look&
   }
 }
 
-/// Calls `look(x, y, height)` in the casing's frame for every `every`-th of the points.
+/// Calls `look(x, y, height)` in the casing's frame for every `every`-th point.
 template <typename Points, typename Look>
 void for_all(const Points& points, const SeatFrame& seat, const CasingAxes& a, const Look& look,
              std::size_t every = 1) {
@@ -178,7 +179,7 @@ void for_all(const Points& points, const SeatFrame& seat, const CasingAxes& a, c
   });
 }
 
-/// The same for about kRingSample of them.
+/// The same for about kRingSample points.
 template <typename Points, typename Look>
 void for_some(const Points& points, const SeatFrame& seat, const CasingAxes& a, const Look& look) {
   std::size_t all = 0;
@@ -186,10 +187,10 @@ void for_some(const Points& points, const SeatFrame& seat, const CasingAxes& a, 
   for_all(points, seat, a, look, 1 + all / kRingSample);
 }
 
-/// Variance of the centre, along either axis, by what moves the edge over a part of its circumference: a crescent of
-/// mortar, a side that is dark. The fitted circle goes along, so that hardly any of it is in the distances to the
-/// circle that the covariance is taken from; but what is left there is alike from sector to sector, as gaps between
-/// points are only by chance.
+/// Variance of the centre, along either axis, from edge displacement over a part of the circumference: a crescent of
+/// mortar, a dark side. The fitted circle follows it, so hardly any of it remains in the distances from which the
+/// covariance is computed. But the remainder is correlated from sector to sector, as gaps between points are only by
+/// chance.
 double edge_form_mm2(std::span<const Vec2> edge, const Circle& circle) {
   if (!(circle.scatter > kFormMin_mm)) return 0.0;
   const auto n = static_cast<double>(edge.size());
@@ -215,14 +216,14 @@ double edge_form_mm2(std::span<const Vec2> edge, const Circle& circle) {
   return shared > kFormChance / std::sqrt(n) * leaning ? kFormVariance * moved / n : 0.0;
 }
 
-/// Of a ring's points the share that lies between its heights, where every eighth of it counts alike: of a ring that is
-/// dark on one side, most points are the other side's.
+/// Share of a ring's points between its heights, with equal weight for each eighth of the ring: if one side of a ring
+/// is dark, most points come from the other side.
 class RingByArea {
  public:
   explicit RingByArea(const CasingRing& ring)
       : ring_(ring), inner2_(ring.inner_mm * ring.inner_mm), outer2_(ring.outer_mm * ring.outer_mm) {}
 
-  /// From the ring's centre.
+  /// Adds a point; coordinates from the ring's centre.
   void add(float x, float y, float height) {
     const float radius2 = x * x + y * y;
     if (!(radius2 >= inner2_ && radius2 < outer2_)) return;
@@ -279,8 +280,8 @@ EdgePoints innermost(const Points& points, const SeatFrame& seat, const CasingTa
   return edge;
 }
 
-/// Is there a hole in that circle, at the height of the rim? What lies deep in a bore does no harm: its edge is seen
-/// all the same.
+/// True if the circle contains a hole at the height of the rim. Objects deep in a bore are accepted: its edge is
+/// visible all the same.
 template <typename Points>
 bool is_hole(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
              const Circle& circle) {
@@ -299,8 +300,8 @@ bool is_hole(const Points& points, const SeatFrame& seat, const CasingTask& task
   return per_mm2(inside) <= kInBoreMax * per_mm2(around);
 }
 
-/// Height of the rim around the measured centre, clear of its inner and outer edge. A doubt where it is no height of
-/// all of the rim.
+/// Measures the height of the rim around the measured centre, clear of its inner and outer edge. Returns a doubt if the
+/// height is not valid for the whole rim.
 template <typename Points>
 CasingDoubt measure_rim(const Points& points, const SeatFrame& seat, const CasingTask& task, const CasingFrame& frame,
                         const Vec2& centre, CasingFeature& casing) {
@@ -336,11 +337,11 @@ CasingDoubt measure_rim(const Points& points, const SeatFrame& seat, const Casin
   casing.rim_std_mm = rim.std_mm;
   casing.sigma_height_mm = rim.sigma_mm;
 
-  // By the seat's noise, not by the rim's own scatter.
+  // Uses the seat's noise, not the rim's own scatter.
   const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
   const double over_mm = std::max(rim.height_mm, 0.0) + std::max(4.0 * seat_mm, kRimFormMax_mm);
-  // From inside the bore, over which a lip may stand; up to the rim's nominal edge, where a casing that sits beside its
-  // place has the seat, as high as itself.
+  // From inside the bore, over which a lip may project, up to the rim's nominal edge. If a casing is off its position,
+  // the points there are seat, at the height of the rim.
   const CasingRing at_bore =
       ring(centre, task.bore_radius_mm - kRadiusOffMax_mm, task.bore_radius_mm + margin, over_mm, kAny);
   const CasingRing at_rim = ring(centre, task.rim_radius_mm - margin, task.rim_radius_mm, over_mm, kAny);
@@ -380,7 +381,7 @@ CasingFeature measure(const Points& points, const SeatFrame& seat, const CasingT
     circle = fit_circle_robust(edge.view(), centre, kEdgeWeights);
     casing.inlier_fraction = circle.weight / static_cast<double>(kSectors);
     if (!circle.ok || circle.weight < 0.4 * static_cast<double>(kSectors) || circle.spread < kSpreadMin) return casing;
-    // The same points and the same circle: no round will find another.
+    // The same points and the same circle: another round would change nothing.
     if (edge == before && (circle.centre - centre).norm() <= kSettled_mm) break;
   }
   casing.doubt = std::abs(circle.radius - task.bore_radius_mm) > kRadiusOffMax_mm ? CasingDoubt::radius
@@ -404,7 +405,7 @@ CasingFeature measure_casing(std::span<const SeatPoints> runs, const SeatFrame& 
 }
 
 CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task) {
-  // Any frame along the seat will do; at the casing floats are finest.
+  // Any frame along the seat is suitable; near the casing floats have the finest resolution.
   const Vec3& n = task.seat.normal;
   const Vec3 along_rail = (Vec3::UnitX() - n.x() * n).normalized();
   return measure(points, {task.centre, along_rail, n.cross(along_rail), n}, task);

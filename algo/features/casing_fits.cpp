@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Geometric circle fit: minimise the squared distances to the circle. The three unknowns enter almost linearly once
-// the centre is known to a fraction of the radius, so Gauss-Newton needs a handful of steps; the algebraic fits that
-// need no start are biased when only part of the circle is seen.
+// Geometric circle fit: minimises the squared distances to the circle. The three unknowns enter almost linearly once
+// the centre is known to a fraction of the radius, so Gauss-Newton needs few steps. Algebraic fits need no start, but
+// are biased if only part of the circle is seen.
 #include "algo/features/casing_fits.h"
 
 #include <Eigen/Cholesky>
@@ -39,21 +39,21 @@ double median_radius(std::span<const Vec2> points, const Vec2& centre) {
   return median_of(std::span(r).first(points.size()));
 }
 
-/// Median distance to the circle as a standard deviation.
+/// Standard deviation estimated from the median distance to the circle.
 double scale_of(std::span<const Vec2> points, const Circle& circle) {
   std::array<double, kPointsMax> r;
   for (std::size_t i = 0; i < points.size(); ++i) r[i] = std::abs((points[i] - circle.centre).norm() - circle.radius);
   return 1.4826 * median_of(std::span(r).first(points.size()));
 }
 
-/// A point seen from the circle: unit vector from the centre, distance to the circle, and how much it counts. False at
-/// the centre itself, which has no direction.
+/// A point relative to the circle: unit vector from the centre, distance to the circle, and weights. False for a point
+/// at the centre, which has no direction.
 struct Sight {
   double x;
   double y;
   double off;
   double agreement;  ///< Tukey weight
-  double weight;     ///< ... and side
+  double weight;     ///< ... times the factor for its side
 };
 bool look(const Vec2& p, double cut, double outside_weight, const Circle& circle, Sight& sight) {
   const double x = p.x() - circle.centre.x();
@@ -102,13 +102,13 @@ Normal normal_at(std::span<const Vec2> points, double cut, double outside_weight
   return sum;
 }
 
-/// One step. Returns its length, negative when the points do not fix a circle.
+/// Makes one step. Returns its length, negative if the points do not determine a circle.
 double step(std::span<const Vec2> points, double cut, double outside_weight, Circle& circle) {
   const Normal sum = normal_at(points, cut, outside_weight, circle);
   circle.weight = sum.agreeing;
   if (!(sum.agreeing >= 3.0)) return -1.0;
   circle.rms = std::sqrt(sum.weighted_squares / sum.weight);
-  // A short arc fixes neither centre nor radius; relative to the weights the determinant then vanishes.
+  // A short arc determines neither centre nor radius; relative to the weights the determinant is then nearly zero.
   const Eigen::Matrix3d unit = sum.H / sum.weight;
   if (!(unit.determinant() > 1e-9)) return -1.0;
   const Eigen::Vector3d delta = -unit.ldlt().solve(Eigen::Vector3d(sum.g / sum.weight));
@@ -118,7 +118,7 @@ double step(std::span<const Vec2> points, double cut, double outside_weight, Cir
   return delta.norm();
 }
 
-/// What the finished fit knows about itself.
+/// Computes the quality figures of the finished fit.
 void state_quality(std::span<const Vec2> points, double cut, double outside_weight, Circle& circle) {
   const Normal sum = normal_at(points, cut, outside_weight, circle);
   Eigen::Matrix3d psi = Eigen::Matrix3d::Zero();  // sum of squared weighted distances
@@ -171,12 +171,12 @@ Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, const 
   circle.radius = median_radius(points, start);
   double cut = 0.0;
   for (int i = 0; i < kSteps; ++i) {
-    // The scale follows the fit for some steps and then stands, so that the steps can come to rest.
+    // The scale follows the fit for some steps and is then fixed, so that the steps converge.
     const double old_cut = cut;
     if (i < 20) cut = 4.685 * std::max(scale_of(points, circle), weights.scale_min);
     const double moved = step(points, cut, weights.outside_weight, circle);
     if (moved < 0.0) return circle;
-    // A step that leads nowhere with a scale that stood before it repeats itself for ever.
+    // If neither the circle nor the scale changes, all further steps are the same.
     const bool at_rest = i >= 20 ? moved <= 1e-9 : moved <= 1e-12 && cut == old_cut;
     if (at_rest) {
       circle.ok = circle.radius > 0.0;
@@ -190,41 +190,41 @@ Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, const 
 namespace {
 
 constexpr std::size_t kSectors = kRimHeightSectors;
-/// A sector of fewer points says nothing.
+/// A sector with fewer points is ignored.
 constexpr std::size_t kSectorPointsMin = 4;
-/// Points of a sector that take part in its median.
+/// Maximum number of a sector's points for its median.
 constexpr std::size_t kSectorSample = 256;
-/// A sector belongs to the plane within this ...
+/// A sector is on the plane if it is within this ...
 constexpr double kOn_mm = 0.04;
-/// ... or within so many standard deviations of its median.
+/// ... or within this many standard deviations of its median.
 constexpr double kOnSigmas = 4.0;
-/// A sector below the plane speaks against it as much as so many above it.
+/// Cost of a sector below the plane, relative to one above it.
 constexpr double kBelowCost = 3.0;
-/// Planes steeper than this are not tried: the rim is then refused anyway.
+/// Steeper planes are not tried, because the rim is then refused anyway.
 constexpr double kTiltMax = 0.02;
 constexpr int kRounds = 8;
-/// Points belong to the plane within so many of their own robust deviations.
+/// Points are on the plane within this many of their own robust deviations.
 constexpr double kReachSigmas = 4.0;
 constexpr double kReachMin_mm = 1e-3;
-/// Three of four neighbouring sectors (14 mm of the ring) that stand so far over the plane, and by kCrust_mm over the
-/// seat, are a crust on which a rail pad lies; a grain of sand or a burr is in one of them, or two. Mortar is rough,
-/// and the pad lies on its higher parts: a sector stands as high as a quarter of its area.
+/// Three of four neighbouring sectors (14 mm of the ring) that are this far above the plane, and kCrust_mm above the
+/// seat, are a crust that supports a rail pad. A grain of sand or a burr is in only one or two of them. Mortar is
+/// rough, and the pad rests on its higher parts: the height of a sector is that of its highest quarter.
 constexpr double kOverPlane_mm = 0.1;
 constexpr double kCrust_mm = 0.05;
 constexpr std::size_t kCrustSectors = 3;
 constexpr std::size_t kCrustWindow = 4;
 constexpr double kMedianSigma = 1.2533;    ///< standard error of a median over that of a mean
 constexpr double kQuartileSigma = 1.3626;  ///< ... and of a quartile
-constexpr double kQuartile = 0.6745;       ///< of a normal distribution over its mean, in standard deviations
+constexpr double kQuartile = 0.6745;       ///< upper quartile of normal noise, in standard deviations from its mean
 
-/// What a sector's points come to.
+/// Statistics of a sector's points.
 struct Sector {
   std::size_t points = 0;
-  double x = 0.0;  ///< mean place
+  double x = 0.0;  ///< mean position
   double y = 0.0;
   double median = 0.0;
   double upper = 0.0;  ///< upper quartile
-  double sigma = 0.0;  ///< of the median, by the scatter of its points
+  double sigma = 0.0;  ///< of the median, from the scatter of the points
   [[nodiscard]] bool seen() const { return points >= kSectorPointsMin; }
 };
 
@@ -234,8 +234,8 @@ struct RimPlane {
   [[nodiscard]] double over(const Sector& s) const { return s.median - at(s.x, s.y); }
 };
 
-/// Without an arctangent, whose last bit is another one on other processors: the octant, and four sectors in each by
-/// the ratio of the coordinates (tangents of 11.25, 22.5 and 33.75 degrees).
+/// Number of a point's sector, without an arctangent, whose last bit differs between processors: the octant, and four
+/// sectors in each by the ratio of the coordinates (tangents of 11.25, 22.5 and 33.75 degrees).
 std::size_t sector_of(const RimPoint& p) {
   static_assert(kSectors == 32);
   const float x = std::abs(p.x);
@@ -282,11 +282,11 @@ std::array<Sector, kSectors> sectors_of(std::span<const RimPoint> points) {
   return sectors;
 }
 
-/// Sectors by number that lie on the plane.
+/// Flags of the sectors on the plane, by sector number.
 using OnPlane = std::array<bool, kSectors>;
 
-/// Least squares through the sectors `on`, and the variance of its height at the axis for heights of variance 1. False
-/// where they lie so closely together that they know no tilt.
+/// Least squares through the sectors `on`, and the variance of its height at the axis for sector heights of variance 1.
+/// False if the sectors are so close together that they do not determine a tilt.
 bool fit_sectors(const std::array<Sector, kSectors>& sectors, const OnPlane& on, RimPlane& plane, double& at_axis) {
   Mat3 A = Mat3::Zero();
   Vec3 b = Vec3::Zero();
@@ -303,12 +303,12 @@ bool fit_sectors(const std::array<Sector, kSectors>& sectors, const OnPlane& on,
   return plane.a.allFinite() && at_axis > 0.0;
 }
 
-/// How far off the plane a sector may lie.
+/// Largest distance of a sector on the plane.
 double reach_of(const Sector& s) {
   return std::max(kOn_mm, kOnSigmas * s.sigma);
 }
 
-/// What speaks against a plane.
+/// Cost of a plane: the sum of the sectors' deviations.
 double cost_of(const RimPlane& plane, std::span<const Sector* const> seen) {
   double cost = 0.0;
   for (const Sector* s : seen) {
@@ -318,8 +318,8 @@ double cost_of(const RimPlane& plane, std::span<const Sector* const> seen) {
   return cost;
 }
 
-/// The best of the level planes through each sector and of the planes through three that lie a third of the way round
-/// apart, about. Everything that is on a rim makes a step in it, which a fit to all sectors would follow by a tilt.
+/// The best of the level planes through each sector and of the planes through three sectors about 120 degrees apart.
+/// Any object on a rim makes a step in it, which a fit to all sectors would follow by a tilt.
 RimPlane lowest_plane(std::span<const Sector* const> seen) {
   RimPlane best;
   double best_cost = std::numeric_limits<double>::infinity();
@@ -350,8 +350,8 @@ RimPlane lowest_plane(std::span<const Sector* const> seen) {
   return best;
 }
 
-/// The highest that kCrustSectors of kCrustWindow neighbouring sectors stand over the seat, if they are a crust; else
-/// 0. `std_mm`: noise of the rim's points, which alone makes an upper quartile.
+/// The largest height of kCrustSectors of kCrustWindow neighbouring sectors above the seat, if they are a crust; else
+/// 0. `std_mm`: noise of the rim's points, which raises an upper quartile by itself.
 double crust_of(const std::array<Sector, kSectors>& sectors, const RimPlane& plane, double std_mm) {
   std::array<double, kSectors> stands{};
   for (std::size_t k = 0; k < kSectors; ++k) {
@@ -415,7 +415,8 @@ RimHeight rim_height(std::span<const RimPoint> points) {
   rim.tilt = std::hypot(plane.a[1], plane.a[2]);
   if (sectors_on < 4.0) return rim;
 
-  // Single points about that plane: their mean by area, since a dark part of a rim has no less a say.
+  // Single points relative to that plane: their mean has equal weight per area, so that a dark part of a rim counts
+  // fully.
   std::array<double, kSectors> sum{};
   std::array<double, kSectors> sum2{};
   std::array<double, kSectors> count{};
@@ -460,15 +461,15 @@ RimHeight rim_height(std::span<const RimPoint> points) {
   rim.height_mm = plane.a[0] + mean;
   rim.std_mm = std::sqrt(scatter / n);
   rim.crust_mm = crust_of(sectors, plane, rim.std_mm);
-  // Of a mean over sectors; where a part of the ring is not on the plane, its tilt has a say at the axis as well.
+  // Noise of a mean over sectors; if a part of the ring is not on the plane, the tilt also contributes at the axis.
   const double lever = at_axis * sectors_on;
   const double noise2 = lever * rim.std_mm * rim.std_mm * white / (used * used);
-  // Form: what the sectors stand off the plane beyond their noise, two neighbours alike.
+  // Form: deviation of the sectors from the plane beyond their noise; two neighbours are correlated.
   double by_noise2 = 0.0;
   for (std::size_t k = 0; k < kSectors; ++k)
     if (on[k]) by_noise2 += sectors[k].sigma * sectors[k].sigma;
   const double form2 = 2.0 * std::max(squares - by_noise2, 0.0) / std::max(sectors_on - 3.0, 1.0) * at_axis;
-  // Beside a crust lies its thin edge, too thin to be told from the rim.
+  // The edge of a crust is too thin to be distinguished from the rim.
   const double edge_mm = 0.5 * kOn_mm * std::max(0.0, 1.0 - rim.share_on - rim.share_below) / std::sqrt(3.0);
   rim.sigma_mm = std::sqrt(noise2 + form2 + edge_mm * edge_mm);
   rim.ok = true;

@@ -16,32 +16,32 @@ struct Circle {
   Vec2 centre = Vec2::Zero();
   double radius = kNoValue;
   double rms = kNoValue;      ///< weighted, of the distances to the circle
-  double weight = 0.0;        ///< sum of Tukey weights: about the number of points that agree
-  double scatter = kNoValue;  ///< root mean square distance to the circle of the points that agree
-  double spread = 0.0;        ///< how well they surround it: 0.5 all round, 0.095 half of it, 0 at one place
-  /// Of centre and radius, from the points' own scatter about the circle, taken as independent:
-  /// H^-1 (sum psi^2 j j^T) H^-1 n / (n - 3), psi the weighted distance and H = sum w j j^T (sandwich of an
-  /// M-estimator; it needs no distribution, which for points that lie on one side of an edge is not normal).
+  double weight = 0.0;        ///< sum of Tukey weights: about the number of consistent points
+  double scatter = kNoValue;  ///< root mean square distance of the consistent points to the circle
+  double spread = 0.0;        ///< distribution of the points around it: 0.5 all round, 0.095 half of it, 0 at one place
+  /// Covariance of centre and radius, from the points' own scatter about the circle, assumed independent: H^-1 (sum
+  /// psi^2 j j^T) H^-1 n / (n - 3), psi the weighted distance and H = sum w j j^T. This sandwich of an M-estimator
+  /// assumes no distribution; points on one side of an edge are not normally distributed.
   Mat3 covariance = Mat3::Constant(kNoValue);
 };
 
-/// Circle through `points` by geometric least squares (Gauss-Newton from `start`), every point with full weight.
-/// ok = false: fewer than three points, or they do not determine a circle.
+/// Fits a circle to `points` by geometric least squares (Gauss-Newton from `start`), every point with full weight. ok =
+/// false: fewer than three points, or they do not determine a circle.
 [[nodiscard]] Circle fit_circle(std::span<const Vec2> points, const Vec2& start);
 
-/// How `fit_circle_robust` weighs.
+/// Weights of `fit_circle_robust`.
 struct CircleWeights {
-  double scale_min = 0.0;       ///< the scale comes from the median distance and is never below this
-  double outside_weight = 1.0;  ///< factor for points outside the circle; below 1 the circle leans on its inner points
+  double scale_min = 0.0;       ///< minimum of the scale, which is computed from the median distance
+  double outside_weight = 1.0;  ///< factor for points outside the circle; below 1, inner points dominate
 };
 
-/// The same with Tukey weights: points that lie off the common circle lose their say. Up to 512 points.
+/// The same with Tukey weights: points off the common circle lose their weight. Up to 512 points.
 [[nodiscard]] Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, const CircleWeights& weights);
 
-// The height of a casing's rim at the axis of its bore, from points of its ring that may be dark, tilted or partly
+// Height of a casing's rim at the axis of its bore, from points of its ring. Parts of the ring may be dark, tilted or
 // under a crust.
 
-/// A point of the ring: place from the bore's axis and height above the fitted seat, mm.
+/// A point of the ring: position relative to the bore's axis and height above the fitted seat, mm.
 struct RimPoint {
   float x = 0.0F;
   float y = 0.0F;
@@ -49,24 +49,24 @@ struct RimPoint {
 };
 
 struct RimHeight {
-  bool ok = false;            ///< the points are one plane, from most of the way round
+  bool ok = false;            ///< the points are one plane over most of the circumference
   double height_mm = 0.0;     ///< of that plane at the axis
-  double tilt = 0.0;          ///< its slope against the seat
+  double tilt = 0.0;          ///< its slope relative to the seat
   double std_mm = 0.0;        ///< of the points on it
-  double sigma_mm = 0.0;      ///< standard uncertainty of the height: noise, form of the rim, what hides of it
-  std::size_t points = 0;     ///< on it
-  double share_on = 0.0;      ///< of the sectors seen, those that lie on it
-  double share_below = 0.0;   ///< ... and below it: pieces missing
-  double share_points = 0.0;  ///< of the points of those sectors, those that do
-  double share_seen = 0.0;    ///< sectors of all that were seen
-  double crust_mm = 0.0;  ///< the highest that three of four neighbouring sectors stand over the seat and this plane
+  double sigma_mm = 0.0;      ///< standard uncertainty of the height: noise, form of the rim, hidden parts
+  std::size_t points = 0;     ///< points on the plane
+  double share_on = 0.0;      ///< share of the seen sectors that are on it
+  double share_below = 0.0;   ///< ... and below it: missing pieces
+  double share_points = 0.0;  ///< share of the points of those sectors that are on it
+  double share_seen = 0.0;    ///< seen sectors as a share of all
+  double crust_mm = 0.0;      ///< largest height of three of four neighbouring sectors over the seat and this plane
 };
 
-/// Each of kRimHeightSectors sectors has one say, however many points it returned. The plane goes through those that
-/// lie lowest together: what is on a rim makes it higher, and only a piece that is missing makes it lower.
+/// Each of kRimHeightSectors sectors has the same weight, independent of its number of points. The plane is fitted to
+/// the lowest consistent sectors: objects on a rim make it higher, and only a missing piece makes it lower.
 inline constexpr std::size_t kRimHeightSectors = 32;
 
-/// No heap, 0.2 ms for 6000 points.
+/// Computes the height of the rim. No heap, 0.2 ms for 6000 points.
 [[nodiscard]] RimHeight rim_height(std::span<const RimPoint> points);
 
 }  // namespace slabd::algo

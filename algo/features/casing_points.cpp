@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which sector does a point lie in, without an angle? 48 sectors are six to an octant: folded into the first octant by
-// its signs and by swapping its coordinates, a point lies beyond as many sector borders as tangents it exceeds. Five
-// products and comparisons for sixteen points replace an arctangent each.
+// Sector of a point without an angle: 48 sectors are six per octant. Signs and a swap of the coordinates map a point to
+// the first octant; there its sector is the number of tangents that it exceeds. Five products and comparisons for
+// sixteen points replace an arctangent each.
 //
-// Few points are the innermost of their sector when they come along; those few are taken one by one.
+// Few points are the innermost of their sector when they are processed; those are handled one by one.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/features/casing_points.cpp"
 #include <hwy/foreach_target.h>
@@ -70,8 +70,7 @@ class Ring {
   F16 up_mm_, centre_x_, centre_y_, inner2_, outer2_, low_, high_;
 };
 
-/// Calls take(seen, first, lanes) for every sixteen points; the last ones are filled up with points far outside, of
-/// which no ring holds any.
+/// Calls take(seen, first, lanes) for every sixteen points. The last group is padded with points far outside any ring.
 template <typename Take>
 HWY_INLINE void for_sixteen(const SeatPoints& points, const Ring& ring, const Take& take) {
   std::size_t i = 0;

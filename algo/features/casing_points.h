@@ -12,10 +12,10 @@
 /// The passes over the points around a casing.
 namespace slabd::algo {
 
-/// From the seat's frame to a casing's: (x, y) in the fitted seat about a place near the casing's centre, and the
-/// height above the fitted seat. Places are subtracted before anything is multiplied, so floats keep 1e-6 mm.
+/// Transform from the seat's frame to a casing's: (x, y) in the fitted seat about an origin near the casing's centre,
+/// and height above the fitted seat. The origin is subtracted before any product, so floats keep 1e-6 mm.
 struct CasingAxes {
-  float x_mm = 0.0F;  ///< the place, in the seat's frame
+  float x_mm = 0.0F;  ///< the origin, in the seat's frame
   float s_mm = 0.0F;
   std::array<float, 3> across{};  ///< factors of (x - x_mm, s - s_mm, h) for x ...
   std::array<float, 3> along{};   ///< ... for y ...
@@ -23,7 +23,7 @@ struct CasingAxes {
   float up_mm = 0.0F;             ///< to which this is added
 };
 
-/// What a pass takes: points between two radii about a centre and between two heights.
+/// Selection of a pass: points between two radii about a centre and between two heights.
 struct CasingRing {
   float centre_x_mm = 0.0F;  ///< in the casing's frame
   float centre_y_mm = 0.0F;
@@ -33,25 +33,25 @@ struct CasingRing {
   float high_mm = 0.0F;   ///< <= this height
 };
 
-/// The innermost point of each sector seen so far.
+/// The innermost point of each sector so far.
 struct Innermost {
-  std::array<float, limits::kRimSectors> radius2;  ///< mm^2; the ring's outer radius where nothing was seen
+  std::array<float, limits::kRimSectors> radius2;  ///< mm^2; the ring's outer radius if the sector is empty
   std::array<float, limits::kRimSectors> x;        ///< in the casing's frame
   std::array<float, limits::kRimSectors> y;
 
-  /// Nothing seen within `ring`.
+  /// Starts with all sectors empty.
   explicit Innermost(const CasingRing& ring) { radius2.fill(ring.outer_mm * ring.outer_mm); }
   [[nodiscard]] bool seen(std::size_t sector, const CasingRing& ring) const {
     return radius2[sector] < ring.outer_mm * ring.outer_mm;
   }
 };
 
-/// Takes the points of `points` into account that lie in `ring`, each in the sector that it has from the ring's centre.
-/// Of two equally far in the first one stays.
+/// Updates `innermost` with the points of `points` in `ring`; sectors are relative to the ring's centre. Of two equally
+/// distant points the first one stays.
 void find_innermost(const SeatPoints& points, const CasingAxes& axes, const CasingRing& ring, Innermost& innermost);
 
-/// Heights above the fitted seat of the points in `ring`, in their order, to the front of `heights` (at least as many
-/// as points). Returns how many.
+/// Writes the heights above the fitted seat of the points in `ring`, in their order, to the front of `heights` (at
+/// least as many as points). Returns their number.
 std::size_t heights_in_ring(const SeatPoints& points, const CasingAxes& axes, const CasingRing& ring,
                             std::span<float> heights);
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Sixteen places make sixteen cell numbers and heights at once; adding to the cells goes point by point, since
-// neighbours fall into the same cell. What a point adds is laid out beforehand as the cell has it: four terms for one
-// addition of four numbers, and its height with either sign for one minimum of two. Each sum would wait for the one
-// before; so eight points sixteen apart, which fall into different cells mostly, are added in turn.
+// Cell numbers and heights are computed for sixteen points at once. The sums are updated point by point, because
+// neighbours are in the same cell. The terms of a point are prepared in the layout of the cell: four terms for one
+// addition of four numbers, and its height with both signs for one minimum of two. Each addition to a cell would wait
+// for the previous one, so eight points sixteen apart, mostly in different cells, are added in turn.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/features/cell_sums.cpp"
 // clang-format off
@@ -21,7 +21,7 @@ namespace slabd::algo {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// Cell numbers of a group, and what its points add.
+/// Cell numbers and terms of a group of points.
 struct Group {
   alignas(64) std::array<std::int32_t, kCellGroup> cell;
   alignas(64) std::array<std::array<float, 4>, kCellGroup> terms;  ///< x, s, height, its square
@@ -55,7 +55,7 @@ class Placing {
         by_h_(f16(l.by_h)),
         offset_(f16(l.offset_mm)) {}
 
-  /// kCellGroup points.
+  /// Computes the group of kCellGroup points.
   HWY_INLINE CellRange place(const float* x, const float* s, const float* h, Group& group) const {
     I16 least = i16(std::numeric_limits<std::int32_t>::max());
     I16 most = i16(0);
@@ -91,7 +91,7 @@ class Placing {
   F16 by_x_, by_s_, by_h_, offset_;
 };
 
-/// Fewer than kCellGroup points: they stand once more behind themselves.
+/// The same for fewer than kCellGroup points: they are repeated until the group is full.
 CellRange place_few(const SeatPoints& points, const Placing& placing, Group& group) {
   if (points.size() == kCellGroup) return placing.place(points.x.data(), points.s.data(), points.h.data(), group);
   std::array<float, kCellGroup> x;

@@ -11,18 +11,18 @@
 #include "algo/features/seat_points.h"
 #include "base/limits.h"
 
-/// The one pass of flatness over all points: what each cell's points add up to.
+/// The only pass of flatness over all points: sums per cell.
 namespace slabd::algo {
 
-/// What the points of a cell add up to. A cache line of its own.
+/// Sums of a cell's points. It has its own cache line.
 struct alignas(64) CellSum {
-  /// Sums: of places in the seat's frame, of heights above the fitted seat, of the squares of these (taken in float).
+  /// Sums of x, s (seat's frame), height above the fitted seat, and squared height (squared in float).
   std::array<double, 4> sums{};
-  /// The lowest height, and the highest one with its sign changed: one minimum serves both.
+  /// The lowest height, and the negated highest one: one minimum instruction updates both.
   std::array<float, 2> ends = {std::numeric_limits<float>::infinity(), std::numeric_limits<float>::infinity()};
   std::uint32_t points = 0;
 
-  /// Where seat_cells.cpp keeps the heights of a cell whose single points it looks at, and which of them it keeps.
+  /// For cells examined point by point (seat_cells.cpp): index of the cell's heights, and the range of heights kept.
   static constexpr std::uint32_t kNowhere = 0xffff'ffff;
   std::uint32_t heights_at = kNowhere;
   std::uint32_t heights = 0;
@@ -50,8 +50,8 @@ struct alignas(64) CellSum {
   }
 };
 
-/// Where the cells are and what height is measured from; all of it in float. Column of a place:
-/// (x + half_x_mm) cells_per_mm, rows alike; places outside count to the border. Cells are numbered row by row.
+/// Cell layout and reference of the heights, in float. Column of a point: (x + half_x_mm) cells_per_mm, rows alike;
+/// points outside belong to the border cells. Cells are numbered row by row.
 struct CellLayout {
   float half_x_mm = 0.0F;
   float half_s_mm = 0.0F;
@@ -65,8 +65,8 @@ struct CellLayout {
   float offset_mm = 0.0F;
 };
 
-/// Points are taken in groups; each remembers which cells it saw, so that whoever looks for the points of a few cells
-/// later can leave most groups out: neighbours in the scan are neighbours on the seat.
+/// Points are processed in groups. Each group stores the range of its cells, so that a later search for the points of a
+/// few cells skips most groups: neighbours in the scan are neighbours on the seat.
 inline constexpr std::size_t kCellGroup = 64;
 struct CellRange {
   std::uint16_t first = 0;
@@ -76,12 +76,12 @@ static_assert(sizeof(CellSum) == 64);
 static_assert(limits::kCellGroupsMax * kCellGroup >= limits::kSeatPointsMax);
 static_assert(limits::kFlatnessCellsMax < 65'536, "cells are numbered in 16 bits here");
 
-/// Adds `points` to `cells` (columns * rows of them) and writes the range of each kCellGroup of them, the last one
-/// perhaps smaller. About 1.1 ns a point.
+/// Adds `points` to `cells` (columns * rows) and writes the cell range of each kCellGroup points; the last group may be
+/// smaller. About 1.1 ns a point.
 void add_to_cells(const SeatPoints& points, const CellLayout& layout, std::span<CellSum> cells,
                   std::span<CellRange> ranges);
 
-/// Cell number and height of up to kCellGroup points; both arrays have room for kCellGroup.
+/// Cell number and height of up to kCellGroup points; both arrays have space for kCellGroup.
 void place_in_cells(const SeatPoints& points, const CellLayout& layout, std::span<std::int32_t> cells,
                     std::span<float> heights);
 

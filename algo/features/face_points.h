@@ -11,10 +11,10 @@
 #include "algo/moments.h"
 #include "algo/survey/survey_pass.h"
 
-/// What the survey kept of a face, as the plane fits read it (plane_fit.h).
+/// Points of a face from the survey, in the form read by the plane fits (plane_fit.h).
 namespace slabd::algo {
 
-/// The frame of any face that contains the rail's direction, as SeatFrame is the seat's.
+/// Frame of any face that contains the rail's direction, like SeatFrame for the seat.
 [[nodiscard]] inline SeatFrame frame_of(const Plane& face) {
   return {face.d * face.n, Vec3::UnitX(), face.n.cross(Vec3::UnitX()), face.n};
 }
@@ -28,7 +28,7 @@ struct ListedPoints {
   [[nodiscard]] std::size_t size() const { return count; }
   struct Place {
     const SeatPoints* run;
-    std::size_t k;  ///< number in it
+    std::size_t k;  ///< index in the run
   };
   /// Fast for ascending `i`.
   [[nodiscard]] Place place_of(std::size_t i) const {
@@ -36,7 +36,7 @@ struct ListedPoints {
     while (i - run_start_ >= runs[run_].size()) run_start_ += runs[run_++].size();
     return {&runs[run_], i - run_start_};
   }
-  /// In the block frame.
+  /// The point in the block frame.
   [[nodiscard]] Vec3 at(const Place& place) const {
     const SeatPoints& run = *place.run;
     return frame.in_block(static_cast<double>(run.x[place.k]), static_cast<double>(run.s[place.k]),
@@ -49,7 +49,7 @@ struct ListedPoints {
   mutable std::size_t run_start_ = 0;
 };
 
-/// For draw_sample: the lists are long, and were written to memory.
+/// Prefetches a point for draw_sample: the lists are long and no longer in the cache.
 [[nodiscard]] inline ListedPoints::Place ask_for_point(const ListedPoints& points, std::size_t i) {
   const ListedPoints::Place place = points.place_of(i);
   __builtin_prefetch(&place.run->x[place.k]);
@@ -61,29 +61,29 @@ struct ListedPoints {
   return points.at(place);
 }
 
-/// A large face: of the points well within the threshold of the plane it was surveyed with there are sums, those near
-/// where the threshold cuts are listed one by one, and those beyond are only counted. So any plane close to that one
-/// finds exactly the points within the threshold.
+/// A large face. Points well within the threshold of the surveyed plane are summed, those near the threshold are
+/// listed, and those beyond are only counted. So any plane close to that one gets exactly the points within the
+/// threshold.
 struct SummedPoints {
   SeatFrame frame;
   Tilt tilt;
   TiltedSums inner;
   std::span<const SeatPoints> edge;  ///< h: above `tilt`
   std::size_t count = 0;
-  double slack_mm = 0.0;              ///< how far, along h, a plane may lie from `tilt` over the face
-  mutable bool asked_beyond = false;  ///< a plane further off was asked for: survey again with it
+  double slack_mm = 0.0;              ///< maximum distance, along h, of a plane from `tilt` over the face
+  mutable bool asked_beyond = false;  ///< a plane further off was requested: survey again with it
 
   [[nodiscard]] std::size_t size() const { return count; }
 };
 
-/// `plane` as heights over the face; `stretch` is what a distance is multiplied with to become one along h.
+/// `plane` as heights over the face; `stretch` converts a distance to a length along h.
 struct LocalPlane {
   double a0, a1, a2, stretch;
   LocalPlane(const SeatFrame& frame, const FlatPlane& plane);
   [[nodiscard]] Tilt tilt() const { return {static_cast<float>(a0), static_cast<float>(a1), static_cast<float>(a2)}; }
 };
 
-/// The sums, from the frame of the face to `moments` of the block frame.
+/// Adds the sums in the frame of the face to `moments` of the block frame.
 void add_tilted(const SeatFrame& frame, const Tilt& tilt, const TiltedSums& sums, PointMoments& moments);
 
 /// Adds the points within `threshold` of `plane` to `moments`.

@@ -1,32 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How flat is the seat? The peak to valley of single points is mostly noise (0.27 mm of it on a perfect plane scanned
-// with 0.03 mm noise), so heights are averaged over cells of 1.5 mm first, a box filter, and the peak to valley of the
-// cell means against their own least-squares plane is the flatness; the minimum zone stands beside it. Averaging must
-// not hide a chip: single-point extremes are reported too, and a cell mean leaves out only what disagrees with the
-// majority of its own cell and does not hang together. Strays stand alone; a fin, a ridge or a crack, however narrow,
-// touches many cells, and from half a cell's worth of points on it is what those cells are: averaged with what lies
-// beside it, a fin of 2 mm would read half a millimetre. A crack that has raised its lips is both: its depth and its
-// lips.
+// Definition of flatness. The peak to valley of single points is mostly noise (0.27 mm of it on a perfect plane with
+// 0.03 mm noise). So heights are averaged over cells of 1.5 mm first, a box filter, and flatness is the peak to valley
+// of the cell means to their own least-squares plane; the minimum zone is reported as well. Averaging must not hide a
+// chip: single-point extremes are reported too. A cell mean leaves out only points that disagree with the majority of
+// their own cell and are not connected. Strays are single. A fin, a ridge or a crack, however narrow, touches many
+// cells, and from half a cell's worth of points on it is the height of those cells: averaged with the surface next to
+// it, a fin of 2 mm would read half a millimetre. A crack with raised lips counts as both its depth and its lips.
 //
-// Nobody knows how flat a place is that was not seen, so flatness is not measured (no value, hence no pass) when
-//   - fewer than half of the cells hold cell_points_min points,
+// Places that were not seen have no known flatness, so flatness is not measured (no value, hence no pass) if
+//   - fewer than half of the cells contain cell_points_min points,
 //   - more than cells_missing_max of the cells are missing, or
 //   - missing cells that touch make a hole of more than 100 mm^2.
-// A cell is missing when it holds less than a third of cell_points_min. A coarse scan has many cells a few points short
-// of the limit, in rows and columns, and one of two exposures may not have seen half of the seat: those are no holes,
-// as their points say where the seat is, or a chip, which in the shadow of its own rim returns few. They are sparse and
-// count like any other; their mean is the less certain, which can only add to a peak to valley. Cells at casings and
-// cut by the border do not count.
+// A cell is missing if it contains less than a third of cell_points_min. A coarse scan has many cells a few points
+// below the limit, in rows and columns, and one of two exposures may have missed half of the seat. Those are not holes:
+// their points show the seat, or a chip, which returns few points in the shadow of its own rim. They are sparse and
+// count like any other cell; their mean is less certain, which can only increase a peak to valley. Cells at casings and
+// cells cut by the border do not count.
 //
-// The seat was fitted to points, and a surface that is dark or wet, or seen by one of two merged views only, returns
-// fewer of them to the mm^2. The cells are even: they say how much of the area the fitted seat holds, and how it would
-// lie if areas had weighed. Both planes are taken over the same cells, so damage and noise are in neither's difference.
+// The seat was fitted to points, and a dark or wet surface, or one seen in only one of two merged views, returns fewer
+// points per mm^2. Cells have equal areas: they give the share of the area on the fitted seat, and its change if areas
+// had weight. Both planes are fitted to the same cells, so damage and noise cancel in their difference.
 //
-// Flatness is one number and a small chip moves it by no more than a long bow does. So the cells that stand out of the
-// noise are also grouped by touch, and the largest group on one side is reported with its place: the defect channel.
-// It sees what returned points; a chip so deep or steep that it returned none shows as a hole. Where damage is the
-// noise is not asked for: ridges in every fourth cell would pass for three times their own height of it.
+// Flatness is one number, and a small chip affects it no more than a long bow. So cells outside the noise are also
+// grouped by contact, and the largest group on one side is reported with its position: the defect channel. It contains
+// only places that returned points; a chip so deep or steep that it returned none is a hole. Damaged cells are excluded
+// from the noise estimate: ridges in every fourth cell would look like noise of three times their own height.
 #include "algo/features/flatness.h"
 
 #include <Eigen/Cholesky>
@@ -44,36 +43,35 @@
 namespace slabd::algo {
 namespace {
 
-/// A cell lies in a pit when it is so far below what bridges it: grain, ripple and dust are less.
+/// A cell is in a pit if it is this far below the closed surface; grain, ripple and dust are smaller.
 constexpr double kPit_mm = 0.05;
-/// ... or by so many standard deviations of a cell, from noise or grain: what of seven by seven of them the highest is
-/// above the lowest.
+/// ... or by this many standard deviations of a cell, from noise or grain: the range of seven by seven cells.
 constexpr double kPitSigmas = 6.0;
-/// A burr, a grain of dust or a drop of mortar: no higher than this. What is higher is damage and counts without doubt.
+/// A burr, a grain of dust or a drop of mortar is at most this high. Anything higher is damage and counts fully.
 constexpr double kBump_mm = 0.4;
 /// The paper's flatness leaves out a tenth of its points (3.1, 5.2).
 constexpr double kTrimmed = 0.9;
-/// Nearer to the seat than this no cell is a defect, however quiet the scan: float coordinates resolve no better than
+/// A cell closer to the seat than this is never a defect, even in a quiet scan: the resolution of float coordinates is
 /// a tenth of it.
 constexpr double kDefectMin_mm = 0.001;
-/// A hole in the data that may hide a defect worth finding: 10 x 10 mm.
+/// A hole in the data that may hide a relevant defect: 10 x 10 mm.
 constexpr double kHole_mm2 = 100.0;
-/// Cosine of the tilt against the nominal seat: 60 degrees are no seat any more.
+/// Cosine of the tilt relative to the nominal seat: a plane at 60 degrees is not a seat.
 constexpr float kUprightMin = 0.5F;
 
-/// All cells that have a mean, one after the other.
+/// All cells that have a mean.
 struct CellHeights {
   std::array<double, limits::kFlatnessCellsMax> height;  ///< of the mean above the seat, mm
   std::array<std::uint32_t, limits::kFlatnessCellsMax> cell;
   std::size_t size = 0;
-  double points = 0.0;   ///< in all of them
+  double points = 0.0;   ///< sum over all of them
   double squares = 0.0;  ///< of single points about their cell's mean, mm^2
 
   [[nodiscard]] double points_per_cell() const { return points / static_cast<double>(size); }
   [[nodiscard]] double within_variance_mm2() const { return squares / (points - static_cast<double>(size)); }
 };
 
-/// Takes cells out that say nothing about the noise; `damaged` by their number here.
+/// Removes damaged cells from the noise estimate; `damaged` by index in `cells`.
 void leave_out(const CellSet& damaged, const SeatCells& sums, CellHeights& cells) {
   if (damaged.none()) return;
   std::size_t left = 0;
@@ -89,21 +87,21 @@ void leave_out(const CellSet& damaged, const SeatCells& sums, CellHeights& cells
   cells.size = left;
 }
 
-/// How much cells differ that lie side by side, as most of them do: grain and what noise leaves of it.
+/// Difference of adjacent cells as a standard deviation: grain and the remaining noise.
 double grain_mm(const CellGrid& grid, const CellHeights& cells) {
   std::array<double, limits::kFlatnessCellsMax> size;
   std::size_t count = 0;
   for (std::size_t k = 1; k < cells.size; ++k)
     if (cells.cell[k] == cells.cell[k - 1] + 1 && cells.cell[k] % grid.columns != 0)
       size[count++] = std::abs(cells.height[k] - cells.height[k - 1]);
-  // As a standard deviation of one cell.
+  // Converts the median difference to a standard deviation of one cell.
   constexpr double kPerMedian = 1.4826 / 1.4142;
   return count > 0 ? kPerMedian * median_of(std::span(size).first(count)) : 0.0;
 }
 
 /// Expected range of `count` means from noise alone, in standard deviations of a cell. `quiet` are cells without damage
-/// and say how many points a mean has: those of few points scatter further, so a part of the cells may reach further
-/// than all of them would if they were alike.
+/// and give the number of points per mean. Means of few points scatter further, so a part of the cells may have a
+/// larger range than all of them would if they were alike.
 double noise_range(std::size_t count, const CellHeights& quiet, const SeatCells& sums) {
   // Cells with less than 2^k points, k from 0 on.
   std::array<double, 33> cells{};
@@ -130,8 +128,8 @@ double noise_range(std::size_t count, const CellHeights& quiet, const SeatCells&
   return range;
 }
 
-/// Marks the cells of the defect channel and returns its limit. A coarse scan has cells of few points among the full
-/// ones; theirs is the larger noise and the further limit.
+/// Marks the cells of the defect channel and returns its limit. In a coarse scan some cells have few points; these have
+/// more noise and a larger limit.
 template <typename PointsIn>
 double mark_defects(const CellHeights& cells, const PointsIn& points_in, double seat_std_mm, double sigmas,
                     std::span<std::uint32_t> mark) {
@@ -141,7 +139,7 @@ double mark_defects(const CellHeights& cells, const PointsIn& points_in, double 
   const double usual = seat_std_mm / std::sqrt(cells.points_per_cell());
   const double least = std::fmax(sigmas * robust, kDefectMin_mm);
   for (std::size_t k = 0; k < cells.size; ++k) {
-    if (std::abs(cells.height[k]) <= least) continue;  // no cell's limit is nearer
+    if (std::abs(cells.height[k]) <= least) continue;  // every limit is at least this
     const double own = seat_std_mm / std::sqrt(static_cast<double>(points_in(cells.cell[k])));
     const double limit = std::fmax(sigmas * std::fmax(robust * std::fmax(own / usual, 1.0), own), kDefectMin_mm);
     if (cells.height[k] > limit) mark[cells.cell[k]] = kHigh;
@@ -150,7 +148,7 @@ double mark_defects(const CellHeights& cells, const PointsIn& points_in, double 
   return std::fmax(sigmas * std::fmax(robust, usual), kDefectMin_mm);
 }
 
-/// The largest group of cells marked `side`, if it is larger than the one `defect` holds.
+/// Finds the largest group of cells marked `side`, if it is larger than the one in `defect`.
 void find_defect(const CellGrid& grid, CellMark side, const CellHeights& cells, std::span<std::uint32_t> mark,
                  std::span<std::uint32_t> stack, SurfaceDefect& defect) {
   for_each_group(grid, side, mark, stack, [&](std::span<const std::uint32_t> group) {
@@ -169,7 +167,7 @@ void find_defect(const CellGrid& grid, CellMark side, const CellHeights& cells, 
   });
 }
 
-/// Straight through heights: h = a0 + a1 x + a2 s.
+/// Plane fit through heights: h = a0 + a1 x + a2 s.
 class HeightsFit {
  public:
   void add(double x, double s, double h, double weight) {
@@ -181,7 +179,7 @@ class HeightsFit {
     A_(2, 2) += weight * s * s;
     b_ += weight * h * Vec3(1.0, x, s);
   }
-  /// False where the places say nothing about a tilt.
+  /// False if the positions do not determine a tilt.
   [[nodiscard]] bool solve(Vec3& a) const {
     Mat3 A = A_;
     A(1, 0) = A(0, 1);
@@ -196,15 +194,15 @@ class HeightsFit {
   Vec3 b_ = Vec3::Zero();
 };
 
-/// The seat as areas see it: a cell counts as one, however many points returned from it.
+/// The seat by area: each cell has the same weight, independent of its number of points.
 class SeatByArea {
  public:
-  /// Further from the seat than this a cell is not on it. The fit took what lies within three of its noise; a bow that
-  /// it stood still on is as wide as three standard deviations of what is left.
+  /// Distance within which a cell is on the seat. The fit took points within three of its noise; a bow at which it
+  /// converged is as wide as three standard deviations of the residuals.
   explicit SeatByArea(const PlaneFit& seat)
       : reach_mm_(std::max(has_value(seat.std_mm) ? 3.0 * seat.std_mm : 0.0, kStrayMin_mm)) {}
 
-  /// A cell of so many points; `share` of them lie where its height is, the others on the seat.
+  /// Adds a cell of `points` points; `share` of them are at its height, the others on the seat.
   void add(double x, double s, double height, std::uint32_t points, double share) {
     seen_ += 1.0;
     if (std::abs(height) > reach_mm_) {
@@ -216,7 +214,7 @@ class SeatByArea {
     by_points_.add(x, s, height, static_cast<double>(points));
   }
   [[nodiscard]] double share() const { return seen_ > 0.0 ? on_seat_ / seen_ : kNoValue; }
-  /// What the fit would have found if all of the seat had returned as many points to the mm^2, less what it found.
+  /// Difference between the fit with equal points per mm^2 and the actual fit.
   [[nodiscard]] PlaneShift shift(const SeatFrame& frame, const PlaneFit& seat) const {
     Vec3 area;
     Vec3 points;
@@ -249,7 +247,7 @@ CellLayout layout_of(const CellGrid& grid, const SeatFrame& frame, const PlaneFi
   return layout;
 }
 
-/// Back from the height above the fitted seat to a point of the block's frame.
+/// Converts the height above the fitted seat back to a point of the block frame.
 Vec3 in_block(const CellPoints& cell, const CellLayout& layout, const SeatFrame& frame) {
   const double along_plane = static_cast<double>(layout.by_x) * cell.x + static_cast<double>(layout.by_s) * cell.s;
   const double h =
@@ -257,7 +255,7 @@ Vec3 in_block(const CellPoints& cell, const CellLayout& layout, const SeatFrame&
   return frame.in_block(cell.x, cell.s, h);
 }
 
-/// Peak to valley of the cells that are left when those furthest from the plane are taken away.
+/// Peak to valley without the tenth of the cells furthest from the plane.
 double trimmed_range_mm(std::span<const Vec3> means, const PlaneFit& plane) {
   std::array<double, limits::kFlatnessCellsMax> off;
   for (std::size_t k = 0; k < means.size(); ++k) off[k] = std::abs(plane.normal.dot(means[k]) - plane.offset_mm);
@@ -275,8 +273,8 @@ double trimmed_range_mm(std::span<const Vec3> means, const PlaneFit& plane) {
   return high - low;
 }
 
-/// Peak to valley of the cells of the closed surface without its narrow low bumps; NaN where there are none. `means`
-/// are at the heights `closed`, and at those of the level surface afterwards; `closed` has its sign changed.
+/// Peak to valley of the closed surface's cells without narrow low bumps; NaN if it has none. `means` are at the
+/// heights `closed`, and at those of the level surface afterwards; `closed` is negated.
 double range_without_bumps_mm(const CellGrid& grid, const CellHeights& cells, std::span<double> closed,
                               const PitSize& size, const Vec3& normal, std::span<Vec3> means,
                               const FlatnessWorkspace& work) {
@@ -299,7 +297,7 @@ double range_without_bumps_mm(const CellGrid& grid, const CellHeights& cells, st
   return high - low;
 }
 
-/// Does all of it fit the workspace, and is the fitted seat one that heights above the nominal one say something about?
+/// True if all data fit the workspace, and the fitted seat is not too steep for heights above the nominal one.
 bool can_be_measured(std::span<const SeatPoints> runs, const CellGrid& grid, const CellLayout& layout) {
   std::size_t points = 0;
   for (const SeatPoints& run : runs) points += run.size();
@@ -390,7 +388,8 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
     high = std::max(high, h);
   };
   for (const Vec3& p : means) reach_to(p);
-  // Where every cell has its ridge, none says how high it stands over what is beside it; and a crack has lips.
+  // If every cell contains a ridge, the cell heights do not show how far it is above its surroundings; and a crack has
+  // lips.
   const auto reach_beside = [&](const auto& counts) {
     for (std::size_t k = 0; k < cells.size; ++k) {
       const std::uint32_t c = cells.cell[k];
@@ -422,7 +421,7 @@ Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& fra
       low = std::numeric_limits<double>::infinity();
       high = -low;
       for (const Vec3& p : means) reach_to(p);
-      // Beside the bottom of a pit lies its wall.
+      // The wall of a pit is next to its bottom.
       reach_beside([&](std::size_t k, double height) { return closed[k] == cells.height[k] || height > closed[k]; });
       result.closed_mm = high - low;
       result.closed_min_zone_mm = minimum_zone_mm(means);

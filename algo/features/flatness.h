@@ -11,8 +11,8 @@
 
 namespace slabd::algo {
 
-/// Width of the thinnest pair of parallel planes that holds all `points` (ISO 1101 minimum zone), exact. NaN when
-/// fewer than four points, or when the search does not reach its stop condition (never a wrong number). No heap.
+/// Width of the thinnest pair of parallel planes that contains all `points` (ISO 1101 minimum zone), exact. NaN for
+/// fewer than four points, or if the search does not reach its stop condition (never a wrong number). No heap.
 [[nodiscard]] double minimum_zone_mm(std::span<const Vec3> points);
 
 /// Memory for `measure_flatness`, owned by the inspector.
@@ -32,7 +32,7 @@ struct FlatnessRegion {
   double cell_mm;
   std::uint32_t cell_points_min;
   double cells_missing_max = 0.05;  ///< share of the cells
-  double casing_s_mm = 0.0;         ///< round both casings, at x = 0 and |s| here, nothing is expected ...
+  double casing_s_mm = 0.0;         ///< around both casings, at x = 0 and |s| = this, no points are expected ...
   double casing_clear_mm = 0.0;     ///< ... within this radius
   double closing_mm = 10.0;         ///< pits up to this width are bridged in the closed surface
   double defect_sigmas = 5.0;       ///< cells further than this from the seat form the defect channel
@@ -40,35 +40,35 @@ struct FlatnessRegion {
 
 struct Flatness {
   bool ok = false;
-  /// Of the area that was seen, the share that lies on `seat`: where one half returns five times as many points as the
-  /// other, that half is nearly all of the points. NaN when the cells could not be summed up.
+  /// Share of the seen area that is on `seat`. An area share, because a half that returns five times as many points as
+  /// the other has nearly all points. NaN if the cells could not be summed.
   double seat_share = kNoValue;
-  PlaneShift by_area;       ///< what `seat` would be if areas had weighed instead of points
+  PlaneShift by_area;       ///< change of `seat` if areas had weight instead of points
   std::uint32_t cells = 0;  ///< with enough points
   std::uint32_t cells_missing = 0;
   double hole_mm2 = 0.0;     ///< the largest connected group of missing cells
   double lsq_mm = kNoValue;  ///< peak to valley of the cell means to their least-squares plane
   double min_zone_mm = kNoValue;
-  double closed_mm = kNoValue;  ///< the same two of the surface that is closed from above (seat_cells.h)
+  double closed_mm = kNoValue;  ///< the same two for the surface closed from above (seat_cells.h)
   double closed_min_zone_mm = kNoValue;
-  double bumps_mm = 0.0;           ///< by so much narrow low bumps make closed_mm larger
-  double trimmed_mm = kNoValue;    ///< of the nine tenths of the cell means nearest to their plane (paper 5.2)
+  double bumps_mm = 0.0;           ///< contribution of narrow low bumps to closed_mm
+  double trimmed_mm = kNoValue;    ///< of the nine tenths of the cell means closest to their plane (paper 5.2)
   double std_cells_mm = kNoValue;  ///< of the cell means to their least-squares plane, n - 3
-  double raw_low_mm = kNoValue;    ///< extremes of single points to `seat`
+  double raw_low_mm = kNoValue;    ///< extremes of single points relative to `seat`
   double raw_high_mm = kNoValue;
-  double noise_factor = kNoValue;  ///< see SeatFeature; NaN when it could not be told from form
-  double noise_mm = kNoValue;      ///< what a flat seat would read: expected range of the cell means from noise alone
-  SurfaceDefect defect;            ///< of what was seen, also when `ok` is false
+  double noise_factor = kNoValue;  ///< see SeatFeature; NaN if noise and form could not be separated
+  double noise_mm = kNoValue;      ///< reading of a flat seat: expected range of the cell means from noise alone
+  SurfaceDefect defect;            ///< of the seen area, also if `ok` is false
 };
 
-/// Flatness of the points in `runs` (everything seen over the region, at whatever height) around the fitted seat plane
-/// `seat` (block frame). A cell's height is the mean of its points without strays; strays that hang together over half
-/// a cell's worth of points are its height instead. A cell
-/// belongs to the defect channel when it lies further than defect_sigmas times the noise from `seat`; the noise is the
-/// robust standard deviation of all cells, not below std_mm / sqrt(points in the cell). What returned no points at all
-/// is a hole, not a defect. ok = false: more points, runs or cells than limits.h allows, a seat that stands on end, or
-/// too little of the region was seen (the rule stands in flatness.cpp). The answer is the same on one thread and two.
-/// No heap; 1.2 ns a point and 0.8 ms.
+/// Flatness of the points in `runs` (all seen points over the region, at any height) around the fitted seat plane
+/// `seat` (block frame). A cell's height is the mean of its points without strays. Connected strays of at least half a
+/// cell's worth of points are its height instead.
+/// A cell belongs to the defect channel if it is further than defect_sigmas times the noise from `seat`. The noise is
+/// the robust standard deviation of all cells, at least std_mm / sqrt(points in the cell). A place without any points
+/// is a hole, not a defect. ok = false: more points, runs or cells than limits.h allows, a vertical seat, or too little
+/// of the region was seen (rule in flatness.cpp). The result is the same with one or two threads. No heap; 1.2 ns a
+/// point and 0.8 ms.
 [[nodiscard]] Flatness measure_flatness(std::span<const SeatPoints> runs, const SeatFrame& frame, const PlaneFit& seat,
                                         const FlatnessRegion& region, const FlatnessWorkspace& work, Team& team);
 

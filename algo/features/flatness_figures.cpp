@@ -18,19 +18,19 @@ constexpr float kNone = -std::numeric_limits<float>::infinity();  ///< lower tha
 constexpr std::size_t kCells = limits::kFlatnessCellsMax;
 /// Radius of the disc in cells: 20 mm across in cells of half a millimetre.
 constexpr int kReachMax = 20;
-/// Cells around a sunk place that say how the surface goes on over it.
+/// Width, in cells, of the ring around a sunk place from which the surface is continued over it.
 constexpr int kRing = 3;
-/// ... and how many of them a curved surface needs, or a plane.
+/// Minimum number of ring cells for a curved surface, and for a plane.
 constexpr double kCurvedMin = 24.0;
 constexpr double kPlaneMin = 8.0;
-/// A sunk place is a pit if the surface around it, continued, lies so far above its bottom, as a part of what the
-/// closing says: over a wide hollow it leads down to the bottom.
+/// A sunk place is a pit if the continued surface is at least this part of the closing depth above its bottom. Over a
+/// wide hollow the continued surface follows down to the bottom.
 constexpr double kPitShare = 0.6;
 /// Directions in which the width of a place is measured.
 constexpr std::size_t kDirections = 8;
 
-/// Of the values within a disc about each cell the best one; `none`, where there is none, is worse than any value. A
-/// row at a time, shifted against itself by each offset within the disc.
+/// Writes the best value within a disc about each cell; `none` marks missing values and is worse than any value.
+/// Processes a row at a time, shifted by each offset within the disc.
 template <typename Better>
 void disc_filter(const CellGrid& grid, std::span<const float> in, std::span<float> out, int reach, float none,
                  const Better& better) {
@@ -50,8 +50,8 @@ void disc_filter(const CellGrid& grid, std::span<const float> in, std::span<floa
     }
 }
 
-/// Greatest width of a group of cells over all directions. Of a cell at the rim of a steep pit only the part is sunk by
-/// which it is lower than the deepest of its neighbours: `share(cell)`.
+/// Greatest width of a group of cells over all directions. Of a cell at the rim of a steep pit only a part is sunk: its
+/// depth relative to the deepest of its neighbours, `share(cell)`.
 template <typename Share>
 double width_of(const CellGrid& grid, std::span<const std::uint32_t> group, const Share& share) {
   std::array<double, kDirections> low;
@@ -119,7 +119,7 @@ Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, st
 
   for (std::size_t i = 0; i < cells; ++i)
     mark[i] = f[i] != kNone && static_cast<double>(c[i] - f[i]) > size.least_mm ? kLow : kPlain;
-  // Groups lose their marks when they are found; who is sunk is asked of the heights.
+  // Groups lose their marks when they are found, so sunk cells are recognised by their heights.
   const auto sunk = [&](std::size_t i) { return static_cast<double>(c[i] - f[i]) > size.least_mm; };
   const auto share_sunk = [&](std::size_t i) {
     const std::size_t column = i % grid.columns;
@@ -161,7 +161,7 @@ Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, st
     });
     if (n < kPlaneMin) return;
     mean /= n;
-    // Beside the border of the region the ring lies on one side only, and what is curved there leads anywhere.
+    // Next to the border of the region the ring is on one side only, and a curved surface would extrapolate wildly.
     const bool curved = n >= kCurvedMin && (aside / n).norm() < grid.region.cell_mm;
     const bool level = (aside / n).norm() > 2.0 * grid.region.cell_mm;
     Mat6x6 A = Mat6x6::Identity() * 1e-9;
@@ -193,15 +193,15 @@ Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, st
 
 // Minimum zone of thousands of points, exactly and in fixed memory.
 //
-// The thinnest zone of any set touches it in three points on one side and one on the other, or in two and two. Of a
-// few points it can therefore be found by trying every such contact: the normal is the cross product of two
-// connections. The few points that matter are found by cutting planes: solve for the active points, look which points
-// of the whole set stick out of that zone most, take them in, repeat. The width for the active points can only be
-// too small, the width of the whole set along the found normal only too large: when they meet, both are the answer.
+// The thinnest zone of any set touches it in three points on one side and one on the other, or in two and two. For a
+// few points it is found by trying every such contact: the normal is the cross product of two connections. The relevant
+// points are found by cutting planes: solve for the active points, find the points of the whole set furthest outside
+// that zone, add them, repeat. The width for the active points can only be too small, the width of the whole set along
+// the found normal only too large: when they are equal, both are the result.
 
 namespace {
 
-/// Ten points start it and two join per pass; flat surfaces end with about eleven.
+/// The search starts with ten points and adds two per pass; flat surfaces end with about eleven.
 constexpr std::size_t kActiveMax = 40;
 
 struct Extremes {
@@ -238,7 +238,7 @@ struct ActiveSet {
     return std::find(index.begin(), index.begin() + static_cast<std::ptrdiff_t>(size), i) !=
            index.begin() + static_cast<std::ptrdiff_t>(size);
   }
-  /// False when it is full.
+  /// Adds a point. False if the set is full.
   bool add(std::size_t i, const Vec3& p) {
     if (holds(i)) return true;
     if (size == kActiveMax) return false;
@@ -248,7 +248,7 @@ struct ActiveSet {
   }
 };
 
-/// Thinnest zone of the active points by trying every contact: the cross products of all pairs of connections.
+/// Thinnest zone of the active points, by trying every contact: the cross products of all pairs of connections.
 double thinnest(const ActiveSet& active, const Vec3& origin, Vec3& normal) {
   const std::span<const Vec3> points(active.points.data(), active.size);
   double best = std::numeric_limits<double>::infinity();
@@ -269,7 +269,7 @@ double thinnest(const ActiveSet& active, const Vec3& origin, Vec3& normal) {
       const double length = n.norm();
       if (!(length > 1e-12 * u.norm() * v.norm())) continue;
       n /= length;
-      // Width with early exit, as most contacts lose at once.
+      // Width with early exit, because most contacts fail at once.
       double low = 0.0;
       double high = 0.0;
       for (std::size_t i = 0; i < points.size(); ++i) {
@@ -296,7 +296,7 @@ double minimum_zone_mm(std::span<const Vec3> points) {
   if (!plane.ok) return kNoValue;
   const Vec3 origin = points[0];
 
-  // Start: the extremes of the least-squares plane, and of that plane tilted a little in four directions.
+  // Start: the extremes of the least-squares plane, and of that plane tilted slightly in four directions.
   double extent = 0.0;
   for (const Vec3& p : points) extent = std::max(extent, (p - origin).norm());
   const Vec3 u = plane.normal.unitOrthogonal();
@@ -308,7 +308,7 @@ double minimum_zone_mm(std::span<const Vec3> points) {
     active.add(e.low, points[e.low]);
     active.add(e.high, points[e.high]);
   }
-  // A zone needs four contacts: fill up from the set, whichever points they are.
+  // A zone needs four contacts: fill up with any points of the set.
   for (std::size_t i = 0; i < points.size() && active.size < 4; ++i) active.add(i, points[i]);
 
   for (;;) {

@@ -14,40 +14,40 @@ namespace slabd::algo {
 namespace {
 
 constexpr std::size_t kSteps = FaceProfile::kSteps;
-/// Points of a step that take part in its median, and how few say nothing.
+/// Maximum number of a step's points for its median, and the minimum for it to count.
 constexpr std::size_t kStepSample = 512;
 constexpr std::size_t kStepPointsMin = 12;
 constexpr double kMedianSigma = 1.2533;  ///< standard error of a median over that of a mean
-/// What is flat on any jaw: from this far above its foot to this far below its top, or these shares of a low one.
+/// Part that is flat on any jaw: from this far above its foot to this far below its top, or these shares of a low jaw.
 constexpr double kFillet_mm = 10.0;
 constexpr double kFilletShare = 0.4;
 constexpr double kRounding_mm = 6.0;
 constexpr double kRoundingShare = 0.25;
-/// A step is on the line within this, and so many standard deviations of its own.
+/// A step is on the line within this, plus this many of its own standard deviations.
 constexpr double kOnLine_mm = 0.006;
 constexpr double kOnLineSigmas = 3.5;
-/// ... or within the crests of the waves that its middle has, in standard deviations: a sine has 1.4.
+/// ... or within the crests of the waves in its middle, in standard deviations: a sine has 1.4.
 constexpr double kWaveCrest = 1.6;
-/// ... but no more than this: a middle that scatters more is bent, not waved.
+/// ... but at most this: a middle with more scatter is bent, not waved.
 constexpr double kWaveMost_mm = 0.03;
-/// The tail of a fillet or of the light in the corner, too low to be seen, reaches further up by this.
+/// Extra length for the tail of a fillet or of the light in the corner, which is too low to be detected.
 constexpr double kTail_mm = 1.0;
-/// Steps of a profile whose residuals are alike.
+/// Correlation length of a profile's residuals, in steps.
 constexpr double kAlikeSteps = 2.0;
-/// A jaw is bent where a straight piece of so many steps leans otherwise than its flat strip: by more than this
-/// (0.25 degrees), by more than so many standard deviations of its slope, and than so many of what the profile's waves
-/// make.
+/// A jaw is bent if a straight piece of this many steps has another slope than its flat strip. The difference must
+/// exceed kBend_rad (0.25 degrees), this many standard deviations of its slope, and this many times the effect of the
+/// profile's waves.
 constexpr std::size_t kPieceSteps = 7;
 constexpr double kBend_rad = 0.0044;
 constexpr double kBendSigmas = 3.0;
 constexpr double kBendWaves = 2.0;
-/// A piece is straight if its sagitta is less than this of what it climbs beside the strip: of a fillet it is a
-/// quarter, of light that decays over 2 mm a third.
+/// A piece is straight if its sagitta is less than this share of its rise relative to the strip. For a fillet the share
+/// is a quarter, for light that decays over 2 mm a third.
 constexpr double kStraightShare = 0.15;
 
-/// The largest lean of a straight line through a sine: 2.6 amplitudes over its length, of a period half as long again;
-/// of periods up to its length, as along a whole strip, 1.9. Half as much again, as grain and waves of the concrete
-/// ride on the ripple.
+/// The largest slope of a straight line through a sine: 2.6 amplitudes over its length, for a period 1.5 times its
+/// length; 1.9 for periods up to its length, as along a whole strip. Increased by half, because grain and waves of the
+/// concrete add to the ripple.
 constexpr double kRippleCrest = 1.5;
 constexpr double kRippleLean = 2.6 * kRippleCrest;
 constexpr double kRippleLeanOfStrip = 1.9 * kRippleCrest;
@@ -56,13 +56,13 @@ double square(double v) {
   return v * v;
 }
 
-/// Straight through the steps [first, last) of a profile.
+/// Straight line through the steps [first, last) of a profile.
 struct Line {
   double n = 0.0;
   double middle = 0.0;
   double height = 0.0;
   double slope = 0.0;
-  double squares = 0.0;  ///< of the places about their middle
+  double squares = 0.0;  ///< of the positions about their middle
 
   Line(const FaceProfile& profile, std::size_t first, std::size_t last) {
     for (std::size_t k = first; k < last; ++k) {
@@ -86,7 +86,7 @@ struct Line {
   [[nodiscard]] double off(const FaceProfile& profile, std::size_t k) const {
     return profile.height_mm[k] - height - slope * (FaceProfile::from_foot_mm(k) - middle);
   }
-  /// Standard deviation of the steps [first, last) about it, beyond their own; they are those it was fitted to.
+  /// Standard deviation of the steps [first, last) about the line, beyond their own; they must be the fitted ones.
   [[nodiscard]] double scatter_mm(const FaceProfile& profile, std::size_t first, std::size_t last) const {
     if (n < 3.0) return 0.0;
     double sum = 0.0;
@@ -100,9 +100,9 @@ double ripple_lean_rad(double amplitude_mm, std::size_t steps, double factor = k
   return factor * amplitude_mm / (FaceProfile::kStep_mm * static_cast<double>(std::max<std::size_t>(steps, 1)));
 }
 
-/// By how much the straight pieces of the steps [first, last) lean otherwise than `slope`, if that is more than
-/// `least_rad`; else 0. A fillet and the light in the corner lean too, but what they add grows towards the edge: they
-/// are curved.
+/// Largest difference between the slopes of straight pieces of the steps [first, last) and `slope`, if it exceeds
+/// `least_rad`; else 0. A fillet and the light in the corner have a slope too, but their effect grows towards the edge,
+/// so they are curved.
 double bend_of(const FaceProfile& profile, std::size_t first, std::size_t last, double slope, double least_rad) {
   double bend = 0.0;
   for (std::size_t from = first; from + kPieceSteps <= last; ++from) {
@@ -129,8 +129,8 @@ double bend_of(const FaceProfile& profile, std::size_t first, std::size_t last, 
   return bend;
 }
 
-/// With waves of this variance. Each straight piece of a bent jaw is its angle as much as the flat strip: U reaches to
-/// the furthest. The waves have the bend in them, so the larger counts.
+/// Tilt uncertainty for waves of this variance. Each straight piece of a bent jaw defines its angle as much as the flat
+/// strip does, so U extends to the furthest. The waves contain the bend, so the larger value counts.
 double form_tilt_rad(const FlatStrip& strip, double wave_mm2) {
   return std::max(std::sqrt(wave_mm2 / strip.lever_mm2), 0.5 * strip.bend_rad);
 }
@@ -190,7 +190,7 @@ FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, do
   std::size_t last = std::clamp(step_of(middle.to_mm), first, highest);
   const double waves_mm =
       std::min(kWaveCrest * Line(profile, first, last).scatter_mm(profile, first, last), kWaveMost_mm);
-  // Outwards by turns; what was taken in has a say in the line from then on.
+  // Extends outwards in both directions by turns; each accepted step is added to the line.
   bool down = true;
   bool up = true;
   while (down || up) {
@@ -199,7 +199,7 @@ FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, do
       if (!profile.seen(k)) return true;
       const double own2 = profile.sigma_mm[k] * profile.sigma_mm[k];
       const double lever = FaceProfile::from_foot_mm(k) - line.middle;
-      // The line itself is known from medians like this one.
+      // The uncertainty of the line, from medians like this one.
       const double line2 = line.n > 2.0 ? own2 * (1.0 / line.n + lever * lever / line.squares) : own2;
       const double ripple = kRippleCrest * ripple_mm + ripple_lean_rad(ripple_mm, last - first) * std::abs(lever);
       return std::abs(line.off(profile, k)) <=
@@ -226,7 +226,7 @@ FlatStrip find_flat_strip(const FaceProfile& profile, const FaceEdges& edges, do
   if (line.n < 3.0 || !(line.squares > 0.0)) return strip;
   strip.wave_mm2 = kAlikeSteps * square(line.scatter_mm(profile, from, to));
   strip.lever_mm2 = line.squares;
-  // Of a period that no residual shows the amplitude is known from the seat, and its phase is not.
+  // For a period too long for the residuals the amplitude is known from the seat, but not the phase.
   const double ripple_rad = ripple_lean_rad(ripple_mm, to - from, kRippleLeanOfStrip) / std::sqrt(2.0);
   strip.wave_mm2 = std::max(strip.wave_mm2, square(ripple_rad) * strip.lever_mm2);
   const double waves_rad = std::sqrt(strip.wave_mm2 / strip.lever_mm2);
@@ -293,7 +293,7 @@ JawFit measure_jaw(const JawTask& task) {
   };
   jaw.plane = fit_plane_over(task.points, task.up, task.settings, start);
   const bool all_of_it = jaw.plane.ok;
-  // A plane that a large fillet has bent, or that was refused for it, says nothing of what is flat.
+  // A plane that was bent by a large fillet, or refused because of it, does not show the flat part.
   if (const PlaneFit middle = all_of_it ? jaw.plane : fit_strip(middle_of(task.edges)); middle.ok || all_of_it) {
     const FaceProfile profile = profile_of(task.points, {middle.normal, middle.offset_mm}, task.edges);
     jaw.strip = find_flat_strip(profile, task.edges, task.margin_mm, task.ripple_mm);

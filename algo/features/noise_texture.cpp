@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: many scanner programs fill gaps, smooth, round and resample before they write. A gap that was filled shows a
-// perfect surface where nothing was seen; a mean over neighbours makes a bump of a single wrong point. The points alone
+// Problem: many scanner programs fill gaps, smooth, round and resample before they write. A filled gap shows a perfect
+// surface where nothing was seen; an average over neighbours makes a bump of a single wrong point. The points alone
 // look right.
 //
-// Idea: what was measured has noise of its own at every point, and what was computed has not. Along a row of the scan
-// the distances r of the points from the face's plane are differenced,
+// Idea: measured points have noise of their own, computed points do not. Along a row of the scan the distances r of the
+// points from the face's plane are differenced,
 //
 //     d1 = r2 - r1,    d2 = r3 - 2 r2 + r1,    d3 = r4 - 3 r3 + 3 r2 - r1,
 //
-// which takes the surface's form away. The mean size of d3, place by place, is the noise there: on real concrete and on
-// drawn blocks no place of 4 mm has less than 0.75 of the usual one, a filled one has nothing. The sizes of d2 against
-// those of d1 say how far neighbours share their noise, and the distribution of d1 whether heights stand in steps.
+// which removes the surface's form. The mean size of d3 per place is the noise there. On real concrete and on drawn
+// blocks, no place of 4 mm has less than 0.75 of the usual noise; a filled one has almost none. The ratio of d2 to d1
+// shows how far neighbours share their noise, and the distribution of d1 whether heights are in steps.
 //
-// Sixteen quadruples of neighbours are looked at together, as they begin one point after the other.
+// Sixteen quadruples of neighbours are processed together; each starts one point after the previous one.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/features/noise_texture.cpp"
 #include <hwy/foreach_target.h>
@@ -33,17 +33,17 @@ namespace slabd::algo {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// Points further than this from the plane are no noise of it: outliers, damage, an edge.
+/// Points further than this from the plane are not its noise: outliers, damage, an edge.
 constexpr float kReach_mm = 0.5F;
-/// Neighbours are at most this far apart, and their steps alike.
+/// Neighbours are at most this far apart, and their steps are similar.
 constexpr float kStepMax_mm = 3.0F;
 constexpr float kStepsAlike = 0.5F;
-/// A quadruple begins at each point of a stretch, and reaches beyond it by this.
+/// A quadruple starts at each point of a stretch, and extends beyond it by this.
 constexpr std::size_t kBeyond = 3;
 static_assert(kTextureStretch == kLanes);
 
 /// Sixteen quadruples: sizes of their first and third differences, the bins of the first and the second ones, and the
-/// cell. Bit k is set where the k-th is of neighbours in one row, and where it lies in a cell.
+/// cell. Bit k is set if the k-th consists of neighbours in one row, and if it is in a cell.
 struct Fours {
   alignas(64) std::array<float, kLanes> first, third;
   alignas(64) std::array<std::int32_t, kLanes> first_bin, second_bin, cell;
@@ -59,7 +59,7 @@ class Look {
         offset_(f16(static_cast<float>(question.offset_mm))),
         per_bin_(f16(per_bin)) {}
 
-  /// `use(fours)` for the chosen stretches of a run that begins `at` points after the first one.
+  /// Calls `use(fours)` for the chosen stretches of a run that begins `at` points after the first one.
   template <typename Use>
   HWY_INLINE void over(const SeatPoints& run, std::size_t at, std::uint32_t apart, const Use& use) const {
     if (run.size() <= kBeyond) return;
@@ -73,11 +73,12 @@ class Look {
   }
 
  private:
-  /// One stretch of `apart`, in no order: rows of a fitting length would put every `apart`th into the same columns.
+  /// Selects one stretch of `apart`, pseudo-randomly: with rows of an unlucky length every `apart`th stretch would be
+  /// in the same columns.
   static HWY_INLINE bool is_chosen(std::size_t stretch, std::uint32_t apart) {
     return static_cast<std::uint32_t>(std::uint64_t{stretch} * 0x9E37'79B9'7F4A'7C15U >> 32U) % apart == 0;
   }
-  /// The `count` ones from the i-th point on.
+  /// The `count` quadruples from the i-th point on.
   HWY_INLINE Fours look(const SeatPoints& run, std::size_t i, std::size_t count) const {
     if (count == kLanes) return look(&run.x[i], &run.s[i], &run.h[i]);
     std::array<std::array<float, kLanes + kBeyond>, 3> room{};
@@ -130,7 +131,7 @@ class Look {
   F16 per_bin_;
 };
 
-/// Of the run's chosen quadruples only how many there are, and the sizes of their first differences.
+/// Adds only the number of the run's chosen quadruples and the sizes of their first differences.
 void AddSizes(const TextureQuestion& question, const SeatPoints& run, std::size_t at, std::uint32_t apart,
               TextureSums& sums) {
   Look(question, 0.0F).over(run, at, apart, [&](const Fours& fours) {
@@ -176,17 +177,17 @@ namespace {
 constexpr std::size_t kLooked = 80'000;
 /// Less noise than this is the rounding of float coordinates.
 constexpr double kNoiseMin_mm = 0.0005;
-/// Of the usual noise: a place with less was computed.
+/// Share of the usual noise: a place with less was computed.
 constexpr float kFilledShare = 0.3F;
 constexpr std::uint32_t kCellCountMin = 12;
 constexpr std::uint32_t kFilledCellsMin = 4;
-/// Sizes of differences: bins of a fiftieth of the first ones' mean.
+/// Bins for the sizes of differences: a fiftieth of the mean first difference.
 constexpr double kBinsPerMean = 50.0;
-/// Mean size of a normal variable, and the factor of d3 on white noise.
+/// Mean size of a normal variable, and the factor of d3 for white noise.
 constexpr double kMeanSize = 0.7979;
 constexpr double kThirdDifference = 4.4721;
 
-/// The size that this share of the differences stays below.
+/// Quantile of the differences: the size below which this share of them is.
 double size_of_share(const TextureBins& bins, double share, std::size_t count, double bin_mm) {
   const double wanted = share * static_cast<double>(count);
   double below = 0.0;
@@ -211,7 +212,7 @@ NoiseTexture texture_of(const TextureSums& sums, double bin_mm) {
   return texture;
 }
 
-/// Mean size of the third differences in a place; NaN: too few were looked at.
+/// Mean size of the third differences in a place; NaN if too few were examined.
 float mean_of(const TextureCell& cell) {
   return cell.count < kCellCountMin ? std::numeric_limits<float>::quiet_NaN()
                                     : cell.sum_mm / static_cast<float>(cell.count);
@@ -227,7 +228,7 @@ float usual_of(std::span<const TextureCell> cells) {
   return count == 0 ? 0.0F : static_cast<float>(median_of(std::span(means).first(count)));
 }
 
-/// Groups of neighbouring places with hardly any noise. Marks what it has counted by a negative sum.
+/// Finds groups of adjacent places with hardly any noise. Marks counted ones by a negative sum.
 FilledPlace filled_places(std::span<TextureCell> cells, float limit) {
   FilledPlace largest;
   double area_mm2 = 0.0;
@@ -301,7 +302,7 @@ NoiseTexture look_at_texture(const TextureQuestion& question, std::span<TextureC
       at += run.size();
     }
   };
-  // How fine the bins have to be.
+  // Finds the size of the bins.
   TextureSums sums{cells};
   for_runs([&](const SeatPoints& run, std::size_t at) {
     HWY_DYNAMIC_DISPATCH(AddSizes)(question, run, at, 32 * every, sums);

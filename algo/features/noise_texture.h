@@ -7,11 +7,11 @@
 
 #include "algo/features/seat_points.h"
 
-/// What a scanner's program has done to a scan before slabd read it, by the noise of points that are neighbours.
+/// Detects earlier processing of a scan by a scanner's program, from the noise of neighbouring points.
 namespace slabd::algo {
 
-/// A face whose noise is looked at: its points in the order of the scan, and the plane that was fitted through them, in
-/// the frame of the points.
+/// Input for one face: its points in the order of the scan, and the fitted plane, in the frame of the
+/// points.
 struct TextureQuestion {
   std::span<const SeatPoints> runs;
   Vec3 normal = Vec3::UnitZ();  ///< x, s, h
@@ -20,7 +20,7 @@ struct TextureQuestion {
 
 /// The largest place without noise.
 struct FilledPlace {
-  std::uint32_t cells = 0;  ///< 0: none
+  std::uint32_t cells = 0;  ///< 0 if none was found
   double area_mm2 = 0.0;    ///< of all such places
   double x_mm = 0.0;        ///< its middle
   double s_mm = 0.0;
@@ -29,15 +29,15 @@ struct FilledPlace {
 };
 
 struct NoiseTexture {
-  std::size_t looked_at = 0;   ///< neighbours; with fewer than kTextureMin nothing is known
-  double sigma_mm = kNoValue;  ///< of a point, as far as its neighbours do not share it
-  /// Variance of second differences over that of first ones, by their medians: 3 for white noise, 2 after a mean of
-  /// neighbours, less after a smoothing with soft borders.
+  std::size_t looked_at = 0;   ///< number of neighbours; below kTextureMin the result is unknown
+  double sigma_mm = kNoValue;  ///< of a point, without the part shared with its neighbours
+  /// Variance of second differences over that of first ones, from their medians: 3 for white noise, 2 after averaging
+  /// of neighbours, less after smoothing with soft borders.
   double lag_ratio = kNoValue;
-  /// Median of the first differences' sizes over the size that 95 % of them stay below: 0.34 for normal noise. Values
-  /// that were rounded differ by nothing or by a whole step: towards 0, whatever smooth correction came after.
+  /// Median size of the first differences over their 95 % quantile: 0.34 for normal noise. Rounded values differ by
+  /// nothing or by a whole step, which gives a ratio near 0, even after a smooth correction.
   double rest_ratio = kNoValue;
-  double step_mm = kNoValue;  ///< the size that 95 % of the first differences stay below
+  double step_mm = kNoValue;  ///< 95 % quantile of the size of the first differences
   FilledPlace filled;
 };
 
@@ -45,7 +45,7 @@ struct NoiseTexture {
 /// noise leaves whole places on one value.
 inline constexpr double kStepOfNoiseMax = 2.0;
 inline constexpr std::size_t kTextureMin = 2'000;
-/// Side of a place; less than four of them in a row are chance.
+/// Side of a place; fewer than four adjacent ones are chance.
 inline constexpr double kTextureCell_mm = 4.0;
 inline constexpr std::size_t kTextureColumns = 48;
 inline constexpr std::size_t kTextureRows = 80;
@@ -56,7 +56,7 @@ struct TextureCell {
   std::uint32_t count = 0;
 };
 
-/// Points in a row that are looked at together. Short, so that every place has several.
+/// Number of points in a row that are examined together. Short, so that every place has several.
 inline constexpr std::size_t kTextureStretch = 16;
 inline constexpr std::size_t kTextureBins = 1'024;
 using TextureBins = std::array<std::uint32_t, kTextureBins>;
@@ -71,14 +71,14 @@ struct TextureSums {
   TextureBins second{};
 };
 
-/// Of a face that was fitted in the block's frame.
+/// Input for a face that was fitted in the block's frame.
 [[nodiscard]] TextureQuestion question_of(std::span<const SeatPoints> runs, const SeatFrame& frame,
                                           const PlaneFit& plane);
 
-/// Heights that stand in steps at least this large (mm), though no coordinate is a multiple of one; 0: they do not.
+/// Step (mm) of heights in steps although no coordinate is a multiple of one; 0 if the heights have none.
 [[nodiscard]] double hidden_step_mm(const NoiseTexture& texture);
 
-/// Looks at some 80,000 neighbours. `cells`: kTextureCells, scratch. No heap, one thread, 0.5 ms.
+/// Examines about 80,000 neighbours. `cells`: kTextureCells, scratch. No heap, one thread, 0.5 ms.
 [[nodiscard]] NoiseTexture look_at_texture(const TextureQuestion& question, std::span<TextureCell> cells);
 
 }  // namespace slabd::algo

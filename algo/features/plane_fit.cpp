@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Planes from points of which some do not belong (paper 3.1).
+// Problem: fit planes to points with outliers (paper 3.1).
 //
-// A plane through three noisy points is a poor plane, and counting inliers against it is a poor judge. So hypotheses
-// only have to find the right neighbourhood: they are scored on a stratified sample by truncated squared error, the
-// best is polished by least squares, and the answer is the fixed point of "select within t, refit" on all points.
-// The answer then depends on the data and t, no longer on the random draw.
+// Idea: a plane through three noisy points is inaccurate, and so is counting its inliers. So hypotheses only have to
+// find the right neighbourhood: they are scored on a stratified sample by truncated squared error, the best is improved
+// by least squares, and the result is the fixed point of "select within t, refit" on all points. The result then
+// depends on the data and t, no longer on the random draw.
 //
-// "Select, refit" can only lessen the truncated squared error, so it ends; only rounding can make it alternate between
-// planes that are the same for every purpose, which counts as standing still.
+// "Select, refit" can only reduce the truncated squared error, so it ends. Only rounding can make it alternate between
+// practically identical planes, which counts as converged.
 //
-// A fixed point is not yet the right plane: two surfaces side by side have one each, and one in between. What speaks
-// against it is asked in plane_steps.h.
+// A fixed point is not necessarily the right plane: two adjacent surfaces have one each, and one in between.
+// plane_steps.h tests for that.
 //
-// Invariants: distances are orthogonal (a regression on z is wrong on steep faces); sums are blocked and shifted;
-// NaN points are never inliers; the same input gives the same bits.
+// Invariants: distances are orthogonal (a regression on z is wrong on steep faces); sums are blocked and shifted; NaN
+// points are never inliers; the same input gives the same bits.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -29,23 +29,23 @@
 namespace slabd::algo {
 namespace {
 
-/// Local optimisation of the best hypothesis on the sample, until the threshold hardly changes; it settles in two or
-/// three.
+/// Local optimisation of the best hypothesis on the sample, until the threshold hardly changes: two or three steps.
 constexpr int kPolishSteps = 5;
 constexpr double kPolished = 0.01;
-/// Zones tried one after the other before all points are gone over for each refit; the first one does, nearly always.
+/// Number of zones tried before each refit reads all points; the first one nearly always suffices.
 constexpr int kZonePasses = 3;
-/// A place of which the sample holds fewer was not seen: what returned from there are strays.
+/// A place with fewer sample points was not seen: its points are strays.
 constexpr double kPlaceSampleMin = 4.0;
 
-/// Noise and reach say how well a tilt is known: a small patch fits a plane perfectly and knows nothing of its tilt.
+/// Noise and extent determine the uncertainty of a tilt: a small patch fits a plane perfectly, but its tilt is
+/// uncertain.
 bool rests_on_enough(const PlaneSupport& support, const PlaneFit& fit, const Spread& spread) {
   const double tilt_sigma_rad = fit.std_mm / (spread.narrow_mm * std::sqrt(static_cast<double>(fit.inliers)));
   return fit.inliers >= support.inliers_min && spread.wide_mm >= support.wide_mm &&
          spread.narrow_mm >= support.narrow_mm && !(tilt_sigma_rad > support.tilt_sigma_max_rad);
 }
 
-/// The last planes of the refits, to recognise one that comes back.
+/// The last planes of the refits, to detect repetition.
 class RecentPlanes {
  public:
   void add(const FlatPlane& plane) { planes_[count_++ % planes_.size()] = plane; }
@@ -59,7 +59,7 @@ class RecentPlanes {
   std::size_t count_ = 0;
 };
 
-/// Do two planes lie closer together than rounding and a hundredth of the fit's own noise, over all its inliers?
+/// True if two planes differ by less than rounding and a hundredth of the fit's own noise, over all its inliers.
 bool indistinguishable(const FlatPlane& a, const FlatPlane& b, const Vec3& centroid, const Spread& spread,
                        double sigma_mm) {
   constexpr double kRounding_mm = 1e-9;
@@ -68,7 +68,7 @@ bool indistinguishable(const FlatPlane& a, const FlatPlane& b, const Vec3& centr
   return std::fmax(shift, lean) <= std::fmax(0.01 * sigma_mm, kRounding_mm);
 }
 
-/// A finite point near the plane: any origin serves the sums, as long as it stays the same.
+/// A finite point near the plane. Any fixed origin is suitable for the sums.
 Vec3 origin_near(const SamplePoints& points, const FlatPlane& plane) {
   std::size_t i = 0;
   while (i + 1 < points.size() && !points[i].allFinite()) ++i;
@@ -88,7 +88,7 @@ void begin_fit(const Points& points, const Vec3& up, const PlaneSettings& settin
   draw_sample(points, prng, sample);
   start.search = {hypotheses_needed(settings.contamination, settings.confidence, 3), prng.next(), up};
 
-  // Without a given threshold a first round learns how large the noise is.
+  // Without a given threshold, a first round estimates the noise.
   const bool threshold_given = settings.threshold_mm > 0.0;
   const double share = trusted_share(settings.contamination);
   double threshold = settings.threshold_mm;
@@ -142,7 +142,7 @@ PlaneFit finish_fit(const Points& points, const PlaneSettings& settings, const P
     const double n = static_cast<double>(fit.inliers);
     if (fit.inliers > 3) fit.std_mm = std::sqrt(spread.squares / (n - 3.0));
     state_covariance(spread, moments.mean(), threshold, fit);
-    // The same selection gives the same sums, and the other way round: equal planes mean equal inlier sets.
+    // The same selection gives the same sums, and vice versa: equal planes mean equal inlier sets.
     stands_still = next.same_bits(plane) ||
                    (recent.hold(next) && indistinguishable(next, plane, fit.centroid, spread, fit.sigma_offset_mm));
     recent.add(plane);
@@ -257,9 +257,9 @@ PlaneFit fit_plane_lsq(std::span<const Vec3> points, const Vec3& up) {
   return fit_plane_lsq_over(points, up);
 }
 
-// Classical RANSAC (Fischler and Bolles 1981), what the paper's Table 1 compares its own algorithm with: the best of K
-// planes through three points is the answer. Three noisy points make a noisy plane, and the more points are looked
-// at, the better the choice but not the plane. Nothing measured here rests on it.
+// Classical RANSAC (Fischler and Bolles 1981), the paper's comparison in Table 1: the result is the best of K planes
+// through three points. Three noisy points make a noisy plane; more points improve the choice but not the plane. No
+// measured item uses it.
 
 PlaneFit fit_plane_ransac(std::span<const Vec3> points, const Vec3& up, const PlaneSettings& settings) {
   PlaneFit fit;
@@ -288,7 +288,7 @@ PlaneFit fit_plane_ransac(std::span<const Vec3> points, const Vec3& up, const Pl
 
   fit.normal = plane.n;
   fit.offset_mm = plane.d;
-  // Sums around a point near the inliers keep their digits.
+  // Sums about a point near the inliers keep their digits.
   const Vec3 shift = *std::find_if(points.begin(), points.end(),
                                    [&](const Vec3& p) { return std::abs(plane.distance(p)) <= threshold; });
   PointMoments about(shift);

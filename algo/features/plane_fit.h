@@ -11,28 +11,28 @@
 #include "algo/moments.h"
 #include "algo/points.h"
 
-/// The plane fits behind `fit_plane` and `fit_plane_lsq`, over any set of points with `size()` and `[i]`. Defined in
-/// plane_fit.cpp for std::span<const Vec3> and CloudPoints, so that millions of points need no copy.
+/// The plane fits behind `fit_plane` and `fit_plane_lsq`, over any set of points with `size()` and `[i]`. Instantiated
+/// in plane_fit.cpp for std::span<const Vec3> and CloudPoints, so that millions of points need no copy.
 namespace slabd::algo {
 
-/// What a sample of the points says before all of them are asked: where the plane is and what counts as near it.
+/// Start of a fit from a sample, before all points are read: the plane and the inlier distance.
 struct PlaneStart {
   PlaneSample sample;
   PlaneSearch search;
   FlatPlane plane;
   double threshold_mm = 0.0;
-  Vec3 shift = Vec3::Zero();  ///< sums are taken about it
+  Vec3 shift = Vec3::Zero();  ///< origin of the sums
   bool found = false;
   bool doubtful = false;  ///< a second surface in the zone of a given threshold
 };
 template <typename Points>
 void begin_fit(const Points& points, const Vec3& up, const PlaneSettings& settings, PlaneStart& start);
-/// Refits on all points until the inlier set stands still, and the doubts. `points` may be others than those the start
-/// was made from, of the same surface.
+/// Refits on all points until the inlier set no longer changes, then tests for doubts. `points` may differ from those
+/// of the start, but must be of the same surface.
 template <typename Points>
 [[nodiscard]] PlaneFit finish_fit(const Points& points, const PlaneSettings& settings, const PlaneStart& start);
 
-/// Both.
+/// Both steps.
 template <typename Points>
 [[nodiscard]] PlaneFit fit_plane_over(const Points& points, const Vec3& up, const PlaneSettings& settings);
 
@@ -41,15 +41,15 @@ template <typename Points>
                                       PlaneStart& start);
 [[nodiscard]] PlaneFit fit_plane_over(const ListedPoints& points, const Vec3& up, const PlaneSettings& settings);
 
-/// Refuses a plane that stood until now.
+/// Refuses a plane that was ok so far.
 inline void refuse(PlaneFit& fit, PlaneDoubt why) {
   if (fit.ok) fit.doubt = why;
   fit.ok = false;
 }
 
-/// The share of `fit`'s inliers where every place that was seen counts alike, however many points returned from it: the
-/// share of the points is one of the area only where they are as dense everywhere. `off`: points of each place that
-/// were not offered to the fit; `points`: how many were. Asked of the sample, so good to a hundredth.
+/// Share of `fit`'s inliers with equal weight for every seen place, independent of its number of points: a share of the
+/// points equals that of the area only if the density is uniform. `off`: points of each place that were not offered to
+/// the fit; `points`: number of offered points. Computed from the sample, so accurate to a hundredth.
 [[nodiscard]] double share_by_area(const PlaneStart& start, const PlaneFit& fit, const SeatFrame& frame,
                                    const FaceRaster& raster, const PlaceCounts& off, std::size_t points);
 
@@ -63,9 +63,9 @@ extern template PlaneFit finish_fit(const SummedPoints&, const PlaneSettings&, c
 extern template PlaneFit fit_plane_lsq_over(const std::span<const Vec3>&, const Vec3&);
 extern template PlaneFit fit_plane_lsq_over(const CloudPoints&, const Vec3&);
 
-/// Robust standard deviation of `abs_residuals` (infinities allowed): 1.4826 MAD over the `share` that is
-/// trusted, then the same over what lies within three of it, until it no longer shrinks. Contamination inflates a
-/// plain MAD (at 50 % outliers it is the largest inlier); the repetition takes that back.
+/// Robust standard deviation of `abs_residuals` (infinities allowed): 1.4826 MAD over the trusted `share`, then the
+/// same over the residuals within three of it, until it no longer decreases. Contamination inflates a plain MAD (at 50
+/// % outliers it is the largest inlier); the iteration corrects this.
 [[nodiscard]] double robust_sigma(std::span<const double> abs_residuals, double share);
 
 }  // namespace slabd::algo

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A plane fit compares a hundred hypotheses on a thousand points, several times over: arithmetic without branches,
-// sixteen points at a time. A hypothesis that has lost is dropped after every kLook points.
+// A plane fit compares a hundred hypotheses on a thousand points, several times: arithmetic without branches, sixteen
+// points at a time. After every kLook points, a hypothesis that can no longer win is dropped.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/features/plane_kernels.cpp"
 // clang-format off
@@ -21,7 +21,7 @@ struct PlaneLanes {
 HWY_INLINE PlaneLanes spread_out(const FlatPlane& plane) {
   return {d16(plane.n.x()), d16(plane.n.y()), d16(plane.n.z()), d16(plane.d)};
 }
-/// In the order of FlatPlane::distance.
+/// Distance, with the same order of operations as FlatPlane::distance.
 HWY_INLINE D16 distance(const PlaneLanes& plane, const D16& x, const D16& y, const D16& z) {
   return plane.nx * x + plane.ny * y + plane.nz * z - plane.d;
 }
@@ -126,8 +126,8 @@ void distances_lanes(const SamplePoints& points, const FlatPlane& plane, double*
 void count_heights_lanes(const SamplePoints& points, const FlatPlane& plane, double width,
                          std::span<std::uint32_t> bins) {
   const PlaneLanes lanes = spread_out(plane);
-  // Neighbours often share a bin, and one count would wait for the one before: so four counts each, and one place for
-  // all that lies in no bin.
+  // Neighbours often share a bin, and each count would wait for the previous one. So there are four counters per bin,
+  // and one bin for all heights outside.
   std::array<std::array<std::uint32_t, kHeightBinsMax + 1>, 4> counts{};
   const D16 per_mm = d16(1.0 / width);
   const D16 half = d16(static_cast<double>(bins.size() / 2));

@@ -10,11 +10,11 @@
 
 #include "base/base.h"
 
-/// The loops of the plane fits over their sample, sixteen points at a time. All in double; the same bits on every
+/// The loops of the plane fits over their sample, sixteen points at a time. All in double; the same bits with every
 /// instruction set.
 namespace slabd::algo {
 
-/// n.p = d, n of unit length.
+/// Plane n.p = d, n of unit length.
 struct FlatPlane {
   Vec3 n = Vec3::Zero();
   double d = 0.0;
@@ -22,8 +22,8 @@ struct FlatPlane {
   [[nodiscard]] bool same_bits(const FlatPlane& other) const { return n == other.n && d == other.d; }
 };
 
-/// Points of a sample, an array for each coordinate. Behind a number that is no multiple of sixteen NaN follow up to
-/// the next one.
+/// Points of a sample, one array per coordinate. If the number is not a multiple of sixteen, NaN follow up to the next
+/// multiple.
 struct SamplePoints {
   const double* x;
   const double* y;
@@ -34,11 +34,11 @@ struct SamplePoints {
   [[nodiscard]] Vec3 operator[](std::size_t i) const { return {x[i], y[i], z[i]}; }
 };
 
-/// Points that stand for the whole set while hypotheses are compared, in an order of which the first quarter stands for
-/// the whole as well.
+/// Sample that represents the whole set while hypotheses are compared. It is ordered so that its first quarter
+/// represents the whole set too.
 struct PlaneSample {
   static constexpr std::size_t kLanes = 16;
-  /// Enough to tell a good hypothesis from a bad one.
+  /// Enough points to distinguish a good hypothesis from a bad one.
   static constexpr std::size_t kScouts = limits::kPlaneSampleMax / 4;
   static_assert(limits::kPlaneSampleMax % kLanes == 0 && kScouts % kLanes == 0);
   alignas(64) std::array<double, limits::kPlaneSampleMax> x;
@@ -55,31 +55,31 @@ struct PlaneSample {
     z[count] = p.z();
     ++count;
   }
-  /// Call once after the last `add`: what is left of the last sixteen becomes NaN.
+  /// Completes the sample: fills the last sixteen with NaN. Call once after the last `add`.
   void close() {
     for (std::size_t i = count; i % kLanes != 0; ++i) x[i] = y[i] = z[i] = std::numeric_limits<double>::quiet_NaN();
   }
 };
 using Residuals = std::array<double, limits::kPlaneSampleMax>;
 
-/// Sum of min(r^2, threshold^2) over the points; a point that is not finite counts as far away. Once the sum can no
-/// longer stay below `stop_at` it may be returned unfinished, but not below `stop_at`.
+/// Sum of min(r^2, threshold^2) over the points; a point that is not finite counts as far away. If the sum exceeds
+/// `stop_at`, it may be returned incomplete, but not below `stop_at`.
 [[nodiscard]] double truncated_squares(const SamplePoints& points, const FlatPlane& plane, double threshold,
                                        double stop_at);
-/// The same for kScales thresholds at once, each half of the one before. Unfinished only when none of the sums can stay
-/// below its `stop_at`.
+/// The same for kScales thresholds, each half of the one before. Incomplete only if all of the sums exceed their
+/// `stop_at`.
 inline constexpr std::size_t kScales = 4;
 using ScaledSums = std::array<double, kScales>;
 [[nodiscard]] ScaledSums truncated_squares(const SamplePoints& points, const FlatPlane& plane, double threshold,
                                            const ScaledSums& stop_at);
-/// Points at most `threshold` from `plane`.
+/// Number of points at most `threshold` from `plane`.
 [[nodiscard]] std::size_t count_within(const SamplePoints& points, const FlatPlane& plane, double threshold);
-/// Points closer than `threshold`.
+/// Number of points closer than `threshold`.
 [[nodiscard]] std::size_t count_closer(const SamplePoints& points, const FlatPlane& plane, double threshold);
-/// Signed distances, one for each point (room for whole sixteens); NaN for points that are not finite.
+/// Signed distances, one per point (`out` holds whole sixteens); NaN for points that are not finite.
 void distances_of(const SamplePoints& points, const FlatPlane& plane, std::span<double> out);
-/// How many points lie how high over `plane`: bin k holds heights from (k - bins.size() / 2) * width on. What lies in
-/// no bin is not counted.
+/// Histogram of the heights above `plane`: bin k contains heights from (k - bins.size() / 2) * width on. Heights
+/// outside the bins are not counted.
 void count_heights(const SamplePoints& points, const FlatPlane& plane, double width, std::span<std::uint32_t> bins);
 inline constexpr std::size_t kHeightBinsMax = 96;
 /// Sums of x y z, xx xy xz, yy yz, zz about `shift` of the points at most `threshold` from `plane`.

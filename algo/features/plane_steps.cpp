@@ -13,7 +13,7 @@
 namespace slabd::algo {
 namespace {
 
-/// Place of the quantile `share` among so many sorted values.
+/// Rank of the quantile `share` among `values` sorted values.
 std::size_t rank_of(double share, std::size_t values) {
   return static_cast<std::size_t>(std::floor(share * static_cast<double>(values - 1)));
 }
@@ -71,14 +71,14 @@ void residuals_of(const SamplePoints& points, const FlatPlane& plane, Residuals&
 
 double robust_sigma(std::span<const double> abs_residuals, double share) {
   if (abs_residuals.empty()) return 0.0;
-  // Of normal errors, half lie within 0.6745 sigma.
+  // Half of normal errors are within 0.6745 sigma.
   constexpr double kMad = 1.482602218505602;
-  // ... and half of those within three sigma lie within 0.6720 sigma.
+  // ... and half of those within three sigma are within 0.6720 sigma.
   constexpr double kMadWithinThree = 1.488100;
   double sigma = kMad * value_at_rank(abs_residuals, rank_of(share, abs_residuals.size()));
   if (!std::isfinite(sigma)) return sigma;
   for (int i = 0; i < 50; ++i) {
-    // Those kept are the smallest of all.
+    // The residuals kept are the smallest of all.
     const std::size_t kept = count_at_most(abs_residuals, 3.0 * sigma);
     if (kept == 0) return sigma;
     const double next = kMadWithinThree * value_at_rank(abs_residuals, rank_of(0.5, kept));
@@ -101,7 +101,7 @@ bool find_threshold(const PlaneSample& sample, const PlaneSearch& search, double
                     double& threshold) {
   const SamplePoints scouts = sample.scouts();
   const std::size_t rank = scouts.count < 3 ? 0 : rank_of(share, scouts.count);
-  // Nearly all hypotheses lose: fewer points than it takes are closer than the best quantile so far.
+  // Nearly all hypotheses fail here: too few points are closer than the best quantile so far.
   const auto quantile_score = [&](const FlatPlane& candidate, double best) {
     if (count_closer(scouts, candidate, best) <= rank) return best;
     residuals_of(scouts, candidate, scratch);
@@ -115,7 +115,7 @@ bool find_threshold(const PlaneSample& sample, const PlaneSearch& search, double
 
 namespace {
 
-/// Below this ratio of the middle to the largest eigenvalue the points lie on a line.
+/// Below this ratio of the middle to the largest eigenvalue the points are on a line.
 constexpr double kLineRatio = 1e-14;
 
 /// Variance of a standard normal variable cut off beyond +-c.
@@ -124,8 +124,8 @@ double cut_variance(double c) {
   return 1.0 - 2.0 * c * density / std::erf(c / std::numbers::sqrt2);
 }
 
-/// The same for what was cut at `threshold` and has standard deviation `std` now. A cut below two noise widths cannot
-/// be told from points spread evenly over the zone; it counts as two.
+/// The same for data cut at `threshold` with standard deviation `std` after the cut. A cut below two noise widths
+/// cannot be distinguished from points spread evenly over the zone; it counts as two.
 double cut_variance_of(double std, double threshold) {
   if (!std::isfinite(threshold) || !(std > 0.0)) return 1.0;
   constexpr double kLeast = 2.0;
@@ -165,50 +165,51 @@ void state_covariance(const Spread& spread, const Vec3& mean, double threshold, 
   const double g = cut_variance_of(fit.std_mm, threshold);
   const double variance = fit.std_mm * fit.std_mm / (g * g * static_cast<double>(fit.inliers));
   fit.sigma_offset_mm = std::sqrt(variance);
-  // A tilt towards a principal direction is known the better, the further the points reach along it.
+  // The uncertainty of a tilt towards a principal direction decreases with the extent of the points along it.
   fit.cov_normal =
       variance / (spread.wide_mm * spread.wide_mm) * spread.along_wide * spread.along_wide.transpose() +
       variance / (spread.narrow_mm * spread.narrow_mm) * spread.along_narrow * spread.along_narrow.transpose();
 }
 
-// A second plane, a step, a patch that stands out: their points are not noise, and a threshold learnt from all points
-// may be wide enough to take them in. The fit then stands still on a plane that lies between or across the surfaces,
-// with a small standard error and a fair share of inliers. Two properties give such a plane away.
+// Problem: the points of a second plane, a step or a raised patch are not noise, and a threshold estimated from all
+// points may be wide enough to include them. The fit then converges to a plane between or across the surfaces, with a
+// small standard error and a fair share of inliers. Two properties reveal such a plane.
 //
-//   - Measured from the right one of its surfaces, the heights fall into two heaps with a gap between them. Heights of
-//     a single surface, bent or not, leave no gap: a bow thins out evenly and even a wave, which dwells at its crests,
-//     passes through all heights between. So: look for planes at ever finer thresholds and ask each for a gap.
-//   - Wide apart, each surface has its own fixed point. The points outside the winner's threshold then hold a plane
-//     about as good, and the winner is the winner by chance.
+//   - Measured from the right one of its surfaces, the heights form two clusters with a gap between them. Heights of a
+//     single surface, bent or not, leave no gap: a bow thins out evenly, and a wave, although most of its points are at
+//     its crests, contains all heights between. So planes are searched at ever finer thresholds, and each is tested for
+//     a gap.
+//   - If they are far apart, each surface has its own fixed point. The points outside the chosen plane's threshold then
+//     contain a plane of about the same quality, and the choice was random.
 
 namespace {
 
 constexpr int kPolishSteps = 5;
 // The finest threshold tried is an eighth of the fit's: surfaces 24 noise widths apart still fit one wide zone.
 static_assert(kScales == 4);
-/// Bins per threshold of the histogram of heights; a threshold of three noise widths gives bins of one.
+/// Bins per threshold of the height histogram; a threshold of three noise widths gives bins of one.
 constexpr std::size_t kBinsPerThreshold = 3;
-/// Heights are looked at up to so many thresholds of the fit on either side.
+/// Range of the histogram on either side, in thresholds of the fit.
 constexpr std::size_t kReach = 2;
 static_assert(2 * kReach * kBinsPerThreshold << (kScales - 1) <= kHeightBinsMax);
-/// A gap holds less than this share of what an even spread of the points over the heights would put there.
+/// A gap contains less than this share of the points that an even distribution over the heights would put there.
 constexpr double kGapShare = 0.4;
-/// ... and the heap beyond it is at least this share of the points on the near side; a bump of five per cent is
-/// for the flatness to find.
+/// ... and the cluster beyond it has at least this share of the points on the near side; flatness measures a bump of
+/// five per cent.
 constexpr double kHeapShare = 0.1;
-/// A rival holds at least this share of what the winner holds, and this share outside the winner's zone: a plane
-/// through three stray points may well run through the winner's.
+/// A rival contains at least this share of the chosen plane's points, and this share outside its zone: a plane through
+/// three stray points may run through the chosen plane's zone.
 constexpr double kRivalShare = 0.8;
 constexpr double kRivalOwnShare = 0.2;
 constexpr double kWider = 1.25;
 constexpr double kMoveSigmas = 0.1;
 
-/// Refits within `threshold` until it hardly matters.
+/// Refits within `threshold` until the change is negligible.
 void polish(const SamplePoints& points, const Vec3& up, double threshold, FlatPlane& plane) {
   for (int i = 0; i < kPolishSteps; ++i) {
     FlatPlane polished = plane;
     Spread spread;
-    // The best plane of a set passes through points of it; near them the sums keep their digits.
+    // The best plane of a set passes through points of it; sums about one of them keep their digits.
     std::size_t near = 0;
     while (near < points.size() && !(std::abs(plane.distance(points[near])) <= threshold)) ++near;
     if (near == points.size()) return;
@@ -219,8 +220,8 @@ void polish(const SamplePoints& points, const Vec3& up, double threshold, FlatPl
   }
 }
 
-/// Is there a gap with another heap beyond, going up (or down) from the plane? `bins` of `width` hold how many points
-/// lie how high, the plane is in their middle; `gap` is where.
+/// True if there is a gap with another cluster beyond it, upwards (or downwards) from the plane. `bins` of `width`
+/// count the points by height, with the plane in the middle; `gap` is its position.
 bool gap_on_side(std::span<const std::uint32_t> all_bins, bool upward, double width, double& gap) {
   std::array<double, kHeightBinsMax / 2> bins{};
   const std::size_t count = all_bins.size() / 2;
@@ -243,7 +244,7 @@ bool gap_on_side(std::span<const std::uint32_t> all_bins, bool upward, double wi
   for (auto bin = valley; bin < end; ++bin) beyond += *bin;
   double between = below;
   for (auto bin = valley; bin <= peak; ++bin) between += *bin;
-  // The counts scatter by their roots; the worst case of an empty bin is three.
+  // The counts scatter by their square roots; the upper limit for an empty bin is three.
   const double at_most = *valley + 3.0 * std::sqrt(*valley) + 3.0;
   const double even = between / static_cast<double>(peak - begin + 1);
   gap = width * (static_cast<double>(valley - begin) + 0.5);
@@ -279,7 +280,7 @@ bool find_level(const PlaneSample& sample, const PlaneSearch& search, double rea
     if (!found) continue;
     distances_of(points, plane, scratch);
     const std::span<double> heights = std::span(scratch).first(points.size());
-    // What lies on this side of the gap says how noisy the level is.
+    // The points on this side of the gap give the noise of the level.
     std::size_t near = 0;
     for (const double h : heights)
       if (h < above && h > -under) scratch[near++] = std::abs(h);
@@ -328,7 +329,7 @@ bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, dou
   moves.close_block();
   squares.close_block();
   if (moves.count() < 4) return false;
-  // A handful of points moves its plane by chance.
+  // A few points move the plane by chance.
   const double limit = kMoveSigmas + 2.0 / std::sqrt(static_cast<double>(moves.count()));
   const double noise = std::fmax(std::sqrt(squares.mean()), kThresholdFloor_mm);
   return std::sqrt(moves.mean()) > limit * noise;
@@ -336,7 +337,7 @@ bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, dou
 
 namespace {
 
-/// The table's half lengths: no point of a face lies further out.
+/// The table's half lengths: no point of a face is further out.
 constexpr double kHalfX = 0.5 * static_cast<double>(limits::kFaceTableX);
 constexpr double kHalfV = 0.5 * static_cast<double>(limits::kFaceTableY);
 
@@ -383,7 +384,7 @@ void add_within(const ListedPoints& points, const FlatPlane& plane, double thres
 
 void add_within(const SummedPoints& points, const FlatPlane& plane, double threshold, PointMoments& moments) {
   const LocalPlane local(points.frame, plane);
-  // Also when it is not a number.
+  // Also true for NaN.
   if (!(furthest_between(local, points.tilt) <= points.slack_mm)) points.asked_beyond = true;
   TiltedSums sums = points.inner;
   const Tilt between{static_cast<float>(local.a0 - static_cast<double>(points.tilt.a0)),

@@ -13,22 +13,22 @@
 #include "algo/moments.h"
 #include "base/base.h"
 
-/// The steps of a plane fit: planes through three points of a sample and how they are compared, least squares, and what
-/// speaks against the plane that was found.
+/// The steps of a plane fit: planes through three points of a sample and their comparison, least squares, and tests of
+/// the plane found.
 namespace slabd::algo {
 
-/// Smallest inlier distance: noise-free data must not lose its points to rounding.
+/// Smallest inlier distance: noise-free data must not lose points to rounding.
 inline constexpr double kThresholdFloor_mm = 1e-9;
 
-/// How hypotheses are drawn: K of them, the same ones for the same seed.
+/// Parameters of the random draw: the same seed gives the same K hypotheses.
 struct PlaneSearch {
   int hypotheses = 1;
   std::uint64_t seed = 1;
   Vec3 up = Vec3::UnitZ();
 };
 
-/// Where a point of a set lies, for `point_at` to read it from later. Sets whose points are no longer in the cache ask
-/// the memory for it here (ListedPoints, which has these two for itself).
+/// Handle of a point, read later by `point_at`. Sets whose points are no longer in the cache prefetch the point here
+/// (ListedPoints has its own versions of both).
 template <typename Points>
 [[nodiscard]] std::size_t ask_for_point(const Points& /*points*/, std::size_t i) {
   return i;
@@ -38,16 +38,16 @@ template <typename Points>
   return points[i];
 }
 
-/// One point drawn from each of up to kPlaneSampleMax equal slices of the set: covers the face evenly whatever the
-/// scan order. The slices come in turns, one of every four neighbours in each; chance decides which, or a pattern in
-/// the set could leave a turn with nothing but outliers. They are asked for as they are drawn, and read 32 at a time.
+/// Draws one point from each of up to kPlaneSampleMax equal slices of the set: covers the face evenly in any scan
+/// order. The slices come in turns, one of every four neighbours in each turn, chosen at random, because a pattern in
+/// the set could leave a turn with outliers only. Points are prefetched when drawn and read 32 at a time.
 template <typename Points>
 void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
   constexpr std::size_t kTurns = limits::kPlaneSampleMax / PlaneSample::kScouts;
   constexpr std::size_t kAtOnce = 32;
   const std::size_t n = points.size();
   const std::size_t m = std::min(n, limits::kPlaneSampleMax);
-  // Dividing by a power of two that the compiler knows costs nothing, by any other number more than all the rest.
+  // Dividing by a power of two known to the compiler costs nothing; any other division costs more than the rest.
   static_assert(std::has_single_bit(limits::kPlaneSampleMax));
   const auto start_of = [n](std::size_t slice) {
     return n < limits::kPlaneSampleMax ? slice : slice * n / limits::kPlaneSampleMax;
@@ -73,11 +73,11 @@ void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
   sample.close();
 }
 
-/// The plane through three points; false when they are equal, on a line or not finite.
+/// Computes the plane through three points. False if they are equal, on a line or not finite.
 [[nodiscard]] bool plane_through(const Vec3& a, const Vec3& b, const Vec3& c, FlatPlane& plane);
 
-/// Runs `score(plane, best)` over K planes through three of the points and keeps the smallest score. False when no
-/// three points make a plane.
+/// Runs `score(plane, best)` over K planes through three of the points and keeps the smallest score. False if no three
+/// points make a plane.
 template <typename Points, typename Score>
 [[nodiscard]] bool best_hypothesis(const Points& points, const PlaneSearch& search, FlatPlane& best,
                                    const Score& score) {
@@ -86,7 +86,7 @@ template <typename Points, typename Score>
   double best_score = std::numeric_limits<double>::infinity();
   bool found = false;
   int drawn = 0;
-  // Draws on a line or with a repeated point do not count, but they cannot go on for ever.
+  // Draws on a line or with a repeated point do not count, but the number of attempts is limited.
   for (int attempt = 0; drawn < search.hypotheses && attempt < 8 * search.hypotheses + 64; ++attempt) {
     const Vec3 a = points[prng.below(points.size())];
     const Vec3 b = points[prng.below(points.size())];
@@ -104,33 +104,33 @@ template <typename Points, typename Score>
   return found;
 }
 
-/// The hypothesis of least squared error truncated at `threshold` (MSAC), on the sample's scouts. False when no three
+/// The hypothesis of least squared error truncated at `threshold` (MSAC), on the sample's scouts. False if no three
 /// points make a plane.
 [[nodiscard]] bool best_within(const PlaneSample& sample, const PlaneSearch& search, double threshold, FlatPlane& best);
-/// The same for thresholds each half of the one before.
+/// The same for several thresholds, each half of the one before.
 [[nodiscard]] bool best_within_scales(const PlaneSample& sample, const PlaneSearch& search, double threshold,
                                       std::array<FlatPlane, kScales>& best);
 
-/// Distances of the points, to the front of `residuals`; infinite for points that are not finite.
+/// Writes the distances of the points to the front of `residuals`; infinite for points that are not finite.
 void residuals_of(const SamplePoints& points, const FlatPlane& plane, Residuals& residuals);
 
-/// Inlier distance for a plane found: three robust standard deviations of the sample about it, of which `share` is
-/// trusted, and never so small that noise-free data loses its points to rounding.
+/// Inlier distance for a plane: three robust standard deviations of the trusted `share` of the sample, with a minimum
+/// so that noise-free data does not lose its points to rounding.
 [[nodiscard]] double threshold_about(const PlaneSample& sample, const FlatPlane& plane, double share,
                                      Residuals& scratch);
 
-/// The share of points trusted when the noise is estimated: what the contamination leaves, at most a half (the least
-/// median of squares).
+/// Share of points used for estimating the noise: the uncontaminated ones, at most a half (least median of
+/// squares).
 [[nodiscard]] double trusted_share(double contamination);
 
-/// Inlier distance when none is given: about the hypothesis that the trusted share of the sample fits best. False when
-/// no three points make a plane.
+/// Inlier distance if none is given: from the hypothesis that best fits the trusted share of the sample. False if no
+/// three points make a plane.
 [[nodiscard]] bool find_threshold(const PlaneSample& sample, const PlaneSearch& search, double share,
                                   Residuals& scratch, double& threshold);
 
 // The least-squares step of the plane fits.
 
-/// How points lie about their plane.
+/// Distribution of points about their plane.
 struct Spread {
   double squares = 0.0;  ///< sum of squared distances, mm^2
   double wide_mm = 0.0;  ///< standard deviations in the plane, along the principal directions
@@ -139,7 +139,7 @@ struct Spread {
   Vec3 along_narrow = Vec3::Zero();
 };
 
-/// Orthogonal least-squares plane of what `moments` has seen; false when it is not a plane.
+/// Orthogonal least-squares plane of the points in `moments`. False if they do not determine one.
 [[nodiscard]] bool plane_of(const PointMoments& moments, const Vec3& up, FlatPlane& plane, Spread& spread);
 
 /// Adds the points within `threshold` of `plane` to `moments`.
@@ -156,9 +156,9 @@ inline void add_within(const SamplePoints& points, const FlatPlane& plane, doubl
   moments.add_sums(within.sums, within.count);
 }
 
-/// Least-squares plane of the points within `threshold` of `plane`, which it replaces; false when they form none. The
-/// sums are taken around the shift of `moments`, which comes empty: the same selection gives the same bits only with
-/// the same shift.
+/// Replaces `plane` by the least-squares plane of the points within `threshold` of it. False if they do not determine
+/// one. `moments` must be empty; the sums are taken about its shift, and the same selection gives the same bits only
+/// with the same shift.
 template <typename Points>
 [[nodiscard]] bool refit_within(const Points& points, double threshold, const Vec3& up, PointMoments& moments,
                                 FlatPlane& plane, Spread& spread) {
@@ -166,31 +166,31 @@ template <typename Points>
   return plane_of(moments, up, plane, spread);
 }
 
-/// Fills in what inliers of standard deviation `fit.std_mm` know about their plane. Selecting within `threshold` cuts
-/// the tails of the noise off, which makes the inliers look quieter than the noise is and the fit follow its own
-/// selection: with g(c) = 1 - 2 c phi(c) / (2 Phi(c) - 1), c the threshold in noise widths, the variance of the noise
-/// is std^2 / g and that of a fit std^2 / g^2 over the usual divisors (of an M-estimator with hard rejection). At c = 3
-/// std is 1.3 % and the plain standard error 2.7 % too small. `threshold` infinite: nothing was cut.
+/// Fills in the covariances for inliers of standard deviation `fit.std_mm`. Selection within `threshold` cuts off the
+/// tails of the noise: the inliers look quieter, and the fit follows its own selection. With g(c) = 1 - 2 c phi(c) / (2
+/// Phi(c) - 1), c the threshold in noise widths, the variance of the noise is std^2 / g and that of a fit std^2 / g^2
+/// over the usual divisors (M-estimator with hard rejection). At c = 3 std is 1.3 % and the plain standard error 2.7 %
+/// too small. Infinite `threshold`: nothing was cut.
 void state_covariance(const Spread& spread, const Vec3& mean, double threshold, PlaneFit& fit);
 
-// What can make a plane confident and wrong: structure among the points instead of noise. All on the sample.
+// Tests for confident but wrong planes: structure among the points instead of noise. All use the sample.
 
-/// Does the zone of +-`threshold` around the best plane hold two surfaces, one beside or above the other, with next to
-/// nothing in between? A plane through both is nobody's plane. If so, `level` becomes the plane of the stronger one and
-/// `threshold` its own three robust standard deviations. A bow, a wave or a roof is one surface; two that lie closer
-/// together than about four standard deviations of the noise look like a noisier one.
+/// True if the zone of +-`threshold` around the best plane contains two surfaces, side by side or stacked, with almost
+/// nothing in between; a plane through both is neither. Then `level` becomes the plane of the stronger one and
+/// `threshold` its own three robust standard deviations. A bow, a wave or a roof is one surface. Two surfaces closer
+/// than about four standard deviations of the noise look like one noisier surface.
 [[nodiscard]] bool find_level(const PlaneSample& sample, const PlaneSearch& search, double reach, Residuals& scratch,
                               FlatPlane& level, double& threshold);
 
-/// Do the points leave open which plane is meant: is there, among the points further than `threshold` from `plane`,
-/// another plane that holds at least four fifths as many points, a fifth of them its own?
+/// True if the choice of plane is ambiguous: the points further than `threshold` from `plane` contain another plane
+/// with at least four fifths as many points, a fifth of them its own.
 [[nodiscard]] bool has_rival(const PlaneSample& sample, const PlaneSearch& search, const FlatPlane& plane,
                              double threshold);
 
-/// Does the plane owe its place to where the threshold happens to cut? A second surface three to four standard
-/// deviations away leans on the plane from one side; with the threshold a quarter wider the plane then moves by more
-/// than a tenth of a standard deviation. Where it then tilts by no more than `tilt_max_rad` (and that is not 0), it
-/// does not count.
+/// True if the plane depends on where the threshold cuts. A second surface three to four standard deviations
+/// away pulls the plane to one side. With a quarter wider threshold, the plane then moves by more than a tenth
+/// of a standard deviation. It does not count if the plane then tilts by at most `tilt_max_rad` (and that is not
+/// 0).
 [[nodiscard]] bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, double threshold,
                                         double tilt_max_rad);
 

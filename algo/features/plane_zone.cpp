@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A plane fit on all points goes over them again and again, and from one time to the next only those near where the
-// threshold cuts change sides. Once a sample has said where the plane is, to a fraction of the noise, the others can be
-// summed up in one pass for good. The fixed point found on what is left is the one of all points: a plane that the
-// zone does not allow for is noticed, and the pass is repeated around it.
+// A plane fit reads all points again and again, but between refits only points near the threshold change sides. Once a
+// sample has located the plane to a fraction of the noise, the other points can be summed in one pass. The fixed point
+// found on the rest is that of all points: a plane outside the limits of the zone is detected, and the pass is repeated
+// around it.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/features/plane_zone.cpp"
 // clang-format off
@@ -20,7 +20,7 @@ namespace slabd::algo {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// Sixteens between two transfers of the float sums to double ones.
+/// Number of sixteens between two transfers of the float sums to double.
 constexpr int kFlush = 16;
 
 /// TiltedSums, lane by lane.
@@ -55,7 +55,7 @@ struct ZoneSums {
   }
 };
 
-/// The last sixteen of a run; those behind its end repeat the one before.
+/// The last sixteen of a run; missing ones repeat the last point.
 struct LastSixteen {
   alignas(64) std::array<float, kLanes> u, v, h;
   LastSixteen(const SeatPoints& run, std::size_t first) {
@@ -68,7 +68,7 @@ struct LastSixteen {
   }
 };
 
-/// False when `edge` is full.
+/// Sorts the points into the zone. False if `edge` is full.
 bool SortZone(std::span<const SeatPoints> runs, const Tilt& tilt, float inner_mm, float outer_mm, TiltedSums& inner,
               ZonedPoints::Edge& edge, ZonedPoints::Box& box) {
   const F16 a0 = f16(tilt.a0);
@@ -166,11 +166,11 @@ HWY_EXPORT(SortZone);
 HWY_EXPORT(SumsWithin);
 namespace {
 
-/// Half of the zone in which points are kept, as a part of the threshold: a quarter of the noise.
+/// Half width of the zone in which points are kept, relative to the threshold: a quarter of the noise.
 constexpr double kEdgeShare = 1.0 / 12.0;
-/// Of the zone, a rim stays for rounding.
+/// Margin of the zone for rounding.
 constexpr double kRounding_mm = 1e-5;
-/// Floats are no good for a finer one.
+/// Floats are too coarse for a finer threshold.
 constexpr double kThresholdMin_mm = 1e-3;
 
 }  // namespace
@@ -201,7 +201,7 @@ void ZonedPoints::add_within(const FlatPlane& plane, double threshold, PointMome
   const double d2 = local.a2 - static_cast<double>(tilt_.a2);
   for (const float u : {box_.u_low, box_.u_high})
     for (const float v : {box_.v_low, box_.v_high})
-      // Also when it is not a number.
+      // Also true for NaN.
       if (!(std::abs(d0 + d1 * static_cast<double>(u) + d2 * static_cast<double>(v)) <= slack_mm_))
         asked_beyond_ = true;
   const SeatPoints edge = {std::span(edge_.u).first(edge_.count), std::span(edge_.v).first(edge_.count),

@@ -7,31 +7,31 @@
 #include "algo/features/face_points.h"
 #include "algo/features/plane_kernels.h"
 
-/// The refits of a plane fit on listed points, without going over all of them each time.
+/// The refits of a plane fit on listed points, without reading all of them each time.
 namespace slabd::algo {
 
-/// Sums over the points of `runs` that are at most `within_mm` (along h) from `tilt`. They are of h itself, so that the
-/// same selection gives the same bits whatever `tilt` selected it.
+/// Sums over the points of `runs` that are at most `within_mm` (along h) from `tilt`. The sums are of h itself, so that
+/// the same selection has the same bits with any `tilt`.
 [[nodiscard]] TiltedSums tilted_sums(std::span<const SeatPoints> runs, const Tilt& tilt, float within_mm);
 
-/// Listed points, sorted by what any plane close to `tilt` makes of them: within the threshold (summed up), near where
-/// the threshold cuts (kept one by one), beyond (forgotten). So such a plane finds exactly the points within its
-/// threshold, from the few that are kept.
+/// Listed points, classified for planes close to `tilt`: within the threshold (summed), near the threshold (kept one
+/// by one), or beyond (dropped). So such a plane gets exactly the points within its threshold, from the few points
+/// kept.
 class ZonedPoints {
  public:
-  /// One pass over `points`. False, and of no use, when the threshold is too fine for floats or too many points lie
-  /// near where it cuts. 0.4 ns a point.
+  /// Classifies `points` in one pass. False, without a usable result, if the threshold is too fine for floats or too
+  /// many points are near it. 0.4 ns a point.
   [[nodiscard]] bool sort(const ListedPoints& points, const FlatPlane& plane, double threshold);
 
   [[nodiscard]] std::size_t size() const { return count_; }
-  /// A plane further off than the zone allows was asked for: sort again, around a plane closer to it.
+  /// True if a plane beyond the limits of the zone was requested: sort again, around a plane closer to it.
   [[nodiscard]] bool asked_beyond() const { return asked_beyond_; }
 
   /// Adds the points within `threshold` of `plane` to `moments`.
   void add_within(const FlatPlane& plane, double threshold, PointMoments& moments) const;
 
-  /// Room for the points that are kept: five times what 400 000 points with normal noise need. What is not read is not
-  /// written either, but for the last sixteen.
+  /// Capacity for kept points: five times the need of 400 000 points with normal noise. Unused memory is not written,
+  /// except for the last sixteen.
   static constexpr std::size_t kEdgeMax = 8192;
   struct Edge {
     std::array<float, kEdgeMax + 16> u;

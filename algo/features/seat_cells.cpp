@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What a cell is when not all of its points agree; algo/features/flatness.cpp says why. Sums do for nearly all cells.
-// Only where they leave room for a stray are single heights fetched, by a second walk over the few groups of points
-// that are in such cells; and where strays were found, a third walk adds up what is kept. The second half's sums become
-// those of what is not: nothing is allocated.
+// Height of a cell whose points disagree; algo/features/flatness.cpp has the reasons. Sums are enough for nearly all
+// cells. Only if they allow for a stray are single heights fetched, by a second pass over the few groups of points in
+// such cells. If strays were found, a third pass sums the kept points. The memory of the second half's sums is reused
+// for the rest: nothing is allocated.
 #include "algo/features/seat_cells.h"
 
 #include <array>
@@ -14,28 +14,28 @@
 namespace slabd::algo {
 namespace {
 
-/// Points of one cell that take part in its median; a cell of a dense scan holds about 80.
+/// Maximum number of points of a cell for its median; a cell of a dense scan contains about 80.
 constexpr std::size_t kCellSampleMax = 512;
 /// A stray is this many robust deviations from its cell's median, and at least kStrayMin_mm.
 constexpr double kStraySigmas = 5.0;
-/// By so much more may the points of a cell scatter than those of most cells, and it is noise.
+/// Scatter of a cell up to this factor above that of most cells counts as noise.
 constexpr double kNoisierCell = 3.0;
-/// No drop as wide as a pit stands higher; what does is something else.
+/// A drop as wide as a pit is at most this high; anything higher is something else.
 constexpr double kDropHigh_mm = 1.5;
-/// Water returns one point in ten to one in three; a cell that it covers half returns more.
+/// Water returns one point in ten to one in three; a half-covered cell returns more.
 constexpr double kDropShareMax = 0.4;
-/// Fewer sparse cells that touch are chance.
+/// Fewer connected sparse cells are chance.
 constexpr std::size_t kDropCellsMin = 4;
-/// The seat around a drop returns at least this share of the usual points, looked at over so many cells.
+/// Minimum share of the usual points in the seat around a drop, and the width of that ring in cells.
 constexpr double kDropAroundMin = 0.7;
 constexpr std::size_t kDropRing = 2;
-/// Cells of which that is asked.
+/// Number of cells sampled for the scatter.
 constexpr std::size_t kScatterSample = 512;
 
-/// Calls f(piece, first group) for the groups [from, to) of all runs, as long a piece at a time as there is.
+/// Calls f(piece, first group) for the groups [from, to) of all runs, in pieces as long as possible.
 template <typename F>
 void for_groups(std::span<const SeatPoints> runs, std::size_t from, std::size_t to, const F& f) {
-  std::size_t first = 0;  // of the run at hand
+  std::size_t first = 0;  // of the current run
   for (std::size_t r = 0; r < runs.size(); ++r) {
     const SeatPoints& run = runs[r];
     if (r + 1 < runs.size()) runs[r + 1].ask_for();
@@ -51,8 +51,8 @@ void for_groups(std::span<const SeatPoints> runs, std::size_t from, std::size_t 
   }
 }
 
-/// Can a point of this cell lie further than kStrayMin_mm from the cell's median? Mean and median are never further
-/// apart than one standard deviation, whatever the points. So for nearly all cells nobody needs to know the median.
+/// True if a point of this cell may be further than kStrayMin_mm from the cell's median. Mean and median differ by at
+/// most one standard deviation for any points. So the median is not needed for nearly all cells.
 bool may_have_strays(const CellSum& sum) {
   const CellPoints cell(sum);
   const double std = std::sqrt(cell.squares / static_cast<double>(sum.points));
@@ -60,7 +60,7 @@ bool may_have_strays(const CellSum& sum) {
          (cell.height + std) - static_cast<double>(sum.low()) > kStrayMin_mm;
 }
 
-/// Median and robust deviation of up to kCellSampleMax heights, evenly taken.
+/// Median and robust deviation of up to kCellSampleMax heights, sampled evenly.
 struct CellCentre {
   double median;
   double sigma;
@@ -74,8 +74,8 @@ CellCentre centre_of(std::span<const float> heights) {
   return {median, 1.4826 * median_of(std::span(h).first(m))};
 }
 
-/// Strays of one side that are no chance in a cell of so many points: a scanner's noise with long tails has one in a
-/// hundred, and touching cells with one each would be all over the seat.
+/// Number of strays of one side, in a cell of `points`, that is not chance. Noise with long tails has one in a hundred,
+/// and connected cells with one each would be all over the seat.
 double many_strays(std::uint32_t points) {
   return std::fmax(2.0, 0.05 * static_cast<double>(points));
 }
@@ -92,7 +92,7 @@ SeatCells::SeatCells(std::span<const SeatPoints> runs, const CellLayout& layout,
 void SeatCells::sum_up(Team& team) {
   std::size_t groups = 0;
   for (const SeatPoints& run : runs_) groups += (run.size() + kCellGroup - 1) / kCellGroup;
-  const std::span<CellSum> second = rest_;  // there is no damage yet
+  const std::span<CellSum> second = rest_;  // no damage is known yet
   team.run(2, [&](std::size_t half) {
     const std::span<CellSum> sums = half == 0 ? sums_ : second;
     std::fill(sums.begin(), sums.end(), CellSum{});
@@ -136,8 +136,8 @@ void SeatCells::remove_strays(const CellGrid& grid, std::span<std::uint32_t> mar
     if (sum.heights_at == CellSum::kNowhere) continue;
     const std::span<const float> all = heights(sum);
     const CellCentre centre = centre_of(all);
-    // A cell of which damage is half says that it scatters as wide as the damage, and one of five points with a stray
-    // among them does not know that it is one.
+    // A cell that is half damage has the scatter of the damage, and a cell of five points cannot identify a stray among
+    // them. Therefore both limits use the usual scatter.
     const double sigma = std::fmin(centre.sigma, (sum.points < points_min ? 1.0 : kNoisierCell) * usual_sigma);
     const double reach = std::max(kStraySigmas * sigma, kStrayMin_mm);
     const auto stray = [&](float h) { return std::abs(static_cast<double>(h) - centre.median) > reach; };
@@ -183,7 +183,7 @@ double SeatCells::scatter_in_full_cells(std::uint32_t points_min) const {
 }
 
 SeatCells::Strays SeatCells::strays_in(const CellSum& sum, CellMark side) const {
-  // What is nearer to the seat than the rest of its cell is the seat beside damage, not damage.
+  // Strays closer to the seat than the rest of their cell are the seat next to damage, not damage.
   const float mirrored = -0.5F * (sum.keep_low + sum.keep_high);
   const float high = std::max(sum.keep_high, mirrored);
   const float low = std::min(sum.keep_low, mirrored);
@@ -275,7 +275,7 @@ void SeatCells::divide(CellSum& sum) {
 
 template <typename Chosen, typename F>
 void SeatCells::for_points_of(const Chosen& chosen, const F& f) {
-  const std::span<std::uint32_t> before = work_.stack;  // chosen cells before each
+  const std::span<std::uint32_t> before = work_.stack;  // number of chosen cells before each cell
   before[0] = 0;
   for (std::size_t c = 0; c < sums_.size(); ++c) before[c + 1] = before[c] + (chosen(sums_[c]) ? 1U : 0U);
   if (before[sums_.size()] == 0) return;

@@ -15,7 +15,7 @@
 #include "base/limits.h"
 #include "base/team.h"
 
-/// The cells of a seat: what their points add up to, without strays, and which of them are damage.
+/// The cells of a seat: sums of their points without strays, and damaged cells.
 namespace slabd::algo {
 
 /// The cells of the evaluation region, row by row; a row runs along the rail.
@@ -36,7 +36,7 @@ struct CellGrid {
   [[nodiscard]] double s_of(std::size_t cell) const {
     return (static_cast<double>(cell / columns) + 0.5) * region.cell_mm - region.half_s_mm;
   }
-  /// Does all of this cell belong to the region, clear of the casings?
+  /// True if all of this cell is in the region, clear of the casings.
   [[nodiscard]] bool expected(std::size_t cell) const {
     const double half = 0.5 * region.cell_mm;
     const double x = x_of(cell);
@@ -50,24 +50,24 @@ struct CellGrid {
   }
 };
 
-/// What a cell came to.
+/// State of a cell.
 enum CellMark : std::uint32_t {
-  kPlain,     ///< nothing to be said about it
+  kPlain,     ///< no mark
   kMeasured,  ///< has a mean
   kMissing,   ///< not seen
   kHigh,      ///< has a mean above the defect limit
   kLow,       ///< ... below it
 };
 
-/// Calls `group(cells)` for every group of cells marked `wanted` that touch, corners included; `cells` holds their
-/// numbers. Takes the marks off. `stack`: room for one entry per cell.
+/// Calls `group(cells)` for every connected component of cells marked `wanted`, corners included; `cells` has their
+/// numbers. Removes the marks. `stack`: one entry per cell.
 template <typename Group>
 void for_each_group(const CellGrid& grid, CellMark wanted, std::span<std::uint32_t> mark,
                     std::span<std::uint32_t> stack, const Group& group) {
   for (std::size_t first = 0; first < grid.cells(); ++first) {
     if (mark[first] != wanted) continue;
     std::size_t found = 0;
-    // Marks go when a cell is found: each is found once, and the list of them is the queue as well.
+    // The mark is removed when a cell is found, so each is found once; the list is also the queue.
     mark[first] = kPlain;
     stack[found++] = static_cast<std::uint32_t>(first);
     for (std::size_t next = 0; next < found; ++next) {
@@ -87,14 +87,14 @@ void for_each_group(const CellGrid& grid, CellMark wanted, std::span<std::uint32
   }
 }
 
-// The surface that a straightedge or a rail pad feels: pits narrower than it reaches across are bridged, everything
-// else stands as it is. A morphological closing from above (ISO 16610-85, flat disc) finds what
-// lies below it; but a closing also fills the bottom of wide hollows, by up to a tenth of their depth, and these a
-// rail pad does feel. So a sunk place is bridged only if it is compact and the surface around it, continued over it,
-// does not lead down into it; then it is as high as that surface, and never higher than the closing.
+// The surface as supported under a straightedge or a rail pad: pits narrower than its reach are bridged, everything
+// else is unchanged. A morphological closing from above (ISO 16610-85, flat disc) finds the places below it. But a
+// closing also fills the bottom of wide hollows, by up to a tenth of their depth, and these do affect a rail pad. So a
+// sunk place is bridged only if it is compact and the surface around it, continued over it, does not lead down into it.
+// Then its height is that of this surface, and never above the closing.
 
 struct Closing {
-  std::size_t pits = 0;  ///< bridged
+  std::size_t pits = 0;  ///< number of bridged pits
 };
 
 /// A place counts as sunk from `least_mm` on, up to `most_mm` deep, and as compact up to `width_mm` across.
@@ -104,22 +104,22 @@ struct PitSize {
   double most_mm = std::numeric_limits<double>::infinity();
 };
 
-/// `cell` and `height` (mm above the fitted seat): the cells that have one, in ascending order. Writes to `closed` what
-/// each is as high as. `mark` and `stack`: room for one entry per cell. No heap; 0.3 ms. Of heights with their sign
-/// changed it levels bumps.
+/// `cell` and `height` (mm above the fitted seat): the cells with a height, in ascending order. Writes the closed
+/// height of each to `closed`. `mark` and `stack`: one entry per cell. No heap; 0.3 ms. With negated heights it levels
+/// bumps.
 Closing close_pits(const CellGrid& grid, std::span<const std::uint32_t> cell, std::span<const double> height,
                    const PitSize& size, std::span<std::uint32_t> mark, std::span<std::uint32_t> stack,
                    std::span<double> closed);
 
-/// A point nearer than this to its cell's median is no stray: there may be a slope or step within a cell.
+/// A point closer than this to its cell's median is not a stray: a cell may contain a slope or a step.
 inline constexpr double kStrayMin_mm = 0.15;
 
-/// Points a sparse cell needs to say where the seat is.
+/// Minimum number of points for a sparse cell to count.
 [[nodiscard]] inline std::size_t few_of(std::uint32_t points_min) {
   return std::max<std::size_t>(1, (points_min + 2) / 3);
 }
 
-/// What a cell comes to: mean place in the seat's frame, mean height above the fitted seat, scatter about it.
+/// Statistics of a cell: mean position in the seat's frame, mean height above the fitted seat, scatter about it.
 struct CellPoints {
   double x;
   double s;
@@ -135,42 +135,42 @@ struct CellPoints {
   }
 };
 
-/// Cells by a number of theirs.
+/// Set of cells by number.
 using CellSet = std::bitset<limits::kFlatnessCellsMax>;
 
-/// The cells' sums, and the heights of single points where the sums do not say enough. Works in `work`; no heap.
+/// The cells' sums, and the heights of single points where sums are not enough. Uses `work`; no heap.
 class SeatCells {
  public:
   SeatCells(std::span<const SeatPoints> runs, const CellLayout& layout, const FlatnessWorkspace& work);
 
-  /// Two halves, whoever does them.
+  /// Sums the points in two halves, one per thread.
   void sum_up(Team& team);
 
-  /// Takes the strays out of the cells that may have some. Where they hang together over half a cell's worth of points
-  /// and lie further from the seat than the rest, they are what the cell is: then everything else is taken out.
-  /// `mark`: room for one entry per cell.
+  /// Removes the strays from the cells that may have some. If connected strays have at least half a cell's worth of
+  /// points and are further from the seat than the rest, they become the cell's height and the rest is removed. `mark`:
+  /// one entry per cell.
   void remove_strays(const CellGrid& grid, std::span<std::uint32_t> mark);
 
-  /// Under a drop of water: it stands over the seat, by less than 1.5 mm, but returns few points, on a place no wider
-  /// than the pits that are bridged and with a seat around it that returns as many as everywhere. Where the concrete
-  /// lies there is not seen.
+  /// True under a drop of water: higher than the seat by less than 1.5 mm, but with few points, not wider
+  /// than the bridged pits, and with a normal number of points around. The height of the concrete there is
+  /// unknown.
   [[nodiscard]] bool is_wet(std::size_t cell) const { return wet_[cell]; }
-  /// What stands out of this cell, or is missing of it, took its place.
+  /// True if protruding or missing material determines the cell's height.
   [[nodiscard]] bool is_damage(std::size_t cell) const { return high_[cell] || low_[cell]; }
-  /// Both: what reaches further took its place.
+  /// True for damage on both sides; the larger deviation determines the height.
   [[nodiscard]] bool is_damage_of_both_sides(std::size_t cell) const { return high_[cell] && low_[cell]; }
 
-  /// Of a cell that is damage: what is not, or the damage of the other side where there is such.
+  /// Sum of a damaged cell's remaining points, or of its smaller damage if both sides are damaged.
   [[nodiscard]] const CellSum& beside_damage(std::size_t cell) const { return rest_[cell]; }
 
   [[nodiscard]] std::size_t size() const { return sums_.size(); }
   [[nodiscard]] const CellSum& operator[](std::size_t cell) const { return sums_[cell]; }
-  /// Empty where they were not fetched.
+  /// Empty if they were not fetched.
   [[nodiscard]] std::span<const float> heights(const CellSum& sum) const {
     if (sum.heights_at == CellSum::kNowhere) return {};
     return work_.heights.subspan(sum.heights_at, sum.heights);
   }
-  /// All points of a cell, strays too.
+  /// Number of all points of a cell, including strays.
   [[nodiscard]] std::uint32_t points_in(std::size_t cell) const {
     return sums_[cell].heights_at == CellSum::kNowhere ? sums_[cell].points : sums_[cell].heights;
   }
@@ -178,7 +178,7 @@ class SeatCells {
  private:
   static constexpr float kAny = std::numeric_limits<float>::max();
 
-  /// The strays of one side in a cell.
+  /// The strays on one side of a cell.
   struct Strays {
     std::uint32_t points = 0;
     double sum = 0.0;  ///< of their heights, mm
@@ -187,19 +187,19 @@ class SeatCells {
   };
 
   [[nodiscard]] CellSum& rest_of(const CellSum& sum) const;
-  /// Fetches the heights of the cells of which a point may be a stray.
+  /// Fetches the heights of the cells that may contain strays.
   void fetch_heights(const CellGrid& grid);
-  /// How the points of a full cell scatter, as most of them have it.
+  /// Typical (median) scatter of the points in full cells.
   [[nodiscard]] double scatter_in_full_cells(std::uint32_t points_min) const;
   [[nodiscard]] Strays strays_in(const CellSum& sum, CellMark side) const;
   void find_drops(double usual_points, const CellGrid& grid, std::span<std::uint32_t> mark);
-  /// Strays of one side, in cells that touch, that are together `points_min` points or more: puts those into `damage`.
+  /// Adds to `damage` the connected cells with together at least `points_min` strays of one side.
   void find_damage(CellMark side, double points_min, const CellGrid& grid, std::span<std::uint32_t> mark,
                    CellSet& damage);
-  /// Which heights of a cell count in its sum and which in that of its rest, now that its damage is known.
+  /// Sets which heights of a cell count in its sum and which in that of its rest, once its damage is known.
   void divide(CellSum& sum);
-  /// Calls f(sum, x, s, height) for every point of the cells for which chosen(sum); most groups hold none and are
-  /// left out.
+  /// Calls f(sum, x, s, height) for every point of the cells for which chosen(sum) is true. Most groups contain no such
+  /// point and are skipped.
   template <typename Chosen, typename F>
   void for_points_of(const Chosen& chosen, const F& f);
 
@@ -207,11 +207,11 @@ class SeatCells {
   const CellLayout& layout_;
   const FlatnessWorkspace& work_;
   std::span<CellSum> sums_;
-  std::span<CellSum> rest_;  ///< of the cells that have strays; the sums of the second half before
-  CellSet high_;             ///< cells whose strays above hang together
+  std::span<CellSum> rest_;  ///< for the cells with strays; initially the sums of the second half
+  CellSet high_;             ///< cells with connected strays above
   CellSet low_;              ///< ... below
   CellSet wet_;
-  CellSet beside_wet_;  ///< in part, perhaps
+  CellSet beside_wet_;  ///< possibly wet in part
 };
 
 }  // namespace slabd::algo

@@ -1,19 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How much does the average of many points really know? White noise averages out with their number; a scanner's errors
-// are shared by neighbours, over a millimetre or so, and then a mean over n points knows as much as n / factor
-// independent ones would. The factor is the noise's spectral density at long wavelengths over that of white noise of
-// the same size. Of the seat only heights are known, form and noise together, but form has long wavelengths (a bow, a
-// wave of centimetres), noise short ones. So:
+// Problem: find the effective number of independent points in an average. White noise averages out with the number of
+// points. A scanner's errors are shared by neighbours over a millimetre or so, and then a mean over n points is as
+// accurate as one over n / factor independent points. The factor is the noise's spectral density at long wavelengths
+// relative to white noise of the same size. Only the sum of form and noise is measured, but form has long wavelengths
+// (a bow, a wave of centimetres), noise short ones. Idea:
 //
-//   - a polynomial of fourth degree takes the bow and its kin away, and cells that stand out (a chip) are left out;
-//   - the rest is resolved into cosines over the region (DCT-II, each normalised so that white noise puts the variance
-//     of a cell into every one of them); those along one axis only are skipped, as form likes the axes;
+//   - a polynomial of fourth degree removes the bow and similar form, and outlier cells (a chip) are left out;
+//   - the rest is decomposed into cosines over the region (DCT-II, each normalised so that white noise puts the
+//     variance of a cell into every one of them); those along only one axis are skipped, because form tends to follow
+//     the axes;
 //   - their energies between 40 mm and 10 mm of wavelength, averaged in rings of equal area, are extrapolated to
 //     infinite wavelength along 1/energy ~ k^2: exact for exponential correlation, 5 % high for a Gaussian one of 2 mm
 //     length, flat for anything much shorter than a cell.
 //
-// Correlation over more than about 3 mm cannot be told from form this way and is not found.
+// Correlation over more than about 3 mm cannot be separated from form in this way and is not detected.
 #include "algo/features/seat_noise.h"
 
 #include <Eigen/Cholesky>
@@ -31,7 +32,7 @@ namespace {
 constexpr std::size_t kCellsMin = 400;
 constexpr double kWavelengthMax_mm = 40.0;
 constexpr double kWavelengthMin_mm = 10.0;
-/// What is longer than this counts as form when the noise of a cell is asked for.
+/// Longer wavelengths count as form in the noise of a cell.
 constexpr double kFormLength_mm = 20.0;
 constexpr int kModesMax = 40;  ///< along one axis: 200 mm of seat
 constexpr std::size_t kRings = 6;
@@ -39,24 +40,24 @@ constexpr std::size_t kRings = 6;
 constexpr double kEnergyMax = 12.0;
 constexpr double kOutlierSigmas = 4.0;
 
-/// Degree of the polynomial that is taken for form.
+/// Degree of the polynomial that represents the form.
 constexpr int kDegree = 4;
 constexpr int kTerms = (kDegree + 1) * (kDegree + 2) / 2;
 using Terms = Eigen::Matrix<double, kTerms, 1>;
 
-/// One side of the region may have this many cells. A region of at least 40 mm either way and of at most
+/// Maximum number of cells along one side of the region. A region of at least 40 mm in either direction and of at most
 /// limits::kFlatnessCellsMax cells stays below 345 up to 560 mm of length.
 constexpr Eigen::Index kAxisMax = 352;
 
-/// Functions of the place along one axis, a row for each place: powers or cosines.
+/// Functions of the position along one axis, a row for each position: powers or cosines.
 using Table = Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, kAxisMax, kModesMax + 1>;
-/// A row for each function.
+/// Matrix with a row for each function.
 template <Eigen::Index kLength>
 using Rows = Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, kModesMax + 1, kLength>;
 /// A value for each cell, row by row.
 using Field = Eigen::Map<Eigen::Array<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
 
-/// Powers 0..count - 1 of the places of `cells` cells along an axis, scaled to -1..1 over 2 * half_mm.
+/// Powers 0..count - 1 of the positions of `cells` cells along an axis, scaled to -1..1 over 2 * half_mm.
 Table powers(std::size_t cells, double cell_mm, double half_mm, int count) {
   Table table(static_cast<Eigen::Index>(cells), count);
   for (Eigen::Index i = 0; i < table.rows(); ++i) {
@@ -68,13 +69,13 @@ Table powers(std::size_t cells, double cell_mm, double half_mm, int count) {
 }
 
 /// Sums over all cells of value * f(row) * g(column), for every f and g of two tables: over the rows first, then over
-/// the columns. That is what makes polynomial and cosines cheap; cell by cell they cost thirty times as much.
+/// the columns. Computed cell by cell, polynomial and cosines would cost thirty times as much.
 template <typename Sums>
 void sum_products(const Table& along, const Field& values, const Table& across, Sums& sums) {
   Rows<kAxisMax> by_column(along.cols(), values.cols());
   by_column.setZero();
   sums.setZero();
-  // Whole rows are added, four at a time: no sum waits for the one before.
+  // Whole rows are added, four at a time, so that no sum waits for the one before.
   const Eigen::Index fours = values.rows() / 4 * 4;
   for (Eigen::Index r = 0; r < fours; r += 4)
     for (Eigen::Index f = 0; f < along.cols(); ++f)
@@ -86,7 +87,7 @@ void sum_products(const Table& along, const Field& values, const Table& across, 
     for (Eigen::Index c = 0; c < across.rows(); ++c) sums.row(f) += by_column(f, c) * across.row(c);
 }
 
-/// 1.4826 times the median distance from zero of the cells with weight.
+/// 1.4826 times the median absolute height of the cells with weight.
 double robust_sigma_of(const Field& heights, const Field& weight) {
   std::array<double, limits::kFlatnessCellsMax> size;
   std::size_t n = 0;
@@ -97,8 +98,8 @@ double robust_sigma_of(const Field& heights, const Field& weight) {
   return 1.4826 * median_of(std::span(size).first(n));
 }
 
-/// Takes the low polynomial off, then sets to zero what still stands out. `weight` is 1 where a cell is, 0 elsewhere,
-/// and in the end where one is left. Returns how many are left.
+/// Subtracts the low polynomial, then sets outliers to zero. `weight` is 1 for existing cells, 0 elsewhere, and on
+/// return 1 for the cells kept. Returns their number.
 std::size_t remove_form(const CellGrid& grid, Field& heights, Field& weight) {
   constexpr int kPowers = 2 * kDegree + 1;
   const Table across = powers(grid.columns, grid.region.cell_mm, grid.region.half_x_mm, kPowers);
@@ -112,7 +113,7 @@ std::size_t remove_form(const CellGrid& grid, Field& heights, Field& weight) {
   Sums of_weight;
   Sums of_height;
   std::size_t left = 0;
-  // A chip leans on the polynomial until it is left out.
+  // A chip affects the polynomial until it is left out.
   for (int round = 0; round < 3; ++round) {
     weighted = weight * heights;
     sum_products(along, weight, across, of_weight);
@@ -169,7 +170,7 @@ class Line {
   double xy_ = 0.0;
 };
 
-/// The heights as cosines over the region.
+/// Cosine spectrum of the heights over the region.
 class Spectrum {
  public:
   Spectrum(const CellGrid& grid, const Field& heights)
@@ -183,7 +184,7 @@ class Spectrum {
     scale_ = 4.0 / static_cast<double>(grid.cells());
   }
 
-  /// Sum of the energies of all modes longer than kFormLength_mm, those along one axis included, and their number.
+  /// Sum of the energies of all modes longer than kFormLength_mm, including those along one axis, and their number.
   [[nodiscard]] double form_energy(double& count) const {
     double sum = 0.0;
     count = 0.0;
@@ -197,8 +198,8 @@ class Spectrum {
     return sum;
   }
 
-  /// Spectral density at infinite wavelength from the modes between the two wavelengths, ring by ring, as the variance
-  /// white noise of that density gives a cell. NaN: a ring without modes.
+  /// Spectral density at infinite wavelength, extrapolated ring by ring from the modes between the two wavelengths, as
+  /// the variance of a cell with white noise of that density. NaN if a ring has no modes.
   [[nodiscard]] double at_infinity() const {
     constexpr double k2_min = 1.0 / (kWavelengthMax_mm * kWavelengthMax_mm);
     constexpr double k2_max = 1.0 / (kWavelengthMin_mm * kWavelengthMin_mm);
@@ -214,14 +215,14 @@ class Spectrum {
       at[ring] = 0.5 * (from + to);
       log_level.add(at[ring], std::log(level[ring]), count[ring]);
     }
-    // A mean of n energies scatters by sqrt(2/n) of itself, hence the weights; they come from the smooth line, or
-    // rings that are low by chance would weigh more. The reciprocal of the mean is high by 2/n.
+    // A mean of n energies has a relative scatter of sqrt(2/n), hence the weights. They come from the smooth line;
+    // otherwise rings that are low by chance would have more weight. The reciprocal of the mean is high by 2/n.
     Line reciprocal;
     for (std::size_t ring = 0; ring < kRings; ++ring) {
       const double smooth = std::exp(log_level.value_at(at[ring]));
       reciprocal.add(at[ring], (1.0 - 2.0 / count[ring]) / level[ring], count[ring] * smooth * smooth);
     }
-    // No noise has more energy at short wavelengths than at long ones.
+    // Noise never has more energy at short wavelengths than at long ones.
     return 1.0 / (reciprocal.slope() > 0.0 ? reciprocal.value_at(0.0) : reciprocal.mean());
   }
 
@@ -261,7 +262,7 @@ class Spectrum {
     count = 0.0;
     if (n == 0) return kNoValue;
     const std::span<double> all = std::span(energies).first(n);
-    // Median of chi-square with one degree of freedom over its mean.
+    // Median of chi-square with one degree of freedom relative to its mean.
     const double limit = kEnergyMax * median_of(all) / 0.4549;
     double sum = 0.0;
     for (const double e : all) {
@@ -304,11 +305,11 @@ CellNoise noise_of_cells(const CellGrid& grid, std::span<const double> heights, 
   }
   const std::size_t left = remove_form(grid, field, weight);
   if (left < kCellsMin) return noise;
-  // Where no cell is, or one was left out, the heights are zero: the energies lack its part.
+  // Empty and excluded cells have height zero: the energies lack their part.
   const double present = static_cast<double>(left) / static_cast<double>(grid.cells());
   const Spectrum spectrum(grid, field);
   const double density = spectrum.at_infinity() / present;
-  // All energies sum up to the heights' squares; the long ones are replaced by what the noise has there.
+  // The sum of all energies is that of the squared heights; the long ones are replaced by the noise density there.
   double long_modes = 0.0;
   const double noise_energy = field.square().sum() - spectrum.form_energy(long_modes);
   const double cell_variance = (noise_energy / present + long_modes * density) / static_cast<double>(grid.cells());
@@ -323,7 +324,7 @@ CellNoise noise_of_cells(const CellGrid& grid, std::span<const double> heights, 
 
 double expected_range(std::size_t count) {
   if (count < 2) return 0.0;
-  // Upper tail that the expected maximum leaves; the normal quantile by Newton's method on its logarithm.
+  // Upper tail beyond the expected maximum; the normal quantile by Newton's method on its logarithm.
   const double tail = -std::expm1(std::log(0.5264) / static_cast<double>(count));
   double z = std::sqrt(std::fmax(-2.0 * std::log(2.0 * tail), 0.01));
   for (int i = 0; i < 50; ++i) {
@@ -334,32 +335,32 @@ double expected_range(std::size_t count) {
   return 2.0 * z;
 }
 
-// Problem: a scanner that gives an earlier exposure again, in another format, order or pose, shows a block that is not
-// at the station. Equal points are found by a checksum; this finds equal noise.
+// Problem: a scanner that returns an earlier exposure again, in another format, order or pose, shows a block that is
+// not at the station. Equal points are found by a checksum; this finds equal noise.
 //
-// Idea: what two exposures can have in common is smooth over a few cells: the block's form and texture, the scanner's
+// Idea: features common to two exposures are smooth over a few cells: the block's form and texture, the scanner's
 // ripple and lens error. Noise is not. So the mean heights of 4 x 4 cells are differenced three times along both axes,
 //
 //     d = sum_ij k_i k_j h_ij,    k = 1, -3, 3, -1,
 //
-// which takes out every surface of second degree in x or s exactly, and of a wave of length L the part
-// (2 sin(pi cell / L))^6: 0.2 % of the amplitude at L = 8 mm, while white noise grows by 20. The sign of d is kept, so
-// that a pore, a grain of dust or an outlier counts no more than any other place. Signs are compared place by place in
-// the block's frame: registration repeats to a hundredth of a millimetre, a fiftieth of a cell.
+// which removes every surface of second degree in x or s exactly. Of a wave of length L the part (2 sin(pi cell / L))^6
+// remains: 0.2 % of the amplitude at L = 8 mm, while white noise grows by 20. Only the sign of d is kept, so that a
+// pore, a grain of dust or an outlier counts no more than any other place. Signs are compared place by place in the
+// block's frame: registration repeats to a hundredth of a millimetre, a fiftieth of a cell.
 //
-// A scan is not decided upon where it holds no noise: d below kFlat_mm is the rounding of its float coordinates.
+// A scan without noise is not compared: d below kFlat_mm is the rounding of its float coordinates.
 
 namespace {
 
-/// Points further than this from the seat are no noise of it: outliers, damage, an edge.
+/// Points further than this from the seat are not its noise: outliers, damage, an edge.
 constexpr float kReach_mm = 0.5F;
 constexpr float kUnitsPerMm = 1e5F;
 /// A cell with more points than this is left out: its sum could overflow.
 constexpr std::uint32_t kCellPointsMax = 32'768;
 static_assert(kCellPointsMax * kReach_mm * kUnitsPerMm < 2e9F);
-/// Float coordinates of 1 m are rounded to 0.06 um, which makes up to 0.5 um of d.
+/// Float coordinates of 1 m are rounded to 0.06 um, which contributes up to 0.5 um to d.
 constexpr double kFlat_mm = 0.002;
-/// Points to the mm^2 from which the fine grid is used: four to a cell, and a few percent of cells with one.
+/// Points per mm^2 from which the fine grid is used: four per cell, and a few per cent of cells with one.
 constexpr double kFineDensity = 12.0;
 constexpr std::array<double, 4> kThird = {1.0, -3.0, 3.0, -1.0};
 
@@ -383,14 +384,14 @@ void sum_up(std::span<const SeatPoints> runs, const CellLayout& layout, std::spa
   }
 }
 
-/// Returns how many places are known.
+/// Writes the signs of all places. Returns the number of known ones.
 template <typename Signs>
 std::uint32_t take_signs(const CellLayout& layout, std::span<const NoiseCell> cells, Signs& signs) {
   const auto columns = static_cast<std::size_t>(layout.columns);
   std::uint32_t known = 0;
   std::array<std::array<double, limits::kNoiseWindowX_mm * 2>, 4> mean;
   std::array<std::array<bool, limits::kNoiseWindowX_mm * 2>, 4> seen;
-  // Points outside of the window are counted to its border, which is left out.
+  // Points outside the window are counted in its border, which is left out.
   for (std::size_t r = 1; r + 1 < Signs::kRows; ++r) {
     for (std::size_t i = 0; i < 4; ++i) {
       const NoiseCell* row = &cells[(2 * r + i) * columns];
@@ -453,7 +454,7 @@ void make_noise_print(std::span<const SeatPoints> runs, const SeatFrame& frame, 
       static_cast<void>(take_signs(with_cells(0.5), own, out.fine));
     }
   });
-  // With fewer places nothing could be compared.
+  // With fewer places the print cannot be compared.
   if (coarse < limits::kNoisePlacesMin)
     out = {};
   else
@@ -466,17 +467,17 @@ constexpr std::size_t kStrips = 3;
 constexpr double kStrip_mm = 34.0;
 constexpr double kBin_mm = 0.75;
 constexpr std::size_t kBins = 240;
-/// Half of the window whose mean is taken away: 12.75 mm, more than the longest period.
+/// Half of the window of the moving average that is subtracted: 12.75 mm, more than the longest period.
 constexpr std::size_t kHalf = 8;
 constexpr std::uint32_t kPointsMin = 8;
 constexpr std::size_t kLooked = 65'536;
-/// Points are taken in rows of so many, so that no step of the scan's lines meets the bins.
+/// Points are taken in rows of this length, which is not a multiple of the scan's line step.
 constexpr std::size_t kRow = 61;
-/// Bins of a window that must be seen.
+/// Minimum number of seen bins in a window.
 constexpr std::size_t kWindowMin = 12;
-/// Of these bins at least.
+/// Minimum number of such bins.
 constexpr std::size_t kSeenMin = 100;
-/// Square of the median size over the variance, of a normal distribution; of a sine it is 1.
+/// Squared median size over the variance, for a normal distribution; for a sine it is 1.
 constexpr double kNoiseShare = 0.455;
 
 struct Bin {
@@ -485,7 +486,7 @@ struct Bin {
   std::uint32_t count = 0;
   [[nodiscard]] bool seen() const { return count >= kPointsMin; }
   [[nodiscard]] double mean() const { return sum / count; }
-  /// Of the mean.
+  /// Variance of the mean.
   [[nodiscard]] double variance() const {
     return std::max(squares - sum * sum / count, 0.0) / (static_cast<double>(count) * (count - 1));
   }

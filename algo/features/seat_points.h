@@ -10,16 +10,16 @@
 #include "algo/block_model.h"
 #include "base/base.h"
 
-/// Points over the bearing plane, small enough to be read several times from the cache. What is asked of them is
-/// asked along the seat, so they are kept along the seat: near the plane floats then hold them to 1e-6 mm, which they
-/// do not in the scanner's frame.
+/// Points over the bearing plane, small enough to be read several times from the cache. Coordinates are along
+/// the seat, as all readers need them: near the plane floats then resolve 1e-6 mm, unlike in the scanner's
+/// frame.
 namespace slabd::algo {
 
-/// Right-handed frame of the nominal bearing plane. Exact in double, and so is the way back to the block's frame.
+/// Right-handed frame of the nominal bearing plane. The conversions in both directions are exact in double.
 struct SeatFrame {
   Vec3 origin = Vec3::Zero();       ///< on the plane, block frame
   Vec3 along_rail = Vec3::UnitX();  ///< unit: x
-  Vec3 along_seat = Vec3::UnitY();  ///< unit: s, climbing outward
+  Vec3 along_seat = Vec3::UnitY();  ///< unit: s, rising outward
   Vec3 up = Vec3::UnitZ();          ///< unit normal: h
 
   static SeatFrame of(const BlockModel& model) {
@@ -29,25 +29,25 @@ struct SeatFrame {
   [[nodiscard]] Vec3 in_block(double x, double s, double h) const {
     return origin + x * along_rail + s * along_seat + h * up;
   }
-  /// x, s, h of a point of the block's frame.
+  /// x, s, h of a point of the block frame.
   [[nodiscard]] Vec3 in_seat(const Vec3& p) const {
     const Vec3 q = p - origin;
     return {along_rail.dot(q), along_seat.dot(q), up.dot(q)};
   }
 };
 
-/// A run of points: coordinates in a SeatFrame, mm, three arrays of equal length. Whoever writes it leaves out what is
-/// not finite: every value here is a number. Points stand in the order of the scan, which keeps neighbours together;
-/// the answers of what reads them hold for any order, but the last bits follow it. Where several runs make up one
-/// region they are passed as a span of runs in the order of the scan, whichever thread wrote them.
+/// A run of points: coordinates in a SeatFrame, mm, three arrays of equal length. All values are finite; the writer
+/// omits other points. Points are in the order of the scan, so neighbours stay together; results are valid for any
+/// order, except that their last bits depend on it. Several runs of one region are passed as a span of runs in the
+/// order of the scan, independent of the thread that wrote them.
 struct SeatPoints {
   std::span<const float> x;  ///< along the rail
   std::span<const float> s;  ///< along the seat
   std::span<const float> h;  ///< above the nominal bearing plane
 
   [[nodiscard]] std::size_t size() const { return h.size(); }
-  /// Asks for the beginning to be brought into the cache. Processors fetch ahead by themselves, but not from one page
-  /// to the next, and a run is seldom longer than that.
+  /// Prefetches the start of the run. Hardware prefetchers do not cross page boundaries, and a run is seldom longer
+  /// than a page.
   void ask_for() const {
     constexpr std::size_t kLine = 64 / sizeof(float);
     for (std::size_t i = 0; i < std::min(size(), 8 * kLine); i += kLine) {
@@ -58,8 +58,8 @@ struct SeatPoints {
   }
 };
 
-/// Divides a face into a few places of equal area, to ask each how much of it was seen. Coordinates as in the face's
-/// SeatFrame: u along the rail, v across it. What lies outside belongs to the place beside it.
+/// Division of a face into a few places of equal area, to measure how much of each was seen. Coordinates as in the
+/// face's SeatFrame: u along the rail, v across it. Points outside belong to the nearest place.
 struct FaceRaster {
   static constexpr std::size_t kColumns = 8;
   static constexpr std::size_t kRows = 4;
@@ -83,7 +83,7 @@ struct FaceRaster {
     return kColumns * row + column;
   }
 };
-/// Points by place.
+/// Number of points by place.
 using PlaceCounts = std::array<std::uint32_t, FaceRaster::kPlaces>;
 
 }  // namespace slabd::algo

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// From fitted features to the numbers a verdict is made of. Everything is taken between measured features; the
-// registration only says which way X points and where the section x = 0 lies, so its small errors cancel.
+// Item values from fitted features. All values are between measured features; the registration only defines the
+// direction of X and the section x = 0, so its small errors cancel.
 #include "algo/items/block_items.h"
 
 #include <array>
@@ -59,7 +59,7 @@ void compute_block_items(const BlockModel& model, BlockResult& result) {
   const BlockGeometry& geometry = model.geometry();
 
   if (result.slab_top.ok) {
-    // Datum frame: Z = slab top, X = the registration's X laid into it.
+    // Datum frame: Z = slab top, X = the registration's X projected onto it.
     const Vec3 z = result.slab_top.normal;
     const Vec3 x = (Vec3::UnitX() - z.x() * z).normalized();
     const Vec3 y = z.cross(x);
@@ -85,7 +85,7 @@ void compute_block_items(const BlockModel& model, BlockResult& result) {
         (jaw_point(seat, result.jaw_outer, height).p - jaw_point(seat, result.jaw_inner, height).p).norm();
   }
 
-  // The centres lie on the seat plane already.
+  // The centres are on the seat plane already.
   if (is_located(result.casing_inner) && is_located(result.casing_outer))
     item(result, ItemId::casing_spacing).value = (result.casing_outer.centre - result.casing_inner.centre).norm();
   if (result.casing_inner.ok) item(result, ItemId::casing_protrusion_inner).value = result.casing_inner.height_mm;

@@ -15,7 +15,7 @@ double square(double v) {
   return v * v;
 }
 
-/// Sum of g^2 variance, where a zero gradient asks for no variance: a station that does not count may be unknown.
+/// Sum of g^2 variance. A zero gradient needs no variance, so an irrelevant station may be unknown.
 double weighted(const Vec3& g, const Vec3& variance) {
   double sum = 0.0;
   for (int i = 0; i < 3; ++i)
@@ -27,7 +27,7 @@ double times(double g_squared, double variance) {
   return g_squared == 0.0 ? 0.0 : g_squared * variance;
 }
 
-/// Root of the variances that are known.
+/// Root of the known variances.
 Vec3 known(const Vec3& variance, std::initializer_list<double> sigmas) {
   double common = 0.0;
   for (const double sigma : sigmas)
@@ -114,23 +114,23 @@ Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
   return budget;
 }
 
-// The frame is fitted to seats, and 2 mm between the heights of two rows 1516 mm apart turn it by 0.076 degrees: more
-// than half of a slope's tolerance. Nor do the seats' own tilts tell: one row high by 2 mm with slopes 0.146 degrees
-// too steep is, turned, two rows level with slopes 0.07 degrees too steep, down to the last seat. Only what is no seat
-// can say which, and the slab's top is seen in every scan. It is rough, so it does not take part in the fit; but where
-// it contradicts the fit, nobody knows which of the two is right, and the roll is as uncertain as they differ.
+// Problem: the frame is fitted to seats, and 2 mm between the heights of two rows 1516 mm apart rotate it by 0.076
+// degrees, more than half of a slope's tolerance. The seats' own tilts do not reveal this: one row high by 2 mm with
+// slopes 0.146 degrees too steep is, rotated, two level rows with slopes 0.07 degrees too steep, for every seat. Only a
+// feature other than the seats can decide, and the slab's top is seen in every scan. It is rough, so it is not part of
+// the fit. But if it contradicts the fit, either may be wrong, and their difference is the uncertainty of the roll.
 
 namespace {
 
-/// Of each row. A pass needs 18 blocks, of which the roughest concrete known leaves 13 with a top.
+/// Minimum in each row. A pass needs 18 blocks, of which the roughest known concrete leaves 13 with a top.
 constexpr std::size_t kTopsMin = 3;
-/// Seats and top of a slab that nobody would complain of: half a millimetre over the distance of the rows.
+/// Seats and top of an acceptable slab: half a millimetre over the distance of the rows.
 constexpr double kOrdinary_rad = rad_from_deg(0.02);
-/// A top so rough that it cannot show a row 1 mm high is no reason to overlook one: 0.067 degrees from block to block.
+/// Limit for a rough top: 0.067 degrees from block to block cannot show a row 1 mm high, but must not excuse one.
 constexpr double kTopsMax_rad = rad_from_deg(0.02);
-/// Without a witness rows may differ by more than any slope's tolerance leaves room for.
+/// Roll uncertainty without a witness: rows may differ by more than any slope's tolerance allows.
 constexpr double kUnwitnessed_rad = rad_from_deg(0.1);
-/// Standard deviation of a median against that of a mean.
+/// Standard deviation of a median relative to that of a mean.
 constexpr double kMedian = 1.2533;
 /// Standard deviation from the median absolute deviation.
 constexpr double kDeviation = 1.4826;
@@ -142,7 +142,7 @@ class Sample {
     if (std::isfinite(v)) at_[count_++] = v;
   }
   [[nodiscard]] std::size_t count() const { return count_; }
-  /// Of an even number the mean of the two in the middle: the upper one of both rows would look like a roll.
+  /// For an even number, the mean of the two middle values: taking the upper one in both rows would look like a roll.
   [[nodiscard]] double median() const {
     std::array<double, limits::kStationsMax> sorted = at_;
     const auto end = sorted.begin() + static_cast<std::ptrdiff_t>(count_);
@@ -184,7 +184,7 @@ RollWitness witness_roll(const Recipe& recipe, std::span<const BlockResult> bloc
   const double scatter = kMedian * kDeviation * off.median();
   const double tops = 0.5 * std::hypot(scatter / std::sqrt(static_cast<double>(rows[0].count())),
                                        scatter / std::sqrt(static_cast<double>(rows[1].count())));
-  // What a robot or a calibration does to one station it may do to a whole row: no averaging.
+  // An error of a robot or a calibration may affect a whole row like one station: no averaging.
   const double rows_rad = std::sqrt(2.0) * height_mm.median() / recipe.slab.seat_centre_distance_mm.value;
   const double explained =
       square(kOrdinary_rad) + square(std::min(tops, kTopsMax_rad)) + square(rows_rad) + square(tilt_rad.median());

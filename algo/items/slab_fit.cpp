@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// One frame for the whole slab, from the seats themselves. A plain least-squares fit would share a displaced seat's
-// error with all its neighbours: 0.8 mm at one corner turns the frame, and seats that are in place are reported off.
-// So the fit is robust, and the scale that decides what is "displaced" comes from the seats' own scatter on top of each
-// seat's uncertainty. A warped slab scatters a lot in height, which widens the height scale and nothing else.
+// One frame for the whole slab, from the seats themselves. A plain least-squares fit would distribute a displaced
+// seat's error to all its neighbours: 0.8 mm at one corner rotates the frame, and seats that are in place are reported
+// as displaced. So the fit is robust. The scale for "displaced" comes from the seats' own scatter on top of each seat's
+// uncertainty. A warped slab scatters strongly in height, which increases the height scale and nothing else.
 #include "algo/items/slab_fit.h"
 
 #include <Eigen/Cholesky>
@@ -22,14 +22,14 @@ using Mat6 = Eigen::Matrix<double, 6, 6>;
 
 /// x, y, z of the reference point (mm) and the two tilts of the seat (rad).
 constexpr std::size_t kChannels = 5;
-/// Smallest scales: below them differences are noise whatever the seats say.
+/// Smallest scales: smaller differences always count as noise.
 constexpr double kScaleMin_mm = 0.02;
 constexpr double kScaleMin_rad = 2e-4;
 constexpr int kHuberSteps = 15;
-/// Re-weighting may creep where a seat is neither in nor out of place: 6 % a step have been seen.
+/// Re-weighting can converge slowly if a seat is on the border of being displaced: 6 % a step have been observed.
 constexpr int kStepsMax = 1000;
 constexpr double kLever_mm = 1000.0;
-/// 95 % as efficient as least squares where nothing is out of place.
+/// 95 % efficiency relative to least squares if no seat is displaced.
 constexpr double kTukey = 4.685;
 
 using PerSeat = std::array<double, limits::kStationsMax>;
@@ -83,7 +83,7 @@ double median_abs(const PerSeat& r, std::size_t count) {
   return *middle;
 }
 
-/// Variances of the measured components, never below the smallest scale, which also stands for unknown ones.
+/// Variances of the measured components, at least the smallest scale, which also replaces unknown ones.
 Channels variances_of(std::span<const SeatSighting> seats) {
   Channels v{};
   const auto at_least = [](double sigma, double least) {
@@ -97,8 +97,8 @@ Channels variances_of(std::span<const SeatSighting> seats) {
   return v;
 }
 
-/// Robust standard deviation: Tukey's M-scale, for which half of the seats may be anywhere. Unlike the median, which
-/// hangs on one seat's noise, it leans on all of them: weights, and with them the frame, then follow the noise less.
+/// Robust standard deviation: Tukey's M-scale, for which half of the seats may be arbitrary. The median depends on one
+/// seat's noise; this scale depends on all seats, so the weights, and with them the frame, follow the noise less.
 double scatter_of(const PerSeat& r, std::size_t count) {
   constexpr double kHalfRho = 1.5476;  // mean rho is a half for a normal distribution of this scale
   constexpr int kRounds = 40;
@@ -124,16 +124,15 @@ PerSeat off_median(const PerSeat& r, std::size_t count) {
   return off;
 }
 
-/// How much the seats scatter beyond what their uncertainties explain. Tilts about their own median: a frame that is
-/// turned shows the same tilt at every seat, which must call it back and not pass for scatter. (One row warped by
-/// 3.6 mm once turned the frame by 0.1 degrees: the other row's heights agreed with that, and the tilts were taken
-/// for noise.)
+/// Scatter of the seats beyond their uncertainties. Tilts are taken about their own median: a rotated frame shows the
+/// same tilt at every seat, which must correct the frame and not count as scatter. (One row warped by 3.6 mm once
+/// rotated the frame by 0.1 degrees: the other row's heights agreed with that, and the tilts were treated as noise.)
 double excess_variance(const PerSeat& r, const PerSeat& variance, std::size_t count, bool tilt) {
   const double scatter = scatter_of(tilt ? off_median(r, count) : r, count);
   return std::max(scatter * scatter - median_abs(variance, count), 0.0);
 }
 
-/// First Huber, which cannot lose its way from a bad start; then Tukey, under which a displaced seat has no pull.
+/// Huber first, which converges from a bad start; then Tukey, which gives a displaced seat no influence.
 double weight_of(double r, double scale, bool tukey) {
   const double u = std::abs(r) / scale;
   if (!tukey) return u <= 1.345 ? 1.0 : 1.345 / u;
@@ -141,7 +140,7 @@ double weight_of(double r, double scale, bool tukey) {
   return v < 1.0 ? (1.0 - v * v) * (1.0 - v * v) : 0.0;
 }
 
-/// How residual c of a seat moves with the frame's small motion.
+/// Derivative of residual c of a seat with respect to a small motion of the frame.
 FrameVector jacobian(const Vec3& p, const Vec3& n, std::size_t c) {
   const bool position = c < 3;
   const Vec3 axis = Vec3::Unit(static_cast<Eigen::Index>(position ? c : c - 3));
@@ -191,14 +190,14 @@ Pose motion(const FrameVector& delta) {
   return move;
 }
 
-/// d(r weight) / dr of the last weights: how much a residual's own change still pulls.
+/// d(r weight) / dr of the last weights: the remaining influence of a residual's own change.
 double influence_of(double r, double scale) {
   const double v = std::abs(r) / (kTukey * scale);
   return v < 1.0 ? (1.0 - v * v) * (1.0 - 5.0 * v * v) : 0.0;
 }
 
-/// Implicit derivative of the solution, scales held: -(sum i j j')^-1 i j with i the influences. Where seats in doubt
-/// make that sum indefinite the weights themselves have to do.
+/// Implicit derivative of the solution for fixed scales: -(sum i j j')^-1 i j with i the influences. If doubtful seats
+/// make that sum indefinite, the weights are used instead.
 void respond(std::span<const SeatSighting> seats, const Pose& T_slab_base, const Channels& r, const Channels& variance,
              const std::array<double, kChannels>& excess, const Normal& eq, std::span<FrameResponse> response) {
   std::array<std::array<FrameVector, kChannels>, limits::kStationsMax> j;
@@ -242,7 +241,7 @@ SlabFitReport fit_slab(std::span<const SeatSighting> seats, std::span<FrameRespo
   for (report.iterations = 1; report.iterations <= kStepsMax; ++report.iterations) {
     residuals_of(seats, T_slab_base, r);
     const bool tukey = report.iterations > kHuberSteps;
-    // The scales follow for a while and then stand, so that the steps can come to rest.
+    // The scales follow for some steps and are then fixed, so that the steps converge.
     if (report.iterations <= 4 * kHuberSteps)
       for (std::size_t c = 0; c < kChannels; ++c) excess[c] = excess_variance(r[c], variance[c], seats.size(), c >= 3);
 
@@ -261,18 +260,18 @@ SlabFitReport fit_slab(std::span<const SeatSighting> seats, std::span<FrameRespo
     }
   }
   if (!report.ok) report.note.printf("the slab's pose still moves after %d steps", kStepsMax);
-  // Three components per seat: per-seat root mean square, comparable with the plain one.
+  // Three components per seat: root mean square per seat, comparable with the plain one.
   report.rms_mm = eq.position_weight > 0.0 ? std::sqrt(3.0 * eq.position_squares / eq.position_weight) : kNoValue;
   report.T_base_slab = T_slab_base.inverse();
   return report;
 }
 
-// A slab may be warped within limits of its own, so heights of seats are judged after the warp, a parabola per row, is
-// taken out. The parabola must be the warp of the seats that are in place: nine points and three parameters leave an
-// end seat so much leverage that a least-squares parabola would follow it and hide two thirds of its error.
+// A slab may be warped within separate limits, so heights of seats are judged after the warp, a parabola per row, is
+// subtracted. The parabola must be the warp of the seats that are in place: with nine points and three parameters an
+// end seat has so much leverage that a least-squares parabola would follow it and hide two thirds of its error.
 //
-// The reach at which a seat loses its say is fixed (the tolerance: whoever is further out than that is no warp), not
-// taken from the scatter of a handful of seats, so ordinary rows give ordinary least squares, nearly.
+// The reach at which a seat loses its weight is fixed (the tolerance: a larger deviation is not warp) and not taken
+// from the scatter of a few seats. So ordinary rows give almost ordinary least squares.
 
 namespace {
 
@@ -281,15 +280,15 @@ using Vec3d = Eigen::Vector3d;
 
 constexpr int kSettleStepsMax = 500;
 constexpr double kStill_mm = 1e-12;
-/// In costs of a seat that has no say: so much more a solution may cost that accuses a seat. With 0.05 mm of scatter
-/// the share of end seats 0.6 mm low that read below 0.4 mm falls from 23 to 9 % (9 seats), from 43 to 11 % (8); the
-/// share of sound rows with a seat beyond 0.5 mm at 0.1 mm of scatter rises from 0.3 to 0.6 %.
+/// Cost, in units of a seat without weight, that a solution with a displaced seat may have in addition. With 0.05 mm of
+/// scatter the share of end seats 0.6 mm low that read below 0.4 mm falls from 23 to 9 % (9 seats), from 43 to 11 %
+/// (8). The share of sound rows with a seat beyond 0.5 mm at 0.1 mm of scatter rises from 0.3 to 0.6 %.
 constexpr double kDoubt = 0.3;
 
-/// The same where what is cheapest accuses nobody. The fewer seats, the less it costs to bend the parabola to a low end
-/// seat: without scatter 0.3 let an end seat of six that is 0.6 mm low read 0.09, one of seven that is 0.52 low 0.11.
-/// The shares above are 21 % (54 with 0.3) and 6.1 % (1.9) for six seats, 17 % (25) and 2.4 % (1.3) for seven. Where
-/// somebody is accused already so much doubt would accuse an end seat of its neighbour's error.
+/// The same if the cheapest solution has no displaced seat. With fewer seats it costs less to bend the parabola to a
+/// low end seat: without scatter, 0.3 made an end seat of six that is 0.6 mm low read 0.09, one of seven that is 0.52
+/// low 0.11. The shares above are 21 % (54 with 0.3) and 6.1 % (1.9) for six seats, 17 % (25) and 2.4 % (1.3) for
+/// seven. If another seat is displaced already, this allowance would attribute its error to an end seat.
 double doubt_of_silence(std::size_t seats) {
   if (seats >= 8) return kDoubt;
   return seats == 7 ? 0.45 : 0.55;
@@ -330,7 +329,7 @@ class Row {
     }
     return sum;
   }
-  /// Through three seats exactly; false when they are not three places.
+  /// Parabola exactly through three seats. False if they are not at three different positions.
   [[nodiscard]] bool through(std::size_t i, std::size_t j, std::size_t k, Vec3d& parabola) const {
     Mat3d A;
     A.row(0) = basis(seats_[i].x_mm);
@@ -341,7 +340,7 @@ class Row {
     parabola = solver.solve(Vec3d(seats_[i].z_mm, seats_[j].z_mm, seats_[k].z_mm));
     return true;
   }
-  /// (sum w b b')^-1 with the weights at `parabola`; false when the seats that count do not fix one.
+  /// (sum w b b')^-1 with the weights at `parabola`. False if the seats with weight do not determine a parabola.
   [[nodiscard]] bool normal_inverse(const Vec3d& parabola, Mat3d& inverse) const {
     Mat3d H = Mat3d::Zero();
     for (std::size_t i = 0; i < seats_.size(); ++i) {
@@ -353,7 +352,7 @@ class Row {
     inverse = solver.inverse();
     return true;
   }
-  /// Re-weighted least squares until it stands still (each step lowers the cost).
+  /// Re-weighted least squares until it converges (each step reduces the cost).
   [[nodiscard]] bool settle(Vec3d& parabola) const {
     for (int step = 0; step < kSettleStepsMax; ++step) {
       Mat3d inverse;
@@ -378,9 +377,9 @@ class Row {
   double reach_mm_;
 };
 
-/// The parabola of the seats that are in place. Several may claim that: one through an end seat that is out of its
-/// place by hardly more than the reach, which then is nobody's error, and one through all others. What accuses a seat
-/// is believed unless it costs clearly more.
+/// Chooses among parabolas that fit most seats. One may run through an end seat that is displaced by hardly more than
+/// the reach, so that no seat appears displaced, another through all other seats. The solution with the displaced seat
+/// is chosen unless it costs clearly more.
 class Choice {
  public:
   explicit Choice(const Row& row, std::size_t seats) : row_(row), seats_(seats) {}
@@ -433,7 +432,7 @@ class Choice {
   std::size_t count_ = 0;
 };
 
-/// Started from the plain parabola, from that of all seats but one, and from the best through three.
+/// Starts from the plain parabola, from that of all seats but one, and from the best through three.
 bool robust(const Row& row, std::span<const RowHeight> heights, Vec3d& parabola) {
   const std::size_t seats = heights.size();
   if (!row.plain(parabola)) return false;

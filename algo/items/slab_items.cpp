@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// From eighteen blocks to one slab. Every block says where its seat, its outer jaw and its plane are in the robot's
-// base frame; one robust rigid fit says where the slab is; the rest is reading coordinates in the slab frame.
+// Slab items from the blocks. Every block gives its seat, its outer jaw and its plane in the robot's base frame. One
+// robust rigid fit locates the slab; the items are coordinates in the slab frame.
 //
-// Every item writes down its gradient by the observations it is made of, beside its formula; slab_budget.h makes a
-// budget of that, the frame's own uncertainty included. The slab's top, which no fit has touched, must agree with the
-// frame's roll; else the roll is uncertain by as much (slab_budget.h). Where there is no budget (none asked for in the
-// recipe), U combines the recipe's default for what happens inside one scan with the station's splice. Without a
-// station sigma nothing between stations can be decided: such items are indeterminate, never pass.
+// Every item's gradient by its observations is computed next to its formula; slab_budget.h computes a budget from it,
+// including the frame's own uncertainty. The slab's top, which is not part of any fit, must agree with the frame's
+// roll; otherwise the roll is uncertain by the difference (slab_budget.h). Without a budget (not required by the
+// recipe), U combines the recipe's default for errors inside one scan with the station's splice. Without a station
+// sigma, items between stations are indeterminate and never pass.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -31,7 +31,7 @@ double cant_rad(const Recipe& recipe) {
   return std::atan(1.0 / recipe.block.cant_ratio.value);
 }
 
-/// The station's errors as its scan knows them. The levers are nominal: they hold within the tolerances.
+/// The station's errors from its scan. The levers are nominal: they are valid within the tolerances.
 StationErrors errors_of(const Recipe& recipe, const BlockResult& block, const Pose& T_slab_block) {
   const SeatObservation& o = block.observation;
   const double cant = cant_rad(recipe);
@@ -52,14 +52,14 @@ StationErrors errors_of(const Recipe& recipe, const BlockResult& block, const Po
   return e;
 }
 
-/// Is everything known of this seat that its budget will ask for?
+/// True if all values that the seat's budget needs are known.
 bool is_known(const BlockResult& block) {
   const SeatObservation& o = block.observation;
   return o.sigma_p_mm.allFinite() && o.sigma_n_rad.allFinite() && std::isfinite(block.seat.noise_factor);
 }
 
-/// [station]: the seats that make the frame. Where budgets are asked for, a seat of unknown uncertainty would take
-/// everybody's away, so it has no say as long as enough others are left.
+/// Seats that define the frame, [station]. If budgets are required, a seat of unknown uncertainty would make every
+/// budget unknown, so it is excluded as long as enough others remain.
 using Members = std::array<bool, limits::kStationsMax + 1>;
 Members members_of(const Recipe& recipe, std::span<const BlockResult> blocks) {
   Members seen{};
@@ -75,7 +75,8 @@ Members members_of(const Recipe& recipe, std::span<const BlockResult> blocks) {
   return recipe.uncertainty.given && count >= kSeatsMin ? known : seen;
 }
 
-/// The fit, or the reason why there is none. The budget learns the stations' errors and how the frame answers them.
+/// Fits the slab, or returns the reason for a failure. Stores the stations' errors and the frame's response in the
+/// budget.
 SlabFitReport locate_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const Members& members,
                           const Pose& T_base_slab_nominal, SlabBudget& budget) {
   std::array<SeatSighting, limits::kStationsMax> sightings;
@@ -115,13 +116,13 @@ SlabFitReport locate_slab(const Recipe& recipe, std::span<const BlockResult> blo
   return report;
 }
 
-/// A seat further off its row's warp than its tolerance allows is no part of the warp.
+/// A seat whose distance from its row's warp exceeds its tolerance is not part of the warp.
 double warp_reach_mm(const Recipe& recipe) {
   const Tolerance& t = recipe.tolerance(ItemId::seat_vertical);
   return 0.5 * (t.upper - t.lower);
 }
 
-/// Takes the warp out of the row of stations first..last.
+/// Fits the warp of the row of stations first..last.
 void find_warp(Seats& seats, int first, int last, double reach_mm, RowParabola& warp) {
   std::array<RowHeight, limits::kPairsMax> row;
   std::size_t count = 0;
@@ -154,7 +155,7 @@ Seats seats_in_slab_frame(const Recipe& recipe, std::span<const BlockResult> blo
     if (seat.jaw_ok) seat.jaw_outer = T_slab_base * o.jaw_outer_base;
     if (!seat.tilt_ok) continue;
     seat.n = T_slab_base.rotation * o.n_base;
-    // In the block's own axes: the second row's are turned, so that "climbs outward" is positive on both sides.
+    // In the block's own axes: the second row's are rotated, so that "rises outward" is positive on both sides.
     seat.slope_rad = slope_about_x_rad(T.rotation.conjugate() * seat.n);
   }
   const int pairs = recipe.slab.pairs;
@@ -163,15 +164,15 @@ Seats seats_in_slab_frame(const Recipe& recipe, std::span<const BlockResult> blo
   return seats;
 }
 
-/// What a reader should know of a frame that was found. Items do not say it: none has a row's height or place along the
-/// rail for its subject.
+/// Writes remarks about the frame. Items do not show these errors: none measures a row's height or its position along
+/// the rail.
 void note_frame(const Recipe& recipe, const RollWitness& witness, const Seats& seats, SlabFitReport& fit) {
   if (!witness.seen)
     fit.note = "slab top unseen, roll unconfirmed";
   else if (witness.u_rad > 0.0)
     fit.note.printf("top rolled %+.3f deg to the seats", deg_from_rad(witness.roll_rad));
   const Tolerance& spacing = recipe.tolerance(ItemId::seat_spacing);
-  constexpr double kUnlimited_mm = 1.0;  // told also where no spacing is judged
+  constexpr double kUnlimited_mm = 1.0;  // limit if no spacing is judged
   double most_mm =
       has_value(spacing.lower) && has_value(spacing.upper) ? 0.5 * (spacing.upper - spacing.lower) : kUnlimited_mm;
   FixedString<32> along;
@@ -180,7 +181,7 @@ void note_frame(const Recipe& recipe, const RollWitness& witness, const Seats& s
     const double off_mm = seat.p.x() - seat.nominal.x();
     if (!seat.ok || !(std::abs(off_mm) > most_mm)) continue;
     most_mm = std::abs(off_mm);
-    // Both remarks are to have room in the note: of so much nobody misses the hundredths.
+    // Both remarks must fit into the note: large values need no hundredths.
     along.printf("seat %d off by %.*f mm in X", station, most_mm < 9.995 ? 2 : most_mm < 99.95 ? 1 : 0, off_mm);
   }
   if (!along.empty() && !fit.note.empty()) fit.note.append("; ");
@@ -276,7 +277,7 @@ class ItemWriter {
       g.jaw(station, between / item.value);
       g.jaw(across, -between / item.value);
     }
-    // Across the track a jaw point moves with the rotation about X times its height over the block's origin.
+    // Across the track a jaw point moves with the rotation about X times its height above the block's origin.
     const double cant = cant_rad(recipe_);
     const double lever_mm = recipe_.block.jaw_reference_height_mm.value * std::cos(cant) +
                             recipe_.block.jaw_half_distance_mm.value * std::sin(cant);
@@ -299,7 +300,7 @@ class ItemWriter {
         std::hypot(std::hypot(position_sigma(1), position_sigma(n)),
                    std::hypot(position_sigma(n + 1), position_sigma(2 * n))));
   }
-  /// Row of stations first..last: middle above the chord of the ends.
+  /// Warp of the row of stations first..last: middle above the chord of the ends.
   void warp(ItemId id, int first, int last) {
     Item item = blank_item(recipe_, id);
     Gradient g(seats_);
@@ -320,7 +321,7 @@ class ItemWriter {
     return std::hypot(budget_.sigma(station).rotation_rad, budget_.sigma(station).robot_rotation_rad);
   }
 
-  /// Height of a seat over its row's warp, if the row shows one.
+  /// Height of a seat above its row's warp, if the row has a fitted one.
   void over_warp(int station, Item& item, Gradient& g) {
     const int pairs = recipe_.slab.pairs;
     const bool left = station <= pairs;
@@ -332,7 +333,7 @@ class ItemWriter {
     for (int s = left ? 1 : pairs + 1; s <= (left ? pairs : recipe_.stations()); ++s)
       if (place(s) >= 0) g.p(s, warp.response[own][static_cast<std::size_t>(place(s))] * Vec3::UnitZ());
   }
-  /// Half of a warp: the gradient counts half. The chord's slope is too small for errors in X to matter.
+  /// Half of a warp, so the gradient counts half. The chord's slope is too small for errors in X to matter.
   double above_chord(int station, int first, int last, Gradient& g) {
     const Vec3& a = seats_[first].p;
     const Vec3& b = seats_[last].p;
@@ -342,13 +343,13 @@ class ItemWriter {
     g.p(last, -0.5 * along * Vec3::UnitZ());
     return seats_[station].p.z() - (a.z() + along * (b.z() - a.z()));
   }
-  /// U without a budget: the recipe's default and two sigma of the stations in quadrature; NaN stays NaN. A recipe that
-  /// asks for budgets and has no default for this item gets none: what the scan adds is unknown, not nothing.
+  /// U without a budget: the recipe's default and two sigma of the stations in quadrature; NaN stays NaN. If the recipe
+  /// requires budgets and has no default for this item, U is NaN: the scan's contribution is unknown, not zero.
   [[nodiscard]] double default_U(double of_recipe, double station_sigma) const {
     if (recipe_.uncertainty.given && !has_value(of_recipe)) return kNoValue;
     return std::hypot(has_value(of_recipe) ? of_recipe : 0.0, 2.0 * station_sigma);
   }
-  /// Simple acceptance forgives what a good measurement does not know. A frame that is contradicted is no such thing.
+  /// Simple acceptance ignores the uncertainty of a good measurement, but not that of a contradicted frame.
   [[nodiscard]] static bool passes_rolled(Item item, double of_roll) {
     if (!(of_roll > 0.0)) return true;
     item.U = of_roll;

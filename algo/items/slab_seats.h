@@ -14,7 +14,7 @@ struct Seat {
   bool ok = false;
   bool jaw_ok = false;
   bool tilt_ok = false;
-  bool counts = false;  ///< has a say in the frame and in its row's warp
+  bool counts = false;  ///< has weight in the frame and in its row's warp
   Vec3 p = Vec3::Zero();
   Vec3 n = Vec3::UnitZ();
   Vec3 nominal = Vec3::Zero();
@@ -22,23 +22,23 @@ struct Seat {
   double slope_rad = kNoValue;  ///< about the block's X
 };
 
-/// All of them, and each row's warp. Two rows: Y > 0, Y < 0.
+/// All seats, and each row's warp. Two rows: Y > 0, Y < 0.
 struct Seats {
   std::array<Seat, limits::kStationsMax + 1> at;  ///< [station], 1-based; 0 unused
   std::array<RowParabola, 2> warp;
-  /// Place of a station in its row's warp, [station]; -1: not part of it.
+  /// Index of a station in its row's warp, [station]; -1 if not part of it.
   std::array<int, limits::kStationsMax + 1> place_in_row{};
 
   [[nodiscard]] const Seat& operator[](int station) const { return at[static_cast<std::size_t>(station)]; }
 };
 
-/// The block of a station, nullptr when it was never inspected.
+/// The block of a station; nullptr if it was never inspected.
 [[nodiscard]] inline const BlockResult* block_of(std::span<const BlockResult> blocks, int station) {
   const auto index = static_cast<std::size_t>(station - 1);
   return index < blocks.size() && blocks[index].verdict != Verdict::none ? &blocks[index] : nullptr;
 }
 
-/// Verdicts, reasons and masks of the stations and of the slab from block items and the slab items in `out`.
+/// Computes verdicts, reasons and masks of the stations and of the slab from block items and the slab items in `out`.
 void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, const Seats& seats, SlabResult& out);
 
 }  // namespace slabd::algo

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Who answers for what. A station answers for its own items and for slab items that it spoils; the slab answers for
-// everything. Nothing passes by default: a station without a block, a block without items and a slab without stations
-// are not measured.
+// Assignment of verdicts. A station's verdict covers its own items and the slab items that it spoils; the slab's
+// verdict covers everything. Nothing passes by default: a station without a block, a block without items and a slab
+// without stations are not measured.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,19 +12,19 @@
 namespace slabd::algo {
 namespace {
 
-/// A station's own items and the slab items that touch it: slope, lateral, vertical, two spacings, one large jaw.
+/// A station's own items and its slab items: slope, lateral, vertical, two spacings, one large jaw.
 constexpr std::size_t kStationItemsMax = kBlockItemsMax + 6;
 
 using StationItems = FixedVector<Item, kStationItemsMax>;
 
-/// How far a seat is out of its own place, as far as an item between two seats shows it.
+/// Deviation of a seat from its own position, as far as it affects an item between two seats.
 double out_of_place_mm(const Seat& seat, const Item& item) {
   return item.id == ItemId::large_jaw_distance ? std::abs(std::abs(seat.jaw_outer.y()) - 0.5 * item.nominal)
                                                : std::abs(seat.p.x() - seat.nominal.x());
 }
 
-/// Does this slab item count for this station? One that spans two stations counts for the one that spoils it: the one
-/// that was not measured, or the one further out of its place. Its neighbour must not pay for that.
+/// True if this slab item counts for this station. An item between two stations counts for the one that spoils it: the
+/// one not measured, or the one further from its position. The neighbour is not affected.
 bool counts_for(const Seats& seats, const Item& item, int station) {
   if (item.station != station && item.station_to != station) return false;
   if (item.station_to == 0 || item.verdict == Verdict::pass) return true;
@@ -38,8 +38,8 @@ bool counts_for(const Seats& seats, const Item& item, int station) {
   return out_of_place_mm(own, item) >= out_of_place_mm(other, item);
 }
 
-/// All that decides one station: its block items (the local slope replaced when the slab frame decides) and the slab
-/// items that count for it.
+/// All items that decide one station: its block items (the local slope is replaced if the slab frame decides) and the
+/// slab items that count for it.
 StationItems items_of_station(const Recipe& recipe, const BlockResult* block, const Seats& seats,
                               const SlabResult& slab, int station) {
   StationItems items;
@@ -52,7 +52,7 @@ StationItems items_of_station(const Recipe& recipe, const BlockResult* block, co
   return items;
 }
 
-/// The code that explains a block which came to nothing, ok if its items explain it.
+/// The code that explains a block without a result; ok if its items explain it.
 Code cause_of(const BlockResult* block) {
   if (block == nullptr) return Code::block_not_found;
   if (block->items.empty() && block->reason == 0) return Code::fit_failed;
@@ -60,7 +60,7 @@ Code cause_of(const BlockResult* block) {
   if (block->verdict == Verdict::aborted && by_item) return Code::interrupted;
   if (!by_item && (block->verdict == Verdict::not_measured || block->verdict == Verdict::aborted))
     return static_cast<Code>(block->reason);
-  // Nothing but passes under a verdict that is none: the item that decided was lost on the way here.
+  // Only passes but another verdict: the deciding item is missing.
   const bool lost = block->verdict != Verdict::pass &&
                     with_findings(combine(block->items.begin(), block->items.end()), *block) == Verdict::pass;
   return lost ? Code::internal : Code::ok;
@@ -82,7 +82,7 @@ Verdict worse(Verdict a, Verdict b) {
   return rank(a) >= rank(b) ? a : b;
 }
 
-/// Keeps the reason that ranks first: any code before items, the lowest item among items.
+/// Keeps the reason of higher priority: codes before items, the lowest item among items.
 std::uint16_t earlier(std::uint16_t a, std::uint16_t b) {
   if (a == 0) return b;
   if (b == 0) return a;
@@ -93,19 +93,19 @@ std::uint16_t earlier(std::uint16_t a, std::uint16_t b) {
 
 void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, const Seats& seats, SlabResult& out) {
   std::array<StationItems, limits::kStationsMax> of_station;
-  // Whatever an item counts for, the slab answers for all of them.
+  // The slab's verdict covers all items, including those that count for a station.
   FixedVector<Item, kSlabItemsMax> of_slab;
   for (const Item& item : out.items)
     if (item.station == 0 || item.station_to != 0) (void)of_slab.push(item);
 
-  // Slab-wide items that a recipe gives no limits decide nothing; what is required and missing does.
+  // Slab-wide items without limits in the recipe do not affect the verdict; required ones that are missing do.
   const bool slab_wide_counts = std::any_of(of_slab.begin(), of_slab.end(), [](const Item& item) {
     return item.required || (item.verdict != Verdict::none && item.verdict != Verdict::not_measured);
   });
   const Verdict slab_wide = combine(of_slab.begin(), of_slab.end());
   out.fail_mask = fail_mask(of_slab.begin(), of_slab.end());
   out.open_mask = open_mask(of_slab.begin(), of_slab.end());
-  // Without a single station there is nothing that could pass.
+  // Without any station nothing can pass.
   out.verdict = slab_wide_counts ? slab_wide : (recipe.stations() == 0 ? Verdict::not_measured : Verdict::pass);
   for (int station = 1; station <= recipe.stations(); ++station) {
     const auto k = static_cast<std::size_t>(station - 1);
@@ -124,7 +124,7 @@ void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, c
     out.verdict = worse(out.verdict, verdict);
   }
 
-  // The slab's reason: of everything that came to the slab's verdict, the lowest. Codes lie below item numbers.
+  // The slab's reason: the lowest of all reasons with the slab's verdict. Codes are below item numbers.
   if (out.verdict == Verdict::pass) return;
   if (slab_wide_counts && slab_wide == out.verdict)
     out.reason = reason_for(out.verdict, of_slab.begin(), of_slab.end(), Code::ok);

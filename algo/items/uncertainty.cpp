@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// From covariances of features to the U of items. An item is a function of a few fitted features; its gradient by each
-// of them is written down here, next to the formula it belongs to, and a test compares every one with differences of
-// the real item functions.
+// U of items from covariances of features. An item is a function of a few fitted features; its gradient by each of them
+// is next to its formula, and a test compares every one with differences of the real item functions.
 //
-// A plane n.p = d with centroid c moves by a shift h along its normal and a change dn of the normal: at a place p its
-// height changes by h - dn.(p - c). Shift and dn are independent, since they are taken about the centroid.
+// A plane n.p = d with centroid c moves by a shift h along its normal and a change dn of the normal: at a position p
+// its height changes by h - dn.(p - c). Shift and dn are independent, because they are taken about the centroid.
 #include "algo/items/uncertainty.h"
 
 #include <Eigen/LU>
@@ -28,11 +27,11 @@ Item& item_of(BlockResult& result, ItemId id) {
 }
 
 double registration_variance(const Vec6& g, const RegistrationReport& registration) {
-  // What the value does not depend on must not spoil it: 0 * NaN.
+  // A registration without covariance must not affect values that do not depend on it: 0 * NaN.
   return g.isZero(0.0) ? 0.0 : g.dot(registration.covariance * g);
 }
 
-/// By the circles of both casings.
+/// Variance of the spacing from the circles of both casings.
 double spacing_variance_mm2(const BlockResult& result) {
   const Vec3 between = (result.casing_outer.centre - result.casing_inner.centre).normalized();
   const Vec3 by_circle(between.x(), std::hypot(between.y(), between.z()), 0.0);
@@ -40,7 +39,7 @@ double spacing_variance_mm2(const BlockResult& result) {
          by_circle.dot(result.casing_outer.cov_circle * by_circle);
 }
 
-/// An uncertainty that the recipe states knows nothing of this scan: it is no less than what the circles say.
+/// The recipe's U does not consider this scan, so it is raised to the value from the circles.
 void widen_spacing(BlockResult& result) {
   Item& spacing = item_of(result, ItemId::casing_spacing);
   if (!has_value(spacing.value)) return;
@@ -48,7 +47,7 @@ void widen_spacing(BlockResult& result) {
   if (u_mm > spacing.U) spacing.U = u_mm;
 }
 
-/// One block: what its items' budgets have in common.
+/// Common values of the item budgets of one block.
 class BlockBudget {
  public:
   BlockBudget(const Recipe& recipe, const ScannerNumbers& verified, BlockResult& result)
@@ -93,7 +92,7 @@ class BlockBudget {
     const PlaneGradient g_seat{g_outer.seat.normal + g_inner.seat.normal, g_outer.seat.height + g_inner.seat.height};
     const double fit =
         variance(g_seat, seat()) + variance(g_outer.jaw, result_.jaw_outer) + variance(g_inner.jaw, result_.jaw_inner);
-    // The two jaws against each other, the seat between them against both, and tilts where their levers leave any.
+    // The two jaws against each other, the seat between them against both, and tilts as far as their levers contribute.
     const double jaw_steepness = std::max(std::abs(g_outer.jaw.height), std::abs(g_inner.jaw.height));
     const double form =
         square(form_rad[1]) * g_outer.jaw.normal.squaredNorm() + square(form_rad[0]) * g_inner.jaw.normal.squaredNorm();
@@ -112,7 +111,7 @@ class BlockBudget {
   void casing_spacing() {
     const Item& spacing = item(ItemId::casing_spacing);
     if (!has_value(spacing.value)) return;
-    // A circle's covariance comes from the scatter of its own edge: there is nothing left to multiply it with.
+    // A circle's covariance comes from the scatter of its own edge, so no noise factor is applied.
     put(ItemId::casing_spacing, spacing_variance_mm2(result_), 0.0,
         square(scanner_.difference_mm(spacing.value)) + square(scanner_.length_mm(spacing.value)),
         2.0 * rounding_.centre_mm2(seat().normal), Vec6::Zero(), square(reference_mm(spacing.value)), 1.0, 1.0);
@@ -131,8 +130,9 @@ class BlockBudget {
            rounding_.place_mm2(seat().normal) + rounding_.variance(by_seat, seat()), Vec6::Zero());
   }
 
-  /// Noise and form error can both only add to a flatness, so they add plainly, U = m N + 1.645 u_form. So that U
-  /// remains twice the root sum of squares, the part `noise` holds the mixed term 2 fit scanner of that square.
+  /// Noise and form error can both only increase a flatness, so they are added linearly, U = m N + 1.645 u_form. So
+  /// that U remains twice the root sum of squares, the part `noise` contains the mixed term 2 fit scanner of that
+  /// square.
   void flatness(double bumps_mm) {
     Item& flatness = item(ItemId::seat_flatness);
     if (!has_value(flatness.value)) return;
@@ -159,15 +159,15 @@ class BlockBudget {
  private:
   [[nodiscard]] const PlaneFit& seat() const { return result_.seat.plane; }
   Item& item(ItemId id) { return item_of(result_, id); }
-  /// Standard uncertainty between two places far from each other by the form that the seat shows, if it shows more than
-  /// twice what the scanner is stated to have; else 0. It may be the block's own, which the scan does not tell.
+  /// Standard uncertainty between two distant places from the form of the seat, if that is more than twice the stated
+  /// form of the scanner; else 0. It may also be the block's own form: the scan does not distinguish them.
   [[nodiscard]] double seen_form_mm() const {
     const double half_mm = 0.5 * std::max(0.0, result_.seat.flatness_closed_mm - result_.seat.flatness_noise_mm);
     constexpr double kClear_mm = 0.1;
     const double stated_mm = std::sqrt(3.0) * scanner_.place_mm();
     return half_mm > std::max(kClear_mm, 2.0 * stated_mm) ? half_mm * std::sqrt(2.0 / 3.0) : 0.0;
   }
-  /// An uncertainty that the recipe states knows nothing of the form of this block.
+  /// The recipe's U does not consider the form of this block either, so it is raised.
   void widen(ItemId id, double u) {
     if (2.0 * u > item(id).U) item(id).U = 2.0 * u;
   }
@@ -189,7 +189,7 @@ class BlockBudget {
   }
   void put(ItemId id, double fit, double density, double scanner, double rounding, const Vec6& by_registration,
            double reference, double unit, double noise_factor) {
-    // An uncertainty that the recipe states knows nothing of this seat and of this scan's coordinates either.
+    // The recipe's U does not consider this seat's density or this scan's coordinate steps either, so it is raised.
     const double u_density = unit * std::sqrt(density + rounding);
     if (2.0 * u_density > item(id).U) item(id).U = 2.0 * u_density;
     if (!std::isfinite(rounding)) item(id).U = kNoValue;
@@ -212,12 +212,12 @@ class BlockBudget {
   double length_reference_mm_;
 };
 
-/// The sampling error of a standard deviation from n values that err together by the factor f: n / f count.
+/// The sampling error of a standard deviation from n values with correlation factor f: n / f values count.
 void budget_seat_std(BlockResult& result) {
   Item& item = item_of(result, ItemId::seat_std);
   const PlaneFit& seat = result.seat.plane;
   if (!has_value(item.value) || seat.inliers < 2) return;
-  // Without the factor neighbours count as one as far as the flatness cells reach.
+  // Without the factor, the inliers of one flatness cell count as one value.
   const double factor = has_value(result.seat.noise_factor)
                             ? result.seat.noise_factor
                             : static_cast<double>(seat.inliers) / std::max(1.0, double(result.seat.grid_points));
@@ -232,8 +232,8 @@ void budget_seat_std(BlockResult& result) {
 
 namespace {
 
-/// Of a fitted plane's inliers, as its covariance has them: cov_normal holds std^2 / (n s^2) for the standard deviation
-/// s of the points along each of the two directions. An even face is sqrt(12) standard deviations long.
+/// Extent of a fitted plane's inliers, from its covariance: cov_normal is std^2 / (n s^2) for the standard deviation s
+/// of the points along each of the two directions. A face of uniform density is sqrt(12) standard deviations long.
 struct Spread {
   double narrow_mm = kNoValue;  ///< length of the shorter side
   double area_mm2 = kNoValue;
@@ -290,7 +290,7 @@ double CoordinateRounding::variance(const PlaneGradient& g, const PlaneFit& plan
   double sum = 0.0;
   for (int axis = 0; axis < 3; ++axis) {
     if (step_mm_[axis] == 0.0) continue;
-    // How fast this coordinate changes along the face, where it changes fastest.
+    // Largest rate of change of this coordinate along the face.
     const double rise = std::sqrt(std::max(0.0, 1.0 - square(normal[axis])));
     const double stretch_mm = 2.0 * std::max(step_mm_[axis] / std::max(rise, 1e-6), row_mm);
     const double stretches = std::max(1.0, spread.narrow_mm / stretch_mm);
@@ -339,7 +339,7 @@ JawGradient gradient(const JawPoint& point, const Vec3& direction, const PlaneFi
   JawGradient g;
   g.seat = {-q[1] * (point.p - seat.centroid), q[1]};
   g.jaw = {-q[2] * (point.p - jaw.centroid), q[2]};
-  // The true section: moved by x along X, its normal turned to (1, rz, -ry).
+  // The true section: moved by x along X, its normal rotated to (1, rz, -ry).
   g.registration << q[0], 0.0, 0.0, 0.0, q[0] * point.p.z(), -q[0] * point.p.y();
   return g;
 }
@@ -356,10 +356,10 @@ SlopeGradient slope_gradient(const Vec3& n, const Vec3& top_normal) {
   const double square_sum = ny * ny + nz * nz;
   SlopeGradient g;
   g.seat_normal = (ny * z - nz * y) / square_sum;
-  // Turning z takes y along, and turns x and y about z as far as X is not square to it (kappa).
+  // Rotating z also rotates y, and rotates x and y about z if X is not perpendicular to it (kappa).
   const double kappa = z.x() / m;
   g.top_normal = (square_sum - kappa * nz * nx) / square_sum * y + ny * nx / square_sum * x;
-  // X turned to (1, rz, -ry).
+  // X rotated to (1, rz, -ry).
   const double by_x = nz * nx / (m * square_sum);
   g.registration << 0.0, 0.0, 0.0, 0.0, -by_x * y.z(), by_x * y.y();
   return g;
@@ -367,7 +367,7 @@ SlopeGradient slope_gradient(const Vec3& n, const Vec3& top_normal) {
 
 double flatness_noise_multiple(double flatness_mm, double noise_mm, std::uint32_t cells) {
   constexpr double kEuler = 0.5772156649015329;
-  constexpr double kFormClear = 1.5;  ///< flatness / noise from which the form stands clear of the noise
+  constexpr double kFormClear = 1.5;  ///< flatness / noise from which the form is clearly above the noise
   constexpr double kFormMultiple = 0.95;
   const double n = std::max(static_cast<double>(cells), 10.0);
   const double a = std::sqrt(2.0 * std::log(n));
@@ -425,7 +425,8 @@ void compute_observation_sigma(const BlockGeometry& geometry, CasingKind casings
     const Vec3 middle = middle_of_seat(seat);
     const PlaneGradient height{middle - seat.centroid, -1.0};
     const double of_plane = f * variance(height, seat) + variance(height, by_area) + rounding.variance(height, seat);
-    // Where the registered frame's Z axis meets the plane: it moves with the frame, and up and down with the plane.
+    // Intersection of the registered frame's Z axis with the plane: it moves with the frame, and up and down with the
+    // plane.
     for (int axis = 0; axis < 3; ++axis) {
       const bool up = axis == 2;
       const Vec3 along = up ? Vec3(Vec3::UnitZ() - seat.normal / seat.normal.z()) : Vec3(Vec3::Unit(axis));
@@ -437,8 +438,8 @@ void compute_observation_sigma(const BlockGeometry& geometry, CasingKind casings
   } else if (o.ok) {
     const CasingFeature& inner = result.casing_inner;
     const CasingFeature& outer = result.casing_outer;
-    // Mid-point of the circles in the seat plane (x, s), and the plane's height there; a circle's covariance has the
-    // noise's correlation in it.
+    // Mid-point of the circles in the seat plane (x, s), and the plane's height there. A circle's covariance already
+    // contains the noise's correlation.
     const Vec3 middle = 0.5 * (inner.centre + outer.centre);
     Mat3 local = 0.25 * (inner.cov_circle + outer.cov_circle);
     local.row(2).setZero();
@@ -459,7 +460,7 @@ void compute_observation_sigma(const BlockGeometry& geometry, CasingKind casings
     const JawPoint point = jaw_point(seat, result.jaw_outer, geometry.jaw_reference_height_mm.value);
     for (int axis = 0; axis < 3; ++axis) {
       const JawGradient g = gradient(point, Vec3::Unit(axis), seat, result.jaw_outer);
-      // The section's own place along X is no property of the jaw.
+      // The position of the section along X is not a property of the jaw.
       const double section = axis == 0 ? 0.0 : registration_variance(g.registration, result.registration);
       const double fit = variance(g.seat, seat) + variance(g.jaw, result.jaw_outer);
       o.sigma_jaw_mm[axis] = std::sqrt(f * (fit + section) + variance(g.seat, by_area) +

@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// An ICP that starts 15 mm or 3 degrees off slides into a wrong valley and stays there, content. So it never starts
-// there: the whole window is looked at first, in two halves that do not need each other.
+// Problem: an ICP that starts 15 mm or 3 degrees off converges to a wrong local minimum. So the whole window is
+// searched first, in two independent halves.
 //
-// Height and tilt come from the scan itself. Its largest level plane is the bearing plane or the slab top; laid onto
-// either, three of the six degrees of freedom are gone (both are tried, for each of the three largest planes). The
-// other three, shift and turn in that plane, are few enough to try them all: every 4 mm and 2 degrees, counting the
-// points that lie where the model has its surface. The right place wins by its edges: 4 mm beside it, a strip of 4 mm
-// along every step of the block disagrees by centimetres.
+// Height and tilt come from the scan itself. Its largest level plane is the bearing plane or the slab top; matching it
+// to either fixes three of the six degrees of freedom (both are tried, for each of the three largest planes). The other
+// three, shift and rotation in that plane, are searched exhaustively: every 4 mm and 2 degrees, counting the points on
+// the model's surface. Edges make the right position win: 4 mm off, a strip of 4 mm along every step of the block
+// disagrees by centimetres.
 //
-// Counting points near a surface is robust by nature: dirt, gloves and missing regions lose their own points' votes
-// and nothing else.
+// Counting points near a surface is robust: dirt, gloves and missing regions lose only their own points.
 #include "algo/register/block_search.h"
 
 #include <algorithm>
@@ -26,30 +25,30 @@
 namespace slabd::algo {
 namespace {
 
-/// Points on which level planes are found, and on which places are compared.
+/// Number of points for finding level planes, and for comparing positions.
 constexpr std::size_t kPlanePoints = 1024;
 constexpr std::size_t kPlacePoints = 768;
 static_assert(kPlacePoints % 16 == 0);
 /// Three planes: bearing plane, slab top, and one that may be neither (a tray, the shoulders).
 constexpr std::size_t kPlanes = 3;
 static_assert(2 * kPlanes == kStartPosesMax, "each plane is read in two ways");
-/// A plane that holds a tenth of the points gets three of them in one draw of a thousand with P = 1 - 0.999^1000.
+/// For a plane with a tenth of the points, one of 1000 draws has all three points on it with P = 1 - 0.999^1000.
 constexpr int kDraws = 1000;
 constexpr double kPlaneGate_mm = 1.0;
 constexpr double kPlaneShareMin = 0.05;
-/// Beyond the window's own angle: the cant, and a block that is a little off.
+/// Margin beyond the window's own angle: the cant, and a block that is slightly off.
 constexpr double kTiltMargin_rad = rad_from_deg(3.0);
-/// Height agreement of a point with the raster: half a step on a 45 degree slope, and what tilts leave.
+/// Height tolerance of a point relative to the raster: half a step on a 45 degree slope, and the effect of tilts.
 constexpr float kHeightGate_mm = 3.0F;
 constexpr double kTurnStep_rad = rad_from_deg(2.0);
-/// However wide a recipe's window, no more steps than this to either side.
+/// Maximum number of steps to either side, independent of the recipe's window.
 constexpr int kShiftStepsMax = 25;
 constexpr int kTurnStepsMax = 8;
 constexpr float kNowhere_mm = -1e6F;
 
 using Sample = std::array<Vec3, kPlanePoints>;
 
-/// Every n-th point of `from`, moved by `pose`.
+/// Copies every n-th point of `from`, moved by `pose`.
 std::size_t thin_out(std::span<const Vec3> from, const Pose& pose, std::span<Vec3> to) {
   const Mat3 R = pose.rotation.toRotationMatrix();
   const std::size_t count = std::min(from.size(), to.size());
@@ -57,7 +56,7 @@ std::size_t thin_out(std::span<const Vec3> from, const Pose& pose, std::span<Vec
   return count;
 }
 
-/// The plane through three of the points with most others near it; upward normal, tilted by at most `tilt_max`.
+/// The plane through three of the points with the most points near it; upward normal, tilted by at most `tilt_max`.
 bool largest_level_plane(std::span<const Vec3> points, double tilt_max_rad, Prng& prng, Plane& best) {
   const double upright_min = std::cos(tilt_max_rad);
   std::size_t most = 0;
@@ -80,14 +79,14 @@ bool largest_level_plane(std::span<const Vec3> points, double tilt_max_rad, Prng
   return static_cast<double>(most) >= std::max(3.0, kPlaneShareMin * static_cast<double>(points.size()));
 }
 
-/// Up to three level planes, largest first, each refitted to its points; every point belongs to one plane only.
+/// Up to three level planes, largest first, each refitted to its points. Every point belongs to one plane only.
 FixedVector<Plane, kPlanes> level_planes(std::span<Vec3> points, double tilt_max_rad) {
   FixedVector<Plane, kPlanes> planes;
   Prng prng(0x1e7e1U);
   while (!planes.full() && points.size() >= 3) {
     Plane plane;
     if (!largest_level_plane(points, tilt_max_rad, prng, plane)) break;
-    // The plane's points to the back: they are fitted, and the next plane is looked for in the rest.
+    // The plane's points go to the back: they are fitted, and the next plane is searched in the rest.
     std::size_t others = 0;
     for (std::size_t i = 0; i < points.size(); ++i)
       if (std::abs(plane.distance(points[i])) > kPlaneGate_mm) std::swap(points[others++], points[i]);
@@ -99,12 +98,12 @@ FixedVector<Plane, kPlanes> level_planes(std::span<Vec3> points, double tilt_max
   return planes;
 }
 
-/// 0, -1, 1, -2, 2, ...: of places that explain the scan equally well the one nearest to the start is kept.
+/// 0, -1, 1, -2, 2, ...: among equally good positions the one nearest to the start is kept.
 int outward(int k) {
   return k % 2 == 0 ? k / 2 : -(k + 1) / 2;
 }
 
-/// Places of the block in one plane, compared by the points they explain.
+/// Positions of the block in one plane, compared by the number of points they explain.
 class PlaceSearch {
  public:
   PlaceSearch(const HeightMap& heights, const Plane& target, const EvaluationSettings& settings)
@@ -113,7 +112,8 @@ class PlaceSearch {
         shifts_(std::min(static_cast<int>(std::ceil(settings.window_mm / HeightMap::kCell_mm)), kShiftStepsMax)),
         turns_(std::min(static_cast<int>(std::ceil(settings.window_rad / kTurnStep_rad)), kTurnStepsMax)) {}
 
-  /// The motion of `points` (block frame at the start) that lays `seen` onto the target plane and explains most.
+  /// The motion of `points` (block frame at the start) that moves `seen` onto the target plane and explains most
+  /// points.
   StartPose best(std::span<const Vec3> points, const Plane& seen) {
     StartPose best{Pose::identity(), -1};
     for (int t = 0; t <= 2 * turns_; ++t) {
@@ -156,7 +156,7 @@ class PlaceSearch {
     placed_ = {std::span(column_).first(padded), std::span(row_).first(padded), std::span(z_).first(padded)};
     for (std::size_t i = 0; i < points.size(); ++i) {
       const Vec3 p = R * points[i] + pose.translation_mm;
-      // A stray far away has no cell; it lies beyond the raster, wherever the block is put.
+      // A stray far away has no cell; it is outside the raster for any position of the block.
       const auto cell = [](double mm, int cells) {
         const double c = std::floor(mm / HeightMap::kCell_mm) + 0.5 * cells;
         return static_cast<int>(std::clamp(c, -10000.0, 10000.0));
@@ -176,7 +176,7 @@ class PlaceSearch {
   std::array<float, kPlacePoints> z_{};
 };
 
-/// Behind those that explain as much or more.
+/// Inserts after all poses that explain at least as many points.
 void insert_sorted(StartPoses& starts, const StartPose& found) {
   (void)starts.push(found);
   for (std::size_t i = starts.size() - 1; i > 0 && starts[i - 1].points < starts[i].points; --i)
@@ -208,7 +208,7 @@ StartPoses search_block(const BlockModel& model, const HeightMap& heights, const
   const auto planes = level_planes(std::span(memory).first(taken), settings.window_rad + kTiltMargin_rad);
   std::array<Vec3, kPlacePoints> points;
   const std::size_t placed = thin_out(sample, T_block_scanner, points);
-  // Each reading of a plane for itself, on whichever thread.
+  // Each assignment of a plane is searched independently, on either thread.
   std::array<StartPose, kStartPosesMax> found;
   team.run(2 * planes.size(), [&](std::size_t k) {
     PlaceSearch search(heights, model.plane(k % 2 == 0 ? Face::seat : Face::top), settings);

@@ -9,7 +9,7 @@
 #include "base/base.h"
 #include "base/team.h"
 
-/// Where in the station's window might the block be? Answers good enough to start an ICP from.
+/// Search for the block in the station's window. The results are accurate enough to start an ICP.
 namespace slabd::algo {
 
 /// Heights by cell, row by row.
@@ -17,24 +17,24 @@ struct HeightRaster {
   std::span<const float> cells;
   int columns = 0;
   int rows = 0;
-  float beyond = 0.0F;  ///< height outside
+  float beyond = 0.0F;  ///< height outside the raster
 };
 
-/// Points by the cell of the raster they lie over and their height. The columns are a multiple of sixteen long; NaN for
-/// a height: no point.
+/// Cells of the raster and heights of points. The arrays have a multiple of sixteen elements; a NaN height marks a
+/// missing point.
 struct PlacedPoints {
   std::span<const std::int32_t> column;
   std::span<const std::int32_t> row;
   std::span<const float> z;
 };
 
-/// Points that lie within `gate_mm` of the raster's height when moved by whole cells and `rise_mm`; `to_beat` as soon
-/// as there cannot be more than so many. Some 20 ns for each sixteen points.
+/// Number of points within `gate_mm` of the raster's height when moved by whole cells and `rise_mm`. Returns `to_beat`
+/// as soon as the number cannot exceed it. About 20 ns for each sixteen points.
 [[nodiscard]] int count_explained(const HeightRaster& raster, const PlacedPoints& points, int x_cells, int y_cells,
                                   float rise_mm, float gate_mm, int to_beat);
 
-/// The model's height seen from above on a raster as coarse as the search's steps, so that moving the block by one step
-/// is moving one cell on.
+/// The model's height seen from above, on a raster as coarse as the search's steps, so that moving the block by one
+/// step is an offset of one cell.
 class HeightMap {
  public:
   static constexpr int kCell_mm = 4;
@@ -45,7 +45,7 @@ class HeightMap {
   /// `cells`: limits::kHeightMapCells, owned by the caller.
   void build(const BlockModel& model, std::span<float> cells);
 
-  /// Heights; the slab top beyond the raster, far below everything inside a bore.
+  /// Heights; the slab top outside the raster, and far below everything inside a bore.
   [[nodiscard]] HeightRaster raster() const { return {cells_, kColumns, kRows, beyond_}; }
 
  private:
@@ -53,7 +53,7 @@ class HeightMap {
   float beyond_ = 0.0F;
 };
 
-/// A pose to start from and how many of the points looked at it explains.
+/// A start pose and the number of sampled points it explains.
 struct StartPose {
   Pose T_block_scanner;
   int points = 0;
@@ -61,9 +61,9 @@ struct StartPose {
 inline constexpr std::size_t kStartPosesMax = 6;
 using StartPoses = FixedVector<StartPose, kStartPosesMax>;
 
-/// The best poses within the window around `T_block_scanner`, best first: one for each way of reading the large level
-/// planes of the scan as bearing plane or slab top. `sample`: points in the scanner frame. Empty when the scan has no
-/// level plane. Deterministic, no heap; some 20 ms whatever the start, half of it on two threads.
+/// The best poses within the window around `T_block_scanner`, best first: one for each assignment of a large level
+/// plane of the scan to bearing plane or slab top. `sample`: points in the scanner frame. Empty if the scan has no
+/// level plane. Deterministic, no heap; about 20 ms for any start, half of it on two threads.
 [[nodiscard]] StartPoses search_block(const BlockModel& model, const HeightMap& heights,
                                       const EvaluationSettings& settings, const Pose& T_block_scanner,
                                       std::span<const Vec3> sample, Team& team);

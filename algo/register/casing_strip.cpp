@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Nearly all points of a scan lie nowhere near a casing, and sixteen of them at a time say so by their height and place
-// along the seat. The others are written one behind the other, so that fits read them from the cache.
+// Nearly all points of a scan are far from any casing. Height and position along the seat reject sixteen of them at a
+// time. The others are stored contiguously, so that fits read them from the cache.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/register/casing_strip.cpp"
 // clang-format off
@@ -54,7 +54,7 @@ std::size_t places_in_box_kernel(const IcpSample& sample, const CasingStrips& st
   return count;
 }
 
-/// One coordinate as exact as the scan.
+/// One coordinate with the accuracy of the scan.
 HWY_INLINE F16 exact(const Mat3& R, const Vec3& t, int row, D16 x, D16 y, D16 z) {
   return to_float(d16(R(row, 0)) * x + d16(R(row, 1)) * y + (d16(R(row, 2)) * z + d16(t[row])));
 }

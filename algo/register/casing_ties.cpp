@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A casing's bore returns nothing, its flat rim and the bearing plane around it do: from above a round hole with a full
-// ring. Two of them, 233 mm apart, are looked for along the line they must lie on. A missing patch has no ring, plain
-// surface has no hole, so neither is mistaken for a bore; and what is found must then pass as a circle of the right
+// Idea: a casing's bore returns no points; its flat rim and the bearing plane around it do. From above this is a round
+// hole with a full ring. Two of them, 233 mm apart, are searched along their nominal line. A missing patch has no ring
+// and plain surface has no hole, so neither is mistaken for a bore. The hole found must then fit a circle of the right
 // radius.
 //
-// The sample that ICP has drawn is dense enough for the first question: some hundred of its points fill a hole that is
-// none. It also knows where in the grid of an organised scan they lie, so that the second, which needs every point
-// around the casings, need not go through the whole scan for a fortieth of it.
+// ICP's sample is dense enough for the search: about a hundred of its points would be in the area of the hole. It also
+// gives the grid range of the casings in an organised scan. So the fit, which needs every point around the casings,
+// reads only a fortieth of the scan.
 #include "algo/register/casing_ties.h"
 
 #include <algorithm>
@@ -23,28 +23,28 @@ namespace slabd::algo {
 namespace {
 
 constexpr int kShiftMax_mm = 100;
-/// The hole's certain inside, and the ring around it that must be full.
+/// The part that is certainly inside the hole, and the ring around it that must be full.
 constexpr double kInside_mm = 2.5;
 constexpr double kRingFrom_mm = 1.5;
 constexpr double kRingTo_mm = 6.0;
-/// Full ring and empty hole score 1 for each casing; a hole that is not empty costs three times what a ring brings.
+/// Full ring and empty hole score 1 for each casing; points in the hole cost three times the score of a ring.
 constexpr double kHoleWeight = 3.0;
 constexpr double kScoreMin = 0.5;
-/// Places that look like the best one but for so much are as good: the middle of them is taken, ...
+/// Positions whose score is lower than the best by at most this count as equal: the middle of them is used, ...
 constexpr double kScoreAlike = 0.1;
-/// ... as far as they are neighbours: twice what hole and ring leave open.
+/// ... as far as they are neighbours: twice the tolerance of hole and ring.
 constexpr int kAlike_mm = 4;
-/// Points that a hole would have were it none: fewer can be missing by chance (12: six in a million).
+/// Minimum number of points expected in the area of a hole: fewer may be missing by chance (12: six in a million).
 constexpr double kHolePointsMin = 12.0;
-/// Where a fit's own covariance is missing: a tenth of a millimetre, the edge at half a millimetre's pitch.
+/// Used if a fit has no covariance: a tenth of a millimetre, the edge at a pitch of half a millimetre.
 constexpr double kSigmaUnknown_mm = 0.1;
-/// Points this far outside of a rim still help to measure the casing.
+/// Points this far outside a rim are still used for measuring the casing.
 constexpr double kAround_mm = 10.0;
-/// Between the points of the sample that bound a part of the grid, others may lie further out by some of its pitches.
+/// Margin of a grid range: points between those of the sample may be further out by some of its pitches.
 constexpr double kMarginPitches = 4.0;
 constexpr double kMarginMax_mm = 16.0;
 
-/// From the scanner's frame to the seat's.
+/// Transform from the scanner's frame to the seat's.
 CasingStrips strips_of(const BlockModel& model, const Pose& T_block_scanner) {
   const SeatFrame frame = SeatFrame::of(model);
   Mat3 rows;
@@ -83,10 +83,10 @@ StripSample take_strips(const IcpSample& sample, const BlockModel& model, const 
   return taken;
 }
 
-/// A number for every place x = -kShiftMax_mm .. kShiftMax_mm along the line.
+/// A number for every position x = -kShiftMax_mm .. kShiftMax_mm along the line.
 using Profile = std::array<int, 2 * kShiftMax_mm + 1>;
 
-/// How many points lie within `radius_mm` of each place: each of them is within it for one stretch of places.
+/// Number of points within `radius_mm` of each position; each point contributes to one range of positions.
 Profile count_within(const StripPlaces& points, double radius_mm) {
   const auto radius = static_cast<float>(radius_mm);
   constexpr auto kEnd = static_cast<float>(kShiftMax_mm);
@@ -113,7 +113,7 @@ double ring_area_mm2(double inner_mm, double outer_mm) {
 
 struct BoresFound {
   std::optional<double> off_mm;
-  double per_mm2 = 0.0;  ///< points of the sample on the bearing plane
+  double per_mm2 = 0.0;  ///< density of the sample on the bearing plane
 };
 
 BoresFound find_bores(const StripSample& strips, double bore_radius_mm, double window_mm) {
@@ -129,7 +129,7 @@ BoresFound find_bores(const StripSample& strips, double bore_radius_mm, double w
     for (std::size_t k = 0; k < inside.size(); ++k) ring[side][k] -= inside[k];
     std::copy(ring[side].begin(), ring[side].end(), rings.begin() + static_cast<std::ptrdiff_t>(side * inside.size()));
   }
-  // A full ring: what a tenth of the places have around them.
+  // A full ring: the number exceeded at a tenth of the positions.
   const auto full = rings.begin() + static_cast<std::ptrdiff_t>(rings.size() / 10);
   std::nth_element(rings.begin(), full, rings.end(), std::greater<>());
   BoresFound found;
@@ -166,7 +166,7 @@ BoresFound find_bores(const StripSample& strips, double bore_radius_mm, double w
   return found;
 }
 
-/// The part of an organised cloud that holds what lies within `half_mm` of (off_mm, 0), as the sample shows it.
+/// The part of an organised cloud that contains the points within `half_mm` of (off_mm, 0), according to the sample.
 CloudPart part_around(const Cloud& cloud, const IcpSample& sample, const StripPlaces& places, double off_mm,
                       double half_mm) {
   std::size_t row_first = cloud.height, row_last = 0, column_first = cloud.width, column_last = 0;
@@ -211,7 +211,7 @@ CasingTies tie_to_casings(const Cloud& cloud, const IcpSample& sample, const Blo
   if (!bores.off_mm) return found;
   found.T_block_scanner.translation_mm.x() -= *bores.off_mm;
 
-  // An organised cloud: the surroundings of either casing. Any other: either half.
+  // An organised cloud: the surroundings of each casing. Any other: two halves.
   const bool organised = cloud.width > 0 && cloud.width * cloud.height == cloud.points;
   const double margin_mm = std::min(kMarginPitches / std::sqrt(bores.per_mm2), kMarginMax_mm);
   const CasingStrips strips = strips_of(model, found.T_block_scanner);

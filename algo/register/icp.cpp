@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Steps from sums per face (icp_kernels). A face's points share their normal n, so with the weighted sums of 1, u and
-// u u^T over its points (u: sample coordinates) its whole share in the 6 x 6 normal matrix follows: u is moved into the
+// Steps from sums per face (icp_kernels). A face's points share their normal n, so the weighted sums of 1, u and u u^T
+// over its points (u: sample coordinates) give its whole contribution to the 6 x 6 normal matrix. u is moved into the
 // block frame as a mean and a scatter, and the derivative of a distance to the six motions is (n, p x n).
 //
 // Every pass runs in blocks of 4096 points, merged in their order.
@@ -20,9 +20,9 @@
 namespace slabd::algo {
 namespace {
 
-/// One step never moves the pose further than this.
+/// Maximum length of one step.
 constexpr double kStepMax_mm = 30.0;
-/// Median of |r| to standard deviation, for normal errors.
+/// Ratio of standard deviation to median of |r|, for normal errors.
 constexpr double kSigmaPerMedian = 1.4826;
 constexpr std::size_t kBlocks = limits::kIcpPointsMax / kIcpBlock;
 static_assert(limits::kIcpPointsMax % (16 * kSampleParts) == 0 && kIcpBlock % 16 == 0);
@@ -34,7 +34,7 @@ std::size_t block_size(const IcpSample& sample, std::size_t block) {
   return std::min(kIcpBlock, sample.size() - block * kIcpBlock);
 }
 
-/// Derivative of a distance along `n` at `p` to the six motions.
+/// Derivative of a distance along `n` at `p` with respect to the six motions.
 Vec6 jacobian(const Vec3& n, const Vec3& p) {
   const Vec3 lever = p.cross(n) / Icp::kLever_mm;
   Vec6 j;
@@ -101,8 +101,7 @@ FaceCounts Icp::counts(const Pose& pose) const {
   return count(sample_, pose, {});
 }
 
-// A sorted first part and a sorted sample lie in the same memory, so to sort one puts the other back to as it was
-// drawn.
+// A sorted first part and a sorted sample share their memory, so sorting one resets the other to the drawn order.
 void Icp::sort_first_part(const Pose& pose) {
   sample_ = drawn_;
   first_part_ = sort_by_face(first_part_as_drawn(), view(pose, table_.near()), memory_.points, memory_.labels, team_);
@@ -169,7 +168,7 @@ NormalEquations Icp::equations(const Pose& pose, const SumsOfFaces& sums, std::u
 
 double Icp::solve(NormalEquations& eq, Pose& pose) {
   if (eq.points < 6) return -1.0;
-  // A trace of damping: a direction nothing determines then stays where it was instead of running away.
+  // Slight damping: an undetermined direction then stays unchanged instead of diverging.
   const Mat6 damped = eq.H + 1e-9 * eq.H.trace() * Mat6::Identity();
   const Eigen::LDLT<Eigen::Matrix<double, 6, 6>> solver(damped);
   if (solver.info() != Eigen::Success || !solver.isPositive()) return -1.0;
@@ -207,7 +206,7 @@ NormalEquations Icp::information(const Pose& pose, double gate_mm, std::uint16_t
 }
 
 double Icp::worst_median_mm(std::size_t points_min) const {
-  // Face by face, one behind the other.
+  // The distances are stored face by face.
   std::array<std::size_t, kFaces + 1> end{};
   for (std::size_t i = 0; i < association_.face.size(); i += kSampleParts)
     if (association_.face[i] < kFaces) ++end[association_.face[i] + 1U];
@@ -269,7 +268,7 @@ double Icp::noise_mm(const Pose& pose, double gate_mm) const {
   std::size_t count = 0;
   for (const std::size_t n : of_block) count += n;
   if (count == 0) return kNoValue;
-  // Positive floats are ordered as their bits are: halving the range of bits ends at the median itself.
+  // Positive floats have the same order as their bits, so halving the range of bits ends exactly at the median.
   std::uint32_t low = 0;
   auto high = std::bit_cast<std::uint32_t>(static_cast<float>(gate_mm));
   while (low < high) {
@@ -299,17 +298,17 @@ std::size_t Icp::take(std::span<Vec3> points) const {
   return count;
 }
 
-// 65 536 points out of 60 MB are as many cache misses. So the places are drawn a row ahead and the memory is asked for
-// them; it has them ready, many at a time, when they are collected. A row fills one cache line of each part, for the
-// parts lie multiples of 4 KiB apart, and lines written bit by bit would push each other out of the cache.
+// Drawing 65 536 points from 60 MB causes as many cache misses. So the indices are drawn a row ahead and the points are
+// prefetched, many at a time, before they are collected. A row fills one cache line of each part: the parts are at
+// multiples of 4 KiB, and partly written lines would evict each other from the cache.
 
 namespace {
 
 constexpr std::size_t kColumn = limits::kIcpPointsMax;
-/// How far a slice is searched for a point that is there.
+/// Range in a slice that is searched for an existing point.
 constexpr std::size_t kLooks = 16;
 constexpr std::size_t kDrawBlocks = 16;
-/// Slices drawn in one go: a cache line of each part and coordinate.
+/// Slices drawn at a time: a cache line of each part and coordinate.
 constexpr std::size_t kRow = 16 * kSampleParts;
 
 IcpSample columns(std::span<float> memory, std::size_t count, const Vec3& shift) {
@@ -320,12 +319,12 @@ bool is_point(const float* p) {
   return std::isfinite(p[0] + p[1] + p[2]);
 }
 
-/// Where the points of a row's slices are looked for; none where `first` is `last`.
+/// Search ranges for the points of a row's slices; empty if `first` equals `last`.
 struct PlacesOfRow {
   std::array<std::size_t, kRow> first, last;
 };
 
-/// Draws a place in each slice, slice by slice, and asks the memory for the points there.
+/// Draws an index in each slice, slice by slice, and prefetches the points there.
 class SlicePlaces {
  public:
   SlicePlaces(const Cloud& cloud, std::size_t slices, std::size_t slice, std::uint64_t seed)
@@ -342,7 +341,7 @@ class SlicePlaces {
     for (std::size_t k = 0; k < kRow; ++k, ++slice_) {
       row.first[k] = row.last[k] = 0;
       if (slice_ >= slices_) continue;
-      // slice * points / slices without dividing: what is left over adds up to one more point now and then.
+      // slice * points / slices without division: the accumulated remainder adds one point now and then.
       rest_ += more;
       const std::size_t carry = rest_ >= slices_ ? 1 : 0;
       rest_ -= carry * slices_;
@@ -360,18 +359,18 @@ class SlicePlaces {
   const Cloud& cloud_;
   std::size_t slices_;
   std::size_t slice_;
-  std::size_t begin_;  ///< of the slice, and what its division left over
+  std::size_t begin_;  ///< start of the slice, and the remainder of its division
   std::size_t rest_;
   Prng prng_;
 };
 
-/// Part by part.
+/// The drawn points of a row, part by part.
 struct PointsOfRow {
   using Part = std::array<float, kRow / kSampleParts>;
   std::array<Part, kSampleParts> x, y, z;
 };
 
-/// The first point there is at or behind each place, else NaN.
+/// Collects the first existing point at or after each index, else NaN.
 void collect(const Cloud& cloud, const PlacesOfRow& places, const std::array<float, 3>& from, PointsOfRow& to) {
   constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
   for (std::size_t k = 0; k < kRow; ++k) {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The loops of an ICP step, compiled for each instruction set. The idea is in icp_kernels.h: sums per face instead of
-// sums per point. Sixteen points that lie on one face, the rule once the sample is sorted, cost the arithmetic of one
-// face; where faces meet, each face in turn takes its points by a mask.
+// The loops of an ICP step, compiled for each instruction set. icp_kernels.h has the idea: sums per face instead of
+// sums per point. Sixteen points on one face, the usual case in a sorted sample, cost the arithmetic of one face. Where
+// faces meet, each face in turn selects its points by a mask.
 //
-// Sums of a step are floats for 512 points at most, then doubles; those of counting for a block of the sample. A float
-// sum of so few weights and coordinates is good to 1e-6 of itself, and what decides the pose (the v's) is small numbers
-// of both signs.
+// Sums of a step are floats for at most 512 points, then doubles; those of counting for a block of the sample. A float
+// sum of so few weights and coordinates is accurate to 1e-6 of itself, and the sums that decide the pose (the v's) are
+// of small numbers of both signs.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/register/icp_kernels.cpp"
 // clang-format off
@@ -78,12 +78,12 @@ struct Slope16 {
   [[nodiscard]] HWY_INLINE F16 at(F16 px, F16 py, F16 pz) const { return x * px + y * py + (z * pz + d); }
 };
 
-/// The same in double, for distances as exact as the scan.
+/// The same in double, for distances as accurate as the scan.
 HWY_INLINE D16 exact_distance(const Slope& s, D16 x, D16 y, D16 z) {
   return d16(s.n.x()) * x + d16(s.n.y()) * y + (d16(s.n.z()) * z + d16(s.d));
 }
 
-/// Looks up which faces are seen around points.
+/// Looks up the faces visible around points.
 class FacesSeen {
  public:
   explicit FacesSeen(const IcpView& view)
@@ -97,7 +97,7 @@ class FacesSeen {
         x0_(f16(static_cast<float>(view.t.x() + 0.5 * static_cast<double>(limits::kFaceTableX)))),
         y0_(f16(static_cast<float>(view.t.y() + 0.5 * static_cast<double>(limits::kFaceTableY)))) {}
 
-  /// Bits of faces, 0 outside the table and for NaN; `inside` tells those that are in it.
+  /// Bits of faces, 0 outside the table and for NaN; `inside` marks the points in it.
   HWY_INLINE I16 at(F16 x, F16 y, F16 z, M16& inside) const {
     const F16 column = xx_ * x + xy_ * y + (xz_ * z + x0_);
     const F16 row = yx_ * x + yy_ * y + (yz_ * z + y0_);
@@ -105,7 +105,7 @@ class FacesSeen {
     inside = (column >= zero) & (column < f16(kColumns)) & (row >= zero) & (row < f16(kRows));
     const I16 cell =
         to_int(keep(inside, row)) * i16(static_cast<std::int32_t>(limits::kFaceTableX)) + to_int(keep(inside, column));
-    // Two cells lie in 32 bits.
+    // Each 32 bits contain two cells.
     const I16 odd = bit_and(cell, i16(1));
     const I16 pair = gather(pairs_, shift_right<1>(cell));
     const I16 seen = bit_and(shift_right(pair, odd * i16(16)), i16(kAllFaces));
@@ -120,7 +120,7 @@ class FacesSeen {
   F16 xx_, xy_, xz_, yx_, yy_, yz_, x0_, y0_;
 };
 
-/// Bits set in any lane.
+/// OR of all lanes.
 HWY_INLINE std::uint32_t any_bits(const I16& a) {
   alignas(64) std::uint32_t lane[kLanes];
   store(a, reinterpret_cast<std::int32_t*>(lane));
@@ -132,7 +132,8 @@ HWY_INLINE std::uint32_t any_bits(const I16& a) {
 struct Closest {
   F16 distance, face;
 };
-/// The closest of the faces seen, in the order of the faces where they tie; distance infinite where none is seen.
+/// The closest visible face, in the order of the faces at equal distance. The distance is infinite if no face is
+/// visible.
 HWY_INLINE Closest closest(const Slopes& slopes, F16 x, F16 y, F16 z, const I16& seen, std::uint32_t any) {
   const F16 nothing = f16(std::numeric_limits<float>::infinity());
   Closest c{nothing, f16(kNoFace)};
@@ -205,7 +206,7 @@ void count_and_associate_kernel(const IcpSample& points, const IcpView& view, do
   const FacesSeen faces(view);
   const auto gate = static_cast<float>(gate_mm);
   const F16 nan = f16(std::numeric_limits<float>::quiet_NaN());
-  // Of at most kIcpBlock distances within the gate, to tell a face by: floats will do.
+  // Sums of at most kIcpBlock distances within the gate, only to assess a face: floats are accurate enough.
   F16 sum[kFaces], squares[kFaces];
   for (std::size_t f = 0; f < kFaces; ++f) sum[f] = squares[f] = f16(0.0F);
   for (std::size_t i = 0; i < points.size(); i += kLanes) {
@@ -220,7 +221,7 @@ void count_and_associate_kernel(const IcpSample& points, const IcpView& view, do
     F16 face = f16(kNoFace);
     counts.in_field += static_cast<std::size_t>(__builtin_popcount(bits(inside)));
     if (any != 0) {
-      // A single face is seen where clearing the lowest bit leaves none.
+      // A single face is visible if clearing the lowest bit leaves zero.
       const M16 single = inside & is_zero(bit_and(seen, seen + i16(-1)));
       const Closest c = closest(view.slopes, x, y, z, seen, any);
       counts.near_model += static_cast<std::size_t>(__builtin_popcount(bits(abs(c.distance) <= f16(gate))));
@@ -267,10 +268,10 @@ void sort_keys_kernel(const IcpSample& points, const IcpView& view, std::span<st
     const F16 z = load(&points.z[i]);
     M16 inside;
     const I16 seen = faces.at(x, y, z, inside);
-    // As a float, the exponent of a lane is the number of its highest bit.
+    // The exponent of a lane as float is the number of its highest bit.
     const F16 face = to_float(shift_right<23>(pattern(to_float(seen))) + i16(-127));
     const M16 single = is_zero(bit_and(seen, seen + i16(-1)));
-    // Points between faces behind those on one: they sit the last steps out.
+    // Points between faces are sorted after those on one face: the last steps do not use them.
     const F16 key = select(is_zero(seen), f16(2 * kFaces), select(single, face, face + f16(kFaces)));
     alignas(64) std::int32_t number[kLanes];
     store(to_int(key), number);
@@ -335,7 +336,7 @@ void sum_associated_as(const IcpSample& points, const Association& from, const S
         if (!one_face) mine = mine & lanes_of(&from.face[i], f);
         const std::uint32_t which = bits(mine);
         count += static_cast<std::size_t>(__builtin_popcount(which));
-        // A missing point's coordinates would carry NaN into the sums in spite of its weight.
+        // Coordinates are masked, because NaN of a missing point times weight zero is NaN.
         add_weighted<kWeights>(run, keep(mine, x), keep(mine, y), keep(mine, z), r, mine, per_gate2, mean);
       }
       run.flush(sums[f]);

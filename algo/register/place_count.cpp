@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The search's inner loop, sixteen points at a time: ten thousand places, each asked how many points it explains.
+// The search's inner loop, sixteen points at a time: counts the explained points of ten thousand positions.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/register/place_count.cpp"
 // clang-format off
@@ -22,7 +22,7 @@ int count_explained_kernel(const HeightRaster& raster, const PlacedPoints& point
   int explained = 0;
   auto left = static_cast<int>(points.z.size());
   for (std::size_t i = 0; i < points.z.size(); i += kLanes) {
-    // Whole numbers, exact as floats.
+    // Integers that are exact as floats.
     const F16 column = to_float(load(&points.column[i]) + i16(x_cells));
     const F16 row = to_float(load(&points.row[i]) + i16(y_cells));
     const M16 inside = (column >= zero) & (column < columns) & (row >= zero) & (row < rows);

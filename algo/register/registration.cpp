@@ -1,22 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Where is the block? The robot says so to a millimetre or a few; the scan must say it to a micrometre, and must say
-// when there is no block at all (paper 2.4).
+// Problem: find the block. The robot gives its position to a few millimetres; the scan must give it to a micrometre,
+// and must detect a missing block (paper 2.4).
 //
-// ICP, point to plane, against the analytic model: each sampled point is moved into the block frame, given to the
-// closest face seen near its place, and the six-parameter step that shortens the distances is solved for (Gauss-Newton,
-// Tukey weights), while the gates shrink. It is tried from the robot's place first, which is right to a few millimetres
-// on every ordinary day; where only the place along the rail is in doubt, from the place the casings offer. Where that
-// does not end at a pose that passes every test, the whole window is searched (block_search), so the start does not
-// matter as long as the block is in it.
+// Idea: ICP, point to plane, against the analytic model. Each sampled point is moved into the block frame and
+// associated with the closest face visible near it. The six-parameter step that reduces the distances is solved for
+// (Gauss-Newton, Tukey weights), while the gates shrink. The robot's position, normally right to a few millimetres, is
+// tried first. If only the position along the rail is doubtful, the casings' position is tried. If no pose passes every
+// test, the whole window is searched (block_search), so any start within it is sufficient.
 //
-// The last steps use only points whose surroundings show a single face. Which points take part and what they are held
-// against then depends on their place, not on their noise: the estimate has no bias from edges, and its covariance can
-// be told. Casings join in only where the faces leave a direction open (casing_ties).
+// The last steps use only points with a single face around them. The selection and association of points then depend on
+// their position, not on their noise: the estimate has no bias from edges, and its covariance is known. Casings are
+// used only if the faces leave a direction open (casing_ties).
 //
-// A wrong pose that looks converged is the worst outcome. So the pose is accepted only if the step is really tiny, no
-// direction is undetermined, and of the points that the model expects on a face most are on it, face by face. A flat
-// slab without a block satisfies the first test easily, and none of the others.
+// A wrong pose that looks converged is the worst outcome. So the pose is accepted only if the step is tiny, no
+// direction is undetermined, and on every face most of the points expected by the model are found. A flat slab without
+// a block passes the first test easily, but not the others.
 #include "algo/register/registration.h"
 
 #include <Eigen/Eigenvalues>
@@ -35,28 +34,28 @@ namespace slabd::algo {
 
 namespace {
 
-/// Places along the rail, a millimetre each, counted from -kReach_mm.
+/// Positions along the rail, a millimetre each, counted from -kReach_mm.
 constexpr int kReach_mm = 256;
 using Profile = std::array<double, 2 * kReach_mm>;
 
 /// Points this far from the bearing plane belong to it.
 constexpr double kHeight_mm = 3.0;
-/// Clear of the jaws' feet, whatever their fillets.
+/// Clear of the jaws' feet with any fillet.
 constexpr double kClear_mm = 15.0;
-/// A place has the whole bearing plane when it has this part of what most places have.
+/// A position has the whole bearing plane if it has this share of the usual number of points.
 constexpr double kHalf = 0.5;
-/// Fewer points of the sample in a millimetre are too few to see an end.
+/// Minimum number of sample points per millimetre for detecting an end.
 constexpr double kPointsMin = 8.0;
-/// Places without a bearing plane between two with one: a strap, a dark stroke.
+/// Largest gap in the bearing plane: a strap, a dark stroke.
 constexpr int kGap_mm = 25;
-/// Beyond an end, between these distances, the slab's top must be seen, with this part of the usual points: else the
-/// field of view ends, and not the block.
+/// Between these distances beyond an end, the slab's top must be visible with this share of the usual points. Otherwise
+/// it is the end of the field of view, not of the block.
 constexpr int kBeyondFrom_mm = 8;
 constexpr int kBeyondTo_mm = 20;
 constexpr double kBeyondShare = 0.3;
-/// Ends may be this much nearer together or further apart than nominal.
+/// Maximum deviation of the distance of the ends from nominal.
 constexpr double kLengthOff_mm = 10.0;
-/// What a chamfer usually takes of the bearing plane.
+/// Usual reduction of the bearing plane by a chamfer.
 constexpr double kChamfer_mm = 2.0;
 constexpr double kBothSigma_mm = 0.5;
 constexpr double kOneSigma_mm = 2.0;
@@ -81,7 +80,7 @@ std::optional<Tie> tie_to_ends(const IcpSample& sample, const BlockModel& model,
     any[place] += 1.0;
     if (std::abs(seat.distance(p)) <= kHeight_mm) on_seat[place] += 1.0;
   }
-  // What a place in the middle of the block has.
+  // Number of points at a position in the middle of the block.
   Profile sorted = on_seat;
   const double half_length_mm = model.geometry().end_half_length_mm.value;
   const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(half_length_mm);
@@ -89,7 +88,7 @@ std::optional<Tie> tie_to_ends(const IcpSample& sample, const BlockModel& model,
   const double full = *middle;
   if (!(full >= kPointsMin)) return std::nullopt;
 
-  // The longest stretch with a bearing plane.
+  // The longest range with a bearing plane.
   int best_from = 0;
   int best_to = -1;
   int from = -1;
@@ -105,7 +104,7 @@ std::optional<Tie> tie_to_ends(const IcpSample& sample, const BlockModel& model,
   }
   if (best_to < best_from) return std::nullopt;
   const auto count = [&](int k) { return k < 0 || k >= 2 * kReach_mm ? 0.0 : on_seat[static_cast<std::size_t>(k)]; };
-  // Between a place that has half of it and the next one that has not.
+  // Edge between a position with half of the bearing plane and the next one without.
   const auto edge_mm = [&](int last, int step) {
     const double inside = count(last);
     const double outside = count(last + step);
@@ -145,49 +144,50 @@ Tie tie_to_robot(const Pose& T_block_scanner_by_robot) {
 
 namespace {
 
-/// The pose stands still when a step moves the block's rim by less than this, and giving the points to their faces anew
-/// moves it by less than that: a point in ten thousand may change sides for ever.
+/// The pose has converged if a step moves the block's rim by less than this, and a new association by less than
+/// kRoundDone_mm: one point in ten thousand may change sides permanently.
 constexpr double kStepDone_mm = 1e-6;
 constexpr double kRoundDone_mm = 1e-3;
 constexpr int kRounds = 20;
 constexpr int kRoundSteps = 40;
-/// Rounds from here on give the points to their faces half way between the last place and the new one: a point at the
-/// edge of two cells otherwise throws the pose from one side to the other for ever.
+/// From this round on points are associated half way between the last pose and the new one. Otherwise a point at the
+/// edge of two cells may move the pose back and forth permanently.
 constexpr int kHalfWayFrom = 4;
-/// Smallest to largest eigenvalue of the normal matrix. A complete block has about 2e-2; without end faces 0.
+/// Ratio of the smallest to the largest eigenvalue of the normal matrix. A complete block has about 2e-2; without end
+/// faces 0.
 constexpr double kConditionMin = 1e-3;
-/// A direction is open whatever the last steps do when it has less than this part of what it would need.
+/// A direction below this part of the required eigenvalue stays open, independent of the last steps.
 constexpr double kClearlyOpen = 0.5;
-/// Shifted further than this, the sample is sorted anew: where it was sorted, faces now take turns.
+/// After a larger shift the sample is sorted again, because its groups then mix faces.
 constexpr double kSortedWithin_mm = 10.0;
-/// Share of a single face's points that must be on it. Lower than for the whole: a glove may lie on a jaw.
+/// Minimum share of a single face's points on it. Lower than for the whole block: a glove may be on a jaw.
 constexpr double kFaceShareMin = 0.35;
-/// Distances of a face's points, in gates: how far the face may lie off the model, and how much they may scatter (0.58
-/// is any surface that crosses the gate).
+/// Limits for the distances of a face's points, in gates: offset of the face from the model, and scatter (0.58 is any
+/// surface that crosses the gate).
 constexpr double kFaceMeanMax = 0.5;
 constexpr double kFaceSpreadMax = 0.25;
-/// A face seen by fewer sampled points says nothing.
+/// A face with fewer sampled points is ignored.
 constexpr std::size_t kFacePointsMin = 20;
-/// A coarse gate has done its work when a step is shorter than this.
+/// A coarse gate is finished if a step is shorter than this.
 constexpr double kCoarseDone_mm = 0.02;
-/// Steps shorter than this share of the gate are close enough to the end for Newton's.
+/// Newton's steps are used if steps are shorter than this share of the gate.
 constexpr double kNewtonFrom = 0.1;
-/// Points of the sample that the search looks at.
+/// Number of sample points for the search.
 constexpr std::size_t kSearchPoints = 2048;
 
 struct Gate {
   double radius_mm;
   int steps;
 };
-/// The search leaves half a step: 2 to 3 mm and a degree, which is 4 mm at the ends of the block.
+/// The search leaves an error of half a step: 2 to 3 mm and a degree, which is 4 mm at the ends of the block.
 constexpr std::array<Gate, 3> kCoarse = {{{12.0, 6}, {8.0, 5}, {6.0, 5}}};
-/// The last gate in medians of the worst face (of normal errors: seven medians are 4.7 sigma, Tukey's usual choice),
-/// and its floor.
+/// The last gate in medians of the worst face (for normal errors seven medians are 4.7 sigma, Tukey's usual choice),
+/// and its minimum.
 constexpr double kGateMedians = 7.0;
 constexpr double kLastGateMin_mm = 0.15;
 
-/// How well a pose explains the sample, overall and face by face. Only points whose surroundings show a single face
-/// vote for that face, so that edges do not blur the picture.
+/// Match of a pose with the sample, overall and per face. Only points with a single face around them count for that
+/// face, so that edges do not affect the result.
 struct Assessment : FaceCounts {
   [[nodiscard]] double share() const {
     return in_field == 0 ? 0.0 : static_cast<double>(near_model) / static_cast<double>(in_field);
@@ -204,8 +204,8 @@ struct Assessment : FaceCounts {
     const double mean = mean_mm(face);
     return std::sqrt(std::fmax(sum_mm2[face] / static_cast<double>(found[face]) - mean * mean, 0.0));
   }
-  /// Bits of the faces that are really there. A level surface that crosses a steep face lies within its gate over
-  /// several millimetres too, but not parallel to it: its distances spread over the whole gate.
+  /// Bits of the faces that are really there. A level surface that crosses a steep face is also within its gate over
+  /// several millimetres, but not parallel to it: its distances are distributed over the whole gate.
   [[nodiscard]] std::uint16_t confirmed(double gate_mm) const {
     std::uint16_t faces = 0;
     for (std::size_t f = 0; f < kFaces; ++f)
@@ -215,7 +215,7 @@ struct Assessment : FaceCounts {
   }
 };
 
-/// Empty when the pose explains the scan; else what speaks against it.
+/// Empty if the pose explains the scan; else the reason against it.
 FixedString<64> objection(const Assessment& a, const EvaluationSettings& settings, std::size_t stride) {
   FixedString<64> note;
   if (!(a.share() >= settings.registration_share_min)) {
@@ -245,7 +245,7 @@ FixedString<64> objection(const Assessment& a, const EvaluationSettings& setting
   return note;
 }
 
-/// Steps from `pose` with the coarse gates. True when they end at a pose that explains the scan.
+/// Steps from `pose` with the coarse gates. True if they end at a pose that explains the scan.
 bool settle(const RegistrationTask& task, Icp& icp, Pose& pose, Assessment& seen, int& iterations) {
   NormalEquations eq;
   icp.sort_first_part(pose);
@@ -259,7 +259,7 @@ bool settle(const RegistrationTask& task, Icp& icp, Pose& pose, Assessment& seen
   return objection(seen, task.settings, kSampleParts).empty();
 }
 
-/// ICP from each place the search offers, best first; returns the first that holds, else the one with the largest
+/// ICP from each start pose of the search, best first. Returns the first accepted pose, else the one with the largest
 /// share.
 Pose searched_pose(const RegistrationTask& task, Icp& icp, int& iterations, Team& team) {
   std::array<Vec3, kSearchPoints> points;
@@ -279,8 +279,8 @@ Pose searched_pose(const RegistrationTask& task, Icp& icp, int& iterations, Team
   return best;
 }
 
-/// Seat and jaws fix a pose but for its place along the rail. Where they are right and only the rest is not, the
-/// casings offer a place to start from anew, for a fraction of what the search costs. True when that one ends well.
+/// Seat and jaws determine a pose except for its position along the rail. If they are right and only the rest is wrong,
+/// the casings give a new start, at a fraction of the cost of the search. True if its ICP ends at an accepted pose.
 bool settle_by_casings(const RegistrationTask& task, const RegistrationWorkspace& work, Icp& icp,
                        const Assessment& seen, Pose& pose, int& iterations, Team& team) {
   constexpr std::uint16_t kNeeded = bit(Face::seat) | bit(Face::jaw_inner) | bit(Face::jaw_outer);
@@ -292,21 +292,21 @@ bool settle_by_casings(const RegistrationTask& task, const RegistrationWorkspace
   return settle(task, icp, pose, then, iterations);
 }
 
-/// The gate of the last steps. A few sigma, so that dirt and damage have no pull; but no face may be shut out as a
-/// whole: on a block whose ends are half a millimetre too long they still say where the middle is.
+/// The gate of the last steps. A few sigma, so that dirt and damage have no influence. But no face may be excluded as a
+/// whole: on a block whose ends are half a millimetre too long they still determine the middle.
 double last_gate(const Icp& icp) {
   const double gate = std::max(kLastGateMin_mm, kGateMedians * icp.worst_median_mm(kFacePointsMin));
   return std::min(gate, icp.single_face_gate());
 }
 
-/// Which of the six motions the normal equations know least of.
+/// Least determined of the six motions in the normal equations.
 struct Determinacy {
   double condition = std::numeric_limits<double>::infinity();
   double largest = 0.0;
   bool complete = false;
-  bool clearly_open = false;     ///< incomplete, and a few points more or less will not change that
-  bool only_along_rail = false;  ///< incomplete, but with the place along the rail known nothing would be open
-  std::string_view open;         ///< the direction nothing fixes, if not complete
+  bool clearly_open = false;     ///< incomplete, independent of a few points more or less
+  bool only_along_rail = false;  ///< incomplete, but complete if the position along the rail is given
+  std::string_view open;         ///< the undetermined direction, if not complete
 };
 
 Determinacy determinacy(const NormalEquations& eq) {
@@ -324,7 +324,7 @@ Determinacy determinacy(const NormalEquations& eq) {
   if (d.largest > 0.0 && smallest > 0.0) d.condition = d.largest / smallest;
   d.complete = eq.points >= 6 && smallest > kConditionMin * d.largest;
   d.clearly_open = !d.complete && !(smallest > kClearlyOpen * kConditionMin * d.largest);
-  // Of several open directions the eigenvectors are any mixture: name the axis most of which is open.
+  // With several open directions the eigenvectors are arbitrary mixtures: name the axis with the largest open part.
   Vec6 open = Vec6::Zero();
   for (int k = 0; k < 6; ++k)
     if (solver.eigenvalues()[k] <= kConditionMin * d.largest) open += Vec6(solver.eigenvectors().col(k)).cwiseAbs2();
@@ -362,7 +362,7 @@ DeviationStats deviations(const Cloud& cloud, const RegistrationTask& task, cons
   if (stats.count < 2) return stats;
   stats.mean_mm = moments.mean();
   stats.std_mm = std::sqrt(moments.variance(1));
-  // Shares from the histogram: exact to one of its bins (0.05 um), without a second pass over the scan.
+  // Shares from the histogram: accurate to one of its bins (0.05 um), without a second pass over the scan.
   std::size_t bin = 0;
   std::uint64_t within = 0;
   for (std::size_t k = 0; k < stats.within_sigma.size(); ++k) {
@@ -373,7 +373,7 @@ DeviationStats deviations(const Cloud& cloud, const RegistrationTask& task, cons
   return stats;
 }
 
-/// A pose after the steps with the narrow gate, and what speaks for it.
+/// A pose after the steps with the narrow gate, and its assessment.
 struct FineResult {
   double gate_mm = 0.0;
   bool stands_still = false;
@@ -386,10 +386,10 @@ Pose half_way(const Pose& a, const Pose& b) {
   return {a.rotation.slerp(0.5, b.rotation), 0.5 * (a.translation_mm + b.translation_mm)};
 }
 
-/// What a refinement is to come to.
+/// Required result of a refinement.
 enum class Refine : std::uint8_t {
-  whole,    ///< a pose that stands still
-  or_open,  ///< or that of the first round, if a direction is clearly open there: something else must fix that first
+  whole,    ///< a converged pose
+  or_open,  ///< or that of the first round, if a direction is clearly open there and must be fixed first
 };
 
 /// Steps with the narrow gate; `icp` is sorted for about this pose.
@@ -398,8 +398,7 @@ FineResult refine(const RegistrationTask& task, Icp& icp, Refine until, Pose& po
   NormalEquations eq;
   Pose at = pose;
   FaceCounts seen;
-  // A face that is not there fixes nothing: where a bare slab passes a jaw's foot, its points only seem to be the
-  // jaw's.
+  // A missing face determines nothing: where a bare slab passes a jaw's foot, its points look like the jaw's.
   const auto known_directions = [&] {
     return determinacy(icp.information(pose, fine.gate_mm, fine.seen.confirmed(task.settings.registration_gate_mm)));
   };
@@ -413,7 +412,7 @@ FineResult refine(const RegistrationTask& task, Icp& icp, Refine until, Pose& po
       const bool newton = newton_helps && step_mm < kNewtonFrom * fine.gate_mm;
       const double last_mm = step_mm;
       step_mm = icp.step(pose, fine.gate_mm, newton ? Weights::newton : Weights::tukey, eq);
-      // A step that does not shorten the next one, or has no downhill, is none of Newton's business.
+      // Newton's steps are stopped if a step is not shorter than the last one, or not downhill.
       if (newton && !(step_mm >= 0.0 && step_mm < last_mm)) {
         newton_helps = false;
         step_mm = last_mm;
@@ -428,14 +427,14 @@ FineResult refine(const RegistrationTask& task, Icp& icp, Refine until, Pose& po
       if (fine.left_open) return fine;
     }
   }
-  // Where the pose stands still, the association was made with it.
+  // If the pose has converged, `seen` is from the association with it.
   fine.seen = {fine.stands_still ? seen : icp.counts(pose)};
   fine.directions = known_directions();
   return fine;
 }
 
-/// What says where along the rail a block is whose casings show nothing: its ends, else the robot. Neither is asked for
-/// anything but that.
+/// Position along the rail of a block without usable casings: from its ends, else from the robot. Both are used only
+/// for this coordinate.
 CasingTies without_casings(const RegistrationTask& task, const Icp& icp, const FineResult& fine, const Pose& pose,
                            FixedString<64>& note) {
   CasingTies held{pose, {}};
@@ -451,7 +450,7 @@ CasingTies without_casings(const RegistrationTask& task, const Icp& icp, const F
   return held;
 }
 
-/// The final pose's status. The order matters: an undetermined direction explains best what is wrong.
+/// Sets the final pose's status. The order matters: an undetermined direction is the best explanation of an error.
 void pass_judgement(const RegistrationTask& task, const Pose& pose, const FineResult& fine,
                     RegistrationReport& report) {
   report.share_associated = fine.seen.share();
@@ -487,8 +486,8 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
   Icp icp(task.model, task.table, task.settings, cloud, task.T_block_scanner, work.icp, team);
   Pose pose = task.T_block_scanner;
   FineResult fine;
-  FixedString<64> along_rail;  // who says so, where the faces and casings do not
-  // The last steps from a coarse pose, and what they come to.
+  FixedString<64> along_rail;  // source of the position, if not from faces and casings
+  // The last steps from a coarse pose, and their result.
   const auto finish = [&] {
     along_rail = FixedString<64>{};
     icp.hold({}, 0.0);
@@ -523,7 +522,7 @@ RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& ta
     report.noise_mm = icp.noise_mm(pose, fine.gate_mm);
     report.covariance = icp.covariance(pose, fine.gate_mm);
   }
-  // Where the pose holds, the survey takes them on its way.
+  // If the pose is accepted, the survey computes the deviations in its own pass.
   if (report.status != RegistrationStatus::converged) report.deviation = deviations(cloud, task, pose, work.histogram);
   return report;
 }

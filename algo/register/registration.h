@@ -15,21 +15,21 @@
 
 namespace slabd::algo {
 
-// Where along the rail is a block whose casings say nothing: capped, plugged, under water or covered?
+// Position along the rail of a block whose casings are not usable: capped, plugged, under water or covered.
 
-/// Where the robot says that the block is, if the scan does not (standard deviation, mm): a slab pushed against its
-/// stops, the robot's own error, and a mould's. An item that depends on the place along the rail must bear this much.
+/// Standard deviation (mm) of the robot's position along the rail, for scans that do not determine it: a slab pushed
+/// against its stops, the robot's error, the mould's. Items that depend on the position must tolerate it.
 inline constexpr double kRobotAlongRailSigma_mm = 5.0;
 
-/// The middle between the two places along the rail where the bearing plane ends, as a tie. The end faces themselves
-/// are too steep to return points, but beyond them lies the slab's top, 30 mm deeper. Chamfers and wear leave each end
-/// uncertain by a millimetre, the middle of both by half; of a single end, where the field of view has only one, by
-/// two. Nothing where no end is seen, or where the two are not a block's length apart. `T_block_scanner` must be right
-/// in height, tilt and across the rail. From the sample as drawn: 0.2 ms. No heap.
+/// Middle between the two ends of the bearing plane along the rail, as a tie. The end faces are too steep to return
+/// points, but beyond them the slab's top is visible, 30 mm deeper. Chamfers and wear leave each end uncertain by a
+/// millimetre, the middle of both by half. If the field of view contains only one end, it is uncertain by two. nullopt
+/// if no end is seen, or the two are not a block's length apart. `T_block_scanner` must be right in height, tilt and
+/// across the rail. From the sample as drawn: 0.2 ms. No heap.
 [[nodiscard]] std::optional<Tie> tie_to_ends(const IcpSample& sample, const BlockModel& model,
                                              const EvaluationSettings& settings, const Pose& T_block_scanner);
 
-/// The robot's word as a tie.
+/// The robot's position along the rail as a tie.
 [[nodiscard]] Tie tie_to_robot(const Pose& T_block_scanner_by_robot);
 
 /// Memory for registration, owned by the inspector.
@@ -39,7 +39,7 @@ struct RegistrationWorkspace {
   std::span<float> casings;            ///< kCasingTiesFloats
 };
 
-/// Where a registration starts and what makes it acceptable.
+/// Start and acceptance criteria of a registration.
 struct RegistrationTask {
   const BlockModel& model;
   const FaceTable& table;
@@ -49,10 +49,10 @@ struct RegistrationTask {
 };
 
 /// Finds the block in `cloud` (scanner frame, denoised): ICP to the model, point to plane, robust, gates shrinking,
-/// from the start; where that does not end at a pose beyond doubt, from the places that a search of the whole window
-/// offers. Casings where the faces leave a direction open. Fills every field of the report;
-/// `status` is converged only if the pose stands still, is determined in all six directions, lies in the window, and
-/// every face that is looked at is really there. Deterministic; no heap.
+/// from the start. If that does not give an acceptable pose, starts from the results of a search of the whole window.
+/// Uses casings if the faces leave a direction open. Fills every field of the report. `status` is converged only if the
+/// pose has converged, is determined in all six directions, is in the window, and every visible face is really there.
+/// Deterministic; no heap.
 [[nodiscard]] RegistrationReport register_block(const Cloud& cloud, const RegistrationTask& task,
                                                 const RegistrationWorkspace& work, Team& team);
 

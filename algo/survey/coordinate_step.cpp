@@ -1,20 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: a rounded coordinate is wrong by up to half a step, and alike for all points of a line of the scan. Noise
-// does not show it: on a face that lies level to an axis all points are rounded alike and scatter less than before.
+// Problem: a rounded coordinate is wrong by up to half a step, equally for all points of a line of the scan. Noise does
+// not reveal it: on a face parallel to an axis all points are rounded alike and scatter less than before.
 //
 // Idea: rounded values are multiples of a step, to the precision of a float. Two searches, each on a sample:
-//   - A list of the steps that writers use (decimals of mm, parts of an inch, powers of two), as multiples from zero.
-//   It
-//     holds as long as nine values of ten are multiples, so a few points from elsewhere do not hide the step.
+//   - A list of the steps that writers use (decimals of mm, parts of an inch, powers of two), as multiples from zero. A
+//     step is accepted if nine values of ten are multiples, so a few other points do not hide it.
 //   - Any other step, from any origin: the greatest common divisor of the differences between neighbouring values, by
 //     Euclid's algorithm with a tolerance.
 //
-// A scan with parallel rays has an even raster along two axes, and its step is the raster's pitch. Nothing was rounded
-// there. Such a raster is believed where the third axis does not have the same step (a writer rounds all three alike),
-// where no node of the raster holds two points, and where its lines hold alike many (rounding a raster to another step
-// leaves lines empty or doubles them). A line profiler has a step along its way alone, X or Y, and its
-// profiles hold alike many points; a writer does not round one axis of three.
+// A scan with parallel rays has an even raster along two axes, and its step is the raster's pitch, without any
+// rounding. Such a raster is accepted if the third axis does not have the same step (a writer rounds all three alike),
+// no node of the raster has two points, and its lines have equal numbers of points (rounding a raster to another step
+// leaves lines empty or doubles them). A line profiler has a step along its travel only, X or Y, and its profiles have
+// equal numbers of points; a writer does not round only one axis of three.
 #include "algo/survey/coordinate_step.h"
 
 #include <algorithm>
@@ -30,9 +29,9 @@ namespace {
 
 constexpr std::size_t kSample = 4'096;
 constexpr std::size_t kFirstLook = 256;
-/// A step explains at least so much of the values.
+/// Minimum share of the values that a step explains.
 constexpr double kShareMin = 0.9;
-/// Two steps are the same up to this part.
+/// Two steps are equal up to this relative difference.
 constexpr double kSameStep = 0.02;
 
 /// Steps of writers, mm, the coarsest first.
@@ -48,7 +47,7 @@ struct Sample {
   std::size_t tries = 0;
 };
 
-/// Points all over the cloud, in an order that no row or column of it shares.
+/// Draws points all over the cloud, in an order unrelated to its rows and columns.
 void draw(const Cloud& cloud, Sample& sample) {
   constexpr std::size_t kTries = 4 * kSample;
   while (sample.tries < kTries && sample.count < kSample) {
@@ -65,15 +64,14 @@ void draw(const Cloud& cloud, Sample& sample) {
   }
 }
 
-/// How far a rounded value may lie from its multiple: the float it is stored in, and one more where the unit was
-/// converted.
+/// Largest distance of a rounded value from its multiple: one float step, and one more if the unit was converted.
 double precision_of(std::span<const float> values) {
   float largest = 0.0F;
   for (const float v : values) largest = std::max(largest, std::abs(v));
   return 1.6 * static_cast<double>(std::nextafter(largest, std::numeric_limits<float>::infinity()) - largest);
 }
 
-/// Are enough of the values multiples of `step`?
+/// True if enough of the values are multiples of `step`.
 bool are_multiples(std::span<const float> values, double step, double precision) {
   std::size_t good = values.size();
   for (const float v : values) {
@@ -95,11 +93,11 @@ double usual_step(std::span<const float> values, double precision) {
   return best;
 }
 
-/// The step between sorted values, whatever it is and wherever it begins; 0 when there is none.
+/// The step between sorted values, for any step and origin; 0 if there is none.
 double common_step(std::span<const float> sorted, double precision) {
   constexpr std::size_t kDifferencesMin = 32;
   constexpr double kBadShare = 0.02;
-  constexpr double kSteps = 64.0;  // a difference of more steps says too little about one
+  constexpr double kSteps = 64.0;  // a difference of more steps is too inaccurate for one
   constexpr int kRounds = 12;
   const double alike = 2.0 * precision;
   const double least = std::max(kCoordinateStepMin_mm, 16.0 * precision);
@@ -111,7 +109,7 @@ double common_step(std::span<const float> sorted, double precision) {
   }
   if (count < kDifferencesMin) return 0.0;
   const std::span<double> d = std::span(differences).first(count);
-  // Most values have no step: that shows before they are sorted.
+  // Most values have no step; this is detected before sorting.
   std::nth_element(d.begin(), d.begin() + static_cast<std::ptrdiff_t>(count / 20), d.end());
   double step = d[count / 20];
   if (step < least) return 0.0;
@@ -119,7 +117,7 @@ double common_step(std::span<const float> sorted, double precision) {
   std::array<double, kSample> left;
   for (int round = 0; round < kRounds; ++round) {
     if (step < least) return 0.0;
-    // Few steps first, so that none is miscounted.
+    // Small differences first, so that their steps are counted correctly.
     for (const double within : {4.0, 16.0, kSteps}) {
       double products = 0.0;
       double squares = 0.0;
@@ -213,14 +211,14 @@ Lines lines_of(const Sample& sample, std::size_t axis, double step) {
 
 constexpr std::size_t kLinesMin = 64;
 
-/// How the values of an axis go with the columns or the rows of an organised scan.
+/// Relation of an axis to the columns or the rows of an organised scan.
 struct GridAxis {
-  double pitch_mm = 0.0;  ///< 0: they do not
+  double pitch_mm = 0.0;  ///< 0 if unrelated
   bool is_of_rows = false;
   std::size_t lines = 0;  ///< from the first to the last one
 };
 
-/// The sample as it was drawn, not sorted.
+/// Uses the sample as drawn, not sorted.
 GridAxis grid_axis_of(const Cloud& cloud, const Sample& sample, std::size_t axis) {
   if (cloud.width == 0) return {};
   const std::span<const float> values = std::span(sample.values[axis]).first(sample.count);
@@ -244,8 +242,8 @@ GridAxis grid_axis_of(const Cloud& cloud, const Sample& sample, std::size_t axis
   return {};
 }
 
-/// Are these two axes the grid in which an organised scan was taken, and nearly all of its points there? Then nothing
-/// was rounded, and the points need not be counted.
+/// True if these two axes are the grid of an organised scan, with nearly all of its points. Then the coordinates were
+/// not rounded, and the points need not be counted.
 bool is_grid(const GridAxis& a, const GridAxis& b, double step_a, double step_b, const Sample& sample) {
   constexpr double kSeenMin = 0.8;
   const auto is_step = [](const GridAxis& axis, double step) {
@@ -256,16 +254,16 @@ bool is_grid(const GridAxis& a, const GridAxis& b, double step_a, double step_b,
          static_cast<double>(sample.count) >= kSeenMin * static_cast<double>(sample.tries);
 }
 
-/// The middle half, where a field of view has no corners.
+/// True for the middle half, where a field of view has no corners.
 bool is_inner(std::size_t k, std::size_t count) {
   return 4 * k >= count && 4 * k < 3 * count;
 }
 
-constexpr std::size_t kLookedOfALine = 120;  // a quarter of them lies in the middle half: chance is 13 % there
-/// Where many points are missing chance alone makes lines uneven: then this many are asked.
+constexpr std::size_t kLookedOfALine = 120;  // a quarter of them is in the middle half, with 13 % chance variation
+/// With many missing points, chance alone makes lines uneven: then this many points are examined.
 constexpr std::size_t kLookedInDoubt = 960;
 
-/// Does nearly every line in the middle hold as many points as those around it?
+/// True if nearly every line in the middle has as many points as the lines around it.
 bool are_even(std::span<const std::uint32_t> points) {
   constexpr double kUneven = 0.4;        // of a line against those around it
   constexpr double kUnevenShare = 0.01;  // of all lines
@@ -283,7 +281,7 @@ bool are_even(std::span<const std::uint32_t> points) {
   return static_cast<double>(uneven) <= kUnevenShare * static_cast<double>(lines);
 }
 
-/// `use(p)` for some of the points that were seen, one of every `stride`.
+/// Calls `use(p)` for a selection of the existing points, one of every `stride`.
 template <typename Use>
 void for_points_of(const Cloud& cloud, std::size_t stride, const Use& use) {
   for (std::size_t j = 0; (j + 1) * stride <= cloud.points; ++j) {
@@ -292,10 +290,10 @@ void for_points_of(const Cloud& cloud, std::size_t stride, const Use& use) {
   }
 }
 
-/// Are these two axes the scanner's own raster?
+/// True if these two axes are the scanner's own raster.
 bool is_raster(const Cloud& cloud, const Sample& sample, std::size_t a, std::size_t b, const Vec3& step,
                std::size_t looked_of_a_line, std::span<std::uint32_t> scratch) {
-  // Half of the points may be missing; what is thinner than this is a writer's step, finer than the raster.
+  // Half of the points may be missing; a lower density means that the step is a writer's, finer than the raster.
   constexpr double kNodesMin = 0.2;
   constexpr double kNodesMax = 1.05;
   const Lines rows = lines_of(sample, a, step[static_cast<Eigen::Index>(a)]);
@@ -322,7 +320,7 @@ bool is_raster(const Cloud& cloud, const Sample& sample, std::size_t a, std::siz
   return held >= kNodesMin && held <= kNodesMax && are_even(row_points) && are_even(column_points);
 }
 
-/// Is this axis the way along which the scanner, or the block, travels from profile to profile?
+/// True if this axis is the travel of the scanner, or of the block, from profile to profile.
 bool is_travel(const Cloud& cloud, const Sample& sample, std::size_t axis, const Vec3& step,
                std::span<std::uint32_t> scratch) {
   const Lines profiles = lines_of(sample, axis, step[static_cast<Eigen::Index>(axis)]);

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: the radius of a fillet and the leg of a chamfer, from cells of 1.25 mm in which an arc of 2 mm is two cells
-// wide and 0.3 mm high, and from faces that lie some hundredths of a millimetre off their fitted planes.
+// Problem: find the radius of a fillet and the leg of a chamfer from cells of 1.25 mm, in which an arc of 2 mm is two
+// cells wide and 0.3 mm high, and from faces that are some hundredths of a millimetre off their fitted planes.
 //
 // Idea: the sum of the distances over the rows next to an edge grows with the square of the radius and hardly depends
-// on where the arc lies between the rows. It is compared with the same sum of a drawn edge: two lines and an arc, seen
-// through the same rows and measured against the same nominal faces. The lines are the fitted faces, moved by what the
-// rows just beyond the edge lie off them. Of each row the median along the edge counts, so that pores, chips and dust
-// do not. A chamfer likewise: a straight cut with equal legs on both faces, across the edge at each place; of the sums
-// the median counts.
+// on the position of the arc between the rows. It is compared with the same sum of a computed edge: two lines and an
+// arc, sampled by the same rows and measured against the same nominal faces. The lines are the fitted faces, moved by
+// the deviation of the rows just beyond the edge. Of each row the median along the edge is used, which ignores pores,
+// chips and dust. A chamfer is found in the same way: a straight cut with equal legs on both faces, across the edge at
+// each position; the median of the sums is used.
 #include "algo/survey/surface_reference.h"
 
 #include <algorithm>
@@ -22,13 +22,13 @@ using namespace surface_cell;
 
 constexpr std::size_t kColumns = kSurfaceColumns;
 constexpr std::size_t kRows = kSurfaceRows;
-/// Half-way between the middle and an end a row has its face: neither casing nor end are there.
+/// Column half-way between the middle and an end, clear of casings and ends.
 constexpr std::size_t kUsualColumn = kColumns / 4;
-/// Places along an edge that it rests on at least, and their share of all places where the edge is.
+/// Minimum number of positions along an edge, and their minimum share of all positions of the edge.
 constexpr std::size_t kPlacesMin = 10;
 constexpr double kSeenUsually = 0.6;
 
-/// Values of one row or one edge; as many as there are places along an edge.
+/// Values of one row or one edge; capacity: the number of positions along an edge.
 class Values {
  public:
   void clear() { count_ = places_ = 0; }
@@ -52,7 +52,8 @@ class Values {
   std::size_t places_ = 0;
 };
 
-/// The size at which `sum(size)`, which grows, reaches `wanted`; `low` if that is below it, NaN if it is above `high`.
+/// The size at which the increasing function `sum(size)` reaches `wanted`; `low` if that is smaller, NaN if it is above
+/// `high`.
 template <typename Sum>
 double size_with(const Sum& sum, double wanted, double low, double high) {
   if (!(wanted <= sum(high))) return kNoValue;
@@ -73,7 +74,7 @@ struct Line {
   [[nodiscard]] double z(double y) const { return at_origin + per_mm * y; }
 };
 
-/// Two lines and the arc of this radius that touches both. The edge is concave where the right line climbs more.
+/// Two lines and the arc of this radius tangent to both. The edge is concave if the right line is steeper upward.
 class RoundedCorner {
  public:
   RoundedCorner(const Line& left, const Line& right, double radius) : left_(left), right_(right), radius_(radius) {
@@ -107,23 +108,23 @@ class RoundedCorner {
   double to_ = 0.0;
 };
 
-/// One edge along the rail, in which two faces meet: `low` nearer to the seat's middle.
+/// One edge along the rail between two faces: `low` is nearer to the seat's middle.
 class FilletSearch {
  public:
   FilletSearch(const BlockModel& model, const SurfaceTable& table, const std::array<FacePlane, kFaces>& planes,
                const SurfaceField& field)
       : model_(model), table_(table), planes_(planes), field_(field) {}
 
-  /// False: not seen.
+  /// False if the edge was not seen.
   [[nodiscard]] bool find(Face low, Face high, std::uint16_t near_edge, bool outer, EdgeFeature& edge) {
     low_ = low;
     high_ = high;
     if (!look(near_edge, outer, edge.n)) return false;
-    // Along each face, from the edge to where an arc of 1 mm ends.
+    // Along each face, from the edge to the end of an arc of 1 mm.
     const double cosine = model_.plane(low).n.dot(model_.plane(high).n);
     const double tangent = std::sqrt((1.0 - cosine) / (1.0 + cosine));
-    // The closer to the arc the faces' level is taken, the less their form matters. So the arc is looked for as far as
-    // arcs can reach, then as far as the one of before did.
+    // The closer to the arc the faces' level is taken, the less their form matters. So the first search uses the
+    // largest possible arc, the next ones the extent of the previous result.
     double reach_mm = kSurfaceEdge_mm;
     constexpr int kRounds = 3;
     for (int round = 0; round < kRounds; ++round) {
@@ -149,7 +150,7 @@ class FilletSearch {
     double median_mm = 0.0;
   };
 
-  /// Reads the rows of both faces near the edge and a little further. False: too little was seen near it.
+  /// Reads the rows of both faces near the edge and slightly further. False if too little was seen near it.
   [[nodiscard]] bool look(std::uint16_t near_edge, bool outer, std::uint32_t& places) {
     const Line low = nominal_line(low_);
     const Line high = nominal_line(high_);
@@ -178,7 +179,7 @@ class FilletSearch {
     }
     return any;
   }
-  /// Fills `values_` with a row; false: too little was seen of it.
+  /// Fills `values_` with a row. False if too little of it was seen.
   [[nodiscard]] bool look_along(std::size_t row) {
     values_.clear();
     for (std::size_t i = row * kColumns; i < (row + 1) * kColumns; ++i) {
@@ -191,8 +192,8 @@ class FilletSearch {
     const Plane& nominal = model_.plane(face);
     return {nominal.d / nominal.n.z(), -nominal.n.y() / nominal.n.z()};
   }
-  /// The fitted face, moved and turned to the nearest rows of it beyond `reach_mm`: a shoulder undulates. A jaw has too
-  /// few rows for that, and is flat.
+  /// The fitted face, moved and tilted to the nearest rows of it beyond `reach_mm`, because a shoulder undulates. A jaw
+  /// has too few rows for that, and is flat.
   [[nodiscard]] Line line_of(Face face, double reach_mm) const {
     const bool is_jaw = face == Face::jaw_inner || face == Face::jaw_outer;
     const double slant = 1.0 / model_.plane(face).n.z();
@@ -230,7 +231,7 @@ class FilletSearch {
       if (rows_[i].from_edge_mm <= reach_mm) sum += rows_[i].median_mm;
     return sum;
   }
-  /// What the medians would add up to.
+  /// Sum of the medians expected for this corner.
   [[nodiscard]] double drawn_sum(const RoundedCorner& corner, double reach_mm) const {
     constexpr int kParts = 10;
     double sum = 0.0;
@@ -261,8 +262,8 @@ class FilletSearch {
 
 // ---- chamfers ----------------------------------------------------------------------------------------------------
 
-/// Distances from the edge at which a place is looked at, one cell each. Nearer, cells hold points beyond the edge;
-/// those beyond the longest leg show what the face lies off its plane.
+/// Distances from the edge that are examined, one cell each. Nearer cells contain points beyond the edge; cells beyond
+/// the longest leg show the face's deviation from its plane.
 constexpr std::size_t kFirstLine = 1;
 constexpr std::size_t kLines = 7;
 constexpr std::size_t kLinesBeyond = 10;
@@ -270,7 +271,7 @@ constexpr double from_edge_mm(std::size_t line) {
   return (static_cast<double>(line) + 0.5) * kSurfaceCell_mm;
 }
 
-/// What the lines would add up to: a cut with legs of this length on both faces, whose normals are `cosine` apart.
+/// Expected sum of the lines: a cut with legs of this length on both faces, whose normals have this `cosine`.
 double drawn_chamfer(double leg, double cosine) {
   const double sine = std::sqrt(1.0 - cosine * cosine);
   const double fall = sine / (1.0 + cosine);
@@ -283,7 +284,7 @@ double drawn_chamfer(double leg, double cosine) {
   return sum;
 }
 
-/// `place(k, line)`: off the face there, NaN where it was not seen; `there(k)`: does the edge bound the face here.
+/// `place(k, line)`: distance from the face there, NaN if not seen; `there(k)`: true if the edge bounds the face there.
 template <typename There, typename Place>
 bool find_chamfer(std::size_t length, double cosine, const There& there, const Place& place, EdgeFeature& edge) {
   Values sums;

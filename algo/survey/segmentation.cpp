@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which points are measured for which feature? The model's planes say it without any mesh: on face f, the distance to
-// its edge with face g is the distance to plane g divided by the sine of the angle between the two. Keeping a margin
-// there keeps fillets, mixed pixels and a small misfit of the pose out of every fit.
+// Assignment of points to features, from the model's planes without a mesh: on face f, the distance to its edge with
+// face g is the distance to plane g divided by the sine of the angle between the two. A margin there keeps fillets,
+// mixed pixels and a small error of the pose out of every fit.
 #include "algo/survey/segmentation.h"
 
 #include <Eigen/Eigenvalues>
@@ -15,7 +15,7 @@
 namespace slabd::algo {
 namespace {
 
-/// Less than a shoulder is thick, whose far side would be taken for a hole in the jaw.
+/// Less than the thickness of a shoulder, whose far side would otherwise look like a hole in the jaw.
 constexpr double kJawDepth_mm = 12.0;
 
 FaceExtent extent_of(PointMoments& seen, double area_each_mm2) {
@@ -53,7 +53,7 @@ void RegionRules::build(const BlockModel& model, const EvaluationSettings& setti
   n_.depth = kJawDepth_mm;
   n_.crop_half_x = settings.crop_half_x_mm;
   n_.crop_half_s = settings.crop_half_s_mm;
-  // A jaw rises from the seat: the seat's free side is the jaw's too. A shoulder or end cuts a face off: inside.
+  // A jaw rises from the seat, so the seat is on the jaw's free side. A shoulder or end face cuts a face off: inside.
   n_.seat = face(Face::seat, {Face::jaw_inner, Face::jaw_outer}, {Face::end_minus, Face::end_plus});
   n_.jaw_inner = jaw(Face::jaw_inner, Face::shoulder_inner);
   n_.jaw_outer = jaw(Face::jaw_outer, Face::shoulder_outer);
@@ -62,7 +62,7 @@ void RegionRules::build(const BlockModel& model, const EvaluationSettings& setti
   const BlockGeometry& g = model.geometry();
   n_.casing_s = g.casing_half_spacing_mm.value;
   n_.casing_clear = 0.5 * g.casing_rim_diameter_mm.value + margin;
-  // The rim's own zone reaches beyond it, as a casing may sit half a millimetre beside its place.
+  // The rim's own zone extends beyond it, because a casing may be off its position by half a millimetre.
   n_.casing_reach = 0.5 * g.casing_rim_diameter_mm.value + 1.0;
 }
 
@@ -74,7 +74,7 @@ bool RegionRules::holds(const FaceRule& rule, const Vec3& p) const {
   return true;
 }
 
-/// Further from the face than the gate, and nearest to what belongs to it, or above or below that.
+/// True for a point further from the face than the gate that is nearest to this face, or above or below it.
 bool RegionRules::stands_over(const FaceRule& rule, const Vec3& p) const {
   const auto distance = [&](Face f) { return planes_[static_cast<std::size_t>(f)].distance(p); };
   const double off = distance(rule.face);
@@ -95,8 +95,8 @@ Region RegionRules::region_of(const Vec3& p) const {
   const double casing_s = std::abs(s) - n_.casing_s;
   const double radius2 = p.x() * p.x() + casing_s * casing_s;
   const bool clear = radius2 >= n_.casing_clear * n_.casing_clear;
-  // Whatever stands over the crop or gapes in it hides or lacks the seat. A limit of height would make a hole in the
-  // data of it, and small holes are forgiven: a bolt on the seat must not pass because it is tall.
+  // Objects on the crop and holes in it hide or lack the seat. With a height limit such points would leave a hole in
+  // the data, and small holes are accepted: a bolt on the seat must not pass because it is tall.
   const bool crop = std::abs(p.x()) <= n_.crop_half_x && std::abs(s) <= n_.crop_half_s;
   if (crop && clear) return holds(n_.seat, p) ? Region::seat_crop : Region::seat_off;
   if (radius2 <= n_.casing_reach * n_.casing_reach) return s > 0.0 ? Region::casing_outer : Region::casing_inner;
@@ -118,7 +118,7 @@ Region RegionRules::region_of(const Vec3& p) const {
 FaceExtents face_extents(const BlockModel& model, const EvaluationSettings& settings) {
   RegionRules rules;
   rules.build(model, settings);
-  // Finer across the rail: a steep jaw is 8 mm wide from above.
+  // Finer across the rail, because a steep jaw is 8 mm wide from above.
   constexpr double kStepX = 4.0;
   constexpr double kStepY = 1.0;
   constexpr auto columns = static_cast<int>(static_cast<double>(limits::kFaceTableX) / kStepX);
@@ -166,7 +166,7 @@ Segments segment(const Cloud& cloud, const BlockModel& model, const EvaluationSe
   }
   Segments segments;
   segments.order = order;
-  // Region none keeps no room: start[none] == start[first region] == 0.
+  // Region none takes no memory: start[none] == start[first region] == 0.
   for (std::size_t r = 1; r < kRegions; ++r) segments.start[r + 1] = segments.start[r] + count[r];
   std::array<std::size_t, kRegions + 1> next = segments.start;
   for (std::size_t i = 0; i < cloud.points; ++i)

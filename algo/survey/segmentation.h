@@ -11,10 +11,10 @@
 
 namespace slabd::algo {
 
-/// What a point is measured for. `seat_off` is what was seen in place of the seat: above or below the evaluation
-/// region, too far off for its plane; `jaw_off_..` likewise in place of a jaw. Over a casing's rim every point is the
-/// casing's, at whatever height. Neighbours together are what one question is asked of: off and crop for flatness, crop
-/// and rest for the full plane.
+/// Feature for which a point is used. `seat_off` is a point above or below the evaluation region, too far off
+/// for its plane; `jaw_off_..` the same for a jaw. Over a casing's rim every point belongs to the casing, at
+/// any height. Adjacent values are used together: off and crop for flatness, crop and rest for the full
+/// plane.
 enum class Region : std::uint8_t {
   none,
   seat_off,
@@ -30,12 +30,12 @@ enum class Region : std::uint8_t {
 };
 inline constexpr std::size_t kRegions = 11;
 
-/// Which side of an edge: `sign` * distance to the plane of `edge` >= least.
+/// One side of an edge: `sign` * distance to the plane of `edge` >= least.
 struct EdgeRule {
   Face edge = Face::seat;
   double sign = 1.0;
   double least = 0.0;
-  double per_off = 0.0;     ///< how much that distance grows for each mm off the face, along its normal ...
+  double per_off = 0.0;     ///< growth of that distance per mm off the face, along its normal ...
   double per_height = 0.0;  ///< ... and along z
 };
 /// A face, and the edges that bound it.
@@ -45,25 +45,25 @@ struct FaceRule {
 };
 /// The rules as numbers, mm. Distances are those to the model's planes; s is measured along the seat.
 struct RegionNumbers {
-  double gate = 0.0;   ///< how far from its face a point may lie
-  double depth = 0.0;  ///< how far off a layer or a hole is looked for along a jaw's normal: behind it the block ends
+  double gate = 0.0;   ///< largest distance of a point from its face
+  double depth = 0.0;  ///< search range of a layer or a hole along a jaw's normal: behind it the block ends
   double crop_half_x = 0.0;
   double crop_half_s = 0.0;
   FaceRule seat, jaw_inner, jaw_outer;
-  std::array<EdgeRule, 4> around_block;  ///< a point of the slab top is outside of one of them
+  std::array<EdgeRule, 4> around_block;  ///< a point of the slab top is outside one of them
   double casing_s = 0.0;
-  double casing_clear = 0.0;  ///< radius of what is left out of the seat
-  double casing_reach = 0.0;  ///< radius of what is measured for the rim
+  double casing_clear = 0.0;  ///< radius of the area excluded from the seat
+  double casing_reach = 0.0;  ///< radius of the area measured for the rim
 };
 
-/// Divides space around the block by the model (paper 2.2): a point belongs to a face when it is within
+/// Divides the space around the block by the model (paper 2.2): a point belongs to a face if it is within
 /// registration_gate_mm of it and at least edge_margin_mm, measured on the face, away from every edge. Over the
-/// evaluation region every point belongs to the seat, over a rim to the casing and over a jaw to the jaw, at whatever
-/// height: what stands in a feature's place must not be left out of the question how much of it was seen.
+/// evaluation region every point belongs to the seat, over a rim to the casing and over a jaw to the jaw, at any
+/// height: objects at a feature's place must count as points that are not on it.
 class RegionRules {
  public:
   void build(const BlockModel& model, const EvaluationSettings& settings);
-  /// Of a point in the block frame.
+  /// Region of a point in the block frame.
   [[nodiscard]] Region region_of(const Vec3& p) const;
 
   [[nodiscard]] const RegionNumbers& numbers() const { return n_; }
@@ -96,13 +96,13 @@ struct Segments {
   }
 };
 
-/// The plain way to divide a registered cloud, by RegionRules; what the survey is tested against. Points of no region
-/// are left out of `order`. `label` and `order` need room for every point. O(points).
+/// Divides a registered cloud by RegionRules in the plain way; reference for tests of the survey. Points of no region
+/// are left out of `order`. `label` and `order` need an entry per point. O(points).
 [[nodiscard]] Segments segment(const Cloud& cloud, const BlockModel& model, const EvaluationSettings& settings,
                                const FastTransform& T_block_scanner, std::span<std::uint8_t> label,
                                std::span<std::uint32_t> order);
 
-/// How much of a face there is to be seen from above, edge margins taken off.
+/// Visible extent of a face from above, without edge margins.
 struct FaceExtent {
   double area_mm2 = 0.0;  ///< in the projection on (x, y), as a scan from above samples it
   double wide_mm = 0.0;   ///< standard deviations on the face, along its principal directions
@@ -113,10 +113,10 @@ struct FaceExtents {
   FaceExtent full_seat;
   FaceExtent jaw_inner;
   FaceExtent jaw_outer;
-  FaceExtent top;  ///< as far as the face table reaches
+  FaceExtent top;  ///< up to the limits of the face table
 };
 
-/// Looks at the model on a raster. No heap, about 10 ms.
+/// Samples the model on a raster. No heap, about 10 ms.
 [[nodiscard]] FaceExtents face_extents(const BlockModel& model, const EvaluationSettings& settings);
 
 }  // namespace slabd::algo

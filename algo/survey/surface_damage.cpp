@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The search for pores and damage, step by step: what is expected of each cell (surface_reference.h), cracks
-// (surface_damage.h), places that lie off or are missing (surface_damage.h), and what the recipe's items come to.
+// Search for pores and damage, step by step: expected values of each cell (surface_reference.h), cracks
+// (surface_damage.h), displaced or missing places (surface_damage.h), and the recipe's items.
 #include "algo/survey/surface_damage.h"
 
 #include <algorithm>
@@ -13,42 +13,43 @@
 
 namespace slabd::algo {
 
-// Problem: a crack is narrower than a cell of the raster, and may return no points at all. In any one cell it is not to
-// be told from noise.
+// Problem: a crack is narrower than a cell of the raster, and may return no points at all. In a single cell it cannot
+// be distinguished from noise.
 //
-// Idea: it is long. Two cells wide and three long (4 mm) is a window; what its surface lacks beside the windows at its
-// left and right is evidence. Evidence less a limit is summed up along the best path, by dynamic programming: noise
-// comes to nothing within a few steps, a crack of 25 mm does not. What is compact, as a pore or a drop of water, does
-// not reach the length.
+// Idea: a crack is long. A window is two cells wide and three long (4 mm); the part of its surface missing relative to
+// the windows left and right of it is evidence. Evidence minus a limit is summed along the best path, by dynamic
+// programming: noise sums to nothing within a few steps, a crack of 25 mm does not. Compact places, such as a pore or a
+// drop of water, are not long enough.
 
 namespace {
 
-/// Lacking share of a window from which it speaks for a crack, at least. A crack of 0.8 mm takes 0.32; the grid of a
-/// scan of 0.35 mm pitch makes it 0.06 (1 sigma).
+/// Minimum missing share of a window that indicates a crack. A crack of 0.8 mm has 0.32; the grid of a scan of 0.35 mm
+/// pitch has 0.06 (1 sigma).
 constexpr float kLimitMin = 0.15F;
-/// Pixels of 0.5 mm lie in steps against the cells: every few windows a whole line of them lacks up to 0.2. The limit
-/// is so much of what is exceeded by one window in twenty.
+/// Pixels of 0.5 mm alias with the cells: every few windows a whole line of them lacks up to 0.2. The limit is this
+/// many times the share exceeded by one window in twenty.
 constexpr float kOfScatter = 1.25F;
-/// With a higher limit a crack of 0.8 mm is not told from the grid.
+/// With a higher limit a crack of 0.8 mm cannot be distinguished from the grid.
 constexpr float kLimitMax = 0.26F;
-/// No window speaks for more than this, so that a hole is not a crack.
+/// Upper limit of a window's evidence, so that a hole is not a crack.
 constexpr float kMost = 0.45F;
-/// Sum over a path from which it is a crack, and its least length in steps: 26 mm.
+/// Minimum sum over the path of a crack, and its minimum length in steps: 26 mm.
 constexpr float kStrengthMin = 1.5F;
 constexpr std::size_t kStepsMin = 7;
-/// Mean over a path beyond the limit, and how straight it is: a path through an area that returns unevenly has neither.
+/// Minimum mean over a path beyond the limit, and minimum straightness: a path through an area of uneven density has
+/// neither.
 constexpr float kMeanMin = 0.035F;
 constexpr double kStraight = 0.7;
-constexpr float kAside = 0.025F;  ///< cost of a cell to the side
-/// Cells between a window and those beside it.
+constexpr float kAside = 0.025F;  ///< cost of a sideways move by one cell
+/// Cells between a window and its neighbours.
 constexpr std::size_t kGap = 1;
 constexpr std::size_t kWidth = 2;
-constexpr std::size_t kReach = 3;  ///< how far a path may move in a step
-constexpr float kWholeMin = 0.5F;  ///< of a window beside, so that the lack is not its own
+constexpr std::size_t kReach = 3;  ///< largest sideways move of a path per step
+constexpr float kWholeMin = 0.5F;  ///< of a neighbouring window, so that the missing part is not its own
 
 struct Node {
   float strength = 0.0F;
-  std::uint8_t from = 0;  ///< kReach + how far the path moved; kStart: it begins here
+  std::uint8_t from = 0;  ///< kReach + sideways move of the path; kStart: the path starts here
   static constexpr std::uint8_t kStart = 255;
 };
 
@@ -63,7 +64,7 @@ struct View {
     const std::size_t along = kCrackStep * step + k;
     return along_y ? along * kSurfaceColumns + at : at * kSurfaceColumns + along;
   }
-  /// Along an edge the surface is bent, which is no crack; a crack may reach a jaw's foot, though.
+  /// The surface along an edge is curved, which is not a crack; but a crack may extend to a jaw's foot.
   [[nodiscard]] bool is_asked(std::size_t cell) const {
     const SurfaceZone zone = field.zone[cell];
     return zone == SurfaceZone::face || zone == SurfaceZone::shoulder ||
@@ -82,7 +83,7 @@ void gather(const View& view, std::size_t step, std::span<float> whole) {
   for (float& share : whole) share /= static_cast<float>(kCrackStep);
 }
 
-/// What the window at `at` lacks beside its neighbours, or a negative number.
+/// Missing share of the window at `at` relative to its neighbours, or a negative number.
 float lack(std::span<const float> whole, std::size_t at) {
   constexpr std::size_t kFlank = kWidth + kGap;
   if (at < kFlank || at + kFlank + kWidth > whole.size()) return -1.0F;
@@ -91,12 +92,12 @@ float lack(std::span<const float> whole, std::size_t at) {
   const float left = window(at - kFlank);
   const float right = window(at + kFlank);
   if (here < 0.0F || left < kWholeMin || right < kWholeMin) return -1.0F;
-  // An area that returns less is bordered by a step, not by a line.
+  // An area of lower density is bordered by a step, not by a line.
   const float beside = std::min(0.5F * (left + right), 1.15F * std::min(left, right));
   return std::min(1.0F - here / beside, kMost);
 }
 
-/// What one window in twenty lacks more than.
+/// Missing share exceeded by one window in twenty.
 float usual_lack(std::span<const float> lacks) {
   constexpr std::size_t kBins = 128;
   constexpr float kBinsPerShare = static_cast<float>(kBins) / kMost;
@@ -146,7 +147,7 @@ bool find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
       std::max(kLimitMin, kOfScatter * usual_lack(std::span<const float>(lacks, view.steps * view.across)));
   if (limit > kLimitMax) return false;
 
-  // A strong path may be too short to be a crack; then it is passed over.
+  // A strong path may be too short for a crack; then it is skipped.
   for (std::size_t tries = 0; tries < 2 * kCracksMax && paths.size() < kCracksMax; ++tries) {
     std::size_t best = 0;
     float strongest_before = 0.0F;
@@ -155,7 +156,7 @@ bool find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
       for (std::size_t at = 0; at < view.across; ++at) {
         const std::size_t i = step * view.across + at;
         Node node{0.0F, Node::kStart};
-        // Hardly a window has evidence, and hardly a path goes on.
+        // Few windows have evidence, and few paths continue.
         if (lacks[i] - limit + strongest_before <= 0.0F) {
           nodes[i] = node;
           continue;
@@ -183,7 +184,7 @@ bool find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
     path.strength = static_cast<double>(nodes[best].strength);
     std::size_t step = best / view.across;
     std::size_t at = best % view.across;
-    // From its end to its beginning, and then turned round. What was followed is not found again.
+    // From end to start, then reversed. Cells of the path are not used again.
     for (;;) {
       path.at[path.steps++] = static_cast<std::uint16_t>(at);
       path.first = static_cast<std::uint16_t>(step);
@@ -209,18 +210,18 @@ namespace {
 
 constexpr std::size_t kColumns = kSurfaceColumns;
 constexpr std::size_t kCells = kSurfaceCells;
-/// Pores up to here are pores where the recipe has no limit for them.
+/// Upper limit of pores if the recipe has none.
 constexpr double kPoreUnlimited_mm = 12.0;
 
-/// What the scanner looked at: the convex hull of the deviation map's cells in which something was seen, as rays from
-/// `eye` meet z = 0 in the block's frame. Rays from one centre see more of the slab's top than of a shoulder.
+/// The field of view: the convex hull of the deviation map's cells with points, at the intersections of the rays from
+/// `eye` with z = 0 in the block's frame. Rays from one centre see more of the slab's top than of a shoulder.
 class FieldOfView {
  public:
   FieldOfView(const DeviationMap& map, std::optional<Vec3> eye) : map_(map), eye_(eye) {
     left_.fill(kOutside);
     right_.fill(-kOutside);
   }
-  /// `p`: the place of a cell in which something was seen.
+  /// `p`: position of a cell with points.
   void add(const Vec3& p) {
     const Place place = place_of(p);
     if (!(place.row >= 0.0 && place.row < static_cast<double>(map_.rows))) return;
@@ -229,12 +230,12 @@ class FieldOfView {
     left_[at] = std::min(left_[at], place.column);
     right_[at] = std::max(right_[at], place.column);
   }
-  /// After the last place.
+  /// Completes the hull after the last position.
   void close() {
     bulge_out(left_, 1.0);
     bulge_out(right_, -1.0);
   }
-  /// Is this place of the block inside, by so many cells of the map?
+  /// True if this position of the block is inside, by `margin` cells of the map.
   [[nodiscard]] bool surrounds(const Vec3& p, double margin) const {
     const auto [column, row] = place_of(p);
     const double low = std::floor(row - margin);
@@ -290,11 +291,11 @@ class FieldOfView {
   Side right_;
 };
 
-/// In a usual cell of the seat, so that a cell without points is a hole in the surface and not in the scan: a pitch of
-/// up to 0.6 mm both ways.
+/// Minimum number of points in a usual cell of the seat, so that a cell without points is a hole in the surface and not
+/// in the scan: a pitch of up to 0.6 mm in both directions.
 constexpr double kUsualMin = 4.0;
 
-/// Was enough of every face seen to say that nothing is wrong with it? The field of view may end before a shoulder
+/// True if enough of every face was seen for a verdict without findings. The field of view may end before a shoulder
 /// does.
 bool saw_enough(const SurfaceTable& table, const SurfaceField& field) {
   std::array<std::uint32_t, kFaces> all{};
@@ -316,8 +317,8 @@ bool saw_enough(const SurfaceTable& table, const SurfaceField& field) {
   return true;
 }
 
-/// Where nothing was seen and the scan does not go on beyond, in x and in y, the field of view ends.
-/// Whether the scanner's rays are parallel is not known, so that both are asked.
+/// Marks cells beyond the field of view: cells without points, with no points of the scan further out in x and in y. It
+/// is unknown whether the scanner's rays are parallel, so both cases are tested.
 void leave_out_beyond_view(const BlockModel& model, const SurfaceTable& table, const DeviationMap& map, const Vec3& eye,
                            SurfaceField& field) {
   constexpr double kMargin = 1.0, kMarginCentral = 0.25;
@@ -389,7 +390,7 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
   compare_with_expected(model, table, cells, result, team, field);
   result.edges = field.edges;
   leave_out_beyond_view(model, table, map, result.registration.T_scanner_block.inverse().translation_mm, field);
-  // Of a coarse scan nothing is said: neither that something is wrong nor that nothing is.
+  // A coarse scan gives no result: neither damage nor its absence.
   if (field.usual[static_cast<std::size_t>(Face::seat)] < kUsualMin) return;
   std::array<CrackPaths, 2> cracks;
   std::array<bool, 2> told{};
@@ -410,7 +411,7 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
                   found.seen_mm2 > 0.0 ? found.pore_area_mm2 / found.seen_mm2 : kNoValue,
                   {}};
   for (const FoundSurface& one : found.damage) (void)result.findings.push(one.finding);
-  // Damage that no limit judges decides by being found, and pores must not.
+  // Damage without a limit is decided by its findings, so pores must not be among them.
   if (damage != nullptr && has_value(damage->upper))
     for (const FoundSurface& one : found.pores) (void)result.findings.push(one.finding);
   if (!told[0] || !told[1] || !saw_enough(table, field)) return;

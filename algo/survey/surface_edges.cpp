@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: chamfers and fillets differ from block to block and along one edge, and a chip is deeper than that only
-// where it is.
+// Problem: chamfers and fillets differ between blocks and along one edge, and a chip is deeper than that only locally.
 //
 // Idea: a strip along an edge is expected to look like the others of its kind. Along a jaw's foot and upper edge that
-// is the median of the row. Along the block's ends and sides, which wear, it is the median of the edge nearby; and a
-// chamfer is expected to be as long as a parabola through its length on both sides says.
+// is the median of the row. Along the block's ends and sides, which wear, it is the median of the edge nearby. The
+// length of a chamfer is expected to follow a parabola through its lengths on both sides.
 #include "algo/survey/surface_reference.h"
 
 #include <algorithm>
@@ -22,7 +21,8 @@ using namespace surface_cell;
 constexpr std::size_t kColumns = kSurfaceColumns;
 constexpr std::size_t kRows = kSurfaceRows;
 
-/// Median of distances up to 8 mm, to a sixteenth of one: counts, so that it costs little and is the same everywhere.
+/// Median of distances up to 8 mm, with a resolution of 1/16 mm: a histogram, so it is fast and the same on every
+/// machine.
 class Median {
  public:
   void clear() {
@@ -83,10 +83,11 @@ float median_of_few(std::span<const float> values) {
   return 0.0F;
 }
 
-/// What is usual along an outer edge at one distance from it: the median over 45 mm of the edge, every 10 mm.
+/// Usual profile of an outer edge at one distance from it: the median over 45 mm of the edge, every 10 mm.
 class EdgeLine {
  public:
-  /// `there(k)`: is there such an edge at the k-th cell along it; `value(k)`: off the face there, NaN: not seen.
+  /// `there(k)`: true if such an edge exists at the k-th cell along it; `value(k)`: distance from the face, NaN if not
+  /// seen.
   template <typename There, typename Value>
   void read(std::size_t length, const There& there, const Value& value) {
     length_ = length;
@@ -98,7 +99,7 @@ class EdgeLine {
   void learn(double lowest) {
     knots_ = length_ / kKnot + 1;
     for (std::size_t knot = 0; knot < knots_; ++knot) knot_[knot] = median_at(knot * kKnot, lowest);
-    // A corner that is broken out returns too little to be learned from: there the edge is as it is 20 mm further on.
+    // A broken corner returns too few points for a median: there the values 20 mm further on are used.
     const std::array<Strip, kKnotsMax> learned = knot_;
     for (std::size_t knot = 0; knot < knots_; ++knot) {
       constexpr std::size_t kFurther = 2;
@@ -111,8 +112,8 @@ class EdgeLine {
     }
   }
   [[nodiscard]] float value(std::size_t k) const { return value_[k]; }
-  /// What the edge is like 9 to 15 mm from the corner in which it ends near `k`: wear changes an edge over 30 mm and
-  /// more, and what is broken out of a corner reaches less far along it.
+  /// Profile of the edge 9 to 15 mm from the corner in which it ends near `k`: wear changes an edge over 30 mm and
+  /// more, and a chip in a corner is shorter.
   [[nodiscard]] Strip near_corner(std::size_t k, double lowest) const {
     constexpr std::size_t kFirst = 7, kCount = 5;
     const bool goes_up = k < length_ / 2;
@@ -165,18 +166,18 @@ class EdgeLine {
   std::size_t length_ = 0;
 };
 
-/// How far a chamfer reaches along the edge. Wear changes that by several millimetres, but smoothly, over 50 mm and
-/// more; a chip is shorter. So at each place it is expected to be what the parabola through it 8 to 20 mm away, on both
-/// sides, says.
+/// Length of a chamfer's leg along the edge. Wear changes it by several millimetres, but smoothly, over 50 mm and more;
+/// a chip is shorter. So the expected value at each position is that of the parabola through the legs 8 to 20 mm away
+/// on both sides.
 class Chamfer {
  public:
-  /// `bends`: the edge goes on at another face here.
+  /// `bends`: the edge continues at another face here.
   void set(std::size_t k, bool bends, bool known, double leg_mm) {
     bends_[k + 1] = bends_[k] + (bends ? 1U : 0U);
     sum_[k + 1] = sum_[k] + (known ? leg_mm : 0.0);
     count_[k + 1] = count_[k] + (known ? 1U : 0U);
   }
-  /// Not known near the end of an edge or a bend, nor between dropouts.
+  /// Unknown near the end of an edge or a bend, and between dropouts.
   [[nodiscard]] Strip at(std::size_t k, std::size_t length, double longest_mm) const {
     if (k < kFarHigh || k + kFarHigh >= length || bends_[k + kFarHigh + 1] != bends_[k - kFarHigh + 1]) return {};
     std::array<double, 4> m{};
@@ -203,14 +204,14 @@ class Chamfer {
 };
 
 /// The lines along one edge, at distances of a cell each. Between them they are interpolated: the draft of the end
-/// faces moves the edge over the raster, and a chamfer changes by a cell's width from one cell to the next.
+/// faces moves the edge over the raster, and a chamfer changes by a cell's width between adjacent cells.
 class Edge {
  public:
   static constexpr std::size_t kLines = kSurfaceEdgeSteps + 1;
   static constexpr double from_edge_mm(std::size_t line) { return (static_cast<double>(line) + 0.5) * kSurfaceCell_mm; }
 
-  /// `there(k)`: the face with this edge at the k-th cell along it, kNoFace: none; `value(k, distance)`: off that face,
-  /// at a distance from the edge.
+  /// `there(k)`: the face with this edge at the k-th cell along it, kNoFace if there is none; `value(k, distance)`:
+  /// distance from that face, at a distance from the edge.
   template <typename There, typename Value>
   void learn(std::size_t length, const There& there, const Value& value) {
     length_ = length;
@@ -226,7 +227,7 @@ class Edge {
     }
     learn_legs(std::span(legs_).first(legs));
   }
-  /// ... where the block's chamfers are usually that long.
+  /// The lines, for the usual leg length of the block's chamfers.
   void learn_lines(double usual_mm) {
     longest_mm_ = std::max(longest_mm_, kWornLongest * usual_mm);
     const auto steps = [](double mm, std::size_t least) {
@@ -237,10 +238,10 @@ class Edge {
     for (std::size_t line = 0; line < kLines; ++line) lines_[line].learn(lowest_mm(from_edge_mm(line)));
   }
   [[nodiscard]] double usual_leg_mm() const { return usual_leg_mm_; }
-  /// Steps from the edge that a chamfer takes, worn or not; and those that the longest of them reach.
+  /// Steps from the edge covered by a usual chamfer, worn or not; and by the longest ones.
   [[nodiscard]] std::size_t chamfer_steps() const { return chamfer_steps_; }
   [[nodiscard]] std::size_t reach_steps() const { return reach_steps_; }
-  /// How much the legs differ along the edge: half of what lies between the shortest and the longest tenth of them.
+  /// Variation of the legs along the edge: half of the difference between the shortest and the longest tenth.
   [[nodiscard]] double leg_spread_mm() const { return leg_spread_mm_; }
 
   [[nodiscard]] Strip at(std::size_t k, double distance, bool in_corner) const {
@@ -255,7 +256,7 @@ class Edge {
     const double part = place - static_cast<double>(line);
     return {true, low.expected_mm + part * (high.expected_mm - low.expected_mm)};
   }
-  /// What the chamfer beside this place lets expect.
+  /// Expected depth from the chamfer next to this position.
   [[nodiscard]] Strip beside(std::size_t k, double distance) const {
     if (distance < kSaturated_mm) return {};
     const Strip leg = chamfer_.at(k, length_, longest_mm_);
@@ -263,20 +264,20 @@ class Edge {
   }
 
  private:
-  /// Closer to the edge the end face is the nearest face, and the distance to it says little about the chamfer.
+  /// Closer to the edge the end face is the nearest face, and the distance to it hardly depends on the chamfer.
   static constexpr double kSaturated_mm = 2.5;
   static constexpr std::size_t kLegsMin = 40;
-  /// Worn, a cast chamfer is up to this many times its usual length.
+  /// A worn cast chamfer has up to this many times its usual length.
   static constexpr double kWornLongest = 1.9;
   static constexpr double kWornUsually = 1.4;
-  /// The same for one of 4 mm nominally, which is what an edge has that says nothing.
+  /// The same for a nominal chamfer of 4 mm, the default for an edge without data.
   static constexpr std::size_t kChamferSteps = 4;
   static constexpr std::size_t kReachSteps = 6;
   static constexpr double kLongest_mm = 8.0;
 
   [[nodiscard]] double lowest_mm(double distance) const { return -std::max(0.0, longest_mm_ - distance); }
 
-  /// How far the chamfer reaches, by the outermost line that is low all the way from the edge.
+  /// Leg of the chamfer, from the outermost line that is low all the way from the edge.
   [[nodiscard]] Strip leg_at(std::size_t k) const {
     constexpr float kReached_mm = 0.4F;
     std::size_t seen = 0;
@@ -315,7 +316,7 @@ class Edge {
   double leg_spread_mm_ = 0.0;
 };
 
-/// Of the four edges the second smallest: that of the cast chamfers even where both ends are broken out.
+/// The second smallest value of the four edges: that of the cast chamfers even if both ends are broken.
 template <typename Of>
 double second_smallest(const std::array<Edge, 2>& ends, const std::array<Edge, 2>& sides, const Of& of) {
   std::array<double, 4> values = {of(ends[0]), of(ends[1]), of(sides[0]), of(sides[1])};
@@ -323,7 +324,7 @@ double second_smallest(const std::array<Edge, 2>& ends, const std::array<Edge, 2
   return values[1];
 }
 
-/// By how much more than usual the chamfers of this block differ along themselves, from 1 on: cast ones of 4 mm have a
+/// Variation of the block's chamfers along their edges relative to the usual one, at least 1: cast ones of 4 mm have a
 /// spread of up to 1.4 mm.
 double wear_of(const std::array<Edge, 2>& ends, const std::array<Edge, 2>& sides) {
   constexpr double kUsualSpread_mm = 1.4;
@@ -416,7 +417,7 @@ void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field)
       field.zone[i] = SurfaceZone::none;
       return;
     }
-    // Two chamfers meet in a corner: the deeper one is seen. A fillet's height is in the line along the end as well.
+    // Two chamfers meet in a corner: the deeper one is visible. The line along the end also contains a fillet's height.
     const double expected = std::min(by_end.expected_mm, by_side.expected_mm) + (at_end ? 0.0 : by_row.expected_mm);
     Strip line;
     if (at_end != at_side) line = at_end ? end.beside(row, from_end) : side.beside(column, from_side);

@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: items look at parts of the faces only. Half a seat that is sunk beside the evaluation region, or a corner
-// that is broken out, changes none of them.
+// Problem: items cover only parts of the faces. Half a seat that is sunk next to the evaluation region, or a broken
+// corner, changes none of them.
 //
-// Idea: a raster of small cells over each face, around the fitted plane. Of an even selection of the scan's points each
-// cell counts how many lie on the face, above and below it, at whatever height. A cell is displaced where at least half
-// of its points are off the face by more than a limit, and missing where it holds none although the scan goes on beyond
-// it. Cells that touch make an area; one above limits::kFindingArea_mm2 is a finding.
+// Idea: a raster of small cells over each face, around the fitted plane. Each cell counts how many of an even selection
+// of the scan's points are on the face, above and below it, at any height. A cell is displaced if at least half of its
+// points are off the face by more than a limit, and missing if it has none although the scan continues beyond it.
+// Connected cells make an area; one above limits::kFindingArea_mm2 is a finding.
 //
-// Few blocks have damage, and a walk over the scan costs a tenth of its measurement. So what the survey has left is
-// looked at first: the deviation map over the seat and the listed points of the jaws. Where no place has too few points
-// near the model or is off its face, nothing can be displaced or missing over the least area.
+// Few blocks have damage, and a pass over the scan costs a tenth of its measurement. So the results of the survey are
+// tested first: the deviation map over the seat and the listed points of the jaws. If no place has too few points near
+// the model or is off its face, no area of the minimum size can be displaced or missing.
 //
-// Counts and sums are whole numbers: their order, and so the number of threads, does not show.
+// Counts and sums are integers, so the result does not depend on their order or the number of threads.
 #include "algo/survey/surface_findings.h"
 
 #include <algorithm>
@@ -34,11 +34,11 @@ struct Cell {
   std::uint32_t seen = 0;
   std::uint32_t high = 0;
   std::uint32_t low = 0;
-  std::int32_t off_um = 0;  ///< sum over those that are high or low
+  std::int32_t off_um = 0;  ///< sum over the high and low points
 };
 static_assert(sizeof(Cell) == 4 * sizeof(float));
 
-/// Where the scan has points at all, to its edges: squares of the block frame.
+/// Extent of the scan's points, in squares of the block frame.
 constexpr double kSquare_mm = 5.0;
 constexpr std::size_t kSquaresX = 60;
 constexpr std::size_t kSquaresY = 120;
@@ -57,10 +57,10 @@ struct Raster {
   double v_low = 0.0;
   std::size_t columns = 0;
   std::size_t rows = 0;
-  std::size_t first = 0;  ///< of its cells
+  std::size_t first = 0;  ///< index of the first cell
 
   [[nodiscard]] std::size_t cells() const { return columns * rows; }
-  /// cells() for a point beside the raster.
+  /// Cell of (u, v); cells() outside the raster.
   [[nodiscard]] std::size_t cell_of(double u, double v) const {
     const double column = (u - u_low) * (1.0 / kCell_mm);
     const double row = (v - v_low) * (1.0 / kCell_mm);
@@ -74,7 +74,7 @@ struct Raster {
   [[nodiscard]] double v_of(std::size_t cell) const {
     return v_low + (static_cast<double>(cell / columns) + 0.5) * kCell_mm;
   }
-  /// On the face.
+  /// Centre of a cell on the face.
   [[nodiscard]] Vec3 place(std::size_t cell) const { return origin + u_of(cell) * Vec3::UnitX() + v_of(cell) * v_axis; }
 
   void span_over(double u_half, double v_from, double v_to) {
@@ -89,7 +89,7 @@ struct Raster {
   }
 };
 
-/// v of the place where two planes meet, on the face of `raster`, in the section x = 0.
+/// v of the intersection of two planes, on the face of `raster`, in the section x = 0.
 double v_at(const Raster& raster, const Vec3& normal, double offset_mm) {
   return (offset_mm - normal.dot(raster.origin)) / normal.dot(raster.v_axis);
 }
@@ -98,7 +98,7 @@ Raster raster_on(const PlaneFit& plane) {
   Raster raster;
   raster.normal = plane.normal;
   raster.offset_mm = plane.offset_mm;
-  // In the face and in the section x = 0.
+  // Direction in the face and in the section x = 0.
   const double ny = plane.normal.y();
   const double nz = plane.normal.z();
   const double in_section = ny * ny + nz * nz;
@@ -108,7 +108,7 @@ Raster raster_on(const PlaneFit& plane) {
   return raster;
 }
 
-/// What is looked for, and where.
+/// Input of the search.
 struct Search {
   FastTransform T_block_scanner;
   std::array<Raster, kFaceCount> faces;  ///< [FindingFace]
@@ -135,7 +135,7 @@ void count_point(const Search& search, const Vec3& p, const Counts& counts) {
   const std::size_t square = square_of(p.x(), p.y());
   if (square == kSquares) return;
   ++counts.squares[square];
-  // Between the jaws' feet there is the seat, beyond them a jaw: a point belongs to one face, at whatever height.
+  // Between the jaws' feet is the seat, beyond them a jaw: a point belongs to one face, at any height.
   const auto count_on = [&](const Raster& face) {
     if (!face.used) return false;
     const std::size_t cell = face.cell_of(p.x(), face.v_axis.dot(p) - face.v_origin);
@@ -155,7 +155,7 @@ void count_point(const Search& search, const Vec3& p, const Counts& counts) {
 
 enum class Mark : std::uint8_t { whole, high, low, missing };
 
-/// From and to which coordinate anything was seen, line by line of the squares.
+/// First and last square with points, per row and column of the squares.
 class Field {
  public:
   explicit Field(std::span<const std::uint32_t> squares) {
@@ -169,7 +169,7 @@ class Field {
       along_y_[column] = {std::min(along_y_[column].first, row), std::max(along_y_[column].second, row)};
     }
   }
-  /// Was something seen on all four sides of this place?
+  /// True if there are points on all four sides of this position.
   [[nodiscard]] bool surrounds(const Vec3& p) const {
     const std::size_t square = square_of(p.x(), p.y());
     if (square == kSquares) return false;
@@ -193,7 +193,7 @@ bool near_casing(const Search& search, const Raster& face, std::size_t cell) {
   return x * x + beside * beside < clear * clear;
 }
 
-/// Points in a usual cell of the face: below that many nothing is said to be missing.
+/// Points in a usual cell of the face. Below the minimum no cell counts as missing.
 double usual_points(std::span<const Cell> cells) {
   std::array<std::uint32_t, 64> histogram{};
   std::uint32_t seen = 0;
@@ -210,7 +210,7 @@ double usual_points(std::span<const Cell> cells) {
   return 0.0;
 }
 
-/// One area of cells that touch.
+/// One area of connected cells.
 struct Area {
   const Raster& face;
   FindingFace name;
@@ -273,7 +273,7 @@ SurfaceFinding describe_area(const Search& search, const Area& area) {
   return f;
 }
 
-/// Keeps the largest.
+/// Adds a finding; if the list is full, replaces the smallest if this one is larger.
 void keep(const SurfaceFinding& finding, BlockResult& result) {
   auto& list = result.findings;
   if (!list.push(finding)) {
@@ -284,7 +284,7 @@ void keep(const SurfaceFinding& finding, BlockResult& result) {
     std::swap(list[i], list[i - 1]);
 }
 
-/// Marks the cells of a face and reports each area of marked ones that touch, corners included.
+/// Marks the cells of a face and reports each connected area of marked ones, corners included.
 void find_areas(const Search& search, FindingFace name, std::span<const Cell> cells, const Field& field,
                 std::span<std::uint32_t> marks, std::span<std::uint32_t> stack, BlockResult& result) {
   constexpr double kUsualMin = 4.0;
@@ -304,7 +304,7 @@ void find_areas(const Search& search, FindingFace name, std::span<const Cell> ce
       mark = Mark::high;
     marks[c] = static_cast<std::uint32_t>(mark);
   }
-  // A hole is seen in part: its floor is low, what its walls hide is missing.
+  // A hole is partly visible: its floor is low, and the part hidden by its walls is missing.
   const auto kind = [&](std::size_t c) {
     const auto mark = static_cast<Mark>(marks[c]);
     return mark == Mark::missing ? Mark::low : mark;
@@ -333,15 +333,15 @@ void find_areas(const Search& search, FindingFace name, std::span<const Cell> ce
   }
 }
 
-/// A jaw of which too little is left to be measured has a plane all the same.
+/// True also for a jaw of which too little remains to be measured: it has a plane.
 bool is_known(const PlaneFit& plane) {
   return plane.ok || plane.doubt == PlaneDoubt::share || plane.doubt == PlaneDoubt::area;
 }
 
-/// Seat and jaws without their rims.
+/// Rasters of seat and jaws without their rims.
 std::array<Raster, kFaceCount> rasters_of(const BlockModel& model, const BlockResult& result) {
   const BlockGeometry& geometry = model.geometry();
-  // End faces lean inward: the higher a face reaches, the shorter it is.
+  // End faces lean inward: the higher a face extends, the shorter it is.
   const auto half_length = [&](double z) {
     return geometry.end_half_length_mm.value - std::max(z, 0.0) * std::tan(geometry.draft_rad.value) - kRim_mm;
   };
@@ -385,8 +385,8 @@ Search search_for(const BlockModel& model, const Pose& T_block_scanner, const Bl
           0.5 * geometry.casing_rim_diameter_mm.value + kCasingRim_mm, model.along_seat()};
 }
 
-/// Places of the deviation map, two by two: too few points near the model, or off the fitted seat. Damage of the least
-/// area covers half of such a place wherever it lies.
+/// Tests groups of 2 x 2 cells of the deviation map: too few points near the model, or off the fitted seat. Damage of
+/// the minimum area covers at least half of such a group at any position.
 bool seat_is_suspicious(const Search& search, const BlockModel& model, const DeviationMap& map,
                         const BlockResult& result) {
   constexpr double kFew = 0.6;
@@ -432,7 +432,7 @@ bool seat_is_suspicious(const Search& search, const BlockModel& model, const Dev
         sum_mm += 1e-6 * static_cast<double>(map.sum_nm[cell]);
       }
       if (count < kFew * usual) return true;
-      // The map's distances are those to the model; the fitted seat lies off it by so much.
+      // The map's distances are relative to the model; this is the fitted seat's distance from it.
       const double x = map.x_mm(column) + half;
       const double y = map.y_mm(row) + half;
       const double expected_mm =
@@ -443,7 +443,7 @@ bool seat_is_suspicious(const Search& search, const BlockModel& model, const Dev
   return false;
 }
 
-/// Cells with too few points near the model, or with half of them off the fitted jaw.
+/// True if there are cells with too few points near the model, or with half of them off the fitted jaw.
 bool jaw_is_suspicious(const Raster& face, const PlaneFit& fit, const ListedPoints& points, std::span<Cell> cells) {
   constexpr double kFew = 0.4;
   constexpr std::size_t kCellsMin = 4;
@@ -511,7 +511,7 @@ void find_surface_damage(const Cloud& cloud, const BlockModel& model, const Pose
     std::fill(counts[half].cells.begin(), counts[half].cells.end(), Cell{});
     std::fill(counts[half].squares.begin(), counts[half].squares.end(), 0U);
     for (std::size_t j = half * looked / 2; j < (half + 1) * looked / 2; ++j) {
-      // Not the same column of every row.
+      // Avoids the same column of every row.
       const float* p = cloud.xyz.data() + 3 * thinned_index(j, stride);
       if (std::isnan(p[0]) || std::isnan(p[1]) || std::isnan(p[2])) continue;
       count_point(search, search.T_block_scanner(p), counts[half]);
@@ -529,7 +529,7 @@ void find_surface_damage(const Cloud& cloud, const BlockModel& model, const Pose
 
   const Field field(counts[0].squares);
   const std::span<std::uint32_t> marks{numbers + 2 * kSquares, kCellsMax};
-  // The second thread's cells are not needed any more.
+  // The second thread's cells are no longer needed.
   const std::span<std::uint32_t> stack{reinterpret_cast<std::uint32_t*>(cells + kCellsMax), kCellsMax};
   for (std::size_t f = 0; f < kFaceCount; ++f) {
     const Raster& face = search.faces[f];

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Cells that lie off their surface, joined to places, and what a place is: by its depth, its size, its shape, and
+// Connected cells off their surface, and the classification of such a place: by its depth, its size, its shape, and
 // whether it is open towards an outer edge of the block.
 #include "algo/survey/surface_damage.h"
 
@@ -20,12 +20,12 @@ constexpr std::size_t kRows = kSurfaceRows;
 constexpr std::size_t kCells = kSurfaceCells;
 constexpr double kCellArea_mm2 = kSurfaceCell_mm * kSurfaceCell_mm;
 
-/// From where on a cell is low or high, mm. Grain, ripple, chalk (0.03), flash (0.1) and burrs (0.3) stay below on a
-/// face, undulation does on a shoulder; along edges it is what chamfers and fillets differ by along themselves.
+/// Limits from which a cell is low or high, mm. Grain, ripple, chalk (0.03), flash (0.1) and burrs (0.3) on a face are
+/// below them, as is undulation of a shoulder; along edges the limits cover the variation of chamfers and fillets.
 struct Limits {
   float low = 0.0F;
   float low_of_face = 0.0F;  ///< SurfaceField::face_off: an area that is sunk as a whole, a place broken out of an edge
-  float weak_of_face = 0.0F;  ///< beside a low cell this is enough
+  float weak_of_face = 0.0F;  ///< limit next to a low cell
   float high = 0.0F;
 };
 constexpr std::size_t kZones = static_cast<std::size_t>(SurfaceZone::behind_edge) + 1;
@@ -45,61 +45,62 @@ Limits limits_of(SurfaceZone zone, double edge_wear) {
   return {kNever, kNever, kNever, kNever};
 }
 
-/// Open towards an edge.
+/// True if the zone is open towards an edge.
 bool is_open(SurfaceZone zone) {
   return zone == SurfaceZone::outer_edge || zone == SurfaceZone::corner || zone == SurfaceZone::behind_edge ||
          zone == SurfaceZone::upper_edge;
 }
 
 enum Mark : std::uint8_t { kWhole, kWeak, kLow, kEmpty, kHigh };
-/// In the stack, of a cell that has no surface of its own for weak ones to join.
+/// Flag in the stack for a cell without a low surface that weak cells could join.
 constexpr std::uint32_t kNotLow = 1U << 31U;
 
-// What is reported, mm and mm^2.
-constexpr double kPoreArea_mm2 = 1.75;  ///< 1.5 mm diameter; smaller ones are no more than a cell
+// Limits of reported places, mm and mm^2.
+constexpr double kPoreArea_mm2 = 1.75;  ///< 1.5 mm diameter; smaller ones are at most a cell
 constexpr double kPoreDepth_mm = 0.3;
-/// A place wider than a pore this far off is damage: twice what cast concrete and a scanner's form error leave.
+/// A place wider than a pore that is this far off is damage: twice the residual of cast concrete and a scanner's form
+/// error.
 constexpr double kDisplaced_mm = 1.0;
-constexpr double kDisplacedShoulder_mm = 2.0;  ///< which undulate
+constexpr double kDisplacedShoulder_mm = 2.0;  ///< shoulders undulate
 double displaced_mm(FindingFace face) {
   return face == FindingFace::shoulder_inner || face == FindingFace::shoulder_outer ? kDisplacedShoulder_mm
                                                                                     : kDisplaced_mm;
 }
 constexpr double kMissing_mm2 = limits::kFindingArea_mm2;  ///< a drop of water of 9 mm hides 64
 constexpr double kBump_mm2 = 20.0;                         ///< a burr of 4 mm has 13
-/// Something is broken out of an edge where it is deeper than any pore, or larger than nearly all of them: pores lie at
-/// edges as well.
+/// A place at an edge is a chip if it is deeper than any pore, or larger than nearly all of them; pores also occur at
+/// edges.
 constexpr double kChipDepth_mm = 3.2;
 constexpr double kChipExtent_mm = 4.0;
 constexpr double kChip_mm2 = 8.0;
-/// A long one is deeper than worn chamfers are off (120 good blocks: at most 1.2 mm and 19 mm^3; the smallest chips of
-/// 10 mm at a seat's end: 1.5 mm, 28 mm^3).
+/// A long chip is deeper than the deviation of worn chamfers (120 good blocks: at most 1.2 mm and 19 mm^3; the smallest
+/// chips of 10 mm at a seat's end: 1.5 mm, 28 mm^3).
 constexpr double kLongChip_mm = 6.5;
 constexpr double kLongChipDepth_mm = 1.35;
 constexpr double kLongChip_mm3 = 23.0;
-/// ... and reaches further in than a pore in the chamfer, or is longer than one.
+/// ... and extends further inward than a pore in the chamfer, or is longer than one.
 constexpr double kLongChipAcross_mm = 3.5;
 constexpr double kNarrowChip_mm = 9.5;
-/// A pore in an edge is round. What broke out of it is half of that, longer along the edge than it reaches in; or,
-/// where it reaches down both faces, as large and deep as few pores are.
+/// A pore in an edge is round. A chip is half of that, longer along the edge than inward; or, if it extends down both
+/// faces, as large and deep as few pores are.
 constexpr double kChipAspect = 1.25;
 constexpr double kRoundChip_mm2 = 48.0;
 constexpr double kRoundChipDepth_mm = 2.5;
-/// In a corner two chamfers meet (good ones are up to 1.9 mm off), and much of what was broken is too steep to return
-/// points (of a good one, up to nine cells).
+/// In a corner two chamfers meet (good ones are up to 1.9 mm off), and much of a broken corner is too steep to return
+/// points (in a good one, up to nine cells).
 constexpr double kCornerDepth_mm = 2.0;
 constexpr double kCorner_mm2 = 9.0;
 constexpr std::size_t kCornerCells = 5;
 constexpr double kCornerEmpty = 10.0;
 constexpr std::size_t kCornerEmptyInside = 6;
-/// Narrower, they lie along the border of the field of view.
+/// Narrower ones are along the border of the field of view.
 constexpr double kCornerEmptyAcross_mm = 5.0;
 constexpr double kCornerExtent_mm = 5.4;
-/// A good corner is seen at most at its very tip or not at all, but not low with a steep part beside it.
+/// A good corner may be empty at its very tip or entirely, but is not low with a steep part next to it.
 constexpr double kSteepDepth_mm = 1.6;
 constexpr std::size_t kSteepEmpty = 3;
 constexpr std::size_t kChipCells = 3;
-/// Of these on the edge itself: what lies behind it is a pore near an edge.
+/// Minimum of these on the edge itself: a place behind it is a pore near an edge.
 constexpr std::size_t kChipCellsOnEdge = 2;
 constexpr double kCrackLength_mm = 25.0;
 constexpr double kCrackWidth_mm = 3.0;
@@ -164,19 +165,19 @@ class Place {
 
   [[nodiscard]] std::size_t cells() const { return cells_; }
   [[nodiscard]] std::size_t empty() const { return empty_; }
-  /// ... further in than a corner's tip, which chamfers make steep.
+  /// ... without a corner's tip, which chamfers make steep.
   [[nodiscard]] std::size_t empty_inside() const { return empty_inside_; }
   [[nodiscard]] std::size_t at_edge() const { return at_edge_; }
-  /// ... and not only behind it.
+  /// ... on the edge, not only behind it.
   [[nodiscard]] std::size_t on_edge() const { return on_edge_; }
   [[nodiscard]] std::size_t at_corner() const { return at_corner_; }
   [[nodiscard]] double area_mm2() const { return area_; }
   [[nodiscard]] double deepest_mm() const { return deepest_; }
-  /// Of a whole cell.
+  /// The largest mean deviation of a whole cell.
   [[nodiscard]] double furthest_mm() const { return furthest_; }
   [[nodiscard]] double volume_mm3() const { return volume_; }
-  /// Longest extent, along the principal direction of the place, from its spread: a place of even width of this length
-  /// has the same.
+  /// Longest extent, along the principal direction of the place, computed from its spread as for a place of uniform
+  /// width.
   [[nodiscard]] double extent_mm() const {
     const auto n = static_cast<double>(cells_);
     const double a = uu_ / n - u_ / n * u_ / n;
@@ -221,7 +222,7 @@ class Place {
   double stretch_ = 0.0, area_ = 0.0, deepest_ = 0.0, furthest_ = 0.0, volume_ = 0.0;
 };
 
-/// What a place of low or empty cells is; false: nothing to be told.
+/// Classifies a place of low or empty cells. False if it is not reported.
 bool name_low(const Place& place, double pore_max_mm, double edge_wear, FoundSurface& found) {
   SurfaceFinding& f = found.finding;
   const double area = place.area_mm2();
@@ -244,7 +245,7 @@ bool name_low(const Place& place, double pore_max_mm, double edge_wear, FoundSur
     f.kind = FindingKind::chip;
     return true;
   }
-  // Of a deep hole the walls hide most of the floor.
+  // The walls of a deep hole hide most of its floor.
   if (place.empty() > low && !(low > 0 && place.deepest_mm() >= kDisplaced_mm)) {
     f.kind = FindingKind::missing;
     return area >= kMissing_mm2;
@@ -322,7 +323,7 @@ void group_cells(const BlockModel& model, const SurfaceTable& table, const Surfa
     const std::uint8_t mark = marks[first];
     if (mark < kLow) continue;
     const bool high = mark == kHigh;
-    // A hole is seen in part: its floor is low, and what its walls hide is empty.
+    // A hole is partly visible: its floor is low, and the part hidden by its walls is empty.
     const auto belongs = [&](std::uint8_t other, std::uint8_t to) {
       return high ? other == kHigh : other == kLow || other == kEmpty || (other == kWeak && to == kLow);
     };
@@ -331,8 +332,8 @@ void group_cells(const BlockModel& model, const SurfaceTable& table, const Surfa
     const auto take = [&](std::size_t i) {
       const std::uint8_t own = marks[i];
       marks[i] = kWhole;
-      // What lies off by little is the rim of a place. It has a part of the area, but nothing touches it.
-      // At an edge the cell before the damage is not known well enough to tell a part of it.
+      // Weak cells are the rim of a place. They contribute a part of their area, but do not connect other cells. At an
+      // edge the expected value is too uncertain for a partial area.
       const bool whole = own == kEmpty || is_open(field.zone[i]);
       place.add(i, whole ? 1.0 : static_cast<double>(field.cover[i]));
       if (own != kWeak) stack[count++] = static_cast<std::uint32_t>(i) | (own == kLow ? 0U : kNotLow);
@@ -378,7 +379,7 @@ void add_crack(const BlockModel& model, const SurfaceTable& table, const CrackPa
         if (field.zone[i] == SurfaceZone::none) continue;
         const bool is_low = !field.seen(i) || field.off[i] < -kSurfaceOff_mm;
         if (is_low) place.add(i, 1.0);
-        // A crack without points that leaves every cell some of its own is nowhere low.
+        // A crack without points that leaves points in every cell has no low cell.
         if (!is_low && beside == at) on_path.add(i, 1.0);
         field.zone[i] = SurfaceZone::none;
       }
@@ -393,7 +394,7 @@ void add_crack(const BlockModel& model, const SurfaceTable& table, const CrackPa
   }
   one.finding.kind = FindingKind::crack;
   one.finding.area_mm2 = path.missing * kCellArea_mm2;
-  // As long as its path, however few cells of it are seen to be low.
+  // As long as its path, even if few of its cells are low.
   const double along = kSurfaceCell_mm * static_cast<double>(kCrackStep * path.steps);
   const double aside = high_aside - low_aside + 2.0 * kSurfaceCell_mm;
   one.finding.length_mm = path.along_y ? aside : along;

@@ -8,7 +8,7 @@
 namespace slabd::algo {
 namespace {
 
-/// Beyond a casing's rim: mortar, caps and their shadows.
+/// Margin around a casing's rim: mortar, caps and their shadows.
 constexpr double kCasingRim_mm = 6.0;
 
 }  // namespace

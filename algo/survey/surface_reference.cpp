@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Problem: no cast block is its model. Faces lie off by some tenths, edges carry chamfers and fillets that differ from
-// block to block and along one edge, shoulders undulate. All of that is good concrete.
+// Problem: a cast block differs from its model. Faces are off by some tenths of a millimetre, edges have chamfers and
+// fillets that differ between blocks and along one edge, shoulders undulate. All of that is good concrete.
 //
-// Idea: expect of a cell what the scan shows of its like. The face is the fitted plane. A strip along an edge is
-// expected to look like the median of all strips at the same distance from that edge. What remains is form, which is
-// smooth: its means over squares of 20 mm, interpolated, are taken away too.
+// Idea: the expected value of a cell comes from similar cells of the scan. The face is the fitted plane. A strip along
+// an edge is expected to look like the median of all strips at the same distance from that edge. The remainder is form,
+// which is smooth: its means over squares of 20 mm, interpolated, are subtracted too.
 #include "algo/survey/surface_reference.h"
 
 #include <Eigen/LU>
@@ -21,7 +21,7 @@ using namespace surface_cell;
 constexpr std::size_t kColumns = kSurfaceColumns;
 constexpr std::size_t kRows = kSurfaceRows;
 
-/// A fitted plane over the nominal one.
+/// A fitted plane relative to the nominal one.
 FacePlane plane_over(const Plane& nominal, const PlaneFit& fit) {
   const auto height = [&](double x, double y) {
     return fit.offset_mm - fit.normal.dot(Vec3(x, y, nominal.z_at(x, y)));
@@ -34,7 +34,7 @@ FacePlane plane_over(const Plane& nominal, const PlaneFit& fit) {
   return plane;
 }
 
-/// Means of the cells, as far as they are seen.
+/// Mean distances of the seen cells.
 class Means {
  public:
   Means(const SurfaceTable& table, std::span<const SurfaceCell> cells, SurfaceField& field)
@@ -51,7 +51,7 @@ class Means {
     return kSurfaceUnit_mm * static_cast<double>(cells_[i].sum) / static_cast<double>(cells_[i].count);
   }
 
-  /// Least squares over the cells of a face that lie within a window of the plane before, three times.
+  /// Least squares over the cells of a face within a window of the previous plane, three times.
   [[nodiscard]] FacePlane fit(Face face) const {
     FacePlane plane;
     for (const double window_mm : {1.5, 0.7, 0.5}) {
@@ -110,21 +110,21 @@ class Means {
   std::span<const std::uint16_t> table_;
   std::span<const SurfaceCell> cells_;
   SurfaceField& field_;
-  std::array<std::array<std::size_t, 2>, kFaces> rows_{};  ///< in which each face lies: begin and end
+  std::array<std::array<std::size_t, 2>, kFaces> rows_{};  ///< rows of each face: begin and end
 };
 
-/// A jaw of which too little is left to be measured has a plane all the same.
+/// True also for a jaw of which too little remains to be measured: it has a plane.
 bool is_known(const PlaneFit& plane) {
   return plane.ok || plane.doubt == PlaneDoubt::share || plane.doubt == PlaneDoubt::area;
 }
 
-/// From here on a cell takes part of its points from something else than its surface: form and fillets stay below.
+/// From this distance on some of a cell's points are not on its surface: form and fillets are below it.
 float off_limit_mm(SurfaceZone zone) {
   return zone == SurfaceZone::face ? kSurfaceOff_mm : zone == SurfaceZone::shoulder ? 0.3F : 0.5F;
 }
 
-/// Share of a cell that lies off, when the mean does by `off_mm`: of a share c at depth d, and the rest at none, mean
-/// and mean square are c d and c d^2.
+/// Share of a cell that is off, if the mean is off by `off_mm`: for a share c at depth d and the rest at zero, mean and
+/// mean square are c d and c d^2.
 float cover_of(const SurfaceCell& cell, float off_mm) {
   const auto count = static_cast<double>(cell.count);
   const auto off = static_cast<double>(off_mm);
@@ -135,7 +135,7 @@ float cover_of(const SurfaceCell& cell, float off_mm) {
   return square > 0.0 ? static_cast<float>(std::min(1.0, off * off / square)) : 1.0F;
 }
 
-/// Means over squares, with what is damage left out.
+/// Means over squares, without damage.
 class LocalForm {
  public:
   LocalForm(const SurfaceTable& table, const SurfaceField& field) {
@@ -161,7 +161,7 @@ class LocalForm {
   static constexpr std::size_t kAcross = (kColumns + kSide - 1) / kSide;
   using Row = std::array<float, kAcross>;
 
-  /// Of a row, at the middles of the squares.
+  /// Form of one row at the middles of the squares.
   [[nodiscard]] Row row(std::size_t number) const {
     std::size_t low = 0;
     float part = 0.0F;
@@ -181,10 +181,10 @@ class LocalForm {
  private:
   static constexpr std::size_t kAlong = (kRows + kSide - 1) / kSide;
   static constexpr std::size_t kSquares = kAcross * kAlong;
-  static constexpr float kClear_mm = 0.8F;  ///< further off lies damage, which is not form
+  static constexpr float kClear_mm = 0.8F;  ///< larger distances are damage, not form
   static constexpr std::uint32_t kCellsMin = 60;
 
-  /// Between the middles of which two squares, and how far from the first one.
+  /// Index of the first of the two squares around a cell, and relative distance from its middle.
   static void place(std::size_t cell, std::size_t squares, std::size_t& low, float& part) {
     const float middle = (static_cast<float>(cell) + 0.5F) / static_cast<float>(kSide) - 0.5F;
     const float inside = std::clamp(middle, 0.0F, static_cast<float>(squares - 1));

@@ -12,36 +12,36 @@
 #include "base/base.h"
 #include "base/team.h"
 
-/// What the scan shows in each cell of the surface raster beside what is expected there.
+/// Surface of the scan in each cell of the surface raster, compared with the expected one.
 namespace slabd::algo {
 
-/// How a cell is judged.
+/// Zone of a cell, which determines its limits.
 enum class SurfaceZone : std::uint8_t {
-  none,  ///< not looked at: beside the block, around a casing, where a place is seldom seen, beside the field of view
-  face,  ///< seat or jaw
+  none,         ///< not judged: outside the block or the field of view, around a casing, or rarely seen
+  face,         ///< seat or jaw
   shoulder,     ///< undulates more than the formed faces
   foot,         ///< near a jaw's foot, which is rounded
   upper_edge,   ///< near a jaw's upper edge, which is rounded or chipped
   outer_edge,   ///< near the block's end or side, which are chamfered and worn
   corner,       ///< where the two meet
-  behind_edge,  ///< a little further in, where only the longest chamfers reach
+  behind_edge,  ///< slightly further in, covered only by the longest chamfers
 };
 
-/// Cell by cell. A cell with too few points has no `off`.
+/// Values per cell. A cell with too few points has no `off`.
 struct SurfaceField {
   std::span<float> off;  ///< mean distance less the fitted face, the edges' usual profile and the local form, mm
-  /// Likewise, but with the local form left in; along an outer edge beside a smooth line through the edge on both sides
-  /// of the place instead of the edge's median, so that what is short shows; NaN where that line is not known.
+  /// Like `off`, but including the local form. Along an outer edge it is relative to a smooth line through the edge on
+  /// both sides, so that short deviations show, not to the edge's median; NaN if that line is unknown.
   std::span<float> face_off;
-  std::span<float> cover;  ///< share of the cell that lies off, if the rest of it lies where it is expected
+  std::span<float> cover;  ///< share of the cell that is off, if the rest of it is at the expected height
   std::span<float> whole;  ///< points on the surface over the usual number of points
   std::span<SurfaceZone> zone;
-  double edge_wear = 1.0;              ///< by how much more than usual the block's chamfers differ along themselves
+  double edge_wear = 1.0;              ///< variation of the block's chamfers, relative to the usual one
   std::array<double, kFaces> usual{};  ///< points in a usual cell of each face; 0: not seen
   FixedVector<EdgeFeature, kEdgesMax> edges;
 
   [[nodiscard]] bool seen(std::size_t cell) const { return !std::isnan(off[cell]); }
-  /// `off` at a place between the centres of two cells in a line of the raster; NaN where one was not seen.
+  /// `off` at a position between the centres of two cells in a line of the raster; NaN if one was not seen.
   [[nodiscard]] float off_between(double place, std::size_t first, std::size_t stride) const {
     const std::size_t last = (stride == 1 ? kSurfaceColumns : kSurfaceRows) - 1;
     if (!(place >= 0.0 && place < static_cast<double>(last))) return std::numeric_limits<float>::quiet_NaN();
@@ -54,23 +54,23 @@ struct SurfaceField {
 
 /// A cell with a smaller share of the usual points than this counts as not seen.
 inline constexpr double kSurfaceSeenShare = 0.2;
-/// From this distance on (mm) a cell takes part of its points from something else than its surface.
+/// From this distance on (mm) some of a cell's points are not on its surface.
 inline constexpr float kSurfaceOff_mm = 0.12F;
 
-/// Fills `field` (kSurfaceCells each) from the raster and the fitted planes of `result`. The face is the fitted
-/// plane; of the shoulders, and of a jaw without one, the plane of the cells. Along the edges the median over the edge
-/// is expected, so a chamfer, a fillet or wear is usual and a chip is not; but never more than a chamfer can be. Over
-/// 20 mm the local form is taken away. What the edges look like is in `field.edges`. No heap; about 0.8 ms; the same
-/// bits on every machine.
+/// Fills `field` (kSurfaceCells each) from the raster and the fitted planes of `result`. The face is the fitted plane;
+/// for the shoulders, and a jaw without a plane, that of the cells. Along the edges the median over the edge is
+/// expected, so a chamfer, a fillet or wear is usual and a chip is not; but it is limited to the size of a chamfer. The
+/// local form over 20 mm is subtracted. `field.edges` has the shapes of the edges. No heap; about 0.8 ms; the same bits
+/// on every machine.
 void compare_with_expected(const BlockModel& model, const SurfaceTable& table, std::span<const SurfaceCell> cells,
                            const BlockResult& result, Team& team, SurfaceField& field);
 
-/// Takes away from `field.off`, which holds the distances to the faces, what is usual along the edges, and fills
-/// `field.face_off` along them; cells that the chamfers of outer edges reach get their zone. Cells of a strip that is
-/// seldom seen are no longer looked at. No heap; 0.9 ms.
+/// Subtracts the usual profile along the edges from `field.off`, the distances to the faces, and fills `field.face_off`
+/// there. Sets the zones of cells within the chamfers of outer edges. Cells of a rarely seen
+/// strip are excluded. No heap; 0.9 ms.
 void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field);
 
-/// Heights over a nominal face as a plane in (x, y).
+/// Heights above a nominal face as a plane in (x, y).
 struct FacePlane {
   double a0 = 0.0;
   double ax = 0.0;
@@ -78,13 +78,13 @@ struct FacePlane {
   [[nodiscard]] double at(double x, double y) const { return a0 + ax * x + ay * y; }
 };
 
-/// Fillets and chamfers of the block. `planes`: the fitted faces; `field.off` holds the distances to them, edges still
-/// in it. An edge of which too little was seen is left out, and so is one outside of what the raster can resolve:
+/// Measures fillets and chamfers of the block. `planes`: the fitted faces; `field.off` has the distances to them,
+/// including the edges. An edge is left out if too little of it was seen, or if it is outside the range of the raster:
 /// radius 1..12 mm, leg 2..9 mm. No heap; 0.2 ms; the same bits on every machine.
 void learn_edges(const BlockModel& model, const SurfaceTable& table, const std::array<FacePlane, kFaces>& planes,
                  const SurfaceField& field, Team& team, FixedVector<EdgeFeature, kEdgesMax>& edges);
 
-// The entries of a SurfaceTable, read.
+// Access to the entries of a SurfaceTable.
 
 namespace surface_cell {
 
@@ -97,7 +97,7 @@ namespace surface_cell {
 [[nodiscard]] inline std::size_t side_of(std::uint16_t entry) {
   return entry >> kSideShift & kFar;
 }
-/// `use(i)` for the cells of the block, row by row; of its lower or upper half where `half` is 0 or 1.
+/// Calls `use(i)` for the cells of the block, row by row; only its lower or upper half if `half` is 0 or 1.
 template <typename Use>
 void for_cells_of(const SurfaceTable& table, const Use& use, int half = -1) {
   const auto [first, end] = table.rows();
@@ -106,7 +106,7 @@ void for_cells_of(const SurfaceTable& table, const Use& use, int half = -1) {
   for (std::size_t row = half == 1 ? middle : first; row < (half == 0 ? middle : end); ++row)
     for (std::size_t i = row * kSurfaceColumns + left; i < row * kSurfaceColumns + right; ++i) use(i);
 }
-/// End and side faces are seen at a grazing angle, if at all.
+/// False for end and side faces, which are seen at a grazing angle, if at all.
 [[nodiscard]] inline bool is_judged(std::uint16_t entry) {
   const Face face = face_of(entry);
   return (entry & kFaceBits) != kNoFace && (face == Face::seat || face == Face::jaw_inner || face == Face::jaw_outer ||

@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// How one pass is enough for answers that seem to need several.
+// One pass is enough for results that seem to need several:
 //
-//   - A plane fit selects what lies within a threshold, refits, selects again. A scouting pass over a part of the scan
-//     (every so many sixteens) says where the planes of the large faces are to a fraction of the noise, and the
-//     threshold. The pass then sums up what is within the threshold for any plane so close, and lists what hangs on
-//     which plane it is: under one per cent. The refits run on the sums and the list; their fixed point is the one of
-//     all points. Should it lie further off than that, the pass is repeated around it.
-//   - The shares within so many standard deviations need the standard deviation first. The scouts predict it; points
-//     are counted a little below and a little above each limit, and the share is interpolated between the two. Should
-//     the standard deviation turn out to lie outside, the pass is repeated with it.
+//   - A plane fit selects the points within a threshold, refits, selects again. A scouting pass over a part of the scan
+//     (every N-th sixteen) gives the planes of the large faces to a fraction of the noise, and the threshold. The pass
+//     then sums the points within the threshold of every plane that close, and lists those for which the exact plane
+//     matters: under one per cent. The refits use the sums and the list; their fixed point is that of all points. If it
+//     is further off than that, the pass is repeated around it.
+//   - The shares within N standard deviations need the standard deviation first. The scouts predict it; points are
+//     counted slightly below and slightly above each limit, and the share is interpolated. If the standard deviation is
+//     outside that range, the pass is repeated with it.
 //
-// The scan is cut into fixed blocks. Each has sums of its own, added up in the order of the blocks; and pieces of lists
-// of its own, strung together in that order: which thread did what does not show.
+// The scan is divided into fixed blocks. Each has its own sums, added in the order of the blocks, and its own pieces of
+// lists, concatenated in that order. So the result does not depend on the threads.
 #include "algo/survey/survey.h"
 
 #include <algorithm>
@@ -26,18 +26,18 @@ namespace {
 
 constexpr std::size_t kBlockPoints = limits::kSurveyBlockPoints;
 constexpr std::size_t kLanes = 16;
-/// Points that the scouts look at, about.
+/// Approximate number of points in the scouting pass.
 constexpr std::size_t kScouted = 40'000;
-/// Half of the bracket around a limit of the shares, as a part of it. Between the two the share is taken as a straight
-/// line, which errs by less than 1e-4.
+/// Half width of the bracket around a limit of the shares, relative to it. Linear interpolation in between has an error
+/// of less than 1e-4.
 constexpr double kBracket = 0.02;
-/// Half of the zone around the threshold in which points are listed, as a part of it: a quarter of the noise.
+/// Half width of the zone around the threshold in which points are listed, relative to it: a quarter of the noise.
 constexpr double kEdgeShare = 1.0 / 12.0;
-/// Distances are good to 1e-5 mm here, so no threshold may be finer than this many.
+/// Distances are accurate to 1e-5 mm here, so thresholds are at least this.
 constexpr double kThresholdMin_mm = 1e-3;
-/// Of the zone, a rim stays for rounding.
+/// Margin of the zone for rounding.
 constexpr double kRounding_mm = 3e-5;
-/// Passes until every plane lies within its zone; one, nearly always.
+/// Maximum number of passes until every plane is within its zone; nearly always one.
 constexpr int kPasses = 6;
 
 constexpr std::array<Face, kLargeFaces> kLargeFace = {Face::seat, Face::top};
@@ -70,12 +70,12 @@ SurveyFrame frame_for(const BlockModel& model, const Pose& T_block_scanner) {
   return frame;
 }
 
-/// All that is looked at of a large face.
+/// Everything read of a large face.
 constexpr FaceRaster kLargeRaster = FaceRaster::between(
     -0.5 * static_cast<double>(limits::kFaceTableX), 0.5 * static_cast<double>(limits::kFaceTableX),
     -0.5 * static_cast<double>(limits::kFaceTableY), 0.5 * static_cast<double>(limits::kFaceTableY));
 
-/// A jaw from the seat to the shoulder, edge margins taken off.
+/// A jaw from the seat to the shoulder, without edge margins.
 FaceRaster raster_of_jaw(const BlockModel& model, const EvaluationSettings& settings, Face jaw, Face shoulder) {
   const FaceEdges edges = edges_of_jaw(model, jaw, shoulder);
   const double half_x = model.geometry().end_half_length_mm.value - settings.edge_margin_mm;
@@ -83,15 +83,15 @@ FaceRaster raster_of_jaw(const BlockModel& model, const EvaluationSettings& sett
                              std::max(edges.foot_s_mm, edges.top_s_mm) - settings.edge_margin_mm);
 }
 
-/// Of a block, the sixteen with which every `stride`-th begins. Blocks of 65 536 points are a multiple of the rows of
-/// many a scanner, and so may the stride be: begun alike, all blocks would see the same few columns, and a face beside
-/// them not at all. Multiples of the golden section never come near each other for long.
+/// First sixteen of a block that is read if every `stride`-th one is. Blocks of 65 536 points are a multiple of the
+/// rows of many scanners, and the stride may be too. With equal offsets all blocks would read the same few columns and
+/// miss a face beside them. Multiples of the golden ratio do not cluster.
 std::size_t first_sixteen(std::size_t block, std::size_t stride) {
   const auto fraction = static_cast<std::uint32_t>(block * 0x9E37'79B9U);
   return static_cast<std::size_t>((std::uint64_t{fraction} * stride) >> 32U);
 }
 
-/// Points of each sixteen that go to the surface raster: some six in each of its cells, and four at least.
+/// Points of each sixteen added to the surface raster: about six in each of its cells, and at least four.
 std::size_t surface_lanes(const Cloud& cloud) {
   constexpr std::size_t kDense = 2'500'000;
   constexpr std::size_t kSparse = 1'200'000;
@@ -121,8 +121,7 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
   });
   const std::size_t lanes = surface_lanes(cloud);
   team.run(blocks, [&](std::size_t b) {
-    // Whole numbers add up to the same in any order, so any map will do that nobody else writes to. One thread never
-    // gets beyond the first one.
+    // Integer sums do not depend on the order, so any unused map is suitable. One thread never uses the second.
     std::size_t slot = 0;
     while (taken[slot].exchange(true, std::memory_order_acquire)) slot = 1 - slot;
     const std::size_t begin = b * kBlockPoints;
@@ -198,7 +197,7 @@ void bracket_shares(double sigma_mm, SurveyTask& task) {
   }
 }
 
-/// Not filled in, and false, when a standard deviation lies outside of the brackets.
+/// False, with `stats` incomplete, if a standard deviation is outside the brackets.
 bool state_deviation(const SurveySums& sums, const SurveyTask& task, DeviationStats& stats) {
   stats = DeviationStats{};
   stats.count = static_cast<std::uint64_t>(sums.near);
@@ -217,13 +216,13 @@ bool state_deviation(const SurveySums& sums, const SurveyTask& task, DeviationSt
   return true;
 }
 
-/// Enters how far strips of cells are alike, by rows and by columns.
+/// Computes the length of strips of equal cells, by rows and by columns.
 void find_reach(std::span<std::uint32_t> cells) {
   using namespace survey_cell;
   constexpr std::size_t kColumns = limits::kFaceTableX;
   constexpr std::size_t kRows = limits::kFaceTableY;
   const auto kind = [&](std::size_t cell) { return cells[cell] & (kFaceBits | kRegionBits); };
-  // Line by line, and from both of its ends.
+  // Line by line, from both ends.
   const auto along = [&](std::size_t lines, std::size_t length, std::size_t line_step, std::size_t step,
                          std::size_t direction) {
     for (std::size_t line = 1; line + 1 < lines; ++line) {
@@ -257,7 +256,7 @@ void SurveyTable::build(const BlockModel& model, const FaceTable& faces, const E
   using namespace survey_cell;
   constexpr auto kColumns = static_cast<int>(limits::kFaceTableX);
   constexpr auto kRows = static_cast<int>(limits::kFaceTableY);
-  // A pose from floats and a place from floats differ by 1e-4 mm from the exact ones.
+  // A pose and a position in float differ by up to 1e-4 mm from the exact ones.
   constexpr double kGrow_mm = 0.1;
   constexpr double kRim_mm = 1e-6;
   constexpr double kHalfX = 0.5 * kColumns;
@@ -277,7 +276,7 @@ void SurveyTable::build(const BlockModel& model, const FaceTable& faces, const E
       for (std::uint32_t left = candidates; left != 0; left &= left - 1) {
         const Plane& plane = model.planes()[static_cast<std::size_t>(__builtin_ctz(left))];
         for (int k = 0; k < 10; ++k) {
-          // Beyond the table nothing is measured, nor looked up.
+          // Outside the table nothing is measured or looked up.
           const double px =
               std::clamp(x + (k % 2 == 0 ? -kGrow_mm : 1.0 + kGrow_mm), kRim_mm - kHalfX, kHalfX - kRim_mm);
           const double py =
@@ -336,7 +335,7 @@ void survey_scan(const Cloud& cloud, const SurveyQuestion& question, const Surve
   };
   for (std::size_t i = 0; i < kLargeFaces; ++i) {
     PlaneStart& start = work.start[i];
-    // Nothing is to be fitted: only counted.
+    // No fit: only count.
     task.inner_mm[i] = task.outer_mm[i] = -1.0F;
     if (!start.found) continue;
     start.threshold_mm = std::fmax(start.threshold_mm, kThresholdMin_mm);
@@ -360,7 +359,7 @@ void survey_scan(const Cloud& cloud, const SurveyQuestion& question, const Surve
       survey.large[i] = finish_fit(points, question.large[i], work.start[i]);
       beyond[i] = points.asked_beyond;
       if (beyond[i]) refuse(survey.large[i], PlaneDoubt::unsettled);
-      // The slope's datum as well: a half that is dark, and lower, must not be outvoted by the other one's points.
+      // The slope's datum as well: a dark, lower half must not be outvoted by the points of the other half.
       if (survey.large[i].ok && share_by_area(work.start[i], survey.large[i], points.frame, kLargeRaster, {},
                                               points.count) < question.large[i].inlier_share_min)
         refuse(survey.large[i], PlaneDoubt::area);

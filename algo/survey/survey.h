@@ -16,16 +16,16 @@
 #include "algo/survey/survey_pass.h"
 #include "base/team.h"
 
-/// Everything that is taken from a registered scan, in one pass over it: which points are measured for which feature
-/// (segmentation.h has the rules), how far the scan lies from the model, and what the plane fits need.
+/// All data of a registered scan, from one pass over it: the points of each feature (rules in segmentation.h), the
+/// deviation of the scan from the model, and the sums for the plane fits.
 namespace slabd::algo {
 
-/// The recipe's part: what each place near the block belongs to.
+/// The recipe's part: region of each place near the block.
 class SurveyTable {
  public:
   static constexpr std::size_t kCells = FaceTable::kCells;
-  /// How far from its face a point may lie for the table to know its region. Narrow, so that slanting borders cross
-  /// few cells; wide enough for noise and form.
+  /// Largest distance of a point from its face for which the table's region is valid. Narrow, so that slanting borders
+  /// cross few cells; wide enough for noise and form.
   static constexpr double kBand_mm = 0.5;
 
   /// `cells`: kCells, owned by the caller. No heap, about 60 ms.
@@ -47,13 +47,13 @@ struct SurveyWorkspace {
   PointPool& pool;
   std::span<SurveySums> blocks;  ///< limits::kSurveyBlocksMax
   std::span<SeatPoints> runs;    ///< limits::kSurveyPiecesMax
-  std::array<MapSums, 2> map;    ///< of limits::kDeviationMapCells each
+  std::array<MapSums, 2> map;    ///< kDeviationMapCells each (limits)
   std::array<PlaneStart, kLargeFaces>& start;
-  /// Of kSurfaceCells each, for either thread; the first one holds the sums afterwards. Empty: not wanted.
+  /// kSurfaceCells for each of the two threads; the first one has the sums afterwards. Empty if not wanted.
   std::array<std::span<SurfaceCell>, 2> surface{};
 };
 
-/// What is asked of a scan.
+/// Input of the survey of one scan.
 struct SurveyQuestion {
   const BlockModel& model;
   const SurveyTable& table;
@@ -65,12 +65,12 @@ struct SurveyQuestion {
 struct Survey {
   DeviationStats deviation;
   std::array<PlaneFit, kLargeFaces> large;
-  std::array<ListedPoints, kPointLists> lists;  ///< their runs lie in the workspace
+  std::array<ListedPoints, kPointLists> lists;  ///< their runs are in the workspace
   std::array<FaceRaster, 2> jaw{};              ///< places of the inner and the outer jaw ...
-  std::array<PlaceCounts, 2> jaw_off{};         ///< ... and the points there that are too far off for it
-  /// More points were to be listed than there is room for; the lists and fits are void.
+  std::array<PlaceCounts, 2> jaw_off{};         ///< ... and the points there that are too far off
+  /// True if there were more points to list than memory; the lists and fits are then invalid.
   bool overflown = false;
-  /// Everything seen over the evaluation region: what is on the seat, then what is off it.
+  /// All points over the evaluation region: those on the seat, then those off it.
   [[nodiscard]] std::span<const SeatPoints> over_crop() const {
     const std::span<const SeatPoints> on = of(PointList::seat_crop).runs;
     return {on.data(), on.size() + of(PointList::seat_off).runs.size()};
@@ -81,8 +81,8 @@ struct Survey {
   [[nodiscard]] const ListedPoints& of(PointList list) const { return lists[static_cast<std::size_t>(list)]; }
 };
 
-/// Surveys the points of `cloud` (NaN: missing) in whatever order they are. The same answer on one thread and two. No
-/// heap; about 0.6 ns a point.
+/// Surveys the points of `cloud` (NaN: missing) in any order. The same result with one or two threads. No heap; about
+/// 0.6 ns a point.
 void survey_scan(const Cloud& cloud, const SurveyQuestion& question, const SurveyWorkspace& work, Team& team,
                  Survey& survey);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The map of deviations and the surface raster as a pass fills them (algo/survey/survey_pass.h, MapSums;
-// algo/survey/surface_raster.h). Not a header of the room: kernels include it after algo/lanes-inl.h.
+// Accumulation of the map of deviations and the surface raster in a pass (algo/survey/survey_pass.h, MapSums;
+// algo/survey/surface_raster.h). Not a public header of the room: kernels include it after algo/lanes-inl.h.
 #if defined(SLABD_ALGO_SURVEY_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SLABD_ALGO_SURVEY_LANES_INL_H_
 #undef SLABD_ALGO_SURVEY_LANES_INL_H_
@@ -24,12 +24,12 @@ namespace HWY_NAMESPACE {
 
 // ---- the map of deviations ------------------------------------------------------------------------------------------
 
-// One point of each sixteen goes to the map, another lane each time, and beginning with another one in each round of
-// sixteen: lanes in one order would come back to the same columns wherever a row is a multiple of 256 points long.
+// One point of each sixteen goes to the map. The lane changes every time, and its start changes every sixteen: with a
+// fixed order the same columns would repeat if a row is a multiple of 256 points long.
 class MapLanes {
  public:
   explicit MapLanes(const MapSums& sums) : sums_(sums) { begin(); }
-  /// Sixteen points in the block's frame and their distances; NaN: nothing to draw there.
+  /// Adds sixteen points in the block's frame and their distances; NaN: no point.
   HWY_INLINE void take(const F16& x, const F16& y, const F16& r) {
     static constexpr std::array<float, kLanes> kNumber = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
     const std::size_t round = taken_ / kLanes;
@@ -39,7 +39,7 @@ class MapLanes {
     r_[round] = select(turn, r, r_[round]);
     if (++taken_ == kRounds * kLanes) put();
   }
-  /// What was taken goes to the map; also at the end, when not every lane has had its turn: those hold no number.
+  /// Moves the points taken to the map; also at the end with an incomplete round, whose unused lanes are NaN.
   HWY_NOINLINE void put() {
     if (!sums_.count.empty())
       for (std::size_t round = 0; round < kRounds; ++round) put(x_[round], y_[round], r_[round]);
@@ -48,7 +48,7 @@ class MapLanes {
 
  private:
   static constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
-  /// Gathered before the map is looked at: its cells and what the caller works with do not fit the registers together.
+  /// Collected before the map is accessed: its cells and the caller's values would not fit into the registers.
   static constexpr std::size_t kRounds = 16;
 
   HWY_INLINE void begin() {
@@ -57,7 +57,7 @@ class MapLanes {
       x_[round] = y_[round] = f16(0.0F);
       r_[round] = f16(kNone);
       first_[round] = turn_ >> 28U;
-      turn_ += 0x9E3779B9U;  // steps of the golden ratio: never the same order for long
+      turn_ += 0x9E3779B9U;  // steps of the golden ratio: the order never repeats for long
     }
   }
   HWY_INLINE void put(const F16& x, const F16& y, const F16& r) const {
@@ -68,8 +68,8 @@ class MapLanes {
     constexpr float kHalfX = 0.5F * static_cast<float>(limits::kFaceTableX);
     constexpr float kHalfY = 0.5F * static_cast<float>(limits::kFaceTableY);
     constexpr auto kRows = static_cast<float>(limits::kFaceTableY / kCell);
-    // A missing point goes to the first cell, with nothing. The last place below an edge is the edge once half the
-    // field is added.
+    // A missing point adds zero to the first cell. The last position below an edge is the edge once half the field is
+    // added.
     const F16 row = min(floor((keep(there, y) + f16(kHalfY)) * f16(kCells)), f16(kRows - 1.0F));
     const F16 column = min(floor((keep(there, x) + f16(kHalfX)) * f16(kCells)), f16(kColumns - 1.0F));
     const F16 cell = row * f16(kColumns) + column;
@@ -95,8 +95,8 @@ class MapLanes {
 // ---- the surface raster ---------------------------------------------------------------------------------------------
 
 // A few points in each cell are enough. Of an organised scan every second or fourth point is taken, each row shifted
-// against the one before: all columns count alike, because a column that does not looks like a crack without points.
-// Without a grid the points are as good as drawn, which scatters more, so twice as many are taken.
+// against the one before, so that all columns count alike: a column without points would look like a crack. Without a
+// grid the selection is random, which scatters more, so twice as many points are taken.
 class SurfaceLanes {
  public:
   explicit SurfaceLanes(const SurfaceSums& sums)
@@ -106,7 +106,7 @@ class SurfaceLanes {
         width_(sums.width),
         first_(sums.first),
         per_width_(sums.width == 0 ? 0.0 : 1.0 / static_cast<double>(sums.width)) {}
-  /// The `number`-th sixteen points in the block's frame and their distances; NaN: nothing was seen there.
+  /// Adds the `number`-th sixteen points in the block's frame and their distances; NaN: no point.
   HWY_INLINE void take(std::size_t number, const F16& x, const F16& y, const F16& r) {
     if (!used_) return;
     M16 in = (abs(x) < f16(kHalfX)) & (abs(y) < f16(kHalfY)) & (r == r);
@@ -140,7 +140,7 @@ class SurfaceLanes {
     put_together(units.lo, one.lo, to);
     put_together(units.hi, one.hi, to + kLanes / kRegisters<std::int32_t> * K / 2);
   }
-  /// Which of sixteen points are taken.
+  /// Bits of the lanes taken.
   [[nodiscard]] HWY_INLINE std::uint32_t lanes(std::size_t number) {
     const std::uint32_t every = turns_ == 4 ? 0x1111U : 0x5555U;
     if (width_ == 0) {
@@ -148,11 +148,11 @@ class SurfaceLanes {
       return every << (step_ >> 30U & (turns_ - 1U)) & 0xffffU;
     }
     const std::size_t point = first_ + kLanes * number;
-    // Within a row the same ones of each sixteen: their number is a multiple of the turns.
+    // Within a row the lanes are the same for each sixteen: their number is a multiple of the turns.
     if (point < row_end_) return of_row_;
     const auto row = static_cast<std::size_t>(static_cast<double>(point) * per_width_);
     const auto column = static_cast<std::uint32_t>(point - row * width_);
-    // Rows take turns: 0, 2, 1, 3.
+    // Row shifts in turn: 0, 2, 1, 3.
     const auto shift = static_cast<std::uint32_t>(turns_ == 4 ? 0b11011000U >> (2 * (row & 3U)) & 3U : row & 1U);
     row_end_ = point - column + width_;
     of_row_ = every << ((0U - column - shift) & (turns_ - 1U)) & 0xffffU;
@@ -170,17 +170,17 @@ class SurfaceLanes {
     constexpr auto kRows = static_cast<float>(kSurfaceRows);
     constexpr auto kReach = static_cast<float>(kSurfaceReach_mm);
     constexpr auto kUnits = static_cast<float>(1.0 / kSurfaceUnit_mm);
-    // The last place below an edge is the edge once half the field is added.
+    // The last position below an edge is the edge once half the field is added.
     const F16 row = min(floor((keep(there, y) + f16(kHalfY)) * f16(kCells)), f16(kRows - 1.0F));
     const F16 column = min(floor((keep(there, x) + f16(kHalfX)) * f16(kCells)), f16(kColumns - 1.0F));
     const F16 size = min(max(keep(there, r), f16(-kReach)), f16(kReach));
     alignas(64) std::array<std::int32_t, kLanes> at;
     store(to_int(row * f16(kColumns) + column), at.data());
-    // Sum, square and count of each point side by side, so that a cell takes them in one addition.
+    // Sum, square and count of each point are adjacent, so that a cell receives them in one addition.
     alignas(64) std::array<Four, kLanes> points;
     put_together(to_int(size * f16(kUnits)), to_int(keep(there, f16(1.0F))), points.data());
-    // Neighbours lie in the same cell and would wait for each other's sum: so not in their order, which does not
-    // matter.
+    // Neighbours are in the same cell and would wait for each other's sum, so they are added in another order; the
+    // result does not depend on it.
     for (std::size_t k = 0; k < kLanes; ++k) {
       const std::size_t i = 5 * k % kLanes;
       auto* cell = reinterpret_cast<std::int32_t*>(cells_ + at[i]);
@@ -196,10 +196,10 @@ class SurfaceLanes {
   std::size_t width_;
   std::size_t first_;
   double per_width_;
-  std::size_t row_end_ = 0;  ///< the row for which `of_row_` holds ends before this point
+  std::size_t row_end_ = 0;  ///< end of the row for which `of_row_` is valid
   std::uint32_t of_row_ = 0;
   std::uint32_t step_ = 0;
-  std::size_t count_ = 0;  ///< points that wait to be put to the raster
+  std::size_t count_ = 0;  ///< points waiting to be added to the raster
   alignas(64) Waiting x_{}, y_{}, r_{};
 };
 

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Sixteen consecutive points at a time: their places in the block's frame, then the face each belongs to and what it is
-// measured for. Consecutive points are neighbours, so one look into the table answers for many: its entry says how far
-// around everything is alike, of a single face and a single region. On such ground the pass walks along the scan and
-// sums up in registers; nothing is asked but whether a point has left the ground, or lies too far off the face for the
-// table to vouch for its region. Where an edge is near, each of the sixteen gets its own face and, where the table does
-// not know it, its region by the rules, still all at once.
+// Idea: sixteen consecutive points at a time are moved into the block's frame and assigned to a face and a region.
+// Consecutive points are neighbours, so one table lookup is valid for many: its entry contains the distance over which
+// face and region are the same. Over such an area the pass sums in registers. It only tests whether a point has left
+// the area, or is too far off the face for the table's region to be valid. Near an edge, each of the sixteen gets its
+// own face and, if the table does not have it, its region by the rules, still all at once.
 //
-// Precision: a point minus the shift is exact or nearly so; the distance to a face is a product with the face's normal
-// and one subtraction, good to 1e-5 mm; a point so close to a border may fall on either side of it. Sums are taken in
+// Precision: a point minus the shift is exact or nearly so. The distance to a face is a product with the face's normal
+// and one subtraction, accurate to 1e-5 mm; a point that close to a border may be on either side of it. Sums are in
 // float over at most two times 64 sixteens, then in double.
 //
 // The lanes, the blocks and the order of the sums are fixed, hence the bits.
@@ -31,13 +30,13 @@ HWY_BEFORE_NAMESPACE();
 namespace slabd::algo {
 namespace HWY_NAMESPACE {
 
-/// Sixteens between two transfers of the float sums to double ones, and in a run.
+/// Number of sixteens between two transfers of the float sums to double, and in a run.
 constexpr int kFlush = 64;
 
 HWY_INLINE F16 apply(const Row& row, const Points16& d) {
   return f16(row.a[0]) * d.x + f16(row.a[1]) * d.y + f16(row.a[2]) * d.z + f16(row.b);
 }
-/// a + b in the lanes that are set, a in the others.
+/// a + b in the set lanes, a in the others.
 HWY_INLINE F16 add_where(const M16& mask, const F16& a, const F16& b) {
   return select(mask, a + b, a);
 }
@@ -45,7 +44,7 @@ HWY_INLINE F16 above(const Tilt& tilt, const F16& u, const F16& v, const F16& h)
   return h - f16(tilt.a0) - f16(tilt.a1) * u - f16(tilt.a2) * v;
 }
 
-/// Sums of TiltedSums that a few sixteens add to.
+/// Float sums of TiltedSums for a few sixteens.
 struct TiltedLanes {
   F16 count, u, v, r, uu, uv, ur, vv, vr, rr;
   HWY_INLINE void clear() { count = u = v = r = uu = uv = ur = vv = vr = rr = f16(0.0F); }
@@ -98,12 +97,12 @@ struct TiltedTotals {
   }
 };
 
-/// Distances to the model: how many, their sum and squares, and how many are within the lower limits.
+/// Distances to the model: count, sum, squares, and counts within the lower limits.
 struct DistanceLanes {
   static constexpr std::size_t kWithin = 5;
   F16 count, sum, squares, within0, within1, within2, within3, within4;
   HWY_INLINE void clear() { count = sum = squares = within0 = within1 = within2 = within3 = within4 = f16(0.0F); }
-  /// `distance`: the size of r; NaN where `in` is not set.
+  /// `distance`: |r|; NaN where `in` is not set.
   HWY_INLINE void add(const M16& in, const F16& all_r, const F16& distance, const float* limits) {
     const F16 one = f16(1.0F);
     const F16 r = keep(in, all_r);
@@ -126,21 +125,21 @@ struct DistanceLanes {
     within3 = within3 + o.within3;
     within4 = within4 + o.within4;
   }
-  /// All that counts.
+  /// Writes the sums of all lanes.
   void close(std::array<double, 12>& within) const {
     const std::array<const F16*, kWithin> all = {&within0, &within1, &within2, &within3, &within4};
     for (std::size_t i = 0; i < kWithin; ++i) within[i] = sum_of_lanes(*all[i]);
   }
 };
 
-/// Where the next points of a list go.
+/// Write position of a list.
 struct Cursor {
   float* to = nullptr;
   std::size_t count = PointPool::kPiece;
   std::uint32_t piece = PointPool::kNone;
 };
 
-/// What a region's points are taken for, and on which face.
+/// Use of a region's points: face, list, large face or count.
 struct RegionUse {
   Face face = Face::seat;
   std::int8_t list = -1;
@@ -186,7 +185,7 @@ class Surveyor {
     sum_ = squares_ = d16(0.0);
   }
 
-  /// `count` sixteens, every `stride`-th.
+  /// Surveys `count` sixteens, every `stride`-th.
   void survey(const float* xyz, std::size_t count, std::size_t stride) {
     std::size_t i = 0;
     while (i < count) {
@@ -219,7 +218,7 @@ class Surveyor {
       if (since_flush_ >= kFlush) flush();
     }
   }
-  /// Fewer than sixteen.
+  /// Surveys fewer than sixteen points.
   void survey_rest(std::size_t number, const float* xyz, std::size_t count) {
     const Points16 d = relative(load_points(xyz, count));
     const F16 x = apply(task_.frame.x, d);
@@ -249,10 +248,10 @@ class Surveyor {
  private:
   static constexpr float kHalfX = 0.5F * static_cast<float>(limits::kFaceTableX);
   static constexpr float kHalfY = 0.5F * static_cast<float>(limits::kFaceTableY);
-  static constexpr float kFarthest = 1e9F;    ///< of a point near which there is no face ...
-  static constexpr float kNoFaceNear = 1e8F;  ///< ... and a bound that tells it from any distance
+  static constexpr float kFarthest = 1e9F;    ///< distance of a point without a face near it ...
+  static constexpr float kNoFaceNear = 1e8F;  ///< ... and a bound above all real distances
 
-  /// A rectangle of the block's (x, y) all over which there is one face and one region.
+  /// A rectangle of the block's (x, y) with one face and one region.
   struct Ground {
     std::uint32_t kind = 0;  ///< of the table's entry: face and region
     float middle_x = 0.0F;
@@ -266,7 +265,7 @@ class Surveyor {
     [[nodiscard]] std::size_t region() const { return (kind >> survey_cell::kRegionShift) - 1; }
   };
 
-  /// From memory, and fetches what comes later.
+  /// Loads sixteen points and prefetches later ones.
   [[nodiscard]] HWY_INLINE Points16 points_at(const float* xyz) const {
     constexpr std::size_t kAhead = 3 * kLanes * 32;
     fetch_points(xyz + kAhead);
@@ -283,7 +282,7 @@ class Surveyor {
     return row * limits::kFaceTableX + column;
   }
 
-  /// Around one of the points; false where nothing is alike, or not far enough for all sixteen.
+  /// Finds the ground around one of the points. False if no area is uniform, or it does not cover all sixteen.
   HWY_INLINE bool find_ground(const M16& active, const F16& x, const F16& y, Ground& ground) const {
     alignas(64) std::array<float, kLanes> xs;
     alignas(64) std::array<float, kLanes> ys;
@@ -311,8 +310,8 @@ class Surveyor {
     return !any(ground.away(x, y));
   }
 
-  /// A run of sixteens on ground of one kind, none of their points off its face by more than the band: everything is
-  /// summed up in registers. Returns the sixteen after the run.
+  /// Processes a run of sixteens on one kind of ground while no point is off its face by more than the band: everything
+  /// is summed in registers. Returns the sixteen after the run.
   HWY_INLINE std::size_t follow(Ground& ground, const float* xyz, std::size_t i, std::size_t end, std::size_t stride) {
     const RegionUse& use = kUses[ground.region()];
     if (use.large < 0 && use.list < 0) return follow<false, false>(ground, use, xyz, i, end, stride);
@@ -327,7 +326,7 @@ class Surveyor {
     const Row& height = task_.frame.height[static_cast<std::size_t>(ground.face())];
     const auto face = static_cast<std::size_t>(use.face);
     const auto large = static_cast<std::size_t>(kLarge ? use.large : 0);
-    // Beyond this something else is to be done than to sum up.
+    // Beyond this distance a point needs more than summing.
     const F16 rare = f16(std::min(task_.share_mm[DistanceLanes::kWithin], task_.band_mm));
     const bool on_block = ground.face() != static_cast<int>(Face::top);
     std::array<std::size_t, kFlush + 1> special;
@@ -342,10 +341,10 @@ class Surveyor {
       const F16 y = apply(task_.frame.y, d);
       const F16 r = apply(height, d);
       const F16 distance = abs(r);
-      // A missing point is NaN all over: neither away nor off.
+      // A missing point is NaN everywhere: neither away nor off.
       const M16 in = r == r;
       if (any(ground.away(x, y)) && !walk_on(in, x, y, ground)) break;
-      // The table vouches for points near the face only.
+      // The table's region is valid for points near the face only.
       if (any(distance > f16(task_.band_mm))) break;
       M16 rarely = distance > rare;
       if constexpr (kLarge) {
@@ -360,7 +359,7 @@ class Surveyor {
         append(static_cast<PointList>(use.list), in, x, apply(task_.frame.along[face], d),
                apply(task_.frame.height[face], d));
       }
-      // Without a branch, which no machine would foresee.
+      // Without a branch, because it would be unpredictable.
       special[specials] = i;
       specials += static_cast<std::size_t>(any(rarely));
       distances.add(in, r, distance, task_.share_mm.data());
@@ -387,7 +386,7 @@ class Surveyor {
     }
     return i;
   }
-  /// On to ground of the same kind under these points.
+  /// Moves on to ground of the same kind under these points.
   HWY_INLINE bool walk_on(const M16& there, const F16& x, const F16& y, Ground& ground) const {
     const M16 active = there & (abs(x) < f16(kHalfX)) & (abs(y) < f16(kHalfY));
     Ground next;
@@ -404,7 +403,7 @@ class Surveyor {
     for (std::size_t i = 0; i < kLargeFaces; ++i) totals_[i].take(tilted_[i]);
   }
 
-  /// Points beyond the upper limits, which are few.
+  /// Counts points beyond the upper limits, which are few.
   HWY_NOINLINE void count_beyond(const M16& in, const F16& distance) {
     for (std::size_t i = 0; i < beyond_.size(); ++i)
       beyond_[i] = beyond_[i] + keep(in & (distance > f16(task_.share_mm[DistanceLanes::kWithin + i])), f16(1.0F));
@@ -432,15 +431,15 @@ class Surveyor {
     return true;
   }
 
-  /// Sixteen points around which not everything is alike: each by itself, but all at once.
+  /// Processes sixteen points over mixed ground: each separately, but all at once.
   HWY_NOINLINE void look_closely(std::size_t number, const M16& active, const Points16& d, const F16& x, const F16& y) {
     using namespace survey_cell;
     const F16 column = floor(min(keep(active, x) + f16(kHalfX), f16(2.0F * kHalfX - 1.0F)));
     const F16 row = floor(min(keep(active, y) + f16(kHalfY), f16(2.0F * kHalfY - 1.0F)));
     const I16 cell = to_int(row * f16(2.0F * kHalfX) + column);
-    // A point that lies outside of the table or is missing has no face or region to be asked about.
+    // A point outside the table or a missing one has no face or region.
     const I16 entry = keep_int(active, gather(reinterpret_cast<const std::int32_t*>(task_.table), cell));
-    // The faces near any of the points, and above them a bit for each region; bit 0 of those: not known.
+    // The faces near any of the points, and above them a bit for each region; bit 0 of those: unknown.
     const I16 code = bit_and(shift_right<kRegionShift>(entry), i16(kRegionBits >> kRegionShift));
     const std::uint32_t all =
         any_bits(bit_or(bit_and(entry, i16(kFaceBits)), shift_left(i16(1 << kRegionShift), code)));
@@ -463,7 +462,7 @@ class Surveyor {
       if (any(distance > f16(task_.share_mm[DistanceLanes::kWithin]))) count_beyond(near, distance);
       map_.take(x, y, select(near, r, none));
     }
-    // Also further off than the gate: what is left of a broken corner.
+    // Includes points further off than the gate: the remainder of a broken corner.
     const M16 of_a_face = active & (best < f16(kNoFaceNear));
     if (any(of_a_face)) surface_.take(number, x, y, select(of_a_face, r, f16(std::numeric_limits<float>::quiet_NaN())));
 
@@ -487,7 +486,7 @@ class Surveyor {
     }
   }
 
-  /// RegionRules::region_of, line by line; to the rounding of floats, 1e-5 mm. Returns a bit for each region found.
+  /// RegionRules::region_of, line by line, with float rounding (1e-5 mm). Returns a bit for each region found.
   HWY_NOINLINE std::uint32_t apply_rules(const M16& asked, const Points16& d, const F16& x,
                                          std::array<std::uint32_t, kRegions>& lanes) const {
     const RegionNumbers& n = task_.rules;
@@ -551,7 +550,7 @@ class Surveyor {
     return regions;
   }
 
-  /// Points in place of a jaw, which are few: one by one.
+  /// Counts points at the place of a jaw, one by one, because they are few.
   HWY_NOINLINE void count_off(const RegionUse& use, std::uint32_t lanes, const Points16& d, const F16& x) {
     alignas(64) std::array<float, kLanes> u;
     alignas(64) std::array<float, kLanes> v;

@@ -13,10 +13,10 @@
 #include "algo/survey/surface_raster.h"
 #include "base/base.h"
 
-/// The one pass over a registered scan that everything measured on it is taken from; survey.h says what for.
+/// The only pass over a registered scan; all measurements use its results. survey.h has its purpose.
 namespace slabd::algo {
 
-/// Points whose coordinates are kept, each list in the frame of its face.
+/// Lists of points whose coordinates are kept, each in the frame of its face.
 enum class PointList : std::uint8_t {
   seat_crop,
   seat_off,
@@ -25,14 +25,14 @@ enum class PointList : std::uint8_t {
   casing_inner,
   casing_outer,
   seat_edge,  ///< of the whole seat: close to where the fit's threshold cuts
-  top_edge,   ///< of the slab top: likewise
+  top_edge,   ///< the same for the slab top
 };
 inline constexpr std::size_t kPointLists = 8;
 /// Faces too large for a list: sums are enough for them.
 enum class LargeFace : std::uint8_t { seat, top };
 inline constexpr std::size_t kLargeFaces = 2;
 
-/// Memory for the lists, in pieces: each block of the scan takes pieces as it needs them.
+/// Memory for the lists, in pieces: each block of the scan takes pieces as needed.
 class PointPool {
  public:
   static constexpr std::size_t kPiece = 1024;
@@ -44,7 +44,7 @@ class PointPool {
       : memory_(memory), next_(next), count_(count), pieces_(std::min(next.size(), memory.size() / (3 * kPiece))) {}
 
   void clear() { taken_.store(0, std::memory_order_relaxed); }
-  /// kNone when there is no more.
+  /// Takes a piece; kNone if the pool is empty.
   [[nodiscard]] std::uint32_t take() {
     const std::size_t piece = taken_.fetch_add(1, std::memory_order_relaxed);
     if (piece >= pieces_) return kNone;
@@ -52,7 +52,7 @@ class PointPool {
     count_[piece] = 0;
     return static_cast<std::uint32_t>(piece);
   }
-  /// More was asked for than there is: what the lists hold is incomplete.
+  /// True if more pieces were requested than exist: the lists are incomplete.
   [[nodiscard]] bool overflown() const { return taken_.load(std::memory_order_relaxed) > pieces_; }
 
   [[nodiscard]] float* at(std::uint32_t piece) { return memory_.data() + 3 * kPiece * piece; }
@@ -91,10 +91,10 @@ struct TiltedSums {
 
 /// Entry of the survey's table, one for each 1 mm cell of (x, y) in the block frame.
 namespace survey_cell {
-inline constexpr std::uint32_t kFaceBits = 0xfffU;  ///< faces near, bit by bit
-inline constexpr unsigned kRegionShift = 12;        ///< 1 + the region; 0: it has to be found by the rules
+inline constexpr std::uint32_t kFaceBits = 0xfffU;  ///< bits of the faces near the cell
+inline constexpr unsigned kRegionShift = 12;        ///< 1 + the region; 0: it must be found by the rules
 inline constexpr std::uint32_t kRegionBits = 0xfU << kRegionShift;
-/// Codes of how far everything is alike, and near a single face, over a strip three cells wide: towards smaller x,
+/// Codes of the distance over which a strip three cells wide has one region near a single face: towards smaller x,
 /// larger x, smaller y, larger y.
 inline constexpr std::array<unsigned, 4> kReachShift = {16, 20, 24, 28};
 inline constexpr std::array<std::uint8_t, 16> kReachCells = {0,  2,  3,  4,  6,  8,  11,  15,
@@ -113,43 +113,43 @@ struct SurveyFrame {
   std::array<Row, kFaces> height{};  ///< above the face
 };
 
-/// Mean distances to the model by place: sums in nm (whole numbers, so that their order does not matter) and counts.
+/// Mean distances to the model by place: sums in nm (integers, so that their order does not matter) and counts.
 struct MapSums {
   std::span<std::int64_t> sum_nm;
   std::span<std::uint32_t> count;
 };
 
-/// What a pass looks for.
+/// Input of a pass.
 struct SurveyTask {
   SurveyFrame frame;
   const std::uint32_t* table = nullptr;
   float gate_mm = 0.0F;              ///< points further from the model belong to no face
-  float band_mm = 0.0F;              ///< the table's regions hold so far from the face
-  RegionNumbers rules;               ///< for points of which the table does not know the region
+  float band_mm = 0.0F;              ///< the table's regions are valid up to this distance from the face
+  RegionNumbers rules;               ///< for points whose region is not in the table
   std::array<float, 12> share_mm{};  ///< distances to count points within, ascending
   std::array<Tilt, kLargeFaces> tilt{};
-  std::array<float, kLargeFaces> inner_mm{};  ///< |r| <= inner: summed up,
+  std::array<float, kLargeFaces> inner_mm{};  ///< |r| <= inner: summed
   std::array<float, kLargeFaces> outer_mm{};  ///< up to outer: listed
   std::array<FaceRaster, 2> jaw{};            ///< places of the inner and the outer jaw
 };
 
-/// What a pass over one block of the scan found.
+/// Results of a pass over one block of the scan.
 struct SurveySums {
-  double near = 0.0;  ///< points within the gate of the model, their distances and squares
+  double near = 0.0;  ///< points within the gate of the model; next two: their distances and squared distances
   double sum_mm = 0.0;
   double sum_mm2 = 0.0;
-  std::array<double, 12> within{};  ///< of them, those within share_mm
+  std::array<double, 12> within{};  ///< of these, the points within share_mm
   std::array<TiltedSums, kLargeFaces> moments{};
-  std::array<double, kLargeFaces> points{};  ///< of the face, whether summed up, listed or neither
-  std::array<PlaceCounts, 2> jaw_off{};  ///< points in place of the inner and the outer jaw, further off than the gate
+  std::array<double, kLargeFaces> points{};  ///< points of the face: summed, listed or neither
+  std::array<PlaceCounts, 2> jaw_off{};  ///< points at the inner and the outer jaw's place, off by more than the gate
   std::array<std::uint32_t, kPointLists> first{};
   std::array<std::uint32_t, kPointLists> last{};
 };
 
 static_assert(sizeof(SurveySums) <= 640 && sizeof(SeatPoints) == 48, "limits::kWorkspaceBytes counts with these");
 
-/// Surveys every `stride`-th sixteen of `count` points (scanner frame; NaN: missing). One point of each sixteen,
-/// another lane each time, goes into `map`, if it has memory, and some into `surface`, likewise.
+/// Surveys every `stride`-th sixteen of `count` points (scanner frame; NaN: missing). Adds one point of each sixteen,
+/// in changing lanes, to `map` if it has memory, and some to `surface` if it has.
 void survey_points(const float* xyz, std::size_t count, std::size_t stride, const SurveyTask& task, PointPool& pool,
                    const MapSums& map, const SurfaceSums& surface, SurveySums& sums);
 
