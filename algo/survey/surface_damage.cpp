@@ -326,7 +326,7 @@ void leave_out_beyond_view(const BlockModel& model, const SurfaceTable& table, c
   FieldOfView parallel(map, std::nullopt);
   FieldOfView central(map, eye);
   for (std::size_t row = 0; row < map.rows; ++row) {
-    // What is equally high in a row of the map stays in order, whatever the rays: of that the ends are enough.
+    // Equally high cells in a row of the map keep their order for any rays, so their two ends are enough.
     std::optional<Vec3> last;
     const auto add = [&](const Vec3& p) {
       parallel.add(p);

@@ -395,8 +395,8 @@ TEST(Block, DoesNotLetTheDenserHalfOfATiltedRimSpeakForTheWhole) {
   };
   // Lower by `low_mm` at its middle and falling to the side that is dark.
   const auto rim = [&](double low_mm, double fall_mm, double share) {
-    const scene::Cloud dark = darkened(good_fine_scan(), share,
-                                       [&](double x, double y, double z) { return x > 0.0 && on_rim(x, y, z); });
+    const scene::Cloud dark =
+        darkened(good_fine_scan(), share, [&](double x, double y, double z) { return x > 0.0 && on_rim(x, y, z); });
     return inspect(raised(
         dark, [&](double x, double y, double z) { return on_rim(x, y, z) ? -low_mm - fall_mm * x / 22.0 : 0.0; }));
   };

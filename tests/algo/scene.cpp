@@ -172,8 +172,7 @@ Cloud take(const Block& block, const Scan& scan) {
         const Vec3 p = from + distance * along;
         cloud.outlier.push_back(outlier);
         if (scan.incidence)
-          cloud.incidence_deg.push_back(
-              static_cast<float>(deg_from_rad(angle_between_rad(-along_in_block, normal))));
+          cloud.incidence_deg.push_back(static_cast<float>(deg_from_rad(angle_between_rad(-along_in_block, normal))));
         cloud.xyz.insert(cloud.xyz.end(),
                          {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())});
       } else if (scan.organised) {

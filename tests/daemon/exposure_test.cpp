@@ -211,7 +211,8 @@ TEST_F(Exposures, a_refused_scan_is_not_remembered_and_the_next_exposure_is_meas
 }
 
 TEST_F(Exposures, a_scan_that_is_smoothed_unlike_those_before_is_refused) {
-  for (std::uint8_t station = 1; station <= 3; ++station) expect_new(write(expose(station)), station, "as the scanner writes");
+  for (std::uint8_t station = 1; station <= 3; ++station)
+    expect_new(write(expose(station)), station, "as the scanner writes");
   for (const std::size_t reach : {2U, 3U, 4U}) {
     const BlockMeasured done = measure(write(filtered(expose(3), false, reach)), 4);
     EXPECT_EQ(done.refused, Code::frame_incomplete) << reach;

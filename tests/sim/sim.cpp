@@ -45,7 +45,7 @@ struct Shared {
   double slowest_s = 0.0;
   std::uint64_t slowest_seed = 0;
   std::uint64_t finished = 0;
-  std::uint64_t lives_until_every_pair = 0;  ///< 0: a pair of fault and state has not been reached yet
+  std::uint64_t lives_until_every_pair = 0;                   ///< 0: a pair of fault and state has not been reached yet
   std::array<std::atomic<std::uint64_t>, kJobsMax> living{};  ///< seed of each worker
 };
 
@@ -219,8 +219,9 @@ int main(int argc, char** argv) {
   app.add_option("--jobs", options.jobs, "processes")->capture_default_str();
   app.add_option("--minutes", options.minutes, "end after so long, whatever --seeds says");
   app.add_flag("--keep-going", options.keep_going, "also after a promise was broken");
-  app.add_option("--every-pair", options.every_pair,
-                 "end after so many lives, when every fault was injected in every state; fail if --seeds is too few for it");
+  app.add_option(
+      "--every-pair", options.every_pair,
+      "end after so many lives, when every fault was injected in every state; fail if --seeds is too few for it");
   CLI11_PARSE(app, argc, argv);
   ::unsetenv("JOURNAL_STREAM");  // so that the log's prefixes are written to the trace
   if (options.seed != 0) return live_once(options);

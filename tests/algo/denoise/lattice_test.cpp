@@ -70,8 +70,8 @@ bool same(const std::vector<float>& a, const std::vector<float>& b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) == 0;
 }
 
-/// The same points, bit by bit, in whatever order? Takes as long as all else: of results that are equal bit by bit, only
-/// the first is looked at.
+/// The same points, bit by bit, in whatever order? Takes as long as all else: of results that are equal bit by bit,
+/// only the first is looked at.
 bool same_points(const std::vector<float>& a, const std::vector<float>& b) {
   const auto sorted = [](const std::vector<float>& xyz) {
     std::vector<std::array<std::uint32_t, 3>> points(xyz.size() / 3);
