@@ -293,6 +293,18 @@ Status BlockInspector::register_to_model(const Cloud& cloud) {
 
 namespace {
 
+/// Step of the scan's coordinates along a face's normal, mm.
+double step_along_mm(const PlaneFit& plane, const BlockResult& result) {
+  const Vec3 normal = result.registration.T_scanner_block.rotation * plane.normal;
+  return normal.cwiseProduct(result.scan.step_mm).norm();
+}
+
+/// The largest place without noise. None if the rounding of coordinates hides it: points rounded to one step have no
+/// noise either, unless their own noise is half a step or more.
+FilledPlace filled_place(const NoiseTexture& texture, double step_mm) {
+  return step_mm > kStepOfNoiseMax * texture.sigma_mm ? FilledPlace{} : texture.filled;
+}
+
 /// Checks that the faces have the noise of measured points. Refuses jaws that a scanner's program filled in part.
 /// Returns an error for such a seat, and for heights that were rounded before a smooth correction or resampling.
 /// `cells`: for three faces.
@@ -311,10 +323,11 @@ Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<Tex
     }
   });
   const NoiseTexture& texture = textures[0];
-  result.scan.lag_ratio = texture.lag_ratio;
-  // Points rounded to one step have no noise either; U contains their step.
-  if (!result.scan.step_mm.isZero()) return success();
-  if (const double step_mm = hidden_step_mm(texture); step_mm > kCoordinateStepMax_mm) {
+  const double known_step_mm = step_along_mm(seat.plane, result);
+  // Differences of heights in coarse steps do not show a filter.
+  if (known_step_mm <= kStepOfNoiseMax * texture.sigma_mm) result.scan.lag_ratio = texture.lag_ratio;
+  // The 95 % difference of rounded heights is one or two of their known steps.
+  if (const double step_mm = hidden_step_mm(texture); step_mm > std::max(kCoordinateStepMax_mm, 3.0 * known_step_mm)) {
     refuse(seat.plane, PlaneDoubt::not_fitted);
     return error(
         Code::fit_failed,
@@ -322,16 +335,17 @@ Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<Tex
         "scanner's program write more decimals, and switch off its filters",
         step_mm);
   }
-  if (texture.filled.cells > 0) {
+  if (const FilledPlace filled = filled_place(texture, known_step_mm); filled.cells > 0) {
     refuse(seat.plane, PlaneDoubt::filled);
     return error(
         Code::fit_failed,
         "seat plane: %.0f x %.0f mm at x %.0f mm, s %.0f mm have no noise: they were computed, not seen; switch "
         "off gap filling, smoothing and resampling in the scanner's program (docs/SCANNER.md)",
-        texture.filled.width_mm, texture.filled.length_mm, texture.filled.x_mm, texture.filled.s_mm);
+        filled.width_mm, filled.length_mm, filled.x_mm, filled.s_mm);
   }
   for (std::size_t side = 0; side < jaws.size(); ++side)
-    if (textures[side + 1].filled.cells > 0) refuse(*jaws[side], PlaneDoubt::filled);
+    if (filled_place(textures[side + 1], step_along_mm(*jaws[side], result)).cells > 0)
+      refuse(*jaws[side], PlaneDoubt::filled);
   return success();
 }
 
@@ -471,8 +485,9 @@ Status BlockInspector::extract(const Cloud& cloud) {
                           seat.plane};
     CasingFeature found = measure_casing(survey.of(where).runs, frame, task);
     const std::span<TextureCell> own = cells.subspan(outer ? kTextureCells : 0, kTextureCells);
-    if (found.ok && result.scan.step_mm.isZero() &&
-        look_at_texture(question_of(survey.of(where).runs, frame, seat.plane), own).filled.cells > 0) {
+    if (!found.ok) return found;
+    const NoiseTexture texture = look_at_texture(question_of(survey.of(where).runs, frame, seat.plane), own);
+    if (filled_place(texture, step_along_mm(seat.plane, result)).cells > 0) {
       found.ok = false;
       found.doubt = CasingDoubt::filled;
     }

@@ -166,8 +166,8 @@ FixedString<420> scan_warning(const ScanCounts& scan) {
   FixedString<420> text;
   if (scan.step_mm.maxCoeff() > kUsualStep_mm)
     text.printf(
-        "the coordinates are rounded to %g, %g, %g mm (x, y, z of the scanner; 0: not rounded), which makes U larger: "
-        "let the scanner write more decimals",
+        "the coordinates are rounded to %g, %g, %g mm (x, y, z of the scanner; 0: not rounded), which makes U larger "
+        "and may hide filled gaps: let the scanner write more decimals",
         scan.step_mm.x(), scan.step_mm.y(), scan.step_mm.z());
   if (scan.lag_ratio < kSmoothedLagRatio) {
     FixedString<210> smoothed;

@@ -52,6 +52,7 @@ class ThreadCrew final : public Crew {
  private:
   BlockMeasured measure(const MeasureBlock& job);
   void compare_exposure(const MeasureBlock& job, BlockMeasured& done);
+  void refuse_exposure(const MeasureBlock& job, const FixedString<limits::kErrorTextBytes>& text, BlockMeasured& done);
   void look_at_slab_ends(const MeasureBlock& job, const algo::Cloud& cloud, BlockMeasured& done);
   Result<ScanShape> reload(const MeasureBlock& job);
 
@@ -60,6 +61,7 @@ class ThreadCrew final : public Crew {
   const hal::Clock& clock_;
   bool simulation_;
   KnownExposures exposures_;  ///< used by the measuring thread only
+  FilterWatch filters_;       ///< used by the measuring thread only
   SlabEnds slab_ends_;        ///< used by the measuring thread only
   bool blind_ends_said_ = false;
   algo::BlockInspector inspector_;
@@ -148,17 +150,29 @@ void ThreadCrew::compare_exposure(const MeasureBlock& job, BlockMeasured& done) 
   inspector_.noise_print(done.noise);
   if (done.refused != Code::ok || done.noise.empty()) return;
   const KeptNoise exposure{job.slab_key, job.station, job.attempt, done.noise};
-  double correlation = 0.0;
-  const KeptNoise* earlier = exposures_.same_as(exposure, correlation);
-  if (earlier == nullptr) {
-    exposures_.add(exposure);
-    return;
-  }
   FixedString<limits::kErrorTextBytes> text;
-  text.printf(
-      "its noise is that of the exposure of slab key %lld, station %u, scan %u (correlation %.2f, of two "
-      "exposures it is below %.2f): the scanner gave an earlier exposure again, perhaps in another form",
-      static_cast<long long>(earlier->slab_key), earlier->station, earlier->attempt, correlation, kSameExposure);
+  double correlation = 0.0;
+  if (const KeptNoise* earlier = exposures_.same_as(exposure, correlation); earlier != nullptr) {
+    text.printf(
+        "its noise is that of the exposure of slab key %lld, station %u, scan %u (correlation %.2f, of two "
+        "exposures it is below %.2f): the scanner gave an earlier exposure again, perhaps in another form",
+        static_cast<long long>(earlier->slab_key), earlier->station, earlier->attempt, correlation, kSameExposure);
+    return refuse_exposure(job, text, done);
+  }
+  if (const double usual = filters_.unlike(done.block.scan.lag_ratio); has_value(usual)) {
+    text.printf(
+        "its neighbouring points share their noise (%.1f) and those of the scans before did not (%.1f): it was "
+        "smoothed "
+        "unlike them, and an exposure given again is not recognised after that; if the filters of the scanner's "
+        "program were changed on purpose, restart slabd",
+        done.block.scan.lag_ratio, usual);
+    return refuse_exposure(job, text, done);
+  }
+  exposures_.add(exposure);
+}
+
+void ThreadCrew::refuse_exposure(const MeasureBlock& job, const FixedString<limits::kErrorTextBytes>& text,
+                                 BlockMeasured& done) {
   if (simulation_) {
     // An emulated line may repeat the same noise.
     LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(Code::frame_incomplete), {}};

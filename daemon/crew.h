@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <functional>
@@ -53,6 +54,38 @@ class KnownExposures {
   }
 
   std::array<KeptNoise, limits::kNoisePrintsKept> kept_{};
+  std::size_t count_ = 0;
+  std::size_t next_ = 0;
+};
+
+/// The filters of the scanner's program, as the noise of neighbours shows them (ScanCounts::lag_ratio). All scans of a
+/// line pass the same filters, so one scan that is smoothed unlike the others was processed differently: perhaps it is
+/// an earlier exposure that a filter made unrecognisable. Knows the scans since the daemon started, so a changed filter
+/// needs a restart.
+class FilterWatch {
+ public:
+  /// The usual ratio of the scans before if this scan is smoothed and they were not, or much less; else NaN. Adds a
+  /// scan that is like the others.
+  [[nodiscard]] double unlike(double lag_ratio) {
+    constexpr double kMuchLess = 0.5;
+    if (!has_value(lag_ratio)) return kNoValue;
+    if (count_ >= kScansMin && lag_ratio < kSmoothedLagRatio && lag_ratio < kMuchLess * usual()) return usual();
+    ratios_[next_] = lag_ratio;
+    next_ = (next_ + 1) % ratios_.size();
+    count_ = std::min(count_ + 1, ratios_.size());
+    return kNoValue;
+  }
+
+ private:
+  static constexpr std::size_t kScansMin = 3;
+
+  [[nodiscard]] double usual() const {
+    std::array<double, limits::kStationsMax> sorted = ratios_;
+    std::sort(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(count_));
+    return sorted[count_ / 2];
+  }
+
+  std::array<double, limits::kStationsMax> ratios_{};
   std::size_t count_ = 0;
   std::size_t next_ = 0;
 };

@@ -123,7 +123,10 @@ class BlockBudget {
     const Vec3 from_centroid = casing.centre - seat().centroid;
     const PlaneGradient by_seat{from_centroid, -1.0};
     const double fit = square(casing.sigma_height_mm) + variance(by_seat, seat());
-    length(id, protrusion.value, fit, by_density(by_seat), square(scanner_.difference_mm(from_centroid.norm())),
+    const double form_mm = seen_form_mm();
+    widen(id, form_mm);
+    length(id, protrusion.value, fit, by_density(by_seat),
+           square(std::max(scanner_.difference_mm(from_centroid.norm()), form_mm)),
            rounding_.place_mm2(seat().normal) + rounding_.variance(by_seat, seat()), Vec6::Zero());
   }
 
@@ -133,7 +136,10 @@ class BlockBudget {
   void flatness(double bumps_mm) {
     Item& flatness = item(ItemId::seat_flatness);
     if (!has_value(flatness.value)) return;
-    const double bumps = bumps_mm / std::sqrt(3.0);
+    // A filter spreads a wrong point into a bump: in a smoothed scan bumps and wrong points look alike.
+    const bool smoothed = result_.scan.lag_ratio < kSmoothedLagRatio;
+    const double beyond_mm = flatness.value - result_.seat.flatness_trimmed_mm - result_.seat.flatness_noise_mm;
+    const double bumps = std::hypot(bumps_mm / std::sqrt(3.0), smoothed ? 0.5 * std::max(0.0, beyond_mm) : 0.0);
     widen(ItemId::seat_flatness, bumps);
     if (!recipe_.uncertainty.given) return;
     const double region_mm = 2.0 * std::max(recipe_.evaluation.crop_half_x_mm, recipe_.evaluation.crop_half_s_mm);
@@ -153,6 +159,14 @@ class BlockBudget {
  private:
   [[nodiscard]] const PlaneFit& seat() const { return result_.seat.plane; }
   Item& item(ItemId id) { return item_of(result_, id); }
+  /// Standard uncertainty between two distant places from the form of the seat, if that is more than twice the stated
+  /// form of the scanner; else 0. It may also be the block's own form: the scan does not distinguish them.
+  [[nodiscard]] double seen_form_mm() const {
+    const double half_mm = 0.5 * std::max(0.0, result_.seat.flatness_closed_mm - result_.seat.flatness_noise_mm);
+    constexpr double kClear_mm = 0.1;
+    const double stated_mm = std::sqrt(3.0) * scanner_.place_mm();
+    return half_mm > std::max(kClear_mm, 2.0 * stated_mm) ? half_mm * std::sqrt(2.0 / 3.0) : 0.0;
+  }
   /// The recipe's U does not consider the form of this block either, so it is raised.
   void widen(ItemId id, double u) {
     if (2.0 * u > item(id).U) item(id).U = 2.0 * u;

@@ -18,6 +18,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -148,10 +149,34 @@ double common_step(std::span<const float> sorted, double precision) {
   return 0.0;
 }
 
+/// Least digit first, eleven bits at a time: no branch is mispredicted.
+void sort(std::span<float> values) {
+  constexpr unsigned kDigit = 11;
+  constexpr std::size_t kDigits = std::size_t{1} << kDigit;
+  constexpr std::uint32_t kSign = 1U << 31U;
+  std::array<std::array<std::uint32_t, kSample>, 2> keys;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const auto bits = std::bit_cast<std::uint32_t>(values[i]);
+    keys[0][i] = (bits & kSign) != 0 ? ~bits : bits | kSign;
+  }
+  for (unsigned pass = 0; pass < 3; ++pass) {
+    const auto digit = [&](std::uint32_t key) { return key >> (kDigit * pass) & (kDigits - 1); };
+    const std::span<const std::uint32_t> from = std::span(keys[pass % 2]).first(values.size());
+    std::array<std::uint32_t, kDigits + 1> place{};
+    for (const std::uint32_t key : from) ++place[digit(key) + 1];
+    for (std::size_t d = 1; d < kDigits; ++d) place[d] += place[d - 1];
+    for (const std::uint32_t key : from) keys[1 - pass % 2][place[digit(key)]++] = key;
+  }
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const std::uint32_t key = keys[1][i];
+    values[i] = std::bit_cast<float>((key & kSign) != 0 ? key & ~kSign : ~key);
+  }
+}
+
 double step_of(std::span<float> values) {
   const double precision = precision_of(values);
   const double usual = usual_step(values, precision);
-  std::sort(values.begin(), values.end());
+  sort(values);
   const double common = common_step(values, precision);
   // 0.14 mm is a multiple of 0.02 too. An exact step is not told from its estimate.
   return common > 1.5 * usual ? common : usual;

@@ -74,14 +74,13 @@ struct View {
 
 /// Share of the surface in each cell of a step, its three cells together; negative: not asked.
 void gather(const View& view, std::size_t step, std::span<float> whole) {
-  for (std::size_t at = 0; at < view.across; ++at) {
-    float sum = 0.0F;
-    for (std::size_t k = 0; k < kCrackStep; ++k) {
+  std::fill(whole.begin(), whole.end(), 0.0F);
+  for (std::size_t k = 0; k < kCrackStep; ++k)
+    for (std::size_t at = 0; at < view.across; ++at) {
       const std::size_t cell = view.cell(step, k, at);
-      sum = view.is_asked(cell) ? sum + view.field.whole[cell] : -100.0F;
+      whole[at] = view.is_asked(cell) ? whole[at] + view.field.whole[cell] : -100.0F;
     }
-    whole[at] = sum / static_cast<float>(kCrackStep);
-  }
+  for (float& share : whole) share /= static_cast<float>(kCrackStep);
 }
 
 /// Missing share of the window at `at` relative to its neighbours, or a negative number.
@@ -327,21 +326,22 @@ void leave_out_beyond_view(const BlockModel& model, const SurfaceTable& table, c
   FieldOfView parallel(map, std::nullopt);
   FieldOfView central(map, eye);
   for (std::size_t row = 0; row < map.rows; ++row) {
-    // Parallel rays leave a row of the map in its row: of that its ends are enough.
-    std::optional<Vec3> first;
-    Vec3 last;
+    // What is equally high in a row of the map stays in order, whatever the rays: of that the ends are enough.
+    std::optional<Vec3> last;
+    const auto add = [&](const Vec3& p) {
+      parallel.add(p);
+      central.add(p);
+    };
     for (std::size_t column = 0; column < map.columns; ++column) {
       if (map.count[row * map.columns + column] < kSeenMin) continue;
       Vec3 p(map.x_mm(column), map.y_mm(row), 0.0);
       Face face = Face::top;
       if (!model.visible(p.x(), p.y(), face, p.z())) continue;
-      central.add(p);
-      if (!first) first = p;
+      if (last && last->z() != p.z()) add(*last);
+      if (!last || last->z() != p.z()) add(p);
       last = p;
     }
-    if (!first) continue;
-    parallel.add(*first);
-    parallel.add(last);
+    if (last) add(*last);
   }
   parallel.close();
   central.close();

@@ -63,11 +63,14 @@ struct Strip {
   double expected_mm = 0.0;
 };
 
-/// The upper median of a few values that are numbers. Each is counted against all: to sort them would mispredict a
-/// branch at nearly every step.
+/// The upper median of a few values that are numbers. Those that it may still be are counted against all: to sort them
+/// would mispredict a branch at nearly every step.
 float median_of_few(std::span<const float> values) {
   const auto rank = static_cast<std::uint32_t>(values.size() / 2);
+  float low = -std::numeric_limits<float>::infinity();
+  float high = std::numeric_limits<float>::infinity();
   for (const float value : values) {
+    if (value <= low || value >= high) continue;
     std::uint32_t below = 0;
     std::uint32_t up_to = 0;
     for (const float other : values) {
@@ -75,6 +78,7 @@ float median_of_few(std::span<const float> values) {
       up_to += other <= value ? 1U : 0U;
     }
     if (below <= rank && rank < up_to) return value;
+    (below > rank ? high : low) = value;
   }
   return 0.0F;
 }

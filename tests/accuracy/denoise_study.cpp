@@ -62,7 +62,8 @@ class DenoiseBench {
     model_.build(scene::p5600().block);
   }
 
-  void run(const scene::Scan& scan, Quality& quality) {
+  void run(scene::Scan scan, Quality& quality) {
+    scan.incidence = true;
     const scene::Cloud cloud = scene::take({}, scan);
     std::vector<float> xyz = cloud.xyz;
     order_.resize(limits::kScanPointsMax);

@@ -21,9 +21,15 @@ TEST(Block, FailsTheFlatnessOnlyWhenThereIsABump) {
       << "the plane is not spoilt";
 }
 
+/// A good block, drawn once for all tests that change it.
+const scene::Cloud& good_scan() {
+  static const scene::Cloud cloud = scene::take({}, {});
+  return cloud;
+}
+
 /// Raises (or lowers) a square part of the seat around (20, -30), as seen by a scanner looking straight down.
-scene::Cloud with_plateau(double side, double height, const scene::Scan& scan = {}) {
-  scene::Cloud cloud = scene::take({}, scan);
+scene::Cloud with_plateau(double side, double height) {
+  scene::Cloud cloud = good_scan();
   for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
     float* p = cloud.xyz.data() + 3 * i;
     if (std::abs(static_cast<double>(p[0]) - 20.0) < 0.5 * side &&
@@ -183,7 +189,7 @@ TEST(Block, DoesNotLetAPartOfAJawSpeakForTheWhole) {
   // the section in which the distance is defined.
   for (const double up_mm : {15.0, -15.0}) {
     SCOPED_TRACE(up_mm);
-    const BlockResult r = inspect(raised(scene::take({}, {}), [&](double x, double y, double z) {
+    const BlockResult r = inspect(raised(good_scan(), [&](double x, double y, double z) {
       return std::abs(x) < 27.0 && std::abs(y) > 180.0 && z < 28.0 && on_block(z) ? up_mm : 0.0;
     }));
     EXPECT_FALSE(r.jaw_inner.ok);
@@ -197,7 +203,7 @@ TEST(Block, DoesNotLetAPartOfAJawSpeakForTheWhole) {
 TEST(Block, DoesNotLetAPartOfARimSpeakForTheWhole) {
   for (const double up_mm : {5.0, -5.0, 20.0}) {
     SCOPED_TRACE(up_mm);
-    const BlockResult r = inspect(raised(scene::take({}, {}), [&](double x, double y, double) {
+    const BlockResult r = inspect(raised(good_scan(), [&](double x, double y, double) {
       return y > 95.0 && y < 140.0 && std::abs(x) < 25.0 && x > std::abs(y - 116.5) ? up_mm : 0.0;
     }));
     EXPECT_FALSE(r.casing_outer.ok);
@@ -213,7 +219,7 @@ TEST(Block, DoesNotOverlookALipOfARim) {
   const double cant_rad = std::atan(1.0 / 40.0);
   for (const bool at_bore : {true, false}) {
     SCOPED_TRACE(at_bore);
-    const BlockResult r = inspect(raised(scene::take({}, {}), [&](double x, double y, double z) {
+    const BlockResult r = inspect(raised(good_scan(), [&](double x, double y, double z) {
       const double radius = std::hypot(x, y / std::cos(cant_rad) - 116.5);
       const bool lip = at_bore ? radius < 16.7 : radius > 20.3 && radius < 22.0;
       return lip && on_block(z) ? 1.0 : 0.0;
@@ -247,6 +253,11 @@ scene::Scan fine(double focus_mm = 0.0) {
   scan.focus_mm = focus_mm;
   return scan;
 }
+/// A good block in a fine scan straight from above, drawn once.
+const scene::Cloud& good_fine_scan() {
+  static const scene::Cloud cloud = scene::take({}, fine());
+  return cloud;
+}
 bool inner_seat(double, double y, double z) {
   return y < 0.0 && y > -180.0 && on_block(z);
 }
@@ -262,9 +273,10 @@ TEST(Block, DoesNotLetTheDenserHalfOfTheSeatSpeakForTheWhole) {
       return depth_mm > 1.0 ? (s < 0.0 ? -depth_mm : 0.0) : std::min(depth_mm * s / 75.0, 0.0);
     };
     for (const double focus_mm : {0.0, 900.0}) {
+      const scene::Cloud drawn = scene::take(block, fine(focus_mm));
       for (const double share : {0.18, 0.22}) {
         SCOPED_TRACE(testing::Message() << depth_mm << " mm, " << share << " of the points, focus " << focus_mm);
-        const BlockResult r = inspect(darkened(scene::take(block, fine(focus_mm)), share, inner_seat));
+        const BlockResult r = inspect(darkened(drawn, share, inner_seat));
         EXPECT_FALSE(r.seat.plane.ok);
         EXPECT_EQ(r.verdict, Verdict::not_measured);
         EXPECT_FALSE(has_value(item(r, ItemId::seat_slope).value));
@@ -276,7 +288,7 @@ TEST(Block, DoesNotLetTheDenserHalfOfTheSeatSpeakForTheWhole) {
 TEST(Block, MeasuresAFlatSeatHoweverUnevenlyItReturns) {
   for (const double share : {0.2, 0.3, 0.5}) {
     SCOPED_TRACE(share);
-    const BlockResult r = inspect(darkened(scene::take({}, fine()), share, inner_seat));
+    const BlockResult r = inspect(darkened(good_fine_scan(), share, inner_seat));
     EXPECT_EQ(r.verdict, Verdict::pass);
     EXPECT_LT(std::abs(slope_error_deg(r)), 0.001);
     EXPECT_LT(r.seat.by_area.normal.norm(), 2e-5) << "there is no form that the density could weigh";
@@ -303,10 +315,11 @@ TEST(Block, SaysByHowMuchABowedSeatLeansTowardsItsDenserHalf) {
   block.relief_mm = [](double x, double s) {
     return 0.75 * std::max(0.0, 1.0 - std::hypot(x / 80.0, s / 100.0) * std::hypot(x / 80.0, s / 100.0));
   };
+  const scene::Cloud bowed = scene::take(block, fine());
   double largest = 0.0;
   for (const double share : {0.25, 0.33, 0.5}) {
     SCOPED_TRACE(share);
-    const BlockResult r = inspect(darkened(scene::take(block, fine()), share, inner_seat));
+    const BlockResult r = inspect(darkened(bowed, share, inner_seat));
     if (!r.seat.plane.ok) continue;
     const double error_deg = std::abs(slope_error_deg(r));
     EXPECT_LE(error_deg, item(r, ItemId::seat_slope).U);
@@ -328,7 +341,7 @@ TEST(Block, DoesNotLetTheDenserPartOfAJawSpeakForTheWhole) {
        {"the upper half leans", [](double, double z) { return z > 17.0 ? 0.06 * (17.0 - z) : 0.0; }}}};
   for (const Case& c : cases) {
     SCOPED_TRACE(c.what);
-    scene::Cloud cloud = scene::take({}, fine());
+    scene::Cloud cloud = good_fine_scan();
     const auto off = [&](double x, double y, double z) { return outer_jaw(y, z) ? c.inward_mm(x, z) : 0.0; };
     cloud = darkened(std::move(cloud), 0.2, [&](double x, double y, double z) { return off(x, y, z) != 0.0; });
     const Pose T_scanner_block = cloud.T_block_scanner.inverse();
@@ -345,24 +358,24 @@ TEST(Block, DoesNotLetTheDenserPartOfAJawSpeakForTheWhole) {
     EXPECT_EQ(r.verdict, Verdict::not_measured);
   }
   const BlockResult good = inspect(
-      darkened(scene::take({}, fine()), 0.2, [&](double x, double y, double z) { return x > 0.0 && outer_jaw(y, z); }));
+      darkened(good_fine_scan(), 0.2, [&](double x, double y, double z) { return x > 0.0 && outer_jaw(y, z); }));
   EXPECT_EQ(good.verdict, Verdict::pass) << "a half that is only dark";
 }
 
 TEST(Block, DoesNotLetTheDenserHalfOfTheSlabTopSpeakForTheWhole) {
   const auto half = [](double, double y, double z) { return y < 0.0 && !on_block(z); };
-  const BlockResult r = inspect(raised(darkened(scene::take({}, fine()), 0.2, half),
+  const BlockResult r = inspect(raised(darkened(good_fine_scan(), 0.2, half),
                                        [&](double x, double y, double z) { return half(x, y, z) ? 0.004 * y : 0.0; }));
   EXPECT_FALSE(r.slab_top.ok);
   EXPECT_EQ(r.verdict, Verdict::not_measured);
-  EXPECT_EQ(inspect(darkened(scene::take({}, fine()), 0.2, half)).verdict, Verdict::pass) << "a half that is only dark";
+  EXPECT_EQ(inspect(darkened(good_fine_scan(), 0.2, half)).verdict, Verdict::pass) << "a half that is only dark";
 }
 
 TEST(Block, DoesNotLetTheDenserHalfOfARimSpeakForTheWhole) {
   const auto half = [](double x, double y, double z) {
     return x > 0.0 && std::hypot(x, y - 116.5) < 22.3 && on_block(z);
   };
-  const scene::Cloud dark = darkened(scene::take({}, fine()), 0.2, half);
+  const scene::Cloud dark = darkened(good_fine_scan(), 0.2, half);
   EXPECT_EQ(inspect(dark).verdict, Verdict::pass) << "a half that is only dark";
   const BlockResult r = inspect(raised(dark, [&](double x, double y, double z) { return half(x, y, z) ? 1.0 : 0.0; }));
   EXPECT_FALSE(r.casing_outer.ok);
@@ -383,7 +396,7 @@ TEST(Block, DoesNotLetTheDenserHalfOfATiltedRimSpeakForTheWhole) {
   };
   // Lower by `low_mm` at its middle and sloping down to the dark side.
   const auto rim = [&](double low_mm, double fall_mm, double share) {
-    const scene::Cloud dark = darkened(scene::take({}, fine()), share,
+    const scene::Cloud dark = darkened(good_fine_scan(), share,
                                        [&](double x, double y, double z) { return x > 0.0 && on_rim(x, y, z); });
     return inspect(raised(
         dark, [&](double x, double y, double z) { return on_rim(x, y, z) ? -low_mm - fall_mm * x / 22.0 : 0.0; }));

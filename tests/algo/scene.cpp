@@ -14,6 +14,10 @@ struct HalfSpace {
   [[nodiscard]] double entry(const Vec3& from, const Vec3& along) const { return (d - n.dot(from)) / n.dot(along); }
 };
 
+bool is_within(double radius, double x, double y) {
+  return x * x + y * y < radius * radius;
+}
+
 HalfSpace half_space(const Vec3& normal, const Vec3& p) {
   const Vec3 n = normal.normalized();
   return {n, n.dot(p)};
@@ -43,6 +47,8 @@ struct Solid {
     outer_faces[2] = half_space(Vec3(0.0, 1.0, draft), Vec3(0.0, 240.0, 0.0));
     outer_faces[3] = half_space(Vec3(0.0, -1.0, draft), Vec3(0.0, -240.0, 0.0));
     top = half_space(Vec3::UnitZ(), Vec3(0.0, 0.0, -30.0));
+    shoulder_outer = half_space(Vec3::UnitZ(), Vec3(0.0, 0.0, 29.75));
+    shoulder_inner = half_space(Vec3::UnitZ(), Vec3(0.0, 0.0, 20.25));
   }
 
   /// Distance along the ray to the first surface, and the face's normal there; false without a return.
@@ -62,7 +68,6 @@ struct Solid {
       on_seat = to_seat < to_jaw;
       if (!on_seat) block_normal = entry(jaw_inner) < entry(jaw_outer) ? jaw_inner.n : jaw_outer.n;
       const bool outer = (from + to_seat * along).y() > 0.0;
-      const HalfSpace shoulder = half_space(Vec3::UnitZ(), Vec3(0.0, 0.0, outer ? 29.75 : 20.25));
       const auto cut = [&](const HalfSpace& h) {
         const double e = h.entry(from, along);
         if (h.n.dot(along) > 0.0) {
@@ -74,7 +79,7 @@ struct Solid {
           block_normal = h.n;
         }
       };
-      cut(shoulder);
+      cut(outer ? shoulder_outer : shoulder_inner);
       for (const HalfSpace& h : outer_faces) cut(h);
     }
     if (to_top < to_block || out_of_block < to_block) {
@@ -90,15 +95,14 @@ struct Solid {
   [[nodiscard]] bool shape_seat(const Vec3& from, const Vec3& along, double& distance) const {
     const Vec3 p = from + distance * along;
     const double s = t.dot(p);
-    const double r = std::hypot(p.x(), std::abs(s) - 0.5 * block.casing_spacing_mm);
-    if (r < 22.0) {
+    if (is_within(22.0, p.x(), std::abs(s) - 0.5 * block.casing_spacing_mm)) {
       const HalfSpace& rim = s > 0.0 ? rim_outer : rim_inner;
       distance = rim.entry(from, along);
       const Vec3 q = from + distance * along;
-      return std::hypot(q.x(), std::abs(t.dot(q)) - 0.5 * block.casing_spacing_mm) >= 15.0;
+      return !is_within(15.0, q.x(), std::abs(t.dot(q)) - 0.5 * block.casing_spacing_mm);
     }
-    double height = block.wave_mm * std::cos(2.0 * kPi * s / 75.0);
-    if (std::hypot(p.x() - block.bump_x_mm, s - block.bump_s_mm) < block.bump_radius_mm) height += block.bump_mm;
+    double height = block.wave_mm == 0.0 ? 0.0 : block.wave_mm * std::cos(2.0 * kPi * s / 75.0);
+    if (is_within(block.bump_radius_mm, p.x() - block.bump_x_mm, s - block.bump_s_mm)) height += block.bump_mm;
     if (block.relief_mm) height += block.relief_mm(p.x(), s);
     distance += height / n.dot(along);
     return true;
@@ -107,7 +111,7 @@ struct Solid {
   const Block& block;
   Vec3 t;
   Vec3 n;
-  HalfSpace seat{}, rim_inner{}, rim_outer{}, jaw_inner{}, jaw_outer{}, top{};
+  HalfSpace seat{}, rim_inner{}, rim_outer{}, jaw_inner{}, jaw_outer{}, top{}, shoulder_outer{}, shoulder_inner{};
   HalfSpace outer_faces[4]{};
 };
 
@@ -134,6 +138,8 @@ Cloud take(const Block& block, const Scan& scan) {
     cloud.height = rows;
   }
   cloud.xyz.reserve(3 * columns * rows);
+  const bool perspective = scan.focus_mm > 0.0;
+  const Vec3 parallel = cloud.T_block_scanner.rotation * Vec3(Vec3::UnitZ());
   Prng prng(scan.seed);
   double clump_off = 0.0;
   int clump_left = 0;
@@ -141,12 +147,12 @@ Cloud take(const Block& block, const Scan& scan) {
     for (std::size_t column = 0; column < columns; ++column) {
       const double x = (static_cast<double>(column) + 0.5) * scan.pitch_mm - 0.5 * scan.field_x_mm;
       const double y = (static_cast<double>(row) + 0.5) * scan.pitch_mm * scan.pitch_ratio - 0.5 * scan.field_y_mm;
-      const bool perspective = scan.focus_mm > 0.0;
       const Vec3 from = perspective ? Vec3(Vec3::Zero()) : Vec3(x, y, 0.0);
       const Vec3 along = perspective ? Vec3(Vec3(x, y, scan.focus_mm).normalized()) : Vec3(Vec3::UnitZ());
       double distance = 0.0;
       Vec3 normal = Vec3::UnitZ();
-      bool seen = solid.hit(cloud.T_block_scanner * from, cloud.T_block_scanner.rotation * along, distance, normal);
+      const Vec3 along_in_block = perspective ? Vec3(cloud.T_block_scanner.rotation * along) : parallel;
+      bool seen = solid.hit(cloud.T_block_scanner * from, along_in_block, distance, normal);
       seen = prng.uniform() >= scan.missing_share && seen;
       if (seen) {
         double noise = scan.noise_mm * prng.normal();
@@ -165,15 +171,16 @@ Cloud take(const Block& block, const Scan& scan) {
         if (outlier) distance += clump_off;
         const Vec3 p = from + distance * along;
         cloud.outlier.push_back(outlier);
-        cloud.incidence_deg.push_back(
-            static_cast<float>(deg_from_rad(angle_between_rad(-(cloud.T_block_scanner.rotation * along), normal))));
+        if (scan.incidence)
+          cloud.incidence_deg.push_back(
+              static_cast<float>(deg_from_rad(angle_between_rad(-along_in_block, normal))));
         cloud.xyz.insert(cloud.xyz.end(),
                          {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())});
       } else if (scan.organised) {
         const float nan = std::numeric_limits<float>::quiet_NaN();
         cloud.xyz.insert(cloud.xyz.end(), {nan, nan, nan});
         cloud.outlier.push_back(false);
-        cloud.incidence_deg.push_back(nan);
+        if (scan.incidence) cloud.incidence_deg.push_back(nan);
       }
     }
   }

@@ -49,6 +49,7 @@ struct Scan {
   double missing_share = 0.02;
   double field_x_mm = 350.0;
   double field_y_mm = 500.0;
+  bool incidence = false;  ///< the cloud has its points' angles
   bool organised = false;  ///< missing points as NaN in a width x height grid
   std::uint64_t seed = 1;
   /// Actual position of the block relative to the nominal one: T_nominal_true.
@@ -60,7 +61,7 @@ struct Cloud {
   std::size_t width = 0;
   std::size_t height = 0;
   std::vector<bool> outlier;         ///< of each point
-  std::vector<float> incidence_deg;  ///< for each point: angle between the ray and the normal of its face
+  std::vector<float> incidence_deg;  ///< for each point, if requested: angle between the ray and its face's normal
   Pose T_block_scanner;              ///< truth
 
   [[nodiscard]] algo::Cloud view() { return {xyz, xyz.size() / 3, width, height}; }

@@ -137,15 +137,15 @@ Scan moved(Scan scan, const Pose& by) {
   return scan;
 }
 
-/// Depths filtered over 3 x 3 pixels; missing points stay missing.
-Scan filtered(const Scan& scan, bool median) {
+/// Depths filtered over 3 x 3 pixels, or more; missing points stay missing.
+Scan filtered(const Scan& scan, bool median, std::size_t reach = 1) {
   Scan out = scan;
-  for (std::size_t r = 1; r + 1 < scan.height; ++r) {
-    for (std::size_t c = 1; c + 1 < scan.width; ++c) {
-      std::array<float, 9> near{};
+  for (std::size_t r = reach; r + reach < scan.height; ++r) {
+    for (std::size_t c = reach; c + reach < scan.width; ++c) {
+      std::array<float, 81> near{};
       std::size_t n = 0;
-      for (std::size_t i = r - 1; i <= r + 1; ++i)
-        for (std::size_t j = c - 1; j <= c + 1; ++j)
+      for (std::size_t i = r - reach; i <= r + reach; ++i)
+        for (std::size_t j = c - reach; j <= c + reach; ++j)
           if (const float z = scan.xyz[3 * (i * scan.width + j) + 2]; std::isfinite(z)) near[n++] = z;
       float& z = out.xyz[3 * (r * scan.width + c) + 2];
       if (!std::isfinite(z)) continue;
@@ -208,6 +208,23 @@ TEST_F(Exposures, a_refused_scan_is_not_remembered_and_the_next_exposure_is_meas
   expect_refused(write(reversed(expose(6).listed())), "block 6 again");
   expect_refused(write(expose(6)), "and again: still that of block 6");
   expect_new(write(expose(7)), 7, "block 7");
+}
+
+TEST_F(Exposures, a_scan_that_is_smoothed_unlike_those_before_is_refused) {
+  for (std::uint8_t station = 1; station <= 3; ++station) expect_new(write(expose(station)), station, "as the scanner writes");
+  for (const std::size_t reach : {2U, 3U, 4U}) {
+    const BlockMeasured done = measure(write(filtered(expose(3), false, reach)), 4);
+    EXPECT_EQ(done.refused, Code::frame_incomplete) << reach;
+    EXPECT_NE(done.refused_text.view().find("it was smoothed unlike them"), std::string::npos)
+        << reach << ": " << done.refused_text.view();
+    EXPECT_EQ(done.block.verdict, Verdict::not_measured);
+  }
+  expect_new(write(expose(4)), 4, "as the scanner writes again");
+
+  // A scanner whose program always smooths is used as it is.
+  crew_ = new_crew(1, false);
+  for (std::uint8_t station = 1; station <= 5; ++station)
+    expect_new(write(filtered(expose(station), false, 2)), station, "always smoothed");
 }
 
 TEST_F(Exposures, independent_scans_are_measured_also_of_the_same_block_in_the_same_pose) {

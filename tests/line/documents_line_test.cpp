@@ -90,7 +90,7 @@ TEST(DocumentsLine, what_a_calibration_says_is_what_its_schemas_publish) {
   Documents documents(box);
   const std::string views = (box.dir / "views").native();
   const std::string session = (box.dir / "session").native() + "/";
-  ASSERT_EQ(box.slabctl({"simulate", "calibration", "--kind", "ball", "--views", "20", "--out", views}).exit_status, 0);
+  ASSERT_EQ(box.slabctl({"simulate", "calibration", "--kind", "ball", "--views", "13", "--out", views}).exit_status, 0);
   documents.ask({"calibrate", "ball", views + "/view_01.ply", views + "/view_02.ply", "--radius", "25.4"});
   documents.ask({"calibrate", "ball", views + "/view_01.ply", "--radius", "20"});  // refused
   documents.ask({"calibrate", "new", session, "--config", box.config.native(), "--kind", "ball", "--radius", "25.4",

@@ -30,6 +30,7 @@ struct Options {
   std::uint64_t hashes = 0;
   unsigned jobs = 1;
   double minutes = 0.0;
+  std::uint64_t every_pair = 0;
   bool keep_going = false;
 };
 
@@ -44,6 +45,7 @@ struct Shared {
   double slowest_s = 0.0;
   std::uint64_t slowest_seed = 0;
   std::uint64_t finished = 0;
+  std::uint64_t lives_until_every_pair = 0;  ///< 0: a pair of fault and state has not been reached yet
   std::array<std::atomic<std::uint64_t>, kJobsMax> living{};  ///< seed of each worker
 };
 
@@ -66,6 +68,13 @@ void print_failure(std::uint64_t seed, const LifeResult& life) {
   std::fflush(stdout);
 }
 
+int unreached_pairs(const Totals& totals) {
+  int missing = 0;
+  for (const auto& of_state : totals.injected)
+    missing += static_cast<int>(std::count(of_state.begin(), of_state.end(), std::uint64_t{0}));
+  return missing;
+}
+
 void work(const Options& options, Shared& shared, unsigned worker) {
   const auto begun = Clock::now();
   const std::vector<Recipe> recipes = life_recipes();
@@ -81,6 +90,10 @@ void work(const Options& options, Shared& shared, unsigned worker) {
     while (shared.lock.test_and_set()) ::usleep(50);
     shared.totals.add(life.totals);
     ++shared.finished;
+    if (shared.lives_until_every_pair == 0 && unreached_pairs(shared.totals) == 0)
+      shared.lives_until_every_pair = shared.finished;
+    if (options.every_pair != 0 && shared.finished >= options.every_pair && shared.lives_until_every_pair != 0)
+      shared.stop = true;
     if (took_s > shared.slowest_s) {
       shared.slowest_s = took_s;
       shared.slowest_seed = options.from + index;
@@ -120,18 +133,18 @@ void print_summary(const Options& options, const Shared& shared, double real_s) 
   for (std::size_t s = 0; s < kStates; ++s) std::printf(" %9.9s", state_name(s).data());
   std::printf("\n");
   std::string unreached;
-  int missing = 0;
   for (std::size_t f = 0; f < kFaults; ++f) {
     std::printf("%-24s", name(static_cast<Fault>(f)).data());
     for (std::size_t s = 0; s < kStates; ++s) {
       std::printf(" %9llu", u(t.injected[f][s]));
       if (t.injected[f][s] != 0) continue;
-      ++missing;
       unreached += "  " + std::string(name(static_cast<Fault>(f))) + " / " + std::string(state_name(s)) + "\n";
     }
     std::printf("\n");
   }
-  std::printf("\nunreached pairs          %d of %zu\n%s", missing, kFaults * kStates, unreached.c_str());
+  std::printf("\nunreached pairs          %d of %zu\n%s", unreached_pairs(t), kFaults * kStates, unreached.c_str());
+  if (shared.lives_until_every_pair != 0)
+    std::printf("every pair reached       after %llu lives\n", u(shared.lives_until_every_pair));
 }
 
 int live_once(const Options& options) {
@@ -188,7 +201,8 @@ int live_many(const Options& options) {
     std::fflush(stdout);
   }
   print_summary(options, *shared, seconds_since(start));
-  return crashed || shared->totals.failed != 0 ? 1 : 0;
+  const bool too_few = options.every_pair != 0 && shared->lives_until_every_pair == 0;
+  return crashed || too_few || shared->totals.failed != 0 ? 1 : 0;
 }
 
 }  // namespace
@@ -205,6 +219,8 @@ int main(int argc, char** argv) {
   app.add_option("--jobs", options.jobs, "processes")->capture_default_str();
   app.add_option("--minutes", options.minutes, "end after so long, whatever --seeds says");
   app.add_flag("--keep-going", options.keep_going, "also after a promise was broken");
+  app.add_option("--every-pair", options.every_pair,
+                 "end after so many lives, when every fault was injected in every state; fail if --seeds is too few for it");
   CLI11_PARSE(app, argc, argv);
   ::unsetenv("JOURNAL_STREAM");  // so that the log's prefixes are written to the trace
   if (options.seed != 0) return live_once(options);

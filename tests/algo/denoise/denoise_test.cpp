@@ -193,7 +193,8 @@ struct Quality {
   double steep_lost = 0.0;  ///< up to 83; steeper faces are not visible to a scanner
 };
 
-Quality quality(const scene::Scan& scan) {
+Quality quality(scene::Scan scan) {
+  scan.incidence = true;
   BlockModel model;
   model.build(scene::p5600().block);
   const scene::Cloud cloud = scene::take({}, scan);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Some seeds in every test run; more with
-//   SLABD_TRUTH_SEEDS=100000 SLABD_TRUTH_FROM=1 daemon_station_test --gtest_filter='StationTruth.*'
+//   SLABD_TRUTH_SEEDS=100000 SLABD_TRUTH_FROM=1 daemon_truth_test --gtest_filter='StationTruth.*'
 #include <gtest/gtest.h>
 
 #include <algorithm>
