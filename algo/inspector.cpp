@@ -299,7 +299,7 @@ double step_along_mm(const PlaneFit& plane, const BlockResult& result) {
   return normal.cwiseProduct(result.scan.step_mm).norm();
 }
 
-/// The largest place without noise. None if the rounding of coordinates hides it: points rounded to one step have no
+/// The largest place without noise; empty if the rounding of coordinates hides it. Points rounded to one step have no
 /// noise either, unless their own noise is half a step or more.
 FilledPlace filled_place(const NoiseTexture& texture, double step_mm) {
   return step_mm > kStepOfNoiseMax * texture.sigma_mm ? FilledPlace{} : texture.filled;

@@ -13,7 +13,7 @@
 // blocks, no place of 4 mm has less than 0.75 of the usual noise; a filled one has almost none. The ratio of d2 to d1
 // shows how far neighbours share their noise, and the distribution of d1 whether heights are in steps.
 //
-// Sixteen quadruples of neighbours are processed together; each starts one point after the previous one.
+// Sixteen quadruples, which begin at consecutive points, are processed together.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/features/noise_texture.cpp"
 #include <hwy/foreach_target.h>
@@ -78,7 +78,7 @@ class Look {
   static HWY_INLINE bool is_chosen(std::size_t stretch, std::uint32_t apart) {
     return static_cast<std::uint32_t>(std::uint64_t{stretch} * 0x9E37'79B9'7F4A'7C15U >> 32U) % apart == 0;
   }
-  /// The `count` quadruples from the i-th point on.
+  /// Quadruples that begin at the `count` points from the i-th on.
   HWY_INLINE Fours look(const SeatPoints& run, std::size_t i, std::size_t count) const {
     if (count == kLanes) return look(&run.x[i], &run.s[i], &run.h[i]);
     std::array<std::array<float, kLanes + kBeyond>, 3> room{};
@@ -131,7 +131,7 @@ class Look {
   F16 per_bin_;
 };
 
-/// Adds only the number of the run's chosen quadruples and the sizes of their first differences.
+/// Counts the chosen quadruples of a run and adds up the sizes of their first differences.
 void AddSizes(const TextureQuestion& question, const SeatPoints& run, std::size_t at, std::uint32_t apart,
               TextureSums& sums) {
   Look(question, 0.0F).over(run, at, apart, [&](const Fours& fours) {

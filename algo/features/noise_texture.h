@@ -41,8 +41,8 @@ struct NoiseTexture {
   FilledPlace filled;
 };
 
-/// Rounded coordinates hide places without noise where their step is more than this many standard deviations: less
-/// noise leaves whole places on one value.
+/// Rounded coordinates hide places without noise if their step is more than this many standard deviations, because
+/// with less noise whole places have one value.
 inline constexpr double kStepOfNoiseMax = 2.0;
 inline constexpr std::size_t kTextureMin = 2'000;
 /// Side of a place; fewer than four adjacent ones are chance.

@@ -136,7 +136,7 @@ class BlockBudget {
   void flatness(double bumps_mm) {
     Item& flatness = item(ItemId::seat_flatness);
     if (!has_value(flatness.value)) return;
-    // A filter spreads a wrong point into a bump: in a smoothed scan bumps and wrong points look alike.
+    // A filter spreads a wrong point into a bump: in a smoothed scan bumps and wrong points cannot be distinguished.
     const bool smoothed = result_.scan.lag_ratio < kSmoothedLagRatio;
     const double beyond_mm = flatness.value - result_.seat.flatness_trimmed_mm - result_.seat.flatness_noise_mm;
     const double bumps = std::hypot(bumps_mm / std::sqrt(3.0), smoothed ? 0.5 * std::max(0.0, beyond_mm) : 0.0);

@@ -178,7 +178,7 @@ double step_of(std::span<float> values) {
   const double usual = usual_step(values, precision);
   sort(values);
   const double common = common_step(values, precision);
-  // 0.14 mm is a multiple of 0.02 too. An exact step is not told from its estimate.
+  // 0.14 mm is a multiple of 0.02 too. Near a usual step, the exact value is used instead of the estimate.
   return common > 1.5 * usual ? common : usual;
 }
 

@@ -72,7 +72,7 @@ struct View {
   }
 };
 
-/// Share of the surface in each cell of a step, its three cells together; negative: not asked.
+/// Share of the surface in each cell of a step, its three cells together; negative if a cell is excluded.
 void gather(const View& view, std::size_t step, std::span<float> whole) {
   std::fill(whole.begin(), whole.end(), 0.0F);
   for (std::size_t k = 0; k < kCrackStep; ++k)
@@ -326,7 +326,8 @@ void leave_out_beyond_view(const BlockModel& model, const SurfaceTable& table, c
   FieldOfView parallel(map, std::nullopt);
   FieldOfView central(map, eye);
   for (std::size_t row = 0; row < map.rows; ++row) {
-    // Equally high cells in a row of the map keep their order for any rays, so their two ends are enough.
+    // Cells of equal height in a row of the map keep their order from either eye: the first and the last one are
+    // enough.
     std::optional<Vec3> last;
     const auto add = [&](const Vec3& p) {
       parallel.add(p);

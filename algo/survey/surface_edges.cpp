@@ -52,19 +52,19 @@ class Median {
   std::uint32_t count_ = 0;
 };
 
-constexpr double kRaised_mm = 0.5;     ///< of an outer edge: flash, and no more than that
-constexpr double kFillet_mm = 3.0;     ///< of an inner edge, either way
-constexpr double kFootLow_mm = 0.5;    ///< of a jaw's foot, which a fillet only fills: lower is a groove
+constexpr double kRaised_mm = 0.5;     ///< limit above an outer edge: flash is at most this high
+constexpr double kFillet_mm = 3.0;     ///< limit at an inner edge, in both directions
+constexpr double kFootLow_mm = 0.5;    ///< limit below a jaw's foot, which a fillet only fills: lower is a groove
 constexpr double kSeenUsually = 0.6;   ///< share of a strip's cells that must be seen before a gap in it is one
-constexpr std::uint32_t kLikeMin = 8;  ///< cells of a strip
+constexpr std::uint32_t kLikeMin = 8;  ///< minimum cells of a strip
 
 struct Strip {
   bool known = false;
   double expected_mm = 0.0;
 };
 
-/// The upper median of a few values that are numbers. Those that it may still be are counted against all: to sort them
-/// would mispredict a branch at nearly every step.
+/// Upper median of a few values that are numbers. Counts those that it may still be against all, because sorting
+/// mispredicts a branch at nearly every step.
 float median_of_few(std::span<const float> values) {
   const auto rank = static_cast<std::uint32_t>(values.size() / 2);
   float low = -std::numeric_limits<float>::infinity();

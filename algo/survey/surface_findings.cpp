@@ -397,8 +397,8 @@ bool seat_is_suspicious(const Search& search, const BlockModel& model, const Dev
   const double x_limit = -seat.u_low;
   const double v_high = seat.v_low + static_cast<double>(seat.rows) * kCell_mm;
   const double half = 0.5 * map.cell_mm;
-  /// True if any part of the cell is looked at. A cell of the map that reaches into the rim may be low by its chamfer:
-  /// that costs the second look and finds nothing.
+  /// True if any part of the cell is searched. A cell of the map that extends into the rim may be low by its chamfer:
+  /// this costs a full search without findings.
   const auto asked = [&](std::size_t column, std::size_t row) {
     const double x = map.x_mm(column);
     const double y = map.y_mm(row);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What stands on a block, has broken out of it or covers a part of it: it fails, or what it hides is not measured.
+// Blocks with objects on them, broken or covered parts: they fail, or the hidden items are not measured.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -21,13 +21,13 @@ TEST(Block, FailsTheFlatnessOnlyWhenThereIsABump) {
       << "the plane is not spoilt";
 }
 
-/// A good block, drawn once for all that is done to it.
+/// A good block, drawn once for all tests that change it.
 const scene::Cloud& good_scan() {
   static const scene::Cloud cloud = scene::take({}, {});
   return cloud;
 }
 
-/// Lifts (or sinks) a square part of the seat round (20, -30) as a scanner looking straight down would see it.
+/// Raises (or lowers) a square part of the seat around (20, -30), as seen by a scanner looking straight down.
 scene::Cloud with_plateau(double side, double height) {
   scene::Cloud cloud = good_scan();
   for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
@@ -51,7 +51,7 @@ TEST(Block, FailsTheFlatnessOnlyWhateverTheHeightOfAStep) {
 }
 
 TEST(Block, DoesNotLetAPartOfTheSeatSpeakForTheWhole) {
-  // More than half of the evaluation region lies off the plane of the rest, further than any face's gate.
+  // More than half of the evaluation region is off the plane of the rest, further than any face's gate.
   for (const double height : {5.0, -5.0}) {
     SCOPED_TRACE(height);
     const BlockResult r = inspect(with_plateau(100.0, height));
@@ -89,7 +89,7 @@ TEST(Block, FailsTheFlatnessOnlyForDamageHoweverNarrow) {
     double pitch_mm, focus_mm;
     bool organised;
   };
-  // The first two views see every case, the others every third.
+  // The first two views measure every case, the others every third.
   const std::array<View, 5> views = {
       {{0.35, 0.0, true}, {0.41, 0.0, true}, {0.2, 0.0, true}, {0.35, 600.0, true}, {0.35, 0.0, false}}};
   for (std::size_t v = 0; v < views.size(); ++v) {
@@ -151,7 +151,7 @@ TEST(Block, FailsTheFlatnessForDamageThatIsNarrowAndSteepOrRagged) {
 }
 
 TEST(Block, FailsTheFlatnessForATallFinOfTwoCoarseRows) {
-  // Rows 0.8 mm apart: the fin holds most points of its cells.
+  // Rows 0.8 mm apart: most points of the fin's cells are on the fin.
   for (const double height_mm : {3.0, 10.0}) {
     for (const double at_mm : {3.0, 3.4, 3.8}) {
       scene::Block block;
@@ -169,7 +169,7 @@ TEST(Block, FailsTheFlatnessForATallFinOfTwoCoarseRows) {
   }
 }
 
-/// Moves points up by what `rise(x, y, z)` says, in the block's nominal frame.
+/// Moves points up by `rise(x, y, z)`, in the block's nominal frame.
 template <typename Rise>
 scene::Cloud raised(scene::Cloud cloud, const Rise& rise) {
   const Pose T_scanner_block = cloud.T_block_scanner.inverse();
@@ -185,8 +185,8 @@ scene::Cloud raised(scene::Cloud cloud, const Rise& rise) {
 }
 
 TEST(Block, DoesNotLetAPartOfAJawSpeakForTheWhole) {
-  // Mortar on a quarter of both jaws, or broken out of it: 5 mm off along the normal, beyond any face's gate, at the
-  // very section that the distance is told of.
+  // Mortar on a quarter of both jaws, or a quarter broken off: 5 mm off along the normal, beyond any face's gate, in
+  // the section in which the distance is defined.
   for (const double up_mm : {15.0, -15.0}) {
     SCOPED_TRACE(up_mm);
     const BlockResult r = inspect(raised(good_scan(), [&](double x, double y, double z) {
@@ -214,7 +214,8 @@ TEST(Block, DoesNotLetAPartOfARimSpeakForTheWhole) {
 }
 
 TEST(Block, DoesNotOverlookALipOfARim) {
-  // A millimetre of flash, on which the rail pad would lie: at the bore, or round the rim. In between the rim is good.
+  // A millimetre of flash, on which the rail pad would rest: at the bore, or around the rim. In between the rim is
+  // good.
   const double cant_rad = std::atan(1.0 / 40.0);
   for (const bool at_bore : {true, false}) {
     SCOPED_TRACE(at_bore);
@@ -230,7 +231,7 @@ TEST(Block, DoesNotOverlookALipOfARim) {
   }
 }
 
-/// Where it is dark only `share` of the points return.
+/// Keeps only `share` of the points in dark areas.
 template <typename Dark>
 scene::Cloud darkened(scene::Cloud cloud, double share, const Dark& dark) {
   Prng prng(9);
@@ -252,7 +253,7 @@ scene::Scan fine(double focus_mm = 0.0) {
   scan.focus_mm = focus_mm;
   return scan;
 }
-/// A good block, finely and straight from above, drawn once.
+/// A good block in a fine scan straight from above, drawn once.
 const scene::Cloud& good_fine_scan() {
   static const scene::Cloud cloud = scene::take({}, fine());
   return cloud;
@@ -265,7 +266,7 @@ double slope_error_deg(const BlockResult& r) {
 }
 
 TEST(Block, DoesNotLetTheDenserHalfOfTheSeatSpeakForTheWhole) {
-  // The inner half sinks; of what it returns a fifth is left. Five of six points lie on the other half's plane.
+  // The inner half sinks and returns only a fifth of its points. Five of six points are on the other half's plane.
   scene::Block block;
   for (const double depth_mm : {0.5, 0.8, 5.0}) {
     block.relief_mm = [&](double, double s) {
@@ -380,7 +381,7 @@ TEST(Block, DoesNotLetTheDenserHalfOfARimSpeakForTheWhole) {
   EXPECT_FALSE(r.casing_outer.ok);
   EXPECT_TRUE(r.casing_inner.ok);
   EXPECT_EQ(r.verdict, Verdict::not_measured);
-  // A lip at its edge, on the dark half alone.
+  // A lip at its edge, only on the dark half.
   const BlockResult lip = inspect(raised(dark, [&](double x, double y, double z) {
     return half(x, y, z) && std::hypot(x, y - 116.5) > 20.3 ? 1.0 : 0.0;
   }));
@@ -393,7 +394,7 @@ TEST(Block, DoesNotLetTheDenserHalfOfATiltedRimSpeakForTheWhole) {
   const auto on_rim = [&](double x, double y, double z) {
     return std::hypot(x, y / std::cos(cant_rad) - 116.5) < 22.0 && on_block(z);
   };
-  // Lower by `low_mm` at its middle and falling to the side that is dark.
+  // Lower by `low_mm` at its middle and sloping down to the dark side.
   const auto rim = [&](double low_mm, double fall_mm, double share) {
     const scene::Cloud dark =
         darkened(good_fine_scan(), share, [&](double x, double y, double z) { return x > 0.0 && on_rim(x, y, z); });
@@ -406,7 +407,7 @@ TEST(Block, DoesNotLetTheDenserHalfOfATiltedRimSpeakForTheWhole) {
     EXPECT_TRUE(r.casing_inner.ok) << share;
     EXPECT_NE(r.verdict, Verdict::pass) << share;
   }
-  // Tilted by as much as is allowed, the height is that of all of the rim.
+  // With the maximum allowed tilt, the height is valid for the whole rim.
   for (const double share : {1.0, 0.2}) {
     const BlockResult r = rim(0.1, 0.2, share);
     EXPECT_NEAR(item(r, ItemId::casing_protrusion_outer).value, -0.35, 0.01) << share;

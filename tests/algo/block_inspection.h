@@ -6,10 +6,10 @@
 #include "algo/algo.h"
 #include "scene.h"
 
-/// A drawn block through the whole inspection.
+/// Runs a drawn block through the whole inspection.
 namespace slabd::algo {
 
-/// `room`: points that the scan's buffer holds; fewer than the scan has means no more than those.
+/// `room`: capacity of the scan's buffer in points; at least the size of the scan.
 inline BlockResult inspect(scene::Cloud cloud, const Recipe& recipe = scene::p5600(),
                            const Pose& T_base_block = Pose::identity(), std::size_t room = 0) {
   static BlockInspector inspector;  // one for all scans of a test, as in the daemon
@@ -39,7 +39,7 @@ inline const Item& item(const BlockResult& r, ItemId id) {
   return *found;
 }
 
-/// Every item passes (or is information, or a skew without an insert) except `failing`.
+/// Expects that every item passes (or is information, or a skew without an insert) except `failing`.
 inline void expect_only_failure(const BlockResult& r, ItemId failing) {
   EXPECT_EQ(r.verdict, Verdict::fail);
   EXPECT_EQ(r.reason, kReasonItemBase + static_cast<int>(failing));
@@ -56,7 +56,7 @@ inline void expect_only_failure(const BlockResult& r, ItemId failing) {
   }
 }
 
-/// Of a point of a whole scan, by its z in the block frame.
+/// True for a point of the block in a whole scan, by its z in the block frame.
 inline bool on_block(double z) {
   return z > -27.0;
 }

@@ -32,7 +32,7 @@ TEST(Block, MeasuresAVariedBlockFarBetterThanItsTolerances) {
         scene::displaced(around(0, 2), around(0, 2), around(0, 2), around(0, 0.3), around(0, 0.3), around(0, 0.3));
     const BlockResult r = inspect(scene::take(block, scan));
     const auto value = [&](ItemId id) { return item(r, id).value; };
-    // A quarter of a real scan's points; limits are a tenth to a fifth of what the line needs.
+    // A quarter of a real scan's points; limits are a tenth to a fifth of the line's requirement.
     EXPECT_NEAR(value(ItemId::seat_slope), deg_from_rad(std::atan(1.0 / block.cant_ratio)), 0.001);
     EXPECT_NEAR(item(r, ItemId::seat_slope).beside, block.cant_ratio, 0.03);
     EXPECT_NEAR(value(ItemId::jaw_angle_inner), block.jaw_angle_inner_deg, 0.005);
@@ -106,7 +106,7 @@ TEST(Block, HasNoSlopeWithoutASlabTopAndNeverTakesAnotherDatum) {
   EXPECT_TRUE(r.observation.ok);
 }
 
-/// The same points in an order of no meaning.
+/// The same points in a random order.
 scene::Cloud without_order(scene::Cloud cloud, std::uint64_t seed) {
   Prng prng(seed);
   const auto at = [&](std::size_t i) { return cloud.xyz.begin() + static_cast<std::ptrdiff_t>(3 * i); };
@@ -114,13 +114,13 @@ scene::Cloud without_order(scene::Cloud cloud, std::uint64_t seed) {
   return cloud;
 }
 
-/// In a buffer as the daemon's, which has room for a whole grid.
+/// Inspects in a buffer like the daemon's, with capacity for a whole grid.
 BlockResult inspect_roomy(const scene::Cloud& cloud) {
   return inspect(cloud, scene::p5600(), Pose::identity(), limits::kScanPointsMax);
 }
 
-/// What noise and the order of its points make of an item, at most: little of its U, but for the standard deviation,
-/// whose U is nothing else.
+/// Largest effect of noise and point order on an item: a small part of its U, except for the standard deviation, whose
+/// U is nothing else.
 double noise_of(const Item& item) {
   constexpr double kWithoutU = 0.0005;
   if (!has_value(item.U)) return kWithoutU;
@@ -211,7 +211,7 @@ TEST(Block, ReportsTheSeatInTheBaseFrame) {
   EXPECT_LT((o.jaw_outer_base - truth * jaw).norm(), 0.03);
 }
 
-/// Drops the points within `radius` of a place in the scanner's XY.
+/// Removes the points within `radius` of a position in the scanner's XY.
 void erase_patch(scene::Cloud& cloud, double x, double y, double radius) {
   std::size_t kept = 0;
   for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
@@ -224,7 +224,7 @@ void erase_patch(scene::Cloud& cloud, double x, double y, double radius) {
   cloud.xyz.resize(3 * kept);
 }
 
-/// Keeps the points for which `stays(x, y, z)`, in the block's nominal frame.
+/// Keeps the points for which `stays(x, y, z)` is true, in the block's nominal frame.
 template <typename Stays>
 scene::Cloud only(scene::Cloud cloud, const Stays& stays) {
   std::size_t kept = 0;
@@ -263,7 +263,7 @@ TEST(Block, PassesFromACoarseScan) {
 }
 
 TEST(Block, HasNoSlopeFromACornerOfTheSlabTop) {
-  // 20 mm: within its noise such a corner knows its tilt well enough, but it is not the slab's.
+  // 20 mm: the noise of such a corner allows an accurate tilt, but it is not that of the slab.
   for (const double side : {8.0, 20.0, 50.0}) {
     SCOPED_TRACE(side);
     const BlockResult r = inspect(only(scene::take({}, {}), [side](double x, double y, double z) {
@@ -315,7 +315,7 @@ TEST(Block, StatesTheUncertaintyOfItsStandardDeviation) {
   const BlockResult r = inspect(scene::Block{});
   const Item& seat_std = item(r, ItemId::seat_std);
   EXPECT_GT(r.seat.grid_points, 5000U);
-  // Its sampling error: at best every point counts, at worst every cell.
+  // Its sampling error: between every point and every cell counting as independent.
   EXPECT_GE(seat_std.U, 2.0 * seat_std.value / std::sqrt(2.0 * (static_cast<double>(r.seat.plane.inliers) - 1.0)));
   EXPECT_LE(seat_std.U, 2.0 * seat_std.value / std::sqrt(2.0 * (r.seat.grid_points - 1.0)));
   EXPECT_EQ(seat_std.verdict, Verdict::none);
@@ -323,7 +323,7 @@ TEST(Block, StatesTheUncertaintyOfItsStandardDeviation) {
 
 TEST(Block, FindsCasingsDespitePatchesMissingAtTheirEdges) {
   scene::Cloud cloud = scene::take({}, {});
-  // The scanner looks down with its Y against the block's: the outer casing lies at y = -116.5.
+  // The scanner looks down with its Y opposite to the block's: the outer casing is at y = -116.5.
   erase_patch(cloud, 0.0, -116.5 + 15.0, 5.0);
   erase_patch(cloud, 15.0, 116.5, 4.0);
   const BlockResult r = inspect(cloud);
@@ -425,7 +425,7 @@ TEST(Block, ThatIsNotThereHasNoMapOfAnotherOne) {
 }
 
 TEST(Block, WithARoughSeatIsNotMeasuredRatherThanGuessed) {
-  // Every third point of the seat's surroundings is off, by less than denoising forgives: no plane holds 80 % of them.
+  // Every third point around the seat is off by less than denoising removes: no plane has 80 % of them.
   scene::Cloud cloud = scene::take({}, {});
   Prng prng(6);
   for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {

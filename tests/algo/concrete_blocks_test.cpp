@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Whole blocks of real concrete as the emulator draws them: good ones pass, and what is broken out does not. Each seed
-// is a scan that was once read wrongly.
+// Whole blocks of real concrete drawn by the emulator: good ones pass, and broken ones do not. Each seed is a scan that
+// was once judged wrongly.
 #include <gtest/gtest.h>
 
 #include "algo/algo.h"
@@ -15,7 +15,7 @@ namespace {
 using simulate::ConcreteDefect;
 using simulate::EffectStrengths;
 
-/// Draws and measures blocks, one after the other in the same memory.
+/// Draws and measures blocks one after the other in the same memory.
 class Concrete : public ::testing::Test {
  protected:
   Concrete() { inspector_.use(recipe_); }
@@ -63,14 +63,14 @@ std::string names_of_not_passed(const BlockResult& result) {
 
 TEST_F(Concrete, good_blocks_pass) {
   for (const std::uint64_t seed : {
-           3001U,   // the chamfer of the seat's end worn 1.2 mm deeper over 10 mm
+           3001U,   // chamfer at the seat's end worn 1.2 mm deeper over 10 mm
            3044U,   // the same, twice
-           5010U,   // a pore of 7 mm behind the chamfer of the seat's end
+           5010U,   // a pore of 7 mm behind the chamfer at the seat's end
            7010U,   // a pore in that chamfer
-           3117U,   // a corner whose two chamfers are worn
-           3083U,   // a corner where the field of view ends
-           16354U,  // a side where it ends
-           3047U,   // the slab top undulates so that its plane hangs on the threshold by 0.006 deg
+           3117U,   // a corner with two worn chamfers
+           3083U,   // a corner at the end of the field of view
+           16354U,  // a side at the end of the field of view
+           3047U,   // an undulating slab top whose plane depends on the threshold by 0.006 deg
        }) {
     const BlockResult& result = measured(seed);
     EXPECT_EQ(result.verdict, Verdict::pass) << "seed " << seed << ": " << names_of_not_passed(result);
@@ -82,7 +82,7 @@ TEST_F(Concrete, good_blocks_pass_with_one_thing_worse_than_usual) {
            std::pair(3002U, "wear=2"),     // chamfers of 1 to 7 mm
            std::pair(3009U, "chamfer=2"),  // of 5 to 11 mm
            std::pair(3006U, "drops=1"),    // up to 1.3 mm high
-           std::pair(3009U, "grain=2"),    // whose valleys joined a pore
+           std::pair(3009U, "grain=2"),    // grain whose valleys joined a pore
        }) {
     const BlockResult& result = measured(seed, {effect});
     EXPECT_EQ(result.verdict, Verdict::pass)

@@ -9,7 +9,7 @@
 
 namespace slabd::testing {
 
-/// Calls `look()` on every instruction set that this machine has, and leaves the best one in use.
+/// Calls `look()` with every instruction set of this machine, and selects the best one at the end.
 template <typename Look>
 void on_each_set(const Look& look) {
   using enum algo::InstructionSet;

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Same input, same bits: on every run, beside another inspector on another thread, and from every compiler. One fixed
-// block is measured and the bits of what came out are compared with golden_bits.txt beside this file, a line per stage:
-// the first line that differs says where to look.
+// Same input, same bits: in every run, next to another inspector on another thread, and with every compiler. One fixed
+// block is measured and the bits of the results are compared with golden_bits.txt in this folder, a line per stage: the
+// first line that differs shows the stage at fault.
 //
-// Whoever changes an algorithm changes bits. When the other tests agree with the change, take the new bits over:
+// A changed algorithm changes bits. If the other tests accept the change, store the new bits:
 //
 //     SLABD_UPDATE_GOLDEN=1 build/release/tests/algo/algo_golden_test && git diff tests/algo/golden_bits.txt
 //
-// and commit them with it. Bits that differ between compilers are a bug, not an occasion to update. The scan is made
-// without the C library's functions; the room under test uses a few (sin, atan2, exp), so another C library may have
-// bits of its own. This one's have others on processors without fused multiply-add, where the last bit of some angle
-// may differ; of these scans none does (ctest's golden_without_fma).
+// and commit them with it. Bits that differ between compilers are a bug and not a reason to update. The scan is made
+// without the C library's functions; the tested room uses a few (sin, atan2, exp), so another C library may give other
+// bits. This one gives others on processors without fused multiply-add, where the last bit of some angle may differ; in
+// these scans none does (ctest's golden_without_fma).
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -34,7 +34,7 @@
 namespace slabd::algo {
 namespace {
 
-/// FNV-1a over the bits of doubles; every NaN counts as the same.
+/// FNV-1a over the bits of doubles; all NaN count as equal.
 class Bits {
  public:
   Bits& operator<<(double value) {
@@ -65,7 +65,7 @@ class Bits {
   std::uint64_t hash_ = 0xcbf29ce484222325U;
 };
 
-/// About normal, and the same on every machine.
+/// Approximately normal, and the same on every machine.
 double noise(Prng& prng) {
   double sum = -6.0;
   for (int i = 0; i < 12; ++i) sum += prng.uniform();
@@ -75,7 +75,7 @@ double noise(Prng& prng) {
 constexpr std::size_t kColumns = 660;
 constexpr std::size_t kRows = 1000;
 
-/// How the points come: row by row without the missing ones; with them as NaN; without them in an order of no meaning.
+/// Order of the points: row by row without the missing ones; with them as NaN; without them in a random order.
 enum class Order { by_rows, organised, shuffled };
 constexpr std::array<Order, 3> kOrders = {Order::by_rows, Order::organised, Order::shuffled};
 constexpr const char* suffix(Order order) {
@@ -89,7 +89,8 @@ void shuffle(std::vector<float>& xyz, Prng& prng) {
   }
 }
 
-/// The nominal block seen every 0.5 mm from a little off its place, with noise and outliers. Only + - * / and sqrt.
+/// The nominal block sampled every 0.5 mm from slightly off its position, with noise and outliers. Only + - * / and
+/// sqrt.
 std::vector<float> fixed_scan(std::uint64_t seed, Order order = Order::by_rows) {
   Prng prng(seed);
   BlockModel model;
@@ -125,7 +126,7 @@ std::vector<float> fixed_scan(std::uint64_t seed, Order order = Order::by_rows) 
 using Stages = std::map<std::string, std::string>;
 
 Stages measure(BlockInspector& inspector, const std::vector<float>& scan, Order order = Order::by_rows) {
-  // Room for the grid that a shuffled scan gets back.
+  // Capacity for the grid recovered from a shuffled scan.
   std::vector<float> xyz(3 * kColumns * kRows + 3 * kColumns);
   xyz.resize(std::max(xyz.size(), scan.size()));
   std::copy(scan.begin(), scan.end(), xyz.begin());
@@ -211,7 +212,7 @@ TEST(Golden, OneThreadOrTwoAndEveryInstructionSetGiveTheSameBits) {
     ASSERT_EQ(seen.size(), 2U) << "built for one instruction set";
 #else
     ASSERT_GE(seen.size(), 4U);
-    // A processor that has better ones must have been held to the bits of the worst.
+    // A processor with better sets must have been tested against the bits of the worst one.
     EXPECT_TRUE(!__builtin_cpu_supports("avx2") || seen.size() >= 6U);
 #endif
     for (const auto& [how, stages] : seen) EXPECT_EQ(stages, seen.begin()->second) << how;
@@ -232,7 +233,7 @@ TEST(Golden, TwoInspectorsAtWorkTogetherHaveTheBitsOfOne) {
     threads.emplace_back([&, i] {
       BlockInspector inspector;
       inspector.use(scene::p5600());
-      // Twice, so that both are surely at work at the same time at some point.
+      // Twice, so that both certainly run at the same time at some point.
       for (int again = 0; again < 2; ++again) together[i] = measure(inspector, scans[i]);
     });
   }

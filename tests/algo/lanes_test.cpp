@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A small kernel that uses every operation of algo/lanes-inl.h, compiled for each instruction set; all of them must
-// agree with a plain loop to the bit. Also shows how a kernel is written and called.
+// A small kernel that uses every operation of algo/lanes-inl.h, compiled for each instruction set. All must agree with
+// a plain loop to the bit. It is also an example of how to write and call a kernel.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "lanes_test.cpp"
 // clang-format off
@@ -13,7 +13,7 @@ HWY_BEFORE_NAMESPACE();
 namespace slabd::algo {
 namespace HWY_NAMESPACE {
 
-/// out[0..15] per operation.
+/// Writes out[0..15] per operation.
 void operations(const float* xyz, const std::int32_t* table, float* out, double* sums) {
   const Points16 p = load_points(xyz);
   const F16 k = lane_numbers();

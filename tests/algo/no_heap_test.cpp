@@ -10,8 +10,8 @@
 #include "base/prng.h"
 #include "scene.h"
 
-// A sanitizer owns malloc and offers a hook instead. Volatile, because a compiler knows what malloc does and
-// would otherwise not look at the counter again.
+// A sanitizer replaces malloc and offers a hook instead. Volatile, because compilers have built-in knowledge of malloc
+// and would otherwise not reload the counter.
 namespace {
 volatile std::size_t g_allocations = 0;
 }
@@ -83,7 +83,7 @@ TEST(NoHeap, BringingAScanIntoOrderAllocatesNothing) {
   const Recipe recipe = scene::p5600();
   BlockInspector inspector(2);
   inspector.use(recipe);
-  // Few points share a cell, then so many that there is no lattice.
+  // Few points share a cell; then too many for a lattice.
   for (const std::size_t every : {std::size_t{400}, std::size_t{20}}) {
     scene::Cloud cloud = drawn;
     for (std::size_t i = 0; i < drawn.xyz.size(); i += 3 * every)

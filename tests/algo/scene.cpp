@@ -10,7 +10,7 @@ namespace {
 struct HalfSpace {
   Vec3 n;
   double d;
-  /// Where a ray coming from outside enters.
+  /// Distance at which a ray coming from outside enters.
   [[nodiscard]] double entry(const Vec3& from, const Vec3& along) const { return (d - n.dot(from)) / n.dot(along); }
 };
 
@@ -33,7 +33,7 @@ struct Solid {
     rim_outer = half_space(n, b.rim_outer_mm * n);
     const auto jaw = [&](double side, double angle_deg) {
       const double a = rad_from_deg(angle_deg);
-      // Upward along the face, and the normal that looks at the seat.
+      // Upward along the face, and the normal towards the seat.
       const Vec3 up = -std::cos(a) * side * t + std::sin(a) * n;
       const Vec3 normal = side > 0.0 ? Vec3(up.cross(Vec3::UnitX())) : Vec3(Vec3::UnitX().cross(up));
       const Vec3 foot = side * 0.5 * b.jaw_distance_mm * t + 10.0 * n;
@@ -51,7 +51,7 @@ struct Solid {
     shoulder_inner = half_space(Vec3::UnitZ(), Vec3(0.0, 0.0, 20.25));
   }
 
-  /// Distance along the ray to the first surface, and the normal of the face there; false: no return.
+  /// Distance along the ray to the first surface, and the face's normal there; false without a return.
   [[nodiscard]] bool hit(const Vec3& from, const Vec3& along, double& distance, Vec3& normal) const {
     const double to_top = top.entry(from, along);
     double to_block = 1e9;
@@ -61,7 +61,7 @@ struct Solid {
     Vec3 block_normal = n;
     if (block.present) {
       const double to_seat = seat.entry(from, along);
-      // A slanting ray that sees a jaw from behind never enters through it.
+      // A slanting ray that reaches a jaw from behind never enters through it.
       const auto entry = [&](const HalfSpace& h) { return h.n.dot(along) < 0.0 ? h.entry(from, along) : 1e9; };
       const double to_jaw = std::min(entry(jaw_inner), entry(jaw_outer));
       to_block = std::min(to_seat, to_jaw);
@@ -71,7 +71,7 @@ struct Solid {
       const auto cut = [&](const HalfSpace& h) {
         const double e = h.entry(from, along);
         if (h.n.dot(along) > 0.0) {
-          // A slanting ray leaves the block through a face it sees from behind.
+          // A slanting ray leaves the block through a face that it reaches from behind.
           out_of_block = std::min(out_of_block, e);
         } else if (e > to_block) {
           to_block = e;
@@ -91,7 +91,7 @@ struct Solid {
     return !on_seat || shape_seat(from, along, distance);
   }
 
-  /// Casings, wave, bump and relief.
+  /// Applies casings, wave, bump and relief.
   [[nodiscard]] bool shape_seat(const Vec3& from, const Vec3& along, double& distance) const {
     const Vec3 p = from + distance * along;
     const double s = t.dot(p);
@@ -128,7 +128,7 @@ Pose displaced(double x, double y, double z, double rx_deg, double ry_deg, doubl
 
 Cloud take(const Block& block, const Scan& scan) {
   Cloud cloud;
-  // The displaced block as the nominal scanner sees it.
+  // The displaced block as seen by the nominal scanner.
   cloud.T_block_scanner = scan.displacement.inverse() * nominal_T_block_scanner();
   const Solid solid(block);
   const auto columns = static_cast<std::size_t>(scan.field_x_mm / scan.pitch_mm);

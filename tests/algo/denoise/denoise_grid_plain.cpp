@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which points of a grid are noise, given the planes of its tiles? The rules stand in
-// algo/denoise/denoise_grid_points.cpp and algo/denoise/denoise_grid.h; here they are applied to every point for
-// itself. Sums are in float and in the kernels' order, so that a point on the very gate is on the same side of it.
+// Noise points of a grid, given the planes of its tiles. The rules are those of algo/denoise/denoise_grid_points.cpp
+// and algo/denoise/denoise_grid.h; here they are applied to every point separately. Sums are in float and in the
+// kernels' order, so that a point exactly on the gate is on the same side of it.
 #include "denoise_grid_plain.h"
 
 #include <algorithm>
@@ -14,7 +14,7 @@ namespace {
 constexpr int kColumns = GridLayout::kTileColumns;
 constexpr int kRows = GridLayout::kTileRows;
 
-/// What a point of the window around another one weighs, by its distance squared.
+/// Weight of a point in the window around another one, by its squared distance.
 int weight(int distance2) {
   if (distance2 == 0 || distance2 > 10) return 0;
   if (distance2 <= 2) return 11;
@@ -40,7 +40,7 @@ constexpr float kGroupStep_mm = 0.36F;
 constexpr int kLongGroupLength = 32;
 constexpr float kLongGroupStep_mm = 3.0F;
 
-/// A plane, told from the middle of a tile.
+/// A plane relative to the middle of a tile.
 struct Sheet {
   TilePlane plane;
   int first_column, first_row;  ///< of the tile
@@ -107,7 +107,7 @@ class PlainJudge {
     return true;
   }
 
-  /// Does such a share of what was seen around the point lie on the surface?
+  /// True if this share of the points around the point is on the surface.
   template <typename Surface>
   [[nodiscard]] bool holds(const Surface& surface, int column, int row, int share) const {
     int held = 0;
@@ -121,7 +121,7 @@ class PlainJudge {
     return held >= kWeightMin && 100 * held >= share * present;
   }
 
-  /// The planes of the nine tiles around, told from this one, its own first.
+  /// The planes of the nine tiles around, relative to this one, its own first.
   [[nodiscard]] std::vector<Sheet> planes_around(int tc, int tr) const {
     std::vector<Sheet> sheets;
     const auto add = [&](int c, int r) {
@@ -187,7 +187,7 @@ class PlainJudge {
     return through(own, column, row) ? Verdict::through : Verdict::no_surface;
   }
 
-  /// Noise that hangs together over a length stays.
+  /// Keeps noise that is connected over a length.
   void keep_groups(std::vector<Verdict>& verdict, int length, float step_mm) const {
     struct Place {
       int column, row;
@@ -219,7 +219,7 @@ class PlainJudge {
     }
   }
 
-  /// How many of the 7 x 7 points around lie on no plane of their tiles?
+  /// Number of the 7 x 7 points around that are on no plane of their tiles.
   [[nodiscard]] int company(int column, int row) const {
     int count = 0;
     for (int r = row - kReach; r <= row + kReach; ++r)
@@ -228,8 +228,8 @@ class PlainJudge {
     return count;
   }
 
-  /// Does a surface that is level, or as steep as the tile, or as the four neighbours, go through the point or on to
-  /// it?
+  /// True if a surface that is level, or as steep as the tile or as the four neighbours, goes through the point or
+  /// continues to it.
   [[nodiscard]] bool through(const TilePlane& own, int column, int row) const {
     const float z = height(column, row);
     const auto through_or_on = [&](float a, float b) {

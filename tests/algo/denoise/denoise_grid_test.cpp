@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The kernels that judge an organised scan skip whatever cannot change their answer: marks of tiles at a glance, rows
-// of sixteen, looks from a distance at the planes around. Here they are held against the rules applied to every point.
+// The kernels that judge an organised scan skip work that cannot change their result: by marks of tiles, rows of
+// sixteen, quick tests of the planes around. Here they are compared with the rules applied to every point.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -29,7 +29,7 @@ struct Scan {
   std::vector<float> xyz;
 };
 
-/// Memory for one grid, not a byte more.
+/// Memory for one grid, without any spare byte.
 struct Memory {
   explicit Memory(const GridLayout& grid) : keep(grid.work_bytes()), surface(2 * grid.tiles()) {}
   [[nodiscard]] DenoiseWorkspace work() { return {{}, keep, {}, surface}; }
@@ -38,21 +38,21 @@ struct Memory {
   std::vector<TilePlane> surface;
 };
 
-/// What the sheet of a scan is strewn with, shares of all points.
+/// Disturbances of a scan, as shares of all points.
 struct Litter {
   double missing;   ///< points
   double outliers;  ///< single ones ...
   double clumps;    ///< ... and clumps of up to fourteen, half a millimetre to nine off
-  double holes;     ///< discs where nearly nothing was seen
+  double holes;     ///< discs with hardly any points
 };
 
-/// A surface in columns and rows that has what a block has: tilted planes, steps of five millimetres and of one, a ramp
-/// at 70 degrees and a cliff of some 85, a wave, a saw, rods, a crack and a fin of a line or two.
+/// A surface in columns and rows with the features of a block: tilted planes, steps of five millimetres and of one, a
+/// ramp at 70 degrees and a cliff of about 85, a wave, a saw, rods, a crack and a fin of a line or two.
 struct Relief {
   double columns, rows;
   double pitch_mm;
   double cliff;  ///< slope
-  double bend;   ///< mm per point squared: planes of tiles side by side are nearly one
+  double bend;   ///< mm per point squared: planes of adjacent tiles are almost the same
 
   [[nodiscard]] double z_mm(double column, double row) const {
     const double x = column / columns;
@@ -130,7 +130,7 @@ Scan strewn(std::size_t columns, std::size_t rows, double focus_mm, const Litter
   return scan;
 }
 
-/// The block from above, its jaws and end faces steep, with outliers in clumps.
+/// The block from above, with steep jaws and end faces and with outliers in clumps.
 Scan block(double pitch_mm, double focus_mm, double outlier_far_mm) {
   scene::Scan how;
   how.pitch_mm = pitch_mm;
@@ -145,7 +145,7 @@ Scan block(double pitch_mm, double focus_mm, double outlier_far_mm) {
   return {cloud.width, cloud.height, std::move(cloud.xyz)};
 }
 
-/// With a patch at depths of no meaning: nothing goes through it or hangs together there, so it is noise in every bit.
+/// Adds a patch at random depths: it has no surface and no connected group, so it is noise in every bit.
 Scan with_patch(Scan scan, std::size_t column, std::size_t row, std::size_t width, std::size_t height) {
   Prng prng(width);
   for (std::size_t r = row; r < row + height; ++r)
@@ -154,7 +154,7 @@ Scan with_patch(Scan scan, std::size_t column, std::size_t row, std::size_t widt
   return scan;
 }
 
-/// Few sides are whole tiles; some scans are several bands of them.
+/// Few sides are whole tiles; some scans are several bands of tiles.
 std::vector<Scan> scans() {
   const Litter tidy{0.02, 0.002, 0.0002, 0.0};
   const Litter usual{0.02, 0.01, 0.001, 0.0005};
@@ -162,7 +162,7 @@ std::vector<Scan> scans() {
   std::vector<Scan> all = {
       strewn(64, 64, 0.0, usual, 1), strewn(67, 71, 0.0, wild, 2), strewn(113, 525, 600.0, tidy, 3),
       strewn(250, 90, 0.0, {}, 4),   block(1.3, 0.0, 60.0),        block(1.1, 600.0, 5.0)};
-  // Whole words of noise behind hundreds of single ones.
+  // Whole words of noise after hundreds of single ones.
   all.push_back(with_patch(strewn(320, 300, 0.0, {0.0, 0.03, 0.0, 0.0}, 6), 64, 40, 192, 100));
   Prng prng(5);
   for (std::uint64_t seed = 10; seed < 90; ++seed) {
@@ -185,7 +185,7 @@ bool bit(const GridMask& mask, const GridLayout& grid, std::size_t point) {
   return ((mask.tile(column / GridLayout::kTileColumns, row) >> (column % GridLayout::kTileColumns)) & 1U) != 0;
 }
 
-/// A scan with the planes that the first step gave its tiles, and what the masks then say.
+/// A scan with the planes that the first step gave its tiles, and the resulting masks.
 struct Seen {
   explicit Seen(const Scan& taken)
       : scan(taken),
@@ -255,7 +255,7 @@ TEST(DenoiseGrid, TakesOutExactlyWhatThePlainRulesTakeOut) {
       ASSERT_TRUE(limit_instruction_set(InstructionSet::best));
     }
 
-    // A table of heights is judged as the scan is.
+    // A table of heights is judged like the scan.
     Memory memory(seen.grid);
     GridWork table(seen.grid, nullptr, seen.z.data(), memory.work());
     table.per_column_mm = seen.work.per_column_mm;
@@ -268,7 +268,7 @@ TEST(DenoiseGrid, TakesOutExactlyWhatThePlainRulesTakeOut) {
       table_differs += plain::is_noise(judged.verdict[i]) != bit(table.noise, seen.grid, i) ? 1U : 0U;
     EXPECT_EQ(table_differs, 0U);
   }
-  // Each rule had its say.
+  // Each rule decided some points.
   for (std::size_t verdict = 0; verdict < met.size(); ++verdict) {
     RecordProperty("verdict_" + std::to_string(verdict), static_cast<int>(met[verdict]));
     EXPECT_GE(met[verdict], 20U) << "verdict " << verdict;
@@ -276,8 +276,8 @@ TEST(DenoiseGrid, TakesOutExactlyWhatThePlainRulesTakeOut) {
 }
 
 TEST(DenoiseGrid, LosesHardlyAPointByAskingOneOfPlanesThatAreAlike) {
-  // Of planes that are much like another one, only one is asked. Points that lie on another of them alone are taken
-  // out, unless they hang together; one that is not may be what made a group long.
+  // The kernels test only one of several similar planes. Points on another of them alone are removed, unless they are
+  // connected; one that is not may be what made a group long.
   const auto on_no_plane = [](plain::Verdict v) { return plain::is_noise(v) || v == plain::Verdict::damage; };
   std::size_t finite = 0;
   std::size_t lost = 0;

@@ -28,7 +28,7 @@ struct Denoiser {
   Team team{1};
   ScanCounts counts;
 
-  /// Returns how many points are kept.
+  /// Returns the number of kept points.
   std::size_t run(std::vector<float>& xyz, std::size_t width = 0, std::size_t height = 0) {
     order.resize(limits::kScanPointsMax);
     keep.resize(limits::kScanPointsMax);
@@ -39,7 +39,7 @@ struct Denoiser {
   }
 };
 
-/// Which points are left; they are the scan's, in their places.
+/// Flags of the remaining points, which must be unchanged and in their places.
 std::vector<bool> survivors(const std::vector<float>& before, const std::vector<float>& after) {
   std::vector<bool> there(before.size() / 3);
   for (std::size_t i = 0; i < there.size(); ++i) {
@@ -90,7 +90,7 @@ TEST(Denoise, SurvivesAbsurdCoordinatesAndNothingAtAll) {
 }
 
 TEST(Denoise, IsBoundedWhenEverythingShoutsFromOneCell) {
-  // 40 000 points above one spot, none within a millimetre of another: every look-up would see all of them.
+  // 40 000 points above one spot, each at least a millimetre from the next: every lookup would visit all of them.
   std::vector<float> xyz;
   for (int i = 0; i < 40000; ++i) xyz.insert(xyz.end(), {0.0F, 0.0F, 2.0F * static_cast<float>(i)});
   Denoiser denoiser;
@@ -111,7 +111,7 @@ std::vector<float> tilted(double tilt_deg, double pitch, std::uint64_t seed) {
   return xyz;
 }
 
-/// Clouds in which every point would have to be asked by itself. By counted work, the same on every computer.
+/// Clouds in which every point would be tested separately. Limited by counted work, the same on every computer.
 TEST(Denoise, gives_up_clouds_in_which_hardly_a_surface_goes_through_any_point) {
   constexpr std::size_t kPoints = 5'900'000;
   Prng prng(3);
@@ -173,7 +173,7 @@ TEST(Denoise, LosesAlmostNoSurfacePointAtAnyPitchAndSlope) {
   }
 }
 
-/// By brute force on the model: does its surface come within a millimetre of `p` (block frame)?
+/// True if the model's surface comes within a millimetre of `p` (block frame), by brute force.
 bool within_a_millimetre(const BlockModel& model, const Vec3& p) {
   for (double dx = -1.0; dx <= 1.0; dx += 0.1) {
     for (double dy = -1.0; dy <= 1.0; dy += 0.1) {
@@ -189,8 +189,8 @@ bool within_a_millimetre(const BlockModel& model, const Vec3& p) {
 /// Shares of a scan, in per cent.
 struct Quality {
   double outliers_left = 0.0;
-  double level_lost = 0.0;  ///< faces met at less than 60 degrees
-  double steep_lost = 0.0;  ///< up to 83; what is met at a flatter angle no scanner sees
+  double level_lost = 0.0;  ///< faces at less than 60 degrees to the ray
+  double steep_lost = 0.0;  ///< up to 83; steeper faces are not visible to a scanner
 };
 
 Quality quality(scene::Scan scan) {
@@ -257,7 +257,7 @@ Points shuffled(Points points, std::uint64_t seed) {
   return points;
 }
 
-/// What is kept of them, in an order of its own.
+/// Kept points, in a defined order.
 Points kept_of(const Points& points) {
   std::vector<float> xyz;
   for (const std::array<float, 3>& p : points) xyz.insert(xyz.end(), p.begin(), p.end());
@@ -283,8 +283,8 @@ TEST(Denoise, KeepsTheSamePointsInWhateverOrderTheyCome) {
 }
 
 TEST(Denoise, KeepsTheSamePointsInWhateverOrderTheyComeWhereTheScannerLingered) {
-  // A step and a slope meet; in a patch upon them lie ten and forty times as many points as elsewhere, and a clump of
-  // noise that is too large to be followed at once.
+  // A step and a slope meet. In a patch the density is ten and forty times higher, and a clump of noise is too large to
+  // be followed at once.
   for (const int times : {10, 40}) {
     Prng prng(7);
     Points points;
@@ -335,8 +335,8 @@ TEST(Denoise, GivesAScanItsGridBackOnlyIfItsRaysAreEvenlySpaced) {
     EXPECT_EQ(static_cast<std::uint64_t>(std::count(there.begin(), there.end(), true)), denoiser.counts.points_kept);
     EXPECT_EQ(denoiser.counts.points_finite, there.size());
 
-    // Two threads and every instruction set keep the same; the scan's own grid, whose tiles lie elsewhere, all but the
-    // same.
+    // Two threads and every instruction set keep the same points. The scan's own grid, whose tiles are elsewhere, keeps
+    // almost the same.
     Team team{2};
     for (const InstructionSet set :
          {InstructionSet::plain, InstructionSet::sse4, InstructionSet::avx2, InstructionSet::best}) {
@@ -358,7 +358,7 @@ TEST(Denoise, GivesAScanItsGridBackOnlyIfItsRaysAreEvenlySpaced) {
     ASSERT_EQ(k, there.size());
     EXPECT_LE(static_cast<double>(other), 1e-4 * static_cast<double>(k)) << focus;
 
-    // Points that meet another in their cell are judged too: the same scan twice, the second one a little higher.
+    // Points that meet another in their cell are judged too: the same scan twice, the second one slightly higher.
     std::vector<float> twice = cloud.xyz;
     for (std::size_t i = 0; i < 300; ++i)
       twice.insert(twice.end(), {cloud.xyz[9 * i], cloud.xyz[9 * i + 1], cloud.xyz[9 * i + 2] + 30.0F});
@@ -369,7 +369,7 @@ TEST(Denoise, GivesAScanItsGridBackOnlyIfItsRaysAreEvenlySpaced) {
       for (std::size_t i = cloud.xyz.size() / 3; i < judged.size() / 3; ++i) EXPECT_TRUE(std::isnan(judged[3 * i]));
     }
 
-    // Rays that go anywhere have no columns; the scan is left as it was.
+    // Random rays have no columns; the scan stays unchanged.
     Prng prng(8);
     std::vector<float> anywhere = cloud.xyz;
     for (std::size_t i = 0; i < anywhere.size(); i += 3) {
@@ -383,8 +383,8 @@ TEST(Denoise, GivesAScanItsGridBackOnlyIfItsRaysAreEvenlySpaced) {
   }
 }
 
-/// Share lost, in per cent, of discs that stand `up_mm` over the seat every 12 mm, scanned at 0.255 mm with noise,
-/// outliers and missing points.
+/// Share lost, in per cent, of discs `up_mm` above the seat every 12 mm, scanned at 0.255 mm with noise, outliers and
+/// missing points.
 double discs_lost(double diameter_mm, double up_mm) {
   scene::Scan scan;
   scan.pitch_mm = 0.255;
@@ -411,20 +411,20 @@ double discs_lost(double diameter_mm, double up_mm) {
 }
 
 TEST(Denoise, KeepsAChipAndABumpOfTwoMillimetres) {
-  // What is taken out of a defect hides it.
+  // Removed points of a defect would hide it.
   for (const double up : {-2.0, -1.0, 1.0, 3.0}) {
     EXPECT_LE(discs_lost(2.0, up), 3.0) << up << " mm";
     EXPECT_LE(discs_lost(3.0, up), 1.0) << up << " mm";
   }
 }
 
-/// Shares of a scan that are left, in per cent: of outliers, and of strips on the seat every 9 mm.
+/// Remaining shares of a scan, in per cent: of outliers, and of strips on the seat every 9 mm.
 struct Left {
   double outliers = 0.0;
   double strips = 0.0;
 };
 
-/// What `views` scans from one place see, put together.
+/// Merges `views` scans from one position.
 scene::Cloud take_all(const scene::Block& block, scene::Scan scan, int views) {
   scene::Cloud all = scene::take(block, scan);
   while (--views > 0) {
@@ -437,7 +437,7 @@ scene::Cloud take_all(const scene::Block& block, scene::Scan scan, int views) {
   return all;
 }
 
-/// Strips `wide_mm` across and `half_mm` long to either side that slant and lie `up_mm(x, s)` over the seat.
+/// Slanted strips `wide_mm` across and `half_mm` long to either side, `up_mm(x, s)` above the seat.
 template <typename Up>
 Left left_of(const scene::Scan& scan, double wide_mm, const Up& up_mm, double jitter_mm, int views, double half_mm) {
   scene::Block block;
@@ -479,7 +479,7 @@ Left left_of(const scene::Scan& scan, double wide_mm, double up_mm, double jitte
 }
 
 TEST(Denoise, KeepsWhatHangsTogetherHoweverNarrow) {
-  // A line of the scan wide, in places two, or two, in places three; without a grid and without a lattice, too.
+  // One line of the scan wide, in places two, or two, in places three; also without a grid and without a lattice.
   struct View {
     double pitch;
     bool organised;
@@ -495,7 +495,7 @@ TEST(Denoise, KeepsWhatHangsTogetherHoweverNarrow) {
         scan.pitch_mm = view.pitch;
         scan.organised = view.organised;
         scan.tail_share = 0.02;
-        // What a missing point cuts off a single line may be too short.
+        // A part of a single line cut off by a missing point may be too short.
         EXPECT_GE(left_of(scan, lines * view.pitch, up, view.jitter * view.pitch).strips, lines < 1.5 ? 75.0 : 96.0)
             << view.pitch << " mm, " << lines << " lines, " << up << " mm up, jitter " << view.jitter << ", organised "
             << view.organised;
@@ -505,8 +505,8 @@ TEST(Denoise, KeepsWhatHangsTogetherHoweverNarrow) {
 }
 
 TEST(Denoise, KeepsWhatHangsTogetherOverALengthHoweverSteepOrRagged) {
-  // A wire that leans, half as steep as a fin's back, and a torn edge whose every quarter of a millimetre is at another
-  // height: no two neighbours are at the same.
+  // A leaning wire, half as steep as a fin's back, and a torn edge with another height every quarter of a millimetre:
+  // no two neighbours are at the same height.
   const auto leaning = [](double, double s) { return 1.0 + 1.6 * std::abs(std::remainder(s, 72.0)); };
   const auto ragged = [](double x, double s) {
     const double t = 43758.5453 * std::sin(12.9898 * std::floor(4.0 * s) + 78.233 * std::floor(4.0 * x));
@@ -520,7 +520,7 @@ TEST(Denoise, KeepsWhatHangsTogetherOverALengthHoweverSteepOrRagged) {
       scan.field_y_mm = 180.0;
       scan.pitch_mm = 0.3;
       scan.organised = organised;
-      // What a missing point cuts off a single line may be too short.
+      // A part of a single line cut off by a missing point may be too short.
       const double least = lines < 1.5 ? 75.0 : 90.0;
       EXPECT_GE(left_of(scan, lines * scan.pitch_mm, leaning, jitter * scan.pitch_mm, 1, 30.0).strips, least);
       EXPECT_GE(left_of(scan, lines * scan.pitch_mm, ragged, jitter * scan.pitch_mm, 1, 30.0).strips, least);
@@ -529,8 +529,8 @@ TEST(Denoise, KeepsWhatHangsTogetherOverALengthHoweverSteepOrRagged) {
 }
 
 TEST(Denoise, KeepsWhatHangsTogetherHoweverManyViewsSawIt) {
-  // Views from one place have the same rays, each with a point of every view: a line of the scan has gaps as wide as in
-  // a single view, though there are several times as many points.
+  // Views from one position have the same rays, each with a point of every view. A line of the scan has gaps as wide as
+  // in a single view, although there are several times as many points.
   for (const double focus : {0.0, 600.0}) {
     for (const int views : {2, 4, 6}) {
       scene::Scan scan;
@@ -547,8 +547,8 @@ TEST(Denoise, KeepsWhatHangsTogetherHoweverManyViewsSawIt) {
 }
 
 TEST(Denoise, RemovesOutliersHoweverManyTouch) {
-  // Single ones and clumps in a row of the grid; the nearer, the more are at one height by chance. What is left lies on
-  // a surface as often as not: about as much was left when nothing that hangs together was kept.
+  // Single ones and clumps in a row of the grid; the nearer they are, the more are at one height by chance. About half
+  // of the remaining ones are on a surface: nearly as many remained when connected noise was not kept.
   struct Case {
     double share, far;
     int clump;
@@ -575,7 +575,7 @@ TEST(Denoise, RemovesOutliersHoweverManyTouch) {
   }
 }
 
-/// What is left of a cloud, bit by bit, and the shape it has then.
+/// Remaining points of a cloud, bit by bit, and its final shape.
 struct Outcome {
   std::vector<float> xyz;
   std::size_t points = 0, width = 0, height = 0;
@@ -588,7 +588,7 @@ Outcome outcome_of(std::vector<float> xyz, std::size_t width, std::size_t height
   denoiser.keep.resize(limits::kScanPointsMax);
   Team team{threads};
   const std::size_t points = xyz.size() / 3;
-  xyz.resize(xyz.size() + xyz.size() / 2, 0.0F);  // room for a grid that the cloud gets back
+  xyz.resize(xyz.size() + xyz.size() / 2, 0.0F);  // capacity for the recovered grid
   Cloud cloud{xyz, points, width, height};
   EXPECT_TRUE(
       remove_isolated(cloud, {denoiser.order, denoiser.keep, denoiser.cells, denoiser.surface}, team, denoiser.counts));
@@ -605,8 +605,8 @@ void expect_same(const Outcome& a, const Outcome& b, const char* what) {
 }
 
 TEST(Denoise, BelievesNoShapeThatIsNotSo) {
-  // A fin one column wide on the seat. Where the header names other neighbours than there are, the fin stood alone in
-  // its rows and went as noise, while all planes of the level seat held.
+  // A fin one column wide on the seat. With wrong neighbours from the header, the fin was isolated in its rows and was
+  // removed as noise, while all planes of the level seat were accepted.
   for (const double focus : {0.0, 600.0}) {
     scene::Scan scan;
     scan.field_x_mm = 160.0;
@@ -616,7 +616,7 @@ TEST(Denoise, BelievesNoShapeThatIsNotSo) {
     scan.organised = true;
     const scene::Cloud cloud = scene::take({}, scan);
     const std::size_t w = cloud.width;
-    const std::size_t h = w - 2;  // nearly square: exchanged, each row begins two points beside the one above
+    const std::size_t h = w - 2;  // nearly square: if exchanged, rows are shifted by two points each
     ASSERT_GT(cloud.height, h);
     const std::size_t first_row = (cloud.height - h) / 2;
     std::vector<float> good(cloud.xyz.begin() + static_cast<std::ptrdiff_t>(3 * first_row * w),
@@ -628,7 +628,7 @@ TEST(Denoise, BelievesNoShapeThatIsNotSo) {
       fin += std::isnan(z) ? 0U : 1U;
     }
     const auto at = [&](std::size_t i) { return &good[3 * i]; };
-    // Points in another order, shape and all.
+    // The points in another order, with the same shape.
     const auto reordered = [&](auto&& from) {
       std::vector<float> xyz;
       for (std::size_t i = 0; i < w * h; ++i) xyz.insert(xyz.end(), at(from(i)), at(from(i)) + 3);
@@ -702,7 +702,7 @@ TEST(Denoise, BelievesTheShapeOfEveryGoodScan) {
   }
 }
 
-/// A level sheet of 60 x 60 mm, and on top of it `extra` points.
+/// A level sheet of 60 x 60 mm with `extra` points on top.
 std::vector<float> sheet_with(const std::vector<std::array<float, 3>>& extra, float pitch) {
   std::vector<float> xyz;
   for (float y = 0.0F; y < 60.0F; y += pitch)
@@ -721,7 +721,7 @@ TEST(Denoise, RemovesAClumpOfFiveAndKeepsAnObject) {
     const std::size_t sheet = xyz.size() / 3 - clump.size();
     EXPECT_EQ(Denoiser().run(xyz), sheet) << pitch;
 
-    // A rod of a dozen pitches across, as a glove or a cable has.
+    // A rod about twelve pitches across, like a glove or a cable.
     std::vector<float> with_rod;
     std::size_t rod = 0;
     for (float y = 0.0F; y < 60.0F; y += pitch) {

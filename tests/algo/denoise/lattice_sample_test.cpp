@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Which points the search for a lattice takes as its sample. Nobody hands them out; but there is a lattice just when
-// they are neither too few nor too many. So a scan made to hold as many as it takes, by a plain count, tells of every
-// single point whether it was taken: one that is missed makes them too few, one taken twice or wrongly too many.
+// Points in the sample of the lattice search. The sample is not accessible, but a lattice is found only if their number
+// is in a certain range. So a scan with exactly the minimum or maximum number, by a plain count, tests every single
+// point: one missed makes too few, one taken twice or wrongly makes too many.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -25,20 +25,19 @@ using slabd::testing::on_each_set;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr float kInf = std::numeric_limits<float>::infinity();
 
-/// A sample of fewer points shows no steps (algo/denoise/lattice.cpp); more than kLatticeSampleMax there is no room
-/// for.
+/// A smaller sample shows no steps (algo/denoise/lattice.cpp); the capacity is kLatticeSampleMax.
 constexpr std::size_t kSampleMin = 2'048;
-/// Points that a thread looks at in one go.
+/// Points that a thread processes as one task.
 constexpr std::size_t kPiece = 1U << 17U;
 
-/// One point in so many is taken, about: the power of two with which half of the room would do.
+/// About one point in this number is taken: the power of two that uses half of the capacity.
 std::size_t share_of(std::size_t points) {
   std::size_t share = 1;
   while (points / share > kLatticeSampleMax / 2) share *= 2;
   return share;
 }
 
-/// Do the bits of its coordinates say so, whether they are numbers or not?
+/// True if the bits of the coordinates select the point, even if they are not numbers.
 bool is_chosen(const float* p, std::size_t share) {
   const std::uint32_t all =
       std::bit_cast<std::uint32_t>(p[0]) ^ std::bit_cast<std::uint32_t>(p[1]) ^ std::bit_cast<std::uint32_t>(p[2]);
@@ -74,7 +73,7 @@ struct Drawing {
       p[2] = static_cast<float>(600.0 + 20.0 * prng.uniform());
     } while (is_chosen(p, share) != chosen);
   }
-  /// One that its bits choose, but that is none.
+  /// Makes a missing point whose bits are selected or not.
   void no_point(float* p) {
     do {
       point(p, share == 1 || prng.below(2) == 0);
@@ -85,7 +84,7 @@ struct Drawing {
   }
 };
 
-/// `points` of them, of which `chosen` are chosen, from number `from` on, evenly between all others.
+/// `points` points, of which `chosen` are selected, from number `from` on, evenly between all others.
 std::vector<float> scan(std::size_t points, std::size_t chosen, std::size_t from = 0) {
   std::vector<float> xyz(3 * points);
   Drawing draw{share_of(points)};
@@ -105,7 +104,7 @@ void remove(std::vector<float>& xyz, std::size_t point) {
 
 TEST(LatticeSample, OfASmallScanIsEveryPoint) {
   Lattice lattice;
-  // All finite; then some missing between them.
+  // All finite; then with missing ones between them.
   for (std::size_t points = kSampleMin; points <= kSampleMin + 40; ++points) {
     SCOPED_TRACE(points);
     std::vector<float> xyz = scan(points, kSampleMin);
@@ -120,7 +119,7 @@ TEST(LatticeSample, OfASmallScanIsEveryPoint) {
   }
 }
 
-/// One point decides, and stands at every place of sixteens, at the beginning, inside and at the end.
+/// One point decides; it is tested at every position of a sixteen, at the beginning, inside and at the end.
 TEST(LatticeSample, HasAChosenPointWhereverItStands) {
   for (const std::size_t points : {20'000U, 20'001U, 20'015U}) {
     constexpr std::size_t kFirst = 60;
@@ -159,7 +158,7 @@ TEST(LatticeSample, HasNoPointTwiceAndNoneThatIsNotChosen) {
     SCOPED_TRACE(points);
     std::vector<float> xyz = scan(points, kLatticeSampleMax);
     ASSERT_EQ(sampled(xyz), kLatticeSampleMax);
-    // What its bits choose, but is no number, takes no room.
+    // Selected bits that are not a number take no space.
     Drawing draw{share_of(points), Prng(43)};
     for (std::size_t i = 0; i < points; ++i)
       if (!is_chosen(&xyz[3 * i], draw.share) && draw.prng.below(20) == 0) draw.no_point(&xyz[3 * i]);
@@ -200,7 +199,7 @@ TEST(LatticeSample, IsTheSameInPiecesAndOnTwoThreads) {
   }
 }
 
-/// Of real scans, whichever way they came: about as many as wanted, and one lattice.
+/// Real scans in any order: about the wanted number, and one lattice.
 TEST(LatticeSample, OfAScanIsTheShareStatedAndLeadsToOneLattice) {
   for (const double focus_mm : {0.0, 600.0}) {
     for (const double pitch_mm : {0.5, 1.1}) {
@@ -216,7 +215,7 @@ TEST(LatticeSample, OfAScanIsTheShareStatedAndLeadsToOneLattice) {
       EXPECT_NEAR(static_cast<double>(sampled(xyz)), wanted, 0.05 * wanted);
       Lattice first;
       ASSERT_TRUE(find(xyz, first));
-      // Missing points move all others to other places in their sixteens.
+      // Missing points move all others to other positions in their sixteens.
       for (const std::size_t missing : {0U, 1U, 2U, 7U, 16U}) {
         std::vector<float> moved(3 * missing, kNaN);
         moved.insert(moved.end(), xyz.begin(), xyz.end());

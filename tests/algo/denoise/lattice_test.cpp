@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A scan without its grid: the fast way through notes and blocks against the plain way, point by point.
+// A scan without its grid: the fast method with notes and blocks against the plain one, point by point.
 #include "algo/denoise/lattice.h"
 
 #include <gtest/gtest.h>
@@ -70,8 +70,8 @@ bool same(const std::vector<float>& a, const std::vector<float>& b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) == 0;
 }
 
-/// The same points, bit by bit, in whatever order? Takes as long as all else: of results that are equal bit by bit,
-/// only the first is looked at.
+/// True if both have the same points, bit by bit, in any order. Slow, so it is used only for the first of results that
+/// are equal bit by bit.
 bool same_points(const std::vector<float>& a, const std::vector<float>& b) {
   const auto sorted = [](const std::vector<float>& xyz) {
     std::vector<std::array<std::uint32_t, 3>> points(xyz.size() / 3);
@@ -82,8 +82,8 @@ bool same_points(const std::vector<float>& a, const std::vector<float>& b) {
   return sorted(a) == sorted(b);
 }
 
-/// Every so many points something that a scan should not have: points that meet another one in its cell, missing ones,
-/// ones that lack a coordinate, ones outside of the table; and an odd number of all.
+/// Adds invalid points at intervals: points that meet another one in its cell, missing and incomplete ones, and ones
+/// outside the table. The total number is odd.
 std::vector<float> with_nasty_points(const std::vector<float>& drawn, double focus) {
   const float infinite = std::numeric_limits<float>::infinity();
   std::vector<float> nasty;
@@ -113,7 +113,7 @@ std::vector<float> with_nasty_points(const std::vector<float>& drawn, double foc
   return nasty;
 }
 
-/// What denoise_lattice does, point by point.
+/// The plain version of denoise_lattice, point by point.
 struct Plain {
   std::uint64_t finite = 0, taken = 0;
 
@@ -227,7 +227,7 @@ TEST(DenoiseLattice, KeepsWhatThePlainWayKeeps) {
           EXPECT_EQ(counts.points_kept, by_point.finite - by_point.taken);
           if (first.empty()) {
             first = xyz;
-            // Only what came in no order is brought into another one.
+            // Only the shuffled scan is brought into another order.
             EXPECT_TRUE(&scan == &scans.back() ? same_points(first, plain) : same(first, plain)) << focus << " mm";
           }
           EXPECT_TRUE(same(xyz, first)) << focus << " mm, " << threads << " threads";
@@ -238,7 +238,7 @@ TEST(DenoiseLattice, KeepsWhatThePlainWayKeeps) {
   }
 }
 
-/// A cloud with room behind its points; one at a time, in memory that all of them use.
+/// A cloud with spare capacity after its points. All instances share one memory, so use one at a time.
 struct Roomy {
   std::vector<float>& xyz = memory();
   Cloud cloud;
@@ -352,7 +352,7 @@ TEST(LatticeOrder, GivesEachPointItsCellWhateverTheOrderWas) {
     for (std::size_t i = 0; i < first.size() / 3; ++i) {
       const float* p = &first[3 * i];
       if (i < cells) {
-        // The cell's own point, or nothing at all.
+        // The cell's own point, or a missing one.
         if (is_finite(p)) {
           ASSERT_EQ(cell_of(lattice, p), static_cast<std::ptrdiff_t>(i));
         } else {
@@ -389,7 +389,7 @@ TEST(LatticeOrder, MakesAnOrganisedScanOfACloudWhoseRaysNeverMeet) {
   EXPECT_EQ(roomy.cloud.points, roomy.cloud.width * roomy.cloud.height);
 }
 
-/// In every so many cells of the upper half a second point.
+/// Adds a second point in every `every`-th cell of the upper half.
 std::vector<float> crowded(const std::vector<float>& drawn, std::size_t every) {
   std::vector<float> crowded = drawn;
   for (std::size_t i = 0; i < drawn.size() / 2; i += 3 * every)
@@ -411,7 +411,7 @@ DrawnOnALattice drawn_on_a_lattice() {
   return all;
 }
 
-/// Refused, with no point lost and in an order that tells nothing of the one before.
+/// Expects a refusal without lost points, in an order independent of the original one.
 void expect_given_back(const std::vector<float>& points, const Lattice& lattice, std::size_t room, std::size_t memory) {
   std::vector<float> half(memory);
   std::vector<std::uint32_t> words(kOrderWords);
@@ -443,7 +443,7 @@ TEST(LatticeOrder, LosesNoPointWhereMoreShareACellThanThereIsRoomFor) {
     expect_given_back(points, lattice, cells + points_left, points.size());
 }
 
-/// The points whose row is from first on and before last.
+/// The points in the rows [first, last).
 std::vector<float> in_rows(const std::vector<float>& drawn, const Lattice& lattice, float first, float last) {
   std::vector<float> out;
   for (std::size_t i = 0; i < drawn.size(); i += 3) {
@@ -472,7 +472,7 @@ TEST(LatticeOrder, LosesNoPointWhereABandHasMoreOfThemThanCells) {
 
 TEST(LatticeOrder, LosesNoPointWhereTooManyLieOutside) {
   const auto [drawn, lattice, cells] = drawn_on_a_lattice();
-  // One in 1 300: not so many that a sample tells for sure.
+  // One in 1 300: too few for a sample to detect them reliably.
   std::vector<float> points = drawn;
   for (std::size_t i = 0; i < drawn.size(); i += std::size_t{3} * 1'300)
     points.insert(points.end(), {drawn[i] + 5'000.0F, drawn[i + 1], drawn[i + 2]});
@@ -483,7 +483,7 @@ TEST(LatticeOrder, GivesEachPointItsCellWhicheverHalfOfTheGridComesFirst) {
   const auto [drawn, lattice, cells] = drawn_on_a_lattice();
   const std::vector<float> low = shuffled(in_rows(drawn, lattice, -1e6F, lattice.rows / 2.0F));
   const std::vector<float> high = shuffled(in_rows(drawn, lattice, lattice.rows / 2.0F, 1e6F));
-  // Just what is needed, in pieces.
+  // Exactly the required memory, in pieces.
   const std::size_t spare = 3 * kHeapPoints * (HeapPlaces::spare(kKindsMax) + 2);
   const std::size_t needed = 3 * (cells / 2 + (std::size_t{1} << 15U)) + spare;
   std::vector<float> one(needed / 2), two(needed / 4), three(needed / 4 + 3 * kHeapFloats);
@@ -506,8 +506,8 @@ TEST(LatticeOrder, GivesEachPointItsCellWhicheverHalfOfTheGridComesFirst) {
   }
 }
 
-/// A point in the middle of each of the cells, in an order of no meaning; every so many cells, if not 0, have a second
-/// one instead of the cell behind them.
+/// A point in the middle of each of the cells, in a random order. Every `doubled`-th cell, if not 0, has a second one
+/// instead of the next cell's.
 std::vector<float> one_in_each_cell(const Lattice& lattice, std::size_t points_max, std::size_t doubled) {
   const auto columns = static_cast<std::size_t>(lattice.columns);
   const std::size_t cells = columns * static_cast<std::size_t>(lattice.rows);
@@ -533,7 +533,7 @@ TEST(LatticeOrder, HasRoomForTheLargestScans) {
     float columns, rows;
     std::size_t doubled;
   };
-  // Nearly all that a scan may have; and as many that share a cell as a lattice may have, nearly.
+  // Nearly the maximum size of a scan; and nearly the maximum number of points that share a cell.
   for (const Size size : {Size{2'432.0F, 2'432.0F, 0}, Size{2'448.0F, 2'048.0F, 102}}) {
     Lattice lattice;
     lattice.per_x = lattice.per_y = 4.0F;
@@ -573,7 +573,7 @@ TEST(DenoiseLattice, KeepsTheSameWhateverRoomThereIsForTheGrid) {
   };
   const std::vector<float> mixed = shuffled(points);
   const std::vector<float> kept = kept_with(points, 0, memory.work());
-  // None at all, all but for what is left over, and enough; and a workspace that reaches no further than the points.
+  // No memory, too little for the remainder, and enough; and a workspace only as large as the points.
   for (const std::size_t room : {std::size_t{0}, cells + 10, limits::kScanPointsMax})
     EXPECT_TRUE(same_points(kept_with(mixed, room, memory.work()), kept)) << room;
   DenoiseWorkspace small = memory.work();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A casing with an arctangent for every point in every round; the method stands in algo/features/casing.cpp.
+// A casing with an arctangent for every point in every round; the method is described in algo/features/casing.cpp.
 #include "plain_features.h"
 
 #include <algorithm>
@@ -16,28 +16,27 @@ namespace {
 
 constexpr std::size_t kSectors = limits::kRimSectors;
 constexpr std::size_t kSectorsMin = kSectors / 2;
-/// Half of the edge in one piece spreads its directions by 0.095; less fixes the centre too poorly along one axis.
+/// Spread of the edge's directions: half of the edge in one piece has 0.095; below this one axis of the centre is too
+/// uncertain.
 constexpr double kSpreadMin = 0.09;
-/// The innermost points depend on the centre the sectors are drawn around; this many rounds settle it.
+/// The innermost points depend on the centre of the sectors; this many rounds are enough to converge.
 constexpr int kRounds = 6;
-/// Innermost points are looked for this far around the nominal bore radius.
+/// Search range for innermost points around the nominal bore radius.
 constexpr double kSearch_mm = 2.5;
-/// ... and this far off the nominal rim height.
+/// ... and around the nominal rim height.
 constexpr double kHeightGate_mm = 1.5;
-/// Scale: never sharper than a few hundredths, or a regular point pattern would decide who is an outlier.
+/// The scale is at least a few hundredths; otherwise a regular point pattern would decide which points are outliers.
 constexpr CircleWeights kEdgeWeights = {.scale_min = 0.02, .outside_weight = 0.1};
-/// Neighbouring sectors share the scanner's rows, so their gaps are not independent as the circle's covariance takes
-/// them to be. Over 400 phases and turns of the point pattern each, at pitches of 0.2 to 0.5 mm, even, jittered or
-/// stretched, with a tenth of the points missing, the true variance of the centre is 0.95 to 1.7 times the independent
-/// one, and up to 2.1 times when half of the edge is hidden.
+/// Neighbouring sectors share the scanner's rows, so their gaps are not independent; figures in
+/// algo/features/casing.cpp.
 constexpr double kEdgeVariance = 1.3;
 double shared_rows(double spread) {
   return kEdgeVariance * std::sqrt(std::sqrt(0.5 / spread));
 }
-/// Distances of near points to the circle are alike by chance up to this many times 1/sqrt(n) of their variance.
+/// Distances of near points to the circle are correlated by chance up to this many times 1/sqrt(n) of their variance.
 constexpr double kFormChance = 1.4;
 constexpr double kFormVariance = 4.0;
-/// Beyond so many times the scatter a point says no more, and with less scatter than this nothing is said.
+/// Distances are clipped at this many times the scatter; below kFormMin_mm the scatter is ignored.
 constexpr double kFormAlike = 0.7;
 constexpr double kFormReach = 3.0;
 constexpr double kFormMin_mm = 0.03;
@@ -46,7 +45,7 @@ constexpr std::uint32_t kRimPointsMin = 200;
 constexpr double kRimShareMin = 0.8;
 /// Standard deviation of the rim beyond that of the seat.
 constexpr double kRimFormMax_mm = 0.15;
-/// The rim ends this far inside its nominal edge.
+/// The usable rim ends this far inside its nominal edge.
 constexpr double kRimEdge_mm = 0.5;
 
 /// Plane coordinates around the nominal centre: x along the rail, s across, height above the fitted seat.
@@ -101,7 +100,7 @@ EdgePoints innermost(const CloudPoints& cloud, const CasingTask& task, const Cas
   return edge;
 }
 
-/// Points in the bore at the rim's height or above it, for as large a part of the rim.
+/// True if the density of points in the bore at or above rim height is low relative to the rim.
 bool is_hole(const CloudPoints& cloud, const CasingTask& task, const CasingFrame& frame, const Circle& circle) {
   const double inside_mm = task.bore_radius_mm - kSearch_mm;
   const double around_mm = task.bore_radius_mm + kSearch_mm;
@@ -117,8 +116,8 @@ bool is_hole(const CloudPoints& cloud, const CasingTask& task, const CasingFrame
   return inside / (inside_mm * inside_mm) <= 0.2 * around / rim_mm2;
 }
 
-/// Height of the rim around the measured centre, clear of its inner and outer edge. False where it is no height of all
-/// of the rim. How points make a height is rim_height()'s business and has tests of its own.
+/// Height of the rim around the measured centre, clear of its inner and outer edge. False if it is not valid for the
+/// whole rim. rim_height() computes it from the points and has tests of its own.
 bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingFrame& frame, const Vec2& centre,
                  CasingFeature& casing) {
   const double width = task.rim_radius_mm - task.bore_radius_mm;
@@ -141,7 +140,7 @@ bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingF
   casing.sigma_height_mm = rim.sigma_mm;
   const double seat_mm = has_value(task.seat.std_mm) ? task.seat.std_mm : 0.0;
   const double over_mm = std::max(rim.height_mm, 0.0) + std::max(4.0 * seat_mm, kRimFormMax_mm);
-  // What stands over the seat at either edge, by points and by eighths of the ring that count alike.
+  // Parts higher than the seat at either edge, by points and by eighths of the ring with equal weights.
   struct Lip {
     double all = 0.0;
     double over = 0.0;
@@ -177,7 +176,7 @@ bool measure_rim(const CloudPoints& cloud, const CasingTask& task, const CasingF
          rim.std_mm <= std::hypot(seat_mm, kRimFormMax_mm);
 }
 
-/// Variance of the centre by what moves a part of the edge: what neighbours' distances to the circle share.
+/// Variance of the centre from displacement of a part of the edge: the part of the distances shared by neighbours.
 double edge_form_mm2(const std::vector<Vec2>& edge, const Circle& circle) {
   if (!(circle.scatter > kFormMin_mm)) return 0.0;
   std::vector<double> off;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The passes of algo/features/casing_points against plain ones, on every instruction set: which points lie in the ring,
-// to the last bit of their heights, and which of them is the innermost of its sector.
+// The passes of algo/features/casing_points against plain ones, with every instruction set: the points in the ring, to
+// the last bit of their heights, and the innermost point of each sector.
 #include "algo/features/casing_points.h"
 
 #include <gtest/gtest.h>
@@ -31,14 +31,14 @@ constexpr std::size_t kSectors = limits::kRimSectors;
 
 const std::vector<std::size_t> kCounts = {0, 1, 2, 15, 16, 17, 31, 32, 33, 47, 48, 49, 255, 256, 257, 10'000};
 
-/// A casing's frame that is the seat's, but for the place.
+/// A casing's frame equal to the seat's, except for the origin.
 const CasingAxes kStraight = {0.0F, 116.5F, {1.0F, 0.0F, 0.0F}, {0.0F, 1.0F, 0.0F}, {0.0F, 0.0F, 1.0F}, 0.0F};
-/// One as a fitted seat tilts it.
+/// A frame tilted like a fitted seat.
 const CasingAxes kTilted = {
     0.2F, -116.5F, {0.999992F, 0.00003F, -0.004F}, {0.0F, 0.99997F, 0.007F}, {0.004F, -0.007F, 0.99996F}, -0.13F};
 const CasingRing kRing = {0.3F, -0.2F, 12.5F, 17.5F, -1.0F, 0.5F};
 
-/// Points around a casing, those left out for which a float may not tell the sector. Some are absurd.
+/// Points around a casing, without those whose sector depends on float rounding. Some are absurd.
 Points around(const CasingAxes& axes, const CasingRing& ring, std::size_t count) {
   Points points;
   Prng prng(31);
@@ -66,7 +66,7 @@ bool same_bits(std::span<const float> a, std::span<const float> b) {
   return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), a.size_bytes()) == 0);
 }
 
-/// Innermost points that nothing has been written to yet where nothing was seen.
+/// Innermost points, with marker values in empty sectors.
 Innermost nothing_seen(const CasingRing& ring) {
   Innermost innermost(ring);
   innermost.x.fill(77.0F);
@@ -124,7 +124,7 @@ TEST(CasingPoints, InnermostOfEachSectorAreThoseOfAPlainLoop) {
           Innermost fast = nothing_seen(kRing);
           find_innermost(part, axes, kRing, fast);
           expect_same(fast, plain);
-          // In two calls as in one.
+          // Two calls give the same as one.
           Innermost halves = nothing_seen(kRing);
           find_innermost(points.part(first, count / 3), axes, kRing, halves);
           find_innermost(points.part(first + count / 3, count - count / 3), axes, kRing, halves);
@@ -136,7 +136,7 @@ TEST(CasingPoints, InnermostOfEachSectorAreThoseOfAPlainLoop) {
 }
 
 TEST(CasingPoints, OnTheRingsBordersAreInOrOutAsStated) {
-  // 5, 12, 13 and 7, 24, 25: radii that are exact, 13 in and 25 out; heights likewise, both in.
+  // 5, 12, 13 and 7, 24, 25: radii that are exact, 13 in and 25 out; exact heights, both in.
   const CasingRing ring = {0.0F, 0.0F, 13.0F, 25.0F, -0.25F, 0.5F};
   const float in = 13.0F;
   struct Case {
@@ -175,7 +175,7 @@ TEST(CasingPoints, OnTheRingsBordersAreInOrOutAsStated) {
         points.x[at] = cases[c].x;
         points.s[at] = cases[c].y;
         points.h[at] = cases[c].height;
-        points.add(15.0F, 1.0F, 0.0F);  // behind the end
+        points.add(15.0F, 1.0F, 0.0F);  // after the end
         on_each_set([&] {
           std::array<float, 33> heights;
           ASSERT_EQ(heights_in_ring(points.part(0, count), axes, ring, heights), cases[c].in ? 1U : 0U);
@@ -203,7 +203,7 @@ TEST(CasingPoints, LieInOneOfTheTwoSectorsWhoseBorderTheyAreOn) {
       const double turn = 2.0 * kPi * static_cast<double>(k) / static_cast<double>(kSectors) + beside;
       Points points;
       points.add(static_cast<float>(15.0 * std::cos(turn)), static_cast<float>(15.0 * std::sin(turn)), 0.0F);
-      // Axes and diagonals are exact, with zeros of either sign.
+      // Axes and diagonals are exact, with zeros of both signs.
       if (beside == 0.0 && k % 12 == 0) (k % 24 == 0 ? points.s[0] : points.x[0]) = k < 24 ? 0.0F : -0.0F;
       if (beside == 0.0 && k % 12 == 6) points.s[0] = std::copysign(points.x[0], points.s[0]);
       const std::size_t before = (k + kSectors - 1) % kSectors;

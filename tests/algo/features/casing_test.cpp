@@ -15,16 +15,16 @@ constexpr double kRim_mm = 22.0;
 constexpr double kRimHeight_mm = -0.25;
 constexpr double kPlace_mm = 116.5;
 
-/// A casing as a scanner sees it: a turned grid of points on its rim and round it, nothing in its bore.
+/// A scanned casing: a rotated grid of points on its rim and around it, none in its bore.
 struct View {
   double pitch_mm = 0.3;
-  double hidden_from_x_mm = 100.0;  ///< nothing seen beyond, from the nominal centre
+  double hidden_from_x_mm = 100.0;  ///< no points beyond, from the nominal centre
   double missing_share = 0.02;
   double noise_mm = 0.03;
-  /// What stands on the rim at a direction seen from the centre, -pi .. pi; NaN: nothing is seen there.
+  /// Height of an object on the rim by direction from the centre, -pi .. pi; NaN: no points there.
   std::function<double(double turn)> on_rim_mm = [](double) { return 0.0; };
   std::function<double(double turn)> bore_mm = [](double) { return kBore_mm; };
-  std::function<double(double radius)> lip_mm = [](double) { return 0.0; };  ///< stands on the rim all around
+  std::function<double(double radius)> lip_mm = [](double) { return 0.0; };  ///< height on the rim all around
 };
 
 struct Outcome {
@@ -50,7 +50,7 @@ Outcome look(const View& view, std::uint64_t seed) {
       const double s = kPlace_mm + std::sin(turn) * u + std::cos(turn) * v;
       const double radius = std::hypot(x - outcome.centre.x(), s - outcome.centre.y());
       const double turned = std::atan2(s - outcome.centre.y(), x - outcome.centre.x());
-      // Clear of the bore's edge, which shows in any case.
+      // Clear of the bore's edge, which is visible in any case.
       const double on_rim = radius > kBore_mm + 1.0 && radius < kRim_mm ? view.on_rim_mm(turned) : 0.0;
       const double z =
           (radius < kRim_mm ? kRimHeight_mm + view.lip_mm(radius) : 0.0) + on_rim + view.noise_mm * prng.normal();
@@ -101,7 +101,7 @@ TEST(Casing, IsNotMeasuredWithALipThatStandsOverTheSeat) {
     EXPECT_FALSE(with(kRim_mm - 0.7, kRim_mm, high_mm).ok) << "a narrow collar";
     EXPECT_FALSE(with(kBore_mm - 0.9, kBore_mm + 0.3, high_mm).ok) << "flash that stands over the bore";
   }
-  // What does not stand over the seat lifts no rail pad: edges are round, and hardly seen.
+  // Edges below the seat do not lift a rail pad: they are round and hardly visible.
   EXPECT_TRUE(with(kBore_mm, middle_from, 0.25).ok) << "as high as the seat";
   EXPECT_TRUE(with(kBore_mm, middle_from, -0.5).ok) << "a chamfer";
   EXPECT_TRUE(with(middle_to, kRim_mm, 0.25).ok);
@@ -120,7 +120,7 @@ TEST(Casing, IsNotMeasuredWithALipThatATiltOfItsRimHides) {
   }
 }
 
-/// Root of true over stated variance of the centre, and the same of the height, over many phases and turns.
+/// Root of true over stated variance of the centre, and of the height, over many phases and rotations.
 struct Honesty {
   double centre = 0.0;
   double height = 0.0;
@@ -135,7 +135,7 @@ Honesty honesty(const View& view, int seeds) {
     const Outcome o = look(view, static_cast<std::uint64_t>(seed));
     EXPECT_TRUE(o.casing.ok) << seed;
     if (!o.casing.ok) continue;
-    // In a coarse scan a few good edges look as if a part of them had moved.
+    // In a coarse scan a few good edges look as if a part of them were displaced.
     if (view.pitch_mm > 0.3 && o.casing.cov_circle.trace() > o.casing.edge_rms_mm * o.casing.edge_rms_mm) {
       ++thought_moved;
       continue;
@@ -186,8 +186,8 @@ TEST(Casing, OfHalfAnEdgeIsHonestOrNotMeasured) {
 }
 
 TEST(Casing, KnowsItsCentreLessWellWhenAPartOfItsEdgeHasMoved) {
-  // A crescent of mortar in one half of the bore, or half a ring around it from which nothing comes back. Of 0.2 mm a
-  // coarser scan does not always know.
+  // A crescent of mortar in one half of the bore, or a half ring around it without points. A coarser scan does not
+  // always detect 0.2 mm.
   for (const auto& [pitch_mm, moved_mm] : std::vector<std::pair<double, double>>{{0.255, -0.5},
                                                                                  {0.255, -0.3},
                                                                                  {0.24, -0.2},

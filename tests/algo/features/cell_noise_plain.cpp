@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Noise of cells with every sum taken cell by cell; the method stands in algo/features/seat_noise.cpp.
+// Noise of cells with every sum computed cell by cell; the method is described in algo/features/seat_noise.cpp.
 #include "plain_features.h"
 
 #include <Eigen/Cholesky>
@@ -14,7 +14,7 @@ namespace {
 constexpr std::size_t kCellsMin = 400;
 constexpr double kWavelengthMax_mm = 40.0;
 constexpr double kWavelengthMin_mm = 10.0;
-/// What is longer than this counts as form when the noise of a cell is asked for.
+/// Longer wavelengths count as form in the noise of a cell.
 constexpr double kFormLength_mm = 20.0;
 constexpr std::size_t kModesMax = 40;  ///< along one axis: 200 mm of seat
 constexpr std::size_t kRings = 6;
@@ -22,7 +22,7 @@ constexpr std::size_t kRings = 6;
 constexpr double kEnergyMax = 12.0;
 constexpr double kOutlierSigmas = 4.0;
 
-/// Degree of the polynomial that is taken for form.
+/// Degree of the polynomial that represents the form.
 constexpr int kDegree = 4;
 constexpr int kTerms = (kDegree + 1) * (kDegree + 2) / 2;
 using Terms = Eigen::Matrix<double, kTerms, 1>;
@@ -44,7 +44,7 @@ double median_of(std::span<double> values) {
   return *middle;
 }
 
-/// 1.4826 times the median distance from zero of those that count.
+/// 1.4826 times the median absolute height of the cells that count.
 double robust_sigma_of(std::span<const double> heights, const std::array<bool, limits::kFlatnessCellsMax>& out) {
   std::array<double, limits::kFlatnessCellsMax> size;
   std::size_t n = 0;
@@ -53,14 +53,14 @@ double robust_sigma_of(std::span<const double> heights, const std::array<bool, l
   return n == 0 ? 0.0 : 1.4826 * median_of(std::span(size).first(n));
 }
 
-/// Takes the low polynomial off, then sets to zero what still stands out. Returns how many cells are left.
+/// Subtracts the low polynomial, then sets outliers to zero. Returns the number of cells left.
 std::size_t remove_form(const CellGrid& grid, std::span<double> heights, std::span<const std::uint32_t> cells) {
   std::array<bool, limits::kFlatnessCellsMax> out{};
   std::size_t left = heights.size();
   const auto terms_of = [&](std::size_t i) {
     return terms_at(grid.x_of(cells[i]) / grid.region.half_x_mm, grid.s_of(cells[i]) / grid.region.half_s_mm);
   };
-  // A chip leans on the polynomial until it is left out.
+  // A chip affects the polynomial until it is left out.
   for (int round = 0; round < 3; ++round) {
     Eigen::Matrix<double, kTerms, kTerms> H = Eigen::Matrix<double, kTerms, kTerms>::Zero();
     Terms g = Terms::Zero();
@@ -107,7 +107,7 @@ class Line {
   double xy_ = 0.0;
 };
 
-/// The heights as cosines over the region.
+/// Cosine spectrum of the heights over the region.
 class Spectrum {
  public:
   Spectrum(const CellGrid& grid, std::span<const double> heights, std::span<const std::uint32_t> cells)
@@ -130,7 +130,7 @@ class Spectrum {
     scale_ = 4.0 / static_cast<double>(grid.cells());
   }
 
-  /// Sum of the energies of all modes longer than kFormLength_mm, those along one axis included, and their number.
+  /// Sum of the energies of all modes longer than kFormLength_mm, including those along one axis, and their number.
   [[nodiscard]] double form_energy(double& count) const {
     double sum = 0.0;
     count = 0.0;
@@ -144,8 +144,8 @@ class Spectrum {
     return sum;
   }
 
-  /// Spectral density at infinite wavelength from the modes between the two wavelengths, ring by ring, as the variance
-  /// white noise of that density gives a cell. NaN: a ring without modes.
+  /// Spectral density at infinite wavelength, extrapolated ring by ring from the modes between the two wavelengths, as
+  /// the variance of a cell with white noise of that density. NaN if a ring has no modes.
   [[nodiscard]] double at_infinity() const {
     constexpr double k2_min = 1.0 / (kWavelengthMax_mm * kWavelengthMax_mm);
     constexpr double k2_max = 1.0 / (kWavelengthMin_mm * kWavelengthMin_mm);
@@ -161,14 +161,14 @@ class Spectrum {
       at[ring] = 0.5 * (from + to);
       log_level.add(at[ring], std::log(level[ring]), count[ring]);
     }
-    // A mean of n energies scatters by sqrt(2/n) of itself, hence the weights; they come from the smooth line, or
-    // rings that are low by chance would weigh more. The reciprocal of the mean is high by 2/n.
+    // A mean of n energies has a relative scatter of sqrt(2/n), hence the weights. They come from the smooth line;
+    // otherwise rings that are low by chance would have more weight. The reciprocal of the mean is high by 2/n.
     Line reciprocal;
     for (std::size_t ring = 0; ring < kRings; ++ring) {
       const double smooth = std::exp(log_level.value_at(at[ring]));
       reciprocal.add(at[ring], (1.0 - 2.0 / count[ring]) / level[ring], count[ring] * smooth * smooth);
     }
-    // No noise has more energy at short wavelengths than at long ones.
+    // Noise never has more energy at short wavelengths than at long ones.
     return 1.0 / (reciprocal.slope() > 0.0 ? reciprocal.value_at(0.0) : reciprocal.mean());
   }
 
@@ -206,7 +206,7 @@ class Spectrum {
     count = 0.0;
     if (n == 0) return kNoValue;
     const std::span<double> all = std::span(energies).first(n);
-    // Median of chi-square with one degree of freedom over its mean.
+    // Median of chi-square with one degree of freedom relative to its mean.
     const double limit = kEnergyMax * median_of(all) / 0.4549;
     double sum = 0.0;
     for (const double e : all) {
@@ -235,11 +235,11 @@ CellNoise noise_of_cells(const CellGrid& grid, std::span<double> heights, std::s
     return noise;
   const std::size_t left = remove_form(grid, heights, cells);
   if (left < kCellsMin) return noise;
-  // Where no cell is, or one was left out, the heights are zero: the energies lack its part.
+  // Empty and excluded cells have height zero: the energies lack their part.
   const double present = static_cast<double>(left) / static_cast<double>(grid.cells());
   const Spectrum spectrum(grid, heights, cells);
   const double density = spectrum.at_infinity() / present;
-  // All energies sum up to the heights' squares; the long ones are replaced by what the noise has there.
+  // The sum of all energies is that of the squared heights; the long ones are replaced by the noise density there.
   double long_modes = 0.0;
   ScalarMoments squares(0.0);
   for (const double h : heights) squares.add(h * h);

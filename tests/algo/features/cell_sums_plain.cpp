@@ -9,7 +9,7 @@
 namespace slabd::algo::plain {
 namespace {
 
-/// Number of the column, or row; those outside count to the border.
+/// Number of the column or row; points outside belong to the border.
 std::int32_t step_of(float from_border_mm, float cells_per_mm, std::int32_t count) {
   const float at = from_border_mm * cells_per_mm;
   if (!(at > 0.0F)) return 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The pass of algo/features/cell_sums against a plain one, cell by cell, on every instruction set.
+// The pass of algo/features/cell_sums against a plain one, cell by cell, with every instruction set.
 #include "algo/features/cell_sums.h"
 
 #include <gtest/gtest.h>
@@ -29,8 +29,7 @@ using Points = slabd::testing::PointArrays;
 const std::vector<std::size_t> kCounts = {0,   1,   2,   15,  16,  17,  33,  48,  63,  64,  65,   79,    80,
                                           127, 128, 129, 191, 192, 193, 255, 256, 257, 320, 1000, 10'007};
 
-/// Cells two millimetres wide and points in quarters of one: on borders of cells, beyond the table, and all that is
-/// computed is exact.
+/// Cells of two millimetres and points in quarters: on borders of cells, outside the table, and all results are exact.
 const CellLayout kQuarters = {12.0F, 9.0F, 0.5F, 12, 9, 0.25F, -0.5F, 1.0F, 0.125F};
 Points in_quarters(std::size_t count) {
   Points points;
@@ -42,7 +41,7 @@ Points in_quarters(std::size_t count) {
   return points;
 }
 
-/// A seat row by row, as a scan has it, with places that are absurd, on borders or next to nothing.
+/// A seat row by row, as in a scan, with positions that are absurd, on borders or nearly zero.
 const CellLayout kSeat = {51.0F, 75.0F, 1.0F / 1.5F, 68, 100, 0.004F, -0.007F, 1.0F, -0.13F};
 Points rough(std::size_t count) {
   Points points;
@@ -65,7 +64,7 @@ Points rough(std::size_t count) {
   return points;
 }
 
-/// What a pass over `points` makes of cells that hold something already, and what it must leave alone.
+/// Result of a pass over `points` with non-empty cells, and values that it must not change.
 struct Passed {
   std::vector<CellSum> cells;
   std::vector<CellRange> ranges;
@@ -95,7 +94,7 @@ bool same_bits(const std::vector<CellSum>& a, const std::vector<CellSum>& b) {
   return true;
 }
 
-/// `exact`: all sums are. Otherwise so many additions in another order round another way.
+/// `exact`: all sums are exact. Otherwise the order of additions changes the rounding.
 void expect_the_plain_cells(const SeatPoints& points, const CellLayout& layout, bool exact) {
   std::vector<plain::PlainCell> plain(static_cast<std::size_t>(layout.columns * layout.rows));
   std::vector<CellRange> ranges((points.size() + kCellGroup - 1) / kCellGroup);
@@ -159,7 +158,7 @@ TEST(CellSums, CountAPointOnceWhereverItStands) {
       SCOPED_TRACE(std::to_string(at) + " of " + std::to_string(count));
       Points points;
       for (std::size_t i = 0; i < count; ++i) points.add(i == at ? 11.0F : -5.0F, i == at ? 8.0F : -5.0F, 1.0F);
-      points.add(11.0F, 8.0F, 9.0F);  // behind the end
+      points.add(11.0F, 8.0F, 9.0F);  // after the end
       on_each_set([&] {
         const Passed fast(points.part(0, count), kQuarters);
         EXPECT_EQ(fast.cells.back().points, 1U);
@@ -195,7 +194,7 @@ TEST(CellSums, PlaceAGroupOfAnySizeAsAPlainLoopDoes) {
   }
 }
 
-/// No run holds what is not finite. If one did, it would spoil its cell and no memory.
+/// Runs contain only finite values. Other values would corrupt their cell but no other memory.
 TEST(CellSums, LeaveWhatIsNoNumberWithinTheTable) {
   for (const float odd : {kNaN, -kNaN, kInf, -kInf}) {
     for (const std::size_t count : {1U, 64U, 100U, 200U}) {

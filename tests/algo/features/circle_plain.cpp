@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The circle fit with all of its steps; the method stands in algo/features/casing_fits.cpp.
+// The circle fit with all of its steps; the method is described in algo/features/casing_fits.cpp.
 #include "plain_features.h"
 
 #include <Eigen/Cholesky>
@@ -29,7 +29,7 @@ double median_radius(std::span<const Vec2> points, const Vec2& centre) {
   return *middle;
 }
 
-/// Median distance to the circle as a standard deviation.
+/// Standard deviation estimated from the median distance to the circle.
 double scale_of(std::span<const Vec2> points, const Circle& circle) {
   std::array<double, kPointsMax> r;
   for (std::size_t i = 0; i < points.size(); ++i) r[i] = std::abs((points[i] - circle.centre).norm() - circle.radius);
@@ -38,7 +38,7 @@ double scale_of(std::span<const Vec2> points, const Circle& circle) {
   return 1.4826 * *middle;
 }
 
-/// Normal equations of one weighted Gauss-Newton step, and what goes with them.
+/// Normal equations of one weighted Gauss-Newton step, and related sums.
 struct Normal {
   Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
   Eigen::Vector3d g = Eigen::Vector3d::Zero();
@@ -75,13 +75,13 @@ Normal normal_at(std::span<const Vec2> points, double cut, double outside_weight
   return sum;
 }
 
-/// One step. Returns its length, negative when the points do not fix a circle.
+/// Makes one step. Returns its length, negative if the points do not determine a circle.
 double step(std::span<const Vec2> points, double cut, double outside_weight, Circle& circle) {
   const Normal sum = normal_at(points, cut, outside_weight, circle);
   circle.weight = sum.agreeing;
   if (!(sum.agreeing >= 3.0)) return -1.0;
   circle.rms = std::sqrt(sum.weighted_squares / sum.weight);
-  // A short arc fixes neither centre nor radius; relative to the weights the determinant then vanishes.
+  // A short arc determines neither centre nor radius; relative to the weights the determinant is then nearly zero.
   const Eigen::Matrix3d unit = sum.H / sum.weight;
   if (!(unit.determinant() > 1e-9)) return -1.0;
   const Eigen::Vector3d delta = -unit.ldlt().solve(Eigen::Vector3d(sum.g / sum.weight));
@@ -91,7 +91,7 @@ double step(std::span<const Vec2> points, double cut, double outside_weight, Cir
   return delta.norm();
 }
 
-/// What the finished fit knows about itself.
+/// Computes the quality figures of the finished fit.
 void state_quality(std::span<const Vec2> points, double cut, double outside_weight, Circle& circle) {
   const Normal sum = normal_at(points, cut, outside_weight, circle);
   circle.scatter = std::sqrt(sum.squares / sum.agreeing);
@@ -114,7 +114,7 @@ Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, const 
   circle.radius = median_radius(points, start);
   double cut = 0.0;
   for (int i = 0; i < kSteps; ++i) {
-    // The scale follows the fit for some steps and then stands, so that the steps can come to rest.
+    // The scale follows the fit for some steps and is then fixed, so that the steps converge.
     if (i < 20) cut = 4.685 * std::max(scale_of(points, circle), weights.scale_min);
     const double moved = step(points, cut, weights.outside_weight, circle);
     if (moved < 0.0) return circle;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What a cast surface adds to the features of an ideal one: pits that are bridged, rims under a crust, jaws that begin
-// with a fillet.
+// Differences between a cast surface and an ideal one: bridged pits, rims under a crust, jaws that begin with a fillet.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -32,7 +31,7 @@ Closed closed(const std::function<double(double x, double s)>& surface, double w
   std::vector<std::uint32_t> cell;
   std::vector<double> height;
   for (std::size_t c = 0; c < grid.cells(); ++c) {
-    // A cell's mean, of 5 x 5 places in it.
+    // A cell's mean, of 5 x 5 positions in it.
     double mean = 0.0;
     for (int k = 0; k < 25; ++k)
       mean += surface(grid.x_of(c) + 0.3 * (k % 5 - 2), grid.s_of(c) + 0.3 * (k / 5 - 2)) / 25.0;
@@ -82,7 +81,7 @@ TEST(Closing, BridgesTheWidestPoresWhereverTheyLieInTheCells) {
 }
 
 TEST(Closing, LeavesAHollowItsDepth) {
-  // As wide as three of what bridges: the closing alone would take a tenth of its depth.
+  // Three times as wide as bridged pits: the closing alone would remove a tenth of its depth.
   const auto bowl = [](double x, double s) {
     const double r = std::hypot(x, s);
     return r < 15.0 ? -0.6 * (1.0 + std::cos(kPi * r / 15.0)) : 0.0;
@@ -90,7 +89,7 @@ TEST(Closing, LeavesAHollowItsDepth) {
   const Closed hollow = closed(bowl);
   EXPECT_EQ(hollow.pits, 0U);
   EXPECT_LT(hollow.low, -1.18);
-  // A pore in a gentle one is bridged at the height of what is around it.
+  // A pore in a gentle hollow is bridged at the height of its surroundings.
   const auto gentle = [](double x, double s) { return -0.3 * std::exp(-(x * x + s * s) / 1800.0); };
   const Closed both = closed([&](double x, double s) { return gentle(x, s) + pit(4.0, 1.5, 2.0, 1.0)(x, s); });
   EXPECT_EQ(both.pits, 1U);
@@ -127,7 +126,7 @@ TEST(RimHeight, IsThatOfThePlaneAtTheAxis) {
   EXPECT_NEAR(level.height_mm, -0.25, 3.0 * level.sigma_mm);
   EXPECT_LT(level.sigma_mm, 0.002);
   EXPECT_EQ(level.share_on, 1.0);
-  // Tilted, and seen from one side only: the mean of what was seen is none of the axis.
+  // Tilted, and seen from one side only: the mean of the seen part differs from the height at the axis.
   const auto tilted = [](double angle, double r) { return 0.15 / 22.0 * r * std::cos(angle); };
   const RimHeight half = rim_height(rim(tilted, 0.02, [](double angle) { return std::abs(angle) < 1.9; }));
   ASSERT_TRUE(half.ok);
@@ -156,7 +155,7 @@ TEST(RimHeight, DoesNotCountWhatLiesOnTheRim) {
   EXPECT_NEAR(proud.crust_mm, 0.15, 0.02);
 }
 
-/// Mortar over the seat on a quarter of the rim, rough in patches of 3 mm: the rail pad lies on it.
+/// Mortar higher than the seat on a quarter of the rim, rough in patches of 3 mm: the rail pad rests on it.
 TEST(RimHeight, SeesRoughMortarOverTheSeat) {
   for (const double over_seat_mm : {0.12, 0.15, 0.2, 0.3})
     for (std::uint64_t seed = 1; seed <= 8; ++seed) {
@@ -180,7 +179,7 @@ TEST(RimHeight, SeesRoughMortarOverTheSeat) {
 // ---- where a jaw is flat
 // -----------------------------------------------------------------------------------------------
 
-/// Points of a face 26 mm high and 200 mm long, margins of 2 mm taken off; `over(from_foot)` above its plane.
+/// Points of a face 26 mm high and 200 mm long, without margins of 2 mm; `over(from_foot)` above its plane.
 struct JawPoints {
   std::vector<float> x, s, h;
   SeatPoints run;
@@ -218,7 +217,7 @@ struct JawPoints {
     return find_flat_strip(profile_of(list, {Vec3::UnitZ(), 0.0}, edges), edges, 2.0, ripple_mm);
   }
 };
-/// Of a fillet of this radius in a corner of 110 degrees.
+/// Height of a fillet of this radius in a corner of 110 degrees.
 double fillet_mm(double radius_mm, double from_foot_mm) {
   const double into = radius_mm / std::tan(rad_from_deg(55.0)) - from_foot_mm;
   return into > 0.0 ? radius_mm - std::sqrt(radius_mm * radius_mm - into * into) : 0.0;
@@ -255,7 +254,7 @@ TEST(FlatStrip, LeavesOutWhatLightAddsInTheCorner) {
   }
 }
 
-/// A jaw whose lower half leans otherwise: whichever half is measured, U reaches to the other one.
+/// A jaw whose lower half has another slope: if either half is measured, U extends to the other one.
 TEST(FlatStrip, TakesEachPieceOfABentJawForItsAngle) {
   for (const double bend_deg : {0.5, 0.7, 1.0, -0.7})
     for (const double at_mm : {11.0, 13.0, 15.0}) {
@@ -282,8 +281,7 @@ TEST(FlatStrip, SaysHowFarAWavyFaceLeavesItsTiltOpen) {
   EXPECT_LT(wavy.form_tilt_rad, 1e-3);
 }
 
-/// Whatever the phase and the period: the strip is long all the same, and twice the standard uncertainty reaches to the
-/// truth.
+/// For any phase and period the strip is long, and twice the standard uncertainty extends to the truth.
 TEST(FlatStrip, OfAScannerThatRipplesIsLongAndSaysWhatThatLeavesOpen) {
   constexpr double kRipple_mm = 0.007;
   for (const double period_mm : {6.0, 9.0, 13.0, 17.0})

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Flatness, noise of cells, casings and circle: the fast ways must say what the plain ones say, on full and on nasty
-// input, and the same bits on every instruction set, on one thread and on two. Floats in the seat's frame leave 1e-6 mm
-// between fast and plain, no more.
+// Flatness, noise of cells, casings and circle: the fast methods must agree with the plain ones, on complete and on
+// difficult input, and give the same bits with every instruction set and with one or two threads. Floats in the seat's
+// frame allow a difference of 1e-6 mm between fast and plain.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -25,7 +25,7 @@ using slabd::testing::Seat;
 constexpr InstructionSet kSets[] = {InstructionSet::plain, InstructionSet::sse4, InstructionSet::avx2,
                                     InstructionSet::avx512, InstructionSet::best};
 
-/// A seat plane that is not quite the nominal one.
+/// A seat plane slightly off the nominal one.
 PlaneFit tilted(double std_mm) {
   PlaneFit plane;
   plane.ok = true;
@@ -73,7 +73,7 @@ void expect_same(const Flatness& fast, const Flatness& plain) {
   expect_near(fast.by_area.height_mm, plain.by_area.height_mm, kFloat, "height by area");
 }
 
-/// Keeps the points for which keep().
+/// Keeps the points for which keep() is true.
 template <typename Keep>
 void thin(Seat& seat, const Keep& keep) {
   std::size_t kept = 0;
@@ -86,7 +86,7 @@ void thin(Seat& seat, const Keep& keep) {
   seat.xyz.resize(kept);
 }
 
-/// Seats of every kind, each with noise; the places are jittered so that no point lies on a cell's border.
+/// Seats of every kind, each with noise; the positions are jittered so that no point is on a cell's border.
 std::vector<std::pair<std::string, Seat>> seats() {
   std::vector<std::pair<std::string, Seat>> all;
   Prng prng(17);
@@ -152,7 +152,7 @@ TEST(FastFlatness, AgreesWithThePlainOneOnSeatsOfEveryKind) {
   }
 }
 
-/// Every bit of what was found out.
+/// Every bit of the result.
 std::string bits_of(const Flatness& f) {
   const std::array<double, 18> all = {f.seat_share,
                                       f.by_area.normal.x(),
@@ -245,7 +245,7 @@ TEST(FastCellNoise, AgreesWithThePlainOneToRounding) {
   }
 }
 
-/// A rim seen by a turned grid of points, partly hidden perhaps, with strays; in a seat's frame.
+/// A rim sampled by a rotated grid of points, possibly partly hidden, with strays; in a seat's frame.
 struct Rim {
   std::vector<float> x, s, h;
   std::vector<float> xyz;
@@ -293,7 +293,7 @@ void expect_same(const CasingFeature& fast, const CasingFeature& plain) {
   EXPECT_NEAR(fast.radius_mm, plain.radius_mm, 1e-5);
   EXPECT_NEAR(fast.edge_rms_mm, plain.edge_rms_mm, 1e-5);
   EXPECT_NEAR(fast.inlier_fraction, plain.inlier_fraction, 1e-4);
-  // A point more or less where the reach ends.
+  // One point more or less at the limit of the reach.
   EXPECT_NEAR(fast.height_mm, plain.height_mm, 2e-5);
   EXPECT_NEAR(fast.rim_std_mm, plain.rim_std_mm, 2e-5);
   EXPECT_NEAR(fast.rim_points, plain.rim_points, 3);
@@ -309,12 +309,12 @@ TEST(FastCasing, AgreesWithThePlainOne) {
     for (const double hidden_from : {100.0, 7.0, 1.0, -5.0}) {
       SCOPED_TRACE(std::to_string(seed) + ' ' + std::to_string(hidden_from));
       Rim rim(seed, seed % 2 == 0 ? 0.25 : 0.4, hidden_from, seed % 3 == 0 ? 0.001 : 0.0);
-      // The seat is tilted against the frame: lift the rim onto it.
+      // The seat is tilted relative to the frame: move the rim onto it.
       for (std::size_t i = 0; i < rim.h.size(); ++i) {
         rim.h[i] += static_cast<float>((seat.offset_mm - seat.normal.x() * static_cast<double>(rim.x[i]) -
                                         seat.normal.y() * static_cast<double>(rim.s[i])) /
                                        seat.normal.z());
-        // Every fourth with a lip at the bore, of which about as much counts as is forgiven.
+        // Every fourth has a lip at the bore, with about the tolerated share.
         const double beside = std::hypot(static_cast<double>(rim.x[i]), static_cast<double>(rim.s[i]) - 116.5);
         if (seed % 4 == 0 && beside < 15.0 + 0.02 * static_cast<double>(seed)) rim.h[i] += 1.0F;
         rim.xyz[3 * i + 2] = rim.h[i];
@@ -393,8 +393,8 @@ TEST(ValueAtRank, IsWhatSortingFinds) {
       for (std::size_t i = 0; i < n; ++i) {
         const double u = prng.uniform();
         const auto at = static_cast<double>(i);
-        // Random, all the same, rising, few different ones, the sampled places unlike the rest, infinite at the end,
-        // of any size and sign, zeros of either sign.
+        // Random, all equal, rising, few different values, sampled positions different from the rest, infinite at the
+        // end, of any size and sign, zeros of both signs.
         values[i] = kind == 0   ? u
                     : kind == 1 ? 4.0
                     : kind == 2 ? at

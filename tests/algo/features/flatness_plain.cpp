@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Flatness with the points sorted by cell; the rules stand in algo/features/flatness.cpp.
+// Flatness with the points sorted by cell; the rules are described in algo/features/flatness.cpp.
 #include "plain_features.h"
 
 #include <Eigen/QR>
@@ -18,21 +18,21 @@
 namespace slabd::algo::plain {
 namespace {
 
-/// Points of one cell that take part in its median; a cell of a dense scan holds about 80.
+/// Maximum number of points of a cell for its median; a cell of a dense scan contains about 80.
 constexpr std::size_t kCellSampleMax = 512;
 /// A stray is this many robust deviations from its cell's median ...
 constexpr double kStraySigmas = 5.0;
 /// ... and at least this far: a slope or step within a cell is not a stray.
 constexpr double kStrayMin_mm = 0.15;
-/// By so much more may the points of a cell scatter than those of most cells, and it is noise.
+/// Scatter of a cell up to this factor above that of most cells counts as noise.
 constexpr double kNoisierCell = 3.0;
-/// Nearer to the seat than this no cell is a defect, however quiet the scan: float coordinates resolve no better than
+/// A cell closer to the seat than this is never a defect, even in a quiet scan: the resolution of float coordinates is
 /// a tenth of it.
 constexpr double kDefectMin_mm = 0.001;
-/// A hole in the data that may hide a defect worth finding: 10 x 10 mm.
+/// A hole in the data that may hide a relevant defect: 10 x 10 mm.
 constexpr double kHole_mm2 = 100.0;
 
-/// Sorts `index` by cell in place: every entry goes straight to the next free place of its cell.
+/// Sorts `index` by cell in place: every entry moves directly to the next free place of its cell.
 template <typename CellOf>
 void sort_by_cell(std::span<std::uint32_t> index, std::size_t cells, const FlatnessMemory& work,
                   const CellOf& cell_of) {
@@ -53,7 +53,7 @@ void sort_by_cell(std::span<std::uint32_t> index, std::size_t cells, const Flatn
   }
 }
 
-/// Median and robust deviation of up to kCellSampleMax heights, evenly taken.
+/// Median and robust deviation of up to kCellSampleMax heights, sampled evenly.
 struct CellCentre {
   double median;
   double sigma;
@@ -72,29 +72,29 @@ CellCentre centre_of(std::span<const std::uint32_t> index, const HeightOf& heigh
   return {median, 1.4826 * *middle};
 }
 
-/// Points that a cell needs to be seen.
+/// Minimum number of points for a cell to be seen.
 std::size_t few_of(std::uint32_t points_min) {
   return std::max<std::size_t>(1, (points_min + 2) / 3);
 }
 
-/// A cell's mean point without strays, and how its points scatter about it.
+/// A cell's mean point without strays, and the scatter of its points about it.
 struct CellPoints {
   Vec3 mean = Vec3::Zero();
   std::uint32_t used = 0;
   double squares = 0.0;  ///< of heights about their mean, mm^2
 };
 
-/// Heights that count in a cell.
+/// Range of heights that count in a cell.
 struct Window {
   double low = -std::numeric_limits<double>::infinity();
   double high = std::numeric_limits<double>::infinity();
-  bool damage = false;    ///< those that would be strays, if they did not hang together
-  bool both = false;      ///< there is damage on the other side as well
-  double rest_low = 0.0;  ///< with damage: heights of the others but for strays of the other side, or that side's
+  bool damage = false;    ///< for connected points that would otherwise be strays
+  bool both = false;      ///< damage on the other side as well
+  double rest_low = 0.0;  ///< with damage: heights of the other points without strays of the other side, or that side's
   double rest_high = 0.0;
 };
 
-/// Mean point of a cell's points in the window; false when too few are left.
+/// Mean point of a cell's points in the window. False if too few remain.
 template <typename PointOf>
 bool cell_mean(std::span<const std::uint32_t> index, const PointOf& point_of, const PlaneFit& seat,
                std::uint32_t points_min, const Window& window, CellPoints& cell) {
@@ -117,7 +117,7 @@ bool cell_mean(std::span<const std::uint32_t> index, const PointOf& point_of, co
   return true;
 }
 
-/// The usual scatter of the points of a full cell, of a sample of 512 cells.
+/// The usual scatter of the points of a full cell, from a sample of 512 cells.
 template <typename PointsIn, typename HeightOf>
 double scatter_in_full_cells(const CellGrid& grid, const PointsIn& points_in, const HeightOf& height_of,
                              std::uint32_t points_min) {
@@ -136,7 +136,7 @@ double scatter_in_full_cells(const CellGrid& grid, const PointsIn& points_in, co
   return *middle;
 }
 
-/// The windows of all cells: strays are out; where half a cell's worth of them or more hangs together, all else is.
+/// The windows of all cells: strays are excluded. If half a cell's worth of them or more is connected, the rest is.
 template <typename PointsIn, typename HeightOf>
 std::vector<Window> windows_of(const CellGrid& grid, const PointsIn& points_in, const HeightOf& height_of,
                                std::uint32_t points_min) {
@@ -168,7 +168,7 @@ std::vector<Window> windows_of(const CellGrid& grid, const PointsIn& points_in, 
     std::vector<std::uint32_t> mark(grid.cells());
     std::vector<std::uint32_t> stack(grid.cells() + 1);
     for (std::size_t c = 0; c < grid.cells(); ++c) {
-      // Nearer to the seat than the cell's median is the seat.
+      // A point closer to the seat than the cell's median is the seat.
       const double median = 0.5 * (windows[c].low + windows[c].high);
       for (const std::uint32_t i : points_in(c)) {
         const double h = height_of(i);
@@ -204,19 +204,19 @@ std::vector<Window> windows_of(const CellGrid& grid, const PointsIn& points_in, 
   return windows;
 }
 
-/// All cells that have a mean, one after the other.
+/// All cells that have a mean.
 struct CellHeights {
   std::array<double, limits::kFlatnessCellsMax> height;  ///< of the mean above the seat, mm
   std::array<std::uint32_t, limits::kFlatnessCellsMax> cell;
   std::size_t size = 0;
-  double points = 0.0;   ///< in all of them
+  double points = 0.0;   ///< sum over all of them
   double squares = 0.0;  ///< of single points about their cell's mean, mm^2
 
   [[nodiscard]] double points_per_cell() const { return points / static_cast<double>(size); }
 };
 
-/// Marks the cells of the defect channel and returns its limit. A coarse scan has cells of few points among the full
-/// ones; theirs is the larger noise and the further limit.
+/// Marks the cells of the defect channel and returns its limit. In a coarse scan some cells have few points; these have
+/// more noise and a larger limit.
 template <typename PointsIn>
 double mark_defects(const CellHeights& cells, const PointsIn& points_in, double seat_std_mm, double sigmas,
                     std::span<std::uint32_t> mark) {
@@ -235,7 +235,7 @@ double mark_defects(const CellHeights& cells, const PointsIn& points_in, double 
   return std::fmax(sigmas * std::fmax(robust, usual), kDefectMin_mm);
 }
 
-/// The largest group of cells marked `side`, if it is larger than the one `defect` holds.
+/// Finds the largest group of cells marked `side`, if it is larger than the one in `defect`.
 void find_defect(const CellGrid& grid, CellMark side, const CellHeights& cells, std::span<std::uint32_t> mark,
                  std::span<std::uint32_t> stack, SurfaceDefect& defect) {
   for_each_group(grid, side, mark, stack, [&](std::span<const std::uint32_t> group) {
@@ -254,7 +254,7 @@ void find_defect(const CellGrid& grid, CellMark side, const CellHeights& cells, 
   });
 }
 
-/// Expected range of `count` means; those of few points may reach further than all would if they were alike.
+/// Expected range of `count` means. Those of few points may have a larger range than all would if they were alike.
 double noise_range(std::size_t count, std::vector<double> variance) {
   const auto mean_of = [](const std::vector<double>& v) {
     double sum = 0.0;
@@ -272,12 +272,12 @@ double noise_range(std::size_t count, std::vector<double> variance) {
   return range;
 }
 
-/// Where a cell lies, how high, how many points say so, and which share of its points is there.
+/// Position and height of a cell, its number of points, and the share of its points at that height.
 struct SeenCell {
   double x, s, height, points, share;
 };
 
-/// Share of the cells on the seat, and what weighing all of these alike does to the plane through them.
+/// Share of the cells on the seat, and change of the plane if all of these have equal weight.
 void weigh_by_area(const std::vector<SeenCell>& cells, const Vec3& along_seat, const PlaneFit& seat, Flatness& result) {
   const double reach = std::max(3.0 * seat.std_mm, kStrayMin_mm);
   std::vector<SeenCell> on;
@@ -338,7 +338,7 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   const auto points_in = [&](std::size_t c) -> std::span<const std::uint32_t> {
     return index.subspan(work.cell_start[c], work.cell_start[c + 1] - work.cell_start[c]);
   };
-  // Sorting is done with cell_next; from here on it holds the marks.
+  // Sorting is done with cell_next; from here on it contains the marks.
   const std::span<std::uint32_t> mark = work.cell_next.first(grid.cells());
   const std::vector<Window> windows = windows_of(grid, points_in, height_of, region.cell_points_min);
   std::size_t expected = 0;
@@ -383,7 +383,7 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
         cell_mean(points_in(cells.cell[k]), point_of, seat, enough, Window{window.rest_low, window.rest_high}, rest))
       beside_damage.push_back(rest.mean);
   }
-  // Damage is no noise.
+  // Damage does not count as noise.
   CellHeights quiet;
   std::vector<double> variance;
   for (std::size_t k = 0; k < cells.size; ++k) {
@@ -395,7 +395,7 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
     quiet.points += static_cast<double>(added[k].used);
     quiet.squares += added[k].squares;
   }
-  // The cells' starts have served: they lend their room to the search of groups.
+  // The cells' starts are no longer needed: their memory is used for the search of groups.
   const std::span<std::uint32_t> stack = work.cell_start;
   std::size_t hole = 0;
   for_each_group(grid, kMissing, mark, stack,

@@ -108,7 +108,7 @@ TEST(Flatness, CountsOnlyCellsWithEnoughPoints) {
   EXPECT_TRUE(std::isnan(f.lsq_mm));
 }
 
-/// A level seat without the points for which `gone(x, y)`.
+/// A level seat without the points for which `gone(x, y)` is true.
 template <typename Gone>
 Seat without(const Gone& gone, double pitch = 0.25) {
   Seat seat([](double, double) { return 0.0; }, pitch);
@@ -135,7 +135,7 @@ TEST(Flatness, IsNotMeasuredOverAHole) {
   EXPECT_FALSE(large.ok);
   EXPECT_NEAR(large.hole_mm2, 144.0, 1e-9);
   EXPECT_TRUE(std::isnan(large.min_zone_mm));
-  // A cable across the seat, one cell wide and slanting: its cells touch at corners at least.
+  // A slanted cable across the seat, one cell wide: its cells touch at least at corners.
   EXPECT_FALSE(without([](double x, double y) { return std::abs(x - y) < 2.0; }).measure().ok);
 }
 
@@ -153,7 +153,7 @@ TEST(Flatness, IsNotMeasuredWhenManySmallHolesAddUp) {
 }
 
 TEST(Flatness, TakesSparseCellsForSeenAndForWhatTheySay) {
-  // In a square of 20 mm only every third point is there: 12 of 36 a cell but for the pattern's chance.
+  // In a square of 20 mm only every third point exists: 12 of 36 per cell, except for the pattern's chance.
   const auto thinned = [](double x, double y) {
     return std::abs(x) < 10.0 && std::abs(y) < 10.0 && static_cast<int>(std::floor(4.0 * (x + y))) % 4 != 0;
   };
@@ -171,7 +171,7 @@ TEST(Flatness, TakesSparseCellsForSeenAndForWhatTheySay) {
 }
 
 TEST(Flatness, OfABowThatIsSparseOnOneSideIsThatOfTheWholeBow) {
-  // Half of the seat, or a spot of it, is dark: every fifth of 36 points a cell is left. What it sinks by is little.
+  // Half of the seat, or a spot of it, is dark: every fifth of 36 points per cell remains. It sinks only a little.
   const auto bow = [](double x, double) { return -0.4 * (x / 51.0) * (x / 51.0); };
   const auto dent = [](double x, double y) { return -0.12 * std::exp(-(x * x + y * y) / 128.0); };
   const auto left = [](double x, double) { return x < 0.0; };
@@ -198,7 +198,7 @@ TEST(Flatness, OfABowThatIsSparseOnOneSideIsThatOfTheWholeBow) {
 }
 
 TEST(Flatness, DamageThatReturnsFewPointsCounts) {
-  // Bumps of six by six cells, 2 mm high, each smaller than a hole that is refused, of which one point in six is seen.
+  // Bumps of six by six cells, 2 mm high, each smaller than a refused hole, with one point in six remaining.
   Prng prng(11);
   const auto bump = [](double x, double y) {
     const auto near = [](double v) { return std::abs(std::remainder(v, 40.0)) < 4.5; };
@@ -217,7 +217,7 @@ TEST(Flatness, DamageThatReturnsFewPointsCounts) {
 }
 
 TEST(Flatness, ADropOfWaterIsNotSeenAndAsMuchMortarCounts) {
-  // A dome, 8 mm wide and 1.2 mm high; of water one point in seven returns.
+  // A dome, 8 mm wide and 1.2 mm high; water returns one point in seven.
   const auto dome = [](double x, double y) {
     const double r2 = (x * x + y * y) / 16.0;
     return r2 < 1.0 ? 1.2 * std::sqrt(1.0 - r2) : 0.0;
@@ -247,7 +247,7 @@ TEST(Flatness, ADropOfWaterIsNotSeenAndAsMuchMortarCounts) {
 }
 
 TEST(Flatness, APoreInGrainyConcreteIsBridged) {
-  // Grain of 0.02 mm rms, alike over 2 mm: its valleys join the pore, which must not take it for one of a wide hollow.
+  // Grain of 0.02 mm rms, correlated over 2 mm: its valleys join the pore, which must still not count as a wide hollow.
   for (const std::uint64_t seed : {1U, 2U, 3U, 4U}) {
     Prng prng(seed);
     constexpr std::size_t kNodes = 200;
@@ -300,7 +300,7 @@ TEST(Flatness, WhatHangsTogetherIsNoStrayHoweverNarrow) {
 }
 
 TEST(Flatness, ACrackThatHasRaisedItsLipsIsAsDeepAsItIs) {
-  // Half a millimetre wide; its lips alone are within what a seat may have.
+  // Half a millimetre wide; its lips alone are within the tolerance of a seat.
   for (const double depth_mm : {4.0, 0.8}) {
     for (const double at_mm : {10.1, 10.5, 11.0, 11.3}) {
       Prng prng(17);
@@ -318,7 +318,7 @@ TEST(Flatness, ACrackThatHasRaisedItsLipsIsAsDeepAsItIs) {
 }
 
 TEST(Flatness, DamageInEveryCellOfACoarseScanIsNoFlatSeat) {
-  // Twelve points a cell in rows of three lines, one of them a ridge: of what is beside it eight are left.
+  // Twelve points per cell in rows of three lines, one of them a ridge: eight points next to it remain.
   Seat seat([](double, double) { return 0.0; });
   seat.xyz.clear();
   for (float y = -74.8125F; y < 75.0F; y += 0.375F)
@@ -330,7 +330,7 @@ TEST(Flatness, DamageInEveryCellOfACoarseScanIsNoFlatSeat) {
 }
 
 TEST(Flatness, NoiseOfCellsWithFewPointsIsTold) {
-  // One half returns five points to a cell, one in a hundred of them half a millimetre off.
+  // One half has five points per cell, one in a hundred of them half a millimetre off.
   Prng prng(18);
   Seat seat([&](double, double) { return prng.uniform() < 0.01 ? 0.5 : 0.05 * prng.normal(); }, 0.22);
   std::vector<float> seen;
@@ -355,7 +355,8 @@ TEST(Flatness, DamageInEveryCellIsNoFlatSeat) {
 }
 
 TEST(Flatness, DamageIsNoNoise) {
-  // Ridges in every third or fourth row of cells, finer than a cell or wider: what is between them is as quiet as ever.
+  // Ridges in every third or fourth row of cells, narrower than a cell or wider: the cells between have the usual
+  // noise.
   Prng prng(15);
   const double quiet_mm = Seat([&](double, double) { return 0.03 * prng.normal(); }).measure().noise_mm;
   for (const double wide_mm : {0.5, 3.2}) {
@@ -372,7 +373,7 @@ TEST(Flatness, DamageIsNoNoise) {
 }
 
 TEST(Flatness, TheSeatBesideDamageIsNotTheDamage) {
-  // Of a row of cells two thirds are damage: what hangs together on the other side of it is the seat.
+  // In a row of cells two thirds are damage: connected points on the other side of it are the seat.
   for (const double height : {10.0, 3.0, -3.0}) {
     Seat seat([&](double x, double y) { return y > 0.0 && y < 1.0 && std::abs(x) < 40.0 ? height : 0.0; });
     const Flatness flat = seat.measure();
@@ -382,7 +383,7 @@ TEST(Flatness, TheSeatBesideDamageIsNotTheDamage) {
 }
 
 TEST(Flatness, StraysThatStandAloneStillGo) {
-  // One point in a thousand 1 mm up or down: some touch, hardly ever for half a cell's worth.
+  // One point in a thousand is 1 mm up or down: some touch, but hardly ever half a cell's worth.
   Prng prng(12);
   Seat seat([&](double, double) {
     const double u = prng.uniform();
@@ -394,7 +395,7 @@ TEST(Flatness, StraysThatStandAloneStillGo) {
   EXPECT_GT(flat.raw_high_mm, 0.9);
 }
 
-/// A burr or a grain of dust counts, and so does the doubt that it will stay; a hump and damage count without one.
+/// A burr or a grain of dust counts, and so does the uncertainty whether it will stay. A hump and damage count fully.
 TEST(Flatness, NarrowLowBumpsAreToldApart) {
   const auto bump = [](double x, double y, double wide, double high) {
     const double r = std::hypot(x - 11.0, y + 20.0) / (0.5 * wide);
@@ -422,7 +423,7 @@ TEST(Flatness, ExpectsNothingAtCasings) {
 }
 
 TEST(Flatness, OfACoarseScanIsMeasured) {
-  // 14 points a cell on average, nine in some.
+  // 14 points per cell on average, nine in some.
   Prng prng(8);
   Seat seat = without([&](double, double) { return prng.uniform() < 0.02; }, 0.4);
   const Flatness f = seat.measure();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Scans as scanner programs beautify them: gaps filled, neighbours averaged, values rounded and corrected afterwards.
+// Scans embellished by scanner programs: gaps filled, neighbours averaged, values rounded and corrected afterwards.
 #include "algo/features/noise_texture.h"
 
 #include <gtest/gtest.h>
@@ -15,10 +15,10 @@
 namespace slabd::algo {
 namespace {
 
-/// A seat of 100 x 150 mm, seen row by row.
+/// A seat of 100 x 150 mm, sampled row by row.
 struct Seat {
   static constexpr double kPitch = 0.2;
-  static constexpr int kColumns = 512;  // as if made for a sample of every second, fourth ... stretch
+  static constexpr int kColumns = 512;  // the worst case for a sample of every second, fourth ... stretch
   static constexpr int kRows = 750;
   std::vector<float> x, s, h;
 
@@ -35,7 +35,7 @@ struct Seat {
   }
   float& at(int row, int column) { return h[static_cast<std::size_t>(row * kColumns + column)]; }
 
-  /// Mean over `reach` neighbours on each side, both ways.
+  /// Mean over `reach` neighbours on each side, in both directions.
   void smooth(int reach) {
     for (const bool along : {true, false}) {
       const std::vector<float> before = h;
@@ -54,7 +54,7 @@ struct Seat {
 
   [[nodiscard]] NoiseTexture texture() const {
     std::vector<TextureCell> cells(kTextureCells);
-    // In pieces that are no whole rows, as the survey's threads leave them.
+    // Pieces that are not whole rows, like those of the survey's threads.
     std::vector<SeatPoints> runs;
     for (std::size_t from = 0; from < h.size(); from += 7'001) {
       const std::size_t size = std::min<std::size_t>(7'001, h.size() - from);
@@ -78,7 +78,7 @@ TEST(NoiseTexture, of_a_scan_as_it_was_measured_is_white) {
 
 TEST(NoiseTexture, is_missing_where_a_gap_was_filled) {
   for (const int size_mm : {12, 16, 24, 40, 60})
-    for (const double left_mm : {0.0, 0.0005, 0.003}) {  // a spline, one through noisy borders
+    for (const double left_mm : {0.0, 0.0005, 0.003}) {  // a spline; and one through noisy borders
       Seat seat(0.03);
       Prng prng(7);
       const int n = static_cast<int>(size_mm / Seat::kPitch);
@@ -123,7 +123,7 @@ TEST(NoiseTexture, tells_heights_that_stand_in_steps_though_they_were_corrected)
 
 TEST(NoiseTexture, is_not_known_where_points_have_no_neighbours_or_no_noise) {
   Seat seat(0.03);
-  // Dealt out: points that follow each other lie a long way apart.
+  // Reordered: consecutive points are far apart.
   std::vector<float> x, s, h;
   for (std::size_t i = 0; i < seat.h.size(); ++i) {
     const std::size_t j = i * 104'729 % seat.h.size();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Digits: what four metres from the origin, five million points, float storage and a fixed-memory search may cost.
+// Numerical accuracy with four metres from the origin, five million points, float storage and a fixed-memory search.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -80,7 +80,8 @@ TEST(ManyPoints, FiveMillionAgreeWithTwoPassesInLongDouble) {
   std::array<long double, 3> mean{};
   for (std::size_t i = 0; i < kCount; ++i)
     for (std::size_t k = 0; k < 3; ++k) mean[k] += static_cast<long double>(xyz[3 * i + k]) / kCount;
-  // Residuals about the fitted plane, by the book; at the optimum they are uncorrelated with the place in the plane.
+  // Residuals about the fitted plane, by definition; at the optimum they are uncorrelated with the position in the
+  // plane.
   const Vec3 ex = (Vec3::UnitX() - f.normal.x() * f.normal).normalized();
   const Vec3 ey = f.normal.cross(ex);
   long double squares = 0.0L;
@@ -102,13 +103,13 @@ TEST(ManyPoints, FiveMillionAgreeWithTwoPassesInLongDouble) {
     moment_y += r * y;
   }
   EXPECT_NEAR(f.std_mm / static_cast<double>(std::sqrt(squares / (kCount - 3))), 1.0, 1e-8);
-  // A tilt of 1e-12 rad would leave n * var(x) * 1e-12.
+  // A tilt of 1e-12 rad would give n * var(x) * 1e-12.
   EXPECT_LT(std::abs(static_cast<double>(moment_x)), 5e6 * 20833.0 * 1e-12);
   EXPECT_LT(std::abs(static_cast<double>(moment_y)), 5e6 * 10208.0 * 1e-12);
   for (int k = 0; k < 3; ++k) EXPECT_NEAR(f.centroid[k], static_cast<double>(mean[static_cast<std::size_t>(k)]), 1e-9);
 }
 
-/// Every normal at which two parallel planes can touch a set: three points on one side, or two on either.
+/// Tries every normal at which two parallel planes can touch a set: three points on one side, or two on both.
 double zone_by_brute_force(const std::vector<Vec3>& points) {
   double best = std::numeric_limits<double>::infinity();
   const std::size_t n = points.size();

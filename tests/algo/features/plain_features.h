@@ -9,8 +9,8 @@
 #include "algo/features/flatness.h"
 #include "algo/features/seat_noise.h"
 
-/// Flatness, cell noise, casings and circle written down as they are meant: point by point, in double, every cell
-/// sorted, every angle an arctangent. Ten to thirty times slower than algo's; what those must agree with.
+/// Flatness, cell noise, casings and circle by definition: point by point, in double, every cell sorted, every angle an
+/// arctangent. Reference for algo, ten to thirty times slower.
 namespace slabd::algo::plain {
 
 struct FlatnessMemory {

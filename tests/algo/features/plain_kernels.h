@@ -13,9 +13,9 @@
 #include "algo/features/plane_zone.h"
 #include "algo/moments.h"
 
-/// The passes over listed points written down as they are meant: one point after the other. Where floats decide which
-/// points count they are the same floats as algo's, so that the same points count to the last one; what is summed up
-/// is summed up in double.
+/// The passes over listed points by definition: one point after the other. Where floats decide which points
+/// count they are the same floats as in algo, so that exactly the same points count; the sums are in
+/// double.
 namespace slabd::algo::plain {
 
 // ---- algo/features/plane_zone.h
@@ -23,11 +23,11 @@ namespace slabd::algo::plain {
 
 struct ZoneSums {
   TiltedSums sums;
-  std::array<double, 9> sizes{};  ///< of what was summed up, whatever its sign: for what rounding may do
+  std::array<double, 9> sizes{};  ///< sums of absolute values, for the rounding tolerance
 };
 [[nodiscard]] ZoneSums tilted_sums(std::span<const SeatPoints> runs, const Tilt& tilt, float within_mm);
 
-/// What ZonedPoints, sorted around `sorted_around`, says of `plane`.
+/// Moments of `plane` by ZonedPoints sorted around `sorted_around`.
 [[nodiscard]] PointMoments zoned_within(const ListedPoints& points, const FlatPlane& sorted_around,
                                         const FlatPlane& plane, double threshold);
 
@@ -35,13 +35,13 @@ struct ZoneSums {
 // ----------------------------------------------------------------------------------------------
 
 struct PlainCell {
-  std::array<double, 4> sums{};   ///< of places, heights and their squares
-  std::array<double, 4> sizes{};  ///< of what was summed up, whatever its sign
+  std::array<double, 4> sums{};   ///< of positions, heights and their squares
+  std::array<double, 4> sizes{};  ///< sums of absolute values
   float low = std::numeric_limits<float>::infinity();
   float high = -std::numeric_limits<float>::infinity();
   std::uint32_t points = 0;
 };
-/// The cell of a place; places outside count to the border.
+/// The cell of a position; positions outside belong to the border.
 [[nodiscard]] std::int32_t cell_of(const CellLayout& layout, float x, float s);
 [[nodiscard]] float height_in_cell(const CellLayout& layout, float x, float s, float h);
 void add_to_cells(const SeatPoints& points, const CellLayout& layout, std::span<PlainCell> cells,
@@ -56,7 +56,7 @@ struct RingPoint {
   bool in = false;
 };
 [[nodiscard]] RingPoint in_ring(const CasingAxes& axes, const CasingRing& ring, float x, float s, float h);
-/// Anticlockwise from the x axis, 0 <= turn < 48.
+/// Direction anticlockwise from the x axis, 0 <= turn < 48.
 [[nodiscard]] double turn_in_sectors(const RingPoint& point);
 void find_innermost(const SeatPoints& points, const CasingAxes& axes, const CasingRing& ring, Innermost& innermost);
 [[nodiscard]] std::vector<float> heights_in_ring(const SeatPoints& points, const CasingAxes& axes,

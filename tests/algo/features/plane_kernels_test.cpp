@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The loops of the plane fits against plain ones, on full samples and on nasty ones, and the same bits on every
+// The loops of the plane fits against plain ones, on full samples and on difficult ones, with the same bits for every
 // instruction set.
 #include <gtest/gtest.h>
 
@@ -31,7 +31,7 @@ const FlatPlane kPlane = {Vec3(0.01, -0.02, 1.0).normalized(), 12.5};
 /// Points about kPlane, far and near; `nasty`: some are not finite or absurdly far.
 std::unique_ptr<PlaneSample> sample_of(std::size_t count, bool nasty) {
   auto sample = std::make_unique<PlaneSample>();
-  // What is behind the points must not matter.
+  // Memory after the points must not matter.
   sample->x.fill(1.0);
   sample->y.fill(1.0);
   sample->z.fill(12.5);
@@ -51,7 +51,7 @@ std::unique_ptr<PlaneSample> sample_of(std::size_t count, bool nasty) {
   return sample;
 }
 
-/// Nothing, less than sixteen, odd numbers, a full sample.
+/// No points, fewer than sixteen, odd numbers, a full sample.
 const std::vector<std::size_t> kCounts = {0, 1, 15, 16, 17, 255, 256, 257, 1000, 1024, limits::kPlaneSampleMax};
 
 template <typename Check>
@@ -96,7 +96,7 @@ TEST(PlaneKernels, TruncatedSquaresThatStopEarlyHaveLost) {
     const double whole = plain_truncated(sample->all(), 0.09);
     const double sum = truncated_squares(sample->all(), kPlane, 0.09, share * whole);
     EXPECT_EQ(share < 1.0, sum >= share * whole);
-    // One scale that can still win keeps all of them going.
+    // One scale that can still win keeps all of them running.
     ScaledSums stop;
     for (std::size_t k = 0; k < kScales; ++k)
       stop[k] = (k == 1 ? share : 0.01) * plain_truncated(sample->all(), 0.09 / static_cast<double>(1U << k));
@@ -108,7 +108,7 @@ TEST(PlaneKernels, TruncatedSquaresThatStopEarlyHaveLost) {
 TEST(PlaneKernels, CountsAreThoseOfAPlainLoop) {
   for_each_sample([](const PlaneSample& sample) {
     const SamplePoints points = sample.all();
-    // Also at the very distance of a point.
+    // Also with the exact distance of a point.
     std::vector<double> thresholds = {0.0, 0.05, 1e3, kInf};
     for (std::size_t i = 5; i < points.size(); i += 97) thresholds.push_back(std::abs(kPlane.distance(points[i])));
     for (const double threshold : thresholds) {
@@ -209,7 +209,7 @@ TEST(PlaneKernels, HaveTheSameBitsOnEveryInstructionSet) {
 
 TEST(PlaneSampling, TheFirstQuarterStandsForTheWholeSet) {
   for (const std::size_t n : {std::size_t{1500}, std::size_t{4096}, std::size_t{4097}, std::size_t{100'000}}) {
-    // Every fourth point of the set is no point at all; x says where in the set a point stood.
+    // Every fourth point of the set is missing; x is the position of a point in the set.
     std::vector<Vec3> points;
     for (std::size_t i = 0; i < n; ++i)
       points.push_back(Vec3(static_cast<double>(i) / static_cast<double>(n), i % 4 == 0 ? kInf : 0.0, 0.0));
@@ -237,7 +237,7 @@ TEST(PlaneSampling, TheFirstQuarterStandsForTheWholeSet) {
 // ---- points near where the threshold cuts --------------------------------------------------------------------------
 
 /// A face of `count` points in runs of odd lengths, about `plane`, a fifth of them strays; `edge`: all of the points
-/// lie near the threshold.
+/// are near the threshold.
 struct ListedFace {
   std::vector<float> x, s, h;
   std::vector<SeatPoints> runs;
@@ -339,7 +339,7 @@ TEST(ZonedPoints, RefuseAThresholdTooFineAndAnEdgeTooFull) {
 
 TEST(ZonedPoints, LeadToTheFixedPointOfAllPoints) {
   const FlatPlane plane = {Vec3(0.004, -0.3, 1.0).normalized(), 2.0};
-  // The last one is all edge: its fit goes over all points each time.
+  // The last one is all edge: its fit reads all points each time.
   for (const double edge : {0.0, 0.05}) {
     for (const std::size_t count : {40U, 3000U, 60'000U}) {
       SCOPED_TRACE(std::to_string(count) + " " + std::to_string(edge));

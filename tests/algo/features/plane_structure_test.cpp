@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What the plane fit claims about itself: its covariance, and that it never stands by a wrong plane when the outliers
-// have a structure of their own.
+// Statements of the plane fit about itself: its covariance, and the refusal of a wrong plane if the outliers have a
+// structure of their own.
 #include <gtest/gtest.h>
 
 #include <string>
@@ -16,7 +16,7 @@ constexpr double kNoise_mm = 0.03;
 constexpr double kHalfX_mm = 51.0;
 constexpr double kHalfY_mm = 75.0;
 
-/// A seat-sized set of 6000 points whose height is `height(x, y, u)` with x, y in [-1, 1] and u uniform, plus noise.
+/// A seat-sized set of 6000 points with height `height(x, y, u)`, x, y in [-1, 1] and u uniform, plus noise.
 template <typename Height>
 std::vector<Vec3> shaped(std::uint64_t seed, const Height& height) {
   Prng prng(seed);
@@ -108,8 +108,8 @@ TEST(PlaneStructure, AGivenThresholdThatTakesInTwoSurfacesIsRefused) {
 }
 
 TEST(PlaneStructure, NoiseAloneIsNotDoubted) {
-  // Of a handful of points a few may fit a plane so well by chance that the others look like strays. Then it is
-  // refused: about one handful in seventy.
+  // In a small set a few points may fit a plane so well by chance that the others look like strays. Then it is refused:
+  // about one set in seventy.
   constexpr std::uint64_t kHandful = 60;
   int handfuls_refused = 0;
   for (std::uint64_t seed = 1; seed <= 300; ++seed) {
@@ -128,7 +128,7 @@ TEST(PlaneStructure, NoiseAloneIsNotDoubted) {
 }
 
 TEST(PlaneFixedPoint, PointsExactlyAtTheThresholdDoNotKeepItFromStandingStill) {
-  // Mirrored points at the threshold belong or not by their last bit, and which of the two it is changes nothing.
+  // Mirrored points at the threshold are inliers or not by their last bit, which does not change the plane.
   for (std::uint64_t seed = 1; seed <= 200; ++seed) {
     Prng prng(seed);
     const Quat turn = Quat(prng.normal(), prng.normal(), prng.normal(), prng.normal()).normalized();
@@ -149,7 +149,7 @@ TEST(PlaneFixedPoint, PointsExactlyAtTheThresholdDoNotKeepItFromStandingStill) {
   }
 }
 
-/// Mean squared error of offset and tilt in units of the stated covariance, over many seeds: 1 when it is true.
+/// Mean squared error of offset and tilt in units of the stated covariance, over many seeds: 1 if it is true.
 struct Normalised {
   double offset = 0.0;
   double tilt = 0.0;
@@ -173,7 +173,7 @@ Normalised normalised_errors(double outlier_share, const Fit& fit) {
     }
     const PlaneFit f = fit(points, z);
     EXPECT_TRUE(f.ok) << seed;
-    // The centroid lies on the fitted plane: its height above the true one is the error there.
+    // The centroid is on the fitted plane: its height above the true one is the error there.
     const double height = z.dot(f.centroid - origin);
     sum.offset += height * height / (f.sigma_offset_mm * f.sigma_offset_mm);
     Eigen::Matrix2d C;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Points within a distance of a plane, one by one; what is kept of them and why stands in algo/features/plane_zone.
+// Points within a distance of a plane, one by one; the zone is described in algo/features/plane_zone.
 #include <cmath>
 
 #include "plain_kernels.h"
@@ -8,7 +8,7 @@
 namespace slabd::algo::plain {
 namespace {
 
-/// Half of the zone in which points are kept, as a part of the threshold.
+/// Half width of the zone in which points are kept, relative to the threshold.
 constexpr double kEdgeShare = 1.0 / 12.0;
 
 float above(const Tilt& tilt, float u, float v, float h) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The passes of algo/features/plane_zone against plain ones: which points count, to the last one, and what they add up
-// to, on every instruction set, with ends of runs everywhere.
+// The passes of algo/features/plane_zone against plain ones: exactly the same points and their sums, with every
+// instruction set, with ends of runs everywhere.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -24,11 +24,11 @@ using slabd::testing::kTiny;
 using slabd::testing::on_each_set;
 using Points = slabd::testing::PointArrays;
 
-/// Around sixteen, and around the sixteen sixteens after which float sums become double ones.
+/// Around sixteen, and around the sixteen sixteens after which float sums are added to double ones.
 const std::vector<std::size_t> kCounts = {0,  1,   2,   15,  16,  17,  31,  32,  33,  47,  48,
                                           49, 255, 256, 257, 271, 272, 273, 511, 512, 513, 10'000};
 
-/// In quarters of a millimetre: all that is computed is exact, and a third lies just where within_mm cuts.
+/// In quarters of a millimetre: all results are exact, and a third of the points is exactly at within_mm.
 constexpr Tilt kQuarters = {0.25F, 0.5F, -0.25F};
 constexpr float kWithin_mm = 1.25F;
 Points in_quarters(std::size_t count) {
@@ -71,8 +71,8 @@ Points rough(std::size_t count) {
   return points;
 }
 
-/// A product and up to sixteen sums are rounded to floats before they become double; and what is too small for floats
-/// gets lost.
+/// A product and up to sixteen sums are rounded to float before they become double; values too small for floats are
+/// lost.
 double rounding_of(double size) {
   return 18.0 * 0x1p-24 * size + 1e-38;
 }
@@ -138,7 +138,7 @@ TEST(TiltedSums, CountAPointOnceWhereverItStands) {
       SCOPED_TRACE(std::to_string(at) + " of " + std::to_string(count));
       Points points;
       for (std::size_t i = 0; i < count; ++i) points.add(7.0F, 8.0F, i == at ? 0.5F : 9.0F);
-      points.add(7.0F, 8.0F, 0.5F);  // behind the end
+      points.add(7.0F, 8.0F, 0.5F);  // after the end
       const SeatPoints run = points.part(0, count);
       on_each_set([&] {
         const TiltedSums sums = tilted_sums({&run, 1}, {}, 1.0F);
@@ -165,7 +165,7 @@ TEST(TiltedSums, OfTheSameSelectionHaveTheSameBitsWhateverSelectedIt) {
 
 const FlatPlane kLevel = {Vec3::UnitZ(), 0.0};
 
-/// A face about `plane` in runs. Twice the noise is the threshold's edge, so that every plane finds other points.
+/// A face about `plane` in runs. The threshold is at twice the noise, so that every plane selects other points.
 struct Face {
   Points points;
   std::vector<SeatPoints> runs;
@@ -221,8 +221,8 @@ TEST(ZonedPoints, HoldTheSamePointsAsAPlainLoopOnEveryInstructionSet) {
   }
 }
 
-/// Within the zone a plane may be a twelfth of the threshold off, over all points. One point far out makes a tilt that
-/// is none over the others too much, wherever it stands and in whichever direction it lies.
+/// Within the zone a plane may be off by a twelfth of the threshold, over all points. A single far point makes a tilt
+/// too large that is acceptable over the others, at any index and in any direction.
 TEST(ZonedPoints, NoticeAPlaneTooFarOffAtAnyOneOfThem) {
   const double threshold = 1.2;
   const double slack = 0.1;
@@ -248,7 +248,7 @@ TEST(ZonedPoints, NoticeAPlaneTooFarOffAtAnyOneOfThem) {
         points.x[at] = static_cast<float>(far.x());
         points.s[at] = static_cast<float>(far.y());
         points.h[at] = 50.0F;  // a stray, but another plane goes through it
-        // Along one direction it is level but for the far point.
+        // Along one direction it is level except for the far point.
         const auto tilted = [&](double rise) {
           return FlatPlane{(Vec3::UnitZ() - rise / 1e4 * far).normalized(), 0.0};
         };
@@ -264,7 +264,7 @@ TEST(ZonedPoints, NoticeAPlaneTooFarOffAtAnyOneOfThem) {
 }
 
 TEST(ZonedPoints, KeepAsManyPointsAsThereIsRoomFor) {
-  // All of them where the threshold cuts: half a unit of rounding decides.
+  // All points are at the threshold: half a unit of rounding decides.
   constexpr double kThreshold = 1.0;
   const auto face = [](std::size_t count) {
     Points points;

@@ -17,7 +17,7 @@ inline constexpr float kInf = std::numeric_limits<float>::infinity();
 inline constexpr float kHuge = std::numeric_limits<float>::max();
 inline constexpr float kTiny = std::numeric_limits<float>::denorm_min();
 
-/// Points of a seat's frame, and parts of them as kernels take them: behind each part the next points stand.
+/// Points of a seat's frame, and parts of them as kernel input: each part is followed by the next points.
 struct PointArrays {
   std::vector<float> x, s, h;
 

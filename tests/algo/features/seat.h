@@ -7,7 +7,7 @@
 
 namespace slabd::testing {
 
-/// What measure_flatness works in, full of what another block left there.
+/// Memory of measure_flatness, filled with remains of another block.
 struct FlatnessMemory {
   std::vector<algo::CellSum> sums =
       std::vector<algo::CellSum>(2 * limits::kFlatnessCellsMax, algo::CellSum{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11});
@@ -19,11 +19,11 @@ struct FlatnessMemory {
   algo::FlatnessWorkspace work{sums, ranges, heights, mark, stack, mean};
 };
 
-/// A level seat as float points, and the flatness of it.
+/// A level seat as float points, and its flatness.
 struct Seat {
   std::vector<float> xyz;
   algo::FlatnessRegion region{51.0, 75.0, 1.5, 12};
-  /// The points go in so many runs.
+  /// Number of runs into which the points are divided.
   std::size_t runs = 1;
   int threads = 1;
 
@@ -40,7 +40,7 @@ struct Seat {
           Vec3(static_cast<double>(xyz[i]), static_cast<double>(xyz[i + 1]), static_cast<double>(xyz[i + 2])));
     return all;
   }
-  /// Against the nominal plane, as if it had been fitted; `std_mm` is what the fit would say of the points.
+  /// Measures relative to the nominal plane, as if it had been fitted; `std_mm`: the fit's standard deviation.
   algo::Flatness measure(double std_mm = kNoValue) {
     PlaneFit level;
     level.ok = true;

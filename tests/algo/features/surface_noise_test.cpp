@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What flatness says beside its value: how much of it is noise, how far neighbouring points share their errors, and
-// what small thing stands out.
+// Additional results of flatness: its noise, the correlation of neighbouring points' errors, and small defects.
 #include <gtest/gtest.h>
 
 #include <string>
@@ -122,7 +121,7 @@ TEST(NoiseFactor, OfWhiteNoiseIsOne) {
   EXPECT_NEAR(h.normalised, 1.0, 0.3);
 }
 
-// Sixty seeds know a ratio of variances of three components to about 11 %.
+// Sixty seeds determine a ratio of variances of three components to about 11 %.
 TEST(NoiseFactor, MakesTheCovarianceTrueWhenNeighboursShareTheirErrors) {
   for (const double L : {0.3, 1.0, 2.0}) {
     const Honesty g = honesty(60, [L](Prng& prng) { return gaussian(prng, L); });
@@ -166,7 +165,7 @@ TEST(NoiseFactor, IsNotStatedForASmallRegion) {
   EXPECT_TRUE(std::isnan(seat.measure(0.03).noise_factor));
 }
 
-/// A seat with one thing on it, white noise on top.
+/// A seat with one object on it, plus white noise.
 template <typename Thing>
 SurfaceDefect defect_of(std::uint64_t seed, const Thing& thing) {
   Prng prng(seed);

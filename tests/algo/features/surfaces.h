@@ -8,7 +8,7 @@
 
 namespace slabd::testing {
 
-/// A wavy, noisy 100 x 153 mm plane climbing 1:40, reproducible on paper: splitmix64, three uniforms a point.
+/// A wavy, noisy 100 x 153 mm plane rising 1:40, reproducible by hand: splitmix64, three uniforms a point.
 inline std::vector<Vec3> surface(std::uint64_t seed, int nx, int ny, double noise, double form,
                                  const Vec3& shift = Vec3::Zero()) {
   Prng prng(seed);
@@ -31,7 +31,7 @@ inline std::vector<Vec3> surface(std::uint64_t seed, int nx, int ny, double nois
   return points;
 }
 
-/// Peak to valley against a plane.
+/// Peak to valley relative to a plane.
 inline double peak_to_valley(const std::vector<Vec3>& points, const PlaneFit& plane) {
   double low = 1e300;
   double high = -1e300;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Does U cover the truth? A small version of the accuracy program's study `coverage`; bands so wide that only a wrong
-// budget leaves them.
+// Test that U covers the truth. A small version of the accuracy program's study `coverage`, with limits so wide that
+// only a wrong budget exceeds them.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -14,7 +14,7 @@ namespace {
 
 using simulation::Coverage;
 
-/// 200 slabs: for the items there is one of per slab the share's standard deviation is 1.5 %.
+/// 200 slabs: for items that occur once per slab the standard deviation of the share is 1.5 %.
 constexpr int kSlabs = 200;
 
 void expect_true_U(const std::vector<Coverage>& result) {

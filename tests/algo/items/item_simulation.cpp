@@ -57,7 +57,7 @@ PlaneFit plane_fit(const Vec3& normal, const Vec3& centroid, const PlaneNoise& n
   return fit;
 }
 
-/// Turns about the centroid and shifts along the normal.
+/// Rotates about the centroid and shifts along the normal.
 void disturb(PlaneFit& fit, double shift_mm, double tilt_a_rad, double tilt_b_rad) {
   Vec3 a;
   Vec3 b;
@@ -80,7 +80,7 @@ void tilt_rectangular(PlaneFit& fit, double half_width, Prng& prng) {
   disturb(fit, 0.0, a, b);
 }
 
-/// p on the plane, below or above (x, y).
+/// Projects p onto the plane.
 Vec3 on(const PlaneFit& plane, const Vec3& p) {
   return p - (plane.normal.dot(p) - plane.offset_mm) * plane.normal;
 }
@@ -105,7 +105,7 @@ double peak_to_valley(std::span<const Vec3> points) {
   return high - low;
 }
 
-/// Cells of the evaluation region: the seat's form, the scanner's bend and noise, against their own plane.
+/// Cells of the evaluation region: the seat's form, the scanner's bend and noise, relative to their own plane.
 double measured_flatness(const Recipe& recipe, const BuiltBlock& built, const Errors& errors, Prng& prng,
                          std::uint32_t& cells) {
   const EvaluationSettings& e = recipe.evaluation;
@@ -168,7 +168,7 @@ BuiltSlab varied(const Recipe& recipe, Prng& prng) {
     const Pose T = T_slab_block(recipe, station);
     const double x = T.translation_mm.x() / end_mm;
     const double side = T.translation_mm.y() > 0.0 ? 1.0 : -1.0;
-    // In the slab's axes, then into the block's own.
+    // In the slab's axes, then converted to the block's own.
     Vec3 off = normal3(prng, 0.08);
     off.z() += warp * (1.0 - x * x) + twist * x * side;
     b.displacement = moved(T.rotation.conjugate() * off, normal3(prng, rad_from_deg(0.02)));
@@ -229,7 +229,7 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
     const Vec3 at_height =
         (sign * (g.jaw_half_distance_mm.value + 0.5 * built.jaw_distance_mm) + built.jaw_shift_mm) * s +
         height * model_.plane(algo::Face::seat).n;
-    // Seen from a little above the reference height, off the middle.
+    // Centroid slightly above the reference height, off the middle.
     Vec3 up = jaw_n.cross(Vec3::UnitX()).normalized();
     if (up.z() < 0.0) up = -up;
     return plane_fit(jaw_n, at_height + 6.0 * up + Vec3(2.0, 0.0, 0.0), jaw_noise, errors);
@@ -239,7 +239,7 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
   r.slab_top = plane_fit(turned(Vec3(built.top_tilt_x_rad, built.top_tilt_y_rad, 0.0)) * Vec3::UnitZ(),
                          Vec3(10.0, 20.0, g.slab_top_z_mm.value), top_noise, errors);
 
-  // White noise first: what follows is seen through it.
+  // White noise first: it affects all following values.
   disturb(r.seat.plane, seat_noise, prng);
   disturb(r.jaw_inner, jaw_noise, prng);
   disturb(r.jaw_outer, jaw_noise, prng);
@@ -249,7 +249,7 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
     c.ok = true;
     const double root = std::sqrt(factor);
     const double along = sign * (g.casing_half_spacing_mm.value + 0.5 * built.casing_spacing_mm);
-    // A circle's covariance is that of its own edge, neighbours that err together included.
+    // A circle's covariance is that of its own edge, including correlation of neighbours.
     const double dx = errors.circle_mm * prng.normal();
     const double ds = errors.circle_mm * prng.normal();
     c.centre = on(r.seat.plane, along * s + Vec3(dx, 0.0, 0.0) + ds * s);
@@ -259,7 +259,7 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
     c.inlier_fraction = 1.0;
     c.sigma_height_mm = errors.rim_mm;
     c.cov_circle = Vec3::Constant(errors.circle_mm * errors.circle_mm).asDiagonal();
-    // The fitted seat at the rim is off by its noise; the rim's points by theirs; the scanner between the two places.
+    // The fitted seat at the rim is off by its noise, the rim's points by theirs, and the scanner errs between the two.
     const double seat_off = n.dot(c.centre) - n.dot(Vec3(0.2, -0.3, 0.0));
     c.height_mm = g.casing_rim_height_mm.value + rim_off - seat_off + root * errors.rim_mm * prng.normal() +
                   rectangular(prng, spec * scanner.difference_mm((c.centre - r.seat.plane.centroid).norm()));
@@ -268,7 +268,8 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
   r.casing_inner = casing(-1.0, built.rim_inner_mm);
   r.casing_outer = casing(1.0, built.rim_outer_mm);
 
-  // Form: every feature tilts for itself; seat and jaws shift; the casings shift together and against each other.
+  // Form: every feature tilts independently; seat and jaws shift; the casings shift together and relative to each
+  // other.
   const Vec3 shift(rectangular(prng, place), rectangular(prng, place), rectangular(prng, place));
   const double apart = rectangular(prng, spec * scanner.difference_mm(2.0 * g.casing_half_spacing_mm.value));
   const double longer = rectangular(prng, spec * scanner.length_mm(2.0 * g.casing_half_spacing_mm.value));
@@ -282,7 +283,7 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
   disturb(r.jaw_outer, jaw_longer * r.jaw_outer.normal.dot(s), 0.0, 0.0);
   for (PlaneFit* plane : {&r.seat.plane, &r.jaw_inner, &r.jaw_outer, &r.slab_top}) tilt_rectangular(*plane, tilt, prng);
 
-  // Reference: angles by the seat's, lengths by a common scale.
+  // Reference: angles by the error of the seat's, lengths by a common scale.
   const double turn_a = reference_rad * prng.normal();
   const double turn_b = reference_rad * prng.normal();
   disturb(r.seat.plane, 0.0, turn_a, turn_b);
@@ -291,7 +292,7 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
     disturb(*plane, scale * plane->normal.dot(plane->centroid), 0, 0);
   for (CasingFeature* c : {&r.casing_inner, &r.casing_outer}) c->centre += scale * c->centre;
 
-  // The registered frame is not quite the block's: everything is seen from it.
+  // The registered frame is slightly off the block's: all features are relative to it.
   std::array<double, 6> m{};
   for (std::size_t i = 0; i < m.size(); ++i) m[i] = errors.registration[i] * std::sqrt(factor) * prng.normal();
   const Pose registered = moved(Vec3(m[0], m[1], m[2]), Vec3(m[3], m[4], m[5]));
@@ -317,7 +318,7 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
         errors.cell_mm * (known != kRange.end() ? known->second : mean_range(r.seat.grid_points));
   }
 
-  // The splice: where the robot and the calibration say the scanner was.
+  // The splice: position of the scanner according to robot and calibration.
   const Pose T_slab = T_slab_block(recipe_, station);
   const double position = errors.station * std::hypot(sigma_.position_mm, sigma_.robot_position_mm);
   const double rotation = errors.station * std::hypot(sigma_.rotation_rad, sigma_.robot_rotation_rad);
@@ -360,11 +361,11 @@ std::vector<Coverage> coverage(const Line& line, const Errors& errors, int slabs
     std::vector<double> error;
     Coverage figures;
   };
-  // Key: item, slab frame or not.
+  // Key: item, and true for the slab frame.
   std::map<std::pair<ItemId, bool>, Sample> samples;
   const auto compare = [&](const Item& measured, const Item& truth, bool slab_frame) {
     if (!has_value(measured.value) || !has_value(truth.value)) return;
-    // A top that contradicts the seats' frame by chance widens U on purpose; that has a test of its own.
+    // A top that contradicts the seats' frame by chance increases U on purpose; another test covers that.
     if (slab_frame && measured.budget[static_cast<std::size_t>(BudgetPart::registration)] > 0.0) return;
     Sample& s = samples[{measured.id, slab_frame}];
     s.figures.id = measured.id;

@@ -7,18 +7,18 @@
 #include "algo/algo.h"
 #include "algo/block_model.h"
 
-/// Slabs at the level of fitted features: known geometry, errors drawn from the very distributions the budget states,
-/// and the real item functions on top. A slab costs a millisecond, so thousands of them say whether U is true.
+/// Slabs at the level of fitted features: known geometry, errors drawn from the distributions stated in the budget, and
+/// the real item functions on top. A slab costs a millisecond, so thousands of them can test U.
 namespace slabd::simulation {
 
-/// One block as built: what differs from the recipe's nominal.
+/// One block as built: deviations from the recipe's nominal.
 struct BuiltBlock {
-  Pose displacement;  ///< of the block in its place, its own axes
+  Pose displacement;  ///< of the block at its position, in its own axes
   double slope_rad = 0.0;
   double cross_slope_rad = 0.0;  ///< about the slab's Y
   double jaw_angle_inner_rad = 0.0;
   double jaw_angle_outer_rad = 0.0;
-  double jaw_yaw_inner_rad = 0.0;  ///< jaw faces not quite along the rail
+  double jaw_yaw_inner_rad = 0.0;  ///< jaw faces not exactly along the rail
   double jaw_yaw_outer_rad = 0.0;
   double jaw_distance_mm = 0.0;
   double jaw_shift_mm = 0.0;  ///< both jaws outward along the seat
@@ -31,7 +31,7 @@ struct BuiltBlock {
   int form_shape = 0;   ///< 0..3: along the rail, across, wave, saddle
 };
 
-/// What goes wrong when it is measured, all as standard deviations or half widths of the stated distributions.
+/// Errors of the measurement, all as standard deviations or half widths of the stated distributions.
 struct Errors {
   // White noise of the fits.
   double seat_offset_mm = 0.0002;
@@ -44,10 +44,10 @@ struct Errors {
   double rim_mm = 0.0008;
   double noise_mm = 0.03;     ///< of single points: seat_std
   double cell_mm = 0.005;     ///< of the means of flatness cells
-  double noise_factor = 4.0;  ///< variances of means against white noise
+  double noise_factor = 4.0;  ///< variances of means relative to white noise
   // Registration: x, y, z, rotations about X, Y, Z.
   std::array<double, 6> registration = {0.003, 0.001, 0.0005, 4e-6, 6e-6, 1e-5};
-  // Each zero for a perfect one.
+  // Each is zero for a perfect component.
   double scanner = 1.0;    ///< times the recipe's specification
   double station = 1.0;    ///< times the StationSigma
   double reference = 1.0;  ///< times the recipe's
@@ -55,10 +55,10 @@ struct Errors {
   std::uint32_t points = 236'000;
 };
 
-/// No errors at all: measuring gives the truth.
+/// No errors at all: the measurement equals the truth.
 [[nodiscard]] Errors none();
 
-/// A slab with random deviations inside the tolerances; same seed, same slab.
+/// A slab with random deviations inside the tolerances; the same seed gives the same slab.
 struct BuiltSlab {
   std::vector<BuiltBlock> blocks;  ///< [station - 1]
 };
@@ -93,9 +93,9 @@ class Line {
 /// 0.005 mm and 0.001 degrees.
 [[nodiscard]] Recipe recipe_with_uncertainty();
 
-// ---- does U cover? --------------------------------------------------------------------------------------------
+// ---- coverage of U --------------------------------------------------------------------------------------------
 
-/// Over many slabs, one item kind.
+/// Result for one item kind over many slabs.
 struct Coverage {
   ItemId id = ItemId::seat_slope;
   bool slab_frame = false;  ///< seat_slope exists in both
@@ -111,8 +111,8 @@ struct Coverage {
 };
 
 /// Builds `slabs` varied slabs, measures each with and without errors and compares, item by item. `flatness_every`:
-/// flatness is simulated for one station in so many (its cells cost the most). Slab items of slabs whose rough top
-/// contradicts the frame are left out: their U says so.
+/// flatness is simulated for one station in this number (its cells cost the most). Slab items of slabs whose rough top
+/// contradicts the frame are left out: their U contains it.
 [[nodiscard]] std::vector<Coverage> coverage(const Line& line, const Errors& errors, int slabs, std::uint64_t seed,
                                              int flatness_every);
 

@@ -13,7 +13,7 @@ constexpr double kPitch_mm = 630.0;
 
 constexpr std::size_t kEveryRow[] = {6, 7, 8, 9};
 
-/// A row with a warp of 0.3 mm, scatter, and one seat low; returns what that seat reads, and the largest of the others.
+/// A row with a warp of 0.3 mm, scatter, and one seat low; the reading of that seat, and the largest of the others.
 struct Reading {
   double low_mm = 0.0;
   double others_mm = 0.0;

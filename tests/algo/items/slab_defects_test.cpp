@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// What is planted is found: with its size, at its seat, and nobody else pays. Slabs at the level of features with a
-// robot that repeats to 0.017 mm per axis and a perfect calibration.
+// Deliberate defects are found with their size, at their seat, and do not affect other seats. Slabs at the level of
+// features with a robot that repeats to 0.017 mm per axis and a perfect calibration.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -38,7 +38,7 @@ struct Bench {
     Prng prng(seed);
     Measured m = line.measure(built, robot_only(), prng);
     for (BlockResult& b : m.blocks) {
-      // Flatness is not what this is about.
+      // Flatness is not tested here.
       for (Item& i : b.items) i.required = i.required && i.id != ItemId::seat_flatness;
       b.verdict = combine(b.items.begin(), b.items.end());
     }
@@ -63,7 +63,7 @@ bool touches(const Item& i, int station) {
   return i.station == station || i.station_to == station;
 }
 
-/// No item of any other seat moves by 0.02 mm or changes its verdict, and only `station` fails.
+/// Expects that no item of any other seat moves by 0.02 mm or changes its verdict, and only `station` fails.
 void expect_only(const SlabResult& before, const SlabResult& after, int station, const char* what) {
   ASSERT_EQ(before.items.size(), after.items.size());
   for (std::size_t i = 0; i < before.items.size(); ++i) {
@@ -154,7 +154,7 @@ TEST(SlabDefects, an_outer_jaw_out_of_place_is_its_own_seats_fault) {
     const auto seed = static_cast<std::uint64_t>(station);
     const SlabResult before = bench.measure(bench.slab(), seed);
     BuiltSlab built = bench.slab();
-    // Both jaws of this block 1.6 mm further out: the block's own jaw distance stays.
+    // Both jaws of this block are 1.6 mm further out: the block's own jaw distance is unchanged.
     built.blocks[static_cast<std::size_t>(station - 1)].jaw_shift_mm = 1.6;
     const SlabResult after = bench.measure(built, seed);
     expect_only(before, after, station, "jaw");
@@ -254,7 +254,7 @@ TEST(SlabDefects, every_number_of_pairs_either_has_a_frame_or_says_why_not) {
     recipe.slab.length_mm.value = 560.0 + 630.0 * (pairs - 1);
     const Bench bench(recipe);
     const SlabResult r = bench.measure(bench.slab(), pairs);
-    // Twelve seats are needed.
+    // Twelve seats are required.
     EXPECT_EQ(r.fit.ok, pairs >= 6) << int{pairs};
     EXPECT_EQ(r.verdict, pairs >= 6 ? Verdict::pass : Verdict::not_measured) << int{pairs};
     EXPECT_EQ(r.items.size(), 6U * pairs + 2U * (pairs - 1U) + pairs + 3U) << int{pairs};
@@ -277,7 +277,7 @@ TEST(SlabDefects, every_number_of_pairs_either_has_a_frame_or_says_why_not) {
         const SlabResult bad = bench.measure(built, pairs);
         EXPECT_NEAR(item(bad, ItemId::seat_vertical, station).value, off_mm, 0.08)
             << int{pairs} << " pairs, station " << station;
-        // The U of a corner seat reaches back over the limit from 0.6 mm.
+        // From 0.6 mm on, the U of a corner seat extends back over the limit.
         EXPECT_NE(bad.verdict, Verdict::pass) << int{pairs} << " pairs, station " << station << " off by " << off_mm;
         for (int k = 1; k <= 2 * pairs; ++k) {
           if (k == station) continue;
@@ -304,7 +304,7 @@ TEST(SlabDefects, a_corner_seat_that_is_out_of_place_is_known_less_well_than_a_m
 }
 
 TEST(SlabDefects, a_station_that_is_known_worse_counts_less) {
-  // Every seat of the left row is seen five times worse; its errors must not turn the frame for the right row.
+  // Every seat of the left row is measured five times worse; its errors must not rotate the frame for the right row.
   const Bench bench;
   Prng prng(5);
   double turned = 0.0;
@@ -343,7 +343,7 @@ TEST(SlabDefects, a_seat_of_unknown_uncertainty_takes_nobody_elses_away) {
         EXPECT_GT(i.budget[static_cast<std::size_t>(BudgetPart::robot)], 0.0) << info(i.id).name << int{i.station};
         continue;
       }
-      // Its own: the recipe's U with the station's, or none.
+      // The U is the recipe's combined with the station's, or NaN.
       EXPECT_EQ(i.budget, Item{}.budget) << info(i.id).name;
       if (has_value(recipe_U))
         EXPECT_GE(i.U, recipe_U);
@@ -355,8 +355,8 @@ TEST(SlabDefects, a_seat_of_unknown_uncertainty_takes_nobody_elses_away) {
 
 // ---- the frame against the slab's top -------------------------------------------------------------------------
 
-/// Row Y > 0 by `left_mm` and row Y < 0 by `right_mm` too high, their slopes by so many degrees too steep, every
-/// block's top off by `rough_deg` (standard deviation).
+/// Row Y > 0 by `left_mm` and row Y < 0 by `right_mm` too high, their slopes by `left_deg` and `right_deg` too steep,
+/// every block's top off by `rough_deg` (standard deviation).
 BuiltSlab rows_of(const Bench& bench, double left_mm, double right_mm, double left_deg, double right_deg,
                   double rough_deg, std::uint64_t seed) {
   BuiltSlab built = bench.slab();
@@ -425,17 +425,17 @@ TEST(SlabDefects, a_top_that_is_rough_or_cambered_leaves_a_good_slab_alone) {
   const Bench bench;
   for (std::uint64_t seed = 1; seed <= 200; ++seed) {
     BuiltSlab built = rows_of(bench, 0.3, -0.1, 0.02, -0.02, 0.02, seed);
-    // Water runs off to both sides.
+    // Tops sloping to both sides, for drainage.
     for (simulation::BuiltBlock& b : built.blocks) b.top_tilt_x_rad -= rad_from_deg(0.3);
     const SlabResult r = bench.measure(built, seed);
     EXPECT_EQ(r.verdict, Verdict::pass) << "seed " << seed << ", reason " << r.reason << ", " << r.fit.note.view();
   }
 }
 
-/// Good slabs with all errors of scanner, robot and calibration, their tops as rough as said.
+/// Good slabs with all errors of scanner, robot and calibration, and tops of the given roughness.
 struct Widened {
   int noted = 0;
-  int lost = 0;  ///< slopes that the roll keeps from passing
+  int lost = 0;  ///< slopes that do not pass because of the roll
   double U_ratio = 0.0;
 };
 Widened widened_by_roll(double rough_deg, int slabs) {
@@ -471,7 +471,7 @@ TEST(SlabDefects, good_slabs_keep_their_U) {
   struct Tops {
     double rough_deg, noted, U_ratio, lost;
   };
-  // Relief of the paper's size, correlated over 10 to 100 mm, turns a block's top by 0.009 to 0.062 degrees.
+  // Relief of the paper's size, correlated over 10 to 100 mm, rotates a block's top by 0.009 to 0.062 degrees.
   for (const Tops& tops : {Tops{0.01, 0.0, 1.0, 0.0}, Tops{0.03, 0.05, 1.02, 0.002}, Tops{0.05, 0.12, 1.1, 0.015}}) {
     const Widened w = widened_by_roll(tops.rough_deg, kSlabs);
     EXPECT_LE(w.noted, tops.noted * kSlabs) << tops.rough_deg;

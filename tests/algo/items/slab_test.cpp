@@ -14,7 +14,7 @@ const Pose kBase = scene::displaced(2500.0, -300.0, 400.0, 0.4, -0.3, 25.0);
 const StationSigma kCalibrated = {0.02, rad_from_deg(0.001)};
 const double kCant = std::atan(1.0 / 40.0);
 
-/// Eighteen blocks in place that passed on their own, with a little noise; tests change what they are about.
+/// Eighteen blocks in place that passed separately, with a little noise; each test changes its subject.
 struct Slab {
   Recipe recipe = scene::p5600();
   std::vector<BlockResult> blocks = std::vector<BlockResult>(18);
@@ -37,7 +37,7 @@ struct Slab {
   }
   BlockResult& block(int station) { return blocks[static_cast<std::size_t>(station - 1)]; }
 
-  /// Puts a seat where it belongs, displaced by `off` (slab frame) and turned about its own axes.
+  /// Puts a seat at its nominal position, displaced by `off` (slab frame) and rotated about its own axes.
   void place(int station, const Vec3& off, const Quat& turn) {
     Pose T_slab = T_slab_block(recipe, station);
     T_slab.translation_mm += off;
@@ -54,7 +54,7 @@ struct Slab {
   void displace_all(const std::function<Vec3(int, const Vec3&)>& off) {
     for (int k = 1; k <= 18; ++k) place(k, off(k, T_slab_block(recipe, k).translation_mm), Quat::Identity());
   }
-  /// As if the station had never been scanned.
+  /// Removes the station's block, as if it had never been scanned.
   void forget(int station) { block(station) = BlockResult{}; }
 
   SlabResult inspect() {
@@ -135,7 +135,7 @@ TEST(Slab, ALowSeatIsFoundWithItsWholeDepthAndItsNeighboursAreNotLiftedForIt) {
     const Item& vertical = item(r, ItemId::seat_vertical, station);
     EXPECT_EQ(vertical.verdict, Verdict::fail);
     EXPECT_NEAR(vertical.beside, -1.2, 0.05);
-    // At the end of a row the parabola of the others has to be carried on by a pitch.
+    // At the end of a row the parabola of the others must be extrapolated by a pitch.
     EXPECT_NEAR(vertical.value, -1.2, 0.06) << station;
     for (int k = 1; k <= 18; ++k) {
       if (k == station) continue;
@@ -198,7 +198,7 @@ TEST(Slab, ASeatAlongTheRailOutOfPlaceFailsItsTwoSpacings) {
   EXPECT_NEAR(item(r, ItemId::seat_spacing, 12).value, 631.5, 0.05);
   EXPECT_EQ(find_item(r.items.begin(), r.items.end(), ItemId::seat_spacing, 9), nullptr)
       << "9 and 10 are no neighbours";
-  // Both spacings fail because of 12: its neighbours are where they belong.
+  // Both spacings fail because of 12: its neighbours are in place.
   for (int k = 10; k <= 18; ++k)
     EXPECT_EQ(r.station_verdict[static_cast<std::size_t>(k - 1)], k == 12 ? Verdict::fail : Verdict::pass) << k;
   EXPECT_EQ(r.verdict, Verdict::fail);
@@ -409,7 +409,7 @@ TEST(Slab, GivesTheSameBitsTwice) {
 }
 
 TEST(Slab, ABlockThatSaysItDoesNotPassNeverDoesWhateverItsItemsSay) {
-  // A record of which an item was lost: what is left of it is good.
+  // A record with a missing item: the remaining ones are good.
   for (const Verdict verdict : {Verdict::fail, Verdict::not_measured, Verdict::aborted, Verdict::indeterminate}) {
     for (const int reason : {0, kReasonItemBase + 3, static_cast<int>(Code::fit_failed)}) {
       Slab slab;

@@ -34,7 +34,7 @@ double rss(const Item& item) {
   return std::sqrt(sum);
 }
 
-/// An uneven block: no symmetry may hide a wrong gradient.
+/// An asymmetric block: symmetry must not hide a wrong gradient.
 BuiltBlock crooked() {
   BuiltBlock b;
   b.slope_rad = rad_from_deg(0.8);
@@ -51,7 +51,7 @@ BuiltBlock crooked() {
   return b;
 }
 
-/// The crooked block without any uncertainty: tests give it the one they ask about.
+/// The crooked block without any uncertainty: each test adds the tested one.
 struct Block {
   Line line{simulation::recipe_with_uncertainty(), kSigma};
   BlockResult result;
@@ -95,7 +95,7 @@ constexpr std::array<NamedPlane, 4> kPlanes = {
     NamedPlane{"jaw_outer", [](BlockResult& r) -> PlaneFit& { return r.jaw_outer; }},
     NamedPlane{"slab_top", [](BlockResult& r) -> PlaneFit& { return r.slab_top; }}};
 
-/// Moves a plane; the seat takes its casings along: their centres lie on it and their heights are counted from it.
+/// Moves a plane. The seat moves its casings too: their centres are on it and their heights are relative to it.
 void move_plane(BlockResult& r, PlaneFit& plane, double shift_mm, const Vec3& dn) {
   const Vec3 before = plane.normal;
   const double before_offset = plane.offset_mm;
@@ -138,7 +138,7 @@ TEST(Uncertainty, what_weighing_the_seat_by_area_would_change_is_rectangular_and
   const Block block;
   const PlaneFit& seat = block.result.seat.plane;
   const Vec3 x = (Vec3::UnitX() - seat.normal.x() * seat.normal).normalized();
-  // Tilt and height belong together: they add with their signs, or a casing at the seat's end would not be level.
+  // Tilt and height add with their signs; otherwise a casing at the seat's end would not be level.
   const PlaneShift by_area{1e-4 * (0.4 * x + 0.9 * seat.normal.cross(x)), 3e-3};
   Block one;
   one.result.seat.noise_factor = 9.0;
@@ -189,7 +189,7 @@ TEST(Uncertainty, registration_parts_equal_differences_of_the_real_items) {
     one.result.registration.covariance(axis, axis) = sigma * sigma;
     const BlockResult r = one.budgeted();
     for (const ItemId id : kLinearItems) {
-      // The registered frame off by the motion: every feature is seen from it.
+      // The registered frame is off by the motion: every feature is relative to it.
       const double by_difference = block.slope(id, 1e-5, [&](BlockResult& changed, double step) {
         Pose motion;
         if (axis < 3) {
@@ -213,7 +213,7 @@ TEST(Uncertainty, registration_parts_equal_differences_of_the_real_items) {
 }
 
 TEST(Uncertainty, observation_sigmas_equal_differences) {
-  // One plane direction at a time, as above, against the observation itself.
+  // One plane direction at a time, as above, compared with the observation itself.
   const Block block;
   const double sigma = 1e-4;
   for (const NamedPlane& plane : kPlanes) {
@@ -259,7 +259,7 @@ TEST(Uncertainty, under_caps_the_reference_point_is_as_sure_as_the_registered_fr
     Block one;
     one.result.registration.covariance(axis, axis) = sigma * sigma;
     compute_observation(one.line.model(), CasingKind::capped, Pose::identity(), one.result);
-    // The frame off by the motion: the seat is seen from it, and the robot's base is told of it.
+    // The frame is off by the motion: the seat is relative to it, and so is the pose in the robot's base.
     const auto observe = [&](double by) {
       Pose motion;
       if (axis < 3)
@@ -281,7 +281,7 @@ TEST(Uncertainty, under_caps_the_reference_point_is_as_sure_as_the_registered_fr
       EXPECT_NEAR(one.result.observation.sigma_p_mm[k], sigma / (2.0 * step) * std::abs(moved[k]), 1e-3 * sigma)
           << "axis " << axis << ", " << k;
   }
-  // ... and up and down as the seat's plane.
+  // ... and up and down like the seat's plane.
   Block one;
   one.result.seat.plane.sigma_offset_mm = sigma;
   compute_observation(one.line.model(), CasingKind::capped, Pose::identity(), one.result);
@@ -378,7 +378,7 @@ TEST(Uncertainty, a_part_that_is_unknown_never_makes_U_small) {
   r = spoiled([](BlockResult& b) { b.registration.covariance = Mat6::Constant(kNoValue); });
   EXPECT_TRUE(fell_back(r, ItemId::jaw_distance));
   EXPECT_FALSE(fell_back(r, ItemId::jaw_angle_outer)) << "angles do not ask for the registration";
-  // And without a default in the recipe nothing is decided.
+  // Without a default in the recipe the result is indeterminate.
   Item item;
   item.value = 0.0;
   item.lower = -1.0;
@@ -431,7 +431,7 @@ TEST(ScannerBudget, of_specification_and_verification_the_larger_counts_term_by_
     }
   };
   expect_same(ScannerModel(u, {}));
-  expect_same(ScannerModel(u, verified(0.01, 150.0, 0.0)));  // a lucky one makes nothing smaller
+  expect_same(ScannerModel(u, verified(0.01, 150.0, 0.0)));  // a lucky one reduces nothing
   expect_same(ScannerModel(u, verified(0.01, 150.0, kNoValue)));
 
   const ScannerModel worse(u, verified(0.10, 150.0, 0.08));
@@ -441,7 +441,7 @@ TEST(ScannerBudget, of_specification_and_verification_the_larger_counts_term_by_
   EXPECT_NEAR(worse.length_mm(380.0), 0.08 / std::sqrt(3.0), 1e-15);
   EXPECT_EQ(worse.length_mm(1e6), specified.length_mm(1e6));
 
-  // Less form, but over less length: it tilts more and shifts less.
+  // A smaller form error over a shorter length: larger tilt, smaller shift.
   const ScannerModel shorter(u, verified(0.04, 60.0, 0.0));
   EXPECT_NEAR(shorter.tilt_rad(), 0.04 / std::sqrt(3.0) / 60.0, 1e-15);
   EXPECT_EQ(shorter.place_mm(), specified.place_mm());

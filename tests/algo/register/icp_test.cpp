@@ -21,7 +21,7 @@ namespace {
 
 constexpr std::size_t kPoints = 2048;
 
-/// Points on and off the nominal block, with missing ones, strays and infinities, and a pose a little off.
+/// Points on and off the nominal block, with missing ones, strays and infinities, and a slightly wrong pose.
 struct Scene {
   Scene() {
     model.build(scene::p5600().block);
@@ -66,7 +66,7 @@ struct Scene {
   IcpSample sample;
 };
 
-/// What a plain loop adds up for points of a face at distance r.
+/// Sums of a plain loop over points of a face at distance r.
 void add_plain(FaceSums& sums, double x, double y, double z, double w, double v) {
   const std::array<double, FaceSums::kCount> one = {w,         w * x,     w * y,     w * z,     w * x * x,
                                                     w * x * y, w * x * z, w * y * y, w * y * z, w * z * z,
@@ -74,7 +74,7 @@ void add_plain(FaceSums& sums, double x, double y, double z, double w, double v)
   for (std::size_t k = 0; k < FaceSums::kCount; ++k) sums.s[k] += one[k];
 }
 
-/// Floats of up to 512 points leave 1e-6 of the sum of magnitudes; one point may stand on the edge of a cell.
+/// Floats of up to 512 points have an error of 1e-6 of the sum of magnitudes; one point may be on the edge of a cell.
 void expect_near(const SumsOfFaces& fast, const SumsOfFaces& plain) {
   for (std::size_t f = 0; f < kFaces; ++f) {
     EXPECT_EQ(fast[f].s[FaceSums::points], plain[f].s[FaceSums::points]) << name(static_cast<Face>(f));
@@ -228,7 +228,7 @@ TEST(IcpPasses, SortKeysAreThoseOfAPlainLoop) {
 
 TEST(Icp, SortedOrAsDrawnThePassesComeToTheSame) {
   Scene s;
-  // So many that both threads have blocks to sort, of the first part too.
+  // Enough points that both threads have blocks to sort, in the first part too.
   constexpr std::size_t kTimes = 40;
   static_assert(kTimes * kPoints >= limits::kIcpPointsMax && limits::kIcpPointsMax / kSampleParts > kIcpBlock);
   std::vector<float> xyz;
@@ -249,7 +249,7 @@ TEST(Icp, SortedOrAsDrawnThePassesComeToTheSame) {
     NormalEquations eq;
     const double plain_mm = icp.coarse_step(plain, 6.0, eq);
     ASSERT_GT(plain_mm, 0.01);
-    // Each undoes the other, in whatever order they come.
+    // Each undoes the other, in any order.
     for (const bool first_part : {true, false, true, true, false, false}) {
       if (first_part)
         icp.sort_first_part(start);
@@ -298,7 +298,7 @@ TEST(IcpSample, TakesEveryPartFromTheWholeScanAndSkipsWhatIsMissing) {
   }
 }
 
-/// The sample as it is meant: slice by slice, in the order of the scan.
+/// The sample by definition: slice by slice, in the order of the scan.
 std::vector<Vec3> plainly_drawn(std::span<const float> xyz, std::size_t points, const Vec3& shift) {
   constexpr std::size_t kRow = 16 * kSampleParts;
   constexpr std::size_t kBlocks = 16;
@@ -328,7 +328,7 @@ TEST(IcpSample, IsWhatAPlainLoopDrawsOnOneThreadAndOnTwo) {
   for (const std::size_t points :
        {std::size_t{1}, std::size_t{127}, std::size_t{128}, std::size_t{1500}, std::size_t{65'535}, std::size_t{65'536},
         std::size_t{65'537}, std::size_t{300'001}}) {
-    // Whole numbers, so that a float loses none of them; every second run of 40 and the end are missing.
+    // Integers, so that floats are exact; every second run of 40 and the end are missing.
     std::vector<float> xyz(3 * points);
     for (std::size_t i = 0; i < points; ++i) {
       const bool missing = i / 40 % 2 == 1 || i + 7 > points;

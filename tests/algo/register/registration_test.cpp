@@ -49,7 +49,7 @@ TEST(Registration, FindsThePoseToAMicrometre) {
 }
 
 TEST(Registration, ReportsDeviationsOfAllPointsNearTheModel) {
-  // Of a pose that holds they come with what is measured there.
+  // For an accepted pose they are computed together with the measurement.
   scene::Cloud cloud = plain_scan();
   Registered r(cloud, Pose::identity());
   algo::Cloud view = cloud.view();
@@ -108,7 +108,7 @@ TEST(Registration, KeepsItsPoseOnABlockWithLongEndsAndWideJaws) {
   block.jaw_distance_mm = 381.0;
   const Registered r(plain_scan(block), Pose::identity());
   ASSERT_EQ(r.report().status, RegistrationStatus::converged) << r.report().note.c_str();
-  // Both ends stand a millimetre out, and how many sampled points either has decides the middle: 0.07 to 0.19 mm.
+  // Both ends are a millimetre too long; their numbers of sampled points determine the middle: 0.07 to 0.19 mm.
   EXPECT_LT(r.error_mm, 0.25);
 }
 
@@ -151,7 +151,7 @@ TEST(Registration, DoesNotFindABlockInABoxOfNoise) {
   scene::Cloud cloud;
   cloud.T_block_scanner = nominal_T_block_scanner();
   Prng prng(5);
-  // Scales of 3 mm, so that denoising lets them pass.
+  // Scale of 3 mm, so that denoising keeps them.
   for (int i = 0; i < 6000; ++i) {
     const double x = 350.0 * (prng.uniform() - 0.5);
     const double y = 500.0 * (prng.uniform() - 0.5);
@@ -163,7 +163,7 @@ TEST(Registration, DoesNotFindABlockInABoxOfNoise) {
   expect_not_found(cloud);
 }
 
-/// Takes points out of the scan by their place in the block's frame; it then has no grid.
+/// Removes points from the scan by their position in the block's frame; the scan then has no grid.
 template <typename Unseen>
 void take_out(scene::Cloud& cloud, const Unseen& unseen) {
   std::size_t kept = 0;
@@ -176,11 +176,11 @@ void take_out(scene::Cloud& cloud, const Unseen& unseen) {
   cloud.xyz.resize(3 * kept);
   cloud.width = cloud.height = 0;
 }
-/// The surroundings of both casings.
+/// Removes the surroundings of both casings.
 void without_casings(scene::Cloud& cloud) {
   take_out(cloud, [](const Vec3& p) { return std::hypot(p.x(), std::abs(p.y()) - 116.5) < 35.0; });
 }
-/// The end faces, drafted by 10 degrees.
+/// Removes the end faces, drafted by 10 degrees.
 void without_ends(scene::Cloud& cloud) {
   take_out(cloud, [](const Vec3& p) {
     return std::abs(std::abs(p.x()) - 105.0 + p.z() * std::tan(rad_from_deg(10.0))) < 0.5 && p.z() > -29.0;
@@ -222,7 +222,7 @@ TEST(Registration, HasTheSameBitsOnTwoThreadsWhereCasingsOrASearchAreNeeded) {
 }
 
 TEST(Registration, TakesTheRobotsWordAlongTheRailWhereNothingElseFixesIt) {
-  // Neither end face in view, and no casing: nothing in the scan says where the block is along the rail.
+  // Neither end face in view, and no casing: the scan does not determine the position along the rail.
   scene::Scan scan;
   scan.field_x_mm = 170.0;
   scene::Cloud cloud = scene::take({}, scan);
@@ -235,7 +235,7 @@ TEST(Registration, TakesTheRobotsWordAlongTheRailWhereNothingElseFixesIt) {
 }
 
 TEST(Registration, TakesTheBlocksEndsAlongTheRailWhereNoBoreIsSeen) {
-  // Capped casings, and end faces so steep that they return nothing.
+  // Capped casings, and end faces so steep that they return no points.
   for (const double along_mm : {0.0, 8.0}) {
     SCOPED_TRACE(along_mm);
     scene::Cloud cloud = scene::take({}, {});

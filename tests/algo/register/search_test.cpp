@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The loops that look for the block and its casings, against plain ones.
+// The loops that search for the block and its casings, against plain ones.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -52,7 +52,7 @@ TEST(PlaceCount, CountsWhatAPlainLoopCountsWithinAndBeyondTheRaster) {
 }
 
 /// Some points near the casings, some beyond them, some missing and some infinite. Quarters of a millimetre are exact,
-/// so no point lies in or out by rounding.
+/// so rounding does not affect any test for in or out.
 std::vector<float> nasty_points(std::size_t count) {
   Prng prng(4);
   std::vector<float> xyz(3 * count);
@@ -76,7 +76,7 @@ CasingStrips some_strips() {
   return strips;
 }
 
-/// In the seat's frame.
+/// The point in the seat's frame.
 Vec3 seat_point(const std::vector<float>& xyz, std::size_t i) {
   return Vec3(static_cast<double>(xyz[3 * i]), static_cast<double>(xyz[3 * i + 1]),
               static_cast<double>(xyz[3 * i + 2])) +

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Coordinates that were rounded before they reached slabd: found, part of U, or refused.
+// Coordinates rounded before they reached slabd: detected, part of U, or refused.
 #include "algo/survey/coordinate_step.h"
 
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@
 namespace slabd::algo {
 namespace {
 
-/// To multiples of `step`; the value passes through a float of `unit_mm`, as a file in another unit has it.
+/// Rounds to multiples of `step`; the value passes through a float of `unit_mm`, as in a file in another unit.
 scene::Cloud rounded(scene::Cloud cloud, double step_mm, double unit_mm = 1.0) {
   for (float& v : cloud.xyz) {
     const double multiple = std::nearbyint(static_cast<double>(v) / step_mm) * step_mm;
@@ -59,7 +59,7 @@ TEST(CoordinateStep, of_parallel_rays_is_their_raster_and_not_a_rounding) {
 
 TEST(CoordinateStep, of_a_line_profiler_is_its_way_and_not_a_rounding) {
   for (const std::size_t axis : {0U, 1U}) {
-    // The rays of each profile are parallel to one plane; within it they leave one point.
+    // The rays of each profile are parallel to one plane; within it they start at one point.
     scene::Cloud cloud = scene::take({}, seen(600.0));
     const scene::Cloud parallel = scene::take({}, seen(0.0, 0.25));
     for (const double offset_mm : {0.0, 0.1}) {
@@ -77,7 +77,7 @@ TEST(CoordinateStep, of_a_line_profiler_is_its_way_and_not_a_rounding) {
 
 TEST(CoordinateStep, is_found_whatever_the_unit_and_the_view) {
   for (const double focus_mm : {0.0, 600.0}) {
-    // No multiple of a step: a raster of 0.41 mm is not changed by rounding to 0.005 mm.
+    // Not a multiple of a step: a raster of 0.41 mm is not changed by rounding to 0.005 mm.
     const scene::Cloud cloud = scene::take({}, seen(focus_mm, 0.4137));
     for (const double step_mm : {0.005, 0.01, 0.0254, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0})
       for (const double unit_mm : {1.0, 25.4, 1000.0})
@@ -87,7 +87,7 @@ TEST(CoordinateStep, is_found_whatever_the_unit_and_the_view) {
 }
 
 TEST(CoordinateStep, is_found_where_no_writer_would_expect_it) {
-  // Whole numbers with a scale and an origin, as a packed format keeps them.
+  // Integers with a scale and an origin, as in a packed format.
   scene::Cloud cloud = scene::take({}, seen(600.0));
   for (float& v : cloud.xyz)
     v = static_cast<float>(std::nearbyint((static_cast<double>(v) - 0.0123) / 0.0737) * 0.0737 + 0.0123);

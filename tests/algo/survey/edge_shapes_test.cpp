@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Fillets and chamfers learned from drawn scans of concrete, next to the radii and legs that were drawn.
+// Fillets and chamfers measured on drawn scans of concrete, compared with the drawn radii and legs.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -35,7 +35,7 @@ struct Measured {
   BlockResult block;
 };
 
-/// Beyond `view_to_mm` along the rail there are no points.
+/// Points beyond `view_to_mm` along the rail are left out.
 Measured measured(const EffectStrengths& effects, std::uint64_t seed, double view_to_mm = 1e9) {
   const Recipe recipe = with_pores();
   simulate::ConcreteOrder order;
@@ -89,7 +89,7 @@ TEST(EdgeShapes, radii_of_2_to_10_mm_are_learned) {
                                           << name(fillet.face_to) << ": drawn " << drawn_mm);
         if (drawn_mm < 2.0 || drawn_mm > 10.0) continue;
         ASSERT_NE(edge, nullptr);
-        // Light in the corners lifts what is seen of a fillet.
+        // Light in the corners raises the measured fillet.
         EXPECT_NEAR(edge->radius_mm, drawn_mm, 0.05 * drawn_mm + 0.65);
         EXPECT_FALSE(has_value(edge->chamfer_mm));
         EXPECT_EQ(edge->nominal_mm, fillet.face == EdgeFace::seat ? 4.0 : 3.0);
@@ -105,7 +105,7 @@ TEST(EdgeShapes, legs_of_3_to_8_mm_are_learned) {
     for (std::uint64_t seed = 1; seed <= 1; ++seed) {
       EffectStrengths effects(SurfaceKind::real);
       effects.set(Effect::chamfer, strength);
-      // A shoulder's end is 40 mm wide, in which wear is a leg of its own.
+      // A shoulder's end is 40 mm wide, so wear there changes the leg itself.
       effects.set(Effect::wear, 0.0);
       const Measured scan = measured(effects, seed);
       std::size_t legs = 0;
@@ -113,7 +113,7 @@ TEST(EdgeShapes, legs_of_3_to_8_mm_are_learned) {
         if (!has_value(edge.chamfer_mm)) continue;
         SCOPED_TRACE(::testing::Message() << "strength " << strength << ", seed " << seed << ", " << name(edge.face)
                                           << "/" << name(edge.face_to));
-        // The block's ends and shoulders are cast up to 0.4 mm off their place.
+        // The block's ends and shoulders are cast up to 0.4 mm off their position.
         const bool at_side = edge.face_to == EdgeFace::side_inner || edge.face_to == EdgeFace::side_outer;
         EXPECT_NEAR(edge.chamfer_mm, scan.truth.chamfer_mm, at_side ? 0.35 : 1.0);
         EXPECT_FALSE(has_value(edge.radius_mm) || has_value(edge.nominal_mm));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Pores and damage as items: what good concrete has passes, and what a person would stop does not, wherever it is.
+// Pores and damage as items: features of good concrete pass, and damage that a person would reject does not, anywhere.
 #include "algo/survey/surface_damage.h"
 
 #include <gtest/gtest.h>
@@ -42,7 +42,7 @@ scene::Scan seen(double focus_mm = 0.0, std::uint64_t seed = 1) {
 }
 
 constexpr double kNotSeen = -1e9;
-/// Lowers the scan to `floor(x, y)` (block frame) where it lies above that; kNotSeen: no point there.
+/// Lowers the scan to `floor(x, y)` (block frame) where it is above that; kNotSeen: removes the point.
 scene::Cloud lowered(scene::Cloud cloud, const std::function<double(const Vec3&)>& floor) {
   const Pose T_scanner_block = cloud.T_block_scanner.inverse();
   for (std::size_t i = 0; i < cloud.xyz.size(); i += 3) {
@@ -61,7 +61,7 @@ scene::Cloud lowered(scene::Cloud cloud, const std::function<double(const Vec3&)
 constexpr double kNowhere = 1e9;
 constexpr double kCant = 1.0 / 40.0;
 constexpr double kEndFall = 0.17633;  ///< tan 10 deg
-/// A chamfer along both ends of the seat, worn along its length as the emulator's is.
+/// A chamfer along both ends of the seat, worn along its length like the emulator's.
 double chamfered(const Vec3& p) {
   if (std::abs(p.y()) > 182.0 || p.z() < -20.0) return kNowhere;
   const double z = kCant * p.y();
@@ -182,7 +182,7 @@ TEST(SurfaceDamage, at_any_pitch_a_crack_does_not_pass_and_a_coarse_scan_is_not_
     double pitch_mm, ratio;
     bool is_judged;
   };
-  // At 0.2 mm a crack leaves no cell without points; at 0.52 and 0.65 mm the pixels lie in steps against the cells.
+  // At 0.2 mm a crack leaves no cell without points; at 0.52 and 0.65 mm the pixels alias with the cells.
   for (const Case& c : {Case{0.2, 1.0, true}, Case{0.45, 1.0, true}, Case{0.6, 1.0, true}, Case{0.6, 1.0 / 3.0, true},
                         Case{0.52, 0.2 / 0.52, false}, Case{0.65, 1.0, false}, Case{0.8, 1.0, false}}) {
     for (const bool organised : {false, true}) {
@@ -258,7 +258,7 @@ TEST(SurfaceDamage, what_is_sunk_missing_or_lies_on_the_block_is_found) {
   expect_damage(inspected(scene::take(block, seen(600.0))), FindingKind::bump, 14.0);
 }
 
-// The median of a row or of an edge must not learn damage that runs along all of it.
+// Damage along a whole row or edge must not affect its median.
 TEST(SurfaceDamage, an_end_broken_off_all_along_the_seat_is_found) {
   for (const double width_mm : {5.0, 8.0, 11.0}) {
     SCOPED_TRACE(width_mm);
@@ -298,7 +298,7 @@ TEST(SurfaceDamage, drops_of_water_and_the_end_of_the_field_of_view_are_none) {
 }
 
 TEST(SurfaceDamage, what_lies_beyond_the_field_of_view_at_its_own_height_is_not_missing) {
-  // Rays from one centre: beside the block they meet the slab's top 25 mm further out than a shoulder.
+  // Rays from one centre: next to the block they meet the slab's top 25 mm further out than a shoulder.
   for (const double along_mm : {30.0, -30.0}) {
     scene::Scan scan = seen(600.0);
     scan.displacement = scene::displaced(15.0, along_mm, 0.5, 0.15, -0.2, 0.1);

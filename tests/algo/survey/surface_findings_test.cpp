@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Damage where no item looks: the block must not pass, and the finding says where and how large it is.
+// Damage outside all items: the block must not pass, and the finding gives its position and size.
 #include "algo/survey/surface_findings.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ scene::Scan seen(double focus_mm, std::uint64_t seed = 1) {
   return scan;
 }
 
-/// Sinks what lies in `place` (block frame, x and y) by `depth_mm`; NaN: it returns nothing.
+/// Lowers the points in `place` (block frame, x and y) by `depth_mm`; NaN removes them.
 scene::Cloud with_hole(scene::Cloud cloud, const std::function<bool(const Vec3&)>& place, double depth_mm) {
   const Pose T_scanner_block = cloud.T_block_scanner.inverse();
   for (std::size_t i = 0; i < cloud.xyz.size(); i += 3) {
@@ -36,7 +36,7 @@ scene::Cloud with_hole(scene::Cloud cloud, const std::function<bool(const Vec3&)
   return cloud;
 }
 
-/// A block whose items are good and that is not passed for what was found on it.
+/// Expects a block whose items are good and which does not pass because of its findings.
 void expect_doubt(const BlockResult& r) {
   EXPECT_EQ(r.verdict, Verdict::indeterminate);
   EXPECT_EQ(r.reason, 617);
@@ -171,7 +171,7 @@ TEST(Findings, of_good_blocks_are_none) {
 }
 
 TEST(Findings, end_where_the_field_of_view_ends) {
-  // The last 25 mm of the block are beside the picture: not seen, and not missing.
+  // The last 25 mm of the block are outside the field of view: not seen, but not missing.
   scene::Cloud cloud = scene::take({}, seen(0.0));
   for (std::size_t i = 0; i < cloud.xyz.size(); i += 3)
     if (cloud.xyz[i] > 80.0F) cloud.xyz[i] = std::nanf("");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The survey takes everything from one pass in floats; here every part of its answer is held against the plain way:
-// region by region, in double, with as many passes as it takes.
+// The survey computes everything in one pass in floats. Here every result is compared with the plain method: region by
+// region, in double, with as many passes as needed.
 #include "algo/survey/survey.h"
 
 #include <gtest/gtest.h>
@@ -17,7 +17,7 @@
 namespace slabd::algo {
 namespace {
 
-/// The inspector's memory, as far as the survey needs it.
+/// The part of the inspector's memory that the survey needs.
 struct Bench {
   Recipe recipe = scene::p5600();
   BlockModel model;
@@ -58,7 +58,7 @@ struct Bench {
   }
 };
 
-/// Everything the survey says, the plain way.
+/// All results of the survey, computed in the plain way.
 struct Plain {
   std::vector<std::uint8_t> label;
   std::vector<std::uint32_t> order;
@@ -84,7 +84,7 @@ struct Plain {
   }
 };
 
-/// A point within the rounding of floats of a border may fall on either side of it.
+/// Points that may change sides, because they are within float rounding of a border.
 constexpr double kAtBorders = 3.0;
 
 void expect_same_regions(const Survey& survey, const Plain& plain) {
@@ -111,7 +111,7 @@ void expect_same_statistics(const Survey& survey, const Plain& plain) {
   double squares = 0.0;
   for (const double r : plain.distances) squares += (r - mean) * (r - mean);
   const double sigma = std::sqrt(squares / (n - 1.0));
-  // A point at the gate or between two cells may be seen otherwise.
+  // A point at the gate or between two cells may be counted differently.
   EXPECT_NEAR(static_cast<double>(survey.deviation.count), n, 3.0);
   EXPECT_NEAR(survey.deviation.mean_mm, mean, 1e-5);
   EXPECT_NEAR(survey.deviation.std_mm, sigma, 1e-5);
@@ -122,7 +122,7 @@ void expect_same_statistics(const Survey& survey, const Plain& plain) {
   }
 }
 
-/// Points hold together with their places: `listed` are those of `index`, in their order, to the precision of floats.
+/// Expects that `listed` has the points of `index` in their order, to the precision of floats.
 void expect_same_points(const ListedPoints& listed, const Plain& plain, Region region) {
   const auto index = plain.segments.of(region);
   std::size_t i = 0;
@@ -144,7 +144,8 @@ void expect_same_plane(const char* face, const PlaneFit& fit, const PlaneFit& wa
   SCOPED_TRACE(face);
   ASSERT_TRUE(want.ok) << want.iterations << " " << want.inliers << " of " << want.points << " " << want.std_mm;
   ASSERT_TRUE(fit.ok) << fit.iterations << " " << fit.inliers << " of " << fit.points << " " << fit.std_mm;
-  // The threshold comes from another sample: a point in a hundred may come or go, and moves the plane by what it knows.
+  // The threshold comes from another sample: one point in a hundred may differ, which moves the plane within its
+  // uncertainty.
   EXPECT_NEAR(fit.offset_mm, want.offset_mm, 2.0 * want.sigma_offset_mm + 1e-5);
   EXPECT_NEAR(static_cast<double>(fit.points), static_cast<double>(want.points), kAtBorders);
   EXPECT_LT((fit.normal - want.normal).norm(), 2.0 * std::sqrt(want.cov_normal.trace()) + 1e-8);
@@ -166,7 +167,7 @@ TEST(Survey, FindsWhatThePlainWayFinds) {
       scan.field_x_mm = 447.0;
       scan.field_y_mm = 643.0;
     }
-    // As denoising leaves it; the planes' doubts take single points in plenty for a second surface.
+    // As after denoising; the planes' doubts treat many single points as a second surface.
     scan.outlier_share = 0.0;
     scan.displacement = scene::displaced(2.0, -1.5, 1.0, 0.3, -0.2, 0.4);
     scene::Cloud drawn = scene::take(scene::Block{}, scan);
@@ -181,7 +182,7 @@ TEST(Survey, FindsWhatThePlainWayFinds) {
     const auto index = plain.segments.full_seat();
     expect_same_plane("seat", survey.large[0], plain.fit(index, bench.model.plane(Face::seat).n));
     expect_same_plane("slab top", survey.large[1], plain.fit(plain.segments.of(Region::top), Vec3::UnitZ()));
-    // From one point above the middle the jaws are not seen.
+    // From one point above the middle the jaws are not visible.
     if (focus_mm == 0.0)
       expect_same_plane("outer jaw",
                         fit_plane_over(survey.of(PointList::jaw_outer), bench.model.plane(Face::jaw_outer).n, {}),
@@ -200,7 +201,7 @@ TEST(Survey, AsksAboutPointsInAnyOrder) {
     std::swap_ranges(drawn.xyz.begin() + static_cast<std::ptrdiff_t>(3 * i),
                      drawn.xyz.begin() + static_cast<std::ptrdiff_t>(3 * i + 3),
                      drawn.xyz.begin() + static_cast<std::ptrdiff_t>(3 * prng.below(i)));
-  // A few that are missing, in parts or far too large.
+  // A few points that are missing, incomplete or far too large.
   for (int i = 0; i < 200; ++i) drawn.xyz[prng.below(drawn.xyz.size())] = std::numeric_limits<float>::quiet_NaN();
   for (int i = 0; i < 200; ++i) drawn.xyz[prng.below(drawn.xyz.size())] = std::numeric_limits<float>::infinity();
   for (int i = 0; i < 200; ++i) drawn.xyz[prng.below(drawn.xyz.size())] = -3e38F;
@@ -253,7 +254,7 @@ TEST(Survey, MapsADentWhereItIs) {
   EXPECT_GT(dented, 8);
 }
 
-// 512 points to a row, and every 32nd sixteen: one to a row, in all rows the same if each block begins with it.
+// 512 points in a row, and every 32nd sixteen: one per row, the same in all rows if each block begins with it.
 TEST(Survey, ScoutsAllOfAFaceWhateverTheWidthOfTheScan) {
   Bench bench;
   scene::Scan scan;
@@ -272,7 +273,7 @@ TEST(Survey, ScoutsAllOfAFaceWhateverTheWidthOfTheScan) {
   }
 }
 
-// The last place below the edge of the field rounds to the edge as soon as half of the field is added to it.
+// The last position below the edge of the field rounds to the edge when half of the field is added.
 TEST(Survey, MapsPointsAtTheEdgeOfTheFieldWithinIt) {
   const float x_max = std::nextafter(200.0F, 0.0F);
   const float y_max = std::nextafter(300.0F, 0.0F);
@@ -312,7 +313,7 @@ TEST(Survey, OfNothingFindsNothing) {
 
 TEST(Survey, OwnsUpToALackOfRoom) {
   Bench bench;
-  // Far more points over the crop than any scan of a block has.
+  // Far more points over the crop than in any scan of a block.
   std::vector<float> xyz;
   Prng prng(3);
   for (std::size_t i = 0; i < 2'500'000; ++i)
