@@ -29,8 +29,8 @@ constexpr double kPitShare = 0.6;
 /// Directions in which the width of a place is measured.
 constexpr std::size_t kDirections = 8;
 
-/// Of the values within a disc about each cell the best one; `none`, where there is none, is worse than any value. A
-/// row at a time, shifted against itself by each offset within the disc.
+/// Best value within a disc about each cell, or `none`, which is worse than any value. Works on a row at a time,
+/// shifted against itself by each offset within the disc.
 template <typename Better>
 void disc_filter(const CellGrid& grid, std::span<const float> in, std::span<float> out, int reach, float none,
                  const Better& better) {

@@ -13,7 +13,7 @@
 // drawn blocks no place of 4 mm has less than 0.75 of the usual one, a filled one has nothing. The sizes of d2 against
 // those of d1 say how far neighbours share their noise, and the distribution of d1 whether heights stand in steps.
 //
-// Sixteen quadruples of neighbours are looked at together, as they begin one point after the other.
+// Sixteen quadruples, which begin at consecutive points, are processed together.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/features/noise_texture.cpp"
 #include <hwy/foreach_target.h>
@@ -77,7 +77,7 @@ class Look {
   static HWY_INLINE bool is_chosen(std::size_t stretch, std::uint32_t apart) {
     return static_cast<std::uint32_t>(std::uint64_t{stretch} * 0x9E37'79B9'7F4A'7C15U >> 32U) % apart == 0;
   }
-  /// The `count` ones from the i-th point on.
+  /// Quadruples that begin at the `count` points from the i-th on.
   HWY_INLINE Fours look(const SeatPoints& run, std::size_t i, std::size_t count) const {
     if (count == kLanes) return look(&run.x[i], &run.s[i], &run.h[i]);
     std::array<std::array<float, kLanes + kBeyond>, 3> room{};
@@ -130,7 +130,7 @@ class Look {
   F16 per_bin_;
 };
 
-/// Of the run's chosen quadruples only how many there are, and the sizes of their first differences.
+/// Counts the chosen quadruples of a run and adds up the sizes of their first differences.
 void AddSizes(const TextureQuestion& question, const SeatPoints& run, std::size_t at, std::uint32_t apart,
               TextureSums& sums) {
   Look(question, 0.0F).over(run, at, apart, [&](const Fours& fours) {
@@ -140,6 +140,7 @@ void AddSizes(const TextureQuestion& question, const SeatPoints& run, std::size_
   });
 }
 
+/// Adds the chosen quadruples of a run to everything but `sums.sizes`.
 void AddFours(const TextureQuestion& question, const SeatPoints& run, std::size_t at, std::uint32_t apart,
               float per_bin, TextureSums& sums) {
   double third = sums.third;

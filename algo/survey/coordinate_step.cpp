@@ -13,8 +13,9 @@
 // A scan with parallel rays has an even raster along two axes, and its step is the raster's pitch. Nothing was rounded
 // there. Such a raster is believed where the third axis does not have the same step (a writer rounds all three alike),
 // where no node of the raster holds two points, and where its lines hold alike many (rounding a raster to another step
-// leaves lines empty or doubles them). A line profiler has a step along its way alone, X or Y, and its
-// profiles hold alike many points; a writer does not round one axis of three.
+// leaves lines empty or doubles them). Where the axes are the columns and rows of an organised scan, one step to each,
+// the sample shows it. A line profiler has a step along its way alone, X or Y, and its profiles hold alike many points;
+// a writer does not round one axis of three.
 #include "algo/survey/coordinate_step.h"
 
 #include <algorithm>
@@ -73,7 +74,7 @@ double precision_of(std::span<const float> values) {
   return 1.6 * static_cast<double>(std::nextafter(largest, std::numeric_limits<float>::infinity()) - largest);
 }
 
-/// Are enough of the values multiples of `step`?
+/// True if enough of the values are multiples of `step`.
 bool are_multiples(std::span<const float> values, double step, double precision) {
   std::size_t good = values.size();
   for (const float v : values) {
@@ -111,7 +112,7 @@ double common_step(std::span<const float> sorted, double precision) {
   }
   if (count < kDifferencesMin) return 0.0;
   const std::span<double> d = std::span(differences).first(count);
-  // Most values have no step: that shows before they are sorted.
+  // Most values have no step, which shows before they are sorted.
   std::nth_element(d.begin(), d.begin() + static_cast<std::ptrdiff_t>(count / 20), d.end());
   double step = d[count / 20];
   if (step < least) return 0.0;
@@ -151,7 +152,7 @@ double common_step(std::span<const float> sorted, double precision) {
   return 0.0;
 }
 
-/// Least digit first, eleven bits at a time: no branch is mispredicted.
+/// Radix sort, least significant digit first, because it has no branch to mispredict.
 void sort(std::span<float> values) {
   constexpr unsigned kDigit = 11;
   constexpr std::size_t kDigits = std::size_t{1} << kDigit;
@@ -213,9 +214,9 @@ Lines lines_of(const Sample& sample, std::size_t axis, double step) {
 
 constexpr std::size_t kLinesMin = 64;
 
-/// How the values of an axis go with the columns or the rows of an organised scan.
+/// Spacing of the values of an axis along the columns or the rows of an organised scan.
 struct GridAxis {
-  double pitch_mm = 0.0;  ///< 0: they do not
+  double pitch_mm = 0.0;  ///< 0: not even
   bool is_of_rows = false;
   std::size_t lines = 0;  ///< from the first to the last one
 };
@@ -244,8 +245,8 @@ GridAxis grid_axis_of(const Cloud& cloud, const Sample& sample, std::size_t axis
   return {};
 }
 
-/// Are these two axes the grid in which an organised scan was taken, and nearly all of its points there? Then nothing
-/// was rounded, and the points need not be counted.
+/// True if these two axes are the grid of an organised scan, one step to a line, and few points are missing. Then
+/// nothing was rounded, and the points of the lines need not be counted.
 bool is_grid(const GridAxis& a, const GridAxis& b, double step_a, double step_b, const Sample& sample) {
   constexpr double kSeenMin = 0.8;
   const auto is_step = [](const GridAxis& axis, double step) {

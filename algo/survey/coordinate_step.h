@@ -20,7 +20,8 @@ inline constexpr std::size_t kStepScratch = 16'384;
 
 /// The step of each axis of the scanner frame, mm. 0 along an axis without a step, along two axes that are the
 /// scanner's own raster, and along the way of a line profiler (X or Y): there every point lies where it is said to lie.
-/// No heap; the same answer on every machine. 1.5 ms; 5 ms more where axes may be a raster or a profiler's way.
+/// No heap; the same answer on every machine. 1 ms; up to 5 ms more where axes may be a profiler's way, or a raster
+/// that is not the grid of an organised scan.
 [[nodiscard]] Vec3 find_coordinate_step(const Cloud& cloud, std::span<std::uint32_t> scratch);
 
 }  // namespace slabd::algo

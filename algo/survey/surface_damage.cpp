@@ -325,7 +325,8 @@ void leave_out_beyond_view(const BlockModel& model, const SurfaceTable& table, c
   FieldOfView parallel(map, std::nullopt);
   FieldOfView central(map, eye);
   for (std::size_t row = 0; row < map.rows; ++row) {
-    // What is equally high in a row of the map stays in order, whatever the rays: of that the ends are enough.
+    // Cells of equal height in a row of the map keep their order from either eye: the first and the last one are
+    // enough.
     std::optional<Vec3> last;
     const auto add = [&](const Vec3& p) {
       parallel.add(p);

@@ -62,8 +62,8 @@ struct Strip {
   double expected_mm = 0.0;
 };
 
-/// The upper median of a few values that are numbers. Those that it may still be are counted against all: to sort them
-/// would mispredict a branch at nearly every step.
+/// Upper median of a few values that are numbers. Counts those that it may still be against all, because sorting
+/// mispredicts a branch at nearly every step.
 float median_of_few(std::span<const float> values) {
   const auto rank = static_cast<std::uint32_t>(values.size() / 2);
   float low = -std::numeric_limits<float>::infinity();

@@ -121,8 +121,8 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
   });
   const std::size_t lanes = surface_lanes(cloud);
   team.run(blocks, [&](std::size_t b) {
-    // Whole numbers add up to the same in any order, so any map will do that nobody else writes to. One thread never
-    // gets beyond the first one.
+    // Whole numbers add up to the same in any order, so any map will do that nobody else writes to. One thread uses
+    // the first one only.
     std::size_t slot = 0;
     while (taken[slot].exchange(true, std::memory_order_acquire)) slot = 1 - slot;
     const std::size_t begin = b * kBlockPoints;

@@ -148,7 +148,7 @@ class SurfaceLanes {
       return every << (step_ >> 30U & (turns_ - 1U)) & 0xffffU;
     }
     const std::size_t point = first_ + kLanes * number;
-    // Within a row the same ones of each sixteen: their number is a multiple of the turns.
+    // Within a row the lanes stay the same, because sixteen is a multiple of the turns.
     if (point < row_end_) return of_row_;
     const auto row = static_cast<std::size_t>(static_cast<double>(point) * per_width_);
     const auto column = static_cast<std::uint32_t>(point - row * width_);
@@ -196,7 +196,7 @@ class SurfaceLanes {
   std::size_t width_;
   std::size_t first_;
   double per_width_;
-  std::size_t row_end_ = 0;  ///< the row for which `of_row_` holds ends before this point
+  std::size_t row_end_ = 0;  ///< `of_row_` holds for points before this one
   std::uint32_t of_row_ = 0;
   std::uint32_t step_ = 0;
   std::size_t count_ = 0;  ///< points that wait to be put to the raster
