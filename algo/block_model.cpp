@@ -113,7 +113,7 @@ bool BlockModel::visible(double x, double y, Face& face, double& z) const {
     const double along = along_seat_.dot(p - casing_centre(outer));
     const double bore_mm = 0.5 * geometry_.casing_bore_diameter_mm.value;
     const double rim_mm = 0.5 * geometry_.casing_rim_diameter_mm.value;
-    // Nearly everywhere the square is enough; near the border the root decides.
+    // The root is taken near the casing only.
     const double reach_mm = std::max(bore_mm, rim_mm);
     if (x * x + along * along < 1.001 * reach_mm * reach_mm) {
       const double radius = std::hypot(x, along);

@@ -141,6 +141,7 @@ void AddSizes(const TextureQuestion& question, const SeatPoints& run, std::size_
   });
 }
 
+/// Adds the chosen quadruples of a run to everything but `sums.sizes`.
 void AddFours(const TextureQuestion& question, const SeatPoints& run, std::size_t at, std::uint32_t apart,
               float per_bin, TextureSums& sums) {
   double third = sums.third;

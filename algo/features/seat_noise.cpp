@@ -501,7 +501,7 @@ double ripple_amplitude_mm(const ListedPoints& seat) {
   for (const SeatPoints& run : seat.runs)
     for (std::size_t first = 0; first < run.size(); first += kRow, ++row) {
       if (row % stride != 0) continue;
-      // Neighbours share a bin: its sums stay in registers until another one's turn comes.
+      // Neighbours share a bin, whose sums stay in registers.
       Bin* own = &bins[0][0];
       Bin sums = *own;
       for (std::size_t i = first; i < std::min(first + kRow, run.size()); ++i) {

@@ -13,7 +13,8 @@
 // rounding. Such a raster is accepted if the third axis does not have the same step (a writer rounds all three alike),
 // no node of the raster has two points, and its lines have equal numbers of points (rounding a raster to another step
 // leaves lines empty or doubles them). A line profiler has a step along its travel only, X or Y, and its profiles have
-// equal numbers of points; a writer does not round only one axis of three.
+// equal numbers of points; a writer does not round only one axis of three. If the axes are the columns and rows of an
+// organised scan, one step per line, the sample is enough to show it.
 #include "algo/survey/coordinate_step.h"
 
 #include <algorithm>
@@ -149,7 +150,7 @@ double common_step(std::span<const float> sorted, double precision) {
   return 0.0;
 }
 
-/// Least digit first, eleven bits at a time: no branch is mispredicted.
+/// Radix sort, least significant digit first, because it has no branch to mispredict.
 void sort(std::span<float> values) {
   constexpr unsigned kDigit = 11;
   constexpr std::size_t kDigits = std::size_t{1} << kDigit;
@@ -211,9 +212,9 @@ Lines lines_of(const Sample& sample, std::size_t axis, double step) {
 
 constexpr std::size_t kLinesMin = 64;
 
-/// Relation of an axis to the columns or the rows of an organised scan.
+/// Spacing of the values of an axis along the columns or the rows of an organised scan.
 struct GridAxis {
-  double pitch_mm = 0.0;  ///< 0 if unrelated
+  double pitch_mm = 0.0;  ///< 0 if not even
   bool is_of_rows = false;
   std::size_t lines = 0;  ///< from the first to the last one
 };
@@ -242,8 +243,8 @@ GridAxis grid_axis_of(const Cloud& cloud, const Sample& sample, std::size_t axis
   return {};
 }
 
-/// True if these two axes are the grid of an organised scan, with nearly all of its points. Then the coordinates were
-/// not rounded, and the points need not be counted.
+/// True if these two axes are the grid of an organised scan, one step per line, and few points are missing. Then the
+/// coordinates were not rounded, and the points of the lines need not be counted.
 bool is_grid(const GridAxis& a, const GridAxis& b, double step_a, double step_b, const Sample& sample) {
   constexpr double kSeenMin = 0.8;
   const auto is_step = [](const GridAxis& axis, double step) {

@@ -20,7 +20,8 @@ inline constexpr std::size_t kStepScratch = 16'384;
 
 /// The step of each axis of the scanner frame, mm. 0 along an axis without a step, along two axes that are the
 /// scanner's own raster, and along the travel of a line profiler (X or Y): there the coordinates are exact. No heap;
-/// the same result on every machine. 1.5 ms; 5 ms more if axes may be a raster or a profiler's travel.
+/// the same result on every machine. 1 ms; up to 5 ms more if axes may be a profiler's travel, or a
+/// raster that is not the grid of an organised scan.
 [[nodiscard]] Vec3 find_coordinate_step(const Cloud& cloud, std::span<std::uint32_t> scratch);
 
 }  // namespace slabd::algo

@@ -121,7 +121,7 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
   });
   const std::size_t lanes = surface_lanes(cloud);
   team.run(blocks, [&](std::size_t b) {
-    // Integer sums do not depend on the order, so any unused map is suitable. One thread never uses the second.
+    // Integer sums do not depend on the order, so any unused map is suitable. One thread uses only the first.
     std::size_t slot = 0;
     while (taken[slot].exchange(true, std::memory_order_acquire)) slot = 1 - slot;
     const std::size_t begin = b * kBlockPoints;
