@@ -253,11 +253,11 @@ Status BlockInspector::denoise(Cloud& cloud) {
   }
   if (int axis = 0; step_mm.maxCoeff(&axis) > 1.01 * kCoordinateStepMax_mm) {
     refuse_registration(w.result.registration, "not tried: coordinates rounded too coarsely");
-    return error(
-        Code::frame_incomplete,
-        "the coordinates along %c (scanner frame) are rounded to %g mm, coarser than %g mm: let the scanner write "
-        "more decimals (at least two in mm, five in m)",
-        "xyz"[axis], step_mm[axis], kCoordinateStepMax_mm);
+    return error(Code::frame_incomplete,
+                 "the coordinates along %c (scanner frame) are rounded or resampled to %g mm, coarser than %g mm: let "
+                 "the scanner "
+                 "write more decimals (at least two in mm, five in m) and no raster filled from the nearest points",
+                 "xyz"[axis], step_mm[axis], kCoordinateStepMax_mm);
   }
   return success();
 }

@@ -12,9 +12,13 @@
 // A scan with parallel rays has an even raster along two axes, and its step is the raster's pitch, without any
 // rounding. Such a raster is accepted if the third axis does not have the same step (a writer rounds all three alike),
 // no node of the raster has two points, and its lines have equal numbers of points (rounding a raster to another step
-// leaves lines empty or doubles them). A line profiler has a step along its travel only, X or Y, and its profiles have
-// equal numbers of points; a writer does not round only one axis of three. If the axes are the columns and rows of an
-// organised scan, one step per line, the sample is enough to show it.
+// leaves lines empty or doubles them). If the axes are the columns and rows of an organised scan, one step per line,
+// the sample is enough to show it. A line profiler has a step along its travel only, X or Y, and its profiles have equal
+// numbers of points; a writer does not round only one axis of three.
+//
+// A raster that was filled from the nearest points is not exact: a height is that of a place up to half of the original
+// points' distance away. If the original points were further apart than the raster, neighbours have exactly the same
+// height, and their distance counts as the step.
 #include "algo/survey/coordinate_step.h"
 
 #include <algorithm>
@@ -335,6 +339,36 @@ bool is_travel(const Cloud& cloud, const Sample& sample, std::size_t axis, const
   return are_even(points);
 }
 
+/// Share of the sampled points whose next point, one step further along the axis, has exactly the same height. The next
+/// point is that of the file or, in an organised scan, that of the next row.
+double share_that_repeats(const Cloud& cloud, std::size_t axis, std::size_t height, double step) {
+  std::size_t pairs = 0;
+  std::size_t repeated = 0;
+  for (const std::size_t apart : {std::size_t{1}, cloud.width}) {
+    if (apart == 0 || cloud.points <= apart) continue;
+    for (std::size_t i = 0; i < kSample; ++i) {
+      const auto fraction = static_cast<std::uint32_t>((i + 1) * 0x9E37'79B9U);
+      const auto index = static_cast<std::size_t>((std::uint64_t{fraction} * (cloud.points - apart)) >> 32U);
+      const float* p = cloud.xyz.data() + 3 * index;
+      const float* q = p + 3 * apart;
+      // False for a point that is missing.
+      if (!(std::abs(std::abs(static_cast<double>(q[axis]) - static_cast<double>(p[axis])) - step) < 0.1 * step))
+        continue;
+      ++pairs;
+      if (p[height] == q[height]) ++repeated;
+    }
+  }
+  return pairs < kFirstLook ? 0.0 : static_cast<double>(repeated) / static_cast<double>(pairs);
+}
+
+/// Distance of the original points if a raster of this step took each height from the nearest one; 0 if no heights
+/// repeat. Heights with noise repeat once in thousands of points.
+double resampled_from(const Cloud& cloud, std::size_t axis, std::size_t height, double step) {
+  constexpr double kRepeatsMin = 0.02;
+  const double share = share_that_repeats(cloud, axis, height, step);
+  return share < kRepeatsMin ? 0.0 : step / std::max(0.1, 1.0 - share);
+}
+
 }  // namespace
 
 Vec3 find_coordinate_step(const Cloud& cloud, std::span<std::uint32_t> scratch) {
@@ -357,8 +391,12 @@ Vec3 find_coordinate_step(const Cloud& cloud, std::span<std::uint32_t> scratch) 
         !is_raster(cloud, sample, a, b, step, kLookedOfALine, scratch) &&
         !is_raster(cloud, sample, a, b, step, kLookedInDoubt, scratch))
       continue;
-    step_a = 0.0;
-    step_b = 0.0;
+    // Heights in steps repeat by themselves.
+    const bool is_exact = step_third == 0.0;
+    const double from_a = is_exact ? resampled_from(cloud, a, third, step_a) : 0.0;
+    const double from_b = is_exact ? resampled_from(cloud, b, third, step_b) : 0.0;
+    step_a = from_a;
+    step_b = from_b;
     break;
   }
   for (Eigen::Index axis = 0; axis < 2; ++axis)

@@ -59,6 +59,52 @@ TEST(CoordinateStep, of_parallel_rays_is_their_raster_and_not_a_rounding) {
   }
 }
 
+/// An even raster whose heights are those of the nearest points of another one.
+scene::Cloud resampled(const scene::Cloud& from, double from_pitch_mm, double pitch_mm) {
+  const auto per_axis = [&](std::size_t count) {
+    return static_cast<std::size_t>(static_cast<double>(count - 1) * from_pitch_mm / pitch_mm);
+  };
+  scene::Cloud to = from;
+  to.width = per_axis(from.width);
+  to.height = per_axis(from.height);
+  to.xyz.assign(3 * to.width * to.height, 0.0F);
+  const auto nearest = [&](std::size_t k) {
+    return static_cast<std::size_t>(std::nearbyint(static_cast<double>(k) * pitch_mm / from_pitch_mm));
+  };
+  const auto place = [&](std::size_t index, int axis) {
+    return static_cast<double>(from.xyz[3 * index + static_cast<std::size_t>(axis)]);
+  };
+  for (std::size_t row = 0; row < to.height; ++row)
+    for (std::size_t column = 0; column < to.width; ++column) {
+      const std::size_t source = nearest(row) * from.width + nearest(column);
+      float* p = &to.xyz[3 * (row * to.width + column)];
+      const auto shifted = [&](int axis, std::size_t along_columns, std::size_t along_rows) {
+        const double origin = place(0, axis);
+        const double by_column = (place(1, axis) - origin) / from_pitch_mm * pitch_mm;
+        const double by_row = (place(from.width, axis) - origin) / from_pitch_mm * pitch_mm;
+        return static_cast<float>(origin + by_column * static_cast<double>(along_columns) +
+                                  by_row * static_cast<double>(along_rows));
+      };
+      p[0] = shifted(0, column, row);
+      p[1] = shifted(1, column, row);
+      p[2] = from.xyz[3 * source + 2];
+    }
+  return to;
+}
+
+TEST(CoordinateStep, of_a_raster_filled_from_the_nearest_points_is_their_distance) {
+  scene::Scan scan = seen(0.0, 0.4);
+  scan.missing_share = 0.0;
+  const scene::Cloud points = scene::take({}, scan);
+  for (const double pitch_mm : {0.2, 0.25, 0.35}) {
+    const Vec3 step = step_of(resampled(points, 0.4, pitch_mm));
+    SCOPED_TRACE(pitch_mm);
+    EXPECT_NEAR(step.x(), 0.4, 0.05);
+    EXPECT_NEAR(step.y(), 0.4, 0.05);
+    EXPECT_EQ(step.z(), 0.0);
+  }
+}
+
 TEST(CoordinateStep, of_a_line_profiler_is_its_way_and_not_a_rounding) {
   for (const std::size_t axis : {0U, 1U}) {
     // The rays of each profile are parallel to one plane; within it they start at one point.
