@@ -13,8 +13,8 @@
 // rounding. Such a raster is accepted if the third axis does not have the same step (a writer rounds all three alike),
 // no node of the raster has two points, and its lines have equal numbers of points (rounding a raster to another step
 // leaves lines empty or doubles them). If the axes are the columns and rows of an organised scan, one step per line,
-// the sample is enough to show it. A line profiler has a step along its travel only, X or Y, and its profiles have equal
-// numbers of points; a writer does not round only one axis of three.
+// the sample is enough to show it. A line profiler has a step along its travel only, X or Y, and its profiles have
+// equal numbers of points; a writer does not round only one axis of three.
 //
 // A raster that was filled from the nearest points is not exact: a height is that of a place up to half of the original
 // points' distance away. If the original points were further apart than the raster, neighbours have exactly the same
