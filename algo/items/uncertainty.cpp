@@ -159,10 +159,11 @@ class BlockBudget {
  private:
   [[nodiscard]] const PlaneFit& seat() const { return result_.seat.plane; }
   Item& item(ItemId id) { return item_of(result_, id); }
-  /// Standard uncertainty between two distant places from the form of the seat, if that is more than twice the stated
-  /// form of the scanner; else 0. It may also be the block's own form: the scan does not distinguish them.
+  /// Standard uncertainty between two distant places from the form of the seat without its bumps and pits, if that is
+  /// more than twice the stated form of the scanner; else 0. It may also be the block's own form: the scan does not
+  /// distinguish them.
   [[nodiscard]] double seen_form_mm() const {
-    const double half_mm = 0.5 * std::max(0.0, result_.seat.flatness_closed_mm - result_.seat.flatness_noise_mm);
+    const double half_mm = 0.5 * std::max(0.0, result_.seat.flatness_trimmed_mm - result_.seat.flatness_noise_mm);
     constexpr double kClear_mm = 0.1;
     const double stated_mm = std::sqrt(3.0) * scanner_.place_mm();
     return half_mm > std::max(kClear_mm, 2.0 * stated_mm) ? half_mm * std::sqrt(2.0 / 3.0) : 0.0;
