@@ -325,7 +325,7 @@ Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<Tex
   const NoiseTexture& texture = textures[0];
   const double known_step_mm = step_along_mm(seat.plane, result);
   // Differences of heights in coarse steps do not show a filter.
-  if (known_step_mm <= kStepOfNoiseMax * texture.sigma_mm) result.scan.lag_ratio = texture.lag_ratio;
+  if (known_step_mm <= texture.sigma_mm) result.scan.lag_ratio = texture.lag_ratio;
   // The 95 % difference of rounded heights is one or two of their known steps.
   if (const double step_mm = hidden_step_mm(texture); step_mm > std::max(kCoordinateStepMax_mm, 3.0 * known_step_mm)) {
     refuse(seat.plane, PlaneDoubt::not_fitted);

@@ -136,10 +136,13 @@ class BlockBudget {
   void flatness(double bumps_mm) {
     Item& flatness = item(ItemId::seat_flatness);
     if (!has_value(flatness.value)) return;
-    // A filter spreads a wrong point into a bump: in a smoothed scan bumps and wrong points cannot be distinguished.
-    const bool smoothed = result_.scan.lag_ratio < kSmoothedLagRatio;
-    const double beyond_mm = flatness.value - result_.seat.flatness_trimmed_mm - result_.seat.flatness_noise_mm;
-    const double bumps = std::hypot(bumps_mm / std::sqrt(3.0), smoothed ? 0.5 * std::max(0.0, beyond_mm) : 0.0);
+    // A filter spreads a wrong point into a bump. In a smoothed scan, or one whose steps hide a filter, any part of the
+    // flatness may be wrong points.
+    const ScanCounts& scan = result_.scan;
+    const bool hidden = !has_value(scan.lag_ratio) && !scan.step_mm.isZero();
+    const bool smoothed = hidden || scan.lag_ratio < kSmoothedLagRatio;
+    const double doubt_mm = smoothed ? std::max(0.0, flatness.value - result_.seat.flatness_noise_mm) : 0.0;
+    const double bumps = std::hypot(bumps_mm / std::sqrt(3.0), 0.5 * doubt_mm);
     widen(ItemId::seat_flatness, bumps);
     if (!recipe_.uncertainty.given) return;
     const double region_mm = 2.0 * std::max(recipe_.evaluation.crop_half_x_mm, recipe_.evaluation.crop_half_s_mm);
