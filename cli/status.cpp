@@ -159,10 +159,10 @@ std::string status_text(const json& status) {
                             : fmt::format("{}: {}", text_at(status, {"links", "pose", "code"}),
                                           text_at(status, {"links", "pose", "text"})));
   text += pose_faults_text(status);
-  text += line("scanner", fmt::format("online {}, {} stray files", text_at(status, {"links", "scanner", "online"}),
-                                      text_at(status, {"links", "scanner", "strays"})));
-  if (const std::string why = text_at(status, {"links", "scanner", "text"}); why != "-" && !why.empty())
-    text += line("", why);
+  const std::string scanner_why = text_at(status, {"links", "scanner", "text"});
+  text += line("scanner", fmt::format("online {}, {} stray files{}", text_at(status, {"links", "scanner", "online"}),
+                                      text_at(status, {"links", "scanner", "strays"}),
+                                      scanner_why == "-" ? "" : after("; ", scanner_why)));
   if (const nlohmann::json& chain = status.value("chain", nlohmann::json(nullptr)); chain.is_object())
     text += line("chain", fmt::format("entry {} of the chain of results, SHA-256 {}",
                                       text_at(status, {"chain", "entries"}), text_at(status, {"chain", "sha256"})));

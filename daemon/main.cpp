@@ -92,6 +92,7 @@ class AbsentScanner : public hal::ScannerPort {
   void idle() override {}
   [[nodiscard]] bool online() const override { return false; }
   [[nodiscard]] std::uint64_t stray_files() const override { return 0; }
+  [[nodiscard]] hal::ScannerText trouble() const override { return why_.text; }
 
  private:
   Error why_;

@@ -91,27 +91,29 @@ std::optional<std::size_t> station_of(const std::string& line) {
 
 }  // namespace
 
-std::string krl_data_list(std::string_view name, const std::vector<Pose>& T_base_flange) {
+std::string krl_data_list(std::string_view name, int set, const std::vector<Pose>& T_base_flange) {
   std::string text = fmt::format(
       "&ACCESS RVP\nDEFDAT {} PUBLIC\n"
-      ";Flange poses in the robot root: $BASE=$NULLFRAME, $TOOL=$NULLFRAME. Written by slabctl stations.\n"
-      "DECL GLOBAL FRAME STATION[{}]\n",
-      name, T_base_flange.size());
+      ";Flange poses in the robot root: $BASE=$NULLFRAME, $TOOL=$NULLFRAME. Written by slabctl stations --set {}.\n"
+      "DECL GLOBAL FRAME STATION{}[{}]\n",
+      name, set, set, T_base_flange.size());
   for (std::size_t k = 0; k < T_base_flange.size(); ++k) {
     const Vec3& p = T_base_flange[k].translation_mm;
     const KukaAbc abc = kuka_abc_from_rotation(T_base_flange[k].rotation);
-    text += fmt::format("STATION[{}]={{X {:.4f},Y {:.4f},Z {:.4f},A {:.6f},B {:.6f},C {:.6f}}}\n", k + 1, p.x(), p.y(),
-                        p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
+    text += fmt::format("STATION{}[{}]={{X {:.4f},Y {:.4f},Z {:.4f},A {:.6f},B {:.6f},C {:.6f}}}\n", set, k + 1, p.x(),
+                        p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
   }
   return text + "ENDDAT\n";
 }
 
-std::string krl_program(std::string_view name, std::size_t stations) {
+std::string krl_program(std::string_view name, int set, std::size_t stations) {
   return fmt::format(
-      "&ACCESS RVP\nDEF {}( )\n"
-      "  ;The PLC names the station on $IN[1..5] and holds $IN[17] until slabd says ACQUIRED (docs/ROBOT.md).\n"
+      "&ACCESS RVP\nDEF {0}( )\n"
+      "  ;One slab with the stops of set {1}. Returns after station {2}, or if the PLC names station 0 (slab "
+      "aborted).\n"
+      "  ;The calling program contains the loop over the slabs, and RSI_CREATE and RSI_ON (docs/ROBOT.md).\n"
+      "  ;The PLC names the station on $IN[1..5] and holds $IN[17] until slabd reports ACQUIRED.\n"
       "  ;First run in T1, station by station: the way between them is not checked against the cell.\n"
-      "  ;Where poses come over RSI, RSI_CREATE and RSI_ON belong before LOOP (docs/ROBOT.md).\n"
       "  DECL INT k\n"
       "  SIGNAL STATION_IN $IN[1] TO $IN[5]\n"
       "  BAS(#INITMOV, 0)\n"
@@ -120,19 +122,24 @@ std::string krl_program(std::string_view name, std::size_t stations) {
       "  LOOP\n"
       "    WAIT FOR $IN[17]\n"
       "    k = STATION_IN\n"
-      "    IF (k < 1) OR (k > {}) THEN\n"
+      "    IF k > {2} THEN\n"
       "      HALT\n"
       "    ENDIF\n"
-      "    $SEN_PREA[3] = 0\n"
-      "    PTP STATION[k]\n"
-      "    WAIT SEC 0\n"
-      "    $SEN_PREA[3] = 1\n"
+      "    IF k > 0 THEN\n"
+      "      $SEN_PREA[3] = 0\n"
+      "      PTP STATION{1}[k]\n"
+      "      WAIT SEC 0\n"
+      "      $SEN_PREA[3] = 1\n"
+      "    ENDIF\n"
       "    $OUT[17] = TRUE\n"
       "    WAIT FOR NOT $IN[17]\n"
       "    $OUT[17] = FALSE\n"
+      "    IF (k == 0) OR (k == {2}) THEN\n"
+      "      EXIT\n"
+      "    ENDIF\n"
       "  ENDLOOP\n"
       "END\n",
-      name, stations);
+      name, set, stations);
 }
 
 Result<std::vector<Pose>> parse_krl_points(std::string_view text, std::string_view origin) {

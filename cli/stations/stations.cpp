@@ -278,7 +278,7 @@ void write_file(const std::string& path, const std::string& text) {
 
 /// Writes FILE.dat and FILE.src; the module has the name of the file. Existing files may contain points that were
 /// corrected by hand, so they are only replaced with --overwrite.
-void write_krl(const std::string& path, bool overwrite, const std::vector<Row>& rows) {
+void write_krl(const std::string& path, int set, bool overwrite, const std::vector<Row>& rows) {
   std::filesystem::path base(path);
   base.replace_extension();
   const std::string name = base.filename().string();
@@ -298,8 +298,8 @@ void write_krl(const std::string& path, bool overwrite, const std::vector<Row>& 
   }
   std::vector<Pose> poses;
   for (const Row& row : rows) poses.push_back(row.planned);
-  write_file(base.string() + ".dat", krl_data_list(name, poses));
-  write_file(base.string() + ".src", krl_program(name, poses.size()));
+  write_file(base.string() + ".dat", krl_data_list(name, set, poses));
+  write_file(base.string() + ".src", krl_program(name, set, poses.size()));
 }
 
 int stations(Options& options) {
@@ -317,7 +317,7 @@ int stations(Options& options) {
   const bool all_ok = std::all_of(rows.begin(), rows.end(), [&](const Row& row) {
     return row.taught ? row.taught_view.ok(look_mm) : row.view.ok(look_mm);
   });
-  if (!options.krl.empty()) write_krl(options.krl, options.overwrite, rows);
+  if (!options.krl.empty()) write_krl(options.krl, options.set, options.overwrite, rows);
   const Alike alike = most_alike(sources, rows);
   if (!is_told_apart(alike.differ))
     fmt::print(
@@ -344,12 +344,11 @@ void add_stations(args::Command& app) {
       "inside the scanner's view, met steeply enough and not hidden by the block. Run the points in T1 first: the way\n"
       "between them and the arm's reach are not looked at.\n"
       "Exit status: 0 everything is seen from every station (the taught ones, with --taught), 1 not.\n"
-      "Examples: slabctl stations --krl SLABPTS      writes SLABPTS.dat and SLABPTS.src\n"
-      "          slabctl stations --taught SLABPTS.dat --json");
+      "Examples: slabctl stations --krl SLABPTS2 --set 2     writes SLABPTS2.dat and SLABPTS2.src\n"
+      "          slabctl stations --taught SLABPTS2.dat --set 2 --json");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   command->add_option("--type", options->type, "Slab type (default: the longest slab there is a recipe for)");
-  args::Option krl =
-      command->add_option("--krl", options->krl, "Write the points as a KRL data list and a program fragment");
+  args::Option krl = command->add_option("--krl", options->krl, "Write the points as a KRL data list and a subprogram");
   command->add_flag("--overwrite", options->overwrite, "--krl: even if the files exist")->needs(krl);
   command->add_option("--taught", options->taught, "Compare these points: a KRL .dat or .src, or poses one per line");
   command->add_option("--standoff-mm", options->standoff_mm, "Scanner above the block's origin")

@@ -206,6 +206,7 @@ class Client final : public PlcPort {
     for (int end = count; end > 0;) {
       const int begin = piece_before(end, kRecordFirst, kTableFirst);
       const int base = settings_.status_base + begin;
+      asked_ = {settings_.read_write && begin == 0 ? 23 : 16, end - begin};
       if (!exchange([&] {
             if (settings_.read_write && begin == 0)
               return modbus_write_and_read_registers(context_.get(), base, end, image.data(), settings_.command_base,
@@ -221,6 +222,7 @@ class Client final : public PlcPort {
   bool read(HoldingImage& image) {
     for (int end = kReadCount; end > 0;) {
       const int begin = piece_before(end, kCommandFirst, kCommandFirst);
+      asked_ = {3, end - begin};
       const auto talk = [&] {
         return modbus_read_registers(context_.get(), settings_.command_base + begin, end - begin,
                                      image.data() + begin) == end - begin;
@@ -305,23 +307,42 @@ class Client final : public PlcPort {
       habit_ =
           "the PLC closes the connection behind each answer: plc.keep_connection = false makes one for each request";
     const char* doing = deed == ClientDeed::connect ? "connecting" : deed == ClientDeed::read ? "reading" : "writing";
-    const char* cure = "; is its Modbus server running, and is the address right?";
-    if (error_number == EMBXILVAL) {
-      cure = "; is it too much for one request? plc.registers_max = 100 or 48, as its manual says";
-    } else if (is_exception(error_number)) {
-      cure = deed == ClientDeed::read
-                 ? "; does the PLC have 40 holding registers from plc.command_base on, for unit plc.unit_id?"
-                 : "; does the PLC have 110 holding registers from plc.status_base on that may be written? FC 23 "
-                   "(plc.read_write)?";
-    } else if (deed != ClientDeed::connect) {
-      cure = "; the connection is made anew";
-    }
+    const Cure cure = cure_of(deed, error_number);
     Trouble text;
     text.printf("plc.connect %s:%u: %s: %s%s%s", settings_.host.c_str(), unsigned{settings_.port}, doing,
                 error_number >= MODBUS_ENOBASE ? modbus_strerror(error_number) : errno_text(error_number),
-                habit_.empty() ? cure : "; ", habit_.c_str());
+                habit_.empty() ? cure.c_str() : "; ", habit_.c_str());
     trouble_ = text;
     raise();
+  }
+
+  using Cure = FixedString<200>;
+
+  /// Hint for the last request, which failed.
+  [[nodiscard]] Cure cure_of(ClientDeed deed, int error_number) const {
+    Cure cure;
+    if (deed == ClientDeed::connect && !is_exception(error_number)) {
+      cure = "; is its Modbus server running, and is the address right?";
+    } else if (!is_exception(error_number)) {
+      cure = "; the connection is made anew";
+    } else if (error_number == EMBXILFUN && asked_.function == 23) {
+      cure = "; the PLC does not serve FC 23: plc.read_write = false writes with FC 16 and reads with FC 3";
+    } else if (error_number == EMBXILFUN) {
+      cure.printf("; the PLC does not serve FC %d: enable it in the PLC, or use another role (docs/PLC.md)",
+                  asked_.function);
+    } else if (error_number == EMBXILVAL && asked_.registers > kFewRegisters) {
+      cure.printf("; are %d registers too many for one request? plc.registers_max = %s, as its manual says",
+                  asked_.registers, asked_.registers > kManyRegisters ? "100 or 48" : "48");
+    } else if (error_number == EMBXILVAL) {
+      cure.printf("; FC %d with %d registers is refused: see its manual for the largest request (plc.registers_max)",
+                  asked_.function, asked_.registers);
+    } else if (asked_.function == 3) {
+      cure = "; does the PLC have 40 holding registers from plc.command_base on, for unit plc.unit_id?";
+    } else {
+      cure.printf("; does the PLC have 110 holding registers from plc.status_base on that may be written%s?",
+                  asked_.function == 23 ? ", and 40 to read from plc.command_base on" : "");
+    }
+    return cure;
   }
 
   void set_trouble(const char* what) {
@@ -337,6 +358,12 @@ class Client final : public PlcPort {
   static constexpr int kReadCount = static_cast<int>(kHoldingRegisters);
   static constexpr int kRecordFirst = 30;  ///< first registers of the parts: state, record, table
   static constexpr int kTableFirst = 64;
+  static constexpr int kManyRegisters = 100;  ///< usual limits of PLCs for one request
+  static constexpr int kFewRegisters = 48;
+  struct Asked {
+    int function = 0;
+    int registers = 0;
+  };
 
   const PlcSettings settings_;
   std::unique_ptr<modbus_t, ContextDeleter> context_;
@@ -355,6 +382,7 @@ class Client final : public PlcPort {
   std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> confirmed_{};  ///< last block on which two answers
                                                                               ///< agreed
   bool has_candidate_ = false;
+  Asked asked_;              ///< the last request; only the link's thread uses it
   int answers_ = 0;          ///< on this connection; used by the thread only
   int useless_ = 0;          ///< late or malformed answers since the last good one
   int closed_behind_ = 0;    ///< connections in a row that the PLC closed after their first answer

@@ -35,9 +35,14 @@ namespace {
 constexpr std::int64_t kPauseNs = ns_from_ms(60);
 /// Interval of attempts to open a missing device.
 constexpr std::int64_t kReopenNs = kNsPerS;
-/// Replies in a row without an echo after which the adapter is assumed not to echo.
-constexpr int kRepliesToBeSure = 3;
+/// Replies to other functions than FC 6 without an echo after which the adapter is assumed not to echo.
+constexpr std::uint32_t kOthersToBeSure = 3;
+/// Replies that are remembered because their echo may still come: 1.3 s of a PLC that asks every 20 ms.
+constexpr std::size_t kRepliesKept = 64;
+/// Age at which the echo of a reply counts as lost. Longer than the delay of any adapter or device server.
+constexpr std::int64_t kEchoLostNs = 10 * kNsPerS;
 constexpr std::uint8_t kWriteOne = 6;
+constexpr std::size_t kWriteOneBytes = 8;
 /// Reads in one turn of the loop: the 4 kB of a terminal's buffer, so that noise cannot block the loop.
 constexpr int kPiecesPerTurn = 16;
 /// Time without a frame after which the master is assumed to be absent.
@@ -127,9 +132,9 @@ class RtuSlave final : public PlcPort {
   // ---- the device
 
   void open_line() {
-    replies_without_echo_ = 0;
+    replies_ = {};
+    other_replies_ = 0;
     has_echoed_ = false;
-    echo_next_ = false;
     reopen_ns_ = now_ns_ + kReopenNs;
     Fd fd(open(settings_.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
     if (!fd.is_open()) {
@@ -145,7 +150,7 @@ class RtuSlave final : public PlcPort {
     ioctl(fd.get(), TIOCEXCL);  // two programs on one line would answer twice
     trouble_.clear();
     fd_ = std::move(fd);
-    bytes_ = echo_bytes_ = 0;
+    bytes_ = 0;
     ++counters_.connections;
     ++opened_;
   }
@@ -212,15 +217,10 @@ class RtuSlave final : public PlcPort {
 
   /// Looks for a request that ends with the newest byte. True after a write.
   bool serve() {
-    if (swallow_echo()) return false;
+    remove_echoes();
     for (std::size_t from = 0; from + kRtuBytesMin <= bytes_; ++from) {
       if (buffer_[from] != settings_.unit_id) continue;
       const auto frame = std::span<const std::uint8_t>(buffer_).subspan(from, bytes_ - from);
-      if (is_echo(frame)) {
-        note_echo();
-        bytes_ = 0;
-        return false;
-      }
       if (rtu_request_bytes(frame) != frame.size() || !rtu_intact(frame)) continue;
       const RequestCheck check = check_pdu(pdu_of(frame));
       if (check.refusal && !(from == 0 && at_start_)) continue;
@@ -254,56 +254,96 @@ class RtuSlave final : public PlcPort {
   }
 
   void reply(std::span<const std::uint8_t> pdu) {
-    echo_[0] = settings_.unit_id;
-    std::copy(pdu.begin(), pdu.end(), echo_.begin() + 1);
-    echo_bytes_ = rtu_close(echo_, 1 + pdu.size());
-    echo_next_ = true;
-    reply_is_request_ = pdu[0] == kWriteOne;
-    if (write(fd_.get(), echo_.data(), echo_bytes_) == static_cast<ssize_t>(echo_bytes_)) return;
+    std::array<std::uint8_t, kRtuBytesMax> frame{};
+    frame[0] = settings_.unit_id;
+    std::copy(pdu.begin(), pdu.end(), frame.begin() + 1);
+    const std::size_t bytes = rtu_close(frame, 1 + pdu.size());
+    remember(std::span<const std::uint8_t>(frame).first(bytes));
+    if (write(fd_.get(), frame.data(), bytes) == static_cast<ssize_t>(bytes)) return;
     ++counters_.unsent;
     lose_line("a reply could not be written");
   }
 
-  /// Removes the echo of slabd's last reply. Some adapters receive what they send, and the reply to FC 6 equals the
-  /// request: answering it would never end. An echo arrives before the master's next request, whatever the delay of an
-  /// adapter or a device server. A master that repeats the same write looks the same. The replies to other functions
-  /// decide, because their echo is not a request; until then the master has to repeat its request. An adapter that
-  /// changes direction may add a few bytes of noise before the echo; they are removed too. True if the bytes so far may
-  /// still be the echo.
-  bool swallow_echo() {
-    if (!echo_next_) return false;
-    for (std::size_t noise = 0; noise < kRtuBytesMin && echo_may_come(); ++noise) {
-      const auto behind = std::span<const std::uint8_t>(buffer_).first(bytes_).subspan(std::min(noise, bytes_));
-      const std::size_t common = std::min(behind.size(), echo_bytes_);
-      if (!std::equal(echo_.begin(), echo_.begin() + static_cast<std::ptrdiff_t>(common), behind.begin())) continue;
-      if (common < echo_bytes_) return true;
-      std::copy(behind.begin() + static_cast<std::ptrdiff_t>(common), behind.end(), buffer_.begin());
-      bytes_ = behind.size() - common;
-      note_echo();
-      return bytes_ == 0;
+  // ---- echoes
+  //
+  // Some adapters receive what they send. The reply to FC 6 equals its request, so its echo looks like the PLC's next
+  // write of the same value. An echo that is taken for a request writes an old value again, is answered again, and
+  // keeps the heartbeat of a stopped PLC alive. An adapter or a device server may delay an echo beyond the PLC's next
+  // requests. Rules:
+  // - Each reply has at most one echo, so each remembered reply removes at most one frame. If the PLC and an echo send
+  //   the same bytes, the number of answers is right, whichever of the two frames comes first.
+  // - Only the reply to FC 6 can be confused with a request. The echo of another reply proves that the adapter echoes.
+  // - Echoes come back in the order of the replies. If a reply to FC 6 seems to come back, but the echoes of at least
+  //   three other replies before it have not, the adapter does not echo, and the frame is a request.
+  // - Until one of the two is known, the frame counts as an echo, because the PLC repeats a request without an answer.
+  // - If the PLC repeated a write before the echo came, the repetition was removed instead of the echo, which must not
+  //   write its old value after a newer request. By the order of echoes it may still come until a newer reply has come
+  //   back. If the adapter is known to echo, one more such frame is removed until then.
+
+  /// A reply whose echo may still come.
+  struct Reply {
+    std::array<std::uint8_t, kWriteOneBytes> head{};  ///< its first bytes: the whole reply to FC 6
+    std::array<std::uint8_t, kRtuCrcBytes> crc{};     ///< its last bytes
+    std::size_t bytes = 0;                            ///< 0: no reply yet
+    int came = 0;                                     ///< frames taken for its echo
+    std::uint32_t others_before = 0;                  ///< replies to other functions before it, on this line
+    std::int64_t sent_ns = 0;
+
+    [[nodiscard]] bool starts(std::span<const std::uint8_t> frame) const {
+      if (bytes == 0 || frame.size() < bytes) return false;
+      return std::equal(crc.begin(), crc.end(), frame.begin() + static_cast<std::ptrdiff_t>(bytes - crc.size())) &&
+             std::equal(head.begin(), head.begin() + static_cast<std::ptrdiff_t>(std::min(bytes, head.size())),
+                        frame.begin());
     }
-    echo_next_ = false;
-    if (!reply_is_request_ && !has_echoed_)
-      replies_without_echo_ = std::min(replies_without_echo_ + 1, kRepliesToBeSure);
-    return false;
+    [[nodiscard]] bool is_request() const { return head[1] == kWriteOne; }
+  };
+
+  void remember(std::span<const std::uint8_t> frame) {
+    Reply& reply = replies_[next_reply_];
+    next_reply_ = (next_reply_ + 1) % replies_.size();
+    reply = {};
+    std::copy_n(frame.begin(), std::min(frame.size(), reply.head.size()), reply.head.begin());
+    std::copy(frame.end() - kRtuCrcBytes, frame.end(), reply.crc.begin());
+    reply.bytes = frame.size();
+    reply.others_before = other_replies_;
+    reply.sent_ns = now_ns_;
+    if (!reply.is_request()) ++other_replies_;
   }
-  /// True if the echo of the last reply may still arrive.
-  [[nodiscard]] bool echo_may_come() const {
-    const bool sure_not_to = reply_is_request_ && replies_without_echo_ >= kRepliesToBeSure;
-    return echo_bytes_ != 0 && !sure_not_to;
+
+  /// Removes all echoes from the buffer, and noise of a change of direction directly before the first.
+  void remove_echoes() {
+    for (std::size_t from = 0; from + kRtuBytesMin <= bytes_;) {
+      Reply* const reply = buffer_[from] == settings_.unit_id ? echo_at(from) : nullptr;
+      if (reply == nullptr) {
+        ++from;
+        continue;
+      }
+      ++reply->came;
+      const std::size_t end = from + reply->bytes;
+      has_echoed_ = has_echoed_ || !reply->is_request();
+      if (from < kRtuBytesMin) from = 0;
+      std::copy(buffer_.begin() + static_cast<std::ptrdiff_t>(end),
+                buffer_.begin() + static_cast<std::ptrdiff_t>(bytes_),
+                buffer_.begin() + static_cast<std::ptrdiff_t>(from));
+      bytes_ -= end - from;
+    }
   }
-  /// True for a late echo too, after more noise than swallow_echo() skips.
-  [[nodiscard]] bool is_echo(std::span<const std::uint8_t> frame) const {
-    return echo_may_come() && std::equal(frame.begin(), frame.end(), echo_.begin(),
-                                         echo_.begin() + static_cast<std::ptrdiff_t>(echo_bytes_));
-  }
-  void note_echo() {
-    // An adapter that echoes always does. An echo that is missing from now on is only late, after one of slabd's
-    // pauses.
-    if (!reply_is_request_) has_echoed_ = true;
-    if (!reply_is_request_) replies_without_echo_ = 0;
-    echo_bytes_ = 0;
-    echo_next_ = false;
+
+  /// The oldest remembered reply that comes back at `from`; nullptr if the bytes there are not an echo.
+  Reply* echo_at(std::size_t from) {
+    const auto frame = std::span<const std::uint8_t>(buffer_).subspan(from, bytes_ - from);
+    Reply* second = nullptr;
+    for (std::size_t i = 0; i < replies_.size(); ++i) {
+      Reply& reply = replies_[(next_reply_ + i) % replies_.size()];
+      if (reply.came != 0) second = nullptr;  // a newer reply came back, so the echoes of older ones have come
+      if (!reply.starts(frame)) continue;
+      const bool cannot_echo = !has_echoed_ && reply.others_before >= kOthersToBeSure;
+      if (reply.is_request() && (cannot_echo || now_ns_ - reply.sent_ns > kEchoLostNs)) continue;
+      if (reply.came == 0) return &reply;
+      const bool is_newest = (i + 1) % replies_.size() == 0;
+      if (has_echoed_ && reply.is_request() && reply.came == 1 && !is_newest) second = &reply;
+    }
+    return second;
   }
 
   PlcSettings settings_;
@@ -313,13 +353,11 @@ class RtuSlave final : public PlcPort {
 
   std::array<std::uint8_t, kRtuBytesMax> buffer_{};
   std::size_t bytes_ = 0;
-  bool at_start_ = true;                           ///< the buffer starts after a pause, or after a frame of slabd
-  std::array<std::uint8_t, kRtuBytesMax> echo_{};  ///< the last reply
-  std::size_t echo_bytes_ = 0;                     ///< 0: no reply was sent, or its echo has arrived
-  bool echo_next_ = false;                         ///< no other bytes have arrived since the reply
-  bool reply_is_request_ = false;                  ///< the last reply was to FC 6
-  int replies_without_echo_ = 0;                   ///< in a row, on this line
-  bool has_echoed_ = false;                        ///< a reply came back, on this line
+  bool at_start_ = true;                       ///< the buffer starts after a pause, or after a frame of slabd
+  std::array<Reply, kRepliesKept> replies_{};  ///< a ring
+  std::size_t next_reply_ = 0;                 ///< the oldest of the ring
+  std::uint32_t other_replies_ = 0;            ///< replies to other functions than FC 6, on this line
+  bool has_echoed_ = false;                    ///< one of those came back, on this line
   std::uint32_t command_writes_ = 0;
 
   RegisterBank bank_;

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "hal/robot/pose_screen.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdarg>
+#include <utility>
 
 // Problem: a well-formed pose may still be wrong. A second program may publish too, a network may deliver an old
 // datagram late, a sender's memory may be torn for one cycle. Idea: accept one publisher at a time, whose clock runs
@@ -25,6 +27,9 @@ FixedString<24> text_of(const PosePublisher& p) {
 /// Time between two messages by the sender's clock; unsigned, because the numbers may have any value.
 std::uint64_t forward_us(const PoseSample& from, const PoseSample& to) {
   return static_cast<std::uint64_t>(to.utime_us) - static_cast<std::uint64_t>(from.utime_us);
+}
+std::uint64_t forward_us_from(std::int64_t utime_us, const PoseSample& to) {
+  return static_cast<std::uint64_t>(to.utime_us) - static_cast<std::uint64_t>(utime_us);
 }
 bool runs_forward(const PoseSample& from, const PoseSample& to) {
   const std::uint64_t step = forward_us(from, to);
@@ -81,10 +86,47 @@ void PoseScreen::weigh_clock(std::int64_t mono_ns, const PoseSample& sample) {
   clock_samples_ = 0;
 }
 
+void PoseScreen::weigh_seconds(std::int64_t mono_ns, const PoseSample& sample) {
+  constexpr std::int64_t kSpanNs = 3 * kNsPerS;
+  constexpr int kSamplesMin = 30;
+  const std::uint64_t steps = forward_us_from(seconds_from_us_, sample);
+  const bool started = seconds_from_ns_ != 0;
+  ++seconds_samples_;
+  // A clock in microseconds or milliseconds leaves this range with its first messages.
+  const bool may_be_seconds = started && steps <= 4;
+  if (started && may_be_seconds && mono_ns - seconds_from_ns_ < kSpanNs) return;
+  in_seconds_ = may_be_seconds && steps >= 2 && seconds_samples_ >= kSamplesMin;
+  seconds_from_ns_ = mono_ns;
+  seconds_from_us_ = sample.utime_us;
+  seconds_samples_ = 0;
+}
+
+void PoseScreen::follow_sockets(const PosePublisher& from, std::int64_t mono_ns, const PoseSample& sample) {
+  constexpr std::int64_t kOfOneSenderNs = 10 * kNsPerS;  // a restarted bridge comes less often
+  const bool of_same_computer = heard_.ever && heard_.who.address == from.address;
+  if (!of_same_computer) {
+    recent_ports_ = {};
+    strangers_ = continued_ = 0;
+    on_socket_ = on_socket_before_ = 0;
+  } else if (heard_.who.port != from.port) {
+    const bool known = std::find(recent_ports_.begin(), recent_ports_.end(), from.port) != recent_ports_.end();
+    const bool in_a_row = strangers_ == 0 || mono_ns - stranger_ns_ < kOfOneSenderNs;
+    strangers_ = known ? 0 : in_a_row ? strangers_ + 1 : 1;
+    if (!known) stranger_ns_ = mono_ns;
+    const std::uint32_t step = static_cast<std::uint32_t>(sample.seq) - static_cast<std::uint32_t>(heard_seq_);
+    continued_ = sample.seq != 0 && step == 1U ? continued_ + 1 : 0;
+    on_socket_before_ = std::exchange(on_socket_, 0);
+  }
+  if (!of_same_computer || heard_.who.port != from.port) {
+    recent_ports_[next_port_] = from.port;
+    next_port_ = (next_port_ + 1) % recent_ports_.size();
+  }
+  ++on_socket_;
+  heard_ = {from, mono_ns, true};
+  heard_seq_ = sample.seq;
+}
+
 bool PoseScreen::is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseLinkCounters& counters) {
-  const bool known = (owner_.ever && owner_.who == from) || (rival_.ever && rival_.who == from);
-  const bool of_same_computer = owner_.ever && owner_.who.address == from.address;
-  strangers_ = !known && of_same_computer && owner_.who.port != from.port ? strangers_ + 1 : 0;
   if (owner_.ever && !(owner_.who == from) && owner_.within(mono_ns, kSilentNs)) {
     // A second publisher, or the owner's successor: the owner's next pose or its silence decides. Two newcomers count
     // as two.
@@ -102,6 +144,9 @@ bool PoseScreen::is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseL
     clock_from_ns_ = 0;
     clock_odd_ = 0;
     clock_unit_ = nullptr;
+    seconds_from_ns_ = 0;
+    seconds_samples_ = 0;
+    in_seconds_ = false;
     if (rival_.who == from) rival_.ever = false;
     if (owner_.ever) ++changes_;
     waited_ += since_owner_;
@@ -111,6 +156,25 @@ bool PoseScreen::is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseL
   if (!rival_.within(mono_ns, kSilentNs)) return true;
   ++counters.second_publisher;
   return false;
+}
+
+void PoseScreen::refuse_rival(const PosePublisher& from, std::int64_t mono_ns) {
+  const PosePublisher& other = owner_.who == from ? rival_.who : owner_.who;
+  // Two programs each return with numbers of their own.
+  constexpr int kInARow = 5;
+  if (strangers_ >= kInARow)
+    refuse(from, mono_ns,
+           "the sender opens a new socket %s, so slabd cannot distinguish it from a second program (create the LCM "
+           "object once): %s, and now one",
+           on_socket_before_ == 1 ? "for each message" : "every few messages", text_of(other).c_str());
+  else if (continued_ >= kInARow)
+    refuse(from, mono_ns,
+           "the sender uses several sockets in turn, so slabd cannot distinguish it from a second program (create one "
+           "LCM object): %s, and now one",
+           text_of(other).c_str());
+  else
+    refuse(from, mono_ns, "two programs publish poses, so neither is believed: %s, and another",
+           text_of(other).c_str());
 }
 
 void PoseScreen::settle_rivals(PoseLinkCounters& counters) {
@@ -132,22 +196,14 @@ void PoseScreen::count_numbering(const PoseSample& sample, PoseLinkCounters& cou
 
 bool PoseScreen::admit(const PosePublisher& from, std::int64_t mono_ns, const PoseSample& sample,
                        PoseLinkCounters& counters) {
+  follow_sockets(from, mono_ns, sample);
   if (!is_alone(from, mono_ns, counters)) {
-    const PosePublisher& other = owner_.who == from ? rival_.who : owner_.who;
-    // Two programs each appear repeatedly; a program that closes its socket after each message never reappears.
-    constexpr int kNeverTheSame = 5;
-    if (strangers_ >= kNeverTheSame)
-      refuse(from, mono_ns,
-             "the sender opens a new socket for each message, so nobody can tell it from a second "
-             "program (create the LCM object once): %s, and now one",
-             text_of(other).c_str());
-    else
-      refuse(from, mono_ns, "two programs publish poses, so neither is believed: %s, and another",
-             text_of(other).c_str());
+    refuse_rival(from, mono_ns);
     return false;
   }
+  weigh_seconds(mono_ns, sample);
   if (has_last_ && mono_ns - last_ns_ >= kSilentNs) has_last_ = has_pending_ = has_seq_ = false;
-  if (has_last_ && !runs_forward(last_, sample)) {
+  if (has_last_ && !in_seconds_ && !runs_forward(last_, sample)) {
     if (sample.utime_us == last_.utime_us && sample.seq == last_.seq) {
       ++counters.repeated;
       refuse(from, mono_ns, "the same message again (number %d)", sample.seq);
@@ -160,10 +216,10 @@ bool PoseScreen::admit(const PosePublisher& from, std::int64_t mono_ns, const Po
   }
   count_numbering(sample, counters);
   weigh_clock(mono_ns, sample);
-  if (clock_unit_ != nullptr) {
+  if (const char* unit = in_seconds_ ? "seconds" : clock_unit_; unit != nullptr) {
     ++counters.time_unit;
     refuse(from, mono_ns, "poses whose utime counts in %s and not in microseconds, so that no jump could be seen,",
-           clock_unit_);
+           unit);
     has_last_ = has_pending_ = false;
     return false;
   }

@@ -61,7 +61,7 @@ class HeaderParser : HeaderLines {
     layout_.line_end = line_end_;
     for (std::string_view line; next_line(line);) {
       if (line_number_ == 1) continue;
-      if (line == "end_header") return finish();
+      if (trimmed(line) == "end_header") return finish();
       if (Status status = statement(line); !status) return status.error();
     }
     return error(Code::frame_incomplete, "%s: no end_header line in the first %zu bytes (at most %zu are a header)",

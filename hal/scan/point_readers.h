@@ -103,7 +103,8 @@ template <typename Real>  // float or double
 /// names may precede the points, or be in a comment above them (as many names as columns). x, y and z must be among
 /// them unless `columns` chooses others; further columns are ignored. nan, inf or an empty field is a missing point.
 /// Rejected, because x, y and z are not known or missing: other names, more than kTableColumnsMax columns without
-/// names, a first column that counts the rows, a decimal comma. No heap.
+/// names, first columns that are not coordinates (FirstRows, hal/scan/text_columns.h), a decimal comma. A first line of
+/// whole numbers above lines with decimals is a header: skipped if its meaning is known, else rejected. No heap.
 template <typename Real>  // float or double
 [[nodiscard]] Result<ScanShape> read_text_points(ScanWindow& window, const ScanForm& form, std::span<Real> xyz);
 

@@ -5,6 +5,7 @@
 #include <array>
 #include <cctype>
 #include <cmath>
+#include <limits>
 
 #include "hal/scan/text_lines.h"
 
@@ -187,10 +188,9 @@ Error refuse_names(const TextLines& lines, std::string_view line, Separator sepa
   else if (likely)
     three.printf("%s,%s,%s", shown(likely->names[0].substr(0, 40)).c_str(),
                  shown(likely->names[1].substr(0, 40)).c_str(), shown(likely->names[2].substr(0, 40)).c_str());
-  return lines.refuse(
-      "no column is named x, y or z: rename three, or choose them with %s; the names are \"%s\" (a line that names no "
-      "columns begins with #)",
-      how_to_choose(three.view()).c_str(), shown(line).c_str());
+  return lines.refuse("no column is named x, y or z: rename three, or choose them with %s; the names are \"%s\"%s",
+                      how_to_choose(three.view()).c_str(), shown(line).c_str(),
+                      is_utf8(line) ? " (a line that names no columns begins with #)" : hint_of_encoding(line));
 }
 
 }  // namespace
@@ -230,8 +230,8 @@ Status find_chosen_columns(const TextLines& lines, std::string_view line, Separa
         return lines.refuse(
             "no column is named \"%s\", for this table does not name its columns: choose them by number",
             shown(wanted).c_str());
-      return lines.refuse("no column is named \"%s\", the names are \"%s\"", shown(wanted).c_str(),
-                          shown(line).c_str());
+      return lines.refuse("no column is named \"%s\", the names are \"%s\"%s", shown(wanted).c_str(),
+                          shown(line).c_str(), hint_of_encoding(line));
     }
     if (!unit_name_agrees(column_unit, unit)) return unit_contradicted(lines.file(), lines.number(), column_unit, unit);
     found.needed = std::max(found.needed, found.xyz[axis] + 1);
@@ -263,7 +263,9 @@ Status find_columns(const TextLines& lines, std::string_view line, Separator sep
   }
   const auto named = std::count(seen.begin(), seen.end(), true);
   if (named == 0) return refuse_names(lines, line, separator);
-  if (named < 3) return lines.refuse("of x, y and z only %d are among the column names", static_cast<int>(named));
+  if (named < 3)
+    return lines.refuse("of x, y and z only %d are among the column names%s", static_cast<int>(named),
+                        hint_of_encoding(line));
   found.needed = *std::max_element(found.xyz.begin(), found.xyz.end()) + 1;
   columns = found;
   return success();
@@ -333,6 +335,173 @@ std::size_t count_columns(std::string_view line, Separator separator) {
     if (!field.empty()) count = fields_read;
   }
   return count;
+}
+
+namespace {
+
+/// Splits off the next complete line that is not blank. False if there is none.
+bool next_row(std::string_view& text, LineEnd end, std::string_view& row) {
+  for (std::size_t at = text.find(static_cast<char>(end)); at != std::string_view::npos;
+       at = text.find(static_cast<char>(end))) {
+    row = text.substr(0, at);
+    text.remove_prefix(at + 1);
+    while (row.ends_with('\r')) row.remove_suffix(1);
+    if (!trimmed(row).empty()) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+bool is_number_header(std::string_view line, std::string_view behind, LineEnd end, Separator separator,
+                      std::array<std::uint64_t, 3>& numbers) {
+  constexpr std::size_t kRowsToTell = 20;
+  FieldReader fields(line, separator);
+  std::size_t count = 0;
+  for (std::string_view field; fields.next(field); ++count) {
+    std::uint64_t number = 0;
+    if (!parse_count(field, number)) return false;
+    if (count < numbers.size()) numbers[count] = number;
+  }
+  // Three equal numbers mark a missing point.
+  if (count < 3 || (numbers[0] == numbers[1] && numbers[1] == numbers[2])) return false;
+  std::string_view row;
+  for (std::size_t rows = 0; rows < kRowsToTell; ++rows) {
+    if (!next_row(behind, end, row)) return false;
+    const Separator of_row = separator_of(row);
+    FieldReader words(row, of_row);
+    std::size_t column = 0;
+    std::size_t decimals = 0;
+    std::size_t leading = 0;
+    for (std::string_view word; words.next(word); ++column) {
+      double value = 0.0;
+      const bool is_decimal = word.find('.') != std::string_view::npos && parse_number(word, value);
+      decimals += is_decimal ? 1U : 0U;
+      if (is_decimal && leading == column) ++leading;
+    }
+    const bool other_width = count_columns(row, of_row) != count;
+    if (leading < 3 && !(other_width && decimals >= 3)) return false;
+  }
+  return true;
+}
+
+bool are_column_numbers(std::string_view line, Separator separator) {
+  FieldReader fields(line, separator);
+  std::uint64_t first = 0;
+  std::uint64_t count = 0;
+  for (std::string_view field; fields.next(field); ++count) {
+    std::uint64_t number = 0;
+    if (!parse_count(field, number)) return false;
+    if (count == 0) first = number;
+    if (number != first + count) return false;
+  }
+  return first <= 1 && count >= 3;
+}
+
+bool FirstRows::add(std::string_view row, Separator separator) {
+  FieldReader fields(row, separator);
+  std::size_t column = 0;
+  for (std::string_view field; column < kTableColumnsMax && fields.next(field); ++column) {
+    double& value = values_[rows_ * kTableColumnsMax + column];
+    if (field.empty())
+      value = std::numeric_limits<double>::quiet_NaN();
+    else if (!parse_number(field, value))
+      break;  // a word after the numbers
+  }
+  if (rows_ == 0) columns_ = column;
+  if (column < columns_) return false;
+  ++rows_;
+  return true;
+}
+
+void FirstRows::take(std::string_view row, std::string_view behind, LineEnd end, Separator separator) {
+  rows_ = 0;
+  while (rows_ < kRowsMax && add(row, separator) && next_row(behind, end, row)) {
+  }
+}
+
+FirstRows::Step FirstRows::commonest_step(std::size_t column) const {
+  // The majority vote of Boyer and Moore; "the same" allows for the jitter of a clock.
+  const auto is_like = [](double a, double b) { return std::abs(a - b) <= 0.5 * std::abs(b); };
+  Step step;
+  for (std::size_t row = 1; row < rows_; ++row) {
+    const double here = at(row, column) - at(row - 1, column);
+    if (step.rows == 0)
+      step = {here, 1};
+    else if (is_like(here, step.step))
+      ++step.rows;
+    else
+      --step.rows;
+  }
+  step.rows = 0;
+  for (std::size_t row = 1; row < rows_; ++row)
+    step.rows += is_like(at(row, column) - at(row - 1, column), step.step) ? 1U : 0U;
+  return step;
+}
+
+int FirstRows::even_direction(std::size_t column) const {
+  if (!knows(column)) return 0;
+  const Step step = commonest_step(column);
+  if (!(step.step != 0.0) || 10 * step.rows < 9 * (rows_ - 1)) return 0;
+  for (std::size_t row = 1; row < rows_; ++row)
+    if (!((at(row, column) - at(row - 1, column)) * step.step > 0.0)) return 0;
+  return step.step > 0.0 ? 1 : -1;
+}
+
+bool FirstRows::jumps(std::size_t column) const {
+  if (!knows(column)) return false;
+  std::size_t turns = 0;
+  double before = 0.0;  // the last step that is not 0
+  for (std::size_t row = 1; row < rows_; ++row) {
+    const double step = at(row, column) - at(row - 1, column);
+    turns += step * before < 0.0 ? 1U : 0U;
+    if (step != 0.0) before = step;
+  }
+  return 10 * turns > rows_;
+}
+
+bool FirstRows::is_whole(std::size_t column) const {
+  if (!knows(column)) return false;
+  for (std::size_t row = 0; row < rows_; ++row)
+    if (at(row, column) != std::floor(at(row, column))) return false;
+  return true;
+}
+
+bool FirstRows::has_fractions(std::size_t column) const {
+  if (!knows(column)) return false;
+  std::size_t fractions = 0;
+  for (std::size_t row = 0; row < rows_; ++row) fractions += at(row, column) != std::floor(at(row, column)) ? 1U : 0U;
+  return 10 * fractions >= 9 * rows_;
+}
+
+std::size_t FirstRows::bytes_in_front() const {
+  constexpr double kByteMax = 255.0;
+  for (std::size_t column = 0; knows(column); ++column)
+    for (std::size_t row = 0; row < rows_; ++row)
+      if (const double v = at(row, column); v != std::floor(v) || v < 0.0 || v > kByteMax) return column;
+  return rows_ < kRowsMin ? 0 : columns_;
+}
+
+bool FirstRows::are_normals(std::size_t first) const {
+  if (!knows(first + 2)) return false;
+  for (std::size_t row = 0; row < rows_; ++row)
+    if (std::abs(std::hypot(at(row, first), at(row, first + 1), at(row, first + 2)) - 1.0) > 0.01) return false;
+  return true;
+}
+
+bool FirstRows::has_points_side_by_side() const {
+  if ((columns_ != 6 && columns_ != 9) || !knows(columns_ - 1) || are_normals(3)) return false;
+  std::size_t rows_of_points = 0;
+  for (std::size_t row = 0; row < rows_; ++row) {
+    double of_axes = 0.0;
+    double of_neighbours = 0.0;
+    for (std::size_t column = 1; column < columns_; ++column) {
+      of_neighbours += std::abs(at(row, column) - at(row, column - 1));
+      if (column >= 3) of_axes += std::abs(at(row, column) - at(row, column - 3));
+    }
+    rows_of_points += of_axes < 0.1 * of_neighbours ? 1U : 0U;
+  }
+  return 10 * rows_of_points >= 9 * rows_;
 }
 
 }  // namespace slabd::hal

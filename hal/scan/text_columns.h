@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <string_view>
 
@@ -68,9 +69,60 @@ struct LikelyColumns {
 [[nodiscard]] bool names_every_axis(std::string_view line, Separator separator);
 /// A header that only numbers its columns, "0,1,2" or ",0,1,2", as pandas writes it.
 [[nodiscard]] bool is_line_of_column_numbers(std::string_view line, Separator separator);
+/// True for a first line of whole numbers >= 0, at least three and not all equal, if the lines `behind` it have decimal
+/// points: in each of their first three numbers, or in any three and their number of columns is another. `numbers`: the
+/// first three.
+[[nodiscard]] bool is_number_header(std::string_view line, std::string_view behind, LineEnd end, Separator separator,
+                                    std::array<std::uint64_t, 3>& numbers);
+/// True for 0, 1, 2 ... or 1, 2, 3 ...
+[[nodiscard]] bool are_column_numbers(std::string_view line, Separator separator);
 /// Several points in one row, x,y,z,x,y,z: each number is like the third before it and unlike its neighbour.
 [[nodiscard]] bool is_line_of_tuples(std::string_view line, Separator separator);
 /// Number of columns in a line of names or of numbers, without empty ones at its end.
 [[nodiscard]] std::size_t count_columns(std::string_view line, Separator separator);
+
+/// The numbers of the first rows of a table without names: content of the columns behind x, y, z, and values that a
+/// float cannot hold. All answers are false if there are too few rows.
+class FirstRows {
+ public:
+  /// Fills the sample from the first row and the text behind it, which may end within a line. Stops at the first row
+  /// that is not a row of numbers, or has fewer columns.
+  void take(std::string_view row, std::string_view behind, LineEnd end, Separator separator);
+
+  /// 1 if the values of the column rise from row to row, nine of ten times by about the same step; -1 if they fall;
+  /// else 0.
+  [[nodiscard]] int even_direction(std::size_t column) const;
+  /// True if the values rise and fall in turn more often than along profiles of twenty points.
+  [[nodiscard]] bool jumps(std::size_t column) const;
+  [[nodiscard]] bool is_whole(std::size_t column) const;
+  /// True if nine of ten numbers of the column are not whole.
+  [[nodiscard]] bool has_fractions(std::size_t column) const;
+  /// Number of the first columns that contain only whole numbers of 0..255.
+  [[nodiscard]] std::size_t bytes_in_front() const;
+  /// True if the three columns from `first` on are a vector of unit length.
+  [[nodiscard]] bool are_normals(std::size_t first) const;
+  /// True for x,y,z,x,y,z and x,y,z,x,y,z,x,y,z: neighbouring points of a scan are close to each other.
+  [[nodiscard]] bool has_points_side_by_side() const;
+
+ private:
+  static constexpr std::size_t kRowsMin = 20;
+  static constexpr std::size_t kRowsMax = 64;
+
+  bool add(std::string_view row, Separator separator);
+  [[nodiscard]] double at(std::size_t row, std::size_t column) const {
+    return values_[row * kTableColumnsMax + column];
+  }
+  /// The step of the column that most rows have, and the number of these rows.
+  struct Step {
+    double step = 0.0;
+    std::size_t rows = 0;
+  };
+  [[nodiscard]] Step commonest_step(std::size_t column) const;
+  [[nodiscard]] bool knows(std::size_t column) const { return rows_ >= kRowsMin && column < columns_; }
+
+  std::array<double, kRowsMax * kTableColumnsMax> values_;  // not initialised: only rows_ rows are read
+  std::size_t rows_ = 0;
+  std::size_t columns_ = 0;
+};
 
 }  // namespace slabd::hal

@@ -82,6 +82,12 @@ bool TextLines::next(std::string_view& line) {
   }
 }
 
+std::string_view TextLines::with_more(std::string_view line, std::size_t bytes) {
+  // At the end of the file, or after a read error, `next` repeats the call and reports it.
+  static_cast<void>(window_.have(handed_out_ + bytes));
+  return window_.view().substr(0, line.size());
+}
+
 bool TextLines::skip() {
   window_.consume(handed_out_);
   handed_out_ = 0;
@@ -209,6 +215,19 @@ bool parse_count(std::string_view word, std::uint64_t& value) {
   if (failed != std::errc{} || end != word.data() + word.size() || count > kScanCountMax) return false;
   value = count;
   return true;
+}
+
+bool is_utf8(std::string_view text) {
+  for (std::size_t at = 0; at < text.size();) {
+    const CodePoint c = code_point_at(text.substr(at));
+    if (!c.is_utf8) return false;
+    at += c.bytes;
+  }
+  return true;
+}
+
+const char* hint_of_encoding(std::string_view line) {
+  return is_utf8(line) ? "" : " (this text is not UTF-8, perhaps GBK: save it as UTF-8, or choose by number)";
 }
 
 FixedString<63> shown(std::string_view text) {

@@ -56,6 +56,11 @@ class TextLines {
   /// Returns the next line without its end (the last may have none), valid until the next call. False at the end of the
   /// file or on an error; `status` returns which.
   [[nodiscard]] bool next(std::string_view& line);
+  /// The visible text after the last line returned, which stays valid. It ends anywhere within a line.
+  [[nodiscard]] std::string_view behind() const { return window_.view().substr(handed_out_); }
+  /// The last line returned, after more of the file has been made visible: up to `bytes` behind it.
+  [[nodiscard]] std::string_view with_more(std::string_view line, std::size_t bytes);
+  [[nodiscard]] LineEnd line_end() const { return end_; }
   /// Skips blank lines and one line that is not blank, of any length. False as for `next`.
   [[nodiscard]] bool skip();
   /// The visible text after the last line returned, which is no longer valid; at least kTextAheadMin bytes unless the
@@ -114,6 +119,10 @@ template <typename Real>  // float or double
 /// Parses a whole word as a count of at most kScanCountMax.
 [[nodiscard]] bool parse_count(std::string_view word, std::uint64_t& value);
 
+/// True if the text is UTF-8 throughout.
+[[nodiscard]] bool is_utf8(std::string_view text);
+/// "" or a hint that the names of a file in `line` are not UTF-8, to be appended to a message.
+[[nodiscard]] const char* hint_of_encoding(std::string_view line);
 /// Text from a file for an error message: cut to 60 bytes; control characters and invalid UTF-8 become '?'.
 [[nodiscard]] FixedString<63> shown(std::string_view text);
 

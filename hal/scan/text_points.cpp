@@ -36,6 +36,7 @@ class TextTable {
   Result<ScanShape> read() {
     look_at_beginning();
     for (std::string_view line; next(line);) {
+      if (!decided_) line = lines_.with_more(line, kTextLineBytesMax);
       const std::string_view text = trimmed(line);
       if (text.empty()) continue;
       Status status = is_comment(text) ? comment(text) : row(line);
@@ -50,16 +51,7 @@ class TextTable {
       return error(Code::frame_incomplete, "%s: line %zu announces %llu points, the file has %zu%s", window_.name(),
                    count_line_, static_cast<unsigned long long>(announced_), points_,
                    announced_ > points_ ? ": it was cut, or is still being written" : "");
-    if (const char* what = no_coordinates(); what != nullptr)
-      return error(
-          Code::frame_incomplete, "%s: of %zu columns %s: choose the columns, as with %s, or name them in a first line",
-          window_.name(), row_columns_, what, how_to_choose(what == kRowAndColumn ? "3,4,5" : "2,3,4").c_str());
-    if (is_height_map())
-      return error(
-          Code::frame_incomplete,
-          "%s: all %zu columns hold the same kind of number: a height map, not points (save the scan as points "
-          "x y z)",
-          window_.name(), row_columns_);
+    if (Status status = refuse_columns(); !status) return status.error();
     const Settled settled = settle_points(xyz_.data(), points_);
     return ScanShape{points_, settled.finite, 0, 0, false, settled.zeros, emulation_.emulated, emulation_.block};
   }
@@ -74,16 +66,68 @@ class TextTable {
   }
 
   static constexpr std::size_t kRowsToTell = 20;
-  static constexpr const char* kPointNumber = "the first numbers the points and is not x";
-  static constexpr const char* kRowAndColumn = "the first two are a point's row and column and not x and y";
 
-  /// Names the content of the first three columns if it is not coordinates and the columns were not named or chosen;
-  /// else nullptr.
-  [[nodiscard]] const char* no_coordinates() const {
-    if (columns_known_ || row_columns_ < 4 || points_ < kRowsToTell) return nullptr;
-    if (climbs(0)) return kPointNumber;
-    if (row_columns_ >= 5 && (are_indices(0, 1) || are_indices(1, 0))) return kRowAndColumn;
-    return nullptr;
+  /// Rejects a table whose first three columns are not coordinates, if the columns were not named or chosen.
+  Status refuse_columns() const {
+    if (columns_known_ || row_columns_ < 4 || points_ < kRowsToTell) return success();
+    const std::size_t bytes = bytes_in_front();
+    if (bytes != 0)
+      return refuse_columns(bytes == 3 ? "the first three are a colour and not coordinates"
+                                       : "the first four are a colour and not coordinates",
+                            from(bytes));
+    if (is_height_map())
+      return error(
+          Code::frame_incomplete,
+          "%s: all %zu columns hold the same kind of number: a height map, not points (save the scan as points "
+          "x y z)",
+          window_.name(), row_columns_);
+    std::array<bool, 3> foreign{};
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      foreign[axis] = is_constant(axis) || ((axis == 0 || foreign[axis - 1]) && climbs(axis));
+    if (climbs(0))
+      return refuse_columns(sample_.is_whole(0) ? "the first numbers the points and is not x"
+                                                : "the first climbs or falls evenly, as a time does, and is not x",
+                            fitting(foreign));
+    if (row_columns_ >= 5 && (are_indices(0, 1) || are_indices(1, 0)))
+      return refuse_columns("the first two are a point's row and column and not x and y", from(2));
+    constexpr std::array<const char*, 3> kSame = {"the first is the same in every line and is not x",
+                                                  "the second is the same in every line and is not y",
+                                                  "the third is the same in every line and is not z"};
+    const bool all_constant = foreign[0] && foreign[1] && foreign[2];  // a scan without content
+    for (std::size_t axis = 0; axis < 3 && !all_constant; ++axis)
+      if (is_constant(axis)) return refuse_columns(kSame[axis], fitting(foreign));
+    if (is_brightness())
+      return refuse_columns("the first has whole numbers in no order, as a brightness does, and is not x", from(1));
+    if (sample_.has_points_side_by_side())
+      return error(Code::frame_incomplete,
+                   "%s: %zu columns: %zu points side by side, x,y,z,x,y,z: save one point a line (if the first three "
+                   "columns are the whole scan, choose them with %s)",
+                   window_.name(), row_columns_, row_columns_ / 3, how_to_choose("1,2,3").c_str());
+    return success();
+  }
+
+  [[nodiscard]] Error refuse_columns(const char* what, const FixedString<40>& three) const {
+    return error(Code::frame_incomplete,
+                 "%s: of %zu columns %s: choose the columns, as with %s, or name them in a first line", window_.name(),
+                 row_columns_, what, how_to_choose(three.view()).c_str());
+  }
+
+  /// Three columns that may be x, y and z: the ones from `first` on, counted from 0.
+  [[nodiscard]] FixedString<40> from(std::size_t first) const {
+    FixedString<40> three("A,B,C");
+    if (first + 3 <= row_columns_) three.printf("%zu,%zu,%zu", first + 1, first + 2, first + 3);
+    return three;
+  }
+  /// The first three columns without those of the first three that are `foreign`.
+  [[nodiscard]] FixedString<40> fitting(const std::array<bool, 3>& foreign) const {
+    std::array<std::size_t, 3> three{};
+    std::size_t count = 0;
+    for (std::size_t column = 0; column < row_columns_ && count < 3; ++column)
+      if (column >= 3 || !foreign[column]) three[count++] = column + 1;
+    if (count < 3) return from(1);
+    FixedString<40> text;
+    text.printf("%zu,%zu,%zu", three[0], three[1], three[2]);
+    return text;
   }
 
   /// The value in the file's own unit; -1 if it is not a whole number >= 0.
@@ -93,16 +137,46 @@ class TextTable {
     return nearest >= 0.0 && std::abs(value - nearest) <= 1e-6 * std::max(nearest, 1.0) ? nearest : -1.0;
   }
 
-  /// True for whole numbers that grow from row to row, by one except where points were left out.
+  /// True if the values rise or fall in even steps in the first lines, some of which may be left out, and never turn
+  /// round in the whole file. The first lines alone do not decide: x rises evenly within a profile and then repeats.
+  /// The whole file alone does not either: a float holds a time of day in coarse steps.
   [[nodiscard]] bool climbs(std::size_t axis) const {
-    std::size_t ones = 0;
+    const int direction = sample_.even_direction(axis);
+    if (direction == 0) return false;
     for (std::size_t i = 0; i < points_; ++i) {
-      const double here = whole(i, axis);
-      const double before = i == 0 ? here - 1.0 : whole(i - 1, axis);
-      if (here < 0.0 || !(here > before)) return false;
-      ones += here == before + 1.0 ? 1U : 0U;
+      const Real here = xyz_[3 * i + axis];
+      const Real before = xyz_[3 * (i == 0 ? 0 : i - 1) + axis];
+      if (!(direction > 0 ? here >= before : here <= before)) return false;
     }
-    return 10 * ones >= 9 * points_;
+    return true;
+  }
+
+  [[nodiscard]] bool is_constant(std::size_t axis) const {
+    for (std::size_t i = 0; i < points_; ++i)
+      if (!(xyz_[3 * i + axis] == xyz_[axis])) return false;
+    return true;
+  }
+
+  /// Number of columns of a colour in front of the coordinates, three or four; 0 if there are none. Excludes whole
+  /// coordinates with a colour or with a normal after them.
+  [[nodiscard]] std::size_t bytes_in_front() const {
+    constexpr double kByteMax = 255.0;
+    const std::size_t bytes = sample_.bytes_in_front();
+    if (bytes < 3 || bytes > 4 || bytes + 3 > row_columns_ || sample_.are_normals(bytes)) return 0;
+    for (std::size_t i = 0; i < points_; ++i)
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        if (const double value = whole(i, axis); value < 0.0 || value > kByteMax) return 0;
+    return bytes;
+  }
+
+  /// True for whole numbers that jump in the first column and fractions in the next three.
+  [[nodiscard]] bool is_brightness() const {
+    constexpr double kBrightnessMax = 65'535.0;
+    if (!sample_.jumps(0) || !sample_.has_fractions(1) || !sample_.has_fractions(2) || !sample_.has_fractions(3))
+      return false;
+    for (std::size_t i = 0; i < points_; ++i)
+      if (const double value = whole(i, 0); value < 0.0 || value > kBrightnessMax) return false;
+    return true;
   }
 
   /// True for the indices of a grid, some of whose points may be missing: `slow` is constant while `quick` increases by
@@ -195,6 +269,7 @@ class TextTable {
     other_names_separator_ = separator;
     other_names_count_ = count_columns(text, separator);
     other_names_.assign(shown(trimmed(text)).view());
+    other_names_hint_ = hint_of_encoding(text);
     other_likely_ = likely ? likely->xyz : std::array<std::size_t, 3>{};
   }
 
@@ -205,8 +280,8 @@ class TextTable {
     if (!as_many || row_columns_ <= 3 || other_likely_ == TextColumns{}.xyz) return success();
     return lines_.refuse(
         "the comment on line %zu names the columns, none of them x, y or z: rename three, or choose them with "
-        "%s; the names are \"%s\"",
-        other_names_line_, how_to_choose("A,B,C").c_str(), other_names_.c_str());
+        "%s; the names are \"%s\"%s",
+        other_names_line_, how_to_choose("A,B,C").c_str(), other_names_.c_str(), other_names_hint_);
   }
 
   /// Uses the names in a comment if there are as many as columns. Otherwise a comment with x, y and z in the first
@@ -232,15 +307,41 @@ class TextTable {
     return true;
   }
 
-  Status row(std::string_view line) {
-    if (is_count(line)) {
-      if (announced_ <= xyz_.size() / 3) return success();
-      return lines_.refuse("%llu points, allowed are at most %zu", static_cast<unsigned long long>(announced_),
-                           xyz_.size() / 3);
+  /// A first line of whole numbers above lines with decimals is a header and not a point. Skipped are column numbers
+  /// and width, height and their product, which is the number of points; any other is rejected, because it is unknown.
+  Status number_header(std::string_view line, bool& is_header) {
+    std::array<std::uint64_t, 3> numbers{};
+    if (!is_number_header(line, lines_.behind(), lines_.line_end(), separator_, numbers)) return success();
+    is_header = true;
+    if (are_column_numbers(line, separator_)) return success();
+    const bool is_shape = numbers[0] > 1 && numbers[1] > 1 && numbers[1] <= kScanCountMax / numbers[0] &&
+                          numbers[0] * numbers[1] == numbers[2] && count_columns(line, separator_) == 3;
+    if (is_shape && count_line_ == 0) {
+      announced_ = numbers[2];
+      count_line_ = lines_.number();
+      return announce();
     }
+    return lines_.refuse(
+        "\"%s\": whole numbers above lines with decimals are a header and not a point: leave the line out, or begin it "
+        "with #",
+        shown(trimmed(line)).c_str());
+  }
+
+  [[nodiscard]] Status announce() const {
+    if (announced_ <= xyz_.size() / 3) return success();
+    return lines_.refuse("%llu points, allowed are at most %zu", static_cast<unsigned long long>(announced_),
+                         xyz_.size() / 3);
+  }
+
+  Status row(std::string_view line) {
+    if (is_count(line)) return announce();
     if (!decided_) {
       separator_ = separator_of(line);
       if (points_ == 0 && is_line_of_column_numbers(line, separator_)) return success();
+      if (!is_line_of_names(line, separator_)) {
+        bool is_header = false;
+        if (Status status = number_header(line, is_header); !status || is_header) return status;
+      }
       if (is_line_of_names(line, separator_)) {
         // "Units: m" does not name a column.
         std::string_view found;
@@ -253,6 +354,7 @@ class TextTable {
       }
       decided_ = true;
       row_columns_ = count_columns(line, separator_);
+      sample_.take(line, lines_.behind(), lines_.line_end(), separator_);
       if (Status status = decide_without_names(line); !status) return status;
     }
     plain_ = columns_.xyz == TextColumns{}.xyz;
@@ -303,7 +405,10 @@ class TextTable {
   [[nodiscard]] const char* hint_for(std::string_view field) const {
     const bool comma_within = field.find(',') != std::string_view::npos;
     const bool blank_within = separator_ == Separator::comma && field.find_first_of(" \t") != std::string_view::npos;
-    if (comma_within || blank_within) return "a decimal comma is not read: save the scan with decimal points";
+    // "1,5" in quotes between commas comes as two fields.
+    const bool quote_cut = separator_ == Separator::comma && (field.starts_with('"') != field.ends_with('"'));
+    if (comma_within || blank_within || quote_cut)
+      return "a decimal comma is not read: save the scan with decimal points";
     return nullptr;
   }
 
@@ -327,6 +432,8 @@ class TextTable {
   Separator other_names_separator_ = Separator::blanks;
   std::size_t other_names_count_ = 0;
   FixedString<63> other_names_;
+  const char* other_names_hint_ = "";
+  FirstRows sample_;
   std::array<std::size_t, 3> other_likely_{};
   std::size_t named_line_ = 0;  ///< line of the comment that names the columns; 0: none
   std::size_t named_count_ = 0;

@@ -299,7 +299,7 @@ TEST_F(Export, a_list_of_points_replaces_no_other_unasked) {
   const Ended first = run(what);
   EXPECT_NE(first.status, 3) << first.err;
   const std::string points = content(file("PTS.dat"));
-  expect_mentions(points, "STATION[1]");
+  expect_mentions(points, "STATION1[1]");
   std::ofstream(file("PTS.src")) << "touched up by somebody";
   fs::remove(file("PTS.dat"));
   const Ended again = run(what);

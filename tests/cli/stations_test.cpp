@@ -31,12 +31,29 @@ TEST(KrlPoints, what_is_written_is_read_back_as_the_same_pose) {
     pose.rotation =
         rotation_from_kuka_abc(6.2 * prng.uniform() - 3.1, 3.1 * prng.uniform() - 1.55, 6.2 * prng.uniform() - 3.1);
   poses[3].rotation = rotation_from_kuka_abc(1.0, kPi / 2.0, 0.3);  // B at 90 degrees
-  const Result<std::vector<Pose>> back = parse_krl_points(krl_data_list("PTS", poses), "PTS.dat");
+  const Result<std::vector<Pose>> back = parse_krl_points(krl_data_list("PTS", 2, poses), "PTS.dat");
   ASSERT_TRUE(back.ok()) << back.error().text.view();
   ASSERT_EQ(back.value().size(), poses.size());
   for (std::size_t k = 0; k < poses.size(); ++k) {
     EXPECT_LT((back.value()[k].translation_mm - poses[k].translation_mm).norm(), 1e-4) << k;
     EXPECT_LT(angle_between_rad(back.value()[k].rotation, poses[k].rotation), rad_from_deg(2e-6)) << k;
+  }
+}
+
+TEST(KrlPoints, the_files_of_several_sets_can_be_on_one_controller) {
+  const std::vector<Pose> poses = plan();
+  for (int set = 1; set <= 4; ++set) {
+    const std::string name = "SLABPTS" + std::to_string(set);
+    const std::string array = "STATION" + std::to_string(set);
+    const std::string list = krl_data_list(name, set, poses);
+    EXPECT_NE(list.find("DECL GLOBAL FRAME " + array + "[18]\n"), std::string::npos) << list;
+    EXPECT_NE(list.find("\n" + array + "[18]={X "), std::string::npos) << list;
+    EXPECT_EQ(list.find("STATION["), std::string::npos) << "a global name of all sets";
+    const std::string program = krl_program(name, set, poses.size());
+    EXPECT_NE(program.find("DEF " + name + "( )\n"), std::string::npos) << program;
+    EXPECT_NE(program.find("PTP " + array + "[k]\n"), std::string::npos) << program;
+    EXPECT_NE(program.find("IF (k == 0) OR (k == 18) THEN\n      EXIT\n"), std::string::npos)
+        << "a call that never returns: " << program;
   }
 }
 

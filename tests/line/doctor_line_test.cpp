@@ -475,6 +475,9 @@ TEST_F(DoctorTest, an_address_that_this_computer_lacks_is_why_no_gateway_connect
   EXPECT_EQ(opinion.health("scanner link"), "failed") << opinion.all();
   EXPECT_NE(opinion.all().find("192.0.2.7"), std::string::npos) << opinion.all();
   EXPECT_NE(opinion.all().find("correct [scanner] listen"), std::string::npos) << opinion.all();
+  const Box::Answer status = box_.slabctl({"status", "--config", box_.config.native()});
+  EXPECT_NE(status.out.find("stray files; cannot listen for the gateway on 192.0.2.7:1504: "), std::string::npos)
+      << status.out;
 }
 
 TEST_F(DoctorTest, knows_the_daemons_configuration_whatever_folder_the_daemon_was_started_in) {

@@ -80,6 +80,7 @@ class FakePlc {
   std::atomic<int> writes_of_all = 0;
   std::atomic<int> frames = 0;
   std::atomic<std::size_t> registers_max = 125;
+  std::atomic<int> missing_function = 0;
   /// First register and count of every request, in order.
   [[nodiscard]] std::vector<std::pair<std::size_t, std::size_t>> requests() const {
     const std::lock_guard lock(mutex_);
@@ -160,6 +161,10 @@ class FakePlc {
     const auto word = [&](std::size_t at) { return static_cast<std::size_t>(pdu[at] << 8U | pdu[at + 1]); };
     const bool both = pdu[0] == 23;
     requests_.emplace_back(word(both ? 5 : 1), word(both ? 7 : 3));
+    if (pdu[0] == missing_function) {
+      reply.insert(reply.end(), {static_cast<std::uint8_t>(pdu[0] | 0x80), 1});
+      return true;
+    }
     if (requests_.back().second > registers_max) {
       reply.insert(reply.end(), {static_cast<std::uint8_t>(pdu[0] | 0x80), 3});
       return true;
@@ -364,7 +369,38 @@ TEST_F(ModbusClientTest, a_plc_that_takes_few_registers_gets_the_words_that_anno
 TEST_F(ModbusClientTest, too_many_registers_for_one_request_are_told_by_key) {
   plc.registers_max = 100;
   start();
-  until([&] { return port->trouble().find("plc.registers_max") != std::string_view::npos; });
+  const auto told = [&](const char* text) {
+    until([&] { return port->trouble().find(text) != std::string_view::npos; });
+    EXPECT_NE(port->trouble().find(text), std::string_view::npos) << port->trouble();
+    EXPECT_EQ(port->trouble().find("FC 23"), std::string_view::npos) << port->trouble();
+    port.reset();
+  };
+  told("are 110 registers too many for one request? plc.registers_max = 100 or 48, as its manual says");
+  settings.registers_max = 100;
+  plc.registers_max = 40;
+  start();
+  told("FC 16 with 46 registers is refused: see its manual for the largest request (plc.registers_max)");
+  plc.registers_max = 60;
+  start();
+  told("are 64 registers too many for one request? plc.registers_max = 48, as its manual says");
+}
+
+TEST_F(ModbusClientTest, a_function_that_the_plc_lacks_is_named) {
+  struct Case {
+    int missing;
+    bool read_write;
+    const char* text;
+  };
+  for (const Case& c : {Case{16, false, "the PLC does not serve FC 16"}, Case{3, false, "the PLC does not serve FC 3"},
+                        Case{23, true, "the PLC does not serve FC 23: plc.read_write = false writes with FC 16"}}) {
+    plc.missing_function = c.missing;
+    settings.read_write = c.read_write;
+    start();
+    until([&] { return port->trouble().find(c.text) != std::string_view::npos; });
+    EXPECT_NE(port->trouble().find(c.text), std::string_view::npos) << port->trouble();
+    EXPECT_EQ(port->trouble().find("FC 23") != std::string_view::npos, c.missing == 23) << port->trouble();
+    port.reset();
+  }
 }
 
 TEST_F(ModbusClientTest, a_plc_that_closes_behind_each_answer_is_told_and_can_be_worked_with) {

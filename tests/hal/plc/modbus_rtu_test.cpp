@@ -8,8 +8,10 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "base/os.h"
@@ -291,6 +293,124 @@ TEST_F(RtuTest, noise_in_front_of_its_own_voice_does_not_make_it_answer_itself) 
     EXPECT_EQ(asked(kWriteSeq), Bytes{}) << "its echo, without noise";
     pause();
   }
+}
+
+/// FC 6 to HEARTBEAT.
+Bytes heartbeat(std::uint8_t value) {
+  return closed({kUnit, 6, 0, 0, 0, value});
+}
+
+/// A PLC on a line whose echo comes back after several more requests. Counts the PLC's requests and slabd's frames.
+class LateEcho {
+ public:
+  explicit LateEcho(std::size_t turns_late) : turns_late_(turns_late) {}
+  void sent_by_slabd(const Bytes& frame, std::size_t turn) {
+    if (!frame.empty()) coming_.push_back({turn + turns_late_, frame});
+  }
+  std::vector<Bytes> arriving(std::size_t turn) {
+    std::vector<Bytes> now;
+    while (!coming_.empty() && coming_.front().first <= turn) {
+      now.push_back(coming_.front().second);
+      coming_.erase(coming_.begin());
+    }
+    return now;
+  }
+
+ private:
+  std::size_t turns_late_;
+  std::vector<std::pair<std::size_t, Bytes>> coming_;
+};
+
+TEST_F(RtuTest, echoes_that_come_after_the_next_requests_are_not_answered_and_are_no_sign_of_life) {
+  for (const bool distinct : {true, false}) {
+    for (const bool reads : {true, false}) {
+      for (const std::size_t turns_late : {1U, 2U, 5U, 20U}) {
+        SCOPED_TRACE(testing::Message() << distinct << reads << turns_late);
+        SetUp();
+        LateEcho echo(turns_late);
+        std::size_t requests = 0;
+        std::size_t answers = 0;
+        std::uint64_t frames_at_rest = 0;
+        // 40 requests, 100 ms apart, then the PLC stops.
+        for (std::size_t turns = 0; turns < 200; ++turns, now_ns_ += 100 * kNsPerMs) {
+          std::vector<Bytes> came = echo.arriving(turns);
+          if (turns < 40) {
+            const bool is_read = reads && turns % 2 == 0;
+            came.push_back(is_read ? kRead : heartbeat(distinct ? static_cast<std::uint8_t>(turns) : 5));
+            ++requests;
+          }
+          // Sometimes in one piece, with the request in front of the echo.
+          if (turns % 3 == 0) std::reverse(came.begin(), came.end());
+          for (const Bytes& frame : came) {
+            const Bytes answer = asked(frame);
+            answers += answer.empty() ? 0U : 1U;
+            echo.sent_by_slabd(answer, turns);
+          }
+          // With the same bytes, a late echo may still be answered in place of a request.
+          if (turns < (distinct ? 41 : 160)) frames_at_rest = line_->counters().frames;
+        }
+        EXPECT_LE(answers, requests) << "an echo was answered";
+        EXPECT_GE(answers, distinct ? requests : requests / 2);
+        EXPECT_EQ(line_->counters().frames, frames_at_rest) << "slabd answers itself after the PLC has stopped";
+        PlcInputs none;
+        EXPECT_FALSE(line_->next(now_ns_, none));
+        EXPECT_EQ(line_->clients(), 0U);
+        EXPECT_EQ(line_->holding()[0], distinct ? 39 : 5) << "an old value was written again";
+      }
+    }
+  }
+}
+
+TEST_F(RtuTest, an_echo_that_comes_after_a_newer_value_does_not_write_the_old_one) {
+  ASSERT_EQ(asked(kRead), kReadAnswer);
+  ASSERT_EQ(asked(kReadAnswer), Bytes{}) << "this adapter echoes";
+  EXPECT_EQ(asked(heartbeat(5)), heartbeat(5));
+  EXPECT_EQ(asked(heartbeat(5)), Bytes{}) << "the PLC again, before the echo";
+  EXPECT_EQ(asked(heartbeat(6)), heartbeat(6));
+  EXPECT_EQ(asked(heartbeat(5)), Bytes{}) << "the echo";
+  EXPECT_EQ(line_->holding()[0], 6);
+  EXPECT_EQ(asked(heartbeat(6)), Bytes{}) << "the echo of the newer value";
+  // Echoes that come in time do not delay a PLC that writes two values in turn.
+  for (int i = 0; i < 6; ++i) {
+    const Bytes write = heartbeat(static_cast<std::uint8_t>(5 + i % 2));
+    EXPECT_EQ(asked(write), write) << i;
+    EXPECT_EQ(asked(write), Bytes{}) << i;
+  }
+}
+
+TEST_F(RtuTest, an_echo_and_the_next_request_in_one_piece_are_told_apart) {
+  ASSERT_EQ(asked(kRead), kReadAnswer);
+  ASSERT_EQ(asked(joined(kReadAnswer, heartbeat(1))), heartbeat(1));
+  EXPECT_EQ(asked(joined(heartbeat(2), heartbeat(1))), heartbeat(2)) << "the request in front of the echo";
+  EXPECT_EQ(asked(joined(heartbeat(2), heartbeat(2))), heartbeat(2)) << "an echo and the same write again";
+  EXPECT_EQ(asked(joined(heartbeat(2), kRead)), kReadAnswer);
+  EXPECT_EQ(asked(joined(kReadAnswer, kReadAnswer)), Bytes{});
+}
+
+TEST_F(RtuTest, a_plc_that_writes_few_values_in_turn_is_answered_where_nothing_echoes) {
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(asked(kRead), kReadAnswer);
+  for (int i = 0; i < 20; ++i) {
+    const Bytes write = heartbeat(static_cast<std::uint8_t>(i % 2));
+    EXPECT_EQ(asked(write), write) << i;
+    now_ns_ += 100 * kNsPerMs;
+    EXPECT_EQ(asked(kRead), kReadAnswer);
+  }
+}
+
+TEST_F(RtuTest, a_repeated_write_gets_an_answer_at_the_second_attempt_while_the_adapter_is_unknown) {
+  EXPECT_EQ(asked(kWriteSeq), kWriteSeq);
+  EXPECT_EQ(asked(kWriteSeq), Bytes{}) << "it may be the echo";
+  EXPECT_EQ(asked(kWriteSeq), kWriteSeq);
+}
+
+TEST_F(RtuTest, a_lost_echo_costs_at_most_one_answer_and_only_for_ten_seconds) {
+  ASSERT_EQ(asked(kRead), kReadAnswer);
+  ASSERT_EQ(asked(kReadAnswer), Bytes{}) << "this adapter echoes";
+  EXPECT_EQ(asked(kWriteSeq), kWriteSeq);
+  EXPECT_EQ(asked(kWriteSeq), Bytes{});
+  EXPECT_EQ(asked(kWriteSeq), kWriteSeq);
+  now_ns_ += 11 * kNsPerS;
+  EXPECT_EQ(asked(kWriteSeq), kWriteSeq);
 }
 
 TEST_F(RtuTest, the_same_write_behind_other_slaves_traffic_is_answered_where_nothing_echoes) {

@@ -102,11 +102,71 @@ TEST_F(PoseScreenTest, a_new_socket_for_each_message_is_told_from_two_programs) 
   }
   EXPECT_NE(screen.refusal(now_ns).find("new socket for each message"), std::string_view::npos)
       << screen.refusal(now_ns);
+  // Two programs on one computer, each with its own numbers.
+  for (int i = 0; i < 20; ++i) {
+    now_ns += ns_from_ms(4);
+    static_cast<void>(offer({robot.address, static_cast<std::uint16_t>(robot.port + i % 2)}, 500 * (i % 2) + i / 2 + 1,
+                            utime_us += 4'000));
+  }
+  EXPECT_NE(screen.refusal(now_ns).find("two programs"), std::string_view::npos) << screen.refusal(now_ns);
+}
+
+TEST_F(PoseScreenTest, a_new_socket_every_few_messages_is_told_from_two_programs) {
+  for (const bool numbered : {true, false}) {
+    screen = {};
+    ASSERT_TRUE(send());
+    for (int i = 0; i < 100; ++i) {
+      now_ns += ns_from_ms(4);
+      const PosePublisher socket{robot.address, static_cast<std::uint16_t>(robot.port + i / 10)};
+      static_cast<void>(offer(socket, numbered ? ++seq : 0, utime_us += 4'000));
+    }
+    EXPECT_NE(screen.refusal(now_ns).find("opens a new socket every few messages"), std::string_view::npos)
+        << screen.refusal(now_ns);
+  }
+}
+
+TEST_F(PoseScreenTest, two_sockets_of_one_program_are_told_by_their_numbers) {
+  ASSERT_TRUE(send());
   for (int i = 0; i < 20; ++i) {
     now_ns += ns_from_ms(4);
     static_cast<void>(offer({robot.address, static_cast<std::uint16_t>(robot.port + i % 2)}, ++seq, utime_us += 4'000));
   }
+  EXPECT_NE(screen.refusal(now_ns).find("uses several sockets in turn"), std::string_view::npos)
+      << screen.refusal(now_ns);
+}
+
+TEST_F(PoseScreenTest, a_bridge_that_is_restarted_now_and_then_is_not_a_sender_with_new_sockets) {
+  for (std::uint16_t run = 0; run < 10; ++run) {
+    robot.port = static_cast<std::uint16_t>(42'000 + run);
+    seq = 0;
+    ASSERT_TRUE(send());
+    now_ns += 20 * kNsPerS;
+  }
+  now_ns -= 20 * kNsPerS;
+  EXPECT_FALSE(offer({robot.address, 50'000}, 1, utime_us + 1));
   EXPECT_NE(screen.refusal(now_ns).find("two programs"), std::string_view::npos) << screen.refusal(now_ns);
+}
+
+TEST_F(PoseScreenTest, a_utime_in_seconds_is_refused_by_name) {
+  utime_us = 1'790'000'000;
+  for (int i = 0; i < 2'000; ++i) {
+    now_ns += ns_from_ms(4);
+    static_cast<void>(offer(robot, ++seq, utime_us + i / 250));
+  }
+  EXPECT_NE(screen.refusal(now_ns).find("utime counts in seconds and not in microseconds"), std::string_view::npos)
+      << screen.refusal(now_ns);
+  const std::uint64_t named = counters.time_unit;
+  EXPECT_GT(named, 1'000U);
+  // With the fault corrected, poses are accepted again.
+  for (int i = 0; i < 10; ++i) static_cast<void>(send());
+  EXPECT_TRUE(send());
+  // A clock that stands still is not a clock in seconds.
+  for (int i = 0; i < 2'000; ++i) {
+    now_ns += ns_from_ms(4);
+    EXPECT_FALSE(i > 0 && i < 200 && offer(robot, ++seq, utime_us));
+    static_cast<void>(offer(robot, ++seq, utime_us));
+  }
+  EXPECT_EQ(counters.time_unit, named);
 }
 
 TEST_F(PoseScreenTest, lost_messages_are_counted_one_by_one) {

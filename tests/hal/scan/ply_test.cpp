@@ -37,6 +37,11 @@ TEST(Ply, text_as_programs_write_it) {
       "ply\r\nformat ascii 1.0\r\nelement vertex 1\r\nproperty double z\r\nproperty uchar red\r\nproperty "
       "float x\r\nproperty int y2\r\nproperty float64 y\r\nend_header\r\n3 255 1 -7 2\r\n",
       "a.ply", {1, 2, 3});
+  for (const std::string blank : {" ", "\t", "  \r"}) {
+    std::string header;
+    for (const char c : head("ascii", kTwo)) header += c == '\n' ? blank + c : std::string(1, c);
+    expect_points(header + "1 2 3\n4 5 6\n", "a.ply", {1, 2, 3, 4, 5, 6});
+  }
   expect_points(head("ascii", "comment organized point cloud by Foo\n" + kTwo) + "1 2 3\n4 5 6\n", "a.ply",
                 {1, 2, 3, 4, 5, 6});
   expect_points(head("ascii", kTwo) + "nan 2 3\n1 -inf 3\n", "a.ply",

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <functional>
 
+#include "base/prng.h"
 #include "hal/scan/text_lines.h"
 #include "tests/hal/scan/scan_reading.h"
 
@@ -213,6 +214,162 @@ TEST(TextPoints, numbers_of_points_and_of_their_rows_and_columns_are_no_coordina
   EXPECT_TRUE(test::read_bytes(raster, "a.xyz").shape.ok());
 }
 
+/// 400 points of a scan with noise, 20 in a profile; `line(i, xyz)` adds the other columns of point i.
+std::string scan_of(const std::function<std::string(int, const std::string&)>& line) {
+  Prng random(7);
+  std::string text;
+  for (int i = 0; i < 400; ++i)
+    text += line(i, fmt::format("{:.4f} {:.4f} {:.4f}", 2.5 * (i % 20) - 25.0 + 0.1 * random.normal(),
+                                2.5 * (i / 20) - 25.0 + 0.1 * random.normal(), 600.0 + 0.02 * random.normal())) +
+            "\n";
+  return text;
+}
+void expect_columns_refused(const std::string& text, const std::string& what, const std::string& three) {
+  const test::Read r = test::read_bytes(text, "a.txt", LengthUnit::mm, 400);
+  ASSERT_FALSE(r.shape.ok()) << "should be refused: " << what;
+  EXPECT_NE(r.why().find(what), std::string::npos) << r.why();
+  EXPECT_NE(r.why().find("--columns " + three + " ("), std::string::npos) << r.why();
+}
+void expect_read(const std::string& text, const std::string& what) {
+  const test::Read r = test::read_bytes(text, "a.txt", LengthUnit::mm, 2'000);
+  EXPECT_TRUE(r.shape.ok()) << what << ": " << r.why();
+}
+
+TEST(TextPoints, a_first_column_that_climbs_or_falls_evenly_is_not_x) {
+  const std::string number = "the first numbers the points and is not x";
+  const std::string time = "the first climbs or falls evenly, as a time does, and is not x";
+  const auto in_front = [](const std::function<std::string(int)>& first) {
+    return scan_of([&first](int i, const std::string& xyz) { return first(i) + " " + xyz; });
+  };
+  expect_columns_refused(in_front([](int i) { return fmt::format("{}", 7 + 3 * i); }), number, "2,3,4");
+  expect_columns_refused(in_front([](int i) { return fmt::format("{}", 9000 - i); }), number, "2,3,4");
+  expect_columns_refused(in_front([](int i) { return fmt::format("{}.0", i + i / 15); }), number, "2,3,4");
+  for (const double start : {0.0, 12'345.0, 1'234'567.0, 1'700'000'000.0})  // a float holds the last two coarsely
+    expect_columns_refused(in_front([start](int i) { return fmt::format("{:.4f}", start + 0.004 * i); }), time,
+                           "2,3,4");
+  expect_columns_refused(in_front([](int i) { return fmt::format("{:.4f}", 50.0 - 0.004 * i - 0.0003 * (i % 3)); }),
+                         time, "2,3,4");
+  expect_columns_refused(in_front([](int i) { return fmt::format("{} 3", i); }), number, "3,4,5");
+  expect_columns_refused(in_front([](int i) { return fmt::format("{} {:.3f}", i, 0.004 * i); }), number, "3,4,5");
+}
+
+TEST(TextPoints, a_column_with_the_same_value_in_every_line_is_not_a_coordinate) {
+  expect_columns_refused(scan_of([](int, const std::string& xyz) { return "3 " + xyz; }),
+                         "the first is the same in every line and is not x", "2,3,4");
+  expect_columns_refused(scan_of([](int, const std::string& xyz) { return "3 17.5 " + xyz + " 90"; }),
+                         "the first is the same in every line and is not x", "3,4,5");
+  expect_columns_refused(scan_of([](int, const std::string& xyz) {
+                           return xyz.substr(0, xyz.find(' ')) + " 0" + xyz.substr(xyz.find(' ')) + " 90";
+                         }),
+                         "the second is the same in every line and is not y", "1,3,4");
+}
+
+TEST(TextPoints, a_colour_or_a_brightness_in_front_is_not_a_coordinate) {
+  const auto colour = [](int i) { return fmt::format("{} {} {}", i % 256, 7 * i % 256, 13 * i % 256); };
+  const std::string named = "are a colour and not coordinates";
+  expect_columns_refused(scan_of([&](int i, const std::string& xyz) { return colour(i) + " " + xyz; }), named, "4,5,6");
+  expect_columns_refused(scan_of([&](int, const std::string& xyz) { return "128 128 128 " + xyz; }), named, "4,5,6");
+  expect_columns_refused(scan_of([&](int i, const std::string& xyz) { return colour(i) + " 255 " + xyz; }), named,
+                         "5,6,7");
+  expect_columns_refused(
+      scan_of([](int i, const std::string& xyz) { return fmt::format("{} {}", 7 * i * i % 251, xyz); }),
+      "the first has whole numbers in no order, as a brightness does, and is not x", "2,3,4");
+  expect_columns_refused(scan_of([](int i, const std::string& xyz) { return fmt::format("{} {}", 120 + i % 9, xyz); }),
+                         "the first has whole numbers in no order, as a brightness does, and is not x", "2,3,4");
+}
+
+TEST(TextPoints, two_or_three_points_a_line_are_named) {
+  std::vector<std::string> points;
+  static_cast<void>(scan_of([&points](int, const std::string& xyz) {
+    points.push_back(xyz);
+    return xyz;
+  }));
+  for (const std::size_t side_by_side : {2U, 3U}) {
+    std::string text;
+    for (std::size_t i = 0; i + side_by_side <= 390; ++i)
+      text += points[i] + ((i + 1) % side_by_side == 0 ? "\n" : " ");
+    expect_columns_refused(text, fmt::format("{} points side by side, x,y,z,x,y,z", side_by_side), "1,2,3");
+  }
+}
+
+TEST(TextPoints, right_tables_with_more_columns_are_read) {
+  const auto behind = [](const std::function<std::string(int)>& more) {
+    return scan_of([&more](int i, const std::string& xyz) { return xyz + " " + more(i); });
+  };
+  expect_read(behind([](int) { return "0 0 1"; }), "normals");
+  expect_read(behind([](int i) {
+                return fmt::format("{:.4f} 0 {:.4f}", 0.01 * (i % 9), -std::sqrt(1 - 1e-4 * (i % 9) * (i % 9)));
+              }),
+              "normals");
+  expect_read(behind([](int i) { return fmt::format("{} {} {}", i % 256, 7 * i % 256, 13 * i % 256); }), "colours");
+  expect_read(behind([](int i) { return fmt::format("{}", i); }), "numbers behind");
+  expect_read(behind([](int) { return "3"; }), "a scan number behind");
+  expect_read(behind([](int i) { return fmt::format("{:.4f}", 1e9 + 0.004 * i); }), "times behind");
+  // A line profiler: x climbs evenly within a profile and repeats; y is constant in it.
+  std::string profiles;
+  std::string turning;
+  std::string rows;
+  std::string columns;
+  std::string whole;
+  for (int i = 0; i < 1'000; ++i) {
+    const double z = 600 + 0.01 * (i * 37 % 11);
+    profiles += fmt::format("{:.3f} {:.3f} {:.4f} 90\n", 0.17 * (i % 500), 1.0 * (i / 500), z);
+    const int back = (i / 250) % 2 == 0 ? i % 250 : 249 - i % 250;
+    turning += fmt::format("{:.3f} {:.3f} {:.4f} 90\n", 0.17 * back, 1.0 * (i / 250), z);
+    rows += fmt::format("{:.2f} {:.2f} {:.4f} {}\n", 0.25 * (i % 40), 0.25 * (i / 40), z, i);
+    columns += fmt::format("{:.2f} {:.2f} {:.4f} {}\n", 0.25 * (i / 40), 0.25 * (i % 40), z, i);
+    whole += fmt::format("{} {} {} 0.0 0.6 0.8\n", 3 * (i % 40), 3 * (i / 40), 10 + i * 37 % 11);
+  }
+  expect_read(profiles, "profiles");
+  std::string pixels;
+  for (int i = 0; i < 1'000; ++i)
+    pixels += fmt::format("{} {:.3f} {:.4f} 90.5\n", i % 25, 0.37 * (i / 25) + 0.013, 600.001 + 0.01 * (i * 37 % 11));
+  expect_read(pixels, "profiles by pixels");
+  expect_read(turning, "profiles to and fro");
+  expect_read(rows, "a raster by rows");
+  expect_read(columns, "a raster by columns");
+  expect_read(whole, "whole coordinates with normals");
+  std::string one;
+  for (int i = 0; i < 1'000; ++i) one += fmt::format("{:.3f} {}.000 {:.4f}\n", 0.17 * i, i, 600 + 0.01 * (i % 7));
+  expect_read(one, "three columns");
+  for (const std::string columns_of : {"4,5,6", "3,4,5"}) {
+    // Chosen columns are not questioned.
+    const std::string text = scan_of([](int i, const std::string& xyz) { return fmt::format("{} 3 {} 7", i, xyz); });
+    std::vector<float> xyz(3 * 400);
+    Team alone(1);
+    const Fd fd = test::memory_file(text);
+    EXPECT_TRUE(
+        read_scan_fd(fd.get(), "a.txt", {LengthUnit::mm, parse_table_columns(columns_of).value()}, xyz, alone).ok());
+  }
+}
+
+TEST(TextPoints, whole_numbers_above_lines_with_decimals_are_a_header_and_not_a_point) {
+  const std::string scan = scan_of([](int, const std::string& xyz) { return xyz; });
+  const auto points_of = [](const std::string& text) {
+    const test::Read r = test::read_bytes(text, "a.asc", LengthUnit::mm, 401);
+    return r.shape.ok() ? fmt::format("{}", r.shape.value().points) : r.why();
+  };
+  for (const std::string header : {"1 2 3\n", "0 1 2\n", "1;2;3\n", "# scan\n1 2 3\n", "20 20 400\n", "1\t2\t3\r\n"})
+    EXPECT_EQ(points_of(header + scan), "400") << header;
+  EXPECT_NE(points_of("21 19 399\n" + scan).find("line 1 announces 399 points, the file has 400"), std::string::npos);
+  EXPECT_NE(points_of("20 30 600\n" + scan).find("line 1: 600 points, allowed are at most 401"), std::string::npos);
+  for (const std::string header : {"2026 11 28\n", "20 20 1\n", "20 20 400 5\n", "1 2 3 4 6\n"})
+    EXPECT_NE(points_of(header + scan)
+                  .find("line 1: \"" + header.substr(0, header.size() - 1) +
+                        "\": whole numbers above lines with decimals are a header"),
+              std::string::npos)
+        << points_of(header + scan);
+  // Other widths hide the columns behind the header.
+  const std::string wide = scan_of([](int i, const std::string& xyz) { return fmt::format("{} {}", i, xyz); });
+  EXPECT_NE(points_of("20 20 400\n" + wide).find("the first numbers the points"), std::string::npos);
+  // Points: missing, below zero, in a raster of whole numbers, or with too few lines to tell.
+  for (const std::string point : {"0 0 0\n", "99999 99999 99999\n", "-1 2 3\n", "1.0 2.0 3.0\n"})
+    EXPECT_EQ(points_of(point + scan), "401") << point;
+  std::string raster = "0 0 600\n";
+  for (int i = 1; i < 100; ++i) raster += fmt::format("{} {} 600.{}\n", i % 10, i / 10, i);
+  EXPECT_EQ(points_of(raster), "100");
+}
+
 TEST(TextPoints, a_header_of_column_numbers_is_no_point) {
   std::string rows;
   for (int i = 0; i < 30; ++i) rows += fmt::format("{},-{}.25,2.5,499.5\n", i, i);
@@ -232,7 +389,9 @@ TEST(TextPoints, quoted_numbers_are_numbers_and_names_are_shown_as_they_are) {
   expect_refused("X\u5750\u6807,Y\u5750\u6807,Z\u5750\u6807,n\n1,2,3,4\n",
                  "or choose them with --columns 1,2,3 (on the line: scanner.columns = \"1,2,3\"); the names are "
                  "\"X\u5750\u6807,Y\u5750\u6807");
-  expect_refused("a\xFF\x1B,b,c\n1,2,3\n", "the names are \"a??,b,c\"");
+  expect_refused("a\x1B,b,c\n1,2,3\n", "the names are \"a?,b,c\" (a line that names no columns");
+  const std::string not_utf8 = "?,b,c\" (this text is not UTF-8, perhaps GBK: save it as UTF-8, or choose by number)";
+  expect_refused("a\xD7\xF8,b,c\n1,2,3\n", "the names are \"a?" + not_utf8);
 }
 
 TEST(TextPoints, names_in_a_comment_that_are_not_x_y_z_are_not_passed_over) {
@@ -284,6 +443,9 @@ TEST(TextPoints, columns_are_chosen_by_name_or_by_number) {
 TEST(TextPoints, a_decimal_comma_is_recognised_and_refused) {
   for (const std::string line : {"1,5 2,5 3,5", "1,5;2,5;3,5", "1,5\t2,5\t3,5", "0,5 1 2", "-1,25 2 3", "1 2,5 3"})
     expect_refused(line + "\n" + line + "\n", "decimal comma is not read: save the scan with decimal points");
+  const std::string quoted = "\"-49,9866\",\"-49,9153\",\"600,0020\"\n";
+  for (const std::string& first : {std::string("x,y,z\n"), std::string()})
+    expect_refused(first + quoted, "decimal comma is not read: save the scan with decimal points");
 }
 
 TEST(TextPoints, too_few_columns_and_too_many_points) {
