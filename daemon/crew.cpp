@@ -148,11 +148,13 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
 /// A refused scan is not stored, because the exposure that it repeats is stored already.
 void ThreadCrew::compare_exposure(const MeasureBlock& job, BlockMeasured& done) {
   inspector_.noise_print(done.noise);
-  if (done.refused != Code::ok || done.noise.empty()) return;
-  const KeptNoise exposure{job.slab_key, job.station, job.attempt, done.noise};
+  if (done.refused != Code::ok) return;
   FixedString<limits::kErrorTextBytes> text;
+  const KeptNoise exposure{job.slab_key, job.station, job.attempt, done.noise};
+  const bool has_print = !done.noise.empty();
   double correlation = 0.0;
-  if (const KeptNoise* earlier = exposures_.same_as(exposure, correlation); earlier != nullptr) {
+  const KeptNoise* earlier = has_print ? exposures_.same_as(exposure, correlation) : nullptr;
+  if (earlier != nullptr) {
     text.printf(
         "its noise is that of the exposure of slab key %lld, station %u, scan %u (correlation %.2f, of two "
         "exposures it is below %.2f): the scanner gave an earlier exposure again, perhaps in another form",
@@ -168,7 +170,7 @@ void ThreadCrew::compare_exposure(const MeasureBlock& job, BlockMeasured& done) 
         done.block.scan.lag_ratio, usual);
     return refuse_exposure(job, text, done);
   }
-  exposures_.add(exposure);
+  if (has_print) exposures_.add(exposure);
 }
 
 void ThreadCrew::refuse_exposure(const MeasureBlock& job, const FixedString<limits::kErrorTextBytes>& text,

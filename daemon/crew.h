@@ -67,7 +67,7 @@ class FilterWatch {
   /// The usual ratio of the scans before if this scan is smoothed and they were not, or much less; else NaN. Adds a
   /// scan that is like the others.
   [[nodiscard]] double unlike(double lag_ratio) {
-    constexpr double kMuchLess = 0.5;
+    constexpr double kMuchLess = 0.8;  // independent noise has 3, the mean of any number of neighbours 2
     if (!has_value(lag_ratio)) return kNoValue;
     if (count_ >= kScansMin && lag_ratio < kSmoothedLagRatio && lag_ratio < kMuchLess * usual()) return usual();
     ratios_[next_] = lag_ratio;

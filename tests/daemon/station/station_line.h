@@ -57,9 +57,10 @@ class Line {
   bool robot_commanded = false;  ///< its poses are not measured
   bool scan_emulated = false;
   double robot_shake_mm = 0.2;
-  double robot_turn_rad = 0.0;  ///< about base Z
-  Dither dither{0.0, 0.0};      ///< the stops; all alike at first
-  std::int16_t robot_tool = 0;  ///< active on the controller
+  double robot_turn_rad = 0.0;    ///< about base Z
+  Dither dither{0.0, 0.0};        ///< the stops; all alike at first
+  bool blocks_are_found = false;  ///< measurements have the pose of the block
+  std::int16_t robot_tool = 0;    ///< active on the controller
   Code scan_code = Code::ok;
   bool worker_hangs = false;  ///< the scanner's worker, in a call that cannot be cancelled
   bool scanner_answers = true;
@@ -253,6 +254,10 @@ class Line {
     done.cmd_seq = measure.cmd_seq;
     done.block.station = measure.station;
     done.block.verdict = block_verdict;
+    if (blocks_are_found) {
+      done.block.registration.status = RegistrationStatus::converged;
+      done.block.registration.T_scanner_block = dithered(nominal_T_block_scanner(), measure.station, dither).inverse();
+    }
     done.refused = refuses;
     if (refuses != Code::ok) done.refused_text = "another exposure than the requested one";
     return done;

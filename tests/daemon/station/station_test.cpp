@@ -39,6 +39,7 @@ TEST_F(StationTest, takes_a_slab_from_begin_to_an_acknowledged_verdict) {
 }
 
 TEST_F(StationTest, stops_that_are_alike_are_a_warning_bit_and_stops_that_differ_are_not) {
+  line.blocks_are_found = true;
   const auto warning_after_a_slab = [&] {
     begin();
     for (int k = 1; k <= 18; ++k) {
