@@ -280,7 +280,7 @@ void add_show(args::Command& app) {
       ->add_option("SLAB", options->slab,
                    "Key (see history), slab id or SLAB_NO (key:12, id:12, no:12 where a number may be each); of "
                    "several slabs with "
-                   "that id the newest. An id that begins with -: slabctl show -- -12A")
+                   "that id the newest")
       ->required();
   command->add_option("--block", options->block, "Show this block's characteristics")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));

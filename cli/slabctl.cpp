@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <utility>
 
 #include "base/plain_text.h"
 #include "cli/command.h"
@@ -44,6 +45,35 @@ std::vector<std::string> command_names(const CLI::App& app) {
   for (const std::string& name : names) known += (known.empty() ? "" : ", ") + name;
   stop(kUsage, fmt::format("unknown command '{}'{}; commands are {}", word,
                            meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known));
+}
+
+/// The command that the first words of `arguments` name.
+const CLI::App* command_of(const CLI::App& app, const std::vector<std::string>& arguments) {
+  const CLI::App* command = &app;
+  for (std::size_t i = 1; i < arguments.size(); ++i) {
+    const auto below =
+        command->get_subcommands([&](const CLI::App* candidate) { return candidate->get_name() == arguments[i]; });
+    if (below.empty()) break;
+    command = below.front();
+  }
+  return command;
+}
+
+/// The arguments, with "id:" before slab ids that begin with "-" in commands with SLAB. CLI11 would take "-S3" for
+/// options. Only one dash and no option's name or value: a mistyped --option stays an error.
+std::vector<std::string> with_marked_ids(const CLI::App& app, int argc, const char* const* argv) {
+  std::vector<std::string> arguments(argv, argv + argc);
+  const CLI::App* const command = command_of(app, arguments);
+  if (command->get_option_no_throw("SLAB") == nullptr) return arguments;
+  const auto option_of = [command](const std::string& word) { return command->get_option_no_throw(word); };
+  for (std::size_t i = 2; i < arguments.size() && arguments[i] != "--"; ++i) {
+    std::string& word = arguments[i];
+    const bool may_be_id = word.size() > 1 && word[0] == '-' && word[1] != '-';
+    if (!may_be_id || option_of(word) != nullptr) continue;
+    const CLI::Option* const before = arguments[i - 1].starts_with("-") ? option_of(arguments[i - 1]) : nullptr;
+    if (before == nullptr || before->get_items_expected_max() == 0) word = "id:" + word;
+  }
+  return arguments;
 }
 
 }  // namespace
@@ -139,7 +169,10 @@ int run(int argc, const char* const* argv) {
       const std::vector<std::string> names = command_names(app);
       if (std::find(names.begin(), names.end(), argv[1]) == names.end()) stop_at_unknown(app, argv[1]);
     }
-    app.parse(argc, argv);
+    std::vector<std::string> arguments = with_marked_ids(app, argc, argv);
+    std::reverse(arguments.begin(), arguments.end());  // CLI11 takes them from the back
+    if (!arguments.empty()) arguments.pop_back();      // the program's name
+    app.parse(std::move(arguments));
   } catch (const CLI::ParseError& parse_error) {
     // --help and --version also arrive here, with status 0.
     return app.exit(parse_error) == 0 ? kDone : kUsage;

@@ -18,14 +18,25 @@ constexpr std::string_view kKeyPrefix = "key:";
 constexpr std::string_view kIdPrefix = "id:";
 constexpr std::string_view kNoPrefix = "no:";
 
+/// Without blanks and NULs around it, which a SLAB_ID copied from a PLC has and a stored one does not.
+std::string without_padding(const std::string& text) {
+  constexpr std::string_view kPadding(" \t\r\n\0", 5);
+  const std::size_t begin = text.find_first_not_of(kPadding);
+  if (begin == std::string::npos) return {};
+  return text.substr(begin, text.find_last_not_of(kPadding) - begin + 1);
+}
+
 }  // namespace
 
-SlabName slab_name(const std::string& wanted) {
+SlabName slab_name(const std::string& given) {
+  const std::string wanted = without_padding(given);
   const bool says_key = wanted.rfind(kKeyPrefix, 0) == 0;
   const bool says_id = wanted.rfind(kIdPrefix, 0) == 0;
   const bool says_no = wanted.rfind(kNoPrefix, 0) == 0;
   SlabName name;
-  const std::string rest = wanted.substr(says_key ? kKeyPrefix.size() : says_id || says_no ? kIdPrefix.size() : 0);
+  const std::string rest = without_padding(wanted.substr(says_key             ? kKeyPrefix.size()
+                                                         : says_id || says_no ? kIdPrefix.size()
+                                                                              : 0));
   std::uint32_t no = 0;
   const auto [no_stop, no_fault] = std::from_chars(rest.data(), rest.data() + rest.size(), no);
   if (!says_key && !says_id && no_fault == std::errc{} && no_stop == rest.data() + rest.size()) name.no = no;

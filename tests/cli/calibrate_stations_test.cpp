@@ -7,6 +7,7 @@
 #include "base/base.h"
 #include "cli/client/calibration_desk.h"
 #include "cli/command.h"
+#include "cli/exit.h"
 #include "slabctl_process.h"
 #include "tests/places/places.h"
 

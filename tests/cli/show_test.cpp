@@ -357,6 +357,28 @@ TEST_F(Show, a_number_that_means_two_slabs_is_asked_back) {
   EXPECT_EQ(shown("key:x").status, kBadInput);
 }
 
+TEST_F(Show, an_id_that_begins_with_a_dash_is_taken_by_every_command_with_a_slab) {
+  header_.slab_id = "-S3";
+  apply(BeginSlabJob{header_, 1, 1});
+  apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
+  const std::string db = "--db " + file("slabd.db") + " ";
+  for (const std::string& arguments :
+       {"show -S3 " + db, "show " + db + "-S3", "show " + db + "-- -S3", "show " + db + "' -S3  '",
+        "show " + db + "--json -S3", "export -S3 " + db, "report " + db + "-S3 --out " + file("dash.html")}) {
+    const Ended ended = run(arguments);
+    EXPECT_EQ(ended.status, kDone) << arguments << ": " << ended.err;
+    if (arguments.starts_with("show")) expect_mentions(ended.out, "-S3");
+  }
+  const Ended unknown = run("show -X9 " + db);
+  EXPECT_EQ(unknown.status, kBadInput);
+  expect_mentions(unknown.err, "-X9");
+  EXPECT_EQ(run("show --jsn 1 " + db).status, kUsage) << "a mistyped option is not an id";
+  EXPECT_EQ(run("show -h").status, kDone);
+  EXPECT_EQ(run("pin -S3 --reason x --config " + file("none.toml")).status, kBadInput)
+      << "the configuration is missing";
+  EXPECT_EQ(run("history -S3 " + db).status, kUsage) << "has no SLAB";
+}
+
 TEST_F(Show, an_id_that_was_given_twice_names_the_other_slab) {
   header_.slab_id = "TWICE";
   apply(BeginSlabJob{header_, 1, 1});

@@ -87,6 +87,12 @@ TEST(SlabView, a_name_says_whether_it_is_a_key_or_an_id) {
   EXPECT_EQ(slab_name("key:LINE").key, std::nullopt);
   EXPECT_EQ(slab_name("12").no, 12U) << "where neither key nor id is there";
   EXPECT_EQ(slab_name("no:12").no, 12U);
+  for (const std::string& padded : {std::string("S-1   "), std::string("  S-1\t"), std::string("S-1\0\0", 5),
+                                    std::string("\0S-1 \0", 6), std::string("id: S-1 "), std::string(" id:S-1")})
+    EXPECT_EQ(slab_name(padded).id, "S-1") << "as copied from a PLC";
+  EXPECT_EQ(slab_name("12  ").key, 12);
+  EXPECT_EQ(slab_name("A B").id, "A B");
+  EXPECT_EQ(slab_name("   ").id, "");
   EXPECT_EQ(slab_name("no:12").key, std::nullopt);
   EXPECT_EQ(slab_name("no:12").id, "");
   EXPECT_EQ(slab_name("key:12").no, std::nullopt);
