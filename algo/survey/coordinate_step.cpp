@@ -339,34 +339,43 @@ bool is_travel(const Cloud& cloud, const Sample& sample, std::size_t axis, const
   return are_even(points);
 }
 
-/// Share of the sampled points whose next point, one step further along the axis, has exactly the same height. The next
-/// point is that of the file or, in an organised scan, that of the next row.
+/// Share of the columns (or rows, whichever follow each other along `axis`) of an organised scan that repeat the column
+/// before: their heights are exactly the same. 0 if equal heights are not those of whole columns: a median of
+/// neighbours also repeats heights, but in no order.
 double share_that_repeats(const Cloud& cloud, std::size_t axis, std::size_t height, double step) {
+  constexpr double kInOrderMin = 0.8;
   std::size_t pairs = 0;
   std::size_t repeated = 0;
-  for (const std::size_t apart : {std::size_t{1}, cloud.width}) {
-    if (apart == 0 || cloud.points <= apart) continue;
+  std::size_t in_order = 0;
+  for (const auto [along, across] :
+       {std::array{std::size_t{1}, cloud.width}, std::array{cloud.width, std::size_t{1}}}) {
+    if (cloud.points <= along + across) continue;
     for (std::size_t i = 0; i < kSample; ++i) {
       const auto fraction = static_cast<std::uint32_t>((i + 1) * 0x9E37'79B9U);
-      const auto index = static_cast<std::size_t>((std::uint64_t{fraction} * (cloud.points - apart)) >> 32U);
+      const auto index = static_cast<std::size_t>((std::uint64_t{fraction} * (cloud.points - along - across)) >> 32U);
       const float* p = cloud.xyz.data() + 3 * index;
-      const float* q = p + 3 * apart;
+      const float* q = p + 3 * along;
+      const double apart_mm = std::abs(static_cast<double>(q[axis]) - static_cast<double>(p[axis]));
       // False for a point that is missing.
-      if (!(std::abs(std::abs(static_cast<double>(q[axis]) - static_cast<double>(p[axis])) - step) < 0.1 * step))
-        continue;
+      if (!(std::abs(apart_mm - step) < 0.1 * step)) continue;
       ++pairs;
-      if (p[height] == q[height]) ++repeated;
+      if (p[height] != q[height]) continue;
+      ++repeated;
+      if (p[3 * across + height] == q[3 * across + height]) ++in_order;
     }
   }
-  return pairs < kFirstLook ? 0.0 : static_cast<double>(repeated) / static_cast<double>(pairs);
+  const bool whole = static_cast<double>(in_order) >= kInOrderMin * static_cast<double>(repeated);
+  return pairs < kFirstLook || !whole ? 0.0 : static_cast<double>(repeated) / static_cast<double>(pairs);
 }
 
-/// Distance of the original points if a raster of this step took each height from the nearest one; 0 if no heights
-/// repeat. Heights with noise repeat once in thousands of points.
+/// Distance of the original points if an organised raster of this step took each height from the nearest one; 0 if no
+/// heights repeat. Heights with noise repeat once in thousands of points.
 double resampled_from(const Cloud& cloud, std::size_t axis, std::size_t height, double step) {
   constexpr double kRepeatsMin = 0.02;
+  constexpr double kRepeatsMax = 0.85;  // more are heights without any noise, level to the axis
+  if (cloud.width == 0) return 0.0;
   const double share = share_that_repeats(cloud, axis, height, step);
-  return share < kRepeatsMin ? 0.0 : step / std::max(0.1, 1.0 - share);
+  return share < kRepeatsMin || share > kRepeatsMax ? 0.0 : step / (1.0 - share);
 }
 
 }  // namespace

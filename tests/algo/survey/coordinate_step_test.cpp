@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
@@ -101,6 +102,23 @@ TEST(CoordinateStep, of_a_raster_filled_from_the_nearest_points_is_their_distanc
     EXPECT_NEAR(step.y(), 0.4, 0.05);
     EXPECT_EQ(step.z(), 0.0);
   }
+}
+
+TEST(CoordinateStep, of_heights_that_a_median_repeats_is_none) {
+  const scene::Cloud from = scene::take({}, seen(0.0, 0.4));
+  scene::Cloud median = from;
+  const auto z = [&](std::size_t row, std::size_t column) { return from.xyz[3 * (row * from.width + column) + 2]; };
+  for (std::size_t row = 1; row + 1 < from.height; ++row)
+    for (std::size_t column = 1; column + 1 < from.width; ++column) {
+      std::array<float, 9> near{};
+      std::size_t n = 0;
+      for (std::size_t i = row - 1; i <= row + 1; ++i)
+        for (std::size_t j = column - 1; j <= column + 1; ++j)
+          if (std::isfinite(z(i, j))) near[n++] = z(i, j);
+      std::sort(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(n));
+      if (std::isfinite(z(row, column))) median.xyz[3 * (row * from.width + column) + 2] = near[n / 2];
+    }
+  EXPECT_EQ(step_of(median), Vec3::Zero());
 }
 
 TEST(CoordinateStep, of_a_line_profiler_is_its_way_and_not_a_rounding) {
