@@ -307,9 +307,9 @@ FilledPlace filled_place(const NoiseTexture& texture, double step_mm) {
 
 /// Checks that the faces have the noise of measured points. Refuses jaws that a scanner's program filled in part.
 /// Returns an error for such a seat, and for heights that were rounded before a smooth correction or resampling.
-/// `cells`: for three faces.
+/// `cells`: for three faces. `seat_noise_mm`: noise of a point of the seat.
 Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<TextureCell> cells, Team& team,
-                     BlockResult& result) {
+                     BlockResult& result, double& seat_noise_mm) {
   SeatFeature& seat = result.seat;
   const std::array<PlaneFit*, 2> jaws = {&result.jaw_inner, &result.jaw_outer};
   std::array<NoiseTexture, 3> textures;
@@ -323,6 +323,7 @@ Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<Tex
     }
   });
   const NoiseTexture& texture = textures[0];
+  seat_noise_mm = texture.sigma_mm;
   const double known_step_mm = step_along_mm(seat.plane, result);
   // Differences of heights in coarse steps do not show a filter.
   if (known_step_mm <= texture.sigma_mm) result.scan.lag_ratio = texture.lag_ratio;
@@ -474,7 +475,8 @@ Status BlockInspector::extract(const Cloud& cloud) {
 
   static_assert(3 * kTextureCells * sizeof(TextureCell) <= limits::kScanPointsMax);
   const std::span<TextureCell> cells(reinterpret_cast<TextureCell*>(w.label.data()), 3 * kTextureCells);
-  if (const Status seen = look_at_noise(survey, frame, cells, w.team, result); !seen) return seen;
+  double seat_noise_mm = kNoValue;
+  if (const Status seen = look_at_noise(survey, frame, cells, w.team, result, seat_noise_mm); !seen) return seen;
 
   const auto casing = [&](PointList where, bool outer) {
     const CasingTask task{w.model.casing_centre(outer),
@@ -502,7 +504,10 @@ Status BlockInspector::extract(const Cloud& cloud) {
     });
 
   compute_block_items(w.model, result);
-  const FormDoubt form{form_tilts_rad(jaws[0].strip, jaws[1].strip), closed ? flatness.bumps_mm : 0.0};
+  // The amplitude of a wave is its standard deviation times the root of two.
+  const double scatter2 = seat.plane.std_mm * seat.plane.std_mm - seat_noise_mm * seat_noise_mm;
+  const FormDoubt form{form_tilts_rad(jaws[0].strip, jaws[1].strip), closed ? flatness.bumps_mm : 0.0,
+                       scatter2 > 0.0 ? std::sqrt(2.0 * scatter2) : 0.0};
   compute_block_budget(w.recipe, w.verified, form, result);
   compute_observation(w.model, evaluation.casing, w.T_base_scanner * result.registration.T_scanner_block, result);
   static_assert(kFindingFloats <= kSampleFloats);

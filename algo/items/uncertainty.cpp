@@ -117,13 +117,13 @@ class BlockBudget {
         2.0 * rounding_.centre_mm2(seat().normal), Vec6::Zero(), square(reference_mm(spacing.value)), 1.0, 1.0);
   }
 
-  void casing_protrusion(ItemId id, const CasingFeature& casing) {
+  void casing_protrusion(ItemId id, const CasingFeature& casing, double seat_form_mm) {
     const Item& protrusion = item(id);
     if (!has_value(protrusion.value)) return;
     const Vec3 from_centroid = casing.centre - seat().centroid;
     const PlaneGradient by_seat{from_centroid, -1.0};
     const double fit = square(casing.sigma_height_mm) + variance(by_seat, seat());
-    const double form_mm = seen_form_mm();
+    const double form_mm = seen_form_mm(seat_form_mm);
     widen(id, form_mm);
     length(id, protrusion.value, fit, by_density(by_seat),
            square(std::max(scanner_.difference_mm(from_centroid.norm()), form_mm)),
@@ -162,11 +162,9 @@ class BlockBudget {
  private:
   [[nodiscard]] const PlaneFit& seat() const { return result_.seat.plane; }
   Item& item(ItemId id) { return item_of(result_, id); }
-  /// Standard uncertainty between two distant places from the form of the seat without its bumps and pits, if that is
-  /// more than twice the stated form of the scanner; else 0. It may also be the block's own form: the scan does not
-  /// distinguish them.
-  [[nodiscard]] double seen_form_mm() const {
-    const double half_mm = 0.5 * std::max(0.0, result_.seat.flatness_trimmed_mm - result_.seat.flatness_noise_mm);
+  /// Standard uncertainty between two distant places from the form of the seat, if that is more than twice the stated
+  /// form of the scanner; else 0. It may also be the block's own form: the scan does not distinguish them.
+  [[nodiscard]] double seen_form_mm(double half_mm) const {
     constexpr double kClear_mm = 0.1;
     const double stated_mm = std::sqrt(3.0) * scanner_.place_mm();
     return half_mm > std::max(kClear_mm, 2.0 * stated_mm) ? half_mm * std::sqrt(2.0 / 3.0) : 0.0;
@@ -405,8 +403,8 @@ void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, 
   budget.jaw_angle(ItemId::jaw_angle_outer, result.jaw_outer, form.jaw_rad[1]);
   budget.jaw_distance(form.jaw_rad);
   if (recipe.uncertainty.given) budget.casing_spacing();
-  budget.casing_protrusion(ItemId::casing_protrusion_inner, result.casing_inner);
-  budget.casing_protrusion(ItemId::casing_protrusion_outer, result.casing_outer);
+  budget.casing_protrusion(ItemId::casing_protrusion_inner, result.casing_inner, form.seat_mm);
+  budget.casing_protrusion(ItemId::casing_protrusion_outer, result.casing_outer, form.seat_mm);
 }
 
 void compute_observation_sigma(const BlockGeometry& geometry, CasingKind casings, BlockResult& result) {

@@ -168,6 +168,8 @@ struct FormDoubt {
   std::array<double, 2> jaw_rad{};
   /// Contribution of narrow bumps to the flatness (Flatness::bumps_mm); 0 if the recipe judges the raw one.
   double bumps_mm = 0.0;
+  /// Half width of the seat's form: of a wave with the scatter of the fitted points beyond their own noise.
+  double seat_mm = 0.0;
 };
 
 /// Computes budget and U of every block item with a value. seat_std always (its U is its sampling error, std sqrt(f /
