@@ -300,9 +300,11 @@ double step_along_mm(const PlaneFit& plane, const BlockResult& result) {
 }
 
 /// The largest place without noise; empty if the rounding of coordinates hides it. Points rounded to one step have no
-/// noise either, unless their own noise is half a step or more.
-FilledPlace filled_place(const NoiseTexture& texture, double step_mm) {
-  return step_mm > kStepOfNoiseMax * texture.sigma_mm ? FilledPlace{} : texture.filled;
+/// noise either, unless their own noise is a step or more. On a steep face rounding itself looks like noise, so the
+/// seat must have that noise too.
+FilledPlace filled_place(const NoiseTexture& texture, double seat_noise_mm, double step_mm) {
+  const double noise_mm = std::min(texture.sigma_mm, seat_noise_mm);
+  return step_mm > kStepOfNoiseMax * noise_mm ? FilledPlace{} : texture.filled;
 }
 
 /// Checks that the faces have the noise of measured points. Refuses jaws that a scanner's program filled in part.
@@ -326,7 +328,7 @@ Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<Tex
   seat_noise_mm = texture.sigma_mm;
   const double known_step_mm = step_along_mm(seat.plane, result);
   // Differences of heights in coarse steps do not show a filter.
-  if (known_step_mm <= texture.sigma_mm) result.scan.lag_ratio = texture.lag_ratio;
+  if (known_step_mm <= kStepOfNoiseMax * texture.sigma_mm) result.scan.lag_ratio = texture.lag_ratio;
   // The 95 % difference of rounded heights is one or two of their known steps.
   if (const double step_mm = hidden_step_mm(texture); step_mm > std::max(kCoordinateStepMax_mm, 3.0 * known_step_mm)) {
     refuse(seat.plane, PlaneDoubt::not_fitted);
@@ -336,7 +338,7 @@ Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<Tex
         "scanner's program write more decimals, and switch off its filters",
         step_mm);
   }
-  if (const FilledPlace filled = filled_place(texture, known_step_mm); filled.cells > 0) {
+  if (const FilledPlace filled = filled_place(texture, seat_noise_mm, known_step_mm); filled.cells > 0) {
     refuse(seat.plane, PlaneDoubt::filled);
     return error(
         Code::fit_failed,
@@ -345,7 +347,7 @@ Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<Tex
         filled.width_mm, filled.length_mm, filled.x_mm, filled.s_mm);
   }
   for (std::size_t side = 0; side < jaws.size(); ++side)
-    if (filled_place(textures[side + 1], step_along_mm(*jaws[side], result)).cells > 0)
+    if (filled_place(textures[side + 1], seat_noise_mm, step_along_mm(*jaws[side], result)).cells > 0)
       refuse(*jaws[side], PlaneDoubt::filled);
   return success();
 }
@@ -489,7 +491,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
     const std::span<TextureCell> own = cells.subspan(outer ? kTextureCells : 0, kTextureCells);
     if (!found.ok) return found;
     const NoiseTexture texture = look_at_texture(question_of(survey.of(where).runs, frame, seat.plane), own);
-    if (filled_place(texture, step_along_mm(seat.plane, result)).cells > 0) {
+    if (filled_place(texture, seat_noise_mm, step_along_mm(seat.plane, result)).cells > 0) {
       found.ok = false;
       found.doubt = CasingDoubt::filled;
     }

@@ -43,7 +43,7 @@ struct NoiseTexture {
 
 /// Rounded coordinates hide places without noise if their step is more than this many standard deviations, because
 /// with less noise whole places have one value.
-inline constexpr double kStepOfNoiseMax = 2.0;
+inline constexpr double kStepOfNoiseMax = 1.0;
 inline constexpr std::size_t kTextureMin = 2'000;
 /// Side of a place; fewer than four adjacent ones are chance.
 inline constexpr double kTextureCell_mm = 4.0;

@@ -116,7 +116,7 @@ TEST_F(AnsweredWithAnError, an_end_is_taken_back_in_a_quiet_moment) {
   int in_the_log = 0;
   std::int64_t key = 0;
   const std::string copy = settings_.db_path + "-copy";
-  for (int turn = 0; turn < 75; ++turn) {
+  for (int turn = 0; turn < 120; ++turn) {
     // Every call once, then those near the end of the commit repeatedly: two of five leave an end in the log.
     const auto call = static_cast<std::uint64_t>(turn);
     const std::uint64_t point = turn < 30 ? 1 + call : 16 + call % 9;
@@ -178,7 +178,7 @@ TEST_F(AnsweredWithAnError, what_cannot_be_taken_back_is_not_copied) {
 TEST_F(AnsweredWithAnError, an_attempt_is_a_failed_one_with_the_next_job) {
   std::int64_t key = 0;
   int in_the_log = 0;
-  for (int turn = 0; turn < 40; ++turn) {
+  for (int turn = 0; turn < 60; ++turn) {
     const std::uint64_t point = 1 + static_cast<std::uint64_t>(turn) % 20;
     for (const bool acquired : {true, false}) {
       for (const bool quiet : {true, false}) {
@@ -280,7 +280,7 @@ TEST_F(AnsweredWithAnError, a_report_is_taken_back_by_the_next_job) {
   begin(1);
   acknowledge(scan(1, 4, 1, Verdict::pass));
   close();
-  for (int turn = 0; turn < 60; ++turn) {
+  for (int turn = 0; turn < 120; ++turn) {
     const std::uint64_t point = 1 + static_cast<std::uint64_t>(turn) % 30;
     for (const bool restarted : {true, false}) {
       crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened from here on count

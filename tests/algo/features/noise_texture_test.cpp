@@ -178,6 +178,39 @@ TEST(FilledScan, no_block_passes_on_a_surface_that_was_computed) {
   }
 }
 
+scene::Cloud rounded(scene::Cloud cloud, float step_mm) {
+  for (float& v : cloud.xyz) v = std::nearbyint(v / step_mm) * step_mm;
+  return cloud;
+}
+
+TEST(FilledScan, is_found_in_a_scan_of_few_decimals_and_a_good_scan_is_not_taken_for_one) {
+  for (const float step_mm : {0.002F, 0.005F, 0.01F, 0.02F}) {
+    const BlockResult r = inspect(rounded(filled({8.0, -42.0, -60.0}, {32.0, -18.0, 60.0}), step_mm));
+    EXPECT_EQ(r.verdict, Verdict::not_measured) << step_mm;
+    EXPECT_EQ(r.seat.plane.doubt, PlaneDoubt::filled) << step_mm;
+  }
+  const scene::Cloud good = scene::take({}, as_scanned());
+  for (const float step_mm : {0.01F, 0.02F, 0.05F, 0.1F}) {
+    const BlockResult r = inspect(rounded(good, step_mm));
+    EXPECT_EQ(r.seat.plane.doubt, PlaneDoubt::none) << step_mm;
+    EXPECT_NE(r.jaw_inner.doubt, PlaneDoubt::filled) << step_mm;
+    EXPECT_NE(r.jaw_outer.doubt, PlaneDoubt::filled) << step_mm;
+    EXPECT_NE(r.casing_inner.doubt, CasingDoubt::filled) << step_mm;
+  }
+}
+
+TEST(FormOfAScan, beyond_what_the_scanner_is_stated_to_have_enters_U_of_the_protrusions) {
+  const auto U_of = [](double amplitude_mm) {
+    scene::Block block;
+    block.relief_mm = [=](double, double s) { return amplitude_mm * std::sin(2.0 * kPi * s / 122.0); };
+    return item(inspect(scene::take(block, as_scanned())), ItemId::casing_protrusion_inner).U;
+  };
+  const double usual = U_of(0.0);
+  EXPECT_EQ(U_of(0.05), usual);
+  EXPECT_GT(U_of(0.15), 0.15);
+  EXPECT_GT(U_of(0.2), 0.2);
+}
+
 TEST(FilledScan, costs_a_jaw_its_items_alone) {
   const BlockResult good = inspect(scene::take({}, as_scanned()));
   const Vec3 at = good.jaw_inner.centroid;

@@ -498,6 +498,45 @@ TEST(Budget, what_the_form_of_its_own_faces_leaves_open_widens_U_with_a_budget_a
   }
 }
 
+TEST(Budget, the_flatness_of_a_smoothed_scan_is_in_its_own_U) {
+  Block b;
+  b.result.seat.flatness_mm = 1.2;
+  b.result.seat.flatness_noise_mm = 0.01;
+  b.result.seat.grid_points = 6'800;
+  const auto U_of = [&](double lag_ratio, double step_mm) {
+    BlockResult r = b.result;
+    r.scan.lag_ratio = lag_ratio;
+    r.scan.step_mm = Vec3(0.0, 0.0, step_mm);
+    blank_block_items(b.line.recipe(), r);
+    compute_block_items(b.line.model(), r);
+    compute_block_budget(b.line.recipe(), {}, {}, r);
+    return find(r, ItemId::seat_flatness).U;
+  };
+  EXPECT_LT(U_of(2.9, 0.0), 0.3) << "independent noise";
+  EXPECT_LT(U_of(kNoValue, 0.0), 0.3) << "a scan without noise";
+  EXPECT_GE(U_of(2.0, 0.0), 1.19) << "a mean of neighbours";
+  EXPECT_GE(U_of(kNoValue, 0.05), 1.19) << "steps that hide a filter";
+}
+
+TEST(Budget, the_form_of_the_seat_widens_the_protrusions_where_it_is_clear_of_the_scanners) {
+  const Block b;
+  for (const bool given : {true, false}) {
+    Recipe recipe = b.line.recipe();
+    recipe.uncertainty.given = given;
+    const auto U_of = [&](double seat_mm) {
+      BlockResult r = b.result;
+      blank_block_items(recipe, r);
+      compute_block_items(b.line.model(), r);
+      FormDoubt form;
+      form.seat_mm = seat_mm;
+      compute_block_budget(recipe, {}, form, r);
+      return find(r, ItemId::casing_protrusion_outer).U;
+    };
+    EXPECT_EQ(U_of(0.09), U_of(0.0));
+    EXPECT_GE(U_of(0.2), 2.0 * std::sqrt(2.0 / 3.0) * 0.2 - 1e-9);
+  }
+}
+
 TEST(ScannerBudget, a_scanner_that_is_worse_than_specified_makes_every_U_larger_and_a_better_one_none_smaller) {
   Block b;
   b.result.seat.flatness_mm = 0.05;
