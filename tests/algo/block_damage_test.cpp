@@ -11,7 +11,7 @@
 namespace slabd::algo {
 namespace {
 
-TEST(Block, FailsTheFlatnessOnlyWhenThereIsABump) {
+TEST(Block, fails_the_flatness_only_when_there_is_a_bump) {
   scene::Block block;
   block.bump_mm = 1.5;
   const BlockResult r = inspect(block);
@@ -39,7 +39,7 @@ scene::Cloud with_plateau(double side, double height) {
   return cloud;
 }
 
-TEST(Block, FailsTheFlatnessOnlyWhateverTheHeightOfAStep) {
+TEST(Block, fails_the_flatness_only_whatever_the_height_of_a_step) {
   for (const double height : {2.0, 5.0, -5.0, 12.0, 24.0, -24.0, 40.0}) {
     SCOPED_TRACE(height);
     const BlockResult r = inspect(with_plateau(40.0, height));
@@ -50,7 +50,7 @@ TEST(Block, FailsTheFlatnessOnlyWhateverTheHeightOfAStep) {
   }
 }
 
-TEST(Block, DoesNotLetAPartOfTheSeatSpeakForTheWhole) {
+TEST(Block, does_not_let_a_part_of_the_seat_speak_for_the_whole) {
   // More than half of the evaluation region is off the plane of the rest, further than any face's gate.
   for (const double height : {5.0, -5.0}) {
     SCOPED_TRACE(height);
@@ -61,11 +61,11 @@ TEST(Block, DoesNotLetAPartOfTheSeatSpeakForTheWhole) {
   }
 }
 
-TEST(Block, FailsTheFlatnessForABoltOnTheSeat) {
+TEST(Block, fails_the_flatness_for_a_bolt_on_the_seat) {
   expect_only_failure(inspect(with_plateau(8.0, 30.0)), ItemId::seat_flatness);
 }
 
-TEST(Block, FailsTheFlatnessOnlyForDamageHoweverNarrow) {
+TEST(Block, fails_the_flatness_only_for_damage_however_narrow) {
   // One or two lines of the scan wide; the shapes of WhatHangsTogetherIsNoStrayHoweverNarrow and taller ones.
   struct Case {
     const char* what;
@@ -112,7 +112,7 @@ TEST(Block, FailsTheFlatnessOnlyForDamageHoweverNarrow) {
   }
 }
 
-TEST(Block, FailsTheFlatnessForDamageThatIsNarrowAndSteepOrRagged) {
+TEST(Block, fails_the_flatness_for_damage_that_is_narrow_and_steep_or_ragged) {
   // No two neighbours of a line of the scan are at the same height.
   struct Case {
     const char* what;
@@ -150,7 +150,7 @@ TEST(Block, FailsTheFlatnessForDamageThatIsNarrowAndSteepOrRagged) {
   }
 }
 
-TEST(Block, FailsTheFlatnessForATallFinOfTwoCoarseRows) {
+TEST(Block, fails_the_flatness_for_a_tall_fin_of_two_coarse_rows) {
   // Rows 0.8 mm apart: most points of the fin's cells are on the fin.
   for (const double height_mm : {3.0, 10.0}) {
     for (const double at_mm : {3.0, 3.4, 3.8}) {
@@ -184,7 +184,7 @@ scene::Cloud raised(scene::Cloud cloud, const Rise& rise) {
   return cloud;
 }
 
-TEST(Block, DoesNotLetAPartOfAJawSpeakForTheWhole) {
+TEST(Block, does_not_let_a_part_of_a_jaw_speak_for_the_whole) {
   // Mortar on a quarter of both jaws, or a quarter broken off: 5 mm off along the normal, beyond any face's gate, in
   // the section in which the distance is defined.
   for (const double up_mm : {15.0, -15.0}) {
@@ -200,7 +200,7 @@ TEST(Block, DoesNotLetAPartOfAJawSpeakForTheWhole) {
   }
 }
 
-TEST(Block, DoesNotLetAPartOfARimSpeakForTheWhole) {
+TEST(Block, does_not_let_a_part_of_a_rim_speak_for_the_whole) {
   for (const double up_mm : {5.0, -5.0, 20.0}) {
     SCOPED_TRACE(up_mm);
     const BlockResult r = inspect(raised(good_scan(), [&](double x, double y, double) {
@@ -213,7 +213,7 @@ TEST(Block, DoesNotLetAPartOfARimSpeakForTheWhole) {
   }
 }
 
-TEST(Block, DoesNotOverlookALipOfARim) {
+TEST(Block, does_not_overlook_a_lip_of_a_rim) {
   // A millimetre of flash, on which the rail pad would rest: at the bore, or around the rim. In between the rim is
   // good.
   const double cant_rad = std::atan(1.0 / 40.0);
@@ -265,7 +265,7 @@ double slope_error_deg(const BlockResult& r) {
   return item(r, ItemId::seat_slope).value - deg_from_rad(std::atan(1.0 / 40.0));
 }
 
-TEST(Block, DoesNotLetTheDenserHalfOfTheSeatSpeakForTheWhole) {
+TEST(Block, does_not_let_the_denser_half_of_the_seat_speak_for_the_whole) {
   // The inner half sinks and returns only a fifth of its points. Five of six points are on the other half's plane.
   scene::Block block;
   for (const double depth_mm : {0.5, 0.8, 5.0}) {
@@ -285,7 +285,7 @@ TEST(Block, DoesNotLetTheDenserHalfOfTheSeatSpeakForTheWhole) {
   }
 }
 
-TEST(Block, MeasuresAFlatSeatHoweverUnevenlyItReturns) {
+TEST(Block, measures_a_flat_seat_however_unevenly_it_returns) {
   for (const double share : {0.2, 0.3, 0.5}) {
     SCOPED_TRACE(share);
     const BlockResult r = inspect(darkened(good_fine_scan(), share, inner_seat));
@@ -295,7 +295,7 @@ TEST(Block, MeasuresAFlatSeatHoweverUnevenlyItReturns) {
   }
 }
 
-TEST(Block, MeasuresABowedSeatThatReturnsEvenly) {
+TEST(Block, measures_a_bowed_seat_that_returns_evenly) {
   scene::Block block;
   for (const double bow_mm : {0.8, -0.8}) {
     SCOPED_TRACE(bow_mm);
@@ -310,7 +310,7 @@ TEST(Block, MeasuresABowedSeatThatReturnsEvenly) {
   }
 }
 
-TEST(Block, SaysByHowMuchABowedSeatLeansTowardsItsDenserHalf) {
+TEST(Block, says_by_how_much_a_bowed_seat_leans_towards_its_denser_half) {
   scene::Block block;
   block.relief_mm = [](double x, double s) {
     return 0.75 * std::max(0.0, 1.0 - std::hypot(x / 80.0, s / 100.0) * std::hypot(x / 80.0, s / 100.0));
@@ -329,7 +329,7 @@ TEST(Block, SaysByHowMuchABowedSeatLeansTowardsItsDenserHalf) {
   EXPECT_GT(largest, 0.03) << "as much as U without it";
 }
 
-TEST(Block, DoesNotLetTheDenserPartOfAJawSpeakForTheWhole) {
+TEST(Block, does_not_let_the_denser_part_of_a_jaw_speak_for_the_whole) {
   const auto outer_jaw = [](double y, double z) { return y > 186.0 && y < 200.0 && z > 5.5 && z < 29.0; };
   struct Case {
     const char* what;
@@ -362,7 +362,7 @@ TEST(Block, DoesNotLetTheDenserPartOfAJawSpeakForTheWhole) {
   EXPECT_EQ(good.verdict, Verdict::pass) << "a half that is only dark";
 }
 
-TEST(Block, DoesNotLetTheDenserHalfOfTheSlabTopSpeakForTheWhole) {
+TEST(Block, does_not_let_the_denser_half_of_the_slab_top_speak_for_the_whole) {
   const auto half = [](double, double y, double z) { return y < 0.0 && !on_block(z); };
   const BlockResult r = inspect(raised(darkened(good_fine_scan(), 0.2, half),
                                        [&](double x, double y, double z) { return half(x, y, z) ? 0.004 * y : 0.0; }));
@@ -371,7 +371,7 @@ TEST(Block, DoesNotLetTheDenserHalfOfTheSlabTopSpeakForTheWhole) {
   EXPECT_EQ(inspect(darkened(good_fine_scan(), 0.2, half)).verdict, Verdict::pass) << "a half that is only dark";
 }
 
-TEST(Block, DoesNotLetTheDenserHalfOfARimSpeakForTheWhole) {
+TEST(Block, does_not_let_the_denser_half_of_a_rim_speak_for_the_whole) {
   const auto half = [](double x, double y, double z) {
     return x > 0.0 && std::hypot(x, y - 116.5) < 22.3 && on_block(z);
   };
@@ -389,7 +389,7 @@ TEST(Block, DoesNotLetTheDenserHalfOfARimSpeakForTheWhole) {
   EXPECT_EQ(lip.verdict, Verdict::not_measured);
 }
 
-TEST(Block, DoesNotLetTheDenserHalfOfATiltedRimSpeakForTheWhole) {
+TEST(Block, does_not_let_the_denser_half_of_a_tilted_rim_speak_for_the_whole) {
   const double cant_rad = std::atan(1.0 / 40.0);
   const auto on_rim = [&](double x, double y, double z) {
     return std::hypot(x, y / std::cos(cant_rad) - 116.5) < 22.0 && on_block(z);

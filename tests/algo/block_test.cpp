@@ -12,7 +12,7 @@
 namespace slabd::algo {
 namespace {
 
-TEST(Block, MeasuresAVariedBlockFarBetterThanItsTolerances) {
+TEST(Block, measures_a_varied_block_far_better_than_its_tolerances) {
   Prng prng(21);
   const auto around = [&](double middle, double reach) { return middle + reach * (2.0 * prng.uniform() - 1.0); };
   for (std::uint64_t seed = 1; seed <= 4; ++seed) {
@@ -47,7 +47,7 @@ TEST(Block, MeasuresAVariedBlockFarBetterThanItsTolerances) {
   }
 }
 
-TEST(Block, PassesTheNominalBlock) {
+TEST(Block, passes_the_nominal_block) {
   const BlockResult r = inspect(scene::Block{});
   EXPECT_EQ(r.verdict, Verdict::pass);
   EXPECT_EQ(r.reason, 0);
@@ -59,42 +59,42 @@ TEST(Block, PassesTheNominalBlock) {
   EXPECT_NEAR(r.seat.normal_datum.norm(), 1.0, 1e-12);
 }
 
-TEST(Block, FailsTheSlopeOnly) {
+TEST(Block, fails_the_slope_only) {
   scene::Block block;
   block.cant_ratio = 35.0;
   expect_only_failure(inspect(block), ItemId::seat_slope);
 }
-TEST(Block, FailsTheJawDistanceOnly) {
+TEST(Block, fails_the_jaw_distance_only) {
   scene::Block block;
   block.jaw_distance_mm = 380.9;
   expect_only_failure(inspect(block), ItemId::jaw_distance);
 }
-TEST(Block, FailsTheInnerJawAngleOnly) {
+TEST(Block, fails_the_inner_jaw_angle_only) {
   scene::Block block;
   block.jaw_angle_inner_deg = 111.5;
   expect_only_failure(inspect(block), ItemId::jaw_angle_inner);
 }
-TEST(Block, FailsTheOuterJawAngleOnly) {
+TEST(Block, fails_the_outer_jaw_angle_only) {
   scene::Block block;
   block.jaw_angle_outer_deg = 108.5;
   expect_only_failure(inspect(block), ItemId::jaw_angle_outer);
 }
-TEST(Block, FailsTheCasingSpacingOnly) {
+TEST(Block, fails_the_casing_spacing_only) {
   scene::Block block;
   block.casing_spacing_mm = 233.9;
   expect_only_failure(inspect(block), ItemId::casing_spacing);
 }
-TEST(Block, FailsTheOuterProtrusionOnly) {
+TEST(Block, fails_the_outer_protrusion_only) {
   scene::Block block;
   block.rim_outer_mm = 0.3;
   expect_only_failure(inspect(block), ItemId::casing_protrusion_outer);
 }
-TEST(Block, FailsTheInnerProtrusionOnly) {
+TEST(Block, fails_the_inner_protrusion_only) {
   scene::Block block;
   block.rim_inner_mm = -0.8;
   expect_only_failure(inspect(block), ItemId::casing_protrusion_inner);
 }
-TEST(Block, HasNoSlopeWithoutASlabTopAndNeverTakesAnotherDatum) {
+TEST(Block, has_no_slope_without_a_slab_top_and_never_takes_another_datum) {
   scene::Block block;
   block.slab_top_seen = false;
   const BlockResult r = inspect(block);
@@ -131,7 +131,7 @@ class BlockOrder : public testing::TestWithParam<double> {};
 INSTANTIATE_TEST_SUITE_P(Rays, BlockOrder, testing::Values(0.0, 600.0),
                          [](const auto& focus) { return focus.param == 0.0 ? "parallel" : "perspective"; });
 
-TEST_P(BlockOrder, IsTheSameWithinNoiseOrganisedOrNot) {
+TEST_P(BlockOrder, is_the_same_within_noise_organised_or_not) {
   scene::Scan scan;
   scan.focus_mm = GetParam();
   const scene::Cloud in_scan_order = scene::take({}, scan);
@@ -157,7 +157,7 @@ TEST_P(BlockOrder, IsTheSameWithinNoiseOrganisedOrNot) {
   EXPECT_EQ(ordered.scan.points_kept, a.scan.points_kept);
 }
 
-TEST(Block, GivesTheSameBitsWhateverOrderOfNoMeaningItsPointsHave) {
+TEST(Block, gives_the_same_bits_whatever_order_of_no_meaning_its_points_have) {
   const scene::Cloud cloud = scene::take({}, {});
   const BlockResult first = inspect_roomy(without_order(cloud, 1));
   const BlockResult second = inspect_roomy(without_order(cloud, 2));
@@ -169,7 +169,7 @@ TEST(Block, GivesTheSameBitsWhateverOrderOfNoMeaningItsPointsHave) {
   EXPECT_EQ(first.registration.T_scanner_block.to_array(), second.registration.T_scanner_block.to_array());
 }
 
-TEST(Block, GivesTheSameBitsAgainAndAfterAnotherBlock) {
+TEST(Block, gives_the_same_bits_again_and_after_another_block) {
   const scene::Cloud cloud = scene::take({}, {});
   BlockInspector inspector;
   inspector.use(scene::p5600());
@@ -195,7 +195,7 @@ TEST(Block, GivesTheSameBitsAgainAndAfterAnotherBlock) {
   EXPECT_EQ(first.registration.deviation.std_mm, again.registration.deviation.std_mm);
 }
 
-TEST(Block, ReportsTheSeatInTheBaseFrame) {
+TEST(Block, reports_the_seat_in_the_base_frame) {
   const Pose T_base_block = scene::displaced(1000.0, -500.0, 300.0, 10.0, 20.0, 30.0);
   scene::Scan scan;
   scan.displacement = scene::displaced(2.0, -1.0, 1.5, 0.0, 0.0, 0.2);
@@ -239,7 +239,7 @@ scene::Cloud only(scene::Cloud cloud, const Stays& stays) {
   return cloud;
 }
 
-TEST(Block, HasNoFlatnessWhenPartOfTheSeatWasNotSeen) {
+TEST(Block, has_no_flatness_when_part_of_the_seat_was_not_seen) {
   for (const double side : {12.0, 30.0, 70.0}) {
     SCOPED_TRACE(side);
     const BlockResult r = inspect(only(scene::take({}, {}), [side](double x, double y, double) {
@@ -253,7 +253,7 @@ TEST(Block, HasNoFlatnessWhenPartOfTheSeatWasNotSeen) {
   }
 }
 
-TEST(Block, PassesFromACoarseScan) {
+TEST(Block, passes_from_a_coarse_scan) {
   for (const double pitch_mm : {0.373, 0.42}) {
     scene::Scan scan;
     scan.pitch_mm = pitch_mm;
@@ -262,7 +262,7 @@ TEST(Block, PassesFromACoarseScan) {
   }
 }
 
-TEST(Block, HasNoSlopeFromACornerOfTheSlabTop) {
+TEST(Block, has_no_slope_from_a_corner_of_the_slab_top) {
   // 20 mm: the noise of such a corner allows an accurate tilt, but it is not that of the slab.
   for (const double side : {8.0, 20.0, 50.0}) {
     SCOPED_TRACE(side);
@@ -276,14 +276,14 @@ TEST(Block, HasNoSlopeFromACornerOfTheSlabTop) {
   }
 }
 
-TEST(Block, HasNoSlopeFromFourSpotsOfTheSlabTop) {
+TEST(Block, has_no_slope_from_four_spots_of_the_slab_top) {
   const BlockResult r = inspect(only(scene::take({}, {}), [](double x, double y, double z) {
     return on_block(z) || (std::abs(std::abs(x) - 145.0) < 4.0 && std::abs(std::abs(y) - 200.0) < 4.0);
   }));
   EXPECT_FALSE(r.slab_top.ok) << "far apart, but four spots of dirt would do the same";
 }
 
-TEST(Block, HasItsSlopeFromASmallFieldOfView) {
+TEST(Block, has_its_slope_from_a_small_field_of_view) {
   scene::Scan scan;
   scan.field_x_mm = 260.0;
   scan.field_y_mm = 420.0;
@@ -292,7 +292,7 @@ TEST(Block, HasItsSlopeFromASmallFieldOfView) {
   EXPECT_EQ(r.verdict, Verdict::pass);
 }
 
-TEST(Block, HasNoJawAngleFromAPieceOfTheJaw) {
+TEST(Block, has_no_jaw_angle_from_a_piece_of_the_jaw) {
   const BlockResult narrow = inspect(only(scene::take({}, {}), [](double x, double y, double z) {
     return y < 180.0 || z > 28.0 || !on_block(z) || std::abs(x) < 15.0;
   }));
@@ -311,7 +311,7 @@ TEST(Block, HasNoJawAngleFromAPieceOfTheJaw) {
   EXPECT_EQ(half.findings[0].kind, FindingKind::missing);
 }
 
-TEST(Block, StatesTheUncertaintyOfItsStandardDeviation) {
+TEST(Block, states_the_uncertainty_of_its_standard_deviation) {
   const BlockResult r = inspect(scene::Block{});
   const Item& seat_std = item(r, ItemId::seat_std);
   EXPECT_GT(r.seat.grid_points, 5000U);
@@ -321,7 +321,7 @@ TEST(Block, StatesTheUncertaintyOfItsStandardDeviation) {
   EXPECT_EQ(seat_std.verdict, Verdict::none);
 }
 
-TEST(Block, FindsCasingsDespitePatchesMissingAtTheirEdges) {
+TEST(Block, finds_casings_despite_patches_missing_at_their_edges) {
   scene::Cloud cloud = scene::take({}, {});
   // The scanner looks down with its Y opposite to the block's: the outer casing is at y = -116.5.
   erase_patch(cloud, 0.0, -116.5 + 15.0, 5.0);
@@ -332,7 +332,7 @@ TEST(Block, FindsCasingsDespitePatchesMissingAtTheirEdges) {
   EXPECT_NEAR(item(r, ItemId::casing_protrusion_outer).value, -0.25, 0.005);
 }
 
-TEST(Block, MeasuresACasingOfWhichFourTenthsAreHiddenAndSaysHowWell) {
+TEST(Block, measures_a_casing_of_which_four_tenths_are_hidden_and_says_how_well) {
   scene::Cloud cloud = scene::take({}, {});
   erase_patch(cloud, 0.0, -116.5 + 16.0, 19.0);
   const BlockResult r = inspect(cloud);
@@ -342,7 +342,7 @@ TEST(Block, MeasuresACasingOfWhichFourTenthsAreHiddenAndSaysHowWell) {
   EXPECT_NEAR(item(r, ItemId::casing_spacing).value, 233.0, 4.0 * sigma + 0.02);
 }
 
-TEST(Block, DoesNotGuessACasingThatIsMoreThanHalfHidden) {
+TEST(Block, does_not_guess_a_casing_that_is_more_than_half_hidden) {
   scene::Cloud cloud = scene::take({}, {});
   erase_patch(cloud, 0.0, -116.5 + 16.0, 24.0);
   const BlockResult r = inspect(cloud);
@@ -355,7 +355,7 @@ TEST(Block, DoesNotGuessACasingThatIsMoreThanHalfHidden) {
   EXPECT_FALSE(r.observation.ok) << "the seat reference point needs both casings";
 }
 
-TEST(Block, IsMeasuredWithAToolLyingOnItsShoulder) {
+TEST(Block, is_measured_with_a_tool_lying_on_its_shoulder) {
   scene::Cloud cloud = scene::take({}, {});
   for (std::size_t i = 0; i < cloud.xyz.size() / 3; ++i) {
     float* p = cloud.xyz.data() + 3 * i;
@@ -377,7 +377,7 @@ void expect_nothing_measured(const BlockResult& r, Code code) {
   EXPECT_FALSE(r.observation.ok);
 }
 
-TEST(Block, OfNothingButMissingPointsIsNotMeasured) {
+TEST(Block, of_nothing_but_missing_points_is_not_measured) {
   scene::Cloud cloud;
   cloud.xyz.assign(3 * 100000, std::numeric_limits<float>::quiet_NaN());
   cloud.width = 1000;
@@ -385,11 +385,11 @@ TEST(Block, OfNothingButMissingPointsIsNotMeasured) {
   expect_nothing_measured(inspect(cloud), Code::too_few_points);
 }
 
-TEST(Block, OfAnEmptyScanIsNotMeasured) {
+TEST(Block, of_an_empty_scan_is_not_measured) {
   expect_nothing_measured(inspect(scene::Cloud{}), Code::too_few_points);
 }
 
-TEST(Block, OfTooFewPointsIsNotMeasured) {
+TEST(Block, of_too_few_points_is_not_measured) {
   scene::Cloud cloud = scene::take({}, {});
   cloud.xyz.resize(3 * 40000);
   const BlockResult r = inspect(cloud);
@@ -398,13 +398,13 @@ TEST(Block, OfTooFewPointsIsNotMeasured) {
   EXPECT_EQ(r.registration.note.view(), "not tried: too few points");
 }
 
-TEST(Block, ThatIsNotThereIsNotMeasured) {
+TEST(Block, that_is_not_there_is_not_measured) {
   scene::Block bare;
   bare.present = false;
   expect_nothing_measured(inspect(scene::take(bare, {})), Code::block_not_found);
 }
 
-TEST(Block, ThatIsNotThereHasNoMapOfAnotherOne) {
+TEST(Block, that_is_not_there_has_no_map_of_another_one) {
   BlockInspector inspector;
   inspector.use(scene::p5600());
   const auto map_of = [&](const scene::Block& block) {
@@ -424,7 +424,7 @@ TEST(Block, ThatIsNotThereHasNoMapOfAnotherOne) {
   EXPECT_GT(inspector.result().registration.deviation.count, 0U) << "the test asks what it should";
 }
 
-TEST(Block, WithARoughSeatIsNotMeasuredRatherThanGuessed) {
+TEST(Block, with_a_rough_seat_is_not_measured_rather_than_guessed) {
   // Every third point around the seat is off by less than denoising removes: no plane has 80 % of them.
   scene::Cloud cloud = scene::take({}, {});
   Prng prng(6);
@@ -436,7 +436,7 @@ TEST(Block, WithARoughSeatIsNotMeasuredRatherThanGuessed) {
   expect_nothing_measured(inspect(cloud), Code::fit_failed);
 }
 
-TEST(Block, IsRefusedWhenItsScanDoesNotFitItsBuffer) {
+TEST(Block, is_refused_when_its_scan_does_not_fit_its_buffer) {
   BlockInspector inspector;
   inspector.use(scene::p5600());
   inspector.begin(1, Pose::identity(), nominal_T_block_scanner());
@@ -448,7 +448,7 @@ TEST(Block, IsRefusedWhenItsScanDoesNotFitItsBuffer) {
   EXPECT_EQ(inspector.result().registration.status, RegistrationStatus::rejected);
 }
 
-TEST(Block, IsNotExtractedWithoutAConvergedRegistration) {
+TEST(Block, is_not_extracted_without_a_converged_registration) {
   scene::Cloud cloud = scene::take({}, {});
   BlockInspector inspector;
   inspector.use(scene::p5600());
@@ -456,7 +456,7 @@ TEST(Block, IsNotExtractedWithoutAConvergedRegistration) {
   EXPECT_FALSE(inspector.extract(cloud.view()).ok());
 }
 
-TEST(Block, JudgedWithACodeNeverKeepsAPass) {
+TEST(Block, judged_with_a_code_never_keeps_a_pass) {
   scene::Cloud cloud = scene::take({}, {});
   BlockInspector inspector;
   inspector.use(scene::p5600());
@@ -471,7 +471,7 @@ TEST(Block, JudgedWithACodeNeverKeepsAPass) {
   for (const Item& i : inspector.result().items) EXPECT_EQ(i.verdict, Verdict::not_measured);
 }
 
-TEST(Block, IsIndeterminateWithinTheGuardBandAndNotWithSimpleAcceptance) {
+TEST(Block, is_indeterminate_within_the_guard_band_and_not_with_simple_acceptance) {
   scene::Block block;
   block.jaw_distance_mm = 380.45;
   EXPECT_EQ(item(inspect(block), ItemId::jaw_distance).verdict, Verdict::indeterminate);

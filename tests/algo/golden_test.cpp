@@ -168,7 +168,7 @@ Stages measure(BlockInspector& inspector, const std::vector<float>& scan, Order 
 
 const std::string kGoldenFile = places::source_dir() + "/tests/algo/golden_bits.txt";
 
-TEST(Golden, AFixedBlockHasTheBitsItAlwaysHad) {
+TEST(Golden, a_fixed_block_has_the_bits_it_always_had) {
   BlockInspector inspector;
   inspector.use(scene::p5600());
   Stages stages;
@@ -193,7 +193,7 @@ TEST(Golden, AFixedBlockHasTheBitsItAlwaysHad) {
   EXPECT_EQ(golden.size(), stages.size());
 }
 
-TEST(Golden, OneThreadOrTwoAndEveryInstructionSetGiveTheSameBits) {
+TEST(Golden, one_thread_or_two_and_every_instruction_set_give_the_same_bits) {
   for (const Order order : kOrders) {
     const std::vector<float> scan = fixed_scan(7, order);
     std::map<std::string, Stages> seen;
@@ -219,7 +219,7 @@ TEST(Golden, OneThreadOrTwoAndEveryInstructionSetGiveTheSameBits) {
   }
 }
 
-TEST(Golden, TwoInspectorsAtWorkTogetherHaveTheBitsOfOne) {
+TEST(Golden, two_inspectors_at_work_together_have_the_bits_of_one) {
   const std::vector<std::vector<float>> scans = {fixed_scan(1), fixed_scan(2)};
   std::vector<Stages> alone(2);
   {

@@ -68,7 +68,7 @@ double in_lane_order(std::array<double, 16> v) {
   return v[0];
 }
 
-TEST(Lanes, GiveTheBitsOfAPlainLoopOnEveryInstructionSet) {
+TEST(Lanes, give_the_bits_of_a_plain_loop_on_every_instruction_set) {
   const Restore restore;
   Prng prng(5);
   std::array<float, 48> xyz{};
@@ -117,7 +117,7 @@ TEST(Lanes, GiveTheBitsOfAPlainLoopOnEveryInstructionSet) {
   EXPECT_GE(seen, 2);
 }
 
-TEST(Lanes, TheSetInUseIsTheOneAskedFor) {
+TEST(Lanes, the_set_in_use_is_the_one_asked_for) {
   const Restore restore;
   ASSERT_TRUE(limit_instruction_set(InstructionSet::best));
   const std::string best(instruction_set());

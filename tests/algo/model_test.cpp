@@ -16,7 +16,7 @@ BlockModel p5600_model() {
   return model;
 }
 
-TEST(BlockModel, HasTheJawsWhereTheDrawingHasThem) {
+TEST(BlockModel, has_the_jaws_where_the_drawing_has_them) {
   const BlockModel model = p5600_model();
   const Plane& seat = model.plane(Face::seat);
   const Vec3 outer = 190.0 * model.along_seat() + 10.0 * seat.n;
@@ -30,7 +30,7 @@ TEST(BlockModel, HasTheJawsWhereTheDrawingHasThem) {
   EXPECT_NEAR(seat.n.y() / seat.n.z(), -1.0 / 40.0, 1e-15);
 }
 
-TEST(BlockModel, ShowsTheSurfaceAnIndependentSceneShows) {
+TEST(BlockModel, shows_the_surface_an_independent_scene_shows) {
   const BlockModel model = p5600_model();
   scene::Scan scan;
   scan.noise_mm = 0.0;
@@ -58,7 +58,7 @@ TEST(BlockModel, ShowsTheSurfaceAnIndependentSceneShows) {
   EXPECT_GT(seen, 300000U);
 }
 
-TEST(FaceTable, KnowsEveryFaceWithinItsReachAndNoneBeyond) {
+TEST(FaceTable, knows_every_face_within_its_reach_and_none_beyond) {
   const BlockModel model = p5600_model();
   std::vector<std::uint16_t> wide(FaceTable::kCells);
   std::vector<std::uint16_t> near(FaceTable::kCells);

@@ -8,14 +8,14 @@
 namespace slabd::algo {
 namespace {
 
-TEST(Moments, KeepTheVarianceOfFourHugeNumbers) {
+TEST(Moments, keep_the_variance_of_four_huge_numbers) {
   ScalarMoments m(1e9);
   for (const double v : {4.0, 7.0, 13.0, 16.0}) m.add(1e9 + v);
   m.close_block();
   EXPECT_DOUBLE_EQ(m.variance(1), 30.0);
 }
 
-TEST(Moments, KeepTheStandardDeviationOfNearlyEqualNumbers) {
+TEST(Moments, keep_the_standard_deviation_of_nearly_equal_numbers) {
   ScalarMoments m(10000000.2);
   m.add(10000000.2);
   for (int i = 0; i < 500; ++i) {
@@ -27,7 +27,7 @@ TEST(Moments, KeepTheStandardDeviationOfNearlyEqualNumbers) {
   EXPECT_NEAR(std::sqrt(m.variance(1)), 0.1, 1e-8);
 }
 
-TEST(Moments, AgreeWithTwoPassesInLongDoubleFarFromTheOrigin) {
+TEST(Moments, agree_with_two_passes_in_long_double_far_from_the_origin) {
   Prng prng(3);
   std::vector<Vec3> points;
   for (int i = 0; i < 20000; ++i)
@@ -54,7 +54,7 @@ TEST(Moments, AgreeWithTwoPassesInLongDoubleFarFromTheOrigin) {
   }
 }
 
-TEST(Moments, OfTooFewNumbersHaveNoVariance) {
+TEST(Moments, of_too_few_numbers_have_no_variance) {
   ScalarMoments m(0.0);
   m.add(1.0);
   m.close_block();

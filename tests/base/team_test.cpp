@@ -11,7 +11,7 @@
 namespace slabd {
 namespace {
 
-TEST(Team, DoesEveryBlockOnce) {
+TEST(Team, does_every_block_once) {
   for (const int threads : {1, 2}) {
     Team team(threads);
     EXPECT_EQ(team.threads(), threads);
@@ -23,7 +23,7 @@ TEST(Team, DoesEveryBlockOnce) {
   }
 }
 
-TEST(Team, SurvivesManyShortJobsAndLongPauses) {
+TEST(Team, survives_many_short_jobs_and_long_pauses) {
   Team team(2);
   std::atomic<std::size_t> sum{0};
   for (int job = 0; job < 20000; ++job) team.run(4, [&](std::size_t block) { sum += block; });

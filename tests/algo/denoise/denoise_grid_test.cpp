@@ -209,7 +209,7 @@ struct Seen {
   bool accepted = false;
 };
 
-TEST(DenoiseGrid, TakesOutExactlyWhatThePlainRulesTakeOut) {
+TEST(DenoiseGrid, takes_out_exactly_what_the_plain_rules_take_out) {
   std::array<std::size_t, plain::kVerdicts> met{};
   int number = 0;
   for (const Scan& scan : scans()) {
@@ -275,7 +275,7 @@ TEST(DenoiseGrid, TakesOutExactlyWhatThePlainRulesTakeOut) {
   }
 }
 
-TEST(DenoiseGrid, LosesHardlyAPointByAskingOneOfPlanesThatAreAlike) {
+TEST(DenoiseGrid, loses_hardly_a_point_by_asking_one_of_planes_that_are_alike) {
   // The kernels test only one of several similar planes. Points on another of them alone are removed, unless they are
   // connected; one that is not may be what made a group long.
   const auto on_no_plane = [](plain::Verdict v) { return plain::is_noise(v) || v == plain::Verdict::damage; };

@@ -49,7 +49,7 @@ std::vector<bool> survivors(const std::vector<float>& before, const std::vector<
   return there;
 }
 
-TEST(PointGrid, HoldsEveryPointOnceAndKnowsThePitch) {
+TEST(PointGrid, holds_every_point_once_and_knows_the_pitch) {
   Prng prng(4);
   for (const double pitch : {0.15, 0.4, 0.8}) {
     std::vector<float> xyz;
@@ -76,7 +76,7 @@ TEST(PointGrid, HoldsEveryPointOnceAndKnowsThePitch) {
   }
 }
 
-TEST(Denoise, SurvivesAbsurdCoordinatesAndNothingAtAll) {
+TEST(Denoise, survives_absurd_coordinates_and_nothing_at_all) {
   const float huge = std::numeric_limits<float>::max();
   const float nan = std::numeric_limits<float>::quiet_NaN();
   std::vector<float> xyz = {
@@ -89,7 +89,7 @@ TEST(Denoise, SurvivesAbsurdCoordinatesAndNothingAtAll) {
   EXPECT_EQ(denoiser.run(empty), 0U);
 }
 
-TEST(Denoise, IsBoundedWhenEverythingShoutsFromOneCell) {
+TEST(Denoise, is_bounded_when_everything_shouts_from_one_cell) {
   // 40 000 points above one spot, each at least a millimetre from the next: every lookup would visit all of them.
   std::vector<float> xyz;
   for (int i = 0; i < 40000; ++i) xyz.insert(xyz.end(), {0.0F, 0.0F, 2.0F * static_cast<float>(i)});
@@ -162,7 +162,7 @@ TEST(Denoise, ends_soon_when_its_caller_does_not_want_to_wait) {
                               denoiser.team, denoiser.counts));
 }
 
-TEST(Denoise, LosesAlmostNoSurfacePointAtAnyPitchAndSlope) {
+TEST(Denoise, loses_almost_no_surface_point_at_any_pitch_and_slope) {
   for (const double pitch : {0.17, 0.255, 0.42, 0.8}) {
     for (const double tilt : {0.0, 45.0, 70.0, 80.0}) {
       std::vector<float> xyz = tilted(tilt, pitch, 11);
@@ -222,7 +222,7 @@ Quality quality(scene::Scan scan) {
   return {percent(left[0], all[0]), percent(all[1] - left[1], all[1]), percent(all[2] - left[2], all[2])};
 }
 
-TEST(Denoise, RemovesOutliersAndKeepsTheSurfaceWhateverThePitchAndTheView) {
+TEST(Denoise, removes_outliers_and_keeps_the_surface_whatever_the_pitch_and_the_view) {
   struct Case {
     double pitch, ratio, focus, far, share;
     int clump;
@@ -270,7 +270,7 @@ Points kept_of(const Points& points) {
   return left;
 }
 
-TEST(Denoise, KeepsTheSamePointsInWhateverOrderTheyCome) {
+TEST(Denoise, keeps_the_same_points_in_whatever_order_they_come) {
   scene::Scan scan;
   scan.pitch_mm = 0.7;
   scan.outlier_share = 0.05;
@@ -282,7 +282,7 @@ TEST(Denoise, KeepsTheSamePointsInWhateverOrderTheyCome) {
   EXPECT_TRUE(kept_of(points) == kept_of(shuffled(points, 3)));
 }
 
-TEST(Denoise, KeepsTheSamePointsInWhateverOrderTheyComeWhereTheScannerLingered) {
+TEST(Denoise, keeps_the_same_points_in_whatever_order_they_come_where_the_scanner_lingered) {
   // A step and a slope meet. In a patch the density is ten and forty times higher, and a clump of noise is too large to
   // be followed at once.
   for (const int times : {10, 40}) {
@@ -313,7 +313,7 @@ TEST(Denoise, KeepsTheSamePointsInWhateverOrderTheyComeWhereTheScannerLingered) 
   }
 }
 
-TEST(Denoise, GivesAScanItsGridBackOnlyIfItsRaysAreEvenlySpaced) {
+TEST(Denoise, gives_a_scan_its_grid_back_only_if_its_rays_are_evenly_spaced) {
   for (const double focus : {0.0, 600.0}) {
     scene::Scan scan;
     scan.pitch_mm = 0.5;
@@ -410,7 +410,7 @@ double discs_lost(double diameter_mm, double up_mm) {
   return 100.0 * static_cast<double>(lost) / static_cast<double>(disc.size());
 }
 
-TEST(Denoise, KeepsAChipAndABumpOfTwoMillimetres) {
+TEST(Denoise, keeps_a_chip_and_a_bump_of_two_millimetres) {
   // Removed points of a defect would hide it.
   for (const double up : {-2.0, -1.0, 1.0, 3.0}) {
     EXPECT_LE(discs_lost(2.0, up), 3.0) << up << " mm";
@@ -478,7 +478,7 @@ Left left_of(const scene::Scan& scan, double wide_mm, double up_mm, double jitte
       scan, wide_mm, [&](double, double) { return up_mm; }, jitter_mm, views, 15.0);
 }
 
-TEST(Denoise, KeepsWhatHangsTogetherHoweverNarrow) {
+TEST(Denoise, keeps_what_hangs_together_however_narrow) {
   // One line of the scan wide, in places two, or two, in places three; also without a grid and without a lattice.
   struct View {
     double pitch;
@@ -504,7 +504,7 @@ TEST(Denoise, KeepsWhatHangsTogetherHoweverNarrow) {
   }
 }
 
-TEST(Denoise, KeepsWhatHangsTogetherOverALengthHoweverSteepOrRagged) {
+TEST(Denoise, keeps_what_hangs_together_over_a_length_however_steep_or_ragged) {
   // A leaning wire, half as steep as a fin's back, and a torn edge with another height every quarter of a millimetre:
   // no two neighbours are at the same height.
   const auto leaning = [](double, double s) { return 1.0 + 1.6 * std::abs(std::remainder(s, 72.0)); };
@@ -528,7 +528,7 @@ TEST(Denoise, KeepsWhatHangsTogetherOverALengthHoweverSteepOrRagged) {
   }
 }
 
-TEST(Denoise, KeepsWhatHangsTogetherHoweverManyViewsSawIt) {
+TEST(Denoise, keeps_what_hangs_together_however_many_views_saw_it) {
   // Views from one position have the same rays, each with a point of every view. A line of the scan has gaps as wide as
   // in a single view, although there are several times as many points.
   for (const double focus : {0.0, 600.0}) {
@@ -546,7 +546,7 @@ TEST(Denoise, KeepsWhatHangsTogetherHoweverManyViewsSawIt) {
   }
 }
 
-TEST(Denoise, RemovesOutliersHoweverManyTouch) {
+TEST(Denoise, removes_outliers_however_many_touch) {
   // Single ones and clumps in a row of the grid; the nearer they are, the more are at one height by chance. About half
   // of the remaining ones are on a surface: nearly as many remained when connected noise was not kept.
   struct Case {
@@ -604,7 +604,7 @@ void expect_same(const Outcome& a, const Outcome& b, const char* what) {
   EXPECT_EQ(std::memcmp(a.xyz.data(), b.xyz.data(), a.xyz.size() * sizeof(float)), 0) << what;
 }
 
-TEST(Denoise, BelievesNoShapeThatIsNotSo) {
+TEST(Denoise, believes_no_shape_that_is_not_so) {
   // A fin one column wide on the seat. With wrong neighbours from the header, the fin was isolated in its rows and was
   // removed as noise, while all planes of the level seat were accepted.
   for (const double focus : {0.0, 600.0}) {
@@ -669,7 +669,7 @@ TEST(Denoise, BelievesNoShapeThatIsNotSo) {
   }
 }
 
-TEST(Denoise, BelievesTheShapeOfEveryGoodScan) {
+TEST(Denoise, believes_the_shape_of_every_good_scan) {
   struct View {
     double pitch, ratio, focus, missing, field_x, tilt_deg, roll_deg;
   };
@@ -711,7 +711,7 @@ std::vector<float> sheet_with(const std::vector<std::array<float, 3>>& extra, fl
   return xyz;
 }
 
-TEST(Denoise, RemovesAClumpOfFiveAndKeepsAnObject) {
+TEST(Denoise, removes_a_clump_of_five_and_keeps_an_object) {
   for (const float pitch : {0.2F, 0.4F, 0.8F}) {
     std::vector<std::array<float, 3>> clump;
     for (const auto& [x, y] : {std::array{0.0F, 0.0F}, std::array{1.0F, 0.0F}, std::array{-1.0F, 0.0F},

@@ -102,7 +102,7 @@ void remove(std::vector<float>& xyz, std::size_t point) {
   std::fill_n(xyz.begin() + static_cast<std::ptrdiff_t>(3 * point), 3, kNaN);
 }
 
-TEST(LatticeSample, OfASmallScanIsEveryPoint) {
+TEST(LatticeSample, of_a_small_scan_is_every_point) {
   Lattice lattice;
   // All finite; then with missing ones between them.
   for (std::size_t points = kSampleMin; points <= kSampleMin + 40; ++points) {
@@ -120,7 +120,7 @@ TEST(LatticeSample, OfASmallScanIsEveryPoint) {
 }
 
 /// One point decides; it is tested at every position of a sixteen, at the beginning, inside and at the end.
-TEST(LatticeSample, HasAChosenPointWhereverItStands) {
+TEST(LatticeSample, has_a_chosen_point_wherever_it_stands) {
   for (const std::size_t points : {20'000U, 20'001U, 20'015U}) {
     constexpr std::size_t kFirst = 60;
     const std::vector<float> others = scan(points, kSampleMin - 1, kFirst);
@@ -153,7 +153,7 @@ TEST(LatticeSample, HasAChosenPointWhereverItStands) {
   }
 }
 
-TEST(LatticeSample, HasNoPointTwiceAndNoneThatIsNotChosen) {
+TEST(LatticeSample, has_no_point_twice_and_none_that_is_not_chosen) {
   for (const std::size_t points : {40'000U, 40'001U, 40'013U}) {
     SCOPED_TRACE(points);
     std::vector<float> xyz = scan(points, kLatticeSampleMax);
@@ -174,7 +174,7 @@ TEST(LatticeSample, HasNoPointTwiceAndNoneThatIsNotChosen) {
   }
 }
 
-TEST(LatticeSample, IsTheSameInPiecesAndOnTwoThreads) {
+TEST(LatticeSample, is_the_same_in_pieces_and_on_two_threads) {
   constexpr std::size_t kPoints = 2 * kPiece + 17;
   const std::vector<float> others = scan(kPoints, kSampleMin - 1);
   std::array<float, 3> one;
@@ -200,7 +200,7 @@ TEST(LatticeSample, IsTheSameInPiecesAndOnTwoThreads) {
 }
 
 /// Real scans in any order: about the wanted number, and one lattice.
-TEST(LatticeSample, OfAScanIsTheShareStatedAndLeadsToOneLattice) {
+TEST(LatticeSample, of_a_scan_is_the_share_stated_and_leads_to_one_lattice) {
   for (const double focus_mm : {0.0, 600.0}) {
     for (const double pitch_mm : {0.5, 1.1}) {
       SCOPED_TRACE(std::to_string(focus_mm) + ' ' + std::to_string(pitch_mm));

@@ -169,7 +169,7 @@ struct Plain {
   }
 };
 
-TEST(Lattice, IsTheSameInWhateverOrderThePointsComeAndOnTwoThreads) {
+TEST(Lattice, is_the_same_in_whatever_order_the_points_come_and_on_two_threads) {
   for (const double focus : {0.0, 600.0}) {
     std::vector<float> xyz = scan(focus);
     std::vector<float> mixed = shuffled(xyz);
@@ -185,7 +185,7 @@ TEST(Lattice, IsTheSameInWhateverOrderThePointsComeAndOnTwoThreads) {
   }
 }
 
-TEST(Lattice, IsNoneInTooFewPointsAndInPointsWithoutColumns) {
+TEST(Lattice, is_none_in_too_few_points_and_in_points_without_columns) {
   std::vector<float> few = {0.0F, 0.0F, 0.0F, 1.0F, 0.0F, 0.0F};
   std::vector<float> one_place;
   std::vector<float> anywhere;
@@ -199,7 +199,7 @@ TEST(Lattice, IsNoneInTooFewPointsAndInPointsWithoutColumns) {
   for (std::vector<float>* xyz : {&few, &one_place, &anywhere, &missing}) EXPECT_FALSE(find(*xyz, 1, lattice));
 }
 
-TEST(DenoiseLattice, KeepsWhatThePlainWayKeeps) {
+TEST(DenoiseLattice, keeps_what_the_plain_way_keeps) {
   Memory memory;
   for (const double focus : {0.0, 600.0}) {
     const std::vector<float> drawn = scan(focus);
@@ -274,7 +274,7 @@ std::ptrdiff_t cell_of(const Lattice& lattice, const float* p) {
   return static_cast<std::ptrdiff_t>(r) * static_cast<std::ptrdiff_t>(lattice.columns) + static_cast<std::ptrdiff_t>(c);
 }
 
-TEST(DenoiseLattice, KeepsOfAnOrderedCloudWhatThePlainWayKeeps) {
+TEST(DenoiseLattice, keeps_of_an_ordered_cloud_what_the_plain_way_keeps) {
   Memory memory;
   for (const double focus : {0.0, 600.0}) {
     const std::vector<float> drawn = scan(focus);
@@ -312,7 +312,7 @@ TEST(DenoiseLattice, KeepsOfAnOrderedCloudWhatThePlainWayKeeps) {
   }
 }
 
-TEST(LatticeOrder, GivesEachPointItsCellWhateverTheOrderWas) {
+TEST(LatticeOrder, gives_each_point_its_cell_whatever_the_order_was) {
   for (const double focus : {0.0, 600.0}) {
     const std::vector<float> nasty = with_nasty_points(scan(focus), focus);
     std::vector<float> xyz = nasty;
@@ -373,7 +373,7 @@ TEST(LatticeOrder, GivesEachPointItsCellWhateverTheOrderWas) {
   }
 }
 
-TEST(LatticeOrder, MakesAnOrganisedScanOfACloudWhoseRaysNeverMeet) {
+TEST(LatticeOrder, makes_an_organised_scan_of_a_cloud_whose_rays_never_meet) {
   const std::vector<float> drawn = scan(0.0);
   Roomy roomy(shuffled(drawn));
   std::vector<float> half(drawn.size() / 2 + 300'000);
@@ -436,7 +436,7 @@ void expect_given_back(const std::vector<float>& points, const Lattice& lattice,
   }
 }
 
-TEST(LatticeOrder, LosesNoPointWhereMoreShareACellThanThereIsRoomFor) {
+TEST(LatticeOrder, loses_no_point_where_more_share_a_cell_than_there_is_room_for) {
   const auto [drawn, lattice, cells] = drawn_on_a_lattice();
   const std::vector<float> points = crowded(drawn, 15);
   for (const std::size_t points_left : {std::size_t{0}, std::size_t{1'000}, std::size_t{10'000}})
@@ -453,7 +453,7 @@ std::vector<float> in_rows(const std::vector<float>& drawn, const Lattice& latti
   return out;
 }
 
-TEST(LatticeOrder, LosesNoPointWhereABandHasMoreOfThemThanCells) {
+TEST(LatticeOrder, loses_no_point_where_a_band_has_more_of_them_than_cells) {
   const auto [drawn, lattice, cells] = drawn_on_a_lattice();
   // A strip of rows is there four times; the rest of the scan only where it is far from it. Strips at either end.
   for (const bool at_end : {false, true}) {
@@ -470,7 +470,7 @@ TEST(LatticeOrder, LosesNoPointWhereABandHasMoreOfThemThanCells) {
   }
 }
 
-TEST(LatticeOrder, LosesNoPointWhereTooManyLieOutside) {
+TEST(LatticeOrder, loses_no_point_where_too_many_lie_outside) {
   const auto [drawn, lattice, cells] = drawn_on_a_lattice();
   // One in 1 300: too few for a sample to detect them reliably.
   std::vector<float> points = drawn;
@@ -479,7 +479,7 @@ TEST(LatticeOrder, LosesNoPointWhereTooManyLieOutside) {
   expect_given_back(points, lattice, 2 * cells, points.size());
 }
 
-TEST(LatticeOrder, GivesEachPointItsCellWhicheverHalfOfTheGridComesFirst) {
+TEST(LatticeOrder, gives_each_point_its_cell_whichever_half_of_the_grid_comes_first) {
   const auto [drawn, lattice, cells] = drawn_on_a_lattice();
   const std::vector<float> low = shuffled(in_rows(drawn, lattice, -1e6F, lattice.rows / 2.0F));
   const std::vector<float> high = shuffled(in_rows(drawn, lattice, lattice.rows / 2.0F, 1e6F));
@@ -524,7 +524,7 @@ std::vector<float> one_in_each_cell(const Lattice& lattice, std::size_t points_m
   return xyz;
 }
 
-TEST(LatticeOrder, HasRoomForTheLargestScans) {
+TEST(LatticeOrder, has_room_for_the_largest_scans) {
   // The inspector's memory, in its pieces.
   std::vector<float> order(limits::kScanPointsMax), surface(3 * limits::kDenoiseCellsMax);
   std::vector<float> keep(limits::kScanPointsMax / sizeof(float));
@@ -555,7 +555,7 @@ TEST(LatticeOrder, HasRoomForTheLargestScans) {
   }
 }
 
-TEST(DenoiseLattice, KeepsTheSameWhateverRoomThereIsForTheGrid) {
+TEST(DenoiseLattice, keeps_the_same_whatever_room_there_is_for_the_grid) {
   Memory memory;
   const std::vector<float> drawn = scan(0.0);
   const std::vector<float> points = crowded(drawn, 80);
@@ -582,7 +582,7 @@ TEST(DenoiseLattice, KeepsTheSameWhateverRoomThereIsForTheGrid) {
   EXPECT_TRUE(same_points(kept_with(mixed, limits::kScanPointsMax, small), kept));
 }
 
-TEST(LatticeOrder, LeavesTheCloudAloneWhereThereIsNoRoom) {
+TEST(LatticeOrder, leaves_the_cloud_alone_where_there_is_no_room) {
   const std::vector<float> mixed = shuffled(scan(0.0));
   std::vector<float> xyz = mixed;
   Lattice lattice;

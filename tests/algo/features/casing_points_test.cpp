@@ -91,7 +91,7 @@ void expect_same_heights(const SeatPoints& points, const CasingAxes& axes, const
   EXPECT_EQ(fast.back(), 99.0F) << "beyond the room";
 }
 
-TEST(CasingPoints, InTheRingAreThoseOfAPlainLoopToTheBit) {
+TEST(CasingPoints, in_the_ring_are_those_of_a_plain_loop_to_the_bit) {
   for (const CasingAxes& axes : {kStraight, kTilted}) {
     const Points points = around(axes, kRing, kCounts.back() + 3);
     CasingRing any_height = kRing;
@@ -111,7 +111,7 @@ TEST(CasingPoints, InTheRingAreThoseOfAPlainLoopToTheBit) {
   }
 }
 
-TEST(CasingPoints, InnermostOfEachSectorAreThoseOfAPlainLoop) {
+TEST(CasingPoints, innermost_of_each_sector_are_those_of_a_plain_loop) {
   for (const CasingAxes& axes : {kStraight, kTilted}) {
     const Points points = around(axes, kRing, kCounts.back() + 3);
     for (const std::size_t count : kCounts) {
@@ -135,7 +135,7 @@ TEST(CasingPoints, InnermostOfEachSectorAreThoseOfAPlainLoop) {
   }
 }
 
-TEST(CasingPoints, OnTheRingsBordersAreInOrOutAsStated) {
+TEST(CasingPoints, on_the_rings_borders_are_in_or_out_as_stated) {
   // 5, 12, 13 and 7, 24, 25: radii that are exact, 13 in and 25 out; exact heights, both in.
   const CasingRing ring = {0.0F, 0.0F, 13.0F, 25.0F, -0.25F, 0.5F};
   const float in = 13.0F;
@@ -193,7 +193,7 @@ TEST(CasingPoints, OnTheRingsBordersAreInOrOutAsStated) {
   }
 }
 
-TEST(CasingPoints, LieInOneOfTheTwoSectorsWhoseBorderTheyAreOn) {
+TEST(CasingPoints, lie_in_one_of_the_two_sectors_whose_border_they_are_on) {
   CasingAxes axes = kStraight;
   axes.s_mm = 0.0F;
   const CasingRing ring = {0.0F, 0.0F, 12.5F, 17.5F, -1.0F, 1.0F};
@@ -224,7 +224,7 @@ TEST(CasingPoints, LieInOneOfTheTwoSectorsWhoseBorderTheyAreOn) {
   }
 }
 
-TEST(CasingPoints, OfTwoEquallyFarTheFirstStays) {
+TEST(CasingPoints, of_two_equally_far_the_first_stays) {
   CasingAxes axes = kStraight;
   axes.s_mm = 0.0F;
   const CasingRing ring = {0.0F, 0.0F, 12.5F, 17.5F, -1.0F, 1.0F};

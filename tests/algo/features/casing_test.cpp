@@ -69,7 +69,7 @@ Outcome look(const View& view, std::uint64_t seed) {
   return outcome;
 }
 
-TEST(Casing, IsMeasuredOnlyByARimThatIsOnePlaneAndSeenAllAround) {
+TEST(Casing, is_measured_only_by_a_rim_that_is_one_plane_and_seen_all_around) {
   const auto with = [](const std::function<double(double)>& on_rim_mm) {
     View view;
     view.on_rim_mm = on_rim_mm;
@@ -83,7 +83,7 @@ TEST(Casing, IsMeasuredOnlyByARimThatIsOnePlaneAndSeenAllAround) {
   EXPECT_FALSE(with([](double turn) { return std::abs(turn) < 0.4 * kPi ? 0.0 : kNoValue; }).ok) << "a part seen";
 }
 
-TEST(Casing, IsNotMeasuredWithALipThatStandsOverTheSeat) {
+TEST(Casing, is_not_measured_with_a_lip_that_stands_over_the_seat) {
   const auto with = [](double from_mm, double to_mm, double high_mm) {
     View view;
     if (from_mm < kBore_mm) view.bore_mm = [=](double) { return from_mm; };
@@ -109,7 +109,7 @@ TEST(Casing, IsNotMeasuredWithALipThatStandsOverTheSeat) {
   EXPECT_TRUE(with(kRim_mm - 0.5, kRim_mm, 0.25).ok) << "the seat round a casing beside its place";
 }
 
-TEST(Casing, IsNotMeasuredWithALipThatATiltOfItsRimHides) {
+TEST(Casing, is_not_measured_with_a_lip_that_a_tilt_of_its_rim_hides) {
   for (const double tilt_mm : {0.0, 0.1, 0.15, 0.2}) {
     SCOPED_TRACE(tilt_mm);
     View view;
@@ -150,7 +150,7 @@ Honesty honesty(const View& view, int seeds) {
   return {std::sqrt(true_squares / stated), std::sqrt(heights / counted), std::sqrt(0.5 * true_squares / counted)};
 }
 
-TEST(Casing, KnowsHowWellItKnowsItsCentre) {
+TEST(Casing, knows_how_well_it_knows_its_centre) {
   for (const double pitch_mm : {0.255, 0.4}) {
     const Honesty h = honesty({.pitch_mm = pitch_mm}, 150);
     EXPECT_NEAR(h.centre, 1.0, 0.2) << pitch_mm;
@@ -160,7 +160,7 @@ TEST(Casing, KnowsHowWellItKnowsItsCentre) {
   EXPECT_NEAR(honesty({.pitch_mm = 0.4, .missing_share = 0.15}, 100).centre, 1.0, 0.25);
 }
 
-TEST(Casing, IsMeasuredFromTwoThirdsOfItsEdgeAndSaysItIsWorse) {
+TEST(Casing, is_measured_from_two_thirds_of_its_edge_and_says_it_is_worse) {
   const View whole{.pitch_mm = 0.3};
   const View part{.pitch_mm = 0.3, .hidden_from_x_mm = 7.5};
   EXPECT_NEAR(honesty(part, 100).centre, 1.0, 0.25);
@@ -170,7 +170,7 @@ TEST(Casing, IsMeasuredFromTwoThirdsOfItsEdgeAndSaysItIsWorse) {
   EXPECT_GT(some(0, 0), 2.0 * some(1, 1));
 }
 
-TEST(Casing, OfHalfAnEdgeIsHonestOrNotMeasured) {
+TEST(Casing, of_half_an_edge_is_honest_or_not_measured) {
   double true_squares = 0.0;
   double stated = 0.0;
   int measured = 0;
@@ -185,7 +185,7 @@ TEST(Casing, OfHalfAnEdgeIsHonestOrNotMeasured) {
   EXPECT_NEAR(std::sqrt(true_squares / stated), 1.0, 0.3);
 }
 
-TEST(Casing, KnowsItsCentreLessWellWhenAPartOfItsEdgeHasMoved) {
+TEST(Casing, knows_its_centre_less_well_when_a_part_of_its_edge_has_moved) {
   // A crescent of mortar in one half of the bore, or a half ring around it without points. A coarser scan does not
   // always detect 0.2 mm.
   for (const auto& [pitch_mm, moved_mm] : std::vector<std::pair<double, double>>{{0.255, -0.5},
@@ -214,14 +214,14 @@ TEST(Casing, KnowsItsCentreLessWellWhenAPartOfItsEdgeHasMoved) {
   }
 }
 
-TEST(Casing, IsNotMeasuredFromLessThanHalfOfItsEdge) {
+TEST(Casing, is_not_measured_from_less_than_half_of_its_edge) {
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     EXPECT_FALSE(look({.hidden_from_x_mm = -3.0}, seed).casing.ok) << seed;
     EXPECT_FALSE(look({.hidden_from_x_mm = -10.0}, seed).casing.ok) << seed;
   }
 }
 
-TEST(Casing, ReportsTheScatterOfItsEdgeAndRim) {
+TEST(Casing, reports_the_scatter_of_its_edge_and_rim) {
   const CasingFeature c = look({.pitch_mm = 0.255}, 3).casing;
   ASSERT_TRUE(c.ok);
   EXPECT_NEAR(c.edge_rms_mm, 0.02, 0.01) << "gaps of a fraction of the pitch";

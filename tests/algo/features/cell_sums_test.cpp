@@ -121,7 +121,7 @@ void expect_the_plain_cells(const SeatPoints& points, const CellLayout& layout, 
   });
 }
 
-TEST(CellSums, OfNumbersThatAreExactAreThoseOfAPlainLoop) {
+TEST(CellSums, of_numbers_that_are_exact_are_those_of_a_plain_loop) {
   const Points points = in_quarters(kCounts.back() + 3);
   for (const std::size_t count : kCounts) {
     for (const std::size_t first : {std::size_t{0}, std::size_t{3}}) {
@@ -131,7 +131,7 @@ TEST(CellSums, OfNumbersThatAreExactAreThoseOfAPlainLoop) {
   }
 }
 
-TEST(CellSums, AreThoseOfAPlainLoopUpToTheOrderOfAdditions) {
+TEST(CellSums, are_those_of_a_plain_loop_up_to_the_order_of_additions) {
   const Points points = rough(kCounts.back() + 3);
   for (const std::size_t count : kCounts) {
     for (const std::size_t first : {std::size_t{0}, std::size_t{3}}) {
@@ -141,7 +141,7 @@ TEST(CellSums, AreThoseOfAPlainLoopUpToTheOrderOfAdditions) {
   }
 }
 
-TEST(CellSums, TakeATableOfOneCellOneRowOrOneColumn) {
+TEST(CellSums, take_a_table_of_one_cell_one_row_or_one_column) {
   const Points points = in_quarters(300);
   for (const auto& [columns, rows] : {std::pair(1, 1), std::pair(1, 9), std::pair(12, 1)}) {
     CellLayout layout = kQuarters;
@@ -152,7 +152,7 @@ TEST(CellSums, TakeATableOfOneCellOneRowOrOneColumn) {
   }
 }
 
-TEST(CellSums, CountAPointOnceWhereverItStands) {
+TEST(CellSums, count_a_point_once_wherever_it_stands) {
   for (const std::size_t count : {1U, 15U, 17U, 63U, 64U, 65U, 129U, 191U, 193U}) {
     for (std::size_t at = 0; at < count; ++at) {
       SCOPED_TRACE(std::to_string(at) + " of " + std::to_string(count));
@@ -173,7 +173,7 @@ TEST(CellSums, CountAPointOnceWhereverItStands) {
   }
 }
 
-TEST(CellSums, PlaceAGroupOfAnySizeAsAPlainLoopDoes) {
+TEST(CellSums, place_a_group_of_any_size_as_a_plain_loop_does) {
   const std::array<Points, 2> kinds = {in_quarters(200), rough(200)};
   for (std::size_t kind = 0; kind < kinds.size(); ++kind) {
     const CellLayout& layout = kind == 0 ? kQuarters : kSeat;
@@ -195,7 +195,7 @@ TEST(CellSums, PlaceAGroupOfAnySizeAsAPlainLoopDoes) {
 }
 
 /// Runs contain only finite values. Other values would corrupt their cell but no other memory.
-TEST(CellSums, LeaveWhatIsNoNumberWithinTheTable) {
+TEST(CellSums, leave_what_is_no_number_within_the_table) {
   for (const float odd : {kNaN, -kNaN, kInf, -kInf}) {
     for (const std::size_t count : {1U, 64U, 100U, 200U}) {
       for (int kind = 0; kind < 4; ++kind) {

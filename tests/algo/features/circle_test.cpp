@@ -18,7 +18,7 @@ std::vector<Vec2> ring(int count, const Vec2& centre, double radius, double wave
   return points;
 }
 
-TEST(Circle, OfAThreeLobedRingIsExact) {
+TEST(Circle, of_a_three_lobed_ring_is_exact) {
   const Circle c = fit_circle(ring(24, Vec2(100.0, 200.0), 19.0, 0.05), Vec2(101.0, 199.0));
   ASSERT_TRUE(c.ok);
   EXPECT_NEAR(c.centre.x(), 100.0, 1e-9);
@@ -27,7 +27,7 @@ TEST(Circle, OfAThreeLobedRingIsExact) {
   EXPECT_NEAR(c.rms, 0.035355339059, 1e-10);
 }
 
-TEST(Circle, ThroughThreePointsIsTheirCircumcircle) {
+TEST(Circle, through_three_points_is_their_circumcircle) {
   const std::vector<Vec2> points = {{1.0, 0.0}, {0.0, 1.0}, {-1.0, 0.0}};
   const Circle c = fit_circle(points, Vec2(0.2, 0.3));
   ASSERT_TRUE(c.ok);
@@ -35,14 +35,14 @@ TEST(Circle, ThroughThreePointsIsTheirCircumcircle) {
   EXPECT_NEAR(c.radius, 1.0, 1e-12);
 }
 
-TEST(Circle, RefusesTwoPointsAndALine) {
+TEST(Circle, refuses_two_points_and_a_line) {
   const std::vector<Vec2> two = {{1.0, 0.0}, {0.0, 1.0}};
   EXPECT_FALSE(fit_circle(two, Vec2(0.0, 0.0)).ok);
   const std::vector<Vec2> line = {{0.0, 5.0}, {1.0, 5.0}, {2.0, 5.0}, {3.0, 5.0}};
   EXPECT_FALSE(fit_circle(line, Vec2(0.0, 1e7)).ok);
 }
 
-TEST(Circle, RobustFitIgnoresAMissingPatch) {
+TEST(Circle, robust_fit_ignores_a_missing_patch) {
   std::vector<Vec2> points = ring(48, Vec2(3.0, -2.0), 15.0, 0.0);
   for (std::size_t i = 5; i < 14; ++i) points[i] += 1.5 * (points[i] - Vec2(3.0, -2.0)).normalized();
   const Circle c = fit_circle_robust(points, Vec2(0.0, 0.0), {.scale_min = 0.02});

@@ -51,7 +51,7 @@ std::function<double(double, double)> pit(double diameter_mm, double depth_mm, d
   return [=](double x, double s) { return std::hypot(x - x0, s - s0) < 0.5 * diameter_mm ? -depth_mm : 0.0; };
 }
 
-TEST(Closing, BridgesPoresAndNothingElse) {
+TEST(Closing, bridges_pores_and_nothing_else) {
   for (const double diameter_mm : {1.5, 3.0, 5.0, 8.0}) {
     SCOPED_TRACE(diameter_mm);
     const Closed pore = closed(pit(diameter_mm, 2.0));
@@ -66,7 +66,7 @@ TEST(Closing, BridgesPoresAndNothingElse) {
   EXPECT_NEAR(bump.high, 0.8, 1e-9);
 }
 
-TEST(Closing, BridgesTheWidestPoresWhereverTheyLieInTheCells) {
+TEST(Closing, bridges_the_widest_pores_wherever_they_lie_in_the_cells) {
   for (const double turn_rad : {0.0, 0.4, 0.8, 1.2})
     for (double x0 = 0.0; x0 < 1.5; x0 += 0.3)
       for (double s0 = 0.0; s0 < 1.5; s0 += 0.3) {
@@ -80,7 +80,7 @@ TEST(Closing, BridgesTheWidestPoresWhereverTheyLieInTheCells) {
       }
 }
 
-TEST(Closing, LeavesAHollowItsDepth) {
+TEST(Closing, leaves_a_hollow_its_depth) {
   // Three times as wide as bridged pits: the closing alone would remove a tenth of its depth.
   const auto bowl = [](double x, double s) {
     const double r = std::hypot(x, s);
@@ -96,7 +96,7 @@ TEST(Closing, LeavesAHollowItsDepth) {
   EXPECT_NEAR(both.low, -0.3, 0.01);
 }
 
-TEST(Closing, BridgesAPoreThatTheBorderCuts) {
+TEST(Closing, bridges_a_pore_that_the_border_cuts) {
   EXPECT_NEAR(closed(pit(5.0, 2.0, 50.0, 10.0)).low, 0.0, 0.02);
 }
 
@@ -120,7 +120,7 @@ std::vector<RimPoint> rim(
   return points;
 }
 
-TEST(RimHeight, IsThatOfThePlaneAtTheAxis) {
+TEST(RimHeight, is_that_of_the_plane_at_the_axis) {
   const RimHeight level = rim_height(rim([](double, double) { return 0.0; }, 0.03));
   ASSERT_TRUE(level.ok);
   EXPECT_NEAR(level.height_mm, -0.25, 3.0 * level.sigma_mm);
@@ -134,7 +134,7 @@ TEST(RimHeight, IsThatOfThePlaneAtTheAxis) {
   EXPECT_NEAR(half.tilt, 0.15 / 22.0, 1e-3);
 }
 
-TEST(RimHeight, DoesNotCountWhatLiesOnTheRim) {
+TEST(RimHeight, does_not_count_what_lies_on_the_rim) {
   for (const double crust_mm : {0.1, 0.2, 0.35}) {
     SCOPED_TRACE(crust_mm);
     const auto slurry = [&](double angle, double) { return std::abs(angle - 0.4) < 0.9 ? crust_mm : 0.0; };
@@ -156,7 +156,7 @@ TEST(RimHeight, DoesNotCountWhatLiesOnTheRim) {
 }
 
 /// Mortar higher than the seat on a quarter of the rim, rough in patches of 3 mm: the rail pad rests on it.
-TEST(RimHeight, SeesRoughMortarOverTheSeat) {
+TEST(RimHeight, sees_rough_mortar_over_the_seat) {
   for (const double over_seat_mm : {0.12, 0.15, 0.2, 0.3})
     for (std::uint64_t seed = 1; seed <= 8; ++seed) {
       SCOPED_TRACE(std::to_string(over_seat_mm) + " seed " + std::to_string(seed));
@@ -223,7 +223,7 @@ double fillet_mm(double radius_mm, double from_foot_mm) {
   return into > 0.0 ? radius_mm - std::sqrt(radius_mm * radius_mm - into * into) : 0.0;
 }
 
-TEST(FlatStrip, IsTheWholeFaceOfASharpOne) {
+TEST(FlatStrip, is_the_whole_face_of_a_sharp_one) {
   for (const double noise_mm : {0.005, 0.03, 0.06}) {
     const FlatStrip strip = JawPoints([](double) { return 0.0; }, noise_mm, 0.01).strip();
     EXPECT_FALSE(strip.narrowed) << noise_mm;
@@ -233,7 +233,7 @@ TEST(FlatStrip, IsTheWholeFaceOfASharpOne) {
   }
 }
 
-TEST(FlatStrip, LeavesOutFilletsOfEveryRadius) {
+TEST(FlatStrip, leaves_out_fillets_of_every_radius) {
   for (const double radius_mm : {4.0, 6.0, 8.0, 10.0}) {
     SCOPED_TRACE(radius_mm);
     const FlatStrip strip = JawPoints([&](double u) { return fillet_mm(radius_mm, u); }, 0.02, -0.01).strip();
@@ -244,7 +244,7 @@ TEST(FlatStrip, LeavesOutFilletsOfEveryRadius) {
   }
 }
 
-TEST(FlatStrip, LeavesOutWhatLightAddsInTheCorner) {
+TEST(FlatStrip, leaves_out_what_light_adds_in_the_corner) {
   for (const double at_corner_mm : {0.1, 0.2, 0.3}) {
     SCOPED_TRACE(at_corner_mm);
     const auto light = [&](double u) { return at_corner_mm * std::exp(-0.5 * u); };
@@ -255,7 +255,7 @@ TEST(FlatStrip, LeavesOutWhatLightAddsInTheCorner) {
 }
 
 /// A jaw whose lower half has another slope: if either half is measured, U extends to the other one.
-TEST(FlatStrip, TakesEachPieceOfABentJawForItsAngle) {
+TEST(FlatStrip, takes_each_piece_of_a_bent_jaw_for_its_angle) {
   for (const double bend_deg : {0.5, 0.7, 1.0, -0.7})
     for (const double at_mm : {11.0, 13.0, 15.0}) {
       SCOPED_TRACE(std::to_string(bend_deg) + " at " + std::to_string(at_mm));
@@ -275,14 +275,14 @@ TEST(FlatStrip, TakesEachPieceOfABentJawForItsAngle) {
     }
 }
 
-TEST(FlatStrip, SaysHowFarAWavyFaceLeavesItsTiltOpen) {
+TEST(FlatStrip, says_how_far_a_wavy_face_leaves_its_tilt_open) {
   const FlatStrip wavy = JawPoints([](double u) { return 0.004 * std::sin(u); }, 0.005).strip();
   EXPECT_GT(wavy.form_tilt_rad, 1e-4);
   EXPECT_LT(wavy.form_tilt_rad, 1e-3);
 }
 
 /// For any phase and period the strip is long, and twice the standard uncertainty extends to the truth.
-TEST(FlatStrip, OfAScannerThatRipplesIsLongAndSaysWhatThatLeavesOpen) {
+TEST(FlatStrip, of_a_scanner_that_ripples_is_long_and_says_what_that_leaves_open) {
   constexpr double kRipple_mm = 0.007;
   for (const double period_mm : {6.0, 9.0, 13.0, 17.0})
     for (const double phase : {0.0, 1.5, 3.0, 4.5}) {
@@ -299,7 +299,7 @@ TEST(FlatStrip, OfAScannerThatRipplesIsLongAndSaysWhatThatLeavesOpen) {
     }
 }
 
-TEST(Ripple, OfTheSeatIsFoundWhereverTheScannerStands) {
+TEST(Ripple, of_the_seat_is_found_wherever_the_scanner_stands) {
   for (const double amplitude_mm : {0.0, 0.01, 0.02})
     for (const double askew_rad : {0.0, 0.02})
       for (const double period_mm : {2.5, 4.0, 6.0}) {

@@ -144,7 +144,7 @@ std::vector<std::pair<std::string, Seat>> seats() {
   return all;
 }
 
-TEST(FastFlatness, AgreesWithThePlainOneOnSeatsOfEveryKind) {
+TEST(FastFlatness, agrees_with_the_plain_one_on_seats_of_every_kind) {
   for (auto& [name, seat] : seats()) {
     SCOPED_TRACE(name);
     const PlaneFit plane = tilted(0.03);
@@ -177,7 +177,7 @@ std::string bits_of(const Flatness& f) {
   return bytes + std::to_string(f.cells) + ' ' + std::to_string(f.cells_missing) + ' ' + std::to_string(f.defect.cells);
 }
 
-TEST(FastFlatness, HasTheSameBitsOnEveryInstructionSetAndOnTwoThreads) {
+TEST(FastFlatness, has_the_same_bits_on_every_instruction_set_and_on_two_threads) {
   for (auto& [name, seat] : seats()) {
     SCOPED_TRACE(name);
     const std::string expected = bits_of(seat.measure(tilted(0.03)));
@@ -190,7 +190,7 @@ TEST(FastFlatness, HasTheSameBitsOnEveryInstructionSetAndOnTwoThreads) {
   }
 }
 
-TEST(FastFlatness, TakesItsPointsInAnyNumberOfRuns) {
+TEST(FastFlatness, takes_its_points_in_any_number_of_runs) {
   for (auto& [name, seat] : seats()) {
     SCOPED_TRACE(name);
     const Flatness one = seat.measure(tilted(0.03));
@@ -201,7 +201,7 @@ TEST(FastFlatness, TakesItsPointsInAnyNumberOfRuns) {
   }
 }
 
-TEST(FastFlatness, OfMoreThanFitsOrOfASeatOnEndIsNotMeasured) {
+TEST(FastFlatness, of_more_than_fits_or_of_a_seat_on_end_is_not_measured) {
   Seat seat([](double, double) { return 0.0; });
   seat.runs = limits::kSeatRunsMax + 1;
   EXPECT_FALSE(seat.measure(tilted(0.03)).ok);
@@ -217,7 +217,7 @@ TEST(FastFlatness, OfMoreThanFitsOrOfASeatOnEndIsNotMeasured) {
   EXPECT_TRUE(seat.measure(tilted(0.03)).ok);
 }
 
-TEST(FastCellNoise, AgreesWithThePlainOneToRounding) {
+TEST(FastCellNoise, agrees_with_the_plain_one_to_rounding) {
   Prng prng(5);
   for (int kind = 0; kind < 8; ++kind) {
     SCOPED_TRACE(kind);
@@ -300,7 +300,7 @@ void expect_same(const CasingFeature& fast, const CasingFeature& plain) {
   EXPECT_LT((fast.cov_circle - plain.cov_circle).norm(), 2e-3 * plain.cov_circle.norm());
 }
 
-TEST(FastCasing, AgreesWithThePlainOne) {
+TEST(FastCasing, agrees_with_the_plain_one) {
   const PlaneFit seat = tilted(0.03);
   const Vec3 nominal(0.0, 116.5, (seat.offset_mm - seat.normal.y() * 116.5) / seat.normal.z());
   const CasingTask task{nominal, 15.0, 22.0, -0.25, 2.0, seat};
@@ -329,7 +329,7 @@ TEST(FastCasing, AgreesWithThePlainOne) {
   EXPECT_GT(measured, 80);
 }
 
-TEST(FastCasing, HasTheSameBitsOnEveryInstructionSet) {
+TEST(FastCasing, has_the_same_bits_on_every_instruction_set) {
   const PlaneFit seat = tilted(0.03);
   const CasingTask task{Vec3(0.0, 116.5, 0.9), 15.0, 22.0, -0.25, 2.0, seat};
   Rim rim(3, 0.3, 100.0, 0.01);
@@ -351,7 +351,7 @@ TEST(FastCasing, HasTheSameBitsOnEveryInstructionSet) {
   (void)limit_instruction_set(InstructionSet::best);
 }
 
-TEST(FastCasing, OfNothingAndOfAFewPointsIsNotMeasured) {
+TEST(FastCasing, of_nothing_and_of_a_few_points_is_not_measured) {
   const PlaneFit seat = tilted(0.03);
   const CasingTask task{Vec3(0.0, 116.5, 0.9), 15.0, 22.0, -0.25, 2.0, seat};
   EXPECT_FALSE(measure_casing(std::span<const SeatPoints>{}, SeatFrame{}, task).ok);
@@ -360,7 +360,7 @@ TEST(FastCasing, OfNothingAndOfAFewPointsIsNotMeasured) {
   EXPECT_FALSE(measure_casing(std::span(&points, 1), SeatFrame{}, task).ok);
 }
 
-TEST(FastCircle, RestsWhereAllOfItsStepsLead) {
+TEST(FastCircle, rests_where_all_of_its_steps_lead) {
   Prng prng(9);
   for (int seed = 0; seed < 200; ++seed) {
     std::vector<Vec2> points;
@@ -384,7 +384,7 @@ TEST(FastCircle, RestsWhereAllOfItsStepsLead) {
   }
 }
 
-TEST(ValueAtRank, IsWhatSortingFinds) {
+TEST(ValueAtRank, is_what_sorting_finds) {
   Prng prng(2);
   for (const std::size_t n : {1U, 2U, 7U, 64U, 65U, 80U, 1023U, 1025U, 4096U, 8500U}) {
     for (int kind = 0; kind < 8; ++kind) {

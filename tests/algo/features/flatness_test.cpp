@@ -19,7 +19,7 @@ using slabd::testing::rms;
 using slabd::testing::Seat;
 using slabd::testing::surface;
 
-TEST(MinimumZone, OfRegularSolidsIsTheirWidth) {
+TEST(MinimumZone, of_regular_solids_is_their_width) {
   const double h = std::sqrt(0.5);
   const std::vector<Vec3> tetrahedron = {
       {0.5, 0.0, -0.5 * h}, {-0.5, 0.0, -0.5 * h}, {0.0, 0.5, 0.5 * h}, {0.0, -0.5, 0.5 * h}};
@@ -31,7 +31,7 @@ TEST(MinimumZone, OfRegularSolidsIsTheirWidth) {
   EXPECT_NEAR(minimum_zone_mm(cube), 1.0, 1e-12);
 }
 
-TEST(MinimumZone, OfSmallSetsMatchesHandComputation) {
+TEST(MinimumZone, of_small_sets_matches_hand_computation) {
   const std::vector<Vec3> saddle = {{50, 50, 0.03}, {-50, 50, -0.03}, {-50, -50, 0.03}, {50, -50, -0.03}};
   EXPECT_NEAR(minimum_zone_mm(saddle), 0.06, 1e-12);
   std::vector<Vec3> ramp;
@@ -47,7 +47,7 @@ TEST(MinimumZone, OfSmallSetsMatchesHandComputation) {
   EXPECT_NEAR(peak_to_valley(five, fit_plane_lsq(five, Vec3::UnitZ())), 0.072097300, 1e-9);
 }
 
-TEST(MinimumZone, OfSurfacesMatchesTheConvexHull) {
+TEST(MinimumZone, of_surfaces_matches_the_convex_hull) {
   EXPECT_NEAR(minimum_zone_mm(surface(1, 21, 31, 0.02, 0.05)), 0.093608165639, 2e-12);
   EXPECT_NEAR(minimum_zone_mm(surface(1, 21, 31, 0.02, 0.05, Vec3(3700.0, 2500.0, 1200.0))), 0.093608165639, 2e-11);
   EXPECT_NEAR(minimum_zone_mm(surface(7, 5, 5, 0.1, 0.0)), 0.199157926005, 2e-12);
@@ -56,13 +56,13 @@ TEST(MinimumZone, OfSurfacesMatchesTheConvexHull) {
   EXPECT_NEAR(minimum_zone_mm(surface(13, 250, 400, 0.03, 0.02)), 0.105033665850, 2e-12);
 }
 
-TEST(MinimumZone, OfNoPlaneIsNoNumber) {
+TEST(MinimumZone, of_no_plane_is_no_number) {
   EXPECT_TRUE(std::isnan(minimum_zone_mm({})));
   const std::vector<Vec3> same(10, Vec3(1.0, 2.0, 3.0));
   EXPECT_TRUE(std::isnan(minimum_zone_mm(same)));
 }
 
-TEST(Flatness, OfNoiseIsTheNoiseOfCellMeans) {
+TEST(Flatness, of_noise_is_the_noise_of_cell_means) {
   Prng prng(4);
   const Flatness f = Seat([&](double, double) { return 0.029 * prng.normal(); }).measure();
   ASSERT_TRUE(f.ok);
@@ -73,7 +73,7 @@ TEST(Flatness, OfNoiseIsTheNoiseOfCellMeans) {
   EXPECT_GT(f.raw_high_mm - f.raw_low_mm, 0.2) << "single points show far more";
 }
 
-TEST(Flatness, SeesAChipOfFourMillimetres) {
+TEST(Flatness, sees_a_chip_of_four_millimetres) {
   const auto chip = [](double x, double y) { return std::hypot(x - 10.0, y + 20.0) < 2.0 ? -0.8 : 0.0; };
   const Flatness f = Seat(chip).measure();
   ASSERT_TRUE(f.ok);
@@ -81,7 +81,7 @@ TEST(Flatness, SeesAChipOfFourMillimetres) {
   EXPECT_NEAR(f.raw_low_mm, -0.8, 1e-6);
 }
 
-TEST(Flatness, IsNotMovedByAStrayPointInACell) {
+TEST(Flatness, is_not_moved_by_a_stray_point_in_a_cell) {
   Seat seat([](double, double) { return 0.0; });
   seat.xyz[3 * 1000 + 2] = 0.9F;
   seat.xyz[3 * 90000 + 2] = -0.7F;
@@ -92,13 +92,13 @@ TEST(Flatness, IsNotMovedByAStrayPointInACell) {
   EXPECT_NEAR(f.raw_low_mm, -0.7, 1e-6);
 }
 
-TEST(Flatness, DoesNotCallASlopeUnflat) {
+TEST(Flatness, does_not_call_a_slope_unflat) {
   const Flatness f = Seat([](double x, double y) { return 0.003 * x - 0.002 * y; }).measure();
   ASSERT_TRUE(f.ok);
   EXPECT_NEAR(f.lsq_mm, 0.0, 1e-5);
 }
 
-TEST(Flatness, CountsOnlyCellsWithEnoughPoints) {
+TEST(Flatness, counts_only_cells_with_enough_points) {
   EXPECT_FALSE(Seat([](double, double) { return 0.0; }, 0.5).measure().ok) << "nine points a cell";
   Seat half([](double, double) { return 0.0; });
   half.xyz.resize(half.xyz.size() / 3 / 2 * 3 + 3 * 5000);
@@ -123,7 +123,7 @@ Seat without(const Gone& gone, double pitch = 0.25) {
   return seat;
 }
 
-TEST(Flatness, IsNotMeasuredOverAHole) {
+TEST(Flatness, is_not_measured_over_a_hole) {
   const auto square = [](double side) {
     return without([side](double x, double y) { return x > 0.0 && x < side && y > 0.0 && y < side; }).measure();
   };
@@ -139,7 +139,7 @@ TEST(Flatness, IsNotMeasuredOverAHole) {
   EXPECT_FALSE(without([](double x, double y) { return std::abs(x - y) < 2.0; }).measure().ok);
 }
 
-TEST(Flatness, IsNotMeasuredWhenManySmallHolesAddUp) {
+TEST(Flatness, is_not_measured_when_many_small_holes_add_up) {
   const auto dotted = [](double period) {
     return without([period](double x, double y) {
              return std::fmod(x + 51.0, period) < 3.0 && std::fmod(y + 75.0, period) < 3.0;
@@ -152,7 +152,7 @@ TEST(Flatness, IsNotMeasuredWhenManySmallHolesAddUp) {
   EXPECT_NEAR(f.hole_mm2, 9.0, 1e-9);
 }
 
-TEST(Flatness, TakesSparseCellsForSeenAndForWhatTheySay) {
+TEST(Flatness, takes_sparse_cells_for_seen_and_for_what_they_say) {
   // In a square of 20 mm only every third point exists: 12 of 36 per cell, except for the pattern's chance.
   const auto thinned = [](double x, double y) {
     return std::abs(x) < 10.0 && std::abs(y) < 10.0 && static_cast<int>(std::floor(4.0 * (x + y))) % 4 != 0;
@@ -170,7 +170,7 @@ TEST(Flatness, TakesSparseCellsForSeenAndForWhatTheySay) {
   EXPECT_GT(raised.defect.area_mm2, 100.0);
 }
 
-TEST(Flatness, OfABowThatIsSparseOnOneSideIsThatOfTheWholeBow) {
+TEST(Flatness, of_a_bow_that_is_sparse_on_one_side_is_that_of_the_whole_bow) {
   // Half of the seat, or a spot of it, is dark: every fifth of 36 points per cell remains. It sinks only a little.
   const auto bow = [](double x, double) { return -0.4 * (x / 51.0) * (x / 51.0); };
   const auto dent = [](double x, double y) { return -0.12 * std::exp(-(x * x + y * y) / 128.0); };
@@ -197,7 +197,7 @@ TEST(Flatness, OfABowThatIsSparseOnOneSideIsThatOfTheWholeBow) {
   }
 }
 
-TEST(Flatness, DamageThatReturnsFewPointsCounts) {
+TEST(Flatness, damage_that_returns_few_points_counts) {
   // Bumps of six by six cells, 2 mm high, each smaller than a refused hole, with one point in six remaining.
   Prng prng(11);
   const auto bump = [](double x, double y) {
@@ -216,7 +216,7 @@ TEST(Flatness, DamageThatReturnsFewPointsCounts) {
   EXPECT_GT(flat.defect.area_mm2, 20.0);
 }
 
-TEST(Flatness, ADropOfWaterIsNotSeenAndAsMuchMortarCounts) {
+TEST(Flatness, a_drop_of_water_is_not_seen_and_as_much_mortar_counts) {
   // A dome, 8 mm wide and 1.2 mm high; water returns one point in seven.
   const auto dome = [](double x, double y) {
     const double r2 = (x * x + y * y) / 16.0;
@@ -246,7 +246,7 @@ TEST(Flatness, ADropOfWaterIsNotSeenAndAsMuchMortarCounts) {
   }
 }
 
-TEST(Flatness, APoreInGrainyConcreteIsBridged) {
+TEST(Flatness, a_pore_in_grainy_concrete_is_bridged) {
   // Grain of 0.02 mm rms, correlated over 2 mm: its valleys join the pore, which must still not count as a wide hollow.
   for (const std::uint64_t seed : {1U, 2U, 3U, 4U}) {
     Prng prng(seed);
@@ -278,7 +278,7 @@ TEST(Flatness, APoreInGrainyConcreteIsBridged) {
   }
 }
 
-TEST(Flatness, WhatHangsTogetherIsNoStrayHoweverNarrow) {
+TEST(Flatness, what_hangs_together_is_no_stray_however_narrow) {
   struct Case {
     const char* what;
     std::function<double(double, double)> height;
@@ -299,7 +299,7 @@ TEST(Flatness, WhatHangsTogetherIsNoStrayHoweverNarrow) {
   }
 }
 
-TEST(Flatness, ACrackThatHasRaisedItsLipsIsAsDeepAsItIs) {
+TEST(Flatness, a_crack_that_has_raised_its_lips_is_as_deep_as_it_is) {
   // Half a millimetre wide; its lips alone are within the tolerance of a seat.
   for (const double depth_mm : {4.0, 0.8}) {
     for (const double at_mm : {10.1, 10.5, 11.0, 11.3}) {
@@ -317,7 +317,7 @@ TEST(Flatness, ACrackThatHasRaisedItsLipsIsAsDeepAsItIs) {
   }
 }
 
-TEST(Flatness, DamageInEveryCellOfACoarseScanIsNoFlatSeat) {
+TEST(Flatness, damage_in_every_cell_of_a_coarse_scan_is_no_flat_seat) {
   // Twelve points per cell in rows of three lines, one of them a ridge: eight points next to it remain.
   Seat seat([](double, double) { return 0.0; });
   seat.xyz.clear();
@@ -329,7 +329,7 @@ TEST(Flatness, DamageInEveryCellOfACoarseScanIsNoFlatSeat) {
   EXPECT_NEAR(flat.lsq_mm, 2.0, 0.1);
 }
 
-TEST(Flatness, NoiseOfCellsWithFewPointsIsTold) {
+TEST(Flatness, noise_of_cells_with_few_points_is_told) {
   // One half has five points per cell, one in a hundred of them half a millimetre off.
   Prng prng(18);
   Seat seat([&](double, double) { return prng.uniform() < 0.01 ? 0.5 : 0.05 * prng.normal(); }, 0.22);
@@ -342,7 +342,7 @@ TEST(Flatness, NoiseOfCellsWithFewPointsIsTold) {
   EXPECT_NEAR(flat.lsq_mm, flat.noise_mm, 0.25 * flat.noise_mm);
 }
 
-TEST(Flatness, DamageInEveryCellIsNoFlatSeat) {
+TEST(Flatness, damage_in_every_cell_is_no_flat_seat) {
   Prng prng(16);
   for (const double up_mm : {2.0, -2.0}) {
     Seat seat([&](double x, double) {
@@ -354,7 +354,7 @@ TEST(Flatness, DamageInEveryCellIsNoFlatSeat) {
   }
 }
 
-TEST(Flatness, DamageIsNoNoise) {
+TEST(Flatness, damage_is_no_noise) {
   // Ridges in every third or fourth row of cells, narrower than a cell or wider: the cells between have the usual
   // noise.
   Prng prng(15);
@@ -372,7 +372,7 @@ TEST(Flatness, DamageIsNoNoise) {
   }
 }
 
-TEST(Flatness, TheSeatBesideDamageIsNotTheDamage) {
+TEST(Flatness, the_seat_beside_damage_is_not_the_damage) {
   // In a row of cells two thirds are damage: connected points on the other side of it are the seat.
   for (const double height : {10.0, 3.0, -3.0}) {
     Seat seat([&](double x, double y) { return y > 0.0 && y < 1.0 && std::abs(x) < 40.0 ? height : 0.0; });
@@ -382,7 +382,7 @@ TEST(Flatness, TheSeatBesideDamageIsNotTheDamage) {
   }
 }
 
-TEST(Flatness, StraysThatStandAloneStillGo) {
+TEST(Flatness, strays_that_stand_alone_still_go) {
   // One point in a thousand is 1 mm up or down: some touch, but hardly ever half a cell's worth.
   Prng prng(12);
   Seat seat([&](double, double) {
@@ -396,7 +396,7 @@ TEST(Flatness, StraysThatStandAloneStillGo) {
 }
 
 /// A burr or a grain of dust counts, and so does the uncertainty whether it will stay. A hump and damage count fully.
-TEST(Flatness, NarrowLowBumpsAreToldApart) {
+TEST(Flatness, narrow_low_bumps_are_told_apart) {
   const auto bump = [](double x, double y, double wide, double high) {
     const double r = std::hypot(x - 11.0, y + 20.0) / (0.5 * wide);
     return r < 1.0 ? 0.5 * high * (1.0 + std::cos(kPi * r)) : 0.0;
@@ -413,7 +413,7 @@ TEST(Flatness, NarrowLowBumpsAreToldApart) {
   EXPECT_EQ(seat(5.0, 0.9).bumps_mm, 0.0) << "damage";
 }
 
-TEST(Flatness, ExpectsNothingAtCasings) {
+TEST(Flatness, expects_nothing_at_casings) {
   const auto casing = [](double x, double y) { return std::hypot(x, std::abs(y) - 60.0) < 24.0; };
   Seat seat = without(casing);
   EXPECT_FALSE(seat.measure().ok);
@@ -422,7 +422,7 @@ TEST(Flatness, ExpectsNothingAtCasings) {
   EXPECT_TRUE(seat.measure().ok);
 }
 
-TEST(Flatness, OfACoarseScanIsMeasured) {
+TEST(Flatness, of_a_coarse_scan_is_measured) {
   // 14 points per cell on average, nine in some.
   Prng prng(8);
   Seat seat = without([&](double, double) { return prng.uniform() < 0.02; }, 0.4);
@@ -432,7 +432,7 @@ TEST(Flatness, OfACoarseScanIsMeasured) {
   EXPECT_EQ(f.cells_missing, 0U);
 }
 
-TEST(Flatness, RefusesARegionWithTooManyCells) {
+TEST(Flatness, refuses_a_region_with_too_many_cells) {
   Seat seat([](double, double) { return 0.0; });
   seat.region.cell_mm = 0.5;
   EXPECT_FALSE(seat.measure().ok);

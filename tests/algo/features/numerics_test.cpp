@@ -23,7 +23,7 @@ double angle_deg(const PlaneFit& a, const PlaneFit& b) {
   return deg_from_rad(angle_between_rad(a.normal, b.normal));
 }
 
-TEST(FarFromTheOrigin, DoublesChangeNothingByMoreThanANanometre) {
+TEST(FarFromTheOrigin, doubles_change_nothing_by_more_than_a_nanometre) {
   const std::vector<Vec3> near = surface(9, 67, 102, 0.05, 0.0);
   const std::vector<Vec3> far = surface(9, 67, 102, 0.05, 0.0, kFar);
   const auto compare = [&](const PlaneFit& a, const PlaneFit& b) {
@@ -40,7 +40,7 @@ TEST(FarFromTheOrigin, DoublesChangeNothingByMoreThanANanometre) {
   EXPECT_NEAR(minimum_zone_mm(near), minimum_zone_mm(far), 1e-9);
 }
 
-TEST(FarFromTheOrigin, FloatsCostNoMoreThanTheirQuantisation) {
+TEST(FarFromTheOrigin, floats_cost_no_more_than_their_quantisation) {
   const std::vector<Vec3> exact = surface(9, 67, 102, 0.05, 0.0, kFar);
   std::vector<float> xyz;
   std::vector<std::uint32_t> index;
@@ -61,7 +61,7 @@ TEST(FarFromTheOrigin, FloatsCostNoMoreThanTheirQuantisation) {
   EXPECT_NEAR(minimum_zone_mm(exact), minimum_zone_mm(stored), 2.5e-4);
 }
 
-TEST(ManyPoints, FiveMillionAgreeWithTwoPassesInLongDouble) {
+TEST(ManyPoints, five_million_agree_with_two_passes_in_long_double) {
   constexpr std::size_t kCount = 5'000'000;
   std::vector<float> xyz(3 * kCount);
   std::vector<std::uint32_t> index(kCount);
@@ -130,7 +130,7 @@ double zone_by_brute_force(const std::vector<Vec3>& points) {
   return best;
 }
 
-TEST(MinimumZoneByBruteForce, AgreesOnFlatAndOnRoundSets) {
+TEST(MinimumZoneByBruteForce, agrees_on_flat_and_on_round_sets) {
   for (std::uint64_t seed = 1; seed <= 40; ++seed) {
     Prng prng(seed);
     const double thickness = seed % 2 == 0 ? 0.05 : 40.0;

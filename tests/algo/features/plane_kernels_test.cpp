@@ -73,7 +73,7 @@ double plain_truncated(const SamplePoints& points, double threshold) {
   return sum;
 }
 
-TEST(PlaneKernels, TruncatedSquaresAreThoseOfAPlainLoop) {
+TEST(PlaneKernels, truncated_squares_are_those_of_a_plain_loop) {
   for_each_sample([](const PlaneSample& sample) {
     const double threshold = 0.09;
     ScaledSums never;
@@ -90,7 +90,7 @@ TEST(PlaneKernels, TruncatedSquaresAreThoseOfAPlainLoop) {
   });
 }
 
-TEST(PlaneKernels, TruncatedSquaresThatStopEarlyHaveLost) {
+TEST(PlaneKernels, truncated_squares_that_stop_early_have_lost) {
   const auto sample = sample_of(limits::kPlaneSampleMax, false);
   for (const double share : {0.01, 0.5, 0.999, 1.001}) {
     const double whole = plain_truncated(sample->all(), 0.09);
@@ -105,7 +105,7 @@ TEST(PlaneKernels, TruncatedSquaresThatStopEarlyHaveLost) {
   }
 }
 
-TEST(PlaneKernels, CountsAreThoseOfAPlainLoop) {
+TEST(PlaneKernels, counts_are_those_of_a_plain_loop) {
   for_each_sample([](const PlaneSample& sample) {
     const SamplePoints points = sample.all();
     // Also with the exact distance of a point.
@@ -125,7 +125,7 @@ TEST(PlaneKernels, CountsAreThoseOfAPlainLoop) {
   });
 }
 
-TEST(PlaneKernels, DistancesAreThoseOfThePlaneAndResidualsAreNeverNaN) {
+TEST(PlaneKernels, distances_are_those_of_the_plane_and_residuals_are_never_NaN) {
   for_each_sample([](const PlaneSample& sample) {
     const SamplePoints points = sample.all();
     auto fast = std::make_unique<Residuals>();
@@ -142,7 +142,7 @@ TEST(PlaneKernels, DistancesAreThoseOfThePlaneAndResidualsAreNeverNaN) {
   });
 }
 
-TEST(PlaneKernels, HeightsAreCountedInTheirBins) {
+TEST(PlaneKernels, heights_are_counted_in_their_bins) {
   for_each_sample([](const PlaneSample& sample) {
     const SamplePoints points = sample.all();
     const double width = 0.03;
@@ -159,7 +159,7 @@ TEST(PlaneKernels, HeightsAreCountedInTheirBins) {
   });
 }
 
-TEST(PlaneKernels, SumsOfTheInliersAreThoseOfAPlainLoop) {
+TEST(PlaneKernels, sums_of_the_inliers_are_those_of_a_plain_loop) {
   for_each_sample([](const PlaneSample& sample) {
     const SamplePoints points = sample.all();
     const Vec3 shift(1.0, 2.0, 12.0);
@@ -179,7 +179,7 @@ TEST(PlaneKernels, SumsOfTheInliersAreThoseOfAPlainLoop) {
   });
 }
 
-TEST(PlaneKernels, HaveTheSameBitsOnEveryInstructionSet) {
+TEST(PlaneKernels, have_the_same_bits_on_every_instruction_set) {
   const auto everything = [](const PlaneSample& sample) {
     std::vector<double> all;
     const SamplePoints points = sample.all();
@@ -207,7 +207,7 @@ TEST(PlaneKernels, HaveTheSameBitsOnEveryInstructionSet) {
   (void)limit_instruction_set(InstructionSet::best);
 }
 
-TEST(PlaneSampling, TheFirstQuarterStandsForTheWholeSet) {
+TEST(PlaneSampling, the_first_quarter_stands_for_the_whole_set) {
   for (const std::size_t n : {std::size_t{1500}, std::size_t{4096}, std::size_t{4097}, std::size_t{100'000}}) {
     // Every fourth point of the set is missing; x is the position of a point in the set.
     std::vector<Vec3> points;
@@ -272,7 +272,7 @@ struct ListedFace {
   }
 };
 
-TEST(PlaneSampling, DrawsTheSamePointsFromListsAsFromAnArray) {
+TEST(PlaneSampling, draws_the_same_points_from_lists_as_from_an_array) {
   static_assert(
       std::is_same_v<decltype(ask_for_point(std::declval<const ListedPoints&>(), std::size_t{})), ListedPoints::Place>,
       "lists are asked for ahead");
@@ -295,7 +295,7 @@ TEST(PlaneSampling, DrawsTheSamePointsFromListsAsFromAnArray) {
   }
 }
 
-TEST(ZonedPoints, HoldWhatIsWithinTheThresholdOfAnyPlaneCloseBy) {
+TEST(ZonedPoints, hold_what_is_within_the_threshold_of_any_plane_close_by) {
   const FlatPlane plane = {Vec3(0.004, -0.3, 1.0).normalized(), 2.0};
   for (const std::size_t count : {3U, 15U, 16U, 1000U, 100'000U}) {
     SCOPED_TRACE(count);
@@ -330,14 +330,14 @@ TEST(ZonedPoints, HoldWhatIsWithinTheThresholdOfAnyPlaneCloseBy) {
   }
 }
 
-TEST(ZonedPoints, RefuseAThresholdTooFineAndAnEdgeTooFull) {
+TEST(ZonedPoints, refuse_a_threshold_too_fine_and_an_edge_too_full) {
   const FlatPlane plane = {Vec3::UnitZ(), 0.5};
   auto zoned = std::make_unique<ZonedPoints>();
   EXPECT_FALSE(zoned->sort(ListedFace(1000, plane, 0.0).points, plane, 1e-9));
   EXPECT_FALSE(zoned->sort(ListedFace(20'000, plane, 0.03, 0.09).points, plane, 0.09));
 }
 
-TEST(ZonedPoints, LeadToTheFixedPointOfAllPoints) {
+TEST(ZonedPoints, lead_to_the_fixed_point_of_all_points) {
   const FlatPlane plane = {Vec3(0.004, -0.3, 1.0).normalized(), 2.0};
   // The last one is all edge: its fit reads all points each time.
   for (const double edge : {0.0, 0.05}) {

@@ -48,7 +48,7 @@ void expect_end(End expected, const std::string& what, const Height& height) {
   }
 }
 
-TEST(PlaneStructure, OfASecondParallelPlaneTheLargerWinsAndEqualOnesAreRefused) {
+TEST(PlaneStructure, of_a_second_parallel_plane_the_larger_wins_and_equal_ones_are_refused) {
   for (const double distance : {0.3, 1.0, 5.0, 25.0}) {
     for (const double share : {0.5, 0.51, 0.55, 0.6, 0.7, 0.9}) {
       const End end = share < 0.52 ? End::refused : share < 0.6 ? End::either : End::right;
@@ -58,13 +58,13 @@ TEST(PlaneStructure, OfASecondParallelPlaneTheLargerWinsAndEqualOnesAreRefused) 
   }
 }
 
-TEST(PlaneStructure, OfASecondPlaneFiveNoiseWidthsAwayNoneInTheMiddleIsTaken) {
+TEST(PlaneStructure, of_a_second_plane_five_noise_widths_away_none_in_the_middle_is_taken) {
   for (const double share : {0.5, 0.55, 0.6})
     expect_end(End::either, "share " + std::to_string(share),
                [&](double, double, double u) { return u < share ? 0.0 : 5.0 * kNoise_mm; });
 }
 
-TEST(PlaneStructure, OfAStepTheLargerSideWinsAndEqualOnesAreRefused) {
+TEST(PlaneStructure, of_a_step_the_larger_side_wins_and_equal_ones_are_refused) {
   for (const double height : {0.3, 1.0, -5.0}) {
     for (const double share : {0.5, 0.51, 0.55, 0.6, 0.7, 0.9}) {
       const End end = share < 0.52 ? End::refused : share < 0.6 ? End::either : End::right;
@@ -74,40 +74,40 @@ TEST(PlaneStructure, OfAStepTheLargerSideWinsAndEqualOnesAreRefused) {
   }
 }
 
-TEST(PlaneStructure, ABumpOnATwentiethOfTheFaceDoesNotMoveThePlane) {
+TEST(PlaneStructure, a_bump_on_a_twentieth_of_the_face_does_not_move_the_plane) {
   for (const double height : {0.2, 0.3, 0.5, 1.0, 5.0})
     expect_end(End::right, "height " + std::to_string(height), [&](double x, double y, double) {
       return std::abs(x - 0.5) < 0.2236 && std::abs(y - 0.5) < 0.2236 ? height : 0.0;
     });
 }
 
-TEST(PlaneStructure, HalfThePlaneIsEnough) {
+TEST(PlaneStructure, half_the_plane_is_enough) {
   expect_end(End::right, "half", [](double x, double, double) { return x < 0.0 ? 0.0 : kNoValue; });
   expect_end(End::right, "half, and a fifth of the rest anywhere",
              [](double x, double, double u) { return u < 0.2 ? 30.0 * (u - 0.1) : (x < 0.0 ? 0.0 : kNoValue); });
 }
 
-TEST(PlaneStructure, ARoofHasTheMeanOfItsSidesOrNoPlane) {
+TEST(PlaneStructure, a_roof_has_the_mean_of_its_sides_or_no_plane) {
   const auto roof = [](double rise) { return [rise](double x, double, double) { return rise * (0.5 - std::abs(x)); }; };
   for (const double rise : {0.05, 0.1, 0.2}) expect_end(End::right, "gentle " + std::to_string(rise), roof(rise));
   expect_end(End::either, "in between", roof(0.3));
   for (const double rise : {0.5, 1.0, 2.0}) expect_end(End::refused, "steep " + std::to_string(rise), roof(rise));
 }
 
-TEST(PlaneStructure, FormIsNotMistakenForASecondSurface) {
+TEST(PlaneStructure, form_is_not_mistaken_for_a_second_surface) {
   for (const double rise : {0.05, 0.1, 0.3}) {
     expect_end(End::right, "bow", [&](double x, double, double) { return rise * (x * x - 1.0 / 3.0); });
     expect_end(End::right, "wave", [&](double x, double, double) { return 0.5 * rise * std::cos(2.0 * kPi * x); });
   }
 }
 
-TEST(PlaneStructure, AGivenThresholdThatTakesInTwoSurfacesIsRefused) {
+TEST(PlaneStructure, a_given_threshold_that_takes_in_two_surfaces_is_refused) {
   const std::vector<Vec3> step = shaped(1, [](double x, double, double) { return x < 0.2 ? 0.0 : 0.5; });
   EXPECT_FALSE(fit_plane(step, Vec3::UnitZ(), {.threshold_mm = 0.6}).ok);
   EXPECT_TRUE(fit_plane(step, Vec3::UnitZ(), {.threshold_mm = 0.09}).ok);
 }
 
-TEST(PlaneStructure, NoiseAloneIsNotDoubted) {
+TEST(PlaneStructure, noise_alone_is_not_doubted) {
   // In a small set a few points may fit a plane so well by chance that the others look like strays. Then it is refused:
   // about one set in seventy.
   constexpr std::uint64_t kHandful = 60;
@@ -127,7 +127,7 @@ TEST(PlaneStructure, NoiseAloneIsNotDoubted) {
   EXPECT_LE(handfuls_refused, 7) << "of 150";
 }
 
-TEST(PlaneFixedPoint, PointsExactlyAtTheThresholdDoNotKeepItFromStandingStill) {
+TEST(PlaneFixedPoint, points_exactly_at_the_threshold_do_not_keep_it_from_standing_still) {
   // Mirrored points at the threshold are inliers or not by their last bit, which does not change the plane.
   for (std::uint64_t seed = 1; seed <= 200; ++seed) {
     Prng prng(seed);
@@ -185,14 +185,14 @@ Normalised normalised_errors(double outlier_share, const Fit& fit) {
   return {sum.offset / kSeeds, sum.tilt / kSeeds};
 }
 
-TEST(PlaneCovariance, OfLeastSquaresIsTrue) {
+TEST(PlaneCovariance, of_least_squares_is_true) {
   const Normalised e =
       normalised_errors(0.0, [](const std::vector<Vec3>& points, const Vec3& up) { return fit_plane_lsq(points, up); });
   EXPECT_NEAR(e.offset, 1.0, 0.1);
   EXPECT_NEAR(e.tilt, 1.0, 0.1);
 }
 
-TEST(PlaneCovariance, OfTheRobustFitIsTrueWithAndWithoutOutliers) {
+TEST(PlaneCovariance, of_the_robust_fit_is_true_with_and_without_outliers) {
   for (const double share : {0.0, 0.2}) {
     const Normalised e = normalised_errors(share, [](const std::vector<Vec3>& points, const Vec3& up) {
       return fit_plane(points, up, {.confidence = 0.999});

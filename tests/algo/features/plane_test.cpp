@@ -41,7 +41,7 @@ std::vector<Vec3> table_one(double sigma) {
   return points;
 }
 
-TEST(Hypotheses, FollowEquationEight) {
+TEST(Hypotheses, follow_equation_eight) {
   EXPECT_EQ(hypotheses_needed(0.05, 0.99, 3), 3);
   EXPECT_EQ(hypotheses_needed(0.2, 0.99, 3), 7);
   EXPECT_EQ(hypotheses_needed(0.5, 0.99, 3), 35);
@@ -50,14 +50,14 @@ TEST(Hypotheses, FollowEquationEight) {
   EXPECT_EQ(hypotheses_needed(0.6, 0.9999, 3), 140);
 }
 
-TEST(Hypotheses, AreAtLeastOneAndBounded) {
+TEST(Hypotheses, are_at_least_one_and_bounded) {
   EXPECT_EQ(hypotheses_needed(0.0, 0.99, 3), 1);
   EXPECT_EQ(hypotheses_needed(0.5, 0.0, 3), 1);
   EXPECT_EQ(hypotheses_needed(1.0, 0.99, 3), static_cast<int>(limits::kPlaneHypothesesMax));
   EXPECT_EQ(hypotheses_needed(0.999, 0.999999, 3), static_cast<int>(limits::kPlaneHypothesesMax));
 }
 
-TEST(PlaneLsq, OfAnAlternatingGridIsExact) {
+TEST(PlaneLsq, of_an_alternating_grid_is_exact) {
   std::vector<Vec3> points;
   for (int i = 0; i < 4; ++i)
     for (int j = 0; j < 4; ++j)
@@ -70,7 +70,7 @@ TEST(PlaneLsq, OfAnAlternatingGridIsExact) {
   EXPECT_NEAR(f.std_mm, 0.022188007849, 1e-12);
 }
 
-TEST(PlaneLsq, OfAPublishedCaseHasThePublishedNormalAndResiduals) {
+TEST(PlaneLsq, of_a_published_case_has_the_published_normal_and_residuals) {
   const std::vector<Vec3> points = {{1000.0014, 1000.0030, 1001.0031},
                                     {1999.9994, 2000.0043, 998.0100},
                                     {999.9965, 1999.9965, 1099.9985},
@@ -84,7 +84,7 @@ TEST(PlaneLsq, OfAPublishedCaseHasThePublishedNormalAndResiduals) {
   EXPECT_NEAR(std::abs(f.normal.dot(Vec3(2000.0007, 999.9968, 1002.0012)) - f.offset_mm), 101.647, 1e-3);
 }
 
-TEST(PlaneLsq, OfAReproducibleSurfaceIsTheSameHereAndFourMetresAway) {
+TEST(PlaneLsq, of_a_reproducible_surface_is_the_same_here_and_four_metres_away) {
   for (const Vec3& shift : {Vec3(0.0, 0.0, 0.0), Vec3(3700.0, 2500.0, 1200.0)}) {
     const std::vector<Vec3> points = surface(1, 21, 31, 0.02, 0.05, shift);
     const PlaneFit f = fit_plane_lsq(points, Vec3::UnitZ());
@@ -97,7 +97,7 @@ TEST(PlaneLsq, OfAReproducibleSurfaceIsTheSameHereAndFourMetresAway) {
   }
 }
 
-TEST(PlaneLsq, OfLargeSurfacesMatchesTheReference) {
+TEST(PlaneLsq, of_large_surfaces_matches_the_reference) {
   const auto check = [](const std::vector<Vec3>& points, double expected) {
     const PlaneFit f = fit_plane_lsq(points, Vec3::UnitZ());
     ASSERT_TRUE(f.ok);
@@ -109,7 +109,7 @@ TEST(PlaneLsq, OfLargeSurfacesMatchesTheReference) {
   check(surface(13, 250, 400, 0.03, 0.02), 0.105336643878);
 }
 
-TEST(PlaneLsq, RefusesWhatIsNoPlane) {
+TEST(PlaneLsq, refuses_what_is_no_plane) {
   EXPECT_FALSE(fit_plane_lsq({}, Vec3::UnitZ()).ok);
   const std::vector<Vec3> two = {{0, 0, 0}, {1, 0, 0}};
   EXPECT_FALSE(fit_plane_lsq(two, Vec3::UnitZ()).ok);
@@ -120,7 +120,7 @@ TEST(PlaneLsq, RefusesWhatIsNoPlane) {
   EXPECT_FALSE(fit_plane_lsq(same, Vec3::UnitZ()).ok);
 }
 
-TEST(PlaneRansac, FindsTheNoiseFreePlaneOfTableOneExactly) {
+TEST(PlaneRansac, finds_the_noise_free_plane_of_table_one_exactly) {
   const PlaneFit f = fit_plane(table_one(0.0), Vec3::UnitZ(), {.threshold_mm = 0.0, .seed = 5});
   ASSERT_TRUE(f.ok);
   EXPECT_NEAR(abc(f).x(), 1.0, 1e-9);
@@ -129,7 +129,7 @@ TEST(PlaneRansac, FindsTheNoiseFreePlaneOfTableOneExactly) {
   EXPECT_GE(f.inliers, 2000U);
 }
 
-TEST(PlaneLsq, OfTheInliersOfTableOneHasTheReferenceDigits) {
+TEST(PlaneLsq, of_the_inliers_of_table_one_has_the_reference_digits) {
   std::vector<Vec3> points = table_one(0.01);
   points.resize(2000);
   const PlaneFit f = fit_plane_lsq(points, Vec3::UnitZ());
@@ -139,7 +139,7 @@ TEST(PlaneLsq, OfTheInliersOfTableOneHasTheReferenceDigits) {
   EXPECT_NEAR(rms(f), 0.009989513, 1e-9);
 }
 
-TEST(PlaneRansac, ReachesTheFixedPointOfTableOneFromEverySeed) {
+TEST(PlaneRansac, reaches_the_fixed_point_of_table_one_from_every_seed) {
   const std::vector<Vec3> points = table_one(0.01);
   for (std::uint64_t seed = 1; seed <= 50; ++seed) {
     const PlaneFit f = fit_plane(points, Vec3::UnitZ(), {.threshold_mm = 0.03, .seed = seed});
@@ -179,14 +179,14 @@ void expect_robust(double share) {
   }
 }
 
-TEST(PlaneRansac, IsNotMovedByOneOutlierInFive) {
+TEST(PlaneRansac, is_not_moved_by_one_outlier_in_five) {
   expect_robust(0.2);
 }
-TEST(PlaneRansac, IsNotMovedByEverySecondPointBeingAnOutlier) {
+TEST(PlaneRansac, is_not_moved_by_every_second_point_being_an_outlier) {
   expect_robust(0.49);
 }
 
-TEST(PlaneRansac, IsAsGoodAsKnowingTheInliers) {
+TEST(PlaneRansac, is_as_good_as_knowing_the_inliers) {
   // 1000 seeds: root mean square tilt within 1.1 of the least-squares fit of the clean points alone.
   double ours = 0.0;
   double oracle = 0.0;
@@ -212,7 +212,7 @@ TEST(PlaneRansac, IsAsGoodAsKnowingTheInliers) {
   EXPECT_LT(std::sqrt(ours / oracle), 1.1);
 }
 
-TEST(PlaneRansac, GivesTheSameBitsTwice) {
+TEST(PlaneRansac, gives_the_same_bits_twice) {
   const std::vector<Vec3> points = with_outliers(3, 0.3);
   const PlaneFit a = fit_plane(points, Vec3::UnitZ(), {.seed = 9});
   const PlaneFit b = fit_plane(points, Vec3::UnitZ(), {.seed = 9});
@@ -221,20 +221,20 @@ TEST(PlaneRansac, GivesTheSameBitsTwice) {
   EXPECT_EQ(a.inliers, b.inliers);
 }
 
-TEST(PlaneRansac, SaysNoWhenTooFewPointsAgree) {
+TEST(PlaneRansac, says_no_when_too_few_points_agree) {
   const std::vector<Vec3> points = with_outliers(4, 0.3);
   const PlaneFit f = fit_plane(points, Vec3::UnitZ(), {.inlier_share_min = 0.8, .seed = 1});
   EXPECT_FALSE(f.ok);
   EXPECT_NEAR(f.inlier_fraction, 0.7, 0.03) << "the figures reached are still filled in";
 }
 
-TEST(PlaneRansac, SaysNoWhenTheRefitsRunOut) {
+TEST(PlaneRansac, says_no_when_the_refits_run_out) {
   const PlaneFit f = fit_plane(with_outliers(4, 0.3), Vec3::UnitZ(), {.refits_max = 1});
   EXPECT_FALSE(f.ok);
   EXPECT_EQ(f.iterations, 1);
 }
 
-TEST(PlaneRansac, RefusesTooFewPointsALineAndNothingFinite) {
+TEST(PlaneRansac, refuses_too_few_points_a_line_and_nothing_finite) {
   EXPECT_FALSE(fit_plane({}, Vec3::UnitZ(), {}).ok);
   const std::vector<Vec3> two = {{0, 0, 0}, {1, 0, 0}};
   EXPECT_FALSE(fit_plane(two, Vec3::UnitZ(), {}).ok);
@@ -245,7 +245,7 @@ TEST(PlaneRansac, RefusesTooFewPointsALineAndNothingFinite) {
   EXPECT_FALSE(fit_plane(nothing, Vec3::UnitZ(), {}).ok);
 }
 
-TEST(PlaneRansac, LeavesOutPointsThatAreNotFinite) {
+TEST(PlaneRansac, leaves_out_points_that_are_not_finite) {
   std::vector<Vec3> points = surface(9, 40, 40, 0.05, 0.0);
   const PlaneFit clean = fit_plane_lsq(points, Vec3::UnitZ());
   for (int i = 0; i < 100; ++i) points.insert(points.begin(), Vec3::Constant(kNoValue));
@@ -255,13 +255,13 @@ TEST(PlaneRansac, LeavesOutPointsThatAreNotFinite) {
   EXPECT_NEAR(f.std_mm, clean.std_mm, 1e-12);
 }
 
-TEST(PlaneRansac, PointsTheNormalToTheFreeSide) {
+TEST(PlaneRansac, points_the_normal_to_the_free_side) {
   const std::vector<Vec3> points = surface(9, 20, 20, 0.05, 0.0);
   EXPECT_GT(fit_plane(points, Vec3::UnitZ(), {}).normal.z(), 0.99);
   EXPECT_LT(fit_plane(points, -Vec3::UnitZ(), {}).normal.z(), -0.99);
 }
 
-TEST(PlaneClassicRansac, PassesThroughThreeOfThePointsAndIsTenTimesWorseThanItsRefit) {
+TEST(PlaneClassicRansac, passes_through_three_of_the_points_and_is_ten_times_worse_than_its_refit) {
   const std::vector<Vec3> points = table_one(0.01);
   double classic = 0.0;
   double improved = 0.0;
@@ -283,7 +283,7 @@ TEST(PlaneClassicRansac, PassesThroughThreeOfThePointsAndIsTenTimesWorseThanItsR
   EXPECT_GT(std::sqrt(classic / improved), 3.0);
 }
 
-TEST(PlaneClassicRansac, FindsItsOwnThresholdAndIsRepeatable) {
+TEST(PlaneClassicRansac, finds_its_own_threshold_and_is_repeatable) {
   const std::vector<Vec3> points = table_one(0.01);
   const PlaneFit a = fit_plane_ransac(points, Vec3::UnitZ(), {.seed = 3});
   const PlaneFit b = fit_plane_ransac(points, Vec3::UnitZ(), {.seed = 3});
@@ -293,7 +293,7 @@ TEST(PlaneClassicRansac, FindsItsOwnThresholdAndIsRepeatable) {
   EXPECT_EQ(a.inliers, b.inliers);
 }
 
-TEST(PlaneClassicRansac, SaysNoToALineToNothingFiniteAndToASmallShare) {
+TEST(PlaneClassicRansac, says_no_to_a_line_to_nothing_finite_and_to_a_small_share) {
   std::vector<Vec3> line;
   for (int i = 0; i < 100; ++i) line.push_back(Vec3(i, 2.0 * i, 0.0));
   EXPECT_FALSE(fit_plane_ransac(line, Vec3::UnitZ(), {}).ok);
@@ -302,7 +302,7 @@ TEST(PlaneClassicRansac, SaysNoToALineToNothingFiniteAndToASmallShare) {
   EXPECT_FALSE(fit_plane_ransac(table_one(0.01), Vec3::UnitZ(), {.threshold_mm = 0.03, .inlier_share_min = 0.95}).ok);
 }
 
-TEST(Angles, AreExactFromAThousandthOfADegreeToNearlyAStraightAngle) {
+TEST(Angles, are_exact_from_a_thousandth_of_a_degree_to_nearly_a_straight_angle) {
   for (const double deg : {0.001, 0.021, 1.342, 179.999}) {
     const double a = rad_from_deg(deg);
     EXPECT_NEAR(deg_from_rad(angle_between_rad(Vec3::UnitZ(), Vec3(0.0, -std::sin(a), std::cos(a)))), deg, 1e-12);

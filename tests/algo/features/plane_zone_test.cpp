@@ -81,7 +81,7 @@ bool same_bits(const TiltedSums& a, const TiltedSums& b) {
   return std::memcmp(&a, &b, sizeof a) == 0;
 }
 
-TEST(TiltedSums, OfNumbersThatAreExactAreThoseOfAPlainLoop) {
+TEST(TiltedSums, of_numbers_that_are_exact_are_those_of_a_plain_loop) {
   const Points points = in_quarters(kCounts.back());
   for (const std::size_t count : kCounts) {
     for (const std::size_t length_max : {std::size_t{1}, std::size_t{40}, std::size_t{700}, count + 1}) {
@@ -97,7 +97,7 @@ TEST(TiltedSums, OfNumbersThatAreExactAreThoseOfAPlainLoop) {
   }
 }
 
-TEST(TiltedSums, AreThoseOfAPlainLoopToTheRoundingOfFloats) {
+TEST(TiltedSums, are_those_of_a_plain_loop_to_the_rounding_of_floats) {
   const Points points = rough(kCounts.back());
   for (const std::size_t count : kCounts) {
     for (const std::size_t length_max : {std::size_t{40}, count + 1}) {
@@ -118,7 +118,7 @@ TEST(TiltedSums, AreThoseOfAPlainLoopToTheRoundingOfFloats) {
   }
 }
 
-TEST(TiltedSums, DoNotDriftOverManyEqualPoints) {
+TEST(TiltedSums, do_not_drift_over_many_equal_points) {
   constexpr std::size_t kCount = 300'007;
   Points points;
   for (std::size_t i = 0; i < kCount; ++i) points.add(0.1F, -0.3F, 0.7F);
@@ -132,7 +132,7 @@ TEST(TiltedSums, DoNotDriftOverManyEqualPoints) {
   });
 }
 
-TEST(TiltedSums, CountAPointOnceWhereverItStands) {
+TEST(TiltedSums, count_a_point_once_wherever_it_stands) {
   for (const std::size_t count : {1U, 15U, 16U, 17U, 33U, 47U, 273U}) {
     for (std::size_t at = 0; at < count; ++at) {
       SCOPED_TRACE(std::to_string(at) + " of " + std::to_string(count));
@@ -149,7 +149,7 @@ TEST(TiltedSums, CountAPointOnceWhereverItStands) {
   }
 }
 
-TEST(TiltedSums, OfTheSameSelectionHaveTheSameBitsWhateverSelectedIt) {
+TEST(TiltedSums, of_the_same_selection_have_the_same_bits_whatever_selected_it) {
   Points points;
   Prng prng(13);
   for (int i = 0; i < 1000; ++i)
@@ -189,7 +189,7 @@ struct Face {
   }
 };
 
-TEST(ZonedPoints, HoldTheSamePointsAsAPlainLoopOnEveryInstructionSet) {
+TEST(ZonedPoints, hold_the_same_points_as_a_plain_loop_on_every_instruction_set) {
   const FlatPlane plane = {Vec3(0.004, 0.3, 0.9).normalized(), 2.0};
   for (const std::size_t count : kCounts) {
     const Face face(count, plane);
@@ -223,7 +223,7 @@ TEST(ZonedPoints, HoldTheSamePointsAsAPlainLoopOnEveryInstructionSet) {
 
 /// Within the zone a plane may be off by a twelfth of the threshold, over all points. A single far point makes a tilt
 /// too large that is acceptable over the others, at any index and in any direction.
-TEST(ZonedPoints, NoticeAPlaneTooFarOffAtAnyOneOfThem) {
+TEST(ZonedPoints, notice_a_plane_too_far_off_at_any_one_of_them) {
   const double threshold = 1.2;
   const double slack = 0.1;
   auto zoned = std::make_unique<ZonedPoints>();
@@ -263,7 +263,7 @@ TEST(ZonedPoints, NoticeAPlaneTooFarOffAtAnyOneOfThem) {
   EXPECT_TRUE(beyond(some.part(0, 40), {Vec3(0.0, 0.0, std::nan("")), 0.0})) << "what is no plane";
 }
 
-TEST(ZonedPoints, KeepAsManyPointsAsThereIsRoomFor) {
+TEST(ZonedPoints, keep_as_many_points_as_there_is_room_for) {
   // All points are at the threshold: half a unit of rounding decides.
   constexpr double kThreshold = 1.0;
   const auto face = [](std::size_t count) {

@@ -15,7 +15,7 @@ namespace {
 
 using slabd::testing::Seat;
 
-TEST(ExpectedRange, IsWithinOnePerCentOfTheExactFigures) {
+TEST(ExpectedRange, is_within_one_per_cent_of_the_exact_figures) {
   EXPECT_NEAR(expected_range(10), 3.077505, 0.01 * 3.08);
   EXPECT_NEAR(expected_range(100), 5.0152, 0.01 * 5.02);
   EXPECT_NEAR(expected_range(1000), 6.4829, 0.01 * 6.48);
@@ -115,14 +115,14 @@ Honesty honesty(int seeds, const Noise& noise) {
   return sum;
 }
 
-TEST(NoiseFactor, OfWhiteNoiseIsOne) {
+TEST(NoiseFactor, of_white_noise_is_one) {
   const Honesty h = honesty(60, [](Prng& prng) { return white(prng); });
   EXPECT_NEAR(h.factor, 1.06, 0.06) << "13 % scatter, never below 1";
   EXPECT_NEAR(h.normalised, 1.0, 0.3);
 }
 
 // Sixty seeds determine a ratio of variances of three components to about 11 %.
-TEST(NoiseFactor, MakesTheCovarianceTrueWhenNeighboursShareTheirErrors) {
+TEST(NoiseFactor, makes_the_covariance_true_when_neighbours_share_their_errors) {
   for (const double L : {0.3, 1.0, 2.0}) {
     const Honesty g = honesty(60, [L](Prng& prng) { return gaussian(prng, L); });
     EXPECT_NEAR(g.normalised, 1.0, 0.28) << "Gaussian " << L;
@@ -132,7 +132,7 @@ TEST(NoiseFactor, MakesTheCovarianceTrueWhenNeighboursShareTheirErrors) {
   }
 }
 
-TEST(NoiseFactor, DoesNotTakeFormForNoise) {
+TEST(NoiseFactor, does_not_take_form_for_noise) {
   const auto form = [](double x, double s) {
     return 0.1 * (x / 51.0) * (x / 51.0) + 0.05 * (x / 51.0) * (s / 75.0) + 0.02 * std::sin(2.0 * kPi * s / 75.0);
   };
@@ -149,7 +149,7 @@ TEST(NoiseFactor, DoesNotTakeFormForNoise) {
   }
 }
 
-TEST(NoiseFactor, IsNotMovedByABump) {
+TEST(NoiseFactor, is_not_moved_by_a_bump) {
   Prng prng(3);
   const Flatness f = Seat([&](double x, double s) {
                        return (std::hypot(x - 20.0, s + 30.0) < 3.0 ? 0.3 : 0.0) + 0.03 * prng.normal();
@@ -158,7 +158,7 @@ TEST(NoiseFactor, IsNotMovedByABump) {
   EXPECT_NEAR(f.noise_mm, 0.0375, 0.003);
 }
 
-TEST(NoiseFactor, IsNotStatedForASmallRegion) {
+TEST(NoiseFactor, is_not_stated_for_a_small_region) {
   Prng prng(3);
   Seat seat([&](double, double) { return 0.03 * prng.normal(); });
   seat.region.half_x_mm = 15.0;
@@ -172,7 +172,7 @@ SurfaceDefect defect_of(std::uint64_t seed, const Thing& thing) {
   return Seat([&](double x, double s) { return thing(x, s) + kNoise_mm * prng.normal(); }).measure(kNoise_mm).defect;
 }
 
-TEST(DefectChannel, ShowsAChipAndABurrOfAFewSquareMillimetres) {
+TEST(DefectChannel, shows_a_chip_and_a_burr_of_a_few_square_millimetres) {
   for (const double height : {-0.1, 0.1, -0.5, 0.5}) {
     SCOPED_TRACE(height);
     const SurfaceDefect d = defect_of(
@@ -186,7 +186,7 @@ TEST(DefectChannel, ShowsAChipAndABurrOfAFewSquareMillimetres) {
   }
 }
 
-TEST(DefectChannel, NamesTheLargerOfTwoAndKeepsTheSidesApart) {
+TEST(DefectChannel, names_the_larger_of_two_and_keeps_the_sides_apart) {
   const SurfaceDefect d = defect_of(6, [](double x, double s) {
     if (std::hypot(x - 20.0, s + 30.0) < 2.0) return 0.8;
     if (std::hypot(x + 30.0, s - 10.0) < 4.0) return -0.2;
@@ -198,7 +198,7 @@ TEST(DefectChannel, NamesTheLargerOfTwoAndKeepsTheSidesApart) {
   EXPECT_NEAR(d.s_mm, 10.0, 0.8);
 }
 
-TEST(DefectChannel, IsQuietOnNoiseAndOnAGentleBow) {
+TEST(DefectChannel, is_quiet_on_noise_and_on_a_gentle_bow) {
   int alarms = 0;
   for (std::uint64_t seed = 1; seed <= 16; ++seed) {
     alarms += defect_of(seed, [](double, double) { return 0.0; }).cells > 0 ? 1 : 0;
@@ -207,7 +207,7 @@ TEST(DefectChannel, IsQuietOnNoiseAndOnAGentleBow) {
   EXPECT_LE(alarms, 1) << "6800 cells pass five standard deviations in 0.4 % of scans";
 }
 
-TEST(DefectChannel, IsQuietOnACoarseScanWithCellsOfUnequalNoise) {
+TEST(DefectChannel, is_quiet_on_a_coarse_scan_with_cells_of_unequal_noise) {
   int alarms = 0;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     Prng prng(seed);
@@ -218,7 +218,7 @@ TEST(DefectChannel, IsQuietOnACoarseScanWithCellsOfUnequalNoise) {
   EXPECT_LE(alarms, 1);
 }
 
-TEST(DefectChannel, OfAPerfectSeatIsEmpty) {
+TEST(DefectChannel, of_a_perfect_seat_is_empty) {
   const SurfaceDefect d = Seat([](double, double) { return 0.0; }).measure(0.0).defect;
   EXPECT_EQ(d.cells, 0U);
   EXPECT_GT(d.limit_mm, 0.0);

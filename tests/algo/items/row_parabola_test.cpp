@@ -34,7 +34,7 @@ Reading read_row(std::size_t seats, std::size_t low, double scatter_mm, double l
   return reading;
 }
 
-TEST(RowParabola, OneSeatBeyondItsToleranceReadsWhatItIs) {
+TEST(RowParabola, one_seat_beyond_its_tolerance_reads_what_it_is) {
   Prng prng(1);
   for (const std::size_t seats : kEveryRow) {
     for (std::size_t low = 0; low < seats; ++low) {
@@ -48,7 +48,7 @@ TEST(RowParabola, OneSeatBeyondItsToleranceReadsWhatItIs) {
   }
 }
 
-TEST(RowParabola, ScatterHidesFewEndSeatsAndAccusesFewSoundOnes) {
+TEST(RowParabola, scatter_hides_few_end_seats_and_accuses_few_sound_ones) {
   constexpr int kRows = 1'000;
   for (const std::size_t seats : kEveryRow) {
     Prng prng(5);

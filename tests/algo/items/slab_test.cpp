@@ -71,7 +71,7 @@ const Item& item(const SlabResult& r, ItemId id, int station = -1) {
   return *found;
 }
 
-TEST(Slab, NominalPassesWithAllItems) {
+TEST(Slab, nominal_passes_with_all_items) {
   const SlabResult r = Slab().inspect();
   EXPECT_EQ(r.verdict, Verdict::pass);
   EXPECT_EQ(r.reason, 0);
@@ -86,13 +86,13 @@ TEST(Slab, NominalPassesWithAllItems) {
   EXPECT_LT(angle_between_rad(error.rotation, Quat::Identity()), 2e-5);
 }
 
-TEST(Slab, PerfectSeatsGiveNominalValues) {
+TEST(Slab, perfect_seats_give_nominal_values) {
   const SlabResult r = Slab(0.0).inspect();
   for (const Item& i : r.items)
     EXPECT_NEAR(i.value, i.nominal, i.id == ItemId::large_jaw_distance ? 0.005 : 1e-6) << info(i.id).name;
 }
 
-TEST(Slab, FindsItsFrameFromAnyPlaceOfTheBase) {
+TEST(Slab, finds_its_frame_from_any_place_of_the_base) {
   Slab slab;
   // The nominal pose is only a start; the seats decide.
   SlabResult out;
@@ -101,7 +101,7 @@ TEST(Slab, FindsItsFrameFromAnyPlaceOfTheBase) {
   EXPECT_LT((out.fit.T_base_slab.translation_mm - kBase.translation_mm).norm(), 0.02);
 }
 
-TEST(Slab, OneSeatBesideItsPlaceIsThatSeatsFaultOnly) {
+TEST(Slab, one_seat_beside_its_place_is_that_seats_fault_only) {
   for (int station = 1; station <= 18; ++station) {
     Slab slab;
     slab.place(station, Vec3(0.0, 0.8, 0.0), Quat::Identity());
@@ -118,7 +118,7 @@ TEST(Slab, OneSeatBesideItsPlaceIsThatSeatsFaultOnly) {
   }
 }
 
-TEST(Slab, ThreeDisplacedSeatsAreFoundToo) {
+TEST(Slab, three_displaced_seats_are_found_too) {
   Slab slab;
   for (const int k : {2, 9, 14}) slab.place(k, Vec3(0.0, 1.5, 0.0), Quat::Identity());
   const SlabResult r = slab.inspect();
@@ -126,7 +126,7 @@ TEST(Slab, ThreeDisplacedSeatsAreFoundToo) {
     EXPECT_NEAR(item(r, ItemId::seat_lateral, k).value, (k == 2 || k == 9 || k == 14) ? 1.5 : 0.0, 0.06) << k;
 }
 
-TEST(Slab, ALowSeatIsFoundWithItsWholeDepthAndItsNeighboursAreNotLiftedForIt) {
+TEST(Slab, a_low_seat_is_found_with_its_whole_depth_and_its_neighbours_are_not_lifted_for_it) {
   const SlabResult before = Slab().inspect();
   for (int station = 1; station <= 18; ++station) {
     Slab slab;
@@ -145,7 +145,7 @@ TEST(Slab, ALowSeatIsFoundWithItsWholeDepthAndItsNeighboursAreNotLiftedForIt) {
   }
 }
 
-TEST(Slab, WarpIsReportedAndTakenOutOfTheHeights) {
+TEST(Slab, warp_is_reported_and_taken_out_of_the_heights) {
   Slab slab;
   const double sag = 1.6;  // mid above ends, both rows
   slab.displace_all(
@@ -162,7 +162,7 @@ TEST(Slab, WarpIsReportedAndTakenOutOfTheHeights) {
   EXPECT_DOUBLE_EQ(item(kept, ItemId::seat_vertical, 1).value, item(kept, ItemId::seat_vertical, 1).beside);
 }
 
-TEST(Slab, TooMuchWarpFailsTheSlabAndNoStation) {
+TEST(Slab, too_much_warp_fails_the_slab_and_no_station) {
   Slab slab;
   slab.displace_all([](int, const Vec3& p) { return Vec3(0.0, 0.0, 4.0 * (1.0 - p.x() * p.x() / (2520.0 * 2520.0))); });
   const SlabResult r = slab.inspect();
@@ -172,7 +172,7 @@ TEST(Slab, TooMuchWarpFailsTheSlabAndNoStation) {
   for (const Verdict v : r.station_verdict) EXPECT_EQ(v, Verdict::pass);
 }
 
-TEST(Slab, TwistShowsInTheCornerLevel) {
+TEST(Slab, twist_shows_in_the_corner_level) {
   Slab slab;
   // Opposite corners up: z = c x y, each corner 0.4 mm.
   slab.displace_all([](int, const Vec3& p) { return Vec3(0.0, 0.0, 0.4 * (p.x() / -2520.0) * (p.y() / 758.0)); });
@@ -183,7 +183,7 @@ TEST(Slab, TwistShowsInTheCornerLevel) {
   EXPECT_EQ(corner.verdict, Verdict::fail);
 }
 
-TEST(Slab, ASeatAlongTheRailOutOfPlaceFailsItsTwoSpacings) {
+TEST(Slab, a_seat_along_the_rail_out_of_place_fails_its_two_spacings) {
   Slab slab;
   slab.place(12, Vec3(1.5, 0.0, 0.0), Quat::Identity());
   const SlabResult r = slab.inspect();
@@ -204,7 +204,7 @@ TEST(Slab, ASeatAlongTheRailOutOfPlaceFailsItsTwoSpacings) {
   EXPECT_EQ(r.verdict, Verdict::fail);
 }
 
-TEST(Slab, LargeJawDistanceCountsForTheStationWhoseJawIsOutOfPlace) {
+TEST(Slab, large_jaw_distance_counts_for_the_station_whose_jaw_is_out_of_place) {
   Slab slab;
   slab.block(3).observation.jaw_outer_base += kBase.rotation * Vec3(0.0, 1.6, 0.0);
   const SlabResult r = slab.inspect();
@@ -218,7 +218,7 @@ TEST(Slab, LargeJawDistanceCountsForTheStationWhoseJawIsOutOfPlace) {
   EXPECT_EQ(r.station_verdict[3], Verdict::pass);
 }
 
-TEST(Slab, SlopeInTheSlabFrameDecidesWhenTheRecipeSaysSo) {
+TEST(Slab, slope_in_the_slab_frame_decides_when_the_recipe_says_so) {
   for (const int station : {5, 14}) {
     Slab slab;
     // Tilted further outward by 0.2 degrees: 1.63, beyond 1:37.
@@ -237,7 +237,7 @@ TEST(Slab, SlopeInTheSlabFrameDecidesWhenTheRecipeSaysSo) {
   }
 }
 
-TEST(Slab, AFailedLocalSlopeDoesNotCountWhenTheSlabFrameDecides) {
+TEST(Slab, a_failed_local_slope_does_not_count_when_the_slab_frame_decides) {
   Slab slab;
   slab.block(7).items[0].value = 1.8;
   slab.block(7).items[0].verdict = Verdict::fail;
@@ -248,7 +248,7 @@ TEST(Slab, AFailedLocalSlopeDoesNotCountWhenTheSlabFrameDecides) {
   EXPECT_EQ(slab.inspect().station_verdict[6], Verdict::fail);
 }
 
-TEST(Slab, ABlockThatFailsFailsTheSlab) {
+TEST(Slab, a_block_that_fails_fails_the_slab) {
   Slab slab;
   slab.block(18).items[2].verdict = Verdict::fail;
   slab.block(18).verdict = Verdict::fail;
@@ -260,7 +260,7 @@ TEST(Slab, ABlockThatFailsFailsTheSlab) {
   EXPECT_NE(r.fail_mask, 0);
 }
 
-TEST(Slab, WithAStationMissingIsNotMeasured) {
+TEST(Slab, with_a_station_missing_is_not_measured) {
   Slab slab;
   slab.forget(6);
   const SlabResult r = slab.inspect();
@@ -276,14 +276,14 @@ TEST(Slab, WithAStationMissingIsNotMeasured) {
     EXPECT_EQ(r.station_verdict[static_cast<std::size_t>(k - 1)], k == 6 ? Verdict::not_measured : Verdict::pass) << k;
 }
 
-TEST(Slab, WithAStationMissingAndAnotherFailingFails) {
+TEST(Slab, with_a_station_missing_and_another_failing_fails) {
   Slab slab;
   slab.forget(6);
   slab.place(2, Vec3(0.0, 0.8, 0.0), Quat::Identity());
   EXPECT_EQ(slab.inspect().verdict, Verdict::fail);
 }
 
-TEST(Slab, ANotMeasuredBlockKeepsItsCode) {
+TEST(Slab, a_not_measured_block_keeps_its_code) {
   Slab slab;
   BlockResult& b = slab.block(4);
   b.verdict = Verdict::not_measured;
@@ -296,7 +296,7 @@ TEST(Slab, ANotMeasuredBlockKeepsItsCode) {
   EXPECT_EQ(r.verdict, Verdict::not_measured);
 }
 
-TEST(Slab, EvenWithoutItemsANotMeasuredBlockNeverPasses) {
+TEST(Slab, even_without_items_a_not_measured_block_never_passes) {
   Slab slab;
   slab.block(4).items.clear();
   slab.block(4).verdict = Verdict::not_measured;
@@ -306,7 +306,7 @@ TEST(Slab, EvenWithoutItemsANotMeasuredBlockNeverPasses) {
   EXPECT_EQ(slab.inspect().station_verdict[3], Verdict::not_measured);
 }
 
-TEST(Slab, WideItemsWithoutLimitsAreInformationUnlessRequired) {
+TEST(Slab, wide_items_without_limits_are_information_unless_required) {
   Slab slab;
   for (const ItemId id : {ItemId::corner_level, ItemId::warp_left, ItemId::warp_right}) {
     Tolerance& t = slab.recipe.tolerances[static_cast<std::size_t>(id)];
@@ -330,25 +330,25 @@ void expect_no_frame(Slab& slab) {
   for (const Verdict v : r.station_verdict) EXPECT_EQ(v, Verdict::not_measured) << "slope and place are unknown";
 }
 
-TEST(Slab, WithElevenSeatsHasNoFrame) {
+TEST(Slab, with_eleven_seats_has_no_frame) {
   Slab slab;
   for (const int k : {2, 4, 6, 8, 11, 13, 15}) slab.forget(k);
   expect_no_frame(slab);
 }
 
-TEST(Slab, WithTwelveSeatsHasOne) {
+TEST(Slab, with_twelve_seats_has_one) {
   Slab slab;
   for (const int k : {2, 4, 6, 11, 13, 15}) slab.forget(k);
   EXPECT_TRUE(slab.inspect().fit.ok);
 }
 
-TEST(Slab, WithOneRowHasNoFrame) {
+TEST(Slab, with_one_row_has_no_frame) {
   Slab slab;
   for (int k = 10; k <= 18; ++k) slab.forget(k);
   expect_no_frame(slab);
 }
 
-TEST(Slab, WithNothingHasNoFrame) {
+TEST(Slab, with_nothing_has_no_frame) {
   Slab slab;
   for (int k = 1; k <= 18; ++k) slab.forget(k);
   expect_no_frame(slab);
@@ -357,7 +357,7 @@ TEST(Slab, WithNothingHasNoFrame) {
   EXPECT_EQ(out.verdict, Verdict::not_measured);
 }
 
-TEST(Slab, WithoutAStationSigmaIsIndeterminateEvenUnderSimpleAcceptance) {
+TEST(Slab, without_a_station_sigma_is_indeterminate_even_under_simple_acceptance) {
   for (const double guard : {1.0, 0.0}) {
     Slab slab;
     slab.recipe.guard = guard;
@@ -373,7 +373,7 @@ TEST(Slab, WithoutAStationSigmaIsIndeterminateEvenUnderSimpleAcceptance) {
   }
 }
 
-TEST(Slab, UncertaintyCombinesRecipeAndStations) {
+TEST(Slab, uncertainty_combines_recipe_and_stations) {
   const SlabResult r = Slab().inspect();
   EXPECT_NEAR(item(r, ItemId::seat_lateral, 1).U, std::hypot(0.15, 2.0 * 0.02), 1e-12);
   EXPECT_NEAR(item(r, ItemId::seat_spacing, 1).U, std::hypot(0.15, 2.0 * std::sqrt(2.0) * 0.02), 1e-12);
@@ -382,7 +382,7 @@ TEST(Slab, UncertaintyCombinesRecipeAndStations) {
   EXPECT_NEAR(item(r, ItemId::seat_slope, 1).U, std::hypot(0.03, 2.0 * 0.001), 1e-12);
 }
 
-TEST(Slab, OfEightPairsUsesItsOwnNumbering) {
+TEST(Slab, of_eight_pairs_uses_its_own_numbering) {
   Slab slab;
   slab.recipe.slab.pairs = 8;
   slab.recipe.slab.length_mm.value = 4970.0;
@@ -400,7 +400,7 @@ TEST(Slab, OfEightPairsUsesItsOwnNumbering) {
   EXPECT_EQ(r.station_verdict[16], Verdict::none) << "no such station";
 }
 
-TEST(Slab, GivesTheSameBitsTwice) {
+TEST(Slab, gives_the_same_bits_twice) {
   Slab slab;
   const SlabResult a = slab.inspect();
   const SlabResult b = slab.inspect();
@@ -408,7 +408,7 @@ TEST(Slab, GivesTheSameBitsTwice) {
   for (std::size_t i = 0; i < a.items.size(); ++i) EXPECT_EQ(a.items[i].value, b.items[i].value);
 }
 
-TEST(Slab, ABlockThatSaysItDoesNotPassNeverDoesWhateverItsItemsSay) {
+TEST(Slab, a_block_that_says_it_does_not_pass_never_does_whatever_its_items_say) {
   // A record with a missing item: the remaining ones are good.
   for (const Verdict verdict : {Verdict::fail, Verdict::not_measured, Verdict::aborted, Verdict::indeterminate}) {
     for (const int reason : {0, kReasonItemBase + 3, static_cast<int>(Code::fit_failed)}) {
@@ -424,7 +424,7 @@ TEST(Slab, ABlockThatSaysItDoesNotPassNeverDoesWhateverItsItemsSay) {
   }
 }
 
-TEST(Slab, DoesNotPassWithAFindingOnABlockOfGoodItems) {
+TEST(Slab, does_not_pass_with_a_finding_on_a_block_of_good_items) {
   Slab slab;
   ASSERT_TRUE(slab.block(4).findings.push(SurfaceFinding{}));
   slab.block(4).verdict = Verdict::indeterminate;
@@ -440,7 +440,7 @@ TEST(Slab, DoesNotPassWithAFindingOnABlockOfGoodItems) {
   EXPECT_EQ(slab.inspect().station_verdict[3], Verdict::fail);
 }
 
-TEST(Slab, AnInterruptedBlockSaysSo) {
+TEST(Slab, an_interrupted_block_says_so) {
   Slab slab;
   BlockResult& b = slab.block(4);
   b.verdict = Verdict::aborted;
@@ -451,7 +451,7 @@ TEST(Slab, AnInterruptedBlockSaysSo) {
   EXPECT_EQ(slab.inspect().station_reason[3], static_cast<std::uint16_t>(Code::scanner_offline));
 }
 
-TEST(Slab, WithoutAnySlabWideLimitItsStationsDecide) {
+TEST(Slab, without_any_slab_wide_limit_its_stations_decide) {
   Slab slab;
   for (const ItemId id : {ItemId::seat_spacing, ItemId::large_jaw_distance, ItemId::corner_level, ItemId::warp_left,
                           ItemId::warp_right}) {

@@ -90,7 +90,7 @@ void expect_near(const SumsOfFaces& fast, const SumsOfFaces& plain) {
   }
 }
 
-TEST(IcpPasses, CoarseSumsAreThoseOfAPlainLoop) {
+TEST(IcpPasses, coarse_sums_are_those_of_a_plain_loop) {
   Scene s;
   s.view.cells = s.table.wide();
   constexpr double kGate = 6.0;
@@ -111,7 +111,7 @@ TEST(IcpPasses, CoarseSumsAreThoseOfAPlainLoop) {
   EXPECT_GT(plain[0].s[FaceSums::points], 300.0);
 }
 
-TEST(IcpPasses, AssociationCountsAndFineSumsAreThoseOfAPlainLoop) {
+TEST(IcpPasses, association_counts_and_fine_sums_are_those_of_a_plain_loop) {
   Scene s;
   s.view.cells = s.table.near();
   constexpr double kGate = 3.0;
@@ -180,7 +180,7 @@ TEST(IcpPasses, AssociationCountsAndFineSumsAreThoseOfAPlainLoop) {
   EXPECT_GT(within, 500U);
 }
 
-TEST(IcpPasses, SortingKeepsEveryPointAndBringsFacesTogether) {
+TEST(IcpPasses, sorting_keeps_every_point_and_brings_faces_together) {
   Scene s;
   s.view.cells = s.table.near();
   std::vector<float> memory(kSampleFloats);
@@ -206,7 +206,7 @@ TEST(IcpPasses, SortingKeepsEveryPointAndBringsFacesTogether) {
   EXPECT_LE(mixed, kFaces) << "each face ends in the middle of sixteen points once";
 }
 
-TEST(IcpPasses, SortKeysAreThoseOfAPlainLoop) {
+TEST(IcpPasses, sort_keys_are_those_of_a_plain_loop) {
   Scene s;
   s.view.cells = s.table.near();
   std::vector<std::uint8_t> keys(kPoints);
@@ -226,7 +226,7 @@ TEST(IcpPasses, SortKeysAreThoseOfAPlainLoop) {
   for (const std::size_t points : seen) EXPECT_GT(points, 50U);
 }
 
-TEST(Icp, SortedOrAsDrawnThePassesComeToTheSame) {
+TEST(Icp, sorted_or_as_drawn_the_passes_come_to_the_same) {
   Scene s;
   // Enough points that both threads have blocks to sort, in the first part too.
   constexpr std::size_t kTimes = 40;
@@ -264,7 +264,7 @@ TEST(Icp, SortedOrAsDrawnThePassesComeToTheSame) {
   }
 }
 
-TEST(IcpSample, TakesEveryPartFromTheWholeScanAndSkipsWhatIsMissing) {
+TEST(IcpSample, takes_every_part_from_the_whole_scan_and_skips_what_is_missing) {
   // x counts the points; every second run of 40 is missing.
   constexpr std::size_t kScan = 1'000'003;
   std::vector<float> xyz(3 * kScan);
@@ -324,7 +324,7 @@ std::vector<Vec3> plainly_drawn(std::span<const float> xyz, std::size_t points, 
   return drawn;
 }
 
-TEST(IcpSample, IsWhatAPlainLoopDrawsOnOneThreadAndOnTwo) {
+TEST(IcpSample, is_what_a_plain_loop_draws_on_one_thread_and_on_two) {
   for (const std::size_t points :
        {std::size_t{1}, std::size_t{127}, std::size_t{128}, std::size_t{1500}, std::size_t{65'535}, std::size_t{65'536},
         std::size_t{65'537}, std::size_t{300'001}}) {

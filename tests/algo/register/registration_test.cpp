@@ -37,7 +37,7 @@ scene::Cloud plain_scan(const scene::Block& block = {}) {
   return scene::take(block, {});
 }
 
-TEST(Registration, FindsThePoseToAMicrometre) {
+TEST(Registration, finds_the_pose_to_a_micrometre) {
   scene::Scan scan;
   scan.displacement = scene::displaced(1.5, -2.0, 0.7, 0.2, -0.3, 0.25);
   const Registered r(scene::take({}, scan), Pose::identity());
@@ -48,7 +48,7 @@ TEST(Registration, FindsThePoseToAMicrometre) {
   EXPECT_LT(r.report().condition, 200.0);
 }
 
-TEST(Registration, ReportsDeviationsOfAllPointsNearTheModel) {
+TEST(Registration, reports_deviations_of_all_points_near_the_model) {
   // For an accepted pose they are computed together with the measurement.
   scene::Cloud cloud = plain_scan();
   Registered r(cloud, Pose::identity());
@@ -65,7 +65,7 @@ TEST(Registration, ReportsDeviationsOfAllPointsNearTheModel) {
   for (std::size_t k = 1; k < 6; ++k) EXPECT_GE(d.within_sigma[k], d.within_sigma[k - 1]);
 }
 
-TEST(Registration, ConvergesFromTwentyMillimetresAndThreeDegreesInEveryDirection) {
+TEST(Registration, converges_from_twenty_millimetres_and_three_degrees_in_every_direction) {
   const scene::Cloud cloud = plain_scan();
   Prng prng(7);
   for (int i = 0; i < 12; ++i) {
@@ -80,7 +80,7 @@ TEST(Registration, ConvergesFromTwentyMillimetresAndThreeDegreesInEveryDirection
   }
 }
 
-TEST(Registration, IsRightOrSaysNoFromAnyDistance) {
+TEST(Registration, is_right_or_says_no_from_any_distance) {
   const scene::Cloud cloud = plain_scan();
   Prng prng(8);
   int converged = 0;
@@ -102,7 +102,7 @@ TEST(Registration, IsRightOrSaysNoFromAnyDistance) {
   EXPECT_GE(converged, 1);
 }
 
-TEST(Registration, KeepsItsPoseOnABlockWithLongEndsAndWideJaws) {
+TEST(Registration, keeps_its_pose_on_a_block_with_long_ends_and_wide_jaws) {
   scene::Block block;
   block.end_half_mm = 106.0;
   block.jaw_distance_mm = 381.0;
@@ -119,7 +119,7 @@ void expect_not_found(const scene::Cloud& cloud, const Pose& off = Pose::identit
   EXPECT_FALSE(r.report().note.empty());
 }
 
-TEST(Registration, DoesNotFindABlockOnABareSlab) {
+TEST(Registration, does_not_find_a_block_on_a_bare_slab) {
   scene::Block bare;
   bare.present = false;
   expect_not_found(plain_scan(bare));
@@ -128,26 +128,26 @@ TEST(Registration, DoesNotFindABlockOnABareSlab) {
   EXPECT_NE(r.report().note.view().find("(x)"), std::string_view::npos) << r.report().note.c_str();
 }
 
-TEST(Registration, DoesNotFindABlockOnABareSlabAtTheHeightOfTheSeat) {
+TEST(Registration, does_not_find_a_block_on_a_bare_slab_at_the_height_of_the_seat) {
   scene::Block bare;
   bare.present = false;
   expect_not_found(plain_scan(bare), scene::displaced(0.0, 0.0, -30.0, 0.0, 0.0, 0.0));
   expect_not_found(plain_scan(bare), scene::displaced(0.0, 0.0, -30.0, -1.4, 0.0, 0.0));
 }
 
-TEST(Registration, DoesNotTakeANeighbourHalfInViewForTheBlock) {
+TEST(Registration, does_not_take_a_neighbour_half_in_view_for_the_block) {
   scene::Scan scan;
   scan.displacement = scene::displaced(140.0, 0.0, 0.0, 0.0, 0.0, 0.0);
   expect_not_found(scene::take({}, scan));
 }
 
-TEST(Registration, DoesNotTakeABlockTheWrongWayRoundForTheBlock) {
+TEST(Registration, does_not_take_a_block_the_wrong_way_round_for_the_block) {
   scene::Scan scan;
   scan.displacement = scene::displaced(0.0, 0.0, 0.0, 0.0, 0.0, 180.0);
   expect_not_found(scene::take({}, scan));
 }
 
-TEST(Registration, DoesNotFindABlockInABoxOfNoise) {
+TEST(Registration, does_not_find_a_block_in_a_box_of_noise) {
   scene::Cloud cloud;
   cloud.T_block_scanner = nominal_T_block_scanner();
   Prng prng(5);
@@ -187,7 +187,7 @@ void without_ends(scene::Cloud& cloud) {
   });
 }
 
-TEST(Registration, TakesThePlaceAlongTheRailFromTheCasingsWhenNoEndIsInView) {
+TEST(Registration, takes_the_place_along_the_rail_from_the_casings_when_no_end_is_in_view) {
   scene::Scan scan;
   scan.field_x_mm = 170.0;
   scan.displacement = scene::displaced(18.0, -7.0, 2.0, 0.5, -1.0, 1.5);
@@ -201,7 +201,7 @@ TEST(Registration, TakesThePlaceAlongTheRailFromTheCasingsWhenNoEndIsInView) {
       << "casings say it less sharply than ends";
 }
 
-TEST(Registration, HasTheSameBitsOnTwoThreadsWhereCasingsOrASearchAreNeeded) {
+TEST(Registration, has_the_same_bits_on_two_threads_where_casings_or_a_search_are_needed) {
   scene::Scan narrow;
   narrow.field_x_mm = 170.0;
   const Pose along = scene::displaced(20.0, 0.0, 0.0, 0.0, 0.0, 0.0);
@@ -221,7 +221,7 @@ TEST(Registration, HasTheSameBitsOnTwoThreadsWhereCasingsOrASearchAreNeeded) {
   }
 }
 
-TEST(Registration, TakesTheRobotsWordAlongTheRailWhereNothingElseFixesIt) {
+TEST(Registration, takes_the_robots_word_along_the_rail_where_nothing_else_fixes_it) {
   // Neither end face in view, and no casing: the scan does not determine the position along the rail.
   scene::Scan scan;
   scan.field_x_mm = 170.0;
@@ -234,7 +234,7 @@ TEST(Registration, TakesTheRobotsWordAlongTheRailWhereNothingElseFixesIt) {
   EXPECT_LT(std::sqrt(r.report().covariance(1, 1)), 0.05) << "nothing else is in doubt";
 }
 
-TEST(Registration, TakesTheBlocksEndsAlongTheRailWhereNoBoreIsSeen) {
+TEST(Registration, takes_the_blocks_ends_along_the_rail_where_no_bore_is_seen) {
   // Capped casings, and end faces so steep that they return no points.
   for (const double along_mm : {0.0, 8.0}) {
     SCOPED_TRACE(along_mm);
@@ -249,7 +249,7 @@ TEST(Registration, TakesTheBlocksEndsAlongTheRailWhereNoBoreIsSeen) {
   }
 }
 
-TEST(Registration, RejectsAPoseBeyondItsWindow) {
+TEST(Registration, rejects_a_pose_beyond_its_window) {
   Recipe recipe = scene::p5600();
   recipe.evaluation.window_mm = 5.0;
   const Registered r(plain_scan(), scene::displaced(8.0, 0.0, 0.0, 0.0, 0.0, 0.0), recipe);
@@ -257,7 +257,7 @@ TEST(Registration, RejectsAPoseBeyondItsWindow) {
   EXPECT_NE(r.report().note.view().find("moved 8.0 mm"), std::string_view::npos) << r.report().note.c_str();
 }
 
-TEST(Registration, RefusesAStartThatIsNoPose) {
+TEST(Registration, refuses_a_start_that_is_no_pose) {
   scene::Cloud cloud = plain_scan();
   BlockInspector inspector;
   inspector.use(scene::p5600());

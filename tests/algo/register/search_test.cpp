@@ -18,7 +18,7 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-TEST(PlaceCount, CountsWhatAPlainLoopCountsWithinAndBeyondTheRaster) {
+TEST(PlaceCount, counts_what_a_plain_loop_counts_within_and_beyond_the_raster) {
   constexpr int kColumns = 13;
   constexpr int kRows = 7;
   Prng prng(3);
@@ -83,7 +83,7 @@ Vec3 seat_point(const std::vector<float>& xyz, std::size_t i) {
          some_strips().t_seat_scanner;
 }
 
-TEST(CasingStrips, PlacesOfASampleAreThoseOfAPlainLoop) {
+TEST(CasingStrips, places_of_a_sample_are_those_of_a_plain_loop) {
   constexpr std::size_t kPoints = 8'192;
   const std::vector<float> xyz = nasty_points(kPoints);
   std::array<std::vector<float>, 3> column;
@@ -111,7 +111,7 @@ TEST(CasingStrips, PlacesOfASampleAreThoseOfAPlainLoop) {
   }
 }
 
-TEST(CasingStrips, PointsAroundCasingsAreThoseOfAPlainLoopInPartsOfEveryShape) {
+TEST(CasingStrips, points_around_casings_are_those_of_a_plain_loop_in_parts_of_every_shape) {
   constexpr std::size_t kWidth = 211;
   constexpr std::size_t kHeight = 307;
   std::vector<float> xyz = nasty_points(kWidth * kHeight);
@@ -145,7 +145,7 @@ TEST(CasingStrips, PointsAroundCasingsAreThoseOfAPlainLoopInPartsOfEveryShape) {
   }
 }
 
-TEST(CasingStrips, MorePointsThanThereIsRoomForAreLeftOut) {
+TEST(CasingStrips, more_points_than_there_is_room_for_are_left_out) {
   constexpr std::size_t kPoints = 1'600;
   std::vector<float> xyz;
   for (std::size_t i = 0; i < kPoints; ++i) xyz.insert(xyz.end(), {0.0F, 116.0F, 0.0F});

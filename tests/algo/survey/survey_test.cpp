@@ -152,7 +152,7 @@ void expect_same_plane(const char* face, const PlaneFit& fit, const PlaneFit& wa
   EXPECT_NEAR(fit.std_mm, want.std_mm, 0.02 * want.std_mm);
 }
 
-TEST(Survey, FindsWhatThePlainWayFinds) {
+TEST(Survey, finds_what_the_plain_way_finds) {
   Bench bench;
   struct View {
     double focus_mm;
@@ -190,7 +190,7 @@ TEST(Survey, FindsWhatThePlainWayFinds) {
   }
 }
 
-TEST(Survey, AsksAboutPointsInAnyOrder) {
+TEST(Survey, asks_about_points_in_any_order) {
   Bench bench;
   scene::Scan scan;
   scan.pitch_mm = 0.8;
@@ -211,7 +211,7 @@ TEST(Survey, AsksAboutPointsInAnyOrder) {
   expect_same_statistics(survey, plain);
 }
 
-TEST(Survey, SaysTheSameOnTwoThreads) {
+TEST(Survey, says_the_same_on_two_threads) {
   Bench bench;
   scene::Cloud drawn = scene::take(scene::Block{}, scene::Scan{});
   const Survey one = bench.run(drawn.view(), drawn.T_block_scanner, 1);
@@ -228,7 +228,7 @@ TEST(Survey, SaysTheSameOnTwoThreads) {
   EXPECT_EQ(last_one, two.of(PointList::seat_crop)[two.of(PointList::seat_crop).size() - 1]);
 }
 
-TEST(Survey, MapsADentWhereItIs) {
+TEST(Survey, maps_a_dent_where_it_is) {
   Bench bench;
   scene::Block block;
   block.bump_mm = -0.4;
@@ -255,7 +255,7 @@ TEST(Survey, MapsADentWhereItIs) {
 }
 
 // 512 points in a row, and every 32nd sixteen: one per row, the same in all rows if each block begins with it.
-TEST(Survey, ScoutsAllOfAFaceWhateverTheWidthOfTheScan) {
+TEST(Survey, scouts_all_of_a_face_whatever_the_width_of_the_scan) {
   Bench bench;
   scene::Scan scan;
   scan.organised = true;
@@ -274,7 +274,7 @@ TEST(Survey, ScoutsAllOfAFaceWhateverTheWidthOfTheScan) {
 }
 
 // The last position below the edge of the field rounds to the edge when half of the field is added.
-TEST(Survey, MapsPointsAtTheEdgeOfTheFieldWithinIt) {
+TEST(Survey, maps_points_at_the_edge_of_the_field_within_it) {
   const float x_max = std::nextafter(200.0F, 0.0F);
   const float y_max = std::nextafter(300.0F, 0.0F);
   const struct {
@@ -301,7 +301,7 @@ TEST(Survey, MapsPointsAtTheEdgeOfTheFieldWithinIt) {
   }
 }
 
-TEST(Survey, OfNothingFindsNothing) {
+TEST(Survey, of_nothing_finds_nothing) {
   Bench bench;
   std::vector<float> xyz(3 * 70'000, std::numeric_limits<float>::quiet_NaN());
   const Survey survey = bench.run({xyz, 70'000, 0, 0}, Pose::identity());
@@ -311,7 +311,7 @@ TEST(Survey, OfNothingFindsNothing) {
   EXPECT_EQ(survey.of(PointList::seat_crop).size(), 0U);
 }
 
-TEST(Survey, OwnsUpToALackOfRoom) {
+TEST(Survey, owns_up_to_a_lack_of_room) {
   Bench bench;
   // Far more points over the crop than in any scan of a block.
   std::vector<float> xyz;
