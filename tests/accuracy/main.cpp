@@ -130,7 +130,7 @@ int main(int argc, char** argv) {
       ->group(of_real)
       ->allow_extra_args(false);
   app.add_flag("--table", real.table, "Each effect raised and each defect, one line each")->group(of_real);
-  app.add_flag("--markdown", real.markdown, "The table as in docs/MEASURING.md")->group(of_real)->needs("--table");
+  app.add_flag("--markdown", real.markdown, "The table as in docs/ACCURACY.md")->group(of_real)->needs("--table");
   app.add_flag("--each", real.each, "Also one line for each scan: error(U) of every item")->group(of_real);
   app.add_flag("--full", real.full_grid, "2048 x 2448 points instead of 1000 x 1428")->group(of_real);
   app.add_option("--step-mm", real.step_mm, "Round coordinates to this")->group(of_real)->check(CLI::Range(0.0, 1.0));

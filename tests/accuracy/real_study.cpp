@@ -362,7 +362,7 @@ constexpr std::string_view kMarkdownHead =
     "Not "
     "passed because of |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n";
 
-/// A row of the table in docs/MEASURING.md: verdicts, then for each kind of item the share that U covers and the mean
+/// A row of the table in docs/ACCURACY.md: verdicts, then for each kind of item the share that U covers and the mean
 /// U. If there are two items of a kind, both are those of the worse one.
 void print_markdown_row(const std::vector<Case>& cases, const Kind& kind) {
   const Verdicts v = verdicts_of(cases);

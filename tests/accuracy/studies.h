@@ -20,7 +20,7 @@ struct RealOptions {
   std::vector<std::string> effects;  ///< NAME=STRENGTH, override the surface's
   std::vector<std::string> defects;  ///< NAME=SIZE, or NAME for the usual size
   bool table = false;                ///< one line for each increased effect and each defect
-  bool markdown = false;             ///< the table as in docs/MEASURING.md
+  bool markdown = false;             ///< the table as in docs/ACCURACY.md
   bool each = false;                 ///< also every scan, one line each
   bool full_grid = false;            ///< 2048 x 2448 instead of 1000 x 1428
   double step_mm = 0.0;              ///< coordinates are rounded to this
