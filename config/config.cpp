@@ -137,7 +137,7 @@ bool is_path_of_this_computer(TableReader& table, std::string_view key, const st
                      (path.size() == 2 || path[2] == '\\' || path[2] == '/');
   if (drive || path.starts_with("\\\\")) {
     table.problem(key, fmt::format("found \"{}\", a path of Windows; allowed is a path of this computer, such as "
-                                   "/mnt/scanner/drop: mount a share of another computer first (docs/SCANNER.md)",
+                                   "/mnt/scanner/drop: mount a share of another computer first (docs/DELIVERY.md)",
                                    path));
     return false;
   }

@@ -8,7 +8,7 @@
 
 #include "base/result.h"
 
-/// The scanner's side of a scan stream (docs/SCANNER.md): the smallest form of a vendor's gateway. Used by one thread.
+/// The scanner's side of a scan stream (docs/DELIVERY.md): the smallest form of a vendor's gateway. Used by one thread.
 namespace slabd::cli {
 
 struct StreamRequest {

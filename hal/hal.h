@@ -429,7 +429,7 @@ struct ScanDropSettings {
 /// idle() retries. config: drop_dir is empty or too long.
 [[nodiscard]] Result<std::unique_ptr<ScannerPort>> make_scan_drop(const ScanDropSettings& settings, const Clock& clock);
 
-/// Scans over TCP: slabd listens, the scanner's gateway connects (docs/SCANNER.md).
+/// Scans over TCP: slabd listens, the scanner's gateway connects (docs/DELIVERY.md).
 struct ScanStreamSettings {
   FixedString<64> host = "127.0.0.1";  ///< IPv4
   std::uint16_t port = 1504;           ///< 0 = any free port (tests)

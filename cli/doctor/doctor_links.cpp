@@ -421,7 +421,7 @@ constexpr std::array kWarningCures = {
     "compare the recipe with the drawing, then confirmed = true; slabctl recipe show FILE lists what is not",
     "slabctl calibrate new; docs/CALIBRATION.md",
     "look into stray/ of the drop folder: does the scanner's software answer under other names, or twice? "
-    "docs/SCANNER.md",
+    "docs/DELIVERY.md",
     "the PLC must copy RES_SEQ (IR 30) to RES_ACK (HR 2) once it has stored the record",
     "set the clock (NTP); if it is right now, docs/OPERATING.md, \"The clock was wrong\"",
     "slabctl config check names file, line and key",
@@ -541,7 +541,7 @@ void examine_scanner(const daemon::Config& config, const std::string& status_tex
       report.failed("scanner link", why, "ip address lists this computer's addresses; correct [scanner] listen");
     else if (stream)
       report.failed("scanner link", "no gateway is connected to " + endpoint,
-                    "start the gateway; its address must be in [scanner] allow (docs/SCANNER.md)");
+                    "start the gateway; its address must be in [scanner] allow (docs/DELIVERY.md)");
     else
       report.failed("scanner link", "the daemon cannot use " + drop, "mount the share, and make it writable for slabd");
     const json& strays = at(status, {"links", "scanner", "strays"});
@@ -549,7 +549,7 @@ void examine_scanner(const daemon::Config& config, const std::string& status_tex
       report.warning("scanner link",
                      stream ? fmt::format("{} scans or connections were refused", strays.get<int>())
                             : fmt::format("{} files answered no request and lie in stray/", strays.get<int>()),
-                     stream ? "slabctl status says what was wrong last; docs/SCANNER.md"
+                     stream ? "slabctl status says what was wrong last; docs/DELIVERY.md"
                             : "the scanner's software must name its file after the request");
   }
   if (!scan) return report.note("scan", "not tried", "slabctl doctor --scan has one taken");

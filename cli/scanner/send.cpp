@@ -116,7 +116,7 @@ void add_scanner_send(args::Command& scanner) {
   auto options = std::make_shared<Options>();
   args::Command command = scanner.add_subcommand("send", "Answer slabd's next requests with scan files, over TCP");
   command->footer(
-      "\nThe reference of docs/SCANNER.md: connects as a gateway does, waits for a request, sends the file, prints "
+      "\nThe reference of docs/DELIVERY.md: connects as a gateway does, waits for a request, sends the file, prints "
       "what\n"
       "became of it; with several files one request after the other. Goes on where a connection was cut.\n"
       "Exit status: 0 all taken, 1 or 3 a scan was refused, 4 no request or no daemon within --wait-s.\n"

@@ -323,7 +323,7 @@ int stations(Options& options) {
     fmt::print(
         stderr,
         "warning: stations {} and {} are looked at from alike stops ({:.1f} mm, {:.2f} deg): slabd cannot tell by "
-        "the pose that a scan is of the right one; plan stops that differ (docs/SCANNER.md)\n",
+        "the pose that a scan is of the right one; plan stops that differ (docs/SCAN_CHECKS.md)\n",
         alike.station, alike.next, alike.differ.mm, alike.differ.deg);
   if (options.as_json)
     fmt::print("{}", json_of(sources, rows, alike, all_ok));

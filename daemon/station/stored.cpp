@@ -78,7 +78,7 @@ void warn_of_alike_stops(Station& s, Actions& actions) {
   if (std::exchange(s.stop_alike, station) != 0 || station == 0) return;
   log(actions, LogLine::Level::warning, Code::ok,
       "the robot looks at the block of station %d as it does at the next one's: their scans could be mistaken for each "
-      "other and the pose would not show it; slabctl stations plans stops that differ (docs/SCANNER.md)",
+      "other and the pose would not show it; slabctl stations plans stops that differ (docs/SCAN_CHECKS.md)",
       station);
 }
 

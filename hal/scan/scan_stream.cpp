@@ -21,7 +21,7 @@ static_assert(std::endian::native == std::endian::little, "numbers are copied as
 
 constexpr std::array<char, 8> kMagic = {'S', 'L', 'A', 'B', 'S', 'C', 'A', 'N'};
 
-/// Byte offsets; docs/SCANNER.md contains the same table.
+/// Byte offsets; docs/DELIVERY.md contains the same table.
 enum At : std::size_t {
   kAtMagic = 0,
   kAtVersion = 8,

@@ -10,7 +10,7 @@
 #include "hal/scan/scan_points.h"
 #include "hal/system/crc32c.h"
 
-/// Scans as a stream of bytes, as a scanner's gateway sends them over TCP (docs/SCANNER.md). One scan is a header of 64
+/// Scans as a stream of bytes, as a gateway sends them over TCP (docs/DELIVERY.md). One scan is a header of 64
 /// bytes and `count - first` points of three float32, x y z, all little-endian. Pure: no socket, no file, no clock.
 namespace slabd::hal {
 

@@ -597,7 +597,7 @@ TEST_F(ConfigTest, a_path_of_windows_is_refused) {
         load(std::string(kShortest) + "[scanner]\ndrop_dir = '" + path + "'\n"),
         Texts{"slabd.toml:6:12: scanner.drop_dir: found \"" + std::string(path) +
               "\", a path of Windows; allowed is a path of this computer, such as /mnt/scanner/drop: mount a share of "
-              "another computer first (docs/SCANNER.md)"})
+              "another computer first (docs/DELIVERY.md)"})
         << path;
 }
 

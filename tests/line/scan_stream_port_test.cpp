@@ -346,9 +346,9 @@ TEST_F(ScanStreamPortTest, cancelling_ends_the_wait) {
   EXPECT_EQ(result.error().code, Code::interrupted);
 }
 
-/// The gateway of docs/SCANNER.md, taken from the document.
+/// The gateway of docs/DELIVERY.md, taken from the document.
 TEST_F(ScanStreamPortTest, the_documented_gateway_delivers) {
-  const std::string text = test::read_file(places::source_dir() + "/docs/SCANNER.md");
+  const std::string text = test::read_file(places::source_dir() + "/docs/DELIVERY.md");
   const std::size_t begin = text.find("```python\n");
   const std::size_t end = text.find("```\n", begin + 10);
   ASSERT_NE(begin, std::string::npos);
