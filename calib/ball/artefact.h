@@ -43,7 +43,7 @@ struct ArtefactCertificate {
   std::vector<Vec3> balls_mm;              ///< target frame
 };
 
-/// Reads the text form (docs/CALIBRATION.md): one `key = value` per line, `#` comments.
+/// Reads the text form (docs/TARGETS.md): one `key = value` per line, `#` comments.
 ///
 ///     id = three-ball-01
 ///     date = 2026-03-14

@@ -77,7 +77,7 @@ void add_calibrate_artefact(args::Command& group) {
   args::Command command = group.add_subcommand(
       "artefact", "Find an artefact of three or more balls in scans: pose, residuals, why refused");
   command->footer(
-      "\nThe certificate is a text file; docs/CALIBRATION.md describes it.\n"
+      "\nThe certificate is a text file; docs/TARGETS.md describes it.\n"
       "Example: slabctl calibrate artefact view_*.ply --certificate three-ball-01.cert --target target.txt\n"
       "Exit status: 0 every scan accepted, 6 one refused, 2 usage, 3 bad input.");
   command->add_option("SCAN", options->scans, "Scans of the artefact, one a view, in the order of the flange poses")

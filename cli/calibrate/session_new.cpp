@@ -119,7 +119,7 @@ int begin(const Options& options) {
     settings.radius_mm = options.radius_mm;
     settings.radius_sigma_mm = options.radius_sigma_mm;
   } else {
-    if (options.certificate.empty()) stop(kUsage, "kind artefact needs --certificate; docs/CALIBRATION.md shows one");
+    if (options.certificate.empty()) stop(kUsage, "kind artefact needs --certificate; docs/TARGETS.md shows one");
     const std::string text = need(text_file(options.certificate), kBadInput);
     const auto parsed = need(calib::parse_certificate(text, options.certificate), kBadInput);
     certificate = text;

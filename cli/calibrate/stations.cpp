@@ -292,7 +292,7 @@ void add_calibrate_stations(args::Command& group) {
       "five slabs here. What is left after the correction is the robot's repeatability: sigma sqrt(1 + 1/visits).\n"
       "A new hand-eye calibration makes the corrections stale; --again solves the same visits with it, if the scanner "
       "has not\nmoved on the flange since: what a visit saw it saw from where the scanner sat.\n"
-      "Certificate and visits as text: docs/CALIBRATION.md.\n\n"
+      "Certificate and visits as text: docs/MASTERING.md.\n\n"
       "Exit status 6: refused, nothing is kept; every reason says what to do.\n"
       "Example: slabctl calibrate stations --certificate master.txt --slabs 12 13 14 15 16 --apply --why \"new "
       "robot\"");

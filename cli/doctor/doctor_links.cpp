@@ -428,7 +428,7 @@ constexpr std::array kWarningCures = {
     "free space on the disk of the scans or of the database (journalctl -u slabd says which)",
     "journalctl -u slabd says why; does another slabd run?",
     "slabctl calibrate check; docs/CALIBRATION.md, \"The daily check\"",
-    "slabctl calibrate stations; docs/CALIBRATION.md, \"Station corrections\"",
+    "slabctl calibrate stations; docs/MASTERING.md",
     "slabctl scanner verify; docs/SCANNER.md, \"Is it good enough?\"",
     "slabctl calibrate new, and apply it; docs/CALIBRATION.md",
     "slabctl recipe diff shows the difference; slabctl recipe reload between two slabs",
