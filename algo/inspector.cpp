@@ -24,6 +24,7 @@
 #include "algo/block_model.h"
 #include "algo/denoise/denoise.h"
 #include "algo/features/casing.h"
+#include "algo/features/filled_gaps.h"
 #include "algo/features/flatness.h"
 #include "algo/features/jaw.h"
 #include "algo/features/noise_texture.h"
@@ -299,19 +300,25 @@ double step_along_mm(const PlaneFit& plane, const BlockResult& result) {
   return normal.cwiseProduct(result.scan.step_mm).norm();
 }
 
+/// Noise of a point where points were measured, even if most of the face was computed. With noise that is everywhere
+/// the same, the noisier places have less than 1.25 of it.
+double noise_where_seen_mm(const NoiseTexture& texture) {
+  return std::max(texture.sigma_mm, 0.8 * texture.filled.noisy_mm);
+}
+
 /// The largest place without noise; empty if the rounding of coordinates hides it. Points rounded to one step have no
 /// noise either, unless their own noise is a step or more. On a steep face rounding itself looks like noise, so the
 /// seat must have that noise too.
 FilledPlace filled_place(const NoiseTexture& texture, double seat_noise_mm, double step_mm) {
-  const double noise_mm = std::min(texture.sigma_mm, seat_noise_mm);
+  const double noise_mm = std::min(noise_where_seen_mm(texture), seat_noise_mm);
   return step_mm > kStepOfNoiseMax * noise_mm ? FilledPlace{} : texture.filled;
 }
 
 /// Checks that the faces have the noise of measured points. Refuses jaws that a scanner's program filled in part.
 /// Returns an error for such a seat, and for heights that were rounded before a smooth correction or resampling.
-/// `cells`: for three faces. `seat_noise_mm`: noise of a point of the seat.
-Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<TextureCell> cells, Team& team,
-                     BlockResult& result, double& seat_noise_mm) {
+/// `cells`: kGapCells. `seat_noise_mm`: noise of a point of the seat.
+Status look_at_noise(const Cloud& cloud, const Survey& survey, const SeatFrame& frame, std::span<TextureCell> cells,
+                     Team& team, BlockResult& result, double& seat_noise_mm) {
   SeatFeature& seat = result.seat;
   const std::array<PlaneFit*, 2> jaws = {&result.jaw_inner, &result.jaw_outer};
   std::array<NoiseTexture, 3> textures;
@@ -338,7 +345,20 @@ Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<Tex
         "scanner's program write more decimals, and switch off its filters",
         step_mm);
   }
-  if (const FilledPlace filled = filled_place(texture, seat_noise_mm, known_step_mm); filled.cells > 0) {
+  // The points of a face lack its borders, and the noise along their rows does not show all fillings.
+  GapFaces faces{{{frame, &seat.plane}}};
+  for (std::size_t side = 0; side < jaws.size(); ++side)
+    if (jaws[side]->ok)
+      faces[side + 1] = {survey.of(side == 0 ? PointList::jaw_inner : PointList::jaw_outer).frame, jaws[side]};
+  const FilledGaps gaps = find_filled_gaps(cloud, result.registration.T_scanner_block.inverse(), faces, cells, team);
+  for (std::size_t i = 0; i < gaps.size(); ++i) {
+    FilledPlace& filled = textures[i].filled;
+    const double noisy_mm = std::max(filled.noisy_mm, gaps[i].noisy_mm);
+    if (gaps[i].area_mm2 > filled.area_mm2) filled = gaps[i];
+    filled.noisy_mm = noisy_mm;
+  }
+  const double seen_noise_mm = noise_where_seen_mm(texture);
+  if (const FilledPlace filled = filled_place(texture, seen_noise_mm, known_step_mm); filled.cells > 0) {
     refuse(seat.plane, PlaneDoubt::filled);
     return error(
         Code::fit_failed,
@@ -347,7 +367,7 @@ Status look_at_noise(const Survey& survey, const SeatFrame& frame, std::span<Tex
         filled.width_mm, filled.length_mm, filled.x_mm, filled.s_mm);
   }
   for (std::size_t side = 0; side < jaws.size(); ++side)
-    if (filled_place(textures[side + 1], seat_noise_mm, step_along_mm(*jaws[side], result)).cells > 0)
+    if (filled_place(textures[side + 1], seen_noise_mm, step_along_mm(*jaws[side], result)).cells > 0)
       refuse(*jaws[side], PlaneDoubt::filled);
   return success();
 }
@@ -475,10 +495,10 @@ Status BlockInspector::extract(const Cloud& cloud) {
     return no_seat();
   }
 
-  static_assert(3 * kTextureCells * sizeof(TextureCell) <= limits::kScanPointsMax);
-  const std::span<TextureCell> cells(reinterpret_cast<TextureCell*>(w.label.data()), 3 * kTextureCells);
+  static_assert(kGapCells * sizeof(TextureCell) <= limits::kScanPointsMax);
+  const std::span<TextureCell> cells(reinterpret_cast<TextureCell*>(w.label.data()), kGapCells);
   double seat_noise_mm = kNoValue;
-  if (const Status seen = look_at_noise(survey, frame, cells, w.team, result, seat_noise_mm); !seen) return seen;
+  if (const Status seen = look_at_noise(cloud, survey, frame, cells, w.team, result, seat_noise_mm); !seen) return seen;
 
   const auto casing = [&](PointList where, bool outer) {
     const CasingTask task{w.model.casing_centre(outer),

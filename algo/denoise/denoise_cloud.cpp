@@ -49,7 +49,7 @@ constexpr float kLevelNoise_mm = 0.1F;
 constexpr float kLevel_mm = 0.5F;
 constexpr float kLevelShare = 0.6F;
 constexpr std::size_t kCellPointsMin = 4;
-/// Where the cells around are level at the same height, points this far from it belong to the surface. Noise with heavy
+/// If the cells around are level at the same height, points this far from it belong to the surface. Noise with heavy
 /// tails does, an outlier of a millimetre does not, with 0.2 mm left for the tilt across a cell.
 constexpr float kCalm_mm = 0.6F;
 /// Level cells among the eight around: from five on, the cell is part of a level surface; with eight, no other surface

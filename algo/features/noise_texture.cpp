@@ -176,17 +176,14 @@ HWY_EXPORT(AddFours);
 namespace {
 
 constexpr std::size_t kLooked = 80'000;
-/// Less noise than this is the rounding of float coordinates.
-constexpr double kNoiseMin_mm = 0.0005;
-/// Share of the usual noise: a place with less was computed.
-constexpr float kFilledShare = 0.3F;
+/// Share of the noise of half of the places: a place with less was computed. If half of the face was, the noisier
+/// fifth shows it; noise may differ between places, so the share is smaller.
+constexpr double kFilledShare = 0.3;
+constexpr double kFilledShareOfNoisy = 0.1;
 constexpr std::uint32_t kCellCountMin = 12;
 constexpr std::uint32_t kFilledCellsMin = 4;
 /// Bins for the sizes of differences: a fiftieth of the mean first difference.
 constexpr double kBinsPerMean = 50.0;
-/// Mean size of a normal variable, and the factor of d3 for white noise.
-constexpr double kMeanSize = 0.7979;
-constexpr double kThirdDifference = 4.4721;
 
 /// Quantile of the differences: the size below which this share of them is.
 double size_of_share(const TextureBins& bins, double share, std::size_t count, double bin_mm) {
@@ -204,7 +201,7 @@ NoiseTexture texture_of(const TextureSums& sums, double bin_mm) {
   NoiseTexture texture;
   texture.looked_at = sums.count;
   if (sums.count < kTextureMin) return texture;
-  texture.sigma_mm = sums.third / static_cast<double>(sums.count) / kMeanSize / kThirdDifference;
+  texture.sigma_mm = sums.third / static_cast<double>(sums.count) / kThirdOfNoise;
   const double usual_mm = size_of_share(sums.first, 0.5, sums.count, bin_mm);
   const double ratio = size_of_share(sums.second, 0.5, sums.count, bin_mm) / usual_mm;
   texture.lag_ratio = ratio * ratio;
@@ -219,21 +216,43 @@ float mean_of(const TextureCell& cell) {
                                     : cell.sum_mm / static_cast<float>(cell.count);
 }
 
-/// The usual noise of a place: the median of all.
-float usual_of(std::span<const TextureCell> cells) {
+/// Means of the third differences that half and a fifth of the places reach.
+struct UsualThirds {
+  double half_mm = 0.0;
+  double fifth_mm = 0.0;
+};
+UsualThirds usual_thirds(std::span<const TextureCell> cells) {
   std::array<double, kTextureCells> means;
   std::size_t count = 0;
   for (const TextureCell& cell : cells)
     if (const float mean = mean_of(cell); has_value(static_cast<double>(mean)))
       means[count++] = static_cast<double>(mean);
-  return count == 0 ? 0.0F : static_cast<float>(median_of(std::span(means).first(count)));
+  if (count == 0) return {};
+  const std::span<const double> all = std::span(means).first(count);
+  return {median_of(all), value_at_rank(all, count * 4 / 5)};
 }
 
-/// Finds groups of adjacent places with hardly any noise. Marks counted ones by a negative sum.
-FilledPlace filled_places(std::span<TextureCell> cells, float limit) {
+}  // namespace
+
+TextureQuestion question_of(std::span<const SeatPoints> runs, const SeatFrame& frame, const PlaneFit& plane) {
+  const Vec3& n = plane.normal;
+  return {
+      runs, {n.dot(frame.along_rail), n.dot(frame.along_seat), n.dot(frame.up)}, plane.offset_mm - n.dot(frame.origin)};
+}
+
+double hidden_step_mm(const NoiseTexture& texture) {
+  // On real concrete, with grain, dust and noise of three times the usual, the ratio is 0.28 or more.
+  constexpr double kStepped = 0.12;
+  return texture.rest_ratio < kStepped ? texture.step_mm : 0.0;
+}
+
+FilledPlace find_filled(std::span<TextureCell> cells, double cell_mm) {
+  const UsualThirds usual = usual_thirds(cells);
+  const auto limit = static_cast<float>(std::max(kFilledShare * usual.half_mm, kFilledShareOfNoisy * usual.fifth_mm));
   FilledPlace largest;
   double area_mm2 = 0.0;
   std::array<std::uint16_t, kTextureCells> waiting;
+  // Marks counted ones by a negative sum.
   const auto is_filled = [&](std::size_t i) { return cells[i].sum_mm >= 0.0F && mean_of(cells[i]) < limit; };
   for (std::size_t start = 0; start < cells.size(); ++start) {
     if (!is_filled(start)) continue;
@@ -263,33 +282,20 @@ FilledPlace filled_places(std::span<TextureCell> cells, float limit) {
       if (row + 1 < kTextureRows && is_filled(i + kTextureColumns)) take(i + kTextureColumns);
     }
     if (count < kFilledCellsMin) continue;
-    area_mm2 += static_cast<double>(count) * kTextureCell_mm * kTextureCell_mm;
+    area_mm2 += static_cast<double>(count) * cell_mm * cell_mm;
     if (count <= largest.cells) continue;
-    const auto middle = [](std::size_t low, std::size_t high, std::size_t all) {
-      return kTextureCell_mm * 0.5 * (static_cast<double>(low + high + 1) - static_cast<double>(all));
+    const auto middle = [cell_mm](std::size_t low, std::size_t high, std::size_t all) {
+      return cell_mm * 0.5 * (static_cast<double>(low + high + 1) - static_cast<double>(all));
     };
     largest.cells = static_cast<std::uint32_t>(count);
     largest.x_mm = middle(low_column, high_column, kTextureColumns);
     largest.s_mm = middle(low_row, high_row, kTextureRows);
-    largest.width_mm = kTextureCell_mm * static_cast<double>(high_column + 1 - low_column);
-    largest.length_mm = kTextureCell_mm * static_cast<double>(high_row + 1 - low_row);
+    largest.width_mm = cell_mm * static_cast<double>(high_column + 1 - low_column);
+    largest.length_mm = cell_mm * static_cast<double>(high_row + 1 - low_row);
   }
   largest.area_mm2 = area_mm2;
+  largest.noisy_mm = usual.fifth_mm / kThirdOfNoise;
   return largest;
-}
-
-}  // namespace
-
-TextureQuestion question_of(std::span<const SeatPoints> runs, const SeatFrame& frame, const PlaneFit& plane) {
-  const Vec3& n = plane.normal;
-  return {
-      runs, {n.dot(frame.along_rail), n.dot(frame.along_seat), n.dot(frame.up)}, plane.offset_mm - n.dot(frame.origin)};
-}
-
-double hidden_step_mm(const NoiseTexture& texture) {
-  // On real concrete, with grain, dust and noise of three times the usual, the ratio is 0.28 or more.
-  constexpr double kStepped = 0.12;
-  return texture.rest_ratio < kStepped ? texture.step_mm : 0.0;
 }
 
 NoiseTexture look_at_texture(const TextureQuestion& question, std::span<TextureCell> cells) {
@@ -318,7 +324,7 @@ NoiseTexture look_at_texture(const TextureQuestion& question, std::span<TextureC
   });
   NoiseTexture texture = texture_of(sums, bin_mm);
   if (!(texture.sigma_mm > kNoiseMin_mm)) return texture;
-  texture.filled = filled_places(cells, kFilledShare * usual_of(cells));
+  texture.filled = find_filled(cells, kTextureCell_mm);
   return texture;
 }
 

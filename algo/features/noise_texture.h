@@ -26,6 +26,7 @@ struct FilledPlace {
   double s_mm = 0.0;
   double width_mm = 0.0;  ///< its extent along x and s
   double length_mm = 0.0;
+  double noisy_mm = 0.0;  ///< noise of a point at the noisier places: reached by a fifth of them
 };
 
 struct NoiseTexture {
@@ -77,6 +78,15 @@ struct TextureSums {
 
 /// Step (mm) of heights in steps although no coordinate is a multiple of one; 0 if the heights have none.
 [[nodiscard]] double hidden_step_mm(const NoiseTexture& texture);
+
+/// Less noise than this is the rounding of float coordinates.
+inline constexpr double kNoiseMin_mm = 0.0005;
+/// Mean size of the third differences of white noise, in standard deviations: sqrt(20) times that of a normal variable.
+inline constexpr double kThirdOfNoise = 0.7979 * 4.4721;
+
+/// Finds groups of adjacent places with hardly any noise beside the other places; at most 80 % of the face. `cells`:
+/// kTextureCells, of `cell_mm` each; changes their sums.
+[[nodiscard]] FilledPlace find_filled(std::span<TextureCell> cells, double cell_mm);
 
 /// Examines about 80,000 neighbours. `cells`: kTextureCells, scratch. No heap, one thread, 0.5 ms.
 [[nodiscard]] NoiseTexture look_at_texture(const TextureQuestion& question, std::span<TextureCell> cells);

@@ -268,7 +268,7 @@ SlabFitReport fit_slab(std::span<const SeatSighting> seats, std::span<FrameRespo
 
 // A slab may be warped within separate limits, so heights of seats are judged after the warp, a parabola per row, is
 // subtracted. The parabola must be the warp of the seats that are in place: with nine points and three parameters an
-// end seat has so much leverage that a least-squares parabola would follow it and hide two thirds of its error.
+// end seat has enough leverage that a least-squares parabola would follow it and hide two thirds of its error.
 //
 // The reach at which a seat loses its weight is fixed (the tolerance: a larger deviation is not warp) and not taken
 // from the scatter of a few seats. So ordinary rows give almost ordinary least squares.

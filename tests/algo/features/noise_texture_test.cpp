@@ -153,15 +153,27 @@ scene::Scan as_scanned(double noise_mm = 0.03) {
   return scan;
 }
 
-/// The points of the block within a box (block frame) as a program computes them: without noise.
-scene::Cloud filled(const Vec3& low, const Vec3& high) {
-  scene::Cloud cloud = scene::take({}, as_scanned());
+constexpr double kNoise_mm = 0.03;
+/// Computation of the points of a gap: without noise, or from the points before and behind the gap along each row or
+/// each column of the grid, whose noise the points then have.
+enum class Fill { smooth, along_rows, along_columns };
+
+/// A scan with a filled box (block frame).
+scene::Cloud filled(const Vec3& low, const Vec3& high, Fill fill = Fill::smooth) {
+  scene::Cloud cloud = scene::take({}, as_scanned(kNoise_mm));
   const scene::Cloud smooth = scene::take({}, as_scanned(0.0));
+  std::vector<float> before(fill == Fill::along_rows ? cloud.height : cloud.width,
+                            0.0F);  // noise of each row or column
+  Prng prng(12);
+  for (float& noise : before) noise = static_cast<float>(kNoise_mm * prng.normal());
   for (std::size_t i = 0; i < cloud.xyz.size(); i += 3) {
     const Vec3 p =
         smooth.T_block_scanner * Vec3(double{smooth.xyz[i]}, double{smooth.xyz[i + 1]}, double{smooth.xyz[i + 2]});
     if ((p.array() < low.array()).any() || (p.array() > high.array()).any()) continue;
     for (std::size_t k = 0; k < 3; ++k) cloud.xyz[i + k] = smooth.xyz[i + k];
+    const std::size_t point = i / 3;
+    if (fill == Fill::along_rows) cloud.xyz[i + 2] += before[point / cloud.width];
+    if (fill == Fill::along_columns) cloud.xyz[i + 2] += before[point % cloud.width];
   }
   return cloud;
 }
@@ -176,6 +188,21 @@ TEST(FilledScan, no_block_passes_on_a_surface_that_was_computed) {
     EXPECT_EQ(r.verdict, Verdict::not_measured) << half_mm;
     EXPECT_EQ(r.seat.plane.doubt, PlaneDoubt::filled) << half_mm;
   }
+}
+
+TEST(FilledScan, is_found_anywhere_on_the_seat_and_filled_in_either_direction) {
+  struct Case {
+    double x_mm, y_mm, half_x_mm, half_y_mm;
+  };
+  // In the evaluation region, beside it, at the seat's corner, around a casing, and over most of the region.
+  for (const Case& c : {Case{20.0, -30.0, 12.0, 12.0}, Case{80.0, 0.0, 12.0, 12.0}, Case{-85.0, 160.0, 12.0, 12.0},
+                        Case{0.0, 116.5, 40.0, 30.0}, Case{0.0, 0.0, 45.0, 70.0}, Case{0.0, 0.0, 51.0, 75.0}})
+    for (const Fill fill : {Fill::smooth, Fill::along_rows, Fill::along_columns}) {
+      const BlockResult r = inspect(filled({c.x_mm - c.half_x_mm, c.y_mm - c.half_y_mm, -8.0},
+                                           {c.x_mm + c.half_x_mm, c.y_mm + c.half_y_mm, 8.0}, fill));
+      EXPECT_EQ(r.verdict, Verdict::not_measured) << c.x_mm << " " << c.y_mm << " " << static_cast<int>(fill);
+      EXPECT_EQ(r.seat.plane.doubt, PlaneDoubt::filled) << c.x_mm << " " << c.y_mm << " " << static_cast<int>(fill);
+    }
 }
 
 scene::Cloud rounded(scene::Cloud cloud, float step_mm) {
@@ -214,7 +241,7 @@ TEST(FormOfAScan, beyond_what_the_scanner_is_stated_to_have_enters_U_of_the_prot
 TEST(FilledScan, costs_a_jaw_its_items_alone) {
   const BlockResult good = inspect(scene::take({}, as_scanned()));
   const Vec3 at = good.jaw_inner.centroid;
-  const BlockResult r = inspect(filled(at - Vec3(20.0, 60.0, 60.0), at + Vec3(20.0, 60.0, 60.0)));
+  const BlockResult r = inspect(filled(at - Vec3(20.0, 3.5, 60.0), at + Vec3(20.0, 3.5, 60.0)));
   EXPECT_EQ(r.jaw_inner.doubt, PlaneDoubt::filled);
   EXPECT_EQ(item(r, ItemId::jaw_angle_inner).verdict, Verdict::not_measured);
   EXPECT_NE(r.verdict, Verdict::pass);
