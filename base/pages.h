@@ -26,7 +26,7 @@ class Pages {
   /// constructor's `bytes` is a broken invariant (the sum in base/limits.h is wrong) and ends the process.
   template <typename T>
   [[nodiscard]] std::span<T> take(std::size_t count) {
-    static_assert(std::is_trivially_destructible_v<T>, "nobody ends the life of these items");
+    static_assert(std::is_trivially_destructible_v<T>, "the destructors of these items are never called");
     static_assert(alignof(T) <= limits::kArrayAlignment);
     auto* first = static_cast<T*>(take_bytes(limits::array_bytes(count, sizeof(T))));
     std::uninitialized_value_construct_n(first, count);

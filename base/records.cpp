@@ -70,12 +70,12 @@ std::string_view reason_of(CasingDoubt doubt) {
   switch (doubt) {
     case CasingDoubt::none:
     case CasingDoubt::not_measured: break;
-    case CasingDoubt::edge: return "too little of the bore's edge is seen, or it is no circle";
+    case CasingDoubt::edge: return "too little of the bore's edge is seen, or it is not a circle";
     case CasingDoubt::radius: return "the bore's radius is off by more than a millimetre";
     case CasingDoubt::no_hole: return "something fills the bore at the height of the rim";
     case CasingDoubt::rim_points: return "too few points on the rim";
     case CasingDoubt::rim_crust: return "something on the rim stands over the seat";
-    case CasingDoubt::rim_form: return "the rim is no even plane all the way round";
+    case CasingDoubt::rim_form: return "the rim is not an even plane all the way round";
     case CasingDoubt::filled: return "a part of it was computed by the scanner's program and not seen";
   }
   return "";

@@ -34,7 +34,7 @@ constexpr std::array kTable = {
           "send SLAB_BEGIN first; SLAB_NO must stay the same until SLAB_END"},
     Entry{Code::station_range, "the station number is outside 1..number of blocks", "correct STATION (HR 11)"},
     Entry{
-        Code::unknown_type, "there is no usable recipe for this slab type, or a scan shows the slab end of another one",
+        Code::unknown_type, "no usable recipe for this slab type, or a scan shows the slab end of another one",
         "add or repair the recipe file, one for each type; `slabctl config check` names the fault; after SCAN: correct "
         "SLAB_TYPE (HR 12)"},
     Entry{Code::not_enabled, "ENABLE is not set, the PLC heartbeat is missing, or a calibration is under way (STATE 8)",
@@ -43,7 +43,7 @@ constexpr std::array kTable = {
     Entry{Code::bad_crc, "CMD_CRC does not match HR 10..36, or the bytes of the block are swapped",
           "write the block again; check the byte and word order"},
     Entry{Code::interrupted, "the command was cut off by a restart or by ABORT, or the slab ended with SLAB_ABORT",
-          "give the command again; an aborted slab has no verdict, SLAB_BEGIN measures it anew"},
+          "give the command again; an aborted slab has no verdict, SLAB_BEGIN measures it again"},
     Entry{Code::bad_sequence, "CMD_SEQ is neither CMD_ACK nor its successor",
           "seed the counter from CMD_ACK (IR 10) and count by one"},
     Entry{Code::attempts_used_up, "the station was scanned 255 times in this slab, the most that are counted",
@@ -80,7 +80,7 @@ constexpr std::array kTable = {
         "`slabctl status` and `journalctl -u slabd` say which; check the disk and its mount, then reset the fault; a "
         "program that keeps the database locked is named with its process id (`slabctl doctor` names it too): end it; "
         "`slabctl db check` tells a damaged database, and `slabctl db restore` brings a backup back"},
-    Entry{Code::calibration_missing, "there is no valid calibration",
+    Entry{Code::calibration_missing, "no valid calibration",
           "calibrate and apply it; a line never calibrated takes [calibration] from the config"},
     Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},
     Entry{Code::internal, "an internal check failed", "note the journal entry and restart the service"},

@@ -221,10 +221,10 @@ void judge_fit(const Circumstances& c, HandEye& result) {
   const double share = static_cast<double>(result.rejected.size()) / static_cast<double>(c.views.size());
   if (share > kRejectedShareMax)
     refuse(result, Refusal::too_many_rejected,
-           sentence("%zu of %zu views do not fit the others (more than %.0f %%): nobody knows which ones are right",
+           sentence("%zu of %zu views do not fit the others (more than %.0f %%): it is unknown which ones are right",
                     result.rejected.size(), c.views.size(), 100.0 * kRejectedShareMax),
            "look for what changed during capture: artefact moved, scanner knocked, poses taken while the robot moved; "
-           "then capture anew");
+           "then capture again");
   if (result.determined && !has_value(result.s0))
     refuse(result, Refusal::too_few_views,
            "no equations are left over: whatever these views hold, it fits, right or wrong",

@@ -169,7 +169,7 @@ bool KeyFile::numbers(const KeyLine& line, std::size_t first, double most, std::
 
 Status KeyFile::finish(std::string_view known) {
   for (std::size_t i = 0; i < lines_.size(); ++i)
-    if (!used_[i]) fault(lines_[i], "is no key of this file; keys are " + std::string(known));
+    if (!used_[i]) fault(lines_[i], "is not a key of this file; keys are " + std::string(known));
   return status_;
 }
 

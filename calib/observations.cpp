@@ -118,8 +118,8 @@ Result<PoseFormat> parse_header(std::string_view text, const Place& place, Table
       if (role == TableRole::flange) return at(place, "labels=view,ball belongs into the target table");
       format.labelled = true;
     } else {
-      return at(place, "'%.*s' is no key of a format line; keys are rotation, unit, angle, frames, labels", width(key),
-                key.data());
+      return at(place, "'%.*s' is not a key of a format line; keys are rotation, unit, angle, frames, labels",
+                width(key), key.data());
     }
   }
   if (format.rotation == RotationForm::kuka_abc && !(said_unit && said_angle))

@@ -519,7 +519,7 @@ std::string_view name(StationRefusal refusal) {
 
 Result<StationsSolution> solve_stations(const MasterCertificate& certificate, std::span<const StationVisit> visits,
                                         const HandEyeNumbers& hand_eye, const StationSettings& settings) {
-  if (visits.empty()) return error(Code::config, "there are no visits to solve station corrections from");
+  if (visits.empty()) return error(Code::config, "no visits to solve station corrections from");
   if (!hand_eye.T_flange_scanner.all_finite()) return error(Code::config, "T_flange_scanner is not finite");
   for (const StationVisit& visit : visits) {
     const bool finite = visit.T_base_flange.all_finite() && std::all_of(visit.points_mm.begin(), visit.points_mm.end(),

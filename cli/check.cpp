@@ -107,7 +107,7 @@ void warn_unconfirmed(const Recipe& recipe) {
   std::string assumed;
   for (const NamedNominal& n : uncertainty_of(recipe))
     if (!n.nominal.confirmed) assumed += (assumed.empty() ? "" : ", ") + std::string(n.name);
-  if (!assumed.empty()) complain(fmt::format("warning: U rests on assumptions nobody has confirmed: {}", assumed));
+  if (!assumed.empty()) complain(fmt::format("warning: U rests on unconfirmed assumptions: {}", assumed));
 }
 
 namespace {

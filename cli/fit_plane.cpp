@@ -153,7 +153,7 @@ std::string fit_text(const Options& options, const Cloud& cloud, const PlaneFit&
   if (has_value(e.a)) {
     text += fmt::format("z = a x + b y + c with a = {:.10f}, b = {:.10f}, c = {:.10f}\n", e.a, e.b, e.c);
   } else {
-    text += "the plane stands upright: there is no z = a x + b y + c\n";
+    text += "the plane is vertical: it has no form z = a x + b y + c\n";
   }
   const Vec3& n = plane.normal;
   text += fmt::format("normal ({:.8f}, {:.8f}, {:.8f}), offset {:.6f} mm\n", n.x(), n.y(), n.z(), plane.offset_mm);

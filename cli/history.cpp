@@ -62,11 +62,11 @@ std::string gap_text(const storage::HistoryGap& gap) {
     return fmt::format("{} slabs up to key {} were taken away by retention", gap.slabs, gap.slab_key);
   const std::string by = fmt::format("{} by {}: {}", iso_time(gap.note.utime_us), gap.note.who, gap.note.why);
   if (gap.what == storage::HistoryGap::What::begun_anew)
-    return fmt::format("the history was begun anew {}; nothing from before is here", by);
+    return fmt::format("the history was started again {}; nothing from before is here", by);
   std::string missing = fmt::format("slabs up to key {} may be missing", gap.slab_key);
   if (gap.kept_key >= gap.slab_key)
     missing =
-        "no slab is known to be missing, but where the database before it was lost or damaged nobody knows of those "
+        "no slab is known to be missing, but if the database before it was lost or damaged, it is unknown "
         "after that backup";
   else if (gap.kept_key + 1 == gap.slab_key)
     missing = fmt::format("the slab of key {} may be missing", gap.slab_key);
@@ -150,7 +150,7 @@ void add_history(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand("history", "The newest slabs and their verdicts, or those you look for");
   command->footer(
-      "\nReads the database while the daemon runs; changes nothing. All that is asked for must hold. --verdict is the\n"
+      "\nReads the database while the daemon runs; changes nothing. All conditions must hold. --verdict is the\n"
       "slab's; with --block that station's, with --item the item's. With --item or --block alone: any but pass.\n"
       "Examples: slabctl history --limit 50 --json\n"
       "          slabctl history --since 7d --verdict fail\n"

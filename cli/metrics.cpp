@@ -74,7 +74,7 @@ void add_metrics(args::Command& app) {
                             ->default_val(kDefaultConfig);
   command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
   command->add_option("--out", options->out, "Replace this file instead of printing");
-  command->add_flag("--reset", options->reset, "Begin all maxima anew after these figures");
+  command->add_flag("--reset", options->reset, "Reset all maxima after these figures");
   command->runs([options] { return show_metrics(*options); });
 }
 

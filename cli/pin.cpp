@@ -127,7 +127,7 @@ void add_pin(args::Command& app) {
     command->add_option("--config", options->config, "Configuration that names database and spool")
         ->default_val(kDefaultConfig);
   }
-  pinning->add_option("--reason", options->reason, "Why, for whoever asks later")->required()->check(some_words());
+  pinning->add_option("--reason", options->reason, "Why, for later readers")->required()->check(some_words());
   pinning->runs([options] { return pin(*options); });
   unpinning->runs([options] { return unpin(*options); });
 }

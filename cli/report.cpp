@@ -45,7 +45,7 @@ void add_report(args::Command& app) {
   args::Command command = app.add_subcommand("report", "One slab as a document: PDF, HTML, SVG or PNG");
   command->footer(
       "\nReads the database only; the scans may be gone. A block that was not found in its scan has no maps, and the\n"
-      "report says so.\n"
+      "report states it.\n"
       "Examples: slabctl report SLAB-0042 --out SLAB-0042.pdf\n"
       "          slabctl report 12 --out 12.html --language zh\n"
       "          slabctl report 12 --out 12.png --page 1 --dpi 150");

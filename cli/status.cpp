@@ -175,7 +175,7 @@ std::string status_text(const json& status) {
   if (status.contains("maintenance") && status["maintenance"].is_object())
     text +=
         line("maintenance",
-             fmt::format("\"{}\" by {}, {} views; SCAN is refused; ends by itself in {} s when nobody goes on",
+             fmt::format("\"{}\" by {}, {} views; SCAN is refused; ends by itself in {} s without another step",
                          text_at(status, {"maintenance", "session"}), text_at(status, {"maintenance", "operator"}),
                          text_at(status, {"maintenance", "views"}), text_at(status, {"maintenance", "lease_left_s"})));
   text += slab_text(status, style);
@@ -216,7 +216,7 @@ void add_status(args::Command& app) {
   command->footer(
       "\nExit status 4 when the daemon does not answer, 3 when the configuration is not usable (slabd runs with it, "
       "in\n"
-      "fault 504, and is asked all the same). With --watch the screen stays until q; it goes grey when the\n"
+      "fault 504, and is read all the same). With --watch the screen stays until q; it goes grey when the\n"
       "daemon's last answer is older than three seconds.\n"
       "Examples: slabctl status --json\n          slabctl status --watch --language zh");
   args::Option config = command->add_option("--config", options->config, "Configuration that names the control socket")

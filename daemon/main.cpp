@@ -159,8 +159,8 @@ StationSettings station_settings(const Config& config, const std::vector<Recipe>
   for (const Recipe& recipe : recipes)
     if (const int count = unconfirmed_count(recipe); count > 0) {
       settings.warn |= kWarnUnconfirmedNominals;
-      say_text("warning: recipe %s: verdicts depend on %d nominals and tolerances nobody has confirmed\n",
-               recipe.name.c_str(), count);
+      say_text("warning: recipe %s: verdicts depend on %d unconfirmed nominals and tolerances\n", recipe.name.c_str(),
+               count);
     }
   for (const AlikeRecipes& alike : alike_recipes(recipes)) say_text("warning: %s\n", text_of(alike).c_str());
   return settings;
@@ -377,7 +377,8 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
   app.add_option("--config", config_path, "configuration file")->capture_default_str();
   app.add_flag("--check", check_only, "check configuration and recipes, then exit (0 usable, 3 not)");
   std::uint64_t headroom_mb = 0;
-  app.add_option("--seal", headroom_mb, "lock all memory and let it grow by so many MB at most; see docs/OPERATING.md")
+  app.add_option("--seal", headroom_mb,
+                 "lock all memory and let it grow by at most this number of MB; see docs/OPERATING.md")
       ->expected(0, 1)
       ->default_str(std::to_string(slabd::limits::kProcessBytes / 1'000'000))
       ->check(CLI::Range(4, 1000));

@@ -55,7 +55,7 @@ void draw_stack(cairo_t* context, const Pages& pages, int page, double scale) {
 
 Status check_page(const Pages& pages, int page) {
   if (page >= 0 && page <= pages.count()) return success();
-  return error(Code::config, "there is no page %d; the report has %d", page, pages.count());
+  return error(Code::config, "page %d does not exist; the report has %d", page, pages.count());
 }
 
 cairo_status_t append(void* text, const unsigned char* bytes, unsigned int count) {

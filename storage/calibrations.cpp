@@ -211,7 +211,7 @@ std::string Calibrations::keep(const CalibrationCheck& check) {
   const std::string reference(check.reference_id.view());
   const std::optional<CalibrationRecord> record = find(reference);
   if (!record || record->kind() != check.kind)
-    refuse("this check is not kept: there is no " + std::string(name(check.kind)) + " \"" + reference + "\"");
+    refuse("this check is not kept: it names no " + std::string(name(check.kind)) + " \"" + reference + "\"");
   Statement insert(db_, insert_text("calibration_check", names_of<CalibrationCheck>()));
   write_row(insert, check);
   return record->id;
@@ -222,7 +222,7 @@ std::string Calibrations::keep(const CalibrationCheck& check) {
 CalibrationRecord Calibrations::read(Statement& row) {
   CalibrationRecord record;
   CalibrationKind kind{};
-  if (!from_word(row.text(0), kind)) row.refuse(0, "is no kind of calibration");
+  if (!from_word(row.text(0), kind)) row.refuse(0, "is not a kind of calibration");
   const auto slab_type = static_cast<std::uint16_t>(row.integer(1));
   read_row(row, 2, record);
   const auto numbers = [&](const char* table, auto fresh) {
@@ -247,7 +247,7 @@ CalibrationRecord Calibrations::read(Statement& row) {
         NumbersOfStation of;
         StationCorrection correction;
         read_row(rows, 0, of, correction);
-        if (of.station < 1 || of.station > limits::kStationsMax) rows.refuse(1, "is no station");
+        if (of.station < 1 || of.station > limits::kStationsMax) rows.refuse(1, "is not a station");
         table.station[of.station - 1U] = correction;
       }
       record.numbers = table;
@@ -303,7 +303,7 @@ std::vector<AppliedChange> Calibrations::applied(std::size_t limit) {
   while (rows.step()) {
     AppliedChange& change = list.emplace_back();
     change.seq = rows.integer(0);
-    if (!from_word(rows.text(1), change.kind)) rows.refuse(1, "is no kind of calibration");
+    if (!from_word(rows.text(1), change.kind)) rows.refuse(1, "is not a kind of calibration");
     change.slab_type = static_cast<std::uint16_t>(rows.integer(2));
     change.is_rollback = rows.integer(3) == 1;
     change.calibration_id = rows.text(4);

@@ -70,7 +70,7 @@ bool Loader::slab_result(std::int64_t slab_key, SlabResult& out, std::int64_t& e
   while (station_results_.step()) {
     StationResult row;
     read_row(station_results_, 0, row);
-    if (row.station < 1 || row.station > limits::kStationsMax) station_results_.refuse(0, "is no station");
+    if (row.station < 1 || row.station > limits::kStationsMax) station_results_.refuse(0, "is not a station");
     out.station_verdict[row.station - 1U] = row.verdict;
     out.station_reason[row.station - 1U] = row.reason;
     // Earlier versions stored the provisional pass of a block although its slab was aborted.
@@ -88,7 +88,7 @@ std::vector<StoredAttempt> Loader::attempts(std::int64_t slab_key) {
     StoredAttempt& row = list.emplace_back();
     read_row(attempts_, 0, row.attempt, row.state);
     // Also checked by the schema, but the station is used as an index.
-    if (row.attempt.station < 1 || row.attempt.station > limits::kStationsMax) attempts_.refuse(1, "is no station");
+    if (row.attempt.station < 1 || row.attempt.station > limits::kStationsMax) attempts_.refuse(1, "is not a station");
   }
   return list;
 }

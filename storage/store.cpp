@@ -115,7 +115,7 @@ class SqliteStore final : public Store {
     if (const std::string sign = sign_of_earlier_life(settings_.db_path, settings_.spool_dir); !sign.empty())
       return error(Code::journal_write,
                    "there is no database %s, but %s shows that there was one: is its disk mounted? Else put a backup "
-                   "there with slabctl db restore, or begin anew with --fresh",
+                   "there with slabctl db restore, or start again with --fresh",
                    settings_.db_path.c_str(), sign.c_str());
     if (Status status = reopen(); !status.ok()) return status;
     if (Status status = check_age(); !status.ok()) return status;

@@ -278,7 +278,7 @@ CalibrationCheck judge(const CheckOptions& options, const daemon::Config& config
     // With another radius the ball's centre moves along the view by about the difference.
     if (has_value(look.radius_mm) && std::abs(look.radius_mm - ball.radius_mm) > kSameRadiusMm)
       stop(kBadInput, fmt::format("--radius {:g}: {} was taken into use with {:g} mm, and a check compares with that; "
-                                  "leave --radius out, or take the ball into use anew (slabctl calibrate reference)",
+                                  "leave --radius out, or take the ball into use again (slabctl calibrate reference)",
                                   look.radius_mm, reference->id, ball.radius_mm));
     look.radius_mm = ball.radius_mm;
     const SeenBall seen = look_at_ball(config, look, hand_eye.T_flange_scanner);
@@ -335,7 +335,7 @@ int check_calibration(const CheckOptions& options) {
                     check.kind == CalibrationKind::monitor_ball
                         ? "look whether ball, scanner and robot sit where they sat, clean the ball, let the robot "
                           "warm up, check again from the same pose; if it fails again, calibrate and master the "
-                          "stations anew, then take the ball into use again and check"
+                          "stations again, then take the ball into use again and check"
                         : "clean artefact and scanner, let both warm up, check again; if it fails again, calibrate "
                           "and have the scanner examined"));
   return check.passed ? kDone : kRefused;

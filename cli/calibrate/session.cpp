@@ -103,7 +103,7 @@ Result<Session> Session::open(const std::string& dir) {
   const std::string file = session.dir_ + "/session.txt";
   const Result<std::string> text = text_file(file);
   if (!text.ok())
-    return error(Code::config, "%s is no calibration session; begin one with: slabctl calibrate new NAME --help",
+    return error(Code::config, "%s is not a calibration session; begin one with: slabctl calibrate new NAME --help",
                  session.dir_.c_str());
   Result<calib::SessionSettings> settings = calib::parse_session(text.value(), file);
   if (!settings.ok()) return settings.error();
@@ -184,9 +184,10 @@ Status Session::read_views() {
       for (const calib::KeptShot& shot : entry.view.shots) {
         std::error_code missing;
         if (fs::file_size(folder + "/" + shot.file, missing) == shot.bytes && !missing) continue;
-        half_done_.push_back(fmt::format(
-            "view {}: its scan {} is gone or was changed; what was found in it still counts, but nobody can look again",
-            number, folder + "/" + shot.file));
+        half_done_.push_back(
+            fmt::format("view {}: its scan {} is gone or was changed; what was found in it still counts, but it cannot "
+                        "be examined again",
+                        number, folder + "/" + shot.file));
       }
     entries_.push_back(std::move(entry));
   }

@@ -200,7 +200,7 @@ void add_calibrate_list(args::Command& group) {
 void add_calibrate_drop(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand("drop", "Leave a view out of everything; its scans stay");
-  command->footer("\nExample: slabctl calibrate drop 7 --why \"somebody leaned on the post\"");
+  command->footer("\nExample: slabctl calibrate drop 7 --why \"an operator leaned on the post\"");
   command->add_option("VIEW", options->number, "Its number in `list`")->required()->check(args::range(1, 9999));
   command->add_option("--why", options->why, "Why; kept with the view")->required()->check(some_words());
   options->session.add_to(*command);

@@ -249,7 +249,7 @@ void add_calibrate_verify(args::Command& group) {
   command->footer(
       "\nCompared with the calibration in force, or the commissioning value. A shift above 0.2 mm, or a turn above "
       "0.01 deg,\n"
-      "is asked about.\n"
+      "is to be judged.\n"
       "Example: slabctl calibrate verify\n"
       "Exit status 6: refused, or not confirmed; the text says what to do.");
   options->session.add_to(*command);

@@ -56,7 +56,7 @@ Result<DeskAnswer> through_daemon(const daemon::Config& config, const storage::C
       return answer.error();
     }
     const json state = json::parse(answer.value(), nullptr, false);
-    if (!state.is_object()) return error(Code::scanner_offline, "slabd gave an answer that is no JSON");
+    if (!state.is_object()) return error(Code::scanner_offline, "slabd sent an answer that is not JSON");
     if (state.contains("error")) {
       const std::string text = state.value("error", "");
       if (text.find("under way") == std::string::npos) {

@@ -30,7 +30,7 @@ Error error_in(const json& answer) {
 Result<json> understood(const Result<std::string>& answer) {
   if (!answer.ok()) return answer.error();
   json state = json::parse(answer.value(), nullptr, false);
-  if (!state.is_object()) return error(Code::scanner_offline, "slabd gave an answer that is no JSON");
+  if (!state.is_object()) return error(Code::scanner_offline, "slabd sent an answer that is not JSON");
   const std::string schema = state.value("schema", "");
   if (schema == "slabd.error/1") return error_in(state);
   if (schema != "slabd.capture/1")
@@ -116,7 +116,7 @@ Result<LiveShot> LiveCapture::shoot(const std::function<void(std::string_view)>&
   for (;;) {
     const json shot = state.value().value("shot", json(nullptr));
     if (!shot.is_object() || shot.value("number", 0U) != number)
-      return error(Code::interrupted, "the session was taken over or began anew; shoot again");
+      return error(Code::interrupted, "the session was taken over or was started again; shoot again");
     if (shot.value("done", false)) return shot.value("ok", false) ? taken(shot) : Result<LiveShot>(error_in(shot));
     if (std::string text = doing(state.value()); said && text != last_said) {
       said(text);

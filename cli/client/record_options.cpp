@@ -29,7 +29,7 @@ void RecordOptions::add_origin_to(args::Command& command) {
   command.add_option("--temperature", temperature_c, "Of the hall, deg C")->check(within(-20.0, 60.0));
   command
       .add_option("--valid-days", valid_days,
-                  "How long it may be used from when it was measured, 0 = for ever (default: [calibration] "
+                  "How long it may be used from when it was measured, 0 = without limit (default: [calibration] "
                   "valid_days)")
       ->check(args::range(0, 36'500));
 }

@@ -142,7 +142,7 @@ void tell_chain(const storage::ChainReport& chain, std::int64_t entry) {
   fmt::print("newest entry {}, SHA-256 {}: compare it with the journal, or note it elsewhere\n", chain.entries,
              chain.head);
   if (entry != 0)
-    fmt::print("entry {}, SHA-256 {}\n", entry, chain.asked.empty() ? "none: there is no such entry" : chain.asked);
+    fmt::print("entry {}, SHA-256 {}\n", entry, chain.asked.empty() ? "none: no such entry" : chain.asked);
 }
 
 /// `is_backup`: the file should have a checksum.
@@ -338,7 +338,7 @@ int restore(const Options& options) {
   need(storage::restore_database(config.storage, order));
   fmt::print("{} is in place; what was there, if anything, lies in quarantine beside it. Start slabd.\n",
              order.from.empty() ? "an empty history" : order.from);
-  if (!order.from.empty()) fmt::print("Slabs measured after that backup are missing, and the history says so.\n");
+  if (!order.from.empty()) fmt::print("Slabs measured after that backup are missing, and the history records it.\n");
   fmt::print(
       "Calibrations and their checks are {}: look at slabctl calibrate history, and check the hand-eye (slabctl "
       "calibrate "
@@ -431,7 +431,7 @@ void add_db(args::Command& app) {
       ->required()
       ->check(args::range(storage::kKeepSlabsMin, std::int64_t{1'000'000'000}));
   command->add_option("--keep-failed-slabs", options->keep_failed_slabs,
-                      "And so many of the newest that did not pass, 0: all of them; default: [storage] "
+                      "And this number of the newest that did not pass, 0: all of them; default: [storage] "
                       "keep_failed_slabs, or as many as --keep-slabs where keep_slabs is 0");
 }
 

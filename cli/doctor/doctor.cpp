@@ -129,7 +129,8 @@ void add_doctor(args::Command& app) {
       "calibration. Nothing is changed; 64 MB are written beside the scans and deleted. --scan has the scanner take "
       "one\n"
       "scan: the daemon goes to maintenance for it, so no slab may be open and the robot must stand.\n\n"
-      "Exit status: 0 nothing failed, 3 the configuration cannot be used (only the daemon is asked then), 4 something "
+      "Exit status: 0 nothing failed, 3 the configuration cannot be used (then only the daemon is checked), 4 "
+      "something "
       "failed.\n"
       "Example: slabctl doctor --scan");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);

@@ -340,7 +340,8 @@ bool examine_files(const std::string& config_path, daemon::Config& config, std::
 void examine_disk(const daemon::Config& config, Examination& report) {
   const Account account = daemon_account();
   if (account.name != kDaemonUser)
-    report.note("user", fmt::format("there is no user {}; permissions are looked at for {}", kDaemonUser, account.name),
+    report.note("user",
+                fmt::format("user {} does not exist; permissions are checked for {}", kDaemonUser, account.name),
                 "the package makes it; without it the daemon runs as who starts it");
   const std::string db_folder = fs::path(config.storage.db_path).parent_path().string();
   const bool database = examine_folder("database", db_folder.empty() ? "." : db_folder, account, kOwnerWrites, report);

@@ -128,7 +128,7 @@ void examine_free_port(const daemon::Config& config, Examination& report) {
     report.failed("plc port", where + " is in use by another program",
                   fmt::format("ss -ltnp 'sport = :{}' names it; end it or change [plc] listen", config.plc.port));
   else if (fault == EADDRNOTAVAIL)
-    report.failed("plc port", host + " is no address of this computer",
+    report.failed("plc port", host + " is not an address of this computer",
                   "ip address lists them; correct [plc] listen, or 0.0.0.0 for all");
   else if (fault == EACCES)
     report.unknown("plc port", where + " may only be opened by root", "run slabctl doctor as root");
@@ -145,10 +145,10 @@ void examine_reachability(const daemon::Config& config, Examination& report) {
   if (host.rfind("127.", 0) == 0 || all_here)
     report.note("plc network",
                 fmt::format("{}: only a PLC on this computer can connect",
-                            all_here ? "[plc] allow names nobody else" : "[plc] listen = " + host),
+                            all_here ? "[plc] allow names this computer only" : "[plc] listen = " + host),
                 "for a PLC elsewhere: this computer's address in its network, and the PLC's in [plc] allow");
   else if (config.plc.allow.empty())
-    report.failed("plc network", "[plc] allow is empty: nobody but this computer may connect",
+    report.failed("plc network", "[plc] allow is empty: only this computer may connect",
                   "allow = [\"192.168.1.10/32\"], the PLC's address");
   else
     report.ok("plc network", fmt::format("{} {} may connect", config.plc.allow.size(),
@@ -231,7 +231,8 @@ void examine_registers(const daemon::Config& config, Examination& report) {
   hal::HoldingImage later{};
   if (modbus_connect(client.get()) != 0 || !read_image(client.get(), input, first)) {
     if (plc_registers(config.control_socket)) {
-      report.note("plc registers", fmt::format("{} does not let this computer read; the daemon is asked", where),
+      report.note("plc registers",
+                  fmt::format("{} does not let this computer read; the daemon's own figures are used", where),
                   "right as it is, when [plc] allow names the PLC alone");
       return examine_through_daemon(config, report);
     }
@@ -403,7 +404,7 @@ void examine_heard(const daemon::Config& config, const Heard& heard, const hal::
                         spread.maxCoeff()));
   if (pose.estop) report.note("robot position", "the robot reports emergency stop");
   if (pose.emulated)
-    report.warning("robot poses", "they declare themselves emulated (flags, bit 4): there is no robot behind them",
+    report.warning("robot poses", "they declare themselves emulated (flags, bit 4): they are not from a robot",
                    "end the emulator (slabctl simulate) and start the robot's bridge");
   if (std::abs(heard.skew_s) > kClockSkew_s)
     report.note("robot clock", fmt::format("the sender's clock is {:.1f} s off this computer's", heard.skew_s),
@@ -574,7 +575,7 @@ static void examine_acceptance(std::string_view id, std::string_view standing, E
   if (standing == "verified")
     report.ok("acceptance", fmt::format("{} of the scanner", id));
   else if (id.empty())
-    report.warning("acceptance", "nobody has verified the scanner: U rests on the recipe's specification", cure);
+    report.warning("acceptance", "the scanner was not verified: U rests on the recipe's specification", cure);
   else
     report.warning("acceptance",
                    standing == "expired" ? fmt::format("{} of the scanner has expired", id)
@@ -609,7 +610,7 @@ void examine_calibration(const daemon::Config& config, const std::string& status
   else if (expires_us != 0 && expires_us < now)
     report.failed("calibration", id + " has expired", "slabctl calibrate new; docs/CALIBRATION.md");
   else if (source == "commissioning")
-    report.warning("calibration", "commissioning values: nobody has measured where the scanner sits",
+    report.warning("calibration", "commissioning values: the position of the scanner was not measured",
                    "slabctl calibrate new; docs/CALIBRATION.md");
   else if (expires_us != 0 && expires_us - now < kExpiresSoon_us)
     report.warning("calibration", fmt::format("{} expires in {} days", id, (expires_us - now) / 86'400'000'000),

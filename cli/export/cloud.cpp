@@ -208,7 +208,7 @@ Result<CloudCount> write_slab_cloud(const std::string& path, const storage::Slab
   for (int station = 1; station <= slab.stations; ++station) {
     const storage::SlabBlock* block = latest(record, station);
     if (block == nullptr || block->attempt.scan_path.empty()) {
-      count.not_scanned.push_back(fmt::format("block {}: there is no scan of it", station));
+      count.not_scanned.push_back(fmt::format("block {}: no scan of it", station));
       continue;
     }
     if (const Status read = scan.read(*block, settings); !read) {

@@ -230,7 +230,7 @@ void add_cloud(args::Command& parent) {
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command
       ->add_option("--voxel", options->cloud.voxel_mm,
-                   "One mean point for each cube of so many mm; default: all points")
+                   "One mean point for each cube of this edge length, mm; default: all points")
       ->check(within(0.2, 100.0));
   options->database.add_to(*command);
   command->add_option("--recipes", options->recipes_dir, "Folder with the recipes; default: the configuration's");

@@ -316,7 +316,7 @@ void add_plc_monitor(args::Command& plc) {
   command->footer(
       "\nExit status 4 when slabd does not answer, 3 when the configuration is not usable (slabd runs with it, in "
       "fault\n"
-      "504, and is asked all the same).\nExample: slabctl plc monitor --once");
+      "504, and is read all the same).\nExample: slabctl plc monitor --once");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
   args::Option connect = command->add_option(
       "--connect", options->connect, "ADDRESS:PORT of another slabd than the configured; needs no configuration here");

@@ -248,7 +248,7 @@ void add_replay(args::Command& app) {
       "poses, calibration and recipe that are recorded, the slab is judged again, and each stored figure must come "
       "out\n"
       "with the same bits. Where one does not, what is not as it was is named: software, recipe, calibration, scan.\n"
-      "A scan is proven by the checksum of its points; a recipe that is no file any more comes from the database.\n"
+      "A scan is proven by the checksum of its points; a recipe whose file is gone comes from the database.\n"
       "--recipe: what that recipe would have decided, item by item. Exit status 0: identical; 1: not, or not enough\n"
       "scans are left (of slabs chosen by filters, those whose scans were deleted for the budget do not count), or a\n"
       "slab has scans and no recipe.\n"

@@ -126,7 +126,7 @@ void add_scanner_send(args::Command& scanner) {
   options->form.add_to(*command);
   command->add_option("--wait-s", options->wait_s, "For each request")->check(within(0.1, 1e6))->capture_default_str();
   command->add_option("--cut-after", options->cut_after,
-                      "Cut the first connection after so many points and connect again, to try just that");
+                      "Cut the first connection after this number of points and connect again, to try just that");
   command->runs([options] { return send(*options); });
 }
 

@@ -127,7 +127,7 @@ void print(const Verification& v) {
   fmt::print("for U: form +-{} mm over {} mm, size +-{} mm, noise correlated over {} mm\n", figure(n.form_half_mm),
              figure(n.form_length_mm, "{:.0f}"), figure(n.PS_mm), figure(n.noise_correlation_mm, "{:.2f}"));
   if (const std::string lines = budget_lines(n); !lines.empty())
-    fmt::print("\nfor [uncertainty] of the recipe, where there is no acceptance in force:\n{}", lines);
+    fmt::print("\nfor [uncertainty] of the recipe, if no acceptance is in force:\n{}", lines);
 }
 
 /// Stores the record and puts it in force if it is valid. A record out of its limits is always stored, because the
@@ -235,7 +235,7 @@ void add_scanner_verify(args::Command& scanner) {
       ->needs(reason);
   command
       ->add_option("--expires-days,--valid-days", record.valid_days,
-                   "How long it counts as verified, 0 = for ever (default: [calibration] valid_days)")
+                   "How long it counts as verified, 0 = without limit (default: [calibration] valid_days)")
       ->check(args::range(0, 36'500));
   command->add_option("--config", record.config, "With --keep or --apply: the daemon's configuration")
       ->default_val(kDefaultConfig);

@@ -364,7 +364,7 @@ void add_simulate(args::Command& app) {
   command->add_option(
       "--scanner-fault", options->scanner_fault,
       "What the scanner does wrong: frame-before (gives the last frame, then takes one), one-block=K "
-      "(block K whatever is asked for), given-again=K (at station K the exposure before, in another form), loop=N (N "
+      "(always block K), given-again=K (at station K the exposure before, in another form), loop=N (N "
       "recorded scans again and again)");
   command->add_option("--scan-format", options->scan_format, "In which format the scanner drops its scans")
       ->check(args::one_of(simulate::scan_format_names()))

@@ -79,7 +79,7 @@ hal::ScanFormat format_of(const ScanOrder& order) {
   if (order.format.empty()) return *by_name;
   const std::optional<hal::ScanFormat> wanted = hal::scan_format_named(order.format);
   if (wanted && hal::extension(*wanted) == hal::extension(*by_name)) return *wanted;
-  cli::stop(cli::kUsage, fmt::format("--out {}: --format {} must end in .{}, or nobody could read it", order.out,
+  cli::stop(cli::kUsage, fmt::format("--out {}: --format {} must end in .{}, because readers go by the name", order.out,
                                      order.format, wanted ? hal::extension(*wanted) : "?"));
 }
 

@@ -68,7 +68,7 @@ Result<Pose> pose_of(std::string_view members, std::string_view origin, std::siz
   for (std::size_t i = 0; i < v.size(); ++i) {
     const std::optional<double> value = member(members, kNames[i]);
     const double limit = i < 3 ? kReachMm : kTurnDeg;
-    if (!value) return at_line(origin, line, fmt::format("{} is missing or is no number", kNames[i]));
+    if (!value) return at_line(origin, line, fmt::format("{} is missing or is not a number", kNames[i]));
     if (std::abs(*value) > limit)
       return at_line(origin, line, fmt::format("{} is {}, allowed -{} .. {}", kNames[i], *value, limit, limit));
     v[i] = *value;

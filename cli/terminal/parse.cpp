@@ -86,7 +86,7 @@ Result<Pose> parse_pose(std::string_view text) {
 
 Result<std::int64_t> parse_time(std::string_view text, std::int64_t now_utime_us) {
   const auto wrong = [&] {
-    return error(Code::config, "'%.*s' is no time; expected 2026-11-20, 2026-11-20T23:28:01Z, 30m, 12h or 7d",
+    return error(Code::config, "'%.*s' is not a time; expected 2026-11-20, 2026-11-20T23:28:01Z, 30m, 12h or 7d",
                  static_cast<int>(std::min<std::size_t>(text.size(), 60)), text.data());
   };
   if (!text.empty() && text.find_first_not_of("0123456789") == text.size() - 1) {

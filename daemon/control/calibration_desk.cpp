@@ -42,7 +42,7 @@ Result<std::string> read_change(const std::string& path) {
   struct stat status {};
   const bool regular = ::fstat(file.get(), &status) == 0 && S_ISREG(status.st_mode);
   if (!regular || static_cast<std::size_t>(status.st_size) > kChangeBytesMax)
-    return error(Code::config, "%s is no regular file of at most 64 MB", path.c_str());
+    return error(Code::config, "%s is not a regular file of at most 64 MB", path.c_str());
   std::string text(static_cast<std::size_t>(status.st_size), '\0');
   std::size_t got = 0;
   while (got < text.size()) {
@@ -180,7 +180,7 @@ void read(const Json& j, FixedString<N>& out) {
 }
 void read(const Json& j, CalibrationKind& out) {
   const auto kind = calibration_kind_named(j.get<std::string>());
-  if (!kind) throw std::invalid_argument("\"kind\" is no kind of calibration");
+  if (!kind) throw std::invalid_argument("\"kind\" is not a kind of calibration");
   out = *kind;
 }
 void read(const Json& j, double& out) {

@@ -45,7 +45,7 @@ Json warnings(std::uint16_t bits) {
   const auto add = [&](std::uint16_t bit, const char* text) {
     if ((bits & bit) != 0) list.push_back(text);
   };
-  add(kWarnUnconfirmedNominals, "a verdict depends on nominals or tolerances nobody has confirmed");
+  add(kWarnUnconfirmedNominals, "a verdict depends on unconfirmed nominals or tolerances");
   add(kWarnCommissioningCalibration, "commissioning calibration: no calibration has been applied yet");
   add(kWarnStrayFiles, "files that answer no request were moved to stray/");
   add(kWarnResultsWaiting, "more than a slab of results waits for RES_ACK");

@@ -84,7 +84,7 @@ void clear_scanner(Station& s, int slot, Actions& actions) {
   action.request.spool_path.append("-unseen");
   emit(actions, action);
   log(actions, LogLine::Level::info, Code::ok,
-      "station %u: a scan was asked for before, and nobody saw its points; one scan more is taken first and thrown "
+      "station %u: a scan was requested before, and its points were not seen; one scan more is taken first and thrown "
       "away, so that the old one cannot be given for this block",
       s.acquisition.station);
 }
@@ -156,7 +156,8 @@ void note_emulation(Station& s, std::uint8_t bits, Actions& actions) {
   if (all == slab.emulated) return;
   slab.emulated = all;
   log(actions, LogLine::Level::warning, Code::ok,
-      "slab %u \"%s\" is emulated (%s): its results are no verdict on concrete, and every record of it says so",
+      "slab %u \"%s\" is emulated (%s): its results are not a verdict on concrete, and every record of it is marked as "
+      "emulated",
       slab.slab_no, slab.slab_id.c_str(), emulation_words(all).c_str());
 }
 
@@ -458,7 +459,7 @@ const char* why_it_hangs(const Station& s) {
 void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) {
   s.owed = {true, slot_taken, slot};
   emit(actions, CancelScan{});
-  log(actions, LogLine::Level::error, code_of_hang(s), "%s; nothing more is asked of it until it is back",
+  log(actions, LogLine::Level::error, code_of_hang(s), "%s; nothing more is requested from it until it is back",
       why_it_hangs(s));
 }
 

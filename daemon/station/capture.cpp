@@ -33,7 +33,7 @@ constexpr std::int64_t kHangTimeoutNs = 20 * kNsPerS;
 
 /// Text for a view that was discarded.
 constexpr std::string_view kUnseenView =
-    "the scanner had been asked before for a scan that nobody saw, and this one may be that; it was thrown away: take "
+    "a scan was requested before and not seen, and this one may be that; it was thrown away: take "
     "the view again";
 
 bool is_text(std::string_view text) {
@@ -384,7 +384,7 @@ void on_capture_request(Station& s, const CaptureRequest& request, Actions& acti
 void advance_capture(Station& s, Actions& actions) {
   switch (s.capture.phase) {
     case Capture::Phase::ready:
-      if (s.now_ns >= s.capture.lease_until_ns) close(s, actions, "nobody goes on with it, its lease is over");
+      if (s.now_ns >= s.capture.lease_until_ns) close(s, actions, "no further step came, its lease is over");
       break;
     case Capture::Phase::settling: try_to_ask_scanner(s, actions); break;
     case Capture::Phase::checking: check_stillness(s, actions); break;

@@ -298,9 +298,8 @@ int bridge(const Options& options) {
     voice.heard(name, who == Senders::Answer::other);
     if (who == Senders::Answer::two) {
       ++not_believed;
-      voice.dropped(name,
-                    fmt::format("{} sends as well, and nobody can say which one is the robot; name it with --from",
-                                dotted(senders.beside(from_address))));
+      voice.dropped(name, fmt::format("{} sends as well, and it is unknown which one is the robot; name it with --from",
+                                      dotted(senders.beside(from_address))));
       continue;
     }
     if (who == Senders::Answer::other) translator.begin_anew();
@@ -333,7 +332,7 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
   app.add_option("--listen", options.listen, "Address and port that the controller sends to")->capture_default_str();
   app.add_option("--from", options.from,
                  "The controller's address; packets of others are dropped. "
-                 "Without it: while two send, neither is believed");
+                 "Without it: while two send, neither is used");
   app.add_option("--cycle-ms", options.settings.cycle_ms, "RSI's cycle: 4 (IPO_FAST) or 12")
       ->check(CLI::IsMember({4, 12}))
       ->capture_default_str();

@@ -324,7 +324,7 @@ class Client final : public PlcPort {
     if (deed == ClientDeed::connect && !is_exception(error_number)) {
       cure = "; is its Modbus server running, and is the address right?";
     } else if (!is_exception(error_number)) {
-      cure = "; the connection is made anew";
+      cure = "; the connection is made again";
     } else if (error_number == EMBXILFUN && asked_.function == 23) {
       cure = "; the PLC does not serve FC 23: plc.read_write = false writes with FC 16 and reads with FC 3";
     } else if (error_number == EMBXILFUN) {

@@ -24,7 +24,7 @@ class PlcNotes {
         Trouble{now.not_allowed - said_.not_allowed, "connections from addresses outside [plc] allow"},
         Trouble{now.read_only - said_.read_only, "writes from addresses in [plc] read_only"},
         Trouble{now.displaced - said_.displaced, "connections closed to make room"},
-        Trouble{now.malformed - said_.malformed, "streams or frames that are no Modbus"},
+        Trouble{now.malformed - said_.malformed, "streams or frames that are not Modbus"},
         Trouble{now.late - said_.late, "frames not complete in time"},
         Trouble{now.idle - said_.idle, "connections closed in silence"},
         Trouble{now.unsent - said_.unsent, "replies not taken"},

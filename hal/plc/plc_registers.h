@@ -53,7 +53,7 @@ inline constexpr std::array<std::string_view, 6> kCommandWords = {"none",     "S
                                                                   "SLAB_END", "SLAB_ABORT", "REPORT"};
 inline constexpr std::array<std::string_view, 5> kStatusWords = {"none", "accepted", "acquiring", "acquired", "done"};
 /// One word for each bit of PlcWarn.
-inline constexpr std::array<std::string_view, 15> kWarnWords = {"nominals nobody confirmed",
+inline constexpr std::array<std::string_view, 15> kWarnWords = {"unconfirmed nominals",
                                                                 "commissioning calibration",
                                                                 "stray scan files",
                                                                 "results wait for RES_ACK",
@@ -119,7 +119,7 @@ void walk_inputs(Cursor& io, Inputs& in) {
   io.u16({13, "RECIPE", "", "0 = by SLAB_TYPE; else the same number"}, in.recipe);
   io.u32({14, "SLAB_NO", "", "the line's own number; 0 = the open slab"}, in.slab_no);
   io.text({16, "SLAB_ID", "",
-           "32 bytes ASCII, first character in the high byte; NULs and blanks around it are no part of it"},
+           "32 bytes ASCII, first character in the high byte; NULs and blanks around it do not belong to it"},
           in.slab_id);
   io.scaled({32, "SLAB_TEMPERATURE", "K", "in 0.1 K, 0 = unknown"}, in.slab_temperature_dk, 10.0);
   io.u16({33, "SLAB_AGE", "h", "since casting, 0 = unknown"}, in.slab_age_h);

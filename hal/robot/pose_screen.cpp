@@ -173,8 +173,7 @@ void PoseScreen::refuse_rival(const PosePublisher& from, std::int64_t mono_ns) {
            "LCM object): %s, and now one",
            text_of(other).c_str());
   else
-    refuse(from, mono_ns, "two programs publish poses, so neither is believed: %s, and another",
-           text_of(other).c_str());
+    refuse(from, mono_ns, "two programs publish poses, so neither is used: %s, and another", text_of(other).c_str());
 }
 
 void PoseScreen::settle_rivals(PoseLinkCounters& counters) {

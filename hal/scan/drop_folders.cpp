@@ -298,7 +298,7 @@ Status DropFolders::post_request(const char* name, std::string_view text) const 
   constexpr mode_t kReadableByScanner = 0664;
   NameText temporary;
   temporary.printf(".%s.tmp", name);
-  // Removes a leftover first: opening a pipe would wait for its reader, possibly forever.
+  // Removes a leftover first: opening a pipe would wait for its reader, possibly without end.
   unlinkat(request_.get(), temporary.c_str(), 0);
   Fd fd(openat(request_.get(), temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0664));
   // On a share the server sets the permissions, and some servers reject a change.

@@ -85,7 +85,7 @@ class StreamPort final : public ScanStreamPort {
     const ssize_t n = recv(sender_.get(), unasked.data(), unasked.size(), MSG_DONTWAIT);
     if (n > 0) {
       ++strays_;
-      turn_away(error(Code::frame_incomplete, "data that nobody asked for (a scan that came too late?)"), 0, 0);
+      turn_away(error(Code::frame_incomplete, "data that was not requested (a scan that came too late?)"), 0, 0);
     } else if (n == 0 || (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) {
       lost("the gateway has closed the connection");
     }

@@ -227,7 +227,7 @@ class TextTable {
   Status holds_no_zeros(std::string_view line) const {
     const std::size_t at = line.find('\0');
     if (at == std::string_view::npos) return success();
-    return lines_.refuse("column %zu: a byte 0; parts of the file were not written, or it is no text", at + 1);
+    return lines_.refuse("column %zu: a byte 0; parts of the file were not written, or it is not text", at + 1);
   }
 
   Status comment(std::string_view text) {

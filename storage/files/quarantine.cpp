@@ -60,10 +60,11 @@ Status write_note(const std::string& path, const std::string& folder, const std:
   if (Status status = create_file(path); !status.ok()) return status;
   const Fd file(open(path.c_str(), O_WRONLY | O_CLOEXEC));
   if (!file.is_open()) return trouble("cannot open", path);
-  const std::string text = std::string(kFirstLine) + folder + "\n" + why +
-                           "\nThe database that was here lies in that folder, untouched. slabd begins "
-                           "no new history by itself.\nPut a backup here with `slabctl db restore`, or begin anew with "
-                           "`slabctl db restore --fresh`.\n";
+  const std::string text =
+      std::string(kFirstLine) + folder + "\n" + why +
+      "\nThe database that was here lies in that folder, untouched. slabd begins "
+      "no new history by itself.\nPut a backup here with `slabctl db restore`, or start again with "
+      "`slabctl db restore --fresh`.\n";
   if (!write_all(file.get(), text.data(), text.size()) || fsync(file.get()) != 0) return trouble("cannot write", path);
   return success();
 }

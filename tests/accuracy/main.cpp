@@ -145,7 +145,7 @@ int main(int argc, char** argv) {
   for (const std::string& name : names) {
     chosen.push_back(find(name));
     if (chosen.back() != nullptr) continue;
-    fmt::print(stderr, "slabd_accuracy: '{}' is no study; see --help\n", name);
+    fmt::print(stderr, "slabd_accuracy: '{}' is not a study; see --help\n", name);
     return 2;
   }
   if (chosen.empty())

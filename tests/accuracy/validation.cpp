@@ -299,7 +299,7 @@ double slope_to_model_deg(const BlockResult& block) {
   return deg_from_rad(std::atan2(-n.y(), n.z()));
 }
 
-/// Prints the effect of a block that deviates from its model on the registration, and thereby on a slope relative to
+/// Prints the effect of a block that deviates from its model on the registration, and with it on a slope relative to
 /// the model: the paper's 0.257 mm of Table 4 next to its 0.021 deg of Table 6.
 bool print_concrete(const std::vector<Seat>& seats, const Recipe& recipe, BlockBench& bench) {
   constexpr double kPaperStdMm = 0.257;

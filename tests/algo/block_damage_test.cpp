@@ -66,7 +66,8 @@ TEST(Block, fails_the_flatness_for_a_bolt_on_the_seat) {
 }
 
 TEST(Block, fails_the_flatness_only_for_damage_however_narrow) {
-  // One or two lines of the scan wide; the shapes of WhatHangsTogetherIsNoStrayHoweverNarrow and taller ones.
+  // One or two lines of the scan wide; the shapes of
+  // Denoise.keeps_what_hangs_together_over_a_length_however_steep_or_ragged and taller ones.
   struct Case {
     const char* what;
     double size_mm;
@@ -291,7 +292,7 @@ TEST(Block, measures_a_flat_seat_however_unevenly_it_returns) {
     const BlockResult r = inspect(darkened(good_fine_scan(), share, inner_seat));
     EXPECT_EQ(r.verdict, Verdict::pass);
     EXPECT_LT(std::abs(slope_error_deg(r)), 0.001);
-    EXPECT_LT(r.seat.by_area.normal.norm(), 2e-5) << "there is no form that the density could weigh";
+    EXPECT_LT(r.seat.by_area.normal.norm(), 2e-5) << "without form the density has no weight";
   }
 }
 

@@ -64,7 +64,7 @@ TEST(Splice, away_from_the_mastered_pose_is_hand_eye_alone_with_the_robots_absol
     const Splice s = splice(applied(), pose);
     EXPECT_EQ(s.source, SpliceSource::outside_gate);
     EXPECT_EQ(s.T_base_reported.translation_mm, Vec3::Zero());
-    EXPECT_TRUE(has_value(s.off_mm)) << "the distance is told";
+    EXPECT_TRUE(has_value(s.off_mm)) << "the distance is known";
     EXPECT_DOUBLE_EQ(s.robot_mm, std::hypot(0.7, 5e-4 * 700.0)) << "a turned flange shifts the block by its lever";
     EXPECT_GE(s.calibration_mm, 0.02);
   }
@@ -135,13 +135,13 @@ TEST(CheckDue, counts_from_the_last_check_or_from_taking_the_artefact_into_use) 
   EXPECT_FALSE(overdue(watch, 100, 1'150));
   EXPECT_TRUE(overdue(watch, 100, 1'151));
   watch.since_utime_us = 1'140;
-  EXPECT_TRUE(overdue(watch, 100, 1'151)) << "another artefact is no check";
+  EXPECT_TRUE(overdue(watch, 100, 1'151)) << "another artefact does not count as a check";
   EXPECT_FALSE(overdue(watch, 0, kNow)) << "interval 0: never";
   constexpr std::int64_t kHour_us = 3'600'000'000;
   watch.checked_utime_us = kNow + kHour_us;
   EXPECT_FALSE(overdue(watch, 100, kNow)) << "the clock was set back a little";
   watch.checked_utime_us = kNow + kHour_us + 1;
-  EXPECT_TRUE(overdue(watch, 100, kNow)) << "the clock was wrong: nobody knows when the check was";
+  EXPECT_TRUE(overdue(watch, 100, kNow)) << "the clock was wrong: the time of the check is unknown";
 }
 
 TEST(CalibrationKind, has_a_word_that_comes_back) {

@@ -144,7 +144,7 @@ TEST(Verdict, every_one_has_a_word_of_its_own) {
   std::vector<std::string_view> words;
   for (const Verdict v : all) words.push_back(name(v));
   EXPECT_EQ(words, (std::vector<std::string_view>{"none", "pass", "fail", "not_measured", "aborted", "indeterminate"}));
-  EXPECT_EQ(name(static_cast<Verdict>(77)), "none") << "a byte that is no verdict is not a pass";
+  EXPECT_EQ(name(static_cast<Verdict>(77)), "none") << "an invalid byte is not a pass";
 }
 
 TEST(Combine, a_verdict_that_is_none_is_missing_where_one_is_required) {

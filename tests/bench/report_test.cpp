@@ -86,7 +86,7 @@ TEST(BenchReport, tells_errors_over_all_scans_that_were_scored) {
   const Json& pcl = json["peers"]["PCL"]["block-tuned"];
   EXPECT_DOUBLE_EQ(pcl["figures"]["pose_error_um"].get<double>(), std::sqrt(0.5 * (9.0 + 16.0)));
   EXPECT_EQ(pcl["scans_scored"], 2.0);
-  EXPECT_FALSE(pcl["figures"].contains("std_mm")) << "what is no error is told by the timed runs";
+  EXPECT_FALSE(pcl["figures"].contains("std_mm")) << "the timed runs report what is not an error";
   EXPECT_EQ(pcl["ms"], 2000.0) << "and these are not timed";
   const Json& judged = line(json, "pose error");
   EXPECT_DOUBLE_EQ(judged["value"].get<double>(), std::sqrt(0.5 * (1.0 + 49.0)) / std::sqrt(0.5 * (9.0 + 16.0)));

@@ -48,7 +48,7 @@ TEST(Observations, header_declares_and_is_never_guessed_around) {
   expect_fault("# format: rotation=kuka_abc unit=mm\n1 2 3 4 5 6\n", "needs unit=mm|m and angle=deg|rad");
   expect_fault("# format: rotation=euler\n", "rotation= is one of quaternion_wxyz");
   expect_fault("# format: unit=inch\n", "unit= is one of mm, m");
-  expect_fault("# format: units=mm\n", "'units' is no key");
+  expect_fault("# format: units=mm\n", "'units' is not a key");
   expect_fault("# format: angle=deg\n1 2 3 1 0 0 0\n", "angle= goes with rotation=kuka_abc");
   expect_fault("# format: unit=mm\n# format: unit=m\n", "poses.txt:2: a second format line");
   expect_fault("1 2 3 1 0 0 0\n# format: unit=m\n", "poses.txt:2: the format line must stand before");

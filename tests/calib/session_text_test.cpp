@@ -110,7 +110,7 @@ TEST(SessionText, held_out_views_are_spread_over_the_goal) {
 }
 
 TEST(SessionText, steps_solutions_and_verifications_come_back) {
-  const ViewChange change{12, 7, "now", "me", "somebody \"leaned\" on the post"};
+  const ViewChange change{12, 7, "now", "me", "they \"leaned\" on the post"};
   const auto change_back = parse_view_change(change_text(change), "undo.txt");
   ASSERT_TRUE(change_back.ok());
   EXPECT_EQ(change_back.value().undoes, 7U);

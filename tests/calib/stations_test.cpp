@@ -448,7 +448,7 @@ TEST(MasterCertificateText, faults_are_named_with_their_line) {
   EXPECT_NE(refusal(with(good, "U_mm = 0.010", "U_mm = small")).find("cert.txt:7: U_mm must be a number"),
             std::string::npos);
   EXPECT_NE(refusal(with(good, "frame = slab", "frame = world")).find("allowed are slab and base"), std::string::npos);
-  EXPECT_NE(refusal(good + "colour = red\n").find("cert.txt:13: colour is no key"), std::string::npos);
+  EXPECT_NE(refusal(good + "colour = red\n").find("cert.txt:13: colour is not a key"), std::string::npos);
   EXPECT_NE(refusal(good + "id = twice\n").find("cert.txt:13: id is given twice"), std::string::npos);
   EXPECT_NE(refusal(good + "seat = 1 0 0 0 0 0 1 0 1 0\n").find("second entry"), std::string::npos);
   EXPECT_NE(refusal(good + "seat = 19 0 0 0 0 0 1 0 1 0\n").find("1..18"), std::string::npos);

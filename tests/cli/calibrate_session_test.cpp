@@ -378,9 +378,9 @@ TEST_F(CalibrateSession, a_database_whose_creation_was_stopped_does_not_stand_in
   EXPECT_FALSE(in_force("a").id.empty());
   // A file of another program is not taken for a database.
   ASSERT_EQ(run(new_in("b", "", 10)).status, 0);
-  ASSERT_FALSE(write("b/slabd.db", "this is no database, and it is longer than nothing").empty());
+  ASSERT_FALSE(write("b/slabd.db", "not a database, and it is longer than nothing").empty());
   EXPECT_NE(run("calibrate history --config " + file("b/slabd.toml")).status, 0);
-  EXPECT_EQ(content(file("b/slabd.db")), "this is no database, and it is longer than nothing");
+  EXPECT_EQ(content(file("b/slabd.db")), "not a database, and it is longer than nothing");
 }
 
 TEST_F(CalibrateSession, a_half_copied_scan_is_named_and_counts_for_nothing) {
@@ -456,9 +456,9 @@ TEST_F(CalibrateSession, drop_and_undo_go_back_step_by_step_and_delete_nothing) 
   simulate("set", "--views 3 --seed 6");
   ASSERT_EQ(run(new_in("a")).status, 0);
   ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
-  expect_next(run("calibrate drop 2 --why 'somebody leaned on the post'"), 0, "view 2/13");
+  expect_next(run("calibrate drop 2 --why 'an operator leaned on the post'"), 0, "view 2/13");
   EXPECT_EQ(list()["views"][1]["use"], "dropped");
-  EXPECT_EQ(list()["views"][1]["note"], "somebody leaned on the post");
+  EXPECT_EQ(list()["views"][1]["note"], "an operator leaned on the post");
   expect_next(run("calibrate drop 2 --why again"), 3, "slabctl calibrate undo");
   expect_next(run("calibrate drop 9 --why none"), 3, "slabctl calibrate list");
   expect_next(run("calibrate undo"), 0, "view 2 counts again");
@@ -490,7 +490,7 @@ TEST_F(CalibrateSession, a_step_that_cannot_be_read_for_a_while_is_not_given_awa
   const std::string newest = file("a/calibration/hall/views/004/view.txt");
   fs::rename(newest, newest + ".away");
   ASSERT_EQ(run("calibrate drop 4 --why unreadable").status, 0);
-  ASSERT_EQ(run("calibrate drop 2 --why 'somebody leaned on the post'").status, 0);
+  ASSERT_EQ(run("calibrate drop 2 --why 'an operator leaned on the post'").status, 0);
   fs::rename(newest + ".away", newest);
   // Each undo takes back exactly one step.
   expect_next(run("calibrate undo"), 0, "view 2 counts again");
@@ -789,7 +789,7 @@ TEST_F(CalibrateSession, a_step_that_was_damaged_leaves_its_view_out_and_blocks_
   simulate("set", "--views 4 --seed 6");
   ASSERT_EQ(run(new_in("a")).status, 0);
   ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
-  ASSERT_EQ(run("calibrate drop 2 --why 'somebody leaned on the post'").status, 0);
+  ASSERT_EQ(run("calibrate drop 2 --why 'an operator leaned on the post'").status, 0);
   const std::string path = "a/calibration/hall/views/002/drop-5.txt";
   const std::string whole = content(file(path));
   for (const std::string& torn : {whole.substr(0, whole.size() / 2), std::string()}) {
@@ -805,7 +805,7 @@ TEST_F(CalibrateSession, a_step_that_was_damaged_leaves_its_view_out_and_blocks_
   ASSERT_EQ(run("calibrate drop 3 --why test").status, 0);
   EXPECT_TRUE(fs::exists(file("a/calibration/hall/views/003/drop-6.txt"))) << "step 5 is not given away";
   ASSERT_FALSE(write(path, whole).empty());
-  EXPECT_EQ(list()["views"][1]["note"], "somebody leaned on the post");
+  EXPECT_EQ(list()["views"][1]["note"], "an operator leaned on the post");
 }
 
 TEST_F(CalibrateSession, a_decimal_comma_in_a_pose_is_named) {

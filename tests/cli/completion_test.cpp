@@ -59,7 +59,7 @@ TEST_F(Completion, history_names_the_nearest_item_and_the_form_of_a_time) {
   expect_mentions(ended.err, "did you mean 'jaw_distance'?");
   ended = run("history --db none.db --since yesterday");
   EXPECT_EQ(ended.status, 2);
-  expect_mentions(ended.err, "--since: 'yesterday' is no time; expected 2026-11-20");
+  expect_mentions(ended.err, "--since: 'yesterday' is not a time; expected 2026-11-20");
   ended = run("trend seat_slop --db none.db");
   EXPECT_EQ(ended.status, 2);
   expect_mentions(ended.err, "did you mean 'seat_slope'?");

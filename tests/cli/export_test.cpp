@@ -151,7 +151,7 @@ TEST_F(Export, clouds_are_read_by_others_and_lie_where_they_should) {
 
   const Ended slab = run("export cloud 1 --voxel 4 --out " + file("slab.ply") + " --db " + db() + recipes());
   ASSERT_EQ(slab.status, 0) << slab.err;
-  expect_mentions(slab.err, "left out: block 1: there is no scan of it");
+  expect_mentions(slab.err, "left out: block 1: no scan of it");
   const json of_slab = read("cloud", file("slab.ply"));
   EXPECT_EQ(of_slab["stations"], (json{3, 4, 12}));
   EXPECT_LT(of_slab["points"], 200'000);
@@ -300,13 +300,13 @@ TEST_F(Export, a_list_of_points_replaces_no_other_unasked) {
   EXPECT_NE(first.status, 3) << first.err;
   const std::string points = content(file("PTS.dat"));
   expect_mentions(points, "STATION1[1]");
-  std::ofstream(file("PTS.src")) << "touched up by somebody";
+  std::ofstream(file("PTS.src")) << "touched up by hand";
   fs::remove(file("PTS.dat"));
   const Ended again = run(what);
   EXPECT_EQ(again.status, 3);
   expect_mentions(again.err, "PTS.src exists already; name another, or say --overwrite");
   EXPECT_FALSE(fs::exists(file("PTS.dat"))) << "neither of the two is written";
-  EXPECT_EQ(content(file("PTS.src")), "touched up by somebody");
+  EXPECT_EQ(content(file("PTS.src")), "touched up by hand");
   EXPECT_EQ(run(what + " --overwrite").status, first.status);
   EXPECT_EQ(content(file("PTS.dat")), points);
   expect_mentions(content(file("PTS.src")), "PTS");
@@ -374,7 +374,7 @@ TEST_F(OutFileTest, a_pipe_is_written_into_and_stays_a_pipe) {
     EXPECT_STREQ(got.data(), "through");
   }
   const Status again = put(file("pipe"), "head", {.rewritten = true});
-  ASSERT_FALSE(again) << "nobody can go back in a pipe";
+  ASSERT_FALSE(again) << "a pipe cannot go back";
   expect_mentions(std::string(again.error().text.view()), "it must be a file of its own");
   ::close(reader);
   EXPECT_TRUE(fs::is_fifo(file("pipe")));

@@ -105,7 +105,7 @@ TEST(PlcDocs, registers_are_told_in_words) {
   hal::tell_inputs({}, hal::WordOrder::abcd,
                    [&](const hal::RegisterRow& row, std::string_view value) { order[std::string(row.name)] = value; });
   EXPECT_EQ(order["SLAB_TEMPERATURE"], "unknown");
-  EXPECT_EQ(order["SLAB_AGE"], "unknown") << "nobody has told it";
+  EXPECT_EQ(order["SLAB_AGE"], "unknown") << "it was not reported";
   EXPECT_EQ(order["CMD_SEQ"], "0");
   hal::InputImage wrong{};
   wrong[36] = 77;

@@ -365,7 +365,7 @@ TEST_F(ReplayOther, a_pin_lies_beside_the_scans_and_says_why) {
   attempt.scan_path.assign(scan(1));
   apply(AcquiredJob{attempt});
   const std::string of_slab = " SLAB-0042 --config " + config();
-  EXPECT_EQ(run("pin" + of_slab).status, 2) << "a reason is asked for";
+  EXPECT_EQ(run("pin" + of_slab).status, 2) << "a reason is required";
   EXPECT_EQ(run("unpin" + of_slab).status, 3) << "it is not pinned";
   const Ended pinned = run("pin" + of_slab + " --reason 'complaint 17'");
   EXPECT_EQ(pinned.status, 0) << pinned.err;

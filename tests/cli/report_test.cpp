@@ -606,7 +606,7 @@ TEST_F(ReportTest, wrong_names_pages_and_places_are_refused_and_leave_nothing) {
   EXPECT_EQ(ended.status, 2);
   ended = report("r.svg", "--page 999");
   EXPECT_EQ(ended.status, 3);
-  expect_mentions(ended.err, "there is no page 999; the report has ");
+  expect_mentions(ended.err, "page 999 does not exist; the report has ");
   ended = report("no/such/folder/r.pdf");
   EXPECT_EQ(ended.status, 3);
   expect_mentions(ended.err, "cannot be written");

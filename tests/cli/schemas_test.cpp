@@ -158,7 +158,7 @@ TEST(Schemas, the_list_of_them_is_theirs) {
   ASSERT_NE(end, std::string::npos);
   const std::string made = text.substr(0, begin + kBegin.size()) + list_of(published()) + text.substr(end);
   if (std::getenv("SLABD_UPDATE_DOCS") != nullptr) std::ofstream(path, std::ios::binary) << made;
-  EXPECT_EQ(content(path), made) << "SLABD_UPDATE_DOCS=1 writes it anew";
+  EXPECT_EQ(content(path), made) << "SLABD_UPDATE_DOCS=1 writes it again";
 }
 
 }  // namespace

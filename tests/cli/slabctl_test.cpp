@@ -382,7 +382,7 @@ TEST_F(Slabctl, good_block_passes_with_status_0_and_a_readable_table) {
   EXPECT_EQ(ended.status, 0) << ended.out << ended.err;
   expect_mentions(ended.out, "seat_slope [deg]");
   expect_mentions(ended.out, "not visible to the block scans");
-  EXPECT_EQ(ended.out.find('\x1b'), std::string::npos) << "no colour where there is no terminal";
+  EXPECT_EQ(ended.out.find('\x1b'), std::string::npos) << "no colour without a terminal";
   expect_mentions(ended.err, "assumed, not confirmed");
 }
 
@@ -456,7 +456,7 @@ TEST_F(Slabctl, plc_monitor_connects_to_an_ipv4_address_with_a_port_and_nothing_
     EXPECT_EQ(refused.status, 2) << address;
     expect_mentions(refused.err, "an IPv4 address and a port from 1 to 65535");
   }
-  EXPECT_EQ(run("plc monitor --once --config none.toml --connect 127.0.0.1:1").status, 4) << "nobody is there";
+  EXPECT_EQ(run("plc monitor --once --config none.toml --connect 127.0.0.1:1").status, 4) << "no server at this port";
 }
 
 TEST_F(Slabctl, one_thread_and_two_inspect_to_the_same_digits) {

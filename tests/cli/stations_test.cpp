@@ -75,7 +75,7 @@ TEST(KrlPoints, what_is_wrong_is_named_with_its_line) {
     const char* told;
   } cases[] = {
       {"STATION[1]={X 1,Y 2,Z 3,A 4,B 5}", "f:1: C is missing"},
-      {"\nSTATION[1]={X 1,Y 2,Z 3,A 4,B 5,C nan}", "f:2: C is missing or is no number"},
+      {"\nSTATION[1]={X 1,Y 2,Z 3,A 4,B 5,C nan}", "f:2: C is missing or is not a number"},
       {"STATION[1]={X 1e6,Y 2,Z 3,A 4,B 5,C 6}", "f:1: X is 1000000, allowed"},
       {"STATION[1]={X 1,Y 2,Z 3,A 4,B 5,C 6", "closing brace"},
       {"STATION[19]={X 1,Y 2,Z 3,A 4,B 5,C 6}", "station 19, allowed 1..18"},

@@ -121,7 +121,7 @@ TEST_F(StudyTest, repeat_of_a_table_gives_the_reference_figures) {
     text += std::string("pin,") + value + "\n";
   const std::string values = write("values.csv", text);
   const Ended ended = run("study repeat --values " + values + " --reference pin=10 --tolerance pin=0.5 --json");
-  EXPECT_EQ(ended.status, 1) << "ten runs convince nobody\n" << ended.err;
+  EXPECT_EQ(ended.status, 1) << "ten runs are too few\n" << ended.err;
   const json study = parsed(ended);
   ASSERT_TRUE(study.is_object()) << ended.out;
   EXPECT_EQ(study["schema"], "slabd.study_repeat/1");
@@ -165,7 +165,7 @@ TEST_F(StudyTest, repeat_of_a_block_that_no_run_measured_is_undecided_when_someb
   EXPECT_EQ(study["judgement"], "undecided");
   EXPECT_EQ(study["characteristics"][1]["missing"], 50);
   EXPECT_EQ(run(what + " --reference slope=1.4303 --out " + file("study.html")).status, 1);
-  EXPECT_EQ(parsed(run(what + " --json"))["characteristics"].size(), 1U) << "nobody asked";
+  EXPECT_EQ(parsed(run(what + " --json"))["characteristics"].size(), 1U) << "not requested";
 }
 
 TEST_F(StudyTest, repeat_with_a_reference_and_no_tolerance_is_undecided) {

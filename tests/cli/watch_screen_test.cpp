@@ -103,10 +103,10 @@ TEST(Screen, without_colour_has_no_escape_sequence) {
 TEST(Screen, shows_fault_and_cure_before_anything_of_the_past) {
   Picture p = busy_line();
   p.fault = 503;
-  p.fault_text = "there is no valid calibration";
+  p.fault_text = "no valid calibration";
   p.fault_cure = "calibrate";
   const std::string text = joined(screen(p, 80, 24, kPlain, Language::en));
-  const std::size_t fault = text.find("FAULT 503: there is no valid calibration");
+  const std::size_t fault = text.find("FAULT 503: no valid calibration");
   ASSERT_NE(fault, std::string::npos);
   EXPECT_NE(text.find("-> calibrate"), std::string::npos);
   EXPECT_LT(fault, text.find("SLAB-X"));

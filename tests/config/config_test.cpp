@@ -226,7 +226,7 @@ TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
   EXPECT_EQ(config_.calibration.T_flange_scanner.translation_mm, Vec3(0, 0, 120.5));
   EXPECT_EQ(config_.splice.repeatability_mm, 0.0);
   EXPECT_EQ(config_.splice.repeatability_rad, 0.0);
-  EXPECT_FALSE(has_value(config_.splice.absolute_mm)) << "nobody guesses what a robot is off by";
+  EXPECT_FALSE(has_value(config_.splice.absolute_mm)) << "the error of a robot is not guessed";
   EXPECT_EQ(config_.splice.gate_mm, 1.0);
   EXPECT_EQ(config_.check_interval_us, 86'400'000'000);
   EXPECT_FALSE(has_value(config_.calibration.station_sigma_mm)) << "slab-frame items must come out indeterminate";

@@ -291,7 +291,7 @@ TEST_F(LoopStart, whoever_stops_it_does_not_wait_for_the_database) {
   const auto opened = open_beside_the_line(
       [finish]() -> Result<std::unique_ptr<storage::Store>> {
         while (!*finish) std::this_thread::sleep_for(std::chrono::milliseconds(5));
-        return error(Code::journal_write, "nobody asks any more");
+        return error(Code::journal_write, "no client left");
       },
       ports, StationSettings{}, LoopFigures{}, stop);
   EXPECT_EQ(opened, nullptr);

@@ -147,7 +147,8 @@ TEST_F(SlabEndsTest, missing_points_count_only_where_inner_blocks_show_that_the_
   EXPECT_EQ(note(1, kShortMm, kWideMm).other, nullptr) << "this may be the edge of the picture";
   EXPECT_EQ(note(2, kNoEnd, kWideMm).other, nullptr) << "one inner block is not enough";
   EXPECT_EQ(note(3, kNoEnd, kWideMm).station, 1);
-  EXPECT_EQ(ends_.note(8, 3, view_of(scan(kNoEnd, kNoEnd, 5), p4925())).other, nullptr) << "another slab begins anew";
+  EXPECT_EQ(ends_.note(8, 3, view_of(scan(kNoEnd, kNoEnd, 5), p4925())).other, nullptr)
+      << "another slab starts from nothing";
 
   // A field of view that happens to end where the other type does.
   ends_.use(recipes_, p4925());

@@ -29,7 +29,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (change.ok()) {
     const std::string told = change_json(change.value());
     const auto again = parse_change(told);
-    fuzz::must(again.ok() && change_json(again.value()) == told, "a change is told and read without loss");
+    fuzz::must(again.ok() && change_json(again.value()) == told, "a change is written and read without loss");
   }
   return 0;
 }

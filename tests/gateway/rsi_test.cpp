@@ -133,7 +133,7 @@ TEST(Bridge, numbers_follow_the_controllers_cycles) {
   EXPECT_EQ(bridge.counters().lost, 2U);
   EXPECT_EQ(later->base_id, 7) << "stated by who started the bridge";
   EXPECT_EQ(later->tool_id, 9);
-  EXPECT_EQ(later->flags, 1) << "measured; nobody says that it stands";
+  EXPECT_EQ(later->flags, 1) << "measured; not declared stationary";
   EXPECT_EQ(later->robot_time_us, 1'020'000);
 }
 

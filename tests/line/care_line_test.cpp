@@ -198,7 +198,7 @@ TEST_F(CareLine, a_lost_database_is_not_begun_anew_unless_a_person_says_so) {
   start();
   EXPECT_EQ(input_register(box_.port, kFault), 0) << box_.log();
   const Box::Answer history = box_.slabctl({"history", "--config", box_.config.native()});
-  EXPECT_NE(history.out.find("begun anew"), std::string::npos) << history.out;
+  EXPECT_NE(history.out.find("started again"), std::string::npos) << history.out;
   EXPECT_EQ(box_.stop(), 0);
 }
 
@@ -227,7 +227,7 @@ TEST_F(CareLine, a_second_daemon_leaves_the_scanner_alone_until_the_database_is_
   const std::string own = (other.dir / "slabd.db").native();
   text.replace(text.find(own), own.size(), (box_.dir / "slabd.db").native());
   std::ofstream(other.config) << text;
-  const fs::path scan = other.dir / "drop/inbox/nobody-asked.ply";
+  const fs::path scan = other.dir / "drop/inbox/not-requested.ply";
   fs::create_directories(scan.parent_path());
   std::ofstream(scan) << "ply\n";
   other.start();

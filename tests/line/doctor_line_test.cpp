@@ -125,7 +125,7 @@ TEST_F(DoctorTest, with_a_mistake_in_the_configuration_only_the_daemon_is_asked)
   EXPECT_EQ(opinion.exit_status, 3);
   EXPECT_EQ(opinion.health("daemon"), "failed");
   EXPECT_NE(opinion.all().find("fault 504"), std::string::npos) << opinion.all();
-  EXPECT_EQ(opinion.health("database"), "") << "nobody has tried to write it\n" << opinion.all();
+  EXPECT_EQ(opinion.health("database"), "") << "writing was not tried yet\n" << opinion.all();
 }
 
 TEST_F(DoctorTest, says_that_the_daemon_does_not_run_and_looks_at_what_it_can) {
@@ -183,7 +183,7 @@ TEST_F(DoctorTest, a_daemon_without_plc_and_robot_lacks_heartbeat_and_poses) {
   EXPECT_EQ(opinion.health("robot poses"), "failed");
   EXPECT_EQ(opinion.health("scanner link"), "ok");
   EXPECT_EQ(opinion.health("calibration"), "warning") << "commissioning values";
-  EXPECT_EQ(opinion.health("acceptance"), "warning") << "nobody has verified the scanner";
+  EXPECT_EQ(opinion.health("acceptance"), "warning") << "the scanner was not verified";
   std::string cures;
   for (const json& finding : opinion.findings)
     if (finding["check"] == "daemon") cures += finding["cure"].get<std::string>() + "\n";
@@ -508,7 +508,7 @@ TEST_F(DoctorTest, says_by_which_interface_the_plc_is_reached) {
   text.insert(listen, "allow = [\"127.0.0.9/32\"]\n");
   std::ofstream(box_.config) << std::regex_replace(text, std::regex("listen = \"127.0.0.1:"), "listen = \"0.0.0.0:");
   const Opinion opinion = examine();
-  EXPECT_EQ(opinion.health("plc network"), "note") << "nobody elsewhere may connect\n" << opinion.all();
+  EXPECT_EQ(opinion.health("plc network"), "note") << "no other computer may connect\n" << opinion.all();
   EXPECT_EQ(opinion.health("plc route"), "ok") << opinion.all();
   EXPECT_NE(opinion.all().find("127.0.0.9 by lo"), std::string::npos) << opinion.all();
 }

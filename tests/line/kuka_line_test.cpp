@@ -92,7 +92,7 @@ TEST_F(KukaLineTest, a_slab_is_finished_although_packets_get_lost_come_late_and_
                              << read_file(box_.dir / "bridge.err");
   const std::string said = read_file(box_.dir / "bridge.err");
   EXPECT_NE(said.find("packets come from 127.0.0.1"), std::string::npos) << said;
-  EXPECT_NE(said.find("RSI packet: "), std::string::npos) << "garbled ones are told of: " << said;
+  EXPECT_NE(said.find("RSI packet: "), std::string::npos) << "garbled ones are reported: " << said;
   EXPECT_EQ(status()["links"]["pose"]["malformed"], 0) << "and never reach the daemon";
   bridge->signal(SIGTERM);
   EXPECT_EQ(bridge->wait(), 0);

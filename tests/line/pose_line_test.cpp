@@ -224,7 +224,7 @@ TEST_F(PoseLineTest, two_publishers_are_told_and_the_slab_is_finished_when_one_i
     return seen["second_publisher"].get<int>() > 100 || !line->running();
   });
   EXPECT_NE(seen["refusal"].get<std::string>().find("two programs publish"), std::string::npos) << seen;
-  EXPECT_NE(seen["code"], 0) << "nobody is believed";
+  EXPECT_NE(seen["code"], 0) << "neither is used";
   stop = true;
   second.join();
   EXPECT_EQ(line->wait(), 0) << read_file(box_.dir / "simulate.err");

@@ -180,7 +180,7 @@ TEST_F(ScanStreamPortTest, a_disk_that_does_not_take_the_scan_is_told_while_it_d
     static_cast<void>(g.answer(wait_for(g), points(5.0F), 0, 0, 99));
   });
   watcher.join();
-  ASSERT_FALSE(result.ok()) << "a pipe is no disk";
+  ASSERT_FALSE(result.ok()) << "a pipe is not a disk";
   EXPECT_EQ(result.error().code, Code::journal_write);
   EXPECT_FALSE(port_->hangs());
   EXPECT_TRUE(port_->online());

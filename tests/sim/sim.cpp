@@ -215,13 +215,13 @@ int main(int argc, char** argv) {
   app.add_option("--seeds", options.seeds, "how many lives")->capture_default_str();
   app.add_option("--from", options.from, "the first of them")->capture_default_str();
   app.add_option("--seed", options.seed, "live only this one, and tell everything");
-  app.add_option("--hashes", options.hashes, "print the trace's hash of so many lives from --from on");
+  app.add_option("--hashes", options.hashes, "print the trace's hash of this number of lives from --from on");
   app.add_option("--jobs", options.jobs, "processes")->capture_default_str();
   app.add_option("--minutes", options.minutes, "end after so long, whatever --seeds says");
   app.add_flag("--keep-going", options.keep_going, "also after a promise was broken");
-  app.add_option(
-      "--every-pair", options.every_pair,
-      "end after so many lives, when every fault was injected in every state; fail if --seeds is too few for it");
+  app.add_option("--every-pair", options.every_pair,
+                 "end after this number of lives, when every fault was injected in every state; fail if --seeds is too "
+                 "few for it");
   CLI11_PARSE(app, argc, argv);
   ::unsetenv("JOURNAL_STREAM");  // so that the log's prefixes are written to the trace
   if (options.seed != 0) return live_once(options);

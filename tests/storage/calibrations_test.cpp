@@ -296,7 +296,7 @@ TEST_F(CalibrationsTest, records_history_and_trend_can_only_grow) {
   sqlite3* db = nullptr;
   ASSERT_EQ(sqlite3_open(settings_.db_path.c_str(), &db), SQLITE_OK);
   for (const char* sql : {"DELETE FROM applied", "UPDATE applied SET calibration_id = 'x'", "DELETE FROM calibration",
-                          "UPDATE calibration SET operator_name = 'nobody'", "DELETE FROM calibration_check",
+                          "UPDATE calibration SET operator_name = 'unknown'", "DELETE FROM calibration_check",
                           "UPDATE calibration_check SET passed = 1"})
     EXPECT_NE(sqlite3_exec(db, sql, nullptr, nullptr, nullptr), SQLITE_OK) << sql;
   sqlite3_close(db);
@@ -326,7 +326,7 @@ TEST_F(CalibrationsTest, the_last_check_against_the_artefact_in_force_counts) {
   ASSERT_EQ(trend.value().size(), 2U);
   EXPECT_EQ(trend.value()[1].slope_rad, 0.0259);
   check.kind = CalibrationKind::monitor_ball;
-  EXPECT_NE(refused(KeepCheck{check}).find("there is no monitor_ball"), std::string::npos);
+  EXPECT_NE(refused(KeepCheck{check}).find("it names no monitor_ball"), std::string::npos);
 }
 
 TEST_F(CalibrationsTest, another_artefact_does_not_undo_a_failed_check) {
@@ -439,7 +439,7 @@ TEST_F(CalibrationsTest, a_scanners_acceptance_comes_back_bit_for_bit_and_is_in_
   EXPECT_EQ(line.scanner.id.view(), id);
   EXPECT_EQ(line.scanner.numbers.form_half_mm, 0.061);
   EXPECT_FALSE(line.scanner.failed);
-  EXPECT_EQ(line.source, LineCalibration::Source::missing) << "it vouches for the scanner, not for where it sits";
+  EXPECT_EQ(line.source, LineCalibration::Source::missing) << "it concerns the scanner, not its position";
   EXPECT_TRUE(line.trouble.empty()) << "commissioning values still count";
 }
 
@@ -491,7 +491,7 @@ TEST_F(CalibrationsTest, a_spare_scanner_out_of_its_limits_says_nothing_about_th
   EXPECT_FALSE(in_force().scanner.failed);
   std::get<ScannerNumbers>(spare.numbers).scanner = "";
   keep(spare);
-  EXPECT_TRUE(in_force().scanner.failed) << "nobody said which one it was";
+  EXPECT_TRUE(in_force().scanner.failed) << "it is unknown which one it was";
 }
 
 TEST_F(CalibrationsTest, a_scanners_figures_that_were_edited_on_the_disk_are_not_used_and_stop_nothing) {

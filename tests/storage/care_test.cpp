@@ -108,7 +108,7 @@ TEST_F(CareTest, what_room_a_copy_needs_and_what_there_is_are_told_to_a_tenth_of
 
 TEST_F(CareTest, a_copy_leaves_the_room_for_scans_where_they_lie_and_nowhere_else) {
   TemporaryFolder other_disk("/dev/shm");
-  if (share_a_disk(folder_.path(), other_disk.path())) GTEST_SKIP() << "there is no second file system here";
+  if (share_a_disk(folder_.path(), other_disk.path())) GTEST_SKIP() << "this machine has one file system";
   settings_.spool_free_bytes_min = std::uint64_t{1} << 62U;  // more than any disk has
   const auto copy = [&] {
     open();

@@ -164,7 +164,7 @@ TEST_F(TakenAwayTest, nothing_is_told_to_be_written_until_the_file_is_back) {
   EXPECT_EQ(idle_trouble(), "");
   move_away("-away");
   EXPECT_TRUE(is_refused(AckJob{record_}));
-  EXPECT_FALSE(std::filesystem::exists(settings_.db_path)) << "nor is a history begun anew";
+  EXPECT_FALSE(std::filesystem::exists(settings_.db_path)) << "nor is a new history started";
   put_back("-away");
   EXPECT_EQ(idle_trouble(), "");
   apply(AckJob{record_});

@@ -195,7 +195,7 @@ TEST_F(RestoreTest, one_that_comes_to_nothing_leaves_nothing) {
         << status.error().text.view();
     for (const std::string& name : left_in_folder())
       EXPECT_EQ(name.find(kRestored), std::string::npos) << name << " stays, with " << side;
-    EXPECT_TRUE(fs::exists(stray)) << "it is somebody's to look at";
+    EXPECT_TRUE(fs::exists(stray)) << "an operator has to look at it";
     fs::remove(stray);
   }
   ASSERT_TRUE(restore(backup_).ok());
@@ -229,7 +229,7 @@ TEST_F(RestoreTest, what_one_left_that_was_cut_short_is_no_backup) {
   const Status status = restore(left);
   ASSERT_FALSE(status.ok());
   EXPECT_EQ(status.error().code, Code::config) << status.error().text.view();
-  EXPECT_TRUE(fs::exists(left)) << "it may be the only one that somebody has";
+  EXPECT_TRUE(fs::exists(left)) << "it may be the only one";
   ASSERT_TRUE(restore(backup_).ok());
 }
 

@@ -87,7 +87,7 @@ TEST_F(SearchTest, slabs_by_time_type_id_and_verdict) {
   filter.verdict = Verdict::fail;
   EXPECT_EQ(found(filter), (Keys{2}));
   filter.slab_type = 56;
-  EXPECT_EQ(found(filter), Keys{}) << "all that is asked for must hold";
+  EXPECT_EQ(found(filter), Keys{}) << "all conditions must hold";
   filter = {};
   filter.id_part = "A-3";
   EXPECT_EQ(found(filter), (Keys{3}));
@@ -272,7 +272,7 @@ TEST_F(SearchTest, values_are_those_of_valid_attempts_and_the_slabs_own_come_fir
   values = reader()->values(filter);
   ASSERT_TRUE(values.ok());
   ASSERT_EQ(values.value().size(), 3U);
-  EXPECT_EQ(values.value()[0].item.value, 1.25) << "computed anew by SLAB_END";
+  EXPECT_EQ(values.value()[0].item.value, 1.25) << "computed again by SLAB_END";
   filter.slabs = 1;
   EXPECT_EQ(reader()->values(filter).value().size(), 1U);
   filter = {};

@@ -219,7 +219,7 @@ TEST_F(SpoolTest, a_slab_that_is_refused_for_lack_of_room_makes_what_may_go_go) 
   EXPECT_EQ(kept(), "2");
   std::filesystem::remove(pin);
   for (int i = 0; i < 12; ++i) store_->idle();
-  EXPECT_EQ(kept(), "2") << "nobody has said that there is anything to do";
+  EXPECT_EQ(kept(), "2") << "no work was reported";
   const Status status = try_apply(BeginSlabJob{random_header(prng_, 5), session_, ++cmd_seq_});
   EXPECT_EQ(status.error().code, Code::store_full);
   for (int i = 0; i < 12; ++i) store_->idle();

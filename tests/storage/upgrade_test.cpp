@@ -243,11 +243,11 @@ TEST_F(UpgradeTest, copy_of_the_old_database_stays_beside_it) {
 
 TEST_F(UpgradeTest, no_copy_is_ever_overwritten) {
   make_old();
-  std::ofstream(backup()) << "kept by somebody";
+  std::ofstream(backup()) << "kept by hand";
   const NextVersions later;
   open();
   close();
-  EXPECT_EQ(whole(backup()), "kept by somebody");
+  EXPECT_EQ(whole(backup()), "kept by hand");
   Plain copy(backup() + ".2");
   EXPECT_EQ(copy.text("SELECT count(*) FROM block"), "2");
 }

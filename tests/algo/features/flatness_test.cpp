@@ -104,7 +104,7 @@ TEST(Flatness, counts_only_cells_with_enough_points) {
   half.xyz.resize(half.xyz.size() / 3 / 2 * 3 + 3 * 5000);
   const Flatness f = half.measure();
   EXPECT_LT(f.cells, 4000U);
-  EXPECT_FALSE(f.ok) << "nobody saw the other half";
+  EXPECT_FALSE(f.ok) << "the other half was not seen";
   EXPECT_TRUE(std::isnan(f.lsq_mm));
 }
 

@@ -275,7 +275,7 @@ struct ListedFace {
 TEST(PlaneSampling, draws_the_same_points_from_lists_as_from_an_array) {
   static_assert(
       std::is_same_v<decltype(ask_for_point(std::declval<const ListedPoints&>(), std::size_t{})), ListedPoints::Place>,
-      "lists are asked for ahead");
+      "lists are prefetched");
   for (const std::size_t n : {3U, 31U, 32U, 33U, 1500U, 4095U, 4096U, 4097U, 100'000U}) {
     SCOPED_TRACE(n);
     const ListedFace face(n, {Vec3::UnitZ(), 2.0}, 0.03);

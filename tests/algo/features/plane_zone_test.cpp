@@ -260,7 +260,7 @@ TEST(ZonedPoints, notice_a_plane_too_far_off_at_any_one_of_them) {
     }
   }
   const Points some = in_quarters(40);
-  EXPECT_TRUE(beyond(some.part(0, 40), {Vec3(0.0, 0.0, std::nan("")), 0.0})) << "what is no plane";
+  EXPECT_TRUE(beyond(some.part(0, 40), {Vec3(0.0, 0.0, std::nan("")), 0.0})) << "not a plane";
 }
 
 TEST(ZonedPoints, keep_as_many_points_as_there_is_room_for) {

@@ -544,7 +544,7 @@ TEST(SlabDefects, an_unsettled_roll_widens_heights_that_keep_their_rows_height_t
   for (int k = 1; k <= 18; ++k) {
     const Item& vertical = item(r, ItemId::seat_vertical, k);
     EXPECT_NEAR(vertical.value, 0.0, 0.06);
-    EXPECT_GT(vertical.U, 1.0) << "a millimetre high or low, nobody knows";
+    EXPECT_GT(vertical.U, 1.0) << "a millimetre high or low";
     EXPECT_EQ(vertical.verdict, Verdict::indeterminate);
   }
 }

@@ -197,7 +197,7 @@ TEST(Slab, a_seat_along_the_rail_out_of_place_fails_its_two_spacings) {
   EXPECT_NEAR(item(r, ItemId::seat_spacing, 11).value, 628.5, 0.05);
   EXPECT_NEAR(item(r, ItemId::seat_spacing, 12).value, 631.5, 0.05);
   EXPECT_EQ(find_item(r.items.begin(), r.items.end(), ItemId::seat_spacing, 9), nullptr)
-      << "9 and 10 are no neighbours";
+      << "9 and 10 are not neighbours";
   // Both spacings fail because of 12: its neighbours are in place.
   for (int k = 10; k <= 18; ++k)
     EXPECT_EQ(r.station_verdict[static_cast<std::size_t>(k - 1)], k == 12 ? Verdict::fail : Verdict::pass) << k;

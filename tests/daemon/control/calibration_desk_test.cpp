@@ -183,7 +183,7 @@ TEST_F(CalibrationDeskTest, what_is_refused_changes_nothing_and_says_why) {
 TEST_F(CalibrationDeskTest, only_plain_names_of_files_in_its_folder_are_taken) {
   for (const char* name : {"", "../slabd.db", "/etc/passwd", ".hidden", "a/b", "a b", "x\n"})
     EXPECT_FALSE(desk_->lay(name, 1000).ok()) << name;
-  EXPECT_FALSE(desk_->lay("good.json", 0xFFFF'FFFF).ok()) << "nobody asks";
+  EXPECT_FALSE(desk_->lay("good.json", 0xFFFF'FFFF).ok()) << "not requested";
   fs::create_symlink(dir_ / "slabd.db", dir_ / "changes" / "link.json");
   EXPECT_EQ(carry_out("link.json"), nullptr);
   EXPECT_FALSE(desk_->succeeded());

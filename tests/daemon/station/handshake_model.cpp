@@ -467,7 +467,7 @@ std::string violation_of(const World& w) {
     const bool skipped = w.plc.phase == Plc::Phase::finished;
     const bool only_now = s.cloud_in_memory_only[i];
     if ((w.left[i] || skipped) && !durable && !only_now && !w.plc.stored[i])
-      return fmt::format("station {} was left behind and nobody has its scan", i + 1);
+      return fmt::format("station {} was left and its scan is lost", i + 1);
     const bool waits = std::find(s.results.begin(), s.results.end(), i + 1) != s.results.end();
     if (s.has[i] == Has::result && !waits && !w.plc.stored[i] && w.plc.to_store != i + 1)
       return fmt::format("the result of station {} is lost", i + 1);

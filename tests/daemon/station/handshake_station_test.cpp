@@ -394,7 +394,7 @@ class Lives {
     const bool fails = prng_.below(4) == 0;
     fails || refused ? model_.scan_failed() : model_.scan(rules_);
     const bool asked = real_.scan(fails && !refused ? Code::trigger_timeout : Code::ok, refused);
-    return asked ? "a scan" : "a scan that nobody asked for";
+    return asked ? "a scan" : "a scan without a request";
   }
   const char* measure(std::uint8_t station) {
     const bool has_cloud = model_.has[station - 1U] == handshake::Has::cloud;

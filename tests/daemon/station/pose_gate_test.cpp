@@ -210,7 +210,7 @@ TEST_F(PoseGateTest, a_motion_hidden_in_lost_samples_is_no_standstill) {
   send(20);
   EXPECT_EQ(held_still(now_ns - 1), Code::pose_stale);
   send(200);
-  EXPECT_EQ(held_still(now_ns - 1), Code::pose_stale) << "nobody will ever know";
+  EXPECT_EQ(held_still(now_ns - 1), Code::pose_stale) << "this stays unknown";
 }
 
 TEST_F(PoseGateTest, a_sample_that_comes_again_does_not_say_where_the_robot_is_now) {

@@ -251,7 +251,7 @@ TEST_F(CaptureTest, a_scan_that_nobody_saw_is_no_view_and_its_view_no_block) {
   begin();
   line_.fingerprint = 4711;  // block 4's points, late
   EXPECT_EQ(shoot().code, Code::frame_incomplete);
-  EXPECT_TRUE(says(line_.station->capture.shot.text, "nobody saw")) << line_.station->capture.shot.text.view();
+  EXPECT_TRUE(says(line_.station->capture.shot.text, "not seen")) << line_.station->capture.shot.text.view();
   ASSERT_FALSE(line_.dropped.empty());
   EXPECT_EQ(line_.dropped.back(), line_.scans.back().request.spool_path.view());
   EXPECT_TRUE(all_buffers_are_free());
@@ -377,7 +377,7 @@ TEST_F(CaptureTest, the_same_session_goes_on_and_another_waits_or_takes_over) {
   EXPECT_EQ(why.code, Code::busy);
   EXPECT_TRUE(says(why.text, "\"spring\" of anna")) << why.text.view();
   ask(Action::end, "autumn");
-  EXPECT_EQ(line_.view().state, PlcState::maintenance) << "nobody ends another one's";
+  EXPECT_EQ(line_.view().state, PlcState::maintenance) << "another session cannot be ended";
   EXPECT_EQ(ask(Action::begin, "autumn", true).code, Code::ok);
   EXPECT_EQ(line_.station->capture.session.view(), "autumn");
   EXPECT_EQ(ask(Action::keep).code, Code::wrong_slab);
@@ -387,7 +387,7 @@ TEST_F(CaptureTest, one_view_at_a_time) {
   begin();
   ask(Action::shoot);
   EXPECT_EQ(ask(Action::shoot).code, Code::busy);
-  EXPECT_EQ(ask(Action::begin, "autumn", true).code, Code::busy) << "nobody takes over in the middle of a view";
+  EXPECT_EQ(ask(Action::begin, "autumn", true).code, Code::busy) << "no takeover in the middle of a view";
   line_.run_for(2'000);
   EXPECT_EQ(line_.station->capture.shot.code, Code::ok);
   EXPECT_EQ(line_.scans.size(), 1U);

@@ -242,7 +242,7 @@ TEST_F(StationTest, a_record_never_gets_the_number_that_stands_in_res_ack) {
   ASSERT_TRUE(line.view().result);
   EXPECT_EQ(line.view().record.res_seq, 2);
   line.run_for(1000);
-  EXPECT_TRUE(line.view().result) << "nobody has seen it yet";
+  EXPECT_TRUE(line.view().result) << "it was not read yet";
   EXPECT_EQ(line.take_results().size(), 1U);
 }
 

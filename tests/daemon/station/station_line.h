@@ -74,7 +74,7 @@ class Line {
   Verdict block_verdict = Verdict::pass;
   Code refuses = Code::ok;  ///< result of measuring
   bool plc_beats = true;
-  bool disk_answers = true;  ///< false: jobs wait forever, as on a disk that hangs
+  bool disk_answers = true;  ///< false: jobs wait without end, as on a disk that hangs
 
   MemoryStore& store;
   Recipe recipe;

@@ -537,7 +537,7 @@ TEST_F(StationRefusals, storage_that_falls_behind_refuses_commands_and_keeps_ack
   while (storing.size() + 8 <= storing.capacity()) ASSERT_TRUE(storing.push(PendingStore{}));
   line.plc.res_ack = line.view().record.res_seq;
   line.feed(line.plc);
-  EXPECT_TRUE(line.view().result) << "it is asked again";
+  EXPECT_TRUE(line.view().result) << "it is requested again";
   line.command(PlcCommand::scan, 2);
   EXPECT_EQ(line.view().refuse_code, static_cast<std::uint16_t>(Code::busy));
   while (storing.size() > before) storing.erase(storing.size() - 1);

@@ -101,7 +101,7 @@ void TruthLine::check_refused(const StoreJob& job) {
 }
 
 void TruthLine::carry_out(const AcquireScan& action) {
-  if (scanner_.is_asked()) violated("a second scan is asked for while one is out");
+  if (scanner_.is_asked()) violated("a second scan is requested before the first one came");
   if (measuring_.uses(action.slot)) violated("a scan is to come into a buffer that is measured");
   const bool is_own = action.request.session == 0;
   const bool is_view = is_own && in_maintenance(*station_);

@@ -307,7 +307,7 @@ TEST_F(ModbusClientTest, a_plc_that_restarts_gets_the_present_image_and_is_a_new
   EXPECT_GE(plc.writes_of_all, before + 1);
   EXPECT_LE(plc.writes_of_all - before, plc.connections - connections);
   EXPECT_GE(seen.back().command_writer, 2U);
-  EXPECT_EQ(seen.back().cmd_seq, 0) << "its memory is blank, and that is told";
+  EXPECT_EQ(seen.back().cmd_seq, 0) << "its memory is blank, and that is reported";
 }
 
 TEST_F(ModbusClientTest, every_misbehaviour_ends_the_connection_and_the_next_one_is_good) {

@@ -102,7 +102,7 @@ TEST_F(ModbusServerTest, the_last_writer_of_the_command_block_owns_it) {
   a->send(write_frame(1, 0, {1}));
   auto writes = turn();
   ASSERT_EQ(writes.size(), 1U);
-  EXPECT_EQ(writes[0].command_writer, 0U) << "HR 0..3 belong to nobody";
+  EXPECT_EQ(writes[0].command_writer, 0U) << "HR 0..3 have no owner";
   a->send(write_frame(2, 10, {1}));
   const std::uint32_t owner_a = turn().at(0).command_writer;
   EXPECT_NE(owner_a, 0U);

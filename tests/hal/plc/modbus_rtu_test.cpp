@@ -206,7 +206,7 @@ TEST_F(RtuTest, noise_of_the_line_behind_a_request_costs_a_pause_and_not_the_ans
 }
 
 TEST_F(RtuTest, what_is_longer_than_noise_or_too_late_gets_no_answer) {
-  EXPECT_EQ(asked(joined(kRead, {5, 3, 0, 0})), Bytes{}) << "somebody else speaks by now";
+  EXPECT_EQ(asked(joined(kRead, {5, 3, 0, 0})), Bytes{}) << "another device is sending by now";
   pause();
   EXPECT_EQ(receive(), Bytes{});
   EXPECT_EQ(asked(joined(kRead, {0})), Bytes{});

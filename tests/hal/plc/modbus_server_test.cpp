@@ -195,7 +195,7 @@ TEST_F(ModbusServerTest, what_goes_wrong_is_counted_and_told_once_in_ten_seconds
   turn();
   EXPECT_EQ(server_->counters().malformed, 1U);
   ASSERT_TRUE(server_->next_note(now_ns_, text));
-  EXPECT_NE(text.view().find("1 streams or frames that are no Modbus"), std::string_view::npos) << text.c_str();
+  EXPECT_NE(text.view().find("1 streams or frames that are not Modbus"), std::string_view::npos) << text.c_str();
   EXPECT_NE(text.view().find("127.0.0.1"), std::string_view::npos) << text.c_str();
   for (int i = 0; i < 50; ++i) {
     connected()->send({0, 1, 0, 9, 0, 2, 1, 4});

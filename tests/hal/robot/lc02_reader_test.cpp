@@ -119,7 +119,7 @@ TEST(Lc02Reader, another_type_on_the_channel_is_named) {
   };
   const Datagram good = datagram(message());
   EXPECT_EQ(named(good), "");
-  EXPECT_EQ(named(datagram(message(), "OTHER")), "") << "another channel is nobody's business";
+  EXPECT_EQ(named(datagram(message(), "OTHER")), "") << "another channel is ignored";
   EXPECT_EQ(named(Datagram(7)), "");
 
   EXPECT_EQ(named(good, PoseType::rigid_transform),

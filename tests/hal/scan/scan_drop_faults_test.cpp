@@ -142,7 +142,7 @@ TEST_F(ScanDropTest, small_files_without_end_do_not_fill_stray) {
   limits.bytes = 1'000'000;
   DropFolders::TrimmedOnes trimmed;
   ASSERT_TRUE(folders.trim_stray(limits, trimmed));
-  EXPECT_EQ(trimmed.size(), DropFolders::kTrimmedAtOnce) << "so much in one look, and no more";
+  EXPECT_EQ(trimmed.size(), DropFolders::kTrimmedAtOnce) << "this number in one look, and no more";
   while (folders.trim_stray(limits, trimmed)) {
   }
   EXPECT_EQ(names_in(stray()).size(), limits.entries);
@@ -280,7 +280,7 @@ TEST_F(ScanDropTest, a_disk_that_does_not_take_the_scan_is_told_as_the_spools_an
     for (; !points_are_there; wait_ms(5)) stepped.now_ns += 20 * kNsPerMs;
   });
   watcher.join();
-  ASSERT_FALSE(result.ok()) << "a pipe is no disk";
+  ASSERT_FALSE(result.ok()) << "a pipe is not a disk";
   EXPECT_EQ(result.error().code, Code::journal_write);
   EXPECT_FALSE(scanner_->hangs());
 }

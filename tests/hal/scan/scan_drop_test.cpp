@@ -119,7 +119,7 @@ TEST_F(ScanDropTest, unfinished_names_are_left_alone_and_forgotten_ones_are_not)
   write_file(inbox("readme"), "?");
   const auto begin_ns = clock_->mono_ns();
   scanner_->idle();
-  EXPECT_EQ(names_in(inbox()).size(), 2U) << "somebody may be writing";
+  EXPECT_EQ(names_in(inbox()).size(), 2U) << "another program may be writing";
   while (!names_in(inbox()).empty()) {
     wait_ms(50);
     scanner_->idle();

@@ -184,7 +184,7 @@ TEST_F(ScanStreamTest, a_sender_that_begins_again_after_a_cut_is_taken_too) {
   EXPECT_EQ(decoder.starts(), 1U);
   ASSERT_TRUE(feed(s.bytes()).ok());
   EXPECT_TRUE(decoder.complete());
-  EXPECT_EQ(decoder.starts(), 2U) << "whoever copied the points begins again";
+  EXPECT_EQ(decoder.starts(), 2U) << "a copy of the points begins again";
 }
 
 TEST_F(ScanStreamTest, another_scan_never_goes_on_where_one_was_cut) {
