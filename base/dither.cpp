@@ -52,7 +52,7 @@ StopDifference stop_difference(const Pose& T_block_scanner, const Pose& other) {
 }
 
 bool is_told_apart(const StopDifference& difference) {
-  return difference.mm > kStopsDifferMm || difference.deg > deg_from_rad(kStopsDifferRad);
+  return difference.mm > kStopsDiffer_mm || difference.deg > deg_from_rad(kStopsDiffer_rad);
 }
 
 }  // namespace slabd

@@ -10,8 +10,8 @@
 namespace slabd {
 
 /// Two stops are distinguishable if the block appears this far apart; closer stops are not compared.
-inline constexpr double kStopsDifferMm = 2.5;
-inline constexpr double kStopsDifferRad = 0.35 * kPi / 180.0;
+inline constexpr double kStopsDiffer_mm = 2.5;
+inline constexpr double kStopsDiffer_rad = 0.35 * kPi / 180.0;
 
 struct Dither {
   double mm = 4.0;   ///< largest shift along each axis of the block

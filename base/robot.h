@@ -44,17 +44,17 @@ struct PoseSettings {
 /// these limits are stricter than the production gate. Wider limits are for a robot that cannot meet them; they are
 /// reported with every view.
 struct CaptureGuard {
-  static constexpr double kStableMm = 0.01;
-  static constexpr double kStableRad = 0.001 * kPi / 180.0;
-  static constexpr std::int64_t kStableNs = 1'000'000'000;
+  static constexpr double kStable_mm = 0.01;
+  static constexpr double kStable_rad = 0.001 * kPi / 180.0;
+  static constexpr std::int64_t kStable_ns = 1'000'000'000;
 
-  double stable_mm = kStableMm;        ///< peak to valley of x, y, z ...
-  double stable_rad = kStableRad;      ///< ... and of the rotation about each axis ...
-  std::int64_t stable_ns = kStableNs;  ///< ... for this time before the scan, and during it
-  int samples_min = 20;                ///< in the time before the scan
+  double stable_mm = kStable_mm;        ///< peak to valley of x, y, z ...
+  double stable_rad = kStable_rad;      ///< ... and of the rotation about each axis ...
+  std::int64_t stable_ns = kStable_ns;  ///< ... for this time before the scan, and during it
+  int samples_min = 20;                 ///< in the time before the scan
 
   [[nodiscard]] bool is_wider() const {
-    return stable_mm > kStableMm || stable_rad > kStableRad * (1.0 + 1e-9) || stable_ns < kStableNs;
+    return stable_mm > kStable_mm || stable_rad > kStable_rad * (1.0 + 1e-9) || stable_ns < kStable_ns;
   }
 };
 

@@ -16,10 +16,10 @@ constexpr double kRightFactor = 2.0;
 constexpr double kUnitFactor = 1.6;
 /// A scan is in the base frame if it is closer than this to the block's place there, and farther than this from its
 /// place in the scanner frame.
-constexpr double kNearMm = 200.0;
+constexpr double kNear_mm = 200.0;
 /// Size range of a scan of a block.
-constexpr double kSizeMinMm = 100.0;
-constexpr double kSizeMaxMm = 2'000.0;
+constexpr double kSizeMin_mm = 100.0;
+constexpr double kSizeMax_mm = 2'000.0;
 
 constexpr std::array kUnits = {LikelyUnit{"metres", 1000.0}, LikelyUnit{"centimetres", 10.0},
                                LikelyUnit{"inches", 25.4}, LikelyUnit{"micrometres", 0.001}};
@@ -85,8 +85,8 @@ ScanDoubt doubt_scan(const ScanPlace& found, const ExpectedPlace& expected) {
   for (const double mm : {1.0, 1000.0}) {
     const Vec3 place = found.median * mm;
     const double size_mm = extent.maxCoeff() * mm;
-    if (!known_base || !(size_mm >= kSizeMinMm) || !(size_mm <= kSizeMaxMm)) continue;
-    if (!((place - expected.base_mm).norm() < kNearMm) || !((place - expected.scanner_mm).norm() > kNearMm)) continue;
+    if (!known_base || !(size_mm >= kSizeMin_mm) || !(size_mm <= kSizeMax_mm)) continue;
+    if (!((place - expected.base_mm).norm() < kNear_mm) || !((place - expected.scanner_mm).norm() > kNear_mm)) continue;
     doubt.append(mm == 1.0 ? "it lies where the block stands in the "
                            : "in metres it lies where the block stands in the ");
     doubt.append(expected.base_name);

@@ -13,7 +13,7 @@
 namespace slabd::bench {
 namespace {
 
-constexpr double kOffDeg = 0.5;
+constexpr double kOff_deg = 0.5;
 
 Rigid rigid_of(const Pose& pose) {
   const Mat4 m = pose.matrix();
@@ -32,10 +32,10 @@ void append(std::vector<float>& values, const Vec3& v) {
   for (int axis = 0; axis < 3; ++axis) values.push_back(static_cast<float>(v[axis]));
 }
 
-/// Index of a voxel of kVoxelMm; the scene is smaller than 2^20 voxels in each direction.
+/// Index of a voxel of kVoxel_mm; the scene is smaller than 2^20 voxels in each direction.
 std::uint64_t voxel_of(const Vec3& p) {
   constexpr double kMiddle = 1U << 20U;
-  const auto part = [](double x) { return static_cast<std::uint64_t>(std::floor(x / kVoxelMm) + kMiddle); };
+  const auto part = [](double x) { return static_cast<std::uint64_t>(std::floor(x / kVoxel_mm) + kMiddle); };
   return (part(p.x()) << 42U) | (part(p.y()) << 21U) | part(p.z());
 }
 
@@ -81,7 +81,7 @@ Scene::Scene(const Recipe& recipe, std::uint64_t seed)
     : recipe_(recipe), seed_(seed), block_(simulate::nominal_truth(recipe)) {
   Pose off;
   off.translation_mm = Vec3(2.0, 2.0, 1.0);
-  off.rotation = Quat(Eigen::AngleAxisd(rad_from_deg(kOffDeg), Eigen::Vector3d::Ones().normalized()));
+  off.rotation = Quat(Eigen::AngleAxisd(rad_from_deg(kOff_deg), Eigen::Vector3d::Ones().normalized()));
   T_scanner_block_ = (off * nominal_T_block_scanner()).inverse();
 }
 
@@ -89,8 +89,8 @@ Scan Scene::draw(std::size_t columns, std::size_t rows, simulate::Projection pro
   simulate::ScannerTraits scanner;
   scanner.columns = columns;
   scanner.rows = rows;
-  scanner.field_x_mm = kPitchMm * static_cast<double>(kColumns);
-  scanner.field_y_mm = kPitchMm * static_cast<double>(kRows);
+  scanner.field_x_mm = kPitch_mm * static_cast<double>(kColumns);
+  scanner.field_y_mm = kPitch_mm * static_cast<double>(kRows);
   scanner.projection = projection;
   Scan scan;
   const auto surface = simulate::BlockSurface::make(recipe_, block_, T_scanner_block_, projection);
@@ -124,7 +124,7 @@ std::vector<float> Scene::crop(const Scan& scan) const {
   for (std::size_t i = 0; i < scan.points(); ++i) {
     const Vec3 p = point_of(scan, i);
     const Vec3 at = start * p;
-    if (std::abs(at.x()) < kCropXMm && std::abs(at.y()) < kCropYMm && std::abs(at.z() - kSlope * at.y()) < kCropZMm)
+    if (std::abs(at.x()) < kCropX_mm && std::abs(at.y()) < kCropY_mm && std::abs(at.z() - kSlope * at.y()) < kCropZ_mm)
       append(xyz, p);
   }
   return xyz;
@@ -134,29 +134,29 @@ std::vector<float> Scene::model() const {
   // The rays are much denser than the voxels, so that steep faces are covered as well as level ones. The first ray in
   // a voxel represents it. Normals are exact: differences over a hundredth of a millimetre on a plane. A ray whose two
   // sides differ is near an edge and is left out.
-  constexpr double kRayMm = 0.3;
-  constexpr double kStepMm = 0.01;
-  constexpr double kBendMm = 1e-7;
+  constexpr double kRay_mm = 0.3;
+  constexpr double kStep_mm = 0.01;
+  constexpr double kBend_mm = 1e-7;
   const Pose T_scanner_block = nominal_T_block_scanner().inverse();
   const auto made = simulate::BlockSurface::make(recipe_, block_, T_scanner_block);
   const simulate::BlockSurface& surface = made.value();
-  const double half_x = 0.5 * kPitchMm * static_cast<double>(kColumns) + 10.0;
-  const double half_y = 0.5 * kPitchMm * static_cast<double>(kRows) + 10.0;
+  const double half_x = 0.5 * kPitch_mm * static_cast<double>(kColumns) + 10.0;
+  const double half_y = 0.5 * kPitch_mm * static_cast<double>(kRows) + 10.0;
   const Pose T_block_scanner = nominal_T_block_scanner();
   std::unordered_set<std::uint64_t> taken;
   std::vector<float> values;
-  for (double y = -half_y; y <= half_y; y += kRayMm) {
-    for (double x = -half_x; x <= half_x; x += kRayMm) {
+  for (double y = -half_y; y <= half_y; y += kRay_mm) {
+    for (double x = -half_x; x <= half_x; x += kRay_mm) {
       const double z = surface.depth_mm(x, y);
       const Vec3 p = T_block_scanner * Vec3(x, y, z);
       if (!p.allFinite() || taken.count(voxel_of(p)) != 0) continue;
-      const double left = surface.depth_mm(x - kStepMm, y), right = surface.depth_mm(x + kStepMm, y);
-      const double below = surface.depth_mm(x, y - kStepMm), above = surface.depth_mm(x, y + kStepMm);
+      const double left = surface.depth_mm(x - kStep_mm, y), right = surface.depth_mm(x + kStep_mm, y);
+      const double below = surface.depth_mm(x, y - kStep_mm), above = surface.depth_mm(x, y + kStep_mm);
       // NaN (a bore) fails both comparisons.
-      if (!(std::abs(left + right - 2.0 * z) < kBendMm && std::abs(below + above - 2.0 * z) < kBendMm)) continue;
+      if (!(std::abs(left + right - 2.0 * z) < kBend_mm && std::abs(below + above - 2.0 * z) < kBend_mm)) continue;
       taken.insert(voxel_of(p));
       const Vec3 n_scanner =
-          Vec3((right - left) / (2.0 * kStepMm), (above - below) / (2.0 * kStepMm), -1.0).normalized();
+          Vec3((right - left) / (2.0 * kStep_mm), (above - below) / (2.0 * kStep_mm), -1.0).normalized();
       append(values, p);
       append(values, T_block_scanner.rotation * n_scanner);
     }

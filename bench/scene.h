@@ -13,7 +13,7 @@
 /// about (1, 1, 1). The emulator draws it; its geometry shares no code with algo.
 namespace slabd::bench {
 
-inline constexpr double kPitchMm = 0.255;
+inline constexpr double kPitch_mm = 0.255;
 inline constexpr std::size_t kColumns = 2048;
 inline constexpr std::size_t kRows = 2448;
 inline constexpr std::uint64_t kSeed = 20;

@@ -275,7 +275,7 @@ void register_blocks() {
       "plane", 1, kRepetitions, [] {},
       [](Stopwatch&) {
         algo::PlaneSettings settings;
-        settings.threshold_mm = kPlaneInlierMm;
+        settings.threshold_mm = kPlaneInlier_mm;
         const PlaneFit fit = algo::fit_plane(g_bench->crop, Vec3(0.0, 0.0, -1.0), settings);
         benchmark::DoNotOptimize(fit.ok);
       });

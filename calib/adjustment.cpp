@@ -127,12 +127,12 @@ class ViewCost final : public ceres::CostFunction {
 
 double moved_mm(const State& a, const State& b) {
   // Rotations act at half a metre, the scanner's working distance.
-  constexpr double kLeverMm = 500.0;
+  constexpr double kLever_mm = 500.0;
   double moved =
-      (a.X.translation_mm - b.X.translation_mm).norm() + kLeverMm * angle_between_rad(a.X.rotation, b.X.rotation);
+      (a.X.translation_mm - b.X.translation_mm).norm() + kLever_mm * angle_between_rad(a.X.rotation, b.X.rotation);
   for (std::size_t k = 0; k < a.targets.size(); ++k)
     moved = std::max(moved, (a.targets[k].translation_mm - b.targets[k].translation_mm).norm() +
-                                kLeverMm * angle_between_rad(a.targets[k].rotation, b.targets[k].rotation));
+                                kLever_mm * angle_between_rad(a.targets[k].rotation, b.targets[k].rotation));
   return moved;
 }
 
@@ -290,12 +290,12 @@ Adjusted adjust_and_weigh(const Equations& equations, std::span<const std::size_
                           const State& state, bool robust) {
   // The lever arms in the covariances hardly change once X is close, so two rounds are usually enough.
   constexpr int kRoundsMax = 6;
-  constexpr double kStillMm = 1e-7;
+  constexpr double kStill_mm = 1e-7;
   Adjusted adjusted{state, 0.0, false};
   for (int round = 0; round < kRoundsMax; ++round) {
     const State before = adjusted.state;
     adjusted = adjust(equations, chosen, equations.whiteners(before, weighing), before, robust);
-    if (moved_mm(before, adjusted.state) < kStillMm) break;
+    if (moved_mm(before, adjusted.state) < kStill_mm) break;
   }
   return adjusted;
 }

@@ -9,7 +9,7 @@
 namespace slabd::calib {
 namespace {
 
-constexpr double kArmMaxMm = 2000.0;
+constexpr double kArmMax_mm = 2000.0;
 constexpr double kUnitTolerance = 1e-3;
 
 /// Identifier of these numbers: the first 12 hex digits of the SHA-256 of their full-precision text.
@@ -43,10 +43,10 @@ Result<Calibration> commissioning(const std::array<double, 7>& T_flange_scanner,
     return error(Code::calibration_missing,
                  "T_flange_scanner: the quaternion (numbers 4..7: qw qx qy qz) has length %.6f, must be 1 within %g",
                  std::sqrt(norm2), kUnitTolerance);
-  if (arm2_mm2 > kArmMaxMm * kArmMaxMm)
+  if (arm2_mm2 > kArmMax_mm * kArmMax_mm)
     return error(Code::calibration_missing,
                  "T_flange_scanner: the scanner sits %.0f mm from the flange, at most %.0f mm", std::sqrt(arm2_mm2),
-                 kArmMaxMm);
+                 kArmMax_mm);
   for (const double sigma : {station_sigma_mm, station_sigma_deg})
     if (has_value(sigma) && !(sigma > 0.0 && std::isfinite(sigma)))
       return error(Code::calibration_missing, "station_sigma_mm and station_sigma_deg must be positive, got %g", sigma);

@@ -26,7 +26,7 @@ constexpr double kTimesBetter = 5.0;
 constexpr double kAsWell = 1.5;
 constexpr int kSubsets = 20;
 constexpr std::size_t kRefined = 4;
-constexpr double kTurnToTellRad = rad_from_deg(5.0);
+constexpr double kTurnToTell_rad = rad_from_deg(5.0);
 /// A view is explained if its residual is below this many sigmas.
 constexpr double kExplainedSigmas = 3.0;
 /// A slip is reported if it leaves at most this share of the views unexplained, and less than the stated reading by at
@@ -295,7 +295,7 @@ void compare_motions(std::span<const View> views, Hypothesis& hypothesis) {
       const Vec3 a = log_rotation(A.rotation);
       const Vec3 b = log_rotation(B.rotation);
       angles.push_back(deg_from_rad(std::abs(a.norm() - b.norm())));
-      if (std::min(a.norm(), b.norm()) < kTurnToTellRad) continue;
+      if (std::min(a.norm(), b.norm()) < kTurnToTell_rad) continue;
       pitches.push_back(std::abs(A.translation_mm.dot(a.normalized()) - B.translation_mm.dot(b.normalized())));
     }
   hypothesis.angle_mismatch_deg = median(std::move(angles));
@@ -441,11 +441,11 @@ const Vec3& place_of(ArtefactKind kind, const View& view) {
 }  // namespace
 
 SameTarget same_target(ArtefactKind kind, std::span<const View> views, const StatedNoise& noise) {
-  constexpr double kSameBallMm = 1e-6;
+  constexpr double kSameBall_mm = 1e-6;
   constexpr double kSameSigmas = 5.0;
   constexpr double kApartSigmas = 10.0;
   const bool pose = kind == ArtefactKind::pose;
-  const double same_mm = pose ? std::max(kSameBallMm, kSameSigmas * noise.target_mm) : kSameBallMm;
+  const double same_mm = pose ? std::max(kSameBall_mm, kSameSigmas * noise.target_mm) : kSameBall_mm;
   const double same_rad = std::max(1e-9, kSameSigmas * noise.target_rad);
   const double apart_mm = kApartSigmas * std::hypot(noise.robot_mm, noise.target_mm);
   const double apart_rad = kApartSigmas * std::hypot(noise.robot_rad, noise.target_rad);

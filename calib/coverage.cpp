@@ -24,22 +24,22 @@
 namespace slabd::calib {
 namespace {
 
-constexpr std::array kTiltsDeg = {20.0, 27.0, 34.0};
-constexpr std::array kRollsDeg = {-90.0, -45.0, 0.0, 45.0, 90.0};
+constexpr std::array kTilts_deg = {20.0, 27.0, 34.0};
+constexpr std::array kRolls_deg = {-90.0, -45.0, 0.0, 45.0, 90.0};
 /// As shares of the field of view's half width; the middle is always included.
 constexpr std::array kCornerShares = {0.5, 0.92};
 constexpr double kDepthMargin = 0.08;  ///< share of the depth range, from its ends
 
-constexpr double kStartShiftMm = 30.0;
-const double kStartTurnRad = rad_from_deg(10.0);
-constexpr double kPlaceUnknownMm = 1000.0;
+constexpr double kStartShift_mm = 30.0;
+const double kStartTurn_rad = rad_from_deg(10.0);
+constexpr double kPlaceUnknown_mm = 1000.0;
 
 /// A candidate this close to a pose already driven counts as the same pose.
-constexpr double kAgainMm = 20.0;
-const double kAgainRad = rad_from_deg(3.0);
+constexpr double kAgain_mm = 20.0;
+const double kAgain_rad = rad_from_deg(3.0);
 /// Largest distance of a candidate from some pose already driven.
-constexpr double kReachMm = 600.0;
-const double kReachRad = rad_from_deg(80.0);
+constexpr double kReach_mm = 600.0;
+const double kReach_rad = rad_from_deg(80.0);
 /// The target must stay in the view with this many sigmas of its expected place ...
 constexpr double kSeenSigmas = 1.5;
 /// ... in a view this much wider than the calibrated field of view.
@@ -106,9 +106,9 @@ View ideal(ArtefactKind kind, View view, const State& state) {
 
 /// Information of the start about the parameters.
 Eigen::VectorXd start_information(int parameters) {
-  Eigen::VectorXd information = Eigen::VectorXd::Constant(parameters, 1.0 / (kPlaceUnknownMm * kPlaceUnknownMm));
-  information.head<3>().setConstant(1.0 / (kStartShiftMm * kStartShiftMm));
-  information.segment<3>(3).setConstant(1.0 / (kStartTurnRad * kStartTurnRad));
+  Eigen::VectorXd information = Eigen::VectorXd::Constant(parameters, 1.0 / (kPlaceUnknown_mm * kPlaceUnknown_mm));
+  information.head<3>().setConstant(1.0 / (kStartShift_mm * kStartShift_mm));
+  information.segment<3>(3).setConstant(1.0 / (kStartTurn_rad * kStartTurn_rad));
   if (parameters == 12) information.tail<3>().setConstant(1e-2);
   return information;
 }
@@ -189,9 +189,9 @@ class Search {
   }
 
   std::optional<Suggestion> best() {
-    for (const double tilt : kTiltsDeg)
+    for (const double tilt : kTilts_deg)
       for (std::size_t sector = 0; sector < kSectors; ++sector)
-        for (const double roll : kRollsDeg) offer_places(tilt, sector, roll);
+        for (const double roll : kRolls_deg) offer_places(tilt, sector, roll);
     if (offers_.empty()) return std::nullopt;
     const auto lowest = std::min_element(offers_.begin(), offers_.end(),
                                          [](const Offer& a, const Offer& b) { return a.error < b.error; });
@@ -236,13 +236,13 @@ class Search {
   }
 
   void offer(Suggestion& s) {
-    double near_mm = kReachMm;
+    double near_mm = kReach_mm;
     double near_rad = kPi;
     bool reachable = false;
     for (const View& view : views_) {
       const double away_mm = (view.T_base_flange.translation_mm - s.T_base_flange.translation_mm).norm();
       const double away_rad = angle_between_rad(view.T_base_flange.rotation, s.T_base_flange.rotation);
-      reachable = reachable || (away_mm <= kReachMm && away_rad <= kReachRad);
+      reachable = reachable || (away_mm <= kReach_mm && away_rad <= kReach_rad);
       near_mm = std::min(near_mm, away_mm);
       near_rad = std::min(near_rad, away_rad);
     }
@@ -267,8 +267,8 @@ class Search {
 
   [[nodiscard]] bool driven_before(const Pose& pose) const {
     const auto again = [&](const Pose& other) {
-      return (other.translation_mm - pose.translation_mm).norm() < kAgainMm &&
-             angle_between_rad(other.rotation, pose.rotation) < kAgainRad;
+      return (other.translation_mm - pose.translation_mm).norm() < kAgain_mm &&
+             angle_between_rad(other.rotation, pose.rotation) < kAgain_rad;
     };
     return std::any_of(settings_.taken.begin(), settings_.taken.end(), again) ||
            std::any_of(views_.begin(), views_.end(), [&](const View& view) { return again(view.T_base_flange); });
@@ -314,7 +314,7 @@ Coverage look_at(ArtefactKind kind, std::span<const View> views, const CoverageS
     coverage.cells[depth_cell(seen.z(), settings.fov) * kPlaces + place_cell(seen, settings.fov)] = true;
     if (X == nullptr) continue;
     const Vec3 axis = axis_of(view.T_base_flange * *X);
-    if (deg_from_rad(angle_between_rad(axis, sides.down)) >= kTiltCountsDeg)
+    if (deg_from_rad(angle_between_rad(axis, sides.down)) >= kTiltCounts_deg)
       coverage.sectors[sides.sector_of(axis)] = true;
   }
   return coverage;
@@ -423,7 +423,7 @@ std::vector<std::string> missing_words(const Coverage& coverage, ArtefactKind ki
   std::vector<std::string> missing;
   FixedString<200> text;
   const double spread = coverage.rotation_spread_axes_deg[2];
-  if (coverage.views > 1 && spread < kRotationSpreadAdvisedDeg) {
+  if (coverage.views > 1 && spread < kRotationSpreadAdvised_deg) {
     text.printf("the scanner was turned by %.1f deg (smallest principal spread), it should be 15: tilt more", spread);
     missing.emplace_back(text.view());
   }

@@ -21,7 +21,7 @@ inline constexpr std::size_t kSectors = 8;
 /// Places of the target in the view: near, mid and far, each with middle, +x +y, -x +y, -x -y, +x -y.
 inline constexpr std::size_t kPlaces = 5;
 inline constexpr std::size_t kDepths = 3;
-inline constexpr double kTiltCountsDeg = 10.0;  ///< smallest tilt of a view that counts for a sector
+inline constexpr double kTiltCounts_deg = 10.0;  ///< smallest tilt of a view that counts for a sector
 
 struct CoverageSettings {
   FieldOfView fov;

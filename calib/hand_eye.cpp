@@ -47,16 +47,16 @@ Status check(ArtefactKind kind, std::span<const View> views, const StatedNoise& 
     if (!std::isfinite(sigma) || sigma < 0.0)
       return error(Code::config, "stated noise must be finite and not negative, got %g", sigma);
   // Smaller than the noise of any device; the squares of much smaller numbers underflow to zero.
-  constexpr double kLeastMm = 1e-6;
-  constexpr double kLeastRad = 1e-9;
-  if (std::hypot(noise.robot_mm, noise.target_mm) < kLeastMm)
+  constexpr double kLeast_mm = 1e-6;
+  constexpr double kLeast_rad = 1e-9;
+  if (std::hypot(noise.robot_mm, noise.target_mm) < kLeast_mm)
     return error(Code::config,
                  "robot and target cannot both be without position noise: %g and %g mm, together at least %g",
-                 noise.robot_mm, noise.target_mm, kLeastMm);
-  if (!balls && std::hypot(noise.robot_rad, noise.target_rad) < kLeastRad)
+                 noise.robot_mm, noise.target_mm, kLeast_mm);
+  if (!balls && std::hypot(noise.robot_rad, noise.target_rad) < kLeast_rad)
     return error(Code::config,
                  "robot and target cannot both be without rotation noise: %g and %g rad, together at least %g",
-                 noise.robot_rad, noise.target_rad, kLeastRad);
+                 noise.robot_rad, noise.target_rad, kLeast_rad);
   std::vector<bool> seen;
   for (std::size_t i = 0; i < views.size(); ++i) {
     const View& view = views[i];

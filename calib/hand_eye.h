@@ -46,11 +46,11 @@ inline constexpr double kPointSigmaPerNoise = 6.0;
 // Limits of refusals, each with its reason code below.
 inline constexpr std::size_t kViewsMin = 6;
 inline constexpr std::size_t kViewsAdvised = 10;
-inline constexpr double kRotationSpreadMinDeg = 5.0;  ///< second principal value: two axes determine everything
-inline constexpr double kRotationSpreadAdvisedDeg = 15.0;
+inline constexpr double kRotationSpreadMin_deg = 5.0;  ///< second principal value: two axes determine everything
+inline constexpr double kRotationSpreadAdvised_deg = 15.0;
 inline constexpr double kConditionMax = 50.0;
 inline constexpr double kConditionDegenerate = 1e4;  ///< above it a direction is not determined at all
-inline constexpr double kBallSpreadMinMm = 25.0;
+inline constexpr double kBallSpreadMin_mm = 25.0;
 inline constexpr double kRejectedShareMax = 0.25;
 inline constexpr double kS0Min = 0.1;
 /// Below this ratio a warning is given, not a refusal. If the stated noise is too large, the views get equal weights
@@ -59,7 +59,7 @@ inline constexpr double kS0Min = 0.1;
 inline constexpr double kS0Said = 0.3;
 inline constexpr double kS0Max = 3.0;
 inline constexpr double kLeaveOneOutRatioMax = 4.0;
-inline constexpr double kScannerArmMaxMm =
+inline constexpr double kScannerArmMax_mm =
     1000.0;  ///< a larger distance between scanner and flange is a mistake of frames or units
 
 /// Reason why a calibration is rejected. The words returned by `name` are stable; scripts may test them.
@@ -67,7 +67,7 @@ enum class Refusal : std::uint8_t {
   too_few_views,       ///< fewer than kViewsMin, in total or kept
   one_orientation,     ///< the scanner was never rotated
   one_rotation_axis,   ///< rotated about one axis only
-  rotation_too_small,  ///< rotated by kRotationSpreadMinDeg about fewer than two axes
+  rotation_too_small,  ///< rotated by kRotationSpreadMin_deg about fewer than two axes
   ball_in_one_place,   ///< the ball was always at one place of the view
   ball_on_a_line,      ///< ... on a line, such as the optical axis
   ill_conditioned,     ///< condition above kConditionMax; the text contains the undetermined direction
@@ -79,7 +79,7 @@ enum class Refusal : std::uint8_t {
   leave_one_out,       ///< a single view decides: leave-one-out max above kLeaveOneOutRatioMax medians
   predicted_error,     ///< predicted point error above its limit
   not_converged,       ///< the adjustment did not converge
-  implausible,         ///< a scanner farther than kScannerArmMaxMm from its flange
+  implausible,         ///< a scanner farther than kScannerArmMax_mm from its flange
   ball_radius,         ///< the scans contain balls of another radius than certified
   same_target,         ///< the target is the same in views with different flange poses
   handedness,          ///< an axis of the scanner is mirrored

@@ -15,12 +15,12 @@
 namespace slabd::calib {
 namespace {
 
-constexpr double kLeverMm = 500.0;
+constexpr double kLever_mm = 500.0;
 
 Eigen::VectorXd scales_of(const Equations& equations) {
   Eigen::VectorXd scales = Eigen::VectorXd::Ones(equations.parameters());
-  scales.segment<3>(3).setConstant(1.0 / kLeverMm);
-  if (equations.kind() == ArtefactKind::pose) scales.segment<3>(9).setConstant(1.0 / kLeverMm);
+  scales.segment<3>(3).setConstant(1.0 / kLever_mm);
+  if (equations.kind() == ArtefactKind::pose) scales.segment<3>(9).setConstant(1.0 / kLever_mm);
   return scales;
 }
 

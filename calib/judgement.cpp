@@ -14,8 +14,8 @@ namespace slabd::calib {
 namespace {
 
 /// Below this a principal rotation or spread counts as zero.
-constexpr double kNoRotationDeg = 0.5;
-constexpr double kNearNothingMm = 10.0;
+constexpr double kNoRotation_deg = 0.5;
+constexpr double kNearNothing_mm = 10.0;
 
 [[gnu::format(printf, 1, 2)]] std::string sentence(const char* format, ...) {
   std::array<char, 512> text{};
@@ -90,7 +90,7 @@ bool judge_reading(const Circumstances& c, HandEye& result) {
   const ConventionReport& report = result.conventions;
   // A ball that was always at one place or on a line leaves too many directions open: a wrong reading may fit by
   // chance.
-  const bool open = c.kind == ArtefactKind::ball && result.ball_spread_axes_mm[1] < kBallSpreadMinMm;
+  const bool open = c.kind == ArtefactKind::ball && result.ball_spread_axes_mm[1] < kBallSpreadMin_mm;
   const bool named = report.fits != 0 && (!open || report.tried[report.fits].changes == Misreading::units);
   if (named) {
     const Hypothesis& fits = report.tried[report.fits];
@@ -100,8 +100,8 @@ bool judge_reading(const Circumstances& c, HandEye& result) {
            fits.cure);
     return true;
   }
-  const bool flange = c.median_flange_mm < kNearNothingMm;
-  const bool target = c.median_target_mm < kNearNothingMm;
+  const bool flange = c.median_flange_mm < kNearNothing_mm;
+  const bool target = c.median_target_mm < kNearNothing_mm;
   if (flange || target) {
     refuse(result, Refusal::units,
            sentence("%s only %.3g mm long (median): metres read as millimetres?",
@@ -117,8 +117,8 @@ bool judge_reading(const Circumstances& c, HandEye& result) {
   }
   if (!result.determined) return false;
   const double arm_mm = result.T_flange_scanner.translation_mm.norm();
-  if (!(arm_mm > kScannerArmMaxMm)) return false;
-  if (c.kind == ArtefactKind::pose && result.targets[0].translation_mm.norm() < kScannerArmMaxMm) {
+  if (!(arm_mm > kScannerArmMax_mm)) return false;
+  if (c.kind == ArtefactKind::pose && result.targets[0].translation_mm.norm() < kScannerArmMax_mm) {
     refuse(
         result, Refusal::convention,
         sentence("the scanner would sit %.0f mm from its flange and the artefact %.0f mm from the robot's root: both "
@@ -129,7 +129,7 @@ bool judge_reading(const Circumstances& c, HandEye& result) {
   }
   refuse(result, Refusal::implausible,
          sentence("the scanner would sit %.0f mm from its flange; more than %.0f mm is a mistake of frames or units",
-                  arm_mm, kScannerArmMaxMm),
+                  arm_mm, kScannerArmMax_mm),
          "give the pose of the flange, not of a tool, in the robot's root frame, and check both units");
   return false;
 }
@@ -150,7 +150,7 @@ void judge_count(const Circumstances& c, HandEye& result) {
            sentence("%zu views, but from %zu poses of the flange only (nearer than %.0f mm and "
                     "%.1f deg is one pose); at "
                     "least %zu are needed, 15 to 25 advised",
-                    kept, c.places, kSamePlaceMm, kSamePlaceDeg, kViewsMin),
+                    kept, c.places, kSamePlace_mm, kSamePlace_deg, kViewsMin),
            "drive to other poses, tilted 20 to 35 deg in different directions; a view from the same pose again says "
            "nothing new");
 }
@@ -160,15 +160,15 @@ void judge_count(const Circumstances& c, HandEye& result) {
 /// value decides.
 bool judge_rotations(HandEye& result) {
   const std::array<double, 3>& spread = result.rotation_spread_axes_deg;
-  if (!(spread[1] < kRotationSpreadMinDeg)) return false;
-  if (spread[0] < kNoRotationDeg) {
+  if (!(spread[1] < kRotationSpreadMin_deg)) return false;
+  if (spread[0] < kNoRotation_deg) {
     refuse(
         result, Refusal::one_orientation,
         sentence("all views have one orientation (spread %.2f deg): where the scanner sits cannot be told from where "
                  "the artefact stands",
                  spread[0]),
         "tilt the scanner by +-25 deg about two axes between views");
-  } else if (spread[1] < kNoRotationDeg) {
+  } else if (spread[1] < kNoRotation_deg) {
     refuse(
         result, Refusal::one_rotation_axis,
         sentence("the scanner was turned about one axis only (spread %.1f, %.2f, %.2f deg): where it sits along that "
@@ -179,8 +179,8 @@ bool judge_rotations(HandEye& result) {
     refuse(result, Refusal::rotation_too_small,
            sentence("the scanner was hardly turned about %s: principal rotation spread %.1f, %.1f, %.1f deg, two of "
                     "them must reach %.0f (better all three %.0f)",
-                    spread[0] < kRotationSpreadMinDeg ? "any axis" : "two of three axes", spread[0], spread[1],
-                    spread[2], kRotationSpreadMinDeg, kRotationSpreadAdvisedDeg),
+                    spread[0] < kRotationSpreadMin_deg ? "any axis" : "two of three axes", spread[0], spread[1],
+                    spread[2], kRotationSpreadMin_deg, kRotationSpreadAdvised_deg),
            "use larger tilts, 20 to 35 deg in six or more directions");
   }
   return true;
@@ -188,18 +188,18 @@ bool judge_rotations(HandEye& result) {
 
 bool judge_ball_places(HandEye& result) {
   const std::array<double, 3>& spread = result.ball_spread_axes_mm;
-  if (!(spread[1] < kBallSpreadMinMm)) return false;
-  if (spread[0] < kBallSpreadMinMm)
+  if (!(spread[1] < kBallSpreadMin_mm)) return false;
+  if (spread[0] < kBallSpreadMin_mm)
     refuse(result, Refusal::ball_in_one_place,
            sentence("the ball was always in one place of the view (standard deviation %.1f, %.1f, %.1f mm, two of them "
                     "must reach %.0f): the scanner's orientation is not determined",
-                    spread[0], spread[1], spread[2], kBallSpreadMinMm),
+                    spread[0], spread[1], spread[2], kBallSpreadMin_mm),
            "put the ball into the four corners of the view, near and far");
   else
     refuse(result, Refusal::ball_on_a_line,
            sentence("the ball was always on one line in the view (standard deviation %.1f mm along it, %.1f mm across, "
                     "which must reach %.0f): the scanner's turn about that line is not determined",
-                    spread[0], spread[1], kBallSpreadMinMm),
+                    spread[0], spread[1], kBallSpreadMin_mm),
            "move the ball sideways in the view, into all four corners");
   return true;
 }
@@ -231,13 +231,13 @@ void judge_fit(const Circumstances& c, HandEye& result) {
            "have every ball seen from several poses of the flange");
   if (result.s0 > kS0Max) {
     // Residuals of centimetres are not noise: a reading is wrong in a way that the convention test does not cover.
-    constexpr double kNoNoiseMm = 10.0;
+    constexpr double kNoNoise_mm = 10.0;
     const double fits_mm = result.s0_position * std::hypot(c.noise.robot_mm, c.noise.target_mm);
     refuse(
         result, Refusal::noise_above_stated,
         sentence("residuals are %.3g times what the stated noise explains (at most %.0f): robot %.3g mm, %.3g deg",
                  result.s0, kS0Max, c.noise.robot_mm, deg_from_rad(c.noise.robot_rad)),
-        fits_mm > kNoNoiseMm
+        fits_mm > kNoNoise_mm
             ? "no known misreading of the poses explains it: check that each target belongs to its flange pose, that "
               "the artefact stood still, and frames, angles and units of both tables"
             : sentence("if the robot is no better than that, state it (about %.2g mm); else find out what moved",
@@ -286,11 +286,11 @@ void advise(const Circumstances& c, HandEye& result) {
   if (c.views.size() < kViewsAdvised && c.views.size() >= kViewsMin)
     result.warnings.push_back(sentence("%zu views; 15 to 25 are advised", c.views.size()));
   const std::array<double, 3>& spread = result.rotation_spread_axes_deg;
-  if (spread[2] < kRotationSpreadAdvisedDeg && spread[1] >= kRotationSpreadMinDeg)
+  if (spread[2] < kRotationSpreadAdvised_deg && spread[1] >= kRotationSpreadMin_deg)
     result.warnings.push_back(
-        sentence("smallest rotation spread %.1f deg; %.0f is advised: %s", spread[2], kRotationSpreadAdvisedDeg,
-                 spread[1] < kRotationSpreadAdvisedDeg ? "larger tilts"
-                                                       : "turn about the third axis too (roll of +-45 deg or more)"));
+        sentence("smallest rotation spread %.1f deg; %.0f is advised: %s", spread[2], kRotationSpreadAdvised_deg,
+                 spread[1] < kRotationSpreadAdvised_deg ? "larger tilts"
+                                                        : "turn about the third axis too (roll of +-45 deg or more)"));
   if (const double larger = larger_s0(result); larger >= kS0Min && larger < kS0Said)
     result.warnings.push_back(
         sentence("residuals are only %.2g of what the stated noise explains: errors that neighbouring poses share (the "
@@ -328,7 +328,7 @@ void advise(const Circumstances& c, HandEye& result) {
 bool needs_convention_test(const HandEye& result) {
   const double share = static_cast<double>(result.rejected.size()) / static_cast<double>(result.views.size());
   return !(result.s0 <= kS0Max) || share > kRejectedShareMax ||
-         result.T_flange_scanner.translation_mm.norm() > kScannerArmMaxMm;
+         result.T_flange_scanner.translation_mm.norm() > kScannerArmMax_mm;
 }
 
 void judge(const Circumstances& c, HandEye& result) {

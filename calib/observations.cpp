@@ -14,7 +14,7 @@ namespace slabd::calib {
 namespace {
 
 constexpr double kUnitTolerance = 1e-3;
-constexpr double kPositionMaxMm = 100'000.0;
+constexpr double kPositionMax_mm = 100'000.0;
 constexpr std::string_view kBlanks = " \t\r";
 constexpr std::string_view kHeader = "format:";
 
@@ -186,7 +186,7 @@ Status parse_line(std::string_view line, const Place& place, PoseTable& table) {
       return at(place, "the quaternion (numbers 4 to 7) has length %.6f, must be 1 within %g", length, kUnitTolerance);
   }
   const Pose pose = pose_of(numbers, format);
-  if (const double furthest_mm = pose.translation_mm.cwiseAbs().maxCoeff(); !(furthest_mm <= kPositionMaxMm))
+  if (const double furthest_mm = pose.translation_mm.cwiseAbs().maxCoeff(); !(furthest_mm <= kPositionMax_mm))
     return at(place, "a position of %g m is beyond any robot; is the table in um or the unit wrong (%s)?",
               m_from_mm(furthest_mm), format.metres ? "m" : "mm");
   if (table.poses.size() == kViewsMax * (format.labelled ? kBallsMax : 1))
@@ -346,8 +346,8 @@ std::string write_poses(std::span<const Pose> poses, const PoseFormat& format, T
 }
 
 bool same_place(const Pose& a, const Pose& b) {
-  return (a.translation_mm - b.translation_mm).norm() < kSamePlaceMm &&
-         angle_between_rad(a.rotation, b.rotation) < rad_from_deg(kSamePlaceDeg);
+  return (a.translation_mm - b.translation_mm).norm() < kSamePlace_mm &&
+         angle_between_rad(a.rotation, b.rotation) < rad_from_deg(kSamePlace_deg);
 }
 
 }  // namespace slabd::calib

@@ -121,8 +121,8 @@ inline constexpr std::size_t kBallsMax = 16;
 
 /// Two flange poses closer than this are one place. A further view from there repeats the robot's error of the first
 /// one and gives no new information about the scanner's pose.
-inline constexpr double kSamePlaceMm = 1.0;
-inline constexpr double kSamePlaceDeg = 0.1;
+inline constexpr double kSamePlace_mm = 1.0;
+inline constexpr double kSamePlace_deg = 0.1;
 [[nodiscard]] bool same_place(const Pose& a, const Pose& b);
 
 }  // namespace slabd::calib

@@ -15,7 +15,7 @@ constexpr const char* kKeys =
 /// in thirty checks with the usual 0.1 mm.
 constexpr double kDriftShare = 0.7;
 /// Larger than any drift in a cell.
-constexpr double kNoDriftMm = 5.0;
+constexpr double kNoDrift_mm = 5.0;
 
 struct Deviation {
   const char* what;
@@ -98,7 +98,7 @@ CalibrationCheck check_ball(const MonitorBall& certified, const Vec3& centre_bas
   check.passed = off_mm <= certified.limit_mm;  // false for NaN
   if (!check.passed)
     check.note.printf("the ball is %.3f mm from its place, allowed are %.3f mm%s", off_mm, certified.limit_mm,
-                      off_mm > kNoDriftMm ? ": no drift; wrong pose given, ball moved, or wrong hand-eye" : "");
+                      off_mm > kNoDrift_mm ? ": no drift; wrong pose given, ball moved, or wrong hand-eye" : "");
   else if (off_mm > kDriftShare * certified.limit_mm)
     check.note.printf("the ball is %.3f mm from its place, nearly the allowed %.3f mm: look at the trend", off_mm,
                       certified.limit_mm);

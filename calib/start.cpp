@@ -223,11 +223,11 @@ std::vector<State> starting_points(const Equations& equations, const Weighing& w
   std::stable_sort(starts.begin(), starts.end(), [](const Start& a, const Start& b) { return a.misfit < b.misfit; });
 
   // Starts with nearly the same rotation lead to the same solution, so only different ones are kept.
-  constexpr double kSameRad = 0.02;
+  constexpr double kSame_rad = 0.02;
   std::vector<State> best;
   for (const Start& start : starts) {
     const bool known = std::any_of(best.begin(), best.end(), [&](const State& other) {
-      return angle_between_rad(other.X.rotation, start.state.X.rotation) < kSameRad;
+      return angle_between_rad(other.X.rotation, start.state.X.rotation) < kSame_rad;
     });
     if (!known) best.push_back(start.state);
     if (best.size() == kStarts) break;

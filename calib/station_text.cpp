@@ -13,7 +13,7 @@
 namespace slabd::calib {
 namespace {
 
-constexpr double kCoordinateMaxMm = 20'000.0;
+constexpr double kCoordinateMax_mm = 20'000.0;
 constexpr double kUnitTolerance = 1e-3;  ///< of a direction as printed in a certificate
 constexpr double kRightAngleMax = 5e-4;  ///< 0.03 deg; certificates give six digits
 constexpr const char* kCertificateKeys =
@@ -40,7 +40,7 @@ void read_seat(KeyFile& file, const KeyLine& line, MasterCertificate& out) {
   int station = 0;
   if (!station_from(line, station)) return file.fault(line, "must begin with its station, 1..18");
   std::vector<double> v;
-  if (!file.numbers(line, 1, kCoordinateMaxMm, v)) return;
+  if (!file.numbers(line, 1, kCoordinateMax_mm, v)) return;
   if (v.size() != 9)
     return file.fault(line,
                       "must be: station, x y z, the normal's three components, three of the direction from the "
@@ -59,7 +59,7 @@ void read_ball(KeyFile& file, const KeyLine& line, MasterCertificate& out) {
   int station = 0;
   if (!station_from(line, station)) return file.fault(line, "must begin with its station, 1..18");
   std::vector<double> v;
-  if (!file.numbers(line, 1, kCoordinateMaxMm, v)) return;
+  if (!file.numbers(line, 1, kCoordinateMax_mm, v)) return;
   if (v.size() != 3) return file.fault(line, "must be: station, x y z");
   MasterStation* s = find_station(out, station);
   if (s == nullptr) s = &out.stations.emplace_back(MasterStation{station, false, {}});
@@ -77,7 +77,7 @@ Status check_balls(const MasterStation& s, std::string_view file_name) {
                  s.points_mm.size(), kStationBallsMin);
   // The rotation about a line through the balls is determined by the height of the widest triangle over its longest
   // side.
-  constexpr double kHeightLeastMm = 50.0;
+  constexpr double kHeightLeast_mm = 50.0;
   double height_mm = 0.0;
   const std::vector<Vec3>& p = s.points_mm;
   for (std::size_t i = 0; i < p.size(); ++i)
@@ -86,7 +86,7 @@ Status check_balls(const MasterStation& s, std::string_view file_name) {
         const double longest_mm = std::max({(p[j] - p[i]).norm(), (p[k] - p[i]).norm(), (p[k] - p[j]).norm()});
         if (longest_mm > 0.0) height_mm = std::max(height_mm, (p[j] - p[i]).cross(p[k] - p[i]).norm() / longest_mm);
       }
-  if (height_mm < kHeightLeastMm)
+  if (height_mm < kHeightLeast_mm)
     return error(Code::config,
                  "%.*s: the balls of station %d lie too near to each other or to a line: spread them over 100 mm both "
                  "ways",
@@ -103,7 +103,7 @@ std::string vector_text(const Vec3& v) {
 MasterStation master_seat(int station, const Vec3& p_mm, const Vec3& normal, const Vec3& along) {
   const Vec3 n = normal.normalized();
   const Vec3 a = (along - n * n.dot(along)).normalized();
-  return {station, true, {p_mm, p_mm + kSeatLeverMm * n, p_mm + kSeatLeverMm * a}};
+  return {station, true, {p_mm, p_mm + kSeatLever_mm * n, p_mm + kSeatLever_mm * a}};
 }
 
 Result<MasterCertificate> parse_master_certificate(std::string_view text, std::string_view file_name) {
@@ -158,8 +158,8 @@ std::string master_certificate_text(const MasterCertificate& c) {
     }
     const Vec3& p = s.points_mm[0];
     text += "seat = " + std::to_string(s.station) + "  " + vector_text(p) + "  " +
-            vector_text((s.points_mm[1] - p) / kSeatLeverMm) + "  " + vector_text((s.points_mm[2] - p) / kSeatLeverMm) +
-            "\n";
+            vector_text((s.points_mm[1] - p) / kSeatLever_mm) + "  " +
+            vector_text((s.points_mm[2] - p) / kSeatLever_mm) + "\n";
   }
   return text;
 }

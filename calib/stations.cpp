@@ -26,14 +26,14 @@ constexpr std::array<std::string_view, 13> kRefusals = {
     "shift",          "placement",       "copies",       "turn",         "slope",      "scanner_moved"};
 constexpr std::size_t kPlacementStationsMin = 3;
 /// Smallest plausible scatter, below the effect of a scan's noise on a seat.
-constexpr double kScatterMinMm = 1e-5;
-constexpr double kScatterMinRad = 1e-8;
+constexpr double kScatterMin_mm = 1e-5;
+constexpr double kScatterMin_rad = 1e-8;
 /// Two calibrations of one mount rarely differ by more than this factor times their combined uncertainty. It is the
 /// 99.9 % quantile of the length of a normal vector, in standard deviations per axis.
 constexpr double kMountSigmas = 4.03;
 /// Smallest first and second extent of the stations; stations on a line leave the slab's rotation about it
 /// undetermined.
-constexpr double kPlacementWidthMinMm = 300.0;
+constexpr double kPlacementWidthMin_mm = 300.0;
 
 /// Mean of close rotations: averaging their vectors about the first, twice, has an error far below a microradian.
 Pose mean_pose(const std::vector<const StationVisit*>& visits) {
@@ -80,7 +80,7 @@ Vec3 reference_point(const MasterStation& certified, const std::vector<Vec3>& po
 /// tip. Balls have independent errors, and the fit through them rotates by N^-1 sum d x e with N = sum |d|^2 I - d d'.
 /// Balls close to a line determine the rotation about it poorly, at any length of the line.
 double turn_rad_per_mm(const MasterStation& certified) {
-  if (certified.is_seat) return 1.0 / kSeatLeverMm;
+  if (certified.is_seat) return 1.0 / kSeatLever_mm;
   const Vec3 centre = reference_point(certified, certified.points_mm);
   Eigen::Matrix3d inertia = Eigen::Matrix3d::Zero();
   for (const Vec3& p : certified.points_mm) {
@@ -227,8 +227,8 @@ class Solver {
         const double off_rad = angle_between_rad(X_.rotation, then.T_flange_scanner.rotation);
         work.mount_mm = std::max(work.mount_mm, off_mm);
         work.mount_rad = std::max(work.mount_rad, off_rad);
-        const double most_mm = kMountSigmas * both(hand_eye_.sigma_mm, then.sigma_mm) + kScatterMinMm;
-        const double most_rad = kMountSigmas * both(hand_eye_.sigma_rad, then.sigma_rad) + kScatterMinRad;
+        const double most_mm = kMountSigmas * both(hand_eye_.sigma_mm, then.sigma_mm) + kScatterMin_mm;
+        const double most_rad = kMountSigmas * both(hand_eye_.sigma_rad, then.sigma_rad) + kScatterMin_rad;
         const double share = std::max(off_mm / most_mm, off_rad / most_rad);
         if (share <= worst_share) continue;
         worst_share = share;
@@ -273,12 +273,12 @@ class Solver {
         const Vec3 b = places[j] - places[0];
         widest = std::max(widest, a.cross(b).norm() / std::max({a.norm(), b.norm(), 1.0}));
       }
-    if (places.size() < kPlacementStationsMin || widest < kPlacementWidthMinMm) {
+    if (places.size() < kPlacementStationsMin || widest < kPlacementWidthMin_mm) {
       refuse(StationRefusal::placement, 0,
              "master stations of both rows, or use a certificate in the base frame (frame = base)",
              "where the mastered slab lies cannot be found from %zu stations that spread %.0f mm across; it takes %zu "
              "that spread %.0f mm",
-             places.size(), widest, kPlacementStationsMin, kPlacementWidthMinMm);
+             places.size(), widest, kPlacementStationsMin, kPlacementWidthMin_mm);
       return false;
     }
     out_.T_base_certificate = rigid_fit(certified, seen);
@@ -302,7 +302,7 @@ class Solver {
     out_.degrees_of_freedom = degrees;
     out_.pooled_sigma_mm = std::sqrt(mm2 / degrees);
     out_.pooled_sigma_rad = std::sqrt(rad2 / degrees);
-    if (!(out_.pooled_sigma_mm > kScatterMinMm) || !(out_.pooled_sigma_rad > kScatterMinRad))
+    if (!(out_.pooled_sigma_mm > kScatterMin_mm) || !(out_.pooled_sigma_rad > kScatterMin_rad))
       refuse(StationRefusal::copies, 0, "give five different rounds; what repeats is then known from them",
              "the visits agree to %.1e mm and %.1e rad: no robot does, they are one visit given several times",
              out_.pooled_sigma_mm, out_.pooled_sigma_rad);

@@ -27,14 +27,14 @@
 namespace slabd::calib {
 
 /// Certified values of one station. A seat has a reference point and two unit directions: its normal, and the direction
-/// along the seat from the inner to the outer casing. Each direction counts as a point kSeatLeverMm from the reference
+/// along the seat from the inner to the outer casing. Each direction counts as a point kSeatLever_mm from the reference
 /// point.
 struct MasterStation {
   int station = 0;              ///< 1..18
   bool is_seat = false;         ///< otherwise reference balls
   std::vector<Vec3> points_mm;  ///< seat: reference point, tips of normal and direction; balls: their centres
 };
-inline constexpr double kSeatLeverMm = 100.0;
+inline constexpr double kSeatLever_mm = 100.0;
 inline constexpr std::size_t kStationBallsMin = 3;
 inline constexpr std::size_t kStationBallsMax = 8;
 

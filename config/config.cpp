@@ -17,17 +17,17 @@
 namespace slabd::daemon {
 namespace {
 
-constexpr double kReachMm = 20'000.0;  ///< larger than any cell and any robot
-constexpr double kArmMaxMm = 2'000.0;  ///< larger than any distance of a scanner from its flange
+constexpr double kReach_mm = 20'000.0;  ///< larger than any cell and any robot
+constexpr double kArmMax_mm = 2'000.0;  ///< larger than any distance of a scanner from its flange
 // A pose written in metres instead of mm is below both limits; (0, 0, 0) means not entered, as on a test bench.
-constexpr double kSlabOffMinMm = 10.0;
-constexpr double kArmMinMm = 1.0;
+constexpr double kSlabOffMin_mm = 10.0;
+constexpr double kArmMin_mm = 1.0;
 /// Limit of window and dwell together. At 250 Hz the ring holds two seconds; the reserve is for a sender that is a
 /// third faster.
-constexpr double kStandstillMaxMs = 1'500.0;
+constexpr double kStandstillMax_ms = 1'500.0;
 /// The ring holds this number of poses at any rate of the sender, so that the window always fills.
 constexpr std::int64_t kSamplesMinMax = 300;
-static_assert(kSamplesMinMax < limits::kPoseRing && kStandstillMaxMs * 250 / 1000 < limits::kPoseRing);
+static_assert(kSamplesMinMax < limits::kPoseRing && kStandstillMax_ms * 250 / 1000 < limits::kPoseRing);
 constexpr std::size_t kPathMax = limits::kPathBytes - 64;  ///< reserve for names inside a folder
 
 /// 127.0.0.0/8: by default only this computer is allowed.
@@ -54,9 +54,9 @@ void read_deg(TableReader& table, std::string_view key, double& out_rad, Allowed
 /// Reads a standard deviation in mm. A value below a micrometre was probably written in metres and would make U too
 /// small.
 void read_sigma_mm(TableReader& table, std::string_view key, double& out, Allowed allowed) {
-  constexpr double kSigmaMinMm = 0.001;
+  constexpr double kSigmaMin_mm = 0.001;
   table.optional_number(key, out, allowed);
-  if (table.has(key) && out > 0.0 && out < kSigmaMinMm)
+  if (table.has(key) && out > 0.0 && out < kSigmaMin_mm)
     table.doubt(key,
                 fmt::format("found {}, metres? the unit is mm, allowed is {}..{}", out, allowed.low, allowed.high));
 }
@@ -70,12 +70,12 @@ void read_int16(TableReader& table, std::string_view key, std::int16_t& out) {
 /// Window and dwell together must fit into the ring, or no robot would ever count as settled.
 void check_standstill(TableReader& robot, const PoseSettings& pose) {
   const double total_ms = static_cast<double>(pose.window_ns + pose.dwell_ns) / 1e6;
-  if (total_ms > kStandstillMaxMs)
+  if (total_ms > kStandstillMax_ms)
     robot.problem(
         robot.has("dwell_ms") ? "dwell_ms" : "window_ms",
         fmt::format("window_ms and dwell_ms together are {} ms, allowed are {} ms: the daemon remembers 2 s of "
                     "poses, and a longer standstill would never be seen",
-                    total_ms, kStandstillMaxMs));
+                    total_ms, kStandstillMax_ms));
 }
 
 void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, Config& config) {
@@ -91,13 +91,13 @@ void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, Co
   if (const Status interface = hal::check_lcm_interface(lcm.interface.view()); !interface.ok())
     robot.problem("interface", std::string(interface.error().text.view()));
 
-  read_ms(robot, "window_ms", pose.window_ns, {50.0, kStandstillMaxMs});
+  read_ms(robot, "window_ms", pose.window_ns, {50.0, kStandstillMax_ms});
   std::int64_t samples_min = pose.samples_min;
   robot.optional_integer("samples_min", samples_min, 3, kSamplesMinMax);
   pose.samples_min = static_cast<int>(samples_min);
   robot.optional_number("settled_mm", pose.settled_mm, {0.001, 1.0});
   read_deg(robot, "settled_deg", pose.settled_rad, {0.0001, 0.1});
-  read_ms(robot, "dwell_ms", pose.dwell_ns, {0.0, kStandstillMaxMs});
+  read_ms(robot, "dwell_ms", pose.dwell_ns, {0.0, kStandstillMax_ms});
   check_standstill(robot, pose);
   robot.optional_number("moved_mm", pose.moved_mm, {0.001, 1.0});
   read_deg(robot, "moved_deg", pose.moved_rad, {0.0001, 0.1});
@@ -259,13 +259,13 @@ void doubt_order(TableReader& table, std::string_view key, const std::array<doub
 
 void read_cell(TableReader cell, Pose& T_base_slab) {
   std::array<double, 7> pose = Pose::identity().to_array();
-  cell.required_pose("T_base_slab", pose, kReachMm);
-  if (const double mm = longest(pose); mm > 0.0 && mm < kSlabOffMinMm)
+  cell.required_pose("T_base_slab", pose, kReach_mm);
+  if (const double mm = longest(pose); mm > 0.0 && mm < kSlabOffMin_mm)
     cell.doubt(
         "T_base_slab",
         fmt::format("found x, y, z of at most {} mm, metres? The centre of a slab hardly lies in the robot's foot; "
                     "the unit is mm, allowed is -{}..{}",
-                    mm, kReachMm, kReachMm));
+                    mm, kReach_mm, kReach_mm));
   doubt_order(cell, "T_base_slab", pose);
   T_base_slab = Pose::from_array(pose);
   cell.finish();
@@ -284,9 +284,9 @@ void read_checks(TableReader& table, Config& config) {
 
 /// Reads limits that may only be wider than the default, because a view affects every scan until the next calibration.
 void read_capture(TableReader& table, CaptureGuard& guard) {
-  table.optional_number("capture_stable_mm", guard.stable_mm, {CaptureGuard::kStableMm, 1.0});
-  read_deg(table, "capture_stable_deg", guard.stable_rad, {deg_from_rad(CaptureGuard::kStableRad), 0.1});
-  read_s(table, "capture_stable_s", guard.stable_ns, {0.2, static_cast<double>(CaptureGuard::kStableNs) / 1e9});
+  table.optional_number("capture_stable_mm", guard.stable_mm, {CaptureGuard::kStable_mm, 1.0});
+  read_deg(table, "capture_stable_deg", guard.stable_rad, {deg_from_rad(CaptureGuard::kStable_rad), 0.1});
+  read_s(table, "capture_stable_s", guard.stable_ns, {0.2, static_cast<double>(CaptureGuard::kStable_ns) / 1e9});
 }
 
 /// Reads the uncertainty of the commissioning value. Without that value it has no effect, so it may remain when the
@@ -307,13 +307,13 @@ void read_calibration(TableReader table, const std::string& folder, Config& conf
   double sigma_deg = kNoValue;
   const bool commissioned = table.has("T_flange_scanner");
   if (commissioned) {
-    table.required_pose("T_flange_scanner", pose, kArmMaxMm);
-    if (const double mm = longest(pose); mm > 0.0 && mm < kArmMinMm)
+    table.required_pose("T_flange_scanner", pose, kArmMax_mm);
+    if (const double mm = longest(pose); mm > 0.0 && mm < kArmMin_mm)
       table.doubt(
           "T_flange_scanner",
           fmt::format("found x, y, z of at most {} mm, metres? A scanner hardly sits in the flange; the unit is mm, "
                       "allowed is -{}..{}",
-                      mm, kArmMaxMm, kArmMaxMm));
+                      mm, kArmMax_mm, kArmMax_mm));
     doubt_order(table, "T_flange_scanner", pose);
   }
   read_station_sigma(table, "station_sigma_mm", "station_sigma_deg", commissioned, sigma_mm, {1e-6, 10.0});

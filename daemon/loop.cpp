@@ -30,24 +30,24 @@ namespace slabd::daemon {
 namespace {
 
 /// Longest interval between ticks: PLC acknowledgement within 50 ms, heartbeat, settle gate.
-constexpr int kTurnMs = 10;
-constexpr std::int64_t kWatchdogPeriodNs = 3 * kNsPerS;
+constexpr int kTurn_ms = 10;
+constexpr std::int64_t kWatchdogPeriod_ns = 3 * kNsPerS;
 /// Time after which a worker without a sign of life counts as stuck; the service manager's watchdog then ends the
 /// process. Longer than any scan timeout and than a sync of a slow disk.
-constexpr std::int64_t kWorkerStuckNs = 60 * kNsPerS;
+constexpr std::int64_t kWorkerStuck_ns = 60 * kNsPerS;
 /// Time after which a block is given up (405). By counted work alone no block takes longer than some seconds
 /// (limits::kDenoiseLooksMax), so this is for a computer that is ten times too slow.
-constexpr std::int64_t kMeasuringMaxNs = 15 * kNsPerS;
+constexpr std::int64_t kMeasuringMax_ns = 15 * kNsPerS;
 /// Ticket of the calibration desk's change. The station counts its tickets up from 1 and will not reach this number.
 constexpr std::uint32_t kChangeTicket = 0xFFFF'FFFF;
 /// Duration after which a state of the PLC link is logged, and age of the last line after which it is logged in any
 /// case.
-constexpr std::int64_t kPlcNewsNs = kNsPerS;
-constexpr std::int64_t kPlcNewsPeriodNs = 60 * kNsPerS;
-constexpr std::int64_t kScannerNewsNs = 2 * kNsPerS;
-constexpr std::int64_t kScannerNewsPeriodNs = 10 * kNsPerS;
+constexpr std::int64_t kPlcNews_ns = kNsPerS;
+constexpr std::int64_t kPlcNewsPeriod_ns = 60 * kNsPerS;
+constexpr std::int64_t kScannerNews_ns = 2 * kNsPerS;
+constexpr std::int64_t kScannerNewsPeriod_ns = 10 * kNsPerS;
 /// Views not fetched within a week are deleted; the operator repeats a calibration that is interrupted for longer.
-constexpr std::int64_t kCaptureKeptUs = 7 * 86'400'000'000LL;
+constexpr std::int64_t kCaptureKept_us = 7 * 86'400'000'000LL;
 constexpr std::string_view kNoRoom =
     R"({"schema":"slabd.error/1","error":"the daemon has no memory for an answer now (--seal); ask again"})";
 
@@ -212,7 +212,7 @@ bool Loop::run(const std::atomic<bool>& stop, std::int64_t patience_ns, const st
   start();
   if (recovered && ports_.store != nullptr) recovered();
   while (!stop.load()) {
-    turn(kTurnMs);
+    turn(kTurn_ms);
     if (wants_store(patience_ns)) return true;
   }
   finish();
@@ -284,7 +284,7 @@ bool Loop::scanner_comes_back() {
   cancel_scan_ = true;
   for (const std::uint64_t before = scan_worker_->turns(); scan_worker_->turns() == before;) {
     if (ports_.scanner.hangs()) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(kTurnMs));
+    std::this_thread::sleep_for(std::chrono::milliseconds(kTurn_ms));
   }
   return true;
 }
@@ -464,7 +464,7 @@ void Loop::say_scanner_news() {
   LogLine line;
   // At the start the port's first look is still in progress.
   if (scanner_online_.is_news(online, ports_.clock.mono_ns(),
-                              {.lasts_ns = kScannerNewsNs, .apart_ns = kScannerNewsPeriodNs})) {
+                              {.lasts_ns = kScannerNews_ns, .apart_ns = kScannerNewsPeriod_ns})) {
     line.level = online ? LogLine::Level::info : LogLine::Level::warning;
     const Code why_not = ports_.scanner.spool_hangs() ? Code::journal_write : Code::scanner_offline;
     line.code = static_cast<std::uint16_t>(online ? Code::ok : why_not);
@@ -498,7 +498,7 @@ void Loop::say_plc_news() {
   LogLine line;
   const std::int64_t now_ns = ports_.clock.mono_ns();
   const std::string_view trouble = ports_.plc.trouble();
-  if (plc_trouble_.is_news(trouble, now_ns, {.lasts_ns = kPlcNewsNs, .late_ns = kPlcNewsPeriodNs})) {
+  if (plc_trouble_.is_news(trouble, now_ns, {.lasts_ns = kPlcNews_ns, .late_ns = kPlcNewsPeriod_ns})) {
     line.level = trouble.empty() ? LogLine::Level::info : LogLine::Level::error;
     line.text = trouble.empty() ? "PLC link is up" : trouble;
     say(line);
@@ -528,12 +528,12 @@ void Loop::feed_watchdog() {
     worker_turns_[i] = turns[i];
     // A share that hangs is reported (301) and recovers with its server; restarting slabd would not help.
     if (i == 1 && ports_.scanner.hangs()) worker_moved_ns_[i] = now_ns;
-    alive = alive && now_ns - worker_moved_ns_[i] < kWorkerStuckNs;
+    alive = alive && now_ns - worker_moved_ns_[i] < kWorkerStuck_ns;
   }
-  const bool long_at_it = now_ns - worker_moved_ns_[2] >= kMeasuringMaxNs;
+  const bool long_at_it = now_ns - worker_moved_ns_[2] >= kMeasuringMax_ns;
   if (long_at_it && !measuring_given_up_) crew_->give_up_measuring();
   measuring_given_up_ = long_at_it;
-  if (!alive || now_ns - watchdog_ns_ < kWatchdogPeriodNs) return;
+  if (!alive || now_ns - watchdog_ns_ < kWatchdogPeriod_ns) return;
   watchdog_ns_ = now_ns;
   put_the_reserve_back();
   ports_.notify.watchdog();
@@ -620,7 +620,7 @@ void Loop::delete_file(const PathText& path) const {
 
 /// Deletes views that were not fetched, a few at a time; the others are deleted at the next calibration.
 void Loop::tidy_captures(const PathText& folder) {
-  const std::int64_t oldest_us = ports_.clock.utime_us() - kCaptureKeptUs;
+  const std::int64_t oldest_us = ports_.clock.utime_us() - kCaptureKept_us;
   std::error_code fault;  // error: the folder does not exist, so it contains no views
   for (std::filesystem::directory_iterator entry(folder.c_str(), fault), end; !fault && entry != end;
        entry.increment(fault)) {

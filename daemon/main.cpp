@@ -29,7 +29,7 @@ constexpr int kExitBadInput = 3;
 constexpr int kExitUnreachable = 4;
 constexpr int kExitInternal = 5;
 /// Time given to a reader of stderr at the end.
-constexpr int kFlushMs = 1'000;
+constexpr int kFlush_ms = 1'000;
 
 std::atomic<bool> g_stop{false};
 void on_signal(int) {
@@ -191,7 +191,7 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
 [[noreturn]] void leave_without_scanner(hal::ServiceNotify& notify, const hal::ScannerText& why) {
   notify.stopping();
   say_text("info: slabd: stopped while the scanner's thread hung: %s\n", why.c_str());
-  (void)flush_log(kFlushMs);
+  (void)flush_log(kFlush_ms);
   std::_Exit(g_stop ? 0 : kExitUnreachable);
 }
 
@@ -325,7 +325,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
         // remain.
         notify->stopping();
         say_text("info: slabd: stopped while the database was being opened\n");
-        (void)flush_log(kFlushMs);
+        (void)flush_log(kFlush_ms);
         std::_Exit(0);
       }
       // Taken again, because the first start makes the folder.
@@ -402,11 +402,11 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
       load_recipes(config.recipes_dir, recipes, recipe_problems, &config.storage.recipe_texts, &config.doubts);
     if (check_only) return check(config, config_problems, recipes, recipe_problems);
     const int status = run(config, config_problems, recipes, recipe_problems, headroom_mb * 1'000'000);
-    (void)flush_log(kFlushMs);
+    (void)flush_log(kFlush_ms);
     return status;
   } catch (const std::exception& e) {
     say_text("error: slabd: %s\n", e.what());
-    (void)flush_log(kFlushMs);
+    (void)flush_log(kFlush_ms);
     return kExitInternal;
   }
 }

@@ -10,8 +10,8 @@
 namespace slabd::daemon {
 namespace {
 
-constexpr int kTurnMs = 10;
-constexpr std::int64_t kWatchdogPeriodNs = 3 * kNsPerS;
+constexpr int kTurn_ms = 10;
+constexpr std::int64_t kWatchdogPeriod_ns = 3 * kNsPerS;
 
 /// Result of the thread; shared, because the thread may outlive the caller.
 struct Opened {
@@ -23,7 +23,7 @@ void wait(const Ports& ports) {
   std::array<pollfd, hal::kPlcPollFds + hal::kControlPollFds> fds{};
   std::size_t count = ports.plc.poll_fds(std::span(fds).first(hal::kPlcPollFds));
   if (ports.control != nullptr) count += ports.control->poll_fds(std::span(fds).subspan(count, hal::kControlPollFds));
-  ::poll(fds.data(), count, kTurnMs);
+  ::poll(fds.data(), count, kTurn_ms);
 }
 
 /// Answers requests of displays and alarms while a database of gigabytes is read for a minute.
@@ -56,7 +56,7 @@ std::unique_ptr<Result<std::unique_ptr<storage::Store>>> open_beside_the_line(co
   const auto actions = std::make_unique<Actions>();
   ports.notify.ready();
   bool pressed = false;
-  std::int64_t fed_ns = ports.clock.mono_ns() - kWatchdogPeriodNs;
+  std::int64_t fed_ns = ports.clock.mono_ns() - kWatchdogPeriod_ns;
   while (!opened->done) {
     if (stop) return nullptr;
     wait(ports);
@@ -72,7 +72,7 @@ std::unique_ptr<Result<std::unique_ptr<storage::Store>>> open_beside_the_line(co
     }
     ports.plc.publish(plc_view(*station));
     if (ports.control != nullptr) serve_control(ports, *station, figures);
-    if (now_ns - fed_ns < kWatchdogPeriodNs) continue;
+    if (now_ns - fed_ns < kWatchdogPeriod_ns) continue;
     fed_ns = now_ns;
     ports.notify.watchdog();
     ports.notify.status("the database is being opened and checked");

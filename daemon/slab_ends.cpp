@@ -8,8 +8,8 @@
 // edge of the field of view. Then the scans of inner blocks, where the top continues, prove that the field of view
 // reaches further.
 //
-// A good slab must never be refused. An end counts for another type only within kEndMm of that type's end, and never
-// within kEndMm of the slab's own.
+// A good slab must never be refused. An end counts for another type only within kEnd_mm of that type's end, and never
+// within kEnd_mm of the slab's own.
 #include "daemon/slab_ends.h"
 
 #include <algorithm>
@@ -22,28 +22,28 @@ namespace slabd::daemon {
 namespace {
 
 // Types whose values differ by less give the same items.
-constexpr double kSameLengthMm = 1.0;
-constexpr double kSameRad = 0.5 * kPi / 180.0;
+constexpr double kSameLength_mm = 1.0;
+constexpr double kSame_rad = 0.5 * kPi / 180.0;
 constexpr double kSameCant = 1.0;
 // A face that is not part of any item may differ by this much and is still registered.
-constexpr double kSameFaceMm = 3.0;
+constexpr double kSameFace_mm = 3.0;
 
 /// Length tolerance of a slab, chamfer or broken edge, and the steps of the profile.
-constexpr double kEndMm = 8.0;
+constexpr double kEnd_mm = 8.0;
 /// Ends that are closer than this cannot be distinguished.
-constexpr double kEndsDifferMm = 20.0;
+constexpr double kEndsDiffer_mm = 20.0;
 /// The field of view must reach this far beyond an end before missing points prove it.
-constexpr double kBeyondMm = 16.0;
+constexpr double kBeyond_mm = 16.0;
 constexpr double kTurnedMax = 0.985;  // cosine of 10 degrees
 
 // The profile.
 constexpr std::size_t kLooked = 600'000;
-constexpr double kStepMm = 2.0;
+constexpr double kStep_mm = 2.0;
 constexpr std::size_t kSteps = 544;       // to 1.09 m beyond the block: first_pair_from_end_mm is 1000 at most
-constexpr double kFromBlockMm = 10.0;     // beyond the foot of the end face
+constexpr double kFromBlock_mm = 10.0;    // beyond the foot of the end face
 constexpr double kAcross = 0.8;           // of the block's half width
-constexpr double kTopMm = 5.0;            // slab top, above or below its nominal height
-constexpr double kLowerMm = 20.0;         // points this far below are not slab top
+constexpr double kTop_mm = 5.0;           // slab top, above or below its nominal height
+constexpr double kLower_mm = 20.0;        // points this far below are not slab top
 constexpr double kCoveredShare = 0.2;     // of the points of a usual step
 constexpr std::uint32_t kCoveredMin = 3;  // points
 constexpr std::size_t kGapSteps = 2;
@@ -75,8 +75,8 @@ void follow(const Profile& profile, double from_mm, std::size_t side, TopView& v
     if (covered(profile.top[i])) last = i + 1;
     if (covered(profile.top[i] + profile.lower[i])) ++beyond;
   }
-  view.reach_mm[side] = from_mm + kStepMm * static_cast<double>(end);
-  view.last_mm[side] = from_mm + kStepMm * static_cast<double>(last);
+  view.reach_mm[side] = from_mm + kStep_mm * static_cast<double>(end);
+  view.last_mm[side] = from_mm + kStep_mm * static_cast<double>(last);
   view.goes_on[side] = beyond >= kGoesOnSteps;
 }
 
@@ -107,28 +107,28 @@ bool same_seats(const Recipe& a, const Recipe& b) {
   const BlockGeometry& x = a.block;
   const BlockGeometry& y = b.block;
   const double window_mm = std::min(a.evaluation.window_mm, b.evaluation.window_mm);
-  return a.slab.pairs == b.slab.pairs && near(a.slab.pitch_mm, b.slab.pitch_mm, kSameLengthMm) &&
-         near(a.slab.seat_centre_distance_mm, b.slab.seat_centre_distance_mm, kSameLengthMm) &&
+  return a.slab.pairs == b.slab.pairs && near(a.slab.pitch_mm, b.slab.pitch_mm, kSameLength_mm) &&
+         near(a.slab.seat_centre_distance_mm, b.slab.seat_centre_distance_mm, kSameLength_mm) &&
          std::abs(T_slab_block(a, 1).translation_mm.x() - T_slab_block(b, 1).translation_mm.x()) < window_mm &&
          near(x.cant_ratio, y.cant_ratio, kSameCant) &&
-         near(x.jaw_half_distance_mm, y.jaw_half_distance_mm, kSameLengthMm) &&
-         near(x.jaw_reference_height_mm, y.jaw_reference_height_mm, kSameLengthMm) &&
-         near(x.jaw_angle_rad, y.jaw_angle_rad, kSameRad) && near(x.draft_rad, y.draft_rad, 4.0 * kSameRad) &&
-         near(x.shoulder_outer_z_mm, y.shoulder_outer_z_mm, kSameFaceMm) &&
-         near(x.shoulder_inner_z_mm, y.shoulder_inner_z_mm, kSameFaceMm) &&
-         near(x.end_half_length_mm, y.end_half_length_mm, kSameFaceMm) &&
-         near(x.side_half_width_mm, y.side_half_width_mm, kSameFaceMm) &&
-         near(x.slab_top_z_mm, y.slab_top_z_mm, kSameFaceMm) &&
-         near(x.casing_half_spacing_mm, y.casing_half_spacing_mm, kSameLengthMm) &&
-         near(x.casing_bore_diameter_mm, y.casing_bore_diameter_mm, kSameLengthMm) &&
-         near(x.casing_rim_diameter_mm, y.casing_rim_diameter_mm, kSameLengthMm) &&
-         near(x.casing_rim_height_mm, y.casing_rim_height_mm, kSameLengthMm);
+         near(x.jaw_half_distance_mm, y.jaw_half_distance_mm, kSameLength_mm) &&
+         near(x.jaw_reference_height_mm, y.jaw_reference_height_mm, kSameLength_mm) &&
+         near(x.jaw_angle_rad, y.jaw_angle_rad, kSame_rad) && near(x.draft_rad, y.draft_rad, 4.0 * kSame_rad) &&
+         near(x.shoulder_outer_z_mm, y.shoulder_outer_z_mm, kSameFace_mm) &&
+         near(x.shoulder_inner_z_mm, y.shoulder_inner_z_mm, kSameFace_mm) &&
+         near(x.end_half_length_mm, y.end_half_length_mm, kSameFace_mm) &&
+         near(x.side_half_width_mm, y.side_half_width_mm, kSameFace_mm) &&
+         near(x.slab_top_z_mm, y.slab_top_z_mm, kSameFace_mm) &&
+         near(x.casing_half_spacing_mm, y.casing_half_spacing_mm, kSameLength_mm) &&
+         near(x.casing_bore_diameter_mm, y.casing_bore_diameter_mm, kSameLength_mm) &&
+         near(x.casing_rim_diameter_mm, y.casing_rim_diameter_mm, kSameLength_mm) &&
+         near(x.casing_rim_height_mm, y.casing_rim_height_mm, kSameLength_mm);
 }
 
 bool ends_differ(const Recipe& a, const Recipe& b) {
   const std::array<double, 2> x = ends_mm(a);
   const std::array<double, 2> y = ends_mm(b);
-  return std::abs(x[0] - y[0]) >= kEndsDifferMm || std::abs(x[1] - y[1]) >= kEndsDifferMm;
+  return std::abs(x[0] - y[0]) >= kEndsDiffer_mm || std::abs(x[1] - y[1]) >= kEndsDiffer_mm;
 }
 
 }  // namespace
@@ -153,7 +153,7 @@ FixedString<limits::kErrorTextBytes> text_of(const AlikeRecipes& alike) {
     text.printf(
         "%s and %s have the same blocks and differ only in the slab's ends (%g and %g mm from the outermost block): "
         "scans that do not reach %g mm cannot tell them apart, and a slab begun under the wrong type is not noticed",
-        alike.a->name.c_str(), alike.b->name.c_str(), a[side], b[side], std::min(a[side], b[side]) + kBeyondMm);
+        alike.a->name.c_str(), alike.b->name.c_str(), a[side], b[side], std::min(a[side], b[side]) + kBeyond_mm);
   } else {
     text.printf(
         "%s and %s have the same blocks and slab ends: no scan tells them apart, and a slab begun under the wrong type "
@@ -176,7 +176,7 @@ TopView look_at_top(std::span<const float> xyz, const Pose& T_block_scanner, con
   view.axis_x_mm = t.x() + view.distance_mm * axis.x();
 
   const double from_mm =
-      block.end_half_length_mm.value + std::tan(block.draft_rad.value) * std::abs(top) + kFromBlockMm;
+      block.end_half_length_mm.value + std::tan(block.draft_rad.value) * std::abs(top) + kFromBlock_mm;
   const double across_mm = kAcross * block.side_half_width_mm.value;
   std::array<Profile, 2> profiles;
   // Odd, so that it meets all columns of most grids; with this many points each step holds hundreds in any case.
@@ -186,13 +186,13 @@ TopView look_at_top(std::span<const float> xyz, const Pose& T_block_scanner, con
     if (!std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2])) continue;
     const Vec3 q = R * Vec3(double{p[0]}, double{p[1]}, double{p[2]}) + t;
     const double beyond = std::abs(q.x()) - from_mm;
-    if (!(beyond >= 0.0) || !(beyond < kStepMm * static_cast<double>(kSteps)) || !(std::abs(q.y()) <= across_mm))
+    if (!(beyond >= 0.0) || !(beyond < kStep_mm * static_cast<double>(kSteps)) || !(std::abs(q.y()) <= across_mm))
       continue;
     Profile& profile = profiles[q.x() < 0.0 ? 0 : 1];
-    const auto step = static_cast<std::size_t>(beyond / kStepMm);
-    if (std::abs(q.z() - top) <= kTopMm)
+    const auto step = static_cast<std::size_t>(beyond / kStep_mm);
+    if (std::abs(q.z() - top) <= kTop_mm)
       ++profile.top[step];
-    else if (q.z() < top - kLowerMm)
+    else if (q.z() < top - kLower_mm)
       ++profile.lower[step];
   }
   for (std::size_t side = 0; side < 2; ++side) follow(profiles[side], from_mm, side, view);
@@ -228,7 +228,7 @@ bool SlabEnds::end_was_proven(int station, std::size_t side, double other_mm) co
     ++inner;
     least = std::min(least, (other.reach_mm[side] - sign * other.axis_x_mm) / other.distance_mm);
   }
-  return inner >= kInnerMin && sign * view.axis_x_mm + least * view.distance_mm >= other_mm + kBeyondMm;
+  return inner >= kInnerMin && sign * view.axis_x_mm + least * view.distance_mm >= other_mm + kBeyond_mm;
 }
 
 SlabEnds::Finding SlabEnds::note(std::int64_t slab_key, int station, const TopView& view) {
@@ -242,12 +242,12 @@ SlabEnds::Finding SlabEnds::note(std::int64_t slab_key, int station, const TopVi
       const double reach_mm = seen.reach_mm[side];
       if (!seen.seen || !has_value(own_mm) || !(reach_mm > 0.0)) continue;
       // An object may be on the slab before its end.
-      if (std::abs(reach_mm - own_mm) <= kEndMm || std::abs(seen.last_mm[side] - own_mm) <= kEndMm) continue;
+      if (std::abs(reach_mm - own_mm) <= kEnd_mm || std::abs(seen.last_mm[side] - own_mm) <= kEnd_mm) continue;
       for (const Recipe* other : rivals_) {
         const double other_mm = end_beside_mm(*other, k, side);
-        if (!(std::abs(other_mm - own_mm) >= kEndsDifferMm)) continue;
-        const bool is_its_end = std::abs(reach_mm - other_mm) <= kEndMm && end_was_proven(k, side, other_mm);
-        const bool goes_on = reach_mm > own_mm + kEndMm && reach_mm <= other_mm + kEndMm;
+        if (!(std::abs(other_mm - own_mm) >= kEndsDiffer_mm)) continue;
+        const bool is_its_end = std::abs(reach_mm - other_mm) <= kEnd_mm && end_was_proven(k, side, other_mm);
+        const bool goes_on = reach_mm > own_mm + kEnd_mm && reach_mm <= other_mm + kEnd_mm;
         if (is_its_end || goes_on) return {other, k, reach_mm, own_mm, other_mm, !is_its_end};
       }
     }
@@ -263,7 +263,7 @@ double SlabEnds::blind_reach_mm() const {
     for (std::size_t side = 0; side < 2; ++side) {
       const double own_mm = end_beside_mm(*recipe_, k, side);
       if (!has_value(own_mm)) continue;
-      if (std::abs(seen.reach_mm[side] - own_mm) <= kEndMm) return kNoValue;
+      if (std::abs(seen.reach_mm[side] - own_mm) <= kEnd_mm) return kNoValue;
       furthest = std::max(furthest, seen.reach_mm[side]);
     }
   }

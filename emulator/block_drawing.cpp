@@ -11,29 +11,29 @@ namespace slabd::simulate {
 
 namespace {
 
-constexpr double kNoiseMm = 0.013;
+constexpr double kNoise_mm = 0.013;
 constexpr double kNoiseFactorMax = 5.0;
-constexpr double kRippleMm = 0.010;
+constexpr double kRipple_mm = 0.010;
 constexpr double kPatchNoise = 2.5;
 constexpr double kPatchMissing = 0.15;
 constexpr double kRimNoise = 2.0;
 constexpr double kGlossyNoise = 3.0;
 constexpr double kGlossyMissing = 0.3;
 constexpr double kWetMissing = 0.85;
-constexpr double kSteepFromDeg = 68.0;
-constexpr double kSteepToDeg = 82.0;
+constexpr double kSteepFrom_deg = 68.0;
+constexpr double kSteepTo_deg = 82.0;
 constexpr double kFlyingShare = 0.3;
-constexpr double kFlyingStepMm = 1.0;
-constexpr double kFlyingBoreMm = 6.0;  ///< depth of a flying point into a bore without a return
+constexpr double kFlyingStep_mm = 1.0;
+constexpr double kFlyingBore_mm = 6.0;  ///< depth of a flying point into a bore without a return
 constexpr double kOutlierShare = 0.0005;
-constexpr double kOutlierMm = 30.0;
+constexpr double kOutlier_mm = 30.0;
 constexpr double kDropoutShare = 0.01;
-constexpr double kLensMm = 0.012;
+constexpr double kLens_mm = 0.012;
 constexpr double kScalePpm = 25.0;
-constexpr double kPoseMm = 2.0;
-constexpr double kPoseDeg = 0.3;
-constexpr double kMisfitMm = 0.03;
-constexpr double kMisfitDeg = 0.005;
+constexpr double kPose_mm = 2.0;
+constexpr double kPose_deg = 0.3;
+constexpr double kMisfit_mm = 0.03;
+constexpr double kMisfit_deg = 0.005;
 
 double within(Prng& random, double amplitude) {
   return amplitude * (2.0 * random.uniform() - 1.0);
@@ -76,9 +76,9 @@ struct Errors {
     Prng of_block(derived_seed(order.seed, 603, 0));
     patch_centre = Vec3(within(of_block, 70.0), within(of_block, 150.0), 0.0);
     patch_radius_mm = 0.5 * (40.0 + 50.0 * of_block.uniform());
-    misfit.translation_mm = kMisfitMm * order.effects[Effect::misfit] * random_direction(random);
+    misfit.translation_mm = kMisfit_mm * order.effects[Effect::misfit] * random_direction(random);
     const Vec3 axis = random_direction(random);
-    const double turn = rad_from_deg(kMisfitDeg * order.effects[Effect::misfit]);
+    const double turn = rad_from_deg(kMisfit_deg * order.effects[Effect::misfit]);
     misfit.rotation = Quat(Eigen::AngleAxisd(turn, Eigen::Vector3d(axis)));
   }
   Prng random;
@@ -110,7 +110,7 @@ class Drawing {
     };
     own_ = field(scanner.columns, scanner.rows, 1);
     shared_ = field((scanner.columns + 1) / 2, (scanner.rows + 1) / 2, 2);
-    noise_mm_ = has_value(scanner.noise_mm) ? scanner.noise_mm : kNoiseMm * effects_[Effect::noise];
+    noise_mm_ = has_value(scanner.noise_mm) ? scanner.noise_mm : kNoise_mm * effects_[Effect::noise];
     outlier_share_ =
         has_value(scanner.outlier_share) ? scanner.outlier_share : kOutlierShare * effects_[Effect::outliers];
   }
@@ -155,14 +155,14 @@ class Drawing {
       if (other_column >= scanner_.columns || other_row >= scanner_.rows) return;
       const Seen& other = seen_[other_row * scanner_.columns + other_column];
       double to = static_cast<double>(other.t - own.t);
-      if (std::isnan(to)) to = other.bore != 0 && own.bore == 0 ? kFlyingBoreMm : 0.0;
+      if (std::isnan(to)) to = other.bore != 0 && own.bore == 0 ? kFlyingBore_mm : 0.0;
       if (std::abs(to) > std::abs(step)) step = to;
     };
     compare(column + 1, row);
     compare(column - 1, row);
     compare(column, row + 1);
     compare(column, row - 1);
-    return std::abs(step) > kFlyingStepMm ? step : 0.0;
+    return std::abs(step) > kFlyingStep_mm ? step : 0.0;
   }
 
   [[nodiscard]] double missing_share(const Seen& seen, bool in_patch) const {
@@ -173,7 +173,7 @@ class Drawing {
     if ((seen.gloss & kClump) != 0) there = 0.0;
     if (effects_[Effect::steep] != 0.0) {
       const double deg = deg_from_rad(std::acos(std::min(1.0, static_cast<double>(seen.cosine))));
-      const double gone = (deg - kSteepFromDeg) / (kSteepToDeg - kSteepFromDeg);
+      const double gone = (deg - kSteepFrom_deg) / (kSteepTo_deg - kSteepFrom_deg);
       there *= 1.0 - std::clamp(gone * effects_[Effect::steep], 0.0, 1.0);
     }
     return 1.0 - there;
@@ -218,12 +218,12 @@ class Drawing {
     double off = noise_of(seen, in_patch) * std::sqrt(0.5) * static_cast<double>(own_[pixel] + shared_[shared]);
     off -= static_cast<double>(seen.nearer);
     if (effects_[Effect::ripple] != 0.0)
-      off += kRippleMm * effects_[Effect::ripple] *
+      off += kRipple_mm * effects_[Effect::ripple] *
              std::sin(2.0 * kPi * exact.y() / errors_.ripple_period_mm + errors_.ripple_phase);
     if (effects_[Effect::lens] != 0.0) {
       const double u = exact.x() / (0.5 * scanner_.field_x_mm);
       const double v = exact.y() / (0.5 * scanner_.field_y_mm);
-      off += kLensMm * effects_[Effect::lens] * errors_.lens.at(std::clamp(u, -1.0, 1.0), std::clamp(v, -1.0, 1.0));
+      off += kLens_mm * effects_[Effect::lens] * errors_.lens.at(std::clamp(u, -1.0, 1.0), std::clamp(v, -1.0, 1.0));
     }
     if (effects_[Effect::flying] != 0.0) {
       const double step = step_beside(column, row);
@@ -231,7 +231,7 @@ class Drawing {
         t += step * share(more);
     }
     if (share(more >> 24U) < outlier_share_) {
-      const double size = 1.0 + (kOutlierMm - 1.0) * share(chance >> 40U);
+      const double size = 1.0 + (kOutlier_mm - 1.0) * share(chance >> 40U);
       off += (more >> 63U) != 0 ? size : -size;
       ++drawn_.outliers;
     }
@@ -273,8 +273,8 @@ ConcreteView concrete_view(const EffectStrengths& effects, std::uint64_t seed) {
   view.T_block_scanner_reported.translation_mm +=
       effects[Effect::offset] * Vec3(random.uniform() < 0.5 ? -15.0 : 15.0, random.uniform() < 0.5 ? -30.0 : 30.0, 0.0);
   Pose off;
-  const double pose_mm = kPoseMm * effects[Effect::pose];
-  const double pose_rad = rad_from_deg(kPoseDeg * effects[Effect::pose]);
+  const double pose_mm = kPose_mm * effects[Effect::pose];
+  const double pose_rad = rad_from_deg(kPose_deg * effects[Effect::pose]);
   off.translation_mm = Vec3(within(random, pose_mm), within(random, pose_mm), within(random, pose_mm));
   off.rotation = rotation_from_kuka_abc(within(random, pose_rad), within(random, pose_rad), within(random, pose_rad));
   view.T_scanner_block = (view.T_block_scanner_reported * off).inverse();

@@ -7,17 +7,17 @@
 namespace slabd::simulate {
 namespace {
 
-constexpr double kDomeSigmaMm = 25.0;
+constexpr double kDomeSigma_mm = 25.0;
 /// The dome ends where it is below 1e-5 of its height, to save the time of the exponential.
-constexpr double kDomeReachMm = 4.8 * kDomeSigmaMm;
+constexpr double kDomeReach_mm = 4.8 * kDomeSigma_mm;
 
 constexpr double kChipX = 20.0;
 constexpr double kChipS = -30.0;
-constexpr double kChipRadiusMm = 3.0;
+constexpr double kChipRadius_mm = 3.0;
 constexpr double kBurrX = -20.0;
 constexpr double kBurrS = 40.0;
-constexpr double kBurrHalfXMm = 7.5;
-constexpr double kBurrHalfSMm = 2.0;
+constexpr double kBurrHalfX_mm = 7.5;
+constexpr double kBurrHalfS_mm = 2.0;
 
 constexpr double kSunkBeyondX = 55.0;
 /// Position of the corner that a defect breaks out.
@@ -25,10 +25,10 @@ constexpr double kCornerX = 57.0;
 constexpr double kCornerY = 155.0;
 
 /// Half axes of a flat work glove: the upper half of this ellipsoid is above the bearing plane.
-const Vec3 kGloveHalfMm(60.0, 50.0, 15.0);
-constexpr double kCableRadiusMm = 5.0;
+const Vec3 kGloveHalf_mm(60.0, 50.0, 15.0);
+constexpr double kCableRadius_mm = 5.0;
 /// The cable touches the shoulders, whose upper edge is at 29.75 mm.
-constexpr double kCableAxisZMm = 35.0;
+constexpr double kCableAxisZ_mm = 35.0;
 
 /// A point of the cross-section: `s` along the bearing plane outward, `h` along its normal.
 Vec3 on_section(double slope_rad, double s, double h) {
@@ -58,10 +58,10 @@ BlockTruth nominal_truth(const Recipe& recipe) {
 double relief_mm(const BlockTruth& truth, double x_mm, double s_mm) {
   double height = 0.0;
   const double r2 = x_mm * x_mm + s_mm * s_mm;
-  if (truth.bump_mm != 0.0 && r2 <= kDomeReachMm * kDomeReachMm)
-    height += truth.bump_mm * std::exp(-r2 / (2.0 * kDomeSigmaMm * kDomeSigmaMm));
-  if (std::hypot(x_mm - kChipX, s_mm - kChipS) < kChipRadiusMm) height -= truth.chip_mm;
-  if (std::abs(x_mm - kBurrX) < kBurrHalfXMm && std::abs(s_mm - kBurrS) < kBurrHalfSMm) height += truth.burr_mm;
+  if (truth.bump_mm != 0.0 && r2 <= kDomeReach_mm * kDomeReach_mm)
+    height += truth.bump_mm * std::exp(-r2 / (2.0 * kDomeSigma_mm * kDomeSigma_mm));
+  if (std::hypot(x_mm - kChipX, s_mm - kChipS) < kChipRadius_mm) height -= truth.chip_mm;
+  if (std::abs(x_mm - kBurrX) < kBurrHalfX_mm && std::abs(s_mm - kBurrS) < kBurrHalfS_mm) height += truth.burr_mm;
   if (x_mm > kSunkBeyondX) height -= truth.sunk_mm;
   return height;
 }
@@ -95,7 +95,7 @@ double true_flatness_mm(const Recipe& recipe, const BlockTruth& truth) {
 
 Vec3 BlockSurface::direction(double x, double y) const {
   if (projection_ == Projection::parallel) return Vec3::UnitZ();
-  return {x / kPictureDistanceMm, y / kPictureDistanceMm, 1.0};
+  return {x / kPictureDistance_mm, y / kPictureDistance_mm, 1.0};
 }
 
 BlockSurface::Face BlockSurface::seen(const Vec3& n_block, double d_block) const {
@@ -108,7 +108,7 @@ BlockSurface::Face BlockSurface::seen(const Vec3& n_block, double d_block) const
     return {-d / nz, n.x() / nz, n.y() / nz, nz < 0.0};
   }
   const double from_centre = not_zero(d);
-  const double scale = 1.0 / (kPictureDistanceMm * from_centre);
+  const double scale = 1.0 / (kPictureDistance_mm * from_centre);
   return {n.z() / from_centre, n.x() * scale, n.y() * scale, from_centre < 0.0};
 }
 
@@ -175,7 +175,7 @@ Result<BlockSurface> BlockSurface::make(const Recipe& recipe, const BlockTruth& 
     Rim& rim = surface.rims_[i];
     rim.plane = through(n_bearing, centre);
     rim.centre = T_scanner_block * centre;
-    const double magnified = projection == Projection::parallel ? 1.0 : kPictureDistanceMm / rim.centre.z();
+    const double magnified = projection == Projection::parallel ? 1.0 : kPictureDistance_mm / rim.centre.z();
     rim.picture_x = magnified * rim.centre.x();
     rim.picture_y = magnified * rim.centre.y();
     // The margin of a fifth of the rim covers the slant of the rays.
@@ -210,11 +210,11 @@ double BlockSurface::clutter_depth_mm(double x, double y) const {
   };
   if (has_value(truth_.glove_s_mm)) {
     const Vec3 centre = on_section(truth_.slope_rad, truth_.glove_s_mm, 0.0);
-    meet((from - centre).cwiseQuotient(kGloveHalfMm), along.cwiseQuotient(kGloveHalfMm));
+    meet((from - centre).cwiseQuotient(kGloveHalf_mm), along.cwiseQuotient(kGloveHalf_mm));
   }
   if (has_value(truth_.cable_x_mm)) {
-    const Vec3 f = (from - Vec3(truth_.cable_x_mm, 0.0, kCableAxisZMm)) / kCableRadiusMm;
-    const Vec3 a = along / kCableRadiusMm;
+    const Vec3 f = (from - Vec3(truth_.cable_x_mm, 0.0, kCableAxisZ_mm)) / kCableRadius_mm;
+    const Vec3 a = along / kCableRadius_mm;
     meet(Vec3(f.x(), 0.0, f.z()), Vec3(a.x(), 0.0, a.z()));
   }
   return nearest;

@@ -65,7 +65,7 @@ struct BlockTruth {
 
 enum class Projection : std::uint8_t { parallel, perspective };
 /// Distance at which a perspective picture is as large as a parallel one: the nominal stand-off.
-inline constexpr double kPictureDistanceMm = 600.0;
+inline constexpr double kPictureDistance_mm = 600.0;
 
 /// The visible surface of one block, in the scanner frame.
 class BlockSurface {

@@ -9,7 +9,7 @@
 namespace slabd::simulate {
 namespace {
 
-constexpr double kFootMm = 6.0;
+constexpr double kFoot_mm = 6.0;
 /// Area where the block hides its own foot, or where the slab top could count as a fillet.
 constexpr double kTopClearX = 112.0;
 constexpr double kTopClearY = 247.0;
@@ -52,7 +52,7 @@ double ConcreteTruth::value(ItemId id) const {
 }
 
 ConcreteBlock::ConcreteBlock(const Recipe& recipe, const ConcreteOrder& order)
-    : recipe_(recipe), order_(order), field_(kHalfXMm, kHalfYMm, order.node_mm) {
+    : recipe_(recipe), order_(order), field_(kHalfX_mm, kHalfY_mm, order.node_mm) {
   face_.assign(field_.columns() * field_.rows(), ConcreteFace::slab_top);
   gloss_.assign(face_.size(), 0);
   truth_.block = with_defects(order.truth, order.defects);
@@ -95,18 +95,18 @@ void ConcreteBlock::level_top(const std::function<bool(double, double)>& seen) {
   if (strength(Effect::relief) == 0.0) return;
   constexpr double kStep = 2.0;
   PlaneSums sums;
-  for (double y = -kHalfYMm; y <= kHalfYMm; y += kStep)
-    for (double x = -kHalfXMm; x <= kHalfXMm; x += kStep) {
+  for (double y = -kHalfY_mm; y <= kHalfY_mm; y += kStep)
+    for (double x = -kHalfX_mm; x <= kHalfX_mm; x += kStep) {
       if (std::abs(x) <= kTopClearX && std::abs(y) <= kTopClearY) continue;
       if (face_[field_.nearest(x, y)] == ConcreteFace::slab_top && seen(x, y)) sums.add(x, y, relief_.at(x, y));
     }
-  const Vec3 plane = kReliefMm * strength(Effect::relief) * sums.plane();
+  const Vec3 plane = kRelief_mm * strength(Effect::relief) * sums.plane();
   for (std::size_t row = 0; row < field_.rows(); ++row)
     for (std::size_t column = 0; column < field_.columns(); ++column) {
       const std::size_t node = field_.index(column, row);
       // The fillet at the foot follows the slab top's relief.
       const bool at_foot =
-          face_[node] == ConcreteFace::edge && field_.z(node) < static_cast<float>(top_z_mm_ + kFootMm);
+          face_[node] == ConcreteFace::edge && field_.z(node) < static_cast<float>(top_z_mm_ + kFoot_mm);
       if (face_[node] == ConcreteFace::slab_top || at_foot)
         field_.z(node) -= static_cast<float>(plane.dot(Vec3(1.0, field_.x_mm(column), field_.y_mm(row))));
     }

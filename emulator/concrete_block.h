@@ -152,8 +152,8 @@ inline constexpr std::uint8_t kClump = 4;   ///< no return
 class ConcreteBlock {
  public:
   /// Half sizes of the height field: larger than the field of view at the slab top, tilted and off centre.
-  static constexpr double kHalfXMm = 220.0;
-  static constexpr double kHalfYMm = 315.0;
+  static constexpr double kHalfX_mm = 220.0;
+  static constexpr double kHalfY_mm = 315.0;
 
   /// Takes about 0.5 s. The same order gives the same bits.
   [[nodiscard]] static ConcreteBlock cast(const Recipe& recipe, const ConcreteOrder& order);
@@ -183,7 +183,7 @@ class ConcreteBlock {
   [[nodiscard]] std::uint64_t seed_of(Effect effect, std::uint64_t which = 0) const;
   [[nodiscard]] double strength(Effect effect) const { return order_.effects[effect]; }
   /// Standard deviation of the relief at strength 1.
-  static constexpr double kReliefMm = 0.15;
+  static constexpr double kRelief_mm = 0.15;
 
   [[nodiscard]] double seat_z(double x_mm, double y_mm) const;
   /// Coordinate s of the point on the bearing plane over (x, y).

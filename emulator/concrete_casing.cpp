@@ -10,21 +10,21 @@
 namespace slabd::simulate {
 namespace {
 
-constexpr double kRimTiltDeg = 0.15;
-constexpr double kRimEdgeMm = 0.4;
+constexpr double kRimTilt_deg = 0.15;
+constexpr double kRimEdge_mm = 0.4;
 constexpr double kSlurryShare = 0.15;
-constexpr double kSlurryMinMm = 0.10;
-constexpr double kSlurryMaxMm = 0.35;
+constexpr double kSlurryMin_mm = 0.10;
+constexpr double kSlurryMax_mm = 0.35;
 constexpr double kDropShare = 0.15;
-constexpr double kPlugDiameterMm = 29.0;
-constexpr double kPlugDepthMm = 2.0;
-constexpr double kCapDiameterMm = 40.0;
-constexpr double kCapHeightMm = 2.0;
-constexpr double kSandMinMm = 4.0;
-constexpr double kSandMaxMm = 10.0;
-constexpr double kWaterMm = 3.0;
-constexpr double kThreadMm = 10.0;
-constexpr double kClumpMm = 3.0;
+constexpr double kPlugDiameter_mm = 29.0;
+constexpr double kPlugDepth_mm = 2.0;
+constexpr double kCapDiameter_mm = 40.0;
+constexpr double kCapHeight_mm = 2.0;
+constexpr double kSandMin_mm = 4.0;
+constexpr double kSandMax_mm = 10.0;
+constexpr double kWater_mm = 3.0;
+constexpr double kThread_mm = 10.0;
+constexpr double kClump_mm = 3.0;
 
 /// Value that `share` of the values exceed.
 double exceeded_by(std::vector<double> values, double share) {
@@ -67,12 +67,12 @@ void ConcreteBlock::set_rim(std::size_t side) {
   Bore& bore = bores_[side];
   Prng random(seed_of(Effect::rim_tilt, side));
   const double turn = 2.0 * kPi * random.uniform();
-  const double tilt = std::tan(rad_from_deg(kRimTiltDeg * strength(Effect::rim_tilt)));
+  const double tilt = std::tan(rad_from_deg(kRimTilt_deg * strength(Effect::rim_tilt)));
   const double per_x = seat_per_x_ + tilt * std::cos(turn);
   const double per_y = seat_per_y_ + tilt * std::sin(turn);
   bore.axis = Vec3(-per_x, -per_y, 1.0).normalized();
   const double rim_radius = 0.5 * recipe_.block.casing_rim_diameter_mm.value;
-  const double edge = kRimEdgeMm * strength(Effect::rim_edge);
+  const double edge = kRimEdge_mm * strength(Effect::rim_edge);
   bore.chamfer_mm = edge;
   const HeightField::Window w = field_.window(bore.centre.x(), bore.centre.y(), rim_radius + 1.0);
   for (std::size_t row = w.row_from; row < w.row_to; ++row)
@@ -95,9 +95,9 @@ void ConcreteBlock::set_rim(std::size_t side) {
 void ConcreteBlock::cover_rim(std::size_t side, double share) {
   const Bore& bore = bores_[side];
   const double rim_radius = 0.5 * recipe_.block.casing_rim_diameter_mm.value;
-  const FieldSize size{rim_radius + 1.0, rim_radius + 1.0, kClumpMm / 4.0};
-  const RasterField splash = RasterField::grain(size, kClumpMm, seed_of(Effect::rim_slurry, side));
-  const RasterField thick = RasterField::grain(size, 2.0 * kClumpMm, seed_of(Effect::rim_slurry, side + 2));
+  const FieldSize size{rim_radius + 1.0, rim_radius + 1.0, kClump_mm / 4.0};
+  const RasterField splash = RasterField::grain(size, kClump_mm, seed_of(Effect::rim_slurry, side));
+  const RasterField thick = RasterField::grain(size, 2.0 * kClump_mm, seed_of(Effect::rim_slurry, side + 2));
   const auto each = [&](const auto& visit) {
     const HeightField::Window w = field_.window(bore.centre.x(), bore.centre.y(), rim_radius + 1.0);
     for (std::size_t row = w.row_from; row < w.row_to; ++row)
@@ -118,7 +118,7 @@ void ConcreteBlock::cover_rim(std::size_t side, double share) {
   each([&](std::size_t node, double dx, double dy, double wet) {
     if (wet <= limit) return;
     const double part = std::clamp(0.5 + 0.25 * thick.at(dx, dy), 0.0, 1.0);
-    field_.z(node) += static_cast<float>(kSlurryMinMm + part * (kSlurryMaxMm - kSlurryMinMm));
+    field_.z(node) += static_cast<float>(kSlurryMin_mm + part * (kSlurryMax_mm - kSlurryMin_mm));
     face_[node] = ConcreteFace::edge;
     ++covered;
   });
@@ -129,7 +129,7 @@ void ConcreteBlock::drop_rim(std::size_t side, double share) {
   const Bore& bore = bores_[side];
   const ConcreteFace rim = side == 0 ? ConcreteFace::rim_inner : ConcreteFace::rim_outer;
   const double reach = 0.5 * recipe_.block.casing_rim_diameter_mm.value + 1.0;
-  const RasterField clumps = RasterField::grain({reach, reach, 0.5}, kClumpMm, seed_of(Effect::rim_drop, side));
+  const RasterField clumps = RasterField::grain({reach, reach, 0.5}, kClump_mm, seed_of(Effect::rim_drop, side));
   const HeightField::Window w = field_.window(bore.centre.x(), bore.centre.y(), reach);
   std::vector<double> values;
   const auto each = [&](const auto& visit) {
@@ -152,29 +152,29 @@ void ConcreteBlock::fill_bore(std::size_t side) {
   // Up to strength 1 only the outer casing is affected.
   const auto has = [&](Effect effect) { return strength(effect) > (side == 1 ? 0.0 : 1.0); };
   Prng random(seed_of(Effect::dirt, side));
-  if (strength(Effect::thread) > 0.0) bore.thread_depth_mm = kThreadMm * strength(Effect::thread);
+  if (strength(Effect::thread) > 0.0) bore.thread_depth_mm = kThread_mm * strength(Effect::thread);
   if (strength(Effect::bore_water) > 0.0) {
     bore.content = Bore::Content::water;
-    bore.level_mm = kWaterMm;
+    bore.level_mm = kWater_mm;
   }
   if (strength(Effect::dirt) > 0.0) {
     bore.content = Bore::Content::sand;
-    bore.level_mm = kSandMinMm + (kSandMaxMm - kSandMinMm) * random.uniform();
+    bore.level_mm = kSandMin_mm + (kSandMax_mm - kSandMin_mm) * random.uniform();
   }
   if (has(Effect::plug)) {
     bore.content = Bore::Content::plug;
-    bore.level_mm = kPlugDepthMm;
+    bore.level_mm = kPlugDepth_mm;
   }
   if (!has(Effect::cap)) return;
   bore.content = Bore::Content::cap;
-  const HeightField::Window w = field_.window(bore.centre.x(), bore.centre.y(), 0.5 * kCapDiameterMm);
+  const HeightField::Window w = field_.window(bore.centre.x(), bore.centre.y(), 0.5 * kCapDiameter_mm);
   for (std::size_t row = w.row_from; row < w.row_to; ++row)
     for (std::size_t column = w.column_from; column < w.column_to; ++column) {
       const double dx = field_.x_mm(column) - bore.centre.x();
       const double dy = field_.y_mm(row) - bore.centre.y();
-      if (std::hypot(dx, dy) >= 0.5 * kCapDiameterMm) continue;
+      if (std::hypot(dx, dy) >= 0.5 * kCapDiameter_mm) continue;
       const std::size_t node = field_.index(column, row);
-      field_.z(node) = static_cast<float>(bore.centre.z() + kCapHeightMm -
+      field_.z(node) = static_cast<float>(bore.centre.z() + kCapHeight_mm -
                                           (bore.axis.x() * dx + bore.axis.y() * dy) / bore.axis.z());
       face_[node] = ConcreteFace::cap;
       gloss_[node] = 0;

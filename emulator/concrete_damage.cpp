@@ -10,13 +10,13 @@
 namespace slabd::simulate {
 namespace {
 
-constexpr double kBowlHalfMm = 15.0;
-constexpr double kBowHalfXMm = 95.0;
-constexpr double kBowHalfSMm = 60.0;
+constexpr double kBowlHalf_mm = 15.0;
+constexpr double kBowHalfX_mm = 95.0;
+constexpr double kBowHalfS_mm = 60.0;
 /// Roughness of broken concrete.
-constexpr double kBreakRoughMm = 0.5;
-constexpr double kBreakGrainMm = 3.0;
-constexpr double kCrackDepthMm = 3.0;
+constexpr double kBreakRough_mm = 0.5;
+constexpr double kBreakGrain_mm = 3.0;
+constexpr double kCrackDepth_mm = 3.0;
 
 double bell(double r, double half) {
   return std::abs(r) < half ? 0.5 * (1.0 + std::cos(kPi * r / half)) : 0.0;
@@ -58,16 +58,16 @@ void ConcreteBlock::put_defects() {
   const EvaluationSettings& e = recipe_.evaluation;
   for (const ConcreteDefect& defect : order_.defects) {
     Prng random(derived_seed(order_.seed, 500 + static_cast<std::uint64_t>(defect.kind), 0));
-    const auto in_crop = [&](double half) { return (2.0 * random.uniform() - 1.0) * (half - kBowlHalfMm); };
+    const auto in_crop = [&](double half) { return (2.0 * random.uniform() - 1.0) * (half - kBowlHalf_mm); };
     const double x = in_crop(e.crop_half_x_mm);
     const double y = in_crop(e.crop_half_s_mm);
     if (defect.kind == ConcreteDefectKind::depression || defect.kind == ConcreteDefectKind::hump) {
       const double height = defect.kind == ConcreteDefectKind::hump ? defect.size : -defect.size;
-      stamp(x, y, kBowlHalfMm, [&](double dx, double dy) { return height * bell(std::hypot(dx, dy), kBowlHalfMm); });
+      stamp(x, y, kBowlHalf_mm, [&](double dx, double dy) { return height * bell(std::hypot(dx, dy), kBowlHalf_mm); });
     } else if (defect.kind == ConcreteDefectKind::bow) {
       // The bell ends within the evaluation region along s, so that its whole height is in the region.
-      stamp(0.0, 0.0, kBowHalfXMm,
-            [&](double dx, double dy) { return defect.size * bell(dx, kBowHalfXMm) * bell(dy, kBowHalfSMm); });
+      stamp(0.0, 0.0, kBowHalfX_mm,
+            [&](double dx, double dy) { return defect.size * bell(dx, kBowHalfX_mm) * bell(dy, kBowHalfS_mm); });
     }
   }
 }
@@ -80,8 +80,8 @@ void ConcreteBlock::put_damage() {
     const double shoulder = recipe_.block.shoulder_outer_z_mm.value;
     const double tan_draft = std::tan(recipe_.block.draft_rad.value);
     const double sign = random.uniform() < 0.5 ? -1.0 : 1.0;
-    const RasterField rough = RasterField::grain({40.0, 40.0, 0.5}, kBreakGrainMm, random.next());
-    const auto roughness = [&](double dx, double dy) { return kBreakRoughMm * rough.at(dx, dy); };
+    const RasterField rough = RasterField::grain({40.0, 40.0, 0.5}, kBreakGrain_mm, random.next());
+    const auto roughness = [&](double dx, double dy) { return kBreakRough_mm * rough.at(dx, dy); };
     // Lowers the surface to `floor(dx, dy)` where it is higher.
     const auto break_out = [&](double x, double y, double half, const auto& floor) {
       double deepest = 0.0;
@@ -135,10 +135,10 @@ void ConcreteBlock::put_damage() {
         // The crack crosses the whole seat, within the evaluation region.
         const double y = (2.0 * random.uniform() - 1.0) * 50.0;
         const EdgeVariation course(random.next());
-        mark({MarkKind::crack, 0.0, y, 0.0, 2.0 * end, size, kCrackDepthMm, true});
+        mark({MarkKind::crack, 0.0, y, 0.0, 2.0 * end, size, kCrackDepth_mm, true});
         stamp(0.0, y, end, [&](double dx, double dy) {
           const double off = std::abs(dy - 4.0 * course.at(dx));
-          return off < 0.5 * size ? -kCrackDepthMm * (1.0 - off / (0.5 * size)) : 0.0;
+          return off < 0.5 * size ? -kCrackDepth_mm * (1.0 - off / (0.5 * size)) : 0.0;
         });
         break;
       }
@@ -174,25 +174,25 @@ void ConcreteBlock::put_damage() {
 namespace {
 
 constexpr double kPores = 80.0;
-constexpr double kPoreMedianMm = 1.0;
+constexpr double kPoreMedian_mm = 1.0;
 constexpr double kPoreSigma = 0.55;
-constexpr double kPoreMinMm = 0.5;
-constexpr double kPoreMaxMm = 8.0;
-constexpr double kPoreDepthMaxMm = 3.0;
+constexpr double kPoreMin_mm = 0.5;
+constexpr double kPoreMax_mm = 8.0;
+constexpr double kPoreDepthMax_mm = 3.0;
 constexpr double kBurrs = 12.0;
-constexpr double kBurrMaxMm = 0.6;
-constexpr double kFinMm = 0.10;
-constexpr double kFinWidthMm = 0.8;
+constexpr double kBurrMax_mm = 0.6;
+constexpr double kFin_mm = 0.10;
+constexpr double kFinWidth_mm = 0.8;
 constexpr double kFinShare = 0.6;
 constexpr double kDustGrains = 300.0;
-constexpr double kDustFilmMm = 0.02;
+constexpr double kDustFilm_mm = 0.02;
 constexpr double kDrops = 6.0;
-constexpr double kStrapWidthMm = 15.0;
-constexpr double kStrapMm = 2.0;
-constexpr double kFilmMm = 0.03;
-constexpr double kChalkMm = 0.03;
-constexpr double kChalkStepMm = 0.02;
-constexpr double kChalkHalfMm = 4.0;
+constexpr double kStrapWidth_mm = 15.0;
+constexpr double kStrap_mm = 2.0;
+constexpr double kFilm_mm = 0.03;
+constexpr double kChalk_mm = 0.03;
+constexpr double kChalkStep_mm = 0.02;
+constexpr double kChalkHalf_mm = 4.0;
 /// Half size of the area of the block over which marks are scattered.
 constexpr double kStrewnX = 98.0;
 constexpr double kStrewnY = 232.0;
@@ -224,7 +224,7 @@ void ConcreteBlock::put_form() {
         const double r = std::hypot(dx / half_x, dy / half_y);
         if (r >= 1.0) return 0.0;
         gloss_[field_.nearest(x + dx, y + dy)] |= kGlossy;
-        return kFilmMm * film * std::min(1.0, 5.0 * (1.0 - r));
+        return kFilm_mm * film * std::min(1.0, 5.0 * (1.0 - r));
       });
     }
   }
@@ -237,9 +237,9 @@ void ConcreteBlock::put_form() {
       const double off = std::abs(dx - lean * dy);
       // The scanner measures a step of the reflectivity as a step of the height: up on the dark side, down on the
       // light.
-      if (off < kChalkHalfMm - 0.5) return kChalkMm * chalk;
-      if (off < kChalkHalfMm) return (kChalkMm - kChalkStepMm) * chalk;
-      return off < kChalkHalfMm + 0.5 ? kChalkStepMm * chalk : 0.0;
+      if (off < kChalkHalf_mm - 0.5) return kChalk_mm * chalk;
+      if (off < kChalkHalf_mm) return (kChalk_mm - kChalkStep_mm) * chalk;
+      return off < kChalkHalf_mm + 0.5 ? kChalkStep_mm * chalk : 0.0;
     });
   }
 }
@@ -259,8 +259,8 @@ void ConcreteBlock::put_pores() {
   for (int i = 0; i < count; ++i) {
     const double x = between(random, -kStrewnX, kStrewnX);
     const double y = between(random, -kStrewnY, kStrewnY);
-    const double size = std::clamp(kPoreMedianMm * std::exp(kPoreSigma * random.normal()), kPoreMinMm, kPoreMaxMm);
-    const double depth = std::min(size * between(random, 0.25, 0.5), kPoreDepthMaxMm);
+    const double size = std::clamp(kPoreMedian_mm * std::exp(kPoreSigma * random.normal()), kPoreMin_mm, kPoreMax_mm);
+    const double depth = std::min(size * between(random, 0.25, 0.5), kPoreDepthMax_mm);
     const double long_way = between(random, 1.0, 1.25);
     const double turn = between(random, 0.0, kPi);
     const double steepness = between(random, 0.35, 0.8);  // of the rim: 0.5 is half of an ellipsoid
@@ -284,7 +284,7 @@ void ConcreteBlock::put_burrs() {
   for (int i = 0; i < count_of(kBurrs, 1.0); ++i) {
     const double x = between(random, -kStrewnX, kStrewnX);
     const double y = between(random, -kStrewnY, kStrewnY);
-    const double height = std::min(burrs * between(random, 0.1, 0.3), kBurrMaxMm);
+    const double height = std::min(burrs * between(random, 0.1, 0.3), kBurrMax_mm);
     const double width = between(random, 1.0, 4.0);
     if (over_rim(x, y, width)) continue;
     mark({MarkKind::burr, x, y, 0.0, width, width, -height, false});
@@ -304,13 +304,13 @@ void ConcreteBlock::put_fin(Effect effect) {
   for (double y = -kSeatHalfY; y < kSeatHalfY; y += 1.0) values.push_back(presence.at(y));
   std::sort(values.begin(), values.end());
   const double limit = values[static_cast<std::size_t>((1.0 - kFinShare) * static_cast<double>(values.size()))];
-  const HeightField::Window w = field_.window(x - kFinWidthMm, x + kFinWidthMm, -kSeatHalfY, kSeatHalfY);
+  const HeightField::Window w = field_.window(x - kFinWidth_mm, x + kFinWidth_mm, -kSeatHalfY, kSeatHalfY);
   for (std::size_t row = w.row_from; row < w.row_to; ++row) {
     const double y = field_.y_mm(row);
-    if (presence.at(y) < limit || over_rim(x, y, kFinWidthMm)) continue;
+    if (presence.at(y) < limit || over_rim(x, y, kFinWidth_mm)) continue;
     for (std::size_t column = w.column_from; column < w.column_to; ++column) {
-      const double off = std::abs(field_.x_mm(column) - x) / (0.5 * kFinWidthMm);
-      if (off < 1.0) field_.z(field_.index(column, row)) += static_cast<float>(kFinMm * fin * (1.0 - off));
+      const double off = std::abs(field_.x_mm(column) - x) / (0.5 * kFinWidth_mm);
+      if (off < 1.0) field_.z(field_.index(column, row)) += static_cast<float>(kFin_mm * fin * (1.0 - off));
     }
   }
 }
@@ -329,14 +329,14 @@ void ConcreteBlock::put_dust() {
     const double height = std::min(0.7 * size, volume / node2);
     stamp(x, y, std::max(0.5 * size, 0.5 * field_.step_mm()), [&](double, double) { return height; });
   }
-  const RasterField film = RasterField::waves({kHalfXMm, kHalfYMm, 2.0}, 20.0, 120.0, 16, random.next());
+  const RasterField film = RasterField::waves({kHalfX_mm, kHalfY_mm, 2.0}, 20.0, 120.0, 16, random.next());
   const HeightField::Window w = field_.window(-kStrewnX, kStrewnX, -kStrewnY, kStrewnY);
   for (std::size_t row = w.row_from; row < w.row_to; ++row)
     for (std::size_t column = w.column_from; column < w.column_to; ++column) {
       const std::size_t node = field_.index(column, row);
       if (face_[node] == ConcreteFace::seat)
         field_.z(node) += static_cast<float>(
-            kDustFilmMm * dust * std::clamp(film.at(field_.x_mm(column), field_.y_mm(row)) - 1.0, 0.0, 1.0));
+            kDustFilm_mm * dust * std::clamp(film.at(field_.x_mm(column), field_.y_mm(row)) - 1.0, 0.0, 1.0));
     }
 }
 
@@ -361,14 +361,14 @@ void ConcreteBlock::put_drops() {
 
 void ConcreteBlock::put_strap(Effect effect) {
   Prng random(seed_of(effect));
-  const double half = 0.5 * kStrapWidthMm;
+  const double half = 0.5 * kStrapWidth_mm;
   const double aside = effect == Effect::strap ? between(random, 70.0 + half, 95.0 - half) : between(random, 0.0, 40.0);
   const double x = random.uniform() < 0.5 ? -aside : aside;
   const HeightField::Window w = field_.window(x - half, x + half, -kSeatHalfY, kSeatHalfY);
   for (std::size_t row = w.row_from; row < w.row_to; ++row)
     for (std::size_t column = w.column_from; column < w.column_to; ++column) {
       const std::size_t node = field_.index(column, row);
-      field_.z(node) = static_cast<float>(seat_z(field_.x_mm(column), field_.y_mm(row)) + kStrapMm * strength(effect));
+      field_.z(node) = static_cast<float>(seat_z(field_.x_mm(column), field_.y_mm(row)) + kStrap_mm * strength(effect));
       face_[node] = ConcreteFace::strap;
     }
 }

@@ -10,26 +10,26 @@
 namespace slabd::simulate {
 namespace {
 
-constexpr double kWaveStepMm = 2.0;
-constexpr double kGrainStepMm = 0.5;
+constexpr double kWaveStep_mm = 2.0;
+constexpr double kGrainStep_mm = 0.5;
 /// Jaw/shoulder, seat/jaw, seat/jaw, jaw/shoulder, slab top.
-constexpr std::array kFilletMm = {3.0, 4.0, 4.0, 3.0, 6.0};
-constexpr double kFilletTopMm = kFilletMm[4];
+constexpr std::array kFillet_mm = {3.0, 4.0, 4.0, 3.0, 6.0};
+constexpr double kFilletTop_mm = kFillet_mm[4];
 constexpr double kFilletScatter = 0.25;
-constexpr double kChamferMm = 4.0;
+constexpr double kChamfer_mm = 4.0;
 constexpr double kWearShare = 0.4;
 /// Smallest size of a worn edge, as a share.
 constexpr double kWornLeast = 0.1;
-constexpr double kGrainMm = 0.010;
-constexpr double kGrainLengthMm = 2.0;
-constexpr double kWavePeakToValleyMm = 0.03;
-constexpr double kOutlineScatterMm = 0.4;
-constexpr double kCasingAlongMm = 0.08;
-constexpr double kRollDeg = 0.02;
+constexpr double kGrain_mm = 0.010;
+constexpr double kGrainLength_mm = 2.0;
+constexpr double kWavePeakToValley_mm = 0.03;
+constexpr double kOutlineScatter_mm = 0.4;
+constexpr double kCasingAlong_mm = 0.08;
+constexpr double kRoll_deg = 0.02;
 /// The relief of a shoulder rises from zero at its edge to full height over this distance.
-constexpr double kReliefFadeMm = 8.0;
+constexpr double kReliefFade_mm = 8.0;
 /// Distance from the ends of a jaw that is left out when its waviness is levelled.
-constexpr double kJawEndMm = 8.0;
+constexpr double kJawEnd_mm = 8.0;
 /// The corner that a defect breaks out of the block, as in BlockSurface.
 constexpr double kCornerX = 57.0;
 constexpr double kCornerY = 155.0;
@@ -79,15 +79,15 @@ void ConcreteBlock::shape(Faces& f) {
   const BlockTruth& truth = truth_.block;
   const double cast = strength(Effect::cast);
   Prng random(seed_of(Effect::cast));
-  const auto off = [&] { return within(random, cast * kOutlineScatterMm); };
+  const auto off = [&] { return within(random, cast * kOutlineScatter_mm); };
   f.sharp.shoulder_inner = {b.shoulder_inner_z_mm.value + off(), 0.0};
   f.sharp.shoulder_outer = {b.shoulder_outer_z_mm.value + off(), 0.0};
   for (double& half : f.half_x) half = b.end_half_length_mm.value + off();
   for (double& half : f.half_y) half = b.side_half_width_mm.value + off();
   top_z_mm_ = b.slab_top_z_mm.value + truth.slab_top_shift_mm + off();
-  truth_.roll_rad = rad_from_deg(within(random, cast * kRollDeg));
+  truth_.roll_rad = rad_from_deg(within(random, cast * kRoll_deg));
   // The casings move in opposite directions, so that their midpoint, the seat's reference point, remains in place.
-  bores_[1].centre.x() = within(random, cast * kCasingAlongMm);
+  bores_[1].centre.x() = within(random, cast * kCasingAlong_mm);
   bores_[0].centre.x() = -bores_[1].centre.x();
   f.tan_draft = std::tan(b.draft_rad.value);
   f.chamfer_fall = std::cos(b.draft_rad.value) / (1.0 + std::sin(b.draft_rad.value));
@@ -113,8 +113,8 @@ void ConcreteBlock::round_edges(Faces& f) {
   Prng random(seed_of(Effect::fillet));
   std::array<double, 5>& radius = truth_.fillet_mm;
   for (std::size_t i = 0; i < radius.size(); ++i)
-    radius[i] = kFilletMm[i] * strength(Effect::fillet) * (1.0 + within(random, kFilletScatter));
-  truth_.chamfer_mm = kChamferMm * strength(Effect::chamfer);
+    radius[i] = kFillet_mm[i] * strength(Effect::fillet) * (1.0 + within(random, kFilletScatter));
+  truth_.chamfer_mm = kChamfer_mm * strength(Effect::chamfer);
   const double worn = kWearShare * strength(Effect::wear);
   const auto course = [&](std::uint64_t which) { return EdgeVariation(seed_of(Effect::wear, which)); };
   const auto factor = [&](const EdgeVariation& variation, double t) {
@@ -149,7 +149,7 @@ void ConcreteBlock::round_edges(Faces& f) {
 }
 
 void ConcreteBlock::texture(Faces& f) {
-  const FieldSize smooth{kHalfXMm, kHalfYMm, kWaveStepMm};
+  const FieldSize smooth{kHalfX_mm, kHalfY_mm, kWaveStep_mm};
   if (strength(Effect::wave) != 0.0) {
     f.wave = RasterField::waves(smooth, 50.0, 150.0, 16, seed_of(Effect::wave));
     double low = 0.0;
@@ -159,12 +159,12 @@ void ConcreteBlock::texture(Faces& f) {
         low = std::min(low, f.wave.at(x, y));
         high = std::max(high, f.wave.at(x, y));
       }
-    f.wave_mm = kWavePeakToValleyMm * strength(Effect::wave) / (high - low);
+    f.wave_mm = kWavePeakToValley_mm * strength(Effect::wave) / (high - low);
   }
-  f.grain_mm = kGrainMm * strength(Effect::grain);
+  f.grain_mm = kGrain_mm * strength(Effect::grain);
   if (f.grain_mm != 0.0)
-    f.grain = RasterField::grain({kHalfXMm, kHalfYMm, kGrainStepMm}, kGrainLengthMm, seed_of(Effect::grain));
-  f.relief_mm = kReliefMm * strength(Effect::relief);
+    f.grain = RasterField::grain({kHalfX_mm, kHalfY_mm, kGrainStep_mm}, kGrainLength_mm, seed_of(Effect::grain));
+  f.relief_mm = kRelief_mm * strength(Effect::relief);
   if (f.relief_mm != 0.0) relief_ = RasterField::waves(smooth, 60.0, 200.0, 24, seed_of(Effect::relief));
 }
 
@@ -206,7 +206,7 @@ ConcreteBlock::Node ConcreteBlock::block_node(const Faces& f, std::size_t column
   } else if (node.face == ConcreteFace::shoulder_inner || node.face == ConcreteFace::shoulder_outer) {
     const bool outer = node.face == ConcreteFace::shoulder_outer;
     const double from = outer ? y - section.arcs[3].to : section.arcs[0].from - y;
-    node.added = f.relief_mm * std::min(1.0, from / kReliefFadeMm) * relief_.at(x, y) + f.grain_mm * f.grain.at(x, y);
+    node.added = f.relief_mm * std::min(1.0, from / kReliefFade_mm) * relief_.at(x, y) + f.grain_mm * f.grain.at(x, y);
   }
   if (node.z >= top_z_mm_) return node;
   return {top_z_mm_, 0.0, ConcreteFace::slab_top};
@@ -249,7 +249,7 @@ void ConcreteBlock::cast_faces() {
         node = {top_z_mm_ - recipe_.slab.thickness_mm.value, 0.0, ConcreteFace::beyond};
       } else if (truth.present) {
         node = block_node(f, column, row);
-        if (node.z < top_z_mm_ + 8.0 * kFilletTopMm) round_foot(f, column, row, node);
+        if (node.z < top_z_mm_ + 8.0 * kFilletTop_mm) round_foot(f, column, row, node);
       }
       if (node.face == ConcreteFace::slab_top)
         node.added = f.relief_mm * relief_.at(x, y) + f.grain_mm * f.grain.at(x, y);
@@ -281,7 +281,7 @@ void ConcreteBlock::remove_planes(std::vector<float>& added) const {
     const auto h = static_cast<double>(more);
     if (face == ConcreteFace::seat && std::abs(x) <= e.crop_half_x_mm && std::abs(along_seat(x, y)) <= e.crop_half_s_mm)
       seat.add(x, y, h);
-    if (is_jaw(face) && std::abs(x) < recipe_.block.end_half_length_mm.value - kJawEndMm)
+    if (is_jaw(face) && std::abs(x) < recipe_.block.end_half_length_mm.value - kJawEnd_mm)
       jaws[jaw_of(face)].add(x, y - jaw_corners_[jaw_of(face)].y(), h);
   });
   const Vec3 level = seat.plane();

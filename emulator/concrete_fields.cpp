@@ -104,10 +104,10 @@ namespace {
 
 constexpr std::size_t kTileNodes = 16;
 /// Height by which a surface point is lifted for the visibility test, so that it does not hide itself.
-constexpr double kLiftMm = 0.02;
+constexpr double kLift_mm = 0.02;
 /// Rays steeper than this count as this slanted when a step is chosen.
 constexpr double kSlantMin = 1e-4;
-constexpr double kOnSurfaceMm = 1e-6;
+constexpr double kOnSurface_mm = 1e-6;
 constexpr int kSecantsMax = 40;
 
 }  // namespace
@@ -198,7 +198,7 @@ double HeightField::first_met(const Vec3& from, const Vec3& along) const {
   const double tile_t = (static_cast<double>(kTileNodes) - 1.0) * step_mm_ / aside;
   const double node_t = step_mm_ / aside;
   const double last_t = (from.z() - lowest_mm_ + 1.0) / down;
-  double t = std::max(0.0, (from.z() - highest_mm_ - kLiftMm) / down);
+  double t = std::max(0.0, (from.z() - highest_mm_ - kLift_mm) / down);
   double above_t = t;
   double above = from.z() - down * t - height_mm(from.x() + along.x() * t, from.y() + along.y() * t);
   if (above < 0.0) return kNoValue;
@@ -225,7 +225,7 @@ double HeightField::first_met(const Vec3& from, const Vec3& along) const {
   for (int i = 0; i < kSecantsMax; ++i) {
     t = above_t + (below_t - above_t) * above / (above - below);
     const double gap = from.z() - down * t - height_mm(from.x() + along.x() * t, from.y() + along.y() * t);
-    if (std::abs(gap) < kOnSurfaceMm || below_t - above_t < kOnSurfaceMm) break;
+    if (std::abs(gap) < kOnSurface_mm || below_t - above_t < kOnSurface_mm) break;
     if (gap > 0.0) {
       above_t = t;
       above = gap;
@@ -253,7 +253,7 @@ bool HeightField::sees(const Vec3& eye, const Vec3& point) const {
   while (t < free_t) {
     const double x = point.x() + along.x() * t;
     const double y = point.y() + along.y() * t;
-    const double z = point.z() + up * t + kLiftMm;
+    const double z = point.z() + up * t + kLift_mm;
     if (z >= highest_near(x, y)) {
       t += tile_t;
       continue;

@@ -9,15 +9,15 @@
 namespace slabd::simulate {
 namespace {
 
-constexpr double kBaseMm = 260.0;
+constexpr double kBase_mm = 260.0;
 constexpr double kUnevenShare = 0.002;
-constexpr double kInterMm = 0.10;
-constexpr double kInterLengthMm = 2.0;
+constexpr double kInter_mm = 0.10;
+constexpr double kInterLength_mm = 2.0;
 /// A sharp corner is this share of its fillet's radius away from the fillet (two faces at 110 degrees).
 constexpr double kCornerToFillet = 0.22;
-constexpr double kPlugDiameterMm = 29.0;
-constexpr double kThreadPitchMm = 3.0;
-constexpr double kThreadMm = 0.4;
+constexpr double kPlugDiameter_mm = 29.0;
+constexpr double kThreadPitch_mm = 3.0;
+constexpr double kThread_mm = 0.4;
 constexpr double kThreadShare = 0.6;
 
 double unit(std::uint64_t bits) {
@@ -35,7 +35,7 @@ ConcreteOptics::ConcreteOptics(const ConcreteOrder& order, const Pose& T_scanner
   // The cameras are on both sides of the projector, along the rail or across it.
   const bool across = random.uniform() < 0.5;
   const double projector_aside = 40.0 * (2.0 * random.uniform() - 1.0);
-  const Vec3 base = across ? Vec3(0.0, 0.5 * kBaseMm, 0.0) : Vec3(0.5 * kBaseMm, 0.0, 0.0);
+  const Vec3 base = across ? Vec3(0.0, 0.5 * kBase_mm, 0.0) : Vec3(0.5 * kBase_mm, 0.0, 0.0);
   const Vec3 projector = across ? Vec3(projector_aside, 0.0, 0.0) : Vec3(0.0, projector_aside, 0.0);
   eyes_block_ = {T_block_scanner_ * projector, T_block_scanner_ * base, T_block_scanner_ * Vec3(-base)};
   if (effects_[Effect::grid_left] > 0.0) origin_ = -base;
@@ -50,13 +50,13 @@ Vec3 ConcreteOptics::ray(std::size_t column, std::size_t row) const {
   const double r2 = u * u + v * v;
   const double x = 0.5 * scanner_.field_x_mm * (u + bend_[0] * u * r2 + bend_[1] * u * v);
   const double y = 0.5 * scanner_.field_y_mm * (v + bend_[2] * v * r2 + bend_[3] * u * v);
-  return Vec3((x - origin_.x()) / kPictureDistanceMm, (y - origin_.y()) / kPictureDistanceMm, 1.0);
+  return Vec3((x - origin_.x()) / kPictureDistance_mm, (y - origin_.y()) / kPictureDistance_mm, 1.0);
 }
 
 bool ConcreteOptics::in_view(const ConcreteBlock& block, const Vec3& p_block) const {
   const Vec3 p = T_scanner_block_ * p_block - origin_;
-  const double x = p.x() / p.z() * kPictureDistanceMm + origin_.x();
-  const double y = p.y() / p.z() * kPictureDistanceMm + origin_.y();
+  const double x = p.x() / p.z() * kPictureDistance_mm + origin_.x();
+  const double y = p.y() / p.z() * kPictureDistance_mm + origin_.y();
   return std::abs(x) < 0.5 * scanner_.field_x_mm && std::abs(y) < 0.5 * scanner_.field_y_mm &&
          block.field().sees(origin_block_, p_block) && eyes_see(block, p_block);
 }
@@ -99,8 +99,8 @@ Seen ConcreteOptics::look(const ConcreteBlock& block, std::size_t column, std::s
     const Vec3& corner = block.jaw_corners()[side];
     const double off = std::hypot(p.y() - corner.y(), p.z() - corner.z());
     const double from_fillet = std::max(0.0, off - kCornerToFillet * block.truth().fillet_mm[side + 1]);
-    if (from_fillet < 8.0 * kInterLengthMm)
-      seen.nearer = static_cast<float>(kInterMm * effects_[Effect::inter] * std::exp(-from_fillet / kInterLengthMm));
+    if (from_fillet < 8.0 * kInterLength_mm)
+      seen.nearer = static_cast<float>(kInter_mm * effects_[Effect::inter] * std::exp(-from_fillet / kInterLength_mm));
   }
   if (!eyes_see(block, p)) seen.t = std::numeric_limits<float>::quiet_NaN();
   meet_clutter(block, along, seen);
@@ -131,7 +131,7 @@ void ConcreteOptics::look_into(const ConcreteBlock& block, const Bore& bore, con
   };
   if (bore.content != Bore::Content::empty) {
     const double floor_t = (height + bore.level_mm) / down;
-    const double reach = bore.content == Bore::Content::plug ? 0.5 * kPlugDiameterMm : bore.radius_mm;
+    const double reach = bore.content == Bore::Content::plug ? 0.5 * kPlugDiameter_mm : bore.radius_mm;
     const Vec3 q = from + floor_t * along;
     const bool returns = bore.content != Bore::Content::water || unit(random) < 0.1;
     if (radius_at(floor_t) < reach) {
@@ -159,7 +159,7 @@ void ConcreteOptics::look_into(const ConcreteBlock& block, const Bore& bore, con
   };
   double t = wall_t(bore.radius_mm);
   const double depth = down * t - height;
-  t = wall_t(bore.radius_mm + kThreadMm * (0.5 + 0.5 * std::sin(2.0 * kPi * depth / kThreadPitchMm)));
+  t = wall_t(bore.radius_mm + kThread_mm * (0.5 + 0.5 * std::sin(2.0 * kPi * depth / kThreadPitch_mm)));
   if (depth > bore.thread_depth_mm || !is_lit(0.99 * (from + t * along))) return;
   seen.t = static_cast<float>(t);
   seen.cosine = 0.5F;  // the flank of a thread, not the wall behind it

@@ -16,7 +16,7 @@ namespace {
 constexpr std::size_t kComponents = 6;  // x, y, z, about X, Y, Z
 /// With this number of waves the field is Gaussian to a few per cent, and a call takes microseconds.
 constexpr std::size_t kWaves = 64;
-constexpr double kArmMm = 1500.0;
+constexpr double kArm_mm = 1500.0;
 constexpr std::uint64_t kSmoothStream = 11;
 constexpr std::uint64_t kRepeatStream = 12;
 
@@ -29,8 +29,8 @@ Quat turned(const Vec3& w_rad) {
 }  // namespace
 
 RobotError::RobotError(const RobotErrorTraits& traits) : traits_(traits) {
-  if (traits_.smooth_rad < 0.0) traits_.smooth_rad = traits_.smooth_mm / kArmMm;
-  if (traits_.repeat_rad < 0.0) traits_.repeat_rad = traits_.repeat_mm / kArmMm;
+  if (traits_.smooth_rad < 0.0) traits_.smooth_rad = traits_.smooth_mm / kArm_mm;
+  if (traits_.repeat_rad < 0.0) traits_.repeat_rad = traits_.repeat_mm / kArm_mm;
   Prng random(derived_seed(traits_.seed, kSmoothStream, 0));
   waves_.reserve(kComponents * kWaves);
   for (std::size_t i = 0; i < kComponents * kWaves; ++i) {

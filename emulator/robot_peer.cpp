@@ -94,7 +94,7 @@ constexpr std::int32_t kStopped = 2;
 constexpr std::int32_t kRunning = 4;
 constexpr std::int32_t kEmulated = 16;
 /// Encoder tremor of the orientation is that of the position over the arm's reach.
-constexpr double kTremorLeverMm = 1000.0;
+constexpr double kTremorLever_mm = 1000.0;
 
 double seconds_since(SteadyClock::time_point start) {
   return std::chrono::duration<double>(SteadyClock::now() - start).count();
@@ -187,7 +187,7 @@ struct RobotPeer::Impl {
       stands = share >= 1.0;
       pose = place(share);
     }
-    const double tremor_rad = traits.tremor_mm / kTremorLeverMm;
+    const double tremor_rad = traits.tremor_mm / kTremorLever_mm;
     for (int axis = 0; axis < 3; ++axis) pose.translation_mm[axis] += traits.tremor_mm * random.normal();
     const Quat shake = rotation_from_kuka_abc(tremor_rad * random.normal(), tremor_rad * random.normal(),
                                               tremor_rad * random.normal());

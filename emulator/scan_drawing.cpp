@@ -117,7 +117,7 @@ DrawnScan draw_scan(const BlockSurface& surface, const ScannerTraits& traits, st
   // Shares as 16-bit thresholds: steps of 1/65536, too fine to be detected in one scan.
   const auto missing_below = static_cast<std::uint32_t>(std::lround(traits.missing_share * 65536.0));
   const auto outlier_below = static_cast<std::uint32_t>(std::lround(traits.outlier_share * 65536.0));
-  const double outlier_span = (kOutlierMaxMm - kOutlierMinMm) / 32768.0;
+  const double outlier_span = (kOutlierMax_mm - kOutlierMin_mm) / 32768.0;
   const float missing_point = std::numeric_limits<float>::quiet_NaN();
   constexpr std::uint64_t kNoiseStream = 0x6E6F697365U;  // independent of the stream for the rays
   const bool correlated = traits.noise_correlation_mm > 0.0;
@@ -149,7 +149,7 @@ DrawnScan draw_scan(const BlockSurface& surface, const ScannerTraits& traits, st
       }
       double further = 0.0;
       if (((bits >> 16U) & 0xFFFFU) < outlier_below) {
-        const double size = static_cast<double>((bits >> 48U) & 0x7FFFU) * outlier_span + kOutlierMinMm;
+        const double size = static_cast<double>((bits >> 48U) & 0x7FFFU) * outlier_span + kOutlierMin_mm;
         further = (bits >> 63U) != 0 ? size : -size;
         ++drawn.outliers;
       } else {

@@ -36,8 +36,8 @@ struct ScannerTraits {
   std::vector<ConcreteDefect> damage;  ///< on the concrete
   std::uint64_t scanner_seed = 1;      ///< concrete: cameras, lens and scale of the scanner
 };
-inline constexpr double kOutlierMinMm = 1.0;
-inline constexpr double kOutlierMaxMm = 60.0;
+inline constexpr double kOutlierMin_mm = 1.0;
+inline constexpr double kOutlierMax_mm = 60.0;
 
 struct DrawnScan {
   std::size_t width = 0;  ///< 0 = unorganised

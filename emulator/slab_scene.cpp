@@ -8,17 +8,17 @@ namespace {
 
 // Scatter of a good casting: about a quarter of the tolerances, so that a slab without planted defects passes with
 // guard bands although its blocks differ.
-constexpr double kScatterSlopeDeg = 0.008;
-constexpr double kScatterJawAngleDeg = 0.1;
-constexpr double kScatterJawDistanceMm = 0.08;
-constexpr double kScatterCasingSpacingMm = 0.08;
-constexpr double kScatterProtrusionMm = 0.04;
-constexpr double kScatterPlaceMm = 0.05;
+constexpr double kScatterSlope_deg = 0.008;
+constexpr double kScatterJawAngle_deg = 0.1;
+constexpr double kScatterJawDistance_mm = 0.08;
+constexpr double kScatterCasingSpacing_mm = 0.08;
+constexpr double kScatterProtrusion_mm = 0.04;
+constexpr double kScatterPlace_mm = 0.05;
 
 /// The robot's error repeats from slab to slab and differs little between neighbours: one wave over the cell per axis.
-constexpr double kRobotWaveMm = 4000.0;
+constexpr double kRobotWave_mm = 4000.0;
 /// A flange with a position error e is rotated by about e over the arm's last metre.
-constexpr double kRobotLeverMm = 1000.0;
+constexpr double kRobotLever_mm = 1000.0;
 
 double within(Prng& random, double amplitude) {
   return amplitude * (2.0 * random.uniform() - 1.0);
@@ -26,13 +26,13 @@ double within(Prng& random, double amplitude) {
 
 BlockTruth cast_block(const Recipe& recipe, Prng& random, double casting) {
   BlockTruth block = nominal_truth(recipe);
-  block.slope_rad += rad_from_deg(within(random, casting * kScatterSlopeDeg));
-  block.jaw_angle_inner_rad += rad_from_deg(within(random, casting * kScatterJawAngleDeg));
-  block.jaw_angle_outer_rad += rad_from_deg(within(random, casting * kScatterJawAngleDeg));
-  block.jaw_distance_mm += within(random, casting * kScatterJawDistanceMm);
-  block.casing_spacing_mm += within(random, casting * kScatterCasingSpacingMm);
-  block.protrusion_inner_mm += within(random, casting * kScatterProtrusionMm);
-  block.protrusion_outer_mm += within(random, casting * kScatterProtrusionMm);
+  block.slope_rad += rad_from_deg(within(random, casting * kScatterSlope_deg));
+  block.jaw_angle_inner_rad += rad_from_deg(within(random, casting * kScatterJawAngle_deg));
+  block.jaw_angle_outer_rad += rad_from_deg(within(random, casting * kScatterJawAngle_deg));
+  block.jaw_distance_mm += within(random, casting * kScatterJawDistance_mm);
+  block.casing_spacing_mm += within(random, casting * kScatterCasingSpacing_mm);
+  block.protrusion_inner_mm += within(random, casting * kScatterProtrusion_mm);
+  block.protrusion_outer_mm += within(random, casting * kScatterProtrusion_mm);
   return block;
 }
 
@@ -63,9 +63,9 @@ Pose robot_error(const Pose& T_base_flange, const SlabVariation& v) {
     const double phase_y = 2.0 * kPi * random.uniform();
     const Vec3& p = T_base_flange.translation_mm;
     const double wave =
-        std::sin(2.0 * kPi * p.x() / kRobotWaveMm + phase_x) * std::cos(2.0 * kPi * p.y() / kRobotWaveMm + phase_y);
+        std::sin(2.0 * kPi * p.x() / kRobotWave_mm + phase_x) * std::cos(2.0 * kPi * p.y() / kRobotWave_mm + phase_y);
     off.translation_mm[axis] = v.robot_mm * wave;
-    turn[axis] = v.robot_mm / kRobotLeverMm * std::sin(2.0 * kPi * p.x() / kRobotWaveMm + phase_y);
+    turn[axis] = v.robot_mm / kRobotLever_mm * std::sin(2.0 * kPi * p.x() / kRobotWave_mm + phase_y);
   }
   off.rotation = rotation_from_kuka_abc(turn.z(), turn.y(), turn.x());
   Pose real;
@@ -153,7 +153,7 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
                              variation.same_slab ? 0 : variation.slab_no));
     station.block = cast_block(recipe, random, variation.casting);
     for (int axis = 0; axis < 3; ++axis)
-      station.offset_slab_mm[axis] = within(random, variation.casting * kScatterPlaceMm);
+      station.offset_slab_mm[axis] = within(random, variation.casting * kScatterPlace_mm);
     double reported_above_mm = 0.0;
     double slab_lift_mm = 0.0;
     const double along =

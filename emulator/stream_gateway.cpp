@@ -23,7 +23,7 @@ using nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kLineMax = 65'536;
-constexpr int kAnswerMs = 20'000;  ///< longer than slabd waits for a scan or writes it to disk
+constexpr int kAnswer_ms = 20'000;  ///< longer than slabd waits for a scan or writes it to disk
 
 int left_ms(Clock::time_point until) {
   return static_cast<int>(
@@ -138,7 +138,7 @@ Status StreamGateway::answer(const StreamRequest& request, std::span<const float
     return error(Code::scanner_offline, "cut off after %zu points, as asked for", end);
   }
   // Read also after a failed send, because slabd sends the reason before it closes.
-  const auto until = Clock::now() + std::chrono::milliseconds(kAnswerMs);
+  const auto until = Clock::now() + std::chrono::milliseconds(kAnswer_ms);
   while (const std::optional<std::string> text = next_line(left_ms(until))) {
     const json line = json::parse(*text, nullptr, false);
     if (!line.is_object() || line.value("schema", "") != "slabd.scan_answer/1") continue;

@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::array<const char*, kCalibrationKinds> kPrefix = {"he", "st", "rb", "mb", "sc"};
 constexpr std::size_t kIdDigits = 12;
-constexpr double kArmMaxMm = 2000.0;
+constexpr double kArmMax_mm = 2000.0;
 constexpr double kUnitTolerance = 1e-6;
 
 /// Converts numbers to text with full precision; minus zero becomes zero, as SQLite stores it, and all NaN are equal.
@@ -83,7 +83,7 @@ bool positive(double x) {
 struct FindNonsense {
   std::string operator()(const HandEyeNumbers& n) const {
     if (!is_rigid(n.T_flange_scanner)) return "T_flange_scanner is not a rigid transform of finite numbers";
-    if (n.T_flange_scanner.translation_mm.norm() > kArmMaxMm) return "the scanner sits more than 2 m from the flange";
+    if (n.T_flange_scanner.translation_mm.norm() > kArmMax_mm) return "the scanner sits more than 2 m from the flange";
     if (!positive(n.sigma_mm) || !positive(n.sigma_rad)) return "its uncertainty is not known";
     return {};
   }

@@ -108,14 +108,14 @@ std::string Calibrations::keep(const CalibrationRecord& given) {
 /// `record.id` is set to a free id. The same numbers with another certificate or expiry are another record, with a
 /// number appended to the id.
 std::string Calibrations::kept_already(CalibrationRecord& record) {
-  constexpr std::int64_t kSameDayUs = 86'400'000'000;
+  constexpr std::int64_t kSameDay_us = 86'400'000'000;
   const std::string numbers = record.id;
   for (int n = 2;; ++n) {
     const std::optional<CalibrationRecord> there = find_exactly(record.id);
     if (!there) return {};
     const std::int64_t apart = there->expires_utime_us - record.expires_utime_us;
     const bool same_end =
-        (there->expires_utime_us == 0) == (record.expires_utime_us == 0) && std::abs(apart) < kSameDayUs;
+        (there->expires_utime_us == 0) == (record.expires_utime_us == 0) && std::abs(apart) < kSameDay_us;
     if (same_end && there->certificate == record.certificate) return record.id;
     record.id = numbers + "." + std::to_string(n);
   }

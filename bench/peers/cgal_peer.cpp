@@ -38,7 +38,7 @@ void run_plane(Peer& peer, bool refit) {
   Ransac::Parameters parameters;
   parameters.probability = 0.01;
   parameters.min_points = cloud.size() / 2;
-  parameters.epsilon = slabd::bench::kPlaneInlierMm;
+  parameters.epsilon = slabd::bench::kPlaneInlier_mm;
   parameters.cluster_epsilon = 1.0;
   parameters.normal_threshold = 0.9;
   ransac.detect(parameters);
@@ -55,7 +55,7 @@ void run_plane(Peer& peer, bool refit) {
   }
   peer.lap("plane");
   if (refit) {
-    slabd::bench::refit_plane(xyz.data(), xyz.size() / 3, 3, slabd::bench::kPlaneInlierMm, plane);
+    slabd::bench::refit_plane(xyz.data(), xyz.size() / 3, 3, slabd::bench::kPlaneInlier_mm, plane);
     peer.lap("refit");
   }
   peer.end();

@@ -52,7 +52,7 @@ PointCloud model_of(const std::vector<float>& values) {
 
 Eigen::Matrix4d register_points(const PointCloud& source, const PointCloud& model) {
   return registration::RegistrationICP(
-             source, model, slabd::bench::kIcpGateMm, Eigen::Matrix4d::Identity(),
+             source, model, slabd::bench::kIcpGate_mm, Eigen::Matrix4d::Identity(),
              registration::TransformationEstimationPointToPlane(),
              registration::ICPConvergenceCriteria(1e-6, 1e-6, slabd::bench::kIcpIterationsMax))
       .transformation_;
@@ -61,7 +61,7 @@ Eigen::Matrix4d register_points(const PointCloud& source, const PointCloud& mode
 PlaneAnswer segment_plane(const PointCloud& cloud) {
   constexpr int kPointsPerPlane = 3;
   constexpr int kPlanes = 50;  // as many as PCL's default; Open3D's default of 100 has no benefit here
-  const auto [plane, inliers] = cloud.SegmentPlane(slabd::bench::kPlaneInlierMm, kPointsPerPlane, kPlanes);
+  const auto [plane, inliers] = cloud.SegmentPlane(slabd::bench::kPlaneInlier_mm, kPointsPerPlane, kPlanes);
   PlaneAnswer answer;
   answer.normal = {plane[0], plane[1], plane[2]};
   answer.offset_mm = -plane[3];
@@ -92,7 +92,7 @@ void run_block(Peer& peer, bool denoise_all) {
 
   cloud->Transform(start);
   peer.lap("transform");
-  std::shared_ptr<PointCloud> voxels = cloud->VoxelDownSample(slabd::bench::kVoxelMm);
+  std::shared_ptr<PointCloud> voxels = cloud->VoxelDownSample(slabd::bench::kVoxel_mm);
   peer.lap("voxels");
   if (!denoise_all) {
     std::tie(voxels, kept) = voxels->RemoveStatisticalOutliers(slabd::bench::kSorNeighbours, slabd::bench::kSorSigmas);
@@ -106,17 +106,17 @@ void run_block(Peer& peer, bool denoise_all) {
   PointCloud crop;
   crop.points_.reserve(cloud->points_.size() / 2);
   for (const Eigen::Vector3d& p : cloud->points_) {
-    if (std::abs(p.x()) < slabd::bench::kCropXMm && std::abs(p.y()) < slabd::bench::kCropYMm &&
-        std::abs(p.z() - slabd::bench::kSlope * p.y()) < slabd::bench::kCropZMm)
+    if (std::abs(p.x()) < slabd::bench::kCropX_mm && std::abs(p.y()) < slabd::bench::kCropY_mm &&
+        std::abs(p.z() - slabd::bench::kSlope * p.y()) < slabd::bench::kCropZ_mm)
       crop.points_.push_back(p);
   }
   peer.lap("crop");
 
   PlaneAnswer plane = segment_plane(crop);
   peer.lap("plane");
-  slabd::bench::refit_plane(numbers(crop), crop.points_.size(), kStride, slabd::bench::kPlaneInlierMm, plane);
+  slabd::bench::refit_plane(numbers(crop), crop.points_.size(), kStride, slabd::bench::kPlaneInlier_mm, plane);
   peer.lap("refit");
-  slabd::bench::spread_about(numbers(crop), crop.points_.size(), kStride, slabd::bench::kPlaneInlierMm, plane);
+  slabd::bench::spread_about(numbers(crop), crop.points_.size(), kStride, slabd::bench::kPlaneInlier_mm, plane);
   peer.lap("flatness");
   peer.end();
 
@@ -149,7 +149,7 @@ void run_plane(Peer& peer, bool refit) {
   PlaneAnswer plane = segment_plane(crop);
   peer.lap("plane");
   if (refit) {
-    slabd::bench::refit_plane(numbers(crop), crop.points_.size(), kStride, slabd::bench::kPlaneInlierMm, plane);
+    slabd::bench::refit_plane(numbers(crop), crop.points_.size(), kStride, slabd::bench::kPlaneInlier_mm, plane);
     peer.lap("refit");
   }
   peer.end();

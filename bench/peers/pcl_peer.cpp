@@ -67,7 +67,7 @@ Eigen::Matrix4f register_points(const Points::Ptr& scan, const Model::Ptr& model
           pcl::registration::TransformationEstimationPointToPlaneLLS<pcl::PointNormal, pcl::PointNormal>>());
   icp.setInputSource(source);
   icp.setInputTarget(model);
-  icp.setMaxCorrespondenceDistance(slabd::bench::kIcpGateMm);
+  icp.setMaxCorrespondenceDistance(slabd::bench::kIcpGate_mm);
   icp.setMaximumIterations(slabd::bench::kIcpIterationsMax);
   icp.setTransformationEpsilon(1e-8);
   Model moved;
@@ -79,7 +79,7 @@ PlaneAnswer segment_plane(const Points::Ptr& cloud) {
   pcl::SACSegmentation<pcl::PointXYZ> segmentation;
   segmentation.setModelType(pcl::SACMODEL_PLANE);
   segmentation.setMethodType(pcl::SAC_RANSAC);
-  segmentation.setDistanceThreshold(slabd::bench::kPlaneInlierMm);
+  segmentation.setDistanceThreshold(slabd::bench::kPlaneInlier_mm);
   segmentation.setOptimizeCoefficients(true);
   segmentation.setInputCloud(cloud);
   pcl::PointIndices inliers;
@@ -123,7 +123,7 @@ void run_block(Peer& peer, bool denoise_all) {
 
   auto voxels = std::make_shared<Points>();
   pcl::VoxelGrid<pcl::PointXYZ> grid;
-  const auto leaf = static_cast<float>(slabd::bench::kVoxelMm);
+  const auto leaf = static_cast<float>(slabd::bench::kVoxel_mm);
   grid.setLeafSize(leaf, leaf, leaf);
   grid.setInputCloud(started);
   grid.filter(*voxels);
@@ -145,18 +145,18 @@ void run_block(Peer& peer, bool denoise_all) {
   auto crop = std::make_shared<Points>();
   crop->reserve(posed.size() / 2);
   for (const pcl::PointXYZ& p : posed) {
-    if (std::abs(p.x) < static_cast<float>(slabd::bench::kCropXMm) &&
-        std::abs(p.y) < static_cast<float>(slabd::bench::kCropYMm) &&
-        std::abs(p.z - static_cast<float>(slabd::bench::kSlope) * p.y) < static_cast<float>(slabd::bench::kCropZMm))
+    if (std::abs(p.x) < static_cast<float>(slabd::bench::kCropX_mm) &&
+        std::abs(p.y) < static_cast<float>(slabd::bench::kCropY_mm) &&
+        std::abs(p.z - static_cast<float>(slabd::bench::kSlope) * p.y) < static_cast<float>(slabd::bench::kCropZ_mm))
       crop->push_back(p);
   }
   peer.lap("crop");
 
   PlaneAnswer plane = segment_plane(crop);
   peer.lap("plane");
-  slabd::bench::refit_plane(numbers(*crop), crop->size(), kStride, slabd::bench::kPlaneInlierMm, plane);
+  slabd::bench::refit_plane(numbers(*crop), crop->size(), kStride, slabd::bench::kPlaneInlier_mm, plane);
   peer.lap("refit");
-  slabd::bench::spread_about(numbers(*crop), crop->size(), kStride, slabd::bench::kPlaneInlierMm, plane);
+  slabd::bench::spread_about(numbers(*crop), crop->size(), kStride, slabd::bench::kPlaneInlier_mm, plane);
   peer.lap("flatness");
   peer.end();
 
@@ -191,7 +191,7 @@ void run_plane(Peer& peer, bool refit) {
   PlaneAnswer plane = segment_plane(crop);
   peer.lap("plane");
   if (refit) {
-    slabd::bench::refit_plane(numbers(*crop), crop->size(), kStride, slabd::bench::kPlaneInlierMm, plane);
+    slabd::bench::refit_plane(numbers(*crop), crop->size(), kStride, slabd::bench::kPlaneInlier_mm, plane);
     peer.lap("refit");
   }
   peer.end();

@@ -32,17 +32,17 @@ struct Truth {
 };
 
 /// Settings that all programs share, so that they do the same work.
-inline constexpr double kVoxelMm = 1.5;
-inline constexpr double kIcpGateMm = 6.0;
+inline constexpr double kVoxel_mm = 1.5;
+inline constexpr double kIcpGate_mm = 6.0;
 inline constexpr int kIcpIterationsMax = 50;
 inline constexpr int kSorNeighbours = 20;
 inline constexpr double kSorSigmas = 2.0;
-inline constexpr double kPlaneInlierMm = 0.10;
+inline constexpr double kPlaneInlier_mm = 0.10;
 /// Crop of the bearing plane in the block's frame: |x|, |y| and the distance to the nominal plane are below these
 /// limits.
-inline constexpr double kCropXMm = 95.0;
-inline constexpr double kCropYMm = 185.0;
-inline constexpr double kCropZMm = 12.0;
+inline constexpr double kCropX_mm = 95.0;
+inline constexpr double kCropY_mm = 185.0;
+inline constexpr double kCropZ_mm = 12.0;
 inline constexpr double kSlope = 1.0 / 40.0;
 
 /// One run of one program on one task; prints its results as one line of JSON on stdout.

@@ -119,7 +119,7 @@ void run_plane(Peer& peer) {
   for (std::size_t i = 0; i + 2 < xyz.size(); i += 3)
     points.emplace_back(static_cast<double>(xyz[i]), static_cast<double>(xyz[i + 1]), static_cast<double>(xyz[i + 2]));
   algo::PlaneSettings settings;
-  settings.threshold_mm = bench::kPlaneInlierMm;
+  settings.threshold_mm = bench::kPlaneInlier_mm;
   peer.begin();
   const PlaneFit fit = algo::fit_plane(points, Vec3(0.0, 0.0, -1.0), settings);
   peer.lap("plane");

@@ -132,7 +132,7 @@ void refuse(ArtefactReport& report, ArtefactRefusal why, std::string_view cure) 
 
 /// Smallest ambiguity of distances that is accepted. Measured distances may differ by 0.3 mm, twice that must still
 /// identify the balls, and there is some reserve.
-constexpr double kTellApartMm = 1.0;
+constexpr double kTellApart_mm = 1.0;
 
 struct Assignments {
   /// [certified] = index of the measured ball. At most two assignments are searched, to detect an ambiguity.
@@ -177,9 +177,9 @@ Assignments assign_by_distance(std::span<const Vec3> certified, std::span<const 
 
 constexpr const char* kKeys =
     "id, date, issuer, ball_radius_mm, ball_radius_U_mm, U_mm, coverage_factor, temperature_c, ball";
-constexpr double kCoordinateMostMm = 3000.0;
+constexpr double kCoordinateMost_mm = 3000.0;
 /// Smallest height of the flattest triangle; with less, the rotation about its long side is not determined.
-constexpr double kHeightLeastMm = 20.0;
+constexpr double kHeightLeast_mm = 20.0;
 
 std::string_view trimmed(std::string_view text) {
   const auto blank = [](char c) { return c == ' ' || c == '\t' || c == '\r'; };
@@ -220,18 +220,18 @@ Status check_certificate(const ArtefactCertificate& c) {
   const Vec3 along = (balls[ends.second] - balls[ends.first]).normalized();
   double height = 0.0;
   for (const Vec3& p : balls) height = std::max(height, (p - balls[ends.first]).cross(along).norm());
-  if (!(height > kHeightLeastMm))
+  if (!(height > kHeightLeast_mm))
     return error(Code::config,
                  "the balls lie on a line within %.1f mm: one must be at least %g mm off it, or the frame can turn "
                  "about that line",
-                 height, kHeightLeastMm);
-  const Assignments own = assign_by_distance(balls, balls, kTellApartMm);
+                 height, kHeightLeast_mm);
+  const Assignments own = assign_by_distance(balls, balls, kTellApart_mm);
   if (own.found.size() > 1) {
     std::size_t k = 0;
     while (own.found[0][k] == own.found[1][k]) ++k;
     return error(Code::config,
                  "balls %d and %d cannot be told apart by their distances: distances must differ by more than %g mm",
-                 own.found[0][k] + 1, own.found[1][k] + 1, kTellApartMm);
+                 own.found[0][k] + 1, own.found[1][k] + 1, kTellApart_mm);
   }
   return success();
 }
@@ -333,9 +333,9 @@ class Reader {
     for (int axis = 0; axis < 3; ++axis) {
       value = trimmed(value);
       const std::size_t end = std::min(value.find_first_of(" \t,"), value.size());
-      if (!number_from(value.substr(0, end), p[axis]) || std::abs(p[axis]) > kCoordinateMostMm)
+      if (!number_from(value.substr(0, end), p[axis]) || std::abs(p[axis]) > kCoordinateMost_mm)
         return error(Code::config, "%s:%d: ball must be three coordinates x y z in mm, each within +-%g", file_.c_str(),
-                     line_, kCoordinateMostMm);
+                     line_, kCoordinateMost_mm);
       value.remove_prefix(end);
       value = trimmed(value);
       if (axis < 2 && !value.empty() && value.front() == ',') value.remove_prefix(1);

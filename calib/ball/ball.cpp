@@ -39,7 +39,7 @@ constexpr std::size_t kPointsEnough = 1'500'000;
 /// Largest number of cells. A surface in front of a scanner fills about 10^5; a scan that fills more has no surface.
 constexpr std::size_t kCellsMax = 1U << 20U;
 /// Larger coordinates are faulty points, because they exceed the range of any scanner.
-constexpr double kFarMm = 20'000.0;
+constexpr double kFar_mm = 20'000.0;
 constexpr double kPatchPointsMin = 8.0;
 /// Largest thickness of a patch in cells; a thicker one is an edge or a cluster.
 constexpr double kPatchThickness = 0.25;
@@ -100,7 +100,7 @@ class CellTable {
  private:
   static constexpr std::uint32_t kNobody = 0xFFFF'FFFF;
 
-  /// 21 bits per axis: with cells of an eighth of a millimetre that is far beyond kFarMm.
+  /// 21 bits per axis: with cells of an eighth of a millimetre that is far beyond kFar_mm.
   [[nodiscard]] static std::uint64_t key_of(const Index& index) {
     std::uint64_t key = 0;
     for (const std::int32_t i : index) key = (key << 21U) | (static_cast<std::uint64_t>(i) & 0x1F'FFFFU);
@@ -143,7 +143,7 @@ void add_points(std::span<const float> xyz, CellTable<Moments>& table) {
   for (std::size_t i = 0; i < points; i += step) {
     const Vec3 p(xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]);
     // Also rejects NaN.
-    if (!(std::abs(p.x()) < kFarMm && std::abs(p.y()) < kFarMm && std::abs(p.z()) < kFarMm)) continue;
+    if (!(std::abs(p.x()) < kFar_mm && std::abs(p.y()) < kFar_mm && std::abs(p.z()) < kFar_mm)) continue;
     const Index index = table.index_of(p);
     if (cell == nullptr || index != last) {
       cell = table.at(index);
@@ -226,13 +226,13 @@ std::vector<BallCandidate> ball_candidates(std::span<const float> xyz, double ra
   return candidates;
 }
 
-constexpr double kRadiusLeastMm = 1.0;
-constexpr double kRadiusMostMm = 200.0;
+constexpr double kRadiusLeast_mm = 1.0;
+constexpr double kRadiusMost_mm = 200.0;
 constexpr int kCountMost = 16;
 /// Additional candidates beyond the expected balls: posts, other balls, corners.
 constexpr std::size_t kCandidatesSpare = 8;
 constexpr int kRadiusViewsMin = 5;
-constexpr double kRadiusOffLeastMm = 0.010;
+constexpr double kRadiusOffLeast_mm = 0.010;
 /// Largest number of points for one candidate: a cap of a full scan has 60 000.
 constexpr std::size_t kNearMax = 1U << 20U;
 
@@ -240,9 +240,9 @@ Status check(std::span<const float> xyz, const BallSettings& s) {
   if (xyz.size() % 3 != 0 || xyz.size() / 3 > limits::kScanPointsMax)
     return error(Code::config, "a scan has 3 numbers a point and at most %zu points, got %zu numbers",
                  limits::kScanPointsMax, xyz.size());
-  if (!(s.radius_mm >= kRadiusLeastMm && s.radius_mm <= kRadiusMostMm))
-    return error(Code::config, "ball radius %g mm: must be within %g .. %g", s.radius_mm, kRadiusLeastMm,
-                 kRadiusMostMm);
+  if (!(s.radius_mm >= kRadiusLeast_mm && s.radius_mm <= kRadiusMost_mm))
+    return error(Code::config, "ball radius %g mm: must be within %g .. %g", s.radius_mm, kRadiusLeast_mm,
+                 kRadiusMost_mm);
   if (s.count < 1 || s.count > kCountMost)
     return error(Code::config, "number of balls %d: must be within 1 .. %d", s.count, kCountMost);
   if (!(s.noise_mm > 0.0 && s.noise_mm <= 1.0))
@@ -450,7 +450,7 @@ RadiusCheck check_radius(std::span<const BallReport> balls, const BallSettings& 
   const double off = settings.radius_mm - check.mean_mm;
   check.shift_mm = off * shift / check.views;
   check.suspicious =
-      check.views >= kRadiusViewsMin && std::abs(off) > 3.0 * check.sigma_mm && std::abs(off) > kRadiusOffLeastMm;
+      check.views >= kRadiusViewsMin && std::abs(off) > 3.0 * check.sigma_mm && std::abs(off) > kRadiusOffLeast_mm;
   const double certified_mm = 2.0 * settings.radius_sigma_mm;
   check.covered = check.suspicious && std::abs(off) <= certified_mm;
   if (check.suspicious) {

@@ -24,7 +24,7 @@ constexpr double kMadToSigma = 1.4826;
 constexpr int kIterationsMax = 60;
 /// The scale is updated in the first steps, then it is fixed and the iteration must converge.
 constexpr int kScaleSteps = 8;
-constexpr double kStepMm = 1e-8;
+constexpr double kStep_mm = 1e-8;
 constexpr std::size_t kPointsLeast = 60;
 
 /// Largest rms of a free fit, relative to the scanner's noise, for which the surface still counts as a sphere.
@@ -236,7 +236,7 @@ SphereFit fit_sphere(std::span<const Vec3> points_mm, const Vec3& centre_mm, dou
     if (!step.allFinite() || step.norm() > radius_mm) return fit;
     fit.centre_mm += Vec3(step.head<3>());
     fit.radius_mm += step[3];
-    if (fit.iterations >= kScaleSteps && step.norm() < kStepMm) {
+    if (fit.iterations >= kScaleSteps && step.norm() < kStep_mm) {
       fit.ok = true;
       return fit;
     }

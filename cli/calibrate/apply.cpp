@@ -213,8 +213,8 @@ void confirm_replacing(const daemon::Config& config, const Pose& after, std::str
       fmt::format("{} is in force; with {} seats of {} move by up to {:.3f} mm, the scanner turns by {:.3f} deg",
                   now.id.view(), source, seats.slab, seats.shift_max_mm, turn_deg);
   if (yes || is_small_change(seats.shift_max_mm, turn_deg)) return complain(change);
-  stop(kRefused, fmt::format("{}: above {} mm or {} deg that needs a word of yours, --yes", change, kConfirmAboveMm,
-                             kConfirmAboveDeg));
+  stop(kRefused, fmt::format("{}: above {} mm or {} deg that needs a word of yours, --yes", change, kConfirmAbove_mm,
+                             kConfirmAbove_deg));
 }
 
 /// The same for a stored hand-eye calibration that is named. Does nothing for other records; the change itself rejects

@@ -31,7 +31,7 @@ namespace slabd::cli {
 namespace {
 
 constexpr std::size_t kTrendRows = 10;
-constexpr double kSameRadiusMm = 1e-6;
+constexpr double kSameRadius_mm = 1e-6;
 constexpr const char* kElsewhereNote = "seen from another pose";
 
 struct CheckOptions {
@@ -276,7 +276,7 @@ CalibrationCheck judge(const CheckOptions& options, const daemon::Config& config
     look.scan = options.scan;
     look.who = options.who;
     // With another radius the ball's centre moves along the view by about the difference.
-    if (has_value(look.radius_mm) && std::abs(look.radius_mm - ball.radius_mm) > kSameRadiusMm)
+    if (has_value(look.radius_mm) && std::abs(look.radius_mm - ball.radius_mm) > kSameRadius_mm)
       stop(kBadInput, fmt::format("--radius {:g}: {} was taken into use with {:g} mm, and a check compares with that; "
                                   "leave --radius out, or take the ball into use again (slabctl calibrate reference)",
                                   look.radius_mm, reference->id, ball.radius_mm));

@@ -185,14 +185,14 @@ struct SolveOptions {
 // Effect of a change of T_flange_scanner at the slab: displacement of every seat.
 
 /// A larger displacement of a seat requires a confirmation ...
-inline constexpr double kConfirmAboveMm = 0.2;
+inline constexpr double kConfirmAbove_mm = 0.2;
 /// ... and so does a larger rotation of the scanner: a rotation about the seen point moves no seat, but changes every
 /// slope. A tenth of a slope's tolerance, half of its U.
-inline constexpr double kConfirmAboveDeg = 0.01;
+inline constexpr double kConfirmAbove_deg = 0.01;
 
 /// True if a change needs no confirmation. A change of unknown size (NaN) needs one.
 [[nodiscard]] inline bool is_small_change(double shift_mm, double turn_deg) {
-  return shift_mm <= kConfirmAboveMm && turn_deg <= kConfirmAboveDeg;
+  return shift_mm <= kConfirmAbove_mm && turn_deg <= kConfirmAbove_deg;
 }
 
 struct StationShift {

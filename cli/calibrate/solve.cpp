@@ -305,9 +305,9 @@ void judge_radius(const Session& session, calib::HandEye& h) {
   }
   const calib::RadiusCheck check = calib::check_radius(seen, balls);
   if (!check.suspicious) return;
-  constexpr double kLeastMm = 0.02;
+  constexpr double kLeast_mm = 0.02;
   // The sigmas of the record include the certificate's uncertainty.
-  if (check.covered || !(std::abs(check.shift_mm) > std::max(kLeastMm, h.predicted_point_sigma_mm))) {
+  if (check.covered || !(std::abs(check.shift_mm) > std::max(kLeast_mm, h.predicted_point_sigma_mm))) {
     h.warnings.emplace_back(check.words.reason.view());
     return;
   }

@@ -282,8 +282,8 @@ Result<Taken> take_view(Session& session, const ViewRequest& request) {
 namespace {
 
 /// Largest motion of the robot between two shots of one view, the same as during one shot.
-constexpr double kBetweenShotsMm = 0.02;
-const double kBetweenShotsRad = rad_from_deg(0.002);
+constexpr double kBetweenShots_mm = 0.02;
+const double kBetweenShots_rad = rad_from_deg(0.002);
 
 /// Session name for the daemon, whose names have at most this length.
 std::string name_on_the_line(const Session& session) {
@@ -328,7 +328,7 @@ Status combine(const std::vector<LiveShot>& shots, ViewRequest& request) {
   for (const LiveShot& shot : shots) {
     const double off_mm = (shot.T_base_flange.translation_mm - mean.translation_mm).norm();
     const double off_rad = angle_between_rad(shot.T_base_flange.rotation, mean.rotation);
-    if (off_mm > kBetweenShotsMm || off_rad > kBetweenShotsRad)
+    if (off_mm > kBetweenShots_mm || off_rad > kBetweenShots_rad)
       return error(Code::not_settled,
                    "the robot moved by %.3f mm and %.4f deg between the shots of one view; stop it and capture again",
                    off_mm, deg_from_rad(off_rad));

@@ -234,7 +234,7 @@ int verify(const Options& options) {
          fmt::format("a change of {} needs a word of yours: look at the shifts, then slabctl calibrate verify --yes",
                      has_value(v.seats.shift_max_mm)
                          ? fmt::format("{:.3f} mm and {:.3f} deg (above {} mm or {} deg)", v.seats.shift_max_mm,
-                                       v.turn_deg, kConfirmAboveMm, kConfirmAboveDeg)
+                                       v.turn_deg, kConfirmAbove_mm, kConfirmAbove_deg)
                          : std::string("unknown size")));
   if (!options.json) fmt::print("verified; next: slabctl calibrate apply\n");
   return kDone;

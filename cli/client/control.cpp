@@ -18,7 +18,7 @@
 namespace slabd::cli {
 namespace {
 
-constexpr int kAnswerTimeoutMs = 3'000;
+constexpr int kAnswerTimeout_ms = 3'000;
 
 class Socket {
  public:
@@ -44,7 +44,7 @@ Error unreachable(const std::string& path, const char* cause) {
 int connect_to(const std::string& path, const Socket& socket) {
   // A blocked daemon does not accept connections. Clients that gave up remain in its queue; once it is full, connect()
   // would block permanently.
-  const timeval patience{kAnswerTimeoutMs / 1000, 0};
+  const timeval patience{kAnswerTimeout_ms / 1000, 0};
   ::setsockopt(socket.fd(), SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
@@ -77,7 +77,7 @@ Result<std::string> ask_daemon(const std::string& path, std::string_view line) {
   std::array<char, 4096> piece{};
   while (answer.find('\n') == std::string::npos) {
     pollfd waiting{socket.fd(), POLLIN, 0};
-    const int ready = ::poll(&waiting, 1, kAnswerTimeoutMs);
+    const int ready = ::poll(&waiting, 1, kAnswerTimeout_ms);
     if (ready == 0) return unreachable(path, "connected, but no answer within 3 s");
     const ssize_t got = ready < 0 ? -1 : ::recv(socket.fd(), piece.data(), piece.size(), 0);
     if (got < 0 && errno == EINTR) continue;

@@ -37,9 +37,9 @@ constexpr auto kFollowEvery = 200ms;
 /// a view, so that two views cannot be taken from one pose.
 constexpr auto kStandsOn = 600ms;
 /// Encoder tremor of a robot held for a calibration; in production it is larger (RobotTraits).
-constexpr double kTremorMm = 0.0008;
+constexpr double kTremor_mm = 0.0008;
 /// Height of the target above the slab's centre.
-constexpr double kTargetAboveSlabMm = 200.0;
+constexpr double kTargetAboveSlab_mm = 200.0;
 
 std::atomic<bool> g_stop{false};
 void on_signal(int) {
@@ -159,7 +159,7 @@ int run_calibration_live(CalibrationLiveOrder order) {
   if (!order.keep_flange && !config.calibration.id.empty())
     order.scene.T_flange_scanner = config.calibration.T_flange_scanner;
   if (!order.keep_target)
-    order.scene.T_base_target = config.T_base_slab * Pose{Quat::Identity(), Vec3(0.0, 0.0, kTargetAboveSlabMm)};
+    order.scene.T_base_target = config.T_base_slab * Pose{Quat::Identity(), Vec3(0.0, 0.0, kTargetAboveSlab_mm)};
   std::optional<Recipe> recipe;
   if (order.scene.kind == TargetKind::block) {
     recipe = cli::recipe_from(order.recipe);
@@ -182,7 +182,7 @@ int run_calibration_live(CalibrationLiveOrder order) {
   traits.channel = config.robot.channel.view();
   traits.rate_hz = order.rate_hz;
   traits.move_s = order.move_s;
-  traits.tremor_mm = kTremorMm;
+  traits.tremor_mm = kTremor_mm;
   traits.base_id = config.pose.base_id;
   traits.tool_id = config.pose.tool_id;
   traits.seed = derived_seed(order.scene.seed, 23, 0);

@@ -17,10 +17,10 @@ namespace {
 /// Beyond this incidence a matt surface gives no usable return.
 const double kIncidenceCosineMin = std::cos(rad_from_deg(80.0));
 /// A depth step that counts as an edge.
-constexpr double kEdgeMm = 2.0;
-constexpr double kPostRadiusMm = 6.0;
-constexpr double kTableBelowMm = 130.0;
-constexpr double kFrameBelowMm = 60.0;
+constexpr double kEdge_mm = 2.0;
+constexpr double kPostRadius_mm = 6.0;
+constexpr double kTableBelow_mm = 130.0;
+constexpr double kFrameBelow_mm = 60.0;
 /// Range of target positions that are completely in the picture (350 x 500 mm at 600 mm), and of the scanner's tilt. A
 /// block is only registered from near its nominal view.
 struct ViewRange {
@@ -66,15 +66,15 @@ calib::ArtefactCertificate certify(const CalibrationTraits& traits) {
 Solids build(const CalibrationTraits& traits, const calib::ArtefactCertificate& certificate) {
   Solids solids;
   if (traits.kind == TargetKind::block) return solids;
-  const double table_z = -(traits.ball_radius_mm + kTableBelowMm);
+  const double table_z = -(traits.ball_radius_mm + kTableBelow_mm);
   for (const Vec3& centre : certificate.balls_mm) {
     solids.balls.push_back({centre, traits.ball_radius_mm});
-    const double foot = traits.kind == TargetKind::artefact ? -traits.ball_radius_mm - kFrameBelowMm : table_z;
-    solids.posts.push_back({centre, Vec3(centre.x(), centre.y(), foot), kPostRadiusMm});
+    const double foot = traits.kind == TargetKind::artefact ? -traits.ball_radius_mm - kFrameBelow_mm : table_z;
+    solids.posts.push_back({centre, Vec3(centre.x(), centre.y(), foot), kPostRadius_mm});
   }
   if (traits.kind == TargetKind::artefact)
     solids.plates.push_back(
-        {Vec3(0.0, 15.0, -traits.ball_radius_mm - kFrameBelowMm), Vec3(125.0, 0.0, 0.0), Vec3(0.0, 105.0, 0.0)});
+        {Vec3(0.0, 15.0, -traits.ball_radius_mm - kFrameBelow_mm), Vec3(125.0, 0.0, 0.0), Vec3(0.0, 105.0, 0.0)});
   if (!traits.clutter) return solids;
   solids.plates.push_back({Vec3(0.0, 0.0, table_z), Vec3(600.0, 0.0, 0.0), Vec3(0.0, 600.0, 0.0)});
   // A wall in the back, a rod, and a foreign ball.
@@ -164,7 +164,7 @@ class ScanMaker {
     look(row, column - 1);
     look(row + 1, column);
     look(row - 1, column);
-    return behind > kEdgeMm ? behind : 0.0;
+    return behind > kEdge_mm ? behind : 0.0;
   }
 
   /// Cosine of the incidence angle, from the neighbouring depths; 1 at the picture's border.
@@ -262,7 +262,7 @@ std::vector<Pose> CalibrationScene::plan_views(int count) const {
     const double side_x = corner == 0 ? 0.0 : (corner & 1) != 0 ? 1.0 : -1.0;
     const double side_y = corner == 0 ? 0.0 : (corner & 2) != 0 ? 1.0 : -1.0;
     const double depth = 0.5 * (range.near_mm + range.far_mm + (range.far_mm - range.near_mm) * (i % 3 - 1));
-    const double scale = depth / kPictureDistanceMm;
+    const double scale = depth / kPictureDistance_mm;
     Pose T_target_scanner;
     const Vec3 axis(std::cos(azimuth), std::sin(azimuth), 0.0);
     T_target_scanner.rotation = Quat(Eigen::AngleAxisd(tilt, axis)) *
@@ -287,7 +287,7 @@ Result<DrawnScan> CalibrationScene::draw(const Pose& T_base_flange, std::uint64_
   if (!(T_seen.translation_mm.z() > 100.0))
     return error(Code::config, "the %s is not in front of the scanner", name(traits_.kind).data());
   Picture picture;
-  picture.distance_mm = kPictureDistanceMm;
+  picture.distance_mm = kPictureDistance_mm;
   picture.clear(scan.columns, scan.rows);
   Solids solids = build(traits_, certificate_).in_frame(T_seen);
   if (traits_.kind == TargetKind::block) {
@@ -296,7 +296,7 @@ Result<DrawnScan> CalibrationScene::draw(const Pose& T_base_flange, std::uint64_
     if (!surface) return surface.error();
     for (std::size_t row = 0; row < picture.rows; ++row)
       for (std::size_t column = 0; column < picture.columns; ++column) {
-        const Vec3 ray = kPictureDistanceMm * picture.ray(column, row);
+        const Vec3 ray = kPictureDistance_mm * picture.ray(column, row);
         picture.depth_mm[row * picture.columns + column] =
             static_cast<float>(surface.value().depth_mm(ray.x(), ray.y()));
       }

@@ -21,9 +21,9 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Standard deviation of a seat's reference point in one scan.
-constexpr double kPointSigmaMm = 0.003;
+constexpr double kPointSigma_mm = 0.003;
 /// Distance of the second and third point of a visit from the first (calib::seat_visit).
-constexpr double kSeatArmMm = 100.0;
+constexpr double kSeatArm_mm = 100.0;
 constexpr std::uint64_t kVisitStream = 24;
 
 calib::StationVisit visit_of(const SlabTruth& slab, const Cell& cell, int station, int round, std::uint64_t seed) {
@@ -34,13 +34,13 @@ calib::StationVisit visit_of(const SlabTruth& slab, const Cell& cell, int statio
   Prng random(
       derived_seed(seed, kVisitStream + static_cast<std::uint64_t>(round) * 100U, static_cast<std::uint64_t>(station)));
   Vec3 off;
-  for (int axis = 0; axis < 3; ++axis) off[axis] = kPointSigmaMm * random.normal();
+  for (int axis = 0; axis < 3; ++axis) off[axis] = kPointSigma_mm * random.normal();
   calib::StationVisit visit;
   visit.station = station;
   visit.round = fmt::format("round {}", round);
   visit.T_base_flange = truth.T_base_flange_reported;
   for (const Vec3& p : {Vec3(0.0, 0.0, 0.0), Vec3(0.0, -s, c), Vec3(0.0, c, s)})
-    visit.points_mm.push_back(T_seen * Vec3(kSeatArmMm * p) + off);
+    visit.points_mm.push_back(T_seen * Vec3(kSeatArm_mm * p) + off);
   return visit;
 }
 

@@ -121,12 +121,12 @@ void write_calibration_truth(const CalibrationScene& scene, const CalibrationSca
 
 /// Writes the certificate of the drawn block, which is equal to its recipe.
 void write_block_certificate(const Recipe& recipe, const fs::path& dir) {
-  constexpr std::int64_t kCertifiedUtimeUs = 1'767'225'600'000'000;  // 2026-01-01: the same recipe gives the same file
+  constexpr std::int64_t kCertifiedUtime_us = 1'767'225'600'000'000;  // 2026-01-01: the same recipe gives the same file
   const std::string text = fmt::format(
       "# the emulated reference block; read by: slabctl calibrate reference --certificate\n"
       "id = emulated-block\ndate = {:.10}\nslope_deg = {:.6f}\nslope_U_deg = 0.0005\njaw_distance_mm = {:.4f}\n"
       "jaw_distance_U_mm = 0.002\n",
-      cli::iso_time(kCertifiedUtimeUs), deg_from_rad(std::atan(1.0 / recipe.block.cant_ratio.value)),
+      cli::iso_time(kCertifiedUtime_us), deg_from_rad(std::atan(1.0 / recipe.block.cant_ratio.value)),
       2.0 * recipe.block.jaw_half_distance_mm.value);
   write_text(dir / "certificate.txt", text);
 }

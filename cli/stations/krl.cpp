@@ -15,8 +15,8 @@
 namespace slabd::cli {
 namespace {
 
-constexpr double kReachMm = 20'000.0;
-constexpr double kTurnDeg = 360.0;
+constexpr double kReach_mm = 20'000.0;
+constexpr double kTurn_deg = 360.0;
 
 bool is_space(char c) {
   return c == ' ' || c == '\t' || c == '\r';
@@ -67,7 +67,7 @@ Result<Pose> pose_of(std::string_view members, std::string_view origin, std::siz
   std::array<double, 6> v{};
   for (std::size_t i = 0; i < v.size(); ++i) {
     const std::optional<double> value = member(members, kNames[i]);
-    const double limit = i < 3 ? kReachMm : kTurnDeg;
+    const double limit = i < 3 ? kReach_mm : kTurn_deg;
     if (!value) return at_line(origin, line, fmt::format("{} is missing or is not a number", kNames[i]));
     if (std::abs(*value) > limit)
       return at_line(origin, line, fmt::format("{} is {}, allowed -{} .. {}", kNames[i], *value, limit, limit));

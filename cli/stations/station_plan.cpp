@@ -11,12 +11,12 @@
 namespace slabd::cli {
 namespace {
 
-constexpr double kStepMm = 5.0;     ///< distance of the points of a feature
-constexpr double kRayStepMm = 4.0;  ///< step along a ray
-constexpr double kClearMm = 0.5;    ///< a ray this far below a surface is occluded
-constexpr double kRimShare = 0.9;   ///< share of a rim that must be seen, because a circle is fitted to it
-constexpr double kTopShare = 0.25;  ///< share of the strip around the block: enough spread for a datum plane
-constexpr double kTopStripMm = 20.0;
+constexpr double kStep_mm = 5.0;     ///< distance of the points of a feature
+constexpr double kRayStep_mm = 4.0;  ///< step along a ray
+constexpr double kClear_mm = 0.5;    ///< a ray this far below a surface is occluded
+constexpr double kRimShare = 0.9;    ///< share of a rim that must be seen, because a circle is fitted to it
+constexpr double kTopShare = 0.25;   ///< share of the strip around the block: enough spread for a datum plane
+constexpr double kTopStrip_mm = 20.0;
 
 struct Spot {
   Vec3 p;  ///< block frame
@@ -76,8 +76,8 @@ class BlockShape {
     std::vector<Spot> spots;
     const double half_x = recipe_.evaluation.crop_half_x_mm;
     const double half_s = recipe_.evaluation.crop_half_s_mm;
-    for (double x = -half_x; x <= half_x + 1e-9; x += kStepMm)
-      for (double s = -half_s; s <= half_s + 1e-9; s += kStepMm) spots.push_back({at(x, s, 0.0), seat_normal()});
+    for (double x = -half_x; x <= half_x + 1e-9; x += kStep_mm)
+      for (double s = -half_s; s <= half_s + 1e-9; s += kStep_mm) spots.push_back({at(x, s, 0.0), seat_normal()});
     return spots;
   }
   [[nodiscard]] std::vector<Spot> jaw(double side) const {
@@ -89,7 +89,7 @@ class BlockShape {
       const double s = b_.jaw_half_distance_mm.value + (h - b_.jaw_reference_height_mm.value) * std::tan(lean_);
       const Vec3 p = at(0.0, side * s, h);
       if (p.z() > top_z - margin) break;
-      for (double x = -half_x; x <= half_x + 1e-9; x += kStepMm)
+      for (double x = -half_x; x <= half_x + 1e-9; x += kStep_mm)
         spots.push_back({at(x, side * s, h), jaw_normal(side)});
     }
     return spots;
@@ -111,8 +111,8 @@ class BlockShape {
     const double grow = -z * std::tan(b_.draft_rad.value) + 1.0;
     const double half_x = b_.end_half_length_mm.value + grow;
     const double half_y = b_.side_half_width_mm.value + grow;
-    for (double y = -half_y - kTopStripMm; y <= half_y + kTopStripMm; y += kStepMm)
-      for (double x = -half_x - kTopStripMm; x <= half_x + kTopStripMm; x += kStepMm)
+    for (double y = -half_y - kTopStrip_mm; y <= half_y + kTopStrip_mm; y += kStep_mm)
+      for (double x = -half_x - kTopStrip_mm; x <= half_x + kTopStrip_mm; x += kStep_mm)
         if (std::abs(x) > half_x || std::abs(y) > half_y) spots.push_back({{x, y, z}, Vec3::UnitZ()});
     return spots;
   }
@@ -127,10 +127,10 @@ class BlockShape {
 bool is_hidden(const BlockShape& shape, const Vec3& p, const Vec3& eye) {
   const Vec3 way = (eye - p).normalized();
   if (way.z() <= 0.0) return true;
-  constexpr double kAboveAllMm = 120.0;
-  for (double t = kRayStepMm; t < kAboveAllMm / way.z(); t += kRayStepMm) {
+  constexpr double kAboveAll_mm = 120.0;
+  for (double t = kRayStep_mm; t < kAboveAll_mm / way.z(); t += kRayStep_mm) {
     const Vec3 q = p + t * way;
-    if (q.z() < shape.height(q.x(), q.y()) - kClearMm) return true;
+    if (q.z() < shape.height(q.x(), q.y()) - kClear_mm) return true;
   }
   return false;
 }

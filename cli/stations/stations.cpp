@@ -154,7 +154,7 @@ Alike most_alike(const Sources& sources, const std::vector<Row>& rows) {
     const Row& next = rows[(i + 1) % rows.size()];
     const StopDifference d = stop_difference(stop_of(sources, rows[i]), stop_of(sources, next));
     const auto apart = [](const StopDifference& x) {
-      return std::max(x.mm / kStopsDifferMm, x.deg / deg_from_rad(kStopsDifferRad));
+      return std::max(x.mm / kStopsDiffer_mm, x.deg / deg_from_rad(kStopsDiffer_rad));
     };
     if (least.station == 0 || apart(d) < apart(least.differ)) least = {rows[i].station, next.station, d};
   }

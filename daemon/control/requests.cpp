@@ -48,8 +48,8 @@ Json warnings(const Station& s) {
         "the flange may move %.3f mm and %.4f deg over %.1f s ([calibration] capture_stable_*), more than the "
         "%.3f mm, %.4f deg and %.1f s a calibration should have",
         guard.stable_mm, deg_from_rad(guard.stable_rad), static_cast<double>(guard.stable_ns) / 1e9,
-        CaptureGuard::kStableMm, deg_from_rad(CaptureGuard::kStableRad),
-        static_cast<double>(CaptureGuard::kStableNs) / 1e9);
+        CaptureGuard::kStable_mm, deg_from_rad(CaptureGuard::kStable_rad),
+        static_cast<double>(CaptureGuard::kStable_ns) / 1e9);
     list.push_back(text);
   }
   if (const Code link = s.gate.link(s.now_ns); link != Code::ok)

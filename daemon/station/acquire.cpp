@@ -19,18 +19,18 @@ namespace slabd::daemon {
 namespace {
 
 /// A pose newer than the end of the exposure must arrive within this time, or the link counts as stale.
-constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
+constexpr std::int64_t kCheckTimeout_ns = kNsPerS;
 
 /// Time that a durable scan waits for its measurement, counted from the start of the measurement. A scan that measuring
 /// refuses then fails while the robot is still at the station. Measuring takes 20 to 50 ms and the disk mostly longer,
 /// so usually this costs no time. After that time the scan is acquired, and a refusal becomes the block's result.
-constexpr std::int64_t kRefusalWaitNs = kNsPerS / 2;
+constexpr std::int64_t kRefusalWait_ns = kNsPerS / 2;
 
 /// Not a buffer: for a result without a measurement.
 constexpr std::uint8_t kNoSlot = 0xFF;
 
 /// The PLC waits 20 s for "acquired". After this time a scanner's worker that hangs is given up.
-constexpr std::int64_t kHangTimeoutNs = 19 * kNsPerS + kNsPerS / 2;
+constexpr std::int64_t kHangTimeout_ns = 19 * kNsPerS + kNsPerS / 2;
 
 StationRecord& record_of(Station& s, std::uint8_t station) {
   return s.slab.stations[station - 1U];
@@ -47,7 +47,7 @@ Code looks_at_station(const Station& s, const Pose& T_base_flange, double& off_a
 }
 
 std::int64_t time_left_ns(const Station& s) {
-  return s.acquisition.started_ns + kHangTimeoutNs - s.now_ns;
+  return s.acquisition.started_ns + kHangTimeout_ns - s.now_ns;
 }
 
 AcquireScan scan_to_ask(Station& s, int slot) {
@@ -204,14 +204,14 @@ void check_stillness(Station& s, Actions& actions) {
   if (a.ahead == Acquisition::Ahead::no) {
     PoseMean mean;
     const Code code = s.gate.held_still(a.taken_ns, mean);
-    if (code == Code::pose_stale && s.now_ns - a.taken_ns < kCheckTimeoutNs) return;
+    if (code == Code::pose_stale && s.now_ns - a.taken_ns < kCheckTimeout_ns) return;
     if (code != Code::ok) {
       fail_acquisition(s, code, actions);
       return;
     }
     measure_ahead(s, mean, actions);
   }
-  if (a.ahead == Acquisition::Ahead::measuring && s.now_ns - a.ahead_ns < kRefusalWaitNs) return;
+  if (a.ahead == Acquisition::Ahead::measuring && s.now_ns - a.ahead_ns < kRefusalWait_ns) return;
   if (a.ahead == Acquisition::Ahead::measured && a.block.refused != Code::ok) {
     fail_acquisition(s, a.block.refused, actions);
     return;
@@ -235,7 +235,7 @@ void check_stillness(Station& s, Actions& actions) {
 /// ABORT takes effect at any time, and a waiting PLC gets its answer.
 void give_up_when_scanner_hangs(Station& s, Actions& actions) {
   Acquisition& a = s.acquisition;
-  if (!s.links.scanner_hangs || (!a.abort && s.now_ns - a.started_ns < kHangTimeoutNs)) return;
+  if (!s.links.scanner_hangs || (!a.abort && s.now_ns - a.started_ns < kHangTimeout_ns)) return;
   owe_scan(s, a.slot, a.slot_taken, actions);
   a.slot_taken = false;
   fail_acquisition(s, a.abort ? Code::interrupted : code_of_hang(s), actions);

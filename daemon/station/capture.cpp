@@ -27,9 +27,9 @@ constexpr std::size_t kViewPointsMin = 1'000;
 constexpr std::int64_t kLeaseMinS = 10;
 constexpr std::int64_t kLeaseMaxS = 3600;
 /// A pose newer than the end of the exposure must arrive within this time.
-constexpr std::int64_t kCheckTimeoutNs = kNsPerS;
+constexpr std::int64_t kCheckTimeout_ns = kNsPerS;
 /// Additional time for a worker that hangs, compared with a robot that does not stand still.
-constexpr std::int64_t kHangTimeoutNs = 20 * kNsPerS;
+constexpr std::int64_t kHangTimeout_ns = 20 * kNsPerS;
 
 /// Text for a view that was discarded.
 constexpr std::string_view kUnseenView =
@@ -218,7 +218,7 @@ void mark_unseen(Station& s, Actions& actions) {
     s.scan_unseen = true;
     store_fingerprint(s, kUnseenScan, actions);
     c.mark_ticket = s.last_ticket;
-  } else if (is_out_of_patience(s, kCheckTimeoutNs)) {
+  } else if (is_out_of_patience(s, kCheckTimeout_ns)) {
     refuse_shot(s, error(Code::deadline, "the database did not answer in time; check the disk"), actions);
   }
 }
@@ -271,7 +271,7 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
 /// The buffer stays in use, because the worker may still write into it.
 void give_up_when_scanner_hangs(Station& s, Actions& actions) {
   Capture& c = s.capture;
-  const std::int64_t patience_ns = s.settings.settle_timeout_ns + s.settings.capture.stable_ns + kHangTimeoutNs;
+  const std::int64_t patience_ns = s.settings.settle_timeout_ns + s.settings.capture.stable_ns + kHangTimeout_ns;
   if (!s.links.scanner_hangs || (!c.abort && s.now_ns - c.started_ns < patience_ns)) return;
   owe_scan(s, c.slot, true, actions);
   c.phase = Capture::Phase::checking;
@@ -294,7 +294,7 @@ void check_stillness(Station& s, Actions& actions) {
     return;
   }
   if (s.still.newest().arrival_ns <= c.taken_ns) {
-    if (s.now_ns - c.taken_ns < kCheckTimeoutNs) return;
+    if (s.now_ns - c.taken_ns < kCheckTimeout_ns) return;
     emit(actions, DropScan{c.shot.scan_path});
     refuse_shot(s, error(Code::pose_stale, "no pose came after the scan; check the robot bridge and its network"),
                 actions);

@@ -89,9 +89,9 @@ void PoseGate::add(const PoseSample& sample) {
     if (breaks_run(newest_, sample, settings_) || wrong_frame(sample, settings_) || wrong_frame(newest_, settings_))
       slices_ = 0;
     // The sender may be another bridge that does not support the flag; standing still is required in any case.
-    if (sample.arrival_ns - newest_.arrival_ns >= kForgetNs) stopped_flag_used_ = false;
+    if (sample.arrival_ns - newest_.arrival_ns >= kForget_ns) stopped_flag_used_ = false;
   }
-  if (slices_ == 0 || sample.arrival_ns - slice(0).arrival_ns >= kSliceNs) {
+  if (slices_ == 0 || sample.arrival_ns - slice(0).arrival_ns >= kSlice_ns) {
     newest_place_ = (newest_place_ + 1) % ring_.size();
     ring_[newest_place_] = {};
     slices_ = std::min(slices_ + 1, ring_.size());

@@ -21,7 +21,7 @@ struct PoseMean {
 
 /// Decides from the last two seconds of poses, at any rate, whether the robot stands still. Pure; fed by `add`.
 ///
-/// Poses that arrive within kSliceNs of each other are kept as one slice: count, sums, extremes and flags of all of
+/// Poses that arrive within kSlice_ns of each other are kept as one slice: count, sums, extremes and flags of all of
 /// them. So a fast sender needs no more memory than one of 250 Hz, and every pose is part of the decision.
 ///
 /// Settled: over `window_ns` and at least `samples_min` samples, without a gap, peak to valley is within the limits. No
@@ -31,10 +31,10 @@ class PoseGate {
  public:
   /// Silence after which the sender is forgotten, because the next pose may come from another program. The pose link
   /// does not accept another program sooner.
-  static constexpr std::int64_t kForgetNs = kNsPerS;
+  static constexpr std::int64_t kForget_ns = kNsPerS;
   /// Poses of one slice arrive within this time, so that the ring of slices holds at least two seconds of a sender that
   /// never pauses.
-  static constexpr std::int64_t kSliceNs = 2 * kNsPerS / static_cast<std::int64_t>(limits::kPoseRing - 1) + 1;
+  static constexpr std::int64_t kSlice_ns = 2 * kNsPerS / static_cast<std::int64_t>(limits::kPoseRing - 1) + 1;
 
   explicit PoseGate(const PoseSettings& settings) : settings_(settings) {}
 
@@ -45,7 +45,7 @@ class PoseGate {
   /// ok and the mean of the settled window, or the reason against it (link()'s codes, not_settled).
   [[nodiscard]] Code settled(std::int64_t now_ns, PoseMean& mean) const;
   /// True if the newest pose lacks the flag "stopped" although its sender has set it before: the gate does not settle
-  /// until it is set again. Reset after kForgetNs of silence.
+  /// until it is set again. Reset after kForget_ns of silence.
   [[nodiscard]] bool lacks_stopped() const;
   /// nullptr before the first pose.
   [[nodiscard]] const PoseSample* newest() const { return slices_ == 0 ? nullptr : &newest_; }

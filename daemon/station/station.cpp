@@ -229,7 +229,7 @@ std::uint8_t emulation_of_line(const Station& s) {
   unsigned bits = s.settings.simulation ? kEmulatedLine : 0U;
   // A silent robot is neither real nor emulated.
   const PoseSample* pose = s.gate.newest();
-  if (pose != nullptr && s.now_ns - pose->arrival_ns < PoseGate::kForgetNs)
+  if (pose != nullptr && s.now_ns - pose->arrival_ns < PoseGate::kForget_ns)
     bits |= (pose->emulated ? kEmulatedRobot : 0U) | (pose->commanded ? kCommandedPoses : 0U);
   return static_cast<std::uint8_t>(bits);
 }

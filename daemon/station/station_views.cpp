@@ -9,22 +9,22 @@ namespace {
 
 // Deviation of a good seat's registered position from the slab's rigid placement, standard deviation per axis. Sources:
 // casting (0.05 mm), registration of a real form to the nominal one, the robot's repeatability.
-constexpr double kSeatSigmaMm = 0.10;
-constexpr double kSeatSigmaRad = 0.02 * kPi / 180.0;
+constexpr double kSeatSigma_mm = 0.10;
+constexpr double kSeatSigma_rad = 0.02 * kPi / 180.0;
 // Tolerance in standard deviations; larger if the slab's seats scatter more (a robot without corrections), up to a
 // maximum.
 constexpr double kSigmas = 5.0;
 constexpr double kToleranceMmMax = 1.2;
 constexpr double kToleranceRadMax = 0.15 * kPi / 180.0;
 // Two scans of one block from one stop differ by the robot's repeatability only.
-constexpr double kSameViewMm = 0.3;
-constexpr double kSameViewRad = 0.04 * kPi / 180.0;
+constexpr double kSameView_mm = 0.3;
+constexpr double kSameView_rad = 0.04 * kPi / 180.0;
 // Difference in the placement of two slabs. The first scan of a slab can only be compared with earlier slabs.
-constexpr double kPlacedAnewMm = 6.0;
-constexpr double kPlacedAnewRad = 0.15 * kPi / 180.0;
+constexpr double kPlacedAnew_mm = 6.0;
+constexpr double kPlacedAnew_rad = 0.15 * kPi / 180.0;
 // Uncertainty of a slab's placement before its first scan.
-constexpr double kPlacedSigmaMm = 20.0;
-constexpr double kPlacedSigmaRad = 0.2 * kPi / 180.0;
+constexpr double kPlacedSigma_mm = 20.0;
+constexpr double kPlacedSigma_rad = 0.2 * kPi / 180.0;
 constexpr int kFitTurns = 8;
 constexpr double kOutlierSigmas = 3.0;
 
@@ -79,12 +79,12 @@ class Placement {
     for (int turn = 0; turn < kFitTurns; ++turn) {
       Solved6 normal = Solved6::Zero();
       Vec6 right = Vec6::Zero();
-      normal.diagonal().head<3>().setConstant(1.0 / (kPlacedSigmaMm * kPlacedSigmaMm));
-      normal.diagonal().tail<3>().setConstant(1.0 / (kPlacedSigmaRad * kPlacedSigmaRad));
+      normal.diagonal().head<3>().setConstant(1.0 / (kPlacedSigma_mm * kPlacedSigma_mm));
+      normal.diagonal().tail<3>().setConstant(1.0 / (kPlacedSigma_rad * kPlacedSigma_rad));
       for (std::size_t i = 0; i < shifts.size(); ++i) {
         const Eigen::Matrix<double, 3, 6> J = jacobian(shifts[i].p_base);
-        const double w_mm = weight[i] / (kSeatSigmaMm * kSeatSigmaMm);
-        const double w_rad = weight[i] / (kSeatSigmaRad * kSeatSigmaRad);
+        const double w_mm = weight[i] / (kSeatSigma_mm * kSeatSigma_mm);
+        const double w_rad = weight[i] / (kSeatSigma_rad * kSeatSigma_rad);
         normal += w_mm * J.transpose() * J;
         right += w_mm * J.transpose() * shifts[i].mm;
         normal.bottomRightCorner<3, 3>().diagonal().array() += w_rad;
@@ -97,8 +97,8 @@ class Placement {
       double weights = 0.0;
       for (std::size_t i = 0; i < shifts.size(); ++i) {
         const Off off = off_of(shifts[i]);
-        const double r2 = off.mm * off.mm / (3.0 * kSeatSigmaMm * kSeatSigmaMm) +
-                          off.rad * off.rad / (3.0 * kSeatSigmaRad * kSeatSigmaRad);
+        const double r2 = off.mm * off.mm / (3.0 * kSeatSigma_mm * kSeatSigma_mm) +
+                          off.rad * off.rad / (3.0 * kSeatSigma_rad * kSeatSigma_rad);
         weight[i] = 1.0 / (1.0 + r2 / (kOutlierSigmas * kOutlierSigmas));
         sum += weight[i] * 0.5 * r2;
         weights += weight[i];
@@ -119,8 +119,8 @@ class Placement {
   [[nodiscard]] Tolerance scatter_at(const Vec3& p_base) const {
     const Eigen::Matrix<double, 3, 6> J = jacobian(p_base);
     const Eigen::Matrix3d of_place = J * covariance_ * J.transpose();
-    const double place_mm2 = of_place.diagonal().maxCoeff() + kSeatSigmaMm * kSeatSigmaMm;
-    const double place_rad2 = covariance_.diagonal().tail<3>().maxCoeff() + kSeatSigmaRad * kSeatSigmaRad;
+    const double place_mm2 = of_place.diagonal().maxCoeff() + kSeatSigma_mm * kSeatSigma_mm;
+    const double place_rad2 = covariance_.diagonal().tail<3>().maxCoeff() + kSeatSigma_rad * kSeatSigma_rad;
     return {kSigmas * scatter_ * std::sqrt(place_mm2), kSigmas * scatter_ * std::sqrt(place_rad2)};
   }
   /// Tolerance within which a seat at this position agrees.
@@ -203,10 +203,10 @@ class Comparison {
     finding_.own_off_rad = off.rad;
     Tolerance tolerance = placement.is_known() ? placement.scatter_at(shift.p_base) : Tolerance{};
     if (!is_this_slab) {
-      tolerance.mm += kPlacedAnewMm;
-      tolerance.rad += kPlacedAnewRad;
+      tolerance.mm += kPlacedAnew_mm;
+      tolerance.rad += kPlacedAnew_rad;
     }
-    return off.mm > kSeatOffMm + tolerance.mm || off.rad > kSeatOffRad + tolerance.rad;
+    return off.mm > kSeatOff_mm + tolerance.mm || off.rad > kSeatOff_rad + tolerance.rad;
   }
 
   /// Refuses the scan if it agrees with a scan of `stop`'s block from that stop.
@@ -265,7 +265,7 @@ class Comparison {
   void look_at_recent() {
     for (const View& other : views_.recent)
       if (stops_differ(other, view_))
-        note(between(other.T_scanner_block, view_.T_scanner_block), {kSameViewMm, kSameViewRad}, 0, false);
+        note(between(other.T_scanner_block, view_.T_scanner_block), {kSameView_mm, kSameView_rad}, 0, false);
   }
 
   const Views& views_;
@@ -311,13 +311,14 @@ FixedString<limits::kErrorTextBytes> text_of(const ViewFinding& finding, int sta
   return text;
 }
 
-static_assert(kStopsDifferMm >= kSeatOffMm + kSigmas * kSeatSigmaMm - 1e-9, "a seat out of place is not another stop");
-static_assert(kStopsDifferRad >= kSeatOffRad + kSigmas * kSeatSigmaRad - 1e-9,
+static_assert(kStopsDiffer_mm >= kSeatOff_mm + kSigmas * kSeatSigma_mm - 1e-9,
+              "a seat out of place is not another stop");
+static_assert(kStopsDiffer_rad >= kSeatOff_rad + kSigmas * kSeatSigma_rad - 1e-9,
               "a seat that is turned is not another stop");
 
 bool stops_differ(const View& a, const View& b) {
   const Off off = between(nominal_view(a), nominal_view(b));
-  return off.mm > kStopsDifferMm || off.rad > kStopsDifferRad;
+  return off.mm > kStopsDiffer_mm || off.rad > kStopsDiffer_rad;
 }
 
 int stop_like_the_next(const SlabViews& views) {

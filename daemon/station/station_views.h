@@ -19,13 +19,13 @@
 /// refused if two conditions hold. Its block is where another stop would see it, within the noise; and it is not where
 /// its own stop would see it, by more than a seat may be out of place.
 ///
-/// A seat that is out of place is a defect to be measured. Therefore a scan is never refused for less than kSeatOffMm
-/// and kSeatOffRad, nor for a position that matches no other stop.
+/// A seat that is out of place is a defect to be measured. Therefore a scan is never refused for less than kSeatOff_mm
+/// and kSeatOff_rad, nor for a position that matches no other stop.
 namespace slabd::daemon {
 
 /// Displacement and rotation of a seat up to which it is always measured.
-inline constexpr double kSeatOffMm = 2.0;
-inline constexpr double kSeatOffRad = 0.25 * kPi / 180.0;
+inline constexpr double kSeatOff_mm = 2.0;
+inline constexpr double kSeatOff_rad = 0.25 * kPi / 180.0;
 
 /// Block of one scan.
 struct View {

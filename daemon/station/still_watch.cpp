@@ -11,10 +11,10 @@
 namespace slabd::daemon {
 namespace {
 
-constexpr std::int64_t kSecondNs = kNsPerS;
+constexpr std::int64_t kSecond_ns = kNsPerS;
 /// Allowed drift between the sender's and slabd's clock over a run, for the turn of the loop and a busy computer. A
 /// larger drift means that a bridge sends a queue of old poses.
-constexpr std::int64_t kClockSlackUs = 250'000;
+constexpr std::int64_t kClockSlack_us = 250'000;
 
 Vec3 turned_by(const Quat& from, const Quat& to) {
   Quat d = to * from.conjugate();
@@ -55,7 +55,7 @@ void StillWatch::restart(const PoseSample& sample) {
 }
 
 void StillWatch::watch_second(const PoseSample& sample) {
-  if (any_ && sample.arrival_ns - second_start_.arrival_ns < kSecondNs) {
+  if (any_ && sample.arrival_ns - second_start_.arrival_ns < kSecond_ns) {
     this_second_.add(sample.T_base_flange.translation_mm - second_start_.T_base_flange.translation_mm,
                      turned_by(second_start_.T_base_flange.rotation, sample.T_base_flange.rotation));
     return;
@@ -83,7 +83,7 @@ StillWatch::Break StillWatch::broken_by(const PoseSample& sample) const {
   if ((counts && !next) || step_us == 0 || step_us > static_cast<std::uint64_t>(settings_.gap_us)) return Break::gap;
   const auto sent_us = static_cast<std::int64_t>(since(first_.utime_us, sample.utime_us));
   const std::int64_t arrived_us = (sample.arrival_ns - first_.arrival_ns) / kNsPerUs;
-  if (std::abs(sent_us - arrived_us) > kClockSlackUs) return Break::clock;
+  if (std::abs(sent_us - arrived_us) > kClockSlack_us) return Break::clock;
   return Break::none;
 }
 

@@ -56,7 +56,7 @@ struct FlangePose {
 class Senders {
  public:
   /// Time without packets after which a sender is removed.
-  static constexpr std::int64_t kSilentNs = kNsPerS;
+  static constexpr std::int64_t kSilent_ns = kNsPerS;
   enum class Answer : std::uint8_t {
     alone,  ///< the same sender as before
     other,  ///< the first sender, or a new one after the previous one has been silent
@@ -74,7 +74,7 @@ class Senders {
     std::uint32_t address = 0;
     std::int64_t at_ns = 0;
     bool ever = false;
-    [[nodiscard]] bool lately(std::int64_t now_ns) const { return ever && now_ns - at_ns < kSilentNs; }
+    [[nodiscard]] bool lately(std::int64_t now_ns) const { return ever && now_ns - at_ns < kSilent_ns; }
   };
   Heard first_;
   Heard second_;

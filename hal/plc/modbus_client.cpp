@@ -37,7 +37,7 @@ namespace {
 /// Images read and not yet taken by the loop. Two would be enough, because the loop turns every 10 ms and a poll takes
 /// longer.
 constexpr std::size_t kUnreadMax = 8;
-constexpr int kUnacknowledgedMs = 5000;
+constexpr int kUnacknowledged_ms = 5000;
 /// Losses of the same kind in a row after which they are reported as a property of the PLC.
 constexpr int kHabit = 3;
 
@@ -182,7 +182,7 @@ class Client final : public PlcPort {
     }
     const int on = 1;
     setsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
-    setsockopt(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, &kUnacknowledgedMs, sizeof kUnacknowledgedMs);
+    setsockopt(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, &kUnacknowledged_ms, sizeof kUnacknowledged_ms);
     return true;
   }
 

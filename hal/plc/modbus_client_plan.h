@@ -20,9 +20,9 @@ enum class ClientDeed : std::uint8_t { wait, connect, write_all, write_head, rea
 class ClientPlan {
  public:
   static constexpr std::size_t kHeadRegisters = 30;
-  static constexpr std::int64_t kHeadPeriodNs = ns_from_ms(500);
-  static constexpr std::int64_t kBackOffFirstNs = ns_from_ms(200);
-  static constexpr std::int64_t kBackOffMaxNs = 5 * kNsPerS;
+  static constexpr std::int64_t kHeadPeriod_ns = ns_from_ms(500);
+  static constexpr std::int64_t kBackOffFirst_ns = ns_from_ms(200);
+  static constexpr std::int64_t kBackOffMax_ns = 5 * kNsPerS;
 
   explicit ClientPlan(std::int64_t poll_ns) : poll_ns_(poll_ns) {}
 
@@ -48,21 +48,21 @@ class ClientPlan {
   void failed(std::int64_t now_ns) {
     connected_ = false;
     connect_ns_ = now_ns + back_off_ns_;
-    back_off_ns_ = std::min(2 * back_off_ns_, kBackOffMaxNs);
+    back_off_ns_ = std::min(2 * back_off_ns_, kBackOffMax_ns);
   }
   void wrote_all(std::int64_t now_ns, const InputImage& image) {
     written_ = image;
     written_once_ = true;
-    head_ns_ = now_ns + kHeadPeriodNs;
+    head_ns_ = now_ns + kHeadPeriod_ns;
   }
   void wrote_head(std::int64_t now_ns, const InputImage& image) {
     std::copy_n(image.begin(), kHeadRegisters, written_.begin());
-    head_ns_ = now_ns + kHeadPeriodNs;
+    head_ns_ = now_ns + kHeadPeriod_ns;
   }
   /// The PLC's registers were read, so this connection works.
   void has_read(std::int64_t now_ns) {
     read_ns_ = now_ns + poll_ns_;
-    back_off_ns_ = kBackOffFirstNs;
+    back_off_ns_ = kBackOffFirst_ns;
   }
   /// Requests a second answer at once, because the last one may be torn.
   void read_again(std::int64_t now_ns) { read_ns_ = now_ns; }
@@ -83,7 +83,7 @@ class ClientPlan {
   bool written_once_ = false;  ///< on this connection
   InputImage written_{};
   std::int64_t connect_ns_ = 0;
-  std::int64_t back_off_ns_ = kBackOffFirstNs;
+  std::int64_t back_off_ns_ = kBackOffFirst_ns;
   std::int64_t read_ns_ = 0;
   std::int64_t head_ns_ = 0;
 };

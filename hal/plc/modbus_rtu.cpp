@@ -32,21 +32,21 @@ namespace {
 
 /// Pause after which the rest of a frame is not expected any more. Longer than the delay of a USB adapter (16 ms) plus
 /// one turn of the loop, and shorter than any master's retry time.
-constexpr std::int64_t kPauseNs = ns_from_ms(60);
+constexpr std::int64_t kPause_ns = ns_from_ms(60);
 /// Interval of attempts to open a missing device.
-constexpr std::int64_t kReopenNs = kNsPerS;
+constexpr std::int64_t kReopen_ns = kNsPerS;
 /// Replies to other functions than FC 6 without an echo after which the adapter is assumed not to echo.
 constexpr std::uint32_t kOthersToBeSure = 3;
 /// Replies that are remembered because their echo may still come: 1.3 s of a PLC that asks every 20 ms.
 constexpr std::size_t kRepliesKept = 64;
 /// Age at which the echo of a reply counts as lost. Longer than the delay of any adapter or device server.
-constexpr std::int64_t kEchoLostNs = 10 * kNsPerS;
+constexpr std::int64_t kEchoLost_ns = 10 * kNsPerS;
 constexpr std::uint8_t kWriteOne = 6;
 constexpr std::size_t kWriteOneBytes = 8;
 /// Reads in one turn of the loop: the 4 kB of a terminal's buffer, so that noise cannot block the loop.
 constexpr int kPiecesPerTurn = 16;
 /// Time without a frame after which the master is assumed to be absent.
-constexpr std::int64_t kSilentNs = 2'500'000'000;
+constexpr std::int64_t kSilent_ns = 2'500'000'000;
 
 speed_t speed_of(std::uint32_t baud) {
   constexpr std::array<speed_t, kSerialBauds.size()> kSpeeds = {B1200,  B2400,  B4800,  B9600,
@@ -109,7 +109,7 @@ class RtuSlave final : public PlcPort {
       if (now_ns_ >= reopen_ns_) open_line();
       return false;
     }
-    bool written = bytes_ > 0 && now_ns_ - last_byte_ns_ > kPauseNs && end_with_pause();
+    bool written = bytes_ > 0 && now_ns_ - last_byte_ns_ > kPause_ns && end_with_pause();
     for (int piece = 0; !written && piece < kPiecesPerTurn && receive(); ++piece) written = serve();
     if (!written) return false;
     inputs = decode_inputs(bank_.holding, settings_.word_order);
@@ -120,7 +120,7 @@ class RtuSlave final : public PlcPort {
 
   void publish(const PlcOutputs& outputs) override { encode_outputs(outputs, settings_.word_order, bank_.input); }
   std::size_t clients() const override {
-    const bool heard = counters_.last_frame_ns != 0 && now_ns_ - counters_.last_frame_ns < kSilentNs;
+    const bool heard = counters_.last_frame_ns != 0 && now_ns_ - counters_.last_frame_ns < kSilent_ns;
     return fd_.is_open() && heard ? 1 : 0;
   }
   const PlcLinkCounters& counters() const override { return counters_; }
@@ -135,7 +135,7 @@ class RtuSlave final : public PlcPort {
     replies_ = {};
     other_replies_ = 0;
     has_echoed_ = false;
-    reopen_ns_ = now_ns_ + kReopenNs;
+    reopen_ns_ = now_ns_ + kReopen_ns;
     Fd fd(open(settings_.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
     if (!fd.is_open()) {
       const char* cure = errno == EACCES ? "; add slabd to the group dialout" : "; is the adapter plugged in?";
@@ -158,7 +158,7 @@ class RtuSlave final : public PlcPort {
   void lose_line(const char* why) {
     trouble_.printf("plc.device %s: %s; it is opened again when it is back", settings_.device.c_str(), why);
     fd_.reset();
-    reopen_ns_ = now_ns_ + kReopenNs;
+    reopen_ns_ = now_ns_ + kReopen_ns;
   }
 
   /// Reads the bytes that have arrived and keeps the newest kRtuBytesMax. False if there are none.
@@ -190,7 +190,7 @@ class RtuSlave final : public PlcPort {
   bool end_with_pause() {
     const std::span<const std::uint8_t> came = std::span(buffer_).first(std::exchange(bytes_, 0));
     if (!at_start_ || came[0] != settings_.unit_id) return false;
-    const bool in_time = now_ns_ - last_byte_ns_ < 4 * kPauseNs;
+    const bool in_time = now_ns_ - last_byte_ns_ < 4 * kPause_ns;
     // Noise after a request: fewer bytes than any frame. This is checked first, because the checksum stays right if a 0
     // follows it.
     const std::size_t told = rtu_request_bytes(came);
@@ -338,7 +338,7 @@ class RtuSlave final : public PlcPort {
       if (reply.came != 0) second = nullptr;  // a newer reply came back, so the echoes of older ones have come
       if (!reply.starts(frame)) continue;
       const bool cannot_echo = !has_echoed_ && reply.others_before >= kOthersToBeSure;
-      if (reply.is_request() && (cannot_echo || now_ns_ - reply.sent_ns > kEchoLostNs)) continue;
+      if (reply.is_request() && (cannot_echo || now_ns_ - reply.sent_ns > kEchoLost_ns)) continue;
       if (reply.came == 0) return &reply;
       const bool is_newest = (i + 1) % replies_.size() == 0;
       if (has_echoed_ && reply.is_request() && reply.came == 1 && !is_newest) second = &reply;

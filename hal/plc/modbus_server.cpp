@@ -34,11 +34,11 @@ namespace {
 
 /// Time after its first byte in which a frame must be complete. It covers one scan cycle of the slowest PLC, and a PLC
 /// repeats its request only after half a second.
-constexpr std::int64_t kFrameDeadlineNs = ns_from_ms(300);
+constexpr std::int64_t kFrameDeadline_ns = ns_from_ms(300);
 /// Silence after which a client is closed; a PLC sends a request every 500 ms.
-constexpr std::int64_t kIdleLimitNs = 60 * kNsPerS;
+constexpr std::int64_t kIdleLimit_ns = 60 * kNsPerS;
 /// Pause before the next accept() if the process has no descriptors left.
-constexpr std::int64_t kAcceptPauseNs = kNsPerS;
+constexpr std::int64_t kAcceptPause_ns = kNsPerS;
 /// Length of the kernel's queue of connections, and the number accepted in one turn. A PLC that connects during a flood
 /// of connections must not wait long. Accepting only half of the places ensures that a new client is served once before
 /// it can be displaced. Each accept takes about ten microseconds.
@@ -48,10 +48,10 @@ constexpr int kAcceptsPerTurn = static_cast<int>(limits::kModbusClientsMax / 2);
 constexpr int kKeepaliveIdleS = 10;
 constexpr int kKeepaliveIntervalS = 3;
 constexpr int kKeepaliveProbes = 3;
-constexpr int kUnacknowledgedMs = 5000;
+constexpr int kUnacknowledged_ms = 5000;
 /// The last writer of the command block keeps its place while it sends a frame at least this often (a PLC: every 500
 /// ms).
-constexpr std::int64_t kOwnerSilenceNs = 5 * kNsPerS;
+constexpr std::int64_t kOwnerSilence_ns = 5 * kNsPerS;
 /// Places for clients that may only read; the others are reserved for clients that may write.
 constexpr std::size_t kReadersMax = limits::kModbusClientsMax - 2;
 /// Bytes that the kernel keeps for a client that does not read: some hundreds of replies. Then it is closed.
@@ -81,7 +81,7 @@ void prepare_client(int fd) {
   set_option(fd, IPPROTO_TCP, TCP_KEEPIDLE, kKeepaliveIdleS);
   set_option(fd, IPPROTO_TCP, TCP_KEEPINTVL, kKeepaliveIntervalS);
   set_option(fd, IPPROTO_TCP, TCP_KEEPCNT, kKeepaliveProbes);
-  set_option(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, kUnacknowledgedMs);
+  set_option(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, kUnacknowledged_ms);
 }
 
 class Server final : public ModbusServer {
@@ -154,7 +154,7 @@ class Server final : public ModbusServer {
       Fd fd(accept4(listener_.get(), reinterpret_cast<sockaddr*>(&peer), &peer_bytes, SOCK_NONBLOCK | SOCK_CLOEXEC));
       if (!fd.is_open()) {
         const bool exhausted = errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM;
-        if (exhausted) accept_after_ns_ = now_ns_ + kAcceptPauseNs;
+        if (exhausted) accept_after_ns_ = now_ns_ + kAcceptPause_ns;
         return;
       }
       const std::uint32_t address = ntohl(peer.sin_addr.s_addr);
@@ -185,7 +185,7 @@ class Server final : public ModbusServer {
   /// is safe before its first frame.
   int rank(const Client& client) const {
     if (!client.fd.is_open()) return -1000;
-    const bool owner = client.number == command_writer_ && now_ns_ - client.active_ns < kOwnerSilenceNs;
+    const bool owner = client.number == command_writer_ && now_ns_ - client.active_ns < kOwnerSilence_ns;
     if (owner) return 1000;
     const auto places = std::count_if(clients_.begin(), clients_.end(), [&](const Client& other) {
       return other.fd.is_open() && other.address == client.address;
@@ -318,8 +318,8 @@ class Server final : public ModbusServer {
 
   void close_if_late(Client& client) {
     if (!client.fd.is_open()) return;
-    const bool frame_late = client.bytes > 0 && now_ns_ - client.first_byte_ns > kFrameDeadlineNs;
-    const bool idle = now_ns_ - client.active_ns > kIdleLimitNs;
+    const bool frame_late = client.bytes > 0 && now_ns_ - client.first_byte_ns > kFrameDeadline_ns;
+    const bool idle = now_ns_ - client.active_ns > kIdleLimit_ns;
     if (!frame_late && !idle) return;
     blame(frame_late ? counters_.late : counters_.idle, client.address);
     forget(client);

@@ -12,7 +12,7 @@ namespace slabd::hal {
 
 class PlcNotes {
  public:
-  static constexpr std::int64_t kPeriodNs = 10 * kNsPerS;
+  static constexpr std::int64_t kPeriod_ns = 10 * kNsPerS;
 
   /// False without new errors, or too early. `detail` (may be empty) names the peer or the cause and is written last.
   bool next(std::int64_t mono_ns, const PlcLinkCounters& now, const char* detail, PlcNoteText& text) {
@@ -33,7 +33,7 @@ class PlcNotes {
     bool any = false;
     for (const Trouble& trouble : troubles) any = any || trouble.count != 0;
     if (!any || mono_ns < next_ns_) return false;
-    next_ns_ = mono_ns + kPeriodNs;
+    next_ns_ = mono_ns + kPeriod_ns;
     said_ = now;
     text = "PLC link:";
     const char* comma = " ";

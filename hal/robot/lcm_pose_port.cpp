@@ -30,7 +30,7 @@
 namespace slabd::hal {
 namespace {
 
-constexpr std::int64_t kRetryNs = kNsPerS;
+constexpr std::int64_t kRetry_ns = kNsPerS;
 constexpr std::size_t kOwnAddressesMax = 32;
 
 /// The interface that the setting refers to at this moment.
@@ -54,7 +54,7 @@ class LcmPosePort final : public PosePort {
   }
 
   bool next(std::int64_t mono_ns, PoseSample& sample) override {
-    if (!checked_ || mono_ns - checked_ns_ >= kRetryNs) {
+    if (!checked_ || mono_ns - checked_ns_ >= kRetry_ns) {
       checked_ = true;
       checked_ns_ = mono_ns;
       check_link(std::exchange(silent_, true));

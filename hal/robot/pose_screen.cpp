@@ -10,12 +10,12 @@
 // Problem: a well-formed pose may still be wrong. A second program may publish too, a network may deliver an old
 // datagram late, a sender's memory may be torn for one cycle. Idea: accept one publisher at a time, whose clock runs
 // forward and whose arm moves at plausible speed. Invariants: no pose is accepted while two publish. This class refuses
-// poses because of its history for at most kSilentNs; otherwise a sender's clock that was set would block the link.
+// poses because of its history for at most kSilent_ns; otherwise a sender's clock that was set would block the link.
 namespace slabd::hal {
 namespace {
 
-constexpr std::int64_t kRefusalShownNs = 2 * kNsPerS;
-constexpr std::int64_t kNotePeriodNs = 10 * kNsPerS;
+constexpr std::int64_t kRefusalShown_ns = 2 * kNsPerS;
+constexpr std::int64_t kNotePeriod_ns = 10 * kNsPerS;
 
 FixedString<24> text_of(const PosePublisher& p) {
   FixedString<24> text;
@@ -41,8 +41,8 @@ bool is_jump(const PoseSample& from, const PoseSample& to) {
   const double dt_s = std::min(static_cast<double>(forward_us(from, to)) / 1e6, kLongestS);
   const double step_mm = (to.T_base_flange.translation_mm - from.T_base_flange.translation_mm).norm();
   const double step_rad = angle_between_rad(from.T_base_flange.rotation, to.T_base_flange.rotation);
-  return step_mm > PoseScreen::kStepMm + PoseScreen::kSpeedMmPerS * dt_s ||
-         step_rad > PoseScreen::kStepRad + PoseScreen::kSpeedRadPerS * dt_s;
+  return step_mm > PoseScreen::kStep_mm + PoseScreen::kSpeedMmPerS * dt_s ||
+         step_rad > PoseScreen::kStep_rad + PoseScreen::kSpeedRadPerS * dt_s;
 }
 
 }  // namespace
@@ -62,12 +62,12 @@ void PoseScreen::note_sender(const PosePublisher& from, std::int64_t mono_ns, co
 }
 
 void PoseScreen::weigh_clock(std::int64_t mono_ns, const PoseSample& sample) {
-  constexpr std::int64_t kSpanNs = kNsPerS / 2;
+  constexpr std::int64_t kSpan_ns = kNsPerS / 2;
   constexpr int kSamplesMin = 10;
   // Arrivals come in bursts and clocks are set; a wrong unit is repeatedly a factor of a thousand.
   constexpr double kThousandLow = 300.0;
   constexpr double kThousandHigh = 3'000.0;
-  if (clock_from_ns_ != 0 && mono_ns - clock_from_ns_ < kSpanNs) {
+  if (clock_from_ns_ != 0 && mono_ns - clock_from_ns_ < kSpan_ns) {
     ++clock_samples_;
     return;
   }
@@ -87,14 +87,14 @@ void PoseScreen::weigh_clock(std::int64_t mono_ns, const PoseSample& sample) {
 }
 
 void PoseScreen::weigh_seconds(std::int64_t mono_ns, const PoseSample& sample) {
-  constexpr std::int64_t kSpanNs = 3 * kNsPerS;
+  constexpr std::int64_t kSpan_ns = 3 * kNsPerS;
   constexpr int kSamplesMin = 30;
   const std::uint64_t steps = forward_us_from(seconds_from_us_, sample);
   const bool started = seconds_from_ns_ != 0;
   ++seconds_samples_;
   // A clock in microseconds or milliseconds leaves this range with its first messages.
   const bool may_be_seconds = started && steps <= 4;
-  if (started && may_be_seconds && mono_ns - seconds_from_ns_ < kSpanNs) return;
+  if (started && may_be_seconds && mono_ns - seconds_from_ns_ < kSpan_ns) return;
   in_seconds_ = may_be_seconds && steps >= 2 && seconds_samples_ >= kSamplesMin;
   seconds_from_ns_ = mono_ns;
   seconds_from_us_ = sample.utime_us;
@@ -102,7 +102,7 @@ void PoseScreen::weigh_seconds(std::int64_t mono_ns, const PoseSample& sample) {
 }
 
 void PoseScreen::follow_sockets(const PosePublisher& from, std::int64_t mono_ns, const PoseSample& sample) {
-  constexpr std::int64_t kOfOneSenderNs = 10 * kNsPerS;  // a restarted bridge comes less often
+  constexpr std::int64_t kOfOneSender_ns = 10 * kNsPerS;  // a restarted bridge comes less often
   const bool of_same_computer = heard_.ever && heard_.who.address == from.address;
   if (!of_same_computer) {
     recent_ports_ = {};
@@ -110,7 +110,7 @@ void PoseScreen::follow_sockets(const PosePublisher& from, std::int64_t mono_ns,
     on_socket_ = on_socket_before_ = 0;
   } else if (heard_.who.port != from.port) {
     const bool known = std::find(recent_ports_.begin(), recent_ports_.end(), from.port) != recent_ports_.end();
-    const bool in_a_row = strangers_ == 0 || mono_ns - stranger_ns_ < kOfOneSenderNs;
+    const bool in_a_row = strangers_ == 0 || mono_ns - stranger_ns_ < kOfOneSender_ns;
     strangers_ = known ? 0 : in_a_row ? strangers_ + 1 : 1;
     if (!known) stranger_ns_ = mono_ns;
     const std::uint32_t step = static_cast<std::uint32_t>(sample.seq) - static_cast<std::uint32_t>(heard_seq_);
@@ -127,10 +127,10 @@ void PoseScreen::follow_sockets(const PosePublisher& from, std::int64_t mono_ns,
 }
 
 bool PoseScreen::is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseLinkCounters& counters) {
-  if (owner_.ever && !(owner_.who == from) && owner_.within(mono_ns, kSilentNs)) {
+  if (owner_.ever && !(owner_.who == from) && owner_.within(mono_ns, kSilent_ns)) {
     // A second publisher, or the owner's successor: the owner's next pose or its silence decides. Two newcomers count
     // as two.
-    const bool two_newcomers = !(rival_.who == from) && rival_.within(mono_ns, kSilentNs);
+    const bool two_newcomers = !(rival_.who == from) && rival_.within(mono_ns, kSilent_ns);
     rival_ = {from, mono_ns, true};
     ++since_owner_;
     if (two_newcomers) settle_rivals(counters);
@@ -153,7 +153,7 @@ bool PoseScreen::is_alone(const PosePublisher& from, std::int64_t mono_ns, PoseL
     since_owner_ = 0;
   }
   owner_ = {from, mono_ns, true};
-  if (!rival_.within(mono_ns, kSilentNs)) return true;
+  if (!rival_.within(mono_ns, kSilent_ns)) return true;
   ++counters.second_publisher;
   return false;
 }
@@ -201,7 +201,7 @@ bool PoseScreen::admit(const PosePublisher& from, std::int64_t mono_ns, const Po
     return false;
   }
   weigh_seconds(mono_ns, sample);
-  if (has_last_ && mono_ns - last_ns_ >= kSilentNs) has_last_ = has_pending_ = has_seq_ = false;
+  if (has_last_ && mono_ns - last_ns_ >= kSilent_ns) has_last_ = has_pending_ = has_seq_ = false;
   if (has_last_ && !in_seconds_ && !runs_forward(last_, sample)) {
     if (sample.utime_us == last_.utime_us && sample.seq == last_.seq) {
       ++counters.repeated;
@@ -243,7 +243,7 @@ bool PoseScreen::admit(const PosePublisher& from, std::int64_t mono_ns, const Po
 }
 
 std::string_view PoseScreen::refusal(std::int64_t mono_ns) const {
-  if (refusal_.empty() || mono_ns - refused_ns_ > kRefusalShownNs) return {};
+  if (refusal_.empty() || mono_ns - refused_ns_ > kRefusalShown_ns) return {};
   return refusal_.view();
 }
 
@@ -268,7 +268,7 @@ bool PoseScreen::next_note(std::int64_t mono_ns, const PoseLinkCounters& now, Po
   bool any = now.gaps != said_.gaps || changes_ != 0;
   for (const Trouble& trouble : troubles) any = any || trouble.count != 0;
   if (!any || mono_ns < next_note_ns_) return false;
-  next_note_ns_ = mono_ns + kNotePeriodNs;
+  next_note_ns_ = mono_ns + kNotePeriod_ns;
   text.printf("robot pose: %llu breaks in the numbering", static_cast<unsigned long long>(now.gaps - said_.gaps));
   said_ = now;
   for (const Trouble& trouble : troubles) {

@@ -20,12 +20,12 @@ struct PosePublisher {
 class PoseScreen {
  public:
   /// Silence after which a publisher is considered gone, and another one (or the same with another clock) is accepted.
-  static constexpr std::int64_t kSilentNs = kNsPerS;
+  static constexpr std::int64_t kSilent_ns = kNsPerS;
   /// Limits that no robot of this line exceeds: a sample further from the last one is accepted only if the next
   /// confirms it.
-  static constexpr double kStepMm = 5.0;
+  static constexpr double kStep_mm = 5.0;
   static constexpr double kSpeedMmPerS = 10'000.0;
-  static constexpr double kStepRad = 0.05;
+  static constexpr double kStep_rad = 0.05;
   static constexpr double kSpeedRadPerS = 20.0;
 
   /// True if a well-formed pose that arrived at `mono_ns` is accepted. Counts in `counters` the reason of a refusal,

@@ -36,23 +36,23 @@
 namespace slabd::hal {
 namespace {
 
-constexpr std::int64_t kPollNs = 20 * kNsPerMs;
+constexpr std::int64_t kPoll_ns = 20 * kNsPerMs;
 /// ... of an inbox with more entries than are watched, and time for moving and deleting such files in one look.
-constexpr std::int64_t kCrowdedPollNs = 100 * kNsPerMs;
-constexpr std::int64_t kCrowdNs = 10 * kNsPerMs;
+constexpr std::int64_t kCrowdedPoll_ns = 100 * kNsPerMs;
+constexpr std::int64_t kCrowd_ns = 10 * kNsPerMs;
 /// A file is finished if it has not changed for this time, unless its header proves that it is complete ...
-constexpr std::int64_t kFinishedNs = 500 * kNsPerMs;
+constexpr std::int64_t kFinished_ns = 500 * kNsPerMs;
 /// ... and then as soon as two looks this far apart are equal: a file's time has steps of up to 10 ms (the kernel's
 /// ticks), so a write within the step of the first look would not change it.
-constexpr std::int64_t kTimeStepNs = 20 * kNsPerMs;
+constexpr std::int64_t kTimeStep_ns = 20 * kNsPerMs;
 /// ... on a share, where the writing computer sends its data in pieces with pauses.
-constexpr std::int64_t kFinishedOnShareNs = 2 * kNsPerS;
+constexpr std::int64_t kFinishedOnShare_ns = 2 * kNsPerS;
 /// ... and a stray if its name is still not an answer after this time.
-constexpr std::int64_t kStrayNs = 5 * kNsPerS;
+constexpr std::int64_t kStray_ns = 5 * kNsPerS;
 
 /// The same for a file that is certainly not finished: it has 0 bytes, fewer than its header states, or unwritten
 /// parts, which are read as zeros.
-constexpr std::int64_t kFilledNs = 5 * kNsPerS;
+constexpr std::int64_t kFilled_ns = 5 * kNsPerS;
 
 void wait_for_next_look(std::int64_t pause_ns) {
   const timespec pause{0, pause_ns};
@@ -102,14 +102,14 @@ class ScanDrop final : public ScannerPort {
 
   Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz, const std::atomic<bool>& cancel,
                                const ScanDecoded& decoded) override {
-    hang_.enter(HangWatch::kLookNs);
+    hang_.enter(HangWatch::kLook_ns);
     Result<AcquiredScan> scan = ask(request, xyz, cancel, decoded);
     hang_.leave();
     return scan;
   }
 
   void idle() override {
-    hang_.enter(HangWatch::kLookNs);
+    hang_.enter(HangWatch::kLook_ns);
     if (open_folders()) static_cast<void>(tidy({}));
     hang_.leave();
   }
@@ -195,10 +195,10 @@ class ScanDrop final : public ScannerPort {
     for (;;) {
       Result<Answer> answer = wait_for_answer(stem, deadline_ns, request.timeout_ns, cancel);
       if (!answer) return answer.error();
-      hang_.enter(HangWatch::kTakeNs);
+      hang_.enter(HangWatch::kTake_ns);
       bool doubted = false;
       Result<AcquiredScan> scan = take(answer.value(), request, xyz, decoded, doubted);
-      hang_.enter(HangWatch::kLookNs);
+      hang_.enter(HangWatch::kLook_ns);
       // It has the length that its header states, but not its content yet, so it must first stop changing.
       trusted_ = !doubted;
       if (doubted) continue;
@@ -300,7 +300,7 @@ class ScanDrop final : public ScannerPort {
       const std::string_view stem = stem_of(watched.entry.name.view());
       if (!awaited.empty() && stem == awaited) continue;
       const bool answers_another = !settings_.any_name && is_request_stem(stem);
-      const bool left_behind = clock_.mono_ns() - watched.since_ns >= kStrayNs;
+      const bool left_behind = clock_.mono_ns() - watched.since_ns >= kStray_ns;
       if (answers_another || left_behind)
         set_aside(watched.entry.name, answers_another ? "its request is over or never was" : "it answers no request");
     }
@@ -309,11 +309,11 @@ class ScanDrop final : public ScannerPort {
     const std::int64_t begin_ns = clock_.mono_ns();
     do {
       if (!trimmed_) trim_stray();
-    } while (!trimmed_ && is_crowd_cleared_ && clock_.mono_ns() - begin_ns < kCrowdNs);
+    } while (!trimmed_ && is_crowd_cleared_ && clock_.mono_ns() - begin_ns < kCrowd_ns);
     return success();
   }
 
-  /// Clears an inbox with more files than are watched. Files unchanged for kStrayNs, by the file system's clock, are
+  /// Clears an inbox with more files than are watched. Files unchanged for kStray_ns, by the file system's clock, are
   /// moved at once, as many as one look allows. Files that are being written stay.
   void clear_crowd(std::string_view awaited) {
     is_crowd_cleared_ = false;
@@ -327,11 +327,11 @@ class ScanDrop final : public ScannerPort {
       if (!awaited.empty() && stem == awaited) return true;
       const FileState state = file_state(folders_.inbox_fd(), name);
       const bool answers_another = !settings_.any_name && is_request_stem(stem);
-      if (state.known && (answers_another || *time_ns - state.status_ns >= kStrayNs) && folders_.set_aside(name)) {
+      if (state.known && (answers_another || *time_ns - state.status_ns >= kStray_ns) && folders_.set_aside(name)) {
         ++strays_;
         trimmed_ = false;
       }
-      return clock_.mono_ns() - begin_ns < kCrowdNs;
+      return clock_.mono_ns() - begin_ns < kCrowd_ns;
     };
     folders_.for_each_in_inbox(std::ref(move));  // by reference: a copy would use the heap
     is_crowd_cleared_ = strays_ != before;
@@ -385,8 +385,8 @@ class ScanDrop final : public ScannerPort {
   void pause() {
     hang_.leave();
     // Listing thousands of names takes a processor some milliseconds, which other programs need too.
-    wait_for_next_look(folders_.is_crowded() ? kCrowdedPollNs : kPollNs);
-    hang_.enter(HangWatch::kLookNs);
+    wait_for_next_look(folders_.is_crowded() ? kCrowdedPoll_ns : kPoll_ns);
+    hang_.enter(HangWatch::kLook_ns);
   }
 
   /// any_name: waits until the late answer to a failed request has come and was set aside, or can no longer come. It
@@ -416,7 +416,7 @@ class ScanDrop final : public ScannerPort {
   /// True if the file can be decoded as a scan, which is the only proof.
   bool holds_scan(const InboxEntry& entry, std::span<float> xyz) {
     if (!entry.regular || stem_of(entry.name.view()).empty()) return false;
-    hang_.enter(HangWatch::kTakeNs);
+    hang_.enter(HangWatch::kTake_ns);
     const Result<int> opened = open_scan(folders_.inbox_fd(), entry.name.c_str(), entry.name.c_str());
     bool is_scan = false;
     if (opened) {
@@ -424,7 +424,7 @@ class ScanDrop final : public ScannerPort {
       const Result<ScanShape> shape = read_scan_fd(fd.get(), entry.name.c_str(), settings_.form, xyz, readers_);
       is_scan = shape.ok() && shape.value().finite > 0;
     }
-    hang_.enter(HangWatch::kLookNs);
+    hang_.enter(HangWatch::kLook_ns);
     return is_scan;
   }
 
@@ -474,7 +474,7 @@ class ScanDrop final : public ScannerPort {
   /// unchanged for half a second.
   bool is_finished(const QuietWatch::Watched& watched) const {
     if (!watched.entry.regular || is_quiet(watched)) return true;
-    if (!trusted_ || clock_.mono_ns() - watched.since_ns < kTimeStepNs) return false;
+    if (!trusted_ || clock_.mono_ns() - watched.since_ns < kTimeStep_ns) return false;
     const char* name = watched.entry.name.c_str();
     const Result<int> opened = open_scan(folders_.inbox_fd(), name, name);
     if (!opened) return true;  // take() will report the reason
@@ -484,8 +484,8 @@ class ScanDrop final : public ScannerPort {
 
   bool is_quiet(const QuietWatch::Watched& watched) const {
     const std::int64_t still_ns = clock_.mono_ns() - watched.since_ns;
-    if (still_ns < (folders_.on_network() ? kFinishedOnShareNs : kFinishedNs)) return false;
-    if (still_ns >= kFilledNs) return true;
+    if (still_ns < (folders_.on_network() ? kFinishedOnShare_ns : kFinished_ns)) return false;
+    if (still_ns >= kFilled_ns) return true;
     const Signs signs = look_into(watched.entry);
     return !signs.lacks_bytes && !signs.has_hole;
   }
@@ -574,8 +574,8 @@ class ScanDrop final : public ScannerPort {
     scan.read_ms = ms_from_ns(clock_.mono_ns() - begin_ns);
     decoded(scan);
     // From here on the disk needs the time. One time limit for both, because the PLC does not wait longer.
-    const std::int64_t left_ns = HangWatch::kTakeNs - (clock_.mono_ns() - begin_ns);
-    hang_.enter(std::max(left_ns, HangWatch::kStoreMinNs),
+    const std::int64_t left_ns = HangWatch::kTake_ns - (clock_.mono_ns() - begin_ns);
+    hang_.enter(std::max(left_ns, HangWatch::kStoreMin_ns),
                 folders_.on_network() ? HangWatch::Place::copying : HangWatch::Place::spool);
     if (Status status = spool_file(fd.get(), folders_.inbox_fd(), answer.entry.name.c_str(), scan.path); !status)
       return status.error();

@@ -24,17 +24,17 @@
 //   - points count only for the request that their header names, and only if all checksums match;
 //   - the spool file contains exactly the decoded floats, converted to mm;
 //   - one sender: another address is rejected while the first one is connected;
-//   - every wait is bounded by the request's timeout, and by kStallNs for a silent sender. Only the spool's disk may
+//   - every wait is bounded by the request's timeout, and by kStall_ns for a silent sender. Only the spool's disk may
 //     block this thread longer; HangWatch reports that.
 namespace slabd::hal {
 namespace {
 
-constexpr int kPollMs = 20;
+constexpr int kPoll_ms = 20;
 /// Longest silence within a scan: longer than TCP takes to resend a lost segment, short enough for a retry within the
 /// timeout.
-constexpr std::int64_t kStallNs = 3 * kNsPerS;
+constexpr std::int64_t kStall_ns = 3 * kNsPerS;
 /// Time of reading on after an error, so that the sender can read the reason before the connection is reset.
-constexpr std::int64_t kFarewellNs = 200 * kNsPerMs;
+constexpr std::int64_t kFarewell_ns = 200 * kNsPerMs;
 
 FixedString<24> text_of(const sockaddr_in& address) {
   const std::uint32_t a = ntohl(address.sin_addr.s_addr);
@@ -231,10 +231,10 @@ class StreamPort final : public ScanStreamPort {
   void turn_away(const Error& why, std::uint16_t session, std::uint16_t cmd_seq) {
     static_cast<void>(send_line(sender_.get(), scan_answer_json(session, cmd_seq, &why, 0).view()));
     shutdown(sender_.get(), SHUT_WR);
-    const std::int64_t until_ns = clock_.mono_ns() + kFarewellNs;
+    const std::int64_t until_ns = clock_.mono_ns() + kFarewell_ns;
     std::array<std::byte, limits::kScanReadBytes> unread;
     pollfd waiting{sender_.get(), POLLIN, 0};
-    while (clock_.mono_ns() < until_ns && poll(&waiting, 1, kPollMs) >= 0) {
+    while (clock_.mono_ns() < until_ns && poll(&waiting, 1, kPoll_ms) >= 0) {
       const ssize_t n = recv(sender_.get(), unread.data(), unread.size(), MSG_DONTWAIT);
       if (n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR)) break;
     }
@@ -245,7 +245,7 @@ class StreamPort final : public ScanStreamPort {
 
   void wait() const {
     std::array<pollfd, 2> fds = {pollfd{listener_.get(), POLLIN, 0}, pollfd{sender_.get(), POLLIN, 0}};
-    poll(fds.data(), fds.size(), kPollMs);  // poll() ignores -1
+    poll(fds.data(), fds.size(), kPoll_ms);  // poll() ignores -1
   }
 
   // ---- a request
@@ -267,7 +267,7 @@ class StreamPort final : public ScanStreamPort {
       const ssize_t n = recv(sender_.get(), piece.data(), std::min(piece.size(), job.decoder.wanted()), MSG_DONTWAIT);
       if (n < 0 && errno == EINTR) continue;
       if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) {
-        if (job.decoder.amid_scan() && clock_.mono_ns() - job.moved_ns > kStallNs) {
+        if (job.decoder.amid_scan() && clock_.mono_ns() - job.moved_ns > kStall_ns) {
           job.last = error(Code::frame_incomplete, "the gateway fell silent after %zu of %u points",
                            job.decoder.points(), job.decoder.header().count);
           lost("the gateway fell silent in the middle of a scan");
@@ -292,7 +292,7 @@ class StreamPort final : public ScanStreamPort {
         return success();
       }
       if (job.decoder.starts() != starts || job.begin_ns == 0) note_header(job);
-      hang_.enter(HangWatch::kTakeNs, HangWatch::Place::spool);
+      hang_.enter(HangWatch::kTake_ns, HangWatch::Place::spool);
       const Status stored = store(job);
       hang_.leave();
       if (!stored) return stored;
@@ -336,7 +336,7 @@ class StreamPort final : public ScanStreamPort {
                    job.scan.shape.points, job.request.points_min);
     job.scan.read_ms = ms_from_ns(clock_.mono_ns() - job.begin_ns);
     decoded(job.scan);
-    hang_.enter(HangWatch::kTakeNs, HangWatch::Place::spool);
+    hang_.enter(HangWatch::kTake_ns, HangWatch::Place::spool);
     const Status status = job.file.finish();
     hang_.leave();
     if (!status) return status.error();

@@ -33,11 +33,11 @@ class HangWatch {
   };
 
   /// Limit for looking at folders, which takes microseconds on a local disk and some tens of ms on a share.
-  static constexpr std::int64_t kLookNs = 3 * kNsPerS;
+  static constexpr std::int64_t kLook_ns = 3 * kNsPerS;
   /// Limit for reading 60 MB, or storing them: 2 s on a share at full 1 Gbit/s, and a disk may be slow too.
-  static constexpr std::int64_t kTakeNs = 10 * kNsPerS;
-  /// Least time left for storing after a reading that took nearly all of kTakeNs.
-  static constexpr std::int64_t kStoreMinNs = 2 * kNsPerS;
+  static constexpr std::int64_t kTake_ns = 10 * kNsPerS;
+  /// Least time left for storing after a reading that took nearly all of kTake_ns.
+  static constexpr std::int64_t kStoreMin_ns = 2 * kNsPerS;
 
   explicit HangWatch(const Clock& clock) : clock_(clock) {}
 

@@ -19,10 +19,10 @@
 namespace slabd::hal {
 namespace {
 
-constexpr std::int64_t kIdleLimitNs = 10 * kNsPerS;
+constexpr std::int64_t kIdleLimit_ns = 10 * kNsPerS;
 /// If all places are taken, a client that has been silent for this long is replaced by the next one, which waits up to
 /// 3 s.
-constexpr std::int64_t kMakesRoomNs = kNsPerS;
+constexpr std::int64_t kMakesRoom_ns = kNsPerS;
 constexpr mode_t kOwnerAndGroup = 0660;
 /// Rate limit of one client. A display requests data once or twice a second; a busy script must not take up the loop.
 constexpr int kRequestsPerSecondMax = 20;
@@ -112,7 +112,7 @@ class ControlSocket final : public ControlPort {
     ControlClient* place = nullptr;
     for (ControlClient& client : clients_) {
       if (!client.fd.is_open()) return &client;
-      const bool silent = mono_ns - client.active_ns > kMakesRoomNs && !has_written(client);
+      const bool silent = mono_ns - client.active_ns > kMakesRoom_ns && !has_written(client);
       if (silent && (place == nullptr || client.active_ns < place->active_ns)) place = &client;
     }
     return place;
@@ -184,7 +184,7 @@ class ControlSocket final : public ControlPort {
 
   static void close_if_unwanted(ControlClient& client, std::int64_t mono_ns) {
     const bool oversized = client.bytes == client.buffer.size();
-    if (oversized || mono_ns - client.active_ns > kIdleLimitNs) forget(client);
+    if (oversized || mono_ns - client.active_ns > kIdleLimit_ns) forget(client);
   }
 
   static bool send_all(const ControlClient& client, std::string_view text) {

@@ -32,12 +32,12 @@
 namespace slabd::storage {
 namespace {
 
-constexpr int kMoreLooks = 2;  ///< further checks of a database that looks damaged
-constexpr int kBusyMs = 2000;  ///< only a person with another tool can make the writer wait
+constexpr int kMoreLooks = 2;   ///< further checks of a database that looks damaged
+constexpr int kBusy_ms = 2000;  ///< only a person with another tool can make the writer wait
 
 /// Applies settings that do not write to the file.
 void protect(Connection& db) {
-  sqlite3_busy_timeout(db.handle(), kBusyMs);
+  sqlite3_busy_timeout(db.handle(), kBusy_ms);
   if (sqlite3_db_config(db.handle(), SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr) != SQLITE_OK)
     throw SqlFailure{SQLITE_ERROR, "SQLITE_DBCONFIG_DEFENSIVE is not available"};
   db.execute("PRAGMA trusted_schema = OFF");
@@ -251,7 +251,7 @@ Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& pat
 void wait_for_log(const std::string& path) {
   constexpr unsigned kLook_us = 50'000;
   for (int waited_ms = 0; log_is_in_doubt(path); waited_ms += static_cast<int>(kLook_us / 1000)) {
-    if (waited_ms >= kBusyMs)
+    if (waited_ms >= kBusy_ms)
       throw SqlFailure{SQLITE_BUSY, std::string("its log may be spoilt by a power cut (") + kLogCopy +
                                         " lies beside it); starting slabd mends that"};
     usleep(kLook_us);
@@ -310,7 +310,7 @@ void begin_to_read(Connection& db) {
       return;
     } catch (const SqlFailure& failure) {
       const bool starts = failure.result == SQLITE_READONLY_RECOVERY || failure.result == SQLITE_READONLY_CANTINIT;
-      if (!starts || waited_us >= 1000 * kBusyMs) throw;
+      if (!starts || waited_us >= 1000 * kBusy_ms) throw;
     }
     usleep(kLook_us);
   }

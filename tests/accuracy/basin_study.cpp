@@ -12,8 +12,8 @@
 namespace slabd::accuracy {
 namespace {
 
-constexpr double kRightMm = 0.05;
-constexpr double kRightDeg = 0.01;
+constexpr double kRight_mm = 0.05;
+constexpr double kRight_deg = 0.01;
 
 struct Band {
   double mm;
@@ -77,8 +77,8 @@ bool basin_study(const StudyOptions& options, Table& table) {
       inspector.begin(1, Pose::identity(), random_start(T_block_scanner, band, random));
       if (!inspector.register_to_model(cloud)) continue;
       const Pose off = inspector.result().registration.T_scanner_block * T_block_scanner;
-      const bool right = off.translation_mm.norm() < kRightMm &&
-                         deg_from_rad(angle_between_rad(off.rotation, Quat::Identity())) < kRightDeg;
+      const bool right = off.translation_mm.norm() < kRight_mm &&
+                         deg_from_rad(angle_between_rad(off.rotation, Quat::Identity())) < kRight_deg;
       ++(right ? count.right : count.wrong);
     }
     const std::string what = fmt::format("+-{:.0f} mm, +-{:.0f} deg{}", band.mm, band.deg,

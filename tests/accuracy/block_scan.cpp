@@ -67,13 +67,13 @@ class Relief {
       const double phase = 2.0 * kPi * random.uniform();
       for (int row = 0; row < kRows; ++row)
         for (int column = 0; column < kColumns; ++column)
-          heights_[index(column, row)] += std::sqrt(2.0 / kWaves) * std::cos(kx * (column - kColumns / 2) * kStepMm +
-                                                                             ky * (row - kRows / 2) * kStepMm + phase);
+          heights_[index(column, row)] += std::sqrt(2.0 / kWaves) * std::cos(kx * (column - kColumns / 2) * kStep_mm +
+                                                                             ky * (row - kRows / 2) * kStep_mm + phase);
     }
   }
   [[nodiscard]] double at(double x_mm, double y_mm) const {
-    const double column = x_mm / kStepMm + kColumns / 2;
-    const double row = y_mm / kStepMm + kRows / 2;
+    const double column = x_mm / kStep_mm + kColumns / 2;
+    const double row = y_mm / kStep_mm + kRows / 2;
     const int c = static_cast<int>(std::floor(column));
     const int r = static_cast<int>(std::floor(row));
     if (c < 0 || r < 0 || c + 1 >= kColumns || r + 1 >= kRows) return 0.0;
@@ -84,7 +84,7 @@ class Relief {
   }
 
  private:
-  static constexpr double kStepMm = 2.0;
+  static constexpr double kStep_mm = 2.0;
   static constexpr int kColumns = 400;  // 800 mm: larger than the field of view
   static constexpr int kRows = 400;
   static constexpr int kWaves = 200;
@@ -95,8 +95,8 @@ class Relief {
 };
 
 /// The area between the jaws and near the bearing plane, which is formed by steel.
-constexpr double kSeatHalfMm = 185.0;
-constexpr double kSeatNearMm = 3.0;
+constexpr double kSeatHalf_mm = 185.0;
+constexpr double kSeatNear_mm = 3.0;
 
 }  // namespace
 
@@ -107,7 +107,7 @@ void BlockBench::roughen(const Sight& sight) {
   for (std::size_t i = 0; i + 2 < xyz_.size(); i += 3) {
     if (!std::isfinite(xyz_[i])) continue;
     const Vec3 p = T_block_scanner * Vec3(xyz_[i], xyz_[i + 1], xyz_[i + 2]);
-    const bool on_seat = std::abs(p.y()) < kSeatHalfMm && std::abs(p.z() - rise * p.y()) < kSeatNearMm &&
+    const bool on_seat = std::abs(p.y()) < kSeatHalf_mm && std::abs(p.z() - rise * p.y()) < kSeatNear_mm &&
                          std::abs(p.x()) < recipe_.block.end_half_length_mm.value;
     if (!on_seat) xyz_[i + 2] += static_cast<float>(concrete.std_mm * relief.at(p.x(), p.y()));
   }

@@ -20,8 +20,8 @@ namespace slabd::accuracy {
 namespace {
 
 constexpr double kPoints = 350'000.0;
-constexpr float kLevelDeg = 60.0F;
-constexpr float kUnseenDeg = 83.0F;
+constexpr float kLevel_deg = 60.0F;
+constexpr float kUnseen_deg = 83.0F;
 
 struct View {
   double focus_mm;
@@ -79,8 +79,8 @@ class DenoiseBench {
         const Vec3 p(static_cast<double>(f[0]), static_cast<double>(f[1]), static_cast<double>(f[2]));
         if (within_a_millimetre(model_, cloud.T_block_scanner * p)) continue;
         count(quality.outliers_left, kept);
-      } else if (cloud.incidence_deg[i] <= kUnseenDeg) {
-        count(cloud.incidence_deg[i] < kLevelDeg ? quality.level_lost : quality.steep_lost, !kept);
+      } else if (cloud.incidence_deg[i] <= kUnseen_deg) {
+        count(cloud.incidence_deg[i] < kLevel_deg ? quality.level_lost : quality.steep_lost, !kept);
       }
     }
   }

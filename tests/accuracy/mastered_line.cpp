@@ -8,7 +8,7 @@
 namespace slabd::accuracy {
 namespace {
 
-constexpr double kArmMm = 1500.0;
+constexpr double kArm_mm = 1500.0;
 
 /// rms distance that remains in space after the best rigid motion.
 double left_after_fit_mm(const std::vector<Vec3>& seen, const std::vector<Vec3>& true_places) {
@@ -85,7 +85,7 @@ simulate::SlabVariation MasteredLine::variation(std::uint32_t number, bool same_
   v.robot_mm = traits_.absolute_mm;
   v.robot_length_mm = 500.0;
   v.robot_sigma_mm = traits_.repeat_mm;
-  v.robot_sigma_deg = deg_from_rad(traits_.repeat_mm / kArmMm);
+  v.robot_sigma_deg = deg_from_rad(traits_.repeat_mm / kArm_mm);
   return v;
 }
 
@@ -128,7 +128,7 @@ JudgedSlab MasteredLine::judge(std::uint32_t number, bool corrected, simulate::S
   truth = cast(number, false);
   SpliceSettings settings;
   settings.absolute_mm = traits_.absolute_mm;
-  settings.absolute_rad = traits_.absolute_mm / kArmMm;
+  settings.absolute_rad = traits_.absolute_mm / kArm_mm;
   LineCalibration used = calibration_;
   if (!corrected) used.tables.clear();
   JudgedSlab judged;

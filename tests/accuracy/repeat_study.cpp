@@ -12,13 +12,13 @@ namespace slabd::accuracy {
 namespace {
 
 constexpr int kRepeats = 10;
-constexpr double kRobotMm = 0.017;
-constexpr double kRobotDeg = 0.002;
+constexpr double kRobot_mm = 0.017;
+constexpr double kRobot_deg = 0.002;
 
 Pose come_back(const Pose& T_scanner_block, Prng& random) {
   Pose off;
-  for (int axis = 0; axis < 3; ++axis) off.translation_mm[axis] = kRobotMm * random.normal();
-  const auto turn = [&] { return rad_from_deg(kRobotDeg) * random.normal(); };
+  for (int axis = 0; axis < 3; ++axis) off.translation_mm[axis] = kRobot_mm * random.normal();
+  const auto turn = [&] { return rad_from_deg(kRobot_deg) * random.normal(); };
   const double a = turn();
   const double b = turn();
   off.rotation = rotation_from_kuka_abc(a, b, turn());

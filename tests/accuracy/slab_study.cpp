@@ -15,7 +15,7 @@
 namespace slabd::accuracy {
 namespace {
 
-constexpr double kRobotMm = 0.017;
+constexpr double kRobot_mm = 0.017;
 constexpr double kSeatErrorMax = 0.05;
 constexpr double kCoverageMin = 0.935;
 
@@ -30,7 +30,7 @@ simulate::SlabVariation variation(std::uint64_t seed) {
   simulate::SlabVariation v;
   v.seed = seed;
   v.robot_mm = 0.0;
-  v.robot_sigma_mm = kRobotMm;
+  v.robot_sigma_mm = kRobot_mm;
   return v;
 }
 
@@ -41,7 +41,7 @@ class SlabBench {
     inspector_.use(recipe_);
     sigma_.position_mm = 0.0;
     sigma_.rotation_rad = 0.0;
-    sigma_.robot_position_mm = kRobotMm;
+    sigma_.robot_position_mm = kRobot_mm;
   }
 
   /// Measures as the daemon: every station from its reported pose, then one fit. Prints failed stations to stderr.

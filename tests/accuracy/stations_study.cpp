@@ -19,7 +19,7 @@
 namespace slabd::accuracy {
 namespace {
 
-constexpr double kSeatsMaxMm = 0.05;
+constexpr double kSeatsMax_mm = 0.05;
 constexpr double kCoverageMin = 0.935;
 
 struct Tally {
@@ -109,7 +109,7 @@ bool run_lines(const StudyOptions& options, const Recipe& recipe, const Mastered
       }
   }
   table.at_most(what + ": robots refused", refused, 0.01 * lines, "");
-  table.at_most(what + ": seats in space, corrected, rms", rms(with.seats_mm), kSeatsMaxMm, "mm");
+  table.at_most(what + ": seats in space, corrected, rms", rms(with.seats_mm), kSeatsMax_mm, "mm");
   table.tell(what + ": seats in space, hand-eye alone, rms", rms(without.seats_mm), "mm");
   for (const auto& [outcome, words] : {std::pair{&with, "corrected"}, std::pair{&without, "hand-eye alone"}}) {
     table.at_most(fmt::format("{}: {}, items that pass and should not", what, words), outcome->wrong_passes, 0, "");

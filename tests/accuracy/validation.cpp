@@ -32,15 +32,15 @@ using cli::study::Spread;
 constexpr int kSeats = 18;
 constexpr std::size_t kRepeats = 10;
 constexpr std::size_t kGaugeRuns = cli::study::kGaugeRunsMin;
-constexpr double kRobotMm = 0.017;
-constexpr double kRobotDeg = 0.002;
+constexpr double kRobot_mm = 0.017;
+constexpr double kRobot_deg = 0.002;
 /// Scatter of the points about the seat, form and noise together; and the height of the dome, which is the form.
-constexpr double kStdLowMm = 0.013;
-constexpr double kStdHighMm = 0.029;
-constexpr double kDomeLowMm = 0.05;
-constexpr double kDomeHighMm = 0.08;
+constexpr double kStdLow_mm = 0.013;
+constexpr double kStdHigh_mm = 0.029;
+constexpr double kDomeLow_mm = 0.05;
+constexpr double kDomeHigh_mm = 0.08;
 /// Half the depth of an S-shaped error of the scanner's field, to estimate its effect on the slope.
-constexpr double kFieldErrorMm = 0.05;
+constexpr double kFieldError_mm = 0.05;
 
 struct Seat {
   Sight sight;
@@ -52,8 +52,8 @@ struct Seat {
 
 Pose come_back(const Pose& T_scanner_block, Prng& random) {
   Pose off;
-  for (int axis = 0; axis < 3; ++axis) off.translation_mm[axis] = kRobotMm * random.normal();
-  const auto turn = [&] { return rad_from_deg(kRobotDeg) * random.normal(); };
+  for (int axis = 0; axis < 3; ++axis) off.translation_mm[axis] = kRobot_mm * random.normal();
+  const auto turn = [&] { return rad_from_deg(kRobot_deg) * random.normal(); };
   const double a = turn();
   const double b = turn();
   off.rotation = rotation_from_kuka_abc(a, b, turn());
@@ -79,8 +79,8 @@ std::vector<Seat> cast_seats(const Recipe& recipe) {
     Seat& seat = seats[static_cast<std::size_t>(i)];
     const double share = static_cast<double>(i) / (kSeats - 1);
     seat.sight = varied_sight(recipe, static_cast<std::uint64_t>(2019 + i));
-    seat.sight.station.block.bump_mm = kDomeHighMm + (kDomeLowMm - kDomeHighMm) * share;
-    const double total = kStdHighMm + (kStdLowMm - kStdHighMm) * share;
+    seat.sight.station.block.bump_mm = kDomeHigh_mm + (kDomeLow_mm - kDomeHigh_mm) * share;
+    const double total = kStdHigh_mm + (kStdLow_mm - kStdHigh_mm) * share;
     const double form = form_of(seat).std_mm;
     seat.noise_mm = std::sqrt(std::max(total * total - form * form, 1e-6));
   }
@@ -262,7 +262,7 @@ bool print_comparison(const std::vector<Seat>& seats, const Recipe& recipe, Bloc
   row("this method", "1.342 deg", deg(slope.value));
   row("difference", "0.021 deg", deg(std::abs(slope.value - slope.reference)),
       "of a block that is its model, by a scanner without error of form; with relief: below");
-  bench.field_error_mm = kFieldErrorMm;
+  bench.field_error_mm = kFieldError_mm;
   simulate::ScannerTraits traits;
   traits.noise_mm = seats[0].noise_mm;
   const bool good = bench.measure(seats[0].sight, traits, 6);
@@ -271,7 +271,7 @@ bool print_comparison(const std::vector<Seat>& seats, const Recipe& recipe, Bloc
     fmt::print(stderr, "slabd_validation: seat 1 through a bent field: {}\n", bench.trouble());
     return false;
   }
-  row(fmt::format("difference, the scanner's field bent by +-{} in an S", mm(kFieldErrorMm)), "-",
+  row(fmt::format("difference, the scanner's field bent by +-{} in an S", mm(kFieldError_mm)), "-",
       deg(std::abs(bench.item(ItemId::seat_slope).value - laboratory_value(recipe, seats[0], ItemId::seat_slope))),
       "what a scanner's error of form does");
 
@@ -302,8 +302,8 @@ double slope_to_model_deg(const BlockResult& block) {
 /// Prints the effect of a block that deviates from its model on the registration, and with it on a slope relative to
 /// the model: the paper's 0.257 mm of Table 4 next to its 0.021 deg of Table 6.
 bool print_concrete(const std::vector<Seat>& seats, const Recipe& recipe, BlockBench& bench) {
-  constexpr double kPaperStdMm = 0.257;
-  constexpr std::array kLengthsMm = {10.0, 25.0, 50.0, 100.0};
+  constexpr double kPaperStd_mm = 0.257;
+  constexpr std::array kLengths_mm = {10.0, 25.0, 50.0, 100.0};
   fmt::print(
       "\n### Tables 4 and 6 together: blocks whose concrete is off its model, eighteen castings each\n\n"
       "| Relief correlated over | Table 4: mean, standard deviation (paper 0.091, 0.257 mm) | within 1, 2, 3 (78.9, "
@@ -311,7 +311,7 @@ bool print_concrete(const std::vector<Seat>& seats, const Recipe& recipe, BlockB
       "98.0 %) | slope against the registered model: rms, largest error (0.021 deg) | slope against the slab's top: "
       "rms, "
       "largest |\n|---|---|---|---|---|\n");
-  for (const double length : kLengthsMm) {
+  for (const double length : kLengths_mm) {
     double scale = 1.0;
     std::vector<double> to_model;
     std::vector<double> to_top;
@@ -320,7 +320,7 @@ bool print_concrete(const std::vector<Seat>& seats, const Recipe& recipe, BlockB
     std::array<double, 3> within{};
     for (std::size_t i = 0; i < seats.size() + 1; ++i) {
       const Seat& seat = seats[i == 0 ? 0 : i - 1];
-      bench.concrete = {kPaperStdMm * scale, length, 100 + i};
+      bench.concrete = {kPaperStd_mm * scale, length, 100 + i};
       simulate::ScannerTraits traits;
       traits.noise_mm = seat.noise_mm;
       const bool good = bench.measure(seat.sight, traits, 500 + i);
@@ -331,7 +331,7 @@ bool print_concrete(const std::vector<Seat>& seats, const Recipe& recipe, BlockB
       }
       const DeviationStats& d = bench.result().registration.deviation;
       if (i == 0) {  // scales the relief to the paper's scatter of deviations
-        scale = kPaperStdMm / d.std_mm;
+        scale = kPaperStd_mm / d.std_mm;
         continue;
       }
       const double truth = simulate::true_value(recipe, seat.sight.station, ItemId::seat_slope);
@@ -374,8 +374,8 @@ void print_floors(const std::vector<Seat>& seats, const Recipe& recipe) {
     row(what, paper, ours, "floor " + floor);
   };
   // A plane over a region of half width h: the variance of the slope is that of the points over n h^2 / 3.
-  constexpr double kHalfMm = 75.0;
-  const double slope_deg = deg_from_rad(seat.noise_mm / std::sqrt(points) / (kHalfMm / std::sqrt(3.0)));
+  constexpr double kHalf_mm = 75.0;
+  const double slope_deg = deg_from_rad(seat.noise_mm / std::sqrt(points) / (kHalf_mm / std::sqrt(3.0)));
   const double bias =
       std::abs(ten(seat.values.at(ItemId::seat_slope)).mean - laboratory_value(recipe, seat, ItemId::seat_slope));
   line("slope, mean of ten against the truth", "0.021 deg", fmt::format("{:.6f} deg", bias),

@@ -36,7 +36,7 @@ class SmoothField {
  public:
   SmoothField(Prng& random, double sigma) : sigma_(sigma) {
     for (Wave& wave : waves_) {
-      wave.along = normal_vector(random, 1.0 / kLengthMm);
+      wave.along = normal_vector(random, 1.0 / kLength_mm);
       wave.amplitude = normal_vector(random, std::sqrt(2.0 / kWaves));
       wave.phase = 2.0 * kPi * random.uniform();
     }
@@ -49,7 +49,7 @@ class SmoothField {
 
  private:
   static constexpr int kWaves = 40;
-  static constexpr double kLengthMm = 500.0;
+  static constexpr double kLength_mm = 500.0;
   struct Wave {
     Vec3 along, amplitude;
     double phase = 0.0;

@@ -251,7 +251,7 @@ TEST(HandEye, tilts_to_all_sides_without_a_roll_are_enough_and_a_roll_is_advised
       const Set set = make(kind, plan, seed);
       const HandEye result = solved(kind, set, plan);
       EXPECT_TRUE(result.ok) << seed << told(result);
-      EXPECT_LT(result.rotation_spread_deg, kRotationSpreadAdvisedDeg);
+      EXPECT_LT(result.rotation_spread_deg, kRotationSpreadAdvised_deg);
       EXPECT_TRUE(std::any_of(result.warnings.begin(), result.warnings.end(),
                               [](const std::string& w) { return w.find("roll of +-45") != std::string::npos; }));
       EXPECT_LT(scene::point_error_mm(result.T_flange_scanner, set.T_flange_scanner),

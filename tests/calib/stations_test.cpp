@@ -10,7 +10,7 @@
 namespace slabd::calib {
 namespace {
 
-constexpr double kRepeatMm = 0.017;
+constexpr double kRepeat_mm = 0.017;
 
 Pose small_motion(Prng& random, double mm, double rad) {
   Pose pose;
@@ -56,7 +56,7 @@ struct Scene {
       const Vec3 seat = T_base_slab * s.points_mm[0];
       Pose about;
       about.translation_mm = seat;
-      const Pose real = about * errors[static_cast<std::size_t>(k - 1)] * small_motion(random, kRepeatMm, 1e-5) *
+      const Pose real = about * errors[static_cast<std::size_t>(k - 1)] * small_motion(random, kRepeat_mm, 1e-5) *
                         about.inverse() * visit.T_base_flange * X;
       for (const Vec3& p : s.points_mm) visit.points_mm.push_back(real.inverse() * (T_base_slab * p));
       visits.push_back(visit);
@@ -93,7 +93,7 @@ TEST(Stations, take_up_the_robots_error_and_leave_its_repeatability) {
   ASSERT_TRUE(s.ok) << s.reasons.front().text;
   EXPECT_GT(s.before_rms_mm, 0.4);
   EXPECT_LT(s.after_rms_mm, 0.04);
-  EXPECT_NEAR(s.pooled_sigma_mm, kRepeatMm, 0.005);
+  EXPECT_NEAR(s.pooled_sigma_mm, kRepeat_mm, 0.005);
   EXPECT_EQ(s.degrees_of_freedom, 6 * 3 * 4);
   // A new visit, spliced with the correction, is compared with the certificate at the slab's estimated place.
   scene.visits.clear();
@@ -107,7 +107,7 @@ TEST(Stations, take_up_the_robots_error_and_leave_its_repeatability) {
     squares += (p - s.T_base_certificate * certified.points_mm[0]).squaredNorm();
     count += 3;
   }
-  EXPECT_NEAR(std::sqrt(squares / count), kRepeatMm * std::sqrt(1.0 + 1.0 / 5.0), 0.004);
+  EXPECT_NEAR(std::sqrt(squares / count), kRepeat_mm * std::sqrt(1.0 + 1.0 / 5.0), 0.004);
 }
 
 TEST(Stations, sigma_is_what_the_visits_scatter_and_a_little_more_for_having_been_estimated) {
@@ -115,7 +115,8 @@ TEST(Stations, sigma_is_what_the_visits_scatter_and_a_little_more_for_having_bee
   constexpr int kSets = 40;
   for (int seed = 1; seed <= kSets; ++seed) {
     Scene scene(static_cast<std::uint64_t>(seed));
-    for (const StationSolution& one : scene.solve().stations) ratio += one.numbers.sigma_mm / kRepeatMm / (6.0 * kSets);
+    for (const StationSolution& one : scene.solve().stations)
+      ratio += one.numbers.sigma_mm / kRepeat_mm / (6.0 * kSets);
   }
   EXPECT_GT(ratio, 0.99);
   EXPECT_LT(ratio, 1.10);
@@ -131,7 +132,7 @@ TEST(Stations, what_the_certificate_may_be_wrong_by_is_claimed_too) {
   const double with2 = c.sigma_mm * c.sigma_mm * (1.0 + 1.0 / 5.0);
   EXPECT_NEAR(std::sqrt(with2 - without * without * (1.0 + 1.0 / 5.0)), 1.0, 1e-3);
   const double with2_rad = c.sigma_rad * c.sigma_rad * (1.0 + 1.0 / 5.0);
-  EXPECT_NEAR(std::sqrt(with2_rad - without_rad * without_rad * (1.0 + 1.0 / 5.0)), 1.0 / kSeatLeverMm, 1e-5);
+  EXPECT_NEAR(std::sqrt(with2_rad - without_rad * without_rad * (1.0 + 1.0 / 5.0)), 1.0 / kSeatLever_mm, 1e-5);
 }
 
 TEST(Stations, what_balls_may_be_certified_wrong_by_turns_a_station_by_how_they_stand) {
@@ -139,7 +140,7 @@ TEST(Stations, what_balls_may_be_certified_wrong_by_turns_a_station_by_how_they_
   const std::vector<std::vector<Vec3>> kBalls = {
       {Vec3(-124.0, 0.0, 0.0), Vec3(62.0, 107.0, 0.0), Vec3(62.0, -107.0, 0.0)},
       {Vec3(-150.0, 0.0, 0.0), Vec3(150.0, 0.0, 0.0), Vec3(0.0, 50.0, 0.0)}};
-  constexpr double kCertifiedMm = 0.05;
+  constexpr double kCertified_mm = 0.05;
   constexpr int kSets = 400;
   for (const std::vector<Vec3>& balls : kBalls) {
     Prng random(17);
@@ -151,12 +152,12 @@ TEST(Stations, what_balls_may_be_certified_wrong_by_turns_a_station_by_how_they_
       certificate.frame = MasterCertificate::Frame::base;
       certificate.id = "balls";
       certificate.date = "2026-01-02";
-      certificate.sigma_mm = kCertifiedMm;
+      certificate.sigma_mm = kCertified_mm;
       MasterStation certified{1, false, {}};
       const auto noise = [&](double sigma) -> Vec3 {
         return sigma * Vec3(random.normal(), random.normal(), random.normal());
       };
-      for (const Vec3& ball : balls) certified.points_mm.push_back(ball + noise(kCertifiedMm));
+      for (const Vec3& ball : balls) certified.points_mm.push_back(ball + noise(kCertified_mm));
       certificate.stations.push_back(certified);
       std::vector<StationVisit> visits;
       for (int round = 1; round <= 5; ++round) {
@@ -350,7 +351,7 @@ TEST(Stations, a_seat_certified_in_the_wrong_place_does_not_become_a_correction)
 TEST(Stations, directions_that_are_not_the_seats_are_refused_by_their_shape) {
   Scene scene;
   MasterStation& s = scene.certificate.stations[0];
-  s.points_mm[2] = s.points_mm[0] + Vec3(0.0, 0.02, 0.99) * kSeatLeverMm;  // along the normal
+  s.points_mm[2] = s.points_mm[0] + Vec3(0.0, 0.02, 0.99) * kSeatLever_mm;  // along the normal
   EXPECT_TRUE(refused_for(scene.solve(), StationRefusal::shape, 1));
 }
 
@@ -494,7 +495,7 @@ TEST(SeatVisit, is_what_the_inspection_saw_in_the_scanner_frame) {
   EXPECT_EQ(visit->station, 7);
   const Vec3 middle = block.registration.T_scanner_block * Vec3(0.0, 0.5, 0.0125);
   EXPECT_LT((visit->points_mm[0] - middle).norm(), 1e-12);
-  EXPECT_NEAR((visit->points_mm[1] - visit->points_mm[0]).norm(), kSeatLeverMm, 1e-9);
+  EXPECT_NEAR((visit->points_mm[1] - visit->points_mm[0]).norm(), kSeatLever_mm, 1e-9);
   block.casing_outer.ok = false;
   EXPECT_FALSE(seat_visit(block, Pose::identity(), "r").has_value());
 }

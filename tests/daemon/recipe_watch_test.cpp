@@ -15,7 +15,7 @@
 namespace slabd::daemon {
 namespace {
 
-constexpr int kPeriodMs = 5;
+constexpr int kPeriod_ms = 5;
 
 /// A folder with a recipe of the source tree, in use.
 struct RecipesInUse : testing::Test {
@@ -48,7 +48,7 @@ struct RecipesInUse : testing::Test {
   }
   template <typename Done>
   static bool comes(const Done& done) {
-    for (int i = 0; i < 12'000 && !done(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(kPeriodMs));
+    for (int i = 0; i < 12'000 && !done(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(kPeriod_ms));
     return done();
   }
 
@@ -58,7 +58,7 @@ struct RecipesInUse : testing::Test {
 };
 
 TEST_F(RecipesInUse, that_holds_what_is_in_use_differs_in_nothing) {
-  RecipeWatch watch(folder, in_use, kPeriodMs);
+  RecipeWatch watch(folder, in_use, kPeriod_ms);
   ASSERT_TRUE(watch.order_reload());
   ASSERT_TRUE(comes([&] { return watch.checked() != nullptr; }));
   watch.taken_up();
@@ -67,7 +67,7 @@ TEST_F(RecipesInUse, that_holds_what_is_in_use_differs_in_nothing) {
 }
 
 TEST_F(RecipesInUse, that_differs_is_told_of_with_file_and_key) {
-  RecipeWatch watch(folder, in_use, kPeriodMs);
+  RecipeWatch watch(folder, in_use, kPeriod_ms);
   write("p5600.toml", tightened());
   ASSERT_TRUE(comes([&] { return watch.differs(); }));
   const std::string words(watch.words().view());
@@ -79,7 +79,7 @@ TEST_F(RecipesInUse, that_differs_is_told_of_with_file_and_key) {
 }
 
 TEST_F(RecipesInUse, tells_of_files_that_came_and_went_and_cannot_be_used) {
-  RecipeWatch watch(folder, in_use, kPeriodMs);
+  RecipeWatch watch(folder, in_use, kPeriod_ms);
   std::filesystem::remove(folder + "/p5600.toml");
   ASSERT_TRUE(comes([&] { return watch.differs(); }));
   EXPECT_EQ(watch.differences().at(0).what, "missing");
@@ -89,7 +89,7 @@ TEST_F(RecipesInUse, tells_of_files_that_came_and_went_and_cannot_be_used) {
 }
 
 TEST_F(RecipesInUse, is_taken_up_whole_when_it_is_good) {
-  RecipeWatch watch(folder, in_use, kPeriodMs);
+  RecipeWatch watch(folder, in_use, kPeriod_ms);
   write("p5600.toml", tightened());
   ASSERT_TRUE(watch.order_reload());
   ASSERT_TRUE(comes([&] { return watch.checked() != nullptr; }));
@@ -101,7 +101,7 @@ TEST_F(RecipesInUse, is_taken_up_whole_when_it_is_good) {
 }
 
 TEST_F(RecipesInUse, that_is_faulty_leaves_the_recipes_in_use_in_force_with_words) {
-  RecipeWatch watch(folder, in_use, kPeriodMs);
+  RecipeWatch watch(folder, in_use, kPeriod_ms);
   write("p5600.toml", text + "\nno_such_key = 1\n");
   ASSERT_TRUE(watch.order_reload());
   ASSERT_TRUE(comes([&] { return watch.reload() == RecipeWatch::Reload::refused; }));

@@ -18,10 +18,10 @@
 namespace slabd::daemon {
 namespace {
 
-constexpr double kShortMm = 268.5;
-constexpr double kLongMm = 303.0;
+constexpr double kShort_mm = 268.5;
+constexpr double kLong_mm = 303.0;
 constexpr double kNoEnd = 1e9;
-constexpr double kWideMm = 660.0;
+constexpr double kWide_mm = 660.0;
 
 Recipe recipe_of(const std::string& name) {
   Recipe recipe;
@@ -41,7 +41,7 @@ struct Seen {
 
 /// A scan of a block whose slab ends at -`minus_mm` and at `plus_mm`.
 Seen scan(double minus_mm, double plus_mm, std::uint64_t seed, Beyond beyond = Beyond::nothing,
-          double field_x_mm = kWideMm, double pitch_mm = 1.5, double focus_mm = 0.0) {
+          double field_x_mm = kWide_mm, double pitch_mm = 1.5, double focus_mm = 0.0) {
   Prng random(seed + 1);
   const auto within = [&](double amplitude) { return amplitude * (2.0 * random.uniform() - 1.0); };
   scene::Scan how;
@@ -80,7 +80,7 @@ class SlabEndsTest : public ::testing::Test {
 
   /// First finding of a slab of 8 pairs that ends `end_mm` beyond its outermost blocks, begun as `recipe`.
   SlabEnds::Finding slab(const Recipe& recipe, double end_mm, std::uint64_t seed, Beyond beyond,
-                         double field_x_mm = kWideMm) {
+                         double field_x_mm = kWide_mm) {
     ends_.use(recipes_, recipe);
     EXPECT_TRUE(ends_.is_needed());
     for (int k = 1; k <= recipe.stations(); ++k) {
@@ -105,8 +105,8 @@ class SlabEndsTest : public ::testing::Test {
 
 TEST_F(SlabEndsTest, the_end_of_the_top_is_found_to_a_few_millimetres) {
   for (const Beyond beyond : {Beyond::nothing, Beyond::floor, Beyond::next_slab}) {
-    const TopView view = view_of(scan(kShortMm, kNoEnd, 3, beyond), p4856());
-    EXPECT_NEAR(view.reach_mm[0], kShortMm, 3.0);
+    const TopView view = view_of(scan(kShort_mm, kNoEnd, 3, beyond), p4856());
+    EXPECT_NEAR(view.reach_mm[0], kShort_mm, 3.0);
     EXPECT_EQ(view.goes_on[0], beyond != Beyond::nothing);
     EXPECT_GT(view.reach_mm[1], 310.0);
     EXPECT_FALSE(view.goes_on[1]) << "the edge of the picture";
@@ -116,14 +116,14 @@ TEST_F(SlabEndsTest, the_end_of_the_top_is_found_to_a_few_millimetres) {
 
 TEST_F(SlabEndsTest, a_slab_of_the_other_type_is_found_whatever_lies_beyond_its_end) {
   for (const Beyond beyond : {Beyond::nothing, Beyond::floor, Beyond::next_slab}) {
-    const SlabEnds::Finding short_one = slab(p4925(), kShortMm, 1, beyond);
+    const SlabEnds::Finding short_one = slab(p4925(), kShort_mm, 1, beyond);
     ASSERT_EQ(short_one.other, &recipes_[0]);
-    EXPECT_NEAR(short_one.seen_mm, kShortMm, 3.0);
+    EXPECT_NEAR(short_one.seen_mm, kShort_mm, 3.0);
     const auto text = text_of(short_one, p4925());
     EXPECT_NE(text.view().find("begun as type 4925 (P4925), but its top ends"), std::string_view::npos) << text.view();
     EXPECT_NE(text.view().find("as on type 4856 (P4856, 268.5 mm)"), std::string_view::npos) << text.view();
 
-    const SlabEnds::Finding long_one = slab(p4856(), kLongMm, 1, beyond);
+    const SlabEnds::Finding long_one = slab(p4856(), kLong_mm, 1, beyond);
     ASSERT_EQ(long_one.other, &recipes_[1]);
     EXPECT_EQ(long_one.station, 1);
   }
@@ -133,9 +133,9 @@ TEST_F(SlabEndsTest, a_slab_of_its_own_type_is_never_refused) {
   for (const Beyond beyond : {Beyond::nothing, Beyond::floor, Beyond::next_slab})
     for (std::uint64_t seed = 1; seed <= 4; ++seed)
       for (const double off_mm : {-6.0, 0.0, 5.0}) {
-        EXPECT_EQ(slab(p4856(), kShortMm + off_mm, seed, beyond).other, nullptr) << seed << " " << off_mm;
+        EXPECT_EQ(slab(p4856(), kShort_mm + off_mm, seed, beyond).other, nullptr) << seed << " " << off_mm;
         EXPECT_TRUE(std::isnan(ends_.blind_reach_mm()));
-        EXPECT_EQ(slab(p4925(), kLongMm + off_mm, seed, beyond).other, nullptr) << seed << " " << off_mm;
+        EXPECT_EQ(slab(p4925(), kLong_mm + off_mm, seed, beyond).other, nullptr) << seed << " " << off_mm;
       }
 }
 
@@ -144,24 +144,24 @@ TEST_F(SlabEndsTest, missing_points_count_only_where_inner_blocks_show_that_the_
   const auto note = [&](int station, double minus_mm, double field_x_mm) {
     return ends_.note(7, station, view_of(scan(minus_mm, kNoEnd, 5, Beyond::nothing, field_x_mm), p4925()));
   };
-  EXPECT_EQ(note(1, kShortMm, kWideMm).other, nullptr) << "this may be the edge of the picture";
-  EXPECT_EQ(note(2, kNoEnd, kWideMm).other, nullptr) << "one inner block is not enough";
-  EXPECT_EQ(note(3, kNoEnd, kWideMm).station, 1);
+  EXPECT_EQ(note(1, kShort_mm, kWide_mm).other, nullptr) << "this may be the edge of the picture";
+  EXPECT_EQ(note(2, kNoEnd, kWide_mm).other, nullptr) << "one inner block is not enough";
+  EXPECT_EQ(note(3, kNoEnd, kWide_mm).station, 1);
   EXPECT_EQ(ends_.note(8, 3, view_of(scan(kNoEnd, kNoEnd, 5), p4925())).other, nullptr)
       << "another slab starts from nothing";
 
   // A field of view that happens to end where the other type does.
   ends_.use(recipes_, p4925());
-  for (int k = 1; k <= 4; ++k) EXPECT_EQ(note(k, kNoEnd, 2.0 * kShortMm).other, nullptr);
+  for (int k = 1; k <= 4; ++k) EXPECT_EQ(note(k, kNoEnd, 2.0 * kShort_mm).other, nullptr);
 }
 
 TEST_F(SlabEndsTest, what_lies_across_the_slab_before_its_end_is_not_its_end) {
   ends_.use(recipes_, p4925());
-  Seen seen = scan(kLongMm, kNoEnd, 9);
+  Seen seen = scan(kLong_mm, kNoEnd, 9);
   for (std::size_t i = 0; i < seen.cloud.xyz.size(); i += 3) {
     float* p = &seen.cloud.xyz[i];
     const double x = (seen.T_block_scanner * Vec3(double{p[0]}, double{p[1]}, double{p[2]})).x();
-    if (x < -kShortMm && x > -kShortMm - 15.0) p[0] = p[1] = p[2] = std::numeric_limits<float>::quiet_NaN();
+    if (x < -kShort_mm && x > -kShort_mm - 15.0) p[0] = p[1] = p[2] = std::numeric_limits<float>::quiet_NaN();
   }
   EXPECT_EQ(ends_.note(1, 2, view_of(scan(kNoEnd, kNoEnd, 1), p4925())).other, nullptr);
   EXPECT_EQ(ends_.note(1, 3, view_of(scan(kNoEnd, kNoEnd, 2), p4925())).other, nullptr);
@@ -169,7 +169,7 @@ TEST_F(SlabEndsTest, what_lies_across_the_slab_before_its_end_is_not_its_end) {
 }
 
 TEST_F(SlabEndsTest, scans_that_do_not_reach_the_ends_are_said_to_be_blind) {
-  EXPECT_EQ(slab(p4925(), kShortMm, 2, Beyond::nothing, 350.0).other, nullptr);
+  EXPECT_EQ(slab(p4925(), kShort_mm, 2, Beyond::nothing, 350.0).other, nullptr);
   ends_.use(recipes_, p4925());
   for (int k = 1; k <= 16; ++k) {
     EXPECT_TRUE(std::isnan(ends_.blind_reach_mm())) << "not all stations were seen";
@@ -215,7 +215,7 @@ TEST_F(SlabEndsTest, the_measuring_thread_refuses_the_scan_that_shows_another_ty
   const std::unique_ptr<Crew> crew = make_crew(recipes_, hal::LengthUnit::mm, *clock, 1);
   const TextFiles files;
   const auto measure = [&](const Recipe& begun_as, std::int64_t slab_key) {
-    const Seen seen = scan(kShortMm, kNoEnd, 11, Beyond::floor, 620.0, 0.8, 600.0);
+    const Seen seen = scan(kShort_mm, kNoEnd, 11, Beyond::floor, 620.0, 0.8, 600.0);
     const std::string path = files.folder() + "/scan.ply";
     EXPECT_TRUE(
         hal::write_scan(path.c_str(), hal::ScanFormat::ply, seen.cloud.xyz, seen.cloud.width, seen.cloud.height).ok());

@@ -33,11 +33,11 @@ using Json = nlohmann::json;
 using namespace std::chrono_literals;
 
 constexpr const char* kChannel = "FLANGE_POSE";
-constexpr std::int64_t kPeriodUs = 4'000;
+constexpr std::int64_t kPeriod_us = 4'000;
 
 flange_pose_t pose(std::int32_t seq) {
   flange_pose_t m{};
-  m.utime = 1'700'000'000'000'000 + kPeriodUs * seq;
+  m.utime = 1'700'000'000'000'000 + kPeriod_us * seq;
   m.robot_time_us = -1;
   m.seq = seq;
   m.flags = 1;
@@ -111,7 +111,7 @@ std::string crafted(Prng& prng, std::int32_t seq) {
     case 5: m.trans[1] = 10.5; return datagram(encoded(m));
     case 6: m.utime -= 8'000'000; return datagram(encoded(m));  // from the past
     case 7:
-      m.utime -= kPeriodUs;
+      m.utime -= kPeriod_us;
       m.seq -= 1;
       return datagram(encoded(m));  // the last pose repeated
     case 8: return datagram(encoded(m), "OTHER");

@@ -354,17 +354,17 @@ TEST_F(CalibrationsTest, another_artefact_does_not_undo_a_failed_check) {
 }
 
 TEST_F(CalibrationsTest, the_same_numbers_with_another_certificate_or_for_longer_are_another_record) {
-  constexpr std::int64_t kDayUs = 86'400'000'000;
+  constexpr std::int64_t kDay_us = 86'400'000'000;
   CalibrationRecord block = reference_block();
   block.certificate = "id = A";
-  block.expires_utime_us = 10 * kDayUs;
+  block.expires_utime_us = 10 * kDay_us;
   const std::string a = keep(block);
-  block.expires_utime_us += kDayUs / 2;
+  block.expires_utime_us += kDay_us / 2;
   EXPECT_EQ(keep(block), a) << "given again because its answer was lost";
   block.certificate = "id = B";
   const std::string b = keep(block);
   EXPECT_EQ(b, a + ".2");
-  block.expires_utime_us = 700 * kDayUs;
+  block.expires_utime_us = 700 * kDay_us;
   const std::string longer = keep(block);
   EXPECT_EQ(longer, a + ".3");
   EXPECT_EQ(keep(block), longer);

@@ -124,14 +124,14 @@ TEST_F(PoseGateTest, what_a_sender_said_of_stopped_is_forgotten_when_it_fell_sil
   EXPECT_EQ(settled(), Code::not_settled);
   EXPECT_TRUE(gate.lacks_stopped());
   // A restarted bridge without the flag; another one is not accepted sooner.
-  now_ns += PoseGate::kForgetNs;
+  now_ns += PoseGate::kForget_ns;
   send(100);
   EXPECT_FALSE(gate.lacks_stopped());
   EXPECT_EQ(settled(), Code::not_settled) << "the window begins again";
   send(100);
   EXPECT_EQ(settled(), Code::ok);
   // A moving robot does not settle, although its flag was forgotten.
-  now_ns += PoseGate::kForgetNs;
+  now_ns += PoseGate::kForget_ns;
   for (int i = 0; i < 300; ++i) {
     at.x() += 0.001;
     send(1);
@@ -151,7 +151,7 @@ TEST_F(PoseGateTest, silence_in_an_exposure_does_not_end_the_wish_for_stopped) {
   const std::int64_t sent_ns = now_ns;
   for (int i = 1; i <= 10; ++i) {
     PoseSample sample = sample_at(sent_ns + ns_from_ms(period_ms * i));
-    sample.arrival_ns += PoseGate::kForgetNs;
+    sample.arrival_ns += PoseGate::kForget_ns;
     gate.add(sample);
   }
   EXPECT_EQ(held_still(sent_ns), Code::moved_during_scan);

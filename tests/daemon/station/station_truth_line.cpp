@@ -6,7 +6,7 @@
 namespace slabd::daemon {
 namespace {
 
-constexpr std::int64_t kTurnMs = 10;
+constexpr std::int64_t kTurn_ms = 10;
 constexpr int kTurnsPerBeat = 20;
 /// One place of the daemon's queue is reserved for a change of calibration.
 constexpr std::size_t kStoreQueue = limits::kWorkerQueue - 1;
@@ -146,8 +146,8 @@ void TruthLine::carry_out(const JudgeSlab& action) {
 
 void TruthLine::turn() {
   ++turn_;
-  now_ns_ += kTurnMs * kNsPerMs;
-  utime_us_ += kTurnMs * 1'000;
+  now_ns_ += kTurn_ms * kNsPerMs;
+  utime_us_ += kTurn_ms * 1'000;
   feed(Tick{now_ns_, utime_us_});
   const bool hangs = scanner_.worker_hangs;
   feed(LinkStatus{!hangs, hangs && scanner_.is_asked(), 0});

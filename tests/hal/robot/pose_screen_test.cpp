@@ -210,7 +210,7 @@ TEST_F(PoseScreenTest, while_two_publish_neither_is_believed) {
   }
   EXPECT_EQ(counters.second_publisher, 200U);
   EXPECT_NE(screen.refusal(now_ns).find("192.168.10.7:39000"), std::string_view::npos) << screen.refusal(now_ns);
-  now_ns += PoseScreen::kSilentNs;  // the other one is stopped
+  now_ns += PoseScreen::kSilent_ns;  // the other one is stopped
   EXPECT_TRUE(send());
 }
 
@@ -236,7 +236,7 @@ TEST_F(PoseScreenTest, senders_that_follow_each_other_after_a_silence_are_no_two
   for (std::uint16_t run = 0; run < 5; ++run) {
     robot.port = static_cast<std::uint16_t>(42'000 + run);
     for (int i = 0; i < 20; ++i) EXPECT_TRUE(send());
-    now_ns += PoseScreen::kSilentNs;
+    now_ns += PoseScreen::kSilent_ns;
   }
   EXPECT_EQ(counters.second_publisher, 0U);
   PoseNoteText note;

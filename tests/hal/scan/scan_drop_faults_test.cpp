@@ -265,7 +265,7 @@ TEST_F(ScanDropTest, a_disk_that_does_not_take_the_scan_is_told_as_the_spools_an
   std::thread watcher([&] {
     wait_until([&] { return points_are_there.load(); });
     wait_ms(500);
-    stepped.now_ns += HangWatch::kStoreMinNs - kNsPerS / 2;
+    stepped.now_ns += HangWatch::kStoreMin_ns - kNsPerS / 2;
     EXPECT_FALSE(scanner_->hangs());
     stepped.now_ns += kNsPerS / 2;
     EXPECT_TRUE(scanner_->hangs());
