@@ -55,8 +55,13 @@ struct ItemInfo {
   ItemUnit unit;
   int plc_bit;  ///< bit of fail mask IR 38 / IR 39; -1 if none
   int reason;   ///< REASON of a verdict decided by this item; -1 if the item is information and decides nothing
-  /// True if a recipe may omit this item; then it is not listed and decides nothing.
-  bool optional = false;
+  std::string_view companion = "";  ///< name of `Item::companion` in JSON and reports; empty if the item has none
+  bool is_size = false;             ///< needs no lower limit; the other items are limited on both sides of the nominal
+  bool nominal_is_zero = false;     ///< whatever the geometry is
+  bool U_from_recipe = false;       ///< no U is computed from the scan
+  bool optional = false;            ///< a recipe may omit this item; then it is not listed and decides nothing
+  std::string_view meaning = "";    ///< describe() and cure() of `reason`, for items without a bit
+  std::string_view cure = "";
 };
 [[nodiscard]] const ItemInfo& info(ItemId id);
 [[nodiscard]] std::string_view name(ItemUnit unit);
@@ -94,8 +99,8 @@ struct Item {
   double nominal = kNoValue;
   double lower = kNoValue;  ///< absolute limits of `value`
   double upper = kNoValue;
-  double U = kNoValue;       ///< expanded uncertainty, k = 2
-  double beside = kNoValue;  ///< companion figure of this item (see `beside_name`)
+  double U = kNoValue;          ///< expanded uncertainty, k = 2
+  double companion = kNoValue;  ///< second figure of this item, by the name in ItemInfo::companion
 
   /// Standard uncertainties (k = 1, in the item's unit) whose root sum of squares is U / 2. All zero if no budget was
   /// computed; then U is the recipe's default.
@@ -108,11 +113,6 @@ struct PoreLimits {
   double depth_max_mm = kNoValue;  ///< depth of the deepest pore
   double share_max = kNoValue;     ///< share of the visible area
 };
-
-/// Name of `Item::beside` in JSON and reports; empty if the item has none. The names are seat_slope "ratio_n" (n of
-/// 1:n), seat_flatness "min_zone_mm", seat_std "cells_mm", seat_vertical "unremoved_mm", corner_level "quarter_mm".
-/// Further surface_pores "deepest_mm" (the deepest pore), block_damage "depth_mm" (of the largest damage).
-[[nodiscard]] std::string_view beside_name(ItemId id);
 
 /// Decision by ISO 14253-1 with guard band `guard * U`: pass if inside the limits by the guard band, fail if outside by
 /// it, else indeterminate. No value: not_measured. No U (NaN or 0): indeterminate, also with guard 0. An item without

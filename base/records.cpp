@@ -213,7 +213,7 @@ std::uint16_t reason_with_findings(Verdict verdict, const Item* begin, const Ite
   const bool by_item =
       std::any_of(begin, end, [&](const Item& item) { return item.verdict == Verdict::indeterminate; });
   if (verdict == Verdict::indeterminate && code == Code::ok && !by_item && decide_by_themselves(block))
-    return static_cast<std::uint16_t>(Code::block_damage);
+    return static_cast<std::uint16_t>(info(ItemId::block_damage).reason);
   return reason_for(verdict, begin, end, code);
 }
 

@@ -5,6 +5,8 @@
 #include <cstdarg>
 #include <cstdio>
 
+#include "base/items.h"
+
 namespace slabd {
 
 Error error(Code code, const char* format, ...) {
@@ -58,17 +60,18 @@ constexpr std::array kTable = {
     Entry{Code::moved_during_scan, "the robot moved while the scan was taken", "scan this station again"},
     Entry{Code::wrong_frame, "the pose is not the flange in the robot root",
           "set $TOOL and $BASE to $NULLFRAME in the robot program"},
-    Entry{Code::scanner_offline, "the scanner's folder cannot be used",
-          "check the path, its permissions and the mount"},
+    Entry{Code::scanner_offline, "the scanner cannot be used: its folder, its share or its connection",
+          "check the path, its permissions and the mount; for a stream, the gateway and its connection"},
     Entry{Code::trigger_timeout, "the scanner did not answer in time", "check the scanner program; scan again"},
     Entry{Code::frame_incomplete, "the scan is incomplete, unreadable or not the one that was asked for",
           "scan this station again"},
-    Entry{Code::exposure, "the scan is over- or underexposed", "check the scanner's exposure settings"},
+    Entry{Code::exposure, "reserved: the scan is over- or underexposed", "check the scanner's exposure settings"},
     Entry{Code::too_few_points, "the scan has too few valid points", "check distance, exposure and dirt; scan again"},
     Entry{Code::block_not_found, "no supporting block was found, or the station was never scanned",
           "check the station, the slab's position and that the block is there"},
     Entry{Code::fit_failed, "a required feature could not be measured", "scan again; look for dirt or missing surface"},
-    Entry{Code::ambiguous, "the scan fits the block in more than one way", "scan again with the whole block in view"},
+    Entry{Code::ambiguous, "reserved: the scan fits the block in more than one way",
+          "scan again with the whole block in view"},
     Entry{Code::deadline,
           "the measurement was given up: too much work, or slabd ended while it ran; or no buffer was free",
           "look at the scan (`slabctl inspect`), then scan again; check the computer's load"},
@@ -84,10 +87,6 @@ constexpr std::array kTable = {
           "calibrate and apply it; a line never calibrated takes [calibration] from the config"},
     Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},
     Entry{Code::internal, "an internal check failed", "note the journal entry and restart the service"},
-    Entry{Code::surface_pores, "a pore is larger or deeper, or pores cover more, than the recipe allows",
-          "`slabctl show` names place, size and depth; look at the block"},
-    Entry{Code::block_damage, "surface of the block is displaced, broken out, cracked or missing",
-          "`slabctl show` names place, size and depth; look at the block: damage, dirt or something that lies on it"},
 };
 
 constexpr const Entry* find(Code code) {
@@ -96,16 +95,24 @@ constexpr const Entry* find(Code code) {
   return nullptr;
 }
 
+/// The item with this REASON if it has a text of its own.
+const ItemInfo* find_item(Code code) {
+  const std::optional<ItemId> id = item_from_reason(static_cast<int>(code));
+  return id && !info(*id).meaning.empty() ? &info(*id) : nullptr;
+}
+
 }  // namespace
 
 std::string_view describe(Code code) {
-  const Entry* entry = find(code);
-  return entry != nullptr ? entry->meaning : "unknown code";
+  if (const Entry* entry = find(code)) return entry->meaning;
+  const ItemInfo* item = find_item(code);
+  return item != nullptr ? item->meaning : "unknown code";
 }
 
 std::string_view cure(Code code) {
-  const Entry* entry = find(code);
-  return entry != nullptr ? entry->cure : "note the code and the software version";
+  if (const Entry* entry = find(code)) return entry->cure;
+  const ItemInfo* item = find_item(code);
+  return item != nullptr ? item->cure : "note the code and the software version";
 }
 
 }  // namespace slabd

@@ -53,11 +53,9 @@ enum class Code : std::uint16_t {
   calibration_missing = 503,
   config = 504,
   internal = 505,
-  // findings on a block: reasons of items without a bit in the fail mask
-  surface_pores = 616,
-  block_damage = 617,
 };
 
+/// From here on a REASON names the item that decided (ItemInfo::reason).
 inline constexpr std::uint16_t kReasonItemBase = 600;
 
 /// One sentence that describes the error. Never empty.

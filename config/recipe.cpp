@@ -159,12 +159,6 @@ void read_limits(TableReader& item, const ItemInfo& info, Tolerance& out) {
                  fmt::format("found {:.6g} with upper {:.6g}, allowed is lower < upper", out.lower, out.upper));
 }
 
-/// True for sizes, which need no lower limit. The other items must be limited on both sides of the nominal.
-bool is_size(ItemId id) {
-  return id == ItemId::seat_flatness || id == ItemId::casing_skew_inner || id == ItemId::casing_skew_outer ||
-         id == ItemId::surface_pores || id == ItemId::block_damage;
-}
-
 /// Rejects limits of an item without a REASON. Such an item is information; a block failed by it would have no reason.
 void refuse_judging(TableReader& item, const Tolerance& t) {
   for (const char* key : {"lower", "upper", "tolerance"})
@@ -199,7 +193,7 @@ void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
   if (limited && !item.has("nominal")) item.missing("nominal", "the value that deviations are counted from");
   if (limited && !item.has("tolerance")) {
     if (!item.has("upper")) item.missing("upper", "a limit: without it any value above would pass");
-    if (!item.has("lower") && !is_size(info.id))
+    if (!item.has("lower") && !info.is_size)
       item.missing("lower", "a limit: without it any value below would pass");
   }
   if (out.required && !limited)

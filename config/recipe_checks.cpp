@@ -108,19 +108,8 @@ double nominal_from_geometry(const Recipe& r, ItemId id) {
     case ItemId::casing_protrusion_outer: return r.block.casing_rim_height_mm.value;
     case ItemId::seat_spacing: return r.slab.pitch_mm.value;
     case ItemId::large_jaw_distance: return large_jaw_distance_mm(r);
-    case ItemId::seat_std: return kNoValue;
-    case ItemId::seat_flatness:
-    case ItemId::surface_pores:
-    case ItemId::block_damage:
-    case ItemId::casing_skew_inner:
-    case ItemId::casing_skew_outer:
-    case ItemId::seat_lateral:
-    case ItemId::seat_vertical:
-    case ItemId::corner_level:
-    case ItemId::warp_left:
-    case ItemId::warp_right: return 0.0;
+    default: return info(id).nominal_is_zero ? 0.0 : kNoValue;
   }
-  return kNoValue;
 }
 
 std::string limits_text(const Tolerance& t) {
@@ -132,7 +121,7 @@ std::string limits_text(const Tolerance& t) {
 void check_item(TableReader item, const Recipe& recipe, ItemId id) {
   const Tolerance& t = recipe.tolerance(id);
   // Without U every verdict would be indeterminate, so the recipe is rejected.
-  const bool never_computed = id == ItemId::surface_pores || id == ItemId::block_damage;
+  const bool never_computed = info(id).U_from_recipe;
   if (t.required && (has_value(t.lower) || has_value(t.upper)) && !has_value(t.U) &&
       (never_computed || !recipe.uncertainty.given))
     item.problem("U", never_computed

@@ -138,7 +138,7 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
     say_line(line);
   }
   for (const SurfaceFinding& finding : done.block.findings) {
-    LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(Code::block_damage), {}};
+    LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(info(ItemId::block_damage).reason), {}};
     line.text.printf("station %u: %s", job.station, sentence(finding).c_str());
     say_line(line);
   }

@@ -187,7 +187,8 @@ void write_item(Json& json, const Item& item, bool of_slab) {
   json.field("upper", item.upper).field("U", item.U).field("verdict", item.verdict).field("required", item.required);
   json.field("conformance_probability", conformance_probability(item));
   write_budget(json, item);
-  if (const std::string_view beside = beside_name(item.id); !beside.empty()) json.field(beside, item.beside);
+  if (const std::string_view companion = info(item.id).companion; !companion.empty())
+    json.field(companion, item.companion);
   if (of_slab && item.station != 0) {
     json.key("stations").begin_array().value(item.station);
     if (item.station_to != 0) json.value(item.station_to);

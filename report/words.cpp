@@ -16,22 +16,29 @@ struct Entry {
   std::string_view en;
   std::string_view zh;
 };
+/// Words of an item. `meaning_zh` and `cure_zh`: of its reason, for items without a bit of the PLC
+/// (ItemInfo::meaning).
+struct ItemEntry {
+  Entry name;
+  std::string_view meaning_zh = {};
+  std::string_view cure_zh = {};
+};
 
 Entry entry(Word word) {
   switch (word) {
     case Word::title: return {"Track slab inspection report", "轨道板检测报告"};
     case Word::overview: return {"Overview", "总览"};
-    case Word::findings: return {"What is not in order", "不合格与待定项"};
+    case Word::findings: return {"Findings", "不合格与待定项"};
     case Word::no_findings:
-      return {"Every item was measured and lies within its limits.", "全部项目均已测量并在限值内。"};
+      return {"Every item was measured and is within its limits.", "全部项目均已测量并在限值内。"};
     case Word::no_findings_but:
       return {
-          "Every item that the recipe requires was measured and lies within its limits. Not required and not measured: "
+          "Every item that the recipe requires was measured and is within its limits. Not required and not measured: "
           "{}.",
           "配方要求的项目均已测量并在限值内。配方不要求且未测量的项目：{} 个。"};
     case Word::more_findings: return {"and {} more, on the following pages", "另有 {} 项，见后页"};
-    case Word::warnings: return {"To be kept in mind", "注意事项"};
-    case Word::identity: return {"What was measured, and with what", "检测对象与依据"};
+    case Word::warnings: return {"Notes", "注意事项"};
+    case Word::identity: return {"Measured slab, and basis of the measurement", "检测对象与依据"};
     case Word::block: return {"Block {}", "承轨台 {}"};
     case Word::blocks: return {"Blocks", "承轨台"};
     case Word::slab_items: return {"Items of the slab", "整板检测项目"};
@@ -39,39 +46,38 @@ Entry entry(Word word) {
     case Word::full_and_crop:
       return {
           "Seat plane: whole plane and evaluation region (normals in the registered block's frame: how the two fits "
-          "agree; the "
-          "slope itself stands with each block)",
-          "承轨面拟合：全平面与裁剪区域（法向量在配准后的承轨台坐标系中，用于比较两种拟合；坡度见各承轨台）"};
+          "agree; the slope itself is on each block's page)",
+          "承轨面拟合：全平面与评定区域（法向量在配准后的承轨台坐标系中，用于比较两种拟合；坡度见各承轨台）"};
     case Word::registration_table: return {"Deviation of the registered points from the model", "配准偏差统计"};
     case Word::cycle_times: return {"Times: after the trigger in s, computing in ms", "节拍：触发后 s，计算 ms"};
     case Word::characteristic: return {"characteristic", "检测项目"};
     case Word::unit: return {"unit", "单位"};
-    case Word::nominal: return {"nominal", "名义值"};
+    case Word::nominal: return {"nominal", "公称值"};
     case Word::limits: return {"limits", "限值"};
     case Word::measured: return {"measured", "实测值"};
     case Word::deviation: return {"deviation", "偏差"};
-    case Word::uncertainty: return {"U (k = 2)", "U (k = 2)"};
-    case Word::verdict: return {"verdict", "判定"};
+    case Word::uncertainty: return {"U (k = 2)", "扩展不确定度 U (k = 2)"};
+    case Word::verdict: return {"verdict", "结论"};
     case Word::information: return {"information", "参考"};
-    case Word::map_title: return {"Slab from above: verdict of every block", "轨道板俯视图：各承轨台判定"};
-    case Word::map_alt: return {"Map of the slab with the verdict of each block:", "轨道板各承轨台判定图："};
+    case Word::map_title: return {"Slab from above: verdict of every block", "轨道板俯视图：各承轨台结论"};
+    case Word::map_alt: return {"Map of the slab with the verdict of each block:", "轨道板各承轨台结论图："};
     case Word::row_positive: return {"Y > 0", "Y > 0"};
     case Word::row_negative: return {"Y < 0", "Y < 0"};
     case Word::registration_map: return {"Deviation from the model, mm", "与模型的偏差，mm"};
     case Word::seat_map: return {"Deviation from the seat plane, mm", "与承轨面拟合平面的偏差，mm"};
-    case Word::tolerance_chart: return {"Where each value lies between its limits", "实测值在限值内的位置"};
+    case Word::tolerance_chart: return {"Position of each value between its limits", "实测值在限值内的位置"};
     case Word::flatness: return {"flatness", "平面度"};
     case Word::standard_deviation: return {"standard deviation", "标准差"};
     case Word::chart_title: return {"Flatness and standard deviation of the seats, mm", "各承轨面平面度与标准差，mm"};
     case Word::points: return {"points", "点数"};
     case Word::mean: return {"mean", "平均值"};
-    case Word::crop: return {"evaluation region", "裁剪区域"};
+    case Word::crop: return {"evaluation region", "评定区域"};
     case Word::full_plane: return {"whole plane", "全平面"};
     case Word::normal: return {"normal", "法向量"};
     case Word::normal_to_top: return {"normal {}, to the slab top", "法向量 {}（相对板顶面）"};
     case Word::inliers: return {"inliers", "内点"};
     case Word::attempts: return {"attempts", "扫描次数"};
-    case Word::settle: return {"settled", "静止"};
+    case Word::settle: return {"settled", "等待静止"};
     case Word::acquire: return {"acquired", "采集"};
     case Word::read: return {"read", "读取"};
     case Word::denoise: return {"denoise", "去噪"};
@@ -94,13 +100,13 @@ Entry entry(Word word) {
       return {
           "The scanner had not been verified when this slab was begun: its part of U is the recipe's specification.",
           "该板开始时扫描仪未经验证：其不确定度分量取自配方的规格。"};
-    case Word::budget: return {"Uncertainty budget, largest U of each", "不确定度预算（各特征最大 U）"};
+    case Word::budget: return {"Uncertainty budget, largest U of each", "不确定度预算（各检测项目最大 U）"};
     case Word::budget_note:
       return {
           "Parts are standard uncertainties (k = 1) in the characteristic's unit; U / 2 is their root sum of squares. "
           "Fit, noise, registration: from the scans. Scanner: the larger of recipe and acceptance ({}). Calibration, "
           "robot: hand-eye and station corrections. Reference: the recipe.",
-          "各分量为标准不确定度 (k = 1)，单位同特征；U / 2 "
+          "各分量为标准不确定度 (k = 1)，单位同检测项目；U / 2 "
           "为其方和根。拟合、噪声、配准来自扫描；扫描仪取配方与验收（{}"
           "）中较大者；标定、机器人来自手眼标定与测站修正；基准来自配方。"};
     case Word::block_column: return {"block", "承轨台"};
@@ -137,7 +143,7 @@ Entry entry(Word word) {
               "该承轨台没有保存偏差图：扫描中未找到承轨台。"};
     case Word::unconfirmed:
       return {"{} nominals, tolerances and assumptions of the recipe had not been confirmed when this slab was judged.",
-              "判定该板时，配方中有 {} 个名义值、公差或假设未经确认。"};
+              "判定该板时，配方中有 {} 个公称值、公差或假设未经确认。"};
     case Word::not_visible:
       return {
           "Not visible to the scans of the blocks, and not judged: length, width, thickness and bottom of the slab.",
@@ -147,12 +153,12 @@ Entry entry(Word word) {
               "没有生效的标定：机器人与扫描仪按配置文件的值使用。"};
     case Word::open_warning:
       return {"The slab has not ended: its verdict and the items of the slab are still to come.",
-              "该板尚未结束：整板判定与整板项目未出。"};
+              "该板尚未结束：整板结论与整板项目未出。"};
     case Word::outside_scale: return {"{} cells beyond the scale", "{} 个网格超出色标"};
     case Word::scale_note: return {"scale {} .. {} mm, the same for all blocks", "色标 {} .. {} mm，各承轨台相同"};
     case Word::defect:
       return {"Defect: {} mm² {} by up to {} mm at x {} mm, s {} mm",
-              "缺陷：面积 {} mm²，{}，最大 {} mm，位置 x {} mm, s {} mm"};
+              "缺陷：面积 {} mm²，{}，最大 {} mm，位置 x {} mm，s {} mm"};
     case Word::standing_out: return {"standing out", "凸起"};
     case Word::sunk: return {"sunk", "凹陷"};
     case Word::lower_end: return {"lower limit", "下限"};
@@ -172,28 +178,34 @@ Entry entry(Word word) {
   return {};
 }
 
-Entry item_entry(ItemId id) {
+ItemEntry item_entry(ItemId id) {
   switch (id) {
-    case ItemId::seat_slope: return {"seat slope", "承轨面坡度"};
-    case ItemId::seat_flatness: return {"seat flatness", "承轨面平面度"};
-    case ItemId::jaw_angle_inner: return {"jaw angle, inner", "内侧钳口夹角"};
-    case ItemId::jaw_angle_outer: return {"jaw angle, outer", "外侧钳口夹角"};
-    case ItemId::jaw_distance: return {"jaw distance", "钳口距离"};
-    case ItemId::casing_spacing: return {"casing spacing", "预埋套管间距"};
-    case ItemId::casing_protrusion_inner: return {"casing protrusion, inner", "内侧套管凸起高度"};
-    case ItemId::casing_protrusion_outer: return {"casing protrusion, outer", "外侧套管凸起高度"};
-    case ItemId::casing_skew_inner: return {"casing skew, inner", "内侧套管歪斜"};
-    case ItemId::casing_skew_outer: return {"casing skew, outer", "外侧套管歪斜"};
-    case ItemId::seat_lateral: return {"seat, lateral position", "承轨面横向位置"};
-    case ItemId::seat_vertical: return {"seat, height", "承轨面高低"};
-    case ItemId::seat_spacing: return {"seat spacing", "承轨台间距"};
-    case ItemId::large_jaw_distance: return {"large jaw distance", "大钳口距离"};
-    case ItemId::corner_level: return {"corner level", "四角承轨面水平"};
-    case ItemId::warp_left: return {"warp, row Y > 0", "翘曲（Y > 0）"};
-    case ItemId::warp_right: return {"warp, row Y < 0", "翘曲（Y < 0）"};
-    case ItemId::seat_std: return {"seat standard deviation", "承轨面测点标准差"};
-    case ItemId::surface_pores: return {"pores, largest", "气孔（最大）"};
-    case ItemId::block_damage: return {"damage, largest", "破损（最大）"};
+    case ItemId::seat_slope: return {{"seat slope", "承轨面坡度"}};
+    case ItemId::seat_flatness: return {{"seat flatness", "承轨面平面度"}};
+    case ItemId::jaw_angle_inner: return {{"jaw angle, inner", "内侧钳口夹角"}};
+    case ItemId::jaw_angle_outer: return {{"jaw angle, outer", "外侧钳口夹角"}};
+    case ItemId::jaw_distance: return {{"jaw distance", "钳口距离"}};
+    case ItemId::casing_spacing: return {{"casing spacing", "预埋套管间距"}};
+    case ItemId::casing_protrusion_inner: return {{"casing protrusion, inner", "内侧套管凸起高度"}};
+    case ItemId::casing_protrusion_outer: return {{"casing protrusion, outer", "外侧套管凸起高度"}};
+    case ItemId::casing_skew_inner: return {{"casing skew, inner", "内侧套管歪斜"}};
+    case ItemId::casing_skew_outer: return {{"casing skew, outer", "外侧套管歪斜"}};
+    case ItemId::seat_lateral: return {{"seat, lateral position", "承轨面横向位置"}};
+    case ItemId::seat_vertical: return {{"seat, height", "承轨面高低"}};
+    case ItemId::seat_spacing: return {{"seat spacing", "承轨台间距"}};
+    case ItemId::large_jaw_distance: return {{"large jaw distance", "大钳口距离"}};
+    case ItemId::corner_level: return {{"corner level", "四角承轨面水平"}};
+    case ItemId::warp_left: return {{"warp, row Y > 0", "翘曲（Y > 0）"}};
+    case ItemId::warp_right: return {{"warp, row Y < 0", "翘曲（Y < 0）"}};
+    case ItemId::seat_std: return {{"seat standard deviation", "承轨面测点标准差"}};
+    case ItemId::surface_pores:
+      return {{"pores, largest", "气孔（最大）"},
+              "气孔的直径、深度或面积占比超过配方允许值",
+              "slabctl show 给出位置、大小和深度；检查承轨台"};
+    case ItemId::block_damage:
+      return {{"damage, largest", "破损（最大）"},
+              "承轨台表面有破损、裂缝、掉角或凸起",
+              "slabctl show 给出位置、大小和深度；检查承轨台：破损、污物或遗留物"};
   }
   return {};
 }
@@ -202,7 +214,7 @@ std::string_view pick(const Entry& entry, Language language) {
   return language == Language::zh ? entry.zh : entry.en;
 }
 
-constexpr std::array<const char*, kFindingKinds> kKindsZh = {"凹坑", "凸起", "裂缝", "缺角", "缺失"};
+constexpr std::array<const char*, kFindingKinds> kKindsZh = {"凹坑", "凸起", "裂缝", "掉角", "缺失"};
 constexpr std::array<const char*, kFindingFaces> kFacesZh = {"承轨面", "内侧钳口面", "外侧钳口面", "内侧挡肩顶面",
                                                              "外侧挡肩顶面"};
 constexpr std::array<const char*, kEdgeFaces> kEdgeFacesZh = {"承轨面",       "内侧钳口面",   "外侧钳口面",
@@ -240,7 +252,12 @@ std::string_view word(Word which, Language language) {
 }
 
 std::string item_word(ItemId id, Language language) {
-  return std::string(pick(item_entry(id), language));
+  return std::string(pick(item_entry(id).name, language));
+}
+
+ReasonWords item_reason_zh(ItemId id) {
+  const ItemEntry words = item_entry(id);
+  return {words.meaning_zh, words.cure_zh};
 }
 
 std::string emulation_notice(std::uint8_t bits, Language language) {
@@ -262,7 +279,7 @@ std::string emulation_notice(std::uint8_t bits, Language language) {
     if (!parts.empty()) parts += zh ? "，" : ", ";
     parts += zh ? kParts[i].zh : kParts[i].en;
   }
-  return zh ? fmt::format("仿真（{}）：不是对混凝土实物的判定", parts)
+  return zh ? fmt::format("仿真（{}）：不是对混凝土实物的结论", parts)
             : fmt::format("EMULATED ({}): no verdict on concrete", parts);
 }
 
@@ -298,7 +315,7 @@ std::string_view verdict_word(Verdict verdict, Language language) {
 std::string finding_sentence(const SurfaceFinding& f, Language language) {
   if (language == Language::en) return std::string(sentence(f).view());
   std::string text =
-      fmt::format("{}{}，位置 x {:.0f} mm，s {:.0f} mm，{:.0f} x {:.0f} mm，{:.0f} mm2",
+      fmt::format("{}{}，位置 x {:.0f} mm，s {:.0f} mm，{:.0f} x {:.0f} mm，{:.0f} mm²",
                   kFacesZh.at(static_cast<std::size_t>(f.face)), kKindsZh.at(static_cast<std::size_t>(f.kind)), f.x_mm,
                   f.s_mm, f.length_mm, f.width_mm, f.area_mm2);
   if (has_value(f.depth_mm))
@@ -360,7 +377,7 @@ std::string edge_sentence(const BlockResult& block, Language language) {
   // A group has one nominal, printed after its last item.
   double nominal_mm = kNoValue;
   const auto end_group = [&] {
-    if (has_value(nominal_mm)) text += fmt::format(fmt::runtime(zh ? "（名义 {:g}）" : " (nominal {:g})"), nominal_mm);
+    if (has_value(nominal_mm)) text += fmt::format(fmt::runtime(zh ? "（公称 {:g}）" : " (nominal {:g})"), nominal_mm);
     nominal_mm = kNoValue;
   };
   bool named = false;

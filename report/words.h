@@ -132,6 +132,12 @@ enum class Word : std::uint8_t {
 }
 
 [[nodiscard]] std::string item_word(ItemId id, Language language);
+/// Meaning and cure of an item's reason in Chinese, for items with ItemInfo::meaning; else empty.
+struct ReasonWords {
+  std::string_view meaning;
+  std::string_view cure;
+};
+[[nodiscard]] ReasonWords item_reason_zh(ItemId id);
 [[nodiscard]] std::string_view verdict_word(Verdict verdict, Language language);
 /// A finding with place and size.
 [[nodiscard]] std::string finding_sentence(const SurfaceFinding& finding, Language language);

@@ -427,7 +427,8 @@ void columns(V& v, R& r) {
   SLABD_EACH(r, id, verdict, required)
   v("from_station", r.station);
   v("to_station", r.station_to);
-  SLABD_EACH(r, value, nominal, lower, upper, U, beside)
+  SLABD_EACH(r, value, nominal, lower, upper, U)
+  v("beside", r.companion);
   for (std::size_t part = 0; part < kBudgetParts; ++part) v(kBudgetColumns[part], r.budget[part]);
 }
 

@@ -13,21 +13,6 @@
 namespace slabd::algo {
 namespace {
 
-constexpr std::array<ItemId, 13> kBlockItems = {ItemId::seat_slope,
-                                                ItemId::seat_flatness,
-                                                ItemId::jaw_angle_inner,
-                                                ItemId::jaw_angle_outer,
-                                                ItemId::jaw_distance,
-                                                ItemId::casing_spacing,
-                                                ItemId::casing_protrusion_inner,
-                                                ItemId::casing_protrusion_outer,
-                                                ItemId::casing_skew_inner,
-                                                ItemId::casing_skew_outer,
-                                                ItemId::seat_std,
-                                                ItemId::surface_pores,
-                                                ItemId::block_damage};
-static_assert(kBlockItems.size() <= kBlockItemsMax, "a block's items must fit its record");
-
 Item& item(BlockResult& result, ItemId id) {
   for (Item& i : result.items)
     if (i.id == id) return i;
@@ -48,9 +33,13 @@ double slope_about_x_rad(const Vec3& n) {
 
 void blank_block_items(const Recipe& recipe, BlockResult& result) {
   result.items.clear();
-  for (const ItemId id : kBlockItems)
-    if (!info(id).optional || recipe.tolerance(id).given)
-      (void)result.items.push(blank_item(recipe, id, result.station));
+  for (std::size_t i = 0; i < kItemCount; ++i) {
+    const auto id = static_cast<ItemId>(i);
+    if (info(id).scope != ItemScope::block || (info(id).optional && !recipe.tolerance(id).given)) continue;
+    const bool has_room = result.items.push(blank_item(recipe, id, result.station));
+    assert(has_room && "kBlockItemsMax counts the block's items");
+    (void)has_room;
+  }
 }
 
 void compute_block_items(const BlockModel& model, BlockResult& result) {
@@ -67,15 +56,15 @@ void compute_block_items(const BlockModel& model, BlockResult& result) {
     const double slope_rad = slope_about_x_rad(result.seat.normal_datum);
     Item& slope = item(result, ItemId::seat_slope);
     slope.value = deg_from_rad(slope_rad);
-    slope.beside = 1.0 / std::tan(slope_rad);
+    slope.companion = 1.0 / std::tan(slope_rad);
   }
 
   Item& flatness = item(result, ItemId::seat_flatness);
   flatness.value = result.seat.flatness_mm;
-  flatness.beside = result.seat.flatness_min_zone_mm;
+  flatness.companion = result.seat.flatness_min_zone_mm;
   Item& std_item = item(result, ItemId::seat_std);
   std_item.value = seat.std_mm;
-  std_item.beside = result.seat.std_cells_mm;
+  std_item.companion = result.seat.std_cells_mm;
 
   if (result.jaw_inner.ok) item(result, ItemId::jaw_angle_inner).value = free_angle_deg(seat, result.jaw_inner);
   if (result.jaw_outer.ok) item(result, ItemId::jaw_angle_outer).value = free_angle_deg(seat, result.jaw_outer);

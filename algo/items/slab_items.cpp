@@ -221,7 +221,7 @@ class ItemWriter {
     Gradient g(seats_);
     if (fitted_ && seats_[station].tilt_ok) {
       item.value = deg_from_rad(seats_[station].slope_rad);
-      item.beside = 1.0 / std::tan(seats_[station].slope_rad);
+      item.companion = 1.0 / std::tan(seats_[station].slope_rad);
       const Quat turn = T_slab_block(recipe_, station).rotation;
       const Vec3 n = turn.conjugate() * seats_[station].n;
       g.n(station, turn * Vec3(Vec3(0.0, -n.z(), n.y()) / (n.y() * n.y() + n.z() * n.z())));
@@ -245,9 +245,9 @@ class ItemWriter {
     Item item = blank_item(recipe_, ItemId::seat_vertical, station);
     Gradient g(seats_);
     if (fitted_ && seats_[station].ok) {
-      item.beside = seats_[station].p.z() - seats_[station].nominal.z();
+      item.companion = seats_[station].p.z() - seats_[station].nominal.z();
       if (!recipe_.remove_warp) {
-        item.value = item.beside;
+        item.value = item.companion;
         g.p(station, Vec3::UnitZ());
       } else {
         over_warp(station, item, g);
@@ -290,7 +290,7 @@ class ItemWriter {
     Gradient g(seats_);
     if (fitted_ && seats_[1].ok && seats_[n].ok && seats_[n + 1].ok && seats_[2 * n].ok) {
       item.value = seats_[1].p.z() - seats_[n].p.z() + seats_[n + 1].p.z() - seats_[2 * n].p.z();
-      item.beside = 0.25 * item.value;
+      item.companion = 0.25 * item.value;
       g.p(1, Vec3::UnitZ());
       g.p(n, -Vec3::UnitZ());
       g.p(n + 1, Vec3::UnitZ());

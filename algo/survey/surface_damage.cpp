@@ -418,11 +418,11 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
   if (!told[0] || !told[1] || !saw_enough(table, field)) return;
   if (pores != nullptr) {
     pores->value = found.pore_largest_mm;
-    pores->beside = found.pore_deepest_mm;
+    pores->companion = found.pore_deepest_mm;
   }
   if (damage != nullptr) {
     damage->value = found.damage_extent_mm;
-    damage->beside = found.damage_depth_mm;
+    damage->companion = found.damage_depth_mm;
   }
 }
 

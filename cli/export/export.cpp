@@ -55,7 +55,7 @@ Cell unless_0(int number) {
 void add_item(Table& table, const storage::SlabRecord& record, const Item& item, const storage::SlabBlock* block) {
   const SlabHeader& slab = record.summary.header;
   const Attempt* attempt = block == nullptr ? nullptr : &block->attempt;
-  const std::string_view beside = beside_name(item.id);
+  const std::string_view companion = info(item.id).companion;
   table.add(kItemRowsVersion, slab.key, slab.slab_id, slab.slab_no, slab.slab_type, iso_time(slab.began_utime_us),
             iso_time(record.summary.ended_utime_us), name(record.summary.verdict), record.summary.reason, slab.recipe,
             slab.recipe_sha256, slab.guard, slab.calibration_id, slab.stations_id, slab.software,
@@ -63,7 +63,7 @@ void add_item(Table& table, const storage::SlabRecord& record, const Item& item,
             unless_0(item.station_to), attempt != nullptr ? Cell(attempt->number) : "",
             attempt != nullptr ? iso_time(attempt->scan_utime_us) : "", info(item.id).name, name(info(item.id).unit),
             item.nominal, item.lower, item.upper, item.value, item.deviation(), item.U, name(item.verdict),
-            item.required, conformance_probability(item), beside, beside.empty() ? kNoValue : item.beside,
+            item.required, conformance_probability(item), companion, companion.empty() ? kNoValue : item.companion,
             slab.scanner_id, slab.temperature_dk == 0 ? kNoValue : slab.temperature_dk / 10.0, unless_0(slab.age_h),
             slope_datum(record), slab.emulated != 0);
 }

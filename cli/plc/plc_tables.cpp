@@ -85,11 +85,13 @@ void each_code(Use&& use) {
         fmt::format("item {}, {}: failed; with VERDICT 3 not measured, with 5 indeterminate", item,
                     info(static_cast<ItemId>(item)).name),
         "`slabctl show` names value, limits and U; look at the block");
-  for (const Code code : {Code::surface_pores, Code::block_damage})
-    use(static_cast<unsigned>(code),
-        fmt::format("item {}: {}; no bit in FAIL_MASK or OPEN_MASK",
-                    info(*item_from_reason(static_cast<int>(code))).name, describe(code)),
-        std::string(cure(code)));
+  for (std::size_t i = 0; i < kItemCount; ++i) {
+    const ItemInfo& item = info(static_cast<ItemId>(i));
+    if (!item.meaning.empty())
+      use(static_cast<unsigned>(item.reason),
+          fmt::format("item {}: {}; no bit in FAIL_MASK or OPEN_MASK", item.name, item.meaning),
+          std::string(item.cure));
+  }
 }
 
 nlohmann::ordered_json code_json() {

@@ -64,8 +64,7 @@ std::vector<KeyDifference> differences_of(const Recipe& a, const Recipe& b) {
 /// True for items whose U without a budget is the larger one of the recipe's U and that from the scan
 /// (algo/items/uncertainty.h). The scan gives no U of flatness.
 bool widens_by_scan(ItemId id) {
-  return info(id).scope == ItemScope::block && id != ItemId::seat_flatness && id != ItemId::surface_pores &&
-         id != ItemId::block_damage;
+  return info(id).scope == ItemScope::block && id != ItemId::seat_flatness && !info(id).U_from_recipe;
 }
 
 /// Sets U and verdict of `judged`, which contains the recipe's U. A stored U above that of the original recipe is the
@@ -87,7 +86,7 @@ int rejudge(const Recipe& recipe, const Recipe* measured_with, BlockResult& bloc
   for (Item& item : block.items) {
     Item judged = blank_item(recipe, item.id, item.station, item.station_to);
     judged.value = item.value;
-    judged.beside = item.beside;
+    judged.companion = item.companion;
     judged.budget = item.budget;
     if (has_budget(item)) {
       judged.U = item.U;

@@ -182,13 +182,13 @@ Table errors_table(const CompareStudy& study, Reader reader) {
               pick(reader, "unit<", "单位<"),
               "n",
               pick(reader, "reference", "参考值"),
-              pick(reader, "measured", "测量值"),
+              pick(reader, "measured", "实测值"),
               pick(reader, "mean error (95 %)", "平均误差（95 %）"),
               pick(reader, "mean |error|", "平均绝对误差"),
               pick(reader, "max |error|", "最大误差"),
               pick(reader, "at<", "位置<"),
               "En max"};
-  table.title = pick(reader, "Errors: measured less reference", "误差：测量值减参考值");
+  table.title = pick(reader, "Errors: measured less reference", "误差：实测值减参考值");
   for (const CompareItem& item : study.items) {
     const int digits = decimals_of(item.item);
     table.add(subject_of({.item = item.item}, reader), unit_of(item.item), item.pairs.size(),

@@ -89,7 +89,7 @@ Table characteristics_table(const RepeatStudy& study, Reader reader) {
 }
 
 Table gauges_table(const RepeatStudy& study, Reader reader) {
-  Table table{pick(reader, "type-1 study", "检测项目"),
+  Table table{pick(reader, "type-1 study", "第一类量具研究"),
               pick(reader, "reference", "参考值"),
               "T",
               pick(reader, "bias", "偏倚"),

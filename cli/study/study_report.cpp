@@ -200,7 +200,7 @@ Figure appraiser_lines(const GrrItem& item, Language language) {
 
 Figure scatter_chart(const CompareItem& item, Language language) {
   Figure chart;
-  chart.title = pick(language, "measured over reference", "测量值与参考值");
+  chart.title = pick(language, "measured over reference", "实测值与参考值");
   chart.alt = fmt::format("{}: n = {}", chart.title, item.pairs.size());
   chart.width_mm = 86.0;
   chart.height_mm = 62.0;
@@ -319,7 +319,7 @@ report::Report grr_report(const GrrStudy& study, Language language) {
 }
 
 report::Report compare_report(const CompareStudy& study, Language language) {
-  report::Report made = document(language, pick(language, "Against a laboratory", "与接触测量比对"), study.source);
+  report::Report made = document(language, pick(language, "Against a laboratory", "与实验室比对"), study.source);
   Section& errors = made.sections.emplace_back();
   errors.title = pick(language, "Errors", "误差");
   errors.parts.emplace_back(errors_table(study, language));
@@ -328,7 +328,7 @@ report::Report compare_report(const CompareStudy& study, Language language) {
   if (unmatched > 0)
     errors.parts.emplace_back(report::Paragraph{
         fmt::format("{}: {}",
-                    pick(language, "values of the laboratory that slabd has none for", "无对应测量值的参考值"),
+                    pick(language, "values of the laboratory that slabd has none for", "无对应实测值的参考值"),
                     unmatched),
         Verdict::none, true});
   for (const CompareItem& item : study.items) {

@@ -50,8 +50,8 @@ std::string item_table(std::span<const Item> items, Style style, bool of_slab) {
     table.add(item_label(item, of_slab), nominal_figure(item), limits_text(item), value_figure(item),
               deviation_figure(item), U_figure(item),
               is_doubtful(item) ? fmt::format("{:.1f} %", 100.0 * conformance_probability(item)) : "", item.verdict);
-    if (const std::string_view beside = beside_name(item.id); !beside.empty() && has_value(item.beside))
-      table.add(fmt::format("  {}", beside), "", "", Cell(item.beside, 3));
+    if (const std::string_view companion = info(item.id).companion; !companion.empty() && has_value(item.companion))
+      table.add(fmt::format("  {}", companion), "", "", Cell(item.companion, 3));
   }
   return text_of(table, style);
 }

@@ -253,7 +253,7 @@ Table stations_table(const Trend& trend, Language language) {
   const int digits = decimals(trend.item);
   Table table{pick(language, "station", "测站"),
               pick(language, "slabs", "板数"),
-              pick(language, "bias", "偏移"),
+              pick(language, "bias", "偏倚"),
               "+-2s",
               pick(language, "drift", "漂移"),
               "+-2s",
@@ -263,7 +263,7 @@ Table stations_table(const Trend& trend, Language language) {
     table.add(s.station, s.slabs, Cell(s.bias, digits), Cell(2.0 * s.bias_sigma, digits), Cell(s.drift, digits),
               Cell(2.0 * s.drift_sigma, digits),
               s.drifting() ? Cell(Verdict::indeterminate, pick(language, "drifts", "漂移"))
-              : s.biased() ? pick(language, "biased", "偏移")
+              : s.biased() ? pick(language, "biased", "偏倚")
                            : "");
   return table;
 }

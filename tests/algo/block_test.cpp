@@ -34,7 +34,7 @@ TEST(Block, measures_a_varied_block_far_better_than_its_tolerances) {
     const auto value = [&](ItemId id) { return item(r, id).value; };
     // A quarter of a real scan's points; limits are a tenth to a fifth of the line's requirement.
     EXPECT_NEAR(value(ItemId::seat_slope), deg_from_rad(std::atan(1.0 / block.cant_ratio)), 0.001);
-    EXPECT_NEAR(item(r, ItemId::seat_slope).beside, block.cant_ratio, 0.03);
+    EXPECT_NEAR(item(r, ItemId::seat_slope).companion, block.cant_ratio, 0.03);
     EXPECT_NEAR(value(ItemId::jaw_angle_inner), block.jaw_angle_inner_deg, 0.005);
     EXPECT_NEAR(value(ItemId::jaw_angle_outer), block.jaw_angle_outer_deg, 0.005);
     EXPECT_NEAR(value(ItemId::jaw_distance), block.jaw_distance_mm, 0.005);
@@ -189,7 +189,7 @@ TEST(Block, gives_the_same_bits_again_and_after_another_block) {
   const BlockResult again = run(cloud);
   for (std::size_t i = 0; i < first.items.size(); ++i) {
     EXPECT_EQ(std::memcmp(&first.items[i].value, &again.items[i].value, sizeof(double)), 0);
-    EXPECT_EQ(std::memcmp(&first.items[i].beside, &again.items[i].beside, sizeof(double)), 0);
+    EXPECT_EQ(std::memcmp(&first.items[i].companion, &again.items[i].companion, sizeof(double)), 0);
   }
   EXPECT_EQ(first.registration.T_scanner_block.to_array(), again.registration.T_scanner_block.to_array());
   EXPECT_EQ(first.registration.deviation.std_mm, again.registration.deviation.std_mm);

@@ -156,7 +156,7 @@ Stages measure(BlockInspector& inspector, const std::vector<float>& scan, Order 
                              .text();
   stages["5_casings"] = (Bits() << r.casing_inner << r.casing_outer).text();
   Bits items;
-  for (const Item& i : r.items) items << i.value << i.U << i.beside;
+  for (const Item& i : r.items) items << i.value << i.U << i.companion;
   stages["6_items"] = items.text();
   Bits cells;
   const DeviationMap map = inspector.deviation_map();

@@ -168,12 +168,12 @@ TEST(Items, every_budget_part_and_companion_has_a_word) {
                                                   "reference"}));
   EXPECT_EQ(name(ItemUnit::mm), "mm");
   EXPECT_EQ(name(ItemUnit::deg), "deg");
-  EXPECT_EQ(beside_name(ItemId::seat_slope), "ratio_n");
-  EXPECT_EQ(beside_name(ItemId::seat_flatness), "min_zone_mm");
-  EXPECT_EQ(beside_name(ItemId::seat_std), "cells_mm");
-  EXPECT_EQ(beside_name(ItemId::seat_vertical), "unremoved_mm");
-  EXPECT_EQ(beside_name(ItemId::corner_level), "quarter_mm");
-  EXPECT_EQ(beside_name(ItemId::seat_lateral), "");
+  EXPECT_EQ(info(ItemId::seat_slope).companion, "ratio_n");
+  EXPECT_EQ(info(ItemId::seat_flatness).companion, "min_zone_mm");
+  EXPECT_EQ(info(ItemId::seat_std).companion, "cells_mm");
+  EXPECT_EQ(info(ItemId::seat_vertical).companion, "unremoved_mm");
+  EXPECT_EQ(info(ItemId::corner_level).companion, "quarter_mm");
+  EXPECT_EQ(info(ItemId::seat_lateral).companion, "");
 }
 
 }  // namespace

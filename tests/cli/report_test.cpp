@@ -207,7 +207,7 @@ TEST_F(ReportTest, findings_of_a_block_are_told_with_place_and_size_in_report_sh
   ASSERT_EQ(report("r.html").status, 0);
   EXPECT_NE(content(file("r.html")).find("Block 1: " + told), std::string::npos);
   ASSERT_EQ(report("zh.html", "--language zh").status, 0) << report("zh.html", "--language zh").err;
-  EXPECT_NE(content(file("zh.html")).find("外侧钳口面缺角，位置 x 81 mm，s 190 mm"), std::string::npos);
+  EXPECT_NE(content(file("zh.html")).find("外侧钳口面掉角，位置 x 81 mm，s 190 mm"), std::string::npos);
   EXPECT_NE(run("show 1 --db " + file("slabd.db") + " --block 1").out.find("finding: " + told), std::string::npos);
   EXPECT_EQ(run("show 1 --db " + file("slabd.db") + " --block 2").out.find("finding:"), std::string::npos);
   const json document = json::parse(run("show 1 --db " + file("slabd.db") + " --json").out);
@@ -255,7 +255,7 @@ TEST_F(ReportTest, damage_is_marked_on_the_maps_and_small_pores_are_not) {
   ASSERT_EQ(report("r.pdf").status, 0);
   ASSERT_EQ(report("zh.html", "--language zh").status, 0);
   EXPECT_NE(content(file("zh.html")).find("最深 6.5 mm（超过 5 mm）"), std::string::npos);
-  EXPECT_NE(content(file("zh.html")).find("圆角 4.1 mm 承轨面/内侧钳口面（名义 4），倒角 3.6..4.2 mm 端面"),
+  EXPECT_NE(content(file("zh.html")).find("圆角 4.1 mm 承轨面/内侧钳口面（公称 4），倒角 3.6..4.2 mm 端面"),
             std::string::npos);
   const std::string slab = run("show 1 --db " + file("slabd.db")).out;
   EXPECT_NE(slab.find("!1"), std::string::npos) << slab;
@@ -431,7 +431,7 @@ TEST_F(ReportTest, of_an_emulated_slab_has_a_watermark_and_a_notice_in_both_lang
   expect_mentions(content(file("r.html")), "EMULATED (robot emulated): no verdict on concrete");
   expect_mentions(content(file("r.html")), " (EMULATED)</p>");
   ASSERT_EQ(report("r.html", "--language zh").status, 0);
-  expect_mentions(content(file("r.html")), "仿真（机器人为仿真）：不是对混凝土实物的判定");
+  expect_mentions(content(file("r.html")), "仿真（机器人为仿真）：不是对混凝土实物的结论");
 }
 
 TEST_F(ReportTest, of_a_real_slab_has_no_watermark) {

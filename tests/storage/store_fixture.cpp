@@ -105,7 +105,7 @@ Item item(Prng& prng) {
   i.required = prng.below(2) == 0;
   i.station = static_cast<std::uint8_t>(prng.below(19));
   i.station_to = static_cast<std::uint8_t>(prng.below(19));
-  for (double* x : {&i.value, &i.nominal, &i.lower, &i.upper, &i.U, &i.beside}) *x = number(prng);
+  for (double* x : {&i.value, &i.nominal, &i.lower, &i.upper, &i.U, &i.companion}) *x = number(prng);
   for (double& part : i.budget) part = number(prng);
   return i;
 }

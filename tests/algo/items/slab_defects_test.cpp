@@ -93,7 +93,7 @@ TEST(SlabDefects, robot_repeatability_of_0_017_mm_leaves_0_05_mm_of_lateral_and_
     for (int station = 1; station <= 18; ++station) {
       lateral += std::pow(item(r, ItemId::seat_lateral, station).value, 2);
       vertical += std::pow(item(r, ItemId::seat_vertical, station).value, 2);
-      unremoved += std::pow(item(r, ItemId::seat_vertical, station).beside, 2);
+      unremoved += std::pow(item(r, ItemId::seat_vertical, station).companion, 2);
     }
   }
   lateral = std::sqrt(lateral / (18.0 * kSlabs));

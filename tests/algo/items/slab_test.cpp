@@ -134,7 +134,7 @@ TEST(Slab, a_low_seat_is_found_with_its_whole_depth_and_its_neighbours_are_not_l
     const SlabResult r = slab.inspect();
     const Item& vertical = item(r, ItemId::seat_vertical, station);
     EXPECT_EQ(vertical.verdict, Verdict::fail);
-    EXPECT_NEAR(vertical.beside, -1.2, 0.05);
+    EXPECT_NEAR(vertical.companion, -1.2, 0.05);
     // At the end of a row the parabola of the others must be extrapolated by a pitch.
     EXPECT_NEAR(vertical.value, -1.2, 0.06) << station;
     for (int k = 1; k <= 18; ++k) {
@@ -155,11 +155,11 @@ TEST(Slab, warp_is_reported_and_taken_out_of_the_heights) {
   EXPECT_NEAR(item(r, ItemId::warp_left).value, sag, 0.02);
   EXPECT_NEAR(item(r, ItemId::warp_right).value, sag, 0.02);
   for (int k = 1; k <= 18; ++k) EXPECT_NEAR(item(r, ItemId::seat_vertical, k).value, 0.0, 0.01);
-  EXPECT_GT(std::abs(item(r, ItemId::seat_vertical, 1).beside), 0.3) << "the unremoved height stands beside it";
+  EXPECT_GT(std::abs(item(r, ItemId::seat_vertical, 1).companion), 0.3) << "the unremoved height is its companion";
 
   slab.recipe.remove_warp = false;
   const SlabResult kept = slab.inspect();
-  EXPECT_DOUBLE_EQ(item(kept, ItemId::seat_vertical, 1).value, item(kept, ItemId::seat_vertical, 1).beside);
+  EXPECT_DOUBLE_EQ(item(kept, ItemId::seat_vertical, 1).value, item(kept, ItemId::seat_vertical, 1).companion);
 }
 
 TEST(Slab, too_much_warp_fails_the_slab_and_no_station) {
@@ -179,7 +179,7 @@ TEST(Slab, twist_shows_in_the_corner_level) {
   const SlabResult r = slab.inspect();
   const Item& corner = item(r, ItemId::corner_level);
   EXPECT_NEAR(corner.value, 1.6, 0.05);
-  EXPECT_NEAR(corner.beside, 0.4, 0.0125);
+  EXPECT_NEAR(corner.companion, 0.4, 0.0125);
   EXPECT_EQ(corner.verdict, Verdict::fail);
 }
 
