@@ -188,6 +188,13 @@ class BlockInspector {
 
  private:
   struct Workspace;
+  struct BlockFit;
+  // The parts of extract.
+  [[nodiscard]] Status fit_faces(const Cloud& cloud, BlockFit& fit);
+  [[nodiscard]] Status measure_seat_and_casings(const Cloud& cloud, BlockFit& fit);
+  void compute_items(const Cloud& cloud, const BlockFit& fit);
+  [[nodiscard]] Error seat_refused() const;
+
   std::unique_ptr<Workspace> work_;
 };
 

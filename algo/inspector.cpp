@@ -374,13 +374,28 @@ Status look_at_noise(const Cloud& cloud, const Survey& survey, const SeatFrame& 
 
 }  // namespace
 
-Status BlockInspector::extract(const Cloud& cloud) {
+/// Results of one part of `extract` for the next ones.
+struct BlockInspector::BlockFit {
+  bool has_surface_items = false;
+  std::array<JawFit, 2> jaws;
+  Flatness flatness;
+  double seat_noise_mm = kNoValue;  ///< of a point
+};
+
+Error BlockInspector::seat_refused() const {
+  const PlaneFit& plane = work_->result.seat.plane;
+  return error(Code::fit_failed,
+               "seat plane: %s; %llu of %llu points within the threshold after %d refits, at least %.2f of them and of "
+               "the area seen needed, spread over at least a third of the crop",
+               reason_of(plane.doubt).data(), static_cast<unsigned long long>(plane.inliers),
+               static_cast<unsigned long long>(plane.points), plane.iterations,
+               work_->recipe.evaluation.inlier_share_min);
+}
+
+/// Surveys the scan and fits the planes of seat, jaws and slab top.
+Status BlockInspector::fit_faces(const Cloud& cloud, BlockFit& fit) {
   Workspace& w = *work_;
   BlockResult& result = w.result;
-  if (result.registration.status != RegistrationStatus::converged)
-    return error(Code::block_not_found, "extract needs a converged registration, it is %s",
-                 name(result.registration.status).data());
-  if (w.give_up) return error(Code::deadline, "the measurement was given up before the features");
   const EvaluationSettings& evaluation = w.recipe.evaluation;
   // Every feature draws its own hypotheses, the same in every run.
   const auto settings_of = [&](const FaceExtent& whole, ItemId angle, std::uint64_t seed) {
@@ -399,23 +414,19 @@ Status BlockInspector::extract(const Cloud& cloud) {
   constexpr double kTopBendShare = 1.0 / 3.0;
   if (const double U_deg = w.recipe.tolerance(ItemId::seat_slope).U; has_value(U_deg))
     of_top.bend_max_rad = kTopBendShare * rad_from_deg(U_deg);
-  const Pose T_block_scanner = result.registration.T_scanner_block.inverse();
   const Survey& survey = w.survey;
-  // A recipe older than the items of pores and damage keeps its search and its results.
-  const bool has_surface_items =
-      w.recipe.tolerance(ItemId::surface_pores).given || w.recipe.tolerance(ItemId::block_damage).given;
   survey_scan(cloud,
               {w.model,
                w.survey_table,
                evaluation,
-               T_block_scanner,
+               result.registration.T_scanner_block.inverse(),
                {settings_of(extents.full_seat, ItemId::seat_slope, 2), of_top}},
               {w.pool,
                w.survey_blocks,
                w.survey_runs,
                {MapSums{w.map_sum[0], w.map_count[0]}, MapSums{w.map_sum[1], w.map_count[1]}},
                w.plane_start,
-               has_surface_items ? w.raster : std::array<std::span<SurfaceCell>, 2>{}},
+               fit.has_surface_items ? w.raster : std::array<std::span<SurfaceCell>, 2>{}},
               w.team, w.survey);
   w.has_map = true;
   result.registration.deviation = survey.deviation;
@@ -427,7 +438,6 @@ Status BlockInspector::extract(const Cloud& cloud) {
   result.slab_top = survey.large[static_cast<std::size_t>(LargeFace::top)];
   // The scanner errs along its rays, about along the seat's normal; a steep jaw receives a part of that error.
   const double ripple_mm = ripple_amplitude_mm(survey.of(PointList::seat_crop));
-  std::array<JawFit, 2> jaws;
   w.team.run(3, [&](std::size_t which) {
     // The seat is checked cell by cell, by its flatness.
     if (which == 0) {
@@ -439,16 +449,16 @@ Status BlockInspector::extract(const Cloud& cloud) {
     const bool inner = side == 0;
     const Face face = inner ? Face::jaw_inner : Face::jaw_outer;
     const std::span<float> memory = w.sample.subspan(side * (w.sample.size() / 2), w.sample.size() / 2);
-    jaws[side] = measure_jaw({survey.of(inner ? PointList::jaw_inner : PointList::jaw_outer), w.model.plane(face).n,
-                              edges_of_jaw(w.model, face, inner ? Face::shoulder_inner : Face::shoulder_outer),
-                              evaluation.edge_margin_mm,
-                              inner ? settings_of(extents.jaw_inner, ItemId::jaw_angle_inner, 3)
-                                    : settings_of(extents.jaw_outer, ItemId::jaw_angle_outer, 4),
-                              survey.jaw[side], survey.jaw_off[side], memory,
-                              ripple_mm * std::abs(w.model.plane(face).n.dot(w.model.plane(Face::seat).n))});
+    fit.jaws[side] = measure_jaw({survey.of(inner ? PointList::jaw_inner : PointList::jaw_outer), w.model.plane(face).n,
+                                  edges_of_jaw(w.model, face, inner ? Face::shoulder_inner : Face::shoulder_outer),
+                                  evaluation.edge_margin_mm,
+                                  inner ? settings_of(extents.jaw_inner, ItemId::jaw_angle_inner, 3)
+                                        : settings_of(extents.jaw_outer, ItemId::jaw_angle_outer, 4),
+                                  survey.jaw[side], survey.jaw_off[side], memory,
+                                  ripple_mm * std::abs(w.model.plane(face).n.dot(w.model.plane(Face::seat).n))});
   });
-  result.jaw_inner = jaws[0].plane;
-  result.jaw_outer = jaws[1].plane;
+  result.jaw_inner = fit.jaws[0].plane;
+  result.jaw_outer = fit.jaws[1].plane;
   // The share is of all points seen at the face's place. Otherwise, if half of the seat is five millimetres low, the
   // other half alone would determine the plane.
   const auto count_off = [&](PlaneFit& plane, std::size_t seen, std::size_t off) {
@@ -460,20 +470,21 @@ Status BlockInspector::extract(const Cloud& cloud) {
   count_off(seat.plane, survey.of(PointList::seat_crop).size(), survey.of(PointList::seat_off).size());
   count_off(result.jaw_inner, result.jaw_inner.points, survey.points_off(0));
   count_off(result.jaw_outer, result.jaw_outer.points, survey.points_off(1));
-  const auto no_seat = [&] {
-    return error(
-        Code::fit_failed,
-        "seat plane: %s; %llu of %llu points within the threshold after %d refits, at least %.2f of them and of "
-        "the area seen needed, spread over at least a third of the crop",
-        reason_of(seat.plane.doubt).data(), static_cast<unsigned long long>(seat.plane.inliers),
-        static_cast<unsigned long long>(seat.plane.points), seat.plane.iterations, evaluation.inlier_share_min);
-  };
-  if (!seat.plane.ok) return no_seat();
+  return seat.plane.ok ? success() : seat_refused();
+}
 
+/// Measures the seat's flatness and noise, and the casings.
+Status BlockInspector::measure_seat_and_casings(const Cloud& cloud, BlockFit& fit) {
+  Workspace& w = *work_;
+  BlockResult& result = w.result;
+  const Survey& survey = w.survey;
+  SeatFeature& seat = result.seat;
+  const EvaluationSettings& evaluation = w.recipe.evaluation;
   const BlockGeometry& geometry = w.recipe.block;
   const FlatnessRegion region = flatness_region(w.recipe);
   const SeatFrame frame = SeatFrame::of(w.model);
-  const Flatness flatness = measure_flatness(survey.over_crop(), frame, seat.plane, region, w.flatness, w.team);
+  const Flatness& flatness = fit.flatness;
+  fit.flatness = measure_flatness(survey.over_crop(), frame, seat.plane, region, w.flatness, w.team);
   seat.by_area = flatness.by_area;
   seat.grid_points = flatness.cells;
   seat.std_cells_mm = flatness.std_cells_mm;
@@ -492,13 +503,13 @@ Status BlockInspector::extract(const Cloud& cloud) {
   seat.defect = flatness.defect;
   if (flatness.seat_share < evaluation.inlier_share_min) {
     refuse(seat.plane, PlaneDoubt::area);
-    return no_seat();
+    return seat_refused();
   }
 
   static_assert(kGapCells * sizeof(TextureCell) <= limits::kScanPointsMax);
   const std::span<TextureCell> cells(reinterpret_cast<TextureCell*>(w.label.data()), kGapCells);
-  double seat_noise_mm = kNoValue;
-  if (const Status seen = look_at_noise(cloud, survey, frame, cells, w.team, result, seat_noise_mm); !seen) return seen;
+  if (const Status seen = look_at_noise(cloud, survey, frame, cells, w.team, result, fit.seat_noise_mm); !seen)
+    return seen;
 
   const auto casing = [&](PointList where, bool outer) {
     const CasingTask task{w.model.casing_centre(outer),
@@ -511,7 +522,7 @@ Status BlockInspector::extract(const Cloud& cloud) {
     const std::span<TextureCell> own = cells.subspan(outer ? kTextureCells : 0, kTextureCells);
     if (!found.ok) return found;
     const NoiseTexture texture = look_at_texture(question_of(survey.of(where).runs, frame, seat.plane), own);
-    if (filled_place(texture, seat_noise_mm, step_along_mm(seat.plane, result)).cells > 0) {
+    if (filled_place(texture, fit.seat_noise_mm, step_along_mm(seat.plane, result)).cells > 0) {
       found.ok = false;
       found.doubt = CasingDoubt::filled;
     }
@@ -524,24 +535,48 @@ Status BlockInspector::extract(const Cloud& cloud) {
       else
         result.casing_outer = casing(PointList::casing_outer, true);
     });
+  return success();
+}
 
+/// Computes the items with their U, and searches for pores and damage.
+void BlockInspector::compute_items(const Cloud& cloud, const BlockFit& fit) {
+  Workspace& w = *work_;
+  BlockResult& result = w.result;
+  const PlaneFit& seat = result.seat.plane;
+  const EvaluationSettings& evaluation = w.recipe.evaluation;
   compute_block_items(w.model, result);
   // The amplitude of a wave is its standard deviation times the root of two.
-  const double scatter2 = seat.plane.std_mm * seat.plane.std_mm - seat_noise_mm * seat_noise_mm;
-  const FormDoubt form{form_tilts_rad(jaws[0].strip, jaws[1].strip), closed ? flatness.bumps_mm : 0.0,
+  const double scatter2 = seat.std_mm * seat.std_mm - fit.seat_noise_mm * fit.seat_noise_mm;
+  const FormDoubt form{form_tilts_rad(fit.jaws[0].strip, fit.jaws[1].strip),
+                       evaluation.flatness == FlatnessKind::closed ? fit.flatness.bumps_mm : 0.0,
                        scatter2 > 0.0 ? std::sqrt(2.0 * scatter2) : 0.0};
   compute_block_budget(w.recipe, w.verified, form, result);
   compute_observation(w.model, evaluation.casing, w.T_base_scanner * result.registration.T_scanner_block, result);
   static_assert(kFindingFloats <= kSampleFloats);
-  if (has_surface_items) {
+  if (fit.has_surface_items) {
     find_pores_and_damage(w.model, w.surface_table, w.raster[0], deviation_map(), w.raster_rest, w.team, result);
     result.pores.limits = w.recipe.pores;
     set_edge_nominals(w.recipe.edges, result);
-    return success();
+    return;
   }
-  find_surface_damage(cloud, w.model, T_block_scanner,
-                      {deviation_map(), {&survey.of(PointList::jaw_inner), &survey.of(PointList::jaw_outer)}}, w.sample,
-                      w.team, result);
+  find_surface_damage(cloud, w.model, result.registration.T_scanner_block.inverse(),
+                      {deviation_map(), {&w.survey.of(PointList::jaw_inner), &w.survey.of(PointList::jaw_outer)}},
+                      w.sample, w.team, result);
+}
+
+Status BlockInspector::extract(const Cloud& cloud) {
+  const Workspace& w = *work_;
+  if (w.result.registration.status != RegistrationStatus::converged)
+    return error(Code::block_not_found, "extract needs a converged registration, it is %s",
+                 name(w.result.registration.status).data());
+  if (w.give_up) return error(Code::deadline, "the measurement was given up before the features");
+  BlockFit fit;
+  // A recipe older than the items of pores and damage keeps its search and its results.
+  fit.has_surface_items =
+      w.recipe.tolerance(ItemId::surface_pores).given || w.recipe.tolerance(ItemId::block_damage).given;
+  if (const Status fitted = fit_faces(cloud, fit); !fitted) return fitted;
+  if (const Status measured = measure_seat_and_casings(cloud, fit); !measured) return measured;
+  compute_items(cloud, fit);
   return success();
 }
 
