@@ -276,10 +276,10 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1, 100))
       ->capture_default_str();
   app.add_option("--filter", options.filter, "Only stages whose names match this regular expression, and no peers");
-  app.add_option("--revision", options.revision, "What the report says of the source");
+  app.add_option("--revision", options.revision, "Name of the source in the report");
   app.add_option("--save", options.save, "Keep the JSON object in this file as well");
-  app.add_option("--line", options.lines, "What slabctl simulate --json wrote: how long a PLC waits for a verdict");
-  app.add_option("--growth", options.growth, "What slabd_bench, built for larger scans, saved of growth/points");
+  app.add_option("--line", options.lines, "Output of slabctl simulate --json: how long a PLC waits for a verdict");
+  app.add_option("--growth", options.growth, "Output of slabd_bench, built for larger scans, with growth/points");
   app.add_option("--show", show, "Print the tables of a JSON object kept before; nothing is run");
   CLI11_PARSE(app, argc, argv);
   if (!show.empty()) {

@@ -246,7 +246,7 @@ void add_fit_plane(args::Command& app) {
       ->add_option("--share-min", options->share_min,
                    "Share of inliers below which the plane is not measured (default 0.8 (1 - contamination))")
       ->check(within(0.0, 1.0));
-  command->add_option("--seed", options->seed, "Of the hypotheses, a whole number from 0")->capture_default_str();
+  command->add_option("--seed", options->seed, "Seed of the hypotheses, a whole number from 0")->capture_default_str();
   options->form.add_to(*command);
   args::Option both = command->add_flag("--compare", options->compare, "All three methods side by side");
   command->add_option("--set", options->set, "a b c of the plane that was set, printed above the comparison")

@@ -161,12 +161,12 @@ void add_history(args::Command& app) {
       ->capture_default_str();
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command->add_option("--until", options->until, "Began before that");
-  command->add_option("--type", options->filter.slab_type, "Of this SLAB_TYPE")->check(args::range(1, 65'535));
+  command->add_option("--type", options->filter.slab_type, "Only this SLAB_TYPE")->check(args::range(1, 65'535));
   command->add_option("--id", options->filter.id_part, "With this somewhere in the slab id");
   command->add_option("--verdict", options->verdict, "With this verdict")->check(args::one_of(verdict_names()));
   command->add_option("--block", options->filter.block, "At this block")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
-  command->add_option("--item", options->item, "Of this item, as `slabctl show` names it");
+  command->add_option("--item", options->item, "Only this item, as `slabctl show` names it");
   command->add_flag("--json", options->json, "Print slabd.history/1 on stdout");
   command->runs([options] { return show_history(*options); });
 }

@@ -160,10 +160,9 @@ void add_inspect(args::Command& app) {
       ->required();
   command->add_option("--recipe", options->recipe, "Recipe of the slab type")->required();
   command->add_option("--block", options->block, "Block number on the slab, from 1")->required();
-  command->add_option(
-      "--T-block-scanner", options->T_block_scanner,
-      "Where the scanner stood, \"x y z qw qx qy qz\" in mm and a unit quaternion, in the block's frame "
-      "(default 600 mm above, looking down)");
+  command->add_option("--T-block-scanner", options->T_block_scanner,
+                      "Pose of the scanner, \"x y z qw qx qy qz\" in mm and a unit quaternion, in the block's frame "
+                      "(default 600 mm above, looking down)");
   options->form.add_to(*command);
   command->add_option("--threads", options->threads, "Threads that measure; the results are the same")
       ->check(args::range(1, 2))

@@ -65,7 +65,7 @@ int show_metrics(const Options& options) {
 
 void add_metrics(args::Command& app) {
   auto options = std::make_shared<Options>();
-  args::Command command = app.add_subcommand("metrics", "What the daemon knows of itself, as Prometheus text");
+  args::Command command = app.add_subcommand("metrics", "Figures of the daemon, as Prometheus text");
   command->footer(
       "\nslabd_up is 0 when the daemon does not answer (exit status 4). slabd-metrics.timer writes the file every 15 "
       "s,\nalso when the configuration is not usable (exit status 3).\n"

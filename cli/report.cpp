@@ -55,13 +55,15 @@ void add_report(args::Command& app) {
           "Key (see history) or slab id (key:12, id:12 where a number may be either); the newest slab with that id")
       ->required();
   command->add_option("--out", options->document.out, "The file; its extension says what it becomes")->required();
-  command->add_option("--language", options->document.language, "Of the words; numbers and ids are the same in all")
+  command
+      ->add_option("--language", options->document.language,
+                   "Language of the words; numbers and ids are the same in all")
       ->check(args::one_of({"en", "zh"}))
       ->capture_default_str();
-  command->add_option("--page", options->document.page, "Of .svg and .png: this page alone, 0 all below each other")
+  command->add_option("--page", options->document.page, "Page of .svg and .png; 0: all below each other")
       ->check(args::range(0, 1000))
       ->capture_default_str();
-  command->add_option("--dpi", options->document.dots_per_inch, "Of .png: dots per inch")
+  command->add_option("--dpi", options->document.dots_per_inch, "Dots per inch of .png")
       ->check(within(20.0, 600.0))
       ->capture_default_str();
   options->database.add_to(*command);

@@ -258,7 +258,7 @@ int monitor(const Options& options) {
 }  // namespace
 
 void add_robot(args::Command& app) {
-  args::Command robot = app.add_subcommand("robot", "What the robot says");
+  args::Command robot = app.add_subcommand("robot", "Poses that the robot sends");
   robot->require_subcommand(1);
   auto options = std::make_shared<Options>();
   args::Command command =

@@ -225,7 +225,7 @@ void add_status(args::Command& app) {
   args::Option as_json = command->add_flag("--json", options->as_json, "Print slabd.status/1 on stdout");
   command->add_flag("--watch", options->watch, "The operator's screen: slab map, links, last slabs, every second")
       ->excludes(as_json);
-  command->add_option("--language", options->language, "Of the screen")
+  command->add_option("--language", options->language, "Language of the screen")
       ->check(args::one_of({"en", "zh"}))
       ->capture_default_str();
   command->runs([options] { return show_status(*options); });

@@ -261,7 +261,7 @@ void add_common(args::Command& command, Options& options) {
 }
 void add_note(args::Command& command, Options& options) {
   command.add_option("--why", options.why, "Why, for the history")->required()->check(some_words());
-  command.add_option("--operator", options.who, "Who (default: your login)");
+  command.add_option("--operator", options.who, "Name of the operator (default: your login)");
 }
 
 }  // namespace
@@ -283,7 +283,7 @@ void add_calibrate_apply(args::Command& group) {
       "Exit status 6: refused, the text says what to do.\n"
       "Examples: slabctl calibrate apply --robot-serial KR120-4711 --scanner-serial S-0815 --temperature 21.5\n"
       "          slabctl calibrate apply he-3f2a91c07b5e --why \"scanner exchanged\"");
-  command->add_option("ID", options->known.id, "Of a kept record, or its first characters");
+  command->add_option("ID", options->known.id, "Id of a kept record, or its first characters");
   options->session.add_to(*command);
   options->record.add_origin_to(*command);
   command->add_option("--why", options->record.why, "Why, for the history; must be given with ID")->check(some_words());
@@ -328,10 +328,10 @@ void add_calibrate_adopt(args::Command& group) {
       "Example: slabctl calibrate adopt --sigma-mm 0.05 --sigma-deg 0.003 --apply --why \"tracker protocol 17\"");
   options->record.add_to(*command);
   command
-      ->add_option("--sigma-mm", options->sigma_mm, "Of a point in the field of view, standard deviation per axis, mm")
+      ->add_option("--sigma-mm", options->sigma_mm, "Standard deviation of a point in the field of view, per axis, mm")
       ->required()
       ->check(within(1e-4, 10.0));
-  command->add_option("--sigma-deg", options->sigma_deg, "Of the scanner's rotation, per axis, deg")
+  command->add_option("--sigma-deg", options->sigma_deg, "Standard deviation of the scanner's rotation, per axis, deg")
       ->required()
       ->check(within(1e-6, 1.0));
   command->add_flag("--yes", options->yes, "With --apply: what it changes is looked at and wanted");
@@ -344,10 +344,11 @@ void add_calibrate_rollback(args::Command& group) {
   command->footer(
       "\nStation corrections hold for one hand-eye calibration: roll that back first.\n"
       "Example: slabctl calibrate rollback --why \"worse than before\"");
-  command->add_option("--kind", options->kind, "What to roll back")
+  command->add_option("--kind", options->kind, "Kind of calibration to roll back")
       ->check(args::one_of({"hand_eye", "stations", "reference_block", "monitor_ball", "scanner"}))
       ->capture_default_str();
-  command->add_option("--slab-type", options->slab_type, "Of station corrections (default: of the newest change)");
+  command->add_option("--slab-type", options->slab_type,
+                      "SLAB_TYPE of station corrections (default: that of the newest change)");
   add_common(*command, *options);
   add_note(*command, *options);
   command->runs([options] {
@@ -358,7 +359,8 @@ void add_calibrate_rollback(args::Command& group) {
 
 void add_calibrate_history(args::Command& group) {
   auto options = std::make_shared<Options>();
-  args::Command command = group.add_subcommand("history", "What was in force when, by whom and why; every kept record");
+  args::Command command =
+      group.add_subcommand("history", "Calibrations in force over time, with operator and reason; every kept record");
   command->add_option("--limit", options->limit, "How many changes, newest first")
       ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();

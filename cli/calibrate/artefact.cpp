@@ -82,7 +82,7 @@ void add_calibrate_artefact(args::Command& group) {
       "Exit status: 0 every scan accepted, 6 one refused, 2 usage, 3 bad input.");
   command->add_option("SCAN", options->scans, "Scans of the artefact, one a view, in the order of the flange poses")
       ->required();
-  command->add_option("--certificate", options->certificate, "What the laboratory certified")->required();
+  command->add_option("--certificate", options->certificate, "Certificate of the laboratory")->required();
   command->add_option(
       "--target", options->target,
       "Write the poses as a target table for `calibrate solve --kind pose`; all scans must be accepted");

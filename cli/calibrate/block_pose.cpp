@@ -132,7 +132,7 @@ int run_block(const Options& options) {
   if (options.json) fmt::print("{}", json.text());
   if (!good)
     stop(kRefused,
-         fmt::format("{} of {} scans refused, {} is not written. What to do: the first view must look straight down at "
+         fmt::format("{} of {} scans refused, {} is not written. Remedy: the first view must look straight down at "
                      "the block from 600 mm, --start be right to about 10 mm and 2 deg, and the whole block be in the "
                      "picture; leave a refused scan out, and its line of {} with it",
                      options.scans.size() - views.size(), options.scans.size(),

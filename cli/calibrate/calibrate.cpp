@@ -9,7 +9,7 @@
 namespace slabd::cli {
 
 void add_calibrate(args::Command& app) {
-  args::Command group = app.add_subcommand("calibrate", "Where the scanner sits on the flange: hand-eye and stations");
+  args::Command group = app.add_subcommand("calibrate", "Pose of the scanner on the flange: hand-eye and stations");
   group->require_subcommand(1);
   add_calibrate_new(*group);
   add_calibrate_capture(*group);

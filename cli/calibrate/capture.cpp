@@ -327,7 +327,7 @@ void add_calibrate_capture(args::Command& group) {
       "Exit status: 0 accepted, 6 refused (kept, with the cure), 2 usage, 3 bad input, 4 daemon or disk.");
   options->session.add_to(*command);
   command->add_option("--scan", options->scans, "Scan of the artefact; several are shots of one pose, averaged");
-  command->add_option("--flange", options->flange, "Where the robot stood");
+  command->add_option("--flange", options->flange, "Pose of the flange");
   command->add_option("--flange-file", options->flange_file, "... as FILE:LINE of a table of poses");
   command->add_option("--set", options->set, "Folder with flange.txt and view_NN.ply or view_NN_SHOT.ply: all of them");
   args::Option live = command->add_flag("--live", options->live,

@@ -331,7 +331,7 @@ int check_calibration(const CheckOptions& options) {
   if (check.passed && !check.note.empty()) complain(fmt::format("warning: {}", check.note.view()));
   if (!check.passed)
     complain(
-        fmt::format("{}; slabs are refused (fault 503) until a check passes. What to do: {}", check.note.view(),
+        fmt::format("{}; slabs are refused (fault 503) until a check passes. Remedy: {}", check.note.view(),
                     check.kind == CalibrationKind::monitor_ball
                         ? "look whether ball, scanner and robot sit where they sat, clean the ball, let the robot "
                           "warm up, check again from the same pose; if it fails again, calibrate and master the "
@@ -407,7 +407,7 @@ void add_calibrate_check(args::Command& group) {
       ->needs(slab);
   command->add_flag("--ball", options->ball, "The scan shows the monitor ball")->excludes(slab);
   options->look.add_to(*command);
-  command->add_option("--operator", options->who, "Who checks (default: your login)");
+  command->add_option("--operator", options->who, "Name of the operator (default: your login)");
   command->add_option("--limit", options->limit, "How many checks of the trend are shown")
       ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();

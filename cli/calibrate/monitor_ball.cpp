@@ -75,7 +75,7 @@ SeenBall take_live(const daemon::Config& config, const BallLook& look, const Pos
 
 void BallLook::add_to(args::Command& command) {
   args::Option pose =
-      command.add_option("--flange", flange, "Where the robot stood: \"x y z qw qx qy qz\" of the flange, as reported");
+      command.add_option("--flange", flange, "Pose of the robot: \"x y z qw qx qy qz\" of the flange, as reported");
   command.add_flag("--live", live, "Take scan and pose of the ball from the running line; it must be idle")
       ->excludes(pose);
   command.add_option("--radius", radius_mm, "Certified radius of the ball, mm")->check(within(1.0, 200.0));

@@ -157,7 +157,7 @@ void add_calibrate_new(args::Command& group) {
       "Exit status: 0 done, 2 usage, 3 bad input, 4 the disk.");
   command
       ->add_option("NAME", options->name,
-                   "Of the session: a name below [calibration] sessions_dir, or a folder (with a /) to make")
+                   "Place of the session: a name below [calibration] sessions_dir, or a folder (with a /) to make")
       ->required();
   command->add_option("--config", options->config,
                       fmt::format("The daemon's configuration (default: {})", kDefaultConfig));
@@ -184,7 +184,7 @@ void add_calibrate_new(args::Command& group) {
       "--start", options->start,
       "Roughly where the scanner sits, T_flange_scanner \"x y z qw qx qy qz\" (default: the calibration "
       "in force, else the commissioning value)");
-  command->add_option("--operator", options->operator_name, "Who does it (default: your login)");
+  command->add_option("--operator", options->operator_name, "Name of the operator (default: your login)");
   options->solve.add_to(*command);
   options->ball.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.calibration_session/1 on stdout");

@@ -245,9 +245,9 @@ void SolveOptions::add_to(args::Command& command) {
                   "Refuse when the predicted point error (1 sigma) is above; default 6 times the stated position noise")
       ->check(at_least(0.0));
   command
-      .add_option(
-          "--fov", fov,
-          "Where the error is predicted: half width, half height, nearest, furthest (mm); default 100 100 420 580")
+      .add_option("--fov", fov,
+                  "Field in which the error is predicted: half width, half height, nearest, furthest (mm); default 100 "
+                  "100 420 580")
       ->expected(4)
       ->check(at_least(0.0));
 }

@@ -23,10 +23,10 @@ void RecordOptions::add_to(args::Command& command) {
 }
 
 void RecordOptions::add_origin_to(args::Command& command) {
-  command.add_option("--operator", operator_name, "Who did it (default: your login)");
+  command.add_option("--operator", operator_name, "Name of the operator (default: your login)");
   command.add_option("--robot-serial", robot_serial, "Serial number of the robot");
   command.add_option("--scanner-serial", scanner_serial, "Serial number of the scanner");
-  command.add_option("--temperature", temperature_c, "Of the hall, deg C")->check(within(-20.0, 60.0));
+  command.add_option("--temperature", temperature_c, "Temperature of the hall, deg C")->check(within(-20.0, 60.0));
   command
       .add_option("--valid-days", valid_days,
                   "How long it may be used from when it was measured, 0 = without limit (default: [calibration] "

@@ -424,14 +424,14 @@ void add_db(args::Command& app) {
   command->add_flag("--unproven", options->unproven,
                     "Even if the backup has no checksum (another program made it), or was altered before it was made");
   command->add_option("--why", options->why, "Why, for the history")->required()->check(some_words());
-  command->add_option("--operator", options->operator_name, "Who does it (default: your login)");
+  command->add_option("--operator", options->operator_name, "Name of the operator (default: your login)");
 
   command = with_config(verb("prune", "Take away the records of old slabs whose scans are gone", prune));
-  command->add_option("--keep-slabs", options->keep_slabs, "So many of the newest slabs stay")
+  command->add_option("--keep-slabs", options->keep_slabs, "Number of newest slabs to keep")
       ->required()
       ->check(args::range(storage::kKeepSlabsMin, std::int64_t{1'000'000'000}));
   command->add_option("--keep-failed-slabs", options->keep_failed_slabs,
-                      "And this number of the newest that did not pass, 0: all of them; default: [storage] "
+                      "Number of newest slabs to keep that did not pass, 0: all of them; default: [storage] "
                       "keep_failed_slabs, or as many as --keep-slabs where keep_slabs is 0");
 }
 

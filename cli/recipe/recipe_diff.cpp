@@ -241,7 +241,7 @@ std::vector<StationRecord> rejudged(const storage::SlabRecord& record, const Rec
 
 void add_recipe_diff(args::Command& recipe) {
   auto options = std::make_shared<DiffOptions>();
-  args::Command command = recipe.add_subcommand("diff", "What two recipes say otherwise, and what that makes of slabs");
+  args::Command command = recipe.add_subcommand("diff", "Differences of two recipes, and their effect on slabs");
   command->footer(
       "\nThe last column says what a key changes: verdict and slab follow from stored values, measured only from "
       "scans\n"

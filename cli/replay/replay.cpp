@@ -258,8 +258,7 @@ void add_replay(args::Command& app) {
   options->choice.add_to(*command);
   options->database.add_to(*command);
   args::Option verify_flag = command->add_flag("--verify", options->verify, "Every stored figure must come out again");
-  command
-      ->add_option("--recipe", options->recipe, "What this recipe would have decided: a file, slab:SLAB or sha:PREFIX")
+  command->add_option("--recipe", options->recipe, "Recipe to decide by instead: a file, slab:SLAB or sha:PREFIX")
       ->excludes(verify_flag);
   command->add_option("--recipes", options->recipes_dir,
                       "Folder with the recipes, also former ones; default: the configuration's");

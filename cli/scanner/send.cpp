@@ -122,7 +122,7 @@ void add_scanner_send(args::Command& scanner) {
       "Exit status: 0 all taken, 1 or 3 a scan was refused, 4 no request or no daemon within --wait-s.\n"
       "Example: slabctl scanner send block.ply --to 127.0.0.1:1504");
   command->add_option("FILES", options->files, "Scans: .ply, .pcd, .xyz")->required();
-  command->add_option("--to", options->to, "Where slabd listens: [scanner] listen")->capture_default_str();
+  command->add_option("--to", options->to, "Address where slabd listens: [scanner] listen")->capture_default_str();
   options->form.add_to(*command);
   command->add_option("--wait-s", options->wait_s, "For each request")->check(within(0.1, 1e6))->capture_default_str();
   command->add_option("--cut-after", options->cut_after,

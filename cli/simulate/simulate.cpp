@@ -361,11 +361,10 @@ void add_simulate(args::Command& app) {
       ->check(args::range(1, 20))
       ->capture_default_str();
   options->scanner.add_to(*command);
-  command->add_option(
-      "--scanner-fault", options->scanner_fault,
-      "What the scanner does wrong: frame-before (gives the last frame, then takes one), one-block=K "
-      "(always block K), given-again=K (at station K the exposure before, in another form), loop=N (N "
-      "recorded scans again and again)");
+  command->add_option("--scanner-fault", options->scanner_fault,
+                      "Fault of the scanner: frame-before (gives the last frame, then takes one), one-block=K "
+                      "(always block K), given-again=K (at station K the exposure before, in another form), loop=N (N "
+                      "recorded scans again and again)");
   command->add_option("--scan-format", options->scan_format, "In which format the scanner drops its scans")
       ->check(args::one_of(simulate::scan_format_names()))
       ->capture_default_str();

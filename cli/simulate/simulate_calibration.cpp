@@ -193,7 +193,7 @@ void add_simulate_calibration(args::Command& simulate) {
       "Example: slabctl simulate calibration --kind ball --out set --views 20 --seed 1\n"
       "         slabctl calibrate ball set/view_*.ply --radius 25.4 --target set/target.txt\n"
       "         slabctl calibrate solve --kind ball --flange set/flange.txt --target set/target.txt");
-  command->add_option("--kind", options->kind, "What is calibrated with: ball, artefact, block or slab")
+  command->add_option("--kind", options->kind, "Target of the calibration: ball, artefact, block or slab")
       ->check(args::one_of({"ball", "artefact", "block", "slab"}))
       ->capture_default_str();
   command->add_option("--out", order.out_dir,
@@ -227,7 +227,7 @@ void add_simulate_calibration(args::Command& simulate) {
       ->check(cli::within(5.0, 35.0))
       ->capture_default_str();
   command->add_option("--T-flange-scanner", options->T_flange_scanner, "True hand-eye, \"x y z qw qx qy qz\"");
-  command->add_option("--T-base-target", options->T_base_target, "Where the target stands, \"x y z qw qx qy qz\"");
+  command->add_option("--T-base-target", options->T_base_target, "Pose of the target, \"x y z qw qx qy qz\"");
   command
       ->add_option("--robot-mm", order.scene.robot.smooth_mm,
                    "Error of the reported position per axis, smooth over the cell (absolute accuracy)")
@@ -241,7 +241,9 @@ void add_simulate_calibration(args::Command& simulate) {
   command->add_option("--robot-sigma-mm", order.scene.robot.repeat_mm, "Repeatability per axis, new at every pose")
       ->check(cli::within(0.0, 10.0))
       ->capture_default_str();
-  command->add_option("--robot-sigma-deg", options->repeat_deg, "Of rotation (default: --robot-sigma-mm over 1.5 m)")
+  command
+      ->add_option("--robot-sigma-deg", options->repeat_deg,
+                   "Repeatability of rotation (default: --robot-sigma-mm over 1.5 m)")
       ->check(cli::within(0.0, 1.0));
   CalibrationScanTraits& scan = order.scan;
   command->add_flag("--full", options->full, "5 million points a scan instead of half a million");

@@ -337,7 +337,7 @@ int stations(Options& options) {
 void add_stations(args::Command& app) {
   auto options = std::make_shared<Options>();
   args::Command command = app.add_subcommand(
-      "stations", "Where the flange must stand over every block, and what the scanner sees there; KRL points");
+      "stations", "Poses of the flange over every block, and what the scanner sees there; KRL points");
   command->footer(
       "\nFrom the recipe, [cell] T_base_slab and the hand-eye calibration in force. A feature counts as seen when it "
       "is\n"
@@ -374,7 +374,7 @@ void add_stations(args::Command& app) {
       ->excludes(no_dither)
       ->capture_default_str();
   ScannerView& view = options->view;
-  command->add_option("--view-distance-mm", view.distance_mm, "Where the next two hold")
+  command->add_option("--view-distance-mm", view.distance_mm, "Distance for the next two")
       ->check(within(50.0, 3'000.0))
       ->capture_default_str();
   command->add_option("--view-x-mm", view.x_mm, "Width of the scanner's view, along its X")

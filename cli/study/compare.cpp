@@ -386,13 +386,13 @@ void add_compare(args::Command& study) {
       "Example: slabctl study compare cmm.csv --max-error jaw_distance=0.2\n"
       "Exit status: 0 done, and capable where judged; 1 not capable or undecided.");
   command->add_option("CONTACT", options->contact, "The laboratory's table")->required();
-  command->add_option("--values", options->values, "What slabd found, as a table");
+  command->add_option("--values", options->values, "Values of slabd, as a table");
   command->add_option("--scans", options->scans, "Scans to measure, as a table");
   options->scan.add_to(*command);
-  command->add_option("--runs", options->runs, "Of each slab id: the mean of this many inspections, the newest")
+  command->add_option("--runs", options->runs, "Number of newest inspections of each slab id, whose mean is compared")
       ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();
-  command->add_option("--item", options->items, "Of this item alone; repeatable")
+  command->add_option("--item", options->items, "Only this item; repeatable")
       ->take_all()
       ->expected(1)
       ->allow_extra_args(false);

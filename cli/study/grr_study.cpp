@@ -464,7 +464,7 @@ void add_grr(args::Command& study) {
       "Exit status: 0 capable, 1 not capable or undecided, 3 the plan has a hole.");
   command->add_option("PLAN", options->plan, "The table of who measured what")->required();
   options->scan.add_to(*command);
-  command->add_option("--item", options->items, "Of this item alone; repeatable")
+  command->add_option("--item", options->items, "Only this item; repeatable")
       ->take_all()
       ->expected(1)
       ->allow_extra_args(false);

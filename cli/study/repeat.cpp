@@ -402,7 +402,7 @@ void add_repeat(args::Command& study) {
       ->take_all()
       ->expected(1)
       ->allow_extra_args(false);
-  command->add_option("--runs", options->runs, "Of a slab id: how many inspections, the newest")
+  command->add_option("--runs", options->runs, "Number of inspections of a slab id, the newest")
       ->check(args::range(std::size_t{2}, std::size_t{100'000}))
       ->capture_default_str();
   command->add_flag("--attempts", options->attempts, "Every attempt at --block is a run, not only the valid one");
@@ -415,14 +415,13 @@ void add_repeat(args::Command& study) {
       ->check(args::range(std::size_t{2}, std::size_t{1000}))
       ->capture_default_str();
   command->add_flag("--enter", options->enter, "With --live: Enter before every scan, when the robot has come back");
-  command->add_option("--block", options->block, "Of this block alone; needed for scans")
+  command->add_option("--block", options->block, "Only this block; needed for scans")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
-  command->add_option("--item", options->items, "Of this item alone; repeatable")
+  command->add_option("--item", options->items, "Only this item; repeatable")
       ->take_all()
       ->expected(1)
       ->allow_extra_args(false);
-  command
-      ->add_option("--reference", options->references, "What it really is: ITEM=VALUE, or ITEM@BLOCK=VALUE; repeatable")
+  command->add_option("--reference", options->references, "True value: ITEM=VALUE, or ITEM@BLOCK=VALUE; repeatable")
       ->take_all()
       ->expected(1)
       ->allow_extra_args(false);

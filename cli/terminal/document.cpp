@@ -17,7 +17,7 @@ namespace slabd::cli {
 
 void DocumentOptions::add_to(args::Command& command) {
   command.add_option("--out", out, "A document as well: .pdf, .html, .svg or .png");
-  command.add_option("--language", language, "Of the document")
+  command.add_option("--language", language, "Language of the document")
       ->check(args::one_of({"en", "zh"}))
       ->capture_default_str();
 }

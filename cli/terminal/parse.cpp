@@ -190,7 +190,7 @@ void ScanFormOptions::add_to(args::Command& command) {
   if (!unit.empty()) of_unit.capture_default_str();
   command
       .add_option("--columns", columns,
-                  "Of tables (.xyz .asc .txt .csv): which columns are x, y and z, by name or by number from 1, as in "
+                  "Columns of x, y and z in tables (.xyz .asc .txt .csv), by name or by number from 1, as in "
                   "PosX,PosY,PosZ or 2,3,4")
       ->check([](const std::string& given) {
         const Result<hal::TableColumns> parsed = hal::parse_table_columns(given);

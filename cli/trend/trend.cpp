@@ -197,12 +197,12 @@ void add_trend(args::Command& app) {
       "          slabctl trend jaw_distance --block 4 --slabs 500 --out jaw-4.pdf\n"
       "          slabctl trend seat_flatness --since 7d --json");
   command->add_option("ITEM", options->item, "As `slabctl show` names it, such as seat_slope")->required();
-  command->add_option("--block", options->block, "Of this block alone; of a spacing or pair, its first station")
+  command->add_option("--block", options->block, "Only this block; of a spacing or pair, its first station")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--slabs", options->slabs, "How many slabs, the newest")
       ->check(args::range(std::size_t{2}, std::size_t{100'000}))
       ->capture_default_str();
-  command->add_option("--type", options->type, "Of this SLAB_TYPE; without it that of the newest slab")
+  command->add_option("--type", options->type, "Only this SLAB_TYPE; default: that of the newest slab")
       ->check(args::range(1, 65'535));
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command->add_option("--until", options->until, "Began before that");

@@ -78,7 +78,7 @@ void tell_plc(Text& text, const hal::PlcPort& plc, bool alive) {
   text.gauge("slabd_plc_alive", "1: the PLC's heartbeat changes", alive ? 1 : 0);
   text.gauge("slabd_plc_connections", "Modbus connections now open", static_cast<double>(plc.clients()));
   const auto put = [&](std::string_view what, std::uint64_t value) {
-    text.counter_of("slabd_plc_events_total", "What happened on the way to the PLC", what, value);
+    text.counter_of("slabd_plc_events_total", "Events on the way to the PLC", what, value);
   };
   fields(put, plc.counters());
 }
@@ -124,7 +124,7 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
              view.simulation ? 1 : 0);
   text.gauge("slabd_session", "SESSION; a change without a reason is a restart", view.session);
   text.gauge("slabd_slab_open", "1: a slab is open", station.slab.phase != SlabPhase::none ? 1 : 0);
-  text.gauge("slabd_stations_done", "Of the open slab", view.stations_done);
+  text.gauge("slabd_stations_done", "Stations measured of the open slab", view.stations_done);
   text.gauge("slabd_results_pending", "Results that wait for RES_ACK", view.results_pending);
   text.counter("slabd_commands_refused_total", "Commands refused or repeated", view.refused);
   tell_plc(text, ports.plc, view.plc_link_ok);
@@ -132,13 +132,13 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   text.gauge("slabd_scanner_online", "1: the scanner can be asked", view.scanner_ok ? 1 : 0);
   text.counter("slabd_scan_strays_total", "Files that answered no request", station.links.stray_files);
   const hal::ScannerPort::Deleted deleted = ports.scanner.deleted();
-  text.counter("slabd_scan_strays_deleted_total", "Of them, deleted again because stray/ was full", deleted.files);
+  text.counter("slabd_scan_strays_deleted_total", "Stray scans deleted again because stray/ was full", deleted.files);
   text.counter("slabd_scan_strays_deleted_bytes_total", "Their bytes", deleted.bytes);
   text.gauge("slabd_scanner_hangs", "1: the scanner's drop folder, or the disk of the scans, does not answer",
              ports.scanner.hangs() ? 1 : 0);
   text.gauge("slabd_store_ok", "1: the database can be written", view.store_ok ? 1 : 0);
-  text.gauge("slabd_database_bytes", "Of the database's file", file_bytes(figures.db_path));
-  text.gauge("slabd_database_log_bytes", "Of the write-ahead log beside it; a reader that never ends lets it grow",
+  text.gauge("slabd_database_bytes", "Size of the database's file", file_bytes(figures.db_path));
+  text.gauge("slabd_database_log_bytes", "Size of its write-ahead log; a reader that never ends lets it grow",
              file_bytes(figures.db_path + "-wal"));
   const storage::ChainHead head = ports.store == nullptr ? storage::ChainHead{} : storage::chain_head(*ports.store);
   text.gauge("slabd_chain_entries", "Length of the chain of results", static_cast<double>(head.entries));
@@ -154,7 +154,8 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   text.gauge("slabd_memory_locked_bytes", "Cannot be swapped out; all of it with --seal",
              1024.0 * static_cast<double>(memory_kb("VmLck")));
   text.gauge("slabd_memory_mapped_bytes", "Addresses in use", 1024.0 * static_cast<double>(memory_kb("VmSize")));
-  text.gauge("slabd_heap_bytes", "Of the C library's heap, handed out", static_cast<double>(::mallinfo2().uordblks));
+  text.gauge("slabd_heap_bytes", "Allocated bytes of the C library's heap",
+             static_cast<double>(::mallinfo2().uordblks));
   rlimit limit{};
   const bool sealed = ::getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY;
   text.gauge("slabd_memory_limit_bytes", "Addresses that can be used; 0: no limit",

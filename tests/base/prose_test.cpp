@@ -107,26 +107,37 @@ class Reader {
     inside_ = whole && !text.empty();
     return {{text, opens}};
   }
+  /// Comment and string literals of a line. A literal opens unless it continues the one before it.
   std::vector<Piece> code(const std::string& line) {
     std::vector<Piece> found;
     std::size_t comment = std::string::npos;
+    bool opens = !after_literal_;
+    after_literal_ = false;
     for (std::size_t i = 0; i < line.size(); ++i) {
       if (line.compare(i, 2, "//") == 0) {
         comment = i;
         break;
       }
-      if (line[i] != '"') continue;
+      if (line[i] != '"') {
+        const bool is_space = line[i] == ' ';
+        opens = opens || !is_space;
+        after_literal_ = after_literal_ && is_space;
+        continue;
+      }
       const std::size_t from = i + 1;
       for (++i; i < line.size() && line[i] != '"'; ++i)
         if (line[i] == '\\') ++i;
-      found.push_back({line.substr(from, std::min(i, line.size()) - from), false});
+      found.push_back({line.substr(from, std::min(i, line.size()) - from), opens});
+      opens = false;
+      after_literal_ = true;
     }
     for (Piece& piece : remark(line, comment, 2)) found.push_back(std::move(piece));
     return found;
   }
 
   std::string extension_;
-  bool inside_ = false;
+  bool inside_ = false;         ///< the line before belongs to the same comment or paragraph
+  bool after_literal_ = false;  ///< the line before ended with a literal
 };
 
 /// Every text file of the tree that people write.
@@ -184,13 +195,16 @@ TEST(Prose, rules_find_what_they_look_for) {
                          "int a = 0;  // nobody reads it\n"
                          "const char* b = \"it is no number\";\n"
                          "const char* c = \"there is no file // in a string\";\n"
+                         "add(\"--by\", \"Who measured \"\n"
+                         "    \"Of these words this is not an opening\");\n"
                          "// Why does it work? It is no longer broken.\n";
   const std::vector<std::string> found = slips(path, "x.cpp");
   fs::remove(path);
-  ASSERT_EQ(found.size(), 3U);
+  ASSERT_EQ(found.size(), 4U);
   EXPECT_TRUE(found[0].starts_with("x.cpp:1: "));
   EXPECT_TRUE(found[1].starts_with("x.cpp:3: "));
   EXPECT_TRUE(found[2].starts_with("x.cpp:4: "));
+  EXPECT_TRUE(found[3].starts_with("x.cpp:6: "));
 }
 
 TEST(Prose, names_of_test_cases_are_in_snake_case) {

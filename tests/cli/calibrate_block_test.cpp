@@ -78,7 +78,7 @@ TEST_F(CalibrateBlock, a_scan_without_the_block_where_it_should_be_is_refused_an
   command.replace(command.find(first), first.size(), second);
   const Ended refused = run(command);
   EXPECT_EQ(refused.status, 6) << refused.out << refused.err;
-  EXPECT_NE(refused.err.find("What to do"), std::string::npos) << refused.err;
+  EXPECT_NE(refused.err.find("Remedy"), std::string::npos) << refused.err;
   EXPECT_NE(run("calibrate block " + first + " " + second + " " + first + " --recipe " + recipe_ + " --flange " +
                 file("set") + "/flange.txt --start \"40 -25 180 0.9961947 0 0.0871557 0\"")
                 .err.find("2 poses for 3 scans"),

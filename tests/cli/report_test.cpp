@@ -527,7 +527,7 @@ TEST_F(ReportTest, of_an_aborted_slab_passes_no_block_and_says_what_was_never_ju
   expect_mentions(html, "Block 10: Scanned, not measured: the slab was aborted.");
   EXPECT_EQ(html.find("could not be measured: <"), std::string::npos) << "with nothing behind it";
   EXPECT_EQ(html.find("Block 10: This block was not scanned"), std::string::npos);
-  const std::vector<Row> identity = rows_below(html, "What was measured");
+  const std::vector<Row> identity = rows_below(html, "Measured slab");
   const Row* frame = row_of(identity, "slab frame");
   ASSERT_NE(frame, nullptr);
   ASSERT_GT(frame->size(), 1U);
