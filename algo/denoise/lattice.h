@@ -39,9 +39,8 @@ inline constexpr std::size_t kLatticeFloats = 7 * kLatticeSampleMax;
 /// Memory for `order_points`. The arrays should begin on a cache line; otherwise it is slower.
 struct OrderMemory {
   std::array<std::span<float>, 3> points;  ///< for slightly more than half of the cloud in all
-  std::span<std::uint32_t> words;          ///< kOrderWords
+  std::span<std::uint32_t> words;          ///< limits::kDenoiseCellsMax
 };
-inline constexpr std::size_t kOrderWords = limits::kDenoiseCellsMax;
 
 /// True if consecutive points are near each other, as scanners export them. Tests a thousand places in the cloud.
 [[nodiscard]] bool is_in_order(const Cloud& cloud, const Lattice& lattice);
