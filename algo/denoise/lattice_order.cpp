@@ -4,10 +4,11 @@
 // one cache miss per point. Moving each point to its place in the grid of its rays first costs less than one such pass,
 // and gives an organised scan. The cloud fills its buffer, and the free memory holds just over half of it. Idea:
 //
-//  1. The grid's rows are divided into bands that fit into the second-level cache. Points are dealt into buckets
-//     ("heaps") of sixty-four points of one band. A full bucket is stored in the next free place
-//     (algo/denoise/point_heaps.h): buckets of the first bands in the free memory, those of the last bands at the front
-//     of the cloud, over points already read. So no counting pass is needed; at the end the places are sorted by band.
+//  1. The grid's rows are divided into bands that fit into the second-level cache. Points are scattered into buckets
+//     ("buckets") of sixty-four points of one band. A full bucket is stored in the next free place
+//     (algo/denoise/point_buckets.h): buckets of the first bands in the free memory, those of the last bands at the
+//     front of the cloud, over points already read. So no counting pass is needed; at the end the places are sorted by
+//     band.
 //  2. Band by band, each point is stored in its cell in a small table that stays in the cache, and the whole table is
 //     copied to its place in the cloud. The last bands come first: their places are at the rear, where all points have
 //     been read. Then the front is free for the first bands.
@@ -16,9 +17,9 @@
 // and buckets and tables of step 2 are written with non-temporal stores.
 //
 // Invariants: each place, and each band's part of the grid, is written by one thread. The lowest point of a cell stays,
-// in any order; the remaining points are sorted. Two failures are detected only after dealing: a band has more points
-// than cells, or more points share a cell than the memory holds. Then all points are sorted in the cloud. Therefore no
-// point is ever lost, and the result does not depend on the order.
+// in any order; the remaining points are sorted. Two failures are detected only after scattering: a band has more
+// points than cells, or more points share a cell than the memory holds. Then all points are sorted in the cloud.
+// Therefore no point is ever lost, and the result does not depend on the order.
 #include "algo/denoise/lattice.h"
 
 #include <hwy/cache_control.h>
@@ -37,7 +38,7 @@
 #include <type_traits>
 #include <utility>
 
-#include "algo/denoise/point_heaps.h"
+#include "algo/denoise/point_buckets.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "algo/denoise/lattice_order.cpp"
@@ -78,12 +79,12 @@ struct Bands {
 
 /// Points are moved in units of this size.
 constexpr std::size_t kMoveBytes = 4 * sizeof(float);
-static_assert(kHeapBytes - kPointBytes + kMoveBytes <= Dealer::kStride);
+static_assert(kBucketBytes - kPointBytes + kMoveBytes <= Scatter::kStride);
 /// The "bucket full" branch mispredicts about once per bucket. So the targets of this many points are computed before
 /// the first of them is moved.
 constexpr std::size_t kAtOnce = 256;
 /// Prefetch distances, in buckets and in floats.
-constexpr std::size_t kHeapsAhead = 8;
+constexpr std::size_t kBucketsAhead = 8;
 constexpr std::size_t kAhead = 768;
 
 /// Points that share their cell with a lower one.
@@ -196,16 +197,16 @@ SampledPlaces count_outside(const Cloud& cloud, const Lattice& lattice, std::siz
 
 /// Step 1 for points first to last: moves each to its band's bucket. Full buckets of band `split` and of the bands
 /// after it are stored at the front.
-void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t last, std::size_t split, Dealer& dealer,
-          HeapPlaces& heaps) {
+void scatter(const Bands& bands, const float* xyz, std::size_t first, std::size_t last, std::size_t split,
+             Scatter& scatter, BucketPlaces& buckets) {
   const auto put_away = [&](std::size_t kind) {
-    dealer.next[kind] = static_cast<std::uint32_t>(Dealer::kStride * kind);
+    scatter.next[kind] = static_cast<std::uint32_t>(Scatter::kStride * kind);
     if (kind == bands.missing()) return;
-    const Place place = heaps.take(dealer, kind >= split);
-    write_past_caches(reinterpret_cast<const float*>(dealer.heaps.data() + Dealer::kStride * kind), kHeapFloats,
-                      heaps.at(place));
-    heaps.note(place, kind);
-    ++dealer.full[kind];
+    const Place place = buckets.take(scatter, kind >= split);
+    write_past_caches(reinterpret_cast<const float*>(scatter.buckets.data() + Scatter::kStride * kind), kBucketFloats,
+                      buckets.at(place));
+    buckets.note(place, kind);
+    ++scatter.full[kind];
   };
   const BandOf band_of(bands);
   alignas(64) std::array<std::int32_t, kAtOnce> band;
@@ -217,11 +218,11 @@ void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t l
     }
     const auto move = [&](std::size_t i, auto bytes) {
       const auto to = static_cast<std::size_t>(band[i - from]);
-      const std::uint32_t at = dealer.next[to];
-      std::memcpy(dealer.heaps.data() + at, xyz + 3 * i, bytes);
+      const std::uint32_t at = scatter.next[to];
+      std::memcpy(scatter.buckets.data() + at, xyz + 3 * i, bytes);
       const std::uint32_t behind = at + static_cast<std::uint32_t>(kPointBytes);
-      dealer.next[to] = behind;
-      if (behind % Dealer::kStride == kHeapBytes) put_away(to);
+      scatter.next[to] = behind;
+      if (behind % Scatter::kStride == kBucketBytes) put_away(to);
     };
     // Memory beyond the last point does not belong to the cloud.
     const std::size_t wide = std::min(end, last - 1);
@@ -234,13 +235,13 @@ void deal(const Bands& bands, const float* xyz, std::size_t first, std::size_t l
 /// Step 2 for one band: moves its points to their cells, `to`. The buckets are overwritten. `table`: memory for the
 /// band's cells. Returns the number of points that share a cell with a lower one. These go to `left`, or to free cells
 /// if `left` is full.
-std::size_t fill_band(const Bands& bands, std::size_t band, const HeapsOfKind& heaps, float* to, float* table,
+std::size_t fill_band(const Bands& bands, std::size_t band, const BucketsOfKind& buckets, float* to, float* table,
                       LeftOver& left) {
   const Lattice lattice = bands.lattice;
   const F16 first_row = f16(static_cast<float>(band * bands.band_rows));
   const std::size_t cells = bands.first_cell(band + 1) - bands.first_cell(band);
   // Points that share a cell are written back over points already read.
-  PointsOfHeaps met_to(heaps), met_from(heaps);
+  PointsOfBuckets met_to(buckets), met_from(buckets);
   std::size_t met = 0;
   const auto put = [&](float* from, std::int32_t cell) {
     float* there = table + 3 * static_cast<std::size_t>(cell);
@@ -255,23 +256,23 @@ std::size_t fill_band(const Bands& bands, std::size_t band, const HeapsOfKind& h
     }
   };
   // Buckets are at random addresses, so they are prefetched.
-  HeapsOfKind unread = heaps;
-  std::array<std::span<float>, kHeapsAhead> fetched;
+  BucketsOfKind unread = buckets;
+  std::array<std::span<float>, kBucketsAhead> fetched;
   const auto fetch = [&] {
-    const std::span<float> heap = unread.next();
-    for (std::size_t i = 0; i < heap.size(); i += 3 * kLanes) fetch_points(heap.data() + i);
-    return heap;
+    const std::span<float> bucket = unread.next();
+    for (std::size_t i = 0; i < bucket.size(); i += 3 * kLanes) fetch_points(bucket.data() + i);
+    return bucket;
   };
-  for (std::span<float>& heap : fetched) heap = fetch();
-  alignas(64) std::array<std::int32_t, kHeapPoints> cell;
-  for (std::size_t k = 0; !fetched[k].empty(); k = (k + 1) % kHeapsAhead) {
-    const std::span<float> heap = std::exchange(fetched[k], fetch());
-    const std::size_t points = heap.size() / 3;
+  for (std::span<float>& bucket : fetched) bucket = fetch();
+  alignas(64) std::array<std::int32_t, kBucketPoints> cell;
+  for (std::size_t k = 0; !fetched[k].empty(); k = (k + 1) % kBucketsAhead) {
+    const std::span<float> bucket = std::exchange(fetched[k], fetch());
+    const std::size_t points = bucket.size() / 3;
     for (std::size_t i = 0; i < points; i += kLanes) {
-      const Places16 place = places(lattice, sixteen_points(heap.data(), points, i));
+      const Places16 place = places(lattice, sixteen_points(bucket.data(), points, i));
       store(to_int((place.row - first_row) * f16(lattice.columns) + place.column), cell.data() + i);
     }
-    for (std::size_t i = 0; i < points; ++i) put(heap.data() + 3 * i, cell[i]);
+    for (std::size_t i = 0; i < points; ++i) put(bucket.data() + 3 * i, cell[i]);
   }
   if (float* room = left.take(met); room != nullptr) {
     for (std::size_t k = 0; k < met; ++k) std::copy_n(met_from.next(), 3, room + 3 * k);
@@ -301,7 +302,7 @@ namespace slabd::algo {
 
 HWY_EXPORT(count_near);
 HWY_EXPORT(count_outside);
-HWY_EXPORT(deal);
+HWY_EXPORT(scatter);
 HWY_EXPORT(fill_band);
 
 bool is_in_order(const Cloud& cloud, const Lattice& lattice) {
@@ -330,23 +331,23 @@ class Ordering {
   /// True if the memory suffices, as far as this is predictable before points are moved.
   [[nodiscard]] bool is_possible() {
     // The first bands hold half of the cells, or fewer if the free memory is smaller: then the grid must not be full.
-    const std::size_t spare = HeapPlaces::spare(bands_.kinds());
+    const std::size_t spare = BucketPlaces::spare(bands_.kinds());
     if (cells_ > room_ || places_.kept_room() < spare) return false;
-    const std::size_t kept_points = kHeapPoints * (places_.kept_room() - spare);
+    const std::size_t kept_points = kBucketPoints * (places_.kept_room() - spare);
     while (split_ < bands_.count && 2 * bands_.first_cell(split_) < cells_ &&
            bands_.first_cell(split_ + 1) <= kept_points)
       ++split_;
     const std::size_t kept_cells = bands_.first_cell(split_);
     if (2 * kept_cells < std::min(cells_, cloud_.points)) return false;
 
-    const std::size_t kept = (kept_cells + kHeapPoints - 1) / kHeapPoints + spare;
-    const std::size_t front = kept_cells / kHeapPoints;
+    const std::size_t kept = (kept_cells + kBucketPoints - 1) / kBucketPoints + spare;
+    const std::size_t front = kept_cells / kBucketPoints;
     table_word_ = whole_lines(kept + front);
     left_word_ =
-        table_word_ + whole_lines(std::max(2 * 3 * bands_.cells(), words_for(2 * sizeof(Dealer) + kept + front)));
+        table_word_ + whole_lines(std::max(2 * 3 * bands_.cells(), words_for(2 * sizeof(Scatter) + kept + front)));
     if (words_.size() < left_word_) return false;
-    dealing_ = reinterpret_cast<std::byte*>(words_.data() + table_word_);
-    places_.use(kept, front, reinterpret_cast<std::uint8_t*>(dealing_ + 2 * sizeof(Dealer)));
+    scattering_ = reinterpret_cast<std::byte*>(words_.data() + table_word_);
+    places_.use(kept, front, reinterpret_cast<std::uint8_t*>(scattering_ + 2 * sizeof(Scatter)));
 
     constexpr std::size_t kLooks = 4'096;
     const std::size_t stride = std::max<std::size_t>(16, cloud_.points / kLooks);
@@ -358,24 +359,24 @@ class Ordering {
   }
 
   /// Step 1. False if the points are not those of a lattice, or do not fit.
-  [[nodiscard]] bool deal_points(Ordered& found) {
+  [[nodiscard]] bool scatter_points(Ordered& found) {
     const std::size_t blocks = (cloud_.points + kBlock - 1) / kBlock;
     for (std::size_t slot = 0; slot < 2; ++slot) {
-      dealers_[slot] = ::new (dealing_ + slot * sizeof(Dealer)) Dealer;
-      dealers_[slot]->clear();
+      scatters_[slot] = ::new (scattering_ + slot * sizeof(Scatter)) Scatter;
+      scatters_[slot]->clear();
     }
     team_.run(blocks, [&](std::size_t block) {
       places_.wait_for_turn(block);
       const Slots::Slot slot(slots_);
-      HWY_DYNAMIC_DISPATCH(deal)
-      (bands_, xyz_, block * kBlock, std::min(cloud_.points, (block + 1) * kBlock), split_, *dealers_[slot.number],
+      HWY_DYNAMIC_DISPATCH(scatter)
+      (bands_, xyz_, block * kBlock, std::min(cloud_.points, (block + 1) * kBlock), split_, *scatters_[slot.number],
        places_);
       places_.block_is_done(block);
     });
     // Partly filled buckets need a place too.
     bool fits = !places_.overfull() && places_.kept_left() >= 2 * bands_.kinds() + 2 * kPlaceRun;
     for (std::size_t kind = 0; kind < bands_.missing(); ++kind) {
-      const std::size_t points = dealers_[0]->points(kind) + dealers_[1]->points(kind);
+      const std::size_t points = scatters_[0]->points(kind) + scatters_[1]->points(kind);
       found.finite += points;
       if (kind == bands_.outside())
         found.outside = outside_ = points;
@@ -384,27 +385,28 @@ class Ordering {
     }
     return fits && cells_ + outside_ <= room_ && kOutsideShare * outside_ <= found.finite;
   }
-  /// Copies all dealt points back into the cloud, sorted.
-  void take_back_dealt() {
+  /// Copies all scattered points back into the cloud, sorted.
+  void take_back_scattered() {
     // Reserved places that were not used are cleared.
-    for (Dealer* dealer : dealers_) {
-      for (std::size_t place = dealer->kept.next; place < dealer->kept.end; ++place) clear(place);
-      for (std::size_t place = dealer->front.next; place < dealer->front.end; ++place)
+    for (Scatter* scatter : scatters_) {
+      for (std::size_t place = scatter->kept.next; place < scatter->kept.end; ++place) clear(place);
+      for (std::size_t place = scatter->front.next; place < scatter->front.end; ++place)
         clear(places_.first_at_front() + place);
     }
     Collected points(xyz_);
-    points.add(xyz_, kHeapPoints * places_.front_taken());
+    points.add(xyz_, kBucketPoints * places_.front_taken());
     for (std::size_t place = 0; place < places_.kept_taken(); ++place)
-      points.add(places_.at(static_cast<Place>(place)), kHeapPoints);
-    for (const Dealer* dealer : dealers_)
-      for (std::size_t kind = 0; kind < bands_.missing(); ++kind) points.add(dealer->heap(kind), dealer->begun(kind));
+      points.add(places_.at(static_cast<Place>(place)), kBucketPoints);
+    for (const Scatter* scatter : scatters_)
+      for (std::size_t kind = 0; kind < bands_.missing(); ++kind)
+        points.add(scatter->bucket(kind), scatter->begun(kind));
     points.finish(cloud_);
   }
 
   /// Step 2. On return the cloud has its points. False if more points share a cell than the memory holds.
   [[nodiscard]] bool fill_cells(Ordered& found) {
-    list_heaps();
-    // From here on the tables use the dealers' memory.
+    list_buckets();
+    // From here on the tables use the scatters' memory.
     const std::size_t table_floats = 3 * bands_.cells();
     float* tables = ::new (words_.data() + table_word_) float[2 * table_floats];
     std::fill_n(tables, 2 * table_floats, kNoPoint);
@@ -416,12 +418,12 @@ class Ordering {
       team_.run(last - first, [&](std::size_t k) {
         const std::size_t band = first + k;
         const Slots::Slot slot(slots_);
-        met += HWY_DYNAMIC_DISPATCH(fill_band)(bands_, band, heaps_of(band), xyz_ + 3 * bands_.first_cell(band),
+        met += HWY_DYNAMIC_DISPATCH(fill_band)(bands_, band, buckets_of(band), xyz_ + 3 * bands_.first_cell(band),
                                                tables + slot.number * table_floats, left);
       });
     };
     fill(split_, bands_.count);
-    PointsOfHeaps from(heaps_of(bands_.outside()));
+    PointsOfBuckets from(buckets_of(bands_.outside()));
     for (std::size_t i = 0; i < outside_; ++i) std::copy_n(from.next(), 3, xyz_ + 3 * (cells_ + i));
     fill(0, split_);
     found.met = met;
@@ -474,25 +476,25 @@ class Ordering {
     std::size_t points_ = 0;
   };
   /// Lists the places of full buckets by kind, and those of partly filled ones.
-  void list_heaps() {
+  void list_buckets() {
     std::uint32_t first = 0;
     std::array<std::uint32_t, kKindsMax> behind{};
     for (std::size_t kind = 0; kind < bands_.missing(); ++kind) {
       first_[kind] = behind[kind] = first;
-      first += dealers_[0]->full[kind] + dealers_[1]->full[kind];
+      first += scatters_[0]->full[kind] + scatters_[1]->full[kind];
       for (std::size_t slot = 0; slot < 2; ++slot)
-        begun_[kind][slot] = put_begun_heap(*dealers_[slot], places_, kind, kind >= split_);
+        begun_[kind][slot] = put_partial_bucket(*scatters_[slot], places_, kind, kind >= split_);
     }
     first_[bands_.missing()] = first;
     places_.sort_by_kind(behind, words_.data());
   }
-  [[nodiscard]] HeapsOfKind heaps_of(std::size_t kind) const {
+  [[nodiscard]] BucketsOfKind buckets_of(std::size_t kind) const {
     return {places_, std::span<const Place>(words_).subspan(first_[kind], first_[kind + 1] - first_[kind]),
             begun_[kind]};
   }
   [[nodiscard]] static std::size_t words_for(std::size_t bytes) { return (bytes + 3) / 4; }
   [[nodiscard]] static std::size_t whole_lines(std::size_t words) { return (words + 15) / 16 * 16; }
-  void clear(std::size_t place) { std::fill_n(places_.at(static_cast<Place>(place)), kHeapFloats, kNoPoint); }
+  void clear(std::size_t place) { std::fill_n(places_.at(static_cast<Place>(place)), kBucketFloats, kNoPoint); }
 
   const Bands bands_;
   Cloud& cloud_;
@@ -501,15 +503,15 @@ class Ordering {
   float* const xyz_;
   const std::size_t room_;  ///< capacity of the cloud in points
   const std::size_t cells_;
-  HeapPlaces places_;
+  BucketPlaces places_;
   std::size_t split_ = 0;  ///< the first of the last bands
-  // In the memory of `words`, after the list of buckets: first the dealers, then tables; and points left over.
+  // In the memory of `words`, after the list of buckets: first the scatters, then tables; and points left over.
   std::size_t table_word_ = 0, left_word_ = 0;
-  std::byte* dealing_ = nullptr;
-  std::array<Dealer*, 2> dealers_{};
+  std::byte* scattering_ = nullptr;
+  std::array<Scatter*, 2> scatters_{};
   Slots slots_;
   std::array<std::uint32_t, kKindsMax> first_{};  ///< start of each kind in the list of buckets
-  std::array<std::array<BegunHeap, 2>, kKindsMax> begun_{};
+  std::array<std::array<PartialBucket, 2>, kKindsMax> begun_{};
   std::size_t outside_ = 0;
 };
 
@@ -519,8 +521,8 @@ bool order_points(Cloud& cloud, const Lattice& lattice, const OrderMemory& memor
   found = Ordered{};
   Ordering ordering(cloud, lattice, memory, team);
   if (!ordering.is_possible()) return false;
-  if (!ordering.deal_points(found)) {
-    ordering.take_back_dealt();
+  if (!ordering.scatter_points(found)) {
+    ordering.take_back_scattered();
     return false;
   }
   if (!ordering.fill_cells(found)) return false;

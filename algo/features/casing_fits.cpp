@@ -27,6 +27,12 @@ double tukey(double r, double c) {
   return (1.0 - u * u) * (1.0 - u * u);
 }
 
+double mean_radius(std::span<const Vec2> points, const Vec2& centre) {
+  double sum = 0.0;
+  for (const Vec2& p : points) sum += (p - centre).norm();
+  return sum / static_cast<double>(points.size());
+}
+
 double median_radius(std::span<const Vec2> points, const Vec2& centre) {
   std::array<double, kPointsMax> r;
   for (std::size_t i = 0; i < points.size(); ++i) r[i] = (points[i] - centre).norm();
@@ -140,6 +146,23 @@ void state_quality(std::span<const Vec2> points, double cut, double outside_weig
 }
 
 }  // namespace
+
+Circle fit_circle(std::span<const Vec2> points, const Vec2& start) {
+  Circle circle;
+  circle.centre = start;
+  if (points.size() < 3) return circle;
+  circle.radius = mean_radius(points, start);
+  for (int i = 0; i < kSteps; ++i) {
+    const double moved = step(points, 0.0, 1.0, circle);
+    if (moved < 0.0) return circle;
+    if (moved <= 1e-12 * (circle.radius + circle.centre.norm())) {
+      circle.ok = circle.radius > 0.0;
+      state_quality(points, 0.0, 1.0, circle);
+      return circle;
+    }
+  }
+  return circle;
+}
 
 Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, const CircleWeights& weights) {
   Circle circle;

@@ -25,15 +25,17 @@ struct Circle {
   Mat3 covariance = Mat3::Constant(kNoValue);
 };
 
+/// Fits a circle to `points` by geometric least squares (Gauss-Newton from `start`), every point with full weight. ok =
+/// false: fewer than three points, or they do not determine a circle.
+[[nodiscard]] Circle fit_circle(std::span<const Vec2> points, const Vec2& start);
+
 /// Weights of `fit_circle_robust`.
 struct CircleWeights {
   double scale_min = 0.0;       ///< minimum of the scale, which is computed from the median distance
   double outside_weight = 1.0;  ///< factor for points outside the circle; below 1, inner points dominate
 };
 
-/// Fits a circle to `points` by geometric least squares (Gauss-Newton from `start`) with Tukey weights: points off the
-/// common circle lose their weight. Up to 512 points. ok = false: fewer than three points, or they do not determine a
-/// circle.
+/// The same with Tukey weights: points off the common circle lose their weight. Up to 512 points.
 [[nodiscard]] Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, const CircleWeights& weights);
 
 // Height of a casing's rim at the axis of its bore, from points of its ring. Parts of the ring may be dark, tilted or

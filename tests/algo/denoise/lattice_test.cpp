@@ -14,7 +14,7 @@
 
 #include "algo/denoise/denoise.h"
 #include "algo/denoise/denoise_grid.h"
-#include "algo/denoise/point_heaps.h"
+#include "algo/denoise/point_buckets.h"
 #include "tests/algo/scene.h"
 
 namespace slabd::algo {
@@ -321,7 +321,7 @@ TEST(LatticeOrder, gives_each_point_its_cell_whatever_the_order_was) {
     EXPECT_TRUE(is_in_order(view(xyz), lattice));
     const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
     std::vector<float> half(xyz.size() / 2 + 300'000), third(half.size() / 3 + 100'000);
-    std::vector<std::uint32_t> words(kOrderWords);
+    std::vector<std::uint32_t> words(limits::kDenoiseCellsMax);
     const std::size_t finite = finite_ones(nasty).size() / 3;
     std::vector<float> first;
     for (const std::uint64_t seed : {3U, 4U}) {
@@ -377,7 +377,7 @@ TEST(LatticeOrder, makes_an_organised_scan_of_a_cloud_whose_rays_never_meet) {
   const std::vector<float> drawn = scan(0.0);
   Roomy roomy(shuffled(drawn));
   std::vector<float> half(drawn.size() / 2 + 300'000);
-  std::vector<std::uint32_t> words(kOrderWords);
+  std::vector<std::uint32_t> words(limits::kDenoiseCellsMax);
   Lattice lattice;
   std::vector<float> xyz = drawn;
   ASSERT_TRUE(find(xyz, 1, lattice));
@@ -414,7 +414,7 @@ DrawnOnALattice drawn_on_a_lattice() {
 /// Expects a refusal without lost points, in an order independent of the original one.
 void expect_given_back(const std::vector<float>& points, const Lattice& lattice, std::size_t room, std::size_t memory) {
   std::vector<float> half(memory);
-  std::vector<std::uint32_t> words(kOrderWords);
+  std::vector<std::uint32_t> words(limits::kDenoiseCellsMax);
   std::vector<float> first;
   for (int run = 0; run < 4; ++run) {
     const std::vector<float> mixed = shuffled(points, static_cast<std::uint64_t>(run));
@@ -484,10 +484,10 @@ TEST(LatticeOrder, gives_each_point_its_cell_whichever_half_of_the_grid_comes_fi
   const std::vector<float> low = shuffled(in_rows(drawn, lattice, -1e6F, lattice.rows / 2.0F));
   const std::vector<float> high = shuffled(in_rows(drawn, lattice, lattice.rows / 2.0F, 1e6F));
   // Exactly the required memory, in pieces.
-  const std::size_t spare = 3 * kHeapPoints * (HeapPlaces::spare(kKindsMax) + 2);
+  const std::size_t spare = 3 * kBucketPoints * (BucketPlaces::spare(kKindsMax) + 2);
   const std::size_t needed = 3 * (cells / 2 + (std::size_t{1} << 15U)) + spare;
-  std::vector<float> one(needed / 2), two(needed / 4), three(needed / 4 + 3 * kHeapFloats);
-  std::vector<std::uint32_t> words(kOrderWords);
+  std::vector<float> one(needed / 2), two(needed / 4), three(needed / 4 + 3 * kBucketFloats);
+  std::vector<std::uint32_t> words(limits::kDenoiseCellsMax);
   std::vector<float> first;
   for (const bool low_first : {true, false}) {
     std::vector<float> points = low_first ? low : high;
@@ -528,7 +528,7 @@ TEST(LatticeOrder, has_room_for_the_largest_scans) {
   // The inspector's memory, in its pieces.
   std::vector<float> order(limits::kScanPointsMax), surface(3 * limits::kDenoiseCellsMax);
   std::vector<float> keep(limits::kScanPointsMax / sizeof(float));
-  std::vector<std::uint32_t> words(kOrderWords);
+  std::vector<std::uint32_t> words(limits::kDenoiseCellsMax);
   struct Size {
     float columns, rows;
     std::size_t doubled;
@@ -589,7 +589,7 @@ TEST(LatticeOrder, leaves_the_cloud_alone_where_there_is_no_room) {
   ASSERT_TRUE(find(xyz, 1, lattice));
   const auto cells = static_cast<std::size_t>(lattice.columns * lattice.rows);
   std::vector<float> enough(xyz.size()), little(xyz.size() / 2 - xyz.size() / 16);
-  std::vector<std::uint32_t> words(kOrderWords);
+  std::vector<std::uint32_t> words(limits::kDenoiseCellsMax);
   Team team(1);
   Ordered found;
   const auto refused = [&](std::size_t room, std::span<float> points, std::span<std::uint32_t> memory) {
