@@ -22,7 +22,7 @@ namespace slabd::daemon {
 /// Packs the data that a report draws of the last measured block; empty maps if the block was not found. No heap; 1 ms.
 void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps);
 
-/// "slabd 0.1.0+g0a7ddc5": identifies the software in every record by its commit.
+/// "slabd 1.0.0+g0a7ddc5": identifies the software in every record by its commit.
 [[nodiscard]] FixedString<64> software_version();
 
 /// Judges the slab from the records of its stations, [station - 1], each block with the splice of its scan. The only

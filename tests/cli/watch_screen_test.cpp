@@ -15,7 +15,7 @@ constexpr Style kColour{true, true};
 Picture busy_line() {
   Picture p;
   p.age_s = 0.4;
-  p.software = "slabd 0.1.0";
+  p.software = "slabd 1.0.0";
   p.state = "scanning";
   p.uptime_s = 7'300.0;
   p.links = {{Link::plc, true, "alive", "", 35.0, false},
@@ -63,7 +63,7 @@ TEST(Screen, of_80_by_24_has_all_blocks_links_cures_and_the_last_slabs) {
   for (int station = 1; station <= 18; ++station)
     EXPECT_NE(text.find(" " + std::to_string(station)), std::string::npos) << station;
   for (const char* words : {" 4 X", "[ 5 .]", "now block 5", "-> start the robot bridge", "for 12 s", "for > 35 s",
-                            "slabd 0.1.0", "scanning", "age 0 s", "SLAB-X", "10 min ago", "(+1)", "4/18"})
+                            "slabd 1.0.0", "scanning", "age 0 s", "SLAB-X", "10 min ago", "(+1)", "4/18"})
     EXPECT_NE(text.find(words), std::string::npos) << words << "\n" << text;
 }
 

@@ -27,7 +27,7 @@ class CalibrationsTest : public StoreTest {
     r.robot_serial = "KR-4711";
     r.scanner_serial = "S-12";
     r.temperature_c = 21.5;
-    r.software = "slabd 0.1.0";
+    r.software = "slabd 1.0.0";
     r.created_utime_us = 1000;
     return r;
   }
