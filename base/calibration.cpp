@@ -48,14 +48,14 @@ std::string_view name(SpliceSource source) {
   return kSources.at(static_cast<std::size_t>(source));
 }
 
-std::string_view name(ScannerStanding standing) {
+std::string_view name(AcceptanceState standing) {
   return kStandings.at(static_cast<std::size_t>(standing));
 }
 
-ScannerStanding standing_of(const ScannerInForce& scanner, std::int64_t utime_us) {
-  if (scanner.id.empty()) return ScannerStanding::never;
-  if (scanner.failed || !scanner.numbers.within_limits) return ScannerStanding::failed;
-  return is_over(scanner.expires_utime_us, utime_us) ? ScannerStanding::expired : ScannerStanding::verified;
+AcceptanceState acceptance_state(const ScannerInForce& scanner, std::int64_t utime_us) {
+  if (scanner.id.empty()) return AcceptanceState::never;
+  if (scanner.failed || !scanner.numbers.within_limits) return AcceptanceState::failed;
+  return is_over(scanner.expires_utime_us, utime_us) ? AcceptanceState::expired : AcceptanceState::verified;
 }
 
 FixedString<limits::kErrorTextBytes> refusal_of(const ScannerNumbers& n) {

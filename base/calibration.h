@@ -179,10 +179,10 @@ enum CalibrationWarn : std::uint16_t {
 };
 
 /// State of the scanner's acceptance. It never stops the line: a line without an acceptance continues.
-enum class ScannerStanding : std::uint8_t { verified, never, expired, failed };
+enum class AcceptanceState : std::uint8_t { verified, never, expired, failed };
 /// "verified", "never", "expired", "failed".
-[[nodiscard]] std::string_view name(ScannerStanding standing);
-[[nodiscard]] ScannerStanding standing_of(const ScannerInForce& scanner, std::int64_t utime_us);
+[[nodiscard]] std::string_view name(AcceptanceState standing);
+[[nodiscard]] AcceptanceState acceptance_state(const ScannerInForce& scanner, std::int64_t utime_us);
 
 /// Time from which the next check is counted: the last check, or the artefact's first day if there was none. Taking an
 /// artefact into use is not a check and does not postpone the next one.

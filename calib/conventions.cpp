@@ -103,7 +103,7 @@ Angles reported(const View& view, Side side) {
 struct Reading {
   std::string name;
   std::string cure;
-  Misreading changes;
+  ConventionError changes;
   std::function<void(View&)> apply;
   int shift = 0;  ///< number of lines by which the target table is moved
 };
@@ -126,7 +126,7 @@ void add_rotation_readings(Side side, const Format& format, std::vector<Reading>
   const bool quaternions = !format || format->rotation != RotationForm::kuka_abc;
   const auto declares = [&](RotationForm form) { return format && format->rotation == form; };
   const auto add = [&](const std::string& name, const std::string& cure, auto change) {
-    readings.push_back({name, cure, Misreading::convention, [=](View& view) { change(view); }, 0});
+    readings.push_back({name, cure, ConventionError::convention, [=](View& view) { change(view); }, 0});
   };
   add("the " + table + " rotations are transposed", "write the active rotation, axes of the child as columns: " + frame,
       [=](View& v) { pose_of(v, side).rotation = pose_of(v, side).rotation.conjugate(); });
@@ -211,7 +211,7 @@ void add_mirror_reading(std::span<const View> views, std::vector<Reading>& readi
        axis == 2 ? "have the scanner's software export a right-handed frame with +Z towards the part"
                  : "have the scanner's software export a right-handed frame; x or y is mirrored (the "
                    "two differ by half a turn about z and cannot be told apart here)",
-       Misreading::handedness,
+       ConventionError::handedness,
        [axis](View& v) {
          v.T_scanner_target.translation_mm[axis] *= -1.0;
          const Quat half_turn(Eigen::AngleAxisd(kPi, Eigen::Vector3d::Unit(axis)));
@@ -223,16 +223,16 @@ void add_mirror_reading(std::span<const View> views, std::vector<Reading>& readi
 
 std::vector<Reading> readings_for(ArtefactKind kind, std::span<const View> views, const DeclaredFormats& declared) {
   std::vector<Reading> readings;
-  readings.push_back({"the poses are as stated", "", Misreading::none, [](View&) {}, 0});
+  readings.push_back({"the poses are as stated", "", ConventionError::none, [](View&) {}, 0});
   const auto metres = [&](Side side, const std::string& table, const Format& format) {
     if (format && format->metres)
       readings.push_back({"the " + table + " positions are in millimetres, and the table declares unit=m",
-                          "declare what it holds: # format: unit=mm", Misreading::units,
+                          "declare what it holds: # format: unit=mm", ConventionError::units,
                           [=](View& view) { scale(view, side, 1.0 / kMmPerM); }, 0});
     else
       readings.push_back({"the " + table + " positions are in metres",
                           "write millimetres, or say so in the " + table + " table: # format: unit=m",
-                          Misreading::units, [=](View& view) { scale(view, side, kMmPerM); }, 0});
+                          ConventionError::units, [=](View& view) { scale(view, side, kMmPerM); }, 0});
   };
   metres(Side::flange, "flange", declared.flange);
   metres(Side::target, "target", declared.target);
@@ -242,7 +242,7 @@ std::vector<Reading> readings_for(ArtefactKind kind, std::span<const View> views
     add_rotation_readings(Side::target, declared.target, readings);
     readings.push_back({"the flange rotations are transposed and the target poses inverted",
                         "write the active T_base_flange, axes of the flange as columns, and T_scanner_target",
-                        Misreading::convention,
+                        ConventionError::convention,
                         [](View& v) {
                           v.T_base_flange.rotation = v.T_base_flange.rotation.conjugate();
                           v.T_scanner_target = v.T_scanner_target.inverse();
@@ -254,7 +254,7 @@ std::vector<Reading> readings_for(ArtefactKind kind, std::span<const View> views
         {shift > 0 ? "every target belongs to the flange pose one line above"
                    : "every target belongs to the flange pose one line below",
          "pair every target with the pose it was scanned from; a line is missing or too many in one table",
-         Misreading::pairing, [](View&) {}, shift});
+         ConventionError::pairing, [](View&) {}, shift});
   return readings;
 }
 
@@ -358,7 +358,7 @@ Tried tried_slip(const Slip& slip, std::span<const View> views) {
   const std::size_t number = views[slip.from].number != 0 ? views[slip.from].number : slip.from + 1;
   const std::string row = std::to_string(number);
   Tried tried;
-  tried.hypothesis.changes = Misreading::pairing;
+  tried.hypothesis.changes = ConventionError::pairing;
   if (slip.shift < 0) {
     tried.hypothesis.name = "from line " + row +
                             " on every target belongs to the flange pose one line below: flange pose " + row +
@@ -525,7 +525,7 @@ ConventionReport test_conventions(ArtefactKind kind, std::span<const View> views
     }
   }
   // If most lines follow the slip, moving the whole table by one line fits almost as well.
-  const bool moved = report.fits != 0 && all[report.fits].hypothesis.changes == Misreading::pairing;
+  const bool moved = report.fits != 0 && all[report.fits].hypothesis.changes == ConventionError::pairing;
   if (report.fits == 0 || moved) {
     std::optional<Tried> slip = best_slip(kind, views, noise, all[0].state);
     const auto left = [&](const Tried& tried) { return unexplained(kind, noise, tried.views, tried.state); };

@@ -17,7 +17,7 @@
 namespace slabd::calib {
 
 /// Property changed by a reading.
-enum class Misreading : std::uint8_t {
+enum class ConventionError : std::uint8_t {
   none,
   convention,
   units,
@@ -36,7 +36,7 @@ struct DeclaredFormats {
 struct Hypothesis {
   std::string name;  ///< "as stated", "flange angles are X-Y-Z, not Z-Y-X of (A, B, C)", ...
   std::string cure;  ///< instruction for correcting the file
-  Misreading changes = Misreading::none;
+  ConventionError changes = ConventionError::none;
   double angle_mismatch_deg = kNoValue;  ///< pose: median over pairs of |angle(A_ij) - angle(B_ij)|
   double pitch_mismatch_mm = kNoValue;   ///< pose: median over pairs of the difference of shifts along the motion axes
   double residual_mm = kNoValue;         ///< median over views

@@ -486,14 +486,14 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
   Solution solution = solution_of(equations, noise, true, robust.state, robust.normal);
   const auto weakness_here = [&] {
     const State& state = solution.selected.adjusted.state;
-    return weakness_of(equations, solution.selected.kept,
-                       linearise(equations, equations.whiteners(state, {noise}), state));
+    return degeneracy_of(equations, solution.selected.kept,
+                         linearise(equations, equations.whiteners(state, {noise}), state));
   };
-  Weakness weakness = weakness_here();
-  if (weakness.condition <= kConditionDegenerate) {
+  Degeneracy degeneracy = weakness_here();
+  if (degeneracy.condition <= kConditionDegenerate) {
     leave_one_out(equations, solution);
     solution = with_or_without_lever(equations, std::move(solution));
-    weakness = weakness_here();
+    degeneracy = weakness_here();
   }
   const Weighing& weighing = solution.weighing;
   const Selected& selected = solution.selected;
@@ -541,10 +541,10 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
   circumstances.same_target = same_target(kind, views, noise);
   circumstances.converged = selected.adjusted.converged;
   circumstances.places = places_of(equations, telling_indices).size();
-  result.condition = weakness.condition;
-  result.smallest_singular_value = weakness.smallest;
-  result.determined = weakness.condition <= kConditionDegenerate;
-  circumstances.weakest = weakness.text;
+  result.condition = degeneracy.condition;
+  result.smallest_singular_value = degeneracy.smallest;
+  result.determined = degeneracy.condition <= kConditionDegenerate;
+  circumstances.weakest = degeneracy.text;
   result.point_sigma_limit_mm = has_value(settings.point_sigma_mm_max)
                                     ? settings.point_sigma_mm_max
                                     : kPointSigmaPerNoise * std::hypot(noise.robot_mm, noise.target_mm);

@@ -114,10 +114,10 @@ Prediction predict(ArtefactKind kind, std::span<const View> views, const Pose& T
   if (views.empty() || equations.targets() > targets.size()) return prediction;
   const Linearised linear = linearise(equations, equations.whiteners(state, {noise}), state);
   const std::vector<std::size_t> all = all_of(equations);
-  const Weakness weakness = weakness_of(equations, all, linear);
-  prediction.condition = weakness.condition;
-  prediction.smallest_singular_value = weakness.smallest;
-  if (weakness.condition <= kConditionDegenerate)
+  const Degeneracy degeneracy = degeneracy_of(equations, all, linear);
+  prediction.condition = degeneracy.condition;
+  prediction.smallest_singular_value = degeneracy.smallest;
+  if (degeneracy.condition <= kConditionDegenerate)
     prediction.point_sigma_mm =
         point_sigma_mm(parameter_covariance(equations, all, linear).topLeftCorner<6, 6>(), T_flange_scanner, fov);
   return prediction;

@@ -58,7 +58,7 @@ Eigen::MatrixXd parameter_covariance(const Equations& equations, std::span<const
   return carried(scales.asDiagonal() * parts.vectors, inverse.asDiagonal());
 }
 
-Weakness weakness_of(const Equations& equations, std::span<const std::size_t> chosen, const Linearised& linear) {
+Degeneracy degeneracy_of(const Equations& equations, std::span<const std::size_t> chosen, const Linearised& linear) {
   const int n = equations.parameters();
   int rows = 0;
   for (const std::size_t i : chosen) rows += equations.rows(i);
@@ -69,18 +69,18 @@ Weakness weakness_of(const Equations& equations, std::span<const std::size_t> ch
     row += equations.rows(i);
   }
   const SingularParts parts = singular_parts(J);
-  Weakness weakness;
-  weakness.smallest = parts.values[n - 1];
-  weakness.condition =
-      weakness.smallest > 0.0 ? parts.values[0] / weakness.smallest : std::numeric_limits<double>::infinity();
+  Degeneracy degeneracy;
+  degeneracy.smallest = parts.values[n - 1];
+  degeneracy.condition =
+      degeneracy.smallest > 0.0 ? parts.values[0] / degeneracy.smallest : std::numeric_limits<double>::infinity();
   const Eigen::VectorXd worst = parts.right.col(n - 1);
   const Eigen::Vector3d shift = worst.head<3>();
   const Eigen::Vector3d turn = worst.segment<3>(3);
   if (turn.norm() > shift.norm())
-    weakness.text = "how the scanner is turned about its " + direction(turn) + " axis";
+    degeneracy.text = "how the scanner is turned about its " + direction(turn) + " axis";
   else
-    weakness.text = "where the scanner sits along the flange's " + direction(shift) + " axis";
-  return weakness;
+    degeneracy.text = "where the scanner sits along the flange's " + direction(shift) + " axis";
+  return degeneracy;
 }
 
 // The whitened residuals w of a set have the covariance s^2 I if the views have independent errors. If views of one

@@ -39,19 +39,19 @@ void judge(const Circumstances& circumstances, HandEye& result);
 // ---- directions that a set of views determines
 
 /// Covariance of the parameters from the chosen views, by the eigenvalues of the normal matrix (rotations scaled by 500
-/// mm). An undetermined direction has no variance here, so check `weakness_of` first.
+/// mm). An undetermined direction has no variance here, so check `degeneracy_of` first.
 [[nodiscard]] Eigen::MatrixXd parameter_covariance(const Equations& equations, std::span<const std::size_t> chosen,
                                                    const Linearised& linear);
 
-struct Weakness {
+struct Degeneracy {
   double condition =
       kNoValue;  ///< largest over smallest singular value of the whitened Jacobian; infinite if that is 0
   double smallest = kNoValue;
   std::string text;  ///< description of the worst direction
 };
-/// Computes the weakness from the singular values of the Jacobian itself, rotations scaled by 500 mm.
-[[nodiscard]] Weakness weakness_of(const Equations& equations, std::span<const std::size_t> chosen,
-                                   const Linearised& linear);
+/// Computes the degeneracy from the singular values of the Jacobian itself, rotations scaled by 500 mm.
+[[nodiscard]] Degeneracy degeneracy_of(const Equations& equations, std::span<const std::size_t> chosen,
+                                       const Linearised& linear);
 
 // ---- views from one place of the flange, and their shared error
 //

@@ -73,13 +73,13 @@ std::string cure_of_both_inverted(const DeclaredFormats& declared) {
       flange ? "T_base_flange" : "T_flange_base", target ? "T_scanner_target" : "T_target_scanner");
 }
 
-Refusal refusal_of(Misreading misreading) {
+Refusal refusal_of(ConventionError misreading) {
   switch (misreading) {
-    case Misreading::units: return Refusal::units;
-    case Misreading::handedness: return Refusal::handedness;
-    case Misreading::pairing: return Refusal::pairing;
-    case Misreading::none:
-    case Misreading::convention: break;
+    case ConventionError::units: return Refusal::units;
+    case ConventionError::handedness: return Refusal::handedness;
+    case ConventionError::pairing: return Refusal::pairing;
+    case ConventionError::none:
+    case ConventionError::convention: break;
   }
   return Refusal::convention;
 }
@@ -91,7 +91,7 @@ bool judge_reading(const Circumstances& c, HandEye& result) {
   // A ball that was always at one place or on a line leaves too many directions open: a wrong reading may fit by
   // chance.
   const bool open = c.kind == ArtefactKind::ball && result.ball_spread_axes_mm[1] < kBallSpreadMin_mm;
-  const bool named = report.fits != 0 && (!open || report.tried[report.fits].changes == Misreading::units);
+  const bool named = report.fits != 0 && (!open || report.tried[report.fits].changes == ConventionError::units);
   if (named) {
     const Hypothesis& fits = report.tried[report.fits];
     refuse(result, refusal_of(fits.changes),

@@ -460,9 +460,9 @@ class ControlPort {
   /// A complete request line; answer it with reply(). False when none is waiting.
   [[nodiscard]] virtual bool next(std::int64_t mono_ns, std::string_view& line) = 0;
   virtual void reply(std::string_view json) = 0;
-  /// User id of the process that sent the line that next() returned; kNobody if it is unknown, or between lines.
+  /// User id of the process that sent the line that next() returned; kUidUnknown if it is unknown, or between lines.
   [[nodiscard]] virtual std::uint32_t peer_uid() const = 0;
-  static constexpr std::uint32_t kNobody = 0xFFFF'FFFF;  ///< POSIX: (uid_t)-1 is not a valid user
+  static constexpr std::uint32_t kUidUnknown = 0xFFFF'FFFF;  ///< POSIX: (uid_t)-1 is not a valid user
 };
 [[nodiscard]] Result<std::unique_ptr<ControlPort>> make_control_socket(const char* path);
 

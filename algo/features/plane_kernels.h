@@ -39,8 +39,8 @@ struct SamplePoints {
 struct PlaneSample {
   static constexpr std::size_t kLanes = 16;
   /// Enough points to distinguish a good hypothesis from a bad one.
-  static constexpr std::size_t kScouts = limits::kPlaneSampleMax / 4;
-  static_assert(limits::kPlaneSampleMax % kLanes == 0 && kScouts % kLanes == 0);
+  static constexpr std::size_t kPreview = limits::kPlaneSampleMax / 4;
+  static_assert(limits::kPlaneSampleMax % kLanes == 0 && kPreview % kLanes == 0);
   alignas(64) std::array<double, limits::kPlaneSampleMax> x;
   alignas(64) std::array<double, limits::kPlaneSampleMax> y;
   alignas(64) std::array<double, limits::kPlaneSampleMax> z;
@@ -48,7 +48,7 @@ struct PlaneSample {
 
   [[nodiscard]] std::size_t size() const { return count; }
   [[nodiscard]] SamplePoints all() const { return {x.data(), y.data(), z.data(), count}; }
-  [[nodiscard]] SamplePoints scouts() const { return {x.data(), y.data(), z.data(), std::min(count, kScouts)}; }
+  [[nodiscard]] SamplePoints preview() const { return {x.data(), y.data(), z.data(), std::min(count, kPreview)}; }
   void add(const Vec3& p) {
     x[count] = p.x();
     y[count] = p.y();

@@ -43,7 +43,7 @@ bool plane_through(const Vec3& a, const Vec3& b, const Vec3& c, FlatPlane& plane
 
 bool best_within(const PlaneSample& sample, const PlaneSearch& search, double threshold, FlatPlane& best) {
   return best_hypothesis(sample.all(), search, best, [&](const FlatPlane& plane, double best_score) {
-    return truncated_squares(sample.scouts(), plane, threshold, best_score);
+    return truncated_squares(sample.preview(), plane, threshold, best_score);
   });
 }
 
@@ -53,7 +53,7 @@ bool best_within_scales(const PlaneSample& sample, const PlaneSearch& search, do
   least.fill(std::numeric_limits<double>::infinity());
   FlatPlane widest;
   return best_hypothesis(sample.all(), search, widest, [&](const FlatPlane& plane, double) {
-    const ScaledSums sums = truncated_squares(sample.scouts(), plane, threshold, least);
+    const ScaledSums sums = truncated_squares(sample.preview(), plane, threshold, least);
     for (std::size_t k = 0; k < kScales; ++k) {
       if (!(sums[k] < least[k])) continue;
       least[k] = sums[k];
@@ -99,13 +99,13 @@ double trusted_share(double contamination) {
 
 bool find_threshold(const PlaneSample& sample, const PlaneSearch& search, double share, Residuals& scratch,
                     double& threshold) {
-  const SamplePoints scouts = sample.scouts();
-  const std::size_t rank = scouts.count < 3 ? 0 : rank_of(share, scouts.count);
+  const SamplePoints preview = sample.preview();
+  const std::size_t rank = preview.count < 3 ? 0 : rank_of(share, preview.count);
   // Nearly all hypotheses fail here: too few points are closer than the best quantile so far.
   const auto quantile_score = [&](const FlatPlane& candidate, double best) {
-    if (count_closer(scouts, candidate, best) <= rank) return best;
-    residuals_of(scouts, candidate, scratch);
-    return value_at_rank(std::span(scratch).first(scouts.count), rank);
+    if (count_closer(preview, candidate, best) <= rank) return best;
+    residuals_of(preview, candidate, scratch);
+    return value_at_rank(std::span(scratch).first(preview.count), rank);
   };
   FlatPlane plane;
   if (!best_hypothesis(sample.all(), search, plane, quantile_score)) return false;
@@ -263,7 +263,7 @@ bool find_level(const PlaneSample& sample, const PlaneSearch& search, double rea
   for (std::size_t scale = 0; scale < kScales; ++scale) {
     const double t = reach / static_cast<double>(1U << scale);
     FlatPlane& plane = best[scale];
-    polish(sample.scouts(), search.up, t, plane);
+    polish(sample.preview(), search.up, t, plane);
     std::array<std::uint32_t, kHeightBinsMax> room;
     const std::span<std::uint32_t> bins = std::span(room).first(2 * kReach * kBinsPerThreshold << scale);
     const double width = t / kBinsPerThreshold;

@@ -43,7 +43,7 @@ template <typename Points>
 /// the set could leave a turn with outliers only. Points are prefetched when drawn and read 32 at a time.
 template <typename Points>
 void draw_sample(const Points& points, Prng& prng, PlaneSample& sample) {
-  constexpr std::size_t kTurns = limits::kPlaneSampleMax / PlaneSample::kScouts;
+  constexpr std::size_t kTurns = limits::kPlaneSampleMax / PlaneSample::kPreview;
   constexpr std::size_t kAtOnce = 32;
   const std::size_t n = points.size();
   const std::size_t m = std::min(n, limits::kPlaneSampleMax);
@@ -104,7 +104,7 @@ template <typename Points, typename Score>
   return found;
 }
 
-/// The hypothesis of least squared error truncated at `threshold` (MSAC), on the sample's scouts. False if no three
+/// The hypothesis of least squared error truncated at `threshold` (MSAC), on the sample's preview. False if no three
 /// points make a plane.
 [[nodiscard]] bool best_within(const PlaneSample& sample, const PlaneSearch& search, double threshold, FlatPlane& best);
 /// The same for several thresholds, each half of the one before.

@@ -128,7 +128,7 @@ constexpr std::size_t kTopsMin = 3;
 constexpr double kOrdinary_rad = rad_from_deg(0.02);
 /// Limit for a rough top: 0.067 degrees from block to block cannot show a row 1 mm high, but must not excuse one.
 constexpr double kTopsMax_rad = rad_from_deg(0.02);
-/// Roll uncertainty without a witness: rows may differ by more than any slope's tolerance allows.
+/// Roll uncertainty without a check: rows may differ by more than any slope's tolerance allows.
 constexpr double kUnwitnessed_rad = rad_from_deg(0.1);
 /// Standard deviation of a median relative to that of a mean.
 constexpr double kMedian = 1.2533;
@@ -158,8 +158,8 @@ class Sample {
 
 }  // namespace
 
-RollWitness witness_roll(const Recipe& recipe, std::span<const BlockResult> blocks, const Pose& T_base_slab,
-                         const SlabBudget& known) {
+RollCheck check_roll(const Recipe& recipe, std::span<const BlockResult> blocks, const Pose& T_base_slab,
+                     const SlabBudget& known) {
   std::array<Sample, 2> rows;
   Sample height_mm;
   Sample tilt_rad;
@@ -172,11 +172,11 @@ RollWitness witness_roll(const Recipe& recipe, std::span<const BlockResult> bloc
     height_mm.add(known.known_p_mm(station).z());
     tilt_rad.add(known.known_n_rad(station).y());
   }
-  RollWitness witness;
-  witness.u_rad = kUnwitnessed_rad;
-  if (rows[0].count() < kTopsMin || rows[1].count() < kTopsMin) return witness;
-  witness.seen = true;
-  witness.roll_rad = 0.5 * (rows[0].median() + rows[1].median());
+  RollCheck check;
+  check.u_rad = kUnwitnessed_rad;
+  if (rows[0].count() < kTopsMin || rows[1].count() < kTopsMin) return check;
+  check.seen = true;
+  check.roll_rad = 0.5 * (rows[0].median() + rows[1].median());
 
   Sample off;
   for (const Sample& row : rows)
@@ -188,9 +188,9 @@ RollWitness witness_roll(const Recipe& recipe, std::span<const BlockResult> bloc
   const double rows_rad = std::sqrt(2.0) * height_mm.median() / recipe.slab.seat_centre_distance_mm.value;
   const double explained =
       square(kOrdinary_rad) + square(std::min(tops, kTopsMax_rad)) + square(rows_rad) + square(tilt_rad.median());
-  witness.explained_rad = std::sqrt(explained);
-  witness.u_rad = std::sqrt(std::max(square(witness.roll_rad) - explained, 0.0));
-  return witness;
+  check.explained_rad = std::sqrt(explained);
+  check.u_rad = std::sqrt(std::max(square(check.roll_rad) - explained, 0.0));
+  return check;
 }
 
 }  // namespace slabd::algo

@@ -22,7 +22,7 @@
 ///
 /// The station's part of the sum is |gp + gj|^2 s_t^2 + |n x gn + l x gj|^2 s_w^2.
 ///
-/// One part does not come from stations: the frame's roll, if the slab's top contradicts it (witness_roll). It is the
+/// One part does not come from stations: the frame's roll, if the slab's top contradicts it (check_roll). It is the
 /// part `registration`, which for a slab is the frame: u = |d item / d roll| u_roll.
 namespace slabd::algo {
 
@@ -91,7 +91,7 @@ class SlabBudget {
 
 /// Comparison of the fitted frame's roll (about X) with the slab's top. Seats cannot detect a roll error: to them, a
 /// row that is too high looks like a rolled slab.
-struct RollWitness {
+struct RollCheck {
   bool seen = false;           ///< enough of the top is seen beside both rows
   double roll_rad = 0.0;       ///< of the top in the slab frame, nominally 0
   double explained_rad = 0.0;  ///< expected from chance and an ordinary slab
@@ -103,7 +103,7 @@ struct RollWitness {
 /// with the block. The variance beyond the explained one counts: u^2 = roll^2 - explained^2, or 0.
 ///
 /// `known`: the stations' uncertainties, as the fit uses them. No heap.
-[[nodiscard]] RollWitness witness_roll(const Recipe& recipe, std::span<const BlockResult> blocks,
-                                       const Pose& T_base_slab, const SlabBudget& known);
+[[nodiscard]] RollCheck check_roll(const Recipe& recipe, std::span<const BlockResult> blocks, const Pose& T_base_slab,
+                                   const SlabBudget& known);
 
 }  // namespace slabd::algo

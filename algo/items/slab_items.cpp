@@ -166,11 +166,11 @@ Seats seats_in_slab_frame(const Recipe& recipe, std::span<const BlockResult> blo
 
 /// Writes remarks about the frame. Items do not show these errors: none measures a row's height or its position along
 /// the rail.
-void note_frame(const Recipe& recipe, const RollWitness& witness, const Seats& seats, SlabFitReport& fit) {
-  if (!witness.seen)
+void note_frame(const Recipe& recipe, const RollCheck& check, const Seats& seats, SlabFitReport& fit) {
+  if (!check.seen)
     fit.note = "slab top unseen, roll unconfirmed";
-  else if (witness.u_rad > 0.0)
-    fit.note.printf("top rolled %+.3f deg to the seats", deg_from_rad(witness.roll_rad));
+  else if (check.u_rad > 0.0)
+    fit.note.printf("top rolled %+.3f deg to the seats", deg_from_rad(check.roll_rad));
   const Tolerance& spacing = recipe.tolerance(ItemId::seat_spacing);
   constexpr double kUnlimited_mm = 1.0;  // limit if no spacing is judged
   double most_mm =
@@ -403,9 +403,9 @@ void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std
   Seats seats;
   if (out.fit.ok) {
     seats = seats_in_slab_frame(recipe, blocks, members, out.fit.T_base_slab);
-    const RollWitness witness = witness_roll(recipe, blocks, out.fit.T_base_slab, budget);
-    budget.set_roll(witness.u_rad);
-    note_frame(recipe, witness, seats, out.fit);
+    const RollCheck check = check_roll(recipe, blocks, out.fit.T_base_slab, budget);
+    budget.set_roll(check.u_rad);
+    note_frame(recipe, check, seats, out.fit);
   }
   ItemWriter write(recipe, seats, budget, out);
   write_items(recipe, write);

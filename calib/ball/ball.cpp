@@ -52,7 +52,7 @@ using Index = std::array<std::int32_t, 3>;
 template <typename Content>
 class CellTable {
  public:
-  explicit CellTable(double edge_mm) : edge_mm_(edge_mm), slots_(1U << 12U, kNobody) {}
+  explicit CellTable(double edge_mm) : edge_mm_(edge_mm), slots_(1U << 12U, kUidUnknown) {}
 
   [[nodiscard]] Index index_of(const Vec3& p) const {
     Index index;
@@ -66,7 +66,7 @@ class CellTable {
   /// Returns the cell at `index`, created if necessary; nullptr if the table is full.
   Content* at(const Index& index) {
     std::uint32_t* slot = &slots_[slot_of(index)];
-    if (*slot != kNobody) return &cells_[*slot].content;
+    if (*slot != kUidUnknown) return &cells_[*slot].content;
     if (cells_.size() == kCellsMax) return nullptr;
     if (2 * cells_.size() >= slots_.size()) {
       grow();
@@ -78,7 +78,7 @@ class CellTable {
   }
   [[nodiscard]] const Content* find(const Index& index) const {
     const std::uint32_t number = slots_[slot_of(index)];
-    return number == kNobody ? nullptr : &cells_[number].content;
+    return number == kUidUnknown ? nullptr : &cells_[number].content;
   }
   /// Calls visit(offset, content) for the cells around and at `index`.
   template <typename Visit>
@@ -98,7 +98,7 @@ class CellTable {
   [[nodiscard]] const std::vector<Cell>& cells() const { return cells_; }
 
  private:
-  static constexpr std::uint32_t kNobody = 0xFFFF'FFFF;
+  static constexpr std::uint32_t kUidUnknown = 0xFFFF'FFFF;
 
   /// 21 bits per axis: with cells of an eighth of a millimetre that is far beyond kFar_mm.
   [[nodiscard]] static std::uint64_t key_of(const Index& index) {
@@ -108,12 +108,12 @@ class CellTable {
   }
   [[nodiscard]] std::size_t slot_of(std::uint64_t key) const {
     std::size_t slot = static_cast<std::size_t>((key * 0x9E3779B97F4A7C15U) >> 32U) & (slots_.size() - 1);
-    while (slots_[slot] != kNobody && cells_[slots_[slot]].key != key) slot = (slot + 1) & (slots_.size() - 1);
+    while (slots_[slot] != kUidUnknown && cells_[slots_[slot]].key != key) slot = (slot + 1) & (slots_.size() - 1);
     return slot;
   }
   [[nodiscard]] std::size_t slot_of(const Index& index) const { return slot_of(key_of(index)); }
   void grow() {
-    slots_.assign(2 * slots_.size(), kNobody);
+    slots_.assign(2 * slots_.size(), kUidUnknown);
     for (std::uint32_t i = 0; i < cells_.size(); ++i) slots_[slot_of(cells_[i].key)] = i;
   }
 

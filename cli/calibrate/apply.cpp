@@ -43,7 +43,7 @@ void warn_of_standing(const daemon::Config& config, std::string_view id) {
   if (reader.value() == nullptr) return;
   const auto line = reader.value()->line_calibration();
   if (!line || line.value()->scanner.id.view() != id ||
-      standing_of(line.value()->scanner, wall_clock_us()) != ScannerStanding::failed)
+      acceptance_state(line.value()->scanner, wall_clock_us()) != AcceptanceState::failed)
     return;
   complain(
       fmt::format("warning: the line goes on warning of the scanner: after {} was kept, a verification was out of its "

@@ -595,7 +595,8 @@ void examine_calibration(const daemon::Config& config, const std::string& status
       report.warning("calibration", "none has been applied", "docs/CALIBRATION.md");
     if (const auto line = reader.value()->line_calibration(); line) {
       const ScannerInForce& scanner = line.value()->scanner;
-      examine_acceptance(scanner.id.view(), name(standing_of(scanner, hal::make_system_clock()->utime_us())), report);
+      examine_acceptance(scanner.id.view(), name(acceptance_state(scanner, hal::make_system_clock()->utime_us())),
+                         report);
     }
     return;
   }

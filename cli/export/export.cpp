@@ -182,10 +182,11 @@ int export_cloud(CloudOptions options) {
   const storage::SlabRecord record = named_slab(*reader, options.slab);
   const SlabHeader& slab = record.summary.header;
   std::vector<daemon::Problem> problems;
-  RecipeShelf shelf(recipes_in(options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir, problems));
+  RecipeStore recipe_store(
+      recipes_in(options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir, problems));
   static_cast<void>(report_problems(problems));
-  const Recipe* recipe = need(shelf.very(slab, *reader), kNotReachable);
-  if (recipe == nullptr) recipe = shelf.of_type(slab);
+  const Recipe* recipe = need(recipe_store.very(slab, *reader), kNotReachable);
+  if (recipe == nullptr) recipe = recipe_store.of_type(slab);
   if (recipe == nullptr)
     stop(kBadInput, fmt::format("no recipe of slab type {} with {} blocks is there; --recipes says where",
                                 slab.slab_type, slab.stations));

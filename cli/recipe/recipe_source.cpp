@@ -59,9 +59,9 @@ Recipe recipe_named(storage::Reader* reader, const std::string& word) {
   return recipe;
 }
 
-RecipeShelf::RecipeShelf(std::vector<Recipe> of_folder) : of_folder_(std::move(of_folder)) {}
+RecipeStore::RecipeStore(std::vector<Recipe> of_folder) : of_folder_(std::move(of_folder)) {}
 
-Result<const Recipe*> RecipeShelf::very(const SlabHeader& slab, storage::Reader& reader) {
+Result<const Recipe*> RecipeStore::very(const SlabHeader& slab, storage::Reader& reader) {
   for (const Recipe& recipe : of_folder_)
     if (recipe.sha256 == slab.recipe_sha256) return &recipe;
   for (const Recipe& recipe : of_database_)
@@ -77,7 +77,7 @@ Result<const Recipe*> RecipeShelf::very(const SlabHeader& slab, storage::Reader&
   return kept;
 }
 
-const Recipe* RecipeShelf::of_type(const SlabHeader& slab) const {
+const Recipe* RecipeStore::of_type(const SlabHeader& slab) const {
   for (const Recipe& recipe : of_folder_)
     if (recipe.slab_type == slab.slab_type && recipe.stations() == slab.stations) return &recipe;
   return nullptr;

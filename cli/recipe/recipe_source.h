@@ -25,12 +25,12 @@ namespace slabd::cli {
 [[nodiscard]] Recipe recipe_named(storage::Reader* reader, const std::string& word);
 
 /// The recipes of a folder, and those of the database.
-class RecipeShelf {
+class RecipeStore {
  public:
-  explicit RecipeShelf(std::vector<Recipe> of_folder);
+  explicit RecipeStore(std::vector<Recipe> of_folder);
 
   /// The exact recipe with which the slab was begun, from the folder or else the database; nullptr if it is in
-  /// neither. Valid as long as the shelf. Code::journal_write: the database cannot be read.
+  /// neither. Valid as long as the recipe_store. Code::journal_write: the database cannot be read.
   [[nodiscard]] Result<const Recipe*> very(const SlabHeader& slab, storage::Reader& reader);
   /// The first recipe of the folder with the slab's type and size, or nullptr.
   [[nodiscard]] const Recipe* of_type(const SlabHeader& slab) const;

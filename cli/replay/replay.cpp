@@ -129,7 +129,7 @@ void for_each_slab(storage::Reader& reader, const std::vector<std::int64_t>& key
 
 int verify(const ReplayOptions& options, ReplaySources& sources, const std::vector<std::int64_t>& keys) {
   std::vector<daemon::Problem> problems;
-  RecipeShelf shelf(recipes_in(sources.recipes_dir, problems));
+  RecipeStore recipe_store(recipes_in(sources.recipes_dir, problems));
   static_cast<void>(report_problems(problems));
   Remeasurer remeasurer(options.threads, sources.form, options.scans_dir);
   std::array<int, 3> count{};
@@ -140,7 +140,7 @@ int verify(const ReplayOptions& options, ReplaySources& sources, const std::vect
   ProgressCount progress(stderr, keys.size());
   for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
     progress.next(fmt::format("measuring slab {} again", record.summary.header.key));
-    const SlabReplay slab = need(replay_slab(*sources.reader, record, shelf, remeasurer), kNotReachable);
+    const SlabReplay slab = need(replay_slab(*sources.reader, record, recipe_store, remeasurer), kNotReachable);
     progress.erase();
     ++count[static_cast<std::size_t>(slab.outcome)];
     with_scans += slab.scans_left ? 1 : 0;

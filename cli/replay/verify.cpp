@@ -27,11 +27,11 @@ std::string recipe_words(std::string_view recipe, std::string_view sha256) {
   return fmt::format("{} (sha256 {})", recipe, sha256);
 }
 
-Result<const Recipe*> recipe_of(const SlabHeader& slab, storage::Reader& reader, RecipeShelf& shelf,
+Result<const Recipe*> recipe_of(const SlabHeader& slab, storage::Reader& reader, RecipeStore& recipe_store,
                                 std::vector<ChangedInput>& changed) {
-  const Result<const Recipe*> very = shelf.very(slab, reader);
+  const Result<const Recipe*> very = recipe_store.very(slab, reader);
   if (!very || very.value() != nullptr) return very;
-  const Recipe* of_type = shelf.of_type(slab);
+  const Recipe* of_type = recipe_store.of_type(slab);
   changed.push_back(
       {"recipe", recipe_words(slab.recipe.view(), slab.recipe_sha256.view()),
        of_type == nullptr
@@ -188,7 +188,7 @@ std::size_t SlabReplay::differences() const {
   return sum;
 }
 
-Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecord& record, RecipeShelf& shelf,
+Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecord& record, RecipeStore& recipe_store,
                                Remeasurer& remeasurer) {
   SlabReplay replay;
   replay.header = record.summary.header;
@@ -197,7 +197,7 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
   if (!(slab.software == daemon::software_version()))
     replay.changed.push_back(
         {"software", std::string(slab.software.view()), std::string(daemon::software_version().view())});
-  const Result<const Recipe*> found = recipe_of(slab, reader, shelf, replay.changed);
+  const Result<const Recipe*> found = recipe_of(slab, reader, recipe_store, replay.changed);
   if (!found) return found.error();
   const Recipe* recipe = found.value();
   if (Status status = check_calibration(reader, record, replay.changed); !status) return status.error();

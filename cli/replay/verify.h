@@ -58,10 +58,10 @@ struct SlabReplay {
   [[nodiscard]] std::size_t differences() const;
 };
 
-/// Measures and judges the slab again with its recipe from the shelf. That is the recorded one if the folder or the
-/// database contains it, otherwise that of its slab type, which then is a changed input. `ChangedInput`s are found by
-/// comparison with `reader`. Code::journal_write: the database cannot be read.
+/// Measures and judges the slab again with its recipe from the recipe_store. That is the recorded one if the folder or
+/// the database contains it, otherwise that of its slab type, which then is a changed input. `ChangedInput`s are found
+/// by comparison with `reader`. Code::journal_write: the database cannot be read.
 [[nodiscard]] Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecord& record,
-                                             RecipeShelf& shelf, Remeasurer& remeasurer);
+                                             RecipeStore& recipe_store, Remeasurer& remeasurer);
 
 }  // namespace slabd::cli

@@ -23,7 +23,7 @@ namespace slabd::daemon {
 namespace {
 
 constexpr std::size_t kChangeBytesMax = 64U << 20U;
-constexpr std::uint32_t kNobody = 0xFFFF'FFFF;
+constexpr std::uint32_t kUidUnknown = 0xFFFF'FFFF;
 
 /// Letters, digits, '-', '_' and '.', and no leading dot, so that the path cannot leave the folder.
 bool is_plain_name(const std::string& name) {
@@ -78,7 +78,7 @@ CalibrationDesk::CalibrationDesk(std::string folder) : folder_(std::move(folder)
 Status CalibrationDesk::lay(const std::string& file, std::uint32_t uid) {
   if (folder_.empty()) return slabd::error(Code::config, "the daemon has no database");
   if (phase_ != Phase::idle) return slabd::error(Code::busy, "another change of calibrations is under way; try again");
-  if (uid == kNobody) return slabd::error(Code::config, "who asks for this change is not known");
+  if (uid == kUidUnknown) return slabd::error(Code::config, "who asks for this change is not known");
   if (!is_plain_name(file))
     return slabd::error(Code::config, "\"file\" must be a plain name of a file in %s", folder_.c_str());
   phase_ = Phase::waiting;

@@ -169,7 +169,7 @@ Result<CaptureRequest> parse_capture(std::string_view line, std::uint32_t uid) {
   if (made.action == What::release && !take_text(request, "scan", made.scan))
     return error(Code::config, "\"scan\" must be the path of a view's scan");
   if (made.action != What::begin) return made;
-  if (uid == hal::ControlPort::kNobody) return error(Code::config, "who asks is not known");
+  if (uid == hal::ControlPort::kUidUnknown) return error(Code::config, "who asks is not known");
   if (!take_text(request, "operator", made.operator_name))
     return error(Code::config, "\"operator\" must be a text of 1..%zu bytes", made.operator_name.capacity());
   const auto lease = request.find("lease_s");

@@ -142,7 +142,7 @@ Json in_force(const Station& station) {
   j["scanner"] = c.scanner.id.empty() ? Json(nullptr)
                                       : Json{{"id", c.scanner.id.view()},
                                              {"scanner", c.scanner.numbers.scanner.view()},
-                                             {"state", name(standing_of(c.scanner, now))},
+                                             {"state", name(acceptance_state(c.scanner, now))},
                                              {"expires_utime_us", c.scanner.expires_utime_us}};
   return j;
 }
@@ -368,7 +368,7 @@ std::string answer_control(std::string_view line, const Station& station, const 
     if (*verb == "care" || *verb == "backup" || *verb == "prune") {
       if (ports.store == nullptr) return refusal("the daemon has no usable database");
       // Only users who could delete the database file may delete records.
-      const std::uint32_t who = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
+      const std::uint32_t who = ports.control == nullptr ? hal::ControlPort::kUidUnknown : ports.control->peer_uid();
       if (*verb == "prune" && who != 0 && who != ::geteuid())
         return refusal("only root and slabd's own user may take records away");
       if (*verb != "care")
@@ -392,7 +392,7 @@ std::string answer_control(std::string_view line, const Station& station, const 
       return refusal(
           "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, recipes, "
           "calibration_change, capture");
-    const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kNobody : ports.control->peer_uid();
+    const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kUidUnknown : ports.control->peer_uid();
     if (*verb == "capture") {
       const Result<CaptureRequest> capture = parse_capture(line, uid);
       if (!capture.ok()) return refusal(capture.error());

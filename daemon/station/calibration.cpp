@@ -177,7 +177,7 @@ std::uint16_t calibration_warnings(const Station& s) {
   if (overdue(s.calibration.block, s.settings.check_interval_us, now) ||
       overdue(s.calibration.ball, s.settings.check_interval_us, now))
     warn |= kWarnCheckOverdue;
-  if (standing_of(s.calibration.scanner, now) != ScannerStanding::verified) warn |= kWarnScannerNotVerified;
+  if (acceptance_state(s.calibration.scanner, now) != AcceptanceState::verified) warn |= kWarnScannerNotVerified;
   // For the open slab, and for the last one until the next begins.
   for (const StationRecord& record : s.slab.stations)
     if (is_uncorrected(record.attempt.splice.source) && !s.slab.calibration.tables.empty())

@@ -302,7 +302,7 @@ int bridge(const Options& options) {
                                       dotted(senders.beside(from_address))));
       continue;
     }
-    if (who == Senders::Answer::other) translator.begin_anew();
+    if (who == Senders::Answer::other) translator.restart();
     const auto pose = translator.translate(packet.value());
     if (!pose) continue;
     const bool sent = publisher.publish(*pose);

@@ -164,12 +164,12 @@ std::optional<FlangePose> Bridge::translate(const RsiPacket& packet) {
   const std::int64_t ahead_ms = packet.ipoc_ms - ipoc_ms_;
   if (ipoc_ms_ < 0) {
     seq_ = seq_ahead(1);
-  } else if (ahead_ms > 0 && !anew_) {
+  } else if (ahead_ms > 0 && !restart_) {
     // The count may jitter by a millisecond, which must not count as a lost cycle.
     const std::int64_t cycles = std::max<std::int64_t>(1, (ahead_ms + settings_.cycle_ms / 2) / settings_.cycle_ms);
     counters_.lost += static_cast<std::uint64_t>(cycles - 1);
     seq_ = seq_ahead(cycles);
-  } else if (ahead_ms > -kRestart_ms && !anew_) {
+  } else if (ahead_ms > -kRestart_ms && !restart_) {
     ++counters_.old;
     return std::nullopt;
   } else {
@@ -177,7 +177,7 @@ std::optional<FlangePose> Bridge::translate(const RsiPacket& packet) {
     // Skips a number, so that slabd detects a gap.
     seq_ = seq_ahead(2);
   }
-  anew_ = false;
+  restart_ = false;
   ipoc_ms_ = packet.ipoc_ms;
   ++counters_.published;
 

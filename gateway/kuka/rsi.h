@@ -96,7 +96,7 @@ class Bridge {
   /// Message for the packet; nullopt if the packet is old.
   [[nodiscard]] std::optional<FlangePose> translate(const RsiPacket& packet);
   /// The next packet is from another controller, which has its own count.
-  void begin_anew() { anew_ = true; }
+  void restart() { restart_ = true; }
   void count_malformed() { ++counters_.malformed; }
   [[nodiscard]] const BridgeCounters& counters() const { return counters_; }
 
@@ -105,7 +105,7 @@ class Bridge {
 
   BridgeSettings settings_;
   BridgeCounters counters_;
-  bool anew_ = false;
+  bool restart_ = false;
   std::int64_t ipoc_ms_ = -1;
   std::int32_t seq_ = -1;
 };

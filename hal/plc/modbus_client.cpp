@@ -107,7 +107,7 @@ class Client final : public PlcPort {
     {
       const std::lock_guard lock(mutex_);
       present_ = image;
-      wake = waiting_ && plan_.next(steady_ns(), present_).deed != ClientDeed::wait;
+      wake = waiting_ && plan_.next(steady_ns(), present_).step != ClientStep::wait;
     }
     if (wake) changed_.notify_one();
   }
@@ -135,7 +135,7 @@ class Client final : public PlcPort {
     std::unique_lock lock(mutex_);
     while (!stop_) {
       const ClientPlan::Next next = plan_.next(steady_ns(), present_);
-      if (next.deed == ClientDeed::wait) {
+      if (next.step == ClientStep::wait) {
         waiting_ = true;
         changed_.wait_for(lock, std::chrono::nanoseconds(std::max<std::int64_t>(next.until_ns - steady_ns(), 0)));
         waiting_ = false;
@@ -144,10 +144,10 @@ class Client final : public PlcPort {
       const InputImage image = present_;
       lock.unlock();
       HoldingImage read_image{};
-      const bool done = carry_out(next.deed, image, read_image);
+      const bool done = carry_out(next.step, image, read_image);
       const int error_number = errno;
       lock.lock();
-      note(next.deed, done, error_number, image, read_image);
+      note(next.step, done, error_number, image, read_image);
       if (useless_ < kHabit) continue;
       useless_ = 0;
       lock.unlock();
@@ -158,15 +158,15 @@ class Client final : public PlcPort {
   }
 
   /// Executes one step with the PLC. If false, errno holds the reason.
-  bool carry_out(ClientDeed deed, const InputImage& image, HoldingImage& read_image) {
+  bool carry_out(ClientStep step, const InputImage& image, HoldingImage& read_image) {
     constexpr auto kAll = static_cast<int>(kInputRegisters);
     constexpr auto kHead = static_cast<int>(ClientPlan::kHeadRegisters);
-    switch (deed) {
-      case ClientDeed::connect: return connect();
-      case ClientDeed::write_all: return write(image, kAll, read_image);
-      case ClientDeed::write_head: return write(image, kHead, read_image);
-      case ClientDeed::read: return read(read_image);
-      case ClientDeed::wait: break;
+    switch (step) {
+      case ClientStep::connect: return connect();
+      case ClientStep::write_all: return write(image, kAll, read_image);
+      case ClientStep::write_head: return write(image, kHead, read_image);
+      case ClientStep::read: return read(read_image);
+      case ClientStep::wait: break;
     }
     return true;
   }
@@ -234,13 +234,13 @@ class Client final : public PlcPort {
   }
 
   /// Records the result of a step. Requires the mutex.
-  void note(ClientDeed deed, bool done, int error_number, const InputImage& image, const HoldingImage& read_image) {
+  void note(ClientStep step, bool done, int error_number, const InputImage& image, const HoldingImage& read_image) {
     const std::int64_t now_ns = steady_ns();
     if (!done) {
-      lose(deed, error_number, now_ns);
+      lose(step, error_number, now_ns);
       return;
     }
-    if (deed == ClientDeed::connect) {
+    if (step == ClientStep::connect) {
       ++connection_;
       ++counters_.connections;
       fresh_ = true;
@@ -251,9 +251,9 @@ class Client final : public PlcPort {
     }
     ++counters_.frames;
     counters_.last_frame_ns = now_ns;
-    if (deed == ClientDeed::write_all) plan_.wrote_all(now_ns, image);
-    if (deed == ClientDeed::write_head) plan_.wrote_head(now_ns, image);
-    if (deed != ClientDeed::read && !settings_.read_write) return;
+    if (step == ClientStep::write_all) plan_.wrote_all(now_ns, image);
+    if (step == ClientStep::write_head) plan_.wrote_head(now_ns, image);
+    if (step != ClientStep::read && !settings_.read_write) return;
     plan_.has_read(now_ns);
     trouble_.clear();
     habit_.clear();
@@ -289,25 +289,25 @@ class Client final : public PlcPort {
     return image;
   }
 
-  void lose(ClientDeed deed, int error_number, std::int64_t now_ns) {
+  void lose(ClientStep step, int error_number, std::int64_t now_ns) {
     modbus_close(context_.get());
     plan_.failed(now_ns);
     const bool closed = error_number == ECONNRESET || error_number == EPIPE || error_number == ECONNABORTED;
-    if (deed != ClientDeed::connect) closed_behind_ = closed && answers_ == 1 ? closed_behind_ + 1 : 0;
+    if (step != ClientStep::connect) closed_behind_ = closed && answers_ == 1 ? closed_behind_ + 1 : 0;
     if (is_exception(error_number)) {
       ++counters_.exceptions;
-    } else if (deed != ClientDeed::connect && error_number == ETIMEDOUT) {
+    } else if (step != ClientStep::connect && error_number == ETIMEDOUT) {
       ++counters_.late;
       ++useless_;
-    } else if (deed != ClientDeed::connect && error_number >= MODBUS_ENOBASE) {
+    } else if (step != ClientStep::connect && error_number >= MODBUS_ENOBASE) {
       ++counters_.malformed;
       ++useless_;
     }
     if (closed_behind_ >= kHabit && settings_.keep_connection)
       habit_ =
           "the PLC closes the connection behind each answer: plc.keep_connection = false makes one for each request";
-    const char* doing = deed == ClientDeed::connect ? "connecting" : deed == ClientDeed::read ? "reading" : "writing";
-    const Cure cure = cure_of(deed, error_number);
+    const char* doing = step == ClientStep::connect ? "connecting" : step == ClientStep::read ? "reading" : "writing";
+    const Cure cure = cure_of(step, error_number);
     Trouble text;
     text.printf("plc.connect %s:%u: %s: %s%s%s", settings_.host.c_str(), unsigned{settings_.port}, doing,
                 error_number >= MODBUS_ENOBASE ? modbus_strerror(error_number) : errno_text(error_number),
@@ -319,9 +319,9 @@ class Client final : public PlcPort {
   using Cure = FixedString<200>;
 
   /// Hint for the last request, which failed.
-  [[nodiscard]] Cure cure_of(ClientDeed deed, int error_number) const {
+  [[nodiscard]] Cure cure_of(ClientStep step, int error_number) const {
     Cure cure;
-    if (deed == ClientDeed::connect && !is_exception(error_number)) {
+    if (step == ClientStep::connect && !is_exception(error_number)) {
       cure = "; is its Modbus server running, and is the address right?";
     } else if (!is_exception(error_number)) {
       cure = "; the connection is made again";

@@ -15,7 +15,7 @@
 ///   - It reads the PLC's registers every `poll_ns`.
 namespace slabd::hal {
 
-enum class ClientDeed : std::uint8_t { wait, connect, write_all, write_head, read };
+enum class ClientStep : std::uint8_t { wait, connect, write_all, write_head, read };
 
 class ClientPlan {
  public:
@@ -27,16 +27,16 @@ class ClientPlan {
   explicit ClientPlan(std::int64_t poll_ns) : poll_ns_(poll_ns) {}
 
   struct Next {
-    ClientDeed deed = ClientDeed::wait;
+    ClientStep step = ClientStep::wait;
     std::int64_t until_ns = 0;  ///< wait: until this time at the latest, or until the image changes
   };
   /// Returns the next step. `present` is the image that the PLC should read now.
   [[nodiscard]] Next next(std::int64_t now_ns, const InputImage& present) const {
-    if (!connected_) return now_ns >= connect_ns_ ? Next{ClientDeed::connect, 0} : Next{ClientDeed::wait, connect_ns_};
-    if (!written_once_ || differs(present)) return {ClientDeed::write_all, 0};
-    if (now_ns >= read_ns_) return {ClientDeed::read, 0};
-    if (present[kHeartbeat] != written_[kHeartbeat] || now_ns >= head_ns_) return {ClientDeed::write_head, 0};
-    return {ClientDeed::wait, std::min(read_ns_, head_ns_)};
+    if (!connected_) return now_ns >= connect_ns_ ? Next{ClientStep::connect, 0} : Next{ClientStep::wait, connect_ns_};
+    if (!written_once_ || differs(present)) return {ClientStep::write_all, 0};
+    if (now_ns >= read_ns_) return {ClientStep::read, 0};
+    if (present[kHeartbeat] != written_[kHeartbeat] || now_ns >= head_ns_) return {ClientStep::write_head, 0};
+    return {ClientStep::wait, std::min(read_ns_, head_ns_)};
   }
 
   void connected(std::int64_t now_ns) {

@@ -247,9 +247,10 @@ namespace {
 
 using Text = RegisterText;
 
-class Teller {
+class RegisterPrinter {
  public:
-  Teller(RegisterRow::Memory memory, std::span<const std::uint16_t> image, WordOrder order, const RegisterSink& sink)
+  RegisterPrinter(RegisterRow::Memory memory, std::span<const std::uint16_t> image, WordOrder order,
+                  const RegisterSink& sink)
       : memory_(memory), image_(image), order_(order), sink_(sink) {}
 
   void u16(const Reg& reg, std::uint16_t& value) {
@@ -494,16 +495,16 @@ class Teller {
 
 void tell_inputs(const HoldingImage& image, WordOrder order, const RegisterSink& sink) {
   PlcInputs ignored;
-  Teller teller(RegisterRow::Memory::holding, image, order, sink);
-  walk_inputs(teller, ignored);
+  RegisterPrinter printer(RegisterRow::Memory::holding, image, order, sink);
+  walk_inputs(printer, ignored);
 }
 
 void tell_outputs(const InputImage& image, WordOrder order, const RegisterSink& sink) {
   PlcOutputs ignored;
-  Teller teller(RegisterRow::Memory::input, image, order, sink);
-  walk_state(teller, ignored);
-  walk_record(teller, ignored.record);
-  walk_slab(teller, ignored);
+  RegisterPrinter printer(RegisterRow::Memory::input, image, order, sink);
+  walk_state(printer, ignored);
+  walk_record(printer, ignored.record);
+  walk_slab(printer, ignored);
 }
 
 }  // namespace slabd::hal

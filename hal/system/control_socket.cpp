@@ -33,7 +33,7 @@ struct ControlClient {
   std::size_t bytes = 0;       ///< bytes received and not handed out
   std::size_t handed_out = 0;  ///< bytes of the line that the caller uses, with its newline; dropped in the next turn
   bool served = false;         ///< a line this turn
-  std::uint32_t uid = ControlPort::kNobody;
+  std::uint32_t uid = ControlPort::kUidUnknown;
   std::int64_t second_ns = 0;  ///< start of the second in which `requests` are counted
   int requests = 0;
   std::array<char, limits::kControlLineBytes> buffer;
@@ -81,7 +81,7 @@ class ControlSocket final : public ControlPort {
     if (!send_all(*current_, json) || !send_all(*current_, "\n")) forget(*current_);
   }
 
-  std::uint32_t peer_uid() const override { return current_ == nullptr ? kNobody : current_->uid; }
+  std::uint32_t peer_uid() const override { return current_ == nullptr ? kUidUnknown : current_->uid; }
 
  private:
   static constexpr std::size_t kNoLine = limits::kControlLineBytes;
@@ -128,7 +128,7 @@ class ControlSocket final : public ControlPort {
   static std::uint32_t uid_behind(const Fd& fd) {
     ucred peer{};
     socklen_t size = sizeof peer;
-    return getsockopt(fd.get(), SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0 ? peer.uid : kNobody;
+    return getsockopt(fd.get(), SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0 ? peer.uid : kUidUnknown;
   }
 
   static void receive(ControlClient& client) {

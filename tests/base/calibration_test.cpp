@@ -154,22 +154,22 @@ TEST(CalibrationKind, has_a_word_that_comes_back) {
 
 TEST(ScannerAcceptance, vouches_while_it_is_neither_out_of_limits_nor_too_old) {
   ScannerInForce scanner;
-  EXPECT_EQ(standing_of(scanner, 1), ScannerStanding::never);
+  EXPECT_EQ(acceptance_state(scanner, 1), AcceptanceState::never);
   scanner.id = "sc-1";
   scanner.numbers.within_limits = true;
-  EXPECT_EQ(standing_of(scanner, 1), ScannerStanding::verified);
+  EXPECT_EQ(acceptance_state(scanner, 1), AcceptanceState::verified);
   scanner.expires_utime_us = 100;
-  EXPECT_EQ(standing_of(scanner, 99), ScannerStanding::verified);
-  EXPECT_EQ(standing_of(scanner, 100), ScannerStanding::expired);
+  EXPECT_EQ(acceptance_state(scanner, 99), AcceptanceState::verified);
+  EXPECT_EQ(acceptance_state(scanner, 100), AcceptanceState::expired);
   scanner.failed = true;
-  EXPECT_EQ(standing_of(scanner, 100), ScannerStanding::failed);
+  EXPECT_EQ(acceptance_state(scanner, 100), AcceptanceState::failed);
   scanner.failed = false;
   scanner.numbers.within_limits = false;
-  EXPECT_EQ(standing_of(scanner, 1), ScannerStanding::failed);
-  for (const auto& [standing, word] : {std::pair{ScannerStanding::verified, "verified"},
-                                       {ScannerStanding::never, "never"},
-                                       {ScannerStanding::expired, "expired"},
-                                       {ScannerStanding::failed, "failed"}})
+  EXPECT_EQ(acceptance_state(scanner, 1), AcceptanceState::failed);
+  for (const auto& [standing, word] : {std::pair{AcceptanceState::verified, "verified"},
+                                       {AcceptanceState::never, "never"},
+                                       {AcceptanceState::expired, "expired"},
+                                       {AcceptanceState::failed, "failed"}})
     EXPECT_EQ(name(standing), word);
 }
 

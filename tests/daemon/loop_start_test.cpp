@@ -244,7 +244,7 @@ class OneQuestion final : public hal::ControlPort {
     return true;
   }
   void reply(std::string_view json) override { answer = json; }
-  std::uint32_t peer_uid() const override { return kNobody; }
+  std::uint32_t peer_uid() const override { return kUidUnknown; }
 
   std::string answer;
 

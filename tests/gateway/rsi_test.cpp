@@ -172,7 +172,7 @@ TEST(Bridge, another_controllers_count_is_neither_old_nor_lost_cycles) {
   for (const std::int64_t ipoc : {500, 1'000, 90'000}) {
     Bridge bridge({4, 0, 0});
     const std::int32_t before = bridge.translate(at(1'000))->seq;
-    bridge.begin_anew();
+    bridge.restart();
     const std::optional<FlangePose> after = bridge.translate(at(ipoc));
     ASSERT_TRUE(after.has_value()) << ipoc;
     EXPECT_EQ(after->seq, before + 2) << "a gap";

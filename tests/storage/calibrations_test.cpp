@@ -472,7 +472,7 @@ TEST_F(CalibrationsTest, a_verification_out_of_limits_is_remembered_until_a_late
   keep(scanner(0.30, false));
   EXPECT_EQ(in_force().scanner.id.view(), first);
   EXPECT_TRUE(in_force().scanner.failed);
-  EXPECT_EQ(standing_of(in_force().scanner, 1), ScannerStanding::failed);
+  EXPECT_EQ(acceptance_state(in_force().scanner, 1), AcceptanceState::failed);
   EXPECT_EQ(keep(scanner(0.05)), first);
   put_in_force(first);
   EXPECT_TRUE(in_force().scanner.failed) << "the same figures again prove nothing new";

@@ -85,8 +85,8 @@ TEST(PlaneKernels, truncated_squares_are_those_of_a_plain_loop) {
       EXPECT_NEAR(truncated_squares(sample.all(), kPlane, t, kInf), plain, 1e-12 * plain);
       EXPECT_NEAR(scaled[k], plain, 1e-12 * plain);
     }
-    const double of_scouts = plain_truncated(sample.scouts(), threshold);
-    EXPECT_NEAR(truncated_squares(sample.scouts(), kPlane, threshold, kInf), of_scouts, 1e-12 * of_scouts);
+    const double of_scouts = plain_truncated(sample.preview(), threshold);
+    EXPECT_NEAR(truncated_squares(sample.preview(), kPlane, threshold, kInf), of_scouts, 1e-12 * of_scouts);
   });
 }
 
@@ -217,13 +217,13 @@ TEST(PlaneSampling, the_first_quarter_stands_for_the_whole_set) {
     auto sample = std::make_unique<PlaneSample>();
     draw_sample(std::span<const Vec3>(points), prng, *sample);
     ASSERT_EQ(sample->size(), std::min(n, limits::kPlaneSampleMax));
-    const SamplePoints scouts = sample->scouts();
-    ASSERT_EQ(scouts.size(), std::min(n, PlaneSample::kScouts));
+    const SamplePoints preview = sample->preview();
+    ASSERT_EQ(preview.size(), std::min(n, PlaneSample::kPreview));
     std::vector<std::size_t> decile(10);
     std::size_t lost = 0;
-    for (std::size_t i = 0; i < scouts.size(); ++i) {
-      ++decile[static_cast<std::size_t>(10.0 * scouts[i].x())];
-      lost += scouts[i].allFinite() ? 0U : 1U;
+    for (std::size_t i = 0; i < preview.size(); ++i) {
+      ++decile[static_cast<std::size_t>(10.0 * preview[i].x())];
+      lost += preview[i].allFinite() ? 0U : 1U;
     }
     for (const std::size_t count : decile) EXPECT_NEAR(static_cast<double>(count), 102.4, 40.0) << n;
     EXPECT_NEAR(static_cast<double>(lost), 256.0, 60.0) << n;

@@ -46,8 +46,9 @@ TEST(CaptureControl, what_is_wrong_is_named_and_nothing_is_cut) {
   EXPECT_NE(error_of(R"({"action":"begin","session":"s","operator":"a","lease_s":"x"})").find("\"lease_s\""),
             std::string::npos);
   EXPECT_NE(error_of(R"({"action":"release","session":"s"})").find("\"scan\""), std::string::npos);
-  EXPECT_NE(error_of(R"({"action":"begin","session":"s","operator":"a"})", hal::ControlPort::kNobody).find("who asks"),
-            std::string::npos);
+  EXPECT_NE(
+      error_of(R"({"action":"begin","session":"s","operator":"a"})", hal::ControlPort::kUidUnknown).find("who asks"),
+      std::string::npos);
 }
 
 TEST(CaptureControl, the_answer_tells_a_view_and_survives_any_text) {

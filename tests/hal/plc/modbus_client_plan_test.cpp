@@ -13,23 +13,23 @@ struct ClientPlanTest : ::testing::Test {
   InputImage image{};
   std::int64_t now = kNsPerS;
 
-  ClientDeed deed() { return plan.next(now, image).deed; }
+  ClientStep step() { return plan.next(now, image).step; }
   /// Carries out the plan until it waits; returns the steps.
-  std::vector<ClientDeed> work() {
-    std::vector<ClientDeed> done;
-    for (ClientDeed d = deed(); d != ClientDeed::wait && done.size() < 20; d = deed()) {
+  std::vector<ClientStep> work() {
+    std::vector<ClientStep> done;
+    for (ClientStep d = step(); d != ClientStep::wait && done.size() < 20; d = step()) {
       done.push_back(d);
-      if (d == ClientDeed::connect) plan.connected(now);
-      if (d == ClientDeed::write_all) plan.wrote_all(now, image);
-      if (d == ClientDeed::write_head) plan.wrote_head(now, image);
-      if (d == ClientDeed::read) plan.has_read(now);
+      if (d == ClientStep::connect) plan.connected(now);
+      if (d == ClientStep::write_all) plan.wrote_all(now, image);
+      if (d == ClientStep::write_head) plan.wrote_head(now, image);
+      if (d == ClientStep::read) plan.has_read(now);
     }
     return done;
   }
 };
 
-using Deeds = std::vector<ClientDeed>;
-using enum ClientDeed;
+using Deeds = std::vector<ClientStep>;
+using enum ClientStep;
 
 TEST_F(ClientPlanTest, a_new_connection_gets_the_whole_image_and_is_read) {
   EXPECT_EQ(work(), (Deeds{connect, write_all, read}));
@@ -41,7 +41,7 @@ TEST_F(ClientPlanTest, polls_at_its_period_and_beats_at_least_twice_a_second) {
   int heads = 0;
   for (int ms = 1; ms <= 2000; ++ms) {
     now += kMs;
-    for (const ClientDeed d : work()) {
+    for (const ClientStep d : work()) {
       reads += d == read ? 1 : 0;
       heads += d == write_head ? 1 : 0;
       EXPECT_NE(d, write_all);
@@ -67,10 +67,10 @@ TEST_F(ClientPlanTest, a_moved_heartbeat_writes_the_head_and_any_other_change_ev
 TEST_F(ClientPlanTest, after_a_loss_the_present_image_is_written_and_nothing_else) {
   work();
   image[10] = 7;
-  EXPECT_EQ(deed(), write_all);
+  EXPECT_EQ(step(), write_all);
   plan.failed(now);  // it broke in the middle: the PLC may have the write or not
   image[10] = 8;
-  EXPECT_EQ(deed(), wait);
+  EXPECT_EQ(step(), wait);
   now += 200 * kMs;
   EXPECT_EQ(work(), (Deeds{connect, write_all, read})) << "once, though two changes were pending";
 }
@@ -78,13 +78,13 @@ TEST_F(ClientPlanTest, after_a_loss_the_present_image_is_written_and_nothing_els
 TEST_F(ClientPlanTest, waits_longer_after_every_failure_and_briefly_again_after_a_success) {
   std::vector<std::int64_t> pauses;
   for (int i = 0; i < 8; ++i) {
-    EXPECT_EQ(deed(), connect);
+    EXPECT_EQ(step(), connect);
     plan.failed(now);
     const ClientPlan::Next next = plan.next(now, image);
-    ASSERT_EQ(next.deed, wait);
+    ASSERT_EQ(next.step, wait);
     pauses.push_back((next.until_ns - now) / kMs);
     now = next.until_ns - 1;
-    EXPECT_EQ(deed(), wait);
+    EXPECT_EQ(step(), wait);
     now += 1;
   }
   EXPECT_EQ(pauses, (std::vector<std::int64_t>{200, 400, 800, 1600, 3200, 5000, 5000, 5000}));

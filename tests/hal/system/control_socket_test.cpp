@@ -221,13 +221,13 @@ TEST_F(ControlSocketTest, twenty_requests_a_second_are_answered_and_the_next_clo
 
 TEST_F(ControlSocketTest, the_user_behind_a_line_is_known) {
   const Fd client = connected(path_);
-  EXPECT_EQ(port_->peer_uid(), ControlPort::kNobody);
+  EXPECT_EQ(port_->peer_uid(), ControlPort::kUidUnknown);
   send_text(client, "x\n");
   std::string_view line;
   ASSERT_TRUE(port_->next(now_ns_, line));
   EXPECT_EQ(port_->peer_uid(), getuid());
   EXPECT_FALSE(port_->next(now_ns_, line));
-  EXPECT_EQ(port_->peer_uid(), ControlPort::kNobody);
+  EXPECT_EQ(port_->peer_uid(), ControlPort::kUidUnknown);
 }
 
 TEST_F(ControlSocketTest, the_socket_is_for_owner_and_group_only) {
