@@ -377,7 +377,7 @@ void expect_nothing_measured(const BlockResult& r, Code code) {
   EXPECT_FALSE(r.observation.ok);
 }
 
-TEST(Block, of_nothing_but_missing_points_is_not_measured) {
+TEST(Block, is_not_measured_from_missing_points_only) {
   scene::Cloud cloud;
   cloud.xyz.assign(3 * 100000, std::numeric_limits<float>::quiet_NaN());
   cloud.width = 1000;
@@ -385,11 +385,11 @@ TEST(Block, of_nothing_but_missing_points_is_not_measured) {
   expect_nothing_measured(inspect(cloud), Code::too_few_points);
 }
 
-TEST(Block, of_an_empty_scan_is_not_measured) {
+TEST(Block, is_not_measured_from_an_empty_scan) {
   expect_nothing_measured(inspect(scene::Cloud{}), Code::too_few_points);
 }
 
-TEST(Block, of_too_few_points_is_not_measured) {
+TEST(Block, is_not_measured_from_too_few_points) {
   scene::Cloud cloud = scene::take({}, {});
   cloud.xyz.resize(3 * 40000);
   const BlockResult r = inspect(cloud);

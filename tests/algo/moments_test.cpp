@@ -54,7 +54,7 @@ TEST(Moments, agree_with_two_passes_in_long_double_far_from_the_origin) {
   }
 }
 
-TEST(Moments, of_too_few_numbers_have_no_variance) {
+TEST(Moments, have_no_variance_for_too_few_numbers) {
   ScalarMoments m(0.0);
   m.add(1.0);
   m.close_block();

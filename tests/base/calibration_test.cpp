@@ -89,7 +89,7 @@ TEST(Splice, other_stations_and_slab_types_were_not_mastered) {
   EXPECT_EQ(splice(applied(), at(1000.0), 3, 4925).source, SpliceSource::not_mastered);
 }
 
-TEST(Splice, of_a_robot_nobody_described_is_of_unknown_accuracy) {
+TEST(Splice, has_unknown_accuracy_for_a_robot_without_a_specification) {
   SpliceSettings silent;
   const Splice s = splice_for(applied(), silent, 5600, 4, at(1000.0), 700.0, kNow);
   EXPECT_TRUE(std::isnan(s.robot_mm)) << "items of the slab frame are then indeterminate";
@@ -152,7 +152,7 @@ TEST(CalibrationKind, has_a_word_that_comes_back) {
   EXPECT_FALSE(calibration_kind_named("hand-eye").has_value());
 }
 
-TEST(ScannerAcceptance, vouches_while_it_is_neither_out_of_limits_nor_too_old) {
+TEST(ScannerAcceptance, is_valid_while_it_is_neither_out_of_limits_nor_too_old) {
   ScannerInForce scanner;
   EXPECT_EQ(acceptance_state(scanner, 1), AcceptanceState::never);
   scanner.id = "sc-1";

@@ -58,7 +58,7 @@ TEST(PackedMap, gives_back_every_height_to_half_a_step_and_every_missing_cell) {
   }
 }
 
-TEST(PackedMap, of_the_largest_map_the_daemon_makes_finds_room_however_rough_it_is) {
+TEST(PackedMap, has_room_for_the_largest_map_the_daemon_makes_however_rough_it_is) {
   Prng prng(8);
   for (const double sigma_mm : {0.01, 1.0, 100.0}) {
     for (const double missing : {0.0, 0.5}) {
@@ -74,7 +74,7 @@ TEST(PackedMap, of_the_largest_map_the_daemon_makes_finds_room_however_rough_it_
   expect_unpacks(holes, holes.packed(0.01));
 }
 
-TEST(PackedMap, of_quiet_cells_takes_less_than_three_bits_each) {
+TEST(PackedMap, takes_less_than_three_bits_for_each_quiet_cell) {
   Prng prng(9);
   const Grid grid = random_grid(prng, 68, 100, 0.0045, 0.01);
   EXPECT_LT(grid.packed(limits::kSeatMapStep_mm).bytes.size() * 8, 3 * grid.heights.size());

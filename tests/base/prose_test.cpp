@@ -178,7 +178,7 @@ std::vector<std::string> slips(const fs::path& path, const std::string& name) {
   return found;
 }
 
-TEST(Prose, of_the_tree_obeys_the_rules) {
+TEST(Prose, in_the_tree_obeys_the_rules) {
   const fs::path root(slabd::places::source_dir());
   std::size_t read = 0;
   for (const fs::path& path : files()) {
@@ -207,11 +207,17 @@ TEST(Prose, rules_find_what_they_look_for) {
   EXPECT_TRUE(found[3].starts_with("x.cpp:6: "));
 }
 
-TEST(Prose, names_of_test_cases_are_in_snake_case) {
-  const fs::path root(slabd::places::source_dir());
+TEST(Prose, names_of_test_cases_are_in_snake_case_and_obey_the_rules) {
   // Upper case is left to abbreviations: at least two capitals, or one alone as a symbol.
   static const std::regex test(R"(^TEST(_F|_P)?\((\w+), (\w+)\))");
   static const std::regex camel(R"([a-z][A-Z]|(^|_)[A-Z][a-z])");
+  static const std::regex abbreviations("NaNs?|NULs");
+  static const std::regex opening("^(what|who|whoever|whether|of|where|so|and)_");
+  static const std::regex words(
+      "(^|_)(nobody|somebody|whoever|everybody|anew|likewise|forever|so_many|so_much|(is|are|was|were)_no|"
+      "(is|are)_(told|asked|believed)|says_so)(_|$)");
+  static const std::regex comparison(
+      "(is|are|was|were)_no_(longer|more|less|later|larger|smaller|better|worse|narrower)");
   std::size_t cases = 0;
   for (const fs::path& path : files()) {
     if (path.extension() != ".cpp") continue;
@@ -221,9 +227,10 @@ TEST(Prose, names_of_test_cases_are_in_snake_case) {
     while (std::getline(in, line)) {
       if (!line.starts_with("TEST") || !std::regex_search(line, match, test)) continue;
       ++cases;
-      static const std::regex abbreviations("NaNs?|NULs");
-      const std::string name = std::regex_replace(match.str(3), abbreviations, "");
-      EXPECT_FALSE(std::regex_search(name, camel)) << fs::relative(path, root) << ": " << match.str(3);
+      const std::string name = match.str(3);
+      EXPECT_FALSE(std::regex_search(std::regex_replace(name, abbreviations, ""), camel)) << path << ": " << name;
+      EXPECT_FALSE(std::regex_search(name, opening)) << path << ": " << name;
+      EXPECT_FALSE(std::regex_search(std::regex_replace(name, comparison, ""), words)) << path << ": " << name;
     }
   }
   EXPECT_GT(cases, 2'000U);

@@ -39,7 +39,7 @@ TEST(Reason, prefers_the_code_when_nothing_was_measured) {
   EXPECT_EQ(reason_for(Verdict::pass, items.begin(), items.end(), Code::ok), 0);
 }
 
-TEST(Reason, of_what_no_register_has_a_bit_for_is_a_code) {
+TEST(Reason, is_a_code_if_no_register_has_a_bit_for_the_item) {
   const std::array items = {judged(ItemId::seat_std, Verdict::fail, true)};
   EXPECT_EQ(reason_for(Verdict::fail, items.begin(), items.end(), Code::ok), static_cast<int>(Code::fit_failed));
   EXPECT_EQ(reason_for(Verdict::fail, items.begin(), items.end(), Code::interrupted),
@@ -48,7 +48,7 @@ TEST(Reason, of_what_no_register_has_a_bit_for_is_a_code) {
   EXPECT_EQ(open_mask(items.begin(), items.end()), 0U);
 }
 
-TEST(Reason, of_a_finding_is_617_and_only_where_items_would_pass) {
+TEST(Reason, is_617_for_a_finding_and_only_if_the_items_would_pass) {
   BlockResult block;
   std::array items = {judged(ItemId::seat_slope, Verdict::pass, true),
                       judged(ItemId::jaw_distance, Verdict::pass, true)};

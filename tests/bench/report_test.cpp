@@ -141,7 +141,7 @@ TEST(BenchFigure, is_the_median_of_the_undisturbed_wall_times) {
   EXPECT_EQ(figure.disturbed, 1U);
 }
 
-TEST(BenchFigure, says_so_when_the_machine_was_too_busy) {
+TEST(BenchFigure, states_its_basis_when_the_machine_was_too_busy) {
   const std::vector<Sample> busy = {{9.0, 5.0, true}, {8.0, 5.5, true}, {7.0, 6.0, true}};
   EXPECT_STREQ(figure_of(busy, 1).basis, "cpu");
   EXPECT_EQ(figure_of(busy, 1).ms, 5.5);

@@ -154,7 +154,7 @@ TEST(Conventions, right_poses_are_not_doubted) {
     }
 }
 
-TEST(Conventions, noise_beyond_what_is_stated_is_no_misreading) {
+TEST(Conventions, noise_above_the_stated_noise_is_not_a_misread_convention) {
   scene::Plan plan;
   plan.robot_mm = 2.0;
   const scene::Set set = scene::make(ArtefactKind::pose, plan, 5);

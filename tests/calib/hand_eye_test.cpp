@@ -280,7 +280,7 @@ TEST(HandEye, positions_and_rotations_are_weighed_by_what_they_are) {
   EXPECT_LE(std::sqrt(ours / best), 1.03);
 }
 
-TEST(HandEye, a_robot_that_errs_anew_is_weighed_with_its_lever) {
+TEST(HandEye, independent_robot_errors_are_weighted_with_their_lever) {
   // Independent turns of the flange move the target too, and weights that include this are the best.
   const Plan plan = plan_of(20, 0.7);
   double ours = 0.0;
@@ -341,7 +341,7 @@ TEST(HandEye, turns_that_carry_nothing_are_found_out) {
   }
 }
 
-TEST(HandEye, a_few_poses_seen_again_and_again_are_no_more_than_a_few_poses) {
+TEST(HandEye, a_few_poses_seen_again_and_again_count_as_a_few_poses) {
   // They agree to the scanner's noise, but the result may be anywhere.
   const Plan plan = plan_of(5, 0.017);
   for (const ArtefactKind kind : kKinds)
@@ -563,7 +563,7 @@ TEST(HandEye, own_covariances_of_sightings_are_used) {
   }
 }
 
-TEST(HandEye, what_is_no_set_of_views_is_an_error) {
+TEST(HandEye, an_invalid_set_of_views_is_an_error) {
   const Plan plan = plan_of(8);
   Set set = make(ArtefactKind::ball, plan, 1);
   EXPECT_FALSE(solve(ArtefactKind::ball, {}, {}).ok());

@@ -106,7 +106,7 @@ TEST(Observations, counts_of_both_tables_must_agree) {
   EXPECT_TRUE(views_from(ArtefactKind::pose, two, "f", two, "t").ok());
 }
 
-TEST(Observations, several_balls_are_told_by_their_labels) {
+TEST(Observations, several_balls_are_identified_by_their_labels) {
   const PoseTable flange = parse_poses("1 2 3 1 0 0 0\n4 5 6 1 0 0 0\n", "f", TableRole::flange).value();
   const std::string header = "# format: rotation=none labels=view,ball\n";
   const auto read = [&](const std::string& lines) {
@@ -136,7 +136,7 @@ TEST(Observations, several_balls_are_told_by_their_labels) {
   says("1 99 0 0 500\n", "the ball is '99'");
 }
 
-TEST(Observations, ball_centres_are_no_poses) {
+TEST(Observations, ball_centres_are_not_poses) {
   const PoseTable flange = parse_poses("1 2 3 1 0 0 0\n", "f", TableRole::flange).value();
   const PoseTable balls = parse_poses("# format: rotation=none\n1 2 3\n", "t", TableRole::target).value();
   EXPECT_TRUE(views_from(ArtefactKind::ball, flange, "f", balls, "t").ok());

@@ -62,7 +62,7 @@ TEST(ReferenceCheck, limits_of_the_configuration_may_be_tighter_never_wider) {
   EXPECT_FALSE(check_block(certified(), measured(1.4321 + 0.05, 0.03, 380.012, 0.05), {rad_from_deg(0.1), 5.0}).passed);
 }
 
-TEST(ReferenceCheck, what_was_not_measured_or_has_no_U_fails) {
+TEST(ReferenceCheck, items_without_value_or_U_fail) {
   const CalibrationCheck nothing = check_block(certified(), BlockResult{}, {});
   EXPECT_FALSE(nothing.passed);
   EXPECT_NE(nothing.note.view().find("slope was not measured"), std::string_view::npos);

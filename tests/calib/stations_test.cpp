@@ -122,7 +122,7 @@ TEST(Stations, sigma_is_what_the_visits_scatter_and_a_little_more_for_having_bee
   EXPECT_LT(ratio, 1.10);
 }
 
-TEST(Stations, what_the_certificate_may_be_wrong_by_is_claimed_too) {
+TEST(Stations, uncertainty_of_the_certificate_is_included) {
   Scene scene;
   const double without = scene.solve().stations[0].numbers.sigma_mm;
   const double without_rad = scene.solve().stations[0].numbers.sigma_rad;
@@ -135,7 +135,7 @@ TEST(Stations, what_the_certificate_may_be_wrong_by_is_claimed_too) {
   EXPECT_NEAR(std::sqrt(with2_rad - without_rad * without_rad * (1.0 + 1.0 / 5.0)), 1.0 / kSeatLever_mm, 1e-5);
 }
 
-TEST(Stations, what_balls_may_be_certified_wrong_by_turns_a_station_by_how_they_stand) {
+TEST(Stations, certified_error_of_balls_turns_a_station_according_to_their_arrangement) {
   // One set in a triangle, one almost on a line, 300 mm long and 50 mm wide; both have nearly the same rms distance.
   const std::vector<std::vector<Vec3>> kBalls = {
       {Vec3(-124.0, 0.0, 0.0), Vec3(62.0, 107.0, 0.0), Vec3(62.0, -107.0, 0.0)},
@@ -263,7 +263,7 @@ TEST(Stations, one_visit_given_five_times_says_nothing_of_repeatability) {
   EXPECT_TRUE(refused_for(scene.solve(), StationRefusal::copies));
 }
 
-TEST(Stations, a_round_given_again_is_no_further_round) {
+TEST(Stations, a_repeated_round_is_not_a_further_round) {
   Scene scene;
   const std::vector<StationVisit> rounds = scene.visits;
   for (const StationVisit& visit : rounds)
@@ -389,7 +389,7 @@ TEST(Stations, balls_do_as_well_as_seats) {
   EXPECT_LT(s.after_rms_mm, 0.04);
 }
 
-TEST(Stations, what_is_no_set_of_visits_is_an_error) {
+TEST(Stations, an_invalid_set_of_visits_is_an_error) {
   Scene scene;
   EXPECT_FALSE(solve_stations(scene.certificate, {}, HandEyeNumbers{scene.X}, {}).ok());
   scene.visits[0].points_mm[1].x() = kNoValue;

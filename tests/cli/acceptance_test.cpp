@@ -94,7 +94,7 @@ TEST(ScannerAcceptance, how_far_neighbours_err_together_is_found) {
     }
 }
 
-TEST(ScannerAcceptance, a_scanner_that_bends_surfaces_is_told_from_one_that_is_noisy) {
+TEST(ScannerAcceptance, a_scanner_that_bends_surfaces_is_distinguished_from_one_that_is_noisy) {
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
     Scene scene = plate();
     scene.bend_mm = 0.2;  // over +-70 mm x +-60 mm of +-100 mm: a bowl of about 0.085 mm
@@ -131,7 +131,7 @@ TEST(ScannerAcceptance, a_scanner_that_sees_everything_too_large_shows_in_the_si
   EXPECT_NEAR(figures.value().PS_mm, 0.050, 0.006);
 }
 
-TEST(ScannerAcceptance, a_scan_that_does_not_show_the_artefact_is_no_figure) {
+TEST(ScannerAcceptance, a_scan_that_does_not_show_the_artefact_does_not_give_a_figure) {
   Scene scene = ball(Vec3(0.0, 0.0, 600.0));
   scene.draw(6);
   EXPECT_FALSE(judge_ball(scene.xyz, 30.0, {}).ok()) << "another ball";

@@ -298,7 +298,7 @@ TEST_F(CalibrateSession, a_radius_that_the_ball_itself_contradicts_refuses_the_s
   expect_next(run("calibrate verify --yes"), 6, "not solved");
 }
 
-TEST_F(CalibrateSession, what_the_radius_may_be_wrong_by_is_said_and_in_the_records_sigma) {
+TEST_F(CalibrateSession, error_of_the_radius_is_reported_and_included_in_the_sigma_of_the_record) {
   simulate("set", "--views 13 --seed 13");
   const auto record_of = [this](const std::string& name, const std::string& radius, Ended& solved) {
     std::string begin = new_in(name, radius);
@@ -347,7 +347,7 @@ TEST_F(CalibrateSession, a_solution_that_was_cut_short_keeps_its_number_and_bloc
   }
 }
 
-TEST_F(CalibrateSession, verify_looks_at_the_verdict_anew) {
+TEST_F(CalibrateSession, verify_checks_the_verdict_again) {
   simulate("set", "--views 13 --seed 13");
   std::string wrong = new_in("a");
   wrong.replace(wrong.find("--radius 25.4 "), 14, "--radius 25.44 ");
@@ -410,7 +410,7 @@ TEST_F(CalibrateSession, a_scan_that_went_missing_is_named) {
   EXPECT_NE(named[0].get<std::string>().find(scan + " is gone"), std::string::npos) << named;
 }
 
-TEST_F(CalibrateSession, who_names_a_configuration_does_not_get_the_session_of_another_line) {
+TEST_F(CalibrateSession, a_named_configuration_does_not_select_the_session_of_another_line) {
   ASSERT_EQ(run(new_in("hall-a")).status, 0);
   ASSERT_EQ(run(new_in("hall-b")).status, 0);
   EXPECT_EQ(list()["folder"], file("hall-b") + "/calibration/hall") << "the one worked on last";

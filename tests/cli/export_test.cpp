@@ -77,7 +77,7 @@ TEST_F(Export, a_table_has_one_row_for_each_item_and_reads_as_rfc_4180) {
   EXPECT_EQ(run("export 1 --db " + db()).out, content(file("items.csv")).substr(3));
 }
 
-TEST_F(Export, temperature_age_and_what_slopes_were_judged_against_are_told) {
+TEST_F(Export, temperature_age_and_slope_datum_are_written) {
   header_.temperature_dk = 2931;
   header_.age_h = 26;
   header_.emulated = kEmulatedScan;
@@ -104,7 +104,7 @@ TEST_F(Export, temperature_age_and_what_slopes_were_judged_against_are_told) {
   }
 }
 
-TEST_F(Export, what_the_plc_did_not_say_is_not_there) {
+TEST_F(Export, values_that_the_plc_did_not_send_are_absent) {
   recipe_.slope_datum = SlopeDatum::local_slab_top;
   begin();
   measure(3);
@@ -382,7 +382,7 @@ TEST_F(OutFileTest, a_pipe_is_written_into_and_stays_a_pipe) {
   EXPECT_FALSE(put(folder_.string(), "x")) << "a folder";
 }
 
-TEST_F(OutFileTest, a_file_of_slabds_own_follows_no_link_that_somebody_laid) {
+TEST_F(OutFileTest, a_file_of_slabds_own_does_not_follow_a_link_that_another_user_created) {
   std::ofstream(file("victim")) << "untouched";
   fs::create_symlink("victim", file("own"));
   ASSERT_TRUE(write_durably(file("own"), "new"));
@@ -457,7 +457,7 @@ TEST_F(OutFileTest, a_new_file_has_the_mode_of_any_other_program) {
   EXPECT_EQ(fs::status(file("shared")).permissions(), fs::perms(0664));
 }
 
-TEST_F(OutFileTest, what_standard_output_goes_to_is_not_replaced_under_it) {
+TEST_F(OutFileTest, target_of_standard_output_is_not_replaced_under_it) {
   const std::string path = file("log");
   std::ofstream(path) << "kept\n";
   const pid_t child = ::fork();
@@ -474,7 +474,7 @@ TEST_F(OutFileTest, what_standard_output_goes_to_is_not_replaced_under_it) {
   EXPECT_EQ(content(path), "kept\nfigures\nafter\n");
 }
 
-TEST_F(OutFileTest, what_is_written_at_its_start_again_does_not_go_where_others_write_too) {
+TEST_F(OutFileTest, rewritten_output_does_not_go_to_a_file_that_others_also_write) {
   const std::string path = file("log");
   std::ofstream(path) << "kept\n";
   const pid_t child = ::fork();
@@ -494,7 +494,7 @@ TEST_F(OutFileTest, what_is_written_at_its_start_again_does_not_go_where_others_
   EXPECT_TRUE(put(file("new"), "x", {.rewritten = true})) << "one that is replaced";
 }
 
-TEST_F(Export, what_standard_output_did_not_take_is_told_once) {
+TEST_F(Export, failed_write_to_standard_output_is_reported_once) {
   store_slab();
   for (const char* slabs : {"--all", "--verdict pass"}) {  // larger and smaller than the output buffer
     const std::string command =
@@ -542,7 +542,7 @@ TEST_F(Export, reports_metrics_and_tables_go_through_a_link_and_into_a_pipe) {
   EXPECT_TRUE(fs::is_fifo(file("pipe")));
 }
 
-TEST(OutFile, a_size_limit_is_told_and_leaves_nothing) {
+TEST(OutFile, a_size_limit_is_reported_and_leaves_nothing) {
   const fs::path folder = fs::temp_directory_path() / ("slabd-limit-" + std::to_string(::getpid()));
   fs::create_directories(folder);
   const pid_t child = ::fork();

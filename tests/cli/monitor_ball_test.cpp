@@ -127,7 +127,7 @@ TEST_F(MonitorBallTest, a_radius_that_is_not_the_balls_own_is_refused) {
   EXPECT_EQ(check(scan("good", 0.0, "", 8), "--radius 25.4").status, 0);
 }
 
-TEST_F(MonitorBallTest, what_failed_is_not_cured_from_another_pose) {
+TEST_F(MonitorBallTest, a_failed_check_is_not_cleared_from_another_pose) {
   take_into_use();
   const std::string there = "1802.264 386.092 1082.505 0.235383091 0.971758165 0.008534254 0.014422816";
   const auto from_there = [&](const std::string& name, int seed) {
@@ -149,7 +149,7 @@ TEST_F(MonitorBallTest, what_failed_is_not_cured_from_another_pose) {
   EXPECT_TRUE(json::parse(calibrate("check --json").out)["monitor_ball"]["failed"].get<bool>());
 }
 
-TEST_F(MonitorBallTest, a_station_of_a_slab_is_no_scan) {
+TEST_F(MonitorBallTest, a_station_of_a_slab_is_not_a_scan) {
   EXPECT_EQ(calibrate("check " + file("x.ply") + " --recipe " + kRecipe + " --slab 5 --station 3").status, 2);
   const Ended nowhere = calibrate("check --slab 5");
   EXPECT_EQ(nowhere.status, 2);

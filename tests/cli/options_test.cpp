@@ -71,7 +71,7 @@ TEST(Options, whole_numbers_are_decimal) {
   EXPECT_EQ(seed->as<std::uint64_t>(), 10U);
 }
 
-TEST(Options, whoever_is_asked_why_must_say_something) {
+TEST(Options, that_require_a_reason_reject_blank_text) {
   CLI::App app("slabctl");
   args::Command root(&app);
   add_commands(root);

@@ -71,7 +71,7 @@ TEST(PlcDocs, every_register_is_listed_once_and_none_is_missing) {
   EXPECT_EQ(input.size(), hal::kInputRegisters);
 }
 
-TEST(PlcDocs, registers_are_told_in_words) {
+TEST(PlcDocs, registers_are_described_in_words) {
   PlcOutputs outputs;
   outputs.state = PlcState::scanning;
   outputs.cmd_status = 0x8000 + 205;

@@ -62,7 +62,7 @@ TEST(ProgressNote, short_work_says_nothing) {
   EXPECT_EQ(terminal.seen_until("result"), "result");
 }
 
-TEST(ProgressNote, nothing_is_written_where_there_is_no_terminal) {
+TEST(ProgressNote, nothing_is_written_without_a_terminal) {
   const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::tmpfile(), &std::fclose);
   { const ProgressNote note(file.get(), "measuring ...", 0ms); }
   EXPECT_EQ(std::ftell(file.get()), 0);

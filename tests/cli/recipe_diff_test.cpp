@@ -81,7 +81,7 @@ TEST_F(RecipeDiff, the_same_recipe_makes_the_same_of_every_stored_value) {
   EXPECT_EQ(item["stored"]["U"], item["now"]["U"]);
 }
 
-TEST_F(RecipeDiff, what_only_scans_can_tell_is_said) {
+TEST_F(RecipeDiff, differences_that_need_scans_are_reported) {
   begin();
   measure(3);
   end();
@@ -115,7 +115,7 @@ storage::SlabRecord stored_spacing(double value, double U) {
   return record;
 }
 
-TEST_F(RecipeDiff, what_the_scan_added_to_U_is_not_forgotten) {
+TEST_F(RecipeDiff, share_of_the_scan_in_U_is_kept) {
   Recipe b = recipe_;
   const auto set_U = [&](double U) { b.tolerances[static_cast<std::size_t>(ItemId::casing_spacing)].U = U; };
   Recipe with_smaller_U = recipe_;  // the recipe of the measurement

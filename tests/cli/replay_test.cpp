@@ -85,7 +85,7 @@ TEST_F(Replay, a_changed_byte_in_a_scan_is_named) {
   EXPECT_EQ(slab["blocks"][2]["outcome"], "identical");
 }
 
-TEST_F(Replay, a_missing_a_cut_and_another_scan_are_told_apart) {
+TEST_F(Replay, a_missing_a_cut_and_another_scan_are_distinguished) {
   fs::remove(scan(3));
   fs::resize_file(scan(4), fs::file_size(scan(4)) - 1);
   ASSERT_EQ(run("simulate scan --points quarter --seed 9 --recipe " + kRecipe + " --block 12 --out " + scan(12)).status,
@@ -106,7 +106,7 @@ TEST_F(Replay, scans_that_were_moved_away_are_found_in_the_archive) {
   expect_mentions(ended.out, "identical");
 }
 
-TEST_F(Replay, a_recipe_that_is_no_file_any_more_comes_from_the_database) {
+TEST_F(Replay, a_recipe_whose_file_was_removed_comes_from_the_database) {
   fs::create_directories(file("empty"));
   const Ended ended = replay_with(file("empty"));
   EXPECT_EQ(ended.status, 0) << ended.out << ended.err;
@@ -159,7 +159,7 @@ struct ReplayUnproven : Replay {
   }
 };
 
-TEST_F(ReplayUnproven, a_scan_without_a_checksum_says_so) {
+TEST_F(ReplayUnproven, a_scan_without_a_checksum_is_reported) {
   const Ended ended = replay();
   EXPECT_EQ(ended.status, 0) << ended.out;
   expect_mentions(ended.out,
@@ -180,7 +180,7 @@ TEST_F(ReplayUnproven, nothing_is_decided_from_a_scan_of_another_shape) {
   expect_mentions(ended.out, "block 12: the scan was changed: it holds ");
 }
 
-TEST_F(ReplayUnproven, a_recipe_that_nobody_kept_is_missed) {
+TEST_F(ReplayUnproven, a_recipe_that_was_not_kept_is_reported_as_missing) {
   fs::create_directories(file("empty"));
   const Ended ended = replay_with(file("empty"));
   EXPECT_EQ(ended.status, 1);
@@ -255,7 +255,7 @@ TEST_F(ReplayOther, another_software_or_calibration_is_named) {
                   "another scanner acceptance: recorded sc-0123456789ab; now the database holds no such record");
 }
 
-TEST_F(ReplayOther, another_scan_of_which_every_figure_comes_out_again_is_no_proof) {
+TEST_F(ReplayOther, another_scan_that_reproduces_every_figure_is_not_a_proof) {
   crc_error_ = 1;
   begin();
   measure(3);
@@ -290,7 +290,7 @@ TEST_F(ReplayOther, a_stored_figure_that_was_edited_is_found) {
                                  (named ? "this build measures otherwise" : "this may be another build: "));
 }
 
-TEST_F(ReplayOther, what_the_header_repeats_of_the_recipe_is_compared) {
+TEST_F(ReplayOther, recipe_values_in_the_header_are_compared) {
   header_.guard = 0.25;
   ++header_.unconfirmed;
   begin();
@@ -434,7 +434,7 @@ TEST_F(ReplayOther, backups_of_a_clock_that_was_ahead_are_not_kept_at_the_cost_o
   EXPECT_TRUE(fs::exists(unreadable));
 }
 
-TEST_F(ReplayOther, a_further_copy_that_cannot_be_looked_at_is_told_before_anything_is_done) {
+TEST_F(ReplayOther, a_further_copy_that_cannot_be_examined_is_reported_before_anything_is_done) {
   begin();
   store_.reset();
   fs::create_symlink(file("circle"), file("circle"));

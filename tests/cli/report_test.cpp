@@ -164,7 +164,7 @@ class ReportTest : public Slabctl {
   CasingDoubt casing_doubt_ = CasingDoubt::not_measured;
 };
 
-TEST_F(ReportTest, what_a_block_was_not_measured_on_says_why_in_report_show_and_json) {
+TEST_F(ReportTest, reason_for_an_unmeasured_feature_is_given_in_report_show_and_json) {
   jaw_doubt_ = PlaneDoubt::second_surface;
   casing_doubt_ = CasingDoubt::no_hole;
   measure(1);
@@ -187,7 +187,7 @@ TEST_F(ReportTest, what_a_block_was_not_measured_on_says_why_in_report_show_and_
   EXPECT_EQ(document["blocks"][0]["result"]["features"]["casing_outer"]["doubt"], "no_hole");
 }
 
-TEST_F(ReportTest, findings_of_a_block_are_told_with_place_and_size_in_report_show_and_json) {
+TEST_F(ReportTest, findings_of_a_block_are_listed_with_place_and_size_in_report_show_and_json) {
   SurfaceFinding finding;
   finding.kind = FindingKind::chip;
   finding.face = FindingFace::jaw_outer;
@@ -423,7 +423,7 @@ TEST_F(ReportTest, html_is_one_document_with_scopes_captions_descriptions_and_a_
   }
 }
 
-TEST_F(ReportTest, of_an_emulated_slab_has_a_watermark_and_a_notice_in_both_languages) {
+TEST_F(ReportTest, has_a_watermark_and_a_notice_in_both_languages_for_an_emulated_slab) {
   emulated_ = kEmulatedRobot;
   make_slab();
   ASSERT_EQ(report("r.html").status, 0);
@@ -434,7 +434,7 @@ TEST_F(ReportTest, of_an_emulated_slab_has_a_watermark_and_a_notice_in_both_lang
   expect_mentions(content(file("r.html")), "仿真（机器人为仿真）：不是对混凝土实物的结论");
 }
 
-TEST_F(ReportTest, of_a_real_slab_has_no_watermark) {
+TEST_F(ReportTest, has_no_watermark_for_a_real_slab) {
   make_slab();
   ASSERT_EQ(report("r.html").status, 0);
   EXPECT_EQ(content(file("r.html")).find("class=\"watermark\""), std::string::npos);
@@ -453,7 +453,7 @@ TEST_F(ReportTest, says_what_was_not_confirmed_not_visible_and_not_kept) {
   expect_mentions(html, "P5600, 0123abcd");
 }
 
-TEST_F(ReportTest, of_a_slab_that_passed_counts_what_was_not_required_and_not_measured) {
+TEST_F(ReportTest, counts_items_that_were_not_required_and_not_measured_for_a_slab_that_passed) {
   for (const bool required : {true, false}) {
     PlcResult record;
     record.res_seq = static_cast<std::uint16_t>(20 * header_.key);
@@ -505,7 +505,7 @@ TEST_F(ReportTest, of_a_slab_that_passed_counts_what_was_not_required_and_not_me
   }
 }
 
-TEST_F(ReportTest, of_an_aborted_slab_passes_no_block_and_says_what_was_never_judged) {
+TEST_F(ReportTest, passes_no_block_of_an_aborted_slab_and_names_items_that_were_never_judged) {
   measure(7);  // all its values are nominal
   ASSERT_EQ(blocks_.back().verdict, Verdict::pass);
   Attempt attempt;
@@ -587,7 +587,7 @@ TEST_F(ReportTest, pdf_svg_and_png_are_what_their_names_say_and_the_same_slab_gi
   EXPECT_FALSE(fs::exists(file("r.png.part")));
 }
 
-TEST_F(ReportTest, of_an_open_slab_never_reads_pass) {
+TEST_F(ReportTest, never_shows_pass_for_an_open_slab) {
   measure(1);
   ASSERT_EQ(report("r.html").status, 0);
   const std::string html = content(file("r.html"));
@@ -644,7 +644,7 @@ TEST(Figures, show_a_micrometre_a_ten_thousandth_of_a_degree_and_no_minus_zero) 
   EXPECT_EQ(limits_figure(item), "<= 1.000");
 }
 
-TEST(Figures, of_a_value_that_failed_by_less_than_is_shown_have_the_digits_that_tell) {
+TEST(Figures, have_enough_digits_to_show_why_a_value_failed_by_a_small_amount) {
   Item item;
   item.id = ItemId::casing_spacing;
   item.nominal = 233.0;

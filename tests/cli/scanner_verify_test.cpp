@@ -33,7 +33,7 @@ void write_plate(const std::string& path, std::size_t side = 300, bool smoothed 
 
 using ScannerVerify = Slabctl;
 
-TEST_F(ScannerVerify, figures_are_told_kept_and_found_again_and_limits_decide_the_exit_status) {
+TEST_F(ScannerVerify, figures_are_printed_kept_and_found_again_and_limits_decide_the_exit_status) {
   const std::string plate = file("plate.ply");
   write_plate(plate);
   const std::string config = write("slabd.toml", "[storage]\ndb = \"" + file("slabd.db") + "\"\nspool_dir = \"" +
@@ -90,7 +90,7 @@ TEST_F(ScannerVerify, a_scanner_program_that_smooths_is_named) {
   expect_mentions(told, "switch that off and verify again");
 }
 
-TEST_F(ScannerVerify, a_plate_that_is_bent_out_of_the_gate_is_no_plate) {
+TEST_F(ScannerVerify, a_plate_that_is_bent_out_of_the_gate_is_not_accepted_as_a_plate) {
   std::vector<float> xyz;
   for (int row = 0; row < 300; ++row)
     for (int column = 0; column < 300; ++column) {
@@ -104,7 +104,7 @@ TEST_F(ScannerVerify, a_plate_that_is_bent_out_of_the_gate_is_no_plate) {
   expect_mentions(bowl.err, "the plate is not flat");
 }
 
-TEST_F(ScannerVerify, what_is_missing_is_said) {
+TEST_F(ScannerVerify, missing_arguments_and_files_are_reported) {
   EXPECT_EQ(run("scanner verify").status, 2);
   EXPECT_EQ(run("scanner verify --ball x.ply").status, 2);
   EXPECT_EQ(run("scanner verify --plate /nowhere/x.ply").status, 3);

@@ -94,7 +94,7 @@ TEST_F(Show, ended_slab_shows_final_verdicts_also_of_stations_that_were_never_sc
   EXPECT_EQ(document["station_verdicts"][2], (json{{"station", 3}, {"verdict", "fail"}, {"reason", 611}}));
 }
 
-TEST_F(Show, an_emulated_slab_says_so_in_show_history_export_trend_and_their_json) {
+TEST_F(Show, an_emulated_slab_is_marked_in_show_history_export_trend_and_their_json) {
   const std::string db = " --db " + file("slabd.db");
   for (const bool emulated : {false, true}) {
     header_.key = emulated ? 2 : 1;
@@ -313,7 +313,7 @@ TEST_F(Show, U_is_taken_apart_and_every_part_has_a_source) {
   }
 }
 
-TEST_F(Show, what_was_computed_of_a_block_comes_back_from_the_database) {
+TEST_F(Show, computed_values_of_a_block_come_back_from_the_database) {
   apply(BeginSlabJob{header_, 1, 1});
   block_.registration.covariance.setIdentity();
   block_.seat.flatness_mm = 0.06;
@@ -339,7 +339,7 @@ TEST_F(Show, what_was_computed_of_a_block_comes_back_from_the_database) {
   EXPECT_EQ(result["items"][0]["budget"]["fit"], 0.01);
 }
 
-TEST_F(Show, a_number_that_means_two_slabs_is_asked_back) {
+TEST_F(Show, a_number_that_means_two_slabs_is_refused_as_ambiguous) {
   header_.slab_id = "FIRST";
   apply(BeginSlabJob{header_, 1, 1});
   apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
@@ -391,7 +391,7 @@ TEST_F(Show, an_id_that_was_given_twice_names_the_other_slab) {
   expect_mentions(shown("key:1").out, "this SLAB_ID was given 2 times: also key 2");
 }
 
-TEST_F(Show, a_history_that_is_cut_says_so) {
+TEST_F(Show, a_history_that_is_cut_is_marked) {
   for (const std::uint16_t key : std::initializer_list<std::uint16_t>{1, 2, 3}) {
     header_.key = key;
     apply(BeginSlabJob{header_, 1, key});

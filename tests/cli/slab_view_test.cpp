@@ -22,7 +22,7 @@ Item item_of(ItemId id, int station, double value) {
   return item;
 }
 
-TEST(SlabView, what_the_slab_made_of_a_blocks_item_takes_its_place) {
+TEST(SlabView, result_of_the_slab_replaces_the_item_of_the_block) {
   storage::SlabRecord record;
   const Item own = item_of(ItemId::seat_slope, 5, 1.52);
   EXPECT_EQ(final_item(record, 5, own).value, 1.52) << "an open slab has only the block's";
@@ -36,7 +36,7 @@ TEST(SlabView, what_the_slab_made_of_a_blocks_item_takes_its_place) {
   EXPECT_EQ(final_item(record, 5, item_of(ItemId::jaw_distance, 5, 380.0)).value, 380.0);
 }
 
-TEST(SlabView, what_is_for_information_takes_the_place_of_nothing) {
+TEST(SlabView, an_item_for_information_does_not_replace_any_item) {
   storage::SlabRecord record;
   Item in_slab = item_of(ItemId::seat_slope, 5, 1.49);
   in_slab.lower = in_slab.upper = kNoValue;
@@ -119,7 +119,7 @@ TEST(Trend, capability_is_that_of_the_worst_block_and_not_of_all_together) {
   EXPECT_EQ(trend.singles.count, 60U);
 }
 
-TEST(Trend, a_slab_with_a_block_missing_is_no_shift_of_the_mean) {
+TEST(Trend, a_slab_with_a_block_missing_is_not_a_shift_of_the_mean) {
   std::vector<storage::ItemValue> list = values(60, 0.05);
   list.erase(list.begin() + 3 * 40 + 2);
   const trend::Trend trend = trend::trend_of(ItemId::seat_slope, 0, list);
@@ -137,7 +137,7 @@ TEST(Trend, values_judged_by_other_limits_are_left_out_and_counted) {
   EXPECT_EQ(trend.upper, 1.5);
 }
 
-TEST(Trend, what_the_newest_slab_was_judged_by_counts_also_for_a_block_that_it_lacks) {
+TEST(Trend, limits_of_the_newest_slab_count_also_for_a_block_that_it_lacks) {
   std::vector<storage::ItemValue> list = values(60, 0.0);
   for (std::size_t i = 3 * 30; i < list.size(); ++i) list[i].item.upper = 1.6;  // a new recipe
   std::erase_if(list, [](const storage::ItemValue& v) { return v.slab_key > 30 && v.item.station == 3; });
@@ -162,7 +162,7 @@ TEST(Trend, a_block_is_capable_by_its_own_limits) {
   EXPECT_GT(trend.capable.cpk.value, 1.0);
 }
 
-TEST(Trend, there_is_no_capability_while_the_chart_is_preliminary) {
+TEST(Trend, capability_is_empty_while_the_chart_is_preliminary) {
   std::vector<storage::ItemValue> list = values(60, 0.2);
   std::erase_if(list, [](const storage::ItemValue& v) { return v.slab_key > 20 && v.item.station == 1; });
   const trend::Trend trend = trend::trend_of(ItemId::seat_slope, 0, list);

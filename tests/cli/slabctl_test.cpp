@@ -89,7 +89,7 @@ TEST_F(Slabctl, bad_pose_and_bad_defect_are_wrong_use) {
   EXPECT_FALSE(fs::exists(file("scan.ply")));
 }
 
-TEST_F(Slabctl, perspective_scan_with_correlated_noise_says_so_and_is_measured) {
+TEST_F(Slabctl, perspective_scan_with_correlated_noise_is_described_in_its_truth_and_is_measured) {
   const Ended drawn = simulate_scan(
       "far.ply", "--perspective --noise-correlation-mm 0.8 --noise-shape exponential --defect chip=3:0.5");
   ASSERT_EQ(drawn.status, 0) << drawn.err;
@@ -121,7 +121,7 @@ TEST_F(Slabctl, unreachable_daemon_and_database_are_status_4) {
 }
 
 /// A stopped daemon still has a connection queue, and clients that gave up remain in it.
-TEST_F(Slabctl, a_daemon_that_takes_no_question_is_status_4_and_keeps_nobody) {
+TEST_F(Slabctl, a_daemon_that_accepts_no_request_is_status_4_without_waiting) {
   const std::string path = file("deaf.sock");
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
@@ -146,7 +146,7 @@ TEST_F(Slabctl, a_daemon_that_takes_no_question_is_status_4_and_keeps_nobody) {
   ::close(deaf);
 }
 
-TEST_F(Slabctl, what_a_full_disk_did_not_take_is_not_done) {
+TEST_F(Slabctl, output_that_does_not_fit_on_a_full_disk_is_not_reported_as_done) {
   // Outputs larger and smaller than the buffer.
   for (const std::string& command : {"recipe show " + kRecipe + " --json", std::string("plc codes")}) {
     EXPECT_EQ(run(command).status, 0) << command;
@@ -364,7 +364,7 @@ TEST_F(Slabctl, a_scan_is_measured_the_same_in_every_format_it_can_be_written_in
   }
 }
 
-TEST_F(Slabctl, a_scan_is_not_written_under_a_name_that_nobody_could_read) {
+TEST_F(Slabctl, a_scan_is_not_written_under_a_name_that_could_not_be_read_again) {
   for (const char* more : {"--format pcd", "--format csv", "--format stl"}) {
     const Ended ended = simulate_scan("scan.ply", more);
     EXPECT_EQ(ended.status, 2) << more;

@@ -24,7 +24,7 @@ std::vector<Pose> plan() {
   return poses;
 }
 
-TEST(KrlPoints, what_is_written_is_read_back_as_the_same_pose) {
+TEST(KrlPoints, a_written_pose_is_read_back_as_the_same_pose) {
   Prng prng(7);
   std::vector<Pose> poses = plan();
   for (Pose& pose : poses)
@@ -69,7 +69,7 @@ TEST(KrlPoints, points_as_the_controller_writes_them_are_read) {
   EXPECT_LT(angle_between_rad(points.value()[1].rotation, rotation_from_kuka_abc(kPi / 2, 0.0, -kPi)), 1e-12);
 }
 
-TEST(KrlPoints, what_is_wrong_is_named_with_its_line) {
+TEST(KrlPoints, errors_are_named_with_their_line) {
   const struct {
     const char* text;
     const char* told;
@@ -105,7 +105,7 @@ TEST(StationPlan, everything_the_recipe_measures_is_seen_from_the_planned_poses)
   }
 }
 
-TEST(StationPlan, what_cannot_be_seen_is_said_feature_by_feature) {
+TEST(StationPlan, features_that_cannot_be_seen_are_reported_one_by_one) {
   const auto seen = [](const Pose& T_block_scanner, const ScannerView& view, Feature feature) {
     return look_at(recipe(), view, kSlab, kHandEye, planned_flange(recipe(), kSlab, kHandEye, T_block_scanner, 4), 4)
         .feature[static_cast<std::size_t>(feature)];

@@ -37,7 +37,7 @@ TEST(Distributions, answer_nan_out_of_range_and_throw_nothing) {
   EXPECT_EQ(fisher_tail(INFINITY, 3.0, 3.0), 0.0);
 }
 
-TEST(Spread, of_ten_values_knows_how_little_ten_say) {
+TEST(Spread, has_the_wide_confidence_limits_of_ten_values) {
   std::vector<double> values;
   for (int i = 0; i < 10; ++i) values.push_back(1e6 + i);
   const Spread spread = spread_of(values);
@@ -49,7 +49,7 @@ TEST(Spread, of_ten_values_knows_how_little_ten_say) {
   EXPECT_NEAR(spread.std_high / spread.std, 1.83, 0.005);
 }
 
-TEST(Spread, of_one_value_has_no_standard_deviation_and_of_none_nothing) {
+TEST(Spread, has_no_standard_deviation_for_one_value_and_is_empty_for_none) {
   const std::vector<double> one = {3.0};
   EXPECT_EQ(spread_of(one).range, 0.0);
   EXPECT_TRUE(std::isnan(spread_of(one).std));
@@ -284,7 +284,7 @@ TEST(Grr, trials_that_are_copies_prove_no_repeatability) {
   }
 }
 
-TEST(Grr, and_type_1_call_nothing_capable_by_a_tolerance_that_is_none) {
+TEST(Grr, like_type_1_is_undecided_for_a_tolerance_without_positive_width) {
   const Crossed study = aiag();
   const Components c = anova(study)->components;
   const Spread spread = spread_of(normal_values(1, 50, 10.0, 0.001));

@@ -150,7 +150,7 @@ TEST_F(StudyTest, repeat_of_a_table_counts_what_was_not_measured) {
   expect_mentions(twice.err, "twice.csv:3: run 1 has a twice");
 }
 
-TEST_F(StudyTest, repeat_of_a_block_that_no_run_measured_is_undecided_when_somebody_asks_about_it) {
+TEST_F(StudyTest, repeat_of_a_block_that_no_run_measured_is_undecided_if_requested) {
   std::string text = "run,item,block,value,lower,upper\n";
   for (int run = 1; run <= 50; ++run) {
     text += std::to_string(run) + ",slope,1," + std::to_string(1.43 + 0.0001 * (run % 7)) + ",1.33,1.53\n";
@@ -286,7 +286,7 @@ TEST_F(StudyTest, repeat_of_scans_measures_them_and_tells_one_scan_copied_from_t
 
 // ---- one part ------------------------------------------------------------------------------------------------------
 
-TEST_F(StudyTest, slabs_of_different_ids_are_no_repeats_of_one_part_unless_the_user_says_why) {
+TEST_F(StudyTest, slabs_of_different_ids_are_not_repeats_of_one_part_unless_the_user_gives_a_reason) {
   id_of_last_ = "T-2";
   store(3);
   const std::string what = "study repeat --slab key:1 --slab key:3 --db " + file("slabd.db");
@@ -328,7 +328,7 @@ TEST_F(StudyTest, grr_and_compare_take_no_other_slab_or_block_for_the_same_part)
   expect_mentions(compare.err, "any.ply is of block 4 by its comment, and is measured as block 3");
 }
 
-TEST_F(StudyTest, the_blocks_of_one_slab_are_no_repeats_of_one_block) {
+TEST_F(StudyTest, the_blocks_of_one_slab_are_not_repeats_of_one_block) {
   fs::create_directory(file("spool"));
   simulate_block(3, "spool/03-1.ply");
   simulate_block(4, "spool/04-1.ply");

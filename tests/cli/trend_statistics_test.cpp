@@ -30,7 +30,7 @@ TEST(Individuals, limits_of_a_worked_example) {
   EXPECT_TRUE(chart.preliminary());
 }
 
-TEST(Individuals, of_one_value_or_none_have_no_limits) {
+TEST(Individuals, have_no_limits_for_one_value_or_none) {
   EXPECT_EQ(individuals({}).count, 0U);
   const std::vector<double> one = {3.0};
   const Individuals chart = individuals(one);
@@ -63,7 +63,7 @@ TEST(Capability, is_not_stated_from_few_values_without_limits_or_without_scatter
   EXPECT_FALSE(has_value(capability(individuals(same), -5.0, 5.0).cpk.value));
 }
 
-TEST(Capability, of_a_one_sided_item_has_no_cp) {
+TEST(Capability, has_no_cp_for_a_one_sided_item) {
   Prng prng(5);
   const Capability c = capability(individuals(normal_values(prng, 100, 0.1, 0.1)), kNoValue, 1.0);
   EXPECT_FALSE(has_value(c.cp.value));
@@ -116,7 +116,7 @@ TEST(StationBias, finds_the_station_that_is_off_and_the_one_that_drifts_and_no_o
   }
 }
 
-TEST(StationBias, of_one_station_far_off_does_not_rub_off_on_the_others) {
+TEST(StationBias, at_one_station_far_off_does_not_affect_the_others) {
   Prng prng(9);
   for (const StationBias& s : station_biases(slabs_with(prng, 100, 11, 5.0, 0.0)))
     EXPECT_EQ(s.biased(), s.station == 11);

@@ -58,7 +58,7 @@ TEST(Screen, fills_every_size_from_80_by_24_up_and_never_overflows_it) {
   }
 }
 
-TEST(Screen, of_80_by_24_has_all_blocks_links_cures_and_the_last_slabs) {
+TEST(Screen, at_80_by_24_has_all_blocks_links_cures_and_the_last_slabs) {
   const std::string text = joined(screen(busy_line(), 80, 24, kPlain, Language::en));
   for (int station = 1; station <= 18; ++station)
     EXPECT_NE(text.find(" " + std::to_string(station)), std::string::npos) << station;
@@ -67,7 +67,7 @@ TEST(Screen, of_80_by_24_has_all_blocks_links_cures_and_the_last_slabs) {
     EXPECT_NE(text.find(words), std::string::npos) << words << "\n" << text;
 }
 
-TEST(Screen, that_is_stale_says_so_first_and_has_no_colour_of_life) {
+TEST(Screen, that_is_stale_is_marked_in_the_first_line_and_has_no_colour_of_life) {
   Picture p = busy_line();
   p.age_s = 12.0;
   p.trouble = "connection refused";
@@ -112,7 +112,7 @@ TEST(Screen, shows_fault_and_cure_before_anything_of_the_past) {
   EXPECT_LT(fault, text.find("SLAB-X"));
 }
 
-TEST(Age, is_told_in_the_unit_people_think_in) {
+TEST(Age, is_written_in_the_unit_people_think_in) {
   EXPECT_EQ(age_text(2.9), "2 s");
   EXPECT_EQ(age_text(150.0), "2 min");
   EXPECT_EQ(age_text(7'300.0), "2 h");

@@ -142,7 +142,7 @@ TEST_F(ConfigTest, folders_are_compared_by_what_they_really_are) {
   fs::remove_all(folder);
 }
 
-TEST_F(ConfigTest, what_the_check_calls_good_the_daemon_can_begin_with) {
+TEST_F(ConfigTest, a_configuration_that_passes_the_check_lets_the_daemon_start) {
   for (const char* url :
        {"udpm://239.255.78.300:7667?ttl=0", "udpm://10.0.0.1:7667?ttl=0", "udpm://239.255.76.67:7667?ttl=300",
         "udpm://239.255.76.67:7667?tll=0", "udpm://239.255.76.67:0?ttl=0", "udpm://239.255.76.67:7667"}) {
@@ -381,7 +381,7 @@ TEST_F(ConfigTest, two_do_not_listen_at_one_place) {
             Texts{});
 }
 
-TEST_F(ConfigTest, a_file_is_no_folder_and_no_other_file) {
+TEST_F(ConfigTest, a_file_has_a_different_path_than_every_folder_and_other_file) {
   const auto places = [](const std::string& db, const std::string& spool, const std::string& socket) {
     return kShortest +
            ("[storage]\ndb = \"" + db + "\"\nspool_dir = \"" + spool + "\"\n[control]\nsocket = \"" + socket + "\"\n");
@@ -405,7 +405,7 @@ TEST_F(ConfigTest, a_file_is_no_folder_and_no_other_file) {
                     ", which is the name of a file beside storage.db; allowed is another place"});
 }
 
-TEST_F(ConfigTest, what_nests_without_end_is_refused_before_it_is_read) {
+TEST_F(ConfigTest, text_that_nests_too_deeply_is_refused_before_it_is_parsed) {
   const std::string why = ": keys or brackets nest deeper than 32 levels; this is not a configuration";
   std::string key = "a";
   for (int i = 0; i < 40'000; ++i) key += ".a";
@@ -500,7 +500,7 @@ TEST_F(ConfigTest, a_key_of_another_role_is_refused_by_name) {
             Texts{"slabd.toml:6:8: plc.role: found \"slave\", allowed is \"server\" or \"client\" or \"rtu\""});
 }
 
-TEST_F(ConfigTest, what_this_version_cannot_do_is_said) {
+TEST_F(ConfigTest, values_that_this_version_does_not_support_are_named) {
   const std::string start = kShortest;
   EXPECT_EQ(load(start + "[scanner]\nbackend = \"gige\"\n"),
             Texts{"slabd.toml:6:11: scanner.backend: found \"gige\", allowed is \"drop\" or \"tcp\""});
@@ -535,7 +535,7 @@ TEST_F(ConfigTest, columns_of_tables_are_three_names_or_numbers) {
                   "between, as in 2,3,4"});
 }
 
-TEST_F(ConfigTest, who_may_publish_poses_and_what) {
+TEST_F(ConfigTest, pose_type_and_permitted_senders_are_configured) {
   const std::string start = kShortest;
   EXPECT_EQ(load(start + "[pose]\ntype = \"bot_core.rigid_transform_t\"\nsenders = [\"192.168.10.2\"]\n"), Texts{});
   EXPECT_EQ(config_.robot.type, hal::PoseType::rigid_transform);

@@ -441,7 +441,7 @@ TEST_F(RecipeFolder, is_read_in_order_and_leaves_faulty_recipes_out) {
   EXPECT_TRUE(texts.front().starts_with("b.toml:2:10: schema: found 1")) << texts.front();
 }
 
-TEST_F(RecipeFolder, of_two_files_of_a_type_neither_is_used) {
+TEST_F(RecipeFolder, uses_neither_of_two_files_of_a_type) {
   files_.write("p5600-new.toml", of_type(5600));
   files_.write("p5600.toml", of_type(5600));
   files_.write("p4900.toml", of_type(4900));

@@ -19,7 +19,7 @@
 namespace slabd::daemon {
 namespace {
 
-TEST(LogOutlet, never_waits_for_a_stderr_that_nobody_reads_and_counts_what_is_lost) {
+TEST(LogOutlet, never_waits_for_an_unread_stderr_and_counts_lost_lines) {
   std::array<int, 2> ends{};
   ASSERT_EQ(::pipe(ends.data()), 0);
   ASSERT_GT(::fcntl(ends[1], F_SETPIPE_SZ, 4096), 0);  // becomes full long before the queue

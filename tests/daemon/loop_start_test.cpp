@@ -116,7 +116,7 @@ struct LoopStart : ::testing::Test {
   }
 };
 
-TEST_F(LoopStart, nobody_else_touches_the_database_while_it_is_read) {
+TEST_F(LoopStart, no_other_access_to_the_database_occurs_while_it_is_read) {
   SlowStore store(Code::ok);
   live(store, 1);
   EXPECT_EQ(store.idles_while_recovering, 0);
@@ -265,7 +265,7 @@ TEST_F(LoopStart, a_recovery_that_failed_is_in_the_status_with_its_reason) {
   EXPECT_NE(control.answer.find(R"("text":"cannot be read")"), std::string::npos) << control.answer;
 }
 
-TEST_F(LoopStart, while_the_database_is_opened_state_and_figures_are_told) {
+TEST_F(LoopStart, state_and_figures_are_reported_while_the_database_is_opened) {
   const auto ask = [&](const char* question) {
     OneQuestion control(question);
     const Ports ports{plc, pose, scanner, nullptr, &control, clock, notify};
@@ -284,7 +284,7 @@ TEST_F(LoopStart, while_the_database_is_opened_state_and_figures_are_told) {
   EXPECT_NE(ask(R"({"verb":"backup"})").find("ask again"), std::string::npos);
 }
 
-TEST_F(LoopStart, whoever_stops_it_does_not_wait_for_the_database) {
+TEST_F(LoopStart, stopping_does_not_wait_for_the_database) {
   const std::atomic<bool> stop{true};
   const Ports ports{plc, pose, scanner, nullptr, nullptr, clock, notify};
   const auto finish = std::make_shared<std::atomic<bool>>(false);
@@ -313,7 +313,7 @@ TEST_F(LoopStart, whoever_stops_it_does_not_wait_for_the_database) {
   std::_Exit(0);
 }
 
-TEST(SayLine, a_journal_that_does_not_read_stops_nobody) {
+TEST(SayLine, does_not_block_on_a_journal_that_does_not_read) {
   ::testing::FLAGS_gtest_death_test_style = "threadsafe";
   EXPECT_EXIT(talk_to_a_journal_that_does_not_read(), ::testing::ExitedWithCode(0), "");
 }

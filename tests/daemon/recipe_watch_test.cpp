@@ -66,7 +66,7 @@ TEST_F(RecipesInUse, that_holds_what_is_in_use_differs_in_nothing) {
   EXPECT_TRUE(watch.words().empty());
 }
 
-TEST_F(RecipesInUse, that_differs_is_told_of_with_file_and_key) {
+TEST_F(RecipesInUse, that_differ_are_reported_with_file_and_key) {
   RecipeWatch watch(folder, in_use, kPeriod_ms);
   write("p5600.toml", tightened());
   ASSERT_TRUE(comes([&] { return watch.differs(); }));

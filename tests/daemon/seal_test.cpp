@@ -34,7 +34,7 @@ bool can_map(std::size_t bytes) {
   return got != MAP_FAILED;
 }
 
-TEST(Seal, what_is_over_the_reserve_cannot_be_had_and_what_is_below_can) {
+TEST(Seal, denies_memory_above_the_reserve_and_grants_memory_below_it) {
   EXPECT_TRUE(can_map(64 * kMegabyte));
   EXPECT_TRUE(holds_in_a_child([] {
     use_one_heap();
@@ -43,7 +43,7 @@ TEST(Seal, what_is_over_the_reserve_cannot_be_had_and_what_is_below_can) {
   }));
 }
 
-TEST(Seal, what_was_given_back_can_be_had_again) {
+TEST(Seal, memory_that_was_released_can_be_allocated_again) {
   EXPECT_TRUE(holds_in_a_child([] {
     use_one_heap();
     void* slots = ::mmap(nullptr, 64 * kMegabyte, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);

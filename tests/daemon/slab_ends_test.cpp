@@ -155,7 +155,7 @@ TEST_F(SlabEndsTest, missing_points_count_only_where_inner_blocks_show_that_the_
   for (int k = 1; k <= 4; ++k) EXPECT_EQ(note(k, kNoEnd, 2.0 * kShort_mm).other, nullptr);
 }
 
-TEST_F(SlabEndsTest, what_lies_across_the_slab_before_its_end_is_not_its_end) {
+TEST_F(SlabEndsTest, a_gap_across_the_slab_before_its_end_is_not_its_end) {
   ends_.use(recipes_, p4925());
   Seen seen = scan(kLong_mm, kNoEnd, 9);
   for (std::size_t i = 0; i < seen.cloud.xyz.size(); i += 3) {

@@ -36,7 +36,7 @@ TEST(Defects, missing_takes_no_value) {
   expect_refused("missing=18:1", "missing=K");
 }
 
-TEST(Defects, of_the_whole_slab_name_no_block) {
+TEST(Defects, on_the_whole_slab_name_no_block) {
   const Result<Defect> defect = parse_defect("corner-level=1.25");
   ASSERT_TRUE(defect);
   EXPECT_EQ(defect.value().kind, DefectKind::corner_level);

@@ -57,7 +57,7 @@ TEST(Rsi, a_packet_of_a_kr_c2_with_rist_is_read) {
   EXPECT_NEAR(read.value().T_base_flange.translation_mm.x(), 1620.1234, 1e-12);
 }
 
-TEST(Rsi, a_sender_without_a_robot_says_so_and_the_pose_carries_it) {
+TEST(Rsi, a_sender_without_a_robot_is_flagged_and_the_pose_carries_the_flag) {
   EXPECT_FALSE(parse_rsi(packet(8)).value().emulated);
   EXPECT_FALSE(parse_rsi(packet(8, "<Emulated>0</Emulated>")).value().emulated);
   const RsiPacket emulated = parse_rsi(packet(8, "<Emulated>1</Emulated>")).value();
@@ -182,7 +182,7 @@ TEST(Bridge, another_controllers_count_is_neither_old_nor_lost_cycles) {
   }
 }
 
-TEST(Senders, while_two_send_neither_is_believed) {
+TEST(Senders, neither_sender_is_used_while_two_send) {
   using Answer = Senders::Answer;
   Senders senders;
   std::int64_t now_ns = kNsPerS;

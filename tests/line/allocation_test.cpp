@@ -69,7 +69,7 @@ TEST(HeapCount, bites) {
   std::free(two);
 }
 
-TEST(HeapCount, sees_another_thread_when_it_is_told_to) {
+TEST(HeapCount, includes_another_thread_if_enabled) {
   std::atomic<bool> go{false};
   std::thread other([&] {
     while (!go) std::this_thread::yield();

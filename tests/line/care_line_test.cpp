@@ -139,7 +139,7 @@ int keep_one_on_a_read_only_disk(const fs::path& backups, const std::vector<std:
   return process.wait();
 }
 
-TEST_F(CareLine, old_backups_that_cannot_be_deleted_are_no_success) {
+TEST_F(CareLine, old_backups_that_cannot_be_deleted_are_a_failure) {
   start();
   (void)backup();
   const pid_t child = ::fork();
@@ -184,7 +184,7 @@ TEST_F(CareLine, a_damaged_database_is_fault_502_with_modbus_up_until_one_is_res
   EXPECT_EQ(box_.stop(), 0);
 }
 
-TEST_F(CareLine, a_lost_database_is_not_begun_anew_unless_a_person_says_so) {
+TEST_F(CareLine, a_lost_database_is_not_created_again_unless_a_person_orders_it) {
   start();
   (void)backup();
   EXPECT_EQ(box_.stop(), 0);
@@ -277,14 +277,14 @@ void expect_one_at_a_time(Box& first, Box& second) {
   EXPECT_EQ(second.stop(), 0);
 }
 
-TEST_F(CareLine, of_two_daemons_on_one_drop_folder_the_second_stands_in_504_and_names_the_first) {
+TEST_F(CareLine, the_second_of_two_daemons_on_one_drop_folder_is_in_504_and_names_the_first) {
   start();
   Box other;
   share_folder(other, box_, "drop");
   expect_one_at_a_time(box_, other);
 }
 
-TEST_F(CareLine, of_two_daemons_on_one_spool_the_second_stands_in_504_and_names_the_first) {
+TEST_F(CareLine, the_second_of_two_daemons_on_one_spool_is_in_504_and_names_the_first) {
   start();
   Box other;
   share_folder(other, box_, "spool");
@@ -357,7 +357,7 @@ TEST_F(CareLine, the_operators_screen_has_a_chinese_word_for_values_of_commissio
   EXPECT_EQ(box_.stop(), 0);
 }
 
-TEST_F(CareLine, figures_are_told_for_prometheus_and_a_silent_daemon_is_one) {
+TEST_F(CareLine, figures_are_written_for_prometheus_and_include_a_silent_daemon) {
   const fs::path file = box_.dir / "slabd.prom";
   const std::vector<std::string> ask = {"metrics", "--config", box_.config.native(), "--out", file.native()};
   EXPECT_EQ(box_.slabctl(ask).exit_status, 4);
@@ -394,7 +394,7 @@ TEST_F(CareLine, figures_do_not_grow_old_with_a_faulty_configuration) {
   EXPECT_EQ(box_.stop(), 0);
 }
 
-TEST_F(CareLine, a_faulty_configuration_is_fault_504_for_whoever_asks) {
+TEST_F(CareLine, a_faulty_configuration_is_fault_504_for_every_client) {
   std::ofstream(box_.config, std::ios::app) << "\n[scanner2]\n";
   start();
   EXPECT_EQ(input_register(box_.port, kFault), 504) << box_.log();

@@ -113,7 +113,7 @@ class DoctorTest : public testing::Test {
   Box box_;
 };
 
-TEST_F(DoctorTest, with_a_mistake_in_the_configuration_only_the_daemon_is_asked) {
+TEST_F(DoctorTest, with_a_mistake_in_the_configuration_only_the_daemon_is_queried) {
   std::ofstream(box_.config, std::ios::app) << "\n[scanner2]\n";
   Opinion opinion = examine();
   EXPECT_EQ(opinion.exit_status, 3);
@@ -233,7 +233,7 @@ TEST_F(DoctorTest, a_heartbeat_that_is_a_bit_moves_as_well_as_a_number) {
   EXPECT_GT(seen, 3);
 }
 
-TEST_F(DoctorTest, poses_that_are_refused_are_told_with_the_reason_and_a_bridge_that_died_is_found) {
+TEST_F(DoctorTest, refused_poses_are_reported_with_the_reason_and_a_bridge_that_died_is_found) {
   lcm_t* lcm = lcm_create(lcm_url().c_str());
   ASSERT_NE(lcm, nullptr);
   std::atomic<bool> stop{false};
@@ -378,7 +378,7 @@ TEST_F(DoctorTest, another_program_that_locks_the_database_is_named) {
   EXPECT_NE(opinion.all().find("(process " + std::to_string(other) + ")"), std::string::npos) << opinion.all();
 }
 
-TEST_F(DoctorTest, an_interface_that_is_not_there_is_no_way_to_the_robot) {
+TEST_F(DoctorTest, an_absent_interface_is_not_a_route_to_the_robot) {
   const auto replaced = [&](const std::string& to) {
     const std::string text = read_file(box_.config);
     std::ofstream(box_.config) << std::regex_replace(text, std::regex("\ninterface = \"[^\"]*\""),
@@ -391,7 +391,7 @@ TEST_F(DoctorTest, an_interface_that_is_not_there_is_no_way_to_the_robot) {
   EXPECT_EQ(examine().health("robot route"), "failed");
 }
 
-TEST_F(DoctorTest, what_is_no_serial_line_is_found_before_the_daemon_starts) {
+TEST_F(DoctorTest, a_device_that_is_not_a_serial_line_is_found_before_the_daemon_starts) {
   const std::string text = read_file(box_.config);
   const auto with = [&](const std::string& device) {
     std::string changed = text;

@@ -56,7 +56,7 @@ class Documents {
   int count_ = 0;
 };
 
-TEST(DocumentsLine, what_a_running_line_says_is_what_its_schemas_publish) {
+TEST(DocumentsLine, output_of_a_running_line_matches_its_published_schemas) {
   Box box;
   Documents documents(box);
   const auto ask = [&](std::vector<std::string> command) {
@@ -85,7 +85,7 @@ TEST(DocumentsLine, what_a_running_line_says_is_what_its_schemas_publish) {
   documents.validate();
 }
 
-TEST(DocumentsLine, what_a_calibration_says_is_what_its_schemas_publish) {
+TEST(DocumentsLine, output_of_a_calibration_matches_its_published_schemas) {
   const Box box;
   Documents documents(box);
   const std::string views = (box.dir / "views").native();
@@ -107,7 +107,7 @@ TEST(DocumentsLine, what_a_calibration_says_is_what_its_schemas_publish) {
   documents.validate();
 }
 
-TEST(DocumentsLine, what_is_in_force_and_was_checked_is_what_its_schemas_publish) {
+TEST(DocumentsLine, output_on_calibrations_in_force_and_on_checks_matches_its_published_schemas) {
   const Box box;
   Documents documents(box);
   const std::string recipe = places::source_dir() + "/recipes/p5600.toml";
@@ -173,7 +173,7 @@ TEST(DocumentsLine, what_is_in_force_and_was_checked_is_what_its_schemas_publish
   documents.validate();
 }
 
-TEST(DocumentsLine, what_the_daemon_is_asked_and_answers_is_what_its_schemas_publish) {
+TEST(DocumentsLine, requests_to_the_daemon_and_its_answers_match_their_published_schemas) {
   Box box;
   Documents documents(box);
   box.start();

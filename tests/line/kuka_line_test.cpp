@@ -127,7 +127,7 @@ TEST_F(KukaLineTest, the_monitor_shows_the_pendants_numbers_and_that_the_robot_s
   EXPECT_NEAR(seen["kuka_abc_deg"][2].get<double>(), 110.0, 1e-9);
 }
 
-TEST_F(KukaLineTest, the_monitor_says_that_nobody_sends) {
+TEST_F(KukaLineTest, the_monitor_reports_missing_poses) {
   const Box::Answer answer = box_.slabctl({"robot", "monitor", "--seconds", "0.6", "--config", box_.config.native()});
   EXPECT_EQ(answer.exit_status, 4);
   EXPECT_NE(answer.out.find("no poses on channel FLANGE_POSE"), std::string::npos) << answer.out;
@@ -230,7 +230,7 @@ int lose_the_route(const std::string& rsi, const fs::path& dir) {
   return bridge.running() ? 0 : 5;
 }
 
-TEST_F(KukaLineTest, poses_that_do_not_leave_the_computer_are_told_of) {
+TEST_F(KukaLineTest, poses_that_do_not_leave_the_computer_are_reported) {
   const pid_t child = fork();
   if (child == 0) _exit(lose_the_route(rsi_, box_.dir));
   int status = -1;

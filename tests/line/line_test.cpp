@@ -197,7 +197,7 @@ TEST_F(LineTest, killed_in_mid_slab_keeps_what_was_acquired_and_finishes) {
   EXPECT_LE(query(db, "SELECT count(*) FROM attempt"), 19);
 }
 
-TEST_F(LineTest, daemon_survives_files_that_are_no_scans) {
+TEST_F(LineTest, daemon_survives_files_that_are_not_scans) {
   const fs::path inbox = box.dir / "drop/inbox";
   wait_until([&] { return fs::exists(inbox); });
   std::ofstream(inbox / "1-999.ply") << "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nend_header\n";
@@ -268,7 +268,7 @@ TEST_F(LineTest, killed_while_a_scan_is_taken_has_one_more_taken_and_thrown_away
 
 // A scanner fault persists over a restart of slabd: the first answer to every other request is a scan of block 1, under
 // the new name. Block 5 has a planted slope, so it passes only if its scan is mistaken.
-TEST_F(LineTest, a_scan_that_was_taken_before_a_restart_is_no_scan_of_another_block_after_it) {
+TEST_F(LineTest, a_scan_from_before_a_restart_is_not_accepted_for_another_block_after_it) {
   const fs::path db = box.dir / "slabd.db";
   std::string kept;
   std::string kept_name;
@@ -375,7 +375,7 @@ TEST_F(StreamLineTest, a_slab_is_finished_over_tcp_from_planned_stations) {
   EXPECT_EQ(box.stop(), 0);
 }
 
-TEST(FaultyConfiguration, a_good_file_is_told_from_a_computer_without_recipes) {
+TEST(FaultyConfiguration, a_good_file_is_distinguished_from_a_computer_without_recipes) {
   Box box;
   const auto check = [&box] {
     Process process({places::slabd(), "--config", box.config.native(), "--check"}, box.dir / "check.out",

@@ -269,7 +269,7 @@ TEST_P(MockLineWhoseStoreFails, asks_for_the_store_again_after_a_while_and_at_a_
 }
 
 /// The command remains in the registers until the PLC writes another one, and the first session of a new database is 1.
-TEST_P(MockLineWhoseStoreFails, what_was_refused_meanwhile_is_not_carried_out_when_the_database_is_there) {
+TEST_P(MockLineWhoseStoreFails, a_command_refused_meanwhile_is_not_carried_out_when_the_database_is_available) {
   loop->start();
   ASSERT_TRUE(turn_until([&] { return view().session != 0 && view().fault != 0; }));
   ASSERT_TRUE(command(PlcCommand::slab_begin));

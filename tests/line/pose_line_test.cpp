@@ -201,7 +201,7 @@ TEST_F(PoseLineTest, two_hundred_thousand_crafted_datagrams_change_neither_pose_
   EXPECT_EQ(box_.stop(), 0);
 }
 
-TEST_F(PoseLineTest, two_publishers_are_told_and_the_slab_is_finished_when_one_is_stopped) {
+TEST_F(PoseLineTest, two_publishers_are_reported_and_the_slab_is_finished_when_one_is_stopped) {
   start();
   // Another program that publishes another position of the arm, for the first seconds of the slab.
   std::atomic<bool> stop{false};
@@ -231,7 +231,7 @@ TEST_F(PoseLineTest, two_publishers_are_told_and_the_slab_is_finished_when_one_i
   EXPECT_NE(box_.log().find("while two programs publish"), std::string::npos) << box_.log();
 }
 
-TEST_F(PoseLineTest, what_the_robot_says_of_its_poses_is_told_by_log_status_and_monitor) {
+TEST_F(PoseLineTest, pose_flags_of_the_robot_are_shown_by_log_status_and_monitor) {
   start();
   std::atomic<bool> stop{false};
   std::atomic<std::int32_t> flags{0};

@@ -80,7 +80,7 @@ TEST_F(RolesLineTest, slabs_pass_and_fail_over_a_serial_line) {
   run_slabs({"--plc-device", theirs.native()});
 }
 
-TEST_F(RolesLineTest, a_slabd_that_never_asks_is_told_by_the_emulated_plc) {
+TEST_F(RolesLineTest, a_slabd_that_never_connects_is_reported_by_the_emulated_plc) {
   give_role("role = \"client\"\nconnect = \"127.0.0.1:" + std::to_string(box_.port) + "\"");
   fs::create_directories(box_.dir / "drop" / "request");
   fs::create_directories(box_.dir / "drop" / "inbox");

@@ -154,7 +154,7 @@ TEST_F(ScanStreamPortTest, a_scan_is_measured_from_the_bytes_that_lie_in_the_spo
   EXPECT_EQ(std::memcmp(again.data(), xyz_.data(), 12 * kPoints), 0);
 }
 
-TEST_F(ScanStreamPortTest, a_disk_that_does_not_take_the_scan_is_told_while_it_does_not) {
+TEST_F(ScanStreamPortTest, a_disk_that_does_not_store_the_scan_is_reported_while_it_hangs) {
   auto stepped = std::make_unique<SteppedClock>();
   SteppedClock& clock = *stepped;
   port_.reset();
@@ -200,7 +200,7 @@ TEST_F(ScanStreamPortTest, a_scan_goes_on_where_its_connection_was_cut) {
   EXPECT_EQ(std::memcmp(again.data(), xyz_.data(), 12 * kPoints), 0) << "the file has every point once";
 }
 
-TEST_F(ScanStreamPortTest, a_scan_taken_anew_after_a_cut_leaves_nothing_of_the_first) {
+TEST_F(ScanStreamPortTest, a_scan_taken_again_after_a_cut_leaves_nothing_of_the_first) {
   const auto result = acquire(request(), [](StreamGateway& g) {
     EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99, 20'000).ok());
     ASSERT_TRUE(g.connect().ok());
@@ -216,7 +216,7 @@ TEST_F(ScanStreamPortTest, a_scan_taken_anew_after_a_cut_leaves_nothing_of_the_f
   EXPECT_EQ(std::memcmp(again.data(), xyz_.data(), 12 * kPoints), 0);
 }
 
-TEST_F(ScanStreamPortTest, a_gateway_that_was_started_anew_amid_a_scan_delivers_its_own) {
+TEST_F(ScanStreamPortTest, a_gateway_that_was_restarted_during_a_scan_delivers_its_own) {
   const auto result = acquire(request(), [this](StreamGateway& g) {
     EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99, 20'000).ok());
     // A gateway that uses have_points although it has another scan is refused once.
@@ -284,7 +284,7 @@ TEST_F(ScanStreamPortTest, a_scan_that_lacks_as_many_bytes_as_a_header_has_was_c
   expect_nothing_left();
 }
 
-TEST_F(ScanStreamPortTest, too_few_points_are_told_to_both_sides) {
+TEST_F(ScanStreamPortTest, too_few_points_are_reported_to_both_sides) {
   const auto result = acquire(request(), [](StreamGateway& g) {
     const Status status = g.answer(wait_for(g), std::vector<float>(300, 1.0F), 0, 0, 99);
     ASSERT_FALSE(status.ok());
@@ -295,7 +295,7 @@ TEST_F(ScanStreamPortTest, too_few_points_are_told_to_both_sides) {
   expect_nothing_left();
 }
 
-TEST_F(ScanStreamPortTest, a_spool_that_cannot_be_written_is_told_to_both_sides) {
+TEST_F(ScanStreamPortTest, a_spool_that_cannot_be_written_is_reported_to_both_sides) {
   test::write_file(folder_ / "spool", "a file where a folder should be");
   const auto result =
       acquire(request(), [](StreamGateway& g) { EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99).ok()); });

@@ -131,7 +131,7 @@ struct ScannerLine : testing::Test {
   std::vector<std::string> files_;
 };
 
-TEST_F(ScannerLine, an_acceptance_raises_U_of_the_next_slab_and_is_found_again_when_it_is_measured_anew) {
+TEST_F(ScannerLine, an_acceptance_raises_U_of_the_next_slab_and_is_found_again_when_it_is_remeasured) {
   start();
   EXPECT_TRUE(warns()) << "never verified";
   EXPECT_EQ(status()["fault"]["code"], 0) << "which stops nothing";

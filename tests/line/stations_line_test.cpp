@@ -80,7 +80,7 @@ class StationsLineTest : public ::testing::Test {
   Prng random_{77};
 };
 
-TEST_F(StationsLineTest, corrected_seats_are_within_a_twentieth_of_a_millimetre_and_U_says_so) {
+TEST_F(StationsLineTest, corrected_seats_are_within_a_twentieth_of_a_millimetre_and_U_covers_the_error) {
   Summary with;
   Summary without;
   for (std::uint64_t seed = 1; seed <= 12; ++seed) {

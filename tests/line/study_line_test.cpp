@@ -93,7 +93,7 @@ TEST_F(StudyLineTest, repeats_are_scanned_by_the_daemon_and_the_line_is_idle_aga
   EXPECT_TRUE(wait_until([](const json& now) { return now["state"] == "idle"; })) << "also after a refusal";
 }
 
-TEST_F(StudyLineTest, without_a_daemon_it_says_so) {
+TEST_F(StudyLineTest, without_a_daemon_it_fails_with_status_4) {
   const Box::Answer answer = repeat({"--live", "3", "--count", "2"});
   EXPECT_EQ(answer.exit_status, 4);
   EXPECT_EQ(repeat({"--live", "3", "--block", "4"}).exit_status, 2);

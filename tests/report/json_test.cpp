@@ -97,7 +97,7 @@ TEST(JsonWriter, items_carry_the_agreed_keys_and_null_for_what_was_not_measured)
   EXPECT_EQ(document[1]["stations"], nlohmann::json::array({4}));
 }
 
-TEST(JsonWriter, a_block_that_was_never_measured_says_so_everywhere) {
+TEST(JsonWriter, a_block_that_was_never_measured_is_marked_everywhere) {
   Json json;
   json.begin_object();
   write_block(json, BlockResult{}, kNoValue);
@@ -136,7 +136,7 @@ TEST(JsonWriter, an_item_says_where_its_uncertainty_comes_from_and_how_probably_
     EXPECT_EQ(budget[part], 0.0) << part;
 }
 
-TEST(JsonWriter, precision_of_every_feature_is_told) {
+TEST(JsonWriter, precision_of_every_feature_is_written) {
   BlockResult block;
   block.registration.noise_mm = 0.03;
   for (int i = 0; i < 6; ++i)

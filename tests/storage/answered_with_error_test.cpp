@@ -156,7 +156,7 @@ TEST_F(AnsweredWithAnError, an_end_is_taken_back_in_a_quiet_moment) {
 }
 
 // While the disk rejects writes, unsettled data is not copied.
-TEST_F(AnsweredWithAnError, what_cannot_be_taken_back_is_not_copied) {
+TEST_F(AnsweredWithAnError, changes_that_cannot_be_rolled_back_are_not_copied) {
   crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);
   open();
   begin(1);

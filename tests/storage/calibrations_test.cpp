@@ -202,7 +202,7 @@ TEST_F(CalibrationsTest, apply_given_again_changes_nothing) {
   EXPECT_EQ(reader()->applied(10).value().size(), 1U);
 }
 
-TEST_F(CalibrationsTest, what_may_not_be_used_is_never_put_in_force) {
+TEST_F(CalibrationsTest, a_calibration_that_may_not_be_used_is_never_put_in_force) {
   EXPECT_NE(refused(ApplyCalibration{"he-000000000000", note()}).find("there is no calibration"), std::string::npos);
   CalibrationRecord old = hand_eye(1.0);
   old.expires_utime_us = 5'000;

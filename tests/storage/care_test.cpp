@@ -95,7 +95,7 @@ TEST_F(CareTest, one_copy_at_a_time_and_none_over_an_existing_file) {
   begin(1);  // jobs continue
 }
 
-TEST_F(CareTest, what_room_a_copy_needs_and_what_there_is_are_told_to_a_tenth_of_a_megabyte) {
+TEST_F(CareTest, needed_and_free_space_of_a_copy_are_reported_to_a_tenth_of_a_megabyte) {
   const Status status = check_room(folder_.path(), 1'000'000'000'000'050'000, "a copy");
   ASSERT_FALSE(status.ok());
   EXPECT_EQ(status.error().code, Code::store_full);
@@ -127,7 +127,7 @@ TEST_F(CareTest, a_copy_leaves_the_room_for_scans_where_they_lie_and_nowhere_els
   EXPECT_EQ(made.backup, Phase::done) << made.backup_error;
 }
 
-TEST_F(CareTest, what_a_kill_left_of_a_copy_goes_at_the_next_start_and_one_under_way_stays) {
+TEST_F(CareTest, a_partial_copy_left_by_a_kill_is_removed_at_the_next_start_and_one_under_way_stays) {
   open();
   (void)recover();
   slabs(1, 3);
@@ -150,7 +150,7 @@ TEST_F(CareTest, what_a_kill_left_of_a_copy_goes_at_the_next_start_and_one_under
   EXPECT_EQ(check_database(folder + "slabd-20260314T020000.123Z.db", true).value().trouble, "");
 }
 
-TEST_F(CareTest, what_cannot_be_opened_here_is_not_called_damaged) {
+TEST_F(CareTest, a_database_that_cannot_be_opened_here_is_not_called_damaged) {
   open();
   (void)recover();
   slabs(1, 1);
@@ -215,7 +215,7 @@ TEST_F(CareTest, commands_given_between_slabs_go_with_the_slabs_around_them) {
   EXPECT_EQ(recover()->cmd_ack, cmd_seq_);
 }
 
-TEST_F(CareTest, only_so_many_slabs_are_kept_and_the_history_says_so) {
+TEST_F(CareTest, only_keep_slabs_slabs_are_kept_and_the_history_notes_the_gap) {
   settings_.keep_slabs = kKeepSlabsMin;
   open();
   (void)recover();
@@ -249,7 +249,7 @@ class FailedSlabsTest : public CareTest {
   [[nodiscard]] bool is_there(std::int64_t key) { return reader()->slab(key).value().has_value(); }
 };
 
-TEST_F(FailedSlabsTest, outlive_passed_ones_and_only_so_many_do) {
+TEST_F(FailedSlabsTest, outlive_passed_ones_up_to_their_limit) {
   settings_.keep_slabs = kKeepSlabsMin;
   settings_.keep_failed_slabs = kKeepSlabsMin;
   open();

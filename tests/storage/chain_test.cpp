@@ -275,7 +275,7 @@ TEST_F(ChainTest, a_row_and_its_seal_changed_together_break_the_chain_behind_the
   EXPECT_NE(trouble().find("the seal of slab key 2 "), std::string::npos) << trouble();
 }
 
-TEST_F(ChainTest, what_changes_legitimately_after_the_end_alters_nothing) {
+TEST_F(ChainTest, legitimate_changes_after_the_end_do_not_alter_the_chain) {
   settings_.spool_budget_bytes = 1;
   start();
   begin(1);
@@ -352,7 +352,7 @@ TEST_F(ChainTest, a_slab_that_a_restore_ends_is_sealed) {
   EXPECT_NE(trouble().find("gap 1 of the history was altered"), std::string::npos) << trouble();
 }
 
-TEST_F(ChainTest, a_history_that_is_begun_anew_begins_a_chain) {
+TEST_F(ChainTest, a_history_that_is_started_again_begins_a_chain) {
   start();
   slab(1);
   close();

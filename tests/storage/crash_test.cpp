@@ -33,7 +33,7 @@ class FileSizeLimit {
 };
 
 // State after a power cut while a start makes the log durable: the log is damaged, its copy is intact.
-TEST_F(CrashTest, a_log_that_a_power_cut_spoils_comes_back_from_its_copy_and_nobody_reads_it_before) {
+TEST_F(CrashTest, a_log_that_a_power_cut_spoils_is_restored_from_its_copy_and_not_read_before) {
   namespace fs = std::filesystem;
   open();
   begin(1);
@@ -65,7 +65,7 @@ TEST_F(CrashTest, a_log_that_a_power_cut_spoils_comes_back_from_its_copy_and_nob
 }
 
 // A power cut may restore the removed name, but the first sector is already cleared.
-TEST_F(CrashTest, a_copy_of_the_log_that_was_done_with_is_not_believed_again) {
+TEST_F(CrashTest, a_copy_of_the_log_that_was_done_with_is_not_used_again) {
   open();
   begin(1);
   std::string copy(512 + 4096, '\0');
@@ -76,7 +76,7 @@ TEST_F(CrashTest, a_copy_of_the_log_that_was_done_with_is_not_believed_again) {
   EXPECT_FALSE(std::filesystem::exists(settings_.db_path + "-log-copy"));
 }
 
-TEST_F(CrashTest, failed_write_is_reported_and_the_next_job_opens_the_file_anew) {
+TEST_F(CrashTest, failed_write_is_reported_and_the_next_job_opens_the_file_again) {
   open();
   begin(1);
   scan(1, 1, 1);
@@ -160,7 +160,7 @@ class TakenAwayTest : public CrashTest {
   std::string copy_;
 };
 
-TEST_F(TakenAwayTest, nothing_is_told_to_be_written_until_the_file_is_back) {
+TEST_F(TakenAwayTest, nothing_is_reported_as_written_until_the_file_is_back) {
   EXPECT_EQ(idle_trouble(), "");
   move_away("-away");
   EXPECT_TRUE(is_refused(AckJob{record_}));

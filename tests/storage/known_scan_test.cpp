@@ -47,7 +47,7 @@ TEST_F(KnownScanTest, a_loop_of_72_scans_is_refused_from_its_second_round_on_als
   EXPECT_EQ(taken, 144);
 }
 
-TEST_F(KnownScanTest, what_is_refused_is_kept_as_a_failed_attempt_and_its_slab_station_and_scan_are_named) {
+TEST_F(KnownScanTest, a_refused_scan_is_kept_as_a_failed_attempt_and_the_earlier_slab_and_scan_are_named) {
   begin(1);
   ASSERT_TRUE(take_scan(1, 6, 1, 4711).ok());
   ASSERT_TRUE(take_scan(1, 7, 1, 4712).ok());

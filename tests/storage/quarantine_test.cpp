@@ -143,7 +143,7 @@ TEST_F(QuarantineTest, no_database_is_made_where_something_shows_that_there_was_
   EXPECT_EQ(refusal(), "opened");
 }
 
-TEST_F(QuarantineTest, what_a_stopped_creation_leaves_is_no_sign_of_an_earlier_one) {
+TEST_F(QuarantineTest, remains_of_a_stopped_creation_are_not_a_sign_of_an_earlier_database) {
   fs::create_directories(fs::path(settings_.db_path).parent_path());
   fs::create_directories(settings_.spool_dir + "/1");
   std::ofstream(settings_.db_path).flush();

@@ -23,7 +23,7 @@ TEST_F(ReaderTest, missing_file_is_named) {
   EXPECT_FALSE(std::filesystem::exists(folder_.path() + "/none.db")) << "a reader must not create it";
 }
 
-TEST_F(ReaderTest, what_is_no_file_is_named_and_not_waited_for) {
+TEST_F(ReaderTest, a_path_that_is_not_a_regular_file_is_named_and_does_not_block) {
   const std::string fifo = folder_.path() + "/fifo.db";
   ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);
   const Result<std::unique_ptr<Reader>> reader = open_reader(fifo);

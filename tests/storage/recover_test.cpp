@@ -171,7 +171,7 @@ TEST_F(RecoverTest, an_accepted_slab_abort_is_left_to_be_finished) {
   EXPECT_EQ(restart()->abort_seq, 0) << "the line went on";
 }
 
-TEST_F(RecoverTest, a_scan_whose_end_nobody_saw_stands_among_the_fingerprints_until_another_is_seen) {
+TEST_F(RecoverTest, an_unseen_scan_is_listed_among_the_fingerprints_until_another_scan_is_seen) {
   begin(1);
   apply(SeenScanJob{7});
   EXPECT_EQ(newest_fingerprint(), 7U);
@@ -547,7 +547,7 @@ TEST_F(RecoverTest, a_database_older_than_its_spool_gives_no_key_a_second_time) 
   EXPECT_EQ(recover()->last_slab_key, 10);
 }
 
-TEST_F(RecoverTest, folders_of_digits_that_hold_no_scans_are_no_slabs) {
+TEST_F(RecoverTest, folders_of_digits_without_scans_are_not_slabs) {
   begin(1);
   for (const char* name : {"/20261123/photos", "/2"}) std::filesystem::create_directories(settings_.spool_dir + name);
   std::ofstream(settings_.spool_dir + "/20261123/04.jpg") << "a look at the fixture";

@@ -223,7 +223,7 @@ TEST_F(RestoreTest, a_backup_of_an_older_version_is_brought_up_to_date_without_a
   EXPECT_EQ(recover()->slab_verdict, Verdict::aborted);
 }
 
-TEST_F(RestoreTest, what_one_left_that_was_cut_short_is_no_backup) {
+TEST_F(RestoreTest, remains_of_an_interrupted_restore_are_not_a_backup) {
   const std::string left = settings_.db_path + ".restored";
   fs::copy_file(backup_, left);
   const Status status = restore(left);
@@ -249,7 +249,7 @@ TEST_F(RestoreTest, done_again_after_it_was_cut_short_still_knows_what_would_be_
   EXPECT_EQ(recover()->last_slab_key, 3) << "key 3 was used by a slab that is not in the backup";
 }
 
-TEST_F(RestoreTest, what_was_there_is_kept_in_quarantine) {
+TEST_F(RestoreTest, previous_database_is_kept_in_quarantine) {
   ASSERT_TRUE(restore(backup_).ok());
   int kept = 0;
   for (const std::string& name : left_in_folder())
@@ -283,7 +283,7 @@ TEST_F(RestoreTest, a_backup_that_is_not_whole_changes_nothing) {
   EXPECT_EQ(recover()->last_slab_key, 3);
 }
 
-TEST_F(RestoreTest, beginning_anew_is_a_gap_too_and_uses_no_old_key) {
+TEST_F(RestoreTest, starting_with_an_empty_database_is_also_a_gap_and_uses_no_old_key) {
   const std::string scan = scan_file(9, 1, 1, 100);
   ASSERT_TRUE(restore("").ok());
   open();
@@ -310,7 +310,7 @@ TEST_F(RestoreTest, after_a_quarantine_restoring_brings_the_line_back) {
   EXPECT_EQ(recover()->slab_verdict, Verdict::aborted);
 }
 
-TEST_F(RestoreTest, a_backup_that_holds_every_slab_says_so) {
+TEST_F(RestoreTest, a_gap_without_lost_slabs_is_recorded_for_a_backup_with_every_slab) {
   const std::string newer = folder_.path() + "/newer.db";
   ASSERT_TRUE(back_up_database(settings_.db_path, newer).ok());
   ASSERT_TRUE(restore(newer).ok());
@@ -325,7 +325,7 @@ TEST_F(RestoreTest, a_backup_that_holds_every_slab_says_so) {
   EXPECT_EQ(gap.kept_key, 3) << "slab 4 came afterwards";
 }
 
-TEST_F(RestoreTest, can_be_done_again_and_is_told_again) {
+TEST_F(RestoreTest, can_be_repeated_and_is_recorded_again) {
   ASSERT_TRUE(restore(backup_).ok());
   ASSERT_TRUE(restore(backup_).ok());
   open();

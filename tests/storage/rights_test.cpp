@@ -339,7 +339,7 @@ TEST_F(RightsTest, files_that_an_older_slabd_opened_to_the_group_are_closed_at_t
   }
 }
 
-TEST_F(RightsTest, what_root_makes_belongs_to_the_owner_of_the_folder) {
+TEST_F(RightsTest, files_created_by_root_belong_to_the_owner_of_the_folder) {
   const uid_t owner = is_root() ? kOtherUser : geteuid();
   give(db_folder_, owner);
   start();
@@ -357,7 +357,7 @@ TEST_F(RightsTest, what_root_makes_belongs_to_the_owner_of_the_folder) {
   }
 }
 
-TEST_F(RightsTest, a_database_that_is_changed_while_it_is_read_without_locks_is_not_believed) {
+TEST_F(RightsTest, a_database_that_is_changed_while_it_is_read_without_locks_is_not_trusted) {
   start();
   slabs(1, 1);
   close();

@@ -225,7 +225,7 @@ TEST_F(SearchTest, an_item_for_information_does_not_take_the_place_of_the_one_th
   EXPECT_EQ(found(failed), Keys{1});
 }
 
-TEST_F(SearchTest, an_item_for_information_that_was_not_measured_is_no_find) {
+TEST_F(SearchTest, an_item_for_information_that_was_not_measured_is_not_found) {
   // slope_datum = "local_slab_top" without a slab frame: the block's slope was judged and passed.
   open();
   apply(BeginSlabJob{random_header(prng_, 1), 1, ++cmd_seq_});
@@ -284,7 +284,7 @@ TEST_F(SearchTest, values_are_those_of_valid_attempts_and_the_slabs_own_come_fir
   EXPECT_EQ(values.value()[0].item.station, 0);
 }
 
-TEST_F(SearchTest, values_of_slabs_that_are_open_or_were_aborted_are_nobodys) {
+TEST_F(SearchTest, values_of_open_and_aborted_slabs_are_left_out) {
   make_four();
   ItemFilter filter;
   filter.item = ItemId::seat_flatness;

@@ -45,7 +45,7 @@ int mode_of(const std::string& path) {
   return static_cast<int>(there.st_mode & 07777U);
 }
 
-TEST_F(SettingsTest, who_may_not_read_the_file_is_asked_about_its_group) {
+TEST_F(SettingsTest, a_user_without_read_permission_gets_a_hint_about_the_group) {
   ASSERT_TRUE(open_store(settings_).ok());
   const std::string folder = folder_.path() + "/db";
   for (const std::string& path : {folder_.path(), folder}) ASSERT_EQ(chmod(path.c_str(), 0755), 0);
@@ -257,7 +257,7 @@ TEST_F(SettingsTest, newer_schema_is_refused) {
   EXPECT_NE(reader.error().text.view().find("newer slabd"), std::string_view::npos);
 }
 
-TEST_F(SettingsTest, file_that_is_no_database_is_refused) {
+TEST_F(SettingsTest, file_that_is_not_a_database_is_refused) {
   std::filesystem::create_directories(folder_.path() + "/db");
   std::ofstream(settings_.db_path) << std::string(8192, 'z');
   const std::string text = refusal();
@@ -272,7 +272,7 @@ TEST_F(SettingsTest, second_writer_is_refused) {
   EXPECT_EQ(refusal(), "opened");
 }
 
-TEST_F(SettingsTest, who_asks_learns_that_somebody_writes) {
+TEST_F(SettingsTest, a_writer_in_another_process_is_detected) {
   EXPECT_FALSE(is_written_elsewhere(settings_.db_path));
   open();
   EXPECT_TRUE(is_written_elsewhere(settings_.db_path));

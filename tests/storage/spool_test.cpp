@@ -94,7 +94,7 @@ TEST_F(SpoolTest, pinned_slab_is_passed_over_until_its_pin_is_gone) {
   EXPECT_EQ(kept(), "");
 }
 
-TEST_F(SpoolTest, what_is_left_of_a_slab_that_is_pinned_while_its_scans_go_stays) {
+TEST_F(SpoolTest, remaining_scans_of_a_slab_pinned_during_their_deletion_are_kept) {
   settings_.spool_budget_bytes = 100'000;
   open();
   for (std::int64_t key = 1; key <= 2; ++key) acknowledge(whole_slab(key, Verdict::pass));

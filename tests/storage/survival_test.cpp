@@ -291,7 +291,7 @@ TEST_P(PowerCutTest, during_the_restart_after_a_power_cut_loses_nothing_either) 
 // The file at the database's path is either the database with its log, or the quarantine's note. With the note, the
 // rest is moved at the next start. A database without its log must never be there, because it would open without an
 // error.
-TEST_P(PowerCutTest, of_a_quarantine_never_parts_a_database_from_its_log) {
+TEST_P(PowerCutTest, during_a_quarantine_never_parts_a_database_from_its_log) {
   make_life(1, 3);
   for (const Step& step : steps_) ASSERT_TRUE(step());
   const DiskImage running = DiskImage::read_from(root_);

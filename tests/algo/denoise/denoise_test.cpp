@@ -604,7 +604,7 @@ void expect_same(const Outcome& a, const Outcome& b, const char* what) {
   EXPECT_EQ(std::memcmp(a.xyz.data(), b.xyz.data(), a.xyz.size() * sizeof(float)), 0) << what;
 }
 
-TEST(Denoise, believes_no_shape_that_is_not_so) {
+TEST(Denoise, rejects_a_wrong_shape_from_the_header) {
   // A fin one column wide on the seat. With wrong neighbours from the header, the fin was isolated in its rows and was
   // removed as noise, while all planes of the level seat were accepted.
   for (const double focus : {0.0, 600.0}) {
@@ -669,7 +669,7 @@ TEST(Denoise, believes_no_shape_that_is_not_so) {
   }
 }
 
-TEST(Denoise, believes_the_shape_of_every_good_scan) {
+TEST(Denoise, accepts_the_shape_of_every_good_scan) {
   struct View {
     double pitch, ratio, focus, missing, field_x, tilt_deg, roll_deg;
   };

@@ -102,7 +102,7 @@ void remove(std::vector<float>& xyz, std::size_t point) {
   std::fill_n(xyz.begin() + static_cast<std::ptrdiff_t>(3 * point), 3, kNaN);
 }
 
-TEST(LatticeSample, of_a_small_scan_is_every_point) {
+TEST(LatticeSample, contains_every_point_of_a_small_scan) {
   Lattice lattice;
   // All finite; then with missing ones between them.
   for (std::size_t points = kSampleMin; points <= kSampleMin + 40; ++points) {
@@ -200,7 +200,7 @@ TEST(LatticeSample, is_the_same_in_pieces_and_on_two_threads) {
 }
 
 /// Real scans in any order: about the wanted number, and one lattice.
-TEST(LatticeSample, of_a_scan_is_the_share_stated_and_leads_to_one_lattice) {
+TEST(LatticeSample, contains_the_stated_share_of_a_scan_and_leads_to_one_lattice) {
   for (const double focus_mm : {0.0, 600.0}) {
     for (const double pitch_mm : {0.5, 1.1}) {
       SCOPED_TRACE(std::to_string(focus_mm) + ' ' + std::to_string(pitch_mm));

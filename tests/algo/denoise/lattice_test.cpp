@@ -582,7 +582,7 @@ TEST(DenoiseLattice, keeps_the_same_whatever_room_there_is_for_the_grid) {
   EXPECT_TRUE(same_points(kept_with(mixed, limits::kScanPointsMax, small), kept));
 }
 
-TEST(LatticeOrder, leaves_the_cloud_alone_where_there_is_no_room) {
+TEST(LatticeOrder, leaves_the_cloud_alone_without_room) {
   const std::vector<float> mixed = shuffled(scan(0.0));
   std::vector<float> xyz = mixed;
   Lattice lattice;

@@ -224,7 +224,7 @@ TEST(CasingPoints, lie_in_one_of_the_two_sectors_whose_border_they_are_on) {
   }
 }
 
-TEST(CasingPoints, of_two_equally_far_the_first_stays) {
+TEST(CasingPoints, keep_the_first_of_two_points_at_equal_distance) {
   CasingAxes axes = kStraight;
   axes.s_mm = 0.0F;
   const CasingRing ring = {0.0F, 0.0F, 12.5F, 17.5F, -1.0F, 1.0F};

@@ -170,7 +170,7 @@ TEST(Casing, is_measured_from_two_thirds_of_its_edge_and_says_it_is_worse) {
   EXPECT_GT(some(0, 0), 2.0 * some(1, 1));
 }
 
-TEST(Casing, of_half_an_edge_is_honest_or_not_measured) {
+TEST(Casing, from_half_an_edge_has_a_true_uncertainty_or_is_not_measured) {
   double true_squares = 0.0;
   double stated = 0.0;
   int measured = 0;

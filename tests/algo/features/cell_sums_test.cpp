@@ -121,7 +121,7 @@ void expect_the_plain_cells(const SeatPoints& points, const CellLayout& layout, 
   });
 }
 
-TEST(CellSums, of_numbers_that_are_exact_are_those_of_a_plain_loop) {
+TEST(CellSums, equal_those_of_a_plain_loop_for_exact_numbers) {
   const Points points = in_quarters(kCounts.back() + 3);
   for (const std::size_t count : kCounts) {
     for (const std::size_t first : {std::size_t{0}, std::size_t{3}}) {
@@ -195,7 +195,7 @@ TEST(CellSums, place_a_group_of_any_size_as_a_plain_loop_does) {
 }
 
 /// Runs contain only finite values. Other values would corrupt their cell but no other memory.
-TEST(CellSums, leave_what_is_no_number_within_the_table) {
+TEST(CellSums, keep_values_that_are_not_numbers_within_the_table) {
   for (const float odd : {kNaN, -kNaN, kInf, -kInf}) {
     for (const std::size_t count : {1U, 64U, 100U, 200U}) {
       for (int kind = 0; kind < 4; ++kind) {

@@ -18,7 +18,7 @@ std::vector<Vec2> ring(int count, const Vec2& centre, double radius, double wave
   return points;
 }
 
-TEST(Circle, of_a_three_lobed_ring_is_exact) {
+TEST(Circle, is_exact_for_a_three_lobed_ring) {
   const Circle c = fit_circle(ring(24, Vec2(100.0, 200.0), 19.0, 0.05), Vec2(101.0, 199.0));
   ASSERT_TRUE(c.ok);
   EXPECT_NEAR(c.centre.x(), 100.0, 1e-9);

@@ -282,7 +282,7 @@ TEST(FlatStrip, says_how_far_a_wavy_face_leaves_its_tilt_open) {
 }
 
 /// For any phase and period the strip is long, and twice the standard uncertainty extends to the truth.
-TEST(FlatStrip, of_a_scanner_that_ripples_is_long_and_says_what_that_leaves_open) {
+TEST(FlatStrip, is_long_for_a_scanner_that_ripples_and_its_form_tilt_covers_the_error) {
   constexpr double kRipple_mm = 0.007;
   for (const double period_mm : {6.0, 9.0, 13.0, 17.0})
     for (const double phase : {0.0, 1.5, 3.0, 4.5}) {
@@ -299,7 +299,7 @@ TEST(FlatStrip, of_a_scanner_that_ripples_is_long_and_says_what_that_leaves_open
     }
 }
 
-TEST(Ripple, of_the_seat_is_found_wherever_the_scanner_stands) {
+TEST(Ripple, is_found_on_the_seat_for_every_position_of_the_scanner) {
   for (const double amplitude_mm : {0.0, 0.01, 0.02})
     for (const double askew_rad : {0.0, 0.02})
       for (const double period_mm : {2.5, 4.0, 6.0}) {

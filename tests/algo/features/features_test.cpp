@@ -201,7 +201,7 @@ TEST(FastFlatness, takes_its_points_in_any_number_of_runs) {
   }
 }
 
-TEST(FastFlatness, of_more_than_fits_or_of_a_seat_on_end_is_not_measured) {
+TEST(FastFlatness, is_not_measured_beyond_capacity_or_of_a_seat_on_end) {
   Seat seat([](double, double) { return 0.0; });
   seat.runs = limits::kSeatRunsMax + 1;
   EXPECT_FALSE(seat.measure(tilted(0.03)).ok);
@@ -351,7 +351,7 @@ TEST(FastCasing, has_the_same_bits_on_every_instruction_set) {
   (void)limit_instruction_set(InstructionSet::best);
 }
 
-TEST(FastCasing, of_nothing_and_of_a_few_points_is_not_measured) {
+TEST(FastCasing, is_not_measured_from_no_points_or_a_few_points) {
   const PlaneFit seat = tilted(0.03);
   const CasingTask task{Vec3(0.0, 116.5, 0.9), 15.0, 22.0, -0.25, 2.0, seat};
   EXPECT_FALSE(measure_casing(std::span<const SeatPoints>{}, SeatFrame{}, task).ok);

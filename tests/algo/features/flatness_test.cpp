@@ -19,7 +19,7 @@ using slabd::testing::rms;
 using slabd::testing::Seat;
 using slabd::testing::surface;
 
-TEST(MinimumZone, of_regular_solids_is_their_width) {
+TEST(MinimumZone, equals_the_width_of_regular_solids) {
   const double h = std::sqrt(0.5);
   const std::vector<Vec3> tetrahedron = {
       {0.5, 0.0, -0.5 * h}, {-0.5, 0.0, -0.5 * h}, {0.0, 0.5, 0.5 * h}, {0.0, -0.5, 0.5 * h}};
@@ -31,7 +31,7 @@ TEST(MinimumZone, of_regular_solids_is_their_width) {
   EXPECT_NEAR(minimum_zone_mm(cube), 1.0, 1e-12);
 }
 
-TEST(MinimumZone, of_small_sets_matches_hand_computation) {
+TEST(MinimumZone, matches_hand_computation_for_small_sets) {
   const std::vector<Vec3> saddle = {{50, 50, 0.03}, {-50, 50, -0.03}, {-50, -50, 0.03}, {50, -50, -0.03}};
   EXPECT_NEAR(minimum_zone_mm(saddle), 0.06, 1e-12);
   std::vector<Vec3> ramp;
@@ -47,7 +47,7 @@ TEST(MinimumZone, of_small_sets_matches_hand_computation) {
   EXPECT_NEAR(peak_to_valley(five, fit_plane_lsq(five, Vec3::UnitZ())), 0.072097300, 1e-9);
 }
 
-TEST(MinimumZone, of_surfaces_matches_the_convex_hull) {
+TEST(MinimumZone, matches_the_convex_hull_for_surfaces) {
   EXPECT_NEAR(minimum_zone_mm(surface(1, 21, 31, 0.02, 0.05)), 0.093608165639, 2e-12);
   EXPECT_NEAR(minimum_zone_mm(surface(1, 21, 31, 0.02, 0.05, Vec3(3700.0, 2500.0, 1200.0))), 0.093608165639, 2e-11);
   EXPECT_NEAR(minimum_zone_mm(surface(7, 5, 5, 0.1, 0.0)), 0.199157926005, 2e-12);
@@ -56,13 +56,13 @@ TEST(MinimumZone, of_surfaces_matches_the_convex_hull) {
   EXPECT_NEAR(minimum_zone_mm(surface(13, 250, 400, 0.03, 0.02)), 0.105033665850, 2e-12);
 }
 
-TEST(MinimumZone, of_no_plane_is_no_number) {
+TEST(MinimumZone, is_NaN_without_a_plane) {
   EXPECT_TRUE(std::isnan(minimum_zone_mm({})));
   const std::vector<Vec3> same(10, Vec3(1.0, 2.0, 3.0));
   EXPECT_TRUE(std::isnan(minimum_zone_mm(same)));
 }
 
-TEST(Flatness, of_noise_is_the_noise_of_cell_means) {
+TEST(Flatness, equals_the_noise_of_cell_means_for_a_noisy_seat) {
   Prng prng(4);
   const Flatness f = Seat([&](double, double) { return 0.029 * prng.normal(); }).measure();
   ASSERT_TRUE(f.ok);
@@ -170,7 +170,7 @@ TEST(Flatness, takes_sparse_cells_for_seen_and_for_what_they_say) {
   EXPECT_GT(raised.defect.area_mm2, 100.0);
 }
 
-TEST(Flatness, of_a_bow_that_is_sparse_on_one_side_is_that_of_the_whole_bow) {
+TEST(Flatness, equals_that_of_the_whole_bow_if_one_side_is_sparse) {
   // Half of the seat, or a spot of it, is dark: every fifth of 36 points per cell remains. It sinks only a little.
   const auto bow = [](double x, double) { return -0.4 * (x / 51.0) * (x / 51.0); };
   const auto dent = [](double x, double y) { return -0.12 * std::exp(-(x * x + y * y) / 128.0); };
@@ -278,7 +278,7 @@ TEST(Flatness, a_pore_in_grainy_concrete_is_bridged) {
   }
 }
 
-TEST(Flatness, what_hangs_together_is_no_stray_however_narrow) {
+TEST(Flatness, connected_points_are_not_strays_however_narrow) {
   struct Case {
     const char* what;
     std::function<double(double, double)> height;
@@ -317,7 +317,7 @@ TEST(Flatness, a_crack_that_has_raised_its_lips_is_as_deep_as_it_is) {
   }
 }
 
-TEST(Flatness, damage_in_every_cell_of_a_coarse_scan_is_no_flat_seat) {
+TEST(Flatness, damage_in_every_cell_of_a_coarse_scan_does_not_give_a_flat_seat) {
   // Twelve points per cell in rows of three lines, one of them a ridge: eight points next to it remain.
   Seat seat([](double, double) { return 0.0; });
   seat.xyz.clear();
@@ -329,7 +329,7 @@ TEST(Flatness, damage_in_every_cell_of_a_coarse_scan_is_no_flat_seat) {
   EXPECT_NEAR(flat.lsq_mm, 2.0, 0.1);
 }
 
-TEST(Flatness, noise_of_cells_with_few_points_is_told) {
+TEST(Flatness, noise_of_cells_with_few_points_is_reported) {
   // One half has five points per cell, one in a hundred of them half a millimetre off.
   Prng prng(18);
   Seat seat([&](double, double) { return prng.uniform() < 0.01 ? 0.5 : 0.05 * prng.normal(); }, 0.22);
@@ -342,7 +342,7 @@ TEST(Flatness, noise_of_cells_with_few_points_is_told) {
   EXPECT_NEAR(flat.lsq_mm, flat.noise_mm, 0.25 * flat.noise_mm);
 }
 
-TEST(Flatness, damage_in_every_cell_is_no_flat_seat) {
+TEST(Flatness, damage_in_every_cell_does_not_give_a_flat_seat) {
   Prng prng(16);
   for (const double up_mm : {2.0, -2.0}) {
     Seat seat([&](double x, double) {
@@ -354,7 +354,7 @@ TEST(Flatness, damage_in_every_cell_is_no_flat_seat) {
   }
 }
 
-TEST(Flatness, damage_is_no_noise) {
+TEST(Flatness, damage_does_not_count_as_noise) {
   // Ridges in every third or fourth row of cells, narrower than a cell or wider: the cells between have the usual
   // noise.
   Prng prng(15);
@@ -396,7 +396,7 @@ TEST(Flatness, strays_that_stand_alone_still_go) {
 }
 
 /// A burr or a grain of dust counts, and so does the uncertainty whether it will stay. A hump and damage count fully.
-TEST(Flatness, narrow_low_bumps_are_told_apart) {
+TEST(Flatness, narrow_low_bumps_are_reported_separately) {
   const auto bump = [](double x, double y, double wide, double high) {
     const double r = std::hypot(x - 11.0, y + 20.0) / (0.5 * wide);
     return r < 1.0 ? 0.5 * high * (1.0 + std::cos(kPi * r)) : 0.0;
@@ -422,7 +422,7 @@ TEST(Flatness, expects_nothing_at_casings) {
   EXPECT_TRUE(seat.measure().ok);
 }
 
-TEST(Flatness, of_a_coarse_scan_is_measured) {
+TEST(Flatness, is_measured_from_a_coarse_scan) {
   // 14 points per cell on average, nine in some.
   Prng prng(8);
   Seat seat = without([&](double, double) { return prng.uniform() < 0.02; }, 0.4);

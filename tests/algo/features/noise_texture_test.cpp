@@ -65,7 +65,7 @@ struct Seat {
   }
 };
 
-TEST(NoiseTexture, of_a_scan_as_it_was_measured_is_white) {
+TEST(NoiseTexture, is_white_for_an_unprocessed_scan) {
   for (const double noise_mm : {0.006, 0.03, 0.05}) {
     const NoiseTexture t = Seat(noise_mm).texture();
     EXPECT_GT(t.looked_at, 50'000U);

@@ -48,7 +48,7 @@ void expect_end(End expected, const std::string& what, const Height& height) {
   }
 }
 
-TEST(PlaneStructure, of_a_second_parallel_plane_the_larger_wins_and_equal_ones_are_refused) {
+TEST(PlaneStructure, larger_of_two_parallel_planes_wins_and_equal_ones_are_refused) {
   for (const double distance : {0.3, 1.0, 5.0, 25.0}) {
     for (const double share : {0.5, 0.51, 0.55, 0.6, 0.7, 0.9}) {
       const End end = share < 0.52 ? End::refused : share < 0.6 ? End::either : End::right;
@@ -58,13 +58,13 @@ TEST(PlaneStructure, of_a_second_parallel_plane_the_larger_wins_and_equal_ones_a
   }
 }
 
-TEST(PlaneStructure, of_a_second_plane_five_noise_widths_away_none_in_the_middle_is_taken) {
+TEST(PlaneStructure, no_plane_in_the_middle_is_taken_with_a_second_plane_five_noise_widths_away) {
   for (const double share : {0.5, 0.55, 0.6})
     expect_end(End::either, "share " + std::to_string(share),
                [&](double, double, double u) { return u < share ? 0.0 : 5.0 * kNoise_mm; });
 }
 
-TEST(PlaneStructure, of_a_step_the_larger_side_wins_and_equal_ones_are_refused) {
+TEST(PlaneStructure, larger_side_of_a_step_wins_and_equal_ones_are_refused) {
   for (const double height : {0.3, 1.0, -5.0}) {
     for (const double share : {0.5, 0.51, 0.55, 0.6, 0.7, 0.9}) {
       const End end = share < 0.52 ? End::refused : share < 0.6 ? End::either : End::right;
@@ -185,14 +185,14 @@ Normalised normalised_errors(double outlier_share, const Fit& fit) {
   return {sum.offset / kSeeds, sum.tilt / kSeeds};
 }
 
-TEST(PlaneCovariance, of_least_squares_is_true) {
+TEST(PlaneCovariance, is_true_for_least_squares) {
   const Normalised e =
       normalised_errors(0.0, [](const std::vector<Vec3>& points, const Vec3& up) { return fit_plane_lsq(points, up); });
   EXPECT_NEAR(e.offset, 1.0, 0.1);
   EXPECT_NEAR(e.tilt, 1.0, 0.1);
 }
 
-TEST(PlaneCovariance, of_the_robust_fit_is_true_with_and_without_outliers) {
+TEST(PlaneCovariance, is_true_for_the_robust_fit_with_and_without_outliers) {
   for (const double share : {0.0, 0.2}) {
     const Normalised e = normalised_errors(share, [](const std::vector<Vec3>& points, const Vec3& up) {
       return fit_plane(points, up, {.confidence = 0.999});

@@ -57,7 +57,7 @@ TEST(Hypotheses, are_at_least_one_and_bounded) {
   EXPECT_EQ(hypotheses_needed(0.999, 0.999999, 3), static_cast<int>(limits::kPlaneHypothesesMax));
 }
 
-TEST(PlaneLsq, of_an_alternating_grid_is_exact) {
+TEST(PlaneLsq, is_exact_for_an_alternating_grid) {
   std::vector<Vec3> points;
   for (int i = 0; i < 4; ++i)
     for (int j = 0; j < 4; ++j)
@@ -70,7 +70,7 @@ TEST(PlaneLsq, of_an_alternating_grid_is_exact) {
   EXPECT_NEAR(f.std_mm, 0.022188007849, 1e-12);
 }
 
-TEST(PlaneLsq, of_a_published_case_has_the_published_normal_and_residuals) {
+TEST(PlaneLsq, matches_the_normal_and_residuals_of_a_published_case) {
   const std::vector<Vec3> points = {{1000.0014, 1000.0030, 1001.0031},
                                     {1999.9994, 2000.0043, 998.0100},
                                     {999.9965, 1999.9965, 1099.9985},
@@ -84,7 +84,7 @@ TEST(PlaneLsq, of_a_published_case_has_the_published_normal_and_residuals) {
   EXPECT_NEAR(std::abs(f.normal.dot(Vec3(2000.0007, 999.9968, 1002.0012)) - f.offset_mm), 101.647, 1e-3);
 }
 
-TEST(PlaneLsq, of_a_reproducible_surface_is_the_same_here_and_four_metres_away) {
+TEST(PlaneLsq, is_the_same_for_a_reproducible_surface_here_and_four_metres_away) {
   for (const Vec3& shift : {Vec3(0.0, 0.0, 0.0), Vec3(3700.0, 2500.0, 1200.0)}) {
     const std::vector<Vec3> points = surface(1, 21, 31, 0.02, 0.05, shift);
     const PlaneFit f = fit_plane_lsq(points, Vec3::UnitZ());
@@ -97,7 +97,7 @@ TEST(PlaneLsq, of_a_reproducible_surface_is_the_same_here_and_four_metres_away) 
   }
 }
 
-TEST(PlaneLsq, of_large_surfaces_matches_the_reference) {
+TEST(PlaneLsq, matches_the_reference_for_large_surfaces) {
   const auto check = [](const std::vector<Vec3>& points, double expected) {
     const PlaneFit f = fit_plane_lsq(points, Vec3::UnitZ());
     ASSERT_TRUE(f.ok);
@@ -109,7 +109,7 @@ TEST(PlaneLsq, of_large_surfaces_matches_the_reference) {
   check(surface(13, 250, 400, 0.03, 0.02), 0.105336643878);
 }
 
-TEST(PlaneLsq, refuses_what_is_no_plane) {
+TEST(PlaneLsq, refuses_points_that_do_not_span_a_plane) {
   EXPECT_FALSE(fit_plane_lsq({}, Vec3::UnitZ()).ok);
   const std::vector<Vec3> two = {{0, 0, 0}, {1, 0, 0}};
   EXPECT_FALSE(fit_plane_lsq(two, Vec3::UnitZ()).ok);
@@ -129,7 +129,7 @@ TEST(PlaneRansac, finds_the_noise_free_plane_of_table_one_exactly) {
   EXPECT_GE(f.inliers, 2000U);
 }
 
-TEST(PlaneLsq, of_the_inliers_of_table_one_has_the_reference_digits) {
+TEST(PlaneLsq, has_the_reference_digits_for_the_inliers_of_table_one) {
   std::vector<Vec3> points = table_one(0.01);
   points.resize(2000);
   const PlaneFit f = fit_plane_lsq(points, Vec3::UnitZ());

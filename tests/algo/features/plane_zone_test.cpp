@@ -81,7 +81,7 @@ bool same_bits(const TiltedSums& a, const TiltedSums& b) {
   return std::memcmp(&a, &b, sizeof a) == 0;
 }
 
-TEST(TiltedSums, of_numbers_that_are_exact_are_those_of_a_plain_loop) {
+TEST(TiltedSums, equal_those_of_a_plain_loop_for_exact_numbers) {
   const Points points = in_quarters(kCounts.back());
   for (const std::size_t count : kCounts) {
     for (const std::size_t length_max : {std::size_t{1}, std::size_t{40}, std::size_t{700}, count + 1}) {
@@ -149,7 +149,7 @@ TEST(TiltedSums, count_a_point_once_wherever_it_stands) {
   }
 }
 
-TEST(TiltedSums, of_the_same_selection_have_the_same_bits_whatever_selected_it) {
+TEST(TiltedSums, have_the_same_bits_for_the_same_selection_however_it_was_made) {
   Points points;
   Prng prng(13);
   for (int i = 0; i < 1000; ++i)

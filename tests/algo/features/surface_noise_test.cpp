@@ -115,7 +115,7 @@ Honesty honesty(int seeds, const Noise& noise) {
   return sum;
 }
 
-TEST(NoiseFactor, of_white_noise_is_one) {
+TEST(NoiseFactor, is_one_for_white_noise) {
   const Honesty h = honesty(60, [](Prng& prng) { return white(prng); });
   EXPECT_NEAR(h.factor, 1.06, 0.06) << "13 % scatter, never below 1";
   EXPECT_NEAR(h.normalised, 1.0, 0.3);
@@ -218,7 +218,7 @@ TEST(DefectChannel, is_quiet_on_a_coarse_scan_with_cells_of_unequal_noise) {
   EXPECT_LE(alarms, 1);
 }
 
-TEST(DefectChannel, of_a_perfect_seat_is_empty) {
+TEST(DefectChannel, is_empty_for_a_perfect_seat) {
   const SurfaceDefect d = Seat([](double, double) { return 0.0; }).measure(0.0).defect;
   EXPECT_EQ(d.cells, 0U);
   EXPECT_GT(d.limit_mm, 0.0);

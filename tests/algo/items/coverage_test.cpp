@@ -27,12 +27,12 @@ void expect_true_U(const std::vector<Coverage>& result) {
   EXPECT_EQ(result.size(), 17U) << "nine items of a block, eight of the slab";
 }
 
-TEST(Coverage, of_every_item_where_the_scanners_form_decides) {
+TEST(Coverage, holds_for_every_item_when_the_form_of_the_scanner_dominates) {
   const simulation::Line line(simulation::recipe_with_uncertainty(), {0.02, rad_from_deg(0.001), 0.017, 1e-5});
   expect_true_U(simulation::coverage(line, simulation::Errors{}, kSlabs, 1, 20));
 }
 
-TEST(Coverage, of_every_item_where_noise_robot_and_registration_decide) {
+TEST(Coverage, holds_for_every_item_when_noise_robot_and_registration_dominate) {
   Recipe recipe = simulation::recipe_with_uncertainty();
   recipe.uncertainty.scanner_form_mm.value = 0.0005;
   recipe.uncertainty.scanner_length_ppm.value = 0.5;
@@ -42,7 +42,7 @@ TEST(Coverage, of_every_item_where_noise_robot_and_registration_decide) {
   expect_true_U(simulation::coverage(line, simulation::Errors{}, kSlabs, 1, 20));
 }
 
-TEST(Coverage, of_flatness_from_below_for_flat_and_for_bowed_seats) {
+TEST(Coverage, holds_for_flatness_from_below_for_flat_and_for_bowed_seats) {
   const simulation::Line line(simulation::recipe_with_uncertainty(), {0.02, rad_from_deg(0.001)});
   for (const double bow_mm : {0.0, 0.03, 0.1, -0.3}) {
     int covered = 0;

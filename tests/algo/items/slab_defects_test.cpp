@@ -106,7 +106,7 @@ TEST(SlabDefects, robot_repeatability_of_0_017_mm_leaves_0_05_mm_of_lateral_and_
   EXPECT_LE(unremoved, 0.018);
 }
 
-TEST(SlabDefects, a_seat_out_of_place_is_found_with_its_size_and_nobody_else_pays) {
+TEST(SlabDefects, a_seat_out_of_place_is_found_with_its_size_and_other_seats_are_not_affected) {
   const Bench bench;
   for (int station = 1; station <= 18; ++station) {
     const auto seed = static_cast<std::uint64_t>(station);
@@ -326,7 +326,7 @@ TEST(SlabDefects, a_station_that_is_known_worse_counts_less) {
   EXPECT_LT(turned, 0.8 * even);
 }
 
-TEST(SlabDefects, a_seat_of_unknown_uncertainty_takes_nobody_elses_away) {
+TEST(SlabDefects, a_seat_of_unknown_uncertainty_keeps_the_uncertainty_of_the_others) {
   Bench bench;
   Prng prng(2);
   Measured m = bench.line.measure(bench.slab(), robot_only(), prng);
@@ -514,7 +514,7 @@ TEST(SlabDefects, a_row_that_lies_elsewhere_along_the_rail_is_said) {
   EXPECT_TRUE(bench.measure(bench.slab(), 5).fit.note.empty());
 }
 
-TEST(SlabDefects, a_seat_out_of_place_is_told_in_full_beside_the_roll_and_without_limits_of_spacing) {
+TEST(SlabDefects, a_seat_out_of_place_is_reported_in_full_next_to_the_roll_and_without_spacing_limits) {
   Recipe recipe = simulation::recipe_with_uncertainty();
   Tolerance& spacing = recipe.tolerances[static_cast<std::size_t>(ItemId::seat_spacing)];
   spacing.lower = spacing.upper = kNoValue;

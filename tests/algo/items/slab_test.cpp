@@ -218,7 +218,7 @@ TEST(Slab, large_jaw_distance_counts_for_the_station_whose_jaw_is_out_of_place) 
   EXPECT_EQ(r.station_verdict[3], Verdict::pass);
 }
 
-TEST(Slab, slope_in_the_slab_frame_decides_when_the_recipe_says_so) {
+TEST(Slab, slope_in_the_slab_frame_decides_if_the_recipe_requires_it) {
   for (const int station : {5, 14}) {
     Slab slab;
     // Tilted further outward by 0.2 degrees: 1.63, beyond 1:37.
@@ -382,7 +382,7 @@ TEST(Slab, uncertainty_combines_recipe_and_stations) {
   EXPECT_NEAR(item(r, ItemId::seat_slope, 1).U, std::hypot(0.03, 2.0 * 0.001), 1e-12);
 }
 
-TEST(Slab, of_eight_pairs_uses_its_own_numbering) {
+TEST(Slab, with_eight_pairs_uses_its_own_numbering) {
   Slab slab;
   slab.recipe.slab.pairs = 8;
   slab.recipe.slab.length_mm.value = 4970.0;
@@ -440,7 +440,7 @@ TEST(Slab, does_not_pass_with_a_finding_on_a_block_of_good_items) {
   EXPECT_EQ(slab.inspect().station_verdict[3], Verdict::fail);
 }
 
-TEST(Slab, an_interrupted_block_says_so) {
+TEST(Slab, an_interrupted_block_has_the_reason_interrupted) {
   Slab slab;
   BlockResult& b = slab.block(4);
   b.verdict = Verdict::aborted;

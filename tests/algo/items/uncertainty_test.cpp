@@ -134,7 +134,7 @@ TEST(Uncertainty, fit_parts_equal_differences_of_the_real_items_plane_by_plane) 
   }
 }
 
-TEST(Uncertainty, what_weighing_the_seat_by_area_would_change_is_rectangular_and_not_noise) {
+TEST(Uncertainty, effect_of_weighting_the_seat_by_area_is_rectangular_and_not_noise) {
   const Block block;
   const PlaneFit& seat = block.result.seat.plane;
   const Vec3 x = (Vec3::UnitX() - seat.normal.x() * seat.normal).normalized();
@@ -389,7 +389,7 @@ TEST(Uncertainty, a_part_that_is_unknown_never_makes_U_small) {
   EXPECT_EQ(judge(item, 1.0), Verdict::indeterminate);
 }
 
-TEST(Uncertainty, of_seat_std_is_its_sampling_error_also_without_settings) {
+TEST(Uncertainty, is_the_sampling_error_for_seat_std_also_without_settings) {
   Prng prng(2);
   const Line line(scene::p5600(), kSigma);
   Errors errors;
@@ -419,7 +419,7 @@ ScannerNumbers verified(double form_half_mm, double form_length_mm, double PS_mm
   return n;
 }
 
-TEST(ScannerBudget, of_specification_and_verification_the_larger_counts_term_by_term) {
+TEST(ScannerBudget, uses_the_larger_of_specification_and_verification_term_by_term) {
   const UncertaintySettings u = simulation::recipe_with_uncertainty().uncertainty;  // 0.05 mm over 150 mm, 50 ppm
   const ScannerModel specified(u);
   const auto expect_same = [&](const ScannerModel& model) {
@@ -467,7 +467,7 @@ TEST(Budget, a_spacing_whose_U_the_recipe_states_is_known_no_better_than_its_cir
   EXPECT_NEAR(stated(0.3), 2.0 * std::sqrt(2.0) * 0.3, 1e-3);
 }
 
-TEST(Budget, what_the_form_of_its_own_faces_leaves_open_widens_U_with_a_budget_and_without) {
+TEST(Budget, form_doubt_of_the_blocks_own_faces_widens_U_with_and_without_a_budget) {
   Block b;
   b.result.seat.flatness_mm = 0.5;
   b.result.seat.flatness_noise_mm = 0.01;

@@ -257,7 +257,7 @@ TEST(Registration, rejects_a_pose_beyond_its_window) {
   EXPECT_NE(r.report().note.view().find("moved 8.0 mm"), std::string_view::npos) << r.report().note.c_str();
 }
 
-TEST(Registration, refuses_a_start_that_is_no_pose) {
+TEST(Registration, refuses_a_start_that_is_not_a_pose) {
   scene::Cloud cloud = plain_scan();
   BlockInspector inspector;
   inspector.use(scene::p5600());

@@ -38,7 +38,7 @@ scene::Scan seen(double focus_mm, double pitch_mm = 0.41) {
   return scan;
 }
 
-TEST(CoordinateStep, of_a_scan_with_all_its_digits_is_none) {
+TEST(CoordinateStep, is_zero_for_a_scan_with_all_its_digits) {
   for (const double focus_mm : {0.0, 600.0}) {
     const scene::Cloud cloud = scene::take({}, seen(focus_mm));
     EXPECT_EQ(step_of(cloud), Vec3::Zero()) << focus_mm;
@@ -47,7 +47,7 @@ TEST(CoordinateStep, of_a_scan_with_all_its_digits_is_none) {
   }
 }
 
-TEST(CoordinateStep, of_parallel_rays_is_their_raster_and_not_a_rounding) {
+TEST(CoordinateStep, is_zero_for_the_raster_of_parallel_rays) {
   for (const double pitch_mm : {0.25, 0.41, 0.5})
     EXPECT_EQ(step_of(scene::take({}, seen(0.0, pitch_mm))), Vec3::Zero());
   scene::Scan scan = seen(0.0, 0.5);
@@ -91,7 +91,7 @@ scene::Cloud resampled(const scene::Cloud& from, double from_pitch_mm, double pi
   return to;
 }
 
-TEST(CoordinateStep, of_a_raster_filled_from_the_nearest_points_is_their_distance) {
+TEST(CoordinateStep, is_the_distance_of_the_nearest_points_that_filled_a_raster) {
   scene::Scan scan = seen(0.0, 0.4);
   scan.missing_share = 0.0;
   const scene::Cloud points = scene::take({}, scan);
@@ -104,7 +104,7 @@ TEST(CoordinateStep, of_a_raster_filled_from_the_nearest_points_is_their_distanc
   }
 }
 
-TEST(CoordinateStep, of_heights_that_a_median_repeats_is_none) {
+TEST(CoordinateStep, is_zero_for_heights_that_a_median_repeats) {
   const scene::Cloud from = scene::take({}, seen(0.0, 0.4));
   scene::Cloud median = from;
   const auto z = [&](std::size_t row, std::size_t column) { return from.xyz[3 * (row * from.width + column) + 2]; };
@@ -121,7 +121,7 @@ TEST(CoordinateStep, of_heights_that_a_median_repeats_is_none) {
   EXPECT_EQ(step_of(median), Vec3::Zero());
 }
 
-TEST(CoordinateStep, of_a_line_profiler_is_its_way_and_not_a_rounding) {
+TEST(CoordinateStep, is_zero_for_the_feed_of_a_line_profiler) {
   for (const std::size_t axis : {0U, 1U}) {
     // The rays of each profile are parallel to one plane; within it they start at one point.
     scene::Cloud cloud = scene::take({}, seen(600.0));
@@ -158,7 +158,7 @@ TEST(CoordinateStep, is_found_where_no_writer_would_expect_it) {
   EXPECT_LT((step_of(cloud) - Vec3::Constant(0.0737)).norm(), 0.001);
 }
 
-TEST(CoordinateStep, is_told_axis_by_axis) {
+TEST(CoordinateStep, is_reported_axis_by_axis) {
   scene::Cloud cloud = scene::take({}, seen(600.0));
   for (std::size_t i = 2; i < cloud.xyz.size(); i += 3) cloud.xyz[i] = std::nearbyint(cloud.xyz[i] / 0.125F) * 0.125F;
   EXPECT_EQ(step_of(cloud), Vec3(0.0, 0.0, 0.125));
@@ -229,7 +229,7 @@ TEST(Rounding, is_covered_by_the_uncertainty_with_a_budget_and_without) {
   }
 }
 
-TEST(Rounding, of_two_decimals_leaves_the_uncertainty_as_it_is) {
+TEST(Rounding, to_two_decimals_leaves_the_uncertainty_as_it_is) {
   const scene::Cloud cloud = scene::take({}, seen(600.0));
   const BlockResult fine = inspect(cloud, with_budget());
   const BlockResult coarse = inspect(rounded(cloud, 0.01), with_budget());

@@ -123,7 +123,7 @@ TEST(EdgeShapes, legs_of_3_to_8_mm_are_learned) {
     }
 }
 
-TEST(EdgeShapes, of_sharp_edges_and_of_edges_beyond_the_view_are_left_out) {
+TEST(EdgeShapes, omit_sharp_edges_and_edges_beyond_the_view) {
   scene::Scan scan;
   scan.pitch_mm = 0.35;
   scan.organised = true;

@@ -79,7 +79,7 @@ std::size_t damage_count(const BlockResult& r) {
   return count;
 }
 
-TEST(SurfaceDamage, of_good_blocks_is_nothing) {
+TEST(SurfaceDamage, is_not_found_on_good_blocks) {
   for (std::uint64_t seed = 1; seed <= 6; ++seed) {
     scene::Scan scan = seen(seed % 2 == 0 ? 600.0 : 0.0, seed);
     const auto k = static_cast<double>(seed);
@@ -233,7 +233,7 @@ TEST(SurfaceDamage, chips_out_of_the_edges_are_found) {
   }
 }
 
-TEST(SurfaceDamage, what_is_sunk_missing_or_lies_on_the_block_is_found) {
+TEST(SurfaceDamage, sunk_or_missing_parts_and_objects_on_the_block_are_found) {
   const auto half = [](const Vec3& p) {
     return p.x() > 55.0 && std::abs(p.y()) < 180.0 && std::abs(p.z()) < 8.0 ? kCant * p.y() - 4.0 : kNowhere;
   };
@@ -297,7 +297,7 @@ TEST(SurfaceDamage, drops_of_water_and_the_end_of_the_field_of_view_are_none) {
   EXPECT_EQ(item(r, ItemId::block_damage).verdict, Verdict::pass);
 }
 
-TEST(SurfaceDamage, what_lies_beyond_the_field_of_view_at_its_own_height_is_not_missing) {
+TEST(SurfaceDamage, a_part_beyond_the_field_of_view_at_its_own_height_is_not_missing) {
   // Rays from one centre: next to the block they meet the slab's top 25 mm further out than a shoulder.
   for (const double along_mm : {30.0, -30.0}) {
     scene::Scan scan = seen(600.0);

@@ -158,7 +158,7 @@ TEST(Findings, smaller_than_a_hundred_square_millimetres_or_shallower_than_one_a
   EXPECT_EQ(r.verdict, Verdict::pass);
 }
 
-TEST(Findings, of_good_blocks_are_none) {
+TEST(Findings, are_empty_for_good_blocks) {
   for (std::uint64_t seed = 1; seed <= 6; ++seed) {
     scene::Scan scan = seen(seed % 2 == 0 ? 600.0 : 0.0, seed);
     const auto k = static_cast<double>(seed);

@@ -301,7 +301,7 @@ TEST(Survey, maps_points_at_the_edge_of_the_field_within_it) {
   }
 }
 
-TEST(Survey, of_nothing_finds_nothing) {
+TEST(Survey, finds_nothing_without_points) {
   Bench bench;
   std::vector<float> xyz(3 * 70'000, std::numeric_limits<float>::quiet_NaN());
   const Survey survey = bench.run({xyz, 70'000, 0, 0}, Pose::identity());

@@ -167,7 +167,7 @@ TEST_F(CalibrationDeskTest, after_a_change_that_failed_the_line_works_with_what_
   EXPECT_EQ(now->id.view(), id);
 }
 
-TEST_F(CalibrationDeskTest, what_is_refused_changes_nothing_and_says_why) {
+TEST_F(CalibrationDeskTest, a_refused_change_has_no_effect_and_names_the_reason) {
   leave("a.json", change_json(ApplyCalibration{"he-none", {"anna", "test", 5}}));
   EXPECT_EQ(carry_out("a.json"), nullptr);
   EXPECT_TRUE(desk_->is_done());

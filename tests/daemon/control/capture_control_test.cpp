@@ -32,7 +32,7 @@ TEST(CaptureControl, requests_are_understood) {
   EXPECT_EQ(parsed(R"({"action":"state","session":"s"})").action, CaptureRequest::Action::keep);
 }
 
-TEST(CaptureControl, what_is_wrong_is_named_and_nothing_is_cut) {
+TEST(CaptureControl, errors_are_named_and_nothing_is_truncated) {
   const auto error_of = [](const std::string& line, std::uint32_t uid = 1000) {
     const Result<CaptureRequest> request = parse_capture(line, uid);
     EXPECT_FALSE(request.ok()) << line;
@@ -82,7 +82,7 @@ TEST(CaptureControl, the_answer_tells_a_view_and_survives_any_text) {
   EXPECT_FALSE(refused["shot"].contains("scan")) << "a refused view has nothing to take";
 }
 
-TEST(CaptureControl, garbage_is_no_request) {
+TEST(CaptureControl, garbage_is_survived_and_does_not_parse_as_a_request) {
   Prng prng(17);
   const std::string good = R"({"verb":"capture","action":"begin","session":"spring","operator":"anna","lease_s":120})";
   for (int i = 0; i < 2'000; ++i) {

@@ -37,7 +37,7 @@ class StatusTest : public ::testing::Test {
   Actions actions_;
 };
 
-TEST_F(StatusTest, status_is_told) {
+TEST_F(StatusTest, status_is_reported) {
   figures_.config_path = "/etc/slabd/slabd.toml";
   const json answer = ask(R"({"verb":"status"})");
   EXPECT_EQ(answer["schema"], "slabd.status/1");
@@ -46,7 +46,7 @@ TEST_F(StatusTest, status_is_told) {
   EXPECT_TRUE(answer["slab"].is_null());
 }
 
-TEST_F(StatusTest, bytes_that_are_no_text_do_not_stop_the_answer) {
+TEST_F(StatusTest, bytes_that_are_not_text_do_not_stop_the_answer) {
   figures_.config_path = "/etc/\xff\xfe/slabd\xc3.toml";
   figures_.db_path = "/srv/\x80.db";
   pose_.link_trouble = "interface \"\xe4\": no such device";
@@ -57,7 +57,7 @@ TEST_F(StatusTest, bytes_that_are_no_text_do_not_stop_the_answer) {
   EXPECT_EQ(answer["slab"]["id"], "SLAB-\xef\xbf\xbd");
 }
 
-TEST_F(StatusTest, what_is_odd_about_poses_that_are_believed_is_noted) {
+TEST_F(StatusTest, oddities_of_accepted_poses_are_noted) {
   const auto note = [this](bool measured, bool stopped, int after_ms = 4) {
     station_.now_ns += ns_from_ms(after_ms);
     PoseSample sample;
@@ -77,7 +77,7 @@ TEST_F(StatusTest, what_is_odd_about_poses_that_are_believed_is_noted) {
   EXPECT_EQ(note(false, false), "") << "this message cannot say it";
 }
 
-TEST_F(StatusTest, stops_that_are_alike_are_told_with_the_command_that_plans_others) {
+TEST_F(StatusTest, stops_that_are_alike_are_reported_with_the_command_that_plans_others) {
   EXPECT_EQ(ask(R"({"verb":"status"})").dump().find("stops alike"), std::string::npos);
   station_.stop_alike = 4;
   const std::string answer = ask(R"({"verb":"status"})").dump();
@@ -85,7 +85,7 @@ TEST_F(StatusTest, stops_that_are_alike_are_told_with_the_command_that_plans_oth
   EXPECT_NE(answer.find("slabctl stations"), std::string::npos) << answer;
 }
 
-TEST_F(StatusTest, metrics_are_told_as_prometheus_reads_them) {
+TEST_F(StatusTest, metrics_are_written_in_the_prometheus_format) {
   figures_.block_max_ms = 1500.0;
   station_.settings.software = "slabd \"x\\1\"";
   const json answer = ask(R"({"verb":"metrics","reset":true})");
@@ -109,7 +109,7 @@ TEST_F(StatusTest, metrics_are_told_as_prometheus_reads_them) {
   EXPECT_EQ(figures_.block_max_ms, 0.0) << "since the reset";
 }
 
-TEST_F(StatusTest, whatever_is_asked_is_answered) {
+TEST_F(StatusTest, every_request_is_answered) {
   EXPECT_EQ(ask("")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("[]")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("{\"verb\":7}")["schema"], "slabd.error/1");

@@ -116,7 +116,7 @@ TEST_F(PoseGateTest, a_sender_that_supplies_the_stopped_flag_is_taken_at_its_wor
   EXPECT_EQ(settled(), Code::not_settled);
 }
 
-TEST_F(PoseGateTest, what_a_sender_said_of_stopped_is_forgotten_when_it_fell_silent) {
+TEST_F(PoseGateTest, stopped_flag_of_a_sender_is_forgotten_when_the_sender_is_silent) {
   stopped = true;
   send(200);
   stopped = false;
@@ -172,7 +172,7 @@ TEST_F(PoseGateTest, absurd_numbers_from_outside_only_restart_the_window) {
   EXPECT_EQ(settled(), Code::not_settled);
 }
 
-TEST_F(PoseGateTest, an_emergency_stop_is_no_standstill) {
+TEST_F(PoseGateTest, an_emergency_stop_is_not_a_standstill) {
   send(200);
   PoseSample sample = sample_at(now_ns += kNsPerMs);
   sample.estop = true;
@@ -203,7 +203,7 @@ TEST_F(PoseGateTest, a_sample_sent_before_the_end_of_the_exposure_has_not_seen_i
   EXPECT_EQ(held_still(taken_ns), Code::ok);
 }
 
-TEST_F(PoseGateTest, a_motion_hidden_in_lost_samples_is_no_standstill) {
+TEST_F(PoseGateTest, a_motion_hidden_in_lost_samples_is_not_a_standstill) {
   expose();
   send(20);
   now_ns += settings.gap_us * kNsPerUs;  // a jolt; the robot has returned before the next sample
@@ -347,7 +347,7 @@ TEST_P(PoseRateTest, the_mean_is_that_of_all_poses) {
 
 INSTANTIATE_TEST_SUITE_P(Hz, PoseRateTest, testing::Values(100, 250, 1'000, 2'000, 4'000));
 
-TEST_F(PoseGateTest, a_pose_in_a_wrong_frame_is_no_part_of_the_next_window) {
+TEST_F(PoseGateTest, a_pose_in_a_wrong_frame_is_not_part_of_the_next_window) {
   send(10);
   PoseSample sample = sample_at(now_ns += ns_from_ms(period_ms));
   sample.tool_id = 3;

@@ -112,7 +112,7 @@ TEST(StationCalibration, handedness_is_unproven_until_a_calibration_is_applied_a
   EXPECT_TRUE(says(third.logged, "he-2 was adopted: no views prove"));
 }
 
-TEST(StationCalibration, what_was_applied_and_cannot_be_used_is_never_replaced_by_commissioning_values) {
+TEST(StationCalibration, an_applied_calibration_that_cannot_be_used_is_never_replaced_by_commissioning_values) {
   MemoryStore store;
   store.line.calibration.id = "he-1";
   store.line.calibration.trouble = "the numbers were changed";
@@ -252,7 +252,7 @@ TEST(StationCalibration, stale_corrections_are_not_used_and_not_named) {
   EXPECT_NE(line.view().warn & kWarnStationsNotCorrected, 0);
 }
 
-TEST(StationCalibration, outside_the_gate_the_scan_is_spliced_without_its_correction_and_says_so) {
+TEST(StationCalibration, outside_the_gate_the_scan_is_spliced_without_its_correction_and_marked) {
   MemoryStore store;
   store.line.calibration = mastered("he-1", test_recipe());
   Line line(store);
@@ -414,7 +414,7 @@ TEST(StationCalibration, a_line_with_neither_an_applied_nor_a_configured_calibra
   EXPECT_FALSE(line.view().slab_open);
 }
 
-TEST(StationCalibration, a_scanner_nobody_verified_is_a_warning_and_nothing_else) {
+TEST(StationCalibration, a_scanner_that_was_not_verified_is_only_a_warning) {
   MemoryStore store;
   store.line.calibration = hand_eye("he-1");
   Line line(store);

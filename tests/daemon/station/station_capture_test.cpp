@@ -133,7 +133,7 @@ TEST_F(CaptureTest, a_slow_turn_is_seen_as_well) {
   EXPECT_TRUE(says(shot.text, "about base z")) << shot.text.view();
 }
 
-TEST_F(CaptureTest, what_moved_while_the_scan_was_taken_is_refused_and_its_scan_is_gone) {
+TEST_F(CaptureTest, a_view_with_motion_during_the_scan_is_refused_and_its_scan_is_deleted) {
   begin();
   line_.robot_moves_mm = 0.015;
   ask_scanner();
@@ -148,7 +148,7 @@ TEST_F(CaptureTest, what_moved_while_the_scan_was_taken_is_refused_and_its_scan_
   EXPECT_TRUE(all_buffers_are_free());
 }
 
-TEST_F(CaptureTest, poses_that_are_lost_during_the_scan_are_no_proof) {
+TEST_F(CaptureTest, poses_lost_during_the_scan_do_not_prove_standstill) {
   begin();
   ask_scanner();
   line_.lose_poses(3);
@@ -187,7 +187,7 @@ TEST_F(CaptureTest, the_scanners_own_words_are_passed_on) {
   EXPECT_NE(line_.scans[0].request.cmd_seq, line_.scans[1].request.cmd_seq);
 }
 
-TEST_F(CaptureTest, while_the_disk_hangs_no_view_is_asked_for_and_there_is_room_for_what_is_to_be_remembered) {
+TEST_F(CaptureTest, no_view_is_requested_while_the_disk_hangs_and_the_store_queue_keeps_room) {
   begin();
   line_.disk_answers = false;
   for (int view = 0; view < 80; ++view) {
@@ -200,7 +200,7 @@ TEST_F(CaptureTest, while_the_disk_hangs_no_view_is_asked_for_and_there_is_room_
   EXPECT_LE(line_.station->storing.size() + 7, line_.station->storing.capacity());
 }
 
-TEST_F(CaptureTest, a_view_given_again_is_no_scan_of_a_block) {
+TEST_F(CaptureTest, a_repeated_view_is_not_accepted_as_a_scan_of_a_block) {
   begin();
   line_.fingerprint = 4711;
   ASSERT_EQ(shoot().code, Code::ok);
@@ -218,7 +218,7 @@ TEST_F(CaptureTest, a_view_given_again_is_no_scan_of_a_block) {
   EXPECT_EQ(line_.view().stations_done, 1);
 }
 
-TEST_F(CaptureTest, the_points_of_an_earlier_scan_are_no_view) {
+TEST_F(CaptureTest, the_points_of_an_earlier_scan_are_not_accepted_as_a_view) {
   for (const bool first_decoded : {true, false}) {
     line_.decodes_first = first_decoded;
     begin();
@@ -239,7 +239,7 @@ TEST_F(CaptureTest, the_points_of_an_earlier_scan_are_no_view) {
   }
 }
 
-TEST_F(CaptureTest, a_scan_that_nobody_saw_is_no_view_and_its_view_no_block) {
+TEST_F(CaptureTest, an_unseen_scan_is_not_a_view_and_the_view_is_not_a_scan_of_a_block) {
   line_.command(PlcCommand::slab_begin);
   line_.run_for(20);
   line_.scan_code = Code::trigger_timeout;
@@ -329,7 +329,7 @@ TEST_F(CaptureTest, a_slab_on_its_way_into_the_journal_comes_first) {
   EXPECT_TRUE(line_.view().slab_open);
 }
 
-TEST_F(CaptureTest, a_line_without_a_calibration_may_be_calibrated_and_says_so) {
+TEST_F(CaptureTest, a_line_without_a_calibration_may_be_calibrated_and_shows_the_fault) {
   store_.line.calibration.id = "he-1";
   store_.line.calibration.trouble = "the numbers were changed";
   line_.start();
@@ -347,7 +347,7 @@ TEST_F(CaptureTest, any_other_fault_comes_first) {
   EXPECT_TRUE(says(why.text, "fault 502")) << why.text.view();
 }
 
-TEST_F(CaptureTest, whoever_dies_gives_the_line_back) {
+TEST_F(CaptureTest, a_session_that_dies_releases_the_line) {
   begin();
   EXPECT_EQ(shoot().code, Code::ok);
   line_.run_for(58'000);
@@ -461,7 +461,7 @@ TEST_F(CaptureTest, nonsense_is_refused) {
   EXPECT_EQ(line_.view().state, PlcState::idle);
 }
 
-TEST_F(CaptureTest, a_view_without_a_free_buffer_says_so) {
+TEST_F(CaptureTest, a_view_without_a_free_buffer_fails_with_that_reason) {
   begin();
   line_.station->slot_busy.fill(true);
   const CaptureShot& shot = shoot(12'000);
@@ -472,7 +472,7 @@ TEST_F(CaptureTest, a_view_without_a_free_buffer_says_so) {
   EXPECT_EQ(line_.view().state, PlcState::maintenance);
 }
 
-TEST_F(CaptureTest, poses_that_end_with_the_scan_are_no_proof_that_the_robot_stood) {
+TEST_F(CaptureTest, poses_that_end_with_the_scan_do_not_prove_that_the_robot_stood_still) {
   begin();
   ask_scanner();
   line_.robot_present = false;
@@ -547,7 +547,7 @@ TEST_F(CaptureTest, a_session_that_ends_while_its_view_is_checked_leaves_no_scan
   EXPECT_TRUE(all_buffers_are_free());
 }
 
-TEST_F(CaptureTest, nobody_begins_while_a_session_waits_for_its_buffer) {
+TEST_F(CaptureTest, another_session_cannot_begin_while_one_waits_for_its_buffer) {
   begin();
   line_.scanner_answers = false;
   ask(Action::shoot);
@@ -557,7 +557,7 @@ TEST_F(CaptureTest, nobody_begins_while_a_session_waits_for_its_buffer) {
   EXPECT_EQ(ask(Action::keep).code, Code::wrong_slab) << "it has been ended";
 }
 
-TEST_F(CaptureTest, answers_to_other_requests_are_nobodys) {
+TEST_F(CaptureTest, answers_to_other_requests_are_ignored) {
   begin();
   ask_scanner();
   ScanDone other = scanned(0);
@@ -573,7 +573,7 @@ TEST_F(CaptureTest, answers_to_other_requests_are_nobodys) {
   EXPECT_EQ(line_.station->capture.shot.code, Code::ok);
 }
 
-TEST_F(CaptureTest, a_scanner_that_fails_without_a_word_is_told_by_its_code) {
+TEST_F(CaptureTest, a_scanner_that_fails_without_a_message_is_reported_by_its_code) {
   begin();
   ask_scanner();
   ScanDone done = scanned(0);

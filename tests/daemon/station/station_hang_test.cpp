@@ -75,7 +75,7 @@ TEST_F(StationHangTest, ABORT_is_answered_at_once) {
   EXPECT_TRUE(line.view().slab_open);
 }
 
-TEST_F(StationHangTest, nothing_is_asked_of_it_meanwhile_and_its_buffer_is_nobodys) {
+TEST_F(StationHangTest, no_scan_is_requested_meanwhile_and_its_buffer_stays_reserved) {
   line.run_for(20'000);
   const std::size_t asked_before = line.scans.size();
   EXPECT_TRUE(line.station->slot_busy[asked.slot]);
@@ -105,7 +105,7 @@ TEST_F(StationHangTest, a_scan_that_comes_after_it_was_given_up_is_dropped_and_m
   EXPECT_EQ(line.measured.size(), 1U);
 }
 
-TEST_F(StationHangTest, a_scan_that_was_given_up_is_no_later_one_either) {
+TEST_F(StationHangTest, a_scan_that_was_given_up_is_not_accepted_as_a_later_scan) {
   line.run_for(20'000);
   fingerprint = 4711;
   come_back(Code::ok);
@@ -159,7 +159,7 @@ TEST_F(StationHangTest, a_hang_that_ends_in_time_costs_nothing) {
 }
 
 /// A scan that was decoded before its copy to the spool hung is being measured; the buffer belongs to the measurement.
-TEST(StationHang, a_measurement_ahead_finds_nobody_and_gives_its_buffer_back) {
+TEST(StationHang, result_of_an_early_measurement_is_discarded_and_its_buffer_is_released) {
   MemoryStore store;
   Line line{store};
   line.run_for(300);
@@ -182,7 +182,7 @@ TEST(StationHang, a_measurement_ahead_finds_nobody_and_gives_its_buffer_back) {
   EXPECT_FALSE(line.station->slot_busy[0] || line.station->slot_busy[1]);
 }
 
-TEST(StationHang, a_disk_that_does_not_take_the_scan_is_502_and_is_said_so) {
+TEST(StationHang, a_disk_that_does_not_store_the_scan_is_502_and_is_logged) {
   MemoryStore store;
   Line line{store};
   line.run_for(300);

@@ -44,7 +44,7 @@ TEST_F(StationMeasuring, is_not_marked_when_it_ends_before_the_scan_is_durable) 
   EXPECT_EQ(line.view().record.verdict, Verdict::pass);
 }
 
-TEST_F(StationMeasuring, of_a_scan_that_ended_the_process_is_not_begun_again_unasked) {
+TEST_F(StationMeasuring, is_not_restarted_without_a_command_for_a_scan_that_ended_the_process) {
   acquire_and_hang();
   line.measured.clear();
   line.measuring_works = true;

@@ -190,7 +190,7 @@ TEST_F(StationRefusals, an_acknowledgement_that_could_not_be_stored_goes_with_th
   EXPECT_EQ(line.take_results().size(), 1U);
 }
 
-TEST_F(StationRefusals, an_answer_to_a_job_nobody_gave_changes_nothing) {
+TEST_F(StationRefusals, an_answer_to_an_unknown_job_changes_nothing) {
   begin();
   line.feed(StoreDone{60'000, Code::journal_write});
   EXPECT_EQ(line.view().fault, 0);
@@ -217,7 +217,7 @@ TEST_F(StationRefusals, commands_of_another_slab_type_or_recipe_are_refused) {
   EXPECT_EQ(line.view().cmd_status, 4);
 }
 
-TEST_F(StationRefusals, text_behind_the_end_of_a_slab_id_is_no_text) {
+TEST_F(StationRefusals, text_behind_the_end_of_a_slab_id_is_refused) {
   line.run_for(300);
   line.plc.slab_id = {'A', '\0', 'B'};
   line.command(PlcCommand::slab_begin);
@@ -304,7 +304,7 @@ TEST_F(StationRefusals, an_abort_on_its_way_to_the_journal_while_the_slab_is_jud
   EXPECT_EQ(taken[0].cmd_seq, abort_seq);
 }
 
-TEST_F(StationRefusals, a_station_cannot_be_scanned_for_ever) {
+TEST_F(StationRefusals, a_station_cannot_be_scanned_without_limit) {
   begin();
   line.station->slab.stations[0].attempts = 0xFF;
   line.command(PlcCommand::scan, 1);
@@ -336,7 +336,7 @@ TEST_F(StationRefusals, report_has_only_records_that_there_are) {
   EXPECT_NE(again[0].res_seq, slab[0].res_seq);
 }
 
-TEST_F(StationRefusals, a_block_without_a_number_or_a_writer_is_no_command) {
+TEST_F(StationRefusals, a_block_without_a_number_or_a_writer_is_not_a_command) {
   begin();
   const PlcOutputs before = line.view();
   line.plc.command = static_cast<std::uint16_t>(PlcCommand::scan);
@@ -455,7 +455,7 @@ TEST_F(StationRefusals, files_that_answer_nothing_are_a_warning) {
   EXPECT_NE(line.view().warn & kWarnStrayFiles, 0);
 }
 
-TEST_F(StationRefusals, a_result_of_another_slab_or_attempt_is_nobodys) {
+TEST_F(StationRefusals, a_result_of_another_slab_or_attempt_is_ignored) {
   begin();
   line.measuring_works = false;
   line.scan(1);
@@ -521,7 +521,7 @@ TEST_F(StationRefusals, a_slab_on_its_way_to_the_disk_takes_nothing_any_more) {
   EXPECT_FALSE(line.view().slab_open);
 }
 
-TEST_F(StationRefusals, a_full_disk_is_told_with_the_fault_and_not_as_stored) {
+TEST_F(StationRefusals, a_full_disk_is_reported_with_the_fault_and_not_as_stored) {
   begin();
   line.station->fault = static_cast<std::uint16_t>(Code::store_full);
   EXPECT_FALSE(line.view().store_ok);

@@ -343,7 +343,7 @@ TEST_F(StationTest, a_block_is_measured_while_its_scan_goes_to_the_disk_and_show
   EXPECT_EQ(records[0].cmd_seq, line.plc.cmd_seq);
 }
 
-TEST_F(StationTest, what_was_measured_of_a_scan_that_came_to_nothing_is_dropped) {
+TEST_F(StationTest, measurement_of_a_scan_that_was_not_stored_is_dropped) {
   begin();
   for (const bool measured_in_time : {true, false}) {
     line.disk_syncs = false;
@@ -415,7 +415,7 @@ TEST_F(StationTest, a_robot_that_moved_during_the_scan_is_not_measured_ahead) {
   EXPECT_TRUE(line.measured.empty());
 }
 
-TEST_F(StationTest, measuring_begins_with_the_durable_scan_where_nobody_heard_of_its_points_before) {
+TEST_F(StationTest, measuring_begins_with_the_durable_scan_if_its_points_were_not_announced_before) {
   begin();
   line.decodes_first = false;
   line.scan(1);
@@ -448,7 +448,7 @@ TEST_F(StationTest, nothing_is_shown_that_could_not_be_stored) {
   EXPECT_EQ(line.take_results().size(), 1U);
 }
 
-TEST_F(StationTest, a_robot_that_no_longer_says_stopped_is_told_of) {
+TEST_F(StationTest, a_robot_that_no_longer_sends_stopped_is_logged) {
   begin();
   line.robot_says_stopped = true;
   line.scan(1);
@@ -567,7 +567,7 @@ TEST_F(StationTest, abort_ends_the_scan_in_hand_and_keeps_the_slab) {
   EXPECT_EQ(line.view().cmd_status, 4);
 }
 
-TEST_F(StationTest, a_scan_in_another_buffer_than_the_one_that_was_given_is_nobodys) {
+TEST_F(StationTest, a_scan_in_another_buffer_than_the_assigned_one_is_ignored) {
   begin();
   line.scanner_answers = false;
   line.scan(1);

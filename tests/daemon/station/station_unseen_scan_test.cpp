@@ -21,7 +21,7 @@ struct UnseenScan : StationTest {
   }
 };
 
-TEST_F(UnseenScan, what_the_scanner_gives_next_is_thrown_away_and_the_block_is_scanned_all_the_same) {
+TEST_F(UnseenScan, next_scan_from_the_scanner_is_discarded_and_the_block_is_still_scanned) {
   die_while_scanning();
   line.fingerprint = 0x0F01;
   line.robot_station = 4;
@@ -58,7 +58,7 @@ TEST_F(UnseenScan, a_scanner_that_hangs_gives_the_same_twice_and_is_refused) {
   EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq);
 }
 
-TEST_F(UnseenScan, a_scan_that_is_known_is_not_the_one_that_nobody_saw) {
+TEST_F(UnseenScan, a_known_scan_is_not_the_unseen_one) {
   begin();
   line.fingerprint = 0x0E01;
   line.scan(1);
@@ -79,7 +79,7 @@ TEST_F(UnseenScan, a_scan_that_is_known_is_not_the_one_that_nobody_saw) {
 }
 
 /// Each way in which a request brings no new points, without a restart.
-TEST_F(UnseenScan, what_the_scanner_could_not_deliver_is_not_taken_for_another_block) {
+TEST_F(UnseenScan, an_undelivered_scan_is_not_taken_for_another_block) {
   begin();
   std::uint64_t fingerprint = 0x0E01;
   line.fingerprint = fingerprint;
@@ -143,7 +143,7 @@ TEST_F(UnseenScan, a_scan_that_is_given_again_and_again_is_not_forgotten_for_all
   EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq);
 }
 
-TEST_F(UnseenScan, what_was_not_delivered_before_a_restart_is_not_trusted_after_it) {
+TEST_F(UnseenScan, an_undelivered_scan_from_before_a_restart_is_not_trusted_after_it) {
   begin();
   line.scan_code = Code::trigger_timeout;
   line.scan(4);
@@ -216,7 +216,7 @@ TEST_F(SlowScanner, leaves_the_robot_its_time_to_settle) {
   EXPECT_EQ(line.scans.size(), 3U);
 }
 
-TEST_F(SlowScanner, and_a_robot_that_is_lost_leave_the_plc_its_answer) {
+TEST_F(SlowScanner, with_a_lost_robot_still_gets_the_plc_its_answer_in_time) {
   line.settings.scan_timeout_ns = 15 * kNsPerS;
   line.settings.settle_timeout_ns = 60 * kNsPerS;
   throw_away_for(6'000, false);
@@ -233,7 +233,7 @@ TEST_F(SlowScanner, answers_while_the_plc_waits_for_it) {
   EXPECT_GT(line.scans.back().request.timeout_ns, 9 * kNsPerS);
 }
 
-TEST_F(SlowScanner, that_leaves_no_time_for_the_blocks_own_is_asked_for_it_by_the_next_scan) {
+TEST_F(SlowScanner, that_leaves_no_time_for_the_blocks_own_scan_is_triggered_by_the_next_command) {
   line.settings.scan_timeout_ns = 15 * kNsPerS;
   throw_away_for(12'000);
   EXPECT_EQ(line.scans.size(), 2U) << "what would be asked for in vain would have to be thrown away, too";

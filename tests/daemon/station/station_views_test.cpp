@@ -214,7 +214,7 @@ TEST(StationViews, stops_that_are_alike_are_named_and_nothing_is_refused_for_the
   EXPECT_EQ(stop_like_the_next(other.slab), 0);
 }
 
-TEST(StationViews, what_is_said_names_the_other_stop_and_both_distances) {
+TEST(StationViews, message_names_the_other_stop_and_both_distances) {
   Cell cell(11, {});
   Views views;
   ASSERT_EQ(run_slab(views, cell, [&](int k) { return cell.scan(k); }), 0);

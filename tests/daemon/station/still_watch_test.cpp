@@ -45,7 +45,7 @@ TEST(StillWatch, settles_after_its_time_at_any_rate) {
   }
 }
 
-TEST(StillWatch, a_few_poses_are_no_proof) {
+TEST(StillWatch, a_few_poses_do_not_prove_standstill) {
   PoseSettings slow;
   slow.gap_us = 1'000'000;
   StillWatch watch({}, slow);
@@ -81,7 +81,7 @@ TEST(StillWatch, mean_and_spread_are_those_of_the_stretch) {
   EXPECT_NEAR(deg_from_rad(angle_between_rad(watch.mean().rotation, stood.rotation)), 0.0004, 5e-5);
 }
 
-TEST(StillWatch, sign_of_a_quaternion_is_no_motion) {
+TEST(StillWatch, sign_of_a_quaternion_is_not_motion) {
   StillWatch watch({}, {});
   Sender sender;
   for (int i = 0; i < 300; ++i) {
@@ -143,7 +143,7 @@ std::string said_of_first(Change change) {
   return watch.describe(watch.first_break()).c_str();
 }
 
-TEST(StillWatch, the_first_break_is_told_as_it_was_whatever_comes_after_it) {
+TEST(StillWatch, the_first_break_is_reported_unchanged_whatever_comes_after_it) {
   const std::string wrong_frame = said_of_first([](StillWatch& watch, Sender& sender) {
     PoseSample other = sender.next();
     other.base_id = 3;
@@ -161,7 +161,7 @@ TEST(StillWatch, the_first_break_is_told_as_it_was_whatever_comes_after_it) {
   EXPECT_TRUE(lost.starts_with("poses were lost or came twice: number 300 was followed by 401,")) << lost;
 }
 
-TEST(StillWatch, a_drive_is_told_in_its_whole_length) {
+TEST(StillWatch, a_drive_is_reported_with_its_whole_length) {
   const std::string drove = said_of_first([](StillWatch& watch, Sender& sender) {
     const Pose stood = sender.pose;
     for (int i = 0; i <= 800; ++i) {  // 50 mm in two seconds, then at rest
@@ -186,7 +186,7 @@ TEST(StillWatch, a_drive_is_told_in_its_whole_length) {
   EXPECT_TRUE(jolt.starts_with("it moved 0.500 mm along base x")) << jolt;
 }
 
-TEST(StillWatch, what_kept_it_from_standing_last_is_told_as_it_was) {
+TEST(StillWatch, last_break_is_described_as_it_was) {
   StillWatch watch({}, {});
   Sender sender;
   PoseSample other = sender.next();
@@ -196,7 +196,7 @@ TEST(StillWatch, what_kept_it_from_standing_last_is_told_as_it_was) {
   EXPECT_TRUE(watch.describe(watch.last_break()).view().starts_with("base 3 and tool 0 are active"));
 }
 
-TEST(StillWatch, a_bridge_that_works_off_a_queue_of_old_poses_is_not_believed) {
+TEST(StillWatch, a_bridge_that_works_off_a_queue_of_old_poses_is_not_trusted) {
   StillWatch watch({}, {});
   Sender sender;
   bool settled = false;

@@ -331,7 +331,7 @@ TEST_F(ModbusClientTest, every_misbehaviour_ends_the_connection_and_the_next_one
   EXPECT_GE(counters.malformed, 1U);
 }
 
-TEST_F(ModbusClientTest, a_plc_that_lacks_the_registers_is_told_by_key) {
+TEST_F(ModbusClientTest, a_plc_that_lacks_the_registers_is_reported_with_the_key) {
   plc.manner = FakePlc::Manner::refuses_writes;
   start();
   until([&] { return port->counters().exceptions > 0; });
@@ -366,7 +366,7 @@ TEST_F(ModbusClientTest, a_plc_that_takes_few_registers_gets_the_words_that_anno
   }
 }
 
-TEST_F(ModbusClientTest, too_many_registers_for_one_request_are_told_by_key) {
+TEST_F(ModbusClientTest, too_many_registers_for_one_request_are_reported_with_the_key) {
   plc.registers_max = 100;
   start();
   const auto told = [&](const char* text) {
@@ -403,7 +403,7 @@ TEST_F(ModbusClientTest, a_function_that_the_plc_lacks_is_named) {
   }
 }
 
-TEST_F(ModbusClientTest, a_plc_that_closes_behind_each_answer_is_told_and_can_be_worked_with) {
+TEST_F(ModbusClientTest, a_plc_that_closes_after_each_answer_is_reported_and_supported) {
   plc.manner = FakePlc::Manner::closes_behind;
   start();
   until([&] { return port->trouble().find("plc.keep_connection = false") != std::string_view::npos; });

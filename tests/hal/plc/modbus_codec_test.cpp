@@ -138,7 +138,7 @@ TEST(ModbusCodec, only_its_own_unit_0_and_255_are_answered) {
   }
 }
 
-TEST(ModbusCodec, frame_length_is_believed_between_2_and_254_under_protocol_0_only) {
+TEST(ModbusCodec, frame_length_is_accepted_between_2_and_254_under_protocol_0_only) {
   for (unsigned length = 0; length < 0x10000; ++length) {
     const std::array<std::uint8_t, 6> head = {
         9, 9, 0, 0, static_cast<std::uint8_t>(length >> 8U), static_cast<std::uint8_t>(length & 255U)};

@@ -129,7 +129,7 @@ TEST_F(ModbusServerTest, a_new_connection_is_a_new_writer_even_on_the_same_port)
   EXPECT_GT(turn().at(0).command_writer, first);
 }
 
-TEST_F(ModbusServerTest, who_floods_the_server_pushes_his_own_connections_off) {
+TEST_F(ModbusServerTest, a_flooding_client_displaces_its_own_connections) {
   PlcSettings settings;
   ASSERT_TRUE(settings.allow.push(parse_network("127.0.0.0/8").value()));
   open(settings);
@@ -149,7 +149,7 @@ TEST_F(ModbusServerTest, who_floods_the_server_pushes_his_own_connections_off) {
   EXPECT_EQ(asked(*plc, read_frame(2, 4, 0, 1)).size(), 11U);
 }
 
-TEST_F(ModbusServerTest, of_allow_and_read_only_the_narrower_network_decides) {
+TEST_F(ModbusServerTest, narrower_network_of_allow_and_read_only_decides) {
   PlcSettings settings;
   ASSERT_TRUE(settings.allow.push(parse_network("127.0.0.10/32").value()));
   ASSERT_TRUE(settings.allow.push(parse_network("127.1.0.0/16").value()));
@@ -167,7 +167,7 @@ TEST_F(ModbusServerTest, of_allow_and_read_only_the_narrower_network_decides) {
   EXPECT_EQ(writes("127.1.1.1"), 0U);
 }
 
-TEST_F(ModbusServerTest, each_write_of_the_command_block_is_told_apart) {
+TEST_F(ModbusServerTest, each_write_of_the_command_block_is_counted) {
   const auto plc = connected();
   plc->send(write_frame(1, 10, {1}));
   const std::uint32_t first = turn().at(0).command_writes;

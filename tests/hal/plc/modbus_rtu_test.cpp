@@ -171,7 +171,7 @@ TEST_F(RtuTest, a_request_right_behind_another_slaves_traffic_is_answered) {
   EXPECT_EQ(asked(joined(Bytes(700, 0x55), kRead)), kReadAnswer);
 }
 
-TEST_F(RtuTest, what_the_map_does_not_allow_is_refused_after_a_pause_only) {
+TEST_F(RtuTest, a_request_outside_the_map_is_refused_after_a_pause_only) {
   EXPECT_EQ(asked(closed({kUnit, 3, 0, 40, 0, 1})), closed({kUnit, 0x83, 2}));
   pause();
   EXPECT_EQ(asked(joined({0x55}, closed({kUnit, 3, 0, 40, 0, 1}))), Bytes{}) << "glued: it may be anything";
@@ -205,7 +205,7 @@ TEST_F(RtuTest, noise_of_the_line_behind_a_request_costs_a_pause_and_not_the_ans
   EXPECT_EQ(line_->counters().malformed, 0U);
 }
 
-TEST_F(RtuTest, what_is_longer_than_noise_or_too_late_gets_no_answer) {
+TEST_F(RtuTest, a_request_followed_by_more_than_noise_or_handled_too_late_gets_no_answer) {
   EXPECT_EQ(asked(joined(kRead, {5, 3, 0, 0})), Bytes{}) << "another device is sending by now";
   pause();
   EXPECT_EQ(receive(), Bytes{});
@@ -216,7 +216,7 @@ TEST_F(RtuTest, what_is_longer_than_noise_or_too_late_gets_no_answer) {
   EXPECT_EQ(asked(kRead), kReadAnswer);
 }
 
-TEST_F(RtuTest, a_served_function_in_a_frame_of_wrong_length_is_no_unknown_function) {
+TEST_F(RtuTest, a_served_function_in_a_frame_of_wrong_length_is_malformed_and_not_unknown) {
   // The byte count is three, the quantity two: it is unknown which is wrong.
   EXPECT_EQ(asked(closed({kUnit, 16, 0, 2, 0, 2, 3, 0, 5, 0, 1})), Bytes{});
   pause();
@@ -238,7 +238,7 @@ TEST_F(RtuTest, replies_that_come_back_late_are_not_answered) {
   EXPECT_EQ(asked(kRead), kReadAnswer);
 }
 
-TEST_F(RtuTest, a_request_asked_twice_while_nobody_looked_is_answered_once) {
+TEST_F(RtuTest, a_request_received_twice_before_the_next_turn_is_answered_once) {
   EXPECT_EQ(asked(joined(kRead, kRead)), kReadAnswer);
 }
 
@@ -321,7 +321,7 @@ class LateEcho {
   std::vector<std::pair<std::size_t, Bytes>> coming_;
 };
 
-TEST_F(RtuTest, echoes_that_come_after_the_next_requests_are_not_answered_and_are_no_sign_of_life) {
+TEST_F(RtuTest, echoes_after_the_next_requests_are_not_answered_and_are_not_a_sign_of_life) {
   for (const bool distinct : {true, false}) {
     for (const bool reads : {true, false}) {
       for (const std::size_t turns_late : {1U, 2U, 5U, 20U}) {
@@ -378,7 +378,7 @@ TEST_F(RtuTest, an_echo_that_comes_after_a_newer_value_does_not_write_the_old_on
   }
 }
 
-TEST_F(RtuTest, an_echo_and_the_next_request_in_one_piece_are_told_apart) {
+TEST_F(RtuTest, an_echo_and_the_next_request_in_one_piece_are_distinguished) {
   ASSERT_EQ(asked(kRead), kReadAnswer);
   ASSERT_EQ(asked(joined(kReadAnswer, heartbeat(1))), heartbeat(1));
   EXPECT_EQ(asked(joined(heartbeat(2), heartbeat(1))), heartbeat(2)) << "the request in front of the echo";

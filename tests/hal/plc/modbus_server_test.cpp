@@ -131,7 +131,7 @@ TEST_F(ModbusServerTest, a_refused_request_leaves_those_behind_it_alone) {
   EXPECT_EQ(client->receive().size(), 9U + 11U + 9U + 11U);
 }
 
-TEST_F(ModbusServerTest, a_foreign_unit_is_told_so_and_units_0_and_255_are_served) {
+TEST_F(ModbusServerTest, a_foreign_unit_gets_an_exception_and_units_0_and_255_are_served) {
   const auto client = connected();
   EXPECT_EQ(asked(*client, frame(1, {4, 0, 0, 0, 1}, 2)).back(), 11);
   EXPECT_EQ(asked(*client, frame(1, {4, 0, 0, 0, 1}, 0)).size(), 11U);
@@ -187,7 +187,7 @@ TEST_F(ModbusServerTest, a_silent_client_is_closed_after_a_minute_and_a_speaking
   EXPECT_EQ(server_->clients(), 1U);
 }
 
-TEST_F(ModbusServerTest, what_goes_wrong_is_counted_and_told_once_in_ten_seconds) {
+TEST_F(ModbusServerTest, faults_are_counted_and_reported_once_in_ten_seconds) {
   PlcNoteText text;
   EXPECT_FALSE(server_->next_note(now_ns_, text)) << "nothing happened";
   const auto hostile = connected();

@@ -317,7 +317,7 @@ TEST(PlcMap, command_crc_guards_exactly_registers_10_to_36) {
   }
 }
 
-TEST(PlcMap, blanks_and_NULs_around_a_slab_id_are_no_part_of_it) {
+TEST(PlcMap, blanks_and_NULs_around_a_slab_id_are_not_part_of_it) {
   using namespace std::string_literals;
   const auto read = [](const std::string& text) {
     PlcInputs inputs;

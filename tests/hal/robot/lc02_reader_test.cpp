@@ -98,7 +98,7 @@ TEST(Lc02Reader, every_length_but_the_right_one_is_foreign) {
   expect_dropped(longer, Fate::foreign);
 }
 
-TEST(Lc02Reader, a_robot_that_is_emulated_or_commanded_says_so) {
+TEST(Lc02Reader, pose_is_marked_as_emulated_or_commanded_by_its_flags) {
   flange_pose_t m = message();
   const auto read = [&](std::int32_t flags) {
     m.flags = flags;
@@ -200,7 +200,7 @@ TEST(Lc02Reader, magic_and_fingerprint_must_match_in_every_bit) {
   expect_dropped(fragment, Fate::foreign);
 }
 
-TEST(Lc02Reader, numbers_that_are_no_pose_are_malformed) {
+TEST(Lc02Reader, numbers_that_do_not_form_a_pose_are_malformed) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
   for (const double bad : {nan, inf, -inf, 10.001, -1e300}) {

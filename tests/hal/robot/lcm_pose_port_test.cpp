@@ -172,14 +172,14 @@ TEST(LcmPosePort, a_missing_interface_is_trouble_with_a_cure_and_not_the_end) {
   EXPECT_FALSE(port->trouble().empty());
 }
 
-TEST(LcmPosePort, an_address_nobody_has_is_trouble) {
+TEST(LcmPosePort, an_address_that_is_not_assigned_to_an_interface_is_trouble) {
   const auto port = open_port(settings_for(places::own_port(), "203.0.113.77"));
   PoseSample sample;
   EXPECT_FALSE(port->next(kNsPerS, sample));
   EXPECT_NE(port->trouble().find("no interface has this address"), std::string_view::npos);
 }
 
-TEST(LcmPosePort, only_the_configured_sender_is_believed) {
+TEST(LcmPosePort, only_the_configured_sender_is_used) {
   LcmSettings settings = settings_for(places::own_port(), "lo");
   ASSERT_TRUE(settings.senders.push(parse_network("203.0.113.7").value()));
   const Publisher publisher(lcm_create(settings.url.c_str()));
@@ -197,7 +197,7 @@ TEST(LcmPosePort, only_the_configured_sender_is_believed) {
   EXPECT_NE(note.view().find("1 datagrams from senders that may not publish"), std::string_view::npos) << note.view();
 }
 
-TEST(LcmPosePort, two_publishers_are_named_and_neither_is_believed_until_one_is_silent) {
+TEST(LcmPosePort, two_publishers_are_named_and_neither_is_used_until_one_is_silent) {
   const LcmSettings settings = settings_for(places::own_port(), "lo");
   const Publisher one(lcm_create(settings.url.c_str()));
   const Publisher two(lcm_create(settings.url.c_str()));
@@ -218,7 +218,7 @@ TEST(LcmPosePort, two_publishers_are_named_and_neither_is_believed_until_one_is_
   EXPECT_EQ(sample.seq, 101);
 }
 
-TEST(LcmPosePort, a_rigid_transform_is_a_pose_when_the_configuration_says_so) {
+TEST(LcmPosePort, a_rigid_transform_is_a_pose_if_configured) {
   LcmSettings settings = settings_for(places::own_port(), "lo");
   settings.type = PoseType::rigid_transform;
   const Publisher publisher(lcm_create(settings.url.c_str()));

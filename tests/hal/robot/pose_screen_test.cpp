@@ -32,14 +32,14 @@ struct PoseScreenTest : testing::Test {
   }
 };
 
-TEST_F(PoseScreenTest, an_orderly_sender_is_believed_and_nothing_is_counted) {
+TEST_F(PoseScreenTest, poses_of_an_orderly_sender_are_used_and_nothing_is_counted) {
   for (int i = 0; i < 500; ++i) ASSERT_TRUE(send());
   PoseNoteText text;
   EXPECT_FALSE(screen.next_note(now_ns, counters, text));
   EXPECT_TRUE(screen.refusal(now_ns).empty());
 }
 
-TEST_F(PoseScreenTest, an_old_datagram_that_comes_late_is_no_news) {
+TEST_F(PoseScreenTest, a_late_old_datagram_is_rejected) {
   ASSERT_TRUE(send());
   ASSERT_TRUE(send());
   EXPECT_FALSE(offer(robot, seq - 1, utime_us - 4'000));
@@ -50,7 +50,7 @@ TEST_F(PoseScreenTest, an_old_datagram_that_comes_late_is_no_news) {
   EXPECT_EQ(counters.gaps, 0U) << "what was refused does not break the numbering";
 }
 
-TEST_F(PoseScreenTest, a_clock_that_was_set_back_is_believed_after_a_second) {
+TEST_F(PoseScreenTest, a_clock_that_was_set_back_is_accepted_after_a_second) {
   ASSERT_TRUE(send());
   utime_us -= 3'600'000'000;
   int refused = 0;
@@ -84,7 +84,7 @@ TEST_F(PoseScreenTest, a_utime_in_another_unit_is_refused_by_name) {
   }
 }
 
-TEST_F(PoseScreenTest, a_clock_that_was_set_forward_or_messages_in_bursts_are_no_other_unit) {
+TEST_F(PoseScreenTest, a_clock_set_forward_or_messages_in_bursts_are_not_taken_for_another_time_unit) {
   for (int i = 0; i < 2'000; ++i) {
     if (i % 300 == 0) utime_us += i % 600 == 0 ? 3'600'000'000 : 500'000'000;
     now_ns += i % 10 == 0 ? ns_from_ms(40) : 1'000;
@@ -94,7 +94,7 @@ TEST_F(PoseScreenTest, a_clock_that_was_set_forward_or_messages_in_bursts_are_no
   EXPECT_EQ(counters.time_unit, 0U);
 }
 
-TEST_F(PoseScreenTest, a_new_socket_for_each_message_is_told_from_two_programs) {
+TEST_F(PoseScreenTest, a_new_socket_for_each_message_is_distinguished_from_two_programs) {
   ASSERT_TRUE(send());
   for (int i = 1; i <= 20; ++i) {
     now_ns += ns_from_ms(4);
@@ -111,7 +111,7 @@ TEST_F(PoseScreenTest, a_new_socket_for_each_message_is_told_from_two_programs) 
   EXPECT_NE(screen.refusal(now_ns).find("two programs"), std::string_view::npos) << screen.refusal(now_ns);
 }
 
-TEST_F(PoseScreenTest, a_new_socket_every_few_messages_is_told_from_two_programs) {
+TEST_F(PoseScreenTest, a_new_socket_every_few_messages_is_distinguished_from_two_programs) {
   for (const bool numbered : {true, false}) {
     screen = {};
     ASSERT_TRUE(send());
@@ -125,7 +125,7 @@ TEST_F(PoseScreenTest, a_new_socket_every_few_messages_is_told_from_two_programs
   }
 }
 
-TEST_F(PoseScreenTest, two_sockets_of_one_program_are_told_by_their_numbers) {
+TEST_F(PoseScreenTest, two_sockets_of_one_program_are_recognized_by_their_numbers) {
   ASSERT_TRUE(send());
   for (int i = 0; i < 20; ++i) {
     now_ns += ns_from_ms(4);
@@ -181,7 +181,7 @@ TEST_F(PoseScreenTest, lost_messages_are_counted_one_by_one) {
   EXPECT_EQ(counters.lost, 3U);
 }
 
-TEST_F(PoseScreenTest, a_jump_is_believed_when_the_next_pose_confirms_it) {
+TEST_F(PoseScreenTest, a_jump_is_accepted_when_the_next_pose_confirms_it) {
   ASSERT_TRUE(send());
   at.x() += 400.0;
   EXPECT_FALSE(send());
@@ -202,7 +202,7 @@ TEST_F(PoseScreenTest, a_single_torn_pose_is_never_believed) {
   EXPECT_EQ(counters.jumps, 50U);
 }
 
-TEST_F(PoseScreenTest, while_two_publish_neither_is_believed) {
+TEST_F(PoseScreenTest, neither_publisher_is_used_while_two_publish) {
   ASSERT_TRUE(send());
   for (int i = 0; i < 100; ++i) {
     EXPECT_FALSE(offer(other, i, utime_us + 1'000 + i));
@@ -232,7 +232,7 @@ TEST_F(PoseScreenTest, a_bridge_that_was_restarted_is_taken_over_when_the_old_on
   EXPECT_EQ(counters.gaps, 0U);
 }
 
-TEST_F(PoseScreenTest, senders_that_follow_each_other_after_a_silence_are_no_two_publishers) {
+TEST_F(PoseScreenTest, senders_that_follow_each_other_after_a_silence_do_not_count_as_two_publishers) {
   for (std::uint16_t run = 0; run < 5; ++run) {
     robot.port = static_cast<std::uint16_t>(42'000 + run);
     for (int i = 0; i < 20; ++i) EXPECT_TRUE(send());

@@ -63,7 +63,7 @@ TEST(Lzf, a_stream_made_by_hand) {
   EXPECT_EQ(decoded_simply(stream), wanted);
 }
 
-TEST(Lzf, what_is_compressed_comes_back_in_pieces_of_any_size) {
+TEST(Lzf, compressed_data_is_restored_in_pieces_of_any_size) {
   Prng prng(3);
   for (const std::uint64_t values : {1U, 2U, 7U, 256U})
     for (const std::size_t bytes : {0U, 1U, 2U, 3U, 31U, 32U, 33U, 264U, 265U, 8'192U, 8'193U, 41'000U, 300'000U}) {

@@ -187,7 +187,7 @@ TEST(Pcd, forms_of_text_that_other_programs_write) {
                  "VIEWPOINT \"0,0\" (expected: seven numbers with decimal points)");
 }
 
-TEST(Pcd, what_is_not_supported_is_named) {
+TEST(Pcd, unsupported_features_are_named) {
   const std::string tail = kTwo + "DATA binary\n" + kSix;
   expect_refused("", "0 bytes, nothing was written");
   expect_refused("\n", "not a PCD file");

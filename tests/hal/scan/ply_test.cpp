@@ -161,7 +161,7 @@ std::string in_text_mode(const std::string& bytes) {
   return out;
 }
 
-TEST(Ply, a_line_end_or_zeros_behind_binary_data_are_no_part_of_it) {
+TEST(Ply, a_line_end_or_zeros_behind_binary_data_are_not_part_of_it) {
   const std::string whole = head(kLittle, kTwo) + point(1, 2, 3) + point(4, 5, 6);
   for (const std::string& tail :
        {std::string("\n"), std::string("\r\n"), std::string(1, '\0'), std::string(65'536, '\0')})

@@ -68,7 +68,7 @@ TEST(ScanChecksum, an_order_counts) {
   EXPECT_NE(points_crc32c(xyz), whole);
 }
 
-TEST(ScanChecksum, of_a_file_is_that_of_its_points) {
+TEST(ScanChecksum, matches_between_a_file_and_its_points) {
   TemporaryFolder folder;
   const std::vector<float> xyz = cloud();
   for (const ScanFormat format : {ScanFormat::ply, ScanFormat::ply_be, ScanFormat::pcd}) {
@@ -93,7 +93,7 @@ TEST(ScanChecksum, is_of_millimetres) {
   EXPECT_EQ(sum.value().crc32c, points_crc32c(std::vector<float>{250, 500, 125}));
 }
 
-TEST(ScanChecksum, files_that_are_no_records_are_refused_by_name) {
+TEST(ScanChecksum, files_that_are_not_records_are_refused_by_name) {
   TemporaryFolder folder;
   for (const ScanFormat format :
        {ScanFormat::ply_ascii, ScanFormat::pcd_ascii, ScanFormat::pcd_compressed, ScanFormat::xyz, ScanFormat::csv}) {

@@ -63,7 +63,7 @@ TEST_F(ScanDropTest, one_look_at_a_crowd_is_bounded_and_makes_progress) {
   EXPECT_GT(looks, kStrays / kInboxLook);
 }
 
-TEST_F(ScanDropTest, of_a_crowd_what_is_written_at_this_moment_stays) {
+TEST_F(ScanDropTest, a_file_being_written_among_many_others_is_not_removed) {
   for (int i = 0; i < 300; ++i) write_file(inbox("preview-" + std::to_string(i) + ".png"), "x");
   scanner_->idle();
   EXPECT_EQ(names_in(inbox()).size(), 300U) << "all of them may still be written";
@@ -118,7 +118,7 @@ TEST_F(ScanDropTest, files_of_pcls_writer_are_answers_and_taken_without_waiting)
   }
 }
 
-TEST_F(ScanDropTest, a_hole_behind_the_data_is_no_hole_in_them) {
+TEST_F(ScanDropTest, a_hole_behind_the_data_does_not_count_as_a_hole_in_the_data) {
   ASSERT_TRUE(write_scan((drop() + "/whole").c_str(), ScanFormat::pcd, points(), 0, 0).ok());
   const std::string whole = read_file(drop() + "/whole");
   open(true);  // a file of any name must be unchanged for some time and have no holes
@@ -175,7 +175,7 @@ TEST(FolderLock, a_lock_file_that_was_deleted_is_made_and_locked_again) {
   EXPECT_EQ(second.take(folder.string().c_str()), FolderLock::State::anothers);
 }
 
-TEST(FolderLock, what_cannot_be_locked_is_told_in_words) {
+TEST(FolderLock, failure_to_lock_is_reported_in_words) {
   const TemporaryFolder folder;
   FolderLock lock("first");
   EXPECT_EQ(lock.take((folder.string() + "/not-there").c_str()), FolderLock::State::cannot);
@@ -236,7 +236,7 @@ TEST_F(ScanDropLockTest, the_second_daemon_touches_nothing_and_goes_on_when_the_
   EXPECT_TRUE(second->used_by_another().empty());
 }
 
-TEST_F(ScanDropLockTest, a_folder_that_cannot_be_locked_is_used_and_one_line_says_so) {
+TEST_F(ScanDropLockTest, a_folder_that_cannot_be_locked_is_used_and_noted_in_one_line) {
   fs::create_symlink("nowhere", drop() + "/.slabd.lock");
   scanner_ = daemon("the first");
   EXPECT_TRUE(scanner_->online());

@@ -46,7 +46,7 @@ TEST_F(ScanDropTest, a_full_spool_disk_is_501_and_leaves_nothing_and_a_repeat_wo
             0);
 }
 
-TEST_F(ScanDropTest, a_full_drop_disk_is_501_before_anything_is_asked_for) {
+TEST_F(ScanDropTest, a_full_drop_disk_is_501_before_any_request) {
   EXPECT_EQ(in_own_process([this] {
               if (!own_mounts() || mount("tmpfs", drop().c_str(), "tmpfs", 0, "size=64k") != 0) return 1;
               open(false);
@@ -92,7 +92,7 @@ void trim(const DropFolders& folders, std::uint64_t bytes) {
   }
 }
 
-TEST_F(ScanDropTest, what_was_set_aside_first_is_deleted_first_when_stray_has_no_room) {
+TEST_F(ScanDropTest, oldest_file_set_aside_is_deleted_first_when_stray_is_full) {
   for (int i = 1; i <= 10; ++i) {
     const std::string name = "7-" + std::to_string(100 + i) + ".ply";
     drop_scan(name, static_cast<float>(i));
@@ -215,7 +215,7 @@ TEST_F(ScanDropTest, a_flood_of_strays_is_thirty_lines_and_then_one_a_second) {
   EXPECT_LE(notes.size(), 60U) << "one a second more, on a slow computer too";
 }
 
-TEST_F(ScanDropTest, whoever_looks_from_outside_is_told_what_is_wrong_and_that_it_is_over) {
+TEST_F(ScanDropTest, trouble_is_reported_to_other_threads_and_cleared_when_it_is_over) {
   EXPECT_TRUE(scanner_->online());
   EXPECT_TRUE(scanner_->trouble().empty());
   fs::rename(drop(), drop() + ".away");
@@ -250,7 +250,7 @@ TEST(HangWatch, a_call_that_does_not_come_back_shows_after_its_patience_and_not_
   EXPECT_EQ(watch.hang().ns, 0);
 }
 
-TEST_F(ScanDropTest, a_disk_that_does_not_take_the_scan_is_told_as_the_spools_and_not_as_a_share) {
+TEST_F(ScanDropTest, a_disk_that_does_not_store_the_scan_is_reported_as_the_spool_and_not_as_a_share) {
   SteppedClock stepped;
   open_with(stepped);
   // A second name makes it a copy, and opening a pipe in its place blocks.
@@ -325,7 +325,7 @@ TEST_F(ScanDropTest, an_answer_replaced_by_another_file_is_read_as_one_or_the_ot
   }
 }
 
-TEST_F(ScanDropTest, an_answer_that_is_taken_away_before_it_is_in_the_spool_is_no_fault_of_the_disk) {
+TEST_F(ScanDropTest, an_answer_that_is_removed_before_it_is_in_the_spool_is_not_a_disk_fault) {
   const std::string answer = inbox() + "/7-3.ply";
   std::ofstream(answer) << "points";
   const int file = ::open(answer.c_str(), O_RDONLY);
@@ -400,7 +400,7 @@ TEST_F(ScanDropAnyNameTest, an_answer_that_is_still_written_at_the_deadline_ends
   EXPECT_TRUE(fs::exists(stray("late.ply")));
 }
 
-TEST_F(ScanDropAnyNameTest, while_a_late_answer_may_come_nothing_is_asked_for) {
+TEST_F(ScanDropAnyNameTest, no_scan_is_requested_while_a_late_answer_may_come) {
   const auto none = acquire(request(3, 60), [] {});
   ASSERT_FALSE(none.ok());
   const auto next = acquire(request(4, 200), [] { ADD_FAILURE() << "asked for another scan"; });

@@ -47,7 +47,7 @@ TEST_F(ScanDropTest, the_points_are_there_before_the_scan_is_durable) {
   EXPECT_EQ(told, 1);
 }
 
-TEST_F(ScanDropTest, nobody_is_told_of_points_that_were_not_there) {
+TEST_F(ScanDropTest, decoded_points_are_not_announced_without_points) {
   int told = 0;
   on_decoded_ = [&](const AcquiredScan&) { ++told; };
   const auto result = acquire(request(), [&] { write_file(inbox("7-3.e57"), "ASTM-E57"); });
@@ -310,7 +310,7 @@ TEST_F(ScanDropTest, a_writer_may_pause_in_what_certainly_lacks_something) {
   EXPECT_EQ(scanner_->stray_files(), 0U);
 }
 
-TEST_F(ScanDropTest, what_lacks_something_at_the_timeout_is_303_and_says_what) {
+TEST_F(ScanDropTest, an_incomplete_file_at_the_timeout_is_303_and_the_error_names_the_missing_part) {
   const auto cut = acquire(request(3, 2'000), [&] {
     drop_scan_as(ScanFormat::ply, "t");
     fs::resize_file(inbox("t"), 1'000);
@@ -390,7 +390,7 @@ TEST_F(ScanDropTest, a_spool_that_cannot_be_written_is_an_error_and_the_answer_d
   EXPECT_NE(note.view().find(result.error().text.view()), std::string_view::npos) << note.c_str();
 }
 
-TEST_F(ScanDropTest, what_was_linked_into_the_inbox_is_copied_and_nobody_else_has_the_spools_file) {
+TEST_F(ScanDropTest, a_file_linked_into_the_inbox_is_copied_and_the_spool_file_has_no_other_link) {
   // Software that rewrites one file for every scan and gives it a second name in the inbox.
   const std::string last = drop() + "/last.ply";
   const auto give = [&](const std::string& name, float z) {
@@ -412,7 +412,7 @@ TEST_F(ScanDropTest, what_was_linked_into_the_inbox_is_copied_and_nobody_else_ha
   EXPECT_EQ(names_in(folder_ / "spool/1").size(), 2U) << "no working file is left";
 }
 
-TEST_F(ScanDropTest, a_pipe_where_the_request_is_written_keeps_nobody_waiting) {
+TEST_F(ScanDropTest, a_pipe_in_place_of_the_request_file_does_not_block) {
   ASSERT_EQ(mkfifo(request_file(".7-3.json.tmp").c_str(), 0666), 0);
   const auto result = acquire(request(), [&] { drop_scan("7-3.ply"); });
   EXPECT_TRUE(result.ok()) << result.error().text.c_str();
@@ -539,7 +539,7 @@ TEST_F(ScanDropAnyNameTest, an_inbox_that_is_not_empty_at_the_request_is_303) {
   expect_nothing_spooled();
 }
 
-TEST_F(ScanDropAnyNameTest, two_files_are_no_answer_and_the_next_scan_starts_clean) {
+TEST_F(ScanDropAnyNameTest, two_files_are_not_an_answer_and_the_next_scan_starts_clean) {
   const auto result = acquire(request(3, 1'000), [&] {
     drop_scan("a.ply");
     drop_scan("b.ply");
@@ -622,14 +622,14 @@ class ScanDropLateTest : public ScanDropAnyNameTest {
   }
 };
 
-TEST_F(ScanDropLateTest, a_file_that_is_no_scan_answers_no_request) {
+TEST_F(ScanDropLateTest, a_file_that_is_not_a_scan_does_not_answer_a_request) {
   const auto result = acquire(request(), [&] { write_file(inbox("Thumbs.db"), "no scan"); });
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::frame_incomplete);
   EXPECT_EQ(next_scan_after_a_late_one(), 2.0F);
 }
 
-TEST_F(ScanDropLateTest, what_was_asked_for_before_a_restart_is_waited_for) {
+TEST_F(ScanDropLateTest, answer_to_a_request_from_before_a_restart_is_waited_for) {
   be_cancelled();
   open(true);
   EXPECT_EQ(next_scan_after_a_late_one(), 2.0F);
@@ -644,7 +644,7 @@ TEST_F(ScanDropLateTest, a_text_that_lies_there_is_not_what_is_waited_for) {
             2.0F);
 }
 
-TEST_F(ScanDropAnyNameTest, a_link_or_a_folder_is_no_answer) {
+TEST_F(ScanDropAnyNameTest, a_link_or_a_folder_is_not_an_answer) {
   ASSERT_TRUE(write_ply((folder_ / "outside.ply").c_str(), points(), 0, 0).ok());
   const auto link = acquire(request(3, 1'000), [&] { fs::create_symlink(folder_ / "outside.ply", inbox("x.ply")); });
   ASSERT_FALSE(link.ok());

@@ -57,7 +57,7 @@ void expect_refused(const std::string& bytes, const std::string& expected, Code 
   EXPECT_NE(r.shape.error().text.view().find(name), std::string_view::npos) << r.shape.error().text.c_str();
 }
 
-TEST(ScanFile, what_is_written_is_read_back_bit_by_bit) {
+TEST(ScanFile, written_points_are_read_back_bit_by_bit) {
   TemporaryFolder folder;
   const std::vector<float> xyz = {1.5F, -2.25F, 600.0F, kMissing, kMissing, kMissing, 0.1F, 0.2F, 0.3F};
   ASSERT_TRUE(write_ply((folder / "a.ply").c_str(), xyz, 0, 0).ok());
@@ -221,7 +221,7 @@ TEST(ScanFile, no_points_at_all_is_too_few) {
   expect_refused(header(kLittle, "element vertex 0\n" + kFloatXyz), "no points", Code::too_few_points);
 }
 
-TEST(ScanFile, what_is_not_supported_is_named) {
+TEST(ScanFile, unsupported_features_are_named) {
   const std::string body(12, '\0');
   const std::string vertex = "element vertex 1\n";
   expect_refused(header("binary_middle_endian", vertex + kFloatXyz) + body, "unknown format");
@@ -280,7 +280,7 @@ TEST(ScanFile, links_folders_and_missing_files_are_refused) {
   }
 }
 
-TEST(ScanFile, random_headers_are_read_or_refused_but_never_believed_beyond_their_length) {
+TEST(ScanFile, random_headers_are_read_or_refused_but_never_trusted_beyond_their_length) {
   // Lines inserted into, and removed from, a good header. An accepted file must meet all guarantees.
   const std::vector<std::string> lines = {"format binary_big_endian 1.0\n",
                                           "element vertex 3\n",

@@ -196,7 +196,7 @@ TEST(ScanFormats, one_cloud_has_the_same_bits_from_every_format_float_and_double
                      name + " between '" + separator + "'");
 }
 
-TEST(ScanFormats, what_write_scan_writes_is_read_back_bit_by_bit) {
+TEST(ScanFormats, output_of_write_scan_is_read_back_bit_by_bit) {
   TemporaryFolder folder;
   const std::vector<float> wanted = cloud();
   for (const ScanFormat format : kScanFormats)

@@ -43,7 +43,7 @@ TEST(Crc32c, is_the_same_with_the_instruction_and_without_at_any_length_and_plac
     }
 }
 
-TEST(Crc32c, of_pieces_is_that_of_the_whole) {
+TEST(Crc32c, computed_in_pieces_equals_that_of_the_whole) {
   Prng prng(3);
   Bytes bytes(1'000);
   for (std::byte& b : bytes) b = static_cast<std::byte>(prng.next());

@@ -104,7 +104,7 @@ TEST(TextPoints, names_in_a_comment_above_the_points_say_where_x_y_z_are_too) {
   expect_refused("# id x y z\n9 1 2 3\n9 1 2\n", "line 3: 3 columns, needed are 4");
 }
 
-TEST(TextPoints, what_is_not_there_or_not_finite_is_a_missing_point) {
+TEST(TextPoints, an_absent_or_non_finite_coordinate_is_a_missing_point) {
   for (const std::string line : {"nan,nan,nan", "NaN,2,3", "1,NAN,3", "1,2,-nan", "1,inf,3", "1,-Inf,3", "infinity,2,3",
                                  ",,", "1,,3", "1,2,", " , 2 , 3", "1.#QNAN,2,3", "1,-1.#IND00,3", "1,2,1.#INF",
                                  "nan(ind),2,3", "-nan(ind),2,3", "1e999,2,3", "1,2,1e300"})
@@ -197,7 +197,7 @@ std::string grid(const std::function<std::string(int, int)>& in_front, int gap =
   return text;
 }
 
-TEST(TextPoints, numbers_of_points_and_of_their_rows_and_columns_are_no_coordinates) {
+TEST(TextPoints, numbers_of_points_and_of_their_rows_and_columns_are_not_read_as_coordinates) {
   const std::string index =
       "the first two are a point's row and column and not x and y: choose the columns, as with --columns 3,4,5";
   for (const int gap : {1000, 7}) {
@@ -370,7 +370,7 @@ TEST(TextPoints, whole_numbers_above_lines_with_decimals_are_a_header_and_not_a_
   EXPECT_EQ(points_of(raster), "100");
 }
 
-TEST(TextPoints, a_header_of_column_numbers_is_no_point) {
+TEST(TextPoints, a_header_of_column_numbers_is_not_read_as_a_point) {
   std::string rows;
   for (int i = 0; i < 30; ++i) rows += fmt::format("{},-{}.25,2.5,499.5\n", i, i);
   expect_refused(",0,1,2\n" + rows, "of 4 columns the first numbers the points");
@@ -378,7 +378,7 @@ TEST(TextPoints, a_header_of_column_numbers_is_no_point) {
   expect_points("0 1 2\n1.5 2.5 3.5\n", "a.xyz", {0, 1, 2, 1.5, 2.5, 3.5});
 }
 
-TEST(TextPoints, points_side_by_side_are_told_from_a_height_map) {
+TEST(TextPoints, points_side_by_side_are_distinguished_from_a_height_map) {
   std::string row;
   for (int i = 0; i < 40; ++i) row += fmt::format("{}{:.2f},-36.25,499.{:02}", i == 0 ? "" : ",", 2.5 * i - 48, i);
   expect_refused(row + "\n" + row + "\n", "120 columns: the points of a row side by side, x,y,z,x,y,z");
@@ -467,7 +467,7 @@ TEST(TextPoints, nothing_at_all_is_too_few) {
   expect_refused("", "0 bytes, nothing was written");
 }
 
-TEST(TextPoints, long_lines_have_a_limit_and_say_so) {
+TEST(TextPoints, length_of_lines_is_limited_and_the_error_states_the_limit) {
   expect_points("1 2 3" + std::string(30'000, ' ') + "\n4 5 6\n", "a.xyz", {1, 2, 3, 4, 5, 6});
   expect_points("#" + std::string(32'000, 'c') + "\n1 2 3 " + std::string(32'000, 'e') + "\n", "a.xyz", {1, 2, 3});
   expect_refused("1 2 3\n" + std::string(1'000'000, '1') + "\n", "line 2: longer than 32768 bytes");

@@ -156,7 +156,7 @@ TEST_F(ControlSocketTest, a_fifth_client_waits_for_a_place) {
   EXPECT_EQ(received(fifth), "<hello>\n");
 }
 
-TEST_F(ControlSocketTest, who_is_silent_makes_room_for_the_next_and_who_asks_does_not) {
+TEST_F(ControlSocketTest, a_silent_client_is_replaced_by_the_next_and_a_requesting_client_is_not) {
   std::vector<Fd> silent;
   for (std::size_t i = 1; i < limits::kControlClientsMax; ++i) silent.push_back(connected(path_));
   const Fd asks = connected(path_);
@@ -173,7 +173,7 @@ TEST_F(ControlSocketTest, who_is_silent_makes_room_for_the_next_and_who_asks_doe
   EXPECT_EQ(std::count_if(silent.begin(), silent.end(), closed), 1);
 }
 
-TEST_F(ControlSocketTest, who_has_asked_while_the_daemon_stood_still_is_answered) {
+TEST_F(ControlSocketTest, clients_that_sent_requests_while_the_daemon_was_paused_are_answered) {
   std::vector<Fd> clients;
   for (std::size_t i = 0; i < limits::kControlClientsMax; ++i) clients.push_back(connected(path_));
   EXPECT_EQ(turn(), 0);

@@ -49,7 +49,7 @@ TEST(SystemdNotify, messages_are_those_of_the_protocol) {
   EXPECT_EQ(manager.next_message(), "") << "silent without a service manager";
 }
 
-TEST(SystemdNotify, a_manager_that_reads_nothing_keeps_nobody_waiting) {
+TEST(SystemdNotify, does_not_block_on_a_manager_that_reads_nothing) {
   const Manager manager;
   for (int i = 0; i < 2'000; ++i) manager.notify->status("full");
   manager.notify->ready();  // finds no space, and is repeated
