@@ -22,7 +22,11 @@ struct Pair {
   std::string folder;
   std::string name;
 };
-const std::array<Pair, 3> kPairs = {{{"/", "README"}, {"/docs/", "OPERATOR"}, {"/docs/", "MAINTENANCE"}}};
+const std::array<Pair, 5> kPairs = {{{"/", "README"},
+                                     {"/docs/", "OPERATOR"},
+                                     {"/docs/", "MAINTENANCE"},
+                                     {"/docs/", "QUALITY"},
+                                     {"/docs/", "CALIBRATION"}}};
 constexpr std::size_t kShortLine = 40;
 
 using Words = std::vector<std::string>;
