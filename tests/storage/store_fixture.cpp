@@ -175,7 +175,7 @@ void expect_same(const Item& a, const Item& b) {
   SAME_BITS(lower);
   SAME_BITS(upper);
   SAME_BITS(U);
-  SAME_BITS(beside);
+  SAME_BITS(companion);
   for (std::size_t part = 0; part < kBudgetParts; ++part) SAME_BITS(budget[part]);
 }
 
