@@ -229,7 +229,7 @@ void add_config(args::Command& app) {
   config->require_subcommand(1);
   args::Command check =
       config->add_subcommand("check", "Name every fault of a configuration and of the recipes it uses");
-  check->add_option("FILE,--config", options->file, "Configuration")->default_val(kDefaultConfig);
+  check->add_option("FILE,--config", options->file, "Configuration")->default_val(default_config());
   check->add_flag("--json", options->json, "Print slabd.check/1 on stdout");
   check->runs([options] { return check_config(options->file, options->json); });
 }

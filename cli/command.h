@@ -15,7 +15,8 @@ class Command;
 /// (cli/exit.h), or ends by stop(). The command's options live as long as the tree.
 namespace slabd::cli {
 
-inline constexpr const char* kDefaultConfig = "/etc/slabd/slabd.toml";
+/// Configuration of commands without --config: the environment's SLABD_CONFIG, else /etc/slabd/slabd.toml.
+[[nodiscard]] std::string default_config();
 
 void add_inspect(args::Command& app);
 void add_fit_plane(args::Command& app);

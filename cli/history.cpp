@@ -137,7 +137,7 @@ int show_history(const Options& options) {
 
 void DatabaseOptions::add_to(args::Command& command) {
   args::Option config_option =
-      command.add_option("--config", config, "Configuration that names the database")->default_val(kDefaultConfig);
+      command.add_option("--config", config, "Configuration that names the database")->default_val(default_config());
   command.add_option("--db", db, "Database, instead of the configuration's")->excludes(config_option);
 }
 
@@ -161,7 +161,7 @@ void add_history(args::Command& app) {
       ->capture_default_str();
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command->add_option("--until", options->until, "Began before that");
-  command->add_option("--type", options->filter.slab_type, "Only this SLAB_TYPE")->check(args::range(1, 65'535));
+  command->add_option("--slab-type", options->filter.slab_type, "Only this SLAB_TYPE")->check(args::range(1, 65'535));
   command->add_option("--id", options->filter.id_part, "With this somewhere in the slab id");
   command->add_option("--verdict", options->verdict, "With this verdict")->check(args::one_of(verdict_names()));
   command->add_option("--block", options->filter.block, "At this block")

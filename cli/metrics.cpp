@@ -71,7 +71,7 @@ void add_metrics(args::Command& app) {
       "s,\nalso when the configuration is not usable (exit status 3).\n"
       "Example: slabctl metrics --out /run/slabd-metrics/slabd.prom");
   args::Option config = command->add_option("--config", options->config, "Configuration that names the control socket")
-                            ->default_val(kDefaultConfig);
+                            ->default_val(default_config());
   command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
   command->add_option("--out", options->out, "Replace this file instead of printing");
   command->add_flag("--reset", options->reset, "Reset all maxima after these figures");

@@ -125,7 +125,7 @@ void add_pin(args::Command& app) {
                      "Key or slab id (key:12, id:12 where a number may be either); of an id the newest slab")
         ->required();
     command->add_option("--config", options->config, "Configuration that names database and spool")
-        ->default_val(kDefaultConfig);
+        ->default_val(default_config());
   }
   pinning->add_option("--reason", options->reason, "Why, for later readers")->required()->check(some_words());
   pinning->runs([options] { return pin(*options); });

@@ -268,7 +268,7 @@ void add_robot(args::Command& app) {
       "equal.\n"
       "Runs beside the daemon. Until Ctrl-C; --once until the robot has settled, for 3 s at most.\n"
       "Exit status: 0 poses came, 3 bad configuration, 4 none came.\nExample: slabctl robot monitor --once");
-  command->add_option("--config", options->config, "Configuration with [robot]")->default_val(kDefaultConfig);
+  command->add_option("--config", options->config, "Configuration with [robot]")->default_val(default_config());
   command->add_option("--seconds", options->seconds, "Stop after this time")->check(within(0.5, 1e6));
   command->add_flag("--once", options->once, "One picture");
   command->add_flag("--json", options->as_json, "Print slabd.robot/1");

@@ -39,7 +39,7 @@ void SlabChoice::add_to(args::Command& command) {
 void SlabChoice::add_filters_to(args::Command& command) {
   command.add_option("--since", since, "Slabs that began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command.add_option("--until", until, "Slabs that began before that");
-  command.add_option("--type", slab_type, "Slabs of this SLAB_TYPE")->check(args::range(1, 65'535));
+  command.add_option("--slab-type", slab_type, "Slabs of this SLAB_TYPE")->check(args::range(1, 65'535));
   command.add_option("--verdict", verdict, "Slabs with this verdict")->check(args::one_of(verdict_names()));
 }
 
@@ -53,7 +53,7 @@ storage::SlabRecord named_slab(storage::Reader& reader, const std::string& wante
 
 std::vector<std::int64_t> chosen_slabs(storage::Reader& reader, const SlabChoice& choice) {
   if (choice.slabs.empty() != choice.has_filter())
-    stop(kUsage, choice.slabs.empty() ? "name slabs, or say --all, --since, --until, --type or --verdict"
+    stop(kUsage, choice.slabs.empty() ? "name slabs, or say --all, --since, --until, --slab-type or --verdict"
                                       : "slabs are named and filtered; allowed is one of the two");
   std::vector<std::int64_t> keys;
   for (const std::string& wanted : choice.slabs) {

@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <cstdlib>
 #include <utility>
 
 #include "base/plain_text.h"
@@ -28,7 +29,8 @@ Examples
 
 Exit status: 0 done (and pass), 1 inspected and not pass, 2 usage, 3 bad input,
 4 daemon or device not reachable, 5 internal error, 6 refused on quality.
-`slabctl COMMAND --help` explains a command.)";
+`slabctl help COMMAND` explains a command. The environment's SLABD_CONFIG names the
+configuration of commands without --config.)";
 
 std::vector<std::string> command_names(const CLI::App& app) {
   std::vector<std::string> names;
@@ -59,10 +61,89 @@ const CLI::App* command_of(const CLI::App& app, const std::vector<std::string>& 
   return command;
 }
 
+using Arguments = std::vector<std::string>;
+
+/// `slabctl help COMMAND` is `slabctl COMMAND --help`.
+Arguments with_help_last(Arguments arguments) {
+  if (arguments.size() < 2 || arguments[1] != "help") return arguments;
+  arguments.erase(arguments.begin() + 1);
+  arguments.emplace_back("--help");
+  return arguments;
+}
+
+/// Moves --config from in front of the command to the end: only the commands have options.
+Arguments with_config_last(Arguments arguments) {
+  if (arguments.size() < 2 || !arguments[1].starts_with("--config")) return arguments;
+  const bool has_value = arguments[1].starts_with("--config=");
+  if (!has_value && arguments[1] != "--config") return arguments;
+  const std::size_t words = has_value ? 1 : 2;
+  if (arguments.size() <= 1 + words) return arguments;
+  std::rotate(arguments.begin() + 1, arguments.begin() + 1 + static_cast<std::ptrdiff_t>(words), arguments.end());
+  return arguments;
+}
+
+/// Names that are used for one thing elsewhere; a command knows one of each set.
+constexpr std::array<std::array<std::string_view, 3>, 4> kSameOptions = {{
+    {"--reason", "--why", "--because"},
+    {"--operator", "--by", "--who"},
+    {"--valid-days", "--expires-days", "--expires"},
+    {"--slab-type", "--type", ""},
+}};
+
+/// Replaces an option that the command does not know by the one of its set that it knows, with a hint.
+Arguments with_known_options(const CLI::App& app, Arguments arguments) {
+  const CLI::App* const command = command_of(app, arguments);
+  for (std::size_t i = 1; i < arguments.size() && arguments[i] != "--"; ++i) {
+    std::string& word = arguments[i];
+    const std::string name = word.substr(0, word.find('='));
+    if (!name.starts_with("--") || command->get_option_no_throw(name) != nullptr) continue;
+    for (const auto& set : kSameOptions) {
+      if (std::find(set.begin(), set.end(), name) == set.end()) continue;
+      const auto known = std::find_if(set.begin(), set.end(), [&](std::string_view other) {
+        return !other.empty() && command->get_option_no_throw(std::string(other)) != nullptr;
+      });
+      if (known == set.end()) continue;
+      complain(fmt::format("hint: this command's {} is {}", name, *known));
+      word = std::string(*known) + word.substr(name.size());
+      break;
+    }
+  }
+  return arguments;
+}
+
+/// The deepest command that was chosen.
+const CLI::App* chosen_command(const CLI::App& app) {
+  const CLI::App* command = &app;
+  while (!command->get_subcommands().empty()) command = command->get_subcommands().back();
+  return command;
+}
+
+/// Surplus arguments, in the order of the command line; suggests the nearest option or subcommand for each.
+std::string surplus_sentence(const CLI::App& app, const Arguments& arguments) {
+  const CLI::App& command = *chosen_command(app);
+  Arguments options;
+  for (const CLI::Option* option : command.get_options())
+    for (const std::string& name : option->get_lnames()) options.push_back("--" + name);
+  Arguments surplus = app.remaining(true);
+  const auto place = [&](const std::string& word) { return std::find(arguments.begin(), arguments.end(), word); };
+  std::stable_sort(surplus.begin(), surplus.end(),
+                   [&](const std::string& a, const std::string& b) { return place(a) < place(b); });
+  std::string text;
+  for (const std::string& word : surplus) {
+    const std::string name = word.substr(0, word.find('='));
+    const std::string meant = nearest(name, word.starts_with("--") ? options : command_names(command));
+    text += fmt::format("{}'{}'{}", text.empty() ? "" : ", ", word,
+                        meant.empty() ? "" : fmt::format(" (did you mean '{}'?)", meant));
+  }
+  std::string path;
+  for (const CLI::App* at = &command; at != nullptr; at = at->get_parent())
+    path = path.empty() ? at->get_name() : at->get_name() + " " + path;
+  return fmt::format("not expected: {}; `{} --help` lists arguments and options", text, path);
+}
+
 /// The arguments, with "id:" before slab ids that begin with "-" in commands with SLAB. CLI11 would take "-S3" for
 /// options. Only one dash and no option's name or value: a mistyped --option stays an error.
-std::vector<std::string> with_marked_ids(const CLI::App& app, int argc, const char* const* argv) {
-  std::vector<std::string> arguments(argv, argv + argc);
+Arguments with_marked_ids(const CLI::App& app, Arguments arguments) {
   const CLI::App* const command = command_of(app, arguments);
   if (command->get_option_no_throw("SLAB") == nullptr) return arguments;
   const auto option_of = [command](const std::string& word) { return command->get_option_no_throw(word); };
@@ -77,6 +158,11 @@ std::vector<std::string> with_marked_ids(const CLI::App& app, int argc, const ch
 }
 
 }  // namespace
+
+std::string default_config() {
+  const char* const named = std::getenv("SLABD_CONFIG");
+  return named != nullptr && named[0] != '\0' ? named : "/etc/slabd/slabd.toml";
+}
 
 void complain(std::string_view sentence) {
   // The sentence may contain text from a file or a database; some sentences have several lines.
@@ -164,15 +250,19 @@ int run(int argc, const char* const* argv) {
   args::Command root(&app);
   add_commands(root);
 
+  Arguments arguments = with_config_last(with_help_last(Arguments(argv, argv + argc)));
   try {
-    if (argc >= 2 && argv[1][0] != '-') {
+    if (arguments.size() >= 2 && arguments[1][0] != '-') {
       const std::vector<std::string> names = command_names(app);
-      if (std::find(names.begin(), names.end(), argv[1]) == names.end()) stop_at_unknown(app, argv[1]);
+      if (std::find(names.begin(), names.end(), arguments[1]) == names.end()) stop_at_unknown(app, arguments[1]);
     }
-    std::vector<std::string> arguments = with_marked_ids(app, argc, argv);
-    std::reverse(arguments.begin(), arguments.end());  // CLI11 takes them from the back
-    if (!arguments.empty()) arguments.pop_back();      // the program's name
-    app.parse(std::move(arguments));
+    arguments = with_marked_ids(app, with_known_options(app, std::move(arguments)));
+    Arguments reversed(arguments.rbegin(), arguments.rend());  // CLI11 takes them from the back
+    if (!reversed.empty()) reversed.pop_back();                // the program's name
+    app.parse(std::move(reversed));
+  } catch (const CLI::ExtrasError&) {
+    complain(surplus_sentence(app, arguments));
+    return kUsage;
   } catch (const CLI::ParseError& parse_error) {
     // --help and --version also arrive here, with status 0.
     return app.exit(parse_error) == 0 ? kDone : kUsage;

@@ -220,7 +220,7 @@ void add_status(args::Command& app) {
       "daemon's last answer is older than three seconds.\n"
       "Examples: slabctl status --json\n          slabctl status --watch --language zh");
   args::Option config = command->add_option("--config", options->config, "Configuration that names the control socket")
-                            ->default_val(kDefaultConfig);
+                            ->default_val(default_config());
   command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
   args::Option as_json = command->add_flag("--json", options->as_json, "Print slabd.status/1 on stdout");
   command->add_flag("--watch", options->watch, "The operator's screen: slab map, links, last slabs, every second")

@@ -94,7 +94,7 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
                                solution.verified ? " with the views that are held out now" : ""));
   record_options.config = !which.config.empty()                ? which.config
                           : !session.settings().config.empty() ? session.settings().config
-                                                               : kDefaultConfig;
+                                                               : default_config();
   daemon::Config config;
   if (!config_from(record_options.config, config))
     stop(kBadInput, "applying needs the daemon's configuration: slabctl calibrate apply --config FILE");
@@ -142,10 +142,10 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
     fmt::print("{}", json.text());
   } else {
     const std::string where =
-        record_options.config == kDefaultConfig ? "" : fmt::format(" --config {}", record_options.config);
+        record_options.config == default_config() ? "" : fmt::format(" --config {}", record_options.config);
     fmt::print("{}\n{}slabctl calibrate history{} shows it{}\n", session_words(session), kept_text(kept, false), where,
                now.applied && now.id.view() != kept.id
-                   ? fmt::format("; slabctl calibrate rollback --why \"...\" puts {} back", now.id.view())
+                   ? fmt::format("; slabctl calibrate rollback --reason \"...\" puts {} back", now.id.view())
                    : "");
   }
   return kDone;
@@ -256,11 +256,11 @@ int adopt(RecordOptions options, double sigma_mm, double sigma_deg, bool yes) {
 }
 
 void add_common(args::Command& command, Options& options) {
-  command.add_option("--config", options.config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command.add_option("--config", options.config, "The daemon's configuration")->default_val(default_config());
   command.add_flag("--json", options.json, "JSON on stdout");
 }
 void add_note(args::Command& command, Options& options) {
-  command.add_option("--why", options.why, "Why, for the history")->required()->check(some_words());
+  command.add_option("--reason", options.why, "Why, for the history")->required()->check(some_words());
   command.add_option("--operator", options.who, "Name of the operator (default: your login)");
 }
 
@@ -282,11 +282,12 @@ void add_calibrate_apply(args::Command& group) {
       "How long it may be used counts from the oldest of its views.\n"
       "Exit status 6: refused, the text says what to do.\n"
       "Examples: slabctl calibrate apply --robot-serial KR120-4711 --scanner-serial S-0815 --temperature 21.5\n"
-      "          slabctl calibrate apply he-3f2a91c07b5e --why \"scanner exchanged\"");
+      "          slabctl calibrate apply he-3f2a91c07b5e --reason \"scanner exchanged\"");
   command->add_option("ID", options->known.id, "Id of a kept record, or its first characters");
   options->session.add_to(*command);
   options->record.add_origin_to(*command);
-  command->add_option("--why", options->record.why, "Why, for the history; must be given with ID")->check(some_words());
+  command->add_option("--reason", options->record.why, "Why, for the history; must be given with ID")
+      ->check(some_words());
   command->add_flag(
       "--yes", options->yes,
       "Also where --config is not what the session was begun with, or a kept one moves seats or turns the scanner");
@@ -294,10 +295,10 @@ void add_calibrate_apply(args::Command& group) {
   command->runs([options] {
     Options& known = options->known;
     if (known.id.empty()) return apply_session(options->session, options->record, options->yes, known.json);
-    known.config = options->session.config.empty() ? kDefaultConfig : options->session.config;
+    known.config = options->session.config.empty() ? default_config() : options->session.config;
     known.who = options->record.operator_name;
     known.why = options->record.why;
-    if (known.why.empty()) stop(kUsage, "say why, for the history: --why \"...\"");
+    if (known.why.empty()) stop(kUsage, "say why, for the history: --reason \"...\"");
     const RecordOptions& given = options->record;
     if (!given.robot_serial.empty() || !given.scanner_serial.empty() || has_value(given.temperature_c) ||
         given.valid_days >= 0)
@@ -325,7 +326,7 @@ void add_calibrate_adopt(args::Command& group) {
       "expiry and a history, and station corrections can be solved with them. Where another calibration is in force, "
       "what\n"
       "--apply changes at the seats is shown; above 0.2 mm or 0.01 deg it wants --yes.\n"
-      "Example: slabctl calibrate adopt --sigma-mm 0.05 --sigma-deg 0.003 --apply --why \"tracker protocol 17\"");
+      "Example: slabctl calibrate adopt --sigma-mm 0.05 --sigma-deg 0.003 --apply --reason \"tracker protocol 17\"");
   options->record.add_to(*command);
   command
       ->add_option("--sigma-mm", options->sigma_mm, "Standard deviation of a point in the field of view, per axis, mm")
@@ -343,7 +344,7 @@ void add_calibrate_rollback(args::Command& group) {
   args::Command command = group.add_subcommand("rollback", "Put back what was in force before; again: further back");
   command->footer(
       "\nStation corrections hold for one hand-eye calibration: roll that back first.\n"
-      "Example: slabctl calibrate rollback --why \"worse than before\"");
+      "Example: slabctl calibrate rollback --reason \"worse than before\"");
   command->add_option("--kind", options->kind, "Kind of calibration to roll back")
       ->check(args::one_of({"hand_eye", "stations", "reference_block", "monitor_ball", "scanner"}))
       ->capture_default_str();

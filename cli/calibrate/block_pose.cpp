@@ -166,7 +166,7 @@ void add_calibrate_block(args::Command& group) {
   command->add_option("--flange", options->flange, "Table of T_base_flange, one line a scan")->required();
   command->add_option("--start", options->start,
                       "Roughly T_flange_scanner, \"x y z qw qx qy qz\" (default: what the configuration uses)");
-  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
   command->add_option("--target", options->target,
                       "Write the poses as a target table for `calibrate solve --kind pose`; all must be accepted");
   options->form.add_to(*command);

@@ -398,7 +398,7 @@ void add_calibrate_check(args::Command& group) {
       "          slabctl calibrate check --ball --live\n"
       "          slabctl calibrate check");
   command->add_option("SCAN", options->scan, "Scan of the reference block, or of the monitor ball with --ball");
-  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
   command->add_option("--recipe", options->recipe,
                       "Recipe with the shape of the reference block, one of the line's ([recipes] dir)");
   args::Option slab = command->add_option("--slab", options->slab, "Instead of a scan: slab key or id ...");
@@ -423,7 +423,7 @@ void add_calibrate_reference(args::Command& group) {
       "\nThe certificate's text form: docs/CALIBRATION.md. The monitor ball needs no certified place: where it is "
       "found\n"
       "now is what later checks are compared with.\n\n"
-      "Examples: slabctl calibrate reference --certificate refblock.txt --apply --why \"recertified\"\n"
+      "Examples: slabctl calibrate reference --certificate refblock.txt --apply --reason \"recertified\"\n"
       "          slabctl calibrate reference --ball ball.ply --flange \"1500 200 900 0 1 0 0\" --radius 19.05 --apply\n"
       "          slabctl calibrate reference --live --radius 19.05 --apply");
   options->record.add_to(*command);

@@ -200,9 +200,9 @@ void add_calibrate_list(args::Command& group) {
 void add_calibrate_drop(args::Command& group) {
   auto options = std::make_shared<Options>();
   args::Command command = group.add_subcommand("drop", "Leave a view out of everything; its scans stay");
-  command->footer("\nExample: slabctl calibrate drop 7 --why \"an operator leaned on the post\"");
+  command->footer("\nExample: slabctl calibrate drop 7 --reason \"an operator leaned on the post\"");
   command->add_option("VIEW", options->number, "Its number in `list`")->required()->check(args::range(1, 9999));
-  command->add_option("--why", options->why, "Why; kept with the view")->required()->check(some_words());
+  command->add_option("--reason", options->why, "Why; kept with the view")->required()->check(some_words());
   options->session.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.calibration_session_change/1 on stdout");
   command->runs([options] { return drop(*options); });

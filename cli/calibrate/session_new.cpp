@@ -86,7 +86,7 @@ int begin(const Options& options) {
          "NAME: a session's name neither begins with a dot nor begins or ends with a blank, and no character of its "
          "folder is one that cannot be seen");
   settings.created = iso_time(wall_clock_us());
-  if (config) settings.config = fs::absolute(options.config.empty() ? kDefaultConfig : options.config).string();
+  if (config) settings.config = fs::absolute(options.config.empty() ? default_config() : options.config).string();
   settings.operator_name = options.operator_name.empty() ? default_operator() : options.operator_name;
   settings.noise = options.solve.noise();
   settings.limit_mm = options.solve.limit_mm;
@@ -160,7 +160,7 @@ void add_calibrate_new(args::Command& group) {
                    "Place of the session: a name below [calibration] sessions_dir, or a folder (with a /) to make")
       ->required();
   command->add_option("--config", options->config,
-                      fmt::format("The daemon's configuration (default: {})", kDefaultConfig));
+                      fmt::format("The daemon's configuration (default: {})", default_config()));
   command->add_option("--kind", options->kind, "ball: a tooling ball; artefact: three to eight balls on a frame")
       ->check(args::one_of({"ball", "artefact", "pose"}))
       ->capture_default_str();
@@ -268,7 +268,7 @@ std::string which_session(const SessionOptions& options) {
     if (dir.ok()) return dir.value();
     // An invalid configuration is bad input; a bare name without a configuration is a usage error.
     std::error_code fault;
-    const bool has_config = !options.config.empty() || fs::exists(kDefaultConfig, fault);
+    const bool has_config = !options.config.empty() || fs::exists(default_config(), fault);
     stop(has_config ? kBadInput : kUsage, dir.error().text.view());
   }
   if (std::string last = last_session(); !last.empty() && other_line(last, options.config).empty()) return last;
@@ -296,11 +296,11 @@ void SessionOptions::add_to(args::Command& command) {
   command.add_option(
       "--session", session,
       "Name or folder (default: the one you worked on last, else the only one there is; with --config, of that line)");
-  command.add_option("--config", config, fmt::format("The daemon's configuration (default: {})", kDefaultConfig));
+  command.add_option("--config", config, fmt::format("The daemon's configuration (default: {})", default_config()));
 }
 
 bool config_if_any(const std::string& path, std::optional<daemon::Config>& config) {
-  const std::string file = path.empty() ? kDefaultConfig : path;
+  const std::string file = path.empty() ? default_config() : path;
   std::error_code fault;
   if (path.empty() && !fs::exists(file, fault)) return true;
   daemon::Config read;
@@ -319,7 +319,7 @@ Result<std::string> session_dir(const std::string& name, const std::string& conf
   return error(Code::config,
                "'%s' is a bare name, and without a configuration (%s, or --config FILE) there is no place for it; "
                "give a folder: ./%s",
-               name.c_str(), kDefaultConfig, name.c_str());
+               name.c_str(), default_config().c_str(), name.c_str());
 }
 
 Session find_session(const SessionOptions& options) {

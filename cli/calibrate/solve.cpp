@@ -117,7 +117,7 @@ int solve_kept_views(const Options& options) {
   }
   if (!options.json)
     fmt::print(
-        "next: cure what is named above; slabctl calibrate list shows every view, slabctl calibrate drop N --why "
+        "next: cure what is named above; slabctl calibrate list shows every view, slabctl calibrate drop N --reason "
         "\"...\" leaves one out, slabctl calibrate capture takes more\n");
   return kRefused;
 }

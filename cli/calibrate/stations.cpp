@@ -294,7 +294,7 @@ void add_calibrate_stations(args::Command& group) {
       "has not\nmoved on the flange since: what a visit saw it saw from where the scanner sat.\n"
       "Certificate and visits as text: docs/MASTERING.md.\n\n"
       "Exit status 6: refused, nothing is kept; every reason says what to do.\n"
-      "Example: slabctl calibrate stations --certificate master.txt --slabs 12 13 14 15 16 --apply --why \"new "
+      "Example: slabctl calibrate stations --certificate master.txt --slabs 12 13 14 15 16 --apply --reason \"new "
       "robot\"");
   options->record.add_to(*command);
   command->add_option("--certificate", options->certificate, "Certificate of the mastered slab or of the balls");

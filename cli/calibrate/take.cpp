@@ -187,7 +187,7 @@ Result<const Session::Entry*> known_view(const Session& session, const ViewReque
     if (entry.dropped_step != 0 || refused_for_its_pose(v)) continue;
     return error(Code::config,
                  "%s is a scan of view %zu, which has %s: one scan cannot be two views; if view %zu is the wrong one, "
-                 "slabctl calibrate drop %zu --why \"wrong pose\", then give this command again",
+                 "slabctl calibrate drop %zu --reason \"wrong pose\", then give this command again",
                  request.scans.front().c_str(), v.number, same_pose ? "other shots beside it" : "another pose",
                  v.number, v.number);
   }

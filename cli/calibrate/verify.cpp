@@ -208,7 +208,7 @@ int verify(const Options& options) {
     if (options.json) fmt::print("{}", as_json(session, solution, v, false));
     stop(kRefused,
          fmt::format("refused (held_out): view {} is missed by {} (four leave-one-out medians)\n  what to do: look at "
-                     "its scan; if it was disturbed, slabctl calibrate drop {} --why \"...\" and take another with "
+                     "its scan; if it was disturbed, slabctl calibrate drop {} --reason \"...\" and take another with "
                      "capture --hold-out; if it was not, the fit is wrong: take more views near it",
                      worst->number, missed, worst->number));
   }

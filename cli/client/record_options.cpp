@@ -15,10 +15,12 @@
 namespace slabd::cli {
 
 void RecordOptions::add_to(args::Command& command) {
-  command.add_option("--config", config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command.add_option("--config", config, "The daemon's configuration")->default_val(default_config());
   add_origin_to(command);
   args::Option apply_flag = command.add_flag("--apply", apply, "Put it in force at once");
-  command.add_option("--why", why, "Why it is put in force, for the history")->check(some_words())->needs(apply_flag);
+  command.add_option("--reason", why, "Why it is put in force, for the history")
+      ->check(some_words())
+      ->needs(apply_flag);
   command.add_flag("--dry-run", dry_run, "Only compute and show: nothing is kept")->excludes(apply_flag);
 }
 
@@ -104,7 +106,8 @@ std::string kept_text(const Kept& kept, bool dry_run) {
   if (dry_run) return "nothing was kept (--dry-run)\n";
   if (kept.applied)
     return fmt::format("{} is in force{}\n", kept.id, kept.after_slab ? " from the next slab on; one is open now" : "");
-  return fmt::format("kept as {}; put it in force with: slabctl calibrate apply {} --why \"...\"\n", kept.id, kept.id);
+  return fmt::format("kept as {}; put it in force with: slabctl calibrate apply {} --reason \"...\"\n", kept.id,
+                     kept.id);
 }
 
 Result<std::unique_ptr<storage::Reader>> records_if_readable(const daemon::Config& config) {

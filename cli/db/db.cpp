@@ -386,7 +386,7 @@ void add_db(args::Command& app) {
     return command;
   };
   const auto with_config = [&](args::Command command) {
-    command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+    command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
     return command;
   };
   args::Command command = with_config(verb("check", "Is the database whole? Reads while the daemon runs", check));
@@ -423,7 +423,7 @@ void add_db(args::Command& app) {
                     "Even if calibrations were changed or checked since the backup");
   command->add_flag("--unproven", options->unproven,
                     "Even if the backup has no checksum (another program made it), or was altered before it was made");
-  command->add_option("--why", options->why, "Why, for the history")->required()->check(some_words());
+  command->add_option("--reason", options->why, "Why, for the history")->required()->check(some_words());
   command->add_option("--operator", options->operator_name, "Name of the operator (default: your login)");
 
   command = with_config(verb("prune", "Take away the records of old slabs whose scans are gone", prune));

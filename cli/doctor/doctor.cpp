@@ -133,7 +133,7 @@ void add_doctor(args::Command& app) {
       "something "
       "failed.\n"
       "Example: slabctl doctor --scan");
-  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
   command->add_option("--listen-s", options->listen_s, "How long to listen to the robot")
       ->default_val(2.0)
       ->check(within(0.5, 60.0));

@@ -261,7 +261,7 @@ void add_export(args::Command& app) {
       "runs.\n"
       "Examples: slabctl export --since 1d --out yesterday.csv --bom\n"
       "          slabctl export SLAB-0042 --out slab.json\n"
-      "          slabctl export --all --type 5600 --verdict fail --format json | jq '.slabs[].slab_id'");
+      "          slabctl export --all --slab-type 5600 --verdict fail --format json | jq '.slabs[].slab_id'");
   options->choice.add_to(*command);
   options->database.add_to(*command);
   command->add_option("--out", options->out, "File, .csv or .json; - is standard output")->capture_default_str();

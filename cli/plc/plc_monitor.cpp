@@ -317,7 +317,7 @@ void add_plc_monitor(args::Command& plc) {
       "\nExit status 4 when slabd does not answer, 3 when the configuration is not usable (slabd runs with it, in "
       "fault\n"
       "504, and is read all the same).\nExample: slabctl plc monitor --once");
-  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
   args::Option connect = command->add_option(
       "--connect", options->connect, "ADDRESS:PORT of another slabd than the configured; needs no configuration here");
   command->add_option("--socket", options->socket, "Ask this control socket instead of Modbus")->excludes(connect);

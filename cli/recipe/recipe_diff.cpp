@@ -186,7 +186,7 @@ std::string differences_text(const Recipe& a, const Recipe& b, const std::vector
 
 int diff(const DiffOptions& options) {
   if (!options.stored && options.choice.has_filter())
-    stop(kUsage, "--since, --until, --type and --verdict choose stored slabs: say --db or --config too");
+    stop(kUsage, "--since, --until, --slab-type and --verdict choose stored slabs: say --db or --config too");
   // A recipe from the database requires one: the configuration's, unless another is named.
   std::unique_ptr<storage::Reader> reader;
   if (options.stored || names_stored_recipe(options.a) || names_stored_recipe(options.b)) {

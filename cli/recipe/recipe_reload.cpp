@@ -95,7 +95,7 @@ void add_recipe_reload(args::Command& recipe) {
       "Examples: slabctl recipe reload\n"
       "          slabctl recipe reload --look");
   args::Option config = command->add_option("--config", options->config, "Configuration that names the control socket")
-                            ->default_val(kDefaultConfig);
+                            ->default_val(default_config());
   command->add_option("--socket", options->socket, "Control socket, instead of the configuration's")->excludes(config);
   command->add_flag("--look", options->look_only, "Only print what is in use and what the folder holds otherwise");
   command->add_flag("--json", options->as_json, "Print slabd.recipes/1 on stdout");

@@ -95,7 +95,7 @@ Recipe recipe_of_type(const daemon::Config& config, std::uint16_t slab_type) {
   if (found != nullptr) return *found;
   std::ignore = report_problems(problems);
   stop(kBadInput, slab_type == 0 ? ""
-                                 : fmt::format("--type {}: {} has no usable recipe for this slab type", slab_type,
+                                 : fmt::format("--slab-type {}: {} has no usable recipe for this slab type", slab_type,
                                                config.recipes_dir));
 }
 

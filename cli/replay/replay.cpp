@@ -254,7 +254,7 @@ void add_replay(args::Command& app) {
       "slab has scans and no recipe.\n"
       "Examples: slabctl replay SLAB-0042 --verify\n"
       "          slabctl replay --since 7d --verify --json\n"
-      "          slabctl replay --all --type 5600 --recipe p5600-new.toml");
+      "          slabctl replay --all --slab-type 5600 --recipe p5600-new.toml");
   options->choice.add_to(*command);
   options->database.add_to(*command);
   args::Option verify_flag = command->add_flag("--verify", options->verify, "Every stored figure must come out again");

@@ -79,7 +79,7 @@ void add_scanner_history(args::Command& scanner) {
   auto options = std::make_shared<Options>();
   args::Command command = scanner.add_subcommand("history", "The verifications that were kept, oldest first");
   command->footer("\nmm. Example: slabctl scanner history");
-  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
   command->add_flag("--json", options->as_json, "Print slabd.scanner_history/1");
   command->runs([options] { return history(options->config, options->as_json); });
 }

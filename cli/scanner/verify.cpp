@@ -30,7 +30,7 @@ struct Options {
   AcceptanceSettings settings;
   Verification verification;  ///< scanner, diameter and limits are from the command line
   std::string out;
-  RecordOptions record;  ///< --apply, --by, --reason, --expires-days, --config
+  RecordOptions record;  ///< --apply, --operator, --reason, --valid-days, --config
   bool keep = false;
   bool as_json = false;
 };
@@ -210,7 +210,7 @@ void add_scanner_verify(args::Command& scanner) {
       "or\nnot put in force.\n"
       "Example: slabctl scanner verify --plate p*.ply --ball b*.ply --diameter-mm 50.0123 --limit-pf-mm 0.1 --apply "
       "\\\n"
-      "           --by anna --reason \"yearly acceptance\" --expires-days 365");
+      "           --operator anna --reason \"yearly acceptance\" --valid-days 365");
   Verification& v = options->verification;
   command->add_option("--plate", options->plates, "Scans of a flat plate, one place each");
   command->add_option("--ball", options->balls, "Scans of one ball, one place each");
@@ -226,19 +226,18 @@ void add_scanner_verify(args::Command& scanner) {
   command->add_option("--out", options->out, "Write slabd.scanner_verification/1, for the records");
   command->add_flag("--keep", options->keep, "Keep the record in the database, for `slabctl scanner history`");
   RecordOptions& record = options->record;
-  args::Option by =
-      command->add_option("--by,--operator", record.operator_name, "With --apply: who accepts the scanner");
+  args::Option by = command->add_option("--operator", record.operator_name, "With --apply: who accepts the scanner");
   args::Option reason =
-      command->add_option("--reason,--why", record.why, "With --apply: why, for the history")->check(some_words());
+      command->add_option("--reason", record.why, "With --apply: why, for the history")->check(some_words());
   command->add_flag("--apply", record.apply, "Keep the record and let U rest on it from the next slab on")
       ->needs(by)
       ->needs(reason);
   command
-      ->add_option("--expires-days,--valid-days", record.valid_days,
+      ->add_option("--valid-days", record.valid_days,
                    "How long it counts as verified, 0 = without limit (default: [calibration] valid_days)")
       ->check(args::range(0, 36'500));
   command->add_option("--config", record.config, "With --keep or --apply: the daemon's configuration")
-      ->default_val(kDefaultConfig);
+      ->default_val(default_config());
   command->add_flag("--json", options->as_json, "Print slabd.scanner_verification/1");
   command->runs([options] { return verify(*options); });
 }

@@ -284,11 +284,11 @@ void add_simulate(args::Command& app) {
                   "\nExamples: slabctl simulate --config slabd.toml --slab-no 7 --slab-id S-0007\n"
                   "          slabctl simulate --config slabd.toml --points quarter --defect slope=4:1/36 --json\n"
                   "Exit status: 0 every slab passed, 1 not, 4 daemon or network not reachable.");
-  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
   command->add_option("--slab-no", options->slab_no, "SLAB_NO of the first slab; the following count up")
       ->capture_default_str();
   command->add_option("--slab-id", options->slab_id, "SLAB_ID, at most 32 characters (default SIM-<number>)");
-  command->add_option("--type", options->type, "SLAB_TYPE (default: the longest slab there is a recipe for)")
+  command->add_option("--slab-type", options->type, "SLAB_TYPE (default: the longest slab there is a recipe for)")
       ->check(args::range(1, 65'535));
   command->add_option("--begin-as", options->begin_as, "SLAB_TYPE that the PLC writes, if it is wrong about the slab")
       ->check(args::range(1, 65'535));

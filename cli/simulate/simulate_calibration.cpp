@@ -207,7 +207,7 @@ void add_simulate_calibration(args::Command& simulate) {
                             ->add_option("--config", running.config,
                                          "The daemon's configuration; T_flange_scanner and the slab's place in "
                                          "it are taken as true")
-                            ->default_val(cli::kDefaultConfig);
+                            ->default_val(cli::default_config());
   args::Option poses =
       command->add_option("--poses", order.poses_file, "The views, one T_base_flange a line, instead of a plan");
   command

@@ -346,8 +346,8 @@ void add_stations(args::Command& app) {
       "Exit status: 0 everything is seen from every station (the taught ones, with --taught), 1 not.\n"
       "Examples: slabctl stations --krl SLABPTS2 --set 2     writes SLABPTS2.dat and SLABPTS2.src\n"
       "          slabctl stations --taught SLABPTS2.dat --set 2 --json");
-  command->add_option("--config", options->config, "The daemon's configuration")->default_val(kDefaultConfig);
-  command->add_option("--type", options->type, "Slab type (default: the longest slab there is a recipe for)");
+  command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
+  command->add_option("--slab-type", options->type, "Slab type (default: the longest slab there is a recipe for)");
   args::Option krl = command->add_option("--krl", options->krl, "Write the points as a KRL data list and a subprogram");
   command->add_flag("--overwrite", options->overwrite, "--krl: even if the files exist")->needs(krl);
   command->add_option("--taught", options->taught, "Compare these points: a KRL .dat or .src, or poses one per line");

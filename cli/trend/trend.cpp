@@ -94,8 +94,8 @@ std::string trend_text(const Trend& t, bool other_types) {
   if (t.not_measured > 0) text += fmt::format(", {} values not measured", t.not_measured);
   text += "\n";
   if (other_types)
-    text +=
-        fmt::format("slabs of other types are left out: {} is the newest slab's, --type takes another\n", t.slab_type);
+    text += fmt::format("slabs of other types are left out: {} is the newest slab's, --slab-type takes another\n",
+                        t.slab_type);
   if (t.emulated != 0) text += fmt::format("{}\n", report::emulation_notice(t.emulated, report::Language::en));
   if (t.other_emulation > 0)
     text += fmt::format("{} {} slabs left out: the newest slab is {}\n", t.other_emulation,
@@ -155,7 +155,7 @@ int show_trend(const Options& options) {
   if (!options.until.empty()) filter.until_utime_us = time_of("--until", options.until);
   const auto reader = open_database(options.database);
   auto values = reader->values(filter);
-  // Slab types differ in blocks and limits: without --type that of the newest slab is used.
+  // Slab types differ in blocks and limits: without --slab-type that of the newest slab is used.
   bool other_types = false;
   if (values && !values.value().empty()) {
     filter.slab_type = values.value().back().slab_type;
@@ -202,7 +202,7 @@ void add_trend(args::Command& app) {
   command->add_option("--slabs", options->slabs, "How many slabs, the newest")
       ->check(args::range(std::size_t{2}, std::size_t{100'000}))
       ->capture_default_str();
-  command->add_option("--type", options->type, "Only this SLAB_TYPE; default: that of the newest slab")
+  command->add_option("--slab-type", options->type, "Only this SLAB_TYPE; default: that of the newest slab")
       ->check(args::range(1, 65'535));
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command->add_option("--until", options->until, "Began before that");

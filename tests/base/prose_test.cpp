@@ -207,6 +207,20 @@ TEST(Prose, rules_find_what_they_look_for) {
   EXPECT_TRUE(found[3].starts_with("x.cpp:6: "));
 }
 
+TEST(Prose, lines_of_markdown_have_at_most_120_columns_except_in_tables_and_code) {
+  const fs::path root(slabd::places::source_dir());
+  for (const fs::path& path : files()) {
+    if (path.extension() != ".md") continue;
+    std::ifstream in(path);
+    std::string line;
+    for (int number = 1; std::getline(in, line); ++number) {
+      const auto columns = std::count_if(line.begin(), line.end(), [](char c) { return (c & 0xC0) != 0x80; });  // UTF-8
+      if (columns > 120 && !line.starts_with("|") && !line.starts_with("    "))
+        ADD_FAILURE() << fs::relative(path, root) << ":" << number << ": " << columns << " columns";
+    }
+  }
+}
+
 TEST(Prose, names_of_test_cases_are_in_snake_case_and_obey_the_rules) {
   // Upper case is left to abbreviations: at least two capitals, or one alone as a symbol.
   static const std::regex test(R"(^TEST(_F|_P)?\((\w+), (\w+)\))");

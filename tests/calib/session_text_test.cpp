@@ -84,7 +84,7 @@ TEST(SessionText, a_view_becomes_what_a_line_of_a_table_becomes) {
   EXPECT_TRUE(refused.error().text.view().starts_with("view.txt:2: ")) << refused.error().text.view();
 }
 
-TEST(SessionText, solver_inputs_contain_only_values_that_affect_the_solution) {
+TEST(SessionText, solver_inputs_change_only_with_values_the_solution_depends_on) {
   const SessionSettings s = some_settings();
   const auto inputs = [&](const SessionSettings& settings, const CapturedView& v) {
     return solver_inputs(settings, {solver_view(ArtefactKind::ball, v, "").value()});

@@ -456,11 +456,11 @@ TEST_F(CalibrateSession, drop_and_undo_go_back_step_by_step_and_delete_nothing) 
   simulate("set", "--views 3 --seed 6");
   ASSERT_EQ(run(new_in("a")).status, 0);
   ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
-  expect_next(run("calibrate drop 2 --why 'an operator leaned on the post'"), 0, "view 2/13");
+  expect_next(run("calibrate drop 2 --reason 'an operator leaned on the post'"), 0, "view 2/13");
   EXPECT_EQ(list()["views"][1]["use"], "dropped");
   EXPECT_EQ(list()["views"][1]["note"], "an operator leaned on the post");
-  expect_next(run("calibrate drop 2 --why again"), 3, "slabctl calibrate undo");
-  expect_next(run("calibrate drop 9 --why none"), 3, "slabctl calibrate list");
+  expect_next(run("calibrate drop 2 --reason again"), 3, "slabctl calibrate undo");
+  expect_next(run("calibrate drop 9 --reason none"), 3, "slabctl calibrate list");
   expect_next(run("calibrate undo"), 0, "view 2 counts again");
   expect_next(run("calibrate undo"), 0, "view 3 is taken back");
   expect_next(run("calibrate undo"), 0, "view 2 is taken back");
@@ -476,11 +476,11 @@ TEST_F(CalibrateSession, a_dropped_view_tells_why_it_is_dropped_now) {
   ASSERT_EQ(run(new_in("a")).status, 0);
   ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
   // Steps 9 and 11: sorted by file name, the later step is first.
-  ASSERT_EQ(run("calibrate drop 3 --why first").status, 0);
+  ASSERT_EQ(run("calibrate drop 3 --reason first").status, 0);
   ASSERT_EQ(run("calibrate undo").status, 0);
-  ASSERT_EQ(run("calibrate drop 3 --why second").status, 0);
+  ASSERT_EQ(run("calibrate drop 3 --reason second").status, 0);
   EXPECT_EQ(list()["views"][2]["note"], "second");
-  expect_next(run("calibrate drop 3 --why again"), 3, "dropped already (second)");
+  expect_next(run("calibrate drop 3 --reason again"), 3, "dropped already (second)");
 }
 
 TEST_F(CalibrateSession, a_step_that_cannot_be_read_for_a_while_is_not_given_away) {
@@ -489,8 +489,8 @@ TEST_F(CalibrateSession, a_step_that_cannot_be_read_for_a_while_is_not_given_awa
   ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
   const std::string newest = file("a/calibration/hall/views/004/view.txt");
   fs::rename(newest, newest + ".away");
-  ASSERT_EQ(run("calibrate drop 4 --why unreadable").status, 0);
-  ASSERT_EQ(run("calibrate drop 2 --why 'an operator leaned on the post'").status, 0);
+  ASSERT_EQ(run("calibrate drop 4 --reason unreadable").status, 0);
+  ASSERT_EQ(run("calibrate drop 2 --reason 'an operator leaned on the post'").status, 0);
   fs::rename(newest + ".away", newest);
   // Each undo takes back exactly one step.
   expect_next(run("calibrate undo"), 0, "view 2 counts again");
@@ -568,7 +568,7 @@ TEST_F(CalibrateSession, no_wrong_turn_is_a_dead_end) {
   EXPECT_EQ(list()["views"][0]["use"], "refused");
   // Too few views: rejected, stored only on request, never applied.
   EXPECT_EQ(run("calibrate capture --set " + file("set")).status, 0);
-  EXPECT_EQ(run("calibrate drop 3 --why test").status, 0);
+  EXPECT_EQ(run("calibrate drop 3 --reason test").status, 0);
   const Ended few = run("calibrate solve");
   expect_next(few, 6, "too_few_views");
   expect_next(few, 6, "slabctl calibrate capture");
@@ -597,7 +597,7 @@ TEST_F(CalibrateSession, a_change_above_a_fifth_of_a_millimetre_needs_a_word) {
   EXPECT_EQ(told["stations"].size(), 16U);  // of the first recipe
   EXPECT_GT(told["shift_max_mm"].get<double>(), 10.0);
   // With one view less, the verified solution is not the one to be applied.
-  ASSERT_EQ(run("calibrate drop 1 --why test").status, 0);
+  ASSERT_EQ(run("calibrate drop 1 --reason test").status, 0);
   expect_next(run("calibrate apply"), 6, "slabctl calibrate solve");
   ASSERT_EQ(run("calibrate undo").status, 0);
   ASSERT_EQ(run("calibrate apply").status, 0);
@@ -627,7 +627,7 @@ TEST_F(CalibrateSession, a_held_out_view_that_is_missed_refuses_the_solution) {
   const Ended verified = run("calibrate verify --yes");
   expect_next(verified, 6, "refused (held_out): view 13");
   expect_next(run("calibrate apply"), 6, "slabctl calibrate verify");
-  ASSERT_EQ(run("calibrate drop 13 --why 'wrong pose'").status, 0);
+  ASSERT_EQ(run("calibrate drop 13 --reason 'wrong pose'").status, 0);
   expect_next(run("calibrate verify --yes"), 6, "capture --hold-out");
 }
 
@@ -769,7 +769,7 @@ TEST_F(CalibrateSession, a_slip_in_a_pose_is_cured_as_the_refusal_says) {
   ASSERT_EQ(run(new_in("b")).status, 0);
   ASSERT_EQ(capture(1, 1).status, 0);
   expect_next(capture(2, 1), 6, "drop the other one and capture this again");
-  ASSERT_EQ(run("calibrate drop 1 --why 'wrong pose'").status, 0);
+  ASSERT_EQ(run("calibrate drop 1 --reason 'wrong pose'").status, 0);
   expect_next(capture(2, 1), 0, "view 3: accepted");
   expect_next(capture(2, 1), 0, "view 3: captured already, accepted");
   expect_next(capture(1, 1), 0, "view 1: captured already, and DROPPED");
@@ -778,8 +778,8 @@ TEST_F(CalibrateSession, a_slip_in_a_pose_is_cured_as_the_refusal_says) {
   ASSERT_EQ(run(new_in("c")).status, 0);
   ASSERT_EQ(capture(1, 1).status, 0);
   ASSERT_EQ(capture(2, 4).status, 0);
-  expect_next(capture(2, 2), 3, "slabctl calibrate drop 2 --why \"wrong pose\", then give this command again");
-  ASSERT_EQ(run("calibrate drop 2 --why 'wrong pose'").status, 0);
+  expect_next(capture(2, 2), 3, "slabctl calibrate drop 2 --reason \"wrong pose\", then give this command again");
+  ASSERT_EQ(run("calibrate drop 2 --reason 'wrong pose'").status, 0);
   expect_next(capture(2, 2), 0, "view 3: accepted");
   expect_next(run("calibrate capture --set " + file("set")), 0, "view 4/13");
   EXPECT_EQ(list()["views"].size(), 5U) << "1, 2 dropped, 2, 3 and 4";
@@ -789,7 +789,7 @@ TEST_F(CalibrateSession, a_step_that_was_damaged_leaves_its_view_out_and_blocks_
   simulate("set", "--views 4 --seed 6");
   ASSERT_EQ(run(new_in("a")).status, 0);
   ASSERT_EQ(run("calibrate capture --set " + file("set")).status, 0);
-  ASSERT_EQ(run("calibrate drop 2 --why 'an operator leaned on the post'").status, 0);
+  ASSERT_EQ(run("calibrate drop 2 --reason 'an operator leaned on the post'").status, 0);
   const std::string path = "a/calibration/hall/views/002/drop-5.txt";
   const std::string whole = content(file(path));
   for (const std::string& torn : {whole.substr(0, whole.size() / 2), std::string()}) {
@@ -802,7 +802,7 @@ TEST_F(CalibrateSession, a_step_that_was_damaged_leaves_its_view_out_and_blocks_
     // Its scan is not accepted as a new one.
     expect_next(run("calibrate capture --set " + file("set")), 3, "a scan of view 2");
   }
-  ASSERT_EQ(run("calibrate drop 3 --why test").status, 0);
+  ASSERT_EQ(run("calibrate drop 3 --reason test").status, 0);
   EXPECT_TRUE(fs::exists(file("a/calibration/hall/views/003/drop-6.txt"))) << "step 5 is not given away";
   ASSERT_FALSE(write(path, whole).empty());
   EXPECT_EQ(list()["views"][1]["note"], "an operator leaned on the post");

@@ -53,7 +53,7 @@ class CalibrateStations : public Slabctl {
     auto current = reader.value()->current(kind, slab_type);
     return current.ok() && current.value() ? *current.value() : storage::CalibrationRecord{};
   }
-  [[nodiscard]] json planned() const { return json::parse(slabctl("stations --type 5600 --json").out); }
+  [[nodiscard]] json planned() const { return json::parse(slabctl("stations --slab-type 5600 --json").out); }
   /// Station 1, mastered at its planned flange pose.
   [[nodiscard]] storage::CalibrationRecord table_of_the_plan() const {
     const json row = planned()["stations"][0];
@@ -90,7 +90,7 @@ class CalibrateStations : public Slabctl {
 TEST_F(CalibrateStations, four_sets_of_stops_share_no_stop_and_each_tells_its_stations_apart) {
   std::vector<json> sets;
   for (const char* set : {"1", "2", "3", "4"}) {
-    const Ended told = slabctl(std::string("stations --type 5600 --json --set ") + set);
+    const Ended told = slabctl(std::string("stations --slab-type 5600 --json --set ") + set);
     ASSERT_EQ(told.status, 0) << told.err;
     EXPECT_EQ(told.err.find("alike stops"), std::string::npos) << told.err;
     sets.push_back(json::parse(told.out));
@@ -100,7 +100,7 @@ TEST_F(CalibrateStations, four_sets_of_stops_share_no_stop_and_each_tells_its_st
       for (std::size_t station = 0; station < 18; ++station)
         EXPECT_NE(sets[a]["stations"][station]["T_base_flange"], sets[b]["stations"][station]["T_base_flange"])
             << "sets " << a + 1 << " and " << b + 1 << ", station " << station + 1;
-  EXPECT_EQ(slabctl("stations --type 5600 --set 5").status, kUsage);
+  EXPECT_EQ(slabctl("stations --slab-type 5600 --set 5").status, kUsage);
 }
 
 TEST_F(CalibrateStations, corrections_that_the_line_does_not_use_do_not_hold) {
@@ -108,11 +108,11 @@ TEST_F(CalibrateStations, corrections_that_the_line_does_not_use_do_not_hold) {
   storage::CalibrationRecord table = table_of_the_plan();
   static_cast<void>(put_in_force(table, wall_clock_us()));
   EXPECT_TRUE(planned()["stations"][0]["correction_holds"].get<bool>());
-  expect_mentions(slabctl("stations --type 5600").out, "its correction holds");
+  expect_mentions(slabctl("stations --slab-type 5600").out, "its correction holds");
   // A hand-eye calibration with the same numbers and another id: the one used for the solution is not in force.
   ASSERT_EQ(adopt("0.06").status, 0);
   EXPECT_FALSE(planned()["stations"][0]["correction_holds"].get<bool>());
-  expect_mentions(slabctl("stations --type 5600").out, "its correction is stale: solved with " + table.parent_id);
+  expect_mentions(slabctl("stations --slab-type 5600").out, "its correction is stale: solved with " + table.parent_id);
   // Expired ten days ago.
   table.parent_id = in_force(CalibrationKind::hand_eye).id;
   table.expires_utime_us = wall_clock_us() - 10 * kDay_us;
@@ -122,7 +122,7 @@ TEST_F(CalibrateStations, corrections_that_the_line_does_not_use_do_not_hold) {
   table.created_utime_us = wall_clock_us() - 20 * kDay_us;
   static_cast<void>(put_in_force(table, wall_clock_us() - 20 * kDay_us + 1'000'000));
   EXPECT_FALSE(planned()["stations"][0]["correction_holds"].get<bool>());
-  expect_mentions(slabctl("stations --type 5600").out, "its correction expired on ");
+  expect_mentions(slabctl("stations --slab-type 5600").out, "its correction expired on ");
 }
 
 TEST_F(CalibrateStations, solved_again_they_hold_no_longer_than_before) {
@@ -204,12 +204,12 @@ TEST_F(CalibrateStations, a_scanner_tilted_about_what_it_sees_moves_no_seat_and_
   const Ended kept = slabctl("calibrate adopt --sigma-mm 0.05 --sigma-deg 0.003");
   ASSERT_EQ(kept.status, 0) << kept.err;
   const std::string id = kept.out.substr(8, kept.out.find(';') - 8);
-  const Ended by_name = slabctl("calibrate apply " + id.substr(0, 10) + " --why tilted");
+  const Ended by_name = slabctl("calibrate apply " + id.substr(0, 10) + " --reason tilted");
   EXPECT_EQ(by_name.status, 6) << by_name.out;
   expect_mentions(by_name.err, before + " is in force; with " + id + " seats of slab type ");
   EXPECT_EQ(in_force(CalibrationKind::hand_eye).id, before);
-  EXPECT_EQ(slabctl("calibrate apply " + id + " --why tilted --yes --temperature 20").status, 2);
-  ASSERT_EQ(slabctl("calibrate apply " + id + " --why tilted --yes").status, 0);
+  EXPECT_EQ(slabctl("calibrate apply " + id + " --reason tilted --yes --temperature 20").status, 2);
+  ASSERT_EQ(slabctl("calibrate apply " + id + " --reason tilted --yes").status, 0);
   EXPECT_EQ(in_force(CalibrationKind::hand_eye).id, id);
 }
 

@@ -130,7 +130,7 @@ TEST_F(Export, choices_and_wrong_use) {
   EXPECT_EQ(run("export --all --out " + file("none/x.csv") + " --db " + db()).status, 3);
   const std::string heading = run("export --verdict pass --db " + db()).out;
   EXPECT_EQ(std::count(heading.begin(), heading.end(), '\n'), 1);
-  const json all = json::parse(run("export --since 2025-11-20 --type 5600 --format json --db " + db()).out);
+  const json all = json::parse(run("export --since 2025-11-20 --slab-type 5600 --format json --db " + db()).out);
   EXPECT_EQ(all["schema"], "slabd.export/1");
   ASSERT_EQ(all["slabs"].size(), 1U);
   EXPECT_EQ(all["slabs"][0], json::parse(run("export 1 --format json --db " + db()).out));

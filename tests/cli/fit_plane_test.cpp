@@ -123,7 +123,7 @@ TEST_F(FitPlane, a_plane_that_stands_upright_has_a_normal_and_no_z) {
   EXPECT_TRUE(plane["a"].is_null());
   EXPECT_TRUE(plane["c"].is_null());
   EXPECT_NEAR(std::abs(plane["normal"][0].get<double>()), 1.0, 1e-12);
-  expect_mentions(fit("wall.xyz", "").out, "stands upright");
+  expect_mentions(fit("wall.xyz", "").out, "is vertical");
 }
 
 TEST_F(FitPlane, unit_of_the_file_is_declared) {

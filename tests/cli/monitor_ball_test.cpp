@@ -43,7 +43,7 @@ class MonitorBallTest : public Slabctl {
   }
   void take_into_use() {
     const Ended taken = calibrate("reference --ball " + scan("first", 0.0) + " --flange '" + kFlange +
-                                  "' --radius 25.4 --apply --why mounted");
+                                  "' --radius 25.4 --apply --reason mounted");
     ASSERT_EQ(taken.status, 0) << taken.err;
     expect_mentions(taken.out, "may be found 0.100 mm from there");
   }

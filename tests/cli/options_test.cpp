@@ -77,7 +77,7 @@ TEST(Options, that_require_a_reason_reject_blank_text) {
   add_commands(root);
   int reasons = 0;
   visit(app, "slabctl", [&](const std::string& path, CLI::Option& option) {
-    if (option.get_name() != "--why" && option.get_name() != "--reason") return;
+    if (option.get_name() != "--reason" && option.get_name() != "--reason") return;
     ++reasons;
     for (const char* text : {"", " ", "\t\n"})
       EXPECT_NE(refusal(option, text), "") << path << " takes '" << text << "'";

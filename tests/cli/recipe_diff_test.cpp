@@ -92,7 +92,7 @@ TEST_F(RecipeDiff, differences_that_need_scans_are_reported) {
   expect_mentions(ended.out, "evaluation.crop_half_x_mm");
   // Slabs of another type cannot be judged.
   const Ended other =
-      run("recipe diff " + kRecipe + " " + places::source_dir() + "/recipes/p4925.toml --type 5600 --db " + db());
+      run("recipe diff " + kRecipe + " " + places::source_dir() + "/recipes/p4925.toml --slab-type 5600 --db " + db());
   expect_mentions(other.out, "left out: slab 1 \"SLAB-0042\": it has 18 blocks, the recipe 16");
 }
 
@@ -180,7 +180,7 @@ TEST_F(RecipeDiff, verdicts_that_only_scans_can_tell_are_counted) {
 }
 
 TEST_F(RecipeDiff, a_filter_of_slabs_needs_a_database_to_be_heard) {
-  for (const char* filter : {"--since garbage", "--until 7d", "--type 5600", "--verdict pass"}) {
+  for (const char* filter : {"--since garbage", "--until 7d", "--slab-type 5600", "--verdict pass"}) {
     const Ended ended = run("recipe diff " + kRecipe + " " + kRecipe + " " + filter);
     EXPECT_EQ(ended.status, 2) << filter;
     expect_mentions(ended.err, "say --db or --config too");

@@ -492,7 +492,7 @@ TEST_F(ReportTest, counts_items_that_were_not_required_and_not_measured_for_a_sl
                 0);
       const std::string html = content(file(name));
       if (required)
-        expect_mentions(html, language == "en" ? "Every item was measured and lies within its limits."
+        expect_mentions(html, language == "en" ? "Every item was measured and is within its limits."
                                                : "全部项目均已测量并在限值内。");
       else
         expect_mentions(html,

@@ -200,11 +200,11 @@ TEST_F(Show, a_trend_is_that_of_one_type) {
   EXPECT_EQ(document["series"][1]["value"], 383.0);
   expect_mentions(trend("").out, "2 slabs of type 5600");
   expect_mentions(trend("").out, "slabs of other types are left out: 5600 is the newest slab's");
-  document = json::parse(trend("--json --type 4925").out);
+  document = json::parse(trend("--json --slab-type 4925").out);
   EXPECT_EQ(document["slab_type"], 4925);
   EXPECT_EQ(document["series"].size(), 1U);
-  EXPECT_EQ(trend("--type 5600").out.find("other types"), std::string::npos);
-  document = json::parse(trend("--json --type 1").out);
+  EXPECT_EQ(trend("--slab-type 5600").out.find("other types"), std::string::npos);
+  document = json::parse(trend("--json --slab-type 1").out);
   EXPECT_EQ(document["slab_type"], nullptr);
 }
 

@@ -53,6 +53,50 @@ TEST_F(Slabctl, wrong_use_is_status_2_and_says_what_was_meant) {
   EXPECT_EQ(unit.out, "");
 }
 
+TEST_F(Slabctl, help_comes_before_or_after_the_command) {
+  EXPECT_EQ(run("help").out, run("--help").out);
+  for (const char* command : {"show", "simulate scan", "calibrate"}) {
+    const Ended help = run("help " + std::string(command));
+    EXPECT_EQ(help.status, 0);
+    EXPECT_EQ(help.out, run(std::string(command) + " --help").out);
+  }
+  const Ended unknown = run("help shwo");
+  EXPECT_EQ(unknown.status, 2);
+  expect_mentions(unknown.err, "did you mean 'show'?");
+}
+
+TEST_F(Slabctl, surplus_arguments_are_named_in_their_order_with_the_nearest_option) {
+  const Ended words = run("status first second");
+  EXPECT_EQ(words.status, 2);
+  EXPECT_NE(words.err.find("not expected: 'first', 'second'"), std::string::npos) << words.err;
+  const Ended option = run("report 1 --out x.pdf --languge=zh");
+  EXPECT_EQ(option.status, 2);
+  EXPECT_NE(option.err.find("'--languge=zh' (did you mean '--language'?)"), std::string::npos) << option.err;
+  EXPECT_NE(option.err.find("`slabctl report --help`"), std::string::npos) << option.err;
+  const Ended command = run("db chekc");
+  EXPECT_EQ(command.status, 2);
+  EXPECT_NE(command.err.find("did you mean 'check'?"), std::string::npos) << command.err;
+}
+
+TEST_F(Slabctl, the_word_of_another_command_for_the_same_option_is_accepted_with_a_hint) {
+  const Ended ended = run("trend seat_slope --type=5600 --db " + file("none.db"));
+  expect_mentions(ended.err, "hint: this command's --type is --slab-type");
+  EXPECT_EQ(ended.status, run("trend seat_slope --slab-type 5600 --db " + file("none.db")).status);
+  EXPECT_EQ(run("inspect --why x").status, 2) << "the command has no such option under any name";
+}
+
+TEST_F(Slabctl, configuration_is_named_before_or_after_the_command_or_by_the_environment) {
+  const std::string config = write("named.toml", "nonsense = 1\n");
+  const Ended after = run("doctor --config " + config);
+  EXPECT_NE(after.out.find("named.toml:1"), std::string::npos) << after.out << after.err;
+  EXPECT_EQ(run("--config " + config + " doctor").out, after.out);
+  EXPECT_EQ(run("--config=" + config + " doctor").out, after.out);
+  ASSERT_EQ(::setenv("SLABD_CONFIG", config.c_str(), 1), 0);
+  const Ended by_environment = run("doctor");
+  ASSERT_EQ(::unsetenv("SLABD_CONFIG"), 0);
+  EXPECT_EQ(by_environment.out, after.out);
+}
+
 TEST_F(Slabctl, missing_and_broken_files_are_status_3_and_named) {
   EXPECT_EQ(run("recipe check " + file("none.toml")).status, 3);
   const std::string broken = write("broken.toml", "schema = \"slabd.recipe/1\"\nname = [\n");

@@ -381,7 +381,7 @@ TEST_F(ConfigTest, two_do_not_listen_at_one_place) {
             Texts{});
 }
 
-TEST_F(ConfigTest, a_file_has_a_different_path_than_every_folder_and_other_file) {
+TEST_F(ConfigTest, a_file_cannot_be_a_folder_or_another_file) {
   const auto places = [](const std::string& db, const std::string& spool, const std::string& socket) {
     return kShortest +
            ("[storage]\ndb = \"" + db + "\"\nspool_dir = \"" + spool + "\"\n[control]\nsocket = \"" + socket + "\"\n");

@@ -47,8 +47,8 @@ struct CalibrationLineTest : testing::Test {
     FAIL() << "slabd does not answer: " << read_file(box.dir / "slabd.err");
   }
   Box::Answer adopt(const char* sigma_mm) {
-    return calibrate({"adopt", "--sigma-mm", sigma_mm, "--sigma-deg", "0.003", "--operator", "anna", "--apply", "--why",
-                      "tracker protocol 17"});
+    return calibrate({"adopt", "--sigma-mm", sigma_mm, "--sigma-deg", "0.003", "--operator", "anna", "--apply",
+                      "--reason", "tracker protocol 17"});
   }
   std::string id_in_force() { return status()["calibration"]["id"].get<std::string>(); }
 };
@@ -68,10 +68,10 @@ TEST_F(CalibrationLineTest, is_applied_through_the_running_daemon_and_survives_i
   start();
   EXPECT_EQ(status()["calibration"]["source"], "applied");
   EXPECT_NE(id_in_force(), id);
-  const Box::Answer back = calibrate({"rollback", "--why", "worse"});
+  const Box::Answer back = calibrate({"rollback", "--reason", "worse"});
   ASSERT_EQ(back.exit_status, 0) << back.err;
   EXPECT_EQ(id_in_force(), id);
-  const Box::Answer further = calibrate({"rollback", "--why", "worse"});
+  const Box::Answer further = calibrate({"rollback", "--reason", "worse"});
   EXPECT_EQ(further.exit_status, 6);
   EXPECT_NE(further.err.find("nothing to go back to"), std::string::npos) << further.err;
 
@@ -109,7 +109,7 @@ TEST_F(CalibrationLineTest, a_check_that_fails_stops_the_line_until_one_passes) 
   const std::string certificate = (box.dir / "ref.txt").native();
   std::ofstream(certificate) << kReference;
   const Box::Answer taken =
-      calibrate({"reference", "--certificate", certificate, "--apply", "--why", "new reference block"});
+      calibrate({"reference", "--certificate", certificate, "--apply", "--reason", "new reference block"});
   ASSERT_EQ(taken.exit_status, 0) << taken.err;
   json watch = status()["calibration"]["reference_block"];
   EXPECT_EQ(watch["id"].get<std::string>().substr(0, 3), "rb-");
@@ -154,7 +154,7 @@ TEST_F(CalibrationLineTest, a_check_by_a_stations_scan_needs_one_made_with_what_
   start();
   const std::string certificate = (box.dir / "ref.txt").native();
   std::ofstream(certificate) << kReference;
-  ASSERT_EQ(calibrate({"reference", "--certificate", certificate, "--apply", "--why", "new"}).exit_status, 0);
+  ASSERT_EQ(calibrate({"reference", "--certificate", certificate, "--apply", "--reason", "new"}).exit_status, 0);
   const Box::Answer run = box.slabctl({"simulate", "--config", box.config.native(), "--points", "quarter"});
   ASSERT_EQ(run.exit_status, 0) << run.err;
   const auto check = [&](const char* station) { return calibrate({"check", "--slab", "1", "--station", station}); };

@@ -86,12 +86,12 @@ TEST_F(CareLine, a_running_daemon_is_backed_up_and_the_backup_restored_when_it_h
   EXPECT_EQ(db({"prune", "--keep-slabs", "100"}).exit_status, 0);
   EXPECT_EQ(db({"prune", "--keep-slabs", "5"}).exit_status, 2);
 
-  const Box::Answer early = db({"restore", copy, "--why", "test"});
+  const Box::Answer early = db({"restore", copy, "--reason", "test"});
   EXPECT_EQ(early.exit_status, 6);
   EXPECT_NE(early.err.find("stop it first"), std::string::npos) << early.err;
 
   EXPECT_EQ(box_.stop(), 0);
-  const Box::Answer done = db({"restore", copy, "--why", "the disk was changed", "--operator", "anna"});
+  const Box::Answer done = db({"restore", copy, "--reason", "the disk was changed", "--operator", "anna"});
   EXPECT_EQ(done.exit_status, 0) << done.err;
   start();
   EXPECT_NE(input_register(box_.port, kState), kStateFault) << box_.log();
@@ -177,7 +177,7 @@ TEST_F(CareLine, a_damaged_database_is_fault_502_with_modbus_up_until_one_is_res
   const Box::Answer history = box_.slabctl({"history", "--config", box_.config.native()});
   EXPECT_EQ(history.exit_status, 4);
   EXPECT_NE(history.err.find("quarantine"), std::string::npos) << history.err;
-  const Box::Answer restored = db({"restore", copy, "--why", "damaged"});
+  const Box::Answer restored = db({"restore", copy, "--reason", "damaged"});
   EXPECT_EQ(restored.exit_status, 0) << restored.err;
   start();
   EXPECT_EQ(input_register(box_.port, kFault), 0) << box_.log();
@@ -193,8 +193,8 @@ TEST_F(CareLine, a_lost_database_is_not_created_again_unless_a_person_orders_it)
   EXPECT_EQ(input_register(box_.port, kFault), 502) << box_.log();
   EXPECT_NE(box_.log().find("shows that there was one"), std::string::npos) << box_.log();
   EXPECT_EQ(box_.stop(), 0);
-  EXPECT_EQ(db({"restore", "--why", "x"}).exit_status, 2) << "which one?";
-  EXPECT_EQ(db({"restore", "--fresh", "--why", "a new line"}).exit_status, 0);
+  EXPECT_EQ(db({"restore", "--reason", "x"}).exit_status, 2) << "which one?";
+  EXPECT_EQ(db({"restore", "--fresh", "--reason", "a new line"}).exit_status, 0);
   start();
   EXPECT_EQ(input_register(box_.port, kFault), 0) << box_.log();
   const Box::Answer history = box_.slabctl({"history", "--config", box_.config.native()});
@@ -212,7 +212,7 @@ TEST_F(CareLine, a_database_that_is_deleted_under_the_daemon_is_fault_502_and_ca
   EXPECT_NE(box_.log().find("slabctl db backup saves it"), std::string::npos) << box_.log();
   const std::string copy = backup();
   EXPECT_EQ(box_.stop(), 0);
-  EXPECT_EQ(db({"restore", copy, "--why", "it was deleted"}).exit_status, 0);
+  EXPECT_EQ(db({"restore", copy, "--reason", "it was deleted"}).exit_status, 0);
   start();
   EXPECT_EQ(input_register(box_.port, kFault), 0) << box_.log();
   const Box::Answer history = box_.slabctl({"history", "--config", box_.config.native()});
@@ -344,7 +344,7 @@ TEST_F(CareLine, the_operators_screen_follows_to_a_database_that_took_the_place_
   line->signal(SIGTERM);
   static_cast<void>(line->wait());
   EXPECT_EQ(box_.stop(), 0);
-  EXPECT_EQ(db({"restore", "--fresh", "--why", "test", "--lose-calibrations"}).exit_status, 0);
+  EXPECT_EQ(db({"restore", "--fresh", "--reason", "test", "--lose-calibrations"}).exit_status, 0);
   start();
   EXPECT_TRUE(watch.shows("no slab yet")) << watch.last;
   EXPECT_EQ(box_.stop(), 0);

@@ -97,7 +97,7 @@ TEST(DocumentsLine, output_of_a_calibration_matches_its_published_schemas) {
                  "--robot-sigma-mm", "0.017", "--fov", "100", "140", "540", "660", "--views", "12"});
   documents.ask({"calibrate", "list", "--session", session});  // still empty
   documents.ask({"calibrate", "capture", "--session", session, "--set", views});
-  documents.ask({"calibrate", "drop", "3", "--why", "blurred", "--session", session});
+  documents.ask({"calibrate", "drop", "3", "--reason", "blurred", "--session", session});
   documents.ask({"calibrate", "undo", "--session", session});
   documents.ask({"calibrate", "list", "--session", session});
   documents.ask({"calibrate", "solve", "--session", session});
@@ -123,13 +123,13 @@ TEST(DocumentsLine, output_on_calibrations_in_force_and_on_checks_matches_its_pu
   ask({"calibrate", "check"});
   ask({"scanner", "history"});
   for (const char* sigma : {"0.05", "0.06"})
-    done({"calibrate", "adopt", "--sigma-mm", sigma, "--sigma-deg", "0.002", "--why", "tracker", "--apply", "--config",
-          box.config.native()});
-  ask({"calibrate", "rollback", "--why", "worse"});
+    done({"calibrate", "adopt", "--sigma-mm", sigma, "--sigma-deg", "0.002", "--reason", "tracker", "--apply",
+          "--config", box.config.native()});
+  ask({"calibrate", "rollback", "--reason", "worse"});
   const std::string certificate = (box.dir / "reference.txt").native();
   std::ofstream(certificate) << "id = RB-01\ndate = 2026-01-01\nslope_deg = 1.432096\nslope_U_deg = 0.001\n"
                                 "jaw_distance_mm = 380.0\njaw_distance_U_mm = 0.01\n";
-  done({"calibrate", "reference", "--certificate", certificate, "--apply", "--why", "new", "--config",
+  done({"calibrate", "reference", "--certificate", certificate, "--apply", "--reason", "new", "--config",
         box.config.native()});
   const std::string scan = (box.dir / "block.ply").native();
   done({"simulate", "scan", "--recipe", recipe, "--block", "1", "--points", "quarter", "--out", scan});

@@ -140,7 +140,7 @@ TEST_F(LineTest, a_slab_that_was_begun_under_the_type_of_its_twin_does_not_pass_
 
   // A field of view of 580 mm reaches past both ends. With a quarter of the points the flatness has no value then.
   const std::vector<std::string> wide = {"--field-x-mm", "580",  "--scans-per-block", "1",
-                                         "--type",       "4856", "--move-s",          "0"};
+                                         "--slab-type",  "4856", "--move-s",          "0"};
   std::vector<std::string> wrong = {"--slab-no", "8", "--slab-id", "TWIN", "--begin-as", "4925"};
   wrong.insert(wrong.end(), wide.begin(), wide.end());
   const Box::Answer answer = simulate(wrong);

@@ -20,7 +20,7 @@ TEST(ReplayLine, a_slab_of_the_line_comes_out_again_bit_for_bit_beside_the_runni
   ASSERT_TRUE(box.ready()) << box.log();
   const Box::Answer line =
       box.slabctl({"simulate", "--config", box.config.native(), "--points", "quarter", "--slab-no", "7", "--slab-id",
-                   "AGAIN", "--type", "4856", "--defect", "jaw-distance=11:0.9", "--defect", "missing=5"});
+                   "AGAIN", "--slab-type", "4856", "--defect", "jaw-distance=11:0.9", "--defect", "missing=5"});
   ASSERT_EQ(line.exit_status, 1) << line.out << line.err;
 
   std::size_t figures = 0;

@@ -102,12 +102,12 @@ struct ScannerLine : testing::Test {
     return box.slabctl(args);
   }
   Box::Answer apply(std::vector<std::string> more = {}) {
-    more.insert(more.end(), {"--apply", "--by", "anna", "--reason", "yearly acceptance", "--scanner", "SN7"});
+    more.insert(more.end(), {"--apply", "--operator", "anna", "--reason", "yearly acceptance", "--scanner", "SN7"});
     return verify(more);
   }
   json slab(const std::string& id, const char* number) {
     const Box::Answer line = box.slabctl({"simulate", "--config", box.config.native(), "--points", "quarter",
-                                          "--slab-no", number, "--slab-id", id, "--type", "5600", "--seed", "11"});
+                                          "--slab-no", number, "--slab-id", id, "--slab-type", "5600", "--seed", "11"});
     EXPECT_LE(line.exit_status, 1) << line.out << line.err;
     return show(id);
   }
@@ -140,7 +140,7 @@ TEST_F(ScannerLine, an_acceptance_raises_U_of_the_next_slab_and_is_found_again_w
   EXPECT_EQ(before["scanner_id"], "");
 
   draw("bent", {0.2}, kPlatePlacesMin, kBallPlacesMin);
-  const Box::Answer accepted = apply({"--expires-days", "365"});
+  const Box::Answer accepted = apply({"--valid-days", "365"});
   ASSERT_EQ(accepted.exit_status, 0) << accepted.err;
   const json record = json::parse(accepted.out);
   const std::string id = record["id"];
@@ -197,7 +197,7 @@ TEST_F(ScannerLine, a_scanner_better_than_its_specification_leaves_U_as_it_is_an
                   .empty())
       << "what was refused for want of scans is not kept";
   EXPECT_TRUE(warns());
-  EXPECT_EQ(verify({"--apply", "--by", "anna"}).exit_status, 2) << "without a reason";
+  EXPECT_EQ(verify({"--apply", "--operator", "anna"}).exit_status, 2) << "without a reason";
 
   draw("same", {0.0}, kPlatePlacesMin, kBallPlacesMin, 0.0);
   const Box::Answer same = apply();
@@ -228,12 +228,12 @@ TEST_F(ScannerLine, a_scanner_better_than_its_specification_leaves_U_as_it_is_an
   EXPECT_EQ(status()["fault"]["code"], 0);
   const Box::Answer doctor = box.slabctl({"doctor", "--config", box.config.native(), "--listen-s", "1"});
   EXPECT_NE(doctor.out.find("out of its limits"), std::string::npos) << doctor.out;
-  const Box::Answer old = box.slabctl({"calibrate", "apply", id, "--why", "again", "--config", box.config.native()});
+  const Box::Answer old = box.slabctl({"calibrate", "apply", id, "--reason", "again", "--config", box.config.native()});
   EXPECT_EQ(old.exit_status, 0) << old.err;
   EXPECT_NE(old.err.find("the line goes on warning"), std::string::npos) << "in force, and of what use: " << old.err;
   const std::string bad_id = json::parse(bad.out)["id"];
   const Box::Answer forced =
-      box.slabctl({"calibrate", "apply", bad_id, "--why", "it must run", "--config", box.config.native()});
+      box.slabctl({"calibrate", "apply", bad_id, "--reason", "it must run", "--config", box.config.native()});
   EXPECT_EQ(forced.exit_status, 6);
   EXPECT_NE(forced.err.find("out of the limits"), std::string::npos) << forced.err;
   EXPECT_EQ(box.stop(), 0);

@@ -1,11 +1,12 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""The function block of docs/plc alone, cycle by cycle, on a clock of the test's own: what it writes when an order is
-given up and when the line comes back from hand. Whole slabs with it are plc_peers_test's."""
+"""The function blocks of docs/plc alone, cycle by cycle, on a clock of the test's own: what they write when an order is
+given up and when the line comes back from hand. Whole slabs with them are plc_peers_test's."""
 
 import os
 import unittest
 
+from scl_block import siemens
 from st_block import Block
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
@@ -13,12 +14,20 @@ SYNC, CONTROL, CMD_SEQ = 3, 1, 39
 SESSION, ACK, STATUS, ACQ, REFUSED, REFUSE_CODE, REFUSE_SEQ = 9, 10, 11, 12, 21, 26, 27
 
 
+def structured_text(clock):
+    return Block(os.path.join(ROOT, "docs/plc/FB_SLABD.st"), clock=clock)
+
+
+def scl(clock):
+    return siemens(clock).instance("FB_SLABD")
+
+
 class Line:
     """slabd as registers: what the block reads, set by hand."""
 
-    def __init__(self):
+    def __init__(self, make):
         self.now = 100.0
-        self.block = Block(os.path.join(ROOT, "docs/plc/FB_SLABD.st"), clock=lambda: self.now)
+        self.block = make(lambda: self.now)
         self.ir = [0] * 110
         self.ir[0:4] = [0x534C, 0x0100, 0x1234, 0x5678]
         self.ir[5] = 0b1000000001  # READY, PLC_LINK_OK
@@ -49,9 +58,14 @@ class Line:
         return block
 
 
-class FunctionBlock(unittest.TestCase):
+class Cases:
+    make = None
+
+    def line(self):
+        return Line(type(self).make)
+
     def test_after_its_start_it_asks_for_one_session(self):
-        line = Line()
+        line = self.line()
         line.cycle()
         self.assertEqual(line.block.HR[SYNC], 6)
         self.assertFalse(line.block.xReady)
@@ -63,7 +77,7 @@ class FunctionBlock(unittest.TestCase):
         self.assertTrue(line.cycle().xReady)
 
     def test_an_order_without_an_answer_is_made_void(self):
-        line = Line()
+        line = self.line()
         block = line.order()
         rewrites = 0
         for _ in range(300):
@@ -83,7 +97,7 @@ class FunctionBlock(unittest.TestCase):
         self.assertTrue(line.cycle().xReady)
 
     def test_an_order_that_was_answered_needs_no_new_session(self):
-        line = Line()
+        line = self.line()
         block = line.order()
         line.ir[ACK], line.ir[STATUS] = 42, 0x8000 + 202
         for _ in range(5):
@@ -93,7 +107,7 @@ class FunctionBlock(unittest.TestCase):
         self.assertEqual(block.HR[SYNC], 6)
 
     def test_a_line_taken_in_hand_gives_up_what_was_not_accepted(self):
-        line = Line()
+        line = self.line()
         block = line.order()
         line.cycle(xEnable=False)
         self.assertTrue(block.xError)
@@ -113,7 +127,7 @@ class FunctionBlock(unittest.TestCase):
         self.assertTrue(line.cycle().xReady)
 
     def test_an_accepted_order_goes_on_while_the_line_is_in_hand(self):
-        line = Line()
+        line = self.line()
         block = line.order()
         line.ir[ACK], line.ir[STATUS] = 42, 1
         line.cycle()
@@ -125,7 +139,7 @@ class FunctionBlock(unittest.TestCase):
         self.assertTrue(block.xDone)
 
     def test_a_scan_is_done_by_its_own_number_and_not_by_somebody_elses_status(self):
-        line = Line()
+        line = self.line()
         block = line.order()
         line.ir[ACK], line.ir[STATUS] = 42, 4  # another client has used the number
         for _ in range(5):
@@ -145,7 +159,7 @@ class FunctionBlock(unittest.TestCase):
         self.assertTrue(block.xDone)
 
     def test_an_order_given_too_early_begins_when_the_session_is_there(self):
-        line = Line()
+        line = self.line()
         line.cycle(xExecute=True, uiCmd=2, uiStation=1)
         for _ in range(5):
             line.cycle()
@@ -157,14 +171,14 @@ class FunctionBlock(unittest.TestCase):
         self.assertTrue(written)
 
     def test_an_order_that_never_can_begin_ends_in_an_error(self):
-        line = Line()
+        line = self.line()
         line.cycle(xExecute=True, uiCmd=2, uiStation=1)
         for _ in range(70):
             line.cycle(1.0)
         self.assertTrue(line.block.xError)
 
     def test_an_order_is_written_as_it_was_when_it_began(self):
-        line = Line()
+        line = self.line()
         block = line.order()
         line.inputs["uiStation"] = 17
         line.ir[SESSION] += 1
@@ -173,7 +187,7 @@ class FunctionBlock(unittest.TestCase):
         self.assertEqual(block.HR[11], 1)
 
     def test_each_record_is_stored_for_itself(self):
-        line = Line()
+        line = self.line()
         line.started()
         line.ir[5] |= 8
         line.ir[30] = line.ir[63] = 9
@@ -191,12 +205,20 @@ class FunctionBlock(unittest.TestCase):
         self.assertEqual(line.block.HR[2], 10)
 
     def test_a_session_that_does_not_come_is_asked_for_again(self):
-        line = Line()
+        line = self.line()
         line.cycle()
         self.assertEqual(line.block.HR[SYNC], 6)
         line.cycle(3.1)
         line.cycle()
         self.assertEqual(line.block.HR[SYNC], 7)
+
+
+class StructuredText(Cases, unittest.TestCase):
+    make = staticmethod(structured_text)
+
+
+class Scl(Cases, unittest.TestCase):
+    make = staticmethod(scl)
 
 
 if __name__ == "__main__":

@@ -252,9 +252,9 @@ def wire_for(box, sync_last=0):
 class Plc:
     """Cycles the function block; a program written as plain calls runs on top."""
 
-    def __init__(self, wire, period=0.01):
+    def __init__(self, wire, period=0.01, block=None):
         self.wire, self.period = wire, period
-        self.block = Block(os.path.join(ROOT, "docs/plc/FB_SLABD.st"))
+        self.block = block or Block(os.path.join(ROOT, "docs/plc/FB_SLABD.st"))
         self.inputs = {"uiSyncLast": wire.sync_last(), "xEnable": True, "xExecute": False, "xStored": False}
         self.results = {}  # stored records by (slab, station, CMD_SEQ)
         self.cycles = 0

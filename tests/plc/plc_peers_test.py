@@ -3,6 +3,7 @@
 """slabd and an independent PLC in each of the three roles: whole slabs, power losses, attacks on the port.
 
   plc_peers_test.py --build build/release [--role server|client|rtu] [--slabs N] [--case slabs|losses|linkdown|attacks]
+                    [--scl]
 
 Figures go to stdout. Exit status 0: every promise held."""
 import argparse
@@ -19,6 +20,7 @@ import threading
 import time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from scl_block import siemens  # noqa: E402
 from line import FAIL, PASS, SCAN, SLAB_BEGIN, STATIONS, Box, Plc, wait_for, wire_for  # noqa: E402
 
 
@@ -33,11 +35,11 @@ def memory_kb(box):
 # ---- whole slabs --------------------------------------------------------------------------------------------------
 
 
-def slabs(box, count):
+def slabs(box, count, block=None):
     box.start()
     box.stand_by(count)
     wire = wire_for(box)
-    plc = Plc(wire)
+    plc = Plc(wire, block=block)
     started = time.monotonic()
     memory = []
     for number in range(1, count + 1):
@@ -330,11 +332,12 @@ def main():
     parser.add_argument("--case", choices=("slabs", "losses", "linkdown", "attacks"), default="slabs")
     parser.add_argument("--slabs", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=2.0, help="of each attack")
+    parser.add_argument("--scl", action="store_true", help="slabs: with the function block of docs/plc/siemens")
     options = parser.parse_args()
     box = Box(os.path.abspath(options.build), options.role)
     try:
         if options.case == "slabs":
-            slabs(box, options.slabs)
+            slabs(box, options.slabs, siemens().instance("FB_SLABD") if options.scl else None)
         elif options.case == "losses":
             losses(box)
         elif options.case == "linkdown":

@@ -215,7 +215,7 @@ TEST_F(CareTest, commands_given_between_slabs_go_with_the_slabs_around_them) {
   EXPECT_EQ(recover()->cmd_ack, cmd_seq_);
 }
 
-TEST_F(CareTest, only_keep_slabs_slabs_are_kept_and_the_history_notes_the_gap) {
+TEST_F(CareTest, slabs_beyond_keep_slabs_are_deleted_and_the_gap_is_recorded) {
   settings_.keep_slabs = kKeepSlabsMin;
   open();
   (void)recover();

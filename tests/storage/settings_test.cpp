@@ -272,7 +272,7 @@ TEST_F(SettingsTest, second_writer_is_refused) {
   EXPECT_EQ(refusal(), "opened");
 }
 
-TEST_F(SettingsTest, a_writer_in_another_process_is_detected) {
+TEST_F(SettingsTest, an_open_writer_is_detected) {
   EXPECT_FALSE(is_written_elsewhere(settings_.db_path));
   open();
   EXPECT_TRUE(is_written_elsewhere(settings_.db_path));

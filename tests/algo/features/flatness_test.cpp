@@ -329,7 +329,7 @@ TEST(Flatness, damage_in_every_cell_of_a_coarse_scan_does_not_give_a_flat_seat) 
   EXPECT_NEAR(flat.lsq_mm, 2.0, 0.1);
 }
 
-TEST(Flatness, noise_of_cells_with_few_points_is_reported) {
+TEST(Flatness, noise_includes_that_of_cells_with_few_points) {
   // One half has five points per cell, one in a hundred of them half a millimetre off.
   Prng prng(18);
   Seat seat([&](double, double) { return prng.uniform() < 0.01 ? 0.5 : 0.05 * prng.normal(); }, 0.22);

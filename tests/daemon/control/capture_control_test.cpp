@@ -82,7 +82,7 @@ TEST(CaptureControl, the_answer_tells_a_view_and_survives_any_text) {
   EXPECT_FALSE(refused["shot"].contains("scan")) << "a refused view has nothing to take";
 }
 
-TEST(CaptureControl, garbage_is_survived_and_does_not_parse_as_a_request) {
+TEST(CaptureControl, garbage_does_not_stop_the_parser) {
   Prng prng(17);
   const std::string good = R"({"verb":"capture","action":"begin","session":"spring","operator":"anna","lease_s":120})";
   for (int i = 0; i < 2'000; ++i) {

@@ -423,7 +423,7 @@ TEST(HandshakeOfStation, the_model_and_the_station_show_the_plc_the_same) {
 
 class HandshakeOfStationWithout : public testing::TestWithParam<bool Rules::*> {};
 
-TEST_P(HandshakeOfStationWithout, one_rule_the_model_is_distinguished_from_the_station) {
+TEST_P(HandshakeOfStationWithout, one_rule_the_model_differs_from_the_station) {
   Rules rules;
   rules.*GetParam() = false;
   std::array<int, kKinds> done{};

@@ -216,7 +216,7 @@ TEST_F(SlowScanner, leaves_the_robot_its_time_to_settle) {
   EXPECT_EQ(line.scans.size(), 3U);
 }
 
-TEST_F(SlowScanner, with_a_lost_robot_still_gets_the_plc_its_answer_in_time) {
+TEST_F(SlowScanner, with_a_lost_robot_still_answers_the_plc_in_time) {
   line.settings.scan_timeout_ns = 15 * kNsPerS;
   line.settings.settle_timeout_ns = 60 * kNsPerS;
   throw_away_for(6'000, false);

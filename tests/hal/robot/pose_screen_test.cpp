@@ -191,7 +191,7 @@ TEST_F(PoseScreenTest, a_jump_is_accepted_when_the_next_pose_confirms_it) {
   EXPECT_EQ(counters.jumps, 1U);
 }
 
-TEST_F(PoseScreenTest, a_single_torn_pose_is_never_believed) {
+TEST_F(PoseScreenTest, a_single_torn_pose_is_never_used) {
   ASSERT_TRUE(send());
   for (int i = 0; i < 50; ++i) {
     at.z() += 100.0;

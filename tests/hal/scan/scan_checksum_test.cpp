@@ -68,7 +68,7 @@ TEST(ScanChecksum, an_order_counts) {
   EXPECT_NE(points_crc32c(xyz), whole);
 }
 
-TEST(ScanChecksum, matches_between_a_file_and_its_points) {
+TEST(ScanChecksum, read_from_a_file_equals_that_of_its_points) {
   TemporaryFolder folder;
   const std::vector<float> xyz = cloud();
   for (const ScanFormat format : {ScanFormat::ply, ScanFormat::ply_be, ScanFormat::pcd}) {

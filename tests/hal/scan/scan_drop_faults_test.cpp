@@ -215,7 +215,7 @@ TEST_F(ScanDropTest, a_flood_of_strays_is_thirty_lines_and_then_one_a_second) {
   EXPECT_LE(notes.size(), 60U) << "one a second more, on a slow computer too";
 }
 
-TEST_F(ScanDropTest, trouble_is_reported_to_other_threads_and_cleared_when_it_is_over) {
+TEST_F(ScanDropTest, trouble_is_visible_to_the_caller_and_cleared_when_it_is_over) {
   EXPECT_TRUE(scanner_->online());
   EXPECT_TRUE(scanner_->trouble().empty());
   fs::rename(drop(), drop() + ".away");

@@ -35,7 +35,7 @@ TEST(Journal, a_line_carries_its_code_and_a_message_id_of_its_own) {
   EXPECT_TRUE(journal.say(Priority::info, 0, std::string(5000, 'x'))) << "cut, not lost";
 }
 
-TEST(Journal, reports_to_the_caller_that_the_socket_is_absent) {
+TEST(Journal, reports_an_absent_socket_to_the_caller) {
   test::TemporaryFolder folder;
   EXPECT_FALSE(Journal((folder / "nobody").c_str()).say(Priority::info, 0, "hello"));
   EXPECT_FALSE(Journal(std::string(300, 'x').c_str()).say(Priority::info, 0, "hello"));
