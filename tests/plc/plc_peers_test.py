@@ -20,8 +20,8 @@ import threading
 import time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from scl_block import siemens  # noqa: E402
 from line import FAIL, PASS, SCAN, SLAB_BEGIN, STATIONS, Box, Plc, wait_for, wire_for  # noqa: E402
+from scl_block import siemens  # noqa: E402
 
 
 def say(text):
