@@ -21,7 +21,6 @@
 #include "daemon/control/calibration_desk.h"
 #include "daemon/log_outlet.h"
 #include "daemon/measure.h"
-#include "daemon/seal.h"
 #include "daemon/slab_ends.h"
 #include "hal/system/journal.h"
 #include "storage/chain.h"
@@ -48,10 +47,8 @@ constexpr std::int64_t kScannerNews_ns = 2 * kNsPerS;
 constexpr std::int64_t kScannerNewsPeriod_ns = 10 * kNsPerS;
 /// Views not fetched within a week are deleted; the operator repeats a calibration that is interrupted for longer.
 constexpr std::int64_t kCaptureKept_us = 7 * 86'400'000'000LL;
-constexpr std::string_view kNoRoom =
-    R"({"schema":"slabd.error/1","error":"the daemon has no memory for an answer now (--seal); ask again"})";
 
-/// Returns an error if a sealed process has no memory for a text: the job fails, but the daemon continues.
+/// Returns an error if there is not enough memory for a text: the job fails, but the daemon continues.
 template <typename Work>
 auto or_failed(const Work& work) -> decltype(work()) {
   try {
@@ -208,9 +205,8 @@ ScanDone Loop::scan(const AcquireScan& job) {
 
 // ---- on the loop's thread ----------------------------------------------------------------------------------------
 
-bool Loop::run(const std::atomic<bool>& stop, std::int64_t patience_ns, const std::function<void()>& recovered) {
+bool Loop::run(const std::atomic<bool>& stop, std::int64_t patience_ns) {
   start();
-  if (recovered && ports_.store != nullptr) recovered();
   while (!stop.load()) {
     turn(kTurn_ms);
     if (wants_store(patience_ns)) return true;
@@ -512,10 +508,8 @@ void Loop::serve_control() {
   if (ports_.control == nullptr) return;
   std::string_view line;
   for (std::size_t i = 0; i < limits::kControlClientsMax && ports_.control->next(ports_.clock.mono_ns(), line); ++i)
-    ports_.control->reply(has_room_for_an_answer()
-                              ? answer_control(line, *station_, ports_, figures_, calibration_desk_,
-                                               [this](const Event& event) { handle(event); })
-                              : kNoRoom);
+    ports_.control->reply(answer_control(line, *station_, ports_, figures_, calibration_desk_,
+                                         [this](const Event& event) { handle(event); }));
   if (calibration_desk_.is_waiting() && store_worker_->push(StoreTask{true, {}})) calibration_desk_.started();
 }
 
@@ -535,7 +529,6 @@ void Loop::feed_watchdog() {
   measuring_given_up_ = long_at_it;
   if (!alive || now_ns - watchdog_ns_ < kWatchdogPeriod_ns) return;
   watchdog_ns_ = now_ns;
-  put_the_reserve_back();
   ports_.notify.watchdog();
   FixedString<160> line;
   const PlcOutputs view = plc_view(*station_);

@@ -116,10 +116,8 @@ class Loop {
   Loop& operator=(const Loop&) = delete;
 
   /// Runs until `stop` becomes true, and finishes started store jobs before it returns. Also returns, with true, if
-  /// wants_store(patience_ns). `recovered` is called once, after the stored state was restored and all workers exist;
-  /// not if storage cannot be used.
-  bool run(const std::atomic<bool>& stop, std::int64_t patience_ns = kStorePatience_ns,
-           const std::function<void()>& recovered = {});
+  /// wants_store(patience_ns).
+  bool run(const std::atomic<bool>& stop, std::int64_t patience_ns = kStorePatience_ns);
 
   // Parts of run(), for callers with their own clock.
   /// Restores the stored state; call it once, first.

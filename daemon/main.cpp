@@ -216,19 +216,16 @@ bool take_spool(const Config& config, hal::FolderLock& lock, bool& unlockable_sa
   return false;
 }
 
-/// If memory cannot be locked or limited, log an error and continue, so that the PLC's interface stays up.
-void seal(std::uint64_t headroom_bytes) {
-  const Status locked = lock_memory(headroom_bytes + kReserveBytes);
-  const Status limited = limit_address_space(headroom_bytes);
-  for (const Status& status : {locked, limited})
-    if (!status.ok()) say_text("error: --seal: %s\n", status.error().text.c_str());
-  if (limited.ok())
-    say_text("info: slabd: memory is %ssealed, %.0f MB beside it can be had\n", locked.ok() ? "locked and " : "",
-             static_cast<double>(headroom_bytes) / 1e6);
+/// If memory cannot be locked, log an error and continue, so that the PLC's interface stays up.
+void seal() {
+  if (const Status locked = lock_memory(); locked.ok())
+    say_text("info: slabd: all memory is locked\n");
+  else
+    say_text("error: --seal: %s\n", locked.error().text.c_str());
 }
 
 int run(const Config& config, const std::vector<Problem>& config_problems, const std::vector<Recipe>& recipes,
-        const std::vector<Problem>& recipe_problems, std::uint64_t headroom_bytes) {
+        const std::vector<Problem>& recipe_problems, bool sealed) {
   start_log_outlet();
   print(config_problems);
   print(recipe_problems);
@@ -352,11 +349,8 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     Loop loop(ports, now, config.scanner.form, config.measure_threads, figures);
     say_text("info: %s: %s, inspection memory %.0f MB%s\n", now.software.c_str(), plc_place(config.plc).c_str(),
              static_cast<double>(limits::kInspectionBytes) / 1e6, now.fault == Code::ok ? "" : "; in FAULT, see above");
-    // The process is sealed only after the database has been read: until then it may be reopened on a new thread with a
-    // new loop. Afterwards the storage thread reopens it, and all threads have started.
-    again = loop.run(g_stop, patience_ns, [headroom_bytes] {
-      if (headroom_bytes != 0) seal(headroom_bytes);
-    });
+    if (std::exchange(sealed, false)) seal();  // once: the lock applies to later mappings too
+    again = loop.run(g_stop, patience_ns);
     // The other daemon may end at any time.
     if (!figures.used_by_another.empty()) patience_ns = Loop::kStorePatience_ns / 2;
     if (!loop.scanner_comes_back()) leave_without_scanner(*notify, scanner->trouble());
@@ -376,12 +370,11 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
   bool check_only = false;
   app.add_option("--config", config_path, "configuration file")->capture_default_str();
   app.add_flag("--check", check_only, "check configuration and recipes, then exit (0 usable, 3 not)");
-  std::uint64_t headroom_mb = 0;
-  app.add_option("--seal", headroom_mb,
-                 "lock all memory and let it grow by at most this number of MB; see docs/OPERATING.md")
-      ->expected(0, 1)
-      ->default_str(std::to_string(slabd::limits::kProcessBytes / 1'000'000))
-      ->check(CLI::Range(4, 1000));
+  std::uint64_t ignored_mb = 0;
+  const CLI::Option* seal =
+      app.add_option("--seal", ignored_mb, "lock all memory; a number is ignored; see docs/OPERATING.md")
+          ->expected(0, 1)
+          ->default_str("0");
   app.set_version_flag("--version", std::string(software_version().view()));
   try {
     app.parse(argc, argv);
@@ -401,7 +394,10 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
     if (config_problems.empty())
       load_recipes(config.recipes_dir, recipes, recipe_problems, &config.storage.recipe_texts, &config.doubts);
     if (check_only) return check(config, config_problems, recipes, recipe_problems);
-    const int status = run(config, config_problems, recipes, recipe_problems, headroom_mb * 1'000'000);
+    if (ignored_mb != 0)
+      say_text("warning: --seal=%llu: the number is ignored, MemoryMax of slabd.service limits the memory\n",
+               static_cast<unsigned long long>(ignored_mb));
+    const int status = run(config, config_problems, recipes, recipe_problems, seal->count() != 0);
     (void)flush_log(kFlush_ms);
     return status;
   } catch (const std::exception& e) {

@@ -195,7 +195,7 @@ RecipeWatch::RecipeWatch(const std::string& dir, std::shared_ptr<const RecipeSet
         else
           state->look();
       } catch (const std::exception& e) {
-        // A sealed process may have no memory for this now.
+        // A file may be too large for the memory.
         const std::lock_guard failed(state->mutex);
         if (ordered) state->set_refused(e.what());
       }

@@ -563,7 +563,6 @@ ChainHead chain_head(const Store& store) {
 }
 
 Result<std::unique_ptr<Store>> open_store(const StoreSettings& settings) {
-  use_the_new_handler();
   auto store = std::make_unique<SqliteStore>(settings);
   if (Status status = store->open(); !status.ok()) return status.error();
   return std::unique_ptr<Store>(std::move(store));

@@ -3,7 +3,6 @@
 // The daemon's metrics in the text format of Prometheus. Names and meanings are in one list; counters count from the
 // start of the process, maxima since the start or the last reset. Control path: uses the heap.
 #include <malloc.h>
-#include <sys/resource.h>
 
 #include <cstdio>
 #include <cstdlib>
@@ -12,7 +11,6 @@
 
 #include "daemon/log_outlet.h"
 #include "daemon/loop.h"
-#include "daemon/seal.h"
 #include "daemon/station/parts.h"
 #include "storage/chain.h"
 
@@ -156,12 +154,6 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   text.gauge("slabd_memory_mapped_bytes", "Addresses in use", 1024.0 * static_cast<double>(memory_kb("VmSize")));
   text.gauge("slabd_heap_bytes", "Allocated bytes of the C library's heap",
              static_cast<double>(::mallinfo2().uordblks));
-  rlimit limit{};
-  const bool sealed = ::getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY;
-  text.gauge("slabd_memory_limit_bytes", "Addresses that can be used; 0: no limit",
-             sealed ? static_cast<double>(limit.rlim_cur) : 0.0);
-  text.counter("slabd_memory_reserve_uses_total", "Times that something needed more than --seal leaves",
-               reserve_uses());
   return text.take();
 }
 

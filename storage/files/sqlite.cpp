@@ -6,7 +6,6 @@
 
 #include <cmath>
 #include <limits>
-#include <new>
 
 #include "base/plain_text.h"
 
@@ -17,21 +16,6 @@ namespace {
   const int result = handle != nullptr ? sqlite3_extended_errcode(handle) : SQLITE_NOMEM;
   const char* message = handle != nullptr ? sqlite3_errmsg(handle) : "out of memory";
   throw SqlFailure{result, std::string(message) + " (SQLite " + std::to_string(result) + ") in: " + doing};
-}
-
-/// Repeats a failed allocation as long as the process's new-handler frees memory, like operator new (a daemon with
-/// locked memory has a reserve). Then SQLite gets nullptr, and the statement fails.
-sqlite3_mem_methods g_plain;
-
-template <typename Ask>
-void* ask_again(const Ask& ask) {
-  void* memory = ask();
-  try {
-    for (std::new_handler handler = std::get_new_handler(); memory == nullptr && handler != nullptr; memory = ask())
-      handler();
-  } catch (const std::bad_alloc&) {
-  }
-  return memory;
 }
 
 const char* kind_of(mode_t mode) {
@@ -67,19 +51,6 @@ void must(const Status& status) {
                    std::string(status.error().text.view())};
 }
 
-void use_the_new_handler() {
-  static const bool done = [] {
-    if (sqlite3_config(SQLITE_CONFIG_GETMALLOC, &g_plain) != SQLITE_OK) return false;  // already in use
-    sqlite3_mem_methods asking = g_plain;
-    asking.xMalloc = [](int bytes) { return ask_again([bytes] { return g_plain.xMalloc(bytes); }); };
-    asking.xRealloc = [](void* old, int bytes) {
-      return ask_again([old, bytes] { return g_plain.xRealloc(old, bytes); });
-    };
-    return sqlite3_config(SQLITE_CONFIG_MALLOC, &asking) == SQLITE_OK;
-  }();
-  (void)done;
-}
-
 FileStand::FileStand(const std::string& path) {
   constexpr std::array kSides = {"", "-wal", "-shm", "-journal"};
   static_assert(std::tuple_size_v<decltype(files_)> == kSides.size());
@@ -93,7 +64,6 @@ FileStand::FileStand(const std::string& path) {
 // ---- Connection --------------------------------------------------------------------------------------------------
 
 Connection::Connection(const std::string& path, int flags) {
-  use_the_new_handler();
   // Opening a FIFO would block until its other end is opened.
   struct stat there {};
   if (::stat(path.c_str(), &there) == 0 && !S_ISREG(there.st_mode))
@@ -102,7 +72,6 @@ Connection::Connection(const std::string& path, int flags) {
 }
 
 Connection::Connection(const std::string& path, Still) : still_path_(path), still_(FileStand(path)) {
-  use_the_new_handler();
   open(uri_of(path) + "?immutable=1", SQLITE_OPEN_READONLY | SQLITE_OPEN_URI);
 }
 

@@ -26,10 +26,6 @@ struct SqlFailure {
 /// full disk.
 void must(const Status& status);
 
-/// Makes SQLite call the process's std::new_handler if memory runs out. Must be called before any other SQLite
-/// function, including VFS functions; later it has no effect.
-void use_the_new_handler();
-
 /// State of a database file and its side files at one moment.
 class FileStand {
  public:

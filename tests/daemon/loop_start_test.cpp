@@ -22,6 +22,17 @@
 namespace slabd::daemon {
 namespace {
 
+/// True if `what` becomes true within 30 s.
+template <typename What>
+[[nodiscard]] bool comes(const What& what) {
+  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(30);
+  while (!what()) {
+    if (std::chrono::steady_clock::now() >= end) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  return true;
+}
+
 /// Counts calls during the recovery at the start. The recovery takes as long as some idle calls of a worker.
 class SlowStore final : public storage::Store {
  public:
@@ -65,10 +76,10 @@ class CountingClock final : public hal::Clock {
   }
   [[nodiscard]] std::int64_t utime_us() const override { return clock_.utime_us(); }
   void advance(std::int64_t ns) { clock_.advance(ns); }
-  /// For another thread than the loop's: waits until the loop has turned some times, however long it takes.
+  /// For another thread than the loop's: waits until the loop has turned some times.
   void let_turn() const {
     const int before = looks_;
-    while (looks_ < before + 8) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    EXPECT_TRUE(comes([this, before] { return looks_ >= before + 8; })) << "the loop has not turned within 30 s";
   }
 
  private:
@@ -214,7 +225,7 @@ TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heart
   std::thread waiting([&] {
     opened = open_beside_the_line(
         [&]() -> Result<std::unique_ptr<storage::Store>> {
-          while (!finish) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+          EXPECT_TRUE(comes([&] { return finish.load(); })) << "the test has not ended within 30 s";
           return std::unique_ptr<storage::Store>(std::make_unique<SlowStore>(Code::ok));
         },
         ports, StationSettings{}, LoopFigures{}, stop);
@@ -223,7 +234,10 @@ TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heart
   clock.let_turn();
   EXPECT_FALSE(returned);
   finish = true;
+  const bool ended = comes([&] { return returned.load(); });
+  stop = true;
   waiting.join();
+  ASSERT_TRUE(ended) << "the loop has not taken the opened database within 30 s";
   ASSERT_TRUE(opened != nullptr && opened->ok());
   ASSERT_FALSE(plc.published.empty());
   EXPECT_EQ(plc.published.back().state, PlcState::recover);
@@ -290,7 +304,7 @@ TEST_F(LoopStart, stopping_does_not_wait_for_the_database) {
   const auto finish = std::make_shared<std::atomic<bool>>(false);
   const auto opened = open_beside_the_line(
       [finish]() -> Result<std::unique_ptr<storage::Store>> {
-        while (!*finish) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+        (void)comes([&] { return finish->load(); });
         return error(Code::journal_write, "no client left");
       },
       ports, StationSettings{}, LoopFigures{}, stop);

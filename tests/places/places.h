@@ -13,7 +13,5 @@ namespace slabd::places {
 [[nodiscard]] std::string slabd();
 [[nodiscard]] std::string slabctl();
 [[nodiscard]] std::string kuka_bridge();
-/// Library for LD_PRELOAD whose malloc() fails occasionally; not in builds with sanitizers.
-[[nodiscard]] std::string failing_malloc();
 
 }  // namespace slabd::places
