@@ -32,6 +32,8 @@ Exit status: 0 done (and pass), 1 inspected and not pass, 2 usage, 3 bad input,
 `slabctl help COMMAND` explains a command. The environment's SLABD_CONFIG names the
 configuration of commands without --config.)";
 
+using Arguments = std::vector<std::string>;
+
 std::vector<std::string> command_names(const CLI::App& app) {
   std::vector<std::string> names;
   for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; }))
@@ -39,18 +41,8 @@ std::vector<std::string> command_names(const CLI::App& app) {
   return names;
 }
 
-/// A word instead of a command, which CLI11 reports as a surplus argument: the message suggests the nearest command.
-[[noreturn]] void stop_at_unknown(const CLI::App& app, const std::string& word) {
-  const std::vector<std::string> names = command_names(app);
-  const std::string meant = nearest(word, names);
-  std::string known;
-  for (const std::string& name : names) known += (known.empty() ? "" : ", ") + name;
-  stop(kUsage, fmt::format("unknown command '{}'{}; commands are {}", word,
-                           meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known));
-}
-
 /// The command that the first words of `arguments` name.
-const CLI::App* command_of(const CLI::App& app, const std::vector<std::string>& arguments) {
+const CLI::App* command_of(const CLI::App& app, const Arguments& arguments) {
   const CLI::App* command = &app;
   for (std::size_t i = 1; i < arguments.size(); ++i) {
     const auto below =
@@ -61,7 +53,22 @@ const CLI::App* command_of(const CLI::App& app, const std::vector<std::string>& 
   return command;
 }
 
-using Arguments = std::vector<std::string>;
+/// Stops at a word instead of a command, which CLI11 reports as a surplus argument or a missing command: the message
+/// suggests the nearest command.
+void stop_at_unknown_command(const CLI::App& app, const Arguments& arguments) {
+  const CLI::App* const command = command_of(app, arguments);
+  std::size_t next = 1;  // the word after the command
+  for (const CLI::App* at = command; at != &app; at = at->get_parent()) ++next;
+  const bool is_group = command == &app || command->get_require_subcommand_min() > 0;
+  if (!is_group || next >= arguments.size() || arguments[next].starts_with("-")) return;
+  const std::string& word = arguments[next];
+  const std::vector<std::string> names = command_names(*command);
+  const std::string meant = nearest(word, names);
+  std::string known;
+  for (const std::string& name : names) known += (known.empty() ? "" : ", ") + name;
+  stop(kUsage, fmt::format("unknown command '{}'{}; commands are {}", word,
+                           meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known));
+}
 
 /// `slabctl help COMMAND` is `slabctl COMMAND --help`.
 Arguments with_help_last(Arguments arguments) {
@@ -252,10 +259,7 @@ int run(int argc, const char* const* argv) {
 
   Arguments arguments = with_config_last(with_help_last(Arguments(argv, argv + argc)));
   try {
-    if (arguments.size() >= 2 && arguments[1][0] != '-') {
-      const std::vector<std::string> names = command_names(app);
-      if (std::find(names.begin(), names.end(), arguments[1]) == names.end()) stop_at_unknown(app, arguments[1]);
-    }
+    stop_at_unknown_command(app, arguments);
     arguments = with_marked_ids(app, with_known_options(app, std::move(arguments)));
     Arguments reversed(arguments.rbegin(), arguments.rend());  // CLI11 takes them from the back
     if (!reversed.empty()) reversed.pop_back();                // the program's name
