@@ -18,6 +18,7 @@
 #include <utility>
 
 #include "base/plain_text.h"
+#include "base/rules.h"
 #include "daemon/control/calibration_desk.h"
 #include "daemon/log_outlet.h"
 #include "daemon/measure.h"
@@ -221,7 +222,7 @@ bool Loop::wants_store(std::int64_t patience_ns) const {
   const Code fault = station_->settings.fault;
   const bool used_by_another = fault == Code::config && !figures_.used_by_another.empty();
   if (fault != Code::journal_write && fault != Code::store_full && !used_by_another) return false;
-  return fault_was_reset_ || ports_.clock.mono_ns() - begun_ns_ >= patience_ns;
+  return holds(Rule::store_retried) && (fault_was_reset_ || ports_.clock.mono_ns() - begun_ns_ >= patience_ns);
 }
 
 /// State for a database that cannot be read. Its session is far from that of a new database. A command refused here

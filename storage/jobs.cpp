@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "base/rules.h"
 #include "storage/files/folders.h"
 #include "storage/seals.h"
 
@@ -467,7 +468,8 @@ void Jobs::interrupt_unfinished() {
   for (const Unfinished& u : list) {
     if (u.abort) continue;  // read_line() returns it to the station
     if (u.scan) remember_scan(kUnseenScan);
-    if (u.newest_scan) insert_failed_scan(u.slab_key, u.station, u.session, u.cmd_seq);
+    if (holds(Rule::given_up_scan_recorded) && u.newest_scan)
+      insert_failed_scan(u.slab_key, u.station, u.session, u.cmd_seq);
     close_command(u.session, u.cmd_seq, kInterrupted, false);
   }
 }

@@ -15,6 +15,7 @@
 #include <optional>
 #include <tuple>
 
+#include "base/rules.h"
 #include "storage/calibrations.h"
 #include "storage/chain.h"
 #include "storage/files/backup.h"
@@ -476,7 +477,7 @@ class SqliteStore final : public Store {
     } catch (const SqlFailure& failure) {
       contradicted_ = (failure.result & 0xFF) == SQLITE_CONSTRAINT;
       const bool full = (failure.result & 0xFF) == SQLITE_FULL;
-      if (!leaves_connection_good(failure.result)) give_up();
+      if (holds(Rule::connection_closed_on_failure) && !leaves_connection_good(failure.result)) give_up();
       if (looks_damaged(failure.result)) checked_ = false;
       if ((failure.result & 0xFF) == SQLITE_BUSY) return locked_out(what);
       return error(full ? Code::store_full : Code::journal_write, "%s: %s not written: %s", settings_.db_path.c_str(),

@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "algo/items/slab_seats.h"
+#include "base/rules.h"
 
 namespace slabd::algo {
 namespace {
@@ -121,7 +122,7 @@ void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, c
     out.station_verdict[k] = verdict;
     out.station_reason[k] = block != nullptr ? reason_with_findings(verdict, items.begin(), items.end(), cause, *block)
                                              : reason_for(verdict, items.begin(), items.end(), cause);
-    out.verdict = worse(out.verdict, verdict);
+    if (holds(Rule::all_stations_pass)) out.verdict = worse(out.verdict, verdict);
   }
 
   // The slab's reason: the lowest of all reasons with the slab's verdict. Codes are below item numbers.

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "base/jobs.h"
+#include "base/rules.h"
 #include "daemon/station/parts.h"
 
 namespace slabd::daemon {
@@ -115,7 +116,7 @@ void try_to_trigger(Station& s, Actions& actions) {
     fail_acquisition(s, code, actions);
     return;
   }
-  if (s.scan_unseen && !s.settings.simulation) {
+  if (holds(Rule::unseen_scan_discarded) && s.scan_unseen && !s.settings.simulation) {
     clear_scanner(s, slot, actions);
     return;
   }
@@ -217,6 +218,7 @@ void check_stillness(Station& s, Actions& actions) {
     return;
   }
   a.phase = Acquisition::Phase::storing;
+  if (!holds(Rule::acquired_after_commit)) s.desk.acq_seq = a.cmd_seq;
   a.attempt.acquire_ms = ms_from_ns(s.now_ns - a.started_ns);
   PendingStore pending;
   pending.kind = PendingStore::Kind::acquired;
@@ -346,7 +348,7 @@ void commit_block(Station& s, const BlockMeasured& measured, Actions& actions) {
 
 int free_slot(const Station& s) {
   for (std::size_t slot = 0; slot < s.slot_busy.size(); ++slot)
-    if (!s.slot_busy[slot]) return static_cast<int>(slot);
+    if (!s.slot_busy[slot] || !holds(Rule::buffer_kept_while_measured)) return static_cast<int>(slot);
   return -1;
 }
 
@@ -420,7 +422,7 @@ static void renew(Station& s, std::uint64_t fingerprint, Actions& actions) {
 /// New fingerprints are stored with the job that records the attempt, so that a restart in between does not lose them.
 static bool is_repeated(Station& s, std::uint64_t fingerprint, Actions& actions) {
   if (fingerprint == 0) return false;
-  if (is_known(s, fingerprint)) {
+  if (holds(Rule::scan_new) && is_known(s, fingerprint)) {
     renew(s, fingerprint, actions);
     return true;
   }

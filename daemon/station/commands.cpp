@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cctype>
 
+#include "base/rules.h"
 #include "daemon/station/parts.h"
 
 namespace slabd::daemon {
@@ -193,7 +194,7 @@ void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
     refuse(s, in, Code::bad_crc, actions);
   } else if (desk.session != desk.session_next || in.session_echo != desk.session) {
     refuse(s, in, Code::stale_session, actions);
-  } else if (desk.pending || in.cmd_seq != next_sequence(desk.ack)) {
+  } else if (desk.pending || (holds(Rule::command_number_next) && in.cmd_seq != next_sequence(desk.ack))) {
     refuse(s, in, Code::bad_sequence, actions);
   } else if (take_over(s, in, actions)) {
     refuse(s, in, Code::stale_session, actions);
@@ -244,6 +245,7 @@ void bump_session(Station& s, Actions& actions, const char* why) {
   });
   if (under_way) return;
   s.desk.session_next = next_sequence(s.desk.session_next);
+  if (!holds(Rule::session_after_commit)) s.desk.session = s.desk.session_next;
   ++s.desk.sessions_unsaid;
   if (s.now_ns - s.desk.session_logged_ns >= kNsPerS) {
     s.desk.session_logged_ns = s.now_ns;
@@ -419,8 +421,9 @@ void begin_end(Station& s, std::uint16_t cmd_seq, bool aborting, Actions& action
 
 void advance_end(Station& s, Actions& actions) {
   if (s.slab.phase != SlabPhase::ending || s.acquisition.phase != Acquisition::Phase::none || s.measuring != 0) return;
-  if (s.now_ns == 0) return;   // at a restart no record is made before the time is known
-  if (s.desk.pending) return;  // a SLAB_ABORT may be on its way to the journal: a slab has one end
+  if (s.now_ns == 0) return;  // at a restart no record is made before the time is known
+  // A SLAB_ABORT may be on its way to the journal: a slab has one end.
+  if (holds(Rule::one_end_per_slab) && s.desk.pending) return;
   if (s.slab.aborting) {
     store_end(s, aborted_result(s), actions);
     return;
@@ -436,7 +439,8 @@ void advance_end(Station& s, Actions& actions) {
 void on_slab_judged(Station& s, const SlabJudged& judged, Actions& actions) {
   if (s.slab.phase != SlabPhase::ending || judged.slab_key != s.slab.header.key) return;
   s.slab.judging = false;
-  if (s.desk.pending || s.slab.aborting) return;  // as in advance_end(), which asks again
+  // As in advance_end(), which asks again.
+  if (holds(Rule::one_end_per_slab) && (s.desk.pending || s.slab.aborting)) return;
   store_end(s, judged.slab, actions);
 }
 

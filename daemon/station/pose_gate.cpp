@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "base/rules.h"
+
 namespace slabd::daemon {
 namespace {
 
@@ -180,7 +182,7 @@ void PoseGate::watch(const PoseSample& sample) {
 
 Code PoseGate::held_still(std::int64_t to_ns, PoseMean& mean) const {
   const Exposure& x = exposure_;
-  if (x.verdict != Code::ok) return x.verdict;
+  if (holds(Rule::robot_still) && x.verdict != Code::ok) return x.verdict;
   if (x.samples == 0) return Code::pose_stale;
   // The time of sending counts, not of arrival: a sample that was under way when the exposure ended does not cover the
   // end.

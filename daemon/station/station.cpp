@@ -5,6 +5,7 @@
 #include <cstdarg>
 
 #include "base/jobs.h"
+#include "base/rules.h"
 #include "daemon/station/parts.h"
 #include "daemon/station/pose_gate.h"
 
@@ -73,21 +74,21 @@ void recover_views(Station& s, const RecoveredLine& line) {
 /// meant for the previous one; no scan is repeated on slabd's own initiative.
 void on_recovered(Station& s, const Recovered& event, Actions& actions) {
   const RecoveredLine& line = *event.line;
-  s.desk.session_next = line.session;
+  if (holds(Rule::sessions_continue)) s.desk.session_next = line.session;
   s.desk.ack = line.cmd_ack;
   s.desk.status = line.cmd_status;
   s.desk.acq_seq = line.acq_seq;
-  s.results.last_seq = line.res_seq;
-  s.results.queue = line.unacknowledged;
+  if (holds(Rule::record_numbers_continue)) s.results.last_seq = line.res_seq;
+  if (holds(Rule::record_kept_over_restarts)) s.results.queue = line.unacknowledged;
   s.results.table = line.table;
   s.results.slab_verdict = line.slab_verdict;
   s.results.slab_reason = line.slab_reason;
   s.results.slab_no = line.table_slab_no;
   s.results.slab_record = line.slab_record;
   s.results.slab_emulated = line.slab_emulated;
-  s.last_slab_key = line.last_slab_key;
+  if (holds(Rule::slab_keys_continue)) s.last_slab_key = line.last_slab_key;
   s.newest_time = NewestTime(line.newest_utime_us);
-  s.fingerprints = line.fingerprints;
+  if (holds(Rule::scan_new_over_restarts)) s.fingerprints = line.fingerprints;
   s.fingerprint_next = static_cast<std::size_t>(std::count_if(line.fingerprints.begin(), line.fingerprints.end(),
                                                               [](std::uint64_t f) { return f != 0; })) %
                        s.fingerprints.size();
@@ -95,7 +96,7 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
     if (fingerprint != 0) s.scan_unseen = fingerprint == kUnseenScan;
   recover_views(s, line);
   s.slab.header = line.slab;
-  s.slab.stations = line.stations;
+  if (holds(Rule::open_slab_restored)) s.slab.stations = line.stations;
   if (!line.slab_open) {
     s.slab.result = line.last_result;
   } else {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/rules.h"
 #include "daemon/station/parts.h"
 
 namespace slabd::daemon {
@@ -83,7 +84,7 @@ void warn_of_alike_stops(Station& s, Actions& actions) {
 }
 
 void on_slab(Station& s, const PendingStore& pending, Code code, Actions& actions) {
-  if (code != Code::ok) {
+  if (holds(Rule::result_after_commit) && code != Code::ok) {
     raise_fault(s, actions, code, "recording the slab");
     set_failed(s, pending.value, code);
     s.slab.phase = SlabPhase::open;  // SLAB_END or SLAB_ABORT may be given again

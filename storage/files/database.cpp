@@ -22,6 +22,7 @@
 #include <fstream>
 #include <memory>
 
+#include "base/rules.h"
 #include "storage/files/file_checksum.h"
 #include "storage/files/folders.h"
 #include "storage/files/log_copy.h"
@@ -78,7 +79,7 @@ Owner owner_of(Connection& db) {
 }
 
 void use_write_ahead_log(Connection& db) {
-  db.execute("PRAGMA synchronous = EXTRA");
+  db.execute(holds(Rule::synced_commits) ? "PRAGMA synchronous = EXTRA" : "PRAGMA synchronous = OFF");
   const std::string mode = db.text("PRAGMA journal_mode = WAL");
   if (mode != "wal")
     throw SqlFailure{SQLITE_ERROR, "journal_mode is \"" + mode + "\" and cannot be set to \"wal\" (network disk?)"};
@@ -234,7 +235,8 @@ Result<std::unique_ptr<Connection>> open_file_for_writing(const std::string& pat
   }
   if (Status status = create_file(path); !status.ok()) return status.error();
   for (const char* side : {"", "-wal", "-shm", "-journal"}) close_to_writers(path + side);
-  if (Status status = make_log_durable(path); !status.ok()) return status.error();
+  if (holds(Rule::log_durable_at_start))
+    if (Status status = make_log_durable(path); !status.ok()) return status.error();
   if (Status status = remove_checksum(path); !status.ok()) return status.error();
   try {
     return open_checked(path, how, check_whole);

@@ -16,6 +16,7 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "base/rules.h"
 #include "tests/sim/life.h"
 
 namespace slabd::sim {
@@ -205,6 +206,27 @@ int live_many(const Options& options) {
   return crashed || too_few || shared->totals.failed != 0 ? 1 : 0;
 }
 
+#ifdef SLABD_REMOVABLE_RULES
+void remove_rule(const std::string& name) {
+  const auto* const found =
+      std::find_if(kRuleTexts.begin(), kRuleTexts.end(), [&](const RuleText& rule) { return rule.name == name; });
+  if (found == kRuleTexts.end()) throw CLI::ValidationError("--without", name + " is not in --list-rules");
+  removed_rules.set(static_cast<std::size_t>(found->rule));
+}
+
+void list_rules() {
+  for (const RuleText& rule : kRuleTexts) std::printf("%-30s %s\n", rule.name.data(), rule.text.data());
+  throw CLI::Success();
+}
+
+void add_rule_options(CLI::App& app) {
+  app.add_option_function<std::string>("--without", remove_rule, "a safety rule that slabd does not have");
+  app.add_flag_callback("--list-rules", list_rules, "print the names of --without, and end");
+}
+#else
+void add_rule_options(CLI::App& /*app*/) {}
+#endif
+
 }  // namespace
 }  // namespace slabd::sim
 
@@ -222,6 +244,7 @@ int main(int argc, char** argv) {
   app.add_option("--every-pair", options.every_pair,
                  "end after this number of lives, when every fault was injected in every state; fail if --seeds is too "
                  "few for it");
+  add_rule_options(app);
   CLI11_PARSE(app, argc, argv);
   ::unsetenv("JOURNAL_STREAM");  // so that the log's prefixes are written to the trace
   if (options.seed != 0) return live_once(options);
