@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <poll.h>
 #include <unistd.h>
 
 #include <cstdlib>
@@ -10,6 +11,7 @@
 #include <optional>
 
 #include "emulator/robot_peer.h"
+#include "tests/places/wait.h"
 
 namespace slabd::cli {
 namespace {
@@ -31,11 +33,16 @@ struct Terminal {
   Terminal(const Terminal&) = delete;
   Terminal& operator=(const Terminal&) = delete;
 
-  /// Reads, blocking, until `ending` has been received.
+  /// Reads until `ending` has been received; without it after half a minute.
   [[nodiscard]] std::string seen_until(const std::string& ending) const {
     std::string seen;
-    char byte = 0;
-    while (!seen.ends_with(ending) && read(master, &byte, 1) == 1) seen += byte;
+    const auto has_ended = [&] {
+      pollfd next{master, POLLIN, 0};
+      char byte = 0;
+      while (!seen.ends_with(ending) && poll(&next, 1, 0) == 1 && read(master, &byte, 1) == 1) seen += byte;
+      return seen.ends_with(ending);
+    };
+    EXPECT_TRUE(places::wait_until(has_ended)) << "\"" << ending << "\" is not written";
     return seen;
   }
 

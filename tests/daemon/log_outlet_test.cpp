@@ -15,6 +15,7 @@
 #include <string>
 
 #include "tests/places/places.h"
+#include "tests/places/wait.h"
 
 namespace slabd::daemon {
 namespace {
@@ -41,20 +42,23 @@ TEST(LogOutlet, never_waits_for_an_unread_stderr_and_counts_lost_lines) {
     const ssize_t n = ::read(ends[0], piece.data(), piece.size());
     if (n > 0) read_back.append(piece.data(), static_cast<std::size_t>(n));
   };
-  while (!flush_log(1)) read_some();
-  put_log("info: slabd: read again\n");
-  while (!flush_log(1)) read_some();
-  for (std::size_t size = 0; size != read_back.size() || size == 0;) {
-    size = read_back.size();
+  const auto is_flushed = [&] {
     read_some();
-  }
+    return flush_log(1);
+  };
+  EXPECT_TRUE(places::wait_until(is_flushed)) << "the log is read and not written";
+  put_log("info: slabd: read again\n");
+  const auto is_read_again = [&] {
+    read_some();
+    return read_back.find("read again\n") != std::string::npos;
+  };
+  EXPECT_TRUE(places::wait_until(is_read_again)) << "a line after the missing ones is not written";
   // One note, or several with this sum if the writer ran in between.
   const std::regex note("([0-9]+) lines are missing here");
   std::uint64_t noted = 0;
   for (std::sregex_iterator at(read_back.begin(), read_back.end(), note), end; at != end; ++at)
     noted += std::stoull((*at)[1]);
   EXPECT_EQ(noted, lost);
-  EXPECT_NE(read_back.find("read again"), std::string::npos);
   ::dup2(real, STDERR_FILENO);
   for (const int fd : {ends[0], ends[1], real}) ::close(fd);
 }

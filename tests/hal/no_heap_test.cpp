@@ -21,6 +21,7 @@
 #include "hal/plc/plc_map.h"
 #include "tests/hal/temporary_folder.h"
 #include "tests/places/ports.h"
+#include "tests/places/wait.h"
 
 // The ports must not use the heap once they are made. Here every allocation of a watched thread is counted, including
 // those of libmodbus and the C library.
@@ -156,7 +157,8 @@ TEST(NoHeap, acquiring_a_scan) {
   request.cmd_seq = 1;
   request.spool_path = PathText(folder / "spool/a/b");
   std::thread software([&] {
-    while (!std::filesystem::exists(folder / "request/1-1.json")) std::this_thread::yield();
+    const bool asked = places::wait_until([&] { return std::filesystem::exists(folder / "request/1-1.json"); });
+    EXPECT_TRUE(asked) << "there is no request";
     std::filesystem::rename(folder / "inbox/1-1.part", folder / "inbox/1-1.ply");
   });
   const std::atomic<bool> cancel = false;

@@ -21,6 +21,7 @@
 #include "daemon/measure.h"
 #include "slabd/flange_pose_t.hpp"
 #include "tests/places/places.h"
+#include "tests/places/wait.h"
 
 namespace slabd {
 namespace {
@@ -72,19 +73,20 @@ TEST(HeapCount, bites) {
 TEST(HeapCount, includes_another_thread_if_enabled) {
   std::atomic<bool> go{false};
   std::thread other([&] {
-    while (!go) std::this_thread::yield();
+    if (!places::wait_until([&] { return go.load(); })) return;
     void* volatile one = std::malloc(100);
     std::free(one);
     go = false;
   });
   const auto wait_for_other = [&] {
     go = true;
-    while (go) std::this_thread::yield();
+    return places::wait_until([&] { return !go; });
   };
   const HeapCount count(HeapCount::Of::every_thread);
   EXPECT_EQ(count.calls(), 0U);
-  wait_for_other();
+  const bool has_allocated = wait_for_other();
   EXPECT_GE(count.calls(), 1U);
+  EXPECT_TRUE(has_allocated) << "the other thread has not run";
   other.join();
 }
 
@@ -213,7 +215,7 @@ TEST(Allocation, none_when_the_scanner_answers) {
   for (std::uint16_t seq = 1; seq <= 2; ++seq) {
     std::thread dropper([&] {
       const fs::path request = dir.path / "drop/request" / ("1-" + std::to_string(seq) + ".json");
-      while (!fs::exists(request)) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+      ASSERT_TRUE(places::wait_until([&] { return fs::exists(request); })) << "there is no request " << request;
       const fs::path inbox = dir.path / "drop/inbox";
       fs::copy_file(scan, inbox / "writing.tmp");
       fs::rename(inbox / "writing.tmp", inbox / ("1-" + std::to_string(seq) + ".ply"));

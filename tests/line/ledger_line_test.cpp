@@ -15,6 +15,7 @@
 #include "daemon/seal.h"
 #include "processes.h"
 #include "tests/places/places.h"
+#include "tests/places/wait.h"
 
 namespace slabd::line {
 namespace {
@@ -99,8 +100,10 @@ class LedgerLine : public testing::Test {
   void start(const std::vector<std::string>& more) {
     box_.start(more);
     ASSERT_TRUE(box_.ready());
-    while (box_.running() && box_.slabctl({"metrics", "--config", box_.config.native()}).exit_status != 0)
-      ::usleep(100'000);
+    const auto has_figures = [this] {
+      return !box_.running() || box_.slabctl({"metrics", "--config", box_.config.native()}).exit_status == 0;
+    };
+    ASSERT_TRUE(places::wait_until(has_figures, std::chrono::minutes(5))) << "slabd reports no figures\n" << box_.log();
   }
   void inspect_a_slab(const char* number) {
     const Box::Answer slab = box_.slabctl(

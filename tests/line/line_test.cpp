@@ -16,6 +16,7 @@
 #include "processes.h"
 #include "tests/places/places.h"
 #include "tests/places/ports.h"
+#include "tests/places/wait.h"
 
 namespace slabd::line {
 namespace {
@@ -58,9 +59,9 @@ struct LineTest : testing::Test {
     EXPECT_EQ(answer.exit_status, 0) << answer.err;
     return Json::parse(answer.out, nullptr, false);
   }
-  /// Polls until `done`; the test's own timeout ends a wait that never succeeds.
-  static void wait_until(const std::function<bool()>& done) {
-    while (!done()) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  /// Polls until `done`; false if that takes longer than a line does on a loaded computer.
+  [[nodiscard]] static bool wait_until(const std::function<bool()>& done) {
+    return places::wait_until(done, std::chrono::minutes(5));
   }
 };
 
@@ -177,7 +178,9 @@ TEST_F(LineTest, killed_in_mid_slab_keeps_what_was_acquired_and_finishes) {
   const fs::path db = box.dir / "slabd.db";
   {
     const auto line = box.simulate({"--slab-no", "5", "--slab-id", "KILLED"});
-    wait_until([&] { return query(db, "SELECT count(*) FROM block") >= 7 || !line->running(); });
+    ASSERT_TRUE(wait_until([&] { return query(db, "SELECT count(*) FROM block") >= 7 || !line->running(); }))
+        << "seven blocks were not measured\n"
+        << read_file(box.dir / "simulate.err");
     ASSERT_TRUE(line->running()) << read_file(box.dir / "simulate.err");
     box.kill_hard();
     line->signal(SIGINT);
@@ -199,7 +202,7 @@ TEST_F(LineTest, killed_in_mid_slab_keeps_what_was_acquired_and_finishes) {
 
 TEST_F(LineTest, daemon_survives_files_that_are_not_scans) {
   const fs::path inbox = box.dir / "drop/inbox";
-  wait_until([&] { return fs::exists(inbox); });
+  ASSERT_TRUE(wait_until([&] { return fs::exists(inbox); })) << "slabd did not make the inbox";
   std::ofstream(inbox / "1-999.ply") << "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nend_header\n";
   std::ofstream(inbox / "0-0.ply") << std::string(100'000, '\0');
   const Box::Answer answer = simulate({"--slab-no", "6"});
@@ -210,7 +213,7 @@ TEST_F(LineTest, daemon_survives_files_that_are_not_scans) {
 
 TEST_F(LineTest, a_slab_is_finished_among_strays_old_files_and_half_ones_at_every_step) {
   const fs::path drop = box.dir / "drop";
-  wait_until([&] { return fs::exists(drop / "inbox"); });
+  ASSERT_TRUE(wait_until([&] { return fs::exists(drop / "inbox"); })) << "slabd did not make the inbox";
   const auto line = box.simulate({"--slab-no", "9", "--defect", "slope=11:1/35"});
   std::uint32_t turn = 0;
   std::string kept;  // a scan that answered an earlier request
@@ -248,9 +251,10 @@ TEST_F(LineTest, killed_while_a_scan_is_taken_has_one_more_taken_and_thrown_away
   const char* under_way = "SELECT count(*) FROM command WHERE command = 2 AND status = 1";
   {
     const auto line = box.simulate({"--slab-no", "23", "--slab-id", "UNSEEN"});
-    wait_until([&] {
+    const auto scans_after_three = [&] {
       return !line->running() || (query(db, "SELECT count(*) FROM block") >= 3 && query(db, under_way) == 1);
-    });
+    };
+    ASSERT_TRUE(wait_until(scans_after_three)) << "no SCAN was seen under way\n" << read_file(box.dir / "simulate.err");
     ASSERT_TRUE(line->running()) << read_file(box.dir / "simulate.err");
     box.kill_hard();
     line->signal(SIGINT);
@@ -274,7 +278,9 @@ TEST_F(LineTest, a_scan_from_before_a_restart_is_not_accepted_for_another_block_
   std::string kept_name;
   {
     const auto line = box.simulate({"--slab-no", "21", "--defect", "slope=5:1/35"});
-    wait_until([&] { return query(db, "SELECT count(*) FROM block") >= 2 || !line->running(); });
+    ASSERT_TRUE(wait_until([&] { return query(db, "SELECT count(*) FROM block") >= 2 || !line->running(); }))
+        << "two blocks were not measured\n"
+        << read_file(box.dir / "simulate.err");
     ASSERT_TRUE(line->running()) << read_file(box.dir / "simulate.err");
     box.kill_hard();
     line->signal(SIGINT);

@@ -21,10 +21,12 @@
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <slabd/flange_pose_t.hpp>
+#include <stop_token>
 #include <thread>
 
 #include "base/prng.h"
 #include "processes.h"
+#include "tests/places/wait.h"
 
 namespace slabd::line {
 namespace {
@@ -148,17 +150,16 @@ class PoseLineTest : public testing::Test {
     return Json::parse(answer.out, nullptr, false);
   }
   [[nodiscard]] Json link() const { return status()["links"]["pose"]; }
-  /// Polls until `done`; the test's own timeout ends a wait that never succeeds.
-  static void wait_until(const std::function<bool()>& done) {
-    while (!done()) std::this_thread::sleep_for(30ms);
-  }
+  /// Polls until `done`; false if that takes longer than a line does on a loaded computer.
+  [[nodiscard]] static bool wait_until(const std::function<bool()>& done) { return places::wait_until(done, 5min); }
   void start() {
     box_.start();
     ASSERT_TRUE(box_.ready()) << box_.log();
     // A loaded computer needs time until the first turn.
-    wait_until([this] {
+    const auto answers = [this] {
       return box_.slabctl({"status", "--config", box_.config.native()}).exit_status == 0 || !box_.running();
-    });
+    };
+    ASSERT_TRUE(wait_until(answers)) << "status gets no answer\n" << box_.log();
     EXPECT_EQ(link()["code"], 201) << "it listens, and hears nothing";
   }
 
@@ -177,14 +178,16 @@ TEST_F(PoseLineTest, two_hundred_thousand_crafted_datagrams_change_neither_pose_
     for (int i = 0; i < crafted_ones; ++i) static_cast<void>(robot.send(crafted(prng, seq + 1)));
     ASSERT_TRUE(robot.send(datagram(encoded(pose(++seq)))));
     // The kernel's receive buffer is finite.
-    while (box_.running() && udp_backlog(box_.lcm_port).value_or(0) > 0) std::this_thread::sleep_for(1ms);
+    ASSERT_TRUE(wait_until([&] { return !box_.running() || udp_backlog(box_.lcm_port).value_or(0) == 0; }))
+        << "slabd does not read its datagrams";
   };
   burst(0);  // the first publisher is accepted
-  for (int i = 0; i < 20; ++i) burst(kCraftedPerBurst);
+  for (int i = 0; i < 20 && !HasFatalFailure(); ++i) burst(kCraftedPerBurst);
   const Json before = status();
-  for (int i = 20; i < kBursts; ++i) burst(kCraftedPerBurst);
+  for (int i = 20; i < kBursts && !HasFatalFailure(); ++i) burst(kCraftedPerBurst);
+  ASSERT_FALSE(HasFatalFailure());
   // A valid pose lost in a full buffer is a gap, never a wrong pose.
-  wait_until([&] { return link()["code"] != 0; });  // all datagrams are read
+  ASSERT_TRUE(wait_until([&] { return link()["code"] != 0; })) << "poses seem to arrive still: " << link();
   const Json after = status();
   const Json& pose_link = after["links"]["pose"];
   EXPECT_TRUE(box_.running());
@@ -204,10 +207,9 @@ TEST_F(PoseLineTest, two_hundred_thousand_crafted_datagrams_change_neither_pose_
 TEST_F(PoseLineTest, two_publishers_are_reported_and_the_slab_is_finished_when_one_is_stopped) {
   start();
   // Another program that publishes another position of the arm, for the first seconds of the slab.
-  std::atomic<bool> stop{false};
-  std::thread second([&] {
+  std::jthread second([&](const std::stop_token& stop) {
     lcm_t* lcm = lcm_create(url().c_str());
-    for (std::int32_t seq = 1; !stop; ++seq) {
+    for (std::int32_t seq = 1; !stop.stop_requested(); ++seq) {
       flange_pose_t m = pose(seq);
       m.trans[0] = 0.3;
       const std::string bytes = encoded(m);
@@ -216,16 +218,17 @@ TEST_F(PoseLineTest, two_publishers_are_reported_and_the_slab_is_finished_when_o
     }
     lcm_destroy(lcm);
   });
-  wait_until([&] { return link()["accepted"].get<int>() > 10; });
+  ASSERT_TRUE(wait_until([&] { return link()["accepted"].get<int>() > 10; })) << link();
   const auto line = box_.simulate({"--slab-no", "1"});
   Json seen;
-  wait_until([&] {
+  const auto is_second_counted = [&] {
     seen = link();
     return seen["second_publisher"].get<int>() > 100 || !line->running();
-  });
+  };
+  ASSERT_TRUE(wait_until(is_second_counted)) << seen;
   EXPECT_NE(seen["refusal"].get<std::string>().find("two programs publish"), std::string::npos) << seen;
   EXPECT_NE(seen["code"], 0) << "neither is used";
-  stop = true;
+  second.request_stop();
   second.join();
   EXPECT_EQ(line->wait(), 0) << read_file(box_.dir / "simulate.err");
   EXPECT_NE(box_.log().find("while two programs publish"), std::string::npos) << box_.log();
@@ -233,11 +236,10 @@ TEST_F(PoseLineTest, two_publishers_are_reported_and_the_slab_is_finished_when_o
 
 TEST_F(PoseLineTest, pose_flags_of_the_robot_are_shown_by_log_status_and_monitor) {
   start();
-  std::atomic<bool> stop{false};
   std::atomic<std::int32_t> flags{0};
-  std::thread robot([&] {
+  const std::jthread robot([&](const std::stop_token& stop) {
     const Sender sender(url());
-    for (std::int32_t seq = 1; !stop; ++seq) {
+    for (std::int32_t seq = 1; !stop.stop_requested(); ++seq) {
       flange_pose_t m = pose(seq);
       m.flags = flags;
       static_cast<void>(sender.send(datagram(encoded(m))));
@@ -250,19 +252,17 @@ TEST_F(PoseLineTest, pose_flags_of_the_robot_are_shown_by_log_status_and_monitor
   const auto monitor = [&] {
     return box_.slabctl({"robot", "monitor", "--once", "--config", box_.config.native()}).out;
   };
-  wait_until([&] { return noted("not measured"); });
+  ASSERT_TRUE(wait_until([&] { return noted("not measured"); })) << link();
   EXPECT_NE(box_.log().find("its poses are not measured"), std::string::npos) << box_.log();
   flags = 3;  // measured, stopped
-  wait_until([&] { return link()["note"] == ""; });
+  ASSERT_TRUE(wait_until([&] { return link()["note"] == ""; })) << link();
   EXPECT_NE(monitor().find("settled: a scan could begin\n"), std::string::npos);
   flags = 1;
-  wait_until([&] { return noted("does not say \"stopped\""); });
+  ASSERT_TRUE(wait_until([&] { return noted("does not say \"stopped\""); })) << link();
   const std::string shown = monitor();
   EXPECT_NE(shown.find("unless slabd has heard \"stopped\""), std::string::npos) << shown;
   const Box::Answer status = box_.slabctl({"status", "--config", box_.config.native()});
   EXPECT_NE(status.out.find("poses arrive; the robot does not say"), std::string::npos) << status.out;
-  stop = true;
-  robot.join();
 }
 
 TEST_F(PoseLineTest, a_log_played_by_lcm_logplayer_arrives_pose_by_pose) {
@@ -286,7 +286,7 @@ TEST_F(PoseLineTest, a_log_played_by_lcm_logplayer_arrives_pose_by_pose) {
   start();
   Process player({"/usr/bin/lcm-logplayer", "--lcm-url", url(), log}, box_.dir / "player.out", box_.dir / "player.err");
   EXPECT_EQ(player.wait(), 0) << read_file(box_.dir / "player.err");
-  wait_until([&] { return link()["code"] == 202; });
+  ASSERT_TRUE(wait_until([&] { return link()["code"] == 202; })) << link();
   const Json seen = link();
   EXPECT_EQ(seen["accepted"], kPoses - kPoses / 5) << seen;
   EXPECT_EQ(seen["foreign"], kPoses / 5);

@@ -2,10 +2,10 @@
 #include "tests/mock/mock.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <memory>
-#include <thread>
+
+#include "tests/places/wait.h"
 
 namespace slabd::hal {
 namespace {
@@ -71,7 +71,8 @@ void MockScanner::fail_with(Code code) {
 
 void MockScanner::hang_until_cancelled() {
   script_.push_back([](std::span<float>, const std::atomic<bool>& cancel) -> Result<ScanShape> {
-    while (!cancel) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    if (!places::wait_until([&] { return cancel.load(); }))
+      return error(Code::trigger_timeout, "mock scanner: not cancelled in 30 s");
     return error(Code::interrupted, "mock scanner: cancelled");
   });
 }

@@ -19,6 +19,7 @@
 #include "hal/hal.h"
 #include "hal/plc/modbus_codec.h"
 #include "hal/plc/plc_map.h"
+#include "tests/places/wait.h"
 
 namespace slabd::hal {
 namespace {
@@ -226,16 +227,20 @@ struct ModbusClientTest : ::testing::Test {
     ASSERT_TRUE(made.ok()) << made.error().text.c_str();
     port = std::move(made.value());
   }
-  /// Turns the loop until `done`; the test's own timeout ends a wait that never succeeds.
-  void until(const std::function<bool()>& done) {
-    while (!done()) {
+  /// Turns the loop until `done`.
+  [[nodiscard]] testing::AssertionResult until(const std::function<bool()>& done) {
+    const auto turn = [&] {
+      if (done()) return true;
       std::array<pollfd, kPlcPollFds> fds{};
       const std::size_t count = port->poll_fds(fds);
       poll(fds.data(), count, 5);
       PlcInputs inputs;
       while (port->next(0, inputs)) seen.push_back(inputs);
       port->publish(outputs);
-    }
+      return false;
+    };
+    if (places::wait_until(turn)) return testing::AssertionSuccess();
+    return testing::AssertionFailure() << "the link does not come to this; its trouble: \"" << port->trouble() << '"';
   }
   [[nodiscard]] bool linked() const { return port->trouble().empty(); }
 };
@@ -245,30 +250,30 @@ TEST_F(ModbusClientTest, moves_both_images) {
   plc.set(39, 12);
   start();
   outputs.session = 321;
-  until([&] { return plc.get(1009) == 321 && !seen.empty() && seen.back().cmd_seq != 0; });
+  ASSERT_TRUE(until([&] { return plc.get(1009) == 321 && !seen.empty() && seen.back().cmd_seq != 0; }));
   EXPECT_EQ(plc.get(1000), kMapMagic);
   EXPECT_EQ(seen.back().heartbeat, 7);
   EXPECT_EQ(seen.back().cmd_seq, 12);
   EXPECT_EQ(seen.back().command_writer, 1U);
   EXPECT_EQ(port->clients(), 1U);
   plc.set(39, 13);
-  until([&] { return seen.back().cmd_seq == 13; });
+  ASSERT_TRUE(until([&] { return seen.back().cmd_seq == 13; }));
   outputs.cmd_ack = 13;
-  until([&] { return plc.get(1010) == 13; });
+  ASSERT_TRUE(until([&] { return plc.get(1010) == 13; }));
   outputs.heartbeat = 99;
-  until([&] { return plc.get(1004) == 99; });
+  ASSERT_TRUE(until([&] { return plc.get(1004) == 99; }));
 }
 
 TEST_F(ModbusClientTest, a_block_that_was_torn_on_its_way_is_never_delivered) {
   plc.order(1, 7);
   start();
-  until([&] { return !seen.empty() && seen.back().cmd_seq == 7; });
+  ASSERT_TRUE(until([&] { return !seen.empty() && seen.back().cmd_seq == 7; }));
   for (std::uint16_t station = 2; station < 40; ++station) {
     // An answer that copies registers upwards while the PLC's program writes the next command: its end is already new.
     plc.tear_next_answer(39, static_cast<std::uint16_t>(station + 6));
-    until([&] { return !plc.tears(); });
+    ASSERT_TRUE(until([&] { return !plc.tears(); }));
     plc.order(station, static_cast<std::uint16_t>(station + 6));
-    until([&] { return seen.back().cmd_seq == station + 6; });
+    ASSERT_TRUE(until([&] { return seen.back().cmd_seq == station + 6; }));
     EXPECT_EQ(seen.back().station, station);
   }
   for (const PlcInputs& inputs : seen) EXPECT_TRUE(inputs.cmd_seq == 0 || inputs.station + 6 == inputs.cmd_seq);
@@ -282,7 +287,7 @@ TEST_F(ModbusClientTest, bases_word_order_and_read_write_are_as_configured) {
   plc.set(514, 1);
   plc.set(515, 2);
   start();
-  until([&] { return !seen.empty() && seen.back().slab_no != 0 && plc.get(300) == kMapMagic; });
+  ASSERT_TRUE(until([&] { return !seen.empty() && seen.back().slab_no != 0 && plc.get(300) == kMapMagic; }));
   EXPECT_EQ(seen.back().slab_no, 0x00020001U);
   EXPECT_EQ(plc.get(302), 0x5678);
   EXPECT_EQ(plc.get(0), 0);
@@ -291,9 +296,9 @@ TEST_F(ModbusClientTest, bases_word_order_and_read_write_are_as_configured) {
 TEST_F(ModbusClientTest, a_plc_that_restarts_gets_the_present_image_and_is_a_new_connection) {
   start();
   outputs.session = 1;
-  until([&] { return plc.get(1009) == 1; });
+  ASSERT_TRUE(until([&] { return plc.get(1009) == 1; }));
   plc.power(false);
-  until([&] { return !linked(); });
+  ASSERT_TRUE(until([&] { return !linked(); }));
   EXPECT_EQ(port->clients(), 0U);
   for (std::uint16_t session = 2; session < 6; ++session) {  // changes in the meantime are not replayed
     outputs.session = session;
@@ -302,7 +307,7 @@ TEST_F(ModbusClientTest, a_plc_that_restarts_gets_the_present_image_and_is_a_new
   const int before = plc.writes_of_all;
   const int connections = plc.connections;
   plc.power(true);
-  until([&] { return linked() && plc.get(1009) == 5; });
+  ASSERT_TRUE(until([&] { return linked() && plc.get(1009) == 5; }));
   // Once a connection; a slow test computer may need more than one connection.
   EXPECT_GE(plc.writes_of_all, before + 1);
   EXPECT_LE(plc.writes_of_all - before, plc.connections - connections);
@@ -313,16 +318,16 @@ TEST_F(ModbusClientTest, a_plc_that_restarts_gets_the_present_image_and_is_a_new
 TEST_F(ModbusClientTest, every_misbehaviour_ends_the_connection_and_the_next_one_is_good) {
   using enum FakePlc::Manner;
   start();
-  until([&] { return linked(); });
+  ASSERT_TRUE(until([&] { return linked(); }));
   for (const FakePlc::Manner manner : {deaf, late, drops_answer, refuses_writes, garbles, drips}) {
     SCOPED_TRACE(static_cast<int>(manner));
     const int connections = plc.connections;
     plc.manner = manner;
     ++outputs.session;
-    until([&] { return !linked(); });
+    ASSERT_TRUE(until([&] { return !linked(); }));
     EXPECT_NE(port->trouble().find("127.0.0.1"), std::string_view::npos) << port->trouble();
     plc.manner = good;
-    until([&] { return linked() && plc.get(1009) == outputs.session; });
+    ASSERT_TRUE(until([&] { return linked() && plc.get(1009) == outputs.session; }));
     EXPECT_GT(plc.connections, connections);
   }
   const PlcLinkCounters& counters = port->counters();
@@ -334,7 +339,7 @@ TEST_F(ModbusClientTest, every_misbehaviour_ends_the_connection_and_the_next_one
 TEST_F(ModbusClientTest, a_plc_that_lacks_the_registers_is_reported_with_the_key) {
   plc.manner = FakePlc::Manner::refuses_writes;
   start();
-  until([&] { return port->counters().exceptions > 0; });
+  ASSERT_TRUE(until([&] { return port->counters().exceptions > 0; }));
   EXPECT_NE(port->trouble().find("plc.status_base"), std::string_view::npos) << port->trouble();
 }
 
@@ -353,7 +358,7 @@ TEST_F(ModbusClientTest, a_plc_that_takes_few_registers_gets_the_words_that_anno
     plc.order(5, static_cast<std::uint16_t>(most));
     start();
     outputs.session = static_cast<std::uint16_t>(most);
-    until([&] { return plc.get(1009) == most && !seen.empty() && seen.back().cmd_seq == most; });
+    ASSERT_TRUE(until([&] { return plc.get(1009) == most && !seen.empty() && seen.back().cmd_seq == most; }));
     EXPECT_EQ(seen.back().station, 5);
     const Requests all = plc.requests();
     const Requests first(all.begin() + static_cast<std::ptrdiff_t>(before),
@@ -370,7 +375,7 @@ TEST_F(ModbusClientTest, too_many_registers_for_one_request_are_reported_with_th
   plc.registers_max = 100;
   start();
   const auto told = [&](const char* text) {
-    until([&] { return port->trouble().find(text) != std::string_view::npos; });
+    ASSERT_TRUE(until([&] { return port->trouble().find(text) != std::string_view::npos; }));
     EXPECT_NE(port->trouble().find(text), std::string_view::npos) << port->trouble();
     EXPECT_EQ(port->trouble().find("FC 23"), std::string_view::npos) << port->trouble();
     port.reset();
@@ -396,7 +401,7 @@ TEST_F(ModbusClientTest, a_function_that_the_plc_lacks_is_named) {
     plc.missing_function = c.missing;
     settings.read_write = c.read_write;
     start();
-    until([&] { return port->trouble().find(c.text) != std::string_view::npos; });
+    ASSERT_TRUE(until([&] { return port->trouble().find(c.text) != std::string_view::npos; }));
     EXPECT_NE(port->trouble().find(c.text), std::string_view::npos) << port->trouble();
     EXPECT_EQ(port->trouble().find("FC 23") != std::string_view::npos, c.missing == 23) << port->trouble();
     port.reset();
@@ -406,17 +411,17 @@ TEST_F(ModbusClientTest, a_function_that_the_plc_lacks_is_named) {
 TEST_F(ModbusClientTest, a_plc_that_closes_after_each_answer_is_reported_and_supported) {
   plc.manner = FakePlc::Manner::closes_behind;
   start();
-  until([&] { return port->trouble().find("plc.keep_connection = false") != std::string_view::npos; });
+  ASSERT_TRUE(until([&] { return port->trouble().find("plc.keep_connection = false") != std::string_view::npos; }));
   port.reset();
   settings.keep_connection = false;
   seen.clear();
   plc.order(3, 44);
   start();
   outputs.session = 17;
-  until([&] { return linked() && plc.get(1009) == 17 && !seen.empty() && seen.back().cmd_seq == 44; });
+  ASSERT_TRUE(until([&] { return linked() && plc.get(1009) == 17 && !seen.empty() && seen.back().cmd_seq == 44; }));
   const int connections = plc.connections;
   plc.order(4, 45);
-  until([&] { return seen.back().cmd_seq == 45; });
+  ASSERT_TRUE(until([&] { return seen.back().cmd_seq == 45; }));
   EXPECT_GT(plc.connections, connections);
   EXPECT_EQ(seen.back().command_writer, 1U) << "the same PLC, whatever its connections";
   EXPECT_TRUE(linked());
@@ -426,13 +431,13 @@ TEST_F(ModbusClientTest, transaction_numbers_that_are_not_the_questions_are_name
   using enum FakePlc::Manner;
   plc.manner = forgets_transaction;
   start();
-  until([&] { return port->trouble().find("transaction number 0") != std::string_view::npos; });
+  ASSERT_TRUE(until([&] { return port->trouble().find("transaction number 0") != std::string_view::npos; }));
   plc.manner = good;
-  until([&] { return linked(); });
+  ASSERT_TRUE(until([&] { return linked(); }));
   plc.manner = lags_transaction;
-  until([&] { return port->trouble().find("of the question before") != std::string_view::npos; });
+  ASSERT_TRUE(until([&] { return port->trouble().find("of the question before") != std::string_view::npos; }));
   plc.manner = late;
-  until([&] { return port->trouble().find("plc.timeout_ms is 400") != std::string_view::npos; });
+  ASSERT_TRUE(until([&] { return port->trouble().find("plc.timeout_ms is 400") != std::string_view::npos; }));
 }
 
 TEST_F(ModbusClientTest, one_that_is_not_there_costs_the_loop_nothing) {
@@ -443,7 +448,7 @@ TEST_F(ModbusClientTest, one_that_is_not_there_costs_the_loop_nothing) {
   auto made = make_plc_port(settings);
   ASSERT_TRUE(made.ok());
   port = std::move(made.value());
-  until([&] { return port->trouble().find("connecting") != std::string_view::npos; });
+  ASSERT_TRUE(until([&] { return port->trouble().find("connecting") != std::string_view::npos; }));
   PlcInputs inputs;
   EXPECT_FALSE(port->next(0, inputs));
 }

@@ -54,7 +54,7 @@ TEST_F(PoseScreenTest, a_clock_that_was_set_back_is_accepted_after_a_second) {
   ASSERT_TRUE(send());
   utime_us -= 3'600'000'000;
   int refused = 0;
-  while (!send()) ++refused;
+  while (refused < 1'000 && !send()) ++refused;
   EXPECT_NEAR(refused, 249, 2);
   EXPECT_TRUE(send());
 }
@@ -220,7 +220,7 @@ TEST_F(PoseScreenTest, a_bridge_that_was_restarted_is_taken_over_when_the_old_on
   utime_us -= 10'000'000;
   seq = 0;
   int refused = 0;
-  while (!send()) ++refused;
+  while (refused < 1'000 && !send()) ++refused;
   EXPECT_NEAR(refused, 249, 2);
   EXPECT_EQ(counters.time_back, 0U) << "a new program has its own clock";
   EXPECT_EQ(counters.second_publisher, 0U) << "the old one never spoke again";

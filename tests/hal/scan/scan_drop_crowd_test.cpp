@@ -30,7 +30,12 @@ TEST_F(ScanDropTest, thousands_of_strays_are_moved_counted_and_no_scan_is_lost) 
   const auto first = acquire(request(3), [this] { drop_scan("7-3.ply", 2.0F); });
   ASSERT_TRUE(first.ok()) << first.error().text.c_str();
   EXPECT_EQ(xyz_[2], 2.0F);
-  while (!names_in(inbox()).empty()) scanner_->idle();
+  const auto is_emptied = [&] {
+    scanner_->idle();
+    return names_in(inbox()).empty();
+  };
+  ASSERT_TRUE(wait_until(is_emptied, std::chrono::minutes(2)))
+      << names_in(inbox()).size() << " files stay in the inbox";
   scanner_->idle();
   EXPECT_EQ(scanner_->stray_files(), kStrays);
   const auto second = acquire(request(4), [this] { drop_scan("7-4.ply", 3.0F); });
@@ -69,11 +74,13 @@ TEST_F(ScanDropTest, a_file_being_written_among_many_others_is_not_removed) {
   EXPECT_EQ(names_in(inbox()).size(), 300U) << "all of them may still be written";
   const auto begin_ns = clock_->mono_ns();
   std::ofstream growing(inbox("preview-7.png"), std::ios::binary | std::ios::app);
-  while (names_in(inbox()).size() > 1) {
+  const auto only_growing_is_left = [&] {
     growing << "more" << std::flush;
     wait_ms(20);
     scanner_->idle();
-  }
+    return names_in(inbox()).size() == 1;
+  };
+  ASSERT_TRUE(wait_until(only_growing_is_left)) << names_in(inbox()).size() << " files stay in the inbox";
   EXPECT_GE(clock_->mono_ns() - begin_ns, 4 * kNsPerS);
   EXPECT_EQ(names_in(inbox()), std::vector<std::string>{"preview-7.png"});
   EXPECT_EQ(scanner_->stray_files(), 299U);

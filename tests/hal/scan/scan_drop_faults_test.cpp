@@ -263,7 +263,7 @@ TEST_F(ScanDropTest, a_disk_that_does_not_store_the_scan_is_reported_as_the_spoo
     points_are_there = true;
   };
   std::thread watcher([&] {
-    wait_until([&] { return points_are_there.load(); });
+    ASSERT_TRUE(wait_until([&] { return points_are_there.load(); })) << "the scan was not read";
     wait_ms(500);
     stepped.now_ns += HangWatch::kStoreMin_ns - kNsPerS / 2;
     EXPECT_FALSE(scanner_->hangs());
@@ -277,7 +277,13 @@ TEST_F(ScanDropTest, a_disk_that_does_not_store_the_scan_is_reported_as_the_spoo
   const auto result = acquire(request(), [&] {
     drop_scan("7-3.ply");
     fs::create_hard_link(inbox("7-3.ply"), folder_ / "kept.ply");
-    for (; !points_are_there; wait_ms(5)) stepped.now_ns += 20 * kNsPerMs;
+    const auto read = [&] {
+      if (points_are_there) return true;
+      stepped.now_ns += 20 * kNsPerMs;
+      wait_ms(3);
+      return false;
+    };
+    ASSERT_TRUE(wait_until(read)) << "the scan was not read";
   });
   watcher.join();
   ASSERT_FALSE(result.ok()) << "a pipe is not a disk";

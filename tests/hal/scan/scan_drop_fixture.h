@@ -15,10 +15,12 @@
 
 #include "hal/hal.h"
 #include "tests/hal/temporary_folder.h"
+#include "tests/places/wait.h"
 
 /// A drop directory with emulated scanner software.
 namespace slabd::hal {
 namespace fs = std::filesystem;
+using places::wait_until;
 using test::names_in;
 using test::read_file;
 using test::TemporaryFolder;
@@ -30,11 +32,6 @@ inline void wait_ms(int ms) {
   std::this_thread::sleep_for(std::chrono::milliseconds(ms));
 }
 
-/// Waits until `done`, without its own limit (the test runner has one).
-inline void wait_until(const std::function<bool()>& done) {
-  while (!done()) wait_ms(2);
-}
-
 /// A clock that the test advances.
 class SteppedClock final : public Clock {
  public:
@@ -43,11 +40,12 @@ class SteppedClock final : public Clock {
     return now_ns;
   }
   [[nodiscard]] std::int64_t utime_us() const override { return now_ns / kNsPerUs; }
-  /// Waits `ms`, and until the port has looked at the inbox some times: it reads the clock a few times per look.
-  void let_look(int ms) const {
+  /// Waits `ms`, and until the port has looked at the inbox some times: it reads the clock a few times per look. False
+  /// if it does not look.
+  [[nodiscard]] bool let_look(int ms) const {
     const int before = asked_;
     wait_ms(ms);
-    wait_until([&] { return asked_ >= before + 24; });
+    return wait_until([&] { return asked_ >= before + 24; });
   }
   std::atomic<std::int64_t> now_ns = kNsPerS;
 
@@ -118,14 +116,17 @@ class ScanDropTest : public ::testing::Test {
     fs::rename(temporary, inbox(name));
   }
 
-  /// Runs acquire() on this thread, and `scanner_software` on another as soon as the request exists.
+  /// Runs acquire() on this thread, and `scanner_software` on another as soon as the request exists. A fatal failure
+  /// there cancels acquire(), which may have a clock that is stopped.
   Result<AcquiredScan> acquire(const ScanRequest& r, const std::function<void()>& scanner_software) {
     make_place(fs::path(std::string(r.spool_path.view())));
     const std::string name = std::to_string(r.session) + "-" + std::to_string(r.cmd_seq) + ".json";
     std::atomic<bool> over = false;
     std::thread software([&] {
-      wait_until([&] { return over || fs::exists(request_file(name)); });
-      if (!over) scanner_software();
+      const bool asked = wait_until([&] { return over || fs::exists(request_file(name)); });
+      EXPECT_TRUE(asked) << "there is no " << name;
+      if (asked && !over) scanner_software();
+      if (!asked || HasFatalFailure()) cancel_ = true;
     });
     Result<AcquiredScan> result = scanner_->acquire(r, xyz_, cancel_, on_decoded_);
     over = true;

@@ -82,7 +82,7 @@ TEST_F(ScanDropTest, answers_to_other_requests_go_to_stray_at_once) {
     drop_scan("7-2.ply", 1.0F);
     drop_scan("6-3.ply", 1.0F);
     drop_scan("07-3.ply", 1.0F);
-    wait_until([&] { return names_in(stray()).size() == 3; });
+    ASSERT_TRUE(wait_until([&] { return names_in(stray()).size() == 3; })) << names_in(stray()).size() << " strays";
     drop_scan("7-3.ply", 2.0F);
   });
   ASSERT_TRUE(result.ok()) << result.error().text.c_str();
@@ -120,10 +120,11 @@ TEST_F(ScanDropTest, unfinished_names_are_left_alone_and_forgotten_ones_are_not)
   const auto begin_ns = clock_->mono_ns();
   scanner_->idle();
   EXPECT_EQ(names_in(inbox()).size(), 2U) << "another program may be writing";
-  while (!names_in(inbox()).empty()) {
-    wait_ms(50);
+  const auto is_emptied = [&] {
     scanner_->idle();
-  }
+    return names_in(inbox()).empty();
+  };
+  ASSERT_TRUE(wait_until(is_emptied)) << names_in(inbox()).front() << " stays in the inbox";
   EXPECT_GE(clock_->mono_ns() - begin_ns, 5 * kNsPerS);
   EXPECT_EQ(scanner_->stray_files(), 2U);
 }
@@ -234,7 +235,7 @@ TEST_F(ScanDropTest, binary_that_accounts_for_its_bytes_is_taken_after_two_looks
     const std::int64_t dropped_ns = stepped.now_ns;
     const auto result = acquire(request(), [&] {
       drop_scan_as(format, file);
-      stepped.let_look(100);
+      ASSERT_TRUE(stepped.let_look(100)) << "the port does not look at its inbox";
       EXPECT_TRUE(fs::exists(inbox(file))) << name(format) << ": its time may not have stepped on yet";
       stepped.now_ns += 20 * kNsPerMs;
     });
@@ -246,7 +247,7 @@ TEST_F(ScanDropTest, binary_that_accounts_for_its_bytes_is_taken_after_two_looks
     const std::int64_t dropped_ns = stepped.now_ns;
     const auto result = acquire(request(), [&] {
       drop_scan_as(format, file);
-      stepped.let_look(200);  // ten looks at the inbox
+      ASSERT_TRUE(stepped.let_look(200)) << "the port does not look at its inbox";  // ten looks at the inbox
       EXPECT_TRUE(fs::exists(inbox(file))) << name(format) << " was taken before it had stood still";
       stepped.now_ns += 500 * kNsPerMs;
     });
@@ -277,9 +278,9 @@ TEST_F(ScanDropTest, a_file_that_stays_short_of_its_header_is_303_in_every_forma
       drop_scan_as(format, "t");
       fs::resize_file(inbox("t"), fs::file_size(inbox("t")) / 2);
       fs::rename(inbox("t"), inbox(file));
-      stepped.let_look(60);
+      ASSERT_TRUE(stepped.let_look(60)) << "the port does not look at its inbox";
       stepped.now_ns += 4'900 * kNsPerMs;
-      stepped.let_look(60);
+      ASSERT_TRUE(stepped.let_look(60)) << "the port does not look at its inbox";
       EXPECT_TRUE(fs::exists(inbox(file))) << name(format) << ": its writer may only pause";
       stepped.now_ns += 100 * kNsPerMs;
     });
@@ -603,7 +604,7 @@ class ScanDropLateTest : public ScanDropAnyNameTest {
       wait_ms(200);
       before();
       drop_scan("late.ply", 1.0F);
-      wait_until([&] { return fs::exists(request_file("7-4.json")); });
+      ASSERT_TRUE(wait_until([&] { return fs::exists(request_file("7-4.json")); })) << "there is no second request";
       drop_scan("own.ply", 2.0F);
     });
     const auto result = scanner_->acquire(request(4), xyz_, cancel_, on_decoded_);
