@@ -63,10 +63,11 @@ class DoctorTest : public testing::Test {
     }
     [[nodiscard]] std::string all() const { return findings.dump(1); }
   };
-  /// If namespaces are refused (inside some containers), that must be the reason for the missing answer.
-  void expect_no_namespaces() const {
-    EXPECT_NE(read_file(box_.dir / "doctor.err").find("unshare"), std::string::npos)
-        << read_file(box_.dir / "doctor.err");
+  /// Whether a missing answer has this reason: namespaces are refused, as inside some containers.
+  [[nodiscard]] bool namespaces_refused() const {
+    const std::string said = read_file(box_.dir / "doctor.err");
+    EXPECT_NE(said.find("unshare"), std::string::npos) << said;
+    return said.find("unshare") != std::string::npos;
   }
   [[nodiscard]] Opinion examine(std::vector<std::string> more = {}, const char* listen_s = "1") const {
     std::vector<std::string> args = {"doctor", "--config", box_.config.native(), "--json", "--listen-s", listen_s};
@@ -422,7 +423,10 @@ TEST_F(DoctorTest, a_port_of_roots_is_not_the_services) {
                  out, box_.dir / "doctor.err");
   (void)doctor.wait();
   const json document = json::parse(read_file(out), nullptr, false);
-  if (!document.is_object()) return expect_no_namespaces();
+  if (!document.is_object()) {
+    ASSERT_TRUE(namespaces_refused());
+    GTEST_SKIP() << "the kernel refuses namespaces here";
+  }
   unsigned first_free = 0;
   std::ifstream("/proc/sys/net/ipv4/ip_unprivileged_port_start") >> first_free;
   const Opinion opinion{0, document["findings"]};
@@ -444,7 +448,10 @@ TEST_F(DoctorTest, a_route_over_an_interface_without_an_address_is_a_route) {
       box_.dir / "doctor.out", box_.dir / "doctor.err");
   (void)doctor.wait();
   const json document = json::parse(read_file(box_.dir / "doctor.out"), nullptr, false);
-  if (!document.is_object()) return expect_no_namespaces();
+  if (!document.is_object()) {
+    ASSERT_TRUE(namespaces_refused());
+    GTEST_SKIP() << "the kernel refuses namespaces here";
+  }
   const Opinion opinion{0, document["findings"]};
   EXPECT_EQ(opinion.health("robot route"), "ok") << opinion.all();
 }
