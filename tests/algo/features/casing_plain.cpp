@@ -221,7 +221,7 @@ CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task) 
     casing.edge_points = static_cast<std::uint32_t>(edge.size);
     edge_points.assign(edge.view().begin(), edge.view().end());
     if (edge.size < kSectorsMin) return casing;
-    circle = plain::fit_circle_robust(edge.view(), centre, kEdgeWeights);
+    circle = fit_circle_robust(edge.view(), centre, kEdgeWeights);  // has a test of its own
     casing.inlier_fraction = circle.weight / static_cast<double>(kSectors);
     if (!circle.ok || circle.weight < 0.4 * static_cast<double>(kSectors) || circle.spread < kSpreadMin) return casing;
   }

@@ -1,259 +1,162 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Noise of cells with every sum computed cell by cell; the method is described in algo/features/seat_noise.cpp.
+// Noise of cells by textbook steps: least squares by QR of the matrix of all cells, the cosine transform as two matrix
+// products with cos() evaluated for each entry, sorted lists of modes. The method is described in
+// algo/features/seat_noise.cpp.
 #include "plain_features.h"
 
-#include <Eigen/Cholesky>
-#include <array>
-
-#include "algo/moments.h"
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
 
 namespace slabd::algo::plain {
 namespace {
 
-constexpr std::size_t kCellsMin = 400;
-constexpr double kWavelengthMax_mm = 40.0;
-constexpr double kWavelengthMin_mm = 10.0;
-/// Longer wavelengths count as form in the noise of a cell.
-constexpr double kFormLength_mm = 20.0;
-constexpr std::size_t kModesMax = 40;  ///< along one axis: 200 mm of seat
-constexpr std::size_t kRings = 6;
-/// Single energies above this multiple of their ring's level are form (chi-square with one degree of freedom: 5e-4).
-constexpr double kEnergyMax = 12.0;
-constexpr double kOutlierSigmas = 4.0;
+double median_of(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
+}
 
-/// Degree of the polynomial that represents the form.
-constexpr int kDegree = 4;
-constexpr int kTerms = (kDegree + 1) * (kDegree + 2) / 2;
-using Terms = Eigen::Matrix<double, kTerms, 1>;
+/// Intercept and slope of a weighted straight line.
+Eigen::Vector2d line_through(const Eigen::ArrayXd& x, const Eigen::ArrayXd& y, const Eigen::ArrayXd& weight) {
+  Eigen::MatrixXd A(x.size(), 2);
+  A.col(0) = weight.sqrt();
+  A.col(1) = weight.sqrt() * x;
+  return A.colPivHouseholderQr().solve((weight.sqrt() * y).matrix());
+}
 
-Terms terms_at(double x, double s) {
-  Terms terms;
-  int k = 0;
-  double px = 1.0;
-  for (int i = 0; i <= kDegree; ++i, px *= x) {
-    double ps = 1.0;
-    for (int j = 0; i + j <= kDegree; ++j, ps *= s) terms[k++] = px * ps;
-  }
+/// Legendre polynomials, whose products up to degree 4 span the same form as the powers.
+Eigen::RowVectorXd form_terms(double x, double s) {
+  const auto polynomial = [](double t) {
+    return std::array{1.0, t, 0.5 * (3.0 * t * t - 1.0), 0.5 * (5.0 * t * t * t - 3.0 * t),
+                      0.125 * (35.0 * t * t * t * t - 30.0 * t * t + 3.0)};
+  };
+  const auto of_x = polynomial(x);
+  const auto of_s = polynomial(s);
+  Eigen::RowVectorXd terms(15);
+  Eigen::Index k = 0;
+  for (std::size_t i = 0; i <= 4; ++i)
+    for (std::size_t j = 0; i + j <= 4; ++j) terms[k++] = of_x[i] * of_s[j];
   return terms;
 }
 
-double median_of(std::span<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+/// Row p: sqrt(2 / n) cos(p pi (i + 1/2) / n), p = 0 with 1 / sqrt(n): orthonormal.
+Eigen::MatrixXd cosines(std::size_t n, std::size_t modes) {
+  Eigen::MatrixXd c(static_cast<Eigen::Index>(modes) + 1, static_cast<Eigen::Index>(n));
+  for (Eigen::Index p = 0; p < c.rows(); ++p)
+    for (Eigen::Index i = 0; i < c.cols(); ++i)
+      c(p, i) = std::sqrt((p == 0 ? 1.0 : 2.0) / static_cast<double>(n)) *
+                std::cos(kPi * static_cast<double>(p) * (static_cast<double>(i) + 0.5) / static_cast<double>(n));
+  return c;
 }
 
-/// 1.4826 times the median absolute height of the cells that count.
-double robust_sigma_of(std::span<const double> heights, const std::array<bool, limits::kFlatnessCellsMax>& out) {
-  std::array<double, limits::kFlatnessCellsMax> size;
-  std::size_t n = 0;
-  for (std::size_t i = 0; i < heights.size(); ++i)
-    if (!out[i]) size[n++] = std::abs(heights[i]);
-  return n == 0 ? 0.0 : 1.4826 * median_of(std::span(size).first(n));
-}
+struct Mode {
+  double waves_per_mm2 = 0.0;  ///< square of the wave number
+  double energy_mm2 = 0.0;
+  bool along_one_axis = false;
+};
 
-/// Subtracts the low polynomial, then sets outliers to zero. Returns the number of cells left.
-std::size_t remove_form(const CellGrid& grid, std::span<double> heights, std::span<const std::uint32_t> cells) {
-  std::array<bool, limits::kFlatnessCellsMax> out{};
-  std::size_t left = heights.size();
-  const auto terms_of = [&](std::size_t i) {
-    return terms_at(grid.x_of(cells[i]) / grid.region.half_x_mm, grid.s_of(cells[i]) / grid.region.half_s_mm);
+std::vector<Mode> spectrum(const CellGrid& grid, const Eigen::MatrixXd& field) {
+  const double across_mm = 2.0 * grid.region.cell_mm * static_cast<double>(grid.columns);
+  const double along_mm = 2.0 * grid.region.cell_mm * static_cast<double>(grid.rows);
+  // Up to 10 mm of wavelength, at most 40 modes along an axis.
+  const auto modes = [](double twice_mm) {
+    return std::min<std::size_t>(static_cast<std::size_t>(twice_mm / 10.0), 40);
   };
-  // A chip affects the polynomial until it is left out.
-  for (int round = 0; round < 3; ++round) {
-    Eigen::Matrix<double, kTerms, kTerms> H = Eigen::Matrix<double, kTerms, kTerms>::Zero();
-    Terms g = Terms::Zero();
-    for (std::size_t i = 0; i < heights.size(); ++i) {
-      if (out[i]) continue;
-      const Terms t = terms_of(i);
-      H += t * t.transpose();
-      g += heights[i] * t;
-    }
-    const Terms form = H.ldlt().solve(g);
-    if (!form.allFinite()) return 0;
-    for (std::size_t i = 0; i < heights.size(); ++i) heights[i] -= form.dot(terms_of(i));
-    const double limit = kOutlierSigmas * robust_sigma_of(heights, out);
-    left = 0;
-    for (std::size_t i = 0; i < heights.size(); ++i) {
-      out[i] = std::abs(heights[i]) > limit;
-      if (!out[i]) ++left;
-    }
-  }
-  for (std::size_t i = 0; i < heights.size(); ++i)
-    if (out[i]) heights[i] = 0.0;
-  return left;
+  const Eigen::MatrixXd amplitude =
+      cosines(grid.rows, modes(along_mm)) * field * cosines(grid.columns, modes(across_mm)).transpose();
+  std::vector<Mode> all;
+  for (Eigen::Index q = 0; q < amplitude.rows(); ++q)
+    for (Eigen::Index p = 0; p < amplitude.cols(); ++p)
+      all.push_back({std::pow(static_cast<double>(p) / across_mm, 2) + std::pow(static_cast<double>(q) / along_mm, 2),
+                     amplitude(q, p) * amplitude(q, p), p == 0 || q == 0});
+  return all;
 }
 
-/// Weighted straight line.
-class Line {
- public:
-  void add(double x, double y, double weight) {
-    n_ += weight;
-    x_ += weight * x;
-    y_ += weight * y;
-    xx_ += weight * x * x;
-    xy_ += weight * x * y;
+/// Density at infinite wavelength from six rings of equal area between 40 and 10 mm. NaN if a ring has no modes.
+double density_at_infinity(const std::vector<Mode>& modes) {
+  constexpr Eigen::Index kRings = 6;
+  const double low = 1.0 / 1600.0;
+  const double width = (1.0 / 100.0 - low) / static_cast<double>(kRings);
+  Eigen::ArrayXd at(kRings);
+  Eigen::ArrayXd level(kRings);
+  Eigen::ArrayXd count(kRings);
+  for (Eigen::Index ring = 0; ring < kRings; ++ring) {
+    const double from = low + width * static_cast<double>(ring);
+    std::vector<double> energies;
+    for (const Mode& mode : modes)
+      if (!mode.along_one_axis && mode.waves_per_mm2 >= from && mode.waves_per_mm2 < from + width)
+        energies.push_back(mode.energy_mm2);
+    if (energies.empty()) return kNoValue;
+    // Form: more than 12 times the mean of a chi-square distribution whose median is 0.4549 of it.
+    const double limit = 12.0 * median_of(energies) / 0.4549;
+    std::erase_if(energies, [&](double e) { return e > limit; });
+    const auto all = Eigen::Map<const Eigen::ArrayXd>(energies.data(), static_cast<Eigen::Index>(energies.size()));
+    at[ring] = from + 0.5 * width;
+    level[ring] = all.mean();
+    count[ring] = static_cast<double>(energies.size());
+    if (!(level[ring] > 0.0)) return kNoValue;
   }
-  [[nodiscard]] double slope() const { return (n_ * xy_ - x_ * y_) / (n_ * xx_ - x_ * x_); }
-  [[nodiscard]] double mean() const { return y_ / n_; }
-  [[nodiscard]] double value_at(double x) const { return mean() + slope() * (x - x_ / n_); }
-
- private:
-  double n_ = 0.0;
-  double x_ = 0.0;
-  double y_ = 0.0;
-  double xx_ = 0.0;
-  double xy_ = 0.0;
-};
-
-/// Cosine spectrum of the heights over the region.
-class Spectrum {
- public:
-  Spectrum(const CellGrid& grid, std::span<const double> heights, std::span<const std::uint32_t> cells)
-      : across_(2.0 * grid.region.cell_mm * static_cast<double>(grid.columns)),
-        along_(2.0 * grid.region.cell_mm * static_cast<double>(grid.rows)) {
-    columns_ = modes(across_);
-    rows_ = modes(along_);
-    for (std::size_t i = 0; i < heights.size(); ++i) {
-      Cosines x;
-      Cosines s;
-      cosines(cells[i] % grid.columns, grid.columns, columns_, x);
-      cosines(cells[i] / grid.columns, grid.rows, rows_, s);
-      for (std::size_t q = 0; q <= rows_; ++q) {
-        const double h = heights[i] * s[q];
-        double* row = amplitude_.data() + q * (kModesMax + 1);
-        for (std::size_t p = 0; p <= columns_; ++p) row[p] += h * x[p];
-      }
-    }
-    // Orthonormal cosines: 2 / sqrt(cells) for modes that vary both ways.
-    scale_ = 4.0 / static_cast<double>(grid.cells());
-  }
-
-  /// Sum of the energies of all modes longer than kFormLength_mm, including those along one axis, and their number.
-  [[nodiscard]] double form_energy(double& count) const {
-    double sum = 0.0;
-    count = 0.0;
-    for (std::size_t q = 0; q <= rows_; ++q) {
-      for (std::size_t p = 0; p <= columns_; ++p) {
-        if (k2(p, q) >= 1.0 / (kFormLength_mm * kFormLength_mm)) continue;
-        sum += energy(p, q);
-        count += 1.0;
-      }
-    }
-    return sum;
-  }
-
-  /// Spectral density at infinite wavelength, extrapolated ring by ring from the modes between the two wavelengths, as
-  /// the variance of a cell with white noise of that density. NaN if a ring has no modes.
-  [[nodiscard]] double at_infinity() const {
-    constexpr double k2_min = 1.0 / (kWavelengthMax_mm * kWavelengthMax_mm);
-    constexpr double k2_max = 1.0 / (kWavelengthMin_mm * kWavelengthMin_mm);
-    std::array<double, kRings> level;
-    std::array<double, kRings> count;
-    std::array<double, kRings> at;
-    Line log_level;
-    for (std::size_t ring = 0; ring < kRings; ++ring) {
-      const double from = k2_min + (k2_max - k2_min) * static_cast<double>(ring) / kRings;
-      const double to = k2_min + (k2_max - k2_min) * static_cast<double>(ring + 1) / kRings;
-      level[ring] = mean_energy(from, to, count[ring]);
-      if (!(level[ring] > 0.0)) return kNoValue;
-      at[ring] = 0.5 * (from + to);
-      log_level.add(at[ring], std::log(level[ring]), count[ring]);
-    }
-    // A mean of n energies has a relative scatter of sqrt(2/n), hence the weights. They come from the smooth line;
-    // otherwise rings that are low by chance would have more weight. The reciprocal of the mean is high by 2/n.
-    Line reciprocal;
-    for (std::size_t ring = 0; ring < kRings; ++ring) {
-      const double smooth = std::exp(log_level.value_at(at[ring]));
-      reciprocal.add(at[ring], (1.0 - 2.0 / count[ring]) / level[ring], count[ring] * smooth * smooth);
-    }
-    // Noise never has more energy at short wavelengths than at long ones.
-    return 1.0 / (reciprocal.slope() > 0.0 ? reciprocal.value_at(0.0) : reciprocal.mean());
-  }
-
- private:
-  using Cosines = std::array<double, kModesMax + 1>;
-  static std::size_t modes(double twice_length_mm) {
-    return std::min(static_cast<std::size_t>(twice_length_mm / kWavelengthMin_mm), kModesMax);
-  }
-  /// cos(p pi (i + 1/2) / n) for p = 0..count, by the angle addition rule.
-  static void cosines(std::size_t i, std::size_t n, std::size_t count, Cosines& c) {
-    const double one = std::cos(kPi * (static_cast<double>(i) + 0.5) / static_cast<double>(n));
-    c[0] = 1.0;
-    c[1] = one;
-    for (std::size_t p = 2; p <= count; ++p) c[p] = 2.0 * one * c[p - 1] - c[p - 2];
-  }
-  /// Square of the wave number of a mode (1/mm^2), and its energy (mm^2).
-  [[nodiscard]] double k2(std::size_t p, std::size_t q) const {
-    const double kx = static_cast<double>(p) / across_;
-    const double ks = static_cast<double>(q) / along_;
-    return kx * kx + ks * ks;
-  }
-  [[nodiscard]] double energy(std::size_t p, std::size_t q) const {
-    const double a = amplitude_[q * (kModesMax + 1) + p];
-    return scale_ * (p == 0 ? 0.5 : 1.0) * (q == 0 ? 0.5 : 1.0) * a * a;
-  }
-  [[nodiscard]] double mean_energy(double from, double to, double& count) const {
-    std::array<double, kModesMax * kModesMax> energies;
-    std::size_t n = 0;
-    for (std::size_t q = 1; q <= rows_; ++q) {
-      for (std::size_t p = 1; p <= columns_; ++p) {
-        if (k2(p, q) < from || k2(p, q) >= to) continue;
-        energies[n++] = energy(p, q);
-      }
-    }
-    count = 0.0;
-    if (n == 0) return kNoValue;
-    const std::span<double> all = std::span(energies).first(n);
-    // Median of chi-square with one degree of freedom relative to its mean.
-    const double limit = kEnergyMax * median_of(all) / 0.4549;
-    double sum = 0.0;
-    for (const double e : all) {
-      if (e > limit) continue;
-      sum += e;
-      count += 1.0;
-    }
-    return sum / count;
-  }
-
-  double across_;
-  double along_;
-  std::size_t columns_ = 0;
-  std::size_t rows_ = 0;
-  double scale_ = 0.0;
-  std::array<double, (kModesMax + 1) * (kModesMax + 1)> amplitude_{};
-};
+  const Eigen::Vector2d log_line = line_through(at, level.log(), count);
+  const Eigen::ArrayXd weight = count * (2.0 * (log_line[0] + log_line[1] * at)).exp();
+  const Eigen::ArrayXd reciprocal = (1.0 - 2.0 / count) / level;
+  const Eigen::Vector2d line = line_through(at, reciprocal, weight);
+  return 1.0 / (line[1] > 0.0 ? line[0] : (weight * reciprocal).sum() / weight.sum());
+}
 
 }  // namespace
 
-CellNoise noise_of_cells(const CellGrid& grid, std::span<double> heights, std::span<const std::uint32_t> cells,
+CellNoise noise_of_cells(const CellGrid& grid, std::span<const double> heights, std::span<const std::uint32_t> cells,
                          double within_variance_mm2, double points_per_cell) {
+  constexpr std::size_t kCellsMin = 400;
   CellNoise noise;
-  if (heights.size() < kCellsMin || heights.size() > limits::kFlatnessCellsMax || !(points_per_cell >= 1.0) ||
-      2.0 * std::fmin(grid.region.half_x_mm, grid.region.half_s_mm) < kWavelengthMax_mm)
+  if (heights.size() < kCellsMin || !(points_per_cell >= 1.0) ||
+      std::fmin(grid.region.half_x_mm, grid.region.half_s_mm) < 20.0)
     return noise;
-  const std::size_t left = remove_form(grid, heights, cells);
-  if (left < kCellsMin) return noise;
-  // Empty and excluded cells have height zero: the energies lack their part.
-  const double present = static_cast<double>(left) / static_cast<double>(grid.cells());
-  const Spectrum spectrum(grid, heights, cells);
-  const double density = spectrum.at_infinity() / present;
-  // The sum of all energies is that of the squared heights; the long ones are replaced by the noise density there.
+  Eigen::VectorXd rest = Eigen::Map<const Eigen::VectorXd>(heights.data(), static_cast<Eigen::Index>(heights.size()));
+  Eigen::MatrixXd form(rest.size(), 15);
+  for (std::size_t i = 0; i < cells.size(); ++i)
+    form.row(static_cast<Eigen::Index>(i)) =
+        form_terms(grid.x_of(cells[i]) / grid.region.half_x_mm, grid.s_of(cells[i]) / grid.region.half_s_mm);
+  // Three rounds: a chip affects the form until it is left out.
+  std::vector<Eigen::Index> kept(heights.size());
+  for (std::size_t i = 0; i < kept.size(); ++i) kept[i] = static_cast<Eigen::Index>(i);
+  for (int round = 0; round < 3; ++round) {
+    rest -= form * form(kept, Eigen::all).colPivHouseholderQr().solve(rest(kept)).eval();
+    std::vector<double> size;
+    for (const Eigen::Index i : kept) size.push_back(std::abs(rest[i]));
+    const double limit = size.empty() ? 0.0 : 4.0 * 1.4826 * median_of(size);
+    kept.clear();
+    for (Eigen::Index i = 0; i < rest.size(); ++i)
+      if (std::abs(rest[i]) <= limit) kept.push_back(i);
+  }
+  if (kept.size() < kCellsMin) return noise;
+
+  Eigen::MatrixXd field =
+      Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(grid.rows), static_cast<Eigen::Index>(grid.columns));
+  for (const Eigen::Index i : kept) {
+    const std::uint32_t cell = cells[static_cast<std::size_t>(i)];
+    field(static_cast<Eigen::Index>(cell / grid.columns), static_cast<Eigen::Index>(cell % grid.columns)) = rest[i];
+  }
+  const std::vector<Mode> modes = spectrum(grid, field);
+  const auto all = static_cast<double>(grid.cells());
+  const double present = static_cast<double>(kept.size()) / all;
+  const double density = density_at_infinity(modes) / present;
+  // Modes longer than 20 mm are form: the noise has its own density there.
+  double noise_energy = field.squaredNorm();
   double long_modes = 0.0;
-  ScalarMoments squares(0.0);
-  for (const double h : heights) squares.add(h * h);
-  squares.close_block();
-  const double total = squares.mean() * static_cast<double>(heights.size());
-  const double noise_energy = total - spectrum.form_energy(long_modes);
-  const double cell_variance = (noise_energy / present + long_modes * density) / static_cast<double>(grid.cells());
+  for (const Mode& mode : modes) {
+    if (mode.waves_per_mm2 >= 1.0 / 400.0) continue;
+    noise_energy -= mode.energy_mm2;
+    long_modes += 1.0;
+  }
+  const double cell_variance = (noise_energy / present + long_modes * density) / all;
   const double point_variance = cell_variance + (1.0 - 1.0 / points_per_cell) * within_variance_mm2;
   if (!(cell_variance > 0.0) || !(point_variance > 0.0)) return noise;
-  noise.ok = true;
-  noise.cell_sigma_mm = std::sqrt(cell_variance);
-  noise.point_sigma_mm = std::sqrt(point_variance);
-  noise.factor = std::fmax(density * points_per_cell / point_variance, 1.0);
-  return noise;
+  return {true, std::sqrt(cell_variance), std::sqrt(point_variance),
+          std::fmax(density * points_per_cell / point_variance, 1.0)};
 }
 
 }  // namespace slabd::algo::plain

@@ -5,6 +5,9 @@
 // frame allow a difference of 1e-6 mm between fast and plain.
 #include <gtest/gtest.h>
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cstring>
 #include <functional>
@@ -13,6 +16,7 @@
 #include <vector>
 
 #include "algo/algo.h"
+#include "algo/features/casing_fits.h"
 #include "algo/median.h"
 #include "plain_features.h"
 #include "seat.h"
@@ -360,8 +364,56 @@ TEST(FastCasing, is_not_measured_from_no_points_or_a_few_points) {
   EXPECT_FALSE(measure_casing(std::span(&points, 1), SeatFrame{}, task).ok);
 }
 
+/// Upper median.
+double median_of_array(const Eigen::ArrayXd& values) {
+  std::vector<double> sorted(values.begin(), values.end());
+  std::sort(sorted.begin(), sorted.end());
+  return sorted[sorted.size() / 2];
+}
+
+/// The robust circle from (0, 0) with all of its 60 steps: weighted least squares by QR, the quality figures by their
+/// definitions.
+Circle circle_by_qr(const std::vector<Vec2>& points, const CircleWeights& weights) {
+  const auto n = static_cast<Eigen::Index>(points.size());
+  Circle circle;
+  double cut = 0.0;
+  for (int i = 0; i <= 60; ++i) {
+    Eigen::MatrixXd J(n, 3);  // of the distances by centre and radius
+    Eigen::ArrayXd r(n);
+    for (Eigen::Index k = 0; k < n; ++k) {
+      const Vec2 out = points[static_cast<std::size_t>(k)] - circle.centre;
+      r[k] = out.norm();
+      J.row(k) << -out.x() / r[k], -out.y() / r[k], -1.0;
+    }
+    if (i == 0) circle.radius = median_of_array(r);
+    const Eigen::ArrayXd off = r - circle.radius;
+    // The scale is that of the 20th step from there on.
+    if (i < 20) cut = 4.685 * std::max(1.4826 * median_of_array(off.abs()), weights.scale_min);
+    const Eigen::ArrayXd agreement = (off.abs() < cut).select((1.0 - (off / cut).square()).square(), 0.0);
+    const Eigen::ArrayXd w = agreement * (off > 0.0).select(weights.outside_weight, Eigen::ArrayXd::Ones(n));
+    if (i < 60) {
+      const Eigen::VectorXd step =
+          (w.sqrt().matrix().asDiagonal() * J).colPivHouseholderQr().solve(-(w.sqrt() * off).matrix());
+      circle.centre += Vec2(step[0], step[1]);
+      circle.radius += step[2];
+      continue;
+    }
+    const double agreeing = agreement.sum();
+    circle.scatter = std::sqrt((agreement * off.square()).sum() / agreeing);
+    const Eigen::Vector2d mean = J.leftCols<2>().transpose() * (agreement / agreeing).matrix();
+    const Eigen::MatrixXd around = J.leftCols<2>().rowwise() - mean.transpose();
+    const Eigen::Matrix2d variance = around.transpose() * (agreement / agreeing).matrix().asDiagonal() * around;
+    circle.spread = Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(variance).eigenvalues()[0];
+    const Eigen::MatrixXd influence =
+        (J.transpose() * w.matrix().asDiagonal() * J).inverse() * J.transpose() * (w * off).matrix().asDiagonal();
+    circle.covariance = influence * influence.transpose() * (agreeing / (agreeing - 3.0));
+  }
+  return circle;
+}
+
 TEST(FastCircle, rests_where_all_of_its_steps_lead) {
   Prng prng(9);
+  int fitted = 0;
   for (int seed = 0; seed < 200; ++seed) {
     std::vector<Vec2> points;
     const int count = 6 + static_cast<int>(prng.uniform() * 60.0);
@@ -373,15 +425,16 @@ TEST(FastCircle, rests_where_all_of_its_steps_lead) {
     }
     const CircleWeights weights{.scale_min = seed % 2 == 0 ? 0.02 : 0.0, .outside_weight = seed % 3 == 0 ? 1.0 : 0.1};
     const Circle fast = fit_circle_robust(points, Vec2::Zero(), weights);
-    const Circle plain = plain::fit_circle_robust(points, Vec2::Zero(), weights);
-    ASSERT_EQ(fast.ok, plain.ok) << seed;
-    if (!plain.ok) continue;
+    const Circle plain = circle_by_qr(points, weights);
+    fitted += fast.ok ? 1 : 0;
+    if (!fast.ok) continue;
     EXPECT_LT((fast.centre - plain.centre).norm(), 1e-7) << seed;
     EXPECT_NEAR(fast.radius, plain.radius, 1e-7) << seed;
     EXPECT_NEAR(fast.scatter, plain.scatter, 1e-7) << seed;
     EXPECT_NEAR(fast.spread, plain.spread, 1e-7) << seed;
     EXPECT_LT((fast.covariance - plain.covariance).norm(), 1e-5 * plain.covariance.norm()) << seed;
   }
+  EXPECT_GE(fitted, 190);
 }
 
 TEST(ValueAtRank, is_what_sorting_finds) {

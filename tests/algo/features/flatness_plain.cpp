@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <vector>
 
 #include "algo/algo.h"
@@ -235,23 +236,47 @@ double mark_defects(const CellHeights& cells, const PointsIn& points_in, double 
   return std::fmax(sigmas * std::fmax(robust, usual), kDefectMin_mm);
 }
 
-/// Finds the largest group of cells marked `side`, if it is larger than the one in `defect`.
+/// Finds the largest group of cells marked `side`, if it is larger than the one in `defect`: each cell takes the lowest
+/// number of its neighbours, corners included, until none changes. Removes the marks.
 void find_defect(const CellGrid& grid, CellMark side, const CellHeights& cells, std::span<std::uint32_t> mark,
-                 std::span<std::uint32_t> stack, SurfaceDefect& defect) {
-  for_each_group(grid, side, mark, stack, [&](std::span<const std::uint32_t> group) {
-    if (group.size() <= defect.cells) return;
-    defect.cells = static_cast<std::uint32_t>(group.size());
-    defect.area_mm2 = static_cast<double>(group.size()) * grid.region.cell_mm * grid.region.cell_mm;
-    defect.height_mm = defect.x_mm = defect.s_mm = 0.0;
-    for (const std::uint32_t cell : group) {
-      defect.x_mm += grid.x_of(cell) / static_cast<double>(group.size());
-      defect.s_mm += grid.s_of(cell) / static_cast<double>(group.size());
-      const auto end = cells.cell.begin() + static_cast<std::ptrdiff_t>(cells.size);
-      const auto k = std::lower_bound(cells.cell.begin(), end, cell) - cells.cell.begin();
-      const double height = cells.height[static_cast<std::size_t>(k)];
-      if (std::abs(height) > std::abs(defect.height_mm)) defect.height_mm = height;
+                 SurfaceDefect& defect) {
+  std::map<std::uint32_t, std::uint32_t> group_of;
+  std::map<std::uint32_t, double> height_of;
+  for (std::size_t k = 0; k < cells.size; ++k) {
+    const std::uint32_t cell = cells.cell[k];
+    if (mark[cell] != side) continue;
+    mark[cell] = kPlain;
+    group_of[cell] = cell;
+    height_of[cell] = cells.height[k];
+  }
+  const auto adjacent = [&](std::uint32_t a, std::uint32_t b) {
+    const auto apart = [](std::size_t m, std::size_t n) { return std::max(m, n) - std::min(m, n); };
+    return apart(a % grid.columns, b % grid.columns) <= 1 && apart(a / grid.columns, b / grid.columns) <= 1;
+  };
+  for (bool changed = true; changed;) {
+    changed = false;
+    for (auto& [cell, group] : group_of) {
+      for (const auto& [other, lower] : group_of) {
+        if (lower >= group || !adjacent(cell, other)) continue;
+        group = lower;
+        changed = true;
+      }
     }
-  });
+  }
+  std::map<std::uint32_t, std::vector<std::uint32_t>> groups;
+  for (const auto& [cell, group] : group_of) groups[group].push_back(cell);
+  for (const auto& [first, group] : groups) {
+    if (group.size() <= defect.cells) continue;
+    const auto n = static_cast<double>(group.size());
+    defect = {.limit_mm = defect.limit_mm};
+    defect.cells = static_cast<std::uint32_t>(group.size());
+    defect.area_mm2 = n * std::pow(grid.region.cell_mm, 2);
+    for (const std::uint32_t cell : group) {
+      defect.x_mm += grid.x_of(cell) / n;
+      defect.s_mm += grid.s_of(cell) / n;
+      if (std::abs(height_of[cell]) > std::abs(defect.height_mm)) defect.height_mm = height_of[cell];
+    }
+  }
 }
 
 /// Expected range of `count` means. Those of few points may have a larger range than all would if they were alike.
@@ -401,8 +426,8 @@ Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index, cons
   for_each_group(grid, kMissing, mark, stack,
                  [&](std::span<const std::uint32_t> group) { hole = std::max(hole, group.size()); });
   result.hole_mm2 = static_cast<double>(hole) * region.cell_mm * region.cell_mm;
-  find_defect(grid, kHigh, cells, mark, stack, result.defect);
-  find_defect(grid, kLow, cells, mark, stack, result.defect);
+  find_defect(grid, kHigh, cells, mark, result.defect);
+  find_defect(grid, kLow, cells, mark, result.defect);
   const double missing_max = region.cells_missing_max * static_cast<double>(expected);
   if (2 * std::size_t{result.cells} < expected || static_cast<double>(result.cells_missing) > missing_max ||
       result.hole_mm2 > kHole_mm2)

@@ -5,11 +5,10 @@
 #include <span>
 
 #include "algo/features/casing.h"
-#include "algo/features/casing_fits.h"
 #include "algo/features/flatness.h"
 #include "algo/features/seat_noise.h"
 
-/// Flatness, cell noise, casings and circle by definition: point by point, in double, every cell sorted, every angle an
+/// Flatness, cell noise and casings by definition: point by point, in double, every cell sorted, every angle an
 /// arctangent. Reference for algo, ten to thirty times slower.
 namespace slabd::algo::plain {
 
@@ -23,11 +22,9 @@ struct FlatnessMemory {
 [[nodiscard]] Flatness measure_flatness(const float* xyz, std::span<std::uint32_t> index,
                                         const FastTransform& T_block_scanner, const Vec3& along_seat,
                                         const PlaneFit& seat, const FlatnessRegion& region, const FlatnessMemory& work);
-/// Changes `heights`.
-[[nodiscard]] CellNoise noise_of_cells(const CellGrid& grid, std::span<double> heights,
+[[nodiscard]] CellNoise noise_of_cells(const CellGrid& grid, std::span<const double> heights,
                                        std::span<const std::uint32_t> cells, double within_variance_mm2,
                                        double points_per_cell);
 [[nodiscard]] CasingFeature measure_casing(const CloudPoints& points, const CasingTask& task);
-[[nodiscard]] Circle fit_circle_robust(std::span<const Vec2> points, const Vec2& start, const CircleWeights& weights);
 
 }  // namespace slabd::algo::plain
