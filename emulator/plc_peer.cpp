@@ -16,6 +16,7 @@
 #include <string>
 #include <thread>
 
+#include "base/os.h"
 #include "hal/hal.h"
 #include "hal/plc/plc_map.h"
 
@@ -118,13 +119,11 @@ class AskingWire : public PlcWire {
 /// PLC.
 class AskedWire : public PlcWire {
  public:
-  AskedWire(const hal::PlcSettings& plc, ModbusContext context, int listener)
-      : plc_(plc), context_(std::move(context)), listener_(listener), server_([this] { serve(); }) {}
+  AskedWire(const hal::PlcSettings& plc, ModbusContext context, Fd listener)
+      : plc_(plc), context_(std::move(context)), listener_(std::move(listener)), server_([this] { serve(); }) {}
   ~AskedWire() override {
     stop_ = true;
     server_.join();
-    if (peer_ >= 0) ::close(peer_);
-    ::close(listener_);
   }
   AskedWire(const AskedWire&) = delete;
   AskedWire& operator=(const AskedWire&) = delete;
@@ -159,11 +158,11 @@ class AskedWire : public PlcWire {
   void serve() {
     modbus_set_slave(context_.get(), plc_.unit_id);
     while (!stop_) {
-      std::array<pollfd, 2> ready = {pollfd{listener_, POLLIN, 0}, pollfd{peer_, POLLIN, 0}};
+      std::array<pollfd, 2> ready = {pollfd{listener_.get(), POLLIN, 0}, pollfd{peer_.get(), POLLIN, 0}};
       if (::poll(ready.data(), ready.size(), 50) <= 0) continue;
       if ((ready[0].revents & POLLIN) != 0) {
         drop_peer();
-        peer_ = ::accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC);
+        peer_ = Fd(::accept4(listener_.get(), nullptr, nullptr, SOCK_CLOEXEC));
       } else if (ready[1].revents != 0) {
         answer();
       }
@@ -171,7 +170,7 @@ class AskedWire : public PlcWire {
   }
   void answer() {
     std::array<std::uint8_t, MODBUS_TCP_MAX_ADU_LENGTH> request{};
-    modbus_set_socket(context_.get(), peer_);
+    modbus_set_socket(context_.get(), peer_.get());
     const int bytes = modbus_receive(context_.get(), request.data());
     if (bytes == 0) return;  // addressed to another unit
     const std::lock_guard lock(mutex_);
@@ -182,16 +181,15 @@ class AskedWire : public PlcWire {
   }
   void drop_peer() {
     connected_ = false;
-    if (peer_ >= 0) ::close(peer_);
-    peer_ = -1;
+    peer_.reset();
   }
 
   hal::PlcSettings plc_;
   ModbusContext context_;
   std::unique_ptr<modbus_mapping_t, MappingFree> memory_{modbus_mapping_new(0, 0, 65'536, 0)};
   std::mutex mutex_;  ///< guards the registers
-  int listener_;
-  int peer_ = -1;
+  Fd listener_;
+  Fd peer_;
   std::atomic<bool> connected_{false};
   std::atomic<bool> stop_{false};
   std::thread server_;
@@ -202,11 +200,11 @@ class AskedWire : public PlcWire {
 Result<std::unique_ptr<PlcWire>> make_plc_wire(const hal::PlcSettings& plc, const std::string& device) {
   if (plc.role != hal::PlcRole::client) return std::unique_ptr<PlcWire>(std::make_unique<AskingWire>(plc, device));
   ModbusContext context(modbus_new_tcp(plc.host.c_str(), plc.port));
-  const int listener = context == nullptr ? -1 : modbus_tcp_listen(context.get(), 1);
-  if (listener < 0)
+  Fd listener(context == nullptr ? -1 : modbus_tcp_listen(context.get(), 1));
+  if (!listener.is_open())
     return error(Code::config, "the emulated PLC cannot listen at plc.connect %s:%u: %s", plc.host.c_str(),
                  unsigned{plc.port}, modbus_strerror(errno));
-  return std::unique_ptr<PlcWire>(std::make_unique<AskedWire>(plc, std::move(context), listener));
+  return std::unique_ptr<PlcWire>(std::make_unique<AskedWire>(plc, std::move(context), std::move(listener)));
 }
 
 using std::chrono::milliseconds;

@@ -43,44 +43,43 @@ std::optional<StreamRequest> request_of(const json& line) {
 }  // namespace
 
 Status StreamGateway::connect() {
-  if (fd_ >= 0) return success();
+  if (socket_.is_open()) return success();
   sockaddr_in address{};
   address.sin_family = AF_INET;
   address.sin_port = htons(port_);
   if (inet_pton(AF_INET, host_.c_str(), &address.sin_addr) != 1)
     return error(Code::config, "\"%s\" is not an IPv4 address", host_.c_str());
-  fd_ = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  if (::connect(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
+  socket_ = Fd(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
+  if (::connect(socket_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
     const int why = errno;
     close();
     return error(Code::scanner_offline, "%s:%u: %s (does slabd run, with [scanner] backend = \"tcp\" and this listen?)",
                  host_.c_str(), unsigned{port_}, std::strerror(why));
   }
   const int on = 1;
-  setsockopt(fd_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+  setsockopt(socket_.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   text_.clear();
   return success();
 }
 
 void StreamGateway::close() {
-  if (fd_ >= 0) ::close(fd_);
-  fd_ = -1;
+  socket_.reset();
   text_.clear();
 }
 
 std::optional<std::string> StreamGateway::next_line(int wait_ms) {
   const auto until = Clock::now() + std::chrono::milliseconds(wait_ms);
-  while (fd_ >= 0) {
+  while (socket_.is_open()) {
     if (const std::size_t end = text_.find('\n'); end != std::string::npos) {
       std::string line = text_.substr(0, end);
       text_.erase(0, end + 1);
       return line;
     }
     if (text_.size() > kLineMax) return close(), std::nullopt;
-    pollfd waiting{fd_, POLLIN, 0};
+    pollfd waiting{socket_.get(), POLLIN, 0};
     if (poll(&waiting, 1, left_ms(until)) <= 0) return std::nullopt;
     std::array<char, 4096> piece;
-    const ssize_t n = recv(fd_, piece.data(), piece.size(), 0);
+    const ssize_t n = recv(socket_.get(), piece.data(), piece.size(), 0);
     if (n <= 0) return close(), std::nullopt;
     text_.append(piece.data(), static_cast<std::size_t>(n));
   }
@@ -101,10 +100,10 @@ std::optional<StreamRequest> StreamGateway::next_request(int wait_ms, std::strin
 bool StreamGateway::send_all(std::span<const std::byte> bytes) {
   while (!bytes.empty()) {
     // A peer that closed without reading leaves a full window, and a blocking send() would never return.
-    pollfd room{fd_, POLLOUT | POLLRDHUP, 0};
+    pollfd room{socket_.get(), POLLOUT | POLLRDHUP, 0};
     if (poll(&room, 1, -1) < 0 && errno != EINTR) return false;
     if ((room.revents & (POLLRDHUP | POLLHUP | POLLERR)) != 0) return false;
-    const ssize_t n = send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+    const ssize_t n = send(socket_.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
     if (n < 0 && (errno == EINTR || errno == EAGAIN)) continue;
     if (n <= 0) return false;
     bytes = bytes.subspan(static_cast<std::size_t>(n));
@@ -147,7 +146,7 @@ Status StreamGateway::answer(const StreamRequest& request, std::span<const float
     return error(static_cast<Code>(line.value("code", static_cast<int>(Code::internal))), "slabd refused the scan: %s",
                  why.c_str());
   }
-  const bool open = fd_ >= 0;
+  const bool open = socket_.is_open();
   close();
   return error(Code::scanner_offline, open ? "slabd said nothing about the scan" : "the connection was lost");
 }

@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 
+#include "base/os.h"
 #include "base/result.h"
 
 /// The scanner's side of a scan stream (docs/DELIVERY.md): the smallest form of a vendor's gateway. Used by one thread.
@@ -26,10 +27,7 @@ class StreamGateway {
 
   /// Connects if not connected. Code::scanner_offline if the daemon does not listen.
   [[nodiscard]] Status connect();
-  ~StreamGateway() { close(); }
-  StreamGateway(const StreamGateway&) = delete;
-  StreamGateway& operator=(const StreamGateway&) = delete;
-  [[nodiscard]] bool connected() const { return fd_ >= 0; }
+  [[nodiscard]] bool connected() const { return socket_.is_open(); }
   /// Waits at most `wait_ms` for a request. Other lines are skipped; `note` then contains slabd's last error. nullopt
   /// if none came or the connection ended.
   [[nodiscard]] std::optional<StreamRequest> next_request(int wait_ms, std::string& note);
@@ -50,7 +48,7 @@ class StreamGateway {
 
   std::string host_;
   std::uint16_t port_;
-  int fd_ = -1;
+  Fd socket_;
   std::string text_;           ///< received and not yet parsed
   std::string begun_;          ///< name of the request whose scan was last sent, whole or in part
   std::int64_t utime_us_ = 0;  ///< time of that scan

@@ -14,25 +14,16 @@
 #include <nlohmann/json.hpp>
 
 #include "base/limits.h"
+#include "base/os.h"
 
 namespace slabd::cli {
 namespace {
 
 constexpr int kAnswerTimeout_ms = 3'000;
 
-class Socket {
- public:
-  Socket() : fd_(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0)) {}
-  ~Socket() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  Socket(const Socket&) = delete;
-  Socket& operator=(const Socket&) = delete;
-  [[nodiscard]] int fd() const { return fd_; }
-
- private:
-  int fd_;
-};
+Fd local_socket() {
+  return Fd(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0));
+}
 
 Error unreachable(const std::string& path, const char* cause) {
   return error(Code::scanner_offline,
@@ -41,45 +32,45 @@ Error unreachable(const std::string& path, const char* cause) {
 }
 
 /// Connects the socket; returns 0 or errno. EAGAIN: the daemon listens, but does not accept.
-int connect_to(const std::string& path, const Socket& socket) {
+int connect_to(const std::string& path, const Fd& socket) {
   // A blocked daemon does not accept connections. Clients that gave up remain in its queue; once it is full, connect()
   // would block permanently.
   const timeval patience{kAnswerTimeout_ms / 1000, 0};
-  ::setsockopt(socket.fd(), SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
+  ::setsockopt(socket.get(), SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path.size() >= sizeof address.sun_path) return ENAMETOOLONG;
   std::memcpy(address.sun_path, path.c_str(), path.size() + 1);
   const bool connected =
-      socket.fd() >= 0 &&
-      ::connect(socket.fd(), static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) == 0;
+      socket.is_open() &&
+      ::connect(socket.get(), static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) == 0;
   return connected ? 0 : errno;
 }
 
 }  // namespace
 
 std::int64_t daemon_process(const std::string& path) {
-  const Socket socket;
+  const Fd socket = local_socket();
   ucred who{};
   socklen_t bytes = sizeof who;
-  if (connect_to(path, socket) != 0 || ::getsockopt(socket.fd(), SOL_SOCKET, SO_PEERCRED, &who, &bytes) != 0) return 0;
+  if (connect_to(path, socket) != 0 || ::getsockopt(socket.get(), SOL_SOCKET, SO_PEERCRED, &who, &bytes) != 0) return 0;
   return who.pid;
 }
 
 Result<std::string> ask_daemon(const std::string& path, std::string_view line) {
-  const Socket socket;
+  const Fd socket = local_socket();
   if (const int fault = connect_to(path, socket); fault != 0)
     return unreachable(path, fault == EAGAIN ? "it listens, but takes no question within 3 s" : std::strerror(fault));
-  if (::send(socket.fd(), line.data(), line.size(), MSG_NOSIGNAL) != static_cast<ssize_t>(line.size()))
+  if (::send(socket.get(), line.data(), line.size(), MSG_NOSIGNAL) != static_cast<ssize_t>(line.size()))
     return unreachable(path, std::strerror(errno));
 
   std::string answer;
   std::array<char, 4096> piece{};
   while (answer.find('\n') == std::string::npos) {
-    pollfd waiting{socket.fd(), POLLIN, 0};
+    pollfd waiting{socket.get(), POLLIN, 0};
     const int ready = ::poll(&waiting, 1, kAnswerTimeout_ms);
     if (ready == 0) return unreachable(path, "connected, but no answer within 3 s");
-    const ssize_t got = ready < 0 ? -1 : ::recv(socket.fd(), piece.data(), piece.size(), 0);
+    const ssize_t got = ready < 0 ? -1 : ::recv(socket.get(), piece.data(), piece.size(), 0);
     if (got < 0 && errno == EINTR) continue;
     if (got <= 0) return unreachable(path, got == 0 ? "it closed the connection" : std::strerror(errno));
     answer.append(piece.data(), static_cast<std::size_t>(got));
@@ -90,7 +81,7 @@ Result<std::string> ask_daemon(const std::string& path, std::string_view line) {
 
 bool daemon_has_database(const std::string& path) {
   {
-    const Socket socket;
+    const Fd socket = local_socket();
     const int fault = connect_to(path, socket);
     if (fault == EAGAIN || fault == EACCES) return true;
     if (fault != 0) return false;

@@ -21,6 +21,7 @@
 #include <thread>
 #include <vector>
 
+#include "base/os.h"
 #include "cli/doctor/doctor.h"
 #include "storage/storage.h"
 
@@ -42,21 +43,20 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
+/// A file that exists as long as this.
 class File {
  public:
   File(const std::string& path, int flags) : path_(path), fd_(::open(path.c_str(), flags | O_CLOEXEC, 0600)) {}
   ~File() {
-    if (fd_ < 0) return;
-    ::close(fd_);
-    ::unlink(path_.c_str());
+    if (fd_.is_open()) ::unlink(path_.c_str());
   }
   File(const File&) = delete;
   File& operator=(const File&) = delete;
-  [[nodiscard]] int fd() const { return fd_; }
+  [[nodiscard]] int fd() const { return fd_.get(); }
 
  private:
   std::string path_;
-  int fd_;
+  Fd fd_;
 };
 
 /// The folder itself, or its nearest existing parent.
@@ -192,18 +192,6 @@ struct Timed {
   int fault = 0;  ///< errno
 };
 
-/// Writes all bytes; returns errno, 0 on success.
-int write_whole(int fd, const char* bytes, std::size_t count) {
-  while (count > 0) {
-    const ssize_t n = ::write(fd, bytes, count);
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return n < 0 ? errno : EIO;
-    bytes += n;
-    count -= static_cast<std::size_t>(n);
-  }
-  return 0;
-}
-
 /// Seconds until one scan, written like in the spool, is durable.
 Timed scan_durable_s(const std::string& folder) {
   const File file(folder + "/.doctor", O_CREAT | O_TRUNC | O_WRONLY);
@@ -213,7 +201,7 @@ Timed scan_durable_s(const std::string& folder) {
   for (std::size_t i = 0; i < piece.size(); ++i) piece[i] = static_cast<char>((i * 2654435761U) >> 13U);
   const Clock::time_point start = Clock::now();
   for (std::size_t written = 0; written < kScanBytes; written += piece.size())
-    if (const int fault = write_whole(file.fd(), piece.data(), piece.size()); fault != 0) return {0.0, fault};
+    if (!write_all(file.fd(), piece.data(), piece.size())) return {0.0, errno};
   if (::fdatasync(file.fd()) != 0) return {0.0, errno};
   return {seconds_since(start), 0};
 }
@@ -226,7 +214,7 @@ Timed commit_ms(const std::string& folder) {
   const std::array<char, 4096> page{};
   for (double& time : times) {
     const Clock::time_point start = Clock::now();
-    if (const int fault = write_whole(file.fd(), page.data(), page.size()); fault != 0) return {0.0, fault};
+    if (!write_all(file.fd(), page.data(), page.size())) return {0.0, errno};
     if (::fdatasync(file.fd()) != 0) return {0.0, errno};
     time = 1e3 * seconds_since(start);
   }

@@ -26,6 +26,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "base/os.h"
 #include "calib/calib.h"
 #include "cli/client/control.h"
 #include "cli/client/live_capture.h"
@@ -108,20 +109,20 @@ bool examine_privileged_port(const daemon::Config& config, const std::string& wh
 void examine_free_port(const daemon::Config& config, Examination& report) {
   const std::string where = fmt::format("{}:{}", config.plc.host.view(), config.plc.port);
   if (!examine_privileged_port(config, where, report)) return;
-  const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  if (fd < 0) return report.unknown("plc port", std::strerror(errno));
+  const Fd socket(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
+  if (!socket.is_open()) return report.unknown("plc port", std::strerror(errno));
   const int one = 1;
-  (void)::setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one);
+  (void)::setsockopt(socket.get(), SOL_SOCKET, SO_REUSEADDR, &one, sizeof one);
   sockaddr_in address{};
   address.sin_family = AF_INET;
   address.sin_port = htons(config.plc.port);
   const std::string host(config.plc.host.view());
   const bool numeric = ::inet_pton(AF_INET, host.c_str(), &address.sin_addr) == 1;
-  const int fault = !numeric ? EINVAL
-                    : ::bind(fd, static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) == 0
-                        ? 0
-                        : errno;
-  ::close(fd);
+  const int fault =
+      !numeric ? EINVAL
+      : ::bind(socket.get(), static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) == 0
+          ? 0
+          : errno;
   if (fault == 0)
     report.ok("plc port", where + " is free for the daemon");
   else if (fault == EADDRINUSE)
@@ -255,11 +256,10 @@ void examine_registers(const daemon::Config& config, Examination& report) {
 /// slabd may open it.
 void examine_serial_line(const char* device, Examination& report) {
   constexpr const char* kCheck = "plc line";
-  const int fd = ::open(device, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
-  const int fault = fd < 0 ? errno : 0;
+  const Fd port(::open(device, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+  const int fault = port.is_open() ? 0 : errno;
   termios line{};
-  const bool serial = fd >= 0 && ::tcgetattr(fd, &line) == 0;
-  if (fd >= 0) ::close(fd);
+  const bool serial = port.is_open() && ::tcgetattr(port.get(), &line) == 0;
   constexpr unsigned kReadAndWrite = 6;
   const Account account = daemon_account();
   struct stat file {};

@@ -14,6 +14,7 @@
 #include <memory>
 #include <optional>
 
+#include "base/os.h"
 #include "cli/doctor/doctor.h"
 
 namespace slabd::cli {
@@ -61,18 +62,17 @@ void name_interface(RouteSeen& route) {
 
 RouteSeen route_to(std::uint32_t address) {
   RouteSeen route;
-  const int fd = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  if (fd < 0) return {errno, 0, {}, false};
+  const Fd socket(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  if (!socket.is_open()) return {errno, 0, {}, false};
   sockaddr_in peer{};
   peer.sin_family = AF_INET;
   peer.sin_port = htons(9);
   peer.sin_addr.s_addr = htonl(address);
   sockaddr_in own{};
   socklen_t bytes = sizeof own;
-  if (::connect(fd, static_cast<const sockaddr*>(static_cast<const void*>(&peer)), sizeof peer) != 0 ||
-      ::getsockname(fd, static_cast<sockaddr*>(static_cast<void*>(&own)), &bytes) != 0)
+  if (::connect(socket.get(), static_cast<const sockaddr*>(static_cast<const void*>(&peer)), sizeof peer) != 0 ||
+      ::getsockname(socket.get(), static_cast<sockaddr*>(static_cast<void*>(&own)), &bytes) != 0)
     route.fault = errno;
-  ::close(fd);
   route.address = ntohl(own.sin_addr.s_addr);
   if (route.fault == 0) name_interface(route);
   return route;

@@ -23,6 +23,7 @@
 #include <thread>
 #include <vector>
 
+#include "base/os.h"
 #include "gateway/kuka/rsi.h"
 
 namespace slabd::kuka {
@@ -99,14 +100,14 @@ std::string dotted(std::uint32_t address) {
   return fmt::format("{}.{}.{}.{}", address >> 24U, (address >> 16U) & 255U, (address >> 8U) & 255U, address & 255U);
 }
 
-/// Opens the receiving socket; -1 and a logged message on failure.
-int open_socket(const sockaddr_in& address, const std::string& listen) {
-  const int fd = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  if (fd < 0 || ::bind(fd, static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) != 0) {
+/// Opens the receiving socket; none and a logged message on failure.
+Fd open_socket(const sockaddr_in& address, const std::string& listen) {
+  Fd fd(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  if (!fd.is_open() ||
+      ::bind(fd.get(), static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address) != 0) {
     say("error: {}: {}; does another program listen there, is it an address of this computer?", listen,
         std::strerror(errno));
-    if (fd >= 0) ::close(fd);
-    return -1;
+    return {};
   }
   return fd;
 }
@@ -258,8 +259,8 @@ int bridge(const Options& options) {
         options.lcm_url);
     return kExitBadInput;
   }
-  const int fd = open_socket(address, options.listen);
-  if (fd < 0) return kExitUnreachable;
+  const Fd fd = open_socket(address, options.listen);
+  if (!fd.is_open()) return kExitUnreachable;
   Publisher publisher(options);
   if (!publisher.open()) return 0;
   say("RSI on {} -> {} on {}", options.listen, options.channel, options.lcm_url);
@@ -270,14 +271,14 @@ int bridge(const Options& options) {
   std::uint64_t not_believed = 0;
   std::array<char, kRsiBytesMax + 1> buffer{};
   while (!g_stop) {
-    pollfd waiting{fd, POLLIN, 0};
+    pollfd waiting{fd.get(), POLLIN, 0};
     const int ready = ::poll(&waiting, 1, 200);
     voice.look(translator.counters(), not_believed);
     if (ready <= 0) continue;
     sockaddr_in sender{};
     socklen_t size = sizeof sender;
-    const ssize_t got =
-        ::recvfrom(fd, buffer.data(), buffer.size(), 0, static_cast<sockaddr*>(static_cast<void*>(&sender)), &size);
+    const ssize_t got = ::recvfrom(fd.get(), buffer.data(), buffer.size(), 0,
+                                   static_cast<sockaddr*>(static_cast<void*>(&sender)), &size);
     if (got < 0) continue;
     const std::uint32_t from_address = ntohl(sender.sin_addr.s_addr);
     const std::string name = fmt::format("{}:{}", dotted(from_address), ntohs(sender.sin_port));
@@ -308,7 +309,6 @@ int bridge(const Options& options) {
     const bool sent = publisher.publish(*pose);
     voice.published(sent, errno);
   }
-  ::close(fd);
   return 0;
 }
 
