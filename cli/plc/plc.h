@@ -11,6 +11,7 @@
 namespace slabd::cli {
 
 void add_plc_monitor(args::Command& plc);
+void add_plc_command(args::Command& plc);
 
 /// Both memories at the same time.
 struct PlcRegisters {
@@ -23,6 +24,8 @@ struct PlcRegisters {
 /// Registers from the daemon that listens on this control socket, for every role. Code::scanner_offline: it does not
 /// answer, or does not support the request.
 [[nodiscard]] Result<PlcRegisters> plc_registers(const std::string& control_socket);
+/// The same; over Modbus if the daemon is a server and its control socket does not answer.
+[[nodiscard]] Result<PlcRegisters> plc_registers(const daemon::Config& config);
 
 /// Both memories of register map 1.0 as Markdown tables.
 [[nodiscard]] std::string register_markdown();

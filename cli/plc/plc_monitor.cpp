@@ -250,6 +250,11 @@ bool take_address(std::string_view text, hal::PlcSettings& plc) {
   return true;
 }
 
+/// An address that can be connected to, for one that is listened on.
+std::string reachable_host(const hal::PlcSettings& plc) {
+  return plc.host.view() == "0.0.0.0" ? "127.0.0.1" : std::string(plc.host.view());
+}
+
 int monitor(Options options) {
   daemon::Config config;
   // A remote slabd without a local configuration: unit 1, high word first.
@@ -264,9 +269,8 @@ int monitor(Options options) {
     config.plc.role = hal::PlcRole::server;
   }
   const bool over_wire = config.plc.role == hal::PlcRole::server && options.socket.empty();
-  const std::string host(config.plc.host.view() == "0.0.0.0" ? std::string_view("127.0.0.1") : config.plc.host.view());
   const std::string socket = options.socket.empty() ? config.control_socket : options.socket;
-  WireSource wire(config.plc, host);
+  WireSource wire(config.plc, reachable_host(config.plc));
   Pulses pulses;
   const bool terminal = isatty(STDOUT_FILENO) != 0;
   if (!terminal && !options.as_json) options.once = true;
@@ -308,6 +312,12 @@ Result<PlcRegisters> plc_registers(const std::string& control_socket) {
   registers.from = fmt::format("{} role, through {}", image.value("role", "?"), control_socket);
   registers.trouble = image.value("trouble", "");
   return registers;
+}
+
+Result<PlcRegisters> plc_registers(const daemon::Config& config) {
+  Result<PlcRegisters> told = plc_registers(config.control_socket);
+  if (told || config.plc.role != hal::PlcRole::server) return told;
+  return WireSource(config.plc, reachable_host(config.plc)).read();
 }
 
 void add_plc_monitor(args::Command& plc) {

@@ -183,6 +183,7 @@ void add_plc(args::Command& app) {
     return kDone;
   });
   add_plc_monitor(*plc);
+  add_plc_command(*plc);
 }
 
 }  // namespace slabd::cli

@@ -129,9 +129,12 @@ socket = "{self.dir}/control.sock"
         answer = self.peers.stdout.readline().strip()
         assert answer == expected, f"{text}: {answer!r}"
 
-    def slabctl(self, *arguments):
+    def slabctl_and_errors(self, *arguments):
         done = subprocess.run([f"{self.build}/cli/slabctl", *arguments], capture_output=True, text=True, check=False)
-        return done.returncode, done.stdout
+        return done.returncode, done.stdout, done.stderr
+
+    def slabctl(self, *arguments):
+        return self.slabctl_and_errors(*arguments)[:2]
 
     def status(self):
         code, out = self.slabctl("status", "--socket", f"{self.dir}/control.sock", "--json")
