@@ -8,6 +8,7 @@
 #include <iostream>
 #include <memory>
 
+#include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/recipe/recipe_source.h"
@@ -219,15 +220,18 @@ int simulate(const Options& options) {
                                 options.config)
                   : fmt::format("--plc-device: {} has [plc] role = \"{}\", which has no serial line", options.config,
                                 hal::kPlcRoles.at(static_cast<std::size_t>(config.plc.role))));
-  if (config.calibration.id.empty())
+  // The emulated scanner is where the line believes it is: after a calibration was applied, there.
+  const cli::InForce hand_eye = cli::hand_eye_in_force(config);
+  if (hand_eye.id.empty())
     cli::stop(cli::kBadInput,
-              fmt::format("{}: [calibration] T_flange_scanner is missing; the emulated scanner really sits there",
+              fmt::format("{}: neither a calibration is in force nor is there a [calibration] T_flange_scanner; the "
+                          "emulated scanner has no place on the flange",
                           options.config));
   const std::string_view backend = hal::kScannerBackends.at(static_cast<std::size_t>(config.scanner_backend));
   if (!options.backend.empty() && options.backend != backend)
     cli::stop(cli::kUsage, fmt::format("--scanner {}: {} has [scanner] backend = \"{}\", and the daemon hears no other",
                                        options.backend, options.config, backend));
-  Cell cell{config.T_base_slab, config.calibration.T_flange_scanner};
+  Cell cell{config.T_base_slab, hand_eye.T_flange_scanner};
   if (!options.stations.empty()) {
     Result<std::vector<Pose>> points = cli::read_krl_points(options.stations);
     if (points && points.value().size() != recipe.stations())

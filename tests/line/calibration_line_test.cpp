@@ -89,6 +89,18 @@ TEST_F(CalibrationLineTest, is_applied_without_the_daemon_and_found_at_its_start
   EXPECT_EQ(status()["fault"]["code"], 0);
 }
 
+TEST_F(CalibrationLineTest, the_emulated_scanner_is_where_the_calibration_in_force_says) {
+  ASSERT_EQ(adopt("0.05").exit_status, 0);
+  // From now on the configuration's commissioning value is not used, by slabd or by the emulator.
+  std::string text = read_file(box.config);
+  const std::size_t at = text.find("T_flange_scanner");
+  text.replace(at, text.find('\n', at) - at, "T_flange_scanner = [30.0, 80.0, 150.0, 1.0, 0.0, 0.0, 0.0]");
+  std::ofstream(box.config) << text;
+  start();
+  EXPECT_EQ(box.simulate({"--slab-no", "1"})->wait(), 0)
+      << read_file(box.dir / "simulate.out") << read_file(box.dir / "simulate.err");
+}
+
 TEST_F(CalibrationLineTest, an_expired_or_missing_calibration_is_fault_503_with_its_cure) {
   // Removes the commissioning values from the configuration, so that the daemon has no calibration.
   std::string text = read_file(box.config);
