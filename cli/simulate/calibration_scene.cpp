@@ -21,6 +21,7 @@ constexpr double kEdge_mm = 2.0;
 constexpr double kPostRadius_mm = 6.0;
 constexpr double kTableBelow_mm = 130.0;
 constexpr double kFrameBelow_mm = 60.0;
+const Eigen::Vector2d kPlateHalf_mm(100.0, 70.0);
 /// Range of target positions that are completely in the picture (350 x 500 mm at 600 mm), and of the scanner's tilt. A
 /// block is only registered from near its nominal view.
 struct ViewRange {
@@ -33,6 +34,7 @@ ViewRange range_of(TargetKind kind) {
   switch (kind) {
     case TargetKind::ball: return {105.0, 150.0, 540.0, 660.0, 20.0, 35.0, 90.0};
     case TargetKind::artefact: return {25.0, 70.0, 570.0, 640.0, 20.0, 35.0, 90.0};
+    case TargetKind::plate: return {60.0, 120.0, 540.0, 660.0, 0.0, 25.0, 20.0};
     case TargetKind::block: break;
   }
   return {15.0, 5.0, 590.0, 630.0, 0.0, 7.0, 5.0};
@@ -58,7 +60,8 @@ calib::ArtefactCertificate certify(const CalibrationTraits& traits) {
   c.ball_radius_mm = traits.ball_radius_mm;
   c.ball_radius_sigma_mm = 0.001;
   c.sigma_mm = 0.001;
-  c.balls_mm = traits.kind == TargetKind::artefact ? artefact_balls() : std::vector<Vec3>{Vec3::Zero()};
+  if (traits.kind == TargetKind::artefact) c.balls_mm = artefact_balls();
+  if (traits.kind == TargetKind::ball) c.balls_mm = {Vec3::Zero()};
   return c;
 }
 
@@ -75,6 +78,11 @@ Solids build(const CalibrationTraits& traits, const calib::ArtefactCertificate& 
   if (traits.kind == TargetKind::artefact)
     solids.plates.push_back(
         {Vec3(0.0, 15.0, -traits.ball_radius_mm - kFrameBelow_mm), Vec3(125.0, 0.0, 0.0), Vec3(0.0, 105.0, 0.0)});
+  if (traits.kind == TargetKind::plate) {
+    // Lifted off the table, as its edges must be free.
+    solids.plates.push_back({Vec3::Zero(), Vec3(kPlateHalf_mm.x(), 0.0, 0.0), Vec3(0.0, kPlateHalf_mm.y(), 0.0)});
+    solids.posts.push_back({Vec3::Zero(), Vec3(0.0, 0.0, table_z), kPostRadius_mm});
+  }
   if (!traits.clutter) return solids;
   solids.plates.push_back({Vec3(0.0, 0.0, table_z), Vec3(600.0, 0.0, 0.0), Vec3(0.0, 600.0, 0.0)});
   // A wall in the back, a rod, and a foreign ball.
@@ -230,6 +238,7 @@ std::string_view name(TargetKind kind) {
     case TargetKind::ball: return "ball";
     case TargetKind::artefact: return "artefact";
     case TargetKind::block: return "block";
+    case TargetKind::plate: return "plate";
   }
   return "?";
 }

@@ -12,23 +12,22 @@
 #include "emulator/robot_error.h"
 #include "emulator/scan_drawing.h"
 
-/// Calibration scene of the emulated scanner: a tooling ball on its post, an artefact of three balls, or the reference
-/// block, with a table, a wall, a rod and a foreign ball. Scans have noise of both kinds, mixed points at edges, and
-/// shadows of the projector. The seed determines everything, and the truth is known.
-/// mixed points at edges, and shadows of the projector. Everything is decided by the seed, and the truth is known.
+/// Calibration scene of the emulated scanner: a tooling ball on its post, an artefact of three balls, a flat plate, or
+/// the reference block, with a table, a wall, a rod and a foreign ball. Scans have noise of both kinds, mixed points at
+/// edges, and shadows of the projector. The seed determines everything, and the truth is known.
 ///
 /// The code shares nothing with calib's ball finding, so that the emulator and the measurement do not share errors.
 namespace slabd::simulate {
 
-enum class TargetKind : std::uint8_t { ball, artefact, block };
+enum class TargetKind : std::uint8_t { ball, artefact, block, plate };
 [[nodiscard]] std::string_view name(TargetKind kind);
 
 struct CalibrationTraits {
   TargetKind kind = TargetKind::ball;
   std::uint64_t seed = 1;
   double ball_radius_mm = 25.4;
-  /// The target's origin and axes in the base frame, Z up: centre of the ball, the certificate's frame, the block
-  /// frame.
+  /// The target's origin and axes in the base frame, Z up: centre of the ball or plate, the certificate's frame, the
+  /// block frame.
   Pose T_base_target{Quat::Identity(), Vec3(1500.0, 200.0, 600.0)};
   Pose T_flange_scanner{Quat(0.9961947, 0.0, 0.0871557, 0.0).normalized(), Vec3(40.0, -25.0, 180.0)};
   RobotErrorTraits robot{1, 0.0, 500.0, -1.0, 0.017, -1.0};
@@ -66,7 +65,7 @@ class CalibrationScene {
 
   [[nodiscard]] const CalibrationTraits& traits() const { return traits_; }
   [[nodiscard]] const RobotError& robot() const { return robot_; }
-  /// Kind artefact: the laboratory's values (here without error); kind ball: one ball at the origin.
+  /// Kind artefact: the laboratory's values (here without error); kind ball: one ball at the origin; else no ball.
   [[nodiscard]] const calib::ArtefactCertificate& certificate() const { return certificate_; }
 
   /// Views that a good operator would choose, as T_base_flange reported by the controller: tilts of 20..35 degrees to

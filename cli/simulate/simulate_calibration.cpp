@@ -50,8 +50,7 @@ void write_view(Json& json, const CalibrationScene& scene, const Pose& reported,
   json.begin_object().field("files", files).field("T_base_flange_reported", reported);
   json.field("T_base_flange_real", scene.robot().real(reported, visit)).field("T_scanner_target", T_scanner_target);
   json.key("balls_mm").begin_array();
-  if (scene.traits().kind != TargetKind::block)
-    for (const Vec3& ball : scene.certificate().balls_mm) json.value(Vec3(T_scanner_target * ball));
+  for (const Vec3& ball : scene.certificate().balls_mm) json.value(Vec3(T_scanner_target * ball));
   json.end_array().end_object();
 }
 
@@ -103,7 +102,7 @@ void write_calibration_truth(const CalibrationScene& scene, const CalibrationSca
   make_folder(dir);
   Json json("slabd.calibration_truth/1");
   json.field("kind", traits.kind).field("seed", traits.seed);
-  json.field("ball_radius_mm", traits.kind == TargetKind::block ? kNoValue : traits.ball_radius_mm);
+  json.field("ball_radius_mm", scene.certificate().balls_mm.empty() ? kNoValue : traits.ball_radius_mm);
   json.field("T_flange_scanner", traits.T_flange_scanner).field("T_base_target", traits.T_base_target);
   write_robot(json, scene.robot().traits());
   write_scan_traits(json, scan);
@@ -159,8 +158,9 @@ int write_calibration(const CalibrationOrder& order) {
     }
   }
   if (terminal) fmt::print(stderr, "\r\x1b[K");
-  fmt::print("{}: {} views of the {}, flange.txt, {}truth.json\n", order.out_dir, poses.size(), name(order.scene.kind),
-             order.scene.kind == TargetKind::ball ? "" : "certificate.txt, ");
+  fmt::print(
+      "{}: {} views of the {}, flange.txt, {}truth.json\n", order.out_dir, poses.size(), name(order.scene.kind),
+      order.scene.kind == TargetKind::artefact || order.scene.kind == TargetKind::block ? "certificate.txt, " : "");
   return cli::kDone;
 }
 
@@ -186,6 +186,7 @@ void add_simulate_calibration(args::Command& simulate) {
       "\nball       a tooling ball on its post, with table, wall, rod and a foreign ball around\n"
       "artefact   three balls on a frame, with a certificate\n"
       "block      the reference block, drawn as the recipe says, from near its nominal view\n"
+      "plate      a flat plate, for slabctl scanner verify\n"
       "slab       a mastered slab: what five rounds over its stations saw (visits.txt), with its certificate\n\n"
       "--live: nothing is written; robot and scanner of a running daemon stand before the target instead. The robot "
       "goes\n"
@@ -193,8 +194,8 @@ void add_simulate_calibration(args::Command& simulate) {
       "Example: slabctl simulate calibration --kind ball --out set --views 20 --seed 1\n"
       "         slabctl calibrate ball set/view_*.ply --radius 25.4 --target set/target.txt\n"
       "         slabctl calibrate solve --kind ball --flange set/flange.txt --target set/target.txt");
-  command->add_option("--kind", options->kind, "Target of the calibration: ball, artefact, block or slab")
-      ->check(args::one_of({"ball", "artefact", "block", "slab"}))
+  command->add_option("--kind", options->kind, "Target of the calibration: ball, artefact, block, plate or slab")
+      ->check(args::one_of({"ball", "artefact", "block", "plate", "slab"}))
       ->capture_default_str();
   command->add_option("--out", order.out_dir,
                       "Folder to make; must not hold anything yet (--live: for truth and certificate alone)");
@@ -276,6 +277,7 @@ void add_simulate_calibration(args::Command& simulate) {
     pose_option(options->T_base_target, "--T-base-target", o.scene.T_base_target);
     o.scene.kind = options->kind == "artefact" ? TargetKind::artefact
                    : options->kind == "block"  ? TargetKind::block
+                   : options->kind == "plate"  ? TargetKind::plate
                                                : TargetKind::ball;
     const bool slab = options->kind == "slab";
     if ((o.scene.kind == TargetKind::block || slab) && o.recipe.empty())

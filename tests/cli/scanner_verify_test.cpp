@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <fmt/core.h>
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
@@ -65,6 +66,23 @@ TEST_F(ScannerVerify, figures_are_printed_kept_and_found_again_and_limits_decide
   EXPECT_EQ(kept[0]["scanner"], "SN7");
   EXPECT_EQ(kept[0]["within_limits"], true);
   EXPECT_EQ(kept[1]["within_limits"], false);
+}
+
+TEST_F(ScannerVerify, an_emulated_plate_and_ball_rehearse_the_acceptance) {
+  const auto drawn = [&](const char* kind, int views) {
+    const std::string folder = file(kind);
+    const Ended set = run(fmt::format("simulate calibration --kind {} --views {} --out {}", kind, views, folder));
+    EXPECT_EQ(set.status, 0) << set.err;
+    std::string files;
+    for (int view = 1; view <= views; ++view) files += fmt::format(" {}/view_{:02}.ply", folder, view);
+    return files;
+  };
+  const Ended verified = run("scanner verify --plate" + drawn("plate", 6) + " --ball" + drawn("ball", 10) +
+                             " --diameter-mm 50.8 --limit-rf-mm 0.3 --limit-pf-mm 0.3 --limit-ps-mm 0.05 --json");
+  ASSERT_EQ(verified.status, 0) << verified.err << verified.out;
+  const auto record = nlohmann::json::parse(verified.out);
+  EXPECT_EQ(record["refusal"], "") << "six places of the plate, ten of the ball";
+  EXPECT_NEAR(record["noise_sigma_mm"].get<double>(), 0.03, 0.003);
 }
 
 TEST_F(ScannerVerify, the_budget_takes_the_shortest_length_because_the_same_form_tilts_more_over_it) {
