@@ -235,6 +235,7 @@ GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::
     tables[{rank_of(item), item}].put(placing);
   }
   GrrStudy study;
+  std::vector<std::pair<std::string, std::vector<std::string>>> refused;  // cause, and the items that it concerns
   for (auto& [key, loose] : tables) {
     GrrItem& item = loose.item;
     item.tolerance = tolerance(key.second);
@@ -254,13 +255,21 @@ GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::
       }
     }
     if (!hole.empty()) {
-      study.refused.push_back(fmt::format("{}: {}", key.second, hole));
+      const auto known = std::find_if(refused.begin(), refused.end(), [&](const auto& r) { return r.first == hole; });
+      if (known != refused.end())
+        known->second.push_back(key.second);
+      else
+        refused.push_back({hole, {key.second}});
       continue;
     }
     item.by_range = average_range(item.crossed);
     if (!has_value(item.tolerance)) item.tolerance = item.about.upper - item.about.lower;
     item.judged = judge(item.crossed, item.by_anova.components, item.tolerance);
     study.items.push_back(std::move(item));
+  }
+  for (const auto& [cause, of] : refused) {
+    const bool all = study.items.empty() && refused.size() == 1 && of.size() > 2;
+    study.refused.push_back(fmt::format("{}: {}", all ? fmt::format("all {} items", of.size()) : join(of), cause));
   }
   return study;
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl study as a process: on scans, stored slabs and tables.
+#include <fmt/core.h>
+
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
@@ -455,6 +457,18 @@ TEST_F(StudyTest, grr_names_the_cell_that_is_missing_and_the_one_given_twice) {
       run("study grr " + write("empty.csv", "part,appraiser,trial,value\n1,A,1,5\n1,A,2,\n2,A,1,5\n2,A,2,5\n"));
   expect_mentions(empty.err, "was not measured (" + file("empty.csv") + ":3)");
   expect_mentions(run("study grr " + write("wrong.csv", "part,trial,value\n1,1,5\n")).err, "column missing: appraiser");
+}
+
+TEST_F(StudyTest, grr_says_one_cause_of_several_items_once) {
+  std::string plan = "part,appraiser,trial,item,value\n";
+  for (const char* item : {"a", "b", "c", "d"})
+    for (const char* part : {"1", "2"}) plan += fmt::format("{},A,1,{},5\n", part, item);
+  EXPECT_EQ(run("study grr " + write("one.csv", plan)).err,
+            "all 4 items: 2 parts, 1 appraisers, 1 trials; two of each at least\n");
+  plan += "1,A,1,a,6\n";
+  const Ended two = run("study grr " + write("two.csv", plan));
+  expect_mentions(two.err, "\nb, c, d: 2 parts, 1 appraisers");
+  expect_mentions(two.err, "a: ");
 }
 
 TEST_F(StudyTest, grr_is_never_capable_by_limits_that_are_none_or_not_the_same) {
