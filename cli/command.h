@@ -37,6 +37,7 @@ void add_export(args::Command& app);
 /// Adds `pin` and `unpin`.
 void add_pin(args::Command& app);
 void add_study(args::Command& app);
+void add_commission(args::Command& app);
 void add_completion(args::Command& app);
 void add_simulate(args::Command& app);
 void add_calibrate(args::Command& app);

@@ -225,6 +225,7 @@ void add_commands(args::Command& app) {
   add_inspect(app);
   add_fit_plane(app);
   add_status(app);
+  add_commission(app);
   add_doctor(app);
   add_robot(app);
   add_scanner(app);

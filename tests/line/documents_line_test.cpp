@@ -78,6 +78,7 @@ TEST(DocumentsLine, output_of_a_running_line_matches_its_published_schemas) {
   documents.keep(read_file(box.dir / "simulate.out"));
   ask({"status"});
   ask({"db", "check"});
+  ask({"commission"});
   ask({"history"});
   ask({"show", "1"});
   EXPECT_EQ(box.slabctl({"pin", "1", "--reason", "complaint \"17\"", "--config", box.config.native()}).exit_status, 0);
