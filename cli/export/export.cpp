@@ -194,6 +194,9 @@ int export_cloud(CloudOptions options) {
     complain(fmt::format("warning: {} is not the recipe that the slab was measured with", recipe->path.view()));
   if (options.block > slab.stations)
     stop(kUsage, fmt::format("--block {}: this slab has blocks 1..{}", options.block, slab.stations));
+  if (options.out.empty())
+    options.out = options.block == 0 ? fmt::format("slab-{}.ply", slab.slab_no)
+                                     : fmt::format("slab-{}-block-{}.ply", slab.slab_no, options.block);
   const CloudCount count =
       need(options.block != 0 ? write_block_cloud(options.out, record, options.block, *recipe, options.cloud)
                               : write_slab_cloud(options.out, record, *recipe, options.cloud),
@@ -205,8 +208,9 @@ int export_cloud(CloudOptions options) {
   return kDone;
 }
 
-int export_model(const ModelOptions& options) {
+int export_model(ModelOptions options) {
   const Recipe recipe = recipe_from(options.recipe);
+  if (options.out.empty()) options.out = fmt::format("{}-{}.stl", recipe.name.view(), options.block ? "block" : "slab");
   const Mesh mesh = need(options.block ? block_mesh(recipe) : slab_mesh(recipe), kBadInput);
   const std::string title = fmt::format("{} of recipe {} {:.12}, mm", options.block ? "block" : "slab",
                                         recipe.name.view(), recipe.sha256.view());
@@ -223,10 +227,10 @@ void add_cloud(args::Command& parent) {
       "\nPLY, binary, mm, without the points that no surface goes through. Of a slab: x, y, z, station. Of a block, "
       "in\n"
       "the block's frame as registered: x, y, z, deviation_mm (to the recipe's block), face.\n"
-      "Examples: slabctl export cloud SLAB-0042 --out slab.ply --voxel 2\n"
+      "Examples: slabctl export cloud SLAB-0042 --voxel 2\n"
       "          slabctl export cloud SLAB-0042 --block 7 --out block7.ply");
   command->add_option("SLAB", options->slab, "Key or slab id (key:12, id:12 where a number may be either)")->required();
-  command->add_option("--out", options->out, "PLY file")->required();
+  command->add_option("--out", options->out, "PLY file; default: slab-NO.ply or slab-NO-block-K.ply");
   command->add_option("--block", options->block, "This block alone")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command
@@ -245,7 +249,7 @@ void add_model(args::Command& parent) {
   args::Command command = parent.add_subcommand("model", "A recipe's slab as triangles: STL or PLY");
   command->footer("\nExample: slabctl export model p5600.toml --block --out block.stl");
   command->add_option("RECIPE", options->recipe, "Recipe file")->required();
-  command->add_option("--out", options->out, "File, .stl or .ply, mm")->required();
+  command->add_option("--out", options->out, "File, .stl or .ply, mm; default: RECIPE-slab.stl or RECIPE-block.stl");
   command->add_flag("--block", options->block, "One block in its own frame instead of the slab");
   command->runs([options] { return export_model(*options); });
 }

@@ -197,8 +197,10 @@ void add_simulate_calibration(args::Command& simulate) {
   command->add_option("--kind", options->kind, "Target of the calibration: ball, artefact, block, plate or slab")
       ->check(args::one_of({"ball", "artefact", "block", "plate", "slab"}))
       ->capture_default_str();
-  command->add_option("--out", order.out_dir,
-                      "Folder to make; must not hold anything yet (--live: for truth and certificate alone)");
+  command->add_option(
+      "--out", order.out_dir,
+      "Folder to make, default: simulated-KIND; must not hold anything yet (--live: for truth and certificate "
+      "alone, default: none)");
   args::Option views = command->add_option("--views", order.views, "How many (kind slab: rounds, then 5)")
                            ->check(args::range(1, 400))
                            ->capture_default_str();
@@ -309,9 +311,7 @@ void add_simulate_calibration(args::Command& simulate) {
       line.keep_target = !options->T_base_target.empty();
       return run_calibration_live(line);
     }
-    if (o.out_dir.empty())
-      cli::stop(cli::kUsage,
-                "--out says where the scans are written (or --live: be robot and scanner of a running daemon)");
+    if (o.out_dir.empty()) o.out_dir = "simulated-" + options->kind;
     if (options->kind == "slab") {
       if (views.count() == 0) o.views = 5;
       if (config.count() > 0) take_cell(options->running.config, o.scene);

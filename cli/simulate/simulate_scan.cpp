@@ -225,7 +225,7 @@ void add_simulate_scan(args::Command& simulate) {
       "         slabctl simulate scan --recipe p5600.toml --block 3 --out scan.pcd --format pcd-compressed");
   command->add_option("--recipe", order.recipe, "Recipe of the slab type")->required();
   command->add_option("--block", order.block, "Block number on the slab, from 1")->required();
-  command->add_option("--out", order.out, "File to write; the truth goes beside it as .json")->required();
+  command->add_option("--out", order.out, "File to write, default: block-K.ply; the truth goes beside it as .json");
   command
       ->add_option("--format", order.format, "How it is written (default: what --out ends in; .asc and .txt are xyz)")
       ->check(args::one_of(scan_format_names()));
@@ -249,6 +249,11 @@ void add_simulate_scan(args::Command& simulate) {
     options->order.scanner.scanner_seed = options->order.seed;
     options->order.scanner.concrete = options->scanner.concrete();
     options->order.scanner.damage = damage_of(options->damage, options->order.scanner.concrete.has_value());
+    ScanOrder& ordered = options->order;
+    if (ordered.out.empty()) {
+      const std::optional<hal::ScanFormat> format = hal::scan_format_named(ordered.format);
+      ordered.out = fmt::format("block-{}.{}", ordered.block, format ? hal::extension(*format) : "ply");
+    }
     return write_scan(options->order);
   });
 }
@@ -306,7 +311,8 @@ void add_simulate_plane(args::Command& simulate) {
   command->footer(
       "\nExample: slabctl simulate plane --out plane.xyz\n"
       "         slabctl fit-plane plane.xyz --compare --threshold 0.03 --set 1 2 1");
-  command->add_option("--out", order->out, "Text file to write (.xyz); the truth goes beside it as .json")->required();
+  command->add_option("--out", order->out, "Text file to write (.xyz); the truth goes beside it as .json")
+      ->capture_default_str();
   command->add_option("--seed", order->seed, "Decides everything random")->capture_default_str();
   command->add_option("--points", order->points, "Points of the plane")
       ->check(args::range(std::size_t{0}, limits::kScanPointsMax))

@@ -58,7 +58,7 @@ struct ScannerOptions {
 // `slabctl simulate plane`: the set-up of the paper's Table 1, a plane with noise and outliers, as XYZ text.
 
 struct PlaneOrder {
-  std::string out;
+  std::string out = "plane.xyz";
   std::uint64_t seed = 2024;
   std::size_t points = 2000;
   std::size_t outliers = 500;
