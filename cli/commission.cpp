@@ -100,6 +100,7 @@ void look_at_recipes(const daemon::Config& config, Steps& steps, std::vector<std
   std::vector<daemon::Problem> problems;
   daemon::load_recipes(config.recipes_dir, recipes, problems);
   Step& step = steps[kRecipes];
+  step.saw.clear();
   if (!problems.empty()) {
     step.saw = problems.front().text;
     return;
@@ -221,11 +222,8 @@ report::Report checklist(const Steps& steps, Language language) {
   made.judged = false;
   report::Section& section = made.sections.emplace_back();
   section.title = zh ? "步骤" : "Steps";
-  Table table;
-  for (const char* heading :
-       zh ? std::initializer_list<const char*>{"序号", "步骤<", "完成条件<", "状态<", "日期<", "签名<"}
-          : std::initializer_list<const char*>{"no", "step<", "done when<", "state<", "date<", "signature<"})
-    table.columns.emplace_back(heading);
+  Table table = zh ? Table{"序号", "步骤<", "完成条件<", "状态<", "日期<", "签名<"}
+                   : Table{"no", "step<", "done when<", "state<", "date<", "signature<"};
   for (std::size_t k = 0; k < kStepCount; ++k) {
     const StepText& text = kSteps[k];
     const char* const state = steps[k].state == StepState::done   ? (zh ? "完成" : "done")

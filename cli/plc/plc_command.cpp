@@ -112,8 +112,10 @@ PlcOrder order_of(const Options& options, PlcCommand command, const PlcOutputs& 
 std::string result_line(const PlcResult& record) {
   const std::string what = record.kind == 2 ? fmt::format("slab {}", record.slab_no)
                                             : fmt::format("slab {} block {}", record.slab_no, record.station);
+  std::string words(name(record.verdict));
+  std::replace(words.begin(), words.end(), '_', ' ');
   const std::string why = record.reason == 0 ? "" : ": " + report::reason_sentence(record.reason, report::Language::en);
-  return fmt::format("{}: {}{}\n", what, name(record.verdict), why);
+  return fmt::format("{}: {}{}\n", what, words, why);
 }
 
 [[noreturn]] void stop_with(const PlcTrouble& trouble) {

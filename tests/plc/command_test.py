@@ -25,7 +25,7 @@ def by_hand(box):
     assert "only SCAN has a station" in ask(box, 2, "SLAB_END", "3")
     assert "SCAN needs the station" in ask(box, 2, "SCAN")
     assert "needs --slab-no and --slab-type" in ask(box, 2, "SLAB_BEGIN")
-    assert "105: " in ask(box, 6, "SLAB_BEGIN", "--slab-no", "7", "--slab-type", "99"), "slabd's refusal is shown"
+    assert "106: " in ask(box, 6, "SLAB_BEGIN", "--slab-no", "7", "--slab-type", "99"), "slabd's refusal is shown"
 
     begun = ask(box, 0, "slab-begin", "--slab-no", "7", "--slab-type", "5600", "--slab-id", "HAND-7")
     assert "slab 7 is open, type 5600" in begun, begun
