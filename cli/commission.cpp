@@ -37,7 +37,7 @@ std::string_view name(StepState state) {
   return "open";
 }
 
-/// What never changes of a step.
+/// Texts of a step.
 struct StepText {
   const char* name;
   const char* name_zh;

@@ -63,7 +63,7 @@ class DoctorTest : public testing::Test {
     }
     [[nodiscard]] std::string all() const { return findings.dump(1); }
   };
-  /// Whether a missing answer has this reason: namespaces are refused, as inside some containers.
+  /// True if namespaces are refused, as inside some containers. Another reason for a missing answer is a failure.
   [[nodiscard]] bool namespaces_refused() const {
     const std::string said = read_file(box_.dir / "doctor.err");
     EXPECT_NE(said.find("unshare"), std::string::npos) << said;
