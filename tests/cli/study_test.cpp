@@ -464,11 +464,11 @@ TEST_F(StudyTest, grr_says_one_cause_of_several_items_once) {
   for (const char* item : {"a", "b", "c", "d"})
     for (const char* part : {"1", "2"}) plan += fmt::format("{},A,1,{},5\n", part, item);
   EXPECT_EQ(run("study grr " + write("one.csv", plan)).err,
-            "all 4 items: 2 parts, 1 appraisers, 1 trials; two of each at least\n");
+            "slabctl: all 4 items: 2 parts, 1 appraisers, 1 trials; two of each at least\n");
   plan += "1,A,1,a,6\n";
   const Ended two = run("study grr " + write("two.csv", plan));
-  expect_mentions(two.err, "\nb, c, d: 2 parts, 1 appraisers");
-  expect_mentions(two.err, "a: ");
+  expect_mentions(two.err, "slabctl: b, c, d: 2 parts, 1 appraisers");
+  expect_mentions(two.err, "slabctl: a: ");
 }
 
 TEST_F(StudyTest, grr_is_never_capable_by_limits_that_are_none_or_not_the_same) {
