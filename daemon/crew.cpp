@@ -25,10 +25,10 @@ class ThreadCrew final : public Crew {
     for (std::span<float>& slot : slots_) slot = scan_memory_.take<float>(limits::kScanPointsMax * 3);
   }
 
-  std::unique_ptr<StoreQueue> storage(std::function<StoreDone(const StoreTask&)> work,
+  std::unique_ptr<StoreQueue> storage(std::function<StoreAnswer(const StoreTask&)> work,
                                       std::function<void()> idle) override {
-    return std::make_unique<Worker<StoreTask, StoreDone, limits::kWorkerQueue>>("slabd-store", std::move(work),
-                                                                                std::move(idle));
+    return std::make_unique<Worker<StoreTask, StoreAnswer, limits::kWorkerQueue>>("slabd-store", std::move(work),
+                                                                                  std::move(idle));
   }
   std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
                                      std::function<void()> idle) override {

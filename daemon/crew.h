@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <variant>
 
 #include "base/noise_print.h"
 #include "daemon/station/station.h"
@@ -90,12 +91,14 @@ class FilterWatch {
   std::size_t next_ = 0;
 };
 
-/// A job of the station, or the change on the calibration desk.
-struct StoreTask {
-  bool is_change = false;
-  StoreJob job;
-};
-using StoreQueue = JobQueue<StoreTask, StoreDone>;
+/// Opens the store and reads its state.
+struct OpenStore {};
+/// Carries out the change on the calibration desk.
+struct ChangeCalibration {};
+using StoreTask = std::variant<OpenStore, ChangeCalibration, StoreJob>;
+/// The loop has the results of the first two.
+using StoreAnswer = std::variant<OpenStore, ChangeCalibration, StoreDone>;
+using StoreQueue = JobQueue<StoreTask, StoreAnswer>;
 using ScanQueue = JobQueue<AcquireScan, ScanDone>;
 using MeasureQueue = JobQueue<MeasureBlock, BlockMeasured>;
 
@@ -104,7 +107,7 @@ class Crew {
   virtual ~Crew() = default;
   // Each is called once, and the queues are destroyed before the crew. `idle` is called about ten times a second while
   // the queue is empty.
-  [[nodiscard]] virtual std::unique_ptr<StoreQueue> storage(std::function<StoreDone(const StoreTask&)> work,
+  [[nodiscard]] virtual std::unique_ptr<StoreQueue> storage(std::function<StoreAnswer(const StoreTask&)> work,
                                                             std::function<void()> idle) = 0;
   [[nodiscard]] virtual std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
                                                            std::function<void()> idle) = 0;

@@ -29,8 +29,6 @@
 namespace slabd::daemon {
 namespace {
 
-/// Longest interval between ticks: PLC acknowledgement within 50 ms, heartbeat, settle gate.
-constexpr int kTurn_ms = 10;
 constexpr std::int64_t kWatchdogPeriod_ns = 3 * kNsPerS;
 /// Time after which a worker without a sign of life counts as stuck; the service manager's watchdog then ends the
 /// process. Longer than any scan timeout and than a sync of a slow disk.
@@ -38,8 +36,6 @@ constexpr std::int64_t kWorkerStuck_ns = 60 * kNsPerS;
 /// Time after which a block is given up (405). By counted work alone no block takes longer than some seconds
 /// (limits::kDenoiseLooksMax), so this is for a computer that is ten times too slow.
 constexpr std::int64_t kMeasuringMax_ns = 15 * kNsPerS;
-/// Ticket of the calibration desk's change. The station counts its tickets up from 1 and will not reach this number.
-constexpr std::uint32_t kChangeTicket = 0xFFFF'FFFF;
 /// Duration after which a state of the PLC link is logged, and age of the last line after which it is logged in any
 /// case.
 constexpr std::int64_t kPlcNews_ns = kNsPerS;
@@ -71,15 +67,18 @@ void or_later(const Work& work) {
 }  // namespace
 
 Code fault_without_store(const Error& why) {
+  if (why.code == Code::busy) return Code::config;
   return why.code == Code::store_full ? Code::store_full : Code::journal_write;
 }
 
-Loop::Loop(const Ports& ports, const StationSettings& settings, const hal::ScanForm& scan_form, int measure_threads,
-           LoopFigures figures)
-    : Loop(ports, settings, make_crew(settings.recipes, scan_form, ports.clock, measure_threads, settings.simulation),
+Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, const hal::ScanForm& scan_form,
+           int measure_threads, LoopFigures figures)
+    : Loop(ports, settings, std::move(open),
+           make_crew(settings.recipes, scan_form, ports.clock, measure_threads, settings.simulation),
            std::move(figures)) {}
 
-Loop::Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<Crew> crew, LoopFigures figures)
+Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, std::unique_ptr<Crew> crew,
+           LoopFigures figures)
     : ports_(ports),
       figures_(std::move(figures)),
       station_(std::make_unique<Station>(settings)),
@@ -88,19 +87,20 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<
       blocks_(limits::kStationsMax),
       judged_(std::make_unique<SlabJudged>()),
       crew_(std::move(crew)),
+      open_(std::move(open)),
       calibration_desk_(change_folder(figures_.db_path)) {
-  begun_ns_ = ports_.clock.mono_ns();
-  if (figures_.started_ns == 0) figures_.started_ns = begun_ns_;
-  store_worker_ = crew_->storage([this](const StoreTask& task) { return store(task); },
+  if (figures_.started_ns == 0) figures_.started_ns = ports_.clock.mono_ns();
+  store_worker_ = crew_->storage([this](const StoreTask& task) { return do_task(task); },
                                  [this] {
                                    delete_one();
-                                   if (store_handed_over_.load(std::memory_order_acquire)) {
-                                     or_later([this] { ports_.store->idle(); });
-                                     tell_store_trouble();
-                                   }
+                                   if (store_ == nullptr) return;
+                                   or_later([this] { store_->idle(); });
+                                   tell_store_trouble();
                                  });
   scan_worker_ = crew_->scanner([this](const AcquireScan& job) { return scan(job); },
-                                [this] { or_later([this] { ports_.scanner.idle(); }); });
+                                [this] {
+                                  if (scanner_is_ours_) or_later([this] { ports_.scanner.idle(); });
+                                });
   measure_worker_ = crew_->measuring();
 }
 
@@ -110,22 +110,36 @@ Loop::~Loop() {
 
 // ---- on the workers' threads -------------------------------------------------------------------------------------
 
-StoreDone Loop::store(const StoreTask& task) {
-  StoreDone done;
-  if (task.is_change) {
-    done.ticket = kChangeTicket;
-    calibration_desk_.carry_out(ports_.store);
-    return done;
+StoreAnswer Loop::do_task(const StoreTask& task) {
+  if (const auto* job = std::get_if<StoreJob>(&task)) return store(*job);
+  if (std::holds_alternative<ChangeCalibration>(task)) {
+    calibration_desk_.carry_out(store_.get());
+    return ChangeCalibration{};
   }
-  const StoreJob& job = task.job;
+  open_store();
+  return OpenStore{};
+}
+
+void Loop::open_store() {
+  recovered_ = or_failed([this]() -> Result<std::unique_ptr<RecoveredLine>> {
+    Result<std::unique_ptr<storage::Store>> made = open_(scanner_is_ours_);
+    if (!made.ok()) return made.error();
+    store_ = std::move(made.value());
+    return store_->recover();
+  });
+  if (!recovered_.ok()) store_ = nullptr;  // data that could not be read must not be overwritten
+}
+
+StoreDone Loop::store(const StoreJob& job) {
+  StoreDone done;
   done.ticket = job.ticket;
-  if (ports_.store == nullptr) {
+  if (store_ == nullptr) {
     // Commands are refused in this state because of the fault; only the session number may be shown.
     done.code = std::holds_alternative<SessionJob>(job.what) ? Code::ok : Code::journal_write;
     return done;
   }
   const std::int64_t start_ns = ports_.clock.mono_ns();
-  const Status status = or_failed([&] { return ports_.store->apply(job); });
+  const Status status = or_failed([&] { return store_->apply(job); });
   done.commit_ms = ms_from_ns(ports_.clock.mono_ns() - start_ns);
   if (!status.ok()) {
     done.code = status.error().code;
@@ -133,14 +147,14 @@ StoreDone Loop::store(const StoreTask& task) {
     say({LogLine::Level::error, static_cast<std::uint16_t>(done.code), status.error().text});
   }
   if (const auto* end = std::get_if<SlabJob>(&job.what); end != nullptr && status.ok()) note_chain(end->slab_key);
-  if (spool_trouble_.is_news(ports_.store->spool_trouble()) && !spool_trouble_.seen().empty())
+  if (spool_trouble_.is_news(store_->spool_trouble()) && !spool_trouble_.seen().empty())
     say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full), spool_trouble_.seen()});
   return done;
 }
 
 /// The journal is evidence outside of the database.
 void Loop::note_chain(std::int64_t slab_key) {
-  const storage::ChainHead head = storage::chain_head(*ports_.store);
+  const storage::ChainHead head = storage::chain_head(*store_);
   if (head.entries == 0) return;
   LogLine line{LogLine::Level::info, static_cast<std::uint16_t>(Code::ok), {}};
   line.text.printf("slab key %lld is sealed: entry %lld of the chain of results, SHA-256 %s",
@@ -149,7 +163,7 @@ void Loop::note_chain(std::int64_t slab_key) {
 }
 
 void Loop::tell_store_trouble() {
-  const std::string_view trouble = ports_.store->trouble();
+  const std::string_view trouble = store_->trouble();
   if (store_trouble_.is_news(trouble)) {
     if (trouble.empty())
       say({LogLine::Level::info, static_cast<std::uint16_t>(Code::ok), "the database is in its place again"});
@@ -206,53 +220,44 @@ ScanDone Loop::scan(const AcquireScan& job) {
 
 // ---- on the loop's thread ----------------------------------------------------------------------------------------
 
-bool Loop::run(const std::atomic<bool>& stop, std::int64_t patience_ns) {
-  start();
-  while (!stop.load()) {
-    turn(kTurn_ms);
-    if (wants_store(patience_ns)) return true;
-  }
-  finish();
-  return false;
-}
-
-bool Loop::wants_store(std::int64_t patience_ns) const {
-  if (ports_.store != nullptr) return false;
-  // With a faulty configuration the store cannot be reopened.
-  const Code fault = station_->settings.fault;
-  const bool used_by_another = fault == Code::config && !figures_.used_by_another.empty();
-  if (fault != Code::journal_write && fault != Code::store_full && !used_by_another) return false;
-  return holds(Rule::store_retried) && (fault_was_reset_ || ports_.clock.mono_ns() - begun_ns_ >= patience_ns);
-}
-
-/// State for a database that cannot be read. Its session is far from that of a new database. A command refused here
-/// remains in the registers and must not match when the database is opened.
-static std::unique_ptr<RecoveredLine> nothing_recovered() {
-  constexpr std::uint16_t kSessionWithoutStore = 0x8000;
-  auto line = std::make_unique<RecoveredLine>();
-  line->session = kSessionWithoutStore;
-  return line;
-}
-
 void Loop::start() {
-  if (ports_.store != nullptr) {
-    const Result<std::unique_ptr<RecoveredLine>> line = ports_.store->recover();
-    if (line.ok()) {
-      crew_->remember(line.value()->noise);
-      handle(Recovered{line.value().get()});
-    } else {
-      say({LogLine::Level::error, static_cast<std::uint16_t>(line.error().code), line.error().text});
-      figures_.store_text = line.error().text;
-      // Data that could not be read must not be overwritten.
-      ports_.store = nullptr;
-      station_->settings.fault = fault_without_store(line.error());
-      handle(Recovered{nothing_recovered().get()});
-    }
-  } else {
-    handle(Recovered{nothing_recovered().get()});
-  }
-  store_handed_over_.store(ports_.store != nullptr, std::memory_order_release);
+  if (const Code fault = station_->settings.fault; fault == Code::ok)
+    order_store();
+  else
+    handle(NotRecovered{fault});
   ports_.notify.ready();
+}
+
+/// A new station takes the place of the present one, because the commands refused without a store must leave no trace.
+void Loop::order_store() {
+  if (!store_worker_->push(OpenStore{})) return;
+  StationSettings settings = station_->settings;
+  settings.fault = Code::ok;
+  *station_ = Station(settings);
+  figures_.opening = true;
+  fault_was_reset_ = false;
+  reopen_ns_.reset();
+}
+
+void Loop::take_store() {
+  figures_.opening = false;
+  if (recovered_.ok()) {
+    ports_.store = store_.get();
+    figures_.store_text.clear();
+    const std::unique_ptr<RecoveredLine> line = std::move(recovered_.value());
+    crew_->remember(line->noise);
+    handle(Recovered{line.get()});
+    return;
+  }
+  const Error& why = recovered_.error();
+  const Code fault = fault_without_store(why);
+  say({LogLine::Level::error, static_cast<std::uint16_t>(fault), why.text});
+  figures_.store_text = why.text;
+  if (holds(Rule::store_retried)) reopen_ns_ = ports_.clock.mono_ns() + store_patience_ns_;
+  // Another daemon may end at any time.
+  store_patience_ns_ =
+      why.code == Code::busy ? kStorePatience_ns : std::min(2 * store_patience_ns_, kStorePatienceMax_ns);
+  handle(NotRecovered{fault});
 }
 
 void Loop::finish() {
@@ -265,11 +270,11 @@ void Loop::finish() {
 
 /// An orderly shutdown removes the marks of measurements, so that the next process may measure these scans again.
 void Loop::give_measurements_up() {
-  if (!store_handed_over_) return;
+  if (ports_.store == nullptr) return;
   const Station& s = *station_;
   const auto give_up = [this](const Attempt& attempt) {
     const MeasuringJob job{attempt.slab_key, attempt.station, attempt.number, 0};
-    (void)store_worker_->push(StoreTask{false, StoreJob{kNoJobTicket, job}});
+    (void)store_worker_->push(StoreJob{kNoJobTicket, job});
   };
   if (s.acquisition.phase == Acquisition::Phase::storing) give_up(s.acquisition.attempt);
   for (std::size_t i = 0; i < s.station_measuring.size(); ++i)
@@ -313,17 +318,18 @@ void Loop::tick() {
   handle(Tick{ports_.clock.mono_ns(), ports_.clock.utime_us()});
   handle(LinkStatus{ports_.scanner.online(), ports_.scanner.hangs(), ports_.scanner.stray_files(),
                     ports_.scanner.spool_hangs(), ports_.recipes != nullptr && ports_.recipes->differs()});
-  if (ports_.recipes != nullptr) take_up_recipes();
+  if (ports_.recipes != nullptr && !is_opening()) take_up_recipes();
   look_for_another_daemon();
+  if (reopen_ns_ && (fault_was_reset_ || ports_.clock.mono_ns() >= *reopen_ns_)) order_store();
 }
 
 /// Two daemons with one drop folder take each other's scans, so the second one stays in fault until the first has
 /// ended.
 void Loop::look_for_another_daemon() {
+  if (ports_.store == nullptr) return;  // the fault of the store is shown
   Code& fault = station_->settings.fault;
   const hal::ScannerText text = ports_.scanner.used_by_another();
   if (text.empty() == !scanner_is_anothers_) return;
-  if (!scanner_is_anothers_ && fault != Code::ok) return;  // an earlier fault was reported already
   scanner_is_anothers_ = !text.empty();
   fault = scanner_is_anothers_ ? Code::config : Code::ok;
   if (scanner_is_anothers_)
@@ -423,26 +429,14 @@ void Loop::say_pose_news() {
 }
 
 void Loop::take_answers() {
-  StoreDone stored;
-  while (store_worker_->next(stored)) {
-    if (stored.ticket == kChangeTicket) {
-      if (const LineCalibration* calibration = calibration_desk_.finish()) handle(CalibrationChanged{calibration});
-      LogLine line;
-      line.level = calibration_desk_.succeeded() ? LogLine::Level::info : LogLine::Level::warning;
-      line.text = calibration_desk_.summary().view();
-      say(line);
-      continue;
-    }
-    // The text stays until the next failure, as the fault does.
-    const bool is_lost = stored.code == Code::journal_write || stored.code == Code::store_full;
-    if (is_lost && !stored.text.empty()) figures_.store_text = stored.text;
-    if (stored.ticket == kNoJobTicket) {
-      handle(stored);
-      continue;
-    }
-    figures_.commit_last_ms = stored.commit_ms;
-    figures_.commit_max_ms = std::max(figures_.commit_max_ms, stored.commit_ms);
-    handle(stored);
+  StoreAnswer answer;
+  while (store_worker_->next(answer)) {
+    if (const auto* stored = std::get_if<StoreDone>(&answer))
+      take_stored(*stored);
+    else if (std::holds_alternative<ChangeCalibration>(answer))
+      take_change();
+    else
+      take_store();
   }
   ScanDone scanned;
   while (scan_worker_->next(scanned)) handle(scanned);
@@ -454,6 +448,25 @@ void Loop::take_answers() {
     figures_.block_max_ms = std::max(figures_.block_max_ms, figures_.block_last_ms);
     handle(measured);
   }
+}
+
+void Loop::take_stored(const StoreDone& stored) {
+  // The text stays until the next failure, as the fault does.
+  const bool is_lost = stored.code == Code::journal_write || stored.code == Code::store_full;
+  if (is_lost && !stored.text.empty()) figures_.store_text = stored.text;
+  if (stored.ticket != kNoJobTicket) {
+    figures_.commit_last_ms = stored.commit_ms;
+    figures_.commit_max_ms = std::max(figures_.commit_max_ms, stored.commit_ms);
+  }
+  handle(stored);
+}
+
+void Loop::take_change() {
+  if (const LineCalibration* calibration = calibration_desk_.finish()) handle(CalibrationChanged{calibration});
+  LogLine line;
+  line.level = calibration_desk_.succeeded() ? LogLine::Level::info : LogLine::Level::warning;
+  line.text = calibration_desk_.summary().view();
+  say(line);
 }
 
 void Loop::say_scanner_news() {
@@ -477,13 +490,12 @@ void Loop::say_scanner_news() {
 
 void Loop::serve_plc() {
   ports_.plc.publish(plc_view(*station_));
-  bool& fault_reset_held = ports_.fault_reset_held != nullptr ? *ports_.fault_reset_held : fault_reset_held_;
   PlcInputs inputs;
   // Every write is one event; bounded, so that a PLC that only writes cannot block the loop.
   for (std::size_t i = 0; i < limits::kModbusClientsMax * limits::kModbusFramesPerTurn; ++i) {
     if (!ports_.plc.next(ports_.clock.mono_ns(), inputs)) break;
     // A level held down is not a reset: only the edge counts, as for every other fault.
-    const bool held = std::exchange(fault_reset_held, inputs.fault_reset);
+    const bool held = std::exchange(fault_reset_held_, inputs.fault_reset);
     fault_was_reset_ = fault_was_reset_ || (inputs.fault_reset && !held);
     handle(inputs);
     ports_.plc.publish(plc_view(*station_));
@@ -511,7 +523,7 @@ void Loop::serve_control() {
   for (std::size_t i = 0; i < limits::kControlClientsMax && ports_.control->next(ports_.clock.mono_ns(), line); ++i)
     ports_.control->reply(answer_control(line, *station_, ports_, figures_, calibration_desk_,
                                          [this](const Event& event) { handle(event); }));
-  if (calibration_desk_.is_waiting() && store_worker_->push(StoreTask{true, {}})) calibration_desk_.started();
+  if (calibration_desk_.is_waiting() && store_worker_->push(ChangeCalibration{})) calibration_desk_.started();
 }
 
 void Loop::feed_watchdog() {
@@ -521,8 +533,9 @@ void Loop::feed_watchdog() {
   for (std::size_t i = 0; i < turns.size(); ++i) {
     if (turns[i] != worker_turns_[i] || worker_moved_ns_[i] == 0) worker_moved_ns_[i] = now_ns;
     worker_turns_[i] = turns[i];
-    // A share that hangs is reported (301) and recovers with its server; restarting slabd would not help.
-    if (i == 1 && ports_.scanner.hangs()) worker_moved_ns_[i] = now_ns;
+    // A large database takes minutes to open. A share that hangs is reported (301) and recovers with its server;
+    // restarting slabd would not help.
+    if ((i == 0 && is_opening()) || (i == 1 && ports_.scanner.hangs())) worker_moved_ns_[i] = now_ns;
     alive = alive && now_ns - worker_moved_ns_[i] < kWorkerStuck_ns;
   }
   const bool long_at_it = now_ns - worker_moved_ns_[2] >= kMeasuringMax_ns;
@@ -531,6 +544,7 @@ void Loop::feed_watchdog() {
   if (!alive || now_ns - watchdog_ns_ < kWatchdogPeriod_ns) return;
   watchdog_ns_ = now_ns;
   ports_.notify.watchdog();
+  if (is_opening()) return ports_.notify.status("the database is being opened and checked");
   FixedString<160> line;
   const PlcOutputs view = plc_view(*station_);
   line.printf("state %u, fault %u, slab %u, stations %u, results waiting %u", static_cast<unsigned>(view.state),
@@ -551,7 +565,7 @@ void Loop::handle(const Event& event) {
 void Loop::perform(const Action& action) {
   bool accepted = true;
   if (const auto* job = std::get_if<StoreJob>(&action)) {
-    accepted = store_worker_->push(StoreTask{false, *job});
+    accepted = store_worker_->push(*job);
   } else if (const auto* scan = std::get_if<AcquireScan>(&action)) {
     cancel_scan_ = false;
     accepted = scan_worker_->push(*scan);

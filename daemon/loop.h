@@ -6,6 +6,7 @@
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -19,44 +20,44 @@
 
 namespace slabd::daemon {
 
-/// Ports of the loop. `store` may be absent (storage is not usable): the PLC then reads a fault.
+/// Ports of the loop.
 struct Ports {
   hal::PlcPort& plc;
   hal::PosePort& pose;
   hal::ScannerPort& scanner;
-  storage::Store* store = nullptr;
+  storage::Store* store = nullptr;  ///< set by the loop while the store is open
   hal::ControlPort* control = nullptr;
   hal::Clock& clock;
   hal::ServiceNotify& notify;
-  /// FAULT_RESET as last written by the PLC. Shared by consecutive loops, so that a level held down is not an edge for
-  /// the next one.
-  bool* fault_reset_held = nullptr;
   RecipeWatch* recipes = nullptr;  ///< of the recipe folder; absent: the folder is not watched
 };
 
+/// Opens the store, on the storage thread. Sets `scanner_is_ours` once no other process can use the scanner; until then
+/// the loop does not touch it. busy: another daemon uses a folder of this one; other errors as storage::open_store().
+using StoreOpener = std::function<Result<std::unique_ptr<storage::Store>>(std::atomic<bool>& scanner_is_ours)>;
+
 /// Data that `slabctl status` shows in addition to the station's state.
 struct LoopFigures {
-  std::int64_t started_ns = 0;  ///< start of the process; 0: start of this loop
+  std::int64_t started_ns = 0;  ///< start of the process; 0: start of the loop
+  bool opening = false;         ///< the store is being opened
   std::uint64_t blocks_measured = 0;
   double block_last_ms = 0.0;
   double block_max_ms = 0.0;
   double commit_last_ms = 0.0;
   double commit_max_ms = 0.0;
-  std::uint64_t poses_stale = 0;                    ///< number of times the newest pose became too old
-  std::uint64_t poses_wrong_frame = 0;              ///< number of times another base or tool became active
-  FixedString<limits::kErrorTextBytes> store_text;  ///< why the database could not be written; empty: no error
+  std::uint64_t poses_stale = 0;        ///< number of times the newest pose became too old
+  std::uint64_t poses_wrong_frame = 0;  ///< number of times another base or tool became active
+  /// Why the database could not be opened or written, or which other daemon uses the spool; empty: no error.
+  FixedString<limits::kErrorTextBytes> store_text;
   hal::PlcRole plc_role = hal::PlcRole::server;
   hal::WordOrder plc_word_order = hal::WordOrder::abcd;
   hal::PoseType pose_type = hal::PoseType::flange_pose;
   std::string config_path;
   std::string db_path;
-  /// Text with folder and owner if another daemon uses the spool. Then the line is in fault 504, and main() checks
-  /// again.
-  std::string used_by_another;
 };
 
-/// Fault of a line whose storage cannot be used because of `why`: store_full if a disk is full, journal_write for all
-/// other errors. A full disk needs the operator. Both are retried.
+/// Fault of a line whose store could not be opened because of `why`: store_full if a disk is full, config if another
+/// daemon uses a folder (busy), journal_write for all other errors. All are retried.
 [[nodiscard]] Code fault_without_store(const Error& why);
 
 /// Hash of the points from some thousands of their coordinates, spread over the scan and over x, y and z. Never 0.
@@ -99,37 +100,35 @@ class ToldOnce {
 };
 
 /// Turns events of the ports into steps and actions, on one thread; the crew (storage, scanner, measuring) does all
-/// blocking work. The constructor allocates everything; run() allocates nothing on the inspection path.
+/// blocking work. The constructor allocates everything; the turns allocate nothing on the inspection path.
+///
+/// The first job of the storage thread is to open the store. A large database is checked for minutes on a slow disk;
+/// meanwhile the PLC reads STATE 1 (recover), a counting heartbeat and READY off. If the store cannot be used, the PLC
+/// reads the fault, and the store is opened again after a while, or when the PLC resets the fault. A temporary disk
+/// error must not stop the line until an operator arrives.
 class Loop {
  public:
-  static constexpr std::int64_t kStorePatience_ns = 5 * kNsPerS;
-  /// Each try reads the whole database, and a retry does not repair a damaged one.
-  static constexpr std::int64_t kStorePatienceMax_ns = 300 * kNsPerS;
+  /// Longest interval between ticks: PLC acknowledgement within 50 ms, heartbeat, settle gate.
+  static constexpr int kTurn_ms = 10;
 
   /// With the crew of a running daemon. `scan_form`: of the scan files, which are stored in the spool as the scanner
   /// wrote them. `measure_threads`: 1 or 2.
-  Loop(const Ports& ports, const StationSettings& settings, const hal::ScanForm& scan_form, int measure_threads,
+  Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, const hal::ScanForm& scan_form,
+       int measure_threads, LoopFigures figures);
+  Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, std::unique_ptr<Crew> crew,
        LoopFigures figures);
-  Loop(const Ports& ports, const StationSettings& settings, std::unique_ptr<Crew> crew, LoopFigures figures);
   ~Loop();
   Loop(const Loop&) = delete;
   Loop& operator=(const Loop&) = delete;
 
-  /// Runs until `stop` becomes true, and finishes started store jobs before it returns. Also returns, with true, if
-  /// wants_store(patience_ns).
-  bool run(const std::atomic<bool>& stop, std::int64_t patience_ns = kStorePatience_ns);
-
-  // Parts of run(), for callers with their own clock.
-  /// Restores the stored state; call it once, first.
+  /// Orders the store to be opened, unless the settings contain a fault; call it once, first.
   void start();
   /// One turn: waits at most `wait_ms` for an event, then serves all events.
   void turn(int wait_ms);
   /// Serves all present events without waiting.
   void serve();
-  /// True if storage could not be used at the start (fault 501 or 502), and either `patience_ns` are over or the PLC
-  /// has reset the fault. The caller then opens the store again and makes another loop. A temporary disk error must not
-  /// stop the line until an operator arrives.
-  [[nodiscard]] bool wants_store(std::int64_t patience_ns) const;
+  /// True while the store is being opened, for the first time or again. The opening cannot be interrupted.
+  [[nodiscard]] bool is_opening() const { return figures_.opening; }
   /// Ends the current scan and waits for the store jobs in progress; call it last.
   void finish();
   /// After finish(): waits until the scanner's worker can be ended. False if it hangs, for an unknown time.
@@ -138,12 +137,20 @@ class Loop {
   [[nodiscard]] const Station& station() const { return *station_; }
 
  private:
+  static constexpr std::int64_t kStorePatience_ns = 5 * kNsPerS;
+  /// Each try reads the whole database, and a retry does not repair a damaged one.
+  static constexpr std::int64_t kStorePatienceMax_ns = 300 * kNsPerS;
+
   void wait(int wait_ms);
   void tick();
   void look_for_another_daemon();
   void take_poses();
   void say_pose_news();
   void take_answers();
+  void take_stored(const StoreDone& stored);
+  void take_change();
+  void order_store();
+  void take_store();
   void say_scanner_news();
   void serve_plc();
   void say_plc_news();
@@ -162,7 +169,9 @@ class Loop {
   void tidy_captures(const PathText& folder);
   void say(const LogLine& line) const { say_line(line); }
 
-  [[nodiscard]] StoreDone store(const StoreTask& task);
+  [[nodiscard]] StoreAnswer do_task(const StoreTask& task);
+  [[nodiscard]] StoreDone store(const StoreJob& job);
+  void open_store();
   void note_chain(std::int64_t slab_key);
   /// Raises a fault without a job for an error that the store detected itself.
   void tell_store_trouble();
@@ -180,21 +189,27 @@ class Loop {
 
   std::unique_ptr<Crew> crew_;
   std::atomic<bool> cancel_scan_{false};
-  /// True once start(), which reads the store on the loop's thread, has handed it to the storage thread.
-  std::atomic<bool> store_handed_over_{false};
+  std::atomic<bool> scanner_is_ours_{false};
+
+  StoreOpener open_;                       ///< storage thread only
+  std::unique_ptr<storage::Store> store_;  ///< storage thread only; null: it is not open
+  /// State read by OpenStore, or why there is none. The storage thread writes it between the order and its answer.
+  Result<std::unique_ptr<RecoveredLine>> recovered_{nullptr};
+  /// Time of the next OpenStore after a failure.
+  std::optional<std::int64_t> reopen_ns_;
+  std::int64_t store_patience_ns_ = kStorePatience_ns;
 
   std::mutex to_delete_guard_;
   FixedVector<PathText, 32> to_delete_;
 
   bool scanner_is_anothers_ = false;                 ///< another daemon uses the drop folder
-  bool fault_was_reset_ = false;                     ///< by the PLC, since the start
-  bool fault_reset_held_ = false;                    ///< of this loop, if it is not shared
+  bool fault_was_reset_ = false;                     ///< by the PLC, since the store was last ordered to be opened
+  bool fault_reset_held_ = false;                    ///< FAULT_RESET as last written by the PLC
   std::shared_ptr<const RecipeSet> recipes_in_use_;  ///< loaded since the start
   bool measuring_given_up_ = false;                  ///< for the current block
   std::int64_t watchdog_ns_ = 0;
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};
-  std::int64_t begun_ns_ = 0;
   bool commanded_said_ = false;  ///< a log line about unmeasured poses was written
   ToldOnce<bool> recipes_differ_;
   ToldOnce<std::string> pose_trouble_;

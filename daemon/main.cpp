@@ -17,7 +17,6 @@
 #include "daemon/log_outlet.h"
 #include "daemon/loop.h"
 #include "daemon/measure.h"
-#include "daemon/opening.h"
 #include "daemon/seal.h"
 #include "daemon/slab_ends.h"
 
@@ -185,36 +184,55 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
   return std::make_unique<AbsentScanner>(made.error());
 }
 
-/// Ends the process while the scanner's thread is in a call that cannot be interrupted (a network share that hangs); an
-/// orderly end would wait for it. All promised records are durable; as with a kill, all durable data remain. The
-/// service manager restarts slabd unless it ordered the stop.
-[[noreturn]] void leave_without_scanner(hal::ServiceNotify& notify, const hal::ScannerText& why) {
+/// Ends the process without waiting for its threads, because one of them is in a call that cannot be interrupted. As
+/// with a kill, all durable data remain.
+[[noreturn]] void leave(hal::ServiceNotify& notify, const std::string& meanwhile) {
   notify.stopping();
-  say_text("info: slabd: stopped while the scanner's thread hung: %s\n", why.c_str());
+  say_text("info: slabd: stopped while %s\n", meanwhile.c_str());
   (void)flush_log(kFlush_ms);
-  std::_Exit(g_stop ? 0 : kExitUnreachable);
+  std::_Exit(0);
 }
 
-/// Locks the spool; false if another daemon holds it. Two daemons with one spool would delete each other's scans as
-/// unknown files.
-bool take_spool(const Config& config, hal::FolderLock& lock, bool& unlockable_said, LoopFigures& figures) {
-  figures.used_by_another.clear();
-  std::error_code none;
-  if (!std::filesystem::exists(config.storage.spool_dir, none)) return true;
-  switch (lock.take(config.storage.spool_dir.c_str())) {
-    case hal::FolderLock::State::ours: return true;
-    case hal::FolderLock::State::cannot:
-      if (!std::exchange(unlockable_said, true))
-        say_text("warning: storage.spool_dir %s cannot be locked (%s): no other slabd may use it\n",
-                 config.storage.spool_dir.c_str(), lock.text().c_str());
-      return true;
-    case hal::FolderLock::State::anothers: break;
+/// Opens the database. The scanner belongs to the process that holds the database and the spool: two processes with one
+/// drop folder take each other's scans, and with one spool they would delete each other's scans as unknown files.
+class Opener {
+ public:
+  explicit Opener(const Config& config)
+      : config_(config.storage), spool_lock_(hal::lock_owner_of_this_process(config.path)) {}
+
+  Result<std::unique_ptr<storage::Store>> open(std::atomic<bool>& scanner_is_ours) {
+    if (!scanner_is_ours) {
+      if (storage::is_written_elsewhere(config_.db_path))
+        return error(Code::journal_write, "another process works with %s, and with its scanner: only one may",
+                     config_.db_path.c_str());
+      if (const Status taken = take_spool(); !taken.ok()) return taken.error();
+      scanner_is_ours = true;
+    }
+    auto made = storage::open_store(config_);
+    // Taken again, because the first start makes the folder.
+    if (const Status taken = take_spool(); !taken.ok()) return taken.error();
+    return made;
   }
-  figures.used_by_another = "storage.spool_dir " + std::string(config.storage.spool_dir) +
-                            " is used by another daemon (" + std::string(lock.text().view()) + "): one at a time may";
-  say_text("error: %s\n", figures.used_by_another.c_str());
-  return false;
-}
+
+ private:
+  /// busy: another daemon holds the spool.
+  Status take_spool() {
+    std::error_code none;
+    if (!std::filesystem::exists(config_.spool_dir, none)) return success();
+    const hal::FolderLock::State state = spool_lock_.take(config_.spool_dir.c_str());
+    if (state == hal::FolderLock::State::anothers)
+      return error(Code::busy, "storage.spool_dir %s is used by another daemon (%s): one at a time may",
+                   config_.spool_dir.c_str(), spool_lock_.text().c_str());
+    if (state == hal::FolderLock::State::cannot && !std::exchange(unlockable_said_, true))
+      say_text("warning: storage.spool_dir %s cannot be locked (%s): no other slabd may use it\n",
+               config_.spool_dir.c_str(), spool_lock_.text().c_str());
+    return success();
+  }
+
+  const storage::StoreSettings& config_;
+  hal::FolderLock spool_lock_;
+  bool unlockable_said_ = false;
+};
 
 /// If memory cannot be locked, log an error and continue, so that the PLC's interface stays up.
 void seal() {
@@ -261,7 +279,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
       settings.fault = Code::config;
       pose = std::make_unique<AbsentPose>(made.error().text.view());
     }
-    scanner = std::make_unique<AbsentScanner>(error(Code::journal_write, "another process works with the database"));
+    scanner = scanner_port(config, *clock);
   } else {
     // The links are not reported in this case, because the configuration must be corrected first.
     pose = std::make_unique<AbsentPose>(std::string_view());
@@ -276,8 +294,6 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
     settings.warn |= kWarnControlSocket;
   }
 
-  hal::FolderLock spool_lock(hal::lock_owner_of_this_process(config.path));
-  bool spool_unlockable_said = false;
   LoopFigures figures;
   // Absolute, because clients run in other folders than the daemon.
   std::error_code no_folder;
@@ -287,74 +303,35 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   figures.pose_type = config.robot.type;
   figures.db_path = config.storage.db_path;
   figures.started_ns = clock->mono_ns();
-  // Runs once, unless storage cannot be used: then it is reopened repeatedly, and all other parts stay up meanwhile.
-  std::int64_t patience_ns = Loop::kStorePatience_ns;
-  // Outlives all loops, because reloaded recipes stay in use until the end.
   std::optional<RecipeWatch> recipe_watch;
   if (settings.fault == Code::ok)
     recipe_watch.emplace(config.recipes_dir,
                          std::make_shared<const RecipeSet>(RecipeSet{recipes, config.storage.recipe_texts}));
-  bool scanner_is_ours = false;
-  bool fault_reset_held = false;
-  for (bool again = true; again; patience_ns = std::min(2 * patience_ns, Loop::kStorePatienceMax_ns)) {
-    StationSettings now = settings;
-    std::unique_ptr<storage::Store> store;
-    // The scanner belongs to the process that holds the database: two processes with one drop folder take each other's
-    // scans.
-    if (now.fault == Code::ok && !scanner_is_ours) {
-      if (storage::is_written_elsewhere(config.storage.db_path)) {
-        say_text("error: another process works with %s, and with its scanner: only one may\n",
-                 config.storage.db_path.c_str());
-        now.fault = Code::journal_write;
-      } else if (take_spool(config, spool_lock, spool_unlockable_said, figures)) {
-        scanner = scanner_port(config, *clock);
-        scanner_is_ours = true;
-      } else {
-        now.fault = Code::config;
-      }
-    }
-    if (now.fault == Code::ok) {
-      const Ports ports{*plc.value(), *pose, *scanner, nullptr, control.get(), *clock, *notify, &fault_reset_held};
-      const auto made =
-          open_beside_the_line([&config] { return storage::open_store(config.storage); }, ports, now, figures, g_stop);
-      if (made == nullptr) {
-        // The thread still uses the database and data that main() would destroy; as with a kill, all durable data
-        // remain.
-        notify->stopping();
-        say_text("info: slabd: stopped while the database was being opened\n");
-        (void)flush_log(kFlush_ms);
-        std::_Exit(0);
-      }
-      // Taken again, because the first start makes the folder.
-      if (!take_spool(config, spool_lock, spool_unlockable_said, figures)) {
-        now.fault = Code::config;
-      } else if (made->ok()) {
-        figures.store_text.clear();
-        store = std::move(made->value());
-      } else {
-        say_text("error: %s\n", made->error().text.c_str());
-        now.fault = fault_without_store(made->error());
-        figures.store_text = made->error().text;
-      }
-    }
-    const Ports ports{*plc.value(),
-                      *pose,
-                      *scanner,
-                      store.get(),
-                      control.get(),
-                      *clock,
-                      *notify,
-                      &fault_reset_held,
-                      recipe_watch ? &*recipe_watch : nullptr};
-    Loop loop(ports, now, config.scanner.form, config.measure_threads, figures);
-    say_text("info: %s: %s, inspection memory %.0f MB%s\n", now.software.c_str(), plc_place(config.plc).c_str(),
-             static_cast<double>(limits::kInspectionBytes) / 1e6, now.fault == Code::ok ? "" : "; in FAULT, see above");
-    if (std::exchange(sealed, false)) seal();  // once: the lock applies to later mappings too
-    again = loop.run(g_stop, patience_ns);
-    // The other daemon may end at any time.
-    if (!figures.used_by_another.empty()) patience_ns = Loop::kStorePatience_ns / 2;
-    if (!loop.scanner_comes_back()) leave_without_scanner(*notify, scanner->trouble());
+  const Ports ports{.plc = *plc.value(),
+                    .pose = *pose,
+                    .scanner = *scanner,
+                    .control = control.get(),
+                    .clock = *clock,
+                    .notify = *notify,
+                    .recipes = recipe_watch ? &*recipe_watch : nullptr};
+  Opener opener(config);
+  Loop loop(
+      ports, settings, [&opener](std::atomic<bool>& scanner_is_ours) { return opener.open(scanner_is_ours); },
+      config.scanner.form, config.measure_threads, std::move(figures));
+  loop.start();
+  for (bool was_opened = false; !g_stop;) {
+    loop.turn(Loop::kTurn_ms);
+    if (was_opened || loop.is_opening()) continue;
+    was_opened = true;  // or could not be
+    say_text("info: %s: %s, inspection memory %.0f MB%s\n", settings.software.c_str(), plc_place(config.plc).c_str(),
+             static_cast<double>(limits::kInspectionBytes) / 1e6,
+             loop.station().settings.fault == Code::ok ? "" : "; in FAULT, see above");
+    if (sealed) seal();  // the lock applies to later mappings too
   }
+  if (loop.is_opening()) leave(*notify, "the database was being opened");
+  loop.finish();
+  if (!loop.scanner_comes_back())
+    leave(*notify, "the scanner's thread hung: " + std::string(scanner->trouble().view()));
   say_text("info: slabd: stopped\n");
   return 0;
 }

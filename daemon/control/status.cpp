@@ -222,10 +222,10 @@ std::string plc_image_json(const Station& station, const hal::PlcPort& plc, cons
   return text_of(j);
 }
 
-/// Text on another daemon that uses this daemon's folders; empty if there is none.
+/// In fault 504: text on another daemon that uses this daemon's folders; empty if there is none.
 std::string used_by_another(const Ports& ports, const LoopFigures& figures) {
-  return figures.used_by_another.empty() ? std::string(ports.scanner.used_by_another().view())
-                                         : figures.used_by_another;
+  const hal::ScannerText scanner = ports.scanner.used_by_another();
+  return std::string(scanner.empty() ? figures.store_text.view() : scanner.view());
 }
 
 }  // namespace
@@ -358,6 +358,7 @@ std::string answer_control(std::string_view line, const Station& station, const 
     const auto verb = request.find("verb");
     if (verb == request.end() || !verb->is_string()) return refusal("the key \"verb\" is missing or not a string");
     if (*verb == "status") return status_json(station, ports, figures);
+    if (figures.opening && *verb != "metrics") return refusal("the database is being opened; ask again");
     if (*verb == "calibration") return calibration_json(station, desk);
     if (*verb == "plc_image") return plc_image_json(station, ports.plc, figures);
     if (*verb == "metrics") {

@@ -54,21 +54,23 @@ bool is_uncorrected(SpliceSource source) {
 
 }  // namespace
 
-void recover_calibration(Station& s, const RecoveredLine& line, Actions& actions) {
-  s.calibration = line.calibration;
+void start_calibration(Station& s, const LineCalibration& stored, Actions& actions) {
+  s.calibration = stored;
   commission(s.settings.calibration_id, s.settings.T_flange_scanner, s.calibration);
-  if (line.calibration.source == LineCalibration::Source::applied)
-    warn_of_applied(line.calibration, actions);
-  else if (!line.calibration.trouble.empty())
-    log(actions, LogLine::Level::error, Code::calibration_missing, "%s", line.calibration.trouble.c_str());
-  if (!line.calibration.scanner.trouble.empty())
-    log(actions, LogLine::Level::warning, Code::ok, "%s", line.calibration.scanner.trouble.c_str());
+  if (stored.source == LineCalibration::Source::applied)
+    warn_of_applied(stored, actions);
+  else if (!stored.trouble.empty())
+    log(actions, LogLine::Level::error, Code::calibration_missing, "%s", stored.trouble.c_str());
+  if (!stored.scanner.trouble.empty())
+    log(actions, LogLine::Level::warning, Code::ok, "%s", stored.scanner.trouble.c_str());
   if (s.calibration.source == LineCalibration::Source::commissioning)
     log(actions, LogLine::Level::warning, Code::ok,
         "%s are commissioning values: nothing proves that the scanner's frame is right-handed, and mirrored scans "
         "would not be noticed; apply a calibration (slabctl calibrate new)",
         s.calibration.id.c_str());
-  if (!line.slab_open) return;
+}
+
+void recover_slab_calibration(Station& s, const RecoveredLine& line, Actions& actions) {
   s.slab.calibration = line.slab_calibration;
   if (!line.slab_calibration.scanner.trouble.empty())
     log(actions, LogLine::Level::error, Code::ok, "the open slab goes on with the recipe's scanner alone: %s",

@@ -57,7 +57,10 @@ void emit(Actions& actions, const T& action) {
 [[nodiscard]] inline std::int64_t expiry_utime_us(const Station& s) {
   return std::max(s.utime_us, s.newest_time.utime_us());
 }
-void recover_calibration(Station& s, const RecoveredLine& line, Actions& actions);
+/// Puts a stored calibration in force, or the commissioning values if there is none.
+void start_calibration(Station& s, const LineCalibration& stored, Actions& actions);
+/// The same for the calibration of the open slab.
+void recover_slab_calibration(Station& s, const RecoveredLine& line, Actions& actions);
 void on_calibration_changed(Station& s, const LineCalibration& calibration);
 /// Activates a changed calibration as soon as allowed, and logs once why no slab can begin.
 void advance_calibration(Station& s, Actions& actions);

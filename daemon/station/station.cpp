@@ -113,12 +113,24 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
           line.slab.slab_no, line.slab.recipe.c_str(), line.slab.recipe_sha256.c_str());
     }
   }
-  recover_calibration(s, line, actions);
+  start_calibration(s, line.calibration, actions);
+  if (line.slab_open) recover_slab_calibration(s, line, actions);
   if (line.slab_open && line.abort_seq != 0) {
     log(actions, LogLine::Level::info, Code::ok,
         "slab %u: SLAB_ABORT was accepted before the restart; it is finished now", line.slab.slab_no);
     begin_end(s, line.abort_seq, true, actions);
   }
+  s.recovered = true;
+  bump_session(s, actions, "start");
+}
+
+/// The session is far from that of a new database. A command that is refused here remains in the registers and must not
+/// match when the database is opened.
+void on_not_recovered(Station& s, const NotRecovered& event, Actions& actions) {
+  constexpr std::uint16_t kSessionWithoutStore = 0x8000;
+  s.settings.fault = event.fault;
+  s.desk.session_next = kSessionWithoutStore;
+  start_calibration(s, {}, actions);
   s.recovered = true;
   bump_session(s, actions, "start");
 }
@@ -142,6 +154,7 @@ struct Dispatch {
   Station& s;
   Actions& actions;
   void operator()(const Recovered& e) const { on_recovered(s, e, actions); }
+  void operator()(const NotRecovered& e) const { on_not_recovered(s, e, actions); }
   void operator()(const Tick& e) const { on_tick(s, e, actions); }
   void operator()(const LinkStatus& e) const {
     if (e.stray_files > s.links.stray_files) s.warn |= kWarnStrayFiles;

@@ -46,7 +46,7 @@ struct StationSettings {
   PoseSettings pose;
   CaptureGuard capture;
   std::uint16_t warn = 0;  ///< PlcWarn bits that are set for the whole run
-  Code fault = Code::ok;   ///< a fault that only a restart clears (504 config)
+  Code fault = Code::ok;   ///< a fault that FAULT_RESET does not clear: 504 config, or NotRecovered::fault
   bool simulation = false;
   std::int64_t settle_timeout_ns = 8 * kNsPerS;  ///< from SCAN accepted to settled; acquisition must end in 20 s
   std::int64_t scan_timeout_ns = 10 * kNsPerS;   ///< from request to scan
@@ -56,9 +56,13 @@ struct StationSettings {
 
 // ---- events ----------------------------------------------------------------------------------------------------
 
-/// The stored state; the first event, exactly once.
+/// The stored state. A station gets this event or NotRecovered, exactly once; until then it accepts no command.
 struct Recovered {
   const RecoveredLine* line = nullptr;  ///< read during the step only
+};
+/// The stored state cannot be read. Every command is refused with `fault`.
+struct NotRecovered {
+  Code fault = Code::journal_write;
 };
 struct Tick {
   std::int64_t mono_ns = 0;
@@ -125,8 +129,8 @@ struct CaptureRequest {
   bool take_over = false;
   PathText scan;  ///< release: the scan to release
 };
-using Event = std::variant<Recovered, Tick, LinkStatus, PlcInputs, PoseSample, ScanDone, BlockMeasured, SlabJudged,
-                           StoreDone, CalibrationChanged, CaptureRequest>;
+using Event = std::variant<Recovered, NotRecovered, Tick, LinkStatus, PlcInputs, PoseSample, ScanDone, BlockMeasured,
+                           SlabJudged, StoreDone, CalibrationChanged, CaptureRequest>;
 
 // ---- actions ---------------------------------------------------------------------------------------------------
 

@@ -16,7 +16,6 @@
 
 #include "daemon/crew.h"
 #include "daemon/loop.h"
-#include "daemon/opening.h"
 #include "tests/mock/mock.h"
 
 namespace slabd::daemon {
@@ -33,17 +32,25 @@ template <typename What>
   return true;
 }
 
+/// A database on the disk: how it reads, and the accesses to it.
+struct Database {
+  Code reading = Code::ok;  ///< result of the recovery
+  std::atomic<int> recoveries{0};
+  std::atomic<int> idles{0};
+  std::atomic<int> idles_while_recovering{0};
+};
+
 /// Counts calls during the recovery at the start. The recovery takes as long as some idle calls of a worker.
 class SlowStore final : public storage::Store {
  public:
-  /// `reading`: result of the recovery.
-  explicit SlowStore(Code reading) : reading_(reading) {}
+  explicit SlowStore(Database& database) : database_(database) {}
 
   Result<std::unique_ptr<RecoveredLine>> recover() override {
+    ++database_.recoveries;
     recovering_ = true;
     std::this_thread::sleep_for(std::chrono::milliseconds(350));
     recovering_ = false;
-    if (reading_ != Code::ok) return error(reading_, "cannot be read");
+    if (database_.reading != Code::ok) return error(database_.reading, "cannot be read");
     return std::make_unique<RecoveredLine>();
   }
   Status apply(const StoreJob& /*job*/) override { return success(); }
@@ -52,48 +59,44 @@ class SlowStore final : public storage::Store {
   }
   Result<std::unique_ptr<LineCalibration>> calibration() override { return error(Code::config, "not here"); }
   void idle() override {
-    ++idles;
-    if (recovering_) ++idles_while_recovering;
+    ++database_.idles;
+    if (recovering_) ++database_.idles_while_recovering;
   }
 
   Status order(const storage::CareOrder& /*order*/) override { return error(Code::config, "not here"); }
   storage::CareState care() const override { return {}; }
 
-  std::atomic<int> idles{0};
-  std::atomic<int> idles_while_recovering{0};
-
  private:
-  Code reading_;
+  Database& database_;
   std::atomic<bool> recovering_{false};
 };
 
-/// Counts readings of the clock: at least one in each turn of the loop.
-class CountingClock final : public hal::Clock {
- public:
-  [[nodiscard]] std::int64_t mono_ns() const override {
-    ++looks_;
-    return clock_.mono_ns();
-  }
-  [[nodiscard]] std::int64_t utime_us() const override { return clock_.utime_us(); }
-  void advance(std::int64_t ns) { clock_.advance(ns); }
-  /// For another thread than the loop's: waits until the loop has turned some times.
-  void let_turn() const {
-    const int before = looks_;
-    EXPECT_TRUE(comes([this, before] { return looks_ >= before + 8; })) << "the loop has not turned within 30 s";
-  }
+StoreOpener opener(Database& database) {
+  return [&database](std::atomic<bool>&) -> Result<std::unique_ptr<storage::Store>> {
+    return std::unique_ptr<storage::Store>(std::make_unique<SlowStore>(database));
+  };
+}
 
- private:
-  hal::ManualClock clock_;
-  mutable std::atomic<int> looks_{0};
+/// A database whose opening takes until `finish`, and then fails.
+struct LongOpening {
+  [[nodiscard]] StoreOpener opener() {
+    return [this](std::atomic<bool>&) -> Result<std::unique_ptr<storage::Store>> {
+      ++tries;
+      EXPECT_TRUE(comes([this] { return finish.load(); })) << "the test has not ended within 30 s";
+      return error(Code::journal_write, "not yet");
+    };
+  }
+  std::atomic<int> tries{0};
+  std::atomic<bool> finish{false};
 };
 
 /// Real threads and queues, but without measuring.
 class IdleCrew final : public Crew {
  public:
-  std::unique_ptr<StoreQueue> storage(std::function<StoreDone(const StoreTask&)> work,
+  std::unique_ptr<StoreQueue> storage(std::function<StoreAnswer(const StoreTask&)> work,
                                       std::function<void()> idle) override {
-    return std::make_unique<Worker<StoreTask, StoreDone, limits::kWorkerQueue>>("store", std::move(work),
-                                                                                std::move(idle));
+    return std::make_unique<Worker<StoreTask, StoreAnswer, limits::kWorkerQueue>>("store", std::move(work),
+                                                                                  std::move(idle));
   }
   std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
                                      std::function<void()> idle) override {
@@ -111,33 +114,40 @@ class IdleCrew final : public Crew {
 };
 
 struct LoopStart : ::testing::Test {
-  CountingClock clock;
+  hal::ManualClock clock;
   hal::MockNotify notify;
   hal::MockPlc plc;
   hal::MockPose pose;
   hal::MockScanner scanner{clock};
 
-  /// Starts a loop on `store` and turns it for half a second, and until it was idle `idle` times.
-  void live(SlowStore& store, int idle) {
-    const Ports ports{plc, pose, scanner, &store, nullptr, clock, notify};
-    Loop loop(ports, StationSettings{}, std::make_unique<IdleCrew>(), LoopFigures{});
+  const Ports ports{plc, pose, scanner, nullptr, nullptr, clock, notify};
+
+  /// Starts a loop on `database` and turns it for half a second, and until it was idle `idle` times.
+  void live(Database& database, int idle) {
+    Loop loop(ports, StationSettings{}, opener(database), std::make_unique<IdleCrew>(), LoopFigures{});
     loop.start();
-    for (int i = 0; i < 50 || (i < 6'000 && store.idles < idle); ++i) loop.turn(10);
+    for (int i = 0; i < 50 || (i < 6'000 && database.idles < idle); ++i) loop.turn(10);
     loop.finish();
+  }
+  /// Turns until the store is open or was not usable.
+  static void open(Loop& loop) {
+    for (int i = 0; i < 3'000 && loop.is_opening(); ++i) loop.turn(10);
+    EXPECT_FALSE(loop.is_opening()) << "the store has not been opened within 30 s";
   }
 };
 
 TEST_F(LoopStart, no_other_access_to_the_database_occurs_while_it_is_read) {
-  SlowStore store(Code::ok);
-  live(store, 1);
-  EXPECT_EQ(store.idles_while_recovering, 0);
-  EXPECT_GT(store.idles, 0) << "afterwards the storage thread looks after it";
+  Database database;
+  live(database, 1);
+  EXPECT_EQ(database.idles_while_recovering, 0);
+  EXPECT_GT(database.idles, 0) << "afterwards the storage thread looks after it";
 }
 
 TEST_F(LoopStart, a_database_that_could_not_be_read_is_left_alone) {
-  SlowStore store(Code::journal_write);
-  live(store, 0);
-  EXPECT_EQ(store.idles, 0);
+  Database database;
+  database.reading = Code::journal_write;
+  live(database, 0);
+  EXPECT_EQ(database.idles, 0);
 }
 
 TEST_F(LoopStart, storage_that_cannot_be_used_is_a_fault_that_says_why_and_is_tried_again) {
@@ -145,59 +155,119 @@ TEST_F(LoopStart, storage_that_cannot_be_used_is_a_fault_that_says_why_and_is_tr
        {std::pair{Code::store_full, Code::store_full}, std::pair{Code::journal_write, Code::journal_write},
         std::pair{Code::config, Code::journal_write}, std::pair{Code::internal, Code::journal_write}}) {
     EXPECT_EQ(fault_without_store(error(reading, "why")), fault);
-    SlowStore store(reading);
-    const Ports ports{plc, pose, scanner, &store, nullptr, clock, notify};
-    Loop loop(ports, StationSettings{}, std::make_unique<IdleCrew>(), LoopFigures{});
+    Database database;
+    database.reading = reading;
+    Loop loop(ports, StationSettings{}, opener(database), std::make_unique<IdleCrew>(), LoopFigures{});
     loop.start();
+    open(loop);
     loop.turn(0);
     EXPECT_EQ(plc.published.back().fault, static_cast<int>(fault));
     EXPECT_FALSE(plc.published.back().store_ok);
-    EXPECT_FALSE(loop.wants_store(5 * kNsPerS));
-    clock.advance(5 * kNsPerS);
-    EXPECT_TRUE(loop.wants_store(5 * kNsPerS)) << "fault " << static_cast<int>(fault);
+    clock.advance(5 * kNsPerS - 1);
+    loop.turn(0);
+    EXPECT_FALSE(loop.is_opening());
+    clock.advance(1);
+    loop.turn(0);
+    open(loop);
+    EXPECT_EQ(database.recoveries, 2) << "fault " << static_cast<int>(fault);
     loop.finish();
   }
 }
 
+TEST_F(LoopStart, each_try_to_open_the_store_waits_longer_than_the_one_before) {
+  LongOpening database;
+  database.finish = true;
+  Loop loop(ports, StationSettings{}, database.opener(), std::make_unique<IdleCrew>(), LoopFigures{});
+  loop.start();
+  for (const std::int64_t wait_s : {5, 10, 20, 40, 80, 160, 300, 300}) {
+    open(loop);
+    const int before = database.tries;
+    clock.advance(wait_s * kNsPerS - 1);
+    loop.turn(0);
+    EXPECT_FALSE(loop.is_opening()) << wait_s << " s";
+    clock.advance(1);
+    loop.turn(0);
+    open(loop);
+    EXPECT_EQ(database.tries, before + 1) << wait_s << " s";
+  }
+  loop.finish();
+}
+
+TEST_F(LoopStart, the_scanner_is_left_alone_until_it_is_this_process_s_own) {
+  std::atomic<bool> is_free{false};
+  std::atomic<int> tries{0};
+  const StoreOpener open_if_free = [&](std::atomic<bool>& ours) -> Result<std::unique_ptr<storage::Store>> {
+    ++tries;
+    if (is_free) ours = true;
+    return error(Code::busy, "another daemon works with it");
+  };
+  Loop loop(ports, StationSettings{}, open_if_free, std::make_unique<IdleCrew>(), LoopFigures{});
+  loop.start();
+  for (int round = 1; round <= 3; ++round) {
+    open(loop);
+    EXPECT_EQ(tries, round) << "the other daemon may end at any time, so the tries do not become rare";
+    for (int i = 0; i < 30; ++i) loop.turn(10);
+    EXPECT_EQ(plc.published.back().fault, static_cast<int>(Code::config));
+    EXPECT_EQ(scanner.idle_count, 0);
+    clock.advance(5 * kNsPerS);
+    loop.turn(0);
+  }
+  open(loop);
+  is_free = true;
+  clock.advance(5 * kNsPerS);
+  for (int i = 0; i < 3'000 && scanner.idle_count == 0; ++i) loop.turn(10);
+  EXPECT_GT(scanner.idle_count, 0);
+  loop.finish();
+}
+
 TEST_F(LoopStart, storage_is_not_tried_again_for_a_fault_reset_that_is_held_down) {
-  SlowStore store(Code::journal_write);
-  bool held = false;
-  const Ports ports{plc, pose, scanner, &store, nullptr, clock, notify, &held};
-  const auto write = [this](bool fault_reset) {
+  LongOpening database;
+  database.finish = true;
+  Loop loop(ports, StationSettings{}, database.opener(), std::make_unique<IdleCrew>(), LoopFigures{});
+  const auto write = [&](bool fault_reset) {
     PlcInputs image;
     image.fault_reset = fault_reset;
     plc.write(image);
-  };
-  const auto wants_store_after = [&](bool fault_reset) {
-    Loop loop(ports, StationSettings{}, std::make_unique<IdleCrew>(), LoopFigures{});
-    loop.start();
-    write(fault_reset);
-    write(fault_reset);
+    plc.write(image);
     loop.turn(0);
-    const bool wants = loop.wants_store(5 * kNsPerS);
-    loop.finish();
-    return wants;
+    loop.turn(0);
   };
-  EXPECT_TRUE(wants_store_after(true)) << "an edge";
-  EXPECT_FALSE(wants_store_after(true)) << "still down, as the next loop learns from the one before";
-  const auto open_in_vain = [&] {
-    static_cast<void>(open_beside_the_line(
-        [this]() -> Result<std::unique_ptr<storage::Store>> {
-          clock.let_turn();
-          return error(Code::journal_write, "not yet");
-        },
-        ports, StationSettings{}, LoopFigures{}, std::atomic<bool>{false}));
+  /// Tries caused by one more image of the PLC.
+  const auto tries_after = [&](bool fault_reset) {
+    const int before = database.tries;
+    write(fault_reset);
+    open(loop);
+    loop.turn(0);
+    open(loop);
+    return database.tries - before;
   };
-  write(false);  // released while the database is opened
-  open_in_vain();
-  EXPECT_TRUE(wants_store_after(true)) << "an edge again";
-  open_in_vain();
-  EXPECT_FALSE(wants_store_after(true)) << "held all the time";
-  write(false);
-  write(true);
-  open_in_vain();
-  EXPECT_TRUE(wants_store_after(true)) << "pressed while the database was opened";
-  EXPECT_FALSE(wants_store_after(true)) << "once";
+  loop.start();
+  open(loop);
+  EXPECT_EQ(tries_after(true), 1) << "an edge";
+  EXPECT_EQ(tries_after(true), 0) << "still down";
+  EXPECT_EQ(tries_after(false), 0) << "released";
+
+  /// Tries after the one that the clock causes, during which the PLC writes `images`.
+  const auto more_tries = [&](std::initializer_list<bool> images) {
+    const int before = database.tries;
+    database.finish = false;
+    clock.advance(3600 * kNsPerS);
+    loop.turn(0);
+    EXPECT_TRUE(loop.is_opening());
+    for (const bool image : images) write(image);
+    EXPECT_TRUE(loop.is_opening());
+    database.finish = true;
+    open(loop);
+    loop.turn(0);
+    open(loop);
+    return database.tries - before - 1;
+  };
+  EXPECT_EQ(tries_after(true), 1) << "an edge again";
+  EXPECT_EQ(more_tries({true}), 0) << "held all the time";
+  EXPECT_EQ(more_tries({false}), 0) << "released while the database was opened";
+  EXPECT_EQ(more_tries({true}), 1) << "pressed while the database was opened";
+  EXPECT_EQ(tries_after(true), 0) << "once";
+  loop.finish();
 }
 
 TEST(Fingerprint, sees_x_y_and_z_of_scans_of_every_size) {
@@ -217,42 +287,46 @@ TEST(Fingerprint, sees_x_y_and_z_of_scans_of_every_size) {
 }
 
 TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heartbeat) {
-  std::atomic<bool> stop{false};
-  std::atomic<bool> finish{false};
-  const Ports ports{plc, pose, scanner, nullptr, nullptr, clock, notify};
-  std::atomic<bool> returned{false};
-  std::unique_ptr<Result<std::unique_ptr<storage::Store>>> opened;
-  std::thread waiting([&] {
-    opened = open_beside_the_line(
-        [&]() -> Result<std::unique_ptr<storage::Store>> {
-          EXPECT_TRUE(comes([&] { return finish.load(); })) << "the test has not ended within 30 s";
-          return std::unique_ptr<storage::Store>(std::make_unique<SlowStore>(Code::ok));
-        },
-        ports, StationSettings{}, LoopFigures{}, stop);
-    returned = true;
-  });
-  clock.let_turn();
-  EXPECT_FALSE(returned);
-  finish = true;
-  const bool ended = comes([&] { return returned.load(); });
-  stop = true;
-  waiting.join();
-  ASSERT_TRUE(ended) << "the loop has not taken the opened database within 30 s";
-  ASSERT_TRUE(opened != nullptr && opened->ok());
-  ASSERT_FALSE(plc.published.empty());
-  EXPECT_EQ(plc.published.back().state, PlcState::recover);
-  EXPECT_FALSE(plc.published.back().ready);
-  EXPECT_FALSE(plc.published.back().store_ok);
-  EXPECT_EQ(plc.published.back().slab_verdict, Verdict::none);
+  LongOpening database;
+  Loop loop(ports, StationSettings{}, database.opener(), std::make_unique<IdleCrew>(), LoopFigures{});
+  loop.start();
+  EXPECT_EQ(notify.ready_count, 1);
+  std::uint16_t heartbeat = 0;
+  int fed = 0;
+  // Longer than a worker may be stuck.
+  for (int second = 0; second < 80; ++second) {
+    clock.advance(kNsPerS);
+    PlcInputs image;
+    image.heartbeat = static_cast<std::uint16_t>(second);
+    image.command = static_cast<std::uint16_t>(PlcCommand::slab_begin);
+    image.command_writer = image.command_writes = image.cmd_seq = 1;
+    plc.write(image);
+    for (int turn = 0; turn < 2; ++turn) loop.turn(20);
+    ASSERT_TRUE(loop.is_opening());
+    if (second == 70) fed = notify.watchdog_count;
+    const PlcOutputs& view = plc.published.back();
+    EXPECT_EQ(view.state, PlcState::recover);
+    EXPECT_FALSE(view.ready);
+    EXPECT_FALSE(view.store_ok);
+    EXPECT_EQ(view.slab_verdict, Verdict::none);
+    EXPECT_EQ(view.cmd_ack, 0);
+    EXPECT_EQ(view.refused, 0);
+    EXPECT_NE(std::exchange(heartbeat, view.heartbeat), view.heartbeat);
+  }
+  EXPECT_GT(notify.watchdog_count, fed) << "the storage thread is not stuck";
+  EXPECT_EQ(notify.last_status, "the database is being opened and checked");
+  database.finish = true;
+  open(loop);
+  loop.finish();
 }
 
-/// Sends one request after `looks` turns without one, and stores the answer.
+/// Sends one request unless it is held back, and stores the answer.
 class OneQuestion final : public hal::ControlPort {
  public:
-  explicit OneQuestion(std::string question, int looks = 0) : question_(std::move(question)), looks_(looks) {}
+  explicit OneQuestion(std::string question) : question_(std::move(question)) {}
   std::size_t poll_fds(std::span<pollfd> /*fds*/) override { return 0; }
   bool next(std::int64_t /*mono_ns*/, std::string_view& line) override {
-    if (asked_ || looks_-- > 0) return false;
+    if (asked_ || hold) return false;
     asked_ = true;
     line = question_;
     return true;
@@ -261,56 +335,51 @@ class OneQuestion final : public hal::ControlPort {
   std::uint32_t peer_uid() const override { return kUidUnknown; }
 
   std::string answer;
+  bool hold = false;
 
  private:
   std::string question_;
-  int looks_;
   bool asked_ = false;
 };
 
 TEST_F(LoopStart, a_recovery_that_failed_is_in_the_status_with_its_reason) {
-  SlowStore store(Code::journal_write);
-  OneQuestion control(R"({"verb":"status"})", 5);
-  const Ports ports{plc, pose, scanner, &store, &control, clock, notify};
-  Loop loop(ports, StationSettings{}, std::make_unique<IdleCrew>(), LoopFigures{});
+  Database database;
+  database.reading = Code::journal_write;
+  OneQuestion control(R"({"verb":"status"})");
+  const Ports asked{plc, pose, scanner, nullptr, &control, clock, notify};
+  Loop loop(asked, StationSettings{}, opener(database), std::make_unique<IdleCrew>(), LoopFigures{});
   loop.start();
-  for (int i = 0; i < 20; ++i) loop.turn(10);  // the session's job succeeds without a database
+  control.hold = true;
+  open(loop);
+  for (int i = 0; i < 10; ++i) loop.turn(10);  // the session's job succeeds without a database
+  control.hold = false;
+  loop.turn(10);
   loop.finish();
   EXPECT_NE(control.answer.find(R"("text":"cannot be read")"), std::string::npos) << control.answer;
 }
 
 TEST_F(LoopStart, state_and_figures_are_reported_while_the_database_is_opened) {
   const auto ask = [&](const char* question) {
+    LongOpening database;
     OneQuestion control(question);
-    const Ports ports{plc, pose, scanner, nullptr, &control, clock, notify};
-    static_cast<void>(open_beside_the_line(
-        [this]() -> Result<std::unique_ptr<storage::Store>> {
-          clock.let_turn();
-          return error(Code::journal_write, "not yet");
-        },
-        ports, StationSettings{}, LoopFigures{}, std::atomic<bool>{false}));
+    const Ports asked{plc, pose, scanner, nullptr, &control, clock, notify};
+    Loop loop(asked, StationSettings{}, database.opener(), std::make_unique<IdleCrew>(), LoopFigures{});
+    loop.start();
+    loop.turn(0);
+    EXPECT_TRUE(loop.is_opening());
+    database.finish = true;
+    open(loop);
+    loop.finish();
     return control.answer;
   };
   EXPECT_NE(ask(R"({"verb":"status"})").find(R"("state":"recover")"), std::string::npos);
   const std::string figures = ask(R"({"verb":"metrics"})");
   EXPECT_NE(figures.find(R"("schema":"slabd.metrics/1")"), std::string::npos) << figures;
   EXPECT_NE(figures.find("slabd_store_ok 0"), std::string::npos) << figures;
-  EXPECT_NE(ask(R"({"verb":"backup"})").find("ask again"), std::string::npos);
-}
-
-TEST_F(LoopStart, stopping_does_not_wait_for_the_database) {
-  const std::atomic<bool> stop{true};
-  const Ports ports{plc, pose, scanner, nullptr, nullptr, clock, notify};
-  const auto finish = std::make_shared<std::atomic<bool>>(false);
-  const auto opened = open_beside_the_line(
-      [finish]() -> Result<std::unique_ptr<storage::Store>> {
-        (void)comes([&] { return finish->load(); });
-        return error(Code::journal_write, "no client left");
-      },
-      ports, StationSettings{}, LoopFigures{}, stop);
-  EXPECT_EQ(opened, nullptr);
-  *finish = true;
-  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  for (const char* question :
+       {R"({"verb":"backup"})", R"({"verb":"calibration"})", R"({"verb":"recipes","reload":true})",
+        R"({"verb":"calibration_change","file":"x"})", R"({"verb":"capture","action":"begin"})"})
+    EXPECT_NE(ask(question).find("ask again"), std::string::npos) << question;
 }
 
 /// Under a service manager stderr is a stream that the journal reads.

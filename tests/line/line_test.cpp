@@ -86,6 +86,29 @@ TEST_F(LineTest, full_size_slab_passes_and_memory_is_flat) {
   EXPECT_EQ(box.stop(), 0);
 }
 
+/// Another program holds the database, so opening it waits for two seconds and is repeated.
+TEST_F(LineTest, stopping_does_not_wait_until_the_database_is_open) {
+  ASSERT_TRUE(wait_until([this] { return status()["state"] != "recover"; }));
+  EXPECT_EQ(box.stop(), 0);
+  sqlite3* handle = nullptr;
+  ASSERT_EQ(sqlite3_open((box.dir / "slabd.db").c_str(), &handle), SQLITE_OK);
+  EXPECT_EQ(sqlite3_exec(handle, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr), SQLITE_OK);
+  const auto is_stopped_while_opening = [this] {
+    box.start();
+    EXPECT_TRUE(wait_until([this] {
+      return box.slabctl({"status", "--config", box.config.native(), "--json"}).exit_status == 0;
+    }));
+    EXPECT_EQ(box.stop(), 0);
+    return box.log().find("stopped while the database was being opened") != std::string::npos;
+  };
+  EXPECT_TRUE(wait_until(is_stopped_while_opening));
+  sqlite3_close(handle);
+  box.start();
+  ASSERT_TRUE(box.ready());
+  EXPECT_TRUE(wait_until([this] { return status()["state"] == "idle"; })) << "and the database is as it was";
+  EXPECT_EQ(box.stop(), 0);
+}
+
 TEST_F(LineTest, planted_defects_fail_their_blocks_and_no_other) {
   const Box::Answer answer =
       simulate({"--slab-no", "3", "--defect", "slope=4:1/35", "--defect", "jaw-distance=11:0.9", "--json"});

@@ -30,7 +30,8 @@ struct MockLineTest : testing::Test {
   hal::MockPlc plc;
   hal::MockPose pose;
   hal::MockScanner scanner{clock};
-  std::unique_ptr<storage::Store> store;
+  const Ports ports{plc, pose, scanner, nullptr, nullptr, clock, notify};
+  StationSettings settings;
   std::unique_ptr<Loop> loop;
   PlcInputs inputs;
   std::int32_t pose_seq = 0;
@@ -42,22 +43,16 @@ struct MockLineTest : testing::Test {
     std::vector<Problem> problems;
     load_recipe(places::source_dir() + "/recipes/" + recipe_file, recipes[0], problems);
     ASSERT_TRUE(problems.empty()) << problems[0].text;
-    auto opened = storage::open_store({(dir / "slabd.db").native(), (dir / "spool").native(), 0});
-    ASSERT_TRUE(opened.ok()) << opened.error().text.c_str();
-    store = std::move(opened.value());
-
-    StationSettings settings;
     settings.recipes = recipes;
     settings.calibration_id = "test";
     settings.spool_dir = std::string_view((dir / "spool").native());
-    const Ports ports{plc, pose, scanner, store.get(), nullptr, clock, notify};
     settings.splice.commissioning_mm = kSigma.position_mm;
     settings.splice.commissioning_rad = kSigma.rotation_rad;
     settings.splice.repeatability_mm = kSigma.robot_position_mm;
     settings.splice.repeatability_rad = kSigma.robot_rotation_rad;
-    loop = std::make_unique<Loop>(ports, settings, hal::LengthUnit::mm, 2, LoopFigures{});
-    const std::atomic<bool> stop{true};
-    loop->run(stop);  // recovers, then returns because `stop` is set
+    make_loop([this](std::atomic<bool>&) {
+      return storage::open_store({(dir / "slabd.db").native(), (dir / "spool").native(), 0});
+    });
     inputs.enable = true;
     inputs.command_writer = 1;
     inputs.slab_no = 4711;
@@ -66,6 +61,18 @@ struct MockLineTest : testing::Test {
   void TearDown() override {
     loop.reset();
     fs::remove_all(dir);
+  }
+
+  /// Starts a loop and turns it until the store is open, or cannot be opened.
+  void make_loop(const StoreOpener& opener) {
+    loop.reset();
+    loop = std::make_unique<Loop>(ports, settings, opener, hal::LengthUnit::mm, 2, LoopFigures{});
+    loop->start();
+    open();
+  }
+  void open() const {
+    for (int i = 0; i < 30'000 && loop->is_opening(); ++i) loop->turn(1);
+    ASSERT_FALSE(loop->is_opening());
   }
 
   void answer_scan(const simulate::BlockTruth& truth, std::uint64_t seed) {
@@ -101,6 +108,7 @@ struct MockLineTest : testing::Test {
   PlcOutputs view() const { return plc_view(loop->station()); }
 
   bool command(PlcCommand what, int station = 0) {
+    EXPECT_TRUE(turn_until([&] { return view().plc_link_ok; }));
     inputs.command = static_cast<std::uint16_t>(what);
     inputs.station = static_cast<std::uint16_t>(station);
     inputs.session_echo = view().session;
@@ -232,77 +240,81 @@ TEST_F(MockLineTest, a_scanner_that_hangs_is_given_up_on_abort) {
   EXPECT_TRUE(view().slab_open);
 }
 
-/// The disk failed at the start: the loop runs without a store, in fault 502, or 501 if it was full.
-struct MockLineWithoutStore : MockLineTest {
+/// The disk fails at the start: the loop runs without a store, in fault 502, or 501 if it is full.
+struct MockLineWhoseStoreFails : MockLineTest, testing::WithParamInterface<Code> {
   void SetUp() override {
     MockLineTest::SetUp();
-    StationSettings settings;
-    settings.recipes = recipes;
-    settings.fault = fault;
-    loop.reset();
-    loop = std::make_unique<Loop>(Ports{plc, pose, scanner, nullptr, nullptr, clock, notify}, settings,
-                                  hal::LengthUnit::mm, 1, LoopFigures{});
+    make_loop([this](std::atomic<bool>&) -> Result<std::unique_ptr<storage::Store>> {
+      ++tries;
+      if (!is_repaired) return error(GetParam(), "the disk failed");
+      fs::create_directories(dir / "new/spool");
+      return storage::open_store({(dir / "new/slabd.db").native(), (dir / "new/spool").native(), 0});
+    });
   }
-  Code fault = Code::journal_write;
-  const std::atomic<bool> go_on{false};
-};
-
-struct MockLineWhoseStoreFails : MockLineWithoutStore, testing::WithParamInterface<Code> {
-  MockLineWhoseStoreFails() { fault = GetParam(); }
+  std::atomic<int> tries{0};
+  std::atomic<bool> is_repaired{false};
 };
 INSTANTIATE_TEST_SUITE_P(, MockLineWhoseStoreFails, testing::Values(Code::store_full, Code::journal_write),
                          [](const auto& code) { return "fault_" + std::to_string(static_cast<int>(code.param)); });
 
 TEST_P(MockLineWhoseStoreFails, asks_for_the_store_again_after_a_while_and_at_a_reset_of_the_fault) {
-  loop->start();
-  loop->turn(0);
   EXPECT_EQ(view().fault, static_cast<int>(GetParam()));
   EXPECT_FALSE(view().store_ok);
   EXPECT_FALSE(view().ready);
-  EXPECT_FALSE(loop->wants_store(5 * kNsPerS));
+  loop->turn(0);
+  EXPECT_FALSE(loop->is_opening());
   clock.advance(5 * kNsPerS);
-  EXPECT_TRUE(loop->wants_store(5 * kNsPerS));
-  EXPECT_FALSE(loop->wants_store(60 * kNsPerS)) << "each try waits longer";
+  loop->turn(0);
+  open();
+  EXPECT_EQ(tries, 2);
+  clock.advance(5 * kNsPerS);
+  loop->turn(0);
+  EXPECT_FALSE(loop->is_opening()) << "each try waits longer";
   inputs.fault_reset = true;
   plc.write(inputs);
-  EXPECT_TRUE(loop->run(go_on, 3600 * kNsPerS));
+  loop->turn(0);
+  loop->turn(0);
+  open();
+  EXPECT_EQ(tries, 3);
 }
 
 /// The command remains in the registers until the PLC writes another one, and the first session of a new database is 1.
 TEST_P(MockLineWhoseStoreFails, a_command_refused_meanwhile_is_not_carried_out_when_the_database_is_available) {
-  loop->start();
   ASSERT_TRUE(turn_until([&] { return view().session != 0 && view().fault != 0; }));
+  EXPECT_GT(view().session, 0x8000);
   ASSERT_TRUE(command(PlcCommand::slab_begin));
   ASSERT_EQ(view().cmd_status, kCommandFailed + static_cast<int>(GetParam()));
 
-  fs::create_directories(dir / "new/spool");
-  auto opened = storage::open_store({(dir / "new/slabd.db").native(), (dir / "new/spool").native(), 0});
-  ASSERT_TRUE(opened.ok()) << opened.error().text.c_str();
-  store = std::move(opened.value());
-  StationSettings settings;
-  settings.recipes = recipes;
-  settings.calibration_id = "test";
-  loop.reset();
-  loop = std::make_unique<Loop>(Ports{plc, pose, scanner, store.get(), nullptr, clock, notify}, settings,
-                                hal::LengthUnit::mm, 1, LoopFigures{});
-  loop->start();
+  is_repaired = true;
+  clock.advance(5 * kNsPerS);
+  loop->turn(0);
+  open();
   for (int i = 0; i < 1'000 && view().session == 0; ++i) loop->turn(1);  // the PLC writes once the session is shown
-  ASSERT_NE(view().session, 0);
+  ASSERT_EQ(view().session, 1);
   EXPECT_FALSE(turn_until([&] { return view().slab_open; }, 200));
   EXPECT_EQ(view().fault, 0) << "nothing but the session keeps it from being carried out";
 }
 
-struct MockLineWithoutConfig : MockLineWithoutStore {
-  MockLineWithoutConfig() { fault = Code::config; }
+struct MockLineWithoutConfig : MockLineTest {
+  void SetUp() override {
+    MockLineTest::SetUp();
+    settings.fault = Code::config;
+    make_loop([this](std::atomic<bool>&) -> Result<std::unique_ptr<storage::Store>> {
+      ++tries;
+      return error(Code::journal_write, "not opened");
+    });
+  }
+  std::atomic<int> tries{0};
 };
 TEST_F(MockLineWithoutConfig, a_faulty_configuration_is_nothing_that_trying_again_mends) {
-  loop->start();
   inputs.fault_reset = true;
   plc.write(inputs);
   loop->turn(0);
   clock.advance(3600 * kNsPerS);
+  loop->turn(0);
   EXPECT_EQ(view().fault, 504);
-  EXPECT_FALSE(loop->wants_store(5 * kNsPerS));
+  EXPECT_FALSE(loop->is_opening());
+  EXPECT_EQ(tries, 0);
 }
 
 }  // namespace

@@ -67,14 +67,14 @@ class FiberQueue final : public daemon::JobQueue<Job, Done> {
         if (jobs_.empty() && !stop_) process_.sleep_for(100 * kMs);
         continue;
       }
-      const auto job = std::make_unique<Job>(jobs_.front());
+      job_ = jobs_.front();
       jobs_.pop_front();
       running_ = true;
-      const auto done = std::make_unique<Done>(work_(*job));
+      done_ = work_(job_);
       running_ = false;
       if (process_.dead()) break;
       const heap::Aside aside;
-      dones_.push_back(*done);
+      dones_.push_back(done_);
       process_.wake(loop_);
     }
   }
@@ -86,6 +86,8 @@ class FiberQueue final : public daemon::JobQueue<Job, Done> {
   Process::Thread* thread_ = nullptr;
   std::deque<Job> jobs_;
   std::deque<Done> dones_;
+  Job job_{};  // members, as in Worker: a queue requests no memory after the start
+  Done done_{};
   bool running_ = false;
   bool stop_ = false;
   std::uint64_t turns_ = 0;
@@ -97,8 +99,8 @@ class FiberCrew final : public daemon::Crew {
       : process_(process), line_(line), recipes_(recipes), chance_(line.world.chance(9)) {}
 
   [[nodiscard]] std::unique_ptr<daemon::StoreQueue> storage(
-      std::function<daemon::StoreDone(const daemon::StoreTask&)> work, std::function<void()> idle) override {
-    return std::make_unique<FiberQueue<daemon::StoreTask, daemon::StoreDone, limits::kWorkerQueue>>(
+      std::function<daemon::StoreAnswer(const daemon::StoreTask&)> work, std::function<void()> idle) override {
+    return std::make_unique<FiberQueue<daemon::StoreTask, daemon::StoreAnswer, limits::kWorkerQueue>>(
         process_, std::move(work), std::move(idle));
   }
   [[nodiscard]] std::unique_ptr<daemon::ScanQueue> scanner(

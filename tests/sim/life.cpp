@@ -82,8 +82,8 @@ class Life {
   void think_up_faults();
   void think_up_clusters();
   void boot();
+  Result<std::unique_ptr<storage::Store>> open_store();
   void run_daemon();
-  bool run_loop(daemon::Ports ports, std::int64_t patience_ns);
   void bury(bool power);
   void manage_service();
   void trigger_faults();
@@ -235,57 +235,17 @@ void Life::boot() {
   loop_thread_ = &process_->start([this] { run_daemon(); });
 }
 
-/// True if the store must be opened again.
-bool Life::run_loop(daemon::Ports ports, std::int64_t patience_ns) {
-  Process& process = *process_;
-  daemon::StationSettings station = settings();
-  if (config_broken_) station.fault = Code::config;
-  std::unique_ptr<storage::Store> store;
-  shown_state_ = 0;
-  process.sleep_for(between(chance_, 5 * kMs, 60 * kMs));
-  heap::fail_at(std::exchange(fail_allocation_, 0));
-  if (!config_broken_) {
-    storage::StoreSettings where;
-    where.db_path = kDatabase;
-    where.spool_dir = kSpool;
-    if (auto made = storage::open_store(where); made.ok()) {
-      const heap::Aside aside;
-      store = std::make_unique<OverheardStore>(std::move(made.value()), promises_, process);
-    } else {
-      daemon::say_line(
-          {daemon::LogLine::Level::error, static_cast<std::uint16_t>(made.error().code), made.error().text});
-      station.fault = daemon::fault_without_store(made.error());
-    }
-  }
-  shown_state_ = 1;
-  process.sleep_for(between(chance_, 20 * kMs, 150 * kMs));  // time to touch the memory of the scans
-  promises_.process_started(store != nullptr);
-  ports.store = store.get();
-  daemon::LoopFigures figures;
-  figures.db_path = kDatabase;
-  daemon::Loop loop(ports, station, std::make_unique<FiberCrew>(process, line_, recipes_), std::move(figures));
-  loop.start();
-  heap::fail_at(0);
-  if (loop.station().settings.fault != Code::ok)
-    promises_.process_started(false);
-  else if (!process.dead())
-    promises_.check_rows(kDatabase);
-  while (!process.dead() && !stop_) {
-    process.sleep_until(std::min(world_.now_ns + (quiet_ ? kQuietTurn : kTurn),
-                                 std::max(world_.now_ns + kMs, wire_.next_request_ns())));
-    if (process.dead()) break;
-    const std::uint64_t answers = control_room_.answers;
-    heap::watch();
-    loop.serve();
-    const std::uint64_t requests = heap::stop();
-    if (requests > 0 && answers == control_room_.answers)
-      world_.violated("the loop asked %llu times for memory after the start",
-                      static_cast<unsigned long long>(requests));
-    ++world_.totals.turns;
-    if (loop.wants_store(patience_ns)) return true;
-  }
-  if (stop_ && !process.dead()) loop.finish();
-  return false;
+/// Called by the storage thread.
+Result<std::unique_ptr<storage::Store>> Life::open_store() {
+  process_->sleep_for(between(chance_, 5 * kMs, 60 * kMs));
+  storage::StoreSettings where;
+  where.db_path = kDatabase;
+  where.spool_dir = kSpool;
+  auto made = storage::open_store(where);
+  if (!made.ok()) return made;
+  const heap::Aside aside;
+  return std::unique_ptr<storage::Store>(
+      std::make_unique<OverheardStore>(std::move(made.value()), kDatabase, promises_, *process_));
 }
 
 /// The steps of main(), on simulated ports.
@@ -301,9 +261,32 @@ void Life::run_daemon() {
     SimPose pose(poses_);
     SimScanner scanner(line_, process);
     SimControl control(world_, control_room_);
-    std::int64_t patience_ns = daemon::Loop::kStorePatience_ns;
-    for (bool again = true; again; patience_ns *= 2)
-      again = run_loop({plc, pose, scanner, nullptr, &control, clock_, notify_}, patience_ns);
+    daemon::StationSettings station = settings();
+    if (config_broken_) station.fault = Code::config;
+    daemon::LoopFigures figures;
+    figures.db_path = kDatabase;
+    process.sleep_for(between(chance_, 20 * kMs, 150 * kMs));  // time to touch the memory of the scans
+    promises_.process_started();
+    heap::fail_at(std::exchange(fail_allocation_, 0));
+    daemon::Loop loop(
+        {plc, pose, scanner, nullptr, &control, clock_, notify_}, station, [this](auto&) { return open_store(); },
+        std::make_unique<FiberCrew>(process, line_, recipes_), std::move(figures));
+    loop.start();
+    while (!process.dead() && !stop_) {
+      process.sleep_until(std::min(world_.now_ns + (quiet_ ? kQuietTurn : kTurn),
+                                   std::max(world_.now_ns + kMs, wire_.next_request_ns())));
+      if (process.dead()) break;
+      const std::uint64_t answers = control_room_.answers;
+      heap::watch();
+      loop.serve();
+      const std::uint64_t requests = heap::stop();
+      if (requests > 0 && answers == control_room_.answers)
+        world_.violated("the loop asked %llu times for memory after the start",
+                        static_cast<unsigned long long>(requests));
+      ++world_.totals.turns;
+      if (!loop.is_opening()) heap::fail_at(0);
+    }
+    if (stop_ && !process.dead()) loop.finish();
   } catch (const std::exception& e) {
     heap::fail_at(0);
     world_.trace.line(world_.now_ns, "slabd exits: %s", e.what());

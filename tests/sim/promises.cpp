@@ -240,12 +240,13 @@ void Promises::recovered(const RecoveredLine& line) {
       static_cast<std::int16_t>(line.session - session_stored_) < 0)
     world_.violated("session %u was committed, and %u was found", session_stored_, line.session);
   session_stored_ = line.session;
+  has_store_ = true;
 }
 
 // ---- the wire ----------------------------------------------------------------------------------------------------
 
 void Promises::shown(const PlcOutputs& out) {
-  if (!has_store_) {
+  if (!has_store_ || out.state == PlcState::recover) {
     if (out.slab_verdict != Verdict::none || out.record.res_seq != 0)
       world_.violated("something is shown that no database holds");
     fresh_process_ = true;
@@ -302,7 +303,10 @@ void Promises::decided(const Decision& decision) {
 
 Result<std::unique_ptr<RecoveredLine>> OverheardStore::recover() {
   auto line = store_->recover();
-  if (!process_.dead() && line.ok()) promises_.recovered(*line.value());
+  if (!process_.dead() && line.ok()) {
+    promises_.recovered(*line.value());
+    promises_.check_rows(db_path_);
+  }
   return line;
 }
 

@@ -34,10 +34,10 @@ class Promises {
   void recovered(const RecoveredLine& line);
 
   // ---- the wire ----
-  /// `has_store`: without a store a process shows a fault, and numbers that must not be used.
-  void process_started(bool has_store) {
+  /// Until recovered() a process shows STATE 1, or a fault and numbers that must not be used.
+  void process_started() {
     fresh_process_ = true;
-    has_store_ = has_store;
+    has_store_ = false;
   }
   void shown(const PlcOutputs& out);
   void decided(const Decision& decision);
@@ -76,15 +76,15 @@ class Promises {
   std::uint16_t session_stored_ = 0;
   std::map<std::uint16_t, Record> shown_records_;
   bool fresh_process_ = true;
-  bool has_store_ = true;
+  bool has_store_ = false;
   PlcOutputs last_;
 };
 
 /// The real store, with its calls observed.
 class OverheardStore final : public storage::Store {
  public:
-  OverheardStore(std::unique_ptr<storage::Store> store, Promises& promises, const Process& process)
-      : store_(std::move(store)), promises_(promises), process_(process) {}
+  OverheardStore(std::unique_ptr<storage::Store> store, const char* db_path, Promises& promises, const Process& process)
+      : store_(std::move(store)), db_path_(db_path), promises_(promises), process_(process) {}
   [[nodiscard]] Result<std::unique_ptr<RecoveredLine>> recover() override;
   [[nodiscard]] Status apply(const StoreJob& job) override;
   [[nodiscard]] Result<std::string> change(const storage::CalibrationChange& change) override {
@@ -98,6 +98,7 @@ class OverheardStore final : public storage::Store {
 
  private:
   std::unique_ptr<storage::Store> store_;
+  const char* db_path_;
   Promises& promises_;
   const Process& process_;
 };
