@@ -27,8 +27,7 @@ void refuse(Station& s, const PlcInputs& in, Code code, Actions& actions) {
     desk.pending_inputs = in;
     set_failed(s, in.cmd_seq, code);
   }
-  if (s.now_ns - desk.refusal_logged_ns < kNsPerS) return;
-  desk.refusal_logged_ns = s.now_ns;
+  if (!desk.refusal_limit.permits(s.now_ns)) return;
   log(actions, LogLine::Level::warning, code, "command %u (CMD %u, station %u) refused: %.*s (refusal %u)", in.cmd_seq,
       in.command, in.station, static_cast<int>(describe(code).size()), describe(code).data(), desk.refused);
 }
@@ -247,8 +246,7 @@ void bump_session(Station& s, Actions& actions, const char* why) {
   s.desk.session_next = next_sequence(s.desk.session_next);
   if (!holds(Rule::session_after_commit)) s.desk.session = s.desk.session_next;
   ++s.desk.sessions_unsaid;
-  if (s.now_ns - s.desk.session_logged_ns >= kNsPerS) {
-    s.desk.session_logged_ns = s.now_ns;
+  if (s.desk.session_limit.permits(s.now_ns)) {
     log(actions, LogLine::Level::info, Code::ok, "session %u: %s%s", s.desk.session_next, why,
         s.desk.sessions_unsaid > 1 ? " (and others since the last line)" : "");
     s.desk.sessions_unsaid = 0;

@@ -9,6 +9,7 @@
 #include "base/base.h"
 #include "base/calibration.h"
 #include "base/jobs.h"
+#include "base/rate_limit.h"
 #include "daemon/station/pose_gate.h"
 #include "daemon/station/station_views.h"
 #include "daemon/station/still_watch.h"
@@ -195,9 +196,9 @@ struct CommandDesk {
   std::uint16_t judged_echo = 0;
   std::uint32_t judged_writer = 0;
   std::uint32_t judged_writes = 0;
-  std::uint16_t judged_ack = 0;               ///< CMD_ACK at that time
-  std::int64_t refusal_logged_ns = -kNsPerS;  ///< limits a repeating peer to one log line a second
-  std::int64_t session_logged_ns = -kNsPerS;  ///< the same for changes of session
+  std::uint16_t judged_ack = 0;      ///< CMD_ACK at that time
+  RateLimit refusal_limit{kNsPerS};  ///< of the log lines that a repeating peer causes
+  RateLimit session_limit{kNsPerS};  ///< the same for changes of session
   std::uint32_t sessions_unsaid = 0;
   bool pending = false;        ///< `pending_inputs` is being journalled
   bool pending_abort = false;  ///< ABORT was raised in the meantime

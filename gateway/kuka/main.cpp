@@ -24,18 +24,22 @@
 #include <vector>
 
 #include "base/os.h"
+#include "base/rate_limit.h"
 #include "gateway/kuka/rsi.h"
 
 namespace slabd::kuka {
 namespace {
 
-using SteadyClock = std::chrono::steady_clock;
-
 constexpr int kExitUsage = 2;
 constexpr int kExitBadInput = 3;
 constexpr int kExitUnreachable = 4;
-constexpr auto kSilence = std::chrono::seconds(1);
-constexpr auto kReportPeriod = std::chrono::minutes(1);
+constexpr std::int64_t kSilence_ns = kNsPerS;
+constexpr std::int64_t kReportPeriod_ns = 60 * kNsPerS;
+
+std::int64_t steady_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
 
 std::atomic<bool> g_stop{false};
 void on_signal(int) {
@@ -171,59 +175,55 @@ class Publisher {
 /// Rate-limited log of the link: a robot sends 250 packets a second.
 class Voice {
  public:
-  explicit Voice(Publisher& publisher) : publisher_(publisher) {}
+  explicit Voice(Publisher& publisher) : publisher_(publisher) {
+    // The first words and the first report come after a period.
+    (void)words_.permits(heard_ns_);
+    (void)reports_.permits(heard_ns_);
+  }
   void heard(const std::string& sender, bool is_new) {
     if (silent_ || is_new) say("packets come from {}", sender);
     silent_ = false;
-    heard_at_ = SteadyClock::now();
+    heard_ns_ = steady_ns();
   }
   void malformed(const Error& why) {
-    const auto now = SteadyClock::now();
-    if (now - complained_at_ < kSilence) return;
-    complained_at_ = now;
+    const std::int64_t now_ns = steady_ns();
+    if (!complaints_.permits(now_ns)) return;
+    complained_ns_ = now_ns;
     say("{}", why.text.view());
     publisher_.publish_word(why.text.view());
   }
   /// Logs a rejected packet and the reason.
   void dropped(const std::string& sender, const std::string& why) {
-    const auto now = SteadyClock::now();
+    const std::int64_t now_ns = steady_ns();
     const std::string sentence = fmt::format("packets of {} are dropped: {}", sender, why);
-    if (now - worded_at_ >= kSilence) {
-      worded_at_ = now;
-      publisher_.publish_word(sentence);
-    }
-    if (now - dropped_at_ < kReportPeriod) return;
-    dropped_at_ = now;
-    say("{}", sentence);
+    if (words_.permits(now_ns)) publisher_.publish_word(sentence);
+    if (drops_.permits(now_ns)) say("{}", sentence);
   }
   /// Logs whether poses are sent, because slabd cannot detect the reason for missing poses. `error`: errno of the
   /// failed send.
   void published(bool sent, int error) {
-    const auto now = SteadyClock::now();
+    const std::int64_t now_ns = steady_ns();
     if (!sent) {
       ++unsent_;
-      unsent_at_ = now;
+      unsent_ns_ = now_ns;
       if (sending_)
         say("poses cannot be published: {}; is the network up, has the multicast group a route? trying on",
             std::strerror(error));
       sending_ = false;
-    } else if (!sending_ && now - unsent_at_ > kSilence) {
+    } else if (!sending_ && now_ns - unsent_ns_ > kSilence_ns) {
       sending_ = true;
       say("poses are published again");
     }
   }
   void look(const BridgeCounters& counters, std::uint64_t not_believed) {
-    const auto now = SteadyClock::now();
-    if (!silent_ && now - heard_at_ > kSilence) {
+    const std::int64_t now_ns = steady_ns();
+    if (!silent_ && now_ns - heard_ns_ > kSilence_ns) {
       silent_ = true;
       say("no packets for a second: is RSI on, is the network up?");
     }
-    if (silent_ && now - worded_at_ >= kSilence && now - complained_at_ >= 2 * kSilence) {
-      worded_at_ = now;
+    if (silent_ && now_ns - complained_ns_ >= 2 * kSilence_ns && words_.permits(now_ns))
       publisher_.publish_word("no RSI packets from a controller");
-    }
-    if (now - reported_at_ < kReportPeriod) return;
-    reported_at_ = now;
+    if (!reports_.permits(now_ns)) return;
     say("{} poses published, {} not sent, {} malformed, {} old, {} lost, {} restarts, {} from others or while two sent",
         counters.published - unsent_, unsent_, counters.malformed, counters.old, counters.lost, counters.restarts,
         not_believed);
@@ -234,12 +234,13 @@ class Voice {
   bool silent_ = true;
   bool sending_ = true;
   std::uint64_t unsent_ = 0;
-  SteadyClock::time_point unsent_at_;
-  SteadyClock::time_point heard_at_ = SteadyClock::now();
-  SteadyClock::time_point complained_at_ = SteadyClock::now() - kSilence;
-  SteadyClock::time_point dropped_at_ = SteadyClock::now() - kReportPeriod;
-  SteadyClock::time_point worded_at_ = SteadyClock::now();
-  SteadyClock::time_point reported_at_ = SteadyClock::now();
+  std::int64_t unsent_ns_ = 0;
+  std::int64_t heard_ns_ = steady_ns();
+  std::int64_t complained_ns_ = heard_ns_ - kSilence_ns;
+  RateLimit complaints_{kSilence_ns};
+  RateLimit drops_{kReportPeriod_ns};
+  RateLimit words_{kSilence_ns};
+  RateLimit reports_{kReportPeriod_ns};
 };
 
 int bridge(const Options& options) {
@@ -293,9 +294,7 @@ int bridge(const Options& options) {
       voice.malformed(packet.error());
       continue;
     }
-    const std::int64_t now_ns =
-        std::chrono::duration_cast<std::chrono::nanoseconds>(SteadyClock::now().time_since_epoch()).count();
-    const Senders::Answer who = senders.hear(from_address, now_ns);
+    const Senders::Answer who = senders.hear(from_address, steady_ns());
     voice.heard(name, who == Senders::Answer::other);
     if (who == Senders::Answer::two) {
       ++not_believed;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 
+#include "base/rate_limit.h"
 #include "hal/hal.h"
 
 /// Log lines of a link, made from its counters. The first error is logged at once; later lines contain sums and are at
@@ -12,8 +13,6 @@ namespace slabd::hal {
 
 class PlcNotes {
  public:
-  static constexpr std::int64_t kPeriod_ns = 10 * kNsPerS;
-
   /// False without new errors, or too early. `detail` (may be empty) names the peer or the cause and is written last.
   bool next(std::int64_t mono_ns, const PlcLinkCounters& now, const char* detail, PlcNoteText& text) {
     struct Trouble {
@@ -32,8 +31,7 @@ class PlcNotes {
     };
     bool any = false;
     for (const Trouble& trouble : troubles) any = any || trouble.count != 0;
-    if (!any || mono_ns < next_ns_) return false;
-    next_ns_ = mono_ns + kPeriod_ns;
+    if (!any || !limit_.permits(mono_ns)) return false;
     said_ = now;
     text = "PLC link:";
     const char* comma = " ";
@@ -53,7 +51,7 @@ class PlcNotes {
 
  private:
   PlcLinkCounters said_;
-  std::int64_t next_ns_ = 0;
+  RateLimit limit_{10 * kNsPerS};
 };
 
 }  // namespace slabd::hal

@@ -15,7 +15,6 @@ namespace slabd::hal {
 namespace {
 
 constexpr std::int64_t kRefusalShown_ns = 2 * kNsPerS;
-constexpr std::int64_t kNotePeriod_ns = 10 * kNsPerS;
 
 FixedString<24> text_of(const PosePublisher& p) {
   FixedString<24> text;
@@ -267,8 +266,7 @@ bool PoseScreen::next_note(std::int64_t mono_ns, const PoseLinkCounters& now, Po
   };
   bool any = now.gaps != said_.gaps || changes_ != 0;
   for (const Trouble& trouble : troubles) any = any || trouble.count != 0;
-  if (!any || mono_ns < next_note_ns_) return false;
-  next_note_ns_ = mono_ns + kNotePeriod_ns;
+  if (!any || !note_limit_.permits(mono_ns)) return false;
   text.printf("robot pose: %llu breaks in the numbering", static_cast<unsigned long long>(now.gaps - said_.gaps));
   said_ = now;
   for (const Trouble& trouble : troubles) {

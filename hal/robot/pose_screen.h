@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <string_view>
 
+#include "base/rate_limit.h"
 #include "hal/hal.h"
 
 /// Checks that need more than one datagram: whether a well-formed pose fits the preceding ones. Pure; no heap.
@@ -106,7 +107,7 @@ class PoseScreen {
   PoseNoteText refusal_;
   std::int64_t refused_ns_ = 0;
   PoseLinkCounters said_;
-  std::int64_t next_note_ns_ = 0;
+  RateLimit note_limit_{10 * kNsPerS};
 };
 
 }  // namespace slabd::hal

@@ -12,6 +12,7 @@
 #include "base/base.h"
 #include "base/jobs.h"
 #include "base/plain_text.h"
+#include "base/rate_limit.h"
 #include "hal/hal.h"
 
 /// Parts shared by both scanner ports: detection of a blocked scan thread, its log lines, and the JSON of requests and
@@ -94,11 +95,7 @@ class DropNotes {
   [[nodiscard]] bool next(ScannerText& line) {
     const std::lock_guard lock(mutex_);
     if (first_.empty() && lines_.empty() && untold_ == 0) return false;
-    const std::int64_t now_ns = clock_.mono_ns();
-    // Every second permits one more line; at most kAtOnce are saved.
-    paid_until_ns_ = std::max(paid_until_ns_, now_ns - kAtOnce * kNsPerS);
-    if (paid_until_ns_ + kNsPerS > now_ns) return false;
-    paid_until_ns_ += kNsPerS;
+    if (!limit_.permits(clock_.mono_ns())) return false;
     if (!first_.empty()) {
       line = first_;
       first_.clear();
@@ -113,14 +110,12 @@ class DropNotes {
   }
 
  private:
-  static constexpr std::int64_t kAtOnce = 30;
-
   const Clock& clock_;
   std::mutex mutex_;
   ScannerText first_;
   FixedQueue<ScannerText, 64> lines_;
   std::uint64_t untold_ = 0;
-  std::int64_t paid_until_ns_ = -(std::int64_t{1} << 62U);
+  RateLimit limit_{kNsPerS, 30};
 };
 
 /// Appends text inside the quotes of a JSON string, as much as leaves room for `tail_bytes` after it. All but plain
