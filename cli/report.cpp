@@ -21,6 +21,8 @@ namespace {
 struct Options {
   DatabaseOptions database;
   std::string slab;
+  std::string project;
+  bool full = false;
   DocumentOptions document;
 };
 
@@ -33,7 +35,9 @@ int report_slab(const Options& options) {
   const auto reader = open_database(options.database);
   const storage::SlabRecord found = named_slab(*reader, options.slab);
   const auto picture = need(report::picture_of(*reader, found), kNotReachable);
-  to.write(report::compose(*picture, to.wanted()));
+  std::string project = options.project;
+  if (project.empty() && options.database.db.empty()) project = config_from(options.database.config).project;
+  to.write(report::compose(*picture, {to.wanted(), options.full, project}));
   fmt::print("{}\n", to.out);
   return kDone;
 }
@@ -45,7 +49,9 @@ void add_report(args::Command& app) {
   args::Command command = app.add_subcommand("report", "One slab as a document: PDF, HTML, SVG or PNG");
   command->footer(
       "\nReads the database only; the scans may be gone. A block that was not found in its scan has no maps, and the\n"
-      "report states it.\n"
+      "report states it. The first two pages are the whole answer: verdict, map, findings, basis, notes, signatures. "
+      "The\n"
+      "blocks with findings follow; --full adds all others, and the tables of the slab. Times are local (TZ).\n"
       "Examples: slabctl report SLAB-0042 --out SLAB-0042.pdf\n"
       "          slabctl report 12 --out 12.html --language zh\n"
       "          slabctl report 12 --out 12.png --page 1 --dpi 150");
@@ -66,6 +72,8 @@ void add_report(args::Command& app) {
   command->add_option("--dpi", options->document.dots_per_inch, "Dots per inch of .png")
       ->check(within(20.0, 600.0))
       ->capture_default_str();
+  command->add_flag("--full", options->full, "All blocks, and the tables of the slab");
+  command->add_option("--project", options->project, "Name of the project; default: [report] project");
   options->database.add_to(*command);
   command->runs([options] { return report_slab(*options); });
 }
