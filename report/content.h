@@ -41,8 +41,7 @@ struct Section {
   Verdict verdict = Verdict::none;
   std::string remark;     ///< next to the title
   bool together = false;  ///< the section is kept on one page
-  /// The section fills the rest of a page: where it stands, or on the last page; on paper it is left out if neither has
-  /// room.
+  /// The section fills the rest of a page, its own or a later one; on paper it is left out if none has room.
   bool filler = false;
   std::vector<Part> parts;
 };

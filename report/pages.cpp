@@ -224,16 +224,25 @@ struct Pages::Layout {
   void place_all() {
     page = 0;
     y = kTop + (report.judged ? 14.0 : 0.0);  // below the first page's band
-    std::vector<const Section*> later;
+    std::vector<const Section*> later;        // fillers that did not fit yet
+    const auto fill = [&] {
+      std::erase_if(later, [&](const Section* section) {
+        const bool fits = y + height_of(*section) <= kBottom;
+        if (fits) place(*section);
+        return fits;
+      });
+    };
     for (const Section& section : report.sections) {
       if (section.parts.empty()) continue;
-      if (section.filler && y + height_of(section) > kBottom)
+      const bool fits = y + height_of(section) <= kBottom;
+      if (section.filler && !fits) {
         later.push_back(&section);
-      else
-        place(section);
+        continue;
+      }
+      if (section.together && !fits) fill();
+      place(section);
     }
-    for (const Section* section : later)
-      if (y + height_of(*section) <= kBottom) place(*section);
+    fill();
   }
 
   void place(const Section& section) {
