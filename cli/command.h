@@ -32,6 +32,8 @@ void add_show(args::Command& app);
 void add_report(args::Command& app);
 void add_reasons(args::Command& app);
 void add_trend(args::Command& app);
+void add_compare(args::Command& app);
+void add_yield(args::Command& app);
 void add_replay(args::Command& app);
 void add_export(args::Command& app);
 /// Adds `pin` and `unpin`.

@@ -14,6 +14,7 @@
 #include "cli/slab_choice.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/document.h"
+#include "cli/trend/yield.h"
 #include "report/json.h"
 #include "report/slab_view.h"
 
@@ -23,20 +24,54 @@ namespace {
 struct Options {
   DatabaseOptions database;
   SlabChoice choice;
+  DocumentOptions document;
   TableOutput output;
 };
 
+/// Bars of the items, all stations together; blocks that were stopped by their reason.
+std::vector<trend::ParetoBar> bars_of(const Table& table, report::Language language) {
+  std::map<std::pair<std::int64_t, std::string>, trend::ParetoBar> bars;
+  for (const Table::Row& row : table.rows) {
+    const auto number = [&](std::size_t column) { return std::get<std::int64_t>(row[column].number); };
+    trend::ParetoBar& bar = bars[{number(0), row[1].text}];
+    const std::optional<ItemId> item = item_from_name(row[1].text);
+    bar.name = item ? report::item_word(*item, language)
+                    : report::reason_sentence(static_cast<std::uint16_t>(number(0)), language);
+    bar.failed += static_cast<std::size_t>(number(4));
+    bar.others += static_cast<std::size_t>(number(5) + number(6));
+  }
+  std::vector<trend::ParetoBar> list;
+  for (auto& [at, bar] : bars) list.push_back(std::move(bar));
+  return list;
+}
+
+void write_document(const DocumentOptions& to, const Table& table, std::uint8_t emulated) {
+  if (to.out.empty()) return;
+  report::Report document;
+  document.language = to.wanted();
+  document.judged = false;
+  document.emulated = emulated;
+  document.title = report::pick(to.wanted(), "Reasons", "不合格原因");
+  report::Section& section = document.sections.emplace_back();
+  section.parts.emplace_back(report::Figures{{trend::pareto_figure(bars_of(table, to.wanted()), to.wanted())}});
+  section.parts.emplace_back(table);
+  to.write(document);
+}
+
 int show_reasons(Options options) {
+  options.document.check();
   const auto reader = open_database(options.database);
   options.choice.all = true;
   // Counts by verdict, for each reason with its item ("block" for a block) and its stations.
   std::map<std::tuple<int, std::string_view, int, int>, std::map<Verdict, int>> counts;
   int slabs = 0;
   int total = 0;
+  std::uint8_t emulated = 0;
   for (const std::int64_t key : chosen_slabs(*reader, options.choice)) {
     const auto record = need(reader->slab(key), kNotReachable);
     if (!record) continue;  // the daemon has pruned it meanwhile
     ++slabs;
+    emulated = static_cast<std::uint8_t>(emulated | record->summary.header.emulated);
     const auto count = [&](int reason, std::string_view item, int station, int to, Verdict verdict) {
       if (reason <= 0 || verdict == Verdict::pass || verdict == Verdict::none) return;
       ++counts[{reason, item, station, to}][verdict];
@@ -66,6 +101,7 @@ int show_reasons(Options options) {
   std::ranges::stable_sort(table.rows, std::greater(), times);
   std::int64_t sum = 0;
   for (Table::Row& row : table.rows) row.emplace_back(100.0 * static_cast<double>(sum += times(row)) / total, 1);
+  write_document(options.document, table, emulated);
   Json json("slabd.reasons/1");
   options.output.print(table, json.field("slabs", slabs), "reasons");
   return kDone;
@@ -78,8 +114,9 @@ void add_reasons(args::Command& app) {
   args::Command command = app.add_subcommand("reasons", "How often each reason failed, stopped or left undecided");
   command->footer(
       "\nReads ended slabs only, all of them without a filter.\nExample: slabctl reasons --since 7d --html > "
-      "reasons.html");
+      "reasons.html\n         slabctl reasons --since 7d --out pareto.pdf");
   options->choice.add_filters_to(*command);
+  options->document.add_to(*command);
   options->database.add_to(*command);
   options->output.add_to(*command, "slabd.reasons/1");
   command->runs([options] { return show_reasons(*options); });

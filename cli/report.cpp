@@ -21,19 +21,24 @@ namespace {
 struct Options {
   DatabaseOptions database;
   std::string slab;
+  std::string project;
+  bool full = false;
   DocumentOptions document;
 };
 
 int report_slab(const Options& options) {
-  const DocumentOptions& to = options.document;
+  DocumentOptions to = options.document;
   to.check();
   const std::string extension = to.extension();
   if (to.page != 0 && extension != ".svg" && extension != ".png")
     stop(kUsage, "--page is for .svg and .png; a .pdf or .html has all pages");
   const auto reader = open_database(options.database);
   const storage::SlabRecord found = named_slab(*reader, options.slab);
+  if (to.out.empty()) to.out = fmt::format("slab-{}.pdf", found.summary.header.slab_no);
   const auto picture = need(report::picture_of(*reader, found), kNotReachable);
-  to.write(report::compose(*picture, to.wanted()));
+  std::string project = options.project;
+  if (project.empty() && options.database.db.empty()) project = config_from(options.database.config).project;
+  to.write(report::compose(*picture, {to.wanted(), options.full, project}));
   fmt::print("{}\n", to.out);
   return kDone;
 }
@@ -45,8 +50,10 @@ void add_report(args::Command& app) {
   args::Command command = app.add_subcommand("report", "One slab as a document: PDF, HTML, SVG or PNG");
   command->footer(
       "\nReads the database only; the scans may be gone. A block that was not found in its scan has no maps, and the\n"
-      "report states it.\n"
-      "Examples: slabctl report SLAB-0042 --out SLAB-0042.pdf\n"
+      "report states it. The first two pages are the whole answer: verdict, map, findings, basis, notes, signatures. "
+      "The\n"
+      "blocks with findings follow; --full adds all others, and the tables of the slab. Times are local (TZ).\n"
+      "Examples: slabctl report SLAB-0042\n"
       "          slabctl report 12 --out 12.html --language zh\n"
       "          slabctl report 12 --out 12.png --page 1 --dpi 150");
   command
@@ -54,7 +61,8 @@ void add_report(args::Command& app) {
           "SLAB", options->slab,
           "Key (see history) or slab id (key:12, id:12 where a number may be either); the newest slab with that id")
       ->required();
-  command->add_option("--out", options->document.out, "The file; its extension says what it becomes")->required();
+  command->add_option("--out", options->document.out,
+                      "The file; its extension says what it becomes; default: slab-NO.pdf");
   command
       ->add_option("--language", options->document.language,
                    "Language of the words; numbers and ids are the same in all")
@@ -66,6 +74,8 @@ void add_report(args::Command& app) {
   command->add_option("--dpi", options->document.dots_per_inch, "Dots per inch of .png")
       ->check(within(20.0, 600.0))
       ->capture_default_str();
+  command->add_flag("--full", options->full, "All blocks, and the tables of the slab");
+  command->add_option("--project", options->project, "Name of the project; default: [report] project");
   options->database.add_to(*command);
   command->runs([options] { return report_slab(*options); });
 }

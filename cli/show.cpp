@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl show: prints one slab from the database: its map, the slab's items, and with --block one block's table.
+// slabctl show: prints one slab from the database: its verdict, its findings and its map on one screen, with --full the
+// scans and the slab's items, and with --block one block's table.
 #include <fmt/core.h>
 #include <algorithm>
 #include <array>
@@ -18,6 +19,7 @@
 #include "cli/terminal/render.h"
 #include "report/budget_text.h"
 #include "report/figures.h"
+#include "report/findings.h"
 #include "report/json.h"
 #include "report/slab_json.h"
 #include "report/slab_view.h"
@@ -33,8 +35,12 @@ struct Options {
   DatabaseOptions database;
   std::string slab;
   int block = 0;
+  bool full = false;
   bool json = false;
 };
+
+/// Findings on a screen of 24 lines, next to header, map and basis.
+constexpr std::size_t kFindingsShown = 6;
 
 /// One line with the sources of the U of the slab's items.
 std::string splice_words(const Splice& splice) {
@@ -87,23 +93,44 @@ std::string header_text(const SlabRecord& record, Style style) {
     text += fmt::format("{}\n", coloured(report::emulation_notice(header.emulated, report::Language::en), "7", style));
   text += fmt::format("slab {} \"{}\"  key {}  type {}\n", header.slab_no, header.slab_id.view(), header.key,
                       header.slab_type);
-  text += fmt::format("began {}  ended {}\n", iso_time(header.began_utime_us),
-                      open ? "- (still open)" : iso_time(record.summary.ended_utime_us));
   if (!open)
     text += fmt::format("verdict {}  {}\n", verdict_text(record.summary.verdict, style),
                         reason_text(record.summary.reason));
-  text += fmt::format("recipe {} ({:.12})  calibration {}  {}\n", header.recipe.view(), header.recipe_sha256.view(),
-                      header.calibration_id.view(), header.software.view());
-  if (!header.stations_id.empty()) text += fmt::format("station corrections {}\n", header.stations_id.view());
-  if (!header.scanner_id.empty()) text += fmt::format("scanner acceptance {}\n", header.scanner_id.view());
-  if (const std::string splices = splice_summary(record); !splices.empty())
+  text += fmt::format("began {}  ended {}\n", local_time(header.began_utime_us),
+                      open ? "- (still open)" : local_time(record.summary.ended_utime_us));
+  return text;
+}
+
+/// Objections with value, limits, U and place.
+std::string findings_text(const SlabRecord& record, bool full, Style style) {
+  const std::vector<report::Finding> findings = report::findings_of(record, report::Language::en);
+  std::string text;
+  const std::size_t lines = full ? findings.size() : std::min(findings.size(), kFindingsShown);
+  for (std::size_t i = 0; i < lines; ++i)
+    text += fmt::format("  {} {}\n", coloured(symbol(findings[i].verdict, style), findings[i].verdict, style),
+                        report::sentence_of(findings[i], report::Language::en));
+  if (lines < findings.size()) text += fmt::format("  and {} more (--full shows them)\n", findings.size() - lines);
+  return text;
+}
+
+/// Recipe, calibrations and what limits the verdict.
+std::string basis_text(const SlabRecord& record, bool full) {
+  const SlabHeader& header = record.summary.header;
+  std::string text = fmt::format("recipe {} ({:.12})  calibration {}  {}\n", header.recipe.view(),
+                                 header.recipe_sha256.view(), header.calibration_id.view(), header.software.view());
+  if (const std::string_view datum = slope_datum(record); !datum.empty())
+    text += fmt::format("slopes are judged against: {}\n", datum);
+  if (full && !header.stations_id.empty()) text += fmt::format("station corrections {}\n", header.stations_id.view());
+  if (full && !header.scanner_id.empty()) text += fmt::format("scanner acceptance {}\n", header.scanner_id.view());
+  if (const std::string splices = splice_summary(record); full && !splices.empty())
     text += fmt::format("splice: {}\n", splices);
   if (header.unconfirmed > 0)
     text +=
         fmt::format("warning: {} nominals and tolerances of the recipe were not confirmed when this slab was judged\n",
                     header.unconfirmed);
   if (header.guard == 0.0) text += "simple acceptance: guard band 0\n";
-  text += "\n";
+  const SlabFitReport& fit = record.slab.fit;
+  if (fit.ok && !fit.note.empty()) text += fmt::format("warning: {}\n", fit.note.view());
   return text;
 }
 
@@ -157,7 +184,6 @@ std::string slab_items_text(const SlabRecord& record, Style style) {
   if (fit.ok) {
     text += fmt::format("slab fit over {} seats: rms {:.3f} mm, unweighted {:.3f} mm\n", fit.seats, fit.rms_mm,
                         fit.plain_rms_mm);
-    if (!fit.note.empty()) text += fmt::format("warning: {}\n", fit.note.view());
   } else {
     text += fmt::format("slab fit: not possible ({})\n", fit.note.view());
   }
@@ -165,12 +191,29 @@ std::string slab_items_text(const SlabRecord& record, Style style) {
   return text;
 }
 
+/// The items of a block as they are in force: a slab's item that decides replaces the block's own.
+std::vector<Item> own_items(const SlabRecord& record, const SlabBlock& block) {
+  std::vector<Item> items;
+  for (const Item& item : block.block.items) items.push_back(final_item(record, block.attempt.station, item));
+  return items;
+}
+
+/// The slab's items of this block that its own list does not contain.
+std::vector<Item> slab_items_of(const SlabRecord& record, int station, std::span<const Item> own) {
+  std::vector<Item> items;
+  for (const Item& item : record.slab.items) {
+    const bool listed = item.station_to == 0 &&
+                        std::any_of(own.begin(), own.end(), [&](const Item& other) { return other.id == item.id; });
+    if ((item.station == station || item.station_to == station) && !listed) items.push_back(item);
+  }
+  return items;
+}
+
 /// The parts of every item's U, and their sources.
-std::string budget_text(const SlabRecord& record, const SlabBlock& block, std::span<const Item> in_slab,
-                        const std::string& scanner) {
+std::string budget_text(const SlabRecord& record, const SlabBlock& block, std::span<const Item> own,
+                        std::span<const Item> in_slab, const std::string& scanner) {
   std::string text;
-  const std::string of_block =
-      budget_table(std::span<const Item>(block.block.items.begin(), block.block.items.size()), false);
+  const std::string of_block = budget_table(own, false);
   const std::string of_slab = budget_table(in_slab, true);
   if (of_block.empty() && of_slab.empty()) return text;
   text += fmt::format("{}{}{}", of_block, of_slab.empty() ? "" : "\n", of_slab);
@@ -223,12 +266,14 @@ std::string block_text(const SlabRecord& record, int station, const std::string&
   text += fmt::format("{}{}\n", seat_notes(result.seat, record.summary.header.cell_mm), surface_lines(result));
   if (const auto warning = scan_warning(result.scan); !warning.empty())
     text += fmt::format("warning: {}\n", warning.view());
-  text += fmt::format("{}\n", item_table(std::span<const Item>(result.items.begin(), result.items.size()), style));
-  std::vector<Item> in_slab;
-  for (const Item& item : record.slab.items)
-    if (item.station == station || item.station_to == station) in_slab.push_back(item);
+  const std::vector<Item> own = own_items(record, *block);
+  text += fmt::format("{}", item_table(own, style));
+  if (const std::string_view datum = slope_datum(record); !datum.empty())
+    text += fmt::format("seat_slope is that against the datum that decides: {}\n", datum);
+  text += "\n";
+  const std::vector<Item> in_slab = slab_items_of(record, station, own);
   if (!in_slab.empty()) text += fmt::format("in the slab's frame\n{}\n", item_table(in_slab, style, true));
-  text += budget_text(record, *block, in_slab, scanner) + conclusion;
+  text += budget_text(record, *block, own, in_slab, scanner) + conclusion;
   text +=
       fmt::format("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", result.times.total_ms,
                   result.times.read_ms, result.times.denoise_ms, result.times.register_ms, result.times.extract_ms);
@@ -258,13 +303,20 @@ int show(const Options& options) {
   const Style style = style_for(stdout);
   std::string text = header_text(record, style);
   if (const std::string others = others_of_the_id(*reader, record.summary.header); !others.empty())
-    text += fmt::format("! {}\n\n", others);
-  text += map_text(record, style);
+    text += fmt::format("! {}\n", others);
+  if (options.block == 0) text += findings_text(record, options.full, style);
+  text += "\n" + map_text(record, style);
   if (options.block != 0) {
     const auto verified = need(scanner_of(*reader, record.summary.header), kNotReachable);
-    text += block_text(record, options.block, scanner_source(record.summary.header, verified), style);
+    text += basis_text(record, true) + "\n" +
+            block_text(record, options.block, scanner_source(record.summary.header, verified), style);
+  } else if (options.full) {
+    text += fmt::format("{}\n{}{}{}\n", basis_text(record, true), blocks_text(record, style),
+                        slab_items_text(record, style), kNotVisible);
   } else {
-    text += fmt::format("{}{}{}\n", blocks_text(record, style), slab_items_text(record, style), kNotVisible);
+    text += basis_text(record, false);
+    if (is_aborted(record)) text += fmt::format("slab items: none; {}\n", kNeverJudged);
+    text += "--block K: one block's table; --full: scans and the slab's items\n";
   }
   fmt::print("{}", text);
   return kDone;
@@ -274,7 +326,7 @@ int show(const Options& options) {
 
 void add_show(args::Command& app) {
   auto options = std::make_shared<Options>();
-  args::Command command = app.add_subcommand("show", "One slab: map, items, scans; with --block one block's table");
+  args::Command command = app.add_subcommand("show", "One slab: verdict, findings, map; --block one block's table");
   command->footer("\nExamples: slabctl show 12\n          slabctl show SLAB-0042 --block 7 --json");
   command
       ->add_option("SLAB", options->slab,
@@ -284,6 +336,7 @@ void add_show(args::Command& app) {
       ->required();
   command->add_option("--block", options->block, "Show this block's characteristics")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
+  command->add_flag("--full", options->full, "Also the scans of all blocks and the slab's items");
   options->database.add_to(*command);
   command->add_flag("--json", options->json, "Print slabd.slab/1 on stdout");
   command->runs([options] { return show(*options); });

@@ -235,6 +235,8 @@ void add_commands(args::Command& app) {
   add_report(app);
   add_reasons(app);
   add_trend(app);
+  add_compare(app);
+  add_yield(app);
   add_replay(app);
   add_export(app);
   add_pin(app);

@@ -356,6 +356,10 @@ void read_rest(TableReader& root, const std::string& folder, Config& config) {
   TableReader line = root.table("line");
   line.optional_boolean("simulation", config.simulation);
   line.finish();
+  constexpr std::size_t kProjectBytesMax = 120;
+  TableReader report = root.table("report");
+  report.optional_text("project", config.project, kProjectBytesMax);
+  report.finish();
 }
 
 }  // namespace

@@ -49,6 +49,7 @@ struct Config {
   std::string control_socket = "/run/slabd/control.sock";
   int measure_threads = 1;  ///< [measure] threads: 1 or 2; the results are the same
   bool simulation = false;  ///< [line] simulation: shown to the PLC as STATUS bit 11
+  std::string project;      ///< [report] project: printed on reports; empty: not printed
 };
 
 /// Smallest number of single-letter insertions, deletions and replacements that convert one word into the other.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Composes the report of a stored slab. The order is verdict, location, exact values, evidence; every page ends with
-// the slab's identity.
+// Composes the report of a stored slab. The first two pages are the whole answer: verdict, map, findings, basis of the
+// measurement, notes, signatures. The evidence of the blocks with findings follows, with `full` that of all blocks.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -9,6 +9,7 @@
 
 #include "report/content.h"
 #include "report/figures.h"
+#include "report/findings.h"
 #include "report/json.h"
 #include "report/slab_view.h"
 
@@ -23,8 +24,13 @@ constexpr std::size_t kFindingsShown = 22;
 
 class Composer {
  public:
-  Composer(const SlabPicture& picture, Language language)
-      : picture_(picture), record_(*picture.record), header_(record_.summary.header), language_(language) {}
+  Composer(const SlabPicture& picture, const Choice& choice)
+      : picture_(picture),
+        record_(*picture.record),
+        header_(record_.summary.header),
+        language_(choice.language),
+        full_(choice.full),
+        project_(choice.project) {}
 
   Report compose() {
     Report report;
@@ -35,16 +41,22 @@ class Composer {
     report.verdict = report.open ? Verdict::none : record_.summary.verdict;
     report.ended_utime_us = record_.summary.ended_utime_us;
     report.emulated = header_.emulated;
+    findings_ = findings_of(record_, language_);
     report.sections.push_back(overview());
     report.sections.push_back(findings());
-    report.sections.push_back(warnings());
     report.sections.push_back(identity());
+    report.sections.push_back(warnings());
+    report.sections.push_back(signatures());
+    report.sections.push_back(seats_chart());
+    add_budget(report.sections);
+    for (int station = 1; station <= header_.stations; ++station)
+      if (full_ || (is_objected(findings_, station) && measured(station) != nullptr))
+        report.sections.push_back(block(station));
+    if (!full_) return report;
     report.sections.push_back(slab_items());
     report.sections.push_back(seats());
     report.sections.push_back(registration());
-    add_budget(report.sections);
     report.sections.push_back(times());
-    for (int station = 1; station <= header_.stations; ++station) report.sections.push_back(block(station));
     return report;
   }
 
@@ -60,7 +72,7 @@ class Composer {
     return block != nullptr && block->phase == StationPhase::measured ? block : nullptr;
   }
   [[nodiscard]] std::string times_text(std::int64_t utime_us) const {
-    return utime_us == 0 ? say(Word::none) : iso_time(utime_us);
+    return utime_us == 0 ? say(Word::none) : local_time(utime_us);
   }
   /// Label of an item; items of the slab name their stations.
   [[nodiscard]] std::string item_label(const Item& item, bool of_slab) const {
@@ -74,24 +86,6 @@ class Composer {
     Section section;
     section.parts.push_back(Figures{{slab_map_figure(record_, language_)}});
     return section;
-  }
-
-  void add_finding(std::vector<std::pair<Verdict, std::string>>& list, const Item& item, int station) const {
-    if (item.verdict == Verdict::pass || item.verdict == Verdict::none) return;
-    if (item.verdict == Verdict::not_measured && !item.required) return;
-    std::string text = station != 0 ? say(Word::block, station) + ", " : "";
-    text += item_label(item, station == 0) + ": ";
-    const std::string_view unit = name(info(item.id).unit);
-    if (has_value(item.value)) {
-      text += fmt::format("{} {}, {} {}, U {}", value_figure(item), unit, say(Word::limits), limits_figure(item),
-                          U_figure(item));
-    } else {
-      text += std::string(verdict_word(Verdict::not_measured, language_));
-    }
-    // The item's value and limit are those of the diameter alone.
-    if (item.id == ItemId::surface_pores && measured(station) != nullptr)
-      text += fmt::format(" ({})", pore_sentence(measured(station)->block.pores, language_));
-    list.emplace_back(item.verdict, std::move(text));
   }
 
   /// True if the item's block already reports it.
@@ -124,51 +118,45 @@ class Composer {
   Section findings() {
     Section section;
     section.title = say(Word::findings);
-    std::vector<std::pair<Verdict, std::string>> list;
-    std::vector<std::pair<Verdict, std::string>> damage;
-    if (is_aborted(record_)) list.emplace_back(Verdict::aborted, reason_sentence(record_.summary.reason, language_));
-    for (int station = 1; station <= header_.stations; ++station) {
-      const SlabBlock* block = measured(station);
-      if (block == nullptr) {
-        const auto [verdict, reason] = shown(record_, station);
-        if (!is_open(record_) || verdict != Verdict::none)
-          list.emplace_back(
-              verdict == Verdict::none ? Verdict::not_measured : verdict,
-              fmt::format("{}: {}", say(Word::block, station),
-                          reason == 0 ? unmeasured_sentence(station) : reason_sentence(reason, language_)));
-        continue;
-      }
-      if (block->block.reason != 0 && block->block.reason < kReasonItemBase) {
-        list.emplace_back(block->block.verdict, fmt::format("{}: {}", say(Word::block, station),
-                                                            reason_sentence(block->block.reason, language_)));
-        continue;
-      }
-      for (const Item& item : block->block.items) add_finding(list, final_item(record_, station, item), station);
-      for (const SurfaceFinding& finding : damage_of(record_, station))
-        damage.emplace_back(Verdict::indeterminate,
-                            fmt::format("{}: {}", say(Word::block, station), finding_sentence(finding, language_)));
-    }
-    for (const Item& item : record_.slab.items)
-      if (!said_by_block(item)) add_finding(list, item, 0);
-    std::stable_sort(list.begin(), list.end(), [](const auto& a, const auto& b) {
-      const auto rank = [](Verdict v) { return v == Verdict::fail ? 0 : v == Verdict::indeterminate ? 2 : 1; };
-      return rank(a.first) < rank(b.first);
-    });
-    // Damage comes first, because a person can check it at once and only kFindingsShown lines are shown.
-    list.insert(list.begin(), damage.begin(), damage.end());
-    for (std::size_t i = 0; i < std::min(list.size(), kFindingsShown); ++i)
-      section.parts.push_back(Paragraph{list[i].second, list[i].first});
-    if (list.size() > kFindingsShown)
-      section.parts.push_back(Paragraph{say(Word::more_findings, list.size() - kFindingsShown)});
+    for (std::size_t i = 0; i < std::min(findings_.size(), kFindingsShown); ++i)
+      section.parts.push_back(Paragraph{sentence_of(findings_[i], language_), findings_[i].verdict});
+    if (findings_.size() > kFindingsShown)
+      section.parts.push_back(Paragraph{say(Word::more_findings, findings_.size() - kFindingsShown)});
     // The sentence that contains "pass" is printed only for a slab that passed, even if the list of findings is empty.
     const storage::SlabSummary& summary = record_.summary;
     const int open_items = not_required_not_measured();
-    if (list.empty() && !is_open(record_) && summary.verdict == Verdict::pass)
+    if (findings_.empty() && !is_open(record_) && summary.verdict == Verdict::pass)
       section.parts.push_back(
           Paragraph{open_items == 0 ? say(Word::no_findings) : say(Word::no_findings_but, open_items), Verdict::pass});
-    else if (list.empty() && !is_open(record_))
+    else if (findings_.empty() && !is_open(record_))
       section.parts.push_back(Paragraph{reason_sentence(summary.reason, language_), summary.verdict});
     return section;
+  }
+
+  /// Lines for the decision of people and their names.
+  Section signatures() {
+    Section section;
+    section.together = true;
+    section.parts.push_back(
+        Figures{{signature_figure(!is_open(record_) && record_.summary.verdict != Verdict::pass, language_)}});
+    return section;
+  }
+
+  /// A calibration with its date, its validity and the first line of its certificate.
+  [[nodiscard]] std::string traced(const std::string& id) const {
+    std::string text = id;
+    for (const storage::CalibrationRecord& calibration : picture_.calibrations) {
+      if (calibration.id != id) continue;
+      text += fmt::format(", {}", local_time(calibration.created_utime_us));
+      if (!calibration.operator_name.empty()) text += ", " + calibration.operator_name;
+      if (calibration.expires_utime_us != 0)
+        text += fmt::format(", {} {}", pick(language_, "valid until", "有效期至"),
+                            local_time(calibration.expires_utime_us));
+      const std::string first = calibration.certificate.substr(0, calibration.certificate.find('\n'));
+      if (!first.empty()) text += fmt::format(", {} {:.60}", pick(language_, "certificate", "证书"), first);
+      break;
+    }
+    return text;
   }
 
   Section warnings() {
@@ -204,17 +192,18 @@ class Composer {
     table.title = say(Word::identity);
     table.columns = {say(Word::key) + "<", say(Word::value) + "<"};
     const auto add = [&](Word key, std::string value) { table.add(say(key), value.empty() ? say(Word::none) : value); };
+    if (!project_.empty()) table.add(pick(language_, "project", "项目"), project_);
     add(Word::slab_id, std::string(header_.slab_id.view()));
     add(Word::slab_number, fmt::format("{}, {} {}, {} {}", header_.slab_no, say(Word::slab_type), header_.slab_type,
                                        say(Word::database_key), header_.key));
-    add(Word::began, iso_time(header_.began_utime_us));
-    add(Word::ended, is_open(record_) ? say(Word::still_open) : iso_time(record_.summary.ended_utime_us));
+    add(Word::began, times_text(header_.began_utime_us));
+    add(Word::ended, is_open(record_) ? say(Word::still_open) : times_text(record_.summary.ended_utime_us));
     if (header_.temperature_dk != 0) add(Word::temperature, fmt::format("{:.1f} K", 0.1 * header_.temperature_dk));
     if (header_.age_h != 0) add(Word::age, fmt::format("{} h", header_.age_h));
     add(Word::recipe, fmt::format("{}, {}", header_.recipe.view(), header_.recipe_sha256.view()));
-    add(Word::hand_eye, std::string(header_.calibration_id.view()));
-    add(Word::station_corrections, std::string(header_.stations_id.view()));
-    add(Word::scanner_acceptance, std::string(header_.scanner_id.view()));
+    add(Word::hand_eye, traced(std::string(header_.calibration_id.view())));
+    add(Word::station_corrections, traced(std::string(header_.stations_id.view())));
+    add(Word::scanner_acceptance, traced(std::string(header_.scanner_id.view())));
     add(Word::acceptance, header_.guard == 0.0       ? say(Word::simple_acceptance)
                           : has_value(header_.guard) ? say(Word::guarded, figure(header_.guard, 2))
                                                      : std::string());
@@ -254,7 +243,6 @@ class Composer {
   Section slab_items() {
     Section section;
     section.title = say(Word::slab_items);
-    section.new_page = true;
     if (record_.slab.items.empty()) {
       section.parts.push_back(Paragraph{is_open(record_) ? say(Word::open_warning)
                                         : is_aborted(record_)
@@ -269,11 +257,17 @@ class Composer {
     return section;
   }
 
+  Section seats_chart() {
+    Section section;
+    section.together = true;
+    section.filler = !full_;
+    section.parts.push_back(Figures{{seats_figure(record_, language_)}});
+    return section;
+  }
+
   Section seats() {
     Section section;
     section.title = say(Word::seats);
-    section.new_page = true;
-    section.parts.push_back(Figures{{seats_figure(record_, language_)}});
     Table table;
     table.title = say(Word::full_and_crop);
     table.columns = {say(Word::block, "") + "<",
@@ -304,7 +298,6 @@ class Composer {
   Section registration() {
     Section section;
     section.title = say(Word::registration_table);
-    section.new_page = true;
     Table table;
     table.title = section.title;
     table.columns = {say(Word::block, "") + "<", say(Word::points), say(Word::mean) + ", mm", "std, mm"};
@@ -338,6 +331,7 @@ class Composer {
     Section section;
     section.title = table->title;
     section.together = true;
+    section.filler = !full_;
     const std::string id = header_.scanner_id.empty() ? say(Word::none) : std::string(header_.scanner_id.view());
     section.parts.push_back(Paragraph{say(Word::budget_note, id)});
     section.parts.push_back(std::move(*table));
@@ -446,12 +440,15 @@ class Composer {
   const SlabRecord& record_;
   const SlabHeader& header_;
   Language language_;
+  bool full_;
+  std::string project_;
+  std::vector<Finding> findings_;
 };
 
 }  // namespace
 
-Report compose(const SlabPicture& picture, Language language) {
-  return Composer(picture, language).compose();
+Report compose(const SlabPicture& picture, const Choice& choice) {
+  return Composer(picture, choice).compose();
 }
 
 }  // namespace slabd::cli::report

@@ -39,9 +39,10 @@ using Part = std::variant<Paragraph, Table, Figures>;
 struct Section {
   std::string title;
   Verdict verdict = Verdict::none;
-  std::string remark;  ///< next to the title
-  bool new_page = false;
+  std::string remark;     ///< next to the title
   bool together = false;  ///< the section is kept on one page
+  /// The section fills the rest of a page, its own or a later one; on paper it is left out if none has room.
+  bool filler = false;
   std::vector<Part> parts;
 };
 
@@ -68,6 +69,7 @@ struct DrawnMap {
 /// A stored slab with the maps of the valid attempts, [station - 1]; nullopt if no map was stored.
 struct SlabPicture {
   const storage::SlabRecord* record = nullptr;
+  std::vector<storage::CalibrationRecord> calibrations;  ///< those that the slab names, if they are stored
   std::array<std::optional<DrawnMap>, limits::kStationsMax> registration;
   std::array<std::optional<DrawnMap>, limits::kStationsMax> seat;
   /// The colour scales run from minus to plus these values and are the same for all blocks.
@@ -79,8 +81,13 @@ struct SlabPicture {
 [[nodiscard]] Result<std::unique_ptr<SlabPicture>> picture_of(storage::Reader& reader,
                                                               const storage::SlabRecord& record);
 
+struct Choice {
+  Language language = Language::en;
+  bool full = false;    ///< all blocks, and the tables of the whole slab; otherwise the blocks with findings
+  std::string project;  ///< empty: not printed
+};
 /// `picture` must outlive the report.
-[[nodiscard]] Report compose(const SlabPicture& picture, Language language);
+[[nodiscard]] Report compose(const SlabPicture& picture, const Choice& choice);
 
 /// Table of the largest U of each characteristic with its parts; nullopt if no budget was computed.
 [[nodiscard]] std::optional<Table> budget_table(const storage::SlabRecord& record, Language language);
@@ -92,6 +99,8 @@ struct SlabPicture {
 [[nodiscard]] Figure seat_figure(const SlabPicture& picture, int station, Language language);
 [[nodiscard]] Figure tolerance_figure(std::span<const Item> items, Language language);
 [[nodiscard]] Figure seats_figure(const storage::SlabRecord& record, Language language);
+/// Lines for names, dates and signatures; above them boxes for the decision on a slab that did not pass.
+[[nodiscard]] Figure signature_figure(bool with_disposition, Language language);
 
 // ---- layout --------------------------------------------------------------------------------------------------------
 

@@ -368,9 +368,8 @@ Figure seats_figure(const storage::SlabRecord& record, Language language) {
         if (has_value(bar.*value)) most = std::max(most, bar.*value);
         if (with_limit && has_value(bar.limit_mm)) limit = bar.limit_mm;
       }
-      // The limit line is drawn only if it is near the values; otherwise the limit is given as text.
-      const bool near = has_value(limit) && limit < 3.0 * most;
-      const double top_value = std::max(near ? std::max(most, limit) : most, 1e-3) * 1.25;
+      // The scale contains the limit, so that a bar shows the share of the limit that is used.
+      const double top_value = std::max(has_value(limit) ? std::max(most, limit) : most, 1e-3) * 1.2;
       const double bottom = top + kHeight + 4.0;
       canvas.text(0.0, top + 2.0,
                   has_value(limit) ? fmt::format("{} ({} <= {} mm)", word(title, language),
@@ -387,13 +386,16 @@ Figure seats_figure(const storage::SlabRecord& record, Language language) {
           continue;
         }
         const double tall = kHeight * height / top_value;
-        canvas.rectangle(x + 0.16 * pitch, bottom - tall, 0.68 * pitch, tall, colour, kBlack, 0.1);
+        const bool beyond = has_value(limit) && height > limit;
+        canvas.rectangle(x + 0.16 * pitch, bottom - tall, 0.68 * pitch, tall,
+                         beyond ? look_of(Verdict::fail).fill : colour, kBlack, 0.1);
         canvas.text(x + 0.5 * pitch, bottom - tall - 0.8, cli::figure(height, 3), {5.5, false, kBlack, Anchor::centre});
       }
       canvas.line(9.0, bottom, 179.0, bottom, 0.2);
-      if (near) {
+      if (has_value(limit)) {
         const double y = bottom - kHeight * limit / top_value;
         canvas.line(9.0, y, 179.0, y, 0.35, look_of(Verdict::fail).fill, true);
+        canvas.text(8.2, y + 0.8, cli::figure(limit, 3), {5.5, false, look_of(Verdict::fail).fill, Anchor::right});
       }
     };
     panel(0.0, Word::flatness, &Bar::flatness_mm, {0.36, 0.53, 0.72}, true);

@@ -4,6 +4,8 @@
 #include <fmt/core.h>
 
 #include <cmath>
+#include <cstdlib>
+#include <ctime>
 
 namespace slabd::cli {
 namespace {
@@ -35,6 +37,17 @@ std::string figure(double value, int decimals) {
   // A value that is shown as zero has no sign.
   if (text.front() == '-' && text.find_first_of("123456789") == std::string::npos) text.erase(0, 1);
   return text;
+}
+
+std::string local_time(std::int64_t utime_us) {
+  if (utime_us == 0) return "";
+  const auto seconds = static_cast<std::time_t>(utime_us / 1'000'000);
+  std::tm parts{};
+  localtime_r(&seconds, &parts);
+  const long offset_min = parts.tm_gmtoff / 60;
+  return fmt::format("{:04}-{:02}-{:02} {:02}:{:02}:{:02} {}{:02}:{:02}", parts.tm_year + 1900, parts.tm_mon + 1,
+                     parts.tm_mday, parts.tm_hour, parts.tm_min, parts.tm_sec, offset_min < 0 ? '-' : '+',
+                     std::abs(offset_min) / 60, std::abs(offset_min) % 60);
 }
 
 std::string nominal_figure(const Item& item) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -22,6 +23,9 @@ namespace slabd::cli {
 [[nodiscard]] std::string deviation_figure(const Item& item);
 /// "< 0.001" if rounding would make it zero.
 [[nodiscard]] std::string U_figure(const Item& item);
+/// "2026-11-20 23:28:01 +08:00", in the zone of the process (TZ); empty if `utime_us` is 0.
+[[nodiscard]] std::string local_time(std::int64_t utime_us);
+
 /// "1.3325 .. 1.5486", "<= 1.000", ">= 0.100"; empty if the item has no limits.
 [[nodiscard]] std::string limits_figure(const Item& item);
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The report on A4 sheets. All parts are measured and placed before drawing, so the pages are the same on every
-// surface. A section with `together` moves to the next page as a whole; a table that does not fit is broken between
-// rows and repeats its heading.
+// surface. A section with `together` moves to the next page as a whole; a filler is placed only where a page has room
+// for it; a table that does not fit is broken between rows and repeats its heading.
 #include <cairo.h>
 #include <fmt/core.h>
 
@@ -224,15 +224,33 @@ struct Pages::Layout {
   void place_all() {
     page = 0;
     y = kTop + (report.judged ? 14.0 : 0.0);  // below the first page's band
+    std::vector<const Section*> later;        // fillers that did not fit yet
+    const auto fill = [&] {
+      std::erase_if(later, [&](const Section* section) {
+        const bool fits = y + height_of(*section) <= kBottom;
+        if (fits) place(*section);
+        return fits;
+      });
+    };
     for (const Section& section : report.sections) {
       if (section.parts.empty()) continue;
-      if (section.new_page && y > kTop) next_page();
-      // Title and first lines of a section that may be broken stay together.
-      make_room(section.together ? std::min(height_of(section), kBottom - kTop) : 8.0 + 3.0 * kRowHeight);
-      if (!section.title.empty()) place_title(section);
-      for (const Part& part : section.parts) std::visit([&](const auto& p) { place(p); }, part);
-      y += 1.5;
+      const bool fits = y + height_of(section) <= kBottom;
+      if (section.filler && !fits) {
+        later.push_back(&section);
+        continue;
+      }
+      if (section.together && !fits) fill();
+      place(section);
     }
+    fill();
+  }
+
+  void place(const Section& section) {
+    // Title and first lines of a section that may be broken stay together.
+    make_room(section.together ? std::min(height_of(section), kBottom - kTop) : 8.0 + 3.0 * kRowHeight);
+    if (!section.title.empty()) place_title(section);
+    for (const Part& part : section.parts) std::visit([&](const auto& p) { place(p); }, part);
+    y += 1.5;
   }
 
   const Report& report;

@@ -53,6 +53,14 @@ double scale_over(const std::array<std::optional<DrawnMap>, limits::kStationsMax
 Result<std::unique_ptr<SlabPicture>> picture_of(storage::Reader& reader, const storage::SlabRecord& record) {
   auto picture = std::make_unique<SlabPicture>();
   picture->record = &record;
+  const SlabHeader& header = record.summary.header;
+  for (const std::string_view id :
+       {header.calibration_id.view(), header.stations_id.view(), header.scanner_id.view()}) {
+    if (id.empty()) continue;
+    auto calibration = reader.calibration(id);
+    if (!calibration) return calibration.error();
+    if (calibration.value()) picture->calibrations.push_back(std::move(*calibration.value()));
+  }
   for (int station = 1; station <= record.summary.header.stations; ++station) {
     const storage::SlabBlock* block = latest(record, station);
     if (block == nullptr || block->phase != StationPhase::measured) continue;

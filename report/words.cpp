@@ -36,7 +36,7 @@ Entry entry(Word word) {
           "Every item that the recipe requires was measured and is within its limits. Not required and not measured: "
           "{}.",
           "配方要求的项目均已测量并在限值内。配方不要求且未测量的项目：{} 个。"};
-    case Word::more_findings: return {"and {} more, on the following pages", "另有 {} 项，见后页"};
+    case Word::more_findings: return {"and {} more, on the pages of the blocks", "另有 {} 项，见各承轨台"};
     case Word::warnings: return {"Notes", "注意事项"};
     case Word::identity: return {"Measured slab, and basis of the measurement", "检测对象与依据"};
     case Word::block: return {"Block {}", "承轨台 {}"};
@@ -89,8 +89,8 @@ Entry entry(Word word) {
     case Word::slab_number: return {"slab number", "序号"};
     case Word::slab_type: return {"slab type", "板型"};
     case Word::database_key: return {"database key", "数据库键"};
-    case Word::began: return {"began (UTC)", "开始 (UTC)"};
-    case Word::ended: return {"ended (UTC)", "结束 (UTC)"};
+    case Word::began: return {"began", "开始"};
+    case Word::ended: return {"ended", "结束"};
     case Word::still_open: return {"still open", "未结束"};
     case Word::recipe: return {"recipe, SHA-256", "配方，SHA-256"};
     case Word::hand_eye: return {"hand-eye calibration", "手眼标定"};
@@ -124,7 +124,7 @@ Entry entry(Word word) {
     case Word::slab_fit: return {"slab frame", "板坐标系拟合"};
     case Word::slab_fit_value: return {"over {} seats, rms {} mm", "{} 个承轨面，均方根 {} mm"};
     case Word::scan_file: return {"scan", "扫描文件"};
-    case Word::scanned: return {"scanned (UTC)", "扫描时间 (UTC)"};
+    case Word::scanned: return {"scanned", "扫描时间"};
     case Word::none: return {"none", "无"};
     case Word::not_scanned: return {"This block was not scanned.", "该承轨台未扫描。"};
     case Word::not_measured_sentence: return {"This block could not be measured", "该承轨台未能测量"};

@@ -4,6 +4,7 @@
 #include <fmt/core.h>
 
 #include <algorithm>
+#include <boost/math/distributions/binomial.hpp>
 #include <boost/math/distributions/chi_squared.hpp>
 #include <boost/math/distributions/fisher_f.hpp>
 #include <boost/math/distributions/normal.hpp>
@@ -176,6 +177,16 @@ double fisher_tail(double f, double nu_above, double nu_below) {
   if (!freedom(nu_above) || !freedom(nu_below) || !(f >= 0.0)) return kNone;
   if (std::isinf(f)) return 0.0;
   return boost::math::cdf(boost::math::complement(Fisher(nu_above, nu_below), f));
+}
+
+Estimate share_of(std::size_t count, std::size_t n) {
+  if (n == 0) return {};
+  constexpr double kBothSides = 0.025;  // outside a 95 % interval, on each side
+  using Binomial = boost::math::binomial_distribution<double, Quiet>;
+  const auto successes = static_cast<double>(count);
+  const auto trials = static_cast<double>(n);
+  return {successes / trials, Binomial::find_lower_bound_on_p(trials, successes, kBothSides),
+          Binomial::find_upper_bound_on_p(trials, successes, kBothSides)};
 }
 
 namespace {

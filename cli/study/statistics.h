@@ -98,6 +98,9 @@ struct Estimate {
 };
 SLABD_FIELDS(Estimate, value, low, high);
 
+/// Share of `count` among `n`, with the interval of Clopper and Pearson (1934); NaN if n is 0.
+[[nodiscard]] Estimate share_of(std::size_t count, std::size_t n);
+
 /// Table 6 of the paper and its conclusion 3: the errors themselves.
 struct Errors {
   std::size_t count = 0;

@@ -7,8 +7,6 @@
 #include <map>
 #include <string_view>
 
-#include "cli/study/statistics.h"
-
 namespace slabd::cli::trend {
 namespace {
 
@@ -64,23 +62,25 @@ Individuals individuals(std::span<const double> values) {
   return chart;
 }
 
-Capability capability(const Individuals& chart, double lower, double upper) {
+Capability capability_of(double mean, double sigma, std::size_t count, double nu, double lower, double upper) {
   Capability result;
-  if (chart.preliminary() || !(chart.sigma > 0.0) || (!has_value(lower) && !has_value(upper))) return result;
-  const double nu = 0.62 * static_cast<double>(chart.count - 1);
+  if (!(sigma > 0.0) || (!has_value(lower) && !has_value(upper))) return result;
   if (has_value(lower) && has_value(upper)) {
-    result.cp.value = (upper - lower) / (6.0 * chart.sigma);
+    result.cp.value = (upper - lower) / (6.0 * sigma);
     result.cp.low = result.cp.value * std::sqrt(study::chi_squared_quantile(kBothSides, nu) / nu);
     result.cp.high = result.cp.value * std::sqrt(study::chi_squared_quantile(1.0 - kBothSides, nu) / nu);
   }
-  double nearest = std::numeric_limits<double>::infinity();
-  if (has_value(lower)) nearest = std::min(nearest, chart.mean - lower);
-  if (has_value(upper)) nearest = std::min(nearest, upper - chart.mean);
-  const double cpk = nearest / (3.0 * chart.sigma);
+  const double cpk = std::fmin(mean - lower, upper - mean) / (3.0 * sigma);  // a missing limit is NaN and ignored
   const double half = study::normal_quantile(1.0 - kBothSides) *
-                      std::sqrt(1.0 / (9.0 * static_cast<double>(chart.count)) + cpk * cpk / (2.0 * nu));
+                      std::sqrt(1.0 / (9.0 * static_cast<double>(count)) + cpk * cpk / (2.0 * nu));
   result.cpk = {cpk, cpk - half, cpk + half};
   return result;
+}
+
+Capability capability(const Individuals& chart, double lower, double upper) {
+  if (chart.preliminary()) return {};
+  const double nu = 0.62 * static_cast<double>(chart.count - 1);
+  return capability_of(chart.mean, chart.sigma, chart.count, nu, lower, upper);
 }
 
 bool StationBias::biased() const {

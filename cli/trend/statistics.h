@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "base/fields.h"
 #include "base/items.h"
 #include "base/limits.h"
+#include "cli/study/statistics.h"
 
 /// Statistical process control of one characteristic: individuals and moving range, capability with its confidence,
 /// and differences between stations.
@@ -39,20 +39,16 @@ struct Individuals {
 /// Requires at least two values, otherwise all except `count` and `mean` remains NaN. Values must be finite.
 [[nodiscard]] Individuals individuals(std::span<const double> values);
 
-/// An index with its 95 % confidence interval.
-struct Index {
-  double value = kNoValue;
-  double low = kNoValue;
-  double high = kNoValue;
-};
-SLABD_FIELDS(Index, value, low, high);
 struct Capability {
-  Index cp;  ///< NaN for one-sided limits
-  Index cpk;
+  study::Estimate cp;  ///< NaN for one-sided limits
+  study::Estimate cpk;
 };
-/// Capability from the short-term sigma. Its degrees of freedom are 0.62 (n - 1) (moving ranges overlap); Cp's
-/// interval is that of chi-squared, Cpk's Bissell's (1990). NaN: fewer than kValuesMin values, missing limits, or zero
-/// scatter.
+/// Indices with 95 % intervals from a mean and a standard deviation with `nu` degrees of freedom: Cp's interval is that
+/// of chi-squared, Cpk's Bissell's (1990). NaN for missing limits or zero scatter.
+[[nodiscard]] Capability capability_of(double mean, double sigma, std::size_t count, double nu, double lower,
+                                       double upper);
+/// Capability from the short-term sigma. Its degrees of freedom are 0.62 (n - 1) (moving ranges overlap). NaN: fewer
+/// than kValuesMin values as well.
 [[nodiscard]] Capability capability(const Individuals& chart, double lower, double upper);
 
 /// Difference of one station from the median of all stations of the same slab. The median is used so that a station

@@ -11,6 +11,8 @@
 #include <cmath>
 
 #include "base/plain_text.h"
+#include "cli/watch/letters.h"
+#include "report/findings.h"
 
 namespace slabd::cli::watch {
 namespace {
@@ -24,6 +26,8 @@ constexpr std::string_view kYellow = "33";
 constexpr std::string_view kBold = "1";
 constexpr std::string_view kFaint = "2";
 constexpr std::string_view kInverse = "7";
+/// Columns of the map with symbols, words and links; a narrower screen has a shorter form.
+constexpr std::size_t kColumnsFull = 80;
 
 struct Piece {
   std::string text;
@@ -75,7 +79,13 @@ class Composer {
 
   std::vector<std::string> compose() {
     header();
-    map();
+    verdict();
+    if (is_narrow())
+      lists();
+    else
+      map();
+    findings();
+    today();
     links();
     trouble();
     past();
@@ -115,7 +125,8 @@ class Composer {
                                                   : say("NO ANSWER from slabd", "slabd 无应答");
       add({{padded(" " + age + "  " + p_.trouble, columns_), kInverse}});
     } else {
-      add({{p_.software + "  ", kBold},
+      add({{p_.clock.empty() || is_narrow() ? std::string() : p_.clock + "  ", kBold},
+           {p_.software + "  ", kBold},
            {p_.state, p_.fault != 0 ? kRed : kBold},
            {say("   up ", "   已运行 ") + age_text(p_.uptime_s) + say("   age ", "   数据 ") + age_text(p_.age_s),
             {}}});
@@ -126,6 +137,7 @@ class Composer {
     if (p_.slab_open)
       about += fmt::format("   {} {}/{}", say("scanned", "已扫描"), p_.stations_done, p_.stations.size());
     if (p_.current_station != 0) about += fmt::format("   {} {}", say("now block", "当前承轨台"), p_.current_station);
+    if (!p_.recipe.empty()) about += fmt::format("   {} {}", say("recipe", "配方"), p_.recipe);
     if (has_value(p_.map_age_s)) about += fmt::format("   {} {}", say("age", "数据"), age_text(p_.map_age_s));
     add({{about, kBold}});
     if (!p_.emulation.empty()) add({{padded(" " + p_.emulation, columns_), kInverse}});
@@ -134,12 +146,97 @@ class Composer {
       add({{say(" ! slabs cannot be read: ", " ! 无法读取轨道板记录：") + p_.past_trouble, kYellow}});
   }
 
+  [[nodiscard]] bool is_narrow() const { return columns_ < kColumnsFull; }
+  [[nodiscard]] bool is_tall() const { return rows_ >= 34; }
+
+  /// Adds a text on as many lines as it needs, at most `lines_max`.
+  void add_broken(const std::string& text, std::string_view sgr, std::size_t lines_max) {
+    std::string rest = text;
+    for (std::size_t line = 0; line < lines_max && !rest.empty(); ++line) {
+      std::string part = cut(rest, columns_);
+      if (part.size() < rest.size() && line + 1 < lines_max)
+        if (const std::size_t blank = part.rfind(' '); blank != std::string::npos && blank > columns_ / 2)
+          part.resize(blank);
+      rest.erase(0, part.size());
+      rest.erase(0, rest.find_first_not_of(' '));
+      if (!rest.empty()) rest.insert(0, "   ");
+      add({{part, sgr}});
+    }
+  }
+
+  /// The verdict of the slab that ended, as large as the screen allows.
+  void verdict() {
+    if (p_.verdict == Verdict::none) return;
+    band_ = fmt::format("7;{}", colour_of(p_.verdict));
+    const std::string word(verdict_word(p_.verdict, language_));
+    const auto large = large_letters(word);
+    const std::size_t width = large.front().size();
+    if (is_tall() && width > 0 && width + 4 <= columns_) {
+      add({{padded("", columns_), band_}});
+      for (const std::string& row : large) add({{centred(row), band_}});
+      add({{padded("", columns_), band_}});
+    } else {
+      const std::size_t rows = rows_ >= 30 ? 3 : 1;
+      for (std::size_t row = 0; row < rows; ++row)
+        add({{row == rows / 2 ? centred(fmt::format("{} {}", symbol(p_.verdict, style_), word)) : padded("", columns_),
+              band_}});
+    }
+    if (!is_narrow()) add({});
+  }
+  [[nodiscard]] std::string centred(const std::string& text) const {
+    const std::size_t width = display_width(text);
+    const std::size_t left = width < columns_ ? (columns_ - width) / 2 : 0;
+    return padded(std::string(left, ' ') + text, columns_);
+  }
+
+  /// The blocks of each verdict by number, for a screen that is too narrow for the map.
+  void lists() {
+    for (const Verdict verdict : {Verdict::fail, Verdict::indeterminate, Verdict::not_measured, Verdict::aborted}) {
+      std::vector<int> stations;
+      for (std::size_t i = 0; i < p_.stations.size(); ++i)
+        if (p_.stations[i] == verdict) stations.push_back(static_cast<int>(i + 1));
+      if (!stations.empty())
+        add_broken(fmt::format(" {} {}: {}", symbol(verdict, style_), verdict_word(verdict, language_),
+                               report::ranges_text(stations)),
+                   colour_of(verdict), 2);
+    }
+    const auto passed = std::count(p_.stations.begin(), p_.stations.end(), Verdict::pass);
+    if (!p_.stations.empty())
+      add({{fmt::format(" {} {}: {} / {}", symbol(Verdict::pass, style_), verdict_word(Verdict::pass, language_),
+                        passed, p_.stations.size()),
+            kGreen}});
+  }
+
+  /// Reasons with value and limits.
+  void findings() {
+    const std::size_t lines_max = rows_ >= 50 ? 12 : is_tall() ? 6 : 3;
+    const std::size_t shown = p_.findings.size() > lines_max ? lines_max - 1 : p_.findings.size();
+    for (std::size_t i = 0; i < shown; ++i)
+      add_broken(fmt::format(" {} {}", symbol(p_.findings[i].first, style_), p_.findings[i].second),
+                 colour_of(p_.findings[i].first), is_narrow() ? 3 : 1);
+    if (shown < p_.findings.size())
+      add({{fmt::format("   {} {}", say("more findings:", "其他问题："), p_.findings.size() - shown), kFaint}});
+  }
+
+  void today() {
+    const Today& day = p_.today;
+    if (day.slabs == 0) return;
+    std::string text =
+        fmt::format(" {} {} {}, {} {} ({:.0f} %)", say("today", "今日"), day.slabs, say("slabs", "块板"), day.passed,
+                    say("passed", "合格"), 100.0 * static_cast<double>(day.passed) / static_cast<double>(day.slabs));
+    if (has_value(day.takt_s)) text += fmt::format("  {} {}", say("takt", "节拍"), age_text(day.takt_s));
+    for (std::size_t i = 0; i < day.reasons.size(); ++i)
+      text += fmt::format("{}{} x {}", i == 0 ? "  " : ", ", day.reasons[i].second, day.reasons[i].first);
+    add_broken(text, kBold, is_narrow() ? 3 : 1);
+    if (rows_ >= 30) add({});
+  }
+
   void map() {
     const std::size_t pairs = p_.stations.size() / 2;
     if (pairs == 0) return;
     // A tile: number and symbol; three rows high if there is room.
     const std::size_t tile = std::clamp<std::size_t>((columns_ - 8) / pairs, 6, 16);
-    const bool tall = rows_ >= 34;
+    const bool tall = is_tall();
     for (const bool left : {true, false}) {
       for (std::size_t row = 0; row < (tall ? 3U : 1U); ++row) {
         Line line = {{padded(row == (tall ? 1U : 0U) ? (left ? " Y > 0" : " Y < 0") : "", 8), kFaint}};
@@ -183,16 +280,17 @@ class Composer {
       Line line = {
           {padded(" " + name_of(state.link), 14), {}},
           {padded(fmt::format("{} {}", symbol(state.ok ? Verdict::pass : Verdict::fail, style_), state.word), 16),
-           state.ok ? kGreen : kRed},
-          {padded(
-               fmt::format("{}{}", state.at_least ? say("for > ", "已 > ") : say("for ", "已 "), age_text(state.for_s)),
-               14),
-           kFaint}};
+           state.ok ? kGreen : kRed}};
+      if (!is_narrow())
+        line.push_back({padded(fmt::format("{}{}", state.at_least ? say("for > ", "已 > ") : say("for ", "已 "),
+                                           age_text(state.for_s)),
+                               14),
+                        kFaint});
       const bool fits = 44 + 3 + display_width(state.cure) <= columns_;
       const bool has_cure = !state.ok && !state.cure.empty();
       if (has_cure && fits) line.push_back({"-> " + state.cure, kBold});
       add(std::move(line));
-      if (has_cure && !fits) add({{"   -> " + state.cure, kBold}});
+      if (has_cure && !fits) add_broken("   -> " + state.cure, kBold, is_narrow() ? 3 : 1);
     }
     add({});
   }
@@ -232,6 +330,7 @@ class Composer {
   Style style_;
   bool zh_;
   Language language_;
+  std::string band_;  ///< SGR of the verdict's band; the lines refer to it
   std::vector<Line> lines_;
 };
 

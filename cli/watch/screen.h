@@ -3,11 +3,13 @@
 
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/base.h"
 #include "cli/terminal/render.h"
 #include "report/words.h"
+#include "storage/storage.h"
 
 /// The operator's screen: its data, and its lines for given columns and rows. Pure functions; the watch command
 /// queries the daemon, reads the database and writes the lines.
@@ -36,6 +38,14 @@ struct PastSlab {
   std::uint8_t emulated = 0;
 };
 
+/// Slabs since local midnight.
+struct Today {
+  std::size_t slabs = 0;  ///< ended, without aborted ones
+  std::size_t passed = 0;
+  std::vector<std::pair<std::string, std::size_t>> reasons;  ///< of the others, the most frequent first
+  double takt_s = kNoValue;                                  ///< median time between the ends of two slabs
+};
+
 struct Picture {
   double age_s = kNoValue;  ///< age of the daemon's last answer; NaN: it has not answered
   std::string trouble;      ///< reason for a missing answer
@@ -52,20 +62,30 @@ struct Picture {
   bool slab_open = false;
   std::string slab;  ///< slab of the map: "7 \"SLAB-7\""
   int stations_done = 0;
-  int current_station = 0;        ///< 0: no station
-  std::vector<Verdict> stations;  ///< [station - 1]; of the open slab, otherwise of the last one
-  double map_age_s = kNoValue;    ///< since the newest of these verdicts; NaN: unknown
-  std::vector<PastSlab> past;     ///< newest first
-  std::string past_trouble;       ///< reason why slabs cannot be read; the last ones are shown faint
+  int current_station = 0;          ///< 0: no station
+  std::vector<Verdict> stations;    ///< [station - 1]; of the open slab, otherwise of the last one
+  double map_age_s = kNoValue;      ///< since the newest of these verdicts; NaN: unknown
+  Verdict verdict = Verdict::none;  ///< of the slab of the map; none while it is open
+  std::vector<std::pair<Verdict, std::string>> findings;  ///< of the slab of the map: place, value, limits
+  std::string recipe;                                     ///< of the slab of the map
+  std::string clock;                                      ///< local time, "14:05:33"
+  Today today;
+  std::vector<PastSlab> past;  ///< newest first
+  std::string past_trouble;    ///< reason why slabs cannot be read; the last ones are shown faint
 
   [[nodiscard]] bool stale() const { return !(age_s <= kStaleAfter_s); }
 };
+
+/// Counters of the slabs that ended at `since_utime_us` or later.
+[[nodiscard]] Today today_of(const std::vector<storage::SlabSummary>& newest_first, std::int64_t since_utime_us,
+                             report::Language language);
 
 /// "3 s", "12 min", "5 h", "9 d"; "?" for NaN.
 [[nodiscard]] std::string age_text(double age_s);
 
 /// Exactly `rows` lines, none wider than `columns`. 80 x 24 contains all important data; a larger screen has larger
-/// blocks and more past slabs.
+/// blocks, the verdict in large letters, more findings and more past slabs. Below 80 columns the blocks are lists of
+/// numbers, and long lines are broken.
 [[nodiscard]] std::vector<std::string> screen(const Picture& picture, std::size_t columns, std::size_t rows,
                                               Style style, report::Language language);
 

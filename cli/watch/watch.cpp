@@ -14,6 +14,7 @@
 #include <array>
 #include <chrono>
 #include <csignal>
+#include <ctime>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -21,6 +22,7 @@
 #include "cli/client/control.h"
 #include "cli/command.h"
 #include "cli/exit.h"
+#include "report/findings.h"
 #include "report/slab_view.h"
 
 namespace slabd::cli::watch {
@@ -38,6 +40,29 @@ double seconds_since(Clock::time_point then) {
 double seconds_since(std::int64_t utime_us) {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   return std::chrono::duration<double>(now).count() - 1e-6 * static_cast<double>(utime_us);
+}
+
+/// Slabs on the largest screen, and those of a day on the fastest line: one slab a minute.
+constexpr std::size_t kSlabsShown = 40;
+constexpr std::size_t kSlabsADayMax = 24 * 60;
+/// A slab that ends today may have begun before midnight.
+constexpr std::int64_t kSlabTime_us = 6 * 3'600'000'000LL;
+
+std::tm local_now() {
+  const std::time_t now = std::time(nullptr);
+  std::tm parts{};
+  localtime_r(&now, &parts);
+  return parts;
+}
+std::string clock_text() {
+  const std::tm parts = local_now();
+  return fmt::format("{:02}:{:02}:{:02}", parts.tm_hour, parts.tm_min, parts.tm_sec);
+}
+std::int64_t midnight_utime_us() {
+  std::tm parts = local_now();
+  parts.tm_hour = parts.tm_min = parts.tm_sec = 0;
+  parts.tm_isdst = -1;
+  return 1'000'000LL * std::mktime(&parts);
 }
 
 /// The value at a path, or `otherwise`; a newer or older daemon may have other keys.
@@ -148,6 +173,7 @@ class Watcher {
 
   void take(const json& status) {
     Picture& p = picture_;
+    p.clock = clock_text();
     p.software = at<std::string>(status, {"software"}, "slabd");
     p.state = report::state_word(at<std::string>(status, {"state"}, "?"), language_);
     p.uptime_s = at<double>(status, {"uptime_s"}, 0.0);
@@ -226,13 +252,14 @@ class Watcher {
     const bool same = there && now.st_dev == reader_file_.st_dev && now.st_ino == reader_file_.st_ino;
     if (reader_ == nullptr || !same) {
       reader_.reset();
+      counted_.reset();
       auto opened = storage::open_reader(path);
       if (!opened) return cannot_read(opened.error());
       reader_ = std::move(opened.value());
       reader_file_ = now;
     }
     storage::SlabFilter filter;
-    filter.limit = 40;
+    filter.limit = kSlabsShown;
     const auto slabs = reader_->slabs(filter);
     if (!slabs) return cannot_read(slabs.error());
     picture_.past_trouble.clear();
@@ -241,6 +268,8 @@ class Watcher {
     if (slabs.value().empty()) {
       p.slab.clear();
       p.stations.clear();
+      p.findings.clear();
+      p.verdict = Verdict::none;
       p.map_age_s = kNoValue;
       return;
     }
@@ -253,7 +282,6 @@ class Watcher {
     if (!record) return cannot_read(record.error());
     if (!record.value()) return;
     p.slab = fmt::format("{} \"{}\"", newest.header.slab_no, newest.header.slab_id.view());
-    if (!is_open(*record.value())) p.slab += fmt::format(": {}", report::verdict_word(newest.verdict, language_));
     p.stations.clear();
     std::int64_t newest_us = newest.ended_utime_us;
     for (int station = 1; station <= newest.header.stations; ++station) {
@@ -262,6 +290,27 @@ class Watcher {
         newest_us = std::max(newest_us, block->attempt.scan_utime_us);
     }
     p.map_age_s = newest_us == 0 ? kNoValue : seconds_since(newest_us);
+    p.verdict = is_open(*record.value()) ? Verdict::none : newest.verdict;
+    p.recipe = newest.header.recipe.view();
+    p.findings.clear();
+    for (const report::Finding& finding : report::findings_of(*record.value(), language_))
+      p.findings.emplace_back(finding.verdict, report::sentence_of(finding, language_));
+    count_today(slabs.value());
+  }
+
+  /// Counts the day again after a slab, after midnight and in another language only, because it reads many slabs.
+  void count_today(const std::vector<storage::SlabSummary>& newest) {
+    std::int64_t last_us = 0;
+    for (const storage::SlabSummary& slab : newest) last_us = std::max(last_us, slab.ended_utime_us);
+    const Counted now{last_us, midnight_utime_us(), language_};
+    if (counted_ == now) return;
+    storage::SlabFilter filter;
+    filter.limit = kSlabsADayMax;
+    filter.since_utime_us = now.midnight_utime_us - kSlabTime_us;
+    const auto slabs = reader_->slabs(filter);
+    if (!slabs) return cannot_read(slabs.error());
+    counted_ = now;
+    picture_.today = today_of(slabs.value(), now.midnight_utime_us, language_);
   }
 
   std::string socket_;
@@ -271,6 +320,14 @@ class Watcher {
   bool has_answer_ = false;
   Clock::time_point answered_{};
   std::unique_ptr<storage::Reader> reader_;
+  /// State of the day's counters.
+  struct Counted {
+    std::int64_t last_utime_us = 0;
+    std::int64_t midnight_utime_us = 0;
+    Language language = Language::en;
+    bool operator==(const Counted&) const = default;
+  };
+  std::optional<Counted> counted_;
   struct stat reader_file_ {};  ///< identity of the file that `reader_` has open
 };
 

@@ -228,7 +228,13 @@ TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
                                      "show 1 --block 4" + in_db,
                                      "history" + in_db,
                                      "reasons" + in_db,
+                                     "trend" + in_db,
                                      "trend jaw_distance" + in_db,
+                                     "trend seat_lateral" + in_db,
+                                     "yield" + in_db,
+                                     "yield --by type" + in_db,
+                                     "compare 1 1" + in_db,
+                                     "compare --period 2025-11-01..2025-12-01 --period 2025-11-02..2025-12-01" + in_db,
                                      "trend seat_slope --block 3" + in_db,
                                      "replay 1" + in_db + recipes(),
                                      "replay 1" + in_db + " --recipes " + dir_.string(),
@@ -258,7 +264,7 @@ TEST_F(Export, every_json_document_is_what_its_published_schema_says) {
     documents += " " + write("document-" + std::to_string(++count) + ".json", run(command + " --format json").out);
   const Ended valid = python("validate_json.py " + places::source_dir() + "/docs/schemas" + documents);
   EXPECT_EQ(valid.status, 0) << valid.out << valid.err;
-  expect_mentions(valid.out, "28 documents, 0 faults");
+  expect_mentions(valid.out, "34 documents, 0 faults");
 }
 
 TEST_F(Export, an_id_that_a_spreadsheet_would_compute_is_neutral_unless_a_program_asks_for_it_raw) {

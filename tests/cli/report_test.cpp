@@ -175,9 +175,9 @@ TEST_F(ReportTest, reason_for_an_unmeasured_feature_is_given_in_report_show_and_
   const std::string told =
       "inner jaw: a second surface lies within the threshold; outer casing: something fills the bore at the height of "
       "the rim";
-  ASSERT_EQ(report("r.html").status, 0);
+  ASSERT_EQ(report("r.html", "--full").status, 0);
   EXPECT_NE(content(file("r.html")).find("Not measured: " + told), std::string::npos);
-  ASSERT_EQ(report("zh.html", "--language zh").status, 0);
+  ASSERT_EQ(report("zh.html", "--full --language zh").status, 0);
   EXPECT_NE(content(file("zh.html")).find("未测量：内侧钳口面：阈值内另有一个表面；外侧套管：孔口高度处有填塞物"),
             std::string::npos);
   EXPECT_NE(run("show 1 --db " + file("slabd.db") + " --block 1").out.find("not measured: " + told), std::string::npos);
@@ -240,7 +240,7 @@ TEST_F(ReportTest, damage_is_marked_on_the_maps_and_small_pores_are_not) {
             {EdgeFace::seat, EdgeFace::end_plus, kNoValue, 4.24, kNoValue, 280}};
   for (int station = 2; station <= 18; ++station) measure(station);
   end();
-  ASSERT_EQ(report("r.html").status, 0);
+  ASSERT_EQ(report("r.html", "--full").status, 0);
   const std::string html = content(file("r.html"));
   const std::string told = "pit on the seat at x -20 mm, s 44 mm: 4 x 4 mm, 12 mm2, up to 6.5 mm deep";
   EXPECT_NE(html.find("Block 1: " + told), std::string::npos);
@@ -253,7 +253,7 @@ TEST_F(ReportTest, damage_is_marked_on_the_maps_and_small_pores_are_not) {
   EXPECT_NE(html.find("Pores: 1 pore, largest 3.9 mm, deepest 2.0 mm (at most 5 mm)"), std::string::npos);
   EXPECT_NE(html.find("Edges: fillet 4.1 mm seat/jaw_inner (nominal 4), chamfer 3.6..4.2 mm ends"), std::string::npos);
   ASSERT_EQ(report("r.pdf").status, 0);
-  ASSERT_EQ(report("zh.html", "--language zh").status, 0);
+  ASSERT_EQ(report("zh.html", "--full --language zh").status, 0);
   EXPECT_NE(content(file("zh.html")).find("最深 6.5 mm（超过 5 mm）"), std::string::npos);
   EXPECT_NE(content(file("zh.html")).find("圆角 4.1 mm 承轨面/内侧钳口面（公称 4），倒角 3.6..4.2 mm 端面"),
             std::string::npos);
@@ -277,7 +277,7 @@ TEST_F(ReportTest, damage_is_marked_on_the_maps_and_small_pores_are_not) {
 
 TEST_F(ReportTest, figures_agree_with_database_json_and_plc_record_to_the_last_digit_shown) {
   make_slab();
-  ASSERT_EQ(report("r.html").status, 0) << report("r.html").err;
+  ASSERT_EQ(report("r.html", "--full").status, 0) << report("r.html", "--full").err;
   const std::string html = content(file("r.html"));
   const json document = json::parse(run("show 1 --db " + file("slabd.db") + " --json").out);
   int compared = 0;
@@ -335,7 +335,7 @@ TEST_F(ReportTest, the_slabs_own_items_agree_in_report_json_and_the_slabs_record
   PlcResult record = slab_record(slab, 18);
   record.res_seq = 100;
   apply(SlabJob{1, slab, record, 1'763'681'999'000'000});
-  ASSERT_EQ(report("r.html").status, 0);
+  ASSERT_EQ(report("r.html", "--full").status, 0);
   const std::string html = content(file("r.html"));
   const json document = json::parse(run("show 1 --db " + file("slabd.db") + " --json").out);
   const std::vector<Row> of_slab = rows_below(html, "Items of the slab");
@@ -443,7 +443,7 @@ TEST_F(ReportTest, has_no_watermark_for_a_real_slab) {
 
 TEST_F(ReportTest, says_what_was_not_confirmed_not_visible_and_not_kept) {
   make_slab();
-  ASSERT_EQ(report("r.html").status, 0);
+  ASSERT_EQ(report("r.html", "--full").status, 0);
   const std::string html = content(file("r.html"));
   expect_mentions(html, "12 nominals, tolerances and assumptions of the recipe had not been confirmed");
   expect_mentions(html, "Not visible to the scans of the blocks, and not judged: length, width, thickness and bottom");
@@ -451,6 +451,23 @@ TEST_F(ReportTest, says_what_was_not_confirmed_not_visible_and_not_kept) {
   expect_mentions(html, "he-123");
   expect_mentions(html, "slabd 9.9.9");
   expect_mentions(html, "P5600, 0123abcd");
+}
+
+TEST_F(ReportTest, has_the_answer_on_two_pages_and_only_the_blocks_with_findings) {
+  make_slab();
+  ASSERT_EQ(report("r.html", "--project 'Line 7 <A>'").status, 0);
+  const std::string html = content(file("r.html"));
+  for (const char* text : {"Line 7 &lt;A&gt;", "Disposition and signatures", "+00:00", "2025-11-20 23:28:01"})
+    expect_mentions(html, text);
+  EXPECT_FALSE(rows_below(html, "Block 1").empty()) << "jaw distance fails";
+  EXPECT_TRUE(rows_below(html, "Block 7").empty()) << "all its values are nominal";
+  EXPECT_TRUE(rows_below(html, "Items of the slab").empty());
+  ASSERT_EQ(report("full.html", "--full").status, 0);
+  EXPECT_FALSE(rows_below(content(file("full.html")), "Block 7").empty());
+  EXPECT_FALSE(rows_below(content(file("full.html")), "Items of the slab").empty());
+  const std::size_t after_map = html.find("<h2>Findings");
+  EXPECT_LT(after_map, html.find("<h2>Measured slab"));
+  EXPECT_LT(html.find("Disposition and signatures"), html.find("<h2>✗ Block"));
 }
 
 TEST_F(ReportTest, counts_items_that_were_not_required_and_not_measured_for_a_slab_that_passed) {
@@ -520,7 +537,7 @@ TEST_F(ReportTest, passes_no_block_of_an_aborted_slab_and_names_items_that_were_
   record.kind = 2;
   record.res_seq = 100;
   apply(SlabJob{1, slab, record, 1'763'681'999'000'000});
-  ASSERT_EQ(report("r.html").status, 0);
+  ASSERT_EQ(report("r.html", "--full").status, 0);
   const std::string html = content(file("r.html"));
   expect_mentions(html, "<h2>Block 7 – no verdict: the slab was aborted</h2>");
   expect_mentions(html, "were never judged, and a block that passed so far has no verdict.");
@@ -532,7 +549,7 @@ TEST_F(ReportTest, passes_no_block_of_an_aborted_slab_and_names_items_that_were_
   ASSERT_NE(frame, nullptr);
   ASSERT_GT(frame->size(), 1U);
   expect_mentions((*frame)[1], "not measured: 110: ");
-  ASSERT_EQ(report("zh.html", "--language zh").status, 0);
+  ASSERT_EQ(report("zh.html", "--full --language zh").status, 0);
   expect_mentions(content(file("zh.html")), "承轨台 10: 已扫描，未测量：该板已中止。");
 }
 
@@ -555,7 +572,7 @@ TEST_F(ReportTest, a_block_that_was_not_found_has_no_row_of_deviations_and_no_no
   record.res_seq = 4;
   record.station = 4;
   apply(BlockJob{1, 1, block, record});
-  ASSERT_EQ(report("r.html").status, 0);
+  ASSERT_EQ(report("r.html", "--full").status, 0);
   const std::string html = content(file("r.html"));
   const std::vector<Row> deviations = rows_below(html, "Deviation of the registered points");
   EXPECT_NE(row_of(deviations, "3"), nullptr);
@@ -589,7 +606,7 @@ TEST_F(ReportTest, pdf_svg_and_png_are_what_their_names_say_and_the_same_slab_gi
 
 TEST_F(ReportTest, never_shows_pass_for_an_open_slab) {
   measure(1);
-  ASSERT_EQ(report("r.html").status, 0);
+  ASSERT_EQ(report("r.html", "--full").status, 0);
   const std::string html = content(file("r.html"));
   expect_mentions(html, "<p class=\"verdict none\">still open</p>");
   expect_mentions(html, "This block was not scanned.");

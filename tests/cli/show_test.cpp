@@ -80,7 +80,7 @@ TEST_F(Show, ended_slab_shows_final_verdicts_also_of_stations_that_were_never_sc
   slab_.station_reason[2] = 611;
   apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
 
-  const Ended ended = show();
+  const Ended ended = show("--full");
   EXPECT_EQ(ended.status, 0) << ended.err;
   EXPECT_EQ(line_of(ended.out, "  Y > 0"), "  Y > 0     0   0   X   0   0   0   0   0   0");
   EXPECT_EQ(line_of(ended.out, "  Y < 0"), "  Y < 0     0   0   0   0   0   0   0   0   0");
@@ -249,6 +249,66 @@ TEST_F(Show, confirmed_recipe_with_a_guard_band_gets_no_warning) {
   EXPECT_EQ(json::parse(show("--json").out)["guard"], 1.0);
 }
 
+// A screen of 24 lines shows verdict, findings and map.
+TEST_F(Show, begins_with_the_findings_and_fits_a_screen) {
+  header_.unconfirmed = 12;
+  header_.emulated = kEmulatedScan;
+  apply(BeginSlabJob{header_, 1, 1});
+  Item item;
+  item.id = ItemId::jaw_distance;
+  item.value = 380.9;
+  item.lower = 379.5;
+  item.upper = 380.5;
+  item.U = 0.05;
+  item.verdict = Verdict::fail;
+  ASSERT_TRUE(block_.items.push(item));
+  measure_station_3();
+  slab_.fit.ok = true;
+  slab_.fit.note.assign("top rolled");
+  slab_.station_verdict[2] = Verdict::fail;
+  slab_.station_reason[2] = 604;
+  for (int station = 1; station <= 18; ++station) {
+    Item height;
+    height.id = ItemId::seat_vertical;
+    height.station = static_cast<std::uint8_t>(station);
+    height.verdict = Verdict::fail;
+    height.value = 1.0;
+    ASSERT_TRUE(slab_.items.push(height));
+  }
+  apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
+  const std::string text = show().out;
+  EXPECT_LE(std::count(text.begin(), text.end(), '\n'), 24) << text;
+  const std::size_t finding = text.find("X Block 3, jaw distance: 380.900 mm, limits 379.500 .. 380.500, U 0.050");
+  ASSERT_NE(finding, std::string::npos) << text;
+  EXPECT_LT(finding, text.find("  Y > 0"));
+  expect_mentions(text, "(--full shows them)");
+  EXPECT_EQ(show("--full").out.find("(--full shows them)"), std::string::npos);
+}
+
+TEST_F(Show, a_block_has_one_slope_with_the_datum_that_decides) {
+  for (const bool in_slab_frame : {true, false}) {
+    header_.key = in_slab_frame ? 1 : 2;
+    record_.res_seq = static_cast<std::uint16_t>(10 * header_.key);
+    apply(BeginSlabJob{header_, 1, static_cast<std::uint16_t>(header_.key)});
+    Item own;
+    own.value = 1.41;
+    Item slope;
+    slope.station = 3;
+    slope.value = 1.47;
+    (in_slab_frame ? slope : own).upper = 1.5;
+    block_.items.clear();
+    ASSERT_TRUE(block_.items.push(own));
+    measure_station_3();
+    slab_.items.clear();
+    ASSERT_TRUE(slab_.items.push(slope));
+    apply(SlabJob{header_.key, slab_, record_, 1'763'681'999'000'000});
+    const std::string text = show("--block 3").out;
+    expect_mentions(text, in_slab_frame ? "1.4700" : "1.4100");
+    EXPECT_EQ(text.find(in_slab_frame ? "1.4100" : "1.4700"), std::string::npos) << text;
+    expect_mentions(text, in_slab_frame ? "datum that decides: slab_frame" : "datum that decides: local_slab_top");
+  }
+}
+
 TEST_F(Show, slab_of_eight_pairs_has_a_map_of_two_by_eight) {
   header_.stations = 16;
   header_.recipe = "P4925";
@@ -297,7 +357,7 @@ TEST_F(Show, U_is_taken_apart_and_every_part_has_a_source) {
   expect_mentions(text.out, "0.04000");
   expect_mentions(text.out, "the larger of recipe P5600 and acceptance " + id.value() +
                                 " (form +-0.0612 mm over 113 mm, size 0.0123 mm, noise correlated over not known)");
-  expect_mentions(show().out, "scanner acceptance " + id.value());
+  expect_mentions(show("--full").out, "scanner acceptance " + id.value());
   EXPECT_EQ(json::parse(show("--json").out)["scanner_id"], id.value());
   for (const char* language : {"en", "zh"}) {
     const std::string out = file(std::string(language) + ".html");
@@ -418,7 +478,7 @@ TEST_F(Show, slope_in_the_slabs_frame_names_its_station) {
   slope.value = 1.43;
   ASSERT_TRUE(slab_.items.push(slope));
   apply(SlabJob{1, slab_, record_, 1'763'681'999'000'000});
-  expect_mentions(show().out, "seat_slope [deg] 3 ");
+  expect_mentions(show("--full").out, "seat_slope [deg] 3 ");
   expect_mentions(show("--block 3").out, "seat_slope [deg] 3 ");
   EXPECT_EQ(json::parse(show("--json").out)["items"][0]["stations"], json::array({3}));
 }

@@ -42,10 +42,11 @@ class Slabctl : public ::testing::Test {
     std::ofstream(file(name), std::ios::binary) << text;
     return file(name);
   }
-  /// Runs `slabctl arguments` through the shell, in the C locale so that symbols are ASCII.
+  /// Runs `slabctl arguments` through the shell, in the C locale so that symbols are ASCII, with local
+  /// times in UTC.
   [[nodiscard]] Ended run(const std::string& arguments) const {
     const std::string command =
-        "LC_ALL=C " + places::slabctl() + " " + arguments + " >" + file("out") + " 2>" + file("err");
+        "LC_ALL=C TZ=UTC0 " + places::slabctl() + " " + arguments + " >" + file("out") + " 2>" + file("err");
     Ended ended;
     const int status = std::system(command.c_str());
     ended.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;

@@ -8,6 +8,7 @@
 
 #include "base/prng.h"
 #include "cli/terminal/parse.h"
+#include "cli/trend/distribution.h"
 
 namespace slabd::cli::trend {
 namespace {
@@ -84,6 +85,66 @@ TEST(Capability, intervals_hold_the_true_index_95_times_of_100) {
   }
   EXPECT_NEAR(cp_held, 0.95 * kTrials, 0.015 * kTrials);
   EXPECT_NEAR(cpk_held, 0.95 * kTrials, 0.015 * kTrials);
+}
+
+TEST(Normality, rejects_skewness_two_heaps_and_one_far_value_and_needs_values_that_differ) {
+  Prng prng(10);
+  const std::vector<double> good = normal_values(prng, 200, 0.0, 1.0);
+  EXPECT_GT(normality(good), 0.05);
+  std::vector<double> skewed;
+  std::vector<double> heaps;
+  for (std::size_t i = 0; i < good.size(); ++i) {
+    skewed.push_back(std::exp(good[i]));
+    heaps.push_back(good[i] + (i % 2 == 0 ? 3.0 : -3.0));
+  }
+  std::vector<double> far = good;
+  far[17] = 9.0;
+  for (const std::vector<double>& values : {skewed, heaps, far}) EXPECT_LT(normality(values), 1e-6);
+  EXPECT_FALSE(has_value(normality(std::vector<double>(19, 1.0)))) << "too few";
+  EXPECT_FALSE(has_value(normality(std::vector<double>(30, 1.0)))) << "without scatter";
+}
+
+// Skewness and kurtosis of one sample depend on each other, so the test rejects somewhat more often than its level.
+TEST(Normality, rejects_a_normal_sample_rarely) {
+  Prng prng(11);
+  constexpr int kTrials = 3000;
+  int rejected = 0;
+  for (int i = 0; i < kTrials; ++i) rejected += normality(normal_values(prng, 100, 3.0, 0.2)) < kFitLevel ? 1 : 0;
+  EXPECT_GT(rejected, kFitLevel * kTrials);
+  EXPECT_LT(rejected, 3.0 * kFitLevel * kTrials);
+}
+
+TEST(Performance, a_weibull_sample_has_the_index_of_the_weibull) {
+  Prng prng(12);
+  std::vector<double> values;
+  for (int i = 0; i < 2000; ++i) values.push_back(2.0 * std::pow(-std::log(1.0 - prng.uniform()), 1.0 / 1.5));
+  const Performance of = performance(values, kNoValue, 8.0, true, kValuesMin);
+  EXPECT_EQ(of.model, Model::weibull);
+  // The true share above 8 is exp(-(8 / 2)^1.5) = exp(-8) = 3.35e-4, a normal quantile of 3.402.
+  EXPECT_NEAR(of.ppk.value, 3.402 / 3.0, 0.08);
+  EXPECT_LT(of.ppk.low, 3.402 / 3.0);
+  EXPECT_GT(of.ppk.high, 3.402 / 3.0);
+}
+
+TEST(Performance, few_values_have_a_share_outside_and_no_index) {
+  const std::vector<double> values = {1.0, 2.0, 9.0};
+  const Performance of = performance(values, 0.0, 5.0, false, kValuesMin);
+  EXPECT_EQ(of.outside.count, 1U);
+  EXPECT_NEAR(of.outside.share.value, 1.0 / 3.0, 1e-12);
+  EXPECT_FALSE(has_value(of.ppk.value));
+  EXPECT_FALSE(has_value(performance(values, kNoValue, kNoValue, false, 2).outside.share.value)) << "no limits";
+}
+
+// Clopper and Pearson's interval of 3 of 20 in tables: 0.0321 .. 0.3789; of 0 of 60 the upper end 1 - 0.025^(1/60).
+TEST(Share, has_the_exact_interval) {
+  const study::Estimate share = study::share_of(3, 20);
+  EXPECT_DOUBLE_EQ(share.value, 0.15);
+  EXPECT_NEAR(share.low, 0.0321, 5e-5);
+  EXPECT_NEAR(share.high, 0.3789, 5e-5);
+  EXPECT_EQ(study::share_of(0, 60).low, 0.0);
+  EXPECT_NEAR(study::share_of(0, 60).high, 1.0 - std::pow(0.025, 1.0 / 60.0), 1e-9);
+  EXPECT_EQ(study::share_of(60, 60).high, 1.0);
+  EXPECT_FALSE(has_value(study::share_of(0, 0).value));
 }
 
 std::vector<Placed> slabs_with(Prng& prng, int slabs, int odd_station, double bias, double drift) {

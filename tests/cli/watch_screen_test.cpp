@@ -67,6 +67,86 @@ TEST(Screen, at_80_by_24_has_all_blocks_links_cures_and_the_last_slabs) {
     EXPECT_NE(text.find(words), std::string::npos) << words << "\n" << text;
 }
 
+/// The slab has ended with two findings.
+Picture failed_slab() {
+  Picture p = busy_line();
+  p.slab_open = false;
+  p.current_station = 0;
+  p.stations.assign(18, Verdict::pass);
+  p.stations[3] = p.stations[10] = Verdict::fail;
+  p.verdict = Verdict::fail;
+  p.recipe = "P5600";
+  p.clock = "14:05:33";
+  p.findings = {{Verdict::fail, "Block 4, seat slope: 1.6366 deg, limits 1.3325 .. 1.5486, U 0.0102"},
+                {Verdict::fail, "Block 11, jaw distance: 380.901 mm, limits 379.500 .. 380.500, U 0.050"}};
+  p.today = {12, 10, {{"seat slope", 1}, {"jaw distance", 1}}, 252.0};
+  return p;
+}
+
+TEST(Screen, at_80_by_24_says_why_and_counts_the_day) {
+  const std::string text = joined(screen(failed_slab(), 80, 24, kPlain, Language::en));
+  for (const char* words :
+       {"X FAIL", "Block 4, seat slope: 1.6366 deg, limits 1.3325 .. 1.5486", "Block 11, jaw distance: 380.901 mm",
+        "today 12 slabs, 10 passed (83 %)  takt 4 min  1 x seat slope, 1 x jaw distance", "14:05:33", "recipe P5600",
+        "-> start the robot bridge", "SLAB-X"})
+    EXPECT_NE(text.find(words), std::string::npos) << words << "\n" << text;
+  Picture many = failed_slab();
+  for (int i = 0; i < 7; ++i) many.findings.push_back(many.findings.back());
+  EXPECT_NE(joined(screen(many, 80, 24, kPlain, Language::en)).find("more findings: 7"), std::string::npos);
+}
+
+TEST(Screen, writes_the_verdict_in_large_letters_if_there_is_room) {
+  const std::string large = joined(screen(failed_slab(), 120, 40, kPlain, Language::en));
+  EXPECT_NE(large.find("#####  ###  ##### #"), std::string::npos) << large;
+  Picture p = failed_slab();
+  for (const Verdict verdict :
+       {Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted, Verdict::indeterminate}) {
+    p.verdict = verdict;
+    EXPECT_NE(joined(screen(p, 120, 40, kPlain, Language::en)).find("##"), std::string::npos) << name(verdict);
+    EXPECT_NE(
+        joined(screen(p, 120, 40, kPlain, Language::zh)).find(std::string(report::verdict_word(verdict, Language::zh))),
+        std::string::npos);
+    for (const std::string& line : screen(p, 80, 40, kColour, Language::en)) EXPECT_LE(display_width(line), 80U);
+  }
+  p = busy_line();
+  EXPECT_EQ(joined(screen(p, 120, 40, kPlain, Language::en)).find("##"), std::string::npos) << "an open slab has none";
+}
+
+TEST(Screen, below_80_columns_lists_the_blocks_and_cuts_none_off) {
+  for (const std::size_t columns : {40UL, 60UL, 79UL}) {
+    const std::vector<std::string> lines = screen(failed_slab(), columns, 24, kPlain, Language::en);
+    const std::string text = joined(lines);
+    EXPECT_NE(text.find("X FAIL: 4, 11"), std::string::npos) << text;
+    EXPECT_NE(text.find("pass: 16 / 18"), std::string::npos) << text;
+    EXPECT_NE(text.find("U 0.0102"), std::string::npos) << "the finding is broken into lines\n" << text;
+    for (const std::string& line : lines) EXPECT_LE(display_width(line), columns);
+  }
+}
+
+TEST(Today, counts_slabs_yield_reasons_and_takt_since_midnight) {
+  std::vector<storage::SlabSummary> newest_first;
+  const auto add = [&](std::int64_t ended_s, Verdict verdict, std::uint16_t reason = 0) {
+    storage::SlabSummary slab;
+    slab.ended_utime_us = 1'000'000 * ended_s;
+    slab.verdict = verdict;
+    slab.reason = reason;
+    newest_first.insert(newest_first.begin(), slab);
+  };
+  add(900, Verdict::fail, 600);  // yesterday
+  add(1000, Verdict::pass);
+  add(1300, Verdict::fail, 604);
+  add(1500, Verdict::aborted, 110);
+  add(1600, Verdict::fail, 604);
+  add(1900, Verdict::indeterminate, 600);
+  add(0, Verdict::none);  // open
+  const Today today = today_of(newest_first, 1'000'000'000, Language::en);
+  EXPECT_EQ(today.slabs, 4U);
+  EXPECT_EQ(today.passed, 1U);
+  ASSERT_EQ(today.reasons.size(), 2U);
+  EXPECT_EQ(today.reasons[0], (std::pair<std::string, std::size_t>{"jaw distance", 2}));
+  EXPECT_EQ(today.takt_s, 300.0);
+}
+
 TEST(Screen, that_is_stale_is_marked_in_the_first_line_and_has_no_colour_of_life) {
   Picture p = busy_line();
   p.age_s = 12.0;

@@ -79,6 +79,8 @@ capture_stable_s = 0.5
 socket = "/srv/control.sock"
 [line]
 simulation = true
+[report]
+project = "Line 7"
 )";
 
 class ConfigTest : public ::testing::Test {
@@ -291,6 +293,7 @@ TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_TRUE(config_.capture.is_wider());
   EXPECT_EQ(config_.control_socket, "/srv/control.sock");
   EXPECT_TRUE(config_.simulation);
+  EXPECT_EQ(config_.project, "Line 7");
 }
 
 TEST_F(ConfigTest, all_faults_are_reported_with_line_column_key_and_range) {

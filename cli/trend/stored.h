@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "cli/trend/series.h"
+
+namespace slabd::cli::trend {
+
+/// Trend of one item in a database. Slab types differ in blocks and limits, and emulated slabs are not real ones: the
+/// newest slab selects which are shown. Sets `other_types` if slabs of other types were left out. Stops if the database
+/// cannot be read.
+[[nodiscard]] Trend read_trend(storage::Reader& reader, storage::ItemFilter filter, bool& other_types);
+
+}  // namespace slabd::cli::trend
