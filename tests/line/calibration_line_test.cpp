@@ -90,7 +90,10 @@ TEST_F(CalibrationLineTest, is_applied_without_the_daemon_and_found_at_its_start
 }
 
 TEST_F(CalibrationLineTest, the_emulated_scanner_is_where_the_calibration_in_force_says) {
-  ASSERT_EQ(adopt("0.05").exit_status, 0);
+  ASSERT_EQ(calibrate({"adopt", "--sigma-mm", "0.02", "--sigma-deg", "0.001", "--operator", "anna", "--apply",
+                       "--reason", "tracker protocol 17"})
+                .exit_status,
+            0);
   // From now on the configuration's commissioning value is not used, by slabd or by the emulator.
   std::string text = read_file(box.config);
   const std::size_t at = text.find("T_flange_scanner");
