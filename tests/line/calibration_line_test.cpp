@@ -90,18 +90,19 @@ TEST_F(CalibrationLineTest, is_applied_without_the_daemon_and_found_at_its_start
 }
 
 TEST_F(CalibrationLineTest, the_emulated_scanner_is_where_the_calibration_in_force_says) {
-  ASSERT_EQ(calibrate({"adopt", "--sigma-mm", "0.02", "--sigma-deg", "0.001", "--operator", "anna", "--apply",
-                       "--reason", "tracker protocol 17"})
-                .exit_status,
-            0);
-  // From now on the configuration's commissioning value is not used, by slabd or by the emulator.
+  ASSERT_EQ(adopt("0.05").exit_status, 0);
+  // From now on the configuration's commissioning value is not used, by slabd or by the emulator. With it, no scan
+  // would show the commanded block (204).
   std::string text = read_file(box.config);
   const std::size_t at = text.find("T_flange_scanner");
-  text.replace(at, text.find('\n', at) - at, "T_flange_scanner = [30.0, 80.0, 150.0, 1.0, 0.0, 0.0, 0.0]");
+  text.replace(at, text.find('\n', at) - at, "T_flange_scanner = [40.0, -25.0, 180.0, 0.9961947, 0.0, 0.0871557, 0.0]");
   std::ofstream(box.config) << text;
   start();
-  EXPECT_EQ(box.simulate({"--slab-no", "1"})->wait(), 0)
-      << read_file(box.dir / "simulate.out") << read_file(box.dir / "simulate.err");
+  // Without an accuracy of the robot U is unknown, and the verdict indeterminate.
+  EXPECT_EQ(box.simulate({"--slab-no", "1"})->wait(), 1);
+  const json slabs = json::parse(box.slabctl({"history", "--json", "--config", box.config.native()}).out);
+  EXPECT_EQ(slabs["slabs"][0]["verdict"], "indeterminate") << slabs;
+  EXPECT_EQ(slabs["slabs"][0]["stations_measured"], 18) << read_file(box.dir / "simulate.out");
 }
 
 TEST_F(CalibrationLineTest, an_expired_or_missing_calibration_is_fault_503_with_its_cure) {
