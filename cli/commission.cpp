@@ -124,6 +124,11 @@ void look_at_links(const daemon::Config& config, Steps& steps) {
     return;
   }
   const nlohmann::json status = nlohmann::json::parse(answer.value(), nullptr, false);
+  if (!status.is_object()) {
+    steps[kDaemon].saw = fmt::format("{} does not speak slabd.status/1", config.control_socket);
+    for (const std::size_t k : {kPlc, kRobot, kScanner}) steps[k].saw = "slabd gives no status";
+    return;
+  }
   const auto text = [&](const char* pointer) {
     return status.value(nlohmann::json::json_pointer(pointer), std::string());
   };

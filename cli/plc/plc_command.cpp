@@ -12,6 +12,7 @@
 #include <csignal>
 #include <cstdio>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 
@@ -181,13 +182,21 @@ int give(const Options& options) {
   traits.plc = config.plc;
   traits.device = options.device;
   const std::unique_ptr<PlcPeer> plc = need(PlcPeer::connect(traits, g_interrupted));
-  PlcTrouble trouble;
-  std::uint16_t cmd_seq = 0;
-  PlcClock::time_point written;
-  if (!plc->issue(order, cmd_seq, trouble, &written)) stop_with(trouble);
-  const Verdict verdict = follow(*plc, order, cmd_seq, written, traits);
+  // However it ends, results that were acknowledged are printed, and ENABLE is cleared.
+  Verdict verdict = Verdict::none;
+  std::optional<Stop> stopped;
+  try {
+    PlcTrouble trouble;
+    std::uint16_t cmd_seq = 0;
+    PlcClock::time_point written;
+    if (!plc->issue(order, cmd_seq, trouble, &written)) stop_with(trouble);
+    verdict = follow(*plc, order, cmd_seq, written, traits);
+  } catch (const Stop& end) {
+    stopped = end;
+  }
   for (const StoredResult& stored : plc->results()) fmt::print("{}", result_line(stored.record));
   plc->disable();
+  if (stopped) throw *stopped;
   return verdict == Verdict::none || verdict == Verdict::pass || command == PlcCommand::slab_abort ? kDone : kNotPass;
 }
 

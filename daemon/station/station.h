@@ -347,7 +347,7 @@ struct OwedScan {
 };
 
 struct Station {
-  explicit Station(const StationSettings& settings_in)
+  explicit Station(const StationSettings& settings_in) noexcept
       : settings(settings_in), gate(settings_in.pose), still(settings_in.capture, settings_in.pose) {}
 
   StationSettings settings;

@@ -5,22 +5,11 @@
 
 #include <vector>
 
+#include "planted_item.h"
 #include "report/content.h"
 
 namespace slabd::cli {
 namespace {
-
-Item item_of(ItemId id, int station, double value) {
-  Item item;
-  item.id = id;
-  item.station = static_cast<std::uint8_t>(station);
-  item.value = value;
-  item.nominal = 1.4;
-  item.lower = 1.3;
-  item.upper = 1.5;
-  item.verdict = Verdict::pass;
-  return item;
-}
 
 TEST(SlabView, result_of_the_slab_replaces_the_item_of_the_block) {
   storage::SlabRecord record;

@@ -10,23 +10,12 @@
 #include "cli/trend/comparison.h"
 #include "cli/trend/multi_vari.h"
 #include "cli/trend/trend_figure.h"
+#include "planted_item.h"
 
 namespace slabd::cli::trend {
 namespace {
 
 using study::Judgement;
-
-Item item_of(ItemId id, int station, double value) {
-  Item item;
-  item.id = id;
-  item.station = static_cast<std::uint8_t>(station);
-  item.value = value;
-  item.nominal = 1.4;
-  item.lower = 1.3;
-  item.upper = 1.5;
-  item.verdict = Verdict::pass;
-  return item;
-}
 
 /// `slabs` slabs of three blocks; block 3 has the offset `off`.
 std::vector<storage::ItemValue> values(int slabs, double off) {

@@ -31,8 +31,8 @@ constexpr std::array<Entry, 5> kLedger{{
     {"scan buffers", kScans},
     {"workspace of measuring", limits::kWorkspaceBytes},
     {"program and libraries", 11'500'000},
-    {"stacks in use", 2'700'000},
-    {"all the rest", 8'200'000},
+    {"stacks in use", 2'500'000},
+    {"all the rest", 8'400'000},
 }};
 enum Line : std::size_t { scans, workspace, program, stacks, rest };
 

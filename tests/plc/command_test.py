@@ -56,7 +56,8 @@ def with_a_plc(box):
     finally:
         running.set()
         thread.join()
-    # The PLC scans and goes before it fetches the result.
+    # The PLC scans and goes before it has stored the result.
+    plc.stores = False
     plc.scan(box, 3, 9)
     plc.wire.close()
     wait_for(lambda: box.status()["results_pending"] > 0, 60, "the result")

@@ -259,6 +259,7 @@ class Plc:
         self.wire, self.period = wire, period
         self.block = block or Block(os.path.join(ROOT, "docs/plc/FB_SLABD.st"))
         self.inputs = {"uiSyncLast": wire.sync_last(), "xEnable": True, "xExecute": False, "xStored": False}
+        self.stores = True  # False: shown results stay unread
         self.results = {}  # stored records by (slab, station, CMD_SEQ)
         self.cycles = 0
 
@@ -273,7 +274,7 @@ class Plc:
             self.wire.write(0, fb.HR[0:4])
         if fb.xWriteCommand:
             self.wire.write(10, fb.HR[10:40])
-        if fb.xNewResult:
+        if fb.xNewResult and self.stores:
             record = list(fb.awRecord)
             self.results[(record[4] << 16 | record[5], record[3], record[2])] = record
             self.inputs["xStored"] = True
