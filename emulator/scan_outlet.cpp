@@ -66,21 +66,21 @@ Result<DropAnswers> DropAnswers::open(const std::string& drop_dir) {
   if (::access(answers.inbox_dir_.c_str(), W_OK | X_OK) != 0 || ::access(drop_dir.c_str(), W_OK | X_OK) != 0)
     return error(Code::scanner_offline, "%s cannot be written by this user: run as a member of the daemon's group",
                  drop_dir.c_str());
-  for (const fs::directory_entry& entry : fs::directory_iterator(answers.request_dir_, fault))
-    answers.answered_.insert(entry.path().stem());
+  for (fs::directory_iterator entry(answers.request_dir_, fault), end; !fault && entry != end; entry.increment(fault))
+    answers.answered_.insert(entry->path().stem());
   return answers;
 }
 
 std::string DropAnswers::pending(std::string& trouble) {
   std::error_code fault;
-  for (const fs::directory_entry& entry : fs::directory_iterator(request_dir_, fault)) {
-    if (entry.path().extension() != ".json") continue;
-    const std::string name = entry.path().stem();
+  for (fs::directory_iterator entry(request_dir_, fault), end; !fault && entry != end; entry.increment(fault)) {
+    if (entry->path().extension() != ".json") continue;
+    const std::string name = entry->path().stem();
     if (answered_.contains(name)) continue;
-    std::ifstream file(entry.path());
+    std::ifstream file(entry->path());
     const auto request = nlohmann::json::parse(file, nullptr, false);
     if (!request.is_object() || request.value("schema", "") != "slabd.scan_request/1") {
-      trouble = fmt::format("{}: not a slabd.scan_request/1", entry.path().string());
+      trouble = fmt::format("{}: not a slabd.scan_request/1", entry->path().string());
       answered_.insert(name);
       continue;
     }

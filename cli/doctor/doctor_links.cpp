@@ -82,14 +82,16 @@ std::string reach(const daemon::Config& config) {
 
 /// True if the service has the right to bind privileged ports; the delivered unit does not have it.
 bool service_may_bind_any_port() {
-  std::error_code none;
-  for (const char* folder : {"/etc/systemd/system/slabd.service.d", "/run/systemd/system/slabd.service.d"})
-    for (const auto& entry : std::filesystem::directory_iterator(folder, none)) {
-      std::ifstream file(entry.path());
+  namespace fs = std::filesystem;
+  for (const char* folder : {"/etc/systemd/system/slabd.service.d", "/run/systemd/system/slabd.service.d"}) {
+    std::error_code none;
+    for (fs::directory_iterator entry(folder, none), end; !none && entry != end; entry.increment(none)) {
+      std::ifstream file(entry->path());
       for (std::string line; std::getline(file, line);)
         if (line.rfind("AmbientCapabilities=", 0) == 0 && line.find("CAP_NET_BIND_SERVICE") != std::string::npos)
           return true;
     }
+  }
   return false;
 }
 

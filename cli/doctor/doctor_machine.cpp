@@ -128,25 +128,42 @@ void examine_clock(Examination& report) {
   }
 }
 
-std::string udp_program(unsigned port) {
+/// Inode of the UDP socket on a local port, as "socket:[N]"; empty if there is none.
+static std::string udp_socket(unsigned port) {
   const std::string wanted = fmt::format(":{:04X}", port);
-  std::ifstream sockets("/proc/net/udp");
-  std::string inode;
-  for (std::string line; inode.empty() && std::getline(sockets, line);) {
-    std::istringstream words(line);
-    const std::vector<std::string> columns{std::istream_iterator<std::string>(words), {}};
-    if (columns.size() > 9 && columns[1].ends_with(wanted)) inode = "socket:[" + columns[9] + "]";
+  // The kernel gives the table in pages and may skip a line when sockets close between two of them: the second or third
+  // reading has it.
+  for (int reading = 0; reading < 3; ++reading) {
+    std::ifstream sockets("/proc/net/udp");
+    for (std::string line; std::getline(sockets, line);) {
+      std::istringstream words(line);
+      const std::vector<std::string> columns{std::istream_iterator<std::string>(words), {}};
+      if (columns.size() > 9 && columns[1].ends_with(wanted)) return "socket:[" + columns[9] + "]";
+    }
   }
-  if (inode.empty()) return "";
-  std::error_code ignored;
-  for (const auto& process : std::filesystem::directory_iterator("/proc", ignored))
-    for (const auto& file : std::filesystem::directory_iterator(process.path() / "fd", ignored)) {
-      if (std::filesystem::read_symlink(file.path(), ignored) != inode) continue;
-      std::ifstream comm(process.path() / "comm");
+  return "";
+}
+
+std::string udp_program(unsigned port) {
+  namespace fs = std::filesystem;
+  const std::string socket = udp_socket(port);
+  if (socket.empty()) return "";
+  std::error_code fault;
+  for (fs::directory_iterator process("/proc", fault), end; !fault && process != end; process.increment(fault)) {
+    // A process that ends in the meantime is passed over.
+    std::error_code ended;
+    for (fs::directory_iterator file(process->path() / "fd", ended), last; !ended && file != last;
+         file.increment(ended)) {
+      if (fs::read_symlink(file->path(), ended) != socket) {
+        ended.clear();
+        continue;
+      }
+      std::ifstream comm(process->path() / "comm");
       std::string name;
       std::getline(comm, name);
-      return fmt::format("{} (pid {})", name, process.path().filename().string());
+      return fmt::format("{} (pid {})", name, process->path().filename().string());
     }
+  }
   return "";
 }
 
