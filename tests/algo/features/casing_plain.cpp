@@ -33,8 +33,10 @@ constexpr double kEdgeVariance = 1.3;
 double shared_rows(double spread) {
   return kEdgeVariance * std::sqrt(std::sqrt(0.5 / spread));
 }
-/// Distances of near points to the circle are correlated by chance up to this many times 1/sqrt(n) of their variance.
+/// Distances of near points to the circle are correlated by chance up to this many times 1/sqrt(n) of their variance,
+/// and surely displaced from kFormSure times that.
 constexpr double kFormChance = 1.4;
+constexpr double kFormSure = 1.5;
 constexpr double kFormVariance = 4.0;
 /// Distances are clipped at this many times the scatter; below kFormMin_mm the scatter is ignored.
 constexpr double kFormAlike = 0.7;
@@ -205,7 +207,10 @@ double edge_form_mm2(const std::vector<Vec2>& edge, const Circle& circle) {
   }
   double moved = 0.0;
   for (const double m : clamped(kFormReach * circle.scatter)) moved += m * m;
-  return 0.5 * (next + next_but_one) > kFormChance / std::sqrt(n) * own ? kFormVariance * moved / n : 0.0;
+  if (own == 0.0) return 0.0;
+  const double in_chances = 0.5 * (next + next_but_one) / own * std::sqrt(n) / kFormChance;
+  const double belief = std::min(1.0, std::max(0.0, (in_chances - 1.0) / (kFormSure - 1.0)));
+  return belief * kFormVariance * moved / n;
 }
 
 }  // namespace
