@@ -202,6 +202,13 @@ enum class StationPhase : std::uint8_t {
   failed = 4,     ///< the last SCAN failed
 };
 
+/// Basis of every measurement of a slab, the same from its begin to its end.
+struct SlabBasis {
+  const Recipe* recipe = nullptr;  ///< nullptr if the slab's type is not known
+  Pose T_base_slab;
+  ScannerNumbers verified;  ///< the scanner's acceptance when the slab was begun
+};
+
 /// State of one station of the open slab.
 struct StationRecord {
   StationPhase phase = StationPhase::empty;

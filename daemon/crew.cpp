@@ -85,15 +85,10 @@ Result<ScanShape> ThreadCrew::reload(const MeasureBlock& job) {
 
 BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
   BlockMeasured done;
-  done.slab_key = job.slab_key;
-  done.attempt = job.attempt;
+  done.id = job.id;
   done.slot = job.slot;
-  done.cmd_seq = job.cmd_seq;
-  done.scan_utime_us = job.scan_utime_us;
-  done.block.station = job.station;
-  const Recipe* recipe = nullptr;
-  for (const Recipe& candidate : recipes_)
-    if (candidate.slab_type == job.slab_type) recipe = &candidate;
+  done.block.station = job.id.station;
+  const Recipe* recipe = job.basis.recipe;
   ScanShape shape = job.shape;
   double read_ms = job.read_ms;
   Code code = recipe == nullptr ? Code::unknown_type : Code::ok;
@@ -120,26 +115,26 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
   }
   algo::Cloud cloud{slots_[job.slot], shape.points, shape.width, shape.height};
   const Status status =
-      measure_block(inspector_, clock_, job.station, job.T_base_slab * T_slab_block(*recipe, job.station),
-                    job.T_base_scanner, cloud, shape, read_ms, job.verified);
+      measure_block(inspector_, clock_, job.id.station, job.basis.T_base_slab * T_slab_block(*recipe, job.id.station),
+                    job.T_base_scanner, cloud, shape, read_ms, job.basis.verified);
   done.block = inspector_.result();
   pack_maps(inspector_, done.maps);
   compare_exposure(job, done);
   if (!status.ok()) {
     LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(status.error().code), {}};
-    line.text.printf("station %u: %s", job.station, status.error().text.c_str());
+    line.text.printf("station %u: %s", job.id.station, status.error().text.c_str());
     say_line(line);
     return done;
   }
   if (slab_ends_.is_needed()) look_at_slab_ends(job, cloud, done);
   if (const auto warning = scan_warning(done.block.scan); !warning.empty()) {
     LogLine line{LogLine::Level::warning, 0, {}};
-    line.text.printf("station %u: %s", job.station, warning.c_str());
+    line.text.printf("station %u: %s", job.id.station, warning.c_str());
     say_line(line);
   }
   for (const SurfaceFinding& finding : done.block.findings) {
     LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(info(ItemId::block_damage).reason), {}};
-    line.text.printf("station %u: %s", job.station, sentence(finding).c_str());
+    line.text.printf("station %u: %s", job.id.station, sentence(finding).c_str());
     say_line(line);
   }
   return done;
@@ -150,7 +145,7 @@ void ThreadCrew::compare_exposure(const MeasureBlock& job, BlockMeasured& done) 
   inspector_.noise_print(done.noise);
   if (done.refused != Code::ok) return;
   FixedString<limits::kErrorTextBytes> text;
-  const KeptNoise exposure{job.slab_key, job.station, job.attempt, done.noise};
+  const KeptNoise exposure{job.id.slab_key, job.id.station, job.id.attempt, done.noise};
   const bool has_print = !done.noise.empty();
   double correlation = 0.0;
   const KeptNoise* earlier = has_print ? exposures_.same_as(exposure, correlation) : nullptr;
@@ -178,7 +173,7 @@ void ThreadCrew::refuse_exposure(const MeasureBlock& job, const FixedString<limi
   if (simulation_) {
     // An emulated line may repeat the same noise.
     LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(Code::frame_incomplete), {}};
-    line.text.printf("station %u: %s; accepted, because the line is emulated", job.station, text.c_str());
+    line.text.printf("station %u: %s; accepted, because the line is emulated", job.id.station, text.c_str());
     say_line(line);
     return;
   }
@@ -194,7 +189,7 @@ void ThreadCrew::look_at_slab_ends(const MeasureBlock& job, const algo::Cloud& c
   const Recipe& recipe = *inspector_recipe_;
   const TopView view =
       look_at_top(cloud.xyz.first(3 * cloud.points), done.block.registration.T_scanner_block.inverse(), recipe.block);
-  const SlabEnds::Finding finding = slab_ends_.note(job.slab_key, job.station, view);
+  const SlabEnds::Finding finding = slab_ends_.note(job.id.slab_key, job.id.station, view);
   if (finding.other != nullptr) {
     done.refused = Code::unknown_type;
     done.refused_text = text_of(finding, recipe);

@@ -593,11 +593,9 @@ void Loop::perform(const Action& action) {
 }
 
 void Loop::judge_slab(const JudgeSlab& action) {
-  const OpenSlab& slab = station_->slab;
   judged_->slab_key = action.slab_key;
   judged_->slab = {};
-  daemon::judge_slab(*slab.recipe, slab.calibration.scanner.numbers, slab.stations, slab.header.T_base_slab, blocks_,
-                     judged_->slab);
+  daemon::judge_slab(action.basis, station_->slab.stations, blocks_, judged_->slab);
   *follow_up_ = *judged_;
   has_follow_up_ = true;
 }

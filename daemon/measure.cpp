@@ -91,8 +91,9 @@ Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, i
   return status;
 }
 
-void judge_slab(const Recipe& recipe, const ScannerNumbers& verified, std::span<const StationRecord> stations,
-                const Pose& T_base_slab, std::span<BlockResult> blocks, SlabResult& out) {
+void judge_slab(const SlabBasis& basis, std::span<const StationRecord> stations, std::span<BlockResult> blocks,
+                SlabResult& out) {
+  const Recipe& recipe = *basis.recipe;
   assert(stations.size() <= limits::kStationsMax && blocks.size() >= recipe.stations());
   std::array<algo::StationSigma, limits::kStationsMax> sigmas;
   for (std::size_t i = 0; i < stations.size() && i < blocks.size(); ++i) {
@@ -111,7 +112,7 @@ void judge_slab(const Recipe& recipe, const ScannerNumbers& verified, std::span<
     const Splice& splice = record.attempt.splice;
     sigmas[i] = {splice.calibration_mm, splice.calibration_rad, splice.robot_mm, splice.robot_rad};
   }
-  algo::inspect_slab(recipe, blocks.first(recipe.stations()), sigmas, T_base_slab, out, verified);
+  algo::inspect_slab(recipe, blocks.first(recipe.stations()), sigmas, basis.T_base_slab, out, basis.verified);
 }
 
 void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps) {

@@ -26,9 +26,9 @@ void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps);
 [[nodiscard]] FixedString<64> software_version();
 
 /// Judges the slab from the records of its stations, [station - 1], each block with the splice of its scan. The only
-/// path to a slab's verdict, in the daemon and in a replay of a stored slab. `verified`: the scanner's acceptance when
-/// the slab was begun. `blocks` has room for one block per station. No heap.
-void judge_slab(const Recipe& recipe, const ScannerNumbers& verified, std::span<const StationRecord> stations,
-                const Pose& T_base_slab, std::span<BlockResult> blocks, SlabResult& out);
+/// path to a slab's verdict, in the daemon and in a replay of a stored slab. `basis` has a recipe. `blocks` has room
+/// for one block per station. No heap.
+void judge_slab(const SlabBasis& basis, std::span<const StationRecord> stations, std::span<BlockResult> blocks,
+                SlabResult& out);
 
 }  // namespace slabd::daemon

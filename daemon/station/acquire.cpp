@@ -19,9 +19,6 @@
 namespace slabd::daemon {
 namespace {
 
-/// A pose newer than the end of the exposure must arrive within this time, or the link counts as stale.
-constexpr std::int64_t kCheckTimeout_ns = kNsPerS;
-
 /// Time that a durable scan waits for its measurement, counted from the start of the measurement. A scan that measuring
 /// refuses then fails while the robot is still at the station. Measuring takes 20 to 50 ms and the disk mostly longer,
 /// so usually this costs no time. After that time the scan is acquired, and a refusal becomes the block's result.
@@ -51,21 +48,18 @@ std::int64_t time_left_ns(const Station& s) {
   return s.acquisition.started_ns + kHangTimeout_ns - s.now_ns;
 }
 
-AcquireScan scan_to_ask(Station& s, int slot) {
-  Acquisition& a = s.acquisition;
-  a.slot = static_cast<std::uint8_t>(slot);
-  a.slot_taken = true;
-  s.slot_busy[a.slot] = true;
-  AcquireScan action;
-  action.slot = a.slot;
-  action.request.session = a.session;
-  action.request.slab_id = s.slab.header.slab_id;
-  action.request.station = a.station;
+ScanRequest scan_to_ask(const Station& s) {
+  const Acquisition& a = s.acquisition;
+  ScanRequest request;
+  request.session = a.session;
+  request.cmd_seq = a.cmd_seq;
+  request.slab_id = s.slab.header.slab_id;
+  request.station = a.station;
   // Less than the allowed time only if another scan was taken first.
-  action.request.timeout_ns = std::clamp(time_left_ns(s), kNsPerMs, s.settings.scan_timeout_ns);
-  action.request.spool_path.printf("%s/%lld/%02u-%u", s.settings.spool_dir.c_str(),
-                                   static_cast<long long>(s.slab.header.key), a.station, a.attempt.number);
-  return action;
+  request.timeout_ns = std::clamp(time_left_ns(s), kNsPerMs, s.settings.scan_timeout_ns);
+  request.spool_path.printf("%s/%lld/%02u-%u", s.settings.spool_dir.c_str(), static_cast<long long>(s.slab.header.key),
+                            a.station, a.attempt.number);
+  return request;
 }
 
 /// After a discarded scan: true if there is time for one that takes as long, plus half a second. A request without time
@@ -79,11 +73,11 @@ bool time_for_another(const Station& s) {
 void clear_scanner(Station& s, int slot, Actions& actions) {
   s.acquisition.phase = Acquisition::Phase::clearing;
   s.acquisition.clearing_since_ns = s.now_ns;
-  AcquireScan action = scan_to_ask(s, slot);
-  action.request.session = 0;
-  action.request.cmd_seq = next_own_request(s);
-  action.request.spool_path.append("-unseen");
-  emit(actions, action);
+  ScanRequest request = scan_to_ask(s);
+  request.session = 0;
+  request.cmd_seq = next_own_request(s);
+  request.spool_path.append("-unseen");
+  ask_scanner(s, s.acquisition.exposure, slot, request, actions);
   log(actions, LogLine::Level::info, Code::ok,
       "station %u: a scan was requested before, and its points were not seen; one scan more is taken first and thrown "
       "away, so that the old one cannot be given for this block",
@@ -135,9 +129,7 @@ void try_to_trigger(Station& s, Actions& actions) {
   a.attempt.emulated = emulation_of_line(s);
   a.attempt.settle_ms = ms_from_ns(s.now_ns - a.started_ns);
   s.gate.begin_exposure(mean.T_base_flange);
-  AcquireScan action = scan_to_ask(s, slot);
-  action.request.cmd_seq = a.cmd_seq;
-  emit(actions, action);
+  ask_scanner(s, a.exposure, slot, scan_to_ask(s), actions);
 }
 
 void note_pose(Station& s, const PoseMean& mean, Actions& actions) {
@@ -164,19 +156,13 @@ void note_emulation(Station& s, std::uint8_t bits, Actions& actions) {
 
 MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uint8_t slot) {
   MeasureBlock action;
-  action.slab_key = s.slab.header.key;
-  action.station = attempt.station;
-  action.attempt = attempt.number;
+  action.id = id_of(attempt);
   action.slot = slot;
-  action.cmd_seq = attempt.cmd_seq;
-  action.scan_utime_us = attempt.scan_utime_us;
   action.scan_path = attempt.scan_path;
   action.points_crc32c = attempt.points_crc32c;
   action.shape = attempt.shape;
-  action.slab_type = s.slab.header.slab_type;
+  action.basis = slab_basis(s);
   action.T_base_scanner = stored_T_base_scanner(s.slab.header, attempt);
-  action.T_base_slab = s.slab.header.T_base_slab;
-  action.verified = s.slab.calibration.scanner.numbers;
   return action;
 }
 
@@ -187,16 +173,18 @@ void measure_ahead(Station& s, const PoseMean& mean, Actions& actions) {
   note_pose(s, mean, actions);
   a.ahead = Acquisition::Ahead::measuring;
   a.ahead_ns = s.now_ns;
-  a.slot_taken = false;
-  MeasureBlock action = block_to_measure(s, a.attempt, a.slot);
+  a.exposure.slot_taken = false;
+  MeasureBlock action = block_to_measure(s, a.attempt, a.exposure.slot);
   action.read_ms = a.read_ms;
   emit(actions, action);
 }
 
 void try_to_measure_ahead(Station& s, Actions& actions) {
   const Acquisition& a = s.acquisition;
+  const Exposure& e = a.exposure;
   PoseMean mean;
-  if (a.decoded && !a.abort && a.ahead == Acquisition::Ahead::no && s.gate.held_still(a.taken_ns, mean) == Code::ok)
+  if (e.looked_at && !e.repeats && !e.abort && a.ahead == Acquisition::Ahead::no &&
+      s.gate.held_still(e.taken_ns, mean) == Code::ok)
     measure_ahead(s, mean, actions);
 }
 
@@ -204,8 +192,8 @@ void check_stillness(Station& s, Actions& actions) {
   Acquisition& a = s.acquisition;
   if (a.ahead == Acquisition::Ahead::no) {
     PoseMean mean;
-    const Code code = s.gate.held_still(a.taken_ns, mean);
-    if (code == Code::pose_stale && s.now_ns - a.taken_ns < kCheckTimeout_ns) return;
+    const Code code = s.gate.held_still(a.exposure.taken_ns, mean);
+    if (code == Code::pose_stale && s.now_ns - a.exposure.taken_ns < kCheckTimeout_ns) return;
     if (code != Code::ok) {
       fail_acquisition(s, code, actions);
       return;
@@ -224,7 +212,7 @@ void check_stillness(Station& s, Actions& actions) {
   pending.kind = PendingStore::Kind::acquired;
   pending.station = a.station;
   pending.attempt = a.attempt.number;
-  pending.slot = a.slot;
+  pending.slot = a.exposure.slot;
   pending.value = a.cmd_seq;
   pending.slab_key = a.attempt.slab_key;
   pending.fingerprint = a.fingerprint;
@@ -237,14 +225,12 @@ void check_stillness(Station& s, Actions& actions) {
 /// ABORT takes effect at any time, and a waiting PLC gets its answer.
 void give_up_when_scanner_hangs(Station& s, Actions& actions) {
   Acquisition& a = s.acquisition;
-  if (!s.links.scanner_hangs || (!a.abort && s.now_ns - a.started_ns < kHangTimeout_ns)) return;
-  owe_scan(s, a.slot, a.slot_taken, actions);
-  a.slot_taken = false;
-  fail_acquisition(s, a.abort ? Code::interrupted : code_of_hang(s), actions);
+  if (give_up_when_worker_hangs(s, a.exposure, a.started_ns, kHangTimeout_ns, actions))
+    fail_acquisition(s, a.exposure.abort ? Code::interrupted : code_of_hang(s), actions);
 }
 
 void release(Station& s) {
-  if (s.acquisition.slot_taken) s.slot_busy[s.acquisition.slot] = false;
+  give_back(s, s.acquisition.exposure);
   s.acquisition = {};
 }
 
@@ -262,24 +248,20 @@ void expect_no_result(Station& s, std::uint8_t station) {
 /// True for a measurement of the current acquisition's points.
 bool is_ahead(const Station& s, const BlockMeasured& measured) {
   const Acquisition& a = s.acquisition;
-  return a.ahead == Acquisition::Ahead::measuring && measured.slab_key == a.attempt.slab_key &&
-         measured.block.station == a.station && measured.attempt == a.attempt.number;
+  return a.ahead == Acquisition::Ahead::measuring && measured.id.is_attempt_of(id_of(a.attempt));
 }
 
 /// True for a measurement of a durable cloud. A dropped measurement answers from another buffer.
 bool is_expected(const Station& s, const BlockMeasured& measured) {
-  const std::size_t index = measured.block.station - 1U;
-  return measured.slab_key == s.slab.header.key && s.station_measuring[index] &&
-         s.measuring_slot[index] == measured.slot && s.slab.stations[index].attempt.number == measured.attempt;
+  const std::size_t index = measured.id.station - 1U;
+  return measured.id.slab_key == s.slab.header.key && s.station_measuring[index] &&
+         s.measuring_slot[index] == measured.slot && s.slab.stations[index].attempt.number == measured.id.attempt;
 }
 
 /// The result of a scan during whose measurement a process ended: not measured.
 BlockMeasured given_up(const Attempt& attempt) {
   BlockMeasured measured;
-  measured.slab_key = attempt.slab_key;
-  measured.attempt = attempt.number;
-  measured.cmd_seq = attempt.cmd_seq;
-  measured.scan_utime_us = attempt.scan_utime_us;
+  measured.id = id_of(attempt);
   measured.block.station = attempt.station;
   measured.block.verdict = Verdict::not_measured;
   measured.block.reason = static_cast<std::uint16_t>(Code::deadline);
@@ -327,30 +309,24 @@ void commit_block(Station& s, const BlockMeasured& measured, Actions& actions) {
   PendingStore pending;
   pending.kind = PendingStore::Kind::block;
   pending.station = block.station;
-  pending.attempt = measured.attempt;
-  pending.slab_key = measured.slab_key;
+  pending.attempt = measured.id.attempt;
+  pending.slab_key = measured.id.slab_key;
   pending.record = station_record(block);
-  pending.record.cmd_seq = measured.cmd_seq;
+  pending.record.cmd_seq = measured.id.cmd_seq;
   pending.record.slab_no = s.slab.header.slab_no;
-  pending.record.scan_utime_us = measured.scan_utime_us;
+  pending.record.scan_utime_us = measured.id.scan_utime_us;
   pending.record.emulated = s.slab.header.emulated;
-  pending.value = measured.cmd_seq;
+  pending.value = measured.id.cmd_seq;
   number_record(s, pending.record);
   log(actions, LogLine::Level::info, Code::ok, "station %u: %s (reason %u) after %.0f ms", block.station,
       name(block.verdict).data(), block.reason, block.times.total_ms);
   submit(s, actions,
-         BlockJob{measured.slab_key, measured.attempt, block, pending.record, is_refused ? BlockMaps{} : measured.maps,
-                  is_refused ? NoisePrint{} : measured.noise},
+         BlockJob{measured.id.slab_key, measured.id.attempt, block, pending.record,
+                  is_refused ? BlockMaps{} : measured.maps, is_refused ? NoisePrint{} : measured.noise},
          pending);
 }
 
 }  // namespace
-
-int free_slot(const Station& s) {
-  for (std::size_t slot = 0; slot < s.slot_busy.size(); ++slot)
-    if (!s.slot_busy[slot] || !holds(Rule::buffer_kept_while_measured)) return static_cast<int>(slot);
-  return -1;
-}
 
 void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
   StationRecord& record = record_of(s, static_cast<std::uint8_t>(in.station));
@@ -391,152 +367,52 @@ void advance_acquisition(Station& s, Actions& actions) {
   }
 }
 
-static bool is_known(const Station& s, std::uint64_t fingerprint) {
-  return std::find(s.fingerprints.begin(), s.fingerprints.end(), fingerprint) != s.fingerprints.end();
-}
-static void remember(Station& s, std::uint64_t fingerprint) {
-  s.fingerprints[s.fingerprint_next] = fingerprint;
-  s.fingerprint_next = (s.fingerprint_next + 1) % s.fingerprints.size();
-}
-/// While a scan is unseen its mark stays the newest entry; other fingerprints are written to the disk afterwards.
-static void hold_back(Station& s, std::uint64_t fingerprint) {
-  auto& waiting = s.unsaved_fingerprints;
-  if (std::find(waiting.begin(), waiting.end(), fingerprint) == waiting.end()) (void)waiting.push(fingerprint);
-}
-/// Makes a repeated fingerprint the newest, so that it is not forgotten as long as the scanner repeats it.
-static void renew(Station& s, std::uint64_t fingerprint, Actions& actions) {
-  auto& ring = s.fingerprints;
-  const auto newest_first = [&](std::size_t back) -> std::uint64_t& {
-    return ring[(s.fingerprint_next + ring.size() - 1 - back) % ring.size()];
-  };
-  std::uint64_t moved = fingerprint;
-  for (std::size_t back = 0; back < ring.size(); ++back) {
-    std::swap(newest_first(back), moved);
-    if (moved == fingerprint) break;  // its former place
-  }
-  if (s.scan_unseen)
-    hold_back(s, fingerprint);
-  else
-    store_fingerprint(s, fingerprint, actions);
-}
-/// New fingerprints are stored with the job that records the attempt, so that a restart in between does not lose them.
-static bool is_repeated(Station& s, std::uint64_t fingerprint, Actions& actions) {
-  if (fingerprint == 0) return false;
-  if (holds(Rule::scan_new) && is_known(s, fingerprint)) {
-    renew(s, fingerprint, actions);
-    return true;
-  }
-  remember(s, fingerprint);
-  s.acquisition.fingerprint = fingerprint;
-  return false;
-}
-
-bool was_seen(Station& s, const ScanDone& done, Actions& actions) {
-  if (done.code != Code::ok || done.fingerprint == 0) return false;
-  if (is_known(s, done.fingerprint)) {
-    renew(s, done.fingerprint, actions);  // this is not the unseen scan
-    return true;
-  }
-  remember(s, done.fingerprint);
-  store_fingerprint(s, done.fingerprint, actions);
-  return false;
-}
-
-void store_fingerprint(Station& s, std::uint64_t fingerprint, Actions& actions) {
-  PendingStore pending;
-  pending.kind = PendingStore::Kind::seen_scan;
-  pending.fingerprint = fingerprint;
-  submit(s, actions, SeenScanJob{fingerprint}, pending);
-}
-
-Code code_of_hang(const Station& s) {
-  return s.links.spool_hangs ? Code::journal_write : Code::scanner_offline;
-}
-const char* why_it_hangs(const Station& s) {
-  return s.links.spool_hangs
-             ? "the scanner's worker hangs while it stores a scan: look at the disk of the spool"
-             : "the scanner's worker hangs, most likely in a network share or on the way from there to the spool";
-}
-
-void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions) {
-  s.owed = {true, slot_taken, slot};
-  emit(actions, CancelScan{});
-  log(actions, LogLine::Level::error, code_of_hang(s), "%s; nothing more is requested from it until it is back",
-      why_it_hangs(s));
-}
-
-/// The worker received no other request meanwhile, so its answer belongs to the scan that was given up.
-static void settle_owed(Station& s, const ScanDone& done, Actions& actions) {
-  const bool repeated = was_seen(s, done, actions);
-  if (done.code == Code::ok && done.fingerprint != 0 && !repeated) s.scan_unseen = false;
-  if (!done.durable) return;
-  if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
-  if (s.owed.slot_taken) s.slot_busy[s.owed.slot] = false;
-  s.owed = {};
-  log(actions, LogLine::Level::info, Code::ok, "the scanner's worker is back; the scan that was given up is dropped");
-}
-
-/// The discarded scan has arrived: the block's own is requested next, or the command ends with its code.
-static void on_cleared(Station& s, const ScanDone& done, Actions& actions) {
+/// The block's own scan is requested next, or the command ends with the code of the discarded one.
+void on_cleared(Station& s, const ScanDone& done, Actions& actions) {
   Acquisition& a = s.acquisition;
-  if (done.code == Code::ok && !a.decoded) {
-    a.decoded = true;
-    a.repeats = was_seen(s, done, actions);
+  Exposure& e = a.exposure;
+  if (done.code == Code::ok && !e.looked_at) {
+    e.looked_at = true;
+    e.repeats = was_seen(s, done, actions);
   }
   if (!done.durable) return;
-  s.slot_busy[a.slot] = false;
-  a.slot_taken = false;
+  give_back(s, e);
   if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
   // A known scan is not the unseen one, which may still come.
-  const Code code = done.code == Code::ok && a.repeats ? Code::frame_incomplete : done.code;
-  if (a.abort || code != Code::ok) {
-    fail_acquisition(s, a.abort ? Code::interrupted : code, actions);
+  const Code code = done.code == Code::ok && e.repeats ? Code::frame_incomplete : done.code;
+  if (e.abort || code != Code::ok) {
+    fail_acquisition(s, e.abort ? Code::interrupted : code, actions);
     return;
   }
   s.scan_unseen = false;
-  a.decoded = false;
   a.cleared_in_ns = s.now_ns - a.clearing_since_ns;
   a.phase = Acquisition::Phase::settling;
 }
 
-void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
-  if (s.owed.waits) {
-    settle_owed(s, done, actions);
-    return;
-  }
-  if (s.acquisition.phase == Acquisition::Phase::clearing && done.cmd_seq == s.capture.request_no &&
-      done.slot == s.acquisition.slot) {
-    on_cleared(s, done, actions);
-    return;
-  }
-  if (on_view_scanned(s, done, actions)) return;
+void on_block_scanned(Station& s, const ScanDone& done, Actions& actions) {
   Acquisition& a = s.acquisition;
-  // The buffer identifies the scan as well as the number, because numbers restart with each session.
-  if (a.phase != Acquisition::Phase::scanning || done.cmd_seq != a.cmd_seq || done.slot != a.slot) {
-    if (!s.scan_unseen) {
-      (void)was_seen(s, done, actions);
-    } else if (done.code == Code::ok && done.fingerprint != 0) {
-      if (!is_known(s, done.fingerprint)) remember(s, done.fingerprint);
-      hold_back(s, done.fingerprint);
-    }
-    return;
-  }
+  Exposure& e = a.exposure;
   a.attempt.scan_path = done.scan.path;
   a.attempt.shape = done.scan.shape;
   a.attempt.scan_utime_us = done.scan.taken_utime_us;
   a.attempt.points_crc32c = done.points_crc32c;
   if (done.fingerprint != 0) a.attempt.fingerprint = static_cast<std::int64_t>(done.fingerprint);
-  a.taken_ns = done.scan.taken_mono_ns;
+  e.taken_ns = done.scan.taken_mono_ns;
   if (done.code == Code::ok) s.scan_emulated = done.scan.shape.emulated;
   a.read_ms = done.scan.read_ms;
-  if (done.code == Code::ok && !a.decoded && !a.repeats && is_repeated(s, done.fingerprint, actions)) {
-    // The scans of an emulated line may have no noise.
-    a.repeats = !s.settings.simulation;
-    log(actions, LogLine::Level::error, Code::frame_incomplete,
-        "station %u: the scanner gave the points of an earlier scan again%s", a.station,
-        a.repeats ? "; restart the scanner program" : "; accepted, because the line is emulated");
+  if (done.code == Code::ok && !e.looked_at) {
+    e.looked_at = true;
+    if (!is_repeated(s, done.fingerprint, actions)) {
+      // Stored with the job that records the attempt, so that a restart in between does not lose it.
+      a.fingerprint = done.fingerprint;
+    } else {
+      // The scans of an emulated line may have no noise.
+      e.repeats = !s.settings.simulation;
+      log(actions, LogLine::Level::error, Code::frame_incomplete,
+          "station %u: the scanner gave the points of an earlier scan again%s", a.station,
+          e.repeats ? "; restart the scanner program" : "; accepted, because the line is emulated");
+    }
   }
-  a.decoded = done.code == Code::ok && !a.repeats;
   if (!done.durable) return;
   const bool no_answer = done.code == Code::scanner_offline || done.code == Code::trigger_timeout;
   if (no_answer && a.fingerprint == 0) {
@@ -544,9 +420,9 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
     a.attempt.asked = false;
     record_of(s, a.station).attempts = static_cast<std::uint8_t>(a.attempt.number - 1);
   }
-  if (a.abort || done.code != Code::ok || a.repeats) {
+  if (e.abort || done.code != Code::ok || e.repeats) {
     const Code code = done.code != Code::ok ? done.code : Code::frame_incomplete;
-    fail_acquisition(s, a.abort ? Code::interrupted : code, actions);
+    fail_acquisition(s, e.abort ? Code::interrupted : code, actions);
     return;
   }
   a.phase = Acquisition::Phase::checking;
@@ -579,7 +455,7 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
   const Acquisition was = a;
   a = {};  // the buffer stays in use until the block is measured
   if (s.slab.aborting) return;
-  expect_result(s, pending.station, was.slot);
+  expect_result(s, pending.station, was.exposure.slot);
   if (was.ahead == Acquisition::Ahead::measured) commit_block(s, was.block, actions);
 }
 
@@ -612,11 +488,7 @@ void abort_acquisition(Station& s, Actions& actions) {
     case Acquisition::Phase::settling:
     case Acquisition::Phase::checking: fail_acquisition(s, Code::interrupted, actions); break;
     case Acquisition::Phase::clearing:
-    case Acquisition::Phase::scanning:
-      // The scanner's worker still writes into the buffer; the acquisition ends with its answer.
-      a.abort = true;
-      emit(actions, CancelScan{});
-      break;
+    case Acquisition::Phase::scanning: break_off(a.exposure, actions); break;
     case Acquisition::Phase::none:
       s.desk.pending_abort = s.desk.pending;  // a SCAN may be on its way to the journal
       break;

@@ -26,8 +26,6 @@ namespace {
 constexpr std::size_t kViewPointsMin = 1'000;
 constexpr std::int64_t kLeaseMinS = 10;
 constexpr std::int64_t kLeaseMaxS = 3600;
-/// A pose newer than the end of the exposure must arrive within this time.
-constexpr std::int64_t kCheckTimeout_ns = kNsPerS;
 /// Additional time for a worker that hangs, compared with a robot that does not stand still.
 constexpr std::int64_t kHangTimeout_ns = 20 * kNsPerS;
 
@@ -41,10 +39,6 @@ bool is_text(std::string_view text) {
     const auto byte = static_cast<unsigned char>(c);
     return byte >= 0x20 && byte != 0x7F;
   });
-}
-
-void give_back(Station& s) {
-  if (s.capture.phase == Capture::Phase::scanning) s.slot_busy[s.capture.slot] = false;
 }
 
 void renew(Station& s) {
@@ -62,9 +56,7 @@ void close(Station& s, Actions& actions, const char* why) {
   withdraw_mark(s);
   log(actions, LogLine::Level::info, Code::ok, "maintenance of \"%s\" by %s ends after %u views: %s",
       s.capture.session.c_str(), s.capture.operator_name.c_str(), s.capture.shot.number, why);
-  const std::uint16_t request_no = s.capture.request_no;
   s.capture = {};
-  s.capture.request_no = request_no;
 }
 
 // ---- permission and ownership of a session ----
@@ -158,12 +150,11 @@ void begin(Station& s, const CaptureRequest& request, Actions& actions) {
 void refuse_shot(Station& s, Code code, std::string_view why, Actions& actions) {
   Capture& c = s.capture;
   withdraw_mark(s);
-  give_back(s);
+  give_back(s, c.exposure);
   c.shot.done = true;
   c.shot.code = code;
   c.shot.text = why;
   c.phase = Capture::Phase::ready;
-  c.abort = false;
   renew(s);
   log(actions, LogLine::Level::warning, code, "view %u came to nothing: %s", c.shot.number, c.shot.text.c_str());
   if (c.ending) close(s, actions, "ended");
@@ -191,8 +182,8 @@ void shoot(Station& s) {
   c.shot = {};
   c.shot.number = number;
   c.phase = Capture::Phase::settling;
-  c.abort = false;
-  c.looked_at = c.repeats = c.unseen = false;
+  c.exposure = {};
+  c.unseen = false;
   c.mark = Capture::Mark::none;
   c.started_ns = s.now_ns;
   // Only poses that arrive from now on count. The robot was stopped before the view was requested, and an earlier pose
@@ -250,31 +241,24 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
     return;
   }
   c.phase = Capture::Phase::scanning;
-  c.slot = static_cast<std::uint8_t>(slot);
-  s.slot_busy[c.slot] = true;
-  next_own_request(s);
   c.shot.requested_utime_us = s.utime_us;
   s.still.mark();
 
-  AcquireScan action;
-  action.slot = c.slot;
-  action.request.session = 0;
-  action.request.cmd_seq = c.request_no;
-  action.request.slab_id = "calibration";
-  action.request.timeout_ns = s.settings.scan_timeout_ns;
-  action.request.points_min = kViewPointsMin;
-  action.request.spool_path.printf("%s/%lld-%u", capture_folder(s).c_str(),
-                                   static_cast<long long>(s.utime_us / 1'000'000), unsigned{c.request_no});
-  emit(actions, action);
+  ScanRequest request;
+  request.session = 0;
+  request.cmd_seq = next_own_request(s);
+  request.slab_id = "calibration";
+  request.timeout_ns = s.settings.scan_timeout_ns;
+  request.points_min = kViewPointsMin;
+  request.spool_path.printf("%s/%lld-%u", capture_folder(s).c_str(), static_cast<long long>(s.utime_us / 1'000'000),
+                            unsigned{request.cmd_seq});
+  ask_scanner(s, c.exposure, slot, request, actions);
 }
 
-/// The buffer stays in use, because the worker may still write into it.
 void give_up_when_scanner_hangs(Station& s, Actions& actions) {
   Capture& c = s.capture;
   const std::int64_t patience_ns = s.settings.settle_timeout_ns + s.settings.capture.stable_ns + kHangTimeout_ns;
-  if (!s.links.scanner_hangs || (!c.abort && s.now_ns - c.started_ns < patience_ns)) return;
-  owe_scan(s, c.slot, true, actions);
-  c.phase = Capture::Phase::checking;
+  if (!give_up_when_worker_hangs(s, c.exposure, c.started_ns, patience_ns, actions)) return;
   refuse_shot(s, scanner_does_not_answer(s), actions);
 }
 
@@ -293,8 +277,8 @@ void check_stillness(Station& s, Actions& actions) {
         actions);
     return;
   }
-  if (s.still.newest().arrival_ns <= c.taken_ns) {
-    if (s.now_ns - c.taken_ns < kCheckTimeout_ns) return;
+  if (s.still.newest().arrival_ns <= c.exposure.taken_ns) {
+    if (s.now_ns - c.exposure.taken_ns < kCheckTimeout_ns) return;
     emit(actions, DropScan{c.shot.scan_path});
     refuse_shot(s, error(Code::pose_stale, "no pose came after the scan; check the robot bridge and its network"),
                 actions);
@@ -400,51 +384,41 @@ void on_view_marked(Station& s, std::uint32_t ticket, Code code, Actions& action
   c.mark = code == Code::ok ? Capture::Mark::durable : Capture::Mark::none;
 }
 
-std::uint16_t next_own_request(Station& s) {
-  std::uint16_t& number = s.capture.request_no;
-  if (number == 0) number = static_cast<std::uint16_t>(s.utime_us / 1'000'000 % 60'000 + 1);
-  return number = next_sequence(number);
-}
-
-bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {
+void on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {
   Capture& c = s.capture;
-  if (c.phase != Capture::Phase::scanning || done.cmd_seq != c.request_no || done.slot != c.slot) return false;
-  if (done.code == Code::ok && !c.looked_at) {
-    c.looked_at = true;
+  Exposure& e = c.exposure;
+  if (done.code == Code::ok && !e.looked_at) {
+    e.looked_at = true;
     const bool repeats = was_seen(s, done, actions);
     if (!repeats) s.scan_unseen = false;
-    c.repeats = repeats && !s.settings.simulation;
+    e.repeats = repeats && !s.settings.simulation;
   }
-  if (!done.durable) return true;
+  if (!done.durable) return;
   // The first scan after an unseen one may be that scan, taken from another position.
   const bool late = c.unseen && !s.settings.simulation;
-  if (done.code != Code::ok || c.abort || c.repeats || late) {
+  if (done.code != Code::ok || e.abort || e.repeats || late) {
     if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
-    const Code code = c.abort ? Code::interrupted : done.code != Code::ok ? done.code : Code::frame_incomplete;
-    const std::string_view why = c.abort                 ? "it was broken off"
-                                 : c.repeats             ? kRepeatedScan
+    const Code code = e.abort ? Code::interrupted : done.code != Code::ok ? done.code : Code::frame_incomplete;
+    const std::string_view why = e.abort                 ? "it was broken off"
+                                 : e.repeats             ? kRepeatedScan
                                  : done.code == Code::ok ? kUnseenView
                                  : !done.text.empty()    ? done.text.view()
                                                          : describe(code);
     refuse_shot(s, code, why, actions);
-    return true;
+    return;
   }
-  s.slot_busy[c.slot] = false;  // a view is not measured here; only its file is used
-  c.taken_ns = done.scan.taken_mono_ns;
+  give_back(s, e);  // a view is not measured here; only its file is used
+  e.taken_ns = done.scan.taken_mono_ns;
   c.shot.scan_path = done.scan.path;
   c.shot.shape = done.scan.shape;
   c.shot.scan_utime_us = done.scan.taken_utime_us;
   c.phase = Capture::Phase::checking;
-  return true;
 }
 
 void abort_shot(Station& s, Actions& actions) {
   Capture& c = s.capture;
   switch (c.phase) {
-    case Capture::Phase::scanning:
-      c.abort = true;  // the worker still writes into the buffer; the view ends with its answer
-      emit(actions, CancelScan{});
-      break;
+    case Capture::Phase::scanning: break_off(c.exposure, actions); break;
     case Capture::Phase::checking: emit(actions, DropScan{c.shot.scan_path}); [[fallthrough]];
     case Capture::Phase::settling: refuse_shot(s, Code::interrupted, "it was broken off by ABORT", actions); break;
     case Capture::Phase::closed:

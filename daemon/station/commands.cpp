@@ -431,7 +431,7 @@ void advance_end(Station& s, Actions& actions) {
                                    [](const StationRecord& record) { return record.phase == StationPhase::acquired; });
   if (waiting || s.slab.judging) return;
   s.slab.judging = true;
-  emit(actions, JudgeSlab{s.slab.header.key, s.slab.header.slab_type});
+  emit(actions, JudgeSlab{s.slab.header.key, slab_basis(s)});
 }
 
 void on_slab_judged(Station& s, const SlabJudged& judged, Actions& actions) {

@@ -9,6 +9,7 @@
 ///
 ///   station.cpp           dispatch, time, recovery, faults
 ///   commands.cpp          the PLC's command desk: permission to command, refusals, sessions, acknowledgements
+///   exposure.cpp          one request to the scanner: its buffer, its answer, points that were received before
 ///   acquire.cpp           one SCAN from the settled robot to a measured, committed block
 ///   capture.cpp           maintenance: views for a calibration
 ///   station_views.cpp     the stop from which a scan shows its block
@@ -43,6 +44,10 @@ void emit(Actions& actions, const T& action) {
 /// The latched fault, or the one the process started with.
 [[nodiscard]] Code current_fault(const Station& s);
 [[nodiscard]] const Recipe* recipe_for(const Station& s, std::uint16_t slab_type);
+/// Basis of the open slab.
+[[nodiscard]] inline SlabBasis slab_basis(const Station& s) {
+  return {s.slab.recipe, s.slab.header.T_base_slab, s.slab.calibration.scanner.numbers};
+}
 
 // ---- station.cpp ----
 /// Emulation bits of the line's configuration and of the present poses.
@@ -91,26 +96,47 @@ inline void set_failed(Station& s, std::uint16_t cmd_seq, Code code) {
 /// Starts a journalled command: CMD_ACK already shows it.
 void begin_command(Station& s, Actions& actions);
 
-// ---- acquire.cpp ----
-void begin_acquisition(Station& s, const PlcInputs& inputs, Actions& actions);
-void advance_acquisition(Station& s, Actions& actions);
+// ---- exposure.cpp ----
+/// An unused buffer, or -1.
+[[nodiscard]] int free_slot(const Station& s);
+/// Number of a request to the scanner without a command: a view, or a scan that is discarded. Its session is 0, which
+/// the PLC never uses. Scanner programs may take a repeated number for a request that they have answered.
+std::uint16_t next_own_request(Station& s);
+/// Requests a scan into this buffer; `e` is that exposure from now on.
+void ask_scanner(Station& s, Exposure& e, int slot, const ScanRequest& request, Actions& actions);
+/// Frees the buffer if it still belongs to the exposure.
+void give_back(Station& s, Exposure& e);
+/// Cancels the request. The worker still writes into the buffer, so the exposure ends with its answer.
+void break_off(Exposure& e, Actions& actions);
+/// Gives up a request whose worker hangs, at once if it was broken off, otherwise `patience_ns` after `since_ns`. Its
+/// buffer stays busy until the worker returns. True if it was given up.
+[[nodiscard]] bool give_up_when_worker_hangs(Station& s, Exposure& e, std::int64_t since_ns, std::int64_t patience_ns,
+                                             Actions& actions);
+/// Code for the place where the worker hangs: the scanner's folder, or the disk of the spool.
+[[nodiscard]] Code code_of_hang(const Station& s);
+[[nodiscard]] const char* why_it_hangs(const Station& s);
+/// Passes the answer to the exposure that it belongs to.
 void on_scan_done(Station& s, const ScanDone& done, Actions& actions);
-void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Actions& actions);
-void fail_acquisition(Station& s, Code code, Actions& actions);
-/// True if the points of this scan were received before. A scanner program that hangs may export its last scan under
-/// every new name, and all 18 blocks look alike. So repeated points are not a scan of this block. Two real scans never
-/// agree in all their noise. New points are stored permanently by a separate job: this function is for scans that do
-/// not become an attempt.
+/// True if these points were received before. A scanner program that hangs may export its last scan under every new
+/// name, and all 18 blocks look alike. So repeated points are not a scan of this block. Two real scans never agree in
+/// all their noise. New points are remembered; the caller stores their fingerprint.
+[[nodiscard]] bool is_repeated(Station& s, std::uint64_t fingerprint, Actions& actions);
+/// The same for a scan that does not become an attempt: new points are stored by a separate job.
 [[nodiscard]] bool was_seen(Station& s, const ScanDone& done, Actions& actions);
 void store_fingerprint(Station& s, std::uint64_t fingerprint, Actions& actions);
 inline constexpr std::string_view kRepeatedScan =
     "the scanner gave the points of an earlier scan again; restart the scanner program";
-/// Gives up the current request of a worker that hangs; with `slot_taken` its buffer stays busy until the worker
-/// returns.
-void owe_scan(Station& s, std::uint8_t slot, bool slot_taken, Actions& actions);
-/// Code for the place where the worker hangs: the scanner's folder, or the disk of the spool.
-[[nodiscard]] Code code_of_hang(const Station& s);
-[[nodiscard]] const char* why_it_hangs(const Station& s);
+/// A pose newer than the end of the exposure must arrive within this time, or the link counts as stale.
+inline constexpr std::int64_t kCheckTimeout_ns = kNsPerS;
+
+// ---- acquire.cpp ----
+void begin_acquisition(Station& s, const PlcInputs& inputs, Actions& actions);
+void advance_acquisition(Station& s, Actions& actions);
+/// The answer to the request of a discarded scan and of the block's own.
+void on_cleared(Station& s, const ScanDone& done, Actions& actions);
+void on_block_scanned(Station& s, const ScanDone& done, Actions& actions);
+void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Actions& actions);
+void fail_acquisition(Station& s, Code code, Actions& actions);
 void abort_acquisition(Station& s, Actions& actions);
 void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actions);
 /// Passes durable clouds that were not measured (after a restart or a storage fault) to the worker, one at a time. Each
@@ -122,19 +148,12 @@ void on_measuring_stored(Station& s, const PendingStore& pending, Code code, Act
 /// SLAB_ABORT does not wait: current measurements are dropped, and their buffers are released by the late answers.
 void drop_measurements(Station& s);
 
-/// An unused buffer, or -1.
-[[nodiscard]] int free_slot(const Station& s);
-
 // ---- capture.cpp ----
 void on_capture_request(Station& s, const CaptureRequest& request, Actions& actions);
 void advance_capture(Station& s, Actions& actions);
-/// Number of a request to the scanner without a command: a view, or a scan that is discarded. Its session is 0, which
-/// the PLC never uses. Scanner programs may take a repeated number for a request that they have answered.
-std::uint16_t next_own_request(Station& s);
 /// Handles the answer to a fingerprint job: a view may be requested once its mark is durable.
 void on_view_marked(Station& s, std::uint32_t ticket, Code code, Actions& actions);
-/// True if the scan belongs to a view.
-[[nodiscard]] bool on_view_scanned(Station& s, const ScanDone& done, Actions& actions);
+void on_view_scanned(Station& s, const ScanDone& done, Actions& actions);
 /// ABORT by the PLC.
 void abort_shot(Station& s, Actions& actions);
 [[nodiscard]] inline bool in_maintenance(const Station& s) {

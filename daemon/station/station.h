@@ -89,12 +89,24 @@ struct ScanDone {
   std::optional<std::uint32_t> points_crc32c{};
   FixedString<limits::kErrorTextBytes> text;  ///< reason of the failure
 };
-struct BlockMeasured {
+/// Identity of one scan of a slab, carried whole from its attempt through the measurement to the result.
+struct ScanId {
   std::int64_t slab_key = 0;
+  std::uint8_t station = 0;
   std::uint8_t attempt = 0;
-  std::uint8_t slot = 0;
-  std::uint16_t cmd_seq = 0;  ///< of the SCAN that took this cloud, when its measurement was ordered
+  std::uint16_t cmd_seq = 0;  ///< of the SCAN that took it
   std::int64_t scan_utime_us = 0;
+  /// True if both are the same attempt at the same station of the same slab.
+  [[nodiscard]] bool is_attempt_of(const ScanId& other) const {
+    return slab_key == other.slab_key && station == other.station && attempt == other.attempt;
+  }
+};
+[[nodiscard]] inline ScanId id_of(const Attempt& attempt) {
+  return {attempt.slab_key, attempt.station, attempt.number, attempt.cmd_seq, attempt.scan_utime_us};
+}
+struct BlockMeasured {
+  ScanId id;  ///< of the cloud, when its measurement was ordered
+  std::uint8_t slot = 0;
   BlockResult block;
   BlockMaps maps{};    ///< only passed on
   NoisePrint noise{};  ///< only passed on
@@ -141,26 +153,20 @@ struct AcquireScan {
 };
 struct CancelScan {};
 struct MeasureBlock {
-  std::int64_t slab_key = 0;
-  std::uint8_t station = 0;
-  std::uint8_t attempt = 0;
+  ScanId id;
   std::uint8_t slot = 0;
-  std::uint16_t cmd_seq = 0;
-  std::int64_t scan_utime_us = 0;
   double read_ms = 0.0;
   bool reload = false;  ///< after a restart: read `scan_path` into the slot first
   PathText scan_path;
   std::optional<std::uint32_t> points_crc32c{};  ///< of the acquired points; a reload is checked against it
   ScanShape shape;
-  std::uint16_t slab_type = 0;
+  SlabBasis basis;
   Pose T_base_scanner;  ///< spliced, with the station's correction if it holds
-  Pose T_base_slab;
-  ScannerNumbers verified;  ///< the scanner's acceptance when the slab was begun
 };
-/// Runs the slab fit over `station.blocks()`; answered at once.
+/// Runs the slab fit over the stations of the open slab; answered at once.
 struct JudgeSlab {
   std::int64_t slab_key = 0;
-  std::uint16_t slab_type = 0;
+  SlabBasis basis;
 };
 /// Deletes a view's scan: the view failed, or the calibration session has copied it.
 struct DropScan {
@@ -213,6 +219,18 @@ struct PlcLink {
   std::int64_t changed_ns = 0;  ///< time of the last change of the heartbeat
 };
 
+/// One request to the scanner and its answer: for a block (Acquisition), for a scan that is discarded first, or for a
+/// view of a calibration (Capture). The owner's phase says whether the answer is awaited.
+struct Exposure {
+  std::uint16_t cmd_seq = 0;  ///< of the request
+  std::uint8_t slot = 0;      ///< buffer of the points
+  bool slot_taken = false;    ///< the buffer belongs to this exposure
+  bool abort = false;         ///< broken off; it ends with the answer of the scanner's worker
+  bool looked_at = false;     ///< its points were compared with those of earlier scans
+  bool repeats = false;       ///< its points are those of an earlier scan
+  std::int64_t taken_ns = 0;  ///< end of the exposure
+};
+
 /// The current scan.
 struct Acquisition {
   /// clearing: a scan is taken and discarded first, see Station::scan_unseen.
@@ -220,18 +238,13 @@ struct Acquisition {
   std::uint16_t cmd_seq = 0;
   std::uint16_t session = 0;
   std::uint8_t station = 0;
-  std::uint8_t slot = 0;
-  bool slot_taken = false;
-  bool abort = false;  ///< ABORT or SLAB_ABORT during the scan
+  Exposure exposure;
   std::int64_t started_ns = 0;
   std::int64_t clearing_since_ns = 0;
   std::int64_t cleared_in_ns = 0;  ///< duration of the discarded scan; 0: there was none
   std::int64_t settled_ns = 0;
-  std::int64_t taken_ns = 0;  ///< checking: end of the exposure
   double read_ms = 0.0;
   Attempt attempt;
-  bool decoded = false;           ///< the points are in the buffer, and are new
-  bool repeats = false;           ///< the points are those of an earlier scan
   std::uint64_t fingerprint = 0;  ///< of the points, if they are new
   /// State of measuring before the scan is recorded and, mostly, on the disk. From its start the buffer belongs to the
   /// measurement.
@@ -269,18 +282,13 @@ struct Capture {
   std::int64_t since_utime_us = 0;
   std::int64_t lease_ns = 0;
   std::int64_t lease_until_ns = 0;
-  bool ending = false;     ///< ended while the scanner's worker still writes into the buffer
-  bool abort = false;      ///< of the current view
-  bool looked_at = false;  ///< its points were compared with those of earlier scans
-  bool repeats = false;    ///< its points are those of an earlier scan
-  bool unseen = false;     ///< before its mark the scanner might have held an unseen scan
+  bool ending = false;  ///< ended while the scanner's worker still writes into the buffer
+  Exposure exposure;    ///< of the current view
+  bool unseen = false;  ///< before its mark the scanner might have held an unseen scan
   /// kUnseenScan, which must be durable before the request, because views are not journalled.
   enum class Mark : std::uint8_t { none, storing, durable } mark = Mark::none;
   std::uint32_t mark_ticket = 0;
-  std::uint8_t slot = 0;
-  std::uint16_t request_no = 0;  ///< see next_own_request(); starts at another number in each process
   std::int64_t started_ns = 0;
-  std::int64_t taken_ns = 0;
   CaptureShot shot;             ///< the last view
   Error refusal{Code::ok, {}};  ///< of the last request; ok: it was carried out
 };
@@ -387,6 +395,7 @@ struct Station {
   bool scan_emulated = false;  ///< the newest scan declared itself emulated
   std::array<bool, limits::kScanSlots> slot_busy{};
   OwedScan owed;
+  std::uint16_t own_request = 0;  ///< see next_own_request(); starts at another number in each process
   std::array<bool, limits::kStationsMax> station_measuring{};       ///< until its result is stored
   std::array<std::uint8_t, limits::kStationsMax> measuring_slot{};  ///< the buffer whose answer is awaited
   std::uint32_t measuring = 0;                                      ///< number of stations being measured

@@ -25,12 +25,11 @@ class Reload : public testing::Test {
   void write() const { ASSERT_TRUE(hal::write_ply(path_.c_str(), xyz_, 10, 10).ok()); }
   BlockMeasured measure(std::optional<std::uint32_t> points_crc32c) {
     MeasureBlock job;
-    job.station = 1;
-    job.attempt = 1;
+    job.id = {.station = 1, .attempt = 1};
     job.reload = true;
     job.scan_path.assign(path_);
     job.points_crc32c = points_crc32c;
-    job.slab_type = recipes_[0].slab_type;
+    job.basis.recipe = recipes_.data();
     const std::unique_ptr<MeasureQueue> queue = crew_->measuring();
     EXPECT_TRUE(queue->push(job));
     queue->drain();

@@ -68,12 +68,10 @@ class Exposures : public ::testing::Test {
   BlockMeasured measure(const std::string& path, std::uint8_t station, std::int64_t slab_key = 1,
                         std::uint8_t attempt = 1) {
     MeasureBlock job;
-    job.slab_key = slab_key;
-    job.station = station;
-    job.attempt = attempt;
+    job.id = {slab_key, station, attempt};
     job.reload = true;
     job.scan_path.assign(path);
-    job.slab_type = recipes_[0].slab_type;
+    job.basis.recipe = recipes_.data();
     job.T_base_scanner = T_slab_block(recipes_[0], station) * nominal_T_block_scanner();
     const std::unique_ptr<MeasureQueue> queue = crew_->measuring();
     EXPECT_TRUE(queue->push(job));
@@ -247,10 +245,10 @@ TEST_F(Exposures, a_scan_without_noise_decides_nothing) {
   const std::string path = write(expose(1));
   for (std::uint8_t station = 1; station <= 2; ++station) {
     MeasureBlock job;
-    job.station = station;
+    job.id.station = station;
     job.reload = true;
     job.scan_path.assign(path);
-    job.slab_type = recipes_[0].slab_type;
+    job.basis.recipe = recipes_.data();
     job.T_base_scanner = T_slab_block(recipes_[0], station) * nominal_T_block_scanner();
     const std::unique_ptr<MeasureQueue> queue = crew_->measuring();
     ASSERT_TRUE(queue->push(job));

@@ -3,6 +3,7 @@
 // P4856 and P4925 have the same blocks in the same places; only the slab's ends differ.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -220,12 +221,11 @@ TEST_F(SlabEndsTest, the_measuring_thread_refuses_the_scan_that_shows_another_ty
     EXPECT_TRUE(
         hal::write_scan(path.c_str(), hal::ScanFormat::ply, seen.cloud.xyz, seen.cloud.width, seen.cloud.height).ok());
     MeasureBlock job;
-    job.slab_key = slab_key;
-    job.station = 1;
-    job.attempt = 1;
+    job.id = {slab_key, 1, 1};
     job.reload = true;
     job.scan_path.assign(path);
-    job.slab_type = begun_as.slab_type;
+    job.basis.recipe = &*std::find_if(recipes_.begin(), recipes_.end(),
+                                      [&](const Recipe& recipe) { return recipe.slab_type == begun_as.slab_type; });
     job.T_base_scanner = T_slab_block(begun_as, 1) * nominal_T_block_scanner();
     const std::unique_ptr<MeasureQueue> queue = crew->measuring();
     EXPECT_TRUE(queue->push(job));

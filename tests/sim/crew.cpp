@@ -5,15 +5,10 @@ namespace slabd::sim {
 
 daemon::BlockMeasured FiberCrew::measure(const daemon::MeasureBlock& job) {
   daemon::BlockMeasured done;
-  done.slab_key = job.slab_key;
-  done.attempt = job.attempt;
+  done.id = job.id;
   done.slot = job.slot;
-  done.cmd_seq = job.cmd_seq;
-  done.scan_utime_us = job.scan_utime_us;
-  done.block.station = job.station;
-  const Recipe* recipe = nullptr;
-  for (const Recipe& candidate : recipes_)
-    if (candidate.slab_type == job.slab_type) recipe = &candidate;
+  done.block.station = job.id.station;
+  const Recipe* recipe = job.basis.recipe;
   Code code = recipe == nullptr ? Code::unknown_type : Code::ok;
   auto& slot = slots_[job.slot];
   if (code == Code::ok && job.reload) {
@@ -34,9 +29,9 @@ daemon::BlockMeasured FiberCrew::measure(const daemon::MeasureBlock& job) {
   process_.sleep_for(slow ? between(chance_, kSecond, 25 * kSecond) : between(chance_, 120 * kMs, 450 * kMs));
   if (process_.dead()) return done;
   if (line_.read(slot).take != shown.take)
-    line_.world.violated("the buffer of station %u was written while it was measured", job.station);
+    line_.world.violated("the buffer of station %u was written while it was measured", job.id.station);
   gauge(*recipe, job, shown, done.block);
-  const std::tuple<std::int64_t, int, int> scan{job.slab_key, job.station, job.attempt};
+  const std::tuple<std::int64_t, int, int> scan{job.id.slab_key, job.id.station, job.id.attempt};
   const heap::Aside aside;
   line_.refused.erase(scan);  // measured again, after a restart
   if (!line_.world.faulty(Fault::measure_refuses)) return done;

@@ -141,11 +141,11 @@ ScanTruth& Line::expose() {
 
 void gauge(const Recipe& recipe, const daemon::MeasureBlock& job, const ScanTruth& shown, BlockResult& block) {
   block = {};
-  block.station = job.station;
+  block.station = job.id.station;
   block.scan.points_read = job.shape.points;
   block.scan.points_finite = job.shape.finite;
   Code code = Code::ok;
-  const Pose T_base_block_nominal = job.T_base_slab * T_slab_block(recipe, job.station);
+  const Pose T_base_block_nominal = job.basis.T_base_slab * T_slab_block(recipe, job.id.station);
   const Pose T_base_block = job.T_base_scanner * shown.T_scanner_block;
   const Vec3 off = T_base_block.translation_mm - T_base_block_nominal.translation_mm;
   if (shown.take == 0 || shown.mostly_nan)
@@ -166,11 +166,11 @@ void gauge(const Recipe& recipe, const daemon::MeasureBlock& job, const ScanTrut
     }
   };
   for (const ItemId id : kItems) {
-    Item item = blank_item(recipe, id, job.station);
+    Item item = blank_item(recipe, id, job.id.station);
     if (code == Code::ok && !(shown.truth == BlockTruth::hidden && id == ItemId::casing_spacing)) {
       const double middle = 0.5 * ((has_value(item.lower) ? item.lower : 0.0) + item.upper);
       const double half = item.upper - middle;
-      item.value = spoilt(id) ? item.upper + half : middle + 0.01 * half * (job.station % 3);
+      item.value = spoilt(id) ? item.upper + half : middle + 0.01 * half * (job.id.station % 3);
       item.verdict = judge(item, recipe.guard);
     }
     (void)block.items.push(item);

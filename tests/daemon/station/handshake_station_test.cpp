@@ -119,16 +119,14 @@ class RealSlabd {
     feed(done);
   }
   [[nodiscard]] bool is_measuring(std::uint8_t station) const {
-    return std::any_of(measuring_.begin(), measuring_.end(), [&](const auto& m) { return m.station == station; });
+    return std::any_of(measuring_.begin(), measuring_.end(), [&](const auto& m) { return m.id.station == station; });
   }
   void measured(std::uint8_t station, Code refused = Code::ok) {
     const auto found =
-        std::find_if(measuring_.begin(), measuring_.end(), [&](const auto& m) { return m.station == station; });
+        std::find_if(measuring_.begin(), measuring_.end(), [&](const auto& m) { return m.id.station == station; });
     BlockMeasured done;
-    done.slab_key = found->slab_key;
-    done.attempt = found->attempt;
+    done.id = found->id;
     done.slot = found->slot;
-    done.cmd_seq = found->cmd_seq;
     done.block.station = station;
     done.block.verdict = Verdict::pass;
     done.refused = refused;

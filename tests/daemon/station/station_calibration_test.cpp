@@ -426,7 +426,7 @@ TEST(StationCalibration, a_scanner_that_was_not_verified_is_only_a_warning) {
   EXPECT_TRUE(begun(store).scanner_id.empty());
   line.scan(1);
   ASSERT_FALSE(line.measured.empty());
-  EXPECT_FALSE(has_value(line.measured.back().verified.form_half_mm)) << "the recipe's specification alone";
+  EXPECT_FALSE(has_value(line.measured.back().basis.verified.form_half_mm)) << "the recipe's specification alone";
 }
 
 TEST(StationCalibration, a_slab_is_measured_with_the_acceptance_it_was_begun_with_also_over_a_restart) {
@@ -441,14 +441,14 @@ TEST(StationCalibration, a_slab_is_measured_with_the_acceptance_it_was_begun_wit
     const LineCalibration next = with_scanner("sc-2", 0.09);
     line.feed(CalibrationChanged{&next});
     line.scan(1);
-    EXPECT_EQ(line.measured.back().verified.form_half_mm, 0.06) << "the change is for the next slab";
+    EXPECT_EQ(line.measured.back().basis.verified.form_half_mm, 0.06) << "the change is for the next slab";
     EXPECT_EQ(line.station->slab.calibration.scanner.id.view(), "sc-1");
   }
   store.line.slab_calibration = with_scanner("sc-1", 0.06);
   store.line.calibration = with_scanner("sc-2", 0.09);
   Line restarted(store);
   restarted.scan(2);
-  EXPECT_EQ(restarted.measured.back().verified.form_half_mm, 0.06);
+  EXPECT_EQ(restarted.measured.back().basis.verified.form_half_mm, 0.06);
 }
 
 TEST(StationCalibration, an_acceptance_that_is_too_old_or_was_followed_by_a_failure_warns_and_goes_on_counting) {
@@ -464,7 +464,7 @@ TEST(StationCalibration, an_acceptance_that_is_too_old_or_was_followed_by_a_fail
     line.run_for(20);
     EXPECT_EQ(begun(store).scanner_id.view(), "sc-1");
     line.scan(1);
-    EXPECT_EQ(line.measured.back().verified.form_half_mm, 0.06) << "U does not fall because a day has passed";
+    EXPECT_EQ(line.measured.back().basis.verified.form_half_mm, 0.06) << "U does not fall because a day has passed";
   }
 }
 

@@ -192,7 +192,7 @@ TEST_F(StationTest, a_result_carries_the_number_of_the_scan_it_was_measured_from
   line.measuring_works = false;
   line.scan(1);
   line.scan(2);
-  const std::uint16_t first_seq = line.measured.at(1).cmd_seq;
+  const std::uint16_t first_seq = line.measured.at(1).id.cmd_seq;
   line.measuring_works = true;
   line.plc = {};
   line.start();  // both clouds are durable and not measured

@@ -248,15 +248,14 @@ class Line {
 
   [[nodiscard]] BlockMeasured measurement_of(const MeasureBlock& measure) const {
     BlockMeasured done;
-    done.slab_key = measure.slab_key;
-    done.attempt = measure.attempt;
+    done.id = measure.id;
     done.slot = measure.slot;
-    done.cmd_seq = measure.cmd_seq;
-    done.block.station = measure.station;
+    done.block.station = measure.id.station;
     done.block.verdict = block_verdict;
     if (blocks_are_found) {
       done.block.registration.status = RegistrationStatus::converged;
-      done.block.registration.T_scanner_block = dithered(nominal_T_block_scanner(), measure.station, dither).inverse();
+      done.block.registration.T_scanner_block =
+          dithered(nominal_T_block_scanner(), measure.id.station, dither).inverse();
     }
     done.refused = refuses;
     if (refuses != Code::ok) done.refused_text = "another exposure than the requested one";

@@ -36,11 +36,9 @@ struct StationRefusals : StationTest {
   /// The late answer to a measurement.
   BlockMeasured answer_to(const MeasureBlock& asked) {
     BlockMeasured done;
-    done.slab_key = asked.slab_key;
-    done.attempt = asked.attempt;
+    done.id = asked.id;
     done.slot = asked.slot;
-    done.cmd_seq = asked.cmd_seq;
-    done.block.station = asked.station;
+    done.block.station = asked.id.station;
     done.block.verdict = Verdict::pass;
     return done;
   }
@@ -461,10 +459,10 @@ TEST_F(StationRefusals, a_result_of_another_slab_or_attempt_is_ignored) {
   line.scan(1);
   ASSERT_EQ(line.measured.size(), 1U);
   BlockMeasured other = answer_to(line.measured[0]);
-  ++other.slab_key;
+  ++other.id.slab_key;
   line.feed(other);
   other = answer_to(line.measured[0]);
-  ++other.attempt;
+  ++other.id.attempt;
   line.feed(other);
   other = answer_to(line.measured[0]);
   other.block.station = 2;
@@ -472,7 +470,7 @@ TEST_F(StationRefusals, a_result_of_another_slab_or_attempt_is_ignored) {
   line.run_for(40);
   EXPECT_FALSE(line.view().result);
   SlabJudged judged;
-  judged.slab_key = line.measured[0].slab_key;
+  judged.slab_key = line.measured[0].id.slab_key;
   judged.slab.verdict = Verdict::pass;
   line.feed(judged);  // not requested
   line.run_for(40);

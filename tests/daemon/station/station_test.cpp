@@ -324,7 +324,7 @@ TEST_F(StationTest, a_block_is_measured_while_its_scan_goes_to_the_disk_and_show
   line.disk_syncs = false;
   line.scan(1);
   ASSERT_EQ(line.measured.size(), 1U);
-  EXPECT_EQ(line.measured[0].cmd_seq, line.plc.cmd_seq);
+  EXPECT_EQ(line.measured[0].id.cmd_seq, line.plc.cmd_seq);
   EXPECT_EQ(line.measured[0].shape.finite, 900U);
   EXPECT_EQ(line.view().state, PlcState::scanning);
   EXPECT_NE(line.view().acq_seq, line.plc.cmd_seq);
@@ -363,10 +363,8 @@ TEST_F(StationTest, measurement_of_a_scan_that_was_not_stored_is_dropped) {
     line.block_verdict = Verdict::fail;
     if (!measured_in_time) {
       BlockMeasured late;
-      late.slab_key = in_hand.slab_key;
-      late.attempt = in_hand.attempt;
+      late.id = in_hand.id;
       late.slot = in_hand.slot;
-      late.cmd_seq = in_hand.cmd_seq;
       late.block.station = 3;
       late.block.verdict = Verdict::pass;
       line.command(PlcCommand::scan, 3);
@@ -538,11 +536,9 @@ TEST_F(StationTest, slab_end_waits_for_the_block_being_measured) {
   EXPECT_EQ(line.view().slab_verdict, Verdict::none);
   const MeasureBlock asked = line.measured.back();
   BlockMeasured done;
-  done.slab_key = asked.slab_key;
-  done.attempt = asked.attempt;
+  done.id = asked.id;
   done.slot = asked.slot;
-  done.cmd_seq = asked.cmd_seq;
-  done.block.station = asked.station;
+  done.block.station = asked.id.station;
   done.block.verdict = Verdict::fail;
   line.feed(done);
   line.run_for(40);
@@ -634,7 +630,7 @@ TEST_F(StationTest, restart_keeps_acquired_blocks_and_shows_unacknowledged_resul
   EXPECT_EQ(line.view().record.res_seq, res_seq);
   ASSERT_EQ(line.measured.size(), 1U);
   EXPECT_TRUE(line.measured[0].reload);
-  EXPECT_EQ(line.measured[0].station, 2);
+  EXPECT_EQ(line.measured[0].id.station, 2);
   EXPECT_EQ(line.scans.size(), scans);  // slabd does not repeat a scan on its own initiative
   EXPECT_EQ(line.view().table[2].verdict, Verdict::not_measured);
   EXPECT_EQ(line.view().table[2].reason, 110);

@@ -67,17 +67,16 @@ void TruthLine::carry_out(const StoreJob& job) {
   if (acquired == nullptr) return;
   ++figures_.scans_recorded;
   const Attempt& attempt = acquired->attempt;
-  const Exposure truth = scanner_.truth_of(acquired->fingerprint);
+  const ExposureTruth truth = scanner_.truth_of(acquired->fingerprint);
   if (!truth.is_of(attempt.slab_key, attempt.station))
     violated("station " + std::to_string(attempt.station) + " of slab " + std::to_string(attempt.slab_key) +
              " is recorded with a scan of " + truth.text());
 }
 
 void TruthLine::measured(const BlockMeasured& done) {
-  const ScanKey scan{done.slab_key, done.block.station, done.attempt};
+  const ScanKey scan{done.id.slab_key, done.id.station, done.id.attempt};
   const Acquisition& a = station_->acquisition;
-  const bool in_hand = a.attempt.slab_key == done.slab_key && a.station == done.block.station &&
-                       a.attempt.number == done.attempt && a.phase != Acquisition::Phase::storing;
+  const bool in_hand = done.id.is_attempt_of(id_of(a.attempt)) && a.phase != Acquisition::Phase::storing;
   if (done.refused == Code::ok) {
     refused_.erase(scan);  // measured again, after a restart
   } else {
@@ -107,7 +106,7 @@ void TruthLine::carry_out(const AcquireScan& action) {
   const bool is_view = is_own && in_maintenance(*station_);
   if (is_own) ++(is_view ? figures_.views_asked : figures_.scans_thrown_away);
   const OpenSlab& slab = station_->slab;
-  Exposure before_the_lens;
+  ExposureTruth before_the_lens;
   before_the_lens.slab_key = slab.phase == SlabPhase::none ? 0 : slab.header.key;
   before_the_lens.station = robot_station_;
   scanner_.ask(action, before_the_lens, store_.seen);
@@ -121,9 +120,9 @@ void TruthLine::carry_out(const MeasureBlock& action) {
   figures_.reloads += action.reload ? 1 : 0;
   if (measuring_.uses(action.slot)) violated("two blocks are measured in one buffer");
   if (scanner_.writes_into(action.slot)) violated("a buffer is measured while the scanner writes it");
-  const Exposure truth = action.reload ? scanner_.in_file(action.scan_path) : scanner_.in_slot(action.slot);
-  if (!truth.is_of(action.slab_key, action.station))
-    violated("station " + std::to_string(action.station) + " of slab " + std::to_string(action.slab_key) +
+  const ExposureTruth truth = action.reload ? scanner_.in_file(action.scan_path) : scanner_.in_slot(action.slot);
+  if (!truth.is_of(action.id.slab_key, action.id.station))
+    violated("station " + std::to_string(action.id.station) + " of slab " + std::to_string(action.id.slab_key) +
              " is measured on a scan of " + truth.text());
   measuring_.push(action);
 }

@@ -14,12 +14,12 @@ LineCalibration calibration_named(const CalibrationId& id) {
 
 // ---- scanner -------------------------------------------------------------------------------------------------------
 
-std::string Exposure::text() const {
+std::string ExposureTruth::text() const {
   if (slab_key == 0) return "no block";
   return "station " + std::to_string(station) + " of slab " + std::to_string(slab_key);
 }
 
-void TruthScanner::ask(const AcquireScan& action, const Exposure& before_the_lens,
+void TruthScanner::ask(const AcquireScan& action, const ExposureTruth& before_the_lens,
                        const std::vector<std::uint64_t>& delivered) {
   if (!is_frozen || held_.fingerprint == 0) {
     held_ = before_the_lens;
@@ -35,7 +35,7 @@ void TruthScanner::ask(const AcquireScan& action, const Exposure& before_the_len
   constexpr int kOldest = 20;  // well within the number of fingerprints that slabd stores
   if (!delivered.empty() && chance_.happens(0.03)) {
     const int back = chance_.between(1, std::min(kOldest, static_cast<int>(delivered.size())));
-    const Exposure old = truth_of(delivered[delivered.size() - static_cast<std::size_t>(back)]);
+    const ExposureTruth old = truth_of(delivered[delivered.size() - static_cast<std::size_t>(back)]);
     if (old.fingerprint != 0) request_->gives = old;
   }
   const int end = chance_.between(0, 9);
@@ -78,14 +78,14 @@ ScanDone TruthScanner::last_word(Code code) {
   return done;
 }
 
-Exposure TruthScanner::truth_of(std::uint64_t fingerprint) const {
+ExposureTruth TruthScanner::truth_of(std::uint64_t fingerprint) const {
   const auto found = exposures_.find(fingerprint);
-  return found == exposures_.end() ? Exposure{} : found->second;
+  return found == exposures_.end() ? ExposureTruth{} : found->second;
 }
 
-Exposure TruthScanner::in_file(const PathText& path) const {
+ExposureTruth TruthScanner::in_file(const PathText& path) const {
   const auto found = files_.find(std::string(path.view()));
-  return found == files_.end() ? Exposure{} : found->second;
+  return found == files_.end() ? ExposureTruth{} : found->second;
 }
 
 // ---- disk ----------------------------------------------------------------------------------------------------------
@@ -131,11 +131,9 @@ std::optional<BlockMeasured> TruthMeasuring::turn() {
   const MeasureBlock job = queue_.front().job;
   queue_.pop_front();
   BlockMeasured done;
-  done.slab_key = job.slab_key;
-  done.attempt = job.attempt;
+  done.id = job.id;
   done.slot = job.slot;
-  done.cmd_seq = job.cmd_seq;
-  done.block.station = job.station;
+  done.block.station = job.id.station;
   done.block.verdict = Verdict::pass;
   if (!all_is_well && chance_.happens(0.3)) done.refused = Code::frame_incomplete;
   return done;

@@ -32,7 +32,7 @@ class Chance {
 [[nodiscard]] LineCalibration calibration_named(const CalibrationId& id);
 
 /// True content of a scan, independent of its assignment.
-struct Exposure {
+struct ExposureTruth {
   std::uint64_t fingerprint = 0;
   std::int64_t slab_key = 0;  ///< 0: no slab's block
   int station = 0;
@@ -51,7 +51,8 @@ class TruthScanner {
   bool all_is_well = false;
 
   /// `before_the_lens` is exposed unless the program is frozen. `delivered`: earlier scans, which it may return again.
-  void ask(const AcquireScan& action, const Exposure& before_the_lens, const std::vector<std::uint64_t>& delivered);
+  void ask(const AcquireScan& action, const ExposureTruth& before_the_lens,
+           const std::vector<std::uint64_t>& delivered);
   void cancel() { request_->is_cancelled = true; }
   void process_ends() { request_.reset(); }
   /// Returns at most one answer.
@@ -66,18 +67,18 @@ class TruthScanner {
     return is_asked() && !request_->is_decoded && request_->action.slot == slot;
   }
   /// The exposure that a frozen program would return.
-  [[nodiscard]] const Exposure& holds() const { return held_; }
-  [[nodiscard]] Exposure truth_of(std::uint64_t fingerprint) const;
+  [[nodiscard]] const ExposureTruth& holds() const { return held_; }
+  [[nodiscard]] ExposureTruth truth_of(std::uint64_t fingerprint) const;
   /// Exposure in a buffer, and in a file.
-  [[nodiscard]] Exposure in_slot(std::uint8_t slot) const { return slots_.at(slot); }
-  [[nodiscard]] Exposure in_file(const PathText& path) const;
+  [[nodiscard]] ExposureTruth in_slot(std::uint8_t slot) const { return slots_.at(slot); }
+  [[nodiscard]] ExposureTruth in_file(const PathText& path) const;
   void drop_file(const PathText& path) { files_.erase(std::string(path.view())); }
 
  private:
   enum class End : std::uint8_t { timeout, torn, no_room, good };
   struct Request {
     AcquireScan action;
-    Exposure gives;
+    ExposureTruth gives;
     End end = End::good;
     int turns_left = 0;
     bool is_decoded = false;
@@ -88,10 +89,10 @@ class TruthScanner {
   Chance& chance_;
   std::optional<Request> request_;
   ScanDone first_word_;  ///< of the present request
-  Exposure held_;
-  std::map<std::uint64_t, Exposure> exposures_;
-  std::array<Exposure, limits::kScanSlots> slots_{};
-  std::map<std::string, Exposure> files_;
+  ExposureTruth held_;
+  std::map<std::uint64_t, ExposureTruth> exposures_;
+  std::array<ExposureTruth, limits::kScanSlots> slots_{};
+  std::map<std::string, ExposureTruth> files_;
 };
 
 /// The storage worker's queue and the disk behind it.
