@@ -418,6 +418,10 @@ bool in_config_fault(const json& status) {
   const json& fault = at(status, {"fault", "code"});
   return fault.is_number() && fault.get<int>() == static_cast<int>(Code::config);
 }
+/// True if slabd still opens and checks its database: it has no state of it yet.
+bool is_opening(const json& status) {
+  return text(at(status, {"state"})) == "recover";
+}
 
 /// Cure of a daemon warning, by its bit of WARN (docs/PLC.md).
 constexpr std::array kWarningCures = {
@@ -471,6 +475,9 @@ std::string examine_daemon(const daemon::Config& config, Examination& report) {
   if (fault.is_number() && fault.get<int>() != 0)
     report.failed("daemon", fmt::format("{}, fault {}: {}", saw, fault.get<int>(), text(at(status, {"fault", "text"}))),
                   text(at(status, {"fault", "cure"})));
+  else if (is_opening(status))
+    report.warning("daemon", saw + ": it still opens its database",
+                   "run slabctl doctor again when slabctl status says idle");
   else
     report.ok("daemon", saw);
   std::error_code not_there;
@@ -478,7 +485,7 @@ std::string examine_daemon(const daemon::Config& config, Examination& report) {
     report.warning("daemon", fmt::format("it runs with {}", text(at(status, {"config"}))),
                    "look at that one with --config, or restart the daemon");
   examine_warnings(status, report);
-  if (!yes(at(status, {"links", "store", "ok"})) && !in_config_fault(status))
+  if (!yes(at(status, {"links", "store", "ok"})) && !in_config_fault(status) && !is_opening(status))
     report.failed("database",
                   fmt::format("the daemon cannot write it: {}", text(at(status, {"links", "store", "text"}))),
                   "journalctl -u slabd names the reason");
@@ -587,7 +594,7 @@ static void examine_acceptance(std::string_view id, std::string_view standing, E
 
 void examine_calibration(const daemon::Config& config, const std::string& status_text, Examination& report) {
   const json status = status_of(status_text);
-  if (status.is_null() || in_config_fault(status)) {
+  if (status.is_null() || in_config_fault(status) || is_opening(status)) {
     const auto reader = storage::open_reader(config.storage.db_path);
     if (!reader) return report.unknown("calibration", std::string(reader.error().text.view()));
     const auto hand_eye = reader.value()->current(CalibrationKind::hand_eye);

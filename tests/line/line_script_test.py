@@ -13,6 +13,8 @@ import unittest
 
 SOURCE = pathlib.Path(__file__).resolve().parents[2]
 BUILD = sys.argv.pop(1)
+# Drawing a slab takes half a minute on a free computer, and many times that beside other tests.
+PATIENCE_S = 1500
 
 
 class Line(unittest.TestCase):
@@ -22,13 +24,21 @@ class Line(unittest.TestCase):
         self.line = pathlib.Path(self.folder.name, "line")
 
     def start(self, *arguments):
-        return subprocess.Popen(
+        line = subprocess.Popen(
             [SOURCE / "script/line", "--programs", BUILD, "--folder", self.line, "--quick", "--pause", "0", *arguments],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True)
+        self.addCleanup(self.end, line)
+        return line
+
+    @staticmethod
+    def end(line):
+        if line.poll() is None:
+            subprocess.run(["kill", "-TERM", "--", f"-{line.pid}"], check=False)
+            line.wait()
 
     def test_one_slab_then_the_history_continues_until_an_interrupt(self):
         first = self.start("--slabs", "1")
-        text, _ = first.communicate(timeout=300)
+        text, _ = first.communicate(timeout=PATIENCE_S)
         self.assertEqual(first.returncode, 0, text)
         self.assertIn("== Slab 1 ==", text)
         config = self.line / "slabd.toml"
@@ -42,7 +52,7 @@ class Line(unittest.TestCase):
                 break
         self.assertTrue(read.endswith("== Slab 2 ==\n"), read)
         subprocess.run(["kill", "-INT", "--", f"-{again.pid}"], check=True)
-        text, _ = again.communicate(timeout=60)
+        text, _ = again.communicate(timeout=PATIENCE_S)
         self.assertIn("The line has ended.", text)
         self.assertEqual(again.returncode, 0, text)
         # The daemon was stopped with it.

@@ -9,8 +9,9 @@
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
-#include <array>
 
+#include <array>
+#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
@@ -40,7 +41,8 @@ sockaddr_in loopback(std::uint16_t port) {
 }
 
 /// True if the Modbus server has left STATE 0 and 1 (init, recover): the database is open and memory is allocated. A
-/// server that refuses reading counts as ready when it listens.
+/// server that refuses reading closes the connection, and counts as ready then. One that listens and does not answer
+/// yet is not ready.
 bool answers(std::uint16_t port) {
   const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
   const timeval patience{1, 0};
@@ -48,13 +50,15 @@ bool answers(std::uint16_t port) {
   const sockaddr_in address = loopback(port);
   const std::array<std::uint8_t, 12> read_state = {0, 1, 0, 0, 0, 6, 1, 4, 0, 6, 0, 1};
   std::array<std::uint8_t, 11> answer{};
+  errno = 0;
   const bool connected = ::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
   const bool answered =
       connected &&
       ::send(fd, read_state.data(), read_state.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(read_state.size()) &&
       ::recv(fd, answer.data(), answer.size(), MSG_WAITALL) == static_cast<ssize_t>(answer.size());
+  const bool waits = connected && !answered && (errno == EAGAIN || errno == EWOULDBLOCK);
   ::close(fd);
-  return connected && (!answered || answer[10] > 1);
+  return connected && !waits && (!answered || answer[10] > 1);
 }
 
 }  // namespace

@@ -296,9 +296,9 @@ TEST_F(ModbusClientTest, bases_word_order_and_read_write_are_as_configured) {
 TEST_F(ModbusClientTest, a_plc_that_restarts_gets_the_present_image_and_is_a_new_connection) {
   start();
   outputs.session = 1;
-  ASSERT_TRUE(until([&] { return plc.get(1009) == 1; }));
+  ASSERT_TRUE(until([&] { return linked() && plc.get(1009) == 1; }));
   plc.power(false);
-  ASSERT_TRUE(until([&] { return !linked(); }));
+  ASSERT_TRUE(until([&] { return !linked() && plc.get(1009) == 0; }));
   EXPECT_EQ(port->clients(), 0U);
   for (std::uint16_t session = 2; session < 6; ++session) {  // changes in the meantime are not replayed
     outputs.session = session;
