@@ -74,10 +74,10 @@ Code fault_without_store(const Error& why) {
 Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, const hal::ScanForm& scan_form,
            int measure_threads, LoopFigures figures)
     : Loop(ports, settings, std::move(open),
-           make_crew(settings.recipes, scan_form, ports.clock, measure_threads, settings.simulation),
+           make_workers(settings.recipes, scan_form, ports.clock, measure_threads, settings.simulation),
            std::move(figures)) {}
 
-Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, std::unique_ptr<Crew> crew,
+Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, std::unique_ptr<Workers> workers,
            LoopFigures figures)
     : ports_(ports),
       figures_(std::move(figures)),
@@ -86,22 +86,22 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open
       follow_up_(std::make_unique<Event>()),
       blocks_(limits::kStationsMax),
       judged_(std::make_unique<SlabJudged>()),
-      crew_(std::move(crew)),
+      workers_(std::move(workers)),
       open_(std::move(open)),
       calibration_desk_(change_folder(figures_.db_path)) {
   if (figures_.started_ns == 0) figures_.started_ns = ports_.clock.mono_ns();
-  store_worker_ = crew_->storage([this](const StoreTask& task) { return do_task(task); },
-                                 [this] {
-                                   delete_one();
-                                   if (store_ == nullptr) return;
-                                   or_later([this] { store_->idle(); });
-                                   tell_store_trouble();
-                                 });
-  scan_worker_ = crew_->scanner([this](const AcquireScan& job) { return scan(job); },
-                                [this] {
-                                  if (scanner_is_ours_) or_later([this] { ports_.scanner.idle(); });
-                                });
-  measure_worker_ = crew_->measuring();
+  store_worker_ = workers_->storage([this](const StoreTask& task) { return do_task(task); },
+                                    [this] {
+                                      delete_one();
+                                      if (store_ == nullptr) return;
+                                      or_later([this] { store_->idle(); });
+                                      tell_store_trouble();
+                                    });
+  scan_worker_ = workers_->scanner([this](const AcquireScan& job) { return scan(job); },
+                                   [this] {
+                                     if (scanner_is_ours_) or_later([this] { ports_.scanner.idle(); });
+                                   });
+  measure_worker_ = workers_->measuring();
 }
 
 Loop::~Loop() {
@@ -194,7 +194,7 @@ ScanDone Loop::scan(const AcquireScan& job) {
   done.cmd_seq = job.request.cmd_seq;
   done.slot = job.slot;
   // Measuring need not wait for the disk. If this early event cannot be posted, it begins when the scan is durable.
-  const std::span<float> xyz = crew_->slot(job.slot);
+  const std::span<float> xyz = workers_->slot(job.slot);
   const auto decoded = [this, &done, xyz](const AcquiredScan& scan) {
     done.scan = scan;
     const std::span<const float> points = xyz.first(std::min(3 * scan.shape.points, xyz.size()));
@@ -209,7 +209,7 @@ ScanDone Loop::scan(const AcquireScan& job) {
   done.durable = true;
   if (result.ok()) {
     done.scan = result.value();
-    if (done.scan.shape.in_records && !cancel_scan_) done.points_crc32c = crew_->points_crc32c(done.scan);
+    if (done.scan.shape.in_records && !cancel_scan_) done.points_crc32c = workers_->points_crc32c(done.scan);
   } else {
     done.code = result.error().code;
     done.text = result.error().text;
@@ -247,7 +247,7 @@ void Loop::take_store() {
     ports_.store = store_.get();
     figures_.store_text.clear();
     const std::unique_ptr<RecoveredLine> line = std::move(recovered_.value());
-    crew_->remember(line->noise);
+    workers_->remember(line->noise);
     handle(Recovered{line.get()});
     return;
   }
@@ -355,9 +355,9 @@ void Loop::take_up_recipes() {
   }
   std::shared_ptr<const RecipeSet> next = ports_.recipes->checked();
   if (next == nullptr) return;
-  const bool idle = s.recovered && s.settings.fault == Code::ok && s.slab.phase == SlabPhase::none && !s.desk.pending &&
-                    s.acquisition.phase == Acquisition::Phase::none && s.measuring == 0 && !s.slot_busy[0] &&
-                    !s.slot_busy[1];
+  const bool idle = s.recovered && s.settings.fault == Code::ok && s.slab.phase == SlabPhase::none &&
+                    !s.command.pending && s.acquisition.phase == Acquisition::Phase::none && s.measuring == 0 &&
+                    !s.slot_busy[0] && !s.slot_busy[1];
   if (!idle) {
     ports_.recipes->refuse(
         s.settings.fault != Code::ok
@@ -371,7 +371,7 @@ void Loop::take_up_recipes() {
   s.settings.warn = static_cast<std::uint16_t>(s.settings.warn & ~(kWarnUnconfirmedNominals | kWarnRecipeUnusable));
   for (const Recipe& recipe : next->recipes)
     if (unconfirmed_count(recipe) > 0) s.settings.warn |= kWarnUnconfirmedNominals;
-  crew_->use_recipes(next->recipes);
+  workers_->use_recipes(next->recipes);
   if (ports_.store != nullptr) ports_.store->use_recipes(next->texts);
   recipes_in_use_ = next;
   ports_.recipes->taken_up();
@@ -541,7 +541,7 @@ void Loop::feed_watchdog() {
     alive = alive && now_ns - worker_moved_ns_[i] < kWorkerStuck_ns;
   }
   const bool long_at_it = now_ns - worker_moved_ns_[2] >= kMeasuringMax_ns;
-  if (long_at_it && !measuring_given_up_) crew_->give_up_measuring();
+  if (long_at_it && !measuring_given_up_) workers_->give_up_measuring();
   measuring_given_up_ = long_at_it;
   if (!alive || now_ns - watchdog_ns_ < kWatchdogPeriod_ns) return;
   watchdog_ns_ = now_ns;

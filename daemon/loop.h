@@ -14,9 +14,9 @@
 
 #include "config/config.h"
 #include "daemon/control/calibration_desk.h"
-#include "daemon/crew.h"
 #include "daemon/recipe_watch.h"
 #include "daemon/station/station.h"
+#include "daemon/workers.h"
 
 namespace slabd::daemon {
 
@@ -99,7 +99,7 @@ class ToldOnce {
   std::int64_t told_ns_ = -(std::int64_t{1} << 40U);
 };
 
-/// Turns events of the ports into steps and actions, on one thread; the crew (storage, scanner, measuring) does all
+/// Turns events of the ports into steps and actions, on one thread; the workers (storage, scanner, measuring) does all
 /// blocking work. The constructor allocates everything; the turns allocate nothing on the inspection path.
 ///
 /// The first job of the storage thread is to open the store. A large database is checked for minutes on a slow disk;
@@ -111,11 +111,11 @@ class Loop {
   /// Longest interval between ticks: PLC acknowledgement within 50 ms, heartbeat, settle gate.
   static constexpr int kTurn_ms = 10;
 
-  /// With the crew of a running daemon. `scan_form`: of the scan files, which are stored in the spool as the scanner
+  /// With the workers of a running daemon. `scan_form`: of the scan files, which are stored in the spool as the scanner
   /// wrote them. `measure_threads`: 1 or 2.
   Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, const hal::ScanForm& scan_form,
        int measure_threads, LoopFigures figures);
-  Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, std::unique_ptr<Crew> crew,
+  Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, std::unique_ptr<Workers> workers,
        LoopFigures figures);
   ~Loop();
   Loop(const Loop&) = delete;
@@ -187,7 +187,7 @@ class Loop {
   std::vector<BlockResult> blocks_;  ///< of the slab that is being judged
   std::unique_ptr<SlabJudged> judged_;
 
-  std::unique_ptr<Crew> crew_;
+  std::unique_ptr<Workers> workers_;
   std::atomic<bool> cancel_scan_{false};
   std::atomic<bool> scanner_is_ours_{false};
 

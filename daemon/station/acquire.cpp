@@ -92,7 +92,7 @@ void try_to_trigger(Station& s, Actions& actions) {
   // A SCAN may come before the robot has left the last station, so a wrong position is not yet an error.
   if (code == Code::ok) code = looks_at_station(s, mean.T_base_flange, off_axis_mm);
   const int slot = free_slot(s);
-  if (code == Code::ok && (s.owed.waits || s.links.scanner_hangs)) code = code_of_hang(s);
+  if (code == Code::ok && (s.abandoned.waits || s.links.scanner_hangs)) code = code_of_hang(s);
   if (code == Code::ok && slot < 0) code = Code::deadline;
   if (code != Code::ok) {
     // The time of the discarded scan does not count as the robot's.
@@ -206,7 +206,7 @@ void check_stillness(Station& s, Actions& actions) {
     return;
   }
   a.phase = Acquisition::Phase::storing;
-  if (!holds(Rule::acquired_after_commit)) s.desk.acq_seq = a.cmd_seq;
+  if (!holds(Rule::acquired_after_commit)) s.command.acq_seq = a.cmd_seq;
   a.attempt.acquire_ms = ms_from_ns(s.now_ns - a.started_ns);
   PendingStore pending;
   pending.kind = PendingStore::Kind::acquired;
@@ -337,7 +337,7 @@ void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
   a = {};
   a.phase = Acquisition::Phase::settling;
   a.cmd_seq = in.cmd_seq;
-  a.session = s.desk.session;
+  a.session = s.command.session;
   a.station = static_cast<std::uint8_t>(in.station);
   a.started_ns = s.now_ns;
   a.attempt.slab_key = s.slab.header.key;
@@ -350,7 +350,7 @@ void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
   a.attempt.cmd_seq = a.cmd_seq;
   set_status(s, a.cmd_seq, CommandStatus::acquiring);
   log(actions, LogLine::Level::info, Code::ok, "station %u: scan %u begins", a.station, a.attempt.number);
-  if (s.plc.inputs.abort || s.desk.pending_abort) fail_acquisition(s, Code::interrupted, actions);
+  if (s.plc.inputs.abort || s.command.pending_abort) fail_acquisition(s, Code::interrupted, actions);
 }
 
 void advance_acquisition(Station& s, Actions& actions) {
@@ -448,7 +448,7 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
   record.attempt = a.attempt;
   note_emulation(s, a.attempt.emulated, actions);
   s.newest_time.note(a.attempt.scan_utime_us);
-  s.desk.acq_seq = pending.value;
+  s.command.acq_seq = pending.value;
   set_status(s, pending.value, CommandStatus::acquired);
   log(actions, LogLine::Level::info, Code::ok, "station %u: %zu points durable after %.0f ms, the robot may leave",
       pending.station, a.attempt.shape.finite, a.attempt.acquire_ms);
@@ -490,7 +490,7 @@ void abort_acquisition(Station& s, Actions& actions) {
     case Acquisition::Phase::clearing:
     case Acquisition::Phase::scanning: break_off(a.exposure, actions); break;
     case Acquisition::Phase::none:
-      s.desk.pending_abort = s.desk.pending;  // a SCAN may be on its way to the journal
+      s.command.pending_abort = s.command.pending;  // a SCAN may be on its way to the journal
       break;
     case Acquisition::Phase::storing: break;  // too late: the cloud is about to be durable
   }
@@ -516,7 +516,7 @@ void on_block_measured(Station& s, const BlockMeasured& measured, Actions& actio
 void remeasure(Station& s, Actions& actions) {
   const bool quiet = s.slab.phase == SlabPhase::open || s.slab.phase == SlabPhase::ending;
   if (!quiet || s.now_ns == 0 || s.slab.aborting || s.slab.recipe == nullptr || s.fault != 0 || s.measuring != 0 ||
-      s.desk.pending || s.acquisition.phase != Acquisition::Phase::none || !room_for_records(s, 2))
+      s.command.pending || s.acquisition.phase != Acquisition::Phase::none || !room_for_records(s, 2))
     return;
   for (std::size_t i = 0; i < s.slab.stations.size(); ++i) {
     if (s.slab.stations[i].phase != StationPhase::acquired || s.station_measuring[i]) continue;

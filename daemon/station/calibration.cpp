@@ -102,7 +102,7 @@ static void follow_clock(Station& s, const LineCalibration& next) {
 
 void advance_calibration(Station& s, Actions& actions) {
   // A SLAB_BEGIN on its way to the database contains the id of its calibration.
-  if (s.calibration_waits && !s.desk.pending) {
+  if (s.calibration_waits && !s.command.pending) {
     const bool other = !(s.calibration.id == s.calibration_next.id);
     const bool other_scanner = !(s.calibration.scanner.id == s.calibration_next.scanner.id);
     follow_clock(s, s.calibration_next);

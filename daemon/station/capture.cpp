@@ -74,9 +74,9 @@ Error line_is_free(const Station& s) {
                  "SLAB_ABORT",
                  s.slab.header.slab_no, s.slab.header.slab_id.c_str(), done, s.slab.header.stations);
   }
-  if (s.desk.pending)
+  if (s.command.pending)
     return error(Code::busy, "the PLC's command %u (CMD %u) is being carried out; try again",
-                 s.desk.pending_inputs.cmd_seq, s.desk.pending_inputs.command);
+                 s.command.pending_inputs.cmd_seq, s.command.pending_inputs.command);
   // A missing calibration blocks slabs only; maintenance is needed to create one.
   const Code fault = current_fault(s);
   if (fault != Code::ok && fault != Code::calibration_missing)
@@ -219,7 +219,7 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
   const Code link = s.gate.link(s.now_ns);
   const bool room = s.storing.size() + 8 <= s.storing.capacity();  // for storing the fingerprints of the view
   const int slot = room ? free_slot(s) : -1;
-  const bool scanner_hangs = s.owed.waits || s.links.scanner_hangs;
+  const bool scanner_hangs = s.abandoned.waits || s.links.scanner_hangs;
   if (link != Code::ok || !s.still.settled() || slot < 0 || scanner_hangs) {
     if (!is_out_of_patience(s)) return;
     if (link == Code::no_pose || link == Code::pose_stale) {

@@ -18,18 +18,18 @@ namespace {
 
 /// Refuses a command. Content refusals consume the number; a stale session or a wrong number does not.
 void refuse(Station& s, const PlcInputs& in, Code code, Actions& actions) {
-  CommandDesk& desk = s.desk;
-  desk.refuse_code = static_cast<std::uint16_t>(code);
-  desk.refuse_seq = in.cmd_seq;
-  ++desk.refused;
+  CommandState& state = s.command;
+  state.refuse_code = static_cast<std::uint16_t>(code);
+  state.refuse_seq = in.cmd_seq;
+  ++state.refused;
   if (code != Code::stale_session && code != Code::bad_sequence) {
-    desk.ack = in.cmd_seq;
-    desk.pending_inputs = in;
+    state.ack = in.cmd_seq;
+    state.pending_inputs = in;
     set_failed(s, in.cmd_seq, code);
   }
-  if (!desk.refusal_limit.permits(s.now_ns)) return;
+  if (!state.refusal_limit.permits(s.now_ns)) return;
   log(actions, LogLine::Level::warning, code, "command %u (CMD %u, station %u) refused: %.*s (refusal %u)", in.cmd_seq,
-      in.command, in.station, static_cast<int>(describe(code).size()), describe(code).data(), desk.refused);
+      in.command, in.station, static_cast<int>(describe(code).size()), describe(code).data(), state.refused);
 }
 
 bool printable(const std::array<char, limits::kSlabIdBytes>& id) {
@@ -108,23 +108,23 @@ Code check_content(const Station& s, const PlcInputs& in) {
 }
 
 void journal(Station& s, const PlcInputs& in, Actions& actions) {
-  s.desk.pending = true;
-  s.desk.pending_abort = false;
-  s.desk.pending_inputs = in;
+  s.command.pending = true;
+  s.command.pending_abort = false;
+  s.command.pending_inputs = in;
   // The command refused under this number was corrected: REFUSE_SEQ keeps this number only if the new one is refused
   // too.
-  if (s.desk.refuse_seq == in.cmd_seq) s.desk.refuse_seq = s.desk.refuse_code = 0;
+  if (s.command.refuse_seq == in.cmd_seq) s.command.refuse_seq = s.command.refuse_code = 0;
   PendingStore pending;
   pending.value = in.cmd_seq;
   if (static_cast<PlcCommand>(in.command) == PlcCommand::slab_begin) {
     const BeginSlabJob job = slab_to_begin(s, in);
-    s.desk.pending_begin = job;
+    s.command.pending_begin = job;
     pending.kind = PendingStore::Kind::begin_slab;
     submit(s, actions, job, pending);
     return;
   }
   CommandJob job;
-  job.session = s.desk.session;
+  job.session = s.command.session;
   job.cmd_seq = in.cmd_seq;
   job.command = in.command;
   job.station = static_cast<std::uint8_t>(in.station);
@@ -138,9 +138,9 @@ void journal(Station& s, const PlcInputs& in, Actions& actions) {
 /// soon or late. The first commander of a process needs no change of session, because it can only have read the present
 /// one. True if the session changes; this block belongs to the old one.
 bool take_over(Station& s, const PlcInputs& in, Actions& actions) {
-  if (in.command_writer == s.desk.writer) return false;
-  const bool takeover = s.desk.writer != 0;
-  s.desk.writer = in.command_writer;
+  if (in.command_writer == s.command.writer) return false;
+  const bool takeover = s.command.writer != 0;
+  s.command.writer = in.command_writer;
   if (takeover) bump_session(s, actions, "another connection took over the command block");
   return takeover;
 }
@@ -158,42 +158,42 @@ bool is_byte_swapped(std::uint16_t echo, std::uint16_t session) {
 }
 
 void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
-  CommandDesk& desk = s.desk;
+  CommandState& state = s.command;
   if (in.command_writer == 0) return;
   // An unchanged block is evaluated once. A block that was written again is evaluated again if CMD_ACK has moved since,
   // because a number that came too early may be right now.
-  const bool looked_at = in.cmd_seq == desk.judged_seq && in.session_echo == desk.judged_echo &&
-                         in.command_writer == desk.judged_writer &&
-                         (in.command_writes == desk.judged_writes || desk.ack == desk.judged_ack);
+  const bool looked_at = in.cmd_seq == state.judged_seq && in.session_echo == state.judged_echo &&
+                         in.command_writer == state.judged_writer &&
+                         (in.command_writes == state.judged_writes || state.ack == state.judged_ack);
   if (looked_at) return;
-  desk.judged_seq = in.cmd_seq;
-  desk.judged_echo = in.session_echo;
-  desk.judged_writer = in.command_writer;
-  desk.judged_writes = in.command_writes;
-  desk.judged_ack = desk.ack;
+  state.judged_seq = in.cmd_seq;
+  state.judged_echo = in.session_echo;
+  state.judged_writer = in.command_writer;
+  state.judged_writes = in.command_writes;
+  state.judged_ack = state.ack;
   if (in.cmd_seq == 0) return;
 
-  if (in.cmd_seq == desk.ack) {
+  if (in.cmd_seq == state.ack) {
     // The same command again, late or after a restart: CMD_ACK already acknowledges it. Another command with this
     // number is from a second writer with the same count. Without a refusal that writer would take CMD_ACK for its own.
-    const PlcInputs& known = desk.pending_inputs;
+    const PlcInputs& known = state.pending_inputs;
     if (known.cmd_seq == in.cmd_seq && !is_same_command(known, in))
       refuse(s, in, Code::bad_sequence, actions);
     else if (known.cmd_seq != in.cmd_seq || known.session_echo != in.session_echo ||
              known.command_writer != in.command_writer)
-      ++desk.refused;  // except for the PLC, which writes it again if no answer came
+      ++state.refused;  // except for the PLC, which writes it again if no answer came
     return;
   }
   // The block that is being journalled, written back by another connection.
-  const PlcInputs& under_way = desk.pending_inputs;
-  if (desk.pending && in.cmd_seq == under_way.cmd_seq && in.session_echo == under_way.session_echo &&
+  const PlcInputs& under_way = state.pending_inputs;
+  if (state.pending && in.cmd_seq == under_way.cmd_seq && in.session_echo == under_way.session_echo &&
       is_same_command(in, under_way))
     return;
-  if (is_byte_swapped(in.session_echo, desk.session)) {
+  if (is_byte_swapped(in.session_echo, state.session)) {
     refuse(s, in, Code::bad_crc, actions);
-  } else if (desk.session != desk.session_next || in.session_echo != desk.session) {
+  } else if (state.session != state.session_next || in.session_echo != state.session) {
     refuse(s, in, Code::stale_session, actions);
-  } else if (desk.pending || (holds(Rule::command_number_next) && in.cmd_seq != next_sequence(desk.ack))) {
+  } else if (state.pending || (holds(Rule::command_number_next) && in.cmd_seq != next_sequence(state.ack))) {
     refuse(s, in, Code::bad_sequence, actions);
   } else if (take_over(s, in, actions)) {
     refuse(s, in, Code::stale_session, actions);
@@ -225,7 +225,7 @@ void beat(Station& s, const PlcInputs& before, const PlcInputs& in, Actions& act
 }  // namespace
 
 void set_status(Station& s, std::uint16_t cmd_seq, std::uint16_t status) {
-  if (s.desk.ack == cmd_seq) s.desk.status = status;
+  if (s.command.ack == cmd_seq) s.command.status = status;
 }
 
 bool room_for_records(const Station& s, std::size_t more) {
@@ -243,18 +243,18 @@ void bump_session(Station& s, Actions& actions, const char* why) {
     return pending.kind == PendingStore::Kind::session;
   });
   if (under_way) return;
-  s.desk.session_next = next_sequence(s.desk.session_next);
-  if (!holds(Rule::session_after_commit)) s.desk.session = s.desk.session_next;
-  ++s.desk.sessions_unsaid;
-  if (s.desk.session_limit.permits(s.now_ns)) {
-    log(actions, LogLine::Level::info, Code::ok, "session %u: %s%s", s.desk.session_next, why,
-        s.desk.sessions_unsaid > 1 ? " (and others since the last line)" : "");
-    s.desk.sessions_unsaid = 0;
+  s.command.session_next = next_sequence(s.command.session_next);
+  if (!holds(Rule::session_after_commit)) s.command.session = s.command.session_next;
+  ++s.command.sessions_unsaid;
+  if (s.command.session_limit.permits(s.now_ns)) {
+    log(actions, LogLine::Level::info, Code::ok, "session %u: %s%s", s.command.session_next, why,
+        s.command.sessions_unsaid > 1 ? " (and others since the last line)" : "");
+    s.command.sessions_unsaid = 0;
   }
   PendingStore pending;
   pending.kind = PendingStore::Kind::session;
-  pending.value = s.desk.session_next;
-  submit(s, actions, SessionJob{s.desk.session_next}, pending);
+  pending.value = s.command.session_next;
+  submit(s, actions, SessionJob{s.command.session_next}, pending);
 }
 
 void watch_heartbeat(Station& s, Actions& actions) {
@@ -274,7 +274,7 @@ void on_plc(Station& s, const PlcInputs& in, Actions& actions) {
   if (in.fault_reset && !before.fault_reset && s.fault != 0) {
     log(actions, LogLine::Level::info, Code::ok, "fault %u reset by the PLC", s.fault);
     s.fault = 0;
-    if (s.desk.session != s.desk.session_next) bump_session(s, actions, "storage is tried again");
+    if (s.command.session != s.command.session_next) bump_session(s, actions, "storage is tried again");
   }
   if (in.abort && !before.abort) {
     abort_acquisition(s, actions);
@@ -285,12 +285,12 @@ void on_plc(Station& s, const PlcInputs& in, Actions& actions) {
 }
 
 void begin_command(Station& s, Actions& actions) {
-  const PlcInputs in = s.desk.pending_inputs;
-  s.desk.ack = in.cmd_seq;
+  const PlcInputs in = s.command.pending_inputs;
+  s.command.ack = in.cmd_seq;
   set_status(s, in.cmd_seq, CommandStatus::accepted);
   switch (static_cast<PlcCommand>(in.command)) {
     case PlcCommand::slab_begin:
-      open_slab(s, s.desk.pending_begin);
+      open_slab(s, s.command.pending_begin);
       set_status(s, in.cmd_seq, CommandStatus::done);
       log(actions, LogLine::Level::info, Code::ok, "slab %u \"%s\" begun, recipe %s", s.slab.header.slab_no,
           s.slab.header.slab_id.c_str(), s.slab.header.recipe.c_str());
@@ -370,7 +370,7 @@ BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& in) {
   const Recipe* recipe = recipe_for(s, in.slab_type);
   assert(recipe != nullptr);
   BeginSlabJob job;
-  job.session = s.desk.session;
+  job.session = s.command.session;
   job.cmd_seq = in.cmd_seq;
   SlabHeader& slab = job.slab;
   slab.key = s.last_slab_key + 1;
@@ -421,7 +421,7 @@ void advance_end(Station& s, Actions& actions) {
   if (s.slab.phase != SlabPhase::ending || s.acquisition.phase != Acquisition::Phase::none || s.measuring != 0) return;
   if (s.now_ns == 0) return;  // at a restart no record is made before the time is known
   // A SLAB_ABORT may be on its way to the journal: a slab has one end.
-  if (holds(Rule::one_end_per_slab) && s.desk.pending) return;
+  if (holds(Rule::one_end_per_slab) && s.command.pending) return;
   if (s.slab.aborting) {
     store_end(s, aborted_result(s), actions);
     return;
@@ -438,7 +438,7 @@ void on_slab_judged(Station& s, const SlabJudged& judged, Actions& actions) {
   if (s.slab.phase != SlabPhase::ending || judged.slab_key != s.slab.header.key) return;
   s.slab.judging = false;
   // As in advance_end(), which asks again.
-  if (holds(Rule::one_end_per_slab) && (s.desk.pending || s.slab.aborting)) return;
+  if (holds(Rule::one_end_per_slab) && (s.command.pending || s.slab.aborting)) return;
   store_end(s, judged.slab, actions);
 }
 

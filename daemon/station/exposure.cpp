@@ -46,7 +46,7 @@ void break_off(Exposure& e, Actions& actions) {
 bool give_up_when_worker_hangs(Station& s, Exposure& e, std::int64_t since_ns, std::int64_t patience_ns,
                                Actions& actions) {
   if (!s.links.scanner_hangs || (!e.abort && s.now_ns - since_ns < patience_ns)) return false;
-  s.owed = {true, e.slot_taken, e.slot};
+  s.abandoned = {true, e.slot_taken, e.slot};
   e.slot_taken = false;
   emit(actions, CancelScan{});
   log(actions, LogLine::Level::error, code_of_hang(s), "%s; nothing more is requested from it until it is back",
@@ -121,13 +121,13 @@ void store_fingerprint(Station& s, std::uint64_t fingerprint, Actions& actions) 
 // ---- answers ----
 
 /// The worker received no other request meanwhile, so its answer belongs to the scan that was given up.
-static void settle_owed(Station& s, const ScanDone& done, Actions& actions) {
+static void on_abandoned(Station& s, const ScanDone& done, Actions& actions) {
   const bool repeated = was_seen(s, done, actions);
   if (done.code == Code::ok && done.fingerprint != 0 && !repeated) s.scan_unseen = false;
   if (!done.durable) return;
   if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
-  if (s.owed.slot_taken) s.slot_busy[s.owed.slot] = false;
-  s.owed = {};
+  if (s.abandoned.slot_taken) s.slot_busy[s.abandoned.slot] = false;
+  s.abandoned = {};
   log(actions, LogLine::Level::info, Code::ok, "the scanner's worker is back; the scan that was given up is dropped");
 }
 
@@ -146,8 +146,8 @@ void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   const auto answers = [&](const Exposure& e) { return done.cmd_seq == e.cmd_seq && done.slot == e.slot; };
   const Acquisition& a = s.acquisition;
   const Capture& c = s.capture;
-  if (s.owed.waits)
-    settle_owed(s, done, actions);
+  if (s.abandoned.waits)
+    on_abandoned(s, done, actions);
   else if (a.phase == Acquisition::Phase::clearing && answers(a.exposure))
     on_cleared(s, done, actions);
   else if (a.phase == Acquisition::Phase::scanning && answers(a.exposure))

@@ -8,7 +8,7 @@
 /// The parts of `step`; private to the station's source files.
 ///
 ///   station.cpp           dispatch, time, recovery, faults
-///   commands.cpp          the PLC's command desk: permission to command, refusals, sessions, acknowledgements
+///   commands.cpp          the PLC's commands: permission, refusals, sessions, acknowledgements
 ///   exposure.cpp          one request to the scanner: its buffer, its answer, points that were received before
 ///   acquire.cpp           one SCAN from the settled robot to a measured, committed block
 ///   capture.cpp           maintenance: views for a calibration

@@ -74,10 +74,10 @@ void recover_views(Station& s, const RecoveredLine& line) {
 /// meant for the previous one; no scan is repeated on slabd's own initiative.
 void on_recovered(Station& s, const Recovered& event, Actions& actions) {
   const RecoveredLine& line = *event.line;
-  if (holds(Rule::sessions_continue)) s.desk.session_next = line.session;
-  s.desk.ack = line.cmd_ack;
-  s.desk.status = line.cmd_status;
-  s.desk.acq_seq = line.acq_seq;
+  if (holds(Rule::sessions_continue)) s.command.session_next = line.session;
+  s.command.ack = line.cmd_ack;
+  s.command.status = line.cmd_status;
+  s.command.acq_seq = line.acq_seq;
   if (holds(Rule::record_numbers_continue)) s.results.last_seq = line.res_seq;
   if (holds(Rule::record_kept_over_restarts)) s.results.queue = line.unacknowledged;
   s.results.table = line.table;
@@ -129,7 +129,7 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
 void on_not_recovered(Station& s, const NotRecovered& event, Actions& actions) {
   constexpr std::uint16_t kSessionWithoutStore = 0x8000;
   s.settings.fault = event.fault;
-  s.desk.session_next = kSessionWithoutStore;
+  s.command.session_next = kSessionWithoutStore;
   start_calibration(s, {}, actions);
   s.recovered = true;
   bump_session(s, actions, "start");
@@ -280,11 +280,11 @@ PlcOutputs plc_view(const Station& s) {
       (s.links.recipes_differ ? +kWarnRecipesDiffer : 0) | (out.simulation ? +kWarnEmulation : 0) |
       (s.stop_alike != 0 ? +kWarnStopsAlike : 0));
   const bool shooting = in_maintenance(s) && s.capture.phase != Capture::Phase::ready;
-  out.busy = s.desk.pending || shooting || s.acquisition.phase != Acquisition::Phase::none ||
+  out.busy = s.command.pending || shooting || s.acquisition.phase != Acquisition::Phase::none ||
              s.slab.phase == SlabPhase::ending || s.slab.phase == SlabPhase::storing_end;
-  out.ready =
-      s.recovered && fault == Code::ok && !out.busy && !in_maintenance(s) && s.desk.session == s.desk.session_next;
-  out.acquired = s.desk.acq_seq != 0 && s.desk.acq_seq == s.desk.ack;
+  out.ready = s.recovered && fault == Code::ok && !out.busy && !in_maintenance(s) &&
+              s.command.session == s.command.session_next;
+  out.acquired = s.command.acq_seq != 0 && s.command.acq_seq == s.command.ack;
   out.result = !s.results.queue.empty();
   out.slab_open = open;
   out.fault_present = fault != Code::ok;
@@ -295,14 +295,14 @@ PlcOutputs plc_view(const Station& s) {
   // In fault 504 the database is not opened.
   out.store_ok = s.recovered && fault != Code::journal_write && fault != Code::store_full && fault != Code::config;
 
-  out.session = s.desk.session;
-  out.cmd_ack = s.desk.ack;
-  out.cmd_status = s.desk.status;
-  out.acq_seq = s.desk.acq_seq;
+  out.session = s.command.session;
+  out.cmd_ack = s.command.ack;
+  out.cmd_status = s.command.status;
+  out.acq_seq = s.command.acq_seq;
   out.current_station = s.acquisition.station;
-  out.refused = s.desk.refused;
-  out.refuse_code = s.desk.refuse_code;
-  out.refuse_seq = s.desk.refuse_seq;
+  out.refused = s.command.refused;
+  out.refuse_code = s.command.refuse_code;
+  out.refuse_seq = s.command.refuse_seq;
   out.utime_us = s.utime_us;
   out.results_pending = static_cast<std::uint16_t>(s.results.queue.size());
   if (!s.results.queue.empty()) out.record = s.results.queue.front();

@@ -188,7 +188,7 @@ using Actions = FixedVector<Action, limits::kActionsMax>;
 // ---- state -----------------------------------------------------------------------------------------------------
 
 /// State of the command interface: the commanding connection and the command in progress.
-struct CommandDesk {
+struct CommandState {
   std::uint16_t session = 0;       ///< shown to the PLC
   std::uint16_t session_next = 0;  ///< differs from `session` while a change of session is being stored
   std::uint32_t writer = 0;        ///< connection that owns HR 10..39; 0 = none yet
@@ -308,7 +308,7 @@ struct OpenSlab {
 };
 
 /// Results as shown to the PLC.
-struct ResultDesk {
+struct ResultState {
   FixedQueue<PlcResult, limits::kResultQueueMax> queue;  ///< the front is shown
   std::uint16_t last_seq = 0;
   std::uint16_t ack_before = 0;  ///< RES_ACK before the record with this number was shown; 0: another number
@@ -348,7 +348,7 @@ struct PendingStore {
 
 /// A request that was given up because the scanner's worker hangs in a call that cannot be interrupted. The worker can
 /// only write to its own buffer, and it receives no other request until it returns.
-struct OwedScan {
+struct AbandonedScan {
   bool waits = false;
   bool slot_taken = false;  ///< the worker may still write into the slot
   std::uint8_t slot = 0;
@@ -373,7 +373,7 @@ struct Station {
   bool calibration_waits = false;
   CalibrationFault calibration_fault_said = CalibrationFault::none;
 
-  CommandDesk desk;
+  CommandState command;
   PlcLink plc;
   PoseGate gate;
   StillWatch still;  ///< for the current view
@@ -382,7 +382,7 @@ struct Station {
   OpenSlab slab;       ///< with phase none: the last slab, until another begins
   Views views;         ///< block positions in the scans of this slab and the last one
   int stop_alike = 0;  ///< station of the last slab whose stop is like the next one's; 0: none
-  ResultDesk results;
+  ResultState results;
   std::array<std::uint64_t, kFingerprintsKept> fingerprints{};  ///< of the last scans; 0: none
   std::size_t fingerprint_next = 0;                             ///< the oldest
   /// Fingerprints that could not be stored: they are stored after the first job that succeeds.
@@ -394,7 +394,7 @@ struct Station {
   bool scan_unseen = false;
   bool scan_emulated = false;  ///< the newest scan declared itself emulated
   std::array<bool, limits::kScanSlots> slot_busy{};
-  OwedScan owed;
+  AbandonedScan abandoned;
   std::uint16_t own_request = 0;  ///< see next_own_request(); starts at another number in each process
   std::array<bool, limits::kStationsMax> station_measuring{};       ///< until its result is stored
   std::array<std::uint8_t, limits::kStationsMax> measuring_slot{};  ///< the buffer whose answer is awaited

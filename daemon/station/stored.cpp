@@ -29,22 +29,22 @@ void on_session(Station& s, const PendingStore& pending, Code code, Actions& act
     raise_fault(s, actions, code, "recording the session");
     return;
   }
-  if (pending.value == s.desk.session_next) s.desk.session = s.desk.session_next;
+  if (pending.value == s.command.session_next) s.command.session = s.command.session_next;
 }
 
 void on_command(Station& s, const PendingStore& pending, Code code, Actions& actions) {
-  s.desk.pending = false;
+  s.command.pending = false;
   if (code == Code::ok) {
     if (pending.kind == PendingStore::Kind::begin_slab) s.warn &= static_cast<std::uint16_t>(~kWarnDiskLow);
     begin_command(s, actions);
     return;
   }
   // Refused after all: the number is used up, so that the PLC reads the answer.
-  s.desk.ack = pending.value;
+  s.command.ack = pending.value;
   set_failed(s, pending.value, code);
-  s.desk.refuse_code = static_cast<std::uint16_t>(code);
-  s.desk.refuse_seq = pending.value;
-  ++s.desk.refused;
+  s.command.refuse_code = static_cast<std::uint16_t>(code);
+  s.command.refuse_seq = pending.value;
+  ++s.command.refused;
   if (code == Code::store_full) {
     s.warn |= kWarnDiskLow;
     log(actions, LogLine::Level::error, code, "command refused: %.*s; %.*s", static_cast<int>(describe(code).size()),
@@ -92,20 +92,20 @@ void on_slab(Station& s, const PendingStore& pending, Code code, Actions& action
     return;
   }
   const SlabResult& result = s.slab.result;
-  ResultDesk& desk = s.results;
-  for (std::size_t i = 0; i < desk.table.size(); ++i) {
+  ResultState& shown = s.results;
+  for (std::size_t i = 0; i < shown.table.size(); ++i) {
     const StationRecord& record = s.slab.stations[i];
-    PlcStationRow& row = desk.table[i];
+    PlcStationRow& row = shown.table[i];
     row = {};
     row.attempts = record.attempts;
     row.verdict = result.station_verdict[i];
     row.reason = result.station_reason[i];
   }
-  desk.slab_verdict = result.verdict;
-  desk.slab_reason = result.reason;
-  desk.slab_no = s.slab.header.slab_no;
-  desk.slab_emulated = s.slab.header.emulated;
-  desk.slab_record = pending.record;
+  shown.slab_verdict = result.verdict;
+  shown.slab_reason = result.reason;
+  shown.slab_no = s.slab.header.slab_no;
+  shown.slab_emulated = s.slab.header.emulated;
+  shown.slab_record = pending.record;
   const bool queued = present(s, pending.record, actions);
   assert(queued);
   (void)queued;

@@ -10,7 +10,7 @@
 #include <limits>
 #include <memory>
 
-#include "daemon/crew.h"
+#include "daemon/workers.h"
 #include "tests/algo/each_set.h"
 #include "tests/algo/scene.h"
 #include "tests/config/text_file.h"
@@ -42,10 +42,10 @@ class Exposures : public ::testing::Test {
     std::vector<Problem> problems;
     load_recipe(places::source_dir() + "/recipes/p5600.toml", recipes_.emplace_back(), problems);
     EXPECT_TRUE(problems.empty());
-    crew_ = new_crew(1, false);
+    workers_ = new_workers(1, false);
   }
-  [[nodiscard]] std::unique_ptr<Crew> new_crew(int threads, bool simulation) const {
-    return make_crew(recipes_, hal::LengthUnit::mm, *clock_, threads, simulation);
+  [[nodiscard]] std::unique_ptr<Workers> new_workers(int threads, bool simulation) const {
+    return make_workers(recipes_, hal::LengthUnit::mm, *clock_, threads, simulation);
   }
   Scan expose(std::uint64_t seed, const scene::Block& block = {}, const Pose& displacement = {}) {
     scene::Scan how;
@@ -73,7 +73,7 @@ class Exposures : public ::testing::Test {
     job.scan_path.assign(path);
     job.basis.recipe = recipes_.data();
     job.T_base_scanner = T_slab_block(recipes_[0], station) * nominal_T_block_scanner();
-    const std::unique_ptr<MeasureQueue> queue = crew_->measuring();
+    const std::unique_ptr<MeasureQueue> queue = workers_->measuring();
     EXPECT_TRUE(queue->push(job));
     queue->drain();
     auto done = std::make_unique<BlockMeasured>();
@@ -99,7 +99,7 @@ class Exposures : public ::testing::Test {
   TextFiles files_;
   std::vector<Recipe> recipes_;
   std::unique_ptr<hal::Clock> clock_ = hal::make_system_clock();
-  std::unique_ptr<Crew> crew_;
+  std::unique_ptr<Workers> workers_;
   Pose T_block_scanner_;
 };
 
@@ -219,7 +219,7 @@ TEST_F(Exposures, a_scan_that_is_smoothed_unlike_those_before_is_refused) {
   expect_new(write(expose(4)), 4, "as the scanner writes again");
 
   // A scanner whose program always smooths is used as it is.
-  crew_ = new_crew(1, false);
+  workers_ = new_workers(1, false);
   for (std::uint8_t station = 1; station <= 5; ++station)
     expect_new(write(filtered(expose(station), false, 2)), station, "always smoothed");
 }
@@ -250,7 +250,7 @@ TEST_F(Exposures, a_scan_without_noise_decides_nothing) {
     job.scan_path.assign(path);
     job.basis.recipe = recipes_.data();
     job.T_base_scanner = T_slab_block(recipes_[0], station) * nominal_T_block_scanner();
-    const std::unique_ptr<MeasureQueue> queue = crew_->measuring();
+    const std::unique_ptr<MeasureQueue> queue = workers_->measuring();
     ASSERT_TRUE(queue->push(job));
     queue->drain();
     auto done = std::make_unique<BlockMeasured>();
@@ -269,8 +269,8 @@ TEST_F(Exposures, the_same_scan_may_be_measured_again_and_is_recognised_after_a_
   KeptNoise kept{1, 6, 1, {}};
   ASSERT_TRUE(from_bytes(to_bytes(first->noise), kept.print));
 
-  crew_ = new_crew(1, false);
-  crew_->remember({&kept, 1});
+  workers_ = new_workers(1, false);
+  workers_->remember({&kept, 1});
   expect_new(path, 6, "the stored scan of the same attempt");
   expect_refused(write(reversed(six.listed())), "the same exposure");
   EXPECT_EQ(measure(path, 6, 2).refused, Code::frame_incomplete) << "as the same station of the next slab";
@@ -279,7 +279,7 @@ TEST_F(Exposures, the_same_scan_may_be_measured_again_and_is_recognised_after_a_
 
 TEST_F(Exposures, an_emulated_line_may_give_the_same_noise_again) {
   const std::string path = write(expose(6));
-  crew_ = new_crew(1, true);
+  workers_ = new_workers(1, true);
   expect_new(path, 6, "first");
   expect_new(path, 7, "again");
 }
@@ -288,7 +288,7 @@ TEST_F(Exposures, a_print_has_the_same_bits_on_one_thread_and_two_and_on_every_i
   pitch_mm_ = 0.2;  // dense: both grids
   const std::string path = write(expose(1));
   const NoisePrintBytes one = to_bytes(measure(path, 1).noise);
-  crew_ = new_crew(2, false);
+  workers_ = new_workers(2, false);
   EXPECT_EQ(to_bytes(measure(path, 1).noise), one);
   const auto fine = std::make_unique<NoisePrint>();
   ASSERT_TRUE(from_bytes(one, *fine));

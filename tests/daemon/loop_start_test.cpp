@@ -14,8 +14,8 @@
 #include <utility>
 #include <vector>
 
-#include "daemon/crew.h"
 #include "daemon/loop.h"
+#include "daemon/workers.h"
 #include "tests/mock/mock.h"
 
 namespace slabd::daemon {
@@ -91,7 +91,7 @@ struct LongOpening {
 };
 
 /// Real threads and queues, but without measuring.
-class IdleCrew final : public Crew {
+class IdleWorkers final : public Workers {
  public:
   std::unique_ptr<StoreQueue> storage(std::function<StoreAnswer(const StoreTask&)> work,
                                       std::function<void()> idle) override {
@@ -124,7 +124,7 @@ struct LoopStart : ::testing::Test {
 
   /// Starts a loop on `database` and turns it for half a second, and until it was idle `idle` times.
   void live(Database& database, int idle) {
-    Loop loop(ports, StationSettings{}, opener(database), std::make_unique<IdleCrew>(), LoopFigures{});
+    Loop loop(ports, StationSettings{}, opener(database), std::make_unique<IdleWorkers>(), LoopFigures{});
     loop.start();
     for (int i = 0; i < 50 || (i < 6'000 && database.idles < idle); ++i) loop.turn(10);
     loop.finish();
@@ -157,7 +157,7 @@ TEST_F(LoopStart, storage_that_cannot_be_used_is_a_fault_that_says_why_and_is_tr
     EXPECT_EQ(fault_without_store(error(reading, "why")), fault);
     Database database;
     database.reading = reading;
-    Loop loop(ports, StationSettings{}, opener(database), std::make_unique<IdleCrew>(), LoopFigures{});
+    Loop loop(ports, StationSettings{}, opener(database), std::make_unique<IdleWorkers>(), LoopFigures{});
     loop.start();
     open(loop);
     loop.turn(0);
@@ -177,7 +177,7 @@ TEST_F(LoopStart, storage_that_cannot_be_used_is_a_fault_that_says_why_and_is_tr
 TEST_F(LoopStart, each_try_to_open_the_store_waits_longer_than_the_one_before) {
   LongOpening database;
   database.finish = true;
-  Loop loop(ports, StationSettings{}, database.opener(), std::make_unique<IdleCrew>(), LoopFigures{});
+  Loop loop(ports, StationSettings{}, database.opener(), std::make_unique<IdleWorkers>(), LoopFigures{});
   loop.start();
   for (const std::int64_t wait_s : {5, 10, 20, 40, 80, 160, 300, 300}) {
     open(loop);
@@ -201,7 +201,7 @@ TEST_F(LoopStart, the_scanner_is_left_alone_until_it_is_this_process_s_own) {
     if (is_free) ours = true;
     return error(Code::busy, "another daemon works with it");
   };
-  Loop loop(ports, StationSettings{}, open_if_free, std::make_unique<IdleCrew>(), LoopFigures{});
+  Loop loop(ports, StationSettings{}, open_if_free, std::make_unique<IdleWorkers>(), LoopFigures{});
   loop.start();
   for (int round = 1; round <= 3; ++round) {
     open(loop);
@@ -223,7 +223,7 @@ TEST_F(LoopStart, the_scanner_is_left_alone_until_it_is_this_process_s_own) {
 TEST_F(LoopStart, storage_is_not_tried_again_for_a_fault_reset_that_is_held_down) {
   LongOpening database;
   database.finish = true;
-  Loop loop(ports, StationSettings{}, database.opener(), std::make_unique<IdleCrew>(), LoopFigures{});
+  Loop loop(ports, StationSettings{}, database.opener(), std::make_unique<IdleWorkers>(), LoopFigures{});
   const auto write = [&](bool fault_reset) {
     PlcInputs image;
     image.fault_reset = fault_reset;
@@ -288,7 +288,7 @@ TEST(Fingerprint, sees_x_y_and_z_of_scans_of_every_size) {
 
 TEST_F(LoopStart, while_the_database_is_opened_the_plc_reads_recover_and_a_heartbeat) {
   LongOpening database;
-  Loop loop(ports, StationSettings{}, database.opener(), std::make_unique<IdleCrew>(), LoopFigures{});
+  Loop loop(ports, StationSettings{}, database.opener(), std::make_unique<IdleWorkers>(), LoopFigures{});
   loop.start();
   EXPECT_EQ(notify.ready_count, 1);
   std::uint16_t heartbeat = 0;
@@ -347,7 +347,7 @@ TEST_F(LoopStart, a_recovery_that_failed_is_in_the_status_with_its_reason) {
   database.reading = Code::journal_write;
   OneQuestion control(R"({"verb":"status"})");
   const Ports asked{plc, pose, scanner, nullptr, &control, clock, notify};
-  Loop loop(asked, StationSettings{}, opener(database), std::make_unique<IdleCrew>(), LoopFigures{});
+  Loop loop(asked, StationSettings{}, opener(database), std::make_unique<IdleWorkers>(), LoopFigures{});
   loop.start();
   control.hold = true;
   open(loop);
@@ -363,7 +363,7 @@ TEST_F(LoopStart, state_and_figures_are_reported_while_the_database_is_opened) {
     LongOpening database;
     OneQuestion control(question);
     const Ports asked{plc, pose, scanner, nullptr, &control, clock, notify};
-    Loop loop(asked, StationSettings{}, database.opener(), std::make_unique<IdleCrew>(), LoopFigures{});
+    Loop loop(asked, StationSettings{}, database.opener(), std::make_unique<IdleWorkers>(), LoopFigures{});
     loop.start();
     loop.turn(0);
     EXPECT_TRUE(loop.is_opening());

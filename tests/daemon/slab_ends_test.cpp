@@ -10,8 +10,8 @@
 
 #include "base/prng.h"
 #include "config/config.h"
-#include "daemon/crew.h"
 #include "daemon/slab_ends.h"
+#include "daemon/workers.h"
 #include "tests/algo/scene.h"
 #include "tests/config/text_file.h"
 #include "tests/places/places.h"
@@ -213,7 +213,7 @@ TEST_F(SlabEndsTest, a_slab_type_without_a_twin_is_not_looked_at) {
 
 TEST_F(SlabEndsTest, the_measuring_thread_refuses_the_scan_that_shows_another_types_end) {
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
-  const std::unique_ptr<Crew> crew = make_crew(recipes_, hal::LengthUnit::mm, *clock, 1);
+  const std::unique_ptr<Workers> workers = make_workers(recipes_, hal::LengthUnit::mm, *clock, 1);
   const TextFiles files;
   const auto measure = [&](const Recipe& begun_as, std::int64_t slab_key) {
     const Seen seen = scan(kShort_mm, kNoEnd, 11, Beyond::floor, 620.0, 0.8, 600.0);
@@ -227,7 +227,7 @@ TEST_F(SlabEndsTest, the_measuring_thread_refuses_the_scan_that_shows_another_ty
     job.basis.recipe = &*std::find_if(recipes_.begin(), recipes_.end(),
                                       [&](const Recipe& recipe) { return recipe.slab_type == begun_as.slab_type; });
     job.T_base_scanner = T_slab_block(begun_as, 1) * nominal_T_block_scanner();
-    const std::unique_ptr<MeasureQueue> queue = crew->measuring();
+    const std::unique_ptr<MeasureQueue> queue = workers->measuring();
     EXPECT_TRUE(queue->push(job));
     queue->drain();
     auto done = std::make_unique<BlockMeasured>();

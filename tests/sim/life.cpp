@@ -15,10 +15,10 @@
 #include "daemon/loop.h"
 #include "tests/places/places.h"
 #include "tests/sim/allocation.h"
-#include "tests/sim/crew.h"
 #include "tests/sim/disk.h"
 #include "tests/sim/ports.h"
 #include "tests/sim/promises.h"
+#include "tests/sim/workers.h"
 
 namespace slabd::sim {
 namespace {
@@ -270,7 +270,7 @@ void Life::run_daemon() {
     heap::fail_at(std::exchange(fail_allocation_, 0));
     daemon::Loop loop(
         {plc, pose, scanner, nullptr, &control, clock_, notify_}, station, [this](auto&) { return open_store(); },
-        std::make_unique<FiberCrew>(process, line_, recipes_), std::move(figures));
+        std::make_unique<FiberWorkers>(process, line_, recipes_), std::move(figures));
     loop.start();
     while (!process.dead() && !stop_) {
       process.sleep_until(std::min(world_.now_ns + (quiet_ ? kQuietTurn : kTurn),

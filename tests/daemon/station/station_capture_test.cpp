@@ -182,7 +182,7 @@ TEST_F(CaptureTest, the_scanners_own_words_are_passed_on) {
   EXPECT_EQ(shot.text.view(), "as the test wants it");
   EXPECT_TRUE(all_buffers_are_free());
   line_.scan_code = Code::ok;
-  EXPECT_EQ(shoot().code, Code::frame_incomplete);  // may be the scan it owed
+  EXPECT_EQ(shoot().code, Code::frame_incomplete);  // may be the scan that was given up
   EXPECT_EQ(shoot().code, Code::ok);
   EXPECT_NE(line_.scans[0].request.cmd_seq, line_.scans[1].request.cmd_seq);
 }

@@ -367,7 +367,7 @@ TEST_F(StationRefusals, whatever_differs_under_a_number_that_is_taken_is_another
     line.feed(other);
     EXPECT_EQ(line.view().refused, refused_before + 1);
     EXPECT_EQ(line.view().refuse_code, 111);
-    line.station->desk.refuse_code = 0;
+    line.station->command.refuse_code = 0;
   };
   differs([](PlcInputs& in) { ++in.slab_type; });
   differs([](PlcInputs& in) { ++in.slab_no; });
@@ -513,7 +513,7 @@ TEST_F(StationRefusals, a_slab_on_its_way_to_the_disk_takes_nothing_any_more) {
   for (const PlcCommand what :
        {PlcCommand::slab_begin, PlcCommand::scan, PlcCommand::slab_end, PlcCommand::slab_abort}) {
     line.command(what, 1);
-    EXPECT_EQ(line.station->desk.refuse_code, static_cast<std::uint16_t>(Code::busy));
+    EXPECT_EQ(line.station->command.refuse_code, static_cast<std::uint16_t>(Code::busy));
   }
   line.run_for(40);
   EXPECT_FALSE(line.view().slab_open);

@@ -243,7 +243,7 @@ void TruthLine::pass_a_slab(int orders_max) {
 
 bool TruthLine::is_at_rest() const {
   const bool slots_free = !station_->slot_busy[0] && !station_->slot_busy[1];
-  return station_->storing.empty() && station_->measuring == 0 && slots_free && !station_->owed.waits &&
+  return station_->storing.empty() && station_->measuring == 0 && slots_free && !station_->abandoned.waits &&
          !plc_view(*station_).busy;
 }
 

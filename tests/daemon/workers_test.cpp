@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/crew.h"
+#include "daemon/workers.h"
 
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@ class Reload : public testing::Test {
     for (int i = 0; i < 300; ++i) xyz_.push_back(static_cast<float>(i));
     path_ = files_.folder() + "/scan.ply";
     write();
-    crew_ = make_crew(recipes_, hal::LengthUnit::mm, *clock_, 1);
+    workers_ = make_workers(recipes_, hal::LengthUnit::mm, *clock_, 1);
   }
   void write() const { ASSERT_TRUE(hal::write_ply(path_.c_str(), xyz_, 10, 10).ok()); }
   BlockMeasured measure(std::optional<std::uint32_t> points_crc32c) {
@@ -30,7 +30,7 @@ class Reload : public testing::Test {
     job.scan_path.assign(path_);
     job.points_crc32c = points_crc32c;
     job.basis.recipe = recipes_.data();
-    const std::unique_ptr<MeasureQueue> queue = crew_->measuring();
+    const std::unique_ptr<MeasureQueue> queue = workers_->measuring();
     EXPECT_TRUE(queue->push(job));
     queue->drain();
     BlockMeasured done;
@@ -43,7 +43,7 @@ class Reload : public testing::Test {
   std::vector<float> xyz_;
   std::string path_;
   std::unique_ptr<hal::Clock> clock_ = hal::make_system_clock();
-  std::unique_ptr<Crew> crew_;
+  std::unique_ptr<Workers> workers_;
 };
 
 TEST_F(Reload, a_scan_that_was_changed_since_it_was_acquired_is_not_measured) {

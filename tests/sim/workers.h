@@ -4,7 +4,7 @@
 #include <deque>
 
 #include "base/limits.h"
-#include "daemon/crew.h"
+#include "daemon/workers.h"
 #include "tests/sim/allocation.h"
 #include "tests/sim/line.h"
 #include "tests/sim/process.h"
@@ -93,9 +93,9 @@ class FiberQueue final : public daemon::JobQueue<Job, Done> {
   std::uint64_t turns_ = 0;
 };
 
-class FiberCrew final : public daemon::Crew {
+class FiberWorkers final : public daemon::Workers {
  public:
-  FiberCrew(Process& process, Line& line, std::span<const Recipe> recipes)
+  FiberWorkers(Process& process, Line& line, std::span<const Recipe> recipes)
       : process_(process), line_(line), recipes_(recipes), chance_(line.world.chance(9)) {}
 
   [[nodiscard]] std::unique_ptr<daemon::StoreQueue> storage(

@@ -102,11 +102,11 @@ using StoreQueue = JobQueue<StoreTask, StoreAnswer>;
 using ScanQueue = JobQueue<AcquireScan, ScanDone>;
 using MeasureQueue = JobQueue<MeasureBlock, BlockMeasured>;
 
-class Crew {
+class Workers {
  public:
-  virtual ~Crew() = default;
-  // Each is called once, and the queues are destroyed before the crew. `idle` is called about ten times a second while
-  // the queue is empty.
+  virtual ~Workers() = default;
+  // Each is called once, and the queues are destroyed before the workers. `idle` is called about ten times a second
+  // while the queue is empty.
   [[nodiscard]] virtual std::unique_ptr<StoreQueue> storage(std::function<StoreAnswer(const StoreTask&)> work,
                                                             std::function<void()> idle) = 0;
   [[nodiscard]] virtual std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
@@ -128,8 +128,9 @@ class Crew {
 
 /// Threads, and all memory of the inspection path, resident from the start. `recipes` and `clock` must outlive it.
 /// `simulation`: the line is emulated, and an exposure that comes again is reported, not refused.
-[[nodiscard]] std::unique_ptr<Crew> make_crew(std::span<const Recipe> recipes, const hal::ScanForm& scan_form,
-                                              const hal::Clock& clock, int measure_threads, bool simulation = false);
+[[nodiscard]] std::unique_ptr<Workers> make_workers(std::span<const Recipe> recipes, const hal::ScanForm& scan_form,
+                                                    const hal::Clock& clock, int measure_threads,
+                                                    bool simulation = false);
 
 /// One line to the service manager's journal, or to a terminal.
 void say_line(const LogLine& line);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/sim/crew.h"
+#include "tests/sim/workers.h"
 
 namespace slabd::sim {
 
-daemon::BlockMeasured FiberCrew::measure(const daemon::MeasureBlock& job) {
+daemon::BlockMeasured FiberWorkers::measure(const daemon::MeasureBlock& job) {
   daemon::BlockMeasured done;
   done.id = job.id;
   done.slot = job.slot;

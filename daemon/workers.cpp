@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon/crew.h"
+#include "daemon/workers.h"
 
 #include <array>
 
@@ -12,10 +12,10 @@
 namespace slabd::daemon {
 namespace {
 
-class ThreadCrew final : public Crew {
+class ThreadWorkers final : public Workers {
  public:
-  ThreadCrew(std::span<const Recipe> recipes, const hal::ScanForm& scan_form, const hal::Clock& clock,
-             int measure_threads, bool simulation)
+  ThreadWorkers(std::span<const Recipe> recipes, const hal::ScanForm& scan_form, const hal::Clock& clock,
+                int measure_threads, bool simulation)
       : recipes_(recipes),
         scan_form_(scan_form),
         clock_(clock),
@@ -72,7 +72,7 @@ class ThreadCrew final : public Crew {
 
 /// Reads the scan of a block that was acquired before a restart. frame_incomplete if the file no longer contains those
 /// points.
-Result<ScanShape> ThreadCrew::reload(const MeasureBlock& job) {
+Result<ScanShape> ThreadWorkers::reload(const MeasureBlock& job) {
   const std::span<float> xyz = slots_[job.slot];
   const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_form_, xyz, inspector_.team());
   if (!read || !job.points_crc32c) return read;
@@ -83,7 +83,7 @@ Result<ScanShape> ThreadCrew::reload(const MeasureBlock& job) {
   return read;
 }
 
-BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
+BlockMeasured ThreadWorkers::measure(const MeasureBlock& job) {
   BlockMeasured done;
   done.id = job.id;
   done.slot = job.slot;
@@ -141,7 +141,7 @@ BlockMeasured ThreadCrew::measure(const MeasureBlock& job) {
 }
 
 /// A refused scan is not stored, because the exposure that it repeats is stored already.
-void ThreadCrew::compare_exposure(const MeasureBlock& job, BlockMeasured& done) {
+void ThreadWorkers::compare_exposure(const MeasureBlock& job, BlockMeasured& done) {
   inspector_.noise_print(done.noise);
   if (done.refused != Code::ok) return;
   FixedString<limits::kErrorTextBytes> text;
@@ -168,8 +168,8 @@ void ThreadCrew::compare_exposure(const MeasureBlock& job, BlockMeasured& done) 
   if (has_print) exposures_.add(exposure);
 }
 
-void ThreadCrew::refuse_exposure(const MeasureBlock& job, const FixedString<limits::kErrorTextBytes>& text,
-                                 BlockMeasured& done) {
+void ThreadWorkers::refuse_exposure(const MeasureBlock& job, const FixedString<limits::kErrorTextBytes>& text,
+                                    BlockMeasured& done) {
   if (simulation_) {
     // An emulated line may repeat the same noise.
     LogLine line{LogLine::Level::warning, static_cast<std::uint16_t>(Code::frame_incomplete), {}};
@@ -184,7 +184,7 @@ void ThreadCrew::refuse_exposure(const MeasureBlock& job, const FixedString<limi
 }
 
 /// Refuses the scan if this slab's scans show the end of another slab type.
-void ThreadCrew::look_at_slab_ends(const MeasureBlock& job, const algo::Cloud& cloud, BlockMeasured& done) {
+void ThreadWorkers::look_at_slab_ends(const MeasureBlock& job, const algo::Cloud& cloud, BlockMeasured& done) {
   if (done.refused != Code::ok) return;
   const Recipe& recipe = *inspector_recipe_;
   const TopView view =
@@ -208,7 +208,7 @@ void ThreadCrew::look_at_slab_ends(const MeasureBlock& job, const algo::Cloud& c
   say_line(line);
 }
 
-std::optional<std::uint32_t> ThreadCrew::points_crc32c(const AcquiredScan& scan) {
+std::optional<std::uint32_t> ThreadWorkers::points_crc32c(const AcquiredScan& scan) {
   const Result<hal::ScanChecksum> read = hal::read_scan_checksum(scan.path.c_str(), scan_form_.unit);
   if (read.ok() && read.value().shape.points == scan.shape.points && read.value().shape.finite == scan.shape.finite)
     return read.value().crc32c;
@@ -222,9 +222,9 @@ std::optional<std::uint32_t> ThreadCrew::points_crc32c(const AcquiredScan& scan)
 
 }  // namespace
 
-std::unique_ptr<Crew> make_crew(std::span<const Recipe> recipes, const hal::ScanForm& scan_form,
-                                const hal::Clock& clock, int measure_threads, bool simulation) {
-  return std::make_unique<ThreadCrew>(recipes, scan_form, clock, measure_threads, simulation);
+std::unique_ptr<Workers> make_workers(std::span<const Recipe> recipes, const hal::ScanForm& scan_form,
+                                      const hal::Clock& clock, int measure_threads, bool simulation) {
+  return std::make_unique<ThreadWorkers>(recipes, scan_form, clock, measure_threads, simulation);
 }
 
 }  // namespace slabd::daemon
