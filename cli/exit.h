@@ -44,6 +44,8 @@ struct Stop {
 [[noreturn]] void stop(Exit status, std::string_view sentence = {});
 /// Stops with the text of `why` and the status of exit_for().
 [[noreturn]] void stop(const Error& why);
+/// Stops with the text of `why` and another status.
+[[noreturn]] void stop(Exit status, const Error& why);
 
 /// The value of `result`; calls stop() with the Error if there is none.
 template <typename T>
@@ -54,7 +56,7 @@ T need(Result<T> result) {
 /// The same with a status from the caller.
 template <typename T>
 T need(Result<T> result, Exit otherwise) {
-  if (!result) stop(otherwise, result.error().text.view());
+  if (!result) stop(otherwise, result.error());
   return std::move(result.value());
 }
 

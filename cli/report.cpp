@@ -63,11 +63,7 @@ void add_report(args::Command& app) {
       ->required();
   command->add_option("--out", options->document.out,
                       "The file; its extension says what it becomes; default: slab-NO.pdf");
-  command
-      ->add_option("--language", options->document.language,
-                   "Language of the words; numbers and ids are the same in all")
-      ->check(args::one_of({"en", "zh"}))
-      ->capture_default_str();
+  options->document.language.add_to(*command, "Language of the words; numbers and ids are the same in all");
   command->add_option("--page", options->document.page, "Page of .svg and .png; 0: all below each other")
       ->check(args::range(0, 1000))
       ->capture_default_str();

@@ -17,13 +17,13 @@
 #include "cli/slab_choice.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 #include "report/budget_text.h"
 #include "report/figures.h"
 #include "report/findings.h"
 #include "report/json.h"
 #include "report/slab_json.h"
 #include "report/slab_view.h"
-#include "report/words.h"
 
 namespace slabd::cli {
 namespace {
@@ -37,6 +37,7 @@ struct Options {
   int block = 0;
   bool full = false;
   bool json = false;
+  LanguageOption language;
 };
 
 /// Findings on a screen of 24 lines, next to header, map and basis.
@@ -46,18 +47,17 @@ constexpr std::size_t kFindingsShown = 6;
 std::string splice_words(const Splice& splice) {
   const double sigma_mm = std::hypot(splice.calibration_mm, splice.robot_mm);
   const std::string worth =
-      has_value(sigma_mm) ? fmt::format("sigma {:.3f} mm per axis", sigma_mm) : std::string("of unknown accuracy");
+      has_value(sigma_mm) ? say("sigma {:.3f} mm per axis", sigma_mm) : say("of unknown accuracy");
   switch (splice.source) {
-    case SpliceSource::none: return "not recorded";
-    case SpliceSource::commissioning: return "commissioning values, " + worth;
-    case SpliceSource::corrected:
-      return fmt::format("hand-eye and station correction of {} visits, {}", splice.visits, worth);
-    case SpliceSource::not_mastered: return "hand-eye alone (station not mastered), " + worth;
-    case SpliceSource::stale: return "hand-eye alone (correction of another hand-eye calibration), " + worth;
-    case SpliceSource::expired: return "hand-eye alone (correction expired), " + worth;
+    case SpliceSource::none: return say("not recorded");
+    case SpliceSource::commissioning: return say("commissioning values, {}", worth);
+    case SpliceSource::corrected: return say("hand-eye and station correction of {} visits, {}", splice.visits, worth);
+    case SpliceSource::not_mastered: return say("hand-eye alone (station not mastered), {}", worth);
+    case SpliceSource::stale: return say("hand-eye alone (correction of another hand-eye calibration), {}", worth);
+    case SpliceSource::expired: return say("hand-eye alone (correction expired), {}", worth);
     case SpliceSource::outside_gate:
-      return fmt::format("hand-eye alone (robot {:.3f} mm and {:.4f} deg from its mastered pose), {}", splice.off_mm,
-                         deg_from_rad(splice.off_rad), worth);
+      return say("hand-eye alone (robot {:.3f} mm and {:.4f} deg from its mastered pose), {}", splice.off_mm,
+                 deg_from_rad(splice.off_rad), worth);
   }
   return "";
 }
@@ -79,9 +79,9 @@ std::string splice_summary(const SlabRecord& record) {
   std::string text;
   for (std::size_t i = 0; i < count.size(); ++i)
     if (count[i] > 0)
-      text += fmt::format("{}{} of {} stations {}", text.empty() ? "" : ", ", count[i], stations,
-                          name(static_cast<SpliceSource>(i)));
-  if (stations > 0 && has_value(worst_mm)) text += fmt::format("; sigma of the worst {:.3f} mm per axis", worst_mm);
+      text += (text.empty() ? "" : say(", ")) +
+              say("{} of {} stations {}", count[i], stations, translated(name(static_cast<SpliceSource>(i))));
+  if (stations > 0 && has_value(worst_mm)) text += say("; sigma of the worst {:.3f} mm per axis", worst_mm);
   return text;
 }
 
@@ -90,47 +90,44 @@ std::string header_text(const SlabRecord& record, Style style) {
   const SlabHeader& header = record.summary.header;
   const bool open = is_open(record);
   if (header.emulated != 0)
-    text += fmt::format("{}\n", coloured(report::emulation_notice(header.emulated, report::Language::en), "7", style));
-  text += fmt::format("slab {} \"{}\"  key {}  type {}\n", header.slab_no, header.slab_id.view(), header.key,
-                      header.slab_type);
+    text += fmt::format("{}\n", coloured(report::emulation_notice(header.emulated, spoken()), "7", style));
+  text += say("slab {} \"{}\"  key {}  type {}\n", header.slab_no, header.slab_id.view(), header.key, header.slab_type);
   if (!open)
-    text += fmt::format("verdict {}  {}\n", verdict_text(record.summary.verdict, style),
-                        reason_text(record.summary.reason));
-  text += fmt::format("began {}  ended {}\n", local_time(header.began_utime_us),
-                      open ? "- (still open)" : local_time(record.summary.ended_utime_us));
+    text += say("verdict {}  {}\n", verdict_words(record.summary.verdict, style), reason_text(record.summary.reason));
+  text += say("began {}  ended {}\n", local_time(header.began_utime_us),
+              open ? say("- (still open)") : local_time(record.summary.ended_utime_us));
   return text;
 }
 
 /// Objections with value, limits, U and place.
 std::string findings_text(const SlabRecord& record, bool full, Style style) {
-  const std::vector<report::Finding> findings = report::findings_of(record, report::Language::en);
+  const std::vector<report::Finding> findings = report::findings_of(record, spoken());
   std::string text;
   const std::size_t lines = full ? findings.size() : std::min(findings.size(), kFindingsShown);
   for (std::size_t i = 0; i < lines; ++i)
     text += fmt::format("  {} {}\n", coloured(symbol(findings[i].verdict, style), findings[i].verdict, style),
-                        report::sentence_of(findings[i], report::Language::en));
-  if (lines < findings.size()) text += fmt::format("  and {} more (--full shows them)\n", findings.size() - lines);
+                        report::sentence_of(findings[i], spoken()));
+  if (lines < findings.size()) text += say("  and {} more (--full shows them)\n", findings.size() - lines);
   return text;
 }
 
 /// Recipe, calibrations and what limits the verdict.
 std::string basis_text(const SlabRecord& record, bool full) {
   const SlabHeader& header = record.summary.header;
-  std::string text = fmt::format("recipe {} ({:.12})  calibration {}  {}\n", header.recipe.view(),
-                                 header.recipe_sha256.view(), header.calibration_id.view(), header.software.view());
+  std::string text = say("recipe {} ({:.12})  calibration {}  {}\n", header.recipe.view(), header.recipe_sha256.view(),
+                         header.calibration_id.view(), header.software.view());
   if (const std::string_view datum = slope_datum(record); !datum.empty())
-    text += fmt::format("slopes are judged against: {}\n", datum);
-  if (full && !header.stations_id.empty()) text += fmt::format("station corrections {}\n", header.stations_id.view());
-  if (full && !header.scanner_id.empty()) text += fmt::format("scanner acceptance {}\n", header.scanner_id.view());
+    text += say("slopes are judged against: {}\n", translated(datum));
+  if (full && !header.stations_id.empty()) text += say("station corrections {}\n", header.stations_id.view());
+  if (full && !header.scanner_id.empty()) text += say("scanner acceptance {}\n", header.scanner_id.view());
   if (const std::string splices = splice_summary(record); full && !splices.empty())
-    text += fmt::format("splice: {}\n", splices);
+    text += say("splice: {}\n", splices);
   if (header.unconfirmed > 0)
-    text +=
-        fmt::format("warning: {} nominals and tolerances of the recipe were not confirmed when this slab was judged\n",
-                    header.unconfirmed);
-  if (header.guard == 0.0) text += "simple acceptance: guard band 0\n";
+    text += say("warning: {} nominals and tolerances of the recipe were not confirmed when this slab was judged\n",
+                header.unconfirmed);
+  if (header.guard == 0.0) text += say("simple acceptance: guard band 0\n");
   const SlabFitReport& fit = record.slab.fit;
-  if (fit.ok && !fit.note.empty()) text += fmt::format("warning: {}\n", fit.note.view());
+  if (fit.ok && !fit.note.empty()) text += say("warning: {}\n", quote(fit.note.view()));
   return text;
 }
 
@@ -144,48 +141,52 @@ std::string map_text(const SlabRecord& record, Style style) {
   }
   text += slab_map(verdicts, style, damaged) + map_legend(style);
   if (std::any_of(damaged.begin(), damaged.end(), [](std::size_t count) { return count > 0; }))
-    text += "  !N  N findings other than small pores (--block shows them)\n";
+    text += say("  !N  N findings other than small pores (--block shows them)\n");
   text += "\n";
   return text;
 }
 
 std::string blocks_text(const SlabRecord& record, Style style) {
-  Table table{"block", "attempts", "acquire s", "measure s", "verdict<", "reason<", "scan<"};
+  Table table{say("block"),    say("attempts"), say("acquire s"), say("measure s"),
+              say("verdict<"), say("reason<"),  say("scan<")};
   for (int station = 1; station <= record.summary.header.stations; ++station) {
     const SlabBlock* block = latest(record, station);
     const auto [verdict, reason] = shown(record, station);
     if (block == nullptr) {
-      table.add(station, 0, "-", "-", verdict, reason_words(reason), "");
+      table.add(station, 0, "-", "-", verdict_cell(verdict), reason_words(reason), "");
       continue;
     }
     const bool measured = block->phase == StationPhase::measured;
     table.add(station, block->attempt.number, Cell(block->attempt.acquire_ms / 1e3, 2),
-              Cell(measured ? block->block.times.total_ms / 1e3 : kNoValue, 2), verdict, reason_words(reason),
-              block->attempt.scan_path);
+              Cell(measured ? block->block.times.total_ms / 1e3 : kNoValue, 2), verdict_cell(verdict),
+              reason_words(reason), block->attempt.scan_path);
   }
   return text_of(table, style) + "\n";
 }
 
-constexpr const char* kNeverJudged =
-    "the slab was aborted: position, height, spacing and slope in the slab's frame were never judged, and a block that "
-    "passed so far has no verdict";
+std::string never_judged() {
+  return say(
+      "the slab was aborted: position, height, spacing and slope in the slab's frame were never judged, and a block "
+      "that "
+      "passed so far has no verdict");
+}
 
 std::string slab_items_text(const SlabRecord& record, Style style) {
   std::string text;
   if (is_aborted(record)) {
-    text += fmt::format("slab items: none; {}\n", kNeverJudged);
+    text += say("slab items: none; {}\n", never_judged());
     return text;
   }
   if (record.slab.items.empty()) {
-    text += "slab items: none before SLAB_END\n";
+    text += say("slab items: none before SLAB_END\n");
     return text;
   }
   const SlabFitReport& fit = record.slab.fit;
   if (fit.ok) {
-    text += fmt::format("slab fit over {} seats: rms {:.3f} mm, unweighted {:.3f} mm\n", fit.seats, fit.rms_mm,
-                        fit.plain_rms_mm);
+    text +=
+        say("slab fit over {} seats: rms {:.3f} mm, unweighted {:.3f} mm\n", fit.seats, fit.rms_mm, fit.plain_rms_mm);
   } else {
-    text += fmt::format("slab fit: not possible ({})\n", fit.note.view());
+    text += say("slab fit: not possible ({})\n", quote(fit.note.view()));
   }
   text += item_table(std::span<const Item>(record.slab.items.begin(), record.slab.items.size()), style, true);
   return text;
@@ -218,7 +219,7 @@ std::string budget_text(const SlabRecord& record, const SlabBlock& block, std::s
   if (of_block.empty() && of_slab.empty()) return text;
   text += fmt::format("{}{}{}", of_block, of_slab.empty() ? "" : "\n", of_slab);
   const SlabHeader& header = record.summary.header;
-  text += fmt::format(
+  text += say(
       "fit, registration: this scan (slab frame: its roll against the slab's top); noise: the larger of this scan's "
       "and the acceptance's\nscanner: {}\n"
       "calibration, robot: {} ({}{}{})\nreference: recipe {}\n\n",
@@ -231,52 +232,50 @@ std::string block_text(const SlabRecord& record, int station, const std::string&
   const SlabBlock* block = latest(record, station);
   const auto [verdict, reason] = shown(record, station);
   const std::string conclusion =
-      fmt::format("block {}: {}  {}\n", station, verdict_text(verdict, style),
-                  is_aborted(record) && verdict == Verdict::none ? kNeverJudged : reason_text(reason));
+      say("block {}: {}  {}\n", station, verdict_words(verdict, style),
+          is_aborted(record) && verdict == Verdict::none ? never_judged() : reason_text(reason));
   if (block == nullptr) {
-    return fmt::format("block {} was not scanned\n{}", station, is_open(record) ? "" : conclusion);
+    return say("block {} was not scanned\n{}", station, is_open(record) ? "" : conclusion);
   }
-  std::string text =
-      fmt::format("block {}, attempt {}, scanned {}, session {} command {}\n", station, block->attempt.number,
-                  iso_time(block->attempt.scan_utime_us), block->attempt.session, block->attempt.cmd_seq);
-  text += fmt::format("scan {}\n", block->attempt.scan_path.view());
-  text += fmt::format("pose: {} samples, spread {:.4f} mm; settled after {:.2f} s, acquired after {:.2f} s\n",
-                      block->attempt.pose_samples, block->attempt.pose_spread_mm, block->attempt.settle_ms / 1e3,
-                      block->attempt.acquire_ms / 1e3);
-  text += fmt::format("splice: {}\n", splice_words(block->attempt.splice));
+  std::string text = say("block {}, attempt {}, scanned {}, session {} command {}\n", station, block->attempt.number,
+                         iso_time(block->attempt.scan_utime_us), block->attempt.session, block->attempt.cmd_seq);
+  text += say("scan {}\n", block->attempt.scan_path.view());
+  text += say("pose: {} samples, spread {:.4f} mm; settled after {:.2f} s, acquired after {:.2f} s\n",
+              block->attempt.pose_samples, block->attempt.pose_spread_mm, block->attempt.settle_ms / 1e3,
+              block->attempt.acquire_ms / 1e3);
+  text += say("splice: {}\n", splice_words(block->attempt.splice));
   if (block->phase != StationPhase::measured) {
     if (block->phase == StationPhase::acquired)
-      text +=
-          fmt::format("attempt {}: {}\n", block->attempt.number,
-                      is_aborted(record) ? "scanned, not measured: the slab was aborted" : "scanned, not measured yet");
+      text += say(
+          "attempt {}: {}\n", block->attempt.number,
+          is_aborted(record) ? say("scanned, not measured: the slab was aborted") : say("scanned, not measured yet"));
     else
-      text += fmt::format("attempt {}: not measured  {}\n", block->attempt.number, reason_text(block->code));
+      text += say("attempt {}: not measured  {}\n", block->attempt.number, reason_text(block->code));
     return text + conclusion;
   }
   const BlockResult& result = block->block;
-  text += fmt::format("registration {} after {} iterations, deviation {:.3f} +- {:.3f} mm over {} points\n",
-                      name(result.registration.status), result.registration.iterations,
-                      result.registration.deviation.mean_mm, result.registration.deviation.std_mm,
-                      result.registration.deviation.count);
+  text += say("registration {} after {} iterations, deviation {:.3f} +- {:.3f} mm over {} points\n",
+              translated(name(result.registration.status)), result.registration.iterations,
+              result.registration.deviation.mean_mm, result.registration.deviation.std_mm,
+              result.registration.deviation.count);
   const Vec3& normal = result.seat.normal_datum;
   if (normal.isZero())
-    text += "seat normal -\n";
+    text += say("seat normal -\n");
   else
-    text += fmt::format("seat normal ({:.6f}, {:.6f}, {:.6f})\n", normal.x(), normal.y(), normal.z());
+    text += say("seat normal ({:.6f}, {:.6f}, {:.6f})\n", normal.x(), normal.y(), normal.z());
   text += fmt::format("{}{}\n", seat_notes(result.seat, record.summary.header.cell_mm), surface_lines(result));
   if (const auto warning = scan_warning(result.scan); !warning.empty())
-    text += fmt::format("warning: {}\n", warning.view());
+    text += say("warning: {}\n", quote(warning.view()));
   const std::vector<Item> own = own_items(record, *block);
   text += fmt::format("{}", item_table(own, style));
   if (const std::string_view datum = slope_datum(record); !datum.empty())
-    text += fmt::format("seat_slope is that against the datum that decides: {}\n", datum);
+    text += say("seat_slope is that against the datum that decides: {}\n", translated(datum));
   text += "\n";
   const std::vector<Item> in_slab = slab_items_of(record, station, own);
-  if (!in_slab.empty()) text += fmt::format("in the slab's frame\n{}\n", item_table(in_slab, style, true));
+  if (!in_slab.empty()) text += say("in the slab's frame\n{}\n", item_table(in_slab, style, true));
   text += budget_text(record, *block, own, in_slab, scanner) + conclusion;
-  text +=
-      fmt::format("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", result.times.total_ms,
-                  result.times.read_ms, result.times.denoise_ms, result.times.register_ms, result.times.extract_ms);
+  text += say("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", result.times.total_ms,
+              result.times.read_ms, result.times.denoise_ms, result.times.register_ms, result.times.extract_ms);
   return text;
 }
 
@@ -287,15 +286,16 @@ std::string others_of_the_id(storage::Reader& reader, const SlabHeader& header) 
   std::string others;
   for (const std::int64_t key : keys)
     if (key != header.key) others += fmt::format("{}{}", others.empty() ? "" : ", ", key);
-  return others.empty() ? "" : fmt::format("this SLAB_ID was given {} times: also key {}", keys.size(), others);
+  return others.empty() ? "" : say("this SLAB_ID was given {} times: also key {}", keys.size(), others);
 }
 
 int show(const Options& options) {
+  speak(options.language, options.json);
   const auto reader =
       open_database(options.database, options.json ? storage::TextFor::programs : storage::TextFor::people);
   const SlabRecord record = named_slab(*reader, options.slab);
   if (options.block < 0 || options.block > record.summary.header.stations)
-    stop(kUsage, fmt::format("--block {}: this slab has blocks 1..{}", options.block, record.summary.header.stations));
+    stop(kUsage, say("--block {}: this slab has blocks 1..{}", options.block, record.summary.header.stations));
   if (options.json) {
     fmt::print("{}", slab_json(record, options.block));
     return kDone;
@@ -309,14 +309,14 @@ int show(const Options& options) {
   if (options.block != 0) {
     const auto verified = need(scanner_of(*reader, record.summary.header), kNotReachable);
     text += basis_text(record, true) + "\n" +
-            block_text(record, options.block, scanner_source(record.summary.header, verified), style);
+            block_text(record, options.block, scanner_source(record.summary.header, verified, spoken()), style);
   } else if (options.full) {
     text += fmt::format("{}\n{}{}{}\n", basis_text(record, true), blocks_text(record, style),
-                        slab_items_text(record, style), kNotVisible);
+                        slab_items_text(record, style), translated(kNotVisible));
   } else {
     text += basis_text(record, false);
-    if (is_aborted(record)) text += fmt::format("slab items: none; {}\n", kNeverJudged);
-    text += "--block K: one block's table; --full: scans and the slab's items\n";
+    if (is_aborted(record)) text += say("slab items: none; {}\n", never_judged());
+    text += say("--block K: one block's table; --full: scans and the slab's items\n");
   }
   fmt::print("{}", text);
   return kDone;
@@ -338,6 +338,7 @@ void add_show(args::Command& app) {
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_flag("--full", options->full, "Also the scans of all blocks and the slab's items");
   options->database.add_to(*command);
+  options->language.add_to(*command, "Language of the text");
   command->add_flag("--json", options->json, "Print slabd.slab/1 on stdout");
   command->runs([options] { return show(*options); });
 }

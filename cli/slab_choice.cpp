@@ -8,6 +8,7 @@
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
+#include "cli/terminal/say.h"
 #include "report/slab_view.h"
 
 namespace slabd::cli {
@@ -46,8 +47,8 @@ void SlabChoice::add_filters_to(args::Command& command) {
 storage::SlabRecord named_slab(storage::Reader& reader, const std::string& wanted) {
   auto found = need(find_slab(reader, wanted));
   if (!found)
-    stop(kBadInput, fmt::format("no slab with key or id '{}'{}; `slabctl history` lists them", wanted,
-                                wanted.find_first_not_of("0123456789") == std::string::npos ? ", nor SLAB_NO" : ""));
+    stop(kBadInput, say("no slab with key or id '{}'{}; `slabctl history` lists them", wanted,
+                        wanted.find_first_not_of("0123456789") == std::string::npos ? say(", nor SLAB_NO") : ""));
   return std::move(*found);
 }
 

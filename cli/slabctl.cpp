@@ -15,6 +15,7 @@
 #include "cli/study/study.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
+#include "cli/terminal/say.h"
 #include "daemon/measure.h"
 
 namespace slabd::cli {
@@ -180,8 +181,12 @@ void stop(Exit status, std::string_view sentence) {
   throw Stop{status, std::string(sentence)};
 }
 
+void stop(Exit status, const Error& why) {
+  stop(status, retold(why.text.view()));
+}
+
 void stop(const Error& why) {
-  stop(exit_for(why.code), why.text.view());
+  stop(exit_for(why.code), why);
 }
 
 std::string nearest(const std::string& word, const std::vector<std::string>& candidates) {

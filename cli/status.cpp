@@ -3,6 +3,7 @@
 // slabctl status: queries the running daemon over its control socket, one JSON line in each direction.
 #include <fmt/core.h>
 
+#include <cstdlib>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -13,9 +14,9 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 #include "cli/watch/screen.h"
 #include "report/json.h"
-#include "report/words.h"
 
 namespace slabd::cli {
 namespace {
@@ -25,7 +26,7 @@ using nlohmann::json;
 struct Options {
   std::string config;
   std::string socket;
-  std::string language = "en";
+  LanguageOption language;
   bool as_json = false;
   bool watch = false;
 };
@@ -43,35 +44,41 @@ std::string text_at(const json& document, std::initializer_list<const char*> pat
   return at->is_null() ? "-" : plain(at->dump());
 }
 
-std::string line(const char* label, const std::string& text) {
-  return fmt::format("{:12} {}\n", label, text);
+/// The label in 12 columns.
+std::string line(const std::string& label, const std::string& text) {
+  const std::size_t width = display_width(label);
+  return label + std::string(width < 12 ? 12 - width : 0, ' ') + " " + text + "\n";
+}
+
+/// The name of a state, or "yes" or "no", in the chosen language.
+std::string word_at(const json& document, std::initializer_list<const char*> path) {
+  return std::string(translated(text_at(document, path)));
 }
 
 std::string slab_text(const json& status, const Style& style) {
   std::string text;
   if (status.contains("slab") && status["slab"].is_object()) {
-    text +=
-        line("slab", fmt::format("{} \"{}\" type {}, {} of {} stations scanned", text_at(status, {"slab", "no"}),
-                                 text_at(status, {"slab", "id"}), text_at(status, {"slab", "type"}),
-                                 text_at(status, {"slab", "stations_done"}), text_at(status, {"slab", "stations"})));
+    text += line(say("slab"), say("{} \"{}\" type {}, {} of {} stations scanned", text_at(status, {"slab", "no"}),
+                                  text_at(status, {"slab", "id"}), text_at(status, {"slab", "type"}),
+                                  text_at(status, {"slab", "stations_done"}), text_at(status, {"slab", "stations"})));
   } else {
-    text += line("slab", "none open");
+    text += line(say("slab"), say("none open"));
   }
   if (!status.contains("last_slab") || !status["last_slab"].is_object()) return text;
   const std::string word = text_at(status, {"last_slab", "verdict"});
   const Verdict verdict = verdict_from_name(word).value_or(Verdict::none);
   const json& reason = status["last_slab"].value("reason", json(0));
   const std::string why = reason.is_number_unsigned() ? reason_text(reason.get<std::uint16_t>()) : "";
-  text +=
-      line("last slab", fmt::format("{} {} {}{}", text_at(status, {"last_slab", "no"}), verdict_text(verdict, style),
-                                    why, text_at(status, {"last_slab", "emulated"}) == "yes" ? " EMULATED" : ""));
+  text += line(say("last slab"),
+               fmt::format("{} {} {}{}", text_at(status, {"last_slab", "no"}), verdict_words(verdict, style), why,
+                           text_at(status, {"last_slab", "emulated"}) == "yes" ? say(" EMULATED") : ""));
   return text;
 }
 
 std::string time_at(const json& document, const char* key) {
   const json& value = document.value(key, json(0));
   const std::int64_t utime_us = value.is_number_integer() ? value.get<std::int64_t>() : 0;
-  return utime_us == 0 ? "never" : iso_time(utime_us);
+  return utime_us == 0 ? say("never") : iso_time(utime_us);
 }
 
 std::string watch_text(const json& calibration, const char* key, const char* label) {
@@ -79,12 +86,15 @@ std::string watch_text(const json& calibration, const char* key, const char* lab
   const json& watch = calibration.value(key, json(nullptr));
   if (!watch.is_object()) return text;
   const std::string passed = text_at(watch, {"passed"});
-  text += line(label,
-               fmt::format("{}, last check {}{}, due {}{}", text_at(watch, {"id"}), time_at(watch, "checked_utime_us"),
-                           passed == "yes"  ? " passed"
-                           : passed == "no" ? " FAILED"
-                                            : "",
-                           time_at(watch, "due_utime_us"), text_at(watch, {"overdue"}) == "yes" ? " (OVERDUE)" : ""));
+  text +=
+      line(std::string(translated(label)),
+           say("{}, {}{}, due {}{}", text_at(watch, {"id"}),
+               watch.value("checked_utime_us", json(0)) == 0 ? say("last check never")
+                                                             : say("last check {}", time_at(watch, "checked_utime_us")),
+               passed == "yes"  ? say(" passed")
+               : passed == "no" ? say(" FAILED")
+                                : "",
+               time_at(watch, "due_utime_us"), text_at(watch, {"overdue"}) == "yes" ? say(" (OVERDUE)") : ""));
   return text;
 }
 
@@ -92,7 +102,7 @@ std::string watch_text(const json& calibration, const char* key, const char* lab
 std::string alike_text(const json& status) {
   std::string text;
   if (!status.contains("alike_recipes") || !status["alike_recipes"].is_array()) return text;
-  for (const json& pair : status["alike_recipes"]) text += line("slab types", text_at(pair, {"text"}));
+  for (const json& pair : status["alike_recipes"]) text += line(say("slab types"), quote(text_at(pair, {"text"})));
   return text;
 }
 
@@ -100,24 +110,24 @@ std::string calibration_text(const json& status) {
   std::string text;
   if (!status.contains("calibration") || !status["calibration"].is_object()) return text;
   const json& calibration = status["calibration"];
-  text += line("calibration", fmt::format("{} ({}), expires {}", text_at(calibration, {"id"}),
-                                          text_at(calibration, {"source"}), time_at(calibration, "expires_utime_us")));
+  text += line(say("calibration"), say("{} ({}), expires {}", text_at(calibration, {"id"}),
+                                       word_at(calibration, {"source"}), time_at(calibration, "expires_utime_us")));
   if (calibration.contains("stations") && calibration["stations"].is_array())
     for (const json& table : calibration["stations"])
-      text += line("stations",
-                   fmt::format("{} of slab type {}: {} mastered, {}", text_at(table, {"id"}),
-                               text_at(table, {"slab_type"}), text_at(table, {"mastered"}), text_at(table, {"state"})));
-  text += watch_text(calibration, "reference_block", "ref. block");
-  text += watch_text(calibration, "monitor_ball", "monitor ball");
+      text += line(say("stations"),
+                   say("{} of slab type {}: {} mastered, {}", text_at(table, {"id"}), text_at(table, {"slab_type"}),
+                       text_at(table, {"mastered"}), word_at(table, {"state"})));
+  text += watch_text(calibration, "reference_block", marked("ref. block"));
+  text += watch_text(calibration, "monitor_ball", marked("monitor ball"));
   if (const json& scanner = calibration.value("scanner", json(nullptr)); scanner.is_object())
-    text += line("acceptance", fmt::format("{} of the scanner: {}, expires {}", text_at(scanner, {"id"}),
-                                           text_at(scanner, {"state"}), time_at(scanner, "expires_utime_us")));
+    text += line(say("acceptance"), say("{} of the scanner: {}, expires {}", text_at(scanner, {"id"}),
+                                        word_at(scanner, {"state"}), time_at(scanner, "expires_utime_us")));
   return text;
 }
 
 /// `text` after `separator`; empty without a text.
 std::string after(const char* separator, const std::string& text) {
-  return text.empty() || text == "-" ? "" : separator + text;
+  return text.empty() || text == "-" ? "" : std::string(translated(separator)) + quote(text);
 }
 
 /// Counts of rejected messages on the pose link, if there are any.
@@ -127,69 +137,78 @@ std::string pose_faults_text(const json& status) {
   for (const char* key : {"other_type", "wrong_sender", "second_publisher", "not_finite", "not_unit", "out_of_reach",
                           "repeated", "time_back", "time_unit", "jumps", "gaps", "lost", "stale", "wrong_frame"}) {
     const std::string count = text_at(status, {"links", "pose", key});
-    if (count != "0" && count != "-") faults += fmt::format("{}{} {}", faults.empty() ? "" : ", ", count, key);
+    if (count != "0" && count != "-") faults += (faults.empty() ? "" : say(", ")) + say("{} {}", count, key);
   }
-  if (!faults.empty()) text += line("", fmt::format("since the start: {}", faults));
+  if (!faults.empty()) text += line("", say("since the start: {}", faults));
   if (const std::string now = text_at(status, {"links", "pose", "refusal"}); now != "-" && !now.empty())
-    text += line("", fmt::format("now refused: {}", now));
+    text += line("", say("now refused: {}", quote(now)));
   return text;
+}
+
+Code code_at(const json& status, std::initializer_list<const char*> path) {
+  return static_cast<Code>(std::strtoul(text_at(status, path).c_str(), nullptr, 10));
+}
+
+std::string uptime_text(const json& status) {
+  if (spoken() == report::Language::en) return text_at(status, {"uptime_s"}) + " s";
+  return watch::age_text(std::strtod(text_at(status, {"uptime_s"}).c_str(), nullptr), spoken());
 }
 
 std::string status_text(const json& status) {
   std::string text;
+  const Code fault = code_at(status, {"fault", "code"});
   const Style style = style_for(stdout);
   if (const std::uint8_t shown = watch::emulation_at(status, "emulation"); shown != 0)
-    text += fmt::format("{}\n", coloured(report::emulation_banner(shown, watch::emulation_at(status, "emulation_now"),
-                                                                  report::Language::en),
-                                         "7", style));
-  text += line("software", text_at(status, {"software"}));
-  text += line("state", fmt::format("{}, up {} s, session {}", text_at(status, {"state"}),
-                                    text_at(status, {"uptime_s"}), text_at(status, {"session"})));
+    text += fmt::format(
+        "{}\n",
+        coloured(report::emulation_banner(shown, watch::emulation_at(status, "emulation_now"), spoken()), "7", style));
+  text += line(say("software"), text_at(status, {"software"}));
+  text += line(say("state"), say("{}, up {}, session {}", report::state_word(text_at(status, {"state"}), spoken()),
+                                 uptime_text(status), text_at(status, {"session"})));
   if (text_at(status, {"fault", "code"}) != "0" && text_at(status, {"fault", "code"}) != "-")
-    text += line("FAULT", fmt::format("{}: {}; {}", text_at(status, {"fault", "code"}),
-                                      text_at(status, {"fault", "text"}), text_at(status, {"fault", "cure"})));
-  if (status.contains("warn") && status["warn"].is_array())
-    for (const json& warning : status["warn"])
-      text += line("warning", plain(warning.is_string() ? warning.get<std::string>() : warning.dump()));
-  text += line("plc", fmt::format("{} clients, heartbeat {}{}", text_at(status, {"links", "plc", "clients"}),
-                                  text_at(status, {"links", "plc", "alive"}) == "yes" ? "alive" : "missing",
-                                  after("; ", text_at(status, {"links", "plc", "trouble"}))));
-  text += line("robot", text_at(status, {"links", "pose", "ok"}) == "yes"
-                            ? "poses arrive" + after("; ", text_at(status, {"links", "pose", "note"}))
-                            : fmt::format("{}: {}", text_at(status, {"links", "pose", "code"}),
-                                          text_at(status, {"links", "pose", "text"})));
+    text += line(say("FAULT"), say("{}: {}; {}", text_at(status, {"fault", "code"}),
+                                   code_text(fault, text_at(status, {"fault", "text"})),
+                                   code_cure(fault, text_at(status, {"fault", "cure"}))));
+  for (const std::string& warning : watch::warnings_at(status, spoken())) text += line(say("warning"), plain(warning));
+  text += line(say("plc"), say("{} clients, heartbeat {}{}", text_at(status, {"links", "plc", "clients"}),
+                               text_at(status, {"links", "plc", "alive"}) == "yes" ? say("alive") : say("missing"),
+                               after(marked("; "), text_at(status, {"links", "plc", "trouble"}))));
+  text += line(say("robot"), text_at(status, {"links", "pose", "ok"}) == "yes"
+                                 ? say("poses arrive") + after(marked("; "), text_at(status, {"links", "pose", "note"}))
+                                 : say("{}: {}", text_at(status, {"links", "pose", "code"}),
+                                       code_text(code_at(status, {"links", "pose", "code"}),
+                                                 text_at(status, {"links", "pose", "text"}))));
   text += pose_faults_text(status);
   const std::string scanner_why = text_at(status, {"links", "scanner", "text"});
-  text += line("scanner", fmt::format("online {}, {} stray files{}", text_at(status, {"links", "scanner", "online"}),
-                                      text_at(status, {"links", "scanner", "strays"}),
-                                      scanner_why == "-" ? "" : after("; ", scanner_why)));
+  text += line(say("scanner"), say("online {}, {} stray files{}", word_at(status, {"links", "scanner", "online"}),
+                                   text_at(status, {"links", "scanner", "strays"}), after(marked("; "), scanner_why)));
   if (const nlohmann::json& chain = status.value("chain", nlohmann::json(nullptr)); chain.is_object())
-    text += line("chain", fmt::format("entry {} of the chain of results, SHA-256 {}",
-                                      text_at(status, {"chain", "entries"}), text_at(status, {"chain", "sha256"})));
-  text += line("store", fmt::format("ok {}, {} results wait for the PLC", text_at(status, {"links", "store", "ok"}),
-                                    text_at(status, {"results_pending"})));
+    text += line(say("chain"), say("entry {} of the chain of results, SHA-256 {}",
+                                   text_at(status, {"chain", "entries"}), text_at(status, {"chain", "sha256"})));
+  text += line(say("store"), say("ok {}, {} results wait for the PLC", word_at(status, {"links", "store", "ok"}),
+                                 text_at(status, {"results_pending"})));
   if (const std::string why = text_at(status, {"links", "store", "text"}); why != "-" && !why.empty())
-    text += line("", why);
+    text += line("", quote(why));
   text += calibration_text(status);
   text += alike_text(status);
   if (status.contains("maintenance") && status["maintenance"].is_object())
-    text +=
-        line("maintenance",
-             fmt::format("\"{}\" by {}, {} views; SCAN is refused; ends by itself in {} s without another step",
-                         text_at(status, {"maintenance", "session"}), text_at(status, {"maintenance", "operator"}),
-                         text_at(status, {"maintenance", "views"}), text_at(status, {"maintenance", "lease_left_s"})));
+    text += line(say("maintenance"),
+                 say("\"{}\" by {}, {} views; SCAN is refused; ends by itself in {} s without another step",
+                     text_at(status, {"maintenance", "session"}), text_at(status, {"maintenance", "operator"}),
+                     text_at(status, {"maintenance", "views"}), text_at(status, {"maintenance", "lease_left_s"})));
   text += slab_text(status, style);
-  text += line("blocks", fmt::format("{} measured, last {} ms, longest {} ms", text_at(status, {"blocks", "measured"}),
-                                     text_at(status, {"blocks", "last_ms"}), text_at(status, {"blocks", "max_ms"})));
-  text += line("memory",
-               fmt::format("{} kB, peak {} kB, of it {} B for inspection", text_at(status, {"memory", "rss_kb"}),
-                           text_at(status, {"memory", "peak_kb"}), text_at(status, {"memory", "inspection_bytes"})));
-  text += line("config", text_at(status, {"config"}));
-  text += line("database", text_at(status, {"db"}));
+  text += line(say("blocks"), say("{} measured, last {} ms, longest {} ms", text_at(status, {"blocks", "measured"}),
+                                  text_at(status, {"blocks", "last_ms"}), text_at(status, {"blocks", "max_ms"})));
+  text +=
+      line(say("memory"), say("{} kB, peak {} kB, of it {} B for inspection", text_at(status, {"memory", "rss_kb"}),
+                              text_at(status, {"memory", "peak_kb"}), text_at(status, {"memory", "inspection_bytes"})));
+  text += line(say("config"), text_at(status, {"config"}));
+  text += line(say("database"), text_at(status, {"db"}));
   return text;
 }
 
 int show_status(const Options& options) {
+  speak(options.language, options.as_json);
   std::string path = options.socket;
   bool usable = true;
   if (path.empty()) {
@@ -198,11 +217,11 @@ int show_status(const Options& options) {
     usable = config_from(options.config, config);
     path = config.control_socket;
   }
-  if (options.watch) return watch::run(path, options.language == "zh" ? report::Language::zh : report::Language::en);
+  if (options.watch) return watch::run(path, options.language.chosen());
   const std::string answer = need(ask_daemon(path, "{\"verb\":\"status\"}\n"), usable ? kNotReachable : kBadInput);
   const json status = json::parse(answer, nullptr, false);
   if (!status.is_object() || status.value("schema", "") != "slabd.status/1")
-    stop(kNotReachable, fmt::format("{} does not speak slabd.status/1: {}", path, answer.substr(0, 200)));
+    stop(kNotReachable, say("{} does not speak slabd.status/1: {}", path, answer.substr(0, 200)));
   // ASCII only: control characters are escaped.
   fmt::print("{}", options.as_json ? status.dump(2, ' ', true) + "\n" : status_text(status));
   return usable ? kDone : kBadInput;
@@ -225,9 +244,7 @@ void add_status(args::Command& app) {
   args::Option as_json = command->add_flag("--json", options->as_json, "Print slabd.status/1 on stdout");
   command->add_flag("--watch", options->watch, "The operator's screen: slab map, links, last slabs, every second")
       ->excludes(as_json);
-  command->add_option("--language", options->language, "Language of the screen")
-      ->check(args::one_of({"en", "zh"}))
-      ->capture_default_str();
+  options->language.add_to(*command, "Language of the text and of the screen");
   command->runs([options] { return show_status(*options); });
 }
 

@@ -5,11 +5,13 @@
 
 #include <algorithm>
 
+#include "report/say.h"
+
 namespace slabd::cli {
 namespace {
 
-std::string known(double value, int decimals, const char* unit) {
-  return has_value(value) ? fmt::format("{:.{}f} {}", value, decimals, unit) : std::string("not known");
+std::string known(double value, int decimals, report::Language language) {
+  return has_value(value) ? fmt::format("{:.{}f} mm", value, decimals) : say(language, "not known");
 }
 
 }  // namespace
@@ -25,15 +27,18 @@ std::array<std::string, kBudgetParts> budget_figures(const Item& item) {
   return figures;
 }
 
-std::string scanner_source(const SlabHeader& slab, const std::optional<ScannerNumbers>& verified) {
-  if (slab.scanner_id.empty()) return fmt::format("recipe {} alone, the scanner was not verified", slab.recipe.view());
+std::string scanner_source(const SlabHeader& slab, const std::optional<ScannerNumbers>& verified,
+                           report::Language language) {
+  if (slab.scanner_id.empty())
+    return say(language, "recipe {} alone, the scanner was not verified", slab.recipe.view());
   if (!verified)
-    return fmt::format("the larger of recipe {} and acceptance {}, which is not in the database", slab.recipe.view(),
-                       slab.scanner_id.view());
-  return fmt::format("the larger of recipe {} and acceptance {} (form +-{} over {}, size {}, noise correlated over {})",
-                     slab.recipe.view(), slab.scanner_id.view(), known(verified->form_half_mm, 4, "mm"),
-                     known(verified->form_length_mm, 0, "mm"), known(verified->PS_mm, 4, "mm"),
-                     known(verified->noise_correlation_mm, 2, "mm"));
+    return say(language, "the larger of recipe {} and acceptance {}, which is not in the database", slab.recipe.view(),
+               slab.scanner_id.view());
+  return say(language,
+             "the larger of recipe {} and acceptance {} (form +-{} over {}, size {}, noise correlated over {})",
+             slab.recipe.view(), slab.scanner_id.view(), known(verified->form_half_mm, 4, language),
+             known(verified->form_length_mm, 0, language), known(verified->PS_mm, 4, language),
+             known(verified->noise_correlation_mm, 2, language));
 }
 
 }  // namespace slabd::cli

@@ -7,6 +7,7 @@
 
 #include "base/base.h"
 #include "base/jobs.h"
+#include "report/words.h"
 
 /// Text of an item's uncertainty budget.
 namespace slabd::cli {
@@ -18,6 +19,7 @@ namespace slabd::cli {
 
 /// Source of the scanner part: "the larger of recipe p5600 and acceptance sc-3f2a... (form ...)", or the recipe alone.
 /// `verified` is nullopt if the acceptance record is not in the database.
-[[nodiscard]] std::string scanner_source(const SlabHeader& slab, const std::optional<ScannerNumbers>& verified);
+[[nodiscard]] std::string scanner_source(const SlabHeader& slab, const std::optional<ScannerNumbers>& verified,
+                                         report::Language language);
 
 }  // namespace slabd::cli

@@ -7,6 +7,8 @@
 #include <cstdlib>
 #include <ctime>
 
+#include "report/say.h"
+
 namespace slabd::cli {
 namespace {
 
@@ -82,13 +84,13 @@ std::string item_label(const Item& item, bool of_slab) {
   return label;
 }
 
-std::string flatness_operator(double cell_mm, const SeatFeature& seat) {
-  std::string text = has_value(cell_mm) ? fmt::format("cell mean {} mm", cell_mm) : std::string("cell mean");
-  text += ", least-squares plane";
+std::string flatness_operator(double cell_mm, const SeatFeature& seat, report::Language language) {
+  std::string text = has_value(cell_mm) ? say(language, "cell mean {} mm, least-squares plane", cell_mm)
+                                        : say(language, "cell mean, least-squares plane");
   // Without pits both values are equal, and so is the judged one.
   if (seat.flatness_closed_mm != seat.flatness_raw_mm) {
-    if (seat.flatness_mm == seat.flatness_closed_mm) text += ", closed from above";
-    if (seat.flatness_mm == seat.flatness_raw_mm) text += ", pits and all";
+    if (seat.flatness_mm == seat.flatness_closed_mm) text += say(language, ", closed from above");
+    if (seat.flatness_mm == seat.flatness_raw_mm) text += say(language, ", pits and all");
   }
   return text;
 }

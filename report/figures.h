@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "base/base.h"
+#include "report/words.h"
 
 /// Number formats of the terminal and all reports, defined once so that they agree.
 namespace slabd::cli {
@@ -34,7 +35,8 @@ namespace slabd::cli {
 
 /// Flatness operator in words: "cell mean 1.5 mm, least-squares plane, closed from above". NaN: the cell size is
 /// unknown.
-[[nodiscard]] std::string flatness_operator(double cell_mm, const SeatFeature& seat);
+[[nodiscard]] std::string flatness_operator(double cell_mm, const SeatFeature& seat,
+                                            report::Language language = report::Language::en);
 
 /// Characteristics that the block scans cannot measure; printed on every report.
 inline constexpr std::string_view kNotVisible =

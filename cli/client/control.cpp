@@ -15,6 +15,7 @@
 
 #include "base/limits.h"
 #include "base/os.h"
+#include "cli/terminal/say.h"
 
 namespace slabd::cli {
 namespace {
@@ -25,10 +26,11 @@ Fd local_socket() {
   return Fd(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0));
 }
 
-Error unreachable(const std::string& path, const char* cause) {
-  return error(Code::scanner_offline,
-               "slabd does not answer on %s: %s; is it running (systemctl status slabd), and are you in its group?",
-               path.c_str(), cause);
+Error unreachable(const std::string& path, const std::string& cause) {
+  return said_error(
+      Code::scanner_offline,
+      say("slabd does not answer on {}: {}; is it running (systemctl status slabd), and are you in its group?", path,
+          cause));
 }
 
 /// Connects the socket; returns 0 or errno. EAGAIN: the daemon listens, but does not accept.
@@ -60,21 +62,22 @@ std::int64_t daemon_process(const std::string& path) {
 Result<std::string> ask_daemon(const std::string& path, std::string_view line) {
   const Fd socket = local_socket();
   if (const int fault = connect_to(path, socket); fault != 0)
-    return unreachable(path, fault == EAGAIN ? "it listens, but takes no question within 3 s" : std::strerror(fault));
+    return unreachable(
+        path, fault == EAGAIN ? say("it listens, but takes no question within 3 s") : quote(std::strerror(fault)));
   if (::send(socket.get(), line.data(), line.size(), MSG_NOSIGNAL) != static_cast<ssize_t>(line.size()))
-    return unreachable(path, std::strerror(errno));
+    return unreachable(path, quote(std::strerror(errno)));
 
   std::string answer;
   std::array<char, 4096> piece{};
   while (answer.find('\n') == std::string::npos) {
     pollfd waiting{socket.get(), POLLIN, 0};
     const int ready = ::poll(&waiting, 1, kAnswerTimeout_ms);
-    if (ready == 0) return unreachable(path, "connected, but no answer within 3 s");
+    if (ready == 0) return unreachable(path, say("connected, but no answer within 3 s"));
     const ssize_t got = ready < 0 ? -1 : ::recv(socket.get(), piece.data(), piece.size(), 0);
     if (got < 0 && errno == EINTR) continue;
-    if (got <= 0) return unreachable(path, got == 0 ? "it closed the connection" : std::strerror(errno));
+    if (got <= 0) return unreachable(path, got == 0 ? say("it closed the connection") : quote(std::strerror(errno)));
     answer.append(piece.data(), static_cast<std::size_t>(got));
-    if (answer.size() > limits::kControlLineBytes) return unreachable(path, "the answer is longer than 64 kB");
+    if (answer.size() > limits::kControlLineBytes) return unreachable(path, say("the answer is longer than 64 kB"));
   }
   return answer.substr(0, answer.find('\n'));
 }

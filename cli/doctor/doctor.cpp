@@ -11,6 +11,7 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 #include "report/json.h"
 
 namespace slabd::cli {
@@ -21,6 +22,7 @@ struct Options {
   double listen_s = 2.0;
   bool scan = false;
   bool as_json = false;
+  LanguageOption language;
 };
 
 constexpr std::size_t kLabelWidth = 14;
@@ -36,11 +38,16 @@ std::string_view colour_of(Health health) {
   return "0";
 }
 
-void say(const Finding& finding) {
-  const Style style = style_for(stdout);
-  const std::string word = fmt::format("{:8}", name(finding.health));
-  fmt::print("{} {:{}} {}\n", style.colour ? fmt::format("\x1b[{}m{}\x1b[0m", colour_of(finding.health), word) : word,
-             finding.check, kLabelWidth, finding.saw);
+/// `text` with blanks up to `columns`.
+std::string padded(std::string_view text, std::size_t columns) {
+  const std::size_t width = display_width(text);
+  return std::string(text) + std::string(width < columns ? columns - width : 0, ' ');
+}
+
+void print_finding(const Finding& finding) {
+  const std::string word = padded(translated(name(finding.health)), 8);
+  fmt::print("{} {} {}\n", coloured(word, colour_of(finding.health), style_for(stdout)),
+             padded(translated(finding.check), kLabelWidth), finding.saw);
   if (!finding.cure.empty()) fmt::print("{:{}} -> {}\n", "", 9 + kLabelWidth, finding.cure);
   std::fflush(stdout);
 }
@@ -60,16 +67,17 @@ void summarise(const Examination& report) {
   const auto unknown = count(Health::unknown);
   fmt::print("\n");
   if (failed != 0)
-    fmt::print("{} of {} checks failed{}\n", failed, report.findings().size(),
-               failed > 1 ? "; mend the first one first" : "");
+    fmt::print("{}{}\n", say("{} of {} checks failed", failed, report.findings().size()),
+               failed > 1 ? say("; mend the first one first") : "");
   else if (warnings != 0)
-    fmt::print("nothing failed, {} warnings\n", warnings);
+    fmt::print("{}\n", say("nothing failed, {} warnings", warnings));
   else
-    fmt::print("all is well\n");
-  if (unknown != 0) fmt::print("{} could not be looked at\n", unknown);
+    fmt::print("{}\n", say("all is well"));
+  if (unknown != 0) fmt::print("{}\n", say("{} could not be looked at", unknown));
 }
 
 int examine(const Options& options) {
+  speak(options.language, options.as_json);
   Examination report(options.as_json);
   daemon::Config config;
   std::vector<Recipe> recipes;
@@ -116,7 +124,7 @@ bool Examination::any(Health health) const {
 }
 
 void Examination::add(Finding finding) {
-  if (!quiet_) say(finding);
+  if (!quiet_) print_finding(finding);
   findings_.push_back(std::move(finding));
 }
 
@@ -138,6 +146,7 @@ void add_doctor(args::Command& app) {
       ->default_val(2.0)
       ->check(within(0.5, 60.0));
   command->add_flag("--scan", options->scan, "Have one scan taken");
+  options->language.add_to(*command, "Language of the text");
   command->add_flag("--json", options->as_json, "Print slabd.doctor/1 on stdout");
   command->runs([options] { return examine(*options); });
 }

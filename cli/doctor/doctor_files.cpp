@@ -23,6 +23,7 @@
 
 #include "base/os.h"
 #include "cli/doctor/doctor.h"
+#include "cli/terminal/say.h"
 #include "storage/storage.h"
 
 namespace slabd::cli {
@@ -83,17 +84,17 @@ bool examine_folder(const char* check, const std::string& folder, const Account&
   const fs::path there = existing(folder);
   struct stat file {};
   if (::stat(there.c_str(), &file) != 0) {
-    report.failed(check, fmt::format("{}: {}", folder, std::strerror(errno)), "make the folder");
+    report.failed(check, say("{}: {}", folder, quote(std::strerror(errno))), say("make the folder"));
     return false;
   }
   constexpr unsigned kWriteAndEnter = 3;
   const bool writable = may(account, file, kWriteAndEnter);
   if (!S_ISDIR(file.st_mode)) {
-    report.failed(check, fmt::format("{} is not a folder", there.string()), "remove it or name another one");
+    report.failed(check, say("{} is not a folder", there.string()), say("remove it or name another one"));
     return false;
   }
   if (!writable) {
-    report.failed(check, fmt::format("{} is not writable for {}", there.string(), account.name),
+    report.failed(check, say("{} is not writable for {}", there.string(), account.name),
                   fmt::format("chown {}:{} {} && chmod {} {}", account.name,
                               rights.group != nullptr ? rights.group : account.name, there.string(), rights.mode,
                               there.string()));
@@ -101,17 +102,16 @@ bool examine_folder(const char* check, const std::string& folder, const Account&
   }
   // The mode does not show a disk that the kernel has made read-only, as it does with a damaged one.
   if (struct statvfs disk{}; ::statvfs(there.c_str(), &disk) == 0 && (disk.f_flag & ST_RDONLY) != 0) {
-    report.failed(
-        check, fmt::format("{} lies on a disk that can only be read", there.string()),
-        fmt::format("findmnt -T {} names it; journalctl -k says whether it is damaged; then mount it writable",
-                    there.string()));
+    report.failed(check, say("{} lies on a disk that can only be read", there.string()),
+                  say("findmnt -T {} names it; journalctl -k says whether it is damaged; then mount it writable",
+                      there.string()));
     return false;
   }
   if (there != fs::path(folder)) {
-    report.note(check, fmt::format("{} does not exist yet; {} can make it", folder, account.name));
+    report.note(check, say("{} does not exist yet; {} can make it", folder, account.name));
     return true;
   }
-  report.ok(check, fmt::format("{}, writable for {}", folder, account.name));
+  report.ok(check, say("{}, writable for {}", folder, account.name));
   return true;
 }
 
@@ -121,16 +121,16 @@ void examine_rights(const char* check, const std::string& path, const Account& a
   if (::stat(path.c_str(), &file) != 0) return;
   constexpr unsigned kWrite = 2;
   if (!S_ISDIR(file.st_mode) && !may(account, file, kWrite))
-    report.failed(check, fmt::format("{} is not writable for {}", path, account.name),
+    report.failed(check, say("{} is not writable for {}", path, account.name),
                   fmt::format("chown {}:{} {}", account.name, account.name, path));
   constexpr mode_t kGroupWrites = 0020;
   constexpr mode_t kOthersWrite = 0002;
   if ((file.st_mode & (kGroupWrites | kOthersWrite)) == 0) return;
   const group* const name = ::getgrgid(file.st_gid);
-  const std::string who = (file.st_mode & kOthersWrite) != 0 ? "every user"
-                          : name != nullptr                  ? fmt::format("every member of group {}", name->gr_name)
-                                                             : fmt::format("every member of group {}", file.st_gid);
-  report.warning(check, fmt::format("{} may write {}: a verdict could be changed unseen", who, path),
+  const std::string who = (file.st_mode & kOthersWrite) != 0 ? say("every user")
+                          : name != nullptr                  ? say("every member of group {}", name->gr_name)
+                                                             : say("every member of group {}", file.st_gid);
+  report.warning(check, say("{} may write {}: a verdict could be changed unseen", who, path),
                  fmt::format("chmod g-w,o-w {}", path));
 }
 
@@ -143,8 +143,8 @@ void examine_drop_group(const std::string& drop_dir, const std::string& db_folde
   if (::stat(drop_dir.c_str(), &drop) != 0 || ::stat(db_folder.c_str(), &database) != 0) return;
   if (drop.st_gid == database.st_gid)
     report.warning(
-        "scan drop", fmt::format("{} belongs to the group that may read the database", drop_dir),
-        fmt::format("chgrp -R {} {}, and put the scanner software's user into that group alone", kScanGroup, drop_dir));
+        "scan drop", say("{} belongs to the group that may read the database", drop_dir),
+        say("chgrp -R {} {}, and put the scanner software's user into that group alone", kScanGroup, drop_dir));
 }
 
 struct Free {
@@ -165,24 +165,24 @@ std::string gigabytes(std::uint64_t bytes) {
 }
 
 void examine_space(const char* check, const std::string& folder, std::uint64_t least, std::uint64_t for_long,
-                   const char* what, Examination& report) {
+                   const std::string& what, Examination& report) {
   constexpr std::uint64_t kFilesMin = 1'000;  // the scans of about thirty slabs
   const std::optional<Free> free = free_of(folder);
   if (!free) {
-    report.unknown(check, fmt::format("{}: {}", folder, std::strerror(errno)));
+    report.unknown(check, say("{}: {}", folder, quote(std::strerror(errno))));
   } else if (free->files && *free->files < kFilesMin) {
     report.failed(check,
-                  fmt::format("{} free for {}, but room for {} more files only: the inodes are used up",
-                              gigabytes(free->bytes), what, *free->files),
-                  "df -i; delete small files, or name another disk in [storage]");
+                  say("{} free for {}, but room for {} more files only: the inodes are used up", gigabytes(free->bytes),
+                      what, *free->files),
+                  say("df -i; delete small files, or name another disk in [storage]"));
   } else if (free->bytes < least) {
-    report.failed(check, fmt::format("{} free for {}, less than {}", gigabytes(free->bytes), what, gigabytes(least)),
-                  "free some space, or name another disk in [storage]");
+    report.failed(check, say("{} free for {}, less than {}", gigabytes(free->bytes), what, gigabytes(least)),
+                  say("free some space, or name another disk in [storage]"));
   } else if (free->bytes < for_long) {
-    report.warning(check, fmt::format("{} free for {}", gigabytes(free->bytes), what),
-                   "set [storage] spool_budget_gb below what is free, so that old scans make room");
+    report.warning(check, say("{} free for {}", gigabytes(free->bytes), what),
+                   say("set [storage] spool_budget_gb below what is free, so that old scans make room"));
   } else {
-    report.ok(check, fmt::format("{} free for {}", gigabytes(free->bytes), what));
+    report.ok(check, say("{} free for {}", gigabytes(free->bytes), what));
   }
 }
 
@@ -224,11 +224,11 @@ Timed commit_ms(const std::string& folder) {
 
 /// Reports a failed write: a disk error, or missing permissions of the user.
 void tell_unwritten(const char* check, const std::string& folder, int fault, Examination& report) {
-  const std::string saw = fmt::format("{}: {}", folder, std::strerror(fault));
+  const std::string saw = say("{}: {}", folder, quote(std::strerror(fault)));
   if (fault == EROFS || fault == EIO || fault == ENOSPC || fault == EDQUOT)
-    report.failed(check, saw, "free some space, or repair the disk; journalctl -k");
+    report.failed(check, saw, say("free some space, or repair the disk; journalctl -k"));
   else
-    report.unknown(check, saw, "run slabctl doctor as root or as the daemon's user");
+    report.unknown(check, saw, say("run slabctl doctor as root or as the daemon's user"));
 }
 
 void examine_speed(const daemon::Config& config, const std::string& db_folder, Examination& report) {
@@ -236,11 +236,10 @@ void examine_speed(const daemon::Config& config, const std::string& db_folder, E
   if (const Timed scan = scan_durable_s(spool); scan.fault != 0) {
     tell_unwritten("disk speed", spool, scan.fault, report);
   } else {
-    const std::string saw =
-        fmt::format("a scan of 64 MB is durable in {:.2f} s ({:.0f} MB/s)", scan.time, 67.1 / scan.time);
+    const std::string saw = say("a scan of 64 MB is durable in {:.2f} s ({:.0f} MB/s)", scan.time, 67.1 / scan.time);
     if (scan.time > kScanSlow_s)
       report.warning("disk speed", saw,
-                     "the robot waits for the disk at every station: use an SSD for [storage] spool_dir");
+                     say("the robot waits for the disk at every station: use an SSD for [storage] spool_dir"));
     else
       report.ok("disk speed", saw);
   }
@@ -248,9 +247,10 @@ void examine_speed(const daemon::Config& config, const std::string& db_folder, E
   if (const Timed commit = commit_ms(folder); commit.fault != 0) {
     tell_unwritten("commit time", folder, commit.fault, report);
   } else {
-    const std::string saw = fmt::format("a small write is durable in {:.1f} ms", commit.time);
+    const std::string saw = say("a small write is durable in {:.1f} ms", commit.time);
     if (commit.time > kCommitSlow_ms)
-      report.warning("commit time", saw, "the PLC waits for a commit with every command: put [storage] db on an SSD");
+      report.warning("commit time", saw,
+                     say("the PLC waits for a commit with every command: put [storage] db on an SSD"));
     else
       report.ok("commit time", saw);
   }
@@ -263,25 +263,25 @@ void examine_foreign_lock(const std::string& db_path, Examination& report) {
   if (holder.empty()) return;
   std::this_thread::sleep_for(std::chrono::milliseconds(300));
   if (storage::foreign_lock(db_path) != holder) return;
-  report.failed("database lock", fmt::format("{} holds {}: slabd cannot write it", holder, db_path),
-                "end that program, or its transaction; readers use `.open --readonly` or slabctl");
+  report.failed("database lock", say("{} holds {}: slabd cannot write it", holder, db_path),
+                say("end that program, or its transaction; readers use `.open --readonly` or slabctl"));
 }
 
 void examine_recipes(const daemon::Config& config, std::vector<Recipe>& recipes, Examination& report) {
   std::vector<daemon::Problem> problems;
   daemon::load_recipes(config.recipes_dir, recipes, problems);
   for (const daemon::Problem& problem : problems)
-    report.failed("recipe", problem.text, "correct the file; slabctl recipe check FILE");
+    report.failed("recipe", quote(problem.text), say("correct the file; slabctl recipe check FILE"));
   std::string types;
   for (const Recipe& recipe : recipes)
     types += fmt::format("{}{} ({})", types.empty() ? "" : ", ", recipe.name.view(), recipe.slab_type);
-  if (!recipes.empty()) report.ok("recipes", fmt::format("{} in {}", types, config.recipes_dir));
+  if (!recipes.empty()) report.ok("recipes", say("{} in {}", types, config.recipes_dir));
   for (const Recipe& recipe : recipes)
     if (unconfirmed_count(recipe) != 0)
       report.warning(
           "recipe",
-          fmt::format("{}: {} nominals or tolerances are not confirmed", recipe.name.view(), unconfirmed_count(recipe)),
-          fmt::format("compare with the drawing; slabctl recipe show {} lists them", recipe.path.view()));
+          say("{}: {} nominals or tolerances are not confirmed", recipe.name.view(), unconfirmed_count(recipe)),
+          say("compare with the drawing; slabctl recipe show {} lists them", recipe.path.view()));
 }
 
 }  // namespace
@@ -315,12 +315,12 @@ bool examine_files(const std::string& config_path, daemon::Config& config, std::
   std::vector<daemon::Problem> problems;
   daemon::load_config(config_path, config, problems);
   for (const daemon::Problem& problem : problems)
-    report.failed("configuration", problem.text, "correct the file; slabd --config FILE --check");
+    report.failed("configuration", quote(problem.text), say("correct the file; slabd --config FILE --check"));
   if (!problems.empty()) return false;
   report.ok("configuration", config_path);
   if (config.simulation)
-    report.note("configuration", "[line] simulation = true: STATUS bit 11 tells the PLC that nothing here is real",
-                "set it to false on a real line");
+    report.note("configuration", say("[line] simulation = true: STATUS bit 11 tells the PLC that nothing here is real"),
+                say("set it to false on a real line"));
   examine_recipes(config, recipes, report);
   return true;
 }
@@ -328,9 +328,8 @@ bool examine_files(const std::string& config_path, daemon::Config& config, std::
 void examine_disk(const daemon::Config& config, Examination& report) {
   const Account account = daemon_account();
   if (account.name != kDaemonUser)
-    report.note("user",
-                fmt::format("user {} does not exist; permissions are checked for {}", kDaemonUser, account.name),
-                "the package makes it; without it the daemon runs as who starts it");
+    report.note("user", say("user {} does not exist; permissions are checked for {}", kDaemonUser, account.name),
+                say("the package makes it; without it the daemon runs as who starts it"));
   const std::string db_folder = fs::path(config.storage.db_path).parent_path().string();
   const bool database = examine_folder("database", db_folder.empty() ? "." : db_folder, account, kOwnerWrites, report);
   const bool spool = examine_folder("scans", config.storage.spool_dir, account, kOwnerWrites, report);
@@ -343,12 +342,13 @@ void examine_disk(const daemon::Config& config, Examination& report) {
   examine_rights("database", db_folder.empty() ? "." : db_folder, account, report);
   examine_rights("scans", config.storage.spool_dir, account, report);
   if (database) examine_foreign_lock(config.storage.db_path, report);
-  if (database) examine_space("database disk", db_folder, kDatabaseFreeMin, 2 * kDatabaseFreeMin, "records", report);
+  if (database)
+    examine_space("database disk", db_folder, kDatabaseFreeMin, 2 * kDatabaseFreeMin, say("records"), report);
   if (spool) {
     const std::uint64_t least = config.storage.spool_free_bytes_min;
     const std::uint64_t budget = config.storage.spool_budget_bytes;
     const std::uint64_t for_long = budget == 0 ? 20 * least : least;
-    examine_space("scan disk", config.storage.spool_dir, least, for_long, "scans", report);
+    examine_space("scan disk", config.storage.spool_dir, least, for_long, say("scans"), report);
   }
   if (database && spool) examine_speed(config, db_folder, report);
 }

@@ -33,6 +33,8 @@
 #include "cli/doctor/doctor.h"
 #include "cli/plc/plc.h"
 #include "cli/pose_counts.h"
+#include "cli/terminal/say.h"
+#include "cli/watch/screen.h"
 #include "emulator/robot_peer.h"
 #include "hal/plc/plc_map.h"
 
@@ -100,10 +102,10 @@ bool examine_privileged_port(const daemon::Config& config, const std::string& wh
   unsigned first_free = 1024;
   std::ifstream("/proc/sys/net/ipv4/ip_unprivileged_port_start") >> first_free;
   if (config.plc.port >= first_free || daemon_account().uid == 0 || service_may_bind_any_port()) return true;
-  report.failed("plc port", where + " may only be opened by root, and the service has no such right",
-                fmt::format("a port from {} on in [plc] listen; or systemctl edit slabd: [Service] "
-                            "AmbientCapabilities=CAP_NET_BIND_SERVICE and CapabilityBoundingSet=CAP_NET_BIND_SERVICE",
-                            first_free));
+  report.failed("plc port", say("{} may only be opened by root, and the service has no such right", where),
+                say("a port from {} on in [plc] listen; or systemctl edit slabd: [Service] "
+                    "AmbientCapabilities=CAP_NET_BIND_SERVICE and CapabilityBoundingSet=CAP_NET_BIND_SERVICE",
+                    first_free));
   return false;
 }
 
@@ -112,7 +114,7 @@ void examine_free_port(const daemon::Config& config, Examination& report) {
   const std::string where = fmt::format("{}:{}", config.plc.host.view(), config.plc.port);
   if (!examine_privileged_port(config, where, report)) return;
   const Fd socket(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
-  if (!socket.is_open()) return report.unknown("plc port", std::strerror(errno));
+  if (!socket.is_open()) return report.unknown("plc port", quote(std::strerror(errno)));
   const int one = 1;
   (void)::setsockopt(socket.get(), SOL_SOCKET, SO_REUSEADDR, &one, sizeof one);
   sockaddr_in address{};
@@ -126,17 +128,17 @@ void examine_free_port(const daemon::Config& config, Examination& report) {
           ? 0
           : errno;
   if (fault == 0)
-    report.ok("plc port", where + " is free for the daemon");
+    report.ok("plc port", say("{} is free for the daemon", where));
   else if (fault == EADDRINUSE)
-    report.failed("plc port", where + " is in use by another program",
-                  fmt::format("ss -ltnp 'sport = :{}' names it; end it or change [plc] listen", config.plc.port));
+    report.failed("plc port", say("{} is in use by another program", where),
+                  say("ss -ltnp 'sport = :{}' names it; end it or change [plc] listen", config.plc.port));
   else if (fault == EADDRNOTAVAIL)
-    report.failed("plc port", host + " is not an address of this computer",
-                  "ip address lists them; correct [plc] listen, or 0.0.0.0 for all");
+    report.failed("plc port", say("{} is not an address of this computer", host),
+                  say("ip address lists them; correct [plc] listen, or 0.0.0.0 for all"));
   else if (fault == EACCES)
-    report.unknown("plc port", where + " may only be opened by root", "run slabctl doctor as root");
+    report.unknown("plc port", say("{} may only be opened by root", where), say("run slabctl doctor as root"));
   else
-    report.failed("plc port", fmt::format("{}: {}", where, std::strerror(fault)), "correct [plc] listen");
+    report.failed("plc port", say("{}: {}", where, quote(std::strerror(fault))), say("correct [plc] listen"));
 }
 
 void examine_reachability(const daemon::Config& config, Examination& report) {
@@ -147,15 +149,15 @@ void examine_reachability(const daemon::Config& config, Examination& report) {
                         });
   if (host.rfind("127.", 0) == 0 || all_here)
     report.note("plc network",
-                fmt::format("{}: only a PLC on this computer can connect",
-                            all_here ? "[plc] allow names this computer only" : "[plc] listen = " + host),
-                "for a PLC elsewhere: this computer's address in its network, and the PLC's in [plc] allow");
+                say("{}: only a PLC on this computer can connect",
+                    all_here ? say("[plc] allow names this computer only") : "[plc] listen = " + host),
+                say("for a PLC elsewhere: this computer's address in its network, and the PLC's in [plc] allow"));
   else if (config.plc.allow.empty())
-    report.failed("plc network", "[plc] allow is empty: only this computer may connect",
-                  "allow = [\"192.168.1.10/32\"], the PLC's address");
+    report.failed("plc network", say("[plc] allow is empty: only this computer may connect"),
+                  say("allow = [\"192.168.1.10/32\"], the PLC's address"));
   else
-    report.ok("plc network", fmt::format("{} {} may connect", config.plc.allow.size(),
-                                         config.plc.allow.size() == 1 ? "network" : "networks"));
+    report.ok("plc network", say("{} {} may connect", config.plc.allow.size(),
+                                 config.plc.allow.size() == 1 ? say("network") : say("networks")));
 }
 
 bool read_holding(modbus_t* client, hal::HoldingImage& holding) {
@@ -188,16 +190,17 @@ void examine_plc_half(const daemon::Config& config, const hal::HoldingImage& fir
                       Examination& report) {
   const PlcInputs plc = hal::decode_inputs(later, config.plc.word_order);
   if (first[0] == later[0])
-    report.failed("plc heartbeat", fmt::format("HR 0 stands at {} for 1.2 s", later[0]),
-                  "the PLC must change HR 0 every 500 ms: is it in RUN, connected, and writing?");
+    report.failed("plc heartbeat", say("HR 0 stands at {} for 1.2 s", later[0]),
+                  say("the PLC must change HR 0 every 500 ms: is it in RUN, connected, and writing?"));
   else
-    report.ok("plc heartbeat", fmt::format("HR 0 went from {} to {}", first[0], later[0]));
+    report.ok("plc heartbeat", say("HR 0 went from {} to {}", first[0], later[0]));
   if (!plc.enable)
-    report.note("plc enable", "ENABLE (HR 1, bit 0) is off: commands are refused", "switch the PLC to automatic");
+    report.note("plc enable", say("ENABLE (HR 1, bit 0) is off: commands are refused"),
+                say("switch the PLC to automatic"));
   // A slab number with swapped words is a multiple of 65536.
   if (plc.slab_no != 0 && (plc.slab_no & 0xFFFFU) == 0)
-    report.warning("word order", fmt::format("SLAB_NO reads {}, as if its words were swapped", plc.slab_no),
-                   "compare WORD_PROBE (IR 2-3) in the PLC with 0x12345678; set [plc] word_order");
+    report.warning("word order", say("SLAB_NO reads {}, as if its words were swapped", plc.slab_no),
+                   say("compare WORD_PROBE (IR 2-3) in the PLC with 0x12345678; set [plc] word_order"));
 }
 
 /// The link belongs to the PLC (client, serial line): the daemon reports its registers.
@@ -218,15 +221,15 @@ void examine_through_daemon(const daemon::Config& config, Examination& report) {
   };
   if (!watch_heartbeat(read, first, later))
     return trouble.empty() ? report.unknown("plc registers", unanswered)
-                           : report.failed("plc link", trouble, "docs/PLC.md, who moves the bytes");
-  report.ok("plc link", "the daemon has a connection");
+                           : report.failed("plc link", quote(trouble), say("docs/PLC.md, who moves the bytes"));
+  report.ok("plc link", say("the daemon has a connection"));
   examine_plc_half(config, first, later, report);
 }
 
 void examine_registers(const daemon::Config& config, Examination& report) {
   const std::string where = fmt::format("{}:{}", reach(config), config.plc.port);
   const std::unique_ptr<modbus_t, ModbusFree> client(modbus_new_tcp(reach(config).c_str(), config.plc.port));
-  if (client == nullptr) return report.unknown("plc registers", modbus_strerror(errno));
+  if (client == nullptr) return report.unknown("plc registers", quote(modbus_strerror(errno)));
   modbus_set_slave(client.get(), config.plc.unit_id);
   modbus_set_response_timeout(client.get(), 1, 0);
   hal::InputImage input{};
@@ -234,23 +237,21 @@ void examine_registers(const daemon::Config& config, Examination& report) {
   hal::HoldingImage later{};
   if (modbus_connect(client.get()) != 0 || !read_image(client.get(), input, first)) {
     if (plc_registers(config.control_socket)) {
-      report.note("plc registers",
-                  fmt::format("{} does not let this computer read; the daemon's own figures are used", where),
-                  "right as it is, when [plc] allow names the PLC alone");
+      report.note("plc registers", say("{} does not let this computer read; the daemon's own figures are used", where),
+                  say("right as it is, when [plc] allow names the PLC alone"));
       return examine_through_daemon(config, report);
     }
-    return report.failed("plc registers", fmt::format("{}: {}", where, modbus_strerror(errno)),
-                         "is this computer in [plc] allow, and are not all connections taken?");
+    return report.failed("plc registers", say("{}: {}", where, quote(modbus_strerror(errno))),
+                         say("is this computer in [plc] allow, and are not all connections taken?"));
   }
   const Result<PlcOutputs> outputs = hal::decode_outputs(input, config.plc.word_order);
-  if (!outputs)
-    return report.failed("plc registers", std::string(outputs.error().text.view()), "is this slabd's port?");
+  if (!outputs) return report.failed("plc registers", quote(outputs.error().text.view()), say("is this slabd's port?"));
   const bool abcd = config.plc.word_order == hal::WordOrder::abcd;
-  report.ok("plc registers", fmt::format("map 1.0 on {}; WORD_PROBE is {:04X} {:04X} ({})", where, input[2], input[3],
-                                         abcd ? "abcd, high word first" : "cdab, low word first"));
+  report.ok("plc registers", say("map 1.0 on {}; WORD_PROBE is {:04X} {:04X} ({})", where, input[2], input[3],
+                                 abcd ? say("abcd, high word first") : say("cdab, low word first")));
   if (!watch_heartbeat([&](hal::HoldingImage& holding) { return read_holding(client.get(), holding); }, first, later))
-    return report.failed("plc registers", fmt::format("{}: {}", where, modbus_strerror(errno)),
-                         "look at the daemon's log");
+    return report.failed("plc registers", say("{}: {}", where, quote(modbus_strerror(errno))),
+                         say("look at the daemon's log"));
   examine_plc_half(config, first, later, report);
 }
 
@@ -266,18 +267,18 @@ void examine_serial_line(const char* device, Examination& report) {
   const Account account = daemon_account();
   struct stat file {};
   if (::stat(device, &file) == 0 && !S_ISDIR(file.st_mode) && !may(account, file, kReadAndWrite))
-    report.failed(kCheck, fmt::format("{} may not be opened by {}", device, account.name),
-                  fmt::format("usermod -aG dialout {}, or the group that ls -l {} names", account.name, device));
+    report.failed(kCheck, say("{} may not be opened by {}", device, account.name),
+                  say("usermod -aG dialout {}, or the group that ls -l {} names", account.name, device));
   else if (fault == EACCES)
-    report.unknown(kCheck, fmt::format("{}: {}", device, std::strerror(fault)),
-                   "run slabctl doctor as root or as the daemon's user");
+    report.unknown(kCheck, say("{}: {}", device, quote(std::strerror(fault))),
+                   say("run slabctl doctor as root or as the daemon's user"));
   else if (fault != 0)
-    report.failed(kCheck, fmt::format("{}: {}", device, std::strerror(fault)),
-                  "is the adapter plugged in, and does no other program hold it?");
+    report.failed(kCheck, say("{}: {}", device, quote(std::strerror(fault))),
+                  say("is the adapter plugged in, and does no other program hold it?"));
   else if (!serial)
-    report.failed(kCheck, fmt::format("{} is not a serial line", device), "correct [plc] device, such as /dev/ttyUSB0");
+    report.failed(kCheck, say("{} is not a serial line", device), say("correct [plc] device, such as /dev/ttyUSB0"));
   else
-    report.ok(kCheck, fmt::format("{} is a serial line and can be opened by {}", device, account.name));
+    report.ok(kCheck, say("{} is a serial line and can be opened by {}", device, account.name));
 }
 
 /// Checks the PLC's side without the daemon: the server, or the serial line.
@@ -287,13 +288,13 @@ void examine_far_end(const daemon::Config& config, Examination& report) {
   }
   const std::string where = fmt::format("{}:{}", config.plc.host.view(), config.plc.port);
   const std::unique_ptr<modbus_t, ModbusFree> client(modbus_new_tcp(config.plc.host.c_str(), config.plc.port));
-  if (client == nullptr) return report.unknown("plc", modbus_strerror(errno));
+  if (client == nullptr) return report.unknown("plc", quote(modbus_strerror(errno)));
   modbus_set_response_timeout(client.get(), 1, 0);
   if (modbus_connect(client.get()) == 0)
-    report.ok("plc", where + " takes a connection");
+    report.ok("plc", say("{} takes a connection", where));
   else
-    report.failed("plc", fmt::format("{}: {}", where, modbus_strerror(errno)),
-                  "is the PLC's Modbus server on, and is [plc] connect right?");
+    report.failed("plc", say("{}: {}", where, quote(modbus_strerror(errno))),
+                  say("is the PLC's Modbus server on, and is [plc] connect right?"));
 }
 
 // ---- robot ---------------------------------------------------------------------------------------------------------
@@ -350,7 +351,7 @@ std::string programs_in(std::string_view why) {
     const auto [stop, fault] = std::from_chars(why.data() + at + 1, end, port);
     if (fault != std::errc{} || at == 0 || std::isdigit(static_cast<unsigned char>(why[at - 1])) == 0) continue;
     if (const std::string program = udp_program(port); !program.empty())
-      text += fmt::format("{}port {} is {}", text.empty() ? "" : ", ", port, program);
+      text += say("{}port {} is {}", text.empty() ? "" : ", ", port, program);
   }
   return text;
 }
@@ -359,7 +360,7 @@ std::string programs_in(std::string_view why) {
 std::string refused(const hal::PosePort& port) {
   std::string text = pose_faults_text(port.counters());
   const std::string_view why = port.refusal(hal::make_system_clock()->mono_ns());
-  if (!why.empty()) text += fmt::format("{}last refused: {}", text.empty() ? "" : "; ", why);
+  if (!why.empty()) text += say("{}last refused: {}", text.empty() ? "" : translated("; "), quote(why));
   if (const std::string programs = programs_in(why); !programs.empty()) text += fmt::format(" ({})", programs);
   return text;
 }
@@ -372,45 +373,44 @@ void examine_heard(const daemon::Config& config, const Heard& heard, const hal::
                                      counters.malformed + counters.repeated + counters.time_back + counters.time_unit +
                                      counters.jumps;
   const std::string faults = refused(port);
-  const std::string saw = fmt::format("{:.0f} poses/s, {}", rate_hz, faults.empty() ? "no gaps" : faults);
+  const std::string saw = say("{:.0f} poses/s, {}", rate_hz, faults.empty() ? say("no gaps") : faults);
   if (heard.age_ns > config.pose.stale_ns)
     report.failed("robot poses",
-                  fmt::format("the newest is {:.1f} s old; before: {}", static_cast<double>(heard.age_ns) / 1e9, saw),
-                  "does the robot's bridge still run, and is its network up?");
+                  say("the newest is {:.1f} s old; before: {}", static_cast<double>(heard.age_ns) / 1e9, saw),
+                  say("does the robot's bridge still run, and is its network up?"));
   else if (rate_hz < kPoseRateMin_hz)
-    report.failed("robot poses", saw, "the robot must be sent every 4 to 12 ms");
+    report.failed("robot poses", saw, say("the robot must be sent every 4 to 12 ms"));
   else if (counters.gaps > heard.poses / 100 || not_believed > heard.poses / 100)
-    report.warning("robot poses", saw, "docs/ROBOT.md says what each of them means, and what to do");
+    report.warning("robot poses", saw, say("docs/ROBOT.md says what each of them means, and what to do"));
   else
     report.ok("robot poses", saw);
 
   const PoseSample& pose = heard.newest;
   if (config.robot.type == hal::PoseType::flange_pose && !pose.measured)
-    report.warning("robot poses", "they are commanded, not measured (flags, bit 0), as the robot says",
-                   "where it was told to go is not where it is: send the measured ones, docs/ROBOT.md");
+    report.warning("robot poses", say("they are commanded, not measured (flags, bit 0), as the robot says"),
+                   say("where it was told to go is not where it is: send the measured ones, docs/ROBOT.md"));
   if (pose.base_id != config.pose.base_id || pose.tool_id != config.pose.tool_id)
     report.failed("robot frame",
-                  fmt::format("base {} and tool {} are active, expected {} and {}", pose.base_id, pose.tool_id,
-                              config.pose.base_id, config.pose.tool_id),
-                  "$BASE = $NULLFRAME and $TOOL = $NULLFRAME in the robot's program, or correct [robot]");
+                  say("base {} and tool {} are active, expected {} and {}", pose.base_id, pose.tool_id,
+                      config.pose.base_id, config.pose.tool_id),
+                  say("$BASE = $NULLFRAME and $TOOL = $NULLFRAME in the robot's program, or correct [robot]"));
   else
-    report.ok("robot frame",
-              fmt::format("base {}, tool {}: the flange in the robot's base", pose.base_id, pose.tool_id));
+    report.ok("robot frame", say("base {}, tool {}: the flange in the robot's base", pose.base_id, pose.tool_id));
   const Vec3 spread = heard.high - heard.low;
   const Vec3& p = pose.T_base_flange.translation_mm;
   const KukaAbc abc = kuka_abc_from_rotation(pose.T_base_flange.rotation);
   report.ok("robot position",
-            fmt::format("X {:.3f} Y {:.3f} Z {:.3f} mm, A {:.3f} B {:.3f} C {:.3f} deg, moved {:.3f} mm meanwhile; "
-                        "compare with the pendant",
-                        p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad),
-                        spread.maxCoeff()));
-  if (pose.estop) report.note("robot position", "the robot reports emergency stop");
+            say("X {:.3f} Y {:.3f} Z {:.3f} mm, A {:.3f} B {:.3f} C {:.3f} deg, moved {:.3f} mm meanwhile; "
+                "compare with the pendant",
+                p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad),
+                spread.maxCoeff()));
+  if (pose.estop) report.note("robot position", say("the robot reports emergency stop"));
   if (pose.emulated)
-    report.warning("robot poses", "they declare themselves emulated (flags, bit 4): they are not from a robot",
-                   "end the emulator (slabctl simulate) and start the robot's bridge");
+    report.warning("robot poses", say("they declare themselves emulated (flags, bit 4): they are not from a robot"),
+                   say("end the emulator (slabctl simulate) and start the robot's bridge"));
   if (std::abs(heard.skew_s) > kClockSkew_s)
-    report.note("robot clock", fmt::format("the sender's clock is {:.1f} s off this computer's", heard.skew_s),
-                "only records show it; NTP on both sides mends it");
+    report.note("robot clock", say("the sender's clock is {:.1f} s off this computer's", heard.skew_s),
+                say("only records show it; NTP on both sides mends it"));
 }
 
 /// True if the configuration is invalid: slabd has then no state of database and scanner, because it uses neither.
@@ -425,34 +425,36 @@ bool is_opening(const json& status) {
 
 /// Cure of a daemon warning, by its bit of WARN (docs/PLC.md).
 constexpr std::array kWarningCures = {
-    "compare the recipe with the drawing, then confirmed = true; slabctl recipe show FILE lists what is not",
-    "slabctl calibrate new; docs/CALIBRATION.md",
-    "look into stray/ of the drop folder: does the scanner's software answer under other names, or twice? "
-    "docs/DELIVERY.md",
-    "the PLC must copy RES_SEQ (IR 30) to RES_ACK (HR 2) once it has stored the record",
-    "set the clock (NTP); if it is right now, docs/OPERATING.md, \"The clock was wrong\"",
-    "slabctl config check names file, line and key",
-    "free space on the disk of the scans or of the database (journalctl -u slabd says which)",
-    "journalctl -u slabd says why; does another slabd run?",
-    "slabctl calibrate check; docs/CALIBRATION.md, \"The daily check\"",
-    "slabctl calibrate stations; docs/MASTERING.md",
-    "slabctl scanner verify; docs/SCANNER.md, \"Is it good enough?\"",
-    "slabctl calibrate new, and apply it; docs/CALIBRATION.md",
-    "slabctl recipe diff shows the difference; slabctl recipe reload between two slabs",
-    "expected on a test line; on a real one [line] simulation = false, real poses (flags, bits 0 and 4) and a real "
-    "scanner; "
-    "docs/PLC.md, STATUS bit 11",
-    "slabctl stations --krl FILE plans stops that differ; docs/ROBOT.md, \"The stations\"",
+    marked("compare the recipe with the drawing, then confirmed = true; slabctl recipe show FILE lists what is not"),
+    marked("slabctl calibrate new; docs/CALIBRATION.md"),
+    marked("look into stray/ of the drop folder: does the scanner's software answer under other names, or twice? "
+           "docs/DELIVERY.md"),
+    marked("the PLC must copy RES_SEQ (IR 30) to RES_ACK (HR 2) once it has stored the record"),
+    marked("set the clock (NTP); if it is right now, docs/OPERATING.md, \"The clock was wrong\""),
+    marked("slabctl config check names file, line and key"),
+    marked("free space on the disk of the scans or of the database (journalctl -u slabd says which)"),
+    marked("journalctl -u slabd says why; does another slabd run?"),
+    marked("slabctl calibrate check; docs/CALIBRATION.md, \"The daily check\""),
+    marked("slabctl calibrate stations; docs/MASTERING.md"),
+    marked("slabctl scanner verify; docs/SCANNER.md, \"Is it good enough?\""),
+    marked("slabctl calibrate new, and apply it; docs/CALIBRATION.md"),
+    marked("slabctl recipe diff shows the difference; slabctl recipe reload between two slabs"),
+    marked(
+        "expected on a test line; on a real one [line] simulation = false, real poses (flags, bits 0 and 4) and a real "
+        "scanner; "
+        "docs/PLC.md, STATUS bit 11"),
+    marked("slabctl stations --krl FILE plans stops that differ; docs/ROBOT.md, \"The stations\""),
 };
 
 /// The status contains the warnings as text, in the order of their bits.
 void examine_warnings(const json& status, Examination& report) {
   const json& bits = at(status, {"warn_bits"});
   unsigned rest = bits.is_number_unsigned() ? bits.get<unsigned>() : 0U;
-  for (const json& warning : at(status, {"warn"})) {
+  for (const std::string& warning : watch::warnings_at(status, spoken())) {
     const auto bit = static_cast<std::size_t>(std::countr_zero(rest));
     rest &= rest - 1U;
-    report.warning("daemon", text(warning), bit < kWarningCures.size() ? kWarningCures[bit] : "docs/PLC.md, WARN");
+    report.warning("daemon", warning,
+                   bit < kWarningCures.size() ? std::string(translated(kWarningCures[bit])) : "docs/PLC.md, WARN");
   }
 }
 
@@ -466,29 +468,32 @@ std::string examine_daemon(const daemon::Config& config, Examination& report) {
   }
   const json status = json::parse(answer.value(), nullptr, false);
   if (!status.is_object() || text(at(status, {"schema"})) != "slabd.status/1") {
-    report.failed("daemon", "it answers in a form this slabctl does not know",
-                  "install slabd and slabctl of one version");
+    report.failed("daemon", say("it answers in a form this slabctl does not know"),
+                  say("install slabd and slabctl of one version"));
     return {};
   }
-  const std::string saw = fmt::format("{}, state {}", text(at(status, {"software"})), text(at(status, {"state"})));
+  const std::string saw =
+      say("{}, state {}", text(at(status, {"software"})), report::state_word(text(at(status, {"state"})), spoken()));
   const json& fault = at(status, {"fault", "code"});
   if (fault.is_number() && fault.get<int>() != 0)
-    report.failed("daemon", fmt::format("{}, fault {}: {}", saw, fault.get<int>(), text(at(status, {"fault", "text"}))),
-                  text(at(status, {"fault", "cure"})));
+    report.failed("daemon",
+                  say("{}, fault {}: {}", saw, fault.get<int>(),
+                      code_text(static_cast<Code>(fault.get<int>()), text(at(status, {"fault", "text"})))),
+                  code_cure(static_cast<Code>(fault.get<int>()), text(at(status, {"fault", "cure"}))));
   else if (is_opening(status))
-    report.warning("daemon", saw + ": it still opens its database",
-                   "run slabctl doctor again when slabctl status says idle");
+    report.warning("daemon", say("{}: it still opens its database", saw),
+                   say("run slabctl doctor again when slabctl status says idle"));
   else
     report.ok("daemon", saw);
   std::error_code not_there;
   if (!std::filesystem::equivalent(text(at(status, {"config"})), config.path, not_there))
-    report.warning("daemon", fmt::format("it runs with {}", text(at(status, {"config"}))),
-                   "look at that one with --config, or restart the daemon");
+    report.warning("daemon", say("it runs with {}", text(at(status, {"config"}))),
+                   say("look at that one with --config, or restart the daemon"));
   examine_warnings(status, report);
   if (!yes(at(status, {"links", "store", "ok"})) && !in_config_fault(status) && !is_opening(status))
     report.failed("database",
-                  fmt::format("the daemon cannot write it: {}", text(at(status, {"links", "store", "text"}))),
-                  "journalctl -u slabd names the reason");
+                  say("the daemon cannot write it: {}", quote(text(at(status, {"links", "store", "text"})))),
+                  say("journalctl -u slabd names the reason"));
   return answer.value();
 }
 
@@ -505,7 +510,7 @@ void examine_plc(const daemon::Config& config, bool daemon_runs, Examination& re
 void examine_robot(const daemon::Config& config, double seconds, Examination& report) {
   const Result<std::unique_ptr<hal::PosePort>> port = hal::make_lcm_pose_port(config.robot);
   if (!port) {
-    report.failed("robot link", std::string(port.error().text.view()), "correct [robot]");
+    report.failed("robot link", quote(port.error().text.view()), say("correct [robot]"));
     return;
   }
   const Heard heard = listen(*port.value(), seconds);
@@ -513,24 +518,24 @@ void examine_robot(const daemon::Config& config, double seconds, Examination& re
   const hal::PoseLinkCounters& counters = port.value()->counters();
   const std::string faults = refused(*port.value());
   if (!trouble.empty()) {
-    report.failed("robot link", trouble,
+    report.failed("robot link", quote(trouble),
                   fmt::format("ip address; ip route get {}; [robot] interface",
                               simulate::multicast_group(config.robot.url.view())));
   } else if (heard.poses == 0) {
     report.failed(
         "robot poses",
-        fmt::format("none of channel {} on {} in {:.1f} s{}; {} foreign datagrams{}", config.robot.channel.view(),
-                    config.robot.url.view(), seconds, faults.empty() ? "" : " that could be believed", counters.foreign,
-                    faults.empty() ? "" : "; " + faults),
+        say("none of channel {} on {} in {:.1f} s{}; {} foreign datagrams{}", config.robot.channel.view(),
+            config.robot.url.view(), seconds, faults.empty() ? "" : say(" that could be believed"), counters.foreign,
+            faults.empty() ? "" : say("; {}", faults)),
         faults.empty()
-            ? "is the robot's bridge running, on this channel and group, and is its network [robot] interface?"
-        : counters.other_type != 0
-            ? "set [pose] type in slabd.toml to the type that the bridge sends, or the bridge to slabd's; docs/ROBOT.md"
+            ? say("is the robot's bridge running, on this channel and group, and is its network [robot] interface?")
+        : counters.other_type != 0 ? say("set [pose] type in slabd.toml to the type that the bridge sends, or the "
+                                         "bridge to slabd's; docs/ROBOT.md")
         : faults.find("the bridge says") != std::string::npos
-            ? "the bridge has no poses to send, for the reason that it gives; docs/ROBOT.md, \"KUKA over RSI\""
-            : "docs/ROBOT.md says what each of them means, and what to do");
+            ? say("the bridge has no poses to send, for the reason that it gives; docs/ROBOT.md, \"KUKA over RSI\"")
+            : say("docs/ROBOT.md says what each of them means, and what to do"));
   } else {
-    report.ok("robot link", fmt::format("{} on {}", config.robot.channel.view(), config.robot.url.view()));
+    report.ok("robot link", say("{} on {}", config.robot.channel.view(), config.robot.url.view()));
     examine_heard(config, heard, *port.value(), report);
   }
 }
@@ -541,40 +546,42 @@ void examine_scanner(const daemon::Config& config, const std::string& status_tex
   const bool stream = config.scanner_backend == hal::ScannerBackend::tcp;
   const std::string endpoint = fmt::format("{}:{}", config.stream.host.view(), config.stream.port);
   if (in_config_fault(status)) {
-    report.unknown("scanner link", "in fault 504 the daemon does not look for a scanner");
+    report.unknown("scanner link", say("in fault 504 the daemon does not look for a scanner"));
   } else if (!status.is_null()) {
     const std::string why = text(at(status, {"links", "scanner", "text"}));
     if (yes(at(status, {"links", "scanner", "online"})))
-      report.ok("scanner link", stream ? "the scanner's gateway is connected to " + endpoint
-                                       : drop + "/request and /inbox are there for the daemon");
+      report.ok("scanner link", stream ? say("the scanner's gateway is connected to {}", endpoint)
+                                       : say("{}/request and /inbox are there for the daemon", drop));
     else if (stream && why.find("cannot listen") != std::string::npos)
-      report.failed("scanner link", why, "ip address lists this computer's addresses; correct [scanner] listen");
+      report.failed("scanner link", quote(why),
+                    say("ip address lists this computer's addresses; correct [scanner] listen"));
     else if (stream)
-      report.failed("scanner link", "no gateway is connected to " + endpoint,
-                    "start the gateway; its address must be in [scanner] allow (docs/DELIVERY.md)");
+      report.failed("scanner link", say("no gateway is connected to {}", endpoint),
+                    say("start the gateway; its address must be in [scanner] allow (docs/DELIVERY.md)"));
     else
-      report.failed("scanner link", "the daemon cannot use " + drop, "mount the share, and make it writable for slabd");
+      report.failed("scanner link", say("the daemon cannot use {}", drop),
+                    say("mount the share, and make it writable for slabd"));
     const json& strays = at(status, {"links", "scanner", "strays"});
     if (strays.is_number() && strays.get<int>() != 0)
       report.warning("scanner link",
-                     stream ? fmt::format("{} scans or connections were refused", strays.get<int>())
-                            : fmt::format("{} files answered no request and lie in stray/", strays.get<int>()),
-                     stream ? "slabctl status says what was wrong last; docs/DELIVERY.md"
-                            : "the scanner's software must name its file after the request");
+                     stream ? say("{} scans or connections were refused", strays.get<int>())
+                            : say("{} files answered no request and lie in stray/", strays.get<int>()),
+                     stream ? say("slabctl status says what was wrong last; docs/DELIVERY.md")
+                            : say("the scanner's software must name its file after the request"));
   }
-  if (!scan) return report.note("scan", "not tried", "slabctl doctor --scan has one taken");
-  if (status.is_null()) return report.unknown("scan", "the daemon does not run");
+  if (!scan) return report.note("scan", say("not tried"), say("slabctl doctor --scan has one taken"));
+  if (status.is_null()) return report.unknown("scan", say("the daemon does not run"));
   Result<LiveCapture> capture = LiveCapture::begin(config.control_socket, {"doctor", "doctor", 60, false});
-  if (!capture) return report.failed("scan", std::string(capture.error().text.view()), "then try again");
+  if (!capture) return report.failed("scan", quote(capture.error().text.view()), say("then try again"));
   const Result<LiveShot> shot = capture.value().shoot([](std::string_view) {});
   if (shot) {
-    report.ok("scan",
-              fmt::format("{} points {:.1f} s after the request; flange within {:.3f} mm", shot.value().points,
+    report.ok("scan", say("{} points {:.1f} s after the request; flange within {:.3f} mm", shot.value().points,
                           static_cast<double>(shot.value().scan_utime_us - shot.value().requested_utime_us) / 1e6,
                           shot.value().spread_mm));
     (void)capture.value().release(shot.value().scan_path);
   } else {
-    report.failed("scan", std::string(shot.error().text.view()), std::string(cure(shot.error().code)));
+    report.failed("scan", quote(shot.error().text.view()),
+                  std::string(report::cure_words(shot.error().code, spoken())));
   }
   (void)capture.value().end();
 }
@@ -582,13 +589,13 @@ void examine_scanner(const daemon::Config& config, const std::string& status_tex
 static void examine_acceptance(std::string_view id, std::string_view standing, Examination& report) {
   const std::string cure = "slabctl scanner verify; docs/SCANNER.md";
   if (standing == "verified")
-    report.ok("acceptance", fmt::format("{} of the scanner", id));
+    report.ok("acceptance", say("{} of the scanner", id));
   else if (id.empty())
-    report.warning("acceptance", "the scanner was not verified: U rests on the recipe's specification", cure);
+    report.warning("acceptance", say("the scanner was not verified: U rests on the recipe's specification"), cure);
   else
     report.warning("acceptance",
-                   standing == "expired" ? fmt::format("{} of the scanner has expired", id)
-                                         : fmt::format("after {} the scanner was verified and out of its limits", id),
+                   standing == "expired" ? say("{} of the scanner has expired", id)
+                                         : say("after {} the scanner was verified and out of its limits", id),
                    cure);
 }
 
@@ -596,12 +603,12 @@ void examine_calibration(const daemon::Config& config, const std::string& status
   const json status = status_of(status_text);
   if (status.is_null() || in_config_fault(status) || is_opening(status)) {
     const auto reader = storage::open_reader(config.storage.db_path);
-    if (!reader) return report.unknown("calibration", std::string(reader.error().text.view()));
+    if (!reader) return report.unknown("calibration", quote(reader.error().text.view()));
     const auto hand_eye = reader.value()->current(CalibrationKind::hand_eye);
     if (hand_eye && hand_eye.value())
-      report.ok("calibration", hand_eye.value()->id + " was applied last");
+      report.ok("calibration", say("{} was applied last", hand_eye.value()->id));
     else
-      report.warning("calibration", "none has been applied", "docs/CALIBRATION.md");
+      report.warning("calibration", say("none has been applied"), "docs/CALIBRATION.md");
     if (const auto line = reader.value()->line_calibration(); line) {
       const ScannerInForce& scanner = line.value()->scanner;
       examine_acceptance(scanner.id.view(), name(acceptance_state(scanner, hal::make_system_clock()->utime_us())),
@@ -616,32 +623,33 @@ void examine_calibration(const daemon::Config& config, const std::string& status
   const json& expires = at(calibration, {"expires_utime_us"});
   const std::int64_t expires_us = expires.is_number() ? expires.get<std::int64_t>() : 0;
   if (source == "missing")
-    report.failed("calibration", "there is none", "slabctl calibrate new; docs/CALIBRATION.md");
+    report.failed("calibration", say("there is none"), "slabctl calibrate new; docs/CALIBRATION.md");
   else if (expires_us != 0 && expires_us < now)
-    report.failed("calibration", id + " has expired", "slabctl calibrate new; docs/CALIBRATION.md");
+    report.failed("calibration", say("{} has expired", id), "slabctl calibrate new; docs/CALIBRATION.md");
   else if (source == "commissioning")
-    report.warning("calibration", "commissioning values: the position of the scanner was not measured",
+    report.warning("calibration", say("commissioning values: the position of the scanner was not measured"),
                    "slabctl calibrate new; docs/CALIBRATION.md");
   else if (expires_us != 0 && expires_us - now < kExpiresSoon_us)
-    report.warning("calibration", fmt::format("{} expires in {} days", id, (expires_us - now) / 86'400'000'000),
-                   "plan a new one");
+    report.warning("calibration", say("{} expires in {} days", id, (expires_us - now) / 86'400'000'000),
+                   say("plan a new one"));
   else
     report.ok("calibration", id);
   const json& scanner = at(calibration, {"scanner"});
   examine_acceptance(scanner.is_object() ? text(at(scanner, {"id"})) : "", text(at(scanner, {"state"})), report);
   for (const json& table : at(calibration, {"stations"}))
     if (text(at(table, {"state"})) != "used")
-      report.warning("corrections", fmt::format("{} is {}", text(at(table, {"id"})), text(at(table, {"state"}))),
-                     "slabctl calibrate stations --again --apply; if the scanner was moved, master the stations again");
+      report.warning(
+          "corrections", say("{} is {}", text(at(table, {"id"})), translated(text(at(table, {"state"})))),
+          say("slabctl calibrate stations --again --apply; if the scanner was moved, master the stations again"));
   for (const char* watch : {"reference_block", "monitor_ball"}) {
     const json& check = at(calibration, {watch});
     if (!check.is_object()) continue;
     const json& passed = at(check, {"passed"});
     if (passed.is_boolean() && !passed.get<bool>())
-      report.failed("daily check", fmt::format("{}: {}", text(at(check, {"id"})), text(at(check, {"note"}))),
-                    "find the cause, then slabctl calibrate check");
+      report.failed("daily check", say("{}: {}", text(at(check, {"id"})), quote(text(at(check, {"note"})))),
+                    say("find the cause, then slabctl calibrate check"));
     else if (yes(at(check, {"overdue"})))
-      report.warning("daily check", text(at(check, {"id"})) + " is overdue", "slabctl calibrate check");
+      report.warning("daily check", say("{} is overdue", text(at(check, {"id"}))), "slabctl calibrate check");
     else
       report.ok("daily check", text(at(check, {"id"})));
   }

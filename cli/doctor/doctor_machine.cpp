@@ -17,6 +17,7 @@
 #include "base/limits.h"
 #include "cli/client/control.h"
 #include "cli/doctor/doctor.h"
+#include "cli/terminal/say.h"
 
 namespace slabd::cli {
 namespace {
@@ -42,10 +43,10 @@ void examine_memory(Examination& report) {
   const std::uint64_t total = memory("MemTotal");
   const std::uint64_t available = memory("MemAvailable");
   const std::string saw =
-      fmt::format("{:.1f} GB, {:.1f} GB available; inspection takes {:.2f} GB", static_cast<double>(total) / 1e9,
-                  static_cast<double>(available) / 1e9, static_cast<double>(limits::kInspectionBytes) / 1e9);
+      say("{:.1f} GB, {:.1f} GB available; inspection takes {:.2f} GB", static_cast<double>(total) / 1e9,
+          static_cast<double>(available) / 1e9, static_cast<double>(limits::kInspectionBytes) / 1e9);
   if (available < needed)
-    report.failed("memory", saw, "end other programs, or give the computer more memory");
+    report.failed("memory", saw, say("end other programs, or give the computer more memory"));
   else
     report.ok("memory", saw);
 }
@@ -55,10 +56,9 @@ void examine_memory(Examination& report) {
 void examine_machine(const daemon::Config& config, Examination& report) {
   const unsigned cores = std::thread::hardware_concurrency();
   const std::string set(algo::instruction_set());
-  const std::string saw =
-      fmt::format("{} cores, kernels for {}, {} of them measure", cores, set, config.measure_threads);
+  const std::string saw = say("{} cores, kernels for {}, {} of them measure", cores, set, config.measure_threads);
   if (set == "SSE2" || set == "SCALAR" || set == "EMU128")
-    report.warning("processor", saw, "without SSE4 or AVX2 a block takes several times as long");
+    report.warning("processor", saw, say("without SSE4 or AVX2 a block takes several times as long"));
   else if (static_cast<int>(cores) < config.measure_threads)
     report.warning("processor", saw, "[measure] threads = 1");
   else
@@ -66,12 +66,12 @@ void examine_machine(const daemon::Config& config, Examination& report) {
 
   const std::string governor = first_line("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor");
   if (governor == "powersave")
-    report.note("processor", "the processor saves power: a block takes longer after a pause",
+    report.note("processor", say("the processor saves power: a block takes longer after a pause"),
                 "cpupower frequency-set -g performance");
   examine_memory(report);
   const std::string pages = first_line("/sys/kernel/mm/transparent_hugepage/enabled");
   if (pages.find("[never]") != std::string::npos)
-    report.note("huge pages", "switched off: reading a scan takes longer",
+    report.note("huge pages", say("switched off: reading a scan takes longer"),
                 "echo madvise > /sys/kernel/mm/transparent_hugepage/enabled");
 }
 
@@ -79,7 +79,7 @@ void examine_limits(const daemon::Config& config, Examination& report) {
   const std::int64_t pid = daemon_process(config.control_socket);
   std::ifstream file(fmt::format("/proc/{}/limits", pid));
   if (pid == 0 || !file)
-    return report.unknown("limits", "those of the daemon cannot be read", "as root: slabctl doctor");
+    return report.unknown("limits", say("those of the daemon cannot be read"), say("as root: slabctl doctor"));
   struct Need {
     const char* name;  ///< as named by the kernel
     std::uint64_t least;
@@ -89,11 +89,11 @@ void examine_limits(const daemon::Config& config, Examination& report) {
   // Required limits: a scan of 6 million points as PLY, or a database of some ten thousand slabs; sockets, files and a
   // reserve; the buffers and the process itself.
   static constexpr std::array kNeeds = {
-      Need{"Max file size", std::uint64_t{100} << 30U, "bytes",
-           "LimitFSIZE=infinity in the unit, or ulimit -f unlimited"},
-      Need{"Max open files", 256, "files", "LimitNOFILE=1024 in the unit"},
-      Need{"Max address space", 4 * static_cast<std::uint64_t>(limits::kInspectionBytes), "bytes",
-           "LimitAS=infinity in the unit, or twice what slabctl status says of memory"}};
+      Need{"Max file size", std::uint64_t{100} << 30U, marked("bytes"),
+           marked("LimitFSIZE=infinity in the unit, or ulimit -f unlimited")},
+      Need{"Max open files", 256, marked("files"), marked("LimitNOFILE=1024 in the unit")},
+      Need{"Max address space", 4 * static_cast<std::uint64_t>(limits::kInspectionBytes), marked("bytes"),
+           marked("LimitAS=infinity in the unit, or twice what slabctl status says of memory")}};
   std::string line;
   bool all = true;
   std::size_t found = 0;
@@ -107,24 +107,24 @@ void examine_limits(const daemon::Config& config, Examination& report) {
       const std::uint64_t allowed = std::strtoull(soft.c_str() + at, nullptr, 10);
       if (allowed >= need.least) continue;
       all = false;
-      report.failed("limits", fmt::format("{}: {} {}, needed {}", need.name, allowed, need.unit, need.least),
-                    need.cure);
+      report.failed("limits", say("{}: {} {}, needed {}", need.name, allowed, translated(need.unit), need.least),
+                    std::string(translated(need.cure)));
     }
   if (found != kNeeds.size())
-    return report.unknown("limits", "the kernel lists them in a form this slabctl does not know");
-  if (all) report.ok("limits", "file size, open files and address space suffice");
+    return report.unknown("limits", say("the kernel lists them in a form this slabctl does not know"));
+  if (all) report.ok("limits", say("file size, open files and address space suffice"));
 }
 
 void examine_clock(Examination& report) {
   timex state{};
   const int answer = ::adjtimex(&state);
   if (answer < 0) {
-    report.unknown("clock", "the kernel does not tell whether it is synchronised");
+    report.unknown("clock", say("the kernel does not tell whether it is synchronised"));
   } else if (answer == TIME_ERROR || (state.status & STA_UNSYNC) != 0) {
-    report.warning("clock", "not synchronised: times in records are this computer's own",
-                   "set up NTP (timedatectl set-ntp true, or chrony with the plant's server)");
+    report.warning("clock", say("not synchronised: times in records are this computer's own"),
+                   say("set up NTP (timedatectl set-ntp true, or chrony with the plant's server)"));
   } else {
-    report.ok("clock", fmt::format("synchronised, within {:.1f} ms", static_cast<double>(state.maxerror) / 1e3));
+    report.ok("clock", say("synchronised, within {:.1f} ms", static_cast<double>(state.maxerror) / 1e3));
   }
 }
 

@@ -16,6 +16,7 @@
 
 #include "base/os.h"
 #include "cli/doctor/doctor.h"
+#include "cli/terminal/say.h"
 
 namespace slabd::cli {
 namespace {
@@ -87,17 +88,17 @@ std::optional<std::uint32_t> address_in(std::string_view text) {
 /// `far`: the remote end, "the PLC 192.168.0.10".
 bool examine_route(std::string_view check, const std::string& far, const RouteSeen& route, Examination& report) {
   if (route.fault != 0) {
-    report.failed(check, fmt::format("no way to {}: {}", far, std::strerror(route.fault)),
-                  "ip route; give this computer an address in that network (ip address add), or a route to it");
+    report.failed(check, say("no way to {}: {}", far, quote(std::strerror(route.fault))),
+                  say("ip route; give this computer an address in that network (ip address add), or a route to it"));
     return false;
   }
   if (!route.interface_known()) {
-    report.ok(check, far + " by an interface that has no address of its own");
+    report.ok(check, say("{} by an interface that has no address of its own", far));
     return true;
   }
-  const std::string way = fmt::format("{} by {} ({})", far, route.interface, dotted(route.address));
+  const std::string way = say("{} by {} ({})", far, route.interface, dotted(route.address));
   if (!route.running) {
-    report.failed(check, way + ", which has no carrier", "is the cable in, and the other end switched on?");
+    report.failed(check, say("{}, which has no carrier", way), say("is the cable in, and the other end switched on?"));
     return false;
   }
   report.ok(check, way);
@@ -109,7 +110,7 @@ void examine_plc_route(const daemon::Config& config, Examination& report) {
   if (config.plc.role == hal::PlcRole::client) {
     const auto plc = address_in(config.plc.host.view());
     if (!plc) return;  // the configuration allows only addresses
-    examine_route("plc route", fmt::format("the PLC {}", dotted(*plc)), route_to(*plc), report);
+    examine_route("plc route", say("the PLC {}", dotted(*plc)), route_to(*plc), report);
     return;
   }
   const auto listen = address_in(config.plc.host.view());
@@ -123,10 +124,9 @@ void examine_plc_route(const daemon::Config& config, Examination& report) {
         one ? dotted(somebody) : fmt::format("{}/{}", dotted(network.address), dotted(network.mask));
     if (!examine_route("plc route", far, route, report)) continue;
     if (listen && *listen != 0 && *listen != route.address)
-      report.warning(
-          "plc route",
-          fmt::format("{} comes in at {}, and [plc] listen is {}", far, dotted(route.address), dotted(*listen)),
-          "listen at the address in the PLC's network, or at 0.0.0.0");
+      report.warning("plc route",
+                     say("{} comes in at {}, and [plc] listen is {}", far, dotted(route.address), dotted(*listen)),
+                     say("listen at the address in the PLC's network, or at 0.0.0.0"));
   }
 }
 
@@ -140,7 +140,7 @@ void examine_robot_route(const daemon::Config& config, Examination& report) {
   const RouteSeen route = route_to(*group);
   // A named interface is used whatever the route is; without a name the route selects it.
   if (wanted.empty()) {
-    examine_route("robot route", fmt::format("group {}", dotted(*group)), route, report);
+    examine_route("robot route", say("group {}", dotted(*group)), route, report);
     return;
   }
   bool there = false;
@@ -151,18 +151,18 @@ void examine_robot_route(const daemon::Config& config, Examination& report) {
     running = (flags & IFF_RUNNING) != 0;
   });
   if (!there) {
-    report.failed("robot route", fmt::format("[robot] interface = {}: this computer has none", wanted),
-                  "ip address lists what there is");
+    report.failed("robot route", say("[robot] interface = {}: this computer has none", wanted),
+                  say("ip address lists what there is"));
   } else if (!running) {
-    report.failed("robot route", fmt::format("[robot] interface = {} has no carrier", wanted),
-                  "is the cable in, and the other end switched on?");
+    report.failed("robot route", say("[robot] interface = {} has no carrier", wanted),
+                  say("is the cable in, and the other end switched on?"));
   } else {
     report.ok("robot route",
-              fmt::format("group {} is joined on {}, as [robot] interface says; what this computer sends "
+              say("group {} is joined on {}, as [robot] interface says; what this computer sends "
                           "to it goes by {}",
-                          dotted(*group), wanted, route.fault != 0             ? "no interface"
+                          dotted(*group), wanted, route.fault != 0             ? say("no interface")
                           : route.interface_known() ? route.interface
-                                                    : "one without an address"));
+                                                    : say("one without an address")));
   }
 }
 

@@ -17,9 +17,7 @@ namespace slabd::cli {
 
 void DocumentOptions::add_to(args::Command& command) {
   command.add_option("--out", out, "A document as well: .pdf, .html, .svg or .png");
-  command.add_option("--language", language, "Language of the document")
-      ->check(args::one_of({"en", "zh"}))
-      ->capture_default_str();
+  language.add_to(command, "Language of the document");
 }
 
 std::string DocumentOptions::extension() const {
@@ -30,6 +28,7 @@ std::string DocumentOptions::extension() const {
 }
 
 void DocumentOptions::check() const {
+  static_cast<void>(wanted());
   const std::string ending = extension();
   if (!out.empty() && ending != ".pdf" && ending != ".html" && ending != ".svg" && ending != ".png")
     stop(kUsage, fmt::format("--out {}: the name must end in .pdf, .html, .svg or .png", out));

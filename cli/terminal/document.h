@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "cli/terminal/say.h"
 #include "report/content.h"
 #include "report/table.h"
 
@@ -15,17 +16,15 @@ namespace slabd::cli {
 /// --out FILE, whose extension selects the format, and --language.
 struct DocumentOptions {
   std::string out;
-  std::string language = "en";
+  LanguageOption language;
   int page = 0;                  ///< page of .svg and .png; 0: all, below each other
   double dots_per_inch = 100.0;  ///< for .png
 
   void add_to(args::Command& command);
-  [[nodiscard]] report::Language wanted() const {
-    return language == "zh" ? report::Language::zh : report::Language::en;
-  }
+  [[nodiscard]] report::Language wanted() const { return language.chosen(); }
   /// The extension, for example ".pdf", in lower case.
   [[nodiscard]] std::string extension() const;
-  /// Stops if the extension is not .pdf, .html, .svg or .png.
+  /// Stops if the extension is not .pdf, .html, .svg or .png, or if the language is unknown.
   void check() const;
   /// Writes the document if a name was given; stops on an error.
   void write(const report::Report& document) const;

@@ -8,16 +8,24 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "cli/terminal/say.h"
 #include "report/budget_text.h"
 #include "report/figures.h"
-#include "report/words.h"
 
 namespace slabd::cli {
 namespace {
 
 std::string limits_text(const Item& item) {
   const std::string limits = limits_figure(item);
-  return limits.empty() ? "info" : limits;
+  return limits.empty() ? say("info") : limits;
+}
+
+/// The item by its key, in Chinese by its name, with unit and stations.
+std::string label_of(const Item& item, bool of_slab) {
+  std::string label = item_label(item, of_slab);
+  if (spoken() == report::Language::zh)
+    label.replace(0, info(item.id).name.size(), report::item_word(item.id, spoken()));
+  return label;
 }
 
 /// True if the conformance is neither practically certain nor practically impossible.
@@ -45,11 +53,20 @@ Style style_for(std::FILE* stream) {
 }
 
 std::string item_table(std::span<const Item> items, Style style, bool of_slab) {
-  Table table{"characteristic", "nominal", "limits", "measured", "deviation", "U", "conforms?", "verdict<"};
+  const auto heading = [](report::Word which) { return std::string(report::word(which, spoken())); };
+  Table table{heading(report::Word::characteristic),
+              heading(report::Word::nominal),
+              heading(report::Word::limits),
+              heading(report::Word::measured),
+              heading(report::Word::deviation),
+              "U",
+              say("conforms?"),
+              say("verdict<")};
   for (const Item& item : items) {
-    table.add(item_label(item, of_slab), nominal_figure(item), limits_text(item), value_figure(item),
+    table.add(label_of(item, of_slab), nominal_figure(item), limits_text(item), value_figure(item),
               deviation_figure(item), U_figure(item),
-              is_doubtful(item) ? fmt::format("{:.1f} %", 100.0 * conformance_probability(item)) : "", item.verdict);
+              is_doubtful(item) ? fmt::format("{:.1f} %", 100.0 * conformance_probability(item)) : "",
+              verdict_cell(item.verdict));
     if (const std::string_view companion = info(item.id).companion; !companion.empty() && has_value(item.companion))
       table.add(fmt::format("  {}", companion), "", "", Cell(item.companion, 3));
   }
@@ -57,12 +74,12 @@ std::string item_table(std::span<const Item> items, Style style, bool of_slab) {
 }
 
 std::string budget_table(std::span<const Item> items, bool of_slab) {
-  Table table{"U from, k = 1", "U (k = 2)"};
+  Table table{say("U from, k = 1"), "U (k = 2)"};
   for (std::size_t part = 0; part < kBudgetParts; ++part)
-    table.columns.emplace_back(name(static_cast<BudgetPart>(part)));
+    table.columns.emplace_back(translated(name(static_cast<BudgetPart>(part))));
   for (const Item& item : items) {
     if (!has_budget(item) || !has_value(item.value)) continue;
-    table.add(item_label(item, of_slab), U_figure(item));
+    table.add(label_of(item, of_slab), U_figure(item));
     for (const std::string& figure : budget_figures(item)) table.rows.back().emplace_back(figure);
   }
   return table.rows.empty() ? "" : text_of(table);
@@ -71,31 +88,32 @@ std::string budget_table(std::span<const Item> items, bool of_slab) {
 std::string seat_notes(const SeatFeature& seat, double cell_mm) {
   std::string text;
   if (has_value(seat.flatness_mm)) {
-    text += fmt::format("flatness from {}", flatness_operator(cell_mm, seat));
+    text += say("flatness from {}", flatness_operator(cell_mm, seat, spoken()));
     if (has_value(seat.flatness_noise_mm))
-      text += fmt::format("; a perfectly flat seat would read {:.3f} mm with this noise", seat.flatness_noise_mm);
+      text += say("; a perfectly flat seat would read {:.3f} mm with this noise", seat.flatness_noise_mm);
     text += "\n";
     if (has_value(seat.flatness_raw_mm))
-      text += fmt::format("flatness closed from above {:.3f}, raw {:.3f}, trimmed to nine tenths {:.3f} mm\n",
-                          seat.flatness_closed_mm, seat.flatness_raw_mm, seat.flatness_trimmed_mm);
+      text += say("flatness closed from above {:.3f}, raw {:.3f}, trimmed to nine tenths {:.3f} mm\n",
+                  seat.flatness_closed_mm, seat.flatness_raw_mm, seat.flatness_trimmed_mm);
   }
   const SurfaceDefect& defect = seat.defect;
   if (defect.cells > 0)
     text +=
-        fmt::format("defect: {:.1f} mm2 {} up to {:.3f} mm at x {:.1f} mm, s {:.1f} mm ({} cells beyond {:.3f} mm)\n",
-                    defect.area_mm2, defect.height_mm > 0.0 ? "standing out" : "sunk", std::abs(defect.height_mm),
-                    defect.x_mm, defect.s_mm, defect.cells, defect.limit_mm);
+        say("defect: {:.1f} mm2 {} up to {:.3f} mm at x {:.1f} mm, s {:.1f} mm ({} cells beyond {:.3f} mm)\n",
+            defect.area_mm2, word(defect.height_mm > 0.0 ? report::Word::standing_out : report::Word::sunk, spoken()),
+            std::abs(defect.height_mm), defect.x_mm, defect.s_mm, defect.cells, defect.limit_mm);
   return text;
 }
 
 std::string surface_lines(const BlockResult& block) {
   std::string text;
-  for (const SurfaceFinding& finding : block.findings) text += fmt::format("finding: {}\n", sentence(finding).view());
-  if (const auto pores = sentence(block.pores); !pores.empty()) text += fmt::format("pores: {}\n", pores.view());
-  if (const std::string refused = report::refusal_sentence(block, report::Language::en); !refused.empty())
-    text += fmt::format("not measured: {}\n", refused);
-  const std::string edges = report::edge_sentence(block, report::Language::en);
-  return edges.empty() ? text : text + "edges: " + edges + "\n";
+  for (const SurfaceFinding& finding : block.findings)
+    text += say("finding: {}\n", report::finding_sentence(finding, spoken()));
+  if (!sentence(block.pores).empty()) text += say("pores: {}\n", report::pore_sentence(block.pores, spoken()));
+  if (const std::string refused = report::refusal_sentence(block, spoken()); !refused.empty())
+    text += say("not measured: {}\n", refused);
+  const std::string edges = report::edge_sentence(block, spoken());
+  return edges.empty() ? text : text + say("edges: {}\n", edges);
 }
 
 std::string slab_map(std::span<const Verdict> verdicts, Style style, std::span<const std::size_t> damaged) {
@@ -126,13 +144,26 @@ std::string map_legend(Style style) {
   std::string line = "  ";
   for (const Verdict verdict :
        {Verdict::pass, Verdict::fail, Verdict::indeterminate, Verdict::not_measured, Verdict::none})
-    line += fmt::format("{} {}   ", symbol(verdict, style), name(verdict));
+    line += fmt::format("{} {}   ", symbol(verdict, style), verdict_name(verdict));
   line.erase(line.find_last_not_of(' ') + 1);
   return line + "\n";
 }
 
+std::string verdict_words(Verdict verdict, Style style) {
+  return cell_text(verdict_cell(verdict), style);
+}
+
+Cell verdict_cell(Verdict verdict) {
+  return {verdict, verdict_name(verdict)};
+}
+
 std::string reason_words(std::uint16_t reason) {
   if (reason == 0) return "";
+  if (spoken() == report::Language::zh) {
+    const std::string words = report::reason_sentence(reason, spoken());
+    const std::string number = fmt::format("{}：", reason);
+    return words.starts_with(number) ? words : number + words;
+  }
   // warp_left and warp_right share a number; a reason without a bit in the fail mask has its own sentence.
   if (const std::optional<ItemId> item = item_from_reason(reason); item && info(*item).plc_bit >= 0)
     return fmt::format("{}: {}", reason, *item == ItemId::warp_left ? "warp" : info(*item).name);
@@ -141,7 +172,7 @@ std::string reason_words(std::uint16_t reason) {
 
 std::string reason_text(std::uint16_t reason) {
   if (reason == 0 || reason >= kReasonItemBase) return reason_words(reason);
-  return fmt::format("{}; {}", reason_words(reason), cure(static_cast<Code>(reason)));
+  return say("{}; {}", reason_words(reason), report::cure_words(static_cast<Code>(reason), spoken()));
 }
 
 }  // namespace slabd::cli

@@ -41,6 +41,11 @@ namespace slabd::cli {
 /// One line with the symbols of the map and their words.
 [[nodiscard]] std::string map_legend(Style style);
 
+/// Symbol and word of a verdict in the chosen language, coloured: "✓ pass".
+[[nodiscard]] std::string verdict_words(Verdict verdict, Style style);
+/// The same as a cell of a table.
+[[nodiscard]] Cell verdict_cell(Verdict verdict);
+
 /// REASON as text: "605: casing_spacing" or "402: no supporting block was found ...; <cure>".
 [[nodiscard]] std::string reason_text(std::uint16_t reason);
 /// The same without the cure, for tables.

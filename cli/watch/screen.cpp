@@ -121,14 +121,15 @@ class Composer {
   void header() {
     if (p_.stale()) {
       const std::string age = has_value(p_.age_s) ? say("STALE: last answer ", "数据过期：最后应答于 ") +
-                                                        age_text(p_.age_s) + say(" ago", " 前")
+                                                        age_text(p_.age_s, language_) + say(" ago", "前")
                                                   : say("NO ANSWER from slabd", "slabd 无应答");
       add({{padded(" " + age + "  " + p_.trouble, columns_), kInverse}});
     } else {
       add({{p_.clock.empty() || is_narrow() ? std::string() : p_.clock + "  ", kBold},
            {p_.software + "  ", kBold},
            {p_.state, p_.fault != 0 ? kRed : kBold},
-           {say("   up ", "   已运行 ") + age_text(p_.uptime_s) + say("   age ", "   数据 ") + age_text(p_.age_s),
+           {say("   up ", "   已运行 ") + age_text(p_.uptime_s, language_) + say("   age ", "   数据 ") +
+                age_text(p_.age_s, language_),
             {}}});
     }
     std::string about = p_.slab.empty()
@@ -138,7 +139,8 @@ class Composer {
       about += fmt::format("   {} {}/{}", say("scanned", "已扫描"), p_.stations_done, p_.stations.size());
     if (p_.current_station != 0) about += fmt::format("   {} {}", say("now block", "当前承轨台"), p_.current_station);
     if (!p_.recipe.empty()) about += fmt::format("   {} {}", say("recipe", "配方"), p_.recipe);
-    if (has_value(p_.map_age_s)) about += fmt::format("   {} {}", say("age", "数据"), age_text(p_.map_age_s));
+    if (has_value(p_.map_age_s))
+      about += fmt::format("   {} {}", say("age", "数据"), age_text(p_.map_age_s, language_));
     add({{about, kBold}});
     if (!p_.emulation.empty()) add({{padded(" " + p_.emulation, columns_), kInverse}});
     if (p_.past_trouble.empty() && p_.emulation.empty()) add({});
@@ -224,7 +226,7 @@ class Composer {
     std::string text =
         fmt::format(" {} {} {}, {} {} ({:.0f} %)", say("today", "今日"), day.slabs, say("slabs", "块板"), day.passed,
                     say("passed", "合格"), 100.0 * static_cast<double>(day.passed) / static_cast<double>(day.slabs));
-    if (has_value(day.takt_s)) text += fmt::format("  {} {}", say("takt", "节拍"), age_text(day.takt_s));
+    if (has_value(day.takt_s)) text += fmt::format("  {} {}", say("takt", "节拍"), age_text(day.takt_s, language_));
     for (std::size_t i = 0; i < day.reasons.size(); ++i)
       text += fmt::format("{}{} x {}", i == 0 ? "  " : ", ", day.reasons[i].second, day.reasons[i].first);
     add_broken(text, kBold, is_narrow() ? 3 : 1);
@@ -283,7 +285,7 @@ class Composer {
            state.ok ? kGreen : kRed}};
       if (!is_narrow())
         line.push_back({padded(fmt::format("{}{}", state.at_least ? say("for > ", "已 > ") : say("for ", "已 "),
-                                           age_text(state.for_s)),
+                                           age_text(state.for_s, language_)),
                                14),
                         kFaint});
       const bool fits = 44 + 3 + display_width(state.cure) <= columns_;
@@ -318,7 +320,8 @@ class Composer {
                                                                               verdict_word(slab.verdict, language_));
       add({{padded(fmt::format(" {:>6} {}", slab.number, slab.id), std::min<std::size_t>(30, columns_ / 3)), {}},
            {" " + padded(verdict, 17), colour_of(slab.verdict)},
-           {padded(slab.verdict == Verdict::none ? "" : age_text(slab.age_s) + say(" ago", " 前"), 12), kFaint},
+           {padded(slab.verdict == Verdict::none ? "" : age_text(slab.age_s, language_) + say(" ago", "前"), 12),
+            kFaint},
            {std::string(report::emulation_mark(slab.emulated, language_)) + (slab.emulated != 0 ? "  " : ""), kBold},
            {report::reason_sentence(slab.reason, language_), {}}});
     }
@@ -336,13 +339,14 @@ class Composer {
 
 }  // namespace
 
-std::string age_text(double age_s) {
+std::string age_text(double age_s, Language language) {
   if (!std::isfinite(age_s)) return "?";
+  const bool zh = language == Language::zh;
   const double age = std::max(age_s, 0.0);
-  if (age < 100.0) return fmt::format("{:.0f} s", std::floor(age));
-  if (age < 6'000.0) return fmt::format("{:.0f} min", std::floor(age / 60.0));
-  if (age < 172'800.0) return fmt::format("{:.0f} h", std::floor(age / 3'600.0));
-  return fmt::format("{:.0f} d", std::floor(age / 86'400.0));
+  if (age < 100.0) return fmt::format("{:.0f} {}", std::floor(age), zh ? "秒" : "s");
+  if (age < 6'000.0) return fmt::format("{:.0f} {}", std::floor(age / 60.0), zh ? "分钟" : "min");
+  if (age < 172'800.0) return fmt::format("{:.0f} {}", std::floor(age / 3'600.0), zh ? "小时" : "h");
+  return fmt::format("{:.0f} {}", std::floor(age / 86'400.0), zh ? "天" : "d");
 }
 
 std::vector<std::string> screen(const Picture& picture, std::size_t columns, std::size_t rows, Style style,

@@ -80,8 +80,8 @@ struct Picture {
 [[nodiscard]] Today today_of(const std::vector<storage::SlabSummary>& newest_first, std::int64_t since_utime_us,
                              report::Language language);
 
-/// "3 s", "12 min", "5 h", "9 d"; "?" for NaN.
-[[nodiscard]] std::string age_text(double age_s);
+/// "3 s", "12 min", "5 h", "9 d", in Chinese "3 秒", "12 分钟", "5 小时", "9 天"; "?" for NaN.
+[[nodiscard]] std::string age_text(double age_s, report::Language language);
 
 /// Exactly `rows` lines, none wider than `columns`. 80 x 24 contains all important data; a larger screen has larger
 /// blocks, the verdict in large letters, more findings and more past slabs. Below 80 columns the blocks are lists of
@@ -97,6 +97,25 @@ template <typename Json>
     for (const Json& word : status[key])
       if (word.is_string()) bits |= report::emulation_bit(word.template get<std::string>());
   return static_cast<std::uint8_t>(bits);
+}
+/// The warnings of slabd.status/1 in the language, in the order of their bits. A warning that is unknown here has the
+/// daemon's text.
+template <typename Json>
+[[nodiscard]] std::vector<std::string> warnings_at(const Json& status, report::Language language) {
+  std::vector<std::string> texts;
+  if (!status.contains("warn") || !status["warn"].is_array()) return texts;
+  const Json bits = status.value("warn_bits", Json(0U));
+  unsigned rest = bits.is_number_unsigned() ? bits.template get<unsigned>() : 0U;
+  for (const Json& warning : status["warn"]) {
+    const unsigned lowest = rest & (0U - rest);
+    rest &= ~lowest;
+    const std::string_view chinese =
+        language == report::Language::zh ? report::warning_zh(static_cast<std::uint16_t>(lowest)) : std::string_view();
+    texts.push_back(!chinese.empty()      ? std::string(chinese)
+                    : warning.is_string() ? warning.template get<std::string>()
+                                          : warning.dump());
+  }
+  return texts;
 }
 /// Shows the screen on the terminal until q, Ctrl-C or the end of input, then restores the terminal. Queries the
 /// daemon at `socket` once a second and reads the database that it names. kUsage if stdout is not a terminal.

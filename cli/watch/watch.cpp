@@ -184,18 +184,7 @@ class Watcher {
       p.fault_text = report::meaning(static_cast<Code>(p.fault), language_);
       p.fault_cure = report::cure_words(static_cast<Code>(p.fault), language_);
     }
-    p.warnings.clear();
-    // In the order of their bits, like the daemon's list.
-    std::vector<std::string_view> chinese;
-    if (language_ == Language::zh)
-      for (unsigned bit = 0, bits = at<std::uint16_t>(status, {"warn_bits"}, 0); bit < 16; ++bit)
-        if ((bits >> bit & 1U) != 0) chinese.push_back(report::warning_zh(static_cast<std::uint16_t>(1U << bit)));
-    if (status.contains("warn") && status["warn"].is_array())
-      for (const json& warning : status["warn"])
-        if (warning.is_string()) {
-          const std::string_view word = p.warnings.size() < chinese.size() ? chinese[p.warnings.size()] : "";
-          p.warnings.push_back(word.empty() ? warning.get<std::string>() : std::string(word));
-        }
+    p.warnings = warnings_at(status, language_);
     p.emulation =
         report::emulation_banner(emulation_at(status, "emulation"), emulation_at(status, "emulation_now"), language_);
     p.slab_open = status.contains("slab") && status["slab"].is_object();

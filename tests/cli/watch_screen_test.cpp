@@ -193,12 +193,16 @@ TEST(Screen, shows_fault_and_cure_before_anything_of_the_past) {
 }
 
 TEST(Age, is_written_in_the_unit_people_think_in) {
-  EXPECT_EQ(age_text(2.9), "2 s");
-  EXPECT_EQ(age_text(150.0), "2 min");
-  EXPECT_EQ(age_text(7'300.0), "2 h");
-  EXPECT_EQ(age_text(400'000.0), "4 d");
-  EXPECT_EQ(age_text(-5.0), "0 s") << "a clock that was set back";
-  EXPECT_EQ(age_text(kNoValue), "?");
+  EXPECT_EQ(age_text(2.9, Language::en), "2 s");
+  EXPECT_EQ(age_text(150.0, Language::en), "2 min");
+  EXPECT_EQ(age_text(7'300.0, Language::en), "2 h");
+  EXPECT_EQ(age_text(400'000.0, Language::en), "4 d");
+  EXPECT_EQ(age_text(-5.0, Language::en), "0 s") << "a clock that was set back";
+  EXPECT_EQ(age_text(kNoValue, Language::en), "?");
+  EXPECT_EQ(age_text(2.9, Language::zh), "2 秒");
+  EXPECT_EQ(age_text(150.0, Language::zh), "2 分钟");
+  EXPECT_EQ(age_text(7'300.0, Language::zh), "2 小时");
+  EXPECT_EQ(age_text(400'000.0, Language::zh), "4 天");
 }
 
 }  // namespace

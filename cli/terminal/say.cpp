@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/terminal/say.h"
+
+#include <fmt/core.h>
+
+#include <cstdlib>
+
+#include "cli/exit.h"
+#include "cli/terminal/arguments.h"
+
+namespace slabd::cli {
+namespace {
+
+using report::Language;
+
+Language g_spoken = Language::en;
+
+}  // namespace
+
+void LanguageOption::add_to(args::Command& command, const std::string& help) {
+  command.add_option("--language", given, help + " (default: the environment's SLABD_LANGUAGE, else en)")
+      ->check(args::one_of({"en", "zh"}));
+}
+
+Language LanguageOption::chosen() const {
+  const char* const variable = std::getenv("SLABD_LANGUAGE");
+  const std::string name = !given.empty() ? given : variable != nullptr ? variable : "";
+  if (!name.empty() && name != "en" && name != "zh")
+    stop(kUsage, fmt::format("SLABD_LANGUAGE={}: allowed are en and zh", name));
+  return name == "zh" ? Language::zh : Language::en;
+}
+
+void speak(const LanguageOption& option, bool as_json) {
+  const Language chosen = option.chosen();
+  g_spoken = as_json ? Language::en : chosen;
+}
+
+Language spoken() {
+  return g_spoken;
+}
+
+std::string_view translated(std::string_view english) {
+  return report::translated(spoken(), english);
+}
+
+std::string quote(std::string_view text) {
+  if (spoken() == Language::en) return std::string(text);
+  return report::retold(text).value_or(text.empty() ? "" : fmt::format("“{}”", text));
+}
+
+std::string retold(std::string_view text) {
+  if (spoken() == Language::en) return std::string(text);
+  return report::retold(text).value_or(std::string(text));
+}
+
+std::string code_text(Code code, std::string_view text) {
+  if (spoken() == Language::en) return std::string(text);
+  const std::string_view english = describe(code);
+  if (text.starts_with(english)) text.remove_prefix(english.size());
+  if (text.starts_with(": ")) text.remove_prefix(2);
+  const std::string_view meaning = report::meaning(code, spoken());
+  return text.empty() || text == "-" ? std::string(meaning) : fmt::format("{}：{}", meaning, quote(text));
+}
+
+std::string code_cure(Code code, std::string_view text) {
+  return text == cure(code) ? std::string(report::cure_words(code, spoken())) : quote(text);
+}
+
+std::string_view verdict_name(Verdict verdict) {
+  return spoken() == Language::zh ? report::verdict_word(verdict, spoken()) : name(verdict);
+}
+
+Error said_error(Code code, const std::string& text) {
+  return error(code, "%s", text.c_str());
+}
+
+}  // namespace slabd::cli
