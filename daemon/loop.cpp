@@ -19,7 +19,7 @@
 
 #include "base/plain_text.h"
 #include "base/rules.h"
-#include "daemon/control/calibration_desk.h"
+#include "daemon/control/calibration_changer.h"
 #include "daemon/log_outlet.h"
 #include "daemon/measure.h"
 #include "daemon/slab_ends.h"
@@ -88,7 +88,7 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open
       judged_(std::make_unique<SlabJudged>()),
       workers_(std::move(workers)),
       open_(std::move(open)),
-      calibration_desk_(change_folder(figures_.db_path)) {
+      calibration_changer_(change_folder(figures_.db_path)) {
   if (figures_.started_ns == 0) figures_.started_ns = ports_.clock.mono_ns();
   store_worker_ = workers_->storage([this](const StoreTask& task) { return do_task(task); },
                                     [this] {
@@ -113,7 +113,7 @@ Loop::~Loop() {
 StoreAnswer Loop::do_task(const StoreTask& task) {
   if (const auto* job = std::get_if<StoreJob>(&task)) return store(*job);
   if (std::holds_alternative<ChangeCalibration>(task)) {
-    calibration_desk_.carry_out(store_.get());
+    calibration_changer_.carry_out(store_.get());
     return ChangeCalibration{};
   }
   open_store();
@@ -464,10 +464,10 @@ void Loop::take_stored(const StoreDone& stored) {
 }
 
 void Loop::take_change() {
-  if (const LineCalibration* calibration = calibration_desk_.finish()) handle(CalibrationChanged{calibration});
+  if (const LineCalibration* calibration = calibration_changer_.finish()) handle(CalibrationChanged{calibration});
   LogLine line;
-  line.level = calibration_desk_.succeeded() ? LogLine::Level::info : LogLine::Level::warning;
-  line.text = calibration_desk_.summary().view();
+  line.level = calibration_changer_.succeeded() ? LogLine::Level::info : LogLine::Level::warning;
+  line.text = calibration_changer_.summary().view();
   say(line);
 }
 
@@ -523,9 +523,9 @@ void Loop::serve_control() {
   if (ports_.control == nullptr) return;
   std::string_view line;
   for (std::size_t i = 0; i < limits::kControlClientsMax && ports_.control->next(ports_.clock.mono_ns(), line); ++i)
-    ports_.control->reply(answer_control(line, *station_, ports_, figures_, calibration_desk_,
+    ports_.control->reply(answer_control(line, *station_, ports_, figures_, calibration_changer_,
                                          [this](const Event& event) { handle(event); }));
-  if (calibration_desk_.is_waiting() && store_worker_->push(ChangeCalibration{})) calibration_desk_.started();
+  if (calibration_changer_.is_waiting() && store_worker_->push(ChangeCalibration{})) calibration_changer_.started();
 }
 
 void Loop::feed_watchdog() {

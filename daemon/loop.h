@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "config/config.h"
-#include "daemon/control/calibration_desk.h"
+#include "daemon/control/calibration_changer.h"
 #include "daemon/recipe_watch.h"
 #include "daemon/station/station.h"
 #include "daemon/workers.h"
@@ -218,7 +218,7 @@ class Loop {
   ToldOnce<std::string> plc_trouble_;
   ToldOnce<FixedString<limits::kErrorTextBytes>> spool_trouble_;  ///< storage thread only
   ToldOnce<FixedString<limits::kErrorTextBytes>> store_trouble_;  ///< storage thread only
-  CalibrationDesk calibration_desk_;
+  CalibrationChanger calibration_changer_;
 
   // Last: the workers start after all members they use, and end before them.
   std::unique_ptr<StoreQueue> store_worker_;
@@ -230,7 +230,7 @@ class Loop {
 [[nodiscard]] std::string status_json(const Station& station, const Ports& ports, const LoopFigures& figures);
 /// The answer to {"verb":"calibration"}: the calibration in force, that of the open slab, due dates of checks, and the
 /// result of the last change; schema slabd.calibration_state/1.
-[[nodiscard]] std::string calibration_json(const Station& station, const CalibrationDesk& desk);
+[[nodiscard]] std::string calibration_json(const Station& station, const CalibrationChanger& changer);
 /// The answer to {"verb":"capture",...}: operator, state of the robot, result of the last view; schema slabd.capture/1.
 [[nodiscard]] std::string capture_json(const Station& station);
 /// The answer to {"verb":"recipes"}: the recipes in use, differences in the folder, result of the last reload; schema
@@ -251,11 +251,11 @@ class Loop {
 /// "VmRSS" and similar entries of /proc/self/status, in kB; 0 if the entry is missing.
 [[nodiscard]] std::int64_t memory_kb(const std::string& key);
 /// Answers one line of a control request; unknown verbs and bad JSON get {"error": ...}. Reading verbs do not change
-/// any state. {"verb":"calibration_change","file":...} lays a change on the desk; the caller has it carried out.
+/// any state. {"verb":"calibration_change","file":...} lays a change on the changer; the caller has it carried out.
 /// "capture" is an event for the station: `handle` steps it before the answer is made. {"verb":"metrics","reset":true}
 /// resets the maxima of `figures`.
 [[nodiscard]] std::string answer_control(std::string_view line, const Station& station, const Ports& ports,
-                                         LoopFigures& figures, CalibrationDesk& desk,
+                                         LoopFigures& figures, CalibrationChanger& changer,
                                          const std::function<void(const Event&)>& handle);
 
 }  // namespace slabd::daemon

@@ -93,7 +93,7 @@ class FilterWatch {
 
 /// Opens the store and reads its state.
 struct OpenStore {};
-/// Carries out the change on the calibration desk.
+/// Carries out the change by the CalibrationChanger.
 struct ChangeCalibration {};
 using StoreTask = std::variant<OpenStore, ChangeCalibration, StoreJob>;
 /// The loop has the results of the first two.

@@ -16,7 +16,7 @@
 
 #include "base/durable.h"
 #include "cli/client/control.h"
-#include "daemon/control/calibration_desk.h"
+#include "daemon/control/calibration_changer.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {

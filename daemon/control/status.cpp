@@ -305,7 +305,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   return text_of(j);
 }
 
-std::string calibration_json(const Station& station, const CalibrationDesk& desk) {
+std::string calibration_json(const Station& station, const CalibrationChanger& changer) {
   Json j;
   j["schema"] = "slabd.calibration_state/1";
   j["in_force"] = in_force(station);
@@ -314,13 +314,13 @@ std::string calibration_json(const Station& station, const CalibrationDesk& desk
                                {"stations_id", station.slab.header.stations_id.view()},
                                {"scanner_id", station.slab.header.scanner_id.view()}}
                         : Json(nullptr);
-  j["last_change"] = desk.file().empty() ? Json(nullptr)
-                                         : Json{{"file", desk.file().view()},
-                                                {"done", desk.is_done()},
-                                                {"ok", desk.succeeded()},
-                                                {"id", desk.id().view()},
-                                                {"code", static_cast<int>(desk.error().code)},
-                                                {"error", desk.error().text.view()}};
+  j["last_change"] = changer.file().empty() ? Json(nullptr)
+                                            : Json{{"file", changer.file().view()},
+                                                   {"done", changer.is_done()},
+                                                   {"ok", changer.succeeded()},
+                                                   {"id", changer.id().view()},
+                                                   {"code", static_cast<int>(changer.error().code)},
+                                                   {"error", changer.error().text.view()}};
   return text_of(j);
 }
 
@@ -350,7 +350,7 @@ std::string metrics_json(const Station& station, const Ports& ports, const LoopF
 }
 
 std::string answer_control(std::string_view line, const Station& station, const Ports& ports, LoopFigures& figures,
-                           CalibrationDesk& desk, const std::function<void(const Event&)>& handle) {
+                           CalibrationChanger& changer, const std::function<void(const Event&)>& handle) {
   try {
     if (nests_too_deep(line)) return refusal("a request is one JSON object, not a heap of brackets");
     const Json request = Json::parse(line, nullptr, false);
@@ -359,7 +359,7 @@ std::string answer_control(std::string_view line, const Station& station, const 
     if (verb == request.end() || !verb->is_string()) return refusal("the key \"verb\" is missing or not a string");
     if (*verb == "status") return status_json(station, ports, figures);
     if (figures.opening && *verb != "metrics") return refusal("the database is being opened; ask again");
-    if (*verb == "calibration") return calibration_json(station, desk);
+    if (*verb == "calibration") return calibration_json(station, changer);
     if (*verb == "plc_image") return plc_image_json(station, ports.plc, figures);
     if (*verb == "metrics") {
       std::string answer = metrics_json(station, ports, figures);
@@ -403,9 +403,9 @@ std::string answer_control(std::string_view line, const Station& station, const 
     }
     const auto file = request.find("file");
     if (file == request.end() || !file->is_string()) return refusal("the key \"file\" is missing or not a string");
-    const Status laid = desk.lay(file->get<std::string>(), uid);
+    const Status laid = changer.accept(file->get<std::string>(), uid);
     if (!laid.ok()) return refusal(laid.error().text.c_str());
-    return calibration_json(station, desk);
+    return calibration_json(station, changer);
   } catch (const std::exception&) {
     // A failing answer must not stop the line.
     return R"({"schema":"slabd.error/1","error":"the daemon could not make an answer"})";

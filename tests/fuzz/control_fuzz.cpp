@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Input: a line on the control socket, and the same bytes as a change of calibrations.
-#include "daemon/control/calibration_desk.h"
+#include "daemon/control/calibration_changer.h"
 #include "daemon/loop.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/mock/mock.h"
@@ -20,9 +20,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   static const auto station = std::make_unique<Station>(StationSettings{});
   static const auto actions = std::make_unique<Actions>();
   LoopFigures figures;
-  CalibrationDesk desk("");
-  const std::string answer =
-      answer_control(line, *station, ports, figures, desk, [](const Event& event) { step(*station, event, *actions); });
+  CalibrationChanger changer("");
+  const std::string answer = answer_control(line, *station, ports, figures, changer,
+                                            [](const Event& event) { step(*station, event, *actions); });
   fuzz::must(answer.size() > 2 && answer.front() == '{' && answer.back() == '}', "an answer is one object");
   fuzz::must(answer.find('\n') == std::string::npos, "an answer is one line");
   const auto change = parse_change(line);

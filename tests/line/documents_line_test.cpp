@@ -10,7 +10,7 @@
 #include <thread>
 
 #include "cli/client/control.h"
-#include "daemon/control/calibration_desk.h"
+#include "daemon/control/calibration_changer.h"
 #include "daemon/loop.h"
 #include "hal/hal.h"
 #include "hal/scan/scanner_ports.h"

@@ -17,7 +17,7 @@ using nlohmann::json;
 class StatusTest : public ::testing::Test {
  protected:
   json ask(const std::string& line) {
-    const std::string text = answer_control(line, station_, ports_, figures_, desk_,
+    const std::string text = answer_control(line, station_, ports_, figures_, changer_,
                                             [this](const Event& event) { step(station_, event, actions_); });
     EXPECT_EQ(text.find('\n'), std::string::npos) << "an answer is one line";
     const json answer = json::parse(text, nullptr, false);
@@ -33,7 +33,7 @@ class StatusTest : public ::testing::Test {
   const Ports ports_{plc_, pose_, scanner_, nullptr, nullptr, clock_, notify_};
   Station station_{StationSettings{}};
   LoopFigures figures_;
-  CalibrationDesk desk_{""};
+  CalibrationChanger changer_{""};
   Actions actions_;
 };
 

@@ -3,7 +3,7 @@
 // slabctl writes a change to a file and sends its name over the control socket. Users who may write to the socket are
 // in the daemon's group and may apply a calibration. The file is therefore read from one folder only, by a plain name,
 // without following links, and the database checks the change.
-#include "daemon/control/calibration_desk.h"
+#include "daemon/control/calibration_changer.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -70,12 +70,12 @@ std::string change_folder(const std::string& db_path) {
   return db_path.empty() ? "" : db_path.substr(0, db_path.rfind('/') + 1) + "changes";
 }
 
-CalibrationDesk::CalibrationDesk(std::string folder) : folder_(std::move(folder)) {
+CalibrationChanger::CalibrationChanger(std::string folder) : folder_(std::move(folder)) {
   // Users of the control socket may write a file here. If the folder cannot be made, reading a change reports it.
   if (!folder_.empty() && ::mkdir(folder_.c_str(), 0770) == 0) static_cast<void>(::chmod(folder_.c_str(), 02770));
 }
 
-Status CalibrationDesk::lay(const std::string& file, std::uint32_t uid) {
+Status CalibrationChanger::accept(const std::string& file, std::uint32_t uid) {
   if (folder_.empty()) return slabd::error(Code::config, "the daemon has no database");
   if (phase_ != Phase::idle) return slabd::error(Code::busy, "another change of calibrations is under way; try again");
   if (uid == kUidUnknown) return slabd::error(Code::config, "who asks for this change is not known");
@@ -90,7 +90,7 @@ Status CalibrationDesk::lay(const std::string& file, std::uint32_t uid) {
   return success();
 }
 
-void CalibrationDesk::carry_out(storage::Store* store) {
+void CalibrationChanger::carry_out(storage::Store* store) {
   const std::string path = folder_ + "/" + file_.c_str();
   try {
     const Result<std::string> text = read_change(path);
@@ -125,14 +125,14 @@ void CalibrationDesk::carry_out(storage::Store* store) {
   ::unlink(path.c_str());
 }
 
-const LineCalibration* CalibrationDesk::finish() {
+const LineCalibration* CalibrationChanger::finish() {
   phase_ = Phase::idle;
   shown_error_ = error_;
   shown_id_ = id_;
   return calibration_.get();
 }
 
-FixedString<limits::kErrorTextBytes> CalibrationDesk::summary() const {
+FixedString<limits::kErrorTextBytes> CalibrationChanger::summary() const {
   FixedString<limits::kErrorTextBytes> text;
   if (succeeded()) {
     text.printf("calibration change %s by uid %u: %s", file_.c_str(), uid_, id_.c_str());

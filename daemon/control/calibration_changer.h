@@ -10,7 +10,7 @@
 #include "storage/storage.h"
 
 /// Passes one change of calibrations between the control socket, the storage thread and the station. One change at a
-/// time: the loop lays and finishes it, the storage thread carries it out in between. No lock is needed, because the
+/// time: the loop accepts and finishes it, the storage thread carries it out in between. No lock is needed, because the
 /// change is handed over with a job and its answer.
 namespace slabd::daemon {
 
@@ -23,19 +23,19 @@ namespace slabd::daemon {
 [[nodiscard]] std::string change_json(const storage::CalibrationChange& change);
 [[nodiscard]] Result<storage::CalibrationChange> parse_change(std::string_view json);
 
-class CalibrationDesk {
+class CalibrationChanger {
  public:
   /// `folder`: where slabctl writes changes; created here, for the group, if it does not exist.
-  explicit CalibrationDesk(std::string folder);
+  explicit CalibrationChanger(std::string folder);
 
   // ---- on the loop's thread ----
   /// Takes the change in `file` (a name inside the folder); `uid` is that of the requesting process. config: another
   /// change is in progress, the name is not valid, or the user is unknown.
-  [[nodiscard]] Status lay(const std::string& file, std::uint32_t uid);
+  [[nodiscard]] Status accept(const std::string& file, std::uint32_t uid);
   [[nodiscard]] bool is_waiting() const { return phase_ == Phase::waiting; }
   void started() { phase_ = Phase::under_way; }
   /// After the storage thread's answer: the calibration now in force, or nullptr if it did not change. Valid until the
-  /// next lay().
+  /// next accept().
   [[nodiscard]] const LineCalibration* finish();
 
   // ---- on the storage thread, between started() and finish() ----

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A change of calibrations from its file to the database.
-#include "daemon/control/calibration_desk.h"
+#include "daemon/control/calibration_changer.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -83,28 +83,28 @@ TEST(CalibrationChangeJson, anything_else_is_an_error_and_no_change) {
   }
 }
 
-class CalibrationDeskTest : public ::testing::Test {
+class CalibrationChangerTest : public ::testing::Test {
  protected:
-  CalibrationDeskTest() {
+  CalibrationChangerTest() {
     fs::remove_all(dir_);
     fs::create_directories(dir_);
     auto store = open_store({(dir_ / "slabd.db").native(), (dir_ / "spool").native(), 0});
     EXPECT_TRUE(store.ok());
     store_ = std::move(store.value());
-    desk_ = std::make_unique<CalibrationDesk>(change_folder((dir_ / "slabd.db").native()));
+    changer_ = std::make_unique<CalibrationChanger>(change_folder((dir_ / "slabd.db").native()));
   }
-  ~CalibrationDeskTest() override { fs::remove_all(dir_); }
+  ~CalibrationChangerTest() override { fs::remove_all(dir_); }
 
   void leave(const std::string& name, const std::string& text) { std::ofstream(dir_ / "changes" / name) << text; }
   /// Lays a file and has it carried out, as the loop and the storage thread do.
   const LineCalibration* carry_out(const std::string& name) {
-    const Status laid = desk_->lay(name, 1000);
+    const Status laid = changer_->accept(name, 1000);
     EXPECT_TRUE(laid.ok()) << laid.error().text.view();
-    EXPECT_TRUE(desk_->is_waiting());
-    desk_->started();
-    EXPECT_FALSE(desk_->is_done());
-    desk_->carry_out(store_.get());
-    return desk_->finish();
+    EXPECT_TRUE(changer_->is_waiting());
+    changer_->started();
+    EXPECT_FALSE(changer_->is_done());
+    changer_->carry_out(store_.get());
+    return changer_->finish();
   }
   CalibrationRecord hand_eye() {
     CalibrationRecord r;
@@ -112,18 +112,18 @@ class CalibrationDeskTest : public ::testing::Test {
     return r;
   }
 
-  fs::path dir_ = fs::temp_directory_path() / ("slabd-desk-" + std::to_string(::getpid()));
+  fs::path dir_ = fs::temp_directory_path() / ("slabd-changer-" + std::to_string(::getpid()));
   std::unique_ptr<Store> store_;
-  std::unique_ptr<CalibrationDesk> desk_;
+  std::unique_ptr<CalibrationChanger> changer_;
 };
 
-TEST_F(CalibrationDeskTest, a_change_is_carried_out_and_its_file_is_gone) {
+TEST_F(CalibrationChangerTest, a_change_is_carried_out_and_its_file_is_gone) {
   leave("1.json", change_json(KeepCalibration{hand_eye()}));
   const LineCalibration* kept = carry_out("1.json");
-  ASSERT_TRUE(desk_->succeeded()) << desk_->error().text.view();
+  ASSERT_TRUE(changer_->succeeded()) << changer_->error().text.view();
   ASSERT_NE(kept, nullptr);
   EXPECT_EQ(kept->source, LineCalibration::Source::missing) << "kept is not applied";
-  const std::string id(desk_->id().view());
+  const std::string id(changer_->id().view());
   EXPECT_FALSE(fs::exists(dir_ / "changes" / "1.json"));
   leave("2.json", change_json(ApplyCalibration{id, {"anna", "test", 5}}));
   const LineCalibration* applied = carry_out("2.json");
@@ -151,59 +151,59 @@ class DoubtfulStore : public Store {
   Store& store_;
 };
 
-TEST_F(CalibrationDeskTest, after_a_change_that_failed_the_line_works_with_what_the_database_says) {
+TEST_F(CalibrationChangerTest, after_a_change_that_failed_the_line_works_with_what_the_database_says) {
   leave("1.json", change_json(KeepCalibration{hand_eye()}));
   (void)carry_out("1.json");
-  const std::string id(desk_->id().view());
+  const std::string id(changer_->id().view());
   DoubtfulStore doubtful(*store_);
   leave("2.json", change_json(ApplyCalibration{id, {"anna", "test", 5}}));
-  ASSERT_TRUE(desk_->lay("2.json", 1000).ok());
-  desk_->started();
-  desk_->carry_out(&doubtful);
-  const LineCalibration* now = desk_->finish();
-  EXPECT_FALSE(desk_->succeeded());
-  EXPECT_NE(desk_->error().text.view().find("made all the same"), std::string_view::npos);
+  ASSERT_TRUE(changer_->accept("2.json", 1000).ok());
+  changer_->started();
+  changer_->carry_out(&doubtful);
+  const LineCalibration* now = changer_->finish();
+  EXPECT_FALSE(changer_->succeeded());
+  EXPECT_NE(changer_->error().text.view().find("made all the same"), std::string_view::npos);
   ASSERT_NE(now, nullptr);
   EXPECT_EQ(now->id.view(), id);
 }
 
-TEST_F(CalibrationDeskTest, a_refused_change_has_no_effect_and_names_the_reason) {
+TEST_F(CalibrationChangerTest, a_refused_change_has_no_effect_and_names_the_reason) {
   leave("a.json", change_json(ApplyCalibration{"he-none", {"anna", "test", 5}}));
   EXPECT_EQ(carry_out("a.json"), nullptr);
-  EXPECT_TRUE(desk_->is_done());
-  EXPECT_FALSE(desk_->succeeded());
-  EXPECT_NE(desk_->error().text.view().find("there is no calibration"), std::string_view::npos);
+  EXPECT_TRUE(changer_->is_done());
+  EXPECT_FALSE(changer_->succeeded());
+  EXPECT_NE(changer_->error().text.view().find("there is no calibration"), std::string_view::npos);
   EXPECT_EQ(carry_out("not-there.json"), nullptr);
-  EXPECT_FALSE(desk_->succeeded());
+  EXPECT_FALSE(changer_->succeeded());
   leave("b.json", "garbage");
   EXPECT_EQ(carry_out("b.json"), nullptr);
-  EXPECT_EQ(desk_->error().code, Code::config);
+  EXPECT_EQ(changer_->error().code, Code::config);
 }
 
-TEST_F(CalibrationDeskTest, only_plain_names_of_files_in_its_folder_are_taken) {
+TEST_F(CalibrationChangerTest, only_plain_names_of_files_in_its_folder_are_taken) {
   for (const char* name : {"", "../slabd.db", "/etc/passwd", ".hidden", "a/b", "a b", "x\n"})
-    EXPECT_FALSE(desk_->lay(name, 1000).ok()) << name;
-  EXPECT_FALSE(desk_->lay("good.json", 0xFFFF'FFFF).ok()) << "not requested";
+    EXPECT_FALSE(changer_->accept(name, 1000).ok()) << name;
+  EXPECT_FALSE(changer_->accept("good.json", 0xFFFF'FFFF).ok()) << "not requested";
   fs::create_symlink(dir_ / "slabd.db", dir_ / "changes" / "link.json");
   EXPECT_EQ(carry_out("link.json"), nullptr);
-  EXPECT_FALSE(desk_->succeeded());
+  EXPECT_FALSE(changer_->succeeded());
 }
 
-TEST_F(CalibrationDeskTest, one_change_at_a_time) {
+TEST_F(CalibrationChangerTest, one_change_at_a_time) {
   leave("1.json", change_json(KeepCalibration{hand_eye()}));
-  ASSERT_TRUE(desk_->lay("1.json", 1).ok());
-  const Status second = desk_->lay("2.json", 1);
+  ASSERT_TRUE(changer_->accept("1.json", 1).ok());
+  const Status second = changer_->accept("2.json", 1);
   ASSERT_FALSE(second.ok());
   EXPECT_NE(second.error().text.view().find("under way"), std::string_view::npos);
 }
 
-TEST_F(CalibrationDeskTest, without_a_database_the_change_is_refused) {
+TEST_F(CalibrationChangerTest, without_a_database_the_change_is_refused) {
   leave("1.json", change_json(KeepCalibration{hand_eye()}));
-  ASSERT_TRUE(desk_->lay("1.json", 1).ok());
-  desk_->started();
-  desk_->carry_out(nullptr);
-  EXPECT_EQ(desk_->finish(), nullptr);
-  EXPECT_FALSE(desk_->succeeded());
+  ASSERT_TRUE(changer_->accept("1.json", 1).ok());
+  changer_->started();
+  changer_->carry_out(nullptr);
+  EXPECT_EQ(changer_->finish(), nullptr);
+  EXPECT_FALSE(changer_->succeeded());
 }
 
 }  // namespace
