@@ -342,16 +342,13 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
 // Only a lack of memory at the start throws here: it ends the process, and the service manager restarts it.
 int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
   using namespace slabd::daemon;
-  CLI::App app{"slabd: inspects railway track slabs from 3-D scans and tells the PLC pass or fail"};
+  CLI::App app{"slabd: inspects railway track slabs from 3-D scans and reports pass or fail to the PLC"};
   std::string config_path = "/etc/slabd/slabd.toml";
   bool check_only = false;
   app.add_option("--config", config_path, "configuration file")->capture_default_str();
   app.add_flag("--check", check_only, "check configuration and recipes, then exit (0 usable, 3 not)");
-  std::uint64_t ignored_mb = 0;
-  const CLI::Option* seal =
-      app.add_option("--seal", ignored_mb, "lock all memory; a number is ignored; see docs/OPERATING.md")
-          ->expected(0, 1)
-          ->default_str("0");
+  bool seal = false;
+  app.add_flag("--seal", seal, "lock all memory; see docs/OPERATING.md");
   app.set_version_flag("--version", std::string(software_version().view()));
   try {
     app.parse(argc, argv);
@@ -371,10 +368,7 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
     if (config_problems.empty())
       load_recipes(config.recipes_dir, recipes, recipe_problems, &config.storage.recipe_texts, &config.doubts);
     if (check_only) return check(config, config_problems, recipes, recipe_problems);
-    if (ignored_mb != 0)
-      say_text("warning: --seal=%llu: the number is ignored, MemoryMax of slabd.service limits the memory\n",
-               static_cast<unsigned long long>(ignored_mb));
-    const int status = run(config, config_problems, recipes, recipe_problems, seal->count() != 0);
+    const int status = run(config, config_problems, recipes, recipe_problems, seal);
     (void)flush_log(kFlush_ms);
     return status;
   } catch (const std::exception& e) {

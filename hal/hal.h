@@ -17,8 +17,8 @@
 #include "base/jobs.h"
 #include "base/team.h"
 
-/// The ports to everything outside the process. Each port has a real implementation (the .cpp files of this folder) and
-/// a scripted one (`tests/mock/`). Implementations convert units, word order and frames.
+/// The ports to everything outside the process, implemented in the folders plc, robot, scan and system. `tests/mock/`
+/// has scripted ones of PLC, robot and scanner. Implementations convert units, word order and frames.
 ///
 /// There are two kinds of ports. PLC and robot pose are *pollable*: the loop waits on their descriptors and never
 /// blocks in them. The scanner is *blocking*: it waits for a file and for the disk, so it runs on a worker thread.

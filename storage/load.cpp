@@ -73,7 +73,7 @@ bool Loader::slab_result(std::int64_t slab_key, SlabResult& out, std::int64_t& e
     if (row.station < 1 || row.station > limits::kStationsMax) station_results_.refuse(0, "is not a station");
     out.station_verdict[row.station - 1U] = row.verdict;
     out.station_reason[row.station - 1U] = row.reason;
-    // Earlier versions stored the provisional pass of a block although its slab was aborted.
+    // An aborted slab has no pass, whatever is stored.
     if (out.verdict == Verdict::aborted && row.verdict == Verdict::pass)
       out.station_verdict[row.station - 1U] = Verdict::none;
   }

@@ -80,7 +80,7 @@ std::string condition(const SlabFilter& filter) {
     where +=
         " AND ?8 <= slab.stations AND EXISTS (SELECT 1 FROM station_result AS s WHERE s.slab_key = slab.slab_key AND "
         "s.station = ?8 AND ";
-    // An aborted slab has no pass, although an earlier version may have stored one.
+    // An aborted slab has no pass, whatever is stored.
     const bool passed = filter.verdict == Verdict::pass;
     where += any      ? "(s.verdict <> 'pass' OR slab_result.verdict = 'aborted'))"
              : passed ? "s.verdict = ?7 AND slab_result.verdict <> 'aborted')"

@@ -306,7 +306,7 @@ Result<PlcRegisters> plc_registers(const std::string& control_socket) {
   Registers registers;
   if (!image.is_object() || image.value("schema", "") != "slabd.plc_image/1" ||
       !take_words(image, "input", registers.input) || !take_words(image, "holding", registers.holding))
-    return error(Code::scanner_offline, "%s does not speak slabd.plc_image/1; is this an older slabd?",
+    return error(Code::scanner_offline, "%s does not speak slabd.plc_image/1; are slabd and slabctl of one version?",
                  control_socket.c_str());
   registers.order = image.value("word_order", "abcd") == "cdab" ? hal::WordOrder::cdab : hal::WordOrder::abcd;
   registers.from = fmt::format("{} role, through {}", image.value("role", "?"), control_socket);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The ordering verbs of the control socket. "capture": parses JSON into an event, and writes the station's state as
-// JSON. Control path: heap and exceptions of the JSON library are confined to this file and status.cpp.
+// JSON. Control path: heap and exceptions of the JSON library are confined to the files of this folder.
 #include <array>
 #include <nlohmann/json.hpp>
 

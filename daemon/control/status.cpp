@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // The answer to a status request on the control socket. Control path: heap and exceptions of the JSON library are
-// confined to this file.
+// confined to the files of this folder.
 #include <unistd.h>
 
 #include <algorithm>

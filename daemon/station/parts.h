@@ -7,16 +7,16 @@
 
 /// The parts of `step`; private to the station's source files.
 ///
-///   station.cpp           dispatch, time, recovery, faults
-///   commands.cpp          the PLC's commands: permission, refusals, sessions, acknowledgements
-///   exposure.cpp          one request to the scanner: its buffer, its answer, points that were received before
-///   acquire.cpp           one SCAN from the settled robot to a measured, committed block
-///   capture.cpp           maintenance: views for a calibration
-///   station_views.cpp     the stop from which a scan shows its block
-///   commands.cpp              a slab's begin and end
-///   stored.cpp            meaning of a durable (or failed) store job
-///   calibration.cpp          calibration in force, splice of a scan, fault 503
-///   station.cpp              what the PLC reads
+///   station.cpp        dispatch, time, recovery, faults, the image that the PLC reads
+///   commands.cpp       the PLC's commands: permission, refusals, sessions, acknowledgements, a slab's begin and end
+///   pose_gate.cpp      whether the robot stands still for a scan
+///   still_watch.cpp    the same for a view, with narrower limits
+///   exposure.cpp       one request to the scanner: its buffer, its answer, points that were received before
+///   acquire.cpp        one SCAN from the settled robot to a measured, committed block
+///   capture.cpp        maintenance: views for a calibration
+///   station_views.cpp  the stop from which a scan shows its block
+///   calibration.cpp    calibration in force, splice of a scan, fault 503
+///   stored.cpp         meaning of a durable (or failed) store job
 namespace slabd::daemon {
 
 // ---- station.cpp ----
@@ -48,8 +48,6 @@ void emit(Actions& actions, const T& action) {
 [[nodiscard]] inline SlabBasis slab_basis(const Station& s) {
   return {s.slab.recipe, s.slab.header.T_base_slab, s.slab.calibration.scanner.numbers};
 }
-
-// ---- station.cpp ----
 /// Emulation bits of the line's configuration and of the present poses.
 [[nodiscard]] std::uint8_t emulation_of_line(const Station& s);
 /// The same, plus those of the newest scan, the open slab, and every result shown to the PLC.
@@ -95,6 +93,13 @@ inline void set_failed(Station& s, std::uint16_t cmd_seq, Code code) {
 [[nodiscard]] bool room_for_records(const Station& s, std::size_t more);
 /// Starts a journalled command: CMD_ACK already shows it.
 void begin_command(Station& s, Actions& actions);
+void open_slab(Station& s, const BeginSlabJob& job);
+[[nodiscard]] BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& inputs);
+void begin_end(Station& s, std::uint16_t cmd_seq, bool aborting, Actions& actions);
+void advance_end(Station& s, Actions& actions);
+void on_slab_judged(Station& s, const SlabJudged& judged, Actions& actions);
+/// Increments RES_SEQ and stores it in the record.
+void number_record(Station& s, PlcResult& record);
 
 // ---- exposure.cpp ----
 /// An unused buffer, or -1.
@@ -161,15 +166,6 @@ void abort_shot(Station& s, Actions& actions);
 }
 /// Folder of views' scans until the calibration session has copied them.
 [[nodiscard]] PathText capture_folder(const Station& s);
-
-// ---- commands.cpp ----
-void open_slab(Station& s, const BeginSlabJob& job);
-[[nodiscard]] BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& inputs);
-void begin_end(Station& s, std::uint16_t cmd_seq, bool aborting, Actions& actions);
-void advance_end(Station& s, Actions& actions);
-void on_slab_judged(Station& s, const SlabJudged& judged, Actions& actions);
-/// Increments RES_SEQ and stores it in the record.
-void number_record(Station& s, PlcResult& record);
 
 // ---- stored.cpp ----
 void on_stored(Station& s, const StoreDone& done, Actions& actions);

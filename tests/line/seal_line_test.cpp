@@ -61,12 +61,6 @@ TEST_F(SealLine, a_daemon_with_locked_memory_inspects_slabs_and_is_backed_up) {
   EXPECT_GT(locked, 100e6);
 }
 
-TEST_F(SealLine, a_number_is_ignored_and_logged) {
-  ASSERT_NO_FATAL_FAILURE(start("--seal=20"));
-  EXPECT_TRUE(logs("--seal=20: the number is ignored"));
-  EXPECT_EQ(box_.stop(), 0);
-}
-
 TEST_F(SealLine, every_stack_is_there_from_the_start) {
   ASSERT_NO_FATAL_FAILURE(start("--seal"));
   if (locking_is_refused()) GTEST_SKIP() << "the system does not allow the daemon to lock its memory";
