@@ -42,13 +42,25 @@ std::optional<std::vector<std::string_view>> values_in(std::string_view text, st
   return values;
 }
 
+/// True if a value contains the words after it as well, because the text is a list.
+bool is_sentences(std::string_view value) {
+  const bool separated = value.find("; ") != std::string_view::npos || value.find(", ") != std::string_view::npos;
+  return separated && std::any_of(value.begin(), value.end(), [](char c) { return c >= 'a' && c <= 'z'; });
+}
+
 /// The text of an entry with the same words; `exact` if they contain no value.
 std::optional<std::string> retold_whole(std::string_view text, bool exact) {
   for (const Translation& entry : lower_catalogue()) {
     const auto values = values_in(text, entry.english);
     if (!values || values->empty() != exact) continue;
     std::vector<std::string> words;
-    for (const std::string_view value : *values) words.push_back(retold(value).value_or(std::string(value)));
+    bool is_list = false;
+    for (const std::string_view value : *values) {
+      const std::optional<std::string> word = retold(value);
+      is_list = is_list || (!word && is_sentences(value));
+      words.push_back(word.value_or(std::string(value)));
+    }
+    if (is_list) continue;
     return filled(entry.chinese, std::vector<SaidValue>(words.begin(), words.end()));
   }
   return std::nullopt;

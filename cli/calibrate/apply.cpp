@@ -16,6 +16,7 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 #include "report/json.h"
 
 namespace slabd::cli {
@@ -29,6 +30,7 @@ struct Options {
   std::string who;
   std::string why;
   std::size_t limit = 20;
+  LanguageOption language;
   bool json = false;
 };
 
@@ -39,29 +41,31 @@ storage::ChangeNote note_of(const Options& options) {
 /// Warns if the acceptance in force is invalid, because a later verification of the scanner was out of its limits.
 void warn_of_standing(const daemon::Config& config, std::string_view id) {
   const auto reader = records_if_readable(config);
-  if (!reader.ok()) return complain(reader.error().text.view());
+  if (!reader.ok()) return complain(retold(reader.error().text.view()));
   if (reader.value() == nullptr) return;
   const auto line = reader.value()->line_calibration();
   if (!line || line.value()->scanner.id.view() != id ||
       acceptance_state(line.value()->scanner, wall_clock_us()) != AcceptanceState::failed)
     return;
   complain(
-      fmt::format("warning: the line goes on warning of the scanner: after {} was kept, a verification was out of its "
-                  "limits; only a new acceptance, from other scans, ends that (slabctl scanner verify --apply)",
-                  id));
+      say("warning: the line goes on warning of the scanner: after {} was kept, a verification was out of its "
+          "limits; only a new acceptance, from other scans, ends that (slabctl scanner verify --apply)",
+          id));
 }
 
 int carry_out(const Options& options, const storage::CalibrationChange& change) {
+  speak(options.language, options.json);
   const daemon::Config config = config_from(options.config);
   const Result<DeskAnswer> changed = change_calibration(config, change);
-  if (!changed.ok() && changed.error().code == Code::config) stop(kRefused, changed.error().text.view());
+  if (!changed.ok() && changed.error().code == Code::config) stop(kRefused, changed.error());
   const DeskAnswer done = need(changed);
   if (options.json) {
     Json json("slabd.calibration_applied/1");
     json.field("id", done.id).field("by_daemon", done.by_daemon).field("after_slab", done.after_slab);
     fmt::print("{}", json.text());
   } else {
-    fmt::print("{} is in force{}\n", done.id, done.after_slab ? " from the next slab on; one is open now" : "");
+    fmt::print("{}", say("{} is in force{}\n", done.id,
+                         done.after_slab ? say(" from the next slab on; one is open now") : ""));
   }
   warn_of_standing(config, done.id);
   return kDone;
@@ -85,50 +89,49 @@ constexpr std::int64_t kClockSlack_us = std::int64_t{10} * 60 * 1'000'000;
 
 /// Stores the session's solution as a record with all its inputs, and puts it in force.
 int apply_session(const SessionOptions& which, RecordOptions record_options, bool yes, bool json_wanted) {
+  speak(which.language, json_wanted);
   Session session = find_session(which);
   need(session.lock());
   need_solution(session);
   const Session::Solution& solution = *session.solution();
   if (!solution.verified || solution.verified->inputs != session.inputs(calib::ViewUse::held_out))
-    stop(kRefused, fmt::format("{} is not verified{}; next: slabctl calibrate verify", solution.record.id,
-                               solution.verified ? " with the views that are held out now" : ""));
+    stop(kRefused, say("{} is not verified{}; next: slabctl calibrate verify", solution.record.id,
+                       solution.verified ? say(" with the views that are held out now") : ""));
   record_options.config = !which.config.empty()                ? which.config
                           : !session.settings().config.empty() ? session.settings().config
                                                                : default_config();
   daemon::Config config;
   if (!config_from(record_options.config, config))
-    stop(kBadInput, "applying needs the daemon's configuration: slabctl calibrate apply --config FILE");
+    stop(kBadInput, say("applying needs the daemon's configuration: slabctl calibrate apply --config FILE"));
   if (!yes && !is_of_line(session, record_options.config, config))
-    stop(kRefused, fmt::format("{} was begun with {}: its views are of that line's robot and scanner, and {} is "
-                               "another line; if it is the same one, say --yes",
-                               session_words(session), session.settings().config, record_options.config));
+    stop(kRefused, say("{} was begun with {}: its views are of that line's robot and scanner, and {} is "
+                       "another line; if it is the same one, say --yes",
+                       session_words(session), session.settings().config, record_options.config));
   finish_killed_change(config);
   const InForce now = hand_eye_in_force(config);
   // The id of the same numbers with another expiry has an added number behind a dot.
   if (now.id.view().substr(0, now.id.view().find('.')) != solution.record.id &&
       now.id.view() != solution.verified->before_id)
-    stop(kRefused,
-         fmt::format("{} is in force now, and it was verified against {}; next: slabctl calibrate verify --config {}",
-                     now.id.empty() ? std::string_view("nothing") : now.id.view(),
-                     solution.verified->before_id.empty() ? "nothing" : solution.verified->before_id,
-                     record_options.config));
+    stop(kRefused, say("{} is in force now, and it was verified against {}; next: slabctl calibrate verify --config {}",
+                       now.id.empty() ? say("nothing") : std::string(now.id.view()),
+                       solution.verified->before_id.empty() ? say("nothing") : solution.verified->before_id,
+                       record_options.config));
   storage::CalibrationRecord record;
   if (record_options.operator_name.empty()) record_options.operator_name = session.settings().operator_name;
   record_options.describe(config, record, session.oldest_utime_us());
   // A view time in the future would make the calibration look new at every application.
   if (session.oldest_utime_us() > record.created_utime_us + kClockSlack_us)
     stop(kRefused,
-         fmt::format("the oldest view was captured at {}, a time to come: how old this calibration is cannot be told; "
-                     "if the clock is behind, set it; if it was ahead when the views were captured, capture them again",
-                     iso_time(session.oldest_utime_us())));
+         say("the oldest view was captured at {}, a time to come: how old this calibration is cannot be told; "
+             "if the clock is behind, set it; if it was ahead when the views were captured, capture them again",
+             iso_time(session.oldest_utime_us())));
   record.numbers = solution.record.numbers;
   record.observations = observations_text(session);
   record.certificate = session.certificate_text();
   const Result<std::string> figures = text_file(solution.folder + "/figures.json");
   if (!figures.ok() || calib::sha256_hex(figures.value()) != solution.record.figures)
-    stop(kBadInput,
-         fmt::format("{}/figures.json is missing or was changed: remove that folder, then slabctl calibrate solve",
-                     solution.folder));
+    stop(kBadInput, say("{}/figures.json is missing or was changed: remove that folder, then slabctl calibrate solve",
+                        solution.folder));
   record.figures = figures.value();
   record_options.apply = true;
   if (record_options.why.empty()) record_options.why = "calibrated in session " + session.settings().name;
@@ -143,15 +146,17 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   } else {
     const std::string where =
         record_options.config == default_config() ? "" : fmt::format(" --config {}", record_options.config);
-    fmt::print("{}\n{}slabctl calibrate history{} shows it{}\n", session_words(session), kept_text(kept, false), where,
-               now.applied && now.id.view() != kept.id
-                   ? fmt::format("; slabctl calibrate rollback --reason \"...\" puts {} back", now.id.view())
-                   : "");
+    fmt::print("{}", say("{}\n{}slabctl calibrate history{} shows it{}\n", session_words(session),
+                         kept_text(kept, false), where,
+                         now.applied && now.id.view() != kept.id
+                             ? say("; slabctl calibrate rollback --reason \"...\" puts {} back", now.id.view())
+                             : ""));
   }
   return kDone;
 }
 
 int show_history(const Options& options) {
+  speak(options.language, options.json);
   const daemon::Config config = config_from(options.config);
   const std::unique_ptr<storage::Reader> reader = open_records(config);
   std::vector<storage::AppliedChange> applied;
@@ -181,18 +186,19 @@ int show_history(const Options& options) {
     fmt::print("{}", json.text());
     return kDone;
   }
-  Table changes{"when<", "what<", "now in force<", "before<", "who<", "why<"};
+  Table changes{say("when<"), say("what<"), say("now in force<"), say("before<"), say("who<"), say("why<")};
   for (const storage::AppliedChange& c : applied)
     changes.add(iso_time(c.note.utime_us),
-                fmt::format("{} {}{}", c.is_rollback ? "rollback" : "apply", name(c.kind),
+                fmt::format("{} {}{}", c.is_rollback ? say("rollback") : say("apply"), translated(name(c.kind)),
                             c.slab_type == 0 ? "" : fmt::format(" {}", c.slab_type)),
-                c.calibration_id, c.replaced_id.empty() ? "-" : c.replaced_id, c.note.who, c.note.why);
-  Table kept{"\nkept<", "kind<", "created<", "expires<", "operator<", "robot<", "scanner<", "holds for<"};
+                c.calibration_id, c.replaced_id.empty() ? "-" : c.replaced_id, c.note.who, retold(c.note.why));
+  Table kept{say("\nkept<"),   say("kind<"),  say("created<"), say("expires<"),
+             say("operator<"), say("robot<"), say("scanner<"), say("holds for<")};
   for (const storage::CalibrationRecord& r : records)
-    kept.add(r.id, name(r.kind()), iso_time(r.created_utime_us),
-             r.expires_utime_us == 0 ? "never" : iso_time(r.expires_utime_us), r.operator_name, r.robot_serial,
+    kept.add(r.id, translated(name(r.kind())), iso_time(r.created_utime_us),
+             r.expires_utime_us == 0 ? say("never") : iso_time(r.expires_utime_us), r.operator_name, r.robot_serial,
              r.scanner_serial, r.parent_id);
-  fmt::print("{}{}", changes.rows.empty() ? "no calibration was ever put in force\n" : text_of(changes),
+  fmt::print("{}{}", changes.rows.empty() ? say("no calibration was ever put in force\n") : text_of(changes),
              kept.rows.empty() ? "" : text_of(kept));
   return kDone;
 }
@@ -210,11 +216,11 @@ void confirm_replacing(const daemon::Config& config, const Pose& after, std::str
   }
   const double turn_deg = deg_from_rad(angle_between_rad(before.rotation, after.rotation));
   const std::string change =
-      fmt::format("{} is in force; with {} seats of {} move by up to {:.3f} mm, the scanner turns by {:.3f} deg",
-                  now.id.view(), source, seats.slab, seats.shift_max_mm, turn_deg);
+      say("{} is in force; with {} seats of {} move by up to {:.3f} mm, the scanner turns by {:.3f} deg", now.id.view(),
+          source, seats.slab, seats.shift_max_mm, turn_deg);
   if (yes || is_small_change(seats.shift_max_mm, turn_deg)) return complain(change);
-  stop(kRefused, fmt::format("{}: above {} mm or {} deg that needs a word of yours, --yes", change, kConfirmAbove_mm,
-                             kConfirmAbove_deg));
+  stop(kRefused,
+       say("{}: above {} mm or {} deg that needs a word of yours, --yes", change, kConfirmAbove_mm, kConfirmAbove_deg));
 }
 
 /// The same for a stored hand-eye calibration that is named. Does nothing for other records; the change itself rejects
@@ -238,9 +244,9 @@ void confirm_applying(const Options& options, bool yes) {
 int adopt(RecordOptions options, double sigma_mm, double sigma_deg, bool yes) {
   const daemon::Config config = config_from(options.config);
   if (config.calibration.id.empty())
-    stop(kBadInput,
-         fmt::format("{}: [calibration] T_flange_scanner is missing, there is nothing to adopt", options.config));
-  if (options.apply) confirm_replacing(config, config.calibration.T_flange_scanner, "the configuration's value", yes);
+    stop(kBadInput, say("{}: [calibration] T_flange_scanner is missing, there is nothing to adopt", options.config));
+  if (options.apply)
+    confirm_replacing(config, config.calibration.T_flange_scanner, say("the configuration's value"), yes);
   if (options.why.empty()) options.why = "adopted from " + options.config;
   storage::CalibrationRecord record;
   options.describe(config, record);
@@ -257,6 +263,7 @@ int adopt(RecordOptions options, double sigma_mm, double sigma_deg, bool yes) {
 
 void add_common(args::Command& command, Options& options) {
   command.add_option("--config", options.config, "The daemon's configuration")->default_val(default_config());
+  options.language.add_to(command, "Language of the text");
   command.add_flag("--json", options.json, "JSON on stdout");
 }
 void add_note(args::Command& command, Options& options) {
@@ -295,16 +302,18 @@ void add_calibrate_apply(args::Command& group) {
   command->runs([options] {
     Options& known = options->known;
     if (known.id.empty()) return apply_session(options->session, options->record, options->yes, known.json);
+    known.language = options->session.language;
+    speak(known.language, known.json);
     known.config = options->session.config.empty() ? default_config() : options->session.config;
     known.who = options->record.operator_name;
     known.why = options->record.why;
-    if (known.why.empty()) stop(kUsage, "say why, for the history: --reason \"...\"");
+    if (known.why.empty()) stop(kUsage, say("say why, for the history: --reason \"...\""));
     const RecordOptions& given = options->record;
     if (!given.robot_serial.empty() || !given.scanner_serial.empty() || has_value(given.temperature_c) ||
         given.valid_days >= 0)
-      stop(kUsage,
-           "a kept record says what it says: no --robot-serial, --scanner-serial, --temperature or --valid-days with "
-           "ID");
+      stop(kUsage, say("a kept record says what it says: no --robot-serial, --scanner-serial, --temperature or "
+                       "--valid-days with "
+                       "ID"));
     confirm_applying(known, options->yes);
     return carry_out(known, storage::ApplyCalibration{known.id, note_of(known)});
   });
@@ -316,6 +325,7 @@ void add_calibrate_adopt(args::Command& group) {
     double sigma_mm = kNoValue;
     double sigma_deg = kNoValue;
     bool yes = false;
+    LanguageOption language;
   };
   auto options = std::make_shared<Adopt>();
   args::Command command = group.add_subcommand(
@@ -336,7 +346,11 @@ void add_calibrate_adopt(args::Command& group) {
       ->required()
       ->check(within(1e-6, 1.0));
   command->add_flag("--yes", options->yes, "With --apply: what it changes is looked at and wanted");
-  command->runs([options] { return adopt(options->record, options->sigma_mm, options->sigma_deg, options->yes); });
+  options->language.add_to(*command, "Language of the text");
+  command->runs([options] {
+    speak(options->language);
+    return adopt(options->record, options->sigma_mm, options->sigma_deg, options->yes);
+  });
 }
 
 void add_calibrate_rollback(args::Command& group) {
@@ -377,19 +391,18 @@ std::optional<Stop> find_seat_shifts(const daemon::Config& config, std::uint16_t
   const auto recipe = std::find_if(recipes.begin(), recipes.end(),
                                    [&](const Recipe& r) { return slab_type == 0 || r.slab_type == slab_type; });
   if (recipe == recipes.end())
-    return Stop{kBadInput,
-                fmt::format("no recipe{} in {}: what changes at the slab cannot be told",
-                            slab_type == 0 ? "" : fmt::format(" of slab type {}", slab_type), config.recipes_dir)};
+    return Stop{kBadInput, say("no recipe{} in {}: what changes at the slab cannot be told",
+                               slab_type == 0 ? "" : say(" of slab type {}", slab_type), config.recipes_dir)};
   const auto reader = records_if_readable(config);
-  if (!reader.ok()) return Stop{kNotReachable, std::string(reader.error().text.view())};
+  if (!reader.ok()) return Stop{kNotReachable, retold(reader.error().text.view())};
   std::unique_ptr<LineCalibration> line;
   if (reader.value() != nullptr) {
     auto read = reader.value()->line_calibration();
-    if (!read.ok()) return Stop{exit_for(read.error().code), std::string(read.error().text.view())};
+    if (!read.ok()) return Stop{exit_for(read.error().code), retold(read.error().text.view())};
     line = std::move(read.value());
   }
   const StationsInForce* table = line == nullptr ? nullptr : line->table_for(recipe->slab_type);
-  out.slab = fmt::format("slab type {}", recipe->slab_type);
+  out.slab = say("slab type {}", recipe->slab_type);
   out.shift_max_mm = 0.0;
   for (int station = 1; station <= recipe->stations(); ++station) {
     const Pose T_base_block = config.T_base_slab * T_slab_block(*recipe, station);

@@ -21,6 +21,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
+#include "cli/terminal/say.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {
@@ -133,31 +134,31 @@ Result<std::vector<ViewRequest>> requests_from_set(const std::string& dir) {
     std::size_t shot = 0;
     if (!numbers_of(it->path().filename(), view, shot)) continue;
     if (view == 0)
-      return error(Code::config, "%s: views are numbered from 1, which is the first pose in flange.txt",
-                   it->path().c_str());
+      return said_error(Code::config, say("{}: views are numbered from 1, which is the first pose in flange.txt",
+                                          it->path().string()));
     const auto [other, is_new] = scans.try_emplace({view, shot}, it->path().string());
     if (is_new) continue;
     const std::string one = it->path().filename().string();
     const std::string two = fs::path(other->second).filename().string();
-    return error(Code::config,
-                 "%s and %s are both view %zu, shot %zu; move the one away that was not taken at pose %zu of "
-                 "flange.txt (in %s)",
-                 std::min(one, two).c_str(), std::max(one, two).c_str(), view, shot, view, dir.c_str());
+    return said_error(Code::config,
+                      say("{} and {} are both view {}, shot {}; move the one away that was not taken at pose {} of "
+                          "flange.txt (in {})",
+                          std::min(one, two), std::max(one, two), view, shot, view, dir));
   }
-  if (fault) return error(Code::config, "%s: cannot be read: %s", dir.c_str(), fault.message().c_str());
+  if (fault) return said_error(Code::config, say("{}: cannot be read: {}", dir, quote(fault.message())));
   std::vector<ViewRequest> requests;
   std::size_t last = 0;
   for (const auto& [key, path] : scans) {
     const std::size_t view = key.first;
     if (view > table.value().table.poses.size())
-      return error(Code::config, "%s: flange.txt beside it has %zu poses, so there is none for view %zu", path.c_str(),
-                   table.value().table.poses.size(), view);
+      return said_error(Code::config, say("{}: flange.txt beside it has {} poses, so there is none for view {}", path,
+                                          table.value().table.poses.size(), view));
     if (view != last) requests.push_back(request_from(table.value(), view - 1));
     requests.back().scans.push_back(path);
     last = view;
   }
   if (requests.empty())
-    return error(Code::config, "%s: no scan named view_NN.ply or view_NN_SHOT.ply in it", dir.c_str());
+    return said_error(Code::config, say("{}: no scan named view_NN.ply or view_NN_SHOT.ply in it", dir));
   return requests;
 }
 
@@ -172,16 +173,16 @@ Result<std::vector<ViewRequest>> requests_from(const Options& options, const Ses
             ? 0
             : static_cast<std::size_t>(std::stoul(line));
     if (number == 0)
-      return error(Code::config, "--flange-file %s: expected FILE:LINE, the line as an editor counts it",
-                   options.flange_file.c_str());
+      return said_error(Code::config, say("--flange-file {}: expected FILE:LINE, the line as an editor counts it",
+                                          options.flange_file));
     const std::string path = options.flange_file.substr(0, colon);
     const Result<WrittenTable> table = read_table(path);
     if (!table.ok()) return table.error();
     const auto& lines = table.value().table.lines;
     const auto row = std::find(lines.begin(), lines.end(), number);
     if (row == lines.end())
-      return error(Code::config, "%s:%zu holds no pose; poses are on lines %zu to %zu", path.c_str(), number,
-                   lines.front(), lines.back());
+      return said_error(Code::config, say("{}:{} holds no pose; poses are on lines {} to {}", path, number,
+                                          lines.front(), lines.back()));
     request = request_from(table.value(), static_cast<std::size_t>(row - lines.begin()));
   } else {
     request.flange_form = session.settings().flange_form;
@@ -189,36 +190,37 @@ Result<std::vector<ViewRequest>> requests_from(const Options& options, const Ses
     const Result<Pose> read = calib::parse_flange(request.flange_form, request.flange, "--flange");
     const bool has_comma = options.flange.find(',') != std::string::npos;
     if (!read.ok())
-      return error(Code::config, "%s%s", read.error().text.c_str(),
-                   has_comma ? "; a comma stands between two numbers: write 1500.2, not 1500,2" : "");
+      return said_error(Code::config,
+                        retold(read.error().text.view()) +
+                            (has_comma ? say("; a comma stands between two numbers: write 1500.2, not 1500,2") : ""));
   }
   request.scans = options.scans;
   return std::vector<ViewRequest>{request};
 }
 
 std::string found_text(const Session& session, const calib::CapturedView& v, const calib::Guide& guide) {
-  if (!v.accepted()) return fmt::format("REFUSED ({}): {}\n  cure: {}", v.refusal, v.reason, v.cure);
-  std::string text = v.use == calib::ViewUse::held_out ? "accepted, held out to verify with" : "accepted";
+  if (!v.accepted()) return say("REFUSED ({}): {}\n  cure: {}", v.refusal, quote(v.reason), quote(v.cure));
+  std::string text = v.use == calib::ViewUse::held_out ? say("accepted, held out to verify with") : say("accepted");
   const bool ball = session.settings().kind == calib::ArtefactKind::ball;
   if (ball)
-    text += fmt::format("; {} points, cap {:.0f} deg, rms {:.3f} mm, free radius {:+.3f} mm", v.points,
-                        v.half_angle_deg, v.rms_mm, v.radius_off_mm);
+    text += say("; {} points, cap {:.0f} deg, rms {:.3f} mm, free radius {:+.3f} mm", v.points, v.half_angle_deg,
+                v.rms_mm, v.radius_off_mm);
   else
-    text += fmt::format("; balls within {:.3f} mm of the certificate", v.rms_mm);
-  if (has_value(v.repeat_mm)) text += fmt::format(", {} shots repeat to {:.4f} mm", v.shots.size(), v.repeat_mm);
+    text += say("; balls within {:.3f} mm of the certificate", v.rms_mm);
+  if (has_value(v.repeat_mm)) text += say(", {} shots repeat to {:.4f} mm", v.shots.size(), v.repeat_mm);
   const auto pose = calib::parse_flange(v.flange_form, v.flange, "");
   if (guide.T_flange_scanner && pose.ok())
-    text += fmt::format(", tilt {:.0f} deg",
-                        calib::tilt_deg(pose.value(), *guide.T_flange_scanner, session.settings().down_base));
+    text +=
+        say(", tilt {:.0f} deg", calib::tilt_deg(pose.value(), *guide.T_flange_scanner, session.settings().down_base));
   return text;
 }
 
 std::string taken_text(const Session& session, const Taken& taken, const calib::Guide& guide) {
   if (taken.dropped)
-    return "captured already, and DROPPED: it counts for nothing; take another scan, or take the drop back if it was "
-           "the "
-           "last step (slabctl calibrate undo)";
-  return (taken.already ? "captured already, " : "") + found_text(session, taken.view, guide);
+    return say(
+        "captured already, and DROPPED: it counts for nothing; take another scan, or take the drop back if it was the "
+        "last step (slabctl calibrate undo)");
+  return (taken.already ? say("captured already, ") : "") + found_text(session, taken.view, guide);
 }
 
 void write_view(Json& json, const Taken& taken) {
@@ -233,16 +235,16 @@ void write_view(Json& json, const Taken& taken) {
 /// Captures the views of one command. A failed view is a return value, so that capture_all() continues after a robot
 /// motion.
 int capture(const Options& options) {
+  speak(options.session.language, options.json);
   const int sources = (options.live ? 1 : 0) + (options.set.empty() ? 0 : 1) + (options.scans.empty() ? 0 : 1);
   const int poses = (options.flange.empty() ? 0 : 1) + (options.flange_file.empty() ? 0 : 1);
   if (sources != 1 || (!options.scans.empty() && poses != 1) || (options.scans.empty() && poses != 0))
-    stop(kUsage,
-         "say where the view comes from: --live (the running line), --scan FILE with --flange \"POSE\" or "
-         "--flange-file FILE:LINE, or --set FOLDER with flange.txt and view_NN.ply");
+    stop(kUsage, say("say where the view comes from: --live (the running line), --scan FILE with --flange \"POSE\" or "
+                     "--flange-file FILE:LINE, or --set FOLDER with flange.txt and view_NN.ply"));
   Session session = find_session(options.session);
   if (options.end) {
     const Result<std::string> ended = end_live(session);
-    if (!ended.ok()) stop(live_capture_exit(ended.error().code), ended.error().text.view());
+    if (!ended.ok()) stop(live_capture_exit(ended.error().code), ended.error());
     if (!options.json) fmt::print("{}: {}\n", session_words(session), ended.value());
     return kDone;
   }
@@ -261,14 +263,14 @@ int capture(const Options& options) {
   std::size_t done = 0;
   for (ViewRequest& request : requests) {
     request.hold_out = options.hold_out;
-    if (terminal && requests.size() > 1) fmt::print(stderr, "\r\x1b[Kscan {}/{}", ++done, requests.size());
+    if (terminal && requests.size() > 1) fmt::print(stderr, "\r\x1b[K{}", say("scan {}/{}", ++done, requests.size()));
     const Result<Taken> taken = options.live ? take_live(session, {options.shots, options.hold_out, options.take_over})
                                              : take_view(session, request);
     if (terminal && requests.size() > 1) fmt::print(stderr, "\r\x1b[K");
     if (!taken.ok()) {
-      complain(taken.error().text.view());
-      if (options.live) complain("no view was taken; cure it and give the command again");
-      if (fresh > 0) complain(fmt::format("{} views before it are kept; cure it and give the command again", fresh));
+      complain(retold(taken.error().text.view()));
+      if (options.live) complain(say("no view was taken; cure it and give the command again"));
+      if (fresh > 0) complain(say("{} views before it are kept; cure it and give the command again", fresh));
       return options.live ? live_capture_exit(taken.error().code) : exit_for(taken.error().code);
     }
     refused += taken.value().view.accepted() ? 0U : 1U;
@@ -277,7 +279,7 @@ int capture(const Options& options) {
     if (options.json) continue;
     calib::Guide guide;
     if (requests.size() == 1) guide = session.guide();
-    fmt::print("view {}: {}\n", taken.value().view.number, taken_text(session, taken.value(), guide));
+    fmt::print("{}", say("view {}: {}\n", taken.value().view.number, taken_text(session, taken.value(), guide)));
   }
   const calib::Guide guide = session.guide();
   session.leave_next_pose(guide);
@@ -288,8 +290,8 @@ int capture(const Options& options) {
   else
     fmt::print("{}", guide_text(session, guide));
   if (refused > 0 && !options.json)
-    fmt::print("{} of {} refused: they are kept and count for nothing; take them again after the cure\n", refused,
-               requests.size());
+    fmt::print("{}", say("{} of {} refused: they are kept and count for nothing; take them again after the cure\n",
+                         refused, requests.size()));
   return refused > 0 ? kRefused : kDone;
 }
 
@@ -302,7 +304,7 @@ int capture_all(Options options) {
     const Session session = find_session(options.session);
     const std::size_t counted = session.counted(calib::ViewUse::fit) + session.counted(calib::ViewUse::held_out);
     if (counted >= session.settings().goal) return kDone;
-    fmt::print("drive there, stand still, then Enter; q and Enter to stop here\n");
+    fmt::print("{}", say("drive there, stand still, then Enter; q and Enter to stop here\n"));
     std::fflush(stdout);
     std::string line;
     if (!std::getline(std::cin, line) || line.starts_with('q')) return status;

@@ -23,6 +23,7 @@
 #include "cli/terminal/parse.h"
 #include "cli/terminal/progress.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 #include "daemon/measure.h"
 #include "report/json.h"
 #include "report/slab_view.h"
@@ -44,6 +45,7 @@ struct CheckOptions {
   BallLook look;
   std::string who;
   std::size_t limit = kTrendRows;
+  LanguageOption language;
   bool json = false;
 };
 
@@ -52,6 +54,7 @@ struct ReferenceOptions {
   std::string certificate;
   BallLook look;
   double limit_mm = 0.1;
+  LanguageOption language;
 };
 
 // ---- reference block ---------------------------------------------------------------------------------------------
@@ -64,18 +67,19 @@ void need_recipe_of_line(const Recipe& recipe, const std::string& file, const da
   for (const Recipe& one : of_line)
     if (one.sha256 == recipe.sha256) return;
   static_cast<void>(report_problems(problems));
-  stop(kRefused, fmt::format("{}: none of the recipes in {} is like it, so no verdict is made with its limits and "
-                             "uncertainties: check with a recipe of the line, or put this one there",
-                             file, config.recipes_dir));
+  stop(kRefused, say("{}: none of the recipes in {} is like it, so no verdict is made with its limits and "
+                     "uncertainties: check with a recipe of the line, or put this one there",
+                     file, config.recipes_dir));
 }
 
 BlockResult measure_scan(const CheckOptions& options, const daemon::Config& config, storage::Reader& reader) {
-  if (options.recipe.empty()) stop(kUsage, "a scan needs --recipe: the block's shape, and what U is computed from");
+  if (options.recipe.empty())
+    stop(kUsage, say("a scan needs --recipe: the block's shape, and what U is computed from"));
   const Recipe recipe = recipe_from(options.recipe);
   need_recipe_of_line(recipe, options.recipe, config);
   // Measured with the scanner's acceptance, as on the line.
   const auto line = need(reader.line_calibration());
-  const ProgressNote note(stderr, "measuring ...", std::chrono::seconds(1));
+  const ProgressNote note(stderr, say("measuring ..."), std::chrono::seconds(1));
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
   const ScanShape shape = need(hal::read_scan(options.scan.c_str(), options.look.form.form(), xyz));
@@ -109,20 +113,17 @@ BlockResult take_from_slab(const CheckOptions& options, storage::Reader& reader,
   const std::int64_t key = slab.summary.header.key;
   const storage::SlabBlock* valid = latest(slab, options.station);
   if (valid == nullptr || valid->phase != StationPhase::measured)
-    stop(kBadInput,
-         fmt::format("--slab {} --station {}: this station was not measured; slabctl show {} lists its blocks",
-                     options.slab, options.station, options.slab));
+    stop(kBadInput, say("--slab {} --station {}: this station was not measured; slabctl show {} lists its blocks",
+                        options.slab, options.station, options.slab));
   const CalibrationId& measured_with = slab.summary.header.calibration_id;
   if (!(measured_with == in_force))
-    stop(kRefused,
-         fmt::format("slab {} was measured with calibration {}, in force is {}: scan the reference block again", key,
-                     measured_with.empty() ? "none" : measured_with.view(), in_force.view()));
+    stop(kRefused, say("slab {} was measured with calibration {}, in force is {}: scan the reference block again", key,
+                       measured_with.empty() ? say("none") : std::string(measured_with.view()), in_force.view()));
   const std::int64_t checked = need(last_check_utime_us(reader));
   if (valid->attempt.scan_utime_us <= checked)
-    stop(
-        kRefused,
-        fmt::format("slab {} station {} was scanned at {}, before the last check at {}: scan the reference block again",
-                    key, options.station, iso_time(valid->attempt.scan_utime_us), iso_time(checked)));
+    stop(kRefused,
+         say("slab {} station {} was scanned at {}, before the last check at {}: scan the reference block again", key,
+             options.station, iso_time(valid->attempt.scan_utime_us), iso_time(checked)));
   source = fmt::format("slab key {} station {} attempt {}", key, options.station, valid->attempt.number);
   return valid->block;
 }
@@ -137,10 +138,9 @@ std::string elsewhere(const daemon::Config& config, const std::string& observati
   const double off_mm = (seen.T_base_flange.translation_mm - then->translation_mm).norm();
   const double off_rad = angle_between_rad(seen.T_base_flange.rotation, then->rotation);
   if (off_mm <= config.splice.gate_mm && off_rad <= config.splice.gate_rad) return "";
-  return fmt::format(
+  return say(
       "the robot stood {:.1f} mm and {:.2f} deg from where it stood when the ball was taken into use; from there it "
-      "errs "
-      "otherwise, so look from the same pose",
+      "errs otherwise, so look from the same pose",
       off_mm, deg_from_rad(off_rad));
 }
 
@@ -148,12 +148,13 @@ std::string elsewhere(const daemon::Config& config, const std::string& observati
 /// sign there.
 void need_clear_elsewhere(storage::Reader& reader, const CalibrationCheck& check, const std::string& where) {
   if (check.passed && need(reader.line_calibration())->ball.failed)
-    stop(kRefused, fmt::format("refused: the last check failed, and this one does not clear it: {}", where));
+    stop(kRefused, say("refused: the last check failed, and this one does not clear it: {}", where));
 }
 
 InForce need_hand_eye(storage::Reader* reader, const daemon::Config& config) {
   const InForce now = hand_eye_in_force(reader, config);
-  if (now.id.empty()) stop(kRefused, "no calibration is in force, and the configuration has no commissioning values");
+  if (now.id.empty())
+    stop(kRefused, say("no calibration is in force, and the configuration has no commissioning values"));
   return now;
 }
 
@@ -169,16 +170,20 @@ void write_check(Json& json, const CalibrationCheck& check) {
 std::string due_text(const LineCalibration::Watch& watch, std::int64_t interval_us) {
   if (watch.reference_id.empty()) return "";
   const std::int64_t last = checked_from_utime_us(watch);
-  if (interval_us == 0) return "no checks are due ([calibration] check_interval_hours = 0)";
-  return fmt::format("next check due {}{}", iso_time(last + interval_us),
-                     overdue(watch, interval_us, wall_clock_us()) ? ": OVERDUE" : "");
+  if (interval_us == 0) return say("no checks are due ([calibration] check_interval_hours = 0)");
+  return say("next check due {}{}", iso_time(last + interval_us),
+             overdue(watch, interval_us, wall_clock_us()) ? say(": OVERDUE") : "");
+}
+
+std::string passed_word(bool passed) {
+  return passed ? say("passed") : say("FAILED");
 }
 
 std::string figures_of(const CalibrationCheck& check) {
   if (check.kind == CalibrationKind::monitor_ball)
-    return fmt::format("{:.3f} mm off ({:+.3f} {:+.3f} {:+.3f})", check.off_mm.norm(), check.off_mm.x(),
-                       check.off_mm.y(), check.off_mm.z());
-  return fmt::format("slope {:.4f} deg, jaw distance {:.4f} mm", deg_from_rad(check.slope_rad), check.jaw_distance_mm);
+    return say("{:.3f} mm off ({:+.3f} {:+.3f} {:+.3f})", check.off_mm.norm(), check.off_mm.x(), check.off_mm.y(),
+               check.off_mm.z());
+  return say("slope {:.4f} deg, jaw distance {:.4f} mm", deg_from_rad(check.slope_rad), check.jaw_distance_mm);
 }
 
 /// Prints the trend, oldest first.
@@ -208,13 +213,13 @@ int show_trend(const CheckOptions& options, const daemon::Config& config, storag
     fmt::print("{}", json.text());
     return kDone;
   }
-  Table table{"when<", "what<", "result<", "measured<", "note<"};
+  Table table{say("when<"), say("what<"), say("result<"), say("measured<"), say("note<")};
   for (auto check = checks.rbegin(); check != checks.rend(); ++check)
-    table.add(iso_time(check->utime_us), name(check->kind), check->passed ? "passed" : "FAILED", figures_of(*check),
-              check->note);
+    table.add(iso_time(check->utime_us), translated(name(check->kind)), passed_word(check->passed), figures_of(*check),
+              quote(check->note.view()));
   if (!table.rows.empty()) fmt::print("{}\n", text_of(table));
   if (line->block.reference_id.empty() && line->ball.reference_id.empty())
-    fmt::print("no reference block and no monitor ball is in force: slabctl calibrate reference --help\n");
+    fmt::print("{}", say("no reference block and no monitor ball is in force: slabctl calibrate reference --help\n"));
   for (const LineCalibration::Watch* watch : {&line->block, &line->ball})
     if (const std::string due = due_text(*watch, config.check_interval_us); !due.empty())
       fmt::print("{}: {}\n", watch->reference_id.view(), due);
@@ -245,14 +250,13 @@ void need_new(const CheckOptions& options, storage::Reader& reader, std::string&
   const auto reference = need(reader.current(kind));
   if (options.ball && reference &&
       reference->observations.find("scan " + source.substr(0, digest_end)) != std::string::npos)
-    stop(kRefused, fmt::format("{} has its place from this scan; a check needs a scan of its own: take a new one",
-                               reference->id));
+    stop(kRefused,
+         say("{} has its place from this scan; a check needs a scan of its own: take a new one", reference->id));
   const auto checks = need(reader.checks(kLookBack));
   for (const CalibrationCheck& check : checks) {
     if (check.kind != kind || !same(check.source.view())) continue;
-    stop(kRefused,
-         fmt::format("this scan was judged before, at {}: {}; a check needs a scan of its own: take a new one",
-                     iso_time(check.utime_us), check.passed ? "passed" : "FAILED"));
+    stop(kRefused, say("this scan was judged before, at {}: {}; a check needs a scan of its own: take a new one",
+                       iso_time(check.utime_us), passed_word(check.passed)));
   }
 }
 
@@ -261,11 +265,10 @@ CalibrationCheck judge(const CheckOptions& options, const daemon::Config& config
   const CalibrationKind kind = options.ball ? CalibrationKind::monitor_ball : CalibrationKind::reference_block;
   const auto reference = need(reader.current(kind));
   if (!reference)
-    stop(kBadInput, fmt::format("no {} is in force to compare with: slabctl calibrate reference", name(kind)));
+    stop(kBadInput, say("no {} is in force to compare with: slabctl calibrate reference", translated(name(kind))));
   if (const std::int64_t end = reference->expires_utime_us; end != 0 && wall_clock_us() >= end)
     stop(kRefused,
-         fmt::format(
-             "{} expired on {}: it says nothing any more; have it certified again, then slabctl calibrate reference",
+         say("{} expired on {}: it says nothing any more; have it certified again, then slabctl calibrate reference",
              reference->id, iso_time(end)));
   const InForce hand_eye = need_hand_eye(&reader, config);
   CalibrationCheck check;
@@ -277,9 +280,9 @@ CalibrationCheck judge(const CheckOptions& options, const daemon::Config& config
     look.who = options.who;
     // With another radius the ball's centre moves along the view by about the difference.
     if (has_value(look.radius_mm) && std::abs(look.radius_mm - ball.radius_mm) > kSameRadius_mm)
-      stop(kBadInput, fmt::format("--radius {:g}: {} was taken into use with {:g} mm, and a check compares with that; "
-                                  "leave --radius out, or take the ball into use again (slabctl calibrate reference)",
-                                  look.radius_mm, reference->id, ball.radius_mm));
+      stop(kBadInput, say("--radius {:g}: {} was taken into use with {:g} mm, and a check compares with that; "
+                          "leave --radius out, or take the ball into use again (slabctl calibrate reference)",
+                          look.radius_mm, reference->id, ball.radius_mm));
     look.radius_mm = ball.radius_mm;
     const SeenBall seen = look_at_ball(config, look, hand_eye.T_flange_scanner);
     check = calib::check_ball(ball, seen.p_base_mm);
@@ -287,7 +290,7 @@ CalibrationCheck judge(const CheckOptions& options, const daemon::Config& config
     need_new(options, reader, source);
     if (const std::string where = elsewhere(config, reference->observations, seen); !where.empty()) {
       need_clear_elsewhere(reader, check, where);
-      complain(fmt::format("warning: {}", where));
+      complain(say("warning: {}", where));
       check.note.assign((check.note.empty() ? "" : std::string(check.note.view()) + "; ") + kElsewhereNote);
     }
   } else {
@@ -305,19 +308,20 @@ CalibrationCheck judge(const CheckOptions& options, const daemon::Config& config
 }
 
 int check_calibration(const CheckOptions& options) {
+  speak(options.language, options.json);
   const daemon::Config config = config_from(options.config);
   finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader = open_records(config);
   if (options.ball && options.look.live == !options.scan.empty())
-    stop(kUsage, "--ball needs either a scan with --flange, or --live");
+    stop(kUsage, say("--ball needs either a scan with --flange, or --live"));
   if (options.look.live && !options.ball)
     stop(kUsage,
-         "--live is for --ball; the reference block is checked from a scan, or as a station of a slab (--slab)");
+         say("--live is for --ball; the reference block is checked from a scan, or as a station of a slab (--slab)"));
   if (!options.slab.empty() && (!options.scan.empty() || options.station == 0))
-    stop(kUsage, "--slab needs --station, where the reference block stood, and no scan beside it");
+    stop(kUsage, say("--slab needs --station, where the reference block stood, and no scan beside it"));
   if (options.scan.empty() && options.slab.empty() && !options.look.live)
     return show_trend(options, config, reader.get());
-  if (reader == nullptr) stop(kBadInput, "nothing is in force to compare with: slabctl calibrate reference");
+  if (reader == nullptr) stop(kBadInput, say("nothing is in force to compare with: slabctl calibrate reference"));
   const CalibrationCheck check = judge(options, config, *reader);
   reader.reset();
   const DeskAnswer kept = need(change_calibration(config, storage::KeepCheck{check}));
@@ -326,28 +330,29 @@ int check_calibration(const CheckOptions& options) {
     write_check(json, check);
     fmt::print("{}", json.text());
   } else {
-    fmt::print("{} against {}: {}\n", check.passed ? "passed" : "FAILED", check.reference_id.view(), figures_of(check));
+    fmt::print("{}",
+               say("{} against {}: {}\n", passed_word(check.passed), check.reference_id.view(), figures_of(check)));
   }
-  if (check.passed && !check.note.empty()) complain(fmt::format("warning: {}", check.note.view()));
+  if (check.passed && !check.note.empty()) complain(say("warning: {}", quote(check.note.view())));
   if (!check.passed)
-    complain(
-        fmt::format("{}; slabs are refused (fault 503) until a check passes. Remedy: {}", check.note.view(),
-                    check.kind == CalibrationKind::monitor_ball
-                        ? "look whether ball, scanner and robot sit where they sat, clean the ball, let the robot "
-                          "warm up, check again from the same pose; if it fails again, calibrate and master the "
-                          "stations again, then take the ball into use again and check"
-                        : "clean artefact and scanner, let both warm up, check again; if it fails again, calibrate "
-                          "and have the scanner examined"));
+    complain(say("{}; slabs are refused (fault 503) until a check passes. Remedy: {}", quote(check.note.view()),
+                 check.kind == CalibrationKind::monitor_ball
+                     ? say("look whether ball, scanner and robot sit where they sat, clean the ball, let the robot "
+                           "warm up, check again from the same pose; if it fails again, calibrate and master the "
+                           "stations again, then take the ball into use again and check")
+                     : say("clean artefact and scanner, let both warm up, check again; if it fails again, calibrate "
+                           "and have the scanner examined")));
   return check.passed ? kDone : kRefused;
 }
 
 int take_reference(const ReferenceOptions& options) {
+  speak(options.language);
   const int given =
       (options.certificate.empty() ? 0 : 1) + (options.look.scan.empty() ? 0 : 1) + (options.look.live ? 1 : 0);
   if (given != 1)
     stop(kUsage,
-         "give one of --certificate (reference block), --ball SCAN with --flange, or --live (monitor ball, with "
-         "--radius)");
+         say("give one of --certificate (reference block), --ball SCAN with --flange, or --live (monitor ball, with "
+             "--radius)"));
   const daemon::Config config = config_from(options.record.config);
   finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader = open_records(config);
@@ -368,8 +373,8 @@ int take_reference(const ReferenceOptions& options) {
     const Vec3& p = seen.p_base_mm;
     record.numbers = MonitorBall{p, look.radius_mm, options.limit_mm};
     record.observations = ball_observations(seen, hand_eye.id.view());
-    fmt::print("ball at {:.3f} {:.3f} {:.3f} mm (base frame), may be found {:.3f} mm from there\n", p.x(), p.y(), p.z(),
-               options.limit_mm);
+    fmt::print("{}", say("ball at {:.3f} {:.3f} {:.3f} mm (base frame), may be found {:.3f} mm from there\n", p.x(),
+                         p.y(), p.z(), options.limit_mm));
   }
   if (options.record.dry_run) {
     fmt::print("{}", kept_text({}, true));
@@ -411,6 +416,7 @@ void add_calibrate_check(args::Command& group) {
   command->add_option("--limit", options->limit, "How many checks of the trend are shown")
       ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();
+  options->language.add_to(*command, "Language of the text");
   command->add_flag("--json", options->json, "Print slabd.calibration_check/1 or slabd.calibration_trend/1 on stdout");
   command->runs([options] { return check_calibration(*options); });
 }
@@ -433,6 +439,7 @@ void add_calibrate_reference(args::Command& group) {
       ->check(within(0.001, 10.0))
       ->capture_default_str();
   options->look.add_to(*command);
+  options->language.add_to(*command, "Language of the text");
   command->runs([options] { return take_reference(*options); });
 }
 

@@ -10,6 +10,7 @@
 #include "base/fields.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 
 namespace slabd::calib {
 
@@ -46,7 +47,7 @@ std::string axes(const std::array<double, 3>& v, int digits) {
 std::string rejected_views(const HandEye& r) {
   std::string list;
   for (const std::size_t i : r.rejected) list += (list.empty() ? "" : ", ") + std::to_string(r.views[i].number);
-  return list.empty() ? "none" : list;
+  return list.empty() ? say("none") : list;
 }
 
 std::string sigmas_of_pose(const Mat6& covariance, bool rotation) {
@@ -61,38 +62,38 @@ std::string sigmas_of_pose(const Mat6& covariance, bool rotation) {
 
 std::string figures(ArtefactKind kind, const HandEye& r) {
   const bool pose = kind == ArtefactKind::pose;
-  Table table{"figure", "value", "unit<", "meaning<"};
+  Table table{say("figure"), say("value"), say("unit<"), say("meaning<")};
   const auto add = [&](const std::string& what, const std::string& value, const std::string& unit,
                        const std::string& meaning) { table.add(what, value, unit, meaning); };
-  add("predicted point error", number(r.predicted_point_sigma_mm, 3), "mm",
-      fmt::format("3-D, 1 sigma, rms over the field of view, random part; limit {}",
-                  number(r.point_sigma_limit_mm, 3)));
-  add("  expanded, k = 2", number(2.0 * r.predicted_point_sigma_mm, 3), "mm", "the same, 95 %");
-  add("leave-one-out", three(r.leave_one_out_mm, 3), "mm",
-      "median / rms / max miss of a view that took no part in the fit");
+  add(say("predicted point error"), number(r.predicted_point_sigma_mm, 3), "mm",
+      say("3-D, 1 sigma, rms over the field of view, random part; limit {}", number(r.point_sigma_limit_mm, 3)));
+  add(say("  expanded, k = 2"), number(2.0 * r.predicted_point_sigma_mm, 3), "mm", say("the same, 95 %"));
+  add(say("leave-one-out"), three(r.leave_one_out_mm, 3), "mm",
+      say("median / rms / max miss of a view that took no part in the fit"));
   if (pose) add("", three(r.leave_one_out_deg, 4), "deg", "");
-  add("residuals", three(r.residual_mm, 3), "mm", "median / rms / max of the views kept; says less than the two above");
+  add(say("residuals"), three(r.residual_mm, 3), "mm",
+      say("median / rms / max of the views kept; says less than the two above"));
   if (pose) add("", three(r.residual_deg, 4), "deg", "");
-  add("s0", number(r.s0, 2), "", "residuals over stated noise: 1 when the noise is as stated, allowed 0.1 to 3");
+  add("s0", number(r.s0, 2), "", say("residuals over stated noise: 1 when the noise is as stated, allowed 0.1 to 3"));
   if (pose)
-    add("  position / rotation", fmt::format("{} / {}", number(r.s0_position, 2), number(r.s0_rotation, 2)), "",
-        fmt::format("{}{}", r.reweighted ? "weighed by these" : "weighed as stated",
-                    r.robot_lever ? "" : "; the robot errs smoothly: its turns do not move positions"));
-  add("sigma of X, position", sigmas_of_pose(r.covariance, false), "mm", "along the flange's x / y / z");
-  add("sigma of X, rotation", sigmas_of_pose(r.covariance, true), "deg", "about the scanner's x / y / z");
-  add("condition", fmt::format("{:.3g}", r.condition), "", "of the adjustment: healthy 8 to 22, at most 50");
-  add("rotation spread", axes(r.rotation_spread_axes_deg, 1), "deg",
-      "principal values; the second must reach 5, better all 15");
+    add(say("  position / rotation"), fmt::format("{} / {}", number(r.s0_position, 2), number(r.s0_rotation, 2)), "",
+        (r.reweighted ? say("weighed by these") : say("weighed as stated")) +
+            (r.robot_lever ? "" : say("; the robot errs smoothly: its turns do not move positions")));
+  add(say("sigma of X, position"), sigmas_of_pose(r.covariance, false), "mm", say("along the flange's x / y / z"));
+  add(say("sigma of X, rotation"), sigmas_of_pose(r.covariance, true), "deg", say("about the scanner's x / y / z"));
+  add(say("condition"), fmt::format("{:.3g}", r.condition), "", say("of the adjustment: healthy 8 to 22, at most 50"));
+  add(say("rotation spread"), axes(r.rotation_spread_axes_deg, 1), "deg",
+      say("principal values; the second must reach 5, better all 15"));
   if (!pose)
-    add("ball spread in view", axes(r.ball_spread_axes_mm, 0), "mm",
-        "principal standard deviations; two must reach 25");
-  add("scale (lambda)", fmt::format("{} +- {}", number(r.scale, 5), number(r.scale_sigma, 5)), "",
-      "1 sigma; by it the scanner's lengths would agree with the robot's; a diagnosis, never applied");
-  add("rejected views", rejected_views(r), "", "do not fit the others, left out of everything above");
+    add(say("ball spread in view"), axes(r.ball_spread_axes_mm, 0), "mm",
+        say("principal standard deviations; two must reach 25"));
+  add(say("scale (lambda)"), fmt::format("{} +- {}", number(r.scale, 5), number(r.scale_sigma, 5)), "",
+      say("1 sigma; by it the scanner's lengths would agree with the robot's; a diagnosis, never applied"));
+  add(say("rejected views"), rejected_views(r), "", say("do not fit the others, left out of everything above"));
   if (!r.views.empty())
-    add("worst view kept", fmt::format("{}", r.views[r.worst_view].number), "",
-        fmt::format("{} mm, as rare as {} sigma", number(r.views[r.worst_view].residual_mm, 3),
-                    number(r.views[r.worst_view].sigmas, 1)));
+    add(say("worst view kept"), fmt::format("{}", r.views[r.worst_view].number), "",
+        say("{} mm, as rare as {} sigma", number(r.views[r.worst_view].residual_mm, 3),
+            number(r.views[r.worst_view].sigmas, 1)));
   return text_of(table);
 }
 
@@ -131,8 +132,9 @@ std::string pose_three_ways(const Pose& pose) {
     text += fmt::format("  {} {:12.8f} {:12.8f} {:12.8f} {:12.4f}\n", row == 0 ? "4 x 4     " : "          ", m(row, 0),
                         m(row, 1), m(row, 2), m(row, 3));
   const std::array<double, 7> q = pose.to_array();
-  text += fmt::format("  quaternion  {:.4f} {:.4f} {:.4f}  {:.9f} {:.9f} {:.9f} {:.9f}    x y z qw qx qy qz, mm\n",
-                      q[0], q[1], q[2], q[3], q[4], q[5], q[6]);
+  text += say("  quaternion") +
+          fmt::format("  {:.4f} {:.4f} {:.4f}  {:.9f} {:.9f} {:.9f} {:.9f}    x y z qw qx qy qz, mm\n", q[0], q[1],
+                      q[2], q[3], q[4], q[5], q[6]);
   const KukaAbc abc = kuka_abc_from_rotation(pose.rotation);
   text += fmt::format("  KUKA        X {:.4f}, Y {:.4f}, Z {:.4f}, A {:.6f}, B {:.6f}, C {:.6f}    mm, deg\n", q[0],
                       q[1], q[2], deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
@@ -140,24 +142,25 @@ std::string pose_three_ways(const Pose& pose) {
 }
 
 std::string hand_eye_text(ArtefactKind kind, const HandEye& r, const calib::StatedNoise& noise) {
-  std::string text = fmt::format("{} of {} views of {}; stated noise: robot {:.4g} mm, {:.4g} deg, target {:.4g} mm",
-                                 r.views.size() - r.rejected.size(), r.views.size(),
-                                 kind == ArtefactKind::pose ? "an artefact's pose"
-                                 : r.targets.size() == 1    ? "a ball"
-                                                            : fmt::format("{} balls", r.targets.size()),
-                                 noise.robot_mm, deg_from_rad(noise.robot_rad), noise.target_mm);
+  std::string text = say("{} of {} views of {}; stated noise: robot {:.4g} mm, {:.4g} deg, target {:.4g} mm",
+                         r.views.size() - r.rejected.size(), r.views.size(),
+                         kind == ArtefactKind::pose ? say("an artefact's pose")
+                         : r.targets.size() == 1    ? say("a ball")
+                                                    : say("{} balls", r.targets.size()),
+                         noise.robot_mm, deg_from_rad(noise.robot_rad), noise.target_mm);
   if (kind == ArtefactKind::pose) text += fmt::format(", {:.4g} deg", deg_from_rad(noise.target_rad));
-  text += " (per axis, 1 sigma)\n\n";
+  text += say(" (per axis, 1 sigma)\n\n");
   if (r.determined)
-    text += "T_flange_scanner maps scanner coordinates to flange coordinates\n" + pose_three_ways(r.T_flange_scanner);
+    text +=
+        say("T_flange_scanner maps scanner coordinates to flange coordinates\n") + pose_three_ways(r.T_flange_scanner);
   else
-    text += "T_flange_scanner is not determined by these views\n";
+    text += say("T_flange_scanner is not determined by these views\n");
   text += "\n" + figures(kind, r) + "\n";
-  for (const std::string& warning : r.warnings) text += "warning: " + warning + "\n";
-  if (r.ok) return text + "accepted\n";
-  text += "REFUSED\n";
+  for (const std::string& warning : r.warnings) text += say("warning: {}\n", quote(warning));
+  if (r.ok) return text + say("accepted\n");
+  text += say("REFUSED\n");
   for (const calib::Reason& reason : r.reasons)
-    text += fmt::format("  {}: {}\n    cure: {}\n", calib::name(reason.code), reason.text, reason.cure);
+    text += say("  {}: {}\n    cure: {}\n", calib::name(reason.code), quote(reason.text), quote(reason.cure));
   return text;
 }
 

@@ -14,6 +14,7 @@
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
+#include "cli/terminal/say.h"
 
 namespace slabd::cli {
 namespace {
@@ -21,7 +22,7 @@ namespace {
 /// Finds the ball in a scan. nullopt on success, otherwise the reason.
 std::optional<Stop> find_in(const BallLook& look, const std::string& scan, const hal::ScanForm& form, const Pose& X,
                             SeenBall& seen) {
-  const auto because = [](const Error& why) { return Stop{exit_for(why.code), std::string(why.text.view())}; };
+  const auto because = [](const Error& why) { return Stop{exit_for(why.code), retold(why.text.view())}; };
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
   const Result<ScanShape> shape = hal::read_scan(scan.c_str(), form, xyz);
@@ -32,8 +33,8 @@ std::optional<Stop> find_in(const BallLook& look, const std::string& scan, const
   const Result<calib::BallView> view = calib::find_balls(xyz.first(3 * shape.value().points), settings);
   if (!view.ok()) return because(view.error());
   if (!view.value().ok())
-    return Stop{kRefused, fmt::format("{}: refused ({}): {}\n  what to do: {}", scan, name(view.value().refusal),
-                                      view.value().words.reason.view(), view.value().words.cure.view())};
+    return Stop{kRefused, say("{}: refused ({}): {}\n  what to do: {}", scan, name(view.value().refusal),
+                              quote(view.value().words.reason.view()), quote(view.value().words.cure.view()))};
   seen.p_base_mm = seen.T_base_flange * (X * view.value().balls.front().centre_mm);
   return std::nullopt;
 }
@@ -46,7 +47,7 @@ SeenBall take_live(const daemon::Config& config, const BallLook& look, const Pos
   constexpr std::int64_t kLease_s = 30;
   const std::string session = fmt::format("monitor ball {}", ::getpid());
   Result<LiveCapture> line = LiveCapture::begin(config.control_socket, {session, who, kLease_s, false});
-  if (!line.ok()) stop(live_capture_exit(line.error().code), line.error().text.view());
+  if (!line.ok()) stop(live_capture_exit(line.error().code), line.error());
   const bool terminal = isatty(STDERR_FILENO) != 0;
   const Result<LiveShot> shot = line.value().shoot([&](std::string_view said) {
     if (terminal) fmt::print(stderr, "\r\x1b[K{} ...", said);
@@ -55,18 +56,18 @@ SeenBall take_live(const daemon::Config& config, const BallLook& look, const Pos
   SeenBall seen;
   std::optional<Stop> unseen;  // printed before the line is returned
   if (shot.ok()) {
-    for (const std::string& warning : shot.value().warnings) complain(fmt::format("warning: {}", warning));
+    for (const std::string& warning : shot.value().warnings) complain(say("warning: {}", quote(warning)));
     seen.T_base_flange = shot.value().T_base_flange;
     seen.source = fmt::format("live view of {}", shot.value().scan_utime_us);
     unseen = find_in(look, shot.value().scan_path, config.scanner.form, X, seen);
   } else {
-    unseen = Stop{live_capture_exit(shot.error().code), std::string(shot.error().text.view())};
+    unseen = Stop{live_capture_exit(shot.error().code), retold(shot.error().text.view())};
   }
   if (unseen) complain(unseen->sentence);
   if (shot.ok())
     if (const Status released = line.value().release(shot.value().scan_path); !released)
-      complain(fmt::format("warning: {}", released.error().text.view()));
-  if (const Status ended = line.value().end(); !ended) complain(fmt::format("warning: {}", ended.error().text.view()));
+      complain(say("warning: {}", quote(released.error().text.view())));
+  if (const Status ended = line.value().end(); !ended) complain(say("warning: {}", quote(ended.error().text.view())));
   if (unseen) stop(unseen->status);
   return seen;
 }
@@ -87,14 +88,15 @@ void BallLook::add_to(args::Command& command) {
 
 SeenBall look_at_ball(const daemon::Config& config, const BallLook& look, const Pose& T_flange_scanner) {
   if (!has_value(look.radius_mm))
-    stop(kUsage, "--radius: the ball's certified radius (effective, as coated) is missing");
+    stop(kUsage, say("--radius: the ball's certified radius (effective, as coated) is missing"));
   if (look.live) return take_live(config, look, T_flange_scanner);
   const Result<Pose> pose = parse_pose(look.flange);
   if (!pose.ok())
-    stop(kUsage, look.flange.empty()
-                     ? "--flange is missing: where the robot stood when the ball was scanned, \"x y z qw qx qy qz\" as "
-                       "it reports its flange (or --live: scan and pose come from the running line)"
-                     : fmt::format("--flange: {}", pose.error().text.view()));
+    stop(kUsage,
+         look.flange.empty()
+             ? say("--flange is missing: where the robot stood when the ball was scanned, \"x y z qw qx qy qz\" "
+                   "as it reports its flange (or --live: scan and pose come from the running line)")
+             : say("--flange: {}", quote(pose.error().text.view())));
   SeenBall seen;
   seen.T_base_flange = pose.value();
   seen.source = look.scan;

@@ -19,6 +19,7 @@
 
 #include "cli/calibrate/calibrate.h"
 #include "cli/client/calibration_desk.h"
+#include "cli/terminal/say.h"
 #include "report/json.h"
 
 namespace slabd::cli {
@@ -30,7 +31,7 @@ constexpr const char* kPart = ".part-";
 constexpr const char* kIntent = "being-copied.txt";
 
 Error cannot_make(const std::string& path, const std::error_code& fault) {
-  return error(Code::journal_write, "cannot make %s: %s", path.c_str(), fault.message().c_str());
+  return said_error(Code::journal_write, say("cannot make {}: {}", path, quote(fault.message())));
 }
 
 /// Sorted names of a folder's entries, because the order of a directory is undefined.
@@ -78,8 +79,9 @@ Status Session::create(const std::string& dir, const calib::SessionSettings& set
   const fs::path whole = fs::absolute(dir, fault).lexically_normal();
   const std::string target = whole.filename().empty() ? whole.parent_path().string() : whole.string();
   if (fs::exists(target, fault) && !(fs::is_directory(target, fault) && fs::is_empty(target, fault)))
-    return error(Code::config, "%s exists already; name another, or go on with it: slabctl calibrate list --session %s",
-                 target.c_str(), target.c_str());
+    return said_error(
+        Code::config,
+        say("{} exists already; name another, or go on with it: slabctl calibrate list --session {}", target, target));
   const std::string parent = fs::path(target).parent_path().string();
   if (const Status made = make_folders(parent); !made.ok()) return made;
   const std::string part = parent + "/" + kPart + fs::path(target).filename().string();
@@ -103,8 +105,9 @@ Result<Session> Session::open(const std::string& dir) {
   const std::string file = session.dir_ + "/session.txt";
   const Result<std::string> text = text_file(file);
   if (!text.ok())
-    return error(Code::config, "%s is not a calibration session; begin one with: slabctl calibrate new NAME --help",
-                 session.dir_.c_str());
+    return said_error(
+        Code::config,
+        say("{} is not a calibration session; begin one with: slabctl calibrate new NAME --help", session.dir_));
   Result<calib::SessionSettings> settings = calib::parse_session(text.value(), file);
   if (!settings.ok()) return settings.error();
   session.settings_ = std::move(settings.value());
@@ -113,10 +116,11 @@ Result<Session> Session::open(const std::string& dir) {
     if (!certificate.ok()) return certificate.error();
     session.certificate_text_ = certificate.value();
     if (calib::sha256_hex(session.certificate_text_) != session.settings_.certificate_sha256)
-      return error(Code::config,
-                   "%s/certificate.txt was changed after the session began, and its views were made with what it said; "
-                   "put it back as it was, or begin another session with the new one",
-                   session.dir_.c_str());
+      return said_error(
+          Code::config,
+          say("{}/certificate.txt was changed after the session began, and its views were made with what it said; "
+              "put it back as it was, or begin another session with the new one",
+              session.dir_));
     const auto parsed = calib::parse_certificate(session.certificate_text_, session.dir_ + "/certificate.txt");
     if (!parsed.ok()) return parsed.error();
   }
@@ -137,8 +141,8 @@ Status Session::read_views() {
     if (name.starts_with(kPart)) {
       const Result<std::string> intent = text_file(folder + "/" + kIntent);
       half_done_paths_.push_back(folder);
-      half_done_.push_back("a capture was stopped before it was done and counts for nothing; capture it again: " +
-                           (intent.ok() ? intent.value() : "what it was is not known"));
+      half_done_.push_back(say("a capture was stopped before it was done and counts for nothing; capture it again: {}",
+                               intent.ok() ? quote(intent.value()) : say("what it was is not known")));
       continue;
     }
     const std::size_t number = number_of(name);
@@ -151,8 +155,9 @@ Status Session::read_views() {
     if (view.ok())
       entry.view = view.value();
     else
-      entry.unreadable = view.error().text.view();
-    if (view.ok() && view.value().number != number) entry.unreadable = folder + ": its view.txt is of another view";
+      entry.unreadable = retold(view.error().text.view());
+    if (view.ok() && view.value().number != number)
+      entry.unreadable = say("{}: its view.txt is of another view", folder);
     entry.view.number = number;
     last_step_ = std::max(last_step_, entry.view.step);
     if (entry.unreadable.empty())
@@ -167,10 +172,10 @@ Status Session::read_views() {
                                      : Result<calib::ViewChange>(words.error());
       if (!change.ok()) {
         // The state of the view is unknown, so it is not counted; the step number is not reused.
-        entry.unreadable = fmt::format(
-            "{}; put that file back as it was, or remove it and drop the view again if it "
-            "shall not count",
-            change.error().text.view());
+        entry.unreadable =
+            say("{}; put that file back as it was, or remove it and drop the view again if it "
+                "shall not count",
+                quote(change.error().text.view()));
         last_step_ = std::max(last_step_, step_of(file));
         continue;
       }
@@ -185,9 +190,9 @@ Status Session::read_views() {
         std::error_code missing;
         if (fs::file_size(folder + "/" + shot.file, missing) == shot.bytes && !missing) continue;
         half_done_.push_back(
-            fmt::format("view {}: its scan {} is gone or was changed; what was found in it still counts, but it cannot "
-                        "be examined again",
-                        number, folder + "/" + shot.file));
+            say("view {}: its scan {} is gone or was changed; what was found in it still counts, but it cannot "
+                "be examined again",
+                number, folder + "/" + shot.file));
       }
     entries_.push_back(std::move(entry));
   }
@@ -218,7 +223,7 @@ void Session::read_solutions() {
     const auto solved = text.ok() ? calib::parse_solved(text.value(), folder + "/solved.txt")
                                   : Result<calib::SolvedRecord>(text.error());
     if (!solved.ok()) {  // can be computed again at any time
-      half_done_.push_back(std::string(solved.error().text.view()) + "; solve again");
+      half_done_.push_back(say("{}; solve again", quote(solved.error().text.view())));
       continue;
     }
     last_step_ = std::max(last_step_, solved.value().step);
@@ -311,8 +316,8 @@ Status Session::lock() {
     return success();
   }
   lock_.reset();
-  return error(Code::config, "%s: another slabctl is working on this session, or it may not be written; try again",
-               dir_.c_str());
+  return said_error(Code::config,
+                    say("{}: another slabctl is working on this session, or it may not be written; try again", dir_));
 }
 
 Result<std::string> Session::begin_view(const std::string& intent) {
@@ -361,8 +366,9 @@ Status Session::drop(std::size_t number, const std::string& who, const std::stri
   for (Entry& entry : entries_) {
     if (entry.view.number != number || entry.undone) continue;
     if (entry.dropped_step != 0)
-      return error(Code::config, "view %zu was dropped already (%s); take that back with: slabctl calibrate undo",
-                   number, entry.dropped_why.c_str());
+      return said_error(Code::config,
+                        say("view {} was dropped already ({}); take that back with: slabctl calibrate undo", number,
+                            entry.dropped_why));
     const Status added = add_step(entry, "drop", {last_step_ + 1, 0, iso_time(wall_clock_us()), who, why});
     if (!added.ok()) return added;
     entry.dropped_step = ++last_step_;
@@ -370,7 +376,7 @@ Status Session::drop(std::size_t number, const std::string& who, const std::stri
     steps_.push_back({last_step_, number, true, false, why});
     return success();
   }
-  return error(Code::config, "there is no view %zu; slabctl calibrate list shows them", number);
+  return said_error(Code::config, say("there is no view {}; slabctl calibrate list shows them", number));
 }
 
 Result<std::string> Session::undo(const std::string& who) {
@@ -378,7 +384,7 @@ Result<std::string> Session::undo(const std::string& who) {
   for (Step& step : steps_)
     if (!step.taken_back && (newest == nullptr || step.step > newest->step)) newest = &step;
   if (newest == nullptr)
-    return error(Code::config, "there is nothing to undo; slabctl calibrate list shows the session");
+    return said_error(Code::config, say("there is nothing to undo; slabctl calibrate list shows the session"));
   for (Entry& entry : entries_) {
     if (entry.view.number != newest->view) continue;
     const Status added = add_step(entry, "undo", {last_step_ + 1, newest->step, iso_time(wall_clock_us()), who, ""});
@@ -387,12 +393,12 @@ Result<std::string> Session::undo(const std::string& who) {
     newest->taken_back = true;
     if (newest->is_drop) {
       entry.dropped_step = 0;
-      return fmt::format("view {} counts again: dropping it is undone", entry.view.number);
+      return say("view {} counts again: dropping it is undone", entry.view.number);
     }
     entry.undone = true;
-    return fmt::format("view {} is taken back; its scans stay in {}", entry.view.number, entry.folder);
+    return say("view {} is taken back; its scans stay in {}", entry.view.number, entry.folder);
   }
-  return error(Code::internal, "step %zu belongs to no view", newest->step);
+  return said_error(Code::internal, say("step {} belongs to no view", newest->step));
 }
 
 Status Session::keep_solution(calib::SolvedRecord& record, const std::string& figures) {
@@ -430,7 +436,7 @@ Status Session::keep_verified(const calib::VerifiedRecord& record) const {
 }
 
 std::string session_words(const Session& session) {
-  return fmt::format("session {} ({})", session.settings().name, session.dir());
+  return say("session {} ({})", session.settings().name, session.dir());
 }
 
 }  // namespace slabd::cli

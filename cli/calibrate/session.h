@@ -10,6 +10,7 @@
 #include "base/durable.h"
 #include "calib/calib.h"
 #include "cli/exit.h"
+#include "cli/terminal/say.h"
 #include "config/config.h"
 #include "storage/storage.h"
 
@@ -123,10 +124,11 @@ class Session {
   std::optional<FolderLock> lock_;
 };
 
-/// `--session NAME|DIR` and `--config`, which select the session of a command.
+/// `--session NAME|DIR` and `--config`, which select the session of a command, and `--language`.
 struct SessionOptions {
   std::string session;
   std::string config;
+  LanguageOption language;
   void add_to(args::Command& command);
 };
 /// The named session, otherwise the last used one, otherwise the only one in the configuration's folder; it is stored

@@ -14,6 +14,7 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 
 namespace slabd::cli {
 namespace {
@@ -42,7 +43,7 @@ std::string state_of(const Session::Entry& e) {
 std::string note_of(const Session::Entry& e) {
   if (!e.unreadable.empty()) return e.unreadable;
   if (e.dropped_step != 0) return e.dropped_why;
-  if (!e.view.accepted()) return e.view.refusal + ": " + e.view.reason;
+  if (!e.view.accepted()) return say("{}: {}", e.view.refusal, quote(e.view.reason));
   return "";
 }
 
@@ -77,16 +78,16 @@ double tilt_of(const Session& session, const Session::Entry& e, const calib::Gui
 
 std::string view_table(const Session& session, const calib::Guide& guide) {
   const std::map<std::size_t, calib::ViewFit> fits = fits_of(session);
-  Table table{"view",       "use<",     "points",           "cap deg",     "rms mm",
-              "radius off", "tilt deg", "seen at x y z mm", "residual mm", "note<"};
+  Table table{say("view"),       say("use<"),     say("points"),           say("cap deg"),     say("rms mm"),
+              say("radius off"), say("tilt deg"), say("seen at x y z mm"), say("residual mm"), say("note<")};
   for (const Session::Entry& e : session.entries()) {
     const calib::CapturedView& v = e.view;
     const Vec3& p = v.T_scanner_target.translation_mm;
     const auto fit = fits.find(v.number);
     std::string note = note_of(e);
-    if (fit != fits.end() && !fit->second.kept) note = "rejected by the solution: look at its scan, or drop it";
+    if (fit != fits.end() && !fit->second.kept) note = say("rejected by the solution: look at its scan, or drop it");
     const bool readable = e.unreadable.empty();
-    table.add(v.number, state_of(e), readable ? std::to_string(v.points) : "-", number(v.half_angle_deg, 0),
+    table.add(v.number, translated(state_of(e)), readable ? std::to_string(v.points) : "-", number(v.half_angle_deg, 0),
               number(v.rms_mm, 3), number(v.radius_off_mm, 3), readable ? number(tilt_of(session, e, guide), 0) : "-",
               readable && v.accepted() ? fmt::format("{:.0f} {:.0f} {:.0f}", p.x(), p.y(), p.z()) : "-",
               fit != fits.end() ? number(fit->second.residual_mm, 3) : "-", note);
@@ -125,6 +126,7 @@ void write_solution(Json& json, const Session& session) {
 }
 
 int list(const Options& options) {
+  speak(options.session.language, options.json);
   const Session session = find_session(options.session);
   const calib::Guide guide = session.guide();
   if (options.json) {
@@ -138,17 +140,17 @@ int list(const Options& options) {
     fmt::print("{}", json.text());
     return kDone;
   }
-  fmt::print("{}, begun {} by {}\n", session_words(session), session.settings().created,
-             session.settings().operator_name);
-  for (const std::string& words : session.half_done()) fmt::print("note: {}\n", words);
+  fmt::print("{}", say("{}, begun {} by {}\n", session_words(session), session.settings().created,
+                       session.settings().operator_name));
+  for (const std::string& words : session.half_done()) fmt::print("{}", say("note: {}\n", words));
   if (!session.entries().empty()) fmt::print("{}", view_table(session, guide));
   if (session.solution()) {
     const calib::SolvedRecord& solved = session.solution()->record;
-    fmt::print("solved {} as {}{}: predicted point error {} mm{}\n", solved.when, solved.id,
-               solved.ok ? "" : " (REFUSED, stored only)", number(solved.point_sigma_mm, 3),
-               !session.solution_is_current() ? "; the views have changed since: solve again"
-               : session.solution()->verified ? "; verified"
-                                              : "; not verified yet");
+    fmt::print("{}", say("solved {} as {}{}: predicted point error {} mm{}\n", solved.when, solved.id,
+                         solved.ok ? "" : say(" (REFUSED, stored only)"), number(solved.point_sigma_mm, 3),
+                         !session.solution_is_current() ? say("; the views have changed since: solve again")
+                         : session.solution()->verified ? say("; verified")
+                                                        : say("; not verified yet")));
   }
   fmt::print("{}", guide_text(session, guide));
   return kDone;
@@ -171,15 +173,17 @@ int tell_change(const Options& options, const Session& session, const std::strin
 }
 
 int drop(const Options& options) {
+  speak(options.session.language, options.json);
   Session session = find_session(options.session);
   need(session.lock());
   need(session.drop(options.number, default_operator(), options.why));
   return tell_change(
       options, session,
-      fmt::format("view {} is dropped ({}); slabctl calibrate undo brings it back", options.number, options.why));
+      say("view {} is dropped ({}); slabctl calibrate undo brings it back", options.number, options.why));
 }
 
 int undo(const Options& options) {
+  speak(options.session.language, options.json);
   Session session = find_session(options.session);
   need(session.lock());
   const std::string undone = need(session.undo(default_operator()));
@@ -230,7 +234,7 @@ std::size_t counted(const Session& session) {
 }
 
 std::string sigma(double mm) {
-  return has_value(mm) ? fmt::format("{:.3f} mm", mm) : "not determined yet";
+  return has_value(mm) ? fmt::format("{:.3f} mm", mm) : say("not determined yet");
 }
 
 /// KUKA's six numbers, mm and deg.
@@ -240,22 +244,25 @@ std::array<double, 6> kuka_of(const Pose& pose) {
   return {t.x(), t.y(), t.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
 }
 
+std::string target_word(ArtefactKind kind) {
+  return kind == ArtefactKind::ball ? say("ball") : say("artefact");
+}
+
 std::string coverage_text(const Session& session, const Guide& guide) {
   const calib::Coverage& c = guide.coverage;
-  std::string text = fmt::format(
-      "view {}/{} ({} for the fit, {} held out); turned {:.0f}/{:.0f}/{:.0f} deg; tilted to {} of {} sides; ",
-      counted(session), session.settings().goal, session.counted(ViewUse::fit), session.counted(ViewUse::held_out),
-      c.rotation_spread_axes_deg[0], c.rotation_spread_axes_deg[1], c.rotation_spread_axes_deg[2], c.sectors_seen(),
-      calib::kSectors);
-  text += fmt::format("{} of {} places in the view\n", c.cells_seen(), calib::kPlaces * calib::kDepths);
+  std::string text =
+      say("view {}/{} ({} for the fit, {} held out); turned {:.0f}/{:.0f}/{:.0f} deg; tilted to {} of {} sides; ",
+          counted(session), session.settings().goal, session.counted(ViewUse::fit), session.counted(ViewUse::held_out),
+          c.rotation_spread_axes_deg[0], c.rotation_spread_axes_deg[1], c.rotation_spread_axes_deg[2], c.sectors_seen(),
+          calib::kSectors);
+  text += say("{} of {} places in the view\n", c.cells_seen(), calib::kPlaces * calib::kDepths);
   if (has_value(guide.misfit_mm))
     return text +
-           fmt::format(
-               "THE VIEWS DO NOT FIT EACH OTHER: they miss by {:.2f} mm (rms); slabctl calibrate solve says why\n",
+           say("THE VIEWS DO NOT FIT EACH OTHER: they miss by {:.2f} mm (rms); slabctl calibrate solve says why\n",
                guide.misfit_mm);
-  text += fmt::format("predicted point error (1 sigma): {}", sigma(c.point_sigma_mm));
+  text += say("predicted point error (1 sigma): {}", sigma(c.point_sigma_mm));
   if (guide.next && has_value(guide.next->point_sigma_mm))
-    text += fmt::format(", {} after the next view", sigma(guide.next->point_sigma_mm));
+    text += say(", {} after the next view", sigma(guide.next->point_sigma_mm));
   return text + "\n";
 }
 
@@ -273,34 +280,33 @@ std::string guide_text(const Session& session, const Guide& guide) {
   std::string text;
   if (guide.coverage.views == 0) {
     const calib::FieldOfView& fov = session.settings().fov;
-    return fmt::format(
+    return say(
         "first view: look straight down at the {}, in the middle of the view, {:.0f} mm from the scanner, and stand "
         "still; then\n  slabctl calibrate capture --live        (through the running daemon)\n  slabctl calibrate "
         "capture --scan FILE --flange \"POSE\"\n",
-        kind == ArtefactKind::ball ? "ball" : "artefact", 0.5 * (fov.near_mm + fov.far_mm));
+        target_word(kind), 0.5 * (fov.near_mm + fov.far_mm));
   }
   text += coverage_text(session, guide);
-  if (counted(session) >= session.settings().goal)
-    return text + fmt::format("goal reached; next: {}\n", next_command(session));
-  for (const std::string& words : calib::missing_words(guide.coverage, kind)) text += "  " + words + "\n";
+  if (counted(session) >= session.settings().goal) return text + say("goal reached; next: {}\n", next_command(session));
+  for (const std::string& words : calib::missing_words(guide.coverage, kind)) text += "  " + quote(words) + "\n";
   if (!guide.next) {
-    text += "next view: tilt 20 to 35 deg to a side not tilted to yet, into another corner of the view\n";
+    text += say("next view: tilt 20 to 35 deg to a side not tilted to yet, into another corner of the view\n");
     return text;
   }
   const calib::Suggestion& next = *guide.next;
   const std::array<double, 7> q = next.T_base_flange.to_array();
   const std::array<double, 6> k = kuka_of(next.T_base_flange);
-  text += fmt::format("next view: {}\n", calib::suggestion_words(next, kind));
+  text += say("next view: {}\n", quote(calib::suggestion_words(next, kind)));
   text += fmt::format("  T_base_flange  {:.2f} {:.2f} {:.2f} {:.6f} {:.6f} {:.6f} {:.6f}    x y z qw qx qy qz, mm\n",
                       q[0], q[1], q[2], q[3], q[4], q[5], q[6]);
   text += fmt::format("  KUKA           X {:.2f}, Y {:.2f}, Z {:.2f}, A {:.3f}, B {:.3f}, C {:.3f}    mm, deg\n", k[0],
                       k[1], k[2], k[3], k[4], k[5]);
   if (next.place_sigma_mm > 10.0)
-    text += fmt::format(
-        "  the scanner's place is not well known yet: expect the {} within {:.0f} mm of there, and drive by the "
-        "picture\n",
-        kind == ArtefactKind::ball ? "ball" : "artefact", 2.0 * next.place_sigma_mm);
-  return text + "  drive there with care for cables and fixtures: only the geometry is known here\n";
+    text +=
+        say("  the scanner's place is not well known yet: expect the {} within {:.0f} mm of there, and drive by the "
+            "picture\n",
+            target_word(kind), 2.0 * next.place_sigma_mm);
+  return text + say("  drive there with care for cables and fixtures: only the geometry is known here\n");
 }
 
 void write_guide(Json& json, const Session& session, const Guide& guide) {

@@ -20,6 +20,7 @@
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
+#include "cli/terminal/say.h"
 
 namespace slabd::cli {
 namespace {
@@ -40,6 +41,7 @@ struct Options {
   std::string flange_form = "quaternion";
   std::string start;
   std::string operator_name;
+  LanguageOption language;
   bool json = false;
 };
 
@@ -47,7 +49,7 @@ struct Options {
 void find_start(const Options& options, const std::optional<daemon::Config>& config, calib::SessionSettings& settings) {
   if (!options.start.empty()) {
     const Result<Pose> pose = parse_pose(options.start);
-    if (!pose.ok()) stop(kUsage, fmt::format("--start: {}", pose.error().text.view()));
+    if (!pose.ok()) stop(kUsage, say("--start: {}", quote(pose.error().text.view())));
     settings.has_start = true;
     settings.T_flange_scanner = pose.value();
     settings.start_id = "as given";
@@ -73,6 +75,7 @@ std::string form_words(const std::string& form) {
 }
 
 int begin(const Options& options) {
+  speak(options.language, options.json);
   std::optional<daemon::Config> config;
   if (!config_if_any(options.config, config)) stop(kBadInput);
   const std::string dir = need(session_dir(options.name, options.config), kUsage);
@@ -82,9 +85,10 @@ int begin(const Options& options) {
   settings.name = fs::path(dir).lexically_normal().filename().string();
   if (settings.name.empty()) settings.name = fs::path(dir).parent_path().filename().string();
   if (!is_usable(dir, settings.name))
-    stop(kUsage,
-         "NAME: a session's name neither begins with a dot nor begins or ends with a blank, and no character of its "
-         "folder is one that cannot be seen");
+    stop(
+        kUsage,
+        say("NAME: a session's name neither begins with a dot nor begins or ends with a blank, and no character of its "
+            "folder is one that cannot be seen"));
   settings.created = iso_time(wall_clock_us());
   if (config) settings.config = fs::absolute(options.config.empty() ? default_config() : options.config).string();
   settings.operator_name = options.operator_name.empty() ? default_operator() : options.operator_name;
@@ -102,24 +106,24 @@ int begin(const Options& options) {
   if (config) settings.down_base = config->T_base_slab.rotation * -Vec3::UnitZ();
   if (const std::string fault = options.solve.fov_fault(); !fault.empty()) stop(kUsage, fault);
   if (settings.goal < settings.held_out + calib::kViewsMin)
-    stop(kUsage, fmt::format("--views {}: with {} held out, {} would be left to solve with; at least {} are needed",
-                             settings.goal, settings.held_out,
-                             settings.goal - std::min(settings.goal, settings.held_out), calib::kViewsMin));
+    stop(kUsage,
+         say("--views {}: with {} held out, {} would be left to solve with; at least {} are needed", settings.goal,
+             settings.held_out, settings.goal - std::min(settings.goal, settings.held_out), calib::kViewsMin));
   // The form is tested with a pose, so that a wrong word is detected now and not at the robot.
   const std::string sample = settings.flange_form.find("kuka") != std::string::npos ? "0 0 0 0 0 0" : "0 0 0 1 0 0 0";
   if (options.flange_form != "quaternion" && options.flange_form != "kuka" &&
       settings.flange_form.find("xyzw") == std::string::npos)
     if (const Result<Pose> tried = calib::parse_flange(settings.flange_form, sample, "--flange-form"); !tried.ok())
-      stop(kUsage, tried.error().text.view());
+      stop(kUsage, tried.error());
 
   std::string certificate;
   if (settings.kind == calib::ArtefactKind::ball) {
     if (!has_value(options.radius_mm))
-      stop(kUsage, "kind ball needs --radius: the certified, effective radius in mm (not the diameter)");
+      stop(kUsage, say("kind ball needs --radius: the certified, effective radius in mm (not the diameter)"));
     settings.radius_mm = options.radius_mm;
     settings.radius_sigma_mm = options.radius_sigma_mm;
   } else {
-    if (options.certificate.empty()) stop(kUsage, "kind artefact needs --certificate; docs/TARGETS.md shows one");
+    if (options.certificate.empty()) stop(kUsage, say("kind artefact needs --certificate; docs/TARGETS.md shows one"));
     const std::string text = need(text_file(options.certificate), kBadInput);
     const auto parsed = need(calib::parse_certificate(text, options.certificate), kBadInput);
     certificate = text;
@@ -134,11 +138,12 @@ int begin(const Options& options) {
     fmt::print("{}", json.text());
     return kDone;
   }
-  fmt::print("{}: begun\n", session_words(session));
+  fmt::print("{}", say("{}: begun\n", session_words(session)));
   if (!settings.has_start)
     fmt::print(
-        "where the scanner sits is not known even roughly: poses are suggested from the sixth view on; --start "
-        "would help\n");
+        "{}",
+        say("where the scanner sits is not known even roughly: poses are suggested from the sixth view on; --start "
+            "would help\n"));
   fmt::print("{}", guide_text(session, session.guide()));
   return kDone;
 }
@@ -187,6 +192,7 @@ void add_calibrate_new(args::Command& group) {
   command->add_option("--operator", options->operator_name, "Name of the operator (default: your login)");
   options->solve.add_to(*command);
   options->ball.add_to(*command);
+  options->language.add_to(*command, "Language of the text");
   command->add_flag("--json", options->json, "Print slabd.calibration_session/1 on stdout");
   command->runs([options] { return begin(*options); });
 }
@@ -234,8 +240,10 @@ std::vector<std::string> sessions_in(const std::string& folder) {
   return found;
 }
 
-constexpr const char* kHowToBegin =
-    "begin one with: slabctl calibrate new NAME --kind ball --radius MM (slabctl calibrate new --help explains)";
+std::string how_to_begin() {
+  return say(
+      "begin one with: slabctl calibrate new NAME --kind ball --radius MM (slabctl calibrate new --help explains)");
+}
 
 /// Configuration of the other line to which a session belongs; empty if the session may be used. A named configuration
 /// selects its line: a session of another line must not be solved or applied for it. A session begun without a
@@ -257,7 +265,7 @@ std::vector<std::string> sessions_of_line(const std::string& folder, const std::
     if (other.empty())
       found.push_back(dir);
     else
-      others += fmt::format("{}{} is one of {}", others.empty() ? "" : ", ", fs::path(dir).filename().string(), other);
+      others += (others.empty() ? "" : ", ") + say("{} is one of {}", fs::path(dir).filename().string(), other);
   }
   return found;
 }
@@ -269,7 +277,7 @@ std::string which_session(const SessionOptions& options) {
     // An invalid configuration is bad input; a bare name without a configuration is a usage error.
     std::error_code fault;
     const bool has_config = !options.config.empty() || fs::exists(default_config(), fault);
-    stop(has_config ? kBadInput : kUsage, dir.error().text.view());
+    stop(has_config ? kBadInput : kUsage, dir.error());
   }
   if (std::string last = last_session(); !last.empty() && other_line(last, options.config).empty()) return last;
   std::optional<daemon::Config> config;
@@ -280,14 +288,14 @@ std::string which_session(const SessionOptions& options) {
   if (found.size() == 1) return found.front();
   if (found.empty() && !others.empty())
     stop(kBadInput,
-         fmt::format("there is no calibration session of {} yet in {} ({}; --session NAME takes one all the same); {}",
-                     options.config, config->sessions_dir, others, kHowToBegin));
+         say("there is no calibration session of {} yet in {} ({}; --session NAME takes one all the same); {}",
+             options.config, config->sessions_dir, others, how_to_begin()));
   if (found.empty())
-    stop(kBadInput, fmt::format("there is no calibration session yet{}; {}",
-                                config ? " in " + config->sessions_dir : std::string(), kHowToBegin));
+    stop(kBadInput, say("there is no calibration session yet{}; {}",
+                        config ? say(" in {}", config->sessions_dir) : std::string(), how_to_begin()));
   std::string names;
   for (const std::string& dir : found) names += (names.empty() ? "" : ", ") + fs::path(dir).filename().string();
-  stop(kBadInput, fmt::format("there are several calibration sessions ({}); say which with --session NAME", names));
+  stop(kBadInput, say("there are several calibration sessions ({}); say which with --session NAME", names));
 }
 
 }  // namespace
@@ -296,6 +304,7 @@ void SessionOptions::add_to(args::Command& command) {
   command.add_option(
       "--session", session,
       "Name or folder (default: the one you worked on last, else the only one there is; with --config, of that line)");
+  language.add_to(command, "Language of the text");
   command.add_option("--config", config, fmt::format("The daemon's configuration (default: {})", default_config()));
 }
 
@@ -313,13 +322,14 @@ Result<std::string> session_dir(const std::string& name, const std::string& conf
   if (name.find('/') != std::string::npos || name == "." || name == "..") return fs::absolute(name).string();
   std::optional<daemon::Config> config;
   if (!config_if_any(config_path, config))
-    return error(Code::config, "the configuration says where sessions lie, and cannot be used; give a folder: ./%s",
-                 name.c_str());
+    return said_error(Code::config,
+                      say("the configuration says where sessions lie, and cannot be used; give a folder: ./{}", name));
   if (config) return config->sessions_dir + "/" + name;
-  return error(Code::config,
-               "'%s' is a bare name, and without a configuration (%s, or --config FILE) there is no place for it; "
-               "give a folder: ./%s",
-               name.c_str(), default_config().c_str(), name.c_str());
+  return said_error(
+      Code::config,
+      say("'{}' is a bare name, and without a configuration ({}, or --config FILE) there is no place for it; "
+          "give a folder: ./{}",
+          name, default_config(), name));
 }
 
 Session find_session(const SessionOptions& options) {

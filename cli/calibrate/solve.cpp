@@ -17,6 +17,7 @@
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
+#include "cli/terminal/say.h"
 #include "daemon/measure.h"
 
 namespace slabd::cli {
@@ -48,10 +49,9 @@ Result<std::vector<calib::View>> read_views(calib::ArtefactKind kind, const Opti
 }
 
 std::string scale_text(const calib::ScaleDiagnosis& scale, const std::vector<double>& bar) {
-  if (scale.views == 0) return "scanner scale: no view sees both balls of the bar\n";
-  return fmt::format(
-      "scanner scale: {:+.0f} +- {:.0f} ppm (1 sigma) against {:.4f} mm, {} views{}; a diagnosis, not applied\n",
-      scale.ppm, scale.sigma_ppm, bar[2], scale.views, scale.suspicious ? ": SUSPICIOUS" : "");
+  if (scale.views == 0) return say("scanner scale: no view sees both balls of the bar\n");
+  return say("scanner scale: {:+.0f} +- {:.0f} ppm (1 sigma) against {:.4f} mm, {} views{}; a diagnosis, not applied\n",
+             scale.ppm, scale.sigma_ppm, bar[2], scale.views, scale.suspicious ? say(": SUSPICIOUS") : "");
 }
 
 int solve_tables(const Options& options) {
@@ -77,8 +77,8 @@ int solve_tables(const Options& options) {
     }
     fmt::print("{}", json.text());
   } else {
-    fmt::print("hand-eye calibration from {} and {}: {}", options.flange, options.target,
-               hand_eye_text(kind, result, noise));
+    fmt::print("{}", say("hand-eye calibration from {} and {}: {}", options.flange, options.target,
+                         hand_eye_text(kind, result, noise)));
     if (!options.ball_bar.empty()) fmt::print("{}", scale_text(scale, options.ball_bar));
   }
   return result.ok ? kDone : kRefused;
@@ -103,22 +103,23 @@ int solve_kept_views(const Options& options) {
     json.field("next", next_command(session));
     fmt::print("{}", json.text());
   } else {
-    fmt::print("{}: {}", session_words(session), hand_eye_text(session.settings().kind, h, session.settings().noise));
+    fmt::print("{}", say("{}: {}", session_words(session),
+                         hand_eye_text(session.settings().kind, h, session.settings().noise)));
     if (keeps)
-      fmt::print("{} as {} (step {}){}\n", again ? "the same, bit for bit, as stored" : "stored", solution.record.id,
-                 solution.record.step, h.ok ? "" : "; refused, so it is never applied");
+      fmt::print("{}",
+                 say("{} as {} (step {}){}\n", again ? say("the same, bit for bit, as stored") : say("stored"),
+                     solution.record.id, solution.record.step, h.ok ? "" : say("; refused, so it is never applied")));
   }
   for (const Session::Entry& entry : session.entries())
-    if (!entry.unreadable.empty())
-      complain(fmt::format("view {} is left out: {}", entry.view.number, entry.unreadable));
+    if (!entry.unreadable.empty()) complain(say("view {} is left out: {}", entry.view.number, entry.unreadable));
   if (h.ok) {
-    if (!options.json) fmt::print("next: slabctl calibrate verify\n");
+    if (!options.json) fmt::print("{}", say("next: slabctl calibrate verify\n"));
     return kDone;
   }
   if (!options.json)
-    fmt::print(
-        "next: cure what is named above; slabctl calibrate list shows every view, slabctl calibrate drop N --reason "
-        "\"...\" leaves one out, slabctl calibrate capture takes more\n");
+    fmt::print("{}", say("next: cure what is named above; slabctl calibrate list shows every view, slabctl calibrate "
+                         "drop N --reason "
+                         "\"...\" leaves one out, slabctl calibrate capture takes more\n"));
   return kRefused;
 }
 
@@ -128,19 +129,20 @@ void check_ball_bar(const std::vector<double>& bar) {
     return number >= 1.0 && number <= static_cast<double>(calib::kBallsMax) && number == std::floor(number);
   };
   if (is_ball(bar[0]) && is_ball(bar[1]) && bar[0] != bar[1] && bar[2] > 0.0) return;
-  stop(kUsage, fmt::format("--ball-bar {:g} {:g} {:g} {:g}: the first two are balls of the target table, different "
-                           "whole numbers within 1 .. {}, the third is their certified distance, above 0 mm",
-                           bar[0], bar[1], bar[2], bar[3], calib::kBallsMax));
+  stop(kUsage, say("--ball-bar {:g} {:g} {:g} {:g}: the first two are balls of the target table, different "
+                   "whole numbers within 1 .. {}, the third is their certified distance, above 0 mm",
+                   bar[0], bar[1], bar[2], bar[3], calib::kBallsMax));
 }
 
 int solve(const Options& options) {
+  speak(options.session.language, options.json);
   if (!options.ball_bar.empty()) check_ball_bar(options.ball_bar);
   const int given =
       (options.kind.empty() ? 0 : 1) + (options.flange.empty() ? 0 : 1) + (options.target.empty() ? 0 : 1);
   if (given == 0 && options.ball_bar.empty()) return solve_kept_views(options);
   if (const std::string fault = options.solve.fov_fault(); given == 3 && !fault.empty()) stop(kUsage, fault);
   if (given == 3) return solve_tables(options);
-  stop(kUsage, "give --kind, --flange and --target to solve two tables, or none of them to solve the session");
+  stop(kUsage, say("give --kind, --flange and --target to solve two tables, or none of them to solve the session"));
 }
 
 constexpr const char* kFooter = R"(
@@ -165,14 +167,14 @@ Example: slabctl calibrate solve --kind ball --flange flange.txt --target target
 Result<std::string> text_file(const std::string& path) {
   constexpr std::size_t kBytesMax = 16U << 20U;
   std::FILE* file = std::fopen(path.c_str(), "rb");
-  if (file == nullptr) return error(Code::config, "%s: %s", path.c_str(), std::strerror(errno));
+  if (file == nullptr) return said_error(Code::config, path + ": " + quote(std::strerror(errno)));
   std::string text(kBytesMax + 1, '\0');
   const std::size_t bytes = std::fread(text.data(), 1, text.size(), file);
   const bool failed = std::ferror(file) != 0;
   const int reason = errno;
   std::fclose(file);
-  if (failed) return error(Code::config, "%s: %s", path.c_str(), std::strerror(reason));
-  if (bytes > kBytesMax) return error(Code::config, "%s: larger than %zu bytes", path.c_str(), kBytesMax);
+  if (failed) return said_error(Code::config, path + ": " + quote(std::strerror(reason)));
+  if (bytes > kBytesMax) return said_error(Code::config, say("{}: larger than {} bytes", path, kBytesMax));
   text.resize(bytes);
   return text;
 }
@@ -220,8 +222,9 @@ calib::SolveSettings SolveOptions::settings() const {
 std::string SolveOptions::fov_fault() const {
   const calib::FieldOfView view = settings().fov;
   if (view.near_mm < view.far_mm && view.half_x_mm > 0.0 && view.half_y_mm > 0.0) return "";
-  return "--fov: half width, half height, nearest, furthest in mm; nearest must be less than furthest, and the halves "
-         "above 0";
+  return say(
+      "--fov: half width, half height, nearest, furthest in mm; nearest must be less than furthest, and the halves "
+      "above 0");
 }
 
 void SolveOptions::add_to(args::Command& command) {
@@ -322,7 +325,8 @@ Result<SessionSolution> solve_session(const Session& session) {
   Result<std::vector<calib::View>> views = session.views(calib::ViewUse::fit);
   if (!views.ok()) return views.error();
   if (views.value().empty())
-    return error(Code::config, "no view of the session counts yet; take one: slabctl calibrate capture --help");
+    return said_error(Code::config,
+                      say("no view of the session counts yet; take one: slabctl calibrate capture --help"));
   const calib::SessionSettings& settings = session.settings();
   Result<calib::HandEye> solved = calib::solve(settings.kind, views.value(), settings.noise, session.solve_settings());
   if (!solved.ok()) return solved.error();
@@ -372,13 +376,14 @@ std::string observations_text(const Session& session) {
 }
 
 void need_solution(const Session& session) {
-  if (!session.solution()) stop(kRefused, "the session is not solved yet; next: slabctl calibrate solve");
+  if (!session.solution()) stop(kRefused, say("the session is not solved yet; next: slabctl calibrate solve"));
   if (!session.solution_is_current())
-    stop(kRefused, "views were captured, dropped or taken back since it was solved; next: slabctl calibrate solve");
-  if (!session.solution()->record.ok)
     stop(kRefused,
-         "its solution was refused and stored with --force: it is never applied; slabctl calibrate solve says what is "
-         "wrong and what to do");
+         say("views were captured, dropped or taken back since it was solved; next: slabctl calibrate solve"));
+  if (!session.solution()->record.ok)
+    stop(kRefused, say("its solution was refused and stored with --force: it is never applied; slabctl calibrate solve "
+                       "says what is "
+                       "wrong and what to do"));
 }
 
 }  // namespace slabd::cli

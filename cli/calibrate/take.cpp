@@ -11,6 +11,7 @@
 #include "cli/client/calibration_desk.h"
 #include "cli/client/live_capture.h"
 #include "cli/exit.h"
+#include "cli/terminal/say.h"
 
 namespace slabd::cli {
 namespace {
@@ -82,7 +83,7 @@ Status find_one_artefact(const Session& session, const std::vector<std::vector<f
   calib::ArtefactSettings settings;
   settings.ball = ball_settings(session.settings());
   const std::optional<calib::ArtefactCertificate> certificate = session.certificate();
-  if (!certificate) return error(Code::config, "%s/certificate.txt cannot be used", session.dir().c_str());
+  if (!certificate) return said_error(Code::config, say("{}/certificate.txt cannot be used", session.dir()));
   std::vector<calib::View> poses;
   double off_mm = 0.0;
   std::size_t balls = 0;
@@ -175,8 +176,8 @@ Result<const Session::Entry*> known_view(const Session& session, const ViewReque
     if (same == 0) continue;
     const bool same_pose = v.flange == request.flange && v.flange_form == request.flange_form;
     if (!entry.unreadable.empty())
-      return error(Code::config, "%s is a scan of view %zu, and whether that counts cannot be read: %s",
-                   request.scans.front().c_str(), v.number, entry.unreadable.c_str());
+      return said_error(Code::config, say("{} is a scan of view {}, and whether that counts cannot be read: {}",
+                                          request.scans.front(), v.number, entry.unreadable));
     if (same_pose && same >= digests.shots.size() && v.shots.size() == digests.shots.size()) {
       if (entry.counts()) return &entry;
       Pose there;
@@ -185,11 +186,12 @@ Result<const Session::Entry*> known_view(const Session& session, const ViewReque
       continue;
     }
     if (entry.dropped_step != 0 || refused_for_its_pose(v)) continue;
-    return error(Code::config,
-                 "%s is a scan of view %zu, which has %s: one scan cannot be two views; if view %zu is the wrong one, "
-                 "slabctl calibrate drop %zu --reason \"wrong pose\", then give this command again",
-                 request.scans.front().c_str(), v.number, same_pose ? "other shots beside it" : "another pose",
-                 v.number, v.number);
+    return said_error(
+        Code::config,
+        say("{} is a scan of view {}, which has {}: one scan cannot be two views; if view {} is the wrong one, "
+            "slabctl calibrate drop {} --reason \"wrong pose\", then give this command again",
+            request.scans.front(), v.number, same_pose ? say("other shots beside it") : say("another pose"), v.number,
+            v.number));
   }
   return counts_not;
 }
@@ -220,8 +222,8 @@ Result<calib::CapturedView> collect(Session& session, const ViewRequest& request
     const Result<FileDigest> digest = digest_of(copy);
     if (!digest.ok()) return digest.error();
     if (digest.value().sha256 != digests.shots[i].sha256)
-      return error(Code::config, "%s changed while it was copied; is it still being written?",
-                   request.scans[i].c_str());
+      return said_error(Code::config,
+                        say("{} changed while it was copied; is it still being written?", request.scans[i]));
     shot.bytes = digest.value().bytes;
     shot.sha256 = digest.value().sha256;
     view.shots.push_back(shot);
@@ -229,8 +231,7 @@ Result<calib::CapturedView> collect(Session& session, const ViewRequest& request
     if (!xyz.ok()) {  // its text names the copy, which will be deleted
       const std::string_view why = xyz.error().text.view();
       const std::size_t after = why.starts_with(copy) ? copy.size() : 0;
-      return error(Code::config, "%s%.*s", request.scans[i].c_str(), static_cast<int>(why.size() - after),
-                   why.data() + after);
+      return said_error(Code::config, request.scans[i] + retold(why.substr(after)));
     }
     scans.push_back(std::move(xyz.value()));
   }
@@ -251,15 +252,15 @@ Result<Taken> take_view(Session& session, const ViewRequest& request) {
     if (!digest.ok()) return error(Code::config, "%s", digest.error().text.c_str());
     for (const FileDigest& other : digests.shots)
       if (other.sha256 == digest.value().sha256)
-        return error(Code::config, "%s: the same scan is given twice", scan.c_str());
+        return said_error(Code::config, say("{}: the same scan is given twice", scan));
     digests.shots.push_back(std::move(digest.value()));
   }
   const Result<const Session::Entry*> known = known_view(session, request, pose.value(), digests);
   if (!known.ok()) return known.error();
   if (known.value() != nullptr) return Taken{known.value()->view, true, known.value()->dropped_step != 0};
   if (session.entries().size() >= calib::kViewsMax)
-    return error(Code::config, "the session has %zu views, the most there may be; solve, or begin another",
-                 session.entries().size());
+    return said_error(Code::config, say("the session has {} views, the most there may be; solve, or begin another",
+                                        session.entries().size()));
   const Result<std::string> part = session.begin_view(intent_of(request));
   if (!part.ok()) return part.error();
   Result<calib::CapturedView> view = collect(session, request, digests, part.value());
@@ -293,12 +294,13 @@ std::string name_on_the_line(const Session& session) {
 /// Control socket of the line for which the session was begun.
 Result<std::string> socket_of(const Session& session) {
   if (session.settings().config.empty())
-    return error(Code::config,
-                 "the session was begun without a configuration, so the daemon is not known; begin one with: slabctl "
-                 "calibrate new NAME --config FILE");
+    return said_error(
+        Code::config,
+        say("the session was begun without a configuration, so the daemon is not known; begin one with: slabctl "
+            "calibrate new NAME --config FILE"));
   std::optional<daemon::Config> config;
   if (!config_if_any(session.settings().config, config) || !config)
-    return error(Code::config, "%s cannot be used", session.settings().config.c_str());
+    return said_error(Code::config, say("{} cannot be used", session.settings().config));
   return config->control_socket;
 }
 
@@ -329,9 +331,10 @@ Status combine(const std::vector<LiveShot>& shots, ViewRequest& request) {
     const double off_mm = (shot.T_base_flange.translation_mm - mean.translation_mm).norm();
     const double off_rad = angle_between_rad(shot.T_base_flange.rotation, mean.rotation);
     if (off_mm > kBetweenShots_mm || off_rad > kBetweenShots_rad)
-      return error(Code::not_settled,
-                   "the robot moved by %.3f mm and %.4f deg between the shots of one view; stop it and capture again",
-                   off_mm, deg_from_rad(off_rad));
+      return said_error(
+          Code::not_settled,
+          say("the robot moved by {:.3f} mm and {:.4f} deg between the shots of one view; stop it and capture again",
+              off_mm, deg_from_rad(off_rad)));
     live.spread_mm = std::max(live.spread_mm, shot.spread_mm);
     live.spread_deg = std::max(live.spread_deg, deg_from_rad(shot.spread_rad));
     request.scans.push_back(shot.scan_path);
@@ -347,14 +350,14 @@ Status combine(const std::vector<LiveShot>& shots, ViewRequest& request) {
 Result<Taken> take_live(Session& session, const LiveOptions& options) {
   Result<LiveCapture> line = begin(session, options.take_over);
   if (!line.ok()) return line.error();
-  for (const std::string& warning : line.value().warnings()) complain("warning: " + warning);
+  for (const std::string& warning : line.value().warnings()) complain(say("warning: {}", quote(warning)));
   const bool terminal = isatty(STDERR_FILENO) != 0;
   std::vector<LiveShot> shots;
-  Result<Taken> taken = error(Code::internal, "no shot was taken");
+  Result<Taken> taken = said_error(Code::internal, say("no shot was taken"));
   Status good = success();
   for (int i = 1; good.ok() && i <= options.shots; ++i) {
     Result<LiveShot> shot = line.value().shoot([&](std::string_view doing) {
-      if (terminal) fmt::print(stderr, "\r\x1b[Kshot {}/{}: {}", i, options.shots, doing);
+      if (terminal) fmt::print(stderr, "\r\x1b[K{}", say("shot {}/{}: {}", i, options.shots, doing));
     });
     if (terminal) fmt::print(stderr, "\r\x1b[K");
     if (!shot.ok()) {
@@ -362,7 +365,7 @@ Result<Taken> take_live(Session& session, const LiveOptions& options) {
       break;
     }
     if (i == 1)
-      for (const std::string& warning : shot.value().warnings) complain("warning: " + warning);
+      for (const std::string& warning : shot.value().warnings) complain(say("warning: {}", quote(warning)));
     shots.push_back(std::move(shot.value()));
   }
   ViewRequest request;
@@ -374,7 +377,7 @@ Result<Taken> take_live(Session& session, const LiveOptions& options) {
   // A failed release is ignored, because the daemon deletes the scan after a week.
   for (const LiveShot& shot : shots) {
     if (has_no_copy)
-      complain(fmt::format("kept for a week: {}, of the flange at \"{}\"", shot.scan_path, request.flange));
+      complain(say("kept for a week: {}, of the flange at \"{}\"", shot.scan_path, request.flange));
     else
       static_cast<void>(line.value().release(shot.scan_path));
   }
@@ -388,9 +391,9 @@ Result<std::string> end_live(const Session& session) {
   if (!socket.ok()) return socket.error();
   const Result<LiveCapture::Ended> ended = LiveCapture::end(socket.value(), name_on_the_line(session));
   if (!ended.ok()) return ended.error();
-  if (ended.value().other.empty()) return std::string("it does not hold the line any more");
-  return fmt::format("it does not hold the line; \"{}\" of {} does, and nothing was done to it", ended.value().other,
-                     ended.value().other_operator);
+  if (ended.value().other.empty()) return say("it does not hold the line any more");
+  return say("it does not hold the line; \"{}\" of {} does, and nothing was done to it", ended.value().other,
+             ended.value().other_operator);
 }
 
 }  // namespace slabd::cli

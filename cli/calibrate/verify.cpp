@@ -17,6 +17,7 @@
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 
 namespace slabd::cli {
 namespace {
@@ -59,8 +60,7 @@ Verification carry_out(const Options& options, const Session& session, const Ses
   const std::vector<calib::View> held_out = need(session.views(calib::ViewUse::held_out), kBadInput);
   if (held_out.size() < kHeldOutMin)
     stop(kRefused,
-         fmt::format(
-             "{} views are held out, {} are needed to verify; take more with: slabctl calibrate capture --hold-out",
+         say("{} views are held out, {} are needed to verify; take more with: slabctl calibrate capture --hold-out",
              held_out.size(), kHeldOutMin));
   std::optional<daemon::Config> config;
   const std::string config_path = options.session.config.empty() ? settings.config : options.session.config;
@@ -135,11 +135,11 @@ std::string as_json(const Session& session, const SessionSolution& solution, con
 }
 
 std::string verification_text(const Session& session, const SessionSolution& solution, const Verification& v) {
-  std::string text = fmt::format("{}\n{} on {} views that took no part in the fit\n", session_words(session),
-                                 solution.record.id, v.after_fits.size());
+  std::string text = say("{}\n{} on {} views that took no part in the fit\n", session_words(session),
+                         solution.record.id, v.after_fits.size());
   const bool pose = session.settings().kind == calib::ArtefactKind::pose;
-  Table table{"calibration<", "views<", "median", "rms", "max", "unit<"};
-  const auto add = [&](const std::string& what, const char* views, const std::vector<calib::ViewFit>& fits) {
+  Table table{say("calibration<"), say("views<"), say("median"), say("rms"), say("max"), say("unit<")};
+  const auto add = [&](const std::string& what, const std::string& views, const std::vector<calib::ViewFit>& fits) {
     if (fits.empty()) return;
     const calib::Spread mm = mm_of(fits);
     table.add(what, views, Cell(mm.median, 3), Cell(mm.rms, 3), Cell(mm.max, 3), "mm");
@@ -147,36 +147,38 @@ std::string verification_text(const Session& session, const SessionSolution& sol
     const calib::Spread deg = deg_of(fits);
     table.add("", "", Cell(deg.median, 4), Cell(deg.rms, 4), Cell(deg.max, 4), "deg");
   };
-  const std::string before = fmt::format("before: {}", v.before.id.view());
-  add(before, "held out", v.before_fits);
-  add("after: " + solution.record.id, "held out", v.after_fits);
-  add(before, "of the fit", v.before_own);
-  add("after: " + solution.record.id, "of the fit", v.after_own);
+  const std::string before = say("before: {}", translated(v.before.id.view()));
+  const std::string after = say("after: {}", solution.record.id);
+  add(before, say("held out"), v.before_fits);
+  add(after, say("held out"), v.after_fits);
+  add(before, say("of the fit"), v.before_own);
+  add(after, say("of the fit"), v.after_own);
   text += text_of(table);
-  if (!v.has_before) text += "nothing is in force to compare with\n";
+  if (!v.has_before) text += say("nothing is in force to compare with\n");
   if (!v.seats.stations.empty()) {
-    text += fmt::format("if applied, seats of {} move by (mm, slab axes; the scanner turns by {:.3f} deg):\n",
-                        v.seats.slab, v.turn_deg);
-    table = Table{"station", "x", "y", "z", "distance", "pose<"};
+    text += say("if applied, seats of {} move by (mm, slab axes; the scanner turns by {:.3f} deg):\n", v.seats.slab,
+                v.turn_deg);
+    table = Table{say("station"), "x", "y", "z", say("distance"), say("pose<")};
     for (const StationShift& s : v.seats.stations)
       table.add(s.station, fmt::format("{:+.3f}", s.shift_mm.x()), fmt::format("{:+.3f}", s.shift_mm.y()),
-                fmt::format("{:+.3f}", s.shift_mm.z()), Cell(s.shift_mm.norm(), 3), s.taught ? "mastered" : "nominal");
+                fmt::format("{:+.3f}", s.shift_mm.z()), Cell(s.shift_mm.norm(), 3),
+                s.taught ? say("mastered") : say("nominal"));
     text += text_of(table);
     if (std::any_of(v.seats.stations.begin(), v.seats.stations.end(), [](const StationShift& s) { return s.taught; }))
-      text += fmt::format(
+      text += say(
           "the station corrections in force hold for the old calibration and become stale; afterwards: slabctl "
           "calibrate stations --again --apply, or master the stations again if the scanner was moved on the flange\n");
   } else if (has_value(v.seats.shift_max_mm)) {
-    text += fmt::format("if applied, the middle of the view moves by {:.3f} mm; the scanner turns by {:.3f} deg\n",
-                        v.seats.shift_max_mm, v.turn_deg);
+    text += say("if applied, the middle of the view moves by {:.3f} mm; the scanner turns by {:.3f} deg\n",
+                v.seats.shift_max_mm, v.turn_deg);
   }
   if (v.has_before && mm_of(v.after_fits).rms > mm_of(v.before_fits).rms)
-    complain("warning: the held-out views fit what is in force better than the new solution; is a change needed?");
+    complain(say("warning: the held-out views fit what is in force better than the new solution; is a change needed?"));
   return text;
 }
 
 bool asks_yes() {
-  fmt::print("Use it? Type yes: ");
+  fmt::print("{}", say("Use it? Type yes: "));
   std::fflush(stdout);
   std::array<char, 16> line{};
   return std::fgets(line.data(), static_cast<int>(line.size()), stdin) != nullptr &&
@@ -184,18 +186,18 @@ bool asks_yes() {
 }
 
 int verify(const Options& options) {
+  speak(options.session.language, options.json);
   Session session = find_session(options.session);
   need(session.lock());
   need_solution(session);
   const SessionSolution solution = need(solve_session(session));
   if (solution.record.id != session.solution()->record.id)
-    stop(kRefused, fmt::format("solving again gives {} and not the {} that is stored: another version of slabctl "
-                               "solved it; next: slabctl calibrate solve",
-                               solution.record.id, session.solution()->record.id));
+    stop(kRefused, say("solving again gives {} and not the {} that is stored: another version of slabctl "
+                       "solved it; next: slabctl calibrate solve",
+                       solution.record.id, session.solution()->record.id));
   // Later views also contribute to the radius check, and a newer slabctl may have other criteria.
   if (session.solution()->record.ok && !solution.record.ok)
-    stop(kRefused,
-         fmt::format("{} is refused by now; next: slabctl calibrate solve, which says why", solution.record.id));
+    stop(kRefused, say("{} is refused by now; next: slabctl calibrate solve, which says why", solution.record.id));
   const Verification v = carry_out(options, session, solution);
   if (!options.json) fmt::print("{}", verification_text(session, solution, v));
   if (!v.passed) {
@@ -203,14 +205,14 @@ int verify(const Options& options) {
     const auto worst = std::max_element(v.after_fits.begin(), v.after_fits.end(), [&](const auto& a, const auto& b) {
       return placed ? a.residual_deg < b.residual_deg : a.residual_mm < b.residual_mm;
     });
-    const std::string missed = placed ? fmt::format("{:.4f} deg, limit {:.4f} deg", worst->residual_deg, v.limit_deg)
-                                      : fmt::format("{:.3f} mm, limit {:.3f} mm", worst->residual_mm, v.limit_mm);
+    const std::string missed = placed ? say("{:.4f} deg, limit {:.4f} deg", worst->residual_deg, v.limit_deg)
+                                      : say("{:.3f} mm, limit {:.3f} mm", worst->residual_mm, v.limit_mm);
     if (options.json) fmt::print("{}", as_json(session, solution, v, false));
     stop(kRefused,
-         fmt::format("refused (held_out): view {} is missed by {} (four leave-one-out medians)\n  what to do: look at "
-                     "its scan; if it was disturbed, slabctl calibrate drop {} --reason \"...\" and take another with "
-                     "capture --hold-out; if it was not, the fit is wrong: take more views near it",
-                     worst->number, missed, worst->number));
+         say("refused (held_out): view {} is missed by {} (four leave-one-out medians)\n  what to do: look at "
+             "its scan; if it was disturbed, slabctl calibrate drop {} --reason \"...\" and take another with "
+             "capture --hold-out; if it was not, the fit is wrong: take more views near it",
+             worst->number, missed, worst->number));
   }
   calib::VerifiedRecord record;
   record.when = iso_time(wall_clock_us());
@@ -230,13 +232,12 @@ int verify(const Options& options) {
   if (confirmed && !told_before) need(session.keep_verified(record));
   if (options.json) fmt::print("{}", as_json(session, solution, v, confirmed));
   if (!confirmed)
-    stop(kRefused,
-         fmt::format("a change of {} needs a word of yours: look at the shifts, then slabctl calibrate verify --yes",
-                     has_value(v.seats.shift_max_mm)
-                         ? fmt::format("{:.3f} mm and {:.3f} deg (above {} mm or {} deg)", v.seats.shift_max_mm,
-                                       v.turn_deg, kConfirmAbove_mm, kConfirmAbove_deg)
-                         : std::string("unknown size")));
-  if (!options.json) fmt::print("verified; next: slabctl calibrate apply\n");
+    stop(kRefused, say("a change of {} needs a word of yours: look at the shifts, then slabctl calibrate verify --yes",
+                       has_value(v.seats.shift_max_mm)
+                           ? say("{:.3f} mm and {:.3f} deg (above {} mm or {} deg)", v.seats.shift_max_mm, v.turn_deg,
+                                 kConfirmAbove_mm, kConfirmAbove_deg)
+                           : say("unknown size")));
+  if (!options.json) fmt::print("{}", say("verified; next: slabctl calibrate apply\n"));
   return kDone;
 }
 

@@ -16,6 +16,7 @@
 
 #include "base/durable.h"
 #include "cli/client/control.h"
+#include "cli/terminal/say.h"
 #include "daemon/control/calibration_changer.h"
 #include "hal/hal.h"
 
@@ -56,12 +57,12 @@ Result<DeskAnswer> through_daemon(const daemon::Config& config, const storage::C
       return answer.error();
     }
     const json state = json::parse(answer.value(), nullptr, false);
-    if (!state.is_object()) return error(Code::scanner_offline, "slabd sent an answer that is not JSON");
+    if (!state.is_object()) return said_error(Code::scanner_offline, say("slabd sent an answer that is not JSON"));
     if (state.contains("error")) {
       const std::string text = state.value("error", "");
       if (text.find("under way") == std::string::npos) {
         ::unlink(path.c_str());
-        return error(Code::config, "slabd refused: %s", text.c_str());
+        return said_error(Code::config, say("slabd refused: {}", quote(text)));
       }
     } else {
       line = "{\"verb\":\"calibration\"}\n";
@@ -76,10 +77,10 @@ Result<DeskAnswer> through_daemon(const daemon::Config& config, const storage::C
     }
     std::this_thread::sleep_for(kPollEvery);
   }
-  return error(
+  return said_error(
       Code::scanner_offline,
-      "slabd has taken the change and has not finished it within 20 s; slabctl calibrate history shows whether "
-      "it was carried out");
+      say("slabd has taken the change and has not finished it within 20 s; slabctl calibrate history shows whether "
+          "it was carried out"));
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 
 #include "cli/client/control.h"
 #include "cli/exit.h"
+#include "cli/terminal/say.h"
 
 namespace slabd::cli {
 namespace {
@@ -30,11 +31,12 @@ Error error_in(const json& answer) {
 Result<json> understood(const Result<std::string>& answer) {
   if (!answer.ok()) return answer.error();
   json state = json::parse(answer.value(), nullptr, false);
-  if (!state.is_object()) return error(Code::scanner_offline, "slabd sent an answer that is not JSON");
+  if (!state.is_object()) return said_error(Code::scanner_offline, say("slabd sent an answer that is not JSON"));
   const std::string schema = state.value("schema", "");
   if (schema == "slabd.error/1") return error_in(state);
   if (schema != "slabd.capture/1")
-    return error(Code::scanner_offline, "slabd does not speak slabd.capture/1; is it older than this slabctl?");
+    return said_error(Code::scanner_offline,
+                      say("slabd does not speak slabd.capture/1; is it older than this slabctl?"));
   return state;
 }
 
@@ -48,7 +50,7 @@ std::vector<std::string> sentences(const json& object) {
 
 Result<LiveShot> taken(const json& shot) {
   const std::vector<double> pose = shot.value("T_base_flange", std::vector<double>());
-  if (pose.size() != 7) return error(Code::scanner_offline, "slabd told a view without a pose");
+  if (pose.size() != 7) return said_error(Code::scanner_offline, say("slabd told a view without a pose"));
   LiveShot view;
   view.number = shot.value("number", 0U);
   view.scan_path = shot.value("scan", "");
@@ -74,12 +76,12 @@ Result<LiveShot> taken(const json& shot) {
 
 std::string doing(const json& state) {
   const std::string phase = state.value("phase", "");
-  if (phase == "scanning") return "scanning";
-  if (phase == "checking") return "looking whether the robot stood still";
+  if (phase == "scanning") return say("scanning");
+  if (phase == "checking") return say("looking whether the robot stood still");
   const json& robot = state.value("robot", json(nullptr));
-  if (!robot.is_object()) return "waiting for the robot's poses";
-  return fmt::format("waiting until the robot stands: it has stood for {:.1f} s, moved {:.3f} mm and {:.4f} deg",
-                     robot.value("stood_s", 0.0), robot.value("moved_mm", 0.0), robot.value("turned_deg", 0.0));
+  if (!robot.is_object()) return say("waiting for the robot's poses");
+  return say("waiting until the robot stands: it has stood for {:.1f} s, moved {:.3f} mm and {:.4f} deg",
+             robot.value("stood_s", 0.0), robot.value("moved_mm", 0.0), robot.value("turned_deg", 0.0));
 }
 
 Result<std::string> send(const std::string& socket, const json& request) {
@@ -116,7 +118,7 @@ Result<LiveShot> LiveCapture::shoot(const std::function<void(std::string_view)>&
   for (;;) {
     const json shot = state.value().value("shot", json(nullptr));
     if (!shot.is_object() || shot.value("number", 0U) != number)
-      return error(Code::interrupted, "the session was taken over or was started again; shoot again");
+      return said_error(Code::interrupted, say("the session was taken over or was started again; shoot again"));
     if (shot.value("done", false)) return shot.value("ok", false) ? taken(shot) : Result<LiveShot>(error_in(shot));
     if (std::string text = doing(state.value()); said && text != last_said) {
       said(text);
@@ -126,7 +128,8 @@ Result<LiveShot> LiveCapture::shoot(const std::function<void(std::string_view)>&
     state = understood(ask("state"));
     if (!state.ok()) {
       if (state.error().code == Code::wrong_slab)
-        return error(Code::interrupted, "the session ended while the view was taken; begin it again and shoot again");
+        return said_error(Code::interrupted,
+                          say("the session ended while the view was taken; begin it again and shoot again"));
       return state.error();
     }
   }

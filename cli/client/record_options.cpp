@@ -9,6 +9,7 @@
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
+#include "cli/terminal/say.h"
 #include "daemon/measure.h"
 #include "report/json.h"
 
@@ -55,7 +56,7 @@ namespace {
 void say_what_is_not_changed(const daemon::Config& config, const storage::CalibrationRecord& given,
                              const std::string& id) {
   const auto reader = records_if_readable(config);
-  if (!reader.ok()) return complain(reader.error().text.view());
+  if (!reader.ok()) return complain(retold(reader.error().text.view()));
   if (reader.value() == nullptr) return;
   const auto there = reader.value()->calibration(id);
   if (!there.ok() || !there.value()) return;
@@ -63,7 +64,7 @@ void say_what_is_not_changed(const daemon::Config& config, const storage::Calibr
   if (differs(given.robot_serial, there.value()->robot_serial) ||
       differs(given.scanner_serial, there.value()->scanner_serial) ||
       (has_value(given.temperature_c) && given.temperature_c != there.value()->temperature_c))
-    complain(fmt::format("warning: {} is kept already; its serial numbers and temperature are not changed", id));
+    complain(say("warning: {} is kept already; its serial numbers and temperature are not changed", id));
 }
 
 }  // namespace
@@ -72,17 +73,17 @@ Kept keep_record(const daemon::Config& config, const RecordOptions& options, con
   Kept kept;
   if (record.expires_utime_us != 0 && record.expires_utime_us <= wall_clock_us()) {
     complain(
-        fmt::format("{} may be used until {}, counted from the oldest {}: expired; calibrate again, or, if the clock "
-                    "was wrong when "
-                    "that one was taken, leave it out and solve again",
-                    record.kind() == CalibrationKind::stations ? "what these visits give" : "this calibration",
-                    iso_time(record.expires_utime_us), record.kind() == CalibrationKind::stations ? "scan" : "view"));
+        say("{} may be used until {}, counted from the oldest {}: expired; calibrate again, or, if the clock "
+            "was wrong when "
+            "that one was taken, leave it out and solve again",
+            record.kind() == CalibrationKind::stations ? say("what these visits give") : say("this calibration"),
+            iso_time(record.expires_utime_us), record.kind() == CalibrationKind::stations ? say("scan") : say("view")));
     kept.status = kRefused;
     return kept;
   }
   const Result<DeskAnswer> done = change_calibration(config, storage::KeepCalibration{record});
   if (!done.ok()) {
-    complain(done.error().text.view());
+    complain(retold(done.error().text.view()));
     kept.status = exit_for(done.error().code);
     return kept;
   }
@@ -93,7 +94,7 @@ Kept keep_record(const daemon::Config& config, const RecordOptions& options, con
   const Result<DeskAnswer> applied =
       change_calibration(config, storage::ApplyCalibration{kept.id, {record.operator_name, why, wall_clock_us()}});
   if (!applied.ok()) {
-    complain(fmt::format("{} is kept but not in force: {}", kept.id, applied.error().text.view()));
+    complain(say("{} is kept but not in force: {}", kept.id, quote(applied.error().text.view())));
     kept.status = applied.error().code == Code::config ? kRefused : exit_for(applied.error().code);
     return kept;
   }
@@ -103,11 +104,10 @@ Kept keep_record(const daemon::Config& config, const RecordOptions& options, con
 }
 
 std::string kept_text(const Kept& kept, bool dry_run) {
-  if (dry_run) return "nothing was kept (--dry-run)\n";
+  if (dry_run) return say("nothing was kept (--dry-run)\n");
   if (kept.applied)
-    return fmt::format("{} is in force{}\n", kept.id, kept.after_slab ? " from the next slab on; one is open now" : "");
-  return fmt::format("kept as {}; put it in force with: slabctl calibrate apply {} --reason \"...\"\n", kept.id,
-                     kept.id);
+    return say("{} is in force{}\n", kept.id, kept.after_slab ? say(" from the next slab on; one is open now") : "");
+  return say("kept as {}; put it in force with: slabctl calibrate apply {} --reason \"...\"\n", kept.id, kept.id);
 }
 
 Result<std::unique_ptr<storage::Reader>> records_if_readable(const daemon::Config& config) {

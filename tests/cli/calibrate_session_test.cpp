@@ -18,6 +18,7 @@
 #include "calib/calib.h"
 #include "slabctl_process.h"
 #include "storage/storage.h"
+#include "tests/cli/chinese.h"
 #include "tests/places/places.h"
 
 namespace slabd::cli {
@@ -162,6 +163,52 @@ TEST_F(CalibrateSession, from_nothing_to_an_applied_calibration_in_six_commands)
   const Ended tables = run("calibrate solve --kind ball --flange " + file("set/flange.txt") + " --target " +
                            file("t.txt") + " --robot-sigma-mm 0.017 --fov 100 140 540 660 --json");
   EXPECT_LT(length(json::parse(tables.out)["T_flange_scanner"], figures["T_flange_scanner"]), 0.1);
+}
+
+TEST_F(CalibrateSession, every_step_speaks_chinese) {
+  simulate("set", "--views 13 --seed 3");
+  ::setenv("SLABD_LANGUAGE", "zh", 1);
+  const auto step = [&](const std::string& command, int status = 0) {
+    const Ended ended = run("calibrate " + command);
+    EXPECT_EQ(ended.status, status) << command << "\n" << ended.out << ended.err;
+    if (!ended.out.empty()) expect_chinese(ended.out);
+    if (!ended.err.empty()) expect_chinese(ended.err);
+    return ended.out + ended.err;
+  };
+  step("list", 3);
+  expect_mentions(step(new_in("a").substr(10)), "第一个视图：");
+  step("solve", 3);
+  step("verify", 6);
+  expect_mentions(step("capture --scan " + file("set/view_01.ply") + " --flange-file " + file("set/flange.txt:1")),
+                  "下一个视图：");
+  step("capture --scan " + file("set/view_02.ply") + " --flange-file " + file("set/flange.txt:1"), 6);
+  step("capture --scan " + file("set/view_02.ply") + " --flange-file " + file("set/flange.txt:99"), 3);
+  step("capture --set " + file("set"));
+  step("drop 3 --reason \"" + std::string("碰到立柱") + "\"");
+  step("list");
+  expect_mentions(step("undo"), "重新计入");
+  step("list");
+  expect_mentions(step("solve"), "下一步：slabctl calibrate verify");
+  step("list");
+  step("apply", 6);
+  step("verify", 6);
+  step("verify --yes");
+  expect_mentions(step("apply"), "已生效");
+  step("history --config " + file("a/slabd.toml"));
+  step("rollback --reason x --config " + file("a/slabd.toml"), 6);
+  step("adopt --dry-run --sigma-mm 0.05 --sigma-deg 0.003 --config " + file("a/slabd.toml"));
+  step("drop 99 --reason x", 3);
+  simulate("block", "--kind block --recipe " + kRecipe + " --views 2");
+  const std::string at = " --config " + file("a/slabd.toml");
+  step("check" + at);
+  step("check --live --ball" + at, 3);
+  step("reference --certificate " + file("block/certificate.txt") + " --apply --reason x" + at);
+  expect_mentions(step("check " + file("block/view_01.ply") + " --recipe " + kRecipe + at), "通过，标准器 rb-");
+  step("check " + file("block/view_01.ply") + " --recipe " + kRecipe + at, 6);
+  expect_mentions(step("check" + at), "下一次检查到期日");
+  ::unsetenv("SLABD_LANGUAGE");
+  const std::string english = run("calibrate list --json").out;
+  EXPECT_EQ(run("calibrate list --json --language zh").out, english);
 }
 
 TEST_F(CalibrateSession, killed_at_any_moment_loses_nothing_and_ends_with_the_same_bits) {

@@ -8,6 +8,7 @@
 
 #include "calib/calib.h"
 #include "tests/calib/hand_eye_scene.h"
+#include "tests/cli/chinese.h"
 #include "tests/cli/slabctl_process.h"
 
 namespace slabd::cli {
@@ -111,6 +112,9 @@ TEST_F(CalibrateSolve, refused_is_status_6_with_figures_reason_and_cure) {
   EXPECT_EQ(text.status, 6);
   expect_mentions(text.out, "REFUSED");
   expect_mentions(text.out, "cure: use larger tilts");
+  const Ended chinese = solve(ArtefactKind::ball, "--language zh");
+  expect_chinese(chinese.out);
+  expect_mentions(chinese.out, "处理：加大倾斜，向六个以上方向倾斜 20°～35°");
 
   plan = {};
   plan.fov_mm = plan.depth_half_mm = 0.0;

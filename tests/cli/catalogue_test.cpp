@@ -89,14 +89,11 @@ TEST(Catalogue, contains_every_text_that_is_said) {
     EXPECT_NE(report::translated(report::Language::zh, text), text) << "no translation";
 }
 
-/// The words of a text between its values.
+/// The words of a text between values and punctuation.
 std::vector<std::string> words_of(const std::string& text) {
-  std::vector<std::string> words;
-  for (std::size_t at = 0; at <= text.size();) {
-    const std::size_t end = std::min(text.find("{}", at), text.size());
-    if (end > at) words.push_back(text.substr(at, end - at));
-    at = end + 2;
-  }
+  static const std::regex kBetween(R"(\s*(\{\}|[;:,])\s*)");
+  std::vector<std::string> words(std::sregex_token_iterator(text.begin(), text.end(), kBetween, -1), {});
+  words.erase(std::remove(words.begin(), words.end(), ""), words.end());
   return words;
 }
 

@@ -16,11 +16,11 @@ inline void expect_chinese(const std::string& text) {
       "|[\\w.~-]*/[\\w./*:~-]*"
       "|\\[\\w+\\]( \\w+( = \\w+)?)?|\\[Service\\]|\\w+ = \\w+"  // keys of the configuration
       "|\\w*_\\w*|\\w+=\\w+"                                     // keys, registers and enumerators
-      "|--[a-z-]+|[A-Z][A-Z0-9-]+"                               // options, arguments and abbreviations
+      "|--[a-z-]+( (ball|artefact)\\b)?|[A-Z][A-Z0-9-]+"         // options, arguments and abbreviations
       "|slabctl( [a-z-]+)*|slabd|journalctl( -[ku]( slabd)?)?|systemctl( [a-z]+)*( slabd)?|timedatectl \\S+ true"
       "|ip (address|route)( add| get [\\d.]+)?|df -i|findmnt -T|ss -ltnp 'sport|ulimit -f unlimited|cpupower [-a-z ]+"
       "|chown \\S+|chgrp -R|chmod \\S+|usermod -aG dialout|ls -l|echo madvise >|Max [a-z ]+"
-      "|操作者 [\\w.-]+|在 [\\w.-]+ 上|经由 [\\w.-]+"  // names of people and interfaces
+      "|操作者 [\\w.-]+|会话 [\\w.-]+|在 [\\w.-]+ 上|经由 [\\w.-]+"  // names of people and interfaces
       "|\\w+ \\d+ 次|\\w{2}-[0-9a-f]{6,}|\\b[0-9a-f]{8,}\\b|commissioning-\\w+|[\\w-]+\\.(toml|ply|db|txt|sock|md)"
       "|\\b(mm|deg|ms|s|kB|MB|GB|ppm|root|flags|bits?|inode|systemd|chrony|abcd|cdab|slabd|Modbus)\\b"
       "|\\b[a-zA-Z]\\b|\\b\\d+x\\b|\\bq[wxyz]\\b");
