@@ -55,7 +55,7 @@ Period period_of(const std::string& text) {
 
 Table slab_table(const std::vector<PlaceDifference>& places, bool all, Language language) {
   Table table{{pick(language, "characteristic", "检测项目"), "item"},
-              {pick(language, "station", "测站"), "station"},
+              {pick(language, "station", "检测位"), "station"},
               {pick(language, "to", "至") + "?", "station_to"},
               {"A", "a"},
               {"B", "b"},

@@ -94,7 +94,7 @@ Entry entry(Word word) {
     case Word::still_open: return {"still open", "未结束"};
     case Word::recipe: return {"recipe, SHA-256", "配方，SHA-256"};
     case Word::hand_eye: return {"hand-eye calibration", "手眼标定"};
-    case Word::station_corrections: return {"station corrections", "测站修正"};
+    case Word::station_corrections: return {"station corrections", "检测位修正"};
     case Word::scanner_acceptance: return {"scanner acceptance", "扫描仪验收"};
     case Word::scanner_not_verified:
       return {
@@ -108,7 +108,7 @@ Entry entry(Word word) {
           "robot: hand-eye and station corrections. Reference: the recipe.",
           "各分量为标准不确定度 (k = 1)，单位同检测项目；U / 2 "
           "为其方和根。拟合、噪声、配准来自扫描；扫描仪取配方与验收（{}"
-          "）中较大者；标定、机器人来自手眼标定与测站修正；基准来自配方。"};
+          "）中较大者；标定、机器人来自手眼标定与检测位修正；基准来自配方。"};
     case Word::block_column: return {"block", "承轨台"};
     case Word::budget_fit: return {"fit", "拟合"};
     case Word::budget_noise: return {"noise", "噪声"};

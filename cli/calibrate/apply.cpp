@@ -9,7 +9,7 @@
 
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/session.h"
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -56,9 +56,9 @@ void warn_of_standing(const daemon::Config& config, std::string_view id) {
 int carry_out(const Options& options, const storage::CalibrationChange& change) {
   speak(options.language, options.json);
   const daemon::Config config = config_from(options.config);
-  const Result<DeskAnswer> changed = change_calibration(config, change);
+  const Result<ChangeAnswer> changed = change_calibration(config, change);
   if (!changed.ok() && changed.error().code == Code::config) stop(kRefused, changed.error());
-  const DeskAnswer done = need(changed);
+  const ChangeAnswer done = need(changed);
   if (options.json) {
     Json json("slabd.calibration_applied/1");
     json.field("id", done.id).field("by_daemon", done.by_daemon).field("after_slab", done.after_slab);

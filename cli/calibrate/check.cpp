@@ -14,7 +14,7 @@
 #include "base/record_fields.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/monitor_ball.h"
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -324,7 +324,7 @@ int check_calibration(const CheckOptions& options) {
   if (reader == nullptr) stop(kBadInput, say("nothing is in force to compare with: slabctl calibrate reference"));
   const CalibrationCheck check = judge(options, config, *reader);
   reader.reset();
-  const DeskAnswer kept = need(change_calibration(config, storage::KeepCheck{check}));
+  const ChangeAnswer kept = need(change_calibration(config, storage::KeepCheck{check}));
   if (options.json) {
     Json json("slabd.calibration_check/1");
     write_check(json, check);

@@ -8,7 +8,7 @@
 
 #include "base/pages.h"
 #include "calib/calib.h"
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/client/live_capture.h"
 #include "cli/command.h"
 #include "cli/exit.h"

@@ -18,7 +18,7 @@
 #include <limits>
 
 #include "cli/calibrate/calibrate.h"
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/terminal/say.h"
 #include "report/json.h"
 

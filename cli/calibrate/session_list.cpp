@@ -9,7 +9,7 @@
 
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/session.h"
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"

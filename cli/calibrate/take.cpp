@@ -8,7 +8,7 @@
 
 #include "cli/calibrate/capture.h"
 #include "cli/calibrate/find_ball.h"
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/client/live_capture.h"
 #include "cli/exit.h"
 #include "cli/terminal/say.h"

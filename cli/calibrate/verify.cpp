@@ -11,7 +11,7 @@
 
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/session.h"
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"

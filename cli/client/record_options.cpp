@@ -4,7 +4,7 @@
 #include <fmt/core.h>
 #include <algorithm>
 
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
@@ -81,7 +81,7 @@ Kept keep_record(const daemon::Config& config, const RecordOptions& options, con
     kept.status = kRefused;
     return kept;
   }
-  const Result<DeskAnswer> done = change_calibration(config, storage::KeepCalibration{record});
+  const Result<ChangeAnswer> done = change_calibration(config, storage::KeepCalibration{record});
   if (!done.ok()) {
     complain(retold(done.error().text.view()));
     kept.status = exit_for(done.error().code);
@@ -91,7 +91,7 @@ Kept keep_record(const daemon::Config& config, const RecordOptions& options, con
   say_what_is_not_changed(config, record, kept.id);
   if (!options.apply) return kept;
   const std::string why = options.why.empty() ? "newly measured" : options.why;
-  const Result<DeskAnswer> applied =
+  const Result<ChangeAnswer> applied =
       change_calibration(config, storage::ApplyCalibration{kept.id, {record.operator_name, why, wall_clock_us()}});
   if (!applied.ok()) {
     complain(say("{} is kept but not in force: {}", kept.id, quote(applied.error().text.view())));

@@ -17,7 +17,7 @@
 #include <thread>
 
 #include "base/durable.h"
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/client/control.h"
 #include "cli/command.h"
 #include "cli/exit.h"

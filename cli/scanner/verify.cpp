@@ -10,7 +10,7 @@
 #include <optional>
 
 #include "base/durable.h"
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"

@@ -13,7 +13,7 @@
 
 #include "base/durable.h"
 #include "calib/calib.h"
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/client/record_options.h"
 #include "cli/command.h"
 #include "cli/exit.h"

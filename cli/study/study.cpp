@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/client/live_capture.h"
 #include "cli/client/record_options.h"
 #include "cli/command.h"

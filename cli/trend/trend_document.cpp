@@ -92,14 +92,14 @@ std::vector<std::string> outside_lines(const Trend& trend, std::size_t lines_max
 
 Table stations_table(const Trend& trend, Language language) {
   const int digits = decimals(trend.item);
-  Table table{pick(language, "station", "测站"),
+  Table table{pick(language, "station", "检测位"),
               pick(language, "slabs", "板数"),
               pick(language, "bias", "偏倚"),
               "+-2s",
               pick(language, "drift", "漂移"),
               "+-2s",
               "<"};
-  table.title = pick(language, "Each station against the others of its slab", "各测站与同板其他测站之差");
+  table.title = pick(language, "Each station against the others of its slab", "各检测位与同板其他检测位之差");
   for (const StationBias& s : trend.stations)
     table.add(s.station, s.slabs, Cell(s.bias, digits), Cell(2.0 * s.bias_sigma, digits), Cell(s.drift, digits),
               Cell(2.0 * s.drift_sigma, digits),

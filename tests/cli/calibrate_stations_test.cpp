@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/base.h"
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "slabctl_process.h"
@@ -39,10 +39,10 @@ class CalibrateStations : public Slabctl {
   [[nodiscard]] std::string put_in_force(const storage::CalibrationRecord& record, std::int64_t utime_us) const {
     daemon::Config config;
     EXPECT_TRUE(config_from(file("slabd.toml"), config));
-    const Result<DeskAnswer> kept = change_calibration(config, storage::KeepCalibration{record});
+    const Result<ChangeAnswer> kept = change_calibration(config, storage::KeepCalibration{record});
     EXPECT_TRUE(kept.ok()) << kept.error().text.view();
     if (!kept.ok()) return "";
-    const Result<DeskAnswer> applied =
+    const Result<ChangeAnswer> applied =
         change_calibration(config, storage::ApplyCalibration{kept.value().id, {"anna", "test", utime_us}});
     EXPECT_TRUE(applied.ok()) << applied.error().text.view();
     return kept.value().id;

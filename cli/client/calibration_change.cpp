@@ -3,7 +3,7 @@
 // A change is first written to a synced file and then sent to the daemon. After a crash either nothing has happened or
 // the change is in the database. Repeating the command is safe: a record id is made from its numbers, and applying the
 // calibration in force changes nothing.
-#include "cli/client/calibration_desk.h"
+#include "cli/client/calibration_change.h"
 
 #include <pwd.h>
 #include <sys/stat.h>
@@ -44,7 +44,7 @@ json outcome_of(const json& state, const std::string& file) {
   return last;
 }
 
-Result<DeskAnswer> through_daemon(const daemon::Config& config, const storage::CalibrationChange& change) {
+Result<ChangeAnswer> through_daemon(const daemon::Config& config, const storage::CalibrationChange& change) {
   const Result<std::string> name =
       leave_file(daemon::change_folder(config.storage.db_path), daemon::change_json(change));
   if (!name.ok()) return name.error();
@@ -73,7 +73,7 @@ Result<DeskAnswer> through_daemon(const daemon::Config& config, const storage::C
         return error(static_cast<Code>(code), "%s", last.value("error", "").c_str());
       }
       const json& open = state.value("open_slab", json(nullptr));
-      return DeskAnswer{last.value("id", ""), true, open.is_object()};
+      return ChangeAnswer{last.value("id", ""), true, open.is_object()};
     }
     std::this_thread::sleep_for(kPollEvery);
   }
@@ -85,14 +85,14 @@ Result<DeskAnswer> through_daemon(const daemon::Config& config, const storage::C
 
 }  // namespace
 
-Result<DeskAnswer> change_calibration(const daemon::Config& config, const storage::CalibrationChange& change) {
+Result<ChangeAnswer> change_calibration(const daemon::Config& config, const storage::CalibrationChange& change) {
   if (daemon_has_database(config.control_socket)) return through_daemon(config, change);
   // The daemon does not answer. If one runs without its socket or starts now, its lock prevents the access.
   Result<std::unique_ptr<storage::Store>> store = storage::open_store(config.storage);
   if (!store.ok()) return store.error();
   const Result<std::string> id = store.value()->change(change);
   if (!id.ok()) return id.error();
-  return DeskAnswer{id.value(), false, false};
+  return ChangeAnswer{id.value(), false, false};
 }
 
 void finish_killed_change(const daemon::Config& config) {

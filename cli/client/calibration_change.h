@@ -11,7 +11,7 @@
 /// database. Otherwise slabctl writes the database, which is locked against a starting daemon.
 namespace slabd::cli {
 
-struct DeskAnswer {
+struct ChangeAnswer {
   std::string id;  ///< id of the changed record
   bool by_daemon = false;
   bool after_slab = false;  ///< the daemon uses the change from the next slab on, because a slab is open
@@ -20,8 +20,8 @@ struct DeskAnswer {
 /// Carries out one change and returns when it is durable. Code::config: rejected without a change, with reason and
 /// cure. Code::scanner_offline: the daemon did not answer in time; `slabctl calibrate history` shows whether the
 /// change was carried out. Code::journal_write, Code::store_full: the database could not be written.
-[[nodiscard]] Result<DeskAnswer> change_calibration(const daemon::Config& config,
-                                                    const storage::CalibrationChange& change);
+[[nodiscard]] Result<ChangeAnswer> change_calibration(const daemon::Config& config,
+                                                      const storage::CalibrationChange& change);
 
 /// Call this before reading data that the command will change. If a change was killed while it opened the database,
 /// readers have no access until a writer has recovered it. If that fails, the reader reports the error.
