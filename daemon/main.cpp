@@ -342,7 +342,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
 // Only a lack of memory at the start throws here: it ends the process, and the service manager restarts it.
 int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
   using namespace slabd::daemon;
-  CLI::App app{"slabd: inspects railway track slabs from 3-D scans and tells the PLC pass or fail"};
+  CLI::App app{"slabd: inspects railway track slabs from 3-D scans and reports pass or fail to the PLC"};
   std::string config_path = "/etc/slabd/slabd.toml";
   bool check_only = false;
   app.add_option("--config", config_path, "configuration file")->capture_default_str();

@@ -437,8 +437,8 @@ class SqliteStore final : public Store {
     if (scans.empty()) return success();
     return error(
         Code::journal_write,
-        "%s knows slabs up to %lld, and %s holds scans: there was a newer database. Is the right disk mounted? "
-        "Else put the newest backup there with slabctl db restore (this file itself, if there is none), or "
+        "%s holds slabs up to %lld, and %s holds later scans: there was a newer database. Is the right disk mounted? "
+        "Otherwise put the newest backup there with slabctl db restore (this file itself, if there is none), or "
         "take scans away that are not this line's",
         settings_.db_path.c_str(), static_cast<long long>(known), scans.c_str());
   }

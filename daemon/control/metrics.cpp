@@ -127,7 +127,7 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   text.counter("slabd_commands_refused_total", "Commands refused or repeated", view.refused);
   tell_plc(text, ports.plc, view.plc_link_ok);
   tell_pose(text, ports.pose, figures, view.pose_ok);
-  text.gauge("slabd_scanner_online", "1: the scanner can be asked", view.scanner_ok ? 1 : 0);
+  text.gauge("slabd_scanner_online", "1: the scanner is available", view.scanner_ok ? 1 : 0);
   text.counter("slabd_scan_strays_total", "Files that answered no request", station.links.stray_files);
   const hal::ScannerPort::Deleted deleted = ports.scanner.deleted();
   text.counter("slabd_scan_strays_deleted_total", "Stray scans deleted again because stray/ was full", deleted.files);

@@ -19,8 +19,8 @@ Error spool_error(const PathText& path, const char* what, int error_number) {
   if (error_number == EEXIST)
     return error(
         Code::journal_write,
-        "%s: a scan lies there already, and none is overwritten: was an older database put in place of the "
-        "line's (OPERATING.md, slabctl db restore)? Else slabd was ended while it stored this one: give SCAN again",
+        "%s: this scan exists already, and no scan is overwritten: did an older database replace the line's "
+        "(OPERATING.md, slabctl db restore)? Otherwise slabd was ended while it stored this one: give SCAN again",
         path.c_str());
   const bool full = error_number == ENOSPC || error_number == EDQUOT;
   return error(full ? Code::store_full : Code::journal_write, "%s: %s: %s", path.c_str(), what,

@@ -183,7 +183,7 @@ TEST_F(ConfigTest, slabs_that_did_not_pass_are_kept_by_a_number_of_their_own) {
             Texts{"slabd.toml:6:14: storage.keep_slabs: found 99, allowed is 0 (keep every record) or 100 and more"});
   EXPECT_EQ(load(storage("keep_failed_slabs = 500\n")),
             Texts{"slabd.toml:6:21: storage.keep_failed_slabs: found with keep_slabs = 0, which keeps every record; "
-                  "allowed is beside a keep_slabs that bounds them"});
+                  "allowed only with a keep_slabs that limits them"});
   EXPECT_EQ(load(storage("keep_slabs = 500\nkeep_failed_slabs = 1000000001\n")).size(), 1U);
 }
 
@@ -405,7 +405,7 @@ TEST_F(ConfigTest, a_file_cannot_be_a_folder_or_another_file) {
   for (const char* side : {"-wal", "-shm", ".writer"})
     EXPECT_EQ(load(places("/srv/x", "/srv/spool", std::string("/srv/x") + side)),
               Texts{std::string("slabd.toml:9:10: control.socket: found /srv/x") + side +
-                    ", which is the name of a file beside storage.db; allowed is another place"});
+                    ", which is the name of a file that belongs to storage.db; allowed is another place"});
 }
 
 TEST_F(ConfigTest, text_that_nests_too_deeply_is_refused_before_it_is_parsed) {
@@ -521,10 +521,9 @@ TEST_F(ConfigTest, scans_may_come_over_tcp) {
   ASSERT_EQ(config_.stream.allow.size(), 1U);
   EXPECT_EQ(config_.stream.allow[0].address, 0x0A01'021EU);
   EXPECT_EQ(config_.scanner.form.unit, hal::LengthUnit::mm) << "what lies in the spool";
-  EXPECT_EQ(
-      load(start + "[scanner]\nbackend = \"tcp\"\nunit = \"m\"\n"),
-      Texts{"slabd.toml:7:8: scanner.unit: backend = \"tcp\" has no use for it: every scan says its request and its "
-            "unit"});
+  EXPECT_EQ(load(start + "[scanner]\nbackend = \"tcp\"\nunit = \"m\"\n"),
+            Texts{"slabd.toml:7:8: scanner.unit: backend = \"tcp\" does not use it: each scan carries its request and "
+                  "its unit"});
   EXPECT_EQ(load(start + "[scanner]\nbackend = \"tcp\"\ncolumns = \"2,3,4\"\n").size(), 1U);
   EXPECT_EQ(load(start + "[scanner]\nlisten = \"10.1.2.3:1600\"\n").size(), 1U);
 }
@@ -573,10 +572,9 @@ TEST_F(ConfigTest, values_in_another_unit_are_doubted_with_line_key_and_range) {
   };
   EXPECT_EQ(doubts(kShortest), Texts{});
   EXPECT_EQ(doubts("[cell]\nT_base_slab = [0, 0, 0, 1, 0, 0, 0]\n"), Texts{}) << "not entered, as on a test bench";
-  EXPECT_EQ(
-      doubts("[cell]\nT_base_slab = [1.5, 0.2, 0.57, 1, 0, 0, 0]\n"),
-      Texts{"slabd.toml:2:15: cell.T_base_slab: found x, y, z of at most 1.5 mm, metres? The centre of a slab hardly "
-            "lies in the robot's foot; the unit is mm, allowed is -20000..20000"});
+  EXPECT_EQ(doubts("[cell]\nT_base_slab = [1.5, 0.2, 0.57, 1, 0, 0, 0]\n"),
+            Texts{"slabd.toml:2:15: cell.T_base_slab: found x, y, z of at most 1.5 mm, metres? The centre of a slab is "
+                  "hardly in the robot's foot; the unit is mm, allowed is -20000..20000"});
   EXPECT_EQ(
       doubts("[cell]\nT_base_slab = [1500, 200, 570, 1, 0, 0, 0]\n[calibration]\n"
              "T_flange_scanner = [0.06, -0.01, 0.2, 1, 0, 0, 0]\n"),

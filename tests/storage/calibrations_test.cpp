@@ -207,7 +207,7 @@ TEST_F(CalibrationsTest, a_calibration_that_may_not_be_used_is_never_put_in_forc
   CalibrationRecord old = hand_eye(1.0);
   old.expires_utime_us = 5'000;
   EXPECT_NE(refused(ApplyCalibration{keep(old), note()}).find("has expired"), std::string::npos);
-  EXPECT_NE(refused(ApplyCalibration{keep(hand_eye(2.0)), {"anna", "", 1}}).find("who does it and why"),
+  EXPECT_NE(refused(ApplyCalibration{keep(hand_eye(2.0)), {"anna", "", 1}}).find("an operator and a reason"),
             std::string::npos);
   CalibrationRecord senseless = hand_eye(1.0);
   std::get<HandEyeNumbers>(senseless.numbers).sigma_mm = kNoValue;

@@ -250,7 +250,7 @@ TEST_F(SettingsTest, newer_schema_is_refused) {
   make("PRAGMA user_version = " + newer);
   const std::string text = refusal();
   const std::string told =
-      "newer slabd (schema version " + newer + ", this program knows up to " + std::to_string(kSchemaVersion) + ")";
+      "newer slabd (schema version " + newer + ", this program supports up to " + std::to_string(kSchemaVersion) + ")";
   EXPECT_NE(text.find(told), std::string::npos) << text;
   const Result<std::unique_ptr<Reader>> reader = open_reader(settings_.db_path);
   ASSERT_FALSE(reader.ok());

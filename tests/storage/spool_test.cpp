@@ -272,7 +272,7 @@ TEST_F(OrphanTest, scans_of_the_same_slab_in_a_newer_database_are_kept_and_told)
   restart();
   EXPECT_FALSE(std::filesystem::exists(under_way));
   for (const std::string& path : later) EXPECT_TRUE(std::filesystem::exists(path)) << path;
-  EXPECT_THAT(std::string(store_->spool_trouble()), ::testing::HasSubstr("/1 holds 2 scans of attempts that this"));
+  EXPECT_THAT(std::string(store_->spool_trouble()), ::testing::HasSubstr("/1 holds 2 scans of attempts that are not"));
 }
 
 TEST_F(OrphanTest, only_scans_in_the_newest_slabs_own_folder_are_judged) {

@@ -159,7 +159,7 @@ TEST_F(UpgradeTest, a_program_that_does_not_know_the_new_version_refuses_it_and_
     close();
   }
   const std::string before = whole(settings_.db_path);
-  const std::string told = "newer slabd (schema version " + kNew + ", this program knows up to " + kOld + ")";
+  const std::string told = "newer slabd (schema version " + kNew + ", this program supports up to " + kOld + ")";
   const Result<std::unique_ptr<Store>> store = open_store(settings_);
   ASSERT_FALSE(store.ok());
   EXPECT_EQ(store.error().code, Code::journal_write);

@@ -482,7 +482,7 @@ TEST_F(CaptureTest, poses_that_end_with_the_scan_do_not_prove_that_the_robot_sto
   line_.run_for(1'000);
   EXPECT_TRUE(line_.station->capture.shot.done);
   EXPECT_EQ(line_.station->capture.shot.code, Code::pose_stale);
-  EXPECT_TRUE(says(line_.station->capture.shot.text, "no pose came after the scan"));
+  EXPECT_TRUE(says(line_.station->capture.shot.text, "no pose arrived after the scan"));
   EXPECT_EQ(line_.dropped.size(), 1U);
   EXPECT_TRUE(all_buffers_are_free());
 }

@@ -453,7 +453,7 @@ TEST_F(StationTest, a_robot_that_no_longer_sends_stopped_is_logged) {
   EXPECT_EQ(line.view().cmd_status, 4);
   const auto told = [&] {
     return std::any_of(line.logged.begin(), line.logged.end(), [](const std::string& text) {
-      return text.find("the robot does not say \"stopped\"") != std::string::npos;
+      return text.find("the robot set the stopped flag") != std::string::npos;
     });
   };
   line.robot_says_stopped = false;

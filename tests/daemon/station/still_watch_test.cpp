@@ -158,7 +158,7 @@ TEST(StillWatch, the_first_break_is_reported_unchanged_whatever_comes_after_it) 
       for (int i = 0; i < 10; ++i) watch.add(sender.next());
     }
   });
-  EXPECT_TRUE(lost.starts_with("poses were lost or came twice: number 300 was followed by 401,")) << lost;
+  EXPECT_TRUE(lost.starts_with("poses were lost or arrived twice: number 300 was followed by 401,")) << lost;
 }
 
 TEST(StillWatch, a_drive_is_reported_with_its_whole_length) {

@@ -156,8 +156,8 @@ TEST(Lc02Reader, a_bridges_sentence_is_taken_from_its_channel_alone_and_without_
     std::memcpy(datagram.data(), bytes.data(), bytes.size());
     return std::string(bridge_word_on(datagram, "FLANGE_POSE").view());
   };
-  EXPECT_EQ(read("FLANGE_POSE_WORD", "no RSI packets"), "the bridge says: no RSI packets;");
-  EXPECT_EQ(read("FLANGE_POSE_WORD", "a\x1b[2Jb\n\x7f"), "the bridge says: a?[2Jb??;");
+  EXPECT_EQ(read("FLANGE_POSE_WORD", "no RSI packets"), "the bridge reports: no RSI packets;");
+  EXPECT_EQ(read("FLANGE_POSE_WORD", "a\x1b[2Jb\n\x7f"), "the bridge reports: a?[2Jb??;");
   EXPECT_EQ(read("FLANGE_POSE_WORD", ""), "");
   EXPECT_EQ(read("FLANGE_POSE_WORDS", "x"), "");
   EXPECT_EQ(read("FLANGE_POSE", "x"), "");

@@ -145,7 +145,7 @@ TEST(Pcd, zeros_behind_the_data_as_pcls_writer_leaves_them_are_read) {
   expect_refused(whole + std::string(65'537, '\0'),
                  "byte " + std::to_string(whole.size()) + ": 65537 bytes too many behind the data");
   expect_points(whole + "\n", "a.pcd", {1, 2, 3, 4, 5, 6});
-  expect_refused(whole.substr(0, whole.size() - 1), "the file ends here, its header asks for");
+  expect_refused(whole.substr(0, whole.size() - 1), "the file ends here, its header requires");
 }
 
 TEST(Pcd, the_drop_folder_agrees_with_the_reader_on_what_is_whole) {
@@ -189,7 +189,7 @@ TEST(Pcd, forms_of_text_that_other_programs_write) {
 
 TEST(Pcd, unsupported_features_are_named) {
   const std::string tail = kTwo + "DATA binary\n" + kSix;
-  expect_refused("", "0 bytes, nothing was written");
+  expect_refused("", "0 bytes, the file is empty");
   expect_refused("\n", "not a PCD file");
   expect_refused("ply\nformat ascii 1.0\n", "header line 1: unknown statement \"ply\"");
   expect_refused("VERSION 0.5\n" + kFields + tail, "unknown PCD version \"0.5\"");

@@ -227,7 +227,7 @@ TEST(ScanFile, unsupported_features_are_named) {
   expect_refused(header("binary_middle_endian", vertex + kFloatXyz) + body, "unknown format");
   expect_refused("ply\nformat binary_little_endian 2.0\n", "line 2: unknown PLY version \"2.0\"");
   expect_refused("plx\n", "byte 0: not a PLY file");
-  expect_refused("", "0 bytes, nothing was written");
+  expect_refused("", "0 bytes, the file is empty");
   expect_refused(header(kLittle, vertex + "property list float int n\n" + kFloatXyz) + body,
                  "line 4: list counted by type \"float\"");
   expect_refused(header(kLittle, vertex + "property list uchar float x\n") + body, "line 4: a list as coordinate");

@@ -81,7 +81,7 @@ TEST(TextPoints, names_in_the_first_line_say_where_x_y_z_are) {
   expect_refused("id,a,x,y,z\n1,2,3,4\n", "line 2: 4 columns, needed are 5");
   // A unit does not need a comment mark.
   expect_points("Units: mm\n1 2 3\n", "a.csv", {1, 2, 3});
-  expect_refused("Units: m\n1 2 3\n", "line 1: the file says unit \"m\", but \"mm\" is configured");
+  expect_refused("Units: m\n1 2 3\n", "line 1: the file declares unit \"m\", but \"mm\" is configured");
 }
 
 TEST(TextPoints, names_in_a_comment_above_the_points_say_where_x_y_z_are_too) {
@@ -100,7 +100,7 @@ TEST(TextPoints, names_in_a_comment_above_the_points_say_where_x_y_z_are_too) {
   expect_refused("//id X Y Z\n9 1 2 3 4\n",
                  "line 2: 5 columns, but the comment on line 1 names 4, and x, y, z are not its first three");
   expect_refused("# x y z x\n1 2 3 4\n", "line 1: a second column named \"x\"");
-  expect_refused("# z [m] y [m] x [m]\n3 2 1\n", "line 1: the file says unit \"m\"");
+  expect_refused("# z [m] y [m] x [m]\n3 2 1\n", "line 1: the file declares unit \"m\"");
   expect_refused("# id x y z\n9 1 2 3\n9 1 2\n", "line 3: 3 columns, needed are 4");
 }
 
@@ -434,7 +434,7 @@ TEST(TextPoints, columns_are_chosen_by_name_or_by_number) {
   holds(refusal_of(named, "PosX,PosY,PosW"), "line 1: no column is named \"PosW\", the names are \"intensity,PosX");
   holds(refusal_of("9 1 2 3\n", "PosX,PosY,PosZ"), "this table does not name its columns: choose them by number");
   holds(refusal_of("9 1 2\n", "2,3,4"), "line 1: 3 columns, needed are 4");
-  holds(refusal_of("i,PosX [m],PosY,PosZ\n9,1,2,3\n", "PosX,PosY,PosZ"), "the file says unit \"m\"");
+  holds(refusal_of("i,PosX [m],PosY,PosZ\n9,1,2,3\n", "PosX,PosY,PosZ"), "the file declares unit \"m\"");
   for (const std::string& columns : {std::string(), std::string("x"), std::string("x,y"), std::string("x,y,z,i"),
                                      std::string(",,"), std::string("1,2,"), std::string(41, 'x') + ",y,z"})
     holds(refusal_of(named, columns), "expected are three names or numbers");
@@ -464,7 +464,7 @@ TEST(TextPoints, too_few_columns_and_too_many_points) {
 TEST(TextPoints, nothing_at_all_is_too_few) {
   for (const std::string text : {"\n\n", "# nothing\n", "x,y,z\n", "   ", "Units: mm\n"})
     expect_refused(text, "no points", Code::too_few_points);
-  expect_refused("", "0 bytes, nothing was written");
+  expect_refused("", "0 bytes, the file is empty");
 }
 
 TEST(TextPoints, length_of_lines_is_limited_and_the_error_states_the_limit) {
