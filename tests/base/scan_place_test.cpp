@@ -54,7 +54,7 @@ TEST(ScanPlace, extent_and_median_leave_out_strays_and_missing_points) {
   EXPECT_NEAR(scan_place(line).high.x(), 0.98 * 2.0 * kScanPlaceSample, 4.0);
 }
 
-TEST(ScanPlace, a_scan_that_is_where_it_should_be_is_not_doubted) {
+TEST(ScanPlace, a_scan_in_its_expected_place_raises_no_doubt) {
   EXPECT_EQ(doubt(place_of([](const Vec3& p) { return p; })), "");
   EXPECT_EQ(doubt(place_of([](const Vec3& p) { return Vec3(p + Vec3(60.0, -60.0, 80.0)); })), "");
   EXPECT_EQ(doubt(scan_place({})), "");

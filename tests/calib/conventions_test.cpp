@@ -142,7 +142,7 @@ TEST(Conventions, a_line_that_is_missing_in_one_table_is_found) {
   EXPECT_NE(result.reasons[0].text.find("one line below"), std::string::npos) << result.reasons[0].text;
 }
 
-TEST(Conventions, right_poses_are_not_doubted) {
+TEST(Conventions, right_poses_raise_no_doubt) {
   for (const ArtefactKind kind : {ArtefactKind::ball, ArtefactKind::pose})
     for (std::uint64_t seed = 1; seed <= 5; ++seed) {
       scene::Plan plan;

@@ -100,7 +100,7 @@ TEST_F(ConfigTest, relative_paths_start_at_the_configurations_folder) {
   EXPECT_EQ(config_.storage.db_path, folder + "/data/slabd.db");
 }
 
-TEST_F(ConfigTest, nothing_of_slabd_lies_in_the_scanners_folder) {
+TEST_F(ConfigTest, no_path_of_slabd_is_in_the_scanners_folder) {
   const auto with_drop = [](const std::string& drop, const std::string& rest) {
     return kShortest + ("[scanner]\ndrop_dir = \"" + drop + "\"\n" + rest);
   };
@@ -144,7 +144,7 @@ TEST_F(ConfigTest, folders_are_compared_by_what_they_really_are) {
   fs::remove_all(folder);
 }
 
-TEST_F(ConfigTest, a_configuration_that_passes_the_check_lets_the_daemon_start) {
+TEST_F(ConfigTest, the_daemon_starts_with_a_configuration_that_passes_the_check) {
   for (const char* url :
        {"udpm://239.255.78.300:7667?ttl=0", "udpm://10.0.0.1:7667?ttl=0", "udpm://239.255.76.67:7667?ttl=300",
         "udpm://239.255.76.67:7667?tll=0", "udpm://239.255.76.67:0?ttl=0", "udpm://239.255.76.67:7667"}) {
@@ -160,7 +160,7 @@ TEST_F(ConfigTest, a_configuration_that_passes_the_check_lets_the_daemon_start) 
             "such as 127.0.0.1"});
 }
 
-TEST_F(ConfigTest, views_of_a_calibration_may_be_guarded_less_and_never_by_a_limit_that_says_more) {
+TEST_F(ConfigTest, views_of_a_calibration_may_have_wider_limits_and_never_narrower_ones) {
   EXPECT_EQ(load(std::string(kShortest) + "capture_stable_mm = 0.01\ncapture_stable_deg = 0.001\n"), Texts{});
   EXPECT_FALSE(config_.capture.is_wider());
   for (const char* key : {"capture_stable_mm = 0.005\n", "capture_stable_deg = 0.0005\n", "capture_stable_s = 2\n"})
@@ -187,7 +187,7 @@ TEST_F(ConfigTest, slabs_that_did_not_pass_are_kept_by_a_number_of_their_own) {
   EXPECT_EQ(load(storage("keep_slabs = 500\nkeep_failed_slabs = 1000000001\n")).size(), 1U);
 }
 
-TEST_F(ConfigTest, one_or_two_threads_measure_and_nothing_else) {
+TEST_F(ConfigTest, only_one_or_two_threads_are_accepted) {
   for (const int threads : {1, 2}) {
     EXPECT_EQ(load(kShortest + ("[measure]\nthreads = " + std::to_string(threads) + "\n")), Texts{});
     EXPECT_EQ(config_.measure_threads, threads);
@@ -563,7 +563,7 @@ TEST_F(ConfigTest, without_commissioning_values_slabs_wait_for_an_applied_calibr
   EXPECT_FALSE(has_value(config_.splice.commissioning_mm));
 }
 
-TEST_F(ConfigTest, values_in_another_unit_are_doubted_with_line_key_and_range) {
+TEST_F(ConfigTest, values_in_another_unit_are_reported_with_line_key_and_range) {
   const auto doubts = [&](const std::string& text) {
     EXPECT_EQ(load(text), Texts{}) << text;
     Texts texts;

@@ -85,7 +85,7 @@ TEST_F(RecipeTest, p5600_geometry_is_the_reference) {
   EXPECT_TRUE(T_slab_block(recipe_, 18).translation_mm.isApprox(Vec3(-2520, -758, 30)));
 }
 
-TEST_F(RecipeTest, p5600_says_what_is_assumed_of_the_measuring_system) {
+TEST_F(RecipeTest, p5600_states_what_is_assumed_of_the_measuring_system) {
   load_p5600();
   const UncertaintySettings& u = recipe_.uncertainty;
   EXPECT_TRUE(u.given);
@@ -460,7 +460,7 @@ TEST_F(RecipeFolder, a_file_with_a_slip_does_not_bring_back_the_one_before) {
   }
 }
 
-TEST_F(RecipeFolder, beside_a_file_of_no_type_no_recipe_is_used) {
+TEST_F(RecipeFolder, no_recipe_is_used_while_the_folder_has_a_file_without_a_type) {
   files_.write("z-old.toml", of_type(5600));
   for (const std::string& text :
        {std::string(), std::string("schema = 1\n"), with(good_, "slab_type = 5600 ", "slab_type = \"5600\" "),

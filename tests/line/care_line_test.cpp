@@ -411,7 +411,7 @@ TEST_F(CareLine, a_faulty_configuration_is_fault_504_for_every_client) {
   EXPECT_EQ(box_.slabctl({"plc", "monitor", "--once", "--config", box_.config.native()}).exit_status, 3);
 }
 
-TEST_F(CareLine, without_recipes_it_says_504_and_its_database_is_still_backed_up) {
+TEST_F(CareLine, without_recipes_it_shows_504_and_its_database_is_still_backed_up) {
   start();
   EXPECT_EQ(box_.stop(), 0);
   std::string text = read_file(box_.config);

@@ -113,7 +113,7 @@ TEST_F(KukaLineTest, a_robot_in_the_wrong_base_is_refused) {
   EXPECT_EQ(seen["links"]["pose"]["code"], 206) << seen;
 }
 
-TEST_F(KukaLineTest, the_monitor_shows_the_pendants_numbers_and_that_the_robot_stands) {
+TEST_F(KukaLineTest, the_monitor_shows_the_pendants_numbers_and_that_the_robot_is_at_rest) {
   const auto bridge = start_bridge();
   const auto robot = standing_robot();
   const Box::Answer answer = box_.slabctl({"robot", "monitor", "--once", "--json", "--config", box_.config.native()});

@@ -299,7 +299,7 @@ TEST_F(LineTest, a_slab_is_finished_among_strays_old_files_and_half_ones_at_ever
   EXPECT_GT(status()["links"]["scanner"]["strays"].get<int>(), 5);
 }
 
-TEST_F(LineTest, killed_while_a_scan_is_taken_has_one_more_taken_and_thrown_away) {
+TEST_F(LineTest, killed_while_a_scan_is_taken_has_one_more_taken_and_discarded) {
   const fs::path db = box.dir / "slabd.db";
   {
     const auto line = box.simulate({"--slab-no", "23", "--slab-id", "UNSEEN"});

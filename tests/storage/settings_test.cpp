@@ -205,7 +205,7 @@ TEST_F(SettingsTest, foreign_database_is_refused_and_left_alone) {
   sqlite3_close(db);
 }
 
-TEST_F(SettingsTest, a_database_of_a_test_version_is_refused_in_words_and_left_alone) {
+TEST_F(SettingsTest, a_database_of_a_test_version_is_refused_with_a_reason_and_left_unchanged) {
   for (const char* version : {"1", "9"}) {
     make("PRAGMA application_id = 1397506370; CREATE TABLE IF NOT EXISTS slab (a); INSERT INTO slab VALUES (7)");
     make(std::string("PRAGMA user_version = ") + version);

@@ -51,7 +51,7 @@ TEST(CaptureControl, errors_are_named_and_nothing_is_truncated) {
       std::string::npos);
 }
 
-TEST(CaptureControl, the_answer_tells_a_view_and_survives_any_text) {
+TEST(CaptureControl, the_answer_describes_a_view_and_is_valid_for_any_text) {
   Station station{StationSettings{}};
   station.recovered = true;
   station.capture.phase = Capture::Phase::ready;

@@ -440,7 +440,7 @@ TEST_F(ModbusClientTest, transaction_numbers_that_are_not_the_questions_are_name
   ASSERT_TRUE(until([&] { return port->trouble().find("plc.timeout_ms is 400") != std::string_view::npos; }));
 }
 
-TEST_F(ModbusClientTest, one_that_is_not_there_costs_the_loop_nothing) {
+TEST_F(ModbusClientTest, an_unreachable_plc_does_not_delay_the_loop) {
   start();
   port.reset();
   plc.power(false);

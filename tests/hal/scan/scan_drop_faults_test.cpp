@@ -31,7 +31,7 @@ bool own_mounts() {
          mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0;
 }
 
-TEST_F(ScanDropTest, a_full_spool_disk_is_501_and_leaves_nothing_and_a_repeat_works_when_there_is_room) {
+TEST_F(ScanDropTest, a_full_spool_disk_is_501_leaves_no_file_and_a_repeat_works_when_there_is_room) {
   EXPECT_EQ(in_own_process([this] {
               const std::string spool = folder_ / "spool";
               fs::create_directory(spool);

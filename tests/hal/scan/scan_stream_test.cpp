@@ -151,7 +151,7 @@ TEST_F(ScanStreamTest, metres_and_micrometres_become_mm) {
   EXPECT_EQ(xyz[119], static_cast<float>(0.001 * static_cast<double>(s.xyz[119])));
 }
 
-TEST_F(ScanStreamTest, goes_on_after_a_cut_at_every_byte) {
+TEST_F(ScanStreamTest, continues_after_a_cut_at_every_byte) {
   const Scan s = scan();
   const Bytes all = s.bytes();
   for (std::size_t cut = 0; cut < all.size(); ++cut) {
@@ -187,7 +187,7 @@ TEST_F(ScanStreamTest, a_sender_that_begins_again_after_a_cut_is_taken_too) {
   EXPECT_EQ(decoder.starts(), 2U) << "a copy of the points begins again";
 }
 
-TEST_F(ScanStreamTest, another_scan_never_goes_on_where_one_was_cut) {
+TEST_F(ScanStreamTest, another_scan_never_continues_an_interrupted_one) {
   Scan s = scan();
   Bytes part = s.bytes();
   part.resize(kScanHeaderBytes + 10 * kScanPointBytes);

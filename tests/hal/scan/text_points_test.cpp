@@ -59,7 +59,7 @@ TEST(TextPoints, the_first_line_chooses_the_separator_for_all) {
   expect_points("1 2 3\n4 \t5\t 6\n", "a.xyz", {1, 2, 3, 4, 5, 6});  // a tab counts as a blank where blanks separate
 }
 
-TEST(TextPoints, names_in_the_first_line_say_where_x_y_z_are) {
+TEST(TextPoints, names_in_the_first_line_select_the_columns_of_x_y_z) {
   for (const std::string text :
        {"x,y,z\n1,2,3\n", "z,x,y\n3,1,2\n", "id;Y;quality;Z;X\n9;2;0,5;3;1\n", "\"X\",\"Y\",\"Z\"\n1,2,3\n",
         "x [mm] y [mm] z [mm] i\n1 2 3 4\n", "X (mm)\tY (mm)\tZ (mm)\n1\t2\t3\n", "# scan 7\nx y z\n1 2 3\n",
@@ -84,7 +84,7 @@ TEST(TextPoints, names_in_the_first_line_say_where_x_y_z_are) {
   expect_refused("Units: m\n1 2 3\n", "line 1: the file declares unit \"m\", but \"mm\" is configured");
 }
 
-TEST(TextPoints, names_in_a_comment_above_the_points_say_where_x_y_z_are_too) {
+TEST(TextPoints, names_in_a_comment_above_the_points_also_select_the_columns_of_x_y_z) {
   for (const std::string text :
        {"//X Y Z\n1 2 3\n", "//Z Y X\n3 2 1\n", "# Z,Y,X\n3,2,1\n", "# z y x\n3,2,1\n", "//id X Y Z\n9 1 2 3\n",
         "# columns: id x y z\n9 1 2 3\n", "# id;\"Z [mm]\";y_mm;X (mm);\n9;3;2;1;\n", "# z y x\n# scan 7\n\n3 2 1\n",
@@ -130,14 +130,14 @@ TEST(TextPoints, a_malformed_number_names_line_column_and_text) {
   expect_refused("\xFE\xFF" + std::string(1, '\0') + wide.substr(0, 11), "UTF-16 text");
 }
 
-TEST(TextPoints, a_first_line_that_is_a_broken_point_is_not_taken_for_names) {
+TEST(TextPoints, a_first_line_that_is_a_broken_point_is_not_read_as_names) {
   expect_refused("1.2.3 x y\n1 2 3\n", "line 1, column 1: \"1.2.3\" is not a number");
   expect_refused("x 2 3\n1 2 3\n", "line 1, column 1: \"x\" is not a number");
   expect_refused("12\n1 2 3\n", "line 1 announces 12 points, the file has 1");
   expect_refused("1.5\n1 2 3\n", "line 1: 1 columns, needed are 3");
 }
 
-TEST(TextPoints, a_count_in_the_first_line_is_held_against_the_lines) {
+TEST(TextPoints, a_count_in_the_first_line_is_compared_with_the_number_of_lines) {
   for (const std::string text :
        {"2\n1 2 3\n4 5 6\n", "# scan 7\n 2 \n1,2,3\n4,5,6", "//X Y Z\n2\n1 2 3\n4 5 6\n", "x y z\n2\n1 2 3\n4 5 6\n",
         "2\nx;y;z\n1;2;3\n4;5;6\n", "2\r\n1 2 3\r\n4 5 6\r\n", "2\r1 2 3\r4 5 6\r",
@@ -394,7 +394,7 @@ TEST(TextPoints, quoted_numbers_are_numbers_and_names_are_shown_as_they_are) {
   expect_refused("a\xD7\xF8,b,c\n1,2,3\n", "the names are \"a?" + not_utf8);
 }
 
-TEST(TextPoints, names_in_a_comment_that_are_not_x_y_z_are_not_passed_over) {
+TEST(TextPoints, names_in_a_comment_that_are_not_x_y_z_are_refused) {
   expect_refused("# intensity,PosX,PosY,PosZ\n12,1,2,3\n",
                  "line 2: the comment on line 1 names the columns, none of them x, y or z");
   expect_refused("//intensity PosX PosY PosZ\n12 1 2 3\n", "the comment on line 1 names the columns");
@@ -461,7 +461,7 @@ TEST(TextPoints, too_few_columns_and_too_many_points) {
   }());
 }
 
-TEST(TextPoints, nothing_at_all_is_too_few) {
+TEST(TextPoints, an_empty_file_has_too_few_points) {
   for (const std::string text : {"\n\n", "# nothing\n", "x,y,z\n", "   ", "Units: mm\n"})
     expect_refused(text, "no points", Code::too_few_points);
   expect_refused("", "0 bytes, the file is empty");
