@@ -247,7 +247,7 @@ CREATE TABLE plane (
   points INTEGER NOT NULL, inliers INTEGER NOT NULL, inlier_fraction REAL,
   std_mm REAL,
   iterations INTEGER NOT NULL,
-  -- Where offset and tilt are independent, and what white noise does to them (mm, rad^2).
+  -- The point at which offset and tilt are independent, and their uncertainty by white noise (mm, rad^2).
   centroid_x REAL, centroid_y REAL, centroid_z REAL,
   sigma_offset_mm REAL,
   cov_normal_11 REAL, cov_normal_12 REAL, cov_normal_13 REAL,
@@ -269,7 +269,7 @@ CREATE TABLE casing (
   radius_mm REAL, height_mm REAL,
   edge_points INTEGER NOT NULL, rim_points INTEGER NOT NULL,
   edge_rms_mm REAL, inlier_fraction REAL, rim_std_mm REAL, sigma_height_mm REAL,
-  -- Of centre along the rail, centre along the seat, radius (mm^2).
+  -- Covariance of centre along the rail, centre along the seat, radius (mm^2).
   cov_circle_11 REAL, cov_circle_12 REAL, cov_circle_13 REAL,
   cov_circle_21 REAL, cov_circle_22 REAL, cov_circle_23 REAL,
   cov_circle_31 REAL, cov_circle_32 REAL, cov_circle_33 REAL,
