@@ -43,7 +43,7 @@ std::string_view reason_of(PlaneDoubt doubt) {
     case PlaneDoubt::second_surface: return "a second surface is within the threshold";
     case PlaneDoubt::share: return "too small a share of the points fits";
     case PlaneDoubt::area: return "too small a share of the area seen: another surface is where fewer points return";
-    case PlaneDoubt::support: return "it rests on too few points, too little of the face, or too noisy ones";
+    case PlaneDoubt::support: return "it is based on too few points, too little of the face, or too noisy ones";
     case PlaneDoubt::bends: return "the fit depends on the exact threshold, as next to a second surface";
     case PlaneDoubt::rival: return "another plane holds about as many points";
     case PlaneDoubt::filled: return "a part of it was computed by the scanner's program and not seen";

@@ -168,12 +168,11 @@ bool judge_rotations(HandEye& result) {
                     spread[0]),
            "tilt the scanner by +-25 deg about two axes between views");
   } else if (spread[1] < kNoRotation_deg) {
-    refuse(
-        result, Refusal::one_rotation_axis,
-        sentence("the scanner was turned about one axis only (spread %.1f, %.2f, %.2f deg): where it sits along that "
-                 "axis is not determined",
-                 spread[0], spread[1], spread[2]),
-        "tilt about a second axis too, +-25 deg");
+    refuse(result, Refusal::one_rotation_axis,
+           sentence("the scanner was turned about one axis only (spread %.1f, %.2f, %.2f deg): its position along that "
+                    "axis is not determined",
+                    spread[0], spread[1], spread[2]),
+           "tilt about a second axis too, +-25 deg");
   } else {
     refuse(result, Refusal::rotation_too_small,
            sentence("the scanner was hardly turned about %s: principal rotation spread %.1f, %.1f, %.1f deg, two of "

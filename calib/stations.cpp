@@ -145,7 +145,8 @@ class Solver {
       }
       if (work.visits.size() < settings_.visits_min)
         refuse(StationRefusal::too_few_visits, s.station,
-               "let the robot go round again, or leave the station out of the certificate: it is then not corrected",
+               "let the robot measure another round, or leave the station out of the certificate: it is then not "
+               "corrected",
                "station %d has %zu visits, it needs %zu", s.station, work.visits.size(), settings_.visits_min);
     }
     for (const StationVisit& visit : visits) {
@@ -168,8 +169,7 @@ class Solver {
       if (!same_round && !same_numbers) continue;
       const auto said = [](const StationReason& reason) { return reason.code == StationRefusal::copies; };
       if (std::any_of(out_.reasons.begin(), out_.reasons.end(), said)) return false;
-      constexpr const char* kCure =
-          "give every round once, and under a name of its own; what repeats is known from them";
+      constexpr const char* kCure = "give every round once, with its own name; the names identify repeated rounds";
       if (same_round)
         refuse(StationRefusal::copies, 0, kCure, "station %d has two visits of one round, %s", visit.station,
                visit.round.c_str());

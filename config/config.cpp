@@ -309,11 +309,9 @@ void read_calibration(TableReader table, const std::string& folder, Config& conf
   if (commissioned) {
     table.required_pose("T_flange_scanner", pose, kArmMax_mm);
     if (const double mm = longest(pose); mm > 0.0 && mm < kArmMin_mm)
-      table.doubt(
-          "T_flange_scanner",
-          fmt::format("found x, y, z of at most {} mm, metres? A scanner hardly sits in the flange; the unit is mm, "
-                      "allowed is -{}..{}",
-                      mm, kArmMax_mm, kArmMax_mm));
+      table.doubt("T_flange_scanner", fmt::format("found x, y, z of at most {} mm, metres? The origin of a scanner is "
+                                                  "hardly in the flange; the unit is mm, allowed is -{}..{}",
+                                                  mm, kArmMax_mm, kArmMax_mm));
     doubt_order(table, "T_flange_scanner", pose);
   }
   read_station_sigma(table, "station_sigma_mm", "station_sigma_deg", commissioned, sigma_mm, {1e-6, 10.0});

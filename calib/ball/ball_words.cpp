@@ -30,7 +30,7 @@ BallWords explain(BallRefusal refusal, const BallSettings& s, const BallReport& 
       else
         words.cure =
             "clean the ball, renew its coating and have the effective radius certified as coated; check the scanner's "
-            "own calibration if every ball reads so";
+            "own calibration if every ball shows this deviation";
       break;
     case BallRefusal::few_points:
       words.reason.printf("%llu points on the cap, needed are %llu", static_cast<unsigned long long>(r.points_used),
@@ -118,7 +118,7 @@ BallWords words_not_found(const BallSettings& settings, double extent_mm, double
 
 BallWords words_too_many(const BallSettings& settings, std::size_t accepted) {
   BallWords words;
-  words.reason.printf("%zu balls of radius %.3f mm are in the scan, expected is %d: which one is meant is not known",
+  words.reason.printf("%zu balls of radius %.3f mm are in the scan, expected is %d: the intended one is unknown",
                       accepted, settings.radius_mm, settings.count);
   words.cure = "cover or remove the others, or state how many there are";
   return words;

@@ -526,7 +526,7 @@ void remeasure(Station& s, Actions& actions) {
     if (const std::int64_t since_ns = std::exchange(record.measuring_since_ns, 0);
         since_ns != 0 && since_ns <= s.now_ns) {
       log(actions, LogLine::Level::error, Code::deadline,
-          "station %u: slabd ended while it measured this scan, which is not measured again by itself: scan the "
+          "station %u: slabd ended while it measured this scan, which is not measured again automatically: scan the "
           "station again, or look at %s with `slabctl inspect`",
           station, record.attempt.scan_path.c_str());
       expect_result(s, station, kNoSlot);

@@ -128,7 +128,7 @@ static void on_abandoned(Station& s, const ScanDone& done, Actions& actions) {
   if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
   if (s.abandoned.slot_taken) s.slot_busy[s.abandoned.slot] = false;
   s.abandoned = {};
-  log(actions, LogLine::Level::info, Code::ok, "the scanner's worker is back; the scan that was given up is dropped");
+  log(actions, LogLine::Level::info, Code::ok, "the scanner's worker responds again; the abandoned scan is discarded");
 }
 
 /// A scan that no exposure awaits: only its points are remembered.

@@ -305,7 +305,7 @@ class Client final : public PlcPort {
     }
     if (closed_behind_ >= kHabit && settings_.keep_connection)
       habit_ =
-          "the PLC closes the connection behind each answer: plc.keep_connection = false makes one for each request";
+          "the PLC closes the connection after each answer: plc.keep_connection = false opens one for each request";
     const char* doing = step == ClientStep::connect ? "connecting" : step == ClientStep::read ? "reading" : "writing";
     const Cure cure = cure_of(step, error_number);
     Trouble text;

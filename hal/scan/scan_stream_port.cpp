@@ -239,7 +239,7 @@ class StreamPort final : public ScanStreamPort {
       if (n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR)) break;
     }
     ScannerText text;
-    text.printf("the gateway was turned away: %s", why.text.c_str());
+    text.printf("the gateway was rejected: %s", why.text.c_str());
     lost(text.c_str());
   }
 

@@ -135,7 +135,7 @@ Status move_file(int fd, int from_folder, const char* name, const PathText& path
     const int why = errno;
     if (why == EXDEV) return copy_across(fd, from_folder, name, path);
     if (why == ENOENT && faccessat(from_folder, name, F_OK, AT_SYMLINK_NOFOLLOW) != 0)
-      return error(Code::frame_incomplete, "%s: was taken away while it was read", name);
+      return error(Code::frame_incomplete, "%s: was removed while it was read", name);
     return spool_error(path, "moving the scan", why);
   }
   if (is_same_file(fd, path)) return success();

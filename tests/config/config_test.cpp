@@ -575,11 +575,10 @@ TEST_F(ConfigTest, values_in_another_unit_are_reported_with_line_key_and_range) 
   EXPECT_EQ(doubts("[cell]\nT_base_slab = [1.5, 0.2, 0.57, 1, 0, 0, 0]\n"),
             Texts{"slabd.toml:2:15: cell.T_base_slab: found x, y, z of at most 1.5 mm, metres? The centre of a slab is "
                   "hardly in the robot's foot; the unit is mm, allowed is -20000..20000"});
-  EXPECT_EQ(
-      doubts("[cell]\nT_base_slab = [1500, 200, 570, 1, 0, 0, 0]\n[calibration]\n"
-             "T_flange_scanner = [0.06, -0.01, 0.2, 1, 0, 0, 0]\n"),
-      Texts{"slabd.toml:4:20: calibration.T_flange_scanner: found x, y, z of at most 0.2 mm, metres? A scanner hardly "
-            "sits in the flange; the unit is mm, allowed is -2000..2000"});
+  EXPECT_EQ(doubts("[cell]\nT_base_slab = [1500, 200, 570, 1, 0, 0, 0]\n[calibration]\n"
+                   "T_flange_scanner = [0.06, -0.01, 0.2, 1, 0, 0, 0]\n"),
+            Texts{"slabd.toml:4:20: calibration.T_flange_scanner: found x, y, z of at most 0.2 mm, metres? The origin "
+                  "of a scanner is hardly in the flange; the unit is mm, allowed is -2000..2000"});
   EXPECT_EQ(doubts("[cell]\nT_base_slab = [1500, 200, 570, 0, 0, 0, 1]\n"),
             Texts{"slabd.toml:2:15: cell.T_base_slab: found the quaternion (0, 0, 0, 1), which is half a turn about z: "
                   "written as qx, qy, qz, qw? The order is qw, qx, qy, qz, allowed is any of unit length"});

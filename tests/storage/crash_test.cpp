@@ -114,7 +114,7 @@ TEST_F(CrashTest, a_running_store_begins_no_new_history_when_its_file_was_remove
   std::filesystem::create_directory(folder);
   const Status status = try_apply(AckJob{record});
   ASSERT_FALSE(status.ok());
-  EXPECT_NE(status.error().text.view().find("not the file any more"), std::string_view::npos)
+  EXPECT_NE(status.error().text.view().find("no longer the file"), std::string_view::npos)
       << status.error().text.view();
   EXPECT_FALSE(std::filesystem::exists(settings_.db_path));
   // The same with an empty file, and with another database.
