@@ -241,8 +241,8 @@ Status BlockInspector::denoise(Cloud& cloud) {
   if (!remove_isolated(cloud, {w.order, w.label, w.cell_start, w.surface, &w.give_up}, w.team, w.result.scan)) {
     refuse_registration(w.result.registration, "not tried: too much noise to be judged");
     return error(Code::deadline,
-                 "denoising was given up: hardly a surface goes through the %llu points, and to ask each of them takes "
-                 "longer than a measurement may",
+                 "denoising was cancelled: hardly any of the %llu points is on a surface, and testing each of them "
+                 "would take longer than a measurement is allowed",
                  static_cast<unsigned long long>(w.result.scan.points_finite));
   }
   w.result.scan.step_mm = step_mm;
@@ -339,11 +339,10 @@ Status look_at_noise(const Cloud& cloud, const Survey& survey, const SeatFrame& 
   // The 95 % difference of rounded heights is one or two of their known steps.
   if (const double step_mm = hidden_step_mm(texture); step_mm > std::max(kCoordinateStepMax_mm, 3.0 * known_step_mm)) {
     refuse(seat.plane, PlaneDoubt::not_fitted);
-    return error(
-        Code::fit_failed,
-        "the heights stand in steps of about %.2f mm, rounded before they were corrected or resampled: let the "
-        "scanner's program write more decimals, and switch off its filters",
-        step_mm);
+    return error(Code::fit_failed,
+                 "the heights have steps of about %.2f mm, rounded before they were corrected or resampled: let the "
+                 "scanner's program write more decimals, and switch off its filters",
+                 step_mm);
   }
   // The points of a face lack its borders, and the noise along their rows does not show all fillings.
   GapFaces faces{{{frame, &seat.plane}}};

@@ -61,9 +61,9 @@ AcceptanceState acceptance_state(const ScannerInForce& scanner, std::int64_t uti
 FixedString<limits::kErrorTextBytes> refusal_of(const ScannerNumbers& n) {
   FixedString<limits::kErrorTextBytes> text;
   if (n.plates == 0 || n.balls == 0) {
-    text.printf("no scan of a %s was looked at, an acceptance needs plate and ball", n.plates == 0 ? "plate" : "ball");
+    text.printf("no scan of a %s was measured, an acceptance needs plate and ball", n.plates == 0 ? "plate" : "ball");
   } else if (n.plates < kPlatePlacesMin || n.balls < kBallPlacesMin) {
-    text.printf("the plate was looked at in %u places and the ball in %u, VDI/VDE 2634-2 asks for %u and %u", n.plates,
+    text.printf("the plate was measured in %u places and the ball in %u, VDI/VDE 2634-2 requires %u and %u", n.plates,
                 n.balls, kPlatePlacesMin, kBallPlacesMin);
   } else if (!std::isfinite(n.form_half_mm) || !std::isfinite(n.form_length_mm) || !(n.form_length_mm > 0.0) ||
              !std::isfinite(n.PS_mm) || !std::isfinite(n.PF_mm) || !std::isfinite(n.RF_mm)) {

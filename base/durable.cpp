@@ -258,7 +258,7 @@ Status OutFile::close(Code code) {
   const bool replaces = !part_.empty();
   if (file_ != nullptr || replaces) finish();
   if (kind_.rewritten && error_number_ == ESPIPE)
-    return error(code, "%s cannot be written: its head is written last, and so it must be a file of its own",
+    return error(code, "%s cannot be written: it must be a separate file, because its head is written last",
                  path_ == "-" ? "standard output" : path_.c_str());
   if (!refusal_.empty()) return error(code, "%s cannot be written: %s", path_.c_str(), refusal_.c_str());
   if (error_number_ != 0) return error(code, "%s cannot be written: %s", path_.c_str(), std::strerror(error_number_));

@@ -146,7 +146,7 @@ inline constexpr std::size_t kInspectionBytes = kScanSlots * kScanSlotBytes + kW
 /// Memory of the rest of the process: code, stacks, SQLite's cache and statements, the station and its queues.
 inline constexpr std::size_t kProcessBytes = 22'500'000;
 static_assert(kScanSlotBytes + kWorkspaceBytes + kProcessBytes <= kScanSizes * 160'000'000,
-              "one scan in flight must fit an industrial PC beside its other work");
+              "one scan in flight must fit an industrial PC together with its other work");
 static_assert(kScanSlotBytes <= kScanSizes * 72'000'000, "and so must every further one");
 
 // ---- robot pose ----------------------------------------------------------------------------------------------

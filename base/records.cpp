@@ -39,12 +39,12 @@ std::string_view reason_of(PlaneDoubt doubt) {
     case PlaneDoubt::none:
     case PlaneDoubt::not_fitted: break;
     case PlaneDoubt::no_plane: return "its points make no plane";
-    case PlaneDoubt::unsettled: return "the fit did not settle";
-    case PlaneDoubt::second_surface: return "a second surface lies within the threshold";
+    case PlaneDoubt::unsettled: return "the fit did not converge";
+    case PlaneDoubt::second_surface: return "a second surface is within the threshold";
     case PlaneDoubt::share: return "too small a share of the points fits";
-    case PlaneDoubt::area: return "too small a share of the area seen: where fewer points return another surface lies";
-    case PlaneDoubt::support: return "it rests on too few points, too little of the face, or too noisy ones";
-    case PlaneDoubt::bends: return "it hangs on where the threshold cuts, as beside a second surface";
+    case PlaneDoubt::area: return "too small a share of the area seen: another surface is where fewer points return";
+    case PlaneDoubt::support: return "it is based on too few points, too little of the face, or too noisy ones";
+    case PlaneDoubt::bends: return "the fit depends on the exact threshold, as next to a second surface";
     case PlaneDoubt::rival: return "another plane holds about as many points";
     case PlaneDoubt::filled: return "a part of it was computed by the scanner's program and not seen";
   }
@@ -74,7 +74,7 @@ std::string_view reason_of(CasingDoubt doubt) {
     case CasingDoubt::radius: return "the bore's radius is off by more than a millimetre";
     case CasingDoubt::no_hole: return "something fills the bore at the height of the rim";
     case CasingDoubt::rim_points: return "too few points on the rim";
-    case CasingDoubt::rim_crust: return "something on the rim stands over the seat";
+    case CasingDoubt::rim_crust: return "something on the rim is higher than the seat";
     case CasingDoubt::rim_form: return "the rim is not an even plane all the way round";
     case CasingDoubt::filled: return "a part of it was computed by the scanner's program and not seen";
   }

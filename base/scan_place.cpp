@@ -87,8 +87,7 @@ ScanDoubt doubt_scan(const ScanPlace& found, const ExpectedPlace& expected) {
     const double size_mm = extent.maxCoeff() * mm;
     if (!known_base || !(size_mm >= kSizeMin_mm) || !(size_mm <= kSizeMax_mm)) continue;
     if (!((place - expected.base_mm).norm() < kNear_mm) || !((place - expected.scanner_mm).norm() > kNear_mm)) continue;
-    doubt.append(mm == 1.0 ? "it lies where the block stands in the "
-                           : "in metres it lies where the block stands in the ");
+    doubt.append(mm == 1.0 ? "it is where the block is in the " : "in metres it is where the block is in the ");
     doubt.append(expected.base_name);
     doubt.append(mm == 1.0 ? " frame; give the points in the scanner's frame"
                            : " frame; give mm in the scanner's frame");

@@ -268,7 +268,7 @@ int run(const Options& options) {
 int main(int argc, char** argv) {
   slabd::bench::Options options;
   std::string show;
-  CLI::App app("Times and counts slabd, stage by stage and beside other programs; script/bench builds and runs it");
+  CLI::App app("Times and counts slabd, stage by stage and next to other programs; script/bench builds and runs it");
   app.add_flag("--json", options.json, "Print one JSON object instead of tables");
   app.add_flag("--peers", options.peers, "Run PCL, Open3D and CGAL too; they must have been built");
   app.add_flag("--quick", options.quick, "A look in two minutes: fewer repetitions, no growth, no slow peers");
@@ -280,7 +280,7 @@ int main(int argc, char** argv) {
   app.add_option("--save", options.save, "Keep the JSON object in this file as well");
   app.add_option("--line", options.lines, "Output of slabctl simulate --json: how long a PLC waits for a verdict");
   app.add_option("--growth", options.growth, "Output of slabd_bench, built for larger scans, with growth/points");
-  app.add_option("--show", show, "Print the tables of a JSON object kept before; nothing is run");
+  app.add_option("--show", show, "Print the tables of a JSON object that was saved earlier; runs no measurement");
   CLI11_PARSE(app, argc, argv);
   if (!show.empty()) {
     std::ifstream in(show);

@@ -133,19 +133,19 @@ void add_rotation_readings(Side side, const Format& format, std::vector<Reading>
   const auto invert = [=](View& v) { pose_of(v, side) = pose_of(v, side).inverse(); };
   if (format && format->inverse)
     add("the " + table + " table holds " + frame + " and declares " + inverse,
-        "declare what it holds: # format: frames=" + frame, invert);
+        "declare its content: # format: frames=" + frame, invert);
   else
     add("the " + table + " poses are inverted, " + inverse + " instead of " + frame,
-        "write " + frame + ", or say what the table holds: # format: frames=" + inverse, invert);
+        "write " + frame + ", or declare the content of the table: # format: frames=" + inverse, invert);
   if (quaternions && !declares(RotationForm::quaternion_xyzw))
     add("the " + table + " quaternions are written x y z w",
-        "write qw first, or say so: # format: rotation=quaternion_xyzw", [=](View& v) {
+        "write qw first, or declare it: # format: rotation=quaternion_xyzw", [=](View& v) {
           const Quat q = pose_of(v, side).rotation;
           pose_of(v, side).rotation = Quat(q.z(), q.w(), q.x(), q.y());
         });
   if (quaternions && !declares(RotationForm::quaternion_wxyz))
-    add("the " + table + " quaternions are written w x y z, not x y z w", "say so: # format: rotation=quaternion_wxyz",
-        [=](View& v) {
+    add("the " + table + " quaternions are written w x y z, not x y z w",
+        "declare it: # format: rotation=quaternion_wxyz", [=](View& v) {
           const Quat q = pose_of(v, side).rotation;
           pose_of(v, side).rotation = Quat(q.x(), q.y(), q.z(), q.w());
         });
@@ -178,7 +178,7 @@ void add_rotation_readings(Side side, const Format& format, std::vector<Reading>
   };
   const bool angles = declares(RotationForm::kuka_abc);
   const auto unit_cure = [&](const char* unit) {
-    return angles || !format ? std::string("say so: # format: rotation=kuka_abc angle=") + unit
+    return angles || !format ? std::string("declare it: # format: rotation=kuka_abc angle=") + unit
                              : std::string("convert the angles of the controller again, as ") +
                                    (unit[0] == 'd' ? "degrees" : "radians");
   };
@@ -210,7 +210,7 @@ void add_mirror_reading(std::span<const View> views, std::vector<Reading>& readi
       {std::string("the scanner's ") + (axis == 2 ? "z" : "x") + " axis is mirrored: its frame is left-handed",
        axis == 2 ? "have the scanner's software export a right-handed frame with +Z towards the part"
                  : "have the scanner's software export a right-handed frame; x or y is mirrored (the "
-                   "two differ by half a turn about z and cannot be told apart here)",
+                   "two differ by half a turn about z and cannot be distinguished here)",
        ConventionError::handedness,
        [axis](View& v) {
          v.T_scanner_target.translation_mm[axis] *= -1.0;
@@ -231,7 +231,7 @@ std::vector<Reading> readings_for(ArtefactKind kind, std::span<const View> views
                           [=](View& view) { scale(view, side, 1.0 / kMmPerM); }, 0});
     else
       readings.push_back({"the " + table + " positions are in metres",
-                          "write millimetres, or say so in the " + table + " table: # format: unit=m",
+                          "write millimetres, or declare it in the " + table + " table: # format: unit=m",
                           ConventionError::units, [=](View& view) { scale(view, side, kMmPerM); }, 0});
   };
   metres(Side::flange, "flange", declared.flange);

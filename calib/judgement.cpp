@@ -68,7 +68,7 @@ std::string cure_of_both_inverted(const DeclaredFormats& declared) {
   const bool flange = declared.flange && declared.flange->inverse;
   const bool target = declared.target && declared.target->inverse;
   return sentence(
-      "give T_base_flange and T_scanner_target, or say what the tables hold: # format: frames=%s and "
+      "give T_base_flange and T_scanner_target, or declare the content of the tables: # format: frames=%s and "
       "frames=%s",
       flange ? "T_base_flange" : "T_flange_base", target ? "T_scanner_target" : "T_target_scanner");
 }
@@ -112,7 +112,7 @@ bool judge_reading(const Circumstances& c, HandEye& result) {
            (flange && c.declared.flange && c.declared.flange->metres) ||
                    (target && c.declared.target && c.declared.target->metres)
                ? "check the unit in which the table was written"
-               : "write millimetres, or say so in the table: # format: unit=m");
+               : "write millimetres, or declare it in the table: # format: unit=m");
     return true;
   }
   if (!result.determined) return false;
@@ -151,8 +151,8 @@ void judge_count(const Circumstances& c, HandEye& result) {
                     "%.1f deg is one pose); at "
                     "least %zu are needed, 15 to 25 advised",
                     kept, c.places, kSamePlace_mm, kSamePlace_deg, kViewsMin),
-           "drive to other poses, tilted 20 to 35 deg in different directions; a view from the same pose again says "
-           "nothing new");
+           "drive to other poses, tilted 20 to 35 deg in different directions; another view from the same pose adds no "
+           "information");
 }
 
 /// Reports missing rotations. True if they are the cause of the undetermined directions. Rotations about two axes
@@ -162,19 +162,17 @@ bool judge_rotations(HandEye& result) {
   const std::array<double, 3>& spread = result.rotation_spread_axes_deg;
   if (!(spread[1] < kRotationSpreadMin_deg)) return false;
   if (spread[0] < kNoRotation_deg) {
-    refuse(
-        result, Refusal::one_orientation,
-        sentence("all views have one orientation (spread %.2f deg): where the scanner sits cannot be told from where "
-                 "the artefact stands",
-                 spread[0]),
-        "tilt the scanner by +-25 deg about two axes between views");
+    refuse(result, Refusal::one_orientation,
+           sentence("all views have one orientation (spread %.2f deg): the position of the scanner cannot be "
+                    "distinguished from that of the artefact",
+                    spread[0]),
+           "tilt the scanner by +-25 deg about two axes between views");
   } else if (spread[1] < kNoRotation_deg) {
-    refuse(
-        result, Refusal::one_rotation_axis,
-        sentence("the scanner was turned about one axis only (spread %.1f, %.2f, %.2f deg): where it sits along that "
-                 "axis is not determined",
-                 spread[0], spread[1], spread[2]),
-        "tilt about a second axis too, +-25 deg");
+    refuse(result, Refusal::one_rotation_axis,
+           sentence("the scanner was turned about one axis only (spread %.1f, %.2f, %.2f deg): its position along that "
+                    "axis is not determined",
+                    spread[0], spread[1], spread[2]),
+           "tilt about a second axis too, +-25 deg");
   } else {
     refuse(result, Refusal::rotation_too_small,
            sentence("the scanner was hardly turned about %s: principal rotation spread %.1f, %.1f, %.1f deg, two of "
@@ -227,7 +225,7 @@ void judge_fit(const Circumstances& c, HandEye& result) {
            "then capture again");
   if (result.determined && !has_value(result.s0))
     refuse(result, Refusal::too_few_views,
-           "no equations are left over: whatever these views hold, it fits, right or wrong",
+           "no equation is redundant: these views always fit, whether they are right or wrong",
            "have every ball seen from several poses of the flange");
   if (result.s0 > kS0Max) {
     // Residuals of centimetres are not noise: a reading is wrong in a way that the convention test does not cover.
@@ -239,7 +237,7 @@ void judge_fit(const Circumstances& c, HandEye& result) {
                  result.s0, kS0Max, c.noise.robot_mm, deg_from_rad(c.noise.robot_rad)),
         fits_mm > kNoNoise_mm
             ? "no known misreading of the poses explains it: check that each target belongs to its flange pose, that "
-              "the artefact stood still, and frames, angles and units of both tables"
+              "the artefact did not move, and frames, angles and units of both tables"
             : sentence("if the robot is no better than that, state it (about %.2g mm); else find out what moved",
                        fits_mm));
   }
@@ -250,18 +248,18 @@ void judge_fit(const Circumstances& c, HandEye& result) {
                     "repeatability (here about %.2g mm); else find out whether views are copies of each other",
                     result.s0_position * std::hypot(c.noise.robot_mm, c.noise.target_mm)));
   if (!c.converged && result.determined)
-    refuse(result, Refusal::not_converged, "the adjustment did not settle", "capture more views, more different ones");
+    refuse(result, Refusal::not_converged, "the adjustment did not converge",
+           "capture more views, more different ones");
   const Spread& loo = result.leave_one_out_mm;
   if (loo.max > kLeaveOneOutRatioMax * loo.median) {
     std::size_t view = 0;
     for (std::size_t i = 0; i < result.views.size(); ++i)
       if (result.views[i].kept && result.views[i].leave_one_out_mm == loo.max) view = result.views[i].number;
-    refuse(
-        result, Refusal::leave_one_out,
-        sentence("view %zu is missed by %.3f mm when the others predict it, %.1f times the median (at most %.0f): the "
-                 "result hangs on it",
-                 view, loo.max, loo.max / loo.median, kLeaveOneOutRatioMax),
-        sentence("repeat view %zu, or capture others like it", view));
+    refuse(result, Refusal::leave_one_out,
+           sentence("view %zu is missed by %.3f mm when the others predict it, %.1f times the median (at most %.0f): "
+                    "the result depends on it",
+                    view, loo.max, loo.max / loo.median, kLeaveOneOutRatioMax),
+           sentence("repeat view %zu, or capture others like it", view));
   }
 }
 

@@ -123,9 +123,9 @@ Result<PoseFormat> parse_header(std::string_view text, const Place& place, Table
     }
   }
   if (format.rotation == RotationForm::kuka_abc && !(said_unit && said_angle))
-    return at(place, "rotation=kuka_abc needs unit=mm|m and angle=deg|rad beside it");
+    return at(place, "rotation=kuka_abc also needs unit=mm|m and angle=deg|rad");
   if (format.rotation != RotationForm::kuka_abc && said_angle)
-    return at(place, "angle= goes with rotation=kuka_abc only");
+    return at(place, "angle= is only valid with rotation=kuka_abc");
   if (format.rotation == RotationForm::none && format.inverse)
     return at(place, "a ball centre alone cannot be inverted; frames=%s", frames_of(role, false));
   if (format.rotation == RotationForm::none && role == TableRole::flange)
@@ -232,7 +232,7 @@ Result<PoseTable> parse_poses(std::string_view text, std::string_view origin, Ta
     std::string_view comment = line.substr(first + 1);
     if (next_word(comment) != kHeader) continue;
     if (table.format.declared) return at(place, "a second format line; a table has one form");
-    if (!table.poses.empty()) return at(place, "the format line must stand before the first pose");
+    if (!table.poses.empty()) return at(place, "the format line must be before the first pose");
     const Result<PoseFormat> format = parse_header(comment, place, role);
     if (!format) return format.error();
     table.format = format.value();

@@ -51,7 +51,8 @@ void read_seat(KeyFile& file, const KeyLine& line, MasterCertificate& out) {
   if (std::abs(normal.norm() - 1.0) > kUnitTolerance || std::abs(along.norm() - 1.0) > kUnitTolerance)
     return file.fault(line, "has directions that are not of length 1 within 0.001");
   if (std::abs(normal.normalized().dot(along.normalized())) > kRightAngleMax)
-    return file.fault(line, "has a direction that does not lie in the seat: it must be at right angles to the normal");
+    return file.fault(line,
+                      "has a direction that is not parallel to the seat: it must be at right angles to the normal");
   out.stations.push_back(master_seat(station, vector_at(v, 0), normal, along));
 }
 
@@ -87,10 +88,10 @@ Status check_balls(const MasterStation& s, std::string_view file_name) {
         if (longest_mm > 0.0) height_mm = std::max(height_mm, (p[j] - p[i]).cross(p[k] - p[i]).norm() / longest_mm);
       }
   if (height_mm < kHeightLeast_mm)
-    return error(Code::config,
-                 "%.*s: the balls of station %d lie too near to each other or to a line: spread them over 100 mm both "
-                 "ways",
-                 file, file_name.data(), s.station);
+    return error(
+        Code::config,
+        "%.*s: the balls of station %d are too near to each other or to a line: spread them over 100 mm both ways",
+        file, file_name.data(), s.station);
   return success();
 }
 

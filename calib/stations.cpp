@@ -145,7 +145,8 @@ class Solver {
       }
       if (work.visits.size() < settings_.visits_min)
         refuse(StationRefusal::too_few_visits, s.station,
-               "let the robot go round again, or leave the station out of the certificate: it is then not corrected",
+               "let the robot measure another round, or leave the station out of the certificate: it is then not "
+               "corrected",
                "station %d has %zu visits, it needs %zu", s.station, work.visits.size(), settings_.visits_min);
     }
     for (const StationVisit& visit : visits) {
@@ -168,8 +169,7 @@ class Solver {
       if (!same_round && !same_numbers) continue;
       const auto said = [](const StationReason& reason) { return reason.code == StationRefusal::copies; };
       if (std::any_of(out_.reasons.begin(), out_.reasons.end(), said)) return false;
-      constexpr const char* kCure =
-          "give every round once, and under a name of its own; what repeats is known from them";
+      constexpr const char* kCure = "give every round once, with its own name; the names identify repeated rounds";
       if (same_round)
         refuse(StationRefusal::copies, 0, kCure, "station %d has two visits of one round, %s", visit.station,
                visit.round.c_str());
@@ -242,8 +242,8 @@ class Solver {
     }
     if (worst == nullptr) return;
     refuse(StationRefusal::scanner_moved, 0,
-           "what these visits saw was seen from another place: lay the mastered slab into the cell again and have the "
-           "line inspect it five times with the hand-eye calibration in force",
+           "these visits were measured with the scanner in another place: put the mastered slab into the cell again "
+           "and have the line inspect it five times with the hand-eye calibration in force",
            "station %d, %s: its hand-eye calibration%s%s and the one in force put the seat %.3f mm and %.4f deg apart, "
            "more than both are uncertain by (%.3f mm, %.4f deg): the scanner has moved on the flange",
            worst->certified->station, taken->round.c_str(), taken->hand_eye_id.empty() ? "" : " ",
@@ -276,8 +276,8 @@ class Solver {
     if (places.size() < kPlacementStationsMin || widest < kPlacementWidthMin_mm) {
       refuse(StationRefusal::placement, 0,
              "master stations of both rows, or use a certificate in the base frame (frame = base)",
-             "where the mastered slab lies cannot be found from %zu stations that spread %.0f mm across; it takes %zu "
-             "that spread %.0f mm",
+             "the position of the mastered slab cannot be found from %zu stations that spread %.0f mm across; it takes "
+             "%zu that spread %.0f mm",
              places.size(), widest, kPlacementStationsMin, kPlacementWidthMin_mm);
       return false;
     }
@@ -410,24 +410,23 @@ class Solver {
       const bool common = moved_mm * moved_mm > 0.5 * squares / count;
       if (count < 3 || moved_mm <= settings_.spread_max_mm || !common) continue;
       moved_ = true;
-      refuse(
-          StationRefusal::slab_moved, 0,
-          "the mastered slab must lie still from the first round to the last: leave this round out and go round again",
-          "%s: all its stations are off by %.3f mm in the same direction, allowed are %.3f mm", rounds[r].c_str(),
-          moved_mm, settings_.spread_max_mm);
+      refuse(StationRefusal::slab_moved, 0,
+             "the mastered slab must not move between the first round and the last: leave this round out and measure "
+             "another one",
+             "%s: all its stations are off by %.3f mm in the same direction, allowed are %.3f mm", rounds[r].c_str(),
+             moved_mm, settings_.spread_max_mm);
     }
   }
 
   void check(const Work& work, const StationSolution& s) {
     if (!(s.numbers.spread_mm <= settings_.spread_max_mm) && !moved_)
-      refuse(
-          StationRefusal::spread, s.station,
-          "repeat the visit that stands out; if none does, the robot does not repeat well enough here: same payload, "
-          "approach and speed every time, warmed up, nothing loose",
-          "station %d: its %zu visits scatter by %.3f mm per axis, allowed are %.3f mm; furthest from the others is "
-          "%s with %.3f mm",
-          s.station, work.visits.size(), s.numbers.spread_mm, settings_.spread_max_mm, s.worst_round.c_str(),
-          s.worst_mm);
+      refuse(StationRefusal::spread, s.station,
+             "repeat the visit that differs from the others; if none does, the robot does not repeat well enough here: "
+             "same payload, approach and speed every time, warmed up, nothing loose",
+             "station %d: its %zu visits scatter by %.3f mm per axis, allowed are %.3f mm; furthest from the others is "
+             "%s with %.3f mm",
+             s.station, work.visits.size(), s.numbers.spread_mm, settings_.spread_max_mm, s.worst_round.c_str(),
+             s.worst_mm);
     if (!(s.shape_mm <= settings_.shape_max_mm))
       refuse(StationRefusal::shape, s.station,
              "compare the certificate with the artefact: order and numbers of its points, its directions",
@@ -443,7 +442,7 @@ class Solver {
       refuse(
           StationRefusal::turn, s.station,
           "look at this station's normal and direction in the certificate (from the inner to the outer casing), and "
-          "whether the slab lies the way round the certificate means",
+          "whether the slab has the orientation that the certificate assumes",
           "station %d: the correction would turn the seat by %.4f deg, more than the %.4f deg that a robot may be off",
           s.station, deg_from_rad(s.turn_rad), deg_from_rad(settings_.turn_max_rad));
   }
@@ -471,9 +470,9 @@ class Solver {
       refuse(
           StationRefusal::slope, station,
           "compare the certificate with the block: is its normal that of this seat? If the slab is right, master with "
-          "another one whose top is even beside this seat",
+          "another one whose top is even next to this seat",
           "station %d: the certified slope differs from the one measured on the block by %.4f deg, at the other "
-          "stations by %.4f deg; %.4f deg beside them are allowed",
+          "stations by %.4f deg; a difference of %.4f deg is allowed",
           station, deg_from_rad(difference), deg_from_rad(usual), deg_from_rad(settings_.slope_max_rad));
     }
   }

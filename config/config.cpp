@@ -194,7 +194,7 @@ void read_stream(TableReader& scanner, hal::ScanStreamSettings& out) {
   read_networks(scanner, "allow", out.allow);
   for (const char* key : {"drop_dir", "any_name", "unit", "columns"})
     if (scanner.has(key))
-      scanner.problem(key, "backend = \"tcp\" has no use for it: every scan says its request and its unit");
+      scanner.problem(key, "backend = \"tcp\" does not use it: each scan carries its request and its unit");
 }
 
 void read_scanner(TableReader scanner, const std::string& folder, Config& config) {
@@ -238,9 +238,9 @@ void read_storage(TableReader storage, const std::string& folder, storage::Store
   const bool says = storage.has("keep_failed_slabs");
   read_count(storage, "keep_failed_slabs", "keep all that did not pass", out.keep_failed_slabs);
   if (says && out.keep_slabs == 0)
-    storage.problem("keep_failed_slabs",
-                    "found with keep_slabs = 0, which keeps every record; allowed is beside a "
-                    "keep_slabs that bounds them");
+    storage.problem(
+        "keep_failed_slabs",
+        "found with keep_slabs = 0, which keeps every record; allowed only with a keep_slabs that limits them");
   storage.finish();
 }
 
@@ -263,7 +263,7 @@ void read_cell(TableReader cell, Pose& T_base_slab) {
   if (const double mm = longest(pose); mm > 0.0 && mm < kSlabOffMin_mm)
     cell.doubt(
         "T_base_slab",
-        fmt::format("found x, y, z of at most {} mm, metres? The centre of a slab hardly lies in the robot's foot; "
+        fmt::format("found x, y, z of at most {} mm, metres? The centre of a slab is hardly in the robot's foot; "
                     "the unit is mm, allowed is -{}..{}",
                     mm, kReach_mm, kReach_mm));
   doubt_order(cell, "T_base_slab", pose);
@@ -309,11 +309,9 @@ void read_calibration(TableReader table, const std::string& folder, Config& conf
   if (commissioned) {
     table.required_pose("T_flange_scanner", pose, kArmMax_mm);
     if (const double mm = longest(pose); mm > 0.0 && mm < kArmMin_mm)
-      table.doubt(
-          "T_flange_scanner",
-          fmt::format("found x, y, z of at most {} mm, metres? A scanner hardly sits in the flange; the unit is mm, "
-                      "allowed is -{}..{}",
-                      mm, kArmMax_mm, kArmMax_mm));
+      table.doubt("T_flange_scanner", fmt::format("found x, y, z of at most {} mm, metres? The origin of a scanner is "
+                                                  "hardly in the flange; the unit is mm, allowed is -{}..{}",
+                                                  mm, kArmMax_mm, kArmMax_mm));
     doubt_order(table, "T_flange_scanner", pose);
   }
   read_station_sigma(table, "station_sigma_mm", "station_sigma_deg", commissioned, sigma_mm, {1e-6, 10.0});

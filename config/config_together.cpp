@@ -129,8 +129,8 @@ void check_drop_dir(TableReader& root, const Config& config) {
     if (lies_in(place.path, drop_dir))
       root.table(place.table)
           .problem(place.key,
-                   fmt::format("found {}, which is in the scanner's folder {} (scanner.drop_dir), where slabd "
-                               "moves and deletes what it did not ask for; allowed is a place outside of it",
+                   fmt::format("found {}, which is in the scanner's folder {} (scanner.drop_dir), where slabd moves "
+                               "and deletes files that it did not request; allowed is a place outside of it",
                                told(place.path), told(drop_dir)));
   for (const Place& place : {Place{"storage", "spool_dir", config.storage.spool_dir},
                              Place{"calibration", "sessions_dir", config.sessions_dir}})
@@ -164,7 +164,7 @@ void check_files(TableReader& root, const Config& config) {
     if (named(socket.path) == named(db.path + side) || real_place(socket.path).path == real_place(db.path + side).path)
       root.table(socket.table)
           .problem(socket.key,
-                   fmt::format("found {}, which is the name of a file beside storage.db; allowed is another "
+                   fmt::format("found {}, which is the name of a file that belongs to storage.db; allowed is another "
                                "place",
                                socket.path));
 }

@@ -145,7 +145,8 @@ void read_limits(TableReader& item, const ItemInfo& info, Tolerance& out) {
   const TomlValue* tolerance = item.value("tolerance");
   if (tolerance != nullptr) {
     if (lower != nullptr || upper != nullptr)
-      return item.problem("tolerance", "found beside lower or upper; allowed is either tolerance or lower and upper");
+      return item.problem("tolerance",
+                          "found together with lower or upper; allowed is either tolerance or lower and upper");
     double half = kNoValue;
     item.optional_number("tolerance", half, {1e-6, 1e5});
     out.lower = out.nominal.value - half;
@@ -193,8 +194,7 @@ void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
   if (limited && !item.has("nominal")) item.missing("nominal", "the value that deviations are counted from");
   if (limited && !item.has("tolerance")) {
     if (!item.has("upper")) item.missing("upper", "a limit: without it any value above would pass");
-    if (!item.has("lower") && !info.is_size)
-      item.missing("lower", "a limit: without it any value below would pass");
+    if (!item.has("lower") && !info.is_size) item.missing("lower", "a limit: without it any value below would pass");
   }
   if (out.required && !limited)
     item.problem("required", "found true without lower, upper or tolerance: such an item could never pass");
@@ -207,7 +207,7 @@ void read_items(TableReader items, Recipe& recipe) {
     // A missing item is a fault, because otherwise it would silently not be judged.
     if (!items.has(item.name)) {
       if (item.optional) continue;
-      items.missing(item.name, "a table; an item that is not judged says required = false and gives no limits");
+      items.missing(item.name, "a table; an item that is not judged has required = false and no limits");
       continue;
     }
     recipe.tolerances[i].given = true;
@@ -381,8 +381,8 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
   for (const RecipeFile& file : files) {
     if (!file.slab_type) {
       problems.push_back(
-          {fmt::format("{}: which slab_type it is for cannot be told, so it may be the better recipe of "
-                       "any: no recipe is used until it is mended or moved out of the folder",
+          {fmt::format("{}: its slab_type cannot be read, so it may be the better recipe for any type: no recipe is "
+                       "used until it is corrected or moved out of the folder",
                        file.path)});
       any_type_unknown = true;
       continue;

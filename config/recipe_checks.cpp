@@ -14,7 +14,7 @@ constexpr double kAgreement = 0.01;
 void check_slab(TableReader slab, const SlabGeometry& g) {
   const double last_mm = g.first_pair_from_end_mm.value + g.pitch_mm.value * (g.pairs - 1);
   if (last_mm >= g.length_mm.value)
-    slab.problem("pairs", fmt::format("the last of {} pairs stands {:.1f} mm from the end, beyond length_mm {:.1f}",
+    slab.problem("pairs", fmt::format("the last of {} pairs is {:.1f} mm from the end, beyond length_mm {:.1f}",
                                       g.pairs, last_mm, g.length_mm.value));
   if (g.seat_centre_distance_mm.value >= g.width_mm.value)
     slab.problem("seat_centre_distance_mm", fmt::format("found {:.1f}, allowed is less than width_mm {:.1f}",
@@ -127,7 +127,7 @@ void check_item(TableReader item, const Recipe& recipe, ItemId id) {
     item.problem("U", never_computed
                           ? "missing; expected the expanded uncertainty (k = 2) of its value: none is computed"
                           : "missing; expected the expanded uncertainty (k = 2) of its value, or a table "
-                            "[uncertainty]: without either nothing can pass, with guard 0 either");
+                            "[uncertainty]: without both, no item can pass, not even with guard 0");
   if (!has_value(t.nominal.value)) return;
   const double expected = nominal_from_geometry(recipe, id);
   if (has_value(expected) && std::abs(t.nominal.value - expected) > kAgreement)

@@ -361,7 +361,7 @@ void Loop::take_up_recipes() {
   if (!idle) {
     ports_.recipes->refuse(
         s.settings.fault != Code::ok
-            ? "slabd stands in a fault of its configuration, which only a restart mends"
+            ? "slabd is in fault 504, which only a restart clears"
             : "a slab is open, or a scan or a measurement of one is under way; the recipes in use stay "
               "in force until it has ended");
     return;
@@ -423,8 +423,8 @@ void Loop::say_pose_news() {
       !station_->gate.newest()->measured) {
     commanded_said_ = true;
     line.text =
-        "the robot says that its poses are not measured (flags, bit 0): where it was told to go is not where it is; "
-        "send the measured ones (docs/ROBOT.md)";
+        "the robot marks its poses as commanded (flags, bit 0); a commanded pose can differ from the real one; send "
+        "the measured ones (docs/ROBOT.md)";
     say(line);
   }
   if (ports_.pose.next_note(now_ns, line.text)) say(line);
@@ -481,7 +481,7 @@ void Loop::say_scanner_news() {
     const Code why_not = ports_.scanner.spool_hangs() ? Code::journal_write : Code::scanner_offline;
     line.code = static_cast<std::uint16_t>(online ? Code::ok : why_not);
     const hal::ScannerText why = ports_.scanner.trouble();
-    line.text.printf("%s%s%s", online ? "the scanner can be asked again" : "the scanner cannot be asked",
+    line.text.printf("%s%s%s", online ? "the scanner is available again" : "the scanner is not available",
                      online || why.empty() ? "" : ": ", online ? "" : why.c_str());
     say(line);
   }

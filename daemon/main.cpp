@@ -252,7 +252,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   // As a server, a second slabd fails because the port is in use. As a client or on a serial line it would overwrite
   // the first one's registers in the PLC, and take its scans.
   if (config.plc.role != hal::PlcRole::server && storage::is_written_elsewhere(config.storage.db_path)) {
-    say_text("error: another process works with %s, most likely slabd itself: only one may\n",
+    say_text("error: another process uses %s, most likely slabd itself: only one may\n",
              config.storage.db_path.c_str());
     return kExitUnreachable;
   }

@@ -29,7 +29,7 @@ ScanDoubt doubt_turn(const ScanPlace& place, const Pose& T_scanner_block) {
   const Vec3 extent = place.extent();
   if (place.points > 0 && extent[rail] > kLonger * extent[across])
     doubt.printf(
-        "the scan is %.0f mm long along %c and %.0f along %c, and the block lies along %c: the two may be "
+        "the scan is %.0f mm long along %c and %.0f along %c, and the block extends along %c: the two may be "
         "exchanged, or the scanner is turned",
         extent[rail], kNames[static_cast<std::size_t>(rail)], extent[across], kNames[static_cast<std::size_t>(across)],
         kNames[static_cast<std::size_t>(across)]);

@@ -275,9 +275,9 @@ FixedString<limits::kErrorTextBytes> text_of(const SlabEnds::Finding& finding, c
   text.printf(
       "the slab was begun as type %u (%s), but %s %.0f mm beyond the block of station %d, as on type %u (%s, %.1f mm) "
       "and not at %.1f mm: is SLAB_TYPE right?",
-      unsigned{own.slab_type}, own.name.c_str(), finding.top_goes_on ? "its top goes on at least" : "its top ends",
-      finding.seen_mm, finding.station, unsigned{finding.other->slab_type}, finding.other->name.c_str(),
-      finding.other_mm, finding.own_mm);
+      unsigned{own.slab_type}, own.name.c_str(),
+      finding.top_goes_on ? "its top continues for at least" : "its top ends", finding.seen_mm, finding.station,
+      unsigned{finding.other->slab_type}, finding.other->name.c_str(), finding.other_mm, finding.own_mm);
   return text;
 }
 

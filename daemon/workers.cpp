@@ -203,7 +203,7 @@ void ThreadWorkers::look_at_slab_ends(const MeasureBlock& job, const algo::Cloud
   LogLine line{LogLine::Level::warning, 0, {}};
   line.text.printf(
       "the scans of this slab reach %.0f mm from its outermost blocks and do not show where it ends: slab types that "
-      "differ only there are not told apart",
+      "differ only there are not distinguished",
       blind_mm);
   say_line(line);
 }

@@ -136,7 +136,7 @@ class SlabProgram {
     run_.reason = seen().slab_reason;
     if (run_.verdict != run_.record.verdict) {
       run_.trouble.text =
-          fmt::format("IR 106 says {} and the slab's record says {}", name(run_.verdict), name(run_.record.verdict));
+          fmt::format("IR 106 has {} and the slab's record has {}", name(run_.verdict), name(run_.record.verdict));
       run_.verdict = Verdict::not_measured;
       return false;
     }

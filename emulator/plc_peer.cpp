@@ -300,7 +300,7 @@ struct PlcPeer::Impl {
       std::this_thread::sleep_for(kReconnectPeriod);
     }
     trouble.link_lost = true;
-    trouble.text = fmt::format("{}: the connection was lost and did not come back in {} s", name,
+    trouble.text = fmt::format("{}: the connection was lost and not restored within {} s", name,
                                traits.link_timeout.count() / 1000);
     return false;
   }

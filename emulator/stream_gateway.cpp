@@ -134,7 +134,7 @@ Status StreamGateway::answer(const StreamRequest& request, std::span<const float
   const bool sent = send_all(bytes) && send_all(std::as_bytes(xyz.subspan(3 * begin, 3 * (end - begin))));
   if (sent && end < xyz.size() / 3) {
     close();
-    return error(Code::scanner_offline, "cut off after %zu points, as asked for", end);
+    return error(Code::scanner_offline, "cut off after %zu points, as requested", end);
   }
   // Read also after a failed send, because slabd sends the reason before it closes.
   const auto until = Clock::now() + std::chrono::milliseconds(kAnswer_ms);
@@ -148,7 +148,7 @@ Status StreamGateway::answer(const StreamRequest& request, std::span<const float
   }
   const bool open = socket_.is_open();
   close();
-  return error(Code::scanner_offline, open ? "slabd said nothing about the scan" : "the connection was lost");
+  return error(Code::scanner_offline, open ? "slabd did not answer the scan" : "the connection was lost");
 }
 
 }  // namespace slabd::cli

@@ -111,7 +111,7 @@ struct FindNonsense {
     for (const double x : {n.PF_mm, n.PS_mm, n.RF_mm, n.form_half_mm, n.form_length_mm, n.noise_sigma_mm,
                            n.noise_correlation_mm, n.pitch_mm})
       if (std::isinf(x) || x < 0.0) return "its figures must be finite and not negative";
-    return n.plates == 0 && n.balls == 0 ? "neither a plate nor a ball was looked at" : "";
+    return n.plates == 0 && n.balls == 0 ? "neither a plate nor a ball was measured" : "";
   }
 };
 

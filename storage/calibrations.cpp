@@ -131,7 +131,7 @@ Calibrations::Row Calibrations::newest(CalibrationKind kind, std::uint16_t slab_
 
 void Calibrations::check_may_apply(const CalibrationRecord& record, const ChangeNote& note) {
   const std::string not_in_force = record.id + " is not put in force: ";
-  if (note.who.empty() || note.why.empty()) refuse(not_in_force + "say who does it and why");
+  if (note.who.empty() || note.why.empty()) refuse(not_in_force + "give an operator and a reason");
   if (!numbers_give_id(record)) refuse(not_in_force + "its numbers in the database were changed after it was kept");
   // The newest record's time replaces a clock that is behind, because a clock set back would make expired calibrations
   // valid again. The newest time may also be wrong, if the clock was ahead before. Therefore applying a new calibration
@@ -192,7 +192,7 @@ std::string Calibrations::roll_back(const RollBackCalibration& change) {
     if (newest_of_kind.step()) slab_type = static_cast<std::uint16_t>(newest_of_kind.integer(0));
   }
   const Row now = newest(change.kind, slab_type);
-  if (now.seq == 0) refuse("nothing of kind " + kind + " is in force, so there is nothing to roll back");
+  if (now.seq == 0) refuse("no calibration of kind " + kind + " is in force that could be rolled back");
   Statement before(db_, "SELECT calibration_id, before_seq FROM applied WHERE seq = ?1");
   if (now.before_seq == 0 || !before.bind(1, now.before_seq).step())
     refuse("before " + now.calibration_id + " no " + kind +

@@ -146,7 +146,7 @@ class Examination {
   void compare_slab(const SealEntry& entry, const std::vector<std::uint8_t>& tables) {
     const std::span<const SealedTable> form = sealed_tables(entry.form);
     if (form.empty()) {
-      altered(words(entry) + " has form " + std::to_string(entry.form) + ", which this program does not know");
+      altered(words(entry) + " has form " + std::to_string(entry.form) + ", which this program does not support");
       return;
     }
     std::unique_ptr<SlabDigests>& digests = digests_[entry.form];

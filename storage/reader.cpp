@@ -123,7 +123,7 @@ std::vector<SlabSummary> find_slabs(Connection& db, const SlabFilter& filter) {
     const int next = read_row(rows, 0, summary.header);
     if (!rows.is_null(next)) {
       summary.ended_utime_us = rows.integer(next);
-      if (!from_word(rows.text(next + 1), summary.verdict)) rows.refuse(next + 1, "holds an unknown word");
+      if (!from_word(rows.text(next + 1), summary.verdict)) rows.refuse(next + 1, "holds an unknown value");
       summary.reason = static_cast<std::uint16_t>(rows.integer(next + 2));
     }
     summary.acknowledged = !rows.is_null(next + 3) && rows.integer(next + 3) == 1;
@@ -225,7 +225,7 @@ std::vector<ItemValue> find_values(Connection& db, const ItemFilter& filter) {
     if (!list.empty() && list.back().slab_key == value.slab_key && list.back().item.station == value.item.station &&
         list.back().item.station_to == value.item.station_to)
       continue;
-    if (!from_word(rows.text(5), value.item.verdict)) rows.refuse(5, "holds an unknown word");
+    if (!from_word(rows.text(5), value.item.verdict)) rows.refuse(5, "holds an unknown value");
     value.item.required = rows.integer(6) == 1;
     value.item.value = rows.real(7);
     value.item.nominal = rows.real(8);

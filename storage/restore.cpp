@@ -162,7 +162,7 @@ Status check_nothing_strays(const std::string& path) {
   if (file_bytes(path) > 0) return success();
   for (const char* side : {"-wal", "-shm", "-journal", kLogCopy})
     if (file_bytes(path + side) > 0)
-      return error(Code::journal_write, "%s%s lies there without its database; move it away", path.c_str(), side);
+      return error(Code::journal_write, "%s%s exists without its database; move it away", path.c_str(), side);
   return success();
 }
 
@@ -191,7 +191,8 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
   if (!order.from.empty()) {
     std::error_code ec;
     if (fs::equivalent(order.from, part, ec) || fs::equivalent(order.from, part + ".part", ec))
-      return error(Code::config, "%s is what a restoring left that was cut short, and goes: give the backup itself",
+      return error(Code::config,
+                   "%s is the remainder of an interrupted restore and will be deleted: give the backup itself",
                    order.from.c_str());
     const Result<DatabaseReport> report = check_database(order.from, true);
     if (!report.ok()) return report.error();
@@ -220,8 +221,8 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
   const std::int64_t lost_checks = missing(lost.checks, back.checks);
   if (!order.lose_calibrations && (lost_applied > 0 || lost_checks > 0))
     return error(Code::config,
-                 "%s knows of %lld changes of calibrations and %lld checks that %s does not: what is in force would be "
-                 "what was in force there. Look at them (slabctl calibrate history); --lose-calibrations gives them up",
+                 "%s holds %lld changes of calibrations and %lld checks that are not in %s: they would be lost. Look "
+                 "at them (slabctl calibrate history); --lose-calibrations accepts the loss",
                  replaced.c_str(), static_cast<long long>(lost_applied), static_cast<long long>(lost_checks),
                  order.from.empty() ? "an empty history" : order.from.c_str());
   const std::int64_t keys_used = std::max(lost.slab_key, newest_key_in_spool(settings.spool_dir));

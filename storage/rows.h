@@ -76,7 +76,7 @@ inline constexpr std::size_t kValues<EdgeFace> = kEdgeFaces;
 /// Sets `out` to the value with this word; false if there is none.
 template <typename E>
 [[nodiscard]] bool from_word(std::string_view text, E& out) {
-  static_assert(kValues<E> > 0, "say how many values it has");
+  static_assert(kValues<E> > 0, "declare its number of values");
   for (std::size_t i = 0; i < kValues<E>; ++i) {
     if (word(static_cast<E>(i)) != text) continue;
     out = static_cast<E>(i);
@@ -257,7 +257,7 @@ class Fetch {
   requires std::is_enum_v<E>
   void take(E& value) {
     if (!from_word(statement_.text(column_), value))
-      statement_.refuse(column_, "holds an unknown word \"" + std::string(statement_.text(column_)) + "\"");
+      statement_.refuse(column_, "holds an unknown value \"" + std::string(statement_.text(column_)) + "\"");
     ++column_;
   }
 

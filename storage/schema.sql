@@ -1,21 +1,21 @@
 -- SPDX-License-Identifier: Apache-2.0
 --
--- slabd's memory, schema version 1. One daemon writes, everybody else reads.
+-- slabd's database, schema version 1. One daemon writes; other programs only read.
 --
 --   line     one row: the session number last used, the newest wall clock of any record, what retention took away
---   care     when the history was restored from a backup or begun anew, by whom and why
---   slab     what SLAB_BEGIN said and what it was measured with; slab_result is its end (no row: still open)
+--   care     when the history was restored from a backup or begun again, by whom and why
+--   slab     the values of SLAB_BEGIN and what it was measured with; slab_result is its end (no row: still open)
 --   command  the journal of accepted commands; id is their order
 --   attempt  one SCAN of one station; the highest attempt of a station is the valid one, all are kept
 --   recipe_text  the files of all recipes that a slab was begun with
 --   seen_scan  fingerprints of the last scans' points
 --   noise_print  the noise of the last exposures that were measured
 --   block    what an attempt measured, with its planes, casings, findings, edges and items
---   map      how far it lies from the model, and its seat from the fitted plane, place by place: what a report draws
+--   map      its deviation from the model, and its seat from the fitted plane, place by place: what a report draws
 --   result   the records the PLC is shown; id is the order in which it is shown them
 --   slab_seal  the chain of checksums over what is stored of each ended slab
 --
---   calibration        every calibration ever kept, with what it was made from; its numbers lie in hand_eye,
+--   calibration        every calibration ever kept, with what it was made from; its numbers are in hand_eye,
 --                      station_correction, reference_block, monitor_ball or scanner_acceptance
 --   applied            what was put in force when, by whom and why; the newest row of a kind (and slab type) counts
 --   calibration_check  the trend of the daily checks
@@ -33,7 +33,7 @@ CREATE TABLE line (
   id              INTEGER PRIMARY KEY CHECK (id = 1),
   session         INTEGER NOT NULL CHECK (session BETWEEN 0 AND 65535),
   newest_utime_us INTEGER NOT NULL,
-  keys_used       INTEGER NOT NULL,        -- slab keys up to here may have been used, whatever table slab says
+  keys_used       INTEGER NOT NULL,        -- slab keys up to here may have been used, whatever table slab contains
   pruned_slabs    INTEGER NOT NULL,        -- taken away by retention,
   pruned_key      INTEGER NOT NULL         -- the newest of them
 ) STRICT;
@@ -49,7 +49,7 @@ CREATE TABLE slab (
   age_h              INTEGER NOT NULL,   -- hours, 0 = unknown
   recipe             TEXT NOT NULL,
   recipe_sha256      TEXT NOT NULL,
-  unconfirmed        INTEGER NOT NULL,   -- nominals and tolerances nobody had confirmed
+  unconfirmed        INTEGER NOT NULL,   -- nominals and tolerances that were not confirmed
   guard              REAL,               -- guard band in units of U, 0 = simple acceptance
   cell_mm            REAL,               -- flatness cell
   calibration_id     TEXT NOT NULL,
@@ -247,7 +247,7 @@ CREATE TABLE plane (
   points INTEGER NOT NULL, inliers INTEGER NOT NULL, inlier_fraction REAL,
   std_mm REAL,
   iterations INTEGER NOT NULL,
-  -- Where offset and tilt are independent, and what white noise does to them (mm, rad^2).
+  -- The point at which offset and tilt are independent, and their uncertainty by white noise (mm, rad^2).
   centroid_x REAL, centroid_y REAL, centroid_z REAL,
   sigma_offset_mm REAL,
   cov_normal_11 REAL, cov_normal_12 REAL, cov_normal_13 REAL,
@@ -269,7 +269,7 @@ CREATE TABLE casing (
   radius_mm REAL, height_mm REAL,
   edge_points INTEGER NOT NULL, rim_points INTEGER NOT NULL,
   edge_rms_mm REAL, inlier_fraction REAL, rim_std_mm REAL, sigma_height_mm REAL,
-  -- Of centre along the rail, centre along the seat, radius (mm^2).
+  -- Covariance of centre along the rail, centre along the seat, radius (mm^2).
   cov_circle_11 REAL, cov_circle_12 REAL, cov_circle_13 REAL,
   cov_circle_21 REAL, cov_circle_22 REAL, cov_circle_23 REAL,
   cov_circle_31 REAL, cov_circle_32 REAL, cov_circle_33 REAL,
@@ -373,7 +373,7 @@ CREATE TABLE care (
   what     TEXT NOT NULL CHECK (what IN ('restored', 'begun_anew')),
   slab_key INTEGER NOT NULL,               -- keys up to here may have been used before
   result_id INTEGER NOT NULL,              -- the newest result at that time; after it
-  res_seq  INTEGER NOT NULL CHECK (res_seq BETWEEN 1 AND 65535),  -- records count on from here: the PLC knows others
+  res_seq  INTEGER NOT NULL CHECK (res_seq BETWEEN 1 AND 65535),  -- records count on from here: the PLC may hold others
   source   TEXT NOT NULL,                  -- the backup
   who      TEXT NOT NULL,
   why      TEXT NOT NULL,
@@ -466,7 +466,7 @@ CREATE TABLE monitor_ball (
 
 CREATE TABLE scanner_acceptance (
   calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
-  scanner        TEXT NOT NULL,            -- its name or serial number, empty: not said
+  scanner        TEXT NOT NULL,            -- its name or serial number, empty: not given
   PF_mm REAL, PS_mm REAL, RF_mm REAL,      -- VDI/VDE 2634-2, the worst place; PS as a magnitude
   form_half_mm REAL, form_length_mm REAL,  -- what does not average away, and the shortest length it was seen over
   noise_sigma_mm REAL, noise_correlation_mm REAL, pitch_mm REAL,

@@ -437,9 +437,9 @@ class SqliteStore final : public Store {
     if (scans.empty()) return success();
     return error(
         Code::journal_write,
-        "%s knows slabs up to %lld, and %s holds scans: there was a newer database. Is the right disk mounted? "
-        "Else put the newest backup there with slabctl db restore (this file itself, if there is none), or "
-        "take scans away that are not this line's",
+        "%s holds slabs up to %lld, and %s holds later scans: there was a newer database. Is the right disk mounted? "
+        "Otherwise put the newest backup there with slabctl db restore (this file itself, if there is none), or remove "
+        "scans that are not this line's",
         settings_.db_path.c_str(), static_cast<long long>(known), scans.c_str());
   }
 
@@ -456,7 +456,7 @@ class SqliteStore final : public Store {
     if (stands && (!open_->log_file || file_id(log) == open_->log_file)) return success();
     const Error lost =
         error(Code::journal_write,
-              "%s is not the file any more that slabd has worked with: deleted, or another was put in its place. slabd "
+              "%s is no longer the file that slabd opened: it was deleted or replaced. slabd "
               "still has it open: slabctl db backup saves it; then stop slabd and restore that backup (or put the file "
               "back)",
               (stands ? log : settings_.db_path).c_str());
@@ -495,7 +495,8 @@ class SqliteStore final : public Store {
         Code::journal_write,
         "%s: %s not written: the database is locked by %s; end that program, or its transaction, then reset the "
         "fault",
-        settings_.db_path.c_str(), what, holder.empty() ? "another program, which has just let it go" : holder.c_str());
+        settings_.db_path.c_str(), what,
+        holder.empty() ? "another program, which has just released it" : holder.c_str());
   }
 
   /// Closes the file. The durable part of the log is unknown, so closing must not checkpoint it.

@@ -34,7 +34,7 @@ struct CasingTies {
 /// Memory of casing_ties, in floats: positions of the sample, then points around the casings. A scan of a whole block
 /// has 250 000 of those around each casing; if there are more than fit, the first ones are used.
 inline constexpr std::size_t kCasingTiesFloats = 6 * (limits::kIcpPointsMax + 16) + 6 * (std::size_t{1} << 19U);
-static_assert(kCasingTiesFloats <= limits::kScanPointsMax, "they lie in the memory of the index");
+static_assert(kCasingTiesFloats <= limits::kScanPointsMax, "they are stored in the memory of the index");
 
 /// Offset of the bores along the rail from their position under `T_block_scanner`, to a millimetre or two; nullopt if
 /// no bore was found. From the sample alone (as drawn): a tenth of a millisecond. The pose must fulfil the requirements

@@ -457,7 +457,7 @@ void pass_judgement(const RegistrationTask& task, const Pose& pose, const FineRe
   report.condition = fine.directions.condition;
   if (!fine.directions.complete || !pose.all_finite()) {
     report.status = RegistrationStatus::degenerate;
-    report.note.printf("nothing in the scan fixes: %s", fine.directions.open.data());
+    report.note.printf("the scan does not determine: %s", fine.directions.open.data());
     return;
   }
   const FixedString<64> against = objection(fine.seen, task.settings, 1);

@@ -489,11 +489,6 @@ bool is_suspicious(const Search& search, const BlockModel& model, const Surveyed
 
 }  // namespace
 
-bool has_suspicious_surface(const BlockModel& model, const SurveyedSurface& surveyed, std::span<float> memory,
-                            const BlockResult& result) {
-  return is_suspicious(search_for(model, Pose::identity(), result), model, surveyed, memory, result);
-}
-
 void find_surface_damage(const Cloud& cloud, const BlockModel& model, const Pose& T_block_scanner,
                          const SurveyedSurface& surveyed, std::span<float> memory, Team& team, BlockResult& result) {
   result.findings.clear();

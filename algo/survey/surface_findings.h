@@ -42,8 +42,5 @@ inline constexpr std::size_t kFindingFloats = 300'000;
 /// two threads. No heap; 0.5 ms for a block without a suspicious place, 8 ms for others.
 void find_surface_damage(const Cloud& cloud, const BlockModel& model, const Pose& T_block_scanner,
                          const SurveyedSurface& surveyed, std::span<float> memory, Team& team, BlockResult& result);
-/// True if any place is suspicious: the first test of find_surface_damage.
-[[nodiscard]] bool has_suspicious_surface(const BlockModel& model, const SurveyedSurface& surveyed,
-                                          std::span<float> memory, const BlockResult& result);
 
 }  // namespace slabd::algo

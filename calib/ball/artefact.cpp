@@ -230,7 +230,7 @@ Status check_certificate(const ArtefactCertificate& c) {
     std::size_t k = 0;
     while (own.found[0][k] == own.found[1][k]) ++k;
     return error(Code::config,
-                 "balls %d and %d cannot be told apart by their distances: distances must differ by more than %g mm",
+                 "balls %d and %d cannot be distinguished by their distances: distances must differ by more than %g mm",
                  own.found[0][k] + 1, own.found[1][k] + 1, kTellApart_mm);
   }
   return success();
@@ -389,7 +389,7 @@ ArtefactReport locate_artefact(std::span<const BallReport> balls, const Artefact
   ArtefactReport report;
   if (const Status checked = check_certificate(certificate); !checked) {
     report.words.reason = checked.error().text;
-    refuse(report, ArtefactRefusal::ambiguous, "use a certificate of an artefact whose balls can be told apart");
+    refuse(report, ArtefactRefusal::ambiguous, "use a certificate of an artefact whose balls can be distinguished");
     return report;
   }
   std::vector<Vec3> centres;
@@ -436,7 +436,7 @@ ArtefactReport locate_artefact(std::span<const BallReport> balls, const Artefact
   fill_residuals(certificate, measured, report);
   if (!(report.residual_max_mm < settings.residual_max_mm)) {
     report.words.reason.printf(
-        "ball %d lies %.3f mm from its certified place, allowed is %.3f (distances are off by up to %.3f mm, scale "
+        "ball %d is %.3f mm from its certified place, allowed is %.3f (distances are off by up to %.3f mm, scale "
         "%+.0f ppm)",
         report.worst_ball, report.residual_max_mm, settings.residual_max_mm, report.distance_off_max_mm,
         report.scale_ppm);

@@ -413,9 +413,8 @@ BallShots average_shots(std::span<const BallReport> shots, const BallSettings& s
   if (shots.size() > 1) mean.repeat_mm = std::sqrt(squares / (3.0 * (count - 1.0)));
   if (shots.size() > 1 && !(mean.repeat_mm < settings.repeat_max_mm)) {
     mean.refusal = BallRefusal::repeat;
-    mean.words.reason.printf(
-        "%zu shots scatter by %.4f mm per axis, allowed is %.4f; shot %d lies %.4f mm off the mean", shots.size(),
-        mean.repeat_mm, settings.repeat_max_mm, mean.worst_shot, worst);
+    mean.words.reason.printf("%zu shots scatter by %.4f mm per axis, allowed is %.4f; shot %d is %.4f mm off the mean",
+                             shots.size(), mean.repeat_mm, settings.repeat_max_mm, mean.worst_shot, worst);
     mean.words.cure =
         "wait until the robot has settled, check that ball and post are tight, shade lamps, and take the shots again";
     return mean;
@@ -456,7 +455,7 @@ RadiusCheck check_radius(std::span<const BallReport> balls, const BallSettings& 
   if (check.suspicious) {
     check.words.reason.printf(
         "over %d scans the ball shows a radius of %.4f +- %.4f mm, certified are %.4f: if the scans are right, every "
-        "centre lies %.3f mm too %s the scanner, and the calibration with it; no residual will show that",
+        "centre is %.3f mm too %s the scanner, and the calibration with it; no residual will show that",
         check.views, check.mean_mm, 2.0 * check.sigma_mm, settings.radius_mm, std::abs(check.shift_mm),
         check.shift_mm > 0.0 ? "far from" : "near to");
     if (check.covered) {
@@ -465,8 +464,8 @@ RadiusCheck check_radius(std::span<const BallReport> balls, const BallSettings& 
       check.words.reason.append(covered.view());
     }
     check.words.cure =
-        "have the effective radius of the ball certified as coated, and measure a step or plane artefact to tell the "
-        "ball's radius from an error of the scanner";
+        "have the effective radius of the ball certified as coated, and measure a step or plane artefact to "
+        "distinguish an error of the ball's radius from one of the scanner";
   }
   return check;
 }

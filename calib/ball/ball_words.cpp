@@ -30,7 +30,7 @@ BallWords explain(BallRefusal refusal, const BallSettings& s, const BallReport& 
       else
         words.cure =
             "clean the ball, renew its coating and have the effective radius certified as coated; check the scanner's "
-            "own calibration if every ball reads so";
+            "own calibration if every ball shows this deviation";
       break;
     case BallRefusal::few_points:
       words.reason.printf("%llu points on the cap, needed are %llu", static_cast<unsigned long long>(r.points_used),
@@ -51,7 +51,7 @@ BallWords explain(BallRefusal refusal, const BallSettings& s, const BallReport& 
           side_name(r.missing_side));
       break;
     case BallRefusal::unstable:
-      words.reason.printf("the robust fit did not come to rest in %d steps (%llu points)", r.iterations,
+      words.reason.printf("the robust fit did not converge in %d steps (%llu points)", r.iterations,
                           static_cast<unsigned long long>(r.points_used));
       words.cure = "clean the ball and remove what touches it in the picture, then scan again";
       break;
@@ -60,8 +60,8 @@ BallWords explain(BallRefusal refusal, const BallSettings& s, const BallReport& 
           "the points scatter by %.3f mm about the sphere, expected is %.3f and allowed %.1f times that", r.rms_mm,
           s.noise_mm, s.rms_max);
       words.cure =
-          "stop what shakes (robot settled? brakes?), shade the ball from lamps, renew the matt coating, or state the "
-          "scanner's real noise";
+          "stop any vibration (robot settled? brakes?), shade the ball from lamps, renew the matt coating, or state "
+          "the scanner's real noise";
       break;
     case BallRefusal::spoiled:
       words.reason.printf("only %.0f %% of the cap's points lie on the sphere, needed are %.0f %%",
@@ -118,7 +118,7 @@ BallWords words_not_found(const BallSettings& settings, double extent_mm, double
 
 BallWords words_too_many(const BallSettings& settings, std::size_t accepted) {
   BallWords words;
-  words.reason.printf("%zu balls of radius %.3f mm are in the scan, expected is %d: which one is meant is not known",
+  words.reason.printf("%zu balls of radius %.3f mm are in the scan, expected is %d: the intended one is unknown",
                       accepted, settings.radius_mm, settings.count);
   words.cure = "cover or remove the others, or state how many there are";
   return words;

@@ -78,7 +78,7 @@ CalibrationChanger::CalibrationChanger(std::string folder) : folder_(std::move(f
 Status CalibrationChanger::accept(const std::string& file, std::uint32_t uid) {
   if (folder_.empty()) return slabd::error(Code::config, "the daemon has no database");
   if (phase_ != Phase::idle) return slabd::error(Code::busy, "another change of calibrations is under way; try again");
-  if (uid == kUidUnknown) return slabd::error(Code::config, "who asks for this change is not known");
+  if (uid == kUidUnknown) return slabd::error(Code::config, "the user of this request is unknown");
   if (!is_plain_name(file))
     return slabd::error(Code::config, "\"file\" must be a plain name of a file in %s", folder_.c_str());
   phase_ = Phase::waiting;
@@ -117,7 +117,7 @@ void CalibrationChanger::carry_out(storage::Store* store) {
         if (done.ok() && !now.ok()) error_ = now.error();
       }
       if (!done.ok() && error_.code != Code::config)
-        error_.text.append("; it may have been made all the same: slabctl calibrate history tells");
+        error_.text.append("; it may have been made nevertheless: see slabctl calibrate history");
     }
   } catch (const std::exception& e) {
     error_ = slabd::error(Code::internal, "%s: %s", path.c_str(), e.what());

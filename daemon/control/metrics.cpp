@@ -127,7 +127,7 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   text.counter("slabd_commands_refused_total", "Commands refused or repeated", view.refused);
   tell_plc(text, ports.plc, view.plc_link_ok);
   tell_pose(text, ports.pose, figures, view.pose_ok);
-  text.gauge("slabd_scanner_online", "1: the scanner can be asked", view.scanner_ok ? 1 : 0);
+  text.gauge("slabd_scanner_online", "1: the scanner is available", view.scanner_ok ? 1 : 0);
   text.counter("slabd_scan_strays_total", "Files that answered no request", station.links.stray_files);
   const hal::ScannerPort::Deleted deleted = ports.scanner.deleted();
   text.counter("slabd_scan_strays_deleted_total", "Stray scans deleted again because stray/ was full", deleted.files);
@@ -136,7 +136,7 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
              ports.scanner.hangs() ? 1 : 0);
   text.gauge("slabd_store_ok", "1: the database can be written", view.store_ok ? 1 : 0);
   text.gauge("slabd_database_bytes", "Size of the database's file", file_bytes(figures.db_path));
-  text.gauge("slabd_database_log_bytes", "Size of its write-ahead log; a reader that never ends lets it grow",
+  text.gauge("slabd_database_log_bytes", "Size of its write-ahead log; it grows while a reader stays open",
              file_bytes(figures.db_path + "-wal"));
   const storage::ChainHead head = ports.store == nullptr ? storage::ChainHead{} : storage::chain_head(*ports.store);
   text.gauge("slabd_chain_entries", "Length of the chain of results", static_cast<double>(head.entries));
@@ -146,7 +146,7 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   text.counter("slabd_blocks_measured_total", "Blocks measured", figures.blocks_measured);
   text.gauge("slabd_block_last_seconds", "The last block, read to verdict", figures.block_last_ms / 1e3);
   text.gauge("slabd_block_max_seconds", "The longest block since the last reset", figures.block_max_ms / 1e3);
-  text.counter("slabd_log_lines_lost_total", "Lines that neither the journal nor stderr took", log_lines_lost());
+  text.counter("slabd_log_lines_lost_total", "Lines that neither the journal nor stderr accepted", log_lines_lost());
   text.gauge("slabd_memory_bytes", "Resident memory", 1024.0 * static_cast<double>(memory_kb("VmRSS")));
   text.gauge("slabd_memory_max_bytes", "The most there ever was", 1024.0 * static_cast<double>(memory_kb("VmHWM")));
   text.gauge("slabd_memory_locked_bytes", "Cannot be swapped out; all of it with --seal",

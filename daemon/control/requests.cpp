@@ -92,11 +92,10 @@ Json shot_json(const CaptureShot& shot) {
   warn_of_frame(shot.last, list);
   if (shot.pose_age_us > kPoseAgeUsMax || shot.pose_age_us < -kPoseAgeUsMax) {
     char text[200];
-    std::snprintf(
-        text, sizeof text,
-        "the robot's poses say they are %.1f s old: its clock is wrong, or they come late and the pose may be "
-        "one of before",
-        static_cast<double>(shot.pose_age_us) / 1e6);
+    std::snprintf(text, sizeof text,
+                  "the robot's poses are %.1f s old by their time stamps: its clock is wrong, or they arrive late and "
+                  "the pose may be outdated",
+                  static_cast<double>(shot.pose_age_us) / 1e6);
     list.push_back(text);
   }
   j["warnings"] = list;
@@ -169,7 +168,7 @@ Result<CaptureRequest> parse_capture(std::string_view line, std::uint32_t uid) {
   if (made.action == What::release && !take_text(request, "scan", made.scan))
     return error(Code::config, "\"scan\" must be the path of a view's scan");
   if (made.action != What::begin) return made;
-  if (uid == hal::ControlPort::kUidUnknown) return error(Code::config, "who asks is not known");
+  if (uid == hal::ControlPort::kUidUnknown) return error(Code::config, "the user of this request is unknown");
   if (!take_text(request, "operator", made.operator_name))
     return error(Code::config, "\"operator\" must be a text of 1..%zu bytes", made.operator_name.capacity());
   const auto lease = request.find("lease_s");

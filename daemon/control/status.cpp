@@ -358,7 +358,7 @@ std::string answer_control(std::string_view line, const Station& station, const 
     const auto verb = request.find("verb");
     if (verb == request.end() || !verb->is_string()) return refusal("the key \"verb\" is missing or not a string");
     if (*verb == "status") return status_json(station, ports, figures);
-    if (figures.opening && *verb != "metrics") return refusal("the database is being opened; ask again");
+    if (figures.opening && *verb != "metrics") return refusal("the database is being opened; repeat the request");
     if (*verb == "calibration") return calibration_json(station, changer);
     if (*verb == "plc_image") return plc_image_json(station, ports.plc, figures);
     if (*verb == "metrics") {
@@ -379,8 +379,7 @@ std::string answer_control(std::string_view line, const Station& station, const 
     }
     if (*verb == "recipes") {
       if (ports.recipes == nullptr)
-        return refusal(
-            "slabd stands in a fault of its configuration or its database: its recipes are read at a restart");
+        return refusal("slabd is in a fault of its configuration or its database: its recipes are read at a restart");
       if (request.value("reload", false)) {
         if (station.slab.phase != SlabPhase::none)
           return refusal(

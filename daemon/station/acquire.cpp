@@ -79,8 +79,8 @@ void clear_scanner(Station& s, int slot, Actions& actions) {
   request.spool_path.append("-unseen");
   ask_scanner(s, s.acquisition.exposure, slot, request, actions);
   log(actions, LogLine::Level::info, Code::ok,
-      "station %u: a scan was requested before, and its points were not seen; one scan more is taken first and thrown "
-      "away, so that the old one cannot be given for this block",
+      "station %u: a scan was requested before, and its points were not received; one more scan is taken first and "
+      "discarded, so that the old one cannot be delivered for this block",
       s.acquisition.station);
 }
 
@@ -100,12 +100,12 @@ void try_to_trigger(Station& s, Actions& actions) {
     if (settling_ns <= s.settings.settle_timeout_ns && time_for_another(s)) return;
     if (code == Code::outside_window)
       log(actions, LogLine::Level::warning, code,
-          "station %u: its centre lies %.0f mm off the scanner's axis, allowed %.0f mm", a.station, off_axis_mm,
+          "station %u: its centre is %.0f mm off the scanner's axis, allowed %.0f mm", a.station, off_axis_mm,
           s.settings.pose.look_mm);
     if (code == Code::not_settled && s.gate.lacks_stopped())
       log(actions, LogLine::Level::warning, code,
-          "station %u: the robot does not say \"stopped\" (flags, bit 1), as it did before: who sets it once sets it "
-          "at every station; it is forgotten when no pose has come for a second",
+          "station %u: the robot set the stopped flag (bit 1) at an earlier station and does not set it now; slabd "
+          "requires it until no pose arrives for 1 s",
           a.station);
     fail_acquisition(s, code, actions);
     return;
@@ -116,8 +116,8 @@ void try_to_trigger(Station& s, Actions& actions) {
   }
   if (!time_for_another(s)) {
     log(actions, LogLine::Level::warning, Code::trigger_timeout,
-        "station %u: the scan that was thrown away took %.1f s, too long for another one while the PLC waits; the next "
-        "SCAN asks for its own at once",
+        "station %u: the discarded scan took %.1f s, too long for another one while the PLC waits; the next SCAN "
+        "requests its own at once",
         a.station, static_cast<double>(a.cleared_in_ns) / 1e9);
     fail_acquisition(s, Code::trigger_timeout, actions);
     return;
@@ -471,9 +471,9 @@ void fail_acquisition(Station& s, Code code, Actions& actions) {
   record.phase = StationPhase::failed;
   record.code = static_cast<std::uint16_t>(code);
   set_failed(s, a.cmd_seq, code);
-  log(actions, LogLine::Level::warning, code, "station %u: scan %u came to nothing: %.*s; %.*s", a.station,
-      a.attempt.number, static_cast<int>(describe(code).size()), describe(code).data(),
-      static_cast<int>(cure(code).size()), cure(code).data());
+  log(actions, LogLine::Level::warning, code, "station %u: scan %u failed: %.*s; %.*s", a.station, a.attempt.number,
+      static_cast<int>(describe(code).size()), describe(code).data(), static_cast<int>(cure(code).size()),
+      cure(code).data());
   PendingStore pending;
   pending.kind = PendingStore::Kind::failed_attempt;
   pending.station = a.station;
@@ -526,7 +526,7 @@ void remeasure(Station& s, Actions& actions) {
     if (const std::int64_t since_ns = std::exchange(record.measuring_since_ns, 0);
         since_ns != 0 && since_ns <= s.now_ns) {
       log(actions, LogLine::Level::error, Code::deadline,
-          "station %u: slabd ended while it measured this scan, which is not measured again by itself: scan the "
+          "station %u: slabd ended while it measured this scan, which is not measured again automatically: scan the "
           "station again, or look at %s with `slabctl inspect`",
           station, record.attempt.scan_path.c_str());
       expect_result(s, station, kNoSlot);

@@ -73,7 +73,7 @@ void start_calibration(Station& s, const LineCalibration& stored, Actions& actio
 void recover_slab_calibration(Station& s, const RecoveredLine& line, Actions& actions) {
   s.slab.calibration = line.slab_calibration;
   if (!line.slab_calibration.scanner.trouble.empty())
-    log(actions, LogLine::Level::error, Code::ok, "the open slab goes on with the recipe's scanner alone: %s",
+    log(actions, LogLine::Level::error, Code::ok, "the open slab continues with the recipe's scanner alone: %s",
         line.slab_calibration.scanner.trouble.c_str());
   // The open slab began with the values in its header, whatever the present configuration.
   commission(line.slab.calibration_id, line.slab.T_flange_scanner, s.slab.calibration);
@@ -154,8 +154,8 @@ Splice splice_now(const Station& s, std::uint8_t station, const Pose& T_base_fla
   if (is_uncorrected(splice.source) && !s.slab.calibration.tables.empty()) {
     if (splice.source == SpliceSource::outside_gate) {
       log(actions, LogLine::Level::warning, Code::ok,
-          "station %u is not corrected: the robot stands %.3f mm and %.4f deg from where it stood when the station was "
-          "mastered, allowed are %.3f mm and %.4f deg; U rests on its absolute accuracy",
+          "station %u is not corrected: the robot is %.3f mm and %.4f deg from its pose when the station was mastered, "
+          "allowed are %.3f mm and %.4f deg; U rests on its absolute accuracy",
           station, splice.off_mm, deg_from_rad(splice.off_rad), s.settings.splice.gate_mm,
           deg_from_rad(s.settings.splice.gate_rad));
     } else {

@@ -31,8 +31,7 @@ constexpr std::int64_t kHangTimeout_ns = 20 * kNsPerS;
 
 /// Text for a view that was discarded.
 constexpr std::string_view kUnseenView =
-    "a scan was requested before and not seen, and this one may be that; it was thrown away: take "
-    "the view again";
+    "a scan was requested before and not received, and this one may be that; it was discarded: take the view again";
 
 bool is_text(std::string_view text) {
   return !text.empty() && std::all_of(text.begin(), text.end(), [](char c) {
@@ -113,11 +112,10 @@ void begin(Station& s, const CaptureRequest& request, Actions& actions) {
       return;
     }
     if (!request.take_over) {
-      c.refusal =
-          error(Code::busy,
-                "\"%s\" of %s is open for another %lld s unless it goes on; end it, wait, or give slabctl calibrate "
-                "capture --live also --take-over",
-                c.session.c_str(), c.operator_name.c_str(), std::max(left_s, 0LL));
+      c.refusal = error(Code::busy,
+                        "\"%s\" of %s stays open for another %lld s if it does not continue; end it, wait, or give "
+                        "slabctl calibrate capture --live also --take-over",
+                        c.session.c_str(), c.operator_name.c_str(), std::max(left_s, 0LL));
       return;
     }
     close(s, actions, "another one takes over");
@@ -156,7 +154,7 @@ void refuse_shot(Station& s, Code code, std::string_view why, Actions& actions) 
   c.shot.text = why;
   c.phase = Capture::Phase::ready;
   renew(s);
-  log(actions, LogLine::Level::warning, code, "view %u came to nothing: %s", c.shot.number, c.shot.text.c_str());
+  log(actions, LogLine::Level::warning, code, "view %u failed: %s", c.shot.number, c.shot.text.c_str());
   if (c.ending) close(s, actions, "ended");
 }
 
@@ -172,7 +170,7 @@ Error why_not_still(const Station& s) {
   const bool by_motion = last.by == StillWatch::Break::moved;
   const FixedString<240> what = s.still.describe(by_motion ? StillWatch::Broken{} : last);
   return error(last.by == StillWatch::Break::wrong_frame ? Code::wrong_frame : Code::not_settled,
-               "the robot does not stand still: %s; it stood for %.1f s of %.1f s", what.c_str(), stood_s,
+               "the robot is not at rest: %s; it was at rest for %.1f s of %.1f s", what.c_str(), stood_s,
                static_cast<double>(s.settings.capture.stable_ns) / 1e9);
 }
 
@@ -280,7 +278,7 @@ void check_stillness(Station& s, Actions& actions) {
   if (s.still.newest().arrival_ns <= c.exposure.taken_ns) {
     if (s.now_ns - c.exposure.taken_ns < kCheckTimeout_ns) return;
     emit(actions, DropScan{c.shot.scan_path});
-    refuse_shot(s, error(Code::pose_stale, "no pose came after the scan; check the robot bridge and its network"),
+    refuse_shot(s, error(Code::pose_stale, "no pose arrived after the scan; check the robot bridge and its network"),
                 actions);
     return;
   }
@@ -295,7 +293,7 @@ void check_stillness(Station& s, Actions& actions) {
   shot.done = true;
   c.phase = Capture::Phase::ready;
   renew(s);
-  log(actions, LogLine::Level::info, Code::ok, "view %u: %zu points, the flange stood within %.4f mm and %.5f deg",
+  log(actions, LogLine::Level::info, Code::ok, "view %u: %zu points, the flange stayed within %.4f mm and %.5f deg",
       shot.number, shot.shape.finite, shot.spread_mm, deg_from_rad(shot.spread_rad));
 }
 
@@ -337,7 +335,7 @@ void on_capture_request(Station& s, const CaptureRequest& request, Actions& acti
     if (is_view(s, request.scan.view()))
       emit(actions, DropScan{request.scan});
     else
-      c.refusal = error(Code::config, "%.150s does not lie in %.100s", request.scan.c_str(), capture_folder(s).c_str());
+      c.refusal = error(Code::config, "%.150s is not in %.100s", request.scan.c_str(), capture_folder(s).c_str());
   }
   const bool ours = in_maintenance(s) && !c.ending && c.session == request.session;
   if (!ours) {
@@ -368,7 +366,7 @@ void on_capture_request(Station& s, const CaptureRequest& request, Actions& acti
 void advance_capture(Station& s, Actions& actions) {
   switch (s.capture.phase) {
     case Capture::Phase::ready:
-      if (s.now_ns >= s.capture.lease_until_ns) close(s, actions, "no further step came, its lease is over");
+      if (s.now_ns >= s.capture.lease_until_ns) close(s, actions, "no further step arrived, its lease has expired");
       break;
     case Capture::Phase::settling: try_to_ask_scanner(s, actions); break;
     case Capture::Phase::checking: check_stillness(s, actions); break;

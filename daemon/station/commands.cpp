@@ -219,7 +219,7 @@ void beat(Station& s, const PlcInputs& before, const PlcInputs& in, Actions& act
   s.plc.changed_ns = s.now_ns;
   if (s.plc.alive) return;
   s.plc.alive = true;
-  if (s.plc.was_lost) bump_session(s, actions, "the PLC heartbeat came back");
+  if (s.plc.was_lost) bump_session(s, actions, "the PLC heartbeat returned");
 }
 
 }  // namespace
@@ -262,7 +262,7 @@ void watch_heartbeat(Station& s, Actions& actions) {
   s.plc.alive = false;
   s.plc.was_lost = true;
   log(actions, LogLine::Level::warning, Code::not_enabled,
-      "PLC heartbeat lost; the scan in hand is finished, nothing new is accepted");
+      "PLC heartbeat lost; the current scan is completed, new commands are refused");
 }
 
 void on_plc(Station& s, const PlcInputs& in, Actions& actions) {
@@ -270,7 +270,7 @@ void on_plc(Station& s, const PlcInputs& in, Actions& actions) {
   s.plc.inputs = in;
   if (!s.recovered) return;
   beat(s, before, in, actions);
-  if (in.sync_req != before.sync_req) bump_session(s, actions, "the PLC asked for synchronisation");
+  if (in.sync_req != before.sync_req) bump_session(s, actions, "the PLC requested synchronisation");
   if (in.fault_reset && !before.fault_reset && s.fault != 0) {
     log(actions, LogLine::Level::info, Code::ok, "fault %u reset by the PLC", s.fault);
     s.fault = 0;

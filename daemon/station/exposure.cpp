@@ -49,7 +49,7 @@ bool give_up_when_worker_hangs(Station& s, Exposure& e, std::int64_t since_ns, s
   s.abandoned = {true, e.slot_taken, e.slot};
   e.slot_taken = false;
   emit(actions, CancelScan{});
-  log(actions, LogLine::Level::error, code_of_hang(s), "%s; nothing more is requested from it until it is back",
+  log(actions, LogLine::Level::error, code_of_hang(s), "%s; no further scan is requested until it responds again",
       why_it_hangs(s));
   return true;
 }
@@ -60,7 +60,7 @@ Code code_of_hang(const Station& s) {
 const char* why_it_hangs(const Station& s) {
   return s.links.spool_hangs
              ? "the scanner's worker hangs while it stores a scan: look at the disk of the spool"
-             : "the scanner's worker hangs, most likely in a network share or on the way from there to the spool";
+             : "the scanner's worker hangs, most likely in a network share or while it copies from there to the spool";
 }
 
 // ---- points that were received before ----
@@ -128,7 +128,7 @@ static void on_abandoned(Station& s, const ScanDone& done, Actions& actions) {
   if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
   if (s.abandoned.slot_taken) s.slot_busy[s.abandoned.slot] = false;
   s.abandoned = {};
-  log(actions, LogLine::Level::info, Code::ok, "the scanner's worker is back; the scan that was given up is dropped");
+  log(actions, LogLine::Level::info, Code::ok, "the scanner's worker responds again; the abandoned scan is discarded");
 }
 
 /// A scan that no exposure awaits: only its points are remembered.

@@ -105,7 +105,7 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
     const bool same = recipe != nullptr && recipe->sha256 == line.slab.recipe_sha256;
     s.slab.recipe = same ? recipe : nullptr;
     if (same) {
-      log(actions, LogLine::Level::info, Code::ok, "slab %u \"%s\" is still open; the line can go on with it",
+      log(actions, LogLine::Level::info, Code::ok, "slab %u \"%s\" is still open; the line can continue it",
           line.slab.slab_no, line.slab.slab_id.c_str());
     } else {
       log(actions, LogLine::Level::error, Code::unknown_type,

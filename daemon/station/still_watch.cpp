@@ -150,15 +150,15 @@ FixedString<240> StillWatch::describe(const Broken& broken) const {
     case Break::moved: text.printf("it %s", moved_text(broken.range, guard_).c_str()); break;
     case Break::gap:
       text.printf(
-          "poses were lost or came twice: number %d was followed by %d, and their times must be at most %lld ms "
+          "poses were lost or arrived twice: number %d was followed by %d, and their times must be at most %lld ms "
           "apart",
           broken.gap_from, broken.gap_to, static_cast<long long>(settings_.gap_us / 1000));
       break;
     case Break::clock:
       text.printf("poses arrive late: the sender's clock and their arrival differ by more and more");
       break;
-    case Break::estop: text.printf("the robot says emergency stop"); break;
-    case Break::not_stopped: text.printf("the robot says that it is not stopped"); break;
+    case Break::estop: text.printf("the robot reports an emergency stop"); break;
+    case Break::not_stopped: text.printf("the robot reports that it is not stopped"); break;
     case Break::wrong_frame:
       text.printf("base %d and tool %d are active, the flange in the robot root are base %d and tool %d",
                   broken.base_id, broken.tool_id, settings_.base_id, settings_.tool_id);

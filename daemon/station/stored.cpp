@@ -18,7 +18,7 @@ bool present(Station& s, const PlcResult& record, Actions& actions) {
   if (record.res_seq != s.plc.inputs.res_ack) return true;
   s.results.ack_before = record.res_seq;
   log(actions, LogLine::Level::warning, Code::bad_sequence,
-      "RES_ACK stood at %u before record %u was shown: the record waits until RES_ACK has been another number; the PLC "
+      "RES_ACK was %u before record %u was shown: the record waits until RES_ACK has had another value; the PLC "
       "must copy RES_SEQ, not count",
       record.res_seq, record.res_seq);
   return true;

@@ -181,7 +181,7 @@ class Voice {
     (void)reports_.permits(heard_ns_);
   }
   void heard(const std::string& sender, bool is_new) {
-    if (silent_ || is_new) say("packets come from {}", sender);
+    if (silent_ || is_new) say("packets arrive from {}", sender);
     silent_ = false;
     heard_ns_ = steady_ns();
   }

@@ -305,7 +305,7 @@ class Client final : public PlcPort {
     }
     if (closed_behind_ >= kHabit && settings_.keep_connection)
       habit_ =
-          "the PLC closes the connection behind each answer: plc.keep_connection = false makes one for each request";
+          "the PLC closes the connection after each answer: plc.keep_connection = false opens one for each request";
     const char* doing = step == ClientStep::connect ? "connecting" : step == ClientStep::read ? "reading" : "writing";
     const Cure cure = cure_of(step, error_number);
     Trouble text;
@@ -331,7 +331,7 @@ class Client final : public PlcPort {
       cure.printf("; the PLC does not serve FC %d: enable it in the PLC, or use another role (docs/PLC.md)",
                   asked_.function);
     } else if (error_number == EMBXILVAL && asked_.registers > kFewRegisters) {
-      cure.printf("; are %d registers too many for one request? plc.registers_max = %s, as its manual says",
+      cure.printf("; are %d registers too many for one request? plc.registers_max = %s, see its manual",
                   asked_.registers, asked_.registers > kManyRegisters ? "100 or 48" : "48");
     } else if (error_number == EMBXILVAL) {
       cure.printf("; FC %d with %d registers is refused: see its manual for the largest request (plc.registers_max)",

@@ -68,12 +68,12 @@ FixedString<160> fault_of_answers(const PlcSettings& settings) {
   const std::optional<Answer> second = ask(fd.get(), settings, kSecond);
   const auto timeout = std::chrono::nanoseconds(settings.timeout_ns);
   if (second && second->transaction == kFirst) {
-    fault = "its answers have the transaction number of the question before";
+    fault = "its answers have the transaction number of the request before";
   } else if (first->transaction != kFirst) {
-    fault.printf("its answers have transaction number %u, not that of the question", first->transaction);
+    fault.printf("its answers have transaction number %u, not that of the request", first->transaction);
   } else if (first->after > timeout && (!second || second->after > timeout)) {
-    fault.printf("its answers come after %lld ms: plc.timeout_ms is %lld", static_cast<long long>(first->after.count()),
-                 static_cast<long long>(settings.timeout_ns / kNsPerMs));
+    fault.printf("its answers arrive after %lld ms: plc.timeout_ms is %lld",
+                 static_cast<long long>(first->after.count()), static_cast<long long>(settings.timeout_ns / kNsPerMs));
   }
   return fault;
 }

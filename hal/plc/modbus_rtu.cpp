@@ -167,7 +167,7 @@ class RtuSlave final : public PlcPort {
     const ssize_t n = read(fd_.get(), piece.data(), piece.size());
     if (n < 0 && (errno == EAGAIN || errno == EINTR)) return false;
     if (n <= 0) {
-      lose_line(n == 0 ? "the line has gone" : errno_text(errno));
+      lose_line(n == 0 ? "the line was removed" : errno_text(errno));
       return false;
     }
     const auto count = static_cast<std::size_t>(n);

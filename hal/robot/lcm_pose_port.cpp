@@ -131,7 +131,7 @@ class LcmPosePort final : public PosePort {
   const char* why_not(std::uint32_t source) {
     if (!is_trusted(source)) {
       stranger_seen_ = true;
-      return "interface is this computer's own, and the pose comes";
+      return "interface belongs to this computer, and the pose arrives";
     }
     return may_publish(source) ? nullptr : "a pose that is not of [pose] senders, but";
   }

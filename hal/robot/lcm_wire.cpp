@@ -169,7 +169,7 @@ OtherTypeText bridge_word_on(std::span<const std::byte> datagram, std::string_vi
     const char c = static_cast<char>(payload[i]);
     word[i] = (c >= 0 && c < ' ') || c == '\x7f' ? '?' : c;
   }
-  text.printf("the bridge says: %s;", word.data());
+  text.printf("the bridge reports: %s;", word.data());
   return text;
 }
 

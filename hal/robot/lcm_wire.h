@@ -41,7 +41,7 @@ using OtherTypeText = FixedString<192>;
 /// Suffix of the channel of a bridge's messages about why it has no poses; it follows the pose channel's name. The
 /// payload is the text.
 inline constexpr std::string_view kBridgeWordSuffix = "_WORD";
-/// "the bridge says: no packets ..."; empty for a datagram of any other channel. Non-printable characters (except
+/// "the bridge reports: no packets ..."; empty for a datagram of any other channel. Non-printable characters (except
 /// UTF-8) become question marks.
 [[nodiscard]] OtherTypeText bridge_word_on(std::span<const std::byte> datagram, std::string_view channel);
 

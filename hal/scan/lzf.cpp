@@ -29,7 +29,7 @@ Status LzfReader::decode_some() {
     if (control < 32) {
       const std::size_t length = control + 1;
       if (item.size() < 1 + length) return refuse("end within an item");
-      if (length > left_) return refuse("decode to more bytes than the file says");
+      if (length > left_) return refuse("decode to more bytes than the file declares");
       std::memcpy(&decoded_[end_], &item[1], length);
       in_.consume(1 + length);
       end_ += length;
@@ -42,7 +42,7 @@ Status LzfReader::decode_some() {
     const std::size_t length = (control >> 5U) + (is_long ? byte(1) : 0) + 2;
     const std::size_t distance = (control & 31U) * 256 + byte(item_bytes - 1) + 1;
     if (distance > end_) return refuse("refer to bytes before their beginning");
-    if (length > left_) return refuse("decode to more bytes than the file says");
+    if (length > left_) return refuse("decode to more bytes than the file declares");
     // Byte by byte, because the copy may overlap itself; runs are encoded that way.
     for (std::size_t i = 0; i < length; ++i, ++end_) decoded_[end_] = decoded_[end_ - distance];
     in_.consume(item_bytes);
@@ -56,7 +56,7 @@ Status LzfReader::read(void* to, std::size_t bytes) {
   while (bytes > 0) {
     if (begin_ == end_) {
       if (Status status = decode_some(); !status) return status;
-      if (begin_ == end_) return refuse("decode to fewer bytes than the file says");
+      if (begin_ == end_) return refuse("decode to fewer bytes than the file declares");
     }
     const std::size_t part = std::min(bytes, end_ - begin_);
     std::memcpy(out, &decoded_[begin_], part);
@@ -71,7 +71,7 @@ Status LzfReader::skip(std::uint64_t bytes) {
   while (bytes > 0) {
     if (begin_ == end_) {
       if (Status status = decode_some(); !status) return status;
-      if (begin_ == end_) return refuse("decode to fewer bytes than the file says");
+      if (begin_ == end_) return refuse("decode to fewer bytes than the file declares");
     }
     const std::size_t part = std::min<std::uint64_t>(bytes, end_ - begin_);
     begin_ += part;
@@ -85,7 +85,7 @@ Status LzfReader::finish() {
     if (begin_ != end_) return refuse("decode to more bytes than the points need");
     if (Status status = decode_some(); !status) return status;
   }
-  return left_ == 0 ? success() : refuse("decode to fewer bytes than the file says");
+  return left_ == 0 ? success() : refuse("decode to fewer bytes than the file declares");
 }
 
 // Greedy: tries only the last position of every hash of three bytes.

@@ -310,7 +310,7 @@ class PlyBody {
     }
     for (std::string_view line; lines.next(line);)
       if (!trimmed(line).empty())
-        return lines.refuse("\"%s\": the file goes on after its last element", shown(line).c_str());
+        return lines.refuse("\"%s\": the file continues after its last element", shown(line).c_str());
     return lines.status();
   }
 

@@ -69,7 +69,7 @@ template <typename Layout>
 [[nodiscard]] Status check_size(ScanWindow& window, const Layout& layout) {
   const std::uint64_t file_bytes = window.file_bytes();
   if (file_bytes < layout.bytes_min)
-    return error(Code::frame_incomplete, "%s: byte %llu: the file ends here, its header asks for %s%llu bytes",
+    return error(Code::frame_incomplete, "%s: byte %llu: the file ends here, its header requires %s%llu bytes",
                  window.name(), static_cast<unsigned long long>(file_bytes), layout.bytes_exact ? "" : "at least ",
                  static_cast<unsigned long long>(layout.bytes_min));
   return layout.bytes_exact ? end_data_at(window, layout.header_bytes, layout.bytes_min) : success();

@@ -245,7 +245,8 @@ class ScanDrop final : public ScannerPort {
       lock_said_ = true;
       ScannerText line;
       line.printf(
-          "%.120s cannot be locked (%.100s): make sure that no other slabd uses this folder, for nothing will notice",
+          "%.120s cannot be locked (%.100s): make sure that no other slabd uses this folder, because slabd cannot "
+          "detect it",
           settings_.drop_dir.c_str(), folders_.lock_text().c_str());
       notes_.add(line);
     }
@@ -277,12 +278,14 @@ class ScanDrop final : public ScannerPort {
         // Retried with the next file.
         line.printf("stray/%.120s cannot be deleted: %s", one.name.c_str(), errno_text(one.error_number));
       } else if (one.held > limits.bytes) {
-        line.printf("stray/%.120s (%llu bytes) was deleted: stray/ held %llu bytes, allowed are %llu, it came first",
-                    one.name.c_str(), static_cast<unsigned long long>(one.bytes),
-                    static_cast<unsigned long long>(one.held), static_cast<unsigned long long>(limits.bytes));
+        line.printf(
+            "stray/%.120s (%llu bytes) was deleted: stray/ held %llu bytes, allowed are %llu, it was the oldest",
+            one.name.c_str(), static_cast<unsigned long long>(one.bytes), static_cast<unsigned long long>(one.held),
+            static_cast<unsigned long long>(limits.bytes));
       } else {
-        line.printf("stray/%.120s (%llu bytes) was deleted: stray/ held more than %zu files and folders, it came first",
-                    one.name.c_str(), static_cast<unsigned long long>(one.bytes), limits.entries);
+        line.printf(
+            "stray/%.120s (%llu bytes) was deleted: stray/ held more than %zu files and folders, it was the oldest",
+            one.name.c_str(), static_cast<unsigned long long>(one.bytes), limits.entries);
       }
       notes_.add(line);
       if (!one.deleted) continue;
@@ -375,7 +378,7 @@ class ScanDrop final : public ScannerPort {
     if (Status status = look(stem, entries); !status) return status;
     for (const InboxEntry& entry : entries)
       if (settings_.any_name || stem_of(entry.name.view()) == stem)
-        return error(Code::frame_incomplete, "%s/inbox/%.120s lies there before the scan was asked for",
+        return error(Code::frame_incomplete, "%s/inbox/%.120s exists before the scan was requested",
                      settings_.drop_dir.c_str(), entry.name.c_str());
     return success();
   }
@@ -405,8 +408,8 @@ class ScanDrop final : public ScannerPort {
       if (cancel) return error(Code::interrupted, "the scan was cancelled");
       if (clock_.mono_ns() >= deadline_ns)
         return error(Code::trigger_timeout,
-                     "an earlier request was given up, and its answer may still come; without names it could not be "
-                     "told from this one's");
+                     "an earlier request was cancelled, and its answer may still arrive; without names it cannot be "
+                     "distinguished from this one's");
       if (answer_may_come_until_ns_ != 0) pause();
     }
     folders_.forget_unanswered();

@@ -70,7 +70,7 @@ Result<ScanShape> read_points_fd(int fd, const char* name, const ScanForm& form,
   if (!family) return unknown_format(name, extension);
   const off_t bytes = size_of(fd);
   if (bytes < 0) return error(Code::frame_incomplete, "%s: %s", name, errno_text(errno));
-  if (bytes == 0) return error(Code::frame_incomplete, "%s: 0 bytes, nothing was written", name);
+  if (bytes == 0) return error(Code::frame_incomplete, "%s: 0 bytes, the file is empty", name);
   ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
   if (!window.have(4) && window.broken()) return window.failure();
   if (is_utf16(window.view().substr(0, 4)))

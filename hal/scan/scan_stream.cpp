@@ -90,7 +90,7 @@ Result<ScanStreamHeader> decode_scan_header(std::span<const std::byte, kScanHead
     return error(Code::frame_incomplete, "scan header: version %u, known is %u", unsigned{version},
                  unsigned{kScanStreamVersion});
   if (const auto size = get<std::uint16_t>(bytes, kAtHeaderBytes); size != kScanHeaderBytes)
-    return error(Code::frame_incomplete, "scan header: says that it has %u bytes, allowed are %zu", unsigned{size},
+    return error(Code::frame_incomplete, "scan header: declares %u bytes, allowed are %zu", unsigned{size},
                  kScanHeaderBytes);
   const auto crc = get<std::uint32_t>(bytes, kAtHeaderCrc);
   if (const std::uint32_t found = crc32c(bytes.first<kAtHeaderCrc>()); crc != found)
@@ -176,7 +176,7 @@ Status ScanStreamDecoder::take_header() {
   if (!decoded) return decoded.error();
   const ScanStreamHeader& header = decoded.value();
   if (header.session != session_ || header.cmd_seq != cmd_seq_)
-    return error(Code::frame_incomplete, "the scan answers request %u-%u, asked for is %u-%u", unsigned{header.session},
+    return error(Code::frame_incomplete, "the scan answers request %u-%u, expected is %u-%u", unsigned{header.session},
                  unsigned{header.cmd_seq}, unsigned{session_}, unsigned{cmd_seq_});
   if (header.count > xyz_.size() / 3)
     return error(Code::frame_incomplete, "the scan has %u points, allowed are %zu", header.count, xyz_.size() / 3);
@@ -185,8 +185,8 @@ Status ScanStreamDecoder::take_header() {
     // 0.
     if (!has_header_ || !header.same_scan(header_)) forget_points();
     if (header.first != points_)
-      return error(Code::frame_incomplete, "the scan goes on at point %u, but %zu of this scan are here", header.first,
-                   points_);
+      return error(Code::frame_incomplete, "the scan continues at point %u, but %zu of its points were received",
+                   header.first, points_);
   } else {
     forget_points();
     ++starts_;
@@ -222,7 +222,7 @@ Status ScanStreamDecoder::finish() {
   in_points_ = false;
   if (found != header_.points_crc) {
     forget_points();
-    return error(Code::frame_incomplete, "the points have CRC-32C 0x%08X, the header says 0x%08X", found,
+    return error(Code::frame_incomplete, "the points have CRC-32C 0x%08X, the header has 0x%08X", found,
                  header_.points_crc);
   }
   complete_ = true;

@@ -85,7 +85,7 @@ class StreamPort final : public ScanStreamPort {
     const ssize_t n = recv(sender_.get(), unasked.data(), unasked.size(), MSG_DONTWAIT);
     if (n > 0) {
       ++strays_;
-      turn_away(error(Code::frame_incomplete, "data that was not requested (a scan that came too late?)"), 0, 0);
+      turn_away(error(Code::frame_incomplete, "data that was not requested (a late scan?)"), 0, 0);
     } else if (n == 0 || (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) {
       lost("the gateway has closed the connection");
     }
@@ -196,7 +196,7 @@ class StreamPort final : public ScanStreamPort {
       if (sender_.is_open() && from_.sin_addr.s_addr != from.sin_addr.s_addr) {
         const Error why = error(Code::busy, "another gateway is connected: %s", text_of(from_).c_str());
         static_cast<void>(send_line(fd.get(), scan_answer_json(0, 0, &why, 0).view()));
-        note_refused(from, "came while another gateway was connected");
+        note_refused(from, "connected while another gateway was connected");
         continue;
       }
       prepare_sender(fd.get());
@@ -239,7 +239,7 @@ class StreamPort final : public ScanStreamPort {
       if (n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR)) break;
     }
     ScannerText text;
-    text.printf("the gateway was turned away: %s", why.text.c_str());
+    text.printf("the gateway was rejected: %s", why.text.c_str());
     lost(text.c_str());
   }
 
@@ -347,7 +347,7 @@ class StreamPort final : public ScanStreamPort {
     if (job.last) return *job.last;
     const double waited_s = ms_from_ns(job.request.timeout_ns) / 1e3;
     if (job.decoder.has_header())
-      return error(Code::frame_incomplete, "%zu of %u points came within %.1f s", job.decoder.points(),
+      return error(Code::frame_incomplete, "%zu of %u points arrived within %.1f s", job.decoder.points(),
                    job.decoder.header().count, waited_s);
     if (!sender_.is_open())
       return error(Code::scanner_offline, "no gateway is connected to %s:%u", settings_.host.c_str(),

@@ -362,8 +362,8 @@ bool unit_name_agrees(std::string_view word, LengthUnit configured) {
 }
 
 Error unit_contradicted(const char* file, std::size_t line, std::string_view found, LengthUnit configured) {
-  return error(Code::frame_incomplete, "%s: line %zu: the file says unit \"%s\", but \"%s\" is configured (%s)", file,
-               line, shown(found).c_str(), name(configured), "[scanner] unit, or --unit; known: mm, m, um");
+  return error(Code::frame_incomplete, "%s: line %zu: the file declares unit \"%s\", but \"%s\" is configured (%s)",
+               file, line, shown(found).c_str(), name(configured), "[scanner] unit, or --unit; known: mm, m, um");
 }
 
 }  // namespace slabd::hal

@@ -144,7 +144,7 @@ template <typename Real>  // float or double
 /// The same for the bare name of a unit, as in a column headed "x [mm]"; an unknown name agrees with any unit.
 [[nodiscard]] bool unit_name_agrees(std::string_view word, LengthUnit configured);
 
-/// "file: line n: the file says unit "found", but it is to be read in mm ..."
+/// "file: line n: the file declares unit "found", but it is to be read in mm ..."
 [[nodiscard]] Error unit_contradicted(const char* file, std::size_t line, std::string_view found,
                                       LengthUnit configured);
 

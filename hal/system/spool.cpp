@@ -19,8 +19,8 @@ Error spool_error(const PathText& path, const char* what, int error_number) {
   if (error_number == EEXIST)
     return error(
         Code::journal_write,
-        "%s: a scan lies there already, and none is overwritten: was an older database put in place of the "
-        "line's (OPERATING.md, slabctl db restore)? Else slabd was ended while it stored this one: give SCAN again",
+        "%s: this scan exists already, and no scan is overwritten: did an older database replace the line's "
+        "(OPERATING.md, slabctl db restore)? Otherwise slabd was ended while it stored this one: give SCAN again",
         path.c_str());
   const bool full = error_number == ENOSPC || error_number == EDQUOT;
   return error(full ? Code::store_full : Code::journal_write, "%s: %s: %s", path.c_str(), what,
@@ -135,7 +135,7 @@ Status move_file(int fd, int from_folder, const char* name, const PathText& path
     const int why = errno;
     if (why == EXDEV) return copy_across(fd, from_folder, name, path);
     if (why == ENOENT && faccessat(from_folder, name, F_OK, AT_SYMLINK_NOFOLLOW) != 0)
-      return error(Code::frame_incomplete, "%s: was taken away while it was read", name);
+      return error(Code::frame_incomplete, "%s: was removed while it was read", name);
     return spool_error(path, "moving the scan", why);
   }
   if (is_same_file(fd, path)) return success();

@@ -72,7 +72,7 @@ Owner owner_of(Connection& db) {
   const std::string known = std::to_string(schema().version);
   if (version > schema().version)
     throw SqlFailure{SQLITE_SCHEMA, "it was written by a newer slabd (schema version " + std::to_string(version) +
-                                        ", this program knows up to " + known + ")"};
+                                        ", this program supports up to " + known + ")"};
   if (version < 1)
     throw SqlFailure{SQLITE_SCHEMA, "its schema version is " + std::to_string(version) + ", expected 1.." + known};
   return Owner::us;
@@ -132,9 +132,10 @@ void checkpoint_on_close(Connection& db, bool on) {
 }
 
 Error in_quarantine(const std::string& path, const std::string& folder, const char* why) {
-  return error(Code::journal_write,
-               "the database %s was damaged (%.100s) and lies in %s; put a backup in its place with slabctl db restore",
-               path.c_str(), why, folder.c_str());
+  return error(
+      Code::journal_write,
+      "the database %s was damaged (%.100s) and is now in %s; put a backup in its place with slabctl db restore",
+      path.c_str(), why, folder.c_str());
 }
 
 bool is_damage(const SqlFailure& failure) {
@@ -255,7 +256,7 @@ void wait_for_log(const std::string& path) {
   for (int waited_ms = 0; log_is_in_doubt(path); waited_ms += static_cast<int>(kLook_us / 1000)) {
     if (waited_ms >= kBusy_ms)
       throw SqlFailure{SQLITE_BUSY, std::string("its log may be spoilt by a power cut (") + kLogCopy +
-                                        " lies beside it); starting slabd mends that"};
+                                        " exists next to it); start slabd to recover it"};
     usleep(kLook_us);
   }
 }
@@ -411,7 +412,7 @@ constexpr std::array kQuestions = {
 std::string trouble_of_file(const std::string& path, const FileChecksum& checksum) {
   for (const char* side : {"-wal", "-journal"}) {
     if (file_bytes(path + side) == 0) continue;
-    if (checksum.present) return path + side + " lies beside it and would change it: a backup has no log";
+    if (checksum.present) return path + side + " exists next to it and would change it: a backup has no log";
     return {};  // its last pages may still be in the log
   }
   return checksum.trouble;

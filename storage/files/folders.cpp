@@ -68,7 +68,7 @@ Status check_writable(const std::string& path) {
   if (faccessat(AT_FDCWD, path.c_str(), W_OK | X_OK, AT_EACCESS) == 0) return success();
   // A service may be restricted to other paths than the user who looks for the cause.
   const char* hint =
-      errno == EROFS ? " (a service writes only where its unit says ReadWritePaths=; systemctl edit slabd)" : "";
+      errno == EROFS ? " (a service writes only to ReadWritePaths= of its unit; systemctl edit slabd)" : "";
   return error(Code::journal_write, "cannot write in %s: %s%s", path.c_str(), std::strerror(errno), hint);
 }
 
@@ -111,7 +111,7 @@ std::string in_real_folder(const std::string& path) {
 Result<std::uint64_t> free_bytes(const std::string& path) {
   struct statvfs disk {};
   if (statvfs(path.c_str(), &disk) != 0)
-    return error(Code::journal_write, "cannot ask for the free space of %s: %s", path.c_str(), std::strerror(errno));
+    return error(Code::journal_write, "cannot read the free space of %s: %s", path.c_str(), std::strerror(errno));
   return static_cast<std::uint64_t>(disk.f_bavail) * disk.f_frsize;
 }
 

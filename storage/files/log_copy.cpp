@@ -73,7 +73,7 @@ void RawFile::remove(const std::string& path) {
 
 std::int64_t RawFile::size() {
   sqlite3_int64 bytes = 0;
-  must(file_->pMethods->xFileSize(file_, &bytes), "ask for the size of");
+  must(file_->pMethods->xFileSize(file_, &bytes), "read the size of");
   return bytes;
 }
 

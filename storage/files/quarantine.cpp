@@ -62,7 +62,7 @@ Status write_note(const std::string& path, const std::string& folder, const std:
   if (!file.is_open()) return trouble("cannot open", path);
   const std::string text =
       std::string(kFirstLine) + folder + "\n" + why +
-      "\nThe database that was here lies in that folder, untouched. slabd begins "
+      "\nThe database that was here is now in that folder, unchanged. slabd begins "
       "no new history by itself.\nPut a backup here with `slabctl db restore`, or start again with "
       "`slabctl db restore --fresh`.\n";
   if (!write_all(file.get(), text.data(), text.size()) || fsync(file.get()) != 0) return trouble("cannot write", path);

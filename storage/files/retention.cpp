@@ -252,11 +252,10 @@ Status Spool::drop_orphans() {
                      std::strerror(errno));
   }
   if (unknown > 0 && status.ok())
-    status =
-        error(Code::journal_write,
-              "%s holds %d scans of attempts that this database does not know: was an older one put in place while "
-              "that slab was measured? They are kept",
-              folder.c_str(), unknown);
+    status = error(Code::journal_write,
+                   "%s holds %d scans of attempts that are not in this database: was it replaced by an older one while "
+                   "that slab was measured? They are kept",
+                   folder.c_str(), unknown);
   return status;
 }
 

@@ -50,7 +50,7 @@ TEST(Block, fails_the_flatness_only_whatever_the_height_of_a_step) {
   }
 }
 
-TEST(Block, does_not_let_a_part_of_the_seat_speak_for_the_whole) {
+TEST(Block, does_not_judge_the_seat_by_a_part_of_it) {
   // More than half of the evaluation region is off the plane of the rest, further than any face's gate.
   for (const double height : {5.0, -5.0}) {
     SCOPED_TRACE(height);
@@ -67,7 +67,7 @@ TEST(Block, fails_the_flatness_for_a_bolt_on_the_seat) {
 
 TEST(Block, fails_the_flatness_only_for_damage_however_narrow) {
   // One or two lines of the scan wide; the shapes of
-  // Denoise.keeps_what_hangs_together_over_a_length_however_steep_or_ragged and taller ones.
+  // Denoise.keeps_connected_points_over_a_length_however_steep_or_ragged and taller ones.
   struct Case {
     const char* what;
     double size_mm;
@@ -185,7 +185,7 @@ scene::Cloud raised(scene::Cloud cloud, const Rise& rise) {
   return cloud;
 }
 
-TEST(Block, does_not_let_a_part_of_a_jaw_speak_for_the_whole) {
+TEST(Block, does_not_judge_a_jaw_by_a_part_of_it) {
   // Mortar on a quarter of both jaws, or a quarter broken off: 5 mm off along the normal, beyond any face's gate, in
   // the section in which the distance is defined.
   for (const double up_mm : {15.0, -15.0}) {
@@ -201,7 +201,7 @@ TEST(Block, does_not_let_a_part_of_a_jaw_speak_for_the_whole) {
   }
 }
 
-TEST(Block, does_not_let_a_part_of_a_rim_speak_for_the_whole) {
+TEST(Block, does_not_judge_a_rim_by_a_part_of_it) {
   for (const double up_mm : {5.0, -5.0, 20.0}) {
     SCOPED_TRACE(up_mm);
     const BlockResult r = inspect(raised(good_scan(), [&](double x, double y, double) {
@@ -266,7 +266,7 @@ double slope_error_deg(const BlockResult& r) {
   return item(r, ItemId::seat_slope).value - deg_from_rad(std::atan(1.0 / 40.0));
 }
 
-TEST(Block, does_not_let_the_denser_half_of_the_seat_speak_for_the_whole) {
+TEST(Block, does_not_judge_the_seat_by_its_denser_half) {
   // The inner half sinks and returns only a fifth of its points. Five of six points are on the other half's plane.
   scene::Block block;
   for (const double depth_mm : {0.5, 0.8, 5.0}) {
@@ -311,7 +311,7 @@ TEST(Block, measures_a_bowed_seat_that_returns_evenly) {
   }
 }
 
-TEST(Block, says_by_how_much_a_bowed_seat_leans_towards_its_denser_half) {
+TEST(Block, states_by_how_much_a_bowed_seat_tilts_towards_its_denser_half) {
   scene::Block block;
   block.relief_mm = [](double x, double s) {
     return 0.75 * std::max(0.0, 1.0 - std::hypot(x / 80.0, s / 100.0) * std::hypot(x / 80.0, s / 100.0));
@@ -330,7 +330,7 @@ TEST(Block, says_by_how_much_a_bowed_seat_leans_towards_its_denser_half) {
   EXPECT_GT(largest, 0.03) << "as much as U without it";
 }
 
-TEST(Block, does_not_let_the_denser_part_of_a_jaw_speak_for_the_whole) {
+TEST(Block, does_not_judge_a_jaw_by_its_denser_part) {
   const auto outer_jaw = [](double y, double z) { return y > 186.0 && y < 200.0 && z > 5.5 && z < 29.0; };
   struct Case {
     const char* what;
@@ -363,7 +363,7 @@ TEST(Block, does_not_let_the_denser_part_of_a_jaw_speak_for_the_whole) {
   EXPECT_EQ(good.verdict, Verdict::pass) << "a half that is only dark";
 }
 
-TEST(Block, does_not_let_the_denser_half_of_the_slab_top_speak_for_the_whole) {
+TEST(Block, does_not_judge_the_slab_top_by_its_denser_half) {
   const auto half = [](double, double y, double z) { return y < 0.0 && !on_block(z); };
   const BlockResult r = inspect(raised(darkened(good_fine_scan(), 0.2, half),
                                        [&](double x, double y, double z) { return half(x, y, z) ? 0.004 * y : 0.0; }));
@@ -372,7 +372,7 @@ TEST(Block, does_not_let_the_denser_half_of_the_slab_top_speak_for_the_whole) {
   EXPECT_EQ(inspect(darkened(good_fine_scan(), 0.2, half)).verdict, Verdict::pass) << "a half that is only dark";
 }
 
-TEST(Block, does_not_let_the_denser_half_of_a_rim_speak_for_the_whole) {
+TEST(Block, does_not_judge_a_rim_by_its_denser_half) {
   const auto half = [](double x, double y, double z) {
     return x > 0.0 && std::hypot(x, y - 116.5) < 22.3 && on_block(z);
   };
@@ -390,7 +390,7 @@ TEST(Block, does_not_let_the_denser_half_of_a_rim_speak_for_the_whole) {
   EXPECT_EQ(lip.verdict, Verdict::not_measured);
 }
 
-TEST(Block, does_not_let_the_denser_half_of_a_tilted_rim_speak_for_the_whole) {
+TEST(Block, does_not_judge_a_tilted_rim_by_its_denser_half) {
   const double cant_rad = std::atan(1.0 / 40.0);
   const auto on_rim = [&](double x, double y, double z) {
     return std::hypot(x, y / std::cos(cant_rad) - 116.5) < 22.0 && on_block(z);

@@ -332,7 +332,7 @@ TEST(Block, finds_casings_despite_patches_missing_at_their_edges) {
   EXPECT_NEAR(item(r, ItemId::casing_protrusion_outer).value, -0.25, 0.005);
 }
 
-TEST(Block, measures_a_casing_of_which_four_tenths_are_hidden_and_says_how_well) {
+TEST(Block, measures_a_casing_of_which_four_tenths_are_hidden_with_its_uncertainty) {
   scene::Cloud cloud = scene::take({}, {});
   erase_patch(cloud, 0.0, -116.5 + 16.0, 19.0);
   const BlockResult r = inspect(cloud);

@@ -58,7 +58,7 @@ TEST(BlockModel, shows_the_surface_an_independent_scene_shows) {
   EXPECT_GT(seen, 300000U);
 }
 
-TEST(FaceTable, knows_every_face_within_its_reach_and_none_beyond) {
+TEST(FaceTable, contains_every_face_within_its_reach_and_none_beyond) {
   const BlockModel model = p5600_model();
   std::vector<std::uint16_t> wide(FaceTable::kCells);
   std::vector<std::uint16_t> near(FaceTable::kCells);

@@ -40,7 +40,7 @@ void on_free(const volatile void*) {}
 namespace slabd::algo {
 namespace {
 
-TEST(NoHeap, the_counting_bites) {
+TEST(NoHeap, reports_an_allocation_while_it_counts) {
   const std::size_t before = g_allocations;
   std::vector<BlockResult> some(2);
   some.resize(10);
@@ -48,7 +48,7 @@ TEST(NoHeap, the_counting_bites) {
   EXPECT_EQ(after, before + 2);
 }
 
-TEST(NoHeap, measuring_a_block_and_a_slab_allocates_nothing) {
+TEST(NoHeap, measuring_a_block_and_a_slab_does_not_allocate) {
   scene::Cloud cloud = scene::take({}, {});
   const Recipe recipe = scene::p5600();
   BlockInspector inspector;
@@ -78,7 +78,7 @@ TEST(NoHeap, measuring_a_block_and_a_slab_allocates_nothing) {
   EXPECT_TRUE(slab.fit.ok);
 }
 
-TEST(NoHeap, bringing_a_scan_into_order_allocates_nothing) {
+TEST(NoHeap, sorting_a_scan_does_not_allocate) {
   const scene::Cloud drawn = scene::take({}, {});
   const Recipe recipe = scene::p5600();
   BlockInspector inspector(2);

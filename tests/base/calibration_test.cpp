@@ -51,7 +51,7 @@ Splice splice(const LineCalibration& c, const Pose& T_base_flange, int station =
   return splice_for(c, robot(), slab_type, station, T_base_flange, 700.0, kNow);
 }
 
-TEST(Splice, near_the_mastered_pose_is_corrected_with_what_the_visits_are_worth) {
+TEST(Splice, near_the_mastered_pose_is_corrected_with_the_uncertainty_of_the_visits) {
   const Splice s = splice(applied(), at(1000.5));
   EXPECT_EQ(s.source, SpliceSource::corrected);
   EXPECT_EQ(s.T_base_reported.translation_mm, Vec3(0.7, 0.0, -0.3));
@@ -104,7 +104,7 @@ TEST(Splice, commissioning_values_keep_their_own_word) {
   EXPECT_EQ(s.robot_mm, 0.017);
 }
 
-TEST(Splice, zeroed_memory_knows_nothing) {
+TEST(Splice, zeroed_memory_has_no_splice) {
   const Splice s = splice(LineCalibration{}, at(1000.0));
   EXPECT_EQ(s.source, SpliceSource::none);
   EXPECT_TRUE(std::isnan(s.calibration_mm));

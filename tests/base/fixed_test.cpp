@@ -17,7 +17,7 @@ TEST(FixedString, cuts_what_does_not_fit_and_stays_terminated) {
   EXPECT_STREQ(text.c_str(), "");
 }
 
-TEST(FixedVector, says_when_it_is_full) {
+TEST(FixedVector, reports_when_it_is_full) {
   FixedVector<int, 2> v;
   EXPECT_TRUE(v.push(1));
   EXPECT_TRUE(v.push(2));

@@ -37,7 +37,7 @@ TEST(Judge, one_sided_limits_look_at_one_side) {
   EXPECT_EQ(judge(item(1.2, kNoValue, 1.0, 0.05), 1.0), Verdict::fail);
 }
 
-TEST(Judge, nothing_measured_is_never_a_pass) {
+TEST(Judge, an_unmeasured_item_is_never_a_pass) {
   EXPECT_EQ(judge(item(kNoValue, -0.5, 0.5, 0.15), 1.0), Verdict::not_measured);
   EXPECT_EQ(judge(item(std::numeric_limits<double>::infinity(), -0.5, 0.5, 0.15), 1.0), Verdict::not_measured);
   EXPECT_EQ(judge(item(0.0, -0.5, 0.5, kNoValue), 1.0), Verdict::indeterminate);

@@ -28,7 +28,7 @@ TEST(NewestTime, takes_no_notice_of_a_clock_that_was_ahead_for_a_while) {
   EXPECT_EQ(newest.utime_us(), 700 * kDay_us + kMinute_us);
 }
 
-TEST(NewestTime, goes_on_after_weeks_without_a_record) {
+TEST(NewestTime, continues_after_weeks_without_a_record) {
   NewestTime newest(700 * kDay_us);
   newest.note(714 * kDay_us);
   newest.note(714 * kDay_us + 30 * kMinute_us);

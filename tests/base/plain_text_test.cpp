@@ -40,7 +40,7 @@ TEST(PlainText, bytes_that_are_not_utf8_become_numbers) {
   EXPECT_EQ(plain("\xc0\x9b"), "\\xc0\\x9b") << "an overlong form";
 }
 
-TEST(PlainText, lines_stay_where_the_caller_wants_them) {
+TEST(PlainText, line_breaks_are_kept_on_request) {
   EXPECT_EQ(plain("a\n\tb\r\nc", Lines::kept), "a\n\tb\r\nc");
   EXPECT_EQ(plain("a\rb", Lines::kept), "a\\rb") << "a lone carriage return overwrites the line";
   EXPECT_FALSE(is_plain("a\x1b", Lines::kept));

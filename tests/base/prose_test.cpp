@@ -50,9 +50,11 @@ struct Exception {
   const char* text;
   const char* reason;
 };
-constexpr std::array<Exception, 3> kExceptions = {{
+constexpr std::array<Exception, 5> kExceptions = {{
     {"tests/cli/export_test.cpp", "belongs to user nobody", "the name of an account"},
     {"tests/hal/system/journal_test.cpp", "\"nobody\"", "the name of a socket"},
+    {"tests/systemd/unit_test.py", "nobody", "the name of an account"},
+    {"script/cached", "'made anew'", "part of a checksum; another text would compile every header again"},
     {"tests/base/prose_test.cpp", "", "the rules themselves"},
 }};
 
@@ -79,10 +81,27 @@ class Reader {
 
   std::vector<Piece> pieces(const std::string& line) {
     if (extension_ == ".md") return paragraph(line);
-    return extension_ == ".cpp" || extension_ == ".h" ? code(line) : remark(line, line.find('#'), 1);
+    if (extension_ == ".json") return description(line);
+    if (extension_ == ".cpp" || extension_ == ".h") return code(line);
+    std::vector<Piece> found = remark(line, line.find(mark()), mark().size());
+    found.push_back({line, false});  // its strings
+    return found;
   }
 
  private:
+  /// Start of a comment.
+  [[nodiscard]] std::string mark() const {
+    if (extension_ == ".sql") return "--";
+    if (extension_ == ".st") return "(*";
+    return extension_ == ".scl" || extension_ == ".udt" ? "//" : "#";
+  }
+  /// The description in a line of a JSON schema.
+  static std::vector<Piece> description(const std::string& line) {
+    static const std::string key = "\"description\": \"";
+    const std::size_t at = line.find(key);
+    if (at == std::string::npos) return {};
+    return {{line.substr(at + key.size()), true}};
+  }
   std::vector<Piece> paragraph(const std::string& line) {
     const std::string text = trimmed(line);
     if (text.empty() || text.front() == '#') {  // a heading may be a question
@@ -143,14 +162,19 @@ class Reader {
 /// Every text file of the tree that people write.
 std::vector<fs::path> files() {
   const fs::path root(slabd::places::source_dir());
-  static const std::set<std::string> kinds = {".cpp", ".h", ".md", ".py", ".toml", ".txt", ".cmake", ".catalog"};
-  static const std::set<std::string> skipped = {"build", ".git", "corpus", "schemas", "apt-packages"};
+  static const std::set<std::string> kinds = {".cpp",   ".h",     ".md",      ".py",  ".toml",
+                                              ".txt",   ".cmake", ".catalog", ".sql", ".service",
+                                              ".timer", ".conf",  ".st",      ".scl", ".udt"};
+  static const std::set<std::string> skipped = {"build", ".git", "corpus", "apt-packages"};
   std::vector<fs::path> found;
   for (auto it = fs::recursive_directory_iterator(root); it != fs::recursive_directory_iterator(); ++it) {
     if (it->is_directory() && skipped.contains(it->path().filename())) it.disable_recursion_pending();
     if (!it->is_regular_file()) continue;
-    const bool script = it->path().parent_path() == root / "script" && it->path().extension().empty();
-    if (script || kinds.contains(it->path().extension())) found.push_back(it->path());
+    const fs::path folder = it->path().parent_path();
+    const bool script = folder == root / "script" && it->path().extension().empty();
+    const bool schema = folder == root / "docs/schemas" && it->path().extension() == ".json";
+    const bool package = folder == root / "debian" || folder == root / "debian/man";
+    if (script || schema || package || kinds.contains(it->path().extension())) found.push_back(it->path());
   }
   return found;
 }
@@ -205,6 +229,25 @@ TEST(Prose, rules_find_what_they_look_for) {
   EXPECT_TRUE(found[1].starts_with("x.cpp:3: "));
   EXPECT_TRUE(found[2].starts_with("x.cpp:4: "));
   EXPECT_TRUE(found[3].starts_with("x.cpp:6: "));
+}
+
+TEST(Prose, rules_hold_in_comments_of_every_language_and_in_descriptions) {
+  struct Sample {
+    const char* extension;
+    const char* text;
+  };
+  constexpr std::array<Sample, 6> samples = {{{".sql", "a INTEGER,  -- Whether it is used"},
+                                              {".st", "a : INT;  (* Whether it is used *)"},
+                                              {".scl", "a : Int;  // Whether it is used"},
+                                              {".service", "# Whether it is used"},
+                                              {".py", "say('nobody reads it')"},
+                                              {".json", "\"a\": {\"description\": \"What it is\"}"}}};
+  for (const Sample& sample : samples) {
+    const fs::path path = fs::temp_directory_path() / ("prose_test_" + std::to_string(::getpid()) + sample.extension);
+    std::ofstream(path) << sample.text << '\n';
+    EXPECT_EQ(slips(path, "x").size(), 1U) << sample.extension;
+    fs::remove(path);
+  }
 }
 
 TEST(Prose, lines_of_markdown_have_at_most_120_columns_except_in_tables_and_code) {

@@ -30,7 +30,7 @@ TEST(Reason, names_the_lowest_item_that_decided) {
   EXPECT_EQ(fail_mask(items.begin(), items.end()), (1U << 2U) | (1U << 4U));
 }
 
-TEST(Reason, prefers_the_code_when_nothing_was_measured) {
+TEST(Reason, prefers_the_code_when_no_value_was_measured) {
   const std::array items = {judged(ItemId::seat_slope, Verdict::not_measured, true),
                             judged(ItemId::casing_skew_inner, Verdict::not_measured, false)};
   EXPECT_EQ(reason_for(Verdict::not_measured, items.begin(), items.end(), Code::block_not_found), 402);
@@ -85,7 +85,7 @@ TEST(Doubts, have_a_word_each_and_a_reason_where_a_fit_gave_one) {
   EXPECT_EQ(reasons.size(), kCasingDoubts - 1) << "none and not_measured have an empty one";
 }
 
-TEST(Findings, have_a_sentence_with_place_and_size) {
+TEST(Findings, have_a_text_with_place_and_size) {
   SurfaceFinding f;
   f.kind = FindingKind::chip;
   f.face = FindingFace::jaw_outer;
@@ -99,7 +99,7 @@ TEST(Findings, have_a_sentence_with_place_and_size) {
   EXPECT_EQ(sentence(f).view(), "chip on the outer jaw at x 81 mm, s 190 mm: 40 x 12 mm, 500 mm2, up to 15.0 mm deep");
 }
 
-TEST(Pores, beyond_depth_or_share_fail_and_the_sentence_names_which) {
+TEST(Pores, beyond_depth_or_share_fail_and_the_text_names_which) {
   PoreSummary pores;
   EXPECT_TRUE(sentence(pores).empty());
   pores = {12, 8.1, 3.4, 0.004, {}};

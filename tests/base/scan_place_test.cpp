@@ -54,7 +54,7 @@ TEST(ScanPlace, extent_and_median_leave_out_strays_and_missing_points) {
   EXPECT_NEAR(scan_place(line).high.x(), 0.98 * 2.0 * kScanPlaceSample, 4.0);
 }
 
-TEST(ScanPlace, a_scan_that_is_where_it_should_be_is_not_doubted) {
+TEST(ScanPlace, a_scan_in_its_expected_place_raises_no_doubt) {
   EXPECT_EQ(doubt(place_of([](const Vec3& p) { return p; })), "");
   EXPECT_EQ(doubt(place_of([](const Vec3& p) { return Vec3(p + Vec3(60.0, -60.0, 80.0)); })), "");
   EXPECT_EQ(doubt(scan_place({})), "");
@@ -86,8 +86,8 @@ TEST(ScanPlace, a_scan_in_the_base_frame_is_named_in_mm_and_in_metres) {
   const auto in_base = [](double mm) {
     return [mm](const Vec3& p) { return Vec3((Vec3(p.x(), p.y(), 600.0 - p.z()) + Vec3(1500.0, 200.0, 570.0)) / mm); };
   };
-  EXPECT_TRUE(says(doubt(place_of(in_base(1.0))), "where the block stands in the base frame; give the points"));
-  EXPECT_TRUE(says(doubt(place_of(in_base(1000.0))), "in metres it lies where the block stands in the base frame"));
+  EXPECT_TRUE(says(doubt(place_of(in_base(1.0))), "where the block is in the base frame; give the points"));
+  EXPECT_TRUE(says(doubt(place_of(in_base(1000.0))), "in metres it is where the block is in the base frame"));
   // Offline the base is the block's own frame. A scan in metres is near its origin too, but far too small.
   ExpectedPlace offline = expected();
   offline.base_mm = Vec3::Zero();

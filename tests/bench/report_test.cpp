@@ -81,7 +81,7 @@ TEST(BenchReport, keeps_the_worst_error_of_several_runs) {
   EXPECT_EQ(report(whole_run())["peers"]["PCL"]["register"]["figures"]["pose_error_um"], 3.0);
 }
 
-TEST(BenchReport, tells_errors_over_all_scans_that_were_scored) {
+TEST(BenchReport, reports_errors_over_all_scans_that_were_scored) {
   const Json json = report(whole_run());
   const Json& pcl = json["peers"]["PCL"]["block-tuned"];
   EXPECT_DOUBLE_EQ(pcl["figures"]["pose_error_um"].get<double>(), std::sqrt(0.5 * (9.0 + 16.0)));
@@ -112,7 +112,7 @@ TEST(BenchReport, judges_each_ratio_against_must_and_aim) {
   EXPECT_EQ(line(json, "heap allocations")["verdict"], "aim reached");
 }
 
-TEST(BenchReport, says_which_ratios_a_busy_machine_made_rough) {
+TEST(BenchReport, marks_the_ratios_that_a_busy_machine_made_rough) {
   Measured measured = whole_run();
   measured.stages["block/organised/1"] = {{12.0, 10.0, true}};
   const Json json = report(measured);

@@ -104,7 +104,7 @@ TEST(Certificate, refuses_what_is_not_right_with_file_and_line) {
   expect_error(std::string(kText) + "ball = 5 5 5\n", "apart, less than their diameter");
   expect_error(without("ball = 60"), "2 balls");
   expect_error(with("60.003 170.021 -12.5", "80 3 0"), "lie on a line");
-  expect_error(with("60.003 170.021 -12.5", "100.006 170.021 0"), "cannot be told apart");
+  expect_error(with("60.003 170.021 -12.5", "100.006 170.021 0"), "cannot be distinguished");
   // A certificate truncated before its third ball is invalid.
   const std::string whole = kText;
   for (std::size_t length = 0; length <= whole.rfind("ball ="); ++length)

@@ -93,7 +93,7 @@ TEST(Ball, centre_reaches_the_floor_of_a_fixed_radius_fit) {
   EXPECT_LT((s.promised_um - s.sd_um).cwiseAbs().maxCoeff(), 0.35) << s.promised_um << "\n" << s.sd_um;
 }
 
-TEST(Ball, covariance_tells_what_neighbouring_points_err_in_common) {
+TEST(Ball, covariance_includes_the_common_error_of_neighbouring_points) {
   const Spread s = spread_over(
       40, [](BallScene& scene) { scene.correlation_mm = 2.0; },
       [] {
@@ -109,7 +109,7 @@ TEST(Ball, covariance_tells_what_neighbouring_points_err_in_common) {
   }
 }
 
-TEST(Ball, says_how_long_the_noise_hangs_together) {
+TEST(Ball, estimates_the_correlation_length_of_the_noise) {
   BallScene scene = scene_of(3);
   const BallReport white = ball_of(scene);
   EXPECT_EQ(white.correlated_mm, 0.0);
@@ -168,7 +168,7 @@ TEST(Ball, order_and_grid_of_the_points_do_not_matter) {
   EXPECT_LT((shuffled.value().balls[0].centre_mm - grid.value().balls[0].centre_mm).norm(), 1e-6);
 }
 
-TEST(Ball, a_wrong_radius_moves_the_centre_as_the_report_says) {
+TEST(Ball, a_wrong_radius_moves_the_centre_by_the_reported_amount) {
   BallScene scene = scene_of(6);
   const BallReport right = ball_of(scene);
   const BallReport wrong = ball_of(scene, settings(kRadius + 0.02));

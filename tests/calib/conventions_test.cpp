@@ -142,7 +142,7 @@ TEST(Conventions, a_line_that_is_missing_in_one_table_is_found) {
   EXPECT_NE(result.reasons[0].text.find("one line below"), std::string::npos) << result.reasons[0].text;
 }
 
-TEST(Conventions, right_poses_are_not_doubted) {
+TEST(Conventions, right_poses_raise_no_doubt) {
   for (const ArtefactKind kind : {ArtefactKind::ball, ArtefactKind::pose})
     for (std::uint64_t seed = 1; seed <= 5; ++seed) {
       scene::Plan plan;
@@ -280,7 +280,7 @@ TEST(Conventions, a_cure_never_proposes_what_the_table_declares) {
   ASSERT_EQ(result.reasons.size(), 1U);
   EXPECT_NE(result.reasons[0].text.find("holds T_scanner_target and declares T_target_scanner"), std::string::npos)
       << result.reasons[0].text;
-  EXPECT_EQ(result.reasons[0].cure, "declare what it holds: # format: frames=T_scanner_target");
+  EXPECT_EQ(result.reasons[0].cure, "declare its content: # format: frames=T_scanner_target");
 
   // Declared in metres, written in millimetres.
   set = scene::make(ArtefactKind::ball, plan, 22);
@@ -289,7 +289,7 @@ TEST(Conventions, a_cure_never_proposes_what_the_table_declares) {
   const HandEye scaled = solve(ArtefactKind::ball, set.views, plan.noise(), settings).value();
   ASSERT_FALSE(scaled.reasons.empty());
   EXPECT_EQ(scaled.reasons[0].code, Refusal::units);
-  EXPECT_EQ(scaled.reasons[0].cure, "declare what it holds: # format: unit=mm") << scaled.reasons[0].text;
+  EXPECT_EQ(scaled.reasons[0].cure, "declare its content: # format: unit=mm") << scaled.reasons[0].text;
 }
 
 TEST(Conventions, rows_that_slide_after_a_failed_picture_are_named_by_their_line) {

@@ -41,7 +41,7 @@ TEST_P(FollowedSuggestions, reach_a_solution_that_passes_every_gate) {
 INSTANTIATE_TEST_SUITE_P(kinds, FollowedSuggestions, ::testing::Values(ArtefactKind::ball, ArtefactKind::pose),
                          [](const auto& kind) { return std::string(name(kind.param)); });
 
-TEST(Coverage, a_suggestion_lowers_the_predicted_error_as_it_says) {
+TEST(Coverage, a_suggestion_lowers_the_predicted_error_by_the_stated_amount) {
   const Cell cell;
   const Pose start = driven::bad_start(cell, 30.0, 10.0, 9);
   Driven driven = driven::follow(cell, ArtefactKind::ball, 8, start, 9);

@@ -49,9 +49,9 @@ TEST(Observations, header_declares_and_is_never_guessed_around) {
   expect_fault("# format: rotation=euler\n", "rotation= is one of quaternion_wxyz");
   expect_fault("# format: unit=inch\n", "unit= is one of mm, m");
   expect_fault("# format: units=mm\n", "'units' is not a key");
-  expect_fault("# format: angle=deg\n1 2 3 1 0 0 0\n", "angle= goes with rotation=kuka_abc");
+  expect_fault("# format: angle=deg\n1 2 3 1 0 0 0\n", "angle= is only valid with rotation=kuka_abc");
   expect_fault("# format: unit=mm\n# format: unit=m\n", "poses.txt:2: a second format line");
-  expect_fault("1 2 3 1 0 0 0\n# format: unit=m\n", "poses.txt:2: the format line must stand before");
+  expect_fault("1 2 3 1 0 0 0\n# format: unit=m\n", "poses.txt:2: the format line must be before");
   expect_fault("# format: frames=T_scanner_target\n", "T_base_flange, T_flange_base");
   expect_fault("# format: labels=view,ball\n", "target table");
   expect_fault("# format: rotation=none\n1 2 3\n", "rotation=none is for ball centres");

@@ -230,7 +230,7 @@ TEST(Stations, fewer_than_five_visits_are_refused) {
   EXPECT_EQ(s.table.station[0].visits, 0) << "nothing of a refused set can be used";
 }
 
-TEST(Stations, one_visit_beside_the_others_is_refused_by_its_name) {
+TEST(Stations, one_visit_that_differs_from_the_others_is_refused_by_its_name) {
   Scene scene;
   for (StationVisit& visit : scene.visits)
     if (visit.station == 4 && visit.round == "round 2")
@@ -254,7 +254,7 @@ TEST(Stations, a_slab_that_was_pushed_between_rounds_is_recognised) {
   EXPECT_NE(s.reasons.front().text.find("round 5"), std::string::npos);
 }
 
-TEST(Stations, one_visit_given_five_times_says_nothing_of_repeatability) {
+TEST(Stations, one_visit_given_five_times_does_not_show_the_repeatability) {
   Scene scene;
   std::vector<StationVisit> copies;
   for (const StationVisit& visit : scene.visits)
@@ -278,7 +278,7 @@ TEST(Stations, a_repeated_round_is_not_a_further_round) {
   EXPECT_NE(renamed.reasons[0].text.find("round 2 and round 9"), std::string::npos) << renamed.reasons[0].text;
 }
 
-TEST(Stations, visits_are_worth_nothing_once_the_scanner_has_moved_on_the_flange) {
+TEST(Stations, visits_are_refused_once_the_scanner_has_moved_on_the_flange) {
   Scene scene;
   const HandEyeNumbers then{scene.X, 0.03, 3e-5};
   for (StationVisit& visit : scene.visits) {
@@ -312,7 +312,7 @@ TEST(Stations, visits_are_worth_nothing_once_the_scanner_has_moved_on_the_flange
       refused_for(solve_stations(scene.certificate, scene.visits, now, {}).value(), StationRefusal::scanner_moved));
 }
 
-TEST(Stations, visits_remember_the_hand_eye_calibration_they_were_taken_with) {
+TEST(Stations, visits_record_the_hand_eye_calibration_they_were_taken_with) {
   Scene scene;
   for (StationVisit& visit : scene.visits)
     if (visit.round != "round 3") visit.hand_eye_id = visit.round == "round 1" ? "he-1" : "he-2";
@@ -355,7 +355,7 @@ TEST(Stations, directions_that_are_not_the_seats_are_refused_by_their_shape) {
   EXPECT_TRUE(refused_for(scene.solve(), StationRefusal::shape, 1));
 }
 
-TEST(Stations, one_row_does_not_say_where_the_slab_lies_unless_the_certificate_does) {
+TEST(Stations, one_row_does_not_determine_the_place_of_the_slab_unless_the_certificate_does) {
   Scene scene;
   scene.certificate.stations.resize(3);
   std::erase_if(scene.visits, [](const StationVisit& visit) { return visit.station > 3; });

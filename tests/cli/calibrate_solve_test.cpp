@@ -169,7 +169,7 @@ TEST_F(CalibrateSolve, causes_are_named_with_a_cure_that_fits_the_files) {
   for (calib::View& view : wrong.views) view.T_base_flange = view.T_base_flange.inverse();
   write_tables(ArtefactKind::ball, wrong, inverse);
   EXPECT_EQ(reason(ArtefactKind::ball)["code"], "convention");
-  EXPECT_EQ(reason(ArtefactKind::ball)["cure"], "declare what it holds: # format: frames=T_base_flange");
+  EXPECT_EQ(reason(ArtefactKind::ball)["cure"], "declare its content: # format: frames=T_base_flange");
 }
 
 TEST_F(CalibrateSolve, outliers_are_listed_by_view_from_1) {

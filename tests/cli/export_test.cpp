@@ -381,7 +381,7 @@ TEST_F(OutFileTest, a_pipe_is_written_into_and_stays_a_pipe) {
   }
   const Status again = put(file("pipe"), "head", {.rewritten = true});
   ASSERT_FALSE(again) << "a pipe cannot go back";
-  expect_mentions(std::string(again.error().text.view()), "it must be a file of its own");
+  expect_mentions(std::string(again.error().text.view()), "it must be a separate file");
   ::close(reader);
   EXPECT_TRUE(fs::is_fifo(file("pipe")));
   EXPECT_EQ(files(), 1);
@@ -519,7 +519,7 @@ TEST_F(Export, a_cloud_is_not_written_where_it_cannot_be_whole) {
     EXPECT_EQ(ended.status, 3) << out;
     EXPECT_EQ(ended.out, "");
     expect_mentions(ended.err, std::string(out == std::string("-") ? "standard output" : out) +
-                                   " cannot be written: its head is written last, and so it must be a file of its own");
+                                   " cannot be written: it must be a separate file, because its head is written last");
   }
 }
 

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Reads what slabctl export wrote with readers that know nothing of slabd, and prints what it found as JSON.
+"""Reads what slabctl export wrote with readers that are independent of slabd, and prints what it found as JSON.
 
 read_exports.py csv FILE | mesh FILE | cloud FILE
 """

@@ -173,7 +173,7 @@ TEST_F(ReportTest, reason_for_an_unmeasured_feature_is_given_in_report_show_and_
   for (int station = 2; station <= 18; ++station) measure(station);
   end();
   const std::string told =
-      "inner jaw: a second surface lies within the threshold; outer casing: something fills the bore at the height of "
+      "inner jaw: a second surface is within the threshold; outer casing: something fills the bore at the height of "
       "the rim";
   ASSERT_EQ(report("r.html", "--full").status, 0);
   EXPECT_NE(content(file("r.html")).find("Not measured: " + told), std::string::npos);

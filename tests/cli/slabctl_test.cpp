@@ -304,9 +304,9 @@ TEST_F(Slabctl, a_scan_in_another_unit_or_frame_is_refused_with_its_extent_dista
   expect_mentions(up, "away along -Z");
   expect_mentions(up, "+Z must point from the scanner to the part");
   expect_mentions(refused([](const Vec3& p) { return Vec3(p.x(), -p.y(), 600.0 - p.z()); }),
-                  "it lies where the block stands in the block's frame");
+                  "it is where the block is in the block's frame");
   expect_mentions(refused([](const Vec3& p) { return Vec3(p.y(), p.x(), p.z()); }),
-                  "and the block lies along Y: the two may be exchanged, or the scanner is turned");
+                  "and the block extends along Y: the two may be exchanged, or the scanner is turned");
   expect_mentions(refused([](const Vec3& p) { return Vec3(-p.x(), -p.y(), p.z()); }), "turned or other type?");
 }
 

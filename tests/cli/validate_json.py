@@ -3,7 +3,7 @@
 """Holds JSON documents against the published schemas: validate_json.py SCHEMAS FILE...
 
 Strictly: a key that the schema does not name is an error too, so that nothing is written that is not published. A
-document that does not say what it is (a request) is given as TITLE=FILE.
+document that does not name its schema (a request) is given as TITLE=FILE.
 """
 import json
 import pathlib

@@ -100,7 +100,7 @@ TEST_F(ConfigTest, relative_paths_start_at_the_configurations_folder) {
   EXPECT_EQ(config_.storage.db_path, folder + "/data/slabd.db");
 }
 
-TEST_F(ConfigTest, nothing_of_slabd_lies_in_the_scanners_folder) {
+TEST_F(ConfigTest, no_path_of_slabd_is_in_the_scanners_folder) {
   const auto with_drop = [](const std::string& drop, const std::string& rest) {
     return kShortest + ("[scanner]\ndrop_dir = \"" + drop + "\"\n" + rest);
   };
@@ -144,7 +144,7 @@ TEST_F(ConfigTest, folders_are_compared_by_what_they_really_are) {
   fs::remove_all(folder);
 }
 
-TEST_F(ConfigTest, a_configuration_that_passes_the_check_lets_the_daemon_start) {
+TEST_F(ConfigTest, the_daemon_starts_with_a_configuration_that_passes_the_check) {
   for (const char* url :
        {"udpm://239.255.78.300:7667?ttl=0", "udpm://10.0.0.1:7667?ttl=0", "udpm://239.255.76.67:7667?ttl=300",
         "udpm://239.255.76.67:7667?tll=0", "udpm://239.255.76.67:0?ttl=0", "udpm://239.255.76.67:7667"}) {
@@ -160,7 +160,7 @@ TEST_F(ConfigTest, a_configuration_that_passes_the_check_lets_the_daemon_start) 
             "such as 127.0.0.1"});
 }
 
-TEST_F(ConfigTest, views_of_a_calibration_may_be_guarded_less_and_never_by_a_limit_that_says_more) {
+TEST_F(ConfigTest, views_of_a_calibration_may_have_wider_limits_and_never_narrower_ones) {
   EXPECT_EQ(load(std::string(kShortest) + "capture_stable_mm = 0.01\ncapture_stable_deg = 0.001\n"), Texts{});
   EXPECT_FALSE(config_.capture.is_wider());
   for (const char* key : {"capture_stable_mm = 0.005\n", "capture_stable_deg = 0.0005\n", "capture_stable_s = 2\n"})
@@ -183,11 +183,11 @@ TEST_F(ConfigTest, slabs_that_did_not_pass_are_kept_by_a_number_of_their_own) {
             Texts{"slabd.toml:6:14: storage.keep_slabs: found 99, allowed is 0 (keep every record) or 100 and more"});
   EXPECT_EQ(load(storage("keep_failed_slabs = 500\n")),
             Texts{"slabd.toml:6:21: storage.keep_failed_slabs: found with keep_slabs = 0, which keeps every record; "
-                  "allowed is beside a keep_slabs that bounds them"});
+                  "allowed only with a keep_slabs that limits them"});
   EXPECT_EQ(load(storage("keep_slabs = 500\nkeep_failed_slabs = 1000000001\n")).size(), 1U);
 }
 
-TEST_F(ConfigTest, one_or_two_threads_measure_and_nothing_else) {
+TEST_F(ConfigTest, only_one_or_two_threads_are_accepted) {
   for (const int threads : {1, 2}) {
     EXPECT_EQ(load(kShortest + ("[measure]\nthreads = " + std::to_string(threads) + "\n")), Texts{});
     EXPECT_EQ(config_.measure_threads, threads);
@@ -405,7 +405,7 @@ TEST_F(ConfigTest, a_file_cannot_be_a_folder_or_another_file) {
   for (const char* side : {"-wal", "-shm", ".writer"})
     EXPECT_EQ(load(places("/srv/x", "/srv/spool", std::string("/srv/x") + side)),
               Texts{std::string("slabd.toml:9:10: control.socket: found /srv/x") + side +
-                    ", which is the name of a file beside storage.db; allowed is another place"});
+                    ", which is the name of a file that belongs to storage.db; allowed is another place"});
 }
 
 TEST_F(ConfigTest, text_that_nests_too_deeply_is_refused_before_it_is_parsed) {
@@ -521,10 +521,9 @@ TEST_F(ConfigTest, scans_may_come_over_tcp) {
   ASSERT_EQ(config_.stream.allow.size(), 1U);
   EXPECT_EQ(config_.stream.allow[0].address, 0x0A01'021EU);
   EXPECT_EQ(config_.scanner.form.unit, hal::LengthUnit::mm) << "what lies in the spool";
-  EXPECT_EQ(
-      load(start + "[scanner]\nbackend = \"tcp\"\nunit = \"m\"\n"),
-      Texts{"slabd.toml:7:8: scanner.unit: backend = \"tcp\" has no use for it: every scan says its request and its "
-            "unit"});
+  EXPECT_EQ(load(start + "[scanner]\nbackend = \"tcp\"\nunit = \"m\"\n"),
+            Texts{"slabd.toml:7:8: scanner.unit: backend = \"tcp\" does not use it: each scan carries its request and "
+                  "its unit"});
   EXPECT_EQ(load(start + "[scanner]\nbackend = \"tcp\"\ncolumns = \"2,3,4\"\n").size(), 1U);
   EXPECT_EQ(load(start + "[scanner]\nlisten = \"10.1.2.3:1600\"\n").size(), 1U);
 }
@@ -564,7 +563,7 @@ TEST_F(ConfigTest, without_commissioning_values_slabs_wait_for_an_applied_calibr
   EXPECT_FALSE(has_value(config_.splice.commissioning_mm));
 }
 
-TEST_F(ConfigTest, values_in_another_unit_are_doubted_with_line_key_and_range) {
+TEST_F(ConfigTest, values_in_another_unit_are_reported_with_line_key_and_range) {
   const auto doubts = [&](const std::string& text) {
     EXPECT_EQ(load(text), Texts{}) << text;
     Texts texts;
@@ -573,15 +572,13 @@ TEST_F(ConfigTest, values_in_another_unit_are_doubted_with_line_key_and_range) {
   };
   EXPECT_EQ(doubts(kShortest), Texts{});
   EXPECT_EQ(doubts("[cell]\nT_base_slab = [0, 0, 0, 1, 0, 0, 0]\n"), Texts{}) << "not entered, as on a test bench";
-  EXPECT_EQ(
-      doubts("[cell]\nT_base_slab = [1.5, 0.2, 0.57, 1, 0, 0, 0]\n"),
-      Texts{"slabd.toml:2:15: cell.T_base_slab: found x, y, z of at most 1.5 mm, metres? The centre of a slab hardly "
-            "lies in the robot's foot; the unit is mm, allowed is -20000..20000"});
-  EXPECT_EQ(
-      doubts("[cell]\nT_base_slab = [1500, 200, 570, 1, 0, 0, 0]\n[calibration]\n"
-             "T_flange_scanner = [0.06, -0.01, 0.2, 1, 0, 0, 0]\n"),
-      Texts{"slabd.toml:4:20: calibration.T_flange_scanner: found x, y, z of at most 0.2 mm, metres? A scanner hardly "
-            "sits in the flange; the unit is mm, allowed is -2000..2000"});
+  EXPECT_EQ(doubts("[cell]\nT_base_slab = [1.5, 0.2, 0.57, 1, 0, 0, 0]\n"),
+            Texts{"slabd.toml:2:15: cell.T_base_slab: found x, y, z of at most 1.5 mm, metres? The centre of a slab is "
+                  "hardly in the robot's foot; the unit is mm, allowed is -20000..20000"});
+  EXPECT_EQ(doubts("[cell]\nT_base_slab = [1500, 200, 570, 1, 0, 0, 0]\n[calibration]\n"
+                   "T_flange_scanner = [0.06, -0.01, 0.2, 1, 0, 0, 0]\n"),
+            Texts{"slabd.toml:4:20: calibration.T_flange_scanner: found x, y, z of at most 0.2 mm, metres? The origin "
+                  "of a scanner is hardly in the flange; the unit is mm, allowed is -2000..2000"});
   EXPECT_EQ(doubts("[cell]\nT_base_slab = [1500, 200, 570, 0, 0, 0, 1]\n"),
             Texts{"slabd.toml:2:15: cell.T_base_slab: found the quaternion (0, 0, 0, 1), which is half a turn about z: "
                   "written as qx, qy, qz, qw? The order is qw, qx, qy, qz, allowed is any of unit length"});

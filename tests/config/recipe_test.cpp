@@ -85,7 +85,7 @@ TEST_F(RecipeTest, p5600_geometry_is_the_reference) {
   EXPECT_TRUE(T_slab_block(recipe_, 18).translation_mm.isApprox(Vec3(-2520, -758, 30)));
 }
 
-TEST_F(RecipeTest, p5600_says_what_is_assumed_of_the_measuring_system) {
+TEST_F(RecipeTest, p5600_states_what_is_assumed_of_the_measuring_system) {
   load_p5600();
   const UncertaintySettings& u = recipe_.uncertainty;
   EXPECT_TRUE(u.given);
@@ -335,7 +335,7 @@ TEST_F(RecipeTest, faults_name_the_nearest_key_and_the_range) {
   EXPECT_EQ(only("casing_bore_diameter_mm = { value = 30,", "casing_bore_diameter_mm = { value = 50,"),
             "block.casing_rim_diameter_mm: found 44, allowed is more than casing_bore_diameter_mm 50");
   EXPECT_EQ(only("first_pair_from_end_mm = { value = 280,", "first_pair_from_end_mm = { value = 600,"),
-            "slab.pairs: the last of 9 pairs stands 5640.0 mm from the end, beyond length_mm 5600.0");
+            "slab.pairs: the last of 9 pairs is 5640.0 mm from the end, beyond length_mm 5600.0");
   EXPECT_EQ(only("block_origin_z_mm = { value = 30,", "block_origin_z_mm = { value = 28,"),
             "slab.block_origin_z_mm: found 28.00, but [block] slab_top_z_mm -30.00 has the block's origin 30.00 above "
             "the slab top; allowed is a difference of 0.01");
@@ -349,9 +349,9 @@ TEST_F(RecipeTest, faults_name_the_nearest_key_and_the_range) {
             "a difference of 0.01");
   EXPECT_EQ(only("nominal = 380\ntolerance = 0.5\nU = 0.15", "nominal = 380\ntolerance = 0.5\nU = 0.5"),
             "items.jaw_distance.U: found 0.5: with guard 1 no value can pass between 379.5000 and 380.5000");
-  EXPECT_EQ(
-      only("nominal = 380\ntolerance = 0.5", "nominal = 380\ntolerance = 0.5\nupper = 381"),
-      "items.jaw_distance.tolerance: found beside lower or upper; allowed is either tolerance or lower and upper");
+  EXPECT_EQ(only("nominal = 380\ntolerance = 0.5", "nominal = 380\ntolerance = 0.5\nupper = 381"),
+            "items.jaw_distance.tolerance: found together with lower or upper; allowed is either tolerance or lower "
+            "and upper");
   EXPECT_EQ(only("[items.seat_flatness]\nnominal = 0\nupper = 1.0", "[items.seat_flatness]\nnominal = 0\nlower = 0.0"),
             "items.seat_flatness.upper: missing; expected a limit: without it any value above would pass");
   EXPECT_EQ(only("nominal = 380\ntolerance = 0.5", "nominal = 380\nupper = 380.5"),
@@ -364,8 +364,7 @@ TEST_F(RecipeTest, faults_name_the_nearest_key_and_the_range) {
   EXPECT_EQ(only("nominal = 380\ntolerance = 0.5\n", "nominal = 380\n"),
             "items.jaw_distance.required: found true without lower, upper or tolerance: such an item could never pass");
   EXPECT_EQ(only("[items.seat_std]\nrequired = false\nconfirmed = false\n", ""),
-            "items.seat_std: missing; expected a table; an item that is not judged says required = false and gives no "
-            "limits");
+            "items.seat_std: missing; expected a table; an item that is not judged has required = false and no limits");
 }
 
 TEST_F(RecipeTest, an_item_that_is_information_cannot_be_made_to_judge) {
@@ -461,7 +460,7 @@ TEST_F(RecipeFolder, a_file_with_a_slip_does_not_bring_back_the_one_before) {
   }
 }
 
-TEST_F(RecipeFolder, beside_a_file_of_no_type_no_recipe_is_used) {
+TEST_F(RecipeFolder, no_recipe_is_used_while_the_folder_has_a_file_without_a_type) {
   files_.write("z-old.toml", of_type(5600));
   for (const std::string& text :
        {std::string(), std::string("schema = 1\n"), with(good_, "slab_type = 5600 ", "slab_type = \"5600\" "),
@@ -470,10 +469,9 @@ TEST_F(RecipeFolder, beside_a_file_of_no_type_no_recipe_is_used) {
         std::string(storage::kRecipeTextBytes + 1, '\n')}) {
     files_.write("p5600.toml", text);
     EXPECT_EQ(types(), std::vector<int>{}) << text.substr(0, 200);
-    EXPECT_EQ(
-        files_.texts(problems_).back(),
-        "p5600.toml: which slab_type it is for cannot be told, so it may be the better recipe of any: no recipe is "
-        "used until it is mended or moved out of the folder");
+    EXPECT_EQ(files_.texts(problems_).back(),
+              "p5600.toml: its slab_type cannot be read, so it may be the better recipe for any type: no recipe is "
+              "used until it is corrected or moved out of the folder");
   }
   std::filesystem::remove(files_.folder() + "/p5600.toml");
   std::filesystem::create_symlink("nowhere", files_.folder() + "/p5600.toml");

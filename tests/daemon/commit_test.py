@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""What script/commit says of a tree, in scratch trees with a copy of it."""
+"""Output of script/commit for a tree, in scratch trees with a copy of it."""
 import os
 import pathlib
 import re

@@ -240,7 +240,7 @@ TEST_F(Exposures, independent_scans_are_measured_also_of_the_same_block_in_the_s
   expect_new(write(expose(5, steep)), 7, "another slope");
 }
 
-TEST_F(Exposures, a_scan_without_noise_decides_nothing) {
+TEST_F(Exposures, a_scan_without_noise_is_neither_new_nor_old) {
   noise_mm_ = 0.0;
   const std::string path = write(expose(1));
   for (std::uint8_t station = 1; station <= 2; ++station) {

@@ -150,7 +150,7 @@ TEST_F(LoopStart, a_database_that_could_not_be_read_is_left_alone) {
   EXPECT_EQ(database.idles, 0);
 }
 
-TEST_F(LoopStart, storage_that_cannot_be_used_is_a_fault_that_says_why_and_is_tried_again) {
+TEST_F(LoopStart, unusable_storage_is_a_fault_with_a_reason_and_is_tried_again) {
   for (const auto& [reading, fault] :
        {std::pair{Code::store_full, Code::store_full}, std::pair{Code::journal_write, Code::journal_write},
         std::pair{Code::config, Code::journal_write}, std::pair{Code::internal, Code::journal_write}}) {
@@ -270,7 +270,7 @@ TEST_F(LoopStart, storage_is_not_tried_again_for_a_fault_reset_that_is_held_down
   loop.finish();
 }
 
-TEST(Fingerprint, sees_x_y_and_z_of_scans_of_every_size) {
+TEST(Fingerprint, depends_on_x_y_and_z_of_scans_of_every_size) {
   // Scans of every size are the beginnings of the largest.
   constexpr std::size_t kPointsEnd = 1'100'000;
   std::vector<float> xyz(3 * kPointsEnd);

@@ -57,7 +57,7 @@ struct RecipesInUse : testing::Test {
   std::shared_ptr<const RecipeSet> in_use;
 };
 
-TEST_F(RecipesInUse, that_holds_what_is_in_use_differs_in_nothing) {
+TEST_F(RecipesInUse, that_equal_the_folder_have_no_difference) {
   RecipeWatch watch(folder, in_use, kPeriod_ms);
   ASSERT_TRUE(watch.order_reload());
   ASSERT_TRUE(comes([&] { return watch.checked() != nullptr; }));
@@ -78,7 +78,7 @@ TEST_F(RecipesInUse, that_differ_are_reported_with_file_and_key) {
   EXPECT_TRUE(comes([&] { return !watch.differs(); }));
 }
 
-TEST_F(RecipesInUse, tells_of_files_that_came_and_went_and_cannot_be_used) {
+TEST_F(RecipesInUse, reports_added_removed_and_unusable_files) {
   RecipeWatch watch(folder, in_use, kPeriod_ms);
   std::filesystem::remove(folder + "/p5600.toml");
   ASSERT_TRUE(comes([&] { return watch.differs(); }));
@@ -100,7 +100,7 @@ TEST_F(RecipesInUse, is_taken_up_whole_when_it_is_good) {
   EXPECT_FALSE(watch.differs());
 }
 
-TEST_F(RecipesInUse, that_is_faulty_leaves_the_recipes_in_use_in_force_with_words) {
+TEST_F(RecipesInUse, a_faulty_folder_keeps_the_recipes_in_use_and_reports_the_reason) {
   RecipeWatch watch(folder, in_use, kPeriod_ms);
   write("p5600.toml", text + "\nno_such_key = 1\n");
   ASSERT_TRUE(watch.order_reload());

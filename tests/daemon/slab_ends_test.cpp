@@ -169,7 +169,7 @@ TEST_F(SlabEndsTest, a_gap_across_the_slab_before_its_end_is_not_its_end) {
   EXPECT_EQ(ends_.note(1, 1, view_of(seen, p4925())).other, nullptr);
 }
 
-TEST_F(SlabEndsTest, scans_that_do_not_reach_the_ends_are_said_to_be_blind) {
+TEST_F(SlabEndsTest, scans_that_do_not_reach_the_ends_are_reported) {
   EXPECT_EQ(slab(p4925(), kShort_mm, 2, Beyond::nothing, 350.0).other, nullptr);
   ends_.use(recipes_, p4925());
   for (int k = 1; k <= 16; ++k) {
@@ -179,7 +179,7 @@ TEST_F(SlabEndsTest, scans_that_do_not_reach_the_ends_are_said_to_be_blind) {
   EXPECT_NEAR(ends_.blind_reach_mm(), 175.0, 8.0);
 }
 
-TEST_F(SlabEndsTest, recipes_that_only_the_ends_tell_apart_are_named_and_those_that_nothing_does) {
+TEST_F(SlabEndsTest, recipes_that_differ_only_in_the_ends_or_not_at_all_are_named) {
   std::vector<AlikeRecipes> alike = alike_recipes(recipes_);
   ASSERT_EQ(alike.size(), 1U) << "P5600 has another pitch and more blocks";
   EXPECT_TRUE(alike[0].ends_differ);

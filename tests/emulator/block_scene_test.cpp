@@ -149,7 +149,7 @@ TEST(BlockScene, tilted_view_finds_what_marching_finds_though_it_cannot_see_ever
     compare_with_marching(odd_truth(recipe()), (nominal_T_block_scanner() * tilt).inverse(), 2000, projection);
 }
 
-TEST(BlockScene, perspective_points_lie_on_their_rays_and_on_the_block) {
+TEST(BlockScene, perspective_points_are_on_their_rays_and_on_the_block) {
   const Recipe r = recipe();
   const auto surface =
       BlockSurface::make(r, nominal_truth(r), nominal_T_block_scanner().inverse(), Projection::perspective);
@@ -182,7 +182,7 @@ TEST(BlockScene, block_behind_the_scanner_is_refused) {
   }
 }
 
-TEST(BlockScene, chip_and_burr_stand_where_they_were_planted) {
+TEST(BlockScene, chip_and_burr_are_where_they_were_planted) {
   const Recipe r = recipe();
   BlockTruth truth = nominal_truth(r);
   truth.chip_mm = 0.3;
@@ -199,7 +199,7 @@ TEST(BlockScene, chip_and_burr_stand_where_they_were_planted) {
   EXPECT_NEAR(true_flatness_mm(r, truth), 0.5, 0.005);
 }
 
-TEST(BlockScene, glove_and_cable_stand_before_the_block_and_nowhere_else) {
+TEST(BlockScene, glove_and_cable_are_in_front_of_the_block_only) {
   const Recipe r = recipe();
   BlockTruth truth = nominal_truth(r);
   truth.glove_s_mm = 100.0;

@@ -26,7 +26,7 @@ TEST(ConcreteEffects, an_unknown_name_is_refused_with_all_names) {
   for (const EffectInfo& effect : effects()) EXPECT_NE(refused->find(effect.name), std::string::npos) << effect.name;
 }
 
-TEST(ConcreteEffects, a_wrong_strength_is_refused_and_changes_nothing) {
+TEST(ConcreteEffects, a_wrong_strength_is_refused_and_leaves_the_scene_unchanged) {
   EffectStrengths strengths(SurfaceKind::real);
   for (const char* text : {"voids", "voids=", "voids=x", "voids=-1", "voids=11", "voids=nan", "voids=1 "}) {
     const auto refused = strengths.take(text);

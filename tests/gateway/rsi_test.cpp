@@ -67,7 +67,7 @@ TEST(Rsi, a_sender_without_a_robot_is_flagged_and_the_pose_carries_the_flag) {
   EXPECT_EQ(bridge.translate(parse_rsi(packet(12)).value())->flags, 1);
 }
 
-TEST(Rsi, says_what_is_wrong_with_a_packet) {
+TEST(Rsi, reports_the_fault_of_a_packet) {
   const struct {
     std::string text;
     const char* told;

@@ -10,7 +10,7 @@
 namespace slabd::hal {
 namespace {
 
-TEST(Mock, clock_moves_only_when_told) {
+TEST(Mock, clock_moves_only_on_request) {
   ManualClock clock;
   const std::int64_t mono = clock.mono_ns();
   const std::int64_t utime = clock.utime_us();

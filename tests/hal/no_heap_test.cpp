@@ -76,7 +76,7 @@ void connect_to(const Fd& fd, const Address& address) {
   ASSERT_EQ(connect(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address), 0) << std::strerror(errno);
 }
 
-TEST(NoHeap, the_guard_bites) {
+TEST(NoHeap, reports_an_allocation_under_the_guard) {
   EXPECT_EQ(allocations_of([] { free(malloc(1)); }), 1);
   int* volatile kept = nullptr;
   EXPECT_GE(allocations_of([&] { kept = new int(1); }), 1);

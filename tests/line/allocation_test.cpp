@@ -58,7 +58,7 @@ fs::path scan_file(const TempDir& dir, const Recipe& recipe, std::uint64_t seed)
   return path;
 }
 
-TEST(HeapCount, bites) {
+TEST(HeapCount, counts_an_allocation) {
   HeapCount count;
   EXPECT_EQ(count.calls(), 0U);
   const auto* const one = new std::vector<int>(3);
@@ -90,7 +90,7 @@ TEST(HeapCount, includes_another_thread_if_enabled) {
   other.join();
 }
 
-TEST(HeapCount, sees_an_allocation_hidden_in_a_measurement) {
+TEST(HeapCount, counts_an_allocation_inside_a_measurement) {
   HeapCount count;
   std::string grows = "a worker that logs by std::string would look like this";
   grows += " and be found";

@@ -53,7 +53,7 @@ struct CalibrationLineTest : testing::Test {
   std::string id_in_force() { return status()["calibration"]["id"].get<std::string>(); }
 };
 
-TEST_F(CalibrationLineTest, is_applied_through_the_running_daemon_and_survives_its_death) {
+TEST_F(CalibrationLineTest, is_applied_through_the_running_daemon_and_kept_when_it_is_killed) {
   start();
   EXPECT_EQ(status()["calibration"]["source"], "commissioning");
   const Box::Answer first = adopt("0.05");
@@ -89,7 +89,7 @@ TEST_F(CalibrationLineTest, is_applied_without_the_daemon_and_found_at_its_start
   EXPECT_EQ(status()["fault"]["code"], 0);
 }
 
-TEST_F(CalibrationLineTest, the_emulated_scanner_is_where_the_calibration_in_force_says) {
+TEST_F(CalibrationLineTest, the_emulated_scanner_is_where_the_calibration_in_force_places_it) {
   ASSERT_EQ(adopt("0.05").exit_status, 0);
   // From now on the configuration's commissioning value is not used, by slabd or by the emulator. With it, no scan
   // would show the commanded block (204).

@@ -123,7 +123,7 @@ TEST_F(CaptureLineTest, views_are_taken_one_after_the_other_and_given_to_the_ses
   EXPECT_EQ(late.error().code, Code::wrong_slab);
 }
 
-TEST_F(CaptureLineTest, to_end_what_was_never_begun_begins_nothing) {
+TEST_F(CaptureLineTest, ending_a_session_that_was_never_begun_begins_none) {
   start();
   new_session();
   const auto end = [&] { return calibrate({"capture", "--live", "--end"}); };

@@ -234,7 +234,7 @@ TEST_F(CareLine, a_second_daemon_leaves_the_scanner_alone_until_the_database_is_
   ASSERT_TRUE(other.ready()) << other.log();
   for (int i = 0; i < 6'000 && input_register(other.port, kFault) != 502; ++i) ::usleep(10'000);
   EXPECT_EQ(input_register(other.port, kFault), 502) << other.log();
-  EXPECT_NE(other.log().find("another process works with"), std::string::npos) << other.log();
+  EXPECT_NE(other.log().find("another process uses"), std::string::npos) << other.log();
   EXPECT_TRUE(fs::exists(scan)) << other.log();
   EXPECT_EQ(box_.stop(), 0);
   // Retried after a few seconds.
@@ -411,7 +411,7 @@ TEST_F(CareLine, a_faulty_configuration_is_fault_504_for_every_client) {
   EXPECT_EQ(box_.slabctl({"plc", "monitor", "--once", "--config", box_.config.native()}).exit_status, 3);
 }
 
-TEST_F(CareLine, without_recipes_it_says_504_and_its_database_is_still_backed_up) {
+TEST_F(CareLine, without_recipes_it_shows_504_and_its_database_is_still_backed_up) {
   start();
   EXPECT_EQ(box_.stop(), 0);
   std::string text = read_file(box_.config);

@@ -69,7 +69,7 @@ TEST_F(KukaLineTest, a_kr_c2_without_rist_is_named_in_status_and_by_the_doctor) 
       std::regex_replace(rsi_, std::regex(":"), "/") + "; sleep 0.02; done";
   const Process robot({"/bin/bash", "-c", script}, box_.dir / "robot.out", box_.dir / "robot.err");
   const auto is_named = [](const std::string& text) {
-    return text.find("the bridge says: RSI packet: no element <RIst>, in the form of a KR C2") != std::string::npos;
+    return text.find("the bridge reports: RSI packet: no element <RIst>, in the form of a KR C2") != std::string::npos;
   };
   std::string pose;
   for (int i = 0; i < 500 && !is_named(pose); ++i) {
@@ -91,7 +91,7 @@ TEST_F(KukaLineTest, a_slab_is_finished_although_packets_get_lost_come_late_and_
   EXPECT_EQ(line->wait(), 0) << read_file(box_.dir / "simulate.out") << read_file(box_.dir / "simulate.err")
                              << read_file(box_.dir / "bridge.err");
   const std::string said = read_file(box_.dir / "bridge.err");
-  EXPECT_NE(said.find("packets come from 127.0.0.1"), std::string::npos) << said;
+  EXPECT_NE(said.find("packets arrive from 127.0.0.1"), std::string::npos) << said;
   EXPECT_NE(said.find("RSI packet: "), std::string::npos) << "garbled ones are reported: " << said;
   EXPECT_EQ(status()["links"]["pose"]["malformed"], 0) << "and never reach the daemon";
   bridge->signal(SIGTERM);
@@ -113,7 +113,7 @@ TEST_F(KukaLineTest, a_robot_in_the_wrong_base_is_refused) {
   EXPECT_EQ(seen["links"]["pose"]["code"], 206) << seen;
 }
 
-TEST_F(KukaLineTest, the_monitor_shows_the_pendants_numbers_and_that_the_robot_stands) {
+TEST_F(KukaLineTest, the_monitor_shows_the_pendants_numbers_and_that_the_robot_is_at_rest) {
   const auto bridge = start_bridge();
   const auto robot = standing_robot();
   const Box::Answer answer = box_.slabctl({"robot", "monitor", "--once", "--json", "--config", box_.config.native()});
@@ -159,7 +159,7 @@ TEST_F(KukaLineTest, while_two_controllers_send_none_is_published_and_both_are_n
   const auto says = [&](const std::string& text) {
     return read_file(box_.dir / "bridge.err").find(text) != std::string::npos;
   };
-  for (int i = 0; i < 2'000 && !says("packets come from 127.0.0.1:"); ++i) send(robots[0], "1000");
+  for (int i = 0; i < 2'000 && !says("packets arrive from 127.0.0.1:"); ++i) send(robots[0], "1000");
   const Process monitor(
       {places::slabctl(), "robot", "monitor", "--seconds", "2", "--json", "--config", box_.config.native()},
       box_.dir / "monitor.out", box_.dir / "monitor.err");
@@ -167,8 +167,8 @@ TEST_F(KukaLineTest, while_two_controllers_send_none_is_published_and_both_are_n
   EXPECT_TRUE(says("packets of 127.0.0.2:")) << read_file(box_.dir / "bridge.err");
   EXPECT_TRUE(says("127.0.0.1 sends as well")) << read_file(box_.dir / "bridge.err");
   EXPECT_EQ(read_file(box_.dir / "monitor.out").find("[1620"), std::string::npos) << "not the second one's";
-  for (int i = 0; i < 2'000 && !says("packets come from 127.0.0.2:"); ++i) send(robots[1], "1620");
-  EXPECT_TRUE(says("packets come from 127.0.0.2:")) << "the first one has fallen silent";
+  for (int i = 0; i < 2'000 && !says("packets arrive from 127.0.0.2:"); ++i) send(robots[1], "1620");
+  EXPECT_TRUE(says("packets arrive from 127.0.0.2:")) << "the first one has fallen silent";
   for (const int robot : robots) close(robot);
 }
 
@@ -176,7 +176,7 @@ TEST_F(KukaLineTest, packets_of_a_stranger_are_dropped) {
   const auto bridge = start_bridge({"--from", "127.0.0.9"});
   const auto line = box_.simulate({"--slab-no", "1", "--rsi", rsi_});
   std::this_thread::sleep_for(std::chrono::milliseconds(1'500));
-  EXPECT_EQ(read_file(box_.dir / "bridge.err").find("packets come from"), std::string::npos);
+  EXPECT_EQ(read_file(box_.dir / "bridge.err").find("packets arrive from"), std::string::npos);
   EXPECT_TRUE(bridge->running());
 }
 
@@ -223,7 +223,7 @@ int lose_the_route(const std::string& rsi, const fs::path& dir) {
     }
     return false;
   };
-  if (!says("packets come from")) return 1;
+  if (!says("packets arrive from")) return 1;
   if (read_file(dir / "err").find("cannot be published") != std::string::npos) return 2;
   if (!change_route(robot, SIOCDELRT) || !says("poses cannot be published: Network is unreachable")) return 3;
   if (!change_route(robot, SIOCADDRT) || !says("poses are published again")) return 4;

@@ -13,7 +13,7 @@ import unittest
 
 SOURCE = pathlib.Path(__file__).resolve().parents[2]
 BUILD = sys.argv.pop(1)
-# Drawing a slab takes half a minute on a free computer, and many times that beside other tests.
+# Drawing a slab takes half a minute on a free computer, and many times that next to other tests.
 PATIENCE_S = 1500
 
 

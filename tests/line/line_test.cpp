@@ -299,7 +299,7 @@ TEST_F(LineTest, a_slab_is_finished_among_strays_old_files_and_half_ones_at_ever
   EXPECT_GT(status()["links"]["scanner"]["strays"].get<int>(), 5);
 }
 
-TEST_F(LineTest, killed_while_a_scan_is_taken_has_one_more_taken_and_thrown_away) {
+TEST_F(LineTest, killed_while_a_scan_is_taken_has_one_more_taken_and_discarded) {
   const fs::path db = box.dir / "slabd.db";
   {
     const auto line = box.simulate({"--slab-no", "23", "--slab-id", "UNSEEN"});
@@ -316,7 +316,7 @@ TEST_F(LineTest, killed_while_a_scan_is_taken_has_one_more_taken_and_thrown_away
   ASSERT_TRUE(box.ready());
   const Box::Answer answer = simulate({"--slab-no", "23", "--slab-id", "UNSEEN"});
   EXPECT_EQ(answer.exit_status, 0) << answer.out << answer.err;
-  EXPECT_NE(box.log().find("one scan more is taken first"), std::string::npos) << box.log();
+  EXPECT_NE(box.log().find("one more scan is taken first"), std::string::npos) << box.log();
   EXPECT_EQ(query(db, "SELECT count(*) FROM slab_result WHERE verdict = 'pass'"), 1);
   for (const auto& entry : fs::recursive_directory_iterator(box.dir / "spool"))
     EXPECT_EQ(entry.path().native().find("unseen"), std::string::npos) << entry.path();

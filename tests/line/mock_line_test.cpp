@@ -226,7 +226,7 @@ TEST_F(MockLineTest, a_block_that_is_not_there_never_passes) {
   EXPECT_EQ(view().table[0].verdict, Verdict::not_measured);
 }
 
-TEST_F(MockLineTest, a_scanner_that_hangs_is_given_up_on_abort) {
+TEST_F(MockLineTest, a_scanner_that_hangs_is_abandoned_on_abort) {
   ASSERT_TRUE(turn_until([&] { return view().session != 0; }));
   ASSERT_TRUE(command(PlcCommand::slab_begin));
   scanner.hang_until_cancelled();
@@ -257,7 +257,7 @@ struct MockLineWhoseStoreFails : MockLineTest, testing::WithParamInterface<Code>
 INSTANTIATE_TEST_SUITE_P(, MockLineWhoseStoreFails, testing::Values(Code::store_full, Code::journal_write),
                          [](const auto& code) { return "fault_" + std::to_string(static_cast<int>(code.param)); });
 
-TEST_P(MockLineWhoseStoreFails, asks_for_the_store_again_after_a_while_and_at_a_reset_of_the_fault) {
+TEST_P(MockLineWhoseStoreFails, retries_the_store_after_a_delay_and_at_a_reset_of_the_fault) {
   EXPECT_EQ(view().fault, static_cast<int>(GetParam()));
   EXPECT_FALSE(view().store_ok);
   EXPECT_FALSE(view().ready);
@@ -306,7 +306,7 @@ struct MockLineWithoutConfig : MockLineTest {
   }
   std::atomic<int> tries{0};
 };
-TEST_F(MockLineWithoutConfig, a_faulty_configuration_is_nothing_that_trying_again_mends) {
+TEST_F(MockLineWithoutConfig, a_faulty_configuration_is_not_retried) {
   inputs.fault_reset = true;
   plc.write(inputs);
   loop->turn(0);

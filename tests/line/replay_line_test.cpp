@@ -14,7 +14,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-TEST(ReplayLine, a_slab_of_the_line_comes_out_again_bit_for_bit_beside_the_running_daemon) {
+TEST(ReplayLine, a_slab_of_the_line_is_reproduced_bit_for_bit_next_to_the_running_daemon) {
   Box box;
   box.start();
   ASSERT_TRUE(box.ready()) << box.log();

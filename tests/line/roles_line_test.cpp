@@ -59,7 +59,7 @@ class RolesLineTest : public testing::Test {
   Box box_;
 };
 
-TEST_F(RolesLineTest, slabs_pass_and_fail_when_slabd_asks_the_plc) {
+TEST_F(RolesLineTest, slabs_pass_and_fail_when_slabd_polls_the_plc) {
   give_role("role = \"client\"\nconnect = \"127.0.0.1:" + std::to_string(box_.port) + "\"");
   start();
   run_slabs();

@@ -142,7 +142,7 @@ class ScanStreamPortTest : public testing::Test {
   int decoded_ = 0;
 };
 
-TEST_F(ScanStreamPortTest, a_scan_is_measured_from_the_bytes_that_lie_in_the_spool) {
+TEST_F(ScanStreamPortTest, a_scan_is_measured_from_the_bytes_in_the_spool) {
   const auto result = acquire(request(), [](StreamGateway& g) {
     const StreamRequest r = wait_for(g);
     EXPECT_EQ(r.name(), "7-3");
@@ -195,7 +195,7 @@ TEST_F(ScanStreamPortTest, a_disk_that_does_not_store_the_scan_is_reported_while
   EXPECT_TRUE(port_->online());
 }
 
-TEST_F(ScanStreamPortTest, a_scan_goes_on_where_its_connection_was_cut) {
+TEST_F(ScanStreamPortTest, a_scan_continues_where_its_connection_was_cut) {
   const auto result = acquire(request(), [](StreamGateway& g) {
     EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99, 20'000).ok());
     ASSERT_TRUE(g.connect().ok());
@@ -209,7 +209,7 @@ TEST_F(ScanStreamPortTest, a_scan_goes_on_where_its_connection_was_cut) {
   EXPECT_EQ(std::memcmp(again.data(), xyz_.data(), 12 * kPoints), 0) << "the file has every point once";
 }
 
-TEST_F(ScanStreamPortTest, a_scan_taken_again_after_a_cut_leaves_nothing_of_the_first) {
+TEST_F(ScanStreamPortTest, a_scan_taken_again_after_a_cut_keeps_no_point_of_the_first) {
   const auto result = acquire(request(), [](StreamGateway& g) {
     EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99, 20'000).ok());
     ASSERT_TRUE(g.connect().ok());

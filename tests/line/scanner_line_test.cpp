@@ -202,7 +202,7 @@ TEST_F(ScannerLine, a_scanner_better_than_its_specification_leaves_U_as_it_is_an
   draw("same", {0.0}, kPlatePlacesMin, kBallPlacesMin, 0.0);
   const Box::Answer same = apply();
   EXPECT_EQ(same.exit_status, 6);
-  EXPECT_NE(same.err.find("the plate was looked at in 1 places and the ball in 1"), std::string::npos) << same.err;
+  EXPECT_NE(same.err.find("the plate was measured in 1 places and the ball in 1"), std::string::npos) << same.err;
   EXPECT_NE(same.err.find("10 scans of 1"), std::string::npos) << same.err;
 
   draw("good", {0.0}, kPlatePlacesMin, kBallPlacesMin);

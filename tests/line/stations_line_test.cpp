@@ -140,7 +140,7 @@ TEST_F(StationsLineTest, budget_names_what_was_used) {
   EXPECT_GT(part(with, BudgetPart::calibration), 0.0);
 }
 
-TEST_F(StationsLineTest, more_visits_help_as_the_law_says) {
+TEST_F(StationsLineTest, more_visits_reduce_the_error_as_predicted) {
   std::map<int, double> rms;
   for (const int visits : {2, 10}) {
     double squares = 0.0;

@@ -34,7 +34,7 @@ def by_hand(box):
     scanned = ask(box, 0, "scan", "3")
     assert "ACQUIRED after" in scanned and "slab 7 block 3: pass" in scanned, scanned
     box.order("station 4", "standing 4")
-    assert "slab 7 block 5: " not in ask(box, 6, "SCAN", "5"), "the robot stands over another block"
+    assert "slab 7 block 5: " not in ask(box, 6, "SCAN", "5"), "the robot is over another block"
     ended = ask(box, 1, "SLAB_END")
     assert "slab 7: not measured" in ended, ended
 

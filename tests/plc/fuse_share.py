@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A network share that misbehaves when told to: a folder seen through FUSE, with the kernel's protocol spoken here, so
+"""A network share that misbehaves on request: a folder seen through FUSE, with the kernel's protocol spoken here, so
 that nothing but root and /dev/fuse is needed. What the kernel does with a share that hangs, forgets, fails or goes away
-is the kernel's own; the server's part is played. Whoever uses it must not touch the mounted folder itself: this process
+is the kernel's own; the server's part is played. The user of this class must not touch the mounted folder itself: this process
 would wait for itself.
 
 Faults: freeze() and thaw() (the server stops, in the middle of a call), fail(errno, operations), break_off() (the
@@ -89,7 +89,7 @@ class Share:
                 self.calls += 1
                 try:
                     if opcode in self.failing[1]:
-                        raise OSError(self.failing[0], "as the test wants it")
+                        raise OSError(self.failing[0], "requested by the test")
                     body = self.answer(opcode, node, request[40:length])
                     head = struct.pack("<IiQ", 16 + len(body), 0, unique)
                 except OSError as why:

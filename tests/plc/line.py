@@ -32,7 +32,7 @@ CLAIMS = []
 
 
 def own_port():
-    """As own_port() of tests/places/ports.h, which knows the same claims: a TCP and UDP port of this process alone."""
+    """As own_port() of tests/places/ports.h, which uses the same claims: a TCP and UDP port of this process alone."""
     begin = random.randrange(10000)
     for i in range(10000):
         port = 20000 + (begin + i) % 10000
@@ -55,7 +55,7 @@ class Box:
 
     def __init__(self, build, role, scanner=None, peers_scanner=None, user=None):
         """`scanner`, `peers_scanner`: the [scanner] table of slabd and of robot and scanner, where they are not to meet
-        in one folder; {dir} stands for the box's. `user`: slabd runs as this uid."""
+        in one folder; {dir} is replaced by the box's. `user`: slabd runs as this uid."""
         self.build, self.role, self.user, self.one_folder = build, role, user, peers_scanner is None
         self.dir = tempfile.mkdtemp(prefix="slabd-plc-")
         self.port, lcm_port = own_port(), own_port()
@@ -212,7 +212,7 @@ class MasterWire:
 
 
 class MemoryWire:
-    """slabd asks: the registers lie in the PLC's own memory, served by pymodbus."""
+    """slabd polls: the registers are in the PLC's own memory, served by pymodbus."""
 
     def __init__(self, port, sync_last=0, memory=None):
         self.memory = memory or ModbusSequentialDataBlock(0, [0] * 1200)

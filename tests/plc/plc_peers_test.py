@@ -87,7 +87,7 @@ def mbpoll(box):
 
 
 def losses(box):
-    """Either side dies in the middle of a slab, and a connection is left half open; the line goes on by the rules."""
+    """Either side dies in the middle of a slab, and a connection is left half open; the line continues by the rules."""
     box.start()
     box.stand_by(2, ["slope=4:1/35"])
     wire = wire_for(box)
@@ -272,7 +272,7 @@ class Flood(Attack):
 
 
 def latencies(port, seconds, answers=400):
-    """Round trips of one well-behaved client, in ms; one dropped connection is made anew and counted."""
+    """Round trips of one well-behaved client, in ms; a dropped connection is opened again and counted."""
     times, drops = [], 0
     client = socket.create_connection(("127.0.0.1", port), 2)
     end = time.monotonic() + seconds

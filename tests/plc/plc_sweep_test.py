@@ -4,7 +4,7 @@
 
 Moments: an order prepared, written, accepted, being carried out, acquired; its record shown, stored, acknowledged. At
 each of them the PLC loses its memory, slabd is killed and started again, or the link is silent for three seconds with
-the old connection left half open. What the PLC does afterwards is what docs/PLC.md says and nothing else: wait for
+the old connection left half open. What the PLC does afterwards is exactly what docs/PLC.md requires: wait for
 READY, read STATION_MASK, and give the order again where the station is missing. No operator.
 
 Two slabs are driven through all of it. The emulated slab has its slope planted on block 4: a scan taken for another
@@ -188,7 +188,7 @@ class Line:
         return next((record for key, record in self.stored.items() if key[0] == slab_no and key[1] == 0), None)
 
     def scan_again_if_given_up(self, station, slab_no, moment, fault):
-        """Measuring takes milliseconds, beside other work longer: slabd may have been killed in the middle of it. Not by
+        """Measuring takes milliseconds, next to other work longer: slabd may have been killed in the middle of it. Not by
         another fault, nor before there was a scan, nor when the record had been shown."""
         def last():
             return next((r for key, r in reversed(self.stored.items()) if key[:2] == (slab_no, station)), None)

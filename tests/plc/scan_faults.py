@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What can go wrong between a scanner and slabd, as two tables: files dropped badly, and a stream sent badly. The
-emulated scanner's scans pass through DropScanner or StreamScanner, which deliver them as the case in hand says."""
+emulated scanner's scans pass through DropScanner or StreamScanner, which deliver them as the current case requires."""
 import os
 import shutil
 import socket
@@ -167,14 +167,14 @@ def fill(scanner):
 
 
 def file_cases(root, small_disk):
-    """`root`: slabd runs as somebody else, so that permissions hold; `small_disk`: the drop folder is a disk of its own."""
+    """`root`: slabd runs as another user, so that permissions hold; `small_disk`: the drop folder is a disk of its own."""
     everywhere = at(ALL, OK)
     cases = [
         Case("a stray scan", everywhere, lambda s: s.put("export_17.ply", s.poison)),
         Case("another request's name", everywhere, lambda s: s.put("1-60000.ply", s.poison)),
         Case("the last request's name again", everywhere, lambda s: s.put(f"{s.stem}.ply", s.poison)
              if s.step not in (EXPOSURE, READING) else s.put("7-7.ply", s.poison)),
-        Case("a name nobody gives", everywhere, lambda s: s.put("7-7 (copy).PLY~", s.poison)),
+        Case("a name that is never requested", everywhere, lambda s: s.put("7-7 (copy).PLY~", s.poison)),
         Case("an old file under the next name", at((BEGIN, BEFORE, MEASURING, END), OK, INCOMPLETE),
              lambda s: s.put(f"{s.next_name}.ply", s.poison)),
         Case("a flood of names", everywhere, lambda s: [s.write(f"n{i}", b"x") for i in range(60)]),
@@ -329,7 +329,7 @@ class StreamScanner(threading.Thread):
         return bytes(data)
 
     def intrude(self, source):
-        """Somebody else, with a whole scan of another block."""
+        """Another user, with a whole scan of another block."""
         try:
             with self.connect(source) as other:
                 other.sendall(self.poison)

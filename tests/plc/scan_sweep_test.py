@@ -3,7 +3,7 @@
 """Every fault of the scanner's side at every step of a slab, on a real line.
 
 Between slabd and the emulated scanner sits one that misbehaves: it passes requests on, takes the scans, and delivers
-them as the case says. Every third block has its slope planted, and whatever it delivers that is not the answer shows a
+them as the case requires. Every third block has its slope planted, and whatever it delivers that is not the answer shows a
 block of the other kind: a verdict taken from the wrong scan shows. A case must give the code its row of the table
 allows, and whatever happened, the same SCAN given again must then work, and the slab end with the planted verdicts.
 
@@ -27,7 +27,7 @@ BAD_BLOCKS = range(3, STATIONS + 1, 3)
 
 
 def spoiled(scan):
-    """The same block in other bytes, so that nothing knows the scan by its points."""
+    """The same block in other bytes, so that the points do not identify the scan."""
     data = bytearray(scan)
     for i in range(len(data) - 4 * (len(data) // 8), len(data) - 4, 3988):
         data[i] ^= 1
@@ -104,7 +104,7 @@ class Sweep:
         return self.plc.results[(slab_no, 0, seq)][6]
 
     def fetch_poison(self):
-        """One scan of each kind, spoiled, for whatever is delivered and is no answer."""
+        """One scan of each kind, spoiled, for whatever is delivered and is not an answer."""
         self.begin(900)
         for station, name in ((1, "good"), (BAD_BLOCKS[0], "bad")):
             self.scan(station, 900)

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""The drop folder on a network share that hangs, forgets, fails and goes away, under a real slabd.
+"""The drop folder on a network share that hangs, loses data, fails and is removed, under a real slabd.
 
 The scanner's computer writes on the server's side; slabd sees it through FUSE (fuse_share.py), where the kernel may
 remember names, sizes and times for a minute. A slab is scanned station by station, a fault each. Whatever happens, the
@@ -10,7 +10,7 @@ when the server is back, and the slab end with the planted verdicts.
   share_test.py --build build/release [--stall 75]
 
 Mounting needs root and /dev/fuse. Without them the same slab is scanned in a plain folder with what needs no share
-(growing files, clocks), and the program says so. Exit status 0: every promise held; 77: those without a share held, the
+(growing files, clocks), and the program reports it. Exit status 0: every promise held; 77: those without a share held, the
 others were not tried."""
 import argparse
 import errno
@@ -34,7 +34,7 @@ BAD_BLOCKS = (5,)
 
 
 def as_table(ply):
-    """Every eighth point as text: nothing in it says how long it is."""
+    """Every eighth point as text: it does not declare its length."""
     head, body = ply.split(b"end_header\n", 1)
     assert b"binary_little_endian" in head and head.count(b"property float ") == 3, head
     rows = b"".join(body[i:i + 12] for i in range(0, len(body) - 11, 96))
@@ -163,7 +163,7 @@ class Test:
         assert self.plc.block.IR[5] >> 8 & 1 == 0, "SCANNER_OK"
         self.share.thaw()
         wait_for(lambda: self.status()["online"], 60, "the share is back")
-        self.say(f"hangs while nothing is asked: heartbeat goes on, SCANNER_OK falls, \"{state['text'][-80:]}\"")
+        self.say(f"hangs between requests: heartbeat goes on, SCANNER_OK falls, \"{state['text'][-80:]}\"")
 
     def hang_during_scan(self, station):
         code, took = self.during(station, self.share.freeze, (OFFLINE, TIMEOUT))

@@ -110,7 +110,7 @@ TEST(JsonWriter, a_block_that_was_never_measured_is_marked_everywhere) {
   EXPECT_EQ(document["registration"]["deviation"]["within_sigma"].size(), 6U);
 }
 
-TEST(JsonWriter, an_item_says_where_its_uncertainty_comes_from_and_how_probably_it_conforms) {
+TEST(JsonWriter, an_item_has_its_uncertainty_budget_and_its_conformance_probability) {
   Item item;
   item.id = ItemId::jaw_distance;
   item.value = 380.5;

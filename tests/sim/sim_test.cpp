@@ -33,7 +33,7 @@ struct Sim : testing::Test {
   World world{1, false};
 };
 
-TEST_F(Sim, no_seed_makes_a_wrong_pass_a_lost_row_or_a_line_that_stands_still) {
+TEST_F(Sim, no_seed_makes_a_wrong_pass_a_lost_row_or_a_stopped_line) {
   const std::vector<Recipe> recipes = life_recipes();
   Totals totals;
   for (std::uint64_t seed = 1; seed <= 100; ++seed) {
@@ -129,7 +129,7 @@ TEST_F(LogInDoubt, keeps_what_the_next_process_commits_behind_it_when_the_power_
   }
 }
 
-TEST_F(LogInDoubt, loses_nothing_when_the_next_start_is_killed_at_any_write) {
+TEST_F(LogInDoubt, keeps_every_record_when_the_next_start_is_killed_at_any_write) {
   for (const bool power_goes_too : {false, true}) {
     bool killed = true;
     int kills = 0;

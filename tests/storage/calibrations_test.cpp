@@ -207,7 +207,7 @@ TEST_F(CalibrationsTest, a_calibration_that_may_not_be_used_is_never_put_in_forc
   CalibrationRecord old = hand_eye(1.0);
   old.expires_utime_us = 5'000;
   EXPECT_NE(refused(ApplyCalibration{keep(old), note()}).find("has expired"), std::string::npos);
-  EXPECT_NE(refused(ApplyCalibration{keep(hand_eye(2.0)), {"anna", "", 1}}).find("who does it and why"),
+  EXPECT_NE(refused(ApplyCalibration{keep(hand_eye(2.0)), {"anna", "", 1}}).find("an operator and a reason"),
             std::string::npos);
   CalibrationRecord senseless = hand_eye(1.0);
   std::get<HandEyeNumbers>(senseless.numbers).sigma_mm = kNoValue;
@@ -409,7 +409,7 @@ TEST_F(CalibrationsTest, a_new_record_is_put_in_force_after_a_clock_that_was_ahe
   EXPECT_NE(refused(ApplyCalibration{fresh_id, note()}).find("has expired"), std::string::npos);
 }
 
-TEST_F(CalibrationsTest, a_scanners_acceptance_comes_back_bit_for_bit_and_is_in_force_beside_the_hand_eye) {
+TEST_F(CalibrationsTest, a_scanners_acceptance_is_read_back_bit_for_bit_and_is_in_force_together_with_the_hand_eye) {
   const CalibrationRecord given = scanner(0.061);
   const std::string id = keep(given);
   EXPECT_EQ(id.substr(0, 3), "sc-");
@@ -483,7 +483,7 @@ TEST_F(CalibrationsTest, a_verification_out_of_limits_is_remembered_until_a_late
   EXPECT_TRUE(in_force().scanner.failed) << "going back cures nothing";
 }
 
-TEST_F(CalibrationsTest, a_spare_scanner_out_of_its_limits_says_nothing_about_the_one_that_was_accepted) {
+TEST_F(CalibrationsTest, a_spare_scanner_out_of_its_limits_does_not_affect_the_accepted_one) {
   put_in_force(keep(scanner(0.05)));
   CalibrationRecord spare = scanner(0.30, false);
   std::get<ScannerNumbers>(spare.numbers).scanner = "spare";

@@ -106,7 +106,7 @@ TEST_F(CareTest, needed_and_free_space_of_a_copy_are_reported_to_a_tenth_of_a_me
   EXPECT_TRUE(check_room(folder_.path(), 0, "nothing").ok());
 }
 
-TEST_F(CareTest, a_copy_leaves_the_room_for_scans_where_they_lie_and_nowhere_else) {
+TEST_F(CareTest, a_copy_reserves_room_only_on_the_disk_of_the_scans) {
   TemporaryFolder other_disk("/dev/shm");
   if (share_a_disk(folder_.path(), other_disk.path())) GTEST_SKIP() << "this machine has one file system";
   settings_.spool_free_bytes_min = std::uint64_t{1} << 62U;  // more than any disk has
@@ -293,7 +293,7 @@ TEST_F(FailedSlabsTest, are_all_that_did_not_pass_and_with_0_all_of_them_stay) {
   EXPECT_FALSE(is_there(3));
 }
 
-TEST_F(FailedSlabsTest, by_hand_as_many_stay_as_are_said) {
+TEST_F(FailedSlabsTest, a_manual_prune_keeps_the_number_that_is_given) {
   open();
   (void)recover();
   ended(1, kKeepSlabsMin + 2, Verdict::fail);
@@ -365,7 +365,7 @@ TEST_F(CareTest, slabs_with_scans_or_unseen_results_stay_and_so_do_the_newest) {
   EXPECT_EQ(db.value()->integer("SELECT count(*) FROM slab WHERE slab_key IN (3, 4)"), 0);
 }
 
-TEST_F(CareTest, without_an_order_and_without_a_limit_nothing_is_taken_away) {
+TEST_F(CareTest, without_an_order_and_without_a_limit_no_slab_is_removed) {
   open();
   (void)recover();
   slabs(1, kKeepSlabsMin + 3);

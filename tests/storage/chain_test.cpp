@@ -365,7 +365,7 @@ TEST_F(ChainTest, a_history_that_is_started_again_begins_a_chain) {
   EXPECT_EQ(anew.entries, 3) << "the beginning, the gap, the slab";
 }
 
-TEST_F(ChainTest, an_altered_backup_is_restored_only_when_that_is_said) {
+TEST_F(ChainTest, an_altered_backup_is_restored_only_with_an_explicit_option) {
   three_slabs();
   ASSERT_NE(after("UPDATE item SET value = 1.0 WHERE slab_key = 2"), "");
   const std::string backup = fast_.path() + "/backup.db";

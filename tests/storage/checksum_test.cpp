@@ -107,10 +107,10 @@ TEST_F(ChecksumTest, a_copy_without_a_checksum_is_restored_only_when_that_is_acc
   EXPECT_TRUE(restore(spoilt_, true).ok());
 }
 
-TEST_F(ChecksumTest, a_log_beside_a_backup_is_damage) {
+TEST_F(ChecksumTest, a_log_next_to_a_backup_is_damage) {
   for (const char* side : {"-wal", "-journal"}) {
     std::ofstream(backup_ + side) << "of another database";
-    EXPECT_NE(check_database(backup_, true).value().trouble.find("lies beside it"), std::string::npos) << side;
+    EXPECT_NE(check_database(backup_, true).value().trouble.find("exists next to it"), std::string::npos) << side;
     fs::remove(backup_ + side);
   }
 }

@@ -100,7 +100,7 @@ TEST_F(CrashTest, failed_write_is_reported_and_the_next_job_opens_the_file_again
   EXPECT_EQ(line->unacknowledged.size(), 2U);
 }
 
-TEST_F(CrashTest, a_running_store_begins_no_new_history_where_its_file_is_gone) {
+TEST_F(CrashTest, a_running_store_begins_no_new_history_when_its_file_was_removed) {
   open();
   begin(1);
   const std::uint16_t record = scan(1, 1, 1);
@@ -114,7 +114,7 @@ TEST_F(CrashTest, a_running_store_begins_no_new_history_where_its_file_is_gone) 
   std::filesystem::create_directory(folder);
   const Status status = try_apply(AckJob{record});
   ASSERT_FALSE(status.ok());
-  EXPECT_NE(status.error().text.view().find("not the file any more"), std::string_view::npos)
+  EXPECT_NE(status.error().text.view().find("no longer the file"), std::string_view::npos)
       << status.error().text.view();
   EXPECT_FALSE(std::filesystem::exists(settings_.db_path));
   // The same with an empty file, and with another database.
@@ -171,7 +171,7 @@ TEST_F(TakenAwayTest, nothing_is_reported_as_written_until_the_file_is_back) {
   EXPECT_EQ(recover()->stations[0].phase, StationPhase::measured);
 }
 
-TEST_F(TakenAwayTest, another_file_under_its_name_is_not_taken_for_it) {
+TEST_F(TakenAwayTest, another_file_under_its_name_is_not_used) {
   move_away("-away");
   std::filesystem::copy_file(copy_, settings_.db_path);
   EXPECT_TRUE(is_refused(AckJob{record_}));

@@ -78,7 +78,7 @@ TEST_F(QuarantineTest, a_damaged_database_is_set_aside_byte_for_byte_and_no_new_
   EXPECT_FALSE(is_unused(settings_.db_path));
 }
 
-TEST_F(QuarantineTest, the_log_of_a_damaged_database_goes_with_it_unread) {
+TEST_F(QuarantineTest, the_log_of_a_damaged_database_is_moved_with_it_unread) {
   live();
   // A log that its writer never moved into the database, as after a kill.
   open();

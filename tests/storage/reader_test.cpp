@@ -110,7 +110,7 @@ TEST_F(ReaderTest, control_characters_reach_people_as_numbers_and_programs_as_st
   }
 }
 
-TEST_F(ReaderTest, reads_after_the_daemon_has_gone) {
+TEST_F(ReaderTest, reads_after_the_daemon_has_ended) {
   open();
   begin(1);
   scan(1, 1, 1);

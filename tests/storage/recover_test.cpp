@@ -31,7 +31,7 @@ class RecoverTest : public StoreTest {
   }
 };
 
-TEST_F(RecoverTest, fresh_database_knows_nothing) {
+TEST_F(RecoverTest, fresh_database_recovers_no_slab) {
   open();
   const auto line = restart();
   EXPECT_EQ(line->session, 1) << "the one SetUp stored";

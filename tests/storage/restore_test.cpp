@@ -67,7 +67,7 @@ class RestoreTest : public StoreTest {
   std::string backup_ = folder_.path() + "/backup.db";
 };
 
-TEST_F(RestoreTest, the_backup_counts_and_the_history_says_that_it_has_a_gap) {
+TEST_F(RestoreTest, the_backup_is_used_and_the_history_records_a_gap) {
   ASSERT_TRUE(restore(backup_).ok());
   open();
   const auto line = recover();
@@ -100,7 +100,7 @@ TEST_F(RestoreTest, the_backup_counts_and_the_history_says_that_it_has_a_gap) {
   EXPECT_EQ(report.value().trouble, "");
 }
 
-TEST_F(RestoreTest, the_first_scan_after_it_proves_nothing) {
+TEST_F(RestoreTest, the_first_scan_after_it_is_not_accepted_as_new) {
   for (const std::string& from : {backup_, std::string()}) {
     ASSERT_TRUE(restore(from).ok());
     open();
@@ -113,7 +113,7 @@ TEST_F(RestoreTest, the_first_scan_after_it_proves_nothing) {
   }
 }
 
-TEST_F(RestoreTest, scans_that_only_the_lost_database_knew_stay) {
+TEST_F(RestoreTest, scans_that_only_the_lost_database_recorded_are_kept) {
   // Slab 2 was open when the backup was made; station 2 was scanned after that.
   const std::string later = scan_file(2, 2, 1, 1000);
   ASSERT_TRUE(restore(backup_).ok());
@@ -155,7 +155,7 @@ TEST_F(RestoreTest, calibrations_are_not_exchanged_for_as_many_others_without_a_
   EXPECT_TRUE(restore(now).ok());
 }
 
-TEST_F(RestoreTest, cut_short_where_no_database_lay_begins_no_history) {
+TEST_F(RestoreTest, an_interrupted_one_without_a_database_begins_no_history) {
   for (const char* left : {".restored.part", ".restored"}) {
     settings_.db_path = folder_.path() + "/disk" + left + "/slabd.db";
     settings_.spool_dir = folder_.path() + "/disk" + left + "/spool";
@@ -183,7 +183,7 @@ TEST_F(RestoreTest, cut_short_where_no_database_lay_begins_no_history) {
   }
 }
 
-TEST_F(RestoreTest, one_that_comes_to_nothing_leaves_nothing) {
+TEST_F(RestoreTest, a_failed_one_leaves_no_file) {
   settings_.db_path = folder_.path() + "/disk/slabd.db";
   fs::create_directories(folder_.path() + "/disk");
   for (const char* side : {"-wal", "-shm", "-journal", kLogCopy}) {
@@ -233,7 +233,7 @@ TEST_F(RestoreTest, remains_of_an_interrupted_restore_are_not_a_backup) {
   ASSERT_TRUE(restore(backup_).ok());
 }
 
-TEST_F(RestoreTest, done_again_after_it_was_cut_short_still_knows_what_would_be_lost) {
+TEST_F(RestoreTest, repeated_after_an_interruption_still_reports_what_would_be_lost) {
   calibrate();
   // Interrupted after the database was moved to quarantine, before the backup was renamed.
   ASSERT_TRUE(quarantine(settings_.db_path, kReplaced).ok());

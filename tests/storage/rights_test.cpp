@@ -282,7 +282,7 @@ TEST_F(RightsTest, a_log_with_commits_and_an_unfinished_frame_is_read_after_a_ki
   EXPECT_EQ(ask(person, "read"), "5");
 }
 
-TEST_F(RightsTest, a_log_without_its_index_is_refused_in_words_and_never_left_out) {
+TEST_F(RightsTest, a_log_without_its_index_is_refused_with_a_reason_and_never_left_out) {
   const std::string there = folder_.path() + "/killed";
   Person person{Reading(there + "/slabd.db")};
   start();
@@ -294,7 +294,7 @@ TEST_F(RightsTest, a_log_without_its_index_is_refused_in_words_and_never_left_ou
   EXPECT_NE(said.find("log (-wal) without its index (-shm)"), std::string::npos) << said;
 }
 
-TEST_F(RightsTest, a_reader_that_stays_open_sees_what_a_restarted_slabd_writes) {
+TEST_F(RightsTest, a_reader_that_stays_open_reads_what_a_restarted_slabd_writes) {
   Person person{Reading(settings_.db_path)};
   start();
   slabs(1, 1);
@@ -357,7 +357,7 @@ TEST_F(RightsTest, files_created_by_root_belong_to_the_owner_of_the_folder) {
   }
 }
 
-TEST_F(RightsTest, a_database_that_is_changed_while_it_is_read_without_locks_is_not_trusted) {
+TEST_F(RightsTest, a_database_that_changes_while_it_is_read_without_locks_is_refused) {
   start();
   slabs(1, 1);
   close();

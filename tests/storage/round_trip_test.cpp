@@ -213,7 +213,7 @@ TEST_F(RoundTripTest, jobs_given_twice_leave_one_record) {
   expect_same(read.value()->slab, again.slab);
 }
 
-TEST_F(RoundTripTest, contradictions_are_refused_and_the_store_goes_on) {
+TEST_F(RoundTripTest, contradictions_are_refused_and_the_store_continues) {
   open();
   EXPECT_FALSE(try_apply(AcquiredJob{attempt(1, 1, 1)}).ok()) << "no such slab";
   begin(5);

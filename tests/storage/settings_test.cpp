@@ -205,7 +205,7 @@ TEST_F(SettingsTest, foreign_database_is_refused_and_left_alone) {
   sqlite3_close(db);
 }
 
-TEST_F(SettingsTest, a_database_of_a_test_version_is_refused_in_words_and_left_alone) {
+TEST_F(SettingsTest, a_database_of_a_test_version_is_refused_with_a_reason_and_left_unchanged) {
   for (const char* version : {"1", "9"}) {
     make("PRAGMA application_id = 1397506370; CREATE TABLE IF NOT EXISTS slab (a); INSERT INTO slab VALUES (7)");
     make(std::string("PRAGMA user_version = ") + version);
@@ -250,7 +250,7 @@ TEST_F(SettingsTest, newer_schema_is_refused) {
   make("PRAGMA user_version = " + newer);
   const std::string text = refusal();
   const std::string told =
-      "newer slabd (schema version " + newer + ", this program knows up to " + std::to_string(kSchemaVersion) + ")";
+      "newer slabd (schema version " + newer + ", this program supports up to " + std::to_string(kSchemaVersion) + ")";
   EXPECT_NE(text.find(told), std::string::npos) << text;
   const Result<std::unique_ptr<Reader>> reader = open_reader(settings_.db_path);
   ASSERT_FALSE(reader.ok());

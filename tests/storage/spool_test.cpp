@@ -78,7 +78,7 @@ TEST_F(SpoolTest, deletes_only_down_to_the_budget_and_keeps_the_records) {
   EXPECT_EQ(db.value()->integer("SELECT count(*) FROM attempt WHERE slab_key = 3 AND scan_state = 'kept'"), 2);
 }
 
-TEST_F(SpoolTest, pinned_slab_is_passed_over_until_its_pin_is_gone) {
+TEST_F(SpoolTest, pinned_slab_is_kept_until_its_pin_is_removed) {
   settings_.spool_budget_bytes = 100'000;
   open();
   for (std::int64_t key = 1; key <= 3; ++key) acknowledge(whole_slab(key, Verdict::pass));
@@ -240,7 +240,7 @@ class OrphanTest : public SpoolTest {
   }
 };
 
-TEST_F(OrphanTest, scan_that_was_spooled_and_never_recorded_goes_at_the_next_start) {
+TEST_F(OrphanTest, scan_that_was_spooled_and_never_recorded_is_deleted_at_the_next_start) {
   open();
   begin_at(1);
   scan(1, 1, 1);
@@ -261,7 +261,7 @@ TEST_F(OrphanTest, scan_that_was_spooled_and_never_recorded_goes_at_the_next_sta
   EXPECT_EQ(store_->spool_trouble(), "");
 }
 
-TEST_F(OrphanTest, scans_of_the_same_slab_in_a_newer_database_are_kept_and_told) {
+TEST_F(OrphanTest, scans_of_the_same_slab_in_a_newer_database_are_kept_and_reported) {
   open();
   begin_at(1);
   scan(1, 1, 1);
@@ -272,7 +272,7 @@ TEST_F(OrphanTest, scans_of_the_same_slab_in_a_newer_database_are_kept_and_told)
   restart();
   EXPECT_FALSE(std::filesystem::exists(under_way));
   for (const std::string& path : later) EXPECT_TRUE(std::filesystem::exists(path)) << path;
-  EXPECT_THAT(std::string(store_->spool_trouble()), ::testing::HasSubstr("/1 holds 2 scans of attempts that this"));
+  EXPECT_THAT(std::string(store_->spool_trouble()), ::testing::HasSubstr("/1 holds 2 scans of attempts that are not"));
 }
 
 TEST_F(OrphanTest, only_scans_in_the_newest_slabs_own_folder_are_judged) {
@@ -321,7 +321,7 @@ TEST_F(OrphanTest, folder_that_leads_out_of_the_spool_is_not_entered) {
   EXPECT_TRUE(std::filesystem::exists(outside + "/1-1.ply"));
 }
 
-TEST_F(OrphanTest, nothing_of_a_pinned_slab_goes) {
+TEST_F(OrphanTest, no_file_of_a_pinned_slab_is_deleted) {
   open();
   begin_at(1);
   scan(1, 1, 1);

@@ -495,7 +495,7 @@ bool expect_told_as_full(const Error& told) {
 }
 
 // A person frees space on code 501, and looks for a damaged database on code 502.
-TEST_F(SurvivalTest, a_backup_on_a_disk_that_is_full_says_that_it_is_full) {
+TEST_F(SurvivalTest, a_backup_on_a_full_disk_reports_the_full_disk) {
   const std::string copy = root_ + "/copy.db";
   open();
   begin(1);
@@ -537,7 +537,7 @@ TEST_F(SurvivalTest, a_backup_that_fails_leaves_nothing_behind) {
   EXPECT_GT(failed, 10) << "are the calls still taken over?";
 }
 
-TEST_F(SurvivalTest, a_copy_before_an_upgrade_on_a_disk_that_is_full_says_that_it_is_full) {
+TEST_F(SurvivalTest, a_copy_before_an_upgrade_on_a_full_disk_reports_the_full_disk) {
   const std::string old_text = schema().sql;
   const NextVersions later;
   int told = 0;

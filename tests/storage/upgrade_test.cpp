@@ -151,7 +151,7 @@ TEST_F(UpgradeTest, a_database_of_a_version_between_takes_only_the_steps_after_i
   EXPECT_EQ(db.text("SELECT number FROM mould WHERE wear_mm IS NULL"), "4");
 }
 
-TEST_F(UpgradeTest, a_program_that_does_not_know_the_new_version_refuses_it_and_changes_nothing) {
+TEST_F(UpgradeTest, an_older_program_refuses_the_new_version_and_leaves_it_unchanged) {
   make_old();
   {
     const NextVersions later;
@@ -159,7 +159,7 @@ TEST_F(UpgradeTest, a_program_that_does_not_know_the_new_version_refuses_it_and_
     close();
   }
   const std::string before = whole(settings_.db_path);
-  const std::string told = "newer slabd (schema version " + kNew + ", this program knows up to " + kOld + ")";
+  const std::string told = "newer slabd (schema version " + kNew + ", this program supports up to " + kOld + ")";
   const Result<std::unique_ptr<Store>> store = open_store(settings_);
   ASSERT_FALSE(store.ok());
   EXPECT_EQ(store.error().code, Code::journal_write);
@@ -219,7 +219,7 @@ TEST_F(UpgradeTest, a_step_that_loses_a_calibration_is_not_committed) {
   EXPECT_EQ(db.text("SELECT count(*) FROM sqlite_schema WHERE name = 'calibration_is_kept'"), "1");
 }
 
-TEST_F(UpgradeTest, copy_of_the_old_database_stays_beside_it) {
+TEST_F(UpgradeTest, copy_of_the_old_database_is_kept_next_to_it) {
   make_old();
   const NextVersions later;
   open();
@@ -300,7 +300,7 @@ TEST_P(UpgradeFromTest, upgraded_tables_are_those_of_a_fresh_database) {
             fresh.column("SELECT name FROM sqlite_schema ORDER BY name"));
 }
 
-TEST_F(UpgradeTest, a_reader_changes_nothing_and_says_what_to_do) {
+TEST_F(UpgradeTest, a_reader_leaves_it_unchanged_and_reports_what_to_do) {
   make_old();
   const NextVersions later;
   const Result<std::unique_ptr<Reader>> early = open_reader(settings_.db_path);

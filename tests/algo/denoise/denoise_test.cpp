@@ -49,7 +49,7 @@ std::vector<bool> survivors(const std::vector<float>& before, const std::vector<
   return there;
 }
 
-TEST(PointGrid, holds_every_point_once_and_knows_the_pitch) {
+TEST(PointGrid, holds_every_point_once_and_returns_the_pitch) {
   Prng prng(4);
   for (const double pitch : {0.15, 0.4, 0.8}) {
     std::vector<float> xyz;
@@ -76,7 +76,7 @@ TEST(PointGrid, holds_every_point_once_and_knows_the_pitch) {
   }
 }
 
-TEST(Denoise, survives_absurd_coordinates_and_nothing_at_all) {
+TEST(Denoise, accepts_absurd_coordinates_and_an_empty_cloud) {
   const float huge = std::numeric_limits<float>::max();
   const float nan = std::numeric_limits<float>::quiet_NaN();
   std::vector<float> xyz = {
@@ -112,7 +112,7 @@ std::vector<float> tilted(double tilt_deg, double pitch, std::uint64_t seed) {
 }
 
 /// Clouds in which every point would be tested separately. Limited by counted work, the same on every computer.
-TEST(Denoise, gives_up_clouds_in_which_hardly_a_surface_goes_through_any_point) {
+TEST(Denoise, cancels_for_clouds_in_which_hardly_any_point_is_on_a_surface) {
   constexpr std::size_t kPoints = 5'900'000;
   Prng prng(3);
   const auto in = [&prng](double low, double high) { return static_cast<float>(low + (high - low) * prng.uniform()); };
@@ -145,7 +145,7 @@ TEST(Denoise, gives_up_clouds_in_which_hardly_a_surface_goes_through_any_point) 
   expect_given_up("huge extents", points([&](std::size_t) { return P{in(-1e6, 1e6), in(-1e6, 1e6), in(0, 1e6)}; }));
 }
 
-TEST(Denoise, ends_soon_when_its_caller_does_not_want_to_wait) {
+TEST(Denoise, ends_soon_when_its_caller_cancels) {
   std::vector<float> xyz;
   Prng prng(5);
   for (int i = 0; i < 60'000; ++i)
@@ -478,7 +478,7 @@ Left left_of(const scene::Scan& scan, double wide_mm, double up_mm, double jitte
       scan, wide_mm, [&](double, double) { return up_mm; }, jitter_mm, views, 15.0);
 }
 
-TEST(Denoise, keeps_what_hangs_together_however_narrow) {
+TEST(Denoise, keeps_connected_points_however_narrow) {
   // One line of the scan wide, in places two, or two, in places three; also without a grid and without a lattice.
   struct View {
     double pitch;
@@ -504,7 +504,7 @@ TEST(Denoise, keeps_what_hangs_together_however_narrow) {
   }
 }
 
-TEST(Denoise, keeps_what_hangs_together_over_a_length_however_steep_or_ragged) {
+TEST(Denoise, keeps_connected_points_over_a_length_however_steep_or_ragged) {
   // A leaning wire, half as steep as a fin's back, and a torn edge with another height every quarter of a millimetre:
   // no two neighbours are at the same height.
   const auto leaning = [](double, double s) { return 1.0 + 1.6 * std::abs(std::remainder(s, 72.0)); };
@@ -528,7 +528,7 @@ TEST(Denoise, keeps_what_hangs_together_over_a_length_however_steep_or_ragged) {
   }
 }
 
-TEST(Denoise, keeps_what_hangs_together_however_many_views_saw_it) {
+TEST(Denoise, keeps_connected_points_of_any_number_of_views) {
   // Views from one position have the same rays, each with a point of every view. A line of the scan has gaps as wide as
   // in a single view, although there are several times as many points.
   for (const double focus : {0.0, 600.0}) {

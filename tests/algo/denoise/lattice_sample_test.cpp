@@ -120,7 +120,7 @@ TEST(LatticeSample, contains_every_point_of_a_small_scan) {
 }
 
 /// One point decides; it is tested at every position of a sixteen, at the beginning, inside and at the end.
-TEST(LatticeSample, has_a_chosen_point_wherever_it_stands) {
+TEST(LatticeSample, has_a_chosen_point_at_any_position) {
   for (const std::size_t points : {20'000U, 20'001U, 20'015U}) {
     constexpr std::size_t kFirst = 60;
     const std::vector<float> others = scan(points, kSampleMin - 1, kFirst);

@@ -470,7 +470,7 @@ TEST(LatticeOrder, loses_no_point_where_a_band_has_more_of_them_than_cells) {
   }
 }
 
-TEST(LatticeOrder, loses_no_point_where_too_many_lie_outside) {
+TEST(LatticeOrder, loses_no_point_where_too_many_are_outside) {
   const auto [drawn, lattice, cells] = drawn_on_a_lattice();
   // One in 1 300: too few for a sample to detect them reliably.
   std::vector<float> points = drawn;

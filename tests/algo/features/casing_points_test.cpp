@@ -193,7 +193,7 @@ TEST(CasingPoints, on_the_rings_borders_are_in_or_out_as_stated) {
   }
 }
 
-TEST(CasingPoints, lie_in_one_of_the_two_sectors_whose_border_they_are_on) {
+TEST(CasingPoints, belong_to_one_of_the_two_sectors_whose_border_they_are_on) {
   CasingAxes axes = kStraight;
   axes.s_mm = 0.0F;
   const CasingRing ring = {0.0F, 0.0F, 12.5F, 17.5F, -1.0F, 1.0F};

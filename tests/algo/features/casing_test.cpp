@@ -83,7 +83,7 @@ TEST(Casing, is_measured_only_by_a_rim_that_is_one_plane_and_seen_all_around) {
   EXPECT_FALSE(with([](double turn) { return std::abs(turn) < 0.4 * kPi ? 0.0 : kNoValue; }).ok) << "a part seen";
 }
 
-TEST(Casing, is_not_measured_with_a_lip_that_stands_over_the_seat) {
+TEST(Casing, is_not_measured_with_a_lip_above_the_seat) {
   const auto with = [](double from_mm, double to_mm, double high_mm) {
     View view;
     if (from_mm < kBore_mm) view.bore_mm = [=](double) { return from_mm; };
@@ -150,7 +150,7 @@ Honesty honesty(const View& view, int seeds) {
   return {std::sqrt(true_squares / stated), std::sqrt(heights / counted), std::sqrt(0.5 * true_squares / counted)};
 }
 
-TEST(Casing, knows_how_well_it_knows_its_centre) {
+TEST(Casing, states_the_uncertainty_of_its_centre) {
   for (const double pitch_mm : {0.255, 0.4}) {
     const Honesty h = honesty({.pitch_mm = pitch_mm}, 150);
     EXPECT_NEAR(h.centre, 1.0, 0.2) << pitch_mm;
@@ -160,7 +160,7 @@ TEST(Casing, knows_how_well_it_knows_its_centre) {
   EXPECT_NEAR(honesty({.pitch_mm = 0.4, .missing_share = 0.15}, 100).centre, 1.0, 0.25);
 }
 
-TEST(Casing, is_measured_from_two_thirds_of_its_edge_and_says_it_is_worse) {
+TEST(Casing, is_measured_from_two_thirds_of_its_edge_with_a_larger_uncertainty) {
   const View whole{.pitch_mm = 0.3};
   const View part{.pitch_mm = 0.3, .hidden_from_x_mm = 7.5};
   EXPECT_NEAR(honesty(part, 100).centre, 1.0, 0.25);
@@ -185,7 +185,7 @@ TEST(Casing, from_half_an_edge_has_a_true_uncertainty_or_is_not_measured) {
   EXPECT_NEAR(std::sqrt(true_squares / stated), 1.0, 0.3);
 }
 
-TEST(Casing, knows_its_centre_less_well_when_a_part_of_its_edge_has_moved) {
+TEST(Casing, states_a_larger_uncertainty_when_a_part_of_its_edge_has_moved) {
   // A crescent of mortar in one half of the bore, or a half ring around it without points. A coarser scan does not
   // always detect 0.2 mm.
   for (const auto& [pitch_mm, moved_mm] : std::vector<std::pair<double, double>>{{0.255, -0.5},

@@ -152,7 +152,7 @@ TEST(CellSums, take_a_table_of_one_cell_one_row_or_one_column) {
   }
 }
 
-TEST(CellSums, count_a_point_once_wherever_it_stands) {
+TEST(CellSums, count_each_point_once_at_any_position) {
   for (const std::size_t count : {1U, 15U, 17U, 63U, 64U, 65U, 129U, 191U, 193U}) {
     for (std::size_t at = 0; at < count; ++at) {
       SCOPED_TRACE(std::to_string(at) + " of " + std::to_string(count));

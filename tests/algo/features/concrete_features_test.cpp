@@ -51,7 +51,7 @@ std::function<double(double, double)> pit(double diameter_mm, double depth_mm, d
   return [=](double x, double s) { return std::hypot(x - x0, s - s0) < 0.5 * diameter_mm ? -depth_mm : 0.0; };
 }
 
-TEST(Closing, bridges_pores_and_nothing_else) {
+TEST(Closing, bridges_only_pores) {
   for (const double diameter_mm : {1.5, 3.0, 5.0, 8.0}) {
     SCOPED_TRACE(diameter_mm);
     const Closed pore = closed(pit(diameter_mm, 2.0));
@@ -66,7 +66,7 @@ TEST(Closing, bridges_pores_and_nothing_else) {
   EXPECT_NEAR(bump.high, 0.8, 1e-9);
 }
 
-TEST(Closing, bridges_the_widest_pores_wherever_they_lie_in_the_cells) {
+TEST(Closing, bridges_the_widest_pores_at_any_position_in_the_cells) {
   for (const double turn_rad : {0.0, 0.4, 0.8, 1.2})
     for (double x0 = 0.0; x0 < 1.5; x0 += 0.3)
       for (double s0 = 0.0; s0 < 1.5; s0 += 0.3) {
@@ -134,7 +134,7 @@ TEST(RimHeight, is_that_of_the_plane_at_the_axis) {
   EXPECT_NEAR(half.tilt, 0.15 / 22.0, 1e-3);
 }
 
-TEST(RimHeight, does_not_count_what_lies_on_the_rim) {
+TEST(RimHeight, does_not_count_objects_on_the_rim) {
   for (const double crust_mm : {0.1, 0.2, 0.35}) {
     SCOPED_TRACE(crust_mm);
     const auto slurry = [&](double angle, double) { return std::abs(angle - 0.4) < 0.9 ? crust_mm : 0.0; };
@@ -156,7 +156,7 @@ TEST(RimHeight, does_not_count_what_lies_on_the_rim) {
 }
 
 /// Mortar higher than the seat on a quarter of the rim, rough in patches of 3 mm: the rail pad rests on it.
-TEST(RimHeight, sees_rough_mortar_over_the_seat) {
+TEST(RimHeight, includes_rough_mortar_above_the_seat) {
   for (const double over_seat_mm : {0.12, 0.15, 0.2, 0.3})
     for (std::uint64_t seed = 1; seed <= 8; ++seed) {
       SCOPED_TRACE(std::to_string(over_seat_mm) + " seed " + std::to_string(seed));
@@ -275,7 +275,7 @@ TEST(FlatStrip, takes_each_piece_of_a_bent_jaw_for_its_angle) {
     }
 }
 
-TEST(FlatStrip, says_how_far_a_wavy_face_leaves_its_tilt_open) {
+TEST(FlatStrip, states_the_uncertainty_of_the_tilt_of_a_wavy_face) {
   const FlatStrip wavy = JawPoints([](double u) { return 0.004 * std::sin(u); }, 0.005).strip();
   EXPECT_GT(wavy.form_tilt_rad, 1e-4);
   EXPECT_LT(wavy.form_tilt_rad, 1e-3);

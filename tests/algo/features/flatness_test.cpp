@@ -73,7 +73,7 @@ TEST(Flatness, equals_the_noise_of_cell_means_for_a_noisy_seat) {
   EXPECT_GT(f.raw_high_mm - f.raw_low_mm, 0.2) << "single points show far more";
 }
 
-TEST(Flatness, sees_a_chip_of_four_millimetres) {
+TEST(Flatness, includes_a_chip_of_four_millimetres) {
   const auto chip = [](double x, double y) { return std::hypot(x - 10.0, y + 20.0) < 2.0 ? -0.8 : 0.0; };
   const Flatness f = Seat(chip).measure();
   ASSERT_TRUE(f.ok);
@@ -152,7 +152,7 @@ TEST(Flatness, is_not_measured_when_many_small_holes_add_up) {
   EXPECT_NEAR(f.hole_mm2, 9.0, 1e-9);
 }
 
-TEST(Flatness, takes_sparse_cells_for_seen_and_for_what_they_say) {
+TEST(Flatness, counts_sparse_cells_as_seen_with_their_heights) {
   // In a square of 20 mm only every third point exists: 12 of 36 per cell, except for the pattern's chance.
   const auto thinned = [](double x, double y) {
     return std::abs(x) < 10.0 && std::abs(y) < 10.0 && static_cast<int>(std::floor(4.0 * (x + y))) % 4 != 0;
@@ -372,7 +372,7 @@ TEST(Flatness, damage_does_not_count_as_noise) {
   }
 }
 
-TEST(Flatness, the_seat_beside_damage_is_not_the_damage) {
+TEST(Flatness, the_seat_next_to_damage_is_not_excluded) {
   // In a row of cells two thirds are damage: connected points on the other side of it are the seat.
   for (const double height : {10.0, 3.0, -3.0}) {
     Seat seat([&](double x, double y) { return y > 0.0 && y < 1.0 && std::abs(x) < 40.0 ? height : 0.0; });
@@ -382,7 +382,7 @@ TEST(Flatness, the_seat_beside_damage_is_not_the_damage) {
   }
 }
 
-TEST(Flatness, strays_that_stand_alone_still_go) {
+TEST(Flatness, isolated_strays_are_still_removed) {
   // One point in a thousand is 1 mm up or down: some touch, but hardly ever half a cell's worth.
   Prng prng(12);
   Seat seat([&](double, double) {
@@ -413,7 +413,7 @@ TEST(Flatness, narrow_low_bumps_are_reported_separately) {
   EXPECT_EQ(seat(5.0, 0.9).bumps_mm, 0.0) << "damage";
 }
 
-TEST(Flatness, expects_nothing_at_casings) {
+TEST(Flatness, expects_no_points_at_casings) {
   const auto casing = [](double x, double y) { return std::hypot(x, std::abs(y) - 60.0) < 24.0; };
   Seat seat = without(casing);
   EXPECT_FALSE(seat.measure().ok);

@@ -94,7 +94,7 @@ TEST(NoiseTexture, is_missing_where_a_gap_was_filled) {
     }
 }
 
-TEST(NoiseTexture, tells_a_smoothed_scan) {
+TEST(NoiseTexture, detects_a_smoothed_scan) {
   Seat mean_of_three(0.03);
   mean_of_three.smooth(1);
   EXPECT_NEAR(mean_of_three.texture().lag_ratio, 2.0, 0.1);
@@ -104,7 +104,7 @@ TEST(NoiseTexture, tells_a_smoothed_scan) {
   EXPECT_LT(mean_of_five.texture().lag_ratio, 2.1);
 }
 
-TEST(NoiseTexture, tells_heights_that_stand_in_steps_though_they_were_corrected) {
+TEST(NoiseTexture, detects_heights_in_steps_although_they_were_corrected) {
   const auto rounded = [](double step) {
     return [step](float v) { return static_cast<float>(std::nearbyint(static_cast<double>(v) / step) * step); };
   };
@@ -210,7 +210,7 @@ scene::Cloud rounded(scene::Cloud cloud, float step_mm) {
   return cloud;
 }
 
-TEST(FilledScan, is_found_in_a_scan_of_few_decimals_and_a_good_scan_is_not_taken_for_one) {
+TEST(FilledScan, is_detected_in_a_scan_of_few_decimals_without_false_alarms) {
   for (const float step_mm : {0.002F, 0.005F, 0.01F, 0.02F}) {
     const BlockResult r = inspect(rounded(filled({8.0, -42.0, -60.0}, {32.0, -18.0, 60.0}), step_mm));
     EXPECT_EQ(r.verdict, Verdict::not_measured) << step_mm;

@@ -23,7 +23,7 @@ double angle_deg(const PlaneFit& a, const PlaneFit& b) {
   return deg_from_rad(angle_between_rad(a.normal, b.normal));
 }
 
-TEST(FarFromTheOrigin, doubles_change_nothing_by_more_than_a_nanometre) {
+TEST(FarFromTheOrigin, doubles_change_no_result_by_more_than_a_nanometre) {
   const std::vector<Vec3> near = surface(9, 67, 102, 0.05, 0.0);
   const std::vector<Vec3> far = surface(9, 67, 102, 0.05, 0.0, kFar);
   const auto compare = [&](const PlaneFit& a, const PlaneFit& b) {

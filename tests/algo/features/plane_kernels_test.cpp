@@ -207,7 +207,7 @@ TEST(PlaneKernels, have_the_same_bits_on_every_instruction_set) {
   (void)limit_instruction_set(InstructionSet::best);
 }
 
-TEST(PlaneSampling, the_first_quarter_stands_for_the_whole_set) {
+TEST(PlaneSampling, the_first_quarter_represents_the_whole_set) {
   for (const std::size_t n : {std::size_t{1500}, std::size_t{4096}, std::size_t{4097}, std::size_t{100'000}}) {
     // Every fourth point of the set is missing; x is the position of a point in the set.
     std::vector<Vec3> points;

@@ -107,7 +107,7 @@ TEST(PlaneStructure, a_given_threshold_that_takes_in_two_surfaces_is_refused) {
   EXPECT_TRUE(fit_plane(step, Vec3::UnitZ(), {.threshold_mm = 0.09}).ok);
 }
 
-TEST(PlaneStructure, noise_alone_is_not_doubted) {
+TEST(PlaneStructure, noise_alone_raises_no_doubt) {
   // In a small set a few points may fit a plane so well by chance that the others look like strays. Then it is refused:
   // about one set in seventy.
   constexpr std::uint64_t kHandful = 60;

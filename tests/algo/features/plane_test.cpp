@@ -221,20 +221,20 @@ TEST(PlaneRansac, gives_the_same_bits_twice) {
   EXPECT_EQ(a.inliers, b.inliers);
 }
 
-TEST(PlaneRansac, says_no_when_too_few_points_agree) {
+TEST(PlaneRansac, reports_failure_when_too_few_points_agree) {
   const std::vector<Vec3> points = with_outliers(4, 0.3);
   const PlaneFit f = fit_plane(points, Vec3::UnitZ(), {.inlier_share_min = 0.8, .seed = 1});
   EXPECT_FALSE(f.ok);
   EXPECT_NEAR(f.inlier_fraction, 0.7, 0.03) << "the figures reached are still filled in";
 }
 
-TEST(PlaneRansac, says_no_when_the_refits_run_out) {
+TEST(PlaneRansac, reports_failure_when_the_refits_run_out) {
   const PlaneFit f = fit_plane(with_outliers(4, 0.3), Vec3::UnitZ(), {.refits_max = 1});
   EXPECT_FALSE(f.ok);
   EXPECT_EQ(f.iterations, 1);
 }
 
-TEST(PlaneRansac, refuses_too_few_points_a_line_and_nothing_finite) {
+TEST(PlaneRansac, refuses_too_few_points_a_line_and_no_finite_point) {
   EXPECT_FALSE(fit_plane({}, Vec3::UnitZ(), {}).ok);
   const std::vector<Vec3> two = {{0, 0, 0}, {1, 0, 0}};
   EXPECT_FALSE(fit_plane(two, Vec3::UnitZ(), {}).ok);
@@ -293,7 +293,7 @@ TEST(PlaneClassicRansac, finds_its_own_threshold_and_is_repeatable) {
   EXPECT_EQ(a.inliers, b.inliers);
 }
 
-TEST(PlaneClassicRansac, says_no_to_a_line_to_nothing_finite_and_to_a_small_share) {
+TEST(PlaneClassicRansac, refuses_a_line_no_finite_point_and_a_small_share) {
   std::vector<Vec3> line;
   for (int i = 0; i < 100; ++i) line.push_back(Vec3(i, 2.0 * i, 0.0));
   EXPECT_FALSE(fit_plane_ransac(line, Vec3::UnitZ(), {}).ok);

@@ -132,7 +132,7 @@ TEST(TiltedSums, do_not_drift_over_many_equal_points) {
   });
 }
 
-TEST(TiltedSums, count_a_point_once_wherever_it_stands) {
+TEST(TiltedSums, count_each_point_once_at_any_position) {
   for (const std::size_t count : {1U, 15U, 16U, 17U, 33U, 47U, 273U}) {
     for (std::size_t at = 0; at < count; ++at) {
       SCOPED_TRACE(std::to_string(at) + " of " + std::to_string(count));

@@ -247,7 +247,7 @@ TEST(SlabDefects, with_seats_missing_down_to_twelve_the_others_keep_their_places
   EXPECT_LE(std::sqrt(squares / count), 0.018);
 }
 
-TEST(SlabDefects, every_number_of_pairs_either_has_a_frame_or_says_why_not) {
+TEST(SlabDefects, every_number_of_pairs_has_a_frame_or_a_reason_without_one) {
   for (std::uint8_t pairs = 4; pairs <= 9; ++pairs) {
     Recipe recipe = simulation::recipe_with_uncertainty();
     recipe.slab.pairs = pairs;
@@ -491,7 +491,7 @@ TEST(SlabDefects, slopes_that_are_all_too_steep_fail_as_what_they_are) {
   EXPECT_TRUE(r.fit.note.empty()) << r.fit.note.view();
 }
 
-TEST(SlabDefects, without_the_top_beside_both_rows_no_slope_passes) {
+TEST(SlabDefects, without_the_top_next_to_both_rows_no_slope_passes) {
   const Bench bench;
   for (const int unseen : {6, 7}) {
     Prng prng(4);
@@ -504,7 +504,7 @@ TEST(SlabDefects, without_the_top_beside_both_rows_no_slope_passes) {
   }
 }
 
-TEST(SlabDefects, a_row_that_lies_elsewhere_along_the_rail_is_said) {
+TEST(SlabDefects, a_row_displaced_along_the_rail_is_reported) {
   const Bench bench;
   BuiltSlab built = bench.slab();
   for (int k = 10; k <= 18; ++k) bench.move(built, k, {6.0, 0.0, 0.0});

@@ -101,7 +101,7 @@ TEST(Slab, finds_its_frame_from_any_place_of_the_base) {
   EXPECT_LT((out.fit.T_base_slab.translation_mm - kBase.translation_mm).norm(), 0.02);
 }
 
-TEST(Slab, one_seat_beside_its_place_is_that_seats_fault_only) {
+TEST(Slab, one_displaced_seat_fails_only_that_seat) {
   for (int station = 1; station <= 18; ++station) {
     Slab slab;
     slab.place(station, Vec3(0.0, 0.8, 0.0), Quat::Identity());
@@ -348,7 +348,7 @@ TEST(Slab, with_one_row_has_no_frame) {
   expect_no_frame(slab);
 }
 
-TEST(Slab, with_nothing_has_no_frame) {
+TEST(Slab, without_blocks_has_no_frame) {
   Slab slab;
   for (int k = 1; k <= 18; ++k) slab.forget(k);
   expect_no_frame(slab);
@@ -408,7 +408,7 @@ TEST(Slab, gives_the_same_bits_twice) {
   for (std::size_t i = 0; i < a.items.size(); ++i) EXPECT_EQ(a.items[i].value, b.items[i].value);
 }
 
-TEST(Slab, a_block_that_says_it_does_not_pass_never_does_whatever_its_items_say) {
+TEST(Slab, a_block_without_pass_never_passes_whatever_its_items_are) {
   // A record with a missing item: the remaining ones are good.
   for (const Verdict verdict : {Verdict::fail, Verdict::not_measured, Verdict::aborted, Verdict::indeterminate}) {
     for (const int reason : {0, kReasonItemBase + 3, static_cast<int>(Code::fit_failed)}) {

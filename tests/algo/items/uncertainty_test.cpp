@@ -560,7 +560,7 @@ TEST(ScannerBudget, a_scanner_that_is_worse_than_specified_makes_every_U_larger_
   EXPECT_GT(find(worse, ItemId::seat_flatness).U, find(alone, ItemId::seat_flatness).U);
 }
 
-TEST(ScannerBudget, verified_correlation_asks_for_a_noise_factor_by_the_density_of_the_scan) {
+TEST(ScannerBudget, verified_correlation_requires_a_noise_factor_by_the_density_of_the_scan) {
   ScannerNumbers n;
   EXPECT_EQ(verified_noise_factor(n, 20.0), 1.0) << "nothing was verified";
   n.noise_correlation_mm = 0.0;

@@ -80,7 +80,7 @@ TEST(Registration, converges_from_twenty_millimetres_and_three_degrees_in_every_
   }
 }
 
-TEST(Registration, is_right_or_says_no_from_any_distance) {
+TEST(Registration, is_right_or_reports_failure_from_any_distance) {
   const scene::Cloud cloud = plain_scan();
   Prng prng(8);
   int converged = 0;
@@ -221,7 +221,7 @@ TEST(Registration, has_the_same_bits_on_two_threads_where_casings_or_a_search_ar
   }
 }
 
-TEST(Registration, takes_the_robots_word_along_the_rail_where_nothing_else_fixes_it) {
+TEST(Registration, uses_the_robots_pose_along_the_rail_where_the_scan_does_not_determine_it) {
   // Neither end face in view, and no casing: the scan does not determine the position along the rail.
   scene::Scan scan;
   scan.field_x_mm = 170.0;

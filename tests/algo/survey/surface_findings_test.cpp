@@ -44,7 +44,7 @@ void expect_doubt(const BlockResult& r) {
   for (const Item& i : r.items) EXPECT_TRUE(!i.required || i.verdict == Verdict::pass) << info(i.id).name;
 }
 
-TEST(Findings, half_a_seat_sunk_beside_the_evaluation_region_is_one) {
+TEST(Findings, half_a_seat_sunk_next_to_the_evaluation_region_is_one) {
   for (const double focus_mm : {0.0, 600.0}) {
     for (const double depth_mm : {1.5, 4.0, 10.0}) {
       SCOPED_TRACE(testing::Message() << depth_mm << " mm, focus " << focus_mm);
@@ -96,7 +96,7 @@ TEST(Findings, a_corner_broken_out_is_one) {
   }
 }
 
-TEST(Findings, a_hole_beside_a_jaw_is_one_though_every_item_passes) {
+TEST(Findings, a_hole_next_to_a_jaw_is_one_though_every_item_passes) {
   for (const double focus_mm : {0.0, 600.0}) {
     scene::Block block;
     block.relief_mm = [](double x, double s) { return x > 57.0 && s > 155.0 && s < 183.0 ? -15.0 : 0.0; };
@@ -118,7 +118,7 @@ TEST(Findings, an_end_broken_off_or_a_groove_at_the_foot_11_mm_wide_is_one) {
   }
 }
 
-TEST(Findings, surface_that_returns_nothing_amid_the_scan_is_one) {
+TEST(Findings, surface_without_points_amid_the_scan_is_one) {
   const float nan = std::nanf("");
   scene::Cloud cloud = scene::take({}, seen(0.0));
   for (std::size_t i = 0; i < cloud.xyz.size(); i += 3) {
@@ -135,7 +135,7 @@ TEST(Findings, surface_that_returns_nothing_amid_the_scan_is_one) {
   EXPECT_NEAR(r.findings[0].area_mm2, 16.0 * 24.0, 110.0);
 }
 
-TEST(Findings, something_that_lies_on_the_seat_is_one) {
+TEST(Findings, an_object_on_the_seat_is_one) {
   scene::Block block;
   block.relief_mm = [](double x, double s) { return std::hypot(x + 70.0, s - 60.0) < 9.0 ? 6.0 : 0.0; };
   const BlockResult r = inspect(scene::take(block, seen(600.0)));

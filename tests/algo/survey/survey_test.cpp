@@ -190,7 +190,7 @@ TEST(Survey, finds_what_the_plain_way_finds) {
   }
 }
 
-TEST(Survey, asks_about_points_in_any_order) {
+TEST(Survey, accepts_points_in_any_order) {
   Bench bench;
   scene::Scan scan;
   scan.pitch_mm = 0.8;
@@ -211,7 +211,7 @@ TEST(Survey, asks_about_points_in_any_order) {
   expect_same_statistics(survey, plain);
 }
 
-TEST(Survey, says_the_same_on_two_threads) {
+TEST(Survey, returns_the_same_on_two_threads) {
   Bench bench;
   scene::Cloud drawn = scene::take(scene::Block{}, scene::Scan{});
   const Survey one = bench.run(drawn.view(), drawn.T_block_scanner, 1);
@@ -301,7 +301,7 @@ TEST(Survey, maps_points_at_the_edge_of_the_field_within_it) {
   }
 }
 
-TEST(Survey, finds_nothing_without_points) {
+TEST(Survey, is_empty_without_points) {
   Bench bench;
   std::vector<float> xyz(3 * 70'000, std::numeric_limits<float>::quiet_NaN());
   const Survey survey = bench.run({xyz, 70'000, 0, 0}, Pose::identity());

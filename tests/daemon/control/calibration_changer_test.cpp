@@ -117,7 +117,7 @@ class CalibrationChangerTest : public ::testing::Test {
   std::unique_ptr<CalibrationChanger> changer_;
 };
 
-TEST_F(CalibrationChangerTest, a_change_is_carried_out_and_its_file_is_gone) {
+TEST_F(CalibrationChangerTest, a_change_is_applied_and_its_file_is_deleted) {
   leave("1.json", change_json(KeepCalibration{hand_eye()}));
   const LineCalibration* kept = carry_out("1.json");
   ASSERT_TRUE(changer_->succeeded()) << changer_->error().text.view();
@@ -151,7 +151,7 @@ class DoubtfulStore : public Store {
   Store& store_;
 };
 
-TEST_F(CalibrationChangerTest, after_a_change_that_failed_the_line_works_with_what_the_database_says) {
+TEST_F(CalibrationChangerTest, after_a_failed_change_the_line_uses_what_is_in_the_database) {
   leave("1.json", change_json(KeepCalibration{hand_eye()}));
   (void)carry_out("1.json");
   const std::string id(changer_->id().view());
@@ -162,7 +162,7 @@ TEST_F(CalibrationChangerTest, after_a_change_that_failed_the_line_works_with_wh
   changer_->carry_out(&doubtful);
   const LineCalibration* now = changer_->finish();
   EXPECT_FALSE(changer_->succeeded());
-  EXPECT_NE(changer_->error().text.view().find("made all the same"), std::string_view::npos);
+  EXPECT_NE(changer_->error().text.view().find("made nevertheless"), std::string_view::npos);
   ASSERT_NE(now, nullptr);
   EXPECT_EQ(now->id.view(), id);
 }

@@ -46,12 +46,12 @@ TEST(CaptureControl, errors_are_named_and_nothing_is_truncated) {
   EXPECT_NE(error_of(R"({"action":"begin","session":"s","operator":"a","lease_s":"x"})").find("\"lease_s\""),
             std::string::npos);
   EXPECT_NE(error_of(R"({"action":"release","session":"s"})").find("\"scan\""), std::string::npos);
-  EXPECT_NE(
-      error_of(R"({"action":"begin","session":"s","operator":"a"})", hal::ControlPort::kUidUnknown).find("who asks"),
-      std::string::npos);
+  EXPECT_NE(error_of(R"({"action":"begin","session":"s","operator":"a"})", hal::ControlPort::kUidUnknown)
+                .find("user of this request"),
+            std::string::npos);
 }
 
-TEST(CaptureControl, the_answer_tells_a_view_and_survives_any_text) {
+TEST(CaptureControl, the_answer_describes_a_view_and_is_valid_for_any_text) {
   Station station{StationSettings{}};
   station.recovered = true;
   station.capture.phase = Capture::Phase::ready;
@@ -75,7 +75,7 @@ TEST(CaptureControl, the_answer_tells_a_view_and_survives_any_text) {
   EXPECT_NE(answer["shot"]["warnings"][1].get<std::string>().find("3.0 s old"), std::string::npos);
 
   shot.code = Code::not_settled;
-  shot.text = "the robot does not stand still";
+  shot.text = "the robot is not at rest";
   const json refused = json::parse(capture_json(station));
   EXPECT_EQ(refused["shot"]["ok"], false);
   EXPECT_EQ(refused["shot"]["code"], 203);

@@ -30,7 +30,7 @@ TEST(HandshakeModel, no_wrong_place_no_lost_scan_no_lost_result_and_always_a_way
 }
 
 // A PLC that forgets SYNC_REQ after its start is detected by its heartbeat, if it was down for long enough.
-TEST(HandshakeModel, a_lost_heartbeat_stands_in_for_a_sync_req_that_never_came) {
+TEST(HandshakeModel, a_lost_heartbeat_replaces_a_missing_sync_req) {
   Rules rules;
   rules.synchronises = false;
   Mishaps mishaps;

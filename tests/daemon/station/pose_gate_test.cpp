@@ -116,7 +116,7 @@ TEST_F(PoseGateTest, a_sender_that_supplies_the_stopped_flag_is_taken_at_its_wor
   EXPECT_EQ(settled(), Code::not_settled);
 }
 
-TEST_F(PoseGateTest, stopped_flag_of_a_sender_is_forgotten_when_the_sender_is_silent) {
+TEST_F(PoseGateTest, stopped_flag_of_a_sender_is_no_longer_required_after_a_silence) {
   stopped = true;
   send(200);
   stopped = false;
@@ -213,7 +213,7 @@ TEST_F(PoseGateTest, a_motion_hidden_in_lost_samples_is_not_a_standstill) {
   EXPECT_EQ(held_still(now_ns - 1), Code::pose_stale) << "this stays unknown";
 }
 
-TEST_F(PoseGateTest, a_sample_that_comes_again_does_not_say_where_the_robot_is_now) {
+TEST_F(PoseGateTest, a_repeated_sample_is_not_a_new_pose) {
   expose();
   send(1);
   PoseSample old = sample_at(now_ns);

@@ -222,7 +222,7 @@ TEST(StationCalibration, a_slab_begin_on_its_way_to_the_database_keeps_the_calib
   EXPECT_EQ(line.station->calibration.id.view(), "he-2");
 }
 
-TEST(StationCalibration, a_restart_goes_on_with_the_open_slabs_own) {
+TEST(StationCalibration, a_restart_continues_with_the_open_slabs_calibration) {
   MemoryStore store;
   store.line.calibration = mastered("he-1", test_recipe());
   {
@@ -451,7 +451,7 @@ TEST(StationCalibration, a_slab_is_measured_with_the_acceptance_it_was_begun_wit
   EXPECT_EQ(restarted.measured.back().basis.verified.form_half_mm, 0.06);
 }
 
-TEST(StationCalibration, an_acceptance_that_is_too_old_or_was_followed_by_a_failure_warns_and_goes_on_counting) {
+TEST(StationCalibration, an_acceptance_that_is_too_old_or_was_followed_by_a_failure_warns_and_stays_in_use) {
   for (const bool failed : {false, true}) {
     MemoryStore store;
     store.line.calibration = with_scanner("sc-1", 0.06);

@@ -174,7 +174,7 @@ TEST_F(CaptureTest, another_tool_is_refused_by_name) {
   EXPECT_TRUE(says(shot.text, "tool 3 are active")) << shot.text.view();
 }
 
-TEST_F(CaptureTest, the_scanners_own_words_are_passed_on) {
+TEST_F(CaptureTest, the_scanners_error_text_is_reported) {
   begin();
   line_.scan_code = Code::trigger_timeout;
   const CaptureShot& shot = shoot();
@@ -347,7 +347,7 @@ TEST_F(CaptureTest, any_other_fault_comes_first) {
   EXPECT_TRUE(says(why.text, "fault 502")) << why.text.view();
 }
 
-TEST_F(CaptureTest, a_session_that_dies_releases_the_line) {
+TEST_F(CaptureTest, a_killed_session_releases_the_line) {
   begin();
   EXPECT_EQ(shoot().code, Code::ok);
   line_.run_for(58'000);
@@ -358,7 +358,7 @@ TEST_F(CaptureTest, a_session_that_dies_releases_the_line) {
   EXPECT_TRUE(line_.scans.size() == 1);
 }
 
-TEST_F(CaptureTest, a_session_that_goes_on_keeps_the_line) {
+TEST_F(CaptureTest, a_session_that_continues_keeps_the_line) {
   begin();
   for (int i = 0; i < 4; ++i) {
     line_.run_for(50'000);
@@ -367,7 +367,7 @@ TEST_F(CaptureTest, a_session_that_goes_on_keeps_the_line) {
   EXPECT_EQ(line_.view().state, PlcState::maintenance);
 }
 
-TEST_F(CaptureTest, the_same_session_goes_on_and_another_waits_or_takes_over) {
+TEST_F(CaptureTest, the_same_session_continues_and_another_waits_or_takes_over) {
   begin();
   EXPECT_EQ(shoot().code, Code::ok);
   begin();  // the previous slabctl was killed
@@ -472,7 +472,7 @@ TEST_F(CaptureTest, a_view_without_a_free_buffer_fails_with_that_reason) {
   EXPECT_EQ(line_.view().state, PlcState::maintenance);
 }
 
-TEST_F(CaptureTest, poses_that_end_with_the_scan_do_not_prove_that_the_robot_stood_still) {
+TEST_F(CaptureTest, a_view_without_poses_after_the_scan_is_refused) {
   begin();
   ask_scanner();
   line_.robot_present = false;
@@ -482,7 +482,7 @@ TEST_F(CaptureTest, poses_that_end_with_the_scan_do_not_prove_that_the_robot_sto
   line_.run_for(1'000);
   EXPECT_TRUE(line_.station->capture.shot.done);
   EXPECT_EQ(line_.station->capture.shot.code, Code::pose_stale);
-  EXPECT_TRUE(says(line_.station->capture.shot.text, "no pose came after the scan"));
+  EXPECT_TRUE(says(line_.station->capture.shot.text, "no pose arrived after the scan"));
   EXPECT_EQ(line_.dropped.size(), 1U);
   EXPECT_TRUE(all_buffers_are_free());
 }
@@ -600,7 +600,7 @@ TEST_F(CaptureTest, names_without_letters_are_refused) {
   EXPECT_EQ(line_.view().state, PlcState::idle);
 }
 
-TEST_F(CaptureTest, limits_wider_than_they_should_be_are_used_and_said) {
+TEST_F(CaptureTest, limits_wider_than_the_default_are_used_and_reported) {
   line_.settings.capture.stable_mm = 0.05;
   line_.start();
   begin();

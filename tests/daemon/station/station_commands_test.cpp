@@ -11,7 +11,7 @@
 namespace slabd::daemon {
 namespace {
 
-TEST_F(StationTest, a_repeated_command_block_does_nothing) {
+TEST_F(StationTest, a_repeated_command_block_is_ignored) {
   begin();
   line.scan(1);
   const std::size_t scans = line.scans.size();
@@ -89,7 +89,7 @@ TEST_F(StationTest, first_block_of_a_new_connection_is_refused_once) {
   EXPECT_EQ(line.view().cmd_ack, seq);
 }
 
-TEST_F(StationTest, content_refusals_use_the_number_up_and_say_why) {
+TEST_F(StationTest, content_refusals_use_the_number_up_and_state_the_reason) {
   line.run_for(300);
   const auto refused = [&](Code code) {
     line.run_for(20);
@@ -234,7 +234,7 @@ TEST_F(StationTest, counter_wraps_past_65535_without_using_zero) {
 }
 
 // RES_ACK is a level. Its value before a record is shown does not refer to that record.
-TEST_F(StationTest, a_record_never_gets_the_number_that_stands_in_res_ack) {
+TEST_F(StationTest, a_record_never_gets_the_number_that_res_ack_holds) {
   begin();
   line.plc.res_ack = 1;  // a database was restored, or the PLC counts ahead
   line.feed(line.plc);
@@ -268,7 +268,7 @@ TEST_F(StationTest, a_res_ack_that_came_before_its_record_was_shown_does_not_tak
   EXPECT_EQ(line.take_results().size(), 1U);
 }
 
-TEST_F(StationTest, a_record_shown_again_after_a_restart_is_acknowledged_by_what_stands_in_res_ack) {
+TEST_F(StationTest, a_record_shown_again_after_a_restart_is_acknowledged_by_the_value_of_res_ack) {
   begin();
   line.scan(1);
   ASSERT_EQ(line.view().record.res_seq, 1);
@@ -314,7 +314,7 @@ TEST_F(StationTest, another_order_under_a_number_that_is_taken_is_refused_and_no
   EXPECT_EQ(line.scans.size(), 1U);
 }
 
-TEST_F(StationTest, a_late_copy_of_a_command_is_counted_and_does_nothing) {
+TEST_F(StationTest, a_late_copy_of_a_command_is_counted_and_ignored) {
   begin();
   line.scan(1);
   const PlcOutputs before = line.view();

@@ -141,7 +141,7 @@ TEST_F(StationHangTest, the_slab_can_be_aborted_and_the_next_begun_while_it_hang
   EXPECT_EQ(line.measured.size(), 1U) << "of the new slab alone";
 }
 
-TEST_F(StationHangTest, a_hang_that_ends_in_time_costs_nothing) {
+TEST_F(StationHangTest, a_hang_that_ends_in_time_has_no_effect) {
   line.run_for(5'000);
   line.worker_hangs = false;
   line.feed(kWorks);

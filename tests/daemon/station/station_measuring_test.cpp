@@ -168,7 +168,7 @@ TEST_F(StationAttempts, do_not_count_while_the_scanner_is_away) {
   EXPECT_EQ(line.view().table[0].attempts, 1);
 }
 
-TEST_F(StationAttempts, have_a_bound_with_words_of_its_own) {
+TEST_F(StationAttempts, have_a_limit_with_its_own_message) {
   begin();
   line.station->slab.stations[0].attempts = 0xFF;
   line.scan(1);

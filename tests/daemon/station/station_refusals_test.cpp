@@ -171,7 +171,7 @@ TEST_F(StationRefusals, an_acknowledgement_that_could_not_be_stored_shows_its_re
   EXPECT_EQ(line.view().record.res_seq, number);
 }
 
-TEST_F(StationRefusals, an_acknowledgement_that_could_not_be_stored_goes_with_the_next_job) {
+TEST_F(StationRefusals, an_acknowledgement_that_could_not_be_stored_is_stored_with_the_next_job) {
   begin();
   line.scan(1);
   const std::uint16_t number = line.view().record.res_seq;
@@ -188,7 +188,7 @@ TEST_F(StationRefusals, an_acknowledgement_that_could_not_be_stored_goes_with_th
   EXPECT_EQ(line.take_results().size(), 1U);
 }
 
-TEST_F(StationRefusals, an_answer_to_an_unknown_job_changes_nothing) {
+TEST_F(StationRefusals, an_answer_to_an_unknown_job_is_ignored) {
   begin();
   line.feed(StoreDone{60'000, Code::journal_write});
   EXPECT_EQ(line.view().fault, 0);
@@ -225,7 +225,7 @@ TEST_F(StationRefusals, text_behind_the_end_of_a_slab_id_is_refused) {
   refused(Code::bad_id_text);
 }
 
-TEST_F(StationRefusals, nothing_is_carried_out_without_enable) {
+TEST_F(StationRefusals, no_command_is_executed_without_enable) {
   begin();
   line.command(PlcCommand::none);
   refused(Code::unknown_command);
@@ -376,7 +376,7 @@ TEST_F(StationRefusals, whatever_differs_under_a_number_that_is_taken_is_another
   EXPECT_EQ(line.scans.size(), 1U);
 }
 
-TEST_F(StationRefusals, a_copy_of_a_command_from_another_connection_is_counted_and_does_nothing) {
+TEST_F(StationRefusals, a_copy_of_a_command_from_another_connection_is_counted_and_ignored) {
   begin();
   line.scan(1);
   const PlcOutputs before = line.view();
@@ -419,7 +419,7 @@ TEST(StationBeforeItsStart, is_safe_and_does_nothing) {
   EXPECT_EQ(station->capture.refusal.code, Code::busy);
 }
 
-TEST_F(StationRefusals, an_open_slab_of_a_type_that_is_gone_can_only_be_aborted) {
+TEST_F(StationRefusals, an_open_slab_without_a_recipe_of_its_type_can_only_be_aborted) {
   begin();
   line.recipe.slab_type = 4925;
   line.plc = {};
@@ -443,7 +443,7 @@ TEST_F(StationRefusals, a_wall_clock_older_than_the_newest_record_is_a_warning_a
   EXPECT_EQ(line.view().warn & kWarnClockBackwards, 0);
 }
 
-TEST_F(StationRefusals, files_that_answer_nothing_are_a_warning) {
+TEST_F(StationRefusals, files_without_a_request_are_a_warning) {
   begin();
   line.feed(LinkStatus{true, false, 0});
   EXPECT_TRUE(line.view().scanner_ok);
@@ -481,7 +481,7 @@ TEST_F(StationRefusals, a_result_of_another_slab_or_attempt_is_ignored) {
   EXPECT_TRUE(line.view().result);
 }
 
-TEST_F(StationRefusals, after_a_restart_the_last_slabs_table_tells_scans_from_failures) {
+TEST_F(StationRefusals, after_a_restart_the_last_slabs_table_distinguishes_scans_from_failures) {
   const auto row = [&](std::size_t station, std::uint8_t attempts, Verdict verdict, std::uint16_t reason) {
     PlcStationRow& r = store.line.table[station - 1];
     r.attempts = attempts;

@@ -108,7 +108,7 @@ TEST_F(RefusedScan, that_is_measured_after_a_restart_has_the_result_not_measured
   EXPECT_EQ(store.line.stations[1].block.reason, static_cast<std::uint16_t>(Code::frame_incomplete));
 }
 
-TEST_F(RefusedScan, that_was_broken_off_leaves_nothing_behind) {
+TEST_F(RefusedScan, that_was_interrupted_leaves_no_file) {
   begin();
   line.measuring_works = false;
   line.robot_station = 1;

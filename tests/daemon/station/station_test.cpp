@@ -137,7 +137,7 @@ TEST_F(StationTest, the_checksum_of_a_scan_is_stored_with_its_attempt) {
   EXPECT_FALSE(stored[1].has_value());
 }
 
-TEST_F(StationTest, a_restart_does_not_let_an_earlier_scan_pass) {
+TEST_F(StationTest, an_earlier_scan_is_refused_after_a_restart) {
   begin();
   line.fingerprint = 4711;
   line.scan(1);
@@ -159,7 +159,7 @@ TEST_F(StationTest, a_restart_does_not_let_an_earlier_scan_pass) {
   EXPECT_EQ(line.view().stations_done, 2);
 }
 
-TEST_F(StationTest, a_disk_that_failed_does_not_let_an_earlier_scan_pass) {
+TEST_F(StationTest, an_earlier_scan_is_refused_after_a_disk_failure) {
   begin();
   line.fingerprint = 4711;
   store.fail_when = [](const StoreJob& job) {
@@ -423,7 +423,7 @@ TEST_F(StationTest, measuring_begins_with_the_durable_scan_if_its_points_were_no
   EXPECT_EQ(line.take_results().size(), 1U);
 }
 
-TEST_F(StationTest, nothing_is_shown_that_could_not_be_stored) {
+TEST_F(StationTest, a_result_that_could_not_be_stored_is_not_shown) {
   begin();
   line.run_for(600);
   line.command(PlcCommand::scan, 1);
@@ -453,7 +453,7 @@ TEST_F(StationTest, a_robot_that_no_longer_sends_stopped_is_logged) {
   EXPECT_EQ(line.view().cmd_status, 4);
   const auto told = [&] {
     return std::any_of(line.logged.begin(), line.logged.end(), [](const std::string& text) {
-      return text.find("the robot does not say \"stopped\"") != std::string::npos;
+      return text.find("the robot set the stopped flag") != std::string::npos;
     });
   };
   line.robot_says_stopped = false;
@@ -470,7 +470,7 @@ TEST_F(StationTest, a_robot_that_no_longer_sends_stopped_is_logged) {
   EXPECT_FALSE(told());
 }
 
-TEST_F(StationTest, each_way_a_scan_can_fail_has_its_code_and_the_slab_goes_on) {
+TEST_F(StationTest, each_way_a_scan_can_fail_has_its_code_and_the_slab_continues) {
   begin();
   const auto expect_failed = [&](Code code) {
     line.scan(1);
@@ -546,7 +546,7 @@ TEST_F(StationTest, slab_end_waits_for_the_block_being_measured) {
   EXPECT_EQ(line.view().slab_verdict, Verdict::fail);
 }
 
-TEST_F(StationTest, abort_ends_the_scan_in_hand_and_keeps_the_slab) {
+TEST_F(StationTest, abort_ends_the_current_scan_and_keeps_the_slab) {
   begin();
   line.scanner_answers = false;
   line.scan(1);

@@ -79,7 +79,7 @@ TEST_F(UnseenScan, a_known_scan_is_not_the_unseen_one) {
 }
 
 /// Each way in which a request brings no new points, without a restart.
-TEST_F(UnseenScan, an_undelivered_scan_is_not_taken_for_another_block) {
+TEST_F(UnseenScan, an_undelivered_scan_is_not_used_for_another_block) {
   begin();
   std::uint64_t fingerprint = 0x0E01;
   line.fingerprint = fingerprint;
@@ -124,7 +124,7 @@ TEST_F(UnseenScan, an_undelivered_scan_is_not_taken_for_another_block) {
   }
 }
 
-TEST_F(UnseenScan, a_scan_that_is_given_again_and_again_is_not_forgotten_for_all_those_thrown_away) {
+TEST_F(UnseenScan, a_scan_delivered_repeatedly_stays_known_after_many_discarded_ones) {
   begin();
   line.fingerprint = 0x0E01;
   line.scan(1);
@@ -143,7 +143,7 @@ TEST_F(UnseenScan, a_scan_that_is_given_again_and_again_is_not_forgotten_for_all
   EXPECT_EQ(line.view().acq_seq, line.plc.cmd_seq);
 }
 
-TEST_F(UnseenScan, an_undelivered_scan_from_before_a_restart_is_not_trusted_after_it) {
+TEST_F(UnseenScan, an_undelivered_scan_from_before_a_restart_is_not_used_after_it) {
   begin();
   line.scan_code = Code::trigger_timeout;
   line.scan(4);
@@ -249,7 +249,7 @@ TEST_F(SlowScanner, that_leaves_no_time_for_the_blocks_own_scan_is_triggered_by_
 }
 
 /// The mark of an unseen scan must outlive all later scans.
-TEST_F(UnseenScan, is_known_after_a_restart_however_often_what_is_thrown_away_was_broken_off) {
+TEST_F(UnseenScan, is_detected_after_a_restart_however_often_the_discarded_scan_was_interrupted) {
   begin();
   const auto abort_when = [this](std::size_t scans, bool decoded) {
     line.scanner_answers = false;

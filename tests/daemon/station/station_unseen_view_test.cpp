@@ -54,7 +54,7 @@ bool is_any(const SeenScanJob&) {
   return true;
 }
 
-TEST_F(UnseenView, is_not_asked_for_before_a_restart_would_know_of_it) {
+TEST_F(UnseenView, is_not_requested_before_its_request_is_durable) {
   line.disk_answers = false;
   shoot(0x0F01);
   EXPECT_TRUE(line.scans.empty()) << "the mark is on its way";

@@ -134,7 +134,7 @@ TEST(StationViews, a_seat_out_of_place_or_turned_is_measured_and_not_refused) {
   EXPECT_EQ(cases, 720);
 }
 
-TEST(StationViews, the_frame_before_lets_no_slab_pass) {
+TEST(StationViews, no_slab_passes_with_the_previous_frame) {
   int refused_of_all = 0;
   for (std::uint64_t seed = 1; seed <= 100; ++seed) {
     Cell cell(seed, {});
@@ -155,7 +155,7 @@ TEST(StationViews, the_frame_before_lets_no_slab_pass) {
   EXPECT_GE(refused_of_all, 100 * 2 * stations() * 60 / 100);
 }
 
-TEST(StationViews, one_block_for_all_lets_no_slab_pass) {
+TEST(StationViews, no_slab_passes_with_one_block_for_all) {
   int refused_of_all = 0;
   for (std::uint64_t seed = 1; seed <= 100; ++seed) {
     Cell cell(seed, {});
@@ -203,7 +203,7 @@ TEST(StationViews, scans_of_the_slab_before_are_refused) {
   }
 }
 
-TEST(StationViews, stops_that_are_alike_are_named_and_nothing_is_refused_for_them) {
+TEST(StationViews, equal_stops_are_named_and_not_refused) {
   Cell cell(5, {}, Dither{0.0, 0.0});
   Views views;
   EXPECT_EQ(run_slab(views, cell, [&](int) { return cell.scan(3); }), 0) << "nothing tells these stops apart";
@@ -228,7 +228,7 @@ TEST(StationViews, message_names_the_other_stop_and_both_distances) {
   EXPECT_NE(text.find("not where station 7's does"), std::string::npos) << text;
 }
 
-TEST(Dither, planned_stops_differ_as_the_document_says) {
+TEST(Dither, planned_stops_differ_as_documented) {
   StopDifference least{1e9, 1e9};
   StopDifference near{1e9, 1e9};
   const int n = static_cast<int>(limits::kStationsMax);

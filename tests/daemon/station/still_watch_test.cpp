@@ -158,7 +158,7 @@ TEST(StillWatch, the_first_break_is_reported_unchanged_whatever_comes_after_it) 
       for (int i = 0; i < 10; ++i) watch.add(sender.next());
     }
   });
-  EXPECT_TRUE(lost.starts_with("poses were lost or came twice: number 300 was followed by 401,")) << lost;
+  EXPECT_TRUE(lost.starts_with("poses were lost or arrived twice: number 300 was followed by 401,")) << lost;
 }
 
 TEST(StillWatch, a_drive_is_reported_with_its_whole_length) {
@@ -196,7 +196,7 @@ TEST(StillWatch, last_break_is_described_as_it_was) {
   EXPECT_TRUE(watch.describe(watch.last_break()).view().starts_with("base 3 and tool 0 are active"));
 }
 
-TEST(StillWatch, a_bridge_that_works_off_a_queue_of_old_poses_is_not_trusted) {
+TEST(StillWatch, a_bridge_that_sends_a_queue_of_old_poses_is_refused) {
   StillWatch watch({}, {});
   Sender sender;
   bool settled = false;
@@ -210,7 +210,7 @@ TEST(StillWatch, a_bridge_that_works_off_a_queue_of_old_poses_is_not_trusted) {
   EXPECT_EQ(watch.last_break().by, StillWatch::Break::clock);
 }
 
-TEST(StillWatch, a_robot_that_tells_whether_it_is_stopped_must_be) {
+TEST(StillWatch, a_robot_with_the_stopped_flag_must_set_it) {
   StillWatch watch({}, {});
   Sender sender;
   for (int i = 0; i < 400; ++i) {

@@ -64,7 +64,7 @@ TEST_F(ClientPlanTest, a_moved_heartbeat_writes_the_head_and_any_other_change_ev
   }
 }
 
-TEST_F(ClientPlanTest, after_a_loss_the_present_image_is_written_and_nothing_else) {
+TEST_F(ClientPlanTest, after_a_loss_only_the_present_image_is_written) {
   work();
   image[10] = 7;
   EXPECT_EQ(step(), write_all);

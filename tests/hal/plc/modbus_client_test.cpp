@@ -380,14 +380,14 @@ TEST_F(ModbusClientTest, too_many_registers_for_one_request_are_reported_with_th
     EXPECT_EQ(port->trouble().find("FC 23"), std::string_view::npos) << port->trouble();
     port.reset();
   };
-  told("are 110 registers too many for one request? plc.registers_max = 100 or 48, as its manual says");
+  told("are 110 registers too many for one request? plc.registers_max = 100 or 48, see its manual");
   settings.registers_max = 100;
   plc.registers_max = 40;
   start();
   told("FC 16 with 46 registers is refused: see its manual for the largest request (plc.registers_max)");
   plc.registers_max = 60;
   start();
-  told("are 64 registers too many for one request? plc.registers_max = 48, as its manual says");
+  told("are 64 registers too many for one request? plc.registers_max = 48, see its manual");
 }
 
 TEST_F(ModbusClientTest, a_function_that_the_plc_lacks_is_named) {
@@ -435,12 +435,12 @@ TEST_F(ModbusClientTest, transaction_numbers_that_are_not_the_questions_are_name
   plc.manner = good;
   ASSERT_TRUE(until([&] { return linked(); }));
   plc.manner = lags_transaction;
-  ASSERT_TRUE(until([&] { return port->trouble().find("of the question before") != std::string_view::npos; }));
+  ASSERT_TRUE(until([&] { return port->trouble().find("of the request before") != std::string_view::npos; }));
   plc.manner = late;
   ASSERT_TRUE(until([&] { return port->trouble().find("plc.timeout_ms is 400") != std::string_view::npos; }));
 }
 
-TEST_F(ModbusClientTest, one_that_is_not_there_costs_the_loop_nothing) {
+TEST_F(ModbusClientTest, an_unreachable_plc_does_not_delay_the_loop) {
   start();
   port.reset();
   plc.power(false);

@@ -86,7 +86,7 @@ TEST(ModbusCodec, quantities_outside_the_standard_are_exception_3) {
   EXPECT_EQ(refusal(read_write_pdu(0, 0, 0, 1)), 3);
 }
 
-TEST(ModbusCodec, writes_are_allowed_exactly_to_the_plcs_registers_and_know_the_command_block) {
+TEST(ModbusCodec, writes_are_allowed_exactly_to_the_plcs_registers_and_mark_the_command_block) {
   for (unsigned first = 0; first < 1110; ++first) {
     for (const unsigned quantity : {1U, 4U, 10U, 11U, 30U, 40U, 41U}) {
       const RequestCheck check = check_request(frame(1, write_pdu(first, quantity)), 1);
@@ -187,7 +187,7 @@ TEST(ModbusCodec, every_register_answers_with_its_own_value_on_every_way) {
   EXPECT_EQ(all[221], 109);
 }
 
-TEST(ModbusCodec, writes_change_what_they_name_and_nothing_else) {
+TEST(ModbusCodec, writes_change_only_the_registers_that_they_name) {
   RegisterBank bank = numbered_bank();
   const RegisterBank before = bank;
   EXPECT_EQ(answered({6, 0, 39, 0xAB, 0xCD}, bank), (Bytes{6, 0, 39, 0xAB, 0xCD}));

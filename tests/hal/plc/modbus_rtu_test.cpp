@@ -144,7 +144,7 @@ TEST_F(RtuTest, a_frame_that_comes_byte_by_byte_is_one_frame) {
   EXPECT_EQ(receive(), kReadAnswer);
 }
 
-TEST_F(RtuTest, half_a_frame_and_a_pause_is_forgotten) {
+TEST_F(RtuTest, half_a_frame_and_a_pause_is_discarded) {
   send(Bytes(kWriteSeq.begin(), kWriteSeq.begin() + 5));
   EXPECT_TRUE(turn().empty());
   pause();
@@ -152,7 +152,7 @@ TEST_F(RtuTest, half_a_frame_and_a_pause_is_forgotten) {
   EXPECT_EQ(asked(kRead), kReadAnswer);
 }
 
-TEST_F(RtuTest, other_slaves_broadcasts_and_wrong_checksums_get_no_answer_and_change_nothing) {
+TEST_F(RtuTest, other_slaves_broadcasts_and_wrong_checksums_are_ignored) {
   Bytes wrong = kWriteSeq;
   wrong[5] = 10;
   for (const Bytes& frame : {closed({18, 6, 0, 39, 0, 9}), closed({0, 6, 0, 39, 0, 9}), wrong}) {
@@ -242,7 +242,7 @@ TEST_F(RtuTest, a_request_received_twice_before_the_next_turn_is_answered_once) 
   EXPECT_EQ(asked(joined(kRead, kRead)), kReadAnswer);
 }
 
-TEST_F(RtuTest, an_adapter_that_hears_itself_does_not_answer_itself) {
+TEST_F(RtuTest, an_adapter_that_echoes_does_not_answer_its_own_frames) {
   send(kWriteSeq);
   ASSERT_EQ(turn().size(), 1U);
   const Bytes reply = receive();

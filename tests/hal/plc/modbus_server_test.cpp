@@ -36,7 +36,7 @@ TEST_F(ModbusServerTest, input_registers_and_their_mirror_show_the_published_ima
   EXPECT_EQ(input[0] << 8 | input[1], 7);
 }
 
-TEST_F(ModbusServerTest, before_the_first_publish_nothing_reads_as_pass) {
+TEST_F(ModbusServerTest, before_the_first_publish_no_register_reads_as_pass) {
   const auto client = connected();
   const Bytes reply = asked(*client, read_frame(1, 4, 0, 110));
   ASSERT_EQ(reply.size(), 229U);
@@ -63,7 +63,7 @@ TEST_F(ModbusServerTest, each_write_is_seen_alone_even_when_pipelined) {
   EXPECT_EQ(replies.size(), 12U + 12U + 13U + 12U);
 }
 
-TEST_F(ModbusServerTest, a_read_behind_a_write_sees_what_was_published_between_them) {
+TEST_F(ModbusServerTest, a_read_after_a_write_returns_what_was_published_between_them) {
   const auto client = connected();
   client->send(joined({write_frame(1, 39, {9}), read_frame(2, 4, 10, 1)}));
   std::array<pollfd, kPlcPollFds> fds{};
@@ -100,7 +100,7 @@ TEST_F(ModbusServerTest, all_three_write_functions_change_the_registers) {
   EXPECT_EQ(Bytes(reply.begin() + 7, reply.end()), (Bytes{23, 4, 0, 0, 0xAB, 0xCD}));
 }
 
-TEST_F(ModbusServerTest, refusals_answer_at_once_and_the_connection_lives_on) {
+TEST_F(ModbusServerTest, refusals_are_answered_at_once_and_the_connection_stays_open) {
   const auto client = connected();
   const std::vector<std::pair<Bytes, Bytes>> cases = {
       {frame(1, {7}), {0x87, 1}},
@@ -149,7 +149,7 @@ TEST_F(ModbusServerTest, a_stream_without_frames_is_closed) {
   EXPECT_EQ(server_->clients(), 0U);
 }
 
-TEST_F(ModbusServerTest, a_dripped_frame_is_served_within_its_deadline_and_costs_others_nothing) {
+TEST_F(ModbusServerTest, a_dripped_frame_is_served_within_its_deadline_and_does_not_delay_others) {
   const auto slow = connected();
   const auto quick = connected();
   const Bytes request = read_frame(5, 4, 0, 1);

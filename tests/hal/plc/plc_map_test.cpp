@@ -73,7 +73,7 @@ TEST(PlcMap, crc_is_crc16_modbus) {
   EXPECT_EQ(crc16_modbus(zero), 0xB001);
 }
 
-TEST(PlcMap, input_registers_are_where_the_map_says) {
+TEST(PlcMap, input_registers_have_the_addresses_of_the_map) {
   InputImage image;
   encode_outputs(busy_outputs(), WordOrder::abcd, image);
   EXPECT_EQ(image[0], 0x534C);
@@ -108,7 +108,7 @@ TEST(PlcMap, input_registers_are_where_the_map_says) {
   EXPECT_EQ(image[29], 0);
 }
 
-TEST(PlcMap, result_record_is_where_the_map_says) {
+TEST(PlcMap, result_record_has_the_addresses_of_the_map) {
   InputImage image;
   encode_outputs(busy_outputs(), WordOrder::abcd, image);
   EXPECT_EQ(image[30], 0x0102);
@@ -281,7 +281,7 @@ HoldingImage scan_command() {
   return image;
 }
 
-TEST(PlcMap, holding_registers_are_where_the_map_says) {
+TEST(PlcMap, holding_registers_have_the_addresses_of_the_map) {
   const PlcInputs inputs = decode_inputs(scan_command(), WordOrder::abcd);
   EXPECT_EQ(inputs.heartbeat, 321);
   EXPECT_TRUE(inputs.enable);

@@ -67,7 +67,7 @@ void expect_dropped(const Datagram& d, Fate fate, std::string_view channel = "FL
   EXPECT_EQ(sample.seq, -77) << "a dropped datagram must leave the sample alone";
 }
 
-TEST(Lc02Reader, a_pose_comes_out_in_mm_with_its_flags) {
+TEST(Lc02Reader, returns_a_pose_in_mm_with_its_flags) {
   PoseSample sample;
   sample.arrival_ns = 5;
   PoseLinkCounters counters;
@@ -149,15 +149,15 @@ TEST(Lc02Reader, another_type_on_the_channel_is_named) {
   EXPECT_NE(named(long_message).find("in fragments (LC03)"), std::string::npos);
 }
 
-TEST(Lc02Reader, a_bridges_sentence_is_taken_from_its_channel_alone_and_without_control_characters) {
+TEST(Lc02Reader, reads_a_bridges_text_only_from_its_channel_and_without_control_characters) {
   const auto read = [](const std::string& channel, const std::string& payload) {
     const std::string bytes = std::string("LC02\0\0\0\1", 8) + channel + '\0' + payload;
     Datagram datagram(bytes.size());
     std::memcpy(datagram.data(), bytes.data(), bytes.size());
     return std::string(bridge_word_on(datagram, "FLANGE_POSE").view());
   };
-  EXPECT_EQ(read("FLANGE_POSE_WORD", "no RSI packets"), "the bridge says: no RSI packets;");
-  EXPECT_EQ(read("FLANGE_POSE_WORD", "a\x1b[2Jb\n\x7f"), "the bridge says: a?[2Jb??;");
+  EXPECT_EQ(read("FLANGE_POSE_WORD", "no RSI packets"), "the bridge reports: no RSI packets;");
+  EXPECT_EQ(read("FLANGE_POSE_WORD", "a\x1b[2Jb\n\x7f"), "the bridge reports: a?[2Jb??;");
   EXPECT_EQ(read("FLANGE_POSE_WORD", ""), "");
   EXPECT_EQ(read("FLANGE_POSE_WORDS", "x"), "");
   EXPECT_EQ(read("FLANGE_POSE", "x"), "");

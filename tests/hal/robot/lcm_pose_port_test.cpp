@@ -92,7 +92,7 @@ TEST(LcmPosePort, poses_of_a_liblcm_publisher_on_this_computer_arrive) {
   EXPECT_EQ(port->counters().accepted, 50U);
 }
 
-TEST(LcmPosePort, other_channels_are_counted_and_passed_over) {
+TEST(LcmPosePort, other_channels_are_counted_and_ignored) {
   const LcmSettings settings = settings_for(places::own_port(), "lo");
   const Publisher publisher(lcm_create(settings.url.c_str()));
   ASSERT_TRUE(publisher) << kNoRoute;
@@ -124,7 +124,7 @@ TEST(LcmPosePort, several_listeners_share_the_group) {
   EXPECT_TRUE(wait_and_take(*two, 2, sample));
 }
 
-TEST(LcmPosePort, unicast_to_the_port_is_not_heard) {
+TEST(LcmPosePort, unicast_to_the_port_is_ignored) {
   const std::uint16_t port_number = places::own_port();
   const auto port = open_port(settings_for(port_number, "lo"));
   PoseSample sample;
@@ -160,7 +160,7 @@ TEST(LcmPosePort, interface_may_be_named_by_its_address) {
   EXPECT_TRUE(wait_and_take(*port, 2, sample));
 }
 
-TEST(LcmPosePort, a_missing_interface_is_trouble_with_a_cure_and_not_the_end) {
+TEST(LcmPosePort, a_missing_interface_is_reported_with_a_cure_and_the_port_retries) {
   const auto port = open_port(settings_for(places::own_port(), "slabd-none0"));
   PoseSample sample;
   EXPECT_FALSE(port->next(kNsPerS, sample));
@@ -276,7 +276,7 @@ bool set_up(const char* name, bool up) {
   return ioctl(fd.get(), SIOCSIFFLAGS, &request) == 0;
 }
 
-TEST(LcmPosePort, an_interface_that_goes_down_and_comes_back_is_listened_on_again) {
+TEST(LcmPosePort, listens_again_on_an_interface_that_was_down) {
   EXPECT_EQ(in_own_network([] {
               const auto port = open_port(settings_for(7667, "lo"));
               PoseSample sample;
@@ -339,7 +339,7 @@ class Adapter {
   Fd tap_;
 };
 
-TEST(LcmPosePort, an_adapter_that_is_pulled_and_plugged_in_again_is_listened_on_again) {
+TEST(LcmPosePort, listens_again_on_an_adapter_that_was_unplugged) {
   // By the kernel's choice, by name and by address.
   for (const char* interface : {"", "robot", "10.9.0.1"}) {
     const auto body = [&] {

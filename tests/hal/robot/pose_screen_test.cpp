@@ -32,7 +32,7 @@ struct PoseScreenTest : testing::Test {
   }
 };
 
-TEST_F(PoseScreenTest, poses_of_an_orderly_sender_are_used_and_nothing_is_counted) {
+TEST_F(PoseScreenTest, poses_of_a_correct_sender_are_used_and_no_fault_is_counted) {
   for (int i = 0; i < 500; ++i) ASSERT_TRUE(send());
   PoseNoteText text;
   EXPECT_FALSE(screen.next_note(now_ns, counters, text));
@@ -84,7 +84,7 @@ TEST_F(PoseScreenTest, a_utime_in_another_unit_is_refused_by_name) {
   }
 }
 
-TEST_F(PoseScreenTest, a_clock_set_forward_or_messages_in_bursts_are_not_taken_for_another_time_unit) {
+TEST_F(PoseScreenTest, a_clock_set_forward_or_messages_in_bursts_are_distinguished_from_another_time_unit) {
   for (int i = 0; i < 2'000; ++i) {
     if (i % 300 == 0) utime_us += i % 600 == 0 ? 3'600'000'000 : 500'000'000;
     now_ns += i % 10 == 0 ? ns_from_ms(40) : 1'000;
@@ -272,7 +272,7 @@ TEST_F(PoseScreenTest, times_at_the_ends_of_their_range_are_harmless) {
   EXPECT_FALSE(offer(robot, 0, kMax));
 }
 
-TEST_F(PoseScreenTest, the_log_hears_at_once_and_then_once_in_ten_seconds) {
+TEST_F(PoseScreenTest, logs_at_once_and_then_once_in_ten_seconds) {
   ASSERT_TRUE(send());
   EXPECT_FALSE(offer(robot, seq, utime_us));
   PoseNoteText text;

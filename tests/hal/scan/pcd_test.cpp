@@ -80,7 +80,7 @@ TEST(Pcd, points_stay_in_the_frame_they_are_stored_in) {
   expect_refused(kFields + kTwo + "VIEWPOINT 0 0 0 nan 0 0 0\nDATA binary\n" + kSix, "seven numbers");
 }
 
-TEST(Pcd, counts_that_lie_are_refused_before_they_are_used) {
+TEST(Pcd, wrong_counts_are_refused_before_they_are_used) {
   for (const std::string width : {"3", "5000000", "2147483648", "1099511627776"})
     expect_refused(kFields + "WIDTH " + width + "\nHEIGHT 1\nDATA binary\n" + kSix,
                    width.size() > 12 ? "2^31" : "asks for");
@@ -105,7 +105,7 @@ TEST(Pcd, text_that_does_not_fit_the_header_names_its_line) {
   expect_points(head + "\n1 2 3\n\n 4\t5  6 \n\n", "a.pcd", {1, 2, 3, 4, 5, 6});
 }
 
-TEST(Pcd, compressed_lengths_that_lie_are_refused) {
+TEST(Pcd, wrong_compressed_lengths_are_refused) {
   const std::string head = kFields + kTwo + "DATA binary_compressed\n";
   const std::string good = compressed(kSix);
   const auto u32 = [](std::size_t v) { return bytes_of(static_cast<std::uint32_t>(v)); };
@@ -145,7 +145,7 @@ TEST(Pcd, zeros_behind_the_data_as_pcls_writer_leaves_them_are_read) {
   expect_refused(whole + std::string(65'537, '\0'),
                  "byte " + std::to_string(whole.size()) + ": 65537 bytes too many behind the data");
   expect_points(whole + "\n", "a.pcd", {1, 2, 3, 4, 5, 6});
-  expect_refused(whole.substr(0, whole.size() - 1), "the file ends here, its header asks for");
+  expect_refused(whole.substr(0, whole.size() - 1), "the file ends here, its header requires");
 }
 
 TEST(Pcd, the_drop_folder_agrees_with_the_reader_on_what_is_whole) {
@@ -189,7 +189,7 @@ TEST(Pcd, forms_of_text_that_other_programs_write) {
 
 TEST(Pcd, unsupported_features_are_named) {
   const std::string tail = kTwo + "DATA binary\n" + kSix;
-  expect_refused("", "0 bytes, nothing was written");
+  expect_refused("", "0 bytes, the file is empty");
   expect_refused("\n", "not a PCD file");
   expect_refused("ply\nformat ascii 1.0\n", "header line 1: unknown statement \"ply\"");
   expect_refused("VERSION 0.5\n" + kFields + tail, "unknown PCD version \"0.5\"");

@@ -187,7 +187,7 @@ TEST(PlainRows, only_rows_of_the_form_are_taken) {
     EXPECT_EQ(rows_of(row, three), 0U) << row;
 }
 
-TEST(PlainRows, nothing_behind_the_text_is_looked_at) {
+TEST(PlainRows, reads_no_byte_after_the_end_of_the_text) {
   // Each text ends directly before an inaccessible page.
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   auto* const two =

@@ -62,7 +62,7 @@ TEST(Ply, text_that_does_not_fit_the_header_names_its_line) {
   expect_refused(two + "1.5 2 3\n4 5\n", "line 9: fewer values than");
   expect_refused(two + "1 2 3 4\n4 5 6\n", "line 8: \"4\": more values than");
   expect_refused(two + "1.0000 2 3\n", "line 8: the file ends here, after 1 of 2");
-  expect_refused(two + "1 2 3\n4 5 6\n7 8 9\n", "line 10: \"7 8 9\": the file goes on");
+  expect_refused(two + "1 2 3\n4 5 6\n7 8 9\n", "line 10: \"7 8 9\": the file continues");
   expect_refused(two + "1 2 3\n4 five 6\n", "line 9, column 3: \"five\" is not a number");
   expect_refused(two + "1,2,3\n4,5,6\n", "line 8, column 1: \"1,2,3\" is not a number");
   expect_refused(head("ascii", "element vertex 1000000\n" + kXyz) + "1 2 3\n", "asks for at least 6000105");

@@ -102,7 +102,7 @@ TEST(PointRecords, two_threads_read_what_one_reads) {
 }
 
 // Two files that are too short: one cut by its writer, and one whose header declares points beyond the end.
-TEST(PointRecords, two_threads_say_of_a_short_file_what_one_says) {
+TEST(PointRecords, two_threads_report_the_same_error_for_a_short_file_as_one) {
   const Layout layout = layouts()[0];
   const std::string bytes = records_of(points_of(kPoints), layout.record);
   for (const std::size_t there : {std::size_t{0}, std::size_t{100'000}, std::size_t{1'000'000}, bytes.size() - 1}) {

@@ -107,7 +107,7 @@ TEST(ScanChecksum, files_that_are_not_records_are_refused_by_name) {
   }
 }
 
-TEST(ScanChecksum, a_file_that_is_torn_or_gone_has_none) {
+TEST(ScanChecksum, a_torn_or_deleted_file_has_none) {
   TemporaryFolder folder;
   const std::string path = folder / "a.ply";
   ASSERT_TRUE(write_ply(path.c_str(), cloud(), 0, 0).ok());

@@ -187,7 +187,7 @@ TEST(FolderLock, a_lock_file_that_was_deleted_is_made_and_locked_again) {
   EXPECT_EQ(second.take(folder.string().c_str()), FolderLock::State::anothers);
 }
 
-TEST(FolderLock, failure_to_lock_is_reported_in_words) {
+TEST(FolderLock, failure_to_lock_is_reported_with_its_reason) {
   const TemporaryFolder folder;
   FolderLock lock("first");
   EXPECT_EQ(lock.take((folder.string() + "/not-there").c_str()), FolderLock::State::cannot);
@@ -218,7 +218,7 @@ class ScanDropLockTest : public ScanDropTest {
   }
 };
 
-TEST_F(ScanDropLockTest, the_second_daemon_touches_nothing_and_goes_on_when_the_first_has_ended) {
+TEST_F(ScanDropLockTest, the_second_daemon_changes_no_file_and_continues_when_the_first_has_ended) {
   scanner_ = daemon("the first");
   EXPECT_TRUE(scanner_->online());
   EXPECT_TRUE(scanner_->used_by_another().empty());

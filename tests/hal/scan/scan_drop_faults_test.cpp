@@ -31,7 +31,7 @@ bool own_mounts() {
          mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0;
 }
 
-TEST_F(ScanDropTest, a_full_spool_disk_is_501_and_leaves_nothing_and_a_repeat_works_when_there_is_room) {
+TEST_F(ScanDropTest, a_full_spool_disk_is_501_leaves_no_file_and_a_repeat_works_when_there_is_room) {
   EXPECT_EQ(in_own_process([this] {
               const std::string spool = folder_ / "spool";
               fs::create_directory(spool);
@@ -196,7 +196,7 @@ TEST_F(ScanDropTest, every_file_that_is_moved_aside_or_deleted_is_one_line_and_c
   ASSERT_EQ(notes.size(), 6U) << "four moved, two deleted";
   EXPECT_EQ(notes[0], "inbox/7-401.ply was moved to stray/: its request is over or never was");
   EXPECT_EQ(notes[3],
-            "stray/7-401.ply (1000 bytes) was deleted: stray/ held 3000 bytes, allowed are 2500, it came first");
+            "stray/7-401.ply (1000 bytes) was deleted: stray/ held 3000 bytes, allowed are 2500, it was the oldest");
   EXPECT_EQ(notes[5].substr(0, 44), "stray/7-402.ply (1000 bytes) was deleted: st");
   EXPECT_EQ(scanner_->deleted().files, 2U);
   EXPECT_EQ(scanner_->deleted().bytes, 2'000U);
@@ -361,7 +361,7 @@ TEST_F(ScanDropTest, no_scan_in_the_spool_is_overwritten_and_the_new_one_is_not_
     ::close(file);
     ASSERT_FALSE(moved.ok());
     EXPECT_EQ(moved.error().code, Code::journal_write);
-    EXPECT_NE(moved.error().text.view().find("04-1.ply: a scan lies there already"), std::string_view::npos)
+    EXPECT_NE(moved.error().text.view().find("04-1.ply: this scan exists already"), std::string_view::npos)
         << moved.error().text.view();
     EXPECT_EQ(fs::file_size(spooled), 18U);
     EXPECT_TRUE(fs::exists(answer));
@@ -412,7 +412,7 @@ TEST_F(ScanDropAnyNameTest, no_scan_is_requested_while_a_late_answer_may_come) {
   const auto next = acquire(request(4, 200), [] { ADD_FAILURE() << "asked for another scan"; });
   ASSERT_FALSE(next.ok());
   EXPECT_EQ(next.error().code, Code::trigger_timeout);
-  EXPECT_NE(next.error().text.view().find("may still come"), std::string_view::npos) << next.error().text.view();
+  EXPECT_NE(next.error().text.view().find("may still arrive"), std::string_view::npos) << next.error().text.view();
 }
 
 }  // namespace

@@ -6,7 +6,7 @@
 namespace slabd::hal {
 namespace {
 
-TEST_F(ScanDropTest, an_answer_is_decoded_and_lies_in_the_spool) {
+TEST_F(ScanDropTest, an_answer_is_decoded_and_stored_in_the_spool) {
   std::string request_text;
   const auto before_ns = clock_->mono_ns();
   const auto result = acquire(request(), [&] {
@@ -66,7 +66,7 @@ TEST_F(ScanDropTest, a_slab_id_of_any_bytes_makes_valid_json) {
   EXPECT_NE(text.find(R"("slab_id": "a\u0022b\u005cc\u000a\u00c3\u007f", "station")"), std::string::npos) << text;
 }
 
-TEST_F(ScanDropTest, a_file_that_lay_there_before_its_request_is_not_the_answer) {
+TEST_F(ScanDropTest, a_file_that_existed_before_its_request_is_not_the_answer) {
   drop_scan("7-3.ply", 1.0F);
   const auto result = acquire(request(), [&] {
     EXPECT_TRUE(fs::exists(stray("7-3.ply")));
@@ -90,7 +90,7 @@ TEST_F(ScanDropTest, answers_to_other_requests_go_to_stray_at_once) {
   EXPECT_EQ(scanner_->stray_files(), 3U);
 }
 
-TEST_F(ScanDropTest, a_late_answer_goes_to_stray_between_scans) {
+TEST_F(ScanDropTest, a_late_answer_is_moved_to_stray_between_scans) {
   const auto result = acquire(request(3, 60), [] {});
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::trigger_timeout);
@@ -114,7 +114,7 @@ TEST_F(ScanDropTest, strays_of_one_name_are_all_kept) {
   EXPECT_EQ(scanner_->stray_files(), 3U);
 }
 
-TEST_F(ScanDropTest, unfinished_names_are_left_alone_and_forgotten_ones_are_not) {
+TEST_F(ScanDropTest, unfinished_files_are_kept_and_abandoned_ones_are_moved) {
   write_file(inbox("7-3.ply.part"), "half a scan");
   write_file(inbox("readme"), "?");
   const auto begin_ns = clock_->mono_ns();
@@ -227,7 +227,7 @@ TEST_F(ScanDropTest, the_columns_of_the_line_are_those_of_its_tables_and_of_no_o
   ASSERT_TRUE(binary.ok()) << binary.error().text.c_str();
 }
 
-TEST_F(ScanDropTest, binary_that_accounts_for_its_bytes_is_taken_after_two_looks_and_text_when_it_stood_still) {
+TEST_F(ScanDropTest, complete_binary_is_read_after_two_looks_and_text_when_it_has_stopped_growing) {
   SteppedClock stepped;
   open_with(stepped);
   for (const ScanFormat format : {ScanFormat::ply, ScanFormat::ply_be, ScanFormat::pcd, ScanFormat::pcd_compressed}) {
@@ -636,7 +636,7 @@ TEST_F(ScanDropLateTest, answer_to_a_request_from_before_a_restart_is_waited_for
   EXPECT_EQ(next_scan_after_a_late_one(), 2.0F);
 }
 
-TEST_F(ScanDropLateTest, a_text_that_lies_there_is_not_what_is_waited_for) {
+TEST_F(ScanDropLateTest, a_text_that_exists_already_is_not_the_awaited_answer) {
   be_cancelled();
   EXPECT_EQ(next_scan_after_a_late_one([&] {
               write_file(inbox("readme.txt"), "exports go here\n");

@@ -176,7 +176,7 @@ TEST(ScanFile, elements_before_and_after_the_vertices_are_stepped_over) {
   expect_refused(head + std::string(18, 'c') + vertex, "asks for at least");
 }
 
-TEST(ScanFile, a_file_of_another_length_than_its_header_says_is_refused) {
+TEST(ScanFile, a_file_of_another_length_than_its_header_declares_is_refused) {
   const std::string whole = header(kLittle, "element vertex 3\n" + kFloatXyz) + std::string(36, '\0');
   for (std::size_t cut = 1; cut <= 36; ++cut)
     expect_refused(whole.substr(0, whole.size() - cut), "byte " + std::to_string(whole.size() - cut));
@@ -195,7 +195,7 @@ TEST(ScanFile, every_cut_header_is_refused) {
   EXPECT_TRUE(parse_ply_header(whole, "whole.ply").ok());
 }
 
-TEST(ScanFile, counts_that_lie_are_refused_before_they_are_used) {
+TEST(ScanFile, wrong_counts_are_refused_before_they_are_used) {
   for (const std::string count : {"4", "5000000", "1099511627776"})
     expect_refused(header(kLittle, "element vertex " + count + "\n" + kFloatXyz) + std::string(36, '\0'), "asks for");
   for (const std::string count : {"-1", "1099511627777", "18446744073709551616", "3.0", "0x3", "", "3x"})
@@ -227,7 +227,7 @@ TEST(ScanFile, unsupported_features_are_named) {
   expect_refused(header("binary_middle_endian", vertex + kFloatXyz) + body, "unknown format");
   expect_refused("ply\nformat binary_little_endian 2.0\n", "line 2: unknown PLY version \"2.0\"");
   expect_refused("plx\n", "byte 0: not a PLY file");
-  expect_refused("", "0 bytes, nothing was written");
+  expect_refused("", "0 bytes, the file is empty");
   expect_refused(header(kLittle, vertex + "property list float int n\n" + kFloatXyz) + body,
                  "line 4: list counted by type \"float\"");
   expect_refused(header(kLittle, vertex + "property list uchar float x\n") + body, "line 4: a list as coordinate");
@@ -280,7 +280,7 @@ TEST(ScanFile, links_folders_and_missing_files_are_refused) {
   }
 }
 
-TEST(ScanFile, random_headers_are_read_or_refused_but_never_trusted_beyond_their_length) {
+TEST(ScanFile, random_headers_are_read_or_refused_without_reading_past_the_file) {
   // Lines inserted into, and removed from, a good header. An accepted file must meet all guarantees.
   const std::vector<std::string> lines = {"format binary_big_endian 1.0\n",
                                           "element vertex 3\n",

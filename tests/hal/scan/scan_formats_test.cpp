@@ -276,7 +276,7 @@ TEST(ScanFormats, a_unit_that_a_file_declares_must_be_the_configured_one) {
   for (const std::string line : {"comment unit m", "comment Units: meters", "comment length unit = metres",
                                  "comment units are in m", "obj_info unit m", "comment UNITS [m]"}) {
     const std::string bytes = ply_head + line + "\n" + ply_tail;
-    test::expect_refused(bytes, "line 3: the file says unit \"", "a.ply");
+    test::expect_refused(bytes, "line 3: the file declares unit \"", "a.ply");
     test::expect_refused(bytes, "but \"um\" is configured", "a.ply", Code::frame_incomplete, LengthUnit::um);
     test::expect_points(bytes, "a.ply", {1000, 2000, 3000}, LengthUnit::m);
   }
@@ -285,14 +285,15 @@ TEST(ScanFormats, a_unit_that_a_file_declares_must_be_the_configured_one) {
     test::expect_points(ply_head + line + "\n" + ply_tail, "a.ply", {1, 2, 3});
   for (const std::string unit : {"cm", "inches", "in", "ft", "yards"})
     for (const LengthUnit configured : {LengthUnit::mm, LengthUnit::m, LengthUnit::um})
-      test::expect_refused(ply_head + "comment units " + unit + "\n" + ply_tail, "the file says unit \"" + unit,
+      test::expect_refused(ply_head + "comment units " + unit + "\n" + ply_tail, "the file declares unit \"" + unit,
                            "a.ply", Code::frame_incomplete, configured);
   const std::string pcd_tail = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nDATA ascii\n1 2 3\n";
-  test::expect_refused("# unit: m\n" + pcd_tail, "line 1: the file says unit \"m\", but \"mm\" is configured", "a.pcd");
+  test::expect_refused("# unit: m\n" + pcd_tail, "line 1: the file declares unit \"m\", but \"mm\" is configured",
+                       "a.pcd");
   test::expect_points("# unit: um\n" + pcd_tail, "a.pcd", {0.001F, 0.002F, 0.003F}, LengthUnit::um);
-  test::expect_refused("1 2 3\n// unit: m\n", "line 2: the file says unit \"m\"", "a.xyz");
-  test::expect_refused("x [m];y [m];z [m]\n1;2;3\n", "line 1: the file says unit \"m\"", "a.csv");
-  test::expect_refused("x_um,y_um,z_um\n1,2,3\n", "line 1: the file says unit \"um\"", "a.csv");
+  test::expect_refused("1 2 3\n// unit: m\n", "line 2: the file declares unit \"m\"", "a.xyz");
+  test::expect_refused("x [m];y [m];z [m]\n1;2;3\n", "line 1: the file declares unit \"m\"", "a.csv");
+  test::expect_refused("x_um,y_um,z_um\n1,2,3\n", "line 1: the file declares unit \"um\"", "a.csv");
   test::expect_points("\"X [mm]\";\"Y [mm]\";\"Z [mm]\"\n1;2;3\n", "a.csv", {1, 2, 3});
 }
 

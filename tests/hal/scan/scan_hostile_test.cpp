@@ -114,7 +114,7 @@ TEST(ScanHostile, the_samples_are_good) {
   }
 }
 
-TEST(ScanHostile, a_file_cut_anywhere_is_refused_where_its_header_can_tell) {
+TEST(ScanHostile, a_file_cut_anywhere_is_refused_if_its_header_declares_the_length) {
   for (const Sample& sample : samples())
     for (std::size_t bytes = 0; bytes < sample.bytes.size(); ++bytes) {
       const std::string what = sample.name + " cut to " + std::to_string(bytes) + " bytes: ";

@@ -88,7 +88,7 @@ TEST_P(SettlePoints, agree_with_one_by_one_in_place_and_on_the_way) {
       }
 }
 
-TEST_P(SettlePoints, every_nan_gets_the_same_bits_and_nothing_else_is_changed) {
+TEST_P(SettlePoints, every_nan_gets_the_same_bits_and_other_values_are_unchanged) {
   Prng prng(4);
   for (const std::size_t points : {0U, 1U, 5U, 6U, 100U, 1'003U}) {
     const std::vector<float> from = cloud(points, 0.3, true, prng);

@@ -151,7 +151,7 @@ TEST_F(ScanStreamTest, metres_and_micrometres_become_mm) {
   EXPECT_EQ(xyz[119], static_cast<float>(0.001 * static_cast<double>(s.xyz[119])));
 }
 
-TEST_F(ScanStreamTest, goes_on_after_a_cut_at_every_byte) {
+TEST_F(ScanStreamTest, continues_after_a_cut_at_every_byte) {
   const Scan s = scan();
   const Bytes all = s.bytes();
   for (std::size_t cut = 0; cut < all.size(); ++cut) {
@@ -187,7 +187,7 @@ TEST_F(ScanStreamTest, a_sender_that_begins_again_after_a_cut_is_taken_too) {
   EXPECT_EQ(decoder.starts(), 2U) << "a copy of the points begins again";
 }
 
-TEST_F(ScanStreamTest, another_scan_never_goes_on_where_one_was_cut) {
+TEST_F(ScanStreamTest, another_scan_never_continues_an_interrupted_one) {
   Scan s = scan();
   Bytes part = s.bytes();
   part.resize(kScanHeaderBytes + 10 * kScanPointBytes);
@@ -195,15 +195,15 @@ TEST_F(ScanStreamTest, another_scan_never_goes_on_where_one_was_cut) {
   decoder.cut();
   Scan other = s;
   other.header.utime_us += 1;  // the scanner was triggered again
-  expect_refused(s.header_bytes(9), "the scan goes on at point 9, but 10");
+  expect_refused(s.header_bytes(9), "the scan continues at point 9, but 10");
   decoder.cut();
   EXPECT_EQ(decoder.points(), 10U);
-  expect_refused(other.header_bytes(10), "the scan goes on at point 10, but 0 of this scan are here");
+  expect_refused(other.header_bytes(10), "the scan continues at point 10, but 0 of its points were received");
   decoder.cut();
   // The sender has taken another scan, so the first one is not requested any more.
   EXPECT_EQ(decoder.points(), 0U);
   EXPECT_FALSE(decoder.has_header());
-  expect_refused(s.header_bytes(10), "the scan goes on at point 10, but 0");
+  expect_refused(s.header_bytes(10), "the scan continues at point 10, but 0");
   decoder.cut();
   EXPECT_TRUE(feed(other.bytes()).ok());
   EXPECT_TRUE(decoder.complete());
@@ -230,11 +230,11 @@ TEST(ScanAnswer, is_one_whole_line_however_long_and_strange_its_text) {
 TEST_F(ScanStreamTest, the_answer_to_another_request_is_refused_before_a_point_of_it) {
   Scan s = scan();
   s.header.cmd_seq = 2;
-  expect_refused(s.header_bytes(), "answers request 7-2, asked for is 7-3");
+  expect_refused(s.header_bytes(), "answers request 7-2, expected is 7-3");
   decoder.cut();
   s.header.cmd_seq = 3;
   s.header.session = 6;
-  expect_refused(s.header_bytes(), "answers request 6-3, asked for is 7-3");
+  expect_refused(s.header_bytes(), "answers request 6-3, expected is 7-3");
   EXPECT_EQ(decoder.points(), 0U);
 }
 

@@ -59,7 +59,7 @@ TEST(TextPoints, the_first_line_chooses_the_separator_for_all) {
   expect_points("1 2 3\n4 \t5\t 6\n", "a.xyz", {1, 2, 3, 4, 5, 6});  // a tab counts as a blank where blanks separate
 }
 
-TEST(TextPoints, names_in_the_first_line_say_where_x_y_z_are) {
+TEST(TextPoints, names_in_the_first_line_select_the_columns_of_x_y_z) {
   for (const std::string text :
        {"x,y,z\n1,2,3\n", "z,x,y\n3,1,2\n", "id;Y;quality;Z;X\n9;2;0,5;3;1\n", "\"X\",\"Y\",\"Z\"\n1,2,3\n",
         "x [mm] y [mm] z [mm] i\n1 2 3 4\n", "X (mm)\tY (mm)\tZ (mm)\n1\t2\t3\n", "# scan 7\nx y z\n1 2 3\n",
@@ -81,10 +81,10 @@ TEST(TextPoints, names_in_the_first_line_say_where_x_y_z_are) {
   expect_refused("id,a,x,y,z\n1,2,3,4\n", "line 2: 4 columns, needed are 5");
   // A unit does not need a comment mark.
   expect_points("Units: mm\n1 2 3\n", "a.csv", {1, 2, 3});
-  expect_refused("Units: m\n1 2 3\n", "line 1: the file says unit \"m\", but \"mm\" is configured");
+  expect_refused("Units: m\n1 2 3\n", "line 1: the file declares unit \"m\", but \"mm\" is configured");
 }
 
-TEST(TextPoints, names_in_a_comment_above_the_points_say_where_x_y_z_are_too) {
+TEST(TextPoints, names_in_a_comment_above_the_points_also_select_the_columns_of_x_y_z) {
   for (const std::string text :
        {"//X Y Z\n1 2 3\n", "//Z Y X\n3 2 1\n", "# Z,Y,X\n3,2,1\n", "# z y x\n3,2,1\n", "//id X Y Z\n9 1 2 3\n",
         "# columns: id x y z\n9 1 2 3\n", "# id;\"Z [mm]\";y_mm;X (mm);\n9;3;2;1;\n", "# z y x\n# scan 7\n\n3 2 1\n",
@@ -100,7 +100,7 @@ TEST(TextPoints, names_in_a_comment_above_the_points_say_where_x_y_z_are_too) {
   expect_refused("//id X Y Z\n9 1 2 3 4\n",
                  "line 2: 5 columns, but the comment on line 1 names 4, and x, y, z are not its first three");
   expect_refused("# x y z x\n1 2 3 4\n", "line 1: a second column named \"x\"");
-  expect_refused("# z [m] y [m] x [m]\n3 2 1\n", "line 1: the file says unit \"m\"");
+  expect_refused("# z [m] y [m] x [m]\n3 2 1\n", "line 1: the file declares unit \"m\"");
   expect_refused("# id x y z\n9 1 2 3\n9 1 2\n", "line 3: 3 columns, needed are 4");
 }
 
@@ -130,14 +130,14 @@ TEST(TextPoints, a_malformed_number_names_line_column_and_text) {
   expect_refused("\xFE\xFF" + std::string(1, '\0') + wide.substr(0, 11), "UTF-16 text");
 }
 
-TEST(TextPoints, a_first_line_that_is_a_broken_point_is_not_taken_for_names) {
+TEST(TextPoints, a_first_line_that_is_a_broken_point_is_not_read_as_names) {
   expect_refused("1.2.3 x y\n1 2 3\n", "line 1, column 1: \"1.2.3\" is not a number");
   expect_refused("x 2 3\n1 2 3\n", "line 1, column 1: \"x\" is not a number");
   expect_refused("12\n1 2 3\n", "line 1 announces 12 points, the file has 1");
   expect_refused("1.5\n1 2 3\n", "line 1: 1 columns, needed are 3");
 }
 
-TEST(TextPoints, a_count_in_the_first_line_is_held_against_the_lines) {
+TEST(TextPoints, a_count_in_the_first_line_is_compared_with_the_number_of_lines) {
   for (const std::string text :
        {"2\n1 2 3\n4 5 6\n", "# scan 7\n 2 \n1,2,3\n4,5,6", "//X Y Z\n2\n1 2 3\n4 5 6\n", "x y z\n2\n1 2 3\n4 5 6\n",
         "2\nx;y;z\n1;2;3\n4;5;6\n", "2\r\n1 2 3\r\n4 5 6\r\n", "2\r1 2 3\r4 5 6\r",
@@ -394,7 +394,7 @@ TEST(TextPoints, quoted_numbers_are_numbers_and_names_are_shown_as_they_are) {
   expect_refused("a\xD7\xF8,b,c\n1,2,3\n", "the names are \"a?" + not_utf8);
 }
 
-TEST(TextPoints, names_in_a_comment_that_are_not_x_y_z_are_not_passed_over) {
+TEST(TextPoints, names_in_a_comment_that_are_not_x_y_z_are_refused) {
   expect_refused("# intensity,PosX,PosY,PosZ\n12,1,2,3\n",
                  "line 2: the comment on line 1 names the columns, none of them x, y or z");
   expect_refused("//intensity PosX PosY PosZ\n12 1 2 3\n", "the comment on line 1 names the columns");
@@ -434,7 +434,7 @@ TEST(TextPoints, columns_are_chosen_by_name_or_by_number) {
   holds(refusal_of(named, "PosX,PosY,PosW"), "line 1: no column is named \"PosW\", the names are \"intensity,PosX");
   holds(refusal_of("9 1 2 3\n", "PosX,PosY,PosZ"), "this table does not name its columns: choose them by number");
   holds(refusal_of("9 1 2\n", "2,3,4"), "line 1: 3 columns, needed are 4");
-  holds(refusal_of("i,PosX [m],PosY,PosZ\n9,1,2,3\n", "PosX,PosY,PosZ"), "the file says unit \"m\"");
+  holds(refusal_of("i,PosX [m],PosY,PosZ\n9,1,2,3\n", "PosX,PosY,PosZ"), "the file declares unit \"m\"");
   for (const std::string& columns : {std::string(), std::string("x"), std::string("x,y"), std::string("x,y,z,i"),
                                      std::string(",,"), std::string("1,2,"), std::string(41, 'x') + ",y,z"})
     holds(refusal_of(named, columns), "expected are three names or numbers");
@@ -461,10 +461,10 @@ TEST(TextPoints, too_few_columns_and_too_many_points) {
   }());
 }
 
-TEST(TextPoints, nothing_at_all_is_too_few) {
+TEST(TextPoints, an_empty_file_has_too_few_points) {
   for (const std::string text : {"\n\n", "# nothing\n", "x,y,z\n", "   ", "Units: mm\n"})
     expect_refused(text, "no points", Code::too_few_points);
-  expect_refused("", "0 bytes, nothing was written");
+  expect_refused("", "0 bytes, the file is empty");
 }
 
 TEST(TextPoints, length_of_lines_is_limited_and_the_error_states_the_limit) {

@@ -49,7 +49,7 @@ TEST(SystemdNotify, messages_are_those_of_the_protocol) {
   EXPECT_EQ(manager.next_message(), "") << "silent without a service manager";
 }
 
-TEST(SystemdNotify, does_not_block_on_a_manager_that_reads_nothing) {
+TEST(SystemdNotify, does_not_block_on_a_manager_that_does_not_read) {
   const Manager manager;
   for (int i = 0; i < 2'000; ++i) manager.notify->status("full");
   manager.notify->ready();  // finds no space, and is repeated
@@ -58,7 +58,7 @@ TEST(SystemdNotify, does_not_block_on_a_manager_that_reads_nothing) {
   EXPECT_EQ(manager.next_message(), "READY=1");
 }
 
-TEST(SystemClock, runs_forward_and_knows_the_year) {
+TEST(SystemClock, runs_forward_and_returns_the_current_year) {
   const auto clock = make_system_clock();
   const std::int64_t first = clock->mono_ns();
   EXPECT_LE(first, clock->mono_ns());
