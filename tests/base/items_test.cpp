@@ -45,7 +45,7 @@ TEST(Judge, an_unmeasured_item_is_never_a_pass) {
   EXPECT_EQ(judge(item(0.0, kNoValue, kNoValue, 0.1), 1.0), Verdict::none);
 }
 
-TEST(Judge, without_U_nothing_is_decided_in_simple_acceptance_either) {
+TEST(Judge, without_U_an_item_is_indeterminate_in_simple_acceptance_too) {
   for (const double U : {kNoValue, 0.0}) {
     EXPECT_EQ(judge(item(0.0, -0.5, 0.5, U), 0.0), Verdict::indeterminate);
     EXPECT_EQ(judge(item(0.6, -0.5, 0.5, U), 0.0), Verdict::indeterminate);

@@ -32,7 +32,7 @@ TEST(NoisePrint, equal_signs_correlate_by_one_and_opposite_ones_by_minus_one) {
   EXPECT_NEAR(noise_correlation(*print, *random_print(2, 5'000)), 0.0, 5.0 / std::sqrt(5'000.0));
 }
 
-TEST(NoisePrint, too_few_places_in_common_decide_nothing) {
+TEST(NoisePrint, too_few_common_places_give_no_decision) {
   const auto enough = random_print(1, limits::kNoisePlacesMin);
   const auto too_few = random_print(1, limits::kNoisePlacesMin - 1);
   EXPECT_EQ(noise_correlation(*enough, *enough), 1.0);

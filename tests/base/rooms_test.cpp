@@ -138,7 +138,7 @@ TEST(Rooms, enter_another_room_by_its_public_header) {
     EXPECT_TRUE(fs::exists(fs::path(slabd::places::source_dir()) / header)) << header;
 }
 
-TEST(Rooms, station_knows_only_the_vocabulary) {
+TEST(Rooms, station_includes_only_the_vocabulary) {
   const std::vector<fs::path> files = sources_of("daemon/station");
   EXPECT_GE(files.size(), 10U);
   for (const fs::path& file : files)

@@ -53,7 +53,7 @@ const Json& line(const Json& json, const std::string& beginning) {
   throw std::out_of_range(beginning);
 }
 
-TEST(BenchReport, holds_every_promised_key_even_when_nothing_was_measured) {
+TEST(BenchReport, holds_every_promised_key_even_without_a_measurement) {
   const Json json = report({});
   for (const std::string_view key : kPromisedKeys) EXPECT_TRUE(json.at(std::string(key)).is_null()) << key;
   for (const std::string_view key : kPromisedPeerKeys) EXPECT_TRUE(json.at(std::string(key)).is_null()) << key;

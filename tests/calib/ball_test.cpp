@@ -216,7 +216,7 @@ TEST(BallRefusals, zeroed_reports_are_not_ok) {
   EXPECT_FALSE(BallShots{}.ok());
 }
 
-TEST(BallRefusals, nothing_in_the_scan) {
+TEST(BallRefusals, an_empty_scan_holds_no_ball) {
   expect_refused(find_balls({}, settings()).value(), BallRefusal::no_points);
   const std::vector<float> missing(3000, std::numeric_limits<float>::quiet_NaN());
   expect_refused(find_balls(missing, settings()).value(), BallRefusal::no_points);

@@ -90,7 +90,7 @@ TEST(Coverage, is_the_same_for_the_same_views) {
   EXPECT_EQ(a.coverage.point_sigma_mm, b.coverage.point_sigma_mm);
 }
 
-TEST(Coverage, counts_sides_and_places_as_a_person_at_the_robots_foot_sees_them) {
+TEST(Coverage, counts_sides_and_places_as_seen_from_the_robots_foot) {
   const Cell cell;
   const Pose X = cell.T_flange_scanner;
   const auto view_towards = [&](const Vec3& towards, const Vec3& seen) {

@@ -188,7 +188,7 @@ TEST(HandEye, a_pose_artefact_in_one_place_is_enough_but_its_origin_as_a_ball_is
   EXPECT_EQ(result.reasons[0].code, Refusal::ball_in_one_place) << told(result);
 }
 
-TEST(HandEye, fewer_than_three_views_are_refused_and_nothing_breaks) {
+TEST(HandEye, fewer_than_three_views_are_refused_without_a_crash) {
   for (const ArtefactKind kind : kKinds)
     for (const std::size_t views : {1U, 2U, 3U, 4U}) {
       const Plan plan = plan_of(views);
@@ -446,7 +446,7 @@ TEST(HandEye, copies_of_views_count_as_one) {
   }
 }
 
-TEST(HandEye, balls_seen_once_add_nothing_and_what_is_left_must_be_more_than_enough) {
+TEST(HandEye, balls_seen_once_are_ignored_and_the_others_must_be_redundant) {
   // Two balls seen twice determine X without redundancy: the first view has an error of 27 mm, and everything fits.
   constexpr std::array<std::size_t, 8> kSeen = {0, 0, 1, 1, 2, 3, 4, 5};
   Plan plan = plan_of(kSeen.size());

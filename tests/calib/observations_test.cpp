@@ -81,7 +81,7 @@ TEST(Observations, units_orders_and_directions_are_converted) {
         }
 }
 
-TEST(Observations, neutral_form_brings_the_same_bits_back) {
+TEST(Observations, neutral_form_restores_the_same_bits) {
   Prng random(4);
   std::vector<Pose> poses;
   for (int i = 0; i < 50; ++i) {

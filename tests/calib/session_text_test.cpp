@@ -37,7 +37,7 @@ CapturedView some_view() {
   return v;
 }
 
-TEST(SessionText, brings_back_every_bit) {
+TEST(SessionText, restores_every_bit) {
   const SessionSettings s = some_settings();
   const Result<SessionSettings> back = parse_session(session_text(s), "session.txt");
   ASSERT_TRUE(back.ok()) << back.error().text.view();
@@ -109,7 +109,7 @@ TEST(SessionText, held_out_views_are_spread_over_the_goal) {
   EXPECT_EQ(held, (std::vector<std::size_t>{7, 14, 20}));
 }
 
-TEST(SessionText, steps_solutions_and_verifications_come_back) {
+TEST(SessionText, steps_solutions_and_verifications_are_read_back) {
   const ViewChange change{12, 7, "now", "me", "they \"leaned\" on the post"};
   const auto change_back = parse_view_change(change_text(change), "undo.txt");
   ASSERT_TRUE(change_back.ok());

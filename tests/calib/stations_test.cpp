@@ -423,7 +423,7 @@ std::string with(std::string text, const std::string& from, const std::string& t
   return text.replace(at, from.size(), to);
 }
 
-TEST(MasterCertificateText, is_read_and_comes_back) {
+TEST(MasterCertificateText, is_read_and_written_back) {
   const auto c = parse_master_certificate(kCertificate, "cert.txt");
   ASSERT_TRUE(c.ok()) << c.error().text.view();
   EXPECT_EQ(c.value().id, "master-slab-01");

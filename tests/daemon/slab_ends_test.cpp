@@ -115,7 +115,7 @@ TEST_F(SlabEndsTest, the_end_of_the_top_is_found_to_a_few_millimetres) {
   }
 }
 
-TEST_F(SlabEndsTest, a_slab_of_the_other_type_is_found_whatever_lies_beyond_its_end) {
+TEST_F(SlabEndsTest, a_slab_of_the_other_type_is_found_with_any_object_beyond_its_end) {
   for (const Beyond beyond : {Beyond::nothing, Beyond::floor, Beyond::next_slab}) {
     const SlabEnds::Finding short_one = slab(p4925(), kShort_mm, 1, beyond);
     ASSERT_EQ(short_one.other, &recipes_[0]);
@@ -140,7 +140,7 @@ TEST_F(SlabEndsTest, a_slab_of_its_own_type_is_never_refused) {
       }
 }
 
-TEST_F(SlabEndsTest, missing_points_count_only_where_inner_blocks_show_that_the_scanner_sees_further) {
+TEST_F(SlabEndsTest, missing_points_count_only_where_inner_blocks_show_a_longer_range) {
   ends_.use(recipes_, p4925());
   const auto note = [&](int station, double minus_mm, double field_x_mm) {
     return ends_.note(7, station, view_of(scan(minus_mm, kNoEnd, 5, Beyond::nothing, field_x_mm), p4925()));

@@ -187,7 +187,7 @@ TEST_F(CaptureLineTest, a_view_that_the_session_could_not_copy_stays_with_the_da
   EXPECT_EQ(left, 1U) << "the one that was kept";
 }
 
-TEST_F(CaptureLineTest, a_daemon_that_was_killed_comes_up_idle_and_a_robot_that_is_gone_is_named) {
+TEST_F(CaptureLineTest, a_daemon_that_was_killed_starts_idle_and_a_missing_robot_is_named) {
   start();
   {
     const auto cell = emulate();

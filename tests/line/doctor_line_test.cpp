@@ -129,7 +129,7 @@ TEST_F(DoctorTest, with_a_mistake_in_the_configuration_only_the_daemon_is_querie
   EXPECT_EQ(opinion.health("database"), "") << "writing was not tried yet\n" << opinion.all();
 }
 
-TEST_F(DoctorTest, says_that_the_daemon_does_not_run_and_looks_at_what_it_can) {
+TEST_F(DoctorTest, reports_that_the_daemon_does_not_run_and_checks_the_rest) {
   const Opinion opinion = examine();
   EXPECT_EQ(opinion.exit_status, 4);
   EXPECT_EQ(opinion.health("configuration"), "ok");
@@ -487,7 +487,7 @@ TEST_F(DoctorTest, an_address_that_this_computer_lacks_is_why_no_gateway_connect
       << status.out;
 }
 
-TEST_F(DoctorTest, knows_the_daemons_configuration_whatever_folder_the_daemon_was_started_in) {
+TEST_F(DoctorTest, finds_the_daemons_configuration_from_any_start_folder) {
   box_.launcher = {
       "/bin/sh", "-c",
       "cd '" + box_.dir.native() + "' && exec '" + places::slabd() + "' --config " + box_.config.filename().native()};
@@ -508,7 +508,7 @@ TEST_F(DoctorTest, a_limit_under_which_a_scan_cannot_be_written_is_found) {
   EXPECT_EQ(opinion.health("limits"), "failed") << opinion.all();
 }
 
-TEST_F(DoctorTest, says_by_which_interface_the_plc_is_reached) {
+TEST_F(DoctorTest, reports_the_interface_to_the_plc) {
   std::string text = read_file(box_.config);
   const std::size_t listen = text.find("listen = ");
   ASSERT_NE(listen, std::string::npos) << text;
@@ -520,7 +520,7 @@ TEST_F(DoctorTest, says_by_which_interface_the_plc_is_reached) {
   EXPECT_NE(opinion.all().find("127.0.0.9 by lo"), std::string::npos) << opinion.all();
 }
 
-TEST_F(DoctorTest, a_plc_that_cannot_be_reached_is_said_by_doctor_and_status) {
+TEST_F(DoctorTest, a_plc_that_cannot_be_reached_is_reported_by_doctor_and_status) {
   // slabd connects to the PLC, which does not exist.
   std::string text = read_file(box_.config);
   const std::size_t listen = text.find("listen = ");
@@ -536,7 +536,7 @@ TEST_F(DoctorTest, a_plc_that_cannot_be_reached_is_said_by_doctor_and_status) {
       << status.out;
 }
 
-TEST_F(DoctorTest, finds_nothing_failed_on_a_running_line_and_leaves_it_alone) {
+TEST_F(DoctorTest, reports_no_failure_on_a_running_line_and_does_not_disturb_it) {
   start();
   const auto line = box_.simulate({"--slab-no", "1"});
   Opinion opinion;
@@ -553,7 +553,7 @@ TEST_F(DoctorTest, finds_nothing_failed_on_a_running_line_and_leaves_it_alone) {
   EXPECT_EQ(line->wait(), 0) << read_file(box_.dir / "simulate.err");
 }
 
-TEST_F(DoctorTest, has_a_scan_taken_when_asked_and_gives_the_line_back) {
+TEST_F(DoctorTest, takes_a_scan_on_request_and_releases_the_line) {
   start();
   const Process cell({places::slabctl(), "simulate", "calibration", "--live", "--kind", "ball", "--views", "3",
                       "--move-s", "0.2", "--config", box_.config.native(), "--out", (box_.dir / "truth").native()},

@@ -121,7 +121,7 @@ TEST(Ledger, adds_up_to_what_is_promised) {
   EXPECT_LE(sum, 160'000'000 + (limits::kScanSlots - 1) * 72'000'000);
 }
 
-TEST(Ledger, stands_in_the_architecture_page_with_these_figures) {
+TEST(Ledger, is_in_the_architecture_page_with_these_figures) {
   const std::string page = read_file(fs::path(places::source_dir()) / "docs/ARCHITECTURE.md");
   for (const Entry& entry : kLedger) {
     std::array<char, 100> line{};

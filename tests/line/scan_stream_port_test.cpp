@@ -240,7 +240,7 @@ TEST_F(ScanStreamPortTest, a_gateway_that_was_restarted_during_a_scan_delivers_i
   for (std::size_t i = 0; i < kPoints; ++i) ASSERT_NE(xyz_[3 * i + 2], 5.0F) << i;
 }
 
-TEST_F(ScanStreamPortTest, the_late_answer_to_a_request_that_was_given_up_is_never_the_next_ones) {
+TEST_F(ScanStreamPortTest, the_late_answer_to_an_abandoned_request_is_never_used_for_the_next_one) {
   StreamGateway g = gateway();
   ASSERT_TRUE(g.connect().ok());
   port_->idle();
@@ -270,7 +270,7 @@ TEST_F(ScanStreamPortTest, without_a_gateway_the_scanner_is_offline) {
   EXPECT_NE(port_->trouble().view().find("no gateway"), std::string_view::npos);
 }
 
-TEST_F(ScanStreamPortTest, a_scan_that_stays_cut_is_incomplete_and_leaves_nothing) {
+TEST_F(ScanStreamPortTest, a_scan_that_stays_cut_is_incomplete_and_leaves_no_file) {
   const auto result = acquire(request(3, 3'000), [](StreamGateway& g) {
     EXPECT_FALSE(g.answer(wait_for(g), points(5.0F), 0, 0, 99, 20'000).ok());
   });

@@ -16,7 +16,7 @@ bool has_chinese(std::string_view text) {
   return std::any_of(text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) >= 0xE4; });
 }
 
-TEST(CodeWords, every_code_is_said_in_chinese_with_its_cure) {
+TEST(CodeWords, every_code_has_a_chinese_text_with_its_cure) {
   const std::string_view unknown = describe(static_cast<Code>(1));
   int codes = 0;
   for (std::uint16_t number = 100; number < kReasonItemBase; ++number) {
@@ -52,7 +52,7 @@ TEST(CodeWords, a_full_disk_may_be_the_databases) {
   EXPECT_NE(cure_words(Code::store_full, Language::zh).find("数据库"), std::string_view::npos);
 }
 
-TEST(CodeWords, every_warning_is_said_in_chinese) {
+TEST(CodeWords, every_warning_has_a_chinese_text) {
   for (unsigned bit = 0; bit < std::bit_width(unsigned{kWarnScannerNotVerified}); ++bit)
     EXPECT_TRUE(has_chinese(warning_zh(static_cast<std::uint16_t>(1U << bit)))) << bit;
   EXPECT_EQ(warning_zh(1U << 15U), "");

@@ -120,7 +120,7 @@ struct LogInDoubt : Sim {
   storage::StoreSettings settings;
 };
 
-TEST_F(LogInDoubt, keeps_what_the_next_process_commits_behind_it_when_the_power_goes) {
+TEST_F(LogInDoubt, keeps_what_the_next_process_commits_after_it_when_the_power_fails) {
   for (int round = 0; round < 20; ++round) {
     leave_doubtful_log();
     process([&](storage::Store& store) { ASSERT_TRUE(commit(store, 100)); });
@@ -161,7 +161,7 @@ TEST_F(Sim, two_lives_share_no_chance) {
 
 // ---- the simulation's own parts -----------------------------------------------------------------------------------
 
-TEST_F(Sim, a_process_sleeps_on_the_worlds_time_and_is_run_to_its_end_when_it_dies) {
+TEST_F(Sim, a_process_sleeps_on_simulated_time_and_is_run_to_its_end_when_it_is_killed) {
   Process process(world);
   std::vector<int> order;
   process.start([&] {

@@ -254,7 +254,7 @@ TEST_F(AnsweredWithAnError, a_full_disk_does_not_keep_the_log_from_being_used_ag
 }
 
 // A job that contradicts the database does so every time, and must not block later jobs.
-TEST_F(AnsweredWithAnError, an_attempt_that_contradicts_stops_nothing) {
+TEST_F(AnsweredWithAnError, a_contradicting_attempt_does_not_stop_the_store) {
   crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);
   open();
   begin(1);

@@ -108,7 +108,7 @@ class CalibrationsTest : public StoreTest {
   std::int64_t utime_us_ = 10'000;
 };
 
-TEST_F(CalibrationsTest, nothing_is_in_force_in_a_fresh_database) {
+TEST_F(CalibrationsTest, no_calibration_is_in_force_in_a_fresh_database) {
   const LineCalibration line = in_force();
   EXPECT_EQ(line.source, LineCalibration::Source::missing);
   EXPECT_TRUE(line.trouble.empty());
@@ -195,7 +195,7 @@ TEST_F(CalibrationsTest, applied_is_used_kept_over_a_restart_and_rolled_back_ste
   EXPECT_EQ(history.value()[6].note.who, "anna");
 }
 
-TEST_F(CalibrationsTest, apply_given_again_changes_nothing) {
+TEST_F(CalibrationsTest, a_repeated_apply_has_no_effect) {
   const std::string a = keep(hand_eye(1.0));
   put_in_force(a);
   put_in_force(a);
@@ -494,7 +494,7 @@ TEST_F(CalibrationsTest, a_spare_scanner_out_of_its_limits_does_not_affect_the_a
   EXPECT_TRUE(in_force().scanner.failed) << "it is unknown which one it was";
 }
 
-TEST_F(CalibrationsTest, a_scanners_figures_that_were_edited_on_the_disk_are_not_used_and_stop_nothing) {
+TEST_F(CalibrationsTest, a_scanners_figures_that_were_edited_on_the_disk_are_not_used_and_the_line_continues) {
   const std::string hand = keep(hand_eye(80.0));
   put_in_force(hand);
   const std::string id = keep(scanner(0.061));

@@ -160,7 +160,7 @@ class TakenAwayTest : public CrashTest {
   std::string copy_;
 };
 
-TEST_F(TakenAwayTest, nothing_is_reported_as_written_until_the_file_is_back) {
+TEST_F(TakenAwayTest, no_record_is_reported_as_written_until_the_file_is_back) {
   EXPECT_EQ(idle_trouble(), "");
   move_away("-away");
   EXPECT_TRUE(is_refused(AckJob{record_}));

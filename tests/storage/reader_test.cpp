@@ -128,7 +128,7 @@ TEST_F(ReaderTest, cannot_write) {
   EXPECT_EQ(recover()->session, 0);
 }
 
-TEST_F(ReaderTest, sees_whole_slabs_while_the_daemon_writes) {
+TEST_F(ReaderTest, reads_whole_slabs_while_the_daemon_writes) {
   open();
   begin(1);
   std::atomic<bool> stop = false;

@@ -201,7 +201,7 @@ TEST_F(RestoreTest, a_failed_one_leaves_no_file) {
   ASSERT_TRUE(restore(backup_).ok());
 }
 
-TEST_F(RestoreTest, a_backup_that_cannot_be_brought_up_to_date_leaves_nothing_and_the_database_as_it_was) {
+TEST_F(RestoreTest, a_backup_that_cannot_be_upgraded_leaves_no_file_and_the_database_unchanged) {
   {
     const NextVersions later("ALTER TABLE nowhere ADD COLUMN a");
     const Status status = restore(backup_);
@@ -271,7 +271,7 @@ TEST_F(RestoreTest, is_refused_while_the_daemon_runs) {
   EXPECT_EQ(recover()->last_slab_key, 3);
 }
 
-TEST_F(RestoreTest, a_backup_that_is_not_whole_changes_nothing) {
+TEST_F(RestoreTest, an_incomplete_backup_leaves_the_database_unchanged) {
   {
     std::fstream file(backup_, std::ios::in | std::ios::out | std::ios::binary);
     for (std::streamoff page = 5; page < 12; ++page) file.seekp(page * 4096) << std::string(3000, 'x');

@@ -309,7 +309,7 @@ TEST_F(RightsTest, a_reader_that_stays_open_reads_what_a_restarted_slabd_writes)
   EXPECT_EQ(ask(person, "again"), "4");
 }
 
-TEST_F(RightsTest, a_person_of_the_group_writes_nothing_whether_slabd_runs_or_not) {
+TEST_F(RightsTest, a_member_of_the_group_cannot_write_whether_slabd_runs_or_not) {
   Person person{Reading(settings_.db_path)};
   start();
   slabs(1, 1);

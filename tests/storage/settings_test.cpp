@@ -149,7 +149,7 @@ std::int64_t pages_in_file(const std::string& path) {
   return pages;
 }
 
-TEST_F(SettingsTest, the_log_is_moved_into_the_database_when_there_has_been_nothing_to_do_for_a_while) {
+TEST_F(SettingsTest, the_log_is_moved_into_the_database_after_an_idle_time) {
   open();
   (void)recover();
   begin(1);
@@ -327,7 +327,7 @@ TEST_F(SettingsTest, slab_begins_when_there_is_space_for_it) {
   begin(1);
 }
 
-TEST(Folders, path_must_lie_below_the_spool) {
+TEST(Folders, path_must_be_below_the_spool) {
   EXPECT_TRUE(lies_below("/spool/1/01-1.ply", "/spool"));
   EXPECT_TRUE(lies_below("/spool/1/01-1.ply", "/spool/"));
   EXPECT_FALSE(lies_below("/spool", "/spool"));

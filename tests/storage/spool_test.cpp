@@ -195,7 +195,7 @@ TEST_F(SpoolTest, scans_of_a_spool_that_was_somewhere_else_neither_count_nor_go)
   EXPECT_TRUE(std::filesystem::exists(before + "/7"));
 }
 
-TEST_F(SpoolTest, a_smaller_budget_is_met_while_there_is_nothing_to_do) {
+TEST_F(SpoolTest, a_smaller_budget_is_met_while_the_store_is_idle) {
   open();
   for (std::int64_t key = 1; key <= 4; ++key) acknowledge(whole_slab(key, Verdict::pass));
   settings_.spool_budget_bytes = 2000;

@@ -259,7 +259,7 @@ TEST_P(PowerCutTest, leaves_a_whole_database_with_every_reported_step) {
 }
 
 // Second power cut while the database is recovered.
-TEST_P(PowerCutTest, during_the_restart_after_a_power_cut_loses_nothing_either) {
+TEST_P(PowerCutTest, during_the_restart_after_a_power_cut_loses_no_record) {
   const std::uint64_t cuts = number_from("SLABD_SURVIVAL_IMAGES", 300) / 60;
   make_life(1, 3);
   learn_contents();
@@ -513,7 +513,7 @@ TEST_F(SurvivalTest, a_backup_on_a_full_disk_reports_the_full_disk) {
   EXPECT_GT(told, 3) << "are the calls still taken over?";
 }
 
-TEST_F(SurvivalTest, a_backup_that_fails_leaves_nothing_behind) {
+TEST_F(SurvivalTest, a_backup_that_fails_leaves_no_file) {
   fs::create_directories(root_ + "/copies");
   const std::string copy = root_ + "/copies/copy.db";
   open();

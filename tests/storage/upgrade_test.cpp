@@ -262,7 +262,7 @@ TEST_F(UpgradeTest, an_upgrade_that_fails_leaves_the_old_database_and_one_copy) 
   expect_refused("mould_U");
 }
 
-TEST_F(UpgradeTest, without_a_copy_nothing_is_changed) {
+TEST_F(UpgradeTest, without_a_copy_the_database_is_not_changed) {
   make_old();
   fs::create_directories(backup() + ".part/in the way");
   const NextVersions later;

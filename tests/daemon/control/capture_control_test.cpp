@@ -32,7 +32,7 @@ TEST(CaptureControl, requests_are_understood) {
   EXPECT_EQ(parsed(R"({"action":"state","session":"s"})").action, CaptureRequest::Action::keep);
 }
 
-TEST(CaptureControl, errors_are_named_and_nothing_is_truncated) {
+TEST(CaptureControl, errors_are_named_and_not_truncated) {
   const auto error_of = [](const std::string& line, std::uint32_t uid = 1000) {
     const Result<CaptureRequest> request = parse_capture(line, uid);
     EXPECT_FALSE(request.ok()) << line;

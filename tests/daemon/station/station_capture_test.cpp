@@ -293,7 +293,7 @@ TEST_F(CaptureTest, an_emulated_line_may_give_a_view_twice) {
   EXPECT_EQ(shoot().code, Code::ok);
 }
 
-TEST_F(CaptureTest, the_plc_starts_nothing_in_maintenance) {
+TEST_F(CaptureTest, commands_of_the_plc_are_refused_in_maintenance) {
   begin();
   std::uint16_t seq = line_.command(PlcCommand::slab_begin);
   line_.run_for(20);

@@ -83,7 +83,7 @@ TEST_F(StationRefusals, a_command_that_could_not_be_stored_is_answered_and_not_c
   EXPECT_EQ(line.view().cmd_status, 4);
 }
 
-TEST_F(StationRefusals, a_scan_that_could_not_be_recorded_is_not_acquired_and_its_measurement_counts_for_nothing) {
+TEST_F(StationRefusals, a_scan_that_could_not_be_recorded_is_not_acquired_and_its_measurement_is_ignored) {
   begin();
   line.disk_syncs = false;
   line.scan(1);
@@ -390,7 +390,7 @@ TEST_F(StationRefusals, a_copy_of_a_command_from_another_connection_is_counted_a
 
 // ---- before the start, and events without an answer ----
 
-TEST(StationBeforeItsStart, is_safe_and_does_nothing) {
+TEST(StationBeforeItsStart, is_safe_and_ignores_events) {
   StationSettings settings;
   const auto station = std::make_unique<Station>(settings);
   const auto actions = std::make_unique<Actions>();
@@ -433,7 +433,7 @@ TEST_F(StationRefusals, an_open_slab_without_a_recipe_of_its_type_can_only_be_ab
   EXPECT_EQ(line.view().slab_verdict, Verdict::aborted);
 }
 
-TEST_F(StationRefusals, a_wall_clock_older_than_the_newest_record_is_a_warning_and_goes_away) {
+TEST_F(StationRefusals, a_wall_clock_older_than_the_newest_record_is_a_warning_until_it_is_corrected) {
   begin();
   line.station->newest_time = NewestTime(line.view().utime_us + 1'000'000);
   line.run_for(8);
@@ -504,7 +504,7 @@ TEST_F(StationRefusals, after_a_restart_the_last_slabs_table_distinguishes_scans
   EXPECT_EQ(view.stations_done, 4);
 }
 
-TEST_F(StationRefusals, a_slab_on_its_way_to_the_disk_takes_nothing_any_more) {
+TEST_F(StationRefusals, a_slab_that_is_being_stored_accepts_no_further_result) {
   begin();
   line.command(PlcCommand::slab_end);
   for (int i = 0; i < 20 && line.station->slab.phase != SlabPhase::storing_end; ++i) line.run_for(4);

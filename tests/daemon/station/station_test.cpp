@@ -319,7 +319,7 @@ TEST_F(StationTest, next_scan_may_begin_while_the_last_one_is_measured) {
   EXPECT_EQ(line.view().cmd_status, failed(Code::deadline));
 }
 
-TEST_F(StationTest, a_block_is_measured_while_its_scan_goes_to_the_disk_and_shown_when_it_is_there) {
+TEST_F(StationTest, a_block_is_measured_while_its_scan_is_stored_and_shown_when_it_is_durable) {
   begin();
   line.disk_syncs = false;
   line.scan(1);

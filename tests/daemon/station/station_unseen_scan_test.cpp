@@ -157,7 +157,7 @@ TEST_F(UnseenScan, an_undelivered_scan_from_before_a_restart_is_not_used_after_i
   EXPECT_EQ(line.scans[before].request.session, 0);
 }
 
-TEST_F(UnseenScan, a_scanner_that_gives_nothing_fails_the_command_and_is_not_trusted_yet) {
+TEST_F(UnseenScan, a_scanner_without_an_answer_fails_the_command_and_its_next_scan_is_discarded) {
   die_while_scanning();
   line.scan_code = Code::trigger_timeout;
   line.scan(4);
@@ -283,7 +283,7 @@ TEST_F(UnseenScan, is_detected_after_a_restart_however_often_the_discarded_scan_
 }
 
 /// No fingerprint is stored after the mark while it is needed.
-TEST_F(UnseenScan, the_mark_stays_when_a_worker_comes_back_with_a_known_scan_and_the_process_dies) {
+TEST_F(UnseenScan, the_mark_stays_when_a_worker_returns_a_known_scan_and_the_process_is_killed) {
   begin();
   line.fingerprint = 0x0E01;
   line.scan(1);
@@ -323,7 +323,7 @@ TEST_F(UnseenScan, the_mark_stays_when_a_worker_comes_back_with_a_known_scan_and
   EXPECT_EQ(line.scans[before].request.session, 0) << "what was exposed for block 4 is taken for block 5";
 }
 
-TEST_F(StationTest, a_death_between_two_scans_asks_for_none_more) {
+TEST_F(StationTest, a_restart_between_two_scans_requests_no_further_scan) {
   begin();
   line.scan(1);
   line.start();

@@ -205,7 +205,7 @@ TEST_F(ModbusServerTest, displays_never_take_the_last_two_places) {
   EXPECT_EQ(asked(*third, read_frame(1, 4, 0, 1)).size(), 11U);
 }
 
-TEST_F(ModbusServerTest, words_of_two_writers_never_make_one_command) {
+TEST_F(ModbusServerTest, registers_of_two_writers_never_form_one_command) {
   const auto plc = connected();
   const auto stranger = connected();
   plc->send(write_frame(1, 10, {2, 5, 5600}));

@@ -387,7 +387,7 @@ TEST_F(RtuTest, an_echo_and_the_next_request_in_one_piece_are_distinguished) {
   EXPECT_EQ(asked(joined(kReadAnswer, kReadAnswer)), Bytes{});
 }
 
-TEST_F(RtuTest, a_plc_that_writes_few_values_in_turn_is_answered_where_nothing_echoes) {
+TEST_F(RtuTest, a_plc_that_writes_few_values_in_turn_is_answered_on_a_line_without_echo) {
   for (int i = 0; i < 3; ++i) EXPECT_EQ(asked(kRead), kReadAnswer);
   for (int i = 0; i < 20; ++i) {
     const Bytes write = heartbeat(static_cast<std::uint8_t>(i % 2));
@@ -413,7 +413,7 @@ TEST_F(RtuTest, a_lost_echo_costs_at_most_one_answer_and_only_for_ten_seconds) {
   EXPECT_EQ(asked(kWriteSeq), kWriteSeq);
 }
 
-TEST_F(RtuTest, the_same_write_behind_other_slaves_traffic_is_answered_where_nothing_echoes) {
+TEST_F(RtuTest, the_same_write_after_other_slaves_traffic_is_answered_on_a_line_without_echo) {
   const Bytes foreign = joined(closed({5, 3, 0, 0, 0, 3}), closed({5, 3, 6, 1, 2, 3, 4, 5, 6}));
   for (int i = 0; i < 4; ++i) EXPECT_EQ(asked(joined(foreign, kRead)), kReadAnswer);
   for (int i = 0; i < 6; ++i) {

@@ -88,7 +88,7 @@ TEST(Lc02Reader, returns_a_pose_in_mm_with_its_flags) {
   EXPECT_EQ(sample.T_base_flange.rotation.z(), -0.5);
 }
 
-TEST(Lc02Reader, every_length_but_the_right_one_is_foreign) {
+TEST(Lc02Reader, every_length_except_the_right_one_is_foreign) {
   const Datagram whole = datagram(message());
   ASSERT_EQ(whole.size(), 8U + 12U + 92U);
   for (std::size_t bytes = 0; bytes < whole.size(); ++bytes)

@@ -126,7 +126,7 @@ TEST(PlainRows, numbers_have_the_bits_that_the_c_library_gives_them) {
   EXPECT_GT(compare_numbers<double>(300'000, 0.001, 4), 0.1);
 }
 
-TEST(PlainRows, floats_written_with_the_fewest_digits_come_back_and_mostly_the_fast_way) {
+TEST(PlainRows, floats_written_with_the_fewest_digits_are_read_back_and_mostly_by_the_fast_path) {
   Prng prng(5);
   std::string text;
   std::vector<float> wanted;

@@ -159,7 +159,7 @@ TEST_F(ScanDropTest, bytes_behind_the_data_that_are_not_zeros_are_303_and_counte
 
 // ---- one daemon at a time
 
-TEST(FolderLock, one_at_a_time_and_the_second_reads_who_the_first_is) {
+TEST(FolderLock, is_exclusive_and_names_its_holder_to_the_second) {
   const TemporaryFolder folder;
   const std::string path = folder.string();
   {

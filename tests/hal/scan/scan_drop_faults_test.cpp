@@ -64,7 +64,7 @@ TEST_F(ScanDropTest, a_full_drop_disk_is_501_before_any_request) {
             0);
 }
 
-TEST_F(ScanDropTest, folders_that_may_not_be_written_are_offline_by_name_and_come_back) {
+TEST_F(ScanDropTest, folders_that_may_not_be_written_are_reported_offline_until_they_can) {
   constexpr auto kReadOnly = static_cast<fs::perms>(0555);
   fs::permissions(folder_.string(), static_cast<fs::perms>(0755));
   fs::permissions(drop(), static_cast<fs::perms>(0755));
@@ -114,7 +114,7 @@ TEST_F(ScanDropTest, oldest_file_set_aside_is_deleted_first_when_stray_is_full) 
   EXPECT_TRUE(names_in(stray()).empty());
 }
 
-TEST_F(ScanDropTest, folders_in_stray_count_and_go_with_all_that_is_in_them) {
+TEST_F(ScanDropTest, folders_in_stray_count_and_are_deleted_with_their_content) {
   const std::string precious = drop() + "/precious";
   write_file(precious, "not in stray/");
   for (const char* name : {"first", "second"}) {
@@ -228,7 +228,7 @@ TEST_F(ScanDropTest, trouble_is_visible_to_the_caller_and_cleared_when_it_is_ove
   EXPECT_TRUE(scanner_->trouble().empty());
 }
 
-TEST(HangWatch, a_call_that_does_not_come_back_shows_after_its_patience_and_not_before) {
+TEST(HangWatch, a_call_that_does_not_return_is_reported_after_its_time_limit_and_not_before) {
   SteppedClock clock;
   HangWatch watch(clock);
   EXPECT_EQ(watch.hang().ns, 0);
@@ -369,7 +369,7 @@ TEST_F(ScanDropTest, no_scan_in_the_spool_is_overwritten_and_the_new_one_is_not_
   }
 }
 
-TEST_F(ScanDropAnyNameTest, the_late_answer_to_a_request_that_was_given_up_is_never_the_next_ones) {
+TEST_F(ScanDropAnyNameTest, the_late_answer_to_an_abandoned_request_is_never_used_for_the_next_one) {
   const auto none = acquire(request(3, 60), [] {});
   ASSERT_FALSE(none.ok());
   EXPECT_EQ(none.error().code, Code::trigger_timeout);
