@@ -48,6 +48,8 @@ struct Options {
 /// slabd notices the end of a PLC's heartbeat after 2.5 s.
 constexpr std::chrono::milliseconds kHeartbeatLost{3'000};
 constexpr std::chrono::milliseconds kPeriod{100};
+/// Several polls of slabd in the client role.
+constexpr std::chrono::milliseconds kAcknowledged{3'000};
 
 /// "scan", "SLAB_BEGIN", "slab-begin" or "begin"; none for another word.
 PlcCommand command_named(std::string word) {
@@ -194,6 +196,10 @@ int give(const Options& options) {
   } catch (const Stop& end) {
     stopped = end;
   }
+  // slabd takes an acknowledgement with its next look at the PLC; until then the result still waits.
+  if (PlcTrouble ignored; !plc->results().empty())
+    (void)plc->await([&] { return !plc->seen().result && plc->seen().results_pending == 0; }, kAcknowledged,
+                     "the acknowledgement to be taken", ignored);
   for (const StoredResult& stored : plc->results()) fmt::print("{}", result_line(stored.record));
   plc->disable();
   if (stopped) throw *stopped;

@@ -289,7 +289,7 @@ TEST(Conventions, a_cure_never_proposes_what_the_table_declares) {
   const HandEye scaled = solve(ArtefactKind::ball, set.views, plan.noise(), settings).value();
   ASSERT_FALSE(scaled.reasons.empty());
   EXPECT_EQ(scaled.reasons[0].code, Refusal::units);
-  EXPECT_EQ(scaled.reasons[0].cure, "declare its content: # format: unit=mm") << scaled.reasons[0].text;
+  EXPECT_EQ(scaled.reasons[0].cure, "declare what it holds: # format: unit=mm") << scaled.reasons[0].text;
 }
 
 TEST(Conventions, rows_that_slide_after_a_failed_picture_are_named_by_their_line) {

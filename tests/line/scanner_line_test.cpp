@@ -188,7 +188,7 @@ TEST_F(ScannerLine, a_scanner_better_than_its_specification_leaves_U_as_it_is_an
   draw("few", {0.0}, kPlatePlacesMin - 1, kBallPlacesMin);
   const Box::Answer few = apply();
   EXPECT_EQ(few.exit_status, 6);
-  EXPECT_NE(few.err.find("asks for 6 and 10"), std::string::npos) << few.err;
+  EXPECT_NE(few.err.find("requires 6 and 10"), std::string::npos) << few.err;
   draw("noball", {0.0}, kPlatePlacesMin, 0);
   const Box::Answer no_ball = apply();
   EXPECT_EQ(no_ball.exit_status, 6);

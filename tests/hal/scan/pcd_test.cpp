@@ -83,14 +83,14 @@ TEST(Pcd, points_stay_in_the_frame_they_are_stored_in) {
 TEST(Pcd, wrong_counts_are_refused_before_they_are_used) {
   for (const std::string width : {"3", "5000000", "2147483648", "1099511627776"})
     expect_refused(kFields + "WIDTH " + width + "\nHEIGHT 1\nDATA binary\n" + kSix,
-                   width.size() > 12 ? "2^31" : "asks for");
+                   width.size() > 12 ? "2^31" : "requires");
   expect_refused(kFields + "WIDTH 2147483648\nHEIGHT 2147483648\nDATA binary\n" + kSix, "2^40");
   for (const std::string width : {"-1", "1099511627777", "99999999999999999999", "2.0", "2x", "", "2 2"})
     expect_refused(kFields + "WIDTH " + width + "\nHEIGHT 1\nDATA binary\n" + kSix, "header line 5: not a count");
   expect_refused(kFields + "WIDTH 2\nHEIGHT 1\nPOINTS 3\nDATA binary\n" + kSix, "POINTS 3 is not WIDTH 2 * HEIGHT 1");
   expect_refused(kFields + "WIDTH 0\nHEIGHT 1\nDATA binary\n", "no points", Code::too_few_points);
   expect_refused(kFields + kTwo + "DATA binary\n" + kSix + "x", ": 1 byte too many behind the data");
-  expect_refused(kFields + "WIDTH 4\nHEIGHT 1\nDATA ascii\n1 2 3\n4 5 6\n", "asks for at least");
+  expect_refused(kFields + "WIDTH 4\nHEIGHT 1\nDATA ascii\n1 2 3\n4 5 6\n", "requires at least");
   expect_refused(kFields + "WIDTH 65\nHEIGHT 1\nDATA binary\n" + std::string(65 * 12, '\0'),
                  "65 points, allowed are at most 64");
 }
@@ -111,7 +111,7 @@ TEST(Pcd, wrong_compressed_lengths_are_refused) {
   const auto u32 = [](std::size_t v) { return bytes_of(static_cast<std::uint32_t>(v)); };
   const std::string stream = good.substr(8);
   expect_points(head + good, "a.pcd", {1, 3, 5, 2, 4, 6});
-  expect_refused(head + good.substr(0, 7), "asks for at least");
+  expect_refused(head + good.substr(0, 7), "requires at least");
   expect_refused(head + good.substr(0, good.size() - 1), "bytes of compressed data, the file has");
   expect_refused(head + good + "x", ": 1 byte too many behind the data");
   expect_refused(head + u32(4'294'967'295U) + u32(24) + stream, "4294967295 bytes of compressed data");

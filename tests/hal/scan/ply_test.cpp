@@ -65,7 +65,7 @@ TEST(Ply, text_that_does_not_fit_the_header_names_its_line) {
   expect_refused(two + "1 2 3\n4 5 6\n7 8 9\n", "line 10: \"7 8 9\": the file continues");
   expect_refused(two + "1 2 3\n4 five 6\n", "line 9, column 3: \"five\" is not a number");
   expect_refused(two + "1,2,3\n4,5,6\n", "line 8, column 1: \"1,2,3\" is not a number");
-  expect_refused(head("ascii", "element vertex 1000000\n" + kXyz) + "1 2 3\n", "asks for at least 6000105");
+  expect_refused(head("ascii", "element vertex 1000000\n" + kXyz) + "1 2 3\n", "requires at least 6000105");
   expect_refused(head("ascii", "element vertex 65\n" + kXyz) + std::string(400, '1'),
                  "65 points, allowed are at most 64");
 }
@@ -208,7 +208,7 @@ TEST(Ply, a_byte_order_mark_is_stepped_over_and_utf16_is_named) {
   const std::string binary = mark + head(kLittle, kTwo) + point(1, 2, 3) + point(4, 5, 6);
   expect_points(binary, "a.ply", {1, 2, 3, 4, 5, 6});
   expect_refused(binary + "x", ": 1 byte too many");
-  expect_refused(binary.substr(0, binary.size() - 1), "asks for " + std::to_string(binary.size()) + " bytes");
+  expect_refused(binary.substr(0, binary.size() - 1), "requires " + std::to_string(binary.size()) + " bytes");
   std::string wide;
   for (const char c : head("ascii", kTwo) + "1 2 3\n4 5 6\n") wide += std::string{c, '\0'};
   expect_refused("\xFF\xFE" + wide, "UTF-16 text, two bytes for each character: save it as UTF-8 or ASCII");

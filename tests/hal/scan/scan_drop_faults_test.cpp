@@ -342,7 +342,7 @@ TEST_F(ScanDropTest, an_answer_that_is_removed_before_it_is_in_the_spool_is_not_
   ::close(file);
   ASSERT_FALSE(moved.ok());
   EXPECT_EQ(moved.error().code, Code::frame_incomplete);
-  EXPECT_NE(moved.error().text.view().find("taken away"), std::string_view::npos) << moved.error().text.view();
+  EXPECT_NE(moved.error().text.view().find("was removed"), std::string_view::npos) << moved.error().text.view();
   EXPECT_FALSE(fs::exists(folder_ / "spool/1/04-1.ply"));
 }
 

@@ -173,7 +173,7 @@ TEST(ScanFile, elements_before_and_after_the_vertices_are_stepped_over) {
   EXPECT_EQ(r.shape.value().points, 1U);
   EXPECT_EQ(r.xyz[0], 1.0F);
   // A face stores at least its count.
-  expect_refused(head + std::string(18, 'c') + vertex, "asks for at least");
+  expect_refused(head + std::string(18, 'c') + vertex, "requires at least");
 }
 
 TEST(ScanFile, a_file_of_another_length_than_its_header_declares_is_refused) {
@@ -197,7 +197,7 @@ TEST(ScanFile, every_cut_header_is_refused) {
 
 TEST(ScanFile, wrong_counts_are_refused_before_they_are_used) {
   for (const std::string count : {"4", "5000000", "1099511627776"})
-    expect_refused(header(kLittle, "element vertex " + count + "\n" + kFloatXyz) + std::string(36, '\0'), "asks for");
+    expect_refused(header(kLittle, "element vertex " + count + "\n" + kFloatXyz) + std::string(36, '\0'), "requires");
   for (const std::string count : {"-1", "1099511627777", "18446744073709551616", "3.0", "0x3", "", "3x"})
     expect_refused(header(kLittle, "element vertex " + count + "\n" + kFloatXyz) + std::string(36, '\0'),
                    "header line 3: element count");
