@@ -1035,14 +1035,14 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"wait until the robot has settled, check that ball and post are tight, shade lamps, and take the shots again",
      "等待机器人静止，检查球和立柱是否紧固，遮挡灯光，然后重新扫描"},
     {"the certificate's own uncertainty ({} mm, k = 2) covers it", "证书自身的不确定度（{} mm，k = 2）包含这一偏差"},
-    {"over {} scans the ball shows a radius of {} +- {} mm, certified are {}: if the scans are right, every centre "
-     "lies {} mm too {} the scanner, and the calibration with it; no residual will show that",
+    {"over {} scans the ball shows a radius of {} +- {} mm, certified are {}: if the scans are right, every centre is "
+     "{} mm too {} the scanner, and the calibration with it; no residual will show that",
      "{0} 次扫描中球的半径为 {1} ± {2} mm，检定值为 {3}：如果扫描正确，每个球心都{5}扫描仪 {4} "
      "mm，标定也是如此；残差不会显示这一点"},
     {"far from", "过于远离"},
     {"near to", "过于靠近"},
-    {"have the effective radius of the ball certified as coated, and measure a step or plane artefact to tell the "
-     "ball's radius from an error of the scanner",
+    {"have the effective radius of the ball certified as coated, and measure a step or plane artefact to distinguish "
+     "an error of the ball's radius from one of the scanner",
      "请检定球在喷涂后的有效半径，并测量台阶或平面标准器，以区分球半径与扫描仪的误差"},
     {"then begin a session with that radius", "然后用该半径开始新的会话"},
     {"a sphere of radius {} mm (uncertainty {}) is there, not of {} mm: {} mm, allowed is {}",
@@ -1051,7 +1051,8 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
      "给出该球的检定半径（不是直径），或安装对应的球"},
     {"clean the ball, renew its coating and have the effective radius certified as coated",
      "清洁球，重新喷涂，并检定喷涂后的有效半径"},
-    {"check the scanner's own calibration if every ball reads so", "如果每个球都如此，请检查扫描仪自身的校准"},
+    {"check the scanner's own calibration if every ball shows this deviation",
+     "如果每个球都如此，请检查扫描仪自身的校准"},
     {"{} points on the cap, needed are {}", "球冠上有 {} 个点，需要 {} 个"},
     {"move nearer, scan at full resolution, take a larger ball, or expose longer on a matt ball",
      "靠近一些，用全分辨率扫描，换用更大的球，或对哑光球延长曝光"},
@@ -1062,12 +1063,12 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
      "球冠在 360° 中看到 {}°，需要 {}°；缺少 {} 一侧"},
     {"move the whole ball into the picture and clear what hides its side towards scanner {} from camera or projector",
      "把整个球移入图像，并清除在扫描仪 {} 一侧遮挡相机或投影的物体"},
-    {"the robust fit did not come to rest in {} steps ({} points)", "稳健拟合在 {} 步内没有收敛（{} 个点）"},
+    {"the robust fit did not converge in {} steps ({} points)", "稳健拟合在 {} 步内没有收敛（{} 个点）"},
     {"clean the ball and remove what touches it in the picture, then scan again",
      "清洁球并移除图像中与其接触的物体，然后重新扫描"},
     {"the points scatter by {} mm about the sphere, expected is {} and allowed {} times that",
      "各点相对球面离散 {} mm，预期 {}，允许其 {} 倍"},
-    {"stop what shakes (robot settled? brakes?), shade the ball from lamps, renew the matt coating, or state the "
+    {"stop any vibration (robot settled? brakes?), shade the ball from lamps, renew the matt coating, or state the "
      "scanner's real noise",
      "消除振动（机器人静止了吗？抱闸？），遮挡灯光，重新喷涂哑光涂层，或给出扫描仪的实际噪声"},
     {"only {} % of the cap's points lie on the sphere, needed are {} %", "球冠的点只有 {} % 位于球面上，需要 {} %"},
@@ -1084,7 +1085,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"bring the ball into the middle of the picture, at the scanner's working distance, and check radius and unit of "
      "the scan (mm)",
      "把球移到图像中央、扫描仪的工作距离处，并检查半径和扫描的单位（mm）"},
-    {"{} balls of radius {} mm are in the scan, expected is {}: which one is meant is not known",
+    {"{} balls of radius {} mm are in the scan, expected is {}: the intended one is unknown",
      "扫描中有 {} 个半径 {} mm 的球，预期 {} 个：无法确定是哪一个"},
     {"cover or remove the others, or state how many there are", "遮盖或移走其他球，或给出球的个数"},
     {"{} of {} balls of radius {} mm were found", "找到 {1} 个半径 {2} mm 的球中的 {0} 个"},
@@ -1092,7 +1093,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"{} of {} balls were accepted; another at ({}, {}, {}): {}",
      "{1} 个球中接受 {0} 个；另一个位于 ({2}, {3}, {4})：{5}"},
     // a view of an artefact (calib/ball/artefact)
-    {"use a certificate of an artefact whose balls can be told apart", "请使用各球可以区分的标定目标的证书"},
+    {"use a certificate of an artefact whose balls can be distinguished", "请使用各球可以区分的标定目标的证书"},
     {"{} balls were accepted, the artefact {} has {}", "接受了 {} 个球，标定目标 {} 有 {} 个"},
     {"make all its balls visible, and no other ball of the same radius", "使其所有球可见，且没有其他同半径的球"},
     {"the balls are {} mm apart, by the certificate {} they are {} mm (allowed is {} off)",
@@ -1134,7 +1135,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"write into every view what the scanner saw from there; if it really saw the same, the artefact moved with the "
      "scanner: fix it in the cell",
      "每个视图写入扫描仪在该处看到的数据；如果确实相同，则标定目标随扫描仪移动：请固定在工作站中"},
-    {"give T_base_flange and T_scanner_target, or say what the tables hold: # format: frames={} and frames={}",
+    {"give T_base_flange and T_scanner_target, or declare the content of the tables: # format: frames={} and frames={}",
      "给出 T_base_flange 和 T_scanner_target，或说明表的内容：# format: frames={} 和 frames={}"},
     {"as stated the views miss each other by {} mm (median); they fit to {} mm if {}",
      "按给定形式，各视图相差 {} mm（中位数）；在下述情况下相差 {} mm：{}"},
@@ -1143,7 +1144,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"flange positions are", "法兰位置"},
     {"target positions are", "目标位置"},
     {"check the unit in which the table was written", "检查表所用的单位"},
-    {"write millimetres, or say so in the table: # format: unit=m", "用毫米书写，或在表中说明：# format: unit=m"},
+    {"write millimetres, or declare it in the table: # format: unit=m", "用毫米书写，或在表中说明：# format: unit=m"},
     {"the scanner would sit {} mm from its flange and the artefact {} mm from the robot's root: both tables look "
      "inverted, which fits as well and exchanges the two",
      "扫描仪将距法兰 {} mm，标定目标距机器人基座 {} mm：两个表似乎都是逆变换，这样同样相符，但两者互换"},
@@ -1158,14 +1159,14 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"{} views, but from {} poses of the flange only (nearer than {} mm and {} deg is one pose); at least {} are "
      "needed, 15 to 25 advised",
      "{} 个视图，但只有 {} 个法兰位姿（相差小于 {} mm 和 {}° 视为同一位姿）；至少需要 {} 个，建议 15 至 25 个"},
-    {"drive to other poses, tilted 20 to 35 deg in different directions; a view from the same pose again says nothing "
-     "new",
+    {"drive to other poses, tilted 20 to 35 deg in different directions; another view from the same pose adds no "
+     "information",
      "移动到其他位姿，向不同方向倾斜 20°～35°；同一位姿的视图不提供新信息"},
-    {"all views have one orientation (spread {} deg): where the scanner sits cannot be told from where the artefact "
-     "stands",
+    {"all views have one orientation (spread {} deg): the position of the scanner cannot be distinguished from that of "
+     "the artefact",
      "所有视图的姿态相同（范围 {}°）：扫描仪的位置与标定目标的位置无法区分"},
     {"tilt the scanner by +-25 deg about two axes between views", "在视图之间使扫描仪绕两个轴倾斜 ±25°"},
-    {"the scanner was turned about one axis only (spread {}, {}, {} deg): where it sits along that axis is not "
+    {"the scanner was turned about one axis only (spread {}, {}, {} deg): its position along that axis is not "
      "determined",
      "扫描仪只绕一个轴转动（范围 {}、{}、{}°）：沿该轴的位置不能确定"},
     {"tilt about a second axis too, +-25 deg", "也绕第二个轴倾斜 ±25°"},
@@ -1192,13 +1193,13 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"look for what changed during capture: artefact moved, scanner knocked, poses taken while the robot moved; then "
      "capture again",
      "查明采集期间的变化：标定目标移动、扫描仪受碰撞、在机器人运动时取位姿；然后重新采集"},
-    {"no equations are left over: whatever these views hold, it fits, right or wrong",
+    {"no equation is redundant: these views always fit, whether they are right or wrong",
      "没有多余方程：无论视图对错都相符"},
     {"have every ball seen from several poses of the flange", "使每个球在多个法兰位姿下都能看到"},
     {"residuals are {} times what the stated noise explains (at most {}): robot {} mm, {} deg",
      "残差是给定噪声所能解释的 {} 倍（最多 {}）：机器人 {} mm、{}°"},
     {"no known misreading of the poses explains it: check that each target belongs to its flange pose, that the "
-     "artefact stood still, and frames, angles and units of both tables",
+     "artefact did not move, and frames, angles and units of both tables",
      "任何已知的位姿误读都不能解释：检查每个目标是否对应其法兰位姿、标定目标是否静止，以及两个表的坐标系、角度和单位"},
     {"if the robot is no better than that, state it (about {} mm); else find out what moved",
      "如果机器人的精度只有如此，请给出该值（约 {} mm）；否则查明移动的原因"},
@@ -1207,9 +1208,10 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"if the stated figure is the robot's accuracy, which neighbouring poses share, state its repeatability (here "
      "about {} mm); else find out whether views are copies of each other",
      "如果给定的是机器人的精度（相邻位姿的误差相同），请给出其重复性（此处约 {} mm）；否则检查各视图是否互为副本"},
-    {"the adjustment did not settle", "平差没有收敛"},
+    {"the adjustment did not converge", "平差没有收敛"},
     {"capture more views, more different ones", "采集更多、差别更大的视图"},
-    {"view {} is missed by {} mm when the others predict it, {} times the median (at most {}): the result hangs on it",
+    {"view {} is missed by {} mm when the others predict it, {} times the median (at most {}): the result depends on "
+     "it",
      "由其他视图预测视图 {} 的偏差为 {} mm，是中位数的 {} 倍（最多 {}）：结果取决于该视图"},
     {"repeat view {}, or capture others like it", "重新采集视图 {}，或采集类似的视图"},
     {"the scanner's lengths are {} % too {} against the robot's: lambda {} +- {} (1 sigma), {} ppm; it is not applied",
@@ -1255,12 +1257,13 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"the {} poses are inverted, {} instead of {}", "{}位姿为逆变换，是 {} 而不是 {}"},
     {"write the active T_base_flange, axes of the flange as columns, and T_scanner_target",
      "写出主动的 T_base_flange（以法兰的轴为列）和 T_scanner_target"},
-    {"write {}, or say what the table holds: # format: frames={}", "写 {}，或说明表的内容：# format: frames={}"},
+    {"write {}, or declare the content of the table: # format: frames={}",
+     "写 {}，或说明表的内容：# format: frames={}"},
     {"the {} quaternions are written x y z w", "{}四元数的顺序是 x y z w"},
-    {"write qw first, or say so: # format: rotation=quaternion_xyzw",
+    {"write qw first, or declare it: # format: rotation=quaternion_xyzw",
      "先写 qw，或说明：# format: rotation=quaternion_xyzw"},
     {"the {} quaternions are written w x y z, not x y z w", "{}四元数的顺序是 w x y z，而不是 x y z w"},
-    {"say so: # format: rotation=quaternion_wxyz", "请说明：# format: rotation=quaternion_wxyz"},
+    {"declare it: # format: rotation=quaternion_wxyz", "请说明：# format: rotation=quaternion_wxyz"},
     {"convert the angles of the controller in the order it documents; slabd reads KUKA's A, B, C as R = Rz(A) Ry(B) "
      "Rx(C)",
      "按控制器文档规定的顺序换算角度；slabd 将 KUKA 的 A、B、C 读作 R = Rz(A) Ry(B) Rx(C)"},
@@ -1271,7 +1274,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"Z-Y-X of (C, B, A), that is fixed axes X-Y-Z of (A, B, C)", "(C, B, A) 的 Z-Y-X，即 (A, B, C) 的固定轴 X-Y-Z"},
     {"X-Y-Z of (C, B, A), that is fixed axes Z-Y-X of (A, B, C)", "(C, B, A) 的 X-Y-Z，即 (A, B, C) 的固定轴 Z-Y-X"},
     {"{} of (A, B, C)", "(A, B, C) 的 {}"},
-    {"say so: # format: rotation=kuka_abc angle={}", "请说明：# format: rotation=kuka_abc angle={}"},
+    {"declare it: # format: rotation=kuka_abc angle={}", "请说明：# format: rotation=kuka_abc angle={}"},
     {"convert the angles of the controller again, as {}", "重新换算控制器的角度，按 {}"},
     {"degrees", "度"},
     {"radians", "弧度"},
@@ -1281,12 +1284,13 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"have the scanner's software export a right-handed frame with +Z towards the part",
      "让扫描软件输出右手坐标系，+Z 指向工件"},
     {"have the scanner's software export a right-handed frame; x or y is mirrored (the two differ by half a turn about "
-     "z and cannot be told apart here)",
+     "z and cannot be distinguished here)",
      "让扫描软件输出右手坐标系；x 或 y 是镜像的（两者绕 z 相差半圈，此处无法区分）"},
     {"the {} positions are in millimetres, and the table declares unit=m", "{}位置的单位是毫米，而表声明为 unit=m"},
     {"declare what it holds: # format: unit=mm", "声明其内容：# format: unit=mm"},
     {"the {} positions are in metres", "{}位置的单位是米"},
-    {"write millimetres, or say so in the {} table: # format: unit=m", "用毫米书写，或在{}表中说明：# format: unit=m"},
+    {"write millimetres, or declare it in the {} table: # format: unit=m",
+     "用毫米书写，或在{}表中说明：# format: unit=m"},
     {"the flange rotations are transposed and the target poses inverted", "法兰转角被转置，目标位姿为逆变换"},
     {"every target belongs to the flange pose one line above", "每个目标对应上一行的法兰位姿"},
     {"every target belongs to the flange pose one line below", "每个目标对应下一行的法兰位姿"},
@@ -1320,7 +1324,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"there is no database {}: slabd has not run with it yet, or the path is wrong",
      "没有数据库 {}：slabd 尚未使用它运行过，或路径有误"},
     {"{} is not put in force: {}", "{} 未启用：{}"},
-    {"say who does it and why", "请给出操作者和原因"},
+    {"give an operator and a reason", "请给出操作者和原因"},
     {"its numbers in the database were changed after it was kept", "其在数据库中的数值在存储后被改动"},
     {"it has expired; calibrate again", "已过期；请重新标定"},
     {"its station corrections were solved with hand-eye calibration {}, in force is {}; solve them again (slabctl "
@@ -1328,7 +1332,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
      "其检测位修正用手眼标定 {} 求解，现在生效的是 {}；请重新求解（slabctl calibrate stations --again）"},
     {"there is no calibration {}; slabctl calibrate history lists them",
      "没有标定 {}；slabctl calibrate history 列出全部标定"},
-    {"nothing of kind {} is in force, so there is nothing to roll back", "没有生效的{}，因此没有可回退的标定"},
+    {"no calibration of kind {} is in force that could be rolled back", "没有生效的{}，因此没有可回退的标定"},
     {"before {} no {} calibration was in force, so there is nothing to go back to; apply another one",
      "{} 之前没有生效的{}，因此没有可恢复的标定；请启用另一个标定"},
     {"the calibration before, {}, is not in the database", "之前的标定 {} 不在数据库中"},

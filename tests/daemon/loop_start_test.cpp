@@ -379,7 +379,7 @@ TEST_F(LoopStart, state_and_figures_are_reported_while_the_database_is_opened) {
   for (const char* question :
        {R"({"verb":"backup"})", R"({"verb":"calibration"})", R"({"verb":"recipes","reload":true})",
         R"({"verb":"calibration_change","file":"x"})", R"({"verb":"capture","action":"begin"})"})
-    EXPECT_NE(ask(question).find("ask again"), std::string::npos) << question;
+    EXPECT_NE(ask(question).find("repeat the request"), std::string::npos) << question;
 }
 
 /// Under a service manager stderr is a stream that the journal reads.

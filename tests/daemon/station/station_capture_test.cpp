@@ -251,7 +251,7 @@ TEST_F(CaptureTest, an_unseen_scan_is_not_a_view_and_the_view_is_not_a_scan_of_a
   begin();
   line_.fingerprint = 4711;  // block 4's points, late
   EXPECT_EQ(shoot().code, Code::frame_incomplete);
-  EXPECT_TRUE(says(line_.station->capture.shot.text, "not seen")) << line_.station->capture.shot.text.view();
+  EXPECT_TRUE(says(line_.station->capture.shot.text, "not received")) << line_.station->capture.shot.text.view();
   ASSERT_FALSE(line_.dropped.empty());
   EXPECT_EQ(line_.dropped.back(), line_.scans.back().request.spool_path.view());
   EXPECT_TRUE(all_buffers_are_free());
