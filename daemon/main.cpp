@@ -348,7 +348,7 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
   app.add_option("--config", config_path, "configuration file")->capture_default_str();
   app.add_flag("--check", check_only, "check configuration and recipes, then exit (0 usable, 3 not)");
   bool seal = false;
-  app.add_flag("--seal", seal, "lock all memory; see docs/OPERATING.md");
+  app.add_flag("--seal", seal, "lock all memory; see docs/OPERATING.md")->disable_flag_override();
   app.set_version_flag("--version", std::string(software_version().view()));
   try {
     app.parse(argc, argv);

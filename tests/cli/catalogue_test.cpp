@@ -63,7 +63,7 @@ const Sources& sources() {
     for (const char* room : {"base", "algo", "calib", "storage", "daemon", "report", "cli"})
       for (const auto& entry : fs::recursive_directory_iterator(fs::path(places::source_dir()) / room)) {
         const fs::path extension = entry.path().extension();
-        if ((extension != ".cpp" && extension != ".h") || entry.path().filename() == "catalogue.cpp") continue;
+        if ((extension != ".cpp" && extension != ".h") || entry.path().native().ends_with("catalogue.cpp")) continue;
         std::ifstream in(entry.path());
         read_file({std::istreambuf_iterator<char>(in), {}}, read);
       }
