@@ -325,10 +325,10 @@ Status look_at_noise(const Cloud& cloud, const Survey& survey, const SeatFrame& 
   team.run(3, [&](std::size_t which) {
     const std::span<TextureCell> own = cells.subspan(which * kTextureCells, kTextureCells);
     if (which == 0) {
-      textures[0] = look_at_texture(question_of(survey.over_crop(), frame, seat.plane), own);
+      textures[0] = look_at_texture(input_of(survey.over_crop(), frame, seat.plane), own);
     } else if (jaws[which - 1]->ok) {
       const ListedPoints& points = survey.of(which == 1 ? PointList::jaw_inner : PointList::jaw_outer);
-      textures[which] = look_at_texture(question_of(points.runs, points.frame, *jaws[which - 1]), own);
+      textures[which] = look_at_texture(input_of(points.runs, points.frame, *jaws[which - 1]), own);
     }
   });
   const NoiseTexture& texture = textures[0];
@@ -520,7 +520,7 @@ Status BlockInspector::measure_seat_and_casings(const Cloud& cloud, BlockFit& fi
     CasingFeature found = measure_casing(survey.of(where).runs, frame, task);
     const std::span<TextureCell> own = cells.subspan(outer ? kTextureCells : 0, kTextureCells);
     if (!found.ok) return found;
-    const NoiseTexture texture = look_at_texture(question_of(survey.of(where).runs, frame, seat.plane), own);
+    const NoiseTexture texture = look_at_texture(input_of(survey.of(where).runs, frame, seat.plane), own);
     if (filled_place(texture, fit.seat_noise_mm, step_along_mm(seat.plane, result)).cells > 0) {
       found.ok = false;
       found.doubt = CasingDoubt::filled;

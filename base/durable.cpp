@@ -21,7 +21,7 @@
 #include <filesystem>
 #include <vector>
 
-namespace slabd::cli {
+namespace slabd {
 namespace {
 
 Error cannot(const char* what, const std::string& path) {
@@ -322,7 +322,7 @@ Result<FileDigest> digest_of(const std::string& path) {
   return FileDigest{static_cast<std::uint64_t>(info.st_size), hex.data()};
 }
 
-bool FolderLock::take(const std::string& path) {
+bool FileLock::take(const std::string& path) {
   fd_ = Fd(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0664));
   if (!fd_.is_open()) return false;
   // For the group, independent of the umask; only the owner can change the mode.
@@ -332,4 +332,4 @@ bool FolderLock::take(const std::string& path) {
   return false;
 }
 
-}  // namespace slabd::cli
+}  // namespace slabd

@@ -16,7 +16,7 @@
 /// Files that appear completely or not at all: written under a temporary name in the same folder, then renamed. A file
 /// that must survive a power failure is synced together with its folder. Error texts name the file; the default code is
 /// journal_write.
-namespace slabd::cli {
+namespace slabd {
 
 /// Checks that every symbolic link in `path`, including the last name, may be followed. Its owner must be the caller or
 /// root, or no other user may write to its folder. In any other folder (/tmp with its sticky bit, another user's home)
@@ -86,7 +86,7 @@ struct FileDigest {
 [[nodiscard]] Result<FileDigest> digest_of(const std::string& path);
 
 /// Exclusive lock on a file, held until destruction. The kernel releases it when the process dies.
-class FolderLock {
+class FileLock {
  public:
   /// False if another process holds the lock, or if the file cannot be created.
   [[nodiscard]] bool take(const std::string& path);
@@ -95,4 +95,4 @@ class FolderLock {
   Fd fd_;
 };
 
-}  // namespace slabd::cli
+}  // namespace slabd

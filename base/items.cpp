@@ -154,8 +154,7 @@ constexpr std::array<ItemInfo, kItemCount> kItems = {{
      .U_from_recipe = true,
      .optional = true,
      .meaning = "surface of the block is displaced, broken out, cracked or missing",
-     .cure =
-         "`slabctl show` names place, size and depth; look at the block: damage, dirt or something that lies on it"},
+     .cure = "`slabctl show` names place, size and depth; look at the block: damage, dirt or an object on it"},
 }};
 
 }  // namespace

@@ -76,13 +76,13 @@ constexpr std::array kTable = {
           "the measurement was given up: too much work, or slabd ended while it ran; or no buffer was free",
           "look at the scan (`slabctl inspect`), then scan again; check the computer's load"},
     Entry{Code::store_full, "a disk is full, or has no room for two more slabs",
-          "free space on the disk of the scans or of the database; `journalctl -u slabd` says which"},
+          "free space on the disk of the scans or of the database; `journalctl -u slabd` shows which"},
     Entry{
         Code::journal_write,
         "the database or the spool of scans could not be written, or the database is damaged or not there",
         "`slabctl status` and `journalctl -u slabd` say which; check the disk and its mount, then reset the fault; a "
         "program that keeps the database locked is named with its process id (`slabctl doctor` names it too): end it; "
-        "`slabctl db check` tells a damaged database, and `slabctl db restore` brings a backup back"},
+        "`slabctl db check` finds damage of the database, and `slabctl db restore` restores a backup"},
     Entry{Code::calibration_missing, "no valid calibration",
           "calibrate and apply it; a line never calibrated takes [calibration] from the config"},
     Entry{Code::config, "the configuration is not usable", "run `slabctl config check`; it names file and line"},

@@ -78,23 +78,23 @@ std::vector<float> clean_voxels(const Scan& scan, const std::vector<std::uint8_t
 }  // namespace
 
 Scene::Scene(const Recipe& recipe, std::uint64_t seed)
-    : recipe_(recipe), seed_(seed), block_(simulate::nominal_truth(recipe)) {
+    : recipe_(recipe), seed_(seed), block_(emulator::nominal_truth(recipe)) {
   Pose off;
   off.translation_mm = Vec3(2.0, 2.0, 1.0);
   off.rotation = Quat(Eigen::AngleAxisd(rad_from_deg(kOff_deg), Eigen::Vector3d::Ones().normalized()));
   T_scanner_block_ = (off * nominal_T_block_scanner()).inverse();
 }
 
-Scan Scene::draw(std::size_t columns, std::size_t rows, simulate::Projection projection) const {
-  simulate::ScannerTraits scanner;
+Scan Scene::draw(std::size_t columns, std::size_t rows, emulator::Projection projection) const {
+  emulator::ScannerTraits scanner;
   scanner.columns = columns;
   scanner.rows = rows;
   scanner.field_x_mm = kPitch_mm * static_cast<double>(kColumns);
   scanner.field_y_mm = kPitch_mm * static_cast<double>(kRows);
   scanner.projection = projection;
   Scan scan;
-  const auto surface = simulate::BlockSurface::make(recipe_, block_, T_scanner_block_, projection);
-  const simulate::DrawnScan drawn = simulate::draw_scan(surface.value(), scanner, seed_, scan.xyz);
+  const auto surface = emulator::BlockSurface::make(recipe_, block_, T_scanner_block_, projection);
+  const emulator::DrawnScan drawn = emulator::draw_scan(surface.value(), scanner, seed_, scan.xyz);
   scan.width = drawn.width;
   scan.height = drawn.height;
   return scan;
@@ -109,7 +109,7 @@ Truth Scene::truth() const {
 }
 
 std::vector<std::uint8_t> Scene::labels(const Scan& scan) const {
-  const auto surface = simulate::BlockSurface::make(recipe_, block_, T_scanner_block_);
+  const auto surface = emulator::BlockSurface::make(recipe_, block_, T_scanner_block_);
   std::vector<std::uint8_t> labels(scan.points());
   for (std::size_t i = 0; i < scan.points(); ++i) {
     const Vec3 p = point_of(scan, i);
@@ -138,8 +138,8 @@ std::vector<float> Scene::model() const {
   constexpr double kStep_mm = 0.01;
   constexpr double kBend_mm = 1e-7;
   const Pose T_scanner_block = nominal_T_block_scanner().inverse();
-  const auto made = simulate::BlockSurface::make(recipe_, block_, T_scanner_block);
-  const simulate::BlockSurface& surface = made.value();
+  const auto made = emulator::BlockSurface::make(recipe_, block_, T_scanner_block);
+  const emulator::BlockSurface& surface = made.value();
   const double half_x = 0.5 * kPitch_mm * static_cast<double>(kColumns) + 10.0;
   const double half_y = 0.5 * kPitch_mm * static_cast<double>(kRows) + 10.0;
   const Pose T_block_scanner = nominal_T_block_scanner();

@@ -32,7 +32,7 @@ class Scene {
 
   /// Draws the scan with this number of columns and rows over the same field. The same seed gives the same bits.
   [[nodiscard]] Scan draw(std::size_t columns = kColumns, std::size_t rows = kRows,
-                          simulate::Projection projection = simulate::Projection::parallel) const;
+                          emulator::Projection projection = emulator::Projection::parallel) const;
 
   [[nodiscard]] const Pose& T_scanner_block() const { return T_scanner_block_; }
   [[nodiscard]] Truth truth() const;
@@ -50,7 +50,7 @@ class Scene {
   [[nodiscard]] std::vector<float> model() const;
   Recipe recipe_;
   std::uint64_t seed_;
-  simulate::BlockTruth block_;
+  emulator::BlockTruth block_;
   Pose T_scanner_block_;
 };
 

@@ -94,7 +94,7 @@ struct Bench {
         organised(the_scan),
         in_scan_order(unorganised(the_scan)),
         without_order(shuffled(the_scan)),
-        perspective(the_scene.draw(kColumns, kRows, simulate::Projection::perspective)),
+        perspective(the_scene.draw(kColumns, kRows, emulator::Projection::perspective)),
         crop_floats(the_scene.crop(in_scan_order)),
         samples(the_samples),
         pages(2 * limits::array_bytes(kScanFloats, sizeof(float)) + limits::array_bytes(kOtherFloats, sizeof(float))),

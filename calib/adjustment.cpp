@@ -70,7 +70,7 @@ class PoseManifold final : public ceres::Manifold {
 std::vector<std::size_t> targets_of(const Equations& equations, std::size_t i) {
   if (equations.kind() == ArtefactKind::pose) return {0};
   std::vector<std::size_t> targets;
-  for (const BallSighting& seen : equations.view(i).balls) targets.push_back(seen.ball);
+  for (const BallObservation& seen : equations.view(i).balls) targets.push_back(seen.ball);
   std::sort(targets.begin(), targets.end());
   return targets;
 }
@@ -141,7 +141,7 @@ double moved_mm(const State& a, const State& b) {
 Equations::Equations(ArtefactKind kind, std::span<const View> views) : kind_(kind), views_(views) {
   if (kind == ArtefactKind::pose) return;
   for (const View& view : views)
-    for (const BallSighting& seen : view.balls) targets_ = std::max(targets_, seen.ball + 1);
+    for (const BallObservation& seen : view.balls) targets_ = std::max(targets_, seen.ball + 1);
 }
 
 int Equations::parameters() const {
@@ -169,7 +169,7 @@ void Equations::residual(std::size_t i, const State& state, Eigen::VectorXd& r, 
   };
   if (kind_ == ArtefactKind::ball) {
     int row = 0;
-    for (const BallSighting& seen : view.balls) {
+    for (const BallObservation& seen : view.balls) {
       position(row, seen.centre_mm, seen.ball);
       row += 3;
     }
@@ -198,7 +198,7 @@ Eigen::MatrixXd Equations::covariance(std::size_t i, const State& state, const W
   Eigen::MatrixXd C = Eigen::MatrixXd::Zero(rows(i), rows(i));
   if (kind_ == ArtefactKind::ball) {
     std::vector<Mat3> levers;
-    for (const BallSighting& seen : view.balls) levers.push_back(skew(state.X * seen.centre_mm));
+    for (const BallObservation& seen : view.balls) levers.push_back(skew(state.X * seen.centre_mm));
     for (std::size_t j = 0; j < levers.size(); ++j)
       for (std::size_t k = 0; k < levers.size(); ++k)
         C.block<3, 3>(3 * static_cast<int>(j), 3 * static_cast<int>(k)) =

@@ -114,7 +114,7 @@ void scale(View& view, Side side, double factor) {
     return;
   }
   view.T_scanner_target.translation_mm *= factor;
-  for (BallSighting& seen : view.balls) seen.centre_mm *= factor;
+  for (BallObservation& seen : view.balls) seen.centre_mm *= factor;
 }
 
 using Format = std::optional<PoseFormat>;
@@ -200,7 +200,7 @@ void add_mirror_reading(std::span<const View> views, std::vector<Reading>& readi
       ++sightings;
       behind += view.T_scanner_target.translation_mm.z() < 0.0 ? 1U : 0U;
     }
-    for (const BallSighting& seen : view.balls) {
+    for (const BallObservation& seen : view.balls) {
       ++sightings;
       behind += seen.centre_mm.z() < 0.0 ? 1U : 0U;
     }
@@ -216,7 +216,7 @@ void add_mirror_reading(std::span<const View> views, std::vector<Reading>& readi
          v.T_scanner_target.translation_mm[axis] *= -1.0;
          const Quat half_turn(Eigen::AngleAxisd(kPi, Eigen::Vector3d::Unit(axis)));
          v.T_scanner_target.rotation = (half_turn * v.T_scanner_target.rotation).normalized();
-         for (BallSighting& seen : v.balls) seen.centre_mm[axis] *= -1.0;
+         for (BallObservation& seen : v.balls) seen.centre_mm[axis] *= -1.0;
        },
        0});
 }

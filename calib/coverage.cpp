@@ -100,7 +100,7 @@ Vec3 target_seen(ArtefactKind kind, const View& view) {
 View ideal(ArtefactKind kind, View view, const State& state) {
   const Pose T_scanner_base = (view.T_base_flange * state.X).inverse();
   if (kind == ArtefactKind::pose) view.T_scanner_target = T_scanner_base * state.targets[0];
-  for (BallSighting& seen : view.balls) seen.centre_mm = T_scanner_base * state.targets[seen.ball].translation_mm;
+  for (BallObservation& seen : view.balls) seen.centre_mm = T_scanner_base * state.targets[seen.ball].translation_mm;
   return view;
 }
 

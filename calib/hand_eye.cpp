@@ -65,17 +65,17 @@ Status check(ArtefactKind kind, std::span<const View> views, const StatedNoise& 
     if (view.target_covariance && !view.target_covariance->allFinite())
       return error(Code::config, "view %zu has a covariance that is not finite", i + 1);
     if (!balls) continue;
-    if (view.balls.empty()) return error(Code::config, "view %zu sees no ball", i + 1);
-    for (const BallSighting& sighting : view.balls) {
+    if (view.balls.empty()) return error(Code::config, "view %zu has no ball", i + 1);
+    for (const BallObservation& sighting : view.balls) {
       if (sighting.ball >= kBallsMax)
-        return error(Code::config, "view %zu sees ball %zu; at most %zu balls", i + 1, sighting.ball + 1, kBallsMax);
+        return error(Code::config, "view %zu has ball %zu; at most %zu balls", i + 1, sighting.ball + 1, kBallsMax);
       if (!sighting.centre_mm.allFinite() || (sighting.cov_mm2 && !sighting.cov_mm2->allFinite()))
         return error(Code::config, "view %zu has a ball centre that is not finite", i + 1);
       if (seen.size() <= sighting.ball) seen.resize(sighting.ball + 1, false);
       seen[sighting.ball] = true;
-      const auto same = [&](const BallSighting& other) { return other.ball == sighting.ball; };
+      const auto same = [&](const BallObservation& other) { return other.ball == sighting.ball; };
       if (std::count_if(view.balls.begin(), view.balls.end(), same) > 1)
-        return error(Code::config, "view %zu sees ball %zu twice; a view has one centre for each ball", i + 1,
+        return error(Code::config, "view %zu has ball %zu twice; a view has one centre for each ball", i + 1,
                      sighting.ball + 1);
     }
   }
@@ -283,7 +283,7 @@ void leave_one_out(const Equations& equations, Solution& solution) {
   std::vector<std::size_t> seen(equations.targets(), 0);
   const auto count = [&](std::size_t i, auto&& f) {
     if (equations.kind() == ArtefactKind::pose) return;
-    for (const BallSighting& sighting : equations.view(i).balls) f(seen[sighting.ball]);
+    for (const BallObservation& sighting : equations.view(i).balls) f(seen[sighting.ball]);
   };
   for (const std::size_t i : selected.kept) count(i, [](std::size_t& n) { ++n; });
   for (const std::size_t out : selected.kept) {
@@ -331,7 +331,7 @@ Solution with_or_without_lever(const Equations& equations, Solution with) {
 /// View with its sightings scaled by `scale`.
 View scaled(View view, double scale) {
   view.T_scanner_target.translation_mm *= scale;
-  for (BallSighting& seen : view.balls) seen.centre_mm *= scale;
+  for (BallObservation& seen : view.balls) seen.centre_mm *= scale;
   return view;
 }
 
@@ -442,9 +442,9 @@ void forget_pose(HandEye& result) {
 /// view adds as many unknowns as equations.
 Chosen telling_views(ArtefactKind kind, std::span<const View> views, const Chosen& kept) {
   const auto share_a_ball = [&](const View& a, const View& b) {
-    return std::any_of(a.balls.begin(), a.balls.end(), [&](const BallSighting& seen) {
+    return std::any_of(a.balls.begin(), a.balls.end(), [&](const BallObservation& seen) {
       return std::any_of(b.balls.begin(), b.balls.end(),
-                         [&](const BallSighting& other) { return other.ball == seen.ball; });
+                         [&](const BallObservation& other) { return other.ball == seen.ball; });
     });
   };
   Chosen telling;
@@ -458,8 +458,8 @@ Chosen telling_views(ArtefactKind kind, std::span<const View> views, const Chose
   return telling;
 }
 
-Circumstances circumstances_of(const Equations& equations, const StatedNoise& noise) {
-  Circumstances c;
+JudgementInputs circumstances_of(const Equations& equations, const StatedNoise& noise) {
+  JudgementInputs c;
   c.kind = equations.kind();
   c.noise = noise;
   std::vector<double> flange;
@@ -468,7 +468,7 @@ Circumstances circumstances_of(const Equations& equations, const StatedNoise& no
     const View& view = equations.view(i);
     flange.push_back(view.T_base_flange.translation_mm.norm());
     if (c.kind == ArtefactKind::pose) target.push_back(view.T_scanner_target.translation_mm.norm());
-    for (const BallSighting& seen : view.balls)
+    for (const BallObservation& seen : view.balls)
       if (c.kind == ArtefactKind::ball) target.push_back(seen.centre_mm.norm());
   }
   c.median_flange_mm = median(flange);
@@ -534,7 +534,7 @@ Result<HandEye> solve(ArtefactKind kind, std::span<const View> views, const Stat
   result.rotation_spread_deg = result.rotation_spread_axes_deg[2];
   if (kind == ArtefactKind::ball) result.ball_spread_axes_mm = ball_spread_axes_mm(spread_out);
 
-  Circumstances circumstances = circumstances_of(equations, noise);
+  JudgementInputs circumstances = circumstances_of(equations, noise);
   circumstances.views = views;
   circumstances.declared = settings.declared;
   circumstances.scale_off_max = settings.scale_off_max;

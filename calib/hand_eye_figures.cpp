@@ -29,7 +29,7 @@ std::vector<View> ideal(ArtefactKind kind, std::span<const View> views, const St
   for (View& view : ideal) {
     const Pose T_scanner_base = (view.T_base_flange * state.X).inverse();
     if (kind == ArtefactKind::pose) view.T_scanner_target = T_scanner_base * state.targets[0];
-    for (BallSighting& seen : view.balls)
+    for (BallObservation& seen : view.balls)
       if (kind == ArtefactKind::ball) seen.centre_mm = T_scanner_base * state.targets[seen.ball].translation_mm;
   }
   return ideal;
@@ -80,7 +80,7 @@ std::array<double, 3> ball_spread_axes_mm(std::span<const View> views) {
   std::vector<Vec3> centres;
   Vec3 mean = Vec3::Zero();
   for (const View& view : views)
-    for (const BallSighting& seen : view.balls) {
+    for (const BallObservation& seen : view.balls) {
       centres.push_back(seen.centre_mm);
       mean += seen.centre_mm;
     }
@@ -177,7 +177,7 @@ std::vector<Pose> best_targets(ArtefactKind kind, std::span<const View> views, c
       counts[0] += 1.0;
       continue;
     }
-    for (const BallSighting& seen : view.balls) {
+    for (const BallObservation& seen : view.balls) {
       targets[seen.ball].translation_mm += T_base_scanner * seen.centre_mm;
       counts[seen.ball] += 1.0;
     }
@@ -196,9 +196,9 @@ ScaleDiagnosis diagnose_scale(std::span<const View> views, std::size_t ball_a, s
   double sum_mm = 0.0;
   double variance_mm2 = 0.0;
   for (const View& view : views) {
-    const BallSighting* a = nullptr;
-    const BallSighting* b = nullptr;
-    for (const BallSighting& seen : view.balls) {
+    const BallObservation* a = nullptr;
+    const BallObservation* b = nullptr;
+    for (const BallObservation& seen : view.balls) {
       if (seen.ball == ball_a) a = &seen;
       if (seen.ball == ball_b) b = &seen;
     }
@@ -206,7 +206,7 @@ ScaleDiagnosis diagnose_scale(std::span<const View> views, std::size_t ball_a, s
     const Vec3 apart = b->centre_mm - a->centre_mm;
     const double length_mm = apart.norm();
     sum_mm += length_mm;
-    for (const BallSighting* seen : {a, b}) {
+    for (const BallObservation* seen : {a, b}) {
       const Vec3 along = apart / length_mm;
       variance_mm2 += seen->cov_mm2 ? along.dot(Vec3(*seen->cov_mm2 * along)) : target_mm * target_mm;
     }

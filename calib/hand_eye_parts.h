@@ -16,7 +16,7 @@ namespace slabd::calib {
 // ---- figures that prevent the use, and their texts
 
 /// Inputs of the judgement in addition to the figures.
-struct Circumstances {
+struct JudgementInputs {
   ArtefactKind kind{};
   std::span<const View> views;
   StatedNoise noise;
@@ -34,7 +34,7 @@ struct Circumstances {
 [[nodiscard]] bool needs_convention_test(const HandEye& result);
 
 /// Sets `reasons`, `warnings` and `ok` from the figures of `result`.
-void judge(const Circumstances& circumstances, HandEye& result);
+void judge(const JudgementInputs& circumstances, HandEye& result);
 
 // ---- directions that a set of views determines
 

@@ -46,7 +46,7 @@ std::string numbers_of(const HandEye& result, std::span<const std::size_t> indic
 }
 
 /// Reports targets that are copies of each other. True if there are enough copies to explain all other faults.
-bool judge_same_target(const Circumstances& c, HandEye& result) {
+bool judge_same_target(const JudgementInputs& c, HandEye& result) {
   constexpr std::size_t kCopiesMin = 3;  // two may be by chance or a stale answer: warning, and the view is left out
   const SameTarget& same = c.same_target;
   if (same.views.size() < 2) return false;
@@ -85,7 +85,7 @@ Refusal refusal_of(ConventionError misreading) {
 }
 
 /// Reports poses with another meaning than stated. True if that explains all other faults.
-bool judge_reading(const Circumstances& c, HandEye& result) {
+bool judge_reading(const JudgementInputs& c, HandEye& result) {
   if (judge_same_target(c, result)) return true;
   const ConventionReport& report = result.conventions;
   // A ball that was always at one place or on a line leaves too many directions open: a wrong reading may fit by
@@ -134,7 +134,7 @@ bool judge_reading(const Circumstances& c, HandEye& result) {
   return false;
 }
 
-void judge_count(const Circumstances& c, HandEye& result) {
+void judge_count(const JudgementInputs& c, HandEye& result) {
   const std::size_t kept = c.views.size() - result.rejected.size();
   if (c.views.size() < kViewsMin)
     refuse(result, Refusal::too_few_views,
@@ -203,7 +203,7 @@ bool judge_ball_places(HandEye& result) {
 }
 
 /// Reports a ball that stayed in one plane: a mirrored cloud would then look the same.
-void judge_handedness(const Circumstances& c, HandEye& result) {
+void judge_handedness(const JudgementInputs& c, HandEye& result) {
   constexpr double kSigmas = 5.0;
   const double needed_mm = kSigmas * std::hypot(c.noise.robot_mm, c.noise.target_mm);
   if (c.kind != ArtefactKind::ball || !(result.ball_spread_axes_mm[2] < needed_mm)) return;
@@ -215,7 +215,7 @@ void judge_handedness(const Circumstances& c, HandEye& result) {
       "put the ball near and far in the view too");
 }
 
-void judge_fit(const Circumstances& c, HandEye& result) {
+void judge_fit(const JudgementInputs& c, HandEye& result) {
   const double share = static_cast<double>(result.rejected.size()) / static_cast<double>(c.views.size());
   if (share > kRejectedShareMax)
     refuse(result, Refusal::too_many_rejected,
@@ -264,7 +264,7 @@ void judge_fit(const Circumstances& c, HandEye& result) {
 }
 
 /// Compares the scanner's lengths with the robot's.
-void judge_scale(const Circumstances& c, HandEye& result) {
+void judge_scale(const JudgementInputs& c, HandEye& result) {
   const double off = result.scale - 1.0;
   if (!(std::abs(off) > kScaleSigmas * result.scale_sigma)) return;
   constexpr double kPpm = 1e6;
@@ -280,7 +280,7 @@ void judge_scale(const Circumstances& c, HandEye& result) {
          "true mm; a scale is never applied");
 }
 
-void advise(const Circumstances& c, HandEye& result) {
+void advise(const JudgementInputs& c, HandEye& result) {
   if (c.views.size() < kViewsAdvised && c.views.size() >= kViewsMin)
     result.warnings.push_back(sentence("%zu views; 15 to 25 are advised", c.views.size()));
   const std::array<double, 3>& spread = result.rotation_spread_axes_deg;
@@ -312,7 +312,7 @@ void advise(const Circumstances& c, HandEye& result) {
   std::size_t behind = 0;
   for (const View& view : c.views) {
     bool any = c.kind == ArtefactKind::pose && view.T_scanner_target.translation_mm.z() <= 0.0;
-    for (const BallSighting& seen : view.balls)
+    for (const BallObservation& seen : view.balls)
       any = any || (c.kind == ArtefactKind::ball && seen.centre_mm.z() <= 0.0);
     behind += any ? 1 : 0;
   }
@@ -329,7 +329,7 @@ bool needs_convention_test(const HandEye& result) {
          result.T_flange_scanner.translation_mm.norm() > kScannerArmMax_mm;
 }
 
-void judge(const Circumstances& c, HandEye& result) {
+void judge(const JudgementInputs& c, HandEye& result) {
   judge_count(c, result);
   if (!judge_reading(c, result)) {
     const bool turned_badly = judge_rotations(result);

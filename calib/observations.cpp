@@ -286,7 +286,7 @@ Result<std::vector<View>> views_from(ArtefactKind kind, const PoseTable& flange,
     }
     const std::size_t ball = labelled ? target.balls[i] : 0;
     balls = std::max(balls, ball + 1);
-    for (const BallSighting& seen : views[v].balls)
+    for (const BallObservation& seen : views[v].balls)
       if (seen.ball == ball) return at(place, "ball %zu for the second time in view %zu", ball + 1, v + 1);
     views[v].balls.push_back({ball, target.poses[i].translation_mm, std::nullopt});
   }
@@ -294,7 +294,7 @@ Result<std::vector<View>> views_from(ArtefactKind kind, const PoseTable& flange,
   std::vector<bool> seen(balls, false);
   std::erase_if(views, [](const View& view) { return view.balls.empty(); });
   for (const View& view : views)
-    for (const BallSighting& sighting : view.balls) seen[sighting.ball] = true;
+    for (const BallObservation& sighting : view.balls) seen[sighting.ball] = true;
   for (std::size_t ball = 0; ball < balls; ++ball)
     if (!seen[ball])
       return error(Code::config, "%.*s: ball %zu is never seen, but ball %zu is; number them without gaps",

@@ -25,7 +25,7 @@ enum class ArtefactKind : std::uint8_t {
 }
 
 /// One ball in one view.
-struct BallSighting {
+struct BallObservation {
   std::size_t ball = 0;           ///< index of the ball in the cell, from 0
   Vec3 centre_mm = Vec3::Zero();  ///< scanner frame
   /// Random part, scanner axes, k = 1. nullopt: the value stated for all.
@@ -39,7 +39,7 @@ struct View {
   Pose T_base_flange;      ///< as reported by the robot
   /// A, B, C as reported, before any wrapping, for the convention test, which tries other readings.
   std::optional<std::array<double, 3>> reported_abc_rad;
-  std::vector<BallSighting> balls;
+  std::vector<BallObservation> balls;
   Pose T_scanner_target;
   /// Covariance of the small motion to the true pose, `T_true = T_scanner_target * motion`: x, y, z (mm), rotation
   /// about X, Y, Z (rad), target frame (calib::TargetPose). nullopt: the value stated for all.

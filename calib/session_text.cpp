@@ -391,7 +391,7 @@ std::string solver_inputs(const SessionSettings& s, const std::vector<View>& vie
     w.count("view", view.number);
     w.numbers("T_base_flange", view.T_base_flange.to_array());
     if (view.reported_abc_rad) w.numbers("reported_abc_rad", *view.reported_abc_rad);
-    for (const BallSighting& seen : view.balls)
+    for (const BallObservation& seen : view.balls)
       w.numbers("centre_mm", std::span<const double>(seen.centre_mm.data(), 3));
     w.numbers("T_scanner_target", view.T_scanner_target.to_array());
   }

@@ -32,7 +32,7 @@ void for_each_point(const Equations& equations, std::size_t i, F&& f) {
     f(view.T_scanner_target.translation_mm, std::size_t{0});
     return;
   }
-  for (const BallSighting& seen : view.balls) f(seen.centre_mm, seen.ball);
+  for (const BallObservation& seen : view.balls) f(seen.centre_mm, seen.ball);
 }
 
 int points_in(const Equations& equations, const Chosen& chosen) {

@@ -20,9 +20,9 @@
 namespace slabd::cli {
 namespace {
 
-using daemon::geometry_of;
-using daemon::NamedNominal;
-using daemon::uncertainty_of;
+using config::geometry_of;
+using config::NamedNominal;
+using config::uncertainty_of;
 
 std::vector<NamedNominal> nominals_of(const Recipe& recipe) {
   std::vector<NamedNominal> list = geometry_of(recipe);
@@ -40,7 +40,7 @@ std::vector<Item> tolerances_of(const Recipe& recipe) {
 }
 
 std::string recipe_json(const Recipe& recipe) {
-  Json json("slabd.recipe/1");
+  report::Json json("slabd.recipe/1");
   json.field("name", recipe.name).field("slab_type", recipe.slab_type).field("sha256", recipe.sha256);
   json.field("file", recipe.path).field("pairs", recipe.slab.pairs).field("stations", recipe.stations());
   json.field("slope_datum", recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top");
@@ -48,7 +48,11 @@ std::string recipe_json(const Recipe& recipe) {
   json.field("unconfirmed", unconfirmed_count(recipe)).field("uncertainty_budget", recipe.uncertainty.given);
   json.field("defect_sigmas", recipe.evaluation.defect_sigmas).key("nominals").begin_object();
   for (const NamedNominal& n : nominals_of(recipe)) {
-    json.key(n.name).begin_object().field("value", shown(n)).field("confirmed", n.nominal.confirmed).end_object();
+    json.key(n.name)
+        .begin_object()
+        .field("value", config::shown(n))
+        .field("confirmed", n.nominal.confirmed)
+        .end_object();
   }
   json.end_object();
   json.key("edges").begin_object().field("fillet_seat_mm", recipe.edges.fillet_seat_mm);
@@ -77,22 +81,23 @@ std::string recipe_text(const Recipe& recipe) {
       fmt::format("{}\n\n", recipe.uncertainty.given
                                 ? "U is computed from [uncertainty]; an item's own U counts where that is not possible"
                                 : "no [uncertainty]: every item has its own U");
-  Table table{"nominal", "value", "state<"};
-  for (const NamedNominal& n : nominals_of(recipe)) table.add(n.name, Cell(shown(n), 4), mark(n.nominal.confirmed));
-  text += fmt::format("{}\n", text_of(table));
-  table = Table{"item", "unit", "nominal", "lower", "upper", "U", "required", "state<"};
+  report::Table table{"nominal", "value", "state<"};
+  for (const NamedNominal& n : nominals_of(recipe))
+    table.add(n.name, report::Cell(config::shown(n), 4), mark(n.nominal.confirmed));
+  text += fmt::format("{}\n", report::text_of(table));
+  table = report::Table{"item", "unit", "nominal", "lower", "upper", "U", "required", "state<"};
   for (const Item& item : tolerances_of(recipe)) {
     const Tolerance& t = recipe.tolerance(item.id);
-    table.add(info(item.id).name, name(info(item.id).unit), Cell(item.nominal, 4), Cell(item.lower, 4),
-              Cell(item.upper, 4), Cell(item.U, 4), item.required ? "yes" : "no",
+    table.add(info(item.id).name, name(info(item.id).unit), report::Cell(item.nominal, 4), report::Cell(item.lower, 4),
+              report::Cell(item.upper, 4), report::Cell(item.U, 4), item.required ? "yes" : "no",
               mark(t.confirmed && t.nominal.confirmed));
   }
-  text += fmt::format("{}\n", text_of(table));
+  text += fmt::format("{}\n", report::text_of(table));
   if (has_value(recipe.pores.depth_max_mm))
     text += fmt::format("surface_pores: depth at most {:g} mm\n", recipe.pores.depth_max_mm);
   if (has_value(recipe.pores.share_max))
     text += fmt::format("surface_pores: at most {:g} % of the area\n", 100.0 * recipe.pores.share_max);
-  text += fmt::format("{}\n", kNotVisible);
+  text += fmt::format("{}\n", report::kNotVisible);
   return text;
 }
 
@@ -116,18 +121,18 @@ namespace {
 
 /// Result of a check, collected from all files and printed once, as text or as slabd.check/1.
 struct Check {
-  std::vector<daemon::Problem> problems;
-  std::vector<daemon::Problem> doubts;  ///< allowed settings that are probably mistakes
+  std::vector<config::Problem> problems;
+  std::vector<config::Problem> doubts;  ///< allowed settings that are probably mistakes
   std::vector<Recipe> recipes;          ///< the valid ones
   bool commissioning = false;
 };
 
 std::string check_json(const std::vector<std::string>& files, const Check& check) {
-  Json json("slabd.check/1");
+  report::Json json("slabd.check/1");
   json.field("ok", check.problems.empty()).field("files", files);
-  json.list("problems", check.problems, &daemon::Problem::text);
+  json.list("problems", check.problems, &config::Problem::text);
   json.key("doubts").begin_array();
-  for (const daemon::Problem& doubt : check.doubts) json.value(doubt.text);
+  for (const config::Problem& doubt : check.doubts) json.value(doubt.text);
   for (const daemon::AlikeRecipes& alike : daemon::alike_recipes(check.recipes)) json.value(daemon::text_of(alike));
   json.end_array();
   json.list("recipes", check.recipes, [&](const Recipe& recipe) {
@@ -143,7 +148,7 @@ std::string check_json(const std::vector<std::string>& files, const Check& check
 int conclude(const std::vector<std::string>& files, const Check& check, bool json) {
   const bool ok = report_problems(check.problems);
   if (json) fmt::print("{}", check_json(files, check));
-  for (const daemon::Problem& doubt : check.doubts) complain("warning: " + doubt.text);
+  for (const config::Problem& doubt : check.doubts) complain("warning: " + doubt.text);
   if (check.commissioning)
     complain(
         "warning: [calibration] holds commissioning values; they count until a calibration is applied, and do "
@@ -163,7 +168,7 @@ int conclude(const std::vector<std::string>& files, const Check& check, bool jso
 bool check_recipe(const std::string& file, Check& check) {
   const std::size_t before = check.problems.size();
   Recipe recipe;
-  daemon::load_recipe(file, recipe, check.problems, &check.doubts);
+  config::load_recipe(file, recipe, check.problems, &check.doubts);
   if (check.problems.size() != before) return false;
   check.recipes.push_back(recipe);
   return true;
@@ -201,13 +206,13 @@ int show_stored(const DatabaseOptions& database, const std::string& word, bool j
 
 int check_config(const std::string& file, bool json) {
   Check check;
-  daemon::Config config;
-  daemon::load_config(file, config, check.problems);
+  config::Config config;
+  config::load_config(file, config, check.problems);
   check.doubts = config.doubts;
   if (check.problems.empty()) {
     if (!json) fmt::print("{}: good{}\n", file, check.doubts.empty() ? "" : ", but see the warnings");
     check.commissioning = !config.calibration.id.empty();
-    daemon::load_recipes(config.recipes_dir, check.recipes, check.problems, nullptr, &check.doubts);
+    config::load_recipes(config.recipes_dir, check.recipes, check.problems, nullptr, &check.doubts);
   }
   return conclude({file}, check, json);
 }

@@ -7,9 +7,9 @@
 #include "base/recipe.h"
 #include "config/config.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// The commands of slabctl. Each adds itself to the tree; if the user chose it, it runs and returns its exit status
 /// (cli/exit.h), or ends by stop(). The command's options live as long as the tree.
@@ -58,15 +58,15 @@ void add_commands(args::Command& app);
 [[nodiscard]] int run(int argc, const char* const* argv);
 
 /// Prints every problem as one line on stderr; true if there were none.
-[[nodiscard]] bool report_problems(const std::vector<daemon::Problem>& problems);
+[[nodiscard]] bool report_problems(const std::vector<config::Problem>& problems);
 
 /// The recipe or the configuration of a command that needs one. Prints problems and stops.
 [[nodiscard]] Recipe recipe_from(const std::string& path);
-[[nodiscard]] daemon::Config config_from(const std::string& path);
+[[nodiscard]] config::Config config_from(const std::string& path);
 
 /// The same for a command that works with a partial configuration. Returns false and prints the problems if there were
 /// any.
-[[nodiscard]] bool config_from(const std::string& path, daemon::Config& config);
+[[nodiscard]] bool config_from(const std::string& path, config::Config& config);
 
 /// Warns on stderr if a verdict depends on unconfirmed nominals or tolerances, and names the assumptions of U about
 /// the measuring system.

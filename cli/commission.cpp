@@ -18,6 +18,7 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/document.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 #include "report/json.h"
 #include "storage/storage.h"
 
@@ -30,9 +31,9 @@ using report::Language;
 enum class StepState : std::uint8_t { done, note, open };
 std::string_view name(StepState state) {
   switch (state) {
-    case StepState::done: return "done";
-    case StepState::note: return "note";
-    case StepState::open: return "open";
+    case StepState::done: return marked("done");
+    case StepState::note: return marked("note");
+    case StepState::open: return marked("open");
   }
   return "open";
 }
@@ -62,15 +63,17 @@ constexpr StepText kSteps[] = {
      "plate and ball were measured within the limits, and the record is in force", "平板和标准球测量合格，记录已生效",
      "slabctl scanner verify --plate ... --ball ... --diameter-mm D --apply"},
     {"Hand-eye calibration", "手眼标定", "a calibration is in force; not only the configuration's value",
-     "标定结果已生效，不是只用配置中的数值", "slabctl calibrate new SESSION --kind ball"},
+     "标定结果已生效，不是只用配置中的数值", "slabctl calibrate new NAME --kind ball --radius MM --robot-sigma-mm MM"},
     {"Stations", "检测位", "18 stops are taught, and each block is in view", "18 个检测位已示教，每个承轨台都在视野内",
      "slabctl stations"},
     {"Station corrections", "检测位修正", "a mastered slab has given the corrections of each slab type",
-     "已用标准板求得每种板型的修正", "slabctl calibrate stations --certificate FILE --visits FILE --apply"},
+     "已用标准板求得每种板型的修正",
+     "slabctl calibrate stations --certificate FILE --slabs KEYS --apply, or [robot] absolute_sigma_mm and _deg"},
     {"Daily check", "日常检查", "a reference block or a monitor ball is in use", "已启用标准承轨台或监控球",
      "slabctl calibrate reference --certificate FILE --apply"},
     {"First slab", "第一块板", "a slab has a verdict", "有一块板已有结论",
-     "slabctl plc command SLAB_BEGIN --slab-no 1 --slab-type TYPE, or the PLC"},
+     "slabctl plc command SLAB_BEGIN --slab-no 1 --slab-type TYPE, SCAN 1 to 18, SLAB_END; or the PLC; or slabctl "
+     "simulate"},
 };
 enum StepNumber : std::size_t {
   kConfiguration,
@@ -95,14 +98,14 @@ struct Step {
 };
 using Steps = std::array<Step, kStepCount>;
 
-void look_at_recipes(const daemon::Config& config, Steps& steps, std::vector<std::uint16_t>& types) {
+void look_at_recipes(const config::Config& config, Steps& steps, std::vector<std::uint16_t>& types) {
   std::vector<Recipe> recipes;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipes(config.recipes_dir, recipes, problems);
+  std::vector<config::Problem> problems;
+  config::load_recipes(config.recipes_dir, recipes, problems);
   Step& step = steps[kRecipes];
   step.saw.clear();
   if (!problems.empty()) {
-    step.saw = problems.front().text;
+    step.saw = quote(problems.front().text);
     return;
   }
   int unconfirmed = 0;
@@ -112,21 +115,21 @@ void look_at_recipes(const daemon::Config& config, Steps& steps, std::vector<std
     unconfirmed += unconfirmed_count(recipe);
   }
   step.state = recipes.empty() ? StepState::open : unconfirmed == 0 ? StepState::done : StepState::note;
-  if (recipes.empty()) step.saw = fmt::format("{} has no recipe", config.recipes_dir);
-  if (unconfirmed > 0) step.saw += fmt::format("; {} numbers are not confirmed", unconfirmed);
+  if (recipes.empty()) step.saw = say("{} has no recipe", config.recipes_dir);
+  if (unconfirmed > 0) step.saw += say("; {} numbers are not confirmed", unconfirmed);
 }
 
-void look_at_links(const daemon::Config& config, Steps& steps) {
+void look_at_links(const config::Config& config, Steps& steps) {
   const Result<std::string> answer = ask_daemon(config.control_socket, "{\"verb\":\"status\"}\n");
   if (!answer) {
-    steps[kDaemon].saw = answer.error().text.view();
-    for (const std::size_t k : {kPlc, kRobot, kScanner}) steps[k].saw = "slabd does not run";
+    steps[kDaemon].saw = quote(answer.error().text.view());
+    for (const std::size_t k : {kPlc, kRobot, kScanner}) steps[k].saw = say("slabd does not run");
     return;
   }
   const nlohmann::json status = nlohmann::json::parse(answer.value(), nullptr, false);
   if (!status.is_object()) {
-    steps[kDaemon].saw = fmt::format("{} does not speak slabd.status/1", config.control_socket);
-    for (const std::size_t k : {kPlc, kRobot, kScanner}) steps[k].saw = "slabd gives no status";
+    steps[kDaemon].saw = say("{} does not answer with slabd.status/1", config.control_socket);
+    for (const std::size_t k : {kPlc, kRobot, kScanner}) steps[k].saw = say("slabd gives no status");
     return;
   }
   const auto text = [&](const char* pointer) {
@@ -136,39 +139,48 @@ void look_at_links(const daemon::Config& config, Steps& steps) {
   const int fault = status.value(nlohmann::json::json_pointer("/fault/code"), 0);
   // Faults of a missing calibration belong to a later step.
   const bool own_fault = fault != 0 && fault != static_cast<int>(Code::calibration_missing);
-  steps[kDaemon] = {
-      own_fault ? StepState::open : StepState::done,
-      own_fault ? fmt::format("fault {}: {}; {}", fault, text("/fault/text"), text("/fault/cure")) : text("/software")};
+  steps[kDaemon] = {own_fault ? StepState::open : StepState::done,
+                    own_fault ? say("fault {}: {}; {}", fault, code_text(static_cast<Code>(fault), text("/fault/text")),
+                                    code_cure(static_cast<Code>(fault), text("/fault/cure")))
+                              : text("/software")};
   steps[kPlc] = {is("/links/plc/alive") ? StepState::done : StepState::note,
-                 is("/links/plc/alive") ? "heartbeat changes" : "no heartbeat"};
+                 is("/links/plc/alive") ? say("heartbeat changes") : say("no heartbeat")};
   steps[kRobot] = {is("/links/pose/ok") ? StepState::done : StepState::open,
-                   is("/links/pose/ok") ? "poses are accepted" : text("/links/pose/text")};
+                   is("/links/pose/ok") ? say("poses are accepted") : quote(text("/links/pose/text"))};
   steps[kScanner] = {is("/links/scanner/online") ? StepState::done : StepState::open,
-                     is("/links/scanner/online") ? "connected" : text("/links/scanner/text")};
-  if (steps[kScanner].saw.empty()) steps[kScanner].saw = "not connected";
+                     is("/links/scanner/online") ? say("connected") : quote(text("/links/scanner/text"))};
+  if (steps[kScanner].saw.empty()) steps[kScanner].saw = say("not connected");
 }
 
-void look_at_calibration(storage::Reader& reader, const daemon::Config& config, std::span<const std::uint16_t> types,
+void look_at_calibration(storage::Reader& reader, const config::Config& config, std::span<const std::uint16_t> types,
                          Steps& steps) {
   const auto line = need(reader.line_calibration(), kNotReachable);
   const bool applied = line->source == LineCalibration::Source::applied;
   steps[kHandEye] = {applied ? StepState::done : StepState::open, applied ? std::string(line->id.view())
                                                                   : !config.calibration.id.empty()
-                                                                      ? "only the configuration's T_flange_scanner"
-                                                                      : "none"};
+                                                                      ? say("only the configuration's T_flange_scanner")
+                                                                      : say("none")};
   const bool accepted = !line->scanner.id.empty() && !line->scanner.failed;
-  steps[kAcceptance] = {accepted ? StepState::done : StepState::note,
-                        accepted ? std::string(line->scanner.id.view()) : "none: U takes the recipe's specification"};
+  steps[kAcceptance] = {
+      accepted ? StepState::done : StepState::note,
+      accepted ? std::string(line->scanner.id.view()) : say("none: U takes the recipe's specification")};
   std::string without;
   for (const std::uint16_t type : types)
     if (line->table_for(type) == nullptr) without += fmt::format("{}{}", without.empty() ? "" : ", ", type);
-  steps[kCorrections] = {without.empty() && !types.empty() ? StepState::done : StepState::note,
-                         without.empty() ? "of every slab type" : "none for type " + without};
+  // Without both, U of a seat's place and slope is unknown, and a value without U never passes.
+  const bool robot_stated = has_value(config.splice.absolute_mm) && has_value(config.splice.absolute_rad);
+  steps[kCorrections] = {without.empty() && !types.empty() ? StepState::done
+                         : robot_stated || !applied        ? StepState::note
+                                                           : StepState::open,
+                         without.empty() ? say("of every slab type") : say("none for type {}", without)};
+  if (steps[kCorrections].state == StepState::open)
+    steps[kCorrections].saw +=
+        say("; [robot] absolute_sigma_mm and absolute_sigma_deg are not stated either: no seat can pass");
   const bool checked = !line->block.reference_id.empty() || !line->ball.reference_id.empty();
   steps[kDailyCheck] = {
       checked ? StepState::done : StepState::note,
       checked ? std::string((line->block.reference_id.empty() ? line->ball : line->block).reference_id.view())
-              : "no reference is in use"};
+              : say("no reference is in use")};
 }
 
 void look_at_slabs(storage::Reader& reader, Steps& steps) {
@@ -176,24 +188,29 @@ void look_at_slabs(storage::Reader& reader, Steps& steps) {
   const auto seen = std::find_if(slabs.begin(), slabs.end(), [](const storage::SlabSummary& slab) {
     return slab.verdict == Verdict::pass || slab.verdict == Verdict::fail || slab.verdict == Verdict::indeterminate;
   });
-  steps[kFirstSlab].saw = slabs.empty() ? "no slab yet" : "no slab with a verdict among the last 100";
-  steps[kStations].saw = "known when a slab has a verdict";
+  steps[kFirstSlab].saw = slabs.empty() ? say("no slab yet") : say("no slab with a verdict among the last 100");
+  steps[kStations].saw = say("known when a slab has a verdict");
   steps[kStations].state = StepState::note;
   if (seen == slabs.end()) return;
-  const std::string which = fmt::format("slab {}: {}{}", seen->header.slab_no, name(seen->verdict),
-                                        seen->header.emulated != 0 ? ", of an emulated line" : "");
+  const std::string_view verdict = verdict_name(seen->verdict);
+  const std::string which = seen->header.emulated != 0
+                                ? say("slab {}: {}, of an emulated line", seen->header.slab_no, verdict)
+                                : say("slab {}: {}", seen->header.slab_no, verdict);
   steps[kFirstSlab] = {StepState::done, which};
-  steps[kStations] = {StepState::done, "every block was measured"};
+  const bool all = seen->stations_measured == seen->header.stations;
+  steps[kStations] = {all ? StepState::done : StepState::note,
+                      all ? say("every block was measured")
+                          : say("{} of {} blocks were measured", seen->stations_measured, seen->header.stations)};
 }
 
 Steps look(const std::string& config_path) {
   Steps steps;
-  for (Step& step : steps) step.saw = "needs the configuration first";
-  daemon::Config config;
-  std::vector<daemon::Problem> problems;
-  daemon::load_config(config_path, config, problems);
+  for (Step& step : steps) step.saw = say("needs the configuration first");
+  config::Config config;
+  std::vector<config::Problem> problems;
+  config::load_config(config_path, config, problems);
   if (!problems.empty()) {
-    steps[kConfiguration].saw = problems.front().text;
+    steps[kConfiguration].saw = quote(problems.front().text);
     return steps;
   }
   steps[kConfiguration] = {StepState::done, config_path};
@@ -202,7 +219,7 @@ Steps look(const std::string& config_path) {
   look_at_links(config, steps);
   if (storage::is_unused(config.storage.db_path)) {
     for (const std::size_t k : {kAcceptance, kHandEye, kStations, kCorrections, kDailyCheck, kFirstSlab})
-      steps[k].saw = "the database does not exist yet; slabd makes it";
+      steps[k].saw = say("the database does not exist yet; slabd makes it");
     return steps;
   }
   const auto reader = need(storage::open_reader(config.storage.db_path), kNotReachable);
@@ -227,8 +244,8 @@ report::Report checklist(const Steps& steps, Language language) {
   made.judged = false;
   report::Section& section = made.sections.emplace_back();
   section.title = zh ? "步骤" : "Steps";
-  Table table = zh ? Table{"序号", "步骤<", "完成条件<", "状态<", "日期<", "签名<"}
-                   : Table{"no", "step<", "done when<", "state<", "date<", "signature<"};
+  report::Table table = zh ? report::Table{"序号", "步骤<", "完成条件<", "状态<", "日期<", "签名<"}
+                           : report::Table{"no", "step<", "done when<", "state<", "date<", "signature<"};
   for (std::size_t k = 0; k < kStepCount; ++k) {
     const StepText& text = kSteps[k];
     const char* const state = steps[k].state == StepState::done   ? (zh ? "完成" : "done")
@@ -248,11 +265,12 @@ struct Options {
 
 int commission(const Options& options) {
   options.document.check();
+  set_language(options.document.language, options.json);
   const Steps steps = look(options.config);
   const std::size_t next = next_of(steps);
   options.document.write(checklist(steps, options.document.wanted()));
   if (options.json) {
-    Json json("slabd.commission/1");
+    report::Json json("slabd.commission/1");
     json.field("next", next == kStepCount ? 0 : next + 1).key("steps").begin_array();
     for (std::size_t k = 0; k < kStepCount; ++k)
       json.begin_object()
@@ -265,14 +283,17 @@ int commission(const Options& options) {
     json.end_array();
     fmt::print("{}", json.text());
   } else {
-    Table table{"no", "state<", "step<", "what is there<"};
+    const bool zh = language_in_use() == Language::zh;
+    const auto title = [&](std::size_t k) { return zh ? kSteps[k].name_zh : kSteps[k].name; };
+    report::Table table{say("number"), say("state<"), say("step<"), say("what is there<")};
     for (std::size_t k = 0; k < kStepCount; ++k)
-      table.add(k + 1, k == next ? "next" : name(steps[k].state), kSteps[k].name, steps[k].saw);
-    fmt::print("{}", text_of(table, style_for(stdout)));
+      table.add(k + 1, k == next ? say("next") : std::string(translated(name(steps[k].state))), title(k), steps[k].saw);
+    fmt::print("{}", report::text_of(table, style_for(stdout)));
     if (next == kStepCount)
-      fmt::print("\nThe line is commissioned. A note says what would make it more accurate or safer.\n");
+      fmt::print("{}", say("\nThe line is commissioned. A note names what would make it more accurate or safer.\n"));
     else
-      fmt::print("\nNext: {}: {}\n  {}\n", kSteps[next].name, kSteps[next].check, kSteps[next].command);
+      fmt::print("{}", say("\nNext: {}: {}\n  {}\n", title(next), zh ? kSteps[next].check_zh : kSteps[next].check,
+                           kSteps[next].command));
   }
   return next == kStepCount ? kDone : kNotPass;
 }

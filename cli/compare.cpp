@@ -53,23 +53,24 @@ Period period_of(const std::string& text) {
   return period;
 }
 
-Table slab_table(const std::vector<PlaceDifference>& places, bool all, Language language) {
-  Table table{{pick(language, "characteristic", "检测项目"), "item"},
-              {pick(language, "station", "检测位"), "station"},
-              {pick(language, "to", "至") + "?", "station_to"},
-              {"A", "a"},
-              {"B", "b"},
-              {"B - A", "difference"},
-              {"U", "U"},
-              {"En", "en"},
-              {pick(language, "A is", "A 结论") + "<", "verdict_a"},
-              {pick(language, "B is", "B 结论") + "<", "verdict_b"}};
+report::Table slab_table(const std::vector<PlaceDifference>& places, bool all, Language language) {
+  report::Table table{{pick(language, "characteristic", "检测项目"), "item"},
+                      {pick(language, "station", "检测位"), "station"},
+                      {pick(language, "to", "至") + "?", "station_to"},
+                      {"A", "a"},
+                      {"B", "b"},
+                      {"B - A", "difference"},
+                      {"U", "U"},
+                      {"En", "en"},
+                      {pick(language, "A is", "A 结论") + "<", "verdict_a"},
+                      {pick(language, "B is", "B 结论") + "<", "verdict_b"}};
   for (const PlaceDifference& place : places) {
     if (!all && !place.differs()) continue;
-    const int digits = decimals(place.a.id);
-    table.add(info(place.a.id).name, place.a.station == 0 ? Cell("") : Cell(place.a.station),
-              place.a.station_to == 0 ? Cell("") : Cell(place.a.station_to), Cell(place.a.value, digits),
-              Cell(place.b.value, digits), Cell(place.difference, digits), Cell(place.U, digits), Cell(place.en, 2),
+    const int digits = report::decimals(place.a.id);
+    table.add(info(place.a.id).name, place.a.station == 0 ? report::Cell("") : report::Cell(place.a.station),
+              place.a.station_to == 0 ? report::Cell("") : report::Cell(place.a.station_to),
+              report::Cell(place.a.value, digits), report::Cell(place.b.value, digits),
+              report::Cell(place.difference, digits), report::Cell(place.U, digits), report::Cell(place.en, 2),
               name(place.a.verdict), name(place.b.verdict));
   }
   return table;
@@ -77,22 +78,31 @@ Table slab_table(const std::vector<PlaceDifference>& places, bool all, Language 
 
 /// The table of a document and of the terminal, and the table of programs with all places.
 struct Comparison {
-  Table shown;
-  Table all;
+  report::Table shown;
+  report::Table all;
   std::string kind;
   std::string subject;
   std::string note;
+  std::uint8_t emulated = 0;  ///< emulation bits of all its slabs
 };
 
 Comparison of_slabs(storage::Reader& reader, const Options& options, Language language) {
   const storage::SlabRecord a = named_slab(reader, options.slabs[0]);
   const storage::SlabRecord b = named_slab(reader, options.slabs[1]);
+  if (a.summary.header.key == b.summary.header.key)
+    stop(kBadInput,
+         fmt::format("{} and {} are the same slab, key {}", options.slabs[0], options.slabs[1], a.summary.header.key));
+  for (const storage::SlabRecord* slab : {&a, &b})
+    if (report::is_aborted(*slab))
+      stop(kBadInput, fmt::format("slab key {} was aborted: there is nothing to compare", slab->summary.header.key));
   if (a.summary.header.slab_type != b.summary.header.slab_type)
     stop(kBadInput, fmt::format("slabs of types {} and {}: they have other nominals", a.summary.header.slab_type,
                                 b.summary.header.slab_type));
-  const std::vector<PlaceDifference> places = trend::differences_of(items_in_force(a), items_in_force(b));
+  const std::vector<PlaceDifference> places =
+      trend::differences_of(report::items_in_force(a), report::items_in_force(b));
   Comparison result;
   result.kind = "slabs";
+  result.emulated = static_cast<std::uint8_t>(a.summary.header.emulated | b.summary.header.emulated);
   result.shown = slab_table(places, options.all, language);
   result.all = slab_table(places, true, language);
   const auto named = [](const storage::SlabRecord& slab) {
@@ -133,26 +143,28 @@ Comparison of_periods(storage::Reader& reader, const Options& options, Language 
   }
   Comparison result;
   result.kind = "periods";
-  Table table{{pick(language, "characteristic", "检测项目"), "item"},
-              {"n A", "slabs_a"},
-              {"n B", "slabs_b"},
-              {pick(language, "mean A", "均值 A"), "mean_a"},
-              {pick(language, "mean B", "均值 B"), "mean_b"},
-              {"B - A", "difference"},
-              {pick(language, "from", "下限"), "difference_low"},
-              {pick(language, "to", "上限"), "difference_high"},
-              {pick(language, "outside A", "超限 A"), "outside_a"},
-              {pick(language, "outside B", "超限 B"), "outside_b"},
-              {pick(language, "judgement", "判定") + "<", "judgement"}};
+  report::Table table{{pick(language, "characteristic", "检测项目"), "item"},
+                      {"n A", "slabs_a"},
+                      {"n B", "slabs_b"},
+                      {pick(language, "mean A", "均值 A"), "mean_a"},
+                      {pick(language, "mean B", "均值 B"), "mean_b"},
+                      {"B - A", "difference"},
+                      {pick(language, "from", "下限"), "difference_low"},
+                      {pick(language, "to", "上限"), "difference_high"},
+                      {pick(language, "outside A", "超限 A"), "outside_a"},
+                      {pick(language, "outside B", "超限 B"), "outside_b"},
+                      {pick(language, "judgement", "判定") + "<", "judgement"}};
   std::size_t differ = 0;
   const std::size_t comparisons = pairs.size();
   for (auto& [before, after] : pairs) {
+    result.emulated = static_cast<std::uint8_t>(result.emulated | before.emulated | after.emulated);
     const PeriodDifference d = trend::difference_of(std::move(before), std::move(after), comparisons);
-    const int digits = decimals(d.after.item);
+    const int digits = report::decimals(d.after.item);
     if (d.differs()) ++differ;
-    table.add(info(d.after.item).name, d.before.chart.count, d.after.chart.count, Cell(d.before.chart.mean, digits),
-              Cell(d.after.chart.mean, digits), Cell(d.difference.value, digits), Cell(d.difference.low, digits),
-              Cell(d.difference.high, digits), d.before.outside.size(), d.after.outside.size(),
+    table.add(info(d.after.item).name, d.before.chart.count, d.after.chart.count,
+              report::Cell(d.before.chart.mean, digits), report::Cell(d.after.chart.mean, digits),
+              report::Cell(d.difference.value, digits), report::Cell(d.difference.low, digits),
+              report::Cell(d.difference.high, digits), d.before.outside.size(), d.after.outside.size(),
               d.differs() ? pick(language, "differs", "有差异") : std::string());
   }
   result.shown = result.all = std::move(table);
@@ -180,6 +192,7 @@ int compare(const Options& options) {
     report::Report document;
     document.language = language;
     document.judged = false;
+    document.emulated = comparison.emulated;
     document.title = pick(language, "Comparison", "对比");
     document.subject = comparison.subject;
     comparison.shown.title = comparison.note;
@@ -189,11 +202,14 @@ int compare(const Options& options) {
     options.document.write(document);
   }
   Comparison comparison = in(Language::en);
-  Json json("slabd.comparison/1");
+  report::Json json("slabd.comparison/1");
   json.field("of", comparison.kind).field("subject", comparison.subject).field("note", comparison.note);
+  report::write_emulation(json, comparison.emulated);
   const bool for_people = !options.output.json && !options.output.csv;
-  Table& table = for_people ? comparison.shown : comparison.all;
+  report::Table& table = for_people ? comparison.shown : comparison.all;
   table.title = fmt::format("{}\n{}", comparison.subject, comparison.note);
+  if (for_people && comparison.emulated != 0)
+    table.title += fmt::format("\n! {}", report::emulation_notice(comparison.emulated, Language::en));
   options.output.print(table, json, "rows");
   return kDone;
 }

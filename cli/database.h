@@ -6,9 +6,9 @@
 
 #include "storage/storage.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// Selection of the database of a reading command.
 namespace slabd::cli {

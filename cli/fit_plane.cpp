@@ -116,7 +116,7 @@ std::string why_not(const Options& options, std::string_view method, const Plane
 
 // ---- one method --------------------------------------------------------------------------------------------------
 
-void write_fit(Json& json, std::string_view method, const PlaneFit& plane) {
+void write_fit(report::Json& json, std::string_view method, const PlaneFit& plane) {
   const Explicit e = explicit_form(plane);
   json.field("method", method).field("status", status_word(plane)).field("a", e.a).field("b", e.b).field("c", e.c);
   json.field("normal", plane.normal).field("offset_mm", plane.offset_mm).field("inliers", plane.inliers);
@@ -124,11 +124,11 @@ void write_fit(Json& json, std::string_view method, const PlaneFit& plane) {
   json.field("iterations", plane.iterations).field("sigma_offset_mm", plane.sigma_offset_mm);
 }
 
-void write_setting(Json& json, const Options& options, const Cloud& cloud) {
+void write_setting(report::Json& json, const Options& options, const Cloud& cloud) {
   const algo::PlaneSettings s = options.settings();
   json.field("file", options.file).field("points_read", cloud.read);
   // null: three robust standard deviations
-  json.field("threshold_mm", only_if(options.threshold_mm > 0.0, options.threshold_mm));
+  json.field("threshold_mm", report::only_if(options.threshold_mm > 0.0, options.threshold_mm));
   json.field("contamination", s.contamination).field("confidence", s.confidence);
   json.field("hypotheses", algo::hypotheses_needed(s.contamination, s.confidence, 3));
   json.field("inlier_share_min", s.inlier_share_min).field("seed", s.seed);
@@ -166,7 +166,7 @@ std::string fit_text(const Options& options, const Cloud& cloud, const PlaneFit&
 int fit_one(const Options& options, const Cloud& cloud) {
   const PlaneFit plane = fit(options, options.method, cloud);
   if (options.json) {
-    Json json("slabd.plane/1");
+    report::Json json("slabd.plane/1");
     write_fit(json, options.method, plane);
     write_setting(json, options, cloud);
     fmt::print("{}", json.text());
@@ -187,11 +187,12 @@ double rms_error(const Explicit& e, const std::vector<double>& set) {
 
 int compare(const Options& options, const Cloud& cloud) {
   const bool known = !options.set.empty();
-  Json json("slabd.plane_comparison/1");
+  report::Json json("slabd.plane_comparison/1");
   write_setting(json, options, cloud);
-  json.field("set", only_if(known, options.set)).key("methods").begin_array();
-  Table table{"method", "a", "b", "c", "rms error?", "std mm", "inliers", "status<"};
-  if (known) table.add("set", Cell(options.set[0], 7), Cell(options.set[1], 7), Cell(options.set[2], 7));
+  json.field("set", report::only_if(known, options.set)).key("methods").begin_array();
+  report::Table table{"method", "a", "b", "c", "rms error?", "std mm", "inliers", "status<"};
+  if (known)
+    table.add("set", report::Cell(options.set[0], 7), report::Cell(options.set[1], 7), report::Cell(options.set[2], 7));
   bool improved_ok = false;
   for (const char* method : {kMethods[2], kMethods[1], kMethods[0]}) {
     const PlaneFit plane = fit(options, method, cloud);
@@ -200,15 +201,16 @@ int compare(const Options& options, const Cloud& cloud) {
     json.begin_object();
     write_fit(json, method, plane);
     json.field("rms_error", known ? rms_error(e, options.set) : std::nan("")).end_object();
-    table.add(method, Cell(e.a, 7), Cell(e.b, 7), Cell(e.c, 7),
-              known ? fmt::format("{:.2e}", rms_error(e, options.set)) : "", Cell(plane.std_mm, 6), plane.inliers,
-              status_word(plane));
+    table.add(method, report::Cell(e.a, 7), report::Cell(e.b, 7), report::Cell(e.c, 7),
+              known ? fmt::format("{:.2e}", rms_error(e, options.set)) : "", report::Cell(plane.std_mm, 6),
+              plane.inliers, status_word(plane));
   }
   if (options.json) {
     fmt::print("{}", json.text());
   } else {
     fmt::print("{}: {} points, {} finite; threshold {}, contamination {}, seed {}\n\n{}", options.file, cloud.read,
-               cloud.points.size(), threshold_text(options), options.contamination, options.seed, text_of(table));
+               cloud.points.size(), threshold_text(options), options.contamination, options.seed,
+               report::text_of(table));
   }
   return improved_ok ? kDone : kNotPass;
 }

@@ -3,6 +3,7 @@
 // slabctl history: the newest slabs, one line each.
 #include <fmt/core.h>
 #include <algorithm>
+#include <fstream>
 #include <memory>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 #include "report/json.h"
 #include "report/words.h"
 
@@ -25,6 +27,7 @@ struct Options {
   std::string until;
   std::string item;
   std::string verdict;
+  LanguageOption language;
   bool json = false;
 };
 
@@ -33,6 +36,8 @@ storage::SlabFilter filter_of(const Options& options) {
   storage::SlabFilter filter = options.filter;
   if (!options.since.empty()) filter.since_utime_us = time_of("--since", options.since);
   if (!options.until.empty()) filter.until_utime_us = time_of("--until", options.until);
+  if (filter.until_utime_us != 0 && filter.since_utime_us >= filter.until_utime_us)
+    stop(kUsage, say("--since {} is not before --until {}", options.since, options.until));
   filter.verdict = verdict_from_name(options.verdict).value_or(Verdict::none);
   if (!options.item.empty()) {
     filter.item = item_from_name(options.item);
@@ -40,8 +45,8 @@ storage::SlabFilter filter_of(const Options& options) {
       std::vector<std::string> names;
       for (std::size_t i = 0; i < kItemCount; ++i) names.emplace_back(info(static_cast<ItemId>(i)).name);
       const std::string meant = nearest(options.item, names);
-      stop(kUsage, fmt::format("--item: no item '{}'{}", options.item,
-                               meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
+      stop(kUsage, meant.empty() ? say("--item: no item '{}'", options.item)
+                                 : say("--item: no item '{}', did you mean '{}'?", options.item, meant));
     }
   }
   return filter;
@@ -59,63 +64,73 @@ const char* name(storage::HistoryGap::What what) {
 /// Describes a gap of the history in a sentence.
 std::string gap_text(const storage::HistoryGap& gap) {
   if (gap.what == storage::HistoryGap::What::pruned)
-    return fmt::format("{} slabs up to key {} were taken away by retention", gap.slabs, gap.slab_key);
-  const std::string by = fmt::format("{} by {}: {}", iso_time(gap.note.utime_us), gap.note.who, gap.note.why);
+    return say("{} slabs up to key {} were taken away by retention", gap.slabs, gap.slab_key);
+  const std::string by = say("{} by {}: {}", report::iso_time(gap.note.utime_us), gap.note.who, gap.note.why);
   if (gap.what == storage::HistoryGap::What::begun_anew)
-    return fmt::format("the history was started again {}; nothing from before is here", by);
-  std::string missing = fmt::format("slabs up to key {} may be missing", gap.slab_key);
+    return say("the history was started again {}; nothing from before is here", by);
+  std::string missing = say("slabs up to key {} may be missing", gap.slab_key);
   if (gap.kept_key >= gap.slab_key)
     missing =
-        "no slab is known to be missing, but if the database before it was lost or damaged, it is unknown "
-        "after that backup";
+        say("no slab is known to be missing, but if the database before it was lost or damaged, it is unknown "
+            "after that backup");
   else if (gap.kept_key + 1 == gap.slab_key)
-    missing = fmt::format("the slab of key {} may be missing", gap.slab_key);
+    missing = say("the slab of key {} may be missing", gap.slab_key);
   else if (gap.kept_key > 0)
-    missing = fmt::format("slabs of keys {} to {} may be missing", gap.kept_key + 1, gap.slab_key);
-  return fmt::format(
-      "the history was restored from {} {}; {}; calibrations and checks from after that backup may be missing",
-      gap.source, by, missing);
+    missing = say("slabs of keys {} to {} may be missing", gap.kept_key + 1, gap.slab_key);
+  return say("the history was restored from {} {}; {}; calibrations and checks from after that backup may be missing",
+             gap.source, by, missing);
 }
 
 std::string as_json(const std::vector<storage::SlabSummary>& slabs, bool more,
                     const std::vector<storage::HistoryGap>& gaps) {
-  Json json("slabd.history/1");
+  report::Json json("slabd.history/1");
   json.list("slabs", slabs, [&](const storage::SlabSummary& slab) {
     json.field("key", slab.header.key).field("slab_id", slab.header.slab_id).field("slab_no", slab.header.slab_no);
     json.field("slab_type", slab.header.slab_type).field("recipe", slab.header.recipe);
-    write_time(json, "began", slab.header.began_utime_us);
-    write_time(json, "ended", slab.ended_utime_us);
+    report::write_time(json, "began", slab.header.began_utime_us);
+    report::write_time(json, "ended", slab.ended_utime_us);
     json.field("verdict", slab.verdict).field("reason", slab.reason).field("stations_measured", slab.stations_measured);
     json.field("stations", slab.header.stations).field("acknowledged", slab.acknowledged);
-    write_emulation(json, slab.header.emulated);
+    report::write_emulation(json, slab.header.emulated);
   });
   json.field("more", more);
   json.list("gaps", gaps, [&](const storage::HistoryGap& gap) {
     json.field("what", name(gap.what)).field("slab_key", gap.slab_key).field("slabs", gap.slabs);
-    write_time(json, "at", gap.note.utime_us);
+    report::write_time(json, "at", gap.note.utime_us);
     json.field("who", gap.note.who).field("why", gap.note.why).field("source", gap.source);
   });
   return json.text();
 }
 
 std::string slabs_text(const std::vector<storage::SlabSummary>& slabs) {
-  Table table{"key", "slab no", "id<", "type", "began<", "blocks", "verdict<", "reason<"};
+  report::Table table{say("key"),    say("slab no"), say("id<"),      say("type"),
+                      say("began<"), say("blocks"),  say("verdict<"), say("reason<")};
   // The column is shown only if it has content.
   const bool emulated = std::any_of(slabs.begin(), slabs.end(),
                                     [](const storage::SlabSummary& slab) { return slab.header.emulated != 0; });
-  if (emulated) table.columns.emplace_back("emulated<");
+  if (emulated) table.columns.emplace_back(say("emulated<"));
   for (const storage::SlabSummary& slab : slabs) {
     const bool open = slab.ended_utime_us == 0;
     table.add(slab.header.key, slab.header.slab_no, slab.header.slab_id, slab.header.slab_type,
-              iso_time(slab.header.began_utime_us), fmt::format("{}/{}", slab.stations_measured, slab.header.stations),
-              open ? Cell("open") : Cell(slab.verdict), open ? "" : reason_words(slab.reason));
-    if (emulated) table.rows.back().emplace_back(report::emulation_mark(slab.header.emulated, report::Language::en));
+              report::iso_time(slab.header.began_utime_us),
+              fmt::format("{}/{}", slab.stations_measured, slab.header.stations),
+              open ? report::Cell(say("open")) : report::Cell(slab.verdict), open ? "" : reason_words(slab.reason));
+    if (emulated) table.rows.back().emplace_back(report::emulation_mark(slab.header.emulated, language_in_use()));
   }
-  return text_of(table, style_for(stdout)) +
-         (emulated ? "! EMULATED: no verdict on concrete; `slabctl show` says what was not real\n" : "");
+  return report::text_of(table, style_for(stdout)) +
+         (emulated ? say("! EMULATED: no verdict on concrete; `slabctl show` names what was not real\n") : "");
+}
+
+/// Why the list is empty.
+std::string none_text(const Options& options) {
+  const storage::SlabFilter& f = options.filter;
+  const bool any = options.since.empty() && options.until.empty() && options.item.empty() && options.verdict.empty() &&
+                   f.slab_type == 0 && f.id_part.empty() && f.block == 0;
+  return any ? say("no slab yet; `slabctl commission` names the next step\n") : say("no slab fits these conditions\n");
 }
 
 int show_history(const Options& options) {
+  set_language(options.language, options.json);
   storage::SlabFilter filter = filter_of(options);
   const auto reader =
       open_database(options.database, options.json ? storage::TextFor::programs : storage::TextFor::people);
@@ -127,7 +142,8 @@ int show_history(const Options& options) {
   const auto gaps = need(reader->gaps(), kNotReachable);
   fmt::print("{}", options.json ? as_json(slabs, more, gaps) : slabs_text(slabs));
   if (!options.json) {
-    if (more) fmt::print("! more than {}: --limit says how many\n", limit);
+    if (slabs.empty()) fmt::print("{}", none_text(options));
+    if (more) fmt::print("{}", say("! more than {}: --limit sets the number\n", limit));
     for (const storage::HistoryGap& gap : gaps) fmt::print("! {}\n", gap_text(gap));
   }
   return kDone;
@@ -141,8 +157,23 @@ void DatabaseOptions::add_to(args::Command& command) {
   command.add_option("--db", db, "Database, instead of the configuration's")->excludes(config_option);
 }
 
+namespace {
+
+/// Stops at a file of another kind. One that is missing or empty is the reader's to refuse.
+void need_a_database(const std::string& path) {
+  constexpr std::string_view kMagic = "SQLite format 3";
+  std::string begin(kMagic.size(), '\0');
+  std::ifstream file(path, std::ios::binary);
+  file.read(begin.data(), static_cast<std::streamsize>(begin.size()));
+  if (file.gcount() > 0 && begin.substr(0, static_cast<std::size_t>(file.gcount())) != kMagic)
+    stop(kBadInput, say("{} is not a database of slabd", path));
+}
+
+}  // namespace
+
 std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, storage::TextFor text) {
   const std::string path = options.db.empty() ? config_from(options.config).storage.db_path : options.db;
+  need_a_database(path);
   return need(storage::open_reader(path, text), kNotReachable);
 }
 
@@ -167,6 +198,7 @@ void add_history(args::Command& app) {
   command->add_option("--block", options->filter.block, "At this block")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--item", options->item, "Only this item, as `slabctl show` names it");
+  options->language.add_to(*command, "Language of the text");
   command->add_flag("--json", options->json, "Print slabd.history/1 on stdout");
   command->runs([options] { return show_history(*options); });
 }

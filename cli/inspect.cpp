@@ -18,6 +18,7 @@
 #include "cli/terminal/parse.h"
 #include "cli/terminal/progress.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 #include "daemon/measure.h"
 #include "report/figures.h"
 #include "report/json.h"
@@ -31,48 +32,50 @@ struct Options {
   int block = 0;
   std::string T_block_scanner;
   ScanFormOptions form;
-  int threads = daemon::default_measure_threads();
+  int threads = config::default_measure_threads();
   std::string deviation_map;
+  LanguageOption language;
   bool json = false;
 };
 
 std::string as_json(const Options& options, const Recipe& recipe, const Pose& T_block_scanner,
                     const BlockResult& block) {
-  Json json("slabd.inspection/1");
+  report::Json json("slabd.inspection/1");
   json.field("software", daemon::software_version()).field("file", options.scan).field("block", options.block);
   json.key("recipe").begin_object().field("name", recipe.name).field("sha256", recipe.sha256);
   json.field("guard", recipe.guard).field("unconfirmed", unconfirmed_count(recipe)).end_object();
   json.field("T_block_scanner_start", T_block_scanner);
-  write_block(json, block, recipe.evaluation.cell_mm);
-  json.field("not_visible", kNotVisible);
+  report::write_block(json, block, recipe.evaluation.cell_mm);
+  json.field("not_visible", report::kNotVisible);
   return json.text();
 }
 
 std::string report_text(const Options& options, const Recipe& recipe, const BlockResult& block) {
   std::string text;
-  const Style style = style_for(stdout);
-  text += fmt::format("{}  block {}  recipe {}{}\n", options.scan, options.block, recipe.name.view(),
-                      recipe.guard == 0.0 ? "  (simple acceptance: no guard band)" : "");
-  text += fmt::format("points {} read, {} finite, {} isolated, {} kept\n", block.scan.points_read,
-                      block.scan.points_finite, block.scan.isolated_removed, block.scan.points_kept);
+  const report::Style style = style_for(stdout);
+  text += say("{}  block {}  recipe {}{}\n", options.scan, options.block, recipe.name.view(),
+              recipe.guard == 0.0 ? say("  (simple acceptance: no guard band)") : "");
+  text += say("points {} read, {} finite, {} isolated, {} kept\n", block.scan.points_read, block.scan.points_finite,
+              block.scan.isolated_removed, block.scan.points_kept);
   const RegistrationReport& registration = block.registration;
-  text += fmt::format("registration {} after {} iterations", name(registration.status), registration.iterations);
-  if (!registration.note.empty()) text += fmt::format(" ({})", registration.note.view());
+  text += say("registration {} after {} iterations", translated(name(registration.status)), registration.iterations);
+  if (!registration.note.empty()) text += fmt::format(" ({})", retold(registration.note.view()));
   if (has_value(registration.deviation.std_mm))
-    text += fmt::format(", deviation {:.3f} +- {:.3f} mm over {} points", registration.deviation.mean_mm,
-                        registration.deviation.std_mm, registration.deviation.count);
+    text += say(", deviation {:.3f} +- {:.3f} mm over {} points", registration.deviation.mean_mm,
+                registration.deviation.std_mm, registration.deviation.count);
   const Vec3& normal = block.seat.normal_datum;
   text += "\n";
   if (!normal.isZero())
-    text += fmt::format("seat normal ({:.6f}, {:.6f}, {:.6f}), {} grid points\n", normal.x(), normal.y(), normal.z(),
-                        block.seat.grid_points);
+    text += say("seat normal ({:.6f}, {:.6f}, {:.6f}), {} grid points\n", normal.x(), normal.y(), normal.z(),
+                block.seat.grid_points);
   text += seat_notes(block.seat, recipe.evaluation.cell_mm) + surface_lines(block);
   text += fmt::format("\n{}\n", item_table(std::span<const Item>(block.items.begin(), block.items.size()), style));
-  text += fmt::format("block {}: {}{}\n", options.block, verdict_text(block.verdict, style),
-                      block.reason != 0 ? "  (" + reason_text(block.reason) + ")" : "");
-  text += fmt::format("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", block.times.total_ms,
-                      block.times.read_ms, block.times.denoise_ms, block.times.register_ms, block.times.extract_ms);
-  text += fmt::format("{}\n", kNotVisible);
+  const std::string verdict = report::verdict_text(block.verdict, style);
+  text += block.reason != 0 ? say("block {}: {}  ({})\n", options.block, verdict, reason_text(block.reason))
+                            : say("block {}: {}\n", options.block, verdict);
+  text += say("{:.0f} ms: read {:.0f}, denoise {:.0f}, register {:.0f}, extract {:.0f}\n", block.times.total_ms,
+              block.times.read_ms, block.times.denoise_ms, block.times.register_ms, block.times.extract_ms);
+  text += fmt::format("{}\n", translated(report::kNotVisible));
   return text;
 }
 
@@ -93,10 +96,10 @@ void write_deviation_map(const std::string& path, const algo::DeviationMap& map)
 }
 
 int inspect(const Options& options) {
+  set_language(options.language, options.json);
   const Recipe recipe = recipe_from(options.recipe);
   if (options.block < 1 || options.block > recipe.stations())
-    stop(kUsage,
-         fmt::format("--block {}: recipe {} has blocks 1..{}", options.block, recipe.name.view(), recipe.stations()));
+    stop(kUsage, say("--block {}: recipe {} has blocks 1..{}", options.block, recipe.name.view(), recipe.stations()));
   Pose T_block_scanner = nominal_T_block_scanner();
   if (!options.T_block_scanner.empty()) {
     const Result<Pose> pose = parse_pose(options.T_block_scanner);
@@ -105,15 +108,14 @@ int inspect(const Options& options) {
   }
   warn_unconfirmed(recipe);
 
-  std::optional<ProgressNote> note(std::in_place, stderr, "measuring ...", std::chrono::seconds(1));
+  std::optional<ProgressNote> note(std::in_place, stderr, say("measuring ..."), std::chrono::seconds(1));
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
   const std::int64_t read_start_ns = clock->mono_ns();
   Team readers(options.threads);
   const ScanShape shape = need(hal::read_scan(options.scan.c_str(), options.form.form(), xyz, readers), kBadInput);
-  if (shape.finite == 0)
-    stop(kBadInput, fmt::format("{}: none of its {} points is finite", options.scan, shape.points));
+  if (shape.finite == 0) stop(kBadInput, say("{}: none of its {} points is finite", options.scan, shape.points));
   const double read_ms = ms_from_ns(clock->mono_ns() - read_start_ns);
 
   algo::BlockInspector inspector(options.threads);
@@ -126,16 +128,16 @@ int inspect(const Options& options) {
   const Status status =
       daemon::measure_block(inspector, *clock, options.block, Pose::identity(), T_block_scanner, cloud, shape, read_ms);
   note.reset();
-  if (!status) complain(fmt::format("{}: {}", options.scan, status.error().text.view()));
+  if (!status) complain(fmt::format("{}: {}", options.scan, retold(status.error().text.view())));
   const BlockResult& block = inspector.result();
   if (status.ok())
     if (const auto warning = scan_warning(block.scan); !warning.empty())
-      complain(fmt::format("warning: {}: {}", options.scan, warning.view()));
+      complain(say("warning: {}: {}", options.scan, retold(warning.view())));
   fmt::print("{}",
              options.json ? as_json(options, recipe, T_block_scanner, block) : report_text(options, recipe, block));
   if (!options.deviation_map.empty()) {
     if (block.registration.status != RegistrationStatus::converged)
-      complain(fmt::format("--deviation-map {}: not written, the block was not found", options.deviation_map));
+      complain(say("--deviation-map {}: not written, the block was not found", options.deviation_map));
     else
       write_deviation_map(options.deviation_map, inspector.deviation_map());
   }
@@ -171,6 +173,7 @@ void add_inspect(args::Command& app) {
                       "Write how far the scan lies from the recipe's block, place by place, to this CSV file: x_mm, "
                       "y_mm (block frame), deviation_mm (mean; positive is too high), points (one in sixteen is "
                       "taken); places without points are left out");
+  options->language.add_to(*command, "Language of the text");
   command->add_flag("--json", options->json, "Print slabd.inspection/1 on stdout");
   command->runs([options] { return inspect(*options); });
 }

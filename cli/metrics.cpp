@@ -47,7 +47,7 @@ int show_metrics(const Options& options) {
   bool usable = true;
   if (path.empty()) {
     // With an invalid configuration old metrics must not remain: slabd, in fault 504, takes its socket from it.
-    daemon::Config config;
+    config::Config config;
     usable = config_from(options.config, config);
     path = config.control_socket;
   }

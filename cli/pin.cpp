@@ -53,7 +53,7 @@ std::size_t scans_there(const PinPlace& place) {
 
 /// Path of the slab's pin, and of its scans.
 PinPlace place_of(const PinOptions& options) {
-  const daemon::Config config = config_from(options.config);
+  const config::Config config = config_from(options.config);
   DatabaseOptions database;
   database.db = config.storage.db_path;
   const auto reader = open_database(database);
@@ -79,9 +79,9 @@ int pin(const PinOptions& options) {
   const std::int64_t now_us =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
           .count();
-  Json json("slabd.pin/1");
+  report::Json json("slabd.pin/1");
   json.field("key", place.key).field("slab_id", place.slab_id).field("reason", options.reason);
-  write_time(json, "pinned", now_us);
+  report::write_time(json, "pinned", now_us);
   json.field("user", static_cast<unsigned>(::getuid())).end_object();
   need(write_durably(place.file, json.text()), kNotReachable);
   // Counted after writing the pin: the daemon may have been deleting scans, and stops when it finds the pin.

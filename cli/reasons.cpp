@@ -29,9 +29,9 @@ struct Options {
 };
 
 /// Bars of the items, all stations together; blocks that were stopped by their reason.
-std::vector<trend::ParetoBar> bars_of(const Table& table, report::Language language) {
+std::vector<trend::ParetoBar> bars_of(const report::Table& table, report::Language language) {
   std::map<std::pair<std::int64_t, std::string>, trend::ParetoBar> bars;
-  for (const Table::Row& row : table.rows) {
+  for (const report::Table::Row& row : table.rows) {
     const auto number = [&](std::size_t column) { return std::get<std::int64_t>(row[column].number); };
     trend::ParetoBar& bar = bars[{number(0), row[1].text}];
     const std::optional<ItemId> item = item_from_name(row[1].text);
@@ -45,7 +45,7 @@ std::vector<trend::ParetoBar> bars_of(const Table& table, report::Language langu
   return list;
 }
 
-void write_document(const DocumentOptions& to, const Table& table, std::uint8_t emulated) {
+void write_document(const DocumentOptions& to, const report::Table& table, std::uint8_t emulated) {
   if (to.out.empty()) return;
   report::Report document;
   document.language = to.wanted();
@@ -79,30 +79,32 @@ int show_reasons(Options options) {
     };
     std::array<bool, limits::kStationsMax + 1> stopped{};  // by station: its items do not have reasons of their own
     for (int station = 1; station <= record->summary.header.stations; ++station)
-      if (const auto [verdict, reason] = shown(*record, station); reason != 0 && reason < kReasonItemBase) {
+      if (const auto [verdict, reason] = report::shown(*record, station); reason != 0 && reason < kReasonItemBase) {
         count(reason, "block", station, 0, verdict);
         stopped.at(static_cast<std::size_t>(station)) = true;
       }
-    for (const Item& item : items_in_force(*record))
+    for (const Item& item : report::items_in_force(*record))
       if (has_value(item.value) || (item.required && !stopped.at(item.station) && !stopped.at(item.station_to)))
         count(info(item.id).reason, info(item.id).name, item.station, item.station_to, item.verdict);
   }
-  Table table{{"reason", "reason"},   {"item<", "item"},    {"station", "station"},
-              {"to?", "station_to"},  {"failed", "failed"}, {"undecided", "undecided"},
-              {"stopped", "stopped"}, {"count", "count"},   {"sum %", "cumulative_percent"}};
+  report::Table table{{"reason", "reason"},   {"item<", "item"},    {"station", "station"},
+                      {"to?", "station_to"},  {"failed", "failed"}, {"undecided", "undecided"},
+                      {"stopped", "stopped"}, {"count", "count"},   {"sum %", "cumulative_percent"}};
   table.title = fmt::format("Reasons of {} slabs, the most frequent first", slabs);
   for (auto& [at, by] : counts) {
     const auto& [reason, item, station, to] = at;
     const int stopped = by[Verdict::not_measured] + by[Verdict::aborted];
-    table.add(reason, item, station == 0 ? Cell("") : Cell(station), to == 0 ? Cell("") : Cell(to), by[Verdict::fail],
-              by[Verdict::indeterminate], stopped, by[Verdict::fail] + by[Verdict::indeterminate] + stopped);
+    table.add(reason, item, station == 0 ? report::Cell("") : report::Cell(station),
+              to == 0 ? report::Cell("") : report::Cell(to), by[Verdict::fail], by[Verdict::indeterminate], stopped,
+              by[Verdict::fail] + by[Verdict::indeterminate] + stopped);
   }
-  const auto times = [](const Table::Row& row) { return std::get<std::int64_t>(row[7].number); };
+  const auto times = [](const report::Table::Row& row) { return std::get<std::int64_t>(row[7].number); };
   std::ranges::stable_sort(table.rows, std::greater(), times);
   std::int64_t sum = 0;
-  for (Table::Row& row : table.rows) row.emplace_back(100.0 * static_cast<double>(sum += times(row)) / total, 1);
+  for (report::Table::Row& row : table.rows)
+    row.emplace_back(100.0 * static_cast<double>(sum += times(row)) / total, 1);
   write_document(options.document, table, emulated);
-  Json json("slabd.reasons/1");
+  report::Json json("slabd.reasons/1");
   options.output.print(table, json.field("slabs", slabs), "reasons");
   return kDone;
 }

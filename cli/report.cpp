@@ -62,7 +62,7 @@ void add_report(args::Command& app) {
           "Key (see history) or slab id (key:12, id:12 where a number may be either); the newest slab with that id")
       ->required();
   command->add_option("--out", options->document.out,
-                      "The file; its extension says what it becomes; default: slab-NO.pdf");
+                      "The file; its extension selects the format; default: slab-NO.pdf");
   options->document.language.add_to(*command, "Language of the words; numbers and ids are the same in all");
   command->add_option("--page", options->document.page, "Page of .svg and .png; 0: all below each other")
       ->check(args::range(0, 1000))

@@ -66,14 +66,14 @@ struct View {
   bool lacks_stopped = false;
   /// True if the robot does not report "stopped". slabd may have received it earlier than this monitor, and then waits
   /// for it.
-  [[nodiscard]] bool stopped_missing(const daemon::Config& config) const {
+  [[nodiscard]] bool stopped_missing(const config::Config& config) const {
     return !newest.stopped && config.robot.type == hal::PoseType::flange_pose;
   }
 };
 
 class Monitor {
  public:
-  Monitor(const daemon::Config& config, hal::PosePort& port) : config_(config), port_(port), gate_(config.pose) {
+  Monitor(const config::Config& config, hal::PosePort& port) : config_(config), port_(port), gate_(config.pose) {
     traffic_.begin(clock_->mono_ns(), 0);
   }
 
@@ -117,7 +117,7 @@ class Monitor {
     heard_ = true;
   }
 
-  const daemon::Config& config_;
+  const config::Config& config_;
   hal::PosePort& port_;
   std::unique_ptr<hal::Clock> clock_ = hal::make_system_clock();
   daemon::PoseGate gate_;
@@ -126,7 +126,7 @@ class Monitor {
   bool heard_ = false;
 };
 
-std::string why(const daemon::Config& config, const View& view) {
+std::string why(const config::Config& config, const View& view) {
   if (!view.trouble.empty()) return view.trouble;
   if (!view.heard)
     return fmt::format("no poses on channel {} of {} ({}); {} foreign datagrams{}{}", config.robot.channel.view(),
@@ -134,7 +134,7 @@ std::string why(const daemon::Config& config, const View& view) {
                        view.counters.foreign, view.refusal.empty() ? "" : "; refused: ", view.refusal);
   if (view.settled == Code::ok)
     return view.stopped_missing(config)
-               ? "settled: a scan could begin, unless slabd has heard \"stopped\" of this robot "
+               ? "settled: a scan could begin, unless slabd has received \"stopped\" of this robot "
                  "before (flags, bit 1): it is not said now"
                : "settled: a scan could begin";
   std::string more;
@@ -164,7 +164,7 @@ std::string refused_text(const View& view) {
   return text;
 }
 
-std::vector<std::string> lines_of(const daemon::Config& config, const View& view) {
+std::vector<std::string> lines_of(const config::Config& config, const View& view) {
   std::vector<std::string> lines;
   lines.push_back(fmt::format("robot      {}", why(config, view)));
   if (!view.heard) return lines;
@@ -187,8 +187,8 @@ std::vector<std::string> lines_of(const daemon::Config& config, const View& view
   return lines;
 }
 
-std::string json_of(const daemon::Config& config, const View& view) {
-  Json json("slabd.robot/1");
+std::string json_of(const config::Config& config, const View& view) {
+  report::Json json("slabd.robot/1");
   json.field("settled", view.settled == Code::ok).field("code", static_cast<int>(view.settled));
   json.field("text", why(config, view)).field("rate_hz", view.rate_hz).field("age_ms", view.age_ms);
   json.field("gaps", view.gaps).field("foreign", view.counters.foreign).field("refusal", view.refusal);
@@ -222,7 +222,7 @@ void show(const std::vector<std::string>& lines, std::size_t& shown) {
 }
 
 int monitor(const Options& options) {
-  const daemon::Config config = config_from(options.config);
+  const config::Config config = config_from(options.config);
   const std::unique_ptr<hal::PosePort> port = need(hal::make_lcm_pose_port(config.robot), kBadInput);
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
@@ -261,8 +261,8 @@ void add_robot(args::Command& app) {
   args::Command robot = app.add_subcommand("robot", "Poses that the robot sends");
   robot->require_subcommand(1);
   auto options = std::make_shared<Options>();
-  args::Command command =
-      robot->add_subcommand("monitor", "The flange as slabd hears it: rate, age, spread, settled or why not");
+  args::Command command = robot->add_subcommand(
+      "monitor", "Poses of the flange as slabd receives them: rate, age, spread, settled or why not");
   command->footer(
       "\nCompare X, Y, Z, A, B, C with the pendant ($POS_ACT_MES with $BASE and $TOOL at $NULLFRAME): they must be "
       "equal.\n"

@@ -46,8 +46,8 @@ constexpr std::size_t kFindingsShown = 6;
 /// One line with the sources of the U of the slab's items.
 std::string splice_words(const Splice& splice) {
   const double sigma_mm = std::hypot(splice.calibration_mm, splice.robot_mm);
-  const std::string worth =
-      has_value(sigma_mm) ? say("sigma {:.3f} mm per axis", sigma_mm) : say("of unknown accuracy");
+  const std::string worth = has_value(sigma_mm) ? say("sigma {:.3f} mm per axis", sigma_mm)
+                                                : say("of unknown accuracy: [robot] absolute_sigma_mm is not stated");
   switch (splice.source) {
     case SpliceSource::none: return say("not recorded");
     case SpliceSource::commissioning: return say("commissioning values, {}", worth);
@@ -68,7 +68,7 @@ std::string splice_summary(const SlabRecord& record) {
   double worst_mm = 0.0;
   int stations = 0;
   for (int station = 1; station <= record.summary.header.stations; ++station) {
-    const SlabBlock* block = latest(record, station);
+    const SlabBlock* block = report::latest(record, station);
     if (block == nullptr || block->phase != StationPhase::measured) continue;
     const Splice& splice = block->attempt.splice;
     ++count[static_cast<std::size_t>(splice.source)];
@@ -85,28 +85,30 @@ std::string splice_summary(const SlabRecord& record) {
   return text;
 }
 
-std::string header_text(const SlabRecord& record, Style style) {
+std::string header_text(const SlabRecord& record, report::Style style) {
   std::string text;
   const SlabHeader& header = record.summary.header;
-  const bool open = is_open(record);
+  const bool open = report::is_open(record);
   if (header.emulated != 0)
-    text += fmt::format("{}\n", coloured(report::emulation_notice(header.emulated, spoken()), "7", style));
+    text +=
+        fmt::format("{}\n", report::coloured(report::emulation_notice(header.emulated, language_in_use()), "7", style));
   text += say("slab {} \"{}\"  key {}  type {}\n", header.slab_no, header.slab_id.view(), header.key, header.slab_type);
   if (!open)
     text += say("verdict {}  {}\n", verdict_words(record.summary.verdict, style), reason_text(record.summary.reason));
-  text += say("began {}  ended {}\n", local_time(header.began_utime_us),
-              open ? say("- (still open)") : local_time(record.summary.ended_utime_us));
+  text += say("began {}  ended {}\n", report::local_time(header.began_utime_us),
+              open ? say("- (still open)") : report::local_time(record.summary.ended_utime_us));
   return text;
 }
 
 /// Objections with value, limits, U and place.
-std::string findings_text(const SlabRecord& record, bool full, Style style) {
-  const std::vector<report::Finding> findings = report::findings_of(record, spoken());
+std::string findings_text(const SlabRecord& record, bool full, report::Style style) {
+  const std::vector<report::Finding> findings = report::findings_of(record, language_in_use());
   std::string text;
   const std::size_t lines = full ? findings.size() : std::min(findings.size(), kFindingsShown);
   for (std::size_t i = 0; i < lines; ++i)
-    text += fmt::format("  {} {}\n", coloured(symbol(findings[i].verdict, style), findings[i].verdict, style),
-                        report::sentence_of(findings[i], spoken()));
+    text += fmt::format("  {} {}\n",
+                        report::coloured(report::symbol(findings[i].verdict, style), findings[i].verdict, style),
+                        report::sentence_of(findings[i], language_in_use()));
   if (lines < findings.size()) text += say("  and {} more (--full shows them)\n", findings.size() - lines);
   return text;
 }
@@ -116,7 +118,7 @@ std::string basis_text(const SlabRecord& record, bool full) {
   const SlabHeader& header = record.summary.header;
   std::string text = say("recipe {} ({:.12})  calibration {}  {}\n", header.recipe.view(), header.recipe_sha256.view(),
                          header.calibration_id.view(), header.software.view());
-  if (const std::string_view datum = slope_datum(record); !datum.empty())
+  if (const std::string_view datum = report::slope_datum(record); !datum.empty())
     text += say("slopes are judged against: {}\n", translated(datum));
   if (full && !header.stations_id.empty()) text += say("station corrections {}\n", header.stations_id.view());
   if (full && !header.scanner_id.empty()) text += say("scanner acceptance {}\n", header.scanner_id.view());
@@ -131,13 +133,13 @@ std::string basis_text(const SlabRecord& record, bool full) {
   return text;
 }
 
-std::string map_text(const SlabRecord& record, Style style) {
+std::string map_text(const SlabRecord& record, report::Style style) {
   std::string text;
   std::vector<Verdict> verdicts;
   std::vector<std::size_t> damaged;
   for (int station = 1; station <= record.summary.header.stations; ++station) {
-    verdicts.push_back(shown(record, station).verdict);
-    damaged.push_back(damage_of(record, station).size());
+    verdicts.push_back(report::shown(record, station).verdict);
+    damaged.push_back(report::damage_of(record, station).size());
   }
   text += slab_map(verdicts, style, damaged) + map_legend(style);
   if (std::any_of(damaged.begin(), damaged.end(), [](std::size_t count) { return count > 0; }))
@@ -146,22 +148,22 @@ std::string map_text(const SlabRecord& record, Style style) {
   return text;
 }
 
-std::string blocks_text(const SlabRecord& record, Style style) {
-  Table table{say("block"),    say("attempts"), say("acquire s"), say("measure s"),
-              say("verdict<"), say("reason<"),  say("scan<")};
+std::string blocks_text(const SlabRecord& record, report::Style style) {
+  report::Table table{say("block"),    say("attempts"), say("acquire s"), say("measure s"),
+                      say("verdict<"), say("reason<"),  say("scan<")};
   for (int station = 1; station <= record.summary.header.stations; ++station) {
-    const SlabBlock* block = latest(record, station);
-    const auto [verdict, reason] = shown(record, station);
+    const SlabBlock* block = report::latest(record, station);
+    const auto [verdict, reason] = report::shown(record, station);
     if (block == nullptr) {
       table.add(station, 0, "-", "-", verdict_cell(verdict), reason_words(reason), "");
       continue;
     }
     const bool measured = block->phase == StationPhase::measured;
-    table.add(station, block->attempt.number, Cell(block->attempt.acquire_ms / 1e3, 2),
-              Cell(measured ? block->block.times.total_ms / 1e3 : kNoValue, 2), verdict_cell(verdict),
+    table.add(station, block->attempt.number, report::Cell(block->attempt.acquire_ms / 1e3, 2),
+              report::Cell(measured ? block->block.times.total_ms / 1e3 : kNoValue, 2), verdict_cell(verdict),
               reason_words(reason), block->attempt.scan_path);
   }
-  return text_of(table, style) + "\n";
+  return report::text_of(table, style) + "\n";
 }
 
 std::string never_judged() {
@@ -171,9 +173,9 @@ std::string never_judged() {
       "passed so far has no verdict");
 }
 
-std::string slab_items_text(const SlabRecord& record, Style style) {
+std::string slab_items_text(const SlabRecord& record, report::Style style) {
   std::string text;
-  if (is_aborted(record)) {
+  if (report::is_aborted(record)) {
     text += say("slab items: none; {}\n", never_judged());
     return text;
   }
@@ -195,7 +197,7 @@ std::string slab_items_text(const SlabRecord& record, Style style) {
 /// The items of a block as they are in force: a slab's item that decides replaces the block's own.
 std::vector<Item> own_items(const SlabRecord& record, const SlabBlock& block) {
   std::vector<Item> items;
-  for (const Item& item : block.block.items) items.push_back(final_item(record, block.attempt.station, item));
+  for (const Item& item : block.block.items) items.push_back(report::final_item(record, block.attempt.station, item));
   return items;
 }
 
@@ -228,17 +230,18 @@ std::string budget_text(const SlabRecord& record, const SlabBlock& block, std::s
   return text;
 }
 
-std::string block_text(const SlabRecord& record, int station, const std::string& scanner, Style style) {
-  const SlabBlock* block = latest(record, station);
-  const auto [verdict, reason] = shown(record, station);
+std::string block_text(const SlabRecord& record, int station, const std::string& scanner, report::Style style) {
+  const SlabBlock* block = report::latest(record, station);
+  const auto [verdict, reason] = report::shown(record, station);
   const std::string conclusion =
       say("block {}: {}  {}\n", station, verdict_words(verdict, style),
-          is_aborted(record) && verdict == Verdict::none ? never_judged() : reason_text(reason));
+          report::is_aborted(record) && verdict == Verdict::none ? never_judged() : reason_text(reason));
   if (block == nullptr) {
-    return say("block {} was not scanned\n{}", station, is_open(record) ? "" : conclusion);
+    return say("block {} was not scanned\n{}", station, report::is_open(record) ? "" : conclusion);
   }
-  std::string text = say("block {}, attempt {}, scanned {}, session {} command {}\n", station, block->attempt.number,
-                         iso_time(block->attempt.scan_utime_us), block->attempt.session, block->attempt.cmd_seq);
+  std::string text =
+      say("block {}, attempt {}, scanned {}, session {} command {}\n", station, block->attempt.number,
+          report::iso_time(block->attempt.scan_utime_us), block->attempt.session, block->attempt.cmd_seq);
   text += say("scan {}\n", block->attempt.scan_path.view());
   text += say("pose: {} samples, spread {:.4f} mm; settled after {:.2f} s, acquired after {:.2f} s\n",
               block->attempt.pose_samples, block->attempt.pose_spread_mm, block->attempt.settle_ms / 1e3,
@@ -246,9 +249,9 @@ std::string block_text(const SlabRecord& record, int station, const std::string&
   text += say("splice: {}\n", splice_words(block->attempt.splice));
   if (block->phase != StationPhase::measured) {
     if (block->phase == StationPhase::acquired)
-      text += say(
-          "attempt {}: {}\n", block->attempt.number,
-          is_aborted(record) ? say("scanned, not measured: the slab was aborted") : say("scanned, not measured yet"));
+      text += say("attempt {}: {}\n", block->attempt.number,
+                  report::is_aborted(record) ? say("scanned, not measured: the slab was aborted")
+                                             : say("scanned, not measured yet"));
     else
       text += say("attempt {}: not measured  {}\n", block->attempt.number, reason_text(block->code));
     return text + conclusion;
@@ -268,7 +271,7 @@ std::string block_text(const SlabRecord& record, int station, const std::string&
     text += say("warning: {}\n", quote(warning.view()));
   const std::vector<Item> own = own_items(record, *block);
   text += fmt::format("{}", item_table(own, style));
-  if (const std::string_view datum = slope_datum(record); !datum.empty())
+  if (const std::string_view datum = report::slope_datum(record); !datum.empty())
     text += say("seat_slope is that against the datum that decides: {}\n", translated(datum));
   text += "\n";
   const std::vector<Item> in_slab = slab_items_of(record, station, own);
@@ -290,17 +293,17 @@ std::string others_of_the_id(storage::Reader& reader, const SlabHeader& header) 
 }
 
 int show(const Options& options) {
-  speak(options.language, options.json);
+  set_language(options.language, options.json);
   const auto reader =
       open_database(options.database, options.json ? storage::TextFor::programs : storage::TextFor::people);
   const SlabRecord record = named_slab(*reader, options.slab);
   if (options.block < 0 || options.block > record.summary.header.stations)
     stop(kUsage, say("--block {}: this slab has blocks 1..{}", options.block, record.summary.header.stations));
   if (options.json) {
-    fmt::print("{}", slab_json(record, options.block));
+    fmt::print("{}", report::slab_json(record, options.block));
     return kDone;
   }
-  const Style style = style_for(stdout);
+  const report::Style style = style_for(stdout);
   std::string text = header_text(record, style);
   if (const std::string others = others_of_the_id(*reader, record.summary.header); !others.empty())
     text += fmt::format("! {}\n", others);
@@ -309,13 +312,14 @@ int show(const Options& options) {
   if (options.block != 0) {
     const auto verified = need(scanner_of(*reader, record.summary.header), kNotReachable);
     text += basis_text(record, true) + "\n" +
-            block_text(record, options.block, scanner_source(record.summary.header, verified, spoken()), style);
+            block_text(record, options.block,
+                       report::scanner_source(record.summary.header, verified, language_in_use()), style);
   } else if (options.full) {
     text += fmt::format("{}\n{}{}{}\n", basis_text(record, true), blocks_text(record, style),
-                        slab_items_text(record, style), translated(kNotVisible));
+                        slab_items_text(record, style), translated(report::kNotVisible));
   } else {
     text += basis_text(record, false);
-    if (is_aborted(record)) text += say("slab items: none; {}\n", never_judged());
+    if (report::is_aborted(record)) text += say("slab items: none; {}\n", never_judged());
     text += say("--block K: one block's table; --full: scans and the slab's items\n");
   }
   fmt::print("{}", text);

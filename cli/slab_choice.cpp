@@ -45,7 +45,7 @@ void SlabChoice::add_filters_to(args::Command& command) {
 }
 
 storage::SlabRecord named_slab(storage::Reader& reader, const std::string& wanted) {
-  auto found = need(find_slab(reader, wanted));
+  auto found = need(report::find_slab(reader, wanted));
   if (!found)
     stop(kBadInput, say("no slab with key or id '{}'{}; `slabctl history` lists them", wanted,
                         wanted.find_first_not_of("0123456789") == std::string::npos ? say(", nor SLAB_NO") : ""));

@@ -7,9 +7,9 @@
 
 #include "storage/storage.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// Selection of the stored slabs of a command: named ones, or all that match the filters.
 namespace slabd::cli {

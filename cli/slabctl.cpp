@@ -71,12 +71,24 @@ void stop_at_unknown_command(const CLI::App& app, const Arguments& arguments) {
                            meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known));
 }
 
-/// `slabctl help COMMAND` is `slabctl COMMAND --help`.
-Arguments with_help_last(Arguments arguments) {
+/// `slabctl help COMMAND` is `slabctl COMMAND --help`, whatever follows the command.
+Arguments with_help_moved(Arguments arguments) {
   if (arguments.size() < 2 || arguments[1] != "help") return arguments;
   arguments.erase(arguments.begin() + 1);
-  arguments.emplace_back("--help");
+  arguments.insert(std::find_if(arguments.begin() + 1, arguments.end(),
+                                [](const std::string& word) { return word.starts_with("-"); }),
+                   "--help");
   return arguments;
+}
+
+/// Stops at an option in front of the command: only the commands have options.
+void stop_at_early_option(const CLI::App& app, const Arguments& arguments) {
+  if (arguments.size() < 3 || !arguments[1].starts_with("-") || app.get_option_no_throw(arguments[1]) != nullptr)
+    return;
+  const std::vector<std::string> names = command_names(app);
+  const auto command = std::find_first_of(arguments.begin() + 2, arguments.end(), names.begin(), names.end());
+  if (command == arguments.end()) return;
+  stop(kUsage, fmt::format("options come after the command: slabctl {} {}", *command, arguments[1]));
 }
 
 /// Moves --config from in front of the command to the end: only the commands have options.
@@ -126,6 +138,14 @@ const CLI::App* chosen_command(const CLI::App& app) {
   return command;
 }
 
+/// "slabctl show".
+std::string path_of(const CLI::App& command) {
+  std::string path;
+  for (const CLI::App* at = &command; at != nullptr; at = at->get_parent())
+    path = path.empty() ? at->get_name() : at->get_name() + " " + path;
+  return path;
+}
+
 /// Surplus arguments, in the order of the command line; suggests the nearest option or subcommand for each.
 std::string surplus_sentence(const CLI::App& app, const Arguments& arguments) {
   const CLI::App& command = *chosen_command(app);
@@ -134,19 +154,35 @@ std::string surplus_sentence(const CLI::App& app, const Arguments& arguments) {
     for (const std::string& name : option->get_lnames()) options.push_back("--" + name);
   Arguments surplus = app.remaining(true);
   const auto place = [&](const std::string& word) { return std::find(arguments.begin(), arguments.end(), word); };
+  for (std::string& word : surplus)
+    if (word.starts_with("id:-") && place(word) == arguments.end()) word.erase(0, 3);  // marked by with_marked_ids
   std::stable_sort(surplus.begin(), surplus.end(),
                    [&](const std::string& a, const std::string& b) { return place(a) < place(b); });
   std::string text;
   for (const std::string& word : surplus) {
     const std::string name = word.substr(0, word.find('='));
-    const std::string meant = nearest(name, word.starts_with("--") ? options : command_names(command));
+    const std::string meant = nearest(name, word.starts_with("-") ? options : command_names(command));
     text += fmt::format("{}'{}'{}", text.empty() ? "" : ", ", word,
                         meant.empty() ? "" : fmt::format(" (did you mean '{}'?)", meant));
   }
-  std::string path;
-  for (const CLI::App* at = &command; at != nullptr; at = at->get_parent())
-    path = path.empty() ? at->get_name() : at->get_name() + " " + path;
-  return fmt::format("not expected: {}; `{} --help` lists arguments and options", text, path);
+  return fmt::format("not expected: {}; `{} --help` lists arguments and options", text, path_of(command));
+}
+
+/// What CLI11 found wrong, with the command and the help that belongs to it.
+std::string usage_sentence(const CLI::App& app, const CLI::ParseError& fault) {
+  const CLI::App& command = *chosen_command(app);
+  const std::string path = path_of(command);
+  std::string what = fault.what();
+  if (command.get_require_subcommand_min() > 0 && command.get_subcommands().empty()) {
+    std::string names;
+    for (const std::string& name : command_names(command)) names += (names.empty() ? "" : ", ") + name;
+    return fmt::format("{} needs a command: {}", path, names);
+  }
+  if (what == "SLAB is required")
+    return fmt::format("{0} needs a slab: {0} SLAB, a key or an id; `slabctl history` lists them", path);
+  if (const std::size_t excludes = what.find(" excludes "); excludes != std::string::npos)
+    what = fmt::format("{} and {} cannot be given together", what.substr(0, excludes), what.substr(excludes + 10));
+  return fmt::format("{}; `{} --help` lists arguments and options", what, path);
 }
 
 /// The arguments, with "id:" before slab ids that begin with "-" in commands with SLAB. CLI11 would take "-S3" for
@@ -190,10 +226,21 @@ void stop(const Error& why) {
 }
 
 std::string nearest(const std::string& word, const std::vector<std::string>& candidates) {
+  const std::string_view bare = std::string_view(word).substr(std::min(word.find_first_not_of('-'), word.size()));
+  if (bare.empty()) return "";
+  // An abbreviation: the only candidate with a part that begins so.
+  const auto has_part = [&](const std::string& candidate) {
+    for (std::size_t at = candidate.find(bare); at != std::string::npos; at = candidate.find(bare, at + 1))
+      if (at == 0 || candidate[at - 1] == '-' || candidate[at - 1] == '_') return true;
+    return false;
+  };
+  const auto first = std::find_if(candidates.begin(), candidates.end(), has_part);
+  if (first != candidates.end() && std::find_if(first + 1, candidates.end(), has_part) == candidates.end())
+    return *first;
   std::string best;
-  std::size_t best_distance = word.size() / 2 + 2;
+  std::size_t best_distance = bare.size() / 3 + 2;
   for (const std::string& candidate : candidates) {
-    const std::size_t distance = daemon::edit_distance(word, candidate);
+    const std::size_t distance = config::edit_distance(word, candidate);
     if (distance >= best_distance) continue;
     best_distance = distance;
     best = candidate;
@@ -201,27 +248,27 @@ std::string nearest(const std::string& word, const std::vector<std::string>& can
   return best;
 }
 
-bool report_problems(const std::vector<daemon::Problem>& problems) {
-  for (const daemon::Problem& problem : problems) fmt::print(stderr, "{}\n", plain(problem.text, Lines::kept));
+bool report_problems(const std::vector<config::Problem>& problems) {
+  for (const config::Problem& problem : problems) fmt::print(stderr, "{}\n", plain(problem.text, Lines::kept));
   return problems.empty();
 }
 
 Recipe recipe_from(const std::string& path) {
   Recipe recipe;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipe(path, recipe, problems);
+  std::vector<config::Problem> problems;
+  config::load_recipe(path, recipe, problems);
   if (!report_problems(problems)) stop(kBadInput);
   return recipe;
 }
 
-bool config_from(const std::string& path, daemon::Config& config) {
-  std::vector<daemon::Problem> problems;
-  daemon::load_config(path, config, problems);
+bool config_from(const std::string& path, config::Config& config) {
+  std::vector<config::Problem> problems;
+  config::load_config(path, config, problems);
   return report_problems(problems);
 }
 
-daemon::Config config_from(const std::string& path) {
-  daemon::Config config;
+config::Config config_from(const std::string& path) {
+  config::Config config;
   if (!config_from(path, config)) stop(kBadInput);
   return config;
 }
@@ -265,19 +312,23 @@ int run(int argc, const char* const* argv) {
   args::Command root(&app);
   add_commands(root);
 
-  Arguments arguments = with_config_last(with_help_last(Arguments(argv, argv + argc)));
+  Arguments arguments = with_config_last(with_help_moved(Arguments(argv, argv + argc)));
   try {
+    stop_at_early_option(app, arguments);
     stop_at_unknown_command(app, arguments);
-    arguments = with_marked_ids(app, with_known_options(app, std::move(arguments)));
-    Arguments reversed(arguments.rbegin(), arguments.rend());  // CLI11 takes them from the back
-    if (!reversed.empty()) reversed.pop_back();                // the program's name
+    arguments = with_known_options(app, std::move(arguments));
+    const Arguments marked = with_marked_ids(app, arguments);
+    Arguments reversed(marked.rbegin(), marked.rend());  // CLI11 takes them from the back
+    if (!reversed.empty()) reversed.pop_back();          // the program's name
     app.parse(std::move(reversed));
   } catch (const CLI::ExtrasError&) {
     complain(surplus_sentence(app, arguments));
     return kUsage;
   } catch (const CLI::ParseError& parse_error) {
     // --help and --version also arrive here, with status 0.
-    return app.exit(parse_error) == 0 ? kDone : kUsage;
+    if (parse_error.get_exit_code() == 0) return app.exit(parse_error) == 0 ? kDone : kUsage;
+    complain(usage_sentence(app, parse_error));
+    return kUsage;
   } catch (const Stop& end) {
     if (!end.sentence.empty()) complain(end.sentence);
     return end.status;

@@ -46,7 +46,7 @@ std::string text_at(const json& document, std::initializer_list<const char*> pat
 
 /// The label in 12 columns.
 std::string line(const std::string& label, const std::string& text) {
-  const std::size_t width = display_width(label);
+  const std::size_t width = report::display_width(label);
   return label + std::string(width < 12 ? 12 - width : 0, ' ') + " " + text + "\n";
 }
 
@@ -55,7 +55,7 @@ std::string word_at(const json& document, std::initializer_list<const char*> pat
   return std::string(translated(text_at(document, path)));
 }
 
-std::string slab_text(const json& status, const Style& style) {
+std::string slab_text(const json& status, const report::Style& style) {
   std::string text;
   if (status.contains("slab") && status["slab"].is_object()) {
     text += line(say("slab"), say("{} \"{}\" type {}, {} of {} stations scanned", text_at(status, {"slab", "no"}),
@@ -78,7 +78,7 @@ std::string slab_text(const json& status, const Style& style) {
 std::string time_at(const json& document, const char* key) {
   const json& value = document.value(key, json(0));
   const std::int64_t utime_us = value.is_number_integer() ? value.get<std::int64_t>() : 0;
-  return utime_us == 0 ? say("never") : iso_time(utime_us);
+  return utime_us == 0 ? say("never") : report::iso_time(utime_us);
 }
 
 std::string watch_text(const json& calibration, const char* key, const char* label) {
@@ -150,26 +150,29 @@ Code code_at(const json& status, std::initializer_list<const char*> path) {
 }
 
 std::string uptime_text(const json& status) {
-  if (spoken() == report::Language::en) return text_at(status, {"uptime_s"}) + " s";
-  return watch::age_text(std::strtod(text_at(status, {"uptime_s"}).c_str(), nullptr), spoken());
+  if (language_in_use() == report::Language::en) return text_at(status, {"uptime_s"}) + " s";
+  return watch::age_text(std::strtod(text_at(status, {"uptime_s"}).c_str(), nullptr), language_in_use());
 }
 
 std::string status_text(const json& status) {
   std::string text;
   const Code fault = code_at(status, {"fault", "code"});
-  const Style style = style_for(stdout);
+  const report::Style style = style_for(stdout);
   if (const std::uint8_t shown = watch::emulation_at(status, "emulation"); shown != 0)
     text += fmt::format(
-        "{}\n",
-        coloured(report::emulation_banner(shown, watch::emulation_at(status, "emulation_now"), spoken()), "7", style));
+        "{}\n", report::coloured(
+                    report::emulation_banner(shown, watch::emulation_at(status, "emulation_now"), language_in_use()),
+                    "7", style));
   text += line(say("software"), text_at(status, {"software"}));
-  text += line(say("state"), say("{}, up {}, session {}", report::state_word(text_at(status, {"state"}), spoken()),
-                                 uptime_text(status), text_at(status, {"session"})));
+  text +=
+      line(say("state"), say("{}, up {}, session {}", report::state_word(text_at(status, {"state"}), language_in_use()),
+                             uptime_text(status), text_at(status, {"session"})));
   if (text_at(status, {"fault", "code"}) != "0" && text_at(status, {"fault", "code"}) != "-")
     text += line(say("FAULT"), say("{}: {}; {}", text_at(status, {"fault", "code"}),
                                    code_text(fault, text_at(status, {"fault", "text"})),
                                    code_cure(fault, text_at(status, {"fault", "cure"}))));
-  for (const std::string& warning : watch::warnings_at(status, spoken())) text += line(say("warning"), plain(warning));
+  for (const std::string& warning : watch::warnings_at(status, language_in_use()))
+    text += line(say("warning"), plain(warning));
   text += line(say("plc"), say("{} clients, heartbeat {}{}", text_at(status, {"links", "plc", "clients"}),
                                text_at(status, {"links", "plc", "alive"}) == "yes" ? say("alive") : say("missing"),
                                after(marked("; "), text_at(status, {"links", "plc", "trouble"}))));
@@ -208,12 +211,12 @@ std::string status_text(const json& status) {
 }
 
 int show_status(const Options& options) {
-  speak(options.language, options.as_json);
+  set_language(options.language, options.as_json);
   std::string path = options.socket;
   bool usable = true;
   if (path.empty()) {
     // slabd also runs with an invalid configuration, in fault 504, and takes its socket from it.
-    daemon::Config config;
+    config::Config config;
     usable = config_from(options.config, config);
     path = config.control_socket;
   }
@@ -221,7 +224,7 @@ int show_status(const Options& options) {
   const std::string answer = need(ask_daemon(path, "{\"verb\":\"status\"}\n"), usable ? kNotReachable : kBadInput);
   const json status = json::parse(answer, nullptr, false);
   if (!status.is_object() || status.value("schema", "") != "slabd.status/1")
-    stop(kNotReachable, say("{} does not speak slabd.status/1: {}", path, answer.substr(0, 200)));
+    stop(kNotReachable, say("{} does not answer with slabd.status/1: {}", path, answer.substr(0, 200)));
   // ASCII only: control characters are escaped.
   fmt::print("{}", options.as_json ? status.dump(2, ' ', true) + "\n" : status_text(status));
   return usable ? kDone : kBadInput;

@@ -41,31 +41,31 @@ std::string main_reason(const YieldGroup& group, report::Language language) {
   return fmt::format("{} x {}", most->second, report::reason_sentence(most->first, language));
 }
 
-Table yield_table(std::vector<YieldGroup> groups, const std::string& by, report::Language language) {
+report::Table yield_table(std::vector<YieldGroup> groups, const std::string& by, report::Language language) {
   const auto say = [&](std::string_view en, std::string_view zh) { return report::pick(language, en, zh); };
-  Table table{{by == "type"    ? say("slab type", "板型")
-               : by == "shift" ? say("shift", "班次")
-                               : say("day", "日期"),
-               "group"},
-              {say("slabs", "板数"), "inspected"},
-              {say("passed", "合格"), "passed"},
-              {say("failed", "不合格"), "failed"},
-              {say("undecided", "无法判定"), "undecided"},
-              {say("not measured", "未测量"), "not_measured"},
-              {say("yield %", "一次合格率 %"), "yield_percent"},
-              {say("from", "下限"), "yield_low_percent"},
-              {say("to", "上限"), "yield_high_percent"},
-              {say("aborted", "中止"), "aborted"},
-              {say("again", "复检"), "again"},
-              {say("most frequent reason", "最常见原因") + "<", "main_reason"}};
+  report::Table table{{by == "type"    ? say("slab type", "板型")
+                       : by == "shift" ? say("shift", "班次")
+                                       : say("day", "日期"),
+                       "group"},
+                      {say("slabs", "板数"), "inspected"},
+                      {say("passed", "合格"), "passed"},
+                      {say("failed", "不合格"), "failed"},
+                      {say("undecided", "无法判定"), "undecided"},
+                      {say("not measured", "未测量"), "not_measured"},
+                      {say("yield %", "一次合格率 %"), "yield_percent"},
+                      {say("from", "下限"), "yield_low_percent"},
+                      {say("to", "上限"), "yield_high_percent"},
+                      {say("aborted", "中止"), "aborted"},
+                      {say("again", "复检"), "again"},
+                      {say("most frequent reason", "最常见原因") + "<", "main_reason"}};
   table.title = say("First-pass yield", "一次合格率");
   YieldGroup total = trend::total_of(groups);
   total.name = say("all", "合计");
   if (groups.size() > 1) groups.push_back(total);
   for (const YieldGroup& group : groups)
     table.add(group.name, group.inspected, group.passed, group.failed, group.undecided, group.not_measured,
-              Cell(100.0 * group.yield.value, 1), Cell(100.0 * group.yield.low, 1), Cell(100.0 * group.yield.high, 1),
-              group.aborted, group.again, main_reason(group, language));
+              report::Cell(100.0 * group.yield.value, 1), report::Cell(100.0 * group.yield.low, 1),
+              report::Cell(100.0 * group.yield.high, 1), group.aborted, group.again, main_reason(group, language));
   return table;
 }
 
@@ -93,7 +93,7 @@ int show_yield(const Options& options) {
     document.language = language;
     document.judged = false;
     if (emulated) document.emulated = slabs.back().header.emulated;
-    const Table table = yield_table(groups, options.by, language);
+    const report::Table table = yield_table(groups, options.by, language);
     document.title = table.title;
     report::Section& section = document.sections.emplace_back();
     section.parts.emplace_back(report::Figures{{trend::yield_figure(groups, language)}});
@@ -104,7 +104,7 @@ int show_yield(const Options& options) {
     if (emulated) fmt::print("! EMULATED slabs: no verdict on concrete\n");
     if (others > 0) fmt::print("! {} {} slabs are not counted\n", others, emulated ? "real" : "emulated");
   }
-  Json json("slabd.yield/1");
+  report::Json json("slabd.yield/1");
   json.field("by", options.by).field("emulated", emulated).field("other_emulation", others);
   options.output.print(yield_table(groups, options.by, report::Language::en), json, "groups");
   return kDone;

@@ -14,7 +14,7 @@
 
 /// Reads slabd.toml into Config. One function per table fills the values it can read and reports the rest. A fault in
 /// one table therefore does not hide faults in another, and the PLC can still receive code 504.
-namespace slabd::daemon {
+namespace slabd::config {
 namespace {
 
 constexpr double kReach_mm = 20'000.0;  ///< larger than any cell and any robot
@@ -201,10 +201,10 @@ void read_scanner(TableReader scanner, const std::string& folder, Config& config
   std::size_t backend = static_cast<std::size_t>(config.scanner_backend);
   scanner.optional_word("backend", backend, {hal::kScannerBackends[0], hal::kScannerBackends[1]});
   config.scanner_backend = static_cast<hal::ScannerBackend>(backend);
-  if (config.scanner_backend == hal::ScannerBackend::tcp)
-    read_stream(scanner, config.stream);
-  else
-    read_drop(scanner, folder, config.scanner);
+  switch (config.scanner_backend) {
+    case hal::ScannerBackend::tcp: read_stream(scanner, config.stream); break;
+    case hal::ScannerBackend::drop: read_drop(scanner, folder, config.scanner); break;
+  }
   read_s(scanner, "timeout_s", config.scan_timeout_ns, {0.5, 15.0});
   scanner.finish();
 }
@@ -400,4 +400,4 @@ int default_measure_threads() {
   return std::thread::hardware_concurrency() >= 2 ? 2 : 1;
 }
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

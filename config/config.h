@@ -14,7 +14,7 @@
 #include "storage/storage.h"
 
 /// Configuration and recipes, used by the daemon and slabctl.
-namespace slabd::daemon {
+namespace slabd::config {
 
 // ---- configuration (slabd.toml) ----------------------------------------------------------------------------------
 
@@ -85,4 +85,4 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
 /// Default number of threads that measure a block: 2 on a computer with two processors or more, else 1.
 [[nodiscard]] int default_measure_threads();
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

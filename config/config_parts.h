@@ -8,7 +8,7 @@
 #include "config/toml_reader.h"
 
 /// Internal functions shared by the readers of slabd.toml.
-namespace slabd::daemon {
+namespace slabd::config {
 
 template <std::size_t Capacity>
 void read_text(TableReader& table, std::string_view key, FixedString<Capacity>& out) {
@@ -38,4 +38,4 @@ void read_plc(TableReader plc, hal::PlcSettings& out);
 /// is a problem of one of the tables.
 void check_together(TableReader& root, const Config& config);
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

@@ -10,7 +10,7 @@
 
 #include "config/config_parts.h"
 
-namespace slabd::daemon {
+namespace slabd::config {
 namespace {
 
 /// Default slave address on a serial line: not 1, which is the factory setting of every device.
@@ -163,4 +163,4 @@ void read_plc(TableReader plc, hal::PlcSettings& out) {
   plc.finish();
 }
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

@@ -19,7 +19,7 @@
 
 #include "config/config_parts.h"
 
-namespace slabd::daemon {
+namespace slabd::config {
 namespace {
 
 struct Place {
@@ -204,4 +204,4 @@ void check_together(TableReader& root, const Config& config) {
   check_listeners(root, config);
 }
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

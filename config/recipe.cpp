@@ -16,7 +16,7 @@
 /// Reads recipes/*.toml into Recipe. A recipe determines verdicts, so an incomplete one is rejected: it must contain
 /// every nominal and every item. `confirmed` is true if a person has compared the value with the drawing. In the file
 /// angles are in degrees (`_deg`) and slopes may be ratios ("1:40"); internally geometry is mm and rad.
-namespace slabd::daemon {
+namespace slabd::config {
 namespace {
 
 /// Angle in degrees of a slope such as "1:40".
@@ -410,4 +410,4 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
     problems.push_back({fmt::format("{}: no usable recipe (*.toml) in this folder; slabd cannot measure", dir)});
 }
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-namespace slabd::daemon {
+namespace slabd::config {
 namespace {
 
 /// Allowed difference of two values that state the same number: a rounded last digit.
@@ -158,4 +158,4 @@ void check_relations(TableReader& root, const Recipe& recipe) {
   }
 }
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

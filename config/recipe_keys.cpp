@@ -5,7 +5,7 @@
 
 #include "config/recipe_parts.h"
 
-namespace slabd::daemon {
+namespace slabd::config {
 namespace {
 
 std::string number_text(double value) {
@@ -143,4 +143,4 @@ std::vector<RecipeKey> keys_of(const Recipe& recipe) {
   return keys.take();
 }
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

@@ -9,7 +9,7 @@
 #include "base/recipe.h"
 
 /// A recipe as the list of the keys in its file.
-namespace slabd::daemon {
+namespace slabd::config {
 
 struct NamedNominal {
   std::string name;  ///< "block.jaw_angle_deg"
@@ -39,4 +39,4 @@ struct RecipeKey {
 /// All keys of a recipe, always the same keys in the same order. Angles in degrees.
 [[nodiscard]] std::vector<RecipeKey> keys_of(const Recipe& recipe);
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

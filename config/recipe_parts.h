@@ -6,7 +6,7 @@
 #include "config/toml_reader.h"
 
 /// Internal parts shared by the recipe's reader and its list of keys.
-namespace slabd::daemon {
+namespace slabd::config {
 
 /// Visits all values of a recipe except its head and its items, in the order of the file: key, member, range. `v.table`
 /// begins a table, and `nominal` is a number with its confirmation, `degrees` such an angle. `number` is a required
@@ -82,4 +82,4 @@ void walk_tables(V& v, R& r) {
 /// item's nominal must agree with the geometry. Reports through `root`, the recipe's top table.
 void check_relations(TableReader& root, const Recipe& recipe);
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

@@ -12,7 +12,7 @@
 #include <filesystem>
 #include <memory>
 
-namespace slabd::daemon {
+namespace slabd::config {
 namespace {
 
 constexpr double kUnitTolerance = 1e-3;
@@ -446,4 +446,4 @@ void TableReader::finish() {
   }
 }
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

@@ -16,7 +16,7 @@
 /// fault whose message contains the nearest known key.
 ///
 /// The TOML library is used only in toml_reader.cpp; its results are converted to the small tree below.
-namespace slabd::daemon {
+namespace slabd::config {
 
 struct TomlValue {
   enum class Kind : std::uint8_t { boolean, integer, real, text, array, table, date };
@@ -131,4 +131,4 @@ void doubt_degrees(TableReader& table, std::string_view key, double angle_deg, A
 /// Value of a number written as integer or real.
 [[nodiscard]] std::optional<double> as_number(const TomlValue& value);
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

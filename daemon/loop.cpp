@@ -266,12 +266,12 @@ void Loop::finish() {
   ports_.notify.stopping();
   cancel_scan_ = true;
   store_worker_->drain();
-  give_measurements_up();
+  abandon_measurements();
   while (delete_one()) continue;
 }
 
 /// An orderly shutdown removes the marks of measurements, so that the next process may measure these scans again.
-void Loop::give_measurements_up() {
+void Loop::abandon_measurements() {
   if (ports_.store == nullptr) return;
   const Station& s = *station_;
   const auto give_up = [this](const Attempt& attempt) {
@@ -284,7 +284,7 @@ void Loop::give_measurements_up() {
   store_worker_->drain();
 }
 
-bool Loop::scanner_comes_back() {
+bool Loop::wait_for_scanner_thread() {
   cancel_scan_ = true;
   for (const std::uint64_t before = scan_worker_->turns(); scan_worker_->turns() == before;) {
     if (ports_.scanner.hangs()) return false;
@@ -320,7 +320,7 @@ void Loop::tick() {
   handle(Tick{ports_.clock.mono_ns(), ports_.clock.utime_us()});
   handle(LinkStatus{ports_.scanner.online(), ports_.scanner.hangs(), ports_.scanner.stray_files(),
                     ports_.scanner.spool_hangs(), ports_.recipes != nullptr && ports_.recipes->differs()});
-  if (ports_.recipes != nullptr && !is_opening()) take_up_recipes();
+  if (ports_.recipes != nullptr && !is_opening()) apply_reloaded_recipes();
   look_for_another_daemon();
   if (reopen_ns_ && (fault_was_reset_ || ports_.clock.mono_ns() >= *reopen_ns_)) order_store();
 }
@@ -341,7 +341,7 @@ void Loop::look_for_another_daemon() {
 }
 
 /// Loads new recipes between two slabs, once the last slab is finished.
-void Loop::take_up_recipes() {
+void Loop::apply_reloaded_recipes() {
   Station& s = *station_;
   LogLine line;
   if (const bool differs = ports_.recipes->differs(); recipes_differ_.is_news(differs)) {
@@ -396,10 +396,10 @@ void Loop::take_poses() {
     line.text = trouble.empty() ? "robot pose link is up" : trouble;
     say(line);
   }
-  say_pose_news();
+  log_pose_changes();
 }
 
-void Loop::say_pose_news() {
+void Loop::log_pose_changes() {
   const std::int64_t now_ns = ports_.clock.mono_ns();
   const Code code = station_->gate.link(now_ns);
   if (code != pose_link_.seen()) {
@@ -442,7 +442,7 @@ void Loop::take_answers() {
   }
   ScanDone scanned;
   while (scan_worker_->next(scanned)) handle(scanned);
-  say_scanner_news();
+  log_scanner_changes();
   BlockMeasured measured;
   while (measure_worker_->next(measured)) {
     ++figures_.blocks_measured;
@@ -471,7 +471,7 @@ void Loop::take_change() {
   say(line);
 }
 
-void Loop::say_scanner_news() {
+void Loop::log_scanner_changes() {
   const bool online = ports_.scanner.online();
   LogLine line;
   // At the start the port's first look is still in progress.
@@ -502,10 +502,10 @@ void Loop::serve_plc() {
     handle(inputs);
     ports_.plc.publish(plc_view(*station_));
   }
-  say_plc_news();
+  log_plc_changes();
 }
 
-void Loop::say_plc_news() {
+void Loop::log_plc_changes() {
   LogLine line;
   const std::int64_t now_ns = ports_.clock.mono_ns();
   const std::string_view trouble = ports_.plc.trouble();

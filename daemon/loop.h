@@ -66,7 +66,7 @@ struct LoopFigures {
 
 /// Reports changes of a state once they have lasted, so that a flickering state cannot fill the disk.
 template <typename State>
-class ToldOnce {
+class DebouncedState {
  public:
   struct When {
     std::int64_t lasts_ns = 0;                                        ///< a change is reported after this time
@@ -74,7 +74,7 @@ class ToldOnce {
     std::int64_t late_ns = std::numeric_limits<std::int64_t>::max();  ///< or in any case if the last report is this old
   };
 
-  explicit ToldOnce(const State& first = {}) : seen_(first), told_(first) {}
+  explicit DebouncedState(const State& first = {}) : seen_(first), told_(first) {}
 
   /// Updates the state. True if it must be reported now; it then counts as reported.
   template <typename Now>
@@ -132,7 +132,7 @@ class Loop {
   /// Ends the current scan and waits for the store jobs in progress; call it last.
   void finish();
   /// After finish(): waits until the scanner's worker can be ended. False if it hangs, for an unknown time.
-  [[nodiscard]] bool scanner_comes_back();
+  [[nodiscard]] bool wait_for_scanner_thread();
 
   [[nodiscard]] const Station& station() const { return *station_; }
 
@@ -145,19 +145,19 @@ class Loop {
   void tick();
   void look_for_another_daemon();
   void take_poses();
-  void say_pose_news();
+  void log_pose_changes();
   void take_answers();
   void take_stored(const StoreDone& stored);
   void take_change();
   void order_store();
   void take_store();
-  void say_scanner_news();
+  void log_scanner_changes();
   void serve_plc();
-  void say_plc_news();
+  void log_plc_changes();
   void serve_control();
   void feed_watchdog();
-  void give_measurements_up();
-  void take_up_recipes();
+  void abandon_measurements();
+  void apply_reloaded_recipes();
   void handle(const Event& event);
   void perform(const Action& action);
   void judge_slab(const JudgeSlab& action);
@@ -211,13 +211,13 @@ class Loop {
   std::array<std::uint64_t, 3> worker_turns_{};
   std::array<std::int64_t, 3> worker_moved_ns_{};
   bool commanded_said_ = false;  ///< a log line about unmeasured poses was written
-  ToldOnce<bool> recipes_differ_;
-  ToldOnce<std::string> pose_trouble_;
-  ToldOnce<Code> pose_link_{Code::no_pose};
-  ToldOnce<bool> scanner_online_{true};  ///< a scanner that is online from the start is not reported
-  ToldOnce<std::string> plc_trouble_;
-  ToldOnce<FixedString<limits::kErrorTextBytes>> spool_trouble_;  ///< storage thread only
-  ToldOnce<FixedString<limits::kErrorTextBytes>> store_trouble_;  ///< storage thread only
+  DebouncedState<bool> recipes_differ_;
+  DebouncedState<std::string> pose_trouble_;
+  DebouncedState<Code> pose_link_{Code::no_pose};
+  DebouncedState<bool> scanner_online_{true};  ///< a scanner that is online from the start is not reported
+  DebouncedState<std::string> plc_trouble_;
+  DebouncedState<FixedString<limits::kErrorTextBytes>> spool_trouble_;  ///< storage thread only
+  DebouncedState<FixedString<limits::kErrorTextBytes>> store_trouble_;  ///< storage thread only
   CalibrationChanger calibration_changer_;
 
   // Last: the workers start after all members they use, and end before them.

@@ -61,8 +61,8 @@ void catch_signals() {
   put_log(text.data());
 }
 
-void print(const std::vector<Problem>& problems) {
-  for (const Problem& problem : problems) put_log("error: " + problem.text + "\n");
+void print(const std::vector<config::Problem>& problems) {
+  for (const config::Problem& problem : problems) put_log("error: " + problem.text + "\n");
 }
 
 // Stand-ins for a robot link and a scanner that could not be set up. The daemon keeps running and reports the reason:
@@ -111,12 +111,12 @@ FixedString<limits::kErrorTextBytes> plc_place(const hal::PlcSettings& plc) {
 }
 
 /// Prints settings that are allowed but probably not intended; once, at the start and by --check.
-void print_doubts(const std::vector<Problem>& doubts) {
-  for (const Problem& doubt : doubts) put_log("warning: " + doubt.text + "\n");
+void print_doubts(const std::vector<config::Problem>& doubts) {
+  for (const config::Problem& doubt : doubts) put_log("warning: " + doubt.text + "\n");
 }
 
-int check(const Config& config, const std::vector<Problem>& config_problems, const std::vector<Recipe>& recipes,
-          const std::vector<Problem>& recipe_problems) {
+int check(const config::Config& config, const std::vector<config::Problem>& config_problems,
+          const std::vector<Recipe>& recipes, const std::vector<config::Problem>& recipe_problems) {
   print(config_problems);
   print(recipe_problems);
   print_doubts(config.doubts);
@@ -140,7 +140,7 @@ int check(const Config& config, const std::vector<Problem>& config_problems, con
   return 0;
 }
 
-StationSettings station_settings(const Config& config, const std::vector<Recipe>& recipes) {
+StationSettings station_settings(const config::Config& config, const std::vector<Recipe>& recipes) {
   StationSettings settings;
   settings.recipes = recipes;
   settings.T_base_slab = config.T_base_slab;
@@ -166,22 +166,22 @@ StationSettings station_settings(const Config& config, const std::vector<Recipe>
 }
 
 /// Creates the scanner port of the configured backend; one that cannot be set up reports the reason in trouble().
-std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::Clock& clock) {
-  if (config.scanner_backend == hal::ScannerBackend::tcp) {
-    auto made = hal::make_scan_stream(config.stream, clock);
+std::unique_ptr<hal::ScannerPort> scanner_port(const config::Config& config, const hal::Clock& clock) {
+  const auto port = [](auto made) -> std::unique_ptr<hal::ScannerPort> {
     if (made.ok()) return std::move(made.value());
     say_text("error: %s\n", made.error().text.c_str());
     return std::make_unique<AbsentScanner>(made.error());
+  };
+  switch (config.scanner_backend) {
+    case hal::ScannerBackend::tcp: return port(hal::make_scan_stream(config.stream, clock));
+    case hal::ScannerBackend::drop: break;
   }
   // The folder may be on a share that hangs, so only the scanner's own thread accesses it.
   hal::ScanDropSettings settings = config.scanner;
   settings.make_drop_dir = true;
   settings.read_threads = config.measure_threads;
   settings.owner = hal::lock_owner_of_this_process(config.path);
-  auto made = hal::make_scan_drop(settings, clock);
-  if (made.ok()) return std::move(made.value());
-  say_text("error: %s\n", made.error().text.c_str());
-  return std::make_unique<AbsentScanner>(made.error());
+  return port(hal::make_scan_drop(settings, clock));
 }
 
 /// Ends the process without waiting for its threads, because one of them is in a call that cannot be interrupted. As
@@ -197,7 +197,7 @@ std::unique_ptr<hal::ScannerPort> scanner_port(const Config& config, const hal::
 /// drop folder take each other's scans, and with one spool they would delete each other's scans as unknown files.
 class Opener {
  public:
-  explicit Opener(const Config& config)
+  explicit Opener(const config::Config& config)
       : config_(config.storage), spool_lock_(hal::lock_owner_of_this_process(config.path)) {}
 
   Result<std::unique_ptr<storage::Store>> open(std::atomic<bool>& scanner_is_ours) {
@@ -242,8 +242,8 @@ void seal() {
     say_text("error: --seal: %s\n", locked.error().text.c_str());
 }
 
-int run(const Config& config, const std::vector<Problem>& config_problems, const std::vector<Recipe>& recipes,
-        const std::vector<Problem>& recipe_problems, bool sealed) {
+int run(const config::Config& config, const std::vector<config::Problem>& config_problems,
+        const std::vector<Recipe>& recipes, const std::vector<config::Problem>& recipe_problems, bool sealed) {
   start_log_outlet();
   print(config_problems);
   print(recipe_problems);
@@ -330,7 +330,7 @@ int run(const Config& config, const std::vector<Problem>& config_problems, const
   }
   if (loop.is_opening()) leave(*notify, "the database was being opened");
   loop.finish();
-  if (!loop.scanner_comes_back())
+  if (!loop.wait_for_scanner_thread())
     leave(*notify, "the scanner's thread hung: " + std::string(scanner->trouble().view()));
   say_text("info: slabd: stopped\n");
   return 0;
@@ -360,13 +360,14 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
   try {
     catch_signals();
     use_one_heap();
-    Config config;
-    std::vector<Problem> config_problems;
-    load_config(config_path, config, config_problems);
+    slabd::config::Config config;
+    std::vector<slabd::config::Problem> config_problems;
+    slabd::config::load_config(config_path, config, config_problems);
     std::vector<slabd::Recipe> recipes;
-    std::vector<Problem> recipe_problems;
+    std::vector<slabd::config::Problem> recipe_problems;
     if (config_problems.empty())
-      load_recipes(config.recipes_dir, recipes, recipe_problems, &config.storage.recipe_texts, &config.doubts);
+      slabd::config::load_recipes(config.recipes_dir, recipes, recipe_problems, &config.storage.recipe_texts,
+                                  &config.doubts);
     if (check_only) return check(config, config_problems, recipes, recipe_problems);
     const int status = run(config, config_problems, recipes, recipe_problems, seal);
     (void)flush_log(kFlush_ms);

@@ -30,8 +30,8 @@ std::string file_name(const std::string& path) {
 }
 
 std::vector<std::string> changed_keys(const Recipe& in_use, const Recipe& in_file) {
-  const std::vector<RecipeKey> a = keys_of(in_use);
-  const std::vector<RecipeKey> b = keys_of(in_file);
+  const std::vector<config::RecipeKey> a = config::keys_of(in_use);
+  const std::vector<config::RecipeKey> b = config::keys_of(in_file);
   std::vector<std::string> list;
   for (std::size_t i = 0; i < a.size() && i < b.size() && list.size() < kKeysMax; ++i)
     if (a[i].value != b[i].value)
@@ -42,8 +42,8 @@ std::vector<std::string> changed_keys(const Recipe& in_use, const Recipe& in_fil
 RecipeDifference difference_of(const Recipe& in_use, const std::string& bytes) {
   RecipeDifference difference{file_name(std::string(in_use.path.view())), "changed", {}, {}};
   Recipe now;
-  std::vector<Problem> problems;
-  parse_recipe(std::string(in_use.path.view()), bytes, now, problems);
+  std::vector<config::Problem> problems;
+  config::parse_recipe(std::string(in_use.path.view()), bytes, now, problems);
   if (problems.empty())
     difference.keys = changed_keys(in_use, now);
   else
@@ -126,8 +126,8 @@ void RecipeWatch::State::look() {
   }
   if (has_looked && sign == sign_seen) return;
 
-  std::vector<Problem> unreadable;
-  std::map<std::string, std::string> files = recipe_files(dir, unreadable);
+  std::vector<config::Problem> unreadable;
+  std::map<std::string, std::string> files = config::recipe_files(dir, unreadable);
   std::vector<RecipeDifference> found;
   if (!unreadable.empty() && files.empty()) {
     found.push_back({dir, "unreadable", {}, unreadable.front().text});
@@ -164,8 +164,8 @@ void RecipeWatch::State::look() {
 /// Reads the whole folder as at a start. Any problem rejects it, and the recipes in use stay.
 void RecipeWatch::State::check() {
   auto set = std::make_shared<RecipeSet>();
-  std::vector<Problem> problems;
-  load_recipes(dir, set->recipes, problems, &set->texts);
+  std::vector<config::Problem> problems;
+  config::load_recipes(dir, set->recipes, problems, &set->texts);
   const std::lock_guard lock(mutex);
   if (!problems.empty()) {
     set_refused(fmt::format("the recipes in use stay in force, because the folder could not be used as it is: {}{}",

@@ -156,7 +156,8 @@ FixedString<limits::kErrorTextBytes> text_of(const AlikeRecipes& alike) {
         alike.a->name.c_str(), alike.b->name.c_str(), a[side], b[side], std::min(a[side], b[side]) + kBeyond_mm);
   } else {
     text.printf(
-        "%s and %s have the same blocks and slab ends: no scan tells them apart, and a slab begun under the wrong type "
+        "%s and %s have the same blocks and slab ends: no scan distinguishes them, and a slab begun under the wrong "
+        "type "
         "is not noticed",
         alike.a->name.c_str(), alike.b->name.c_str());
   }

@@ -7,7 +7,7 @@
 #include "emulator/concrete_optics.h"
 #include "emulator/slab_scene.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 namespace {
 
@@ -327,4 +327,4 @@ Result<DrawnBlock> draw_block(const Recipe& recipe, const StationTruth& station,
   return DrawnBlock{drawn.drawn, std::move(drawn.truth)};
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

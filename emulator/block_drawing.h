@@ -11,7 +11,7 @@
 #include "emulator/slab_scene.h"
 
 /// Drawing of one block of a slab, either as a polyhedron or as real concrete.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 // Scans of a concrete block by a fringe-projection scanner: rays from one origin, two cameras and a projector that
 // must all see a point, and the errors of each effect. Errors are never part of the truth.
@@ -61,4 +61,4 @@ struct DrawnBlock {
                                             const Pose& T_scanner_block, const ScannerTraits& traits,
                                             std::uint64_t block_seed, std::uint64_t scan_seed, std::vector<float>& xyz);
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

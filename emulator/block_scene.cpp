@@ -4,7 +4,7 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 constexpr double kDomeSigma_mm = 25.0;
@@ -279,4 +279,4 @@ Vec3 BlockSurface::point(double x, double y, double z, double further) const {
   return (z + further / along.norm()) * along;
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -19,7 +19,7 @@
 ///
 /// The code follows the drawing and shares nothing with algo, so that the emulator and the measurement do not share
 /// errors.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 /// Actual dimensions of one block. Angles rad, lengths mm, block frame (X along the rail, Y outward, Z up).
 struct BlockTruth {
@@ -138,4 +138,4 @@ class BlockSurface {
   double reach_mm_ = 0.0;  ///< largest distance of a rim point from its centre, in the picture
 };
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

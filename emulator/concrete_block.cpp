@@ -6,7 +6,7 @@
 
 #include "emulator/slab_scene.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 constexpr double kFoot_mm = 6.0;
@@ -193,4 +193,4 @@ Section::Point Section::at(double y) const {
                      : Point{shoulder_inner.z(y), ConcreteFace::shoulder_inner};
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

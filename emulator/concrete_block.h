@@ -19,7 +19,7 @@
 /// The code follows the drawing and shares nothing with algo, so that the emulator and the measurement do not share
 /// errors. The planes remain the ideal planes of `BlockTruth`: grain and waviness have no mean and no tilt over the
 /// region of an item. Pores, burrs, dust and smears are not part of a plane.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 // The section x = const of a block: shoulder, jaw, bearing plane, jaw, shoulder as straight lines z(y), with arcs of a
 // circle where two of them meet. Exact: a fillet of radius r is a circle that touches both lines.
@@ -204,6 +204,12 @@ class ConcreteBlock {
   void fill_bore(std::size_t side);
   void put_defects();  ///< concrete_damage.cpp: form first, then damage
   void put_damage();
+  struct Break;
+  void chip_corner(const Break& b);
+  void chip_seat(const Break& b);
+  void chip_jaw(const Break& b);
+  void crack(const Break& b);
+  void crust(const Break& b);
   void put_form();   ///< concrete_damage.cpp: film, chalk, straps
   void put_marks();  ///< pores, burrs, fin, dust, drops
   void put_pores();
@@ -221,6 +227,9 @@ class ConcreteBlock {
   /// Adds `height(dx, dy)` to the nodes within `half_mm` of (x, y), except plastic faces.
   template <typename Height>
   void stamp(double x, double y, double half_mm, const Height& height);
+  /// Lowers the concrete within `half_mm` of (x, y) to `floor(dx, dy)` where it is higher.
+  template <typename Floor>
+  void break_out(double x, double y, double half_mm, const Floor& floor);
 
   const Recipe recipe_;
   const ConcreteOrder order_;
@@ -247,4 +256,4 @@ void ConcreteBlock::stamp(double x, double y, double half_mm, const Height& heig
     }
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

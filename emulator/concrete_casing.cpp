@@ -7,7 +7,7 @@
 #include "emulator/concrete_block.h"
 #include "emulator/slab_scene.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 constexpr double kRimTilt_deg = 0.15;
@@ -181,4 +181,4 @@ void ConcreteBlock::fill_bore(std::size_t side) {
     }
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -6,7 +6,7 @@
 #include <charconv>
 #include <cmath>
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 constexpr std::array<EffectInfo, kEffects> kEffectTable = {{
@@ -205,4 +205,4 @@ Result<ConcreteDefect> parse_concrete_defect(std::string_view text) {
   return ConcreteDefect{row->kind, *size};
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -11,7 +11,7 @@
 
 /// Differences between a scan of real concrete and a scan of its drawing, as one table: name, usual strength and
 /// meaning. Strength 0 is off, 1 is a plant with a good scanner, 2 to 3 a bad day.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 enum class Effect : std::uint8_t {
   cast,
@@ -138,4 +138,4 @@ struct ConcreteDefect {
 /// or the size is invalid.
 [[nodiscard]] Result<ConcreteDefect> parse_concrete_defect(std::string_view text);
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -7,7 +7,7 @@
 #include "emulator/concrete_block.h"
 #include "emulator/slab_scene.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 constexpr double kWaveStep_mm = 2.0;
@@ -293,4 +293,4 @@ void ConcreteBlock::remove_planes(std::vector<float>& added) const {
   });
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

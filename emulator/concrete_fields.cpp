@@ -7,7 +7,7 @@
 
 #include "emulator/scan_drawing.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 std::size_t RasterField::columns_of(const FieldSize& size) {
   return static_cast<std::size_t>(std::ceil(2.0 * size.half_x_mm / size.step_mm)) + 1;
@@ -264,4 +264,4 @@ bool HeightField::sees(const Vec3& eye, const Vec3& point) const {
   return true;
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -7,7 +7,7 @@
 #include "base/base.h"
 
 /// Random fields over a rectangle of a plane, sampled once on a coarse raster and interpolated.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 /// A rectangle centred on the origin and the raster of a field over it. mm.
 struct FieldSize {
@@ -148,4 +148,4 @@ class HeightField {
   double lowest_mm_ = 0.0;
 };
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -6,7 +6,7 @@
 
 #include "emulator/slab_scene.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 constexpr double kBase_mm = 260.0;
@@ -58,10 +58,10 @@ bool ConcreteOptics::in_view(const ConcreteBlock& block, const Vec3& p_block) co
   const double x = p.x() / p.z() * kPictureDistance_mm + origin_.x();
   const double y = p.y() / p.z() * kPictureDistance_mm + origin_.y();
   return std::abs(x) < 0.5 * scanner_.field_x_mm && std::abs(y) < 0.5 * scanner_.field_y_mm &&
-         block.field().sees(origin_block_, p_block) && eyes_see(block, p_block);
+         block.field().sees(origin_block_, p_block) && cameras_see(block, p_block);
 }
 
-bool ConcreteOptics::eyes_see(const ConcreteBlock& block, const Vec3& p_block) const {
+bool ConcreteOptics::cameras_see(const ConcreteBlock& block, const Vec3& p_block) const {
   if (effects_[Effect::shadow] == 0.0) return true;
   return std::all_of(eyes_block_.begin(), eyes_block_.end(),
                      [&](const Vec3& eye) { return block.field().sees(eye, p_block); });
@@ -102,7 +102,7 @@ Seen ConcreteOptics::look(const ConcreteBlock& block, std::size_t column, std::s
     if (from_fillet < 8.0 * kInterLength_mm)
       seen.nearer = static_cast<float>(kInter_mm * effects_[Effect::inter] * std::exp(-from_fillet / kInterLength_mm));
   }
-  if (!eyes_see(block, p)) seen.t = std::numeric_limits<float>::quiet_NaN();
+  if (!cameras_see(block, p)) seen.t = std::numeric_limits<float>::quiet_NaN();
   meet_clutter(block, along, seen);
   return seen;
 }
@@ -197,4 +197,4 @@ void ConcreteOptics::meet_clutter(const ConcreteBlock& block, const Vec3& along,
   seen.gloss = 0;
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

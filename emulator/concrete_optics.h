@@ -10,7 +10,7 @@
 #include "emulator/concrete_block.h"
 
 /// Geometry of the scanner: positions of cameras and projector, the ray of a pixel, and the point that it hits.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 /// The point that a pixel sees, without errors.
 struct Seen {
@@ -37,7 +37,7 @@ class ConcreteOptics {
   [[nodiscard]] Seen look(const ConcreteBlock& block, std::size_t column, std::size_t row, std::uint64_t random) const;
 
  private:
-  [[nodiscard]] bool eyes_see(const ConcreteBlock& block, const Vec3& p_block) const;
+  [[nodiscard]] bool cameras_see(const ConcreteBlock& block, const Vec3& p_block) const;
   void look_into(const ConcreteBlock& block, const Bore& bore, const Vec3& along, std::uint64_t random,
                  Seen& seen) const;
   void meet_clutter(const ConcreteBlock& block, const Vec3& along, Seen& seen) const;
@@ -52,4 +52,4 @@ class ConcreteOptics {
   std::array<double, 4> bend_{};      ///< deviation of rays from the even grid, share of the position by odd terms
 };
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -7,7 +7,7 @@
 #include <charconv>
 #include <optional>
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 struct Kind {
@@ -118,4 +118,4 @@ std::string defect_help() {
   return help;
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

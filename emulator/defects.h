@@ -10,7 +10,7 @@
 /// Planted faults, `name=K:VALUE` on the command line: block K is cast, placed or scanned wrongly by a known amount.
 /// Faults of the whole slab are written `name=VALUE`.
 /// Faults of the whole slab are written `name=VALUE`.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 enum class DefectKind : std::uint8_t {
   slope,
@@ -52,4 +52,4 @@ struct Defect {
 /// Help text: every kind with its unit, range and meaning, one per line.
 [[nodiscard]] std::string defect_help();
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -9,7 +9,7 @@
 #include <string>
 #include <thread>
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 double seconds(PlcClock::duration d) {
@@ -200,4 +200,4 @@ void stand_by(const StandBy& line, std::istream& in, std::ostream& out, const st
   while (!stop && std::getline(in, order)) out << obey(line, slab, order) << std::endl;
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

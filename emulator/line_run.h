@@ -16,7 +16,7 @@
 
 /// The line's program for one slab: SLAB_BEGIN, move and SCAN for each station, SLAB_END, wait for the verdict. It
 /// does the same as the PLC program of a real line, with emulated peers instead of the machines.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 struct SlabOrder {
   std::uint32_t slab_no = 0;
@@ -83,4 +83,4 @@ struct StandBy {
 /// Executes orders until the end of `in`, or until `stop` and one more line.
 void stand_by(const StandBy& line, std::istream& in, std::ostream& out, const std::atomic<bool>& stop);
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

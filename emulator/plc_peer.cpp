@@ -20,7 +20,7 @@
 #include "hal/hal.h"
 #include "hal/plc/plc_map.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 /// Register exchange between the emulated PLC and slabd. Either the PLC is the client of slabd's server (TCP or serial
@@ -486,4 +486,4 @@ void PlcPeer::disable() {
   impl_->write_control();
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

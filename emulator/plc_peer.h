@@ -18,7 +18,7 @@
 /// Rules for PLC programmers: the command number starts from CMD_ACK, never from memory; the session is read again
 /// after every refusal; a command without an answer is written again under the *same* number; a result is acknowledged
 /// only after it is stored; only VERDICT 1 is a pass.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 using PlcClock = std::chrono::steady_clock;
 
@@ -95,4 +95,4 @@ class PlcPeer {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -10,7 +10,7 @@
 
 #include "emulator/slab_scene.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 constexpr std::size_t kComponents = 6;  // x, y, z, about X, Y, Z
@@ -66,4 +66,4 @@ Pose RobotError::real(const Pose& T_base_flange, std::uint64_t visit) const {
           mean.translation_mm + traits_.repeat_mm * off};
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -9,7 +9,7 @@
 /// Error of a real robot's reported pose. One part repeats and changes smoothly with the position (geometry of the
 /// arm, "absolute accuracy"); the other is new at every visit (repeatability). A white error alone would average out
 /// over views, a smooth one does not: calibrations must be tested with both.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 struct RobotErrorTraits {
   std::uint64_t seed = 1;
@@ -45,4 +45,4 @@ class RobotError {
   std::vector<Wave> waves_;  ///< kWaves for each of the six components
 };
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

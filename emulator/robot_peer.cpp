@@ -23,7 +23,7 @@
 #include "base/base.h"
 #include "base/os.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 /// A KUKA controller's side of RSI: sends the small XML documents over UDP, with the faults of a bad network.
@@ -155,7 +155,8 @@ struct RobotPeer::Impl {
     while (!stop.stop_requested()) {
       const Shown shown = sample(random);
       if (rsi)
-        rsi->send(shown.T_base_flange, traits.base_id, traits.tool_id, shown.stands, milliseconds_now());
+        // A controller's counter advances by its cycle, however late this process sends.
+        rsi->send(shown.T_base_flange, traits.base_id, traits.tool_id, shown.stands, milliseconds_of(next));
       else
         publish(message_of(shown, sequence++), wire);
       next += period;
@@ -169,8 +170,8 @@ struct RobotPeer::Impl {
     // A lost datagram is not an error here: the receiver's gap check is part of the emulation.
     lcm_publish(lcm, traits.channel.c_str(), wire.data(), static_cast<unsigned>(wire.size()));
   }
-  [[nodiscard]] static std::int64_t milliseconds_now() {
-    return std::chrono::duration_cast<std::chrono::milliseconds>(SteadyClock::now().time_since_epoch()).count();
+  [[nodiscard]] static std::int64_t milliseconds_of(SteadyClock::time_point time) {
+    return std::chrono::duration_cast<std::chrono::milliseconds>(time.time_since_epoch()).count();
   }
 
   struct Shown {
@@ -260,4 +261,4 @@ Pose RobotPeer::pose() const {
   return impl_->place(impl_->progress());
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

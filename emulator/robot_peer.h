@@ -10,7 +10,7 @@
 /// The robot's half of the line, a thread. It publishes FLANGE_POSE over LCM as a KUKA bridge does, or sends RSI to
 /// such a bridge as the controller does, moving or at rest. While it moves, the "stopped" flag is clear. At rest the
 /// measured pose has an encoder tremor of a few micrometres.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 struct RobotTraits {
   std::string lcm_url;
@@ -49,4 +49,4 @@ class RobotPeer {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

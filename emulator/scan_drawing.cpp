@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 /// Standard normal deviates as 2^16 equally likely values, the quantiles of the distribution: one table look-up per
@@ -171,4 +171,4 @@ DrawnScan draw_scan(const BlockSurface& surface, const ScannerTraits& traits, st
   return drawn;
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

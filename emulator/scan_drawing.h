@@ -9,7 +9,7 @@
 #include "emulator/concrete_effects.h"
 
 /// Errors that the emulated scanner adds to a surface: noise, outliers and gaps.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 /// Correlation of the noise of two points of one scan over their distance; both shapes have fallen to 1/e at the
 /// correlation length along a row.
@@ -56,4 +56,4 @@ struct DrawnScan {
 /// Correlated noise of standard deviation 1 over the grid of `traits`, row by row. Stationary up to the edges.
 [[nodiscard]] std::vector<float> noise_field(const ScannerTraits& traits, std::uint64_t seed);
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

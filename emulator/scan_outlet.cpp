@@ -15,7 +15,7 @@
 #include "emulator/stream_gateway.h"
 #include "hal/hal.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 /// The scanner software's side of a drop directory: finds waiting requests and delivers answers to the inbox. Used by
@@ -170,8 +170,8 @@ class StreamOutlet final : public ScanOutlet {
   void give_up(const std::string&) override { waiting_.reset(); }
 
  private:
-  cli::StreamGateway gateway_;
-  std::optional<cli::StreamRequest> waiting_;
+  StreamGateway gateway_;
+  std::optional<StreamRequest> waiting_;
   std::vector<float> xyz_;
   std::size_t width_ = 0;
   std::size_t height_ = 0;
@@ -179,11 +179,14 @@ class StreamOutlet final : public ScanOutlet {
 
 }  // namespace
 
-Result<std::unique_ptr<ScanOutlet>> open_outlet(const daemon::Config& config, hal::ScanFormat format) {
-  if (config.scanner_backend == hal::ScannerBackend::tcp) {
-    const std::string_view host = config.stream.host.view();
-    return std::unique_ptr<ScanOutlet>(
-        std::make_unique<StreamOutlet>(std::string(host == "0.0.0.0" ? "127.0.0.1" : host), config.stream.port));
+Result<std::unique_ptr<ScanOutlet>> open_outlet(const config::Config& config, hal::ScanFormat format) {
+  switch (config.scanner_backend) {
+    case hal::ScannerBackend::tcp: {
+      const std::string_view host = config.stream.host.view();
+      return std::unique_ptr<ScanOutlet>(
+          std::make_unique<StreamOutlet>(std::string(host == "0.0.0.0" ? "127.0.0.1" : host), config.stream.port));
+    }
+    case hal::ScannerBackend::drop: break;
   }
   Result<DropAnswers> drop = DropAnswers::open(config.scanner.drop_dir.c_str());
   if (!drop) return drop.error();
@@ -191,4 +194,4 @@ Result<std::unique_ptr<ScanOutlet>> open_outlet(const daemon::Config& config, ha
       std::make_unique<DropOutlet>(std::move(drop.value()), config.scanner.form.unit, format));
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

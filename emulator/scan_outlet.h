@@ -10,7 +10,7 @@
 
 /// Receives requests and delivers scans of the emulated scanner: as files in a drop directory, or over TCP. Used by
 /// one thread.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 class ScanOutlet {
  public:
@@ -27,6 +27,6 @@ class ScanOutlet {
 
 /// Opens the outlet of the daemon's configuration; `format`: format of dropped files. Code::scanner_offline if the
 /// drop directory cannot be used. The connection is retried if the daemon does not listen yet.
-[[nodiscard]] Result<std::unique_ptr<ScanOutlet>> open_outlet(const daemon::Config& config, hal::ScanFormat format);
+[[nodiscard]] Result<std::unique_ptr<ScanOutlet>> open_outlet(const config::Config& config, hal::ScanFormat format);
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -12,7 +12,7 @@
 
 #include "emulator/block_drawing.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 using namespace std::chrono_literals;
@@ -56,14 +56,14 @@ struct ScannerPeer::Impl {
   std::uint64_t drawn_slab = 0;
   int drawn_station = 0;  ///< station of drawn_slab whose scan is prepared; 0: none
   // For a faulty scanner: the data from which a scan is drawn again.
-  struct Take {
+  struct ScanOrder {
     Job job;
     int station = 0;
     std::uint64_t seed = 0;
   };
-  std::vector<Take> recorded;  ///< for fault `loop`
+  std::vector<ScanOrder> recorded;  ///< for fault `loop`
   std::size_t given = 0;
-  std::optional<Take> last_frame;  ///< for fault `frame_before`
+  std::optional<ScanOrder> last_frame;  ///< for fault `frame_before`
 
   std::jthread thread;  // last member: joined before the others are destroyed
 
@@ -89,9 +89,9 @@ struct ScannerPeer::Impl {
       return false;
     }
     if (station == fault.given_again && !last_exposure.empty()) return put_again(station);
-    return draw(Take{now, station, derived_seed(now.slab->scan_seed, k, ++scans[k])});
+    return draw(ScanOrder{now, station, derived_seed(now.slab->scan_seed, k, ++scans[k])});
   }
-  bool draw(const Take& take) {
+  bool draw(const ScanOrder& take) {
     const Job& now = take.job;
     const int station = take.station;
     const std::uint64_t seed = take.seed;
@@ -134,14 +134,14 @@ struct ScannerPeer::Impl {
   }
 
   /// The take that a faulty scanner delivers.
-  Take faulty_take(const Job& now) {
+  ScanOrder faulty_order(const Job& now) {
     const int station = fault.one_block != 0 ? fault.one_block : now.station;
     if (drawn_slab != now.slab_count) scans.fill(0);
     drawn_slab = now.slab_count;
     const auto k = static_cast<std::size_t>(station);
-    Take take{now, station, derived_seed(now.slab->scan_seed, k, ++scans[k])};
+    ScanOrder take{now, station, derived_seed(now.slab->scan_seed, k, ++scans[k])};
     if (fault.frame_before) {
-      const Take held = last_frame.value_or(take);
+      const ScanOrder held = last_frame.value_or(take);
       last_frame = take;
       return held;
     }
@@ -156,7 +156,7 @@ struct ScannerPeer::Impl {
   void answer(const std::string& name, const Job& now) {
     if (is_faulty()) {
       const bool there = now.station >= 1 && now.station <= now.slab->stations && fault.one_block <= now.slab->stations;
-      drawn_station = there && draw(faulty_take(now)) ? now.station : 0;
+      drawn_station = there && draw(faulty_order(now)) ? now.station : 0;
       if (drawn_station == 0) {
         outlet->give_up(name);
         return;
@@ -277,4 +277,4 @@ std::string ScannerPeer::trouble() const {
   return impl_->trouble;
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -17,7 +17,7 @@
 ///
 /// Drawing and writing a scan takes longer than delivering it, so the next station's scan is prepared while the daemon
 /// measures. A request without a prepared scan is drawn at once.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 /// Faults of scanner programs that deliver a scan other than the requested one.
 struct ScannerFault {
@@ -55,4 +55,4 @@ class ScannerPeer {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -3,7 +3,7 @@
 
 #include "base/dither.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 // Scatter of a good casting: about a quarter of the tolerances, so that a slab without planted defects passes with
@@ -248,4 +248,4 @@ double true_slab_value(const Recipe& recipe, const SlabTruth& slab, ItemId id, i
   }
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -13,7 +13,7 @@
 
 /// One slab on the emulated line: its truth and the poses that the robot reports, determined by a seed before the
 /// first scan. The data does not change while the line runs, so peers read it from their threads without locks.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 /// Random part of a slab, uniform within the given amplitudes.
 struct SlabVariation {
@@ -86,4 +86,4 @@ struct Cell {
 /// Seed of an independent random stream for one purpose: the same (seed, a, b) always gives the same stream.
 [[nodiscard]] std::uint64_t derived_seed(std::uint64_t seed, std::uint64_t a, std::uint64_t b);
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 constexpr double kNever = std::numeric_limits<double>::infinity();
@@ -129,4 +129,4 @@ void Picture::draw(const Solids& solids) {
   for (const Ball& ball : solids.balls) draw_thing(*this, ball, {ball});
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

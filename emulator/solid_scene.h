@@ -7,7 +7,7 @@
 
 /// Balls, posts and plates, and their first intersection with a ray. For scenes that are built in one frame and viewed
 /// from another.
-namespace slabd::simulate {
+namespace slabd::emulator {
 
 struct Ball {
   Vec3 centre_mm;
@@ -60,4 +60,4 @@ struct Picture {
   void draw(const Solids& solids_scanner);
 };
 
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -16,7 +16,7 @@
 
 #include "hal/scan/scan_stream.h"
 
-namespace slabd::cli {
+namespace slabd::emulator {
 namespace {
 
 using nlohmann::json;
@@ -127,7 +127,7 @@ Status StreamGateway::answer(const StreamRequest& request, std::span<const float
   header.first = is_begun && request.have_points < header.count ? request.have_points : 0;
   begun_ = request.name();
   utime_us_ = utime_us;
-  went_on_from_ = header.first;
+  resumed_from_ = header.first;
   const std::size_t end = std::min<std::size_t>(xyz.size() / 3, cut_after_points);
   const hal::ScanHeaderBytes bytes = hal::encode_scan_header(header);
   const std::size_t begin = std::min<std::size_t>(header.first, end);
@@ -151,4 +151,4 @@ Status StreamGateway::answer(const StreamRequest& request, std::span<const float
   return error(Code::scanner_offline, open ? "slabd did not answer the scan" : "the connection was lost");
 }
 
-}  // namespace slabd::cli
+}  // namespace slabd::emulator

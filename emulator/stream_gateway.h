@@ -10,7 +10,7 @@
 #include "base/result.h"
 
 /// The scanner's side of a scan stream (docs/DELIVERY.md): the smallest form of a vendor's gateway. Used by one thread.
-namespace slabd::cli {
+namespace slabd::emulator {
 
 struct StreamRequest {
   std::uint16_t session = 0;
@@ -39,7 +39,7 @@ class StreamGateway {
                               std::size_t height, std::int64_t utime_us, std::size_t cut_after_points = SIZE_MAX,
                               bool emulated = false);
   /// First point sent by the last answer; 0: the whole scan was sent.
-  [[nodiscard]] std::uint32_t went_on_from() const { return went_on_from_; }
+  [[nodiscard]] std::uint32_t resumed_from() const { return resumed_from_; }
   void close();
 
  private:
@@ -52,7 +52,7 @@ class StreamGateway {
   std::string text_;           ///< received and not yet parsed
   std::string begun_;          ///< name of the request whose scan was last sent, whole or in part
   std::int64_t utime_us_ = 0;  ///< time of that scan
-  std::uint32_t went_on_from_ = 0;
+  std::uint32_t resumed_from_ = 0;
 };
 
-}  // namespace slabd::cli
+}  // namespace slabd::emulator

@@ -11,7 +11,7 @@
 #include "report/figures.h"
 #include "report/slab_view.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 struct Largest {
@@ -70,4 +70,4 @@ std::optional<Table> budget_table(const storage::SlabRecord& record, Language la
   return table;
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

@@ -7,7 +7,7 @@
 
 #include "report/say.h"
 
-namespace slabd::cli {
+namespace slabd::report {
 namespace {
 
 std::string known(double value, int decimals, report::Language language) {
@@ -41,4 +41,4 @@ std::string scanner_source(const SlabHeader& slab, const std::optional<ScannerNu
              known(verified->noise_correlation_mm, 2, language));
 }
 
-}  // namespace slabd::cli
+}  // namespace slabd::report

@@ -10,7 +10,7 @@
 #include "report/words.h"
 
 /// Text of an item's uncertainty budget.
-namespace slabd::cli {
+namespace slabd::report {
 
 [[nodiscard]] bool has_budget(const Item& item);
 
@@ -22,4 +22,4 @@ namespace slabd::cli {
 [[nodiscard]] std::string scanner_source(const SlabHeader& slab, const std::optional<ScannerNumbers>& verified,
                                          report::Language language);
 
-}  // namespace slabd::cli
+}  // namespace slabd::report

@@ -11,7 +11,7 @@
 #include <memory>
 #include <numbers>
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 constexpr double kMmPerPoint = 25.4 / 72.0;
@@ -277,4 +277,4 @@ void Canvas::move_origin(double x, double y) {
   cairo_translate(context_, x, y);
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

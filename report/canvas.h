@@ -12,7 +12,7 @@
 using cairo_t = struct _cairo;
 
 /// Drawing operations of a report: millimetres, x to the right, y down, the same code for PDF, SVG and PNG.
-namespace slabd::cli::report {
+namespace slabd::report {
 
 struct Colour {
   double r = 0.0;
@@ -78,4 +78,4 @@ class Canvas {
   cairo_t* context_;
 };
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

@@ -9,7 +9,7 @@
 #include "base/plc.h"
 #include "report/words.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 struct CodeWords {
@@ -87,7 +87,7 @@ constexpr std::array<std::pair<std::uint16_t, std::string_view>, 15> kWarningsZh
     {kWarnCheckOverdue, "参考块或监测球的检查已逾期（slabctl calibrate check）"},
     {kWarnStationsNotCorrected, "有检测位未经修正测量；不确定度取决于机器人精度"},
     {kWarnScannerNotVerified, "扫描仪未经验证：从未验证、已过期或超出限值（slabctl scanner verify）"},
-    {kWarnHandednessUnproven, "扫描仪坐标系的手性未经证实：尚未启用标定"},
+    {kWarnHandednessUnproven, "扫描仪坐标系的手性未经证实：现用标定没有证明手性的视图"},
     {kWarnRecipesDiffer, "配方文件夹与正在使用的配方不一致"},
     {kWarnEmulation, "仿真：机器人或扫描仪不是真实设备"},
     {kWarnStopsAlike, "机器人在相邻承轨台上的停位相同，位姿无法证明扫描属于哪个承轨台"},
@@ -138,4 +138,4 @@ std::string_view state_word(std::string_view state, Language language) {
   return state;
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

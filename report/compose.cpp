@@ -13,7 +13,7 @@
 #include "report/json.h"
 #include "report/slab_view.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 using storage::SlabBlock;
@@ -451,4 +451,4 @@ Report compose(const SlabPicture& picture, const Choice& choice) {
   return Composer(picture, choice).compose();
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

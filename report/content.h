@@ -15,7 +15,7 @@
 #include "storage/storage.h"
 
 /// Content of a report, independent of the medium. Pages (PDF, SVG, PNG) and HTML lay it out.
-namespace slabd::cli::report {
+namespace slabd::report {
 
 struct Paragraph {
   std::string text;
@@ -134,4 +134,4 @@ class Pages {
 /// One drawing as an SVG element whose ids begin with `prefix`.
 [[nodiscard]] std::string svg_of(const Figure& figure, const std::string& prefix);
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

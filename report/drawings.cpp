@@ -9,7 +9,7 @@
 #include "report/figures.h"
 #include "report/slab_view.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 std::uint32_t argb_of(Colour c) {
@@ -59,13 +59,13 @@ void draw_axes(Canvas& canvas, const Frame& frame, double tick_mm) {
   const TextStyle small{5.5, false, kGrey, Anchor::centre};
   for (double at = -std::floor(0.5 * frame.mm_wide / tick_mm) * tick_mm; at <= 0.5 * frame.mm_wide; at += tick_mm) {
     canvas.line(frame.x(at), frame.top + frame.height, frame.x(at), frame.top + frame.height + 0.8, 0.12);
-    canvas.text(frame.x(at), frame.top + frame.height + 3.0, figure(at, 0), small);
+    canvas.text(frame.x(at), frame.top + frame.height + 3.0, report::figure(at, 0), small);
   }
   TextStyle right = small;
   right.anchor = Anchor::right;
   for (double at = -std::floor(0.5 * frame.mm_high / tick_mm) * tick_mm; at <= 0.5 * frame.mm_high; at += tick_mm) {
     canvas.line(frame.left - 0.8, frame.y(at), frame.left, frame.y(at), 0.12);
-    canvas.text(frame.left - 1.2, frame.y(at) + 0.7, figure(at, 0), right);
+    canvas.text(frame.left - 1.2, frame.y(at) + 0.7, report::figure(at, 0), right);
   }
 }
 
@@ -80,7 +80,7 @@ void draw_scale(Canvas& canvas, double x, double top, double height, double scal
   for (const double share : {1.0, 0.5, 0.0, -0.5, -1.0}) {
     const double y = top + 0.5 * height * (1.0 - share);
     canvas.line(x + 2.6, y, x + 3.3, y, 0.12);
-    canvas.text(x + 3.8, y + 0.7, fmt::format("{}{}", share > 0.0 ? "+" : "", figure(share * scale_mm, digits)),
+    canvas.text(x + 3.8, y + 0.7, fmt::format("{}{}", share > 0.0 ? "+" : "", report::figure(share * scale_mm, digits)),
                 {5.5, false, kBlack, Anchor::left});
   }
 }
@@ -115,7 +115,7 @@ Figure map_figure(const std::optional<DrawnMap>& map, double scale_mm, Word titl
     high = std::max(high, static_cast<double>(height));
   }
   figure.alt = fmt::format("{}, {}: {} .. {} mm", fmt::format(fmt::runtime(word(Word::block, language)), station),
-                           word(title, language), cli::figure(low, 3), cli::figure(high, 3));
+                           word(title, language), report::figure(low, 3), report::figure(high, 3));
   figure.draw = [&map = *map, scale_mm, language, over](Canvas& canvas) {
     Frame frame;
     frame.mm_wide = map.cell_mm * static_cast<double>(map.columns);
@@ -357,7 +357,7 @@ Figure seats_figure(const storage::SlabRecord& record, Language language) {
     if (block->block.seat.plane.ok) bars[i].std_mm = block->block.seat.plane.std_mm;
     if (flatness != nullptr) bars[i].limit_mm = flatness->upper;
     figure.alt +=
-        fmt::format(" {}: {}, {}.", i + 1, cli::figure(bars[i].flatness_mm, 3), cli::figure(bars[i].std_mm, 3));
+        fmt::format(" {}: {}, {}.", i + 1, report::figure(bars[i].flatness_mm, 3), report::figure(bars[i].std_mm, 3));
   }
   figure.draw = [bars, language](Canvas& canvas) {
     const auto panel = [&](double top, Word title, double Bar::*value, Colour colour, bool with_limit) {
@@ -373,7 +373,7 @@ Figure seats_figure(const storage::SlabRecord& record, Language language) {
       const double bottom = top + kHeight + 4.0;
       canvas.text(0.0, top + 2.0,
                   has_value(limit) ? fmt::format("{} ({} <= {} mm)", word(title, language),
-                                                 word(Word::limits, language), cli::figure(limit, 3))
+                                                 word(Word::limits, language), report::figure(limit, 3))
                                    : std::string(word(title, language)),
                   {6.8, true, kBlack, Anchor::left});
       const double pitch = 170.0 / static_cast<double>(bars.size());
@@ -389,13 +389,14 @@ Figure seats_figure(const storage::SlabRecord& record, Language language) {
         const bool beyond = has_value(limit) && height > limit;
         canvas.rectangle(x + 0.16 * pitch, bottom - tall, 0.68 * pitch, tall,
                          beyond ? look_of(Verdict::fail).fill : colour, kBlack, 0.1);
-        canvas.text(x + 0.5 * pitch, bottom - tall - 0.8, cli::figure(height, 3), {5.5, false, kBlack, Anchor::centre});
+        canvas.text(x + 0.5 * pitch, bottom - tall - 0.8, report::figure(height, 3),
+                    {5.5, false, kBlack, Anchor::centre});
       }
       canvas.line(9.0, bottom, 179.0, bottom, 0.2);
       if (has_value(limit)) {
         const double y = bottom - kHeight * limit / top_value;
         canvas.line(9.0, y, 179.0, y, 0.35, look_of(Verdict::fail).fill, true);
-        canvas.text(8.2, y + 0.8, cli::figure(limit, 3), {5.5, false, look_of(Verdict::fail).fill, Anchor::right});
+        canvas.text(8.2, y + 0.8, report::figure(limit, 3), {5.5, false, look_of(Verdict::fail).fill, Anchor::right});
       }
     };
     panel(0.0, Word::flatness, &Bar::flatness_mm, {0.36, 0.53, 0.72}, true);
@@ -404,4 +405,4 @@ Figure seats_figure(const storage::SlabRecord& record, Language language) {
   return figure;
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

@@ -9,7 +9,7 @@
 
 #include "report/say.h"
 
-namespace slabd::cli {
+namespace slabd::report {
 namespace {
 
 /// Enough decimals to distinguish a failed value from the limit it exceeds. With six extra decimals the difference is
@@ -95,4 +95,4 @@ std::string flatness_operator(double cell_mm, const SeatFeature& seat, report::L
   return text;
 }
 
-}  // namespace slabd::cli
+}  // namespace slabd::report

@@ -9,7 +9,7 @@
 #include "report/words.h"
 
 /// Number formats of the terminal and all reports, defined once so that they agree.
-namespace slabd::cli {
+namespace slabd::report {
 
 /// Decimals shown: a micrometre, a ten-thousandth of a degree.
 [[nodiscard]] int decimals(ItemUnit unit);
@@ -42,4 +42,4 @@ namespace slabd::cli {
 inline constexpr std::string_view kNotVisible =
     "not visible to the block scans: length, width, thickness, bottom of the slab";
 
-}  // namespace slabd::cli
+}  // namespace slabd::report

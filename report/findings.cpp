@@ -9,7 +9,7 @@
 #include "report/figures.h"
 #include "report/slab_view.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 using storage::SlabBlock;
@@ -165,4 +165,4 @@ bool is_objected(const std::vector<Finding>& findings, int station) {
   });
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

@@ -11,7 +11,7 @@
 /// Objections to a stored slab, in the order in which people decide: damage, which a person can check at once, then
 /// failed items, then what was not measured, then undecided items. Equal objections to several blocks are one entry, so
 /// that a partial slab has a few sentences and not one for each item.
-namespace slabd::cli::report {
+namespace slabd::report {
 
 struct Finding {
   Verdict verdict = Verdict::none;
@@ -29,4 +29,4 @@ struct Finding {
 /// True if the block has an objection of its own, so that its evidence belongs into the report.
 [[nodiscard]] bool is_objected(const std::vector<Finding>& findings, int station);
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

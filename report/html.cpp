@@ -9,7 +9,7 @@
 #include "base/durable.h"
 #include "report/content.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 constexpr std::string_view kStyle = R"(
@@ -209,4 +209,4 @@ Status write_html(const Report& report, const std::string& path) {
   return out.close();
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

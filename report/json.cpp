@@ -13,7 +13,7 @@
 #include "report/budget_text.h"
 #include "report/figures.h"
 
-namespace slabd::cli {
+namespace slabd::report {
 namespace {
 
 /// Escapes control characters (base/plain_text.h), so that JSON printed to a terminal cannot control it.
@@ -249,4 +249,4 @@ void write_time(Json& json, std::string_view name, std::int64_t utime_us) {
   json.field(name, only_if(utime_us != 0, iso_time(utime_us)));
 }
 
-}  // namespace slabd::cli
+}  // namespace slabd::report

@@ -18,7 +18,7 @@
 
 /// JSON as slabctl prints it, written front to back: keys are in the order of the calls and stay in that order between
 /// releases. Numbers have all digits; NaN and infinity become null.
-namespace slabd::cli {
+namespace slabd::report {
 
 class Json {
  public:
@@ -168,4 +168,4 @@ void write_emulation(Json& json, std::uint8_t bits);
 void write_time(Json& json, std::string_view name, std::int64_t utime_us);
 [[nodiscard]] std::string iso_time(std::int64_t utime_us);
 
-}  // namespace slabd::cli
+}  // namespace slabd::report

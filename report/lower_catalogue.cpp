@@ -6,7 +6,7 @@
 
 #include "report/say.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 constexpr auto kLowerCatalogue = std::to_array<Translation>({
@@ -28,7 +28,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
      "相邻点的噪声相关（{}，无滤波时为 3）：扫描经过平滑，错误的点会变成凸起"},
     {"switch off the filters of the scanner's program", "请关闭扫描软件的滤波"},
     // the daemon's status
-    {"the robot says that they are not measured (flags, bit 0): where it was told to go is not where it is",
+    {"they are commanded, not measured (flags, bit 0): commanded poses differ from the real ones",
      "机器人报告位姿不是实测值（flags，位 0）：指令位置不等于实际位置"},
     {"the robot does not say \"stopped\" (flags, bit 1), as it did before: no scan begins until it does",
      "机器人不再报告“停止”（flags，位 1）：在其报告之前不开始扫描"},
@@ -36,12 +36,13 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
      "that do not reach {} mm cannot tell them apart, and a slab begun under the wrong type is not noticed",
      "{} 与 {} 的承轨台相同，只有板端不同（距最外侧承轨台 {} 和 {} mm）：未达到 {} mm "
      "的扫描无法区分，也不会发现板型给错"},
-    {"{} and {} have the same blocks and slab ends: no scan tells them apart, and a slab begun under the wrong type is "
+    {"{} and {} have the same blocks and slab ends: no scan distinguishes them, and a slab begun under the wrong type "
+     "is "
      "not noticed",
      "{} 与 {} 的承轨台和板端均相同：任何扫描都无法区分，也不会发现板型给错"},
     {"stop one of the two daemons, or give each a folder of its own",
      "停止其中一个守护进程，或为每个守护进程指定各自的文件夹"},
-    {"this one goes on by itself", "本守护进程会自动继续"},
+    {"this one continues by itself", "本守护进程会自动继续"},
     // the next view (calib/coverage)
     {"tilt {} deg {} (the scanner looks towards base {}), roll {} deg, {} in the {} of the view (x {}, y {}, {} mm "
      "from the scanner)",
@@ -78,8 +79,6 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"no shot was taken", "没有采集扫描"},
     {"scan the ball", "请扫描球"},
     {"shot {} of {}: {}", "第 {} 次扫描（共 {} 次）：{}"},
-    {"{} shots scatter by {} mm per axis, allowed is {}; shot {} lies {} mm off the mean",
-     "{} 次扫描每轴离散 {} mm，允许 {}；第 {} 次偏离平均值 {} mm"},
     {"wait until the robot has settled, check that ball and post are tight, shade lamps, and take the shots again",
      "等待机器人静止，检查球和立柱是否紧固，遮挡灯光，然后重新扫描"},
     {"the certificate's own uncertainty ({} mm, k = 2) covers it", "证书自身的不确定度（{} mm，k = 2）包含这一偏差"},
@@ -101,6 +100,8 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
      "清洁球，重新喷涂，并检定喷涂后的有效半径"},
     {"check the scanner's own calibration if every ball shows this deviation",
      "如果每个球都如此，请检查扫描仪自身的校准"},
+    {"{} of {} balls were accepted; another at ({}, {}, {}): {}",
+     "{1} 个球中接受 {0} 个；另一个位于 ({2}, {3}, {4})：{5}"},
     {"{} points on the cap, needed are {}", "球冠上有 {} 个点，需要 {} 个"},
     {"move nearer, scan at full resolution, take a larger ball, or expose longer on a matt ball",
      "靠近一些，用全分辨率扫描，换用更大的球，或对哑光球延长曝光"},
@@ -138,8 +139,6 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"cover or remove the others, or state how many there are", "遮盖或移走其他球，或给出球的个数"},
     {"{} of {} balls of radius {} mm were found", "找到 {1} 个半径 {2} mm 的球中的 {0} 个"},
     {"move all balls into the picture and clear what hides them", "把所有球移入图像，并清除遮挡物"},
-    {"{} of {} balls were accepted; another at ({}, {}, {}): {}",
-     "{1} 个球中接受 {0} 个；另一个位于 ({2}, {3}, {4})：{5}"},
     // a view of an artefact (calib/ball/artefact)
     {"use a certificate of an artefact whose balls can be distinguished", "请使用各球可以区分的标定目标的证书"},
     {"{} balls were accepted, the artefact {} has {}", "接受了 {} 个球，标定目标 {} 有 {} 个"},
@@ -154,8 +153,6 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
      "减小允许的距离差，或使用不那么规则的标定目标"},
     {"no pose follows from these balls: their uncertainty is not known", "由这些球不能得到位姿：其不确定度未知"},
     {"scan again", "重新扫描"},
-    {"ball {} lies {} mm from its certified place, allowed is {} (distances are off by up to {} mm, scale {} ppm)",
-     "球 {} 距其检定位置 {} mm，允许 {}（距离最多相差 {} mm，尺度 {} ppm）"},
     {"the distances are all too long or too short: have the scanner's scale checked, and the temperature",
      "所有距离都偏长或偏短：请检查扫描仪的尺度和温度"},
     {"check that the balls are clean and tight on their frame, and the date of the certificate",
@@ -164,7 +161,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"the shots scatter by {} mm per axis, limit {} mm", "各次扫描每轴离散 {} mm，限值 {} mm"},
     {"wait until the robot has settled, tighten artefact and stand, scan again",
      "等待机器人静止，紧固标定目标和支架，重新扫描"},
-    {"the flange stands where it stood for view {} ({} mm, {} deg away)", "法兰位姿与视图 {} 相同（相差 {} mm、{}°）"},
+    {"the flange is where it was for view {} ({} mm, {} deg away)", "法兰位姿与视图 {} 相同（相差 {} mm、{}°）"},
     {"drive to another pose; if the pose is a slip, give the scan again with the right one; several shots of one pose "
      "are one view: --scan a.ply --scan b.ply; to have this view instead, drop the other one and capture this again",
      "移动到另一位姿；如果位姿给错，用正确的位姿重新给出该扫描；同一位姿的多次扫描是一个视图：--scan a.ply --scan "
@@ -391,6 +388,135 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"calibrated in session {}", "在标定会话 {} 中标定"},
     {"adopted from {}", "采用自 {}"},
     {"newly measured", "新测量"},
+
+    {"{} shots scatter by {} mm per axis, allowed is {}; shot {} is {} mm off the mean",
+     "{} 次扫描每轴离散 {} mm，允许 {}；第 {} 次偏离平均值 {} mm"},
+    {"ball {} is {} mm from its certified place, allowed is {} (distances are off by up to {} mm, scale {} ppm)",
+     "球 {} 距其检定位置 {} mm，允许 {}（距离最多相差 {} mm，尺度 {} ppm）"},
+
+    // the certificate of an artefact (calib/ball/artefact)
+    {"{}: {} balls: an artefact has {} to {}", "{}：{} 个球：标定目标有 {} 至 {} 个球"},
+    {"{}: balls {} and {} are {} mm apart, less than their diameter", "{}：球 {} 与 {} 相距 {} mm，小于其直径"},
+    {"{}: the balls lie on a line within {} mm: one must be at least {} mm off it, or the frame can turn about that "
+     "line",
+     "{}：各球在 {} mm 以内位于一条直线上：必须有一个球离该直线至少 {} mm，否则坐标系绕该直线的转角不能确定"},
+    {"{}: balls {} and {} cannot be distinguished by their distances: distances must differ by more than {} mm",
+     "{}：球 {} 与 {} 不能用距离区分：各距离之差必须大于 {} mm"},
+    {"{}:{}: date '{}': must be a day as YYYY-MM-DD", "{}:{}：date '{}'：必须是 YYYY-MM-DD 形式的日期"},
+    {"{}:{}: {} must be 1 to {} characters", "{}:{}：{} 必须是 1 至 {} 个字符"},
+    {"{}:{}: {} holds control characters", "{}:{}：{} 含有控制字符"},
+    {"{}:{}: ball must be three coordinates x y z in mm, each within +-{}",
+     "{}:{}：ball 必须是三个坐标 x y z，单位 mm，每个在 ±{} 以内"},
+    {"{}:{}: ball must be three coordinates x y z in mm and nothing after them",
+     "{}:{}：ball 必须是三个坐标 x y z，单位 mm，其后不能有其他内容"},
+    {"{}:{}: an artefact has at most {} balls", "{}:{}：标定目标最多有 {} 个球"},
+
+    // files of keys (calib/key_lines, station_text)
+    {"{}:{}: 'key = value' expected", "{}:{}：应为 'key = value'"},
+    {"{}:{}: a quote is not closed", "{}:{}：引号没有闭合"},
+    {"{}:{}: {} is given twice", "{}:{}：{} 给出了两次"},
+    {"{}: the key {} is missing", "{}：缺少键 {}"},
+    {"{}:{}: {} must be 1 to 64 characters, between quotes where it holds blanks",
+     "{}:{}：{} 必须是 1 至 64 个字符，含空格时加引号"},
+    {"{}:{}: {} must be a day as YYYY-MM-DD", "{}:{}：{} 必须是 YYYY-MM-DD 形式的日期"},
+    {"{}:{}: {} must be a number within {} .. {}", "{}:{}：{} 必须是 {} .. {} 以内的数"},
+    {"{}:{}: {} holds \"{}\", expected a number within +-{}", "{}:{}：{} 含有 \"{}\"，应为 ±{} 以内的数"},
+    {"{}:{}: {} must begin with its station, 1..18", "{}:{}：{} 必须以检测位 1..18 开头"},
+    {"{}:{}: {} must be: station, x y z, the normal's three components, three of the direction from the inner to the "
+     "outer casing",
+     "{}:{}：{} 必须是：检测位、x y z、法向量的三个分量、从内侧套管到外侧套管方向的三个分量"},
+    {"{}:{}: {} is a second entry of its station", "{}:{}：{} 的检测位已有一项"},
+    {"{}:{}: {} has directions that are not of length 1 within 0.001", "{}:{}：{} 的方向向量长度与 1 相差超过 0.001"},
+    {"{}:{}: {} has a direction that is not parallel to the seat: it must be at right angles to the normal",
+     "{}:{}：{} 的方向与承轨面不平行：它必须与法向量垂直"},
+    {"{}:{}: {} must be: station, x y z", "{}:{}：{} 必须是：检测位、x y z"},
+    {"{}:{}: {} belongs to a station that has a seat; it has one or the other",
+     "{}:{}：{} 所在的检测位已有承轨面；只能有承轨面或球之一"},
+    {"{}:{}: {} is more than eight balls at its station", "{}:{}：{} 使其检测位超过八个球"},
+    {"{}: station {} has {} balls, it needs {}", "{}：检测位 {} 有 {} 个球，需要 {} 个"},
+    {"{}: the balls of station {} are too near to each other or to a line: spread them over 100 mm both ways",
+     "{}：检测位 {} 的球彼此太近或太接近一条直线：请使其在两个方向上分布在 100 mm 以上"},
+    {"{}: frame is \"{}\", allowed are slab and base", "{}：frame 为 \"{}\"，允许 slab 和 base"},
+    {"{}: no station is certified: it needs lines 'seat = ...' or 'ball = ...'",
+     "{}：没有检定任何检测位：需要 'seat = ...' 或 'ball = ...' 行"},
+    {"{}:{}: {} must be: round, id of the hand-eye calibration in force then",
+     "{}:{}：{} 必须是：轮次、当时生效的手眼标定的编号"},
+    {"{}:{}: {} names a round that another line names", "{}:{}：{} 的轮次已在另一行中给出"},
+    {"{}:{}: {} must begin with station (1..18) and round", "{}:{}：{} 必须以检测位（1..18）和轮次开头"},
+    {"{}:{}: {} must be: station, round, x y z qw qx qy qz, then three to eight points x y z",
+     "{}:{}：{} 必须是：检测位、轮次、x y z qw qx qy qz，然后是三至八个点 x y z"},
+    {"{}:{}: {} has a quaternion (qw qx qy qz) that is not of length 1 within 0.001",
+     "{}:{}：{} 的四元数（qw qx qy qz）长度与 1 相差超过 0.001"},
+    {"{}:{}: {} names a round that has no visit", "{}:{}：{} 的轮次没有测量"},
+    {"{}: no visits: it needs lines 'visit = ...'", "{}：没有测量：需要 'visit = ...' 行"},
+
+    // station corrections (calib/stations)
+    {"station {}, {}: {} points were seen, {} are certified", "检测位 {}，{}：看到 {} 个点，证书中有 {} 个"},
+    {"give the visits the points of the certificate, in its order", "请使测量包含证书中的各点，顺序相同"},
+    {"station {} has {} visits, it needs {}", "检测位 {} 有 {} 次测量，需要 {} 次"},
+    {"let the robot measure another round, or leave the station out of the certificate: it is then not corrected",
+     "让机器人再测量一轮，或从证书中去掉该检测位：该检测位则不修正"},
+    {"station {} was visited, but certificate {} does not have it", "检测位 {} 有测量，但证书 {} 中没有该检测位"},
+    {"leave out its visits, or use the certificate that has it", "去掉其测量，或使用包含该检测位的证书"},
+    {"station {} has two visits of one round, {}", "检测位 {} 在同一轮（{}）中有两次测量"},
+    {"station {}: {} and {} are one visit", "检测位 {}：{} 与 {} 是同一次测量"},
+    {"give every round once, with its own name; the names identify repeated rounds",
+     "每一轮只给出一次，使用各自的名称；重复的轮次由名称识别"},
+    {"station {}, {}: the robot reported a pose {} mm and {} deg from the mean of the visits, allowed are {} mm and {} "
+     "deg",
+     "检测位 {}，{}：机器人报告的位姿与各次测量的平均值相差 {} mm、{}°，允许 {} mm、{}°"},
+    {"run the taught program unchanged on every round, and leave out the visit that differs",
+     "每一轮都运行不变的示教程序，并去掉不一致的测量"},
+    {"station {}, {}: its hand-eye calibration{} and the one in force put the seat {} mm and {} deg apart, more than "
+     "both are uncertain by ({} mm, {} deg): the scanner has moved on the flange",
+     "检测位 {}，{}：按其手眼标定{} 与现在生效的手眼标定，承轨面相差 {} mm、{}°，超过两者的不确定度（{} "
+     "mm、{}°）：扫描仪在法兰上移动过"},
+    {"these visits were measured with the scanner in another place: put the mastered slab into the cell again and have "
+     "the line inspect it five times with the hand-eye calibration in force",
+     "这些测量进行时扫描仪在另一位置：请把标准板重新放入工作站，让生产线用生效的手眼标定检测五次"},
+    {"the position of the mastered slab cannot be found from {} stations that spread {} mm across; it takes {} that "
+     "spread {} mm",
+     "由 {} 个横向分布 {} mm 的检测位不能得到标准板的位置；需要 {} 个分布 {} mm 的检测位"},
+    {"master stations of both rows, or use a certificate in the base frame (frame = base)",
+     "测量两排的检测位，或使用基坐标系中的证书（frame = base）"},
+    {"the visits agree to {} mm and {} rad: no robot does, they are one visit given several times",
+     "各次测量相差仅 {} mm、{} rad：没有机器人能做到，是同一次测量给出了多次"},
+    {"give five different rounds; what repeats is then known from them", "请给出五个不同的轮次；由此可得出重复性"},
+    {"{}: all its stations are off by {} mm in the same direction, allowed are {} mm",
+     "{}：其所有检测位向同一方向偏移 {} mm，允许 {} mm"},
+    {"the mastered slab must not move between the first round and the last: leave this round out and measure another "
+     "one",
+     "标准板从第一轮到最后一轮不得移动：请去掉这一轮，另测一轮"},
+    {"station {}: its {} visits scatter by {} mm per axis, allowed are {} mm; furthest from the others is {} with {} "
+     "mm",
+     "检测位 {}：其 {} 次测量每轴离散 {} mm，允许 {} mm；与其他测量相差最大的是 {}，为 {} mm"},
+    {"repeat the visit that differs from the others; if none does, the robot does not repeat well enough here: same "
+     "payload, approach and speed every time, warmed up, nothing loose",
+     "重新进行与其他不一致的那次测量；如果没有这样的测量，则机器人在此处的重复性不够：每次使用相同的负载、接近方向和速"
+     "度，先预热，检查有无松动"},
+    {"station {}: certified and measured points differ by {} mm after the correction, allowed are {} mm",
+     "检测位 {}：修正后检定点与测量点相差 {} mm，允许 {} mm"},
+    {"compare the certificate with the artefact: order and numbers of its points, its directions",
+     "将证书与实物核对：各点的顺序和数值，以及方向"},
+    {"station {}: the correction would move the seat by {} mm, more than the {} mm that a robot may be off",
+     "检测位 {}：修正会使承轨面移动 {} mm，超过机器人可能的误差 {} mm"},
+    {"is the certificate of this slab, this way round, with these station numbers? Is the right hand-eye calibration "
+     "in force?",
+     "证书是这块板的吗？板的方向和检测位号相符吗？生效的手眼标定正确吗？"},
+    {"station {}: the correction would turn the seat by {} deg, more than the {} deg that a robot may be off",
+     "检测位 {}：修正会使承轨面转动 {}°，超过机器人可能的误差 {}°"},
+    {"look at this station's normal and direction in the certificate (from the inner to the outer casing), and whether "
+     "the slab has the orientation that the certificate assumes",
+     "检查证书中该检测位的法向量和方向（从内侧套管到外侧套管），以及板的方向是否与证书一致"},
+    {"station {}: the certified slope differs from the one measured on the block by {} deg, at the other stations by "
+     "{} deg; a difference of {} deg is allowed",
+     "检测位 {}：检定坡度与在承轨台上测得的坡度相差 {}°，其他检测位相差 {}°；允许差别 {}°"},
+    {"compare the certificate with the block: is its normal that of this seat? If the slab is right, master with "
+     "another one whose top is even next to this seat",
+     "将证书与承轨台核对：法向量是该承轨面的吗？如果板没有问题，请换用该承轨面旁板顶面平整的另一块标准板"},
+    {"no visits to solve station corrections from", "没有可用于求解检测位修正的测量"},
+    {"T_flange_scanner is not finite", "T_flange_scanner 含有无效数值"},
+    {"station {}, {}: a number is not finite", "检测位 {}，{}：有一个数值无效"},
 });
 
 }  // namespace
@@ -399,4 +525,4 @@ std::span<const Translation> lower_catalogue() {
   return kLowerCatalogue;
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

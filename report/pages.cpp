@@ -12,7 +12,7 @@
 
 #include "report/content.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 constexpr double kLeft = 15.0;
@@ -316,4 +316,4 @@ void Pages::draw(int page, Canvas& canvas) const {
   }
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

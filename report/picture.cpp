@@ -8,7 +8,7 @@
 #include "report/content.h"
 #include "report/slab_view.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 std::optional<DrawnMap> unpacked(const PackedMap& packed) {
@@ -77,4 +77,4 @@ Result<std::unique_ptr<SlabPicture>> picture_of(storage::Reader& reader, const s
   return picture;
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <vector>
 
-namespace slabd::cli::report {
+namespace slabd::report {
 
 std::string_view translated(Language language, std::string_view english) {
   if (language == Language::en) return english;
@@ -92,4 +92,4 @@ std::string filled(std::string_view text, std::span<const SaidValue> values) {
   return fmt::vformat(text, store);
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

@@ -15,7 +15,7 @@
 
 /// Texts for people in the language that they chose. The English text is the key of the catalogue; values replace its
 /// placeholders, in the notation of fmt. A text without a translation remains English.
-namespace slabd::cli::report {
+namespace slabd::report {
 
 using SaidValue = std::variant<std::int64_t, std::uint64_t, double, std::string_view>;
 
@@ -56,8 +56,8 @@ template <typename... T>
 
 /// A key of the catalogue; its placeholders are compared with the values at compile time.
 template <typename... T>
-struct SaidText {
-  consteval SaidText(const char* text) : english(text) {  // NOLINT(google-explicit-constructor)
+struct CatalogueText {
+  consteval CatalogueText(const char* text) : english(text) {  // NOLINT(google-explicit-constructor)
     if (!fits<T...>(english)) throw "the placeholders do not fit the values";
   }
   std::string_view english;
@@ -79,8 +79,8 @@ struct Translation {
 [[nodiscard]] std::string filled(std::string_view text, std::span<const SaidValue> values);
 
 template <typename... T>
-[[nodiscard]] std::string say(Language language, SaidText<std::type_identity_t<T>...> text, const T&... values) {
+[[nodiscard]] std::string say(Language language, CatalogueText<std::type_identity_t<T>...> text, const T&... values) {
   return filled(translated(language, text.english), std::array<SaidValue, sizeof...(T)>{said_value(values)...});
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

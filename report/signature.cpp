@@ -3,7 +3,7 @@
 
 #include "report/content.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 constexpr double kWidth_mm = 180.0;
@@ -52,4 +52,4 @@ Figure signature_figure(bool with_disposition, Language language) {
   return figure;
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

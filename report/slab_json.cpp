@@ -6,7 +6,7 @@
 #include "report/json.h"
 #include "report/slab_view.h"
 
-namespace slabd::cli {
+namespace slabd::report {
 namespace {
 
 using storage::SlabBlock;
@@ -73,4 +73,4 @@ std::string slab_json(const SlabRecord& record, int only_block) {
   return json.end_array().field("not_visible", kNotVisible).text();
 }
 
-}  // namespace slabd::cli
+}  // namespace slabd::report

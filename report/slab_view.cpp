@@ -7,7 +7,7 @@
 #include <string_view>
 #include <utility>
 
-namespace slabd::cli {
+namespace slabd::report {
 
 using storage::SlabBlock;
 using storage::SlabRecord;
@@ -170,4 +170,4 @@ std::vector<Item> items_in_force(const storage::SlabRecord& record) {
   return items_in_force(blocks, record.slab);
 }
 
-}  // namespace slabd::cli
+}  // namespace slabd::report

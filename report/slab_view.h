@@ -11,7 +11,7 @@
 #include "storage/storage.h"
 
 /// Presentation rules for stored slabs, shared by show, report and export.
-namespace slabd::cli {
+namespace slabd::report {
 
 /// Name of a slab on the command line. A number may be a key, a SLAB_ID or, if neither exists, a SLAB_NO; "key:12",
 /// "id:12" and "no:12" are explicit. Any other text, also a number with leading zeros, is a SLAB_ID.
@@ -68,4 +68,4 @@ struct Shown {
 [[nodiscard]] std::vector<Item> items_in_force(std::span<const BlockResult* const> blocks, const SlabResult& slab);
 [[nodiscard]] std::vector<Item> items_in_force(const storage::SlabRecord& record);
 
-}  // namespace slabd::cli
+}  // namespace slabd::report

@@ -12,7 +12,7 @@
 #include "report/content.h"
 #include "report/json.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 constexpr double kPointsPerMm = 72.0 / 25.4;
@@ -161,4 +161,4 @@ std::string svg_of(const Figure& figure, const std::string& prefix) {
   return begin == std::string::npos ? std::string() : with_prefix(text.substr(begin), prefix);
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

@@ -8,7 +8,7 @@
 
 #include "report/json.h"
 
-namespace slabd::cli {
+namespace slabd::report {
 namespace {
 
 struct Look {
@@ -191,4 +191,4 @@ void write_rows(Json& json, std::string_view name, const Table& table) {
   });
 }
 
-}  // namespace slabd::cli
+}  // namespace slabd::report

@@ -15,7 +15,7 @@
 #include "report/figures.h"
 
 /// A table as a value. A command computes it once; it is written to the terminal, CSV, JSON, HTML and the pages.
-namespace slabd::cli {
+namespace slabd::report {
 
 class Json;
 
@@ -105,4 +105,4 @@ enum class TableFor : std::uint8_t { program, spreadsheet };
 /// Writes `name: [{key: value, ...}, ...]`; empty texts and numbers that are not finite are null.
 void write_rows(Json& json, std::string_view name, const Table& table);
 
-}  // namespace slabd::cli
+}  // namespace slabd::report

@@ -9,7 +9,7 @@
 
 #include "base/records.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 struct Entry {
@@ -425,4 +425,4 @@ std::string reason_sentence(std::uint16_t reason, Language language) {
                      meaning(static_cast<Code>(reason), language));
 }
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

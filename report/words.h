@@ -8,7 +8,7 @@
 #include "base/base.h"
 
 /// All words of the report in every language. Numbers, ids and units are the same in all languages.
-namespace slabd::cli::report {
+namespace slabd::report {
 
 enum class Language : std::uint8_t { en, zh };
 /// HTML lang attribute: "en", "zh".
@@ -172,4 +172,4 @@ struct ReasonWords {
 /// Text of STATE as named in slabd.status/1.
 [[nodiscard]] std::string_view state_word(std::string_view state, Language language);
 
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

@@ -136,7 +136,7 @@ std::string_view id_prefix(CalibrationKind kind) {
   return kPrefix.at(static_cast<std::size_t>(kind));
 }
 
-std::string nonsense_in(const CalibrationRecord& record) {
+std::string implausible_value_in(const CalibrationRecord& record) {
   return std::visit(FindNonsense{}, record.numbers);
 }
 

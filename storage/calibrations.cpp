@@ -67,7 +67,7 @@ std::string Calibrations::keep(const CalibrationRecord& given) {
   CalibrationRecord record = given;
   record.id = calibration_id(record);
   const std::string kind(name(record.kind()));
-  if (const std::string nonsense = nonsense_in(record); !nonsense.empty())
+  if (const std::string nonsense = implausible_value_in(record); !nonsense.empty())
     refuse("this " + kind + " calibration is not kept: " + nonsense);
   if (record.observations.size() + record.certificate.size() + record.figures.size() > kTextMax)
     refuse("this " + kind + " calibration is not kept: its observations and certificate have more than 32 MB");

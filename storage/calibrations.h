@@ -72,7 +72,7 @@ class Calibrations {
 [[nodiscard]] std::string_view id_prefix(CalibrationKind kind);
 
 /// Reason why these numbers cannot be used, as the rest of a sentence; empty if they can.
-[[nodiscard]] std::string nonsense_in(const CalibrationRecord& record);
+[[nodiscard]] std::string implausible_value_in(const CalibrationRecord& record);
 
 /// True if `record.id` is the id of its numbers.
 [[nodiscard]] bool numbers_give_id(const CalibrationRecord& record);

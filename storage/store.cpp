@@ -113,7 +113,7 @@ class SqliteStore final : public Store {
   Status open() {
     if (Status status = make_folder(settings_.spool_dir); !status.ok()) return status;
     if (Status status = check_writable(settings_.spool_dir); !status.ok()) return status;
-    if (const std::string sign = sign_of_earlier_life(settings_.db_path, settings_.spool_dir); !sign.empty())
+    if (const std::string sign = traces_of_a_lost_database(settings_.db_path, settings_.spool_dir); !sign.empty())
       return error(Code::journal_write,
                    "there is no database %s, but %s shows that there was one: is its disk mounted? Else put a backup "
                    "there with slabctl db restore, or start again with --fresh",

@@ -11,6 +11,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "algo/median.h"
 #include "base/base.h"
@@ -371,6 +372,77 @@ double crust_of(const std::array<Sector, kSectors>& sectors, const RimPlane& pla
   return crust_mm;
 }
 
+/// Sectors relative to the rim's plane.
+struct SectorsOnPlane {
+  double on = 0.0;
+  double below = 0.0;
+  double squares = 0.0;  ///< of the distances of those on it
+};
+
+SectorsOnPlane compare(const std::array<Sector, kSectors>& sectors, const RimPlane& plane, const OnPlane& on) {
+  SectorsOnPlane result;
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    const Sector& s = sectors[k];
+    if (!s.seen()) continue;
+    const double over = plane.over(s);
+    if (on[k]) {
+      result.on += 1.0;
+      result.squares += over * over;
+    } else if (over < 0.0) {
+      result.below += 1.0;
+    }
+  }
+  return result;
+}
+
+/// The rim's points relative to its plane.
+struct PointsOnPlane {
+  double asked = 0.0;  ///< points of sectors on the plane
+  double n = 0.0;      ///< of these, near it
+  double used = 0.0;   ///< sectors with such points
+  double mean = 0.0;   ///< sum over sectors of their mean
+  double scatter = 0.0;
+  double white = 0.0;  ///< sum over sectors of 1 / points
+};
+
+/// Equal weight per area, so that a dark part of a rim counts fully. No value if no point was sampled.
+std::optional<PointsOnPlane> average(std::span<const RimPoint> points, const RimPlane& plane, const OnPlane& on) {
+  const auto off = [&](const RimPoint& p) {
+    return static_cast<double>(p.height) - plane.at(static_cast<double>(p.x), static_cast<double>(p.y));
+  };
+  std::array<double, 4096> sample;
+  std::size_t sampled = 0;
+  const std::size_t every = 1 + points.size() / sample.size();
+  for (std::size_t i = 0; i < points.size(); i += every)
+    if (on[sector_of(points[i])]) sample[sampled++] = std::abs(off(points[i]));
+  if (sampled == 0) return std::nullopt;
+  const double reach_mm = std::max(kReachSigmas * 1.4826 * median_of(std::span(sample).first(sampled)), kReachMin_mm);
+
+  std::array<double, kSectors> sum{};
+  std::array<double, kSectors> sum2{};
+  std::array<double, kSectors> count{};
+  PointsOnPlane result;
+  for (const RimPoint& p : points) {
+    const std::size_t k = sector_of(p);
+    if (!on[k]) continue;
+    result.asked += 1.0;
+    const double h = off(p);
+    if (!(std::abs(h) <= reach_mm)) continue;
+    count[k] += 1.0;
+    sum[k] += h;
+    sum2[k] += h * h;
+  }
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    if (count[k] == 0.0) continue;
+    result.used += 1.0;
+    result.n += count[k];
+    result.mean += sum[k] / count[k];
+    result.scatter += sum2[k];
+    result.white += 1.0 / count[k];
+  }
+  return result;
+}
+
 }  // namespace
 
 RimHeight rim_height(std::span<const RimPoint> points) {
@@ -395,80 +467,28 @@ RimHeight rim_height(std::span<const RimPoint> points) {
     if (!fit_sectors(sectors, on, plane, at_axis)) return rim;
   }
 
-  double sectors_on = 0.0;
-  double sectors_below = 0.0;
-  double squares = 0.0;
-  for (std::size_t k = 0; k < kSectors; ++k) {
-    const Sector& s = sectors[k];
-    if (!s.seen()) continue;
-    const double over = plane.over(s);
-    if (on[k]) {
-      sectors_on += 1.0;
-      squares += over * over;
-    } else if (over < 0.0) {
-      sectors_below += 1.0;
-    }
-  }
+  const SectorsOnPlane fit = compare(sectors, plane, on);
   const auto all = static_cast<double>(seen);
-  rim.share_on = sectors_on / all;
-  rim.share_below = sectors_below / all;
+  rim.share_on = fit.on / all;
+  rim.share_below = fit.below / all;
   rim.tilt = std::hypot(plane.a[1], plane.a[2]);
-  if (sectors_on < 4.0) return rim;
+  if (fit.on < 4.0) return rim;
 
-  // Single points relative to that plane: their mean has equal weight per area, so that a dark part of a rim counts
-  // fully.
-  std::array<double, kSectors> sum{};
-  std::array<double, kSectors> sum2{};
-  std::array<double, kSectors> count{};
-  const auto off = [&](const RimPoint& p) {
-    return static_cast<double>(p.height) - plane.at(static_cast<double>(p.x), static_cast<double>(p.y));
-  };
-  std::array<double, 4096> sample;
-  std::size_t sampled = 0;
-  const std::size_t every = 1 + points.size() / sample.size();
-  for (std::size_t i = 0; i < points.size(); i += every)
-    if (on[sector_of(points[i])]) sample[sampled++] = std::abs(off(points[i]));
-  if (sampled == 0) return rim;
-  const double reach_mm = std::max(kReachSigmas * 1.4826 * median_of(std::span(sample).first(sampled)), kReachMin_mm);
-  double asked = 0.0;
-  for (const RimPoint& p : points) {
-    const std::size_t k = sector_of(p);
-    if (!on[k]) continue;
-    asked += 1.0;
-    const double h = off(p);
-    if (!(std::abs(h) <= reach_mm)) continue;
-    count[k] += 1.0;
-    sum[k] += h;
-    sum2[k] += h * h;
-  }
-  double n = 0.0;
-  double used = 0.0;
-  double mean = 0.0;
-  double scatter = 0.0;
-  double white = 0.0;
-  for (std::size_t k = 0; k < kSectors; ++k) {
-    if (count[k] == 0.0) continue;
-    used += 1.0;
-    n += count[k];
-    mean += sum[k] / count[k];
-    scatter += sum2[k];
-    white += 1.0 / count[k];
-  }
-  if (!(n > 3.0)) return rim;
-  mean /= used;
-  rim.share_points = n / asked;
-  rim.points = static_cast<std::size_t>(n);
-  rim.height_mm = plane.a[0] + mean;
-  rim.std_mm = std::sqrt(scatter / n);
+  const std::optional<PointsOnPlane> near = average(points, plane, on);
+  if (!near || !(near->n > 3.0)) return rim;
+  rim.share_points = near->n / near->asked;
+  rim.points = static_cast<std::size_t>(near->n);
+  rim.height_mm = plane.a[0] + near->mean / near->used;
+  rim.std_mm = std::sqrt(near->scatter / near->n);
   rim.crust_mm = crust_of(sectors, plane, rim.std_mm);
   // Noise of a mean over sectors; if a part of the ring is not on the plane, the tilt also contributes at the axis.
-  const double lever = at_axis * sectors_on;
-  const double noise2 = lever * rim.std_mm * rim.std_mm * white / (used * used);
+  const double lever = at_axis * fit.on;
+  const double noise2 = lever * rim.std_mm * rim.std_mm * near->white / (near->used * near->used);
   // Form: deviation of the sectors from the plane beyond their noise; two neighbours are correlated.
   double by_noise2 = 0.0;
   for (std::size_t k = 0; k < kSectors; ++k)
     if (on[k]) by_noise2 += sectors[k].sigma * sectors[k].sigma;
-  const double form2 = 2.0 * std::max(squares - by_noise2, 0.0) / std::max(sectors_on - 3.0, 1.0) * at_axis;
+  const double form2 = 2.0 * std::max(fit.squares - by_noise2, 0.0) / std::max(fit.on - 3.0, 1.0) * at_axis;
   // The edge of a crust is too thin to be distinguished from the rim.
   const double edge_mm = 0.5 * kOn_mm * std::max(0.0, 1.0 - rim.share_on - rim.share_below) / std::sqrt(3.0);
   rim.sigma_mm = std::sqrt(noise2 + form2 + edge_mm * edge_mm);

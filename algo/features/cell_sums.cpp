@@ -41,9 +41,9 @@ struct Group {
   }
 };
 
-class Placing {
+class CellOf {
  public:
-  explicit Placing(const CellLayout& l)
+  explicit CellOf(const CellLayout& l)
       : half_x_(f16(l.half_x_mm)),
         half_s_(f16(l.half_s_mm)),
         cells_per_mm_(f16(l.cells_per_mm)),
@@ -92,7 +92,7 @@ class Placing {
 };
 
 /// The same for fewer than kCellGroup points: they are repeated until the group is full.
-CellRange place_few(const SeatPoints& points, const Placing& placing, Group& group) {
+CellRange place_few(const SeatPoints& points, const CellOf& placing, Group& group) {
   if (points.size() == kCellGroup) return placing.place(points.x.data(), points.s.data(), points.h.data(), group);
   std::array<float, kCellGroup> x;
   std::array<float, kCellGroup> s;
@@ -108,7 +108,7 @@ CellRange place_few(const SeatPoints& points, const Placing& placing, Group& gro
 void AddToCells(const SeatPoints& points, const CellLayout& layout, std::span<CellSum> cells,
                 std::span<CellRange> ranges) {
   constexpr std::size_t kQuarter = kCellGroup / 4;
-  const Placing placing(layout);
+  const CellOf placing(layout);
   std::array<Group, 2> pair;
   std::size_t i = 0;
   std::size_t g = 0;
@@ -130,7 +130,7 @@ void AddToCells(const SeatPoints& points, const CellLayout& layout, std::span<Ce
 void PlaceInCells(const SeatPoints& points, const CellLayout& layout, std::span<std::int32_t> cells,
                   std::span<float> heights) {
   Group group;
-  place_few(points, Placing(layout), group);
+  place_few(points, CellOf(layout), group);
   std::copy_n(group.cell.begin(), points.size(), cells.begin());
   for (std::size_t k = 0; k < points.size(); ++k) heights[k] = group.terms[k][2];
 }

@@ -53,10 +53,10 @@ struct Fours {
 
 class Look {
  public:
-  Look(const TextureQuestion& question, float per_bin)
-      : n_{f16(static_cast<float>(question.normal.x())), f16(static_cast<float>(question.normal.y())),
-           f16(static_cast<float>(question.normal.z()))},
-        offset_(f16(static_cast<float>(question.offset_mm))),
+  Look(const TextureInput& input, float per_bin)
+      : n_{f16(static_cast<float>(input.normal.x())), f16(static_cast<float>(input.normal.y())),
+           f16(static_cast<float>(input.normal.z()))},
+        offset_(f16(static_cast<float>(input.offset_mm))),
         per_bin_(f16(per_bin)) {}
 
   /// Calls `use(fours)` for the chosen stretches of a run that begins `at` points after the first one.
@@ -132,9 +132,9 @@ class Look {
 };
 
 /// Counts the chosen quadruples of a run and adds up the sizes of their first differences.
-void AddSizes(const TextureQuestion& question, const SeatPoints& run, std::size_t at, std::uint32_t apart,
+void AddSizes(const TextureInput& input, const SeatPoints& run, std::size_t at, std::uint32_t apart,
               TextureSums& sums) {
-  Look(question, 0.0F).over(run, at, apart, [&](const Fours& fours) {
+  Look(input, 0.0F).over(run, at, apart, [&](const Fours& fours) {
     sums.count += static_cast<std::size_t>(std::popcount(fours.used));
     for (std::uint32_t left = fours.used; left != 0; left &= left - 1)
       sums.sizes += static_cast<double>(fours.first[static_cast<std::size_t>(std::countr_zero(left))]);
@@ -142,10 +142,10 @@ void AddSizes(const TextureQuestion& question, const SeatPoints& run, std::size_
 }
 
 /// Adds the chosen quadruples of a run to everything but `sums.sizes`.
-void AddFours(const TextureQuestion& question, const SeatPoints& run, std::size_t at, std::uint32_t apart,
-              float per_bin, TextureSums& sums) {
+void AddFours(const TextureInput& input, const SeatPoints& run, std::size_t at, std::uint32_t apart, float per_bin,
+              TextureSums& sums) {
   double third = sums.third;
-  Look(question, per_bin).over(run, at, apart, [&](const Fours& fours) {
+  Look(input, per_bin).over(run, at, apart, [&](const Fours& fours) {
     sums.count += static_cast<std::size_t>(std::popcount(fours.used));
     for (std::uint32_t left = fours.used; left != 0; left &= left - 1) {
       const auto k = static_cast<std::size_t>(std::countr_zero(left));
@@ -234,7 +234,7 @@ UsualThirds usual_thirds(std::span<const TextureCell> cells) {
 
 }  // namespace
 
-TextureQuestion question_of(std::span<const SeatPoints> runs, const SeatFrame& frame, const PlaneFit& plane) {
+TextureInput input_of(std::span<const SeatPoints> runs, const SeatFrame& frame, const PlaneFit& plane) {
   const Vec3& n = plane.normal;
   return {
       runs, {n.dot(frame.along_rail), n.dot(frame.along_seat), n.dot(frame.up)}, plane.offset_mm - n.dot(frame.origin)};
@@ -298,13 +298,13 @@ FilledPlace find_filled(std::span<TextureCell> cells, double cell_mm) {
   return largest;
 }
 
-NoiseTexture look_at_texture(const TextureQuestion& question, std::span<TextureCell> cells) {
+NoiseTexture look_at_texture(const TextureInput& input, std::span<TextureCell> cells) {
   std::size_t points = 0;
-  for (const SeatPoints& run : question.runs) points += run.size();
+  for (const SeatPoints& run : input.runs) points += run.size();
   const auto every = static_cast<std::uint32_t>(std::max<std::size_t>(1, points / kLooked));
   const auto for_runs = [&](const auto& add) {
     std::size_t at = 0;  // of all runs' points
-    for (const SeatPoints& run : question.runs) {
+    for (const SeatPoints& run : input.runs) {
       add(run, at);
       at += run.size();
     }
@@ -312,7 +312,7 @@ NoiseTexture look_at_texture(const TextureQuestion& question, std::span<TextureC
   // Finds the size of the bins.
   TextureSums sums{cells};
   for_runs([&](const SeatPoints& run, std::size_t at) {
-    HWY_DYNAMIC_DISPATCH(AddSizes)(question, run, at, 32 * every, sums);
+    HWY_DYNAMIC_DISPATCH(AddSizes)(input, run, at, 32 * every, sums);
   });
   const double mean = sums.count == 0 ? 0.0 : sums.sizes / static_cast<double>(sums.count);
   if (!(mean > 0.0)) return {};
@@ -320,7 +320,7 @@ NoiseTexture look_at_texture(const TextureQuestion& question, std::span<TextureC
   std::fill(cells.begin(), cells.end(), TextureCell{});
   sums.count = 0;
   for_runs([&](const SeatPoints& run, std::size_t at) {
-    HWY_DYNAMIC_DISPATCH(AddFours)(question, run, at, every, static_cast<float>(1.0 / bin_mm), sums);
+    HWY_DYNAMIC_DISPATCH(AddFours)(input, run, at, every, static_cast<float>(1.0 / bin_mm), sums);
   });
   NoiseTexture texture = texture_of(sums, bin_mm);
   if (!(texture.sigma_mm > kNoiseMin_mm)) return texture;

@@ -12,7 +12,7 @@ namespace slabd::algo {
 
 /// Input for one face: its points in the order of the scan, and the fitted plane, in the frame of the
 /// points.
-struct TextureQuestion {
+struct TextureInput {
   std::span<const SeatPoints> runs;
   Vec3 normal = Vec3::UnitZ();  ///< x, s, h
   double offset_mm = 0.0;
@@ -73,8 +73,7 @@ struct TextureSums {
 };
 
 /// Input for a face that was fitted in the block's frame.
-[[nodiscard]] TextureQuestion question_of(std::span<const SeatPoints> runs, const SeatFrame& frame,
-                                          const PlaneFit& plane);
+[[nodiscard]] TextureInput input_of(std::span<const SeatPoints> runs, const SeatFrame& frame, const PlaneFit& plane);
 
 /// Step (mm) of heights in steps although no coordinate is a multiple of one; 0 if the heights have none.
 [[nodiscard]] double hidden_step_mm(const NoiseTexture& texture);
@@ -89,6 +88,6 @@ inline constexpr double kThirdOfNoise = 0.7979 * 4.4721;
 [[nodiscard]] FilledPlace find_filled(std::span<TextureCell> cells, double cell_mm);
 
 /// Examines about 80,000 neighbours. `cells`: kTextureCells, scratch. No heap, one thread, 0.5 ms.
-[[nodiscard]] NoiseTexture look_at_texture(const TextureQuestion& question, std::span<TextureCell> cells);
+[[nodiscard]] NoiseTexture look_at_texture(const TextureInput& input, std::span<TextureCell> cells);
 
 }  // namespace slabd::algo

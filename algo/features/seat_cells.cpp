@@ -182,12 +182,12 @@ double SeatCells::scatter_in_full_cells(std::uint32_t points_min) const {
   return full > 0 ? median_of(std::span(sigma).first(full)) : kNoValue;
 }
 
-SeatCells::Strays SeatCells::strays_in(const CellSum& sum, CellMark side) const {
+SeatCells::StrayGroups SeatCells::strays_in(const CellSum& sum, CellMark side) const {
   // Strays closer to the seat than the rest of their cell are the seat next to damage, not damage.
   const float mirrored = -0.5F * (sum.keep_low + sum.keep_high);
   const float high = std::max(sum.keep_high, mirrored);
   const float low = std::min(sum.keep_low, mirrored);
-  Strays strays;
+  StrayGroups strays;
   for (const float h : heights(sum)) {
     if (side == kHigh ? !(h > high) : !(h < low)) continue;
     ++strays.points;

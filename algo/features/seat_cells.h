@@ -179,7 +179,7 @@ class SeatCells {
   static constexpr float kAny = std::numeric_limits<float>::max();
 
   /// The strays on one side of a cell.
-  struct Strays {
+  struct StrayGroups {
     std::uint32_t points = 0;
     double sum = 0.0;  ///< of their heights, mm
 
@@ -191,7 +191,7 @@ class SeatCells {
   void fetch_heights(const CellGrid& grid);
   /// Typical (median) scatter of the points in full cells.
   [[nodiscard]] double scatter_in_full_cells(std::uint32_t points_min) const;
-  [[nodiscard]] Strays strays_in(const CellSum& sum, CellMark side) const;
+  [[nodiscard]] StrayGroups strays_in(const CellSum& sum, CellMark side) const;
   void find_drops(double usual_points, const CellGrid& grid, std::span<std::uint32_t> mark);
   /// Adds to `damage` the connected cells with together at least `points_min` strays of one side.
   void find_damage(CellMark side, double points_min, const CellGrid& grid, std::span<std::uint32_t> mark,

@@ -36,17 +36,17 @@ using PerSeat = std::array<double, limits::kStationsMax>;
 using Channels = std::array<PerSeat, kChannels>;
 
 /// Least-squares pose of all points (Kabsch): the plain fit and the start of the robust one. T_slab_base.
-Pose plain_fit(std::span<const SeatSighting> seats) {
+Pose plain_fit(std::span<const SeatInModel> seats) {
   Vec3 centre_base = Vec3::Zero();
   Vec3 centre_slab = Vec3::Zero();
-  for (const SeatSighting& s : seats) {
+  for (const SeatInModel& s : seats) {
     centre_base += s.p_base;
     centre_slab += s.p_slab;
   }
   centre_base /= static_cast<double>(seats.size());
   centre_slab /= static_cast<double>(seats.size());
   Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
-  for (const SeatSighting& s : seats) H += (s.p_slab - centre_slab) * (s.p_base - centre_base).transpose();
+  for (const SeatInModel& s : seats) H += (s.p_slab - centre_slab) * (s.p_base - centre_base).transpose();
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(H, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Eigen::Matrix3d D = Eigen::Matrix3d::Identity();
   D(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0.0 ? -1.0 : 1.0;
@@ -57,13 +57,13 @@ Pose plain_fit(std::span<const SeatSighting> seats) {
   return T_slab_base;
 }
 
-double position_rms(std::span<const SeatSighting> seats, const Pose& T_slab_base) {
+double position_rms(std::span<const SeatInModel> seats, const Pose& T_slab_base) {
   double squares = 0.0;
-  for (const SeatSighting& s : seats) squares += (T_slab_base * s.p_base - s.p_slab).squaredNorm();
+  for (const SeatInModel& s : seats) squares += (T_slab_base * s.p_base - s.p_slab).squaredNorm();
   return std::sqrt(squares / static_cast<double>(seats.size()));
 }
 
-void residuals_of(std::span<const SeatSighting> seats, const Pose& T_slab_base, Channels& r) {
+void residuals_of(std::span<const SeatInModel> seats, const Pose& T_slab_base, Channels& r) {
   for (std::size_t i = 0; i < seats.size(); ++i) {
     const Vec3 dp = T_slab_base * seats[i].p_base - seats[i].p_slab;
     const Vec3 dn = T_slab_base.rotation * seats[i].n_base - seats[i].n_slab;
@@ -84,7 +84,7 @@ double median_abs(const PerSeat& r, std::size_t count) {
 }
 
 /// Variances of the measured components, at least the smallest scale, which also replaces unknown ones.
-Channels variances_of(std::span<const SeatSighting> seats) {
+Channels variances_of(std::span<const SeatInModel> seats) {
   Channels v{};
   const auto at_least = [](double sigma, double least) {
     const double s = std::isfinite(sigma) ? std::max(sigma, least) : least;
@@ -159,7 +159,7 @@ struct Normal {
   double position_weight = 0.0;
 };
 
-Normal normal_equations(std::span<const SeatSighting> seats, const Pose& T_slab_base, const Channels& r,
+Normal normal_equations(std::span<const SeatInModel> seats, const Pose& T_slab_base, const Channels& r,
                         const Channels& variance, const std::array<double, kChannels>& excess, bool tukey) {
   Normal eq;
   for (std::size_t i = 0; i < seats.size(); ++i) {
@@ -198,7 +198,7 @@ double influence_of(double r, double scale) {
 
 /// Implicit derivative of the solution for fixed scales: -(sum i j j')^-1 i j with i the influences. If doubtful seats
 /// make that sum indefinite, the weights are used instead.
-void respond(std::span<const SeatSighting> seats, const Pose& T_slab_base, const Channels& r, const Channels& variance,
+void respond(std::span<const SeatInModel> seats, const Pose& T_slab_base, const Channels& r, const Channels& variance,
              const std::array<double, kChannels>& excess, const Normal& eq, std::span<FrameResponse> response) {
   std::array<std::array<FrameVector, kChannels>, limits::kStationsMax> j;
   Channels pull{};
@@ -223,7 +223,7 @@ void respond(std::span<const SeatSighting> seats, const Pose& T_slab_base, const
 
 }  // namespace
 
-SlabFitReport fit_slab(std::span<const SeatSighting> seats, std::span<FrameResponse> response) {
+SlabFitReport fit_slab(std::span<const SeatInModel> seats, std::span<FrameResponse> response) {
   assert(response.empty() || response.size() == seats.size());
   SlabFitReport report;
   report.seats = static_cast<std::uint8_t>(seats.size());

@@ -12,7 +12,7 @@
 namespace slabd::algo {
 
 /// One seat as measured (base frame) and in the slab model (slab frame).
-struct SeatSighting {
+struct SeatInModel {
   Vec3 p_base;
   Vec3 n_base;
   Vec3 p_slab;
@@ -37,7 +37,7 @@ struct FrameResponse {
 /// uncertainty, and the scatter of the seats beyond theirs (median absolute residual). Fills `seats`, iterations, rms,
 /// plain rms and T_base_slab; ok = false with a note if it does not converge. Needs at least three seats that are not
 /// on a line. `response`: empty, or one per seat. No heap.
-[[nodiscard]] SlabFitReport fit_slab(std::span<const SeatSighting> seats, std::span<FrameResponse> response);
+[[nodiscard]] SlabFitReport fit_slab(std::span<const SeatInModel> seats, std::span<FrameResponse> response);
 
 /// Minimum number of seats of a row, and of consistent ones, for a parabola, which has three parameters.
 inline constexpr std::size_t kParabolaSeatsMin = 5;

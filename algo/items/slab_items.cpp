@@ -79,7 +79,7 @@ Members members_of(const Recipe& recipe, std::span<const BlockResult> blocks) {
 /// budget.
 SlabFitReport locate_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const Members& members,
                           const Pose& T_base_slab_nominal, SlabBudget& budget) {
-  std::array<SeatSighting, limits::kStationsMax> sightings;
+  std::array<SeatInModel, limits::kStationsMax> sightings;
   std::array<int, limits::kStationsMax> station_of{};
   std::size_t count = 0;
   std::array<int, 2> in_row{};

@@ -384,8 +384,8 @@ void learn_chamfers(const BlockModel& model, const SurfaceTable& table, const Su
 
 }  // namespace
 
-void learn_edges(const BlockModel& model, const SurfaceTable& table, const std::array<FacePlane, kFaces>& planes,
-                 const SurfaceField& field, Team& team, Edges& edges) {
+void fit_edges(const BlockModel& model, const SurfaceTable& table, const std::array<FacePlane, kFaces>& planes,
+               const SurfaceField& field, Team& team, Edges& edges) {
   edges.clear();
   Edges chamfers;
   team.run(2, [&](std::size_t half) {

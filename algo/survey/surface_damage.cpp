@@ -125,6 +125,64 @@ bool is_straight(const CrackPath& path) {
   return std::hypot(steps * (path.steps - 1), across) >= kStraight * length;
 }
 
+/// Extends the strongest paths step by step. Returns the node at the end of the strongest one.
+std::size_t extend_paths(const View& view, std::span<const float> lacks, float limit, std::span<Node> nodes) {
+  std::size_t best = 0;
+  float strongest_before = 0.0F;
+  for (std::size_t step = 0; step < view.steps; ++step) {
+    float strongest = 0.0F;
+    for (std::size_t at = 0; at < view.across; ++at) {
+      const std::size_t i = step * view.across + at;
+      Node node{0.0F, Node::kStart};
+      // Few windows have evidence, and few paths continue.
+      if (lacks[i] - limit + strongest_before <= 0.0F) {
+        nodes[i] = node;
+        continue;
+      }
+      if (strongest_before > 0.0F) {
+        const std::span<const Node> before = nodes.subspan((step - 1) * view.across, view.across);
+        const std::size_t low = at - std::min(at, kReach);
+        const std::size_t high = std::min(at + kReach, view.across - 1);
+        for (std::size_t k = low; k <= high; ++k) {
+          const float strength = before[k].strength - kAside * static_cast<float>(k > at ? k - at : at - k);
+          if (strength > node.strength) node = {strength, static_cast<std::uint8_t>(kReach + k - at)};
+        }
+      }
+      node.strength = std::max(0.0F, node.strength + lacks[i] - limit);
+      if (node.strength == 0.0F) node.from = Node::kStart;
+      nodes[i] = node;
+      strongest = std::max(strongest, node.strength);
+      if (node.strength > nodes[best].strength) best = i;
+    }
+    strongest_before = strongest;
+  }
+  return best;
+}
+
+/// The path that ends at node `end`, from its start. Its windows and those near it are not used again.
+CrackPath trace_path(const View& view, std::span<const Node> nodes, std::size_t end, std::span<float> lacks) {
+  CrackPath path;
+  path.along_y = view.along_y;
+  path.strength = static_cast<double>(nodes[end].strength);
+  std::size_t step = end / view.across;
+  std::size_t at = end % view.across;
+  for (;;) {
+    path.at[path.steps++] = static_cast<std::uint16_t>(at);
+    path.first = static_cast<std::uint16_t>(step);
+    const std::span<float> row = lacks.subspan(step * view.across, view.across);
+    path.missing += static_cast<double>(std::max(row[at], 0.0F)) * static_cast<double>(kWidth * kCrackStep);
+    const std::uint8_t from = nodes[step * view.across + at].from;
+    const std::size_t low = at - std::min(at, 2 * kReach);
+    const std::size_t high = std::min(at + 2 * kReach, view.across - 1);
+    for (std::size_t k = low; k <= high; ++k) row[k] = std::min(row[k], 0.0F);
+    if (from == Node::kStart || step == 0) break;
+    at = at + from - kReach;
+    --step;
+  }
+  std::reverse(path.at.begin(), path.at.begin() + path.steps);
+  return path;
+}
+
 }  // namespace
 
 bool find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> memory, CrackPaths& paths) {
@@ -134,8 +192,9 @@ bool find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
   constexpr std::size_t kWindows = kSurfaceCells / kCrackStep;
   static_assert(kWindows * (sizeof(Node) + sizeof(float)) <= kCrackBytes);
   static_assert(kSurfaceRows / kCrackStep <= CrackPath::kStepsMax);
-  auto* nodes = reinterpret_cast<Node*>(memory.data());
-  auto* lacks = reinterpret_cast<float*>(memory.data() + kWindows * sizeof(Node));
+  const std::size_t windows = view.steps * view.across;
+  const std::span<Node> nodes(reinterpret_cast<Node*>(memory.data()), windows);
+  const std::span<float> lacks(reinterpret_cast<float*>(memory.data() + kWindows * sizeof(Node)), windows);
   std::array<float, std::max(kSurfaceRows, kSurfaceColumns)> whole;
   for (std::size_t step = 0; step < view.steps; ++step) {
     gather(view, step, std::span(whole).first(view.across));
@@ -143,63 +202,14 @@ bool find_cracks(const SurfaceField& field, bool along_y, std::span<std::byte> m
       lacks[step * view.across + at] = lack(std::span(whole).first(view.across), at);
   }
 
-  const float limit =
-      std::max(kLimitMin, kOfScatter * usual_lack(std::span<const float>(lacks, view.steps * view.across)));
+  const float limit = std::max(kLimitMin, kOfScatter * usual_lack(lacks));
   if (limit > kLimitMax) return false;
 
   // A strong path may be too short for a crack; then it is skipped.
   for (std::size_t tries = 0; tries < 2 * kCracksMax && paths.size() < kCracksMax; ++tries) {
-    std::size_t best = 0;
-    float strongest_before = 0.0F;
-    for (std::size_t step = 0; step < view.steps; ++step) {
-      float strongest = 0.0F;
-      for (std::size_t at = 0; at < view.across; ++at) {
-        const std::size_t i = step * view.across + at;
-        Node node{0.0F, Node::kStart};
-        // Few windows have evidence, and few paths continue.
-        if (lacks[i] - limit + strongest_before <= 0.0F) {
-          nodes[i] = node;
-          continue;
-        }
-        if (strongest_before > 0.0F) {
-          const Node* before = nodes + (step - 1) * view.across;
-          const std::size_t low = at - std::min(at, kReach);
-          const std::size_t high = std::min(at + kReach, view.across - 1);
-          for (std::size_t k = low; k <= high; ++k) {
-            const float strength = before[k].strength - kAside * static_cast<float>(k > at ? k - at : at - k);
-            if (strength > node.strength) node = {strength, static_cast<std::uint8_t>(kReach + k - at)};
-          }
-        }
-        node.strength = std::max(0.0F, node.strength + lacks[i] - limit);
-        if (node.strength == 0.0F) node.from = Node::kStart;
-        nodes[i] = node;
-        strongest = std::max(strongest, node.strength);
-        if (node.strength > nodes[best].strength) best = i;
-      }
-      strongest_before = strongest;
-    }
-    if (!(nodes[best].strength >= kStrengthMin)) return true;
-    CrackPath path;
-    path.along_y = along_y;
-    path.strength = static_cast<double>(nodes[best].strength);
-    std::size_t step = best / view.across;
-    std::size_t at = best % view.across;
-    // From end to start, then reversed. Cells of the path are not used again.
-    for (;;) {
-      path.at[path.steps++] = static_cast<std::uint16_t>(at);
-      path.first = static_cast<std::uint16_t>(step);
-      float& own = lacks[step * view.across + at];
-      path.missing += static_cast<double>(std::max(own, 0.0F)) * static_cast<double>(kWidth * kCrackStep);
-      const std::uint8_t from = nodes[step * view.across + at].from;
-      const std::size_t low = at - std::min(at, 2 * kReach);
-      const std::size_t high = std::min(at + 2 * kReach, view.across - 1);
-      for (std::size_t k = low; k <= high; ++k)
-        lacks[step * view.across + k] = std::min(lacks[step * view.across + k], 0.0F);
-      if (from == Node::kStart || step == 0) break;
-      at = at + from - kReach;
-      --step;
-    }
-    std::reverse(path.at.begin(), path.at.begin() + path.steps);
+    const std::size_t end = extend_paths(view, lacks, limit, nodes);
+    if (!(nodes[end].strength >= kStrengthMin)) return true;
+    const CrackPath path = trace_path(view, nodes, end, lacks);
     if (path.steps >= kStepsMin && path.strength >= static_cast<double>(kMeanMin) * path.steps && is_straight(path))
       (void)paths.push(path);
   }

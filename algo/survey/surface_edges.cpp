@@ -257,7 +257,7 @@ class Edge {
     return {true, low.expected_mm + part * (high.expected_mm - low.expected_mm)};
   }
   /// Expected depth from the chamfer next to this position.
-  [[nodiscard]] Strip beside(std::size_t k, double distance) const {
+  [[nodiscard]] Strip line_near(std::size_t k, double distance) const {
     if (distance < kSaturated_mm) return {};
     const Strip leg = chamfer_.at(k, length_, longest_mm_);
     return {leg.known, -std::max(0.0, leg.expected_mm - distance)};
@@ -333,11 +333,15 @@ double wear_of(const std::array<Edge, 2>& ends, const std::array<Edge, 2>& sides
   return std::clamp(spread / kUsualSpread_mm, 1.0, kWearMax);
 }
 
-}  // namespace
+std::size_t high_x(std::size_t cell) {
+  return std::size_t{cell % kColumns >= kColumns / 2};
+}
+std::size_t high_y(std::size_t cell) {
+  return std::size_t{cell / kColumns >= kRows / 2};
+}
 
-void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field) {
-  const std::span<const std::uint16_t> table = whole.cells();
-  // Inner edges run along the rail, row by row.
+/// The inner edges, which run along the rail: the expected height of each row.
+std::array<Strip, kRows> inner_edges(std::span<const std::uint16_t> table, const SurfaceField& field) {
   std::array<Strip, kRows> rows;
   Median median;
   for (std::size_t row = 0; row < kRows; ++row) {
@@ -354,11 +358,18 @@ void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field)
     if (median.count() >= kLikeMin && static_cast<double>(median.count()) >= kSeenUsually * static_cast<double>(cells))
       rows[row] = {true, std::clamp(median.value(), lowest_mm, kFillet_mm)};
   }
+  return rows;
+}
 
-  const auto high_x = [](std::size_t i) { return std::size_t{i % kColumns >= kColumns / 2}; };
-  const auto high_y = [](std::size_t i) { return std::size_t{i / kColumns >= kRows / 2}; };
+/// The block's outer edges; of two, the first one is at low coordinates.
+struct OuterEdges {
   std::array<Edge, 2> ends;
   std::array<Edge, 2> sides;
+};
+
+OuterEdges outer_edges(const SurfaceTable& whole, Team& team, const SurfaceField& field) {
+  const std::span<const std::uint16_t> table = whole.cells();
+  OuterEdges edges;
   std::array<std::uint16_t, kRows> end_face;
   std::array<std::array<std::uint16_t, kColumns>, 2> side_face;
   end_face.fill(kNoFace);
@@ -370,13 +381,13 @@ void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field)
   });
   team.run(2, [&](std::size_t high) {
     const double sign = high == 0 ? -1.0 : 1.0;
-    ends[high].learn(
+    edges.ends[high].learn(
         kRows, [&](std::size_t row) { return end_face[row]; },
         [&](std::size_t row, double distance) {
           const double x = sign * (whole.end_mm(row) - distance);
           return field.off_between((x + kSurfaceHalfX_mm) / kSurfaceCell_mm - 0.5, row * kColumns, 1);
         });
-    sides[high].learn(
+    edges.sides[high].learn(
         kColumns, [&](std::size_t column) { return side_face[high][column]; },
         [&](std::size_t column, double distance) {
           const double y = sign * (whole.side_mm(high == 1) - distance);
@@ -384,51 +395,76 @@ void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field)
         });
   });
 
-  const double usual_mm = second_smallest(ends, sides, [](const Edge& edge) { return edge.usual_leg_mm(); });
+  const double usual_mm =
+      second_smallest(edges.ends, edges.sides, [](const Edge& edge) { return edge.usual_leg_mm(); });
   team.run(2, [&](std::size_t high) {
-    ends[high].learn_lines(usual_mm);
-    sides[high].learn_lines(usual_mm);
+    edges.ends[high].learn_lines(usual_mm);
+    edges.sides[high].learn_lines(usual_mm);
   });
-  field.edge_wear = wear_of(ends, sides);
-  const auto take_away = [&](std::size_t i) {
-    field.face_off[i] = field.off[i];
-    const std::uint16_t entry = table[i];
+  return edges;
+}
+
+/// Subtracts from one cell what its edges are expected to look like.
+class EdgeSubtraction {
+ public:
+  EdgeSubtraction(const SurfaceTable& whole, const OuterEdges& edges, const std::array<Strip, kRows>& rows,
+                  SurfaceField& field)
+      : whole_(whole), edges_(edges), rows_(rows), field_(field) {}
+
+  void operator()(std::size_t i) const {
+    field_.face_off[i] = field_.off[i];
+    const std::uint16_t entry = whole_.cells()[i];
     if (!is_judged(entry)) return;
-    const Edge& end = ends[high_x(i)];
-    const Edge& side = sides[high_y(i)];
+    const Edge& end = edges_.ends[high_x(i)];
+    const Edge& side = edges_.sides[high_y(i)];
     const bool at_end = end_of(entry) < end.reach_steps();
     const bool at_side = side_of(entry) < side.reach_steps();
     const bool inner = (entry & (kFoot | kUpperEdge)) != 0;
     if (!inner && !at_end && !at_side) return;
-    if (field.zone[i] != SurfaceZone::none && (at_end || at_side))
-      field.zone[i] = at_end && at_side ? SurfaceZone::corner
-                      : end_of(entry) < end.chamfer_steps() || side_of(entry) < side.chamfer_steps()
-                          ? SurfaceZone::outer_edge
-                          : SurfaceZone::behind_edge;
+    if (field_.zone[i] != SurfaceZone::none && (at_end || at_side))
+      field_.zone[i] = at_end && at_side ? SurfaceZone::corner
+                       : end_of(entry) < end.chamfer_steps() || side_of(entry) < side.chamfer_steps()
+                           ? SurfaceZone::outer_edge
+                           : SurfaceZone::behind_edge;
     const std::size_t row = i / kColumns;
     const std::size_t column = i % kColumns;
-    const double from_end = whole.end_mm(row) - std::abs(surface_x_mm(column));
-    const double from_side = whole.side_mm(high_y(i) == 1) - std::abs(surface_y_mm(row));
+    const double from_end = whole_.end_mm(row) - std::abs(surface_x_mm(column));
+    const double from_side = whole_.side_mm(high_y(i) == 1) - std::abs(surface_y_mm(row));
     constexpr Strip kNothing{true, 0.0};
     const Strip by_end = at_end ? end.at(row, from_end, at_side) : kNothing;
     const Strip by_side = at_side ? side.at(column, from_side, at_end) : kNothing;
-    const Strip by_row = inner ? rows[row] : kNothing;
+    const Strip by_row = inner ? rows_[row] : kNothing;
     if (!by_end.known || !by_side.known || !by_row.known) {
-      field.zone[i] = SurfaceZone::none;
+      field_.zone[i] = SurfaceZone::none;
       return;
     }
     // Two chamfers meet in a corner: the deeper one is visible. The line along the end also contains a fillet's height.
     const double expected = std::min(by_end.expected_mm, by_side.expected_mm) + (at_end ? 0.0 : by_row.expected_mm);
     Strip line;
-    if (at_end != at_side) line = at_end ? end.beside(row, from_end) : side.beside(column, from_side);
+    if (at_end != at_side) line = at_end ? end.line_near(row, from_end) : side.line_near(column, from_side);
     const bool corner = at_end && at_side;
-    const bool beside = at_end || at_side;
-    field.face_off[i] -= beside && !corner && !line.known
-                             ? std::numeric_limits<float>::quiet_NaN()
-                             : static_cast<float>(line.known ? line.expected_mm : expected);
-    field.off[i] -= static_cast<float>(expected);
-  };
-  team.run(2, [&](std::size_t half) { for_cells_of(whole, take_away, static_cast<int>(half)); });
+    const bool outer = at_end || at_side;
+    field_.face_off[i] -= outer && !corner && !line.known
+                              ? std::numeric_limits<float>::quiet_NaN()
+                              : static_cast<float>(line.known ? line.expected_mm : expected);
+    field_.off[i] -= static_cast<float>(expected);
+  }
+
+ private:
+  const SurfaceTable& whole_;
+  const OuterEdges& edges_;
+  const std::array<Strip, kRows>& rows_;
+  SurfaceField& field_;
+};
+
+}  // namespace
+
+void exclude_edges(const SurfaceTable& whole, Team& team, SurfaceField& field) {
+  const std::array<Strip, kRows> rows = inner_edges(whole.cells(), field);
+  const OuterEdges edges = outer_edges(whole, team, field);
+  field.edge_wear = wear_of(edges.ends, edges.sides);
+  const EdgeSubtraction subtract(whole, edges, rows, field);
+  team.run(2, [&](std::size_t half) { for_cells_of(whole, subtract, static_cast<int>(half)); });
 }
 
 }  // namespace slabd::algo

@@ -235,8 +235,8 @@ void compare_with_expected(const BlockModel& model, const SurfaceTable& table, s
           static_cast<float>(means.mean_mm(i) - plane(face).at(surface_x_mm(i % kColumns), surface_y_mm(i / kColumns)));
   };
   team.run(2, [&](std::size_t half) { for_cells_of(table, take_face_away, static_cast<int>(half)); });
-  learn_edges(model, table, planes, field, team, field.edges);
-  take_edges_away(table, team, field);
+  fit_edges(model, table, planes, field, team, field.edges);
+  exclude_edges(table, team, field);
   const LocalForm form(table, field);
   std::array<float, kFaces> per_usual{};
   for (std::size_t face = 0; face < kFaces; ++face)

@@ -68,7 +68,7 @@ void compare_with_expected(const BlockModel& model, const SurfaceTable& table, s
 /// Subtracts the usual profile along the edges from `field.off`, the distances to the faces, and fills `field.face_off`
 /// there. Sets the zones of cells within the chamfers of outer edges. Cells of a rarely seen
 /// strip are excluded. No heap; 0.9 ms.
-void take_edges_away(const SurfaceTable& whole, Team& team, SurfaceField& field);
+void exclude_edges(const SurfaceTable& whole, Team& team, SurfaceField& field);
 
 /// Heights above a nominal face as a plane in (x, y).
 struct FacePlane {
@@ -81,8 +81,8 @@ struct FacePlane {
 /// Measures fillets and chamfers of the block. `planes`: the fitted faces; `field.off` has the distances to them,
 /// including the edges. An edge is left out if too little of it was seen, or if it is outside the range of the raster:
 /// radius 1..12 mm, leg 2..9 mm. No heap; 0.2 ms; the same bits on every machine.
-void learn_edges(const BlockModel& model, const SurfaceTable& table, const std::array<FacePlane, kFaces>& planes,
-                 const SurfaceField& field, Team& team, FixedVector<EdgeFeature, kEdgesMax>& edges);
+void fit_edges(const BlockModel& model, const SurfaceTable& table, const std::array<FacePlane, kFaces>& planes,
+               const SurfaceField& field, Team& team, FixedVector<EdgeFeature, kEdgesMax>& edges);
 
 // Access to the entries of a SurfaceTable.
 

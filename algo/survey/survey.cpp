@@ -296,17 +296,17 @@ void SurveyTable::build(const BlockModel& model, const FaceTable& faces, const E
   find_reach(cells_);
 }
 
-void survey_scan(const Cloud& cloud, const SurveyQuestion& question, const SurveyWorkspace& work, Team& team,
+void survey_scan(const Cloud& cloud, const SurveyInput& input, const SurveyWorkspace& work, Team& team,
                  Survey& survey) {
   survey = Survey{};
   SurveyTask task;
-  task.frame = frame_for(question.model, question.T_block_scanner);
-  task.table = question.table.cells().data();
-  task.gate_mm = static_cast<float>(question.settings.registration_gate_mm);
-  task.band_mm = static_cast<float>(question.table.band_mm());
-  task.rules = question.table.rules().numbers();
-  task.jaw = {raster_of_jaw(question.model, question.settings, Face::jaw_inner, Face::shoulder_inner),
-              raster_of_jaw(question.model, question.settings, Face::jaw_outer, Face::shoulder_outer)};
+  task.frame = frame_for(input.model, input.T_block_scanner);
+  task.table = input.table.cells().data();
+  task.gate_mm = static_cast<float>(input.settings.registration_gate_mm);
+  task.band_mm = static_cast<float>(input.table.band_mm());
+  task.rules = input.table.rules().numbers();
+  task.jaw = {raster_of_jaw(input.model, input.settings, Face::jaw_inner, Face::shoulder_inner),
+              raster_of_jaw(input.model, input.settings, Face::jaw_outer, Face::shoulder_outer)};
   survey.jaw = task.jaw;
 
   // The scouts list every point of the large faces.
@@ -317,17 +317,17 @@ void survey_scan(const Cloud& cloud, const SurveyQuestion& question, const Surve
   const Passed scouted = pass_over(cloud, task, stride, false, work, team);
   team.run(kLargeFaces, [&](std::size_t i) {
     const auto list = static_cast<std::size_t>(kEdgeList[i]);
-    const Plane& face = question.model.plane(kLargeFace[i]);
+    const Plane& face = input.model.plane(kLargeFace[i]);
     ListedPoints points;
     points.frame = frame_of(face);
     points.runs = scouted.runs[list];
     points.count = scouted.points[list];
-    begin_fit(points, face.n, question.large[i], work.start[i]);
+    begin_fit(points, face.n, input.large[i], work.start[i]);
   });
   if (const double sigma = std_of(scouted.sums); has_value(sigma)) bracket_shares(sigma, task);
 
   const auto survey_around = [&](std::size_t i, const FlatPlane& plane) {
-    const LocalPlane local(frame_of(question.model.plane(kLargeFace[i])), plane);
+    const LocalPlane local(frame_of(input.model.plane(kLargeFace[i])), plane);
     const double limit = work.start[i].threshold_mm * local.stretch;
     task.tilt[i] = local.tilt();
     task.inner_mm[i] = static_cast<float>((1.0 - kEdgeShare) * limit);
@@ -350,22 +350,22 @@ void survey_scan(const Cloud& cloud, const SurveyQuestion& question, const Surve
     team.run(kLargeFaces, [&](std::size_t i) {
       const auto list = static_cast<std::size_t>(kEdgeList[i]);
       SummedPoints points;
-      points.frame = frame_of(question.model.plane(kLargeFace[i]));
+      points.frame = frame_of(input.model.plane(kLargeFace[i]));
       points.tilt = task.tilt[i];
       points.inner = passed.sums.moments[i];
       points.edge = passed.runs[list];
       points.count = static_cast<std::size_t>(passed.sums.points[i]);
       points.slack_mm = kEdgeShare * work.start[i].threshold_mm - kRounding_mm;
-      survey.large[i] = finish_fit(points, question.large[i], work.start[i]);
+      survey.large[i] = finish_fit(points, input.large[i], work.start[i]);
       beyond[i] = points.asked_beyond;
       if (beyond[i]) refuse(survey.large[i], PlaneDoubt::unsettled);
       // The slope's datum as well: a dark, lower half must not be outvoted by the points of the other half.
       if (survey.large[i].ok && share_by_area(work.start[i], survey.large[i], points.frame, kLargeRaster, {},
-                                              points.count) < question.large[i].inlier_share_min)
+                                              points.count) < input.large[i].inlier_share_min)
         refuse(survey.large[i], PlaneDoubt::area);
     });
     for (std::size_t list = 0; list < kPointLists; ++list) {
-      survey.lists[list].frame = frame_of(question.model.plane(kFaceOfList[list]));
+      survey.lists[list].frame = frame_of(input.model.plane(kFaceOfList[list]));
       survey.lists[list].runs = passed.runs[list];
       survey.lists[list].count = passed.points[list];
     }

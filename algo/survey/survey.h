@@ -54,7 +54,7 @@ struct SurveyWorkspace {
 };
 
 /// Input of the survey of one scan.
-struct SurveyQuestion {
+struct SurveyInput {
   const BlockModel& model;
   const SurveyTable& table;
   const EvaluationSettings& settings;
@@ -83,7 +83,6 @@ struct Survey {
 
 /// Surveys the points of `cloud` (NaN: missing) in any order. The same result with one or two threads. No heap; about
 /// 0.6 ns a point.
-void survey_scan(const Cloud& cloud, const SurveyQuestion& question, const SurveyWorkspace& work, Team& team,
-                 Survey& survey);
+void survey_scan(const Cloud& cloud, const SurveyInput& input, const SurveyWorkspace& work, Team& team, Survey& survey);
 
 }  // namespace slabd::algo

@@ -39,7 +39,7 @@ storage::ChangeNote note_of(const Options& options) {
 }
 
 /// Warns if the acceptance in force is invalid, because a later verification of the scanner was out of its limits.
-void warn_of_standing(const daemon::Config& config, std::string_view id) {
+void warn_of_standing(const config::Config& config, std::string_view id) {
   const auto reader = records_if_readable(config);
   if (!reader.ok()) return complain(retold(reader.error().text.view()));
   if (reader.value() == nullptr) return;
@@ -54,13 +54,13 @@ void warn_of_standing(const daemon::Config& config, std::string_view id) {
 }
 
 int carry_out(const Options& options, const storage::CalibrationChange& change) {
-  speak(options.language, options.json);
-  const daemon::Config config = config_from(options.config);
+  set_language(options.language, options.json);
+  const config::Config config = config_from(options.config);
   const Result<ChangeAnswer> changed = change_calibration(config, change);
   if (!changed.ok() && changed.error().code == Code::config) stop(kRefused, changed.error());
   const ChangeAnswer done = need(changed);
   if (options.json) {
-    Json json("slabd.calibration_applied/1");
+    report::Json json("slabd.calibration_applied/1");
     json.field("id", done.id).field("by_daemon", done.by_daemon).field("after_slab", done.after_slab);
     fmt::print("{}", json.text());
   } else {
@@ -74,11 +74,11 @@ int carry_out(const Options& options, const storage::CalibrationChange& change) 
 /// True if the session is of this line. Record ids are made from numbers, so two lines with the same commissioning
 /// value have the same id; the configuration distinguishes them. A configuration that was copied or moved is the same
 /// line if it has the same database.
-bool is_of_line(const Session& session, const std::string& config_path, const daemon::Config& config) {
+bool is_of_line(const Session& session, const std::string& config_path, const config::Config& config) {
   const std::string& begun_with = session.settings().config;
   std::error_code fault;
   if (begun_with.empty() || std::filesystem::equivalent(begun_with, config_path, fault)) return true;
-  daemon::Config begun;
+  config::Config begun;
   return std::filesystem::exists(begun_with, fault) && config_from(begun_with, begun) &&
          (begun.storage.db_path == config.storage.db_path ||
           std::filesystem::equivalent(begun.storage.db_path, config.storage.db_path, fault));
@@ -89,7 +89,7 @@ constexpr std::int64_t kClockSlack_us = std::int64_t{10} * 60 * 1'000'000;
 
 /// Stores the session's solution as a record with all its inputs, and puts it in force.
 int apply_session(const SessionOptions& which, RecordOptions record_options, bool yes, bool json_wanted) {
-  speak(which.language, json_wanted);
+  set_language(which.language, json_wanted);
   Session session = find_session(which);
   need(session.lock());
   need_solution(session);
@@ -100,7 +100,7 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   record_options.config = !which.config.empty()                ? which.config
                           : !session.settings().config.empty() ? session.settings().config
                                                                : default_config();
-  daemon::Config config;
+  config::Config config;
   if (!config_from(record_options.config, config))
     stop(kBadInput, say("applying needs the daemon's configuration: slabctl calibrate apply --config FILE"));
   if (!yes && !is_of_line(session, record_options.config, config))
@@ -122,9 +122,9 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   // A view time in the future would make the calibration look new at every application.
   if (session.oldest_utime_us() > record.created_utime_us + kClockSlack_us)
     stop(kRefused,
-         say("the oldest view was captured at {}, a time to come: how old this calibration is cannot be told; "
+         say("the oldest view was captured at {}, a time to come: the age of this calibration is unknown; "
              "if the clock is behind, set it; if it was ahead when the views were captured, capture them again",
-             iso_time(session.oldest_utime_us())));
+             report::iso_time(session.oldest_utime_us())));
   record.numbers = solution.record.numbers;
   record.observations = observations_text(session);
   record.certificate = session.certificate_text();
@@ -138,7 +138,7 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   const Kept kept = keep_record(config, record_options, record);
   if (kept.status != kDone) return kept.status;
   if (json_wanted) {
-    Json json("slabd.calibration_applied/1");
+    report::Json json("slabd.calibration_applied/1");
     json.field("id", kept.id);
     write_session(json, session);
     json.field("after_slab", kept.after_slab).field("replaced", now.id);
@@ -156,8 +156,8 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
 }
 
 int show_history(const Options& options) {
-  speak(options.language, options.json);
-  const daemon::Config config = config_from(options.config);
+  set_language(options.language, options.json);
+  const config::Config config = config_from(options.config);
   const std::unique_ptr<storage::Reader> reader = open_records(config);
   std::vector<storage::AppliedChange> applied;
   std::vector<storage::CalibrationRecord> records;
@@ -166,12 +166,12 @@ int show_history(const Options& options) {
     records = need(reader->calibrations(), kNotReachable);
   }
   if (options.json) {
-    Json json("slabd.calibration_history/1");
+    report::Json json("slabd.calibration_history/1");
     json.list("applied", applied, [&](const storage::AppliedChange& c) {
       json.field("seq", c.seq).field("kind", c.kind).field("slab_type", c.slab_type);
       json.field("action", c.is_rollback ? "rollback" : "apply").field("id", c.calibration_id);
       json.field("replaced", c.replaced_id).field("who", c.note.who).field("why", c.note.why);
-      write_time(json, "time", c.note.utime_us);
+      report::write_time(json, "time", c.note.utime_us);
     });
     json.key("records").begin_array();
     for (const storage::CalibrationRecord& r : records) {
@@ -179,32 +179,32 @@ int show_history(const Options& options) {
       json.field("parent", r.parent_id).field("operator", r.operator_name).field("robot_serial", r.robot_serial);
       json.field("scanner_serial", r.scanner_serial).field("temperature_c", r.temperature_c);
       json.field("software", r.software);
-      write_time(json, "created", r.created_utime_us);
-      write_time(json, "expires", r.expires_utime_us);
+      report::write_time(json, "created", r.created_utime_us);
+      report::write_time(json, "expires", r.expires_utime_us);
       json.end_object();
     }
     fmt::print("{}", json.text());
     return kDone;
   }
-  Table changes{say("when<"), say("what<"), say("now in force<"), say("before<"), say("who<"), say("why<")};
+  report::Table changes{say("when<"), say("what<"), say("now in force<"), say("before<"), say("who<"), say("why<")};
   for (const storage::AppliedChange& c : applied)
-    changes.add(iso_time(c.note.utime_us),
+    changes.add(report::iso_time(c.note.utime_us),
                 fmt::format("{} {}{}", c.is_rollback ? say("rollback") : say("apply"), translated(name(c.kind)),
                             c.slab_type == 0 ? "" : fmt::format(" {}", c.slab_type)),
                 c.calibration_id, c.replaced_id.empty() ? "-" : c.replaced_id, c.note.who, retold(c.note.why));
-  Table kept{say("\nkept<"),   say("kind<"),  say("created<"), say("expires<"),
-             say("operator<"), say("robot<"), say("scanner<"), say("holds for<")};
+  report::Table kept{say("\nkept<"),   say("kind<"),  say("created<"), say("expires<"),
+                     say("operator<"), say("robot<"), say("scanner<"), say("holds for<")};
   for (const storage::CalibrationRecord& r : records)
-    kept.add(r.id, translated(name(r.kind())), iso_time(r.created_utime_us),
-             r.expires_utime_us == 0 ? say("never") : iso_time(r.expires_utime_us), r.operator_name, r.robot_serial,
-             r.scanner_serial, r.parent_id);
-  fmt::print("{}{}", changes.rows.empty() ? say("no calibration was ever put in force\n") : text_of(changes),
-             kept.rows.empty() ? "" : text_of(kept));
+    kept.add(r.id, translated(name(r.kind())), report::iso_time(r.created_utime_us),
+             r.expires_utime_us == 0 ? say("never") : report::iso_time(r.expires_utime_us), r.operator_name,
+             r.robot_serial, r.scanner_serial, r.parent_id);
+  fmt::print("{}{}", changes.rows.empty() ? say("no calibration was ever put in force\n") : report::text_of(changes),
+             kept.rows.empty() ? "" : report::text_of(kept));
   return kDone;
 }
 
 /// Requires a confirmation if replacing the calibration in force by `after` (named `source`) is not a small change.
-void confirm_replacing(const daemon::Config& config, const Pose& after, std::string_view source, bool yes) {
+void confirm_replacing(const config::Config& config, const Pose& after, std::string_view source, bool yes) {
   finish_killed_change(config);
   const InForce now = hand_eye_in_force(config);
   if (!now.applied) return;
@@ -226,7 +226,7 @@ void confirm_replacing(const daemon::Config& config, const Pose& after, std::str
 /// The same for a stored hand-eye calibration that is named. Does nothing for other records; the change itself rejects
 /// a name that does not exist.
 void confirm_applying(const Options& options, bool yes) {
-  const daemon::Config config = config_from(options.config);
+  const config::Config config = config_from(options.config);
   const std::unique_ptr<storage::Reader> reader = open_records(config);
   if (reader == nullptr) return;
   const auto kept = need(reader->calibrations());
@@ -242,7 +242,7 @@ void confirm_applying(const Options& options, bool yes) {
 
 /// Stores the commissioning values as a record, with an uncertainty that the operator states.
 int adopt(RecordOptions options, double sigma_mm, double sigma_deg, bool yes) {
-  const daemon::Config config = config_from(options.config);
+  const config::Config config = config_from(options.config);
   if (config.calibration.id.empty())
     stop(kBadInput, say("{}: [calibration] T_flange_scanner is missing, there is nothing to adopt", options.config));
   if (options.apply)
@@ -287,7 +287,7 @@ void add_calibrate_apply(args::Command& group) {
       "From the next slab on. Atomic: killed at any moment, either the old one is in force or the new one. Giving it "
       "again changes nothing.\n"
       "How long it may be used counts from the oldest of its views.\n"
-      "Exit status 6: refused, the text says what to do.\n"
+      "Exit status 6: refused, the text contains the cure.\n"
       "Examples: slabctl calibrate apply --robot-serial KR120-4711 --scanner-serial S-0815 --temperature 21.5\n"
       "          slabctl calibrate apply he-3f2a91c07b5e --reason \"scanner exchanged\"");
   command->add_option("ID", options->known.id, "Id of a kept record, or its first characters");
@@ -303,7 +303,7 @@ void add_calibrate_apply(args::Command& group) {
     Options& known = options->known;
     if (known.id.empty()) return apply_session(options->session, options->record, options->yes, known.json);
     known.language = options->session.language;
-    speak(known.language, known.json);
+    set_language(known.language, known.json);
     known.config = options->session.config.empty() ? default_config() : options->session.config;
     known.who = options->record.operator_name;
     known.why = options->record.why;
@@ -335,7 +335,7 @@ void add_calibrate_adopt(args::Command& group) {
       "an\n"
       "expiry and a history, and station corrections can be solved with them. Where another calibration is in force, "
       "what\n"
-      "--apply changes at the seats is shown; above 0.2 mm or 0.01 deg it wants --yes.\n"
+      "--apply changes at the seats is shown; above 0.2 mm or 0.01 deg it needs --yes.\n"
       "Example: slabctl calibrate adopt --sigma-mm 0.05 --sigma-deg 0.003 --apply --reason \"tracker protocol 17\"");
   options->record.add_to(*command);
   command
@@ -348,7 +348,7 @@ void add_calibrate_adopt(args::Command& group) {
   command->add_flag("--yes", options->yes, "With --apply: what it changes is looked at and wanted");
   options->language.add_to(*command, "Language of the text");
   command->runs([options] {
-    speak(options->language);
+    set_language(options->language);
     return adopt(options->record, options->sigma_mm, options->sigma_deg, options->yes);
   });
 }
@@ -383,15 +383,15 @@ void add_calibrate_history(args::Command& group) {
   command->runs([options] { return show_history(*options); });
 }
 
-std::optional<Stop> find_seat_shifts(const daemon::Config& config, std::uint16_t slab_type, const Pose& before,
+std::optional<Stop> find_seat_shifts(const config::Config& config, std::uint16_t slab_type, const Pose& before,
                                      const Pose& after, SeatShifts& out) {
   std::vector<Recipe> recipes;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipes(config.recipes_dir, recipes, problems);
+  std::vector<config::Problem> problems;
+  config::load_recipes(config.recipes_dir, recipes, problems);
   const auto recipe = std::find_if(recipes.begin(), recipes.end(),
                                    [&](const Recipe& r) { return slab_type == 0 || r.slab_type == slab_type; });
   if (recipe == recipes.end())
-    return Stop{kBadInput, say("no recipe{} in {}: what changes at the slab cannot be told",
+    return Stop{kBadInput, say("no recipe{} in {}: the change at the slab is unknown",
                                slab_type == 0 ? "" : say(" of slab type {}", slab_type), config.recipes_dir)};
   const auto reader = records_if_readable(config);
   if (!reader.ok()) return Stop{kNotReachable, retold(reader.error().text.view())};

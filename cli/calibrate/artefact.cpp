@@ -9,6 +9,7 @@
 #include "cli/calibrate/find_ball.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
+#include "cli/terminal/say.h"
 
 namespace slabd::cli {
 namespace {
@@ -18,6 +19,7 @@ struct Options {
   std::string certificate;
   BallOptions ball;
   std::string target;
+  LanguageOption language;
   bool json = false;
 };
 
@@ -26,24 +28,24 @@ void write_target(const Options& options, const std::vector<calib::ArtefactRepor
   std::vector<Pose> poses;
   for (std::size_t i = 0; i < reports.size(); ++i) {
     if (!reports[i].ok())
-      stop(kRefused,
-           fmt::format("{} is not written: {} was refused; leave it out, and line {} of the flange poses with it",
-                       options.target, options.scans[i], i + 1));
+      stop(kRefused, say("{} is not written: {} was refused; leave it out, and line {} of the flange poses with it",
+                         options.target, options.scans[i], i + 1));
     poses.push_back(reports[i].target.T_scanner_target);
   }
   OutFile file(options.target, {.synced = true});
   file.write(calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::target));
   need(file.close(Code::journal_write), kNotReachable);
-  if (!options.json) fmt::print("{}: {} poses\n", options.target, poses.size());
+  if (!options.json) fmt::print("{}", say("{}: {} poses\n", options.target, poses.size()));
 }
 
 int run_artefact(const Options& options) {
+  set_language(options.language, options.json);
   const std::string text = need(text_file(options.certificate), kBadInput);
   const calib::ArtefactCertificate certificate = need(calib::parse_certificate(text, options.certificate), kBadInput);
   calib::ArtefactSettings settings;
   settings.ball = options.ball.settings();
   std::vector<calib::ArtefactReport> reports;
-  Json json("slabd.artefacts/1");
+  report::Json json("slabd.artefacts/1");
   json.field("certificate", certificate.id).field("certificate_date", certificate.date).key("views").begin_array();
   std::size_t accepted = 0;
   each_scan(options.scans, options.ball.form.form(), [&](const std::string& path, std::span<const float> xyz) {
@@ -55,7 +57,7 @@ int run_artefact(const Options& options) {
     write_artefact(json, report.value());
     json.end_object();
     if (!options.json)
-      fmt::print("{}{}\n{}", path, report.value().ok() ? ": accepted" : ": refused",
+      fmt::print("{}{}", report.value().ok() ? say("{}: accepted\n", path) : say("{}: refused\n", path),
                  artefact_text(report.value(), certificate, settings));
     return success();
   });
@@ -65,7 +67,7 @@ int run_artefact(const Options& options) {
   if (options.json)
     fmt::print("{}", json.text());
   else if (reports.size() > 1)
-    fmt::print("{} of {} scans accepted\n", accepted, reports.size());
+    fmt::print("{}", say("{} of {} scans accepted\n", accepted, reports.size()));
   if (!options.target.empty()) write_target(options, reports);
   return good ? kDone : kRefused;
 }
@@ -87,6 +89,7 @@ void add_calibrate_artefact(args::Command& group) {
       "--target", options->target,
       "Write the poses as a target table for `calibrate solve --kind pose`; all scans must be accepted");
   options->ball.add_to(*command);
+  options->language.add_to(*command, "Language of the text");
   command->add_flag("--json", options->json, "Print slabd.artefacts/1 on stdout");
   command->runs([options] { return run_artefact(*options); });
 }

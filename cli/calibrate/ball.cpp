@@ -19,6 +19,7 @@
 #include "cli/terminal/parse.h"
 #include "cli/terminal/progress.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 #include "hal/hal.h"
 
 namespace slabd::cli {
@@ -32,6 +33,7 @@ struct Options {
   int count = 1;
   bool shots = false;
   std::string target;
+  LanguageOption language;
   bool json = false;
 
   [[nodiscard]] calib::BallSettings settings() const {
@@ -45,18 +47,18 @@ struct Options {
 
 std::string shots_text(const calib::BallShots& shots) {
   if (!shots.ok())
-    return fmt::format("shots together\n  refused: {}\n  cure: {}\n", shots.words.reason.view(),
-                       shots.words.cure.view());
+    return say("shots together\n  refused: {}\n  cure: {}\n", quote(shots.words.reason.view()),
+               quote(shots.words.cure.view()));
   const Vec3& c = shots.centre_mm;
   const Vec3 sigma = shots.cov_mm2.diagonal().cwiseMax(0.0).cwiseSqrt();
-  return fmt::format(
+  return say(
       "shots together\n  centre ({:.4f}, {:.4f}, {:.4f}) mm, sigma ({:.4f}, {:.4f}, {:.4f}) mm\n  {} shots scatter by "
       "{} mm per axis\n",
       c.x(), c.y(), c.z(), sigma.x(), sigma.y(), sigma.z(), shots.shots,
       has_value(shots.repeat_mm) ? fmt::format("{:.4f}", shots.repeat_mm) : "-");
 }
 
-void write_shots(Json& json, const calib::BallShots& shots) {
+void write_shots(report::Json& json, const calib::BallShots& shots) {
   const Vec3 sigma = shots.cov_mm2.diagonal().cwiseMax(0.0).cwiseSqrt();
   json.key("shots").begin_object().field("status", shots.ok() ? "ok" : "refused").field("refusal", shots.refusal);
   json.field("reason", shots.words.reason).field("cure", shots.words.cure).field("count", shots.shots);
@@ -92,8 +94,8 @@ void write_target(const Options& options, const std::vector<calib::BallView>& vi
   const std::vector<std::size_t> numbers = view_numbers(options.scans);
   for (std::size_t v = 0; v < views.size(); ++v)
     if (numbers[v] != v) {
-      complain(fmt::format("the views are numbered by the names of the scans, not by their order: {} is view {}",
-                           options.scans[v], numbers[v] + 1));
+      complain(say("the views are numbered by the names of the scans, not by their order: {} is view {}",
+                   options.scans[v], numbers[v] + 1));
       break;
     }
   std::vector<Pose> poses;
@@ -105,7 +107,7 @@ void write_target(const Options& options, const std::vector<calib::BallView>& vi
     view_labels.push_back(numbers[v]);
     ball_labels.push_back(0);
   }
-  if (poses.empty()) stop(kRefused, fmt::format("{} is not written: no view was accepted", options.target));
+  if (poses.empty()) stop(kRefused, say("{} is not written: no view was accepted", options.target));
   calib::PoseFormat format;
   format.rotation = calib::RotationForm::none;
   format.labelled = true;
@@ -116,7 +118,7 @@ void write_target(const Options& options, const std::vector<calib::BallView>& vi
 }
 
 /// Compares the free radius of all views with the certified one; prints a warning, which does not reject the views.
-void tell_radius(const Options& options, const std::vector<calib::BallView>& views, Json& json) {
+void tell_radius(const Options& options, const std::vector<calib::BallView>& views, report::Json& json) {
   std::vector<calib::BallReport> balls;
   for (const calib::BallView& view : views)
     if (view.ok()) balls.push_back(view.balls[0]);
@@ -125,16 +127,17 @@ void tell_radius(const Options& options, const std::vector<calib::BallView>& vie
   json.field("sigma_mm", check.sigma_mm).field("shift_mm", check.shift_mm).field("suspicious", check.suspicious);
   json.end_object();
   if (!options.json && has_value(check.mean_mm))
-    fmt::print("free radius over {} scans: {:.4f} +- {:.4f} mm, certified {:.4f}\n", check.views, check.mean_mm,
-               2.0 * check.sigma_mm, options.radius_mm);
+    fmt::print("{}", say("free radius over {} scans: {:.4f} +- {:.4f} mm, certified {:.4f}\n", check.views,
+                         check.mean_mm, 2.0 * check.sigma_mm, options.radius_mm));
   if (check.suspicious)
-    complain(fmt::format("warning: {}\n  cure: {}", check.words.reason.view(), check.words.cure.view()));
+    complain(say("warning: {}\n  cure: {}", quote(check.words.reason.view()), quote(check.words.cure.view())));
 }
 
 int run_ball(const Options& options) {
+  set_language(options.language, options.json);
   const calib::BallSettings settings = options.settings();
   std::vector<calib::BallView> views;
-  Json json("slabd.balls/1");
+  report::Json json("slabd.balls/1");
   json.field("radius_mm", options.radius_mm).field("count", options.count).key("views").begin_array();
   std::size_t accepted = 0;
   each_scan(options.scans, options.ball.form.form(), [&](const std::string& path, std::span<const float> xyz) {
@@ -146,7 +149,7 @@ int run_ball(const Options& options) {
     write_ball_view(json, view.value());
     json.end_object();
     if (!options.json)
-      fmt::print("{}{}\n{}", path, view.value().ok() ? ": accepted" : ": refused",
+      fmt::print("{}{}", view.value().ok() ? say("{}: accepted\n", path) : say("{}: refused\n", path),
                  ball_view_text(view.value(), settings));
     return success();
   });
@@ -165,10 +168,10 @@ int run_ball(const Options& options) {
   if (options.json)
     fmt::print("{}", json.text());
   else if (views.size() > 1)
-    fmt::print("{} of {} scans accepted\n", accepted, views.size());
+    fmt::print("{}", say("{} of {} scans accepted\n", accepted, views.size()));
   if (!options.target.empty()) {
     write_target(options, views);
-    if (!options.json) fmt::print("{}: {} sightings, numbered by scan\n", options.target, accepted);
+    if (!options.json) fmt::print("{}", say("{}: {} sightings, numbered by scan\n", options.target, accepted));
   }
   return good ? kDone : kRefused;
 }
@@ -219,7 +222,7 @@ void each_scan(const std::vector<std::string>& paths, const hal::ScanForm& form,
   for (const std::string& path : paths) {
     progress.next(path);
     const std::vector<float> xyz = need(scan_points(path, form), kBadInput);
-    if (const Status used = use(path, xyz); !used) stop(kUsage, fmt::format("{}: {}", path, used.error().text.view()));
+    if (const Status used = use(path, xyz); !used) stop(kUsage, say("{}: {}", path, retold(used.error().text.view())));
   }
 }
 
@@ -251,6 +254,7 @@ void add_calibrate_ball(args::Command& group) {
       ->excludes(count)
       ->excludes(shots);
   options->ball.add_to(*command);
+  options->language.add_to(*command, "Language of the text");
   command->add_flag("--json", options->json, "Print slabd.balls/1 on stdout");
   command->runs([options] { return run_ball(*options); });
 }
@@ -269,11 +273,11 @@ Vec3 sigmas(const Mat3& covariance) {
   return covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
 }
 
-void write_words(Json& json, const calib::BallWords& words) {
+void write_words(report::Json& json, const calib::BallWords& words) {
   json.field("reason", words.reason).field("cure", words.cure);
 }
 
-void write_ball(Json& json, const BallReport& b) {
+void write_ball(report::Json& json, const BallReport& b) {
   json.begin_object().field("status", b.ok() ? "ok" : "refused").field("refusal", b.refusal).field("failed", b.failed);
   write_words(json, b.words);
   json.field("centre_mm", b.centre_mm);
@@ -290,7 +294,7 @@ void write_ball(Json& json, const BallReport& b) {
 }
 
 std::string words_text(const calib::BallWords& words) {
-  return fmt::format("  refused: {}\n  cure: {}\n", words.reason.view(), words.cure.view());
+  return say("  refused: {}\n  cure: {}\n", quote(words.reason.view()), quote(words.cure.view()));
 }
 
 }  // namespace
@@ -299,37 +303,41 @@ std::string ball_text(const BallReport& b, const BallSettings& s) {
   const Vec3& c = b.centre_mm;
   const Vec3 sigma = sigmas(b.cov_mm2());
   std::string text =
-      fmt::format("  centre ({:.4f}, {:.4f}, {:.4f}) mm in the scanner frame, sigma ({:.4f}, {:.4f}, {:.4f}) mm\n",
-                  c.x(), c.y(), c.z(), sigma.x(), sigma.y(), sigma.z());
+      say("  centre ({:.4f}, {:.4f}, {:.4f}) mm in the scanner frame, sigma ({:.4f}, {:.4f}, {:.4f}) mm\n", c.x(),
+          c.y(), c.z(), sigma.x(), sigma.y(), sigma.z());
   if (b.correlated_mm > 0.0)
-    text += fmt::format("  neighbouring points have {:.3f} mm in common over {:.1f} mm: that makes most of the sigma\n",
-                        b.correlated_mm, b.correlation_length_mm);
+    text += say("  neighbouring points have {:.3f} mm in common over {:.1f} mm: that makes most of the sigma\n",
+                b.correlated_mm, b.correlation_length_mm);
   const double radius_shift = b.shift_per_radius.norm();
-  text += fmt::format("  a radius certified too large by 0.01 mm would move it {:.3f} mm away from the scanner\n",
-                      0.01 * radius_shift);
-  Table gates{"  gate", "measured", "limit", "passed"};
-  const auto add = [&](const char* what, const Cell& measured, const std::string& limit, BallRefusal gate) {
+  text += say("  a radius certified too large by 0.01 mm would move it {:.3f} mm away from the scanner\n",
+              0.01 * radius_shift);
+  report::Table gates{say("  gate"), say("measured"), say("limit"), say("passed")};
+  const auto add = [&](const std::string& what, const report::Cell& measured, const std::string& limit,
+                       BallRefusal gate) {
     gates.add(what, measured, limit,
-              std::find(b.failed.begin(), b.failed.end(), gate) != b.failed.end() ? "no" : "yes");
+              std::find(b.failed.begin(), b.failed.end(), gate) != b.failed.end() ? say("no") : say("yes"));
   };
-  add("  half angle of the cap, deg", figure(deg_from_rad(b.half_angle_rad), 1),
+  add(say("  half angle of the cap, deg"), report::figure(deg_from_rad(b.half_angle_rad), 1),
       fmt::format(">= {:.0f}", deg_from_rad(s.half_angle_min_rad)), BallRefusal::small_cap);
-  add("  seen around, deg", figure(deg_from_rad(b.azimuth_rad), 0),
+  add(say("  seen around, deg"), report::figure(deg_from_rad(b.azimuth_rad), 0),
       fmt::format(">= {:.0f}", deg_from_rad(s.azimuth_min_rad)), BallRefusal::azimuth);
-  add("  points", b.points_used, fmt::format(">= {}", s.points_min), BallRefusal::few_points);
-  add("  free radius, mm", fmt::format("{} +- {}", figure(b.radius_free_mm, 4), figure(b.radius_free_sigma_mm, 4)),
+  add(say("  points"), b.points_used, fmt::format(">= {}", s.points_min), BallRefusal::few_points);
+  add(say("  free radius, mm"),
+      fmt::format("{} +- {}", report::figure(b.radius_free_mm, 4), report::figure(b.radius_free_sigma_mm, 4)),
       fmt::format("{:.4f} +- {:.3f}", s.radius_mm, s.radius_off_mm), BallRefusal::radius);
-  add("  share of points on the sphere", figure(b.kept_share, 3), fmt::format(">= {:.2f}", s.kept_share_min),
-      BallRefusal::spoiled);
-  add("  scatter, mm", figure(b.rms_mm, 4), fmt::format("< {:.4f}", s.rms_max * s.noise_mm), BallRefusal::noisy);
-  text += text_of(gates);
+  add(say("  share of points on the sphere"), report::figure(b.kept_share, 3),
+      fmt::format(">= {:.2f}", s.kept_share_min), BallRefusal::spoiled);
+  add(say("  scatter, mm"), report::figure(b.rms_mm, 4), fmt::format("< {:.4f}", s.rms_max * s.noise_mm),
+      BallRefusal::noisy);
+  text += report::text_of(gates);
   if (!b.ok()) text += words_text(b.words);
   return text;
 }
 
 std::string ball_view_text(const calib::BallView& view, const BallSettings& settings) {
-  std::string text = fmt::format("  {} points, {} finite; {} {} of about radius {:.3f} mm\n", view.points, view.finite,
-                                 view.balls.size(), view.balls.size() == 1 ? "sphere" : "spheres", settings.radius_mm);
+  std::string text =
+      say("  {} points, {} finite; {} {} of about radius {:.3f} mm\n", view.points, view.finite, view.balls.size(),
+          view.balls.size() == 1 ? say("sphere") : say("spheres"), settings.radius_mm);
   for (const BallReport& ball : view.balls) text += ball_text(ball, settings);
   const bool said = view.balls.size() == 1 && !view.ok() && view.refusal == view.balls[0].refusal;
   if (!view.ok() && !said) text += words_text(view.words);
@@ -349,26 +357,26 @@ std::string artefact_text(const ArtefactReport& r, const calib::ArtefactCertific
     return text;
   }
   const std::array<double, 7> pose = r.target.T_scanner_target.to_array();
-  text = fmt::format("  artefact {}, certificate of {}\n", certificate.id.view(), certificate.date.view());
+  text = say("  artefact {}, certificate of {}\n", certificate.id.view(), certificate.date.view());
   text += fmt::format("  T_scanner_target x y z {:.4f} {:.4f} {:.4f} mm, qw qx qy qz {:.7f} {:.7f} {:.7f} {:.7f}\n",
                       pose[0], pose[1], pose[2], pose[3], pose[4], pose[5], pose[6]);
-  text += fmt::format("  sigma {:.4f} mm per axis at its origin, {:.5f} deg\n", r.target.sigma_mm(),
-                      deg_from_rad(r.target.sigma_rad()));
-  Table table{"  ball", "points", "off its place, mm", "x", "y", "z"};
+  text += say("  sigma {:.4f} mm per axis at its origin, {:.5f} deg\n", r.target.sigma_mm(),
+              deg_from_rad(r.target.sigma_rad()));
+  report::Table table{say("  ball"), say("points"), say("off its place, mm"), "x", "y", "z"};
   for (std::size_t k = 0; k < r.residuals_mm.size(); ++k) {
     const Vec3& off = r.residuals_mm[k];
     const auto which = static_cast<std::size_t>(r.assigned[k]);
     const std::string points = which < r.view.balls.size() ? std::to_string(r.view.balls[which].points_used) : "-";
-    table.add(fmt::format("  {}", k + 1), points, Cell(off.norm(), 4), fmt::format("{:+.4f}", off.x()),
+    table.add(fmt::format("  {}", k + 1), points, report::Cell(off.norm(), 4), fmt::format("{:+.4f}", off.x()),
               fmt::format("{:+.4f}", off.y()), fmt::format("{:+.4f}", off.z()));
   }
-  text += text_of(table);
-  text += fmt::format("  scale {:+.0f} +- {:.0f} ppm (a diagnosis; never applied)\n", r.scale_ppm, r.scale_sigma_ppm);
+  text += report::text_of(table);
+  text += say("  scale {:+.0f} +- {:.0f} ppm (a diagnosis; never applied)\n", r.scale_ppm, r.scale_sigma_ppm);
   if (!r.ok()) text += words_text(r.words);
   return text;
 }
 
-void write_ball_view(Json& json, const calib::BallView& view) {
+void write_ball_view(report::Json& json, const calib::BallView& view) {
   json.field("status", view.ok() ? "ok" : "refused").field("refusal", view.refusal);
   write_words(json, view.words);
   json.field("points", view.points).field("finite", view.finite).key("balls").begin_array();
@@ -376,12 +384,12 @@ void write_ball_view(Json& json, const calib::BallView& view) {
   json.end_array();
 }
 
-void write_artefact(Json& json, const ArtefactReport& r) {
+void write_artefact(report::Json& json, const ArtefactReport& r) {
   json.field("status", r.ok() ? "ok" : "refused").field("refusal", r.refusal);
   write_words(json, r.words);
   const bool located = !r.residuals_mm.empty();
-  json.field("T_scanner_target", only_if(located, r.target.T_scanner_target));
-  json.field("covariance", only_if(located, r.target.covariance));
+  json.field("T_scanner_target", report::only_if(located, r.target.T_scanner_target));
+  json.field("covariance", report::only_if(located, r.target.covariance));
   json.field("sigma_mm", located ? r.target.sigma_mm() : kNoValue);
   json.field("sigma_deg", located ? deg_from_rad(r.target.sigma_rad()) : kNoValue);
   json.list("assigned", r.assigned, [&](const int which) { return which + 1; });

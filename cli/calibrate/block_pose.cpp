@@ -20,6 +20,7 @@
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
+#include "cli/terminal/say.h"
 #include "daemon/measure.h"
 
 namespace slabd::cli {
@@ -33,15 +34,16 @@ struct Options {
   std::string config;
   std::string target;
   ScanFormOptions form;
+  LanguageOption language;
   bool json = false;
 };
 
 /// Approximate scanner pose: from --start, otherwise from the configuration.
 Pose find_start(const Options& options) {
   if (!options.start.empty()) return need(calib::parse_flange("", options.start, "--start"));
-  daemon::Config config;
+  config::Config config;
   if (!config_from(options.config, config))
-    stop(kUsage, "--start says roughly where the scanner sits (T_flange_scanner), or --config where to read it");
+    stop(kUsage, say("--start gives the rough pose of the scanner (T_flange_scanner), or --config where to read it"));
   return hand_eye_in_force(config).T_flange_scanner;
 }
 
@@ -52,7 +54,7 @@ class BlockFinder {
       : memory_(limits::kScanSlotBytes),
         xyz_(memory_.take<float>(limits::kScanPointsMax * 3)),
         clock_(hal::make_system_clock()),
-        inspector_(daemon::default_measure_threads()) {
+        inspector_(config::default_measure_threads()) {
     inspector_.use(recipe);
   }
 
@@ -65,7 +67,7 @@ class BlockFinder {
     // Items that cannot be measured from this direction are ignored, because only the registration is used.
     const Status measured =
         daemon::measure_block(inspector_, *clock_, 1, Pose::identity(), T_block_scanner, cloud, shape, 0.0);
-    why_not_ = measured.ok() ? "" : std::string(measured.error().text.view());
+    why_not_ = measured.ok() ? "" : code_text(measured.error().code, measured.error().text.view());
     return inspector_.result().registration;
   }
   /// Reason why the block was not found, with hints from the scan's size and position about its unit and frame.
@@ -91,18 +93,19 @@ void learn(std::span<const calib::View> views, Pose& X, Pose& T_base_block) {
 }
 
 int run_block(const Options& options) {
+  set_language(options.language, options.json);
   const Recipe recipe = recipe_from(options.recipe);
   const std::string text = need(text_file(options.flange));
   const calib::PoseTable flange = need(calib::parse_poses(text, options.flange, calib::TableRole::flange));
   if (flange.poses.size() < options.scans.size())
-    stop(kBadInput, fmt::format("{}: {} poses for {} scans; one line for each scan, in their order", options.flange,
-                                flange.poses.size(), options.scans.size()));
+    stop(kBadInput, say("{}: {} poses for {} scans; one line for each scan, in their order", options.flange,
+                        flange.poses.size(), options.scans.size()));
   Pose X = find_start(options);
 
   BlockFinder finder(recipe);
   std::vector<calib::View> views;
   Pose T_base_block = flange.poses.front() * X * nominal_T_block_scanner().inverse();
-  Json json("slabd.block_poses/1");
+  report::Json json("slabd.block_poses/1");
   json.field("recipe", recipe.name).key("views").begin_array();
   for (std::size_t i = 0; i < options.scans.size(); ++i) {
     const Pose& T_base_flange = flange.poses[i];
@@ -114,10 +117,9 @@ int run_block(const Options& options) {
     if (ok) json.field("T_scanner_block", r.T_scanner_block);
     json.end_object();
     if (!options.json)
-      fmt::print("{}: {}\n", options.scans[i],
-                 ok ? fmt::format("found; {:.0f} % of the points belong to the block, noise {:.3f} mm",
-                                  100.0 * r.share_associated, r.noise_mm)
-                    : fmt::format("REFUSED: the block was not found ({})", finder.why_not()));
+      fmt::print("{}", ok ? say("{}: found; {:.0f} % of the points belong to the block, noise {:.3f} mm\n",
+                                options.scans[i], 100.0 * r.share_associated, r.noise_mm)
+                          : say("{}: REFUSED: the block was not found ({})\n", options.scans[i], finder.why_not()));
     if (!ok) continue;
     calib::View& view = views.emplace_back();
     view.T_base_flange = T_base_flange;
@@ -132,11 +134,11 @@ int run_block(const Options& options) {
   if (options.json) fmt::print("{}", json.text());
   if (!good)
     stop(kRefused,
-         fmt::format("{} of {} scans refused, {} is not written. Remedy: the first view must look straight down at "
-                     "the block from 600 mm, --start be right to about 10 mm and 2 deg, and the whole block be in the "
-                     "picture; leave a refused scan out, and its line of {} with it",
-                     options.scans.size() - views.size(), options.scans.size(),
-                     options.target.empty() ? "the table" : options.target, options.flange));
+         say("{} of {} scans refused, {} is not written. Remedy: the first view must look straight down at "
+             "the block from 600 mm, --start be right to about 10 mm and 2 deg, and the whole block be in the "
+             "picture; leave a refused scan out, and its line of {} with it",
+             options.scans.size() - views.size(), options.scans.size(),
+             options.target.empty() ? say("the table") : options.target, options.flange));
   if (options.target.empty()) return kDone;
   std::vector<Pose> poses;
   for (const calib::View& view : views) poses.push_back(view.T_scanner_target);
@@ -144,8 +146,8 @@ int run_block(const Options& options) {
   file.write(calib::write_poses(poses, calib::PoseFormat{}, calib::TableRole::target));
   need(file.close(Code::journal_write), kNotReachable);
   if (!options.json)
-    fmt::print("{}: {} poses\nnext: slabctl calibrate solve --kind pose --flange {} --target {}\n", options.target,
-               poses.size(), options.flange, options.target);
+    fmt::print("{}", say("{}: {} poses\nnext: slabctl calibrate solve --kind pose --flange {} --target {}\n",
+                         options.target, poses.size(), options.flange, options.target));
   return kDone;
 }
 
@@ -170,6 +172,7 @@ void add_calibrate_block(args::Command& group) {
   command->add_option("--target", options->target,
                       "Write the poses as a target table for `calibrate solve --kind pose`; all must be accepted");
   options->form.add_to(*command);
+  options->language.add_to(*command, "Language of the text");
   command->add_flag("--json", options->json, "Print slabd.block_poses/1 on stdout");
   command->runs([options] { return run_block(*options); });
 }

@@ -11,9 +11,9 @@ namespace slabd::calib {
 SLABD_FIELDS(Spread, median, rms, max);
 }  // namespace slabd::calib
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// The subcommands of `slabctl calibrate`, one file each. Each function adds one to the group.
 namespace slabd::cli {
@@ -42,9 +42,9 @@ class Session;
 /// Coverage of the views, missing directions, and the suggested next pose in words, as quaternion and for KUKA.
 [[nodiscard]] std::string guide_text(const Session& session, const calib::Guide& guide);
 /// The same as fields of the open object: `coverage`, `suggestion` (null: not needed), `next` (a command).
-void write_guide(Json& json, const Session& session, const calib::Guide& guide);
+void write_guide(report::Json& json, const Session& session, const calib::Guide& guide);
 /// Writes `session` and `folder` as fields of the open object.
-void write_session(Json& json, const Session& session);
+void write_session(report::Json& json, const Session& session);
 /// The command for the next step.
 [[nodiscard]] std::string next_command(const Session& session);
 
@@ -56,11 +56,11 @@ void write_session(Json& json, const Session& session);
                                         const calib::StatedNoise& noise);
 /// Writes the fields of slabd.hand_eye/1 into the open object: status, T_flange_scanner, target, figures, reasons,
 /// warnings. Views are numbered from 1. Missing values are null.
-void write_hand_eye(Json& json, calib::ArtefactKind kind, const calib::HandEye& result,
+void write_hand_eye(report::Json& json, calib::ArtefactKind kind, const calib::HandEye& result,
                     const calib::StatedNoise& noise);
 
 /// A transform in three notations (4 x 4, quaternion w first, KUKA X Y Z A B C) as indented lines.
-[[nodiscard]] std::string pose_three_ways(const Pose& pose);
+[[nodiscard]] std::string pose_in_three_forms(const Pose& pose);
 
 /// Contents of a text file of at most 16 MB. Code::config with the reason if it cannot be read.
 [[nodiscard]] Result<std::string> text_file(const std::string& path);

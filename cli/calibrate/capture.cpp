@@ -218,12 +218,12 @@ std::string found_text(const Session& session, const calib::CapturedView& v, con
 std::string taken_text(const Session& session, const Taken& taken, const calib::Guide& guide) {
   if (taken.dropped)
     return say(
-        "captured already, and DROPPED: it counts for nothing; take another scan, or take the drop back if it was the "
+        "captured already, and DROPPED: it is not used; take another scan, or take the drop back if it was the "
         "last step (slabctl calibrate undo)");
   return (taken.already ? say("captured already, ") : "") + found_text(session, taken.view, guide);
 }
 
-void write_view(Json& json, const Taken& taken) {
+void write_view(report::Json& json, const Taken& taken) {
   const calib::CapturedView& v = taken.view;
   json.begin_object().field("view", v.number).field("already", taken.already).field("dropped", taken.dropped);
   json.field("use", v.use).field("status", v.accepted() ? "ok" : "refused").field("refusal", v.refusal);
@@ -235,7 +235,7 @@ void write_view(Json& json, const Taken& taken) {
 /// Captures the views of one command. A failed view is a return value, so that capture_all() continues after a robot
 /// motion.
 int capture(const Options& options) {
-  speak(options.session.language, options.json);
+  set_language(options.session.language, options.json);
   const int sources = (options.live ? 1 : 0) + (options.set.empty() ? 0 : 1) + (options.scans.empty() ? 0 : 1);
   const int poses = (options.flange.empty() ? 0 : 1) + (options.flange_file.empty() ? 0 : 1);
   if (sources != 1 || (!options.scans.empty() && poses != 1) || (options.scans.empty() && poses != 0))
@@ -252,7 +252,7 @@ int capture(const Options& options) {
   if (!options.json) fmt::print("{}\n", session_words(session));
   for (const std::string& words : session.half_done()) complain(words);
 
-  Json json("slabd.calibration_capture/1");
+  report::Json json("slabd.calibration_capture/1");
   write_session(json, session);
   json.key("views").begin_array();
   std::vector<ViewRequest> requests = need(options.live ? Result<std::vector<ViewRequest>>(std::vector<ViewRequest>(1))
@@ -319,7 +319,7 @@ void add_calibrate_capture(args::Command& group) {
   command->footer(
       "\nPoses are T_base_flange as the robot reported them: the flange in the robot root, not a tool. --flange is in "
       "the\n"
-      "form that `new` declared; a file says its form in its header (slabctl calibrate solve --help).\n"
+      "form that `new` declared; a file declares its form in its header (slabctl calibrate solve --help).\n"
       "The scans are copied. A view that was captured already is recognised and not taken twice.\n"
       "Examples: slabctl calibrate capture --live --all\n"
       "          slabctl calibrate capture --live\n"

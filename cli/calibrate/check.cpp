@@ -42,7 +42,7 @@ struct CheckOptions {
   std::string slab;
   int station = 0;
   bool ball = false;
-  BallLook look;
+  BallMeasurement look;
   std::string who;
   std::size_t limit = kTrendRows;
   LanguageOption language;
@@ -52,7 +52,7 @@ struct CheckOptions {
 struct ReferenceOptions {
   RecordOptions record;
   std::string certificate;
-  BallLook look;
+  BallMeasurement look;
   double limit_mm = 0.1;
   LanguageOption language;
 };
@@ -60,10 +60,10 @@ struct ReferenceOptions {
 // ---- reference block ---------------------------------------------------------------------------------------------
 
 /// Requires a recipe of the line, because a check passes by the recipe's U.
-void need_recipe_of_line(const Recipe& recipe, const std::string& file, const daemon::Config& config) {
-  std::vector<daemon::Problem> problems;
+void need_recipe_of_line(const Recipe& recipe, const std::string& file, const config::Config& config) {
+  std::vector<config::Problem> problems;
   std::vector<Recipe> of_line;
-  daemon::load_recipes(config.recipes_dir, of_line, problems);
+  config::load_recipes(config.recipes_dir, of_line, problems);
   for (const Recipe& one : of_line)
     if (one.sha256 == recipe.sha256) return;
   static_cast<void>(report_problems(problems));
@@ -72,7 +72,7 @@ void need_recipe_of_line(const Recipe& recipe, const std::string& file, const da
                      file, config.recipes_dir));
 }
 
-BlockResult measure_scan(const CheckOptions& options, const daemon::Config& config, storage::Reader& reader) {
+BlockResult measure_scan(const CheckOptions& options, const config::Config& config, storage::Reader& reader) {
   if (options.recipe.empty())
     stop(kUsage, say("a scan needs --recipe: the block's shape, and what U is computed from"));
   const Recipe recipe = recipe_from(options.recipe);
@@ -84,7 +84,7 @@ BlockResult measure_scan(const CheckOptions& options, const daemon::Config& conf
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
   const ScanShape shape = need(hal::read_scan(options.scan.c_str(), options.look.form.form(), xyz));
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
-  algo::BlockInspector inspector(daemon::default_measure_threads());
+  algo::BlockInspector inspector(config::default_measure_threads());
   inspector.use(recipe);
   const algo::Cloud cloud{xyz, shape.points, shape.width, shape.height};
   need(daemon::measure_block(inspector, *clock, 1, Pose::identity(), nominal_T_block_scanner(), cloud, shape, 0.0,
@@ -111,7 +111,7 @@ BlockResult take_from_slab(const CheckOptions& options, storage::Reader& reader,
                            std::string& source) {
   const storage::SlabRecord slab = named_slab(reader, options.slab);
   const std::int64_t key = slab.summary.header.key;
-  const storage::SlabBlock* valid = latest(slab, options.station);
+  const storage::SlabBlock* valid = report::latest(slab, options.station);
   if (valid == nullptr || valid->phase != StationPhase::measured)
     stop(kBadInput, say("--slab {} --station {}: this station was not measured; slabctl show {} lists its blocks",
                         options.slab, options.station, options.slab));
@@ -123,7 +123,7 @@ BlockResult take_from_slab(const CheckOptions& options, storage::Reader& reader,
   if (valid->attempt.scan_utime_us <= checked)
     stop(kRefused,
          say("slab {} station {} was scanned at {}, before the last check at {}: scan the reference block again", key,
-             options.station, iso_time(valid->attempt.scan_utime_us), iso_time(checked)));
+             options.station, report::iso_time(valid->attempt.scan_utime_us), report::iso_time(checked)));
   source = fmt::format("slab key {} station {} attempt {}", key, options.station, valid->attempt.number);
   return valid->block;
 }
@@ -132,7 +132,7 @@ BlockResult take_from_slab(const CheckOptions& options, storage::Reader& reader,
 
 /// Message if the pose differs from the ball's own pose, else empty: the robot error there differs by up to its
 /// absolute accuracy, which is not a drift.
-std::string elsewhere(const daemon::Config& config, const std::string& observations, const SeenBall& seen) {
+std::string elsewhere(const config::Config& config, const std::string& observations, const MeasuredBall& seen) {
   const std::optional<Pose> then = ball_pose_of(observations);
   if (!then) return "";
   const double off_mm = (seen.T_base_flange.translation_mm - then->translation_mm).norm();
@@ -151,7 +151,7 @@ void need_clear_elsewhere(storage::Reader& reader, const CalibrationCheck& check
     stop(kRefused, say("refused: the last check failed, and this one does not clear it: {}", where));
 }
 
-InForce need_hand_eye(storage::Reader* reader, const daemon::Config& config) {
+InForce need_hand_eye(storage::Reader* reader, const config::Config& config) {
   const InForce now = hand_eye_in_force(reader, config);
   if (now.id.empty())
     stop(kRefused, say("no calibration is in force, and the configuration has no commissioning values"));
@@ -160,9 +160,9 @@ InForce need_hand_eye(storage::Reader* reader, const daemon::Config& config) {
 
 // ---- output ------------------------------------------------------------------------------------------------------
 
-void write_check(Json& json, const CalibrationCheck& check) {
-  write_fields(json, check, [&](std::string_view field) {
-    if (field == "utime_us") write_time(json, "time", check.utime_us);
+void write_check(report::Json& json, const CalibrationCheck& check) {
+  report::write_fields(json, check, [&](std::string_view field) {
+    if (field == "utime_us") report::write_time(json, "time", check.utime_us);
     return field != "utime_us";
   });
 }
@@ -171,7 +171,7 @@ std::string due_text(const LineCalibration::Watch& watch, std::int64_t interval_
   if (watch.reference_id.empty()) return "";
   const std::int64_t last = checked_from_utime_us(watch);
   if (interval_us == 0) return say("no checks are due ([calibration] check_interval_hours = 0)");
-  return say("next check due {}{}", iso_time(last + interval_us),
+  return say("next check due {}{}", report::iso_time(last + interval_us),
              overdue(watch, interval_us, wall_clock_us()) ? say(": OVERDUE") : "");
 }
 
@@ -187,7 +187,7 @@ std::string figures_of(const CalibrationCheck& check) {
 }
 
 /// Prints the trend, oldest first.
-int show_trend(const CheckOptions& options, const daemon::Config& config, storage::Reader* reader) {
+int show_trend(const CheckOptions& options, const config::Config& config, storage::Reader* reader) {
   std::vector<CalibrationCheck> checks;
   std::unique_ptr<LineCalibration> line = std::make_unique<LineCalibration>();
   if (reader != nullptr) {
@@ -195,7 +195,7 @@ int show_trend(const CheckOptions& options, const daemon::Config& config, storag
     line = need(reader->line_calibration());
   }
   if (options.json) {
-    Json json("slabd.calibration_trend/1");
+    report::Json json("slabd.calibration_trend/1");
     for (const auto& [key, watch] :
          {std::pair{"reference_block", &line->block}, std::pair{"monitor_ball", &line->ball}}) {
       json.key(key);
@@ -205,19 +205,19 @@ int show_trend(const CheckOptions& options, const daemon::Config& config, storag
       }
       const std::int64_t last = checked_from_utime_us(*watch);
       json.begin_object().field("id", watch->reference_id).field("failed", watch->failed);
-      write_time(json, "checked", watch->checked_utime_us);
-      write_time(json, "due", config.check_interval_us == 0 ? 0 : last + config.check_interval_us);
+      report::write_time(json, "checked", watch->checked_utime_us);
+      report::write_time(json, "due", config.check_interval_us == 0 ? 0 : last + config.check_interval_us);
       json.field("overdue", overdue(*watch, config.check_interval_us, wall_clock_us())).end_object();
     }
     json.list("checks", checks, [&](const CalibrationCheck& check) { write_check(json, check); });
     fmt::print("{}", json.text());
     return kDone;
   }
-  Table table{say("when<"), say("what<"), say("result<"), say("measured<"), say("note<")};
+  report::Table table{say("when<"), say("what<"), say("result<"), say("measured<"), say("note<")};
   for (auto check = checks.rbegin(); check != checks.rend(); ++check)
-    table.add(iso_time(check->utime_us), translated(name(check->kind)), passed_word(check->passed), figures_of(*check),
-              quote(check->note.view()));
-  if (!table.rows.empty()) fmt::print("{}\n", text_of(table));
+    table.add(report::iso_time(check->utime_us), translated(name(check->kind)), passed_word(check->passed),
+              figures_of(*check), quote(check->note.view()));
+  if (!table.rows.empty()) fmt::print("{}\n", report::text_of(table));
   if (line->block.reference_id.empty() && line->ball.reference_id.empty())
     fmt::print("{}", say("no reference block and no monitor ball is in force: slabctl calibrate reference --help\n"));
   for (const LineCalibration::Watch* watch : {&line->block, &line->ball})
@@ -256,26 +256,26 @@ void need_new(const CheckOptions& options, storage::Reader& reader, std::string&
   for (const CalibrationCheck& check : checks) {
     if (check.kind != kind || !same(check.source.view())) continue;
     stop(kRefused, say("this scan was judged before, at {}: {}; a check needs a scan of its own: take a new one",
-                       iso_time(check.utime_us), passed_word(check.passed)));
+                       report::iso_time(check.utime_us), passed_word(check.passed)));
   }
 }
 
 /// Compares with the artefact in force.
-CalibrationCheck judge(const CheckOptions& options, const daemon::Config& config, storage::Reader& reader) {
+CalibrationCheck judge(const CheckOptions& options, const config::Config& config, storage::Reader& reader) {
   const CalibrationKind kind = options.ball ? CalibrationKind::monitor_ball : CalibrationKind::reference_block;
   const auto reference = need(reader.current(kind));
   if (!reference)
     stop(kBadInput, say("no {} is in force to compare with: slabctl calibrate reference", translated(name(kind))));
   if (const std::int64_t end = reference->expires_utime_us; end != 0 && wall_clock_us() >= end)
     stop(kRefused,
-         say("{} expired on {}: it says nothing any more; have it certified again, then slabctl calibrate reference",
-             reference->id, iso_time(end)));
+         say("{} expired on {}: it is not valid any more; have it certified again, then slabctl calibrate reference",
+             reference->id, report::iso_time(end)));
   const InForce hand_eye = need_hand_eye(&reader, config);
   CalibrationCheck check;
   std::string source = options.scan;
   if (options.ball) {
     const auto& ball = std::get<MonitorBall>(reference->numbers);
-    BallLook look = options.look;
+    BallMeasurement look = options.look;
     look.scan = options.scan;
     look.who = options.who;
     // With another radius the ball's centre moves along the view by about the difference.
@@ -284,7 +284,7 @@ CalibrationCheck judge(const CheckOptions& options, const daemon::Config& config
                           "leave --radius out, or take the ball into use again (slabctl calibrate reference)",
                           look.radius_mm, reference->id, ball.radius_mm));
     look.radius_mm = ball.radius_mm;
-    const SeenBall seen = look_at_ball(config, look, hand_eye.T_flange_scanner);
+    const MeasuredBall seen = look_at_ball(config, look, hand_eye.T_flange_scanner);
     check = calib::check_ball(ball, seen.p_base_mm);
     if (options.look.live) source = seen.source;
     need_new(options, reader, source);
@@ -308,8 +308,8 @@ CalibrationCheck judge(const CheckOptions& options, const daemon::Config& config
 }
 
 int check_calibration(const CheckOptions& options) {
-  speak(options.language, options.json);
-  const daemon::Config config = config_from(options.config);
+  set_language(options.language, options.json);
+  const config::Config config = config_from(options.config);
   finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader = open_records(config);
   if (options.ball && options.look.live == !options.scan.empty())
@@ -326,7 +326,7 @@ int check_calibration(const CheckOptions& options) {
   reader.reset();
   const ChangeAnswer kept = need(change_calibration(config, storage::KeepCheck{check}));
   if (options.json) {
-    Json json("slabd.calibration_check/1");
+    report::Json json("slabd.calibration_check/1");
     write_check(json, check);
     fmt::print("{}", json.text());
   } else {
@@ -346,14 +346,14 @@ int check_calibration(const CheckOptions& options) {
 }
 
 int take_reference(const ReferenceOptions& options) {
-  speak(options.language);
+  set_language(options.language);
   const int given =
       (options.certificate.empty() ? 0 : 1) + (options.look.scan.empty() ? 0 : 1) + (options.look.live ? 1 : 0);
   if (given != 1)
     stop(kUsage,
          say("give one of --certificate (reference block), --ball SCAN with --flange, or --live (monitor ball, with "
              "--radius)"));
-  const daemon::Config config = config_from(options.record.config);
+  const config::Config config = config_from(options.record.config);
   finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader = open_records(config);
   storage::CalibrationRecord record;
@@ -366,9 +366,9 @@ int take_reference(const ReferenceOptions& options) {
     record.certificate = text;
   } else {
     const InForce hand_eye = need_hand_eye(reader.get(), config);
-    BallLook look = options.look;
+    BallMeasurement look = options.look;
     look.who = record.operator_name;
-    SeenBall seen = look_at_ball(config, look, hand_eye.T_flange_scanner);
+    MeasuredBall seen = look_at_ball(config, look, hand_eye.T_flange_scanner);
     if (!look.live) seen.source = need(mark_of(look.scan)) + seen.source;
     const Vec3& p = seen.p_base_mm;
     record.numbers = MonitorBall{p, look.radius_mm, options.limit_mm};

@@ -10,9 +10,9 @@
 #include "cli/terminal/parse.h"
 #include "report/json.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// Output of balls and artefacts found in scans; shared by the offline commands and the capture of views.
 namespace slabd::cli {
@@ -26,8 +26,8 @@ namespace slabd::cli {
                                         const calib::ArtefactSettings& settings);
 
 /// Writes fields into the open object. Lengths in mm, angles in degrees, null if not determined.
-void write_ball_view(Json& json, const calib::BallView& view);
-void write_artefact(Json& json, const calib::ArtefactReport& report);
+void write_ball_view(report::Json& json, const calib::BallView& view);
+void write_artefact(report::Json& json, const calib::ArtefactReport& report);
 
 /// Options shared by all commands that find balls: --scanner-noise-mm, --noise-correlation-mm, --parallel,
 /// --unit, --columns.

@@ -62,7 +62,7 @@ std::string sigmas_of_pose(const Mat6& covariance, bool rotation) {
 
 std::string figures(ArtefactKind kind, const HandEye& r) {
   const bool pose = kind == ArtefactKind::pose;
-  Table table{say("figure"), say("value"), say("unit<"), say("meaning<")};
+  report::Table table{say("figure"), say("value"), say("unit<"), say("meaning<")};
   const auto add = [&](const std::string& what, const std::string& value, const std::string& unit,
                        const std::string& meaning) { table.add(what, value, unit, meaning); };
   add(say("predicted point error"), number(r.predicted_point_sigma_mm, 3), "mm",
@@ -72,7 +72,7 @@ std::string figures(ArtefactKind kind, const HandEye& r) {
       say("median / rms / max miss of a view that took no part in the fit"));
   if (pose) add("", three(r.leave_one_out_deg, 4), "deg", "");
   add(say("residuals"), three(r.residual_mm, 3), "mm",
-      say("median / rms / max of the views kept; says less than the two above"));
+      say("median / rms / max of the views kept; less meaningful than the two above"));
   if (pose) add("", three(r.residual_deg, 4), "deg", "");
   add("s0", number(r.s0, 2), "", say("residuals over stated noise: 1 when the noise is as stated, allowed 0.1 to 3"));
   if (pose)
@@ -94,10 +94,10 @@ std::string figures(ArtefactKind kind, const HandEye& r) {
     add(say("worst view kept"), fmt::format("{}", r.views[r.worst_view].number), "",
         say("{} mm, as rare as {} sigma", number(r.views[r.worst_view].residual_mm, 3),
             number(r.views[r.worst_view].sigmas, 1)));
-  return text_of(table);
+  return report::text_of(table);
 }
 
-void write_target(Json& json, ArtefactKind kind, const HandEye& r) {
+void write_target(report::Json& json, ArtefactKind kind, const HandEye& r) {
   json.key("target");
   if (!r.determined) {
     json.null();
@@ -112,20 +112,20 @@ void write_target(Json& json, ArtefactKind kind, const HandEye& r) {
   }
 }
 
-void write_conventions(Json& json, const calib::ConventionReport& report) {
+void write_conventions(report::Json& json, const calib::ConventionReport& report) {
   json.key("conventions");
   if (report.tried.empty()) {
     json.null();
     return;
   }
   json.begin_object().field("stated_fits", report.stated_fits);
-  json.field("fits", only_if(report.fits != 0, report.tried[report.fits].name)).field("tried", report.tried);
+  json.field("fits", report::only_if(report.fits != 0, report.tried[report.fits].name)).field("tried", report.tried);
   json.end_object();
 }
 
 }  // namespace
 
-std::string pose_three_ways(const Pose& pose) {
+std::string pose_in_three_forms(const Pose& pose) {
   const Mat4 m = pose.matrix();
   std::string text;
   for (int row = 0; row < 4; ++row)
@@ -151,8 +151,8 @@ std::string hand_eye_text(ArtefactKind kind, const HandEye& r, const calib::Stat
   if (kind == ArtefactKind::pose) text += fmt::format(", {:.4g} deg", deg_from_rad(noise.target_rad));
   text += say(" (per axis, 1 sigma)\n\n");
   if (r.determined)
-    text +=
-        say("T_flange_scanner maps scanner coordinates to flange coordinates\n") + pose_three_ways(r.T_flange_scanner);
+    text += say("T_flange_scanner maps scanner coordinates to flange coordinates\n") +
+            pose_in_three_forms(r.T_flange_scanner);
   else
     text += say("T_flange_scanner is not determined by these views\n");
   text += "\n" + figures(kind, r) + "\n";
@@ -164,7 +164,7 @@ std::string hand_eye_text(ArtefactKind kind, const HandEye& r, const calib::Stat
   return text;
 }
 
-void write_hand_eye(Json& json, ArtefactKind kind, const HandEye& r, const calib::StatedNoise& noise) {
+void write_hand_eye(report::Json& json, ArtefactKind kind, const HandEye& r, const calib::StatedNoise& noise) {
   json.field("kind", kind).field("status", r.ok ? "ok" : "refused");
   json.field("reasons", r.reasons);
   json.field("warnings", r.warnings).field("maps", "scanner coordinates to flange coordinates");
@@ -172,9 +172,9 @@ void write_hand_eye(Json& json, ArtefactKind kind, const HandEye& r, const calib
   const Vec3& t = r.T_flange_scanner.translation_mm;
   const std::array kuka = {
       t.x(), t.y(), t.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
-  json.field("T_flange_scanner", only_if(r.determined, r.T_flange_scanner));
-  json.field("T_flange_scanner_matrix", only_if(r.determined, r.T_flange_scanner.matrix()));
-  json.field("T_flange_scanner_kuka_xyzabc_deg", only_if(r.determined, kuka));
+  json.field("T_flange_scanner", report::only_if(r.determined, r.T_flange_scanner));
+  json.field("T_flange_scanner_matrix", report::only_if(r.determined, r.T_flange_scanner.matrix()));
+  json.field("T_flange_scanner_kuka_xyzabc_deg", report::only_if(r.determined, kuka));
   write_target(json, kind, r);
   json.field("residual_mm", r.residual_mm);
   json.field("residual_deg", r.residual_deg);

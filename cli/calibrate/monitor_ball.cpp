@@ -20,8 +20,8 @@ namespace slabd::cli {
 namespace {
 
 /// Finds the ball in a scan. nullopt on success, otherwise the reason.
-std::optional<Stop> find_in(const BallLook& look, const std::string& scan, const hal::ScanForm& form, const Pose& X,
-                            SeenBall& seen) {
+std::optional<Stop> find_in(const BallMeasurement& look, const std::string& scan, const hal::ScanForm& form,
+                            const Pose& X, MeasuredBall& seen) {
   const auto because = [](const Error& why) { return Stop{exit_for(why.code), retold(why.text.view())}; };
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
@@ -40,7 +40,7 @@ std::optional<Stop> find_in(const BallLook& look, const std::string& scan, const
 }
 
 /// Takes one view through the daemon; the line is idle again afterwards, even after an error.
-SeenBall take_live(const daemon::Config& config, const BallLook& look, const Pose& X) {
+MeasuredBall take_live(const config::Config& config, const BallMeasurement& look, const Pose& X) {
   const std::string who = look.who.empty() ? default_operator() : look.who;
   // The session name is unique, so that two simultaneous checks cannot continue or end each other's session. The lease
   // is short, because after a crash no other process can continue the session.
@@ -53,7 +53,7 @@ SeenBall take_live(const daemon::Config& config, const BallLook& look, const Pos
     if (terminal) fmt::print(stderr, "\r\x1b[K{} ...", said);
   });
   if (terminal) fmt::print(stderr, "\r\x1b[K");
-  SeenBall seen;
+  MeasuredBall seen;
   std::optional<Stop> unseen;  // printed before the line is returned
   if (shot.ok()) {
     for (const std::string& warning : shot.value().warnings) complain(say("warning: {}", quote(warning)));
@@ -74,7 +74,7 @@ SeenBall take_live(const daemon::Config& config, const BallLook& look, const Pos
 
 }  // namespace
 
-void BallLook::add_to(args::Command& command) {
+void BallMeasurement::add_to(args::Command& command) {
   args::Option pose =
       command.add_option("--flange", flange, "Pose of the robot: \"x y z qw qx qy qz\" of the flange, as reported");
   command.add_flag("--live", live, "Take scan and pose of the ball from the running line; it must be idle")
@@ -86,7 +86,7 @@ void BallLook::add_to(args::Command& command) {
   form.add_to(command);
 }
 
-SeenBall look_at_ball(const daemon::Config& config, const BallLook& look, const Pose& T_flange_scanner) {
+MeasuredBall look_at_ball(const config::Config& config, const BallMeasurement& look, const Pose& T_flange_scanner) {
   if (!has_value(look.radius_mm))
     stop(kUsage, say("--radius: the ball's certified radius (effective, as coated) is missing"));
   if (look.live) return take_live(config, look, T_flange_scanner);
@@ -97,14 +97,14 @@ SeenBall look_at_ball(const daemon::Config& config, const BallLook& look, const 
              ? say("--flange is missing: where the robot stood when the ball was scanned, \"x y z qw qx qy qz\" "
                    "as it reports its flange (or --live: scan and pose come from the running line)")
              : say("--flange: {}", quote(pose.error().text.view())));
-  SeenBall seen;
+  MeasuredBall seen;
   seen.T_base_flange = pose.value();
   seen.source = look.scan;
   if (const auto unseen = find_in(look, look.scan, look.form.form(), T_flange_scanner, seen)) throw *unseen;
   return seen;
 }
 
-std::string ball_observations(const SeenBall& seen, std::string_view hand_eye_id) {
+std::string ball_observations(const MeasuredBall& seen, std::string_view hand_eye_id) {
   const std::array<double, 7> p = seen.T_base_flange.to_array();
   return fmt::format("scan {}\nT_base_flange {} {} {} {} {} {} {}\nhand-eye {}\n", seen.source, p[0], p[1], p[2], p[3],
                      p[4], p[5], p[6], hand_eye_id);

@@ -116,92 +116,94 @@ Result<Session> Session::open(const std::string& dir) {
     if (!certificate.ok()) return certificate.error();
     session.certificate_text_ = certificate.value();
     if (calib::sha256_hex(session.certificate_text_) != session.settings_.certificate_sha256)
-      return said_error(
-          Code::config,
-          say("{}/certificate.txt was changed after the session began, and its views were made with what it said; "
-              "put it back as it was, or begin another session with the new one",
-              session.dir_));
+      return said_error(Code::config, say("{}/certificate.txt was changed after the session began, and its views were "
+                                          "made with its former content; "
+                                          "put it back as it was, or begin another session with the new one",
+                                          session.dir_));
     const auto parsed = calib::parse_certificate(session.certificate_text_, session.dir_ + "/certificate.txt");
     if (!parsed.ok()) return parsed.error();
   }
-  if (const Status read = session.read_views(); !read.ok()) return read.error();
+  session.read_views();
   session.read_solutions();
   return session;
 }
 
-Status Session::read_views() {
-  struct Undo {
-    std::size_t view = 0;
-    std::size_t step = 0;
-  };
+void Session::read_views() {
   std::vector<Undo> undos;
-  std::size_t unknown_steps = 0;
   for (const std::string& name : names_in(dir_ + "/views")) {
     const std::string folder = dir_ + "/views/" + name;
     if (name.starts_with(kPart)) {
       const Result<std::string> intent = text_file(folder + "/" + kIntent);
       half_done_paths_.push_back(folder);
-      half_done_.push_back(say("a capture was stopped before it was done and counts for nothing; capture it again: {}",
+      half_done_.push_back(say("a capture was interrupted and is not used; capture it again: {}",
                                intent.ok() ? quote(intent.value()) : say("what it was is not known")));
       continue;
     }
-    const std::size_t number = number_of(name);
-    if (number == 0) continue;  // not a view
-    Entry entry;
-    entry.folder = folder;
-    const Result<std::string> text = text_file(folder + "/view.txt");
-    const auto view =
-        text.ok() ? calib::parse_view(text.value(), folder + "/view.txt") : Result<calib::CapturedView>(text.error());
-    if (view.ok())
-      entry.view = view.value();
-    else
-      entry.unreadable = retold(view.error().text.view());
-    if (view.ok() && view.value().number != number)
-      entry.unreadable = say("{}: its view.txt is of another view", folder);
-    entry.view.number = number;
-    last_step_ = std::max(last_step_, entry.view.step);
-    if (entry.unreadable.empty())
-      steps_.push_back({entry.view.step, number, false, false, {}});
-    else
-      ++unknown_steps;
-    for (const std::string& file : names_in(folder)) {
-      const bool drop = file.starts_with("drop-");
-      if (!(drop || file.starts_with("undo-")) || !file.ends_with(".txt")) continue;
-      const Result<std::string> words = text_file(folder + "/" + file);
-      const auto change = words.ok() ? calib::parse_view_change(words.value(), folder + "/" + file)
-                                     : Result<calib::ViewChange>(words.error());
-      if (!change.ok()) {
-        // The state of the view is unknown, so it is not counted; the step number is not reused.
-        entry.unreadable =
-            say("{}; put that file back as it was, or remove it and drop the view again if it "
-                "shall not count",
-                quote(change.error().text.view()));
-        last_step_ = std::max(last_step_, step_of(file));
-        continue;
-      }
-      last_step_ = std::max(last_step_, change.value().step);
-      if (drop)
-        steps_.push_back({change.value().step, number, true, false, change.value().why});
-      else
-        undos.push_back({number, change.value().undoes});
-    }
-    if (entry.unreadable.empty())
-      for (const calib::KeptShot& shot : entry.view.shots) {
-        std::error_code missing;
-        if (fs::file_size(folder + "/" + shot.file, missing) == shot.bytes && !missing) continue;
-        half_done_.push_back(
-            say("view {}: its scan {} is gone or was changed; what was found in it still counts, but it cannot "
-                "be examined again",
-                number, folder + "/" + shot.file));
-      }
-    entries_.push_back(std::move(entry));
+    if (const std::size_t number = number_of(name); number != 0) read_view(number, folder, undos);
   }
-  // An undo is stored with the view whose step it takes back.
+  apply_steps(undos);
+}
+
+void Session::read_view(std::size_t number, const std::string& folder, std::vector<Undo>& undos) {
+  Entry entry;
+  entry.folder = folder;
+  const Result<std::string> text = text_file(folder + "/view.txt");
+  const auto view =
+      text.ok() ? calib::parse_view(text.value(), folder + "/view.txt") : Result<calib::CapturedView>(text.error());
+  if (view.ok())
+    entry.view = view.value();
+  else
+    entry.unreadable = retold(view.error().text.view());
+  if (view.ok() && view.value().number != number) entry.unreadable = say("{}: its view.txt is of another view", folder);
+  entry.view.number = number;
+  last_step_ = std::max(last_step_, entry.view.step);
+  if (entry.unreadable.empty())
+    steps_.push_back({entry.view.step, number, false, false, {}});
+  else
+    ++unreadable_steps_;
+  read_view_changes(entry, undos);
+  if (entry.unreadable.empty())
+    for (const calib::KeptShot& shot : entry.view.shots) {
+      std::error_code missing;
+      if (fs::file_size(folder + "/" + shot.file, missing) == shot.bytes && !missing) continue;
+      half_done_.push_back(
+          say("view {}: its scan {} is gone or was changed; what was found in it still counts, but it cannot "
+              "be examined again",
+              number, folder + "/" + shot.file));
+    }
+  entries_.push_back(std::move(entry));
+}
+
+void Session::read_view_changes(Entry& entry, std::vector<Undo>& undos) {
+  for (const std::string& file : names_in(entry.folder)) {
+    const bool drop = file.starts_with("drop-");
+    if (!(drop || file.starts_with("undo-")) || !file.ends_with(".txt")) continue;
+    const Result<std::string> words = text_file(entry.folder + "/" + file);
+    const auto change = words.ok() ? calib::parse_view_change(words.value(), entry.folder + "/" + file)
+                                   : Result<calib::ViewChange>(words.error());
+    if (!change.ok()) {
+      // The state of the view is unknown, so it is not counted; the step number is not reused.
+      entry.unreadable =
+          say("{}; put that file back as it was, or remove it and drop the view again if it "
+              "shall not count",
+              quote(change.error().text.view()));
+      last_step_ = std::max(last_step_, step_of(file));
+      continue;
+    }
+    last_step_ = std::max(last_step_, change.value().step);
+    if (drop)
+      steps_.push_back({change.value().step, entry.view.number, true, false, change.value().why});
+    else
+      undos.push_back({entry.view.number, change.value().undoes});
+  }
+}
+
+void Session::apply_steps(const std::vector<Undo>& undos) {
   for (const Undo& undo : undos)
     for (Step& step : steps_)
       if (step.view == undo.view && step.step == undo.step) step.taken_back = true;
   // An unreadable view may be repaired later, so its step number is not reused.
-  last_step_ += unknown_steps;
+  last_step_ += unreadable_steps_;
   for (Entry& entry : entries_)
     for (const Step& step : steps_) {
       if (step.view != entry.view.number) continue;
@@ -211,7 +213,6 @@ Status Session::read_views() {
       }
       if (!step.is_drop && step.taken_back) entry.undone = true;
     }
-  return success();
 }
 
 void Session::read_solutions() {
@@ -339,7 +340,7 @@ void Session::discard_view(const std::string& part) const {
 Status Session::commit_view(const std::string& part, calib::CapturedView& view) {
   view.number = entries_.empty() ? 1 : entries_.back().view.number + 1;
   view.step = last_step_ + 1;
-  view.captured = iso_time(wall_clock_us());
+  view.captured = report::iso_time(wall_clock_us());
   if (view.use == calib::ViewUse::fit &&
       calib::hold_out_next(settings_, counted(calib::ViewUse::fit) + counted(calib::ViewUse::held_out),
                            counted(calib::ViewUse::held_out)))
@@ -369,7 +370,7 @@ Status Session::drop(std::size_t number, const std::string& who, const std::stri
       return said_error(Code::config,
                         say("view {} was dropped already ({}); take that back with: slabctl calibrate undo", number,
                             entry.dropped_why));
-    const Status added = add_step(entry, "drop", {last_step_ + 1, 0, iso_time(wall_clock_us()), who, why});
+    const Status added = add_step(entry, "drop", {last_step_ + 1, 0, report::iso_time(wall_clock_us()), who, why});
     if (!added.ok()) return added;
     entry.dropped_step = ++last_step_;
     entry.dropped_why = why;
@@ -387,7 +388,8 @@ Result<std::string> Session::undo(const std::string& who) {
     return said_error(Code::config, say("there is nothing to undo; slabctl calibrate list shows the session"));
   for (Entry& entry : entries_) {
     if (entry.view.number != newest->view) continue;
-    const Status added = add_step(entry, "undo", {last_step_ + 1, newest->step, iso_time(wall_clock_us()), who, ""});
+    const Status added =
+        add_step(entry, "undo", {last_step_ + 1, newest->step, report::iso_time(wall_clock_us()), who, ""});
     if (!added.ok()) return added.error();
     ++last_step_;
     newest->taken_back = true;
@@ -409,7 +411,7 @@ Status Session::keep_solution(calib::SolvedRecord& record, const std::string& fi
     return success();
   }
   record.step = last_step_ + 1;
-  record.when = iso_time(wall_clock_us());
+  record.when = report::iso_time(wall_clock_us());
   const std::string folder = fmt::format("{}/solutions/{:04}", dir_, record.step);
   const std::string part = dir_ + "/solutions/" + kPart + std::to_string(record.step);
   std::error_code fault;

@@ -14,9 +14,9 @@
 #include "config/config.h"
 #include "storage/storage.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// A calibration session, stored as a folder of readable files:
 ///
@@ -101,7 +101,15 @@ class Session {
   [[nodiscard]] Status keep_verified(const calib::VerifiedRecord& record) const;
 
  private:
-  [[nodiscard]] Status read_views();
+  /// An undo is stored with the view whose step it takes back.
+  struct Undo {
+    std::size_t view = 0;
+    std::size_t step = 0;
+  };
+  void read_views();
+  void read_view(std::size_t number, const std::string& folder, std::vector<Undo>& undos);
+  void read_view_changes(Entry& entry, std::vector<Undo>& undos);
+  void apply_steps(const std::vector<Undo>& undos);
   void read_solutions();
   [[nodiscard]] Status add_step(const Entry& entry, const std::string& word, const calib::ViewChange& change);
 
@@ -120,8 +128,9 @@ class Session {
   };
   std::vector<Step> steps_;  ///< captures and drops
   std::size_t last_step_ = 0;
+  std::size_t unreadable_steps_ = 0;  ///< views whose step number is unknown
   std::optional<Solution> solution_;
-  std::optional<FolderLock> lock_;
+  std::optional<FileLock> lock_;
 };
 
 /// `--session NAME|DIR` and `--config`, which select the session of a command, and `--language`.
@@ -140,7 +149,7 @@ void remember_session(const std::string& dir);
 [[nodiscard]] Result<std::string> session_dir(const std::string& name, const std::string& config);
 /// Reads the configuration of `path` (empty: the default path, where it may be missing). False if it has errors, which
 /// are printed.
-[[nodiscard]] bool config_if_any(const std::string& path, std::optional<daemon::Config>& config);
+[[nodiscard]] bool config_if_any(const std::string& path, std::optional<config::Config>& config);
 
 /// "session hall-2 (/var/lib/slabd/calibration/hall-2)"
 [[nodiscard]] std::string session_words(const Session& session);
@@ -210,7 +219,7 @@ struct SeatShifts {
 
 /// Displacement of the seats if one T_flange_scanner replaces another, with the same scans at the taught poses, or at
 /// nominal ones. `slab_type` 0: that of the first recipe. nullopt on success, otherwise the reason.
-[[nodiscard]] std::optional<Stop> find_seat_shifts(const daemon::Config& config, std::uint16_t slab_type,
+[[nodiscard]] std::optional<Stop> find_seat_shifts(const config::Config& config, std::uint16_t slab_type,
                                                    const Pose& before, const Pose& after, SeatShifts& out);
 
 }  // namespace slabd::cli

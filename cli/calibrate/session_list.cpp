@@ -78,8 +78,8 @@ double tilt_of(const Session& session, const Session::Entry& e, const calib::Gui
 
 std::string view_table(const Session& session, const calib::Guide& guide) {
   const std::map<std::size_t, calib::ViewFit> fits = fits_of(session);
-  Table table{say("view"),       say("use<"),     say("points"),           say("cap deg"),     say("rms mm"),
-              say("radius off"), say("tilt deg"), say("seen at x y z mm"), say("residual mm"), say("note<")};
+  report::Table table{say("view"),       say("use<"),     say("points"),           say("cap deg"),     say("rms mm"),
+                      say("radius off"), say("tilt deg"), say("seen at x y z mm"), say("residual mm"), say("note<")};
   for (const Session::Entry& e : session.entries()) {
     const calib::CapturedView& v = e.view;
     const Vec3& p = v.T_scanner_target.translation_mm;
@@ -92,10 +92,10 @@ std::string view_table(const Session& session, const calib::Guide& guide) {
               readable && v.accepted() ? fmt::format("{:.0f} {:.0f} {:.0f}", p.x(), p.y(), p.z()) : "-",
               fit != fits.end() ? number(fit->second.residual_mm, 3) : "-", note);
   }
-  return text_of(table);
+  return report::text_of(table);
 }
 
-void write_views(Json& json, const Session& session, const calib::Guide& guide) {
+void write_views(report::Json& json, const Session& session, const calib::Guide& guide) {
   const std::map<std::size_t, calib::ViewFit> fits = fits_of(session);
   json.list("views", session.entries(), [&](const Session::Entry& e) {
     const calib::CapturedView& v = e.view;
@@ -104,14 +104,14 @@ void write_views(Json& json, const Session& session, const calib::Guide& guide) 
     json.field("captured", v.captured).field("points", v.points).field("half_angle_deg", v.half_angle_deg);
     json.field("rms_mm", v.rms_mm).field("radius_off_mm", v.radius_off_mm).field("repeat_mm", v.repeat_mm);
     json.field("tilt_deg", e.unreadable.empty() ? tilt_of(session, e, guide) : kNoValue);
-    json.field("T_scanner_target", only_if(e.unreadable.empty() && v.accepted(), v.T_scanner_target));
+    json.field("T_scanner_target", report::only_if(e.unreadable.empty() && v.accepted(), v.T_scanner_target));
     json.field("residual_mm", fit != fits.end() ? fit->second.residual_mm : kNoValue);
     json.field("kept", fit == fits.end() || fit->second.kept);
     json.list("shots", v.shots, [&](const calib::KeptShot& shot) { return e.folder + "/" + shot.file; });
   });
 }
 
-void write_solution(Json& json, const Session& session) {
+void write_solution(report::Json& json, const Session& session) {
   json.key("solution");
   if (!session.solution()) {
     json.null();
@@ -126,11 +126,11 @@ void write_solution(Json& json, const Session& session) {
 }
 
 int list(const Options& options) {
-  speak(options.session.language, options.json);
+  set_language(options.session.language, options.json);
   const Session session = find_session(options.session);
   const calib::Guide guide = session.guide();
   if (options.json) {
-    Json json("slabd.calibration_session/1");
+    report::Json json("slabd.calibration_session/1");
     write_session(json, session);
     json.field("kind", session.settings().kind).field("created", session.settings().created);
     json.field("operator", session.settings().operator_name).field("half_done", session.half_done());
@@ -161,7 +161,7 @@ int tell_change(const Options& options, const Session& session, const std::strin
   const calib::Guide guide = session.guide();
   session.leave_next_pose(guide);
   if (options.json) {
-    Json json("slabd.calibration_session_change/1");
+    report::Json json("slabd.calibration_session_change/1");
     write_session(json, session);
     json.field("done", what);
     write_guide(json, session, guide);
@@ -173,7 +173,7 @@ int tell_change(const Options& options, const Session& session, const std::strin
 }
 
 int drop(const Options& options) {
-  speak(options.session.language, options.json);
+  set_language(options.session.language, options.json);
   Session session = find_session(options.session);
   need(session.lock());
   need(session.drop(options.number, default_operator(), options.why));
@@ -183,7 +183,7 @@ int drop(const Options& options) {
 }
 
 int undo(const Options& options) {
-  speak(options.session.language, options.json);
+  set_language(options.session.language, options.json);
   Session session = find_session(options.session);
   need(session.lock());
   const std::string undone = need(session.undo(default_operator()));
@@ -258,7 +258,7 @@ std::string coverage_text(const Session& session, const Guide& guide) {
   text += say("{} of {} places in the view\n", c.cells_seen(), calib::kPlaces * calib::kDepths);
   if (has_value(guide.misfit_mm))
     return text +
-           say("THE VIEWS DO NOT FIT EACH OTHER: they miss by {:.2f} mm (rms); slabctl calibrate solve says why\n",
+           say("THE VIEWS DO NOT FIT EACH OTHER: they miss by {:.2f} mm (rms); slabctl calibrate solve shows why\n",
                guide.misfit_mm);
   text += say("predicted point error (1 sigma): {}", sigma(c.point_sigma_mm));
   if (guide.next && has_value(guide.next->point_sigma_mm))
@@ -309,7 +309,7 @@ std::string guide_text(const Session& session, const Guide& guide) {
   return text + say("  drive there with care for cables and fixtures: only the geometry is known here\n");
 }
 
-void write_guide(Json& json, const Session& session, const Guide& guide) {
+void write_guide(report::Json& json, const Session& session, const Guide& guide) {
   const calib::Coverage& c = guide.coverage;
   json.key("coverage").begin_object().field("views", counted(session)).field("goal", session.settings().goal);
   json.field("fit", session.counted(ViewUse::fit)).field("held_out", session.counted(ViewUse::held_out));
@@ -333,7 +333,7 @@ void write_guide(Json& json, const Session& session, const Guide& guide) {
   json.field("next", next_command(session));
 }
 
-void write_session(Json& json, const Session& session) {
+void write_session(report::Json& json, const Session& session) {
   json.field("session", session.settings().name).field("folder", session.dir());
 }
 

@@ -46,7 +46,7 @@ struct Options {
 };
 
 /// Approximate scanner pose: from the option, otherwise the one in force, otherwise the commissioning value.
-void find_start(const Options& options, const std::optional<daemon::Config>& config, calib::SessionSettings& settings) {
+void find_start(const Options& options, const std::optional<config::Config>& config, calib::SessionSettings& settings) {
   if (!options.start.empty()) {
     const Result<Pose> pose = parse_pose(options.start);
     if (!pose.ok()) stop(kUsage, say("--start: {}", quote(pose.error().text.view())));
@@ -75,8 +75,8 @@ std::string form_words(const std::string& form) {
 }
 
 int begin(const Options& options) {
-  speak(options.language, options.json);
-  std::optional<daemon::Config> config;
+  set_language(options.language, options.json);
+  std::optional<config::Config> config;
   if (!config_if_any(options.config, config)) stop(kBadInput);
   const std::string dir = need(session_dir(options.name, options.config), kUsage);
 
@@ -89,7 +89,7 @@ int begin(const Options& options) {
         kUsage,
         say("NAME: a session's name neither begins with a dot nor begins or ends with a blank, and no character of its "
             "folder is one that cannot be seen"));
-  settings.created = iso_time(wall_clock_us());
+  settings.created = report::iso_time(wall_clock_us());
   if (config) settings.config = fs::absolute(options.config.empty() ? default_config() : options.config).string();
   settings.operator_name = options.operator_name.empty() ? default_operator() : options.operator_name;
   settings.noise = options.solve.noise();
@@ -133,7 +133,7 @@ int begin(const Options& options) {
   const Session session = need(Session::open(dir), kInternal);
   remember_session(session.dir());
   if (options.json) {
-    Json json("slabd.calibration_session/1");
+    report::Json json("slabd.calibration_session/1");
     write_session(json, session);
     fmt::print("{}", json.text());
     return kDone;
@@ -280,7 +280,7 @@ std::string which_session(const SessionOptions& options) {
     stop(has_config ? kBadInput : kUsage, dir.error());
   }
   if (std::string last = last_session(); !last.empty() && other_line(last, options.config).empty()) return last;
-  std::optional<daemon::Config> config;
+  std::optional<config::Config> config;
   if (!config_if_any(options.config, config)) stop(kBadInput);
   std::string others;
   const std::vector<std::string> found =
@@ -308,11 +308,11 @@ void SessionOptions::add_to(args::Command& command) {
   command.add_option("--config", config, fmt::format("The daemon's configuration (default: {})", default_config()));
 }
 
-bool config_if_any(const std::string& path, std::optional<daemon::Config>& config) {
+bool config_if_any(const std::string& path, std::optional<config::Config>& config) {
   const std::string file = path.empty() ? default_config() : path;
   std::error_code fault;
   if (path.empty() && !fs::exists(file, fault)) return true;
-  daemon::Config read;
+  config::Config read;
   if (!config_from(file, read)) return false;
   config = std::move(read);
   return true;
@@ -320,7 +320,7 @@ bool config_if_any(const std::string& path, std::optional<daemon::Config>& confi
 
 Result<std::string> session_dir(const std::string& name, const std::string& config_path) {
   if (name.find('/') != std::string::npos || name == "." || name == "..") return fs::absolute(name).string();
-  std::optional<daemon::Config> config;
+  std::optional<config::Config> config;
   if (!config_if_any(config_path, config))
     return said_error(Code::config,
                       say("the configuration says where sessions lie, and cannot be used; give a folder: ./{}", name));

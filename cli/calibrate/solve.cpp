@@ -49,7 +49,7 @@ Result<std::vector<calib::View>> read_views(calib::ArtefactKind kind, const Opti
 }
 
 std::string scale_text(const calib::ScaleDiagnosis& scale, const std::vector<double>& bar) {
-  if (scale.views == 0) return say("scanner scale: no view sees both balls of the bar\n");
+  if (scale.views == 0) return say("scanner scale: no view contains both balls of the bar\n");
   return say("scanner scale: {:+.0f} +- {:.0f} ppm (1 sigma) against {:.4f} mm, {} views{}; a diagnosis, not applied\n",
              scale.ppm, scale.sigma_ppm, bar[2], scale.views, scale.suspicious ? say(": SUSPICIOUS") : "");
 }
@@ -66,7 +66,7 @@ int solve_tables(const Options& options) {
     scale = calib::diagnose_scale(views, ball(0), ball(1), options.ball_bar[2], options.ball_bar[3], noise.target_mm);
   }
   if (options.json) {
-    Json json("slabd.hand_eye/1");
+    report::Json json("slabd.hand_eye/1");
     json.field("software", daemon::software_version()).field("flange", options.flange);
     json.field("target_file", options.target);
     write_hand_eye(json, kind, result, noise);
@@ -94,7 +94,7 @@ int solve_kept_views(const Options& options) {
   if (keeps) need(session.keep_solution(solution.record, solution.figures));
   const bool again = keeps && before == solution.record.step;
   if (options.json) {
-    Json json("slabd.hand_eye/1");
+    report::Json json("slabd.hand_eye/1");
     json.field("software", daemon::software_version());
     write_session(json, session);
     json.field("id", solution.record.id).field("stored", keeps).field("same_as_before", again);
@@ -135,7 +135,7 @@ void check_ball_bar(const std::vector<double>& bar) {
 }
 
 int solve(const Options& options) {
-  speak(options.session.language, options.json);
+  set_language(options.session.language, options.json);
   if (!options.ball_bar.empty()) check_ball_bar(options.ball_bar);
   const int given =
       (options.kind.empty() ? 0 : 1) + (options.flange.empty() ? 0 : 1) + (options.target.empty() ? 0 : 1);
@@ -360,7 +360,7 @@ Result<SessionSolution> solve_session(const Session& session) {
   record.point_sigma_mm = h.predicted_point_sigma_mm;
   record.leave_one_out_mm = h.leave_one_out_mm.median;
   record.s0 = h.s0;
-  Json json("slabd.hand_eye/1");
+  report::Json json("slabd.hand_eye/1");
   json.field("software", daemon::software_version()).field("id", record.id).field("inputs_sha256", record.inputs);
   write_hand_eye(json, settings.kind, h, settings.noise);
   solution.figures = json.text();

@@ -19,6 +19,7 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
+#include "cli/terminal/say.h"
 #include "report/json.h"
 #include "report/slab_view.h"
 
@@ -33,6 +34,7 @@ struct Options {
   bool again = false;
   std::uint16_t slab_type = 0;
   calib::StationSettings settings;
+  LanguageOption language;
   bool json = false;
 };
 
@@ -51,11 +53,11 @@ void add_slab(storage::Reader& reader, const std::string& name, Work& work) {
   const storage::SlabRecord slab = named_slab(reader, name);
   const SlabHeader& header = slab.summary.header;
   if (header.slab_type != work.certificate.slab_type)
-    stop(kBadInput, fmt::format("--slabs {}: it is of slab type {}, the certificate is of {}", name, header.slab_type,
-                                work.certificate.slab_type));
+    stop(kBadInput, say("--slabs {}: it is of slab type {}, the certificate is of {}", name, header.slab_type,
+                        work.certificate.slab_type));
   const std::string round = fmt::format("slab {}", header.key);
   for (const calib::MasterStation& s : work.certificate.stations) {
-    const storage::SlabBlock* valid = latest(slab, s.station);
+    const storage::SlabBlock* valid = report::latest(slab, s.station);
     if (valid == nullptr || valid->phase != StationPhase::measured) continue;
     auto visit = calib::seat_visit(valid->block, valid->attempt.T_base_flange, round);
     if (!visit) continue;
@@ -86,8 +88,8 @@ void find_hand_eye(storage::Reader* reader, Work& work) {
     }
   }
   stop(kRefused,
-       "no hand-eye calibration is in force, and station corrections hold for one only: calibrate, then slabctl "
-       "calibrate apply");
+       say("no hand-eye calibration is in force, and station corrections hold for one only: calibrate, then slabctl "
+           "calibrate apply"));
 }
 
 /// Solves the table in force again with the current hand-eye calibration.
@@ -98,16 +100,16 @@ void take_again(const Options& options, storage::Reader* reader, Work& work) {
     if (slab_type == 0) {
       const auto line = need(reader->line_calibration());
       if (line->tables.size() > 1)
-        stop(kUsage, "--again: several slab types have corrections; say which with --slab-type");
+        stop(kUsage, say("--again: several slab types have corrections; say which with --slab-type"));
       if (!line->tables.empty()) slab_type = line->tables[0].table.slab_type;
     }
     record = need(reader->current(CalibrationKind::stations, slab_type));
   }
   if (!record)
     stop(kBadInput,
-         "--again: no station corrections are in force; master the stations first (--certificate and --slabs)");
-  read_certificate(record->certificate, record->id + ", certificate", work);
-  work.visits = need(calib::parse_visits(record->observations, record->id + ", visits"));
+         say("--again: no station corrections are in force; master the stations first (--certificate and --slabs)"));
+  read_certificate(record->certificate, say("{}, certificate", record->id), work);
+  work.visits = need(calib::parse_visits(record->observations, say("{}, visits", record->id)));
   work.end_utime_us = record->expires_utime_us;
   work.temperature_c = record->temperature_c;
   // Visits from files may lack the calibration they were taken with; it is that of the first solution.
@@ -126,9 +128,9 @@ void find_earlier_hand_eyes(storage::Reader& reader, Work& work) {
       const auto* numbers = record ? std::get_if<HandEyeNumbers>(&record->numbers) : nullptr;
       if (numbers == nullptr)
         stop(kRefused,
-             fmt::format("{}: it was inspected with {}, of which the database has no record, in force is {}: whether "
-                         "the scanner sits where it sat cannot be seen; have the line inspect the mastered slab again",
-                         visit.round, visit.hand_eye_id, work.hand_eye.id));
+             say("{}: it was inspected with {}, of which the database has no record, in force is {}: whether "
+                 "the scanner sits where it sat cannot be seen; have the line inspect the mastered slab again",
+                 visit.round, visit.hand_eye_id, work.hand_eye.id));
       earlier = known.emplace(visit.hand_eye_id, *numbers).first;
     }
     visit.hand_eye = earlier->second;
@@ -150,8 +152,8 @@ Work gather(const Options& options, storage::Reader* reader) {
 }
 
 std::string as_json(const Work& work, const calib::StationsSolution& s, const Kept& kept) {
-  Json json("slabd.station_calibration/1");
-  json.field("status", s.ok ? "ok" : "refused").field("id", only_if(!kept.id.empty(), kept.id));
+  report::Json json("slabd.station_calibration/1");
+  json.field("status", s.ok ? "ok" : "refused").field("id", report::only_if(!kept.id.empty(), kept.id));
   json.field("applied", kept.applied).field("hand_eye_id", work.hand_eye.id).field("certificate", work.certificate.id);
   json.field("slab_type", work.certificate.slab_type).field("visits", work.visits.size());
   json.field("before_rms_mm", s.before_rms_mm).field("after_rms_mm", s.after_rms_mm);
@@ -173,27 +175,28 @@ std::string as_json(const Work& work, const calib::StationsSolution& s, const Ke
 }
 
 std::string solution_text(const Work& work, const calib::StationsSolution& s) {
-  std::string text = fmt::format("certificate {} of slab type {}, {} visits, hand-eye {}\n\n", work.certificate.id,
-                                 work.certificate.slab_type, work.visits.size(), work.hand_eye.id);
+  std::string text = say("certificate {} of slab type {}, {} visits, hand-eye {}\n\n", work.certificate.id,
+                         work.certificate.slab_type, work.visits.size(), work.hand_eye.id);
   if (!s.stations.empty()) {
-    Table table{"station", "visits", "moves seat by (mm)", "turns (deg)", "spread (mm)", "sigma of a visit (mm, deg)"};
+    report::Table table{say("station"),     say("visits"),      say("moves seat by (mm)"),
+                        say("turns (deg)"), say("spread (mm)"), say("sigma of a visit (mm, deg)")};
     for (const calib::StationSolution& one : s.stations)
       table.add(one.station, one.numbers.visits,
                 fmt::format("{:+.3f} {:+.3f} {:+.3f}", one.shift_mm.x(), one.shift_mm.y(), one.shift_mm.z()),
-                Cell(deg_from_rad(one.turn_rad), 4), Cell(one.numbers.spread_mm, 4),
+                report::Cell(deg_from_rad(one.turn_rad), 4), report::Cell(one.numbers.spread_mm, 4),
                 fmt::format("{:.4f} {:.5f}", one.numbers.sigma_mm, deg_from_rad(one.numbers.sigma_rad)));
-    text += fmt::format("{}\n", text_of(table));
+    text += fmt::format("{}\n", report::text_of(table));
   }
   if (has_value(s.after_rms_mm))
-    text += fmt::format(
-        "seats against the certificate, rms in space: {:.3f} mm by hand-eye alone, {:.3f} mm corrected\n"
-        "one visit repeats to {:.4f} mm and {:.5f} deg per axis (k = 1, {} degrees of freedom)\n",
-        s.before_rms_mm, s.after_rms_mm, s.pooled_sigma_mm, deg_from_rad(s.pooled_sigma_rad), s.degrees_of_freedom);
+    text +=
+        say("seats against the certificate, rms in space: {:.3f} mm by hand-eye alone, {:.3f} mm corrected\n"
+            "one visit repeats to {:.4f} mm and {:.5f} deg per axis (k = 1, {} degrees of freedom)\n",
+            s.before_rms_mm, s.after_rms_mm, s.pooled_sigma_mm, deg_from_rad(s.pooled_sigma_rad), s.degrees_of_freedom);
   if (s.mount_mm > 0.0 || s.mount_rad > 0.0)
-    text += fmt::format(
-        "the hand-eye calibration of the visits and {} put a seat {:.3f} mm and {:.4f} deg apart, at most; as the "
-        "scanner may have moved by that, it is in the sigma of a visit\n",
-        work.hand_eye.id, s.mount_mm, deg_from_rad(s.mount_rad));
+    text +=
+        say("the hand-eye calibration of the visits and {} put a seat {:.3f} mm and {:.4f} deg apart, at most; as the "
+            "scanner may have moved by that, it is in the sigma of a visit\n",
+            work.hand_eye.id, s.mount_mm, deg_from_rad(s.mount_rad));
   return text;
 }
 
@@ -201,8 +204,8 @@ std::string solution_text(const Work& work, const calib::StationsSolution& s) {
 void need_their_temperature(const Options& options, const Work& work) {
   const double given_c = options.record.temperature_c;
   if (!options.again || !has_value(given_c) || !has_value(work.temperature_c) || given_c == work.temperature_c) return;
-  stop(kUsage, fmt::format("--temperature {}: the visits that are solved again were made at {} deg C, as they say",
-                           given_c, work.temperature_c));
+  stop(kUsage, say("--temperature {}: the visits that are solved again were made at {} deg C, as they say", given_c,
+                   work.temperature_c));
 }
 
 /// Warns if the slab has expanded since certification, because the corrections include the expansion as a robot error.
@@ -217,14 +220,14 @@ void warn_of_temperature(const Options& options, const Work& work) {
     for (const calib::MasterStation& b : work.certificate.stations)
       span_mm = std::max(span_mm, (a.points_mm.front() - b.points_mm.front()).norm());
   const std::string holds =
-      fmt::format("certificate {} holds at {:.1f} deg C", work.certificate.id, work.certificate.temperature_c);
+      say("certificate {} holds at {:.1f} deg C", work.certificate.id, work.certificate.temperature_c);
   if (has_value(now_c))
-    complain(fmt::format(
+    complain(say(
         "warning: {}, the visits were made at {:.1f}: over the {:.0f} mm between its stations that is about {:.3f} mm, "
         "which the corrections take up",
         holds, now_c, span_mm, std::abs(off_K) * kExpansion_per_K * span_mm));
   else
-    complain(fmt::format(
+    complain(say(
         "warning: {}, and --temperature does not say what it was at the visits: every K is about {:.3f} mm over the "
         "{:.0f} mm between its stations, which the corrections take up",
         holds, kExpansion_per_K * span_mm, span_mm));
@@ -232,14 +235,15 @@ void warn_of_temperature(const Options& options, const Work& work) {
 
 void complain_of_reasons(const calib::StationsSolution& s) {
   for (const calib::StationReason& reason : s.reasons)
-    complain(fmt::format("refused ({}): {}\n  what to do: {}", name(reason.code), reason.text, reason.cure));
+    complain(say("refused ({}): {}\n  what to do: {}", name(reason.code), quote(reason.text), quote(reason.cure)));
 }
 
 int calibrate_stations(const Options& options) {
+  set_language(options.language, options.json);
   const bool sources = !options.certificate.empty() && !(options.slabs.empty() && options.visits.empty());
   if (!options.again && !sources)
-    stop(kUsage, "give --certificate with --slabs or --visits, or --again to solve the visits in force once more");
-  const daemon::Config config = config_from(options.record.config);
+    stop(kUsage, say("give --certificate with --slabs or --visits, or --again to solve the visits in force once more"));
+  const config::Config config = config_from(options.record.config);
   finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader = open_records(config);
   const Work work = gather(options, reader.get());
@@ -293,7 +297,7 @@ void add_calibrate_stations(args::Command& group) {
       "A new hand-eye calibration makes the corrections stale; --again solves the same visits with it, if the scanner "
       "has not\nmoved on the flange since: what a visit saw it saw from where the scanner sat.\n"
       "Certificate and visits as text: docs/MASTERING.md.\n\n"
-      "Exit status 6: refused, nothing is kept; every reason says what to do.\n"
+      "Exit status 6: refused, nothing is kept; every reason contains its cure.\n"
       "Example: slabctl calibrate stations --certificate master.txt --slabs 12 13 14 15 16 --apply --reason \"new "
       "robot\"");
   options->record.add_to(*command);
@@ -312,6 +316,7 @@ void add_calibrate_stations(args::Command& group) {
   command->add_option("--shift-limit", options->settings.shift_max_mm, "A correction may move a seat by this, mm")
       ->check(within(0.1, 100.0))
       ->capture_default_str();
+  options->language.add_to(*command, "Language of the text");
   command->add_flag("--json", options->json, "Print slabd.station_calibration/1 on stdout");
   command->runs([options] { return calibrate_stations(*options); });
 }

@@ -141,7 +141,7 @@ void refuse_same_place(const Session& session, const Pose& pose, calib::Captured
   const Session::Entry* other = view_at(session, pose, there);
   if (other == nullptr) return;
   calib::BallWords words;
-  words.reason.printf("the flange stands where it stood for view %zu (%.3f mm, %.4f deg away)", other->view.number,
+  words.reason.printf("the flange is where it was for view %zu (%.3f mm, %.4f deg away)", other->view.number,
                       (there.translation_mm - pose.translation_mm).norm(),
                       deg_from_rad(angle_between_rad(there.rotation, pose.rotation)));
   words.cure.assign(
@@ -298,7 +298,7 @@ Result<std::string> socket_of(const Session& session) {
         Code::config,
         say("the session was begun without a configuration, so the daemon is not known; begin one with: slabctl "
             "calibrate new NAME --config FILE"));
-  std::optional<daemon::Config> config;
+  std::optional<config::Config> config;
   if (!config_if_any(session.settings().config, config) || !config)
     return said_error(Code::config, say("{} cannot be used", session.settings().config));
   return config->control_socket;

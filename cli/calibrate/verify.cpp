@@ -62,7 +62,7 @@ Verification carry_out(const Options& options, const Session& session, const Ses
     stop(kRefused,
          say("{} views are held out, {} are needed to verify; take more with: slabctl calibrate capture --hold-out",
              held_out.size(), kHeldOutMin));
-  std::optional<daemon::Config> config;
+  std::optional<config::Config> config;
   const std::string config_path = options.session.config.empty() ? settings.config : options.session.config;
   if (!config_if_any(config_path, config)) stop(kBadInput);
   if (config) {
@@ -106,7 +106,7 @@ Verification carry_out(const Options& options, const Session& session, const Ses
 
 // ---- output ------------------------------------------------------------------------------------------------------
 
-void write_fits(Json& json, std::string_view key, const std::vector<calib::ViewFit>& fits) {
+void write_fits(report::Json& json, std::string_view key, const std::vector<calib::ViewFit>& fits) {
   json.key(key);
   if (fits.empty()) {
     json.null();
@@ -116,11 +116,11 @@ void write_fits(Json& json, std::string_view key, const std::vector<calib::ViewF
 }
 
 std::string as_json(const Session& session, const SessionSolution& solution, const Verification& v, bool confirmed) {
-  Json json("slabd.calibration_verification/1");
+  report::Json json("slabd.calibration_verification/1");
   write_session(json, session);
   json.field("id", solution.record.id).field("status", v.passed ? "ok" : "refused").field("confirmed", confirmed);
   json.field("held_out", v.after_fits.size()).field("limit_mm", v.limit_mm).field("limit_deg", v.limit_deg);
-  json.field("before_id", only_if(v.has_before, v.before.id));
+  json.field("before_id", report::only_if(v.has_before, v.before.id));
   write_fits(json, "before", v.before_fits);
   write_fits(json, "after", v.after_fits);
   write_fits(json, "before_fit_views", v.before_own);
@@ -138,14 +138,14 @@ std::string verification_text(const Session& session, const SessionSolution& sol
   std::string text = say("{}\n{} on {} views that took no part in the fit\n", session_words(session),
                          solution.record.id, v.after_fits.size());
   const bool pose = session.settings().kind == calib::ArtefactKind::pose;
-  Table table{say("calibration<"), say("views<"), say("median"), say("rms"), say("max"), say("unit<")};
+  report::Table table{say("calibration<"), say("views<"), say("median"), say("rms"), say("max"), say("unit<")};
   const auto add = [&](const std::string& what, const std::string& views, const std::vector<calib::ViewFit>& fits) {
     if (fits.empty()) return;
     const calib::Spread mm = mm_of(fits);
-    table.add(what, views, Cell(mm.median, 3), Cell(mm.rms, 3), Cell(mm.max, 3), "mm");
+    table.add(what, views, report::Cell(mm.median, 3), report::Cell(mm.rms, 3), report::Cell(mm.max, 3), "mm");
     if (!pose) return;
     const calib::Spread deg = deg_of(fits);
-    table.add("", "", Cell(deg.median, 4), Cell(deg.rms, 4), Cell(deg.max, 4), "deg");
+    table.add("", "", report::Cell(deg.median, 4), report::Cell(deg.rms, 4), report::Cell(deg.max, 4), "deg");
   };
   const std::string before = say("before: {}", translated(v.before.id.view()));
   const std::string after = say("after: {}", solution.record.id);
@@ -153,17 +153,17 @@ std::string verification_text(const Session& session, const SessionSolution& sol
   add(after, say("held out"), v.after_fits);
   add(before, say("of the fit"), v.before_own);
   add(after, say("of the fit"), v.after_own);
-  text += text_of(table);
+  text += report::text_of(table);
   if (!v.has_before) text += say("nothing is in force to compare with\n");
   if (!v.seats.stations.empty()) {
     text += say("if applied, seats of {} move by (mm, slab axes; the scanner turns by {:.3f} deg):\n", v.seats.slab,
                 v.turn_deg);
-    table = Table{say("station"), "x", "y", "z", say("distance"), say("pose<")};
+    table = report::Table{say("station"), "x", "y", "z", say("distance"), say("pose<")};
     for (const StationShift& s : v.seats.stations)
       table.add(s.station, fmt::format("{:+.3f}", s.shift_mm.x()), fmt::format("{:+.3f}", s.shift_mm.y()),
-                fmt::format("{:+.3f}", s.shift_mm.z()), Cell(s.shift_mm.norm(), 3),
+                fmt::format("{:+.3f}", s.shift_mm.z()), report::Cell(s.shift_mm.norm(), 3),
                 s.taught ? say("mastered") : say("nominal"));
-    text += text_of(table);
+    text += report::text_of(table);
     if (std::any_of(v.seats.stations.begin(), v.seats.stations.end(), [](const StationShift& s) { return s.taught; }))
       text += say(
           "the station corrections in force hold for the old calibration and become stale; afterwards: slabctl "
@@ -186,7 +186,7 @@ bool asks_yes() {
 }
 
 int verify(const Options& options) {
-  speak(options.session.language, options.json);
+  set_language(options.session.language, options.json);
   Session session = find_session(options.session);
   need(session.lock());
   need_solution(session);
@@ -197,7 +197,7 @@ int verify(const Options& options) {
                        solution.record.id, session.solution()->record.id));
   // Later views also contribute to the radius check, and a newer slabctl may have other criteria.
   if (session.solution()->record.ok && !solution.record.ok)
-    stop(kRefused, say("{} is refused by now; next: slabctl calibrate solve, which says why", solution.record.id));
+    stop(kRefused, say("{} is refused by now; next: slabctl calibrate solve, which shows why", solution.record.id));
   const Verification v = carry_out(options, session, solution);
   if (!options.json) fmt::print("{}", verification_text(session, solution, v));
   if (!v.passed) {
@@ -215,7 +215,7 @@ int verify(const Options& options) {
              worst->number, missed, worst->number));
   }
   calib::VerifiedRecord record;
-  record.when = iso_time(wall_clock_us());
+  record.when = report::iso_time(wall_clock_us());
   record.who = default_operator();
   record.inputs = session.inputs(calib::ViewUse::held_out);
   if (v.has_before) record.before_id = v.before.id.view();

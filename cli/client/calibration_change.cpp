@@ -44,7 +44,7 @@ json outcome_of(const json& state, const std::string& file) {
   return last;
 }
 
-Result<ChangeAnswer> through_daemon(const daemon::Config& config, const storage::CalibrationChange& change) {
+Result<ChangeAnswer> through_daemon(const config::Config& config, const storage::CalibrationChange& change) {
   const Result<std::string> name =
       leave_file(daemon::change_folder(config.storage.db_path), daemon::change_json(change));
   if (!name.ok()) return name.error();
@@ -85,7 +85,7 @@ Result<ChangeAnswer> through_daemon(const daemon::Config& config, const storage:
 
 }  // namespace
 
-Result<ChangeAnswer> change_calibration(const daemon::Config& config, const storage::CalibrationChange& change) {
+Result<ChangeAnswer> change_calibration(const config::Config& config, const storage::CalibrationChange& change) {
   if (daemon_has_database(config.control_socket)) return through_daemon(config, change);
   // The daemon does not answer. If one runs without its socket or starts now, its lock prevents the access.
   Result<std::unique_ptr<storage::Store>> store = storage::open_store(config.storage);
@@ -95,7 +95,7 @@ Result<ChangeAnswer> change_calibration(const daemon::Config& config, const stor
   return ChangeAnswer{id.value(), false, false};
 }
 
-void finish_killed_change(const daemon::Config& config) {
+void finish_killed_change(const config::Config& config) {
   if (storage::is_unfinished(config.storage.db_path) && !daemon_has_database(config.control_socket))
     (void)storage::open_store(config.storage);
 }

@@ -20,12 +20,12 @@ struct ChangeAnswer {
 /// Carries out one change and returns when it is durable. Code::config: rejected without a change, with reason and
 /// cure. Code::scanner_offline: the daemon did not answer in time; `slabctl calibrate history` shows whether the
 /// change was carried out. Code::journal_write, Code::store_full: the database could not be written.
-[[nodiscard]] Result<ChangeAnswer> change_calibration(const daemon::Config& config,
+[[nodiscard]] Result<ChangeAnswer> change_calibration(const config::Config& config,
                                                       const storage::CalibrationChange& change);
 
 /// Call this before reading data that the command will change. If a change was killed while it opened the database,
 /// readers have no access until a writer has recovered it. If that fails, the reader reports the error.
-void finish_killed_change(const daemon::Config& config);
+void finish_killed_change(const config::Config& config);
 
 /// Login name of the user of slabctl, "operator" if unknown.
 [[nodiscard]] std::string default_operator();

@@ -36,7 +36,7 @@ Result<json> understood(const Result<std::string>& answer) {
   if (schema == "slabd.error/1") return error_in(state);
   if (schema != "slabd.capture/1")
     return said_error(Code::scanner_offline,
-                      say("slabd does not speak slabd.capture/1; is it older than this slabctl?"));
+                      say("slabd does not answer with slabd.capture/1; is it older than this slabctl?"));
   return state;
 }
 
@@ -50,7 +50,7 @@ std::vector<std::string> sentences(const json& object) {
 
 Result<LiveShot> taken(const json& shot) {
   const std::vector<double> pose = shot.value("T_base_flange", std::vector<double>());
-  if (pose.size() != 7) return said_error(Code::scanner_offline, say("slabd told a view without a pose"));
+  if (pose.size() != 7) return said_error(Code::scanner_offline, say("slabd reported a view without a pose"));
   LiveShot view;
   view.number = shot.value("number", 0U);
   view.scan_path = shot.value("scan", "");
@@ -80,7 +80,7 @@ std::string doing(const json& state) {
   if (phase == "checking") return say("looking whether the robot stood still");
   const json& robot = state.value("robot", json(nullptr));
   if (!robot.is_object()) return say("waiting for the robot's poses");
-  return say("waiting until the robot stands: it has stood for {:.1f} s, moved {:.3f} mm and {:.4f} deg",
+  return say("waiting for standstill of the robot: {:.1f} s so far, moved {:.3f} mm and {:.4f} deg",
              robot.value("stood_s", 0.0), robot.value("moved_mm", 0.0), robot.value("turned_deg", 0.0));
 }
 

@@ -37,7 +37,7 @@ void RecordOptions::add_origin_to(args::Command& command) {
       ->check(args::range(0, 36'500));
 }
 
-void RecordOptions::describe(const daemon::Config& config_in, storage::CalibrationRecord& record,
+void RecordOptions::describe(const config::Config& config_in, storage::CalibrationRecord& record,
                              std::int64_t measured_utime_us) const {
   record.operator_name = operator_name.empty() ? default_operator() : operator_name;
   record.robot_serial = robot_serial;
@@ -53,7 +53,7 @@ void RecordOptions::describe(const daemon::Config& config_in, storage::Calibrati
 namespace {
 
 /// Warns that an existing record keeps its data, even if other data is given with the same numbers.
-void say_what_is_not_changed(const daemon::Config& config, const storage::CalibrationRecord& given,
+void say_what_is_not_changed(const config::Config& config, const storage::CalibrationRecord& given,
                              const std::string& id) {
   const auto reader = records_if_readable(config);
   if (!reader.ok()) return complain(retold(reader.error().text.view()));
@@ -69,7 +69,7 @@ void say_what_is_not_changed(const daemon::Config& config, const storage::Calibr
 
 }  // namespace
 
-Kept keep_record(const daemon::Config& config, const RecordOptions& options, const storage::CalibrationRecord& record) {
+Kept keep_record(const config::Config& config, const RecordOptions& options, const storage::CalibrationRecord& record) {
   Kept kept;
   if (record.expires_utime_us != 0 && record.expires_utime_us <= wall_clock_us()) {
     complain(
@@ -77,7 +77,8 @@ Kept keep_record(const daemon::Config& config, const RecordOptions& options, con
             "was wrong when "
             "that one was taken, leave it out and solve again",
             record.kind() == CalibrationKind::stations ? say("what these visits give") : say("this calibration"),
-            iso_time(record.expires_utime_us), record.kind() == CalibrationKind::stations ? say("scan") : say("view")));
+            report::iso_time(record.expires_utime_us),
+            record.kind() == CalibrationKind::stations ? say("scan") : say("view")));
     kept.status = kRefused;
     return kept;
   }
@@ -110,16 +111,16 @@ std::string kept_text(const Kept& kept, bool dry_run) {
   return say("kept as {}; put it in force with: slabctl calibrate apply {} --reason \"...\"\n", kept.id, kept.id);
 }
 
-Result<std::unique_ptr<storage::Reader>> records_if_readable(const daemon::Config& config) {
+Result<std::unique_ptr<storage::Reader>> records_if_readable(const config::Config& config) {
   if (storage::is_unused(config.storage.db_path)) return std::unique_ptr<storage::Reader>();
   return storage::open_reader(config.storage.db_path);
 }
 
-std::unique_ptr<storage::Reader> open_records(const daemon::Config& config) {
+std::unique_ptr<storage::Reader> open_records(const config::Config& config) {
   return need(records_if_readable(config), kNotReachable);
 }
 
-InForce hand_eye_in_force(storage::Reader* reader, const daemon::Config& config) {
+InForce hand_eye_in_force(storage::Reader* reader, const config::Config& config) {
   InForce now{config.calibration.id, config.calibration.T_flange_scanner, false};
   if (reader == nullptr) return now;
   const auto current = need(reader->current(CalibrationKind::hand_eye));
@@ -130,7 +131,7 @@ InForce hand_eye_in_force(storage::Reader* reader, const daemon::Config& config)
   return now;
 }
 
-InForce hand_eye_in_force(const daemon::Config& config) {
+InForce hand_eye_in_force(const config::Config& config) {
   return hand_eye_in_force(open_records(config).get(), config);
 }
 

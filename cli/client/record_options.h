@@ -10,9 +10,9 @@
 #include "config/config.h"
 #include "storage/storage.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// Origin data of calibration records, and functions that store and apply records.
 namespace slabd::cli {
@@ -34,7 +34,7 @@ struct RecordOptions {
   void add_origin_to(args::Command& command);
   /// Sets operator, serials, temperature, software, times. The validity begins at `measured_utime_us`, the time of the
   /// oldest input, because computing a calibration again is not a measurement.
-  void describe(const daemon::Config& config_in, storage::CalibrationRecord& record,
+  void describe(const config::Config& config_in, storage::CalibrationRecord& record,
                 std::int64_t measured_utime_us = std::numeric_limits<std::int64_t>::max()) const;
 };
 
@@ -46,15 +46,15 @@ struct Kept {
 };
 /// Stores the record and puts it in force if requested. A failure is a return value, because the command must still
 /// print its measurement.
-[[nodiscard]] Kept keep_record(const daemon::Config& config, const RecordOptions& options,
+[[nodiscard]] Kept keep_record(const config::Config& config, const RecordOptions& options,
                                const storage::CalibrationRecord& record);
 /// Message "kept as st-...; apply it with ...".
 [[nodiscard]] std::string kept_text(const Kept& kept, bool dry_run);
 
 /// Opens the database read-only; nullptr in a new installation without a database, or if its creation was interrupted.
-[[nodiscard]] std::unique_ptr<storage::Reader> open_records(const daemon::Config& config);
+[[nodiscard]] std::unique_ptr<storage::Reader> open_records(const config::Config& config);
 /// The same for a command that works without it.
-[[nodiscard]] Result<std::unique_ptr<storage::Reader>> records_if_readable(const daemon::Config& config);
+[[nodiscard]] Result<std::unique_ptr<storage::Reader>> records_if_readable(const config::Config& config);
 
 /// The effective hand-eye calibration: the applied one, otherwise the configuration's commissioning value.
 struct InForce {
@@ -62,7 +62,7 @@ struct InForce {
   Pose T_flange_scanner;
   bool applied = false;
 };
-[[nodiscard]] InForce hand_eye_in_force(const daemon::Config& config);
-[[nodiscard]] InForce hand_eye_in_force(storage::Reader* reader, const daemon::Config& config);
+[[nodiscard]] InForce hand_eye_in_force(const config::Config& config);
+[[nodiscard]] InForce hand_eye_in_force(storage::Reader* reader, const config::Config& config);
 
 }  // namespace slabd::cli

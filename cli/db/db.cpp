@@ -150,7 +150,7 @@ int tell(const std::string& path, const storage::DatabaseReport& report, const s
          const Options& options, bool is_backup) {
   const bool whole = report.trouble.empty();
   if (options.json) {
-    Json json("slabd.database/1");
+    report::Json json("slabd.database/1");
     json.field("file", path).field("whole", whole).field("trouble", report.trouble).field("full", options.full);
     json.field("version", report.version).field("slabs", report.slabs).field("oldest_key", report.oldest_key);
     json.field("newest_key", report.newest_key).field("newest_utime_us", report.newest_utime_us);
@@ -167,7 +167,7 @@ int tell(const std::string& path, const storage::DatabaseReport& report, const s
       fmt::print(
           "NOT PROVABLE: it has no checksum (another program made it), and a value in it may have changed unseen\n");
     fmt::print("schema version {}, {} slabs ({}..{}), newest record {}, {}{}\n", report.version, report.slabs,
-               report.oldest_key, report.newest_key, iso_time(report.newest_utime_us), megabytes(report.bytes),
+               report.oldest_key, report.newest_key, report::iso_time(report.newest_utime_us), megabytes(report.bytes),
                report.log_bytes > 0 ? fmt::format(" and a log of {}", megabytes(report.log_bytes)) : "");
     if (whole) tell_chain(chain, options.entry);
   }
@@ -205,7 +205,7 @@ std::vector<KnownBackup> by_age(const std::vector<std::string>& backups) {
 }
 
 int check(const Options& options) {
-  const daemon::Config config = config_from(options.config);
+  const config::Config config = config_from(options.config);
   const int status = examine(config.storage.db_path, options, false);
   if (options.json) return status;
   std::error_code ec;
@@ -225,19 +225,19 @@ int check(const Options& options) {
 
 // ---- backup ------------------------------------------------------------------------------------------------------
 
-Result<CareAnswer> ask_care(const daemon::Config& config, const std::string& line) {
+Result<CareAnswer> ask_care(const config::Config& config, const std::string& line) {
   const Result<std::string> answer = ask_daemon(config.control_socket, line + "\n");
   if (!answer.ok()) return answer.error();
   return parse_care(answer.value());
 }
 
 /// Makes a backup through the daemon; returns its path.
-Result<std::string> backup_by_daemon(const daemon::Config& config) {
+Result<std::string> backup_by_daemon(const config::Config& config) {
   Result<CareAnswer> care = ask_care(config, R"({"verb":"backup"})");
   std::int64_t last = -1;
   for (int still = 0; care.ok() && care.value().backup.state == "under_way"; ++still) {
     if (still > kStillPollsMax)
-      return error(Code::scanner_offline, "slabd has taken the order and nothing happens; slabctl status tells more");
+      return error(Code::scanner_offline, "slabd has accepted the order but reports no result; see slabctl status");
     if (care.value().backup.done != last) still = 0;
     last = care.value().backup.done;
     std::this_thread::sleep_for(kPollEvery);
@@ -249,7 +249,7 @@ Result<std::string> backup_by_daemon(const daemon::Config& config) {
   return care.value().backup.path;
 }
 
-Result<std::string> backup_offline(const daemon::Config& config) {
+Result<std::string> backup_offline(const config::Config& config) {
   Result<std::string> path = storage::backup_path(config.storage.db_path, wall_clock_us());
   if (!path.ok()) return path;
   if (Status status = storage::back_up_database(config.storage.db_path, path.value()); !status.ok())
@@ -259,7 +259,7 @@ Result<std::string> backup_offline(const daemon::Config& config) {
 
 /// Deletes old backups except `made`, which was just checked, and the newest of the others. Unreadable files remain
 /// and do not count.
-[[nodiscard]] int drop_old_backups(const daemon::Config& config, const std::string& made, int keep) {
+[[nodiscard]] int drop_old_backups(const config::Config& config, const std::string& made, int keep) {
   std::error_code unseen;  // on an error there is nothing to delete
   auto backups = backups_of(config.storage.db_path, unseen);
   std::erase_if(backups,
@@ -272,7 +272,7 @@ Result<std::string> backup_offline(const daemon::Config& config) {
     if (ec) {
       complain(fmt::format("{} cannot be deleted: {}{}", sorted[i].path, ec.message(),
                            ec == std::errc::read_only_file_system
-                               ? " (a service writes only where its unit says ReadWritePaths=; systemctl edit "
+                               ? " (a service writes only to the ReadWritePaths= of its unit; systemctl edit "
                                  "slabd-backup)"
                                : ""));
       status = exit_for(Code::journal_write);
@@ -284,7 +284,7 @@ Result<std::string> backup_offline(const daemon::Config& config) {
 }
 
 int back_up(const Options& options) {
-  const daemon::Config config = config_from(options.config);
+  const config::Config config = config_from(options.config);
   if (!options.out.empty()) {
     // A link counts as existing, wherever it points.
     std::error_code ec;
@@ -324,7 +324,7 @@ int restore(const Options& options) {
   if (options.file.empty() != options.fresh)
     stop(kUsage, options.fresh ? "--fresh begins with an empty history and takes no backup"
                                : "which backup? Or --fresh, to begin with an empty history");
-  const daemon::Config config = config_from(options.config);
+  const config::Config config = config_from(options.config);
   if (daemon_has_database(config.control_socket))
     stop(kRefused, "slabd runs; stop it first (systemctl stop slabd): its database cannot be replaced under its hands");
   storage::RestoreOrder order;
@@ -336,7 +336,7 @@ int restore(const Options& options) {
   std::random_device chance;
   order.session = static_cast<std::uint16_t>(1 + chance() % 65'000);
   need(storage::restore_database(config.storage, order));
-  fmt::print("{} is in place; what was there, if anything, lies in quarantine beside it. Start slabd.\n",
+  fmt::print("{} is in place; what was there before, if anything, is in quarantine beside it. Start slabd.\n",
              order.from.empty() ? "an empty history" : order.from);
   if (!order.from.empty()) fmt::print("Slabs measured after that backup are missing, and the history records it.\n");
   fmt::print(
@@ -348,7 +348,7 @@ int restore(const Options& options) {
 }
 
 int prune(const Options& options) {
-  const daemon::Config config = config_from(options.config);
+  const config::Config config = config_from(options.config);
   if (daemon_has_database(config.control_socket)) {
     const std::string failed = options.keep_failed_slabs
                                    ? fmt::format(R"(,"keep_failed_slabs":{})", *options.keep_failed_slabs)

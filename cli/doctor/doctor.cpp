@@ -40,20 +40,20 @@ std::string_view colour_of(Health health) {
 
 /// `text` with blanks up to `columns`.
 std::string padded(std::string_view text, std::size_t columns) {
-  const std::size_t width = display_width(text);
+  const std::size_t width = report::display_width(text);
   return std::string(text) + std::string(width < columns ? columns - width : 0, ' ');
 }
 
 void print_finding(const Finding& finding) {
   const std::string word = padded(translated(name(finding.health)), 8);
-  fmt::print("{} {} {}\n", coloured(word, colour_of(finding.health), style_for(stdout)),
+  fmt::print("{} {} {}\n", report::coloured(word, colour_of(finding.health), style_for(stdout)),
              padded(translated(finding.check), kLabelWidth), finding.saw);
   if (!finding.cure.empty()) fmt::print("{:{}} -> {}\n", "", 9 + kLabelWidth, finding.cure);
   std::fflush(stdout);
 }
 
 std::string json_of(const Examination& report) {
-  Json json("slabd.doctor/1");
+  report::Json json("slabd.doctor/1");
   return json.field("findings", report.findings()).text();
 }
 
@@ -77,9 +77,9 @@ void summarise(const Examination& report) {
 }
 
 int examine(const Options& options) {
-  speak(options.language, options.as_json);
+  set_language(options.language, options.as_json);
   Examination report(options.as_json);
-  daemon::Config config;
+  config::Config config;
   std::vector<Recipe> recipes;
   const bool usable = examine_files(options.config, config, recipes, report);
   if (usable) {

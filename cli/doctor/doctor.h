@@ -62,16 +62,16 @@ class Examination {
 };
 
 /// User of the daemon: its own account if it exists, otherwise the current user.
-struct Account {
+struct DaemonUser {
   std::string name;
   uid_t uid = 0;
   std::vector<gid_t> groups;
 };
 inline constexpr const char* kDaemonUser = "slabd";
-[[nodiscard]] Account daemon_account();
+[[nodiscard]] DaemonUser daemon_user();
 /// True if a file's mode gives the account the access `want`: 4 read, 2 write, 1 execute or enter. Root has every
 /// access.
-[[nodiscard]] bool may(const Account& account, const struct stat& file, unsigned want);
+[[nodiscard]] bool may(const DaemonUser& account, const struct stat& file, unsigned want);
 
 /// "ok", "note", "warning", "failed", "unknown".
 [[nodiscard]] std::string_view name(Health health);
@@ -80,35 +80,35 @@ inline constexpr const char* kDaemonUser = "slabd";
 
 /// Checks configuration and recipes. False without a usable configuration; `config` then still contains the
 /// control socket that slabd takes from it.
-[[nodiscard]] bool examine_files(const std::string& config_path, daemon::Config& config, std::vector<Recipe>& recipes,
+[[nodiscard]] bool examine_files(const std::string& config_path, config::Config& config, std::vector<Recipe>& recipes,
                                  Examination& report);
 /// Checks folders, write permissions, free space, and the time until a scan and a commit are durable (writes 64 MB and
 /// deletes them).
-void examine_disk(const daemon::Config& config, Examination& report);
+void examine_disk(const config::Config& config, Examination& report);
 
 // ---- doctor_machine.cpp: the computer ----------------------------------------------------------------------------
 
-void examine_machine(const daemon::Config& config, Examination& report);
+void examine_machine(const config::Config& config, Examination& report);
 void examine_clock(Examination& report);
 /// Checks the kernel's limits of the running daemon: file sizes, open files, memory.
-void examine_limits(const daemon::Config& config, Examination& report);
+void examine_limits(const config::Config& config, Examination& report);
 /// The local program that sends UDP from `port`, "name (pid 12)"; empty if unknown: on another computer, or of another
 /// user.
 [[nodiscard]] std::string udp_program(unsigned port);
 
 // ---- doctor_routes.cpp: routes to PLC and robot ------------------------------------------------------------------
 
-void examine_routes(const daemon::Config& config, Examination& report);
+void examine_routes(const config::Config& config, Examination& report);
 
 // ---- doctor_links.cpp: daemon, PLC, robot and scanner ------------------------------------------------------------
 
 /// Queries the daemon; returns its status (slabd.status/1), empty if it does not run.
-[[nodiscard]] std::string examine_daemon(const daemon::Config& config, Examination& report);
-void examine_plc(const daemon::Config& config, bool daemon_runs, Examination& report);
+[[nodiscard]] std::string examine_daemon(const config::Config& config, Examination& report);
+void examine_plc(const config::Config& config, bool daemon_runs, Examination& report);
 /// Receives poses for `seconds`.
-void examine_robot(const daemon::Config& config, double seconds, Examination& report);
+void examine_robot(const config::Config& config, double seconds, Examination& report);
 /// `scan`: takes a scan in the daemon's maintenance state.
-void examine_scanner(const daemon::Config& config, const std::string& status, bool scan, Examination& report);
-void examine_calibration(const daemon::Config& config, const std::string& status, Examination& report);
+void examine_scanner(const config::Config& config, const std::string& status, bool scan, Examination& report);
+void examine_calibration(const config::Config& config, const std::string& status, Examination& report);
 
 }  // namespace slabd::cli

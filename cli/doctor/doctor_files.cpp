@@ -79,7 +79,7 @@ constexpr Rights kOwnerWrites = {"2750", nullptr};
 constexpr Rights kScannerWrites = {"2770", kScanGroup};
 
 /// True if the daemon can write to the folder.
-bool examine_folder(const char* check, const std::string& folder, const Account& account, const Rights& rights,
+bool examine_folder(const char* check, const std::string& folder, const DaemonUser& account, const Rights& rights,
                     Examination& report) {
   const fs::path there = existing(folder);
   struct stat file {};
@@ -102,8 +102,8 @@ bool examine_folder(const char* check, const std::string& folder, const Account&
   }
   // The mode does not show a disk that the kernel has made read-only, as it does with a damaged one.
   if (struct statvfs disk{}; ::statvfs(there.c_str(), &disk) == 0 && (disk.f_flag & ST_RDONLY) != 0) {
-    report.failed(check, say("{} lies on a disk that can only be read", there.string()),
-                  say("findmnt -T {} names it; journalctl -k says whether it is damaged; then mount it writable",
+    report.failed(check, say("{} is on a disk that is read-only", there.string()),
+                  say("findmnt -T {} names it; journalctl -k shows whether it is damaged; then mount it writable",
                       there.string()));
     return false;
   }
@@ -116,7 +116,7 @@ bool examine_folder(const char* check, const std::string& folder, const Account&
 }
 
 /// Group and others may only read results and scans, because a writer could change a verdict while slabd is stopped.
-void examine_rights(const char* check, const std::string& path, const Account& account, Examination& report) {
+void examine_rights(const char* check, const std::string& path, const DaemonUser& account, Examination& report) {
   struct stat file {};
   if (::stat(path.c_str(), &file) != 0) return;
   constexpr unsigned kWrite = 2;
@@ -135,7 +135,7 @@ void examine_rights(const char* check, const std::string& path, const Account& a
 }
 
 /// The scanner software needs access to the drop folder only.
-void examine_drop_group(const std::string& drop_dir, const std::string& db_folder, const Account& account,
+void examine_drop_group(const std::string& drop_dir, const std::string& db_folder, const DaemonUser& account,
                         Examination& report) {
   struct stat drop {};
   struct stat database {};
@@ -231,7 +231,7 @@ void tell_unwritten(const char* check, const std::string& folder, int fault, Exa
     report.unknown(check, saw, say("run slabctl doctor as root or as the daemon's user"));
 }
 
-void examine_speed(const daemon::Config& config, const std::string& db_folder, Examination& report) {
+void examine_speed(const config::Config& config, const std::string& db_folder, Examination& report) {
   const std::string spool = existing(config.storage.spool_dir).string();
   if (const Timed scan = scan_durable_s(spool); scan.fault != 0) {
     tell_unwritten("disk speed", spool, scan.fault, report);
@@ -267,10 +267,10 @@ void examine_foreign_lock(const std::string& db_path, Examination& report) {
                 say("end that program, or its transaction; readers use `.open --readonly` or slabctl"));
 }
 
-void examine_recipes(const daemon::Config& config, std::vector<Recipe>& recipes, Examination& report) {
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipes(config.recipes_dir, recipes, problems);
-  for (const daemon::Problem& problem : problems)
+void examine_recipes(const config::Config& config, std::vector<Recipe>& recipes, Examination& report) {
+  std::vector<config::Problem> problems;
+  config::load_recipes(config.recipes_dir, recipes, problems);
+  for (const config::Problem& problem : problems)
     report.failed("recipe", quote(problem.text), say("correct the file; slabctl recipe check FILE"));
   std::string types;
   for (const Recipe& recipe : recipes)
@@ -286,8 +286,8 @@ void examine_recipes(const daemon::Config& config, std::vector<Recipe>& recipes,
 
 }  // namespace
 
-Account daemon_account() {
-  Account account;
+DaemonUser daemon_user() {
+  DaemonUser account;
   account.uid = ::geteuid();
   const passwd* entry = ::getpwnam(kDaemonUser);
   if (entry == nullptr) entry = ::getpwuid(::geteuid());
@@ -301,7 +301,7 @@ Account daemon_account() {
   return account;
 }
 
-bool may(const Account& account, const struct stat& file, unsigned want) {
+bool may(const DaemonUser& account, const struct stat& file, unsigned want) {
   if (account.uid == 0) return true;
   const unsigned mode = file.st_mode;
   if (file.st_uid == account.uid) return (mode >> 6U & want) == want;
@@ -310,23 +310,24 @@ bool may(const Account& account, const struct stat& file, unsigned want) {
   return (mode & want) == want;
 }
 
-bool examine_files(const std::string& config_path, daemon::Config& config, std::vector<Recipe>& recipes,
+bool examine_files(const std::string& config_path, config::Config& config, std::vector<Recipe>& recipes,
                    Examination& report) {
-  std::vector<daemon::Problem> problems;
-  daemon::load_config(config_path, config, problems);
-  for (const daemon::Problem& problem : problems)
+  std::vector<config::Problem> problems;
+  config::load_config(config_path, config, problems);
+  for (const config::Problem& problem : problems)
     report.failed("configuration", quote(problem.text), say("correct the file; slabd --config FILE --check"));
   if (!problems.empty()) return false;
   report.ok("configuration", config_path);
   if (config.simulation)
-    report.note("configuration", say("[line] simulation = true: STATUS bit 11 tells the PLC that nothing here is real"),
+    report.note("configuration",
+                say("[line] simulation = true: STATUS bit 11 reports to the PLC that the line is emulated"),
                 say("set it to false on a real line"));
   examine_recipes(config, recipes, report);
   return true;
 }
 
-void examine_disk(const daemon::Config& config, Examination& report) {
-  const Account account = daemon_account();
+void examine_disk(const config::Config& config, Examination& report) {
+  const DaemonUser account = daemon_user();
   if (account.name != kDaemonUser)
     report.note("user", say("user {} does not exist; permissions are checked for {}", kDaemonUser, account.name),
                 say("the package makes it; without it the daemon runs as who starts it"));

@@ -77,7 +77,7 @@ bool yes(const json& value) {
 }
 
 /// Address of the server from this computer.
-std::string reach(const daemon::Config& config) {
+std::string reach(const config::Config& config) {
   const std::string host(config.plc.host.view());
   return host == "0.0.0.0" || host.empty() ? "127.0.0.1" : host;
 }
@@ -98,10 +98,10 @@ bool service_may_bind_any_port() {
 }
 
 /// False, with a finding, if the daemon may not open the port; the rights of the current user do not matter.
-bool examine_privileged_port(const daemon::Config& config, const std::string& where, Examination& report) {
+bool examine_privileged_port(const config::Config& config, const std::string& where, Examination& report) {
   unsigned first_free = 1024;
   std::ifstream("/proc/sys/net/ipv4/ip_unprivileged_port_start") >> first_free;
-  if (config.plc.port >= first_free || daemon_account().uid == 0 || service_may_bind_any_port()) return true;
+  if (config.plc.port >= first_free || daemon_user().uid == 0 || service_may_bind_any_port()) return true;
   report.failed("plc port", say("{} may only be opened by root, and the service has no such right", where),
                 say("a port from {} on in [plc] listen; or systemctl edit slabd: [Service] "
                     "AmbientCapabilities=CAP_NET_BIND_SERVICE and CapabilityBoundingSet=CAP_NET_BIND_SERVICE",
@@ -110,7 +110,7 @@ bool examine_privileged_port(const daemon::Config& config, const std::string& wh
 }
 
 /// Checks that the port is free before the daemon starts.
-void examine_free_port(const daemon::Config& config, Examination& report) {
+void examine_free_port(const config::Config& config, Examination& report) {
   const std::string where = fmt::format("{}:{}", config.plc.host.view(), config.plc.port);
   if (!examine_privileged_port(config, where, report)) return;
   const Fd socket(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
@@ -141,7 +141,7 @@ void examine_free_port(const daemon::Config& config, Examination& report) {
     report.failed("plc port", say("{}: {}", where, quote(std::strerror(fault))), say("correct [plc] listen"));
 }
 
-void examine_reachability(const daemon::Config& config, Examination& report) {
+void examine_reachability(const config::Config& config, Examination& report) {
   const std::string host(config.plc.host.view());
   const bool all_here = !config.plc.allow.empty() &&
                         std::all_of(config.plc.allow.begin(), config.plc.allow.end(), [](const auto& network) {
@@ -186,11 +186,11 @@ bool watch_heartbeat(const std::function<bool(hal::HoldingImage&)>& read, hal::H
 }
 
 /// Checks the PLC's registers as read by watch_heartbeat.
-void examine_plc_half(const daemon::Config& config, const hal::HoldingImage& first, const hal::HoldingImage& later,
+void examine_plc_half(const config::Config& config, const hal::HoldingImage& first, const hal::HoldingImage& later,
                       Examination& report) {
   const PlcInputs plc = hal::decode_inputs(later, config.plc.word_order);
   if (first[0] == later[0])
-    report.failed("plc heartbeat", say("HR 0 stands at {} for 1.2 s", later[0]),
+    report.failed("plc heartbeat", say("HR 0 has been {} for 1.2 s", later[0]),
                   say("the PLC must change HR 0 every 500 ms: is it in RUN, connected, and writing?"));
   else
     report.ok("plc heartbeat", say("HR 0 went from {} to {}", first[0], later[0]));
@@ -204,7 +204,7 @@ void examine_plc_half(const daemon::Config& config, const hal::HoldingImage& fir
 }
 
 /// The link belongs to the PLC (client, serial line): the daemon reports its registers.
-void examine_through_daemon(const daemon::Config& config, Examination& report) {
+void examine_through_daemon(const config::Config& config, Examination& report) {
   hal::HoldingImage first{};
   hal::HoldingImage later{};
   std::string unanswered;
@@ -226,7 +226,7 @@ void examine_through_daemon(const daemon::Config& config, Examination& report) {
   examine_plc_half(config, first, later, report);
 }
 
-void examine_registers(const daemon::Config& config, Examination& report) {
+void examine_registers(const config::Config& config, Examination& report) {
   const std::string where = fmt::format("{}:{}", reach(config), config.plc.port);
   const std::unique_ptr<modbus_t, ModbusFree> client(modbus_new_tcp(reach(config).c_str(), config.plc.port));
   if (client == nullptr) return report.unknown("plc registers", quote(modbus_strerror(errno)));
@@ -264,7 +264,7 @@ void examine_serial_line(const char* device, Examination& report) {
   termios line{};
   const bool serial = port.is_open() && ::tcgetattr(port.get(), &line) == 0;
   constexpr unsigned kReadAndWrite = 6;
-  const Account account = daemon_account();
+  const DaemonUser account = daemon_user();
   struct stat file {};
   if (::stat(device, &file) == 0 && !S_ISDIR(file.st_mode) && !may(account, file, kReadAndWrite))
     report.failed(kCheck, say("{} may not be opened by {}", device, account.name),
@@ -282,7 +282,7 @@ void examine_serial_line(const char* device, Examination& report) {
 }
 
 /// Checks the PLC's side without the daemon: the server, or the serial line.
-void examine_far_end(const daemon::Config& config, Examination& report) {
+void examine_far_end(const config::Config& config, Examination& report) {
   if (config.plc.role == hal::PlcRole::rtu) {
     return examine_serial_line(config.plc.device.c_str(), report);
   }
@@ -300,7 +300,7 @@ void examine_far_end(const daemon::Config& config, Examination& report) {
 // ---- robot ---------------------------------------------------------------------------------------------------------
 
 /// Poses received while listening.
-struct Heard {
+struct ReceivedPoses {
   std::size_t poses = 0;
   std::int64_t first_ns = 0;
   std::int64_t last_ns = 0;
@@ -320,10 +320,10 @@ struct Heard {
   }
 };
 
-Heard listen(hal::PosePort& port, double seconds) {
+ReceivedPoses listen(hal::PosePort& port, double seconds) {
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
   const std::int64_t end = clock->mono_ns() + static_cast<std::int64_t>(seconds * 1e9);
-  Heard heard;
+  ReceivedPoses heard;
   for (;;) {
     const std::int64_t now = clock->mono_ns();
     PoseSample sample;
@@ -365,7 +365,8 @@ std::string refused(const hal::PosePort& port) {
   return text;
 }
 
-void examine_heard(const daemon::Config& config, const Heard& heard, const hal::PosePort& port, Examination& report) {
+void examine_poses(const config::Config& config, const ReceivedPoses& heard, const hal::PosePort& port,
+                   Examination& report) {
   const double span_s = static_cast<double>(heard.last_ns - heard.first_ns) / 1e9;
   const double rate_hz = span_s > 0.0 ? static_cast<double>(heard.poses - 1) / span_s : 0.0;
   const hal::PoseLinkCounters& counters = port.counters();
@@ -381,14 +382,14 @@ void examine_heard(const daemon::Config& config, const Heard& heard, const hal::
   else if (rate_hz < kPoseRateMin_hz)
     report.failed("robot poses", saw, say("the robot must be sent every 4 to 12 ms"));
   else if (counters.gaps > heard.poses / 100 || not_believed > heard.poses / 100)
-    report.warning("robot poses", saw, say("docs/ROBOT.md says what each of them means, and what to do"));
+    report.warning("robot poses", saw, say("docs/ROBOT.md explains each of them and its cure"));
   else
     report.ok("robot poses", saw);
 
   const PoseSample& pose = heard.newest;
   if (config.robot.type == hal::PoseType::flange_pose && !pose.measured)
-    report.warning("robot poses", say("they are commanded, not measured (flags, bit 0), as the robot says"),
-                   say("where it was told to go is not where it is: send the measured ones, docs/ROBOT.md"));
+    report.warning("robot poses", say("they are commanded, not measured (flags, bit 0)"),
+                   say("commanded poses differ from the real ones: send the measured ones, docs/ROBOT.md"));
   if (pose.base_id != config.pose.base_id || pose.tool_id != config.pose.tool_id)
     report.failed("robot frame",
                   say("base {} and tool {} are active, expected {} and {}", pose.base_id, pose.tool_id,
@@ -432,8 +433,8 @@ constexpr std::array kWarningCures = {
     marked("the PLC must copy RES_SEQ (IR 30) to RES_ACK (HR 2) once it has stored the record"),
     marked("set the clock (NTP); if it is right now, docs/OPERATING.md, \"The clock was wrong\""),
     marked("slabctl config check names file, line and key"),
-    marked("free space on the disk of the scans or of the database (journalctl -u slabd says which)"),
-    marked("journalctl -u slabd says why; does another slabd run?"),
+    marked("free space on the disk of the scans or of the database (journalctl -u slabd shows which)"),
+    marked("journalctl -u slabd shows why; does another slabd run?"),
     marked("slabctl calibrate check; docs/CALIBRATION.md, \"The daily check\""),
     marked("slabctl calibrate stations; docs/MASTERING.md"),
     marked("slabctl scanner verify; docs/SCANNER.md, \"Is it good enough?\""),
@@ -450,7 +451,7 @@ constexpr std::array kWarningCures = {
 void examine_warnings(const json& status, Examination& report) {
   const json& bits = at(status, {"warn_bits"});
   unsigned rest = bits.is_number_unsigned() ? bits.get<unsigned>() : 0U;
-  for (const std::string& warning : watch::warnings_at(status, spoken())) {
+  for (const std::string& warning : watch::warnings_at(status, language_in_use())) {
     const auto bit = static_cast<std::size_t>(std::countr_zero(rest));
     rest &= rest - 1U;
     report.warning("daemon", warning,
@@ -460,7 +461,7 @@ void examine_warnings(const json& status, Examination& report) {
 
 }  // namespace
 
-std::string examine_daemon(const daemon::Config& config, Examination& report) {
+std::string examine_daemon(const config::Config& config, Examination& report) {
   const Result<std::string> answer = ask_daemon(config.control_socket, "{\"verb\":\"status\"}\n");
   if (!answer) {
     report.failed("daemon", std::string(answer.error().text.view()), "systemctl start slabd; journalctl -u slabd");
@@ -472,8 +473,8 @@ std::string examine_daemon(const daemon::Config& config, Examination& report) {
                   say("install slabd and slabctl of one version"));
     return {};
   }
-  const std::string saw =
-      say("{}, state {}", text(at(status, {"software"})), report::state_word(text(at(status, {"state"})), spoken()));
+  const std::string saw = say("{}, state {}", text(at(status, {"software"})),
+                              report::state_word(text(at(status, {"state"})), language_in_use()));
   const json& fault = at(status, {"fault", "code"});
   if (fault.is_number() && fault.get<int>() != 0)
     report.failed("daemon",
@@ -482,7 +483,7 @@ std::string examine_daemon(const daemon::Config& config, Examination& report) {
                   code_cure(static_cast<Code>(fault.get<int>()), text(at(status, {"fault", "cure"}))));
   else if (is_opening(status))
     report.warning("daemon", say("{}: it still opens its database", saw),
-                   say("run slabctl doctor again when slabctl status says idle"));
+                   say("run slabctl doctor again when slabctl status shows idle"));
   else
     report.ok("daemon", saw);
   std::error_code not_there;
@@ -497,7 +498,7 @@ std::string examine_daemon(const daemon::Config& config, Examination& report) {
   return answer.value();
 }
 
-void examine_plc(const daemon::Config& config, bool daemon_runs, Examination& report) {
+void examine_plc(const config::Config& config, bool daemon_runs, Examination& report) {
   if (config.plc.role != hal::PlcRole::server)
     return daemon_runs ? examine_through_daemon(config, report) : examine_far_end(config, report);
   examine_reachability(config, report);
@@ -507,20 +508,20 @@ void examine_plc(const daemon::Config& config, bool daemon_runs, Examination& re
     examine_free_port(config, report);
 }
 
-void examine_robot(const daemon::Config& config, double seconds, Examination& report) {
+void examine_robot(const config::Config& config, double seconds, Examination& report) {
   const Result<std::unique_ptr<hal::PosePort>> port = hal::make_lcm_pose_port(config.robot);
   if (!port) {
     report.failed("robot link", quote(port.error().text.view()), say("correct [robot]"));
     return;
   }
-  const Heard heard = listen(*port.value(), seconds);
+  const ReceivedPoses heard = listen(*port.value(), seconds);
   const std::string trouble(port.value()->trouble());
   const hal::PoseLinkCounters& counters = port.value()->counters();
   const std::string faults = refused(*port.value());
   if (!trouble.empty()) {
     report.failed("robot link", quote(trouble),
                   fmt::format("ip address; ip route get {}; [robot] interface",
-                              simulate::multicast_group(config.robot.url.view())));
+                              emulator::multicast_group(config.robot.url.view())));
   } else if (heard.poses == 0) {
     report.failed(
         "robot poses",
@@ -533,14 +534,14 @@ void examine_robot(const daemon::Config& config, double seconds, Examination& re
                                          "bridge to slabd's; docs/ROBOT.md")
         : faults.find("the bridge says") != std::string::npos
             ? say("the bridge has no poses to send, for the reason that it gives; docs/ROBOT.md, \"KUKA over RSI\"")
-            : say("docs/ROBOT.md says what each of them means, and what to do"));
+            : say("docs/ROBOT.md explains each of them and its cure"));
   } else {
     report.ok("robot link", say("{} on {}", config.robot.channel.view(), config.robot.url.view()));
-    examine_heard(config, heard, *port.value(), report);
+    examine_poses(config, heard, *port.value(), report);
   }
 }
 
-void examine_scanner(const daemon::Config& config, const std::string& status_text, bool scan, Examination& report) {
+void examine_scanner(const config::Config& config, const std::string& status_text, bool scan, Examination& report) {
   const json status = status_of(status_text);
   const std::string drop(config.scanner.drop_dir.view());
   const bool stream = config.scanner_backend == hal::ScannerBackend::tcp;
@@ -566,7 +567,7 @@ void examine_scanner(const daemon::Config& config, const std::string& status_tex
       report.warning("scanner link",
                      stream ? say("{} scans or connections were refused", strays.get<int>())
                             : say("{} files answered no request and lie in stray/", strays.get<int>()),
-                     stream ? say("slabctl status says what was wrong last; docs/DELIVERY.md")
+                     stream ? say("slabctl status shows what was wrong last; docs/DELIVERY.md")
                             : say("the scanner's software must name its file after the request"));
   }
   if (!scan) return report.note("scan", say("not tried"), say("slabctl doctor --scan has one taken"));
@@ -581,7 +582,7 @@ void examine_scanner(const daemon::Config& config, const std::string& status_tex
     (void)capture.value().release(shot.value().scan_path);
   } else {
     report.failed("scan", quote(shot.error().text.view()),
-                  std::string(report::cure_words(shot.error().code, spoken())));
+                  std::string(report::cure_words(shot.error().code, language_in_use())));
   }
   (void)capture.value().end();
 }
@@ -599,7 +600,7 @@ static void examine_acceptance(std::string_view id, std::string_view standing, E
                    cure);
 }
 
-void examine_calibration(const daemon::Config& config, const std::string& status_text, Examination& report) {
+void examine_calibration(const config::Config& config, const std::string& status_text, Examination& report) {
   const json status = status_of(status_text);
   if (status.is_null() || in_config_fault(status) || is_opening(status)) {
     const auto reader = storage::open_reader(config.storage.db_path);
@@ -634,6 +635,12 @@ void examine_calibration(const daemon::Config& config, const std::string& status
                    say("plan a new one"));
   else
     report.ok("calibration", id);
+  const json& stations = at(calibration, {"stations"});
+  const bool robot_stated = has_value(config.splice.absolute_mm) && has_value(config.splice.absolute_rad);
+  if (source == "applied" && !robot_stated && (!stations.is_array() || stations.empty()))
+    report.failed(
+        "stations", say("no station is corrected, and the robot's accuracy is not stated: no seat can pass"),
+        say("set [robot] absolute_sigma_mm and absolute_sigma_deg, or master the stations (docs/MASTERING.md)"));
   const json& scanner = at(calibration, {"scanner"});
   examine_acceptance(scanner.is_object() ? text(at(scanner, {"id"})) : "", text(at(scanner, {"state"})), report);
   for (const json& table : at(calibration, {"stations"}))

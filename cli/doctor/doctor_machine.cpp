@@ -53,7 +53,7 @@ void examine_memory(Examination& report) {
 
 }  // namespace
 
-void examine_machine(const daemon::Config& config, Examination& report) {
+void examine_machine(const config::Config& config, Examination& report) {
   const unsigned cores = std::thread::hardware_concurrency();
   const std::string set(algo::instruction_set());
   const std::string saw = say("{} cores, kernels for {}, {} of them measure", cores, set, config.measure_threads);
@@ -75,7 +75,7 @@ void examine_machine(const daemon::Config& config, Examination& report) {
                 "echo madvise > /sys/kernel/mm/transparent_hugepage/enabled");
 }
 
-void examine_limits(const daemon::Config& config, Examination& report) {
+void examine_limits(const config::Config& config, Examination& report) {
   const std::int64_t pid = daemon_process(config.control_socket);
   std::ifstream file(fmt::format("/proc/{}/limits", pid));
   if (pid == 0 || !file)
@@ -93,7 +93,7 @@ void examine_limits(const daemon::Config& config, Examination& report) {
            marked("LimitFSIZE=infinity in the unit, or ulimit -f unlimited")},
       Need{"Max open files", 256, marked("files"), marked("LimitNOFILE=1024 in the unit")},
       Need{"Max address space", 4 * static_cast<std::uint64_t>(limits::kInspectionBytes), marked("bytes"),
-           marked("LimitAS=infinity in the unit, or twice what slabctl status says of memory")}};
+           marked("LimitAS=infinity in the unit, or twice what slabctl status shows as memory")}};
   std::string line;
   bool all = true;
   std::size_t found = 0;

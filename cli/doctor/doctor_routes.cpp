@@ -105,7 +105,7 @@ bool examine_route(std::string_view check, const std::string& far, const RouteSe
   return true;
 }
 
-void examine_plc_route(const daemon::Config& config, Examination& report) {
+void examine_plc_route(const config::Config& config, Examination& report) {
   if (config.plc.role == hal::PlcRole::rtu) return;  // a serial line has no route
   if (config.plc.role == hal::PlcRole::client) {
     const auto plc = address_in(config.plc.host.view());
@@ -130,7 +130,7 @@ void examine_plc_route(const daemon::Config& config, Examination& report) {
   }
 }
 
-void examine_robot_route(const daemon::Config& config, Examination& report) {
+void examine_robot_route(const config::Config& config, Examination& report) {
   const std::string_view url = config.robot.url.view();
   const std::size_t begin = url.find("//");
   if (begin == std::string_view::npos) return;
@@ -168,7 +168,7 @@ void examine_robot_route(const daemon::Config& config, Examination& report) {
 
 }  // namespace
 
-void examine_routes(const daemon::Config& config, Examination& report) {
+void examine_routes(const config::Config& config, Examination& report) {
   examine_plc_route(config, report);
   examine_robot_route(config, report);
 }

@@ -155,7 +155,7 @@ std::string comments_of(const storage::SlabRecord& record, std::string_view fram
 
 Result<CloudCount> write_block_cloud(const std::string& path, const storage::SlabRecord& record, int station,
                                      const Recipe& recipe, const CloudSettings& settings) {
-  const storage::SlabBlock* block = latest(record, station);
+  const storage::SlabBlock* block = report::latest(record, station);
   if (block == nullptr || block->phase != StationPhase::measured ||
       block->block.registration.status != RegistrationStatus::converged)
     return error(Code::config, "block %d was not found in a scan of this slab", station);
@@ -206,7 +206,7 @@ Result<CloudCount> write_slab_cloud(const std::string& path, const storage::Slab
   ScanReader scan(recipe);
   Thinner thinner(settings.voxel_mm);
   for (int station = 1; station <= slab.stations; ++station) {
-    const storage::SlabBlock* block = latest(record, station);
+    const storage::SlabBlock* block = report::latest(record, station);
     if (block == nullptr || block->attempt.scan_path.empty()) {
       count.not_scanned.push_back(fmt::format("block {}: no scan of it", station));
       continue;

@@ -40,49 +40,51 @@ constexpr const char* kColumns =
     "value,deviation,U,verdict,required,conformance_probability,beside_name,beside,scanner_id,slab_temperature_k,"
     "slab_age_h,slope_datum,emulated";
 
-Table empty_table() {
-  Table table;
+report::Table empty_table() {
+  report::Table table;
   std::istringstream keys(kColumns);
   for (std::string key; std::getline(keys, key, ',');) table.columns.emplace_back(key, key);
   return table;
 }
 
 /// An empty cell for 0.
-Cell unless_0(int number) {
-  return number == 0 ? Cell("") : Cell(number);
+report::Cell unless_0(int number) {
+  return number == 0 ? report::Cell("") : report::Cell(number);
 }
 
-void add_item(Table& table, const storage::SlabRecord& record, const Item& item, const storage::SlabBlock* block) {
+void add_item(report::Table& table, const storage::SlabRecord& record, const Item& item,
+              const storage::SlabBlock* block) {
   const SlabHeader& slab = record.summary.header;
   const Attempt* attempt = block == nullptr ? nullptr : &block->attempt;
   const std::string_view companion = info(item.id).companion;
-  table.add(kItemRowsVersion, slab.key, slab.slab_id, slab.slab_no, slab.slab_type, iso_time(slab.began_utime_us),
-            iso_time(record.summary.ended_utime_us), name(record.summary.verdict), record.summary.reason, slab.recipe,
-            slab.recipe_sha256, slab.guard, slab.calibration_id, slab.stations_id, slab.software,
-            attempt != nullptr ? "block" : "slab", unless_0(attempt != nullptr ? attempt->station : item.station),
-            unless_0(item.station_to), attempt != nullptr ? Cell(attempt->number) : "",
-            attempt != nullptr ? iso_time(attempt->scan_utime_us) : "", info(item.id).name, name(info(item.id).unit),
-            item.nominal, item.lower, item.upper, item.value, item.deviation(), item.U, name(item.verdict),
-            item.required, conformance_probability(item), companion, companion.empty() ? kNoValue : item.companion,
-            slab.scanner_id, slab.temperature_dk == 0 ? kNoValue : slab.temperature_dk / 10.0, unless_0(slab.age_h),
-            slope_datum(record), slab.emulated != 0);
+  table.add(
+      kItemRowsVersion, slab.key, slab.slab_id, slab.slab_no, slab.slab_type, report::iso_time(slab.began_utime_us),
+      report::iso_time(record.summary.ended_utime_us), name(record.summary.verdict), record.summary.reason, slab.recipe,
+      slab.recipe_sha256, slab.guard, slab.calibration_id, slab.stations_id, slab.software,
+      attempt != nullptr ? "block" : "slab", unless_0(attempt != nullptr ? attempt->station : item.station),
+      unless_0(item.station_to), attempt != nullptr ? report::Cell(attempt->number) : "",
+      attempt != nullptr ? report::iso_time(attempt->scan_utime_us) : "", info(item.id).name, name(info(item.id).unit),
+      item.nominal, item.lower, item.upper, item.value, item.deviation(), item.U, name(item.verdict), item.required,
+      conformance_probability(item), companion, companion.empty() ? kNoValue : item.companion, slab.scanner_id,
+      slab.temperature_dk == 0 ? kNoValue : slab.temperature_dk / 10.0, unless_0(slab.age_h),
+      report::slope_datum(record), slab.emulated != 0);
 }
 
 /// The heading with its line end.
 std::string item_heading() {
-  return csv_heading(empty_table());
+  return report::csv_heading(empty_table());
 }
 
 /// Rows of the valid attempt of each block by station, then of the slab. Times are UTC.
-std::string item_rows(const storage::SlabRecord& record, TableFor reader) {
-  Table table = empty_table();
+std::string item_rows(const storage::SlabRecord& record, report::TableFor reader) {
+  report::Table table = empty_table();
   for (int station = 1; station <= record.summary.header.stations; ++station) {
-    const storage::SlabBlock* block = latest(record, station);
+    const storage::SlabBlock* block = report::latest(record, station);
     if (block == nullptr || block->phase != StationPhase::measured) continue;
     for (const Item& item : block->block.items) add_item(table, record, item, block);
   }
   for (const Item& item : record.slab.items) add_item(table, record, item, nullptr);
-  return csv_rows(table, reader);
+  return report::csv_rows(table, reader);
 }
 
 struct ExportOptions {
@@ -132,18 +134,19 @@ int export_results(const ExportOptions& options) {
   if (format == "csv") {
     if (options.bom) out.write("\xEF\xBB\xBF");
     out.write(item_heading());
-    const TableFor reader_of_table = options.raw ? TableFor::program : TableFor::spreadsheet;
+    const report::TableFor reader_of_table = options.raw ? report::TableFor::program : report::TableFor::spreadsheet;
     exported = for_each(*reader, keys,
                         [&](const storage::SlabRecord& record) { out.write(item_rows(record, reader_of_table)); });
   } else if (options.choice.slabs.size() == 1) {
-    exported = for_each(*reader, keys, [&](const storage::SlabRecord& record) { out.write(slab_json(record)); });
+    exported =
+        for_each(*reader, keys, [&](const storage::SlabRecord& record) { out.write(report::slab_json(record)); });
   } else {
     bool first = true;
     out.write("{\n\"schema\": \"slabd.export/1\",\n\"slabs\": [\n");
     exported = for_each(*reader, keys, [&](const storage::SlabRecord& record) {
       if (!first) out.write(",\n");
       first = false;
-      out.write(slab_json(record));
+      out.write(report::slab_json(record));
     });
     out.write("]\n}\n");
   }
@@ -172,7 +175,7 @@ struct ModelOptions {
 
 int export_cloud(CloudOptions options) {
   if (options.block != 0 && options.cloud.voxel_mm != 0.0) stop(kUsage, "--voxel: of a block every point is written");
-  daemon::Config config;
+  config::Config config;
   if (options.database.db.empty()) {
     config = config_from(options.database.config);
     options.cloud.form = config.scanner.form;
@@ -181,14 +184,14 @@ int export_cloud(CloudOptions options) {
   const auto reader = open_database(options.database);
   const storage::SlabRecord record = named_slab(*reader, options.slab);
   const SlabHeader& slab = record.summary.header;
-  std::vector<daemon::Problem> problems;
+  std::vector<config::Problem> problems;
   RecipeStore recipe_store(
       recipes_in(options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir, problems));
   static_cast<void>(report_problems(problems));
   const Recipe* recipe = need(recipe_store.very(slab, *reader), kNotReachable);
   if (recipe == nullptr) recipe = recipe_store.of_type(slab);
   if (recipe == nullptr)
-    stop(kBadInput, fmt::format("no recipe of slab type {} with {} blocks is there; --recipes says where",
+    stop(kBadInput, fmt::format("no recipe of slab type {} with {} blocks; --recipes names their folder",
                                 slab.slab_type, slab.stations));
   if (!(recipe->sha256 == slab.recipe_sha256))
     complain(fmt::format("warning: {} is not the recipe that the slab was measured with", recipe->path.view()));

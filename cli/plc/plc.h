@@ -25,7 +25,7 @@ struct PlcRegisters {
 /// answer, or does not support the request.
 [[nodiscard]] Result<PlcRegisters> plc_registers(const std::string& control_socket);
 /// The same; over Modbus if the daemon is a server and its control socket does not answer.
-[[nodiscard]] Result<PlcRegisters> plc_registers(const daemon::Config& config);
+[[nodiscard]] Result<PlcRegisters> plc_registers(const config::Config& config);
 
 /// Both memories of register map 1.0 as Markdown tables.
 [[nodiscard]] std::string register_markdown();

@@ -25,12 +25,12 @@
 namespace slabd::cli {
 namespace {
 
-using simulate::PlcClock;
-using simulate::PlcOrder;
-using simulate::PlcPeer;
-using simulate::PlcTraits;
-using simulate::PlcTrouble;
-using simulate::StoredResult;
+using emulator::PlcClock;
+using emulator::PlcOrder;
+using emulator::PlcPeer;
+using emulator::PlcTraits;
+using emulator::PlcTrouble;
+using emulator::StoredResult;
 
 std::atomic<bool> g_interrupted{false};
 
@@ -62,13 +62,13 @@ PlcCommand command_named(std::string word) {
   return PlcCommand::none;
 }
 
-PlcOutputs outputs_now(const daemon::Config& config) {
+PlcOutputs outputs_now(const config::Config& config) {
   const PlcRegisters registers = need(plc_registers(config));
   return need(hal::decode_outputs(registers.input, registers.order));
 }
 
 /// The state of slabd when no PLC commands and no result waits; otherwise stops.
-PlcOutputs wait_for_control(const daemon::Config& config, bool take_results) {
+PlcOutputs wait_for_control(const config::Config& config, bool take_results) {
   const auto until = PlcClock::now() + kHeartbeatLost;
   PlcOutputs seen = outputs_now(config);
   // The heartbeat of an earlier command by hand is remembered for some seconds too.
@@ -164,7 +164,7 @@ int give(const Options& options) {
     stop(kUsage, fmt::format("COMMAND: found '{}', allowed is SLAB_BEGIN, SCAN, SLAB_END or SLAB_ABORT", options.word));
   if ((command == PlcCommand::scan) != (options.station != 0))
     stop(kUsage, command == PlcCommand::scan ? "SCAN needs the station, such as SCAN 3" : "only SCAN has a station");
-  daemon::Config config;
+  config::Config config;
   if (!config_from(options.config, config)) return kBadInput;
   if (options.slab_id.size() > PlcInputs{}.slab_id.size())
     stop(kUsage,

@@ -178,10 +178,10 @@ std::string page(const Registers& registers, const Pulses& pulses) {
     text += fmt::format("{:<11} {:<26} {}\n", address_text(row), row.name, value);
   };
   text += "\nthe PLC has written\n";
-  hal::tell_inputs(registers.holding, registers.order, sink);
+  hal::list_inputs(registers.holding, registers.order, sink);
   flush();
   text += "\nslabd shows\n";
-  hal::tell_outputs(registers.input, registers.order, sink);
+  hal::list_outputs(registers.input, registers.order, sink);
   flush();
   return text;
 }
@@ -199,8 +199,8 @@ json as_json(const Registers& registers, const Pulses& pulses) {
                     {"raw", raw},
                     {"value", value}});
   };
-  hal::tell_inputs(registers.holding, registers.order, sink);
-  hal::tell_outputs(registers.input, registers.order, sink);
+  hal::list_inputs(registers.holding, registers.order, sink);
+  hal::list_outputs(registers.input, registers.order, sink);
   const auto checked = hal::decode_outputs(registers.input, registers.order);
   const auto age = [](const Pulse& pulse) { return pulse.age_s() ? json(*pulse.age_s()) : json(nullptr); };
   return {{"schema", "slabd.plc_monitor/1"},
@@ -256,7 +256,7 @@ std::string reachable_host(const hal::PlcSettings& plc) {
 }
 
 int monitor(Options options) {
-  daemon::Config config;
+  config::Config config;
   // A remote slabd without a local configuration: unit 1, high word first.
   const bool foreign = !options.connect.empty() && !std::filesystem::exists(options.config);
   // slabd also runs with an invalid configuration, in fault 504, and takes registers and socket from it.
@@ -306,7 +306,8 @@ Result<PlcRegisters> plc_registers(const std::string& control_socket) {
   Registers registers;
   if (!image.is_object() || image.value("schema", "") != "slabd.plc_image/1" ||
       !take_words(image, "input", registers.input) || !take_words(image, "holding", registers.holding))
-    return error(Code::scanner_offline, "%s does not speak slabd.plc_image/1; are slabd and slabctl of one version?",
+    return error(Code::scanner_offline,
+                 "%s does not answer with slabd.plc_image/1; are slabd and slabctl of one version?",
                  control_socket.c_str());
   registers.order = image.value("word_order", "abcd") == "cdab" ? hal::WordOrder::cdab : hal::WordOrder::abcd;
   registers.from = fmt::format("{} role, through {}", image.value("role", "?"), control_socket);
@@ -314,7 +315,7 @@ Result<PlcRegisters> plc_registers(const std::string& control_socket) {
   return registers;
 }
 
-Result<PlcRegisters> plc_registers(const daemon::Config& config) {
+Result<PlcRegisters> plc_registers(const config::Config& config) {
   Result<PlcRegisters> told = plc_registers(config.control_socket);
   if (told || config.plc.role != hal::PlcRole::server) return told;
   return WireSource(config.plc, reachable_host(config.plc)).read();

@@ -19,9 +19,9 @@ using hal::RegisterRow;
 void each_row(RegisterRow::Memory memory, const std::function<void(const RegisterRow&)>& take) {
   const hal::RegisterSink sink = [&](const RegisterRow& row, std::string_view) { take(row); };
   if (memory == RegisterRow::Memory::holding) {
-    hal::tell_inputs({}, hal::WordOrder::abcd, sink);
+    hal::list_inputs({}, hal::WordOrder::abcd, sink);
   } else {
-    hal::tell_outputs({}, hal::WordOrder::abcd, sink);
+    hal::list_outputs({}, hal::WordOrder::abcd, sink);
   }
 }
 

@@ -31,9 +31,9 @@
 namespace slabd::cli {
 namespace {
 
-using daemon::KeyEffect;
-using daemon::keys_of;
-using daemon::RecipeKey;
+using config::KeyEffect;
+using config::keys_of;
+using config::RecipeKey;
 
 struct DiffOptions {
   DatabaseOptions database;
@@ -88,7 +88,7 @@ int rejudge(const Recipe& recipe, const Recipe* measured_with, BlockResult& bloc
     judged.value = item.value;
     judged.companion = item.companion;
     judged.budget = item.budget;
-    if (has_budget(item)) {
+    if (report::has_budget(item)) {
       judged.U = item.U;
       judged.verdict = judge(judged, recipe.guard);
     } else {
@@ -148,14 +148,14 @@ StoredSlabs judge_stored(storage::Reader& reader, const std::vector<std::int64_t
   return out;
 }
 
-void write_recipe(Json& json, std::string_view key, const Recipe& recipe) {
+void write_recipe(report::Json& json, std::string_view key, const Recipe& recipe) {
   json.key(key).begin_object().field("name", recipe.name).field("slab_type", recipe.slab_type);
   json.field("sha256", recipe.sha256).field("file", recipe.path).end_object();
 }
 
 std::string as_json(const Recipe& a, const Recipe& b, const std::vector<KeyDifference>& differences,
                     const StoredSlabs* stored) {
-  Json json("slabd.recipe_diff/1");
+  report::Json json("slabd.recipe_diff/1");
   write_recipe(json, "a", a);
   write_recipe(json, "b", b);
   json.field("differences", differences);
@@ -177,10 +177,10 @@ std::string differences_text(const Recipe& a, const Recipe& b, const std::vector
     text += "no key differs\n";
     return text;
   }
-  Table table{"key", "a", "b", "changes<"};
+  report::Table table{"key", "a", "b", "changes<"};
   for (const KeyDifference& difference : differences)
     table.add(difference.key, difference.a, difference.b, name(difference.effect));
-  text += text_of(table);
+  text += report::text_of(table);
   return text;
 }
 
@@ -243,7 +243,7 @@ void add_recipe_diff(args::Command& recipe) {
   auto options = std::make_shared<DiffOptions>();
   args::Command command = recipe.add_subcommand("diff", "Differences of two recipes, and their effect on slabs");
   command->footer(
-      "\nThe last column says what a key changes: verdict and slab follow from stored values, measured only from "
+      "\nThe last column shows what a key changes: verdict and slab follow from stored values, measured only from "
       "scans\n"
       "(slabctl replay --recipe B). With --db or --config also the share of stored slabs of B's slab type whose "
       "verdict\n"

@@ -5,9 +5,9 @@
 
 #include "storage/storage.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 namespace slabd::cli {
 

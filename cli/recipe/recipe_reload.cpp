@@ -38,7 +38,7 @@ json ask(const std::string& socket, const char* line) {
   if (answer.is_object() && answer.value("schema", "") == "slabd.recipes/1") return answer;
   if (answer.is_object() && answer.contains("error") && answer["error"].is_string())
     stop(kRefused, answer["error"].get<std::string>());
-  stop(kNotReachable, "the daemon gave no answer that this slabctl knows");
+  stop(kNotReachable, "the daemon gave an answer that this slabctl cannot read");
 }
 
 std::string state_text(const json& answer) {
@@ -60,10 +60,10 @@ std::string state_text(const json& answer) {
 int reload(const Options& options) {
   std::string socket = options.socket;
   if (socket.empty()) {
-    daemon::Config config;
-    std::vector<daemon::Problem> problems;
-    daemon::load_config(options.config, config, problems);
-    for (const daemon::Problem& problem : problems) complain(problem.text);
+    config::Config config;
+    std::vector<config::Problem> problems;
+    config::load_config(options.config, config, problems);
+    for (const config::Problem& problem : problems) complain(problem.text);
     socket = config.control_socket;
   }
   json answer =

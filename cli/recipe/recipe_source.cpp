@@ -44,8 +44,8 @@ storage::RecipeText stored_recipe(storage::Reader& reader, const std::string& wo
 }
 
 bool recipe_from(const storage::RecipeText& text, Recipe& recipe) {
-  std::vector<daemon::Problem> problems;
-  daemon::parse_recipe(path_of(text), text.text, recipe, problems);
+  std::vector<config::Problem> problems;
+  config::parse_recipe(path_of(text), text.text, recipe, problems);
   if (problems.empty() && !(recipe.sha256 == text.sha256))
     problems.push_back({fmt::format("{}: the text that the database holds has the SHA-256 {}: it was changed",
                                     path_of(text), recipe.sha256.view())});
@@ -83,10 +83,10 @@ const Recipe* RecipeStore::of_type(const SlabHeader& slab) const {
   return nullptr;
 }
 
-Recipe recipe_of_type(const daemon::Config& config, std::uint16_t slab_type) {
+Recipe recipe_of_type(const config::Config& config, std::uint16_t slab_type) {
   std::vector<Recipe> recipes;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipes(config.recipes_dir, recipes, problems);
+  std::vector<config::Problem> problems;
+  config::load_recipes(config.recipes_dir, recipes, problems);
   const Recipe* found = nullptr;
   for (const Recipe& candidate : recipes) {
     const bool longer = found == nullptr || candidate.slab.length_mm.value > found->slab.length_mm.value;

@@ -42,6 +42,6 @@ class RecipeStore {
 
 /// The recipe that the daemon will use for this slab type (0: that of the longest slab). Stops if there is none;
 /// errors of other recipes are ignored.
-[[nodiscard]] Recipe recipe_of_type(const daemon::Config& config, std::uint16_t slab_type);
+[[nodiscard]] Recipe recipe_of_type(const config::Config& config, std::uint16_t slab_type);
 
 }  // namespace slabd::cli

@@ -40,8 +40,8 @@ std::string signs_of_change(const Remeasured& again, const storage::SlabBlock& s
   if (::stat(again.path.c_str(), &file) != 0) return "";
   const std::int64_t written_us = file.st_mtim.tv_sec * std::int64_t{1'000'000};
   if (written_us > stored.attempt.scan_utime_us + kWrittenLater_us)
-    return fmt::format("it was written {}, after it had been acquired {}", iso_time(written_us),
-                       iso_time(stored.attempt.scan_utime_us));
+    return fmt::format("it was written {}, after it had been acquired {}", report::iso_time(written_us),
+                       report::iso_time(stored.attempt.scan_utime_us));
   return "";
 }
 
@@ -134,7 +134,7 @@ std::string scan_at(const storage::SlabBlock& stored, const std::string& scans_d
   return (fs::path(scans_dir) / path.parent_path().filename() / path.filename()).string();
 }
 
-std::vector<Recipe> recipes_in(const std::string& dir, std::vector<daemon::Problem>& problems) {
+std::vector<Recipe> recipes_in(const std::string& dir, std::vector<config::Problem>& problems) {
   std::vector<Recipe> recipes;
   std::vector<std::string> paths;
   std::error_code fault;
@@ -145,7 +145,7 @@ std::vector<Recipe> recipes_in(const std::string& dir, std::vector<daemon::Probl
   for (const std::string& path : paths) {
     const std::size_t before = problems.size();
     Recipe recipe;
-    daemon::load_recipe(path, recipe, problems);
+    config::load_recipe(path, recipe, problems);
     if (problems.size() == before) recipes.push_back(recipe);
   }
   return recipes;

@@ -70,5 +70,5 @@ class Remeasurer {
 [[nodiscard]] std::string scan_at(const storage::SlabBlock& stored, const std::string& scans_dir);
 
 /// All readable recipes of a folder; `problems` lists the others.
-[[nodiscard]] std::vector<Recipe> recipes_in(const std::string& dir, std::vector<daemon::Problem>& problems);
+[[nodiscard]] std::vector<Recipe> recipes_in(const std::string& dir, std::vector<config::Problem>& problems);
 }  // namespace slabd::cli

@@ -33,14 +33,14 @@ struct ReplayOptions {
   std::string recipes_dir;
   std::string scans_dir;
   ScanFormOptions form{.unit = "", .columns = ""};
-  int threads = daemon::default_measure_threads();
+  int threads = config::default_measure_threads();
   bool json = false;
 };
 
 /// Number of differences in the text output; JSON has all.
 constexpr std::size_t kDifferencesNamed = 3;
 
-void write_slab(Json& json, const SlabReplay& slab) {
+void write_slab(report::Json& json, const SlabReplay& slab) {
   json.begin_object().field("key", slab.header.key).field("slab_id", slab.header.slab_id);
   json.field("verdict", slab.verdict).field("outcome", slab.outcome).field("figures", slab.figures());
   json.field("differences", slab.differences()).field("recipe", slab.recipe).field("scans_proven", slab.scans_proven());
@@ -48,8 +48,8 @@ void write_slab(Json& json, const SlabReplay& slab) {
   json.list("blocks", slab.blocks, [&](const BlockReplay& block) {
     json.field("station", block.station).field("attempt", block.attempt).field("scan", block.scan);
     json.field("outcome", block.outcome).field("why", block.why);
-    write_crc32c(json, "crc32c_stored", block.crc32c_stored);
-    write_crc32c(json, "crc32c_now", block.crc32c_now);
+    report::write_crc32c(json, "crc32c_stored", block.crc32c_stored);
+    report::write_crc32c(json, "crc32c_now", block.crc32c_now);
     fields(json, block.comparison);
   });
   json.key("slab").begin_object().field("compared", slab.slab_compared).field("why", slab.slab_why);
@@ -107,7 +107,7 @@ struct ReplaySources {
 /// Recipes folder and scan form come from the command line, otherwise from the configuration.
 ReplaySources open_sources(const ReplayOptions& options) {
   ReplaySources sources;
-  daemon::Config config;
+  config::Config config;
   if (options.database.db.empty()) {
     config = config_from(options.database.config);
     sources.form = config.scanner.form;
@@ -128,13 +128,13 @@ void for_each_slab(storage::Reader& reader, const std::vector<std::int64_t>& key
 }
 
 int verify(const ReplayOptions& options, ReplaySources& sources, const std::vector<std::int64_t>& keys) {
-  std::vector<daemon::Problem> problems;
+  std::vector<config::Problem> problems;
   RecipeStore recipe_store(recipes_in(sources.recipes_dir, problems));
   static_cast<void>(report_problems(problems));
   Remeasurer remeasurer(options.threads, sources.form, options.scans_dir);
   std::array<int, 3> count{};
   int with_scans = 0;  // slabs that have scans, among those not verified
-  Json json("slabd.replay/1");
+  report::Json json("slabd.replay/1");
   json.field("software", daemon::software_version()).field("threads", options.threads);
   json.field("instruction_set", algo::instruction_set()).key("slabs").begin_array();
   ProgressCount progress(stderr, keys.size());
@@ -218,7 +218,7 @@ int decide(const ReplayOptions& options, ReplaySources& sources, const std::vect
     if (!why.empty()) what_if.leave_out(record.summary.header, std::move(why));
   });
   if (options.json) {
-    Json json("slabd.what_if/1");
+    report::Json json("slabd.what_if/1");
     json.field("software", daemon::software_version()).field("from", "scans").key("recipe").begin_object();
     json.field("name", recipe.name).field("sha256", recipe.sha256).field("file", recipe.path).end_object();
     what_if.write(json);

@@ -231,7 +231,7 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
   }
 
   if (recipe->sha256 == slab.recipe_sha256) compare_header(slab, *recipe, replay.slab);
-  if (is_open(record)) {
+  if (report::is_open(record)) {
     replay.slab_why = "the slab is still open";
   } else if (record.summary.verdict == Verdict::aborted) {
     replay.slab_why = "the slab was aborted: nothing was judged";
@@ -251,7 +251,7 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
                             ? "judged with another " + names_of(replay.changed)
                             : "no recorded input differs: the stored result is not what they give";
   }
-  replay.outcome = outcome_of(replay, is_open(record));
+  replay.outcome = outcome_of(replay, report::is_open(record));
   return replay;
 }
 

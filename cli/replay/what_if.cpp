@@ -41,7 +41,7 @@ std::string change_words(const VerdictTally& tally) {
   return words;
 }
 
-void write_tally(Json& json, const VerdictTally& tally) {
+void write_tally(report::Json& json, const VerdictTally& tally) {
   json.field("count", tally.count).field("changed", tally.changed()).field("share_changed", share(tally));
   json.key("changes").begin_array();
   for (const auto& [pair, count] : tally.changes)
@@ -65,9 +65,9 @@ int VerdictTally::changed() const {
 void WhatIf::add(const storage::SlabRecord& stored, std::span<const StationRecord> stations, const SlabResult& now) {
   std::vector<const BlockResult*> blocks_now;
   for (std::size_t i = 0; i < stations.size(); ++i)
-    blocks_now.push_back(measured(stored, static_cast<int>(i + 1)) != nullptr ? &stations[i].block : nullptr);
-  const std::vector<Item> items_then = items_in_force(stored);
-  const std::vector<Item> items_now = items_in_force(blocks_now, now);
+    blocks_now.push_back(report::measured(stored, static_cast<int>(i + 1)) != nullptr ? &stations[i].block : nullptr);
+  const std::vector<Item> items_then = report::items_in_force(stored);
+  const std::vector<Item> items_now = report::items_in_force(blocks_now, now);
 
   ChangedSlab slab;
   slab.key = stored.summary.header.key;
@@ -88,17 +88,17 @@ void WhatIf::leave_out(const SlabHeader& slab, std::string why) {
   left_out_.push_back({slab.key, std::string(slab.slab_id.view()), std::move(why)});
 }
 
-std::string WhatIf::text(Style style) const {
-  Table items{"item", "values", "changed", "share", "changes<"};
+std::string WhatIf::text(report::Style style) const {
+  report::Table items{"item", "values", "changed", "share", "changes<"};
   const auto add = [&](std::string_view what, const VerdictTally& tally) {
     items.add(what, tally.count, tally.changed(), percent(tally), change_words(tally));
   };
   for (std::size_t i = 0; i < kItemCount; ++i)
     if (items_[i].count > 0) add(info(static_cast<ItemId>(i)).name, items_[i]);
   add("slab verdict", slabs_);
-  std::string text = text_of(items);
+  std::string text = report::text_of(items);
   if (!changed_.empty()) {
-    Table changed{"key", "id<", "stored<", "now<", "items whose verdict changes<"};
+    report::Table changed{"key", "id<", "stored<", "now<", "items whose verdict changes<"};
     for (const ChangedSlab& slab : changed_) {
       std::string which;
       constexpr std::size_t kNamed = 4;
@@ -110,14 +110,14 @@ std::string WhatIf::text(Style style) const {
       if (slab.items.size() > kNamed) which += fmt::format(" and {} more", slab.items.size() - kNamed);
       changed.add(slab.key, slab.slab_id, slab.stored, slab.now, which);
     }
-    text += "\n" + text_of(changed, style);
+    text += "\n" + report::text_of(changed, style);
   }
   for (const LeftOut& slab : left_out_)
     text += fmt::format("left out: slab {} \"{}\": {}\n", slab.key, slab.slab_id, slab.why);
   return text;
 }
 
-void WhatIf::write(Json& json) const {
+void WhatIf::write(report::Json& json) const {
   json.key("slabs").begin_object();
   write_tally(json, slabs_);
   json.end_object();

@@ -36,9 +36,9 @@ class WhatIf {
   void leave_out(const SlabHeader& slab, std::string why);
 
   /// Tables as text.
-  [[nodiscard]] std::string text(Style style) const;
+  [[nodiscard]] std::string text(report::Style style) const;
   /// Fields `slabs`, `slabs_changed`, `share_changed`, `items`, `changed`, `left_out` of the open object.
-  void write(Json& json) const;
+  void write(report::Json& json) const;
   [[nodiscard]] bool any() const { return slabs_.count > 0; }
 
  private:

@@ -332,7 +332,7 @@ Result<PlateFigures> judge_plate(std::span<const float> xyz, const ScanShape& sh
     return error(
         Code::block_not_found,
         "%.0f %% of the points near the plane lie %.2f to %.2f mm off it, allowed are %.0f %%: the plate is not "
-        "flat, or something stands beside it",
+        "flat, or there is an object beside it",
         100.0 * static_cast<double>(beside) / near, settings.gate_mm, kBesideGates * settings.gate_mm,
         100.0 * kBesideShareMax);
   PlateFigures figures;

@@ -31,7 +31,7 @@ bool is_verification(const json& record) {
   return record.value("schema", "") == "slabd.scanner_verification/1";
 }
 
-void add_records(const daemon::Config& config, std::vector<json>& records) {
+void add_records(const config::Config& config, std::vector<json>& records) {
   const std::unique_ptr<storage::Reader> reader = open_records(config);
   if (reader == nullptr) return;
   const auto all = need(reader->calibrations(), kNotReachable);
@@ -44,13 +44,13 @@ void add_records(const daemon::Config& config, std::vector<json>& records) {
     if (!is_verification(record)) record = {{"schema", "slabd.scanner_verification/1"}};
     record["id"] = kept.id;
     record["in_force"] = now && now->id == kept.id;
-    record["expires"] = kept.expires_utime_us == 0 ? json(nullptr) : json(iso_time(kept.expires_utime_us));
+    record["expires"] = kept.expires_utime_us == 0 ? json(nullptr) : json(report::iso_time(kept.expires_utime_us));
     records.push_back(std::move(record));
   }
 }
 
 int history(const std::string& config_path, bool as_json) {
-  const daemon::Config config = config_from(config_path);
+  const config::Config config = config_from(config_path);
   std::vector<json> records;
   add_records(config, records);
   std::stable_sort(records.begin(), records.end(),

@@ -59,7 +59,7 @@ bool split(const std::string& to, std::string& host, std::uint16_t& port) {
 }
 
 /// Delivers one scan; retries from the cut until `until`.
-void deliver(StreamGateway& gateway, const Scan& scan, const std::string& file, const Options& options,
+void deliver(emulator::StreamGateway& gateway, const Scan& scan, const std::string& file, const Options& options,
              Clock::time_point until) {
   const std::int64_t utime_us =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
@@ -74,7 +74,7 @@ void deliver(StreamGateway& gateway, const Scan& scan, const std::string& file, 
       continue;
     }
     std::string note;
-    const std::optional<StreamRequest> request = gateway.next_request(200, note);
+    const std::optional<emulator::StreamRequest> request = gateway.next_request(200, note);
     if (!note.empty()) last = "slabd: " + note;
     if (!request) continue;
     const Status sent = gateway.answer(*request, scan.xyz, scan.shape.width, scan.shape.height, utime_us,
@@ -83,7 +83,7 @@ void deliver(StreamGateway& gateway, const Scan& scan, const std::string& file, 
       fmt::print(
           "request {} (slab \"{}\", station {}): {}, {} points{}\n", request->name(), request->slab_id,
           request->station, file, scan.shape.points,
-          gateway.went_on_from() != 0 ? fmt::format(", {} of them from before the cut", gateway.went_on_from()) : "");
+          gateway.resumed_from() != 0 ? fmt::format(", {} of them from before the cut", gateway.resumed_from()) : "");
       std::fflush(stdout);
       return;
     }
@@ -101,7 +101,7 @@ int send(const Options& options) {
     stop(kUsage, fmt::format("--to {}: expected ADDRESS:PORT, such as 127.0.0.1:1504", options.to));
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
-  StreamGateway gateway(host, port);
+  emulator::StreamGateway gateway(host, port);
   for (const std::string& file : options.files) {
     const Scan scan = read(file, options.form.form());
     const auto until = Clock::now() + std::chrono::milliseconds(static_cast<std::int64_t>(1e3 * options.wait_s));

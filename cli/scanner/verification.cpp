@@ -33,7 +33,7 @@ std::size_t places(const List& list, Apart apart) {
   return counted.size();
 }
 
-void write_plate(Json& json, const VerifiedPlate& p) {
+void write_plate(report::Json& json, const VerifiedPlate& p) {
   json.begin_object().field("file", p.file).field("points", p.figures.points).field("rejected", p.figures.rejected);
   json.field("length_mm", p.figures.length_mm).field("RF_mm", p.figures.RF_mm).field("rms_mm", p.figures.rms_mm);
   json.field("form_half_mm", p.figures.form_half_mm).field("noise_sigma_mm", p.figures.noise.sigma_mm);
@@ -41,7 +41,7 @@ void write_plate(Json& json, const VerifiedPlate& p) {
   json.end_object();
 }
 
-void write_ball(Json& json, const VerifiedBall& b) {
+void write_ball(report::Json& json, const VerifiedBall& b) {
   json.begin_object().field("file", b.file).field("points", b.figures.points).field("rejected", b.figures.rejected);
   json.field("centre_mm", b.figures.centre_mm).field("diameter_mm", 2.0 * b.figures.radius_mm);
   json.field("PF_mm", b.figures.PF_mm).field("PS_mm", b.figures.PS_mm).field("rms_mm", b.figures.rms_mm).end_object();
@@ -103,9 +103,9 @@ std::string budget_lines(const ScannerNumbers& n) {
 
 std::string verification_json(const Verification& v, std::int64_t utime_us, std::string_view id, bool in_force) {
   const ScannerNumbers n = numbers_of(v);
-  Json json("slabd.scanner_verification/1");
+  report::Json json("slabd.scanner_verification/1");
   json.field("scanner", n.scanner);
-  write_time(json, "utc", utime_us);
+  report::write_time(json, "utc", utime_us);
   json.field("software", daemon::software_version()).field("diameter_mm", v.diameter_mm).field("id", id);
   json.field("in_force", in_force).field("refusal", refusal_of(n)).field("PF_mm", n.PF_mm).field("PS_abs_mm", n.PS_mm);
   json.field("RF_mm", n.RF_mm).field("form_half_mm", n.form_half_mm).field("form_length_mm", n.form_length_mm);

@@ -144,7 +144,7 @@ Exit keep(const Options& options, const Verification& v, std::int64_t utime_us, 
     if (numbers.within_limits && !options.keep) return status;
     record_options.apply = false;
   }
-  daemon::Config config;
+  config::Config config;
   if (!config_from(record_options.config, config)) return kBadInput;
   storage::CalibrationRecord record;
   record_options.scanner_serial = v.scanner;

@@ -24,7 +24,7 @@
 #include "emulator/scan_outlet.h"
 #include "emulator/slab_scene.h"
 
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 namespace {
 
 namespace fs = std::filesystem;
@@ -48,8 +48,8 @@ void on_signal(int) {
 
 class LiveCell {
  public:
-  LiveCell(const CalibrationLiveOrder& order, const CalibrationScene& scene, ScanOutlet& outlet, RobotPeer& robot,
-           std::vector<Pose> views)
+  LiveCell(const CalibrationLiveOrder& order, const CalibrationScene& scene, emulator::ScanOutlet& outlet,
+           emulator::RobotPeer& robot, std::vector<Pose> views)
       : order_(order),
         scene_(scene),
         outlet_(outlet),
@@ -72,13 +72,13 @@ class LiveCell {
  private:
   void say_view() const {
     if (order_.follow_file.empty())
-      fmt::print(stderr, "view {}/{}: the robot stands there in {:.1f} s\n", view_, views_.size(), order_.move_s);
+      fmt::print(stderr, "view {}/{}: the robot arrives in {:.1f} s\n", view_, views_.size(), order_.move_s);
     else
-      fmt::print(stderr, "view {}: the robot stands there in {:.1f} s\n", view_, order_.move_s);
+      fmt::print(stderr, "view {}: the robot arrives in {:.1f} s\n", view_, order_.move_s);
   }
 
   void answer(const std::string& name) {
-    const Result<DrawnScan> drawn =
+    const Result<emulator::DrawnScan> drawn =
         scene_.draw(robot_.pose(), view_, order_.scan, xyz_, static_cast<std::uint64_t>(shots_));
     if (!drawn) {
       cli::complain(fmt::format("scanner: {}", drawn.error().text.view()));
@@ -130,8 +130,8 @@ class LiveCell {
 
   const CalibrationLiveOrder& order_;
   const CalibrationScene& scene_;
-  ScanOutlet& outlet_;
-  RobotPeer& robot_;
+  emulator::ScanOutlet& outlet_;
+  emulator::RobotPeer& robot_;
   std::vector<Pose> views_;
   std::array<double, 7> standing_at_;
   std::size_t view_ = 1;  ///< number of the robot's visit; the repeatability error is new at each
@@ -155,7 +155,7 @@ void catch_signals() {
 }  // namespace
 
 int run_calibration_live(CalibrationLiveOrder order) {
-  const daemon::Config config = cli::config_from(order.config);
+  const config::Config config = cli::config_from(order.config);
   if (!order.keep_flange && !config.calibration.id.empty())
     order.scene.T_flange_scanner = config.calibration.T_flange_scanner;
   if (!order.keep_target)
@@ -176,8 +176,8 @@ int run_calibration_live(CalibrationLiveOrder order) {
   }
   if (!order.out_dir.empty()) write_calibration_truth(scene, order.scan, views, order.shots, order.out_dir);
 
-  const auto outlet = cli::need(open_outlet(config, hal::ScanFormat::ply));
-  RobotTraits traits;
+  const auto outlet = cli::need(emulator::open_outlet(config, hal::ScanFormat::ply));
+  emulator::RobotTraits traits;
   traits.lcm_url = config.robot.url.view();
   traits.channel = config.robot.channel.view();
   traits.rate_hz = order.rate_hz;
@@ -185,11 +185,11 @@ int run_calibration_live(CalibrationLiveOrder order) {
   traits.tremor_mm = kTremor_mm;
   traits.base_id = config.pose.base_id;
   traits.tool_id = config.pose.tool_id;
-  traits.seed = derived_seed(order.scene.seed, 23, 0);
-  const auto robot = cli::need(RobotPeer::start(traits, views.front()));
+  traits.seed = emulator::derived_seed(order.scene.seed, 23, 0);
+  const auto robot = cli::need(emulator::RobotPeer::start(traits, views.front()));
   catch_signals();
   LiveCell(order, scene, *outlet, *robot, std::move(views)).run();
   return cli::kDone;
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate

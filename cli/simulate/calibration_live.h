@@ -10,7 +10,7 @@
 
 /// Robot and scanner with a calibration target, as peers of a running daemon. The robot moves from view to view and
 /// publishes its reported pose; the scanner answers the daemon's requests with scans from the real pose.
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 
 struct CalibrationLiveOrder {
   CalibrationTraits scene;
@@ -31,4 +31,4 @@ struct CalibrationLiveOrder {
 /// Runs until it is interrupted (Ctrl-C); returns the exit status. Prints the current view to stderr.
 [[nodiscard]] int run_calibration_live(CalibrationLiveOrder order);
 
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate

@@ -11,7 +11,7 @@
 #include "emulator/slab_scene.h"
 #include "emulator/solid_scene.h"
 
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 namespace {
 
 /// Beyond this incidence a matt surface gives no usable return.
@@ -66,8 +66,8 @@ calib::ArtefactCertificate certify(const CalibrationTraits& traits) {
 }
 
 /// All objects except the block, in the target's frame.
-Solids build(const CalibrationTraits& traits, const calib::ArtefactCertificate& certificate) {
-  Solids solids;
+emulator::Solids build(const CalibrationTraits& traits, const calib::ArtefactCertificate& certificate) {
+  emulator::Solids solids;
   if (traits.kind == TargetKind::block) return solids;
   const double table_z = -(traits.ball_radius_mm + kTableBelow_mm);
   for (const Vec3& centre : certificate.balls_mm) {
@@ -93,10 +93,10 @@ Solids build(const CalibrationTraits& traits, const calib::ArtefactCertificate& 
 }
 
 /// Adds a plate before every ball, whose edge hides the given share of the visible disc.
-void hide(Solids& solids_scanner, std::size_t balls, double share) {
+void hide(emulator::Solids& solids_scanner, std::size_t balls, double share) {
   if (share <= 0.0) return;
   for (std::size_t k = 0; k < balls; ++k) {
-    const Ball& ball = solids_scanner.balls[k];
+    const emulator::Ball& ball = solids_scanner.balls[k];
     const double edge_x = (1.0 - 2.0 * share) * ball.radius_mm;
     const double half = 1.5 * ball.radius_mm;
     const Vec3 towards = -ball.centre_mm.normalized();
@@ -109,21 +109,22 @@ void hide(Solids& solids_scanner, std::size_t balls, double share) {
 /// Converts the depth picture into a scan.
 class ScanMaker {
  public:
-  ScanMaker(const CalibrationScanTraits& traits, std::uint64_t seed, const Picture& picture, const Solids& solids)
+  ScanMaker(const CalibrationScanTraits& traits, std::uint64_t seed, const emulator::Picture& picture,
+            const emulator::Solids& solids)
       : traits_(traits), seed_(seed), picture_(picture), solids_(solids) {
     if (traits.correlated_mm > 0.0) {
-      ScannerTraits grid;
+      emulator::ScannerTraits grid;
       grid.columns = picture.columns;
       grid.rows = picture.rows;
       grid.field_x_mm = picture.field_x_mm;
       grid.field_y_mm = picture.field_y_mm;
       grid.noise_correlation_mm = traits.correlation_length_mm;
-      field_ = noise_field(grid, derived_seed(seed, 1, 0));
+      field_ = emulator::noise_field(grid, emulator::derived_seed(seed, 1, 0));
     }
   }
 
-  DrawnScan make(std::vector<float>& xyz) const {
-    DrawnScan drawn;
+  emulator::DrawnScan make(std::vector<float>& xyz) const {
+    emulator::DrawnScan drawn;
     Prng random(seed_);
     xyz.clear();
     xyz.reserve(3 * picture_.depth_mm.size());
@@ -194,7 +195,8 @@ class ScanMaker {
     return solids_.first_met(p, towards, 0.5 / towards.norm()) < 1.0;
   }
 
-  double depth_of(std::size_t row, std::size_t column, const Vec3& ray, const Draws& draws, DrawnScan& drawn) const {
+  double depth_of(std::size_t row, std::size_t column, const Vec3& ray, const Draws& draws,
+                  emulator::DrawnScan& drawn) const {
     const double z = at(row, column);
     if (std::isnan(z)) {
       ++drawn.no_return;
@@ -226,8 +228,8 @@ class ScanMaker {
 
   const CalibrationScanTraits& traits_;
   std::uint64_t seed_;
-  const Picture& picture_;
-  const Solids& solids_;
+  const emulator::Picture& picture_;
+  const emulator::Solids& solids_;
   std::vector<float> field_;
 };
 
@@ -247,17 +249,17 @@ Result<CalibrationScene> CalibrationScene::make(const CalibrationTraits& traits,
   if (!(traits.ball_radius_mm >= 5.0 && traits.ball_radius_mm <= 35.0))
     return error(Code::config, "ball radius %g mm: must be within 5 .. 35", traits.ball_radius_mm);
   if (traits.kind == TargetKind::block && recipe == nullptr)
-    return error(Code::config, "a reference block needs a recipe that says what it looks like");
+    return error(Code::config, "a reference block needs a recipe with its shape");
   CalibrationScene scene;
   scene.traits_ = traits;
-  scene.robot_ = RobotError(traits.robot);
+  scene.robot_ = emulator::RobotError(traits.robot);
   scene.certificate_ = certify(traits);
   if (recipe != nullptr) scene.recipe_ = *recipe;
   return scene;
 }
 
 std::vector<Pose> CalibrationScene::plan_views(int count) const {
-  Prng random(derived_seed(traits_.seed, kViewStream, 0));
+  Prng random(emulator::derived_seed(traits_.seed, kViewStream, 0));
   const ViewRange range = range_of(traits_.kind);
   std::vector<Pose> flange;
   for (int i = 0; i < count; ++i) {
@@ -271,7 +273,7 @@ std::vector<Pose> CalibrationScene::plan_views(int count) const {
     const double side_x = corner == 0 ? 0.0 : (corner & 1) != 0 ? 1.0 : -1.0;
     const double side_y = corner == 0 ? 0.0 : (corner & 2) != 0 ? 1.0 : -1.0;
     const double depth = 0.5 * (range.near_mm + range.far_mm + (range.far_mm - range.near_mm) * (i % 3 - 1));
-    const double scale = depth / kPictureDistance_mm;
+    const double scale = depth / emulator::kPictureDistance_mm;
     Pose T_target_scanner;
     const Vec3 axis(std::cos(azimuth), std::sin(azimuth), 0.0);
     T_target_scanner.rotation = Quat(Eigen::AngleAxisd(tilt, axis)) *
@@ -289,23 +291,23 @@ Pose CalibrationScene::T_scanner_target(const Pose& T_base_flange, std::uint64_t
   return (robot_.real(T_base_flange, visit) * traits_.T_flange_scanner).inverse() * traits_.T_base_target;
 }
 
-Result<DrawnScan> CalibrationScene::draw(const Pose& T_base_flange, std::uint64_t visit,
-                                         const CalibrationScanTraits& scan, std::vector<float>& xyz,
-                                         std::uint64_t shot) const {
+Result<emulator::DrawnScan> CalibrationScene::draw(const Pose& T_base_flange, std::uint64_t visit,
+                                                   const CalibrationScanTraits& scan, std::vector<float>& xyz,
+                                                   std::uint64_t shot) const {
   const Pose T_seen = T_scanner_target(T_base_flange, visit);
   if (!(T_seen.translation_mm.z() > 100.0))
     return error(Code::config, "the %s is not in front of the scanner", name(traits_.kind).data());
-  Picture picture;
-  picture.distance_mm = kPictureDistance_mm;
+  emulator::Picture picture;
+  picture.distance_mm = emulator::kPictureDistance_mm;
   picture.clear(scan.columns, scan.rows);
-  Solids solids = build(traits_, certificate_).in_frame(T_seen);
+  emulator::Solids solids = build(traits_, certificate_).in_frame(T_seen);
   if (traits_.kind == TargetKind::block) {
-    const Result<BlockSurface> surface =
-        BlockSurface::make(*recipe_, nominal_truth(*recipe_), T_seen, Projection::perspective);
+    const Result<emulator::BlockSurface> surface = emulator::BlockSurface::make(
+        *recipe_, emulator::nominal_truth(*recipe_), T_seen, emulator::Projection::perspective);
     if (!surface) return surface.error();
     for (std::size_t row = 0; row < picture.rows; ++row)
       for (std::size_t column = 0; column < picture.columns; ++column) {
-        const Vec3 ray = kPictureDistance_mm * picture.ray(column, row);
+        const Vec3 ray = emulator::kPictureDistance_mm * picture.ray(column, row);
         picture.depth_mm[row * picture.columns + column] =
             static_cast<float>(surface.value().depth_mm(ray.x(), ray.y()));
       }
@@ -313,7 +315,8 @@ Result<DrawnScan> CalibrationScene::draw(const Pose& T_base_flange, std::uint64_
     hide(solids, certificate_.balls_mm.size(), scan.hidden_share);
   }
   picture.draw(solids);
-  return ScanMaker(scan, derived_seed(traits_.seed, kScanStream + shot * 100U, visit), picture, solids).make(xyz);
+  return ScanMaker(scan, emulator::derived_seed(traits_.seed, kScanStream + shot * 100U, visit), picture, solids)
+      .make(xyz);
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate

@@ -17,7 +17,7 @@
 /// edges, and shadows of the projector. The seed determines everything, and the truth is known.
 ///
 /// The code shares nothing with calib's ball finding, so that the emulator and the measurement do not share errors.
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 
 enum class TargetKind : std::uint8_t { ball, artefact, block, plate };
 [[nodiscard]] std::string_view name(TargetKind kind);
@@ -30,7 +30,7 @@ struct CalibrationTraits {
   /// block frame.
   Pose T_base_target{Quat::Identity(), Vec3(1500.0, 200.0, 600.0)};
   Pose T_flange_scanner{Quat(0.9961947, 0.0, 0.0871557, 0.0).normalized(), Vec3(40.0, -25.0, 180.0)};
-  RobotErrorTraits robot{1, 0.0, 500.0, -1.0, 0.017, -1.0};
+  emulator::RobotErrorTraits robot{1, 0.0, 500.0, -1.0, 0.017, -1.0};
   bool clutter = true;
 };
 
@@ -64,7 +64,7 @@ class CalibrationScene {
   [[nodiscard]] static Result<CalibrationScene> make(const CalibrationTraits& traits, const Recipe* recipe = nullptr);
 
   [[nodiscard]] const CalibrationTraits& traits() const { return traits_; }
-  [[nodiscard]] const RobotError& robot() const { return robot_; }
+  [[nodiscard]] const emulator::RobotError& robot() const { return robot_; }
   /// Kind artefact: the laboratory's values (here without error); kind ball: one ball at the origin; else no ball.
   [[nodiscard]] const calib::ArtefactCertificate& certificate() const { return certificate_; }
 
@@ -78,17 +78,17 @@ class CalibrationScene {
   /// Draws the scan from there into `xyz` (3 floats a point, resized). Code::config: the target is not in front of the
   /// scanner. The same arguments give the same bits; `shot` changes only the scan's noise. Takes about 0.1 s, and 1 s
   /// for a full scan.
-  [[nodiscard]] Result<DrawnScan> draw(const Pose& T_base_flange, std::uint64_t visit,
-                                       const CalibrationScanTraits& scan, std::vector<float>& xyz,
-                                       std::uint64_t shot = 0) const;
+  [[nodiscard]] Result<emulator::DrawnScan> draw(const Pose& T_base_flange, std::uint64_t visit,
+                                                 const CalibrationScanTraits& scan, std::vector<float>& xyz,
+                                                 std::uint64_t shot = 0) const;
 
  private:
   CalibrationScene() = default;
 
   CalibrationTraits traits_;
-  RobotError robot_;
+  emulator::RobotError robot_;
   calib::ArtefactCertificate certificate_;
   std::optional<Recipe> recipe_;
 };
 
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate

@@ -15,7 +15,7 @@
 #include "emulator/slab_scene.h"
 #include "report/json.h"
 
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 namespace {
 
 namespace fs = std::filesystem;
@@ -26,13 +26,14 @@ constexpr double kPointSigma_mm = 0.003;
 constexpr double kSeatArm_mm = 100.0;
 constexpr std::uint64_t kVisitStream = 24;
 
-calib::StationVisit visit_of(const SlabTruth& slab, const Cell& cell, int station, int round, std::uint64_t seed) {
-  const StationTruth& truth = slab.at(station);
+calib::StationVisit visit_of(const emulator::SlabTruth& slab, const emulator::Cell& cell, int station, int round,
+                             std::uint64_t seed) {
+  const emulator::StationTruth& truth = slab.at(station);
   const double c = std::cos(truth.block.slope_rad);
   const double s = std::sin(truth.block.slope_rad);
-  const Pose T_seen = T_scanner_block(slab, cell, station);
-  Prng random(
-      derived_seed(seed, kVisitStream + static_cast<std::uint64_t>(round) * 100U, static_cast<std::uint64_t>(station)));
+  const Pose T_seen = emulator::T_scanner_block(slab, cell, station);
+  Prng random(emulator::derived_seed(seed, kVisitStream + static_cast<std::uint64_t>(round) * 100U,
+                                     static_cast<std::uint64_t>(station)));
   Vec3 off;
   for (int axis = 0; axis < 3; ++axis) off[axis] = kPointSigma_mm * random.normal();
   calib::StationVisit visit;
@@ -46,7 +47,7 @@ calib::StationVisit visit_of(const SlabTruth& slab, const Cell& cell, int statio
 
 }  // namespace
 
-calib::MasterCertificate master_certificate(const Recipe& recipe, const SlabTruth& slab, double sigma_mm) {
+calib::MasterCertificate master_certificate(const Recipe& recipe, const emulator::SlabTruth& slab, double sigma_mm) {
   calib::MasterCertificate certificate;
   certificate.id = "simulated-master";
   certificate.date = "2026-01-01";
@@ -54,7 +55,7 @@ calib::MasterCertificate master_certificate(const Recipe& recipe, const SlabTrut
   certificate.slab_type = recipe.slab_type;
   certificate.sigma_mm = sigma_mm;
   for (int k = 1; k <= slab.stations; ++k) {
-    const StationTruth& station = slab.at(k);
+    const emulator::StationTruth& station = slab.at(k);
     if (!station.block.present) continue;
     const double c = std::cos(station.block.slope_rad);
     const double s = std::sin(station.block.slope_rad);
@@ -72,9 +73,9 @@ int write_mastered_slab(const CalibrationOrder& order) {
   fs::create_directories(dir, fault);
   if (fault || !fs::is_empty(dir, fault))
     cli::stop(cli::kUsage, fmt::format("--out {}: cannot be made, or is not empty; name a new folder", order.out_dir));
-  const RobotErrorTraits robot = RobotError(order.scene.robot).traits();
-  const Cell cell{order.scene.T_base_target, order.scene.T_flange_scanner};
-  SlabVariation variation;
+  const emulator::RobotErrorTraits robot = emulator::RobotError(order.scene.robot).traits();
+  const emulator::Cell cell{order.scene.T_base_target, order.scene.T_flange_scanner};
+  emulator::SlabVariation variation;
   variation.seed = order.scene.seed;
   variation.same_slab = true;
   variation.robot_mm = robot.smooth_mm;
@@ -83,12 +84,12 @@ int write_mastered_slab(const CalibrationOrder& order) {
   variation.robot_sigma_deg = deg_from_rad(robot.repeat_rad);
 
   std::vector<calib::StationVisit> visits;
-  cli::Json json("slabd.calibration_truth/1");
+  report::Json json("slabd.calibration_truth/1");
   json.field("kind", "slab").field("seed", variation.seed).field("T_flange_scanner", cell.T_flange_scanner);
   json.key("views").begin_array();
   for (int round = 1; round <= order.views; ++round) {
     variation.slab_no = static_cast<std::uint32_t>(round);
-    const SlabTruth slab = cli::need(cast_slab(recipe, cell, variation, {}), cli::kUsage);
+    const emulator::SlabTruth slab = cli::need(emulator::cast_slab(recipe, cell, variation, {}), cli::kUsage);
     if (round == 1)
       write_text(dir / "certificate.txt", calib::master_certificate_text(master_certificate(recipe, slab)));
     for (int k = 1; k <= slab.stations; ++k) {
@@ -105,4 +106,4 @@ int write_mastered_slab(const CalibrationOrder& order) {
   return cli::kDone;
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate

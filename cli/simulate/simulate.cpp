@@ -21,7 +21,7 @@
 #include "cli/terminal/parse.h"
 #include "emulator/line_run.h"
 
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 namespace {
 
 struct Options {
@@ -32,7 +32,7 @@ struct Options {
   std::uint16_t begin_as = 0;  ///< SLAB_TYPE written by the PLC; 0: the slab's own
   int slabs = 1;
   std::vector<std::string> defects;
-  SlabVariation variation;
+  emulator::SlabVariation variation;
   ScannerOptions scanner;
   std::string scan_format = "ply";
   std::string scanner_fault;
@@ -90,23 +90,23 @@ class Progress {
   bool shown_;
 };
 
-PlcTraits plc_traits(const daemon::Config& config, const Options& options) {
-  PlcTraits traits;
+emulator::PlcTraits plc_traits(const config::Config& config, const Options& options) {
+  emulator::PlcTraits traits;
   traits.plc = config.plc;
   traits.device = options.plc_device;
   traits.cycle = std::chrono::milliseconds(options.plc_cycle_ms);
   return traits;
 }
 
-RobotTraits robot_traits(const daemon::Config& config, const Options& options) {
-  RobotTraits traits;
+emulator::RobotTraits robot_traits(const config::Config& config, const Options& options) {
+  emulator::RobotTraits traits;
   traits.lcm_url = config.robot.url.view();
   traits.channel = config.robot.channel.view();
   traits.rate_hz = options.robot_rate_hz;
   traits.move_s = options.move_s;
   traits.base_id = config.pose.base_id;
   traits.tool_id = config.pose.tool_id;
-  traits.seed = derived_seed(options.variation.seed, 6, 0);
+  traits.seed = emulator::derived_seed(options.variation.seed, 6, 0);
   traits.rsi = options.rsi;
   traits.rsi_faults = options.rsi_faults;
   return traits;
@@ -118,7 +118,7 @@ std::string id_of(const Options& options, int index) {
   return options.slabs == 1 ? options.slab_id : fmt::format("{}-{}", options.slab_id, index + 1);
 }
 
-std::optional<storage::SlabRecord> read_back(const std::string& db_path, const SlabOrder& order) {
+std::optional<storage::SlabRecord> read_back(const std::string& db_path, const emulator::SlabOrder& order) {
   const auto reader = storage::open_reader(db_path);
   if (!reader) return std::nullopt;
   const auto keys = reader.value()->find_id(order.slab_id);
@@ -130,7 +130,7 @@ std::optional<storage::SlabRecord> read_back(const std::string& db_path, const S
 
 int exit_of(const std::vector<SlabOutcome>& outcomes) {
   for (const SlabOutcome& outcome : outcomes) {
-    const SlabRun& run = outcome.run;
+    const emulator::SlabRun& run = outcome.run;
     if (run.finished || run.trouble.interrupted) continue;
     // The daemon rejected the command (a code) or no longer answered.
     return run.trouble.code == Code::ok ? cli::kNotReachable : cli::exit_for(run.trouble.code);
@@ -148,27 +148,27 @@ Peer started(Result<Peer> peer) {
 }
 
 /// Runs the slabs with the three connected peers.
-std::vector<SlabOutcome> run_line(const Options& options, const daemon::Config& config, const Recipe& recipe,
-                                  const Cell& cell, std::vector<SlabTruth> truths, PlcPeer& plc, RobotPeer& robot,
-                                  ScannerPeer& scanner) {
+std::vector<SlabOutcome> run_line(const Options& options, const config::Config& config, const Recipe& recipe,
+                                  const emulator::Cell& cell, std::vector<emulator::SlabTruth> truths,
+                                  emulator::PlcPeer& plc, emulator::RobotPeer& robot, emulator::ScannerPeer& scanner) {
   std::vector<SlabOutcome> outcomes;
   outcomes.reserve(truths.size());
   for (int i = 0; i < options.slabs && !stop_requested; ++i) {
     SlabOutcome& outcome = outcomes.emplace_back();
     outcome.truth = truths[static_cast<std::size_t>(i)];
-    const SlabOrder order{options.slab_no + static_cast<std::uint32_t>(i), id_of(options, i),
-                          options.begin_as != 0 ? options.begin_as : recipe.slab_type};
+    const emulator::SlabOrder order{options.slab_no + static_cast<std::uint32_t>(i), id_of(options, i),
+                                    options.begin_as != 0 ? options.begin_as : recipe.slab_type};
     {
       const Progress progress(recipe.stations(), order.slab_no);
-      const Line line{plc,
-                      robot,
-                      scanner,
-                      recipe,
-                      cell,
-                      options.scans_per_station,
-                      plc_traits(config, options),
-                      [&](int station, std::string_view doing) { progress(station, doing); }};
-      outcome.run = run_slab(line, order, outcome.truth);
+      const emulator::Line line{plc,
+                                robot,
+                                scanner,
+                                recipe,
+                                cell,
+                                options.scans_per_station,
+                                plc_traits(config, options),
+                                [&](int station, std::string_view doing) { progress(station, doing); }};
+      outcome.run = emulator::run_slab(line, order, outcome.truth);
     }
     for (int k = 1; k <= outcome.truth.stations; ++k)
       outcome.truth.station[static_cast<std::size_t>(k - 1)].flatness_mm = scanner.flatness_mm(k);
@@ -181,13 +181,14 @@ std::vector<SlabOutcome> run_line(const Options& options, const daemon::Config& 
 }
 
 /// Casts all slabs before the run, so that an invalid option is detected first.
-Result<std::vector<SlabTruth>> cast_slabs(const Options& options, const Recipe& recipe, const Cell& cell,
-                                          const std::vector<Defect>& defects) {
-  std::vector<SlabTruth> truths;
+Result<std::vector<emulator::SlabTruth>> cast_slabs(const Options& options, const Recipe& recipe,
+                                                    const emulator::Cell& cell,
+                                                    const std::vector<emulator::Defect>& defects) {
+  std::vector<emulator::SlabTruth> truths;
   for (int i = 0; i < options.slabs; ++i) {
-    SlabVariation variation = options.variation;
+    emulator::SlabVariation variation = options.variation;
     variation.slab_no = options.slab_no + static_cast<std::uint32_t>(i);
-    const Result<SlabTruth> truth = cast_slab(recipe, cell, variation, defects);
+    const Result<emulator::SlabTruth> truth = emulator::cast_slab(recipe, cell, variation, defects);
     if (!truth) return truth.error();
     truths.push_back(truth.value());
   }
@@ -200,18 +201,18 @@ int simulate(const Options& options) {
   facts.seed = options.variation.seed;
   facts.defect_texts = options.defects;
   for (const std::string& text : options.defects) {
-    facts.defects.push_back(cli::need(parse_defect(text), cli::kUsage));
+    facts.defects.push_back(cli::need(emulator::parse_defect(text), cli::kUsage));
   }
-  ScannerTraits scanner_traits = options.scanner.traits();
+  emulator::ScannerTraits scanner_traits = options.scanner.traits();
   scanner_traits.scanner_seed = options.variation.seed;
   scanner_traits.concrete = options.scanner.concrete();
-  const ScannerFault fault = cli::need(parse_scanner_fault(options.scanner_fault), cli::kUsage);
+  const emulator::ScannerFault fault = cli::need(emulator::parse_scanner_fault(options.scanner_fault), cli::kUsage);
   for (int i = 0; i < options.slabs; ++i) {
     if (id_of(options, i).size() <= limits::kSlabIdBytes) continue;
     cli::stop(cli::kUsage,
               fmt::format("--slab-id: '{}' has more than {} characters", id_of(options, i), limits::kSlabIdBytes));
   }
-  const daemon::Config config = cli::config_from(options.config);
+  const config::Config config = cli::config_from(options.config);
   const Recipe recipe = cli::recipe_of_type(config, options.type);
   if ((config.plc.role == hal::PlcRole::rtu) != !options.plc_device.empty() && !options.stand_by)
     cli::stop(cli::kUsage,
@@ -229,9 +230,10 @@ int simulate(const Options& options) {
                           options.config));
   const std::string_view backend = hal::kScannerBackends.at(static_cast<std::size_t>(config.scanner_backend));
   if (!options.backend.empty() && options.backend != backend)
-    cli::stop(cli::kUsage, fmt::format("--scanner {}: {} has [scanner] backend = \"{}\", and the daemon hears no other",
-                                       options.backend, options.config, backend));
-  Cell cell{config.T_base_slab, hand_eye.T_flange_scanner};
+    cli::stop(cli::kUsage,
+              fmt::format("--scanner {}: {} has [scanner] backend = \"{}\", and the daemon accepts no other",
+                          options.backend, options.config, backend));
+  emulator::Cell cell{config.T_base_slab, hand_eye.T_flange_scanner};
   if (!options.stations.empty()) {
     Result<std::vector<Pose>> points = cli::read_krl_points(options.stations);
     if (points && points.value().size() != recipe.stations())
@@ -239,7 +241,8 @@ int simulate(const Options& options) {
                      points.value().size(), unsigned{recipe.stations()});
     cell.taught = cli::need(std::move(points), cli::kBadInput);
   }
-  const std::vector<SlabTruth> truths = cli::need(cast_slabs(options, recipe, cell, facts.defects), cli::kUsage);
+  const std::vector<emulator::SlabTruth> truths =
+      cli::need(cast_slabs(options, recipe, cell, facts.defects), cli::kUsage);
 
   if (!options.certificate.empty()) {
     std::ofstream file(options.certificate);
@@ -249,14 +252,15 @@ int simulate(const Options& options) {
   }
 
   catch_signals();
-  const auto robot = started(RobotPeer::start(robot_traits(config, options), truths[0].at(1).T_base_flange_reported));
-  auto outlet = started(open_outlet(config, *hal::scan_format_named(options.scan_format)));
-  const auto scanner = started(ScannerPeer::start(scanner_traits, std::move(outlet), fault));
+  const auto robot =
+      started(emulator::RobotPeer::start(robot_traits(config, options), truths[0].at(1).T_base_flange_reported));
+  auto outlet = started(emulator::open_outlet(config, *hal::scan_format_named(options.scan_format)));
+  const auto scanner = started(emulator::ScannerPeer::start(scanner_traits, std::move(outlet), fault));
   if (options.stand_by) {
-    stand_by({*robot, *scanner, recipe, cell, truths}, std::cin, std::cout, stop_requested);
+    emulator::stand_by({*robot, *scanner, recipe, cell, truths}, std::cin, std::cout, stop_requested);
     return cli::kDone;
   }
-  const auto plc = started(PlcPeer::connect(plc_traits(config, options), stop_requested));
+  const auto plc = started(emulator::PlcPeer::connect(plc_traits(config, options), stop_requested));
   facts.peer = plc->peer_name();
 
   const std::vector<SlabOutcome> outcomes = run_line(options, config, recipe, cell, truths, *plc, *robot, *scanner);
@@ -273,7 +277,7 @@ int simulate(const Options& options) {
 }
 
 }  // namespace
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate
 
 namespace slabd::cli {
 
@@ -281,10 +285,10 @@ void add_simulate(args::Command& app) {
   auto options = std::make_shared<simulate::Options>();
   args::Command command = app.add_subcommand(
       "simulate", "Be the rest of the line for a running daemon: PLC, robot and scanner, with known truth");
-  command->footer("\nDefects (K = block; repeatable)\n" + simulate::defect_help() +
+  command->footer("\nDefects (K = block; repeatable)\n" + emulator::defect_help() +
                   "\nEffects of real concrete, with their usual strengths (pose, offset, tilt, standoff: simulate scan "
                   "only)\n" +
-                  simulate::effect_help() +
+                  emulator::effect_help() +
                   "\nExamples: slabctl simulate --config slabd.toml --slab-no 7 --slab-id S-0007\n"
                   "          slabctl simulate --config slabd.toml --points quarter --defect slope=4:1/36 --json\n"
                   "Exit status: 0 every slab passed, 1 not, 4 daemon or network not reachable.");
@@ -303,7 +307,7 @@ void add_simulate(args::Command& app) {
       ->take_all()
       ->expected(1)
       ->allow_extra_args(false);
-  simulate::SlabVariation& variation = options->variation;
+  emulator::SlabVariation& variation = options->variation;
   command->add_option("--seed", variation.seed, "Decides everything random")->capture_default_str();
   command->add_option("--casting", variation.casting, "Scatter of the blocks, 1 = a good casting, 0 = as drawn")
       ->check(cli::within(0.0, 10.0))
@@ -370,7 +374,7 @@ void add_simulate(args::Command& app) {
                       "(always block K), given-again=K (at station K the exposure before, in another form), loop=N (N "
                       "recorded scans again and again)");
   command->add_option("--scan-format", options->scan_format, "In which format the scanner drops its scans")
-      ->check(args::one_of(simulate::scan_format_names()))
+      ->check(args::one_of(cli::simulate::scan_format_names()))
       ->capture_default_str();
   command->add_option(
       "--stations", options->stations,
@@ -381,9 +385,9 @@ void add_simulate(args::Command& app) {
   command->add_flag("--stand-by", options->stand_by,
                     "Robot and scanner only, for another PLC: orders \"slab N\" and \"station K\" on stdin");
   command->require_subcommand(0, 1);
-  simulate::add_simulate_scan(*command);
-  simulate::add_simulate_plane(*command);
-  simulate::add_simulate_calibration(*command);
+  cli::simulate::add_simulate_scan(*command);
+  cli::simulate::add_simulate_plane(*command);
+  cli::simulate::add_simulate_calibration(*command);
   command->runs([options] { return simulate::simulate(*options); });
 }
 

@@ -20,23 +20,23 @@
 #include "hal/hal.h"
 #include "report/json.h"
 
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 namespace {
 
 namespace fs = std::filesystem;
-using cli::Json;
+using report::Json;
 
 std::string shot_name(int shots, int view, int shot) {
   return shots == 1 ? fmt::format("view_{:02}.ply", view) : fmt::format("view_{:02}_{}.ply", view, shot);
 }
 
-void write_robot(Json& json, const RobotErrorTraits& robot) {
+void write_robot(report::Json& json, const emulator::RobotErrorTraits& robot) {
   json.key("robot").begin_object().field("seed", robot.seed).field("smooth_mm", robot.smooth_mm);
   json.field("smooth_length_mm", robot.smooth_length_mm).field("smooth_deg", deg_from_rad(robot.smooth_rad));
   json.field("repeat_mm", robot.repeat_mm).field("repeat_deg", deg_from_rad(robot.repeat_rad)).end_object();
 }
 
-void write_scan_traits(Json& json, const CalibrationScanTraits& scan) {
+void write_scan_traits(report::Json& json, const CalibrationScanTraits& scan) {
   json.key("scanner").begin_object().field("columns", scan.columns).field("rows", scan.rows);
   json.field("noise_mm", scan.noise_mm).field("correlated_mm", scan.correlated_mm);
   json.field("correlation_length_mm", scan.correlation_length_mm).field("flyer_share", scan.flyer_share);
@@ -44,7 +44,7 @@ void write_scan_traits(Json& json, const CalibrationScanTraits& scan) {
   json.field("projector_mm", scan.projector_mm).field("hidden_share", scan.hidden_share).end_object();
 }
 
-void write_view(Json& json, const CalibrationScene& scene, const Pose& reported, std::uint64_t visit,
+void write_view(report::Json& json, const CalibrationScene& scene, const Pose& reported, std::uint64_t visit,
                 const std::vector<std::string>& files) {
   const Pose T_scanner_target = scene.T_scanner_target(reported, visit);
   json.begin_object().field("files", files).field("T_base_flange_reported", reported);
@@ -66,7 +66,7 @@ void make_folder(const fs::path& dir) {
 
 /// Takes hand-eye calibration and slab position from the daemon's configuration.
 void take_cell(const std::string& path, CalibrationTraits& scene) {
-  const daemon::Config config = cli::config_from(path);
+  const config::Config config = cli::config_from(path);
   if (!config.calibration.id.empty()) scene.T_flange_scanner = config.calibration.T_flange_scanner;
   scene.T_base_target = config.T_base_slab;
 }
@@ -100,7 +100,7 @@ void write_calibration_truth(const CalibrationScene& scene, const CalibrationSca
   const fs::path dir = out_dir;
   const CalibrationTraits& traits = scene.traits();
   make_folder(dir);
-  Json json("slabd.calibration_truth/1");
+  report::Json json("slabd.calibration_truth/1");
   json.field("kind", traits.kind).field("seed", traits.seed);
   json.field("ball_radius_mm", scene.certificate().balls_mm.empty() ? kNoValue : traits.ball_radius_mm);
   json.field("T_flange_scanner", traits.T_flange_scanner).field("T_base_target", traits.T_base_target);
@@ -125,7 +125,7 @@ void write_block_certificate(const Recipe& recipe, const fs::path& dir) {
       "# the emulated reference block; read by: slabctl calibrate reference --certificate\n"
       "id = emulated-block\ndate = {:.10}\nslope_deg = {:.6f}\nslope_U_deg = 0.0005\njaw_distance_mm = {:.4f}\n"
       "jaw_distance_U_mm = 0.002\n",
-      cli::iso_time(kCertifiedUtime_us), deg_from_rad(std::atan(1.0 / recipe.block.cant_ratio.value)),
+      report::iso_time(kCertifiedUtime_us), deg_from_rad(std::atan(1.0 / recipe.block.cant_ratio.value)),
       2.0 * recipe.block.jaw_half_distance_mm.value);
   write_text(dir / "certificate.txt", text);
 }
@@ -148,7 +148,7 @@ int write_calibration(const CalibrationOrder& order) {
   for (std::size_t view = 1; view <= poses.size(); ++view) {
     if (terminal) fmt::print(stderr, "\r\x1b[Kview {}/{}", view, poses.size());
     for (int shot = 1; shot <= order.shots; ++shot) {
-      const Result<DrawnScan> drawn =
+      const Result<emulator::DrawnScan> drawn =
           scene.draw(poses[view - 1], view, order.scan, xyz, static_cast<std::uint64_t>(shot - 1));
       if (!drawn) cli::stop(cli::kUsage, fmt::format("view {}: {}", view, drawn.error().text.view()));
       const std::string path = (dir / shot_name(order.shots, static_cast<int>(view), shot)).string();
@@ -185,7 +185,7 @@ void add_simulate_calibration(args::Command& simulate) {
   command->footer(
       "\nball       a tooling ball on its post, with table, wall, rod and a foreign ball around\n"
       "artefact   three balls on a frame, with a certificate\n"
-      "block      the reference block, drawn as the recipe says, from near its nominal view\n"
+      "block      the reference block, drawn from the recipe, from near its nominal view\n"
       "plate      a flat plate, for slabctl scanner verify\n"
       "slab       a mastered slab: what five rounds over its stations saw (visits.txt), with its certificate\n\n"
       "--live: nothing is written; robot and scanner of a running daemon stand before the target instead. The robot "
@@ -284,7 +284,7 @@ void add_simulate_calibration(args::Command& simulate) {
     const bool slab = options->kind == "slab";
     if ((o.scene.kind == TargetKind::block || slab) && o.recipe.empty())
       cli::stop(cli::kUsage,
-                fmt::format("--kind {}: --recipe says what the {} looks like", options->kind, options->kind));
+                fmt::format("--kind {}: --recipe gives the shape of the {}", options->kind, options->kind));
     if (slab && options->live)
       cli::stop(cli::kUsage,
                 "--kind slab --live: a mastered slab is inspected by the line; slabctl simulate --same-slab "
@@ -321,4 +321,4 @@ void add_simulate_calibration(args::Command& simulate) {
   });
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate

@@ -10,12 +10,12 @@
 #include "base/base.h"
 #include "cli/simulate/calibration_scene.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// `slabctl simulate calibration`: the scans of a whole calibration with their truth, for the offline commands.
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 
 struct CalibrationOrder {
   CalibrationTraits scene;
@@ -45,4 +45,4 @@ void write_calibration_truth(const CalibrationScene& scene, const CalibrationSca
 
 void add_simulate_calibration(args::Command& simulate);
 
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate

@@ -8,10 +8,10 @@
 #include "cli/terminal/render.h"
 #include "report/json.h"
 
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 namespace {
 
-using cli::Json;
+using report::Json;
 
 /// Block items with a known truth, and their index among a station record's deviations (IR 42..50); flatness has a
 /// separate register.
@@ -39,7 +39,7 @@ const storage::SlabBlock* stored_block(const SlabOutcome& outcome, int station) 
   return found;
 }
 
-const StationRun& run_of(const SlabOutcome& outcome, int station) {
+const emulator::StationRun& run_of(const SlabOutcome& outcome, int station) {
   return outcome.run.station[static_cast<std::size_t>(station - 1)];
 }
 
@@ -74,7 +74,7 @@ std::string error_text(double measured, double planted) {
 }
 
 /// Planted difference between the real and the reported position of the flange.
-Vec3 robot_off_mm(const StationTruth& truth) {
+Vec3 robot_off_mm(const emulator::StationTruth& truth) {
   return truth.T_base_flange_real.translation_mm - truth.T_base_flange_reported.translation_mm;
 }
 
@@ -88,16 +88,16 @@ std::vector<SlabItem> slab_items(const Recipe& recipe, const SlabOutcome& outcom
   std::vector<SlabItem> items;
   if (!outcome.stored) return items;
   for (const Item& item : outcome.stored->slab.items) {
-    const double planted = true_slab_value(recipe, outcome.truth, item.id, item.station);
+    const double planted = emulator::true_slab_value(recipe, outcome.truth, item.id, item.station);
     if (has_value(planted)) items.push_back({item, planted});
   }
   return items;
 }
 
 /// Table of the item with the largest error of each kind.
-std::string slab_items_text(const std::vector<SlabItem>& items, cli::Style style) {
+std::string slab_items_text(const std::vector<SlabItem>& items, report::Style style) {
   if (items.empty()) return "";
-  cli::Table table{"slab item<", "blocks", "true", "measured", "error um", "U um", "verdict<"};
+  report::Table table{"slab item<", "blocks", "true", "measured", "error um", "U um", "verdict<"};
   const auto error = [](const SlabItem& i) { return std::abs(i.measured.value - i.planted); };
   for (const ItemId id : {ItemId::seat_spacing, ItemId::large_jaw_distance, ItemId::corner_level, ItemId::warp_left,
                           ItemId::warp_right}) {
@@ -108,61 +108,61 @@ std::string slab_items_text(const std::vector<SlabItem>& items, cli::Style style
     if (worst == nullptr) continue;
     const Item& m = worst->measured;
     table.add(info(id).name, m.station == 0 ? "-" : fmt::format("{}-{}", m.station, m.station_to),
-              cli::Cell(worst->planted, 3), cli::Cell(m.value, 3), error_text(m.value, worst->planted),
-              cli::Cell(1e3 * m.U, 0), m.verdict);
+              report::Cell(worst->planted, 3), report::Cell(m.value, 3), error_text(m.value, worst->planted),
+              report::Cell(1e3 * m.U, 0), m.verdict);
   }
-  return cli::text_of(table, style) +
+  return text_of(table, style) +
          "  (of spacings and large jaws the most wrong one; the robot's planted error is part of the error)\n\n";
 }
 
-std::string stations_text(const Recipe& recipe, const SlabOutcome& outcome, cli::Style style) {
-  cli::Table table{"block", "scans", "acquire s", "result s"};
+std::string stations_text(const Recipe& recipe, const SlabOutcome& outcome, report::Style style) {
+  report::Table table{"block", "scans", "acquire s", "result s"};
   for (const Compared& item : kCompared) table.columns.emplace_back(item.heading);
   for (const char* heading : {"robot", "verdict<", "reason<"}) table.columns.emplace_back(heading);
   for (int k = 1; k <= outcome.truth.stations; ++k) {
-    const StationRun& run = run_of(outcome, k);
+    const emulator::StationRun& run = run_of(outcome, k);
     table.add(k, run.scans, seconds(run.trigger_to_acquired_s), seconds(run.acquired_to_result_s));
-    cli::Table::Row& row = table.rows.back();
+    report::Table::Row& row = table.rows.back();
     for (const Compared& item : kCompared)
-      row.emplace_back(
-          error_text(measured_value(recipe, outcome, k, item.id), true_value(recipe, outcome.truth.at(k), item.id)));
+      row.emplace_back(error_text(measured_value(recipe, outcome, k, item.id),
+                                  emulator::true_value(recipe, outcome.truth.at(k), item.id)));
     const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
     row.emplace_back(1e3 * robot_off_mm(outcome.truth.at(k)).norm(), 0);
     row.emplace_back(shown.verdict);
     row.emplace_back(run.trouble.empty() ? cli::reason_words(shown.reason) : run.trouble);
   }
-  return cli::text_of(table, style) +
+  return text_of(table, style) +
          "  (items: measured minus planted, um and millidegrees; robot: real minus reported flange, um)\n\n";
 }
 
 /// The item that a defect changes; nullopt for a missing block and for defects of the scan only.
-std::optional<ItemId> item_of(DefectKind kind) {
+std::optional<ItemId> item_of(emulator::DefectKind kind) {
   switch (kind) {
-    case DefectKind::slope: return ItemId::seat_slope;
-    case DefectKind::jaw_angle_inner: return ItemId::jaw_angle_inner;
-    case DefectKind::jaw_angle_outer: return ItemId::jaw_angle_outer;
-    case DefectKind::jaw_distance: return ItemId::jaw_distance;
-    case DefectKind::protrusion_inner: return ItemId::casing_protrusion_inner;
-    case DefectKind::protrusion_outer: return ItemId::casing_protrusion_outer;
-    case DefectKind::casing_spacing: return ItemId::casing_spacing;
-    case DefectKind::bump:
-    case DefectKind::chip:
-    case DefectKind::burr: return ItemId::seat_flatness;
-    case DefectKind::lateral: return ItemId::seat_lateral;
-    case DefectKind::vertical:
-    case DefectKind::robot: return ItemId::seat_vertical;
-    case DefectKind::along: return ItemId::seat_spacing;
-    case DefectKind::large_jaw: return ItemId::large_jaw_distance;
-    case DefectKind::corner_level: return ItemId::corner_level;
-    case DefectKind::warp_left: return ItemId::warp_left;
-    case DefectKind::warp_right: return ItemId::warp_right;
-    case DefectKind::sunk_seat:
-    case DefectKind::broken_corner:
-    case DefectKind::missing:
-    case DefectKind::outliers:
-    case DefectKind::noise:
-    case DefectKind::glove:
-    case DefectKind::cable: return std::nullopt;
+    case emulator::DefectKind::slope: return ItemId::seat_slope;
+    case emulator::DefectKind::jaw_angle_inner: return ItemId::jaw_angle_inner;
+    case emulator::DefectKind::jaw_angle_outer: return ItemId::jaw_angle_outer;
+    case emulator::DefectKind::jaw_distance: return ItemId::jaw_distance;
+    case emulator::DefectKind::protrusion_inner: return ItemId::casing_protrusion_inner;
+    case emulator::DefectKind::protrusion_outer: return ItemId::casing_protrusion_outer;
+    case emulator::DefectKind::casing_spacing: return ItemId::casing_spacing;
+    case emulator::DefectKind::bump:
+    case emulator::DefectKind::chip:
+    case emulator::DefectKind::burr: return ItemId::seat_flatness;
+    case emulator::DefectKind::lateral: return ItemId::seat_lateral;
+    case emulator::DefectKind::vertical:
+    case emulator::DefectKind::robot: return ItemId::seat_vertical;
+    case emulator::DefectKind::along: return ItemId::seat_spacing;
+    case emulator::DefectKind::large_jaw: return ItemId::large_jaw_distance;
+    case emulator::DefectKind::corner_level: return ItemId::corner_level;
+    case emulator::DefectKind::warp_left: return ItemId::warp_left;
+    case emulator::DefectKind::warp_right: return ItemId::warp_right;
+    case emulator::DefectKind::sunk_seat:
+    case emulator::DefectKind::broken_corner:
+    case emulator::DefectKind::missing:
+    case emulator::DefectKind::outliers:
+    case emulator::DefectKind::noise:
+    case emulator::DefectKind::glove:
+    case emulator::DefectKind::cable: return std::nullopt;
   }
   return std::nullopt;
 }
@@ -170,7 +170,7 @@ std::optional<ItemId> item_of(DefectKind kind) {
 std::string planted_text(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome,
                          const std::vector<SlabItem>& slab) {
   if (facts.defects.empty()) return "";
-  cli::Table table{"defect", "block", "item<", "true", "measured", "verdict<"};
+  report::Table table{"defect", "block", "item<", "true", "measured", "verdict<"};
   for (std::size_t i = 0; i < facts.defects.size(); ++i) {
     const int k = facts.defects[i].station;
     const std::optional<ItemId> id = item_of(facts.defects[i].kind);
@@ -187,7 +187,7 @@ std::string planted_text(const Recipe& recipe, const RunFacts& facts, const Slab
         break;
       }
       if (of_slab == nullptr && k != 0) {
-        truth = true_value(recipe, outcome.truth.at(k), *id);
+        truth = emulator::true_value(recipe, outcome.truth.at(k), *id);
         measured = measured_value(recipe, outcome, k, *id);
       }
     }
@@ -196,15 +196,15 @@ std::string planted_text(const Recipe& recipe, const RunFacts& facts, const Slab
       const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
       verdict = fmt::format("{} {}", name(shown.verdict), cli::reason_words(shown.reason));
     }
-    table.add(facts.defect_texts[i], k != 0 ? std::to_string(k) : "-", id ? info(*id).name : "-", cli::Cell(truth, 4),
-              cli::Cell(measured, 4), verdict);
+    table.add(facts.defect_texts[i], k != 0 ? std::to_string(k) : "-", id ? info(*id).name : "-",
+              report::Cell(truth, 4), report::Cell(measured, 4), verdict);
   }
-  return cli::text_of(table) + "\n";
+  return text_of(table) + "\n";
 }
 
-void write_station(Json& json, const Recipe& recipe, const SlabOutcome& outcome, int k) {
-  const StationRun& run = run_of(outcome, k);
-  const StationTruth& truth = outcome.truth.at(k);
+void write_station(report::Json& json, const Recipe& recipe, const SlabOutcome& outcome, int k) {
+  const emulator::StationRun& run = run_of(outcome, k);
+  const emulator::StationTruth& truth = outcome.truth.at(k);
   const PlcStationRow& row = outcome.run.table[static_cast<std::size_t>(k - 1)];
   const auto time = [&](const char* key, double s) { json.field(key, s < 0.0 ? kNoValue : s); };
   json.begin_object().field("station", k).field("verdict", row.verdict).field("reason", row.reason);
@@ -218,14 +218,14 @@ void write_station(Json& json, const Recipe& recipe, const SlabOutcome& outcome,
   json.field("T_slab_block", truth.T_slab_block.matrix()).field("robot_off_mm", robot_off_mm(truth));
   json.list("items", kCompared, [&](const Compared& item) {
     json.field("id", info(item.id).name).field("unit", info(item.id).unit);
-    json.field("planted", true_value(recipe, truth, item.id));
+    json.field("planted", emulator::true_value(recipe, truth, item.id));
     json.field("measured", measured_value(recipe, outcome, k, item.id));
   });
   json.end_object();
 }
 
-void write_outcome(Json& json, const Recipe& recipe, const SlabOutcome& outcome) {
-  const SlabRun& run = outcome.run;
+void write_outcome(report::Json& json, const Recipe& recipe, const SlabOutcome& outcome) {
+  const emulator::SlabRun& run = outcome.run;
   json.begin_object().field("slab_no", run.order.slab_no).field("slab_id", run.order.slab_id);
   json.field("slab_type", run.order.slab_type).field("finished", run.finished).field("continued", run.continued);
   json.field("verdict", run.finished ? run.verdict : Verdict::none).field("reason", run.reason);
@@ -240,7 +240,7 @@ void write_outcome(Json& json, const Recipe& recipe, const SlabOutcome& outcome)
   json.end_array();
   if (outcome.stored) {
     json.key("slab_items").begin_array();
-    for (const Item& item : outcome.stored->slab.items) cli::write_item(json, item, true);
+    for (const Item& item : outcome.stored->slab.items) report::write_item(json, item, true);
     json.end_array();
     json.list("slab_items_planted", slab_items(recipe, outcome), [&](const SlabItem& item) {
       json.field("id", info(item.measured.id).name).key("stations").begin_array();
@@ -266,7 +266,7 @@ double measured_value(const Recipe& recipe, const SlabOutcome& outcome, int stat
     const Item* item = find_item(block->block.items.begin(), block->block.items.end(), id);
     return item == nullptr ? kNoValue : item->value;
   }
-  const StationRun& run = run_of(outcome, station);
+  const emulator::StationRun& run = run_of(outcome, station);
   if (!run.has_record) return kNoValue;
   if (id == ItemId::seat_flatness) return run.record.flatness_mm;
   for (const Compared& item : kCompared)
@@ -277,8 +277,8 @@ double measured_value(const Recipe& recipe, const SlabOutcome& outcome, int stat
 
 std::string outcome_text(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome) {
   std::string text;
-  const cli::Style style = cli::style_for(stdout);
-  const SlabRun& run = outcome.run;
+  const report::Style style = cli::style_for(stdout);
+  const emulator::SlabRun& run = outcome.run;
   text += fmt::format("slab {} \"{}\"  {}\n\n", run.order.slab_no, run.order.slab_id,
                       run.continued ? "(was already open: continued)" : "");
   text += fmt::format("{}{}\n", cli::slab_map(table_verdicts(outcome), style), cli::map_legend(style));
@@ -286,7 +286,8 @@ std::string outcome_text(const Recipe& recipe, const RunFacts& facts, const Slab
   text +=
       stations_text(recipe, outcome, style) + slab_items_text(slab, style) + planted_text(recipe, facts, outcome, slab);
   if (run.finished) {
-    text += fmt::format("slab verdict {}  {}\n", cli::verdict_text(run.verdict, style), cli::reason_text(run.reason));
+    text +=
+        fmt::format("slab verdict {}  {}\n", report::verdict_text(run.verdict, style), cli::reason_text(run.reason));
     const double compute_ms = block_compute_ms(outcome);
     text += fmt::format(
         "{} s from the last ACQUIRED to the verdict{}, {:.1f} s in all\n",
@@ -300,7 +301,7 @@ std::string outcome_text(const Recipe& recipe, const RunFacts& facts, const Slab
 }
 
 std::string simulation_json(const Recipe& recipe, const RunFacts& facts, const std::vector<SlabOutcome>& outcomes) {
-  Json json("slabd.simulation/1");
+  report::Json json("slabd.simulation/1");
   json.field("config", facts.config).field("plc", facts.peer).field("recipe", recipe.name);
   json.field("recipe_sha256", recipe.sha256).field("seed", facts.seed).field("defects", facts.defect_texts);
   json.key("slabs").begin_array();
@@ -308,4 +309,4 @@ std::string simulation_json(const Recipe& recipe, const RunFacts& facts, const s
   return json.text();
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate

@@ -10,12 +10,12 @@
 #include "storage/storage.h"
 
 /// Results of an emulated run: the slab as seen by the PLC, planted truth next to measured values, and the times.
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 
 /// One slab: truth, PLC data, and (if readable) database contents.
 struct SlabOutcome {
-  SlabTruth truth;
-  SlabRun run;
+  emulator::SlabTruth truth;
+  emulator::SlabRun run;
   std::optional<storage::SlabRecord> stored;
 };
 
@@ -23,7 +23,7 @@ struct RunFacts {
   std::string config;
   std::string peer;
   std::uint64_t seed = 0;
-  std::vector<Defect> defects;
+  std::vector<emulator::Defect> defects;
   std::vector<std::string> defect_texts;
 };
 
@@ -35,4 +35,4 @@ struct RunFacts {
 [[nodiscard]] std::string simulation_json(const Recipe& recipe, const RunFacts& facts,
                                           const std::vector<SlabOutcome>& outcomes);
 
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate

@@ -18,14 +18,14 @@
 #include "hal/hal.h"
 #include "report/json.h"
 
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 namespace {
 
-using cli::Json;
+using report::Json;
 
 /// A view off the nominal one by typical errors of robot and slab.
 Pose seeded_view(std::uint64_t seed) {
-  Prng random(derived_seed(seed, 4, 0));
+  Prng random(emulator::derived_seed(seed, 4, 0));
   const auto within = [&](double amplitude) { return amplitude * (2.0 * random.uniform() - 1.0); };
   Pose off;
   off.translation_mm = Vec3(within(2.0), within(2.0), within(2.0));
@@ -35,11 +35,11 @@ Pose seeded_view(std::uint64_t seed) {
 }
 
 /// Writes fillets, rims, flatness and marks of real concrete.
-void write_concrete(Json& json, const ConcreteTruth& truth) {
+void write_concrete(report::Json& json, const emulator::ConcreteTruth& truth) {
   json.key("concrete").begin_object().field("flatness_raw", truth.flatness_raw_mm).field("raw_low", truth.raw_low_mm);
   json.field("raw_high", truth.raw_high_mm).field("fillets", truth.fillet_mm).field("chamfer", truth.chamfer_mm);
   json.field("rim_covered", truth.rim_covered);
-  json.list("marks", truth.marks, [&](const PlantedMark& mark) {
+  json.list("marks", truth.marks, [&](const emulator::PlantedMark& mark) {
     json.field("kind", mark.kind).field("x", mark.x_mm).field("y", mark.y_mm).field("z", mark.z_mm);
     json.field("length", mark.length_mm).field("width", mark.width_mm).field("depth", mark.depth_mm);
     json.field("in_crop", mark.in_crop);
@@ -47,24 +47,24 @@ void write_concrete(Json& json, const ConcreteTruth& truth) {
   json.end_object();
 }
 
-std::string truth_json(const ScanOrder& order, const Recipe& recipe, const StationTruth& truth,
-                       const Pose& T_scanner_block, const DrawnBlock& drawn_block) {
-  const DrawnScan& drawn = drawn_block.scan;
-  const BlockTruth& block = truth.block;
-  Json json("slabd.scan_truth/1");
+std::string truth_json(const ScanOrder& order, const Recipe& recipe, const emulator::StationTruth& truth,
+                       const Pose& T_scanner_block, const emulator::DrawnBlock& drawn_block) {
+  const emulator::DrawnScan& drawn = drawn_block.scan;
+  const emulator::BlockTruth& block = truth.block;
+  report::Json json("slabd.scan_truth/1");
   json.field("recipe", recipe.name).field("block", order.block).field("seed", order.seed);
   json.field("present", block.present).field("T_scanner_block", T_scanner_block.matrix());
   json.field("slope_deg", deg_from_rad(block.slope_rad)).field("slope_ratio", 1.0 / std::tan(block.slope_rad));
   json.field("jaw_distance", block.jaw_distance_mm).field("jaw_angle_in", deg_from_rad(block.jaw_angle_inner_rad));
   json.field("jaw_angle_out", deg_from_rad(block.jaw_angle_outer_rad)).field("casing_spacing", block.casing_spacing_mm);
   json.field("protrusion_in", block.protrusion_inner_mm).field("protrusion_out", block.protrusion_outer_mm);
-  const std::optional<ConcreteTruth>& concrete = drawn_block.concrete;
-  json.field("flatness", concrete ? concrete->flatness_form_mm : true_flatness_mm(recipe, block));
+  const std::optional<emulator::ConcreteTruth>& concrete = drawn_block.concrete;
+  json.field("flatness", concrete ? concrete->flatness_form_mm : emulator::true_flatness_mm(recipe, block));
   json.field("bump", block.bump_mm).field("chip", block.chip_mm).field("burr", block.burr_mm);
   json.field("jaw_shift", block.jaw_shift_mm).field("sunk_seat", block.sunk_mm).field("broken_corner", block.corner_mm);
   json.field("glove", block.glove_s_mm).field("cable", block.cable_x_mm).field("noise", truth.noise_mm);
   json.field("noise_correlation", order.scanner.noise_correlation_mm);
-  json.field("perspective", concrete || order.scanner.projection == Projection::perspective);
+  json.field("perspective", concrete || order.scanner.projection == emulator::Projection::perspective);
   json.field("outlier_share", truth.outlier_share).field("outliers_planted", drawn.outliers);
   json.field("missing", drawn.missing).field("valid", drawn.valid);
   if (concrete) write_concrete(json, *concrete);
@@ -84,13 +84,13 @@ hal::ScanFormat format_of(const ScanOrder& order) {
 }
 
 /// Parses --damage, which requires concrete: a polyhedron cannot be damaged.
-std::vector<ConcreteDefect> damage_of(const std::vector<std::string>& texts, bool on_concrete) {
-  std::vector<ConcreteDefect> damage;
+std::vector<emulator::ConcreteDefect> damage_of(const std::vector<std::string>& texts, bool on_concrete) {
+  std::vector<emulator::ConcreteDefect> damage;
   for (const std::string& text : texts) {
-    const Result<ConcreteDefect> one = parse_concrete_defect(text);
-    if (!one || !is_damage(one.value().kind))
-      cli::stop(cli::kUsage,
-                fmt::format("--damage {}: expected NAME or NAME=SIZE, with a name of\n{}", text, damage_help()));
+    const Result<emulator::ConcreteDefect> one = emulator::parse_concrete_defect(text);
+    if (!one || !emulator::is_damage(one.value().kind))
+      cli::stop(cli::kUsage, fmt::format("--damage {}: expected NAME or NAME=SIZE, with a name of\n{}", text,
+                                         emulator::damage_help()));
     if (!on_concrete) cli::stop(cli::kUsage, fmt::format("--damage {}: needs --surface real or clean", text));
     damage.push_back(one.value());
   }
@@ -105,29 +105,31 @@ int write_scan(const ScanOrder& order) {
   if (order.block < 1 || order.block > recipe.stations())
     cli::stop(cli::kUsage, fmt::format("--block {}: recipe {} has blocks 1..{}", order.block, recipe.name.view(),
                                        recipe.stations()));
-  std::vector<Defect> defects;
+  std::vector<emulator::Defect> defects;
   for (const std::string& text : order.defects) {
-    defects.push_back(cli::need(parse_defect(text), cli::kUsage));
+    defects.push_back(cli::need(emulator::parse_defect(text), cli::kUsage));
   }
-  SlabVariation variation;
+  emulator::SlabVariation variation;
   variation.seed = order.seed;
   variation.casting = order.casting;
-  const SlabTruth slab = cli::need(cast_slab(recipe, Cell{}, variation, defects), cli::kUsage);
-  const StationTruth& truth = slab.at(order.block);
-  const Pose T_block_scanner = order.nominal_view ? nominal_T_block_scanner()
-                               : order.scanner.concrete
-                                   ? concrete_view(*order.scanner.concrete, order.seed).T_scanner_block.inverse()
-                                   : seeded_view(order.seed);
+  const emulator::SlabTruth slab =
+      cli::need(emulator::cast_slab(recipe, emulator::Cell{}, variation, defects), cli::kUsage);
+  const emulator::StationTruth& truth = slab.at(order.block);
+  const Pose T_block_scanner =
+      order.nominal_view       ? nominal_T_block_scanner()
+      : order.scanner.concrete ? emulator::concrete_view(*order.scanner.concrete, order.seed).T_scanner_block.inverse()
+                               : seeded_view(order.seed);
   // The scanner is over the block's nominal position; a block displaced by a defect is off the centre.
   Pose T_nominal_block;
   T_nominal_block.translation_mm = truth.T_slab_block.rotation.conjugate() * truth.offset_slab_mm;
   const Pose T_scanner_block = T_block_scanner.inverse() * T_nominal_block;
   std::vector<float> xyz;
-  const Result<DrawnBlock> block = draw_block(recipe, truth, T_scanner_block, order.scanner,
-                                              derived_seed(slab.cast_seed, static_cast<std::uint64_t>(order.block), 0),
-                                              derived_seed(order.seed, 5, 0), xyz);
+  const Result<emulator::DrawnBlock> block =
+      emulator::draw_block(recipe, truth, T_scanner_block, order.scanner,
+                           emulator::derived_seed(slab.cast_seed, static_cast<std::uint64_t>(order.block), 0),
+                           emulator::derived_seed(order.seed, 5, 0), xyz);
   if (!block) cli::stop(cli::kBadInput, fmt::format("{}: {}", recipe.path.view(), block.error().text.view()));
-  const DrawnScan& drawn = block.value().scan;
+  const emulator::DrawnScan& drawn = block.value().scan;
 
   cli::need(hal::write_scan(order.out.c_str(), format, xyz, drawn.width, drawn.height,
                             {.emulator = true, .block = order.block}),
@@ -178,26 +180,27 @@ void ScannerOptions::add_to(args::Command& command) {
       ->allow_extra_args(false);
 }
 
-std::optional<EffectStrengths> ScannerOptions::concrete() const {
-  const SurfaceKind kind = cli::need(surface_named(surface), cli::kUsage);
-  if (kind == SurfaceKind::ideal && effects.empty()) return std::nullopt;
-  EffectStrengths strengths(kind);
+std::optional<emulator::EffectStrengths> ScannerOptions::concrete() const {
+  const emulator::SurfaceKind kind = cli::need(emulator::surface_named(surface), cli::kUsage);
+  if (kind == emulator::SurfaceKind::ideal && effects.empty()) return std::nullopt;
+  emulator::EffectStrengths strengths(kind);
   for (const std::string& text : effects)
     if (const std::optional<std::string> refused = strengths.take(text)) cli::stop(cli::kUsage, *refused);
   return strengths;
 }
 
-ScannerTraits ScannerOptions::traits() const {
-  ScannerTraits traits;
+emulator::ScannerTraits ScannerOptions::traits() const {
+  emulator::ScannerTraits traits;
   if (points == "quarter") {
     traits.columns /= 2;
     traits.rows /= 2;
   }
   traits.field_x_mm = field_x_mm;
   traits.organised = !unorganised;
-  traits.projection = perspective ? Projection::perspective : Projection::parallel;
+  traits.projection = perspective ? emulator::Projection::perspective : emulator::Projection::parallel;
   traits.noise_correlation_mm = noise_correlation_mm;
-  traits.noise_shape = noise_shape == "exponential" ? NoiseShape::exponential : NoiseShape::gaussian;
+  traits.noise_shape =
+      noise_shape == "exponential" ? emulator::NoiseShape::exponential : emulator::NoiseShape::gaussian;
   return traits;
 }
 
@@ -217,8 +220,8 @@ void add_simulate_scan(args::Command& simulate) {
   ScanOrder& order = options->order;
   args::Command command = simulate.add_subcommand("scan", "Write one scan of a block and its truth beside it");
   command->footer(
-      "\nDefects\n" + defect_help() + "\nDamage, with its usual size\n" + damage_help() +
-      "\nEffects of real concrete, with their usual strengths\n" + effect_help() +
+      "\nDefects\n" + emulator::defect_help() + "\nDamage, with its usual size\n" + emulator::damage_help() +
+      "\nEffects of real concrete, with their usual strengths\n" + emulator::effect_help() +
       "\nExample: slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --defect slope=3:1/37\n"
       "         slabctl simulate scan --recipe p5600.toml --block 3 --out scan.ply --surface real --damage "
       "chip_jaw=12\n"
@@ -261,7 +264,7 @@ void add_simulate_scan(args::Command& simulate) {
 namespace {
 
 std::string truth_json(const PlaneOrder& order) {
-  cli::Json json("slabd.plane_truth/1");
+  report::Json json("slabd.plane_truth/1");
   json.field("a", 1.0).field("b", 2.0).field("c", 1.0).field("seed", order.seed).field("noise_mm", order.noise_mm);
   json.field("points", order.points).field("outliers", order.outliers);
   return json.text();
@@ -326,4 +329,4 @@ void add_simulate_plane(args::Command& simulate) {
   command->runs([order] { return write_plane(*order); });
 }
 
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate

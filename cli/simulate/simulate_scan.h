@@ -10,12 +10,12 @@
 #include "emulator/scan_drawing.h"
 #include "emulator/slab_scene.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// `slabctl simulate scan`: one scan with its truth, for offline inspection.
-namespace slabd::simulate {
+namespace slabd::cli::simulate {
 
 struct ScanOrder {
   std::string recipe;
@@ -24,7 +24,7 @@ struct ScanOrder {
   std::string format;  ///< a name of hal::ScanFormat; empty: by the extension of `out`
   std::vector<std::string> defects;
   std::uint64_t seed = 1;
-  ScannerTraits scanner;
+  emulator::ScannerTraits scanner;
   bool nominal_view = false;  ///< exactly the nominal view instead of one up to 2 mm and 0.3 degrees off
   double casting = 1.0;
 };
@@ -41,7 +41,7 @@ void add_simulate_scan(args::Command& simulate);
 /// --noise-shape, --surface, --effect.
 struct ScannerOptions {
   std::string points = "full";
-  double field_x_mm = ScannerTraits{}.field_x_mm;
+  double field_x_mm = emulator::ScannerTraits{}.field_x_mm;
   bool unorganised = false;
   bool perspective = false;
   double noise_correlation_mm = 0.0;
@@ -50,9 +50,9 @@ struct ScannerOptions {
   std::vector<std::string> effects;  ///< NAME=STRENGTH
   /// Strengths for real concrete, if requested by a surface other than ideal or by an effect. Stops if a name or
   /// strength is invalid.
-  [[nodiscard]] std::optional<EffectStrengths> concrete() const;
+  [[nodiscard]] std::optional<emulator::EffectStrengths> concrete() const;
   void add_to(args::Command& command);
-  [[nodiscard]] ScannerTraits traits() const;
+  [[nodiscard]] emulator::ScannerTraits traits() const;
 };
 
 // `slabctl simulate plane`: the set-up of the paper's Table 1, a plane with noise and outliers, as XYZ text.
@@ -71,4 +71,4 @@ struct PlaneOrder {
 
 void add_simulate_plane(args::Command& simulate);
 
-}  // namespace slabd::simulate
+}  // namespace slabd::cli::simulate

@@ -55,7 +55,7 @@ struct Row {
 };
 
 struct Sources {
-  daemon::Config config;
+  config::Config config;
   Recipe recipe;
   InForce hand_eye;
   std::optional<StationTable> table;
@@ -80,7 +80,7 @@ Sources gather(const Options& options) {
   if (record.parent_id != out.hand_eye.id.view())
     out.not_used = fmt::format("is stale: solved with {}, in force is {}", record.parent_id, out.hand_eye.id.view());
   else if (record.expires_utime_us != 0 && wall_clock_us() >= record.expires_utime_us)
-    out.not_used = fmt::format("expired on {}", iso_time(record.expires_utime_us));
+    out.not_used = fmt::format("expired on {}", report::iso_time(record.expires_utime_us));
   return out;
 }
 
@@ -224,7 +224,7 @@ std::string table_text(const Sources& sources, const std::vector<Row>& rows) {
   return text;
 }
 
-void write_view(Json& json, std::string_view key, const StationView& view, double look_mm) {
+void write_view(report::Json& json, std::string_view key, const StationView& view, double look_mm) {
   json.key(key).begin_object().field("ok", view.ok(look_mm)).field("off_axis_mm", view.off_axis_mm);
   json.field("distance_mm", view.distance_mm).key("features").begin_array();
   for (std::size_t i = 0; i < kFeatures; ++i) {
@@ -236,7 +236,7 @@ void write_view(Json& json, std::string_view key, const StationView& view, doubl
   json.end_array().end_object();
 }
 
-void write_flange(Json& json, std::string_view key, const Pose& pose) {
+void write_flange(report::Json& json, std::string_view key, const Pose& pose) {
   json.field(key, pose);
   const KukaAbc abc = kuka_abc_from_rotation(pose.rotation);
   const std::array<double, 3> abc_deg = {deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad)};
@@ -245,7 +245,7 @@ void write_flange(Json& json, std::string_view key, const Pose& pose) {
 
 std::string json_of(const Sources& sources, const std::vector<Row>& rows, const Alike& alike, bool all_ok) {
   const double look_mm = sources.config.pose.look_mm;
-  Json json("slabd.stations/1");
+  report::Json json("slabd.stations/1");
   json.field("ok", all_ok).field("slab_type", sources.recipe.slab_type).field("recipe", sources.recipe.name);
   json.field("hand_eye_id", sources.hand_eye.id).field("look_mm", look_mm).key("most_alike").begin_object();
   json.field("station", alike.station).field("next", alike.next).field("differ_mm", alike.differ.mm);
@@ -336,8 +336,8 @@ int stations(Options& options) {
 
 void add_stations(args::Command& app) {
   auto options = std::make_shared<Options>();
-  args::Command command = app.add_subcommand(
-      "stations", "Poses of the flange over every block, and what the scanner sees there; KRL points");
+  args::Command command =
+      app.add_subcommand("stations", "Poses of the flange over every block, and their fields of view; KRL points");
   command->footer(
       "\nFrom the recipe, [cell] T_base_slab and the hand-eye calibration in force. A feature counts as seen when it "
       "is\n"

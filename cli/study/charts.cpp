@@ -55,11 +55,11 @@ void Chart::scales(report::Canvas& canvas, int digits_x, int digits_y) const {
   for (int i = 0; i <= kTicks; ++i) {
     const double share = static_cast<double>(i) / kTicks;
     const double y_here = y_low_ + share * (y_high_ - y_low_);
-    canvas.text(left_ - 1.0, y(y_here) + 0.8, figure(y_here, digits_y),
+    canvas.text(left_ - 1.0, y(y_here) + 0.8, report::figure(y_here, digits_y),
                 {kTextPt, false, report::kGrey, report::Anchor::right});
     if (digits_x < 0) continue;
     const double x_here = x_low_ + share * (x_high_ - x_low_);
-    tick_x(canvas, x_here, figure(x_here, digits_x));
+    tick_x(canvas, x_here, report::figure(x_here, digits_x));
   }
 }
 

@@ -25,7 +25,6 @@ class Chart {
 
   [[nodiscard]] double x(double value) const { return left_ + width_ * (value - x_low_) / (x_high_ - x_low_); }
   [[nodiscard]] double y(double value) const { return top_ + height_ * (y_high_ - value) / (y_high_ - y_low_); }
-  [[nodiscard]] double y_span() const { return y_high_ - y_low_; }
 
   void frame(report::Canvas& canvas) const;
   /// Draws five figures on each scale; none on x if `digits_x` is negative.

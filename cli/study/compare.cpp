@@ -28,8 +28,8 @@ namespace slabd::cli::study {
 namespace {
 
 std::string interval(const Estimate& estimate, int digits) {
-  return fmt::format("{} ({} .. {})", figure(estimate.value, digits), figure(estimate.low, digits),
-                     figure(estimate.high, digits));
+  return fmt::format("{} ({} .. {})", report::figure(estimate.value, digits), report::figure(estimate.low, digits),
+                     report::figure(estimate.high, digits));
 }
 
 std::string where(const ThingKey& key) {
@@ -151,7 +151,7 @@ Judgement CompareStudy::judgement() const {
 }
 
 std::string compare_json(const CompareStudy& study) {
-  Json json("slabd.study_compare/1");
+  report::Json json("slabd.study_compare/1");
   json.field("software", daemon::software_version()).field("source", study.source);
   json.field("judgement", study.judgement());
   write_notes(json, study.notes);
@@ -177,35 +177,36 @@ std::string compare_json(const CompareStudy& study) {
   return json.text();
 }
 
-Table errors_table(const CompareStudy& study, Reader reader) {
-  Table table{pick(reader, "characteristic", "检测项目"),
-              pick(reader, "unit<", "单位<"),
-              "n",
-              pick(reader, "reference", "参考值"),
-              pick(reader, "measured", "实测值"),
-              pick(reader, "mean error (95 %)", "平均误差（95 %）"),
-              pick(reader, "mean |error|", "平均绝对误差"),
-              pick(reader, "max |error|", "最大误差"),
-              pick(reader, "at<", "位置<"),
-              "En max"};
+report::Table errors_table(const CompareStudy& study, Reader reader) {
+  report::Table table{pick(reader, "characteristic", "检测项目"),
+                      pick(reader, "unit<", "单位<"),
+                      "n",
+                      pick(reader, "reference", "参考值"),
+                      pick(reader, "measured", "实测值"),
+                      pick(reader, "mean error (95 %)", "平均误差（95 %）"),
+                      pick(reader, "mean |error|", "平均绝对误差"),
+                      pick(reader, "max |error|", "最大误差"),
+                      pick(reader, "at<", "位置<"),
+                      "En max"};
   table.title = pick(reader, "Errors: measured less reference", "误差：实测值减参考值");
   for (const CompareItem& item : study.items) {
     const int digits = decimals_of(item.item);
     table.add(subject_of({.item = item.item}, reader), unit_of(item.item), item.pairs.size(),
-              Cell(item.reference_mean, digits), Cell(item.value_mean, digits), interval(item.errors.mean, digits),
-              Cell(item.errors.mean_abs, digits), Cell(item.errors.max_abs, digits),
-              where(item.things[item.errors.worst]), Cell(item.errors.en_max, 2));
+              report::Cell(item.reference_mean, digits), report::Cell(item.value_mean, digits),
+              interval(item.errors.mean, digits), report::Cell(item.errors.mean_abs, digits),
+              report::Cell(item.errors.max_abs, digits), where(item.things[item.errors.worst]),
+              report::Cell(item.errors.en_max, 2));
   }
   return table;
 }
 
-Table agreement_table(const CompareStudy& study, Reader reader) {
-  Table table{pick(reader, "agreement", "一致性"),
-              pick(reader, "lower limit (95 %)", "下限（95 %）"),
-              pick(reader, "upper limit (95 %)", "上限（95 %）"),
-              pick(reader, "slope (95 %)", "斜率（95 %）"),
-              pick(reader, "intercept (95 %)", "截距（95 %）"),
-              pick(reader, "judgement<", "评定<")};
+report::Table agreement_table(const CompareStudy& study, Reader reader) {
+  report::Table table{pick(reader, "agreement", "一致性"),
+                      pick(reader, "lower limit (95 %)", "下限（95 %）"),
+                      pick(reader, "upper limit (95 %)", "上限（95 %）"),
+                      pick(reader, "slope (95 %)", "斜率（95 %）"),
+                      pick(reader, "intercept (95 %)", "截距（95 %）"),
+                      pick(reader, "judgement<", "评定<")};
   table.title = pick(reader, "Limits of agreement and Deming's line", "一致性界限与 Deming 回归");
   for (const CompareItem& item : study.items) {
     const int digits = decimals_of(item.item);
@@ -219,11 +220,11 @@ Table agreement_table(const CompareStudy& study, Reader reader) {
 std::string compare_text(const CompareStudy& study) {
   std::string text = study.source + "\n";
   for (const std::string& sentence : study.notes.sentences()) text += fmt::format("! {}\n", sentence);
-  text += "\n" + text_of(errors_table(study));
+  text += "\n" + report::text_of(errors_table(study));
   if (study.all_mm.count > 0)
     text += fmt::format("all {} lengths: mean |error| {} mm, max |error| {} mm\n", study.all_mm.count,
-                        figure(study.all_mm.mean_abs, 3), figure(study.all_mm.max_abs, 3));
-  text += "\n" + text_of(agreement_table(study), style_for(stdout));
+                        report::figure(study.all_mm.mean_abs, 3), report::figure(study.all_mm.max_abs, 3));
+  text += "\n" + report::text_of(agreement_table(study), style_for(stdout));
   for (const CompareItem& item : study.items)
     if (!item.line.ok) text += fmt::format("no line for {}: {}\n", item.item, item.line.why_not);
   return text + "lines by Deming's regression, because both sides err\n";
@@ -296,7 +297,7 @@ Status from_slabs(const CompareOptions& options, const Side& contact, storage::R
                      "'%s' and '%s' both mean the slab of key %lld: one inspection counts once; name it one way",
                      other->second.c_str(), id.c_str(), static_cast<long long>(key));
       part.add_slab(id, record.summary.header);
-      for (const Reading& reading : take_of(record).readings)
+      for (const Reading& reading : measurement_of(record).readings)
         if (contact.contains({id, reading.item, reading.block})) add_to(side, id, reading);
     }
   }

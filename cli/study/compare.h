@@ -63,8 +63,8 @@ struct CompareStudy {
 [[nodiscard]] CompareStudy compare(const Side& reference, const Side& measured,
                                    const std::map<std::string, double>& allowed);
 
-[[nodiscard]] Table errors_table(const CompareStudy& study, Reader reader = std::nullopt);
-[[nodiscard]] Table agreement_table(const CompareStudy& study, Reader reader = std::nullopt);
+[[nodiscard]] report::Table errors_table(const CompareStudy& study, Reader reader = std::nullopt);
+[[nodiscard]] report::Table agreement_table(const CompareStudy& study, Reader reader = std::nullopt);
 [[nodiscard]] std::string compare_json(const CompareStudy& study);
 [[nodiscard]] std::string compare_text(const CompareStudy& study);
 

@@ -185,8 +185,9 @@ GrrJudgement judge(const Crossed& study, const Components& components, double to
   const char* of = by_tolerance ? "the tolerance" : "the total variation";
   if (percent > 30.0 || (!by_tolerance && std::floor(components.ndc()) < 5.0)) {
     said.judgement = Judgement::not_capable;
-    said.reason = percent > 30.0 ? fmt::format("{:.1f} % of {}: above 30 %", percent, of)
-                                 : fmt::format("tells {:.0f} categories apart, below 5", std::floor(components.ndc()));
+    said.reason = percent > 30.0
+                      ? fmt::format("{:.1f} % of {}: above 30 %", percent, of)
+                      : fmt::format("distinguishes {:.0f} categories, below 5", std::floor(components.ndc()));
   } else if (!trials_scatter(study)) {
     said.reason = "the trials do not scatter at all: coarse figures, or the same scans taken again";
   } else if (percent < 10.0) {

@@ -106,7 +106,7 @@ struct GrrJudgement {
 // A gauge R&R study as planned: parts, appraisers and trials, assembled from a table.
 
 /// One measurement with its part, appraiser and trial.
-struct Placing {
+struct PlannedReading {
   std::string place;  ///< "plan.csv:7"
   std::string part;
   std::string appraiser;
@@ -144,16 +144,17 @@ struct PlanReaders {
   std::function<Result<std::vector<Reading>>(const std::string& path, int block)> scan;
   std::function<Result<std::vector<Reading>>(const std::string& slab, int block)> slab;
 };
-[[nodiscard]] Result<std::vector<Placing>> placings_of(const CsvTable& plan, const PlanReaders& readers);
+[[nodiscard]] Result<std::vector<PlannedReading>> planned_readings_of(const CsvTable& plan, const PlanReaders& readers);
 
 /// Studies by item, for `items` (if empty, for all with two parts or with a tolerance in the study). An item with a
 /// missing cell is rejected, never completed. `tolerance(item)`: NaN for the recipe's, which must then be the same in
 /// all measurements.
-[[nodiscard]] GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::string>& items,
+[[nodiscard]] GrrStudy grr_study(const std::vector<PlannedReading>& readings_as_planned,
+                                 const std::vector<std::string>& items,
                                  const std::function<double(const std::string&)>& tolerance, Interaction interaction);
 
 /// Sources of variation, by both methods.
-[[nodiscard]] Table components_table(const GrrItem& item, Reader reader = std::nullopt);
+[[nodiscard]] report::Table components_table(const GrrItem& item, Reader reader = std::nullopt);
 [[nodiscard]] std::string grr_json(const GrrStudy& study);
 /// One line per item; with `details`, or for one item only, with the tables.
 [[nodiscard]] std::string grr_text(const GrrStudy& study, bool details);

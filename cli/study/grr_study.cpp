@@ -49,21 +49,21 @@ struct LooseTable {
   std::string limits_differ;
   bool any = false;
 
-  void put(const Placing& placing) {
+  void put(const PlannedReading& planned) {
     if (first_place.empty()) {
-      first_place = placing.place;
-      item.about = placing.reading;
-    } else if (limits_differ.empty() && !same_limits(item.about, placing.reading)) {
+      first_place = planned.place;
+      item.about = planned.reading;
+    } else if (limits_differ.empty() && !same_limits(item.about, planned.reading)) {
       limits_differ = fmt::format("limits are {} at {} and {} at {}; say the tolerance of the study with --tolerance",
-                                  limits_text(item.about), first_place, limits_text(placing.reading), placing.place);
+                                  limits_text(item.about), first_place, limits_text(planned.reading), planned.place);
     }
-    const auto key = std::tuple{place_of(item.parts, placing.part), place_of(item.appraisers, placing.appraiser),
-                                place_of(item.trials, placing.trial)};
-    any = any || has_value(placing.reading.value);
-    const auto [at, fresh] = cells.try_emplace(key, GrrCell{placing.place, placing.reading.value});
+    const auto key = std::tuple{place_of(item.parts, planned.part), place_of(item.appraisers, planned.appraiser),
+                                place_of(item.trials, planned.trial)};
+    any = any || has_value(planned.reading.value);
+    const auto [at, fresh] = cells.try_emplace(key, GrrCell{planned.place, planned.reading.value});
     if (!fresh && twice.empty())
-      twice = fmt::format("{} and {} both give part {}, appraiser {}, trial {}", at->second.place, placing.place,
-                          placing.part, placing.appraiser, placing.trial);
+      twice = fmt::format("{} and {} both give part {}, appraiser {}, trial {}", at->second.place, planned.place,
+                          planned.part, planned.appraiser, planned.trial);
   }
 
   /// Fills `item.crossed`. Returns an empty text if the table is complete.
@@ -95,39 +95,39 @@ std::string join(const std::vector<std::string>& names) {
 }
 
 std::string percent(double value) {
-  return figure(value, 1);
+  return report::figure(value, 1);
 }
 
 /// Table cell of a judgement.
-Cell judged_cell(const GrrJudgement& judged) {
-  Cell cell = study::judged(judged.judgement, judged.reason, std::nullopt);
+report::Cell judged_cell(const GrrJudgement& judged) {
+  report::Cell cell = study::judged(judged.judgement, judged.reason, std::nullopt);
   if (judged.conditional) cell.text.replace(0, name(judged.judgement).size(), "conditional");
   return cell;
 }
 
-std::string item_text(const GrrItem& item, Style style) {
+std::string item_text(const GrrItem& item, report::Style style) {
   const Anova& a = item.by_anova;
-  Table table{"analysis of variance", "SS", "df", "MS", "F", "p"};
+  report::Table table{"analysis of variance", "SS", "df", "MS", "F", "p"};
   for (const auto& [what, row] : {std::pair{"parts", &a.part},
                                   {"appraisers", &a.appraiser},
                                   {"interaction", &a.interaction},
                                   {"repeatability", &a.repeatability},
                                   {"repeatability, pooled", &a.pooled},
                                   {"total", &a.total}})
-    table.add(what, fmt::format("{:.6g}", row->ss), Cell(row->df, 0), fmt::format("{:.6g}", row->ms), Cell(row->f, 3),
-              Cell(row->p, 3));
+    table.add(what, fmt::format("{:.6g}", row->ss), report::Cell(row->df, 0), fmt::format("{:.6g}", row->ms),
+              report::Cell(row->f, 3), report::Cell(row->p, 3));
   return fmt::format(
       "\n{} [{}]: {} parts, {} appraisers ({}), {} trials\n\n{}ndc {} ({} by ranges){}\n\n"
       "{}interaction {} with the repeatability: p {} {} {}\n{}\n",
       item.about.item, unit_of(item.about.item), item.parts.size(), item.appraisers.size(), join(item.appraisers),
-      item.trials.size(), text_of(components_table(item)), figure(a.components.ndc(), 2),
-      figure(item.by_range.value_or(Components()).ndc(), 2),
-      item.by_range ? "" : fmt::format("; the ranges' factors end at {}", kGrrRangeMax), text_of(table),
-      a.is_pooled ? "pooled" : "not pooled", figure(a.interaction.p, 3),
-      a.interaction.p > kPoolAbove ? ">" : "<=", kPoolAbove, cell_text(judged_cell(item.judged), style));
+      item.trials.size(), report::text_of(components_table(item)), report::figure(a.components.ndc(), 2),
+      report::figure(item.by_range.value_or(Components()).ndc(), 2),
+      item.by_range ? "" : fmt::format("; the ranges' factors end at {}", kGrrRangeMax), report::text_of(table),
+      a.is_pooled ? "pooled" : "not pooled", report::figure(a.interaction.p, 3),
+      a.interaction.p > kPoolAbove ? ">" : "<=", kPoolAbove, report::cell_text(judged_cell(item.judged), style));
 }
 
-void write_components(Json& json, std::string_view key, const Components& c, double tolerance) {
+void write_components(report::Json& json, std::string_view key, const Components& c, double tolerance) {
   json.key(key).begin_object().field("EV", c.EV).field("AV", c.AV).field("INT", c.INT).field("GRR", c.GRR);
   json.field("PV", c.PV).field("TV", c.TV).field("percent_of_variation", c.of_variation());
   json.field("percent_of_tolerance", c.of_tolerance(tolerance)).field("ndc", c.ndc()).field("AV_zeroed", c.av_zeroed);
@@ -136,7 +136,7 @@ void write_components(Json& json, std::string_view key, const Components& c, dou
 
 /// Adds all readings of one plan line.
 void place_all(const std::string& place, const CsvTable& plan, std::size_t row, int block, bool every_block,
-               std::vector<Reading> readings, std::vector<Placing>& out) {
+               std::vector<Reading> readings, std::vector<PlannedReading>& out) {
   const std::string& part = plan.cell(row, "part");
   for (Reading& reading : readings) {
     if (block != 0 && reading.block != block) continue;
@@ -148,15 +148,15 @@ void place_all(const std::string& place, const CsvTable& plan, std::size_t row, 
 
 }  // namespace
 
-Table components_table(const GrrItem& item, Reader reader) {
+report::Table components_table(const GrrItem& item, Reader reader) {
   const Components& c = item.by_anova.components;
   const Components r = item.by_range.value_or(Components());
-  Table table{pick(reader, "source", "来源"),
-              pick(reader, "sigma", "sigma（方差分析）"),
-              "% of TV",
-              "% of T",
-              pick(reader, "average-range sigma", "sigma（均值极差）"),
-              "% of TV"};
+  report::Table table{pick(reader, "source", "来源"),
+                      pick(reader, "sigma", "sigma（方差分析）"),
+                      "% of TV",
+                      "% of T",
+                      pick(reader, "average-range sigma", "sigma（均值极差）"),
+                      "% of TV"};
   table.title = fmt::format("{} {}, {} {}, {} {}; {} (p {:.3f})", item.parts.size(), pick(reader, "parts", "个零件"),
                             item.appraisers.size(), pick(reader, "appraisers", "名评价人"), item.trials.size(),
                             pick(reader, "trials", "次试验"),
@@ -166,8 +166,8 @@ Table components_table(const GrrItem& item, Reader reader) {
   const int digits = decimals_of(item.about.item) + 2;
   const auto add = [&](std::string what, double own, double other, bool zeroed = false) {
     if (zeroed) what += pick(reader, " (negative, set to 0)", "（负值，取 0）");
-    table.add(what, Cell(own, digits), percent(100.0 * own / c.TV), percent(600.0 * own / item.tolerance),
-              Cell(other, digits), percent(100.0 * other / r.TV));
+    table.add(what, report::Cell(own, digits), percent(100.0 * own / c.TV), percent(600.0 * own / item.tolerance),
+              report::Cell(other, digits), percent(100.0 * other / r.TV));
   };
   add(pick(reader, "repeatability EV", "重复性 EV"), c.EV, r.EV);
   add(pick(reader, "reproducibility AV", "再现性 AV"), c.AV, r.AV, c.av_zeroed);
@@ -175,7 +175,7 @@ Table components_table(const GrrItem& item, Reader reader) {
   add(pick(reader, "gauge R&R", "GRR"), c.GRR, r.GRR);
   add(pick(reader, "parts PV", "零件变差 PV"), c.PV, r.PV, c.pv_zeroed);
   add(pick(reader, "total TV", "总变差 TV"), c.TV, r.TV);
-  if (reader) table.add("ndc", Cell(c.ndc(), 2), "", "", Cell(r.ndc(), 2), "");
+  if (reader) table.add("ndc", report::Cell(c.ndc(), 2), "", "", report::Cell(r.ndc(), 2), "");
   return table;
 }
 
@@ -188,14 +188,14 @@ Judgement GrrStudy::judgement() const {
   return worst;
 }
 
-Result<std::vector<Placing>> placings_of(const CsvTable& plan, const PlanReaders& readers) {
+Result<std::vector<PlannedReading>> planned_readings_of(const CsvTable& plan, const PlanReaders& readers) {
   const bool scans = plan.has("scan");
   const bool slabs = plan.has("slab");
   const Status good = scans   ? plan.expect({"appraiser", "trial", "scan", "block"}, {"part"})
                       : slabs ? plan.expect({"appraiser", "trial", "slab"}, {"part", "block"})
                               : plan.expect({"appraiser", "trial", "part", "value"}, {"item", "lower", "upper"});
   if (!good.ok()) return good.error();
-  std::vector<Placing> out;
+  std::vector<PlannedReading> out;
   for (std::size_t row = 0; row < plan.rows(); ++row) {
     const std::string place = plan.place(row);
     for (const char* column : {"appraiser", "trial", scans ? "scan" : slabs ? "slab" : "part"})
@@ -226,13 +226,13 @@ Result<std::vector<Placing>> placings_of(const CsvTable& plan, const PlanReaders
   return out;
 }
 
-GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::string>& items,
+GrrStudy grr_study(const std::vector<PlannedReading>& readings_as_planned, const std::vector<std::string>& items,
                    const std::function<double(const std::string&)>& tolerance, Interaction interaction) {
   std::map<std::pair<std::size_t, std::string>, LooseTable> tables;
-  for (const Placing& placing : placings) {
-    const std::string& item = placing.reading.item;
+  for (const PlannedReading& planned : readings_as_planned) {
+    const std::string& item = planned.reading.item;
     if (!items.empty() && std::find(items.begin(), items.end(), item) == items.end()) continue;
-    tables[{rank_of(item), item}].put(placing);
+    tables[{rank_of(item), item}].put(planned);
   }
   GrrStudy study;
   std::vector<std::pair<std::string, std::vector<std::string>>> refused;  // cause, and the items that it concerns
@@ -275,7 +275,7 @@ GrrStudy grr_study(const std::vector<Placing>& placings, const std::vector<std::
 }
 
 std::string grr_json(const GrrStudy& study) {
-  Json json("slabd.study_grr/1");
+  report::Json json("slabd.study_grr/1");
   json.field("software", daemon::software_version()).field("source", study.source);
   json.field("judgement", study.judgement());
   write_notes(json, study.notes);
@@ -313,19 +313,19 @@ std::string grr_json(const GrrStudy& study) {
 
 std::string grr_text(const GrrStudy& study, bool details) {
   std::string text;
-  const Style style = style_for(stdout);
+  const report::Style style = style_for(stdout);
   text += fmt::format("{}\n", study.source);
   for (const std::string& sentence : study.notes.sentences()) text += fmt::format("! {}\n", sentence);
   text += "\n";
-  Table table{"gauge R&R", "unit<", "EV", "AV", "GRR", "% of T", "% of TV", "ndc", "judgement<"};
+  report::Table table{"gauge R&R", "unit<", "EV", "AV", "GRR", "% of T", "% of TV", "ndc", "judgement<"};
   for (const GrrItem& item : study.items) {
     const Components& c = item.by_anova.components;
     const int digits = decimals_of(item.about.item) + 1;
-    table.add(item.about.item, unit_of(item.about.item), figure(c.EV, digits), figure(c.AV, digits),
-              figure(c.GRR, digits), percent(c.of_tolerance(item.tolerance)), percent(c.of_variation()),
-              figure(c.ndc(), 2), judged_cell(item.judged));
+    table.add(item.about.item, unit_of(item.about.item), report::figure(c.EV, digits), report::figure(c.AV, digits),
+              report::figure(c.GRR, digits), percent(c.of_tolerance(item.tolerance)), percent(c.of_variation()),
+              report::figure(c.ndc(), 2), judged_cell(item.judged));
   }
-  text += text_of(table, style);
+  text += report::text_of(table, style);
   if (details || study.items.size() == 1)
     for (const GrrItem& item : study.items) text += item_text(item, style);
   return text;
@@ -351,10 +351,10 @@ struct GrrOptions {
 /// Rejects named items that are not in the study, because they are probably typing errors and their tolerance would be
 /// ignored.
 void need_known(const GrrOptions& options, const std::map<std::string, double>& tolerances,
-                const std::vector<Placing>& placings) {
+                const std::vector<PlannedReading>& readings_as_planned) {
   std::set<std::string> measured;
-  for (const Placing& placing : placings)
-    if (has_value(placing.reading.value)) measured.insert(placing.reading.item);
+  for (const PlannedReading& planned : readings_as_planned)
+    if (has_value(planned.reading.value)) measured.insert(planned.reading.item);
   const std::vector<std::string> names(measured.begin(), measured.end());
   const auto there = [&](const char* option, const std::string& item) {
     if (measured.contains(item)) return;
@@ -391,7 +391,7 @@ int run_grr(const GrrOptions& options) {
     reader = open_database(options.database);
   }
   PlanReaders readers;
-  std::vector<Take> scans;
+  std::vector<MeasuredOnce> scans;
   SamePart same_part;
   std::size_t row = 0;  // each row of the plan is read once, in order
   const auto part_of = [&](int block) {
@@ -418,18 +418,18 @@ int run_grr(const GrrOptions& options) {
     const std::int64_t key = header.key;
     same_part.add_slab(part_of(0), header);
     std::set<int>& used = blocks_used[key];
-    Take take = take_of(records.value().front());
+    MeasuredOnce measurement = measurement_of(records.value().front());
     // A plan with a column of blocks has one row per block of a slab.
     if (used.contains(0) || used.contains(block) || (block == 0 && !used.empty()))
       return error(Code::config, "slab '%s' (key %lld)%s is in the plan already: one measurement used twice",
                    slab.c_str(), static_cast<long long>(key),
                    block == 0 ? "" : fmt::format(", block {},", block).c_str());
-    if (used.empty()) scans.push_back(take);
+    if (used.empty()) scans.push_back(measurement);
     used.insert(block);
-    return take.readings;
+    return measurement.readings;
   };
-  const auto placings = need(placings_of(plan, readers));
-  need_known(options, tolerances, placings);
+  const auto readings_as_planned = need(planned_readings_of(plan, readers));
+  need_known(options, tolerances, readings_as_planned);
   const Interaction interaction = options.interaction == "keep"   ? Interaction::keep
                                   : options.interaction == "pool" ? Interaction::pool
                                                                   : Interaction::automatic;
@@ -438,7 +438,7 @@ int run_grr(const GrrOptions& options) {
     return found == tolerances.end() ? kNoValue : found->second;
   };
   StudyNotes notes = same_part.settle(options.same_part);
-  GrrStudy study = grr_study(placings, options.items, tolerance, interaction);
+  GrrStudy study = grr_study(readings_as_planned, options.items, tolerance, interaction);
   study.source = options.plan;
   study.notes = std::move(notes);
   if (const std::string twice = same_scan_twice(scans); !twice.empty())

@@ -34,18 +34,18 @@ double known(const std::map<std::string, double>& of, const Reading& about) {
 }
 
 std::string range_text(double low, double high, int digits) {
-  return fmt::format("{} .. {}", figure(low, digits), figure(high, digits));
+  return fmt::format("{} .. {}", report::figure(low, digits), report::figure(high, digits));
 }
 
 /// Scatter is small compared with values: a hundredth of a micrometre, a hundred-thousandth of a degree.
 constexpr int kSmallDigits = 5;
 std::string small(double value) {
-  return figure(value, kSmallDigits);
+  return report::figure(value, kSmallDigits);
 }
 
 /// The largest range of any block, as the paper reports for its Figs. 18 and 19.
-Table worst_table(const RepeatStudy& study) {
-  Table table{"characteristic", "unit<", "blocks", "missing", "worst std", "block<", "worst range", "block<"};
+report::Table worst_table(const RepeatStudy& study) {
+  report::Table table{"characteristic", "unit<", "blocks", "missing", "worst std", "block<", "worst range", "block<"};
   for (std::size_t i = 0; i < study.characteristics.size();) {
     const Characteristic* by_std = nullptr;
     const Characteristic* by_range = nullptr;
@@ -69,35 +69,36 @@ Table worst_table(const RepeatStudy& study) {
 
 }  // namespace
 
-Table characteristics_table(const RepeatStudy& study, Reader reader) {
-  Table table{pick(reader, "characteristic", "检测项目"),
-              pick(reader, "unit<", "单位<"),
-              "n",
-              pick(reader, "mean", "平均值"),
-              pick(reader, "std", "标准差"),
-              pick(reader, "95 % of std", "标准差 95 % 区间"),
-              pick(reader, "range", "极差"),
-              pick(reader, "max dev", "最大偏离")};
+report::Table characteristics_table(const RepeatStudy& study, Reader reader) {
+  report::Table table{pick(reader, "characteristic", "检测项目"),
+                      pick(reader, "unit<", "单位<"),
+                      "n",
+                      pick(reader, "mean", "平均值"),
+                      pick(reader, "std", "标准差"),
+                      pick(reader, "95 % of std", "标准差 95 % 区间"),
+                      pick(reader, "range", "极差"),
+                      pick(reader, "max dev", "最大偏离")};
   table.title = pick(reader, "Figures", "统计值");
   for (const Characteristic& c : study.characteristics)
     table.add(subject_of(c.about, reader), unit_of(c.about.item),
-              c.missing == 0 ? Cell(c.spread.count) : Cell(fmt::format("{} ({} missing)", c.spread.count, c.missing)),
-              Cell(c.spread.mean, decimals_of(c.about.item)), small(c.spread.std),
+              c.missing == 0 ? report::Cell(c.spread.count)
+                             : report::Cell(fmt::format("{} ({} missing)", c.spread.count, c.missing)),
+              report::Cell(c.spread.mean, decimals_of(c.about.item)), small(c.spread.std),
               range_text(c.spread.std_low, c.spread.std_high, kSmallDigits), small(c.spread.range),
               small(c.spread.deviation_max));
   return table;
 }
 
-Table gauges_table(const RepeatStudy& study, Reader reader) {
-  Table table{pick(reader, "type-1 study", "第一类量具研究"),
-              pick(reader, "reference", "参考值"),
-              "T",
-              pick(reader, "bias", "偏倚"),
-              pick(reader, "95 % of bias", "偏倚 95 % 区间"),
-              "p",
-              "Cg",
-              "Cgk",
-              pick(reader, "judgement<", "评定<")};
+report::Table gauges_table(const RepeatStudy& study, Reader reader) {
+  report::Table table{pick(reader, "type-1 study", "第一类量具研究"),
+                      pick(reader, "reference", "参考值"),
+                      "T",
+                      pick(reader, "bias", "偏倚"),
+                      pick(reader, "95 % of bias", "偏倚 95 % 区间"),
+                      "p",
+                      "Cg",
+                      "Cgk",
+                      pick(reader, "judgement<", "评定<")};
   table.title = fmt::format("{}: Cg = 0.2 T / (6 s), Cgk = (0.1 T - |{}|) / (3 s), >= {}, n >= {}",
                             pick(reader, "Type-1 study", "第一类量具研究"), pick(reader, "bias", "偏倚"), kGaugeCapable,
                             kGaugeRunsMin);
@@ -106,9 +107,9 @@ Table gauges_table(const RepeatStudy& study, Reader reader) {
     if (g.judgement == Judgement::not_judged) continue;
     const int digits = decimals_of(c.about.item);
     // A document contains the reasons as separate sentences.
-    table.add(subject_of(c.about, reader), Cell(g.reference, digits), Cell(g.tolerance, digits), small(g.bias),
-              range_text(g.bias_low, g.bias_high, kSmallDigits), Cell(g.p, 3), Cell(g.cg, 2), Cell(g.cgk, 2),
-              judged(g.judgement, reader ? "" : g.reason, reader));
+    table.add(subject_of(c.about, reader), report::Cell(g.reference, digits), report::Cell(g.tolerance, digits),
+              small(g.bias), range_text(g.bias_low, g.bias_high, kSmallDigits), report::Cell(g.p, 3),
+              report::Cell(g.cg, 2), report::Cell(g.cgk, 2), judged(g.judgement, reader ? "" : g.reason, reader));
   }
   return table;
 }
@@ -128,15 +129,15 @@ Judgement RepeatStudy::judgement() const {
   return worst;
 }
 
-RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::string>& items, int block,
+RepeatStudy repeat_study(std::span<const MeasuredOnce> measurements, const std::vector<std::string>& items, int block,
                          const GaugeTask& task, bool scans) {
   RepeatStudy study;
   using Key = std::tuple<std::size_t, std::string, int, int>;
   std::map<Key, Characteristic> found;
   std::map<const Characteristic*, std::size_t> first;  // first run with this characteristic
-  for (std::size_t run = 0; run < takes.size(); ++run) {
-    study.runs.push_back(takes[run].name);
-    for (const Reading& reading : takes[run].readings) {
+  for (std::size_t run = 0; run < measurements.size(); ++run) {
+    study.runs.push_back(measurements[run].name);
+    for (const Reading& reading : measurements[run].readings) {
       if (block != 0 && reading.block != block) continue;
       if (!items.empty() && std::find(items.begin(), items.end(), reading.item) == items.end()) continue;
       Characteristic& c = found[{rank_of(reading.item), reading.item, reading.block, reading.block_to}];
@@ -144,21 +145,21 @@ RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::str
         c.about = reading;
         first[&c] = run;
       } else if (c.limits_differ.empty() && !same_limits(c.about, reading)) {
-        c.limits_differ = fmt::format("limits are {} in {} and {} in {}", limits_text(c.about), takes[first[&c]].name,
-                                      limits_text(reading), takes[run].name);
+        c.limits_differ = fmt::format("limits are {} in {} and {} in {}", limits_text(c.about),
+                                      measurements[first[&c]].name, limits_text(reading), measurements[run].name);
       }
-      c.values.resize(takes.size(), kNoValue);
+      c.values.resize(measurements.size(), kNoValue);
       c.values[run] = reading.value;
     }
   }
-  const std::string twice = scans ? same_scan_twice(takes) : std::string();
+  const std::string twice = scans ? same_scan_twice(measurements) : std::string();
   if (!twice.empty())
     study.warnings.push_back(
         fmt::format("{} have the same values to the last digit: one scan taken twice, not two repeats", twice));
-  if (takes.size() < kGaugeRunsMin)
-    study.warnings.push_back(
-        fmt::format("{} runs; a type-1 study needs {}{}", takes.size(), kGaugeRunsMin,
-                    takes.size() == 10 ? ": the standard deviation of ten is known to 0.69 .. 1.83 times itself" : ""));
+  if (measurements.size() < kGaugeRunsMin)
+    study.warnings.push_back(fmt::format(
+        "{} runs; a type-1 study needs {}{}", measurements.size(), kGaugeRunsMin,
+        measurements.size() == 10 ? ": the standard deviation of ten is known to 0.69 .. 1.83 times itself" : ""));
   std::set<std::string> warned;  // one warning per item, so that a changed recipe does not fill the screen
   for (auto& [key, c] : found) {
     std::vector<double> values;
@@ -176,7 +177,7 @@ RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::str
     if (differ) {
       if (warned.insert(c.about.item).second)
         study.warnings.push_back(
-            fmt::format("{}: {}; no tolerance in common, so none is used (--tolerance {}=T says one)",
+            fmt::format("{}: {}; no tolerance in common, so none is used (--tolerance {}=T sets one)",
                         title_of(c.about), c.limits_differ, c.about.item));
       if (has_value(reference)) {
         c.gauge.judgement = Judgement::undecided;
@@ -193,7 +194,7 @@ RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::str
 }
 
 std::string repeat_json(const RepeatStudy& study) {
-  Json json("slabd.study_repeat/1");
+  report::Json json("slabd.study_repeat/1");
   json.field("software", daemon::software_version()).field("source", study.source).field("runs", study.runs);
   write_notes(json, study.notes);
   json.field("warnings", study.warnings).field("judgement", study.judgement());
@@ -219,11 +220,11 @@ std::string repeat_text(const RepeatStudy& study, bool details) {
   text += fmt::format("{}\n", study.source);
   for (const std::string& sentence : study.notes.sentences()) text += fmt::format("! {}\n", sentence);
   text += "\n";
-  if (details || blocks.size() <= 1) text += text_of(characteristics_table(study)) + "\n";
-  if (blocks.size() > 1) text += text_of(worst_table(study)) + "\n";
-  if (const Table gauges = gauges_table(study); !gauges.rows.empty())
+  if (details || blocks.size() <= 1) text += report::text_of(characteristics_table(study)) + "\n";
+  if (blocks.size() > 1) text += report::text_of(worst_table(study)) + "\n";
+  if (const report::Table gauges = gauges_table(study); !gauges.rows.empty())
     text += fmt::format("{}Cg = 0.2 T / (6 s), Cgk = (0.1 T - |bias|) / (3 s); capable from {} with {} runs\n",
-                        text_of(gauges, style_for(stdout)), kGaugeCapable, kGaugeRunsMin);
+                        report::text_of(gauges, style_for(stdout)), kGaugeCapable, kGaugeRunsMin);
   return text;
 }
 
@@ -254,7 +255,7 @@ struct RepeatOptions {
 
 /// Measurements and their source in words.
 struct Runs {
-  std::vector<Take> takes;
+  std::vector<MeasuredOnce> measurements;
   std::string source;
 };
 
@@ -264,20 +265,21 @@ Runs from_scans(const RepeatOptions& options, SamePart& part) {
     stop(kUsage, fmt::format("scans are of one block: --block 1..{}", recipe.stations()));
   const auto files = need(scan_files(options.scans));
   warn_unconfirmed(recipe);
-  std::vector<Take> takes;
+  std::vector<MeasuredOnce> measurements;
   ScanMeter meter(recipe, options.scan.form.form(), options.scan.threads);
   for (const std::string& file : files) {
     const ProgressNote note(stderr, fmt::format("measuring {} ...", file), std::chrono::seconds(1));
-    takes.push_back({file, need(meter.measure(file, options.block))});
+    measurements.push_back({file, need(meter.measure(file, options.block))});
     part.add_scan("", file, options.block, meter.shape());
   }
-  std::string source = fmt::format("{} scans of block {}, recipe {}", takes.size(), options.block, recipe.name.view());
-  return {std::move(takes), std::move(source)};
+  std::string source =
+      fmt::format("{} scans of block {}, recipe {}", measurements.size(), options.block, recipe.name.view());
+  return {std::move(measurements), std::move(source)};
 }
 
 Runs from_slabs(const RepeatOptions& options, SamePart& part) {
   const auto reader = open_database(options.database);
-  std::vector<Take> takes;
+  std::vector<MeasuredOnce> measurements;
   std::set<std::int64_t> seen;  // a slab that is named twice, for example once by its id, counts once
   for (const std::string& wanted : options.slabs) {
     const auto records = need(slabs_named(*reader, wanted, options.runs));
@@ -286,20 +288,22 @@ Runs from_slabs(const RepeatOptions& options, SamePart& part) {
       if (!seen.insert(record.summary.header.key).second) continue;
       part.add_slab("", record.summary.header);
       if (!options.attempts) {
-        takes.push_back(take_of(record));
+        measurements.push_back(measurement_of(record));
         continue;
       }
-      for (Take& take : attempts_of(record)) takes.push_back(std::move(take));
+      for (MeasuredOnce& measurement : attempts_of(record)) measurements.push_back(std::move(measurement));
     }
   }
   // Attempts at other blocks are not runs of this one.
   if (options.attempts && options.block == 0) stop(kUsage, "--attempts are repeats of one block: --block K");
   if (options.attempts)
-    std::erase_if(takes,
-                  [&](const Take& t) { return t.readings.empty() || t.readings.front().block != options.block; });
-  std::string source = fmt::format("{} {}: {}", takes.size(), options.attempts ? "attempts" : "stored runs",
-                                   takes.empty() ? "none" : takes.front().name + " .. " + takes.back().name);
-  return {std::move(takes), std::move(source)};
+    std::erase_if(measurements, [&](const MeasuredOnce& t) {
+      return t.readings.empty() || t.readings.front().block != options.block;
+    });
+  std::string source =
+      fmt::format("{} {}: {}", measurements.size(), options.attempts ? "attempts" : "stored runs",
+                  measurements.empty() ? "none" : measurements.front().name + " .. " + measurements.back().name);
+  return {std::move(measurements), std::move(source)};
 }
 
 Runs from_line(const RepeatOptions& options) {
@@ -309,17 +313,17 @@ Runs from_line(const RepeatOptions& options) {
                              recipe.name.view(), recipe.stations()));
   warn_unconfirmed(recipe);
   const LiveOrder order{options.database.config, options.live, options.count, options.enter, options.scan.threads};
-  std::vector<Take> takes = live_takes(order, recipe);
+  std::vector<MeasuredOnce> measurements = live_measurements(order, recipe);
   std::string source =
-      fmt::format("{} scans of block {} on the line, recipe {}", takes.size(), options.live, recipe.name.view());
-  return {std::move(takes), std::move(source)};
+      fmt::format("{} scans of block {} on the line, recipe {}", measurements.size(), options.live, recipe.name.view());
+  return {std::move(measurements), std::move(source)};
 }
 
 Runs from_table(const RepeatOptions& options) {
   const auto table = need(CsvTable::read(options.values));
-  std::vector<Take> takes = need(takes_of(table));
-  std::string source = fmt::format("{} runs in {}", takes.size(), options.values);
-  return {std::move(takes), std::move(source)};
+  std::vector<MeasuredOnce> measurements = need(measurements_of(table));
+  std::string source = fmt::format("{} runs in {}", measurements.size(), options.values);
+  return {std::move(measurements), std::move(source)};
 }
 
 GaugeTask task_of(const RepeatOptions& options) {
@@ -336,14 +340,14 @@ GaugeTask task_of(const RepeatOptions& options) {
 }
 
 /// Rejects named items that are never measured, because they are probably typing errors.
-void need_known(const RepeatOptions& options, const GaugeTask& task, const std::vector<Take>& takes,
+void need_known(const RepeatOptions& options, const GaugeTask& task, const std::vector<MeasuredOnce>& measurements,
                 const RepeatStudy& study) {
   const auto there = [&](const std::string& wanted) {
     for (const Characteristic& c : study.characteristics)
       if (wanted == c.about.item || wanted == fmt::format("{}@{}", c.about.item, c.about.block)) return;
     std::vector<std::string> names;
-    for (const Take& take : takes)
-      for (const Reading& reading : take.readings) names.push_back(reading.item);
+    for (const MeasuredOnce& measurement : measurements)
+      for (const Reading& reading : measurement.readings) names.push_back(reading.item);
     const std::string meant = nearest(wanted.substr(0, wanted.find('@')), names);
     stop(kUsage, fmt::format("'{}' was not measured here{}", wanted,
                              meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant)));
@@ -361,16 +365,16 @@ int run_repeat(const RepeatOptions& options) {
     stop(kUsage, "say what was repeated: scans or a folder of them, --slab, --values, or --live; one of them");
   const GaugeTask task = task_of(options);
   SamePart part;
-  const auto [takes, source] = !options.scans.empty()   ? from_scans(options, part)
-                               : !options.slabs.empty() ? from_slabs(options, part)
-                               : options.live != 0      ? from_line(options)
-                                                        : from_table(options);
+  const auto [measurements, source] = !options.scans.empty()   ? from_scans(options, part)
+                                      : !options.slabs.empty() ? from_slabs(options, part)
+                                      : options.live != 0      ? from_line(options)
+                                                               : from_table(options);
   StudyNotes notes = part.settle(options.same_part);
-  if (takes.size() < 2) stop(kBadInput, fmt::format("{}: a repeat needs two runs at least", source));
-  RepeatStudy study = repeat_study(takes, options.items, options.block, task, options.values.empty());
+  if (measurements.size() < 2) stop(kBadInput, fmt::format("{}: a repeat needs two runs at least", source));
+  RepeatStudy study = repeat_study(measurements, options.items, options.block, task, options.values.empty());
   study.source = source;
   study.notes = std::move(notes);
-  need_known(options, task, takes, study);
+  need_known(options, task, measurements, study);
   for (const std::string& warning : study.warnings) complain("warning: " + warning);
   options.document.write(repeat_report(study, options.document.wanted()));
   fmt::print("{}", options.json ? repeat_json(study) : repeat_text(study, options.details));
@@ -407,9 +411,7 @@ void add_repeat(args::Command& study) {
       ->capture_default_str();
   command->add_flag("--attempts", options->attempts, "Every attempt at --block is a run, not only the valid one");
   command->add_option("--values", options->values, "A table of values measured elsewhere");
-  command
-      ->add_option("--live", options->live,
-                   "On the running line: scans of the block that the robot stands over, through the daemon")
+  command->add_option("--live", options->live, "On the running line: scans of the block below the robot, by the daemon")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--count", options->count, "With --live: how many scans")
       ->check(args::range(std::size_t{2}, std::size_t{1000}))

@@ -40,12 +40,13 @@ struct GaugeTask {
 /// Characteristics by item and block, of `items` (all if empty) at `block` (all if 0). `scans`: the takes are from
 /// scans, so two with equal bits are the same scan twice, and nothing is judged capable with them. Runs with different
 /// limits have no common tolerance: undecided, unless the task contains one.
-[[nodiscard]] RepeatStudy repeat_study(std::span<const Take> takes, const std::vector<std::string>& items, int block,
-                                       const GaugeTask& task, bool scans);
+[[nodiscard]] RepeatStudy repeat_study(std::span<const MeasuredOnce> measurements,
+                                       const std::vector<std::string>& items, int block, const GaugeTask& task,
+                                       bool scans);
 
-[[nodiscard]] Table characteristics_table(const RepeatStudy& study, Reader reader = std::nullopt);
+[[nodiscard]] report::Table characteristics_table(const RepeatStudy& study, Reader reader = std::nullopt);
 /// The type-1 study of characteristics with a reference.
-[[nodiscard]] Table gauges_table(const RepeatStudy& study, Reader reader = std::nullopt);
+[[nodiscard]] report::Table gauges_table(const RepeatStudy& study, Reader reader = std::nullopt);
 [[nodiscard]] std::string repeat_json(const RepeatStudy& study);
 /// Text tables; with `details`, or for one block only, with a line per block.
 [[nodiscard]] std::string repeat_text(const RepeatStudy& study, bool details);

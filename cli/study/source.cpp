@@ -47,7 +47,7 @@ std::string title_of(const Reading& reading) {
 
 int decimals_of(const std::string& item) {
   const auto id = item_from_name(item);
-  return id ? decimals(*id) : 4;
+  return id ? report::decimals(*id) : 4;
 }
 
 std::string unit_of(const std::string& item) {
@@ -76,7 +76,7 @@ std::string subject_of(const Reading& reading, Reader reader) {
                      reading.block == 0 ? "" : block_text(reading.block, reading.block_to));
 }
 
-Cell judged(Judgement judgement, const std::string& reason, Reader reader) {
+report::Cell judged(Judgement judgement, const std::string& reason, Reader reader) {
   if (judgement == Judgement::not_judged) return "";
   const std::string word = reader ? judgement_word(judgement, *reader) : std::string(name(judgement));
   return {as_verdict(judgement), word + (reason.empty() ? "" : ": " + reason)};
@@ -87,8 +87,8 @@ std::size_t rank_of(const std::string& item) {
   return id ? static_cast<std::size_t>(*id) : kItemCount;
 }
 
-std::string same_scan_twice(std::span<const Take> takes) {
-  const auto same = [](const Take& a, const Take& b) {
+std::string same_scan_twice(std::span<const MeasuredOnce> measurements) {
+  const auto same = [](const MeasuredOnce& a, const MeasuredOnce& b) {
     if (a.readings.size() != b.readings.size()) return false;
     bool any = false;
     for (std::size_t i = 0; i < a.readings.size(); ++i) {
@@ -100,9 +100,10 @@ std::string same_scan_twice(std::span<const Take> takes) {
     }
     return any;
   };
-  for (std::size_t i = 0; i < takes.size(); ++i)
+  for (std::size_t i = 0; i < measurements.size(); ++i)
     for (std::size_t j = 0; j < i; ++j)
-      if (same(takes[j], takes[i])) return fmt::format("{} and {}", takes[j].name, takes[i].name);
+      if (same(measurements[j], measurements[i]))
+        return fmt::format("{} and {}", measurements[j].name, measurements[i].name);
   return {};
 }
 
@@ -153,52 +154,52 @@ Result<std::vector<std::string>> scan_files(const std::vector<std::string>& name
   return files;
 }
 
-Take take_of(const storage::SlabRecord& record) {
-  Take take;
-  take.name = fmt::format("{} ({})", record.summary.header.key, record.summary.header.slab_id.view());
+MeasuredOnce measurement_of(const storage::SlabRecord& record) {
+  MeasuredOnce measurement;
+  measurement.name = fmt::format("{} ({})", record.summary.header.key, record.summary.header.slab_id.view());
   for (int station = 1; station <= record.summary.header.stations; ++station) {
-    const storage::SlabBlock* block = latest(record, station);
+    const storage::SlabBlock* block = report::latest(record, station);
     if (block == nullptr) continue;
     for (const Item& item : block->block.items) {
-      take.readings.push_back(reading_of(item));
-      take.readings.back().block = station;
+      measurement.readings.push_back(reading_of(item));
+      measurement.readings.back().block = station;
     }
   }
   for (const Item& item : record.slab.items) {
     Reading reading = reading_of(item);
-    const auto before = std::find_if(take.readings.begin(), take.readings.end(), [&](const Reading& r) {
+    const auto before = std::find_if(measurement.readings.begin(), measurement.readings.end(), [&](const Reading& r) {
       return r.item == reading.item && r.block == reading.block && r.block_to == reading.block_to;
     });
     // An item without limits is for information, as if slopes are judged against the slab's top: the block's item
     // remains.
     const bool judged = has_value(reading.lower) || has_value(reading.upper);
-    if (before == take.readings.end()) {
-      take.readings.push_back(std::move(reading));
+    if (before == measurement.readings.end()) {
+      measurement.readings.push_back(std::move(reading));
     } else if (judged || (!has_value(before->lower) && !has_value(before->upper))) {
       *before = std::move(reading);
     }
   }
-  return take;
+  return measurement;
 }
 
-std::vector<Take> attempts_of(const storage::SlabRecord& record) {
-  std::vector<Take> takes;
+std::vector<MeasuredOnce> attempts_of(const storage::SlabRecord& record) {
+  std::vector<MeasuredOnce> measurements;
   for (const storage::SlabBlock& block : record.blocks) {
-    Take& take = takes.emplace_back();
-    take.name =
+    MeasuredOnce& measurement = measurements.emplace_back();
+    measurement.name =
         fmt::format("{} block {} attempt {}", record.summary.header.key, block.attempt.station, block.attempt.number);
     for (const Item& item : block.block.items) {
-      take.readings.push_back(reading_of(item));
-      take.readings.back().block = block.attempt.station;
+      measurement.readings.push_back(reading_of(item));
+      measurement.readings.back().block = block.attempt.station;
     }
   }
-  return takes;
+  return measurements;
 }
 
 Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, const std::string& wanted,
                                                      std::size_t limit) {
   std::vector<storage::SlabRecord> records;
-  const SlabName name = slab_name(wanted);
+  const report::SlabName name = report::slab_name(wanted);
   std::optional<storage::SlabRecord> of_key;
   if (name.key) {
     auto by_key = reader.slab(*name.key);
@@ -220,8 +221,8 @@ Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, co
     if (records.size() >= limit) break;
     auto record = reader.slab(key);
     if (!record.ok()) return record.error();
-    if (!record.value() || is_open(*record.value()) || is_aborted(*record.value())) continue;
-    if (of_key && key != of_key->summary.header.key) return two_slabs(name, *of_key);
+    if (!record.value() || report::is_open(*record.value()) || report::is_aborted(*record.value())) continue;
+    if (of_key && key != of_key->summary.header.key) return report::two_slabs(name, *of_key);
     records.push_back(std::move(*record.value()));
   }
   if (of_key) {
@@ -238,10 +239,10 @@ Error no_slab_named(const std::string& wanted) {
                wanted.c_str());
 }
 
-Result<std::vector<Take>> takes_of(const CsvTable& table) {
+Result<std::vector<MeasuredOnce>> measurements_of(const CsvTable& table) {
   if (const Status good = table.expect({"item", "value"}, {"run", "block", "lower", "upper"}); !good.ok())
     return good.error();
-  std::vector<Take> takes;
+  std::vector<MeasuredOnce> measurements;
   struct First {
     std::size_t row = 0;
     Reading reading;
@@ -270,15 +271,16 @@ Result<std::vector<Take>> takes_of(const CsvTable& table) {
                    limits_text(first.reading).c_str(), limits_text(reading).c_str());
     std::string run = table.cell(row, "run");
     if (run.empty()) run = std::to_string(first.count);
-    auto take = std::find_if(takes.begin(), takes.end(), [&](const Take& t) { return t.name == run; });
-    if (take == takes.end()) take = takes.insert(takes.end(), Take{run, {}});
-    for (const Reading& other : take->readings)
+    auto measurement =
+        std::find_if(measurements.begin(), measurements.end(), [&](const MeasuredOnce& t) { return t.name == run; });
+    if (measurement == measurements.end()) measurement = measurements.insert(measurements.end(), MeasuredOnce{run, {}});
+    for (const Reading& other : measurement->readings)
       if (other.item == reading.item && other.block == reading.block)
         return error(Code::config, "%s: run %s has %s twice", table.place(row).c_str(), run.c_str(),
                      title_of(reading).c_str());
-    take->readings.push_back(std::move(reading));
+    measurement->readings.push_back(std::move(reading));
   }
-  return takes;
+  return measurements;
 }
 
 namespace {
@@ -328,14 +330,14 @@ std::vector<std::string> StudyNotes::sentences() const {
   return list;
 }
 
-void write_notes(Json& json, const StudyNotes& notes) {
+void write_notes(report::Json& json, const StudyNotes& notes) {
   json.key("same_part");
   if (notes.differs.empty()) {
     json.null();
   } else {
     json.begin_object().field("why", notes.same_part).field("differs", notes.differs).end_object();
   }
-  write_emulation(json, notes.emulated);
+  report::write_emulation(json, notes.emulated);
 }
 
 void SamePart::add_slab(const std::string& part, const SlabHeader& slab) {

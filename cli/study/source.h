@@ -54,18 +54,18 @@ using Reader = std::optional<report::Language>;
 [[nodiscard]] std::string subject_of(const Reading& reading, Reader reader);
 [[nodiscard]] std::string judgement_word(Judgement judgement, report::Language language);
 /// The judgement with its symbol and `reason`; empty if it was not judged.
-[[nodiscard]] Cell judged(Judgement judgement, const std::string& reason, Reader reader);
+[[nodiscard]] report::Cell judged(Judgement judgement, const std::string& reason, Reader reader);
 /// Sort order of items: slabd's own, then the others.
 [[nodiscard]] std::size_t rank_of(const std::string& item);
 
 /// All values of one measurement.
-struct Take {
+struct MeasuredOnce {
   std::string name;  ///< file, slab, or number of a run
   std::vector<Reading> readings;
 };
 /// Two takes with equal digits in all values (at least one) are one scan taken twice: its name, or empty. Not for
 /// tables, because with few digits values may be equal by chance.
-[[nodiscard]] std::string same_scan_twice(std::span<const Take> takes);
+[[nodiscard]] std::string same_scan_twice(std::span<const MeasuredOnce> measurements);
 
 /// Measures scan files as `slabctl inspect` does. Allocates 72 MB and the workspace once.
 class ScanMeter {
@@ -92,9 +92,9 @@ class ScanMeter {
 
 /// The valid attempts of all blocks, and the items of the slab. Items that SLAB_END computed again replace the
 /// block's.
-[[nodiscard]] Take take_of(const storage::SlabRecord& record);
+[[nodiscard]] MeasuredOnce measurement_of(const storage::SlabRecord& record);
 /// One take per attempt at a block, by station and number.
-[[nodiscard]] std::vector<Take> attempts_of(const storage::SlabRecord& record);
+[[nodiscard]] std::vector<MeasuredOnce> attempts_of(const storage::SlabRecord& record);
 /// All slabs of this name, oldest first: the one with this key, or the newest `limit` of this SLAB_ID that have ended
 /// and were not aborted. May be empty. Code::config: the name is ambiguous.
 [[nodiscard]] Result<std::vector<storage::SlabRecord>> slabs_named(storage::Reader& reader, const std::string& wanted,
@@ -104,7 +104,7 @@ class ScanMeter {
 
 /// Takes from a table: columns item, value; optional run (default: the n-th value of an item is run n), block, lower,
 /// upper. Code::config also if rows of one item and block have different limits.
-[[nodiscard]] Result<std::vector<Take>> takes_of(const CsvTable& table);
+[[nodiscard]] Result<std::vector<MeasuredOnce>> measurements_of(const CsvTable& table);
 
 // A study assumes that several measurements are of one part. Slab ids, slab types, and the block in a scan's name or
 // comment can contradict this; then the study is rejected, unless the user states a reason.
@@ -123,7 +123,7 @@ struct StudyNotes {
   [[nodiscard]] std::vector<std::string> sentences() const;
 };
 /// `same_part` (null, or why and differs), `emulated` and `emulation`.
-void write_notes(Json& json, const StudyNotes& notes);
+void write_notes(report::Json& json, const StudyNotes& notes);
 
 class SamePart {
  public:

@@ -26,7 +26,7 @@ namespace slabd::cli::study {
 void ScanOptions::add_to(args::Command& command) {
   command.add_option("--recipe", recipe, "Recipe of the slab type, to measure scans with");
   form.add_to(command);
-  threads = daemon::default_measure_threads();
+  threads = config::default_measure_threads();
   command.add_option("--threads", threads, "Threads that measure; the results are the same")
       ->check(args::range(1, 2))
       ->capture_default_str();
@@ -84,7 +84,7 @@ Stop refused(const Error& why) {
 }
 
 bool robot_is_back(std::size_t number, std::size_t count) {
-  fmt::print(stderr, "scan {} of {}: Enter when the robot stands there again\n", number, count);
+  fmt::print(stderr, "scan {} of {}: press Enter when the robot is there again\n", number, count);
   std::string line;
   return static_cast<bool>(std::getline(std::cin, line));
 }
@@ -106,8 +106,8 @@ Result<LiveShot> shoot(LiveCapture& line, const std::string& what) {
 }
 
 /// Takes all scans. nullopt on success, otherwise the reason.
-std::optional<Stop> take_all(const LiveOrder& order, const daemon::Config& config, const Pose& X, const Recipe& recipe,
-                             LiveCapture& line, std::vector<Take>& takes) {
+std::optional<Stop> take_all(const LiveOrder& order, const config::Config& config, const Pose& X, const Recipe& recipe,
+                             LiveCapture& line, std::vector<MeasuredOnce>& measurements) {
   ScanMeter meter(recipe, config.scanner.form, order.threads);
   const Pose T_block_base = (config.T_base_slab * T_slab_block(recipe, order.station)).inverse();
   for (std::size_t i = 1; i <= order.count; ++i) {
@@ -122,27 +122,27 @@ std::optional<Stop> take_all(const LiveOrder& order, const daemon::Config& confi
     if (i == 1 && std::none_of(values.begin(), values.end(), [](const Reading& r) { return has_value(r.value); }))
       return Stop{kBadInput, fmt::format("no block was found in the first scan; does the robot stand over block {}?",
                                          order.station)};
-    takes.push_back({fmt::format("scan {}", i), std::move(readings.value())});
+    measurements.push_back({fmt::format("scan {}", i), std::move(readings.value())});
   }
   return std::nullopt;
 }
 
 }  // namespace
 
-std::vector<Take> live_takes(const LiveOrder& order, const Recipe& recipe) {
-  const daemon::Config config = config_from(order.config);
+std::vector<MeasuredOnce> live_measurements(const LiveOrder& order, const Recipe& recipe) {
+  const config::Config config = config_from(order.config);
   const InForce now = hand_eye_in_force(config);
   Result<LiveCapture> line = LiveCapture::begin(
       config.control_socket, {fmt::format("study of block {}", order.station), default_operator().substr(0, 60)});
   if (!line.ok()) throw refused(line.error());
   for (const std::string& warning : line.value().warnings()) complain("warning: " + warning);
-  std::vector<Take> takes;
-  const std::optional<Stop> missed = take_all(order, config, now.T_flange_scanner, recipe, line.value(), takes);
+  std::vector<MeasuredOnce> measurements;
+  const std::optional<Stop> missed = take_all(order, config, now.T_flange_scanner, recipe, line.value(), measurements);
   if (missed) complain(missed->sentence);  // printed before the line is returned
   if (const Status ended = line.value().end(); !ended.ok())
     complain(fmt::format("warning: the line stays in maintenance until the lease ends: {}", ended.error().text.view()));
   if (missed) stop(missed->status);
-  return takes;
+  return measurements;
 }
 
 }  // namespace slabd::cli::study

@@ -11,9 +11,9 @@
 #include "cli/study/statistics.h"
 #include "cli/terminal/parse.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// The subcommands of `slabctl study`.
 namespace slabd::cli::study {
@@ -57,6 +57,6 @@ struct LiveOrder {
 /// The daemon goes to maintenance, takes the scans while the robot is at rest, and returns to idle, also after a
 /// rejected scan. No results go to the PLC or the database. Stops if the daemon is not available, a shot was rejected,
 /// or the first scan does not contain a block.
-[[nodiscard]] std::vector<Take> live_takes(const LiveOrder& order, const Recipe& recipe);
+[[nodiscard]] std::vector<MeasuredOnce> live_measurements(const LiveOrder& order, const Recipe& recipe);
 
 }  // namespace slabd::cli::study

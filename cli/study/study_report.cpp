@@ -51,7 +51,7 @@ Figure run_chart(const Characteristic& c, Language language) {
                             block_text(c.about.block, c.about.block_to));
   const int digits = decimals_of(c.about.item) + 1;
   chart.alt = fmt::format("{}: n = {}, {} {}, s {}", chart.title, c.spread.count, pick(language, "mean", "平均值"),
-                          figure(c.spread.mean, digits), figure(c.spread.std, kSmallDigits));
+                          report::figure(c.spread.mean, digits), report::figure(c.spread.std, kSmallDigits));
   chart.width_mm = kWide_mm;
   chart.height_mm = 52.0;
   chart.draw = [c, digits, language](Canvas& canvas) {
@@ -87,8 +87,8 @@ Figure block_chart(const std::vector<Characteristic>& of_item, Language language
   double worst = 0.0;
   for (const Characteristic& c : of_item)
     if (has_value(c.spread.range)) worst = std::max(worst, c.spread.range);
-  chart.alt =
-      fmt::format("{}: {} {}", chart.title, pick(language, "largest range", "最大极差"), figure(worst, kSmallDigits));
+  chart.alt = fmt::format("{}: {} {}", chart.title, pick(language, "largest range", "最大极差"),
+                          report::figure(worst, kSmallDigits));
   chart.width_mm = kWide_mm;
   chart.height_mm = 52.0;
   chart.draw = [of_item, digits](Canvas& canvas) {
@@ -139,7 +139,7 @@ Figure component_bars(const GrrItem& item, Language language) {
       const double length = kLength * percent(sigma) / largest;
       canvas.text(kLeft - 1.5, y + 4.0, name, {6.5, false, report::kBlack, report::Anchor::right});
       canvas.rectangle(kLeft, y, std::max(length, 0.1), 6.0, kChartInk);
-      canvas.text(kLeft + length + 1.0, y + 4.0, figure(percent(sigma), 1),
+      canvas.text(kLeft + length + 1.0, y + 4.0, report::figure(percent(sigma), 1),
                   {6.0, false, report::kGrey, report::Anchor::left});
       y += 9.0;
     }
@@ -227,8 +227,8 @@ Figure scatter_chart(const CompareItem& item, Language language) {
 Figure difference_chart(const CompareItem& item, Language language) {
   Figure chart;
   chart.title = pick(language, "difference, with 95 % limits of agreement", "差值与 95 % 一致性界限");
-  chart.alt =
-      fmt::format("{}: {} .. {}", chart.title, figure(item.limits.lower.value, 4), figure(item.limits.upper.value, 4));
+  chart.alt = fmt::format("{}: {} .. {}", chart.title, report::figure(item.limits.lower.value, 4),
+                          report::figure(item.limits.upper.value, 4));
   chart.width_mm = 92.0;
   chart.height_mm = 62.0;
   chart.draw = [pairs = item.pairs, limits = item.limits, mean = item.errors.mean.value,

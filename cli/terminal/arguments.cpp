@@ -3,10 +3,12 @@
 
 #include <CLI/CLI.hpp>
 
+#include <algorithm>
+#include <cctype>
 #include <cstdint>
 #include <optional>
 
-namespace slabd::args {
+namespace slabd::cli::args {
 
 Check::Check(CLI::Validator check) : check_(std::make_shared<const CLI::Validator>(std::move(check))) {}
 
@@ -16,14 +18,37 @@ Check Check::description(const std::string& words) const {
 
 template <typename Integer>
 Check range(Integer low, Integer high) {
-  return Check(CLI::Range(low, high));
+  const auto complaint = [low, high](std::string& text) {
+    Integer value{};
+    if (CLI::detail::lexical_cast(text, value) && value >= low && value <= high) return std::string();
+    return "found " + text + ", allowed is " + std::to_string(low) + " to " + std::to_string(high);
+  };
+  return Check(CLI::Validator(complaint, CLI::Range(low, high).get_description()));
 }
 template Check range(int, int);
 template Check range(std::size_t, std::size_t);
 template Check range(std::int64_t, std::int64_t);
 
 Check one_of(const std::vector<std::string>& words) {
-  return Check(CLI::IsMember(words));
+  const auto complaint = [words](std::string& text) {
+    if (std::find(words.begin(), words.end(), text) != words.end()) return std::string();
+    std::string allowed;
+    std::string meant;
+    for (const std::string& word : words) {
+      allowed += (allowed.empty() ? "" : ", ") + word;
+      const std::size_t same =
+          static_cast<std::size_t>(std::mismatch(word.begin(), word.end(), text.begin(), text.end(),
+                                                 [](char a, char b) {
+                                                   return std::tolower(static_cast<unsigned char>(a)) ==
+                                                          std::tolower(static_cast<unsigned char>(b));
+                                                 })
+                                       .first -
+                                   word.begin());
+      if (meant.empty() && same >= 3) meant = word;
+    }
+    return "found " + text + ", allowed is " + allowed + (meant.empty() ? "" : "; did you mean " + meant + "?");
+  };
+  return Check(CLI::Validator(complaint, CLI::IsMember(words).get_description()));
 }
 
 Option Option::required() {
@@ -136,4 +161,4 @@ std::size_t Command::count(const std::string& option) const {
   return command_->count(option);
 }
 
-}  // namespace slabd::args
+}  // namespace slabd::cli::args

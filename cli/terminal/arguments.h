@@ -20,7 +20,7 @@ class Validator;
 ///
 /// A Command and an Option are handles: a copy is the same command and is valid as long as the tree. The operator ->
 /// allows chains (`command->add_option(...)->required()`).
-namespace slabd::args {
+namespace slabd::cli::args {
 
 /// Validator of a value, for one option or several.
 class Check {
@@ -104,4 +104,4 @@ class Command {
   std::shared_ptr<int> exit_status_;  ///< of the whole tree
 };
 
-}  // namespace slabd::args
+}  // namespace slabd::cli::args

@@ -50,12 +50,12 @@ void TableOutput::add_to(args::Command& command, const std::string& schema) {
   command.add_flag("--html", html, "Print an HTML document on stdout")->excludes("--json").excludes("--csv");
 }
 
-void TableOutput::print(const Table& table, Json document, const std::string& name) const {
+void TableOutput::print(const report::Table& table, report::Json document, const std::string& name) const {
   if (json) {
-    write_rows(document, name, table);
+    report::write_rows(document, name, table);
     fmt::print("{}", document.text());
   } else if (csv) {
-    fmt::print("{}{}", csv_heading(table), csv_rows(table, TableFor::spreadsheet));
+    fmt::print("{}{}", report::csv_heading(table), report::csv_rows(table, report::TableFor::spreadsheet));
   } else if (html) {
     report::Report page;
     page.judged = false;
@@ -63,7 +63,7 @@ void TableOutput::print(const Table& table, Json document, const std::string& na
     page.sections.emplace_back().parts.emplace_back(table);
     fmt::print("{}", report::html(page));
   } else {
-    fmt::print("{}\n\n{}", table.title, text_of(table, style_for(stdout)));
+    fmt::print("{}\n\n{}", table.title, report::text_of(table, style_for(stdout)));
   }
 }
 

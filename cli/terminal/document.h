@@ -7,9 +7,9 @@
 #include "report/content.h"
 #include "report/table.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 namespace slabd::cli {
 
@@ -30,8 +30,6 @@ struct DocumentOptions {
   void write(const report::Report& document) const;
 };
 
-class Json;
-
 /// Output of a command with one table: terminal, --json, --csv or --html.
 struct TableOutput {
   bool json = false;
@@ -39,7 +37,7 @@ struct TableOutput {
   bool html = false;
   void add_to(args::Command& command, const std::string& schema);
   /// `document` contains the JSON fields before the rows, which are written as the list `name`.
-  void print(const Table& table, Json document, const std::string& name) const;
+  void print(const report::Table& table, report::Json document, const std::string& name) const;
 };
 
 }  // namespace slabd::cli

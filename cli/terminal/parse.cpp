@@ -185,7 +185,7 @@ void ScanFormOptions::add_to(args::Command& command) {
   args::Option of_unit =
       command.add_option("--unit", unit,
                          unit.empty() ? "Unit of the scans: mm, m or um; default: the configuration's, or mm"
-                                      : "Unit of the scans: mm, m or um; a file that says otherwise is refused");
+                                      : "Unit of the scans: mm, m or um; a file that declares another unit is refused");
   of_unit.check(args::one_of({"mm", "m", "um"}));
   if (!unit.empty()) of_unit.capture_default_str();
   command

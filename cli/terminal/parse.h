@@ -10,10 +10,10 @@
 #include "base/base.h"
 #include "hal/hal.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
 class Check;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// Parsers for values on the command line.
 namespace slabd::cli {

@@ -16,15 +16,15 @@ namespace slabd::cli {
 namespace {
 
 std::string limits_text(const Item& item) {
-  const std::string limits = limits_figure(item);
+  const std::string limits = report::limits_figure(item);
   return limits.empty() ? say("info") : limits;
 }
 
 /// The item by its key, in Chinese by its name, with unit and stations.
 std::string label_of(const Item& item, bool of_slab) {
-  std::string label = item_label(item, of_slab);
-  if (spoken() == report::Language::zh)
-    label.replace(0, info(item.id).name.size(), report::item_word(item.id, spoken()));
+  std::string label = report::item_label(item, of_slab);
+  if (language_in_use() == report::Language::zh)
+    label.replace(0, info(item.id).name.size(), report::item_word(item.id, language_in_use()));
   return label;
 }
 
@@ -36,12 +36,12 @@ bool is_doubtful(const Item& item) {
 
 }  // namespace
 
-Style style_for(std::FILE* stream) {
+report::Style style_for(std::FILE* stream) {
   const auto variable = [](const char* key) -> std::string_view {
     const char* text = std::getenv(key);
     return text == nullptr ? std::string_view{} : std::string_view(text);
   };
-  Style style;
+  report::Style style;
   style.colour = isatty(fileno(stream)) != 0 && variable("NO_COLOR").empty() && variable("TERM") != "dumb";
   for (const char* key : {"LC_ALL", "LC_CTYPE", "LANG"}) {
     const std::string_view locale = variable(key);
@@ -52,43 +52,43 @@ Style style_for(std::FILE* stream) {
   return style;
 }
 
-std::string item_table(std::span<const Item> items, Style style, bool of_slab) {
-  const auto heading = [](report::Word which) { return std::string(report::word(which, spoken())); };
-  Table table{heading(report::Word::characteristic),
-              heading(report::Word::nominal),
-              heading(report::Word::limits),
-              heading(report::Word::measured),
-              heading(report::Word::deviation),
-              "U",
-              say("conforms?"),
-              say("verdict<")};
+std::string item_table(std::span<const Item> items, report::Style style, bool of_slab) {
+  const auto heading = [](report::Word which) { return std::string(report::word(which, language_in_use())); };
+  report::Table table{heading(report::Word::characteristic),
+                      heading(report::Word::nominal),
+                      heading(report::Word::limits),
+                      heading(report::Word::measured),
+                      heading(report::Word::deviation),
+                      "U",
+                      say("conforms?"),
+                      say("verdict<")};
   for (const Item& item : items) {
-    table.add(label_of(item, of_slab), nominal_figure(item), limits_text(item), value_figure(item),
-              deviation_figure(item), U_figure(item),
+    table.add(label_of(item, of_slab), report::nominal_figure(item), limits_text(item), report::value_figure(item),
+              report::deviation_figure(item), report::U_figure(item),
               is_doubtful(item) ? fmt::format("{:.1f} %", 100.0 * conformance_probability(item)) : "",
               verdict_cell(item.verdict));
     if (const std::string_view companion = info(item.id).companion; !companion.empty() && has_value(item.companion))
-      table.add(fmt::format("  {}", companion), "", "", Cell(item.companion, 3));
+      table.add(fmt::format("  {}", companion), "", "", report::Cell(item.companion, 3));
   }
-  return text_of(table, style);
+  return report::text_of(table, style);
 }
 
 std::string budget_table(std::span<const Item> items, bool of_slab) {
-  Table table{say("U from, k = 1"), "U (k = 2)"};
+  report::Table table{say("U from, k = 1"), "U (k = 2)"};
   for (std::size_t part = 0; part < kBudgetParts; ++part)
     table.columns.emplace_back(translated(name(static_cast<BudgetPart>(part))));
   for (const Item& item : items) {
-    if (!has_budget(item) || !has_value(item.value)) continue;
-    table.add(label_of(item, of_slab), U_figure(item));
-    for (const std::string& figure : budget_figures(item)) table.rows.back().emplace_back(figure);
+    if (!report::has_budget(item) || !has_value(item.value)) continue;
+    table.add(label_of(item, of_slab), report::U_figure(item));
+    for (const std::string& figure : report::budget_figures(item)) table.rows.back().emplace_back(figure);
   }
-  return table.rows.empty() ? "" : text_of(table);
+  return table.rows.empty() ? "" : report::text_of(table);
 }
 
 std::string seat_notes(const SeatFeature& seat, double cell_mm) {
   std::string text;
   if (has_value(seat.flatness_mm)) {
-    text += say("flatness from {}", flatness_operator(cell_mm, seat, spoken()));
+    text += say("flatness from {}", report::flatness_operator(cell_mm, seat, language_in_use()));
     if (has_value(seat.flatness_noise_mm))
       text += say("; a perfectly flat seat would read {:.3f} mm with this noise", seat.flatness_noise_mm);
     text += "\n";
@@ -98,25 +98,25 @@ std::string seat_notes(const SeatFeature& seat, double cell_mm) {
   }
   const SurfaceDefect& defect = seat.defect;
   if (defect.cells > 0)
-    text +=
-        say("defect: {:.1f} mm2 {} up to {:.3f} mm at x {:.1f} mm, s {:.1f} mm ({} cells beyond {:.3f} mm)\n",
-            defect.area_mm2, word(defect.height_mm > 0.0 ? report::Word::standing_out : report::Word::sunk, spoken()),
-            std::abs(defect.height_mm), defect.x_mm, defect.s_mm, defect.cells, defect.limit_mm);
+    text += say("defect: {:.1f} mm2 {} up to {:.3f} mm at x {:.1f} mm, s {:.1f} mm ({} cells beyond {:.3f} mm)\n",
+                defect.area_mm2,
+                word(defect.height_mm > 0.0 ? report::Word::standing_out : report::Word::sunk, language_in_use()),
+                std::abs(defect.height_mm), defect.x_mm, defect.s_mm, defect.cells, defect.limit_mm);
   return text;
 }
 
 std::string surface_lines(const BlockResult& block) {
   std::string text;
   for (const SurfaceFinding& finding : block.findings)
-    text += say("finding: {}\n", report::finding_sentence(finding, spoken()));
-  if (!sentence(block.pores).empty()) text += say("pores: {}\n", report::pore_sentence(block.pores, spoken()));
-  if (const std::string refused = report::refusal_sentence(block, spoken()); !refused.empty())
+    text += say("finding: {}\n", report::finding_sentence(finding, language_in_use()));
+  if (!sentence(block.pores).empty()) text += say("pores: {}\n", report::pore_sentence(block.pores, language_in_use()));
+  if (const std::string refused = report::refusal_sentence(block, language_in_use()); !refused.empty())
     text += say("not measured: {}\n", refused);
-  const std::string edges = report::edge_sentence(block, spoken());
+  const std::string edges = report::edge_sentence(block, language_in_use());
   return edges.empty() ? text : text + say("edges: {}\n", edges);
 }
 
-std::string slab_map(std::span<const Verdict> verdicts, Style style, std::span<const std::size_t> damaged) {
+std::string slab_map(std::span<const Verdict> verdicts, report::Style style, std::span<const std::size_t> damaged) {
   const std::size_t pairs = verdicts.size() / 2;
   const auto numbers = [&](bool left) {
     std::string line = "         ";
@@ -131,8 +131,8 @@ std::string slab_map(std::span<const Verdict> verdicts, Style style, std::span<c
       const std::size_t i = left ? column : 2 * pairs - column - 1;
       const Verdict verdict = verdicts[i];
       // The count replaces blanks before the next symbol.
-      line += std::string(3 - std::min<std::size_t>(3, display_width(behind)), ' ').insert(0, behind);
-      line += coloured(symbol(verdict, style), verdict, style);
+      line += std::string(3 - std::min<std::size_t>(3, report::display_width(behind)), ' ').insert(0, behind);
+      line += report::coloured(report::symbol(verdict, style), verdict, style);
       behind = i < damaged.size() && damaged[i] > 0 ? fmt::format("!{}", std::min<std::size_t>(damaged[i], 9)) : "";
     }
     return line + behind + "\n";
@@ -140,27 +140,27 @@ std::string slab_map(std::span<const Verdict> verdicts, Style style, std::span<c
   return numbers(true) + marks(true) + marks(false) + numbers(false);
 }
 
-std::string map_legend(Style style) {
+std::string map_legend(report::Style style) {
   std::string line = "  ";
   for (const Verdict verdict :
        {Verdict::pass, Verdict::fail, Verdict::indeterminate, Verdict::not_measured, Verdict::none})
-    line += fmt::format("{} {}   ", symbol(verdict, style), verdict_name(verdict));
+    line += fmt::format("{} {}   ", report::symbol(verdict, style), verdict_name(verdict));
   line.erase(line.find_last_not_of(' ') + 1);
   return line + "\n";
 }
 
-std::string verdict_words(Verdict verdict, Style style) {
-  return cell_text(verdict_cell(verdict), style);
+std::string verdict_words(Verdict verdict, report::Style style) {
+  return report::cell_text(verdict_cell(verdict), style);
 }
 
-Cell verdict_cell(Verdict verdict) {
+report::Cell verdict_cell(Verdict verdict) {
   return {verdict, verdict_name(verdict)};
 }
 
 std::string reason_words(std::uint16_t reason) {
   if (reason == 0) return "";
-  if (spoken() == report::Language::zh) {
-    const std::string words = report::reason_sentence(reason, spoken());
+  if (language_in_use() == report::Language::zh) {
+    const std::string words = report::reason_sentence(reason, language_in_use());
     const std::string number = fmt::format("{}：", reason);
     return words.starts_with(number) ? words : number + words;
   }
@@ -172,7 +172,7 @@ std::string reason_words(std::uint16_t reason) {
 
 std::string reason_text(std::uint16_t reason) {
   if (reason == 0 || reason >= kReasonItemBase) return reason_words(reason);
-  return say("{}; {}", reason_words(reason), report::cure_words(static_cast<Code>(reason), spoken()));
+  return say("{}; {}", reason_words(reason), report::cure_words(static_cast<Code>(reason), language_in_use()));
 }
 
 }  // namespace slabd::cli

@@ -16,11 +16,11 @@
 namespace slabd::cli {
 
 /// Colour on a terminal unless NO_COLOR is set or TERM is dumb; symbols beyond ASCII if the locale is UTF-8.
-[[nodiscard]] Style style_for(std::FILE* stream);
+[[nodiscard]] report::Style style_for(std::FILE* stream);
 
 /// characteristic, nominal, limits, measured, deviation, U, verdict; items `of_slab` name their stations. If the
 /// conformance of a value is neither certain nor impossible, a column contains its probability.
-[[nodiscard]] std::string item_table(std::span<const Item> items, Style style, bool of_slab = false);
+[[nodiscard]] std::string item_table(std::span<const Item> items, report::Style style, bool of_slab = false);
 
 /// A line for each item with a budget: U (k = 2) and its parts (k = 1). Empty if there are none.
 [[nodiscard]] std::string budget_table(std::span<const Item> items, bool of_slab);
@@ -36,15 +36,15 @@ namespace slabd::cli {
 /// The blocks on the slab as seen from above: row Y > 0 above row Y < 0, X to the right. `verdicts` has one entry per
 /// station, [station - 1], an even number. `damaged` has the number of findings that are not small pores, in the same
 /// order; it is shown after the symbol. Empty: unknown.
-[[nodiscard]] std::string slab_map(std::span<const Verdict> verdicts, Style style,
+[[nodiscard]] std::string slab_map(std::span<const Verdict> verdicts, report::Style style,
                                    std::span<const std::size_t> damaged = {});
 /// One line with the symbols of the map and their words.
-[[nodiscard]] std::string map_legend(Style style);
+[[nodiscard]] std::string map_legend(report::Style style);
 
 /// Symbol and word of a verdict in the chosen language, coloured: "✓ pass".
-[[nodiscard]] std::string verdict_words(Verdict verdict, Style style);
+[[nodiscard]] std::string verdict_words(Verdict verdict, report::Style style);
 /// The same as a cell of a table.
-[[nodiscard]] Cell verdict_cell(Verdict verdict);
+[[nodiscard]] report::Cell verdict_cell(Verdict verdict);
 
 /// REASON as text: "605: casing_spacing" or "402: no supporting block was found ...; <cure>".
 [[nodiscard]] std::string reason_text(std::uint16_t reason);

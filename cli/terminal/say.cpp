@@ -13,7 +13,7 @@ namespace {
 
 using report::Language;
 
-Language g_spoken = Language::en;
+Language g_language_in_use = Language::en;
 
 }  // namespace
 
@@ -30,44 +30,44 @@ Language LanguageOption::chosen() const {
   return name == "zh" ? Language::zh : Language::en;
 }
 
-void speak(const LanguageOption& option, bool as_json) {
+void set_language(const LanguageOption& option, bool as_json) {
   const Language chosen = option.chosen();
-  g_spoken = as_json ? Language::en : chosen;
+  g_language_in_use = as_json ? Language::en : chosen;
 }
 
-Language spoken() {
-  return g_spoken;
+Language language_in_use() {
+  return g_language_in_use;
 }
 
 std::string_view translated(std::string_view english) {
-  return report::translated(spoken(), english);
+  return report::translated(language_in_use(), english);
 }
 
 std::string quote(std::string_view text) {
-  if (spoken() == Language::en) return std::string(text);
+  if (language_in_use() == Language::en) return std::string(text);
   return report::retold(text).value_or(text.empty() ? "" : fmt::format("“{}”", text));
 }
 
 std::string retold(std::string_view text) {
-  if (spoken() == Language::en) return std::string(text);
+  if (language_in_use() == Language::en) return std::string(text);
   return report::retold(text).value_or(std::string(text));
 }
 
 std::string code_text(Code code, std::string_view text) {
-  if (spoken() == Language::en) return std::string(text);
+  if (language_in_use() == Language::en) return std::string(text);
   const std::string_view english = describe(code);
   if (text.starts_with(english)) text.remove_prefix(english.size());
   if (text.starts_with(": ")) text.remove_prefix(2);
-  const std::string_view meaning = report::meaning(code, spoken());
+  const std::string_view meaning = report::meaning(code, language_in_use());
   return text.empty() || text == "-" ? std::string(meaning) : fmt::format("{}：{}", meaning, quote(text));
 }
 
 std::string code_cure(Code code, std::string_view text) {
-  return text == cure(code) ? std::string(report::cure_words(code, spoken())) : quote(text);
+  return text == cure(code) ? std::string(report::cure_words(code, language_in_use())) : quote(text);
 }
 
 std::string_view verdict_name(Verdict verdict) {
-  return spoken() == Language::zh ? report::verdict_word(verdict, spoken()) : name(verdict);
+  return language_in_use() == Language::zh ? report::verdict_word(verdict, language_in_use()) : name(verdict);
 }
 
 Error said_error(Code code, const std::string& text) {

@@ -8,9 +8,9 @@
 #include "base/result.h"
 #include "report/say.h"
 
-namespace slabd::args {
+namespace slabd::cli::args {
 class Command;
-}  // namespace slabd::args
+}  // namespace slabd::cli::args
 
 /// Texts of slabctl in the chosen language (report/say.h). A process runs one command, which chooses the language
 /// before its first text; without a choice it is English.
@@ -27,12 +27,12 @@ struct LanguageOption {
 };
 
 /// Chooses the language of this process's texts. JSON is the same in all languages.
-void speak(const LanguageOption& option, bool as_json = false);
-[[nodiscard]] report::Language spoken();
+void set_language(const LanguageOption& option, bool as_json = false);
+[[nodiscard]] report::Language language_in_use();
 
 template <typename... T>
-[[nodiscard]] std::string say(report::SaidText<std::type_identity_t<T>...> text, const T&... values) {
-  return report::say(spoken(), text, values...);
+[[nodiscard]] std::string say(report::CatalogueText<std::type_identity_t<T>...> text, const T&... values) {
+  return report::say(language_in_use(), text, values...);
 }
 /// The translation of a text that is not a literal.
 [[nodiscard]] std::string_view translated(std::string_view english);

@@ -95,8 +95,9 @@ report::Figure multi_vari_figure(const Trend& trend, Language language) {
   result.alt = result.title + ":";
   for (const auto& [station, thirds] : bars)
     result.alt +=
-        fmt::format(" {}: {} / {} / {};", station, figure(thirds[0].mean(), decimals(trend.item)),
-                    figure(thirds[1].mean(), decimals(trend.item)), figure(thirds[2].mean(), decimals(trend.item)));
+        fmt::format(" {}: {} / {} / {};", station, report::figure(thirds[0].mean(), report::decimals(trend.item)),
+                    report::figure(thirds[1].mean(), report::decimals(trend.item)),
+                    report::figure(thirds[2].mean(), report::decimals(trend.item)));
   std::string variance;
   if (has_value(sources.rest))
     variance = fmt::format(
@@ -122,7 +123,7 @@ report::Figure multi_vari_figure(const Trend& trend, Language language) {
     chart.include_x(static_cast<double>(bars.size()) + 0.5);
     chart.settle();
     chart.frame(canvas);
-    chart.scales(canvas, -1, decimals(trend.item));
+    chart.scales(canvas, -1, report::decimals(trend.item));
     chart.level(canvas, trend.lower, pick(language, "lower limit", "下限"), study::kChartLimit, false);
     chart.level(canvas, trend.upper, pick(language, "upper limit", "上限"), study::kChartLimit, false);
     double place = 0.0;

@@ -61,7 +61,7 @@ std::string_view name(ValueIs value_is) {
 }
 
 /// Fields that a trend and a row of the capability table share.
-void write_judgement(Json& json, const Trend& t) {
+void write_judgement(report::Json& json, const Trend& t) {
   json.field("slabs", t.chart.count).field("not_measured", t.not_measured);
   json.field("preliminary", t.chart.preliminary()).field("other_limits", t.other_limits);
   json.field("incomplete_slabs", t.incomplete).field("nominal", t.nominal).field("lower", t.lower);
@@ -73,13 +73,14 @@ void write_judgement(Json& json, const Trend& t) {
   json.field("outside", t.whole.outside.count).field("outside_share", t.whole.outside.share).end_object();
   json.field("signals", t.signals()).field("judgement", study::name(t.judgement));
   const std::string reason = trend::judgement_reason(t, report::Language::en);
-  json.field("judgement_reason", only_if(!reason.empty(), reason));
+  json.field("judgement_reason", report::only_if(!reason.empty(), reason));
 }
 
 std::string as_json(const Trend& t) {
-  Json json("slabd.trend/1");
+  report::Json json("slabd.trend/1");
   json.field("item", info(t.item).name).field("unit", info(t.item).unit);
-  json.field("slab_type", only_if(t.slab_type != 0, t.slab_type)).field("block", only_if(t.block != 0, t.block));
+  json.field("slab_type", report::only_if(t.slab_type != 0, t.slab_type))
+      .field("block", report::only_if(t.block != 0, t.block));
   json.field("value_is", name(t.value_is));
   json.field("emulated", t.emulated != 0).field("other_emulation", t.other_emulation);
   write_judgement(json, t);
@@ -89,13 +90,13 @@ std::string as_json(const Trend& t) {
   json.field("range_control", t.chart.range_control).end_object();
   json.list("series", t.points, [&](const Point& point) {
     json.field("key", point.key).field("slab_id", point.id);
-    write_time(json, "began", point.began_utime_us);
+    report::write_time(json, "began", point.began_utime_us);
     json.field("value", point.value).field("signal", name(point.signal)).field("measured", point.blocks);
     json.field("lowest", point.lowest).field("highest", point.highest).field("outside", point.outside);
   });
   json.list("outside", t.outside, [&](const trend::OutsideValue& value) {
     json.field("key", value.key).field("slab_id", value.id).field("station", value.item.station);
-    json.field("station_to", only_if(value.item.station_to != 0, value.item.station_to));
+    json.field("station_to", report::only_if(value.item.station_to != 0, value.item.station_to));
     json.field("value", value.item.value).field("verdict", value.item.verdict);
   });
   json.list("stations", t.stations, [&](const StationBias& s) {
@@ -107,9 +108,9 @@ std::string as_json(const Trend& t) {
 }
 
 std::string as_json(const std::vector<Trend>& trends) {
-  Json json("slabd.capability/1");
+  report::Json json("slabd.capability/1");
   const int slab_type = trends.empty() ? 0 : trends.front().slab_type;
-  json.field("slab_type", only_if(slab_type != 0, slab_type));
+  json.field("slab_type", report::only_if(slab_type != 0, slab_type));
   json.field("emulated", std::any_of(trends.begin(), trends.end(), [](const Trend& t) { return t.emulated != 0; }));
   json.list("items", trends, [&](const Trend& t) {
     json.field("item", info(t.item).name).field("unit", info(t.item).unit);
@@ -119,7 +120,7 @@ std::string as_json(const std::vector<Trend>& trends) {
 }
 
 /// Preliminary figures are printed faint.
-std::string faint(std::string text, bool yes, Style style) {
+std::string faint(std::string text, bool yes, report::Style style) {
   return yes && style.colour ? "\x1b[2m" + text + "\x1b[0m" : text;
 }
 
@@ -149,8 +150,8 @@ std::string trend_text(const Trend& t, bool other_types) {
   constexpr std::size_t kOutsideShown = 10;
   constexpr auto kLanguage = report::Language::en;
   std::string text;
-  const Style style = style_for(stdout);
-  const int digits = decimals(t.item);
+  const report::Style style = style_for(stdout);
+  const int digits = report::decimals(t.item);
   text += fmt::format("{} [{}]{}, {} slabs{}", info(t.item).name, slabd::name(info(t.item).unit),
                       t.block != 0                     ? fmt::format(" of block {}", t.block)
                       : t.value_is == ValueIs::mean    ? ", mean of each slab"
@@ -162,22 +163,23 @@ std::string trend_text(const Trend& t, bool other_types) {
   if (t.incomplete > 0)
     text += fmt::format("{} slabs in the chart without a value, because that of a block is missing\n", t.incomplete);
   if (t.points.empty()) return text;
-  text +=
-      fmt::format("{} .. {}\n\n", iso_time(t.points.front().began_utime_us), iso_time(t.points.back().began_utime_us));
+  text += fmt::format("{} .. {}\n\n", report::iso_time(t.points.front().began_utime_us),
+                      report::iso_time(t.points.back().began_utime_us));
   std::vector<double> series;
   for (const Point& point : t.points) series.push_back(point.value);
   text += fmt::format("  {}\n\n", trend::sparkline(series, 72, style.unicode));
   const bool few = t.chart.preliminary();
   if (t.judgement != study::Judgement::not_judged)
-    text += fmt::format("{} {}\noutside the limits {}\n", symbol(study::as_verdict(t.judgement), style),
+    text += fmt::format("{} {}\noutside the limits {}\n", report::symbol(study::as_verdict(t.judgement), style),
                         trend::judgement_text(t, kLanguage), trend::outside_text(t, kLanguage));
   text += lines_text("values outside the limits", trend::outside_lines(t, kOutsideShown, kLanguage));
   text +=
       faint(fmt::format(
                 "mean {}   nominal {}   limits {} .. {}\ncontrol limits {} .. {}   sigma {} short-term, {} long-term\n",
-                figure(t.chart.mean, digits), figure(t.nominal, digits), figure(t.lower, digits),
-                figure(t.upper, digits), figure(t.chart.lower_control, digits), figure(t.chart.upper_control, digits),
-                figure(t.chart.sigma, digits), figure(t.chart.std, digits)),
+                report::figure(t.chart.mean, digits), report::figure(t.nominal, digits),
+                report::figure(t.lower, digits), report::figure(t.upper, digits),
+                report::figure(t.chart.lower_control, digits), report::figure(t.chart.upper_control, digits),
+                report::figure(t.chart.sigma, digits), report::figure(t.chart.std, digits)),
             few, style);
   if (few) {
     text += fmt::format("preliminary: {} slabs of {}; no capability, no signals before that\n", t.chart.count,
@@ -194,8 +196,8 @@ std::string trend_text(const Trend& t, bool other_types) {
     text += lines_text("signals", trend::signal_lines(t, kLanguage));
   }
   if (t.stations.empty()) return text;
-  const Table stations = trend::stations_table(t, kLanguage);
-  return text + fmt::format("\n{}\n{}", stations.title, faint(text_of(stations, style), few, style));
+  const report::Table stations = trend::stations_table(t, kLanguage);
+  return text + fmt::format("\n{}\n{}", stations.title, faint(report::text_of(stations, style), few, style));
 }
 
 ItemId item_named(const std::string& wanted) {
@@ -246,9 +248,9 @@ int show_capability(const Options& options) {
   }
   if (trends.empty()) fmt::print("no values\n");
   if (trends.empty()) return kDone;
-  const Table table = trend::capability_table(trends, report::Language::en);
+  const report::Table table = trend::capability_table(trends, report::Language::en);
   fmt::print("{} of slab type {}\n{}\n{}\n{}\n{}", table.title, trends.front().slab_type,
-             left_out_text(trends.front(), false), text_of(table, style_for(stdout)),
+             left_out_text(trends.front(), false), report::text_of(table, style_for(stdout)),
              lines_text("reasons", trend::reason_lines(trends, report::Language::en)),
              "`slabctl trend ITEM` shows one characteristic: its chart, its signals, the values outside the limits\n");
   return kDone;

@@ -83,44 +83,44 @@ std::vector<std::string> outside_lines(const Trend& trend, std::size_t lines_max
   for (auto value = trend.outside.rbegin(); value != trend.outside.rend() && lines.size() < lines_max; ++value)
     lines.push_back(fmt::format("{} {} \"{}\", {}: {} ({})", report::word(report::Word::slab_word, language),
                                 value->key, value->id.view(), place_words(value->item, language),
-                                value_figure(value->item), limits_figure(value->item)));
+                                report::value_figure(value->item), report::limits_figure(value->item)));
   if (trend.outside.size() > lines.size())
     lines.push_back(
         fmt::format(fmt::runtime(pick(language, "and {} more", "另有 {} 个")), trend.outside.size() - lines.size()));
   return lines;
 }
 
-Table stations_table(const Trend& trend, Language language) {
-  const int digits = decimals(trend.item);
-  Table table{pick(language, "station", "检测位"),
-              pick(language, "slabs", "板数"),
-              pick(language, "bias", "偏倚"),
-              "+-2s",
-              pick(language, "drift", "漂移"),
-              "+-2s",
-              "<"};
+report::Table stations_table(const Trend& trend, Language language) {
+  const int digits = report::decimals(trend.item);
+  report::Table table{pick(language, "station", "检测位"),
+                      pick(language, "slabs", "板数"),
+                      pick(language, "bias", "偏倚"),
+                      "+-2s",
+                      pick(language, "drift", "漂移"),
+                      "+-2s",
+                      "<"};
   table.title = pick(language, "Each station against the others of its slab", "各检测位与同板其他检测位之差");
   for (const StationBias& s : trend.stations)
-    table.add(s.station, s.slabs, Cell(s.bias, digits), Cell(2.0 * s.bias_sigma, digits), Cell(s.drift, digits),
-              Cell(2.0 * s.drift_sigma, digits),
-              s.drifting() ? Cell(Verdict::indeterminate, pick(language, "drifts", "漂移"))
+    table.add(s.station, s.slabs, report::Cell(s.bias, digits), report::Cell(2.0 * s.bias_sigma, digits),
+              report::Cell(s.drift, digits), report::Cell(2.0 * s.drift_sigma, digits),
+              s.drifting() ? report::Cell(Verdict::indeterminate, pick(language, "drifts", "漂移"))
               : s.biased() ? pick(language, "biased", "偏倚")
                            : "");
   return table;
 }
 
-Table capability_table(const std::vector<Trend>& trends, Language language) {
-  Table table{pick(language, "characteristic", "检测项目") + "<",
-              pick(language, "limits", "限值"),
-              pick(language, "outside", "超限"),
-              pick(language, "at most %", "至多 %"),
-              "Cp",
-              "Cpk",
-              "Pp",
-              "Ppk",
-              pick(language, "distribution", "分布") + "<",
-              pick(language, "signals", "信号"),
-              pick(language, "judgement", "判定") + "<"};
+report::Table capability_table(const std::vector<Trend>& trends, Language language) {
+  report::Table table{pick(language, "characteristic", "检测项目") + "<",
+                      pick(language, "limits", "限值"),
+                      pick(language, "outside", "超限"),
+                      pick(language, "at most %", "至多 %"),
+                      "Cp",
+                      "Cpk",
+                      "Pp",
+                      "Ppk",
+                      pick(language, "distribution", "分布") + "<",
+                      pick(language, "signals", "信号"),
+                      pick(language, "judgement", "判定") + "<"};
   table.title = pick(language, "Capability of all characteristics", "各检测项目的过程能力");
   for (const Trend& trend : trends) {
     Item limits;
@@ -129,12 +129,13 @@ Table capability_table(const std::vector<Trend>& trends, Language language) {
     limits.upper = trend.upper;
     const study::Estimate& share = trend.whole.outside.share;
     table.add(fmt::format("{} [{}]", report::item_word(trend.item, language), name(info(trend.item).unit)),
-              limits_figure(limits),
+              report::limits_figure(limits),
               has_value(share.value) ? fmt::format("{} / {}", trend.outside.size(), trend.values) : "-",
-              Cell(100.0 * share.high, 2), Cell(trend.capable.cp.value, 2), Cell(trend.capable.cpk.value, 2),
-              Cell(trend.whole.pp.value, 2), Cell(trend.whole.ppk.value, 2), model_text(trend.whole, language),
+              report::Cell(100.0 * share.high, 2), report::Cell(trend.capable.cp.value, 2),
+              report::Cell(trend.capable.cpk.value, 2), report::Cell(trend.whole.pp.value, 2),
+              report::Cell(trend.whole.ppk.value, 2), model_text(trend.whole, language),
               fmt::format("{} / {}", trend.signals(), trend.chart.count),
-              Cell(study::as_verdict(trend.judgement), judgement_word(trend.judgement, language)));
+              report::Cell(study::as_verdict(trend.judgement), judgement_word(trend.judgement, language)));
   }
   return table;
 }
@@ -150,12 +151,13 @@ report::Report empty_document(std::uint8_t emulated, Language language) {
   return document;
 }
 
-Table figures_table(const Trend& trend, Language language) {
-  const int digits = decimals(trend.item);
-  Table figures{pick(language, "figure", "名称"), pick(language, "value", "数值") + "<"};
+report::Table figures_table(const Trend& trend, Language language) {
+  const int digits = report::decimals(trend.item);
+  report::Table figures{pick(language, "figure", "名称"), pick(language, "value", "数值") + "<"};
   figures.title = pick(language, "Figures", "统计值");
-  const auto add = [&](const std::string& key, const Cell& value) { figures.add(key, value); };
-  add(pick(language, "judgement", "判定"), Cell(study::as_verdict(trend.judgement), judgement_text(trend, language)));
+  const auto add = [&](const std::string& key, const report::Cell& value) { figures.add(key, value); };
+  add(pick(language, "judgement", "判定"),
+      report::Cell(study::as_verdict(trend.judgement), judgement_text(trend, language)));
   add(pick(language, "values outside the limits (95 %)", "超出限值的数值 (95 %)"), outside_text(trend, language));
   add(pick(language, "slabs", "板数"), trend.chart.count);
   add(pick(language, "values not measured", "未测量"), trend.not_measured);
@@ -164,11 +166,12 @@ Table figures_table(const Trend& trend, Language language) {
   if (trend.value_is != ValueIs::single)
     add(pick(language, "slabs without a value in the chart, a block's value missing", "图中无数值：缺少承轨台数值的板"),
         trend.incomplete);
-  add(pick(language, "mean", "平均值"), figure(trend.chart.mean, digits));
+  add(pick(language, "mean", "平均值"), report::figure(trend.chart.mean, digits));
   add(pick(language, "control limits", "控制限"),
-      fmt::format("{} .. {}", figure(trend.chart.lower_control, digits), figure(trend.chart.upper_control, digits)));
+      fmt::format("{} .. {}", report::figure(trend.chart.lower_control, digits),
+                  report::figure(trend.chart.upper_control, digits)));
   add(pick(language, "limits", "限值"),
-      fmt::format("{} .. {}", figure(trend.lower, digits), figure(trend.upper, digits)));
+      fmt::format("{} .. {}", report::figure(trend.lower, digits), report::figure(trend.upper, digits)));
   const std::string few =
       trend.chart.preliminary()
           ? fmt::format(fmt::runtime(pick(language, "not before {} slabs", "至少需要 {} 块板")), kValuesMin)

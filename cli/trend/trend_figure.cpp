@@ -57,7 +57,7 @@ class Levels {
 
   void add(double value, const std::string& label, Colour colour, bool dashed) {
     if (!has_value(value) || value < panel_.low || value > panel_.high) return;
-    list_.push_back({panel_.y(value), fmt::format("{} {}", label, figure(value, digits_)), colour, dashed});
+    list_.push_back({panel_.y(value), fmt::format("{} {}", label, report::figure(value, digits_)), colour, dashed});
   }
   void draw() {
     constexpr double kStep_mm = 2.3;
@@ -240,7 +240,7 @@ void draw_legend(Canvas& canvas, const Trend& trend, Colour ink, Language langua
 
 report::Figure chart_figure(const Trend& trend, Language language) {
   report::Figure result;
-  const int digits = decimals(trend.item);
+  const int digits = report::decimals(trend.item);
   result.width_mm = 180.0;
   result.height_mm = 116.0;
   result.title = fmt::format("{} [{}]", report::item_word(trend.item, language), name(info(trend.item).unit));
@@ -253,7 +253,7 @@ report::Figure chart_figure(const Trend& trend, Language language) {
   if (trend.slab_type != 0)
     result.title += fmt::format(", {} {}", report::word(report::Word::slab_type, language), trend.slab_type);
   result.alt = fmt::format("{}: n = {}, {} {}; {}", result.title, trend.chart.count, pick(language, "mean", "平均值"),
-                           figure(trend.chart.mean, digits), judgement_text(trend, language));
+                           report::figure(trend.chart.mean, digits), judgement_text(trend, language));
   result.draw = [&trend, language, digits](Canvas& canvas) {
     if (trend.points.empty()) {
       canvas.text(2.0, 10.0, pick(language, "no values", "没有数据"), {9.0, false, report::kGrey, Anchor::left});
@@ -265,7 +265,7 @@ report::Figure chart_figure(const Trend& trend, Language language) {
     const TextStyle small{6.0, false, report::kGrey, Anchor::left};
     TextStyle right = small;
     right.anchor = Anchor::right;
-    const auto name_of = [](const Point& p) { return fmt::format("{} {}", p.key, iso_time(p.began_utime_us)); };
+    const auto name_of = [](const Point& p) { return fmt::format("{} {}", p.key, report::iso_time(p.began_utime_us)); };
     canvas.text(Panel::kLeft, 99.5, name_of(trend.points.front()), small);
     canvas.text(Panel::kLeft + Panel::kWidth, 99.5, name_of(trend.points.back()), right);
     draw_legend(canvas, trend, ink, language);

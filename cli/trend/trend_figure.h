@@ -15,9 +15,9 @@ namespace slabd::cli::trend {
 /// limits, because a mean hides them.
 [[nodiscard]] report::Figure chart_figure(const Trend& trend, report::Language language);
 /// Bias of every station from the others of its slab; empty if there is one station only.
-[[nodiscard]] Table stations_table(const Trend& trend, report::Language language);
+[[nodiscard]] report::Table stations_table(const Trend& trend, report::Language language);
 /// One row for each characteristic: limits, share outside, indices, distribution, stability, judgement.
-[[nodiscard]] Table capability_table(const std::vector<Trend>& trends, report::Language language);
+[[nodiscard]] report::Table capability_table(const std::vector<Trend>& trends, report::Language language);
 
 /// The chart and its figures as a document.
 [[nodiscard]] report::Report document_of(const Trend& trend, report::Language language);

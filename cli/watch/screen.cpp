@@ -49,12 +49,12 @@ std::string_view colour_of(Verdict verdict) {
 
 /// The beginning of `text` that fits.
 std::string cut(const std::string& text, std::size_t columns) {
-  if (display_width(text) <= columns) return text;
+  if (report::display_width(text) <= columns) return text;
   std::string out;
   for (std::size_t at = 0; at < text.size();) {
     std::size_t end = at + 1;
     while (end < text.size() && (static_cast<unsigned char>(text[end]) & 0xC0U) == 0x80U) ++end;
-    if (display_width(out) + display_width(text.substr(at, end - at)) > columns) break;
+    if (report::display_width(out) + report::display_width(text.substr(at, end - at)) > columns) break;
     out += text.substr(at, end - at);
     at = end;
   }
@@ -62,14 +62,14 @@ std::string cut(const std::string& text, std::size_t columns) {
 }
 
 std::string padded(std::string text, std::size_t columns) {
-  const std::size_t width = display_width(text);
+  const std::size_t width = report::display_width(text);
   if (width < columns) text.append(columns - width, ' ');
   return cut(text, columns);
 }
 
 class Composer {
  public:
-  Composer(const Picture& picture, std::size_t columns, std::size_t rows, Style style, Language language)
+  Composer(const Picture& picture, std::size_t columns, std::size_t rows, report::Style style, Language language)
       : p_(picture),
         columns_(columns),
         rows_(rows),
@@ -110,10 +110,10 @@ class Composer {
     std::size_t left = columns_;
     for (const Piece& piece : line) {
       const std::string text = cut(piece.text, left);
-      left -= std::min(left, display_width(text));
+      left -= std::min(left, report::display_width(text));
       // Data that may be outdated is not coloured.
       const std::string_view sgr = p_.stale() && piece.sgr != kInverse ? kFaint : piece.sgr;
-      out += sgr.empty() ? text : coloured(text, sgr, style_);
+      out += sgr.empty() ? text : report::coloured(text, sgr, style_);
     }
     return out;
   }
@@ -180,13 +180,14 @@ class Composer {
     } else {
       const std::size_t rows = rows_ >= 30 ? 3 : 1;
       for (std::size_t row = 0; row < rows; ++row)
-        add({{row == rows / 2 ? centred(fmt::format("{} {}", symbol(p_.verdict, style_), word)) : padded("", columns_),
+        add({{row == rows / 2 ? centred(fmt::format("{} {}", report::symbol(p_.verdict, style_), word))
+                              : padded("", columns_),
               band_}});
     }
     if (!is_narrow()) add({});
   }
   [[nodiscard]] std::string centred(const std::string& text) const {
-    const std::size_t width = display_width(text);
+    const std::size_t width = report::display_width(text);
     const std::size_t left = width < columns_ ? (columns_ - width) / 2 : 0;
     return padded(std::string(left, ' ') + text, columns_);
   }
@@ -198,14 +199,14 @@ class Composer {
       for (std::size_t i = 0; i < p_.stations.size(); ++i)
         if (p_.stations[i] == verdict) stations.push_back(static_cast<int>(i + 1));
       if (!stations.empty())
-        add_broken(fmt::format(" {} {}: {}", symbol(verdict, style_), verdict_word(verdict, language_),
+        add_broken(fmt::format(" {} {}: {}", report::symbol(verdict, style_), verdict_word(verdict, language_),
                                report::ranges_text(stations)),
                    colour_of(verdict), 2);
     }
     const auto passed = std::count(p_.stations.begin(), p_.stations.end(), Verdict::pass);
     if (!p_.stations.empty())
-      add({{fmt::format(" {} {}: {} / {}", symbol(Verdict::pass, style_), verdict_word(Verdict::pass, language_),
-                        passed, p_.stations.size()),
+      add({{fmt::format(" {} {}: {} / {}", report::symbol(Verdict::pass, style_),
+                        verdict_word(Verdict::pass, language_), passed, p_.stations.size()),
             kGreen}});
   }
 
@@ -214,7 +215,7 @@ class Composer {
     const std::size_t lines_max = rows_ >= 50 ? 12 : is_tall() ? 6 : 3;
     const std::size_t shown = p_.findings.size() > lines_max ? lines_max - 1 : p_.findings.size();
     for (std::size_t i = 0; i < shown; ++i)
-      add_broken(fmt::format(" {} {}", symbol(p_.findings[i].first, style_), p_.findings[i].second),
+      add_broken(fmt::format(" {} {}", report::symbol(p_.findings[i].first, style_), p_.findings[i].second),
                  colour_of(p_.findings[i].first), is_narrow() ? 3 : 1);
     if (shown < p_.findings.size())
       add({{fmt::format("   {} {}", say("more findings:", "其他问题："), p_.findings.size() - shown), kFaint}});
@@ -248,7 +249,8 @@ class Composer {
           const bool now = p_.current_station == static_cast<int>(station);
           std::string text;
           if (!tall || row == 1)
-            text = fmt::format("{}{:>2} {}{}", now ? '[' : ' ', station, symbol(verdict, style_), now ? ']' : ' ');
+            text =
+                fmt::format("{}{:>2} {}{}", now ? '[' : ' ', station, report::symbol(verdict, style_), now ? ']' : ' ');
           else if (row == 2 && verdict != Verdict::none)
             text = " " + std::string(verdict_word(verdict, language_));
           line.push_back({padded(std::move(text), tile), !p_.past_trouble.empty() ? kFaint
@@ -260,8 +262,8 @@ class Composer {
     }
     Line legend = {{"        ", {}}};
     for (const Verdict verdict : {Verdict::pass, Verdict::fail, Verdict::indeterminate, Verdict::not_measured})
-      legend.push_back(
-          {fmt::format("{} {}   ", symbol(verdict, style_), verdict_word(verdict, language_)), colour_of(verdict)});
+      legend.push_back({fmt::format("{} {}   ", report::symbol(verdict, style_), verdict_word(verdict, language_)),
+                        colour_of(verdict)});
     add(std::move(legend));
     add({});
   }
@@ -281,14 +283,15 @@ class Composer {
     for (const LinkState& state : p_.links) {
       Line line = {
           {padded(" " + name_of(state.link), 14), {}},
-          {padded(fmt::format("{} {}", symbol(state.ok ? Verdict::pass : Verdict::fail, style_), state.word), 16),
+          {padded(fmt::format("{} {}", report::symbol(state.ok ? Verdict::pass : Verdict::fail, style_), state.word),
+                  16),
            state.ok ? kGreen : kRed}};
       if (!is_narrow())
         line.push_back({padded(fmt::format("{}{}", state.at_least ? say("for > ", "已 > ") : say("for ", "已 "),
                                            age_text(state.for_s, language_)),
                                14),
                         kFaint});
-      const bool fits = 44 + 3 + display_width(state.cure) <= columns_;
+      const bool fits = 44 + 3 + report::display_width(state.cure) <= columns_;
       const bool has_cure = !state.ok && !state.cure.empty();
       if (has_cure && fits) line.push_back({"-> " + state.cure, kBold});
       add(std::move(line));
@@ -315,9 +318,10 @@ class Composer {
   void past() {
     for (const PastSlab& slab : p_.past) {
       if (lines_.size() + 1 >= rows_) break;
-      const std::string verdict = slab.verdict == Verdict::none ? say(". open", ". 未结束")
-                                                                : fmt::format("{} {}", symbol(slab.verdict, style_),
-                                                                              verdict_word(slab.verdict, language_));
+      const std::string verdict =
+          slab.verdict == Verdict::none
+              ? say(". open", ". 未结束")
+              : fmt::format("{} {}", report::symbol(slab.verdict, style_), verdict_word(slab.verdict, language_));
       add({{padded(fmt::format(" {:>6} {}", slab.number, slab.id), std::min<std::size_t>(30, columns_ / 3)), {}},
            {" " + padded(verdict, 17), colour_of(slab.verdict)},
            {padded(slab.verdict == Verdict::none ? "" : age_text(slab.age_s, language_) + say(" ago", "前"), 12),
@@ -330,7 +334,7 @@ class Composer {
   const Picture& p_;
   std::size_t columns_;
   std::size_t rows_;
-  Style style_;
+  report::Style style_;
   bool zh_;
   Language language_;
   std::string band_;  ///< SGR of the verdict's band; the lines refer to it
@@ -349,7 +353,7 @@ std::string age_text(double age_s, Language language) {
   return fmt::format("{:.0f} {}", std::floor(age / 86'400.0), zh ? "天" : "d");
 }
 
-std::vector<std::string> screen(const Picture& picture, std::size_t columns, std::size_t rows, Style style,
+std::vector<std::string> screen(const Picture& picture, std::size_t columns, std::size_t rows, report::Style style,
                                 report::Language language) {
   return Composer(picture, std::max<std::size_t>(columns, 20), std::max<std::size_t>(rows, 4), style, language)
       .compose();

@@ -87,7 +87,7 @@ struct Picture {
 /// blocks, the verdict in large letters, more findings and more past slabs. Below 80 columns the blocks are lists of
 /// numbers, and long lines are broken.
 [[nodiscard]] std::vector<std::string> screen(const Picture& picture, std::size_t columns, std::size_t rows,
-                                              Style style, report::Language language);
+                                              report::Style style, report::Language language);
 
 /// Bits of a parsed list of emulation words in slabd.status/1.
 template <typename Json>

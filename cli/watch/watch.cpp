@@ -130,7 +130,7 @@ class Terminal {
       text.remove_prefix(static_cast<std::size_t>(written));
     }
   }
-  static void draw(const Picture& picture, Style style, Language language) {
+  static void draw(const Picture& picture, report::Style style, Language language) {
     winsize size{};
     if (::ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) != 0 || size.ws_col == 0) size = {24, 80, 0, 0};
     std::string out = "\x1b[H";
@@ -205,7 +205,7 @@ class Watcher {
     add(Link::plc, plc, plc ? say("alive", "在线") : say("silent", "无心跳"),
         at<int>(status, {"links", "plc", "clients"}, 0) == 0
             ? say("no client connected: check cable and PLC address", "无连接：检查网线和 PLC 地址")
-            : say("its heartbeat (HR 0) stands still: check the PLC program", "心跳 (HR 0) 不变：检查 PLC 程序"));
+            : say("its heartbeat (HR 0) does not change: check the PLC program", "心跳 (HR 0) 不变：检查 PLC 程序"));
     const bool robot = at<bool>(status, {"links", "pose", "ok"}, false);
     const auto code = static_cast<Code>(at<std::uint16_t>(status, {"links", "pose", "code"}, 0));
     add(Link::robot, robot, robot ? say("poses", "有位姿") : say("no poses", "无位姿"),
@@ -274,12 +274,12 @@ class Watcher {
     p.stations.clear();
     std::int64_t newest_us = newest.ended_utime_us;
     for (int station = 1; station <= newest.header.stations; ++station) {
-      p.stations.push_back(shown(*record.value(), station).verdict);
-      if (const storage::SlabBlock* block = latest(*record.value(), station))
+      p.stations.push_back(report::shown(*record.value(), station).verdict);
+      if (const storage::SlabBlock* block = report::latest(*record.value(), station))
         newest_us = std::max(newest_us, block->attempt.scan_utime_us);
     }
     p.map_age_s = newest_us == 0 ? kNoValue : seconds_since(newest_us);
-    p.verdict = is_open(*record.value()) ? Verdict::none : newest.verdict;
+    p.verdict = report::is_open(*record.value()) ? Verdict::none : newest.verdict;
     p.recipe = newest.header.recipe.view();
     p.findings.clear();
     for (const report::Finding& finding : report::findings_of(*record.value(), language_))
@@ -330,7 +330,7 @@ int run(const std::string& socket, Language language) {
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
   const Terminal terminal;
-  const Style style = style_for(stdout);
+  const report::Style style = style_for(stdout);
   Watcher watcher(socket, language);
   while (g_stop == 0) {
     Terminal::draw(watcher.look(), style, watcher.language());

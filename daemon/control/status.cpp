@@ -183,7 +183,7 @@ Json plc_link(const hal::PlcPort& plc, bool alive, std::int64_t now_ns) {
 std::string_view pose_note(const PoseGate& gate, hal::PoseType type) {
   if (gate.newest() == nullptr) return "";
   if (type == hal::PoseType::flange_pose && !gate.newest()->measured)
-    return "the robot says that they are not measured (flags, bit 0): where it was told to go is not where it is";
+    return "they are commanded, not measured (flags, bit 0): commanded poses differ from the real ones";
   if (gate.lacks_stopped())
     return "the robot does not say \"stopped\" (flags, bit 1), as it did before: no scan begins until it does";
   return "";
@@ -241,7 +241,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   j["fault"] = {{"code", view.fault}, {"text", describe(fault)}, {"cure", cure(fault)}};
   if (const std::string other = used_by_another(ports, figures); fault == Code::config && !other.empty()) {
     j["fault"]["text"] = other;
-    j["fault"]["cure"] = "stop one of the two daemons, or give each a folder of its own; this one goes on by itself";
+    j["fault"]["cure"] = "stop one of the two daemons, or give each a folder of its own; this one continues by itself";
   }
   if (fault == Code::calibration_missing)
     j["fault"]["text"] = describe(calibration_fault(station), station.calibration).view();

@@ -141,7 +141,7 @@ bool take_over(Station& s, const PlcInputs& in, Actions& actions) {
   if (in.command_writer == s.command.writer) return false;
   const bool takeover = s.command.writer != 0;
   s.command.writer = in.command_writer;
-  if (takeover) bump_session(s, actions, "another connection took over the command block");
+  if (takeover) increment_session(s, actions, "another connection took over the command block");
   return takeover;
 }
 
@@ -219,7 +219,7 @@ void beat(Station& s, const PlcInputs& before, const PlcInputs& in, Actions& act
   s.plc.changed_ns = s.now_ns;
   if (s.plc.alive) return;
   s.plc.alive = true;
-  if (s.plc.was_lost) bump_session(s, actions, "the PLC heartbeat returned");
+  if (s.plc.was_lost) increment_session(s, actions, "the PLC heartbeat returned");
 }
 
 }  // namespace
@@ -238,7 +238,7 @@ bool room_for_records(const Station& s, std::size_t more) {
 /// The new number is shown only once it is durable; until then every command is stale. Otherwise a restart could count
 /// back to a session already used. A number that is being stored was not shown yet, so a further reason to change needs
 /// no further number.
-void bump_session(Station& s, Actions& actions, const char* why) {
+void increment_session(Station& s, Actions& actions, const char* why) {
   const bool under_way = std::any_of(s.storing.begin(), s.storing.end(), [](const PendingStore& pending) {
     return pending.kind == PendingStore::Kind::session;
   });
@@ -270,11 +270,11 @@ void on_plc(Station& s, const PlcInputs& in, Actions& actions) {
   s.plc.inputs = in;
   if (!s.recovered) return;
   beat(s, before, in, actions);
-  if (in.sync_req != before.sync_req) bump_session(s, actions, "the PLC requested synchronisation");
+  if (in.sync_req != before.sync_req) increment_session(s, actions, "the PLC requested synchronisation");
   if (in.fault_reset && !before.fault_reset && s.fault != 0) {
     log(actions, LogLine::Level::info, Code::ok, "fault %u reset by the PLC", s.fault);
     s.fault = 0;
-    if (s.command.session != s.command.session_next) bump_session(s, actions, "storage is tried again");
+    if (s.command.session != s.command.session_next) increment_session(s, actions, "storage is tried again");
   }
   if (in.abort && !before.abort) {
     abort_acquisition(s, actions);

@@ -79,7 +79,7 @@ void advance_calibration(Station& s, Actions& actions);
 // ---- commands.cpp ----
 void on_plc(Station& s, const PlcInputs& inputs, Actions& actions);
 void watch_heartbeat(Station& s, Actions& actions);
-void bump_session(Station& s, Actions& actions, const char* why);
+void increment_session(Station& s, Actions& actions, const char* why);
 /// Sets CMD_STATUS if `cmd_seq` is still the last command.
 void set_status(Station& s, std::uint16_t cmd_seq, std::uint16_t status);
 inline void set_status(Station& s, std::uint16_t cmd_seq, CommandStatus status) {

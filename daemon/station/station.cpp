@@ -121,7 +121,7 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
     begin_end(s, line.abort_seq, true, actions);
   }
   s.recovered = true;
-  bump_session(s, actions, "start");
+  increment_session(s, actions, "start");
 }
 
 /// The session is far from that of a new database. A command that is refused here remains in the registers and must not
@@ -132,7 +132,7 @@ void on_not_recovered(Station& s, const NotRecovered& event, Actions& actions) {
   s.command.session_next = kSessionWithoutStore;
   start_calibration(s, {}, actions);
   s.recovered = true;
-  bump_session(s, actions, "start");
+  increment_session(s, actions, "start");
 }
 
 void on_tick(Station& s, const Tick& tick, Actions& actions) {

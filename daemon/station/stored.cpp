@@ -78,7 +78,8 @@ void warn_of_alike_stops(Station& s, Actions& actions) {
   const int station = stop_like_the_next(s.views.slab);
   if (std::exchange(s.stop_alike, station) != 0 || station == 0) return;
   log(actions, LogLine::Level::warning, Code::ok,
-      "the robot looks at the block of station %d as it does at the next one's: their scans could be mistaken for each "
+      "the robot views the block of station %d from the same pose as the next one: their scans could be mistaken for "
+      "each "
       "other and the pose would not show it; slabctl stations plans stops that differ (docs/SCAN_CHECKS.md)",
       station);
 }

@@ -27,7 +27,7 @@
 #include "base/rate_limit.h"
 #include "gateway/kuka/rsi.h"
 
-namespace slabd::kuka {
+namespace slabd::gateway::kuka {
 namespace {
 
 constexpr int kExitUsage = 2;
@@ -299,7 +299,7 @@ int bridge(const Options& options) {
     if (who == Senders::Answer::two) {
       ++not_believed;
       voice.dropped(name, fmt::format("{} sends as well, and it is unknown which one is the robot; name it with --from",
-                                      dotted(senders.beside(from_address))));
+                                      dotted(senders.other_than(from_address))));
       continue;
     }
     if (who == Senders::Answer::other) translator.restart();
@@ -312,12 +312,12 @@ int bridge(const Options& options) {
 }
 
 }  // namespace
-}  // namespace slabd::kuka
+}  // namespace slabd::gateway::kuka
 
 // The only exception that escapes is lack of memory at the start: it ends the process, and the service manager
 // restarts it.
 int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
-  using namespace slabd::kuka;
+  using namespace slabd::gateway::kuka;
   struct sigaction action {};
   action.sa_handler = on_signal;
   sigaction(SIGTERM, &action, nullptr);

@@ -8,7 +8,7 @@
 #include <limits>
 #include <pugixml.hpp>
 
-namespace slabd::kuka {
+namespace slabd::gateway::kuka {
 namespace {
 
 constexpr double kReach_mm = 10'000.0;
@@ -191,4 +191,4 @@ std::optional<FlangePose> Bridge::translate(const RsiPacket& packet) {
   return pose;
 }
 
-}  // namespace slabd::kuka
+}  // namespace slabd::gateway::kuka

@@ -16,7 +16,7 @@
 /// RIst is the measured pose of the tool in the base: mm and degrees, R = Rz(A) Ry(B) Rx(C). With $TOOL = $NULLFRAME
 /// and $BASE = $NULLFRAME it is the flange in the robot root frame, which slabd requires. IPOC counts milliseconds.
 /// Base, Tool, Stopped and Emulated are optional.
-namespace slabd::kuka {
+namespace slabd::gateway::kuka {
 
 /// Largest accepted datagram.
 inline constexpr std::size_t kRsiBytesMax = 1500;
@@ -65,19 +65,19 @@ class Senders {
   /// Registers a usable packet from `address` at `now_ns` of a monotonic clock.
   [[nodiscard]] Answer hear(std::uint32_t address, std::int64_t now_ns);
   /// The other sender if two send, one of them from `address`.
-  [[nodiscard]] std::uint32_t beside(std::uint32_t address) const {
+  [[nodiscard]] std::uint32_t other_than(std::uint32_t address) const {
     return first_.address == address ? second_.address : first_.address;
   }
 
  private:
-  struct Heard {
+  struct LastPacket {
     std::uint32_t address = 0;
     std::int64_t at_ns = 0;
     bool ever = false;
     [[nodiscard]] bool lately(std::int64_t now_ns) const { return ever && now_ns - at_ns < kSilent_ns; }
   };
-  Heard first_;
-  Heard second_;
+  LastPacket first_;
+  LastPacket second_;
 };
 
 struct BridgeCounters {
@@ -110,4 +110,4 @@ class Bridge {
   std::int32_t seq_ = -1;
 };
 
-}  // namespace slabd::kuka
+}  // namespace slabd::gateway::kuka

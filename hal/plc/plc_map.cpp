@@ -493,13 +493,13 @@ class RegisterPrinter {
 
 }  // namespace
 
-void tell_inputs(const HoldingImage& image, WordOrder order, const RegisterSink& sink) {
+void list_inputs(const HoldingImage& image, WordOrder order, const RegisterSink& sink) {
   PlcInputs ignored;
   RegisterPrinter printer(RegisterRow::Memory::holding, image, order, sink);
   walk_inputs(printer, ignored);
 }
 
-void tell_outputs(const InputImage& image, WordOrder order, const RegisterSink& sink) {
+void list_outputs(const InputImage& image, WordOrder order, const RegisterSink& sink) {
   PlcOutputs ignored;
   RegisterPrinter printer(RegisterRow::Memory::input, image, order, sink);
   walk_state(printer, ignored);

@@ -90,8 +90,8 @@ using RegisterSink = std::function<void(const RegisterRow& row, std::string_view
 
 /// Every register in order of address, with its value as text. Any value is accepted: a value outside the map is shown
 /// as unknown, a wrong constant as wrong.
-void tell_inputs(const HoldingImage& image, WordOrder order, const RegisterSink& sink);
-void tell_outputs(const InputImage& image, WordOrder order, const RegisterSink& sink);
+void list_inputs(const HoldingImage& image, WordOrder order, const RegisterSink& sink);
+void list_outputs(const InputImage& image, WordOrder order, const RegisterSink& sink);
 
 /// CRC-16/Modbus (reflected 0x8005) of one byte.
 [[nodiscard]] constexpr std::array<std::uint16_t, 256> crc16_table() {

@@ -60,7 +60,7 @@ void PoseScreen::note_sender(const PosePublisher& from, std::int64_t mono_ns, co
   refuse(from, mono_ns, "%s", why);
 }
 
-void PoseScreen::weigh_clock(std::int64_t mono_ns, const PoseSample& sample) {
+void PoseScreen::check_clock(std::int64_t mono_ns, const PoseSample& sample) {
   constexpr std::int64_t kSpan_ns = kNsPerS / 2;
   constexpr int kSamplesMin = 10;
   // Arrivals come in bursts and clocks are set; a wrong unit is repeatedly a factor of a thousand.
@@ -85,7 +85,7 @@ void PoseScreen::weigh_clock(std::int64_t mono_ns, const PoseSample& sample) {
   clock_samples_ = 0;
 }
 
-void PoseScreen::weigh_seconds(std::int64_t mono_ns, const PoseSample& sample) {
+void PoseScreen::check_seconds(std::int64_t mono_ns, const PoseSample& sample) {
   constexpr std::int64_t kSpan_ns = 3 * kNsPerS;
   constexpr int kSamplesMin = 30;
   const std::uint64_t steps = forward_us_from(seconds_from_us_, sample);
@@ -199,7 +199,7 @@ bool PoseScreen::admit(const PosePublisher& from, std::int64_t mono_ns, const Po
     refuse_rival(from, mono_ns);
     return false;
   }
-  weigh_seconds(mono_ns, sample);
+  check_seconds(mono_ns, sample);
   if (has_last_ && mono_ns - last_ns_ >= kSilent_ns) has_last_ = has_pending_ = has_seq_ = false;
   if (has_last_ && !in_seconds_ && !runs_forward(last_, sample)) {
     if (sample.utime_us == last_.utime_us && sample.seq == last_.seq) {
@@ -213,7 +213,7 @@ bool PoseScreen::admit(const PosePublisher& from, std::int64_t mono_ns, const Po
     return false;
   }
   count_numbering(sample, counters);
-  weigh_clock(mono_ns, sample);
+  check_clock(mono_ns, sample);
   if (const char* unit = in_seconds_ ? "seconds" : clock_unit_; unit != nullptr) {
     ++counters.time_unit;
     refuse(from, mono_ns, "poses whose utime counts in %s and not in microseconds, so that no jump could be seen,",

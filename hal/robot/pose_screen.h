@@ -51,7 +51,7 @@ class PoseScreen {
   [[nodiscard]] bool next_note(std::int64_t mono_ns, const PoseLinkCounters& now, PoseNoteText& text);
 
  private:
-  struct Heard {
+  struct LastPose {
     PosePublisher who;
     std::int64_t at_ns = 0;
     bool ever = false;
@@ -64,16 +64,16 @@ class PoseScreen {
   /// Counts changes of the socket on one computer.
   void follow_sockets(const PosePublisher& from, std::int64_t mono_ns, const PoseSample& sample);
   /// Compares the sender's clock with the arrival times, twice a second.
-  void weigh_clock(std::int64_t mono_ns, const PoseSample& sample);
+  void check_clock(std::int64_t mono_ns, const PoseSample& sample);
   /// The same for a clock in seconds, which stands still between most messages.
-  void weigh_seconds(std::int64_t mono_ns, const PoseSample& sample);
+  void check_seconds(std::int64_t mono_ns, const PoseSample& sample);
   void refuse_rival(const PosePublisher& from, std::int64_t mono_ns);
   void count_numbering(const PoseSample& sample, PoseLinkCounters& counters);
   [[gnu::format(printf, 4, 5)]] void refuse(const PosePublisher& from, std::int64_t mono_ns, const char* format, ...);
 
-  Heard owner_;
-  Heard rival_;
-  Heard heard_;                                  ///< the last pose, of any publisher
+  LastPose owner_;
+  LastPose rival_;
+  LastPose heard_;                               ///< the last pose, of any publisher
   std::int32_t heard_seq_ = 0;                   ///< its number
   std::array<std::uint16_t, 8> recent_ports_{};  ///< a ring: sockets of that computer
   std::size_t next_port_ = 0;

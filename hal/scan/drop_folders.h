@@ -116,7 +116,7 @@ class DropFolders {
 
 /// Time since which each inbox entry has not changed: the only sign of completion for a program without a naming rule.
 /// Forgets names that disappear. No heap; O(entries^2) of at most 32.
-class QuietWatch {
+class UnchangedTimes {
  public:
   struct Watched {
     InboxEntry entry;

@@ -299,7 +299,7 @@ class ScanDrop final : public ScannerPort {
     InboxEntries entries;
     if (Status status = look(awaited, entries); !status) return status;
     say_crowd();
-    for (const QuietWatch::Watched& watched : watch_.watched()) {
+    for (const UnchangedTimes::Watched& watched : watch_.watched()) {
       const std::string_view stem = stem_of(watched.entry.name.view());
       if (!awaited.empty() && stem == awaited) continue;
       const bool answers_another = !settings_.any_name && is_request_stem(stem);
@@ -400,7 +400,7 @@ class ScanDrop final : public ScannerPort {
       if (Status status = look({}, entries); !status) return status;
       // A copy, because the list changes when a file is set aside.
       const auto watched_now = watch_.watched();
-      for (const QuietWatch::Watched& watched : watched_now) {
+      for (const UnchangedTimes::Watched& watched : watched_now) {
         if (!is_quiet(watched)) continue;
         if (holds_scan(watched.entry, xyz)) answer_may_come_until_ns_ = 0;
         set_aside(watched.entry.name, "its request was given up");
@@ -442,7 +442,7 @@ class ScanDrop final : public ScannerPort {
         // Reading it will report what is missing. With any_name the file stays and is moved once it is complete.
         // Otherwise its writer would continue in stray/, and the next request would wait for an answer that never
         // comes.
-        if (const QuietWatch::Watched* begun = find_begun(stem)) {
+        if (const UnchangedTimes::Watched* begun = find_begun(stem)) {
           if (!settings_.any_name) return Answer{begun->entry, begun->since_ns};
           return error(Code::frame_incomplete, "%s/inbox/%.120s: not whole within %.1f s: bytes are missing",
                        settings_.drop_dir.c_str(), begun->entry.name.c_str(), ms_from_ns(timeout_ns) / 1e3);
@@ -456,15 +456,15 @@ class ScanDrop final : public ScannerPort {
 
   Result<std::optional<Answer>> find_named(std::string_view stem) {
     if (Status status = tidy(stem); !status) return status.error();
-    for (const QuietWatch::Watched& watched : watch_.watched())
+    for (const UnchangedTimes::Watched& watched : watch_.watched())
       if (stem_of(watched.entry.name.view()) == stem && is_finished(watched))
         return std::optional<Answer>(Answer{watched.entry, watched.since_ns, !is_quiet(watched)});
     return std::optional<Answer>();
   }
 
   /// An answer that lacks bytes: it will be rejected in any case.
-  const QuietWatch::Watched* find_begun(std::string_view stem) const {
-    for (const QuietWatch::Watched& watched : watch_.watched()) {
+  const UnchangedTimes::Watched* find_begun(std::string_view stem) const {
+    for (const UnchangedTimes::Watched& watched : watch_.watched()) {
       if (!watched.entry.regular) continue;
       if ((settings_.any_name || stem_of(watched.entry.name.view()) == stem) && look_into(watched.entry).lacks_bytes)
         return &watched;
@@ -475,7 +475,7 @@ class ScanDrop final : public ScannerPort {
   /// A file with an answer's name and a binary header that states its length is complete, unless its content was found
   /// missing (`trusted_`). A text table proves nothing, because every part of it is a smaller scan. It must be
   /// unchanged for half a second.
-  bool is_finished(const QuietWatch::Watched& watched) const {
+  bool is_finished(const UnchangedTimes::Watched& watched) const {
     if (!watched.entry.regular || is_quiet(watched)) return true;
     if (!trusted_ || clock_.mono_ns() - watched.since_ns < kTimeStep_ns) return false;
     const char* name = watched.entry.name.c_str();
@@ -485,7 +485,7 @@ class ScanDrop final : public ScannerPort {
     return is_untouched(fd.get(), watched.entry) && is_complete_scan(fd.get(), name, settings_.form.unit);
   }
 
-  bool is_quiet(const QuietWatch::Watched& watched) const {
+  bool is_quiet(const UnchangedTimes::Watched& watched) const {
     const std::int64_t still_ns = clock_.mono_ns() - watched.since_ns;
     if (still_ns < (folders_.on_network() ? kFinishedOnShare_ns : kFinished_ns)) return false;
     if (still_ns >= kFilled_ns) return true;
@@ -523,7 +523,7 @@ class ScanDrop final : public ScannerPort {
       for (const InboxEntry& entry : entries) set_aside(entry.name, several.text.c_str());
       return several;
     }
-    const QuietWatch::Watched& only = watch_.watched()[0];
+    const UnchangedTimes::Watched& only = watch_.watched()[0];
     if (!is_quiet(only)) return std::optional<Answer>();
     if (is_of_another_kind(only.entry.name.view())) {
       const Error another = error(Code::frame_incomplete,
@@ -608,7 +608,7 @@ class ScanDrop final : public ScannerPort {
   const Clock& clock_;
   Team readers_;
   DropFolders folders_;
-  QuietWatch watch_;
+  UnchangedTimes watch_;
   HangWatch hang_;
   DropNotes notes_;
   bool looked_ = false;

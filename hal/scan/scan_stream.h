@@ -66,7 +66,7 @@ class ScanStreamDecoder {
 
   [[nodiscard]] bool complete() const { return complete_; }
   /// True if part of a scan has arrived on this connection.
-  [[nodiscard]] bool amid_scan() const { return !complete_ && (in_points_ || header_have_ != 0); }
+  [[nodiscard]] bool is_in_scan() const { return !complete_ && (in_points_ || header_have_ != 0); }
   [[nodiscard]] bool has_header() const { return has_header_; }
   [[nodiscard]] const ScanStreamHeader& header() const { return header_; }
   /// Number of points in `xyz`, in mm, NaN in all three coordinates of a missing one.

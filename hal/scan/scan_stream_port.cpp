@@ -267,7 +267,7 @@ class StreamPort final : public ScanStreamPort {
       const ssize_t n = recv(sender_.get(), piece.data(), std::min(piece.size(), job.decoder.wanted()), MSG_DONTWAIT);
       if (n < 0 && errno == EINTR) continue;
       if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) {
-        if (job.decoder.amid_scan() && clock_.mono_ns() - job.moved_ns > kStall_ns) {
+        if (job.decoder.is_in_scan() && clock_.mono_ns() - job.moved_ns > kStall_ns) {
           job.last = error(Code::frame_incomplete, "the gateway fell silent after %zu of %u points",
                            job.decoder.points(), job.decoder.header().count);
           lost("the gateway fell silent in the middle of a scan");
@@ -276,7 +276,7 @@ class StreamPort final : public ScanStreamPort {
         return success();
       }
       if (n <= 0) {
-        if (job.decoder.amid_scan())
+        if (job.decoder.is_in_scan())
           job.last = error(Code::frame_incomplete, "the connection was cut after %zu points", job.decoder.points());
         lost("the gateway has closed the connection");
         job.decoder.cut();
@@ -364,7 +364,7 @@ class StreamPort final : public ScanStreamPort {
       static_cast<void>(
           send_line(sender_.get(),
                     scan_answer_json(request.session, request.cmd_seq, nullptr, result.value().shape.points).view()));
-    } else if (job.decoder.amid_scan()) {
+    } else if (job.decoder.is_in_scan()) {
       turn_away(result.error(), request.session, request.cmd_seq);
     } else {
       static_cast<void>(

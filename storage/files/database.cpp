@@ -282,7 +282,7 @@ std::unique_ptr<Connection> connect_for_reading(const std::string& path) {
   } catch (const SqlFailure& failure) {
     if (!can_be_read_still(path, failure)) throw;
   }
-  auto db = std::make_unique<Connection>(path, Connection::Still{});
+  auto db = std::make_unique<Connection>(path, Connection::ReadUnchanged{});
   protect(*db);
   return db;
 }

@@ -214,7 +214,7 @@ std::string scans_above(const std::string& spool_dir, std::int64_t known_key) {
   return found;
 }
 
-std::string sign_of_earlier_life(const std::string& path, const std::string& spool_dir) {
+std::string traces_of_a_lost_database(const std::string& path, const std::string& spool_dir) {
   std::error_code ec;
   if (file_bytes(path) > 0) return {};
   // A log without a transaction is left by an interrupted creation; it never contained data.

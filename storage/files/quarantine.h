@@ -33,7 +33,7 @@ inline constexpr const char* kRestored = ".restored";
 
 /// Path of a file or folder that proves an earlier database, although none (or an empty file) is at `path`; empty if
 /// there is none. Proofs are a log, a backup, an interrupted restore, a quarantine, and scans of slabs in the spool.
-[[nodiscard]] std::string sign_of_earlier_life(const std::string& path, const std::string& spool_dir);
+[[nodiscard]] std::string traces_of_a_lost_database(const std::string& path, const std::string& spool_dir);
 
 /// Folder of the newest slab with scans in the spool if its key is above `known_key`; empty otherwise.
 [[nodiscard]] std::string scans_above(const std::string& spool_dir, std::int64_t known_key);

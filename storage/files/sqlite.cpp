@@ -51,7 +51,7 @@ void must(const Status& status) {
                    std::string(status.error().text.view())};
 }
 
-FileStand::FileStand(const std::string& path) {
+DatabaseFileState::DatabaseFileState(const std::string& path) {
   constexpr std::array kSides = {"", "-wal", "-shm", "-journal"};
   static_assert(std::tuple_size_v<decltype(files_)> == kSides.size());
   for (std::size_t i = 0; i < kSides.size(); ++i) {
@@ -71,12 +71,12 @@ Connection::Connection(const std::string& path, int flags) {
   open(path, flags);
 }
 
-Connection::Connection(const std::string& path, Still) : still_path_(path), still_(FileStand(path)) {
+Connection::Connection(const std::string& path, ReadUnchanged) : still_path_(path), still_(DatabaseFileState(path)) {
   open(uri_of(path) + "?immutable=1", SQLITE_OPEN_READONLY | SQLITE_OPEN_URI);
 }
 
 void Connection::check_still() const {
-  if (still_ && !(FileStand(still_path_) == *still_))
+  if (still_ && !(DatabaseFileState(still_path_) == *still_))
     throw SqlFailure{SQLITE_BUSY, "it was changed while it was read: slabd was started meanwhile; try again"};
 }
 

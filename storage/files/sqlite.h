@@ -27,10 +27,10 @@ struct SqlFailure {
 void must(const Status& status);
 
 /// State of a database file and its side files at one moment.
-class FileStand {
+class DatabaseFileState {
  public:
-  explicit FileStand(const std::string& path);
-  bool operator==(const FileStand&) const = default;
+  explicit DatabaseFileState(const std::string& path);
+  bool operator==(const DatabaseFileState&) const = default;
 
  private:
   struct One {
@@ -46,10 +46,10 @@ class FileStand {
 
 class Connection {
  public:
-  struct Still {};
+  struct ReadUnchanged {};
   /// Opens a database that no process has open, without locks or side files (SQLite's "immutable"). The caller must
   /// ensure that it has no log.
-  Connection(const std::string& path, Still);
+  Connection(const std::string& path, ReadUnchanged);
   /// Opens the file without creating any other file. `flags` are SQLITE_OPEN_*.
   Connection(const std::string& path, int flags);
   ~Connection();
@@ -79,7 +79,7 @@ class Connection {
   sqlite3* handle_ = nullptr;
   bool reads_plain_text_ = false;
   std::string still_path_;  ///< empty if locks protect it
-  std::optional<FileStand> still_;
+  std::optional<DatabaseFileState> still_;
 };
 
 /// A statement prepared once and run many times. Parameters and columns are numbered from the left in the SQL text;

@@ -19,12 +19,12 @@ struct Band {
   double mm;
   double deg;
   bool goal;  ///< every start must give the right pose
-  simulate::Projection projection;
+  emulator::Projection projection;
 };
 constexpr std::array kBands = {
-    Band{10.0, 2.0, true, simulate::Projection::parallel},    Band{30.0, 5.0, true, simulate::Projection::parallel},
-    Band{30.0, 5.0, true, simulate::Projection::perspective}, Band{40.0, 7.0, false, simulate::Projection::parallel},
-    Band{60.0, 10.0, false, simulate::Projection::parallel},
+    Band{10.0, 2.0, true, emulator::Projection::parallel},    Band{30.0, 5.0, true, emulator::Projection::parallel},
+    Band{30.0, 5.0, true, emulator::Projection::perspective}, Band{40.0, 7.0, false, emulator::Projection::parallel},
+    Band{60.0, 10.0, false, emulator::Projection::parallel},
 };
 
 struct Count {
@@ -56,22 +56,22 @@ bool basin_study(const StudyOptions& options, Table& table) {
   for (std::size_t b = 0; b < kBands.size(); ++b) {
     const Band& band = kBands[b];
     const Sight sight = varied_sight(*recipe, options.first);
-    simulate::ScannerTraits scanner;
+    emulator::ScannerTraits scanner;
     scanner.columns /= 2;
     scanner.rows /= 2;
     scanner.projection = band.projection;
     const auto surface =
-        simulate::BlockSurface::make(*recipe, sight.station.block, sight.T_scanner_block, scanner.projection);
+        emulator::BlockSurface::make(*recipe, sight.station.block, sight.T_scanner_block, scanner.projection);
     if (!surface) return false;
-    const simulate::DrawnScan drawn =
-        simulate::draw_scan(surface.value(), scanner, simulate::derived_seed(options.first, 10, b), xyz);
+    const emulator::DrawnScan drawn =
+        emulator::draw_scan(surface.value(), scanner, emulator::derived_seed(options.first, 10, b), xyz);
     algo::Cloud cloud{xyz, xyz.size() / 3, drawn.width, drawn.height};
     inspector.begin(1, Pose::identity(), nominal_T_block_scanner());
     if (!inspector.denoise(cloud)) return false;
 
     const Pose T_block_scanner = sight.T_scanner_block.inverse();
     const int starts = options.cases(band.goal ? 1000 : 300, 20);
-    Prng random(simulate::derived_seed(options.first, 11, b));
+    Prng random(emulator::derived_seed(options.first, 11, b));
     Count count;
     for (int i = 0; i < starts; ++i) {
       inspector.begin(1, Pose::identity(), random_start(T_block_scanner, band, random));
@@ -82,7 +82,7 @@ bool basin_study(const StudyOptions& options, Table& table) {
       ++(right ? count.right : count.wrong);
     }
     const std::string what = fmt::format("+-{:.0f} mm, +-{:.0f} deg{}", band.mm, band.deg,
-                                         band.projection == simulate::Projection::perspective ? ", perspective" : "");
+                                         band.projection == emulator::Projection::perspective ? ", perspective" : "");
     const double share = static_cast<double>(count.right) / starts;
     if (band.goal)
       table.at_least(what + fmt::format(": right, of {}", starts), share, 1.0, "");

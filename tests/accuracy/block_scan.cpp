@@ -13,9 +13,9 @@ namespace slabd::accuracy {
 
 std::optional<Recipe> reference_recipe() {
   Recipe recipe;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipe, problems);
-  for (const daemon::Problem& problem : problems) fmt::print(stderr, "slabd_accuracy: {}\n", problem.text);
+  std::vector<config::Problem> problems;
+  config::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipe, problems);
+  for (const config::Problem& problem : problems) fmt::print(stderr, "slabd_accuracy: {}\n", problem.text);
   if (!problems.empty()) return std::nullopt;
   return recipe;
 }
@@ -28,10 +28,10 @@ void expect_perfect_scanner(Recipe& recipe) {
 
 Sight varied_sight(const Recipe& recipe, std::uint64_t seed, double off_mm, double off_deg) {
   constexpr double kRoughCasting = 6.0;
-  simulate::SlabVariation variation;
+  emulator::SlabVariation variation;
   variation.seed = seed;
   variation.casting = kRoughCasting;
-  const auto slab = simulate::cast_slab(recipe, simulate::Cell{}, variation, {});
+  const auto slab = emulator::cast_slab(recipe, emulator::Cell{}, variation, {});
   assert(slab);
   Sight sight;
   sight.station = slab.value().at(1);
@@ -39,7 +39,7 @@ Sight varied_sight(const Recipe& recipe, std::uint64_t seed, double off_mm, doub
   sight.station.offset_slab_mm = Vec3::Zero();
   sight.station.block.slab_top_shift_mm = 0.0;
 
-  Prng random(simulate::derived_seed(seed, 7, 0));
+  Prng random(emulator::derived_seed(seed, 7, 0));
   const auto within = [&](double amplitude) { return amplitude * (2.0 * random.uniform() - 1.0); };
   Pose off;
   off.translation_mm = Vec3(within(off_mm), within(off_mm), within(off_mm));
@@ -59,7 +59,7 @@ namespace {
 class Relief {
  public:
   explicit Relief(const RoughConcrete& concrete) : heights_(kColumns * kRows) {
-    Prng random(simulate::derived_seed(concrete.seed, 31, 0));
+    Prng random(emulator::derived_seed(concrete.seed, 31, 0));
     // A sum of waves; the spectrum of that correlation is Gaussian with standard deviation sqrt(2) / length.
     for (int wave = 0; wave < kWaves; ++wave) {
       const double kx = std::sqrt(2.0) / concrete.length_mm * random.normal();
@@ -113,16 +113,16 @@ void BlockBench::roughen(const Sight& sight) {
   }
 }
 
-bool BlockBench::measure(const Sight& sight, const simulate::ScannerTraits& traits, std::uint64_t seed,
+bool BlockBench::measure(const Sight& sight, const emulator::ScannerTraits& traits, std::uint64_t seed,
                          const Pose& T_block_scanner_start) {
   inspector_.begin(1, Pose::identity(), T_block_scanner_start);
   const auto surface =
-      simulate::BlockSurface::make(recipe_, sight.station.block, sight.T_scanner_block, traits.projection);
+      emulator::BlockSurface::make(recipe_, sight.station.block, sight.T_scanner_block, traits.projection);
   if (!surface) {
     trouble_ = surface.error().text.c_str();
     return false;
   }
-  const simulate::DrawnScan drawn = simulate::draw_scan(surface.value(), traits, seed, xyz_);
+  const emulator::DrawnScan drawn = emulator::draw_scan(surface.value(), traits, seed, xyz_);
   if (field_error_mm != 0.0)
     for (std::size_t i = 0; i + 2 < xyz_.size(); i += 3) {
       const double share = 2.0 * double{xyz_[i + 1]} / traits.field_y_mm;

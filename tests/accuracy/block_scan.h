@@ -20,7 +20,7 @@ void expect_perfect_scanner(Recipe& recipe);
 
 /// A block with known dimensions and the true scanner pose.
 struct Sight {
-  simulate::StationTruth station;
+  emulator::StationTruth station;
   Pose T_scanner_block;  ///< true
 };
 
@@ -43,7 +43,7 @@ class BlockBench {
 
   /// Draws the scan and runs every stage from `T_block_scanner_start` (default: the nominal view). Returns false if a
   /// stage failed or the scan could not be drawn; `result()` and `trouble()` contain the reason.
-  [[nodiscard]] bool measure(const Sight& sight, const simulate::ScannerTraits& traits, std::uint64_t seed,
+  [[nodiscard]] bool measure(const Sight& sight, const emulator::ScannerTraits& traits, std::uint64_t seed,
                              const Pose& T_block_scanner_start = nominal_T_block_scanner());
 
   /// Field error of the scanner: depths are off by +-this at both ends of the picture along its Y, in an S (cubic).

@@ -45,7 +45,7 @@ enum class Judge { errors_and_coverage, coverage };
 
 struct Run {
   std::string prefix;  ///< prefix of every row
-  simulate::ScannerTraits scanner;
+  emulator::ScannerTraits scanner;
   Judge judge = Judge::errors_and_coverage;
   int scans = 0;
 };
@@ -77,14 +77,14 @@ bool measure_items(const StudyOptions& options, const Run& run, Table& table) {
   for (int i = 0; i < run.scans; ++i) {
     const std::uint64_t seed = options.first + static_cast<std::uint64_t>(i);
     const Sight sight = varied_sight(*recipe, seed);
-    if (!bench.measure(sight, run.scanner, simulate::derived_seed(seed, 8, 0))) {
+    if (!bench.measure(sight, run.scanner, emulator::derived_seed(seed, 8, 0))) {
       fmt::print(stderr, "seed {}: {}\n", seed, bench.trouble());
       continue;
     }
     ++measured;
     for (std::size_t k = 0; k < kGoals.size(); ++k) {
       const Item& item = bench.item(kGoals[k].id);
-      const double error = item.value - simulate::true_value(*recipe, sight.station, item.id);
+      const double error = item.value - emulator::true_value(*recipe, sight.station, item.id);
       tallies[k].error.push_back(error);
       tallies[k].U.push_back(item.U);
       tallies[k].covered += std::abs(error) <= item.U ? 1 : 0;
@@ -115,18 +115,18 @@ bool block_study(const StudyOptions& options, Table& table) {
 }
 
 bool perspective_study(const StudyOptions& options, Table& table) {
-  simulate::ScannerTraits scanner;
-  scanner.projection = simulate::Projection::perspective;
+  emulator::ScannerTraits scanner;
+  scanner.projection = emulator::Projection::perspective;
   return measure_items(options, {"", scanner, Judge::errors_and_coverage, options.cases(200, 10)}, table);
 }
 
 bool correlated_study(const StudyOptions& options, Table& table) {
-  simulate::ScannerTraits scanner;
+  emulator::ScannerTraits scanner;
   scanner.noise_correlation_mm = 1.0;
-  scanner.noise_shape = simulate::NoiseShape::gaussian;
+  scanner.noise_shape = emulator::NoiseShape::gaussian;
   const int scans = options.cases(200, 10);
   if (!measure_items(options, {"gaussian: ", scanner, Judge::coverage, scans}, table)) return false;
-  scanner.noise_shape = simulate::NoiseShape::exponential;
+  scanner.noise_shape = emulator::NoiseShape::exponential;
   return measure_items(options, {"exponential: ", scanner, Judge::coverage, scans}, table);
 }
 

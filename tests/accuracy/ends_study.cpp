@@ -17,21 +17,21 @@ namespace {
 
 struct Field {
   double x_mm;
-  simulate::Projection projection;
+  emulator::Projection projection;
   bool reaches;
 };
 constexpr std::array kFields = {
-    Field{350.0, simulate::Projection::parallel, false},
-    Field{600.0, simulate::Projection::perspective, true},
-    Field{700.0, simulate::Projection::parallel, true},
+    Field{350.0, emulator::Projection::parallel, false},
+    Field{600.0, emulator::Projection::perspective, true},
+    Field{700.0, emulator::Projection::parallel, true},
 };
 /// The outermost blocks and two inner ones of each row; the others are equal to the inner ones.
 constexpr std::array kStations = {1, 2, 3, 8, 9, 10, 11, 16};
 
 std::optional<Recipe> recipe_named(const char* name) {
   Recipe recipe;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipe(places::source_dir() + "/recipes/" + name, recipe, problems);
+  std::vector<config::Problem> problems;
+  config::load_recipe(places::source_dir() + "/recipes/" + name, recipe, problems);
   if (!problems.empty()) return std::nullopt;
   return recipe;
 }
@@ -51,7 +51,7 @@ bool ends_study(const StudyOptions& options, Table& table) {
     if (!recipe) return false;
     recipes.push_back(*recipe);
   }
-  simulate::Cell cell;
+  emulator::Cell cell;
   cell.T_base_slab.translation_mm = Vec3(1800.0, 0.0, 300.0);
   algo::BlockInspector inspector(1);
   inspector.use(recipes[0]);  // both recipes have the same blocks
@@ -63,30 +63,30 @@ bool ends_study(const StudyOptions& options, Table& table) {
     int lost = 0;
     for (int i = 0; i < slabs; ++i)
       for (std::size_t truth = 0; truth < recipes.size(); ++truth) {
-        simulate::SlabVariation variation;
+        emulator::SlabVariation variation;
         variation.seed = options.first + static_cast<std::uint64_t>(i);
         variation.dither_mm = 4.0;
         variation.dither_deg = 1.0;
-        const auto slab = simulate::cast_slab(recipes[truth], cell, variation, {});
+        const auto slab = emulator::cast_slab(recipes[truth], cell, variation, {});
         if (!slab) return false;
         std::array<daemon::SlabEnds, 2> ends;
         std::array<const Recipe*, 2> found{};
         for (std::size_t begun = 0; begun < recipes.size(); ++begun) ends[begun].use(recipes, recipes[begun]);
         for (const int k : kStations) {
-          simulate::ScannerTraits scanner;
+          emulator::ScannerTraits scanner;
           scanner.columns = 700;
           scanner.rows = 700;
           scanner.field_x_mm = field.x_mm;
           scanner.projection = field.projection;
-          const Pose T = simulate::T_scanner_block(slab.value(), cell, k);
+          const Pose T = emulator::T_scanner_block(slab.value(), cell, k);
           const auto surface =
-              simulate::BlockSurface::make(recipes[truth], slab.value().at(k).block, T, scanner.projection);
+              emulator::BlockSurface::make(recipes[truth], slab.value().at(k).block, T, scanner.projection);
           if (!surface) return false;
-          const simulate::DrawnScan drawn = simulate::draw_scan(
+          const emulator::DrawnScan drawn = emulator::draw_scan(
               surface.value(), scanner,
-              simulate::derived_seed(variation.seed, 40 + static_cast<std::uint64_t>(k), truth), xyz);
+              emulator::derived_seed(variation.seed, 40 + static_cast<std::uint64_t>(k), truth), xyz);
           algo::Cloud cloud{xyz, xyz.size() / 3, drawn.width, drawn.height};
-          const simulate::StationTruth& station = slab.value().at(k);
+          const emulator::StationTruth& station = slab.value().at(k);
           inspector.begin(k, cell.T_base_slab * T_slab_block(recipes[truth], k), station.T_base_flange_reported);
           if (!inspector.denoise(cloud) || !inspector.register_to_model(cloud)) {
             ++lost;
@@ -109,7 +109,7 @@ bool ends_study(const StudyOptions& options, Table& table) {
         }
       }
     const std::string what = fmt::format("field {:.0f} mm{}", field.x_mm,
-                                         field.projection == simulate::Projection::perspective ? ", perspective" : "");
+                                         field.projection == emulator::Projection::perspective ? ", perspective" : "");
     table.at_most(what + fmt::format(": own type refused, of {} slabs", own.slabs), own.refused, 0, "");
     const std::string begun_wrongly = what + fmt::format(": other type refused, of {} slabs", other.slabs);
     if (field.reaches)

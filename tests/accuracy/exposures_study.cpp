@@ -22,7 +22,7 @@
 namespace slabd::accuracy {
 namespace {
 
-using simulate::derived_seed;
+using emulator::derived_seed;
 
 constexpr double kHalfX = 51.0;
 constexpr double kHalfS = 75.0;

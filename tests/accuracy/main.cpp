@@ -59,7 +59,7 @@ struct Outcome {
 };
 
 std::string json_of(const std::vector<Outcome>& outcomes) {
-  cli::Json json("slabd.accuracy/1");
+  report::Json json("slabd.accuracy/1");
   json.key("studies").begin_array();
   for (const Outcome& outcome : outcomes) {
     json.begin_object().field("study", outcome.study->name).field("carried_out", outcome.carried_out);
@@ -107,9 +107,9 @@ int main(int argc, char** argv) {
   CLI::App app("Studies of accuracy with known truth. Exit status 0: every goal met, 1: not, 2: usage.");
   std::string footer = "\nStudies (default: all)\n";
   for (const Study& study : kStudies) footer += fmt::format("  {:12} {}\n", study.name, study.about);
-  footer += "\nEffects of study real, with their usual strengths\n" + slabd::simulate::effect_help();
+  footer += "\nEffects of study real, with their usual strengths\n" + slabd::emulator::effect_help();
   footer += "\nDefects of study real, with their usual sizes\n";
-  for (const slabd::simulate::ConcreteDefectInfo& defect : slabd::simulate::concrete_defects())
+  for (const slabd::emulator::ConcreteDefectInfo& defect : slabd::emulator::concrete_defects())
     footer += fmt::format("  {:12} {:4} {}\n", defect.name, defect.usual, defect.meaning);
   app.footer(footer);
   app.add_option("study", names, "Which studies to run");

@@ -25,9 +25,9 @@ double left_after_fit_mm(const std::vector<Vec3>& seen, const std::vector<Vec3>&
 
 }  // namespace
 
-BlockResult features_of(const Recipe& recipe, const simulate::SlabTruth& slab, int k, const Pose& T_base_scanner,
+BlockResult features_of(const Recipe& recipe, const emulator::SlabTruth& slab, int k, const Pose& T_base_scanner,
                         Prng& random) {
-  const simulate::BlockTruth& truth = slab.at(k).block;
+  const emulator::BlockTruth& truth = slab.at(k).block;
   const double c = std::cos(truth.slope_rad);
   const double s = std::sin(truth.slope_rad);
   const double half = 0.5 * truth.casing_spacing_mm;
@@ -36,7 +36,7 @@ BlockResult features_of(const Recipe& recipe, const simulate::SlabTruth& slab, i
   block.station = static_cast<std::uint8_t>(k);
   block.verdict = Verdict::pass;
   block.registration.status = RegistrationStatus::converged;
-  block.registration.T_scanner_block = simulate::T_scanner_block(slab, MasteredLine::cell(), k);
+  block.registration.T_scanner_block = emulator::T_scanner_block(slab, MasteredLine::cell(), k);
   block.seat.plane.ok = true;
   block.seat.plane.normal = Vec3(off(1e-6), -s + off(1e-6), c).normalized();
   block.seat.noise_factor = 1.0;
@@ -70,15 +70,15 @@ MasteredLine::MasteredLine(const Recipe& recipe, const LineTraits& traits, Measu
   calibration_.hand_eye.sigma_rad = rad_from_deg(0.002);
 }
 
-simulate::Cell MasteredLine::cell() {
-  simulate::Cell cell;
+emulator::Cell MasteredLine::cell() {
+  emulator::Cell cell;
   cell.T_base_slab.translation_mm = Vec3(1800.0, 0.0, 300.0);
   cell.T_flange_scanner.translation_mm = Vec3(0.0, 80.0, 150.0);
   return cell;
 }
 
-simulate::SlabVariation MasteredLine::variation(std::uint32_t number, bool same_slab) const {
-  simulate::SlabVariation v;
+emulator::SlabVariation MasteredLine::variation(std::uint32_t number, bool same_slab) const {
+  emulator::SlabVariation v;
   v.seed = traits_.seed;
   v.slab_no = number;
   v.same_slab = same_slab;
@@ -89,17 +89,17 @@ simulate::SlabVariation MasteredLine::variation(std::uint32_t number, bool same_
   return v;
 }
 
-simulate::SlabTruth MasteredLine::cast(std::uint32_t number, bool same_slab) const {
-  const auto slab = simulate::cast_slab(recipe_, cell(), variation(number, same_slab), {});
-  return slab.ok() ? slab.value() : simulate::SlabTruth{};
+emulator::SlabTruth MasteredLine::cast(std::uint32_t number, bool same_slab) const {
+  const auto slab = emulator::cast_slab(recipe_, cell(), variation(number, same_slab), {});
+  return slab.ok() ? slab.value() : emulator::SlabTruth{};
 }
 
 bool MasteredLine::master(std::string& why) {
   std::vector<calib::StationVisit> visits;
   calib::MasterCertificate certificate;
   for (int round = 1; round <= traits_.visits; ++round) {
-    const simulate::SlabTruth slab = cast(static_cast<std::uint32_t>(round), true);
-    if (round == 1) certificate = simulate::master_certificate(recipe_, slab);
+    const emulator::SlabTruth slab = cast(static_cast<std::uint32_t>(round), true);
+    if (round == 1) certificate = cli::simulate::master_certificate(recipe_, slab);
     for (int k = 1; k <= slab.stations; ++k) {
       const Pose A = slab.at(k).T_base_flange_reported;
       const BlockResult block = measure_(slab, k, A * calibration_.hand_eye.T_flange_scanner);
@@ -124,7 +124,7 @@ bool MasteredLine::master(std::string& why) {
   return calibration_.tables.push(table);
 }
 
-JudgedSlab MasteredLine::judge(std::uint32_t number, bool corrected, simulate::SlabTruth& truth) {
+JudgedSlab MasteredLine::judge(std::uint32_t number, bool corrected, emulator::SlabTruth& truth) {
   truth = cast(number, false);
   SpliceSettings settings;
   settings.absolute_mm = traits_.absolute_mm;

@@ -34,7 +34,7 @@ struct JudgedSlab {
 class MasteredLine {
  public:
   /// Measures block `k` of a slab with the assumed scanner pose `T_base_scanner`.
-  using Measure = std::function<BlockResult(const simulate::SlabTruth& slab, int k, const Pose& T_base_scanner)>;
+  using Measure = std::function<BlockResult(const emulator::SlabTruth& slab, int k, const Pose& T_base_scanner)>;
 
   MasteredLine(const Recipe& recipe, const LineTraits& traits, Measure measure);
 
@@ -44,13 +44,13 @@ class MasteredLine {
 
   /// Casts slab `number` and judges it. `corrected` false: hand-eye calibration only, with the robot's absolute
   /// accuracy.
-  [[nodiscard]] JudgedSlab judge(std::uint32_t number, bool corrected, simulate::SlabTruth& truth);
+  [[nodiscard]] JudgedSlab judge(std::uint32_t number, bool corrected, emulator::SlabTruth& truth);
 
-  [[nodiscard]] static simulate::Cell cell();
+  [[nodiscard]] static emulator::Cell cell();
 
  private:
-  [[nodiscard]] simulate::SlabVariation variation(std::uint32_t number, bool same_slab) const;
-  [[nodiscard]] simulate::SlabTruth cast(std::uint32_t number, bool same_slab) const;
+  [[nodiscard]] emulator::SlabVariation variation(std::uint32_t number, bool same_slab) const;
+  [[nodiscard]] emulator::SlabTruth cast(std::uint32_t number, bool same_slab) const;
 
   const Recipe& recipe_;
   LineTraits traits_;
@@ -61,7 +61,7 @@ class MasteredLine {
 
 /// Computes the block result without a scan: the true features in the frame to which the block would register, with
 /// white noise as from a full scan.
-[[nodiscard]] BlockResult features_of(const Recipe& recipe, const simulate::SlabTruth& slab, int k,
+[[nodiscard]] BlockResult features_of(const Recipe& recipe, const emulator::SlabTruth& slab, int k,
                                       const Pose& T_base_scanner, Prng& random);
 
 }  // namespace slabd::accuracy

@@ -21,10 +21,10 @@
 namespace slabd::accuracy {
 namespace {
 
-using simulate::ConcreteDefect;
-using simulate::ConcreteScan;
-using simulate::Effect;
-using simulate::EffectStrengths;
+using emulator::ConcreteDefect;
+using emulator::ConcreteScan;
+using emulator::Effect;
+using emulator::EffectStrengths;
 
 constexpr std::array kItems = {
     ItemId::seat_slope,   ItemId::seat_flatness,  ItemId::jaw_angle_inner,         ItemId::jaw_angle_outer,
@@ -58,20 +58,20 @@ std::vector<std::string> blamed(const Case& one) {
   return names;
 }
 
-void write_case(const RealOptions& options, const Case& one, const Kind& kind, const simulate::ConcreteView& view,
+void write_case(const RealOptions& options, const Case& one, const Kind& kind, const emulator::ConcreteView& view,
                 const std::vector<float>& xyz) {
   std::filesystem::create_directories(options.out);
   const std::string path = fmt::format("{}/{}_{}", options.out, kind.name, one.seed);
-  const simulate::DrawnScan& drawn = one.scan.drawn;
+  const emulator::DrawnScan& drawn = one.scan.drawn;
   if (const Status written =
           hal::write_ply((path + ".ply").c_str(), xyz, drawn.width, drawn.height, {.emulator = true});
       !written)
     fmt::print(stderr, "{}: {}\n", path, written.error().text.view());
-  const simulate::ConcreteTruth& truth = one.scan.truth;
-  cli::Json json("slabd.concrete_truth/1");
+  const emulator::ConcreteTruth& truth = one.scan.truth;
+  report::Json json("slabd.concrete_truth/1");
   json.field("seed", one.seed).field("kind", kind.name);
   json.key("effects").begin_object();
-  for (const simulate::EffectInfo& effect : simulate::effects())
+  for (const emulator::EffectInfo& effect : emulator::effects())
     if (kind.effects[effect.effect] != 0.0) json.field(effect.name, kind.effects[effect.effect]);
   json.end_object().key("defects").begin_object();
   for (const ConcreteDefect& defect : kind.defects) json.field(info(defect.kind).name, defect.size);
@@ -88,8 +88,8 @@ void write_case(const RealOptions& options, const Case& one, const Kind& kind, c
   json.field("T_scanner_block", view.T_scanner_block.matrix());
   json.field("outliers_planted", drawn.outliers).field("missing", drawn.missing).field("valid", drawn.valid);
   json.key("marks").begin_array();
-  for (const simulate::PlantedMark& mark : truth.marks) {
-    json.begin_object().field("kind", simulate::name(mark.kind)).field("x", mark.x_mm).field("y", mark.y_mm);
+  for (const emulator::PlantedMark& mark : truth.marks) {
+    json.begin_object().field("kind", emulator::name(mark.kind)).field("x", mark.x_mm).field("y", mark.y_mm);
     json.field("z", mark.z_mm).field("length", mark.length_mm).field("width", mark.width_mm);
     json.field("depth", mark.depth_mm).field("in_crop", mark.in_crop).end_object();
   }
@@ -105,14 +105,14 @@ class Bench {
   Case measure(const RealOptions& options, const Kind& kind, std::uint64_t seed) {
     Case one;
     one.seed = seed;
-    simulate::ConcreteOrder order;
+    emulator::ConcreteOrder order;
     order.effects = kind.effects;
     order.defects = kind.defects;
     order.seed = seed;
     order.truth =
-        simulate::scattered_truth(recipe_, simulate::nominal_truth(recipe_), kind.effects[Effect::cast], seed);
-    const simulate::ConcreteView view = simulate::concrete_view(kind.effects, seed);
-    simulate::ConcreteScanner scanner;
+        emulator::scattered_truth(recipe_, emulator::nominal_truth(recipe_), kind.effects[Effect::cast], seed);
+    const emulator::ConcreteView view = emulator::concrete_view(kind.effects, seed);
+    emulator::ConcreteScanner scanner;
     scanner.seed = seed;
     scanner.step_mm = options.step_mm;
     if (options.full_grid) {
@@ -120,8 +120,8 @@ class Bench {
       scanner.rows = 2448;
     }
     const auto started = std::chrono::steady_clock::now();
-    one.scan = simulate::draw_concrete(recipe_, order, view.T_scanner_block, scanner,
-                                       simulate::derived_seed(seed, 8, 0), xyz_);
+    one.scan = emulator::draw_concrete(recipe_, order, view.T_scanner_block, scanner,
+                                       emulator::derived_seed(seed, 8, 0), xyz_);
     const auto drawn = std::chrono::steady_clock::now();
     if (!options.out.empty()) write_case(options, one, kind, view, xyz_);
     const auto begun = std::chrono::steady_clock::now();
@@ -227,16 +227,16 @@ struct Noticed {
 
 Noticed noticed(const std::vector<Case>& cases, const ConcreteDefect& defect) {
   Noticed n;
-  const simulate::ConcreteDefectInfo& facts = info(defect.kind);
+  const emulator::ConcreteDefectInfo& facts = info(defect.kind);
   for (const Case& one : cases) {
     n.missed += one.result.verdict == Verdict::pass ? 1 : 0;
     bool named = false;
     for (const Item& item : one.result.items)
       named = named || (info(item.id).name == facts.item && item.verdict != Verdict::pass);
-    for (const simulate::PlantedMark& mark : one.scan.truth.marks) {
-      if (mark.kind != simulate::MarkKind::damage && mark.kind != simulate::MarkKind::crack) continue;
+    for (const emulator::PlantedMark& mark : one.scan.truth.marks) {
+      if (mark.kind != emulator::MarkKind::damage && mark.kind != emulator::MarkKind::crack) continue;
       for (const SurfaceFinding& finding : one.result.findings) {
-        const double dx = mark.kind == simulate::MarkKind::crack ? 0.0 : finding.x_mm - mark.x_mm;
+        const double dx = mark.kind == emulator::MarkKind::crack ? 0.0 : finding.x_mm - mark.x_mm;
         named = named || std::hypot(dx, finding.s_mm - mark.y_mm) < 25.0;
       }
     }
@@ -256,7 +256,7 @@ struct WrongPasses {
 WrongPasses wrong_passes(const std::vector<Case>& cases, const Kind& kind, const Recipe& recipe) {
   WrongPasses wrong;
   const auto crust = std::find_if(kind.defects.begin(), kind.defects.end(), [](const ConcreteDefect& defect) {
-    return defect.kind == simulate::ConcreteDefectKind::crust;
+    return defect.kind == emulator::ConcreteDefectKind::crust;
   });
   for (const Case& one : cases)
     for (const ItemId id : kItems) {
@@ -439,7 +439,7 @@ constexpr std::array kPaperReach = {4.0, 2.0, 1.5};
 
 std::optional<Kind> kind_of(const RealOptions& options) {
   Kind kind;
-  const auto surface = simulate::surface_named(options.surface);
+  const auto surface = emulator::surface_named(options.surface);
   if (!surface) {
     fmt::print(stderr, "slabd_accuracy: {}\n", surface.error().text.view());
     return std::nullopt;
@@ -454,7 +454,7 @@ std::optional<Kind> kind_of(const RealOptions& options) {
     kind.name += " " + text;
   }
   for (const std::string& text : options.defects) {
-    const auto defect = simulate::parse_concrete_defect(text);
+    const auto defect = emulator::parse_concrete_defect(text);
     if (!defect) {
       fmt::print(stderr, "slabd_accuracy: {}\n", defect.error().text.view());
       return std::nullopt;
@@ -488,14 +488,14 @@ bool real_study(const StudyOptions& options, Table& table) {
     fmt::print("\n");
   }
   report_line(measure_all(benches, options, *kind, scans), *kind, *recipe, options, table);
-  for (const simulate::EffectInfo& effect : simulate::effects()) {
+  for (const emulator::EffectInfo& effect : emulator::effects()) {
     Kind raised = *kind;
     const double strength = effect.usual == 0.0 ? 1.0 : 2.0 * effect.usual;
     raised.effects.set(effect.effect, strength);
     raised.name = fmt::format("{} {}", effect.name, strength);
     report_line(measure_all(benches, options, raised, scans), raised, *recipe, options, table);
   }
-  for (const simulate::ConcreteDefectInfo& defect : simulate::concrete_defects()) {
+  for (const emulator::ConcreteDefectInfo& defect : emulator::concrete_defects()) {
     Kind damaged = *kind;
     damaged.defects = {{defect.kind, defect.usual}};
     damaged.name = fmt::format("{} {}", defect.name, defect.usual);

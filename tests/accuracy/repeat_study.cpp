@@ -41,7 +41,7 @@ bool repeat_study(const StudyOptions& options, Table& table) {
   for (int series = 0; series < series_count; ++series) {
     const std::uint64_t seed = options.first + static_cast<std::uint64_t>(series);
     const Sight block = varied_sight(*recipe, seed);
-    Prng random(simulate::derived_seed(seed, 9, 0));
+    Prng random(emulator::derived_seed(seed, 9, 0));
     std::vector<double> stds;
     std::vector<double> flatness;
     std::vector<double> min_zone;

@@ -19,15 +19,15 @@ constexpr double kRobot_mm = 0.017;
 constexpr double kSeatErrorMax = 0.05;
 constexpr double kCoverageMin = 0.935;
 
-simulate::Cell cell() {
-  simulate::Cell cell;
+emulator::Cell cell() {
+  emulator::Cell cell;
   cell.T_base_slab.translation_mm = Vec3(1800.0, 0.0, 300.0);
   cell.T_flange_scanner.translation_mm = Vec3(0.0, 80.0, 150.0);
   return cell;
 }
 
-simulate::SlabVariation variation(std::uint64_t seed) {
-  simulate::SlabVariation v;
+emulator::SlabVariation variation(std::uint64_t seed) {
+  emulator::SlabVariation v;
   v.seed = seed;
   v.robot_mm = 0.0;
   v.robot_sigma_mm = kRobot_mm;
@@ -45,17 +45,17 @@ class SlabBench {
   }
 
   /// Measures as the daemon: every station from its reported pose, then one fit. Prints failed stations to stderr.
-  const SlabResult& measure(const simulate::SlabTruth& slab, const simulate::ScannerTraits& traits) {
-    const simulate::Cell place = cell();
+  const SlabResult& measure(const emulator::SlabTruth& slab, const emulator::ScannerTraits& traits) {
+    const emulator::Cell place = cell();
     for (int k = 1; k <= slab.stations; ++k) {
-      const simulate::StationTruth& truth = slab.at(k);
+      const emulator::StationTruth& truth = slab.at(k);
       inspector_.begin(k, place.T_base_slab * T_slab_block(recipe_, k),
                        truth.T_base_flange_reported * place.T_flange_scanner);
-      const auto surface = simulate::BlockSurface::make(recipe_, truth.block, simulate::T_scanner_block(slab, place, k),
+      const auto surface = emulator::BlockSurface::make(recipe_, truth.block, emulator::T_scanner_block(slab, place, k),
                                                         traits.projection);
       if (!surface) continue;
-      const simulate::DrawnScan drawn = simulate::draw_scan(
-          surface.value(), traits, simulate::derived_seed(slab.scan_seed, static_cast<std::uint64_t>(k), 1), xyz_);
+      const emulator::DrawnScan drawn = emulator::draw_scan(
+          surface.value(), traits, emulator::derived_seed(slab.scan_seed, static_cast<std::uint64_t>(k), 1), xyz_);
       algo::Cloud cloud{xyz_, xyz_.size() / 3, drawn.width, drawn.height};
       Status status = inspector_.denoise(cloud);
       if (status) status = inspector_.register_to_model(cloud);
@@ -88,7 +88,7 @@ bool good_slabs(const StudyOptions& options, const Recipe& recipe, SlabBench& be
   std::map<ItemId, Tally> tallies;
   const int slabs = options.cases(20, 2);
   for (int i = 0; i < slabs; ++i) {
-    const auto slab = simulate::cast_slab(recipe, cell(), variation(options.first + static_cast<std::uint64_t>(i)), {});
+    const auto slab = emulator::cast_slab(recipe, cell(), variation(options.first + static_cast<std::uint64_t>(i)), {});
     if (!slab) return false;
     const SlabTruthItems truth(recipe, slab.value(), {});
     for (const Item& item : bench.measure(slab.value(), {}).items) {
@@ -127,7 +127,7 @@ bool good_slabs(const StudyOptions& options, const Recipe& recipe, SlabBench& be
 }
 
 struct Plant {
-  simulate::Defect defect;
+  emulator::Defect defect;
   ItemId item;
   int station;            ///< station of the item
   std::set<int> failing;  ///< stations whose verdict must be fail
@@ -135,7 +135,7 @@ struct Plant {
 };
 
 std::vector<Plant> plants() {
-  using simulate::DefectKind;
+  using emulator::DefectKind;
   return {
       {{DefectKind::lateral, 4, 0.9}, ItemId::seat_lateral, 4, {4}, {4}},
       {{DefectKind::vertical, 12, -0.9}, ItemId::seat_vertical, 12, {12}, {12}},
@@ -149,12 +149,12 @@ std::vector<Plant> plants() {
 
 /// Measures one slab of quarter-size scans per defect.
 bool spoilt_slabs(const StudyOptions& options, const Recipe& recipe, SlabBench& bench, Table& table) {
-  simulate::ScannerTraits quarter;
+  emulator::ScannerTraits quarter;
   quarter.columns /= 2;
   quarter.rows /= 2;
   for (const Plant& plant : plants()) {
-    const std::vector<simulate::Defect> defects = {plant.defect};
-    const auto slab = simulate::cast_slab(recipe, cell(), variation(options.first + 500), defects);
+    const std::vector<emulator::Defect> defects = {plant.defect};
+    const auto slab = emulator::cast_slab(recipe, cell(), variation(options.first + 500), defects);
     if (!slab) return false;
     const SlabTruthItems truth(recipe, slab.value(), plant.displaced);
     const SlabResult& result = bench.measure(slab.value(), quarter);

@@ -13,7 +13,7 @@ std::size_t index(int station) {
 
 }  // namespace
 
-SlabTruthItems::SlabTruthItems(const Recipe& recipe, const simulate::SlabTruth& slab, const std::set<int>& displaced)
+SlabTruthItems::SlabTruthItems(const Recipe& recipe, const emulator::SlabTruth& slab, const std::set<int>& displaced)
     : recipe_(recipe), slab_(slab) {
   // Displacement of the seats from their nominal positions, less the small rigid motion that explains most of it:
   // plain least squares on three equations a seat, d = t + w x p.
@@ -65,7 +65,7 @@ double SlabTruthItems::value(ItemId id, int station) const {
       const Vec3 n = turn.conjugate() * (into_frame_ * (turn * Vec3(0.0, -std::sin(slope), std::cos(slope))));
       return deg_from_rad(std::atan2(-n.y(), n.z()));
     }
-    default: return simulate::true_slab_value(recipe_, slab_, id, station);
+    default: return emulator::true_slab_value(recipe_, slab_, id, station);
   }
 }
 

@@ -41,15 +41,15 @@ class ScanMeasure {
   explicit ScanMeasure(const Recipe& recipe) : recipe_(recipe), xyz_(3 * limits::kScanPointsMax) {
     inspector_.use(recipe_);
   }
-  BlockResult operator()(const simulate::SlabTruth& slab, int k, const Pose& T_base_scanner) {
-    const simulate::Cell place = MasteredLine::cell();
+  BlockResult operator()(const emulator::SlabTruth& slab, int k, const Pose& T_base_scanner) {
+    const emulator::Cell place = MasteredLine::cell();
     inspector_.begin(k, place.T_base_slab * T_slab_block(recipe_, k), T_base_scanner);
-    simulate::ScannerTraits traits;
-    const auto surface = simulate::BlockSurface::make(recipe_, slab.at(k).block,
-                                                      simulate::T_scanner_block(slab, place, k), traits.projection);
+    emulator::ScannerTraits traits;
+    const auto surface = emulator::BlockSurface::make(recipe_, slab.at(k).block,
+                                                      emulator::T_scanner_block(slab, place, k), traits.projection);
     if (!surface) return {};
-    const simulate::DrawnScan drawn = simulate::draw_scan(
-        surface.value(), traits, simulate::derived_seed(slab.scan_seed, static_cast<std::uint64_t>(k), ++scan_), xyz_);
+    const emulator::DrawnScan drawn = emulator::draw_scan(
+        surface.value(), traits, emulator::derived_seed(slab.scan_seed, static_cast<std::uint64_t>(k), ++scan_), xyz_);
     algo::Cloud cloud{xyz_, xyz_.size() / 3, drawn.width, drawn.height};
     Status status = inspector_.denoise(cloud);
     if (status) status = inspector_.register_to_model(cloud);
@@ -66,7 +66,7 @@ class ScanMeasure {
   std::uint64_t scan_ = 0;
 };
 
-void add(const Recipe& recipe, const JudgedSlab& judged, const simulate::SlabTruth& slab, Outcome& out) {
+void add(const Recipe& recipe, const JudgedSlab& judged, const emulator::SlabTruth& slab, Outcome& out) {
   const SlabTruthItems truth(recipe, slab, {});
   out.seats_mm.push_back(judged.seats_rms_mm);
   for (const Item& item : judged.result.items) {
@@ -103,7 +103,7 @@ bool run_lines(const StudyOptions& options, const Recipe& recipe, const Mastered
     }
     for (int s = 0; s < slabs; ++s)
       for (Outcome* out : {&with, &without}) {
-        simulate::SlabTruth slab;
+        emulator::SlabTruth slab;
         const JudgedSlab judged = line.judge(static_cast<std::uint32_t>(100 + s), out == &with, slab);
         add(recipe, judged, slab, *out);
       }
@@ -142,14 +142,14 @@ bool stations_study(const StudyOptions& options, Table& table) {
   if (!recipe) return false;
   expect_perfect_scanner(*recipe);
   Prng random(options.first);
-  const MasteredLine::Measure features = [&](const simulate::SlabTruth& slab, int k, const Pose& T_base_scanner) {
+  const MasteredLine::Measure features = [&](const emulator::SlabTruth& slab, int k, const Pose& T_base_scanner) {
     return features_of(*recipe, slab, k, T_base_scanner, random);
   };
   if (!run_lines(options, *recipe, features, options.cases(200, 20), 5, "features", table)) return false;
   ScanMeasure scans(*recipe);
   const int lines = options.quick ? 1 : 3;
   return run_lines(
-      options, *recipe, [&](const simulate::SlabTruth& slab, int k, const Pose& T) { return scans(slab, k, T); }, lines,
+      options, *recipe, [&](const emulator::SlabTruth& slab, int k, const Pose& T) { return scans(slab, k, T); }, lines,
       2, "full-size scans", table);
 }
 

@@ -68,7 +68,7 @@ struct Form {
 Form form_of(const Seat& seat) {
   std::vector<double> heights;
   for (double x = -50.0; x <= 50.0; x += 2.0)
-    for (double s = -74.0; s <= 74.0; s += 2.0) heights.push_back(simulate::relief_mm(seat.sight.station.block, x, s));
+    for (double s = -74.0; s <= 74.0; s += 2.0) heights.push_back(emulator::relief_mm(seat.sight.station.block, x, s));
   const Spread spread = cli::study::spread_of(heights);
   return {spread.mean, spread.std};
 }
@@ -89,11 +89,11 @@ std::vector<Seat> cast_seats(const Recipe& recipe) {
 
 /// Value that an ideal laboratory finds with a seat plane fitted over the same region.
 double laboratory_value(const Recipe& recipe, const Seat& seat, ItemId id) {
-  const simulate::BlockTruth& block = seat.sight.station.block;
-  const double truth = simulate::true_value(recipe, seat.sight.station, id);
+  const emulator::BlockTruth& block = seat.sight.station.block;
+  const double truth = emulator::true_value(recipe, seat.sight.station, id);
   const double lifted = form_of(seat).mean_mm;
   switch (id) {
-    case ItemId::seat_flatness: return simulate::true_flatness_mm(recipe, block);
+    case ItemId::seat_flatness: return emulator::true_flatness_mm(recipe, block);
     case ItemId::casing_protrusion_inner:
     case ItemId::casing_protrusion_outer: return truth - lifted;
     // The jaws lean outward, so at a higher reference plane they are further apart.
@@ -111,8 +111,8 @@ constexpr std::array kItems = {
 /// Measures all repeats of a seat. Returns false with a message if a scan cannot be measured, because the validation
 /// must be complete.
 bool measure(BlockBench& bench, Seat& seat, std::size_t repeats, std::uint64_t seed) {
-  Prng random(simulate::derived_seed(seed, 21, 0));
-  simulate::ScannerTraits traits;
+  Prng random(emulator::derived_seed(seed, 21, 0));
+  emulator::ScannerTraits traits;
   traits.noise_mm = seat.noise_mm;
   for (std::size_t i = 0; i < repeats; ++i) {
     const Sight sight{seat.sight.station, come_back(seat.sight.T_scanner_block, random)};
@@ -189,13 +189,13 @@ void print_table_5(const Seat& seat, const Recipe& recipe) {
   heading("Table 5: the plane of seat 1");
   row("normal I, J, K", "0.000, -0.024, 1.000",
       fmt::format("{:.6f}, {:.6f}, {:.6f}", s.normal_datum.x(), s.normal_datum.y(), s.normal_datum.z()),
-      fmt::format("cast with slope {}", deg(simulate::true_value(recipe, seat.sight.station, ItemId::seat_slope))));
+      fmt::format("cast with slope {}", deg(emulator::true_value(recipe, seat.sight.station, ItemId::seat_slope))));
   row("points", "6818", fmt::format("{} cells, {} points", s.grid_points, s.plane.points),
       "the paper samples, slabd averages cells");
   row("standard deviation of the points", "0.029 mm", mm(s.plane.std_mm),
       fmt::format("put in: noise {} and form {}", mm(seat.noise_mm), mm(form_of(seat).std_mm)));
   row("flatness", "0.091 mm", mm(s.flatness_mm),
-      fmt::format("true form {}", mm(simulate::true_flatness_mm(recipe, seat.sight.station.block))));
+      fmt::format("true form {}", mm(emulator::true_flatness_mm(recipe, seat.sight.station.block))));
   row("peak to valley of single points", "-", mm(s.raw_high_mm - s.raw_low_mm), "what noise makes of it without cells");
 }
 
@@ -263,7 +263,7 @@ bool print_comparison(const std::vector<Seat>& seats, const Recipe& recipe, Bloc
   row("difference", "0.021 deg", deg(std::abs(slope.value - slope.reference)),
       "of a block that is its model, by a scanner without error of form; with relief: below");
   bench.field_error_mm = kFieldError_mm;
-  simulate::ScannerTraits traits;
+  emulator::ScannerTraits traits;
   traits.noise_mm = seats[0].noise_mm;
   const bool good = bench.measure(seats[0].sight, traits, 6);
   bench.field_error_mm = 0.0;
@@ -321,7 +321,7 @@ bool print_concrete(const std::vector<Seat>& seats, const Recipe& recipe, BlockB
     for (std::size_t i = 0; i < seats.size() + 1; ++i) {
       const Seat& seat = seats[i == 0 ? 0 : i - 1];
       bench.concrete = {kPaperStd_mm * scale, length, 100 + i};
-      simulate::ScannerTraits traits;
+      emulator::ScannerTraits traits;
       traits.noise_mm = seat.noise_mm;
       const bool good = bench.measure(seat.sight, traits, 500 + i);
       bench.concrete = {};
@@ -334,7 +334,7 @@ bool print_concrete(const std::vector<Seat>& seats, const Recipe& recipe, BlockB
         scale = kPaperStd_mm / d.std_mm;
         continue;
       }
-      const double truth = simulate::true_value(recipe, seat.sight.station, ItemId::seat_slope);
+      const double truth = emulator::true_value(recipe, seat.sight.station, ItemId::seat_slope);
       to_model.push_back(slope_to_model_deg(bench.result()) - truth);
       to_top.push_back(bench.item(ItemId::seat_slope).value - truth);
       mean.push_back(d.mean_mm);
@@ -390,7 +390,7 @@ void print_floors(const std::vector<Seat>& seats, const Recipe& recipe) {
   const double cell_noise = seat.noise_mm / std::sqrt(points / cells);
   line("flatness", "0.091 mm", mm(s.flatness_mm),
        fmt::format("{} of form, and up to {} of noise in {} cells of {:.0f} points",
-                   mm(simulate::true_flatness_mm(recipe, seat.sight.station.block)),
+                   mm(emulator::true_flatness_mm(recipe, seat.sight.station.block)),
                    mm(2.0 * cell_noise * std::sqrt(2.0 * std::log(cells))), s.grid_points, points / cells));
   line("registered points: mean deviation", "0.091 mm", mm(seat.first.registration.deviation.mean_mm),
        "0: a least-squares registration leaves none along a plane that fills the picture");

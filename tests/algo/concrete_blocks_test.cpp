@@ -12,8 +12,8 @@
 namespace slabd::algo {
 namespace {
 
-using simulate::ConcreteDefect;
-using simulate::EffectStrengths;
+using emulator::ConcreteDefect;
+using emulator::EffectStrengths;
 
 /// Draws and measures blocks one after the other in the same memory.
 class Concrete : public ::testing::Test {
@@ -22,23 +22,23 @@ class Concrete : public ::testing::Test {
 
   const BlockResult& measured(std::uint64_t seed, const std::vector<std::string>& effects = {},
                               const std::vector<std::string>& defects = {}) {
-    EffectStrengths strengths(simulate::SurfaceKind::real);
+    EffectStrengths strengths(emulator::SurfaceKind::real);
     for (const std::string& text : effects) EXPECT_FALSE(strengths.take(text));
-    simulate::ConcreteOrder order;
+    emulator::ConcreteOrder order;
     order.effects = strengths;
     order.seed = seed;
     for (const std::string& text : defects) {
-      const auto defect = simulate::parse_concrete_defect(text);
+      const auto defect = emulator::parse_concrete_defect(text);
       EXPECT_TRUE(defect) << text;
       if (defect) order.defects.push_back(defect.value());
     }
     order.truth =
-        simulate::scattered_truth(recipe_, simulate::nominal_truth(recipe_), strengths[simulate::Effect::cast], seed);
-    const simulate::ConcreteView view = simulate::concrete_view(strengths, seed);
-    simulate::ConcreteScanner scanner;
+        emulator::scattered_truth(recipe_, emulator::nominal_truth(recipe_), strengths[emulator::Effect::cast], seed);
+    const emulator::ConcreteView view = emulator::concrete_view(strengths, seed);
+    emulator::ConcreteScanner scanner;
     scanner.seed = seed;
-    const simulate::ConcreteScan scan = simulate::draw_concrete(recipe_, order, view.T_scanner_block, scanner,
-                                                                simulate::derived_seed(seed, 8, 0), xyz_);
+    const emulator::ConcreteScan scan = emulator::draw_concrete(recipe_, order, view.T_scanner_block, scanner,
+                                                                emulator::derived_seed(seed, 8, 0), xyz_);
     inspector_.begin(1, Pose::identity(), view.T_block_scanner_reported);
     Cloud cloud{xyz_, xyz_.size() / 3, scan.drawn.width, scan.drawn.height};
     Status status = inspector_.denoise(cloud);

@@ -171,6 +171,24 @@ TEST(Rooms, show_no_library_but_eigen_in_their_headers) {
     }
 }
 
+TEST(Rooms, have_a_namespace_of_their_name) {
+  static const std::regex kNamespace("^namespace (slabd[a-z_:]*) \\{$");
+  for (const auto& [room, allowed] : kMayInclude)
+    for (const fs::path& file : sources_of(room)) {
+      const std::string own = room == "base" ? "slabd" : "slabd::" + room;
+      std::set<std::string> found;
+      std::ifstream in(file);
+      std::smatch match;
+      for (std::string line; std::getline(in, line);)
+        if (std::regex_match(line, match, kNamespace)) found.insert(match[1]);
+      // The others are declarations of what another room defines.
+      EXPECT_TRUE(found.empty() ||
+                  std::any_of(found.begin(), found.end(),
+                              [&](const std::string& name) { return name == own || name.starts_with(own + "::"); }))
+          << file << " is in " << *found.begin();
+    }
+}
+
 TEST(Rooms, have_a_licence_line_in_every_source) {
   for (const auto& [room, allowed] : kMayInclude)
     for (const fs::path& file : sources_of(room)) {

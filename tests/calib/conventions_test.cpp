@@ -97,13 +97,13 @@ const std::vector<Mistake>& mistakes() {
       {"target in metres", false, Refusal::units, "target positions are in metres",
        [](View& v) {
          v.T_scanner_target.translation_mm /= kMmPerM;
-         for (BallSighting& seen : v.balls) seen.centre_mm /= kMmPerM;
+         for (BallObservation& seen : v.balls) seen.centre_mm /= kMmPerM;
        }},
       {"both in metres", false, Refusal::units, "metres read as millimetres",
        [](View& v) {
          v.T_base_flange.translation_mm /= kMmPerM;
          v.T_scanner_target.translation_mm /= kMmPerM;
-         for (BallSighting& seen : v.balls) seen.centre_mm /= kMmPerM;
+         for (BallObservation& seen : v.balls) seen.centre_mm /= kMmPerM;
        }},
   };
   return all;
@@ -194,7 +194,7 @@ void mirror(View& view, int axis) {
   F(2, 2) = -1.0;
   view.T_scanner_target.translation_mm = M * view.T_scanner_target.translation_mm;
   view.T_scanner_target.rotation = Quat(Mat3(M * view.T_scanner_target.rotation.toRotationMatrix() * F));
-  for (BallSighting& seen : view.balls) seen.centre_mm = M * seen.centre_mm;
+  for (BallObservation& seen : view.balls) seen.centre_mm = M * seen.centre_mm;
 }
 
 TEST(Conventions, a_mirrored_cloud_is_named_with_its_axis) {

@@ -352,7 +352,7 @@ TEST(HandEye, a_few_poses_seen_again_and_again_count_as_a_few_poses) {
         for (View view : once) {
           const Vec3 noise(0.003 * again, -0.002 * again, 0.004);
           view.T_scanner_target.translation_mm += noise;
-          for (BallSighting& ball : view.balls) ball.centre_mm += noise;
+          for (BallObservation& ball : view.balls) ball.centre_mm += noise;
           set.views.push_back(view);
         }
       const HandEye result = solved(kind, set, plan);
@@ -390,7 +390,7 @@ Set repeated(ArtefactKind kind, const Plan& plan, double shared_mm, double anew_
     for (View view : places) {
       view.T_base_flange = view.T_base_flange * motion(anew_mm, robot_rad_for(anew_mm));
       view.T_scanner_target = view.T_scanner_target * motion(plan.target_mm, rad_from_deg(plan.target_deg));
-      for (BallSighting& ball : view.balls) ball.centre_mm += vector(plan.target_mm);
+      for (BallObservation& ball : view.balls) ball.centre_mm += vector(plan.target_mm);
       set.views.push_back(view);
     }
   return set;
@@ -639,7 +639,7 @@ TEST(HandEye, scale_is_diagnosed_against_a_certified_length) {
   EXPECT_LT(std::abs(good.ppm), 4.0 * good.sigma_ppm);
   EXPECT_FALSE(good.suspicious);
   for (View& view : set.views)
-    for (BallSighting& seen : view.balls) seen.centre_mm *= 1.0005;
+    for (BallObservation& seen : view.balls) seen.centre_mm *= 1.0005;
   const ScaleDiagnosis bad = diagnose_scale(set.views, 0, 1, 150.0, 0.002, 0.01);
   EXPECT_NEAR(bad.ppm - good.ppm, 500.0, 1.0);
   EXPECT_TRUE(bad.suspicious);
@@ -660,7 +660,7 @@ TEST(HandEye, a_scale_of_the_scanner_is_fitted_named_beyond_three_sigmas_and_ref
       Set set = make(kind, plan, 4);
       for (View& view : set.views) {
         view.T_scanner_target.translation_mm *= c.scale;
-        for (BallSighting& seen : view.balls) seen.centre_mm *= c.scale;
+        for (BallObservation& seen : view.balls) seen.centre_mm *= c.scale;
       }
       const HandEye result = solve(kind, set.views, plan.noise()).value();
       EXPECT_NEAR(result.scale, 1.0 / c.scale, 4.0 * result.scale_sigma) << name(kind) << " " << c.scale;

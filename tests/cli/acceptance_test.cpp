@@ -15,7 +15,7 @@ namespace {
 
 /// A scan drawn by the emulator, with noise along the rays and a bend of the field.
 struct Scene {
-  simulate::Solids solids;
+  emulator::Solids solids;
   double noise_mm = 0.03;
   double correlation_mm = 0.0;
   double bend_mm = 0.0;  ///< depth of a bowl over the field's half diagonal
@@ -25,16 +25,16 @@ struct Scene {
   ScanShape shape;
 
   void draw(std::uint64_t seed) {
-    simulate::Picture picture;
+    emulator::Picture picture;
     picture.field_x_mm = 200.0;
     picture.field_y_mm = 200.0;
     picture.clear(600, 600);
     picture.draw(solids);
-    simulate::ScannerTraits traits;
+    emulator::ScannerTraits traits;
     traits.columns = traits.rows = 600;
     traits.field_x_mm = traits.field_y_mm = 200.0;
     traits.noise_correlation_mm = correlation_mm;
-    const std::vector<float> common = correlation_mm > 0.0 ? simulate::noise_field(traits, seed) : std::vector<float>();
+    const std::vector<float> common = correlation_mm > 0.0 ? emulator::noise_field(traits, seed) : std::vector<float>();
     Prng prng(seed);
     xyz.clear();
     for (std::size_t row = 0; row < picture.rows; ++row)

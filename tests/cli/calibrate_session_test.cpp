@@ -290,7 +290,7 @@ TEST_F(CalibrateSession, a_view_from_a_pose_that_has_one_counts_for_nothing) {
   // Another scan with the same flange pose.
   expect_next(
       run("calibrate capture --scan " + file("other") + "/view_01.ply --flange-file " + file("set") + "/flange.txt:1"),
-      6, "REFUSED (same_pose): the flange stands where it stood for view 1");
+      6, "REFUSED (same_pose): the flange is where it was for view 1");
   EXPECT_EQ(list()["views"].size(), 2U);
 }
 

@@ -37,7 +37,7 @@ class CalibrateStations : public Slabctl {
   }
   /// Stores the record and puts it in force at that time.
   [[nodiscard]] std::string put_in_force(const storage::CalibrationRecord& record, std::int64_t utime_us) const {
-    daemon::Config config;
+    config::Config config;
     EXPECT_TRUE(config_from(file("slabd.toml"), config));
     const Result<ChangeAnswer> kept = change_calibration(config, storage::KeepCalibration{record});
     EXPECT_TRUE(kept.ok()) << kept.error().text.view();
@@ -117,7 +117,7 @@ TEST_F(CalibrateStations, corrections_that_the_line_does_not_use_do_not_hold) {
   table.parent_id = in_force(CalibrationKind::hand_eye).id;
   table.expires_utime_us = wall_clock_us() - 10 * kDay_us;
   std::get<StationTable>(table.numbers).station[0].sigma_mm = 0.03;
-  daemon::Config config;
+  config::Config config;
   ASSERT_TRUE(config_from(file("slabd.toml"), config));
   table.created_utime_us = wall_clock_us() - 20 * kDay_us;
   static_cast<void>(put_in_force(table, wall_clock_us() - 20 * kDay_us + 1'000'000));

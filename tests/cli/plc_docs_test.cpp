@@ -65,8 +65,8 @@ TEST(PlcDocs, every_register_is_listed_once_and_none_is_missing) {
     const std::string memory = row.memory == hal::RegisterRow::Memory::holding ? "HR " : "IR ";
     EXPECT_TRUE(names.insert(memory + std::string(row.name)).second) << row.name;
   };
-  hal::tell_inputs({}, hal::WordOrder::abcd, sink);
-  hal::tell_outputs({}, hal::WordOrder::abcd, sink);
+  hal::list_inputs({}, hal::WordOrder::abcd, sink);
+  hal::list_outputs({}, hal::WordOrder::abcd, sink);
   EXPECT_EQ(holding.size(), hal::kHoldingRegisters);
   EXPECT_EQ(input.size(), hal::kInputRegisters);
 }
@@ -87,7 +87,7 @@ TEST(PlcDocs, registers_are_described_in_words) {
     hal::InputImage image{};
     hal::encode_outputs(outputs, order, image);
     std::map<std::string, std::string> words;
-    hal::tell_outputs(image, order, [&](const hal::RegisterRow& row, std::string_view value) {
+    hal::list_outputs(image, order, [&](const hal::RegisterRow& row, std::string_view value) {
       words[std::to_string(row.address) + " " + std::string(row.name)] = value;
     });
     EXPECT_EQ(words["2 WORD_PROBE"], "0x12345678");
@@ -102,7 +102,7 @@ TEST(PlcDocs, registers_are_described_in_words) {
     EXPECT_EQ(words["104 STATION_18"], "1 pass, 2 attempts");
   }
   std::map<std::string, std::string> order;
-  hal::tell_inputs({}, hal::WordOrder::abcd,
+  hal::list_inputs({}, hal::WordOrder::abcd,
                    [&](const hal::RegisterRow& row, std::string_view value) { order[std::string(row.name)] = value; });
   EXPECT_EQ(order["SLAB_TEMPERATURE"], "unknown");
   EXPECT_EQ(order["SLAB_AGE"], "unknown") << "it was not reported";
@@ -110,7 +110,7 @@ TEST(PlcDocs, registers_are_described_in_words) {
   hal::InputImage wrong{};
   wrong[36] = 77;
   std::string verdict;
-  hal::tell_outputs(wrong, hal::WordOrder::abcd, [&](const hal::RegisterRow& row, std::string_view value) {
+  hal::list_outputs(wrong, hal::WordOrder::abcd, [&](const hal::RegisterRow& row, std::string_view value) {
     if (row.address == 0) {
       EXPECT_EQ(value, "0x0000  WRONG");
     }
@@ -130,14 +130,14 @@ long long number_behind(const std::string& text, const std::string& name) {
 TEST(PlcDocs, the_function_block_has_the_emulators_times_and_repetitions) {
   const std::string text = read_file(kBlock);
   ASSERT_FALSE(text.empty());
-  const simulate::PlcTraits traits;
+  const emulator::PlcTraits traits;
   EXPECT_EQ(number_behind(text, "tonAck\\(IN.*PT := "), traits.ack_timeout.count());
   EXPECT_EQ(number_behind(text, "tonBeat\\(IN.*PT := "), traits.heartbeat.count());
   EXPECT_EQ(number_behind(text, "tonFree\\(IN.*PT := "), traits.result_timeout.count());
   EXPECT_EQ(number_behind(text, "tonReady\\(IN.*PT := "), 3'000);
   EXPECT_EQ(number_behind(text, "uiCmdNow = 2 THEN\\s*tonDone\\(IN.*PT := "), traits.acquire_timeout.count());
   EXPECT_EQ(number_behind(text, "REWRITES_MAX : UINT "), traits.ack_rewrites);
-  EXPECT_EQ(number_behind(text, "ATTEMPTS_MAX : UINT "), simulate::kIssueAttempts);
+  EXPECT_EQ(number_behind(text, "ATTEMPTS_MAX : UINT "), emulator::kIssueAttempts);
   EXPECT_NE(text.find("uiCode = 103 OR uiCode = 107"), std::string::npos) << "what is tried again later";
 }
 

@@ -113,17 +113,17 @@ TEST(ProgressCount, the_time_left_is_what_like_pieces_will_take) {
 }
 
 TEST(RobotPeer, cure_for_a_missing_route_names_the_group_in_use) {
-  using simulate::multicast_group;
+  using emulator::multicast_group;
   EXPECT_EQ(multicast_group("udpm://239.1.2.3:7000?ttl=0"), "239.1.2.3");
   EXPECT_EQ(multicast_group("udpm://239.1.2.3?ttl=0"), "239.1.2.3");
   EXPECT_EQ(multicast_group("udpm://239.1.2.3"), "239.1.2.3");
   EXPECT_EQ(multicast_group("udpm://"), "239.255.76.67");
   EXPECT_EQ(multicast_group("udpm://?ttl=1"), "239.255.76.67");
   // A unicast address has no multicast route on any machine, so the message is tested.
-  simulate::RobotTraits traits;
+  emulator::RobotTraits traits;
   traits.lcm_url = "udpm://10.9.8.7:7667?ttl=0";
   traits.channel = "FLANGE_POSE";
-  const auto peer = simulate::RobotPeer::start(traits, Pose::identity());
+  const auto peer = emulator::RobotPeer::start(traits, Pose::identity());
   if (!peer.ok()) {
     EXPECT_NE(peer.error().text.view().find("ip route add 10.9.8.7/32 dev lo"), std::string_view::npos)
         << peer.error().text.view();

@@ -189,7 +189,7 @@ TEST_F(RecipeDiff, a_filter_of_slabs_needs_a_database_to_be_heard) {
 
 TEST_F(RecipeDiff, every_key_is_named_once) {
   std::set<std::string> keys;
-  for (const daemon::RecipeKey& key : daemon::keys_of(recipe_)) EXPECT_TRUE(keys.insert(key.key).second) << key.key;
+  for (const config::RecipeKey& key : config::keys_of(recipe_)) EXPECT_TRUE(keys.insert(key.key).second) << key.key;
   EXPECT_TRUE(keys.contains("items.seat_slope.upper"));
   EXPECT_TRUE(keys.contains("uncertainty.reference_deg"));
 }

@@ -8,32 +8,32 @@
 namespace slabd::cli {
 namespace {
 
-constexpr Style kPlain{false, false};
-constexpr Style kUnicode{false, true};
-constexpr Style kColour{true, true};
+constexpr report::Style kPlain{false, false};
+constexpr report::Style kUnicode{false, true};
+constexpr report::Style kColour{true, true};
 
 TEST(Render, every_verdict_has_its_own_symbol_in_both_alphabets) {
-  for (const Style style : {kPlain, kUnicode}) {
+  for (const report::Style style : {kPlain, kUnicode}) {
     std::vector<std::string_view> seen;
     for (const Verdict v : {Verdict::none, Verdict::pass, Verdict::fail, Verdict::not_measured, Verdict::aborted,
                             Verdict::indeterminate}) {
-      for (const std::string_view other : seen) EXPECT_NE(symbol(v, style), other);
-      seen.push_back(symbol(v, style));
+      for (const std::string_view other : seen) EXPECT_NE(report::symbol(v, style), other);
+      seen.push_back(report::symbol(v, style));
     }
   }
-  EXPECT_EQ(verdict_text(Verdict::pass, kUnicode), "✓ pass");
-  EXPECT_EQ(verdict_text(Verdict::fail, kPlain), "X fail");
-  EXPECT_EQ(verdict_text(Verdict::fail, kColour), "\x1b[1;31m✗ fail\x1b[0m");
+  EXPECT_EQ(report::verdict_text(Verdict::pass, kUnicode), "✓ pass");
+  EXPECT_EQ(report::verdict_text(Verdict::fail, kPlain), "X fail");
+  EXPECT_EQ(report::verdict_text(Verdict::fail, kColour), "\x1b[1;31m✗ fail\x1b[0m");
 }
 
 TEST(Render, columns_line_up_whatever_the_cells_are_written_in) {
-  EXPECT_EQ(display_width("abc"), 3U);
-  EXPECT_EQ(display_width("承轨台 4"), 8U);
-  EXPECT_EQ(display_width("\x1b[1;31m✗ fail\x1b[0m"), 6U);
-  Table table{"项目", "值"};
+  EXPECT_EQ(report::display_width("abc"), 3U);
+  EXPECT_EQ(report::display_width("承轨台 4"), 8U);
+  EXPECT_EQ(report::display_width("\x1b[1;31m✗ fail\x1b[0m"), 6U);
+  report::Table table{"项目", "值"};
   table.add("坡度", 1);
   table.add("abcd", 22);
-  EXPECT_EQ(text_of(table),
+  EXPECT_EQ(report::text_of(table),
             "项目  值\n"
             "--------\n"
             "坡度   1\n"
@@ -114,10 +114,10 @@ TEST(Render, slab_items_name_their_stations) {
 }
 
 TEST(Render, columns_align_by_what_is_seen_not_by_bytes) {
-  Table table{"a", "b<"};
+  report::Table table{"a", "b<"};
   table.add("✓", "x");
   table.add("zz", "\x1b[32my\x1b[0m");
-  EXPECT_EQ(text_of(table), "a   b\n-----\n✓   x\nzz  \x1b[32my\x1b[0m\n");
+  EXPECT_EQ(report::text_of(table), "a   b\n-----\n✓   x\nzz  \x1b[32my\x1b[0m\n");
 }
 
 TEST(Render, reasons_name_the_item_or_the_code_and_its_cure) {

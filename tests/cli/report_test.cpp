@@ -53,7 +53,7 @@ class ReportTest : public Slabctl {
     item.id = id;
     item.station = static_cast<std::uint8_t>(station);
     item.nominal = info(id).unit == ItemUnit::deg ? 1.432096 : 380.0;
-    const double places = std::pow(10.0, decimals(id));
+    const double places = std::pow(10.0, report::decimals(id));
     item.value = item.nominal + (std::round(prng.normal() * places) + (station == 2 ? 0.5 : 0.3)) / places;
     if (station == 7) item.value = item.nominal - 1e-9;
     item.lower = item.nominal - 0.5;
@@ -295,11 +295,11 @@ TEST_F(ReportTest, figures_agree_with_database_json_and_plc_record_to_the_last_d
       const Row* row = row_of(rows, report::item_word(id, report::Language::en));
       ASSERT_NE(row, nullptr) << station << " " << item["id"];
       ASSERT_EQ(row->size(), 8U);
-      const int digits = decimals(id);
-      EXPECT_EQ((*row)[2], figure(item["nominal"], digits));
-      EXPECT_EQ((*row)[4], figure(item["value"], digits));
-      EXPECT_EQ((*row)[5], figure(item["deviation"], digits));
-      EXPECT_EQ((*row)[6], figure(item["U"], digits));
+      const int digits = report::decimals(id);
+      EXPECT_EQ((*row)[2], report::figure(item["nominal"], digits));
+      EXPECT_EQ((*row)[4], report::figure(item["value"], digits));
+      EXPECT_EQ((*row)[5], report::figure(item["deviation"], digits));
+      EXPECT_EQ((*row)[6], report::figure(item["U"], digits));
       EXPECT_NE(text.find((*row)[4]), std::string::npos) << "the terminal shows another value";
       EXPECT_NE(text.find((*row)[5]), std::string::npos) << "the terminal shows another deviation";
       EXPECT_NE((*row)[5], "-0.000");
@@ -354,11 +354,11 @@ TEST_F(ReportTest, the_slabs_own_items_agree_in_report_json_and_the_slabs_record
     const Row* const in_table = row_of(of_slab, word + " " + std::to_string(station));
     ASSERT_NE(on_page, nullptr);
     ASSERT_NE(in_table, nullptr) << word << " " << station;
-    const int digits = decimals(id);
+    const int digits = report::decimals(id);
     for (const Row* row : {on_page, in_table}) {
-      EXPECT_EQ((*row)[4], figure(item["value"], digits));
-      EXPECT_EQ((*row)[5], figure(item["deviation"], digits));
-      EXPECT_EQ((*row)[6], figure(item["U"], digits));
+      EXPECT_EQ((*row)[4], report::figure(item["value"], digits));
+      EXPECT_EQ((*row)[5], report::figure(item["deviation"], digits));
+      EXPECT_EQ((*row)[6], report::figure(item["U"], digits));
     }
     auto& furthest = worst.at(id == ItemId::seat_slope ? 0 : id == ItemId::seat_lateral ? 1 : 2);
     const double deviation = std::stod((*on_page)[5]);
@@ -647,18 +647,18 @@ TEST_F(ReportTest, every_word_exists_in_both_languages) {
 }
 
 TEST(Figures, show_a_micrometre_a_ten_thousandth_of_a_degree_and_no_minus_zero) {
-  EXPECT_EQ(figure(-0.0004, 3), "0.000");
-  EXPECT_EQ(figure(-0.0006, 3), "-0.001");
-  EXPECT_EQ(figure(kNoValue, 3), "-");
+  EXPECT_EQ(report::figure(-0.0004, 3), "0.000");
+  EXPECT_EQ(report::figure(-0.0006, 3), "-0.001");
+  EXPECT_EQ(report::figure(kNoValue, 3), "-");
   Item item;
   item.id = ItemId::seat_slope;
   item.value = 1.43214;
-  EXPECT_EQ(value_figure(item), "1.4321");
-  EXPECT_EQ(deviation_figure(item), "-");
-  EXPECT_EQ(limits_figure(item), "");
+  EXPECT_EQ(report::value_figure(item), "1.4321");
+  EXPECT_EQ(report::deviation_figure(item), "-");
+  EXPECT_EQ(report::limits_figure(item), "");
   item.id = ItemId::jaw_distance;
   item.upper = 1.0;
-  EXPECT_EQ(limits_figure(item), "<= 1.000");
+  EXPECT_EQ(report::limits_figure(item), "<= 1.000");
 }
 
 TEST(Figures, have_enough_digits_to_show_why_a_value_failed_by_a_small_amount) {
@@ -669,22 +669,22 @@ TEST(Figures, have_enough_digits_to_show_why_a_value_failed_by_a_small_amount) {
   item.upper = 233.148;
   item.value = 233.14802;
   item.verdict = Verdict::fail;
-  EXPECT_EQ(value_figure(item), "233.14802");
-  EXPECT_EQ(deviation_figure(item), "0.14802");
-  EXPECT_EQ(limits_figure(item), "232.85200 .. 233.14800");
-  EXPECT_EQ(nominal_figure(item), "233.000");
+  EXPECT_EQ(report::value_figure(item), "233.14802");
+  EXPECT_EQ(report::deviation_figure(item), "0.14802");
+  EXPECT_EQ(report::limits_figure(item), "232.85200 .. 233.14800");
+  EXPECT_EQ(report::nominal_figure(item), "233.000");
   item.value = 232.851998;
-  EXPECT_EQ(value_figure(item), "232.851998");
-  EXPECT_EQ(limits_figure(item), "232.852000 .. 233.148000");
+  EXPECT_EQ(report::value_figure(item), "232.851998");
+  EXPECT_EQ(report::limits_figure(item), "232.852000 .. 233.148000");
   // A difference that the usual digits show, one below all shown digits, and a value that did not fail.
   item.value = 233.149;
-  EXPECT_EQ(value_figure(item), "233.149");
-  EXPECT_EQ(limits_figure(item), "232.852 .. 233.148");
+  EXPECT_EQ(report::value_figure(item), "233.149");
+  EXPECT_EQ(report::limits_figure(item), "232.852 .. 233.148");
   item.value = 233.148 + 1e-12;
-  EXPECT_EQ(value_figure(item), "233.148");
+  EXPECT_EQ(report::value_figure(item), "233.148");
   item.value = 233.14802;
   item.verdict = Verdict::indeterminate;
-  EXPECT_EQ(value_figure(item), "233.148");
+  EXPECT_EQ(report::value_figure(item), "233.148");
 }
 
 }  // namespace

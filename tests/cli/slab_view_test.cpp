@@ -14,15 +14,15 @@ namespace {
 TEST(SlabView, result_of_the_slab_replaces_the_item_of_the_block) {
   storage::SlabRecord record;
   const Item own = item_of(ItemId::seat_slope, 5, 1.52);
-  EXPECT_EQ(final_item(record, 5, own).value, 1.52) << "an open slab has only the block's";
+  EXPECT_EQ(report::final_item(record, 5, own).value, 1.52) << "an open slab has only the block's";
   Item spacing = item_of(ItemId::seat_slope, 5, 9.0);
   spacing.station_to = 6;
   ASSERT_TRUE(record.slab.items.push(spacing));
   ASSERT_TRUE(record.slab.items.push(item_of(ItemId::seat_slope, 4, 1.0)));
-  EXPECT_EQ(final_item(record, 5, own).value, 1.52);
+  EXPECT_EQ(report::final_item(record, 5, own).value, 1.52);
   ASSERT_TRUE(record.slab.items.push(item_of(ItemId::seat_slope, 5, 1.49)));
-  EXPECT_EQ(final_item(record, 5, own).value, 1.49);
-  EXPECT_EQ(final_item(record, 5, item_of(ItemId::jaw_distance, 5, 380.0)).value, 380.0);
+  EXPECT_EQ(report::final_item(record, 5, own).value, 1.49);
+  EXPECT_EQ(report::final_item(record, 5, item_of(ItemId::jaw_distance, 5, 380.0)).value, 380.0);
 }
 
 TEST(SlabView, an_item_for_information_does_not_replace_any_item) {
@@ -31,7 +31,7 @@ TEST(SlabView, an_item_for_information_does_not_replace_any_item) {
   in_slab.lower = in_slab.upper = kNoValue;
   in_slab.verdict = Verdict::none;
   ASSERT_TRUE(record.slab.items.push(in_slab));
-  EXPECT_EQ(final_item(record, 5, item_of(ItemId::seat_slope, 5, 1.52)).value, 1.52);
+  EXPECT_EQ(report::final_item(record, 5, item_of(ItemId::seat_slope, 5, 1.52)).value, 1.52);
 }
 
 TEST(SlabView, the_budget_is_that_of_the_item_that_was_judged) {
@@ -63,29 +63,29 @@ TEST(SlabView, the_budget_is_that_of_the_item_that_was_judged) {
 }
 
 TEST(SlabView, a_name_says_whether_it_is_a_key_or_an_id) {
-  EXPECT_EQ(slab_name("12").key, 12);
-  EXPECT_EQ(slab_name("12").id, "12");
-  EXPECT_EQ(slab_name("key:12").key, 12);
-  EXPECT_EQ(slab_name("key:12").id, "");
-  EXPECT_EQ(slab_name("id:12").key, std::nullopt);
-  EXPECT_EQ(slab_name("id:12").id, "12");
-  EXPECT_EQ(slab_name("0012").key, std::nullopt) << "as a works numbers its slabs";
-  EXPECT_EQ(slab_name("0012").id, "0012");
-  EXPECT_EQ(slab_name("key:0012").key, 12);
-  EXPECT_EQ(slab_name("LINE-12").key, std::nullopt);
-  EXPECT_EQ(slab_name("key:LINE").key, std::nullopt);
-  EXPECT_EQ(slab_name("12").no, 12U) << "where neither key nor id is there";
-  EXPECT_EQ(slab_name("no:12").no, 12U);
+  EXPECT_EQ(report::slab_name("12").key, 12);
+  EXPECT_EQ(report::slab_name("12").id, "12");
+  EXPECT_EQ(report::slab_name("key:12").key, 12);
+  EXPECT_EQ(report::slab_name("key:12").id, "");
+  EXPECT_EQ(report::slab_name("id:12").key, std::nullopt);
+  EXPECT_EQ(report::slab_name("id:12").id, "12");
+  EXPECT_EQ(report::slab_name("0012").key, std::nullopt) << "as a works numbers its slabs";
+  EXPECT_EQ(report::slab_name("0012").id, "0012");
+  EXPECT_EQ(report::slab_name("key:0012").key, 12);
+  EXPECT_EQ(report::slab_name("LINE-12").key, std::nullopt);
+  EXPECT_EQ(report::slab_name("key:LINE").key, std::nullopt);
+  EXPECT_EQ(report::slab_name("12").no, 12U) << "where neither key nor id is there";
+  EXPECT_EQ(report::slab_name("no:12").no, 12U);
   for (const std::string& padded : {std::string("S-1   "), std::string("  S-1\t"), std::string("S-1\0\0", 5),
                                     std::string("\0S-1 \0", 6), std::string("id: S-1 "), std::string(" id:S-1")})
-    EXPECT_EQ(slab_name(padded).id, "S-1") << "as copied from a PLC";
-  EXPECT_EQ(slab_name("12  ").key, 12);
-  EXPECT_EQ(slab_name("A B").id, "A B");
-  EXPECT_EQ(slab_name("   ").id, "");
-  EXPECT_EQ(slab_name("no:12").key, std::nullopt);
-  EXPECT_EQ(slab_name("no:12").id, "");
-  EXPECT_EQ(slab_name("key:12").no, std::nullopt);
-  EXPECT_EQ(slab_name("id:12").no, std::nullopt);
+    EXPECT_EQ(report::slab_name(padded).id, "S-1") << "as copied from a PLC";
+  EXPECT_EQ(report::slab_name("12  ").key, 12);
+  EXPECT_EQ(report::slab_name("A B").id, "A B");
+  EXPECT_EQ(report::slab_name("   ").id, "");
+  EXPECT_EQ(report::slab_name("no:12").key, std::nullopt);
+  EXPECT_EQ(report::slab_name("no:12").id, "");
+  EXPECT_EQ(report::slab_name("key:12").no, std::nullopt);
+  EXPECT_EQ(report::slab_name("id:12").no, std::nullopt);
 }
 
 }  // namespace

@@ -23,8 +23,8 @@ namespace slabd::cli {
 class StoredSlab : public Slabctl {
  protected:
   StoredSlab() {
-    std::vector<daemon::Problem> problems;
-    daemon::load_recipe(kRecipe, recipe_, problems);
+    std::vector<config::Problem> problems;
+    config::load_recipe(kRecipe, recipe_, problems);
     EXPECT_TRUE(problems.empty());
     header_.key = 1;
     header_.slab_id = "SLAB-0042";

@@ -272,10 +272,10 @@ TEST(Planted, the_capability_table_has_a_row_for_each_item_with_its_judgement) {
   const std::vector<Trend> trends = {trend_of(ItemId::jaw_distance, 0, line_of(50)),
                                      trend_of(ItemId::jaw_distance, 0, bad)};
   for (const report::Language language : {report::Language::en, report::Language::zh}) {
-    const Table table = capability_table(trends, language);
+    const report::Table table = capability_table(trends, language);
     ASSERT_EQ(table.rows.size(), 2U);
-    EXPECT_EQ(verdict_of(table.rows[0]), Verdict::pass);
-    EXPECT_EQ(verdict_of(table.rows[1]), Verdict::fail);
+    EXPECT_EQ(report::verdict_of(table.rows[0]), Verdict::pass);
+    EXPECT_EQ(report::verdict_of(table.rows[1]), Verdict::fail);
     EXPECT_EQ(table.rows[1][2].text, "3 / 900");
     EXPECT_NE(report::html(document_of(trends, language)).find("3 / 900"), std::string::npos);
   }

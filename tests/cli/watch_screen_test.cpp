@@ -9,8 +9,8 @@ namespace {
 
 using report::Language;
 
-constexpr Style kPlain{false, false};
-constexpr Style kColour{true, true};
+constexpr report::Style kPlain{false, false};
+constexpr report::Style kColour{true, true};
 
 Picture busy_line() {
   Picture p;
@@ -45,13 +45,13 @@ std::string joined(const std::vector<std::string>& lines) {
 TEST(Screen, fills_every_size_from_80_by_24_up_and_never_overflows_it) {
   for (const Language language : {Language::en, Language::zh}) {
     for (const auto& [columns, rows] : {std::pair{80UL, 24UL}, {100UL, 30UL}, {240UL, 67UL}, {20UL, 4UL}}) {
-      for (const Style style : {kPlain, kColour}) {
+      for (const report::Style style : {kPlain, kColour}) {
         for (const double age_s : {0.1, 60.0, kNoValue}) {
           Picture p = busy_line();
           p.age_s = age_s;
           const std::vector<std::string> lines = screen(p, columns, rows, style, language);
           EXPECT_EQ(lines.size(), rows);
-          for (const std::string& line : lines) EXPECT_LE(display_width(line), columns) << line;
+          for (const std::string& line : lines) EXPECT_LE(report::display_width(line), columns) << line;
         }
       }
     }
@@ -106,7 +106,8 @@ TEST(Screen, writes_the_verdict_in_large_letters_if_there_is_room) {
     EXPECT_NE(
         joined(screen(p, 120, 40, kPlain, Language::zh)).find(std::string(report::verdict_word(verdict, Language::zh))),
         std::string::npos);
-    for (const std::string& line : screen(p, 80, 40, kColour, Language::en)) EXPECT_LE(display_width(line), 80U);
+    for (const std::string& line : screen(p, 80, 40, kColour, Language::en))
+      EXPECT_LE(report::display_width(line), 80U);
   }
   p = busy_line();
   EXPECT_EQ(joined(screen(p, 120, 40, kPlain, Language::en)).find("##"), std::string::npos) << "an open slab has none";
@@ -119,7 +120,7 @@ TEST(Screen, below_80_columns_lists_the_blocks_and_cuts_none_off) {
     EXPECT_NE(text.find("X FAIL: 4, 11"), std::string::npos) << text;
     EXPECT_NE(text.find("pass: 16 / 18"), std::string::npos) << text;
     EXPECT_NE(text.find("U 0.0102"), std::string::npos) << "the finding is broken into lines\n" << text;
-    for (const std::string& line : lines) EXPECT_LE(display_width(line), columns);
+    for (const std::string& line : lines) EXPECT_LE(report::display_width(line), columns);
   }
 }
 

@@ -86,12 +86,12 @@ project = "Line 7"
 class ConfigTest : public ::testing::Test {
  protected:
   Texts load(const std::string& text) {
-    std::vector<Problem> problems;
-    load_config(files_.write("slabd.toml", text), config_, problems);
+    std::vector<config::Problem> problems;
+    config::load_config(files_.write("slabd.toml", text), config_, problems);
     return files_.texts(problems);
   }
   TextFiles files_;
-  Config config_;
+  config::Config config_;
 };
 
 TEST_F(ConfigTest, relative_paths_start_at_the_configurations_folder) {
@@ -222,7 +222,7 @@ TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
   EXPECT_EQ(config_.storage.keep_slabs, 0) << "nothing is taken away unasked";
   EXPECT_EQ(config_.recipes_dir, "/usr/share/slabd/recipes");
   EXPECT_EQ(config_.control_socket, "/run/slabd/control.sock");
-  EXPECT_EQ(config_.measure_threads, default_measure_threads());
+  EXPECT_EQ(config_.measure_threads, config::default_measure_threads());
   EXPECT_FALSE(config_.simulation);
   EXPECT_EQ(config_.T_base_slab.translation_mm, Vec3(1000, 0, 500));
   EXPECT_EQ(config_.calibration.T_flange_scanner.translation_mm, Vec3(0, 0, 120.5));
@@ -567,7 +567,8 @@ TEST_F(ConfigTest, values_in_another_unit_are_reported_with_line_key_and_range) 
   const auto doubts = [&](const std::string& text) {
     EXPECT_EQ(load(text), Texts{}) << text;
     Texts texts;
-    for (const Problem& doubt : config_.doubts) texts.push_back(doubt.text.substr(doubt.text.rfind("slabd.toml")));
+    for (const config::Problem& doubt : config_.doubts)
+      texts.push_back(doubt.text.substr(doubt.text.rfind("slabd.toml")));
     return texts;
   };
   EXPECT_EQ(doubts(kShortest), Texts{});
@@ -647,15 +648,15 @@ TEST_F(ConfigTest, plc_table_above_a_syntax_error_is_filled_in) {
 }
 
 TEST_F(ConfigTest, unreadable_files_are_named) {
-  std::vector<Problem> problems;
-  load_config(files_.folder() + "/none.toml", config_, problems);
-  load_config(files_.folder(), config_, problems);
-  load_config(files_.write("huge.toml", std::string(kTomlBytesMax + 1, '#')), config_, problems);
+  std::vector<config::Problem> problems;
+  config::load_config(files_.folder() + "/none.toml", config_, problems);
+  config::load_config(files_.folder(), config_, problems);
+  config::load_config(files_.write("huge.toml", std::string(kTomlBytesMax + 1, '#')), config_, problems);
   EXPECT_EQ(files_.texts(problems),
             (Texts{"none.toml: cannot be read: no such file", files_.folder() + ": not a regular file",
                    "huge.toml: longer than 1000000 bytes; this is not a configuration"}));
   problems.clear();
-  load_config(files_.write("large.toml", kShortest + std::string(900'000, '#')), config_, problems);
+  config::load_config(files_.write("large.toml", kShortest + std::string(900'000, '#')), config_, problems);
   EXPECT_TRUE(problems.empty());
 }
 
@@ -668,17 +669,17 @@ TEST_F(ConfigTest, damaged_bytes_never_escape_as_an_exception) {
     const std::uint64_t hits = 1 + prng.below(4);
     for (std::uint64_t h = 0; h < hits; ++h) text[prng.below(text.size())] = static_cast<char>(prng.below(256));
     if (prng.below(4) == 0) text.resize(prng.below(text.size()));
-    std::vector<Problem> problems;
-    load_config(files_.write("slabd.toml", text), config_, problems);
+    std::vector<config::Problem> problems;
+    config::load_config(files_.write("slabd.toml", text), config_, problems);
     faulty += problems.empty() ? 0 : 1;
-    for (const Problem& problem : problems) EXPECT_NE(problem.text.find("slabd.toml:"), std::string::npos);
+    for (const config::Problem& problem : problems) EXPECT_NE(problem.text.find("slabd.toml:"), std::string::npos);
   }
   EXPECT_GT(faulty, 1000);
 }
 
 TEST_F(ConfigTest, installed_example_is_valid) {
-  std::vector<Problem> problems;
-  load_config(places::source_dir() + "/systemd/slabd.toml", config_, problems);
+  std::vector<config::Problem> problems;
+  config::load_config(places::source_dir() + "/systemd/slabd.toml", config_, problems);
   EXPECT_EQ(files_.texts(problems), Texts{});
 }
 
@@ -698,7 +699,7 @@ TEST(EditDistance, agrees_with_its_definition) {
     std::string b(prng.below(6), ' ');
     for (char& c : a) c = static_cast<char>('a' + prng.below(3));
     for (char& c : b) c = static_cast<char>('a' + prng.below(3));
-    EXPECT_EQ(edit_distance(a, b), Slow::distance(a, b)) << a << " " << b;
+    EXPECT_EQ(config::edit_distance(a, b), Slow::distance(a, b)) << a << " " << b;
   }
   EXPECT_EQ(nearest("unitid", {"listen", "role", "unit_id"}), "unit_id");
   EXPECT_EQ(nearest("x", {}), "");

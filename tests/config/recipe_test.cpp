@@ -15,13 +15,13 @@ const std::string kP5600 = places::source_dir() + "/recipes/p5600.toml";
 class RecipeTest : public ::testing::Test {
  protected:
   Texts load(const std::string& text) {
-    std::vector<Problem> problems;
-    load_recipe(files_.write("r.toml", text), recipe_, problems);
+    std::vector<config::Problem> problems;
+    config::load_recipe(files_.write("r.toml", text), recipe_, problems);
     return files_.texts(problems);
   }
   void load_p5600() {
-    std::vector<Problem> problems;
-    load_recipe(kP5600, recipe_, problems);
+    std::vector<config::Problem> problems;
+    config::load_recipe(kP5600, recipe_, problems);
     ASSERT_EQ(files_.texts(problems), Texts{});
   }
   void expect_item(ItemId id, double nominal, double lower, double upper, double U, bool required) const {
@@ -188,9 +188,9 @@ TEST_F(RecipeTest, short_slabs_have_eight_pairs_in_the_middle_and_the_block_of_p
   const Recipe p5600 = recipe_;
   for (const int type : {4925, 4856}) {
     SCOPED_TRACE(type);
-    std::vector<Problem> problems;
+    std::vector<config::Problem> problems;
     const std::string name = std::to_string(type);
-    load_recipe(places::source_dir() + "/recipes/p" + name + ".toml", recipe_, problems);
+    config::load_recipe(places::source_dir() + "/recipes/p" + name + ".toml", recipe_, problems);
     ASSERT_EQ(files_.texts(problems), Texts{});
     EXPECT_EQ(recipe_.name.view(), "P" + name);
     EXPECT_EQ(recipe_.slab_type, type);
@@ -219,8 +219,8 @@ TEST_F(RecipeTest, short_slabs_have_eight_pairs_in_the_middle_and_the_block_of_p
 
 TEST_F(RecipeTest, every_recipe_that_is_shipped_is_good) {
   std::vector<Recipe> recipes;
-  std::vector<Problem> problems;
-  load_recipes(places::source_dir() + "/recipes", recipes, problems);
+  std::vector<config::Problem> problems;
+  config::load_recipes(places::source_dir() + "/recipes", recipes, problems);
   EXPECT_EQ(files_.texts(problems), Texts{});
   EXPECT_EQ(recipes.size(), 3U);
 }
@@ -408,7 +408,7 @@ class RecipeFolder : public RecipeTest {
  protected:
   std::string good_ = read_whole(kP5600);
   std::vector<Recipe> recipes_;
-  std::vector<Problem> problems_;
+  std::vector<config::Problem> problems_;
   std::vector<storage::RecipeText> kept_;
 
   [[nodiscard]] std::string of_type(int type) const {
@@ -416,7 +416,7 @@ class RecipeFolder : public RecipeTest {
   }
   [[nodiscard]] std::vector<int> types() {
     problems_.clear();
-    load_recipes(files_.folder(), recipes_, problems_, &kept_);
+    config::load_recipes(files_.folder(), recipes_, problems_, &kept_);
     EXPECT_EQ(kept_.size(), recipes_.size());
     std::vector<int> types;
     for (const Recipe& recipe : recipes_) types.push_back(recipe.slab_type);
@@ -482,8 +482,8 @@ TEST_F(RecipeTest, a_recipe_from_its_bytes_is_the_one_from_its_file) {
   load_p5600();
   const Recipe& from_file = recipe_;
   Recipe from_bytes;
-  std::vector<Problem> problems;
-  parse_recipe("sha256 " + std::string(from_file.sha256.view()), read_whole(kP5600), from_bytes, problems);
+  std::vector<config::Problem> problems;
+  config::parse_recipe("sha256 " + std::string(from_file.sha256.view()), read_whole(kP5600), from_bytes, problems);
   EXPECT_TRUE(problems.empty());
   EXPECT_EQ(from_bytes.sha256, from_file.sha256);
   EXPECT_EQ(from_bytes.slab.pitch_mm.value, from_file.slab.pitch_mm.value);
@@ -495,8 +495,8 @@ TEST_F(RecipeTest, a_recipe_that_is_too_long_to_be_kept_is_refused) {
   for (const std::size_t bytes : {storage::kRecipeTextBytes, storage::kRecipeTextBytes + 1}) {
     files_.write("long.toml", good + std::string(bytes - good.size(), '\n'));
     Recipe recipe;
-    std::vector<Problem> problems;
-    load_recipe(files_.folder() + "/long.toml", recipe, problems);
+    std::vector<config::Problem> problems;
+    config::load_recipe(files_.folder() + "/long.toml", recipe, problems);
     EXPECT_EQ(problems.empty(), bytes == storage::kRecipeTextBytes) << bytes;
     if (problems.empty()) continue;
     EXPECT_NE(problems[0].text.find("found 65537 bytes, allowed are 65536"), std::string::npos) << problems[0].text;
@@ -505,12 +505,12 @@ TEST_F(RecipeTest, a_recipe_that_is_too_long_to_be_kept_is_refused) {
 
 TEST_F(RecipeTest, folder_without_recipes_is_a_problem) {
   std::vector<Recipe> recipes;
-  std::vector<Problem> problems;
-  load_recipes(files_.folder(), recipes, problems);
+  std::vector<config::Problem> problems;
+  config::load_recipes(files_.folder(), recipes, problems);
   ASSERT_EQ(problems.size(), 1U);
   EXPECT_EQ(problems[0].text, files_.folder() + ": no usable recipe (*.toml) in this folder; slabd cannot measure");
   problems.clear();
-  load_recipes(files_.folder() + "/none", recipes, problems);
+  config::load_recipes(files_.folder() + "/none", recipes, problems);
   ASSERT_EQ(problems.size(), 1U) << "said once";
   EXPECT_EQ(problems[0].text, files_.folder() +
                                   "/none: the recipe folder cannot be read: No such file or directory; it is [recipes] "

@@ -13,9 +13,9 @@ inline const std::string kReferenceRecipe = places::source_dir() + "/recipes/p56
 
 inline Recipe reference_recipe() {
   Recipe recipe;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipe(kReferenceRecipe, recipe, problems);
-  for (const daemon::Problem& problem : problems) ADD_FAILURE() << problem.text;
+  std::vector<config::Problem> problems;
+  config::load_recipe(kReferenceRecipe, recipe, problems);
+  for (const config::Problem& problem : problems) ADD_FAILURE() << problem.text;
   return recipe;
 }
 

@@ -34,9 +34,9 @@ class TextFiles {
     std::ofstream(path) << text;
     return path;
   }
-  [[nodiscard]] std::vector<std::string> texts(const std::vector<Problem>& problems) const {
+  [[nodiscard]] std::vector<std::string> texts(const std::vector<config::Problem>& problems) const {
     std::vector<std::string> list;
-    for (const Problem& problem : problems) {
+    for (const config::Problem& problem : problems) {
       std::string text = problem.text;
       for (std::size_t at = text.find(folder_ + "/"); at != std::string::npos; at = text.find(folder_ + "/"))
         text.erase(at, folder_.size() + 1);

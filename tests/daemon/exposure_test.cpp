@@ -39,8 +39,8 @@ struct Scan {
 class Exposures : public ::testing::Test {
  protected:
   Exposures() {
-    std::vector<Problem> problems;
-    load_recipe(places::source_dir() + "/recipes/p5600.toml", recipes_.emplace_back(), problems);
+    std::vector<config::Problem> problems;
+    config::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipes_.emplace_back(), problems);
     EXPECT_TRUE(problems.empty());
     workers_ = new_workers(1, false);
   }

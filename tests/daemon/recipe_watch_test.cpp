@@ -29,8 +29,8 @@ struct RecipesInUse : testing::Test {
     text = all.str();
     write("p5600.toml", text);
     auto set = std::make_shared<RecipeSet>();
-    std::vector<Problem> problems;
-    load_recipes(folder, set->recipes, problems, &set->texts);
+    std::vector<config::Problem> problems;
+    config::load_recipes(folder, set->recipes, problems, &set->texts);
     EXPECT_TRUE(problems.empty());
     in_use = set;
   }

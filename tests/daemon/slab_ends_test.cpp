@@ -26,8 +26,8 @@ constexpr double kWide_mm = 660.0;
 
 Recipe recipe_of(const std::string& name) {
   Recipe recipe;
-  std::vector<Problem> problems;
-  load_recipe(places::source_dir() + "/recipes/" + name, recipe, problems);
+  std::vector<config::Problem> problems;
+  config::load_recipe(places::source_dir() + "/recipes/" + name, recipe, problems);
   EXPECT_TRUE(problems.empty());
   return recipe;
 }
@@ -198,9 +198,10 @@ TEST_F(SlabEndsTest, recipes_that_differ_only_in_the_ends_or_not_at_all_are_name
   EXPECT_TRUE(alike[1].ends_differ);
   EXPECT_TRUE(alike[2].ends_differ);
   EXPECT_FALSE(alike[0].ends_differ);
-  EXPECT_EQ(text_of(alike[0]).view(),
-            "P4856 and P4856B have the same blocks and slab ends: no scan tells them apart, and a slab begun under the "
-            "wrong type is not noticed");
+  EXPECT_EQ(
+      text_of(alike[0]).view(),
+      "P4856 and P4856B have the same blocks and slab ends: no scan distinguishes them, and a slab begun under the "
+      "wrong type is not noticed");
 
   recipes_.back().block.jaw_angle_rad.value += rad_from_deg(2.0);
   EXPECT_EQ(alike_recipes(recipes_).size(), 1U) << "another jaw angle shows";

@@ -13,9 +13,9 @@ namespace {
 class Reload : public testing::Test {
  protected:
   Reload() {
-    std::vector<Problem> problems;
+    std::vector<config::Problem> problems;
     recipes_.resize(1);
-    load_recipe(places::source_dir() + "/recipes/p5600.toml", recipes_[0], problems);
+    config::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipes_[0], problems);
     EXPECT_TRUE(problems.empty());
     for (int i = 0; i < 300; ++i) xyz_.push_back(static_cast<float>(i));
     path_ = files_.folder() + "/scan.ply";

@@ -12,7 +12,7 @@
 
 #include "tests/config/reference_recipe.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 Recipe recipe() {
@@ -343,4 +343,4 @@ TEST(BlockScene, organised_scan_keeps_its_grid_and_bores_return_nothing) {
 }
 
 }  // namespace
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -5,7 +5,7 @@
 
 #include "tests/config/reference_recipe.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 /// A block with the drawing's dimensions and without marks.
@@ -190,4 +190,4 @@ TEST(ConcreteBlock, the_same_order_gives_the_same_bits) {
 }
 
 }  // namespace
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -5,7 +5,7 @@
 
 #include <fmt/core.h>
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 TEST(ConcreteEffects, every_name_is_taken_with_its_strength) {
@@ -83,4 +83,4 @@ TEST(ConcreteEffects, the_help_names_every_effect) {
 }
 
 }  // namespace
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

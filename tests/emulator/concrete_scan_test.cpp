@@ -7,7 +7,7 @@
 
 #include "tests/config/reference_recipe.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 ConcreteScanner coarse_scanner() {
@@ -122,4 +122,4 @@ TEST(ConcreteScan, blocks_of_the_line_keep_their_planted_defects) {
 }
 
 }  // namespace
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

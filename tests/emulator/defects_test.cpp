@@ -5,7 +5,7 @@
 
 #include <string>
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 void expect_refused(const char* text, const char* mentions) {
@@ -93,4 +93,4 @@ TEST(Defects, help_names_every_defect_with_its_range) {
 }
 
 }  // namespace
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 Pose at(double x, double y, double z) {
@@ -63,4 +63,4 @@ TEST(RobotError, comes_back_to_the_same_place_within_its_repeatability) {
 }
 
 }  // namespace
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -5,7 +5,7 @@
 
 #include "tests/config/reference_recipe.h"
 
-namespace slabd::simulate {
+namespace slabd::emulator {
 namespace {
 
 Cell some_cell() {
@@ -167,4 +167,4 @@ TEST(SlabScene, defect_on_a_block_the_recipe_does_not_have_is_refused) {
 }
 
 }  // namespace
-}  // namespace slabd::simulate
+}  // namespace slabd::emulator

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-namespace slabd::kuka {
+namespace slabd::gateway::kuka {
 namespace {
 
 std::string packet(std::int64_t ipoc, const std::string& more = "") {
@@ -191,9 +191,9 @@ TEST(Senders, neither_sender_is_used_while_two_send) {
   EXPECT_EQ(hear(1), Answer::alone);
   for (int i = 0; i < 1'000; ++i) {
     EXPECT_EQ(hear(2), Answer::two);
-    EXPECT_EQ(senders.beside(2), 1U);
+    EXPECT_EQ(senders.other_than(2), 1U);
     EXPECT_EQ(hear(1), Answer::two);
-    EXPECT_EQ(senders.beside(1), 2U);
+    EXPECT_EQ(senders.other_than(1), 2U);
   }
   int until_alone = 0;
   for (; hear(1) == Answer::two; ++until_alone) {
@@ -218,4 +218,4 @@ TEST(Bridge, the_packets_own_base_and_tool_go_before_the_stated_ones) {
 }
 
 }  // namespace
-}  // namespace slabd::kuka
+}  // namespace slabd::gateway::kuka

@@ -30,8 +30,8 @@ namespace fs = std::filesystem;
 
 Recipe p5600() {
   Recipe recipe;
-  std::vector<daemon::Problem> problems;
-  daemon::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipe, problems);
+  std::vector<config::Problem> problems;
+  config::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipe, problems);
   EXPECT_TRUE(problems.empty());
   return recipe;
 }
@@ -46,13 +46,13 @@ struct TempDir {
 /// A scan of the nominal block on disk, a quarter of the real size.
 fs::path scan_file(const TempDir& dir, const Recipe& recipe, std::uint64_t seed) {
   const auto surface =
-      simulate::BlockSurface::make(recipe, simulate::nominal_truth(recipe), nominal_T_block_scanner().inverse());
+      emulator::BlockSurface::make(recipe, emulator::nominal_truth(recipe), nominal_T_block_scanner().inverse());
   EXPECT_TRUE(surface.ok());
-  simulate::ScannerTraits traits;
+  emulator::ScannerTraits traits;
   traits.columns = 1024;
   traits.rows = 1224;
   std::vector<float> xyz;
-  const simulate::DrawnScan scan = simulate::draw_scan(surface.value(), traits, seed, xyz);
+  const emulator::DrawnScan scan = emulator::draw_scan(surface.value(), traits, seed, xyz);
   const fs::path path = dir.path / (std::to_string(seed) + ".ply");
   EXPECT_TRUE(hal::write_ply(path.c_str(), xyz, scan.width, scan.height).ok());
   return path;

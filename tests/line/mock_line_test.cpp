@@ -40,8 +40,8 @@ struct MockLineTest : testing::Test {
   void SetUp() override {
     fs::remove_all(dir);
     fs::create_directories(dir / "spool/1");  // the scripted scanner writes there and does not make folders
-    std::vector<Problem> problems;
-    load_recipe(places::source_dir() + "/recipes/" + recipe_file, recipes[0], problems);
+    std::vector<config::Problem> problems;
+    config::load_recipe(places::source_dir() + "/recipes/" + recipe_file, recipes[0], problems);
     ASSERT_TRUE(problems.empty()) << problems[0].text;
     settings.recipes = recipes;
     settings.calibration_id = "test";
@@ -75,14 +75,14 @@ struct MockLineTest : testing::Test {
     ASSERT_FALSE(loop->is_opening());
   }
 
-  void answer_scan(const simulate::BlockTruth& truth, std::uint64_t seed) {
-    const auto surface = simulate::BlockSurface::make(recipes[0], truth, nominal_T_block_scanner().inverse());
+  void answer_scan(const emulator::BlockTruth& truth, std::uint64_t seed) {
+    const auto surface = emulator::BlockSurface::make(recipes[0], truth, nominal_T_block_scanner().inverse());
     ASSERT_TRUE(surface.ok());
-    simulate::ScannerTraits traits;
+    emulator::ScannerTraits traits;
     traits.columns = 1024;
     traits.rows = 1224;
     std::vector<float> xyz;
-    const simulate::DrawnScan scan = simulate::draw_scan(surface.value(), traits, seed, xyz);
+    const emulator::DrawnScan scan = emulator::draw_scan(surface.value(), traits, seed, xyz);
     scanner.answer_with(std::move(xyz), scan.width, scan.height);
   }
 
@@ -126,7 +126,7 @@ struct MockLineTest : testing::Test {
     ASSERT_TRUE(turn_until([&] { return view().session != 0; }));
     ASSERT_TRUE(command(PlcCommand::slab_begin));
     for (int station = 1; station <= recipes[0].stations(); ++station) {
-      answer_scan(simulate::nominal_truth(recipes[0]), static_cast<std::uint64_t>(station));
+      answer_scan(emulator::nominal_truth(recipes[0]), static_cast<std::uint64_t>(station));
       ASSERT_TRUE(scan(station)) << station << " status " << view().cmd_status;
       take_result();
     }
@@ -216,7 +216,7 @@ TEST_F(MockLineOfP4925, judging_what_the_database_holds_gives_the_verdict_that_w
 TEST_F(MockLineTest, a_block_that_is_not_there_never_passes) {
   ASSERT_TRUE(turn_until([&] { return view().session != 0; }));
   ASSERT_TRUE(command(PlcCommand::slab_begin));
-  simulate::BlockTruth nothing = simulate::nominal_truth(recipes[0]);
+  emulator::BlockTruth nothing = emulator::nominal_truth(recipes[0]);
   nothing.present = false;
   answer_scan(nothing, 5);
   ASSERT_TRUE(scan(1));

@@ -260,7 +260,7 @@ TEST_F(PoseLineTest, pose_flags_of_the_robot_are_shown_by_log_status_and_monitor
   flags = 1;
   ASSERT_TRUE(wait_until([&] { return noted("does not say \"stopped\""); })) << link();
   const std::string shown = monitor();
-  EXPECT_NE(shown.find("unless slabd has heard \"stopped\""), std::string::npos) << shown;
+  EXPECT_NE(shown.find("unless slabd has received \"stopped\""), std::string::npos) << shown;
   const Box::Answer status = box_.slabctl({"status", "--config", box_.config.native()});
   EXPECT_NE(status.out.find("poses arrive; the robot does not say"), std::string::npos) << status.out;
 }

@@ -29,8 +29,8 @@ namespace {
 namespace fs = std::filesystem;
 using namespace hal;
 namespace test = hal::test;
-using cli::StreamGateway;
-using cli::StreamRequest;
+using emulator::StreamGateway;
+using emulator::StreamRequest;
 using places::wait_until;
 using test::names_in;
 using test::TemporaryFolder;
@@ -216,7 +216,7 @@ TEST_F(ScanStreamPortTest, a_scan_taken_again_after_a_cut_keeps_no_point_of_the_
     const StreamRequest again = wait_for(g);
     EXPECT_EQ(again.have_points, 20'000U);
     EXPECT_TRUE(g.answer(again, points(6.0F), 0, 0, 100).ok());
-    EXPECT_EQ(g.went_on_from(), 0U) << "another scan does not go on at point 20000";
+    EXPECT_EQ(g.resumed_from(), 0U) << "another scan does not go on at point 20000";
   });
   ASSERT_TRUE(result.ok()) << result.error().text.c_str();
   for (std::size_t i = 0; i < kPoints; ++i) ASSERT_NE(xyz_[3 * i + 2], 5.0F) << i;

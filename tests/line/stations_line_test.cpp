@@ -37,8 +37,8 @@ struct Summary {
 class StationsLineTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    std::vector<daemon::Problem> problems;
-    daemon::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipe_, problems);
+    std::vector<config::Problem> problems;
+    config::load_recipe(places::source_dir() + "/recipes/p5600.toml", recipe_, problems);
     ASSERT_TRUE(problems.empty()) << problems[0].text;
     // A perfect scanner: U then consists of calibration and robot only, without the form error.
     recipe_.uncertainty.scanner_form_mm.value = 1e-9;
@@ -48,14 +48,14 @@ class StationsLineTest : public ::testing::Test {
   }
 
   MasteredLine line(const LineTraits& traits) {
-    return MasteredLine(recipe_, traits, [this](const simulate::SlabTruth& slab, int k, const Pose& T_base_scanner) {
+    return MasteredLine(recipe_, traits, [this](const emulator::SlabTruth& slab, int k, const Pose& T_base_scanner) {
       return features_of(recipe_, slab, k, T_base_scanner, random_);
     });
   }
 
   void use(MasteredLine& l, bool corrected, int slabs, Summary& out) {
     for (int i = 0; i < slabs; ++i) {
-      simulate::SlabTruth slab;
+      emulator::SlabTruth slab;
       const JudgedSlab judged = l.judge(static_cast<std::uint32_t>(100 + i), corrected, slab);
       const SlabTruthItems truth(recipe_, slab, {});
       out.seats2 += judged.seats_rms_mm * judged.seats_rms_mm;
@@ -117,7 +117,7 @@ TEST_F(StationsLineTest, budget_names_what_was_used) {
   MasteredLine l = line({});
   std::string why;
   ASSERT_TRUE(l.master(why)) << why;
-  simulate::SlabTruth slab;
+  emulator::SlabTruth slab;
   const JudgedSlab with = l.judge(100, true, slab);
   const JudgedSlab without = l.judge(100, false, slab);
   for (const Splice& splice : with.splices) {
@@ -152,7 +152,7 @@ TEST_F(StationsLineTest, more_visits_reduce_the_error_as_predicted) {
       std::string why;
       ASSERT_TRUE(l.master(why)) << why;
       for (std::uint32_t i = 0; i < 3; ++i) {
-        simulate::SlabTruth slab;
+        emulator::SlabTruth slab;
         const double seats = l.judge(100 + i, true, slab).seats_rms_mm;
         squares += seats * seats;
       }

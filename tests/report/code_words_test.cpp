@@ -9,7 +9,7 @@
 #include "base/plc.h"
 #include "report/words.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 bool has_chinese(std::string_view text) {
@@ -65,4 +65,4 @@ TEST(CodeWords, a_state_that_is_not_known_is_shown_as_it_is) {
 }
 
 }  // namespace
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

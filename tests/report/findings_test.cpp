@@ -5,7 +5,7 @@
 
 #include "report/slab_view.h"
 
-namespace slabd::cli::report {
+namespace slabd::report {
 namespace {
 
 /// An ended slab of 18 blocks, of which `count` are measured and pass.
@@ -103,4 +103,4 @@ TEST(Ranges, join_neighbours_from_three_on) {
 }
 
 }  // namespace
-}  // namespace slabd::cli::report
+}  // namespace slabd::report

@@ -11,14 +11,14 @@
 namespace slabd::cli {
 namespace {
 
-nlohmann::json parsed(const Json& json) {
+nlohmann::json parsed(const report::Json& json) {
   const auto document = nlohmann::json::parse(json.text(), nullptr, false);
   EXPECT_FALSE(document.is_discarded()) << json.text();
   return document;
 }
 
 TEST(JsonWriter, nan_and_infinity_become_null) {
-  Json json;
+  report::Json json;
   json.begin_object();
   json.field("nan", kNoValue).field("inf", std::numeric_limits<double>::infinity()).field("one", 1.0);
   const std::array<double, 2> list = {kNoValue, -0.5};
@@ -34,7 +34,7 @@ TEST(JsonWriter, nan_and_infinity_become_null) {
 TEST(JsonWriter, numbers_come_back_bit_for_bit) {
   const double numbers[] = {-0.024992190241, 1.0 / 3.0, 6.02e23, 5e-324, -0.0};
   for (const double number : numbers) {
-    Json json;
+    report::Json json;
     json.begin_array().value(number).end_array();
     EXPECT_EQ(parsed(json)[0].get<double>(), number);
   }
@@ -43,7 +43,7 @@ TEST(JsonWriter, numbers_come_back_bit_for_bit) {
 TEST(JsonWriter, any_bytes_make_valid_json) {
   const std::string nasty =
       std::string("quote\" back\\ newline\n bell\a bad\xff\xc0\x80 cut\xe4\xb8 ok\xe4\xb8\xad nul") + '\0';
-  Json json;
+  report::Json json;
   json.begin_object().field("text", std::string_view(nasty)).end_object();
   const auto text = parsed(json)["text"].get<std::string>();
   EXPECT_NE(text.find("quote\" back\\ newline\n bell\a"), std::string::npos);
@@ -59,7 +59,7 @@ struct Turn {
 SLABD_FIELDS(Turn, turn_rad, off_mm, count, verdict);
 
 TEST(JsonWriter, a_record_is_the_object_of_its_fields_with_angles_in_degrees) {
-  Json json("slabd.turns/1");
+  report::Json json("slabd.turns/1");
   json.field("turns", std::vector<Turn>(2)).key("pose").begin_object().field("matrix", Pose{}.matrix());
   const auto document = parsed(json);
   EXPECT_EQ(document["schema"], "slabd.turns/1");
@@ -79,10 +79,10 @@ TEST(JsonWriter, items_carry_the_agreed_keys_and_null_for_what_was_not_measured)
   item.upper = 1.5;
   item.U = 0.03;
   item.station = 4;
-  Json json;
+  report::Json json;
   json.begin_array();
-  write_item(json, item);
-  write_item(json, item, true);
+  report::write_item(json, item);
+  report::write_item(json, item, true);
   json.end_array();
   const auto document = parsed(json);
   for (const char* key : {"id", "unit", "nominal", "value", "deviation", "lower", "upper", "U", "verdict"})
@@ -98,9 +98,9 @@ TEST(JsonWriter, items_carry_the_agreed_keys_and_null_for_what_was_not_measured)
 }
 
 TEST(JsonWriter, a_block_that_was_never_measured_is_marked_everywhere) {
-  Json json;
+  report::Json json;
   json.begin_object();
-  write_block(json, BlockResult{}, kNoValue);
+  report::write_block(json, BlockResult{}, kNoValue);
   json.end_object();
   const auto document = parsed(json);
   EXPECT_EQ(document["verdict"], "none");
@@ -118,12 +118,12 @@ TEST(JsonWriter, an_item_has_its_uncertainty_budget_and_its_conformance_probabil
   item.lower = 379.5;
   item.upper = 380.5;
   item.U = 0.1;
-  Json json;
+  report::Json json;
   json.begin_array();
-  write_item(json, item);
+  report::write_item(json, item);
   item.budget[static_cast<std::size_t>(BudgetPart::scanner)] = 0.04;
   item.budget[static_cast<std::size_t>(BudgetPart::fit)] = 0.03;
-  write_item(json, item);
+  report::write_item(json, item);
   json.end_array();
   const auto document = parsed(json);
   EXPECT_TRUE(document[0]["budget"].is_null()) << "U is the recipe's";
@@ -160,9 +160,9 @@ TEST(JsonWriter, precision_of_every_feature_is_written) {
   block.casing_inner.rim_std_mm = 0.031;
   block.casing_inner.sigma_height_mm = 0.002;
   block.casing_inner.cov_circle = Mat3::Identity();
-  Json json;
+  report::Json json;
   json.begin_object();
-  write_block(json, block, 1.5);
+  report::write_block(json, block, 1.5);
   json.end_object();
   const auto document = parsed(json);
   EXPECT_EQ(document["registration"]["noise_mm"], 0.03);
@@ -194,9 +194,9 @@ TEST(JsonWriter, precision_of_every_feature_is_written) {
   EXPECT_EQ(document["features"]["jaw_inner"]["doubt"], "rival");
   EXPECT_EQ(document["features"]["casing_outer"]["doubt"], "rim_crust");
 
-  Json without;
+  report::Json without;
   without.begin_object();
-  write_block(without, BlockResult{}, kNoValue);
+  report::write_block(without, BlockResult{}, kNoValue);
   without.end_object();
   const auto unknown = parsed(without);
   EXPECT_TRUE(unknown["features"]["seat"]["defect"].is_null()) << "not computed is not 'no defect'";
@@ -207,10 +207,10 @@ TEST(JsonWriter, precision_of_every_feature_is_written) {
 }
 
 TEST(JsonWriter, times_are_utc_or_null) {
-  EXPECT_EQ(iso_time(1'763'681'281'000'000), "2025-11-20T23:28:01Z");
-  Json json;
+  EXPECT_EQ(report::iso_time(1'763'681'281'000'000), "2025-11-20T23:28:01Z");
+  report::Json json;
   json.begin_object();
-  write_time(json, "never", 0);
+  report::write_time(json, "never", 0);
   json.end_object();
   EXPECT_TRUE(parsed(json)["never"].is_null());
 }

@@ -508,9 +508,9 @@ LifeResult Life::run() {
 }  // namespace
 
 std::vector<Recipe> life_recipes() {
-  std::vector<daemon::Problem> problems;
+  std::vector<config::Problem> problems;
   Recipe whole;
-  daemon::load_recipe(places::source_dir() + "/recipes/p5600.toml", whole, problems);
+  config::load_recipe(places::source_dir() + "/recipes/p5600.toml", whole, problems);
   if (!problems.empty()) {
     std::printf("%s\n", problems[0].text.c_str());
     std::exit(3);

@@ -363,7 +363,7 @@ TEST_F(RightsTest, a_database_that_changes_while_it_is_read_without_locks_is_ref
   close();
   fs::remove(settings_.db_path + "-wal");
   fs::remove(settings_.db_path + "-shm");
-  Connection db(settings_.db_path, Connection::Still{});
+  Connection db(settings_.db_path, Connection::ReadUnchanged{});
   {
     Transaction moment(db, "BEGIN");
     EXPECT_EQ(db.integer("SELECT count(*) FROM slab"), 1);
@@ -387,7 +387,7 @@ TEST_F(RightsTest, a_path_with_signs_of_a_uri_is_read_without_locks) {
   slabs(1, 2);
   close();
   fs::copy_file(settings_.db_path, folder + "/slabd.db");
-  Connection db(folder + "/slabd.db", Connection::Still{});
+  Connection db(folder + "/slabd.db", Connection::ReadUnchanged{});
   EXPECT_EQ(db.integer("SELECT count(*) FROM slab"), 2);
 }
 

@@ -15,9 +15,9 @@
 namespace slabd::algo {
 namespace {
 
-using simulate::Effect;
-using simulate::EffectStrengths;
-using simulate::SurfaceKind;
+using emulator::Effect;
+using emulator::EffectStrengths;
+using emulator::SurfaceKind;
 
 Recipe with_pores() {
   Recipe recipe = scene::p5600();
@@ -31,22 +31,22 @@ Recipe with_pores() {
 }
 
 struct Measured {
-  simulate::ConcreteTruth truth;
+  emulator::ConcreteTruth truth;
   BlockResult block;
 };
 
 /// Points beyond `view_to_mm` along the rail are left out.
 Measured measured(const EffectStrengths& effects, std::uint64_t seed, double view_to_mm = 1e9) {
   const Recipe recipe = with_pores();
-  simulate::ConcreteOrder order;
+  emulator::ConcreteOrder order;
   order.effects = effects;
   order.seed = seed;
-  order.truth = simulate::scattered_truth(recipe, simulate::nominal_truth(recipe), effects[Effect::cast], seed);
-  const simulate::ConcreteView view = simulate::concrete_view(effects, seed);
-  simulate::ConcreteScanner scanner;
+  order.truth = emulator::scattered_truth(recipe, emulator::nominal_truth(recipe), effects[Effect::cast], seed);
+  const emulator::ConcreteView view = emulator::concrete_view(effects, seed);
+  emulator::ConcreteScanner scanner;
   scanner.seed = seed;
   std::vector<float> xyz;
-  const simulate::ConcreteScan scan = simulate::draw_concrete(recipe, order, view.T_scanner_block, scanner, seed, xyz);
+  const emulator::ConcreteScan scan = emulator::draw_concrete(recipe, order, view.T_scanner_block, scanner, seed, xyz);
   const Pose T_block_scanner = view.T_scanner_block.inverse();
   for (std::size_t i = 0; i < xyz.size(); i += 3)
     if ((T_block_scanner * Vec3(xyz[i], xyz[i + 1], xyz[i + 2])).x() > view_to_mm)

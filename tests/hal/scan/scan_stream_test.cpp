@@ -169,10 +169,10 @@ TEST_F(ScanStreamTest, continues_after_a_cut_at_every_byte) {
 TEST_F(ScanStreamTest, is_amid_a_scan_from_its_first_byte_to_its_last_but_one) {
   const Bytes all = scan().bytes();
   for (std::size_t came = 0; came < all.size(); ++came) {
-    EXPECT_EQ(decoder.amid_scan(), came != 0) << came;
+    EXPECT_EQ(decoder.is_in_scan(), came != 0) << came;
     ASSERT_TRUE(feed({all[came]}).ok());
   }
-  EXPECT_FALSE(decoder.amid_scan());
+  EXPECT_FALSE(decoder.is_in_scan());
 }
 
 TEST_F(ScanStreamTest, a_sender_that_begins_again_after_a_cut_is_taken_too) {
