@@ -31,6 +31,7 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
     {"emulator", {"base", "hal", "config", "emulator"}},
     {"cli", {"base", "algo", "calib", "hal", "storage", "config", "daemon", "report", "emulator", "cli"}},
     {"gateway", {"base", "gateway"}},
+    {"web", {"base", "hal", "config", "report", "web"}},
 };
 
 /// All headers of base are public.
