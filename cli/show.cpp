@@ -22,6 +22,7 @@
 #include "report/figures.h"
 #include "report/findings.h"
 #include "report/json.h"
+#include "report/map_json.h"
 #include "report/slab_json.h"
 #include "report/slab_view.h"
 
@@ -36,6 +37,7 @@ struct Options {
   std::string slab;
   int block = 0;
   bool full = false;
+  bool map = false;
   bool json = false;
   LanguageOption language;
 };
@@ -292,6 +294,17 @@ std::string others_of_the_id(storage::Reader& reader, const SlabHeader& header) 
   return others.empty() ? "" : say("this SLAB_ID was given {} times: also key {}", keys.size(), others);
 }
 
+/// slabd.slab_map/1, with a block slabd.block_map/1.
+std::string map_document(storage::Reader& reader, const SlabRecord& record, const Options& options) {
+  const report::Language language = options.language.chosen();
+  if (options.block == 0) return report::slab_map_json(record, language);
+  const SlabBlock* const block = report::newest_measured(record, options.block);
+  std::unique_ptr<BlockMaps> maps = std::make_unique<BlockMaps>();
+  if (block != nullptr)
+    maps = need(reader.maps(record.summary.header.key, options.block, block->attempt.number), kNotReachable);
+  return report::block_map_json(record, options.block, *maps, language);
+}
+
 int show(const Options& options) {
   set_language(options.language, options.json);
   const auto reader =
@@ -300,7 +313,7 @@ int show(const Options& options) {
   if (options.block < 0 || options.block > record.summary.header.stations)
     stop(kUsage, say("--block {}: this slab has blocks 1..{}", options.block, record.summary.header.stations));
   if (options.json) {
-    fmt::print("{}", report::slab_json(record, options.block));
+    fmt::print("{}", options.map ? map_document(*reader, record, options) : report::slab_json(record, options.block));
     return kDone;
   }
   const report::Style style = style_for(stdout);
@@ -343,7 +356,11 @@ void add_show(args::Command& app) {
   command->add_flag("--full", options->full, "Also the scans of all blocks and the slab's items");
   options->database.add_to(*command);
   options->language.add_to(*command, "Language of the text");
-  command->add_flag("--json", options->json, "Print slabd.slab/1 on stdout");
+  args::Option json = command->add_flag("--json", options->json, "Print slabd.slab/1 on stdout");
+  command
+      ->add_flag("--map", options->map,
+                 "With --json: slabd.slab_map/1, the verdicts and findings; with --block slabd.block_map/1, its maps")
+      ->needs(json);
   command->runs([options] { return show(*options); });
 }
 

@@ -152,7 +152,8 @@ bool is_path_of_this_computer(TableReader& table, std::string_view key, const st
   return true;
 }
 
-/// Reads a path. A relative path starts at the configuration's folder, independent of the daemon's working directory.
+}  // namespace
+
 void read_path(TableReader& table, std::string_view key, const std::string& folder, std::string& out) {
   std::string path = out;
   table.optional_text(key, path, kPathMax);
@@ -164,6 +165,8 @@ void read_path(TableReader& table, std::string_view key, const std::string& fold
   }
   out = path;
 }
+
+namespace {
 
 /// Three names of a table's columns, and commas.
 constexpr std::size_t kColumnsTextMax = 130;
@@ -392,6 +395,11 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   read_calibration(root.table("calibration"), folder, config);
   read_measure(root.table("measure"), config.measure_threads);
   read_rest(root, folder, config);
+  // A fault in the page's settings must not stop the inspection, so the problems of [web] have their own list.
+  static_cast<void>(root.value("web"));
+  TableReader of_web(path, &tree, "", complete ? config.web_problems : ignored);
+  of_web.keep_doubts(&config.doubts);
+  read_web(of_web.table("web"), folder, config.web);
   check_together(root, config);
   root.finish();
 }

@@ -23,6 +23,23 @@ struct Problem {
   std::string text;
 };
 
+/// [web]: the program slabd-web, not the daemon.
+struct WebSettings {
+  struct Listener {
+    FixedString<64> host;    ///< IPv4 address; empty: not used
+    std::uint16_t port = 0;  ///< 0: chosen by the kernel
+  };
+  Listener kiosk{FixedString<64>("127.0.0.1"), 8080};
+  Listener lan;
+  std::string tls_cert;            ///< PEM file of the LAN listener; empty: without TLS
+  std::string tls_key;             ///< PEM file
+  bool lan_plain = false;          ///< allows a LAN listener without TLS
+  std::vector<std::string> names;  ///< host names of this computer that browsers may use
+  std::string language = "en";     ///< of the page before the reader chooses: "en" or "zh"
+  std::string slabctl;             ///< program that makes the documents; empty: the one next to slabd-web
+  double answer_s = 5.0;           ///< time limit of a document; a report has six times as much
+};
+
 struct Config {
   std::string path;
   std::vector<Problem> doubts;  ///< allowed values that are probably a mistake: another unit, another order
@@ -50,6 +67,8 @@ struct Config {
   int measure_threads = 1;  ///< [measure] threads: 1 or 2; the results are the same
   bool simulation = false;  ///< [line] simulation: shown to the PLC as STATUS bit 11
   std::string project;      ///< [report] project: printed on reports; empty: not printed
+  WebSettings web;
+  std::vector<Problem> web_problems;  ///< faults of [web]; the rest may be usable
 };
 
 /// Smallest number of single-letter insertions, deletions and replacements that convert one word into the other.

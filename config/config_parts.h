@@ -31,6 +31,12 @@ void read_endpoint(TableReader& table, std::string_view key, unsigned port_min, 
 /// Reads a list of IPv4 networks or addresses; `out` is unchanged if the key is absent.
 void read_networks(TableReader& table, std::string_view key, FixedVector<hal::PlcSettings::Network, 16>& out);
 
+/// Reads a path. A relative path starts at the configuration's folder, independent of the daemon's working directory.
+void read_path(TableReader& table, std::string_view key, const std::string& folder, std::string& out);
+
+/// Reads [web]; every fault is a problem of the table.
+void read_web(TableReader web, const std::string& folder, WebSettings& out);
+
 /// Reads [plc] as far as possible; every fault is a problem of the table.
 void read_plc(TableReader plc, hal::PlcSettings& out);
 

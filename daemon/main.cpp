@@ -110,16 +110,18 @@ FixedString<limits::kErrorTextBytes> plc_place(const hal::PlcSettings& plc) {
   return place;
 }
 
-/// Prints settings that are allowed but probably not intended; once, at the start and by --check.
-void print_doubts(const std::vector<config::Problem>& doubts) {
-  for (const config::Problem& doubt : doubts) put_log("warning: " + doubt.text + "\n");
+/// Prints settings that are allowed but probably not intended, and faults of [web], which the inspection does not use;
+/// once, at the start and by --check.
+void print_doubts(const config::Config& config) {
+  for (const config::Problem& doubt : config.doubts) put_log("warning: " + doubt.text + "\n");
+  for (const config::Problem& problem : config.web_problems) put_log("warning: " + problem.text + "\n");
 }
 
 int check(const config::Config& config, const std::vector<config::Problem>& config_problems,
           const std::vector<Recipe>& recipes, const std::vector<config::Problem>& recipe_problems) {
   print(config_problems);
   print(recipe_problems);
-  print_doubts(config.doubts);
+  print_doubts(config);
   if (!config_problems.empty()) return kExitBadInput;
   // The configuration itself is valid, so a check before its installation reports ok for it.
   std::printf("%s: ok%s\n", config.path.c_str(),
@@ -247,7 +249,7 @@ int run(const config::Config& config, const std::vector<config::Problem>& config
   start_log_outlet();
   print(config_problems);
   print(recipe_problems);
-  print_doubts(config.doubts);
+  print_doubts(config);
 
   // As a server, a second slabd fails because the port is in use. As a client or on a serial line it would overwrite
   // the first one's registers in the PLC, and take its scans.

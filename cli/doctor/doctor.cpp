@@ -21,6 +21,7 @@ struct Options {
   std::string config;
   double listen_s = 2.0;
   bool scan = false;
+  bool no_write = false;
   bool as_json = false;
   LanguageOption language;
 };
@@ -85,7 +86,7 @@ int examine(const Options& options) {
   if (usable) {
     examine_machine(config, report);
     examine_clock(report);
-    examine_disk(config, report);
+    examine_disk(config, !options.no_write, report);
     const std::string status = examine_daemon(config, report);
     if (!status.empty()) examine_limits(config, report);
     examine_routes(config, report);
@@ -146,6 +147,7 @@ void add_doctor(args::Command& app) {
       ->default_val(2.0)
       ->check(within(0.5, 60.0));
   command->add_flag("--scan", options->scan, "Have one scan taken");
+  command->add_flag("--no-write", options->no_write, "Write nothing; the disks' speed is not measured");
   options->language.add_to(*command, "Language of the text");
   command->add_flag("--json", options->as_json, "Print slabd.doctor/1 on stdout");
   command->runs([options] { return examine(*options); });

@@ -82,9 +82,9 @@ inline constexpr const char* kDaemonUser = "slabd";
 /// control socket that slabd takes from it.
 [[nodiscard]] bool examine_files(const std::string& config_path, config::Config& config, std::vector<Recipe>& recipes,
                                  Examination& report);
-/// Checks folders, write permissions, free space, and the time until a scan and a commit are durable (writes 64 MB and
-/// deletes them).
-void examine_disk(const config::Config& config, Examination& report);
+/// Checks folders, write permissions and free space. `with_speed`: also the time until a scan and a commit are durable
+/// (writes 64 MB and deletes them).
+void examine_disk(const config::Config& config, bool with_speed, Examination& report);
 
 // ---- doctor_machine.cpp: the computer ----------------------------------------------------------------------------
 

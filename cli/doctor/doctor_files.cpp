@@ -326,7 +326,7 @@ bool examine_files(const std::string& config_path, config::Config& config, std::
   return true;
 }
 
-void examine_disk(const config::Config& config, Examination& report) {
+void examine_disk(const config::Config& config, bool with_speed, Examination& report) {
   const DaemonUser account = daemon_user();
   if (account.name != kDaemonUser)
     report.note("user", say("user {} does not exist; permissions are checked for {}", kDaemonUser, account.name),
@@ -351,7 +351,7 @@ void examine_disk(const config::Config& config, Examination& report) {
     const std::uint64_t for_long = budget == 0 ? 20 * least : least;
     examine_space("scan disk", config.storage.spool_dir, least, for_long, say("scans"), report);
   }
-  if (database && spool) examine_speed(config, db_folder, report);
+  if (database && spool && with_speed) examine_speed(config, db_folder, report);
 }
 
 }  // namespace slabd::cli

@@ -31,6 +31,7 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
     {"emulator", {"base", "hal", "config", "emulator"}},
     {"cli", {"base", "algo", "calib", "hal", "storage", "config", "daemon", "report", "emulator", "cli"}},
     {"gateway", {"base", "gateway"}},
+    {"web", {"base", "hal", "config", "report", "web"}},
 };
 
 /// All headers of base are public.
@@ -41,6 +42,7 @@ const std::set<std::string> kPublic = {"algo/algo.h",
                                        "hal/plc/plc_map.h",
                                        "hal/robot/lcm_wire.h",
                                        "hal/scan/scan_stream.h",
+                                       "hal/system/control_client.h",
                                        "hal/system/journal.h",
                                        "storage/chain.h",
                                        "storage/compare.h",
@@ -58,6 +60,7 @@ const std::set<std::string> kPublic = {"algo/algo.h",
                                        "report/figures.h",
                                        "report/findings.h",
                                        "report/json.h",
+                                       "report/map_json.h",
                                        "report/say.h",
                                        "report/slab_json.h",
                                        "report/slab_view.h",

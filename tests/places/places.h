@@ -13,5 +13,6 @@ namespace slabd::places {
 [[nodiscard]] std::string slabd();
 [[nodiscard]] std::string slabctl();
 [[nodiscard]] std::string kuka_bridge();
+[[nodiscard]] std::string slabd_web();
 
 }  // namespace slabd::places

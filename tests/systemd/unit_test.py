@@ -35,7 +35,8 @@ class Units(unittest.TestCase):
 
     def unit(self, name, text):
         """The unit as installed, with programs that exist here."""
-        for program, built in (("slabd-kuka-bridge", "gateway/kuka/slabd-kuka-bridge"), ("slabctl", "cli/slabctl"),
+        for program, built in (("slabd-kuka-bridge", "gateway/kuka/slabd-kuka-bridge"), ("slabd-web", "web/slabd-web"),
+                               ("slabctl", "cli/slabctl"),
                                ("slabd", "daemon/slabd")):
             path = os.path.join(OPTIONS.build, built)
             text = re.sub(rf"=/usr/bin/{program}(?=\s)", f"={path}", text)
@@ -84,6 +85,9 @@ class Units(unittest.TestCase):
 
     def test_exposure_of_the_bridge(self):
         self.assertLessEqual(self.exposure("slabd-kuka-bridge.service", read("slabd-kuka-bridge.service")), 1.6)
+
+    def test_exposure_of_the_page(self):
+        self.assertLessEqual(self.exposure("slabd-web.service", read("slabd-web.service")), 1.6)
 
     def test_exposure_of_what_the_timers_start(self):
         for name in ("slabd-backup.service", "slabd-metrics.service"):

@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Targets, parameters and fields of requests, without sockets and processes.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "tests/places/places.h"
+#include "web/routes.h"
+#include "web/words.h"
+
+namespace slabd::web {
+namespace {
+
+using Words = std::vector<std::string>;
+
+/// Words of slabctl; one word "400" or "404" if the document is refused.
+Words arguments_of(const std::string& raw) {
+  const auto target = parse_target(raw);
+  if (!target) return {"no target"};
+  const auto found = find_document(*target);
+  if (const auto* refusal = std::get_if<Refusal>(&found)) {
+    EXPECT_FALSE(refusal->text.empty() || refusal->cure.empty());
+    return {std::to_string(refusal->status)};
+  }
+  return std::get<Request>(found).arguments;
+}
+
+TEST(Target, takes_plain_paths_and_decodes_parameters) {
+  const auto target = parse_target("/api/v1/slabs?id=A%20b+%E6%9D%BF&limit=5&x=");
+  ASSERT_TRUE(target.has_value());
+  EXPECT_EQ(target->path, "/api/v1/slabs");
+  ASSERT_EQ(target->parameters.size(), 3U);
+  EXPECT_EQ(target->parameters[0].value, "A b 板");
+  EXPECT_EQ(target->parameters[1].name, "limit");
+  EXPECT_EQ(target->parameters[2].value, "");
+  for (const char* good : {"/", "/slabs", "/assets/app.js", "/a-b_c.d/0?", "/slabs?limit=5"})
+    EXPECT_TRUE(parse_target(good).has_value()) << good;
+}
+
+TEST(Target, refuses_every_other_form) {
+  const std::string long_path = "/" + std::string(kTargetBytesMax, 'a');
+  std::string many = "/?";
+  for (std::size_t i = 0; i <= kParametersMax; ++i) many += "a" + std::to_string(i) + "=1&";
+  for (const std::string& bad : {std::string(),
+                                 std::string("slabs"),
+                                 std::string("//"),
+                                 std::string("/a//b"),
+                                 std::string("/slabs/"),
+                                 std::string("/.."),
+                                 std::string("/assets/../x"),
+                                 std::string("/assets/%2e%2e/x"),
+                                 std::string("/./a"),
+                                 std::string("/.git"),
+                                 std::string("/a%00"),
+                                 std::string("/a\0b", 4),
+                                 std::string("/a b"),
+                                 std::string("/a\\b"),
+                                 std::string("http://host/"),
+                                 std::string("*"),
+                                 std::string("/?a=%"),
+                                 std::string("/?a=%4"),
+                                 std::string("/?a=%zz"),
+                                 std::string("/?a=%00"),
+                                 std::string("/?a=%0a"),
+                                 std::string("/?a=%1b[0m"),
+                                 std::string("/?a=%ff"),
+                                 std::string("/?a=1&a=2"),
+                                 std::string("/?=1"),
+                                 std::string("/?a%20=1"),
+                                 long_path,
+                                 many})
+    EXPECT_FALSE(parse_target(bad).has_value()) << bad;
+}
+
+TEST(Routes, a_path_and_its_parameters_become_a_command) {
+  EXPECT_EQ(arguments_of("/api/v1/slabs"), (Words{"history", "--json"}));
+  EXPECT_EQ(
+      arguments_of("/api/v1/slabs?limit=50&verdict=fail&since=7d&item=jaw_distance&block=11"),
+      (Words{"history", "--json", "--limit=50", "--verdict=fail", "--since=7d", "--item=jaw_distance", "--block=11"}));
+  EXPECT_EQ(arguments_of("/api/v1/slabs/12"), (Words{"show", "--json", "--", "key:12"}));
+  EXPECT_EQ(arguments_of("/api/v1/slabs/12/map?language=zh"),
+            (Words{"show", "--map", "--json", "--language=zh", "--", "key:12"}));
+  EXPECT_EQ(arguments_of("/api/v1/slabs/12/blocks/18"), (Words{"show", "--block=18", "--json", "--", "key:12"}));
+  EXPECT_EQ(arguments_of("/api/v1/slabs/12/report.pdf?full=1&language=en"),
+            (Words{"report", "--out={file}", "--full", "--language=en", "--", "key:12"}));
+  EXPECT_EQ(arguments_of("/api/v1/slabs/12/report.pdf?full=0"), (Words{"report", "--out={file}", "--", "key:12"}));
+  EXPECT_EQ(arguments_of("/api/v1/trends/seat_slope?block=3"),
+            (Words{"trend", "--json", "--block=3", "--", "seat_slope"}));
+  EXPECT_EQ(arguments_of("/api/v1/compare?a=1&b=2&all=1"),
+            (Words{"compare", "--json", "--all", "--", "key:1", "key:2"}));
+}
+
+TEST(Routes, an_option_cannot_be_smuggled_in) {
+  EXPECT_EQ(arguments_of("/api/v1/slabs?id=--db%3D/etc/passwd"), (Words{"history", "--json", "--id=--db=/etc/passwd"}));
+  for (const char* bad : {"/api/v1/slabs?limit=-1", "/api/v1/slabs?limit=1%20--db", "/api/v1/slabs?since=--db",
+                          "/api/v1/slabs?verdict=none", "/api/v1/slabs?block=0", "/api/v1/slabs?block=19",
+                          "/api/v1/slabs?item=Seat", "/api/v1/slabs?limit=1234567", "/api/v1/slabs?config=/etc/passwd",
+                          "/api/v1/slabs?db=x", "/api/v1/slabs?limit=", "/api/v1/compare?a=1",
+                          "/api/v1/slabs/1/map?language=de", "/api/v1/yield?by=week", "/api/v1/slabs/1?limit=3"})
+    EXPECT_EQ(arguments_of(bad), Words{"400"}) << bad;
+  for (const char* bad : {"/api/v1", "/api/v1/slabs/x", "/api/v1/slabs/-1", "/api/v1/slabs/1/blocks/19",
+                          "/api/v1/slabs/1234567890123456789", "/api/v1/slabs/1/report.html", "/api/v1/trends/A",
+                          "/api/v2/slabs", "/api/v1/slabs/1/map/x"})
+    EXPECT_EQ(arguments_of(bad), Words{"404"}) << bad;
+}
+
+TEST(Routes, every_page_has_the_same_document_and_nothing_else_has_it) {
+  for (const char* page : {"/", "/slabs", "/slabs/7", "/slabs/7/blocks/3", "/trends", "/moulds", "/calibration",
+                           "/line", "/compare", "/about"})
+    EXPECT_TRUE(is_page(page)) << page;
+  for (const char* other : {"/slab", "/slabs/x", "/slabs/7/blocks/0", "/healthz", "/assets/app.js", "/index.html"})
+    EXPECT_FALSE(is_page(other)) << other;
+}
+
+TEST(Fields, host_is_a_name_of_this_computer_with_or_without_a_port) {
+  const Words names = {"localhost", "192.168.0.7", "Line-7.example"};
+  for (const char* good : {"localhost", "LOCALHOST:8080", "192.168.0.7:1", "line-7.example"})
+    EXPECT_TRUE(is_host(good, names)) << good;
+  for (const char* bad : {"", ":", "evil.example", "localhost.evil.example", "localhost:x", "192.168.0.70",
+                          "[::1]:8080", "localhost,evil", "localhost@evil"})
+    EXPECT_FALSE(is_host(bad, names)) << bad;
+}
+
+TEST(Fields, if_none_match_is_a_list) {
+  EXPECT_TRUE(has_etag("\"a\"", "\"a\""));
+  EXPECT_TRUE(has_etag("\"x\", W/\"a\" ,\"y\"", "\"a\""));
+  EXPECT_TRUE(has_etag("*", "\"a\""));
+  EXPECT_FALSE(has_etag("", "\"a\""));
+  EXPECT_FALSE(has_etag("\"ab\"", "\"a\""));
+}
+
+TEST(Words, are_those_of_reports_in_both_languages) {
+  const auto en = nlohmann::json::parse(words_document("en"));
+  const auto zh = nlohmann::json::parse(words_document("zh"));
+  EXPECT_EQ(en["items"]["seat_slope"], "seat slope");
+  EXPECT_EQ(en["units"]["seat_slope"], "deg");
+  EXPECT_EQ(en["items"].size(), zh["items"].size());
+  EXPECT_EQ(en["reasons"].size(), zh["reasons"].size());
+  EXPECT_GT(en["reasons"].size(), 30U);
+  for (const auto& [reason, text] : zh["reasons"].items()) EXPECT_NE(text, en["reasons"][reason]) << reason;
+  for (const auto& [verdict, word] : zh["verdicts"].items()) EXPECT_NE(word, en["verdicts"][verdict]) << verdict;
+}
+
+}  // namespace
+}  // namespace slabd::web

@@ -1,0 +1,288 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/documents.h"
+
+#include <fmt/core.h>
+#include <sha256.h>
+#include <sys/eventfd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cstdlib>
+#include <filesystem>
+
+#include "base/plain_text.h"
+#include "report/json.h"
+
+extern char** environ;  // NOLINT(readability-redundant-declaration)
+
+namespace slabd::web {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using End = ChildResult::End;
+
+constexpr double kReportFactor = 6.0;
+/// An error is kept this long, so that a page that repeats a wrong request starts one process a second.
+constexpr double kErrorCache_s = 1.0;
+/// Exit status of slabctl, which are the same in all versions (cli/exit.h).
+constexpr int kUsage = 2;
+constexpr int kNotReachable = 4;
+
+Clock::duration seconds(double s) {
+  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
+}
+
+/// Quoted first half of the SHA-256.
+std::string etag_of(SHA256_CTX& context) {
+  std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
+  SHA256_End(&context, hex.data());
+  return '"' + std::string(hex.data(), 32) + '"';
+}
+
+std::string etag_of(const Fd& file) {
+  SHA256_CTX context;
+  SHA256_Init(&context);
+  std::array<std::uint8_t, 65'536> piece{};
+  for (off_t at = 0;;) {
+    const ssize_t got = ::pread(file.get(), piece.data(), piece.size(), at);
+    if (got <= 0) break;
+    SHA256_Update(&context, piece.data(), static_cast<std::size_t>(got));
+    at += got;
+  }
+  return etag_of(context);
+}
+
+std::string name_of(const DocumentOrder& order) {
+  std::string name;
+  for (const std::string& word : order.arguments) name += word + '\n';
+  return name;
+}
+
+/// True if slabctl printed a whole document. It does so also with status 1 (not pass), 3 and 4 (findings of the
+/// doctor), and prints nothing on stdout before an error.
+bool is_document(const ChildResult& result) {
+  std::array<char, 2> end{};
+  if (result.bytes < end.size()) return false;
+  const auto at = static_cast<off_t>(result.bytes - end.size());
+  return ::pread(result.output.get(), end.data(), end.size(), at) == 2 && end[0] == '}' && end[1] == '\n';
+}
+
+/// The error of a process that ended by itself without a document.
+SharedAnswer refused(const ChildResult& result) {
+  const std::string text = result.sentence.empty() ? "slabctl gave no document" : result.sentence;
+  if (result.status == kUsage) return error_answer(400, text, "correct the parameter");
+  if (text.starts_with("no slab with key")) return error_answer(404, text, "/api/v1/slabs lists the slabs");
+  if (text.starts_with("--block")) return error_answer(404, text, "choose a block of this slab");
+  if (result.status == kNotReachable)
+    return error_answer(503, text, "start slabd, and see that slabd-web may read its database (slabctl doctor)");
+  return error_answer(500, text, "slabctl config check; journalctl -u slabd-web");
+}
+
+SharedAnswer fault_of(const ChildResult& result, double time_s) {
+  switch (result.end) {
+    case End::late:
+      return error_answer(504, "slabctl was ended after " + std::to_string(static_cast<int>(time_s)) + " s",
+                          "ask for fewer slabs, or raise [web] answer_s");
+    case End::too_large: return error_answer(500, "the document is longer than 64 MB", "ask for fewer slabs");
+    case End::crashed:
+      return error_answer(500, "slabctl was ended by signal " + std::to_string(result.status),
+                          "journalctl -u slabd-web");
+    case End::not_started:
+      return error_answer(503, "slabctl cannot be started: " + result.sentence, "[web] slabctl names the program");
+    case End::stopped: return error_answer(503, "slabd-web stops", "try again in some seconds");
+    case End::exited: break;
+  }
+  return refused(result);
+}
+
+/// A path in the folder that no other order has.
+std::string new_report(const std::string& folder) {
+  static std::atomic<unsigned> count{0};
+  return folder + "/" + std::to_string(++count) + ".pdf";
+}
+
+}  // namespace
+
+SharedAnswer error_answer(int status, const std::string& text, const std::string& cure) {
+  auto answer = std::make_shared<Answer>();
+  answer->status = status;
+  answer->text =
+      report::Json("slabd.web_error/1").field("status", status).field("text", text).field("cure", cure).text();
+  return answer;
+}
+
+SharedAnswer text_answer(std::string text, const std::string& type) {
+  auto answer = std::make_shared<Answer>();
+  SHA256_CTX context;
+  SHA256_Init(&context);
+  SHA256_Update(&context, reinterpret_cast<const std::uint8_t*>(text.data()), text.size());
+  answer->etag = etag_of(context);
+  answer->type = type;
+  answer->text = std::move(text);
+  return answer;
+}
+
+std::string body_of(const Answer& answer) {
+  if (!answer.file.is_open()) return answer.text;
+  std::string text(answer.bytes, '\0');
+  const ssize_t got = ::pread(answer.file.get(), text.data(), text.size(), 0);
+  text.resize(got > 0 ? static_cast<std::size_t>(got) : 0);
+  return text;
+}
+
+Documents::Documents(DocumentsSettings settings)
+    : settings_(std::move(settings)), stop_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
+  for (char** at = environ; *at != nullptr; ++at) {
+    const std::string_view one(*at);
+    if (!one.starts_with("SLABD_") && !one.starts_with("LC_ALL=")) environment_.emplace_back(one);
+  }
+  environment_.push_back("SLABD_CONFIG=" + settings_.config);
+  environment_.emplace_back("LC_ALL=C.UTF-8");
+}
+
+Documents::~Documents() {
+  stop();
+}
+
+void Documents::stop() {
+  const Lock lock(mutex_);
+  stopped_ = true;
+  const std::uint64_t one = 1;
+  static_cast<void>(write_all(stop_.get(), &one, sizeof one));
+  changed_.notify_all();
+}
+
+Documents::Entry* Documents::find(const std::string& name) {
+  const auto found =
+      std::find_if(entries_.begin(), entries_.end(), [&](const Entry& entry) { return entry.name == name; });
+  if (found == entries_.end()) return nullptr;
+  entries_.splice(entries_.begin(), entries_, found);
+  return &entries_.front();
+}
+
+bool Documents::may_start(const DocumentOrder& order) const {
+  if (stopped_) return true;  // and is refused then
+  if (running_ >= kChildrenMax || (order.is_report && reports_ > 0)) return false;
+  return order.is_live || live_waiting_ == 0;
+}
+
+/// False if the queue is full, or if no process became available within two time limits.
+bool Documents::wait_for_process(Lock& lock, const DocumentOrder& order) {
+  if (may_start(order)) return true;
+  if (waiting_ >= kWaitingMax && !order.is_live) return false;
+  int& live = live_waiting_;
+  ++waiting_;
+  live += order.is_live ? 1 : 0;
+  const double factor = order.is_report ? 2.0 * kReportFactor : 2.0;
+  const auto ready = [&] {
+    if (order.is_live) return stopped_ || running_ < kChildrenMax;
+    return may_start(order);
+  };
+  const bool came = changed_.wait_for(lock, seconds(factor * settings_.answer_s), ready);
+  live -= order.is_live ? 1 : 0;
+  --waiting_;
+  return came;
+}
+
+void Documents::keep(const std::string& name, SharedAnswer answer, double cache_s) {
+  Entry* entry = find(name);
+  if (entry == nullptr) return;
+  const bool good = answer->status == 200;
+  entry->until = Clock::now() + seconds(good ? cache_s : std::min(cache_s, kErrorCache_s));
+  entry->answer = std::move(answer);
+  entry->is_made = true;
+  std::uint64_t bytes = 0;
+  std::size_t count = 0;
+  for (auto at = entries_.begin(); at != entries_.end();) {
+    if (at->is_made) {
+      bytes += at->answer->bytes + at->answer->text.size();
+      ++count;
+    }
+    const bool is_over = at->is_made && at != entries_.begin() && (count > kKeptMax || bytes > kKeptBytesMax);
+    at = is_over ? entries_.erase(at) : std::next(at);
+  }
+}
+
+SharedAnswer Documents::made(const DocumentOrder& order) const {
+  const double time_s = settings_.answer_s * (order.is_report ? kReportFactor : 1.0);
+  ChildOrder child{settings_.slabctl, order.arguments, environment_, time_s, stop_.get()};
+  std::string path;
+  if (order.is_report) {
+    path = new_report(settings_.reports_dir);
+    for (std::string& word : child.arguments)
+      if (const std::size_t at = word.find("{file}"); at != std::string::npos) word.replace(at, 6, path);
+  }
+  ChildResult result = run_child(child);
+  auto answer = std::make_shared<Answer>();
+  if (order.is_report) {
+    answer->file = Fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
+    answer->type = "application/pdf";
+    answer->bytes = static_cast<std::uint64_t>(file_state(answer->file.get(), "").bytes);
+    std::error_code gone;
+    std::filesystem::remove(path, gone);
+    if (result.end != End::exited || !answer->file.is_open()) return fault_of(result, time_s);
+  } else {
+    if (result.end != End::exited || !is_document(result)) return fault_of(result, time_s);
+    answer->file = std::move(result.output);
+    answer->bytes = result.bytes;
+  }
+  answer->etag = etag_of(answer->file);
+  return answer;
+}
+
+/// Logs a fault of slabctl or of the computer, not one of a request.
+void Documents::log(const DocumentOrder& order, const Answer& answer) {
+  const auto now_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
+  if (answer.status < 500 || stopped_ || !log_limit_.permits(now_ns)) return;
+  std::string command;
+  for (const std::string& word : order.arguments) command += " " + word;
+  fmt::print(stderr, "slabd-web: slabctl{}: {}", plain(command), plain(answer.text, Lines::kept));
+}
+
+SharedAnswer Documents::get(const DocumentOrder& order) {
+  const std::string name = name_of(order);
+  Lock lock(mutex_);
+  if (Entry* entry = find(name); entry != nullptr) {
+    if (entry->is_made && Clock::now() < entry->until) return entry->answer;
+    if (!entry->is_made) {
+      // Another caller waits for this document or makes it. It may remove the entry when it gives up.
+      const auto is_made = [&] {
+        const Entry* const now = find(name);
+        return stopped_ || now == nullptr || now->is_made;
+      };
+      const double factor = order.is_report ? 3.0 * kReportFactor : 3.0;
+      changed_.wait_for(lock, seconds(factor * settings_.answer_s), is_made);
+      const Entry* const now = find(name);
+      if (now != nullptr && now->is_made) return now->answer;
+      return error_answer(503, "too many documents are wanted at once", "try again in some seconds");
+    }
+    entry->is_made = false;
+  } else {
+    entries_.push_front({name, nullptr, {}, false});
+  }
+  if (!wait_for_process(lock, order) || stopped_) {
+    entries_.remove_if([&](const Entry& entry) { return entry.name == name; });
+    changed_.notify_all();
+    return error_answer(503, stopped_ ? "slabd-web stops" : "too many documents are wanted at once",
+                        "try again in some seconds");
+  }
+  ++running_;
+  reports_ += order.is_report ? 1 : 0;
+  lock.unlock();
+  SharedAnswer answer;
+  try {
+    answer = made(order);
+  } catch (const std::exception& fault) {
+    answer = error_answer(500, std::string("internal error: ") + fault.what(), "journalctl -u slabd-web");
+  }
+  lock.lock();
+  log(order, *answer);
+  --running_;
+  reports_ -= order.is_report ? 1 : 0;
+  keep(name, answer, order.cache_s);
+  changed_.notify_all();
+  return answer;
+}
+
+}  // namespace slabd::web

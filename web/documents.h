@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "base/os.h"
+#include "base/rate_limit.h"
+#include "web/child.h"
+
+/// Documents that slabctl makes, kept for a short time. Callers of one document share one process.
+namespace slabd::web {
+
+/// Processes of slabctl at once, one of them at most a report.
+inline constexpr int kChildrenMax = 2;
+/// Callers that wait for a process of their own; more are refused.
+inline constexpr int kWaitingMax = 16;
+/// Documents kept, and their bytes. They are files in memory and count for MemoryMax of the unit.
+inline constexpr std::size_t kKeptMax = 64;
+inline constexpr std::uint64_t kKeptBytesMax = 32'000'000;
+
+/// An answer to a browser, or the part of one.
+struct Answer {
+  int status = 200;
+  std::string type = "application/json";
+  std::string etag;         ///< with quotes; empty for errors
+  std::string text;         ///< the body unless `file` is open
+  Fd file;                  ///< the body
+  std::uint64_t bytes = 0;  ///< of `file`
+};
+using SharedAnswer = std::shared_ptr<const Answer>;
+
+/// An answer with the document slabd.web_error/1.
+[[nodiscard]] SharedAnswer error_answer(int status, const std::string& text, const std::string& cure);
+/// An answer with this body and its ETag.
+[[nodiscard]] SharedAnswer text_answer(std::string text, const std::string& type);
+/// The body as a text.
+[[nodiscard]] std::string body_of(const Answer& answer);
+
+struct DocumentsSettings {
+  std::string slabctl;
+  std::string config;       ///< path, passed to slabctl as SLABD_CONFIG
+  std::string reports_dir;  ///< private folder for reports until they are read
+  double answer_s = 5.0;    ///< time limit of a process; of a report six times as much
+};
+
+struct DocumentOrder {
+  std::vector<std::string> arguments;
+  double cache_s = 0.0;
+  bool is_report = false;  ///< the document is the PDF that "{file}" in the arguments names
+  bool is_live = false;    ///< of the poller: before all others that wait
+};
+
+/// Callable from any thread.
+class Documents {
+ public:
+  explicit Documents(DocumentsSettings settings);
+  ~Documents();
+  Documents(const Documents&) = delete;
+  Documents& operator=(const Documents&) = delete;
+
+  /// The document, or an answer with slabd.web_error/1: status 400 and 404 of slabctl's messages, 503 if a process is
+  /// not available, 504 if it was late. Waits at most about three time limits.
+  [[nodiscard]] SharedAnswer get(const DocumentOrder& order);
+  /// Kills the processes and refuses new orders.
+  void stop();
+
+ private:
+  struct Entry {
+    std::string name;  ///< the arguments
+    SharedAnswer answer;
+    std::chrono::steady_clock::time_point until;
+    bool is_made = false;
+  };
+  using Lock = std::unique_lock<std::mutex>;
+
+  [[nodiscard]] Entry* find(const std::string& name);
+  [[nodiscard]] bool wait_for_process(Lock& lock, const DocumentOrder& order);
+  [[nodiscard]] bool may_start(const DocumentOrder& order) const;
+  void keep(const std::string& name, SharedAnswer answer, double cache_s);
+  void log(const DocumentOrder& order, const Answer& answer);
+  [[nodiscard]] SharedAnswer made(const DocumentOrder& order) const;
+
+  const DocumentsSettings settings_;
+  std::vector<std::string> environment_;
+  Fd stop_;  ///< an eventfd, readable after stop()
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::list<Entry> entries_;  ///< the last used first
+  int running_ = 0;
+  int reports_ = 0;
+  int waiting_ = 0;
+  int live_waiting_ = 0;
+  bool stopped_ = false;
+  RateLimit log_limit_{10 * kNsPerS, 3};
+};
+
+}  // namespace slabd::web

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "web/live.h"
+
+#include <fmt/core.h>
+
+#include <array>
+#include <cstring>
+#include <ctime>
+#include <nlohmann/json.hpp>
+
+#include "base/os.h"
+#include "hal/system/control_client.h"
+
+namespace slabd::web {
+namespace {
+
+using json = nlohmann::ordered_json;
+using hal::ControlAnswer;
+
+constexpr auto kPollPeriod = std::chrono::seconds(1);
+constexpr auto kComposePeriod = std::chrono::milliseconds(200);
+/// Stored results are read again at least this often, for changes that the status does not show (acknowledgement,
+/// retention, another database).
+constexpr auto kRefreshPeriod = std::chrono::seconds(30);
+/// The same after an attempt that failed.
+constexpr auto kTroublePeriod = std::chrono::seconds(5);
+/// Each step of a question; the daemon answers within milliseconds.
+constexpr int kAnswerTimeout_ms = 1'000;
+/// An older status is not of a daemon that answers.
+constexpr std::int64_t kReachableAge_ms = 3'000;
+constexpr const char* kHistoryRows = "8";
+
+std::string cause_of(const ControlAnswer& answer) {
+  switch (answer.fault) {
+    case ControlAnswer::Fault::not_accepted: return "it listens, but takes no question";
+    case ControlAnswer::Fault::silent: return "connected, but no answer within 1 s";
+    case ControlAnswer::Fault::closed: return "it closed the connection";
+    case ControlAnswer::Fault::too_long: return "the answer is longer than 64 kB";
+    case ControlAnswer::Fault::none: return "the answer is not slabd.status/1";
+    case ControlAnswer::Fault::system: break;
+  }
+  return errno_text(answer.error_number);
+}
+
+/// JSON in ASCII without line ends.
+std::string text_of(const json& document) {
+  return document.dump(-1, ' ', true, json::error_handler_t::replace);
+}
+
+/// The parts of a status that change when a stored result changes.
+std::string mark_of(const json& status) {
+  json mark = json::array();
+  for (const char* key : {"session", "slab", "last_slab", "blocks", "results_pending", "chain"}) {
+    const json part = status.value(key, json());
+    mark.push_back(std::strcmp(key, "blocks") == 0 && part.is_object() ? part.value("measured", json()) : part);
+  }
+  return text_of(mark);
+}
+
+/// "2026-11-20" in the zone of the process, as slabctl yield names its days.
+std::string today() {
+  const std::time_t now = std::time(nullptr);
+  std::tm local{};
+  ::localtime_r(&now, &local);
+  std::array<char, 32> text{};
+  return {text.data(), std::strftime(text.data(), text.size(), "%Y-%m-%d", &local)};
+}
+
+std::int64_t utime_us() {
+  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+}  // namespace
+
+Live::Live(LiveSettings settings, Documents& documents) : settings_(std::move(settings)), documents_(documents) {
+  poller_ = std::thread([this] { poll(); });
+  refresher_ = std::thread([this] { refresh(); });
+}
+
+Live::~Live() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopped_ = true;
+  }
+  changed_.notify_all();
+  poller_.join();
+  refresher_.join();
+}
+
+std::string Live::ask(const std::string& verb) const {
+  const ControlAnswer answer = hal::ask_control(settings_.socket, "{\"verb\":\"" + verb + "\"}\n", kAnswerTimeout_ms);
+  const json document = answer.ok() ? json::parse(answer.line, nullptr, false) : json();
+  return document.is_object() ? text_of(document) : "null";
+}
+
+void Live::poll() {
+  for (Clock::time_point next = Clock::now();; next = std::max(next + kPollPeriod, Clock::now())) {
+    std::unique_lock lock(mutex_);
+    if (changed_.wait_until(lock, next, [this] { return stopped_; })) return;
+    lock.unlock();
+    poll_once();
+  }
+}
+
+void Live::poll_once() {
+  const ControlAnswer answer = hal::ask_control(settings_.socket, "{\"verb\":\"status\"}\n", kAnswerTimeout_ms);
+  const json status = answer.ok() ? json::parse(answer.line, nullptr, false) : json();
+  const bool good = status.is_object() && status.value("schema", "") == "slabd.status/1";
+  const std::lock_guard lock(mutex_);
+  reachable_ = good;
+  if (!good) {
+    unreachable_ = fmt::format("slabd does not answer on {}: {}", settings_.socket, cause_of(answer));
+    return;
+  }
+  status_ = text_of(status);
+  status_at_ = Clock::now();
+  std::string mark = mark_of(status);
+  if (mark == mark_) return;
+  mark_ = std::move(mark);
+  last_slab_ = text_of(status.value("last_slab", json()));
+  changed_.notify_all();
+}
+
+void Live::refresh() {
+  std::string seen = "not read yet";
+  std::string seen_slab;
+  Clock::time_point yield_at;
+  for (;;) {
+    std::unique_lock lock(mutex_);
+    changed_.wait_for(lock, trouble_.empty() ? kRefreshPeriod : kTroublePeriod,
+                      [&] { return stopped_ || mark_ != seen; });
+    if (stopped_) return;
+    const bool with_yield = seen_slab != last_slab_ || Clock::now() - yield_at >= kRefreshPeriod;
+    seen = mark_;
+    seen_slab = last_slab_;
+    if (with_yield) yield_at = Clock::now();
+    lock.unlock();
+    refresh_once(with_yield);
+  }
+}
+
+std::string Live::document(const std::vector<std::string>& arguments, std::string& trouble) {
+  const SharedAnswer made = documents_.get({arguments, 0.0, false, true});
+  const json document = json::parse(body_of(*made), nullptr, false);
+  if (made->status == 200 && document.is_object()) return text_of(document);
+  if (trouble.empty()) trouble = document.is_object() ? document.value("text", "") : "slabctl gave no JSON";
+  return {};
+}
+
+void Live::refresh_once(bool with_yield) {
+  std::string trouble;
+  std::string last = "[]";
+  std::string map = "null";
+  if (const std::string history = document({"history", "--json", std::string("--limit=") + kHistoryRows}, trouble);
+      !history.empty()) {
+    const json rows = json::parse(history).value("slabs", json::array());
+    last = text_of(rows);
+    if (!rows.empty()) {
+      map = document({"show", "--map", "--json", "--language=" + settings_.language, "--",
+                      "key:" + rows.front().value("key", json(0)).dump()},
+                     trouble);
+      if (map.empty()) map = "null";
+    }
+  }
+  std::string yield;
+  if (with_yield) {
+    const std::string day = today();
+    const std::string document_of_day = document({"yield", "--json", "--by=day", "--since=2d"}, trouble);
+    yield = "null";
+    if (!document_of_day.empty())
+      for (const json& group : json::parse(document_of_day).value("groups", json::array()))
+        if (group.value("group", "") == day) yield = text_of(group);
+  }
+  const std::lock_guard lock(mutex_);
+  last_ = std::move(last);
+  map_ = std::move(map);
+  if (with_yield) yield_ = std::move(yield);
+  trouble_ = std::move(trouble);
+}
+
+std::string Live::composed() const {
+  const bool known = status_ != "null";
+  const std::int64_t age_ms = std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now() - status_at_).count();
+  const bool reachable = reachable_ && age_ms < kReachableAge_ms;
+  std::string trouble = trouble_;
+  if (!reachable) trouble = reachable_ ? "slabd-web has not read the answer of slabd in time" : unreachable_;
+  return fmt::format(
+      "{{\"schema\":\"slabd.web_status/1\",\"utime_us\":{},\"age_ms\":{},\"reachable\":{},\"trouble\":{},"
+      "\"status\":{},\"map\":{},\"last\":{},\"yield\":{},\"slabd_web\":{{\"version\":{},\"language\":{}}}}}\n",
+      utime_us(), known ? std::to_string(age_ms) : "null", reachable, text_of(json(trouble)), status_, map_, last_,
+      yield_, text_of(json(settings_.version)), text_of(json(settings_.language)));
+}
+
+SharedAnswer Live::answer() {
+  const std::lock_guard lock(mutex_);
+  if (answer_ == nullptr || Clock::now() - answer_at_ >= kComposePeriod) {
+    answer_ = text_answer(composed(), "application/json");
+    answer_at_ = Clock::now();
+  }
+  return answer_;
+}
+
+}  // namespace slabd::web

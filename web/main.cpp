@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabd-web: serves the page and its documents. It only reads: the database through processes of slabctl, the state of
+// the line from the daemon's control socket. slabd does not need it and does not wait for it.
+#include <fmt/core.h>
+#include <malloc.h>
+
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "config/config.h"
+#include "web/server.h"
+
+namespace slabd::web {
+namespace {
+
+constexpr int kExitUsage = 2;
+constexpr int kExitBadInput = 3;
+constexpr int kExitUnreachable = 4;
+/// Connections of one address: a kiosk's browser and tests share 127.0.0.1.
+constexpr unsigned kKioskPerAddressMax = 32;
+constexpr unsigned kLanPerAddressMax = 16;
+
+void complain(const std::string& sentence) {
+  fmt::print(stderr, "slabd-web: {}\n", sentence);
+}
+
+/// A folder of this process alone; deleted at the end.
+class ReportsFolder {
+ public:
+  ReportsFolder() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "slabd-web-XXXXXX").string();
+    if (::mkdtemp(pattern.data()) != nullptr) path_ = pattern;
+  }
+  ~ReportsFolder() {
+    std::error_code ignored;
+    if (!path_.empty()) std::filesystem::remove_all(path_, ignored);
+  }
+  ReportsFolder(const ReportsFolder&) = delete;
+  ReportsFolder& operator=(const ReportsFolder&) = delete;
+  [[nodiscard]] const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
+std::string content(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+std::string neighbour(const char* name) {
+  std::error_code fault;
+  const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", fault);
+  return (self.parent_path() / name).string();
+}
+
+/// Opens a listener and reports its address; nullptr if it cannot be opened.
+std::unique_ptr<Listener> opened(const ListenerSettings& settings, const char* name, Site& site) {
+  auto listener = Listener::open(settings, site);
+  if (!listener) {
+    complain(std::string(listener.error().text.view()));
+    return nullptr;
+  }
+  complain(fmt::format("{}: {}://{}:{}/", name, settings.certificate.empty() ? "http" : "https", settings.host,
+                       listener.value()->port()));
+  return std::move(listener.value());
+}
+
+int serve(const config::Config& config, const sigset_t& ends) {
+  const daemon::WebSettings& web = config.web;
+  const ReportsFolder reports;
+  if (reports.path().empty()) {
+    complain("no folder for reports can be made in the folder for temporary files");
+    return kExitUnreachable;
+  }
+  const std::string slabctl = web.slabctl.empty() ? neighbour("slabctl") : web.slabctl;
+  if (::access(slabctl.c_str(), X_OK) != 0) {
+    complain(slabctl + " cannot be executed, and it makes all documents");
+    return kExitUnreachable;
+  }
+  Documents documents({slabctl, std::filesystem::absolute(config.path).string(), reports.path(), web.answer_s});
+  Live live({config.control_socket, web.language, SLABD_VERSION}, documents);
+  Site site(web.names, documents, live);
+  const auto kiosk =
+      opened({std::string(web.kiosk.host.view()), web.kiosk.port, kKioskPerAddressMax, {}, {}}, "kiosk", site);
+  std::unique_ptr<Listener> lan;
+  if (kiosk != nullptr && !web.lan.host.empty())
+    lan = opened({std::string(web.lan.host.view()), web.lan.port, kLanPerAddressMax, content(web.tls_cert),
+                  content(web.tls_key)},
+                 "lan", site);
+  const bool good = kiosk != nullptr && (web.lan.host.empty() || lan != nullptr);
+  int signal = 0;
+  if (good) ::sigwait(&ends, &signal);
+  documents.stop();  // before the listeners, whose threads may wait for a document
+  return good ? 0 : kExitUnreachable;
+}
+
+int run(int argc, char** argv) {
+  // Threads that end leave their memory to the next ones: two pools of malloc instead of eight for each processor.
+  ::mallopt(M_ARENA_MAX, 2);
+  sigset_t ends;
+  ::sigemptyset(&ends);
+  for (const int one : {SIGTERM, SIGINT}) ::sigaddset(&ends, one);
+  ::sigprocmask(SIG_BLOCK, &ends, nullptr);  // all threads inherit it
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGHUP, SIG_IGN);
+
+  CLI::App app("slabd-web: the page of slabd, the track-slab inspection daemon.", "slabd-web");
+  std::string path = "/etc/slabd/slabd.toml";
+  app.add_option("--config", path, "Configuration of slabd; slabd-web uses [web], [storage] db and [control] socket")
+      ->capture_default_str();
+  app.set_version_flag("--version", std::string("slabd-web " SLABD_VERSION));
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& fault) {
+    return app.exit(fault) == 0 ? 0 : kExitUsage;
+  }
+  config::Config config;
+  std::vector<config::Problem> problems;
+  config::load_config(path, config, problems);
+  problems.insert(problems.end(), config.web_problems.begin(), config.web_problems.end());
+  for (const config::Problem& problem : problems) complain(problem.text);
+  if (!problems.empty()) return kExitBadInput;
+  return serve(config, ends);
+}
+
+}  // namespace
+}  // namespace slabd::web
+
+int main(int argc, char** argv) {
+  try {
+    return slabd::web::run(argc, argv);
+  } catch (const std::exception& fault) {
+    fmt::print(stderr, "slabd-web: internal error: {}\n", fault.what());
+    return 5;
+  }
+}

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "base/result.h"
+#include "web/site.h"
+
+struct MHD_Daemon;
+
+/// HTTP listener (libmicrohttpd). Each connection has a thread, because an answer may wait for slabctl: a waiting
+/// browser then stops no other one. The limit of connections limits the threads.
+namespace slabd::web {
+
+inline constexpr unsigned kConnectionsMax = 64;
+inline constexpr unsigned kConnectionBytesMax = 32'768;  ///< request line and fields
+inline constexpr unsigned kIdle_s = 10;                  ///< for a request, and between two requests
+
+struct ListenerSettings {
+  std::string host;  ///< IPv4 address
+  std::uint16_t port = 0;
+  unsigned per_address_max = 16;
+  std::string certificate;  ///< PEM; empty: without TLS
+  std::string key;          ///< PEM
+};
+
+class Listener {
+ public:
+  /// `site` must live longer. Code::config: the address is in use, does not belong to this computer, or certificate and
+  /// key are not usable.
+  [[nodiscard]] static Result<std::unique_ptr<Listener>> open(const ListenerSettings& settings, Site& site);
+  /// Closes all connections. Documents must have been stopped, because their waiting threads are joined.
+  ~Listener();
+  Listener(const Listener&) = delete;
+  Listener& operator=(const Listener&) = delete;
+
+  [[nodiscard]] std::uint16_t port() const { return port_; }
+
+ private:
+  explicit Listener(const ListenerSettings& settings) : settings_(settings) {}
+
+  const ListenerSettings settings_;
+  std::uint16_t port_ = 0;
+  MHD_Daemon* daemon_ = nullptr;
+};
+
+}  // namespace slabd::web
