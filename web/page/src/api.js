@@ -39,7 +39,8 @@ export async function document_of(path, schema, signal) {
 
 /// {document, error, loading, again} of `path`; null as path: nothing is asked. While a new path loads, the previous
 /// document stays with loading = true, so that filters do not make the page jump. `every_ms`: asks again and again.
-export function useDocument(path, schema, every_ms = 0) {
+/// `mark`: asks again when it changes.
+export function useDocument(path, schema, every_ms = 0, mark = '') {
   const [state, setState] = useState({ path: null, document: null, error: null, loading: true });
   const [turn, setTurn] = useState(0);
   useEffect(() => {
@@ -59,6 +60,6 @@ export function useDocument(path, schema, every_ms = 0) {
       ending.abort();
       clearTimeout(timer);
     };
-  }, [path, schema, turn, every_ms]);
+  }, [path, schema, turn, every_ms, mark]);
   return { ...state, again: () => setTurn((n) => n + 1) };
 }

@@ -143,9 +143,11 @@ export function App({ poll }) {
     ${!kiosk && html`<a class="skip" href="#main">${words.t('app.skip')}</a>`}
     <div class=${`frame${kiosk ? ' kiosk' : ''}`}>
       ${!kiosk && html`<${Header} picture=${picture} route=${route} theme=${theme} setTheme=${setTheme} setLanguage=${choose} />`}
-      <${StaleBand} picture=${picture} />
-      <${EmulationBand} parts=${status?.emulation} />
-      <${FaultBand} status=${picture.stale ? null : status} />
+      <aside aria-label=${words.t('app.notices')}>
+        <${StaleBand} picture=${picture} />
+        <${EmulationBand} parts=${status?.emulation} />
+        <${FaultBand} status=${picture.stale ? null : status} />
+      </aside>
       <main id="main" tabindex="-1" ref=${main} class=${`page-${kiosk ? 'live' : route.page}`}>
         <${Page} key=${kiosk ? 'live' : place} route=${route} picture=${picture} since=${since} theme=${drawn} kiosk=${kiosk} />
       </main>

@@ -11,6 +11,7 @@ const kRoutes = [
   [new RegExp(`^/slabs/${kKey}$`), 'slab', ['key']],
   [new RegExp(`^/slabs/${kKey}/blocks/([1-9]|1[0-8])$`), 'block', ['key', 'station']],
   [/^\/trends$/, 'trends', []],
+  [/^\/trends\/([a-z_]{1,40})$/, 'trends', ['item']],
   [/^\/calibration$/, 'calibration', []],
   [/^\/line$/, 'line', []],
   [/^\/compare$/, 'compare', []],

@@ -10,6 +10,7 @@
 //   done=N          stations of the open slab that have been measured
 //   database=1|0    0: every document that is read from the database is an error
 //   fault=CODE      fault of the daemon
+//   newest="KEY VERDICT"   the first row of the history
 //   reports=1       answers the CSP reports and errors that the page sent
 import { createServer } from 'node:http';
 import { readFile } from 'node:fs/promises';
@@ -19,7 +20,7 @@ const here = import.meta.dirname;
 const dist = process.env.SLABD_PAGE_DIST ?? join(here, '..', 'dist');
 const fixture = async (name) => JSON.parse(await readFile(join(here, 'fixtures', `${name}.json`), 'utf8'));
 const names = ['status', 'history', 'slab_pass', 'slab_fail', 'stations_pass', 'stations_fail', 'capability', 'trend', 'yield', 'reasons',
-  'comparison', 'doctor', 'words_en', 'words_zh', 'calibration', 'map_registration_4', 'map_registration_11'];
+  'comparison', 'doctor', 'words_en', 'words_zh', 'calibration', 'block_map_4', 'block_map_11', 'findings_en', 'findings_zh'];
 const documents = Object.fromEntries(await Promise.all(names.map(async (name) => [name, await fixture(name)])));
 
 const headers = {
@@ -34,29 +35,28 @@ const headers = {
 const types = { html: 'text/html; charset=utf-8', js: 'text/javascript; charset=utf-8', css: 'text/css; charset=utf-8',
   svg: 'image/svg+xml', txt: 'text/plain; charset=utf-8' };
 
-const start = { status: 'live', slab: 'fail', id: null, done: '7', database: '1', fault: '0' };
+const start = { status: 'live', slab: 'fail', id: null, done: '7', database: '1', fault: '0', newest: '' };
 let now = { ...start };
 let silent_since = 0;
 const reports = [];
 
-const blocksOf = (verdicts) => verdicts.map((one) => ({ ...one, reason_text: '', attempts: 1, scan_kept: true }));
-function mapOf(which) {
+function mapOf(which, language = 'en') {
   const slab = documents[which === 'pass' ? 'slab_pass' : 'slab_fail'];
   const map = {
-    schema: 'slabd.slab_map/1', slab_key: slab.key, no: slab.slab_no, id: now.id ?? slab.slab_id, type: slab.slab_type, emulated: true,
-    verdict: slab.verdict, reason: slab.reason, reason_text: '', begun_utime_us: Date.parse(slab.began) * 1000,
-    ended_utime_us: Date.parse(slab.ended) * 1000, blocks: blocksOf(documents[which === 'pass' ? 'stations_pass' : 'stations_fail']),
-    findings: which === 'pass' ? [] : [
-      { verdict: 'fail', stations: [4], text: 'seat slope: 1.6376 deg, limits 1.3322 .. 1.5482, U 0.0223' },
-      { verdict: 'fail', stations: [11], text: 'jaw distance: 380.902 mm, limits 379.500 .. 380.500, U 0.105' },
-    ],
+    schema: 'slabd.slab_map/1', language, key: slab.key, slab_id: now.id ?? slab.slab_id, slab_no: slab.slab_no, slab_type: slab.slab_type,
+    recipe: slab.recipe, emulated: slab.emulated, emulation: slab.emulation, verdict: slab.verdict, reason: slab.reason, reason_text: '',
+    began_utime_us: Date.parse(slab.began) * 1000, ended_utime_us: Date.parse(slab.ended) * 1000,
+    blocks: documents[which === 'pass' ? 'stations_pass' : 'stations_fail'].map((one) => ({ ...one, reason_text: '', attempts: 1, damage: 0, scan_kept: true })),
+    findings: which === 'pass' ? [] : documents[`findings_${language}`],
   };
+  map.findings_count = map.findings.length;
   if (which === 'odd') {
     const verdicts = ['pass', 'fail', 'indeterminate', 'not_measured', 'none'];
     map.blocks = map.blocks.map((block, i) => ({ ...block, verdict: verdicts[i % 5], reason: [0, 600, 604, 401, 0][i % 5] }));
   }
   if (which === 'open') {
-    Object.assign(map, { verdict: 'none', reason: 0, ended_utime_us: 0, findings: [] });
+    Object.assign(map, { key: 61, slab_no: documents.status.slab.no, slab_id: now.id ?? 'C3-4161', verdict: 'none', reason: 0, ended_utime_us: null,
+      findings: [], findings_count: 0 });
     map.blocks = map.blocks.map((block) => ({ ...block, verdict: block.station <= Number(now.done) ? (block.station === 4 ? 'fail' : 'pass') : 'none',
       reason: block.station === 4 && Number(now.done) >= 4 ? 600 : 0 }));
   }
@@ -70,7 +70,9 @@ function webStatus() {
   else Object.assign(status, { slab: null, state: 'idle' });
   if (now.fault !== '0') Object.assign(status, { state: 'fault', fault: { code: Number(now.fault), text: 'the clock was set back', cure: 'set the clock (NTP)' } });
   const age_ms = now.status === 'gone' ? null : now.status === 'silent' ? Date.now() - silent_since : 120;
-  const last = documents.history.slabs.slice(0, 8).map((slab, i) => (i === 0 && now.id !== null ? { ...slab, slab_id: now.id } : slab));
+  const last = documents.history.slabs.slice(0, 8).map((slab, i) => ({ ...slab, slab_id: i === 0 && now.id !== null ? now.id : slab.slab_id }));
+  const [newest, verdict] = now.newest.split(' ');
+  if (newest !== '') Object.assign(last[0], { key: Number(newest), verdict });
   return {
     schema: 'slabd.web_status/1', utime_us: Date.now() * 1000, age_ms, reachable: age_ms !== null && age_ms < 1500,
     trouble: now.status === 'live' ? '' : 'connect: Connection refused', status: now.status === 'gone' ? null : status,
@@ -84,7 +86,7 @@ function documentOf(path, query) {
   const block = /^\/slabs\/(\d+)\/blocks\/(\d+)(\/map)?$/.exec(path);
   if (block !== null) {
     const station = Number(block[2]);
-    if (block[3]) return station === 7 ? null : { ...documents[station === 11 ? 'map_registration_11' : 'map_registration_4'], slab_key: Number(block[1]), station };
+    if (block[3]) return station === 7 ? null : { ...documents[station === 11 ? 'block_map_11' : 'block_map_4'], key: Number(block[1]), station };
     const slab = structuredClone(documents.slab_fail);
     slab.key = Number(block[1]);
     const near = slab.blocks.find((one) => one.station === station) ?? slab.blocks.find((one) => one.station === 3);
@@ -95,7 +97,7 @@ function documentOf(path, query) {
   if (slab !== null) {
     const passed = Number(slab[1]) === documents.slab_pass.key;
     if (Number(slab[1]) > 9000) return null;
-    if (slab[2]) return { ...mapOf(passed ? 'pass' : 'fail'), slab_key: Number(slab[1]) };
+    if (slab[2]) return { ...mapOf(passed ? 'pass' : 'fail', query.get('language') ?? 'en'), key: Number(slab[1]) };
     const document = structuredClone(documents[passed ? 'slab_pass' : 'slab_fail']);
     return { ...document, key: Number(slab[1]), slab_id: now.id ?? document.slab_id };
   }
@@ -109,7 +111,7 @@ function documentOf(path, query) {
     case '/trends': return documents.capability;
     case '/yield': return documents.yield;
     case '/reasons': return documents.reasons;
-    case '/compare': return documents.comparison;
+    case '/compare': return { ...documents.comparison, rows: documents.comparison.rows.filter((row) => query.get('all') === '1' || row.en > 1) };
     case '/calibration': return documents.calibration;
     case '/doctor': return documents.doctor;
     case '/words': return documents[query.get('language') === 'zh' ? 'words_zh' : 'words_en'];

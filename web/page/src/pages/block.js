@@ -47,9 +47,23 @@ function Slider({ label, value, text, ...rest }) {
     <input type="range" value=${value} aria-valuetext=${text} ...${rest} /></label>`;
 }
 
+/// Both stored maps, one at a time: against the model of the block, and of the seat against its own plane.
 function Maps({ document, station, theme }) {
   const { t } = useWords();
-  const map = useMemo(() => mapOf(document), [document]);
+  const maps = useMemo(() => ({ deviation: mapOf(document, 'deviation'), seat: mapOf(document, 'seat') }), [document]);
+  const there = Object.keys(maps).filter((which) => maps[which] !== null);
+  const [wanted, setWanted] = useState('deviation');
+  const which = there.includes(wanted) ? wanted : there[0];
+  if (which === undefined) return html`<p class="quiet">${t('block.no_map')}</p>`;
+  const choice = html`<label class="field"><span>${t('block.which')}</span>
+    <select value=${which} onChange=${(event) => setWanted(event.target.value)}>
+      ${there.map((name) => html`<option key=${name} value=${name}>${t(name === 'seat' ? 'block.of_seat' : 'block.of_model')}</option>`)}
+    </select></label>`;
+  return html`<${OneMap} key=${which} map=${maps[which]} choice=${choice} station=${station} theme=${theme} />`;
+}
+
+function OneMap({ map, choice, station, theme }) {
+  const { t } = useWords();
   const automatic_mm = useMemo(() => scaleFor(map.values), [map]);
   const [chosen, setChosen] = useState(0);
   const end_mm = chosen || automatic_mm;
@@ -60,8 +74,8 @@ function Maps({ document, station, theme }) {
   const exaggeration = kExaggerations[step];
   const samples = useMemo(() => section(map, cursor.column, cursor.row, angle), [map, cursor, angle]);
   return html`
-    <${Panel} title=${`${t('block.map')}: ${t(document.feature === 'seat' ? 'block.of_seat' : 'block.of_model')}`}
-      aside=${html`<${ScaleChoice} value=${chosen} automatic_mm=${automatic_mm} set=${setChosen} />`}>
+    <${Panel} title=${t('block.map')}
+      aside=${html`<div class="buttons">${choice}<${ScaleChoice} value=${chosen} automatic_mm=${automatic_mm} set=${setChosen} /></div>`}>
       <div class="map-and-section">
         <div><${HeatMap} map=${map} end_mm=${end_mm} cursor=${cursor} setCursor=${setCursor} angle_deg=${angle} theme=${theme}
             label=${t('heat.label', { station })} />

@@ -45,7 +45,7 @@ function Checks({ trend }) {
   const { t } = useWords();
   const columns = [
     { head: t('field.when'), row: true, cell: (check) => html`<time class="time">${localTime(check.time)}</time>` },
-    { head: t('field.kind'), cell: (check) => t(`kind.${visible(check.kind, 20)}`) },
+    { head: t('field.kind'), cell: (check) => html`<span class="time">${t(`kind.${visible(check.kind, 20)}`)}</span>` },
     { head: t('field.result'), cell: (check) => html`<${Passed} passed=${check.passed} />` },
     { head: t('calibration.slope'), number: true, cell: (check) => figure(check.slope_deg, 4) },
     { head: 'U', number: true, cell: (check) => figure(check.slope_U_deg, 4) },
@@ -54,7 +54,7 @@ function Checks({ trend }) {
     { head: t('calibration.off'), number: true, cell: (check) => (check.off_mm ?? []).some((part) => part !== null)
         ? check.off_mm.map((part) => figure(part, 3)).join(' ') : kNone },
     { head: t('field.who'), cell: (check) => text(check.who) },
-    { head: t('field.note'), cell: (check) => text(check.note) },
+    { head: t('field.note'), cell: (check) => html`<span class="sentence">${text(check.note)}</span>` },
   ];
   return html`<${Table} caption=${t('calibration.checks_caption')} columns=${columns} rows=${trend?.checks ?? []} empty=${t('calibration.no_checks')} />`;
 }

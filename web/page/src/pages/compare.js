@@ -31,11 +31,9 @@ function Differences({ comparison }) {
     { head: 'B − A', number: true, cell: (row) => html`<strong>${figure(row.difference, digits(row))}</strong>` },
     { head: 'U', number: true, cell: (row) => figure(row.U, digits(row)) },
     { head: 'En', number: true, cell: (row) => html`<span class=${row.en > 1 ? 'verdict v-indeterminate' : ''}>${row.en > 1 ? html`<span aria-hidden="true">! </span>` : ''}${figure(row.en, 2)}</span>` },
-    { head: `A`, cell: (row) => verdict(row.verdict_a) },
-    { head: `B`, cell: (row) => verdict(row.verdict_b) },
+    { head: `A: ${t('field.verdict')}`, cell: (row) => verdict(row.verdict_a) },
+    { head: `B: ${t('field.verdict')}`, cell: (row) => verdict(row.verdict_b) },
   ];
-  columns[7].head = `A: ${t('field.verdict')}`;
-  columns[8].head = `B: ${t('field.verdict')}`;
   const rows = comparison.rows.slice(0, kRowsShown);
   const rest = comparison.rows.length - rows.length;
   return html`<p><${Foreign} text=${comparison.note} /></p>
@@ -47,20 +45,20 @@ function Differences({ comparison }) {
 function ThreeMaps({ a, b, keys, station, theme }) {
   const { t } = useWords();
   const maps = useMemo(() => {
-    const [first, second] = [mapOf(a), mapOf(b)];
+    const [first, second] = [mapOf(a, 'deviation'), mapOf(b, 'deviation')];
     return [first, second, difference(first, second)];
   }, [a, b]);
-  const automatic_mm = useMemo(() => scaleFor([...maps[0].values, ...maps[1].values]), [maps]);
+  const automatic_mm = useMemo(() => scaleFor(maps.slice(0, 2).flatMap((map) => map?.values ?? [])), [maps]);
   const [chosen, setChosen] = useState(0);
   const [cursor, setCursor] = useState(null);
   const end_mm = chosen || automatic_mm;
   const titles = [t('compare.map_a', { key: keys[0] }), t('compare.map_b', { key: keys[1] }), t('compare.map_difference')];
   return html`<${ScaleChoice} value=${chosen} automatic_mm=${automatic_mm} set=${setChosen} />
     <div class="three">${maps.map((map, i) => html`<div key=${i}><h3>${titles[i]}</h3>
-      ${map === null ? html`<p class="quiet">${t('compare.no_common')}</p>`
+      ${map === null ? html`<p class="quiet">${t(i === 2 ? 'compare.no_common' : 'block.no_map')}</p>`
         : html`<${HeatMap} map=${map} end_mm=${end_mm} cursor=${cursor} setCursor=${setCursor} theme=${theme}
             label=${`${titles[i]}. ${t('heat.label', { station })}`} />`}</div>`)}</div>
-    <${ScaleBar} end_mm=${end_mm} beyond=${beyond(maps[0].values, end_mm) + beyond(maps[1].values, end_mm)} />`;
+    <${ScaleBar} end_mm=${end_mm} beyond=${beyond(maps[0]?.values ?? [], end_mm) + beyond(maps[1]?.values ?? [], end_mm)} />`;
 }
 
 function BlockMaps({ a, b, theme }) {
@@ -81,7 +79,7 @@ function BlockMaps({ a, b, theme }) {
 function SmallMap({ slabKey, name }) {
   const ask = useDocument(`/slabs/${slabKey}/map`, 'slabd.slab_map/1');
   return html`<div><h3>${name}: <${Link} to=${`/slabs/${slabKey}`}>${slabKey}<//></h3>
-    <${Loaded} ask=${ask}>${(map) => html`<p><${Foreign} text=${map.id ?? map.slab_id ?? ''} max=${64} /> <${VerdictMark} verdict=${map.verdict} /></p>
+    <${Loaded} ask=${ask}>${(map) => html`<p><${Foreign} text=${map.slab_id || String(map.slab_no)} max=${64} /> <${VerdictMark} verdict=${map.verdict} /></p>
       <${SlabMap} blocks=${blocksOf(map)} slabKey=${slabKey} small />`}<//></div>`;
 }
 
@@ -113,5 +111,5 @@ export function Compare({ route, theme }) {
     ${both && html`
       <${Panel} title=${t('compare.maps')}><div class="two"><${SmallMap} key=${`a${a}`} slabKey=${a} name="A" /><${SmallMap} key=${`b${b}`} slabKey=${b} name="B" /></div>
         <${BlockMaps} a=${a} b=${b} theme=${theme} /><//>
-      <${Panel} title=${t('compare.title')}><${Loaded} ask=${ask}>${(comparison) => html`<${Differences} comparison=${comparison} />`}<//><//>`}`;
+      <${Panel} title=${t('compare.differences')}><${Loaded} ask=${ask}>${(comparison) => html`<${Differences} comparison=${comparison} />`}<//><//>`}`;
 }

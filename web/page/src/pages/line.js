@@ -43,7 +43,7 @@ function Counters({ links }) {
     { head: t('line.counters'), row: true, cell: (row) => html`<code>${row.counter}</code>` },
     { head: t('field.value'), number: true, cell: (row) => figure(row.value, Number.isInteger(row.value) ? 0 : 3) },
   ];
-  return html`<${Table} caption=${t('line.counters_caption')} columns=${columns} rows=${rows} id=${(row) => `${row.name} ${row.counter}`} />`;
+  return html`<${Table} caption=${t('line.counters_caption')} columns=${columns} dense rows=${rows} id=${(row) => `${row.name} ${row.counter}`} />`;
 }
 
 export function daemonFacts(status, words) {

@@ -4,7 +4,7 @@ import { useState } from 'preact/hooks';
 import { useDocument } from '../api.js';
 import { figure, localTime } from '../figures.js';
 import { html } from '../html.js';
-import { FindingList, findingsOfSlab } from '../parts/findings.js';
+import { FindingList, findingsOf } from '../parts/findings.js';
 import { BudgetTable, ItemTable } from '../parts/items.js';
 import { Loaded, PageHead, Panel } from '../parts/panel.js';
 import { blocksOf, Legend, SlabMap } from '../parts/slab_map.js';
@@ -88,6 +88,7 @@ export function Slab({ route }) {
   const words = useWords();
   const { t, language } = words;
   const ask = useDocument(`/slabs/${route.key}`, 'slabd.slab/1');
+  const map = useDocument(`/slabs/${route.key}/map?language=${language}`, 'slabd.slab_map/1');
   const slab = ask.document;
   const name = slab ? visible(slab.slab_id || slab.slab_no, 64) : route.key;
   return html`
@@ -103,7 +104,8 @@ export function Slab({ route }) {
       <${SlabVerdict} slab=${slab} />
       <div class="two">
         <${Panel} title=${t('slab.findings')}>
-          <${FindingList} findings=${findingsOfSlab(slab, words)} slabKey=${slab.key} empty=${t('slab.no_findings')} />
+          <${Loaded} ask=${map}>${(map) => html`<${FindingList} findings=${findingsOf(map, words)} count=${map.findings_count} slabKey=${slab.key}
+            empty=${t(slab.ended ? 'slab.no_findings' : 'live.no_findings')} />`}<//>
           ${slab.unconfirmed > 0 && html`<p class="warning-line"><span aria-hidden="true">! </span>${t('slab.unconfirmed', { count: slab.unconfirmed })}</p>`}
         <//>
         <${Panel} title=${t('slab.map')}><${SlabMap} blocks=${blocksOf(slab)} slabKey=${slab.key} small /><${Legend} /><//>

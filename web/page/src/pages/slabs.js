@@ -78,7 +78,7 @@ export function Slabs({ route }) {
     </form>
     <p class="quiet hint">${t('slabs.conditions')}</p>
     <${Loaded} ask=${ask}>${(history) => html`
-      <${SlabRows} caption=${t('slabs.caption', { count: history.slabs.length })} slabs=${history.slabs} empty=${t('slabs.none')} />
+      <div class="panel"><${SlabRows} caption=${t('slabs.caption', { count: history.slabs.length })} slabs=${history.slabs} empty=${t('slabs.none')} /></div>
       ${history.more && limit < kMost && html`<p><button type="button" onClick=${() => set({ limit: Math.min(kMost, limit * 2) }, true)}>
         ${t('slabs.more')}</button></p>`}
       ${history.gaps.map((gap, i) => html`<p key=${i} class="quiet"><${Foreign}

@@ -28,7 +28,7 @@ function Capability({ capability, chosen, parameters }) {
   const row_limits = (row) => limitsFigure({ ...row, value: null, verdict: 'none' });
   const columns = [
     { head: t('field.item'), row: true, cell: (row) => html`<${Link} class="row-link" aria-current=${row.item === chosen ? 'true' : undefined}
-        to=${address('/trends', { ...parameters, item: row.item, block: '' })}>${item(row.item)} <span class="unit">[${row.unit}]</span><//>` },
+        to=${address(`/trends/${row.item}`, { ...parameters, block: '' })}>${item(row.item)} <span class="unit">[${row.unit}]</span><//>` },
     { head: t('field.limits'), number: true, cell: row_limits },
     { head: t('trends.outside'), number: true, cell: (row) => `${row.performance.outside} / ${row.performance.values}` },
     { head: `${t('trends.at_most')}, %`, number: true, cell: (row) => figure(100 * (row.performance.outside_share.high ?? NaN), 2) },
@@ -83,7 +83,7 @@ function Chart({ item, parameters, theme }) {
   const ask = useDocument(address(`/trends/${item}`, parameters), 'slabd.trend/1');
   const title = t('trends.chart', { item: name(item) });
   const block = html`<label class="field"><span>${t('trends.block')}</span>
-    <select value=${parameters.block ?? ''} onChange=${(event) => go(address('/trends', { ...parameters, item, block: event.target.value }), true)}>
+    <select value=${parameters.block ?? ''} onChange=${(event) => go(address(`/trends/${item}`, { ...parameters, block: event.target.value }), true)}>
       <option value="">${t('trends.all_blocks')}</option>
       ${Array.from({ length: 18 }, (_, i) => html`<option key=${i} value=${String(i + 1)}>${i + 1}</option>`)}
     </select></label>`;
@@ -100,7 +100,7 @@ function Yield() {
   const { t } = useWords();
   const ask = useDocument('/yield?by=day&since=31d', 'slabd.yield/1');
   const columns = [
-    { head: t('yield.day'), row: true, cell: (day) => (day.group === 'all' ? t('yield.all') : day.group) },
+    { head: t('yield.day'), row: true, cell: (day) => html`<span class="time">${day.group === 'all' ? t('yield.all') : day.group}</span>` },
     ...['inspected', 'passed', 'failed', 'undecided', 'not_measured'].map((field) => ({ head: t(`yield.${field}`), number: true, cell: (day) => day[field] })),
     { head: t('yield.percent'), number: true, cell: (day) => html`<strong>${figure(day.yield_percent, 1)}</strong>` },
     { head: t('yield.interval'), number: true, cell: (day) => `${figure(day.yield_low_percent, 1)} .. ${figure(day.yield_high_percent, 1)}` },
@@ -115,7 +115,7 @@ function Reasons() {
   const ask = useDocument('/reasons?since=31d', 'slabd.reasons/1');
   const place = (row) => (row.station === null ? kNone : row.station_to ? `${row.station}-${row.station_to}` : row.station);
   const columns = [
-    { head: '', number: true, cell: (_, i) => i + 1 },
+    { head: '#', number: true, cell: (_, i) => i + 1 },
     { head: t('field.item'), row: true, cell: (row) => (row.item === 'block' ? reason(row.reason) : item(row.item)) },
     { head: t('field.block'), number: true, cell: place },
     { head: t('yield.failed'), number: true, cell: (row) => row.failed },
@@ -124,7 +124,6 @@ function Reasons() {
     { head: t('reasons.count'), number: true, cell: (row) => html`<strong>${row.count}</strong>` },
     { head: t('reasons.share'), number: true, cell: (row) => figure(row.cumulative_percent, 1) },
   ];
-  columns[0].head = '#';
   return html`<${Panel} title=${t('reasons.title')}><${Loaded} ask=${ask}>${(document) => document.reasons.length === 0
     ? html`<p class="quiet">${t('reasons.none')}</p>`
     : html`<${ParetoChart} reasons=${document.reasons} />
@@ -134,13 +133,13 @@ function Reasons() {
 export function Trends({ route, theme }) {
   const { t } = useWords();
   const legal = (name, pattern) => (pattern.test(route.query.get(name) ?? '') ? route.query.get(name) : '');
-  const item = legal('item', /^[a-z_]{3,40}$/) || 'seat_slope';
+  const item = route.item ?? 'seat_slope';
   const parameters = { slabs: legal('slabs', /^[1-9]\d{1,4}$/) || '200', slab_type: legal('slab_type', /^[1-9]\d{0,4}$/), block: legal('block', /^([1-9]|1[0-8])$/) };
   const ask = useDocument(address('/trends', { ...parameters, block: '' }), 'slabd.capability/1');
   return html`
     <${PageHead} title=${t('trends.title')}>
       <label class="field"><span>${t('trends.slabs')}</span>
-        <select value=${parameters.slabs} onChange=${(event) => go(address('/trends', { ...parameters, item, slabs: event.target.value }), true)}>
+        <select value=${parameters.slabs} onChange=${(event) => go(address(`/trends/${item}`, { ...parameters, slabs: event.target.value }), true)}>
           ${kSlabs.map((count) => html`<option key=${count} value=${String(count)}>${count}</option>`)}
         </select></label>
     <//>

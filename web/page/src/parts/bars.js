@@ -54,7 +54,7 @@ export function ParetoChart({ reasons }) {
     ${shown.map((row, i) => {
       const x = kLeft + width * (i + 0.5);
       return html`<g key=${i}><rect class="bar" x=${x - bar / 2} width=${bar} y=${y((0.92 * row.count) / most)} height=${(inner * 0.92 * row.count) / most} />
-        <text class="bar-number" x=${x} y=${y((0.92 * row.count) / most) - 6} text-anchor="middle">${row.count}</text>
+        <text class="bar-number" x=${x} y=${kTop + inner - 8} text-anchor="middle">${row.count}</text>
         <text class="tick" x=${x} y=${kHeight - 8} text-anchor="middle">${i + 1}</text></g>`;
     })}
     <path class="pareto-line" d=${line} />

@@ -103,7 +103,7 @@ export function ControlChart({ trend, theme, label }) {
   const [at, setAt] = useState(null);
   useEffect(() => {
     const digits = decimalsOf(trend.unit);
-    const font = `13px ${token('--font')}`;
+    const font = `14px ${token('--font')}`;
     const axis = { stroke: token('--ink-quiet'), grid: { stroke: token('--chart-grid'), width: 1 }, ticks: { show: false }, font };
     const many = trend.block === null;
     plot.current = new uPlot(

@@ -1,64 +1,46 @@
 // SPDX-License-Identifier: Apache-2.0
-// Findings of a slab: what did not pass, with value, limits, U and place. The server makes the sentences (slab_map/1,
-// from report/findings.h), or they are made here from the items of slab/1.
+// Findings of a slab: what did not pass, with place, value, limits and U. The sentences are those of the reports
+// (slabd.slab_map/1, from report/findings.h), so that page, terminal and PDF say the same.
 import { html } from '../html.js';
 import { Link } from '../router.js';
 import { Foreign } from '../text.js';
 import { known, symbol } from '../verdict.js';
 import { useWords } from '../words.js';
-import { itemSentence } from './items.js';
 
-const kOrder = ['fail', 'not_measured', 'aborted', 'indeterminate'];
+const kBad = ['fail', 'not_measured', 'aborted', 'indeterminate'];
 
-/// Findings of a slab/1 document: {verdict, stations, text}.
-export function findingsOfSlab(slab, words) {
-  const all = [];
-  const take = (item, stations) => {
-    if (!kOrder.includes(item.verdict)) return;
-    if (item.verdict === 'not_measured' && !item.required) return;
-    all.push({ verdict: item.verdict, stations, text: itemSentence(words, item), id: item.id });
-  };
-  const replaced = (id, station) =>
-    slab.items.some((item) => item.id === id && item.stations?.length === 1 && item.stations[0] === station &&
-      (item.lower !== null || item.upper !== null));
-  for (const block of slab.blocks) {
-    if (!block.valid || !block.result) continue;
-    for (const item of block.result.items) if (!replaced(item.id, block.station)) take(item, [block.station]);
-  }
-  for (const item of slab.items) take(item, item.stations ?? []);
-  for (const station of slab.station_verdicts ?? []) {
-    if (!kOrder.includes(station.verdict) || all.some((finding) => finding.stations.includes(station.station))) continue;
-    all.push({ verdict: station.verdict, stations: [station.station], text: words.reason(station.reason), id: '' });
-  }
-  const rank = (finding) => kOrder.indexOf(finding.verdict);
-  return all.sort((a, b) => rank(a) - rank(b) || (a.stations[0] ?? 0) - (b.stations[0] ?? 0));
+/// True if a block or the slab did not pass: then "no findings" would be wrong.
+function isBad(map) {
+  return [map, ...(map.blocks ?? [])].some((one) => kBad.includes(one.verdict));
 }
 
-/// Findings of a slab_map/1 document: an entry is a sentence, or {verdict, station | stations, text}.
-export function findingsOfMap(map) {
-  return (map?.findings ?? []).map((entry) =>
-    typeof entry === 'string'
-      ? { verdict: map.verdict, stations: [], text: entry }
-      : { ...entry, verdict: known(entry.verdict), stations: entry.stations ?? (entry.station ? [entry.station] : []) },
-  );
+/// Findings of a map; of one without sentences, its blocks that did not pass.
+export function findingsOf(map, words) {
+  const findings = map?.findings ?? [];
+  if (findings.length > 0 || !map || !isBad(map)) return findings;
+  return map.blocks.filter((block) => kBad.includes(block.verdict)).map((block) => ({
+    verdict: block.verdict,
+    stations: [block.station],
+    text: `${words.t('page.block', { station: block.station })}: ${words.reason(block.reason, block.reason_text)}`,
+  }));
 }
 
-export function FindingList({ findings, slabKey, max = Infinity, empty }) {
+/// `slabKey`: a finding of one block is a link to it. `count`: number of findings if the document has fewer.
+export function FindingList({ findings, slabKey = null, max = Infinity, count = findings.length, empty }) {
   const { t } = useWords();
   if (findings.length === 0) return html`<p class="quiet">${empty}</p>`;
   const shown = findings.slice(0, max);
-  const rest = findings.length - shown.length;
+  const rest = Math.max(count, findings.length) - shown.length;
   return html`<ul class="findings">
     ${shown.map((finding, i) => {
       const verdict = known(finding.verdict);
-      const blocks = finding.stations.map((station, n) => html`${n > 0 ? ', ' : ''}${slabKey
-        ? html`<${Link} to=${`/slabs/${slabKey}/blocks/${station}`}>${t('page.block', { station })}<//>`
-        : t('page.block', { station })}`);
+      const text = html`<${Foreign} text=${finding.text} max=${600} />`;
       return html`<li key=${i} class=${`finding v-${verdict}`}>
         <span class="finding-mark"><span aria-hidden="true">${symbol(verdict)}</span>
           <span class="for-readers">${t(`verdict.${verdict}`)}</span></span>
-        <span class="finding-text">${blocks}${blocks.length > 0 && finding.text && !finding.whole ? ' · ' : ''}
-          <${Foreign} text=${finding.text} max=${600} /></span>
+        ${slabKey && finding.stations?.length === 1
+          ? html`<${Link} class="finding-text" to=${`/slabs/${slabKey}/blocks/${finding.stations[0]}`}>${text}<//>`
+          : html`<span class="finding-text">${text}</span>`}
       </li>`;
     })}
     ${rest > 0 && html`<li class="quiet">${t('live.more_findings', { count: rest })}</li>`}

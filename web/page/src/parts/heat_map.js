@@ -78,7 +78,7 @@ export function HeatMap({ map, end_mm, cursor, setCursor, angle_deg = null, labe
   const at = cursor ? centre(map, cursor.column, cursor.row) : null;
   const value = cursor ? cell(map, cursor.column, cursor.row) : null;
   const read = !cursor ? t('heat.hint')
-    : t(value === null ? 'heat.no_value' : 'heat.value', { x: figure(at[0], 1), s: figure(at[1], 1), value: figure(value, 3) });
+    : t(value === null ? 'heat.no_value' : 'heat.value', { x: figure(at[0], 1), across: map.across, s: figure(at[1], 1), value: figure(value, 3) });
   const clamp = (column, row) => setCursor({
     column: Math.min(map.columns - 1, Math.max(0, column)),
     row: Math.min(map.rows - 1, Math.max(0, row)),

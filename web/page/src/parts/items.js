@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tables of items, with the digits and texts of slabctl show.
 import { html } from '../html.js';
-import { decimalsOf, deviationFigure, figure, kNone, limitsFigure, nominalFigure, uncertaintyFigure, valueFigure } from '../figures.js';
+import { deviationFigure, figure, kNone, limitsFigure, nominalFigure, uncertaintyFigure, valueFigure } from '../figures.js';
 import { VerdictMark } from '../verdict.js';
 import { useWords } from '../words.js';
 import { Place } from './place.js';
@@ -47,17 +47,3 @@ export function BudgetTable({ items, ofSlab = false }) {
   return html`<${Table} caption=${t('slab.budget_caption')} columns=${columns} rows=${known} empty=${t('app.none')}
     id=${(item) => `${item.id} ${stationsText(item)}`} />`;
 }
-
-/// "seat slope: 1.6355 deg, limits 1.3322 .. 1.5482, U 0.0223".
-export function itemSentence(words, item) {
-  if (item.value === null) return words.item(item.id);
-  const place = words.t('item.place', {
-    value: valueFigure(item),
-    unit: item.unit,
-    limits: limitsFigure(item),
-    u: uncertaintyFigure(item),
-  });
-  return words.language === 'zh' ? `${words.item(item.id)}：${place}` : `${words.item(item.id)}: ${place}`;
-}
-
-export const unitDecimals = decimalsOf;

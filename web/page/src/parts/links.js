@@ -23,19 +23,22 @@ export function linksOf(status) {
   ];
 }
 
-export function LinkTable({ status, since, caption, now_ms }) {
+/// `compact`: what to do is below the state, for a narrow column.
+export function LinkTable({ status, since, caption, now_ms, compact = false }) {
   const { t, units } = useWords();
+  const advice = (link) => html`${link.cure && html`<span>→ ${t(link.cure)}</span> `}
+    ${link.detail && link.detail !== 'no fault' && html`<span class="quiet"><${Foreign} text=${link.detail} /></span>`}`;
   const links = linksOf(status);
   const columns = [
-    { head: t('page.line'), row: true, cell: (link) => t(`link.${link.name}`) },
+    { head: t('field.link'), row: true, cell: (link) => t(`link.${link.name}`) },
     { head: t('field.state'), cell: (link) => html`<span class=${`link-state ${link.ok ? 'is-ok' : 'is-bad'}`}>
-        <span aria-hidden="true">${link.ok ? '✓' : '✗'}</span> ${t(link.word)}</span>` },
+        <span aria-hidden="true">${link.ok ? '✓' : '✗'}</span> ${t(link.word)}</span>
+        ${compact && (link.cure || link.detail) ? html`<div class="advice">${advice(link)}</div>` : ''}` },
     { head: t('field.since'), cell: (link) => {
         const { for_ms, atLeast } = since.note(link.name, link.state, now_ms);
-        return html`<span class="quiet">${t(atLeast ? 'link.for_at_least' : 'link.for', { time: duration(for_ms / 1000, units) })}</span>`;
+        return html`<span class="quiet time">${t(atLeast ? 'link.for_at_least' : 'link.for', { time: duration(for_ms / 1000, units) })}</span>`;
       } },
-    { head: t('field.cure'), cell: (link) => html`${link.cure && html`<span>→ ${t(link.cure)}</span> `}
-        ${link.detail && link.detail !== 'no fault' && html`<span class="quiet"><${Foreign} text=${link.detail} /></span>`}` },
-  ];
+    !compact && { head: t('field.cure'), cell: advice },
+  ].filter(Boolean);
   return html`<${Table} caption=${caption} columns=${columns} rows=${links} id=${(link) => link.name} hideCaption />`;
 }

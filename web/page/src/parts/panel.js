@@ -42,5 +42,5 @@ export function Loaded({ ask, children }) {
   const { t } = useWords();
   if (ask.error) return html`<${Trouble} error=${ask.error} again=${ask.again} />`;
   if (!ask.document) return html`<p class="quiet" aria-busy="true">${t('app.loading')} …</p>`;
-  return html`<div class=${ask.loading ? 'loading' : ''}>${children(ask.document)}</div>`;
+  return html`<div class=${`stack${ask.loading ? ' loading' : ''}`}>${children(ask.document)}</div>`;
 }

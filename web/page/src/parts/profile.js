@@ -1,15 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // A section through a height map: values along a line through the cursor.
 
-/// Cells of slabd.block_map/1. Row 0 is the lowest; values_mm go row by row.
-export function mapOf(document) {
-  return {
-    columns: document.columns,
-    rows: document.rows,
-    cell_mm: document.cell_mm,
-    origin_mm: document.origin_mm ?? [(-document.columns * document.cell_mm) / 2, (-document.rows * document.cell_mm) / 2],
-    values: document.values_mm,
-  };
+/// A map of slabd.block_map/1 ("deviation" or "seat"), null if it was not stored. Row 0 is the lowest; values go row by
+/// row; origin_mm is the centre of the first cell.
+export function mapOf(document, which) {
+  const stored = document?.[which] ?? null;
+  if (stored === null || stored.values_mm?.length !== stored.columns * stored.rows) return null;
+  return { columns: stored.columns, rows: stored.rows, cell_mm: stored.cell_mm, origin_mm: stored.origin_mm,
+    across: stored.axes[1], values: stored.values_mm };
 }
 
 /// Value of a cell, null if nothing was seen or the cell is not on the map.
@@ -20,7 +18,7 @@ export function cell(map, column, row) {
 
 /// Centre of a cell in the block's frame, mm.
 export function centre(map, column, row) {
-  return [map.origin_mm[0] + (column + 0.5) * map.cell_mm, map.origin_mm[1] + (row + 0.5) * map.cell_mm];
+  return [map.origin_mm[0] + column * map.cell_mm, map.origin_mm[1] + row * map.cell_mm];
 }
 
 /// Samples {at_mm, value, column, row} along the line through (column, row) with `angle_deg` from the rail (x), one a cell,
@@ -54,6 +52,7 @@ export function extent(samples) {
 
 /// b - a cell by cell; null where one is missing or the maps differ in shape.
 export function difference(a, b) {
+  if (a === null || b === null) return null;
   if (a.columns !== b.columns || a.rows !== b.rows || a.cell_mm !== b.cell_mm) return null;
   return { ...a, values: a.values.map((value, i) => (value === null || b.values[i] === null ? null : b.values[i] - value)) };
 }

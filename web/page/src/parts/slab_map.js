@@ -19,8 +19,9 @@ function Tile({ slabKey, block, current, stale }) {
   const word = t(`verdict.${verdict}`);
   const why = verdict === 'pass' || verdict === 'none' ? '' : reason(block.reason, block.reason_text);
   const label = [
-    t('map.block', { station: block.station, verdict: stale ? `${t('stale.last')} ${word}` : word }),
-    current ? t('map.current') : '',
+    t('map.block', { station: block.station, verdict: current ? t('map.current') : word }),
+    current && verdict !== 'none' ? word : '',
+    stale ? t('stale.last') : '',
     why,
   ].filter(Boolean).join(', ');
   const inside = html`

@@ -3,10 +3,10 @@
 import { html } from '../html.js';
 
 /// `columns`: {head, cell(row), number?: aligned right, row?: heads its row}. `rows`: anything; `id(row)`: its key.
-export function Table({ caption, columns, rows, id = (_, i) => i, rowClass = () => '', hideCaption = false, empty = '' }) {
+export function Table({ caption, columns, rows, id = (_, i) => i, rowClass = () => '', hideCaption = false, empty = '', dense = false }) {
   if (rows.length === 0 && empty !== '') return html`<p class="quiet">${empty}</p>`;
-  return html`<div class="table-frame" tabindex="0" role="region" aria-label=${caption}>
-    <table>
+  return html`<div class="table-frame" tabindex="0" role="group" aria-label=${caption}>
+    <table class=${dense ? 'dense' : ''}>
       <caption class=${hideCaption ? 'for-readers' : ''}>${caption}</caption>
       <thead><tr>
         ${columns.map((column) => html`<th scope="col" class=${column.number ? 'number' : ''}>${column.head}</th>`)}
