@@ -1,0 +1,398 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""The page in a real browser, against web/page/test/server.mjs: recorded documents and the security headers of slabd-web.
+
+    tests/web/page_test.py [--shots FOLDER] [--axe FILE] [unittest's arguments]
+
+Needs the packages of script/apt-packages-browser, node, and axe-core (web/page/node_modules after web/page/build). Exit
+status 77 (skipped) if one of them is missing.
+"""
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+import unittest
+import urllib.parse
+import urllib.request
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+PAGE = os.path.join(ROOT, "web", "page")
+SIZES = {"wide": (1920, 1080), "panel": (1280, 800), "phone": (390, 844)}
+PAGES = {"live": "/", "slabs": "/slabs", "slab": "/slabs/55", "block": "/slabs/55/blocks/4", "trends": "/trends/seat_slope",
+         "calibration": "/calibration", "line": "/line", "compare": "/compare?a=55&b=60", "about": "/about"}
+ATTACK = '<img src=x onerror="document.title=1">'
+CONTROL = "A\x00\x1b[31mB\u202eC\u200bD"
+WIDE = "轨道板" * 10 + "轨道"
+
+try:
+    from selenium import webdriver
+    from selenium.webdriver.chrome.options import Options
+    from selenium.webdriver.chrome.service import Service
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+except ImportError:
+    print("SKIP: python3-selenium is not installed", file=sys.stderr)
+    sys.exit(77)
+
+
+def option(name, default):
+    if name not in sys.argv:
+        return default
+    at = sys.argv.index(name)
+    value = sys.argv[at + 1]
+    del sys.argv[at:at + 2]
+    return value
+
+
+SHOTS = option("--shots", "")
+AXE = option("--axe", os.path.join(PAGE, "node_modules", "axe-core", "axe.min.js"))
+
+# Focusable elements that are shown. A group of radio buttons would count as one; the page has none.
+FOCUSABLE = """
+return [...document.querySelectorAll('a[href],button,select,input,summary,[tabindex="0"]')].filter(
+  (e) => !e.disabled && e.checkVisibility({visibilityProperty: true, contentVisibilityAuto: true}));
+"""
+FOCUS = """
+const e = document.activeElement, s = getComputedStyle(e);
+return {index: arguments[0].indexOf(e), tag: e.tagName, outline: s.outlineStyle !== 'none' && parseFloat(s.outlineWidth) >= 2};
+"""
+SMALL_TARGETS = """
+return [...document.querySelectorAll('button,select,input,nav a,a.tile,a.button,summary,.row-link')].filter((e) => {
+  const box = (e.closest('label.field-check') ?? e).getBoundingClientRect();
+  return box.width > 0 && (box.height < 43.5 || (box.width < 43.5 && !e.classList.contains('row-link')));
+}).map((e) => e.outerHTML.slice(0, 120) + ' ' + JSON.stringify(e.getBoundingClientRect()));
+"""
+
+
+class Browser(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.server = subprocess.Popen(["node", os.path.join(PAGE, "test", "server.mjs")], stdout=subprocess.PIPE, text=True)
+        cls.base = cls.server.stdout.readline().strip()
+        options = Options()
+        options.binary_location = shutil.which("chromium")
+        for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--enable-unsafe-swiftshader",
+                         "--force-prefers-reduced-motion", "--lang=en"):
+            options.add_argument(argument)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+        cls.driver = webdriver.Chrome(service=Service(shutil.which("chromedriver")), options=options)
+        with open(AXE, encoding="utf-8") as file:
+            cls.axe = file.read()
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.driver.quit()
+        cls.server.terminate()
+        cls.server.wait()
+        cls.server.stdout.close()
+
+    def setUp(self):
+        self.ask("reset=1")
+        self.logs()
+        self.ask("reports=1")
+        self.size("panel")
+
+    def ask(self, query):
+        with urllib.request.urlopen(f"{self.base}/_test?{query}") as answer:
+            return json.load(answer)
+
+    def set(self, **values):
+        self.ask(urllib.parse.urlencode(values))
+
+    def logs(self):
+        return [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] == "SEVERE"]
+
+    def size(self, name):
+        width, height = SIZES[name]
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
+            "width": width, "height": height, "deviceScaleFactor": 1, "mobile": name == "phone"})
+
+    def wait(self, script, message, limit_s=15, *arguments):
+        """Waits until `script` returns true; returns the seconds."""
+        begun = time.monotonic()
+        while time.monotonic() - begun < limit_s:
+            if self.driver.execute_script(script, *arguments):
+                return time.monotonic() - begun
+            time.sleep(0.05)
+        self.fail(f"{message}: not within {limit_s} s")
+        return None
+
+    def open(self, path, language="en"):
+        self.driver.get(self.base + path + ("&" if "?" in path else "?") + f"lang={language}")
+        self.wait("return document.body.dataset.stale === 'false' && !document.querySelector('[aria-busy=true]') && "
+                  "document.querySelector('h1') !== null", f"{path} is loaded")
+
+    def stale(self):
+        return self.driver.execute_script("return document.body.dataset.stale")
+
+    def shot(self, name):
+        if not SHOTS:
+            return
+        os.makedirs(SHOTS, exist_ok=True)
+        size = self.driver.execute_script("return [innerWidth, Math.min(4000, document.documentElement.scrollHeight), innerHeight]")
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
+            "width": size[0], "height": max(size[1], size[2]), "deviceScaleFactor": 1, "mobile": size[0] < 600})
+        time.sleep(0.3)
+        self.driver.save_screenshot(os.path.join(SHOTS, f"{name}.png"))
+
+    def clean(self, where):
+        """No report of the content security policy and no error in the console."""
+        self.assertEqual(self.ask("reports=1"), [], where)
+        self.assertEqual(self.logs(), [], where)
+
+    def accessible(self, where):
+        self.driver.execute_script(self.axe)
+        result = self.driver.execute_async_script("axe.run(document, {resultTypes: ['violations']}).then(arguments[0])")
+        found = [f"{one['id']}: {one['help']}: {[node['html'][:160] for node in one['nodes'][:3]]}" for one in result["violations"]]
+        self.assertEqual(found, [], where)
+
+
+class EveryPage(Browser):
+    def test_every_page_in_both_languages_and_three_sizes(self):
+        for size in SIZES:
+            for language in ("en", "zh"):
+                for name, path in PAGES.items():
+                    where = f"{name} {language} {size}"
+                    with self.subTest(where):
+                        self.size(size)
+                        self.open(path, language)
+                        self.assertEqual(self.driver.execute_script("return document.documentElement.lang"), language)
+                        overflow = self.driver.execute_script("return document.documentElement.scrollWidth - innerWidth")
+                        self.assertLessEqual(overflow, 0, "the page is wider than the screen")
+                        self.assertEqual(self.driver.execute_script(SMALL_TARGETS), [], "touch targets of 44 px")
+                        self.clean(where)
+                        self.accessible(where)
+                        self.ask("reports=1")  # those of axe itself
+                        self.logs()
+                        self.shot(f"{name}-{language}-{size}")
+
+    def test_every_theme_has_enough_contrast(self):
+        for theme in ("dark", "contrast"):
+            self.open("/")
+            self.driver.execute_script("localStorage.setItem('slabd-theme', arguments[0])", theme)
+            self.set(slab="odd")
+            try:
+                for name, path in PAGES.items():
+                    with self.subTest(f"{name} {theme}"):
+                        self.open(path)
+                        self.assertEqual(self.driver.execute_script("return document.documentElement.dataset.theme"), theme)
+                        self.accessible(name)
+                        self.shot(f"{name}-{theme}")
+            finally:
+                self.driver.execute_script("localStorage.clear()")
+
+    def test_the_keyboard_reaches_everything_with_visible_focus(self):
+        for name, path in PAGES.items():
+            with self.subTest(name):
+                self.open(path)
+                elements = self.driver.execute_script(FOCUSABLE)
+                reached, hidden = set(), []
+                body = self.driver.find_element(By.TAG_NAME, "body")
+                body.send_keys(Keys.TAB)
+                # A date field has several stops.
+                for _ in range(len(elements) + 10):
+                    now = self.driver.execute_script(FOCUS, elements)
+                    if now["index"] == 0 and len(reached) > 1:
+                        break
+                    if now["index"] >= 0:
+                        reached.add(now["index"])
+                        if not now["outline"]:
+                            hidden.append(now)
+                    self.driver.switch_to.active_element.send_keys(Keys.TAB)
+                missed = [elements[i].get_attribute("outerHTML")[:120] for i in range(len(elements)) if i not in reached]
+                self.assertEqual(missed, [])
+                self.assertEqual(hidden, [], "focus is not visible")
+
+    def test_no_request_leaves_the_host(self):
+        for path in PAGES.values():
+            self.open(path)
+            names = self.driver.execute_script("return performance.getEntriesByType('resource').map((entry) => entry.name)")
+            self.assertTrue(names)
+            self.assertEqual([name for name in names if not name.startswith(self.base + "/")], [])
+
+    def test_an_unknown_address_and_a_document_that_is_not_there(self):
+        for path in ("/nothing", "/slabs/9999", "/slabs/55/blocks/7"):
+            self.open(path)
+            self.accessible(path)
+        self.set(database="0")
+        for path in PAGES.values():
+            self.open(path)
+            self.accessible(path)
+            self.assertEqual(self.driver.execute_script("return document.querySelectorAll('.v-pass').length && "
+                                                        "location.pathname !== '/'"), False)
+
+
+class LivePage(Browser):
+    def blocks(self):
+        return self.driver.execute_script("return Object.fromEntries([...document.querySelectorAll('[data-block]')]"
+                                          ".map((e) => [e.dataset.block, e.dataset.verdict]))")
+
+    def test_a_slab_comes_in_block_by_block(self):
+        self.set(slab="open", done=0)
+        self.open("/")
+        self.assertEqual(set(self.blocks().values()), {"none"})
+        for done in (1, 4, 18):
+            self.set(done=done)
+            self.wait("return document.querySelectorAll('[data-block]:not([data-verdict=none])').length === arguments[0]",
+                      f"{done} blocks", 5, done)
+        self.assertEqual(self.blocks()["4"], "fail")
+        self.set(slab="fail")
+        self.wait("return document.querySelector('[data-slab-verdict]')?.dataset.slabVerdict === 'fail'", "the verdict", 5)
+
+    def test_grey_within_three_seconds_whatever_is_silent(self):
+        for mode in ("silent", "hang", "garbage", "closed", "gone"):
+            with self.subTest(mode):
+                self.ask("reset=1")
+                self.set(slab="pass")
+                self.open("/")
+                self.assertEqual(self.driver.execute_script("return document.querySelectorAll('.big.v-pass').length"), 1)
+                self.set(status=mode)
+                self.assertLess(self.wait("return document.body.dataset.stale === 'true'", mode, 5), 3.2)
+                colours = self.driver.execute_script("return [...document.querySelectorAll('.tile')].map((e) => getComputedStyle(e).backgroundColor)")
+                self.assertEqual(len(set(colours)), 1, "one grey for all blocks")
+                self.assertEqual(self.driver.execute_script("return document.querySelectorAll('.big.v-pass').length"), 0)
+                self.assertIn("grayscale", self.driver.execute_script("return getComputedStyle(document.querySelector('main')).filter"))
+                if mode == "silent":
+                    self.accessible("stale")
+                    self.shot("stale")
+                self.set(status="live")
+                self.wait("return document.body.dataset.stale === 'false'", "fresh again", 6)
+
+    def test_grey_when_the_server_is_gone(self):
+        other = subprocess.Popen(["node", os.path.join(PAGE, "test", "server.mjs")], stdout=subprocess.PIPE, text=True)
+        address = other.stdout.readline().strip()
+        self.driver.get(address + "/?lang=en")
+        self.wait("return document.body.dataset.stale === 'false'", "loaded")
+        other.kill()
+        other.wait()
+        other.stdout.close()
+        self.assertLess(self.wait("return document.body.dataset.stale === 'true'", "killed", 5), 3.2)
+
+    def test_a_wrong_clock_of_the_browser_changes_nothing(self):
+        script = self.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {
+            "source": "{const now = Date.now; Date.now = () => now() - 3e10 + 60000 * Math.random();}"})
+        try:
+            self.open("/")
+            time.sleep(4)
+            self.assertEqual(self.stale(), "false")
+            self.set(status="silent")
+            self.assertLess(self.wait("return document.body.dataset.stale === 'true'", "silent", 5), 3.2)
+        finally:
+            self.driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", script)
+
+    def test_a_page_that_slept_believes_nothing(self):
+        self.open("/")
+        self.set(status="hang")
+        self.driver.execute_script("document.dispatchEvent(new Event('visibilitychange'))")
+        self.assertLess(self.wait("return document.body.dataset.stale === 'true'", "woke", 2), 0.5)
+
+    def test_a_new_verdict_is_announced_once_and_politely(self):
+        self.open("/")
+        said = "return document.querySelector('[role=status][aria-live=polite]').textContent"
+        self.assertEqual(self.driver.execute_script(said), "")
+        self.set(id="NEW-1")
+        time.sleep(2.5)
+        self.assertEqual(self.driver.execute_script(said), "", "a new name is not a new verdict")
+        self.set(newest="1000 fail")
+        self.wait("return document.querySelector('[role=status]').textContent === 'Slab NEW-1: FAIL'", "announced", 5)
+
+    def test_foreign_text_is_text(self):
+        for text, shown in ((ATTACK, ATTACK), (CONTROL, "A␀␛[31mB⟨U+202E⟩C⟨U+200B⟩D"), (WIDE, WIDE)):
+            for slab in ("fail", "open"):
+                self.set(id=text, slab=slab)
+                for path in ("/", "/slabs", "/slabs/55", "/slabs/55/blocks/4", "/?kiosk=1"):
+                    for size in ("wide", "phone"):
+                        self.size(size)
+                        self.open(path)
+                        where = f"{shown} {path} {size}"
+                        found = self.driver.execute_script("return document.body.innerText.includes(arguments[0])", shown)
+                        if path != "/slabs/55/blocks/4":
+                            self.assertTrue(found, where)
+                        self.assertEqual(self.driver.execute_script("return document.images.length"), 0, where)
+                        self.assertNotEqual(self.driver.title, "1")
+                        self.assertLessEqual(self.driver.execute_script("return document.documentElement.scrollWidth - innerWidth"), 0, where)
+                        self.clean(where)
+
+    def test_kiosk_shows_the_live_page_only(self):
+        self.size("wide")
+        for slab in ("odd", "open", "none"):
+            self.set(slab=slab)
+            self.open("/slabs?kiosk=1")
+            self.assertEqual(self.driver.execute_script("return document.querySelectorAll('nav, main a').length"), 0)
+            self.assertIsNotNone(self.driver.find_element(By.CLASS_NAME, "live"))
+            self.accessible("kiosk")
+            self.shot(f"kiosk-{slab}")
+
+    def test_a_fault_is_named_with_its_cure(self):
+        self.set(fault="504")
+        self.open("/")
+        band = self.driver.find_element(By.CLASS_NAME, "band-fault").text
+        self.assertIn("504", band)
+        self.assertIn("set the clock", band)
+        self.accessible("fault")
+
+
+class Stored(Browser):
+    def test_links_back_and_forward(self):
+        self.open("/slabs")
+        self.driver.find_element(By.CSS_SELECTOR, "a.row-link").click()
+        self.wait("return /^.slabs.[0-9]+$/.test(location.pathname) && document.querySelector('.tile') !== null", "the slab")
+        self.driver.find_element(By.CSS_SELECTOR, "a.tile[data-block='4']").click()
+        self.wait("return location.pathname.endsWith('/blocks/4') && document.querySelector('.heat') !== null", "the block")
+        self.driver.back()
+        self.wait("return document.querySelector('a.tile') !== null", "back to the slab")
+        self.driver.back()
+        self.wait("return location.pathname === '/slabs' && document.querySelector('.filters') !== null", "back to the list")
+        self.driver.forward()
+        self.wait("return document.querySelector('a.tile') !== null", "forward to the slab")
+        self.clean("history")
+
+    def test_filters_are_in_the_address(self):
+        self.open("/slabs?verdict=fail")
+        words = self.driver.execute_script("return [...document.querySelectorAll('tbody .verdict')].map((e) => e.innerText.trim())")
+        self.assertTrue(words)
+        self.assertEqual({word.split()[-1] for word in words}, {"FAIL"})
+        field = self.driver.find_element(By.CSS_SELECTOR, "input[type=search]")
+        field.send_keys("C3-4155", Keys.ENTER)
+        self.wait("return location.search.includes('id=C3-4155') && document.querySelectorAll('tbody tr').length === 1", "one slab")
+
+    def test_the_heat_map_is_read_by_pointer_and_keyboard(self):
+        self.open("/slabs/55/blocks/4")
+        frame = self.driver.find_element(By.CLASS_NAME, "heat-frame")
+        value = self.driver.find_element(By.CLASS_NAME, "heat-value")
+        first = value.text
+        self.assertRegex(first, r"^x -?[\d.]+ mm, y -?[\d.]+ mm: ")
+        frame.send_keys(Keys.ARROW_RIGHT)
+        self.wait("return document.querySelector('.heat-value').textContent !== arguments[0]", "moved", 5, first)
+        second = value.text
+        webdriver.ActionChains(self.driver).move_to_element_with_offset(frame, 20, 30).perform()
+        self.wait("return document.querySelector('.heat-value').textContent !== arguments[0]", "pointed", 5, second)
+
+    def test_the_surface_turns_by_keyboard(self):
+        self.open("/slabs/55/blocks/4")
+        self.assertEqual(self.driver.execute_script("return performance.getEntriesByType('resource').filter((e) => e.name.includes('three')).length"), 0)
+        self.driver.find_element(By.CSS_SELECTOR, "button[aria-expanded]").click()
+        self.wait("return document.querySelector('.surface-frame[data-ready=true] canvas') !== null", "the surface", 20)
+        time.sleep(1)
+        frame = self.driver.find_element(By.CLASS_NAME, "surface-frame")
+        before = frame.screenshot_as_png
+        for _ in range(4):
+            frame.send_keys(Keys.ARROW_LEFT)
+        time.sleep(1)
+        self.assertNotEqual(frame.screenshot_as_png, before)
+        self.accessible("surface")
+        self.clean("surface")
+        self.shot("surface")
+
+
+if __name__ == "__main__":
+    for program in ("chromium", "chromedriver", "node"):
+        if shutil.which(program) is None:
+            print(f"SKIP: {program} is not installed", file=sys.stderr)
+            sys.exit(77)
+    if not os.path.exists(AXE):
+        print("SKIP: axe-core is not there; web/page/build installs it", file=sys.stderr)
+        sys.exit(77)
+    unittest.main(verbosity=2)

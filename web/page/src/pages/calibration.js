@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+// Calibration: what is in force, when the next check is due, the checks, the changes and the records. Read only.
+import { useDocument } from '../api.js';
+import { figure, kNone, localTime } from '../figures.js';
+import { html } from '../html.js';
+import { Loaded, PageHead, Panel } from '../parts/panel.js';
+import { Facts, Table } from '../parts/table.js';
+import { Foreign, visible } from '../text.js';
+import { useWords } from '../words.js';
+
+const text = (value) => (value ? html`<${Foreign} text=${value} />` : kNone);
+
+function Passed({ passed }) {
+  const { t } = useWords();
+  if (passed === null) return kNone;
+  return html`<span class=${`verdict v-${passed ? 'pass' : 'fail'}`}><span aria-hidden="true">${passed ? '✓' : '✗'}</span> ${
+    t(passed ? 'calibration.passed' : 'calibration.failed')}</span>`;
+}
+
+function InForce({ state }) {
+  const { t } = useWords();
+  if (!state) return html`<p class="quiet">${t('calibration.no_state')}</p>`;
+  const now = state.in_force;
+  const until = (utime_us) => (utime_us ? localTime(utime_us) : t('app.never'));
+  const reference = (name) => {
+    const one = now[name];
+    if (!one) return [t(`calibration.${name}`), t('calibration.not_there')];
+    return [t(`calibration.${name}`), html`${text(one.id)} <${Passed} passed=${one.passed} />
+      ${one.note && html`<div class="quiet">${text(one.note)}</div>`}
+      <div>${t('field.due')}: ${until(one.due_utime_us)} ${one.overdue && html`<strong class="verdict v-fail">! ${t('calibration.overdue')}</strong>`}</div>`];
+  };
+  return html`<${Facts} facts=${[
+    [t('calibration.hand_eye'), html`${text(now.id)} (${t(`source.${visible(now.source, 20)}`)})
+      <div class="quiet">${t('field.expires')}: ${until(now.expires_utime_us)}</div>`],
+    [t('calibration.stations'), now.stations.length === 0 ? t('calibration.not_there') : now.stations.map((one) => html`<div key=${one.slab_type}>
+      ${t('calibration.stations_text', { type: one.slab_type, mastered: one.mastered, state: t(`corrections.${visible(one.state, 20)}`) })}</div>`)],
+    [t('calibration.scanner'), now.scanner ? html`${text(now.scanner.id)} (${t(`scanner.${visible(now.scanner.state, 20)}`)})
+      <div class="quiet">${t('field.expires')}: ${until(now.scanner.expires_utime_us)}</div>` : t('calibration.not_there')],
+    reference('reference_block'),
+    reference('monitor_ball'),
+  ]} />`;
+}
+
+function Checks({ trend }) {
+  const { t } = useWords();
+  const columns = [
+    { head: t('field.when'), row: true, cell: (check) => html`<time class="time">${localTime(check.time)}</time>` },
+    { head: t('field.kind'), cell: (check) => html`<span class="time">${t(`kind.${visible(check.kind, 20)}`)}</span>` },
+    { head: t('field.result'), cell: (check) => html`<${Passed} passed=${check.passed} />` },
+    { head: t('calibration.slope'), number: true, cell: (check) => figure(check.slope_deg, 4) },
+    { head: 'U', number: true, cell: (check) => figure(check.slope_U_deg, 4) },
+    { head: t('calibration.jaw'), number: true, cell: (check) => figure(check.jaw_distance_mm, 3) },
+    { head: 'U', number: true, cell: (check) => figure(check.jaw_distance_U_mm, 3) },
+    { head: t('calibration.off'), number: true, cell: (check) => (check.off_mm ?? []).some((part) => part !== null)
+        ? check.off_mm.map((part) => figure(part, 3)).join(' ') : kNone },
+    { head: t('field.who'), cell: (check) => text(check.who) },
+    { head: t('field.note'), cell: (check) => html`<span class="sentence">${text(check.note)}</span>` },
+  ];
+  return html`<${Table} caption=${t('calibration.checks_caption')} columns=${columns} rows=${trend?.checks ?? []} empty=${t('calibration.no_checks')} />`;
+}
+
+function Changes({ history }) {
+  const { t } = useWords();
+  const columns = [
+    { head: t('field.when'), row: true, cell: (change) => html`<time class="time">${localTime(change.time)}</time>` },
+    { head: t('field.kind'), cell: (change) => `${t(`kind.${visible(change.kind, 20)}`)}${change.slab_type ? ` ${change.slab_type}` : ''}` },
+    { head: t('field.action'), cell: (change) => text(change.action) },
+    { head: t('field.calibration'), cell: (change) => text(change.id) },
+    { head: t('field.who'), cell: (change) => text(change.who) },
+    { head: t('field.why'), cell: (change) => html`<span class="sentence">${text(change.why)}</span>` },
+  ];
+  return html`<${Table} caption=${t('calibration.changes_caption')} columns=${columns} rows=${history?.applied ?? []} empty=${t('calibration.no_changes')} />`;
+}
+
+function Records({ history }) {
+  const { t } = useWords();
+  const columns = [
+    { head: t('field.calibration'), row: true, cell: (record) => text(record.id) },
+    { head: t('field.kind'), cell: (record) => `${t(`kind.${visible(record.kind, 20)}`)}${record.slab_type ? ` ${record.slab_type}` : ''}` },
+    { head: t('calibration.created'), cell: (record) => html`<time class="time">${localTime(record.created)}</time>` },
+    { head: t('field.expires'), cell: (record) => (record.expires ? html`<time class="time">${localTime(record.expires)}</time>` : t('app.never')) },
+    { head: t('calibration.operator'), cell: (record) => text(record.operator) },
+  ];
+  return html`<${Table} caption=${t('calibration.records_caption')} columns=${columns} rows=${history?.records ?? []} empty=${t('calibration.no_records')} />`;
+}
+
+export function Calibration() {
+  const { t } = useWords();
+  const ask = useDocument('/calibration', 'slabd.web_calibration/1');
+  return html`
+    <${PageHead} title=${t('calibration.title')} />
+    <p class="quiet">${t('calibration.read_only')}</p>
+    <${Loaded} ask=${ask}>${(document) => html`
+      <${Panel} title=${t('calibration.in_force')}><${InForce} state=${document.state} /><//>
+      <${Panel} title=${t('calibration.checks')}><${Checks} trend=${document.trend} /><//>
+      <${Panel} title=${t('calibration.changes')}><${Changes} history=${document.history} /><//>
+      <${Panel} title=${t('calibration.records')}><${Records} history=${document.history} /><//>`}<//>`;
+}

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+// A server for tests and development of the page: dist and recorded documents, with the security headers of slabd-web.
+//
+//     node test/server.mjs [PORT]      prints "http://127.0.0.1:PORT"; without PORT the system chooses one
+//
+// GET /_test?name=value changes what it answers; the tests drive the page with it:
+//   status=live|silent|gone|hang|garbage|closed   as usual; slabd silent; slabd never answered; no answer; not JSON; HTTP 500
+//   slab=none|open|pass|fail|odd   the slab of the live page; odd: every verdict
+//   id=TEXT         SLAB_ID of the live slab and of the first row of the history
+//   done=N          stations of the open slab that have been measured
+//   database=1|0    0: every document that is read from the database is an error
+//   fault=CODE      fault of the daemon
+//   newest="KEY VERDICT"   the first row of the history
+//   reports=1       answers the CSP reports and errors that the page sent
+import { createServer } from 'node:http';
+import { readFile } from 'node:fs/promises';
+import { join } from 'node:path';
+
+const here = import.meta.dirname;
+const dist = process.env.SLABD_PAGE_DIST ?? join(here, '..', 'dist');
+const fixture = async (name) => JSON.parse(await readFile(join(here, 'fixtures', `${name}.json`), 'utf8'));
+const names = ['status', 'history', 'slab_pass', 'slab_fail', 'stations_pass', 'stations_fail', 'capability', 'trend', 'yield', 'reasons',
+  'comparison', 'doctor', 'words_en', 'words_zh', 'calibration', 'block_map_4', 'block_map_11', 'findings_en', 'findings_zh'];
+const documents = Object.fromEntries(await Promise.all(names.map(async (name) => [name, await fixture(name)])));
+
+const headers = {
+  'Content-Security-Policy':
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; " +
+    "require-trusted-types-for 'script'; trusted-types 'none'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'; " +
+    'report-uri /_report',
+  'X-Content-Type-Options': 'nosniff',
+  'Referrer-Policy': 'no-referrer',
+  'Cross-Origin-Resource-Policy': 'same-origin',
+};
+const types = { html: 'text/html; charset=utf-8', js: 'text/javascript; charset=utf-8', css: 'text/css; charset=utf-8',
+  svg: 'image/svg+xml', txt: 'text/plain; charset=utf-8' };
+
+const start = { status: 'live', slab: 'fail', id: null, done: '7', database: '1', fault: '0', newest: '' };
+let now = { ...start };
+let silent_since = 0;
+const reports = [];
+
+function mapOf(which, language = 'en') {
+  const slab = documents[which === 'pass' ? 'slab_pass' : 'slab_fail'];
+  const map = {
+    schema: 'slabd.slab_map/1', language, key: slab.key, slab_id: now.id ?? slab.slab_id, slab_no: slab.slab_no, slab_type: slab.slab_type,
+    recipe: slab.recipe, emulated: slab.emulated, emulation: slab.emulation, verdict: slab.verdict, reason: slab.reason, reason_text: '',
+    began_utime_us: Date.parse(slab.began) * 1000, ended_utime_us: Date.parse(slab.ended) * 1000,
+    blocks: documents[which === 'pass' ? 'stations_pass' : 'stations_fail'].map((one) => ({ ...one, reason_text: '', attempts: 1, damage: 0, scan_kept: true })),
+    findings: which === 'pass' ? [] : documents[`findings_${language}`],
+  };
+  map.findings_count = map.findings.length;
+  if (which === 'odd') {
+    const verdicts = ['pass', 'fail', 'indeterminate', 'not_measured', 'none'];
+    map.blocks = map.blocks.map((block, i) => ({ ...block, verdict: verdicts[i % 5], reason: [0, 600, 604, 401, 0][i % 5] }));
+  }
+  if (which === 'open') {
+    Object.assign(map, { key: 61, slab_no: documents.status.slab.no, slab_id: now.id ?? 'C3-4161', verdict: 'none', reason: 0, ended_utime_us: null,
+      findings: [], findings_count: 0 });
+    map.blocks = map.blocks.map((block) => ({ ...block, verdict: block.station <= Number(now.done) ? (block.station === 4 ? 'fail' : 'pass') : 'none',
+      reason: block.station === 4 && Number(now.done) >= 4 ? 600 : 0 }));
+  }
+  return map;
+}
+
+function webStatus() {
+  const status = structuredClone(documents.status);
+  if (now.slab === 'open')
+    Object.assign(status.slab, { id: now.id ?? 'C3-4161', stations_done: Number(now.done), current_station: Number(now.done) + 1 });
+  else Object.assign(status, { slab: null, state: 'idle' });
+  if (now.fault !== '0') Object.assign(status, { state: 'fault', fault: { code: Number(now.fault), text: 'the clock was set back', cure: 'set the clock (NTP)' } });
+  const age_ms = now.status === 'gone' ? null : now.status === 'silent' ? Date.now() - silent_since : 120;
+  const last = documents.history.slabs.slice(0, 8).map((slab, i) => ({ ...slab, slab_id: i === 0 && now.id !== null ? now.id : slab.slab_id }));
+  const [newest, verdict] = now.newest.split(' ');
+  if (newest !== '') Object.assign(last[0], { key: Number(newest), verdict });
+  return {
+    schema: 'slabd.web_status/1', utime_us: Date.now() * 1000, age_ms, reachable: age_ms !== null && age_ms < 1500,
+    trouble: now.status === 'live' ? '' : 'connect: Connection refused', status: now.status === 'gone' ? null : status,
+    map: now.slab === 'none' ? null : mapOf(now.slab), last: now.slab === 'none' ? [] : last,
+    yield: now.slab === 'none' ? null : documents.yield.groups.at(-2), slabd_web: { version: '1.0.0', language: 'en' },
+  };
+}
+
+/// The document of an address of the interface, or null.
+function documentOf(path, query) {
+  const block = /^\/slabs\/(\d+)\/blocks\/(\d+)(\/map)?$/.exec(path);
+  if (block !== null) {
+    const station = Number(block[2]);
+    if (block[3]) return station === 7 ? null : { ...documents[station === 11 ? 'block_map_11' : 'block_map_4'], key: Number(block[1]), station };
+    const slab = structuredClone(documents.slab_fail);
+    slab.key = Number(block[1]);
+    const near = slab.blocks.find((one) => one.station === station) ?? slab.blocks.find((one) => one.station === 3);
+    slab.blocks = [{ ...near, station }];
+    return slab;
+  }
+  const slab = /^\/slabs\/(\d+)(\/map)?$/.exec(path);
+  if (slab !== null) {
+    const passed = Number(slab[1]) === documents.slab_pass.key;
+    if (Number(slab[1]) > 9000) return null;
+    if (slab[2]) return { ...mapOf(passed ? 'pass' : 'fail', query.get('language') ?? 'en'), key: Number(slab[1]) };
+    const document = structuredClone(documents[passed ? 'slab_pass' : 'slab_fail']);
+    return { ...document, key: Number(slab[1]), slab_id: now.id ?? document.slab_id };
+  }
+  switch (path) {
+    case '/slabs': {
+      const matching = documents.history.slabs.filter((one) => (!query.get('verdict') || one.verdict === query.get('verdict')) &&
+        (!query.get('id') || one.slab_id.includes(query.get('id'))));
+      const slabs = matching.map((one, i) => (i === 0 && now.id !== null ? { ...one, slab_id: now.id } : one));
+      return { ...documents.history, slabs: slabs.slice(0, Number(query.get('limit') ?? 20)) };
+    }
+    case '/trends': return documents.capability;
+    case '/yield': return documents.yield;
+    case '/reasons': return documents.reasons;
+    case '/compare': return { ...documents.comparison, rows: documents.comparison.rows.filter((row) => query.get('all') === '1' || row.en > 1) };
+    case '/calibration': return documents.calibration;
+    case '/doctor': return documents.doctor;
+    case '/words': return documents[query.get('language') === 'zh' ? 'words_zh' : 'words_en'];
+    default: return path.startsWith('/trends/') ? { ...documents.trend, item: path.slice(8) } : null;
+  }
+}
+
+function answer(response, status, type, body, more = {}) {
+  response.writeHead(status, { ...headers, 'Content-Type': type, 'Cache-Control': 'no-cache', ...more });
+  response.end(body);
+}
+const json = (response, status, body) => answer(response, status, 'application/json', JSON.stringify(body));
+
+async function serve(request, response) {
+  const url = new URL(request.url, 'http://127.0.0.1');
+  if (url.pathname === '/_test') {
+    if (url.searchParams.get('reset')) now = { ...start };
+    for (const [name, value] of url.searchParams) if (name in now) now[name] = value;
+    if (url.searchParams.get('status') === 'silent') silent_since = Date.now();
+    if (url.searchParams.get('reports')) return json(response, 200, reports.splice(0));
+    return json(response, 200, now);
+  }
+  if (url.pathname === '/_report') {
+    let text = '';
+    for await (const part of request) text += part;
+    reports.push(text);
+    return answer(response, 204, 'text/plain', '');
+  }
+  if (url.pathname === '/healthz') return answer(response, 200, 'text/plain', 'ok');
+  if (url.pathname === '/api/v1/status') {
+    if (now.status === 'hang') return undefined;
+    if (now.status === 'garbage') return answer(response, 200, 'application/json', '{"schema":"slabd.web_status/1","age');
+    if (now.status === 'closed') return json(response, 500, { schema: 'slabd.web_error/1', status: 500, text: 'closed', cure: '' });
+    return json(response, 200, webStatus());
+  }
+  if (url.pathname.startsWith('/api/v1/')) {
+    const document = now.database === '0' ? null : documentOf(url.pathname.slice(7), url.searchParams);
+    return document !== null ? json(response, 200, document)
+      : json(response, now.database === '0' ? 503 : 404, { schema: 'slabd.web_error/1', status: 404, text: 'the database has no such slab', cure: 'see the list of slabs' });
+  }
+  const asset = /^\/assets\/([a-z]+\.(js|css|svg|txt))$/.exec(url.pathname);
+  try {
+    if (asset !== null) return answer(response, 200, types[asset[2]], await readFile(join(dist, asset[1])));
+    return answer(response, 200, types.html, await readFile(join(dist, 'index.html')));
+  } catch {
+    return answer(response, 404, 'text/plain', 'not found');
+  }
+}
+
+const server = createServer((request, response) => {
+  serve(request, response).catch((error) => {
+    console.error(error);
+    response.destroy();
+  });
+});
+server.listen(Number(process.argv[2] ?? 0), '127.0.0.1', () => console.log(`http://127.0.0.1:${server.address().port}`));

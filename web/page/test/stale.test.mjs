@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+import assert from 'node:assert/strict';
+import test from 'node:test';
+import { createPoll } from '../src/poll.js';
+import { createSince } from '../src/since.js';
+import { age, heard, heardNothing, isStale, kStale_ms, looked, slept } from '../src/stale.js';
+
+test('a page that heard nothing is stale', () => {
+  assert.equal(isStale(heardNothing(), 0), true);
+});
+test('the age is that of the answer plus the time since', () => {
+  const state = heard(heardNothing(), 1000, 400);
+  assert.equal(age(state, 1000), 400);
+  assert.equal(age(state, 2500), 1900);
+  assert.equal(isStale(state, 1000 + kStale_ms - 400), false);
+  assert.equal(isStale(state, 1000 + kStale_ms - 399), true);
+});
+test('an answer of a server that has no answer of slabd is stale', () => {
+  for (const age_ms of [null, undefined, NaN, -1, '5']) assert.equal(isStale(heard(heardNothing(), 0, age_ms), 0), true);
+});
+test('a page that slept believes nothing until an answer comes', () => {
+  const asleep = slept(heard(heardNothing(), 0, 0));
+  assert.equal(isStale(asleep, 1), true);
+  assert.equal(isStale(heard(asleep, 2, 0), 2), false);
+  const gap = looked(looked(heard(heardNothing(), 0, 0), 10), 6000);
+  assert.equal(gap.distrust, true);
+});
+test('a clock that stands still or goes back makes no answer younger', () => {
+  assert.equal(age(heard(heardNothing(), 1000, 300), 500), 300);
+});
+
+/// A world whose time passes only by pass().
+function world(answers) {
+  let now = 0;
+  let timers = [];
+  let id = 0;
+  const requests = [];
+  return {
+    requests,
+    now: () => now,
+    setTimeout: (call, ms) => (timers.push({ id: ++id, at: now + ms, call }), id),
+    clearTimeout: (which) => (timers = timers.filter((timer) => timer.id !== which)),
+    fetch: (path, options) => {
+      requests.push({ path, options });
+      return answers(requests.length, options);
+    },
+    async pass(ms) {
+      const end = now + ms;
+      for (;;) {
+        for (let i = 0; i < 20; ++i) await Promise.resolve();
+        const next = timers.filter((timer) => timer.at <= end).sort((a, b) => a.at - b.at)[0];
+        if (next === undefined) break;
+        timers = timers.filter((timer) => timer !== next);
+        now = next.at;
+        next.call();
+      }
+      now = end;
+    },
+  };
+}
+const good = (age_ms = 100) => Promise.resolve({ ok: true, status: 200, headers: new Map([['ETag', '"1"']]),
+  json: () => Promise.resolve({ schema: 'slabd.web_status/1', age_ms, status: {}, trouble: '' }) });
+const hangs = (options) => new Promise((_, refuse) => options.signal.addEventListener('abort', () => refuse(new Error('aborted'))));
+
+async function staleAfter(answers, ms) {
+  const here = world(answers);
+  const poll = createPoll(here);
+  poll.start();
+  await here.pass(ms);
+  const { stale } = poll.picture();
+  poll.stop();
+  return { stale, here };
+}
+
+test('answers every second keep the page fresh', async () => {
+  const { stale, here } = await staleAfter(() => good(), 60_000);
+  assert.equal(stale, false);
+  assert.ok(here.requests.length > 50 && here.requests.length < 62);
+});
+for (const [name, answers] of [
+  ['the server hangs', (n, options) => (n < 4 ? good() : hangs(options))],
+  ['the network is gone', (n) => (n < 4 ? good() : Promise.reject(new Error('gone')))],
+  ['the JSON is not usable', (n) => (n < 4 ? good() : Promise.resolve({ ok: true, status: 200, headers: new Map(), json: () => Promise.reject(new Error('syntax')) }))],
+  ['the document has another schema', (n) => (n < 4 ? good() : Promise.resolve({ ok: true, status: 200, headers: new Map(), json: () => Promise.resolve({ schema: 'x' }) }))],
+  ['HTTP 500', (n) => (n < 4 ? good() : Promise.resolve({ ok: false, status: 500, headers: new Map(), json: () => Promise.resolve({}) }))],
+  ['slabd is silent: its answer becomes older', (n) => good(n < 4 ? 100 : 100 + 1000 * (n - 3))],
+  ['the server answers "not changed"', (n) => (n < 4 ? good() : Promise.resolve({ ok: false, status: 304, headers: new Map() }))],
+]) {
+  test(`grey within 3 s: ${name}`, async () => {
+    // The last good answer came at 2 s.
+    assert.equal((await staleAfter(answers, 2100)).stale, false);
+    assert.equal((await staleAfter(answers, 5000)).stale, true);
+  });
+}
+test('fresh again with the first good answer', async () => {
+  const { stale } = await staleAfter((n) => (n > 3 && n < 8 ? Promise.reject(new Error('gone')) : good()), 9000);
+  assert.equal(stale, false);
+});
+test('woke: stale at once, and asks at once', async () => {
+  const here = world(() => good());
+  const poll = createPoll(here);
+  poll.start();
+  await here.pass(2500);
+  const before = here.requests.length;
+  poll.woke();
+  assert.equal(poll.picture().stale, true);
+  assert.equal(here.requests.length, before + 1);
+  await here.pass(10);
+  assert.equal(poll.picture().stale, false);
+  await here.pass(10_000);
+  assert.ok(here.requests.length <= before + 12, 'one chain of requests');
+  poll.stop();
+});
+test('stopped: no request and no listener remain', async () => {
+  const here = world(() => good());
+  const poll = createPoll(here);
+  let calls = 0;
+  poll.listen(() => ++calls);
+  poll.start();
+  await here.pass(3000);
+  poll.stop();
+  const [requests, told] = [here.requests.length, calls];
+  await here.pass(60_000);
+  assert.deepEqual([here.requests.length, calls], [requests, told]);
+});
+test('since: a state that was there when the page opened began at least then', () => {
+  const since = createSince();
+  assert.deepEqual(since.note('plc', 'up', 1000), { for_ms: 0, atLeast: true });
+  assert.deepEqual(since.note('plc', 'up', 4000), { for_ms: 3000, atLeast: true });
+  assert.deepEqual(since.note('plc', 'down', 5000), { for_ms: 0, atLeast: false });
+});
