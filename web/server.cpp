@@ -66,6 +66,8 @@ MHD_Result send(MHD_Connection* connection, const HttpReply& reply) {
   if (reply.may_keep && !reply.answer->etag.empty())
     MHD_add_response_header(response, MHD_HTTP_HEADER_ETAG, reply.answer->etag.c_str());
   if (reply.status != 304) MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_TYPE, reply.answer->type.c_str());
+  if (reply.answer->type == "application/pdf")
+    MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_DISPOSITION, "inline; filename=\"report.pdf\"");
   if (reply.status == 405) MHD_add_response_header(response, MHD_HTTP_HEADER_ALLOW, "GET, HEAD");
   if (reply.status == 503) MHD_add_response_header(response, MHD_HTTP_HEADER_RETRY_AFTER, "2");
   const MHD_Result queued = MHD_queue_response(connection, static_cast<unsigned>(reply.status), response);
