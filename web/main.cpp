@@ -72,7 +72,7 @@ std::unique_ptr<Listener> opened(const ListenerSettings& settings, const char* n
 }
 
 int serve(const config::Config& config, const sigset_t& ends) {
-  const daemon::WebSettings& web = config.web;
+  const config::WebSettings& web = config.web;
   const ReportsFolder reports;
   if (reports.path().empty()) {
     complain("no folder for reports can be made in the folder for temporary files");

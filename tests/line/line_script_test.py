@@ -41,6 +41,7 @@ class Line(unittest.TestCase):
         text, _ = first.communicate(timeout=PATIENCE_S)
         self.assertEqual(first.returncode, 0, text)
         self.assertIn("== Slab 1 ==", text)
+        self.assertRegex(text, r"The page, in a browser: http://127\.0\.0\.1:\d+/")
         config = self.line / "slabd.toml"
         self.assertIn(f"status --watch --config {config}", text)
 
