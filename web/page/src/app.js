@@ -48,6 +48,13 @@ function StaleBand({ picture }) {
   </div>`;
 }
 
+/// slabd answers, but its database cannot be read.
+function TroubleBand({ picture }) {
+  const { t } = useWords();
+  if (picture.stale || !picture.trouble || picture.trouble === 'server') return null;
+  return html`<div class="band band-trouble"><strong>! ${t('trouble.records')}</strong> <${Foreign} text=${picture.trouble} /></div>`;
+}
+
 function EmulationBand({ parts }) {
   const { t, language } = useWords();
   if (!Array.isArray(parts) || parts.length === 0) return null;
@@ -145,6 +152,7 @@ export function App({ poll }) {
       ${!kiosk && html`<${Header} picture=${picture} route=${route} theme=${theme} setTheme=${setTheme} setLanguage=${choose} />`}
       <aside aria-label=${words.t('app.notices')}>
         <${StaleBand} picture=${picture} />
+        <${TroubleBand} picture=${picture} />
         <${EmulationBand} parts=${status?.emulation} />
         <${FaultBand} status=${picture.stale ? null : status} />
       </aside>

@@ -75,7 +75,7 @@ function webStatus() {
   if (newest !== '') Object.assign(last[0], { key: Number(newest), verdict });
   return {
     schema: 'slabd.web_status/1', utime_us: Date.now() * 1000, age_ms, reachable: age_ms !== null && age_ms < 1500,
-    trouble: now.status === 'live' ? '' : 'connect: Connection refused', status: now.status === 'gone' ? null : status,
+    trouble: now.status !== 'live' ? 'connect: Connection refused' : now.database === '0' ? 'the database cannot be opened' : '', status: now.status === 'gone' ? null : status,
     map: now.slab === 'none' ? null : mapOf(now.slab), last: now.slab === 'none' ? [] : last,
     yield: now.slab === 'none' ? null : documents.yield.groups.at(-2), slabd_web: { version: '1.0.0', language: 'en' },
   };

@@ -123,7 +123,7 @@ export function Block({ route, theme }) {
   const name = slab ? visible(slab.slab_id || slab.slab_no, 64) : key;
   return html`
     <nav class="way" aria-label=${t('page.slab', { name })}>
-      <${Link} to=${`/slabs/${key}`}>← <${Foreign} text=${t('page.slab', { name })} /><//>
+      <${Link} to=${`/slabs/${key}`}>←${' '}<${Foreign} text=${t('page.slab', { name })} /><//>
       <span class="buttons">
         ${station > 1 && html`<${Link} class="button" to=${`/slabs/${key}/blocks/${station - 1}`}>‹ ${t('page.block', { station: station - 1 })}<//>`}
         ${station < last && html`<${Link} class="button" to=${`/slabs/${key}/blocks/${station + 1}`}>${t('page.block', { station: station + 1 })} ›<//>`}

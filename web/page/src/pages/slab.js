@@ -78,7 +78,7 @@ function BlocksAndTimes({ slab }) {
     { head: t('slab.acquired'), number: true, cell: (block) => seconds(block.acquire_ms) },
     { head: t('slab.computed'), number: true, cell: (block) => figure(block.result?.timing_ms?.total ?? NaN, 0) },
     { head: t('field.verdict'), cell: (block) => html`<${VerdictMark} verdict=${block.final_verdict} />` },
-    { head: t('field.reason'), cell: (block) => reason(block.final_reason) },
+    { head: t('field.reason'), cell: (block) => (block.final_reason ? html`<span class="reason">${reason(block.final_reason)}</span>` : '') },
   ];
   return html`<${Table} caption=${t('slab.blocks')} hideCaption columns=${columns} rows=${slab.blocks}
     id=${(block) => `${block.station} ${block.attempt}`} />`;

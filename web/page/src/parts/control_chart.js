@@ -3,7 +3,7 @@
 // chart is preliminary and grey.
 import { useEffect, useRef, useState } from 'preact/hooks';
 import uPlot from 'uplot';
-import { decimalsOf, figure, kNone } from '../figures.js';
+import { decimalsOf, figure } from '../figures.js';
 import { html } from '../html.js';
 import { Foreign } from '../text.js';
 import { useWords } from '../words.js';
@@ -159,7 +159,7 @@ export function ControlChart({ trend, theme, label }) {
         ? html`<${Foreign} text=${point.slab_id || String(point.key)} max=${64} />: ${figure(point.value, digits)} ${trend.unit}${
             trend.block === null && point.lowest !== null ? ` (${figure(point.lowest, digits)} .. ${figure(point.highest, digits)})` : ''}${
             point.signal !== 'none' ? `, ${t('trends.signal')}` : ''}`
-        : kNone}</output>
+        : html`<span class="quiet">${t('trends.hint')}</span>`}</output>
       <ul class="chart-legend">
         <li><i class="key key-line"></i>${t('trends.value')}</li>
         ${trend.block === null && html`<li><i class="key key-band"></i>${t('trends.range')}</li>`}

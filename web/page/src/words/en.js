@@ -67,6 +67,8 @@ export const en = {
   'stale.said': 'Data is stale: slabd does not answer.',
   'stale.over': 'slabd answers again.',
 
+  'trouble.records': 'Stored slabs cannot be read; the map and the lists may be outdated.',
+
   'emulation.notice': 'EMULATED ({parts}): no verdict on concrete',
   'emulation.line': '[line] simulation = true',
   'emulation.robot': 'robot emulated',

@@ -39,6 +39,7 @@ export const enPages = {
   'trends.values_caption': 'Values of the chart, newest first',
   'trends.lowest': 'Lowest',
   'trends.highest': 'Highest',
+  'trends.hint': 'Point at the chart, or focus it and use the arrow keys; drag to zoom.',
   'trends.none': 'No slab with values yet',
   'yield.title': 'First-pass yield by day',
   'yield.caption': 'First inspections with a verdict, by day',

@@ -67,6 +67,8 @@ export const zh = {
   'stale.said': '数据过期：slabd 无应答。',
   'stale.over': 'slabd 已恢复应答。',
 
+  'trouble.records': '无法读取轨道板记录；判定图和列表可能已过期。',
+
   'emulation.notice': '仿真（{parts}）：不是对混凝土实物的结论',
   'emulation.line': '[line] simulation = true',
   'emulation.robot': '机器人为仿真',

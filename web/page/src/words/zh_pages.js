@@ -39,6 +39,7 @@ export const zhPages = {
   'trends.values_caption': '控制图的数值，最新的在前',
   'trends.lowest': '最低',
   'trends.highest': '最高',
+  'trends.hint': '用指针指向图中的位置，或选中图后用方向键移动；拖动可放大。',
   'trends.none': '尚无有数值的轨道板',
   'yield.title': '按日的一次合格率',
   'yield.caption': '按日统计的首次检测（有结论）',
