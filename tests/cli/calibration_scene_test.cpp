@@ -17,7 +17,7 @@
 #include "tests/config/reference_recipe.h"
 #include "tests/places/places.h"
 
-namespace slabd::emulator {
+namespace slabd::cli::simulate {
 namespace {
 
 CalibrationScene scene_of(TargetKind kind, std::uint64_t seed = 1) {
@@ -191,4 +191,4 @@ TEST(MasteredSlab, rounds_of_visits_become_corrections_that_take_the_robots_erro
 }
 
 }  // namespace
-}  // namespace slabd::emulator
+}  // namespace slabd::cli::simulate

@@ -3,7 +3,7 @@
 #include "tests/config/text_file.h"
 #include "tests/places/places.h"
 
-namespace slabd::daemon {
+namespace slabd::config {
 namespace {
 
 using Texts = std::vector<std::string>;
@@ -706,4 +706,4 @@ TEST(EditDistance, agrees_with_its_definition) {
 }
 
 }  // namespace
-}  // namespace slabd::daemon
+}  // namespace slabd::config

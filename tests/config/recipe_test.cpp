@@ -5,7 +5,7 @@
 #include "tests/config/text_file.h"
 #include "tests/places/places.h"
 
-namespace slabd::daemon {
+namespace slabd::config {
 namespace {
 
 using Texts = std::vector<std::string>;
@@ -518,4 +518,4 @@ TEST_F(RecipeTest, folder_without_recipes_is_a_problem) {
 }
 
 }  // namespace
-}  // namespace slabd::daemon
+}  // namespace slabd::config

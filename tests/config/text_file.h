@@ -12,7 +12,7 @@
 
 #include "config/config.h"
 
-namespace slabd::daemon {
+namespace slabd::config {
 
 /// Text files in a new folder. Problems are returned without the folder's name, so that whole messages can be compared.
 class TextFiles {
@@ -66,4 +66,4 @@ class TextFiles {
   return text.replace(at, from.size(), to);
 }
 
-}  // namespace slabd::daemon
+}  // namespace slabd::config

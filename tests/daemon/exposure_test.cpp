@@ -96,7 +96,7 @@ class Exposures : public ::testing::Test {
 
   double noise_mm_ = 0.03;
   double pitch_mm_ = 0.4;
-  TextFiles files_;
+  config::TextFiles files_;
   std::vector<Recipe> recipes_;
   std::unique_ptr<hal::Clock> clock_ = hal::make_system_clock();
   std::unique_ptr<Workers> workers_;
@@ -104,7 +104,7 @@ class Exposures : public ::testing::Test {
 };
 
 /// Text with three decimals, as viewers export.
-std::string text_of(const TextFiles& files, const Scan& scan) {
+std::string text_of(const config::TextFiles& files, const Scan& scan) {
   std::string path = files.folder() + "/scan.xyz";
   std::FILE* file = std::fopen(path.c_str(), "w");
   for (std::size_t i = 0; i < scan.points(); ++i)

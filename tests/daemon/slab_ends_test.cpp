@@ -215,7 +215,7 @@ TEST_F(SlabEndsTest, a_slab_type_without_a_twin_is_not_looked_at) {
 TEST_F(SlabEndsTest, the_measuring_thread_refuses_the_scan_that_shows_another_types_end) {
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
   const std::unique_ptr<Workers> workers = make_workers(recipes_, hal::LengthUnit::mm, *clock, 1);
-  const TextFiles files;
+  const config::TextFiles files;
   const auto measure = [&](const Recipe& begun_as, std::int64_t slab_key) {
     const Seen seen = scan(kShort_mm, kNoEnd, 11, Beyond::floor, 620.0, 0.8, 600.0);
     const std::string path = files.folder() + "/scan.ply";

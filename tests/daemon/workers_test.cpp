@@ -38,7 +38,7 @@ class Reload : public testing::Test {
     return done;
   }
 
-  TextFiles files_;
+  config::TextFiles files_;
   std::vector<Recipe> recipes_;
   std::vector<float> xyz_;
   std::string path_;

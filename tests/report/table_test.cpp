@@ -19,7 +19,7 @@ report::Table example() {
   return table;
 }
 
-TEST(report::Table, a_terminal_has_rounded_numbers_and_symbols_and_no_empty_optional_column) {
+TEST(Table, a_terminal_has_rounded_numbers_and_symbols_and_no_empty_optional_column) {
   EXPECT_EQ(report::text_of(example()),
             "item       value  times  verdict\n"
             "--------------------------------\n"
@@ -27,7 +27,7 @@ TEST(report::Table, a_terminal_has_rounded_numbers_and_symbols_and_no_empty_opti
             "=1+1, \"x\"      -      0  .\n");
 }
 
-TEST(report::Table, a_csv_has_every_digit_and_the_columns_with_a_name_and_no_formula) {
+TEST(Table, a_csv_has_every_digit_and_the_columns_with_a_name_and_no_formula) {
   const report::Table table = example();
   EXPECT_EQ(report::csv_heading(table), "item,value,count,note\r\n");
   EXPECT_EQ(report::csv_rows(table, report::TableFor::spreadsheet),
@@ -36,7 +36,7 @@ TEST(report::Table, a_csv_has_every_digit_and_the_columns_with_a_name_and_no_for
             "slope,0.3333333333333333,2,\r\n\"=1+1, \"\"x\"\"\",,0,\r\n");
 }
 
-TEST(report::Table, json_has_numbers_as_numbers_and_null_for_what_is_not_there) {
+TEST(Table, json_has_numbers_as_numbers_and_null_for_what_is_not_there) {
   report::Json json("slabd.example/1");
   report::write_rows(json, "rows", example());
   const auto rows = nlohmann::json::parse(json.text())["rows"];
@@ -44,7 +44,7 @@ TEST(report::Table, json_has_numbers_as_numbers_and_null_for_what_is_not_there) 
   EXPECT_TRUE(rows[1]["value"].is_null());
 }
 
-TEST(report::Table, html_has_a_caption_scopes_and_the_row_of_a_verdict) {
+TEST(Table, html_has_a_caption_scopes_and_the_row_of_a_verdict) {
   report::Report page;
   page.sections.emplace_back().parts.emplace_back(example());
   const std::string html = report::html(page);

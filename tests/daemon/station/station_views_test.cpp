@@ -223,7 +223,7 @@ TEST(StationViews, message_names_the_other_stop_and_both_distances) {
   ASSERT_TRUE(finding.is_refused);
   EXPECT_EQ(finding.station, 6);
   EXPECT_GT(finding.own_off_mm, daemon::kSeatOff_mm);
-  const std::string text(report::text_of(finding, 7).view());
+  const std::string text(text_of(finding, 7).view());
   EXPECT_NE(text.find("the stop of station 6 would see it"), std::string::npos) << text;
   EXPECT_NE(text.find("not where station 7's does"), std::string::npos) << text;
 }
