@@ -168,7 +168,7 @@ std::string surplus_sentence(const CLI::App& app, const Arguments& arguments) {
   return fmt::format("not expected: {}; `{} --help` lists arguments and options", text, path_of(command));
 }
 
-/// What CLI11 found wrong, with the command and the help that belongs to it.
+/// The fault that CLI11 found, with the command and its help.
 std::string usage_sentence(const CLI::App& app, const CLI::ParseError& fault) {
   const CLI::App& command = *chosen_command(app);
   const std::string path = path_of(command);

@@ -165,7 +165,8 @@ std::vector<fs::path> files() {
   static const std::set<std::string> kinds = {".cpp",   ".h",     ".md",      ".py",  ".toml",
                                               ".txt",   ".cmake", ".catalog", ".sql", ".service",
                                               ".timer", ".conf",  ".st",      ".scl", ".udt"};
-  static const std::set<std::string> skipped = {"build", ".git", "corpus", "apt-packages"};
+  static const std::set<std::string> skipped = {"build",        ".git", "corpus", "apt-packages",
+                                                "node_modules", "dist", "axe"};
   std::vector<fs::path> found;
   for (auto it = fs::recursive_directory_iterator(root); it != fs::recursive_directory_iterator(); ++it) {
     if (it->is_directory() && skipped.contains(it->path().filename())) it.disable_recursion_pending();
