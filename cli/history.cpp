@@ -36,7 +36,7 @@ storage::SlabFilter filter_of(const Options& options) {
   storage::SlabFilter filter = options.filter;
   if (!options.since.empty()) filter.since_utime_us = time_of("--since", options.since);
   if (!options.until.empty()) filter.until_utime_us = time_of("--until", options.until);
-  if (filter.until_utime_us != 0 && filter.since_utime_us >= filter.until_utime_us)
+  if (!options.since.empty() && !options.until.empty() && filter.since_utime_us >= filter.until_utime_us)
     stop(kUsage, say("--since {} is not before --until {}", options.since, options.until));
   filter.verdict = verdict_from_name(options.verdict).value_or(Verdict::none);
   if (!options.item.empty()) {

@@ -587,7 +587,7 @@ TEST(HandEye, an_invalid_set_of_views_is_an_error) {
   set.views[1].balls.push_back(set.views[1].balls[0]);
   const auto twice = solve(ArtefactKind::ball, set.views, {});
   ASSERT_FALSE(twice.ok());
-  EXPECT_NE(twice.error().text.view().find("view 2 sees ball 1 twice"), std::string_view::npos);
+  EXPECT_NE(twice.error().text.view().find("view 2 has ball 1 twice"), std::string_view::npos);
   set = make(ArtefactKind::ball, plan, 1);
   set.views[1].balls[0].centre_mm.x() = kNoValue;
   EXPECT_FALSE(solve(ArtefactKind::ball, set.views, {}).ok());
