@@ -90,8 +90,8 @@ Comparison of_slabs(storage::Reader& reader, const Options& options, Language la
   const storage::SlabRecord a = named_slab(reader, options.slabs[0]);
   const storage::SlabRecord b = named_slab(reader, options.slabs[1]);
   if (a.summary.header.key == b.summary.header.key)
-    stop(kBadInput,
-         fmt::format("{} and {} are the same slab, key {}", options.slabs[0], options.slabs[1], a.summary.header.key));
+    complain(fmt::format("warning: {} and {} are the same slab, key {}", options.slabs[0], options.slabs[1],
+                         a.summary.header.key));
   for (const storage::SlabRecord* slab : {&a, &b})
     if (report::is_aborted(*slab))
       stop(kBadInput, fmt::format("slab key {} was aborted: there is nothing to compare", slab->summary.header.key));

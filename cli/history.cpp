@@ -3,7 +3,6 @@
 // slabctl history: the newest slabs, one line each.
 #include <fmt/core.h>
 #include <algorithm>
-#include <fstream>
 #include <memory>
 #include <vector>
 
@@ -157,24 +156,12 @@ void DatabaseOptions::add_to(args::Command& command) {
   command.add_option("--db", db, "Database, instead of the configuration's")->excludes(config_option);
 }
 
-namespace {
-
-/// Stops at a file of another kind. One that is missing or empty is the reader's to refuse.
-void need_a_database(const std::string& path) {
-  constexpr std::string_view kMagic = "SQLite format 3";
-  std::string begin(kMagic.size(), '\0');
-  std::ifstream file(path, std::ios::binary);
-  file.read(begin.data(), static_cast<std::streamsize>(begin.size()));
-  if (file.gcount() > 0 && begin.substr(0, static_cast<std::size_t>(file.gcount())) != kMagic)
-    stop(kBadInput, say("{} is not a database of slabd", path));
-}
-
-}  // namespace
-
 std::unique_ptr<storage::Reader> open_database(const DatabaseOptions& options, storage::TextFor text) {
   const std::string path = options.db.empty() ? config_from(options.config).storage.db_path : options.db;
-  need_a_database(path);
-  return need(storage::open_reader(path, text), kNotReachable);
+  auto reader = storage::open_reader(path, text);
+  if (!reader && reader.error().text.view().find("file is not a database") != std::string_view::npos)
+    stop(kBadInput, say("{} is not a database of slabd", path));
+  return need(std::move(reader), kNotReachable);
 }
 
 void add_history(args::Command& app) {

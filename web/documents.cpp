@@ -73,6 +73,8 @@ SharedAnswer refused(const ChildResult& result) {
   const std::string text = result.sentence.empty() ? "slabctl gave no document" : result.sentence;
   if (result.status == kUsage) return error_answer(400, text, "correct the parameter");
   if (text.starts_with("no slab with key")) return error_answer(404, text, "/api/v1/slabs lists the slabs");
+  for (const char* comparison : {"was aborted", "slabs of types"})
+    if (text.find(comparison) != std::string::npos) return error_answer(400, text, "choose two other slabs");
   if (text.starts_with("--block")) return error_answer(404, text, "choose a block of this slab");
   if (result.status == kNotReachable)
     return error_answer(503, text, "start slabd, and see that slabd-web may read its database (slabctl doctor)");

@@ -438,7 +438,7 @@ TEST_F(CalibrateSession, a_half_copied_scan_is_named_and_counts_for_nothing) {
   std::ofstream(part + "/being-copied.txt") << "view_01.ply with T_base_flange 1 2 3\n";
   std::ofstream(part + "/shot_1.ply") << "ply\nform";
   const Ended shown = run("calibrate list");
-  expect_next(shown, 0, "a capture was stopped before it was done");
+  expect_next(shown, 0, "a capture was interrupted and is not used");
   expect_next(shown, 0, "capture it again: view_01.ply");
   EXPECT_EQ(list()["views"].size(), 0U);
   expect_next(run("calibrate capture --set " + file("set")), 0, "view 2/13");

@@ -30,7 +30,7 @@ TEST_F(Completion, bash_offers_commands_and_their_options_and_no_others) {
   EXPECT_EQ(offered("slabctl re").find("trend"), std::string::npos);
   expect_mentions(offered("slabctl report SLAB --l"), " --language ");
   expect_mentions(offered("slabctl calibrate so"), " solve ");
-  EXPECT_EQ(offered("slabctl history --la").find("--language"), std::string::npos);
+  EXPECT_EQ(offered("slabctl metrics --la").find("--language"), std::string::npos);
 }
 
 TEST_F(Completion, scripts_and_manual_name_every_command) {

@@ -161,7 +161,19 @@ class PageOnALine(unittest.TestCase):
             self.no_fault()
         self.assertTrue(self.get(f"/api/v1/slabs/{key}/report.pdf").startswith(b"%PDF"))
 
-    def test_4_a_killed_daemon_is_never_shown_as_current(self):
+    def test_4_two_slabs_are_compared(self):
+        def ended():
+            return [slab["key"] for slab in json.loads(self.slabctl("history", "--json"))["slabs"] if slab["ended"]]
+        self.until(lambda: len(ended()) >= 2, "a second slab")
+        b, a = ended()[:2]
+        comparison = json.loads(self.get(f"/api/v1/compare?a={a}&b={b}"))
+        self.assertEqual(comparison["schema"], "slabd.comparison/1")
+        self.assertTrue(comparison["emulated"])
+        self.open(f"/compare?a={a}&b={b}", "document.querySelectorAll('a.tile').length >= 36")
+        self.shot("compare")
+        self.no_fault()
+
+    def test_5_a_killed_daemon_is_never_shown_as_current(self):
         self.open("/", "document.body.dataset.stale === 'false'")
         daemon = subprocess.run(["pgrep", "-f", f"slabd --config {self.line_folder}/slabd.toml"], capture_output=True,
                                 text=True, check=True).stdout.split()[0]
