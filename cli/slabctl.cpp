@@ -71,13 +71,13 @@ void stop_at_unknown_command(const CLI::App& app, const Arguments& arguments) {
                            meant.empty() ? "" : fmt::format(", did you mean '{}'?", meant), known));
 }
 
-/// `slabctl help COMMAND` is `slabctl COMMAND --help`, whatever follows the command.
+/// `slabctl help COMMAND` is `slabctl COMMAND --help`. Options behind the command are left out.
 Arguments with_help_moved(Arguments arguments) {
   if (arguments.size() < 2 || arguments[1] != "help") return arguments;
   arguments.erase(arguments.begin() + 1);
-  arguments.insert(std::find_if(arguments.begin() + 1, arguments.end(),
-                                [](const std::string& word) { return word.starts_with("-"); }),
-                   "--help");
+  const auto is_option = [](const std::string& word) { return word.starts_with("-"); };
+  arguments.erase(std::find_if(arguments.begin() + 1, arguments.end(), is_option), arguments.end());
+  arguments.emplace_back("--help");
   return arguments;
 }
 

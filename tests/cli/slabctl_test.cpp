@@ -78,6 +78,31 @@ TEST_F(Slabctl, surplus_arguments_are_named_in_their_order_with_the_nearest_opti
   EXPECT_NE(command.err.find("did you mean 'check'?"), std::string::npos) << command.err;
 }
 
+TEST_F(Slabctl, slips_are_answered_with_the_right_command) {
+  const std::string recipe = places::source_dir() + "/recipes/p5600.toml";
+  const std::pair<const char*, const char*> slips[] = {
+      {"--json history", "options come after the command: slabctl history --json"},
+      {"show", "slabctl show needs a slab: slabctl show SLAB, a key or an id; `slabctl history` lists them"},
+      {"show 2 -b 3", "not expected: '-b' (did you mean '--block'?), '3'"},
+      {"show 2 --block 19", "--block: found 19, allowed is 1 to 18"},
+      {"db", "slabctl db needs a command: "},
+      {"status --json --watch", "cannot be given together"},
+      {"history --verdict FAIL",
+       "found FAIL, allowed is pass, fail, not_measured, aborted, indeterminate; did you mean fail?"},
+      {"history --item slope", "did you mean 'seat_slope'?"},
+      {"history --since 7d --until 14d", "--since 7d is not before --until 14d"}};
+  for (const auto& [command, answer] : slips) {
+    const Ended ended = run(command);
+    EXPECT_EQ(ended.status, 2) << command;
+    expect_mentions(ended.err, answer);
+  }
+  expect_mentions(run("help show --block").out, "Usage");
+  EXPECT_EQ(run("metrics --zzzzzz").err.find("did you mean"), std::string::npos) << "nothing is near";
+  const Ended other = run("history --db " + recipe);
+  EXPECT_EQ(other.status, 3);
+  expect_mentions(other.err, "p5600.toml is not a database of slabd");
+}
+
 TEST_F(Slabctl, the_word_of_another_command_for_the_same_option_is_accepted_with_a_hint) {
   const Ended ended = run("trend seat_slope --type=5600 --db " + file("none.db"));
   expect_mentions(ended.err, "hint: this command's --type is --slab-type");
