@@ -148,21 +148,30 @@ std::string Live::document(const std::vector<std::string>& arguments, std::strin
   return {};
 }
 
+bool Live::read_last(std::string& last, std::string& map, std::string& trouble) {
+  last = "[]";
+  map = "null";
+  const std::string history = document({"history", "--json", std::string("--limit=") + kHistoryRows}, trouble);
+  if (history.empty()) return true;
+  const json rows = json::parse(history).value("slabs", json::array());
+  last = text_of(rows);
+  if (rows.empty()) return true;
+  const json& newest = rows.front();
+  const std::string shown = document(
+      {"show", "--map", "--json", "--language=" + settings_.language, "--", "key:" + newest.at("key").dump()}, trouble);
+  if (shown.empty()) return true;
+  map = shown;
+  return newest.value("ended", json()).is_null() == json::parse(shown).value("ended_utime_us", json()).is_null();
+}
+
 void Live::refresh_once(bool with_yield) {
   std::string trouble;
-  std::string last = "[]";
-  std::string map = "null";
-  if (const std::string history = document({"history", "--json", std::string("--limit=") + kHistoryRows}, trouble);
-      !history.empty()) {
-    const json rows = json::parse(history).value("slabs", json::array());
-    last = text_of(rows);
-    if (!rows.empty()) {
-      map = document({"show", "--map", "--json", "--language=" + settings_.language, "--",
-                      "key:" + rows.front().value("key", json(0)).dump()},
-                     trouble);
-      if (map.empty()) map = "null";
-    }
-  }
+  std::string last;
+  std::string map;
+  // Each is a read of its own: where the slab ended between the two, both are read again, so that no answer has a slab
+  // in the list as being inspected and its map as passed.
+  bool of_one_moment = false;
+  for (int reads = 0; reads < 3 && !of_one_moment; ++reads) of_one_moment = read_last(last, map, trouble);
   std::string yield;
   if (with_yield) {
     const std::string day = today();

@@ -43,6 +43,8 @@ class Live {
   void poll_once();
   void refresh();
   void refresh_once(bool with_yield);
+  /// The newest slabs and the map of the first of them; false if that slab ended between the two.
+  [[nodiscard]] bool read_last(std::string& last, std::string& map, std::string& trouble);
   [[nodiscard]] std::string composed() const;
   /// The document as a JSON text without line ends; empty if it could not be made, and `trouble` has the reason then.
   [[nodiscard]] std::string document(const std::vector<std::string>& arguments, std::string& trouble);
