@@ -120,9 +120,13 @@ class PageOnALine(unittest.TestCase):
 
         self.until(judged, "18 blocks with a verdict")
         self.assertGreaterEqual(len(counts), 4, f"seen on the way: {sorted(counts)}")
-        verdict = self.until(lambda: self.driver.execute_script(
-            "return document.querySelector('[data-slab-verdict]')?.dataset.slabVerdict"), "the slab's verdict")
-        stored = json.loads(self.slabctl("history", "--json"))["slabs"][-1]
+        # Both are read at one moment, because the line goes on with the next slab.
+        verdict, link = self.until(lambda: self.driver.execute_script(
+            "const big = document.querySelector('.big[data-slab-verdict]:not(.big-open)');"
+            "const link = document.querySelector('.slab-name a');"
+            "return big && link ? [big.dataset.slabVerdict, link.getAttribute('href')] : null"), "the slab's verdict", 120)
+        rows = json.loads(self.slabctl("history", "--json"))["slabs"]
+        stored = next(row for row in rows if row["key"] == int(link.rsplit("/", 1)[1]))
         self.assertEqual(verdict, stored["verdict"])
         self.shot("slab")
         self.no_fault()
