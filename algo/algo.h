@@ -156,7 +156,10 @@ class BlockInspector {
   /// <- block's nominal, and scanner in the base frame (splicing: T_base_flange * T_flange_scanner). Offline scans pass
   /// T_base_block = identity and T_base_scanner = T_block_scanner. `verified`: figures of the scanner's acceptance. U
   /// takes them where they are worse than the recipe's specification; empty without an acceptance.
-  void begin(int station, const Pose& T_base_block, const Pose& T_base_scanner, const ScannerNumbers& verified = {});
+  /// `slab`: temperature and design of the slab; a seat that is
+  /// designed with another slope or height than the last one takes 80 ms more.
+  void begin(int station, const Pose& T_base_block, const Pose& T_base_scanner, const ScannerNumbers& verified = {},
+             const SlabFacts& slab = {});
 
   /// Sets isolated points, through which no surface goes at the scan's own pitch, to NaN in place. too_few_points if
   /// fewer than limits::kScanPointsMin remain, frame_incomplete if `points` does not fit the buffer. 2 ns a point for
@@ -189,6 +192,7 @@ class BlockInspector {
  private:
   struct Workspace;
   struct BlockFit;
+  void build_model(const SeatDesign& seat);
   // The parts of extract.
   [[nodiscard]] Status fit_faces(const Cloud& cloud, BlockFit& fit);
   [[nodiscard]] Status measure_seat_and_casings(const Cloud& cloud, BlockFit& fit);
@@ -213,12 +217,14 @@ struct StationSigma {
 /// Computes one robust rigid fit of all seats to the slab model, and the slab-frame items. `blocks` has one entry per
 /// station (index station - 1); verdict none marks a missing station. With fewer than 12 seats, only one row or fewer
 /// than 4 pitches, slab-frame items are not measured. The slab passes only if every station is measured and passes.
-/// `verified`: the scanner's acceptance, as in BlockInspector::begin. No heap.
+/// `verified` and `slab` as in BlockInspector::begin. No heap.
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const StationSigma& sigma,
-                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified = {});
+                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified = {},
+                  const SlabFacts& slab = {});
 /// The same with one sigma per station, [station - 1]. A station outside the reach of its calibration has a larger
 /// sigma and less weight in the slab frame. A station beyond the span is not calibrated.
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std::span<const StationSigma> sigmas,
-                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified = {});
+                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified = {},
+                  const SlabFacts& slab = {});
 
 }  // namespace slabd::algo

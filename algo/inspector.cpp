@@ -132,6 +132,8 @@ struct BlockInspector::Workspace {
   Pose T_base_block;
   Pose T_base_scanner;
   ScannerNumbers verified;
+  Thermal thermal;
+  SeatDesign seat;  ///< of the model
   BlockResult result;
   std::atomic<bool> give_up{false};
   bool has_recipe = false;
@@ -203,13 +205,20 @@ Team& BlockInspector::team() {
 
 void BlockInspector::use(const Recipe& recipe) {
   work_->recipe = recipe;
-  work_->model.build(recipe.block);
-  work_->table.build(work_->model, work_->wide, work_->near, work_->scratch);
-  work_->survey_table.build(work_->model, work_->table, recipe.evaluation, work_->survey_cells);
-  work_->surface_table.build(work_->model, work_->surface_cells);
-  work_->height_map.build(work_->model, work_->heights);
-  work_->extents = face_extents(work_->model, recipe.evaluation);
   work_->has_recipe = true;
+  build_model({});
+}
+
+void BlockInspector::build_model(const SeatDesign& seat) {
+  Workspace& w = *work_;
+  const bool is_as_drawn = seat.slope_rad == 0.0 && seat.offset_mm.z() == 0.0;
+  w.model.build(is_as_drawn ? w.recipe.block : designed_block(w.recipe.block, seat));
+  w.table.build(w.model, w.wide, w.near, w.scratch);
+  w.survey_table.build(w.model, w.table, w.recipe.evaluation, w.survey_cells);
+  w.surface_table.build(w.model, w.surface_cells);
+  w.height_map.build(w.model, w.heights);
+  w.extents = face_extents(w.model, w.recipe.evaluation);
+  w.seat = seat;
 }
 
 void BlockInspector::give_up() {
@@ -217,16 +226,20 @@ void BlockInspector::give_up() {
 }
 
 void BlockInspector::begin(int station, const Pose& T_base_block, const Pose& T_base_scanner,
-                           const ScannerNumbers& verified) {
+                           const ScannerNumbers& verified, const SlabFacts& slab) {
   assert(work_->has_recipe && "use a recipe first");
   work_->T_base_block = T_base_block;
   work_->T_base_scanner = T_base_scanner;
   work_->verified = verified;
+  if (const SeatDesign seat = slab.design.given ? slab.design.at(station) : SeatDesign{};
+      seat.slope_rad != work_->seat.slope_rad || seat.offset_mm.z() != work_->seat.offset_mm.z())
+    build_model(seat);
+  work_->thermal = thermal_of(work_->recipe.thermal, slab.temperature_c);
   work_->result = BlockResult{};
   work_->give_up = false;
   work_->has_map = false;
   work_->result.station = static_cast<std::uint8_t>(station);
-  blank_block_items(work_->recipe, work_->result);
+  blank_block_items(work_->recipe, slab.design, work_->result);
 }
 
 Status BlockInspector::denoise(Cloud& cloud) {
@@ -550,6 +563,9 @@ void BlockInspector::compute_items(const Cloud& cloud, const BlockFit& fit) {
                        evaluation.flatness == FlatnessKind::closed ? fit.flatness.bumps_mm : 0.0,
                        scatter2 > 0.0 ? std::sqrt(2.0 * scatter2) : 0.0};
   compute_block_budget(w.recipe, w.verified, form, result);
+  for (Item& item : result.items)
+    if (item.id == ItemId::jaw_distance || item.id == ItemId::casing_spacing)
+      state_at_reference(w.thermal, item.value, item);
   compute_observation(w.model, evaluation.casing, w.T_base_scanner * result.registration.T_scanner_block, result);
   static_assert(kFindingFloats <= kSampleFloats);
   if (fit.has_surface_items) {

@@ -180,12 +180,31 @@ std::string_view name(BudgetPart part) {
     case BudgetPart::calibration: return "calibration";
     case BudgetPart::robot: return "robot";
     case BudgetPart::reference: return "reference";
+    case BudgetPart::thermal: return "thermal";
   }
   return "";
 }
 
 const ItemInfo& info(ItemId id) {
   return kItems.at(static_cast<std::size_t>(id));
+}
+
+std::string_view name(Disposition disposition) {
+  switch (disposition) {
+    case Disposition::none: return "none";
+    case Disposition::hold: return "hold";
+    case Disposition::release_by_concession: return "release_by_concession";
+    case Disposition::rework: return "rework";
+    case Disposition::scrap: return "scrap";
+    case Disposition::re_inspect: return "re_inspect";
+  }
+  return {};
+}
+
+std::optional<Disposition> disposition_named(std::string_view word) {
+  for (std::uint8_t i = 0; i <= static_cast<std::uint8_t>(Disposition::re_inspect); ++i)
+    if (name(static_cast<Disposition>(i)) == word) return static_cast<Disposition>(i);
+  return std::nullopt;
 }
 
 std::string_view name(ItemUnit unit) {

@@ -18,6 +18,20 @@ enum class Verdict : std::uint8_t { none = 0, pass = 1, fail = 2, not_measured =
 /// Word used in JSON, the database and reports: "pass", "fail", "not_measured", ...
 [[nodiscard]] std::string_view name(Verdict verdict);
 
+/// Decision of quality about a slab that did not pass, as the PLC reads it (IR 28). The measured verdict stays as it
+/// is.
+enum class Disposition : std::uint8_t {
+  none = 0,
+  hold = 1,
+  release_by_concession = 2,
+  rework = 3,
+  scrap = 4,
+  re_inspect = 5
+};
+/// Word used in JSON and the database: "release_by_concession"; empty for a value that is none of them.
+[[nodiscard]] std::string_view name(Disposition disposition);
+[[nodiscard]] std::optional<Disposition> disposition_named(std::string_view word);
+
 /// Measured characteristics. 0..15 are the bits of the PLC's fail mask. warp_right shares bit 15; seat_std is
 /// information only. surface_pores and block_damage have no bit, but a REASON each (ItemInfo::reason).
 enum class ItemId : std::uint8_t {
@@ -78,8 +92,9 @@ enum class BudgetPart : std::uint8_t {
   calibration,   ///< scanner on flange and station correction
   robot,         ///< repeatability
   reference,     ///< the artefact used to set up the system
+  thermal,       ///< the slab's temperature and expansion (base/thermal.h)
 };
-inline constexpr std::size_t kBudgetParts = 7;
+inline constexpr std::size_t kBudgetParts = 8;
 [[nodiscard]] std::string_view name(BudgetPart part);
 
 inline constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();
@@ -95,12 +110,13 @@ struct Item {
   bool required = false;        ///< if not measured, the block or slab is not measured
   std::uint8_t station = 0;     ///< 1..18; 0 for the whole slab
   std::uint8_t station_to = 0;  ///< second station of a spacing or a pair; else 0
-  double value = kNoValue;
+  double value = kNoValue;      ///< a length at the recipe's reference temperature, if it has one (base/thermal.h)
   double nominal = kNoValue;
   double lower = kNoValue;  ///< absolute limits of `value`
   double upper = kNoValue;
   double U = kNoValue;          ///< expanded uncertainty, k = 2
   double companion = kNoValue;  ///< second figure of this item, by the name in ItemInfo::companion
+  double measured = kNoValue;   ///< `value` before its correction for temperature; NaN if none was made
 
   /// Standard uncertainties (k = 1, in the item's unit) whose root sum of squares is U / 2. All zero if no budget was
   /// computed; then U is the recipe's default.

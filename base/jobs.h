@@ -8,12 +8,14 @@
 #include <vector>
 
 #include "base/calibration.h"
+#include "base/design.h"
 #include "base/noise_print.h"
 #include "base/packed_map.h"
 #include "base/plc.h"
 #include "base/recipe.h"
 #include "base/records.h"
 #include "base/result.h"
+#include "base/thermal.h"
 
 /// Jobs issued by the station, and the state it recovers after a restart. The station assigns slab keys and attempt
 /// numbers itself (keys count up and are never re-used), so it can continue without an answer.
@@ -63,8 +65,11 @@ struct SlabHeader {
   std::uint8_t stations = 0;
   std::uint16_t temperature_dk = 0;
   std::uint16_t age_h = 0;
+  std::uint16_t mould = 0;  ///< number of the mould that cast it; 0 if unknown
   FixedString<32> recipe;
   FixedString<64> recipe_sha256;
+  FixedString<64> design_sha256;  ///< of design_text; empty: as the recipe says
+  DesignText design_text;         ///< the design in force at SLAB_BEGIN
   std::uint16_t unconfirmed = 0;  ///< number of unconfirmed nominals and tolerances when the slab was begun
   double guard = kNoValue;        ///< guard band of its verdicts in units of U; 0: simple acceptance
   double cell_mm = kNoValue;      ///< flatness cell of the recipe
@@ -78,6 +83,10 @@ struct SlabHeader {
   std::uint8_t emulated =
       0;  ///< emulation bits (base/records.h) of the line at the slab's begin and of all its acquired attempts
 };
+
+/// Temperature and design of the slab. A design_text that cannot be read gives a design without numbers, with which
+/// nothing is measured.
+[[nodiscard]] SlabFacts facts_of(const SlabHeader& slab);
 
 /// Number of scans whose fingerprints are remembered: three whole slabs and some retries. A scanner that hangs repeats
 /// its last scan; one that delivers old files could repeat a scan of one of the last slabs.
@@ -207,6 +216,7 @@ struct SlabBasis {
   const Recipe* recipe = nullptr;  ///< nullptr if the slab's type is not known
   Pose T_base_slab;
   ScannerNumbers verified;  ///< the scanner's acceptance when the slab was begun
+  SlabFacts slab;
 };
 
 /// State of one station of the open slab.
@@ -253,8 +263,9 @@ struct RecoveredLine {
   Verdict slab_verdict = Verdict::none;
   std::uint16_t slab_reason = 0;
   std::uint32_t table_slab_no = 0;
-  std::uint8_t slab_emulated = 0;  ///< emulation bits of the last ended slab
-  PlcResult slab_record;           ///< record of the last ended slab, for REPORT
+  Disposition disposition = Disposition::none;  ///< of the last ended slab
+  std::uint8_t slab_emulated = 0;               ///< emulation bits of the last ended slab
+  PlcResult slab_record;                        ///< record of the last ended slab, for REPORT
 
   /// Fingerprints of the last scans, oldest first; unused entries after the newest are 0.
   std::array<std::uint64_t, kFingerprintsKept> fingerprints{};

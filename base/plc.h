@@ -8,7 +8,7 @@
 #include "base/limits.h"
 #include "base/records.h"
 
-/// The PLC's half and slabd's half of register map 1.0 as values with units. Only `hal/plc/plc_map.h` contains
+/// The PLC's half and slabd's half of register map 1.1 as values with units. Only `hal/plc/plc_map.h` contains
 /// addresses, scales and word order.
 namespace slabd {
 
@@ -31,6 +31,7 @@ struct PlcInputs {
   std::array<char, limits::kSlabIdBytes> slab_id{};
   std::uint16_t slab_temperature_dk = 0;  ///< 0.1 K; 0 if unknown
   std::uint16_t slab_age_h = 0;           ///< 0 if unknown
+  std::uint16_t mould = 0;                ///< number of the mould that cast the slab; 0 if unknown
   bool crc_ok = true;                     ///< CMD_CRC matches, or is 0 (not used)
   std::uint16_t session_echo = 0;
   std::uint16_t cmd_seq = 0;
@@ -150,7 +151,9 @@ struct PlcOutputs {
   std::array<PlcStationRow, limits::kStationsMax> table{};
   Verdict slab_verdict = Verdict::none;
   std::uint16_t slab_reason = 0;
-  std::uint32_t table_slab_no = 0;  ///< IR 108-109
+  Disposition disposition = Disposition::none;  ///< of the slab `table_slab_no`
+  std::uint16_t disposition_seq = 0;            ///< counts its changes
+  std::uint32_t table_slab_no = 0;              ///< IR 108-109
 };
 
 /// Result records of a measured block and of a finished slab, in the order of IR 42..55.

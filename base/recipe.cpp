@@ -37,6 +37,11 @@ int unconfirmed_count(const Recipe& recipe) {
     for (const Nominal* n :
          {&u.scanner_form_mm, &u.scanner_form_length_mm, &u.scanner_length_ppm, &u.reference_mm, &u.reference_rad})
       count += n->confirmed ? 0 : 1;
+  const ThermalSettings& thermal = recipe.thermal;
+  if (thermal.given)
+    for (const Nominal* n : {&thermal.reference_c, &thermal.cte_per_K, &thermal.u_cte_per_K, &thermal.u_temperature_K,
+                             &thermal.unknown_low_c})
+      count += n->confirmed ? 0 : 1;
   for (const Tolerance& t : recipe.tolerances) {
     if (!has_value(t.lower) && !has_value(t.upper)) continue;
     count += (t.confirmed && t.nominal.confirmed) ? 0 : 1;

@@ -97,6 +97,17 @@ struct UncertaintySettings {
   Nominal reference_rad;           ///< standard uncertainty of the angle reference artefact
 };
 
+/// Temperature at which lengths are stated (base/thermal.h). If `given` is false, they are stated as measured.
+struct ThermalSettings {
+  bool given = false;
+  Nominal reference_c;
+  Nominal cte_per_K;        ///< expansion of the slab's concrete
+  Nominal u_cte_per_K;      ///< its standard uncertainty
+  Nominal u_temperature_K;  ///< standard uncertainty of the temperature that the PLC sends
+  Nominal unknown_low_c;    ///< range of temperatures when the PLC sends none
+  Nominal unknown_high_c;
+};
+
 /// Limits of one item. Tolerances are absolute limits of the value, not deviations.
 struct Tolerance {
   Nominal nominal;
@@ -106,6 +117,13 @@ struct Tolerance {
   bool required = false;
   bool confirmed = false;  ///< true if the limits are confirmed
   bool given = false;      ///< true if the recipe contains this item; used for optional items only (ItemInfo::optional)
+};
+
+/// Use of design sheets (base/design.h).
+enum class DesignUse : std::uint8_t {
+  none,      ///< every slab is as the recipe says
+  optional,  ///< a slab without a sheet is as the recipe says
+  required,  ///< a slab without a sheet cannot begin
 };
 
 enum class SlopeDatum : std::uint8_t { slab_frame, local_slab_top };
@@ -120,8 +138,10 @@ struct Recipe {
   EvaluationSettings evaluation;
   EdgeNominals edges;
   UncertaintySettings uncertainty;
+  ThermalSettings thermal;
   SlopeDatum slope_datum = SlopeDatum::slab_frame;
   bool remove_warp = true;
+  DesignUse design = DesignUse::none;
   double guard = 1.0;  ///< guard band in units of U; 0: simple acceptance
   std::array<Tolerance, kItemCount> tolerances;
   PoreLimits pores;

@@ -54,9 +54,9 @@ void fields(V& v, R& r) {
 
 // ---- one slab ----------------------------------------------------------------------------------------------------
 
-SLABD_FIELDS(SlabHeader, key, slab_id, slab_no, slab_type, stations, temperature_dk, age_h, recipe, recipe_sha256,
-             unconfirmed, guard, cell_mm, calibration_id, stations_id, scanner_id, software, T_base_slab,
-             T_flange_scanner, began_utime_us, emulated);
+SLABD_FIELDS(SlabHeader, key, slab_id, slab_no, slab_type, stations, temperature_dk, age_h, mould, recipe,
+             recipe_sha256, design_sha256, design_text, unconfirmed, guard, cell_mm, calibration_id, stations_id,
+             scanner_id, software, T_base_slab, T_flange_scanner, began_utime_us, emulated);
 SLABD_FIELDS(SlabFitReport, ok, seats, iterations, rms_mm, plain_rms_mm, note, T_base_slab);
 SLABD_FIELDS(Splice, source, visits, T_base_reported, off_mm, off_rad, calibration_mm, calibration_rad, robot_mm,
              robot_rad);

@@ -12,7 +12,7 @@
 
 namespace slabd {
 
-/// Error codes as the PLC reads them (register map 1.0, codes). 600 + item number is the REASON of a verdict decided by
+/// Error codes as the PLC reads them (docs/PLC.md, codes). 600 + item number is the REASON of a verdict decided by
 /// a failing item.
 enum class Code : std::uint16_t {
   ok = 0,
@@ -28,6 +28,9 @@ enum class Code : std::uint16_t {
   bad_crc = 109,
   interrupted = 110,
   bad_sequence = 111,
+  no_design = 112,
+  unknown_mould = 113,
+  no_gauge = 114,
   attempts_used_up = 115,
   // the robot
   no_pose = 201,

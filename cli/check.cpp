@@ -2,6 +2,8 @@
 //
 // slabctl config check, recipe check, recipe show (recipe diff: cli/recipe): check files with the daemon's parsers.
 #include <fmt/core.h>
+
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -12,6 +14,7 @@
 #include "cli/recipe/recipe_source.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/render.h"
+#include "config/designs.h"
 #include "config/recipe_keys.h"
 #include "daemon/slab_ends.h"
 #include "report/figures.h"
@@ -78,12 +81,18 @@ std::string recipe_text(const Recipe& recipe) {
                       recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top",
                       recipe.remove_warp, recipe.guard, recipe.evaluation.defect_sigmas);
   text +=
-      fmt::format("{}\n\n", recipe.uncertainty.given
-                                ? "U is computed from [uncertainty]; an item's own U counts where that is not possible"
-                                : "no [uncertainty]: every item has its own U");
+      fmt::format("{}\n", recipe.uncertainty.given
+                              ? "U is computed from [uncertainty]; an item's own U counts where that is not possible"
+                              : "no [uncertainty]: every item has its own U");
+  text += recipe.thermal.given ? fmt::format("lengths at {:g} deg C\n\n", recipe.thermal.reference_c.value)
+                               : "no [thermal]: lengths are those at the slab's own temperature\n\n";
   report::Table table{"nominal", "value", "state<"};
+  constexpr double kFewDigits = 1e-3;  // smaller numbers, such as an expansion, are written with all of theirs
   for (const NamedNominal& n : nominals_of(recipe))
-    table.add(n.name, report::Cell(config::shown(n), 4), mark(n.nominal.confirmed));
+    table.add(
+        n.name,
+        std::abs(config::shown(n)) < kFewDigits ? report::Cell(config::shown(n)) : report::Cell(config::shown(n), 4),
+        mark(n.nominal.confirmed));
   text += fmt::format("{}\n", report::text_of(table));
   table = report::Table{"item", "unit", "nominal", "lower", "upper", "U", "required", "state<"};
   for (const Item& item : tolerances_of(recipe)) {
@@ -214,6 +223,8 @@ int check_config(const std::string& file, bool json) {
     if (!json) fmt::print("{}: good{}\n", file, check.doubts.empty() ? "" : ", but see the warnings");
     check.commissioning = !config.calibration.id.empty();
     config::load_recipes(config.recipes_dir, check.recipes, check.problems, nullptr, &check.doubts);
+    const config::DesignSet designs = config::load_designs(config.designs_dir);
+    check.problems.insert(check.problems.end(), designs.problems.begin(), designs.problems.end());
   }
   return conclude({file}, check, json);
 }

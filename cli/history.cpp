@@ -14,6 +14,7 @@
 #include "cli/terminal/render.h"
 #include "cli/terminal/say.h"
 #include "report/json.h"
+#include "report/slab_view.h"
 #include "report/words.h"
 
 namespace slabd::cli {
@@ -26,6 +27,7 @@ struct Options {
   std::string until;
   std::string item;
   std::string verdict;
+  std::string disposition;
   LanguageOption language;
   bool json = false;
 };
@@ -37,6 +39,7 @@ storage::SlabFilter filter_of(const Options& options) {
   if (!options.until.empty()) filter.until_utime_us = time_of("--until", options.until);
   if (!options.since.empty() && !options.until.empty() && filter.since_utime_us >= filter.until_utime_us)
     stop(kUsage, say("--since {} is not before --until {}", options.since, options.until));
+  filter.disposition = disposition_named(options.disposition).value_or(Disposition::none);
   filter.verdict = verdict_from_name(options.verdict).value_or(Verdict::none);
   if (!options.item.empty()) {
     filter.item = item_from_name(options.item);
@@ -90,7 +93,9 @@ std::string as_json(const std::vector<storage::SlabSummary>& slabs, bool more,
     report::write_time(json, "ended", slab.ended_utime_us);
     json.field("verdict", slab.verdict).field("reason", slab.reason).field("stations_measured", slab.stations_measured);
     json.field("stations", slab.header.stations).field("acknowledged", slab.acknowledged);
+    json.field("disposition", report::only_if(slab.disposition != Disposition::none, name(slab.disposition)));
     report::write_emulation(json, slab.header.emulated);
+    json.field("mould", report::only_if(slab.header.mould != 0, slab.header.mould));
   });
   json.field("more", more);
   json.list("gaps", gaps, [&](const storage::HistoryGap& gap) {
@@ -108,6 +113,11 @@ std::string slabs_text(const std::vector<storage::SlabSummary>& slabs) {
   const bool emulated = std::any_of(slabs.begin(), slabs.end(),
                                     [](const storage::SlabSummary& slab) { return slab.header.emulated != 0; });
   if (emulated) table.columns.emplace_back(say("emulated<"));
+  table.columns.emplace_back(say("mould?"));
+  const bool decided = std::any_of(slabs.begin(), slabs.end(), [](const storage::SlabSummary& slab) {
+    return slab.disposition != Disposition::none;
+  });
+  if (decided) table.columns.emplace_back(say("disposition<"));
   for (const storage::SlabSummary& slab : slabs) {
     const bool open = slab.ended_utime_us == 0;
     table.add(slab.header.key, slab.header.slab_no, slab.header.slab_id, slab.header.slab_type,
@@ -115,6 +125,8 @@ std::string slabs_text(const std::vector<storage::SlabSummary>& slabs) {
               fmt::format("{}/{}", slab.stations_measured, slab.header.stations),
               open ? report::Cell(say("open")) : report::Cell(slab.verdict), open ? "" : reason_words(slab.reason));
     if (emulated) table.rows.back().emplace_back(report::emulation_mark(slab.header.emulated, language_in_use()));
+    table.rows.back().push_back(slab.header.mould == 0 ? report::Cell("") : report::Cell(slab.header.mould));
+    if (decided) table.rows.back().emplace_back(report::disposition_word(slab.disposition, language_in_use()));
   }
   return report::text_of(table, style_for(stdout)) +
          (emulated ? say("! EMULATED: no verdict on concrete; `slabctl show` names what was not real\n") : "");
@@ -124,7 +136,7 @@ std::string slabs_text(const std::vector<storage::SlabSummary>& slabs) {
 std::string none_text(const Options& options) {
   const storage::SlabFilter& f = options.filter;
   const bool any = options.since.empty() && options.until.empty() && options.item.empty() && options.verdict.empty() &&
-                   f.slab_type == 0 && f.id_part.empty() && f.block == 0;
+                   options.disposition.empty() && f.slab_type == 0 && f.mould == 0 && f.id_part.empty() && f.block == 0;
   return any ? say("no slab yet; `slabctl commission` names the next step\n") : say("no slab fits these conditions\n");
 }
 
@@ -180,8 +192,11 @@ void add_history(args::Command& app) {
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command->add_option("--until", options->until, "Began before that");
   command->add_option("--slab-type", options->filter.slab_type, "Only this SLAB_TYPE")->check(args::range(1, 65'535));
+  command->add_option("--mould", options->filter.mould, "Only slabs of this mould")->check(args::range(1, 65'535));
   command->add_option("--id", options->filter.id_part, "With this somewhere in the slab id");
   command->add_option("--verdict", options->verdict, "With this verdict")->check(args::one_of(verdict_names()));
+  command->add_option("--disposition", options->disposition, "With this decision of quality in force")
+      ->check(args::one_of({"hold", "release_by_concession", "rework", "scrap", "re_inspect"}));
   command->add_option("--block", options->filter.block, "At this block")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_option("--item", options->item, "Only this item, as `slabctl show` names it");

@@ -45,6 +45,18 @@ std::vector<trend::ParetoBar> bars_of(const report::Table& table, report::Langua
   return list;
 }
 
+report::Table empty_table(int slabs, report::Language language) {
+  const auto say = [&](std::string_view en, std::string_view zh) { return report::pick(language, en, zh); };
+  report::Table table{{say("reason", "原因代码"), "reason"},         {say("item", "检测项目") + "<", "item"},
+                      {say("station", "检测位"), "station"},         {say("to", "至") + "?", "station_to"},
+                      {say("failed", "不合格"), "failed"},           {say("undecided", "无法判定"), "undecided"},
+                      {say("stopped", "已停止"), "stopped"},         {say("count", "次数"), "count"},
+                      {say("sum %", "累计 %"), "cumulative_percent"}};
+  table.title = fmt::format(
+      fmt::runtime(say("Reasons of {} slabs, the most frequent first", "{} 块板的原因，按次数排列")), slabs);
+  return table;
+}
+
 void write_document(const DocumentOptions& to, const report::Table& table, std::uint8_t emulated) {
   if (to.out.empty()) return;
   report::Report document;
@@ -87,10 +99,8 @@ int show_reasons(Options options) {
       if (has_value(item.value) || (item.required && !stopped.at(item.station) && !stopped.at(item.station_to)))
         count(info(item.id).reason, info(item.id).name, item.station, item.station_to, item.verdict);
   }
-  report::Table table{{"reason", "reason"},   {"item<", "item"},    {"station", "station"},
-                      {"to?", "station_to"},  {"failed", "failed"}, {"undecided", "undecided"},
-                      {"stopped", "stopped"}, {"count", "count"},   {"sum %", "cumulative_percent"}};
-  table.title = fmt::format("Reasons of {} slabs, the most frequent first", slabs);
+  report::Table table =
+      empty_table(slabs, options.output.json || options.output.csv ? report::Language::en : options.document.wanted());
   for (auto& [at, by] : counts) {
     const auto& [reason, item, station, to] = at;
     const int stopped = by[Verdict::not_measured] + by[Verdict::aborted];

@@ -94,9 +94,12 @@ std::string header_text(const SlabRecord& record, report::Style style) {
   if (header.emulated != 0)
     text +=
         fmt::format("{}\n", report::coloured(report::emulation_notice(header.emulated, language_in_use()), "7", style));
-  text += say("slab {} \"{}\"  key {}  type {}\n", header.slab_no, header.slab_id.view(), header.key, header.slab_type);
+  text += say("slab {} \"{}\"  key {}  type {}{}\n", header.slab_no, header.slab_id.view(), header.key,
+              header.slab_type, header.mould == 0 ? "" : say("  mould {}", header.mould));
   if (!open)
     text += say("verdict {}  {}\n", verdict_words(record.summary.verdict, style), reason_text(record.summary.reason));
+  for (const storage::DispositionRecord& d : record.dispositions)
+    text += say("disposition {}\n", report::disposition_sentence(d, language_in_use()));
   text += say("began {}  ended {}\n", report::local_time(header.began_utime_us),
               open ? say("- (still open)") : report::local_time(record.summary.ended_utime_us));
   return text;
@@ -120,6 +123,7 @@ std::string basis_text(const SlabRecord& record, bool full) {
   const SlabHeader& header = record.summary.header;
   std::string text = say("recipe {} ({:.12})  calibration {}  {}\n", header.recipe.view(), header.recipe_sha256.view(),
                          header.calibration_id.view(), header.software.view());
+  if (!header.design_sha256.empty()) text += say("design sheet {:.12}\n", header.design_sha256.view());
   if (const std::string_view datum = report::slope_datum(record); !datum.empty())
     text += say("slopes are judged against: {}\n", translated(datum));
   if (full && !header.stations_id.empty()) text += say("station corrections {}\n", header.stations_id.view());

@@ -276,6 +276,8 @@ config::Config config_from(const std::string& path) {
 void add_commands(args::Command& app) {
   add_inspect(app);
   add_fit_plane(app);
+  add_design(app);
+  add_disposition(app);
   add_status(app);
   add_commission(app);
   add_doctor(app);
@@ -287,6 +289,7 @@ void add_commands(args::Command& app) {
   add_report(app);
   add_reasons(app);
   add_trend(app);
+  add_mould(app);
   add_compare(app);
   add_yield(app);
   add_replay(app);

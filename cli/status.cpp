@@ -58,9 +58,16 @@ std::string word_at(const json& document, std::initializer_list<const char*> pat
 std::string slab_text(const json& status, const report::Style& style) {
   std::string text;
   if (status.contains("slab") && status["slab"].is_object()) {
-    text += line(say("slab"), say("{} \"{}\" type {}, {} of {} stations scanned", text_at(status, {"slab", "no"}),
-                                  text_at(status, {"slab", "id"}), text_at(status, {"slab", "type"}),
-                                  text_at(status, {"slab", "stations_done"}), text_at(status, {"slab", "stations"})));
+    const std::string no = text_at(status, {"slab", "no"});
+    const std::string id = text_at(status, {"slab", "id"});
+    const std::string type = text_at(status, {"slab", "type"});
+    const std::string done = text_at(status, {"slab", "stations_done"});
+    const std::string stations = text_at(status, {"slab", "stations"});
+    const json& mould = status["slab"].value("mould", json(nullptr));
+    text += line(say("slab"), mould.is_number()
+                                  ? say("{} \"{}\" type {}, mould {}, {} of {} stations scanned", no, id, type,
+                                        mould.get<int>(), done, stations)
+                                  : say("{} \"{}\" type {}, {} of {} stations scanned", no, id, type, done, stations));
   } else {
     text += line(say("slab"), say("none open"));
   }

@@ -80,6 +80,7 @@ int show_yield(const Options& options) {
   const auto reader = open_database(options.database);
   storage::SlabFilter all;
   all.limit = 1'000'000'000;
+  all.counts = false;
   auto slabs = need(reader->slabs(all), kNotReachable);
   std::ranges::reverse(slabs);
   // Emulated and real slabs are separated; the newest slab selects which are counted.
@@ -106,7 +107,9 @@ int show_yield(const Options& options) {
   }
   report::Json json("slabd.yield/1");
   json.field("by", options.by).field("emulated", emulated).field("other_emulation", others);
-  options.output.print(yield_table(groups, options.by, report::Language::en), json, "groups");
+  const bool for_programs = options.output.json || options.output.csv;
+  options.output.print(yield_table(groups, options.by, for_programs ? report::Language::en : options.document.wanted()),
+                       json, "groups");
   return kDone;
 }
 

@@ -344,20 +344,52 @@ void read_measure(TableReader measure, int& threads) {
   measure.finish();
 }
 
+/// Reads a regular expression with `groups` groups, or with any number if it is -1.
+void read_pattern(TableReader& table, std::string_view key, int groups, std::optional<IdPattern>& out) {
+  std::string text;
+  table.optional_text(key, text, IdPattern::kTextBytesMax);
+  if (text.empty()) return;
+  const Result<IdPattern> pattern = IdPattern::compile(text);
+  if (!pattern.ok()) {
+    table.problem(
+        key, fmt::format("found \"{}\", which is not a regular expression: {}", text, pattern.error().text.view()));
+    return;
+  }
+  if (groups >= 0 && pattern.value().groups() != groups) {
+    table.problem(key,
+                  fmt::format("found \"{}\" with {} groups, allowed is one group ( ), which contains the number of "
+                              "the mould; (?: ) is not counted",
+                              text, pattern.value().groups()));
+    return;
+  }
+  out = pattern.value();
+}
+
+void read_line(TableReader line, Config& config) {
+  line.optional_boolean("simulation", config.simulation);
+  read_pattern(line, "id_pattern", -1, config.id_pattern);
+  read_pattern(line, "mould_from_id", 1, config.mould_from_id);
+  line.finish();
+}
+
 void read_rest(TableReader& root, const std::string& folder, Config& config) {
   TableReader recipes = root.table("recipes");
   read_path(recipes, "dir", folder, config.recipes_dir);
   recipes.finish();
+  TableReader design = root.table("design");
+  read_path(design, "dir", folder, config.designs_dir);
+  design.finish();
   TableReader control = root.table("control");
   read_path(control, "socket", folder, config.control_socket);
   // sockaddr_un::sun_path has 108 bytes including the NUL.
   if (config.control_socket.size() > 107)
     control.problem("socket", fmt::format("found a path of {} bytes, allowed are 107", config.control_socket.size()));
   control.finish();
-  TableReader line = root.table("line");
-  line.optional_boolean("simulation", config.simulation);
-  line.finish();
+  read_line(root.table("line"), config);
   constexpr std::size_t kProjectBytesMax = 120;
+  TableReader quality = root.table("quality");
+  quality.optional_boolean("second_person", config.storage.second_person);
+  quality.finish();
   TableReader report = root.table("report");
   report.optional_text("project", config.project, kProjectBytesMax);
   report.finish();

@@ -4,11 +4,13 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "base/base.h"
+#include "base/id_pattern.h"
 #include "calib/calib.h"
 #include "hal/hal.h"
 #include "storage/storage.h"
@@ -55,6 +57,7 @@ struct Config {
   SpliceSettings splice;
   storage::StoreSettings storage;
   std::string recipes_dir = "/usr/share/slabd/recipes";
+  std::string designs_dir;  ///< [design] dir; empty: no design sheets
   Pose T_base_slab;
   /// Commissioning values. With an empty id the configuration has none, and slabs wait for an applied calibration.
   calib::Calibration calibration;
@@ -64,9 +67,11 @@ struct Config {
   std::string sessions_dir;          ///< folder of slabctl's unfinished calibrations; default: next to the database
   int calibration_valid_days = 365;  ///< validity of calibrations stored by slabctl from now on; 0: unlimited
   std::string control_socket = "/run/slabd/control.sock";
-  int measure_threads = 1;  ///< [measure] threads: 1 or 2; the results are the same
-  bool simulation = false;  ///< [line] simulation: shown to the PLC as STATUS bit 11
-  std::string project;      ///< [report] project: printed on reports; empty: not printed
+  int measure_threads = 1;                 ///< [measure] threads: 1 or 2; the results are the same
+  std::optional<IdPattern> id_pattern;     ///< [line] id_pattern: form of a SLAB_ID; nullopt: any text
+  std::optional<IdPattern> mould_from_id;  ///< [line] mould_from_id: its only group is the mould; nullopt: not in it
+  bool simulation = false;                 ///< [line] simulation: shown to the PLC as STATUS bit 11
+  std::string project;                     ///< [report] project: printed on reports; empty: not printed
   WebSettings web;
   std::vector<Problem> web_problems;  ///< faults of [web]; the rest may be usable
 };

@@ -125,7 +125,7 @@ void check_drop_dir(TableReader& root, const Config& config) {
   for (const Place& place :
        {Place{"storage", "db", config.storage.db_path}, Place{"storage", "spool_dir", config.storage.spool_dir},
         Place{"calibration", "sessions_dir", config.sessions_dir}, Place{"recipes", "dir", config.recipes_dir},
-        Place{"control", "socket", config.control_socket}})
+        Place{"design", "dir", config.designs_dir}, Place{"control", "socket", config.control_socket}})
     if (lies_in(place.path, drop_dir))
       root.table(place.table)
           .problem(place.key,

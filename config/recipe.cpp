@@ -44,6 +44,34 @@ void read_nominal(TableReader& table, std::string_view key, Nominal& out, Allowe
   nominal.finish();
 }
 
+/// Reads `{ value = [-10, 50], confirmed = false }`.
+void read_range(TableReader& table, std::string_view key, Nominal& low, Nominal& high, Allowed allowed) {
+  const TomlValue* v = table.value(key);
+  const std::string expected =
+      fmt::format("{{ value = [low, high] within {}..{}, confirmed = true or false }}", allowed.low, allowed.high);
+  if (v == nullptr) return table.missing(key, expected);
+  const auto refuse = [&](const TomlValue& at) {
+    table.problem_at(at, key, fmt::format("found {}, allowed is {}", found(at), expected));
+  };
+  if (v->kind != TomlValue::Kind::table) return refuse(*v);
+  TableReader range = table.table(key);
+  const TomlValue* pair = range.value("value");
+  if (pair == nullptr) {
+    range.missing("value", "[low, high]");
+  } else {
+    const bool is_pair = pair->kind == TomlValue::Kind::array && pair->items.size() == 2;
+    const std::optional<double> first = is_pair ? as_number(pair->items[0]) : std::nullopt;
+    const std::optional<double> second = is_pair ? as_number(pair->items[1]) : std::nullopt;
+    if (!first || !second || !(allowed.low <= *first && *first < *second && *second <= allowed.high))
+      refuse(*pair);
+    else
+      low.value = *first, high.value = *second;
+  }
+  range.required_boolean("confirmed", low.confirmed);
+  high.confirmed = low.confirmed;
+  range.finish();
+}
+
 void read_nominal_deg(TableReader& table, std::string_view key, Nominal& out_rad, Allowed allowed_deg) {
   Nominal angle_deg;
   read_nominal(table, key, angle_deg, allowed_deg);
@@ -74,6 +102,9 @@ class Reading {
   }
   void degrees(const char* key, Nominal& out_rad, Allowed allowed_deg) {
     if (now_) read_nominal_deg(*now_, key, out_rad, allowed_deg);
+  }
+  void range(const char* key, Nominal& low, Nominal& high, Allowed allowed) {
+    if (now_) read_range(*now_, key, low, high, allowed);
   }
   void number(const char* key, double& out, Allowed allowed) { now_->required_number(key, out, allowed); }
   void optional(const char* key, double& out, Allowed allowed) { now_->optional_number(key, out, allowed); }
@@ -244,6 +275,9 @@ void read_head(TableReader& root, Recipe& recipe) {
   root.optional_word("slope_datum", datum, {"slab_frame", "local_slab_top"});
   recipe.slope_datum = datum == 0 ? SlopeDatum::slab_frame : SlopeDatum::local_slab_top;
   root.required_boolean("remove_warp", recipe.remove_warp);
+  std::size_t design = 0;
+  root.optional_word("design", design, {"none", "optional", "required"});
+  recipe.design = static_cast<DesignUse>(design);
   root.required_number("guard", recipe.guard, {0.0, 2.0});
 }
 

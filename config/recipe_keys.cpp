@@ -41,10 +41,13 @@ class TableKeys {
 
   explicit TableKeys(const Recipe& recipe) { walk_tables(*this, recipe); }
   [[nodiscard]] const std::vector<Entry>& list() const { return list_; }
-  [[nodiscard]] std::vector<NamedNominal> nominals(bool of_uncertainty) const {
+  /// Assumptions are the tables [uncertainty] and [thermal], which a recipe may omit.
+  [[nodiscard]] std::vector<NamedNominal> nominals(bool are_assumptions) const {
     std::vector<NamedNominal> nominals;
     for (const Entry& entry : list_)
-      if (entry.nominal && (entry.table == "uncertainty") == of_uncertainty) nominals.push_back(*entry.nominal);
+      if (entry.nominal && (entry.table == "uncertainty" || entry.table == "thermal") == are_assumptions &&
+          has_value(entry.nominal->nominal.value))
+        nominals.push_back(*entry.nominal);
     return nominals;
   }
 
@@ -60,6 +63,9 @@ class TableKeys {
     NamedNominal named{key_of(key), n, is_angle};
     put(key, number_text(shown(named)));
     list_.back().nominal = named;
+  }
+  void range(const char* key, const Nominal& low, const Nominal& high, Allowed) {
+    put(key, fmt::format("[{}, {}]", number_text(low.value), number_text(high.value)));
   }
   void degrees(const char* key, const Nominal& n, Allowed allowed) { nominal(key, n, allowed, true); }
   void number(const char* key, double value, Allowed) { put(key, number_text(value)); }
@@ -105,7 +111,6 @@ std::vector<NamedNominal> geometry_of(const Recipe& recipe) {
 }
 
 std::vector<NamedNominal> uncertainty_of(const Recipe& recipe) {
-  if (!recipe.uncertainty.given) return {};
   return TableKeys(recipe).nominals(true);
 }
 
@@ -131,6 +136,8 @@ std::vector<RecipeKey> keys_of(const Recipe& recipe) {
            std::string_view(recipe.slope_datum == SlopeDatum::slab_frame ? "slab_frame" : "local_slab_top"),
            KeyEffect::slab);
   keys.add("remove_warp", recipe.remove_warp, KeyEffect::slab);
+  constexpr std::array<std::string_view, 3> kDesigns = {"none", "optional", "required"};
+  keys.add("design", kDesigns.at(static_cast<std::size_t>(recipe.design)), KeyEffect::none);
   keys.add("guard", recipe.guard, KeyEffect::verdict);
   const TableKeys tables(recipe);
   for (const TableKeys::Entry& entry : tables.list()) {

@@ -17,7 +17,7 @@ struct NamedNominal {
   bool is_angle = false;
 };
 [[nodiscard]] std::vector<NamedNominal> geometry_of(const Recipe& recipe);
-/// Nominals of [uncertainty]; empty if the recipe does not have that table.
+/// Nominals of [uncertainty] and [thermal], without a table that the recipe does not have.
 [[nodiscard]] std::vector<NamedNominal> uncertainty_of(const Recipe& recipe);
 /// Value in the unit of the file: degrees for angles.
 [[nodiscard]] double shown(const NamedNominal& n);

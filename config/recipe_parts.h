@@ -9,10 +9,10 @@
 namespace slabd::config {
 
 /// Visits all values of a recipe except its head and its items, in the order of the file: key, member, range. `v.table`
-/// begins a table, and `nominal` is a number with its confirmation, `degrees` such an angle. `number` is a required
-/// plain number, `optional` a number with a default, `whole` an integer, `angle` a plain angle. `word` is a choice in
-/// the order of its enumeration. Used for reading (config/recipe.cpp) and for the list of keys
-/// (config/recipe_keys.cpp).
+/// begins a table, and `nominal` is a number with its confirmation, `degrees` such an angle, `range` two numbers with
+/// one. `number` is a required plain number, `optional` a number with a default, `whole` an integer, `angle` a plain
+/// angle. `word` is a choice in the order of its enumeration. Used for reading (config/recipe.cpp) and for the list of
+/// keys (config/recipe_keys.cpp).
 template <typename V, RecordOf<Recipe> R>
 void walk_tables(V& v, R& r) {
   v.table("slab");
@@ -75,6 +75,14 @@ void walk_tables(V& v, R& r) {
   v.nominal("scanner_length_ppm", r.uncertainty.scanner_length_ppm, {0.0, 10'000.0});
   v.nominal("reference_mm", r.uncertainty.reference_mm, {0.0, 1.0});
   v.degrees("reference_deg", r.uncertainty.reference_rad, {0.0, 1.0});
+
+  // Without this table lengths are stated at the slab's own temperature.
+  v.table("thermal", r.thermal.given);
+  v.nominal("reference_c", r.thermal.reference_c, {0.0, 40.0});
+  v.nominal("cte_per_K", r.thermal.cte_per_K, {5e-6, 2e-5});
+  v.nominal("u_cte_per_K", r.thermal.u_cte_per_K, {0.0, 5e-6});
+  v.nominal("u_temperature_K", r.thermal.u_temperature_K, {0.0, 20.0});
+  v.range("unknown_range_c", r.thermal.unknown_low_c, r.thermal.unknown_high_c, {-40.0, 90.0});
 }
 
 /// Checks relations between numbers that are each in range. The evaluation region must be on the bearing plane and the

@@ -321,6 +321,7 @@ void Loop::tick() {
   handle(LinkStatus{ports_.scanner.online(), ports_.scanner.hangs(), ports_.scanner.stray_files(),
                     ports_.scanner.spool_hangs(), ports_.recipes != nullptr && ports_.recipes->differs()});
   if (ports_.recipes != nullptr && !is_opening()) apply_reloaded_recipes();
+  if (ports_.designs != nullptr) apply_new_designs();
   look_for_another_daemon();
   if (reopen_ns_ && (fault_was_reset_ || ports_.clock.mono_ns() >= *reopen_ns_)) order_store();
 }
@@ -338,6 +339,29 @@ void Loop::look_for_another_daemon() {
     say({LogLine::Level::error, static_cast<std::uint16_t>(fault), text.view()});
   else
     say({LogLine::Level::info, static_cast<std::uint16_t>(fault), "the drop folder is this daemon's alone"});
+}
+
+/// Design sheets are frozen with a slab at its begin, so that new ones may come at any time but while one is stored.
+void Loop::apply_new_designs() {
+  Station& s = *station_;
+  if (s.command.pending) return;
+  const std::shared_ptr<const config::DesignSet> next = ports_.designs->newer_than(designs_in_use_);
+  if (next == nullptr) return;
+  const bool is_first = designs_in_use_ == nullptr;
+  designs_in_use_ = next;
+  s.settings.designs = next->sheets;
+  s.settings.designs_faulty = !next->problems.empty();
+  LogLine line;
+  if (!is_first || !next->sheets.empty()) {
+    line.level = LogLine::Level::info;
+    line.text.printf("design sheets of %zu slabs are in use", next->sheets.size());
+    say(line);
+  }
+  if (next->problems.empty()) return;
+  line.level = LogLine::Level::warning;
+  line.text.printf("%zu faults in the design sheets; a file with a fault is not used: %s", next->problems.size(),
+                   next->problems.front().text.c_str());
+  say(line);
 }
 
 /// Loads new recipes between two slabs, once the last slab is finished.
@@ -465,6 +489,8 @@ void Loop::take_stored(const StoreDone& stored) {
 
 void Loop::take_change() {
   if (const LineCalibration* calibration = calibration_changer_.finish()) handle(CalibrationChanged{calibration});
+  if (const storage::DispositionRecord* kept = calibration_changer_.disposition())
+    handle(DispositionKept{kept->slab_key, kept->decision});
   LogLine line;
   line.level = calibration_changer_.succeeded() ? LogLine::Level::info : LogLine::Level::warning;
   line.text = calibration_changer_.summary().view();

@@ -14,6 +14,7 @@
 
 #include "config/config.h"
 #include "daemon/control/calibration_changer.h"
+#include "daemon/design_watch.h"
 #include "daemon/recipe_watch.h"
 #include "daemon/station/station.h"
 #include "daemon/workers.h"
@@ -29,6 +30,7 @@ struct Ports {
   hal::ControlPort* control = nullptr;
   hal::Clock& clock;
   hal::ServiceNotify& notify;
+  DesignWatch* designs = nullptr;  ///< of the design sheets; absent: there is no such folder
   RecipeWatch* recipes = nullptr;  ///< of the recipe folder; absent: the folder is not watched
 };
 
@@ -158,6 +160,7 @@ class Loop {
   void feed_watchdog();
   void abandon_measurements();
   void apply_reloaded_recipes();
+  void apply_new_designs();
   void handle(const Event& event);
   void perform(const Action& action);
   void judge_slab(const JudgeSlab& action);
@@ -202,9 +205,10 @@ class Loop {
   std::mutex to_delete_guard_;
   FixedVector<PathText, 32> to_delete_;
 
-  bool scanner_is_anothers_ = false;                 ///< another daemon uses the drop folder
-  bool fault_was_reset_ = false;                     ///< by the PLC, since the store was last ordered to be opened
-  bool fault_reset_held_ = false;                    ///< FAULT_RESET as last written by the PLC
+  bool scanner_is_anothers_ = false;  ///< another daemon uses the drop folder
+  bool fault_was_reset_ = false;      ///< by the PLC, since the store was last ordered to be opened
+  bool fault_reset_held_ = false;     ///< FAULT_RESET as last written by the PLC
+  std::shared_ptr<const config::DesignSet> designs_in_use_;
   std::shared_ptr<const RecipeSet> recipes_in_use_;  ///< loaded since the start
   bool measuring_given_up_ = false;                  ///< for the current block
   std::int64_t watchdog_ns_ = 0;

@@ -148,6 +148,8 @@ StationSettings station_settings(const config::Config& config, const std::vector
   settings.T_base_slab = config.T_base_slab;
   settings.T_flange_scanner = config.calibration.T_flange_scanner;
   settings.calibration_id = config.calibration.id;
+  settings.id_pattern = config.id_pattern ? &*config.id_pattern : nullptr;
+  settings.mould_from_id = config.mould_from_id ? &*config.mould_from_id : nullptr;
   settings.splice = config.splice;
   settings.check_interval_us = config.check_interval_us;
   settings.software = software_version();
@@ -309,12 +311,17 @@ int run(const config::Config& config, const std::vector<config::Problem>& config
   if (settings.fault == Code::ok)
     recipe_watch.emplace(config.recipes_dir,
                          std::make_shared<const RecipeSet>(RecipeSet{recipes, config.storage.recipe_texts}));
+  std::optional<DesignWatch> design_watch;
+  if (settings.fault == Code::ok && !config.designs_dir.empty())
+    design_watch.emplace(config.designs_dir,
+                         std::make_shared<const config::DesignSet>(config::load_designs(config.designs_dir)));
   const Ports ports{.plc = *plc.value(),
                     .pose = *pose,
                     .scanner = *scanner,
                     .control = control.get(),
                     .clock = *clock,
                     .notify = *notify,
+                    .designs = design_watch ? &*design_watch : nullptr,
                     .recipes = recipe_watch ? &*recipe_watch : nullptr};
   Opener opener(config);
   Loop loop(

@@ -59,8 +59,8 @@ Error named_cause(const Error& why, const ScanPlace& place, const Pose& T_base_b
 
 Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station, const Pose& T_base_block,
                      const Pose& T_base_scanner, algo::Cloud cloud, const ScanShape& read, double read_ms,
-                     const ScannerNumbers& verified) {
-  inspector.begin(station, T_base_block, T_base_scanner, verified);
+                     const ScannerNumbers& verified, const SlabFacts& slab) {
+  inspector.begin(station, T_base_block, T_base_scanner, verified, slab);
   StageTimes times;
   times.read_ms = read_ms;
   std::int64_t stage_start_ns = clock.mono_ns();
@@ -112,7 +112,8 @@ void judge_slab(const SlabBasis& basis, std::span<const StationRecord> stations,
     const Splice& splice = record.attempt.splice;
     sigmas[i] = {splice.calibration_mm, splice.calibration_rad, splice.robot_mm, splice.robot_rad};
   }
-  algo::inspect_slab(recipe, blocks.first(recipe.stations()), sigmas, basis.T_base_slab, out, basis.verified);
+  algo::inspect_slab(recipe, blocks.first(recipe.stations()), sigmas, basis.T_base_slab, out, basis.verified,
+                     basis.slab);
 }
 
 void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps) {

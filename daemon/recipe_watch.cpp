@@ -16,6 +16,7 @@
 
 #include "config/config.h"
 #include "config/recipe_keys.h"
+#include "daemon/folder_sign.h"
 
 namespace slabd::daemon {
 namespace {
@@ -66,21 +67,6 @@ std::string sentence(const std::vector<RecipeDifference>& list) {
   return text + "; `slabctl recipe reload` takes the folder up between two slabs";
 }
 
-/// Name, size, times and inode of every file: while these are unchanged, no file is read.
-std::string sign_of(const std::string& dir) {
-  std::vector<std::string> signs;
-  std::error_code fault;
-  for (fs::directory_iterator entry(dir, fault), end; !fault && entry != end; entry.increment(fault)) {
-    struct stat there {};
-    if (::stat(entry->path().c_str(), &there) != 0) continue;
-    signs.push_back(fmt::format("{} {} {} {}.{} {}.{}\n", entry->path().native(), there.st_ino, there.st_size,
-                                there.st_mtim.tv_sec, there.st_mtim.tv_nsec, there.st_ctim.tv_sec,
-                                there.st_ctim.tv_nsec));
-  }
-  std::sort(signs.begin(), signs.end());
-  return fault ? "unreadable: " + fault.message() : fmt::format("{}", fmt::join(signs, ""));
-}
-
 }  // namespace
 
 struct RecipeWatch::State {
@@ -118,7 +104,7 @@ struct RecipeWatch::State {
 
 /// Compares the folder with the recipes in use.
 void RecipeWatch::State::look() {
-  const std::string sign = sign_of(dir);
+  const std::string sign = folder_sign(dir);
   std::shared_ptr<const RecipeSet> used;
   {
     const std::lock_guard lock(mutex);

@@ -296,6 +296,13 @@ ConcreteScan draw_concrete(const Recipe& recipe, const ConcreteOrder& order, con
   return scan;
 }
 
+void expand(double expansion, const Vec3& origin_mm, std::span<float> xyz) {
+  if (expansion == 0.0) return;
+  for (std::size_t i = 0; i < xyz.size(); ++i)
+    xyz[i] +=
+        static_cast<float>(expansion * (static_cast<double>(xyz[i]) - origin_mm[static_cast<Eigen::Index>(i % 3)]));
+}
+
 Result<DrawnBlock> draw_block(const Recipe& recipe, const StationTruth& station, const Pose& T_scanner_block,
                               const ScannerTraits& traits, std::uint64_t block_seed, std::uint64_t scan_seed,
                               std::vector<float>& xyz) {

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "base/base.h"
@@ -48,6 +49,9 @@ struct ConcreteScan {
 [[nodiscard]] ConcreteScan draw_concrete(const Recipe& recipe, const ConcreteOrder& order, const Pose& T_scanner_block,
                                          const ConcreteScanner& scanner, std::uint64_t scan_seed,
                                          std::vector<float>& xyz);
+
+/// Moves all points away from `origin_mm` by the relative `expansion`: the block of a warm slab.
+void expand(double expansion, const Vec3& origin_mm, std::span<float> xyz);
 
 struct DrawnBlock {
   DrawnScan scan;

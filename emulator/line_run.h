@@ -22,6 +22,8 @@ struct SlabOrder {
   std::uint32_t slab_no = 0;
   std::string slab_id;
   std::uint16_t slab_type = 0;
+  std::uint16_t mould = 0;           ///< sent by the PLC; 0: unknown
+  std::uint16_t temperature_dk = 0;  ///< 0.1 K; 0: not known to the PLC
 };
 
 /// One station as the line saw it. Times in s; negative: did not happen.

@@ -394,6 +394,8 @@ bool PlcPeer::issue(const PlcOrder& order, std::uint16_t& cmd_seq, PlcTrouble& t
   memory.slab_type = order.slab_type;
   memory.recipe = 0;
   memory.slab_no = order.slab_no;
+  memory.mould = order.mould;
+  memory.slab_temperature_dk = order.temperature_dk;
   memory.slab_id.fill('\0');
   std::copy_n(order.slab_id.begin(), std::min(order.slab_id.size(), memory.slab_id.size()), memory.slab_id.begin());
 

@@ -57,13 +57,15 @@ struct PlcOrder {
   std::uint16_t slab_type = 0;
   std::uint32_t slab_no = 0;
   std::string slab_id;
+  std::uint16_t mould = 0;  ///< 0: unknown
+  std::uint16_t temperature_dk = 0;
 };
 
 class PlcPeer {
  public:
   /// Connects, checks magic, version and word order, and starts as a PLC does: requests a new session (SYNC_REQ), sets
   /// ENABLE, waits until slabd is not busy. Code::scanner_offline if the server does not answer (the text names host
-  /// and port), Code::config if the map is not 1.0.
+  /// and port), Code::config if the map is not 1.1.
   [[nodiscard]] static Result<std::unique_ptr<PlcPeer>> connect(const PlcTraits& traits, const std::atomic<bool>& stop);
   ~PlcPeer();
   PlcPeer(const PlcPeer&) = delete;

@@ -9,15 +9,15 @@
 
 /// The robot's half of the line, a thread. It publishes FLANGE_POSE over LCM as a KUKA bridge does, or sends RSI to
 /// such a bridge as the controller does, moving or at rest. While it moves, the "stopped" flag is clear. At rest the
-/// measured pose has an encoder tremor of a few micrometres.
+/// measured pose has an encoder tremor of one to two micrometres.
 namespace slabd::emulator {
 
 struct RobotTraits {
   std::string lcm_url;
   std::string channel;
   double rate_hz = 125.0;
-  double move_s = 0.3;       ///< from one station to the next
-  double tremor_mm = 0.002;  ///< standard deviation per axis at rest
+  double move_s = 0.3;        ///< from one station to the next
+  double tremor_mm = 0.0015;  ///< standard deviation per axis at rest
   std::int16_t base_id = 0;
   std::int16_t tool_id = 0;
   std::uint64_t seed = 1;

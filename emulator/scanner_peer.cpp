@@ -98,12 +98,13 @@ struct ScannerPeer::Impl {
     drawn_station = 0;
     const StationTruth& truth = now.slab->at(station);
     const std::uint64_t block_seed = derived_seed(now.slab->cast_seed, static_cast<std::uint64_t>(station), 0);
-    const Result<DrawnBlock> block =
-        draw_block(*now.recipe, truth, T_scanner_block(*now.slab, *now.cell, station), traits, block_seed, seed, xyz);
+    const Pose T = T_scanner_block(*now.slab, *now.cell, station);
+    const Result<DrawnBlock> block = draw_block(*now.recipe, truth, T, traits, block_seed, seed, xyz);
     if (!block) {
       complain(block.error().text.c_str());
       return false;
     }
+    expand(now.slab->expansion, T.translation_mm, xyz);
     const DrawnScan& drawn = block.value().scan;
     if (block.value().concrete) {
       const std::lock_guard lock(mutex);

@@ -147,6 +147,7 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
   slab.scan_seed = derived_seed(variation.seed, 2000, variation.slab_no);
   slab.cast_seed = derived_seed(variation.seed, 2001, variation.same_slab ? 0 : variation.slab_no);
   slab.stations = recipe.stations();
+  slab.expansion = variation.expansion;
   for (int k = 1; k <= slab.stations; ++k) {
     StationTruth& station = slab.station[static_cast<std::size_t>(k - 1)];
     Prng random(derived_seed(variation.seed, 1000U + static_cast<std::uint64_t>(k),
@@ -172,10 +173,12 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
       (left ? station.block.top_end_plus_mm : station.block.top_end_minus_mm) = beyond_last;
 
     // The slab's top does not move with a block that is too high, but bends and twists with the slab.
-    station.block.slab_top_shift_mm = -station.offset_slab_mm.z();
+    const SeatDesign& designed = variation.design.at(k);
+    station.block.slab_top_shift_mm = -station.offset_slab_mm.z() - designed.offset_mm.z();
+    station.block.slope_rad += designed.slope_rad;
     station.offset_slab_mm.z() += slab_lift_mm;
 
-    station.T_slab_block = T_slab_block(recipe, k);
+    station.T_slab_block = T_slab_block(recipe, variation.design, k);
     station.T_slab_block.translation_mm += station.offset_slab_mm;
 
     // The robot was taught on a nominal slab in the nominal position; its poses do not depend on this slab.
@@ -193,7 +196,9 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
 Pose T_scanner_block(const SlabTruth& slab, const Cell& cell, int station) {
   const StationTruth& truth = slab.at(station);
   const Pose T_base_scanner = truth.T_base_flange_real * cell.T_flange_scanner;
-  return T_base_scanner.inverse() * slab.T_base_slab * truth.T_slab_block;
+  Pose T_slab_block = truth.T_slab_block;
+  T_slab_block.translation_mm *= 1.0 + slab.expansion;
+  return T_base_scanner.inverse() * slab.T_base_slab * T_slab_block;
 }
 
 double true_value(const Recipe& recipe, const StationTruth& station, ItemId id) {

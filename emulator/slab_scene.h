@@ -30,6 +30,8 @@ struct SlabVariation {
   /// are used as they are.
   double dither_mm = 0.0;
   double dither_deg = 0.0;
+  double expansion = 0.0;  ///< relative, of the whole slab by its temperature
+  SlabDesign design{};     ///< of a curve slab
   bool same_slab = false;  ///< casting and placement do not depend on slab_no: one slab, untouched between rounds
   // Repeatability: normally distributed per axis, new for every station of every slab.
   double robot_sigma_mm = 0.0;
@@ -38,7 +40,7 @@ struct SlabVariation {
 
 struct StationTruth {
   BlockTruth block;
-  Vec3 offset_slab_mm = Vec3::Zero();  ///< offset of the block from its nominal position, slab axes
+  Vec3 offset_slab_mm = Vec3::Zero();  ///< offset of the block from its designed position, slab axes
   double noise_mm = 0.03;
   double outlier_share = 0.005;
   /// Flatness of a block of real concrete, set after it was drawn; NaN: follows from `block`.
@@ -50,6 +52,7 @@ struct StationTruth {
 
 struct SlabTruth {
   Pose T_base_slab;             ///< real pose of the slab
+  double expansion = 0.0;       ///< relative, of everything below, by the slab's temperature
   std::uint64_t scan_seed = 0;  ///< noise, outliers and gaps of its scans
   std::uint64_t cast_seed = 0;  ///< marks on its concrete
   std::uint8_t stations = 0;

@@ -94,7 +94,7 @@ class PlcPort {
 
 enum class WordOrder : std::uint8_t { abcd, cdab };
 
-/// Transport of register map 1.0. The meaning of the registers is the same in all three roles.
+/// Transport of register map 1.1. The meaning of the registers is the same in all three roles.
 enum class PlcRole : std::uint8_t {
   server,  ///< Modbus/TCP: the PLC connects to slabd
   client,  ///< Modbus/TCP: slabd connects to the PLC, whose memory holds both halves

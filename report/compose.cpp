@@ -137,8 +137,8 @@ class Composer {
   Section signatures() {
     Section section;
     section.together = true;
-    section.parts.push_back(
-        Figures{{signature_figure(!is_open(record_) && record_.summary.verdict != Verdict::pass, language_)}});
+    section.parts.push_back(Figures{{signature_figure(!is_open(record_) && record_.summary.verdict != Verdict::pass,
+                                                      header_.slab_id.view(), language_)}});
     return section;
   }
 
@@ -198,9 +198,13 @@ class Composer {
                                        say(Word::database_key), header_.key));
     add(Word::began, times_text(header_.began_utime_us));
     add(Word::ended, is_open(record_) ? say(Word::still_open) : times_text(record_.summary.ended_utime_us));
-    if (header_.temperature_dk != 0) add(Word::temperature, fmt::format("{:.1f} K", 0.1 * header_.temperature_dk));
+    if (header_.temperature_dk != 0 || is_at_reference(record_)) add(Word::temperature, temperature_text());
     if (header_.age_h != 0) add(Word::age, fmt::format("{} h", header_.age_h));
+    if (header_.mould != 0) add(Word::mould, fmt::format("{}", header_.mould));
     add(Word::recipe, fmt::format("{}, {}", header_.recipe.view(), header_.recipe_sha256.view()));
+    for (const storage::DispositionRecord& d : record_.dispositions)
+      add(Word::disposition, disposition_sentence(d, language_));
+    if (!header_.design_sha256.empty()) add(Word::design, std::string(header_.design_sha256.view()));
     add(Word::hand_eye, traced(std::string(header_.calibration_id.view())));
     add(Word::station_corrections, traced(std::string(header_.stations_id.view())));
     add(Word::scanner_acceptance, traced(std::string(header_.scanner_id.view())));
@@ -232,12 +236,25 @@ class Composer {
                      say(Word::verdict) + "<"};
     return table;
   }
+  /// The slab's temperature, and whether lengths are those at the recipe's reference temperature.
+  std::string temperature_text() const {
+    const double temperature_c = slab_temperature_c(header_.temperature_dk);
+    std::string text = has_value(temperature_c) ? fmt::format("{:.1f} °C", temperature_c)
+                       : header_.temperature_dk != 0
+                           ? fmt::format("{:.1f} K, {}", 0.1 * header_.temperature_dk, say(Word::no_slab_temperature))
+                           : say(Word::unknown_temperature);
+    if (is_at_reference(record_))
+      text += "; " + say(has_value(temperature_c) ? Word::corrected_lengths : Word::uncorrected_lengths);
+    return text;
+  }
+
   void add_item(Table& table, const Item& item, bool of_slab) const {
     const std::string limits = limits_figure(item);
     table.add(item_label(item, of_slab), name(info(item.id).unit), nominal_figure(item),
               limits.empty() ? say(Word::information) : limits, value_figure(item), deviation_figure(item),
               U_figure(item),
               Cell(item.verdict, item.verdict == Verdict::none ? "" : verdict_word(item.verdict, language_)));
+    if (is_corrected(item)) table.add("  " + say(Word::as_measured), "", "", "", Cell(item.measured, 3), "", "", "");
   }
 
   Section slab_items() {

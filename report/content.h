@@ -99,8 +99,9 @@ struct Choice {
 [[nodiscard]] Figure seat_figure(const SlabPicture& picture, int station, Language language);
 [[nodiscard]] Figure tolerance_figure(std::span<const Item> items, Language language);
 [[nodiscard]] Figure seats_figure(const storage::SlabRecord& record, Language language);
-/// Lines for names, dates and signatures; above them boxes for the decision on a slab that did not pass.
-[[nodiscard]] Figure signature_figure(bool with_disposition, Language language);
+/// Lines for names, dates and signatures; above them boxes for the decision on a slab that did not pass. At the right
+/// the SLAB_ID as a Data Matrix, if it is not empty.
+[[nodiscard]] Figure signature_figure(bool with_disposition, std::string_view slab_id, Language language);
 
 // ---- layout --------------------------------------------------------------------------------------------------------
 

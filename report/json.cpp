@@ -183,7 +183,8 @@ Json& Json::row(std::span<const double> numbers, std::string_view begin, std::st
 void write_item(Json& json, const Item& item, bool of_slab) {
   const ItemInfo& facts = info(item.id);
   json.begin_object().field("id", facts.name).field("unit", facts.unit).field("nominal", item.nominal);
-  json.field("value", item.value).field("deviation", item.deviation()).field("lower", item.lower);
+  json.field("value", item.value).field("measured", item.measured).field("deviation", item.deviation());
+  json.field("lower", item.lower);
   json.field("upper", item.upper).field("U", item.U).field("verdict", item.verdict).field("required", item.required);
   json.field("conformance_probability", conformance_probability(item));
   write_budget(json, item);

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <array>
+#include <optional>
 
 #include "report/content.h"
+#include "report/data_matrix.h"
 
 namespace slabd::report {
 namespace {
@@ -9,6 +12,7 @@ namespace {
 constexpr double kWidth_mm = 180.0;
 constexpr double kDisposition_mm = 15.0;
 constexpr double kSignatures_mm = 19.0;
+constexpr double kSymbol_mm = 15.0;
 constexpr TextStyle kText{7.2, false, kBlack, Anchor::left};
 
 void draw_disposition(Canvas& canvas, Language language) {
@@ -25,7 +29,7 @@ void draw_disposition(Canvas& canvas, Language language) {
 }
 
 void draw_signatures(Canvas& canvas, double top, Language language) {
-  constexpr double kColumn_mm = kWidth_mm / 3.0;
+  constexpr double kColumn_mm = (kWidth_mm - kSymbol_mm - 3.0) / 3.0;
   const std::array<std::string, 3> roles = {pick(language, "inspected", "检验"), pick(language, "checked", "复核"),
                                             pick(language, "decided", "批准")};
   for (std::size_t i = 0; i < roles.size(); ++i) {
@@ -36,18 +40,35 @@ void draw_signatures(Canvas& canvas, double top, Language language) {
   }
 }
 
+/// One path of dark modules a row would leave hairlines between them, so that neighbours are one rectangle.
+void draw_symbol(Canvas& canvas, double top, const DataMatrix& symbol) {
+  const double module_mm = kSymbol_mm / static_cast<double>(symbol.size);
+  for (std::size_t row = 0; row < symbol.size; ++row)
+    for (std::size_t begin = 0; begin < symbol.size;) {
+      std::size_t end = begin;
+      while (end < symbol.size && symbol.at(row, end)) ++end;
+      if (end > begin)
+        canvas.rectangle(kWidth_mm - kSymbol_mm + module_mm * static_cast<double>(begin),
+                         top + module_mm * static_cast<double>(row), module_mm * static_cast<double>(end - begin),
+                         module_mm, kBlack, std::nullopt, 0.0);
+      begin = std::max(end, begin + 1);
+    }
+}
+
 }  // namespace
 
-Figure signature_figure(bool with_disposition, Language language) {
+Figure signature_figure(bool with_disposition, std::string_view slab_id, Language language) {
   Figure figure;
   figure.title = with_disposition ? pick(language, "Disposition and signatures", "处置与签字")
                                   : pick(language, "Signatures", "签字");
   figure.alt = figure.title;
   figure.width_mm = kWidth_mm;
   figure.height_mm = kSignatures_mm + (with_disposition ? kDisposition_mm : 0.0);
-  figure.draw = [with_disposition, language](Canvas& canvas) {
+  figure.draw = [with_disposition, language, symbol = data_matrix(slab_id)](Canvas& canvas) {
+    const double top = with_disposition ? kDisposition_mm : 0.0;
     if (with_disposition) draw_disposition(canvas, language);
-    draw_signatures(canvas, with_disposition ? kDisposition_mm : 0.0, language);
+    draw_signatures(canvas, top, language);
+    if (symbol.size > 0) draw_symbol(canvas, top, symbol);
   };
   return figure;
 }

@@ -36,6 +36,23 @@ void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block)
 
 }  // namespace
 
+void write_design(Json& json, const SlabHeader& header) {
+  const SlabDesign design = facts_of(header).design;
+  json.key("design");
+  if (!design.given) {
+    json.null();
+    return;
+  }
+  json.begin_object().field("sha256", header.design_sha256).key("seats").begin_array();
+  for (int station = 1; station <= header.stations; ++station) {
+    const SeatDesign& seat = design.at(station);
+    json.begin_object().field("station", station).field("dx_mm", seat.offset_mm.x());
+    json.field("dy_mm", seat.offset_mm.y()).field("dz_mm", seat.offset_mm.z());
+    json.field("dslope_deg", deg_from_rad(seat.slope_rad)).end_object();
+  }
+  json.end_array().end_object();
+}
+
 std::string slab_json(const SlabRecord& record, int only_block) {
   const SlabHeader& header = record.summary.header;
   const std::string_view datum = slope_datum(record);
@@ -54,6 +71,14 @@ std::string slab_json(const SlabRecord& record, int only_block) {
   json.field("stations_measured", record.summary.stations_measured);
   json.field("slab_temperature_k", header.temperature_dk == 0 ? kNoValue : header.temperature_dk / 10.0);
   json.field("slab_age_h", only_if(header.age_h != 0, header.age_h));
+  json.field("mould", only_if(header.mould != 0, header.mould));
+  write_design(json, header);
+  json.list("dispositions", record.dispositions, [&](const storage::DispositionRecord& d) {
+    json.field("n", d.n);
+    write_time(json, "utime", d.utime_us);
+    json.field("who", d.who).field("decision", name(d.decision)).field("reason", d.reason);
+    json.field("authority", d.authority).field("second", d.second);
+  });
   json.field("slope_datum", only_if(!datum.empty(), datum));
   json.field("T_flange_scanner", header.T_flange_scanner).field("slab_fit", record.slab.fit);
   json.key("station_verdicts").begin_array();

@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "report/slab_view.h"
 
+#include <fmt/core.h>
+
 #include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <string_view>
 #include <utility>
+
+#include "report/figures.h"
 
 namespace slabd::report {
 
@@ -88,6 +92,34 @@ bool is_open(const SlabRecord& record) {
 
 bool is_aborted(const SlabRecord& record) {
   return record.summary.verdict == Verdict::aborted;
+}
+
+bool is_at_reference(const SlabRecord& record) {
+  const auto has = [](const Item& item) { return has_value(item.measured); };
+  return std::any_of(record.slab.items.begin(), record.slab.items.end(), has) ||
+         std::any_of(record.blocks.begin(), record.blocks.end(), [&](const SlabBlock& block) {
+           return std::any_of(block.block.items.begin(), block.block.items.end(), has);
+         });
+}
+
+std::string disposition_word(Disposition disposition, Language language) {
+  switch (disposition) {
+    case Disposition::none: break;
+    case Disposition::hold: return pick(language, "hold", "暂扣");
+    case Disposition::release_by_concession: return pick(language, "release by concession", "让步放行");
+    case Disposition::rework: return pick(language, "rework", "返工");
+    case Disposition::scrap: return pick(language, "scrap", "报废");
+    case Disposition::re_inspect: return pick(language, "inspect again", "复检");
+  }
+  return {};
+}
+
+std::string disposition_sentence(const storage::DispositionRecord& record, Language language) {
+  std::string text =
+      fmt::format("{}: {}, {}: {} ({} {}", record.n, disposition_word(record.decision, language),
+                  local_time(record.utime_us), record.reason, pick(language, "decided by", "批准人"), record.authority);
+  if (!record.second.empty()) text += fmt::format(", {} {}", pick(language, "second person", "第二人"), record.second);
+  return text + fmt::format("; {} {})", pick(language, "entered by", "录入人"), record.who);
 }
 
 Shown shown(const SlabRecord& record, int station) {

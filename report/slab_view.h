@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -8,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "report/words.h"
 #include "storage/storage.h"
 
 /// Presentation rules for stored slabs, shared by show, report and export.
@@ -37,6 +39,18 @@ struct SlabName {
 /// True if the slab was aborted. Its slab items are not judged: position, height, spacing, and slope against the
 /// slab's frame.
 [[nodiscard]] bool is_aborted(const storage::SlabRecord& record);
+/// True if its recipe states lengths at a reference temperature (base/thermal.h).
+[[nodiscard]] bool is_at_reference(const storage::SlabRecord& record);
+/// True if the item's value was changed by that.
+[[nodiscard]] inline bool is_corrected(const Item& item) {
+  constexpr double kLeastShown_mm = 0.0005;
+  return has_value(item.measured) && std::abs(item.measured - item.value) >= kLeastShown_mm;
+}
+
+/// "rework"; empty for none.
+[[nodiscard]] std::string disposition_word(Disposition disposition, Language language);
+/// "2: release by concession, 2026-11-20 08:00:00+01:00: reason (authority A, second S; entered by W)".
+[[nodiscard]] std::string disposition_sentence(const storage::DispositionRecord& record, Language language);
 
 struct Shown {
   Verdict verdict = Verdict::none;

@@ -105,10 +105,10 @@ Entry entry(Word word) {
       return {
           "Parts are standard uncertainties (k = 1) in the characteristic's unit; U / 2 is their root sum of squares. "
           "Fit, noise, registration: from the scans. Scanner: the larger of recipe and acceptance ({}). Calibration, "
-          "robot: hand-eye and station corrections. Reference: the recipe.",
+          "robot: hand-eye and station corrections. Reference, thermal: the recipe.",
           "各分量为标准不确定度 (k = 1)，单位同检测项目；U / 2 "
           "为其方和根。拟合、噪声、配准来自扫描；扫描仪取配方与验收（{}"
-          "）中较大者；标定、机器人来自手眼标定与检测位修正；基准来自配方。"};
+          "）中较大者；标定、机器人来自手眼标定与检测位修正；基准、温度来自配方。"};
     case Word::block_column: return {"block", "承轨台"};
     case Word::budget_fit: return {"fit", "拟合"};
     case Word::budget_noise: return {"noise", "噪声"};
@@ -117,6 +117,7 @@ Entry entry(Word word) {
     case Word::budget_calibration: return {"calibr.", "标定"};
     case Word::budget_robot: return {"robot", "机器人"};
     case Word::budget_reference: return {"reference", "基准"};
+    case Word::budget_thermal: return {"thermal", "温度"};
     case Word::software: return {"software", "软件"};
     case Word::acceptance: return {"decision rule", "判定规则"};
     case Word::guarded: return {"ISO 14253-1, guard band {} U", "ISO 14253-1，保护带 {} U"};
@@ -165,7 +166,17 @@ Entry entry(Word word) {
     case Word::upper_end: return {"upper limit", "上限"};
     case Word::slab_word: return {"slab", "整板"};
     case Word::temperature: return {"slab temperature", "板温"};
+    case Word::disposition: return {"disposition", "处置"};
+    case Word::design: return {"design sheet", "设计表"};
+    case Word::unknown_temperature: return {"unknown", "未知"};
+    case Word::no_slab_temperature: return {"which no slab has: unknown", "超出轨道板的温度范围：按未知处理"};
+    case Word::corrected_lengths:
+      return {"lengths are corrected to the recipe's reference temperature", "长度已换算到配方的参考温度"};
+    case Word::uncorrected_lengths:
+      return {"lengths are not corrected, U contains the recipe's range", "长度未修正，U 已包含配方给出的温度范围"};
+    case Word::as_measured: return {"at the slab's temperature", "板温下的实测值"};
     case Word::age: return {"slab age", "龄期"};
+    case Word::mould: return {"mould", "模具"};
     case Word::key: return {"what", "名称"};
     case Word::value: return {"value", "内容"};
     case Word::page: return {"page {} of {}", "第 {} 页，共 {} 页"};

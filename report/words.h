@@ -87,6 +87,7 @@ enum class Word : std::uint8_t {
   budget_calibration,
   budget_robot,
   budget_reference,
+  budget_thermal,
   software,
   acceptance,
   guarded,
@@ -116,7 +117,15 @@ enum class Word : std::uint8_t {
   upper_end,
   slab_word,
   temperature,
+  design,
+  disposition,
+  unknown_temperature,
+  no_slab_temperature,  ///< outside the temperatures of slabs
+  corrected_lengths,
+  uncorrected_lengths,
+  as_measured,  ///< value of an item before its correction for temperature
   age,
+  mould,
   key,
   value,
   page,

@@ -10,7 +10,9 @@
 #include <algorithm>
 #include <cstdlib>
 
+#include "storage/dispositions.h"
 #include "storage/jobs.h"
+#include "storage/moulds.h"
 #include "storage/rows.h"
 #include "storage/storage.h"
 
@@ -60,6 +62,8 @@ std::string Calibrations::carry_out(const CalibrationChange& change) {
   if (const auto* what = std::get_if<KeepCalibration>(&change)) return keep(what->record);
   if (const auto* what = std::get_if<ApplyCalibration>(&change)) return apply(*what);
   if (const auto* what = std::get_if<RollBackCalibration>(&change)) return roll_back(*what);
+  if (const auto* what = std::get_if<KeepDisposition>(&change)) return Dispositions(db_).keep(*what);
+  if (const auto* what = std::get_if<ResetMould>(&change)) return Moulds(db_).reset(*what);
   return keep(std::get<KeepCheck>(change).check);
 }
 

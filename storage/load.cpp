@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "base/jobs.h"
+#include "storage/dispositions.h"
 
 namespace slabd::storage {
 namespace {
@@ -274,6 +275,8 @@ void read_last_ended(Connection& db, Loader& loader, RecoveredLine& line) {
   }
   line.table_slab_no = header->slab_no;
   line.slab_emulated = header->emulated;
+  if (const std::vector<DispositionRecord> decisions = Dispositions(db).of_slab(key); !decisions.empty())
+    line.disposition = decisions.back().decision;
   line.slab_verdict = result.verdict;
   line.slab_reason = result.reason;
   for (std::size_t i = 0; i < line.table.size(); ++i) {

@@ -8,9 +8,11 @@
 #include <utility>
 
 #include "storage/calibrations.h"
+#include "storage/dispositions.h"
 #include "storage/files/database.h"
 #include "storage/files/log_copy.h"
 #include "storage/load.h"
+#include "storage/moulds.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {
@@ -61,6 +63,11 @@ std::string condition(const SlabFilter& filter) {
   std::string where = "slab.began_utime_us >= ?2 AND slab.began_utime_us < ?3";
   if (filter.slab_type != 0) where += " AND slab.slab_type = ?4";
   if (!filter.id_part.empty()) where += " AND instr(slab.slab_id, ?5) > 0";
+  if (filter.mould != 0) where += " AND slab.mould = ?9";
+  if (filter.disposition != Disposition::none)
+    where +=
+        " AND (SELECT decision FROM disposition WHERE disposition.slab_key = slab.slab_key ORDER BY n DESC LIMIT 1) = "
+        "?10";
   const bool any = filter.verdict == Verdict::none;
   if (filter.item) {
     const bool also_unseen =
@@ -103,12 +110,16 @@ std::string count_measured(std::string_view slab_key) {
 std::vector<SlabSummary> find_slabs(Connection& db, const SlabFilter& filter) {
   const std::vector<std::string> header = names_of<SlabHeader>();
   Statement rows(
-      db, "SELECT " + of_table("slab", header) +
-              ", slab_result.ended_utime_us, slab_result.verdict, slab_result.reason, "
-              "(SELECT acknowledged FROM result WHERE result.slab_key = slab.slab_key AND kind = 2 AND is_repeat = 0 "
-              "ORDER BY id DESC LIMIT 1), " +
-              count_measured("slab.slab_key") + " FROM slab LEFT JOIN slab_result USING (slab_key) WHERE " +
-              condition(filter) + " ORDER BY slab.slab_key DESC LIMIT ?1");
+      db,
+      "SELECT " + of_table("slab", header) +
+          ", slab_result.ended_utime_us, slab_result.verdict, slab_result.reason, (SELECT decision FROM disposition "
+          "WHERE disposition.slab_key = slab.slab_key ORDER BY n DESC LIMIT 1), " +
+          (filter.counts ? "(SELECT acknowledged FROM result WHERE result.slab_key = slab.slab_key AND kind = 2 "
+                           "AND is_repeat = 0 ORDER BY id DESC LIMIT 1), " +
+                               count_measured("slab.slab_key")
+                         : "NULL, 0") +
+          " FROM slab LEFT JOIN slab_result USING (slab_key) WHERE " + condition(filter) +
+          " ORDER BY slab.slab_key DESC LIMIT ?1");
   rows.bind(1, count_of(filter.limit))
       .bind(2, filter.since_utime_us.value_or(-kForEver))
       .bind(3, filter.until_utime_us.value_or(kForEver));
@@ -117,6 +128,8 @@ std::vector<SlabSummary> find_slabs(Connection& db, const SlabFilter& filter) {
   if (filter.item) rows.bind(6, word(*filter.item));
   if (filter.verdict != Verdict::none) rows.bind(7, word(filter.verdict));
   if (filter.block != 0) rows.bind(8, std::int64_t{filter.block});
+  if (filter.mould != 0) rows.bind(9, std::int64_t{filter.mould});
+  if (filter.disposition != Disposition::none) rows.bind(10, name(filter.disposition));
   std::vector<SlabSummary> list;
   while (rows.step()) {
     SlabSummary& summary = list.emplace_back();
@@ -126,21 +139,24 @@ std::vector<SlabSummary> find_slabs(Connection& db, const SlabFilter& filter) {
       if (!from_word(rows.text(next + 1), summary.verdict)) rows.refuse(next + 1, "holds an unknown value");
       summary.reason = static_cast<std::uint16_t>(rows.integer(next + 2));
     }
-    summary.acknowledged = !rows.is_null(next + 3) && rows.integer(next + 3) == 1;
-    summary.stations_measured = static_cast<int>(rows.integer(next + 4));
+    if (!rows.is_null(next + 3))
+      summary.disposition = disposition_named(rows.text(next + 3)).value_or(Disposition::none);
+    summary.acknowledged = !rows.is_null(next + 4) && rows.integer(next + 4) == 1;
+    summary.stations_measured = static_cast<int>(rows.integer(next + 5));
   }
   return list;
 }
 
 namespace {
 
-/// SQL of the table `chosen`: the slabs that match the filter; ?1 .. ?4 are the filter's values.
+/// SQL of the table `chosen`: the slabs that match the filter; ?1 .. ?4 and ?7 are the filter's values.
 std::string chosen_slabs(const ItemFilter& filter) {
   std::string sql =
       "WITH chosen AS (SELECT slab_key, slab_id, began_utime_us, slab_type, stations, emulated FROM slab CROSS JOIN "
       "slab_result "
       "USING (slab_key) WHERE slab_result.verdict <> 'aborted' AND began_utime_us >= ?2 AND began_utime_us < ?3";
   if (filter.slab_type != 0) sql += " AND slab_type = ?4";
+  if (filter.mould != 0) sql += " AND mould = ?7";
   return sql + " ORDER BY slab_key DESC LIMIT ?1) ";
 }
 
@@ -149,6 +165,7 @@ void bind_slabs(Statement& rows, const ItemFilter& filter) {
       .bind(2, filter.since_utime_us.value_or(-kForEver))
       .bind(3, filter.until_utime_us.value_or(kForEver));
   if (filter.slab_type != 0) rows.bind(4, std::int64_t{filter.slab_type});
+  if (filter.mould != 0) rows.bind(7, std::int64_t{filter.mould});
 }
 
 /// Adds a not_measured value for every station whose valid attempt has no items.
@@ -260,6 +277,10 @@ class SqliteReader final : public Reader {
     return read_value<std::vector<ItemValue>>([&] { return find_values(*db_, filter); });
   }
 
+  Result<MouldRecords> mould_records(const MouldFilter& filter) override {
+    return read_value<MouldRecords>([&] { return Moulds(*db_).records(filter); });
+  }
+
   Result<std::optional<SlabRecord>> slab(std::int64_t key) override {
     std::optional<SlabRecord> record;
     const Status status = read([&] {
@@ -267,6 +288,8 @@ class SqliteReader final : public Reader {
       if (!header) return;
       record.emplace();
       record->summary = summary(*header, record->slab);
+      record->dispositions = Dispositions(*db_).of_slab(key);
+      if (!record->dispositions.empty()) record->summary.disposition = record->dispositions.back().decision;
       for (const StoredAttempt& stored : loader_.attempts(key)) record->blocks.push_back(block(stored, record->slab));
     });
     if (!status.ok()) return status.error();

@@ -419,8 +419,8 @@ void columns(V& v, R& r) {
 
 /// Column names, in the order of BudgetPart.
 inline constexpr std::array<std::string_view, kBudgetParts> kBudgetColumns = {
-    "budget_fit",         "budget_noise", "budget_scanner",  "budget_registration",
-    "budget_calibration", "budget_robot", "budget_reference"};
+    "budget_fit",         "budget_noise", "budget_scanner",   "budget_registration",
+    "budget_calibration", "budget_robot", "budget_reference", "budget_thermal"};
 
 template <typename V, RecordOf<Item> R>
 void columns(V& v, R& r) {
@@ -429,6 +429,7 @@ void columns(V& v, R& r) {
   v("to_station", r.station_to);
   SLABD_EACH(r, value, nominal, lower, upper, U)
   v("beside", r.companion);
+  SLABD_EACH(r, measured)
   for (std::size_t part = 0; part < kBudgetParts; ++part) v(kBudgetColumns[part], r.budget[part]);
 }
 

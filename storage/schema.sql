@@ -19,6 +19,7 @@
 --                      station_correction, reference_block, monitor_ball or scanner_acceptance
 --   applied            what was put in force when, by whom and why; the newest row of a kind (and slab type) counts
 --   calibration_check  the trend of the daily checks
+--   mould_reset        when a mould was adjusted, by whom and why: a new epoch of its statistics
 --
 -- Lengths in mm, angles in degrees for items, times of day in us since 1970 (utime_us), durations in ms. Rows are
 -- ordered by key or id, never by the wall clock. A number that could not be measured is NULL. Verdicts: none, pass,
@@ -47,8 +48,11 @@ CREATE TABLE slab (
   stations           INTEGER NOT NULL CHECK (stations BETWEEN 1 AND 18),
   temperature_dk     INTEGER NOT NULL,   -- 0.1 K, 0 = unknown
   age_h              INTEGER NOT NULL,   -- hours, 0 = unknown
+  mould              INTEGER NOT NULL DEFAULT 0,  -- number of the mould that cast it, 0 = unknown
   recipe             TEXT NOT NULL,
   recipe_sha256      TEXT NOT NULL,
+  design_sha256      TEXT NOT NULL,      -- of the next column, empty: as the recipe says
+  design_text        TEXT NOT NULL,      -- station,dx_mm,dy_mm,dz_mm,dslope_deg; of each seat
   unconfirmed        INTEGER NOT NULL,   -- nominals and tolerances that were not confirmed
   guard              REAL,               -- guard band in units of U, 0 = simple acceptance
   cell_mm            REAL,               -- flatness cell
@@ -64,6 +68,7 @@ CREATE TABLE slab (
   emulated           INTEGER NOT NULL    -- what was not real, bits: 1 line, 2 robot, 4 poses, 8 scan; 0: all real
 ) STRICT;
 CREATE INDEX slab_by_id ON slab (slab_id, slab_key);
+CREATE INDEX slab_by_mould ON slab (mould, slab_key);
 
 -- Byte for byte as the daemon read them, so that a verdict can be proven when the file has long been changed. Rows are only
 -- added, whatever retention takes away.
@@ -101,6 +106,28 @@ CREATE TABLE station_result (
   reason   INTEGER NOT NULL,
   PRIMARY KEY (slab_key, station)
 ) STRICT, WITHOUT ROWID;
+
+-- Decisions of quality about slabs that did not pass; the last one of a slab is in force. Rows are only added, and
+-- leave with their slab. slab_result keeps what was measured.
+CREATE TABLE disposition (
+  slab_key  INTEGER NOT NULL,
+  n         INTEGER NOT NULL CHECK (n > 0),
+  utime_us  INTEGER NOT NULL,
+  who       TEXT NOT NULL,                 -- entered it
+  decision  TEXT NOT NULL CHECK (decision IN ('hold', 'release_by_concession', 'rework', 'scrap', 're_inspect')),
+  reason    TEXT NOT NULL CHECK (reason <> ''),
+  authority TEXT NOT NULL CHECK (authority <> ''),  -- decided it
+  second    TEXT NOT NULL,                 -- second person, empty: none
+  PRIMARY KEY (slab_key, n)
+) STRICT, WITHOUT ROWID;
+CREATE TRIGGER disposition_stays BEFORE UPDATE ON disposition
+  BEGIN SELECT RAISE(ABORT, 'a decision is never changed'); END;
+CREATE TRIGGER disposition_is_kept BEFORE DELETE ON disposition
+  WHEN EXISTS (SELECT 1 FROM slab WHERE slab_key = OLD.slab_key)
+  BEGIN SELECT RAISE(ABORT, 'a decision is never deleted'); END;
+CREATE TRIGGER disposition_is_of_no_pass BEFORE INSERT ON disposition
+  WHEN NOT EXISTS (SELECT 1 FROM slab_result WHERE slab_key = NEW.slab_key AND verdict <> 'pass')
+  BEGIN SELECT RAISE(ABORT, 'only a slab that did not pass has decisions'); END;
 
 CREATE TABLE command (
   id       INTEGER PRIMARY KEY,
@@ -335,9 +362,10 @@ CREATE TABLE item (
   from_station INTEGER NOT NULL,
   to_station   INTEGER NOT NULL,
   value REAL, nominal REAL, lower REAL, upper REAL, U REAL, beside REAL,
+  measured REAL,                         -- value before its correction for temperature
   -- Standard uncertainties (k = 1) whose root sum of squares is U / 2; all 0: U is the recipe's.
   budget_fit REAL, budget_noise REAL, budget_scanner REAL, budget_registration REAL, budget_calibration REAL,
-  budget_robot REAL, budget_reference REAL,
+  budget_robot REAL, budget_reference REAL, budget_thermal REAL,
   PRIMARY KEY (slab_key, station, attempt, position)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX item_by_name ON item (id, slab_key);
@@ -511,3 +539,19 @@ CREATE TRIGGER calibration_check_stays BEFORE UPDATE ON calibration_check
   BEGIN SELECT RAISE(ABORT, 'a check is never changed'); END;
 CREATE TRIGGER calibration_check_is_kept BEFORE DELETE ON calibration_check
   BEGIN SELECT RAISE(ABORT, 'a check is never deleted'); END;
+
+-- ---- moulds: rows are only ever added --------------------------------------------------------------------------------
+
+CREATE TABLE mould_reset (
+  seq           INTEGER PRIMARY KEY,
+  mould         INTEGER NOT NULL CHECK (mould BETWEEN 1 AND 65535),
+  from_utime_us INTEGER NOT NULL,          -- slabs cast from then on belong to the new epoch
+  who           TEXT NOT NULL,
+  why           TEXT NOT NULL,
+  utime_us      INTEGER NOT NULL
+) STRICT;
+CREATE INDEX mould_reset_by_mould ON mould_reset (mould, from_utime_us);
+CREATE TRIGGER mould_reset_stays BEFORE UPDATE ON mould_reset
+  BEGIN SELECT RAISE(ABORT, 'the history of a mould is never changed'); END;
+CREATE TRIGGER mould_reset_is_kept BEFORE DELETE ON mould_reset
+  BEGIN SELECT RAISE(ABORT, 'the history of a mould is never deleted'); END;

@@ -15,8 +15,9 @@ namespace {
 // Form 1, schema version 1. Never change a form that seals were made with.
 constexpr auto kForm1 = std::to_array<SealedTable>({
     {"slab",
-     "slab_key, slab_id, slab_no, slab_type, stations, temperature_dk, age_h, recipe, recipe_sha256, "
-     "unconfirmed, guard, cell_mm, calibration_id, stations_id, scanner_id, software, T_base_slab_x, "
+     "slab_key, slab_id, slab_no, slab_type, stations, temperature_dk, age_h, mould, recipe, recipe_sha256, "
+     "design_sha256, design_text, unconfirmed, guard, cell_mm, calibration_id, stations_id, scanner_id, software, "
+     "T_base_slab_x, "
      "T_base_slab_y, T_base_slab_z, T_base_slab_qw, T_base_slab_qx, T_base_slab_qy, T_base_slab_qz, "
      "T_flange_scanner_x, T_flange_scanner_y, T_flange_scanner_z, T_flange_scanner_qw, T_flange_scanner_qx, "
      "T_flange_scanner_qy, T_flange_scanner_qz, began_utime_us, emulated",
@@ -82,8 +83,8 @@ constexpr auto kForm1 = std::to_array<SealedTable>({
      "station, attempt, feature"},
     {"item",
      "slab_key, station, attempt, position, id, verdict, required, from_station, to_station, value, nominal, "
-     "lower, upper, U, beside, budget_fit, budget_noise, budget_scanner, budget_registration, "
-     "budget_calibration, budget_robot, budget_reference",
+     "lower, upper, U, beside, measured, budget_fit, budget_noise, budget_scanner, budget_registration, "
+     "budget_calibration, budget_robot, budget_reference, budget_thermal",
      "", "station, attempt, position"},
     {"result",
      "id, slab_key, is_repeat, res_seq, kind, cmd_seq, station, slab_no, verdict, reason, fail_mask, "

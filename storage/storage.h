@@ -45,6 +45,7 @@ struct StoreSettings {
   std::int64_t keep_failed_slabs = 0;
   /// Files of the recipes with which slabs may begin. A slab's recipe is stored in the slab's transaction, with its
   /// time; here the time is not set.
+  bool second_person = false;  ///< [quality] second_person: a disposition needs two persons
   std::vector<RecipeText> recipe_texts{};
 };
 /// Minimum number of slabs kept: the PLC's table, repeats and counters are taken from the newest ones.
@@ -102,7 +103,32 @@ struct RollBackCalibration {
 struct KeepCheck {
   CalibrationCheck check;
 };
-using CalibrationChange = std::variant<KeepCalibration, ApplyCalibration, RollBackCalibration, KeepCheck>;
+/// A decision of quality about a slab that did not pass. The measured verdict never changes.
+struct DispositionRecord {
+  std::int64_t slab_key = 0;
+  std::int64_t n = 0;  ///< 1, 2, ... of the slab; the last one is in force
+  std::int64_t utime_us = 0;
+  std::string who;  ///< entered it
+  Disposition decision = Disposition::none;
+  std::string reason;
+  std::string authority;  ///< decided it
+  std::string second;     ///< the second person; empty: none
+};
+/// Adds a decision. Rejected if the slab is open or passed, or without a reason and an authority.
+struct KeepDisposition {
+  DispositionRecord record;
+  bool needs_second = false;  ///< set by the store: StoreSettings::second_person
+};
+/// Begins a new epoch of a mould: slabs cast from `from_utime_us` on have statistics of their own. Rejected if no
+/// stored slab is from this mould, or if the time is before that of its last reset. A repeated one counts as added.
+struct ResetMould {
+  std::uint16_t mould = 0;
+  std::int64_t from_utime_us = 0;
+  ChangeNote note;
+};
+/// A change that a person makes while the daemon may run: of calibrations, of decisions about slabs, or of the moulds.
+using CalibrationChange =
+    std::variant<KeepCalibration, ApplyCalibration, RollBackCalibration, KeepCheck, KeepDisposition, ResetMould>;
 
 /// One entry of the history of applied calibrations. Entries are only added.
 struct AppliedChange {
@@ -195,7 +221,8 @@ struct SlabSummary {
   std::int64_t ended_utime_us = 0;  ///< 0: still open
   Verdict verdict = Verdict::none;
   std::uint16_t reason = 0;
-  int stations_measured = 0;  ///< stations whose valid attempt has a result other than `not_measured`
+  int stations_measured = 0;                    ///< stations whose valid attempt has a result other than `not_measured`
+  Disposition disposition = Disposition::none;  ///< in force
   bool acknowledged = false;
 };
 
@@ -205,12 +232,16 @@ struct SlabFilter {
   std::optional<std::int64_t> since_utime_us = std::nullopt;  ///< began at or after
   std::optional<std::int64_t> until_utime_us = std::nullopt;  ///< began before
   int slab_type = 0;                                          ///< 0: all types
+  int mould = 0;                                              ///< 0: all moulds, and slabs of an unknown one
   std::string id_part;                                        ///< part of the SLAB_ID; empty: all
   /// Verdict of the slab if neither item nor block is set. With a block, the verdict of that station after SLAB_END;
   /// with an item, of the item (at that block, if set). none: any verdict except pass.
   Verdict verdict = Verdict::none;
   int block = 0;  ///< 0: any
   std::optional<ItemId> item;
+  Disposition disposition = Disposition::none;  ///< in force; none: any or none
+  /// Also `acknowledged` and `stations_measured`, which need a look at all attempts of each slab.
+  bool counts = true;
 };
 
 /// Filter for values of one item. Open and aborted slabs have no values, because their measurements are not final.
@@ -220,6 +251,7 @@ struct ItemFilter {
   std::optional<std::int64_t> since_utime_us = std::nullopt;
   std::optional<std::int64_t> until_utime_us = std::nullopt;
   int slab_type = 0;
+  int mould = 0;  ///< 0: all moulds, and slabs of an unknown one
   int block = 0;  ///< 0: all; for a spacing or a pair: its first station
 };
 /// One value of an item, from the valid attempt, or from the slab if SLAB_END recomputed it. A block's item is
@@ -231,6 +263,42 @@ struct ItemValue {
   std::int64_t began_utime_us = 0;
   Item item;                  ///< budget and companion are not set
   std::uint8_t emulated = 0;  ///< emulation bits of its slab
+};
+
+/// Filter for the values of the moulds. Open and aborted slabs, and slabs of an unknown mould, have none.
+struct MouldFilter {
+  std::size_t castings = 100;                                 ///< number of newest slabs of each mould
+  std::optional<std::int64_t> since_utime_us = std::nullopt;  ///< began at or after
+  std::optional<std::int64_t> until_utime_us = std::nullopt;  ///< began before
+  int slab_type = 0;                                          ///< 0: all types
+};
+struct MouldSlab {
+  std::int64_t key = 0;
+  std::int64_t cast_utime_us = 0;  ///< begin of the inspection minus AGE; without AGE the begin
+  std::uint16_t mould = 0;
+  std::uint16_t slab_type = 0;
+  std::uint8_t emulated = 0;
+};
+/// A measured value of an item, as in ItemValue. The nominal is subtracted, if the item has one.
+struct MouldValue {
+  std::uint32_t slab = 0;  ///< index in MouldRecords::slabs
+  ItemId item = ItemId::seat_slope;
+  std::uint8_t station = 0;
+  std::uint8_t station_to = 0;
+  float deviation = 0.0F;
+  float lower = 0.0F;  ///< limits, as deviations; NaN: none, or not given, as only the newest slab of a type has them
+  float upper = 0.0F;
+};
+struct MouldReset {
+  std::uint16_t mould = 0;
+  std::int64_t from_utime_us = 0;
+  ChangeNote note;
+};
+struct MouldRecords {
+  std::vector<MouldSlab> slabs;    ///< oldest first
+  std::vector<MouldValue> values;  ///< by slab
+  std::vector<MouldReset> resets;  ///< of all moulds, by mould and time
+  std::int64_t unknown = 0;        ///< stored slabs of an unknown mould
 };
 
 struct SlabBlock {
@@ -245,7 +313,8 @@ struct SlabBlock {
 
 struct SlabRecord {
   SlabSummary summary;
-  SlabResult slab;                ///< items are empty until SLAB_END
+  SlabResult slab;                              ///< items are empty until SLAB_END
+  std::vector<DispositionRecord> dispositions;  ///< oldest first
   std::vector<SlabBlock> blocks;  ///< all attempts, by station and number; a station's latest one is valid
 };
 
@@ -276,6 +345,8 @@ class Reader {
   }
   /// Values that match the filter, oldest slab first, then by station.
   [[nodiscard]] virtual Result<std::vector<ItemValue>> values(const ItemFilter& filter) = 0;
+  /// Values of the newest slabs of each mould, and all resets of moulds.
+  [[nodiscard]] virtual Result<MouldRecords> mould_records(const MouldFilter& filter) = 0;
   [[nodiscard]] virtual Result<std::optional<SlabRecord>> slab(std::int64_t key) = 0;
   /// Keys of all slabs with this SLAB_ID, ignoring blanks around the stored text, or with this SLAB_NO; newest first.
   [[nodiscard]] virtual Result<std::vector<std::int64_t>> find_id(std::string_view slab_id) = 0;
@@ -375,6 +446,7 @@ struct RestoreOrder {
 // Field lists of records that storage defines; see base/fields.h.
 
 SLABD_FIELDS(ChangeNote, who, why, utime_us);
+SLABD_FIELDS(DispositionRecord, slab_key, utime_us, who, decision, reason, authority, second);
 
 /// Fields of a record in addition to its id and its numbers.
 template <typename V, RecordOf<CalibrationRecord> R>

@@ -188,7 +188,9 @@ class SqliteStore final : public Store {
     return status;
   }
 
-  Result<std::string> change(const CalibrationChange& change) override {
+  Result<std::string> change(const CalibrationChange& ordered) override {
+    CalibrationChange change = ordered;
+    if (auto* keep = std::get_if<KeepDisposition>(&change)) keep->needs_second = settings_.second_person;
     log_holds_commits_ = true;
     if (Status status = look_at_place(); !status.ok()) return status.error();
     std::string id;

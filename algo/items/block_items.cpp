@@ -31,12 +31,12 @@ double slope_about_x_rad(const Vec3& n) {
   return std::atan2(-n.y(), n.z());
 }
 
-void blank_block_items(const Recipe& recipe, BlockResult& result) {
+void blank_block_items(const Recipe& recipe, const SlabDesign& design, BlockResult& result) {
   result.items.clear();
   for (std::size_t i = 0; i < kItemCount; ++i) {
     const auto id = static_cast<ItemId>(i);
     if (info(id).scope != ItemScope::block || (info(id).optional && !recipe.tolerance(id).given)) continue;
-    const bool has_room = result.items.push(blank_item(recipe, id, result.station));
+    const bool has_room = result.items.push(designed_item(recipe, design, id, result.station));
     assert(has_room && "kBlockItemsMax counts the block's items");
     (void)has_room;
   }

@@ -6,8 +6,9 @@
 
 namespace slabd::algo {
 
-/// Adds the block-scope items to `result`, without values; optional ones only if the recipe names them.
-void blank_block_items(const Recipe& recipe, BlockResult& result);
+/// Adds the block-scope items to `result`, without values; optional ones only if the recipe names them. The station of
+/// `result` selects the seat of the design.
+void blank_block_items(const Recipe& recipe, const SlabDesign& design, BlockResult& result);
 
 /// Computes the items' values from the measured features of `result`; items that were not measured stay without a
 /// value. Also computes seat.normal_datum. Features are in the registered block frame.

@@ -32,9 +32,10 @@ double cant_rad(const Recipe& recipe) {
 }
 
 /// The station's errors from its scan. The levers are nominal: they are valid within the tolerances.
-StationErrors errors_of(const Recipe& recipe, const BlockResult& block, const Pose& T_slab_block) {
+StationErrors errors_of(const Recipe& recipe, const BlockResult& block, const Pose& T_slab_block,
+                        double designed_slope_rad) {
   const SeatObservation& o = block.observation;
-  const double cant = cant_rad(recipe);
+  const double cant = cant_rad(recipe) + designed_slope_rad;
   const double half = recipe.block.jaw_half_distance_mm.value;
   const double height = recipe.block.jaw_reference_height_mm.value;
   // A jaw leans outward: its point moves by 1 / cos for a shift of the jaw and by tan for one of the seat.
@@ -77,8 +78,10 @@ Members members_of(const Recipe& recipe, std::span<const BlockResult> blocks) {
 
 /// Fits the slab, or returns the reason for a failure. Stores the stations' errors and the frame's response in the
 /// budget.
+/// The model has the slab's temperature: with unequal rows, seats of an expanded slab would shift the frame.
 SlabFitReport locate_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const Members& members,
-                          const Pose& T_base_slab_nominal, SlabBudget& budget) {
+                          const Pose& T_base_slab_nominal, const SlabDesign& design, const Thermal& thermal,
+                          SlabBudget& budget) {
   std::array<SeatInModel, limits::kStationsMax> sightings;
   std::array<int, limits::kStationsMax> station_of{};
   std::size_t count = 0;
@@ -88,13 +91,17 @@ SlabFitReport locate_slab(const Recipe& recipe, std::span<const BlockResult> blo
   for (int station = 1; station <= recipe.stations(); ++station) {
     const BlockResult* block = block_of(blocks, station);
     if (block == nullptr) continue;
-    const Pose T = T_slab_block(recipe, station);
-    const StationErrors errors = errors_of(recipe, *block, T);
+    const Pose T = T_slab_block(recipe, design, station);
+    const StationErrors errors = errors_of(recipe, *block, T, design.at(station).slope_rad);
     budget.set(station, errors);
     if (!members[static_cast<std::size_t>(station)]) continue;
     station_of[count] = station;
-    sightings[count++] = {block->observation.p_base,  block->observation.n_base,  T.translation_mm, errors.normal,
-                          budget.known_p_mm(station), budget.known_n_rad(station)};
+    sightings[count++] = {block->observation.p_base,
+                          block->observation.n_base,
+                          (1.0 + thermal.expansion) * T.translation_mm,
+                          errors.normal,
+                          budget.known_p_mm(station),
+                          budget.known_n_rad(station)};
     ++in_row[station <= recipe.slab.pairs ? 0 : 1];
     first = std::min(first, column_of(station, recipe.slab.pairs));
     last = std::max(last, column_of(station, recipe.slab.pairs));
@@ -136,13 +143,13 @@ void find_warp(Seats& seats, int first, int last, double reach_mm, RowParabola& 
 }
 
 Seats seats_in_slab_frame(const Recipe& recipe, std::span<const BlockResult> blocks, const Members& members,
-                          const Pose& T_base_slab) {
+                          const SlabDesign& design, const Pose& T_base_slab) {
   Seats seats;
   seats.place_in_row.fill(-1);
   const Pose T_slab_base = T_base_slab.inverse();
   for (int station = 1; station <= recipe.stations(); ++station) {
     Seat& seat = seats.at[static_cast<std::size_t>(station)];
-    const Pose T = T_slab_block(recipe, station);
+    const Pose T = T_slab_block(recipe, design, station);
     seat.nominal = T.translation_mm;
     const BlockResult* block = block_of(blocks, station);
     if (block == nullptr) continue;
@@ -166,7 +173,8 @@ Seats seats_in_slab_frame(const Recipe& recipe, std::span<const BlockResult> blo
 
 /// Writes remarks about the frame. Items do not show these errors: none measures a row's height or its position along
 /// the rail.
-void note_frame(const Recipe& recipe, const RollCheck& check, const Seats& seats, SlabFitReport& fit) {
+void note_frame(const Recipe& recipe, const RollCheck& check, const Seats& seats, const Thermal& thermal,
+                SlabFitReport& fit) {
   if (!check.seen)
     fit.note = "slab top unseen, roll unconfirmed";
   else if (check.u_rad > 0.0)
@@ -178,7 +186,7 @@ void note_frame(const Recipe& recipe, const RollCheck& check, const Seats& seats
   FixedString<32> along;
   for (int station = 1; station <= recipe.stations(); ++station) {
     const Seat& seat = seats[station];
-    const double off_mm = seat.p.x() - seat.nominal.x();
+    const double off_mm = seat.p.x() - (1.0 + thermal.expansion) * seat.nominal.x();
     if (!seat.ok || !(std::abs(off_mm) > most_mm)) continue;
     most_mm = std::abs(off_mm);
     // Both remarks must fit into the note: large values need no hundredths.
@@ -199,6 +207,15 @@ class Gradient {
     value_.frame.tail<3>() += seats_[station].n.cross(g);
   }
   [[nodiscard]] const SlabGradient& value() const { return value_; }
+  /// Change of the value per relative expansion of the slab: all points move along their distance from its centre.
+  [[nodiscard]] double by_expansion_mm() const {
+    double sum = 0.0;
+    for (int station = 1; station <= static_cast<int>(limits::kStationsMax); ++station) {
+      const auto k = static_cast<std::size_t>(station);
+      sum += value_.p[k].dot(seats_[station].p) + value_.jaw[k].dot(seats_[station].jaw_outer);
+    }
+    return sum;
+  }
 
  private:
   void at(SlabGradient::PerStation& which, int station, const Vec3& g, const Vec3& place) {
@@ -213,11 +230,18 @@ class Gradient {
 /// Fills an item list from seats. Items without a value stay not measured.
 class ItemWriter {
  public:
-  ItemWriter(const Recipe& recipe, const Seats& seats, const SlabBudget& budget, SlabResult& out)
-      : recipe_(recipe), seats_(seats), budget_(budget), fitted_(out.fit.ok), out_(out) {}
+  ItemWriter(const Recipe& recipe, const SlabDesign& design, const Seats& seats, const SlabBudget& budget,
+             const Thermal& thermal, SlabResult& out)
+      : recipe_(recipe),
+        design_(design),
+        seats_(seats),
+        budget_(budget),
+        thermal_(thermal),
+        fitted_(out.fit.ok),
+        out_(out) {}
 
   void slope(int station) {
-    Item item = blank_item(recipe_, ItemId::seat_slope, station);
+    Item item = designed_item(recipe_, design_, ItemId::seat_slope, station);
     Gradient g(seats_);
     if (fitted_ && seats_[station].tilt_ok) {
       item.value = deg_from_rad(seats_[station].slope_rad);
@@ -233,7 +257,7 @@ class ItemWriter {
     put(item, g, deg_from_rad(rotation_sigma(station)));
   }
   void lateral(int station) {
-    Item item = blank_item(recipe_, ItemId::seat_lateral, station);
+    Item item = designed_item(recipe_, design_, ItemId::seat_lateral, station);
     Gradient g(seats_);
     if (fitted_ && seats_[station].ok) {
       item.value = seats_[station].p.y() - seats_[station].nominal.y();
@@ -242,7 +266,7 @@ class ItemWriter {
     put(item, g, position_sigma(station));
   }
   void vertical(int station) {
-    Item item = blank_item(recipe_, ItemId::seat_vertical, station);
+    Item item = designed_item(recipe_, design_, ItemId::seat_vertical, station);
     Gradient g(seats_);
     if (fitted_ && seats_[station].ok) {
       item.companion = seats_[station].p.z() - seats_[station].nominal.z();
@@ -256,7 +280,7 @@ class ItemWriter {
     put(item, g, position_sigma(station));
   }
   void spacing(int station) {
-    Item item = blank_item(recipe_, ItemId::seat_spacing, station, station + 1);
+    Item item = designed_item(recipe_, design_, ItemId::seat_spacing, station, station + 1);
     Gradient g(seats_);
     if (fitted_ && seats_[station].ok && seats_[station + 1].ok) {
       const double along = seats_[station + 1].p.x() - seats_[station].p.x();
@@ -269,7 +293,7 @@ class ItemWriter {
   }
   void large_jaw(int station) {
     const int across = opposite_station(recipe_, station);
-    Item item = blank_item(recipe_, ItemId::large_jaw_distance, station, across);
+    Item item = designed_item(recipe_, design_, ItemId::large_jaw_distance, station, across);
     Gradient g(seats_);
     if (fitted_ && seats_[station].jaw_ok && seats_[across].jaw_ok) {
       const Vec3 between = seats_[station].jaw_outer - seats_[across].jaw_outer;
@@ -286,7 +310,7 @@ class ItemWriter {
   }
   void corner_level() {
     const int n = recipe_.slab.pairs;
-    Item item = blank_item(recipe_, ItemId::corner_level);
+    Item item = designed_item(recipe_, design_, ItemId::corner_level);
     Gradient g(seats_);
     if (fitted_ && seats_[1].ok && seats_[n].ok && seats_[n + 1].ok && seats_[2 * n].ok) {
       item.value = seats_[1].p.z() - seats_[n].p.z() + seats_[n + 1].p.z() - seats_[2 * n].p.z();
@@ -302,7 +326,7 @@ class ItemWriter {
   }
   /// Warp of the row of stations first..last: middle above the chord of the ends.
   void warp(ItemId id, int first, int last) {
-    Item item = blank_item(recipe_, id);
+    Item item = designed_item(recipe_, design_, id);
     Gradient g(seats_);
     const int middle_a = (first + last) / 2;
     const int middle_b = (first + last + 1) / 2;
@@ -360,14 +384,17 @@ class ItemWriter {
     const double of_roll = 2.0 * unit * budget_.of_roll(gradient.value());
     item.U = std::hypot(default_U(item.U, station_sigma), of_roll);
     if (recipe_.uncertainty.given && has_value(item.value)) settle(budget_.budget(gradient.value(), unit), item);
+    if (info(item.id).unit == ItemUnit::mm) state_at_reference(thermal_, gradient.by_expansion_mm(), item);
     item.verdict = judge(item, recipe_.guard);
     if (item.verdict == Verdict::pass && !passes_rolled(item, of_roll)) item.verdict = Verdict::indeterminate;
     (void)out_.items.push(item);
   }
 
   const Recipe& recipe_;
+  const SlabDesign& design_;
   const Seats& seats_;
   const SlabBudget& budget_;
+  const Thermal& thermal_;
   bool fitted_;
   SlabResult& out_;
 };
@@ -388,26 +415,29 @@ void write_items(const Recipe& recipe, ItemWriter& write) {
 }  // namespace
 
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, const StationSigma& sigma,
-                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified) {
+                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified,
+                  const SlabFacts& slab) {
   std::array<StationSigma, limits::kStationsMax> sigmas;
   sigmas.fill(sigma);
-  inspect_slab(recipe, blocks, sigmas, T_base_slab_nominal, out, verified);
+  inspect_slab(recipe, blocks, sigmas, T_base_slab_nominal, out, verified, slab);
 }
 
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std::span<const StationSigma> sigmas,
-                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified) {
+                  const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified,
+                  const SlabFacts& slab) {
   out = SlabResult{};
   SlabBudget budget(recipe, verified, sigmas);
   const Members members = members_of(recipe, blocks);
-  out.fit = locate_slab(recipe, blocks, members, T_base_slab_nominal, budget);
+  const Thermal thermal = thermal_of(recipe.thermal, slab.temperature_c);
+  out.fit = locate_slab(recipe, blocks, members, T_base_slab_nominal, slab.design, thermal, budget);
   Seats seats;
   if (out.fit.ok) {
-    seats = seats_in_slab_frame(recipe, blocks, members, out.fit.T_base_slab);
+    seats = seats_in_slab_frame(recipe, blocks, members, slab.design, out.fit.T_base_slab);
     const RollCheck check = check_roll(recipe, blocks, out.fit.T_base_slab, budget);
     budget.set_roll(check.u_rad);
-    note_frame(recipe, check, seats, out.fit);
+    note_frame(recipe, check, seats, thermal, out.fit);
   }
-  ItemWriter write(recipe, seats, budget, out);
+  ItemWriter write(recipe, slab.design, seats, budget, thermal, out);
   write_items(recipe, write);
   reach_verdicts(recipe, blocks, seats, out);
 }

@@ -8,6 +8,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "cli/calibrate/calibrate.h"
@@ -208,11 +209,46 @@ void need_their_temperature(const Options& options, const Work& work) {
                    work.temperature_c));
 }
 
+/// Temperature at the visits; NaN if unknown.
+double visits_c(const Options& options, const Work& work) {
+  return has_value(options.record.temperature_c) ? options.record.temperature_c : work.temperature_c;
+}
+
+/// Moves the certified seats of a slab to where they are at the temperature of the visits, by the recipe's [thermal].
+/// Returns the largest move in mm; nullopt if the temperature or the expansion is not known, or balls are certified.
+std::optional<double> bring_to_visits(const Options& options, const config::Config& config, Work& work) {
+  calib::MasterCertificate& certificate = work.certificate;
+  const double now_c = visits_c(options, work);
+  const bool is_slab = certificate.frame == calib::MasterCertificate::Frame::slab &&
+                       std::ranges::all_of(certificate.stations, &calib::MasterStation::is_seat);
+  if (!has_value(now_c) || !is_slab) return std::nullopt;
+  std::vector<Recipe> recipes;
+  std::vector<config::Problem> problems;  // of recipes that are not needed here; `recipe check` names them
+  config::load_recipes(config.recipes_dir, recipes, problems);
+  const auto recipe = std::ranges::find(recipes, certificate.slab_type, &Recipe::slab_type);
+  if (recipe == recipes.end() || !recipe->thermal.given) return std::nullopt;
+  ThermalSettings since_certification = recipe->thermal;
+  since_certification.reference_c.value = certificate.temperature_c;
+  const Thermal thermal = thermal_of(since_certification, now_c);
+  double farthest_mm = 0.0;
+  double sum_mm2 = 0.0;
+  for (calib::MasterStation& station : certificate.stations) {
+    const Vec3 seat_mm = station.points_mm.front();
+    farthest_mm = std::max(farthest_mm, seat_mm.norm());
+    sum_mm2 += seat_mm.squaredNorm();
+    // The tips of the seat's directions move with its reference point.
+    for (Vec3& point : station.points_mm) point += thermal.expansion * seat_mm;
+  }
+  const double coordinates = 3.0 * static_cast<double>(certificate.stations.size());
+  certificate.sigma_mm = std::hypot(certificate.sigma_mm, thermal.u * std::sqrt(sum_mm2 / coordinates));
+  return std::abs(thermal.expansion) * farthest_mm;
+}
+
 /// Warns if the slab has expanded since certification, because the corrections include the expansion as a robot error.
 void warn_of_temperature(const Options& options, const Work& work) {
   constexpr double kExpansion_per_K = 1e-5;  // concrete and steel
   constexpr double kFar_K = 3.0;
-  const double now_c = has_value(options.record.temperature_c) ? options.record.temperature_c : work.temperature_c;
+  const double now_c = visits_c(options, work);
   const double off_K = now_c - work.certificate.temperature_c;
   if (has_value(now_c) && std::abs(off_K) <= kFar_K) return;
   double span_mm = 0.0;
@@ -246,14 +282,18 @@ int calibrate_stations(const Options& options) {
   const config::Config config = config_from(options.record.config);
   finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader = open_records(config);
-  const Work work = gather(options, reader.get());
+  Work work = gather(options, reader.get());
   need_their_temperature(options, work);
+  const std::optional<double> moved_mm = bring_to_visits(options, config, work);
   calib::StationSettings settings = options.settings;
   settings.gate_mm = config.splice.gate_mm;
   settings.gate_rad = config.splice.gate_rad;
   const auto& hand_eye = std::get<HandEyeNumbers>(work.hand_eye.numbers);
   const calib::StationsSolution s = need(calib::solve_stations(work.certificate, work.visits, hand_eye, settings));
-  warn_of_temperature(options, work);
+  if (!moved_mm) warn_of_temperature(options, work);
+  if (moved_mm && !options.json)
+    fmt::print("{}", say("certificate {} was brought from {:.1f} to {:.1f} deg C: its seats by up to {:.3f} mm\n",
+                         work.certificate.id, work.certificate.temperature_c, visits_c(options, work), *moved_mm));
   Kept kept;
   if (!options.json) fmt::print("{}", solution_text(work, s));
   if (!s.ok) {

@@ -24,6 +24,7 @@
 #include "base/os.h"
 #include "cli/doctor/doctor.h"
 #include "cli/terminal/say.h"
+#include "config/designs.h"
 #include "storage/storage.h"
 
 namespace slabd::cli {
@@ -282,6 +283,16 @@ void examine_recipes(const config::Config& config, std::vector<Recipe>& recipes,
           "recipe",
           say("{}: {} nominals or tolerances are not confirmed", recipe.name.view(), unconfirmed_count(recipe)),
           say("compare with the drawing; slabctl recipe show {} lists them", recipe.path.view()));
+  const bool is_used =
+      std::ranges::any_of(recipes, [](const Recipe& recipe) { return recipe.design != DesignUse::none; });
+  if (is_used && config.designs_dir.empty())
+    report.failed("design sheets", say("a recipe uses design sheets, and [design] dir names no folder"),
+                  say("name the folder of the sheets in [design] dir"));
+  const config::DesignSet designs = config::load_designs(config.designs_dir);
+  for (const config::Problem& problem : designs.problems)
+    report.failed("design sheets", quote(problem.text), say("correct the file; slabctl design check FILE"));
+  if (!config.designs_dir.empty() && designs.problems.empty())
+    report.ok("design sheets", say("{} slabs in {}", designs.sheets.size(), config.designs_dir));
 }
 
 }  // namespace

@@ -247,7 +247,7 @@ void examine_registers(const config::Config& config, Examination& report) {
   const Result<PlcOutputs> outputs = hal::decode_outputs(input, config.plc.word_order);
   if (!outputs) return report.failed("plc registers", quote(outputs.error().text.view()), say("is this slabd's port?"));
   const bool abcd = config.plc.word_order == hal::WordOrder::abcd;
-  report.ok("plc registers", say("map 1.0 on {}; WORD_PROBE is {:04X} {:04X} ({})", where, input[2], input[3],
+  report.ok("plc registers", say("map 1.1 on {}; WORD_PROBE is {:04X} {:04X} ({})", where, input[2], input[3],
                                  abcd ? say("abcd, high word first") : say("cdab, low word first")));
   if (!watch_heartbeat([&](hal::HoldingImage& holding) { return read_holding(client.get(), holding); }, first, later))
     return report.failed("plc registers", say("{}: {}", where, quote(modbus_strerror(errno))),
@@ -600,6 +600,14 @@ static void examine_acceptance(std::string_view id, std::string_view standing, E
                    cure);
 }
 
+/// Examines a line with a measured hand-eye and without corrections.
+static void examine_uncorrected(const config::Config& config, Examination& report) {
+  if (has_value(config.splice.absolute_mm) && has_value(config.splice.absolute_rad)) return;
+  report.failed(
+      "stations", say("no station is corrected, and the robot's accuracy is not stated: no seat can pass"),
+      say("set [robot] absolute_sigma_mm and absolute_sigma_deg, or master the stations (docs/MASTERING.md)"));
+}
+
 void examine_calibration(const config::Config& config, const std::string& status_text, Examination& report) {
   const json status = status_of(status_text);
   if (status.is_null() || in_config_fault(status) || is_opening(status)) {
@@ -614,6 +622,8 @@ void examine_calibration(const config::Config& config, const std::string& status
       const ScannerInForce& scanner = line.value()->scanner;
       examine_acceptance(scanner.id.view(), name(acceptance_state(scanner, hal::make_system_clock()->utime_us())),
                          report);
+      if (line.value()->source == LineCalibration::Source::applied && line.value()->tables.empty())
+        examine_uncorrected(config, report);
     }
     return;
   }
@@ -636,11 +646,7 @@ void examine_calibration(const config::Config& config, const std::string& status
   else
     report.ok("calibration", id);
   const json& stations = at(calibration, {"stations"});
-  const bool robot_stated = has_value(config.splice.absolute_mm) && has_value(config.splice.absolute_rad);
-  if (source == "applied" && !robot_stated && (!stations.is_array() || stations.empty()))
-    report.failed(
-        "stations", say("no station is corrected, and the robot's accuracy is not stated: no seat can pass"),
-        say("set [robot] absolute_sigma_mm and absolute_sigma_deg, or master the stations (docs/MASTERING.md)"));
+  if (source == "applied" && (!stations.is_array() || stations.empty())) examine_uncorrected(config, report);
   const json& scanner = at(calibration, {"scanner"});
   examine_acceptance(scanner.is_object() ? text(at(scanner, {"id"})) : "", text(at(scanner, {"state"})), report);
   for (const json& table : at(calibration, {"stations"}))

@@ -38,7 +38,7 @@ constexpr const char* kColumns =
     "version,slab_key,slab_id,slab_no,slab_type,began,ended,slab_verdict,slab_reason,recipe,recipe_sha256,guard,"
     "calibration_id,stations_id,software,scope,station,station_to,attempt,scanned,item,unit,nominal,lower,upper,"
     "value,deviation,U,verdict,required,conformance_probability,beside_name,beside,scanner_id,slab_temperature_k,"
-    "slab_age_h,slope_datum,emulated";
+    "slab_age_h,slope_datum,emulated,mould,measured,disposition";
 
 report::Table empty_table() {
   report::Table table;
@@ -67,7 +67,8 @@ void add_item(report::Table& table, const storage::SlabRecord& record, const Ite
       item.nominal, item.lower, item.upper, item.value, item.deviation(), item.U, name(item.verdict), item.required,
       conformance_probability(item), companion, companion.empty() ? kNoValue : item.companion, slab.scanner_id,
       slab.temperature_dk == 0 ? kNoValue : slab.temperature_dk / 10.0, unless_0(slab.age_h),
-      report::slope_datum(record), slab.emulated != 0);
+      report::slope_datum(record), slab.emulated != 0, unless_0(slab.mould), item.measured,
+      record.summary.disposition == Disposition::none ? "" : name(record.summary.disposition));
 }
 
 /// The heading with its line end.

@@ -27,7 +27,7 @@ struct PlcRegisters {
 /// The same; over Modbus if the daemon is a server and its control socket does not answer.
 [[nodiscard]] Result<PlcRegisters> plc_registers(const config::Config& config);
 
-/// Both memories of register map 1.0 as Markdown tables.
+/// Both memories of register map 1.1 as Markdown tables.
 [[nodiscard]] std::string register_markdown();
 /// The same with one register or bit a line, for import into a PLC's tag list.
 [[nodiscard]] std::string register_csv();

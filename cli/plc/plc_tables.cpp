@@ -165,7 +165,7 @@ void add_plc(args::Command& app) {
   args::Command plc = app.add_subcommand("plc", "For the PLC's programmer: live registers, the map, the codes");
   plc->require_subcommand(1);
   auto options = std::make_shared<Options>();
-  args::Command map = plc->add_subcommand("map", "Register map 1.0, as docs/PLC.md has it");
+  args::Command map = plc->add_subcommand("map", "Register map 1.1, as docs/PLC.md has it");
   args::Option csv = map->add_flag("--csv", options->csv, "For import into a tag list");
   map->add_flag("--json", options->json, "slabd.plc_map/1")->excludes(csv);
   map->runs([options] {

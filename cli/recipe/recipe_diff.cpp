@@ -81,12 +81,13 @@ bool judge_without_budget(const Item& stored, double U_measured_with, double gua
   return stored.U > U_measured_with || judged.verdict == by_recipe;
 }
 
-int rejudge(const Recipe& recipe, const Recipe* measured_with, BlockResult& block) {
+int rejudge(const Recipe& recipe, const SlabDesign& design, const Recipe* measured_with, BlockResult& block) {
   int unknown = 0;
   for (Item& item : block.items) {
-    Item judged = blank_item(recipe, item.id, item.station, item.station_to);
+    Item judged = designed_item(recipe, design, item.id, item.station, item.station_to);
     judged.value = item.value;
     judged.companion = item.companion;
+    judged.measured = item.measured;
     judged.budget = item.budget;
     if (report::has_budget(item)) {
       judged.U = item.U;
@@ -142,7 +143,7 @@ StoredSlabs judge_stored(storage::Reader& reader, const std::vector<std::int64_t
       continue;
     }
     const std::vector<StationRecord> stations = rejudged(record, b, of_a ? &a : nullptr, out.unknown_U);
-    daemon::judge_slab({&b, slab.T_base_slab, *verified}, stations, room, *judged);
+    daemon::judge_slab({&b, slab.T_base_slab, *verified, facts_of(slab)}, stations, room, *judged);
     out.what_if.add(record, stations, *judged);
   }
   return out;
@@ -234,8 +235,9 @@ std::vector<StationRecord> rejudged(const storage::SlabRecord& record, const Rec
                                     const Recipe* measured_with, int& unknown_U) {
   const std::vector<const BlockResult*> as_stored(record.blocks.size(), nullptr);
   std::vector<StationRecord> stations = stations_of(record, as_stored);
+  const SlabDesign design = facts_of(record.summary.header).design;
   for (StationRecord& station : stations)
-    if (station.phase == StationPhase::measured) unknown_U += rejudge(recipe, measured_with, station.block);
+    if (station.phase == StationPhase::measured) unknown_U += rejudge(recipe, design, measured_with, station.block);
   return stations;
 }
 

@@ -198,7 +198,7 @@ std::string decide_anew(storage::Reader& reader, const storage::SlabRecord& reco
   const std::vector<StationRecord> stations = stations_of(record, blocks);
   std::vector<BlockResult> room(limits::kStationsMax);
   auto judged = std::make_unique<SlabResult>();
-  daemon::judge_slab({&recipe, slab.T_base_slab, *verified.value()}, stations, room, *judged);
+  daemon::judge_slab({&recipe, slab.T_base_slab, *verified.value(), facts_of(slab)}, stations, room, *judged);
   what_if.add(record, stations, *judged);
   return "";
 }

@@ -3,6 +3,7 @@
 // slabctl simulate: PLC, robot and scanner of the line, as peers of a running daemon over the real protocols.
 #include <fmt/core.h>
 #include <unistd.h>
+#include <cmath>
 #include <csignal>
 #include <fstream>
 #include <iostream>
@@ -14,11 +15,13 @@
 #include "cli/recipe/recipe_source.h"
 #include "cli/simulate/mastered_slab.h"
 #include "cli/simulate/simulate_calibration.h"
+#include "cli/simulate/simulate_history.h"
 #include "cli/simulate/simulate_report.h"
 #include "cli/simulate/simulate_scan.h"
 #include "cli/stations/krl.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
+#include "config/designs.h"
 #include "emulator/line_run.h"
 
 namespace slabd::cli::simulate {
@@ -30,6 +33,7 @@ struct Options {
   std::string slab_id;
   std::uint16_t type = 0;      ///< 0: that of the longest slab
   std::uint16_t begin_as = 0;  ///< SLAB_TYPE written by the PLC; 0: the slab's own
+  std::uint16_t mould = 0;
   int slabs = 1;
   std::vector<std::string> defects;
   emulator::SlabVariation variation;
@@ -45,6 +49,9 @@ struct Options {
   int plc_cycle_ms = 5;
   std::string plc_device;  ///< other end of the serial line
   int scans_per_station = 3;
+  double temperature_c = kNoValue;
+  bool temperature_unknown = false;
+  std::string cast_by;      ///< folder of the design sheets of the concrete; empty: the line's
   std::string certificate;  ///< path for a certificate of the slab
   bool stand_by = false;    ///< runs robot and scanner only
   bool json = false;
@@ -147,6 +154,21 @@ Peer started(Result<Peer> peer) {
   return cli::need(std::move(peer), wrong ? cli::kBadInput : cli::kNotReachable);
 }
 
+/// In 0.1 K as the PLC sends it; 0: not known.
+std::uint16_t sent_temperature(const Options& options) {
+  if (!has_value(options.temperature_c) || options.temperature_unknown) return 0;
+  return static_cast<std::uint16_t>(std::lround(10.0 * (options.temperature_c + kKelvinAtZero_c)));
+}
+
+/// Relative expansion of the slab's concrete. The emulated slab expands by its own figures if the recipe has none.
+double expansion_of(const Options& options, const ThermalSettings& thermal) {
+  constexpr double kReference_c = 20.0;
+  constexpr double kConcrete_per_K = 1e-5;
+  if (!has_value(options.temperature_c)) return 0.0;
+  return thermal.given ? thermal.cte_per_K.value * (options.temperature_c - thermal.reference_c.value)
+                       : kConcrete_per_K * (options.temperature_c - kReference_c);
+}
+
 /// Runs the slabs with the three connected peers.
 std::vector<SlabOutcome> run_line(const Options& options, const config::Config& config, const Recipe& recipe,
                                   const emulator::Cell& cell, std::vector<emulator::SlabTruth> truths,
@@ -157,7 +179,8 @@ std::vector<SlabOutcome> run_line(const Options& options, const config::Config& 
     SlabOutcome& outcome = outcomes.emplace_back();
     outcome.truth = truths[static_cast<std::size_t>(i)];
     const emulator::SlabOrder order{options.slab_no + static_cast<std::uint32_t>(i), id_of(options, i),
-                                    options.begin_as != 0 ? options.begin_as : recipe.slab_type};
+                                    options.begin_as != 0 ? options.begin_as : recipe.slab_type, options.mould,
+                                    sent_temperature(options)};
     {
       const Progress progress(recipe.stations(), order.slab_no);
       const emulator::Line line{plc,
@@ -180,14 +203,29 @@ std::vector<SlabOutcome> run_line(const Options& options, const config::Config& 
   return outcomes;
 }
 
+/// The sheets by which the slabs are cast: those of the line, or those of --cast-by.
+config::DesignSet cast_designs(const Options& options, const config::Config& config, const Recipe& recipe) {
+  config::DesignSet designs;
+  if (!options.cast_by.empty())
+    designs = config::load_designs(options.cast_by);
+  else if (recipe.design != DesignUse::none)
+    designs = config::load_designs(config.designs_dir);
+  if (!options.cast_by.empty() && !designs.problems.empty()) cli::stop(cli::kBadInput, designs.problems.front().text);
+  return designs;
+}
+
 /// Casts all slabs before the run, so that an invalid option is detected first.
 Result<std::vector<emulator::SlabTruth>> cast_slabs(const Options& options, const Recipe& recipe,
                                                     const emulator::Cell& cell,
-                                                    const std::vector<emulator::Defect>& defects) {
+                                                    const std::vector<emulator::Defect>& defects,
+                                                    const config::DesignSet& designs) {
   std::vector<emulator::SlabTruth> truths;
   for (int i = 0; i < options.slabs; ++i) {
     emulator::SlabVariation variation = options.variation;
     variation.slab_no = options.slab_no + static_cast<std::uint32_t>(i);
+    if (const DesignSheet* const sheet = find_design(designs.sheets, id_of(options, i)); sheet != nullptr)
+      if (const auto design = parse_design(sheet->text.view())) variation.design = design.value();
+    variation.expansion = expansion_of(options, recipe.thermal);
     const Result<emulator::SlabTruth> truth = emulator::cast_slab(recipe, cell, variation, defects);
     if (!truth) return truth.error();
     truths.push_back(truth.value());
@@ -242,7 +280,7 @@ int simulate(const Options& options) {
     cell.taught = cli::need(std::move(points), cli::kBadInput);
   }
   const std::vector<emulator::SlabTruth> truths =
-      cli::need(cast_slabs(options, recipe, cell, facts.defects), cli::kUsage);
+      cli::need(cast_slabs(options, recipe, cell, facts.defects, cast_designs(options, config, recipe)), cli::kUsage);
 
   if (!options.certificate.empty()) {
     std::ofstream file(options.certificate);
@@ -300,6 +338,8 @@ void add_simulate(args::Command& app) {
       ->check(args::range(1, 65'535));
   command->add_option("--begin-as", options->begin_as, "SLAB_TYPE that the PLC writes, if it is wrong about the slab")
       ->check(args::range(1, 65'535));
+  command->add_option("--mould", options->mould, "MOULD that the PLC sends with every slab (default: 0, unknown)")
+      ->check(args::range(1, 65'535));
   command->add_option("--slabs", options->slabs, "How many slabs")
       ->check(args::range(1, 100'000))
       ->capture_default_str();
@@ -333,6 +373,13 @@ void add_simulate(args::Command& app) {
                    "standard deviation per axis")
       ->check(cli::within(0.0, 10'000.0))
       ->capture_default_str();
+  command->add_option("--cast-by", options->cast_by,
+                      "Folder of design sheets by which the slabs are cast, if not the line's: a wrong mould");
+  args::Option temperature =
+      command->add_option("--slab-temperature", options->temperature_c, "Temperature of the slabs, deg C; they expand")
+          ->check(cli::within(kSlabTemperatureMin_c, kSlabTemperatureMax_c));
+  command->add_flag("--temperature-unknown", options->temperature_unknown, "The PLC does not send it")
+      ->needs(temperature);
   command->add_flag("--same-slab", variation.same_slab, "Every slab is the same one, not touched in between");
   command->add_option("--certificate-out", options->certificate,
                       "Write the first slab's true seats as the certificate of a mastered slab");
@@ -388,6 +435,7 @@ void add_simulate(args::Command& app) {
   cli::simulate::add_simulate_scan(*command);
   cli::simulate::add_simulate_plane(*command);
   cli::simulate::add_simulate_calibration(*command);
+  cli::simulate::add_simulate_history(*command);
   command->runs([options] { return simulate::simulate(*options); });
 }
 

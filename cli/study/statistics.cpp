@@ -9,6 +9,8 @@
 #include <boost/math/distributions/fisher_f.hpp>
 #include <boost/math/distributions/normal.hpp>
 #include <boost/math/distributions/students_t.hpp>
+#include <boost/math/special_functions/digamma.hpp>
+#include <boost/math/special_functions/trigamma.hpp>
 #include <cmath>
 #include <limits>
 
@@ -171,6 +173,14 @@ double student_two_sided(double t, double nu) {
   if (!freedom(nu) || std::isnan(t)) return kNone;
   if (std::isinf(t)) return 0.0;
   return 2.0 * boost::math::cdf(boost::math::complement(Student(nu), std::abs(t)));
+}
+
+double digamma(double x) {
+  return x > 0.0 ? boost::math::digamma(x) : kNone;
+}
+
+double trigamma(double x) {
+  return x > 0.0 ? boost::math::trigamma(x) : kNone;
 }
 
 double fisher_tail(double f, double nu_above, double nu_below) {

@@ -78,6 +78,9 @@ struct Gauge {
 [[nodiscard]] double chi_squared_quantile(double p, double nu);
 /// Probability of a |t| at least as large by chance.
 [[nodiscard]] double student_two_sided(double t, double nu);
+/// First and second derivative of the logarithm of the gamma function, for x > 0.
+[[nodiscard]] double digamma(double x);
+[[nodiscard]] double trigamma(double x);
 /// Probability of an F at least as large by chance.
 [[nodiscard]] double fisher_tail(double f, double nu_above, double nu_below);
 

@@ -11,6 +11,7 @@
 #include "cli/terminal/say.h"
 #include "report/budget_text.h"
 #include "report/figures.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {
@@ -67,8 +68,10 @@ std::string item_table(std::span<const Item> items, report::Style style, bool of
               report::deviation_figure(item), report::U_figure(item),
               is_doubtful(item) ? fmt::format("{:.1f} %", 100.0 * conformance_probability(item)) : "",
               verdict_cell(item.verdict));
+    if (report::is_corrected(item))
+      table.add("  " + say("at the slab's temperature"), "", "", report::Cell(item.measured, 3));
     if (const std::string_view companion = info(item.id).companion; !companion.empty() && has_value(item.companion))
-      table.add(fmt::format("  {}", companion), "", "", report::Cell(item.companion, 3));
+      table.add(fmt::format("  {}", translated(companion)), "", "", report::Cell(item.companion, 3));
   }
   return report::text_of(table, style);
 }

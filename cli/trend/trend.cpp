@@ -38,6 +38,7 @@ struct Options {
   std::size_t slabs = 200;
   int block = 0;
   int type = 0;
+  int mould = 0;
   bool json = false;
 };
 
@@ -76,11 +77,12 @@ void write_judgement(report::Json& json, const Trend& t) {
   json.field("judgement_reason", report::only_if(!reason.empty(), reason));
 }
 
-std::string as_json(const Trend& t) {
+std::string as_json(const Trend& t, int mould) {
   report::Json json("slabd.trend/1");
   json.field("item", info(t.item).name).field("unit", info(t.item).unit);
   json.field("slab_type", report::only_if(t.slab_type != 0, t.slab_type))
-      .field("block", report::only_if(t.block != 0, t.block));
+      .field("block", report::only_if(t.block != 0, t.block))
+      .field("mould", report::only_if(mould != 0, mould));
   json.field("value_is", name(t.value_is));
   json.field("emulated", t.emulated != 0).field("other_emulation", t.other_emulation);
   write_judgement(json, t);
@@ -107,10 +109,11 @@ std::string as_json(const Trend& t) {
   return json.text();
 }
 
-std::string as_json(const std::vector<Trend>& trends) {
+std::string as_json(const std::vector<Trend>& trends, int mould) {
   report::Json json("slabd.capability/1");
   const int slab_type = trends.empty() ? 0 : trends.front().slab_type;
   json.field("slab_type", report::only_if(slab_type != 0, slab_type));
+  json.field("mould", report::only_if(mould != 0, mould));
   json.field("emulated", std::any_of(trends.begin(), trends.end(), [](const Trend& t) { return t.emulated != 0; }));
   json.list("items", trends, [&](const Trend& t) {
     json.field("item", info(t.item).name).field("unit", info(t.item).unit);
@@ -219,6 +222,7 @@ storage::ItemFilter filter_of(const Options& options) {
   filter.slabs = options.slabs;
   filter.slab_type = options.type;
   filter.block = options.block;
+  filter.mould = options.mould;
   if (!options.since.empty()) filter.since_utime_us = time_of("--since", options.since);
   if (!options.until.empty()) filter.until_utime_us = time_of("--until", options.until);
   return filter;
@@ -232,6 +236,7 @@ int show_capability(const Options& options) {
   newest.limit = 1;
   newest.since_utime_us = filter.since_utime_us;
   newest.until_utime_us = filter.until_utime_us;
+  newest.mould = filter.mould;
   if (const auto slabs = need(reader->slabs(newest), kNotReachable); filter.slab_type == 0 && !slabs.empty())
     filter.slab_type = slabs.front().header.slab_type;
   std::vector<Trend> trends;
@@ -243,7 +248,7 @@ int show_capability(const Options& options) {
   }
   options.document.write(trend::document_of(trends, options.document.wanted()));
   if (options.json) {
-    fmt::print("{}", as_json(trends));
+    fmt::print("{}", as_json(trends, options.mould));
     return kDone;
   }
   if (trends.empty()) fmt::print("no values\n");
@@ -268,7 +273,7 @@ int show_trend(const Options& options) {
   bool other_types = false;
   const Trend t = trend::read_trend(*reader, filter, other_types);
   options.document.write(trend::document_of(t, options.document.wanted()));
-  fmt::print("{}", options.json ? as_json(t) : trend_text(t, other_types));
+  fmt::print("{}", options.json ? as_json(t, options.mould) : trend_text(t, other_types));
   return kDone;
 }
 
@@ -286,6 +291,7 @@ void add_trend(args::Command& app) {
       "Examples: slabctl trend\n"
       "          slabctl trend seat_slope\n"
       "          slabctl trend jaw_distance --block 4 --slabs 500 --out jaw-4.pdf\n"
+      "          slabctl trend seat_vertical --block 4 --mould 7\n"
       "          slabctl trend seat_flatness --since 7d --json");
   command->add_option("ITEM", options->item,
                       "As `slabctl show` names it, such as seat_slope; none: all characteristics");
@@ -296,6 +302,7 @@ void add_trend(args::Command& app) {
       ->capture_default_str();
   command->add_option("--slab-type", options->type, "Only this SLAB_TYPE; default: that of the newest slab")
       ->check(args::range(1, 65'535));
+  command->add_option("--mould", options->mould, "Only slabs of this mould")->check(args::range(1, 65'535));
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");
   command->add_option("--until", options->until, "Began before that");
   options->document.add_to(*command);

@@ -62,6 +62,10 @@ void note_user(storage::CalibrationChange& change, std::uint32_t uid) {
     apply->note.who += user;
   if (auto* back = std::get_if<storage::RollBackCalibration>(&change); back != nullptr && !back->note.who.empty())
     back->note.who += user;
+  if (auto* kept = std::get_if<storage::KeepDisposition>(&change); kept != nullptr && !kept->record.who.empty())
+    kept->record.who += user;
+  if (auto* reset = std::get_if<storage::ResetMould>(&change); reset != nullptr && !reset->note.who.empty())
+    reset->note.who += user;
 }
 
 }  // namespace
@@ -87,6 +91,7 @@ Status CalibrationChanger::accept(const std::string& file, std::uint32_t uid) {
   error_ = {Code::ok, {}};
   id_.clear();
   calibration_.reset();
+  disposition_.reset();
   return success();
 }
 
@@ -106,10 +111,12 @@ void CalibrationChanger::carry_out(storage::Store* store) {
     } else {
       note_user(change.value(), uid_);
       const Result<std::string> done = store->change(change.value());
-      if (done.ok())
+      if (done.ok()) {
         id_.assign(done.value());
-      else
+        if (const auto* kept = std::get_if<storage::KeepDisposition>(&change.value())) disposition_ = kept->record;
+      } else {
         error_ = done.error();
+      }
       // A change that was refused was not stored. One that failed may be stored, so the database is read again.
       if (done.ok() || error_.code != Code::config) {
         Result<std::unique_ptr<LineCalibration>> now = store->calibration();
@@ -135,7 +142,8 @@ const LineCalibration* CalibrationChanger::finish() {
 FixedString<limits::kErrorTextBytes> CalibrationChanger::summary() const {
   FixedString<limits::kErrorTextBytes> text;
   if (succeeded()) {
-    text.printf("calibration change %s by uid %u: %s", file_.c_str(), uid_, id_.c_str());
+    text.printf("%s %s by uid %u: %s", disposition() != nullptr ? "decision" : "calibration change", file_.c_str(),
+                uid_, id_.c_str());
   } else {
     text.printf("calibration change %s by uid %u refused: %s", file_.c_str(), uid_, error_.text.c_str());
   }
@@ -163,6 +171,9 @@ Json of(const FixedString<N>& text) {
 Json of(CalibrationKind kind) {
   return name(kind);
 }
+Json of(Disposition decision) {
+  return std::string(name(decision));
+}
 Json of(const Vec3& v) {
   return Json::array({v.x(), v.y(), v.z()});
 }
@@ -182,6 +193,11 @@ void read(const Json& j, CalibrationKind& out) {
   const auto kind = calibration_kind_named(j.get<std::string>());
   if (!kind) throw std::invalid_argument("\"kind\" is not a kind of calibration");
   out = *kind;
+}
+void read(const Json& j, Disposition& out) {
+  const auto decision = disposition_named(j.get<std::string>());
+  if (!decision) throw std::invalid_argument("\"decision\" is not a decision about a slab");
+  out = *decision;
 }
 void read(const Json& j, double& out) {
   out = j.is_null() ? kNoValue : j.get<double>();
@@ -274,6 +290,10 @@ struct ChangeJson {
     return {{"roll_back", {{"kind", name(c.kind)}, {"slab_type", c.slab_type}, {"note", object_of(c.note)}}}};
   }
   Json operator()(const KeepCheck& c) const { return {{"check", object_of(c.check)}}; }
+  Json operator()(const KeepDisposition& c) const { return {{"disposition", object_of(c.record)}}; }
+  Json operator()(const ResetMould& c) const {
+    return {{"reset_mould", {{"mould", c.mould}, {"from_utime_us", c.from_utime_us}, {"note", object_of(c.note)}}}};
+  }
 };
 
 }  // namespace
@@ -299,7 +319,16 @@ Result<CalibrationChange> parse_change(std::string_view json) {
                                                    record_of<ChangeNote>(back.at("note"))});
     }
     if (j.contains("check")) return CalibrationChange(KeepCheck{record_of<CalibrationCheck>(j.at("check"))});
-    return error(Code::config, "a calibration change must be one of keep, apply, roll_back, check");
+    if (j.contains("disposition"))
+      return CalibrationChange(KeepDisposition{record_of<DispositionRecord>(j.at("disposition"))});
+    if (j.contains("reset_mould")) {
+      const Json& reset = j.at("reset_mould");
+      return CalibrationChange(ResetMould{reset.at("mould").get<std::uint16_t>(),
+                                          reset.at("from_utime_us").get<std::int64_t>(),
+                                          record_of<ChangeNote>(reset.at("note"))});
+    }
+    return error(Code::config,
+                 "a calibration change must be one of keep, apply, roll_back, check, disposition, reset_mould");
   } catch (const std::exception& e) {
     return error(Code::config, "a calibration change that cannot be read: %s", e.what());
   }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -37,6 +38,10 @@ class CalibrationChanger {
   /// After the storage thread's answer: the calibration now in force, or nullptr if it did not change. Valid until the
   /// next accept().
   [[nodiscard]] const LineCalibration* finish();
+  /// The decision about a slab that the finished change added; nullptr if it was another change.
+  [[nodiscard]] const storage::DispositionRecord* disposition() const {
+    return succeeded() && disposition_ ? &*disposition_ : nullptr;
+  }
 
   // ---- on the storage thread, between started() and finish() ----
   void carry_out(storage::Store* store);
@@ -61,6 +66,7 @@ class CalibrationChanger {
   Error error_{Code::ok, {}};
   CalibrationId id_;
   std::unique_ptr<LineCalibration> calibration_;
+  std::optional<storage::DispositionRecord> disposition_;
   // Copies for answers, updated in finish().
   Error shown_error_{Code::ok, {}};
   CalibrationId shown_id_;

@@ -267,6 +267,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   j["slab"] = open ? Json{{"no", view.slab_no},
                           {"id", station.slab.header.slab_id.view()},
                           {"type", view.slab_type},
+                          {"mould", station.slab.header.mould != 0 ? Json(station.slab.header.mould) : Json(nullptr)},
                           {"recipe", station.slab.header.recipe.view()},
                           {"stations_done", view.stations_done},
                           {"stations", station.slab.header.stations},

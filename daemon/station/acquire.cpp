@@ -38,7 +38,8 @@ StationRecord& record_of(Station& s, std::uint8_t station) {
 /// wrong robot program and a slab that is not at its configured place.
 Code looks_at_station(const Station& s, const Pose& T_base_flange, double& off_axis_mm) {
   const Pose T_base_scanner = T_base_flange * s.slab.header.T_flange_scanner;
-  const Pose T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, s.acquisition.station);
+  const Pose T_base_block =
+      s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, s.slab.facts.design, s.acquisition.station);
   const Vec3 p_scanner = T_base_scanner.inverse() * T_base_block.translation_mm;
   off_axis_mm = std::hypot(p_scanner.x(), p_scanner.y());
   return off_axis_mm <= s.settings.pose.look_mm && p_scanner.z() > 0.0 ? Code::ok : Code::outside_window;
@@ -288,7 +289,7 @@ void hold_against_pose(Station& s, const Attempt& attempt, BlockMeasured& measur
   View view;
   view.seen = true;
   view.T_base_scanner = stored_T_base_scanner(s.slab.header, attempt);
-  view.T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, attempt.station);
+  view.T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, s.slab.facts.design, attempt.station);
   view.T_scanner_block = registration.T_scanner_block;
   if (measured.refused == Code::ok) {
     const ViewFinding finding = compare_view(s.views, attempt.station, view);

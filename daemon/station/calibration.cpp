@@ -26,7 +26,7 @@ void commission(const CalibrationId& id, const Pose& T_flange_scanner, LineCalib
 }
 
 double distance_to_block_mm(const Station& s, std::uint8_t station, const Pose& T_base_flange) {
-  const Pose T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, station);
+  const Pose T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, s.slab.facts.design, station);
   return (T_base_flange.translation_mm - T_base_block.translation_mm).norm();
 }
 

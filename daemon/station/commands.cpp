@@ -9,6 +9,10 @@
 // CMD_ACK moves only if the command is in the journal, or if its content is refused.
 #include <algorithm>
 #include <cctype>
+#include <charconv>
+#include <optional>
+#include <string_view>
+#include <system_error>
 
 #include "base/rules.h"
 #include "daemon/station/parts.h"
@@ -38,10 +42,41 @@ bool printable(const std::array<char, limits::kSlabIdBytes>& id) {
   return text && std::all_of(end, id.end(), [](char c) { return c == '\0'; });
 }
 
+std::string_view id_text(const std::array<char, limits::kSlabIdBytes>& id) {
+  return {id.data(), static_cast<std::size_t>(std::find(id.begin(), id.end(), '\0') - id.begin())};
+}
+
+/// Mould of SLAB_BEGIN, from MOULD (HR 34) or SLAB_ID; 0 if neither names one. nullopt if they differ, or if the group
+/// of [line] mould_from_id is not a number of a mould.
+std::optional<std::uint16_t> mould_of(const Station& s, const PlcInputs& in) {
+  if (s.settings.mould_from_id == nullptr) return in.mould;
+  const std::optional<std::string_view> digits = s.settings.mould_from_id->first_group(id_text(in.slab_id));
+  if (!digits || digits->empty()) return in.mould;
+  std::uint16_t of_id = 0;
+  const auto [end, fault] = std::from_chars(digits->data(), digits->data() + digits->size(), of_id);
+  if (fault != std::errc() || end != digits->data() + digits->size()) return std::nullopt;
+  if (of_id != 0 && in.mould != 0 && of_id != in.mould) return std::nullopt;
+  return of_id != 0 ? of_id : in.mould;
+}
+
 /// True if SLAB_NO and SLAB_TYPE of a command match the open slab; 0 means "the open one".
 bool names_open_slab(const Station& s, const PlcInputs& in) {
   const SlabHeader& slab = s.slab.header;
   return (in.slab_no == 0 || in.slab_no == slab.slab_no) && (in.slab_type == 0 || in.slab_type == slab.slab_type);
+}
+
+/// The design sheet with which the slab begins; nullptr: as the recipe says.
+const DesignSheet* design_for(const Station& s, const Recipe& recipe, const PlcInputs& in) {
+  return recipe.design == DesignUse::none ? nullptr : find_design(s.settings.designs, id_text(in.slab_id));
+}
+
+/// False if the slab needs a design sheet and has none, or has one of another slab type. While a sheet cannot be read,
+/// an optional one is not taken as absent.
+bool has_its_design(const Station& s, const Recipe& recipe, const PlcInputs& in) {
+  if (recipe.design == DesignUse::none) return true;
+  const DesignSheet* const sheet = design_for(s, recipe, in);
+  if (sheet != nullptr) return sheet->slab_type == recipe.slab_type && sheet->stations == recipe.stations();
+  return recipe.design == DesignUse::optional && !s.settings.designs_faulty;
 }
 
 Code check_begin(const Station& s, const PlcInputs& in) {
@@ -51,6 +86,10 @@ Code check_begin(const Station& s, const PlcInputs& in) {
   const Recipe* recipe = recipe_for(s, in.slab_type);
   if (recipe == nullptr || (in.recipe != 0 && in.recipe != recipe->slab_type)) return Code::unknown_type;
   if (!printable(in.slab_id)) return Code::bad_id_text;
+  if (s.settings.id_pattern != nullptr && !s.settings.id_pattern->matches(id_text(in.slab_id)))
+    return Code::bad_id_text;
+  if (!mould_of(s, in)) return Code::unknown_mould;
+  if (!has_its_design(s, *recipe, in)) return Code::no_design;
   return room_for_records(s, 1) ? Code::ok : Code::busy;
 }
 
@@ -294,6 +333,10 @@ void begin_command(Station& s, Actions& actions) {
       set_status(s, in.cmd_seq, CommandStatus::done);
       log(actions, LogLine::Level::info, Code::ok, "slab %u \"%s\" begun, recipe %s", s.slab.header.slab_no,
           s.slab.header.slab_id.c_str(), s.slab.header.recipe.c_str());
+      if (const std::uint16_t dk = s.slab.header.temperature_dk; dk != 0 && !has_value(slab_temperature_c(dk)))
+        log(actions, LogLine::Level::warning, Code::ok,
+            "SLAB_TEMPERATURE (HR 32) is %.1f K = %.1f deg C, allowed are %.0f..%.0f: taken as unknown", 0.1 * dk,
+            0.1 * dk - kKelvinAtZero_c, kSlabTemperatureMin_c, kSlabTemperatureMax_c);
       break;
     case PlcCommand::scan: begin_acquisition(s, in, actions); break;
     case PlcCommand::slab_end: begin_end(s, in.cmd_seq, false, actions); break;
@@ -374,15 +417,19 @@ BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& in) {
   job.cmd_seq = in.cmd_seq;
   SlabHeader& slab = job.slab;
   slab.key = s.last_slab_key + 1;
-  const auto id_end = std::find(in.slab_id.begin(), in.slab_id.end(), '\0');
-  slab.slab_id = std::string_view(in.slab_id.data(), static_cast<std::size_t>(id_end - in.slab_id.begin()));
+  slab.slab_id = id_text(in.slab_id);
   slab.slab_no = in.slab_no;
   slab.slab_type = in.slab_type;
   slab.stations = recipe->stations();
   slab.temperature_dk = in.slab_temperature_dk;
   slab.age_h = in.slab_age_h;
+  slab.mould = mould_of(s, in).value_or(0);  // it was checked before
   slab.recipe = recipe->name;
   slab.recipe_sha256 = recipe->sha256;
+  if (const DesignSheet* const sheet = design_for(s, *recipe, in)) {
+    slab.design_sha256 = sheet->sha256;
+    slab.design_text = sheet->text;
+  }
   slab.unconfirmed = static_cast<std::uint16_t>(unconfirmed_count(*recipe));
   slab.guard = recipe->guard;
   slab.cell_mm = recipe->evaluation.cell_mm;
@@ -404,6 +451,8 @@ void open_slab(Station& s, const BeginSlabJob& job) {
   s.slab.phase = SlabPhase::open;
   s.slab.header = job.slab;
   s.slab.recipe = recipe_for(s, job.slab.slab_type);
+  s.slab.facts = facts_of(job.slab);
+  show_disposition(s, Disposition::none);
   s.slab.calibration = s.calibration;
   s.newest_time.note(job.slab.began_utime_us);
 }

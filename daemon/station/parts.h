@@ -46,7 +46,13 @@ void emit(Actions& actions, const T& action) {
 [[nodiscard]] const Recipe* recipe_for(const Station& s, std::uint16_t slab_type);
 /// Basis of the open slab.
 [[nodiscard]] inline SlabBasis slab_basis(const Station& s) {
-  return {s.slab.recipe, s.slab.header.T_base_slab, s.slab.calibration.scanner.numbers};
+  return {s.slab.recipe, s.slab.header.T_base_slab, s.slab.calibration.scanner.numbers, s.slab.facts};
+}
+/// Shows another decision about the slab whose verdict is shown.
+inline void show_disposition(Station& s, Disposition decision) {
+  if (s.results.disposition == decision) return;
+  s.results.disposition = decision;
+  s.results.disposition_seq = static_cast<std::uint16_t>(s.results.disposition_seq + 1U);
 }
 /// Emulation bits of the line's configuration and of the present poses.
 [[nodiscard]] std::uint8_t emulation_of_line(const Station& s);

@@ -45,7 +45,8 @@ namespace {
 
 View view_of(const SlabHeader& slab, const Recipe& recipe, int station, const Pose& T_base_scanner,
              const Pose& T_scanner_block) {
-  return {true, T_base_scanner, slab.T_base_slab * T_slab_block(recipe, station), T_scanner_block};
+  const SlabDesign design = facts_of(slab).design;
+  return {true, T_base_scanner, slab.T_base_slab * T_slab_block(recipe, design, station), T_scanner_block};
 }
 
 /// Restores the views of the last slab, and of the open slab's measured blocks.
@@ -85,6 +86,7 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
   s.results.slab_reason = line.slab_reason;
   s.results.slab_no = line.table_slab_no;
   s.results.slab_record = line.slab_record;
+  if (!line.slab_open) show_disposition(s, line.disposition);
   s.results.slab_emulated = line.slab_emulated;
   if (holds(Rule::slab_keys_continue)) s.last_slab_key = line.last_slab_key;
   s.newest_time = NewestTime(line.newest_utime_us);
@@ -96,6 +98,7 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
     if (fingerprint != 0) s.scan_unseen = fingerprint == kUnseenScan;
   recover_views(s, line);
   s.slab.header = line.slab;
+  s.slab.facts = facts_of(line.slab);
   if (holds(Rule::open_slab_restored)) s.slab.stations = line.stations;
   if (!line.slab_open) {
     s.slab.result = line.last_result;
@@ -170,6 +173,9 @@ struct Dispatch {
   void operator()(const SlabJudged& e) const { on_slab_judged(s, e, actions); }
   void operator()(const StoreDone& e) const { on_stored(s, e, actions); }
   void operator()(const CalibrationChanged& e) const { on_calibration_changed(s, *e.calibration); }
+  void operator()(const DispositionKept& e) const {
+    if (s.slab.phase == SlabPhase::none && s.slab.header.key == e.slab_key) show_disposition(s, e.decision);
+  }
   void operator()(const CaptureRequest& e) const { on_capture_request(s, e, actions); }
 };
 
@@ -304,6 +310,7 @@ PlcOutputs plc_view(const Station& s) {
   out.refuse_code = s.command.refuse_code;
   out.refuse_seq = s.command.refuse_seq;
   out.utime_us = s.utime_us;
+  out.disposition_seq = s.results.disposition_seq;
   out.results_pending = static_cast<std::uint16_t>(s.results.queue.size());
   if (!s.results.queue.empty()) out.record = s.results.queue.front();
 
@@ -321,6 +328,7 @@ PlcOutputs plc_view(const Station& s) {
     out.slab_verdict = s.results.slab_verdict;
     out.slab_reason = s.results.slab_reason;
     out.table_slab_no = s.results.slab_no;
+    out.disposition = s.results.disposition;
     for (std::size_t i = 0; i < out.table.size(); ++i) count_station(out, i, row_has_scan(out.table[i]));
   }
   return out;

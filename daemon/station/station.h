@@ -8,6 +8,7 @@
 
 #include "base/base.h"
 #include "base/calibration.h"
+#include "base/id_pattern.h"
 #include "base/jobs.h"
 #include "base/rate_limit.h"
 #include "daemon/station/pose_gate.h"
@@ -36,10 +37,14 @@ namespace slabd::daemon {
 // ---- configuration ---------------------------------------------------------------------------------------------
 
 struct StationSettings {
-  std::span<const Recipe> recipes;  ///< must outlive the station
+  std::span<const Recipe> recipes;       ///< must outlive the station
+  std::span<const DesignSheet> designs;  ///< ascending by SLAB_ID; must outlive the station
+  bool designs_faulty = false;           ///< a sheet could not be read: a slab without a sheet may have had one
   Pose T_base_slab;
-  Pose T_flange_scanner;         ///< commissioning values: used until a calibration is applied
-  CalibrationId calibration_id;  ///< id of these values; empty: there are none
+  Pose T_flange_scanner;                     ///< commissioning values: used until a calibration is applied
+  CalibrationId calibration_id;              ///< id of these values; empty: there are none
+  const IdPattern* id_pattern = nullptr;     ///< form of a SLAB_ID; nullptr: any text. Must outlive the station
+  const IdPattern* mould_from_id = nullptr;  ///< its group is the mould; nullptr: not in the id. Must outlive it
   SpliceSettings splice;
   std::int64_t check_interval_us = 0;  ///< interval of daily checks, 0: none are due
   FixedString<64> software;
@@ -130,6 +135,11 @@ struct StoreDone {
 struct CalibrationChanged {
   const LineCalibration* calibration = nullptr;  ///< read during the step only
 };
+/// Quality decided about a slab that did not pass.
+struct DispositionKept {
+  std::int64_t slab_key = 0;
+  Disposition decision = Disposition::none;
+};
 using CaptureName = FixedString<100>;
 /// Request of an operator who calibrates. After the step its result is in Station::capture; `Capture::refusal` holds
 /// the reason of a refusal.
@@ -143,7 +153,7 @@ struct CaptureRequest {
   PathText scan;  ///< release: the scan to release
 };
 using Event = std::variant<Recovered, NotRecovered, Tick, LinkStatus, PlcInputs, PoseSample, ScanDone, BlockMeasured,
-                           SlabJudged, StoreDone, CalibrationChanged, CaptureRequest>;
+                           SlabJudged, StoreDone, CalibrationChanged, DispositionKept, CaptureRequest>;
 
 // ---- actions ---------------------------------------------------------------------------------------------------
 
@@ -299,6 +309,7 @@ struct OpenSlab {
   SlabPhase phase = SlabPhase::none;
   SlabHeader header;
   const Recipe* recipe = nullptr;
+  SlabFacts facts;
   LineCalibration calibration;  ///< calibration of the slab, from its begin to its end
   std::array<StationRecord, limits::kStationsMax> stations{};
   std::uint16_t end_seq = 0;  ///< CMD_SEQ of SLAB_END or SLAB_ABORT
@@ -316,8 +327,10 @@ struct ResultState {
   Verdict slab_verdict = Verdict::none;
   std::uint16_t slab_reason = 0;
   std::uint32_t slab_no = 0;
-  std::uint8_t slab_emulated = 0;  ///< emulation bits of the slab whose verdict is shown
-  PlcResult slab_record;           ///< for REPORT
+  std::uint8_t slab_emulated = 0;               ///< emulation bits of the slab whose verdict is shown
+  PlcResult slab_record;                        ///< for REPORT
+  Disposition disposition = Disposition::none;  ///< of the slab whose verdict is shown
+  std::uint16_t disposition_seq = 0;            ///< counts its changes
 };
 
 /// A store job in progress, with the data needed to handle its answer.

@@ -161,7 +161,7 @@ class Decoder {
   void refuse(const Reg& reg, std::uint32_t found, std::uint32_t expected) {
     if (!ok_) return;
     ok_ = false;
-    error_ = slabd::error(Code::config, "IR %u holds 0x%X, register map 1.0 in this word order has 0x%X there",
+    error_ = slabd::error(Code::config, "IR %u holds 0x%X, register map 1.1 in this word order has 0x%X there",
                           unsigned{reg.address}, found, expected);
   }
 

@@ -11,7 +11,7 @@
 #include "base/base.h"
 #include "hal/hal.h"
 
-/// Register map 1.0: the two memories that the PLC and slabd share. Only this file defines their addresses, scales and
+/// Register map 1.1: the two memories that the PLC and slabd share. Only this file defines their addresses, scales and
 /// word order. Addresses are zero-based PDU addresses.
 ///
 ///   holding registers 0..39   written by the PLC    (FC 6, 16, 23), read back by FC 3
@@ -32,7 +32,8 @@ inline constexpr std::uint16_t kCommandSeqAddress = 39;
 inline constexpr std::uint16_t kMirrorFirst = 1000;
 
 inline constexpr std::uint16_t kMapMagic = 0x534C;  ///< IR 0, "SL"
-inline constexpr std::uint16_t kMapVersion = 0x0100;
+/// Map 1.1. A map 1.x only adds registers where 1.0 has reserved ones, so a PLC of 1.0 works with it.
+inline constexpr std::uint16_t kMapVersion = 0x0101;
 inline constexpr std::uint32_t kWordProbe = 0x12345678;  ///< IR 2-3, proves the word order at commissioning
 /// "No value" of a 16-bit deviation; numbers saturate at +-32767.
 inline constexpr std::uint16_t kNoRegisterValue = 0x8000;

@@ -9,7 +9,7 @@
 
 #include "hal/plc/plc_map.h"
 
-/// The register table of map 1.0; private to this folder. Every register is defined once, here: address, type, scale,
+/// The register table of map 1.1; private to this folder. Every register is defined once, here: address, type, scale,
 /// unit, meaning. Cursors walk the list (plc_map.cpp): one writes registers from values, one reads them back, one
 /// describes them in text. The documentation and `slabctl plc` are made from that text.
 namespace slabd::hal {
@@ -22,6 +22,7 @@ struct Reg {
   const char* meaning;
   const char* since = "1.0";
 };
+inline constexpr const char* kSince11 = "1.1";
 
 /// Address of the i-th of `words` 16-bit parts; part 0 is the most significant one.
 constexpr std::size_t part_address(std::size_t address, std::size_t words, std::size_t part, WordOrder order) {
@@ -49,6 +50,8 @@ inline constexpr std::array<std::string_view, 9> kStateWords = {
     "init", "recover", "idle", "slab open", "settling", "scanning", "waiting for PLC", "fault", "maintenance"};
 inline constexpr std::array<std::string_view, 6> kVerdictWords = {"none",         "pass",    "fail",
                                                                   "not measured", "aborted", "indeterminate"};
+inline constexpr std::array<std::string_view, 6> kDispositionWords = {"none",   "hold",  "release by concession",
+                                                                      "rework", "scrap", "re-inspect"};
 inline constexpr std::array<std::string_view, 6> kCommandWords = {"none",     "SLAB_BEGIN", "SCAN",
                                                                   "SLAB_END", "SLAB_ABORT", "REPORT"};
 inline constexpr std::array<std::string_view, 5> kStatusWords = {"none", "accepted", "acquiring", "acquired", "done"};
@@ -123,7 +126,8 @@ void walk_inputs(Cursor& io, Inputs& in) {
           in.slab_id);
   io.scaled({32, "SLAB_TEMPERATURE", "K", "in 0.1 K, 0 = unknown"}, in.slab_temperature_dk, 10.0);
   io.u16({33, "SLAB_AGE", "h", "since casting, 0 = unknown"}, in.slab_age_h);
-  io.reserved({34, "-", "", "reserved, write 0"}, 3);
+  io.u16({34, "MOULD", "", "SLAB_BEGIN: number of the mould that cast the slab, 0 = unknown", kSince11}, in.mould);
+  io.reserved({35, "-", "", "reserved, write 0"}, 2);
   io.computed({kCommandCrc, "CMD_CRC", "", "CRC-16/Modbus over HR 10..36, high bytes first; 0 = not used"});
   io.u16({38, "SESSION_ECHO", "", "SESSION (IR 9) as last read"}, in.session_echo);
   io.u16({kCommandSeqAddress, "CMD_SEQ", "", "written last: the command runs when it becomes CMD_ACK + 1; 1..65535"},
@@ -135,7 +139,9 @@ void walk_inputs(Cursor& io, Inputs& in) {
 template <typename Cursor, ValueOrConst<PlcOutputs> Outputs>
 void walk_state(Cursor& io, Outputs& out) {
   io.constant({0, "MAGIC", "", "0x534C: this is slabd"}, kMapMagic);
-  io.constant({1, "MAP_VERSION", "", "0x0100: map 1.0"}, kMapVersion);
+  io.constant(
+      {1, "MAP_VERSION", "", "0x0101: map 1.1; the high byte changes if a PLC of an earlier map cannot work with it"},
+      kMapVersion);
   io.constant32({2, "WORD_PROBE", "", "0x12345678; reads 0x56781234 when the word order is the other one"}, kWordProbe);
   io.u16({4, "HEARTBEAT", "", "+1 every 500 ms, by the loop that does the work"}, out.heartbeat);
   io.bit({5, "READY", "", "a command would be taken"}, 0, out.ready);
@@ -167,7 +173,10 @@ void walk_state(Cursor& io, Outputs& out) {
   io.time_us({22, "UTIME", "us", "since 1970-01-01 UTC"}, out.utime_us);
   io.code({26, "REFUSE_CODE", "", "why the last command was refused"}, out.refuse_code);
   io.u16({27, "REFUSE_SEQ", "", "its CMD_SEQ"}, out.refuse_seq);
-  io.reserved({28, "-", "", "reserved, reads 0"}, 2);
+  io.enumerated({28, "DISPOSITION", "", "decision about the slab of IR 108-109, 0 until one is recorded", kSince11},
+                out.disposition, Disposition::re_inspect, kDispositionWords);
+  io.u16({29, "DISPOSITION_SEQ", "", "+1 at every change of it, 0 until one is recorded", kSince11},
+         out.disposition_seq);
 }
 
 /// IR 30..63.

@@ -21,8 +21,8 @@ namespace slabd::storage {
 namespace {
 
 /// Tables in the order of their references; deleting a block also deletes its planes, casings and maps.
-constexpr std::array kTables = {"item",    "block",          "attempt",     "result",
-                                "command", "station_result", "slab_result", "slab"};
+constexpr std::array kTables = {"item",           "block",       "attempt", "result",     "command",
+                                "station_result", "slab_result", "slab",    "disposition"};
 
 }  // namespace
 

@@ -11,10 +11,11 @@ namespace slabd::algo {
 
 /// `room`: capacity of the scan's buffer in points; at least the size of the scan.
 inline BlockResult inspect(scene::Cloud cloud, const Recipe& recipe = scene::p5600(),
-                           const Pose& T_base_block = Pose::identity(), std::size_t room = 0) {
+                           const Pose& T_base_block = Pose::identity(), std::size_t room = 0,
+                           const SlabFacts& slab = {}) {
   static BlockInspector inspector;  // one for all scans of a test, as in the daemon
   inspector.use(recipe);
-  inspector.begin(4, T_base_block, T_base_block * nominal_T_block_scanner());
+  inspector.begin(4, T_base_block, T_base_block * nominal_T_block_scanner(), {}, slab);
   Cloud view = cloud.view();
   if (room > view.points) {
     cloud.xyz.resize(3 * room);

@@ -22,10 +22,11 @@ struct Pair {
   std::string folder;
   std::string name;
 };
-const std::array<Pair, 5> kPairs = {{{"/", "README"},
+const std::array<Pair, 6> kPairs = {{{"/", "README"},
                                      {"/docs/", "OPERATOR"},
                                      {"/docs/", "MAINTENANCE"},
                                      {"/docs/", "QUALITY"},
+                                     {"/docs/", "MOULDS"},
                                      {"/docs/", "CALIBRATION"}}};
 constexpr std::size_t kShortLine = 40;
 

@@ -12,6 +12,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <thread>
+#include <tuple>
 #include <vector>
 
 #include "base/base.h"
@@ -157,6 +158,16 @@ TEST_F(CalibrateSession, from_nothing_to_an_applied_calibration_in_six_commands)
   EXPECT_LT(listed["views"][0]["residual_mm"].get<double>(), 0.1);
   // The original scans are kept.
   EXPECT_EQ(content(listed["views"][2]["shots"][0].get<std::string>()), content(file("set/view_03.ply")));
+
+  // Neither corrections nor the robot's accuracy: commissioning is not complete, because no seat can pass.
+  const std::string path = file("a/slabd.toml");
+  for (const char* command : {"commission --config ", "doctor --no-write --config "})
+    expect_mentions(run(command + path).out, "no seat can pass");
+  std::string stated = content(path);
+  stated.insert(stated.find("channel ="), "absolute_sigma_mm = 0.05\nabsolute_sigma_deg = 0.005\n");
+  std::ignore = write("a/slabd.toml", stated);
+  for (const char* command : {"commission --config ", "doctor --no-write --config "})
+    EXPECT_EQ(run(command + path).out.find("no seat can pass"), std::string::npos);
 
   // The same from tables gives the same result.
   EXPECT_EQ(run("calibrate ball " + file("set/view_*.ply") + " --radius 25.4 --target " + file("t.txt")).status, 0);

@@ -3,6 +3,7 @@
 // Validity of station corrections: hand-eye calibration, age, and temperature of the visits.
 #include <fmt/core.h>
 #include <nlohmann/json.hpp>
+#include <tuple>
 
 #include "base/base.h"
 #include "cli/client/calibration_change.h"
@@ -163,6 +164,29 @@ TEST_F(CalibrateStations, a_temperature_far_from_the_certificates_is_said_in_mm)
   EXPECT_EQ(near.err.find("deg C"), std::string::npos) << near.err;
   expect_mentions(slabctl(solve + " --temperature 29").err,
                   "the visits were made at 29.0: over the 1000 mm between its stations that is about 0.080 mm");
+}
+
+TEST_F(CalibrateStations, a_slab_s_certificate_is_brought_to_the_temperature_of_the_visits) {
+  ASSERT_EQ(adopt("0.05").status, 0);
+  fs::create_directories(file("recipes"));
+  std::ignore = write("recipes/p5600.toml", content(kRecipe) + R"([thermal]
+reference_c = { value = 20, confirmed = true }
+cte_per_K = { value = 1e-5, confirmed = true }
+u_cte_per_K = { value = 1e-6, confirmed = true }
+u_temperature_K = { value = 2, confirmed = true }
+unknown_range_c = { value = [-10, 50], confirmed = true }
+)");
+  std::string config = content(file("slabd.toml"));
+  config.replace(config.find(places::source_dir()), places::source_dir().size(), file(""));
+  std::ignore = write("slabd.toml", config);
+  const std::string given = sources();
+  std::string certificate = content(file("master.txt"));
+  certificate.replace(certificate.find("frame = base"), 12, "frame = slab");
+  std::ignore = write("master.txt", certificate);
+  const Ended solved = slabctl("calibrate stations --dry-run" + given + " --temperature 29");
+  expect_mentions(solved.out, "brought from 21.0 to 29.0 deg C: its seats by up to 0.080 mm");
+  EXPECT_EQ(solved.err.find("deg C"), std::string::npos) << solved.err;
+  expect_mentions(slabctl("calibrate stations --dry-run" + given).err, "--temperature does not say");
 }
 
 TEST_F(CalibrateStations, adopting_over_another_calibration_wants_a_word) {

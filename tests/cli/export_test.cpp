@@ -77,9 +77,10 @@ TEST_F(Export, a_table_has_one_row_for_each_item_and_reads_as_rfc_4180) {
   EXPECT_EQ(run("export 1 --db " + db()).out, content(file("items.csv")).substr(3));
 }
 
-TEST_F(Export, temperature_age_and_slope_datum_are_written) {
+TEST_F(Export, temperature_age_mould_and_slope_datum_are_written) {
   header_.temperature_dk = 2931;
   header_.age_h = 26;
+  header_.mould = 12;
   header_.emulated = kEmulatedScan;
   begin();
   measure(3);
@@ -89,16 +90,19 @@ TEST_F(Export, temperature_age_and_slope_datum_are_written) {
   const json slab = document();
   EXPECT_EQ(slab["slab_temperature_k"], 293.1);
   EXPECT_EQ(slab["slab_age_h"], 26);
+  EXPECT_EQ(slab["mould"], 12);
   EXPECT_EQ(slab["slope_datum"], "slab_frame");
   EXPECT_EQ(slab["T_flange_scanner"], (json{0.0, 80.0, 150.0, 1.0, 0.0, 0.0, 0.0}));
   ASSERT_EQ(run("export 1 --out " + file("items.csv") + " --db " + db()).status, 0);
   const json table = read("csv", file("items.csv"));
   const auto& columns = table["columns"];
-  ASSERT_GT(columns.size(), 4U);
-  EXPECT_EQ(columns[columns.size() - 5], "scanner_id") << "new columns come at the end";
+  ASSERT_GT(columns.size(), 5U);
+  EXPECT_EQ(columns[columns.size() - 6], "scanner_id") << "new columns come at the end";
+  EXPECT_EQ(columns.back(), "mould");
   for (const json& row : table["rows"]) {
     EXPECT_EQ(row["slab_temperature_k"], "293.1");
     EXPECT_EQ(row["slab_age_h"], "26");
+    EXPECT_EQ(row["mould"], "12");
     EXPECT_EQ(row["slope_datum"], "slab_frame");
     EXPECT_EQ(row["emulated"], "1");
   }
@@ -112,11 +116,13 @@ TEST_F(Export, values_that_the_plc_did_not_send_are_absent) {
   const json slab = json::parse(run("export 1 --format json --db " + db()).out);
   EXPECT_TRUE(slab["slab_temperature_k"].is_null());
   EXPECT_TRUE(slab["slab_age_h"].is_null());
+  EXPECT_TRUE(slab["mould"].is_null());
   EXPECT_EQ(slab["slope_datum"], "local_slab_top");
   ASSERT_EQ(run("export 1 --out " + file("items.csv") + " --db " + db()).status, 0);
   for (const json& row : read("csv", file("items.csv"))["rows"]) {
     EXPECT_EQ(row["slab_temperature_k"], "");
     EXPECT_EQ(row["slab_age_h"], "");
+    EXPECT_EQ(row["mould"], "");
     EXPECT_EQ(row["slope_datum"], "local_slab_top");
   }
 }

@@ -81,7 +81,7 @@ json troubled() {
       {"monitor_ball", watch},
       {"scanner", {{"id", "sc-0123456789ab"}, {"state", "failed"}, {"expires_utime_us", 0}}}};
   j["maintenance"] = {{"session", "hall"}, {"operator", "li"}, {"views", 3}, {"lease_left_s", 250.0}};
-  j["slab"] = {{"no", 8}, {"id", "S-8"}, {"type", 5600}, {"stations_done", 3}, {"stations", 18}};
+  j["slab"] = {{"no", 8}, {"id", "S-8"}, {"type", 5600}, {"mould", 12}, {"stations_done", 3}, {"stations", 18}};
   j["links"]["plc"] = {{"clients", 1}, {"alive", false}, {"trouble", "connection refused"}};
   j["links"]["pose"] = {
       {"ok", false}, {"code", 201}, {"text", std::string(describe(Code::no_pose)) + ": second sender"},
@@ -108,8 +108,8 @@ TEST_F(Language, status_is_chinese_and_quotes_what_the_daemon_says) {
     const Ended zh = run("status --language zh --socket " + socket);
     EXPECT_EQ(zh.status, kDone) << zh.err;
     expect_chinese(zh.out);
-    for (const char* words :
-         {"没有有效的标定", "已运行 2 小时", "没有收到机器人位姿：“second sender”", "不合格", "lost 3 次"})
+    for (const char* words : {"没有有效的标定", "已运行 2 小时", "没有收到机器人位姿：“second sender”", "不合格",
+                              "lost 3 次", "板型 5600，模具 12，"})
       expect_mentions(zh.out, words);
     // The environment is the default of the option.
     ::setenv("SLABD_LANGUAGE", "zh", 1);

@@ -94,6 +94,7 @@ TEST(PlcDocs, registers_are_described_in_words) {
     EXPECT_EQ(words["5 READY"], "1");
     EXPECT_EQ(words["6 STATE"], "5 scanning");
     EXPECT_EQ(words["11 CMD_STATUS"], "failed: 205 the robot moved while the scan was taken");
+    EXPECT_EQ(words["28 DISPOSITION"], "0 none");
     EXPECT_EQ(words["36 VERDICT"], "2 fail");
     EXPECT_EQ(words["37 REASON"], "604 jaw_distance");
     EXPECT_EQ(words["42 corner_level"], "-0.250 mm");
@@ -106,6 +107,7 @@ TEST(PlcDocs, registers_are_described_in_words) {
                    [&](const hal::RegisterRow& row, std::string_view value) { order[std::string(row.name)] = value; });
   EXPECT_EQ(order["SLAB_TEMPERATURE"], "unknown");
   EXPECT_EQ(order["SLAB_AGE"], "unknown") << "it was not reported";
+  EXPECT_EQ(order["MOULD"], "unknown");
   EXPECT_EQ(order["CMD_SEQ"], "0");
   hal::InputImage wrong{};
   wrong[36] = 77;

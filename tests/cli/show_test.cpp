@@ -115,6 +115,26 @@ TEST_F(Show, an_emulated_slab_is_marked_in_show_history_export_trend_and_their_j
   }
 }
 
+TEST_F(Show, the_mould_is_shown_and_found_and_an_unknown_one_is_nothing) {
+  const std::string db = " --db " + file("slabd.db");
+  for (const std::uint16_t mould : {std::uint16_t{0}, std::uint16_t{12}}) {
+    header_.key = mould == 0 ? 1 : 2;
+    header_.mould = mould;
+    apply(BeginSlabJob{header_, 1, 1});
+    apply(SlabJob{header_.key, slab_, record_, 1'763'681'999'000'000});
+    EXPECT_EQ(show().out.find("  mould 12\n") != std::string::npos, mould != 0) << show().out;
+    EXPECT_EQ(json::parse(show("--json").out)["mould"], mould == 0 ? json() : json(12));
+    EXPECT_EQ(run("history" + db).out.find("mould") != std::string::npos, mould != 0);
+    const json slabs = json::parse(run("history --json" + db).out)["slabs"];
+    EXPECT_EQ(slabs[0]["mould"], mould == 0 ? json() : json(12));
+  }
+  const json of_12 = json::parse(run("history --json --mould 12" + db).out)["slabs"];
+  ASSERT_EQ(of_12.size(), 1U);
+  EXPECT_EQ(of_12[0]["key"], 2);
+  expect_mentions(run("history --mould 13" + db).out, "no slab fits these conditions");
+  EXPECT_EQ(run("history --mould 0" + db).status, 2);
+}
+
 TEST_F(Show, open_slab_shows_what_is_known_so_far) {
   apply(BeginSlabJob{header_, 1, 1});
   measure_station_3();

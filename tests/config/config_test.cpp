@@ -79,6 +79,8 @@ capture_stable_s = 0.5
 socket = "/srv/control.sock"
 [line]
 simulation = true
+id_pattern = 'C3-[0-9]{4}'
+mould_from_id = '-M([0-9]+)'
 [report]
 project = "Line 7"
 )";
@@ -199,6 +201,24 @@ TEST_F(ConfigTest, only_one_or_two_threads_are_accepted) {
             Texts{"slabd.toml:6:1: measure.thread: unknown key; the nearest known one is \"threads\""});
 }
 
+TEST_F(ConfigTest, patterns_of_ids_are_compiled_when_they_are_read) {
+  const auto line = [](const std::string& key) { return kShortest + ("[line]\n" + key + "\n"); };
+  EXPECT_EQ(load(line("id_pattern = '(A|B)[0-9]{6}'\nmould_from_id = '^(?:A|B)([0-9]{2})'")), Texts{});
+  EXPECT_EQ(load(line("id_pattern = 'A(0-9'")),
+            Texts{"slabd.toml:6:14: line.id_pattern: found \"A(0-9\", which is not a regular expression: character 6: "
+                  "the ) of a group is missing"});
+  EXPECT_FALSE(config_.id_pattern);
+  EXPECT_EQ(
+      load(line("mould_from_id = 'M[0-9]+'")),
+      Texts{"slabd.toml:6:17: line.mould_from_id: found \"M[0-9]+\" with 0 groups, allowed is one group ( ), which "
+            "contains the number of the mould; (?: ) is not counted"});
+  EXPECT_EQ(load(line("mould_from_id = '(A|B)([0-9]+)'")).size(), 1U);
+  EXPECT_FALSE(config_.mould_from_id);
+  EXPECT_EQ(load(line("id_pattern = ''")),
+            Texts{"slabd.toml:6:14: line.id_pattern: found \"\", allowed is text of 1..128 bytes"});
+  EXPECT_EQ(load(line("id_pattern = '" + std::string(129, 'a') + "'")).size(), 1U);
+}
+
 TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
   EXPECT_EQ(load(kShortest), Texts{});
   EXPECT_EQ(config_.plc.host.view(), "127.0.0.1");
@@ -224,6 +244,8 @@ TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
   EXPECT_EQ(config_.control_socket, "/run/slabd/control.sock");
   EXPECT_EQ(config_.measure_threads, config::default_measure_threads());
   EXPECT_FALSE(config_.simulation);
+  EXPECT_FALSE(config_.id_pattern) << "any text is an id";
+  EXPECT_FALSE(config_.mould_from_id);
   EXPECT_EQ(config_.T_base_slab.translation_mm, Vec3(1000, 0, 500));
   EXPECT_EQ(config_.calibration.T_flange_scanner.translation_mm, Vec3(0, 0, 120.5));
   EXPECT_EQ(config_.splice.repeatability_mm, 0.0);
@@ -293,6 +315,9 @@ TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_TRUE(config_.capture.is_wider());
   EXPECT_EQ(config_.control_socket, "/srv/control.sock");
   EXPECT_TRUE(config_.simulation);
+  ASSERT_TRUE(config_.id_pattern && config_.mould_from_id);
+  EXPECT_TRUE(config_.id_pattern->matches("C3-0001"));
+  EXPECT_EQ(config_.mould_from_id->first_group("S-M12"), "12");
   EXPECT_EQ(config_.project, "Line 7");
 }
 

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <sha256.h>
 
+#include "config/recipe_keys.h"
 #include "tests/config/text_file.h"
 #include "tests/places/places.h"
 
@@ -299,6 +300,50 @@ TEST_F(RecipeTest, nominals_of_edges_and_limits_of_pores_are_optional) {
   EXPECT_EQ(recipe_.edges.fillet_shoulder_mm, 3.0);
   EXPECT_EQ(recipe_.edges.chamfer_mm, 12.0);
   EXPECT_FALSE(has_value(recipe_.pores.depth_max_mm) || has_value(recipe_.pores.share_max));
+}
+
+/// The recipe with its commented table of temperatures in force.
+std::string with_thermal(std::string text) {
+  const std::size_t begin = text.find("# [thermal]");
+  for (std::size_t at = begin; text.compare(at, 2, "# ") == 0; at = text.find('\n', at) + 1) text.erase(at, 2);
+  return text;
+}
+
+TEST_F(RecipeTest, temperatures_are_optional) {
+  const std::string whole = read_whole(kP5600);
+  ASSERT_EQ(load(whole), Texts{});
+  EXPECT_FALSE(recipe_.thermal.given);
+  const int unconfirmed = unconfirmed_count(recipe_);
+  const std::size_t keys = config::keys_of(recipe_).size();
+  ASSERT_EQ(load(with_thermal(whole)), Texts{});
+  const ThermalSettings& t = recipe_.thermal;
+  EXPECT_TRUE(t.given);
+  EXPECT_EQ(t.reference_c.value, 20.0);
+  EXPECT_EQ(t.cte_per_K.value, 1e-5);
+  EXPECT_EQ(t.u_cte_per_K.value, 1e-6);
+  EXPECT_EQ(t.u_temperature_K.value, 2.0);
+  EXPECT_EQ(t.unknown_low_c.value, -10.0);
+  EXPECT_EQ(t.unknown_high_c.value, 50.0);
+  EXPECT_EQ(unconfirmed_count(recipe_), unconfirmed + 4) << "all but the reference";
+  EXPECT_EQ(config::keys_of(recipe_).size(), keys) << "recipe diff compares the same keys of all recipes";
+}
+
+TEST_F(RecipeTest, faulty_temperatures_are_named) {
+  const std::string whole = with_thermal(read_whole(kP5600));
+  const auto refused = [&](const std::string& from, const std::string& to, const std::string& words) {
+    EXPECT_THAT(load(with(whole, from, to)), ::testing::ElementsAre(::testing::HasSubstr(words))) << to;
+  };
+  const std::string range = "unknown_range_c = { value = [-10, 50], confirmed = false }";
+  const std::string allowed = "allowed is { value = [low, high] within -40..90, confirmed = true or false }";
+  refused(range, "unknown_range_c = { value = [50, -10], confirmed = false }", allowed);
+  refused(range, "unknown_range_c = { value = [-50, 50], confirmed = false }", allowed);
+  refused(range, "unknown_range_c = { value = [1, 2, 3], confirmed = false }", allowed);
+  refused(range, "unknown_range_c = { value = 20, confirmed = false }", allowed);
+  refused(range, "unknown_range_c = [-10, 50]", allowed);
+  refused(range, "unknown_range_c = { value = [-10, 50] }", "thermal.unknown_range_c.confirmed: missing");
+  refused(range, "", "thermal.unknown_range_c: missing");
+  refused("cte_per_K = { value = 1.0e-5", "cte_per_K = { value = 1.0e-3", "thermal.cte_per_K.value: found 0.001");
+  refused("reference_c = { value = 20", "reference_c = { value = 293", "thermal.reference_c.value: found 293");
 }
 
 TEST_F(RecipeTest, an_assumption_left_out_of_the_uncertainty_is_missed) {

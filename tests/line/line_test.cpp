@@ -139,8 +139,8 @@ TEST_F(LineTest, stopping_does_not_wait_until_the_database_is_open) {
 }
 
 TEST_F(LineTest, planted_defects_fail_their_blocks_and_no_other) {
-  const Box::Answer answer =
-      simulate({"--slab-no", "3", "--defect", "slope=4:1/35", "--defect", "jaw-distance=11:0.9", "--json"});
+  const Box::Answer answer = simulate(
+      {"--slab-no", "3", "--mould", "12", "--defect", "slope=4:1/35", "--defect", "jaw-distance=11:0.9", "--json"});
   ASSERT_EQ(answer.exit_status, 1) << answer.out << answer.err;
   // The PLC's station table decides: exactly blocks 4 and 11 failed, and so did the slab.
   const fs::path db = box.dir / "slabd.db";
@@ -148,6 +148,7 @@ TEST_F(LineTest, planted_defects_fail_their_blocks_and_no_other) {
   EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'fail' AND station IN (4, 11)"), 2);
   EXPECT_EQ(query(db, "SELECT count(*) FROM station_result WHERE verdict = 'pass'"), 16);
   EXPECT_EQ(query(db, "SELECT count(*) FROM slab_result WHERE verdict = 'fail'"), 1);
+  EXPECT_EQ(query(db, "SELECT mould FROM slab"), 12);
 }
 
 TEST_F(LineTest, a_failed_slab_that_was_turned_to_pass_while_slabd_was_stopped_is_named) {

@@ -12,6 +12,12 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from line import SLAB_BEGIN, Box, Plc, wait_for, wire_for  # noqa: E402
 
 
+LINE = """[line]
+id_pattern = '(?:(?:HAND|PLC)-[0-9]+(?:-M[0-9]+)?)?'
+mould_from_id = '-M([0-9]+)$'
+"""
+
+
 def ask(box, status, *words):
     """The output of one command by hand, which must end with this exit status."""
     device = ["--device", box.pty[1]] if box.role == "rtu" else []
@@ -27,8 +33,12 @@ def by_hand(box):
     assert "needs --slab-no and --slab-type" in ask(box, 2, "SLAB_BEGIN")
     assert "106: " in ask(box, 6, "SLAB_BEGIN", "--slab-no", "7", "--slab-type", "99"), "slabd's refusal is shown"
 
-    begun = ask(box, 0, "slab-begin", "--slab-no", "7", "--slab-type", "5600", "--slab-id", "HAND-7")
+    begin = ("--slab-no", "7", "--slab-type", "5600", "--slab-id")
+    assert "108: " in ask(box, 6, "SLAB_BEGIN", *begin, "HAND-X"), "[line] id_pattern"
+    assert "113: " in ask(box, 6, "SLAB_BEGIN", *begin, "HAND-7-M12", "--mould", "13"), "[line] mould_from_id"
+    begun = ask(box, 0, "slab-begin", *begin, "HAND-7-M12")
     assert "slab 7 is open, type 5600" in begun, begun
+    assert box.status()["slab"]["mould"] == 12, box.status()["slab"]
     assert "slab 7 is open; end it first" in ask(box, 6, "SLAB_BEGIN", "--slab-no", "8", "--slab-type", "5600")
     box.order("station 3", "standing 3")
     scanned = ask(box, 0, "scan", "3")
@@ -73,6 +83,8 @@ def main():
     parser.add_argument("--role", default="server")
     options = parser.parse_args()
     box = Box(os.path.abspath(options.build), options.role)
+    with open(box.config, "a", encoding="utf-8") as config:
+        config.write(LINE)
     try:
         box.start()
         box.stand_by(1)

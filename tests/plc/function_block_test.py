@@ -29,7 +29,7 @@ class Line:
         self.now = 100.0
         self.block = make(lambda: self.now)
         self.ir = [0] * 110
-        self.ir[0:4] = [0x534C, 0x0100, 0x1234, 0x5678]
+        self.ir[0:4] = [0x534C, 0x0101, 0x1234, 0x5678]
         self.ir[5] = 0b1000000001  # READY, PLC_LINK_OK
         self.ir[SESSION] = 7
         self.ir[ACK] = 41
@@ -75,6 +75,20 @@ class Cases:
         self.assertFalse(line.block.xReady)
         line.ir[SESSION] += 1
         self.assertTrue(line.cycle().xReady)
+
+    def test_a_map_is_known_by_the_high_byte_of_its_version(self):
+        line = self.line()
+        line.started()
+        for version, wrong in ((0x0100, False), (0x0101, False), (0x01FF, False), (0x0001, True), (0x0200, True)):
+            line.ir[1] = version
+            self.assertEqual(line.cycle().xWrongMap, wrong, hex(version))
+
+    def test_the_mould_is_part_of_the_order(self):
+        line = self.line()
+        block = line.started()
+        line.cycle(xExecute=True, uiCmd=1, uiMould=12)
+        line.cycle(uiMould=13)
+        self.assertEqual(block.HR[34:37], [12, 0, 0], "as it was when the order began")
 
     def test_an_order_without_an_answer_is_made_void(self):
         line = self.line()

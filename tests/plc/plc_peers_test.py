@@ -20,8 +20,9 @@ import threading
 import time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from line import FAIL, PASS, SCAN, SLAB_BEGIN, STATIONS, Box, Plc, wait_for, wire_for  # noqa: E402
+from line import FAIL, PASS, ROOT, SCAN, SLAB_BEGIN, STATIONS, Box, Plc, wait_for, wire_for  # noqa: E402
 from scl_block import siemens  # noqa: E402
+from st_block import Block  # noqa: E402
 
 
 def say(text):
@@ -35,11 +36,29 @@ def memory_kb(box):
 # ---- whole slabs --------------------------------------------------------------------------------------------------
 
 
+MOULD = 12
+
+
+def block_of_map_1_0(box):
+    """FB_SLABD.st as for map 1.0: it writes 0 to HR 34, which was reserved."""
+    with open(os.path.join(ROOT, "docs/plc/FB_SLABD.st"), encoding="utf-8") as file:
+        text = file.read()
+    line = "HR[34] := uiMouldNow;"
+    assert line in text
+    path = os.path.join(box.dir, "FB_SLABD_1_0.st")
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(text.replace(line, ""))
+    return Block(path)
+
+
 def slabs(box, count, block=None):
     box.start()
     box.stand_by(count)
     wire = wire_for(box)
-    plc = Plc(wire, block=block)
+    # With role "client" a PLC of map 1.0, with the others one of map 1.1.
+    of_1_0 = box.role == "client"
+    plc = Plc(wire, block=block_of_map_1_0(box) if of_1_0 else block)
+    plc.inputs["uiMould"] = MOULD
     started = time.monotonic()
     memory = []
     for number in range(1, count + 1):
@@ -48,6 +67,10 @@ def slabs(box, count, block=None):
         assert plc.stations_stored(1000 + number) == set(range(1, STATIONS + 1))
         memory.append(memory_kb(box))
     took = time.monotonic() - started
+    code, out = box.slabctl("history", "--config", box.config, "--json")
+    assert code == 0, out
+    moulds = [slab["mould"] for slab in json.loads(out)["slabs"]]
+    assert moulds == [None if of_1_0 else MOULD] * count, moulds
     monitor(box)
     if box.role == "server":
         mbpoll(box)
@@ -79,7 +102,7 @@ def monitor(box):
 def mbpoll(box):
     out = subprocess.run(["mbpoll", "-m", "tcp", "-a", "1", "-p", str(box.port), "-0", "-r", "0", "-c", "4", "-t", "3:hex", "-1",
                           "127.0.0.1"], capture_output=True, text=True, check=True).stdout
-    for word in ("0x534C", "0x0100", "0x1234", "0x5678"):
+    for word in ("0x534C", "0x0101", "0x1234", "0x5678"):
         assert word in out, out
 
 

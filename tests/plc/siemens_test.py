@@ -12,7 +12,7 @@ from scl_block import FOLDER, siemens
 from st_block import Block
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-MAGIC = [0x534C, 0x0100, 0x1234, 0x5678]
+MAGIC = [0x534C, 0x0101, 0x1234, 0x5678]
 
 
 def crc16(registers):
@@ -132,7 +132,8 @@ class Siemens(unittest.TestCase):
                     case 1:
                         inputs.update(uiCmd=chance.randrange(1, 6), uiStation=chance.randrange(19), uiSlabType=5600,
                                       udSlabNo=chance.randrange(1 << 32),
-                                      awSlabId=[chance.randrange(1 << 16) for _ in range(16)])
+                                      awSlabId=[chance.randrange(1 << 16) for _ in range(16)],
+                                      uiMould=chance.randrange(1 << 16))
                     case 2:
                         ir[9] += 1
                     case 3 | 4:
@@ -239,6 +240,7 @@ class Siemens(unittest.TestCase):
         words = [0] * 16
         siemens().function("FC_SLABD_ID", text="S-7", words=words)
         order.awSlabId = words
+        order.uiMould = 12
 
         def until(done, what):
             for _ in range(3000):
@@ -258,6 +260,7 @@ class Siemens(unittest.TestCase):
         until(lambda: not slabd.ir[5] & 8, "RES_ACK")
         self.assertEqual([scan[:7] for scan in slabd.scans],
                          [[2, 4, 5600, 0, 1, 4464, 0x532D], [3, 4, 5600, 0, 1, 4464, 0x532D]])
+        self.assertEqual([scan[24:] for scan in slabd.scans], [[12, 0, 0], [12, 0, 0]], "HR 34 is MOULD")
         self.assertEqual(slabd.hr[2], slabd.ir[30])
 
     def test_client_sends_one_request_at_a_time(self):

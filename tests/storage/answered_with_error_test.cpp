@@ -82,7 +82,7 @@ TEST_F(AnsweredWithAnError, a_block_is_taken_back_by_the_next_job) {
       crash_disk::fail(root_, kNever, 1, EIO, false);
       EXPECT_TRUE(pass(key, 3));
       // The next block makes about the same number of calls; the last of them leave it in the log.
-      const std::uint64_t point = crash_disk::heal() + 10 - static_cast<std::uint64_t>(turn) % 20;
+      const std::uint64_t point = crash_disk::heal() + 20 - static_cast<std::uint64_t>(turn) % 40;
       acquire(key, 4, 1);
       crash_disk::fail(root_, point, 12, EIO, false);
       const bool failed = !pass(key, 4);

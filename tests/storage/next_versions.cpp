@@ -9,9 +9,9 @@ namespace slabd::storage {
 namespace {
 
 constexpr std::string_view kNewTable =
-    "CREATE TABLE mould (number INTEGER PRIMARY KEY, made_utime_us INTEGER NOT NULL) STRICT;\n";
+    "CREATE TABLE batch (number INTEGER PRIMARY KEY, made_utime_us INTEGER NOT NULL) STRICT;\n";
 constexpr std::string_view kOldKinds = "'monitor_ball', 'scanner'))";
-constexpr std::string_view kNewKinds = "'monitor_ball', 'scanner', 'mould'))";
+constexpr std::string_view kNewKinds = "'monitor_ball', 'scanner', 'batch'))";
 
 void replace(std::string& text, std::string_view what, std::string_view with) {
   const std::size_t at = text.find(what);
@@ -35,7 +35,7 @@ void add_column(std::string& text, const std::string& table, const std::string& 
 }
 
 std::string first_step() {
-  return std::string(kNewTable) + "ALTER TABLE slab ADD COLUMN mould INTEGER NOT NULL DEFAULT 0;";
+  return std::string(kNewTable) + "ALTER TABLE slab ADD COLUMN batch INTEGER NOT NULL DEFAULT 0;";
 }
 
 }  // namespace
@@ -45,21 +45,21 @@ std::string NextVersions::second_step() {
   std::string table = part_of(now, "CREATE TABLE calibration (", ") STRICT;");
   replace(table, "CREATE TABLE calibration (", "CREATE TABLE calibration_new (");
   replace(table, kOldKinds, kNewKinds);
-  return "ALTER TABLE mould ADD COLUMN wear_mm REAL;\n" + table +
+  return "ALTER TABLE batch ADD COLUMN strength REAL;\n" + table +
          "INSERT INTO calibration_new SELECT * FROM calibration;\n"
          "DROP TRIGGER calibration_stays;\nDROP TRIGGER calibration_is_kept;\nDROP TABLE calibration;\n"
          "ALTER TABLE calibration_new RENAME TO calibration;\n" +
          part_of(now, "CREATE TRIGGER calibration_stays", "END;") +
-         part_of(now, "CREATE TRIGGER calibration_is_kept", "END;") + "ALTER TABLE item ADD COLUMN mould_U REAL;";
+         part_of(now, "CREATE TRIGGER calibration_is_kept", "END;") + "ALTER TABLE item ADD COLUMN batch_U REAL;";
 }
 
 std::string NextVersions::fresh_text(int last) {
   std::string text = schema().sql;
   text += kNewTable;
-  add_column(text, "slab", "emulated           INTEGER NOT NULL", "mould INTEGER NOT NULL DEFAULT 0");
+  add_column(text, "slab", "emulated           INTEGER NOT NULL", "batch INTEGER NOT NULL DEFAULT 0");
   if (last == kFirst) return text;
-  add_column(text, "mould", "made_utime_us INTEGER NOT NULL", "wear_mm REAL");
-  add_column(text, "item", "budget_reference REAL", "mould_U REAL");
+  add_column(text, "batch", "made_utime_us INTEGER NOT NULL", "strength REAL");
+  add_column(text, "item", "budget_thermal REAL", "batch_U REAL");
   replace(text, kOldKinds, kNewKinds);
   return text;
 }

@@ -11,8 +11,8 @@ namespace slabd::storage {
 
 /// Two invented schema versions after this program's, so that tests can upgrade a database. During its lifetime this
 /// process acts as a program of the later one.
-///   first step: adds table mould and column slab.mould
-///   second step: requires the first; adds columns mould.wear_mm and item.mould_U, and rebuilds table calibration with
+///   first step: adds table batch and column slab.batch
+///   second step: requires the first; adds columns batch.strength and item.batch_U, and rebuilds table calibration with
 ///     an additional kind, because SQLite cannot extend a CHECK
 class NextVersions {
  public:

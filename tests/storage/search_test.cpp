@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Searches for slabs and values among many, compared with known answers.
+#include <algorithm>
+#include <cmath>
+
+#include "storage/history_writer.h"
 #include "tests/storage/store_fixture.h"
 
 namespace slabd::storage {
@@ -40,7 +44,8 @@ class SearchTest : public StoreTest {
     apply(SlabJob{key, slab, random_record(prng_, ++res_seq_, 2), 9'000'000});
   }
   /// Creates four slabs: slab n begins at n seconds and has type 56 (odd) or 49. Slab 1 passes, 2 fails at block 2's
-  /// flatness. Slab 3 fails at block 7 in an attempt that was scanned again and passes; slab 4 is open.
+  /// flatness. Slab 3 fails at block 7 in an attempt that was scanned again and passes; slab 4 is open. The moulds are
+  /// 7, 8, 8 and unknown.
   void make_four() {
     open();
     for (std::int64_t key = 1; key <= 4; ++key) {
@@ -49,6 +54,7 @@ class SearchTest : public StoreTest {
       job.slab.slab_id.assign("LINE-A-" + std::to_string(key));
       job.slab.began_utime_us = key * 1'000'000;
       job.slab.stations = key == 1 ? 16 : 18;
+      job.slab.mould = static_cast<std::uint16_t>(key == 4 ? 0 : 7 + key / 2);
       apply(job);
       measured(key, 2, 1, 0.1 * static_cast<double>(key), key == 2 ? Verdict::fail : Verdict::pass);
       if (key == 3) {
@@ -93,6 +99,28 @@ TEST_F(SearchTest, slabs_by_time_type_id_and_verdict) {
   EXPECT_EQ(found(filter), (Keys{3}));
   filter.id_part = "%";
   EXPECT_EQ(found(filter), Keys{}) << "an id is text, not a pattern";
+}
+
+TEST_F(SearchTest, slabs_and_values_by_mould) {
+  make_four();
+  SlabFilter slabs;
+  slabs.mould = 8;
+  EXPECT_EQ(found(slabs), (Keys{3, 2}));
+  slabs.verdict = Verdict::pass;
+  EXPECT_EQ(found(slabs), Keys{3}) << "all conditions must hold";
+  slabs = {};
+  slabs.mould = 9;
+  EXPECT_EQ(found(slabs), Keys{});
+  ItemFilter values;
+  values.item = ItemId::seat_flatness;
+  values.block = 2;
+  values.mould = 7;
+  ASSERT_EQ(reader()->values(values).value().size(), 1U);
+  EXPECT_EQ(reader()->values(values).value()[0].slab_key, 1);
+  values.mould = 8;
+  EXPECT_EQ(reader()->values(values).value().size(), 2U);
+  values.slabs = 1;
+  EXPECT_EQ(reader()->values(values).value().size(), 1U) << "the newest of the mould";
 }
 
 TEST_F(SearchTest, slabs_by_block_and_item) {
@@ -314,6 +342,96 @@ TEST_F(SearchTest, the_first_moment_of_1970_is_a_moment) {
   values.item = ItemId::seat_flatness;
   values.until_utime_us = 0;
   EXPECT_EQ(reader()->values(values).value().size(), 0U);
+}
+
+TEST_F(SearchTest, values_of_the_moulds_are_those_of_the_items) {
+  make_four();
+  const MouldRecords records = reader()->mould_records({}).value();
+  std::vector<std::int64_t> keys;
+  for (const MouldSlab& slab : records.slabs) keys.push_back(slab.key);
+  EXPECT_EQ(keys, (std::vector<std::int64_t>{1, 2, 3})) << "slab 4 is open";
+  EXPECT_EQ(records.slabs[0].mould, 7);
+  EXPECT_EQ(records.slabs[2].mould, 8);
+  EXPECT_EQ(records.unknown, 1);
+  std::size_t values = 0;
+  for (std::size_t i = 0; i < kItemCount; ++i) {
+    ItemFilter filter;
+    filter.item = static_cast<ItemId>(i);
+    const std::vector<ItemValue> list = reader()->values(filter).value();
+    for (const ItemValue& expected : list) {
+      if (!has_value(expected.item.value)) continue;
+      ++values;
+      const auto found = std::find_if(records.values.begin(), records.values.end(), [&](const MouldValue& value) {
+        return records.slabs[value.slab].key == expected.slab_key && value.item == filter.item &&
+               value.station == expected.item.station && value.station_to == expected.item.station_to;
+      });
+      ASSERT_NE(found, records.values.end()) << info(filter.item).name << " of slab " << expected.slab_key;
+      EXPECT_FLOAT_EQ(found->deviation, static_cast<float>(expected.item.value));
+      // Slabs 2 and 3 are the newest of their types; slab 4 is open.
+      EXPECT_EQ(std::isnan(found->upper), expected.slab_key == 1);
+      if (expected.slab_key != 1) {
+        EXPECT_FLOAT_EQ(found->upper, 1.0F);
+      }
+      EXPECT_TRUE(std::isnan(found->lower));
+    }
+  }
+  EXPECT_GT(values, 8U);
+  EXPECT_EQ(records.values.size(), values) << "values that were replaced do not count";
+  EXPECT_TRUE(std::is_sorted(records.values.begin(), records.values.end(),
+                             [](const MouldValue& a, const MouldValue& b) { return a.slab < b.slab; }));
+}
+
+TEST_F(SearchTest, only_the_newest_castings_of_each_mould_are_read) {
+  make_four();
+  MouldFilter filter;
+  filter.castings = 1;
+  MouldRecords records = reader()->mould_records(filter).value();
+  ASSERT_EQ(records.slabs.size(), 2U);
+  EXPECT_EQ(records.slabs[0].key, 1);
+  EXPECT_EQ(records.slabs[1].key, 3);
+  filter = {};
+  filter.slab_type = 49;
+  records = reader()->mould_records(filter).value();
+  ASSERT_EQ(records.slabs.size(), 1U);
+  EXPECT_EQ(records.slabs[0].key, 2);
+  filter = {};
+  filter.since_utime_us = 2'000'000;
+  filter.until_utime_us = 3'000'000;
+  EXPECT_EQ(reader()->mould_records(filter).value().slabs.size(), 1U);
+}
+
+TEST_F(SearchTest, a_reset_of_a_mould_is_kept_and_a_wrong_one_is_refused) {
+  make_four();
+  const auto refused = [&](const ResetMould& reset, const char* words) {
+    const Result<std::string> done = store_->change(reset);
+    ASSERT_FALSE(done.ok());
+    EXPECT_EQ(done.error().code, Code::config);
+    EXPECT_NE(done.error().text.view().find(words), std::string_view::npos) << done.error().text.view();
+  };
+  const ChangeNote note{"anna", "shims set", 5'000'000};
+  refused({0, 1'000'000, note}, "mould 0 is the unknown one");
+  refused({9, 1'000'000, note}, "no stored slab is from mould 9");
+  refused({8, 6'000'000, note}, "in the future");
+  refused({8, 1'000'000, {"anna", "", 5'000'000}}, "give an operator and a reason");
+  EXPECT_EQ(store_->change(ResetMould{8, 2'500'000, note}).value(), "mould-8-epoch-2");
+  EXPECT_EQ(store_->change(ResetMould{8, 2'500'000, note}).value(), "mould-8-epoch-2") << "its answer was lost";
+  refused({8, 2'000'000, note}, "it was reset after that time");
+  EXPECT_EQ(store_->change(ResetMould{8, 4'500'000, note}).value(), "mould-8-epoch-3");
+  const MouldRecords records = reader()->mould_records({}).value();
+  ASSERT_EQ(records.resets.size(), 2U);
+  EXPECT_EQ(records.resets[0].mould, 8);
+  EXPECT_EQ(records.resets[0].from_utime_us, 2'500'000);
+  EXPECT_EQ(records.resets[1].note.who, "anna");
+  EXPECT_EQ(records.resets[1].note.why, "shims set");
+}
+
+TEST_F(SearchTest, a_history_is_written_to_a_new_database_only) {
+  make_four();
+  close();
+  const Result<std::unique_ptr<HistoryWriter>> writer = write_history(settings_);
+  ASSERT_FALSE(writer.ok());
+  EXPECT_EQ(writer.error().code, Code::config);
+  EXPECT_NE(writer.error().text.view().find("exists"), std::string_view::npos);
 }
 
 }  // namespace

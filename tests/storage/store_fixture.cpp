@@ -106,6 +106,7 @@ Item item(Prng& prng) {
   i.station = static_cast<std::uint8_t>(prng.below(19));
   i.station_to = static_cast<std::uint8_t>(prng.below(19));
   for (double* x : {&i.value, &i.nominal, &i.lower, &i.upper, &i.U, &i.companion}) *x = number(prng);
+  i.measured = number(prng);
   for (double& part : i.budget) part = number(prng);
   return i;
 }
@@ -175,6 +176,7 @@ void expect_same(const Item& a, const Item& b) {
   SAME_BITS(lower);
   SAME_BITS(upper);
   SAME_BITS(U);
+  SAME_BITS(measured);
   SAME_BITS(companion);
   for (std::size_t part = 0; part < kBudgetParts; ++part) SAME_BITS(budget[part]);
 }
@@ -195,8 +197,11 @@ void expect_same(const SlabHeader& a, const SlabHeader& b) {
   SAME(stations);
   SAME(temperature_dk);
   SAME(age_h);
+  SAME(mould);
   SAME(recipe.view());
   SAME(recipe_sha256.view());
+  SAME(design_sha256.view());
+  SAME(design_text.view());
   SAME(unconfirmed);
   SAME_BITS(guard);
   SAME_BITS(cell_mm);
@@ -393,8 +398,11 @@ SlabHeader random_header(Prng& prng, std::int64_t key) {
   h.stations = 18;
   integer(prng, h.temperature_dk);
   integer(prng, h.age_h);
+  integer(prng, h.mould);
   word(prng, h.recipe);
   word(prng, h.recipe_sha256);
+  word(prng, h.design_sha256);
+  word(prng, h.design_text);
   integer(prng, h.unconfirmed);
   h.guard = number(prng);
   h.cell_mm = number(prng);

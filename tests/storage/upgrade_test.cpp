@@ -83,8 +83,8 @@ class UpgradeTest : public StoreTest {
     EXPECT_FALSE(fs::exists(backup() + ".2")) << "every start filled the disk with another copy";
     Plain db(settings_.db_path);
     EXPECT_EQ(db.text("PRAGMA user_version"), kOld);
-    EXPECT_EQ(db.text("SELECT count(*) FROM pragma_table_info('slab') WHERE name = 'mould'"), "0");
-    EXPECT_EQ(db.text("SELECT count(*) FROM sqlite_schema WHERE name = 'mould'"), "0");
+    EXPECT_EQ(db.text("SELECT count(*) FROM pragma_table_info('slab') WHERE name = 'batch'"), "0");
+    EXPECT_EQ(db.text("SELECT count(*) FROM sqlite_schema WHERE name = 'batch'"), "0");
     EXPECT_EQ(db.text("SELECT count(*) FROM block"), "2");
   }
 
@@ -123,7 +123,7 @@ TEST_F(UpgradeTest, old_slabs_are_read_and_new_ones_written) {
   close();
   Plain db(settings_.db_path);
   EXPECT_EQ(db.text("PRAGMA user_version"), kNew);
-  EXPECT_EQ(db.column("SELECT mould FROM slab"), (std::vector<std::string>{"0", "0", "0"}));
+  EXPECT_EQ(db.column("SELECT batch FROM slab"), (std::vector<std::string>{"0", "0", "0"}));
 }
 
 TEST_F(UpgradeTest, a_database_of_a_version_between_takes_only_the_steps_after_it) {
@@ -137,8 +137,8 @@ TEST_F(UpgradeTest, a_database_of_a_version_between_takes_only_the_steps_after_i
   {
     Plain db(settings_.db_path);
     EXPECT_EQ(db.text("PRAGMA user_version"), std::to_string(NextVersions::kFirst));
-    EXPECT_EQ(db.text("SELECT count(*) FROM pragma_table_info('item') WHERE name = 'mould_U'"), "0");
-    db.run("INSERT INTO mould VALUES (4, 1000)");
+    EXPECT_EQ(db.text("SELECT count(*) FROM pragma_table_info('item') WHERE name = 'batch_U'"), "0");
+    db.run("INSERT INTO batch VALUES (4, 1000)");
   }
   const NextVersions later;
   open();
@@ -148,7 +148,7 @@ TEST_F(UpgradeTest, a_database_of_a_version_between_takes_only_the_steps_after_i
   EXPECT_TRUE(fs::exists(backup(NextVersions::kFirst)));
   Plain db(settings_.db_path);
   EXPECT_EQ(db.text("PRAGMA user_version"), kNew);
-  EXPECT_EQ(db.text("SELECT number FROM mould WHERE wear_mm IS NULL"), "4");
+  EXPECT_EQ(db.text("SELECT number FROM batch WHERE strength IS NULL"), "4");
 }
 
 TEST_F(UpgradeTest, an_older_program_refuses_the_new_version_and_leaves_it_unchanged) {
@@ -231,7 +231,7 @@ TEST_F(UpgradeTest, copy_of_the_old_database_is_kept_next_to_it) {
     EXPECT_TRUE(check_checksum(backup()).value().present) << "and it can be proven";
     EXPECT_EQ(check_checksum(backup()).value().trouble, "");
     EXPECT_EQ(copy.text("SELECT count(*) FROM block"), "2");
-    EXPECT_EQ(copy.text("SELECT count(*) FROM pragma_table_info('slab') WHERE name = 'mould'"), "0");
+    EXPECT_EQ(copy.text("SELECT count(*) FROM pragma_table_info('slab') WHERE name = 'batch'"), "0");
   }
   EXPECT_FALSE(fs::exists(backup() + ".part"));
   const std::string before = whole(backup());
@@ -256,10 +256,10 @@ TEST_F(UpgradeTest, an_upgrade_that_fails_leaves_the_old_database_and_one_copy) 
   make_old();
   {
     Plain db(settings_.db_path);
-    db.run("ALTER TABLE item ADD COLUMN mould_U REAL");  // conflicts with the last step
+    db.run("ALTER TABLE item ADD COLUMN batch_U REAL");  // conflicts with the last step
   }
   const NextVersions later;
-  expect_refused("mould_U");
+  expect_refused("batch_U");
 }
 
 TEST_F(UpgradeTest, without_a_copy_the_database_is_not_changed) {
@@ -270,7 +270,7 @@ TEST_F(UpgradeTest, without_a_copy_the_database_is_not_changed) {
   ASSERT_FALSE(store.ok());
   Plain db(settings_.db_path);
   EXPECT_EQ(db.text("PRAGMA user_version"), kOld);
-  EXPECT_EQ(db.text("SELECT count(*) FROM sqlite_schema WHERE name = 'mould'"), "0");
+  EXPECT_EQ(db.text("SELECT count(*) FROM sqlite_schema WHERE name = 'batch'"), "0");
 }
 
 class UpgradeFromTest : public UpgradeTest, public ::testing::WithParamInterface<int> {};

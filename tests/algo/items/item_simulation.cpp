@@ -214,7 +214,7 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
 
   BlockResult r;
   r.station = static_cast<std::uint8_t>(station);
-  algo::blank_block_items(recipe_, r);
+  algo::blank_block_items(recipe_, {}, r);
 
   // The block as built, in its own frame.
   const Vec3 s = model_.along_seat();

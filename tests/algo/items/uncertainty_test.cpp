@@ -64,7 +64,7 @@ struct Block {
   }
   [[nodiscard]] BlockResult budgeted() const {
     BlockResult r = result;
-    blank_block_items(line.recipe(), r);
+    blank_block_items(line.recipe(), {}, r);
     compute_block_items(line.model(), r);
     compute_block_budget(line.recipe(), {}, {}, r);
     return r;
@@ -456,7 +456,7 @@ TEST(Budget, a_spacing_whose_U_the_recipe_states_is_known_no_better_than_its_cir
   const auto stated = [&](double sigma_mm) {
     BlockResult r = b.result;
     r.casing_inner.cov_circle = r.casing_outer.cov_circle = sigma_mm * sigma_mm * Mat3::Identity();
-    blank_block_items(recipe, r);
+    blank_block_items(recipe, {}, r);
     compute_block_items(b.line.model(), r);
     compute_block_budget(recipe, {}, {}, r);
     return find(r, ItemId::casing_spacing).U;
@@ -478,7 +478,7 @@ TEST(Budget, form_doubt_of_the_blocks_own_faces_widens_U_with_and_without_a_budg
     recipe.uncertainty.given = given;
     const auto budgeted = [&](const FormDoubt& doubt) {
       BlockResult r = b.result;
-      blank_block_items(recipe, r);
+      blank_block_items(recipe, {}, r);
       compute_block_items(b.line.model(), r);
       compute_block_budget(recipe, {}, doubt, r);
       return r;
@@ -507,7 +507,7 @@ TEST(Budget, the_flatness_of_a_smoothed_scan_is_in_its_own_U) {
     BlockResult r = b.result;
     r.scan.lag_ratio = lag_ratio;
     r.scan.step_mm = Vec3(0.0, 0.0, step_mm);
-    blank_block_items(b.line.recipe(), r);
+    blank_block_items(b.line.recipe(), {}, r);
     compute_block_items(b.line.model(), r);
     compute_block_budget(b.line.recipe(), {}, {}, r);
     return find(r, ItemId::seat_flatness).U;
@@ -525,7 +525,7 @@ TEST(Budget, the_form_of_the_seat_widens_the_protrusions_where_it_is_clear_of_th
     recipe.uncertainty.given = given;
     const auto U_of = [&](double seat_mm) {
       BlockResult r = b.result;
-      blank_block_items(recipe, r);
+      blank_block_items(recipe, {}, r);
       compute_block_items(b.line.model(), r);
       FormDoubt form;
       form.seat_mm = seat_mm;
@@ -544,7 +544,7 @@ TEST(ScannerBudget, a_scanner_that_is_worse_than_specified_makes_every_U_larger_
   b.result.seat.grid_points = 6'800;
   const auto budgeted = [&](const ScannerNumbers& n) {
     BlockResult r = b.result;
-    blank_block_items(b.line.recipe(), r);
+    blank_block_items(b.line.recipe(), {}, r);
     compute_block_items(b.line.model(), r);
     compute_block_budget(b.line.recipe(), n, {}, r);
     return r;

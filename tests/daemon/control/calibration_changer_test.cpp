@@ -60,6 +60,11 @@ TEST(CalibrationChangeJson, every_bit_comes_back) {
   const auto rollback = parse_change(change_json(RollBackCalibration{CalibrationKind::stations, 5600, {"a", "b", 1}}));
   ASSERT_TRUE(rollback.ok());
   EXPECT_EQ(std::get<RollBackCalibration>(rollback.value()).slab_type, 5600);
+  const auto reset = parse_change(change_json(ResetMould{7, 5'000'000'000, {"anna", "shims set", 77}}));
+  ASSERT_TRUE(reset.ok());
+  EXPECT_EQ(std::get<ResetMould>(reset.value()).mould, 7);
+  EXPECT_EQ(std::get<ResetMould>(reset.value()).from_utime_us, 5'000'000'000);
+  EXPECT_EQ(std::get<ResetMould>(reset.value()).note.why, "shims set");
   CalibrationCheck check;
   check.reference_id = "rb-1";
   check.note = "slope off";

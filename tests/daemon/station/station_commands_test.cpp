@@ -135,6 +135,78 @@ TEST_F(StationTest, content_refusals_use_the_number_up_and_state_the_reason) {
   refused(Code::wrong_slab);
 }
 
+class StationIdTest : public StationTest {
+ protected:
+  static IdPattern pattern(const char* expression) {
+    const Result<IdPattern> compiled = IdPattern::compile(expression);
+    EXPECT_TRUE(compiled.ok()) << expression;
+    return compiled.value();
+  }
+  void SetUp() override {
+    line.settings.id_pattern = &id_;
+    line.settings.mould_from_id = &mould_;
+    line.plc = {};
+    line.start();
+    line.run_for(300);
+  }
+  /// CMD_STATUS of SLAB_BEGIN with this id and MOULD; an opened slab is aborted again.
+  std::uint16_t begin_with(std::string_view id, std::uint16_t mould) {
+    line.plc.slab_id.fill('\0');
+    std::copy(id.begin(), id.end(), line.plc.slab_id.begin());
+    line.plc.mould = mould;
+    line.command(PlcCommand::slab_begin);
+    line.run_for(20);
+    const std::uint16_t status = line.view().cmd_status;
+    EXPECT_EQ(line.view().slab_open, status == 4);
+    if (!line.view().slab_open) return status;
+    opened_ = line.station->slab.header.mould;
+    line.command(PlcCommand::slab_abort);
+    line.run_for(60);
+    line.take_results();
+    return status;
+  }
+
+  const IdPattern id_ = pattern("C3-\\d{4}(?:-M\\w+)?");
+  const IdPattern mould_ = pattern("-M(\\w+)$");
+  int opened_ = -1;  ///< mould of the last slab that was opened
+};
+
+TEST_F(StationIdTest, an_id_of_another_form_is_refused) {
+  EXPECT_EQ(begin_with("C3-0001", 0), 4);
+  for (const char* id : {"", "C3-001", "c3-0001", "C3-0001-", "XC3-0001", "C3-0001 "})
+    EXPECT_EQ(begin_with(id, 0), failed(Code::bad_id_text)) << id;
+  EXPECT_EQ(line.view().refuse_code, 108);
+}
+
+TEST_F(StationIdTest, the_mould_comes_from_the_id_or_from_the_plc_and_both_must_agree) {
+  const auto opened = [&](std::string_view id, std::uint16_t mould) {
+    opened_ = -1;
+    EXPECT_EQ(begin_with(id, mould), 4) << id;
+    return opened_;
+  };
+  EXPECT_EQ(opened("C3-0001-M012", 0), 12) << "the PLC does not send it";
+  EXPECT_EQ(opened("C3-0001", 7), 7) << "the id does not name it";
+  EXPECT_EQ(opened("C3-0001-M12", 12), 12);
+  EXPECT_EQ(opened("C3-0001", 0), 0) << "unknown";
+  EXPECT_EQ(opened("C3-0001-M0", 7), 7) << "0 is unknown";
+  EXPECT_EQ(opened("C3-0001-M65535", 0), 65535);
+  EXPECT_EQ(begin_with("C3-0001-M12", 13), failed(Code::unknown_mould));
+  EXPECT_EQ(line.view().refuse_code, 113);
+  EXPECT_EQ(begin_with("C3-0001-M65536", 0), failed(Code::unknown_mould));
+  EXPECT_EQ(begin_with("C3-0001-M1a", 0), failed(Code::unknown_mould));
+  EXPECT_EQ(begin_with("C3-0001-M1a", 1), failed(Code::unknown_mould));
+}
+
+TEST_F(StationTest, without_patterns_any_printable_id_is_taken_and_the_mould_is_the_plcs) {
+  line.plc.mould = 12;
+  begin();
+  EXPECT_EQ(line.station->slab.header.mould, 12);
+  EXPECT_EQ(store.line.slab.mould, 12) << "it is stored with the slab";
+  line.plc.mould = 13;  // MOULD of another command has no effect
+  line.scan(1);
+  EXPECT_EQ(line.station->slab.header.mould, 12);
+}
+
 TEST_F(StationTest, a_plc_that_never_acknowledges_fills_the_queue_and_nothing_is_lost) {
   begin();
   int accepted = 0;

@@ -225,6 +225,77 @@ TEST_F(StationRefusals, text_behind_the_end_of_a_slab_id_is_refused) {
   refused(Code::bad_id_text);
 }
 
+TEST_F(StationRefusals, a_slab_without_its_design_sheet_cannot_begin) {
+  Recipe curve = test_recipe();
+  DesignSheet sheet;
+  sheet.slab_id = "C-1";
+  sheet.slab_type = curve.slab_type;
+  sheet.stations = curve.stations();
+  sheet.sha256 = "feed";
+  sheet.text = "1,1,2,3,0.1;";
+  StationSettings& settings = line.station->settings;
+  const std::span<const Recipe> recipes = settings.recipes;
+  settings.designs = std::span(&sheet, 1);
+  line.run_for(300);
+  const auto begun = [&](std::string_view id) {
+    line.plc.slab_id.fill('\0');
+    std::copy(id.begin(), id.end(), line.plc.slab_id.begin());
+    line.command(PlcCommand::slab_begin);
+    line.run_for(20);
+    if (!line.view().slab_open) {
+      EXPECT_EQ(line.view().cmd_status, failed(Code::no_design));
+      return false;
+    }
+    line.command(PlcCommand::slab_abort);
+    line.run_for(40);
+    line.take_results();
+    return true;
+  };
+  const auto header = [&]() -> const SlabHeader& { return line.station->slab.header; };
+  for (const DesignUse use : {DesignUse::none, DesignUse::optional, DesignUse::required}) {
+    curve.design = use;
+    settings.recipes = std::span<const Recipe>(&curve, 1);
+    settings.designs_faulty = false;
+    EXPECT_EQ(begun("C-2"), use != DesignUse::required) << "no sheet";
+    EXPECT_TRUE(begun("C-1"));
+    EXPECT_EQ(header().design_sha256.view(), use == DesignUse::none ? "" : "feed");
+    EXPECT_EQ(line.station->slab.facts.design.given, use != DesignUse::none);
+    settings.designs_faulty = true;
+    EXPECT_EQ(begun("C-2"), use == DesignUse::none) << "its sheet may be the one that cannot be read";
+    sheet.stations = 16;
+    EXPECT_EQ(begun("C-1"), use == DesignUse::none) << "a sheet of another slab type";
+    sheet.stations = curve.stations();
+  }
+  settings.recipes = recipes;
+}
+
+TEST_F(StationRefusals, a_sheet_exchanged_while_its_slab_is_open_changes_nothing) {
+  Recipe curve = test_recipe();
+  curve.design = DesignUse::required;
+  DesignSheet sheet;
+  sheet.slab_id = "C-1";
+  sheet.slab_type = curve.slab_type;
+  sheet.stations = curve.stations();
+  sheet.text = "1,1,2,3,0.1;";
+  StationSettings& settings = line.station->settings;
+  const std::span<const Recipe> recipes = settings.recipes;
+  settings.recipes = std::span<const Recipe>(&curve, 1);
+  settings.designs = std::span(&sheet, 1);
+  line.run_for(300);
+  std::copy_n("C-1", 3, line.plc.slab_id.begin());
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  ASSERT_TRUE(line.view().slab_open);
+  sheet.text = "1,9,9,9,0.9;";
+  EXPECT_EQ(line.station->slab.facts.design.at(1).offset_mm, Vec3(1, 2, 3));
+  EXPECT_EQ(facts_of(line.station->slab.header).design.at(1).offset_mm, Vec3(1, 2, 3));
+  settings.designs = {};
+  EXPECT_EQ(facts_of(line.station->slab.header).design.at(1).offset_mm, Vec3(1, 2, 3));
+  line.command(PlcCommand::slab_abort);
+  line.run_for(40);
+  settings.recipes = recipes;
+}
+
 TEST_F(StationRefusals, no_command_is_executed_without_enable) {
   begin();
   line.command(PlcCommand::none);

@@ -37,7 +37,7 @@ Bytes joined(Bytes first, const Bytes& second) {
   return first;
 }
 const Bytes kRead = closed({kUnit, 4, 0, 0, 0, 2});
-const Bytes kReadAnswer = closed({kUnit, 4, 4, 0x53, 0x4C, 1, 0});
+const Bytes kReadAnswer = closed({kUnit, 4, 4, 0x53, 0x4C, 1, 1});
 const Bytes kWriteSeq = closed({kUnit, 6, 0, 39, 0, 9});
 
 class RtuTest : public ::testing::Test {

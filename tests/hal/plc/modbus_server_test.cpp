@@ -273,7 +273,7 @@ TEST_F(ModbusServerTest, random_bytes_never_stop_it_from_serving_the_plc) {
       turn();   // its connection
       turn(1);  // its bytes, if they form a request
       const Bytes reply = asked(*plc, read_frame(7, 4, 0, 2));
-      ASSERT_EQ(reply, (Bytes{0, 7, 0, 0, 0, 7, 1, 4, 4, 0x53, 0x4C, 0x01, 0x00}));
+      ASSERT_EQ(reply, (Bytes{0, 7, 0, 0, 0, 7, 1, 4, 4, 0x53, 0x4C, 0x01, 0x01}));
     }
   }
 }

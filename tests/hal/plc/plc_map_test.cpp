@@ -54,6 +54,8 @@ PlcOutputs busy_outputs() {
   out.utime_us = 1'700'000'000'123'456;
   out.refuse_code = 102;
   out.refuse_seq = 9;
+  out.disposition = Disposition::rework;
+  out.disposition_seq = 7;
   out.record = station_result();
   for (std::size_t i = 0; i < limits::kStationsMax; ++i)
     out.table[i] = {Verdict::pass, static_cast<std::uint8_t>(i + 1), static_cast<std::uint16_t>(600 + i)};
@@ -77,7 +79,7 @@ TEST(PlcMap, input_registers_have_the_addresses_of_the_map) {
   InputImage image;
   encode_outputs(busy_outputs(), WordOrder::abcd, image);
   EXPECT_EQ(image[0], 0x534C);
-  EXPECT_EQ(image[1], 0x0100);
+  EXPECT_EQ(image[1], 0x0101);
   EXPECT_EQ(image[2], 0x1234);
   EXPECT_EQ(image[3], 0x5678);
   EXPECT_EQ(image[4], 4711);
@@ -104,8 +106,8 @@ TEST(PlcMap, input_registers_have_the_addresses_of_the_map) {
   EXPECT_EQ(image[25], 0x2240);
   EXPECT_EQ(image[26], 102);
   EXPECT_EQ(image[27], 9);
-  EXPECT_EQ(image[28], 0);
-  EXPECT_EQ(image[29], 0);
+  EXPECT_EQ(image[28], 3);
+  EXPECT_EQ(image[29], 7);
 }
 
 TEST(PlcMap, result_record_has_the_addresses_of_the_map) {
@@ -276,6 +278,7 @@ HoldingImage scan_command() {
   image[17] = 0x3600;  // "6" and the padding
   image[32] = 2931;
   image[33] = 72;
+  image[34] = 12;
   image[38] = 9;
   image[39] = 65535;
   return image;
@@ -297,6 +300,7 @@ TEST(PlcMap, holding_registers_have_the_addresses_of_the_map) {
   EXPECT_STREQ(inputs.slab_id.data(), "S56");
   EXPECT_EQ(inputs.slab_temperature_dk, 2931);
   EXPECT_EQ(inputs.slab_age_h, 72);
+  EXPECT_EQ(inputs.mould, 12);
   EXPECT_EQ(inputs.session_echo, 9);
   EXPECT_EQ(inputs.cmd_seq, 65535);
   EXPECT_TRUE(inputs.crc_ok);  // 0: not used
@@ -315,6 +319,17 @@ TEST(PlcMap, command_crc_guards_exactly_registers_10_to_36) {
     changed[i] = static_cast<std::uint16_t>(changed[i] ^ 0x0100U);
     EXPECT_EQ(decode_inputs(changed, WordOrder::abcd).crc_ok, i < 10 || i > 36) << "HR " << i;
   }
+}
+
+// A PLC of map 1.0 writes 0 to HR 34, and its checksum covers it.
+TEST(PlcMap, a_command_of_map_1_0_has_an_unknown_mould) {
+  HoldingImage image = scan_command();
+  image[34] = 0;
+  image[37] = crc16_modbus(std::span(image).subspan(10, 27));
+  const PlcInputs inputs = decode_inputs(image, WordOrder::abcd);
+  EXPECT_TRUE(inputs.crc_ok);
+  EXPECT_EQ(inputs.mould, 0);
+  EXPECT_EQ(inputs.slab_age_h, 72);
 }
 
 TEST(PlcMap, blanks_and_NULs_around_a_slab_id_are_not_part_of_it) {
