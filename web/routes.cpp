@@ -11,10 +11,10 @@ namespace {
 using P = RouteParameter;
 
 // Filters of slabs, as `slabctl history` has them.
-constexpr std::array kSlabs = {P{"limit", Form::number, "--limit"}, P{"since", Form::time, "--since"},
-                               P{"until", Form::time, "--until"},   P{"slab_type", Form::number, "--slab-type"},
-                               P{"id", Form::text, "--id"},         P{"verdict", Form::verdict, "--verdict"},
-                               P{"block", Form::block, "--block"},  P{"item", Form::item, "--item"}};
+constexpr std::array kSlabs = {
+    P{"limit", Form::number, "--limit"},         P{"since", Form::time, "--since"},   P{"until", Form::time, "--until"},
+    P{"slab_type", Form::number, "--slab-type"}, P{"mould", Form::number, "--mould"}, P{"id", Form::text, "--id"},
+    P{"verdict", Form::verdict, "--verdict"},    P{"block", Form::block, "--block"},  P{"item", Form::item, "--item"}};
 constexpr std::array kLanguage = {P{"language", Form::language, "--language"}};
 constexpr std::array kReport = {P{"language", Form::language, "--language"}, P{"full", Form::flag, "--full"}};
 constexpr std::array kCapability = {P{"slab_type", Form::number, "--slab-type"}, P{"slabs", Form::number, "--slabs"},
@@ -27,6 +27,8 @@ constexpr std::array kYield = {P{"by", Form::group, "--by"}, P{"since", Form::ti
 constexpr std::array kReasons = {P{"since", Form::time, "--since"}, P{"until", Form::time, "--until"},
                                  P{"slab_type", Form::number, "--slab-type"}, P{"verdict", Form::verdict, "--verdict"}};
 constexpr std::array kCompare = {P{"a", Form::key, ""}, P{"b", Form::key, ""}, P{"all", Form::flag, "--all"}};
+constexpr std::array kMoulds = {P{"slab_type", Form::number, "--slab-type"}, P{"slabs", Form::number, "--castings"},
+                                P{"since", Form::time, "--since"}, P{"until", Form::time, "--until"}};
 constexpr std::array kWords = {P{"language", Form::language, ""}};
 
 constexpr std::array kRoutes = {
@@ -48,6 +50,8 @@ constexpr std::array kRoutes = {
     Route{"/api/v1/yield", Maker::slabctl, "slabd.yield/1", 30, "yield --json", kYield},
     Route{"/api/v1/reasons", Maker::slabctl, "slabd.reasons/1", 60, "reasons --json", kReasons},
     Route{"/api/v1/compare", Maker::slabctl, "slabd.comparison/1", 60, "compare --json -- {a} {b}", kCompare},
+    Route{"/api/v1/moulds", Maker::slabctl, "slabd.moulds/1", 60, "mould list --json", kMoulds},
+    Route{"/api/v1/moulds/{mould}/sheet.pdf", Maker::report, "", 60, "mould sheet --out={file} -- {mould}", kLanguage},
     Route{"/api/v1/calibration", Maker::calibration, "slabd.web_calibration/1", 10, "", {}},
     Route{"/api/v1/doctor", Maker::slabctl, "slabd.doctor/1", 10, "doctor --no-write --json", {}},
     Route{"/api/v1/words", Maker::words, "slabd.web_words/1", 3'600, "", kWords},
@@ -122,7 +126,10 @@ std::optional<Values> match(std::string_view pattern, std::string_view path) {
       continue;
     }
     const std::string_view name = wanted.substr(1, wanted.size() - 2);
-    const Form form = name == "key" ? Form::key : name == "block" ? Form::block : Form::item;
+    const Form form = name == "key"     ? Form::key
+                      : name == "block" ? Form::block
+                      : name == "mould" ? Form::number
+                                        : Form::item;
     if (!has_form(part, form)) return std::nullopt;
     values.emplace_back(name, part);
   }

@@ -10,6 +10,7 @@ import { Calibration } from './pages/calibration.js';
 import { Compare } from './pages/compare.js';
 import { Line } from './pages/line.js';
 import { Live } from './pages/live.js';
+import { Moulds } from './pages/moulds.js';
 import { Slab } from './pages/slab.js';
 import { Slabs } from './pages/slabs.js';
 import { Trends } from './pages/trends.js';
@@ -22,9 +23,9 @@ import { Foreign, visible } from './text.js';
 import { known } from './verdict.js';
 import { Words, useWords, wordsOf } from './words.js';
 
-const kPages = { live: Live, slabs: Slabs, slab: Slab, block: Block, trends: Trends, calibration: Calibration, line: Line,
+const kPages = { live: Live, slabs: Slabs, slab: Slab, block: Block, trends: Trends, moulds: Moulds, calibration: Calibration, line: Line,
   compare: Compare, about: About };
-const kNavigation = [['live', '/'], ['slabs', '/slabs'], ['trends', '/trends'], ['compare', '/compare'],
+const kNavigation = [['live', '/'], ['slabs', '/slabs'], ['trends', '/trends'], ['moulds', '/moulds'], ['compare', '/compare'],
   ['calibration', '/calibration'], ['line', '/line'], ['about', '/about']];
 const kBelongsTo = { slab: 'slabs', block: 'slabs' };
 

@@ -12,6 +12,7 @@ const kRoutes = [
   [new RegExp(`^/slabs/${kKey}/blocks/([1-9]|1[0-8])$`), 'block', ['key', 'station']],
   [/^\/trends$/, 'trends', []],
   [/^\/trends\/([a-z_]{1,40})$/, 'trends', ['item']],
+  [/^\/moulds$/, 'moulds', []],
   [/^\/calibration$/, 'calibration', []],
   [/^\/line$/, 'line', []],
   [/^\/compare$/, 'compare', []],

@@ -20,7 +20,7 @@ const here = import.meta.dirname;
 const dist = process.env.SLABD_PAGE_DIST ?? join(here, '..', 'dist');
 const fixture = async (name) => JSON.parse(await readFile(join(here, 'fixtures', `${name}.json`), 'utf8'));
 const names = ['status', 'history', 'slab_pass', 'slab_fail', 'stations_pass', 'stations_fail', 'capability', 'trend', 'yield', 'reasons',
-  'comparison', 'doctor', 'words_en', 'words_zh', 'calibration', 'block_map_4', 'block_map_11', 'findings_en', 'findings_zh'];
+  'comparison', 'doctor', 'words_en', 'words_zh', 'calibration', 'moulds', 'block_map_4', 'block_map_11', 'findings_en', 'findings_zh'];
 const documents = Object.fromEntries(await Promise.all(names.map(async (name) => [name, await fixture(name)])));
 
 const headers = {
@@ -113,6 +113,7 @@ function documentOf(path, query) {
     case '/reasons': return documents.reasons;
     case '/compare': return { ...documents.comparison, rows: documents.comparison.rows.filter((row) => query.get('all') === '1' || row.en > 1) };
     case '/calibration': return documents.calibration;
+    case '/moulds': return documents.moulds;
     case '/doctor': return documents.doctor;
     case '/words': return documents[query.get('language') === 'zh' ? 'words_zh' : 'words_en'];
     default: return path.startsWith('/trends/') ? { ...documents.trend, item: path.slice(8) } : null;

@@ -35,6 +35,8 @@ export function identityFacts(slab, words) {
     slab.slope_datum && [t('field.datum'), t(`datum.${visible(slab.slope_datum, 30)}`)],
     fit?.ok && [t('field.fit'), t('slab.fit', { seats: fit.seats, rms: figure(fit.rms_mm, 3) })],
     slab.slab_temperature_k !== null && [t('field.temperature'), `${figure(slab.slab_temperature_k - 273.15, 1)} °C`],
+    slab.mould !== null && [t('field.mould'), html`<${Link} to=${`/moulds?mould=${slab.mould}`}>${slab.mould}<//>`],
+    slab.design !== null && [t('field.design'), html`<span class="hash">${slab.design.sha256.slice(0, 12)}</span>`],
     slab.slab_age_h !== null && [t('field.age'), `${slab.slab_age_h} h`],
     [t('field.software'), text(slab.software)],
   ];
@@ -48,6 +50,17 @@ export function SlabVerdict({ slab }) {
     ${slab.reason ? html`<span>${reason(slab.reason)}</span>` : ''}
     ${slab.emulated && html`<span class="mark">${t('emulation.mark')}</span>`}
   </div>`;
+}
+
+/// What quality decided, next to the verdict, which stays as measured. The last decision is in force.
+function Dispositions({ slab }) {
+  const { t } = useWords();
+  if (slab.dispositions.length === 0) return null;
+  return html`<${Panel} title=${t('slab.dispositions')}><ol class="dispositions">${slab.dispositions.map((one, i) => html`<li key=${one.n}>
+    <strong class=${i === slab.dispositions.length - 1 ? '' : 'quiet'}>${t(`disposition.${one.decision}`)}</strong>
+    <time class="time">${localTime(one.utime)}</time>: <${Foreign} text=${one.reason} />
+    <div class="quiet">${t('slab.decided_by')} <${Foreign} text=${[one.authority, one.second].filter(Boolean).join(', ')} />
+      · ${t('slab.entered_by')} <${Foreign} text=${one.who} /></div></li>`)}</ol><//>`;
 }
 
 /// Items that did not pass first; the rest in the order of the document.
@@ -102,6 +115,7 @@ export function Slab({ route }) {
     <//>
     <${Loaded} ask=${ask}>${(slab) => html`
       <${SlabVerdict} slab=${slab} />
+      <${Dispositions} slab=${slab} />
       <div class="two">
         <${Panel} title=${t('slab.findings')}>
           <${Loaded} ask=${map}>${(map) => html`<${FindingList} findings=${findingsOf(map, words)} count=${map.findings_count} slabKey=${slab.key}

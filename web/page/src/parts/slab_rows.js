@@ -17,6 +17,7 @@ export function SlabRows({ caption, slabs, short = false, linked = true, empty =
       } },
     { head: t('field.verdict'), cell: (slab) => (slab.ended ? html`<${VerdictMark} verdict=${slab.verdict} />`
         : html`<span class="quiet">· ${t('verdict.open')}</span>`) },
+    ...(slabs.some((slab) => slab.disposition) ? [{ head: t('slab.disposition'), cell: (slab) => (slab.disposition ? t(`disposition.${slab.disposition}`) : '') }] : []),
     { head: short ? t('field.ended') : t('field.began'),
       cell: (slab) => html`<time class="time">${short ? localTime(slab.ended ?? slab.began, false).slice(5, 16) : localTime(slab.began, false)}</time>` },
     { head: t('field.reason'), cell: (slab) => html`${slab.reason ? html`<span class="reason">${reason(slab.reason)}</span> ` : ''}
