@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabctl yield: share of slabs that passed at their first inspection, by day, shift or slab type.
+// slabctl yield: share of slabs that passed at their first inspection, by day, shift, slab type or mould.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -44,6 +44,7 @@ std::string main_reason(const YieldGroup& group, report::Language language) {
 report::Table yield_table(std::vector<YieldGroup> groups, const std::string& by, report::Language language) {
   const auto say = [&](std::string_view en, std::string_view zh) { return report::pick(language, en, zh); };
   report::Table table{{by == "type"    ? say("slab type", "板型")
+                       : by == "mould" ? say("mould, 0: unknown", "模具，0：未知")
                        : by == "shift" ? say("shift", "班次")
                                        : say("day", "日期"),
                        "group"},
@@ -72,7 +73,10 @@ report::Table yield_table(std::vector<YieldGroup> groups, const std::string& by,
 int show_yield(const Options& options) {
   options.document.check();
   trend::YieldChoice choice;
-  choice.by = options.by == "type" ? GroupBy::type : options.by == "shift" ? GroupBy::shift : GroupBy::day;
+  choice.by = options.by == "type"    ? GroupBy::type
+              : options.by == "mould" ? GroupBy::mould
+              : options.by == "shift" ? GroupBy::shift
+                                      : GroupBy::day;
   choice.shifts = need(trend::parse_shifts(options.shifts), kUsage);
   if (!options.since.empty()) choice.since_utime_us = time_of("--since", options.since);
   if (!options.until.empty()) choice.until_utime_us = time_of("--until", options.until);
@@ -117,7 +121,7 @@ int show_yield(const Options& options) {
 
 void add_yield(args::Command& app) {
   auto options = std::make_shared<Options>();
-  args::Command command = app.add_subcommand("yield", "First-pass yield by day, shift or slab type");
+  args::Command command = app.add_subcommand("yield", "First-pass yield by day, shift, slab type or mould");
   command->footer(
       "\nA slab counts once, at its first inspection that was not aborted; later ones are counted as again. The\n"
       "interval is that of Clopper and Pearson at 95 %. Days and shifts are in local time (TZ); a shift over midnight\n"
@@ -125,7 +129,7 @@ void add_yield(args::Command& app) {
       "Examples: slabctl yield --since 30d\n"
       "          slabctl yield --by shift --since 7d --out yield.pdf");
   command->add_option("--by", options->by, "Groups")
-      ->check(args::one_of({"day", "shift", "type"}))
+      ->check(args::one_of({"day", "shift", "type", "mould"}))
       ->capture_default_str();
   command->add_option("--shifts", options->shifts, "Begins of the shifts, local time")->capture_default_str();
   command->add_option("--since", options->since, "Began then or later: 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h");

@@ -84,7 +84,7 @@ bool has_form(std::string_view value, Form form) {
     case Form::text: return !value.empty() && value.size() <= kTextBytesMax;
     case Form::flag: return is_one_of(value, {"0", "1"});
     case Form::verdict: return is_one_of(value, {"pass", "fail", "indeterminate", "not_measured", "aborted"});
-    case Form::group: return is_one_of(value, {"day", "shift", "type"});
+    case Form::group: return is_one_of(value, {"day", "shift", "type", "mould"});
     case Form::language: return is_one_of(value, {"en", "zh"});
   }
   return false;
@@ -100,7 +100,7 @@ std::string_view words_of(Form form) {
     case Form::text: return "1 to 96 bytes of text";
     case Form::flag: return "0 or 1";
     case Form::verdict: return "pass, fail, indeterminate, not_measured or aborted";
-    case Form::group: return "day, shift or type";
+    case Form::group: return "day, shift, type or mould";
     case Form::language: return "en or zh";
   }
   return "";

@@ -128,6 +128,7 @@ std::vector<YieldGroup> first_pass_yield(const std::vector<storage::SlabSummary>
     if (began < choice.since_utime_us || began >= choice.until_utime_us) continue;
     if (choice.slab_type != 0 && slab.header.slab_type != choice.slab_type) continue;
     const std::string name = choice.by == GroupBy::type    ? std::to_string(slab.header.slab_type)
+                             : choice.by == GroupBy::mould ? std::to_string(slab.header.mould)
                              : choice.by == GroupBy::shift ? shift_name(began, choice.shifts)
                                                            : day_text(local_parts(began));
     const auto [found, is_new] = by_name.try_emplace(name, groups.size());
@@ -142,7 +143,7 @@ std::vector<YieldGroup> first_pass_yield(const std::vector<storage::SlabSummary>
     }
   }
   for (YieldGroup& group : groups) group.yield = study::share_of(group.passed, group.inspected);
-  if (choice.by == GroupBy::type)
+  if (choice.by == GroupBy::type || choice.by == GroupBy::mould)
     std::ranges::sort(groups, {}, [](const YieldGroup& group) { return std::stoi(group.name); });
   return groups;
 }

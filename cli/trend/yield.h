@@ -14,7 +14,7 @@
 /// First-pass yield: share of slabs that passed at their first inspection.
 namespace slabd::cli::trend {
 
-enum class GroupBy : std::uint8_t { day, shift, type };
+enum class GroupBy : std::uint8_t { day, shift, type, mould };
 
 /// Begin of each shift, minutes after local midnight, rising.
 using Shifts = std::vector<int>;
@@ -22,7 +22,7 @@ using Shifts = std::vector<int>;
 [[nodiscard]] Result<Shifts> parse_shifts(const std::string& text);
 
 struct YieldGroup {
-  std::string name;           ///< "2026-11-20", "2026-11-20 22:00-06:00", "5600"
+  std::string name;           ///< "2026-11-20", "2026-11-20 22:00-06:00", "5600"; a mould's number, 0 if unknown
   std::size_t inspected = 0;  ///< first inspections with a verdict
   std::size_t passed = 0;
   std::size_t failed = 0;
@@ -42,8 +42,8 @@ struct YieldChoice {
   int slab_type = 0;
 };
 
-/// Groups in the order of time, types by number. `slabs`: all slabs of the database, oldest first, because an
-/// inspection before the interval decides whether one in it is the first. A slab without a SLAB_ID is a slab of its
+/// Groups in the order of time, types and moulds by number. `slabs`: all slabs of the database, oldest first, because
+/// an inspection before the interval decides whether one in it is the first. A slab without a SLAB_ID is a slab of its
 /// own. A shift over midnight belongs to the day of its begin. Times are local.
 [[nodiscard]] std::vector<YieldGroup> first_pass_yield(const std::vector<storage::SlabSummary>& slabs,
                                                        const YieldChoice& choice);

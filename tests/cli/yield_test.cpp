@@ -99,6 +99,20 @@ TEST_F(Yield, types_are_separate_and_the_total_is_their_sum) {
   EXPECT_NEAR(total.yield.value, 2.0 / 3.0, 1e-12);
 }
 
+TEST_F(Yield, moulds_are_in_the_order_of_their_numbers_and_an_unknown_one_is_0) {
+  for (const int mould : {12, 3, 0, 3}) {
+    add("S" + std::to_string(slabs_.size()), kDay, mould == 3 ? Verdict::fail : Verdict::pass, mould == 3 ? 604 : 0);
+    slabs_.back().header.mould = static_cast<std::uint16_t>(mould);
+  }
+  const std::vector<YieldGroup> moulds = groups(GroupBy::mould);
+  ASSERT_EQ(moulds.size(), 3U);
+  EXPECT_EQ(moulds[0].name, "0");
+  EXPECT_EQ(moulds[1].name, "3");
+  EXPECT_EQ(moulds[1].failed, 2U);
+  EXPECT_EQ(moulds[2].name, "12");
+  EXPECT_EQ(moulds[2].passed, 1U);
+}
+
 TEST(Shifts, rise_and_are_times_of_the_day) {
   EXPECT_EQ(parse_shifts("05:30").value(), Shifts{330});
   EXPECT_EQ(parse_shifts("06:00,18:00").value(), (Shifts{360, 1080}));
