@@ -32,6 +32,8 @@ struct PlcInputs {
   std::uint16_t slab_temperature_dk = 0;  ///< 0.1 K; 0 if unknown
   std::uint16_t slab_age_h = 0;           ///< 0 if unknown
   std::uint16_t mould = 0;                ///< number of the mould that cast the slab; 0 if unknown
+  std::uint16_t second_chip = 0;          ///< CRC-16/Modbus of the id in the slab's second chip; 0 if it was not read
+  bool chips_agree = true;                ///< second_chip is 0 or the CRC of SLAB_ID as written
   bool crc_ok = true;                     ///< CMD_CRC matches, or is 0 (not used)
   std::uint16_t session_echo = 0;
   std::uint16_t cmd_seq = 0;

@@ -41,8 +41,11 @@ constexpr std::array kTable = {
         "SLAB_TYPE (HR 12)"},
     Entry{Code::not_enabled, "ENABLE is not set, the PLC heartbeat is missing, or a calibration is under way (STATE 8)",
           "set HR 1 bit 0 and change HR 0 at least every 500 ms; in STATE 8 wait, or end the calibration"},
-    Entry{Code::bad_id_text, "SLAB_ID is not printable ASCII, or not an id by [line] id_pattern",
-          "correct HR 16..31; `[line] id_pattern` in the configuration has the form of an id"},
+    Entry{Code::bad_id_text,
+          "SLAB_ID is not printable ASCII, not an id by [line] id_pattern, or not the id in the slab's second chip",
+          "correct HR 16..31; `[line] id_pattern` in the configuration has the form of an id; if the two chips differ, "
+          "or "
+          "the second one was not read (HR 35), find out which slab it is"},
     Entry{Code::bad_crc, "CMD_CRC does not match HR 10..36, or the bytes of the block are swapped",
           "write the block again; check the byte and word order"},
     Entry{Code::interrupted, "the command was cut off by a restart or by ABORT, or the slab ended with SLAB_ABORT",

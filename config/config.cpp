@@ -369,6 +369,9 @@ void read_line(TableReader line, Config& config) {
   line.optional_boolean("simulation", config.simulation);
   read_pattern(line, "id_pattern", -1, config.id_pattern);
   read_pattern(line, "mould_from_id", 1, config.mould_from_id);
+  std::size_t second_chip = 0;
+  line.optional_word("second_chip", second_chip, {"optional", "required"});
+  config.second_chip_required = second_chip == 1;
   line.finish();
 }
 

@@ -37,6 +37,8 @@ struct WebSettings {
   std::string tls_key;             ///< PEM file
   bool lan_plain = false;          ///< allows a LAN listener without TLS
   std::vector<std::string> names;  ///< host names of this computer that browsers may use
+  std::string users_file;          ///< accounts (config/web_users.h); empty: no user can log in
+  bool viewer_login = false;       ///< documents are given only to users that are logged in
   std::string language = "en";     ///< of the page before the reader chooses: "en" or "zh"
   std::string slabctl;             ///< program that makes the documents; empty: the one next to slabd-web
   double answer_s = 5.0;           ///< time limit of a document; a report has six times as much
@@ -70,6 +72,7 @@ struct Config {
   int measure_threads = 1;                 ///< [measure] threads: 1 or 2; the results are the same
   std::optional<IdPattern> id_pattern;     ///< [line] id_pattern: form of a SLAB_ID; nullopt: any text
   std::optional<IdPattern> mould_from_id;  ///< [line] mould_from_id: its only group is the mould; nullopt: not in it
+  bool second_chip_required = false;       ///< [line] second_chip = "required": SLAB_BEGIN needs SECOND_CHIP (HR 35)
   bool simulation = false;                 ///< [line] simulation: shown to the PLC as STATUS bit 11
   std::string project;                     ///< [report] project: printed on reports; empty: not printed
   WebSettings web;

@@ -150,6 +150,7 @@ StationSettings station_settings(const config::Config& config, const std::vector
   settings.calibration_id = config.calibration.id;
   settings.id_pattern = config.id_pattern ? &*config.id_pattern : nullptr;
   settings.mould_from_id = config.mould_from_id ? &*config.mould_from_id : nullptr;
+  settings.second_chip_required = config.second_chip_required;
   settings.splice = config.splice;
   settings.check_interval_us = config.check_interval_us;
   settings.software = software_version();

@@ -17,7 +17,7 @@ double seconds(PlcClock::duration d) {
 }
 
 PlcOrder plc_order(const SlabOrder& slab, PlcCommand command, int station = 0) {
-  return {command, station, slab.slab_type, slab.slab_no, slab.slab_id, slab.mould, slab.temperature_dk};
+  return {command, station, slab.slab_type, slab.slab_no, slab.slab_id, slab.mould, slab.temperature_dk, {}};
 }
 
 /// True if the trouble ends the run: a broken link or Ctrl-C. Other troubles concern one station.

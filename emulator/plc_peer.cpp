@@ -396,6 +396,7 @@ bool PlcPeer::issue(const PlcOrder& order, std::uint16_t& cmd_seq, PlcTrouble& t
   memory.slab_no = order.slab_no;
   memory.mould = order.mould;
   memory.slab_temperature_dk = order.temperature_dk;
+  memory.second_chip = order.second_chip.empty() ? std::uint16_t{0} : hal::second_chip_of(order.second_chip);
   memory.slab_id.fill('\0');
   std::copy_n(order.slab_id.begin(), std::min(order.slab_id.size(), memory.slab_id.size()), memory.slab_id.begin());
 

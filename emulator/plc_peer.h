@@ -59,6 +59,7 @@ struct PlcOrder {
   std::string slab_id;
   std::uint16_t mould = 0;  ///< 0: unknown
   std::uint16_t temperature_dk = 0;
+  std::string second_chip;  ///< id in the slab's second chip; empty: not read
 };
 
 class PlcPeer {

@@ -33,8 +33,9 @@ constexpr std::array kCodesZh = {
               {"ENABLE 未置位、PLC 心跳缺失，或正在标定（状态 8）",
                "置位 HR 1 位 0，并至少每 500 ms 改变 HR 0；状态 8 时请等待或结束标定"}},
     CodeWords{Code::bad_id_text,
-              {"SLAB_ID 不是可打印的 ASCII，或不符合 [line] id_pattern 规定的板号格式",
-               "更正 HR 16 至 31；板号格式见配置中的 [line] id_pattern"}},
+              {"SLAB_ID 不是可打印的 ASCII、不符合 [line] id_pattern 规定的板号格式，或与板内第二枚芯片的板号不同",
+               "更正 HR 16 至 31；板号格式见配置中的 [line] id_pattern；若两枚芯片不同或第二枚未读出（HR "
+               "35），请查明是哪块板"}},
     CodeWords{Code::bad_crc, {"CMD_CRC 与 HR 10 至 36 不符，或命令块的字节顺序颠倒", "重写命令块；检查字节序和字序"}},
     CodeWords{Code::interrupted,
               {"命令因重启或 ABORT 而中断，或该板以 SLAB_ABORT 结束",

@@ -42,6 +42,7 @@ struct Options {
   std::uint32_t slab_no = 0;
   std::uint16_t slab_type = 0;
   std::string slab_id;
+  std::string second_chip;
   std::uint16_t mould = 0;
   bool take_results = false;
 };
@@ -103,6 +104,7 @@ PlcOrder order_of(const Options& options, PlcCommand command, const PlcOutputs& 
     order.slab_no = options.slab_no;
     order.slab_type = options.slab_type;
     order.slab_id = options.slab_id;
+    order.second_chip = options.second_chip;
     order.mould = options.mould;
     return order;
   }
@@ -229,6 +231,8 @@ void add_plc_command(args::Command& plc) {
       ->check(args::range(std::int64_t{1}, std::int64_t{4'294'967'295}));
   command->add_option("--slab-type", options->slab_type, "SLAB_BEGIN: type of the slab")->check(args::range(1, 65'535));
   command->add_option("--slab-id", options->slab_id, "SLAB_BEGIN: id of the slab");
+  command->add_option("--second-chip", options->second_chip,
+                      "SLAB_BEGIN: id in the slab's second chip; refused with 108 if it is another one");
   command->add_option("--mould", options->mould, "SLAB_BEGIN: number of the mould (default: 0, unknown)")
       ->check(args::range(1, 65'535));
   command->add_option("--device", options->device, "[plc] role \"rtu\": the PLC's end of the serial line");

@@ -85,7 +85,8 @@ Code check_begin(const Station& s, const PlcInputs& in) {
   if (s.slab.phase != SlabPhase::none) return Code::wrong_slab;
   const Recipe* recipe = recipe_for(s, in.slab_type);
   if (recipe == nullptr || (in.recipe != 0 && in.recipe != recipe->slab_type)) return Code::unknown_type;
-  if (!printable(in.slab_id)) return Code::bad_id_text;
+  if (!printable(in.slab_id) || !in.chips_agree) return Code::bad_id_text;
+  if (s.settings.second_chip_required && in.second_chip == 0) return Code::bad_id_text;
   if (s.settings.id_pattern != nullptr && !s.settings.id_pattern->matches(id_text(in.slab_id)))
     return Code::bad_id_text;
   if (!mould_of(s, in)) return Code::unknown_mould;

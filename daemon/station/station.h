@@ -45,6 +45,7 @@ struct StationSettings {
   CalibrationId calibration_id;              ///< id of these values; empty: there are none
   const IdPattern* id_pattern = nullptr;     ///< form of a SLAB_ID; nullptr: any text. Must outlive the station
   const IdPattern* mould_from_id = nullptr;  ///< its group is the mould; nullptr: not in the id. Must outlive it
+  bool second_chip_required = false;         ///< SLAB_BEGIN without SECOND_CHIP (HR 35) is refused
   SpliceSettings splice;
   std::int64_t check_interval_us = 0;  ///< interval of daily checks, 0: none are due
   FixedString<64> software;

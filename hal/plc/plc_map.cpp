@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "hal/plc/plc_map.h"
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <ctime>
@@ -175,6 +176,10 @@ std::uint16_t command_crc(const HoldingImage& image) {
   return crc16_modbus(std::span(image).subspan(kCommandFirst, kCommandCrc - kCommandFirst));
 }
 
+std::span<const std::uint16_t> slab_id_registers(const HoldingImage& image) {
+  return std::span(image).subspan(kSlabIdFirst, limits::kSlabIdBytes / 2);
+}
+
 std::uint16_t record_crc(const InputImage& image) {
   return crc16_modbus(std::span(image).subspan(kRecordFirst, kRecordCrc - kRecordFirst));
 }
@@ -229,6 +234,7 @@ PlcInputs decode_inputs(const HoldingImage& image, WordOrder order) {
   Decoder io(image, order);
   walk_inputs(io, inputs);
   trim(inputs.slab_id);
+  inputs.chips_agree = inputs.second_chip == 0 || inputs.second_chip == crc16_modbus(slab_id_registers(image));
   inputs.crc_ok = image[kCommandCrc] == 0 || image[kCommandCrc] == command_crc(image);
   return inputs;
 }
@@ -238,6 +244,14 @@ void encode_inputs(const PlcInputs& inputs, WordOrder order, bool with_crc, Hold
   Encoder io(image, order);
   walk_inputs(io, inputs);
   if (with_crc) image[kCommandCrc] = command_crc(image);
+}
+
+std::uint16_t second_chip_of(std::string_view id) {
+  PlcInputs inputs;
+  std::copy_n(id.begin(), std::min(id.size(), inputs.slab_id.size()), inputs.slab_id.begin());
+  HoldingImage image;
+  encode_inputs(inputs, WordOrder::abcd, false, image);
+  return crc16_modbus(slab_id_registers(image));
 }
 
 // The third cursor over the register table: describes each register in text. Documentation, `slabctl plc map` and

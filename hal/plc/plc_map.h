@@ -50,13 +50,16 @@ void encode_outputs(const PlcOutputs& outputs, WordOrder order, InputImage& imag
 
 /// Decodes what the PLC has written. Blanks and NULs around SLAB_ID are removed; `command_writer` is left 0 for the
 /// server to fill in. Any memory content decodes; the station checks the ranges. `crc_ok` is true if CMD_CRC is 0 or
-/// matches HR 10..36.
+/// matches HR 10..36, `chips_agree` if SECOND_CHIP is 0 or matches HR 16..31 as written.
 [[nodiscard]] PlcInputs decode_inputs(const HoldingImage& image, WordOrder order);
 
 // ---- the other side's directions (emulated PLC, tools) ----------------------------------------------------------
 
 /// Encodes a PLC's command to slabd. CMD_CRC is computed if `with_crc` is true, else 0 (not used).
 void encode_inputs(const PlcInputs& inputs, WordOrder order, bool with_crc, HoldingImage& image);
+
+/// SECOND_CHIP (HR 35) of a PLC that read this id in the second chip; for one id of 65,536 it is 0, "not read".
+[[nodiscard]] std::uint16_t second_chip_of(std::string_view id);
 
 /// Decodes the input registers as a PLC does. config if MAGIC, MAP_VERSION or WORD_PROBE do not match this map and word
 /// order, or if a register value is outside the map; the text names the register. Deviations have the resolution of the

@@ -42,6 +42,8 @@ inline constexpr double kThousandths = 1000.0;
 inline constexpr std::uint16_t kRecordFirst = 30;
 inline constexpr std::uint16_t kRecordCrc = 62;
 inline constexpr std::uint16_t kRecordCopy = 63;
+inline constexpr std::uint16_t kSlabIdFirst = 16;
+inline constexpr std::uint16_t kSecondChip = 35;
 inline constexpr std::uint16_t kCommandCrc = 37;
 
 // ---- words for numbers -------------------------------------------------------------------------------------------
@@ -121,13 +123,17 @@ void walk_inputs(Cursor& io, Inputs& in) {
   io.u16({12, "SLAB_TYPE", "", "5600, 4925, 4856, ...: a recipe's slab_type; 0 = of the open slab"}, in.slab_type);
   io.u16({13, "RECIPE", "", "0 = by SLAB_TYPE; else the same number"}, in.recipe);
   io.u32({14, "SLAB_NO", "", "the line's own number; 0 = the open slab"}, in.slab_no);
-  io.text({16, "SLAB_ID", "",
+  io.text({kSlabIdFirst, "SLAB_ID", "",
            "32 bytes ASCII, first character in the high byte; NULs and blanks around it do not belong to it"},
           in.slab_id);
   io.scaled({32, "SLAB_TEMPERATURE", "K", "in 0.1 K, 0 = unknown"}, in.slab_temperature_dk, 10.0);
   io.u16({33, "SLAB_AGE", "h", "since casting, 0 = unknown"}, in.slab_age_h);
   io.u16({34, "MOULD", "", "SLAB_BEGIN: number of the mould that cast the slab, 0 = unknown", kSince11}, in.mould);
-  io.reserved({35, "-", "", "reserved, write 0"}, 2);
+  io.u16(
+      {kSecondChip, "SECOND_CHIP", "",
+       "SLAB_BEGIN: CRC-16/Modbus over the 16 registers of the id in the slab's second chip; 0 = not read", kSince11},
+      in.second_chip);
+  io.reserved({36, "-", "", "reserved, write 0"}, 1);
   io.computed({kCommandCrc, "CMD_CRC", "", "CRC-16/Modbus over HR 10..36, high bytes first; 0 = not used"});
   io.u16({38, "SESSION_ECHO", "", "SESSION (IR 9) as last read"}, in.session_echo);
   io.u16({kCommandSeqAddress, "CMD_SEQ", "", "written last: the command runs when it becomes CMD_ACK + 1; 1..65535"},

@@ -81,6 +81,7 @@ socket = "/srv/control.sock"
 simulation = true
 id_pattern = 'C3-[0-9]{4}'
 mould_from_id = '-M([0-9]+)'
+second_chip = "required"
 [report]
 project = "Line 7"
 )";
@@ -213,6 +214,8 @@ TEST_F(ConfigTest, patterns_of_ids_are_compiled_when_they_are_read) {
       Texts{"slabd.toml:6:17: line.mould_from_id: found \"M[0-9]+\" with 0 groups, allowed is one group ( ), which "
             "contains the number of the mould; (?: ) is not counted"});
   EXPECT_EQ(load(line("mould_from_id = '(A|B)([0-9]+)'")).size(), 1U);
+  EXPECT_EQ(load(line("second_chip = 'always'")).size(), 1U);
+  EXPECT_FALSE(config_.second_chip_required);
   EXPECT_FALSE(config_.mould_from_id);
   EXPECT_EQ(load(line("id_pattern = ''")),
             Texts{"slabd.toml:6:14: line.id_pattern: found \"\", allowed is text of 1..128 bytes"});
@@ -318,6 +321,7 @@ TEST_F(ConfigTest, every_key_is_taken) {
   ASSERT_TRUE(config_.id_pattern && config_.mould_from_id);
   EXPECT_TRUE(config_.id_pattern->matches("C3-0001"));
   EXPECT_EQ(config_.mould_from_id->first_group("S-M12"), "12");
+  EXPECT_TRUE(config_.second_chip_required);
   EXPECT_EQ(config_.project, "Line 7");
 }
 

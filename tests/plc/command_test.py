@@ -36,7 +36,8 @@ def by_hand(box):
     begin = ("--slab-no", "7", "--slab-type", "5600", "--slab-id")
     assert "108: " in ask(box, 6, "SLAB_BEGIN", *begin, "HAND-X"), "[line] id_pattern"
     assert "113: " in ask(box, 6, "SLAB_BEGIN", *begin, "HAND-7-M12", "--mould", "13"), "[line] mould_from_id"
-    begun = ask(box, 0, "slab-begin", *begin, "HAND-7-M12")
+    assert "108: " in ask(box, 6, "SLAB_BEGIN", *begin, "HAND-7-M12", "--second-chip", "HAND-8-M12")
+    begun = ask(box, 0, "slab-begin", *begin, "HAND-7-M12", "--second-chip", "HAND-7-M12")
     assert "slab 7 is open, type 5600" in begun, begun
     assert box.status()["slab"]["mould"] == 12, box.status()["slab"]
     assert "slab 7 is open; end it first" in ask(box, 6, "SLAB_BEGIN", "--slab-no", "8", "--slab-type", "5600")

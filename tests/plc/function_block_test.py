@@ -7,6 +7,7 @@ import os
 import unittest
 
 from scl_block import siemens
+from siemens_test import crc16
 from st_block import Block
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
@@ -83,12 +84,22 @@ class Cases:
             line.ir[1] = version
             self.assertEqual(line.cycle().xWrongMap, wrong, hex(version))
 
-    def test_the_mould_is_part_of_the_order(self):
+    def test_what_is_known_of_the_slab_is_part_of_the_order(self):
         line = self.line()
         block = line.started()
-        line.cycle(xExecute=True, uiCmd=1, uiMould=12)
-        line.cycle(uiMould=13)
-        self.assertEqual(block.HR[34:37], [12, 0, 0], "as it was when the order began")
+        line.cycle(xExecute=True, uiCmd=1, uiMould=12, uiSlabTemperature=2931, uiSlabAge=72)
+        line.cycle(uiMould=13, uiSlabTemperature=0, uiSlabAge=73)
+        self.assertEqual(block.HR[32:37], [2931, 72, 12, 0, 0], "as it was when the order began")
+
+    def test_the_checksum_of_the_second_chip_is_part_of_the_order(self):
+        for text in ("C3-0001-M012", "S", "ABCDEFGHIJKLMNOPQRSTUVWXYZ012345"):
+            octets = text.encode("ascii").ljust(32, b"\0")
+            words = [octets[i] << 8 | octets[i + 1] for i in range(0, 32, 2)]
+            line = self.line()
+            block = line.started()
+            line.cycle(xExecute=True, uiCmd=1, awSecondId=words)
+            line.cycle(awSecondId=[0] * 16)
+            self.assertEqual(block.HR[35], crc16(words), text)
 
     def test_an_order_without_an_answer_is_made_void(self):
         line = self.line()

@@ -40,14 +40,15 @@ MOULD = 12
 
 
 def block_of_map_1_0(box):
-    """FB_SLABD.st as for map 1.0: it writes 0 to HR 34, which was reserved."""
+    """FB_SLABD.st as for map 1.0: it writes 0 to HR 34 and 35, which were reserved."""
     with open(os.path.join(ROOT, "docs/plc/FB_SLABD.st"), encoding="utf-8") as file:
         text = file.read()
-    line = "HR[34] := uiMouldNow;"
-    assert line in text
+    for line in ("HR[34] := uiMouldNow;", "HR[35] := uiSecondChipNow;"):
+        assert line in text
+        text = text.replace(line, "")
     path = os.path.join(box.dir, "FB_SLABD_1_0.st")
     with open(path, "w", encoding="utf-8") as file:
-        file.write(text.replace(line, ""))
+        file.write(text)
     return Block(path)
 
 

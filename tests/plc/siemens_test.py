@@ -133,6 +133,8 @@ class Siemens(unittest.TestCase):
                         inputs.update(uiCmd=chance.randrange(1, 6), uiStation=chance.randrange(19), uiSlabType=5600,
                                       udSlabNo=chance.randrange(1 << 32),
                                       awSlabId=[chance.randrange(1 << 16) for _ in range(16)],
+                                      awSecondId=[chance.randrange(1 << 16) for _ in range(16)],
+                                      uiSlabTemperature=chance.randrange(1 << 16), uiSlabAge=chance.randrange(1 << 16),
                                       uiMould=chance.randrange(1 << 16))
                     case 2:
                         ir[9] += 1
@@ -240,7 +242,8 @@ class Siemens(unittest.TestCase):
         words = [0] * 16
         siemens().function("FC_SLABD_ID", text="S-7", words=words)
         order.awSlabId = words
-        order.uiMould = 12
+        order.awSecondId = words
+        order.uiSlabTemperature, order.uiSlabAge, order.uiMould = 2931, 72, 12
 
         def until(done, what):
             for _ in range(3000):
@@ -260,7 +263,7 @@ class Siemens(unittest.TestCase):
         until(lambda: not slabd.ir[5] & 8, "RES_ACK")
         self.assertEqual([scan[:7] for scan in slabd.scans],
                          [[2, 4, 5600, 0, 1, 4464, 0x532D], [3, 4, 5600, 0, 1, 4464, 0x532D]])
-        self.assertEqual([scan[24:] for scan in slabd.scans], [[12, 0, 0], [12, 0, 0]], "HR 34 is MOULD")
+        self.assertEqual([scan[22:26] for scan in slabd.scans], [[2931, 72, 12, crc16(words)]] * 2, "HR 32 to 35")
         self.assertEqual(slabd.hr[2], slabd.ir[30])
 
     def test_client_sends_one_request_at_a_time(self):

@@ -197,6 +197,22 @@ TEST_F(StationIdTest, the_mould_comes_from_the_id_or_from_the_plc_and_both_must_
   EXPECT_EQ(begin_with("C3-0001-M1a", 1), failed(Code::unknown_mould));
 }
 
+TEST_F(StationIdTest, two_chips_with_different_ids_are_refused) {
+  line.plc.second_chip = 0x1234;
+  EXPECT_EQ(begin_with("C3-0001", 0), 4);
+  line.plc.chips_agree = false;
+  EXPECT_EQ(begin_with("C3-0001", 0), failed(Code::bad_id_text));
+  line.plc.chips_agree = true;
+  line.plc.second_chip = 0;
+  EXPECT_EQ(begin_with("C3-0001", 0), 4) << "not read";
+  line.settings.second_chip_required = true;
+  line.start();
+  line.run_for(300);
+  EXPECT_EQ(begin_with("C3-0001", 0), failed(Code::bad_id_text)) << "not read";
+  line.plc.second_chip = 0x1234;
+  EXPECT_EQ(begin_with("C3-0001", 0), 4);
+}
+
 TEST_F(StationTest, without_patterns_any_printable_id_is_taken_and_the_mould_is_the_plcs) {
   line.plc.mould = 12;
   begin();
@@ -205,6 +221,29 @@ TEST_F(StationTest, without_patterns_any_printable_id_is_taken_and_the_mould_is_
   line.plc.mould = 13;  // MOULD of another command has no effect
   line.scan(1);
   EXPECT_EQ(line.station->slab.header.mould, 12);
+}
+
+TEST_F(StationTest, a_temperature_that_no_slab_has_is_named_and_counts_as_unknown) {
+  const auto named = [&](std::uint16_t temperature_dk) {
+    line.plc.slab_temperature_dk = temperature_dk;
+    line.logged.clear();
+    begin();
+    EXPECT_EQ(line.station->slab.header.temperature_dk, temperature_dk) << "stored as it was sent";
+    const bool found = std::any_of(line.logged.begin(), line.logged.end(), [](const std::string& text) {
+      return text.find("SLAB_TEMPERATURE (HR 32) is ") != std::string::npos;
+    });
+    line.command(PlcCommand::slab_abort);
+    line.run_for(60);
+    line.take_results();
+    return found;
+  };
+  EXPECT_FALSE(named(0)) << "unknown";
+  EXPECT_FALSE(named(2'932)) << "20 deg C";
+  EXPECT_FALSE(named(2'432)) << "-29.95 deg C";
+  EXPECT_TRUE(named(2'431)) << "-30.05 deg C";
+  EXPECT_FALSE(named(3'531)) << "79.95 deg C";
+  EXPECT_TRUE(named(3'532)) << "80.05 deg C";
+  EXPECT_TRUE(named(250)) << "25 deg C in 0.1 deg C";
 }
 
 TEST_F(StationTest, a_plc_that_never_acknowledges_fills_the_queue_and_nothing_is_lost) {

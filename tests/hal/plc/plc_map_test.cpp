@@ -332,6 +332,25 @@ TEST(PlcMap, a_command_of_map_1_0_has_an_unknown_mould) {
   EXPECT_EQ(inputs.slab_age_h, 72);
 }
 
+TEST(PlcMap, the_second_chip_agrees_if_its_checksum_is_that_of_the_id_as_written) {
+  HoldingImage image = scan_command();
+  const auto agree = [&](std::uint16_t second_chip) {
+    image[35] = second_chip;
+    const PlcInputs inputs = decode_inputs(image, WordOrder::cdab);
+    EXPECT_EQ(inputs.second_chip, second_chip);
+    return inputs.chips_agree;
+  };
+  EXPECT_TRUE(agree(0)) << "not read";
+  const std::uint16_t same = crc16_modbus(std::span(image).subspan(16, 16));
+  ASSERT_NE(same, 0);
+  EXPECT_TRUE(agree(same));
+  EXPECT_FALSE(agree(static_cast<std::uint16_t>(same ^ 1U)));
+  image[31] = 0x0020;  // a blank at its end is in the one chip only
+  EXPECT_FALSE(agree(same));
+  EXPECT_EQ(second_chip_of("C3-0001"), second_chip_of(std::string("C3-0001").append(25, '\0')));
+  EXPECT_NE(second_chip_of("C3-0001"), second_chip_of("C3-0010"));
+}
+
 TEST(PlcMap, blanks_and_NULs_around_a_slab_id_are_not_part_of_it) {
   using namespace std::string_literals;
   const auto read = [](const std::string& text) {
