@@ -48,4 +48,13 @@ void state_at_reference(const Thermal& thermal, double length_mm, Item& item) {
   item.U = std::hypot(item.U, 2.0 * u_mm);
 }
 
+void undo_reference(Item& item) {
+  if (!has_value(item.measured)) return;
+  item.value = item.measured;
+  item.measured = kNoValue;
+  double& part = item.budget[static_cast<std::size_t>(BudgetPart::thermal)];
+  item.U = std::sqrt(std::max(0.0, square(item.U) - square(2.0 * part)));
+  part = 0.0;
+}
+
 }  // namespace slabd

@@ -33,4 +33,7 @@ struct Thermal {
 /// distance the distance itself. Does nothing without [thermal] or without a value.
 void state_at_reference(const Thermal& thermal, double length_mm, Item& item);
 
+/// Takes back what state_at_reference did: the value as measured, without the part `thermal`.
+void undo_reference(Item& item);
+
 }  // namespace slabd

@@ -9,7 +9,8 @@ namespace slabd::calib {
 namespace {
 
 constexpr const char* kKeys =
-    "id, date, issuer, slope_deg, slope_U_deg, jaw_distance_mm, jaw_distance_U_mm, coverage_factor";
+    "id, date, issuer, slope_deg, slope_U_deg, jaw_distance_mm, jaw_distance_U_mm, coverage_factor, temperature_c, "
+    "expansion_per_K, expansion_u_per_K";
 
 /// Share of the limit above which a drift is reported. Repeatability alone (0.017 mm per axis, twice) reaches it once
 /// in thirty checks with the usual 0.1 mm.
@@ -47,14 +48,32 @@ Result<ReferenceCertificate> parse_reference_certificate(std::string_view text, 
   file.number("jaw_distance_mm", true, 10.0, 2'000.0, c.block.jaw_distance_mm);
   file.number("jaw_distance_U_mm", true, 1e-6, 5.0, c.block.jaw_distance_U_mm);
   file.number("coverage_factor", false, 1.0, 4.0, coverage);
+  file.number("temperature_c", false, 0.0, 40.0, c.temperature_c);
+  file.number("expansion_per_K", false, 0.0, 5e-5, c.expansion_per_K);
+  file.number("expansion_u_per_K", false, 0.0, 1e-5, c.expansion_u_per_K);
   if (const Status status = file.finish(kKeys); !status.ok()) return status.error();
+  if (!has_value(c.expansion_u_per_K)) c.expansion_u_per_K = 0.1 * c.expansion_per_K;
   c.block.slope_rad = rad_from_deg(slope_deg);
   c.block.slope_U_rad = rad_from_deg(slope_U_deg) * (2.0 / coverage);
   c.block.jaw_distance_U_mm *= 2.0 / coverage;
   return c;
 }
 
-CalibrationCheck check_block(const ReferenceBlock& certified, const BlockResult& measured, const CheckLimits& limits) {
+Thermal expansion_of(const ReferenceCertificate& certificate, double temperature_c) {
+  constexpr double kThermometer_u_K = 1.0;
+  ThermalSettings settings;
+  settings.given = has_value(certificate.expansion_per_K);
+  settings.reference_c.value = certificate.temperature_c;
+  settings.cte_per_K.value = certificate.expansion_per_K;
+  settings.u_cte_per_K.value = certificate.expansion_u_per_K;
+  settings.u_temperature_K.value = kThermometer_u_K;
+  settings.unknown_low_c.value = 0.0;
+  settings.unknown_high_c.value = 40.0;
+  return thermal_of(settings, temperature_c);
+}
+
+CalibrationCheck check_block(const ReferenceBlock& certified, const BlockResult& measured, const CheckLimits& limits,
+                             const Thermal& expansion) {
   CalibrationCheck check;
   check.kind = CalibrationKind::reference_block;
   const Item* slope = find_item(measured.items.begin(), measured.items.end(), ItemId::seat_slope);
@@ -64,8 +83,11 @@ CalibrationCheck check_block(const ReferenceBlock& certified, const BlockResult&
     check.slope_U_rad = rad_from_deg(slope->U);
   }
   if (jaw != nullptr) {
-    check.jaw_distance_mm = jaw->value;
-    check.jaw_distance_U_mm = jaw->U;
+    Item distance = *jaw;
+    undo_reference(distance);
+    state_at_reference(expansion, distance.value, distance);
+    check.jaw_distance_mm = distance.value;
+    check.jaw_distance_U_mm = distance.U;
   }
   const std::array<Deviation, 2> deviations = {
       Deviation{"slope", "deg", deg_from_rad(check.slope_rad - certified.slope_rad),

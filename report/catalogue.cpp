@@ -959,6 +959,11 @@ constexpr auto kCatalogue = std::to_array<Translation>({
      "没有生效的标定，配置中也没有调试标定值"},
     {"{} has its place from this scan; a check needs a scan of its own: take a new one",
      "{} 的位置取自该扫描；检查需要另外的扫描：请重新扫描"},
+    {"warning: the certificate of {} has no expansion_per_K, so --temperature changes nothing",
+     "警告：{} 的证书没有 expansion_per_K，--temperature 不起作用"},
+    {"warning: --temperature does not say how warm the reference block is: this adds {:.3f} mm to the uncertainty of "
+     "the jaw distance",
+     "警告：未用 --temperature 给出参考块的温度：钳口距离的不确定度因此增加 {:.3f} mm"},
     {"this scan was judged before, at {}: {}; a check needs a scan of its own: take a new one",
      "该扫描已判定过，于 {}：{}；检查需要另外的扫描：请重新扫描"},
     {"{} expired on {}: it is not valid any more; have it certified again, then slabctl calibrate reference",

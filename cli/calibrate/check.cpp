@@ -42,6 +42,7 @@ struct CheckOptions {
   std::string slab;
   int station = 0;
   bool ball = false;
+  double temperature_c = kNoValue;
   BallMeasurement look;
   std::string who;
   std::size_t limit = kTrendRows;
@@ -260,6 +261,21 @@ void need_new(const CheckOptions& options, storage::Reader& reader, std::string&
   }
 }
 
+/// Expansion of the reference block since its certification.
+Thermal expansion_of(const storage::CalibrationRecord& reference, double temperature_c) {
+  const auto certificate = need(calib::parse_reference_certificate(reference.certificate, reference.id));
+  const Thermal expansion = calib::expansion_of(certificate, temperature_c);
+  if (!expansion.given && has_value(temperature_c))
+    complain(
+        say("warning: the certificate of {} has no expansion_per_K, so --temperature changes nothing", reference.id));
+  if (expansion.given && !has_value(temperature_c))
+    complain(
+        say("warning: --temperature does not say how warm the reference block is: this adds {:.3f} mm to the "
+            "uncertainty of the jaw distance",
+            2.0 * expansion.u * certificate.block.jaw_distance_mm));
+  return expansion;
+}
+
 /// Compares with the artefact in force.
 CalibrationCheck judge(const CheckOptions& options, const config::Config& config, storage::Reader& reader) {
   const CalibrationKind kind = options.ball ? CalibrationKind::monitor_ball : CalibrationKind::reference_block;
@@ -297,7 +313,8 @@ CalibrationCheck judge(const CheckOptions& options, const config::Config& config
     const BlockResult block = options.slab.empty() ? measure_scan(options, config, reader)
                                                    : take_from_slab(options, reader, hand_eye.id, source);
     need_new(options, reader, source);
-    check = calib::check_block(std::get<ReferenceBlock>(reference->numbers), block, config.check_limits);
+    check = calib::check_block(std::get<ReferenceBlock>(reference->numbers), block, config.check_limits,
+                               expansion_of(*reference, options.temperature_c));
   }
   check.reference_id.assign(reference->id);
   check.hand_eye_id = hand_eye.id;
@@ -411,6 +428,8 @@ void add_calibrate_check(args::Command& group) {
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)))
       ->needs(slab);
   command->add_flag("--ball", options->ball, "The scan shows the monitor ball")->excludes(slab);
+  command->add_option("--temperature", options->temperature_c, "Temperature of the reference block, deg C")
+      ->check(within(0.0, 40.0));
   options->look.add_to(*command);
   command->add_option("--operator", options->who, "Name of the operator (default: your login)");
   command->add_option("--limit", options->limit, "How many checks of the trend are shown")

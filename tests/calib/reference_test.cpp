@@ -3,6 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
+#include "base/thermal.h"
+
 namespace slabd::calib {
 namespace {
 
@@ -60,6 +64,39 @@ TEST(ReferenceCheck, limits_of_the_configuration_may_be_tighter_never_wider) {
   EXPECT_TRUE(check_block(certified(), block, {}).passed);
   EXPECT_FALSE(check_block(certified(), block, {rad_from_deg(0.01), kNoValue}).passed);
   EXPECT_FALSE(check_block(certified(), measured(1.4321 + 0.05, 0.03, 380.012, 0.05), {rad_from_deg(0.1), 5.0}).passed);
+}
+
+TEST(ReferenceCheck, the_distance_is_stated_at_the_temperature_of_the_certificate) {
+  const std::string steel = std::string(kText) + "expansion_per_K = 11.5e-6\nexpansion_u_per_K = 0.5e-6\n";
+  const auto c = parse_reference_certificate(steel, "ref.txt");
+  ASSERT_TRUE(c.ok()) << c.error().text.view();
+  constexpr double kWarm_c = 32.0;
+  const double warm_mm = 380.012 * (1.0 + 11.5e-6 * (kWarm_c - 20.0));
+  const BlockResult block = measured(1.4321, 0.03, warm_mm, 0.03);
+  EXPECT_FALSE(check_block(c.value().block, block, {}).passed) << "0.052 mm longer";
+  const CalibrationCheck known = check_block(c.value().block, block, {}, expansion_of(c.value(), kWarm_c));
+  EXPECT_TRUE(known.passed);
+  EXPECT_NEAR(known.jaw_distance_mm, 380.012, 1e-6);
+  const double u_relative = std::hypot(11.5e-6 * 1.0, 12.0 * 0.5e-6);
+  EXPECT_NEAR(known.jaw_distance_U_mm, std::hypot(0.03, 2.0 * warm_mm * u_relative), 1e-6);
+  const CalibrationCheck unknown = check_block(c.value().block, block, {}, expansion_of(c.value(), kNoValue));
+  EXPECT_TRUE(unknown.passed);
+  EXPECT_DOUBLE_EQ(unknown.jaw_distance_mm, warm_mm);
+  EXPECT_GT(unknown.jaw_distance_U_mm, 0.1);
+  const auto silent = parse_reference_certificate(kText, "ref.txt");
+  EXPECT_FALSE(expansion_of(silent.value(), kWarm_c).given) << "no expansion is stated";
+}
+
+TEST(ReferenceCheck, a_correction_for_a_slab_of_concrete_is_undone) {
+  BlockResult block = measured(1.4321, 0.03, 380.012, 0.03);
+  Item& jaw = block.items[1];
+  jaw.budget[static_cast<std::size_t>(BudgetPart::noise)] = 0.015;
+  state_at_reference({2e-4, 5e-5, true}, jaw.value, jaw);
+  ASSERT_NEAR(jaw.value, 380.012 - 0.076, 1e-3);
+  const CalibrationCheck check = check_block(certified(), block, {});
+  EXPECT_TRUE(check.passed);
+  EXPECT_DOUBLE_EQ(check.jaw_distance_mm, 380.012);
+  EXPECT_NEAR(check.jaw_distance_U_mm, 0.03, 1e-12);
 }
 
 TEST(ReferenceCheck, items_without_value_or_U_fail) {
