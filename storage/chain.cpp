@@ -37,6 +37,7 @@ std::string words(const SealEntry& entry) {
   if (entry.kind == "slab") return where + "the seal of " + slab_words(entry) + ",";
   if (entry.kind == "care") return where + "about gap " + std::to_string(entry.about) + " of the history,";
   if (entry.kind == "begun") return where + "its beginning,";
+  if (entry.kind == "decided") return where + "a decision about " + slab_words(entry) + ",";
   return where + plain(entry.kind, Lines::replaced) + " " + slab_words(entry) + ",";
 }
 
@@ -49,6 +50,7 @@ class Examination {
     compare_slabs();
     look_for_added_slabs();
     compare_gaps();
+    compare_decisions();
     compare_texts();
     return std::move(report_);
   }
@@ -118,6 +120,8 @@ class Examination {
     if (entry.kind == "pruned") ++report_.pruned;
     if (entry.kind == "pruned" && entry.about <= begun_key_) pruned_before_.insert(entry.about);
     if (entry.kind == "care") gaps_[entry.about] = entry.rows;
+    if (entry.kind == "decided") decided_[entry.about] = entry;
+    if (entry.kind == "pruned") decided_.erase(entry.about);
   }
 
   /// Compares the sealed slabs in the order of the chain.
@@ -197,6 +201,17 @@ class Examination {
       if (!gaps_.contains(seq)) altered("gap " + std::to_string(seq) + " of the history was added: table care");
   }
 
+  void compare_decisions() {
+    if (report_.entries == 0) return;
+    for (const auto& [key, entry] : decided_)
+      if (decisions_digest(db_, key) != entry.rows)
+        altered("the decisions about " + slab_words(entry) + " were altered: table disposition");
+    Statement rows(db_, "SELECT DISTINCT slab_key FROM disposition ORDER BY slab_key");
+    while (rows.step())
+      if (!decided_.contains(rows.integer(0)))
+        altered("a decision about slab key " + std::to_string(rows.integer(0)) + " was added: table disposition");
+  }
+
   /// Compares recipes and calibrations with the checksum in their name.
   void compare_texts() {
     Statement texts(db_, "SELECT sha256, name, text FROM recipe_text ORDER BY kept_utime_us, sha256");
@@ -226,6 +241,7 @@ class Examination {
   std::map<std::int64_t, std::int64_t> sealed_;  ///< newest valid seal by slab key
   std::set<std::int64_t> pruned_before_;         ///< pruned slabs that never had a seal
   std::map<std::int64_t, Sha256> gaps_;
+  std::map<std::int64_t, SealEntry> decided_;  ///< newest entry about decisions by slab key
   std::map<std::int64_t, std::unique_ptr<SlabDigests>> digests_;
 };
 

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "storage/jobs.h"
+#include "storage/seals.h"
 
 namespace slabd::storage {
 namespace {
@@ -64,6 +65,7 @@ std::string Dispositions::keep(const KeepDisposition& change) {
   insert.bind(1, d.slab_key).bind(2, d.n).bind(3, d.utime_us).bind(4, std::string_view(d.who));
   insert.bind(5, name(d.decision)).bind(6, std::string_view(d.reason)).bind(7, std::string_view(d.authority));
   insert.bind(8, std::string_view(d.second)).run();
+  Seals(db_).note_decision(d.slab_key);
   return told(d);
 }
 

@@ -39,10 +39,25 @@ struct Known {
   std::int64_t slab_key = 0;        ///< the newest key
   std::set<std::string> applied{};  ///< calibrations put in force
   std::set<std::string> checks{};
+  std::set<std::string> decisions{};  ///< dispositions of slabs
+  std::set<std::string> resets{};     ///< of moulds
 };
 
 std::int64_t missing(const std::set<std::string>& lost, const std::set<std::string>& back) {
   return std::count_if(lost.begin(), lost.end(), [&](const std::string& one) { return !back.contains(one); });
+}
+
+/// "2 changes of calibrations, 1 decision about slabs"; empty if nothing would be lost.
+std::string losses_of(const Known& lost, const Known& back) {
+  std::string text;
+  const auto count = [&text](std::int64_t n, const char* one, const char* many) {
+    if (n > 0) text += (text.empty() ? "" : ", ") + std::to_string(n) + " " + (n == 1 ? one : many);
+  };
+  count(missing(lost.applied, back.applied), "change of calibrations", "changes of calibrations");
+  count(missing(lost.checks, back.checks), "check of a calibration", "checks of calibrations");
+  count(missing(lost.decisions, back.decisions), "decision about a slab", "decisions about slabs");
+  count(missing(lost.resets, back.resets), "reset of a mould", "resets of moulds");
+  return text;
 }
 
 Known known_at(const std::string& path) {
@@ -73,6 +88,8 @@ Known known_at(const std::string& path) {
   known.applied =
       all("SELECT seq || ' ' || kind || ' ' || slab_type || ' ' || calibration_id || ' ' || utime_us FROM applied");
   known.checks = all("SELECT seq || ' ' || reference_id || ' ' || passed || ' ' || utime_us FROM calibration_check");
+  known.decisions = all("SELECT slab_key || ' ' || n || ' ' || decision || ' ' || utime_us FROM disposition");
+  known.resets = all("SELECT mould || ' ' || from_utime_us || ' ' || utime_us FROM mould_reset");
   return known;
 }
 
@@ -217,14 +234,12 @@ Status restore_database(const StoreSettings& settings, const RestoreOrder& order
   const bool speaks = !replaced.empty() && file_bytes(replaced) > 0 && make_log_durable(replaced).ok();
   const Known lost = speaks ? known_at(replaced) : Known{};
   const Known back = order.from.empty() ? Known{} : known_at(order.from);
-  const std::int64_t lost_applied = missing(lost.applied, back.applied);
-  const std::int64_t lost_checks = missing(lost.checks, back.checks);
-  if (!order.lose_calibrations && (lost_applied > 0 || lost_checks > 0))
+  const std::string losses = losses_of(lost, back);
+  if (!order.lose_calibrations && !losses.empty())
     return error(Code::config,
-                 "%s holds %lld changes of calibrations and %lld checks that are not in %s: they would be lost. Look "
-                 "at them (slabctl calibrate history); --lose-calibrations accepts the loss",
-                 replaced.c_str(), static_cast<long long>(lost_applied), static_cast<long long>(lost_checks),
-                 order.from.empty() ? "an empty history" : order.from.c_str());
+                 "%s holds what is not in %s and would be lost: %s. Look at it (slabctl calibrate history, history "
+                 "--disposition, mould list); --lose-calibrations accepts the loss",
+                 replaced.c_str(), order.from.empty() ? "an empty history" : order.from.c_str(), losses.c_str());
   const std::int64_t keys_used = std::max(lost.slab_key, newest_key_in_spool(settings.spool_dir));
   if (Status status = check_nothing_strays(path); !status.ok()) return status;
   const bool is_sign = file_bytes(path) == 0 && (file_bytes(part) > 0 || file_bytes(part + ".part") > 0);

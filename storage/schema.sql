@@ -419,9 +419,10 @@ CREATE TRIGGER care_is_kept BEFORE DELETE ON care
 --   reopened  that end was taken back: the PLC was never shown it
 --   pruned    retention took slab `about` away
 --   care      row `about` of table care
+--   decided   a decision about slab `about` was added: rows_sha256 is that of its rows of table disposition
 CREATE TABLE slab_seal (
   seq         INTEGER PRIMARY KEY CHECK (seq > 0),
-  kind        TEXT NOT NULL CHECK (kind IN ('begun', 'slab', 'reopened', 'pruned', 'care')),
+  kind        TEXT NOT NULL CHECK (kind IN ('begun', 'slab', 'reopened', 'pruned', 'care', 'decided')),
   form        INTEGER NOT NULL,            -- of rows_sha256
   about       INTEGER NOT NULL,
   slab_no     INTEGER NOT NULL,

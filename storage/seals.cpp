@@ -94,6 +94,8 @@ constexpr auto kForm1 = std::to_array<SealedTable>({
      " AND is_repeat = 0", "id"},
 });
 
+constexpr SealedTable kDecisions = {"disposition", "slab_key, n, utime_us, who, decision, reason, authority, second",
+                                    "", "n"};
 constexpr SealedTable kCare = {"care", "seq, what, slab_key, result_id, res_seq, source, who, why, utime_us", "",
                                "seq"};
 
@@ -202,12 +204,25 @@ Sha256 digest_of(const std::vector<Sha256>& tables) {
   return digest.take();
 }
 
-Sha256 care_digest(Connection& db, std::int64_t seq) {
-  Statement row(db, "SELECT " + std::string(kCare.columns) + " FROM care WHERE seq = ?1");
-  row.bind(1, seq);
+namespace {
+
+Sha256 digest_where(Connection& db, const SealedTable& table, const char* key, std::int64_t value) {
+  Statement rows(db, "SELECT " + std::string(table.columns) + " FROM " + std::string(table.name) + " WHERE " + key +
+                         " = ?1 ORDER BY " + std::string(table.order));
+  rows.bind(1, value);
   Digest digest;
-  hash_rows(row, kCare, digest);
+  hash_rows(rows, table, digest);
   return digest.take();
+}
+
+}  // namespace
+
+Sha256 decisions_digest(Connection& db, std::int64_t slab_key) {
+  return digest_where(db, kDecisions, "slab_key", slab_key);
+}
+
+Sha256 care_digest(Connection& db, std::int64_t seq) {
+  return digest_where(db, kCare, "seq", seq);
 }
 
 namespace {
@@ -312,9 +327,13 @@ void Seals::begin() {
   SealEntry entry = about_slab("begun", 0);
   entry.about = db_.integer("SELECT coalesce(max(slab_key), 0) FROM slab_result");
   append(entry, {});
-  std::vector<std::int64_t> gaps;
-  for (Statement care(db_, "SELECT seq FROM care ORDER BY seq"); care.step();) gaps.push_back(care.integer(0));
-  for (const std::int64_t seq : gaps) note_care(seq);
+  const auto all = [this](const char* sql) {
+    std::vector<std::int64_t> keys;
+    for (Statement rows(db_, sql); rows.step();) keys.push_back(rows.integer(0));
+    return keys;
+  };
+  for (const std::int64_t seq : all("SELECT seq FROM care ORDER BY seq")) note_care(seq);
+  for (const std::int64_t key : all("SELECT DISTINCT slab_key FROM disposition ORDER BY slab_key")) note_decision(key);
 }
 
 void Seals::seal(std::int64_t slab_key) {
@@ -354,6 +373,13 @@ void Seals::note_care(std::int64_t seq) {
   SealEntry entry = about_slab("care", 0);
   entry.about = seq;
   entry.rows = care_digest(db_, seq);
+  append(entry, {});
+}
+
+void Seals::note_decision(std::int64_t slab_key) {
+  begin();
+  SealEntry entry = about_slab("decided", slab_key);
+  entry.rows = decisions_digest(db_, slab_key);
   append(entry, {});
 }
 

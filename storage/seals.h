@@ -73,6 +73,9 @@ class SlabDigests {
 /// Digest of the digests of all tables; the chain stores it for a slab.
 [[nodiscard]] Sha256 digest_of(const std::vector<Sha256>& tables);
 
+/// SHA-256 of the decisions about a slab (table disposition).
+[[nodiscard]] Sha256 decisions_digest(Connection& db, std::int64_t slab_key);
+
 /// SHA-256 of a row of table care.
 [[nodiscard]] Sha256 care_digest(Connection& db, std::int64_t seq);
 
@@ -95,7 +98,7 @@ struct SealEntry {
 class Seals {
  public:
   explicit Seals(Connection& db);
-  /// Begins the chain if there is none, and adds entries for the existing gaps of the history.
+  /// Begins the chain if there is none, and adds entries for the existing gaps of the history and decisions.
   void begin();
   /// Seals the final rows of an ended slab. Does nothing if the slab's newest seal is equal.
   void seal(std::int64_t slab_key);
@@ -107,6 +110,8 @@ class Seals {
   void prune(std::int64_t slab_key);
   /// Adds an entry for a new row of table care.
   void note_care(std::int64_t seq);
+  /// Adds an entry for a new decision about a slab.
+  void note_decision(std::int64_t slab_key);
 
  private:
   void append(SealEntry& entry, std::string_view tables);

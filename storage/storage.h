@@ -126,9 +126,15 @@ struct ResetMould {
   std::int64_t from_utime_us = 0;
   ChangeNote note;
 };
-/// A change that a person makes while the daemon may run: of calibrations, of decisions about slabs, or of the moulds.
-using CalibrationChange =
-    std::variant<KeepCalibration, ApplyCalibration, RollBackCalibration, KeepCheck, KeepDisposition, ResetMould>;
+/// Writes the pin of a slab's scans, the file pin.json next to them, for a person who may not write there.
+struct KeepPin {
+  std::int64_t slab_key = 0;
+  std::string text;  ///< of the file; empty: the pin is removed
+};
+/// A change that a person makes while the daemon may run: of calibrations, of decisions about slabs, of moulds, of
+/// pins.
+using CalibrationChange = std::variant<KeepCalibration, ApplyCalibration, RollBackCalibration, KeepCheck,
+                                       KeepDisposition, ResetMould, KeepPin>;
 
 /// One entry of the history of applied calibrations. Entries are only added.
 struct AppliedChange {
@@ -430,7 +436,7 @@ struct RestoreOrder {
   std::string from;  ///< path of a backup; empty: begin with an empty history
   ChangeNote note;
   std::uint16_t session = 0;  ///< random, so that no old command or RES_ACK matches the next session and record
-  /// Accepts the loss of calibrations applied, and of checks made, after the backup.
+  /// Accepts the loss of calibrations applied, of checks, of dispositions and of resets of moulds after the backup.
   bool lose_calibrations = false;
   /// Accepts a backup without a checksum (another program's copy), or one that was altered before it was made.
   bool accept_unproven = false;

@@ -15,6 +15,7 @@
 #include <optional>
 #include <tuple>
 
+#include "base/durable.h"
 #include "base/rules.h"
 #include "storage/calibrations.h"
 #include "storage/chain.h"
@@ -188,7 +189,29 @@ class SqliteStore final : public Store {
     return status;
   }
 
+  /// In the thread that also deletes scans, so a pin is never written next to scans that are being deleted.
+  [[nodiscard]] Result<std::string> keep_pin(const KeepPin& pin) const {
+    constexpr std::size_t kPinBytesMax = 8'192;
+    const std::string slab = "slab " + std::to_string(pin.slab_key);
+    const std::string folder = settings_.spool_dir + "/" + std::to_string(pin.slab_key);
+    const std::string path = folder + "/" + Spool::kPinName;
+    const FileState there = file_state(AT_FDCWD, folder.c_str());
+    if (pin.slab_key < 1 || !there.known || !S_ISDIR(there.mode))
+      return error(Code::config, "%s: its scans are gone (%s is not there)", slab.c_str(), folder.c_str());
+    if (pin.text.size() > kPinBytesMax)
+      return error(Code::config, "%s: a pin of %zu bytes, allowed are %zu", slab.c_str(), pin.text.size(),
+                   kPinBytesMax);
+    if (pin.text.empty()) {
+      if (::unlink(path.c_str()) == 0) return "unpinned " + slab;
+      if (errno == ENOENT) return error(Code::config, "%s is not pinned", slab.c_str());
+      return error(Code::journal_write, "%s cannot be removed: %s", path.c_str(), errno_text(errno));
+    }
+    if (Status status = write_durably(path, pin.text); !status.ok()) return status.error();
+    return "pinned " + slab;
+  }
+
   Result<std::string> change(const CalibrationChange& ordered) override {
+    if (const auto* pin = std::get_if<KeepPin>(&ordered)) return keep_pin(*pin);
     CalibrationChange change = ordered;
     if (auto* keep = std::get_if<KeepDisposition>(&change)) keep->needs_second = settings_.second_person;
     log_holds_commits_ = true;

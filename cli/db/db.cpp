@@ -420,7 +420,7 @@ void add_db(args::Command& app) {
   command->add_option("FILE", options->file, "A backup");
   command->add_flag("--fresh", options->fresh, "Begin with an empty history instead");
   command->add_flag("--lose-calibrations", options->lose_calibrations,
-                    "Even if calibrations were changed or checked since the backup");
+                    "Even if the backup lacks calibrations, checks, dispositions or resets of moulds");
   command->add_flag("--unproven", options->unproven,
                     "Even if the backup has no checksum (another program made it), or was altered before it was made");
   command->add_option("--reason", options->why, "Why, for the history")->required()->check(some_words());

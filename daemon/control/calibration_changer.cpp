@@ -294,6 +294,7 @@ struct ChangeJson {
   Json operator()(const ResetMould& c) const {
     return {{"reset_mould", {{"mould", c.mould}, {"from_utime_us", c.from_utime_us}, {"note", object_of(c.note)}}}};
   }
+  Json operator()(const KeepPin& c) const { return {{"pin", {{"slab_key", c.slab_key}, {"text", c.text}}}}; }
 };
 
 }  // namespace
@@ -327,8 +328,11 @@ Result<CalibrationChange> parse_change(std::string_view json) {
                                           reset.at("from_utime_us").get<std::int64_t>(),
                                           record_of<ChangeNote>(reset.at("note"))});
     }
+    if (j.contains("pin"))
+      return CalibrationChange(
+          KeepPin{j.at("pin").at("slab_key").get<std::int64_t>(), j.at("pin").at("text").get<std::string>()});
     return error(Code::config,
-                 "a calibration change must be one of keep, apply, roll_back, check, disposition, reset_mould");
+                 "a calibration change must be one of keep, apply, roll_back, check, disposition, reset_mould, pin");
   } catch (const std::exception& e) {
     return error(Code::config, "a calibration change that cannot be read: %s", e.what());
   }

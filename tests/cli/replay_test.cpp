@@ -372,7 +372,14 @@ TEST_F(ReplayOther, a_pin_lies_beside_the_scans_and_says_why) {
   const json pin = json::parse(content(file("spool/1/pin.json")), nullptr, false);
   EXPECT_EQ(pin["reason"], "complaint 17");
   EXPECT_EQ(pin["key"], 1);
+  EXPECT_EQ(pin["who"], "root");
+  const auto shown = [&] { return json::parse(run("pin" + of_slab + " --show --json").out, nullptr, false); };
+  EXPECT_EQ(shown()["pin"]["reason"], "complaint 17");
+  EXPECT_EQ(shown()["scans"], 1);
+  EXPECT_EQ(shown()["scans_there"], 1);
+  expect_mentions(run("pin" + of_slab + " --show").out, "complaint 17; 1 of 1 scans are there");
   EXPECT_EQ(run("unpin" + of_slab).status, 0);
+  EXPECT_TRUE(shown()["pin"].is_null());
   EXPECT_FALSE(fs::exists(file("spool/1/pin.json")));
   // Pinning a slab whose scans are missing must fail.
   std::vector<fs::path> scans;

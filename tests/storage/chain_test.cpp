@@ -276,6 +276,39 @@ TEST_F(ChainTest, a_row_and_its_seal_changed_together_break_the_chain_behind_the
   EXPECT_NE(trouble().find("the seal of slab key 2 "), std::string::npos) << trouble();
 }
 
+TEST_F(ChainTest, decisions_about_slabs_are_sealed) {
+  start();
+  slab(1);
+  slab(2, Verdict::fail);
+  slab(3, Verdict::indeterminate);
+  DispositionRecord decision;
+  decision.slab_key = 2;
+  decision.utime_us = 1'700'000'000'000'000;
+  decision.who = decision.authority = "mei";
+  decision.reason = "burr at block 4";
+  for (const Disposition what : {Disposition::hold, Disposition::hold, Disposition::scrap}) {
+    decision.decision = what;
+    ASSERT_TRUE(store_->change(KeepDisposition{decision}).ok());
+  }
+  close();
+  fs::copy_file(settings_.db_path, whole_);
+  EXPECT_EQ(trouble(), "");
+  EXPECT_EQ(report().entries, 1 + 3 + 2) << "the same decision again adds nothing";
+  const std::string open = "DROP TRIGGER disposition_stays; DROP TRIGGER disposition_is_kept; ";
+  const std::string altered = "the decisions about slab key 2 (number 102";
+  for (const char* change :
+       {"UPDATE disposition SET decision = 'release_by_concession' WHERE n = 2", "DELETE FROM disposition WHERE n = 2",
+        "DELETE FROM disposition", "UPDATE disposition SET authority = 'li' WHERE n = 1",
+        "INSERT INTO disposition VALUES (2, 3, 1, 'a', 'rework', 'b', 'c', '')"})
+    EXPECT_NE(after(open + change).find(altered), std::string::npos) << change << ": " << trouble();
+  EXPECT_NE(after("INSERT INTO disposition VALUES (3, 1, 1, 'a', 'rework', 'b', 'c', '')")
+                .find("a decision about slab key 3 was added"),
+            std::string::npos);
+  EXPECT_NE(after("DROP TRIGGER slab_seal_is_kept; DELETE FROM slab_seal WHERE seq = 6").find(altered),
+            std::string::npos);
+  EXPECT_EQ(after("SELECT 1"), "");
+}
+
 TEST_F(ChainTest, legitimate_changes_after_the_end_do_not_alter_the_chain) {
   settings_.spool_budget_bytes = 1;
   start();

@@ -3,6 +3,8 @@
 // Decisions of quality: only added, only about slabs that did not pass, and the verdict stays.
 #include <sqlite3.h>
 
+#include <filesystem>
+#include <fstream>
 #include <optional>
 
 #include "storage/files/sqlite.h"
@@ -101,6 +103,29 @@ TEST_F(DispositionTest, two_persons_if_the_configuration_asks_for_them) {
   keep.record.second = "Wang Fang";
   EXPECT_TRUE(store_->change(keep).ok());
   EXPECT_EQ(stored(1).dispositions.at(0).second, "Wang Fang");
+}
+
+TEST_F(DispositionTest, a_pin_is_written_for_a_person_who_may_not_write_next_to_the_scans) {
+  open();
+  slab(1, Verdict::fail);
+  const std::string folder = settings_.spool_dir + "/1";
+  const auto refusal = [&](const KeepPin& pin) {
+    const Result<std::string> done = store_->change(pin);
+    EXPECT_FALSE(done.ok());
+    return std::string(done.error().text.view());
+  };
+  EXPECT_NE(refusal({1, "{}"}).find("its scans are gone"), std::string::npos);
+  EXPECT_NE(refusal({-1, "{}"}).find("its scans are gone"), std::string::npos);
+  std::filesystem::create_directories(folder);
+  ASSERT_EQ(store_->change(KeepPin{1, "{\"reason\": \"complaint 17\"}"}).value(), "pinned slab 1");
+  std::ifstream pin(folder + "/pin.json");
+  std::string text;
+  std::getline(pin, text);
+  EXPECT_EQ(text, "{\"reason\": \"complaint 17\"}");
+  EXPECT_NE(refusal({1, std::string(9'000, 'x')}).find("9000 bytes"), std::string::npos);
+  ASSERT_EQ(store_->change(KeepPin{1, ""}).value(), "unpinned slab 1");
+  EXPECT_FALSE(std::filesystem::exists(folder + "/pin.json"));
+  EXPECT_NE(refusal({1, ""}).find("is not pinned"), std::string::npos);
 }
 
 TEST_F(DispositionTest, no_other_program_changes_or_deletes_one) {

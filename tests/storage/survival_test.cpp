@@ -121,13 +121,25 @@ class SurvivalTest : public FastStoreTest {
       job(CommandJob{session_, ++cmd_seq_, static_cast<std::uint16_t>(PlcCommand::slab_end), 0, key, 2000});
       PlcResult record = random_record(prng_, ++res_seq_, 2);
       record.cmd_seq = cmd_seq_;
-      job(SlabJob{key, random_slab(prng_, Verdict::pass), record, 3000});
+      const Verdict verdict = slab % 2 == 0 ? Verdict::fail : Verdict::pass;
+      job(SlabJob{key, random_slab(prng_, verdict), record, 3000});
       job(AckJob{res_seq_});
+      if (verdict == Verdict::fail) decide(key);
     }
   }
   void job(const decltype(StoreJob::what)& what) {
     auto kept = std::make_shared<StoreJob>(StoreJob{1, what});
     steps_.push_back([this, kept] { return store_ != nullptr && store_->apply(*kept).ok(); });
+  }
+  /// A decision of quality about a slab; repeated, it counts as added.
+  void decide(std::int64_t key) {
+    DispositionRecord decision;
+    decision.slab_key = key;
+    decision.utime_us = 4'000;
+    decision.who = decision.authority = "mei";
+    decision.decision = Disposition::rework;
+    decision.reason = "burr at block 4";
+    steps_.push_back([this, decision] { return store_ != nullptr && store_->change(KeepDisposition{decision}).ok(); });
   }
   /// Adds an idle period to the previous step: the log is moved into the database.
   void quiet() {

@@ -65,6 +65,10 @@ TEST(CalibrationChangeJson, every_bit_comes_back) {
   EXPECT_EQ(std::get<ResetMould>(reset.value()).mould, 7);
   EXPECT_EQ(std::get<ResetMould>(reset.value()).from_utime_us, 5'000'000'000);
   EXPECT_EQ(std::get<ResetMould>(reset.value()).note.why, "shims set");
+  const auto pin = parse_change(change_json(KeepPin{12, "{\"reason\": \"x\"}\n"}));
+  ASSERT_TRUE(pin.ok());
+  EXPECT_EQ(std::get<KeepPin>(pin.value()).slab_key, 12);
+  EXPECT_EQ(std::get<KeepPin>(pin.value()).text, "{\"reason\": \"x\"}\n");
   CalibrationCheck check;
   check.reference_id = "rb-1";
   check.note = "slope off";
