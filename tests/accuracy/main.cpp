@@ -36,6 +36,7 @@ constexpr std::array kStudies = {
     Study{"real", real_study, "real concrete: errors, coverage of U, verdicts of good blocks, defects noticed"},
     Study{"paper", paper_study, "the paper's Tables 4 and 5 and Fig. 17 on drawn concrete"},
     Study{"slab", slab_study, "whole slabs with robot repeatability: slab items, planted defects"},
+    Study{"warm", warm_study, "slabs of -10 to 60 deg C: every length at 20 deg C within U"},
     Study{"exposures", exposures_study, "the noise of two scans: different exposures, and one that is given again"},
     Study{"ends", ends_study, "slab types that differ only in the slab's ends, begun rightly and wrongly"},
     Study{"ball", ball_study, "a tooling ball: scatter of its centre, truth of its covariance"},

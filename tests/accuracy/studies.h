@@ -56,6 +56,8 @@ struct StudyOptions {
 /// truth, coverage of U. Then slabs with one planted defect each: it must be found at the right seat, and the
 /// neighbours must pass.
 [[nodiscard]] bool slab_study(const StudyOptions& options, Table& table);
+/// Slabs of -10 to 60 deg C with and without their temperature: every length at 20 deg C relative to the truth.
+[[nodiscard]] bool warm_study(const StudyOptions& options, Table& table);
 /// A robot with an error of 0.7 mm and a repeatability of 0.017 mm: mastered in five rounds, corrected, used. Seats
 /// with and without corrections relative to the truth, coverage of U in both cases; from features for many robots,
 /// from full-size scans for a few.
