@@ -49,6 +49,8 @@ void add_calibrate(args::Command& app);
 void add_plc(args::Command& app);
 void add_db(args::Command& app);
 void add_metrics(args::Command& app);
+/// Adds `web user`.
+void add_web(args::Command& app);
 /// Subcommands of `recipe` and `scanner`.
 void add_recipe_reload(args::Command& recipe);
 void add_scanner_send(args::Command& scanner);

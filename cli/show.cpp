@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl show: prints one slab from the database: its verdict, its findings and its map on one screen, with --full the
-// scans and the slab's items, and with --block one block's table.
+// scans and the slab's items, and with --block one block's table, its maps, or points of its scan.
 #include <fmt/core.h>
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -13,6 +14,8 @@
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
+#include "cli/export/cloud.h"
+#include "cli/recipe/recipe_source.h"
 #include "cli/replay/remeasure.h"
 #include "cli/slab_choice.h"
 #include "cli/terminal/arguments.h"
@@ -38,6 +41,7 @@ struct Options {
   int block = 0;
   bool full = false;
   bool map = false;
+  bool cloud = false;
   bool json = false;
   LanguageOption language;
 };
@@ -309,6 +313,37 @@ std::string map_document(storage::Reader& reader, const SlabRecord& record, cons
   return report::block_map_json(record, options.block, *maps, language);
 }
 
+/// slabd.block_cloud/1 of the attempt whose maps are shown. Its texts are English: it is printed only as JSON.
+std::string cloud_document(storage::Reader& reader, const SlabRecord& record, const Options& options) {
+  const SlabHeader& slab = record.summary.header;
+  const auto none = [&](std::string_view why) {
+    return fmt::format("no cloud of slab {} block {}: {}", slab.key, options.block, why);
+  };
+  const SlabBlock* const block = report::newest_measured(record, options.block);
+  if (block == nullptr) stop(kBadInput, none("it was not measured"));
+  if (block->block.registration.status != RegistrationStatus::converged)
+    stop(kBadInput, none("the block was not found in its scan"));
+
+  CloudSettings settings;
+  std::vector<config::Problem> problems;  // of a recipe, which only the distances need
+  std::vector<Recipe> of_folder;
+  if (options.database.db.empty()) {
+    const config::Config config = config_from(options.database.config);
+    settings.form = config.scanner.form;
+    settings.scans_dir = config.storage.spool_dir;
+    of_folder = recipes_in(config.recipes_dir, problems);
+  }
+  const std::string path = scan_at(*block, settings.scans_dir);
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(path, ignored))
+    stop(kBadInput, none(fmt::format("its scan is gone ({} is not there)", path)));
+  RecipeStore recipes(std::move(of_folder));
+  const Recipe* const recipe = need(recipes.very(slab, reader), kNotReachable);
+  const Result<std::string> document = block_cloud_json(slab, *block, recipe, settings);
+  if (!document && document.error().code == Code::config) stop(kBadInput, none(document.error().text.view()));
+  return need(document, kBadInput);
+}
+
 int show(const Options& options) {
   set_language(options.language, options.json);
   const auto reader =
@@ -317,7 +352,9 @@ int show(const Options& options) {
   if (options.block < 0 || options.block > record.summary.header.stations)
     stop(kUsage, say("--block {}: this slab has blocks 1..{}", options.block, record.summary.header.stations));
   if (options.json) {
-    fmt::print("{}", options.map ? map_document(*reader, record, options) : report::slab_json(record, options.block));
+    fmt::print("{}", options.map     ? map_document(*reader, record, options)
+                     : options.cloud ? cloud_document(*reader, record, options)
+                                     : report::slab_json(record, options.block));
     return kDone;
   }
   const report::Style style = style_for(stdout);
@@ -355,16 +392,22 @@ void add_show(args::Command& app) {
                    "several slabs with "
                    "that id the newest")
       ->required();
-  command->add_option("--block", options->block, "Show this block's characteristics")
-      ->check(args::range(1, static_cast<int>(limits::kStationsMax)));
+  args::Option block = command->add_option("--block", options->block, "Show this block's characteristics");
+  block->check(args::range(1, static_cast<int>(limits::kStationsMax)));
   command->add_flag("--full", options->full, "Also the scans of all blocks and the slab's items");
   options->database.add_to(*command);
   options->language.add_to(*command, "Language of the text");
   args::Option json = command->add_flag("--json", options->json, "Print slabd.slab/1 on stdout");
+  args::Option map = command->add_flag(
+      "--map", options->map,
+      "With --json: slabd.slab_map/1, the verdicts and findings; with --block slabd.block_map/1, its maps");
+  map->needs(json);
   command
-      ->add_flag("--map", options->map,
-                 "With --json: slabd.slab_map/1, the verdicts and findings; with --block slabd.block_map/1, its maps")
-      ->needs(json);
+      ->add_flag("--cloud", options->cloud,
+                 "With --json and --block: slabd.block_cloud/1, up to 200,000 points of the block's scan")
+      ->needs(json)
+      ->needs(block)
+      ->excludes(map);
   command->runs([options] { return show(*options); });
 }
 

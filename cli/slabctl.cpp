@@ -301,6 +301,7 @@ void add_commands(args::Command& app) {
   add_plc(app);
   add_db(app);
   add_metrics(app);
+  add_web(app);
   add_config(app);
   add_recipe(app);
   add_completion(app);

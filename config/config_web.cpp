@@ -74,6 +74,10 @@ void read_web(TableReader web, const std::string& folder, WebSettings& out) {
   read_given_path("tls_key", out.tls_key);
   web.optional_boolean("lan_plain", out.lan_plain);
   read_names(web, out.names);
+  read_given_path("users_file", out.users_file);
+  web.optional_boolean("viewer_login", out.viewer_login);
+  if (out.viewer_login && out.users_file.empty())
+    web.problem("viewer_login", "found without users_file, so no user could read anything; allowed with users_file");
   std::size_t language = out.language == "zh" ? 1 : 0;
   web.optional_word("language", language, {"en", "zh"});
   out.language = language == 1 ? "zh" : "en";

@@ -27,7 +27,9 @@ constexpr double kReportFactor = 6.0;
 constexpr double kErrorCache_s = 1.0;
 /// Exit status of slabctl, which are the same in all versions (cli/exit.h).
 constexpr int kUsage = 2;
+constexpr int kBadInput = 3;
 constexpr int kNotReachable = 4;
+constexpr int kRefused = 6;
 
 Clock::duration seconds(double s) {
   return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
@@ -75,6 +77,7 @@ SharedAnswer refused(const ChildResult& result) {
   if (text.starts_with("no slab with key")) return error_answer(404, text, "/api/v1/slabs lists the slabs");
   for (const char* comparison : {"was aborted", "slabs of types"})
     if (text.find(comparison) != std::string::npos) return error_answer(400, text, "choose two other slabs");
+  if (text.starts_with("no cloud of")) return error_answer(404, text, "the maps of the block show its surface");
   if (text.starts_with("--block")) return error_answer(404, text, "choose a block of this slab");
   if (result.status == kNotReachable)
     return error_answer(503, text, "start slabd, and see that slabd-web may read its database (slabctl doctor)");
@@ -285,6 +288,33 @@ SharedAnswer Documents::get(const DocumentOrder& order) {
   keep(name, answer, order.cache_s);
   changed_.notify_all();
   return answer;
+}
+
+SharedAnswer Documents::carry_out(const std::vector<std::string>& arguments) {
+  // A change waits for slabd's database, up to 20 s.
+  constexpr double kWriteFactor = 5.0;
+  const std::lock_guard one_at_a_time(writing_);
+  const double time_s = kWriteFactor * settings_.answer_s;
+  const ChildResult result = run_child({settings_.slabctl, arguments, environment_, time_s, stop_.get()});
+  {
+    // Whatever the end was, the change may have been made.
+    const Lock lock(mutex_);
+    entries_.remove_if([](const Entry& entry) { return entry.is_made; });
+  }
+  if (result.end != End::exited) return fault_of(result, time_s);
+  Answer printed;
+  printed.bytes = result.bytes;
+  printed.file = Fd(::fcntl(result.output.get(), F_DUPFD_CLOEXEC, 0));
+  const std::string text = body_of(printed);
+  if (result.status == 0)
+    return text_answer(report::Json("slabd.web_done/1").field("text", text.substr(0, text.find('\n'))).text(),
+                       "application/json");
+  if (result.status == kRefused) return error_answer(409, result.sentence, "correct what it names");
+  if (result.status == kBadInput && !result.sentence.starts_with("no slab with key"))
+    return error_answer(409, result.sentence, "correct what it names");
+  if (result.status == kNotReachable)
+    return error_answer(503, result.sentence, "start slabd, and see that slabd-web may write to it (docs/WEB.md)");
+  return refused(result);
 }
 
 }  // namespace slabd::web

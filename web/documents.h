@@ -68,6 +68,10 @@ class Documents {
   /// The document, or an answer with slabd.web_error/1: status 400 and 404 of slabctl's messages, 503 if a process is
   /// not available, 504 if it was late. Waits at most about three time limits.
   [[nodiscard]] SharedAnswer get(const DocumentOrder& order);
+  /// Carries out a command that writes, one at a time. Status 200 with the document slabd.web_done/1, which contains
+  /// the first line that it printed; else slabd.web_error/1: 400 and 409 refused, 404 no such slab, 503 slabd does not
+  /// answer. The documents that are kept are made again afterwards.
+  [[nodiscard]] SharedAnswer carry_out(const std::vector<std::string>& arguments);
   /// Kills the processes and refuses new orders.
   void stop();
 
@@ -90,6 +94,7 @@ class Documents {
   const DocumentsSettings settings_;
   std::vector<std::string> environment_;
   Fd stop_;  ///< an eventfd, readable after stop()
+  std::mutex writing_;
   std::mutex mutex_;
   std::condition_variable changed_;
   std::list<Entry> entries_;  ///< the last used first

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// slabd-web: serves the page and its documents. It only reads: the database through processes of slabctl, the state of
-// the line from the daemon's control socket. slabd does not need it and does not wait for it.
+// slabd-web: serves the page and its documents. It reads the database through processes of slabctl, and the state of
+// the line from the daemon's control socket. What quality writes (decisions, pins) goes through slabctl to slabd, too.
+// slabd does not need it and does not wait for it.
 #include <fmt/core.h>
 #include <malloc.h>
 
@@ -85,7 +86,7 @@ int serve(const config::Config& config, const sigset_t& ends) {
   }
   Documents documents({slabctl, std::filesystem::absolute(config.path).string(), reports.path(), web.answer_s});
   Live live({config.control_socket, web.language, SLABD_VERSION}, documents);
-  Site site(web.names, documents, live);
+  Site site({web.names, web.users_file, web.viewer_login, config.storage.second_person}, documents, live);
   const auto kiosk =
       opened({std::string(web.kiosk.host.view()), web.kiosk.port, kKioskPerAddressMax, {}, {}}, "kiosk", site);
   std::unique_ptr<Listener> lan;

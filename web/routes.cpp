@@ -44,7 +44,14 @@ constexpr std::array kRoutes = {
           {}},
     Route{"/api/v1/slabs/{key}/blocks/{block}/map", Maker::slabctl, "slabd.block_map/1", 10,
           "show --block={block} --map --json -- {key}", kLanguage},
+    Route{"/api/v1/slabs/{key}/blocks/{block}/cloud",
+          Maker::slabctl,
+          "slabd.block_cloud/1",
+          60,
+          "show --block={block} --cloud --json -- {key}",
+          {}},
     Route{"/api/v1/slabs/{key}/report.pdf", Maker::report, "", 60, "report --out={file} -- {key}", kReport},
+    Route{"/api/v1/slabs/{key}/pin", Maker::slabctl, "slabd.pin_state/1", 1, "pin --show --json -- {key}", {}},
     Route{"/api/v1/trends", Maker::slabctl, "slabd.capability/1", 60, "trend --json", kCapability},
     Route{"/api/v1/trends/{item}", Maker::slabctl, "slabd.trend/1", 60, "trend --json -- {item}", kTrend},
     Route{"/api/v1/yield", Maker::slabctl, "slabd.yield/1", 30, "yield --json", kYield},
@@ -54,6 +61,7 @@ constexpr std::array kRoutes = {
     Route{"/api/v1/moulds/{mould}/sheet.pdf", Maker::report, "", 60, "mould sheet --out={file} -- {mould}", kLanguage},
     Route{"/api/v1/calibration", Maker::calibration, "slabd.web_calibration/1", 10, "", {}},
     Route{"/api/v1/doctor", Maker::slabctl, "slabd.doctor/1", 10, "doctor --no-write --json", {}},
+    Route{"/api/v1/session", Maker::session, "slabd.web_session/1", 0, "", {}},
     Route{"/api/v1/words", Maker::words, "slabd.web_words/1", 3'600, "", kWords},
 };
 
@@ -219,11 +227,24 @@ std::variant<Request, Refusal> find_document(const Target& target) {
   return Refusal{404, "no document is at this path", "docs/WEB.md lists the paths"};
 }
 
+std::optional<WriteRequest> find_write(const Target& target) {
+  constexpr std::array<std::pair<std::string_view, Write>, 5> kWrites = {
+      {{"/api/v1/login", Write::login},
+       {"/api/v1/logout", Write::logout},
+       {"/api/v1/slabs/{key}/disposition", Write::disposition},
+       {"/api/v1/slabs/{key}/pin", Write::pin},
+       {"/api/v1/slabs/{key}/unpin", Write::unpin}}};
+  for (const auto& [path, write] : kWrites)
+    if (const std::optional<Values> values = match(path, target.path))
+      return WriteRequest{write, values->empty() ? "" : "key:" + std::string(values->front().second)};
+  return std::nullopt;
+}
+
 bool is_page(std::string_view path) {
-  constexpr std::array<std::string_view, 11> kPages = {
-      "/",        "/slabs",  "/slabs/{key}",  "/slabs/{key}/blocks/{block}",
-      "/trends",  "/moulds", "/calibration",  "/line",
-      "/compare", "/about",  "/trends/{item}"};
+  constexpr std::array<std::string_view, 12> kPages = {
+      "/",        "/slabs",  "/slabs/{key}", "/slabs/{key}/blocks/{block}",
+      "/trends",  "/moulds", "/calibration", "/line",
+      "/compare", "/about",  "/login",       "/trends/{item}"};
   return std::any_of(kPages.begin(), kPages.end(),
                      [&](std::string_view page) { return page == path || match(page, path).has_value(); });
 }

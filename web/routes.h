@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -42,6 +43,7 @@ enum class Maker : std::uint8_t {
   report,       ///< the same, for a PDF in a file; with a longer time limit
   calibration,  ///< the control socket and two processes of slabctl
   status,       ///< the state of the line, as the poller stored it
+  session,      ///< who is logged in
   words,        ///< names of items, verdicts and reasons from room report
 };
 
@@ -76,6 +78,15 @@ struct Refusal {
 /// The document at a path below /api/v1/. Refusal 404: no such path; 400: a parameter is unknown, missing, or has
 /// another form.
 [[nodiscard]] std::variant<Request, Refusal> find_document(const Target& target);
+
+/// Effect of a request with POST.
+enum class Write : std::uint8_t { login, logout, disposition, pin, unpin };
+struct WriteRequest {
+  Write write = Write::login;
+  std::string key;  ///< "key:12" of a slab; empty for login and logout
+};
+/// nullopt if nothing is written at this path.
+[[nodiscard]] std::optional<WriteRequest> find_write(const Target& target);
 
 /// True if the path belongs to a page, which is the same HTML document for all of them.
 [[nodiscard]] bool is_page(std::string_view path);

@@ -7,6 +7,8 @@
 #include <sys/socket.h>
 
 #include <array>
+#include <charconv>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -37,6 +39,8 @@ constexpr std::array<std::pair<const char*, const char*>, 5> kSecurityFields = {
 struct Exchange {
   std::string target;
   bool is_begun = false;
+  std::string body;  ///< of a POST, as far as it has come
+  bool is_too_long = false;
 };
 
 /// Keeps an answer while libmicrohttpd sends its text.
@@ -68,7 +72,11 @@ MHD_Result send(MHD_Connection* connection, const HttpReply& reply) {
   if (reply.status != 304) MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_TYPE, reply.answer->type.c_str());
   if (reply.answer->type == "application/pdf")
     MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_DISPOSITION, "inline; filename=\"report.pdf\"");
-  if (reply.status == 405) MHD_add_response_header(response, MHD_HTTP_HEADER_ALLOW, "GET, HEAD");
+  if (reply.status == 405) MHD_add_response_header(response, MHD_HTTP_HEADER_ALLOW, "GET, HEAD, POST");
+  if (!reply.set_cookie.empty())
+    MHD_add_response_header(response, MHD_HTTP_HEADER_SET_COOKIE, reply.set_cookie.c_str());
+  if (reply.retry_after_s > 0)
+    MHD_add_response_header(response, MHD_HTTP_HEADER_RETRY_AFTER, std::to_string(reply.retry_after_s).c_str());
   if (reply.status == 503) MHD_add_response_header(response, MHD_HTTP_HEADER_RETRY_AFTER, "2");
   const MHD_Result queued = MHD_queue_response(connection, static_cast<unsigned>(reply.status), response);
   MHD_destroy_response(response);
@@ -80,24 +88,25 @@ std::string_view field(MHD_Connection* connection, const char* name) {
   return value == nullptr ? std::string_view() : std::string_view(value);
 }
 
-/// The IPv4 address that the browser connected to.
-std::string local_address(MHD_Connection* connection) {
+/// The IPv4 address of one side of the connection: getsockname for this computer, getpeername for the browser.
+template <typename Call>
+std::string address_of(MHD_Connection* connection, Call&& call) {
   const MHD_ConnectionInfo* const info = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
   sockaddr_in address{};
   socklen_t bytes = sizeof address;
   std::array<char, INET_ADDRSTRLEN> text{};
-  if (info == nullptr ||
-      ::getsockname(info->connect_fd, static_cast<sockaddr*>(static_cast<void*>(&address)), &bytes) != 0 ||
+  if (info == nullptr || call(info->connect_fd, static_cast<sockaddr*>(static_cast<void*>(&address)), &bytes) != 0 ||
       ::inet_ntop(AF_INET, &address.sin_addr, text.data(), text.size()) == nullptr)
     return {};
   return text.data();
 }
 
-MHD_Result handle(Site& site, MHD_Connection* connection, const char* method, Exchange& exchange) {
+MHD_Result handle(Site& site, bool is_tls, MHD_Connection* connection, const char* method, Exchange& exchange) {
   const bool is_slow = Site::is_slow(exchange.target);
   // The time limit also counts while the answer is made.
   MHD_set_connection_option(connection, MHD_CONNECTION_OPTION_TIMEOUT, is_slow ? kSlow_s : kIdle_s);
-  const std::string address = local_address(connection);
+  const std::string address = address_of(connection, ::getsockname);
+  const std::string peer = address_of(connection, ::getpeername);
   HttpRequest request;
   request.method = method;
   request.target = exchange.target;
@@ -107,6 +116,14 @@ MHD_Result handle(Site& site, MHD_Connection* connection, const char* method, Ex
   request.has_body =
       (!length.empty() && length != "0") || !field(connection, MHD_HTTP_HEADER_TRANSFER_ENCODING).empty();
   request.local_address = address;
+  request.peer_address = peer;
+  request.is_tls = is_tls;
+  request.cookie = field(connection, MHD_HTTP_HEADER_COOKIE);
+  request.origin = field(connection, MHD_HTTP_HEADER_ORIGIN);
+  request.fetch_site = field(connection, "Sec-Fetch-Site");
+  request.content_type = field(connection, MHD_HTTP_HEADER_CONTENT_TYPE);
+  request.body = exchange.body;
+  request.is_too_long = exchange.is_too_long;
   const MHD_Result sent = send(connection, site.reply(request));
   if (is_slow) MHD_set_connection_option(connection, MHD_CONNECTION_OPTION_TIMEOUT, 2 * kIdle_s);
   return sent;
@@ -116,7 +133,7 @@ MHD_Result handle(Site& site, MHD_Connection* connection, const char* method, Ex
 
 void* begin_request(void*, const char* target, MHD_Connection*) {
   try {
-    return new Exchange{target, false};
+    return new Exchange{target, false, {}, false};
   } catch (...) {
     return nullptr;
   }
@@ -127,11 +144,44 @@ void end_request(void*, MHD_Connection*, void** context, MHD_RequestTerminationC
   *context = nullptr;
 }
 
-MHD_Result answer_request(void* site, MHD_Connection* connection, const char*, const char* method, const char*,
-                          const char*, std::size_t* upload_bytes, void** context) {
+/// Length of the body of a POST; nullopt if it is not given, or longer than kBodyBytesMax.
+std::optional<std::size_t> body_bytes(MHD_Connection* connection) {
+  const std::string_view length = field(connection, MHD_HTTP_HEADER_CONTENT_LENGTH);
+  std::size_t bytes = 0;
+  const auto [end, fault] = std::from_chars(length.data(), length.data() + length.size(), bytes);
+  const bool is_number = fault == std::errc() && end == length.data() + length.size() && !length.empty();
+  if (!is_number || bytes > kBodyBytesMax || !field(connection, MHD_HTTP_HEADER_TRANSFER_ENCODING).empty())
+    return std::nullopt;
+  return bytes;
+}
+
+/// Takes the body of a POST piece by piece; true when it is complete.
+bool take_body(Exchange& exchange, const char* piece, std::size_t* piece_bytes) {
+  if (*piece_bytes == 0) return true;
+  const std::size_t room = kBodyBytesMax - exchange.body.size();
+  exchange.body.append(piece, std::min(room, *piece_bytes));
+  *piece_bytes = 0;
+  return false;
+}
+
+MHD_Result answer_request(void* of, MHD_Connection* connection, const char*, const char* method, const char*,
+                          const char* piece, std::size_t* upload_bytes, void** context) {
   auto* const exchange = static_cast<Exchange*>(*context);
   if (exchange == nullptr) return MHD_NO;
+  const Listener::Context& listener = *static_cast<Listener::Context*>(of);
   try {
+    if (std::string_view(method) == "POST") {
+      if (!exchange->is_begun) {
+        exchange->is_begun = true;
+        if (body_bytes(connection)) return MHD_YES;
+        // Answered before the body is read, which closes the connection.
+        *upload_bytes = 0;
+        exchange->is_too_long = true;
+        return handle(listener.site, listener.is_tls, connection, method, *exchange);
+      }
+      if (!take_body(*exchange, piece, upload_bytes)) return MHD_YES;
+      return handle(listener.site, listener.is_tls, connection, method, *exchange);
+    }
     *upload_bytes = 0;
     const std::string_view wanted(method);
     const bool may_wait = wanted == "GET" || wanted == "HEAD";
@@ -141,7 +191,7 @@ MHD_Result answer_request(void* site, MHD_Connection* connection, const char*, c
       exchange->is_begun = true;
       return MHD_YES;
     }
-    return handle(*static_cast<Site*>(site), connection, method, *exchange);
+    return handle(listener.site, listener.is_tls, connection, method, *exchange);
   } catch (...) {
     return MHD_NO;
   }
@@ -179,7 +229,7 @@ Result<Fd> listening_socket(const ListenerSettings& settings, std::uint16_t& por
 }  // namespace
 
 Result<std::unique_ptr<Listener>> Listener::open(const ListenerSettings& settings, Site& site) {
-  std::unique_ptr<Listener> listener(new Listener(settings));
+  std::unique_ptr<Listener> listener(new Listener(settings, site));
   auto socket = listening_socket(settings, listener->port_);
   if (!socket) return socket.error();
   const auto function = [](auto* call) { return reinterpret_cast<std::intptr_t>(call); };
@@ -203,8 +253,8 @@ Result<std::unique_ptr<Listener>> Listener::open(const ListenerSettings& setting
     options.push_back({MHD_OPTION_HTTPS_PRIORITIES, 0, const_cast<char*>(kTlsPriorities)});  // NOLINT: it only reads
   }
   options.push_back({MHD_OPTION_END, 0, nullptr});
-  listener->daemon_ = MHD_start_daemon(flags, 0, nullptr, nullptr, &answer_request, &site, MHD_OPTION_ARRAY,
-                                       options.data(), MHD_OPTION_END);
+  listener->daemon_ = MHD_start_daemon(flags, 0, nullptr, nullptr, &answer_request, &listener->context_,
+                                       MHD_OPTION_ARRAY, options.data(), MHD_OPTION_END);
   if (listener->daemon_ == nullptr)
     return not_open(settings, certificate.empty() ? "the HTTP library does not start"
                                                   : "tls_cert and tls_key are not a PEM certificate and its key");

@@ -38,10 +38,17 @@ class Listener {
 
   [[nodiscard]] std::uint16_t port() const { return port_; }
 
+  struct Context {
+    Site& site;
+    bool is_tls = false;
+  };
+
  private:
-  explicit Listener(const ListenerSettings& settings) : settings_(settings) {}
+  Listener(const ListenerSettings& settings, Site& site)
+      : settings_(settings), context_{site, !settings.certificate.empty()} {}
 
   const ListenerSettings settings_;
+  Context context_;
   std::uint16_t port_ = 0;
   MHD_Daemon* daemon_ = nullptr;
 };

@@ -7,7 +7,7 @@
 #include "cli/replay/remeasure.h"
 #include "storage/storage.h"
 
-/// Stored scans as point clouds for other programs: PLY, binary, little-endian, mm.
+/// Stored scans as point clouds for other programs: PLY, binary, little-endian, mm; and thinned for the page.
 namespace slabd::cli {
 
 struct CloudSettings {
@@ -33,5 +33,16 @@ struct CloudCount {
 /// Errors as above.
 [[nodiscard]] Result<CloudCount> write_slab_cloud(const std::string& path, const storage::SlabRecord& record,
                                                   const Recipe& recipe, const CloudSettings& settings);
+
+/// Largest number of points in slabd.block_cloud/1: as many as a browser turns smoothly; the document has 2.2 MB then.
+constexpr std::size_t kBlockCloudPointsMax = 200'000;
+
+/// slabd.block_cloud/1 (docs/schemas/block_cloud.json): points of the scan of `block`, which is a measured and
+/// registered attempt of the slab, in the block's frame. They are the points of the file: none is denoised. The same
+/// scan gives the same document. `recipe`: that of the slab, for the distances to the block's faces; nullptr: without
+/// them. Code::config: the file does not hold the points that were measured. Other errors as hal::read_scan. Memory: 12
+/// bytes a point of the scan.
+[[nodiscard]] Result<std::string> block_cloud_json(const SlabHeader& slab, const storage::SlabBlock& block,
+                                                   const Recipe* recipe, const CloudSettings& settings);
 
 }  // namespace slabd::cli

@@ -193,6 +193,9 @@ TEST_F(Show, a_block_that_was_not_found_has_no_numbers_and_no_zeros_instead) {
   EXPECT_EQ(features["jaw_inner"]["normal"], nothing);
   EXPECT_EQ(features["jaw_inner"]["centroid_mm"], nothing);
   EXPECT_EQ(features["casing_outer"]["centre_mm"], nothing);
+  const Ended cloud = show("--block 3 --cloud --json");
+  EXPECT_EQ(cloud.status, 3);
+  expect_mentions(cloud.err, "no cloud of slab 1 block 3: the block was not found in its scan");
 }
 
 // Two types differ in blocks and limits.

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Input: the target of an HTTP request, and after a line end the fields Host and If-None-Match.
+// Input: the target of an HTTP request, and after a line end the fields Host, If-None-Match and Cookie.
 #include <algorithm>
 
 #include "tests/fuzz/fuzz.h"
 #include "web/routes.h"
+#include "web/sessions.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace slabd;       // NOLINT(google-build-using-namespace)
@@ -16,11 +17,14 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (is_host(field, kNames))
     fuzz::must(field.size() < 40 || field.find(' ') != field.npos, "a host is one of the names");
   static_cast<void>(has_etag(field, "\"0123\""));
+  fuzz::must(cookie_in(field, "slabd_session").find(';') == std::string_view::npos, "a cookie ends at its semicolon");
   const auto target = parse_target(raw);
   if (!target) return 0;
   fuzz::must(target->path.front() == '/' && target->path.find("..") == target->path.npos, "a path is plain");
   fuzz::must(target->path.find('%') == target->path.npos, "a path has no escapes");
   static_cast<void>(is_page(target->path));
+  if (const auto write = find_write(*target); write && !write->key.empty())
+    fuzz::must(write->key.starts_with("key:") && write->key.size() < 23, "a slab is written to by its key");
   const auto found = find_document(*target);
   const auto* const request = std::get_if<Request>(&found);
   if (request == nullptr) {

@@ -48,6 +48,9 @@ TEST_F(WebDocuments, every_route_matches_its_schema) {
   documents.push_back(get("/api/v1/slabs/1/blocks/7/map").body);  // never scanned
   documents.push_back(get("/api/v1/slabs/9").body);               // an error
   validate(documents);
+  cli::expect_mentions(refused(get("/api/v1/slabs/1/blocks/7/cloud"), 404), "it was not measured");
+  fs::remove(scan(4));
+  cli::expect_mentions(refused(get("/api/v1/slabs/1/blocks/4/cloud"), 404), "its scan is gone");
 }
 
 TEST_F(WebDocuments, are_what_slabctl_prints) {

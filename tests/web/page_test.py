@@ -394,6 +394,26 @@ class Stored(Browser):
         self.clean("surface")
         self.shot("surface")
 
+    def test_the_scan_is_loaded_when_it_is_chosen(self):
+        self.open("/slabs/55/blocks/4")
+        self.driver.find_element(By.CSS_SELECTOR, "button[aria-expanded]").click()
+        self.wait("return document.querySelector('.surface-frame[data-ready=true] canvas') !== null", "the surface", 20)
+        asked = "return performance.getEntriesByType('resource').filter((e) => e.name.endsWith('/cloud')).length"
+        self.assertEqual(self.driver.execute_script(asked), 0)
+        self.driver.find_elements(By.CSS_SELECTOR, ".surface [role=group] button")[1].click()
+        self.wait("return document.querySelector('.surface-frame').dataset.shown === 'scan'", "the scan", 20)
+        self.assertEqual(self.driver.execute_script(asked), 1)
+        self.assertRegex(self.driver.find_element(By.CSS_SELECTOR, ".surface .scale").text, r"2830 of \d+ points")
+        time.sleep(1)
+        frame = self.driver.find_element(By.CLASS_NAME, "surface-frame")
+        before = frame.screenshot_as_png
+        frame.send_keys(Keys.ARROW_LEFT)
+        time.sleep(1)
+        self.assertNotEqual(frame.screenshot_as_png, before)
+        self.accessible("scan")
+        self.clean("scan")
+        self.shot("scan")
+
 
 if __name__ == "__main__":
     for program in ("chromium", "chromedriver", "node"):

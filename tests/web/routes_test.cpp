@@ -82,6 +82,8 @@ TEST(Routes, a_path_and_its_parameters_become_a_command) {
   EXPECT_EQ(arguments_of("/api/v1/slabs/12/map?language=zh"),
             (Words{"show", "--map", "--json", "--language=zh", "--", "key:12"}));
   EXPECT_EQ(arguments_of("/api/v1/slabs/12/blocks/18"), (Words{"show", "--block=18", "--json", "--", "key:12"}));
+  EXPECT_EQ(arguments_of("/api/v1/slabs/12/blocks/7/cloud"),
+            (Words{"show", "--block=7", "--cloud", "--json", "--", "key:12"}));
   EXPECT_EQ(arguments_of("/api/v1/slabs/12/report.pdf?full=1&language=en"),
             (Words{"report", "--out={file}", "--full", "--language=en", "--", "key:12"}));
   EXPECT_EQ(arguments_of("/api/v1/slabs/12/report.pdf?full=0"), (Words{"report", "--out={file}", "--", "key:12"}));
@@ -93,21 +95,35 @@ TEST(Routes, a_path_and_its_parameters_become_a_command) {
 
 TEST(Routes, an_option_cannot_be_smuggled_in) {
   EXPECT_EQ(arguments_of("/api/v1/slabs?id=--db%3D/etc/passwd"), (Words{"history", "--json", "--id=--db=/etc/passwd"}));
-  for (const char* bad : {"/api/v1/slabs?limit=-1", "/api/v1/slabs?limit=1%20--db", "/api/v1/slabs?since=--db",
-                          "/api/v1/slabs?verdict=none", "/api/v1/slabs?block=0", "/api/v1/slabs?block=19",
-                          "/api/v1/slabs?item=Seat", "/api/v1/slabs?limit=1234567", "/api/v1/slabs?config=/etc/passwd",
-                          "/api/v1/slabs?db=x", "/api/v1/slabs?limit=", "/api/v1/compare?a=1",
-                          "/api/v1/slabs/1/map?language=de", "/api/v1/yield?by=week", "/api/v1/slabs/1?limit=3"})
+  for (const char* bad :
+       {"/api/v1/slabs?limit=-1", "/api/v1/slabs?limit=1%20--db", "/api/v1/slabs?since=--db",
+        "/api/v1/slabs?verdict=none", "/api/v1/slabs?block=0", "/api/v1/slabs?block=19", "/api/v1/slabs?item=Seat",
+        "/api/v1/slabs?limit=1234567", "/api/v1/slabs?config=/etc/passwd", "/api/v1/slabs?db=x",
+        "/api/v1/slabs?limit=", "/api/v1/compare?a=1", "/api/v1/slabs/1/map?language=de",
+        "/api/v1/slabs/1/blocks/1/cloud?language=en", "/api/v1/yield?by=week", "/api/v1/slabs/1?limit=3"})
     EXPECT_EQ(arguments_of(bad), Words{"400"}) << bad;
-  for (const char* bad : {"/api/v1", "/api/v1/slabs/x", "/api/v1/slabs/-1", "/api/v1/slabs/1/blocks/19",
-                          "/api/v1/slabs/1234567890123456789", "/api/v1/slabs/1/report.html", "/api/v1/trends/A",
-                          "/api/v2/slabs", "/api/v1/slabs/1/map/x"})
+  for (const char* bad :
+       {"/api/v1", "/api/v1/slabs/x", "/api/v1/slabs/-1", "/api/v1/slabs/1/blocks/19", "/api/v1/slabs/1/cloud",
+        "/api/v1/slabs/1/blocks/0/cloud", "/api/v1/slabs/1234567890123456789", "/api/v1/slabs/1/report.html",
+        "/api/v1/trends/A", "/api/v2/slabs", "/api/v1/slabs/1/map/x"})
     EXPECT_EQ(arguments_of(bad), Words{"404"}) << bad;
+}
+
+TEST(Routes, only_logins_decisions_and_pins_are_written) {
+  const auto write_of = [](const char* raw) { return find_write(*parse_target(raw)); };
+  EXPECT_EQ(write_of("/api/v1/login")->write, Write::login);
+  EXPECT_EQ(write_of("/api/v1/logout")->write, Write::logout);
+  EXPECT_EQ(write_of("/api/v1/slabs/12/disposition")->key, "key:12");
+  EXPECT_EQ(write_of("/api/v1/slabs/12/pin")->write, Write::pin);
+  EXPECT_EQ(write_of("/api/v1/slabs/12/unpin")->write, Write::unpin);
+  for (const char* other : {"/", "/api/v1/slabs/12", "/api/v1/slabs/x/pin", "/api/v1/slabs/12/disposition/1",
+                            "/api/v1/calibration", "/api/v1/status", "/login"})
+    EXPECT_FALSE(write_of(other)) << other;
 }
 
 TEST(Routes, every_page_has_the_same_document_and_nothing_else_has_it) {
   for (const char* page : {"/", "/slabs", "/slabs/7", "/slabs/7/blocks/3", "/trends", "/moulds", "/calibration",
-                           "/line", "/compare", "/about"})
+                           "/line", "/compare", "/about", "/login"})
     EXPECT_TRUE(is_page(page)) << page;
   for (const char* other : {"/slab", "/slabs/x", "/slabs/7/blocks/0", "/healthz", "/assets/app.js", "/index.html"})
     EXPECT_FALSE(is_page(other)) << other;

@@ -7,21 +7,36 @@ const kTimeout_ms = 20000;
 export const kApi = '/api/v1';
 
 /// Error of a request: the server's own text and cure if it sent them.
+/// `retry_after_s`: seconds until the server accepts the next try; null if it did not say.
 export class ApiError extends Error {
-  constructor(status, text, cure = '') {
+  constructor(status, text, cure = '', retry_after_s = null) {
     super(text);
     this.status = status;
     this.cure = cure;
+    this.retry_after_s = retry_after_s;
   }
 }
 
-/// The document at `path`, which must have the schema `schema`. `signal` ends the request early.
-export async function document_of(path, schema, signal) {
+const refused = new Set();
+
+/// Calls `listener` if an answer is 401: a login is missing or has expired. Returns a function that ends this.
+export function onRefused(listener) {
+  refused.add(listener);
+  return () => refused.delete(listener);
+}
+
+/// Seconds of the header Retry-After; null if it is missing or a date.
+export function retryAfter(text) {
+  return /^\d{1,6}$/.test(text ?? '') ? Number(text) : null;
+}
+
+/// The answer to a request, which must have the schema `schema`. `signal` ends the request early.
+async function request(path, options, schema, signal) {
   const limit = AbortSignal.timeout(kTimeout_ms);
   const both = signal ? AbortSignal.any([signal, limit]) : limit;
   let answer;
   try {
-    answer = await fetch(`${kApi}${path}`, { signal: both, cache: 'no-cache', credentials: 'same-origin' });
+    answer = await fetch(`${kApi}${path}`, { ...options, signal: both, credentials: 'same-origin' });
   } catch (error) {
     if (signal?.aborted) throw error;
     throw new ApiError(0, limit.aborted ? 'timeout' : 'unreachable');
@@ -32,10 +47,18 @@ export async function document_of(path, schema, signal) {
   } catch (error) {
     if (signal?.aborted) throw error;
   }
-  if (!answer.ok) throw new ApiError(answer.status, body?.text ?? '', body?.cure ?? '');
+  if (answer.status === 401) for (const listener of refused) listener();
+  if (!answer.ok) throw new ApiError(answer.status, body?.text ?? '', body?.cure ?? '', retryAfter(answer.headers.get('Retry-After')));
   if (body?.schema !== schema) throw new ApiError(answer.status, 'unusable');
   return body;
 }
+
+/// The document at `path`.
+export const document_of = (path, schema, signal) => request(path, { cache: 'no-cache' }, schema, signal);
+
+/// Sends `body` as JSON to `path`; the answer must have the schema `schema`.
+export const post = (path, body, schema = 'slabd.web_done/1') =>
+  request(path, { method: 'POST', cache: 'no-store', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(body) }, schema);
 
 /// {document, error, loading, again} of `path`; null as path: nothing is asked. While a new path loads, the previous
 /// document stays with loading = true, so that filters do not make the page jump. `every_ms`: asks again and again.

@@ -10,13 +10,16 @@ import { Calibration } from './pages/calibration.js';
 import { Compare } from './pages/compare.js';
 import { Line } from './pages/line.js';
 import { Live } from './pages/live.js';
+import { Login } from './pages/login.js';
 import { Moulds } from './pages/moulds.js';
 import { Slab } from './pages/slab.js';
 import { Slabs } from './pages/slabs.js';
 import { Trends } from './pages/trends.js';
 import { Unknown } from './pages/unknown.js';
+import { Account } from './parts/account.js';
 import { useRenewal } from './renew.js';
 import { Link, useRoute } from './router.js';
+import { useSession } from './session.js';
 import { kThemes, languageOf, store, stored, useTheme } from './settings.js';
 import { createSince } from './since.js';
 import { Foreign, visible } from './text.js';
@@ -24,9 +27,11 @@ import { known } from './verdict.js';
 import { Words, useWords, wordsOf } from './words.js';
 
 const kPages = { live: Live, slabs: Slabs, slab: Slab, block: Block, trends: Trends, moulds: Moulds, calibration: Calibration, line: Line,
-  compare: Compare, about: About };
+  compare: Compare, about: About, login: Login };
 const kNavigation = [['live', '/'], ['slabs', '/slabs'], ['trends', '/trends'], ['moulds', '/moulds'], ['compare', '/compare'],
   ['calibration', '/calibration'], ['line', '/line'], ['about', '/about']];
+/// Shown without a login even if everything else needs one.
+const kOpen = ['login', 'about'];
 const kBelongsTo = { slab: 'slabs', block: 'slabs' };
 
 function useStatus(poll) {
@@ -38,21 +43,28 @@ function useStatus(poll) {
   return picture;
 }
 
+/// The poll's picture while nothing can be read without a login: it contains no status and is stale only if the page's
+/// server does not answer.
+function closedPicture(picture) {
+  const stale = picture.stale && picture.trouble === 'server';
+  return { ...picture, status: null, age_ms: null, stale, trouble: stale ? 'server' : '' };
+}
+
 function StaleBand({ picture }) {
   const { t, units } = useWords();
   if (!picture.stale) return null;
   const text = picture.age_ms === null ? t('stale.never') : t('stale.age', { age: duration(picture.age_ms / 1000, units) });
   return html`<div class="band band-stale">
     <strong>${text}</strong>
-    <span>${picture.trouble === 'server' ? t('stale.server') : t('stale.do')}</span>
-    ${picture.trouble !== 'server' && picture.trouble && html`<span><${Foreign} text=${picture.trouble} /></span>`}
+    <span>${t(picture.trouble === 'server' ? 'stale.server' : picture.trouble === 'login' ? 'login.required' : 'stale.do')}</span>
+    ${!['', 'server', 'login'].includes(picture.trouble) && html`<span><${Foreign} text=${picture.trouble} /></span>`}
   </div>`;
 }
 
 /// slabd answers, but its database cannot be read.
 function TroubleBand({ picture }) {
   const { t } = useWords();
-  if (picture.stale || !picture.trouble || picture.trouble === 'server') return null;
+  if (picture.stale || ['', 'server', 'login'].includes(picture.trouble)) return null;
   return html`<div class="band band-trouble"><strong>! ${t('trouble.records')}</strong> <${Foreign} text=${picture.trouble} /></div>`;
 }
 
@@ -92,10 +104,10 @@ function Announcer({ picture }) {
   return html`<div class="for-readers" role="status" aria-live="polite">${text}</div>`;
 }
 
-function Header({ picture, route, theme, setTheme, setLanguage }) {
+function Header({ picture, route, closed, theme, setTheme, setLanguage }) {
   const { t, language } = useWords();
   const status = picture.status?.status;
-  const state = picture.stale ? t('stale.word') : t(`state.${visible(status?.state ?? 'init', 30)}`);
+  const state = picture.stale ? t('stale.word') : closed ? '' : t(`state.${visible(status?.state ?? 'init', 30)}`);
   const here = kBelongsTo[route.page] ?? route.page;
   return html`<header class="header">
     <${Link} class="brand" to="/">
@@ -113,17 +125,21 @@ function Header({ picture, route, theme, setTheme, setLanguage }) {
       <button type="button" lang=${language === 'en' ? 'zh' : 'en'} onClick=${() => setLanguage(language === 'en' ? 'zh' : 'en')}>
         ${language === 'en' ? '中文' : 'English'}</button>
     </div>
+    <${Account} linked=${!closed && route.page !== 'login'} />
   </header>`;
 }
 
 export function App({ poll }) {
   const route = useRoute();
-  const picture = useStatus(poll);
+  const { session } = useSession();
+  const closed = session?.login_required === true;
+  const polled = useStatus(poll);
+  const picture = useMemo(() => (closed ? closedPicture(polled) : polled), [closed, polled]);
   const [theme, drawn, setTheme] = useTheme();
   const [language, setLanguage] = useState(() => languageOf(route.query.get('lang'), stored('language'), navigator.languages));
   const since = useMemo(createSince, []);
   const main = useRef(null);
-  const served = useDocument(`/words?language=${language}`, 'slabd.web_words/1').document;
+  const served = useDocument(`/words?language=${language}`, 'slabd.web_words/1', 0, String(closed)).document;
   const words = useMemo(() => wordsOf(language, served?.language === language ? served : null), [language, served]);
   const kiosk = route.query.get('kiosk') === '1';
   useRenewal();
@@ -133,7 +149,9 @@ export function App({ poll }) {
   useEffect(() => {
     document.body.dataset.stale = String(picture.stale);
   }, [picture.stale]);
-  const place = `${route.page} ${route.key ?? ''} ${route.station ?? ''}`;
+  const asked = kiosk ? 'live' : route.page;
+  const login = closed && !kOpen.includes(asked);
+  const place = login ? 'login' : `${route.page} ${route.key ?? ''} ${route.station ?? ''}`;
   const first = useRef(true);
   useEffect(() => {
     // A new page is read from its heading, as after loading.
@@ -145,20 +163,20 @@ export function App({ poll }) {
     store('language', next);
     setLanguage(next);
   };
-  const Page = kiosk ? Live : kPages[route.page] ?? Unknown;
+  const Page = login ? Login : kPages[asked] ?? Unknown;
   const status = picture.status?.status;
   return html`<${Words.Provider} value=${words}>
     ${!kiosk && html`<a class="skip" href="#main">${words.t('app.skip')}</a>`}
     <div class=${`frame${kiosk ? ' kiosk' : ''}`}>
-      ${!kiosk && html`<${Header} picture=${picture} route=${route} theme=${theme} setTheme=${setTheme} setLanguage=${choose} />`}
+      ${!kiosk && html`<${Header} picture=${picture} route=${route} closed=${closed} theme=${theme} setTheme=${setTheme} setLanguage=${choose} />`}
       <aside aria-label=${words.t('app.notices')}>
         <${StaleBand} picture=${picture} />
         <${TroubleBand} picture=${picture} />
         <${EmulationBand} parts=${status?.emulation} />
         <${FaultBand} status=${picture.stale ? null : status} />
       </aside>
-      <main id="main" tabindex="-1" ref=${main} class=${`page-${kiosk ? 'live' : route.page}`}>
-        <${Page} key=${kiosk ? 'live' : place} route=${route} picture=${picture} since=${since} theme=${drawn} kiosk=${kiosk} />
+      <main id="main" tabindex="-1" ref=${main} class=${`page-${login ? 'login' : asked}`}>
+        <${Page} key=${kiosk && !login ? 'live' : place} route=${route} picture=${picture} since=${since} theme=${drawn} kiosk=${kiosk} />
       </main>
       <${Announcer} picture=${picture} />
     </div>

@@ -6,6 +6,9 @@ import { age, heard, heardNothing, isStale, kLook_ms, looked, slept } from './st
 const kPeriod_ms = 1000;
 const kTimeout_ms = 2000;
 
+/// The server answers, but only after a login.
+class LoginMissing extends Error {}
+
 /// `world`: fetch, now (ms, monotonic), setTimeout, clearTimeout; tests replace them.
 export function createPoll(world) {
   let state = heardNothing();
@@ -34,6 +37,7 @@ export function createPoll(world) {
   async function take(answer) {
     // Unchanged: slabd's answer is the one that the page has, and its age keeps counting.
     if (answer.status === 304 && status !== null) return;
+    if (answer.status === 401) throw new LoginMissing();
     if (!answer.ok) throw new Error(`HTTP ${answer.status}`);
     const next = await answer.json();
     if (next?.schema !== 'slabd.web_status/1' || typeof next !== 'object') throw new Error('unusable');
@@ -51,8 +55,8 @@ export function createPoll(world) {
     try {
       const headers = etag === '' ? {} : { 'If-None-Match': etag };
       await take(await world.fetch('/api/v1/status', { signal: ending.signal, cache: 'no-store', headers }));
-    } catch {
-      if (running) trouble = 'server';
+    } catch (error) {
+      if (running) trouble = error instanceof LoginMissing ? 'login' : 'server';
     } finally {
       world.clearTimeout(limit);
       if (request === ending) request = null;

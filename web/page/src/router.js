@@ -17,6 +17,7 @@ const kRoutes = [
   [/^\/line$/, 'line', []],
   [/^\/compare$/, 'compare', []],
   [/^\/about$/, 'about', []],
+  [/^\/login$/, 'login', []],
 ];
 
 /// The page of an address: {page, key?, station?, query}. Unknown addresses are the page "unknown".
@@ -41,6 +42,24 @@ export function address(path, parameters = {}) {
   const text = query.toString();
   return text === '' ? path : `${path}?${text}`;
 }
+
+/// `to` if it is the address of a page other than the login, else the live page. `to` is part of a link that anyone can
+/// send, so an address of another host must not be accepted.
+export function ownAddress(to) {
+  const text = String(to ?? '');
+  if (!/^\/(?![/\\])/.test(text)) return '/';
+  try {
+    const host = 'http://page.invalid';
+    const { origin, pathname, search } = new URL(text, host);
+    const known = origin === host && !['unknown', 'login'].includes(routeOf(pathname).page);
+    return known ? `${pathname}${search}` : '/';
+  } catch {
+    return '/';
+  }
+}
+
+/// The address of the login, which returns to the page that is shown now.
+export const loginAddress = () => address('/login', { to: `${location.pathname}${location.search}` });
 
 const kMoved = 'slabd-moved';
 

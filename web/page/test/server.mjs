@@ -11,7 +11,14 @@
 //   database=1|0    0: every document that is read from the database is an error
 //   fault=CODE      fault of the daemon
 //   newest="KEY VERDICT"   the first row of the history
+//   users=1|0       0: no users are configured
+//   required=1|0    1: nothing can be read without a login
+//   second=1|0      1: a decision needs a second person
+//   refuse=STATUS   every POST except login and logout is refused with this status
 //   reports=1       answers the CSP reports and errors that the page sent
+//
+// Users: "mei" (quality) and "wei" (viewer), both with the password "right"; after 5 wrong passwords Retry-After 30.
+import { randomUUID } from 'node:crypto';
 import { createServer } from 'node:http';
 import { readFile } from 'node:fs/promises';
 import { join } from 'node:path';
@@ -20,7 +27,7 @@ const here = import.meta.dirname;
 const dist = process.env.SLABD_PAGE_DIST ?? join(here, '..', 'dist');
 const fixture = async (name) => JSON.parse(await readFile(join(here, 'fixtures', `${name}.json`), 'utf8'));
 const names = ['status', 'history', 'slab_pass', 'slab_fail', 'stations_pass', 'stations_fail', 'capability', 'trend', 'yield', 'reasons',
-  'comparison', 'doctor', 'words_en', 'words_zh', 'calibration', 'moulds', 'block_map_4', 'block_map_11', 'findings_en', 'findings_zh'];
+  'comparison', 'doctor', 'words_en', 'words_zh', 'calibration', 'moulds', 'block_map_4', 'block_map_11', 'block_cloud', 'findings_en', 'findings_zh'];
 const documents = Object.fromEntries(await Promise.all(names.map(async (name) => [name, await fixture(name)])));
 
 const headers = {
@@ -35,10 +42,24 @@ const headers = {
 const types = { html: 'text/html; charset=utf-8', js: 'text/javascript; charset=utf-8', css: 'text/css; charset=utf-8',
   svg: 'image/svg+xml', txt: 'text/plain; charset=utf-8' };
 
-const start = { status: 'live', slab: 'fail', id: null, done: '7', database: '1', fault: '0', newest: '' };
+const start = { status: 'live', slab: 'fail', id: null, done: '7', database: '1', fault: '0', newest: '', users: '1', required: '0',
+  second: '0', refuse: '' };
 let now = { ...start };
 let silent_since = 0;
 const reports = [];
+const roles = { mei: 'quality', wei: 'viewer' };
+let logins = new Map();
+let wrong = 0;
+/// Decisions and pins that were sent, by the slab's key.
+let decisions = new Map();
+let pins = new Map();
+
+function forget() {
+  logins = new Map();
+  wrong = 0;
+  decisions = new Map();
+  pins = new Map();
+}
 
 function mapOf(which, language = 'en') {
   const slab = documents[which === 'pass' ? 'slab_pass' : 'slab_fail'];
@@ -81,11 +102,76 @@ function webStatus() {
   };
 }
 
+const tokenOf = (request) => /(?:^|; )slabd_test=([\w-]+)/.exec(request.headers.cookie ?? '')?.[1] ?? '';
+
+function sessionOf(user) {
+  const role = roles[user] ?? null;
+  return { schema: 'slabd.web_session/1', user, role, may_login: now.users === '1', login_required: now.required === '1' && user === null,
+    may_write: role === 'quality', second_person: now.second === '1', expires_s: user === null ? null : 28800 };
+}
+
+const refusal = (status, text, cure = '') => ({ status, body: { schema: 'slabd.web_error/1', status, text, cure } });
+const done = (text) => ({ status: 200, body: { schema: 'slabd.web_done/1', text } });
+
+function login(body, token) {
+  const { name, password } = body;
+  if (wrong >= 5) return { ...refusal(429, 'too many attempts to log in'), more: { 'Retry-After': '30' } };
+  if (!(name in roles) || password !== 'right') {
+    ++wrong;
+    return refusal(401, 'wrong name or password');
+  }
+  wrong = 0;
+  logins.delete(token);
+  const next = randomUUID();
+  logins.set(next, name);
+  return { status: 200, body: sessionOf(name), more: { 'Set-Cookie': `slabd_test=${next}; HttpOnly; SameSite=Strict; Path=/` } };
+}
+
+function decide(key, body, user) {
+  const slab = documentOf(`/slabs/${key}`, new URLSearchParams());
+  if (slab === null) return refusal(404, 'the database has no such slab', 'see the list of slabs');
+  if (slab.verdict === 'pass') return refusal(409, `slab ${key} passed: decisions are about slabs that did not pass`);
+  if (!body.reason || !body.authority) return refusal(400, 'the reason is missing: a decision needs it');
+  if (now.second === '1' && (!body.second || body.second === body.authority))
+    return refusal(400, 'the second person is the authority: two persons must decide');
+  const one = { n: slab.dispositions.length + 1, utime: new Date().toISOString(), who: user, decision: body.decision, reason: body.reason,
+    authority: body.authority, second: body.second ?? '' };
+  decisions.set(key, [...(decisions.get(key) ?? []), one]);
+  return done(`disposition ${one.n} of slab ${key}: ${one.decision}`);
+}
+
+/// {status, body, more?} of a POST.
+function posted(path, body, token) {
+  const user = logins.get(token) ?? null;
+  if (path === '/login') return login(body, token);
+  if (path === '/logout') {
+    logins.delete(token);
+    return { status: 200, body: sessionOf(null), more: { 'Set-Cookie': 'slabd_test=; Max-Age=0; Path=/' } };
+  }
+  const found = /^\/slabs\/(\d+)\/(disposition|pin|unpin)$/.exec(path);
+  if (found === null) return refusal(404, 'nothing can be sent to this path');
+  if (user === null) return refusal(401, 'the login has expired', 'log in');
+  if (roles[user] !== 'quality') return refusal(403, 'the role viewer must not change anything', 'log in as a user with the role quality');
+  if (now.refuse !== '') return refusal(Number(now.refuse), 'slabd does not answer', 'check: systemctl status slabd');
+  const key = Number(found[1]);
+  if (found[2] === 'disposition') return decide(key, body, user);
+  if (found[2] === 'pin') pins.set(key, { reason: body.reason, pinned: new Date().toISOString(), user: 990 });
+  else pins.delete(key);
+  return done(`slab ${key}: its scans ${found[2] === 'pin' ? `are kept: ${body.reason}` : 'may be deleted again'}`);
+}
+
+async function textOf(request) {
+  let text = '';
+  for await (const part of request) text += part;
+  return text;
+}
+
 /// The document of an address of the interface, or null.
 function documentOf(path, query) {
-  const block = /^\/slabs\/(\d+)\/blocks\/(\d+)(\/map)?$/.exec(path);
+  const block = /^\/slabs\/(\d+)\/blocks\/(\d+)(\/map|\/cloud)?$/.exec(path);
   if (block !== null) {
     const station = Number(block[2]);
+    if (block[3] === '/cloud') return station === 11 ? null : { ...documents.block_cloud, key: Number(block[1]), station };
     if (block[3]) return station === 7 ? null : { ...documents[station === 11 ? 'block_map_11' : 'block_map_4'], key: Number(block[1]), station };
     const slab = structuredClone(documents.slab_fail);
     slab.key = Number(block[1]);
@@ -93,13 +179,17 @@ function documentOf(path, query) {
     slab.blocks = [{ ...near, station }];
     return slab;
   }
-  const slab = /^\/slabs\/(\d+)(\/map)?$/.exec(path);
+  const slab = /^\/slabs\/(\d+)(\/map|\/pin)?$/.exec(path);
   if (slab !== null) {
     const passed = Number(slab[1]) === documents.slab_pass.key;
     if (Number(slab[1]) > 9000) return null;
+    if (slab[2] === '/pin')
+      return { schema: 'slabd.pin_state/1', key: Number(slab[1]), slab_id: now.id ?? 'C3-4155', scans: 18, scans_there: Number(slab[1]) < 50 ? 0 : 17,
+        pin: pins.get(Number(slab[1])) ?? null };
     if (slab[2]) return { ...mapOf(passed ? 'pass' : 'fail', query.get('language') ?? 'en'), key: Number(slab[1]) };
     const document = structuredClone(documents[passed ? 'slab_pass' : 'slab_fail']);
-    return { ...document, key: Number(slab[1]), slab_id: now.id ?? document.slab_id };
+    const dispositions = [...document.dispositions, ...(decisions.get(Number(slab[1])) ?? [])];
+    return { ...document, key: Number(slab[1]), slab_id: now.id ?? document.slab_id, dispositions };
   }
   switch (path) {
     case '/slabs': {
@@ -124,24 +214,34 @@ function answer(response, status, type, body, more = {}) {
   response.writeHead(status, { ...headers, 'Content-Type': type, 'Cache-Control': 'no-cache', ...more });
   response.end(body);
 }
-const json = (response, status, body) => answer(response, status, 'application/json', JSON.stringify(body));
+const json = (response, status, body, more = {}) => answer(response, status, 'application/json', JSON.stringify(body), more);
 
 async function serve(request, response) {
   const url = new URL(request.url, 'http://127.0.0.1');
   if (url.pathname === '/_test') {
-    if (url.searchParams.get('reset')) now = { ...start };
+    if (url.searchParams.get('reset')) {
+      now = { ...start };
+      forget();
+    }
     for (const [name, value] of url.searchParams) if (name in now) now[name] = value;
     if (url.searchParams.get('status') === 'silent') silent_since = Date.now();
     if (url.searchParams.get('reports')) return json(response, 200, reports.splice(0));
     return json(response, 200, now);
   }
   if (url.pathname === '/_report') {
-    let text = '';
-    for await (const part of request) text += part;
-    reports.push(text);
+    reports.push(await textOf(request));
     return answer(response, 204, 'text/plain', '');
   }
   if (url.pathname === '/healthz') return answer(response, 200, 'text/plain', 'ok');
+  if (request.method === 'POST') {
+    if (request.headers['content-type'] !== 'application/json') return json(response, 415, refusal(415, 'the body must be application/json').body);
+    const { status, body, more } = posted(url.pathname.slice(7), JSON.parse(await textOf(request)), tokenOf(request));
+    return json(response, status, body, more);
+  }
+  const user = logins.get(tokenOf(request)) ?? null;
+  if (url.pathname === '/api/v1/session') return json(response, 200, sessionOf(user));
+  if (url.pathname.startsWith('/api/v1/') && sessionOf(user).login_required)
+    return json(response, 401, refusal(401, 'a login is required', 'log in').body);
   if (url.pathname === '/api/v1/status') {
     if (now.status === 'hang') return undefined;
     if (now.status === 'garbage') return answer(response, 200, 'application/json', '{"schema":"slabd.web_status/1","age');

@@ -92,6 +92,15 @@ for (const [name, answers] of [
     assert.equal((await staleAfter(answers, 5000)).stale, true);
   });
 }
+test('a missing login is not a silent server', async () => {
+  const here = world((n) => (n < 4 ? good() : Promise.resolve({ ok: false, status: 401, headers: new Map() })));
+  const poll = createPoll(here);
+  poll.start();
+  await here.pass(5000);
+  const { trouble, stale } = poll.picture();
+  assert.deepEqual([trouble, stale], ['login', true]);
+  poll.stop();
+});
 test('fresh again with the first good answer', async () => {
   const { stale } = await staleAfter((n) => (n > 3 && n < 8 ? Promise.reject(new Error('gone')) : good()), 9000);
   assert.equal(stale, false);

@@ -48,7 +48,7 @@ function Slider({ label, value, text, ...rest }) {
 }
 
 /// Both stored maps, one at a time: against the model of the block, and of the seat against its own plane.
-function Maps({ document, station, theme }) {
+function Maps({ document, path, station, theme }) {
   const { t } = useWords();
   const maps = useMemo(() => ({ deviation: mapOf(document, 'deviation'), seat: mapOf(document, 'seat') }), [document]);
   const there = Object.keys(maps).filter((which) => maps[which] !== null);
@@ -59,10 +59,10 @@ function Maps({ document, station, theme }) {
     <select value=${which} onChange=${(event) => setWanted(event.target.value)}>
       ${there.map((name) => html`<option key=${name} value=${name}>${t(name === 'seat' ? 'block.of_seat' : 'block.of_model')}</option>`)}
     </select></label>`;
-  return html`<${OneMap} key=${which} map=${maps[which]} choice=${choice} station=${station} theme=${theme} />`;
+  return html`<${OneMap} key=${which} map=${maps[which]} choice=${choice} path=${path} station=${station} theme=${theme} />`;
 }
 
-function OneMap({ map, choice, station, theme }) {
+function OneMap({ map, choice, path, station, theme }) {
   const { t } = useWords();
   const automatic_mm = useMemo(() => scaleFor(map.values), [map]);
   const [chosen, setChosen] = useState(0);
@@ -90,7 +90,8 @@ function OneMap({ map, choice, station, theme }) {
     <//>
     <${Panel} title=${t('block.surface')} aside=${html`<button type="button" aria-expanded=${String(open)}
         onClick=${() => setOpen(!open)}>${t('surface.open')}</button>`}>
-      ${open && html`<${SurfaceView} map=${map} end_mm=${end_mm} exaggeration=${exaggeration} station=${station} theme=${theme} />`}
+      ${open && html`<${SurfaceView} map=${map} path=${`${path}/cloud`} chosen_mm=${chosen} end_mm=${end_mm} exaggeration=${exaggeration}
+        station=${station} theme=${theme} />`}
     <//>`;
 }
 
@@ -115,8 +116,9 @@ export function Block({ route, theme }) {
   const words = useWords();
   const { t, reason } = words;
   const { key, station } = route;
-  const ask = useDocument(`/slabs/${key}/blocks/${station}`, 'slabd.slab/1');
-  const maps = useDocument(`/slabs/${key}/blocks/${station}/map`, 'slabd.block_map/1');
+  const path = `/slabs/${key}/blocks/${station}`;
+  const ask = useDocument(path, 'slabd.slab/1');
+  const maps = useDocument(`${path}/map`, 'slabd.block_map/1');
   const [budget, setBudget] = useState(false);
   const slab = ask.document;
   const last = slab?.stations ?? 18;
@@ -150,7 +152,7 @@ export function Block({ route, theme }) {
             ${budget && html`<${BudgetTable} items=${[...items.own, ...items.in_slab]} ofSlab />`}
           <//>`}
         ${maps.error?.status === 404 ? html`<p class="quiet">${t('block.no_map')}</p>`
-          : html`<${Loaded} ask=${maps}>${(document) => html`<${Maps} key=${`${key} ${station}`} document=${document} station=${station} theme=${theme} />`}<//>`}
+          : html`<${Loaded} ask=${maps}>${(document) => html`<${Maps} key=${`${key} ${station}`} document=${document} path=${path} station=${station} theme=${theme} />`}<//>`}
         ${block?.result && html`<${Defects} result=${block.result} />`}
         ${block && html`<${Panel} title=${t('block.scan')}><${Facts} facts=${[
           [t('block.attempt'), block.attempt],

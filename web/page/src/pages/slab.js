@@ -4,9 +4,11 @@ import { useState } from 'preact/hooks';
 import { useDocument } from '../api.js';
 import { figure, localTime } from '../figures.js';
 import { html } from '../html.js';
+import { DecisionPanel, Dispositions } from '../parts/decision.js';
 import { FindingList, findingsOf } from '../parts/findings.js';
 import { BudgetTable, ItemTable } from '../parts/items.js';
 import { Loaded, PageHead, Panel } from '../parts/panel.js';
+import { ScansPanel } from '../parts/scans.js';
 import { blocksOf, Legend, SlabMap } from '../parts/slab_map.js';
 import { Facts, Table } from '../parts/table.js';
 import { address, Link } from '../router.js';
@@ -50,17 +52,6 @@ export function SlabVerdict({ slab }) {
     ${slab.reason ? html`<span>${reason(slab.reason)}</span>` : ''}
     ${slab.emulated && html`<span class="mark">${t('emulation.mark')}</span>`}
   </div>`;
-}
-
-/// What quality decided, next to the verdict, which stays as measured. The last decision is in force.
-function Dispositions({ slab }) {
-  const { t } = useWords();
-  if (slab.dispositions.length === 0) return null;
-  return html`<${Panel} title=${t('slab.dispositions')}><ol class="dispositions">${slab.dispositions.map((one, i) => html`<li key=${one.n}>
-    <strong class=${i === slab.dispositions.length - 1 ? '' : 'quiet'}>${t(`disposition.${one.decision}`)}</strong>
-    <time class="time">${localTime(one.utime)}</time>: <${Foreign} text=${one.reason} />
-    <div class="quiet">${t('slab.decided_by')} <${Foreign} text=${[one.authority, one.second].filter(Boolean).join(', ')} />
-      · ${t('slab.entered_by')} <${Foreign} text=${one.who} /></div></li>`)}</ol><//>`;
 }
 
 /// Items that did not pass first; the rest in the order of the document.
@@ -124,9 +115,11 @@ export function Slab({ route }) {
         <//>
         <${Panel} title=${t('slab.map')}><${SlabMap} blocks=${blocksOf(slab)} slabKey=${slab.key} small /><${Legend} /><//>
       </div>
+      <${DecisionPanel} slab=${slab} again=${ask.again} />
       <${ItemsOfSlab} slab=${slab} />
       <div class="two">
         <${Panel} title=${t('slab.identity')}><${Facts} facts=${identityFacts(slab, words)} /><//>
         <${Panel} title=${t('slab.blocks')}><${BlocksAndTimes} slab=${slab} /><//>
-      </div>`}<//>`;
+      </div>
+      <${ScansPanel} slab=${slab} />`}<//>`;
 }

@@ -107,8 +107,8 @@ export function HeatMap({ map, end_mm, cursor, setCursor, angle_deg = null, labe
   </figure>`;
 }
 
-/// The scale as a bar with its ends, its middle, and what is beyond it.
-export function ScaleBar({ end_mm, beyond }) {
+/// The scale as a bar with its ends, its middle, and what is beyond it. `note`: the text below it, instead of a map's.
+export function ScaleBar({ end_mm, beyond, note = null }) {
   const { t } = useWords();
   const canvas = useRef(null);
   useEffect(() => {
@@ -124,7 +124,7 @@ export function ScaleBar({ end_mm, beyond }) {
   return html`<div class="scale">
     <canvas ref=${canvas} width="256" height="1" aria-hidden="true"></canvas>
     <div class="scale-ticks" aria-hidden="true">${[-1, -0.5, 0, 0.5, 1].map((share) => html`<span key=${share}>${tick(share * end_mm)}</span>`)}</div>
-    <p class="quiet">${t('heat.scale_note', { low: figure(-end_mm, digits), high: `+${figure(end_mm, digits)}` })}; ${t('heat.missing')}${
-      beyond > 0 ? `; ${t('heat.beyond', { count: beyond })}` : ''}</p>
+    <p class="quiet">${note !== null ? note : html`${t('heat.scale_note', { low: figure(-end_mm, digits), high: `+${figure(end_mm, digits)}` })}; ${t('heat.missing')}${
+      beyond > 0 ? `; ${t('heat.beyond', { count: beyond })}` : ''}`}</p>
   </div>`;
 }

@@ -24,14 +24,29 @@ export function PageHead({ title, children }) {
   return html`<div class="page-head"><h1 tabindex="-1">${title}</h1>${children}</div>`;
 }
 
+/// Why a request failed: the server's text, or that of the page if no usable answer came.
+function Why({ error }) {
+  const { t } = useWords();
+  const plain = ['unreachable', 'timeout', 'unusable'].includes(error.message);
+  if (plain) return t(`error.${error.message}`);
+  return error.message ? html`<${Foreign} text=${error.message} />` : t('error.http', { status: error.status ?? '' });
+}
+
+/// Why an input was not accepted. `text`, `cure`: shown instead of the server's.
+export function Refusal({ error, text = '', cure = '' }) {
+  const advice = text === '' ? cure || error.cure : cure;
+  return html`<div class="trouble" role="alert">
+    <p>${text || html`<${Why} error=${error} />`}</p>
+    ${advice && html`<p>→ <${Foreign} text=${advice} /></p>`}
+  </div>`;
+}
+
 /// Why a document is not there, with a button that asks again.
 export function Trouble({ error, again }) {
   const { t } = useWords();
-  const plain = ['unreachable', 'timeout', 'unusable'].includes(error.message);
   return html`<div class="trouble" role="alert">
     <p><strong>${t('error.title')}</strong></p>
-    <p>${plain ? t(`error.${error.message}`)
-      : error.message ? html`<${Foreign} text=${error.message} />` : t('error.http', { status: error.status ?? '' })}</p>
+    <p><${Why} error=${error} /></p>
     ${error.cure && html`<p>→ <${Foreign} text=${error.cure} /></p>`}
     ${again && html`<button type="button" onClick=${again}>${t('app.again')}</button>`}
   </div>`;
