@@ -3,6 +3,7 @@
 // slabctl design check, design show: design sheets of curve slabs and special slabs.
 #include <fmt/core.h>
 
+#include <map>
 #include <memory>
 
 #include "cli/command.h"
@@ -28,10 +29,15 @@ struct Options {
 
 int check_designs(const std::vector<std::string>& files) {
   config::DesignSet set;
+  std::map<std::string, std::string> file_of;
   for (const std::string& file : files) {
     const std::size_t slabs = set.sheets.size();
     const std::size_t problems = set.problems.size();
     config::load_design_file(file, set);
+    for (std::size_t i = slabs; i < set.sheets.size(); ++i)
+      if (const auto [known, is_new] = file_of.emplace(set.sheets[i].slab_id.view(), file); !is_new)
+        set.problems.push_back(
+            {fmt::format("{}:1:1: slab {} has a sheet in {} too; allowed is one", file, known->first, known->second)});
     if (set.problems.size() == problems) fmt::print("{}", say("{}: good, {} slabs\n", file, set.sheets.size() - slabs));
   }
   return report_problems(set.problems) ? kDone : kBadInput;

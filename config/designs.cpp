@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <filesystem>
@@ -24,7 +25,7 @@ constexpr std::array<std::string_view, kColumns> kNames = {"slab_id", "slab_type
 constexpr double kOffsetMax_mm = 50.0;
 constexpr double kSlopeMax_deg = 1.0;
 /// A year's production of a plant is 5 MB.
-constexpr std::uintmax_t kFileBytesMax = 64'000'000;
+constexpr std::size_t kFileBytesMax = 64'000'000;
 
 struct Row {
   std::size_t line = 0;
@@ -46,7 +47,9 @@ class Reading {
     constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
     if (bytes.starts_with(kByteOrderMark)) bytes.remove_prefix(kByteOrderMark.size());
     const std::size_t before = set_.problems.size();
-    for (std::size_t line = 1; !bytes.empty(); ++line) {
+    const bool is_whole = bytes.empty() || bytes.ends_with('\n');
+    std::size_t line = 1;
+    for (; !bytes.empty(); ++line) {
       std::string_view text = bytes.substr(0, bytes.find('\n'));
       bytes.remove_prefix(std::min(text.size() + 1, bytes.size()));
       if (text.ends_with('\r')) text.remove_suffix(1);
@@ -60,6 +63,8 @@ class Reading {
     }
     if (!has_heading_)
       return problem(1, 1, fmt::format("the file is empty, the first line must be {}", kDesignHeading));
+    // A file that was cut off inside its last number would still be one.
+    if (!is_whole) problem(line - 1, 1, "the last line has no line end, so the file may be cut off");
     for (const auto& [id, sheet] : sheets_) check(id, sheet);
     if (set_.problems.size() == before)
       for (const auto& [id, sheet] : sheets_) set_.sheets.push_back(made(id, sheet));
@@ -117,6 +122,7 @@ class Reading {
 
   template <typename Number>
   static bool number(std::string_view cell, Number& out) {
+    if (cell.starts_with("+-")) return false;
     if (cell.starts_with('+')) cell.remove_prefix(1);
     const auto [stop, fault] = std::from_chars(cell.data(), cell.data() + cell.size(), out);
     return fault == std::errc() && stop == cell.data() + cell.size() && !cell.empty();
@@ -180,12 +186,8 @@ void parse_designs(const std::string& path, std::string_view bytes, DesignSet& s
 }
 
 void load_design_file(const std::string& path, DesignSet& set) {
-  std::error_code fault;
-  if (const std::uintmax_t bytes = std::filesystem::file_size(path, fault); !fault && bytes > kFileBytesMax) {
-    set.problems.push_back({fmt::format("{}: found {} bytes, allowed are {}", path, bytes, kFileBytesMax)});
-    return;
-  }
-  if (const std::optional<std::string> bytes = read_text_file(path, set.problems)) parse_designs(path, *bytes, set);
+  if (const std::optional<std::string> bytes = read_text_file(path, set.problems, kFileBytesMax))
+    parse_designs(path, *bytes, set);
 }
 
 DesignSet load_designs(const std::string& dir) {
@@ -194,9 +196,16 @@ DesignSet load_designs(const std::string& dir) {
   if (dir.empty()) return set;
   std::vector<std::string> paths;
   std::error_code fault;
-  for (fs::directory_iterator entry(dir, fault), end; !fault && entry != end; entry.increment(fault))
-    if (entry->path().extension() == ".csv" && !entry->path().filename().string().starts_with('.'))
+  for (fs::directory_iterator entry(dir, fault), end; !fault && entry != end; entry.increment(fault)) {
+    std::string name = entry->path().filename().string();
+    if (name.starts_with('.') || name.ends_with('~')) continue;  // a file that a program is writing, or has kept
+    std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
+    if (name.ends_with(".csv") && !entry->is_directory(fault))
       paths.push_back(entry->path().string());
+    else  // it may hold a sheet, and its slab would be measured as a straight one
+      set.problems.push_back(
+          {fmt::format("{}: is not read; allowed in this folder are files *.csv", entry->path().string())});
+  }
   if (fault) set.problems.push_back({fmt::format("{}: {}", dir, fault.message())});
   std::sort(paths.begin(), paths.end());
   std::map<std::string, std::string> file_of;

@@ -165,7 +165,8 @@ const TomlValue::Member* TomlValue::find(std::string_view key) const {
   return nullptr;
 }
 
-std::optional<std::string> read_text_file(const std::string& path, std::vector<Problem>& problems) {
+std::optional<std::string> read_text_file(const std::string& path, std::vector<Problem>& problems,
+                                          std::size_t bytes_max) {
   // Folders and devices can be opened like files.
   std::error_code status_error;
   const auto status = std::filesystem::status(path, status_error);
@@ -179,14 +180,20 @@ std::optional<std::string> read_text_file(const std::string& path, std::vector<P
     problems.push_back({fmt::format("{}: cannot be read: {}", path, why)});
     return std::nullopt;
   }
-  std::string bytes(kTomlBytesMax + 1, '\0');
-  bytes.resize(std::fread(bytes.data(), 1, bytes.size(), file.get()));
+  std::string bytes;
+  constexpr std::size_t kPiece = 65'536;
+  for (std::size_t got = kPiece; got == kPiece && bytes.size() <= bytes_max;) {
+    const std::size_t before = bytes.size();
+    bytes.resize(before + kPiece);
+    got = std::fread(bytes.data() + before, 1, kPiece, file.get());
+    bytes.resize(before + got);
+  }
   if (std::ferror(file.get()) != 0) {
     problems.push_back({fmt::format("{}: cannot be read: {}", path, std::strerror(errno))});
     return std::nullopt;
   }
-  if (bytes.size() > kTomlBytesMax) {
-    problems.push_back({fmt::format("{}: longer than {} bytes; this is not a configuration", path, kTomlBytesMax)});
+  if (bytes.size() > bytes_max) {
+    problems.push_back({fmt::format("{}: longer than {} bytes, the most that are allowed here", path, bytes_max)});
     return std::nullopt;
   }
   return bytes;

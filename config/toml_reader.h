@@ -45,7 +45,8 @@ struct TomlValue::Member {
 inline constexpr std::size_t kTomlBytesMax = 1'000'000;  ///< largest file size
 
 /// The file's bytes, or nullopt and one problem: missing, unreadable, or longer than kTomlBytesMax.
-[[nodiscard]] std::optional<std::string> read_text_file(const std::string& path, std::vector<Problem>& problems);
+[[nodiscard]] std::optional<std::string> read_text_file(const std::string& path, std::vector<Problem>& problems,
+                                                        std::size_t bytes_max = kTomlBytesMax);
 
 /// Maximum nesting of keys and of brackets, each: readers of a tree, and the library when it frees one, recurse once
 /// per level. slabd's own files nest at most four levels.

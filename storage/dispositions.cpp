@@ -3,6 +3,8 @@
 
 #include <string>
 
+#include "base/plain_text.h"
+
 #include "storage/jobs.h"
 #include "storage/seals.h"
 
@@ -21,9 +23,15 @@ void need_words(const char* what, const std::string& text, bool may_be_empty = f
            std::to_string(kBytesMax));
   if (!may_be_empty && text.find_first_not_of(" \t") == std::string::npos)
     refuse(std::string(what) + " is missing: a decision needs it");
-  for (const char c : text)
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F)
-      refuse(std::string(what) + " holds a control character; allowed is one line of text");
+  if (!is_plain(text)) refuse(std::string(what) + " holds a control character; allowed is one line of visible text");
+}
+
+/// A name without case and without blanks: "Li Wei", "li  wei" and " LI WEI" are one person.
+std::string person(const std::string& name) {
+  std::string out;
+  for (const char c : name)
+    if (c != ' ' && c != '\t') out += static_cast<char>(c >= 'A' && c <= 'Z' ? c - 'A' + 'a' : c);
+  return out;
 }
 
 std::string told(const DispositionRecord& d) {
@@ -41,7 +49,7 @@ std::string Dispositions::keep(const KeepDisposition& change) {
   need_words("the reason", d.reason);
   need_words("the authority", d.authority);
   need_words("the second person", d.second, !change.needs_second);
-  if (!d.second.empty() && d.second == d.authority)
+  if (!d.second.empty() && person(d.second) == person(d.authority))
     refuse("the second person is the authority: two persons must decide");
   Statement verdict(db_, "SELECT verdict FROM slab_result WHERE slab_key = ?1");
   if (!verdict.bind(1, d.slab_key).step()) {

@@ -82,6 +82,9 @@ CREATE TRIGGER recipe_text_stays BEFORE UPDATE ON recipe_text
   BEGIN SELECT RAISE(ABORT, 'a recipe that was used is never changed'); END;
 CREATE TRIGGER recipe_text_is_kept BEFORE DELETE ON recipe_text
   BEGIN SELECT RAISE(ABORT, 'a recipe that was used is never deleted'); END;
+CREATE TRIGGER recipe_text_is_new BEFORE INSERT ON recipe_text
+  WHEN EXISTS (SELECT 1 FROM recipe_text WHERE sha256 = NEW.sha256)
+  BEGIN SELECT RAISE(ABORT, 'a recipe that was used is never replaced'); END;
 
 CREATE TABLE slab_result (
   slab_key         INTEGER PRIMARY KEY REFERENCES slab (slab_key),
@@ -125,6 +128,9 @@ CREATE TRIGGER disposition_stays BEFORE UPDATE ON disposition
 CREATE TRIGGER disposition_is_kept BEFORE DELETE ON disposition
   WHEN EXISTS (SELECT 1 FROM slab WHERE slab_key = OLD.slab_key)
   BEGIN SELECT RAISE(ABORT, 'a decision is never deleted'); END;
+CREATE TRIGGER disposition_is_new BEFORE INSERT ON disposition
+  WHEN EXISTS (SELECT 1 FROM disposition WHERE slab_key = NEW.slab_key AND n = NEW.n)
+  BEGIN SELECT RAISE(ABORT, 'a decision is never replaced'); END;
 CREATE TRIGGER disposition_is_of_no_pass BEFORE INSERT ON disposition
   WHEN NOT EXISTS (SELECT 1 FROM slab_result WHERE slab_key = NEW.slab_key AND verdict <> 'pass')
   BEGIN SELECT RAISE(ABORT, 'only a slab that did not pass has decisions'); END;
@@ -411,6 +417,9 @@ CREATE TRIGGER care_stays BEFORE UPDATE ON care
   BEGIN SELECT RAISE(ABORT, 'a gap in the history is never changed'); END;
 CREATE TRIGGER care_is_kept BEFORE DELETE ON care
   BEGIN SELECT RAISE(ABORT, 'a gap in the history is never deleted'); END;
+CREATE TRIGGER care_is_new BEFORE INSERT ON care
+  WHEN EXISTS (SELECT 1 FROM care WHERE seq = NEW.seq)
+  BEGIN SELECT RAISE(ABORT, 'a gap in the history is never replaced'); END;
 
 -- The chain of results. An entry holds the SHA-256 of the entry before it, so that what was changed behind slabd's back is
 -- found (slabctl db check). Entries are only added, and stay when retention takes their slab away.
@@ -438,6 +447,9 @@ CREATE TRIGGER slab_seal_stays
   BEGIN SELECT RAISE(ABORT, 'a seal is never changed'); END;
 CREATE TRIGGER slab_seal_is_kept BEFORE DELETE ON slab_seal
   BEGIN SELECT RAISE(ABORT, 'a seal is never deleted'); END;
+CREATE TRIGGER slab_seal_is_new BEFORE INSERT ON slab_seal
+  WHEN EXISTS (SELECT 1 FROM slab_seal WHERE seq = NEW.seq)
+  BEGIN SELECT RAISE(ABORT, 'a seal is never replaced'); END;
 
 -- ---- calibrations: rows are only ever added --------------------------------------------------------------------------
 
@@ -462,6 +474,9 @@ CREATE TRIGGER calibration_stays BEFORE UPDATE ON calibration
   BEGIN SELECT RAISE(ABORT, 'a calibration record is never changed'); END;
 CREATE TRIGGER calibration_is_kept BEFORE DELETE ON calibration
   BEGIN SELECT RAISE(ABORT, 'a calibration record is never deleted'); END;
+CREATE TRIGGER calibration_is_new BEFORE INSERT ON calibration
+  WHEN EXISTS (SELECT 1 FROM calibration WHERE seq = NEW.seq OR id = NEW.id)
+  BEGIN SELECT RAISE(ABORT, 'a calibration record is never replaced'); END;
 
 CREATE TABLE hand_eye (
   calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
@@ -521,6 +536,9 @@ CREATE TRIGGER applied_stays BEFORE UPDATE ON applied
   BEGIN SELECT RAISE(ABORT, 'the history is never changed'); END;
 CREATE TRIGGER applied_is_kept BEFORE DELETE ON applied
   BEGIN SELECT RAISE(ABORT, 'the history is never deleted'); END;
+CREATE TRIGGER applied_is_new BEFORE INSERT ON applied
+  WHEN EXISTS (SELECT 1 FROM applied WHERE seq = NEW.seq)
+  BEGIN SELECT RAISE(ABORT, 'the history is never replaced'); END;
 
 CREATE TABLE calibration_check (
   seq          INTEGER PRIMARY KEY,
@@ -540,6 +558,9 @@ CREATE TRIGGER calibration_check_stays BEFORE UPDATE ON calibration_check
   BEGIN SELECT RAISE(ABORT, 'a check is never changed'); END;
 CREATE TRIGGER calibration_check_is_kept BEFORE DELETE ON calibration_check
   BEGIN SELECT RAISE(ABORT, 'a check is never deleted'); END;
+CREATE TRIGGER calibration_check_is_new BEFORE INSERT ON calibration_check
+  WHEN EXISTS (SELECT 1 FROM calibration_check WHERE seq = NEW.seq)
+  BEGIN SELECT RAISE(ABORT, 'a check is never replaced'); END;
 
 -- ---- moulds: rows are only ever added --------------------------------------------------------------------------------
 
@@ -556,3 +577,6 @@ CREATE TRIGGER mould_reset_stays BEFORE UPDATE ON mould_reset
   BEGIN SELECT RAISE(ABORT, 'the history of a mould is never changed'); END;
 CREATE TRIGGER mould_reset_is_kept BEFORE DELETE ON mould_reset
   BEGIN SELECT RAISE(ABORT, 'the history of a mould is never deleted'); END;
+CREATE TRIGGER mould_reset_is_new BEFORE INSERT ON mould_reset
+  WHEN EXISTS (SELECT 1 FROM mould_reset WHERE seq = NEW.seq)
+  BEGIN SELECT RAISE(ABORT, 'the history of a mould is never replaced'); END;

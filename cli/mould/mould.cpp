@@ -125,6 +125,11 @@ int write_sheet(const Options& options) {
   const report::Language language = options.document.wanted();
   const Ledger ledger = read_ledger(options);
   const std::vector<std::size_t> rows = rows_of(ledger, options);
+  const auto type_of = [&](std::size_t i) { return ledger.rows[i].slab_type; };
+  for (const std::size_t i : rows)
+    if (type_of(i) != type_of(rows.front()))
+      stop(kUsage, fmt::format("mould {} has cast slabs of types {} and {}: choose one with --slab-type", options.mould,
+                               type_of(rows.front()), type_of(i)));
   const auto row =
       options.epoch == 0 ? std::prev(rows.end()) : std::find_if(rows.begin(), rows.end(), [&](std::size_t i) {
         return ledger.rows[i].epoch == options.epoch;
@@ -139,7 +144,8 @@ int write_sheet(const Options& options) {
     options.document.write(mould::sheet_of(ledger, *row, language));
   }
   const mould::Row& r = ledger.rows[*row];
-  fmt::print("{}: mould {}, epoch {}, {} slabs\n", options.document.out, r.mould, r.epoch, r.slabs);
+  fmt::print("{}: mould {}, epoch {}, slab type {}, {} slabs\n", options.document.out, r.mould, r.epoch, r.slab_type,
+             r.slabs);
   if (!r.current) complain(fmt::format("mould {} was reset after these slabs were cast", r.mould));
   return kDone;
 }

@@ -36,11 +36,16 @@ double to_correct(const MouldEffect& effect) {
   return effect.drifts ? effect.ewma : effect.bias;
 }
 
-/// True if the deviation is proven: its mean, or its value now if it drifts.
+/// Half of the 95 % interval of to_correct().
+double U_of(const MouldEffect& effect) {
+  return effect.drifts ? 2.0 * effect.ewma_u : effect.U;
+}
+
+/// True if to_correct() is proven. Where it drifts, the mean over the past proves nothing about now.
 bool is_signal(const Found* found) {
   if (found == nullptr) return false;
   const MouldEffect& effect = *found->effect;
-  return effect.signal == Signal::mould || (effect.drifts && std::abs(effect.ewma) >= kSignal * effect.ewma_u);
+  return effect.drifts ? std::abs(effect.ewma) >= kSignal * effect.ewma_u : effect.signal == Signal::mould;
 }
 
 int stations_of(const std::vector<Found>& effects) {
@@ -159,9 +164,10 @@ std::vector<std::string> conventions(Language language) {
           language,
           "bias: deviation of this mould's slabs from those of the other moulds at the same station. U: half of its 95 "
           "% interval. n: slabs. A correction is given from four standard errors on; below that it is scatter, and "
-          "correcting scatter adds an error. Where the deviation drifts, the correction is that of now.",
+          "correcting scatter adds an error. Where the deviation drifts, bias, U and correction are those of now.",
           "偏倚：本模具的板与其他模具的板在同一检测位之差。U：其 95 % 区间的半宽。n：板数。"
-          "达到四倍标准误差才给出调整值；低于此值为随机散布，对其调整会增加误差。有漂移处取当前的偏差。"),
+          "达到四倍标准误差才给出调整值；低于此值为随机散布，对其调整会增加误差。有漂移处，偏倚、U "
+          "和调整值均取当前值。"),
       pick(language,
            "After the correction: slabctl mould reset, so that the slabs cast from then on have figures of their own. "
            "No figure of this sheet affects a verdict.",
@@ -182,9 +188,9 @@ report::Table seats_table(const Ledger& ledger, std::size_t row, Language langua
                       {"U", "slope_U_mm_per_100"},
                       {pick(language, "do", "措施") + std::string("<"), "action"}};
   table.title = pick(language, "Each seat", "各承轨槽");
-  const auto bias = [](const Found* found) { return found != nullptr ? found->effect->bias : kNoValue; };
+  const auto bias = [](const Found* found) { return found != nullptr ? to_correct(*found->effect) : kNoValue; };
   const auto shim = [](const Found* found) { return is_signal(found) ? to_correct(*found->effect) : kNoValue; };
-  const auto U = [](const Found* found) { return found != nullptr ? found->effect->U : kNoValue; };
+  const auto U = [](const Found* found) { return found != nullptr ? U_of(*found->effect) : kNoValue; };
   for (int station = 1; station <= stations_of(effects); ++station) {
     const Found* height = effect_at(effects, ItemId::seat_vertical, station);
     const Found* slope = effect_at(effects, ItemId::seat_slope, station);

@@ -145,7 +145,7 @@ FixedString<limits::kErrorTextBytes> CalibrationChanger::summary() const {
     text.printf("%s %s by uid %u: %s", disposition() != nullptr ? "decision" : "calibration change", file_.c_str(),
                 uid_, id_.c_str());
   } else {
-    text.printf("calibration change %s by uid %u refused: %s", file_.c_str(), uid_, error_.text.c_str());
+    text.printf("change %s by uid %u refused: %s", file_.c_str(), uid_, error_.text.c_str());
   }
   return text;
 }

@@ -54,7 +54,9 @@ TEST(Designs, as_spreadsheets_write_them) {
   EXPECT_TRUE(problems_of(crlf).empty());
   EXPECT_TRUE(problems_of(text + "\n\n").empty()) << "empty lines at the end";
   text.pop_back();
-  EXPECT_TRUE(problems_of(text).empty()) << "no line end at the end";
+  EXPECT_THAT(problems_of(text),
+              ::testing::ElementsAre(::testing::HasSubstr("d.csv:13:1: the last line has no line end")))
+      << "a number that was cut off is a number";
 }
 
 TEST(Designs, every_fault_is_named_with_line_and_column) {
@@ -74,6 +76,7 @@ TEST(Designs, every_fault_is_named_with_line_and_column) {
               ElementsAre("d.csv:14:10: dx_mm: found \"nan\", allowed is a number within +-50"));
   EXPECT_THAT(faulty("B,5600,1,0,0,50.1,0"), ElementsAre(HasSubstr("d.csv:14:14: dz_mm: found \"50.1\"")));
   EXPECT_THAT(faulty("B,5600,1,0,0,0,1.5"), ElementsAre(HasSubstr("d.csv:14:16: dslope_deg: found \"1.5\"")));
+  EXPECT_THAT(faulty("B,5600,1,+-1,0,0,0"), ElementsAre(HasSubstr("d.csv:14:10: dx_mm: found \"+-1\"")));
   EXPECT_THAT(faulty("A,5600,3,0,0,0,0"), ElementsAre("d.csv:14:1: A: station 3 is in line 4 already"));
   EXPECT_THAT(faulty("A,4925,13,0,0,0,0"), ElementsAre("d.csv:14:1: A: slab type 4925, but 5600 in line 2"));
   EXPECT_THAT(faulty("A,5600,14,0,0,0,0"), ElementsAre(HasSubstr("A: 13 stations, but none is 13")));
@@ -107,14 +110,33 @@ TEST(Designs, two_sheets_of_a_slab_are_both_left_out) {
   EXPECT_NE(find_design(set.sheets, "A"), nullptr);
   EXPECT_EQ(find_design(set.sheets, "B"), nullptr);
   EXPECT_NE(find_design(set.sheets, "C"), nullptr);
-  ASSERT_EQ(set.problems.size(), 2U);
-  EXPECT_NE(set.problems[0].text.find("2.csv:1:1: slab B has a sheet in"), std::string::npos) << set.problems[0].text;
-  EXPECT_NE(set.problems[1].text.find("3.csv:1:1:"), std::string::npos);
+  ASSERT_EQ(set.problems.size(), 3U);
+  EXPECT_NE(set.problems[0].text.find("notes.txt: is not read"), std::string::npos) << set.problems[0].text;
+  EXPECT_NE(set.problems[1].text.find("2.csv:1:1: slab B has a sheet in"), std::string::npos) << set.problems[1].text;
+  EXPECT_NE(set.problems[2].text.find("3.csv:1:1:"), std::string::npos);
   EXPECT_TRUE(same(set, load_designs(dir)));
   write("2.csv", heading() + sheet("C", 12));
   EXPECT_FALSE(same(set, load_designs(dir)));
   EXPECT_EQ(load_designs(dir / "absent").problems.size(), 1U);
   EXPECT_TRUE(load_designs("").problems.empty());
+  std::filesystem::remove_all(dir);
+}
+
+// A sheet that is not read would let its slab be measured as a straight one.
+TEST(Designs, whatever_lies_in_the_folder_is_read_or_named) {
+  std::string pattern = (std::filesystem::temp_directory_path() / "designs-test-XXXXXX").string();
+  const std::filesystem::path dir = mkdtemp(pattern.data());
+  std::ofstream(dir / "ORDER.CSV") << heading() + sheet("A", 12);
+  std::ofstream(dir / "order.csv~") << "kept by an editor";
+  std::filesystem::create_directory(dir / "2026.csv");
+  std::string year = heading();
+  for (int slab = 0; slab < 2'000; ++slab) year += sheet("S-" + std::to_string(slab), 18);
+  ASSERT_GT(year.size(), 1'000'000U);
+  std::ofstream(dir / "year.csv") << year;
+  const DesignSet set = load_designs(dir);
+  EXPECT_EQ(set.sheets.size(), 2'001U);
+  ASSERT_EQ(set.problems.size(), 1U);
+  EXPECT_NE(set.problems[0].text.find("2026.csv: is not read"), std::string::npos) << set.problems[0].text;
   std::filesystem::remove_all(dir);
 }
 

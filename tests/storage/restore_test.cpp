@@ -262,7 +262,7 @@ TEST_F(RestoreTest, repeated_after_an_interruption_still_reports_what_would_be_l
   const Status status = restore(backup_);
   ASSERT_FALSE(status.ok());
   EXPECT_EQ(status.error().code, Code::config);
-  EXPECT_NE(status.error().text.view().find("1 changes of calibrations"), std::string_view::npos)
+  EXPECT_NE(status.error().text.view().find("1 change of calibrations"), std::string_view::npos)
       << status.error().text.view();
   ASSERT_TRUE(restore(backup_, true).ok());
   open();
