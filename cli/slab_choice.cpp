@@ -30,6 +30,12 @@ bool SlabChoice::has_filter() const {
   return all || !since.empty() || !until.empty() || slab_type != 0 || !verdict.empty();
 }
 
+void SlabChoice::check() const {
+  if (slabs.empty() != has_filter())
+    stop(kUsage, slabs.empty() ? "name slabs, or say --all, --since, --until, --slab-type or --verdict"
+                               : "slabs are named and filtered; allowed is one of the two");
+}
+
 void SlabChoice::add_to(args::Command& command) {
   command.add_option("SLAB", slabs,
                      "Keys (see history), slab ids or numbers of the line (no:77); of several the newest slab");
@@ -53,9 +59,7 @@ storage::SlabRecord named_slab(storage::Reader& reader, const std::string& wante
 }
 
 std::vector<std::int64_t> chosen_slabs(storage::Reader& reader, const SlabChoice& choice) {
-  if (choice.slabs.empty() != choice.has_filter())
-    stop(kUsage, choice.slabs.empty() ? "name slabs, or say --all, --since, --until, --slab-type or --verdict"
-                                      : "slabs are named and filtered; allowed is one of the two");
+  choice.check();
   std::vector<std::int64_t> keys;
   for (const std::string& wanted : choice.slabs) {
     const storage::SlabRecord found = named_slab(reader, wanted);

@@ -26,6 +26,8 @@ struct SlabChoice {
   /// Adds only the filters; slabs cannot be named, and without a filter all are selected.
   void add_filters_to(args::Command& command);
   [[nodiscard]] bool has_filter() const;
+  /// Stops unless slabs are named or filtered.
+  void check() const;
 };
 
 /// The slab of that name, as found by find_slab(); stops if it does not exist.

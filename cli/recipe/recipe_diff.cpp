@@ -127,24 +127,24 @@ StoredSlabs judge_stored(storage::Reader& reader, const std::vector<std::int64_t
     const storage::SlabRecord& record = *found;
     const SlabHeader& slab = record.summary.header;
     if (record.summary.verdict == Verdict::aborted) {
-      out.what_if.leave_out(slab, "it was aborted");
+      out.what_if.add(left_out_slab(slab, "it was aborted"));
       continue;
     }
     if (slab.stations != b.stations()) {
-      out.what_if.leave_out(slab, fmt::format("it has {} blocks, the recipe {}", slab.stations, b.stations()));
+      out.what_if.add(left_out_slab(slab, fmt::format("it has {} blocks, the recipe {}", slab.stations, b.stations())));
       continue;
     }
     const bool of_a = slab.recipe_sha256 == a.sha256;
     if (of_a) ++out.of_a;
     const auto verified = need(scanner_of(reader, slab), kNotReachable);
     if (!verified) {
-      out.what_if.leave_out(slab,
-                            fmt::format("the scanner acceptance {} is not in the database", slab.scanner_id.view()));
+      out.what_if.add(
+          left_out_slab(slab, fmt::format("the scanner acceptance {} is not in the database", slab.scanner_id.view())));
       continue;
     }
     const std::vector<StationRecord> stations = rejudged(record, b, of_a ? &a : nullptr, out.unknown_U);
     daemon::judge_slab({&b, slab.T_base_slab, *verified, facts_of(slab)}, stations, room, *judged);
-    out.what_if.add(record, stations, *judged);
+    out.what_if.add(judged_slab(record, stations, *judged));
   }
   return out;
 }

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // slabctl replay: measures stored slabs again from their scans. With --verify all stored results must be reproduced;
-// with --recipe another recipe judges, and the verdicts are compared.
+// with --recipe another recipe judges, and the verdicts are compared. One process measures all slabs, or several
+// measure a shard each (cli/replay/shard.h).
 #include <fmt/core.h>
 
 #include <algorithm>
+#include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 
@@ -12,18 +15,22 @@
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
+#include "cli/replay/replay_report.h"
+#include "cli/replay/shard.h"
+#include "cli/replay/slurm.h"
 #include "cli/replay/verify.h"
 #include "cli/replay/what_if.h"
 #include "cli/slab_choice.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/progress.h"
-#include "cli/terminal/render.h"
 #include "daemon/measure.h"
 #include "report/json.h"
 
 namespace slabd::cli {
 namespace {
+
+namespace fs = std::filesystem;
 
 struct ReplayOptions {
   DatabaseOptions database;
@@ -34,69 +41,14 @@ struct ReplayOptions {
   std::string scans_dir;
   ScanFormOptions form{.unit = "", .columns = ""};
   int threads = config::default_measure_threads();
+  bool threads_given = false;
   bool json = false;
+  std::string shard;
+  std::string out;
+  std::string merge;
+  int slurm_tasks = 0;
+  bool beside_the_line = false;
 };
-
-/// Number of differences in the text output; JSON has all.
-constexpr std::size_t kDifferencesNamed = 3;
-
-void write_slab(report::Json& json, const SlabReplay& slab) {
-  json.begin_object().field("key", slab.header.key).field("slab_id", slab.header.slab_id);
-  json.field("verdict", slab.verdict).field("outcome", slab.outcome).field("figures", slab.figures());
-  json.field("differences", slab.differences()).field("recipe", slab.recipe).field("scans_proven", slab.scans_proven());
-  json.field("changed", slab.changed);
-  json.list("blocks", slab.blocks, [&](const BlockReplay& block) {
-    json.field("station", block.station).field("attempt", block.attempt).field("scan", block.scan);
-    json.field("outcome", block.outcome).field("why", block.why);
-    report::write_crc32c(json, "crc32c_stored", block.crc32c_stored);
-    report::write_crc32c(json, "crc32c_now", block.crc32c_now);
-    fields(json, block.comparison);
-  });
-  json.key("slab").begin_object().field("compared", slab.slab_compared).field("why", slab.slab_why);
-  fields(json, slab.slab);
-  json.end_object().end_object();
-}
-
-std::string differences_text(const storage::Comparison& comparison) {
-  std::string text;
-  for (std::size_t i = 0; i < std::min(comparison.differences.size(), kDifferencesNamed); ++i) {
-    const storage::Difference& difference = comparison.differences[i];
-    text += fmt::format("    {}: stored {}, now {}\n", difference.figure, difference.stored, difference.now);
-  }
-  if (comparison.differences.size() > kDifferencesNamed)
-    text += fmt::format("    and {} more\n", comparison.differences.size() - kDifferencesNamed);
-  return text;
-}
-
-std::string without_checksum(const SlabReplay& slab) {
-  const std::size_t count = slab.scans_without_checksum();
-  return count == 0 ? "" : fmt::format("; of {} none was kept", count);
-}
-
-std::string slab_text(const SlabReplay& slab) {
-  std::string text;
-  const auto replayed = std::count_if(slab.blocks.begin(), slab.blocks.end(),
-                                      [](const BlockReplay& block) { return block.comparison.figures > 0; });
-  text += fmt::format("slab {} \"{}\" ({}): {}: {} of {} scans measured again, {} figures compared, {} differ\n",
-                      slab.header.key, slab.header.slab_id.view(), slabd::name(slab.verdict), name(slab.outcome),
-                      replayed, slab.blocks.size(), slab.figures(), slab.differences());
-  text += fmt::format("  {} of {} scans are proven by their checksum to hold the points that were measured{}\n",
-                      slab.scans_proven(), slab.blocks.size(), without_checksum(slab));
-  if (slab.recipe.starts_with("sha:"))
-    text += fmt::format("  recipe {} is no longer in the folder; measured with what the database has kept ({:.16})\n",
-                        slab.header.recipe.view(), slab.recipe);
-  for (const ChangedInput& input : slab.changed)
-    text += fmt::format("  another {}: recorded {}; now {}\n", input.what, input.stored, input.now);
-  for (const BlockReplay& block : slab.blocks) {
-    if (block.outcome == ReplayOutcome::identical && block.why.empty()) continue;
-    text += fmt::format("  block {} attempt {}: {}: {}\n    scan {}\n", block.station, block.attempt,
-                        name(block.outcome), block.why, block.scan);
-    text += differences_text(block.comparison);
-  }
-  if (!slab.slab_why.empty()) text += fmt::format("  slab: {}\n", slab.slab_why);
-  text += differences_text(slab.slab);
-  return text;
-}
 
 struct ReplaySources {
   std::unique_ptr<storage::Reader> reader;
@@ -118,68 +70,20 @@ ReplaySources open_sources(const ReplayOptions& options) {
   return sources;
 }
 
-/// Calls `work(record)` for every selected slab, oldest first.
-template <typename Work>
-void for_each_slab(storage::Reader& reader, const std::vector<std::int64_t>& keys, const Work& work) {
-  for (const std::int64_t key : keys) {
-    const auto record = need(reader.slab(key), kNotReachable);
-    if (record) work(*record);  // otherwise the daemon has pruned it meanwhile
-  }
-}
-
-int verify(const ReplayOptions& options, ReplaySources& sources, const std::vector<std::int64_t>& keys) {
-  std::vector<config::Problem> problems;
-  RecipeStore recipe_store(recipes_in(sources.recipes_dir, problems));
-  static_cast<void>(report_problems(problems));
-  Remeasurer remeasurer(options.threads, sources.form, options.scans_dir);
-  std::array<int, 3> count{};
-  int with_scans = 0;  // slabs that have scans, among those not verified
-  report::Json json("slabd.replay/1");
-  json.field("software", daemon::software_version()).field("threads", options.threads);
-  json.field("instruction_set", algo::instruction_set()).key("slabs").begin_array();
-  ProgressCount progress(stderr, keys.size());
-  for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
-    progress.next(fmt::format("measuring slab {} again", record.summary.header.key));
-    const SlabReplay slab = need(replay_slab(*sources.reader, record, recipe_store, remeasurer), kNotReachable);
-    progress.erase();
-    ++count[static_cast<std::size_t>(slab.outcome)];
-    with_scans += slab.scans_left ? 1 : 0;
-    if (options.json) {
-      write_slab(json, slab);
-    } else {
-      fmt::print("{}", slab_text(slab));
-      std::fflush(stdout);
-    }
-  });
-  const auto [identical, differs, not_verified] = count;
-  json.end_array();
-  json.field("identical", identical).field("differs", differs).field("not_verified", not_verified);
-  if (options.json) {
-    fmt::print("{}", json.text());
-  } else {
-    fmt::print("identical {}, differ {}, not verified {}; {} thread{}, {}, {}\n", identical, differs, not_verified,
-               options.threads, options.threads == 1 ? "" : "s", algo::instruction_set(),
-               daemon::software_version().view());
-  }
-  // Old scans are deleted regularly: a slab without scans is a finding only if it was named.
-  const bool enough = options.choice.slabs.empty() ? identical > 0 && with_scans == 0 : not_verified == 0;
-  if (with_scans > 0)
-    complain(fmt::format("of the slabs not verified {} could be measured: only the recipe is missing", with_scans));
-  return differs == 0 && enough ? kDone : kNotPass;
-}
-
-/// Judges the slab with `recipe`; returns the reason if that is not possible.
-std::string decide_anew(storage::Reader& reader, const storage::SlabRecord& record, const Recipe& recipe,
-                        Remeasurer& remeasurer, WhatIf& what_if) {
+/// Judges the slab with `recipe`, or leaves it out with the reason.
+WhatIfSlab judge_again(storage::Reader& reader, const storage::SlabRecord& record, const Recipe& recipe,
+                       Remeasurer& remeasurer) {
   const SlabHeader& slab = record.summary.header;
-  if (record.summary.ended_utime_us == 0) return "it is still open";
-  if (record.summary.verdict == Verdict::aborted) return "it was aborted";
+  const auto out = [&](std::string why) { return left_out_slab(slab, std::move(why)); };
+  if (record.summary.ended_utime_us == 0) return out("it is still open");
+  if (record.summary.verdict == Verdict::aborted) return out("it was aborted");
   if (recipe.slab_type != slab.slab_type || recipe.stations() != slab.stations)
-    return fmt::format("it is of slab type {} with {} blocks, the recipe of type {} with {}", slab.slab_type,
-                       slab.stations, recipe.slab_type, recipe.stations());
+    return out(fmt::format("it is of slab type {} with {} blocks, the recipe of type {} with {}", slab.slab_type,
+                           slab.stations, recipe.slab_type, recipe.stations()));
   const auto verified = scanner_of(reader, slab);
-  if (!verified) return std::string(verified.error().text.view());
-  if (!verified.value()) return fmt::format("the scanner acceptance {} is not in the database", slab.scanner_id.view());
+  if (!verified) return out(std::string(verified.error().text.view()));
+  if (!verified.value())
+    return out(fmt::format("the scanner acceptance {} is not in the database", slab.scanner_id.view()));
   std::vector<std::unique_ptr<Remeasured>> again(record.blocks.size());
   std::vector<const BlockResult*> blocks(record.blocks.size(), nullptr);
   for (std::size_t i = 0; i < record.blocks.size(); ++i) {
@@ -189,52 +93,222 @@ std::string decide_anew(storage::Reader& reader, const storage::SlabRecord& reco
     again[i] = std::make_unique<Remeasured>();
     remeasurer.measure(slab, *verified.value(), stored, *again[i]);
     if (again[i]->scan != Remeasured::Scan::measured)
-      return fmt::format("block {}: {} ({})", stored.attempt.station, again[i]->note, again[i]->path);
+      return out(fmt::format("block {}: {} ({})", stored.attempt.station, again[i]->note, again[i]->path));
     if (again[i]->altered)
-      return fmt::format("block {}: the scan was changed: {} ({})", stored.attempt.station, again[i]->note,
-                         again[i]->path);
+      return out(fmt::format("block {}: the scan was changed: {} ({})", stored.attempt.station, again[i]->note,
+                             again[i]->path));
     blocks[i] = &again[i]->block;
   }
   const std::vector<StationRecord> stations = stations_of(record, blocks);
   std::vector<BlockResult> room(limits::kStationsMax);
   auto judged = std::make_unique<SlabResult>();
   daemon::judge_slab({&recipe, slab.T_base_slab, *verified.value(), facts_of(slab)}, stations, room, *judged);
-  what_if.add(record, stations, *judged);
-  return "";
+  return judged_slab(record, stations, *judged);
 }
 
-int decide(const ReplayOptions& options, ReplaySources& sources, const std::vector<std::int64_t>& keys) {
-  const Recipe recipe = recipe_named(sources.reader.get(), options.recipe);
-  warn_unconfirmed(recipe);
-  Remeasurer remeasurer(options.threads, sources.form, options.scans_dir);
-  remeasurer.use(recipe);
-  WhatIf what_if;
-  for_each_slab(*sources.reader, keys, [&](const storage::SlabRecord& record) {
-    std::optional<ProgressNote> note(std::in_place, stderr,
-                                     fmt::format("measuring slab {} again ...", record.summary.header.key),
-                                     std::chrono::seconds(1));
-    std::string why = decide_anew(*sources.reader, record, recipe, remeasurer, what_if);
-    note.reset();
-    if (!why.empty()) what_if.leave_out(record.summary.header, std::move(why));
-  });
-  if (options.json) {
-    report::Json json("slabd.what_if/1");
-    json.field("software", daemon::software_version()).field("from", "scans").key("recipe").begin_object();
-    json.field("name", recipe.name).field("sha256", recipe.sha256).field("file", recipe.path).end_object();
-    what_if.write(json);
-    fmt::print("{}", json.text());
-  } else {
-    fmt::print("what recipe {} ({}) would have decided, measured again from the scans\n", recipe.name.view(),
-               recipe.path.view());
-    fmt::print("{}", what_if.text(style_for(stdout)));
+/// Measures one slab after the other.
+class SlabMeasurer {
+ public:
+  /// Reads the recipes. `slabs`: number of slabs that will be measured.
+  SlabMeasurer(const ReplayOptions& options, ReplaySources& sources, std::size_t slabs)
+      : reader_(*sources.reader),
+        kind_(options.recipe.empty() ? ReplayKind::verify : ReplayKind::what_if),
+        remeasurer_(options.threads, sources.form, options.scans_dir) {
+    if (kind_ == ReplayKind::what_if) {
+      recipe_ = recipe_named(sources.reader.get(), options.recipe);
+      warn_unconfirmed(recipe_);
+      remeasurer_.use(recipe_);
+      return;
+    }
+    std::vector<config::Problem> problems;
+    std::vector<Recipe> recipes = recipes_in(sources.recipes_dir, problems);
+    static_cast<void>(report_problems(problems));
+    for (const Recipe& recipe : recipes)
+      recipe_files_.push_back({std::string(recipe.path.view()), std::string(recipe.sha256.view())});
+    recipe_store_.emplace(std::move(recipes));
+    progress_.emplace(stderr, slabs);
   }
-  return what_if.any() ? kDone : kNotPass;
+  SlabMeasurer(const SlabMeasurer&) = delete;
+  SlabMeasurer& operator=(const SlabMeasurer&) = delete;
+
+  /// The result is empty if the daemon has pruned the slab meanwhile.
+  [[nodiscard]] ReplayRecord measure(std::int64_t key) {
+    ReplayRecord out;
+    const auto record = need(reader_.slab(key), kNotReachable);
+    if (!record) return out;
+    const std::string what = fmt::format("measuring slab {} again", key);
+    if (kind_ == ReplayKind::what_if) {
+      const ProgressNote note(stderr, what + " ...", std::chrono::seconds(1));
+      out.judged = judge_again(reader_, *record, recipe_, remeasurer_);
+    } else {
+      progress_->next(what);
+      out.verified = need(replay_slab(reader_, *record, *recipe_store_, remeasurer_), kNotReachable);
+      progress_->erase();
+    }
+    return out;
+  }
+
+  [[nodiscard]] ReplayKind kind() const { return kind_; }
+  /// The recipe that judges; empty in a verification.
+  [[nodiscard]] RecipeName recipe() const {
+    return {std::string(recipe_.name.view()), std::string(recipe_.sha256.view()), std::string(recipe_.path.view())};
+  }
+  /// The readable recipes of the folder in a verification.
+  [[nodiscard]] const std::vector<RecipeFile>& recipe_files() const { return recipe_files_; }
+
+ private:
+  storage::Reader& reader_;
+  ReplayKind kind_;
+  Remeasurer remeasurer_;
+  Recipe recipe_;
+  std::vector<RecipeFile> recipe_files_;
+  std::optional<RecipeStore> recipe_store_;
+  std::optional<ProgressCount> progress_;
+};
+
+std::string columns_text(const hal::TableColumns& columns) {
+  if (columns.empty()) return "";
+  return fmt::format("{},{},{}", columns.xyz[0].view(), columns.xyz[1].view(), columns.xyz[2].view());
 }
 
-int replay(const ReplayOptions& options) {
+std::string_view unit_name(hal::LengthUnit unit) {
+  switch (unit) {
+    case hal::LengthUnit::m: return "m";
+    case hal::LengthUnit::um: return "um";
+    case hal::LengthUnit::mm: break;
+  }
+  return "mm";
+}
+
+/// The keys with the begin of each slab, in the order of the keys.
+std::vector<SelectedSlab> selected(storage::Reader& reader, const std::vector<std::int64_t>& keys) {
+  storage::SlabFilter all;
+  all.limit = 1'000'000'000;
+  std::map<std::int64_t, std::int64_t> began_utime_us;
+  for (const storage::SlabSummary& slab : need(reader.slabs(all), kNotReachable))
+    began_utime_us[slab.header.key] = slab.header.began_utime_us;
+  std::vector<SelectedSlab> slabs;
+  for (const std::int64_t key : keys)
+    if (began_utime_us.contains(key)) slabs.push_back({key, began_utime_us[key]});
+  return slabs;
+}
+
+/// Control socket of the daemon on this machine, also for a command with --db.
+std::string control_socket(const ReplayOptions& options) {
+  config::Config config;
+  std::vector<config::Problem> ignored;
+  config::load_config(options.database.config, config, ignored);
+  return config.control_socket;
+}
+
+std::string absolute(const std::string& path) {
+  return fs::absolute(path).lexically_normal().string();
+}
+
+/// Options of this command for each task, with absolute paths and times: a task has another folder and begins later.
+std::vector<std::string> task_options(const ReplayOptions& options) {
+  std::vector<std::string> words = options.choice.slabs;
+  const auto add = [&](const char* option, const std::string& value) {
+    if (!value.empty()) words.insert(words.end(), {option, value});
+  };
+  const auto add_flag = [&](const char* flag, bool given) {
+    if (given) words.emplace_back(flag);
+  };
+  const auto path = [](const std::string& name) { return name.empty() ? name : absolute(name); };
+  const SlabChoice& choice = options.choice;
+  add_flag("--all", choice.all);
+  add("--since", report::iso_time(time_of("--since", choice.since)));
+  add("--until", report::iso_time(time_of("--until", choice.until)));
+  add("--slab-type", choice.slab_type == 0 ? "" : fmt::format("{}", choice.slab_type));
+  add("--verdict", choice.verdict);
+  if (options.database.db.empty())
+    add("--config", path(options.database.config));
+  else
+    add("--db", path(options.database.db));
+  add_flag("--verify", options.verify);
+  add("--recipe", names_stored_recipe(options.recipe) ? options.recipe : path(options.recipe));
+  add("--recipes", path(options.recipes_dir));
+  add("--scans", path(options.scans_dir));
+  add("--unit", options.form.unit);
+  add("--columns", options.form.columns);
+  add("--threads", fmt::format("{}", options.threads));
+  add_flag("--beside-the-line", options.beside_the_line);
+  return words;
+}
+
+int print_slurm_script(const ReplayOptions& options) {
+  options.choice.check();
+  std::error_code fault;
+  const fs::path program = fs::read_symlink("/proc/self/exe", fault);
+  const std::string out = absolute(options.out.empty() ? "replay-shards" : options.out);
+  fmt::print("{}", slurm_script({fault ? "slabctl" : program.string(), task_options(options), out, options.slurm_tasks,
+                                 options.threads}));
+  return kDone;
+}
+
+/// Stops if options are given together that exclude each other.
+void check_options(const ReplayOptions& options) {
+  const bool sharded = !options.shard.empty() || options.slurm_tasks > 0;
+  const bool chosen = !options.choice.slabs.empty() || options.choice.has_filter() || options.verify ||
+                      !options.recipe.empty() || !options.recipes_dir.empty() || !options.scans_dir.empty() ||
+                      !options.database.db.empty() || options.threads_given;
+  if (!options.merge.empty() && (chosen || sharded || !options.out.empty() || options.beside_the_line))
+    stop(kUsage, "--merge accepts only --json: slabs, recipe and options are stored in the folder");
+  if (!options.shard.empty() && options.slurm_tasks > 0)
+    stop(kUsage, "--shard and --slurm are given together; the script of --slurm contains --shard");
+  if (!options.shard.empty() && options.out.empty()) stop(kUsage, "--shard requires --out: the folder of the results");
+  if (sharded && options.json) stop(kUsage, "--json belongs to --merge: a shard writes files");
+  if (!sharded && (!options.out.empty() || options.beside_the_line))
+    stop(kUsage, "--out and --beside-the-line require --shard or --slurm");
+}
+
+ReplayHead head_of(const ReplayOptions& options, const SlabMeasurer& measurer) {
+  return {measurer.kind(),   std::string(daemon::software_version().view()),
+          options.threads,   std::string(algo::instruction_set()),
+          measurer.recipe(), !options.choice.slabs.empty()};
+}
+
+int replay_all(const ReplayOptions& options) {
   ReplaySources sources = open_sources(options);
   const std::vector<std::int64_t> keys = chosen_slabs(*sources.reader, options.choice);
-  return options.recipe.empty() ? verify(options, sources, keys) : decide(options, sources, keys);
+  SlabMeasurer measurer(options, sources, keys.size());
+  ReplayReport report(head_of(options, measurer), options.json);
+  for (const std::int64_t key : keys) report.add(measurer.measure(key));
+  return report.end();
+}
+
+int replay_shard(const ReplayOptions& options, const Shard& shard) {
+  const std::string socket = control_socket(options);
+  give_way_to_line(socket);
+  ReplaySources sources = open_sources(options);
+  const std::vector<std::int64_t> keys = chosen_slabs(*sources.reader, options.choice);
+  const auto in_shard = [&](std::int64_t key) { return shard.contains(key); };
+  SlabMeasurer measurer(options, sources, static_cast<std::size_t>(std::count_if(keys.begin(), keys.end(), in_shard)));
+  const ReplayHead head = head_of(options, measurer);
+  Selection selection;
+  selection.inputs.kind = name(head.kind);
+  selection.inputs.software = head.software;
+  selection.inputs.build = build_sha256();
+  selection.inputs.threads = head.threads;
+  selection.inputs.unit = unit_name(sources.form.unit);
+  selection.inputs.columns = columns_text(sources.form.columns);
+  selection.inputs.scans = options.scans_dir;
+  selection.inputs.recipe = head.recipe;
+  selection.inputs.recipes = measurer.recipe_files();
+  selection.named = head.named;
+  selection.slabs = selected(*sources.reader, keys);
+  return run_shard({shard, options.out, options.beside_the_line ? "" : socket}, selection, head,
+                   [&](std::int64_t key) { return measurer.measure(key); });
+}
+
+int replay(ReplayOptions options) {
+  check_options(options);
+  if (!options.merge.empty()) return merge_shards(options.merge, options.json);
+  const std::optional<Shard> shard = parse_shard(options.shard);
+  if (!shard && options.slurm_tasks == 0) return replay_all(options);
+  // The number of threads is part of the output, and must not depend on the machine of a shard.
+  if (!options.threads_given) options.threads = 1;
+  return shard ? replay_shard(options, *shard) : print_slurm_script(options);
 }
 
 }  // namespace
@@ -252,9 +326,16 @@ void add_replay(args::Command& app) {
       "--recipe: what that recipe would have decided, item by item. Exit status 0: identical; 1: not, or not enough\n"
       "scans are left (of slabs chosen by filters, those whose scans were deleted for the budget do not count), or a\n"
       "slab has scans and no recipe.\n"
+      "--shard: several processes measure a part each, on one machine or several, and write a file for each slab into\n"
+      "the folder --out; a shard that is run again continues. --merge prints what one process would have printed\n"
+      "(docs/REPLAY.md). Exit status 3: a slab is missing, or a file is damaged or has other inputs; 4: a slab is "
+      "open\n"
+      "on the line of this machine.\n"
       "Examples: slabctl replay SLAB-0042 --verify\n"
       "          slabctl replay --since 7d --verify --json\n"
-      "          slabctl replay --all --slab-type 5600 --recipe p5600-new.toml");
+      "          slabctl replay --all --slab-type 5600 --recipe p5600-new.toml\n"
+      "          slabctl replay --all --verify --shard 2/8 --out /srv/replay\n"
+      "          slabctl replay --merge /srv/replay --json");
   options->choice.add_to(*command);
   options->database.add_to(*command);
   args::Option verify_flag = command->add_flag("--verify", options->verify, "Every stored figure must come out again");
@@ -264,11 +345,26 @@ void add_replay(args::Command& app) {
                       "Folder with the recipes, also former ones; default: the configuration's");
   command->add_option("--scans", options->scans_dir, "A copy of the spool, for scans that were moved away");
   options->form.add_to(*command);
-  command->add_option("--threads", options->threads, "Threads that measure; the results are the same")
-      ->check(args::range(1, 2))
-      ->capture_default_str();
+  args::Option threads =
+      command->add_option("--threads", options->threads, "Threads that measure; the results are the same")
+          ->check(args::range(1, 2))
+          ->capture_default_str();
   command->add_flag("--json", options->json, "Print slabd.replay/1, with --recipe slabd.what_if/1, on stdout");
-  command->runs([options] { return replay(*options); });
+  command->add_option("--shard", options->shard, "Measure only part i of n, as i/n; --out has the results")
+      ->check([](const std::string& text) {
+        return parse_shard(text) ? std::string()
+                                 : fmt::format("\"{}\" is not i/n with 1 <= i <= n <= {}", text, kShardsMax);
+      });
+  command->add_option("--out", options->out, "Folder of the results of all shards");
+  command->add_flag("--beside-the-line", options->beside_the_line,
+                    "Measure the shard also while a slab is open on the line of this machine");
+  command->add_option("--merge", options->merge, "Print the result of all shards in this folder");
+  command->add_option("--slurm", options->slurm_tasks, "Print a batch script for Slurm with this number of shards")
+      ->check(args::range(1, kSlurmTasksMax));
+  command->runs([options, threads] {
+    options->threads_given = threads.count() > 0;
+    return replay(*options);
+  });
 }
 
 }  // namespace slabd::cli

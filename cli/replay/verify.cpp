@@ -191,9 +191,11 @@ std::size_t SlabReplay::differences() const {
 Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecord& record, RecipeStore& recipe_store,
                                Remeasurer& remeasurer) {
   SlabReplay replay;
-  replay.header = record.summary.header;
+  const SlabHeader& slab = record.summary.header;
+  replay.key = slab.key;
+  replay.slab_id = slab.slab_id.view();
+  replay.recorded_recipe = slab.recipe.view();
   replay.verdict = record.summary.verdict;
-  const SlabHeader& slab = replay.header;
   if (!(slab.software == daemon::software_version()))
     replay.changed.push_back(
         {"software", std::string(slab.software.view()), std::string(daemon::software_version().view())});

@@ -40,7 +40,9 @@ struct BlockReplay {
 };
 
 struct SlabReplay {
-  SlabHeader header;
+  std::int64_t key = 0;
+  std::string slab_id;
+  std::string recorded_recipe;  ///< name of the recipe that the slab was begun with
   Verdict verdict = Verdict::none;
   ReplayOutcome outcome = ReplayOutcome::not_verified;
   std::string recipe;  ///< path of the recipe used; "sha:..." from the database; empty if there was none

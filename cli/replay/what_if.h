@@ -24,45 +24,46 @@ struct VerdictTally {
   std::map<VerdictPair, int> changes;  ///< only verdicts that differ
 
   void add(Verdict stored, Verdict now);
+  void add(const VerdictTally& other);
   [[nodiscard]] int changed() const;
 };
 
+/// A slab judged by other limits or nominals, or left out.
+struct WhatIfSlab {
+  struct ChangedItem {
+    Item stored;
+    Item now;
+  };
+  std::int64_t key = 0;
+  std::string slab_id;
+  std::string left_out;  ///< reason for a slab without new results, which is not part of any share; otherwise empty
+  Verdict stored = Verdict::none;
+  Verdict now = Verdict::none;
+  std::array<VerdictTally, kItemCount> items;  ///< each item once per place
+  std::vector<ChangedItem> changed;            ///< items with another verdict
+};
+/// A slab that ended with a verdict, and its new results: `stations` with their new blocks, and the slab judged from
+/// them.
+[[nodiscard]] WhatIfSlab judged_slab(const storage::SlabRecord& stored, std::span<const StationRecord> stations,
+                                     const SlabResult& now);
+[[nodiscard]] WhatIfSlab left_out_slab(const SlabHeader& slab, std::string why);
+/// Writes the slab as an object that contains all its members.
+void write_slab(report::Json& json, const WhatIfSlab& slab);
+
 class WhatIf {
  public:
-  /// Adds a slab that ended with a verdict, and its new results: `stations` with their new blocks, and the slab judged
-  /// from them.
-  void add(const storage::SlabRecord& stored, std::span<const StationRecord> stations, const SlabResult& now);
-  /// Adds a slab without new results; it is not part of any share.
-  void leave_out(const SlabHeader& slab, std::string why);
+  void add(WhatIfSlab slab);
 
   /// Tables as text.
   [[nodiscard]] std::string text(report::Style style) const;
   /// Fields `slabs`, `slabs_changed`, `share_changed`, `items`, `changed`, `left_out` of the open object.
   void write(report::Json& json) const;
-  [[nodiscard]] bool any() const { return slabs_.count > 0; }
 
  private:
-  struct ChangedItem {
-    Item stored;
-    Item now;
-  };
-  struct ChangedSlab {
-    std::int64_t key = 0;
-    std::string slab_id;
-    Verdict stored = Verdict::none;
-    Verdict now = Verdict::none;
-    std::vector<ChangedItem> items;
-  };
-  struct LeftOut {
-    std::int64_t key = 0;
-    std::string slab_id;
-    std::string why;
-  };
-
   VerdictTally slabs_;
   std::array<VerdictTally, kItemCount> items_;
-  std::vector<ChangedSlab> changed_;  ///< slabs with a changed verdict of the slab or of an item
-  std::vector<LeftOut> left_out_;
+  std::vector<WhatIfSlab> changed_;  ///< slabs with a changed verdict of the slab or of an item
+  std::vector<WhatIfSlab> left_out_;
 };
 
 }  // namespace slabd::cli
