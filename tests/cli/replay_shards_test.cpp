@@ -142,7 +142,7 @@ TEST_F(ReplayShards, in_any_order_give_the_bytes_of_one_process) {
   }
 }
 
-TEST_F(ReplayShards, of_named_slabs_keep_the_order_of_the_names_and_the_exit_status) {
+TEST_F(ReplayShards, shards_of_named_slabs_keep_the_order_of_the_names_and_the_exit_status) {
   const std::string command = "replay 5 1 3 --db " + db() + " --recipes " + places::source_dir() + "/recipes";
   run_shards(command, "a");
   const Ended one = run(command + " --threads 1");

@@ -683,7 +683,7 @@ TEST_F(ConfigTest, unreadable_files_are_named) {
   config::load_config(files_.write("huge.toml", std::string(kTomlBytesMax + 1, '#')), config_, problems);
   EXPECT_EQ(files_.texts(problems),
             (Texts{"none.toml: cannot be read: no such file", files_.folder() + ": not a regular file",
-                   "huge.toml: longer than 1000000 bytes; this is not a configuration"}));
+                   "huge.toml: longer than 1000000 bytes, the most that are allowed here"}));
   problems.clear();
   config::load_config(files_.write("large.toml", kShortest + std::string(900'000, '#')), config_, problems);
   EXPECT_TRUE(problems.empty());

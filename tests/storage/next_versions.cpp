@@ -50,7 +50,8 @@ std::string NextVersions::second_step() {
          "DROP TRIGGER calibration_stays;\nDROP TRIGGER calibration_is_kept;\nDROP TABLE calibration;\n"
          "ALTER TABLE calibration_new RENAME TO calibration;\n" +
          part_of(now, "CREATE TRIGGER calibration_stays", "END;") +
-         part_of(now, "CREATE TRIGGER calibration_is_kept", "END;") + "ALTER TABLE item ADD COLUMN batch_U REAL;";
+         part_of(now, "CREATE TRIGGER calibration_is_kept", "END;") +
+         part_of(now, "CREATE TRIGGER calibration_is_new", "END;") + "ALTER TABLE item ADD COLUMN batch_U REAL;";
 }
 
 std::string NextVersions::fresh_text(int last) {
