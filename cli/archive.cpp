@@ -13,7 +13,7 @@
 
 #include <algorithm>
 #include <array>
-#include <cerrno>
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -274,11 +274,12 @@ ScanRow unpack(const std::string& file, const std::string& out_dir) {
 // ---- output --------------------------------------------------------------------------------------------------------
 
 struct Total {
+  double seconds = 0.0;  ///< of the whole run
   std::uint64_t bytes = 0;
   std::uint64_t packed_bytes = 0;
   std::array<std::size_t, kStates.size()> scans{};
 
-  explicit Total(const std::vector<ScanRow>& rows) {
+  Total(const std::vector<ScanRow>& rows, double run_s) : seconds(run_s) {
     for (const ScanRow& row : rows) {
       bytes += row.packed.bytes;
       packed_bytes += row.packed.packed_bytes;
@@ -308,7 +309,7 @@ std::string as_json(const std::vector<ScanRow>& rows, const Total& total) {
     report::write_crc32c(json, "crc32c_now", row.crc32c_now);
   });
   json.field("bytes", total.bytes).field("packed_bytes", total.packed_bytes);
-  json.field("ratio", ratio(total.bytes, total.packed_bytes));
+  json.field("ratio", ratio(total.bytes, total.packed_bytes)).field("seconds", total.seconds);
   return json.text();
 }
 
@@ -327,8 +328,8 @@ std::string as_text(const std::vector<ScanRow>& rows, const Total& total, bool a
   for (std::size_t i = 0; i < kStates.size(); ++i)
     if (total.scans[i] > 0) counts += fmt::format("{}{} {}", counts.empty() ? "" : ", ", kStates[i], total.scans[i]);
   text += rows.empty() ? "no scan\n"
-                       : fmt::format("{}; {} bytes packed into {}, {:.2f} to 1\n", counts, total.bytes,
-                                     total.packed_bytes, ratio(total.bytes, total.packed_bytes));
+                       : fmt::format("{}; {} bytes packed into {}, {:.2f} to 1; {:.1f} s\n", counts, total.bytes,
+                                     total.packed_bytes, ratio(total.bytes, total.packed_bytes), total.seconds);
   return text;
 }
 
@@ -356,8 +357,9 @@ int archive(const ArchiveOptions& options) {
   if (of_files && (!options.choice.slabs.empty() || options.choice.has_filter()))
     stop(kUsage, "--check and --unpack take packed files; slabs cannot be chosen with them");
   if (options.out.empty() && options.check.empty()) stop(kUsage, "--out DIR is required: the folder to write to");
+  const auto start = std::chrono::steady_clock::now();
   const std::vector<ScanRow> rows = work(options);
-  const Total total(rows);
+  const Total total(rows, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
   const bool is_named = of_files || !options.choice.slabs.empty();
   fmt::print("{}", options.json ? as_json(rows, total) : as_text(rows, total, is_named));
   for (const ScanRow& row : rows)
