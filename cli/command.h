@@ -39,6 +39,7 @@ void add_mould(args::Command& app);
 void add_yield(args::Command& app);
 void add_replay(args::Command& app);
 void add_export(args::Command& app);
+void add_archive(args::Command& app);
 /// Adds `pin` and `unpin`.
 void add_pin(args::Command& app);
 void add_study(args::Command& app);

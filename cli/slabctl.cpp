@@ -294,6 +294,7 @@ void add_commands(args::Command& app) {
   add_yield(app);
   add_replay(app);
   add_export(app);
+  add_archive(app);
   add_pin(app);
   add_study(app);
   add_simulate(app);

@@ -305,7 +305,7 @@ inline constexpr std::size_t kTableColumnsMax = 24;
 /// file's size and with `xyz` before a point is read; a table announces no count, so its lines are counted while they
 /// are read. frame_incomplete: the text names file and byte, or line and column, and the expected content.
 /// too_few_points: the file contains no points. After an error the content of `xyz` is undefined. Uses no heap; 320 kB
-/// of stack.
+/// of stack. A packed scan (.slabz, hal/scan/packed.h) is unpacked into memory first, which uses the heap.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, const ScanForm& form, std::span<float> xyz);
 /// The same; a team of two reads points that are records (binary, without lists) in parallel.
 [[nodiscard]] Result<ScanShape> read_scan(const char* path, const ScanForm& form, std::span<float> xyz, Team& team);

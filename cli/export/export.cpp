@@ -243,7 +243,8 @@ void add_cloud(args::Command& parent) {
       ->check(within(0.2, 100.0));
   options->database.add_to(*command);
   command->add_option("--recipes", options->recipes_dir, "Folder with the recipes; default: the configuration's");
-  command->add_option("--scans", options->cloud.scans_dir, "A copy of the spool, for scans that were moved away");
+  command->add_option("--scans", options->cloud.scans_dir,
+                      "A copy of the spool or an archive, for scans that were moved away");
   options->form.add_to(*command);
   command->runs([options] { return export_cloud(*options); });
 }

@@ -10,6 +10,7 @@
 #include "algo/algo.h"
 #include "base/jobs.h"
 #include "daemon/measure.h"
+#include "hal/scan/packed.h"
 #include "report/json.h"
 
 namespace slabd::cli {
@@ -130,9 +131,15 @@ std::vector<StationRecord> stations_of(const storage::SlabRecord& record, std::s
 
 std::string scan_at(const storage::SlabBlock& stored, const std::string& scans_dir) {
   const fs::path path(stored.attempt.scan_path.view());
+  std::vector<std::string> places = {path.string()};
+  if (!scans_dir.empty())
+    places.push_back((fs::path(scans_dir) / path.parent_path().filename() / path.filename()).string());
   std::error_code ignored;
-  if (scans_dir.empty() || fs::exists(path, ignored)) return path.string();
-  return (fs::path(scans_dir) / path.parent_path().filename() / path.filename()).string();
+  for (const std::string& place : places)
+    if (fs::exists(place, ignored)) return place;
+  for (const std::string& place : places)
+    if (std::string packed = place + std::string(hal::kPackedExtension); fs::exists(packed, ignored)) return packed;
+  return places.back();
 }
 
 std::vector<Recipe> recipes_in(const std::string& dir, std::vector<config::Problem>& problems) {

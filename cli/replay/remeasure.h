@@ -66,7 +66,8 @@ class Remeasurer {
 [[nodiscard]] std::vector<StationRecord> stations_of(const storage::SlabRecord& record,
                                                      std::span<const BlockResult* const> blocks);
 
-/// Current path of an attempt's scan: where it was stored, or under the same folder and name below `scans_dir`.
+/// Current path of an attempt's scan: where it was stored, or under the same folder and name below `scans_dir`. If it
+/// is at neither, its archive (with .slabz added) at one of them.
 [[nodiscard]] std::string scan_at(const storage::SlabBlock& stored, const std::string& scans_dir);
 
 /// All readable recipes of a folder; `problems` lists the others.

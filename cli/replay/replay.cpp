@@ -343,7 +343,8 @@ void add_replay(args::Command& app) {
       ->excludes(verify_flag);
   command->add_option("--recipes", options->recipes_dir,
                       "Folder with the recipes, also former ones; default: the configuration's");
-  command->add_option("--scans", options->scans_dir, "A copy of the spool, for scans that were moved away");
+  command->add_option("--scans", options->scans_dir,
+                      "A copy of the spool or an archive, for scans that were moved away");
   options->form.add_to(*command);
   args::Option threads =
       command->add_option("--threads", options->threads, "Threads that measure; the results are the same")

@@ -11,6 +11,7 @@
 
 #include "base/os.h"
 #include "hal/hal.h"
+#include "hal/scan/packed.h"
 #include "hal/scan/point_readers.h"
 #include "hal/scan/scan_points.h"
 #include "hal/scan/scan_window.h"
@@ -84,12 +85,20 @@ Result<ScanShape> read_points_fd(int fd, const char* name, const ScanForm& form,
   return unknown_format(name, extension);
 }
 
+/// By its content or by its name, so that damage at the start is reported as such.
+bool is_archive(int fd, const char* path) {
+  return is_packed(fd) || std::string_view(path).ends_with(kPackedExtension);
+}
+
 template <typename Real>
 Result<ScanShape> read_points(const char* path, const ScanForm& form, std::span<Real> xyz, Team& team) {
   const Result<int> opened = open_scan(AT_FDCWD, path, path);
   if (!opened) return opened.error();
   const Fd fd(opened.value());
-  return read_points_fd(fd.get(), path, form, xyz, team);
+  if (!is_archive(fd.get(), path)) return read_points_fd(fd.get(), path, form, xyz, team);
+  const Result<UnpackedScan> unpacked = unpack_into_memory(fd.get(), path, Proof::checksums);
+  if (!unpacked) return unpacked.error();
+  return read_points_fd(unpacked.value().fd.get(), unpacked.value().name.c_str(), form, xyz, team);
 }
 
 }  // namespace
@@ -259,10 +268,17 @@ Result<ScanChecksum> read_scan_checksum(const char* path, LengthUnit unit) {
   const Result<int> opened = open_scan(AT_FDCWD, path, path);
   if (!opened) return opened.error();
   const Fd fd(opened.value());
-  const off_t bytes = size_of(fd.get());
-  if (bytes < 0) return error(Code::frame_incomplete, "%s: %s", path, errno_text(errno));
-  ScanWindow window(fd.get(), path, static_cast<std::uint64_t>(bytes));
-  const Result<PointRun> run = find_records(window, path, unit);
+  if (!is_archive(fd.get(), path)) return read_scan_checksum_fd(fd.get(), path, unit);
+  const Result<UnpackedScan> unpacked = unpack_into_memory(fd.get(), path, Proof::checksums);
+  if (!unpacked) return unpacked.error();
+  return read_scan_checksum_fd(unpacked.value().fd.get(), unpacked.value().name.c_str(), unit);
+}
+
+Result<ScanChecksum> read_scan_checksum_fd(int fd, const char* name, LengthUnit unit) {
+  const off_t bytes = size_of(fd);
+  if (bytes < 0) return error(Code::frame_incomplete, "%s: %s", name, errno_text(errno));
+  ScanWindow window(fd, name, static_cast<std::uint64_t>(bytes));
+  const Result<PointRun> run = find_records(window, name, unit);
   if (!run) return run.error();
 
   ScanChecksum sum;

@@ -18,6 +18,9 @@ namespace slabd::hal {
 [[nodiscard]] Result<ScanShape> read_scan_fd(int fd, const char* name, const ScanForm& form, std::span<float> xyz,
                                              Team& team);
 
+/// As `read_scan_checksum`; `name` as above. `fd` stays open.
+[[nodiscard]] Result<ScanChecksum> read_scan_checksum_fd(int fd, const char* name, LengthUnit unit);
+
 /// Opens the regular file `name` below the folder `folder` (AT_FDCWD: `name` is a path) for reading, without following
 /// a link. frame_incomplete if it is not one; the text shows it as `shown`. The caller owns the descriptor.
 [[nodiscard]] Result<int> open_scan(int folder, const char* name, const char* shown);

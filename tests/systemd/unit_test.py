@@ -90,7 +90,7 @@ class Units(unittest.TestCase):
         self.assertLessEqual(self.exposure("slabd-web.service", read("slabd-web.service")), 1.6)
 
     def test_exposure_of_what_the_timers_start(self):
-        for name in ("slabd-backup.service", "slabd-metrics.service"):
+        for name in ("slabd-archive.service", "slabd-backup.service", "slabd-metrics.service"):
             self.assertLessEqual(self.exposure(name, read(name)), 1.6, name)
 
     def test_figures_that_were_written_are_no_failed_unit(self):
