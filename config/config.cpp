@@ -380,7 +380,7 @@ void read_rest(TableReader& root, const std::string& folder, Config& config) {
   read_path(recipes, "dir", folder, config.recipes_dir);
   recipes.finish();
   TableReader design = root.table("design");
-  read_path(design, "dir", folder, config.designs_dir);
+  if (design.has("dir")) read_path(design, "dir", folder, config.designs_dir);
   design.finish();
   TableReader control = root.table("control");
   read_path(control, "socket", folder, config.control_socket);

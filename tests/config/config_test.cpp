@@ -224,6 +224,7 @@ TEST_F(ConfigTest, patterns_of_ids_are_compiled_when_they_are_read) {
 
 TEST_F(ConfigTest, shortest_configuration_gets_the_documented_defaults) {
   EXPECT_EQ(load(kShortest), Texts{});
+  EXPECT_EQ(config_.designs_dir, "") << "not the folder of the configuration";
   EXPECT_EQ(config_.plc.host.view(), "127.0.0.1");
   EXPECT_EQ(config_.plc.port, 1502);
   EXPECT_EQ(config_.plc.unit_id, 1);
