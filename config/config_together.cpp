@@ -103,6 +103,7 @@ RealPlace real_place(const std::string& path) {
 }
 
 bool lies_in(const std::string& path, const std::string& folder) {
+  if (path.empty()) return false;  // not used
   if (named(path).starts_with(named(folder))) return true;
   const RealPlace inner = real_place(path);
   const RealPlace outer = real_place(folder);
