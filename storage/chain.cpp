@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/hex.h"
 #include "base/plain_text.h"
 #include "storage/calibrations.h"
 #include "storage/files/database.h"
@@ -16,16 +17,6 @@
 
 namespace slabd::storage {
 namespace {
-
-std::string hex(std::span<const std::uint8_t> bytes) {
-  constexpr std::string_view kDigits = "0123456789abcdef";
-  std::string text;
-  for (const std::uint8_t byte : bytes) {
-    text += kDigits[byte >> 4U];
-    text += kDigits[byte & 0xFU];
-  }
-  return text;
-}
 
 std::string slab_words(const SealEntry& entry) {
   return "slab key " + std::to_string(entry.about) + " (number " + std::to_string(entry.slab_no) + ", \"" +

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <array>
 
+#include "base/hex.h"
+
 namespace slabd::web {
 namespace {
 
@@ -21,13 +23,7 @@ constexpr int kWaitingMax = 4;
 std::string new_token() {
   std::array<std::uint8_t, 32> bytes{};
   if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) return "";
-  constexpr std::string_view kDigits = "0123456789abcdef";
-  std::string token;
-  for (const std::uint8_t byte : bytes) {
-    token += kDigits[byte >> 4U];
-    token += kDigits[byte & 0xFU];
-  }
-  return token;
+  return hex(bytes);
 }
 
 }  // namespace

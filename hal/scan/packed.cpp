@@ -16,6 +16,7 @@
 #include <memory>
 #include <vector>
 
+#include "base/hex.h"
 #include "hal/scan/packed_points.h"
 #include "hal/scan/point_readers.h"
 #include "hal/scan/scan_file.h"
@@ -111,16 +112,6 @@ class Sha256 {
   SHA256_CTX context_{};
 };
 
-std::string hex_of(std::span<const std::uint8_t, kEndBytes> digest) {
-  constexpr std::string_view kDigits = "0123456789abcdef";
-  std::string hex;
-  for (const std::uint8_t byte : digest) {
-    hex += kDigits[byte / 16U];
-    hex += kDigits[byte % 16U];
-  }
-  return hex;
-}
-
 /// The file's size; an error if it cannot be packed or unpacked.
 Result<std::uint64_t> size_of(int fd, const char* name) {
   struct stat status {};
@@ -202,7 +193,7 @@ class Packer {
     packed_.insert(packed_.end(), bytes.begin(), bytes.end());
     original_.clear();
     if (Status status = put_block(Kind::end, {}); !status) return status.error();
-    packed.sha256 = hex_of(digest);
+    packed.sha256 = hex(digest);
     packed.packed_bytes = written_;
     return packed;
   }
@@ -449,7 +440,7 @@ class Unpacker {
     std::memcpy(digest.data(), packed_.data(), digest.size());
     if (proof_ == Proof::sha256 && digest != sha256_.digest())
       return damaged(window_, at + kBlockHeadBytes, "the unpacked file has another SHA-256 than the original had");
-    head_.packed.sha256 = hex_of(digest);
+    head_.packed.sha256 = hex(digest);
     return head_.packed;
   }
 
@@ -515,7 +506,7 @@ Result<PackedScan> packed_scan_at(const char* path) {
   std::array<std::uint8_t, kEndBytes> digest{};
   if (window.left() < kBlockHeadBytes + kEndBytes) return damaged(window, window.offset(), "the archive ends here");
   if (!window.look_at(window.file_bytes() - kEndBytes, digest.data(), digest.size())) return window.failure();
-  head.value().packed.sha256 = hex_of(digest);
+  head.value().packed.sha256 = hex(digest);
   return head.value().packed;
 }
 
