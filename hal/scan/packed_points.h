@@ -54,7 +54,7 @@ class PointPlanes {
  private:
   template <typename Use>
   void walk(Use use) const;
-  [[nodiscard]] bool is_missing(std::size_t i) const { return (mask_[i / 8] >> (i % 8) & 1U) != 0; }
+  [[nodiscard]] bool is_missing(std::size_t i) const { return (unsigned{mask_[i / 8]} >> (i % 8) & 1U) != 0; }
   [[nodiscard]] std::uint32_t predicted(std::size_t i, bool left, bool up) const;
   [[nodiscard]] std::uint32_t predicted_by_ray(std::size_t i, bool left, bool up, bool corner,
                                                std::uint32_t otherwise) const;
