@@ -217,7 +217,8 @@ int check_config(const std::string& file, bool json) {
   Check check;
   config::Config config;
   config::load_config(file, config, check.problems);
-  check.problems.insert(check.problems.end(), config.web_problems.begin(), config.web_problems.end());
+  for (const auto* beside : {&config.web_problems, &config.plant_problems})
+    check.problems.insert(check.problems.end(), beside->begin(), beside->end());
   check.doubts = config.doubts;
   if (check.problems.empty()) {
     if (!json) fmt::print("{}: good{}\n", file, check.doubts.empty() ? "" : ", but see the warnings");

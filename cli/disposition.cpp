@@ -17,6 +17,7 @@
 #include "cli/terminal/render.h"
 #include "cli/terminal/say.h"
 #include "report/json.h"
+#include "report/slab_view.h"
 
 namespace slabd::cli {
 namespace {
@@ -29,12 +30,24 @@ struct Options {
   LanguageOption language;
 };
 
+/// A decision cannot be taken back, so a number that names two slabs names none.
+void refuse_two_slabs(storage::Reader& reader, const std::string& wanted, const SlabHeader& slab) {
+  const report::SlabName name = report::slab_name(wanted);
+  if (!name.key || wanted.find_first_not_of("0123456789") != std::string::npos || *name.key != slab.key) return;
+  const auto others = need(reader.find_no(static_cast<std::uint32_t>(*name.key)), kNotReachable);
+  if (others.empty() || slab.slab_no == static_cast<std::uint32_t>(*name.key)) return;
+  stop(kBadInput, say("{} is the key of slab {} and the SLAB_NO of slab {}: name it as key:{} or no:{}", wanted,
+                      quote(slab.slab_id.view()), others.front(), wanted, wanted));
+}
+
 int decide(Options options) {
   set_language(options.language, false);
   const config::Config config = config_from(options.config);
   DatabaseOptions database;
   database.db = config.storage.db_path;
-  const storage::SlabSummary slab = named_slab(*open_database(database), options.slab).summary;
+  const auto reader = open_database(database);
+  const storage::SlabSummary slab = named_slab(*reader, options.slab).summary;
+  refuse_two_slabs(*reader, options.slab, slab.header);
   storage::DispositionRecord& record = options.record;
   record.slab_key = slab.header.key;
   record.decision = disposition_named(options.decision).value_or(Disposition::none);
@@ -43,7 +56,8 @@ int decide(Options options) {
   const Result<ChangeAnswer> answer = change_calibration(config, storage::KeepDisposition{record});
   if (!answer.ok())
     stop(answer.error().code == Code::config ? kRefused : kNotReachable, quote(answer.error().text.view()));
-  fmt::print("{}", say("{} (measured: {}, which stays)\n", answer.value().id, verdict_name(slab.verdict)));
+  fmt::print("{}", say("{}: SLAB_ID {}, SLAB_NO {} (measured: {}, which stays)\n", answer.value().id,
+                       quote(slab.header.slab_id.view()), slab.header.slab_no, verdict_name(slab.verdict)));
   return kDone;
 }
 
@@ -61,7 +75,9 @@ void add_disposition(args::Command& app) {
       ->required()
       ->check(args::one_of({"hold", "release_by_concession", "rework", "scrap", "re_inspect"}));
   command->add_option("--reason", options->record.reason, "Why")->required()->check(some_words());
-  command->add_option("--authority", options->record.authority, "Name of the person who decided")->required()->check(some_words());
+  command->add_option("--authority", options->record.authority, "Name of the person who decided")
+      ->required()
+      ->check(some_words());
   command->add_option("--second", options->record.second, "The second person ([quality] second_person asks for one)");
   command->add_option("--operator", options->record.who, "Name of the person who enters it (default: your login)");
   command->add_option("--config", options->config, "Configuration")->default_val(default_config());

@@ -199,6 +199,11 @@ std::string status_text(const json& status) {
                                  text_at(status, {"results_pending"})));
   if (const std::string why = text_at(status, {"links", "store", "text"}); why != "-" && !why.empty())
     text += line("", quote(why));
+  if (const nlohmann::json& plant = status.value("plant", nlohmann::json(nullptr)); plant.is_object())
+    text +=
+        line(say("plant"), say("{} results wait for the plant's database, the oldest for {:.0f} s{}",
+                               text_at(status, {"plant", "unsent"}), plant.value("unsent_s", 0.0),
+                               plant.value("late", false) ? say("; journalctl -u slabd-plant names the reason") : ""));
   text += calibration_text(status);
   text += alike_text(status);
   if (status.contains("maintenance") && status["maintenance"].is_object())

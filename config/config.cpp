@@ -430,8 +430,13 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   read_calibration(root.table("calibration"), folder, config);
   read_measure(root.table("measure"), config.measure_threads);
   read_rest(root, folder, config);
-  // A fault in the page's settings must not stop the inspection, so the problems of [web] have their own list.
+  // A fault in the settings of other programs must not stop the inspection, so their problems have their own lists.
   static_cast<void>(root.value("web"));
+  static_cast<void>(root.value("plant"));
+  TableReader of_plant(path, &tree, "", complete ? config.plant_problems : ignored);
+  of_plant.keep_doubts(&config.doubts);
+  read_plant(of_plant.table("plant"), folder, config.plant);
+  config.storage.keep_unsent = !config.plant.dsn.empty();
   TableReader of_web(path, &tree, "", complete ? config.web_problems : ignored);
   of_web.keep_doubts(&config.doubts);
   read_web(of_web.table("web"), folder, config.web);

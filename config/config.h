@@ -42,6 +42,17 @@ struct WebSettings {
   std::string language = "en";     ///< of the page before the reader chooses: "en" or "zh"
   std::string slabctl;             ///< program that makes the documents; empty: the one next to slabd-web
   double answer_s = 5.0;           ///< time limit of a document; a report has six times as much
+  std::string slabd_plant;         ///< program that reads the plant's database; empty: the one next to slabd-web
+  std::string plant_dsn;           ///< plant's database of the plant page; empty: [plant] dsn
+};
+
+/// [plant]: the program slabd-plant, which sends results to the plant's database. docs/PLANT.md.
+struct PlantSettings {
+  std::string dsn;           ///< libpq's connection string; empty: there is no plant's database
+  std::string line;          ///< name of this line there
+  double alarm_h = 24.0;     ///< results that wait longer are an alarm
+  int batch = 50;            ///< documents in a transaction
+  std::string metrics_file;  ///< text file of metrics for Prometheus' node exporter; empty: none
 };
 
 struct Config {
@@ -77,6 +88,8 @@ struct Config {
   std::string project;                     ///< [report] project: printed on reports; empty: not printed
   WebSettings web;
   std::vector<Problem> web_problems;  ///< faults of [web]; the rest may be usable
+  PlantSettings plant;
+  std::vector<Problem> plant_problems;  ///< faults of [plant]; the rest may be usable
 };
 
 /// Smallest number of single-letter insertions, deletions and replacements that convert one word into the other.

@@ -82,7 +82,9 @@ void read_web(TableReader web, const std::string& folder, WebSettings& out) {
   web.optional_word("language", language, {"en", "zh"});
   out.language = language == 1 ? "zh" : "en";
   read_given_path("slabctl", out.slabctl);
+  read_given_path("slabd_plant", out.slabd_plant);
   web.optional_number("answer_s", out.answer_s, {1.0, 60.0});
+  web.optional_text("plant_dsn", out.plant_dsn, 1'000);
   check_lan(web, out);
   web.finish();
 }

@@ -23,6 +23,7 @@
 #include "daemon/log_outlet.h"
 #include "daemon/measure.h"
 #include "daemon/slab_ends.h"
+#include "daemon/station/parts.h"
 #include "hal/system/journal.h"
 #include "storage/chain.h"
 
@@ -94,6 +95,7 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open
                                     [this] {
                                       delete_one();
                                       if (store_ == nullptr) return;
+                                      or_later([this] { keep_events(); });
                                       or_later([this] { store_->idle(); });
                                       tell_store_trouble();
                                     });
@@ -102,6 +104,7 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open
                                      if (scanner_is_ours_) or_later([this] { ports_.scanner.idle(); });
                                    });
   measure_worker_ = workers_->measuring();
+  (void)events_.push({storage::LineEvent::Kind::started, Code::ok, ports_.clock.utime_us()});
 }
 
 Loop::~Loop() {
@@ -150,6 +153,22 @@ StoreDone Loop::store(const StoreJob& job) {
   if (spool_trouble_.is_news(store_->spool_trouble()) && !spool_trouble_.seen().empty())
     say({LogLine::Level::warning, static_cast<std::uint16_t>(Code::store_full), spool_trouble_.seen()});
   return done;
+}
+
+void Loop::keep_events() {
+  std::vector<storage::LineEvent> events;
+  {
+    const std::lock_guard lock(events_guard_);
+    for (const NotedEvent& event : events_)
+      events.push_back({event.kind, static_cast<std::uint16_t>(event.code),
+                        std::string(event.code == Code::ok ? software_version().view() : describe(event.code)),
+                        event.utime_us});
+  }
+  if (events.empty() || !store_->keep_events(events).ok()) return;
+  const std::lock_guard lock(events_guard_);
+  FixedVector<NotedEvent, kEventsMax> later;
+  for (std::size_t i = events.size(); i < events_.size(); ++i) (void)later.push(events_[i]);
+  events_ = later;
 }
 
 /// The journal is evidence outside of the database.
@@ -323,7 +342,22 @@ void Loop::tick() {
   if (ports_.recipes != nullptr && !is_opening()) apply_reloaded_recipes();
   if (ports_.designs != nullptr) apply_new_designs();
   look_for_another_daemon();
+  note_fault();
   if (reopen_ns_ && (fault_was_reset_ || ports_.clock.mono_ns() >= *reopen_ns_)) order_store();
+}
+
+/// Faults are events for the plant's database. A fault that lasts less than a second is not one.
+void Loop::note_fault() {
+  constexpr std::int64_t kLasts_ns = kNsPerS;
+  const auto code = static_cast<std::uint16_t>(current_fault(*station_));
+  const std::uint16_t before = fault_told_;
+  if (!fault_seen_.is_news(code, ports_.clock.mono_ns(), {.lasts_ns = kLasts_ns})) return;
+  fault_told_ = code;
+  const std::int64_t now_us = ports_.clock.utime_us();
+  const std::lock_guard lock(events_guard_);
+  using Kind = storage::LineEvent::Kind;
+  if (before != 0) (void)events_.push({Kind::cleared, static_cast<Code>(before), now_us});
+  if (code != 0) (void)events_.push({Kind::fault, static_cast<Code>(code), now_us});
 }
 
 /// Two daemons with one drop folder take each other's scans, so the second one stays in fault until the first has

@@ -56,6 +56,8 @@ struct LoopFigures {
   hal::PoseType pose_type = hal::PoseType::flange_pose;
   std::string config_path;
   std::string db_path;
+  std::string plant_line;           ///< [plant] line; empty: there is no plant's database
+  std::int64_t plant_alarm_us = 0;  ///< results that wait longer are an alarm
 };
 
 /// Fault of a line whose store could not be opened because of `why`: store_full if a disk is full, config if another
@@ -142,10 +144,13 @@ class Loop {
   static constexpr std::int64_t kStorePatience_ns = 5 * kNsPerS;
   /// Each try reads the whole database, and a retry does not repair a damaged one.
   static constexpr std::int64_t kStorePatienceMax_ns = 300 * kNsPerS;
+  /// A database that cannot be written for long must not fill the memory; the last events are then missing.
+  static constexpr std::size_t kEventsMax = 32;
 
   void wait(int wait_ms);
   void tick();
   void look_for_another_daemon();
+  void note_fault();
   void take_poses();
   void log_pose_changes();
   void take_answers();
@@ -176,6 +181,8 @@ class Loop {
   [[nodiscard]] StoreDone store(const StoreJob& job);
   void open_store();
   void note_chain(std::int64_t slab_key);
+  /// Keeps the events that wait, if the store is open.
+  void keep_events();
   /// Raises a fault without a job for an error that the store detected itself.
   void tell_store_trouble();
   [[nodiscard]] ScanDone scan(const AcquireScan& job);
@@ -205,6 +212,17 @@ class Loop {
   std::mutex to_delete_guard_;
   FixedVector<PathText, 32> to_delete_;
 
+  std::mutex events_guard_;
+  /// A start of slabd (code 0), or a fault that began or ended. Without memory of the heap, as all of a turn.
+  struct NotedEvent {
+    storage::LineEvent::Kind kind = storage::LineEvent::Kind::started;
+    Code code = Code::ok;
+    std::int64_t utime_us = 0;
+  };
+  FixedVector<NotedEvent, kEventsMax> events_;  ///< not stored yet
+  DebouncedState<std::uint16_t> fault_seen_;
+  std::uint16_t fault_told_ = 0;  ///< the last one of which there is an event
+
   bool scanner_is_anothers_ = false;  ///< another daemon uses the drop folder
   bool fault_was_reset_ = false;      ///< by the PLC, since the store was last ordered to be opened
   bool fault_reset_held_ = false;     ///< FAULT_RESET as last written by the PLC
@@ -232,6 +250,8 @@ class Loop {
 
 /// The answer to {"verb":"status"} on the control socket: one line of JSON, schema slabd.status/1.
 [[nodiscard]] std::string status_json(const Station& station, const Ports& ports, const LoopFigures& figures);
+/// Age of the oldest result that the plant's database does not have; 0 if it has all.
+[[nodiscard]] double plant_age_s(const storage::Backlog& behind, std::int64_t utime_us);
 /// The answer to {"verb":"calibration"}: the calibration in force, that of the open slab, due dates of checks, and the
 /// result of the last change; schema slabd.calibration_state/1.
 [[nodiscard]] std::string calibration_json(const Station& station, const CalibrationChanger& changer);
@@ -244,8 +264,8 @@ class Loop {
 [[nodiscard]] Result<CaptureRequest> parse_capture(std::string_view line, std::uint32_t uid);
 /// The answer to {"verb":"care"}: results of the last backup and of pruning; schema slabd.care/1.
 [[nodiscard]] std::string care_json(const storage::Store& store);
-/// Passes {"verb":"backup"} (to a file named after the time, in the backup folder) or {"verb":"prune","keep_slabs":N}
-/// to the store. config, busy: as Store::order().
+/// Passes {"verb":"backup"} (to a file named after the time, in the backup folder), {"verb":"prune","keep_slabs":N} or
+/// {"verb":"sent","epoch":UUID,"seq":N} (by slabd-plant) to the store. config, busy: as Store::order().
 [[nodiscard]] Status order_care(std::string_view line, storage::Store& store, const std::string& db_path,
                                 std::int64_t utime_us);
 /// The text for {"verb":"metrics"}: Prometheus' exposition format.

@@ -110,11 +110,12 @@ FixedString<limits::kErrorTextBytes> plc_place(const hal::PlcSettings& plc) {
   return place;
 }
 
-/// Prints settings that are allowed but probably not intended, and faults of [web], which the inspection does not use;
-/// once, at the start and by --check.
+/// Prints settings that are allowed but probably not intended, and faults of [web] and [plant], which the inspection
+/// does not use; once, at the start and by --check.
 void print_doubts(const config::Config& config) {
   for (const config::Problem& doubt : config.doubts) put_log("warning: " + doubt.text + "\n");
-  for (const config::Problem& problem : config.web_problems) put_log("warning: " + problem.text + "\n");
+  for (const auto* beside : {&config.web_problems, &config.plant_problems})
+    for (const config::Problem& problem : *beside) put_log("warning: " + problem.text + "\n");
 }
 
 int check(const config::Config& config, const std::vector<config::Problem>& config_problems,
@@ -307,6 +308,8 @@ int run(const config::Config& config, const std::vector<config::Problem>& config
   figures.plc_word_order = config.plc.word_order;
   figures.pose_type = config.robot.type;
   figures.db_path = config.storage.db_path;
+  figures.plant_line = config.plant.line;
+  figures.plant_alarm_us = static_cast<std::int64_t>(config.plant.alarm_h * 3.6e9);
   figures.started_ns = clock->mono_ns();
   std::optional<RecipeWatch> recipe_watch;
   if (settings.fault == Code::ok)

@@ -116,6 +116,9 @@ void prepare(Connection& db, const StoreSettings& settings, const RestoreOrder& 
   const HeldBack nothing;
   Jobs jobs(db, settings, nothing);
   Transaction transaction(db, "BEGIN IMMEDIATE");
+  Statement(db, "INSERT INTO epoch (uuid, began_utime_us) VALUES (lower(hex(randomblob(16))), ?1)")
+      .bind(1, order.note.utime_us)
+      .run();
   jobs.begin_chain();
   jobs.interrupt_unfinished();
   end_open_slab(db, order, jobs);

@@ -21,6 +21,10 @@
 --   calibration_check  the trend of the daily checks
 --   mould_reset        when a mould was adjusted, by whom and why: a new epoch of its statistics
 --
+--   event    starts of slabd, and faults that began and ended
+--   outbox   what the plant's database is sent, in order; triggers add a row in the transaction of what it is about
+--   epoch    the life of this file: a history that was restored from a backup or begun again has a new one
+--
 -- Lengths in mm, angles in degrees for items, times of day in us since 1970 (utime_us), durations in ms. Rows are
 -- ordered by key or id, never by the wall clock. A number that could not be measured is NULL. Verdicts: none, pass,
 -- fail, not_measured, aborted, indeterminate. Covariances are whole matrices: _12 is row 1, column 2.
@@ -36,9 +40,10 @@ CREATE TABLE line (
   newest_utime_us INTEGER NOT NULL,
   keys_used       INTEGER NOT NULL,        -- slab keys up to here may have been used, whatever table slab contains
   pruned_slabs    INTEGER NOT NULL,        -- taken away by retention,
-  pruned_key      INTEGER NOT NULL         -- the newest of them
+  pruned_key      INTEGER NOT NULL,        -- the newest of them
+  sent_seq        INTEGER NOT NULL         -- the plant's database has outbox rows up to here
 ) STRICT;
-INSERT INTO line VALUES (1, 0, 0, 0, 0, 0);
+INSERT INTO line VALUES (1, 0, 0, 0, 0, 0, 0);
 
 CREATE TABLE slab (
   slab_key           INTEGER PRIMARY KEY CHECK (slab_key > 0),
@@ -580,3 +585,77 @@ CREATE TRIGGER mould_reset_is_kept BEFORE DELETE ON mould_reset
 CREATE TRIGGER mould_reset_is_new BEFORE INSERT ON mould_reset
   WHEN EXISTS (SELECT 1 FROM mould_reset WHERE seq = NEW.seq)
   BEGIN SELECT RAISE(ABORT, 'the history of a mould is never replaced'); END;
+
+-- ---- for the plant's database ----------------------------------------------------------------------------------------
+
+-- A fault without a later row "cleared" or "started" is still present.
+CREATE TABLE event (
+  seq      INTEGER PRIMARY KEY,
+  kind     TEXT NOT NULL CHECK (kind IN ('started', 'fault', 'cleared')),
+  code     INTEGER NOT NULL,               -- of the fault, 0: of a start
+  text     TEXT NOT NULL,                  -- of a start: the software
+  utime_us INTEGER NOT NULL
+) STRICT;
+CREATE TRIGGER event_stays BEFORE UPDATE ON event
+  BEGIN SELECT RAISE(ABORT, 'an event is never changed'); END;
+CREATE TRIGGER event_is_kept BEFORE DELETE ON event
+  BEGIN SELECT RAISE(ABORT, 'an event is never deleted'); END;
+CREATE TRIGGER event_is_new BEFORE INSERT ON event
+  WHEN EXISTS (SELECT 1 FROM event WHERE seq = NEW.seq)
+  BEGIN SELECT RAISE(ABORT, 'an event is never replaced'); END;
+
+-- The plant's database tells rows of equal number apart by the epoch: after a restore the numbers that the backup lacks
+-- are used again, for other contents.
+CREATE TABLE epoch (
+  n              INTEGER PRIMARY KEY,
+  uuid           TEXT NOT NULL UNIQUE CHECK (length(uuid) = 32),
+  began_utime_us INTEGER NOT NULL
+) STRICT;
+CREATE TRIGGER epoch_stays BEFORE UPDATE ON epoch
+  BEGIN SELECT RAISE(ABORT, 'an epoch is never changed'); END;
+CREATE TRIGGER epoch_is_kept BEFORE DELETE ON epoch
+  BEGIN SELECT RAISE(ABORT, 'an epoch is never deleted'); END;
+CREATE TRIGGER epoch_is_new BEFORE INSERT ON epoch
+  WHEN EXISTS (SELECT 1 FROM epoch WHERE n = NEW.n OR uuid = NEW.uuid)
+  BEGIN SELECT RAISE(ABORT, 'an epoch is never replaced'); END;
+INSERT INTO epoch (uuid, began_utime_us) VALUES (lower(hex(randomblob(16))), unixepoch() * 1000000);
+
+-- `about` is the number of the row in the table of its kind: slab_seal (slab, reopened, decided, care), applied,
+-- calibration_check (check), mould_reset, event; of a station that was measured again (remeasured) 1000 x station +
+-- attempt. Rows stay, so that what the plant's database lost can be sent again.
+CREATE TABLE outbox (
+  seq      INTEGER PRIMARY KEY,
+  epoch    INTEGER NOT NULL REFERENCES epoch (n),
+  kind     TEXT NOT NULL CHECK (kind IN ('slab', 'reopened', 'decided', 'care', 'remeasured', 'applied', 'check',
+                                         'mould_reset', 'event')),
+  about    INTEGER NOT NULL,
+  slab_key INTEGER NOT NULL,               -- 0: of no slab
+  utime_us INTEGER NOT NULL
+) STRICT;
+CREATE INDEX outbox_by_slab ON outbox (slab_key, seq) WHERE slab_key > 0;
+CREATE TRIGGER outbox_stays BEFORE UPDATE ON outbox
+  BEGIN SELECT RAISE(ABORT, 'the outbox is never changed'); END;
+CREATE TRIGGER outbox_is_kept BEFORE DELETE ON outbox
+  BEGIN SELECT RAISE(ABORT, 'the outbox is never emptied'); END;
+CREATE TRIGGER outbox_is_new BEFORE INSERT ON outbox
+  WHEN EXISTS (SELECT 1 FROM outbox WHERE seq = NEW.seq)
+  BEGIN SELECT RAISE(ABORT, 'a row of the outbox is never replaced'); END;
+
+CREATE TRIGGER slab_seal_is_sent AFTER INSERT ON slab_seal WHEN NEW.kind IN ('slab', 'reopened', 'decided', 'care')
+  BEGIN INSERT INTO outbox (epoch, kind, about, slab_key, utime_us) VALUES ((SELECT max(n) FROM epoch), NEW.kind,
+    NEW.seq, iif(NEW.kind = 'care', 0, NEW.about), NEW.utime_us); END;
+CREATE TRIGGER block_is_sent AFTER INSERT ON block WHEN NEW.attempt > 1
+  BEGIN INSERT INTO outbox (epoch, kind, about, slab_key, utime_us) VALUES ((SELECT max(n) FROM epoch), 'remeasured',
+    1000 * NEW.station + NEW.attempt, NEW.slab_key, (SELECT newest_utime_us FROM line)); END;
+CREATE TRIGGER applied_is_sent AFTER INSERT ON applied
+  BEGIN INSERT INTO outbox (epoch, kind, about, slab_key, utime_us) VALUES ((SELECT max(n) FROM epoch), 'applied',
+    NEW.seq, 0, NEW.utime_us); END;
+CREATE TRIGGER calibration_check_is_sent AFTER INSERT ON calibration_check
+  BEGIN INSERT INTO outbox (epoch, kind, about, slab_key, utime_us) VALUES ((SELECT max(n) FROM epoch), 'check',
+    NEW.seq, 0, NEW.utime_us); END;
+CREATE TRIGGER mould_reset_is_sent AFTER INSERT ON mould_reset
+  BEGIN INSERT INTO outbox (epoch, kind, about, slab_key, utime_us) VALUES ((SELECT max(n) FROM epoch), 'mould_reset',
+    NEW.seq, 0, NEW.utime_us); END;
+CREATE TRIGGER event_is_sent AFTER INSERT ON event
+  BEGIN INSERT INTO outbox (epoch, kind, about, slab_key, utime_us) VALUES ((SELECT max(n) FROM epoch), 'event',
+    NEW.seq, 0, NEW.utime_us); END;

@@ -204,9 +204,7 @@ Sha256 digest_of(const std::vector<Sha256>& tables) {
   return digest.take();
 }
 
-namespace {
-
-Sha256 digest_where(Connection& db, const SealedTable& table, const char* key, std::int64_t value) {
+Sha256 rows_digest(Connection& db, const SealedTable& table, const char* key, std::int64_t value) {
   Statement rows(db, "SELECT " + std::string(table.columns) + " FROM " + std::string(table.name) + " WHERE " + key +
                          " = ?1 ORDER BY " + std::string(table.order));
   rows.bind(1, value);
@@ -215,14 +213,12 @@ Sha256 digest_where(Connection& db, const SealedTable& table, const char* key, s
   return digest.take();
 }
 
-}  // namespace
-
 Sha256 decisions_digest(Connection& db, std::int64_t slab_key) {
-  return digest_where(db, kDecisions, "slab_key", slab_key);
+  return rows_digest(db, kDecisions, "slab_key", slab_key);
 }
 
 Sha256 care_digest(Connection& db, std::int64_t seq) {
-  return digest_where(db, kCare, "seq", seq);
+  return rows_digest(db, kCare, "seq", seq);
 }
 
 namespace {

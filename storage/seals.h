@@ -76,6 +76,9 @@ class SlabDigests {
 /// SHA-256 of the decisions about a slab (table disposition).
 [[nodiscard]] Sha256 decisions_digest(Connection& db, std::int64_t slab_key);
 
+/// SHA-256 of the rows of a table in which the column `key` has this value.
+[[nodiscard]] Sha256 rows_digest(Connection& db, const SealedTable& table, const char* key, std::int64_t value);
+
 /// SHA-256 of a row of table care.
 [[nodiscard]] Sha256 care_digest(Connection& db, std::int64_t seq);
 

@@ -46,6 +46,8 @@ struct StoreSettings {
   /// Files of the recipes with which slabs may begin. A slab's recipe is stored in the slab's transaction, with its
   /// time; here the time is not set.
   bool second_person = false;  ///< [quality] second_person: a disposition needs two persons
+  /// [plant]: retention keeps a slab until the plant's database has all documents about it.
+  bool keep_unsent = false;
   std::vector<RecipeText> recipe_texts{};
 };
 /// Minimum number of slabs kept: the PLC's table, repeats and counters are taken from the newest ones.
@@ -159,7 +161,29 @@ struct PruneOrder {
   std::optional<std::int64_t>
       keep_failed_slabs{};  ///< nullopt: the value of StoreSettings, or keep_slabs if it keeps all
 };
-using CareOrder = std::variant<BackupOrder, PruneOrder>;
+/// The plant's database has all outbox rows of this epoch up to `seq` (storage/outbox.h).
+struct SentOrder {
+  std::string epoch;
+  std::int64_t seq = 0;
+};
+using CareOrder = std::variant<BackupOrder, PruneOrder, SentOrder>;
+
+/// How far the plant's database is behind.
+struct Backlog {
+  std::string epoch;                 ///< of new rows; empty: not read yet
+  std::int64_t newest_seq = 0;       ///< of the outbox
+  std::int64_t sent_seq = 0;         ///< acknowledged up to here
+  std::int64_t oldest_utime_us = 0;  ///< of the oldest row after it; 0: there is none
+};
+
+/// A start of slabd, or a fault that began or ended, for the outbox.
+struct LineEvent {
+  enum class Kind : std::uint8_t { started, fault, cleared };
+  Kind kind = Kind::started;
+  std::uint16_t code = 0;
+  std::string text;
+  std::int64_t utime_us = 0;
+};
 
 /// State of the last orders.
 struct CareState {
@@ -172,6 +196,7 @@ struct CareState {
   Phase prune = Phase::none;
   std::int64_t pruned_slabs = 0;
   std::string prune_error;
+  Backlog backlog;
 };
 
 /// The writer. One object, one thread. Every apply() is one transaction, durable on return (synchronous=EXTRA, then
@@ -199,6 +224,8 @@ class Store {
   virtual void idle() {}
   /// Reason why old scans could not be deleted to keep the spool budget; empty if there is none. It never fails a job.
   [[nodiscard]] virtual std::string_view spool_trouble() const { return {}; }
+  /// Keeps events of the line, in one transaction. Errors as apply(); nothing was kept then.
+  [[nodiscard]] virtual Status keep_events(const std::vector<LineEvent>& /*events*/) { return success(); }
   /// Sets the recipes for new slabs (StoreSettings::recipe_texts). Callable from any thread.
   virtual void use_recipes(const std::vector<RecipeText>& /*texts*/) {}
   /// Reason why the next job would be rejected, as detected by idle(): the database was deleted or replaced while it is
@@ -206,6 +233,7 @@ class Store {
   [[nodiscard]] virtual std::string_view trouble() const { return {}; }
   /// Accepts an order, which idle() carries out in pieces, so that jobs do not wait long. Callable from any thread.
   /// busy: an order of the same kind is in progress. config: the order is invalid (the text contains the reason).
+  /// A SentOrder is never busy: the highest number counts.
   [[nodiscard]] virtual Status order(const CareOrder& order) = 0;
   /// State of the orders. Callable from any thread.
   [[nodiscard]] virtual CareState care() const = 0;

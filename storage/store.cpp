@@ -46,7 +46,7 @@ struct OpenDatabase {
       : db(std::move(connection)),
         jobs(*db, settings, held_back),
         spool(*db, settings.spool_dir, settings.spool_budget_bytes),
-        retention(*db),
+        retention(*db, settings.keep_unsent),
         log_file(file_id(settings.db_path + "-wal")) {}
 
   std::unique_ptr<Connection> db;
@@ -151,6 +151,7 @@ class SqliteStore final : public Store {
     take_recipes();
     quiet_looks_ = 0;
     log_holds_commits_ = true;
+    backlog_due_ = true;
     if (std::holds_alternative<BeginSlabJob>(job.what))
       if (Status status = check_free_space(); !status.ok()) {
         trim_due_ = true;  // a slab that does not begin does not end either, so the spool is trimmed in idle()
@@ -215,6 +216,7 @@ class SqliteStore final : public Store {
     CalibrationChange change = ordered;
     if (auto* keep = std::get_if<KeepDisposition>(&change)) keep->needs_second = settings_.second_person;
     log_holds_commits_ = true;
+    backlog_due_ = true;
     if (Status status = look_at_place(); !status.ok()) return status.error();
     std::string id;
     const Status status = run("calibration", [&](OpenDatabase& open) {
@@ -251,9 +253,28 @@ class SqliteStore final : public Store {
     }
     prune_one();
     if (trim_due_) trim_spool();
+    look_at_outbox();
     if (!log_holds_commits_ || !open_) return;
     // The log's content is durable, so a failure here is ignored; the next job reopens the file and reports it.
     (void)run("checkpoint", [&](OpenDatabase& open) { log_holds_commits_ = !open.db->checkpoint(); });
+  }
+
+  Status keep_events(const std::vector<LineEvent>& events) override {
+    static constexpr std::array<std::string_view, 3> kKinds = {"started", "fault", "cleared"};
+    if (Status status = look_at_place(); !status.ok()) return status;
+    log_holds_commits_ = true;
+    backlog_due_ = true;
+    return run("events", [&](OpenDatabase& open) {
+      Transaction transaction(*open.db, "BEGIN IMMEDIATE");
+      Statement insert(*open.db, "INSERT INTO event (kind, code, text, utime_us) VALUES (?1, ?2, ?3, ?4)");
+      for (const LineEvent& event : events)
+        insert.bind(1, kKinds.at(static_cast<std::size_t>(event.kind)))
+            .bind(2, std::int64_t{event.code})
+            .bind(3, std::string_view(event.text))
+            .bind(4, event.utime_us)
+            .run();
+      transaction.commit();
+    });
   }
 
   std::string_view spool_trouble() const override { return spool_trouble_.view(); }
@@ -277,6 +298,7 @@ class SqliteStore final : public Store {
       care_.backup_error.clear();
       return success();
     }
+    if (const auto* sent = std::get_if<SentOrder>(&order)) return note_sent(*sent);
     const PruneOrder& prune = std::get<PruneOrder>(order);
     // Slabs kept by the settings are deleted by an order only if it states so explicitly.
     const std::int64_t failed =
@@ -411,6 +433,49 @@ class SqliteStore final : public Store {
     if (more) return;
     care_.prune = status.ok() ? CareState::Phase::done : CareState::Phase::failed;
     if (!status.ok()) care_.prune_error = status.error().text.view();
+  }
+
+  /// With care_mutex_ held.
+  Status note_sent(const SentOrder& sent) {
+    const Backlog& now = care_.backlog;
+    if (sent.epoch != now.epoch)
+      return error(Code::config, "the epoch of this database is %s, not %s: it was restored since", now.epoch.c_str(),
+                   sent.epoch.c_str());
+    if (sent.seq < 0 || sent.seq > now.newest_seq)
+      return error(Code::config, "row %lld of the outbox is not there: the newest is %lld",
+                   static_cast<long long>(sent.seq), static_cast<long long>(now.newest_seq));
+    sent_next_ = std::max(sent_next_.value_or(0), sent.seq);
+    return success();
+  }
+
+  /// Writes what the plant's database has acknowledged, and reads how far it is behind.
+  void look_at_outbox() {
+    std::optional<std::int64_t> sent;
+    {
+      const std::lock_guard lock(care_mutex_);
+      sent = std::exchange(sent_next_, std::nullopt);
+    }
+    if (!sent && !backlog_due_) return;
+    Backlog now;
+    const Status status = run("outbox", [&](OpenDatabase& open) {
+      if (sent) {
+        Transaction transaction(*open.db, "BEGIN IMMEDIATE");
+        Statement(*open.db, "UPDATE line SET sent_seq = ?1 WHERE sent_seq < ?1").bind(1, *sent).run();
+        transaction.commit();
+        log_holds_commits_ = true;
+        retention_due_ = true;
+      }
+      now.epoch = open.db->text("SELECT uuid FROM epoch ORDER BY n DESC LIMIT 1");
+      now.newest_seq = open.db->integer("SELECT coalesce(max(seq), 0) FROM outbox");
+      now.sent_seq = open.db->integer("SELECT sent_seq FROM line");
+      now.oldest_utime_us = open.db->integer(
+          "SELECT coalesce((SELECT utime_us FROM outbox WHERE seq > (SELECT sent_seq FROM line) ORDER BY seq LIMIT 1), "
+          "0)");
+    });
+    if (!status.ok()) return;  // the next call reads it
+    backlog_due_ = false;
+    const std::lock_guard lock(care_mutex_);
+    care_.backlog = now;
   }
 
   void refuse_to_prune() {
@@ -580,6 +645,8 @@ class SqliteStore final : public Store {
   ChainHead head_;
   CareState care_;
   PruneOrder prune_order_;
+  std::optional<std::int64_t> sent_next_;  ///< guarded by care_mutex_
+  bool backlog_due_ = true;                ///< the outbox may have changed since it was read
 };
 
 }  // namespace

@@ -495,6 +495,14 @@ std::string examine_daemon(const config::Config& config, Examination& report) {
     report.failed("database",
                   say("the daemon cannot write it: {}", quote(text(at(status, {"links", "store", "text"})))),
                   say("journalctl -u slabd names the reason"));
+  if (const json& plant = at(status, {"plant"}); plant.is_object()) {
+    const std::string waits = say("{} results wait for the plant's database, the oldest for {:.0f} s{}",
+                                plant.value("unsent", std::int64_t{0}), plant.value("unsent_s", 0.0), "");
+    if (yes(at(plant, {"late"})))
+      report.warning("plant", waits, say("journalctl -u slabd-plant names the reason; docs/PLANT.md"));
+    else
+      report.ok("plant", waits);
+  }
   return answer.value();
 }
 

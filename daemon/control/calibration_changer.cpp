@@ -68,6 +68,17 @@ void note_user(storage::CalibrationChange& change, std::uint32_t uid) {
     reset->note.who += user;
 }
 
+/// The command that shows whether a change was made.
+struct WhereToLook {
+  std::string_view operator()(const storage::KeepDisposition&) const { return "history --disposition, show"; }
+  std::string_view operator()(const storage::ResetMould&) const { return "mould show"; }
+  std::string_view operator()(const storage::KeepPin&) const { return "pin --show"; }
+  template <typename OfCalibrations>
+  std::string_view operator()(const OfCalibrations&) const {
+    return "calibrate history";
+  }
+};
+
 }  // namespace
 
 std::string change_folder(const std::string& db_path) {
@@ -123,8 +134,10 @@ void CalibrationChanger::carry_out(storage::Store* store) {
         if (now.ok()) calibration_ = std::move(now.value());
         if (done.ok() && !now.ok()) error_ = now.error();
       }
-      if (!done.ok() && error_.code != Code::config)
-        error_.text.append("; it may have been made nevertheless: see slabctl calibrate history");
+      if (!done.ok() && error_.code != Code::config) {
+        error_.text.append("; it may have been made nevertheless: see slabctl ");
+        error_.text.append(std::visit(WhereToLook{}, change.value()));
+      }
     }
   } catch (const std::exception& e) {
     error_ = slabd::error(Code::internal, "%s: %s", path.c_str(), e.what());

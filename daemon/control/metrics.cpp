@@ -141,6 +141,12 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   const storage::ChainHead head = ports.store == nullptr ? storage::ChainHead{} : storage::chain_head(*ports.store);
   text.gauge("slabd_chain_entries", "Length of the chain of results", static_cast<double>(head.entries));
   text.gauge("slabd_chain_head", "First 48 bits of the SHA-256 of its newest entry, as a number", head_number(head));
+  if (ports.store != nullptr && !figures.plant_line.empty()) {
+    const storage::Backlog behind = ports.store->care().backlog;
+    text.gauge("slabd_plant_unsent", "Rows of the outbox that the plant's database does not have yet",
+               static_cast<double>(behind.newest_seq - behind.sent_seq));
+    text.gauge("slabd_plant_unsent_seconds", "Age of the oldest of them", plant_age_s(behind, station.utime_us));
+  }
   text.gauge("slabd_commit_last_seconds", "The last commit", figures.commit_last_ms / 1e3);
   text.gauge("slabd_commit_max_seconds", "The longest commit since the last reset", figures.commit_max_ms / 1e3);
   text.counter("slabd_blocks_measured_total", "Blocks measured", figures.blocks_measured);

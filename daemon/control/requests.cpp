@@ -215,6 +215,13 @@ Status order_care(std::string_view line, storage::Store& store, const std::strin
     if (!path.ok()) return path.error();
     return store.order(storage::BackupOrder{path.value()});
   }
+  if (request.value("verb", "") == "sent") {
+    const auto epoch = request.find("epoch");
+    const auto seq = request.find("seq");
+    if (epoch == request.end() || !epoch->is_string()) return error(Code::config, "\"epoch\" must be a text");
+    if (seq == request.end() || !seq->is_number_integer()) return error(Code::config, "\"seq\" must be a whole number");
+    return store.order(storage::SentOrder{epoch->get<std::string>(), seq->get<std::int64_t>()});
+  }
   const auto keep = request.find("keep_slabs");
   if (keep == request.end() || !keep->is_number_integer())
     return error(Code::config, "\"keep_slabs\" must be a whole number");

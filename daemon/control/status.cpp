@@ -230,6 +230,28 @@ std::string used_by_another(const Ports& ports, const LoopFigures& figures) {
 
 }  // namespace
 
+double plant_age_s(const storage::Backlog& behind, std::int64_t utime_us) {
+  if (behind.oldest_utime_us == 0) return 0.0;
+  return static_cast<double>(std::max<std::int64_t>(utime_us - behind.oldest_utime_us, 0)) / 1e6;
+}
+
+namespace {
+
+/// How far the plant's database is behind, and from when on that is an alarm; null without one.
+Json plant_link(const Station& station, const Ports& ports, const LoopFigures& figures) {
+  if (figures.plant_line.empty() || ports.store == nullptr) return nullptr;
+  const storage::Backlog behind = ports.store->care().backlog;
+  const double age_s = plant_age_s(behind, station.utime_us);
+  const double alarm_s = static_cast<double>(figures.plant_alarm_us) / 1e6;
+  return Json{{"line", figures.plant_line},
+              {"unsent", behind.newest_seq - behind.sent_seq},
+              {"unsent_s", age_s},
+              {"alarm_s", alarm_s},
+              {"late", age_s > alarm_s}};
+}
+
+}  // namespace
+
 std::string status_json(const Station& station, const Ports& ports, const LoopFigures& figures) {
   const PlcOutputs view = plc_view(station);
   const Code fault = static_cast<Code>(view.fault);
@@ -285,6 +307,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                          {"commit_max_ms", figures.commit_max_ms}};
   const storage::ChainHead head = ports.store == nullptr ? storage::ChainHead{} : storage::chain_head(*ports.store);
   j["chain"] = head.entries == 0 ? Json(nullptr) : Json{{"entries", head.entries}, {"sha256", head.sha256.view()}};
+  j["plant"] = plant_link(station, ports, figures);
   j["results_pending"] = view.results_pending;
   j["refused"] = {{"count", view.refused}, {"code", view.refuse_code}, {"seq", view.refuse_seq}};
   j["last_slab"] = station.results.slab_no == 0 && station.results.slab_verdict == Verdict::none
@@ -367,7 +390,7 @@ std::string answer_control(std::string_view line, const Station& station, const 
       if (request.value("reset", false)) figures.block_max_ms = figures.commit_max_ms = 0.0;
       return answer;
     }
-    if (*verb == "care" || *verb == "backup" || *verb == "prune") {
+    if (*verb == "care" || *verb == "backup" || *verb == "prune" || *verb == "sent") {
       if (ports.store == nullptr) return refusal("the daemon has no usable database");
       // Only users who could delete the database file may delete records.
       const std::uint32_t who = ports.control == nullptr ? hal::ControlPort::kUidUnknown : ports.control->peer_uid();
@@ -391,7 +414,7 @@ std::string answer_control(std::string_view line, const Station& station, const 
     }
     if (*verb != "calibration_change" && *verb != "capture")
       return refusal(
-          "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, recipes, "
+          "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, sent, recipes, "
           "calibration_change, capture");
     const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kUidUnknown : ports.control->peer_uid();
     if (*verb == "capture") {

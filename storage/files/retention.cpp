@@ -24,19 +24,24 @@ namespace {
 constexpr std::array kTables = {"item",           "block",       "attempt", "result",     "command",
                                 "station_result", "slab_result", "slab",    "disposition"};
 
+constexpr const char* kIsSent =
+    "AND NOT EXISTS (SELECT 1 FROM outbox WHERE outbox.slab_key = slab.slab_key AND seq > (SELECT sent_seq FROM "
+    "line)) ";
+
 }  // namespace
 
-Retention::Retention(Connection& db)
+Retention::Retention(Connection& db, bool keep_unsent)
     : db_(db),
       newest_(db, "SELECT slab_key FROM slab ORDER BY slab_key DESC LIMIT 1 OFFSET ?1"),
       newest_failed_(
           db, "SELECT slab_key FROM slab_result WHERE verdict <> 'pass' ORDER BY slab_key DESC LIMIT 1 OFFSET ?1"),
       candidate_(db,
-                 "SELECT slab_key FROM slab JOIN slab_result USING (slab_key) WHERE slab_key <= ?1 "
-                 "AND (verdict = 'pass' OR slab_key <= ?2) "
-                 "AND NOT EXISTS (SELECT 1 FROM result WHERE result.slab_key = slab.slab_key AND acknowledged = 0) "
-                 "AND NOT EXISTS (SELECT 1 FROM attempt WHERE attempt.slab_key = slab.slab_key "
-                 "AND scan_state IN ('kept', 'deleting')) ORDER BY slab_key LIMIT 1"),
+                 std::string("SELECT slab_key FROM slab JOIN slab_result USING (slab_key) WHERE slab_key <= ?1 ") +
+                     (keep_unsent ? kIsSent : "") +
+                     "AND (verdict = 'pass' OR slab_key <= ?2) "
+                     "AND NOT EXISTS (SELECT 1 FROM result WHERE result.slab_key = slab.slab_key AND acknowledged = 0) "
+                     "AND NOT EXISTS (SELECT 1 FROM attempt WHERE attempt.slab_key = slab.slab_key "
+                     "AND scan_state IN ('kept', 'deleting')) ORDER BY slab_key LIMIT 1"),
       drop_of_no_slab_(db,
                        "DELETE FROM command WHERE slab_key IS NULL "
                        "AND id < (SELECT min(id) FROM command WHERE slab_key IS NOT NULL)"),

@@ -17,7 +17,8 @@ namespace slabd::storage {
 /// Calibrations and seals are kept permanently. The file does not shrink; its free pages are reused.
 class Retention {
  public:
-  explicit Retention(Connection& db);
+  /// `keep_unsent`: a slab is also kept until the plant's database has all documents about it.
+  Retention(Connection& db, bool keep_unsent);
   /// Deletes the oldest candidate that is neither one of the newest `keep_slabs` slabs nor one of the newest
   /// `keep_failed_slabs` (0: all) that did not pass. Returns false if there is none. Throws SqlFailure.
   bool take_one(std::int64_t keep_slabs, std::int64_t keep_failed_slabs);

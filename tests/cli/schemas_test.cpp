@@ -52,7 +52,7 @@ std::map<std::string, json> published() {
 std::set<std::string> named_in_the_source() {
   std::set<std::string> names;
   const std::regex name(R"(slabd\.([a-z_]+/[0-9]+))");
-  for (const char* room : {"calib", "cli", "config", "daemon", "emulator", "hal", "report", "storage", "web"})
+  for (const char* room : {"calib", "cli", "config", "daemon", "emulator", "hal", "plant", "report", "storage", "web"})
     for (const fs::directory_entry& entry : fs::recursive_directory_iterator(kSource / room)) {
       if (entry.path().extension() != ".cpp" && entry.path().extension() != ".h") continue;
       std::istringstream text(content(entry.path()));
