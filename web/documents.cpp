@@ -77,6 +77,8 @@ SharedAnswer refused(const ChildResult& result) {
   if (text.starts_with("no slab with key")) return error_answer(404, text, "/api/v1/slabs lists the slabs");
   for (const char* comparison : {"was aborted", "slabs of types"})
     if (text.find(comparison) != std::string::npos) return error_answer(400, text, "choose two other slabs");
+  if (text.find("has no [plant] dsn") != std::string::npos)
+    return error_answer(404, "there is no plant's database here", "docs/PLANT.md describes how to set it up");
   if (text.starts_with("no cloud of")) return error_answer(404, text, "the maps of the block show its surface");
   if (text.starts_with("--block")) return error_answer(404, text, "choose a block of this slab");
   if (result.status == kNotReachable)
@@ -144,6 +146,8 @@ Documents::Documents(DocumentsSettings settings)
   }
   environment_.push_back("SLABD_CONFIG=" + settings_.config);
   environment_.emplace_back("LC_ALL=C.UTF-8");
+  // Not in its arguments, which all users of the computer can read.
+  if (!settings_.plant_dsn.empty()) environment_.push_back("SLABD_PLANT_DSN=" + settings_.plant_dsn);
 }
 
 Documents::~Documents() {
@@ -211,7 +215,9 @@ void Documents::keep(const std::string& name, SharedAnswer answer, double cache_
 
 SharedAnswer Documents::made(const DocumentOrder& order) const {
   const double time_s = settings_.answer_s * (order.is_report ? kReportFactor : 1.0);
-  ChildOrder child{settings_.slabctl, order.arguments, environment_, time_s, stop_.get()};
+  ChildOrder child{order.is_plant ? settings_.plant : settings_.slabctl, order.arguments, environment_, time_s,
+                   stop_.get()};
+  if (order.is_plant) child.arguments.push_back("--config=" + settings_.config);
   std::string path;
   if (order.is_report) {
     path = new_report(settings_.reports_dir);

@@ -48,6 +48,8 @@ struct DocumentsSettings {
   std::string config;       ///< path, passed to slabctl as SLABD_CONFIG
   std::string reports_dir;  ///< private folder for reports until they are read
   double answer_s = 5.0;    ///< time limit of a process; of a report six times as much
+  std::string plant;        ///< path of slabd-plant
+  std::string plant_dsn;    ///< of the plant's database; empty: there is none, or that of the configuration
 };
 
 struct DocumentOrder {
@@ -55,6 +57,7 @@ struct DocumentOrder {
   double cache_s = 0.0;
   bool is_report = false;  ///< the document is the PDF that "{file}" in the arguments names
   bool is_live = false;    ///< of the poller: before all others that wait
+  bool is_plant = false;   ///< slabd-plant makes it
 };
 
 /// Callable from any thread.

@@ -84,9 +84,12 @@ int serve(const config::Config& config, const sigset_t& ends) {
     complain(slabctl + " cannot be executed, and it makes all documents");
     return kExitUnreachable;
   }
-  Documents documents({slabctl, std::filesystem::absolute(config.path).string(), reports.path(), web.answer_s});
+  Documents documents({slabctl, std::filesystem::absolute(config.path).string(), reports.path(), web.answer_s,
+                       web.slabd_plant.empty() ? neighbour("slabd-plant") : web.slabd_plant, web.plant_dsn});
   Live live({config.control_socket, web.language, SLABD_VERSION}, documents);
-  Site site({web.names, web.users_file, web.viewer_login, config.storage.second_person}, documents, live);
+  Site site({web.names, web.users_file, web.viewer_login, config.storage.second_person,
+             !config.plant.dsn.empty() || !web.plant_dsn.empty()},
+            documents, live);
   const auto kiosk =
       opened({std::string(web.kiosk.host.view()), web.kiosk.port, kKioskPerAddressMax, {}, {}}, "kiosk", site);
   std::unique_ptr<Listener> lan;
@@ -115,6 +118,10 @@ int run(int argc, char** argv) {
   std::string path = "/etc/slabd/slabd.toml";
   app.add_option("--config", path, "Configuration of slabd; slabd-web uses [web], [storage] db and [control] socket")
       ->capture_default_str();
+  std::string plant_dsn;
+  app.add_option("--plant", plant_dsn,
+                 "Connection string of the plant's database for the plant page; default: [web] "
+                 "plant_dsn, else [plant] dsn");
   app.set_version_flag("--version", std::string("slabd-web " SLABD_VERSION));
   try {
     app.parse(argc, argv);
@@ -127,6 +134,7 @@ int run(int argc, char** argv) {
   problems.insert(problems.end(), config.web_problems.begin(), config.web_problems.end());
   for (const config::Problem& problem : problems) complain(problem.text);
   if (!problems.empty()) return kExitBadInput;
+  if (!plant_dsn.empty()) config.web.plant_dsn = plant_dsn;
   return serve(config, ends);
 }
 

@@ -30,6 +30,8 @@ constexpr std::array kCompare = {P{"a", Form::key, ""}, P{"b", Form::key, ""}, P
 constexpr std::array kMoulds = {P{"slab_type", Form::number, "--slab-type"}, P{"slabs", Form::number, "--castings"},
                                 P{"since", Form::time, "--since"}, P{"until", Form::time, "--until"}};
 constexpr std::array kWords = {P{"language", Form::language, ""}};
+constexpr std::array kPlant = {P{"days", Form::number, "--days"}};
+constexpr std::array kFound = {P{"id", Form::text, ""}};
 
 constexpr std::array kRoutes = {
     Route{"/api/v1/status", Maker::status, "slabd.web_status/1", 0.2, "", {}},
@@ -61,6 +63,8 @@ constexpr std::array kRoutes = {
     Route{"/api/v1/moulds/{mould}/sheet.pdf", Maker::report, "", 60, "mould sheet --out={file} -- {mould}", kLanguage},
     Route{"/api/v1/calibration", Maker::calibration, "slabd.web_calibration/1", 10, "", {}},
     Route{"/api/v1/doctor", Maker::slabctl, "slabd.doctor/1", 10, "doctor --no-write --json", {}},
+    Route{"/api/v1/plant", Maker::plant, "slabd.plant_overview/1", 60, "--show=overview", kPlant},
+    Route{"/api/v1/plant/slab", Maker::plant, "slabd.plant_found/1", 10, "--show=slab={id}", kFound},
     Route{"/api/v1/session", Maker::session, "slabd.web_session/1", 0, "", {}},
     Route{"/api/v1/words", Maker::words, "slabd.web_words/1", 3'600, "", kWords},
 };
@@ -241,10 +245,11 @@ std::optional<WriteRequest> find_write(const Target& target) {
 }
 
 bool is_page(std::string_view path) {
-  constexpr std::array<std::string_view, 12> kPages = {
+  constexpr std::array<std::string_view, 13> kPages = {
       "/",        "/slabs",  "/slabs/{key}", "/slabs/{key}/blocks/{block}",
       "/trends",  "/moulds", "/calibration", "/line",
-      "/compare", "/about",  "/login",       "/trends/{item}"};
+      "/compare", "/about",  "/login",       "/trends/{item}",
+      "/plant"};
   return std::any_of(kPages.begin(), kPages.end(),
                      [&](std::string_view page) { return page == path || match(page, path).has_value(); });
 }

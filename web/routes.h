@@ -40,6 +40,7 @@ struct RouteParameter {
 /// Program part that makes a document.
 enum class Maker : std::uint8_t {
   slabctl,      ///< one process of slabctl
+  plant,        ///< a process of slabd-plant
   report,       ///< the same, for a PDF in a file; with a longer time limit
   calibration,  ///< the control socket and two processes of slabctl
   status,       ///< the state of the line, as the poller stored it

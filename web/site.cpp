@@ -107,9 +107,11 @@ SharedAnswer Site::document(const HttpRequest& asked, const Target& target) {
     case Maker::words: return request.language == "zh" ? words_zh_ : words_en_;
     case Maker::calibration: return calibration(request.route->cache_s);
     case Maker::slabctl:
+    case Maker::plant:
     case Maker::report: break;
   }
-  return documents_.get({request.arguments, request.route->cache_s, request.route->maker == Maker::report});
+  return documents_.get({request.arguments, request.route->cache_s, request.route->maker == Maker::report, false,
+                         request.route->maker == Maker::plant});
 }
 
 SharedAnswer Site::find(const HttpRequest& request, const Target& target) {
@@ -142,6 +144,7 @@ SharedAnswer Site::session_document(const HttpRequest& request, const std::optio
       .field("login_required", settings_.viewer_login && !session)
       .field("may_write", session && session->role == config::WebRole::quality)
       .field("second_person", settings_.second_person)
+      .field("plant", settings_.plant)
       .field("expires_s", session ? std::optional(seconds_until(session->ends)) : std::nullopt);
   return text_answer(json.text(), "application/json");
 }

@@ -51,6 +51,7 @@ struct SiteSettings {
   std::string users_file;          ///< accounts; empty: no user can log in, and nothing can be written
   bool viewer_login = false;       ///< documents are given only to users that are logged in
   bool second_person = false;      ///< [quality] second_person, shown to the page
+  bool plant = false;              ///< there is a plant's database, so the page shows its link
 };
 
 /// Names and texts of the JSON object in a POST.

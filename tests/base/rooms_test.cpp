@@ -32,6 +32,7 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
     {"cli", {"base", "algo", "calib", "hal", "storage", "config", "daemon", "report", "emulator", "cli"}},
     {"gateway", {"base", "gateway"}},
     {"web", {"base", "hal", "config", "report", "web"}},
+    {"plant", {"base", "hal", "storage", "config", "plant"}},
 };
 
 /// All headers of base are public.
@@ -48,6 +49,7 @@ const std::set<std::string> kPublic = {"algo/algo.h",
                                        "storage/chain.h",
                                        "storage/compare.h",
                                        "storage/history_writer.h",
+                                       "storage/outbox.h",
                                        "storage/storage.h",
                                        "config/config.h",
                                        "config/designs.h",

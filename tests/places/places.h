@@ -14,5 +14,6 @@ namespace slabd::places {
 [[nodiscard]] std::string slabctl();
 [[nodiscard]] std::string kuka_bridge();
 [[nodiscard]] std::string slabd_web();
+[[nodiscard]] std::string slabd_plant();
 
 }  // namespace slabd::places

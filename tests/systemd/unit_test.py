@@ -36,6 +36,7 @@ class Units(unittest.TestCase):
     def unit(self, name, text):
         """The unit as installed, with programs that exist here."""
         for program, built in (("slabd-kuka-bridge", "gateway/kuka/slabd-kuka-bridge"), ("slabd-web", "web/slabd-web"),
+                               ("slabd-plant", "plant/slabd-plant"),
                                ("slabctl", "cli/slabctl"),
                                ("slabd", "daemon/slabd")):
             path = os.path.join(OPTIONS.build, built)
@@ -88,6 +89,9 @@ class Units(unittest.TestCase):
 
     def test_exposure_of_the_page(self):
         self.assertLessEqual(self.exposure("slabd-web.service", read("slabd-web.service")), 1.6)
+
+    def test_exposure_of_the_sender_to_the_plant(self):
+        self.assertLessEqual(self.exposure("slabd-plant.service", read("slabd-plant.service")), 1.6)
 
     def test_exposure_of_what_the_timers_start(self):
         for name in ("slabd-archive.service", "slabd-backup.service", "slabd-metrics.service"):

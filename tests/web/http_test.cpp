@@ -245,7 +245,7 @@ TEST_F(Http, a_faulty_configuration_is_reported_with_file_and_line) {
   write_config("lan_listen = \"0.0.0.0:8080\"\n");
   line::Process refused({places::slabd_web(), "--config", config()}, file("web.out"), file("web.err"));
   EXPECT_EQ(refused.wait(), 3);
-  cli::expect_mentions(log(), "slabd.toml:18:14: web.lan_listen: found \"0.0.0.0:8080\" without tls_cert and tls_key");
+  cli::expect_mentions(log(), "slabd.toml:19:14: web.lan_listen: found \"0.0.0.0:8080\" without tls_cert and tls_key");
   write_config("lan_listen = \"0.0.0.0:8080\"\n");
   EXPECT_EQ(run("config check " + config()).status, 3);
 }

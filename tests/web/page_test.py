@@ -21,7 +21,7 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 PAGE = os.path.join(ROOT, "web", "page")
 SIZES = {"wide": (1920, 1080), "panel": (1280, 800), "phone": (390, 844)}
 PAGES = {"live": "/", "slabs": "/slabs", "slab": "/slabs/55", "block": "/slabs/55/blocks/4", "trends": "/trends/seat_slope",
-         "moulds": "/moulds?mould=3", "calibration": "/calibration", "line": "/line", "compare": "/compare?a=55&b=60", "about": "/about"}
+         "moulds": "/moulds?mould=3", "plant": "/plant?id=C3-4155", "calibration": "/calibration", "line": "/line", "compare": "/compare?a=55&b=60", "about": "/about"}
 ATTACK = '<img src=x onerror="document.title=1">'
 CONTROL = "A\x00\x1b[31mB\u202eC\u200bD"
 WIDE = "轨道板" * 10 + "轨道"

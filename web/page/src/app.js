@@ -12,6 +12,7 @@ import { Line } from './pages/line.js';
 import { Live } from './pages/live.js';
 import { Login } from './pages/login.js';
 import { Moulds } from './pages/moulds.js';
+import { Plant } from './pages/plant.js';
 import { Slab } from './pages/slab.js';
 import { Slabs } from './pages/slabs.js';
 import { Trends } from './pages/trends.js';
@@ -27,8 +28,8 @@ import { known } from './verdict.js';
 import { Words, useWords, wordsOf } from './words.js';
 
 const kPages = { live: Live, slabs: Slabs, slab: Slab, block: Block, trends: Trends, moulds: Moulds, calibration: Calibration, line: Line,
-  compare: Compare, about: About, login: Login };
-const kNavigation = [['live', '/'], ['slabs', '/slabs'], ['trends', '/trends'], ['moulds', '/moulds'], ['compare', '/compare'],
+  compare: Compare, about: About, login: Login, plant: Plant };
+const kNavigation = [['live', '/'], ['slabs', '/slabs'], ['trends', '/trends'], ['moulds', '/moulds'], ['plant', '/plant'], ['compare', '/compare'],
   ['calibration', '/calibration'], ['line', '/line'], ['about', '/about']];
 /// Shown without a login even if everything else needs one.
 const kOpen = ['login', 'about'];
@@ -104,7 +105,7 @@ function Announcer({ picture }) {
   return html`<div class="for-readers" role="status" aria-live="polite">${text}</div>`;
 }
 
-function Header({ picture, route, closed, theme, setTheme, setLanguage }) {
+function Header({ picture, route, closed, plant, theme, setTheme, setLanguage }) {
   const { t, language } = useWords();
   const status = picture.status?.status;
   const state = picture.stale ? t('stale.word') : closed ? '' : t(`state.${visible(status?.state ?? 'init', 30)}`);
@@ -114,7 +115,7 @@ function Header({ picture, route, closed, theme, setTheme, setLanguage }) {
       <span class=${`pulse${picture.beats % 2 ? ' pulse-on' : ''}`} aria-hidden="true"></span>slabd<//>
     <span class=${`state-word${status?.state === 'fault' ? ' is-fault' : ''}`}>${state}</span>
     <nav aria-label=${t('app.pages')}><ul>
-      ${kNavigation.map(([page, to]) => html`<li key=${page}>
+      ${kNavigation.filter(([page]) => page !== 'plant' || plant).map(([page, to]) => html`<li key=${page}>
         <${Link} to=${to} aria-current=${page === here ? 'page' : undefined}>${t(`page.${page}`)}<//></li>`)}
     </ul></nav>
     <div class="settings">
@@ -168,7 +169,7 @@ export function App({ poll }) {
   return html`<${Words.Provider} value=${words}>
     ${!kiosk && html`<a class="skip" href="#main">${words.t('app.skip')}</a>`}
     <div class=${`frame${kiosk ? ' kiosk' : ''}`}>
-      ${!kiosk && html`<${Header} picture=${picture} route=${route} closed=${closed} theme=${theme} setTheme=${setTheme} setLanguage=${choose} />`}
+      ${!kiosk && html`<${Header} picture=${picture} route=${route} closed=${closed} plant=${session?.plant === true} theme=${theme} setTheme=${setTheme} setLanguage=${choose} />`}
       <aside aria-label=${words.t('app.notices')}>
         <${StaleBand} picture=${picture} />
         <${TroubleBand} picture=${picture} />

@@ -13,6 +13,7 @@ const kRoutes = [
   [/^\/trends$/, 'trends', []],
   [/^\/trends\/([a-z_]{1,40})$/, 'trends', ['item']],
   [/^\/moulds$/, 'moulds', []],
+  [/^\/plant$/, 'plant', []],
   [/^\/calibration$/, 'calibration', []],
   [/^\/line$/, 'line', []],
   [/^\/compare$/, 'compare', []],

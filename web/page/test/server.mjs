@@ -107,7 +107,28 @@ const tokenOf = (request) => /(?:^|; )slabd_test=([\w-]+)/.exec(request.headers.
 function sessionOf(user) {
   const role = roles[user] ?? null;
   return { schema: 'slabd.web_session/1', user, role, may_login: now.users === '1', login_required: now.required === '1' && user === null,
-    may_write: role === 'quality', second_person: now.second === '1', expires_s: user === null ? null : 28800 };
+    may_write: role === 'quality', second_person: now.second === '1', plant: true, expires_s: user === null ? null : 28800 };
+}
+
+/// Two lines with a month of slabs.
+function plant() {
+  const lines = ['hall-1', 'hall-2'];
+  const days_of = Array.from({ length: 20 }, (_, i) => new Date(Date.now() - i * 86400000).toISOString().slice(0, 10))
+    .flatMap((day, i) => lines.map((line, k) => ({ line, day, first: 118 + i % 5, passed: 112 + (i * (k + 2)) % 7 })));
+  return {
+    schema: 'slabd.plant_overview/1', days: 30, days_of,
+    lines: lines.map((line, k) => ({ line, slabs: 3500 + k, first: 3420, passed: 3301 + k, share: (3301 + k) / 3420, newest_utime_us: Date.now() * 1000,
+      received_utime_us: Date.now() * 1000, troubles: k })),
+    pareto: ['jaw_distance', 'seat_slope', 'casing_spacing'].map((item, i) => ({ line: lines[i % 2], item, failed: 40 - 11 * i, indeterminate: 7, not_measured: i, slabs: 38 - 11 * i })),
+    moulds: [3, 17, 8].map((mould, i) => ({ mould, slab_type: 5600, item: 'jaw_distance', n: 31 + i, mean: 0.21 - 0.4 * (i % 2), sd: 0.09, lines: 1 + i % 2 })),
+  };
+}
+
+function foundSlab(slab_id) {
+  const one = (line, verdict, items) => ({ line, slab_key: 55, slab_type: 5600, mould: 3, ended_utime_us: 1763999999000000, verdict, reason: items.length ? 604 : 0,
+    disposition: items.length ? 'rework' : null, software: 'slabd 1.0.0', items });
+  const item = { item: 'jaw_distance', station: 4, station_to: 0, verdict: 'fail', value: 381.4, nominal: 380.5, lower: 380, upper: 381, u: 0.05 };
+  return { schema: 'slabd.plant_found/1', slab_id, slabs: slab_id === 'none' ? [] : [one('hall-2', 'pass', []), one('hall-1', 'fail', [item])] };
 }
 
 const refusal = (status, text, cure = '') => ({ status, body: { schema: 'slabd.web_error/1', status, text, cure } });
@@ -204,6 +225,8 @@ function documentOf(path, query) {
     case '/compare': return { ...documents.comparison, rows: documents.comparison.rows.filter((row) => query.get('all') === '1' || row.en > 1) };
     case '/calibration': return documents.calibration;
     case '/moulds': return documents.moulds;
+    case '/plant': return plant();
+    case '/plant/slab': return foundSlab(query.get('id'));
     case '/doctor': return documents.doctor;
     case '/words': return documents[query.get('language') === 'zh' ? 'words_zh' : 'words_en'];
     default: return path.startsWith('/trends/') ? { ...documents.trend, item: path.slice(8) } : null;

@@ -25,6 +25,7 @@ export const en = {
   'page.slabs': 'Slabs',
   'page.trends': 'Trends',
   'page.moulds': 'Moulds',
+  'page.plant': 'Plant',
   'page.calibration': 'Calibration',
   'page.line': 'Line',
   'page.compare': 'Compare',

@@ -25,6 +25,7 @@ export const zh = {
   'page.slabs': '轨道板',
   'page.trends': '趋势',
   'page.moulds': '模具',
+  'page.plant': '全厂',
   'page.calibration': '标定',
   'page.line': '生产线',
   'page.compare': '对比',

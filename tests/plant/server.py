@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A PostgreSQL 15 server of a test's own on loopback, and a proxy that treats connections badly."""
+import os
+import pathlib
+import pwd
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+PROGRAMS = next((path for path in sorted(pathlib.Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)
+                 if (path / "initdb").exists()), None)
+if PROGRAMS is None:
+    print("SKIP: no PostgreSQL server is installed (script/apt-packages-postgres)", file=sys.stderr)
+    sys.exit(77)
+
+
+def free_port():
+    # Neither a number of the other tests nor one of the kernel, whose own begin at 32768.
+    while True:
+        port = random.randrange(20000, 30000)
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) != 0:
+                return port
+
+
+def as_user():
+    """The server refuses to run as root, so root starts it as the user daemon."""
+    if os.getuid() != 0:
+        return {}
+    user = pwd.getpwnam("daemon")
+    return {"user": user.pw_uid, "group": user.pw_gid, "extra_groups": []}
+
+
+class Server:
+    """`size_mb`: its files lie on a disk of this size, which needs the rights to mount one."""
+
+    def __init__(self, size_mb=0):
+        self.folder = tempfile.mkdtemp(prefix="slabd-plant-")
+        self.port = free_port()
+        self.disk = pathlib.Path(self.folder, "disk")
+        self.disk.mkdir()
+        self.data = self.disk / "data"
+        self.log = pathlib.Path(self.folder, "log")
+        self.log.touch()
+        self.mounted = False
+        if size_mb:
+            subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size_mb}m", "tmpfs", self.disk], check=True)
+            self.mounted = True
+        if os.getuid() == 0:
+            user = pwd.getpwnam("daemon")
+            for path in (self.folder, self.disk, self.log):
+                os.chown(path, user.pw_uid, user.pw_gid)
+        self.process = None
+        subprocess.run([PROGRAMS / "initdb", "-D", self.data, "-A", "trust", "-U", "admin", "--no-locale", "-E", "UTF8",
+                        "--no-sync"], check=True, stdout=subprocess.DEVNULL, cwd="/", **as_user())
+        self.start()
+        self.run("CREATE DATABASE plant", "postgres")
+
+    def start(self):
+        with open(self.log, "ab") as log:
+            self.process = subprocess.Popen(
+                [PROGRAMS / "postgres", "-D", self.data, "-p", str(self.port), "-k", self.folder,
+                 "-c", "listen_addresses=127.0.0.1", "-c", "max_wal_size=64MB", "-c", "min_wal_size=32MB"],
+                stdout=log, stderr=log, cwd="/", start_new_session=True, **as_user())
+        for _ in range(1200):
+            if subprocess.run([PROGRAMS / "pg_isready", "-q", "-h", "127.0.0.1", "-p", str(self.port)]).returncode == 0:
+                return
+            time.sleep(0.1)
+        raise RuntimeError(self.log.read_text()[-2000:])
+
+    def kill(self):
+        """As a power cut of the server: no process of it ends in order."""
+        os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        # Its children have sessions of their own and end when they see that the first process is gone.
+        for _ in range(600):
+            left = subprocess.run(["pgrep", "-f", f"postgres.*{self.port}"], capture_output=True,
+                                  text=True).stdout.split()
+            if not left:
+                break
+            for pid in left:
+                try:
+                    os.kill(int(pid), signal.SIGKILL)
+                except ProcessLookupError:
+                    pass
+            time.sleep(0.05)
+        pathlib.Path(self.data, "postmaster.pid").unlink(missing_ok=True)
+
+    def close(self):
+        if self.process is not None and self.process.poll() is None:
+            self.kill()
+        if self.mounted:
+            subprocess.run(["umount", self.disk], check=True)
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def dsn(self, user="admin", port=0):
+        return f"host=127.0.0.1 port={port or self.port} user={user} dbname=plant"
+
+    def run(self, sql, database="plant", user="admin"):
+        """Rows of one statement as lists of texts."""
+        done = subprocess.run(["psql", "-h", "127.0.0.1", "-p", str(self.port), "-U", user, "-d", database, "-X", "-q",
+                               "-A", "-t", "-F", "\t", "-v", "ON_ERROR_STOP=1", "-c", sql], capture_output=True,
+                              text=True)
+        if done.returncode != 0:
+            raise RuntimeError(done.stderr)
+        return [line.split("\t") for line in done.stdout.splitlines()]
+
+    def one(self, sql, **how):
+        rows = self.run(sql, **how)
+        return rows[0][0] if rows else None
+
+
+class Proxy:
+    """Forwards connections; `treat(bytes so far)` says of each piece: pass, cut, stall or half (closed one way)."""
+
+    def __init__(self, port, treat):
+        self.target = port
+        self.treat = treat
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.connections = 0
+        threading.Thread(target=self.accept, daemon=True).start()
+
+    def accept(self):
+        while True:
+            try:
+                near, _ = self.listener.accept()
+            except OSError:
+                return
+            self.connections += 1
+            try:
+                far = socket.create_connection(("127.0.0.1", self.target))
+            except OSError:
+                near.close()
+                continue
+            for source, sink in ((near, far), (far, near)):
+                threading.Thread(target=self.pump, args=(source, sink), daemon=True).start()
+
+    def pump(self, source, sink):
+        total = 0
+        try:
+            while data := source.recv(16384):
+                total += len(data)
+                fate = self.treat(total)
+                if fate == "stall":
+                    time.sleep(0.3)
+                if fate == "half":
+                    sink.shutdown(socket.SHUT_WR)
+                    continue
+                if fate == "cut":
+                    break
+                sink.sendall(data)
+        except OSError:
+            pass
+        for one in (source, sink):
+            try:
+                one.shutdown(socket.SHUT_RDWR)
+            except OSError:
+                pass
+        source.close()  # the other direction has its own thread, which closes the other one
+
+    def close(self):
+        self.listener.close()
