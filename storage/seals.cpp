@@ -183,16 +183,18 @@ std::span<const SealedTable> sealed_tables(std::int64_t form) {
 }
 
 SlabDigests::SlabDigests(Connection& db, std::int64_t form)
-    : db_(db), tables_(sealed_tables(form)), digests_(tables_.size()) {}
+    : db_(db), tables_(sealed_tables(form)), rows_(tables_.size()), digests_(tables_.size()) {}
 
 const std::vector<Sha256>& SlabDigests::of(std::int64_t slab_key) {
   for (std::size_t i = 0; i < tables_.size(); ++i) {
     const SealedTable& table = tables_[i];
-    Statement rows(db_, "SELECT " + std::string(table.columns) + " FROM " + std::string(table.name) +
-                            " WHERE slab_key = ?1" + std::string(table.where) + " ORDER BY " +
-                            std::string(table.order));
-    rows.bind(1, slab_key);
-    hash_rows(rows, table, digest_);
+    if (rows_[i] == nullptr)
+      rows_[i] = std::make_unique<Statement>(
+          db_, "SELECT " + std::string(table.columns) + " FROM " + std::string(table.name) + " WHERE slab_key = ?1" +
+                   std::string(table.where) + " ORDER BY " + std::string(table.order));
+    rows_[i]->reset();  // an error may have ended the previous call
+    rows_[i]->bind(1, slab_key);
+    hash_rows(*rows_[i], table, digest_);
     digests_[i] = digest_.take();
   }
   return digests_;

@@ -66,6 +66,7 @@ class SlabDigests {
  private:
   Connection& db_;
   std::span<const SealedTable> tables_;
+  std::vector<std::unique_ptr<Statement>> rows_;  ///< prepared at the first call
   std::vector<Sha256> digests_;
   Digest digest_;
 };
