@@ -66,7 +66,11 @@ void write_judgement(report::Json& json, const Trend& t) {
   json.field("slabs", t.chart.count).field("not_measured", t.not_measured);
   json.field("preliminary", t.chart.preliminary()).field("other_limits", t.other_limits);
   json.field("incomplete_slabs", t.incomplete).field("nominal", t.nominal).field("lower", t.lower);
-  json.field("upper", t.upper).key("capability").begin_object().field("confidence", 0.95);
+  json.field("upper", t.upper)
+      .field("limits_differ", t.limits_differ)
+      .key("capability")
+      .begin_object()
+      .field("confidence", 0.95);
   json.field("block", t.capable_block).field("values", t.singles.count).field("cp", t.capable.cp);
   json.field("cpk", t.capable.cpk).end_object();
   json.key("performance").begin_object().field("values", t.values).field("distribution", trend::name(t.whole.model));

@@ -14,6 +14,7 @@
 //   users=1|0       0: no users are configured
 //   required=1|0    1: nothing can be read without a login
 //   second=1|0      1: a decision needs a second person
+//   limits=1|0      0: the blocks of a trend have different limits, and values with other limits were left out
 //   refuse=STATUS   every POST except login and logout is refused with this status
 //   reports=1       answers the CSP reports and errors that the page sent
 //
@@ -43,7 +44,7 @@ const types = { html: 'text/html; charset=utf-8', js: 'text/javascript; charset=
   svg: 'image/svg+xml', txt: 'text/plain; charset=utf-8' };
 
 const start = { status: 'live', slab: 'fail', id: null, done: '7', database: '1', fault: '0', newest: '', users: '1', required: '0',
-  second: '0', refuse: '' };
+  second: '0', refuse: '', limits: '1' };
 let now = { ...start };
 let silent_since = 0;
 const reports = [];
@@ -206,7 +207,7 @@ function documentOf(path, query) {
     case '/moulds': return documents.moulds;
     case '/doctor': return documents.doctor;
     case '/words': return documents[query.get('language') === 'zh' ? 'words_zh' : 'words_en'];
-    default: return path.startsWith('/trends/') ? { ...documents.trend, item: path.slice(8) } : null;
+    default: return path.startsWith('/trends/') ? { ...documents.trend, item: path.slice(8), ...(now.limits === '0' && { limits_differ: true, other_limits: 12 }) } : null;
   }
 }
 

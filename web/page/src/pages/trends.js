@@ -25,7 +25,7 @@ function Judgement({ row }) {
 
 function Capability({ capability, chosen, parameters }) {
   const { t, item } = useWords();
-  const row_limits = (row) => limitsFigure({ ...row, value: null, verdict: 'none' });
+  const row_limits = (row) => (row.limits_differ ? t('trends.by_block') : limitsFigure({ ...row, value: null, verdict: 'none' }));
   const columns = [
     { head: t('field.item'), row: true, cell: (row) => html`<${Link} class="row-link" aria-current=${row.item === chosen ? 'true' : undefined}
         to=${address(`/trends/${row.item}`, { ...parameters, block: '' })}>${item(row.item)} <span class="unit">[${row.unit}]</span><//>` },
@@ -90,6 +90,8 @@ function Chart({ item, parameters, theme }) {
   return html`<${Panel} title=${title} aside=${block}>
     <${Loaded} ask=${ask}>${(trend) => trend.series.length === 0 ? html`<p class="quiet">${t('trends.none')}</p>` : html`
       ${trend.preliminary && html`<p class="quiet">${t('trends.preliminary')}</p>`}
+      ${trend.limits_differ && html`<p class="quiet">${t('trends.limits_differ')}</p>`}
+      ${trend.other_limits > 0 && html`<p class="quiet">${t('trends.other_limits', { count: trend.other_limits })}</p>`}
       <${ControlChart} trend=${trend} theme=${theme} label=${t('trends.chart_label', { item: name(item), count: trend.series.length })} />
       <p><${Judgement} row=${trend} /> ${trend.judgement_reason && html`<span class="quiet"><${Foreign} text=${trend.judgement_reason} /></span>`}</p>
       <${Values} trend=${trend} /><${Stations} trend=${trend} />`}<//>
