@@ -14,6 +14,7 @@
 //   users=1|0       0: no users are configured
 //   required=1|0    1: nothing can be read without a login
 //   second=1|0      1: a decision needs a second person
+//   cookie=1|0      0: the browser gets no cookie with a login, as if it refused it
 //   limits=1|0      0: the blocks of a trend have different limits, and values with other limits were left out
 //   refuse=STATUS   every POST except login and logout is refused with this status
 //   reports=1       answers the CSP reports and errors that the page sent
@@ -44,7 +45,7 @@ const types = { html: 'text/html; charset=utf-8', js: 'text/javascript; charset=
   svg: 'image/svg+xml', txt: 'text/plain; charset=utf-8' };
 
 const start = { status: 'live', slab: 'fail', id: null, done: '7', database: '1', fault: '0', newest: '', users: '1', required: '0',
-  second: '0', refuse: '', limits: '1' };
+  second: '0', refuse: '', cookie: '1', limits: '1' };
 let now = { ...start };
 let silent_since = 0;
 const reports = [];
@@ -125,6 +126,7 @@ function login(body, token) {
   logins.delete(token);
   const next = randomUUID();
   logins.set(next, name);
+  if (now.cookie === '0') return { status: 200, body: sessionOf(name) };
   return { status: 200, body: sessionOf(name), more: { 'Set-Cookie': `slabd_test=${next}; HttpOnly; SameSite=Strict; Path=/` } };
 }
 

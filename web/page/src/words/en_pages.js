@@ -224,6 +224,7 @@ export const enPages = {
   'login.no_password': 'Enter your password.',
   'login.wrong': 'The name or the password is wrong.',
   'login.wait': 'Too many attempts. Try again in {seconds} s.',
+  'login.cookie': 'The password is right, but the browser does not send the login back: allow cookies for this address, or open the page with https if it was opened so before.',
   'login.not_possible': 'A login is not possible here: no users are configured, or the connection is not encrypted.',
   'login.out_failed': 'You are still logged in: the server did not accept the logout. Try again.',
   'role.viewer': 'reads only',

@@ -224,6 +224,7 @@ export const zhPages = {
   'login.no_password': '请输入密码。',
   'login.wrong': '用户名或密码错误。',
   'login.wait': '尝试次数过多。请在 {seconds} 秒后重试。',
+  'login.cookie': '密码正确，但浏览器没有带回登录信息：请允许此地址使用 Cookie；如果以前用 https 打开过本页面，请再用 https 打开。',
   'login.not_possible': '此处无法登录：未配置用户，或连接未加密。',
   'login.out_failed': '仍处于登录状态：服务器未接受退出请求。请重试。',
   'role.viewer': '仅查看',
