@@ -86,12 +86,14 @@ function mapOf(which, language = 'en') {
   return map;
 }
 
-function webStatus() {
+const faults = { en: { text: 'the clock was set back', cure: 'set the clock (NTP)' }, zh: { text: '时钟被拨回', cure: '校准时钟（NTP）' } };
+
+function webStatus(language) {
   const status = structuredClone(documents.status);
   if (now.slab === 'open')
     Object.assign(status.slab, { id: now.id ?? 'C3-4161', stations_done: Number(now.done), current_station: Number(now.done) + 1 });
   else Object.assign(status, { slab: null, state: 'idle' });
-  if (now.fault !== '0') Object.assign(status, { state: 'fault', fault: { code: Number(now.fault), text: 'the clock was set back', cure: 'set the clock (NTP)' } });
+  if (now.fault !== '0') Object.assign(status, { state: 'fault', fault: { code: Number(now.fault), ...faults[language] } });
   const age_ms = now.status === 'gone' ? null : now.status === 'silent' ? Date.now() - silent_since : 120;
   const last = documents.history.slabs.slice(0, 8).map((slab, i) => ({ ...slab, slab_id: i === 0 && now.id !== null ? now.id : slab.slab_id }));
   const [newest, verdict] = now.newest.split(' ');
@@ -249,7 +251,7 @@ async function serve(request, response) {
     if (now.status === 'hang') return undefined;
     if (now.status === 'garbage') return answer(response, 200, 'application/json', '{"schema":"slabd.web_status/1","age');
     if (now.status === 'closed') return json(response, 500, { schema: 'slabd.web_error/1', status: 500, text: 'closed', cure: '' });
-    return json(response, 200, webStatus());
+    return json(response, 200, webStatus(url.searchParams.get('language') === 'zh' ? 'zh' : 'en'));
   }
   if (url.pathname.startsWith('/api/v1/')) {
     const document = now.database === '0' ? null : documentOf(url.pathname.slice(7), url.searchParams);

@@ -33,6 +33,9 @@ export const enPages = {
   'trends.control': 'control limits',
   'trends.limits': 'limits of the recipe',
   'trends.signal': 'signal',
+  'signal.beyond_limits': 'beyond the control limits',
+  'signal.jump': 'jump',
+  'signal.nine_on_one_side': 'nine in a row on one side of the mean',
   'trends.reset_zoom': 'Reset zoom',
   'trends.stations': 'Stations compared with the others of the same slab',
   'trends.bias': 'Bias',
@@ -106,6 +109,8 @@ export const enPages = {
   'kind.reference_block': 'reference block',
   'kind.monitor_ball': 'monitor ball',
   'kind.scanner': 'scanner',
+  'action.apply': 'put in force',
+  'action.rollback': 'rolled back',
 
   'line.title': 'Line',
   'line.links': 'Links',

@@ -33,6 +33,9 @@ export const zhPages = {
   'trends.control': '控制限',
   'trends.limits': '配方限值',
   'trends.signal': '判异信号',
+  'signal.beyond_limits': '超出控制限',
+  'signal.jump': '跳变',
+  'signal.nine_on_one_side': '连续九点在均值同侧',
   'trends.reset_zoom': '恢复全部',
   'trends.stations': '各检测位与同板其他检测位的比较',
   'trends.bias': '偏倚',
@@ -106,6 +109,8 @@ export const zhPages = {
   'kind.reference_block': '参考块',
   'kind.monitor_ball': '监测球',
   'kind.scanner': '扫描仪',
+  'action.apply': '启用',
+  'action.rollback': '回退',
 
   'line.title': '生产线',
   'line.links': '连接',
