@@ -12,6 +12,7 @@
 #include "cli/slab_choice.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/document.h"
+#include "cli/terminal/json_language.h"
 #include "cli/terminal/parse.h"
 #include "cli/trend/comparison.h"
 #include "cli/trend/stored.h"
@@ -201,7 +202,7 @@ int compare(const Options& options) {
     section.parts.emplace_back(std::move(comparison.shown));
     options.document.write(document);
   }
-  Comparison comparison = in(Language::en);
+  Comparison comparison = in(options.output.json ? json_language(options.document.language) : Language::en);
   report::Json json("slabd.comparison/1");
   json.field("of", comparison.kind).field("subject", comparison.subject).field("note", comparison.note);
   report::write_emulation(json, comparison.emulated);

@@ -11,6 +11,7 @@
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/document.h"
+#include "cli/terminal/json_language.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
 #include "cli/trend/yield.h"
@@ -41,7 +42,9 @@ std::string main_reason(const YieldGroup& group, report::Language language) {
   return fmt::format("{} x {}", most->second, report::reason_sentence(most->first, language));
 }
 
-report::Table yield_table(std::vector<YieldGroup> groups, const std::string& by, report::Language language) {
+/// `sentences`: language of the reasons. A program gets English names and sentences in the language that it chose.
+report::Table yield_table(std::vector<YieldGroup> groups, const std::string& by, report::Language language,
+                          report::Language sentences) {
   const auto say = [&](std::string_view en, std::string_view zh) { return report::pick(language, en, zh); };
   report::Table table{{by == "type"    ? say("slab type", "板型")
                        : by == "mould" ? say("mould, 0: unknown", "模具，0：未知")
@@ -66,7 +69,7 @@ report::Table yield_table(std::vector<YieldGroup> groups, const std::string& by,
   for (const YieldGroup& group : groups)
     table.add(group.name, group.inspected, group.passed, group.failed, group.undecided, group.not_measured,
               report::Cell(100.0 * group.yield.value, 1), report::Cell(100.0 * group.yield.low, 1),
-              report::Cell(100.0 * group.yield.high, 1), group.aborted, group.again, main_reason(group, language));
+              report::Cell(100.0 * group.yield.high, 1), group.aborted, group.again, main_reason(group, sentences));
   return table;
 }
 
@@ -98,7 +101,7 @@ int show_yield(const Options& options) {
     document.language = language;
     document.judged = false;
     if (emulated) document.emulated = slabs.back().header.emulated;
-    const report::Table table = yield_table(groups, options.by, language);
+    const report::Table table = yield_table(groups, options.by, language, language);
     document.title = table.title;
     report::Section& section = document.sections.emplace_back();
     section.parts.emplace_back(report::Figures{{trend::yield_figure(groups, language)}});
@@ -112,8 +115,9 @@ int show_yield(const Options& options) {
   report::Json json("slabd.yield/1");
   json.field("by", options.by).field("emulated", emulated).field("other_emulation", others);
   const bool for_programs = options.output.json || options.output.csv;
-  options.output.print(yield_table(groups, options.by, for_programs ? report::Language::en : options.document.wanted()),
-                       json, "groups");
+  const report::Language names = for_programs ? report::Language::en : options.document.wanted();
+  const report::Language sentences = options.output.json ? json_language(options.document.language) : names;
+  options.output.print(yield_table(groups, options.by, names, sentences), json, "groups");
   return kDone;
 }
 

@@ -35,6 +35,7 @@ class SqliteHistoryWriter final : public HistoryWriter {
     db_ = std::move(db.value());
     return run([&] {
       jobs_.emplace(*db_, settings_, nothing_);
+      jobs_->keep_seals();
       transaction_.emplace(*db_, "BEGIN IMMEDIATE");
       jobs_->begin_chain();
     });

@@ -6,7 +6,6 @@
 
 #include "base/rules.h"
 #include "storage/files/folders.h"
-#include "storage/seals.h"
 
 namespace slabd::storage {
 namespace {
@@ -132,13 +131,13 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       is_ended_(db, "SELECT 1 FROM slab_result WHERE slab_key = ?1") {}
 
 void Jobs::begin_chain() {
-  Seals(db_).begin();
+  with_seals([](Seals& seals) { seals.begin(); });
 }
 
 void Jobs::seal_if_ended(std::int64_t slab_key) {
   const bool ended = is_ended_.bind(1, slab_key).step();
   is_ended_.reset();
-  if (ended) Seals(db_).seal_if_ended(slab_key);
+  if (ended) with_seals([&](Seals& seals) { seals.seal_if_ended(slab_key); });
 }
 
 // ---- sessions, slabs, commands -----------------------------------------------------------------------------------
@@ -202,7 +201,7 @@ void Jobs::undo_end(std::int64_t slab_key) {
   delete_station_results_.bind(1, slab_key).run();
   delete_items_.bind(1, slab_key).bind(2, number(0)).bind(3, number(0)).run();
   delete_slab_record_.bind(1, slab_key).run();
-  Seals(db_).reopen(slab_key);
+  with_seals([&](Seals& seals) { seals.reopen(slab_key); });
 }
 
 void Jobs::undo_block(const BlockKey& key) {
@@ -410,7 +409,7 @@ void Jobs::operator()(const SlabJob& job) {
       .run();
   insert_result(job.slab_key, false, job.record);
   note_time(job.ended_utime_us);
-  Seals(db_).seal(job.slab_key);
+  with_seals([&](Seals& seals) { seals.seal(job.slab_key); });
 }
 
 void Jobs::operator()(const AckJob& job) {

@@ -8,6 +8,7 @@
 #include "base/calibration.h"
 #include "storage/load.h"
 #include "storage/rows.h"
+#include "storage/seals.h"
 #include "storage/storage.h"
 
 namespace slabd::storage {
@@ -31,6 +32,10 @@ class Jobs {
  public:
   /// `settings` and `held_back` belong to the caller; `held_back` may change between jobs.
   Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_back);
+
+  /// Keeps the statements of the chain between slabs, which saves their preparation and needs some 200 kB. It is for a
+  /// writer of many slabs.
+  void keep_seals() { kept_seals_.emplace(db_, SealStatements::keep); }
 
   void operator()(const SessionJob& job);
   void operator()(const BeginSlabJob& job);
@@ -78,6 +83,12 @@ class Jobs {
   [[nodiscard]] bool is_known(const Attempt& attempt);
   [[nodiscard]] AttemptState state_of(const Attempt& attempt, StationPhase phase, std::uint16_t code) const;
 
+  template <typename Work>
+  void with_seals(const Work& work) {
+    if (kept_seals_) return work(*kept_seals_);
+    Seals seals(db_);
+    work(seals);
+  }
   /// Seals an ended slab again after a late change.
   void seal_if_ended(std::int64_t slab_key);
 
@@ -134,6 +145,7 @@ class Jobs {
   Statement unfinished_;
   Statement scan_recorded_;
   Statement is_ended_;
+  std::optional<Seals> kept_seals_;
 };
 
 }  // namespace slabd::storage

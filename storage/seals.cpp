@@ -182,18 +182,21 @@ std::span<const SealedTable> sealed_tables(std::int64_t form) {
   return {};
 }
 
-SlabDigests::SlabDigests(Connection& db, std::int64_t form)
-    : db_(db), tables_(sealed_tables(form)), digests_(tables_.size()) {}
+SlabDigests::SlabDigests(Connection& db, std::int64_t form, SealStatements statements)
+    : db_(db), tables_(sealed_tables(form)), statements_(statements), rows_(tables_.size()), digests_(tables_.size()) {}
 
 const std::vector<Sha256>& SlabDigests::of(std::int64_t slab_key) {
   for (std::size_t i = 0; i < tables_.size(); ++i) {
     const SealedTable& table = tables_[i];
-    Statement rows(db_, "SELECT " + std::string(table.columns) + " FROM " + std::string(table.name) +
-                            " WHERE slab_key = ?1" + std::string(table.where) + " ORDER BY " +
-                            std::string(table.order));
-    rows.bind(1, slab_key);
-    hash_rows(rows, table, digest_);
+    if (rows_[i] == nullptr)
+      rows_[i] = std::make_unique<Statement>(
+          db_, "SELECT " + std::string(table.columns) + " FROM " + std::string(table.name) + " WHERE slab_key = ?1" +
+                   std::string(table.where) + " ORDER BY " + std::string(table.order));
+    rows_[i]->reset();  // an error may have ended the previous call
+    rows_[i]->bind(1, slab_key);
+    hash_rows(*rows_[i], table, digest_);
     digests_[i] = digest_.take();
+    if (statements_ == SealStatements::drop) rows_[i].reset();
   }
   return digests_;
 }
@@ -255,9 +258,9 @@ Sha256 seal_of(const Sha256& previous, const SealEntry& entry) {
       .take();
 }
 
-Seals::Seals(Connection& db)
+Seals::Seals(Connection& db, SealStatements statements)
     : db_(db),
-      digests_(db, kSealForm),
+      digests_(db, kSealForm, statements),
       head_(db, "SELECT seq, sha256 FROM slab_seal ORDER BY seq DESC LIMIT 1"),
       insert_(db,
               "INSERT INTO slab_seal (seq, kind, form, about, slab_no, slab_id, utime_us, rows_sha256, sha256, tables) "

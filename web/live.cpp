@@ -10,6 +10,7 @@
 
 #include "base/os.h"
 #include "hal/system/control_client.h"
+#include "web/words.h"
 
 namespace slabd::web {
 namespace {
@@ -188,26 +189,28 @@ void Live::refresh_once(bool with_yield) {
   trouble_ = std::move(trouble);
 }
 
-std::string Live::composed() const {
+std::string Live::composed(bool in_chinese) const {
   const bool known = status_ != "null";
   const std::int64_t age_ms = std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now() - status_at_).count();
   const bool reachable = reachable_ && age_ms < kReachableAge_ms;
   std::string trouble = trouble_;
   if (!reachable) trouble = reachable_ ? "slabd-web has not read the answer of slabd in time" : unreachable_;
+  if (in_chinese) trouble = sentence_in_chinese(trouble);
   return fmt::format(
       "{{\"schema\":\"slabd.web_status/1\",\"utime_us\":{},\"age_ms\":{},\"reachable\":{},\"trouble\":{},"
       "\"status\":{},\"map\":{},\"last\":{},\"yield\":{},\"slabd_web\":{{\"version\":{},\"language\":{}}}}}\n",
-      utime_us(), known ? std::to_string(age_ms) : "null", reachable, text_of(json(trouble)), status_, map_, last_,
-      yield_, text_of(json(settings_.version)), text_of(json(settings_.language)));
+      utime_us(), known ? std::to_string(age_ms) : "null", reachable, text_of(json(trouble)),
+      in_chinese ? status_in_chinese(status_) : status_, map_, last_, in_chinese ? yield_in_chinese(yield_) : yield_,
+      text_of(json(settings_.version)), text_of(json(settings_.language)));
 }
 
-SharedAnswer Live::answer() {
+SharedAnswer Live::answer(const std::string& language) {
+  const bool in_chinese = language == "zh";
   const std::lock_guard lock(mutex_);
-  if (answer_ == nullptr || Clock::now() - answer_at_ >= kComposePeriod) {
-    answer_ = text_answer(composed(), "application/json");
-    answer_at_ = Clock::now();
-  }
-  return answer_;
+  Composed& newest = composed_.at(in_chinese ? 1 : 0);
+  if (newest.answer == nullptr || Clock::now() - newest.at >= kComposePeriod)
+    newest = {text_answer(composed(in_chinese), "application/json"), Clock::now()};
+  return newest.answer;
 }
 
 }  // namespace slabd::web

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -30,9 +31,10 @@ class Live {
   Live(const Live&) = delete;
   Live& operator=(const Live&) = delete;
 
-  /// slabd.web_status/1. Composed at most every 200 ms, so that callers share it. The age of a status grows while the
-  /// daemon does not answer, or while its answer is not read.
-  [[nodiscard]] SharedAnswer answer();
+  /// slabd.web_status/1 with sentences in the language "en" or "zh". Composed at most every 200 ms for each language,
+  /// so that callers share it. The age of a status grows while the daemon does not answer, or while its answer is not
+  /// read.
+  [[nodiscard]] SharedAnswer answer(const std::string& language);
   /// The daemon's answer to a verb without arguments, as the text of a JSON object; "null" if it did not answer.
   [[nodiscard]] std::string ask(const std::string& verb) const;
 
@@ -45,7 +47,7 @@ class Live {
   void refresh_once(bool with_yield);
   /// The newest slabs and the map of the first of them; false if that slab ended between the two.
   [[nodiscard]] bool read_last(std::string& last, std::string& map, std::string& trouble);
-  [[nodiscard]] std::string composed() const;
+  [[nodiscard]] std::string composed(bool in_chinese) const;
   /// The document as a JSON text without line ends; empty if it could not be made, and `trouble` has the reason then.
   [[nodiscard]] std::string document(const std::vector<std::string>& arguments, std::string& trouble);
 
@@ -70,8 +72,11 @@ class Live {
   std::string yield_ = "null";
   std::string trouble_;
 
-  SharedAnswer answer_;
-  Clock::time_point answer_at_;
+  struct Composed {
+    SharedAnswer answer;
+    Clock::time_point at;
+  };
+  std::array<Composed, 2> composed_;  ///< in English, in Chinese
 
   std::thread poller_;
   std::thread refresher_;

@@ -18,23 +18,27 @@ constexpr std::array kSlabs = {
 constexpr std::array kLanguage = {P{"language", Form::language, "--language"}};
 constexpr std::array kReport = {P{"language", Form::language, "--language"}, P{"full", Form::flag, "--full"}};
 constexpr std::array kCapability = {P{"slab_type", Form::number, "--slab-type"}, P{"slabs", Form::number, "--slabs"},
-                                    P{"since", Form::time, "--since"}, P{"until", Form::time, "--until"}};
-constexpr std::array kTrend = {P{"block", Form::block, "--block"}, P{"slab_type", Form::number, "--slab-type"},
+                                    P{"since", Form::time, "--since"}, P{"until", Form::time, "--until"},
+                                    P{"language", Form::language, "--language"}};
+constexpr std::array kTrend = {P{"block", Form::block, "--block"},  P{"slab_type", Form::number, "--slab-type"},
                                P{"slabs", Form::number, "--slabs"}, P{"since", Form::time, "--since"},
-                               P{"until", Form::time, "--until"}};
+                               P{"until", Form::time, "--until"},   P{"language", Form::language, "--language"}};
 constexpr std::array kYield = {P{"by", Form::group, "--by"}, P{"since", Form::time, "--since"},
-                               P{"until", Form::time, "--until"}, P{"slab_type", Form::number, "--slab-type"}};
+                               P{"until", Form::time, "--until"}, P{"slab_type", Form::number, "--slab-type"},
+                               P{"language", Form::language, "--language"}};
 constexpr std::array kReasons = {P{"since", Form::time, "--since"}, P{"until", Form::time, "--until"},
                                  P{"slab_type", Form::number, "--slab-type"}, P{"verdict", Form::verdict, "--verdict"}};
-constexpr std::array kCompare = {P{"a", Form::key, ""}, P{"b", Form::key, ""}, P{"all", Form::flag, "--all"}};
+constexpr std::array kCompare = {P{"a", Form::key, ""}, P{"b", Form::key, ""}, P{"all", Form::flag, "--all"},
+                                 P{"language", Form::language, "--language"}};
 constexpr std::array kMoulds = {P{"slab_type", Form::number, "--slab-type"}, P{"slabs", Form::number, "--castings"},
                                 P{"since", Form::time, "--since"}, P{"until", Form::time, "--until"}};
-constexpr std::array kWords = {P{"language", Form::language, ""}};
+// Language of the documents that slabd-web composes.
+constexpr std::array kOwnLanguage = {P{"language", Form::language, ""}};
 constexpr std::array kPlant = {P{"days", Form::number, "--days"}};
 constexpr std::array kFound = {P{"id", Form::text, ""}};
 
 constexpr std::array kRoutes = {
-    Route{"/api/v1/status", Maker::status, "slabd.web_status/1", 0.2, "", {}},
+    Route{"/api/v1/status", Maker::status, "slabd.web_status/1", 0.2, "", kOwnLanguage},
     Route{"/api/v1/slabs", Maker::slabctl, "slabd.history/1", 2, "history --json", kSlabs},
     Route{"/api/v1/slabs/{key}", Maker::slabctl, "slabd.slab/1", 5, "show --json -- {key}", {}},
     Route{"/api/v1/slabs/{key}/map", Maker::slabctl, "slabd.slab_map/1", 2, "show --map --json -- {key}", kLanguage},
@@ -61,12 +65,12 @@ constexpr std::array kRoutes = {
     Route{"/api/v1/compare", Maker::slabctl, "slabd.comparison/1", 60, "compare --json -- {a} {b}", kCompare},
     Route{"/api/v1/moulds", Maker::slabctl, "slabd.moulds/1", 60, "mould list --json", kMoulds},
     Route{"/api/v1/moulds/{mould}/sheet.pdf", Maker::report, "", 60, "mould sheet --out={file} -- {mould}", kLanguage},
-    Route{"/api/v1/calibration", Maker::calibration, "slabd.web_calibration/1", 10, "", {}},
-    Route{"/api/v1/doctor", Maker::slabctl, "slabd.doctor/1", 10, "doctor --no-write --json", {}},
+    Route{"/api/v1/calibration", Maker::calibration, "slabd.web_calibration/1", 10, "", kOwnLanguage},
+    Route{"/api/v1/doctor", Maker::slabctl, "slabd.doctor/1", 10, "doctor --no-write --json", kLanguage},
     Route{"/api/v1/plant", Maker::plant, "slabd.plant_overview/1", 60, "--show=overview", kPlant},
     Route{"/api/v1/plant/slab", Maker::plant, "slabd.plant_found/1", 10, "--show=slab={id}", kFound},
     Route{"/api/v1/session", Maker::session, "slabd.web_session/1", 0, "", {}},
-    Route{"/api/v1/words", Maker::words, "slabd.web_words/1", 3'600, "", kWords},
+    Route{"/api/v1/words", Maker::words, "slabd.web_words/1", 3'600, "", kOwnLanguage},
 };
 
 /// Longest values; the pattern of a form decides about the rest.

@@ -112,6 +112,7 @@ MHD_Result handle(Site& site, bool is_tls, MHD_Connection* connection, const cha
   request.target = exchange.target;
   request.host = field(connection, MHD_HTTP_HEADER_HOST);
   request.if_none_match = field(connection, MHD_HTTP_HEADER_IF_NONE_MATCH);
+  request.accept_language = field(connection, MHD_HTTP_HEADER_ACCEPT_LANGUAGE);
   const std::string_view length = field(connection, MHD_HTTP_HEADER_CONTENT_LENGTH);
   request.has_body =
       (!length.empty() && length != "0") || !field(connection, MHD_HTTP_HEADER_TRANSFER_ENCODING).empty();

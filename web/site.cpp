@@ -27,6 +27,14 @@ std::string part_of(const Answer& answer) {
   return text;
 }
 
+/// slabd.web_error/1 with cause and cure in Chinese, as far as the catalogue has them.
+SharedAnswer error_in_chinese(const Answer& english) {
+  const json document = json::parse(body_of(english), nullptr, false);
+  if (!document.is_object()) return error_answer(english.status, body_of(english), "");
+  return error_answer(english.status, sentence_in_chinese(document.value("text", "")),
+                      sentence_in_chinese(document.value("cure", "")));
+}
+
 HttpReply refusal(int status, const std::string& text, const std::string& cure) {
   return {status, error_answer(status, text, cure)};
 }
@@ -86,13 +94,14 @@ bool Site::is_known_host(const HttpRequest& request) const {
          is_host(request.host, {"localhost", "127.0.0.1", std::string(request.local_address)});
 }
 
-SharedAnswer Site::calibration(double cache_s) {
+SharedAnswer Site::calibration(double cache_s, bool in_chinese) {
   const std::string state = live_.ask("calibration");
   const SharedAnswer history = documents_.get({{"calibrate", "history", "--json"}, cache_s});
   const SharedAnswer trend = documents_.get({{"calibrate", "check", "--json"}, cache_s});
   const bool is_state = state.find("\"slabd.calibration_state/1\"") != std::string::npos;
-  return text_answer("{\"schema\":\"slabd.web_calibration/1\",\"state\":" + (is_state ? state : "null") +
-                         ",\"history\":" + part_of(*history) + ",\"trend\":" + part_of(*trend) + "}\n",
+  const auto part = [&](const std::string& text) { return in_chinese ? notes_in_chinese(text) : text; };
+  return text_answer("{\"schema\":\"slabd.web_calibration/1\",\"state\":" + part(is_state ? state : "null") +
+                         ",\"history\":" + part(part_of(*history)) + ",\"trend\":" + part(part_of(*trend)) + "}\n",
                      "application/json");
 }
 
@@ -102,10 +111,10 @@ SharedAnswer Site::document(const HttpRequest& asked, const Target& target) {
     return error_answer(refusal->status, refusal->text, refusal->cure);
   const Request& request = *std::get_if<Request>(&found);
   switch (request.route->maker) {
-    case Maker::status: return live_.answer();
+    case Maker::status: return live_.answer(request.language);
     case Maker::session: return session_document(asked, session_of(asked));
     case Maker::words: return request.language == "zh" ? words_zh_ : words_en_;
-    case Maker::calibration: return calibration(request.route->cache_s);
+    case Maker::calibration: return calibration(request.route->cache_s, request.language == "zh");
     case Maker::slabctl:
     case Maker::plant:
     case Maker::report: break;
@@ -257,6 +266,12 @@ HttpReply Site::read(const HttpRequest& request) {
 }
 
 HttpReply Site::reply(const HttpRequest& request) {
+  HttpReply reply = in_english(request);
+  if (reply.status >= 400 && request.accept_language.starts_with("zh")) reply.answer = error_in_chinese(*reply.answer);
+  return reply;
+}
+
+HttpReply Site::in_english(const HttpRequest& request) {
   const bool writes = request.method == "POST";
   if (!writes && request.method != "GET" && request.method != "HEAD")
     return refusal(405, "only GET, HEAD and POST are answered", "docs/WEB.md lists what is read and written");

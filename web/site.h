@@ -23,9 +23,10 @@ inline constexpr std::size_t kBodyBytesMax = 8'192;
 
 struct HttpRequest {
   std::string_view method;
-  std::string_view target;         ///< as sent
-  std::string_view host;           ///< field Host; empty if missing
-  std::string_view if_none_match;  ///< empty if missing
+  std::string_view target;           ///< as sent
+  std::string_view host;             ///< field Host; empty if missing
+  std::string_view if_none_match;    ///< empty if missing
+  std::string_view accept_language;  ///< the same
   bool has_body = false;
   std::string_view local_address;  ///< IPv4 address that the browser connected to
   std::string_view peer_address;   ///< IPv4 address of the browser
@@ -68,6 +69,7 @@ class Site {
   [[nodiscard]] static bool is_slow(std::string_view target);
 
  private:
+  [[nodiscard]] HttpReply in_english(const HttpRequest& request);
   [[nodiscard]] HttpReply read(const HttpRequest& request);
   [[nodiscard]] HttpReply write(const HttpRequest& request);
   [[nodiscard]] HttpReply log_in(const HttpRequest& request, const Fields& fields);
@@ -78,7 +80,7 @@ class Site {
   [[nodiscard]] bool needs_login(std::string_view path) const;
   [[nodiscard]] SharedAnswer find(const HttpRequest& request, const Target& target);
   [[nodiscard]] SharedAnswer document(const HttpRequest& request, const Target& target);
-  [[nodiscard]] SharedAnswer calibration(double cache_s);
+  [[nodiscard]] SharedAnswer calibration(double cache_s, bool in_chinese);
   [[nodiscard]] bool is_known_host(const HttpRequest& request) const;
 
   const SiteSettings settings_;

@@ -9,6 +9,7 @@
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
+#include "cli/terminal/json_language.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
 #include "cli/terminal/say.h"
@@ -78,7 +79,7 @@ void summarise(const Examination& report) {
 }
 
 int examine(const Options& options) {
-  set_language(options.language, options.as_json);
+  set_language(options.language, options.as_json && json_language(options.language) == report::Language::en);
   Examination report(options.as_json);
   config::Config config;
   std::vector<Recipe> recipes;
@@ -148,7 +149,7 @@ void add_doctor(args::Command& app) {
       ->check(within(0.5, 60.0));
   command->add_flag("--scan", options->scan, "Have one scan taken");
   command->add_flag("--no-write", options->no_write, "Write nothing; the disks' speed is not measured");
-  options->language.add_to(*command, "Language of the text");
+  options->language.add_to(*command, "Language of the text and of the sentences of --json");
   command->add_flag("--json", options->as_json, "Print slabd.doctor/1 on stdout");
   command->runs([options] { return examine(*options); });
 }

@@ -7,6 +7,7 @@
 
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
+#include "report/retell.h"
 
 namespace slabd::cli {
 namespace {
@@ -45,7 +46,7 @@ std::string_view translated(std::string_view english) {
 
 std::string quote(std::string_view text) {
   if (language_in_use() == Language::en) return std::string(text);
-  return report::retold(text).value_or(text.empty() ? "" : fmt::format("“{}”", text));
+  return report::retold_or_quoted(text);
 }
 
 std::string retold(std::string_view text) {
@@ -54,16 +55,11 @@ std::string retold(std::string_view text) {
 }
 
 std::string code_text(Code code, std::string_view text) {
-  if (language_in_use() == Language::en) return std::string(text);
-  const std::string_view english = describe(code);
-  if (text.starts_with(english)) text.remove_prefix(english.size());
-  if (text.starts_with(": ")) text.remove_prefix(2);
-  const std::string_view meaning = report::meaning(code, language_in_use());
-  return text.empty() || text == "-" ? std::string(meaning) : fmt::format("{}：{}", meaning, quote(text));
+  return language_in_use() == Language::en ? std::string(text) : report::retold_code(code, text);
 }
 
 std::string code_cure(Code code, std::string_view text) {
-  return text == cure(code) ? std::string(report::cure_words(code, language_in_use())) : quote(text);
+  return language_in_use() == Language::en ? std::string(text) : report::retold_cure(code, text);
 }
 
 std::string_view verdict_name(Verdict verdict) {

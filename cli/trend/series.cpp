@@ -171,6 +171,8 @@ class Builder {
         lower = low;
         upper = high;
       }
+      trend_.limits_differ =
+          trend_.limits_differ || differ(item.lower, trend_.lower) || differ(item.upper, trend_.upper);
       comparable = comparable && !differ(low, lower) && !differ(high, upper);
       deviations.push_back(value.value - offset(item));
     }

@@ -55,12 +55,13 @@ struct Trend {
   double nominal = kNoValue;        ///< of the newest slab, like the limits
   double lower = kNoValue;
   double upper = kNoValue;
-  Individuals chart;       ///< of the complete points
-  Individuals singles;     ///< chart of one block, the basis of capability
-  Capability capable;      ///< of `capable_block`: the requested block, or the worst one; NaN while preliminary
-  int capable_block = 0;   ///< 0: an item of the whole slab, or too few values
-  std::size_t values = 0;  ///< single values of all slabs and blocks, the basis of `whole`
-  Performance whole;       ///< indices are NaN if the limits of the blocks differ
+  bool limits_differ = false;  ///< between the blocks: `lower` and `upper` are those of one of them
+  Individuals chart;           ///< of the complete points
+  Individuals singles;         ///< chart of one block, the basis of capability
+  Capability capable;          ///< of `capable_block`: the requested block, or the worst one; NaN while preliminary
+  int capable_block = 0;       ///< 0: an item of the whole slab, or too few values
+  std::size_t values = 0;      ///< single values of all slabs and blocks, the basis of `whole`
+  Performance whole;           ///< indices are NaN if the limits of the blocks differ
   std::vector<OutsideValue> outside;  ///< oldest first
   std::vector<Placed> placed;         ///< the single values, by slab
   std::vector<StationBias> stations;

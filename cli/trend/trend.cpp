@@ -12,6 +12,7 @@
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/document.h"
+#include "cli/terminal/json_language.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
 #include "cli/trend/stored.h"
@@ -62,22 +63,26 @@ std::string_view name(ValueIs value_is) {
 }
 
 /// Fields that a trend and a row of the capability table share.
-void write_judgement(report::Json& json, const Trend& t) {
+void write_judgement(report::Json& json, const Trend& t, report::Language language) {
   json.field("slabs", t.chart.count).field("not_measured", t.not_measured);
   json.field("preliminary", t.chart.preliminary()).field("other_limits", t.other_limits);
   json.field("incomplete_slabs", t.incomplete).field("nominal", t.nominal).field("lower", t.lower);
-  json.field("upper", t.upper).key("capability").begin_object().field("confidence", 0.95);
+  json.field("upper", t.upper)
+      .field("limits_differ", t.limits_differ)
+      .key("capability")
+      .begin_object()
+      .field("confidence", 0.95);
   json.field("block", t.capable_block).field("values", t.singles.count).field("cp", t.capable.cp);
   json.field("cpk", t.capable.cpk).end_object();
   json.key("performance").begin_object().field("values", t.values).field("distribution", trend::name(t.whole.model));
   json.field("p", t.whole.p).field("pp", t.whole.pp).field("ppk", t.whole.ppk);
   json.field("outside", t.whole.outside.count).field("outside_share", t.whole.outside.share).end_object();
   json.field("signals", t.signals()).field("judgement", study::name(t.judgement));
-  const std::string reason = trend::judgement_reason(t, report::Language::en);
+  const std::string reason = trend::judgement_reason(t, language);
   json.field("judgement_reason", report::only_if(!reason.empty(), reason));
 }
 
-std::string as_json(const Trend& t, int mould) {
+std::string as_json(const Trend& t, int mould, report::Language language) {
   report::Json json("slabd.trend/1");
   json.field("item", info(t.item).name).field("unit", info(t.item).unit);
   json.field("slab_type", report::only_if(t.slab_type != 0, t.slab_type))
@@ -85,7 +90,7 @@ std::string as_json(const Trend& t, int mould) {
       .field("mould", report::only_if(mould != 0, mould));
   json.field("value_is", name(t.value_is));
   json.field("emulated", t.emulated != 0).field("other_emulation", t.other_emulation);
-  write_judgement(json, t);
+  write_judgement(json, t, language);
   json.key("chart").begin_object().field("mean", t.chart.mean);
   json.field("sigma", t.chart.sigma).field("std", t.chart.std).field("moving_range", t.chart.moving_range);
   json.field("lower_control", t.chart.lower_control).field("upper_control", t.chart.upper_control);
@@ -109,7 +114,7 @@ std::string as_json(const Trend& t, int mould) {
   return json.text();
 }
 
-std::string as_json(const std::vector<Trend>& trends, int mould) {
+std::string as_json(const std::vector<Trend>& trends, int mould, report::Language language) {
   report::Json json("slabd.capability/1");
   const int slab_type = trends.empty() ? 0 : trends.front().slab_type;
   json.field("slab_type", report::only_if(slab_type != 0, slab_type));
@@ -117,7 +122,7 @@ std::string as_json(const std::vector<Trend>& trends, int mould) {
   json.field("emulated", std::any_of(trends.begin(), trends.end(), [](const Trend& t) { return t.emulated != 0; }));
   json.list("items", trends, [&](const Trend& t) {
     json.field("item", info(t.item).name).field("unit", info(t.item).unit);
-    write_judgement(json, t);
+    write_judgement(json, t, language);
   });
   return json.text();
 }
@@ -248,7 +253,7 @@ int show_capability(const Options& options) {
   }
   options.document.write(trend::document_of(trends, options.document.wanted()));
   if (options.json) {
-    fmt::print("{}", as_json(trends, options.mould));
+    fmt::print("{}", as_json(trends, options.mould, json_language(options.document.language)));
     return kDone;
   }
   if (trends.empty()) fmt::print("no values\n");
@@ -273,7 +278,8 @@ int show_trend(const Options& options) {
   bool other_types = false;
   const Trend t = trend::read_trend(*reader, filter, other_types);
   options.document.write(trend::document_of(t, options.document.wanted()));
-  fmt::print("{}", options.json ? as_json(t, options.mould) : trend_text(t, other_types));
+  fmt::print("{}", options.json ? as_json(t, options.mould, json_language(options.document.language))
+                                : trend_text(t, other_types));
   return kDone;
 }
 

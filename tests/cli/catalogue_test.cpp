@@ -60,7 +60,7 @@ void read_file(const std::string& text, Sources& sources) {
 const Sources& sources() {
   static const Sources kSources = [] {
     Sources read;
-    for (const char* room : {"base", "algo", "calib", "storage", "daemon", "report", "cli"})
+    for (const char* room : {"base", "algo", "calib", "storage", "daemon", "report", "cli", "web"})
       for (const auto& entry : fs::recursive_directory_iterator(fs::path(places::source_dir()) / room)) {
         const fs::path extension = entry.path().extension();
         if ((extension != ".cpp" && extension != ".h") || entry.path().native().ends_with("catalogue.cpp")) continue;

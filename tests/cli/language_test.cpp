@@ -238,6 +238,28 @@ TEST_F(ShowChinese, a_passed_a_failed_and_an_aborted_slab) {
   expect_mentions(shown("key:2 --block 1"), "承轨面坡度 [deg]");
   EXPECT_EQ(run("show key:2 --json --language zh --db " + file("slabd.db")).out,
             run("show key:2 --json --db " + file("slabd.db")).out);
+  // Sentences of documents are Chinese only if --language asks for it; keys, names and numbers are the same.
+  std::size_t differing = 0;
+  for (const std::string command : {"yield", "trend", "trend seat_slope", "compare key:1 key:2 --all"}) {
+    const std::string question = command + " --json --db " + file("slabd.db");
+    const std::string english = run(question).out;
+    const std::string chinese = run(question + " --language zh").out;
+    differing += chinese != english ? 1U : 0U;
+    ::setenv("SLABD_LANGUAGE", "zh", 1);
+    EXPECT_EQ(run(question).out, english) << command;
+    ::unsetenv("SLABD_LANGUAGE");
+    const json en = json::parse(english).flatten();
+    const json zh = json::parse(chinese).flatten();
+    ASSERT_EQ(en.size(), zh.size()) << command;
+    for (const auto& [key, value] : zh.items()) {
+      const bool is_sentence = key.ends_with("/main_reason") || key.ends_with("/note") || key.ends_with("_reason");
+      if (is_sentence && value.is_string() && value != "")
+        EXPECT_NE(value, en[key]) << command << key;
+      else
+        EXPECT_EQ(value, en[key]) << command << key;
+    }
+  }
+  EXPECT_GE(differing, 2U);
   const Ended unknown = run("show 77 --language zh --db " + file("slabd.db"));
   EXPECT_EQ(unknown.status, kBadInput);
   expect_chinese(unknown.err);
@@ -279,8 +301,12 @@ TEST_F(Language, doctor_is_chinese_in_all_its_checks) {
   const Ended broken = run("doctor --language zh --config " + write("broken.toml", "[plc]\nrole = 7\n"));
   EXPECT_EQ(broken.status, kBadInput);
   expect_chinese(broken.out);
-  EXPECT_EQ(json::parse(run("doctor --json --language zh --config " + file("broken.toml")).out)["findings"][0]["check"],
-            "configuration");
+  const json finding =
+      json::parse(run("doctor --json --language zh --config " + file("broken.toml")).out)["findings"][0];
+  EXPECT_EQ(finding["check"], "configuration");
+  expect_chinese(finding["cure"]);
+  EXPECT_NE(finding["cure"],
+            json::parse(run("doctor --json --config " + file("broken.toml")).out)["findings"][0]["cure"]);
 }
 
 }  // namespace

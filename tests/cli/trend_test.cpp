@@ -82,6 +82,8 @@ TEST(Trend, a_block_is_capable_by_its_own_limits) {
   const Trend trend = trend_of(ItemId::seat_slope, 0, list);
   EXPECT_EQ(trend.other_limits, 0U);
   EXPECT_GT(trend.capable.cpk.value, 1.0);
+  EXPECT_TRUE(trend.limits_differ) << "no pair of limits is that of all blocks";
+  EXPECT_FALSE(trend_of(ItemId::seat_slope, 0, values(60, 0.2)).limits_differ);
 }
 
 TEST(Trend, capability_is_empty_while_the_chart_is_preliminary) {

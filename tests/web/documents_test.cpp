@@ -75,6 +75,9 @@ TEST_F(WebDocuments, are_what_slabctl_prints) {
   EXPECT_EQ(map["blocks"][3]["scan_kept"], false);
   EXPECT_FALSE(map["findings"].empty());
   EXPECT_NE(document("/api/v1/slabs/1/map?language=zh")["findings"], map["findings"]);
+  EXPECT_EQ(get("/api/v1/yield?by=day").body, run("yield --by day --json" + more).out);
+  EXPECT_EQ(get("/api/v1/yield?by=day&language=zh").body, run("yield --by day --json --language zh" + more).out);
+  EXPECT_NE(get("/api/v1/yield?by=day&language=zh").body, get("/api/v1/yield?by=day").body);
 
   const json maps = document("/api/v1/slabs/1/blocks/3/map");
   const json& deviation = maps["deviation"];
@@ -114,6 +117,8 @@ TEST_F(WebDocuments, errors_name_the_cause_and_the_cure) {
   cli::expect_mentions(refused(get("/api/v1/slabs?since=9"), 400), "'since'");
   cli::expect_mentions(refused(get("/api/v1/slabs?since=99-99"), 400), "--since");
   cli::expect_mentions(refused(get("/api/v1/slabs?item=nothing"), 400), "no item 'nothing'");
+  cli::expect_mentions(refused(get("/api/v1/slabs?item=nothing", "Accept-Language: zh\r\n"), 400), "请更正参数");
+  cli::expect_mentions(refused(get("/api/v1/slabs?item=nothing", "Accept-Language: en,zh\r\n"), 400), "correct");
   cli::expect_mentions(refused(get("/api/v1/nothing"), 404), "docs/WEB.md");
   fs::remove(db());
   cli::expect_mentions(refused(get("/api/v1/slabs?limit=7"), 503), "there is no database");
@@ -136,6 +141,7 @@ TEST_F(WebDocuments, without_slabd_the_status_is_unreachable_and_shows_the_last_
   EXPECT_EQ(status["map"]["key"], 1);
   ASSERT_EQ(status["last"].size(), 1U);
   EXPECT_EQ(status["slabd_web"]["language"], "en");
+  cli::expect_mentions(document("/api/v1/status?language=zh")["trouble"], "slabd 在 " + socket() + " 上没有应答");
 }
 
 }  // namespace

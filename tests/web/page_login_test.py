@@ -154,6 +154,17 @@ class Login(Browser):
             self.wait("return document.querySelector('form button').ariaDisabled === 'false' && document.querySelector('.trouble')", "answer")
         self.wait("return document.querySelector('.trouble').innerText.includes('30 s')", "wait")
 
+    def test_a_login_that_the_browser_does_not_send_back_is_explained(self):
+        self.set(cookie="0")
+        for language, words in (("en", "allow cookies"), ("zh", "Cookie")):
+            self.driver.delete_all_cookies()
+            self.open("/login?to=/slabs/55", language)
+            self.log_in()
+            self.wait("return document.querySelector('form .trouble')", "the login does not come back")
+            self.assertIn(words, self.text("form .trouble"))
+            self.assertEqual(self.text(".account-name"), "")
+            self.usable("cookie refused")
+
     def test_without_a_login_nothing_is_shown_if_it_is_required(self):
         self.set(required="1")
         for language in ("en", "zh"):

@@ -5,6 +5,9 @@
 
 #include <nlohmann/json.hpp>
 
+#include "base/plc.h"
+#include "base/result.h"
+#include "report/say.h"
 #include "tests/places/places.h"
 #include "web/routes.h"
 #include "web/words.h"
@@ -13,6 +16,7 @@ namespace slabd::web {
 namespace {
 
 using Words = std::vector<std::string>;
+using nlohmann::json;
 
 /// Words of slabctl; one word "400" or "404" if the document is refused.
 Words arguments_of(const std::string& raw) {
@@ -91,6 +95,46 @@ TEST(Routes, a_path_and_its_parameters_become_a_command) {
             (Words{"trend", "--json", "--block=3", "--", "seat_slope"}));
   EXPECT_EQ(arguments_of("/api/v1/compare?a=1&b=2&all=1"),
             (Words{"compare", "--json", "--all", "--", "key:1", "key:2"}));
+  EXPECT_EQ(arguments_of("/api/v1/yield?by=day&language=zh"), (Words{"yield", "--json", "--by=day", "--language=zh"}));
+  EXPECT_EQ(arguments_of("/api/v1/doctor?language=zh"), (Words{"doctor", "--no-write", "--json", "--language=zh"}));
+}
+
+TEST(Words, a_status_in_chinese_keeps_its_keys_and_figures) {
+  const json status = {
+      {"schema", "slabd.status/1"},
+      {"uptime_s", 7'300.5},
+      {"fault",
+       {{"code", 503}, {"text", describe(Code::calibration_missing)}, {"cure", cure(Code::calibration_missing)}}},
+      {"warn", json::array({"verdicts rest on unconfirmed values"})},
+      {"warn_bits", kWarnUnconfirmedNominals},
+      {"links",
+       {{"plc", {{"alive", false}, {"trouble", ""}}},
+        {"pose", {{"code", 201}, {"text", std::string(describe(Code::no_pose)) + ": second sender"}, {"lost", 3}}}}}};
+  const json chinese = json::parse(status_in_chinese(status.dump()));
+  EXPECT_EQ(chinese["fault"]["text"], report::meaning(Code::calibration_missing, report::Language::zh));
+  EXPECT_EQ(chinese["fault"]["cure"], report::cure_words(Code::calibration_missing, report::Language::zh));
+  EXPECT_EQ(chinese["warn"][0], report::warning_zh(kWarnUnconfirmedNominals));
+  EXPECT_EQ(chinese["links"]["pose"]["text"],
+            std::string(report::meaning(Code::no_pose, report::Language::zh)) + "：“second sender”");
+  EXPECT_EQ(chinese["links"]["plc"], status["links"]["plc"]);
+  EXPECT_EQ(chinese["links"]["pose"]["lost"], 3);
+  EXPECT_EQ(chinese["uptime_s"], 7'300.5);
+  EXPECT_EQ(chinese.size(), status.size());
+  EXPECT_EQ(status_in_chinese("null"), "null");
+}
+
+TEST(Words, notes_and_the_main_reason_are_translated_and_foreign_texts_stay) {
+  EXPECT_EQ(
+      json::parse(notes_in_chinese(R"({"checks":[{"note":"to the left","who":"to the left"},{"note":"by Li"}]})")),
+      json::parse(R"({"checks":[{"note":"向左","who":"to the left"},{"note":"by Li"}]})"));
+  EXPECT_EQ(notes_in_chinese("null"), "null");
+  const std::string english = report::reason_sentence(401, report::Language::en);
+  EXPECT_EQ(json::parse(yield_in_chinese(json{{"main_reason", "3 x " + english}, {"failed", 3}}.dump())),
+            (json{{"main_reason", "3 x " + report::reason_sentence(401, report::Language::zh)}, {"failed", 3}}));
+  EXPECT_EQ(yield_in_chinese("null"), "null");
+  EXPECT_EQ(sentence_in_chinese("slabd does not answer on /run/c.sock: it closed the connection"),
+            "slabd 在 /run/c.sock 上没有应答：它关闭了连接");
+  EXPECT_EQ(sentence_in_chinese("another text"), "another text");
 }
 
 TEST(Routes, an_option_cannot_be_smuggled_in) {
@@ -155,6 +199,10 @@ TEST(Words, are_those_of_reports_in_both_languages) {
   EXPECT_EQ(en["reasons"].size(), zh["reasons"].size());
   EXPECT_GT(en["reasons"].size(), 30U);
   for (const auto& [reason, text] : zh["reasons"].items()) EXPECT_NE(text, en["reasons"][reason]) << reason;
+  for (const auto& [check, word] : zh["checks"].items()) {
+    EXPECT_NE(word, check) << "no translation";
+    EXPECT_EQ(en["checks"][check], check);
+  }
   for (const auto& [verdict, word] : zh["verdicts"].items()) EXPECT_NE(word, en["verdicts"][verdict]) << verdict;
 }
 

@@ -17,6 +17,10 @@ export class ApiError extends Error {
   }
 }
 
+/// Language of the server's errors; '' until the page has one.
+let language = '';
+export const answerIn = (next) => (language = next);
+
 const refused = new Set();
 
 /// Calls `listener` if an answer is 401: a login is missing or has expired. Returns a function that ends this.
@@ -36,7 +40,8 @@ async function request(path, options, schema, signal) {
   const both = signal ? AbortSignal.any([signal, limit]) : limit;
   let answer;
   try {
-    answer = await fetch(`${kApi}${path}`, { ...options, signal: both, credentials: 'same-origin' });
+    const headers = { ...options.headers, ...(language && { 'Accept-Language': language }) };
+    answer = await fetch(`${kApi}${path}`, { ...options, headers, signal: both, credentials: 'same-origin' });
   } catch (error) {
     if (signal?.aborted) throw error;
     throw new ApiError(0, limit.aborted ? 'timeout' : 'unreachable');

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The frame around every page: header with state and pages, the band that says when nothing may be believed, the page.
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
-import { useDocument } from './api.js';
+import { answerIn, useDocument } from './api.js';
 import { duration } from './figures.js';
 import { html } from './html.js';
 import { About } from './pages/about.js';
@@ -21,7 +21,7 @@ import { Account } from './parts/account.js';
 import { useRenewal } from './renew.js';
 import { Link, useRoute } from './router.js';
 import { useSession } from './session.js';
-import { kThemes, languageOf, store, stored, useTheme } from './settings.js';
+import { kThemes, store, useTheme } from './settings.js';
 import { createSince } from './since.js';
 import { Foreign, visible } from './text.js';
 import { known } from './verdict.js';
@@ -77,12 +77,11 @@ function EmulationBand({ parts }) {
 }
 
 function FaultBand({ status }) {
-  const { t, reason, language } = useWords();
+  const { t } = useWords();
   const code = status?.fault?.code ?? 0;
   if (!code) return null;
-  const text = language === 'en' ? status.fault.text : reason(code, status.fault.text);
   return html`<div class="band band-fault">
-    <strong>✗ ${t('fault.title', { code })}</strong> <span><${Foreign} text=${text} /></span>
+    <strong>✗ ${t('fault.title', { code })}</strong> <span><${Foreign} text=${status.fault.text} /></span>
     <span>→ <${Foreign} text=${status.fault.cure} /></span>
   </div>`;
 }
@@ -130,14 +129,14 @@ function Header({ picture, route, closed, plant, theme, setTheme, setLanguage })
   </header>`;
 }
 
-export function App({ poll }) {
+export function App({ poll, firstLanguage }) {
   const route = useRoute();
   const { session } = useSession();
   const closed = session?.login_required === true;
   const polled = useStatus(poll);
   const picture = useMemo(() => (closed ? closedPicture(polled) : polled), [closed, polled]);
   const [theme, drawn, setTheme] = useTheme();
-  const [language, setLanguage] = useState(() => languageOf(route.query.get('lang'), stored('language'), navigator.languages));
+  const [language, setLanguage] = useState(firstLanguage);
   const since = useMemo(createSince, []);
   const main = useRef(null);
   const served = useDocument(`/words?language=${language}`, 'slabd.web_words/1', 0, String(closed)).document;
@@ -146,6 +145,8 @@ export function App({ poll }) {
   useRenewal();
   useEffect(() => {
     document.documentElement.lang = language;
+    poll.setLanguage(language);
+    answerIn(language);
   }, [language]);
   useEffect(() => {
     document.body.dataset.stale = String(picture.stale);

@@ -1,16 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 import { render } from 'preact';
 import { html } from './html.js';
+import { answerIn } from './api.js';
 import { createPoll } from './poll.js';
 import { App } from './app.js';
 import { session, startSession } from './session.js';
+import { languageOf, stored } from './settings.js';
 
+const language = languageOf(new URLSearchParams(location.search).get('lang'), stored('language'), navigator.languages);
+answerIn(language);
 const poll = createPoll({
   fetch: (...request) => fetch(...request),
   now: () => performance.now(),
   setTimeout: (...call) => setTimeout(...call),
   clearTimeout: (timer) => clearTimeout(timer),
-});
+}, language);
 
 // A page that was hidden or came back from the browser's cache believes nothing until an answer comes.
 document.addEventListener('visibilitychange', () => {
@@ -24,4 +28,4 @@ window.addEventListener('pageshow', (event) => {
 
 poll.start();
 startSession(poll);
-render(html`<${App} poll=${poll} />`, document.getElementById('app'));
+render(html`<${App} poll=${poll} firstLanguage=${language} />`, document.getElementById('app'));

@@ -9,8 +9,8 @@ const kTimeout_ms = 2000;
 /// The server answers, but only after a login.
 class LoginMissing extends Error {}
 
-/// `world`: fetch, now (ms, monotonic), setTimeout, clearTimeout; tests replace them.
-export function createPoll(world) {
+/// `world`: fetch, now (ms, monotonic), setTimeout, clearTimeout; tests replace them. `language`: of the sentences.
+export function createPoll(world, language = 'en') {
   let state = heardNothing();
   let status = null;
   let trouble = '';
@@ -54,7 +54,7 @@ export function createPoll(world) {
     const limit = world.setTimeout(() => ending.abort(), kTimeout_ms);
     try {
       const headers = etag === '' ? {} : { 'If-None-Match': etag };
-      await take(await world.fetch('/api/v1/status', { signal: ending.signal, cache: 'no-store', headers }));
+      await take(await world.fetch(`/api/v1/status?language=${language}`, { signal: ending.signal, cache: 'no-store', headers }));
     } catch (error) {
       if (running) trouble = error instanceof LoginMissing ? 'login' : 'server';
     } finally {
@@ -80,6 +80,13 @@ export function createPoll(world) {
     look_timer = world.setTimeout(look, kLook_ms);
   }
 
+  /// Asks at once if no request is running.
+  function hurry() {
+    if (request !== null) return;
+    world.clearTimeout(timer);
+    ask();
+  }
+
   return {
     picture: () => shown,
     listen(listener) {
@@ -98,10 +105,14 @@ export function createPoll(world) {
       state = slept(state);
       judge();
       tell();
-      if (request === null) {
-        world.clearTimeout(timer);
-        ask();
-      }
+      hurry();
+    },
+    /// The sentences come in another language from the next answer on.
+    setLanguage(next) {
+      if (next === language) return;
+      language = next;
+      etag = '';
+      if (running) hurry();
     },
     stop() {
       running = false;

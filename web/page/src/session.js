@@ -2,7 +2,7 @@
 // Who is logged in, from slabd.web_session/1. The cookie of the login cannot be read by the page, so the server is asked:
 // at the start, once a minute, after an answer 401, and after every login and logout.
 import { useEffect, useState } from 'preact/hooks';
-import { document_of, onRefused, post } from './api.js';
+import { ApiError, document_of, onRefused, post } from './api.js';
 
 const kPeriod_ms = 60_000;
 /// Until the next try if the server did not answer.
@@ -47,8 +47,24 @@ export function createSession(world) {
     ++turn;
     const session = await world.post(path, body);
     ++turn;
-    take({ session, error: null });
     return session;
+  }
+  async function logout() {
+    take({ session: await send('/logout', {}), error: null });
+  }
+  /// The answer to a login has the user; the answer to the next question only if the browser sends the cookie back.
+  async function login(name, password) {
+    const sent = await send('/login', { name, password });
+    const mine = turn;
+    let session = sent;
+    try {
+      session = await world.ask();
+    } catch {
+      // The server does not answer this time; it is asked again in a minute.
+    }
+    if (mine !== turn) return;
+    take({ session, error: null });
+    if (session.user !== sent.user) throw new ApiError(0, 'cookie');
   }
 
   return {
@@ -58,9 +74,9 @@ export function createSession(world) {
       return () => listeners.delete(listener);
     },
     again,
-    /// Throws ApiError if the server refuses.
-    login: (name, password) => send('/login', { name, password }),
-    logout: () => send('/logout', {}),
+    /// Throws ApiError if the server refuses, or with the text "cookie" if the browser does not keep the login.
+    login,
+    logout,
     /// A document was answered, or refused because a login is missing (`missing`). Asks if the page expected otherwise.
     heard(missing) {
       if (missing !== (state.session?.login_required === true)) again();

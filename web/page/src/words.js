@@ -24,6 +24,8 @@ export function wordsOf(language, served) {
     has: (key) => key in kCatalogues[language],
     /// Units of a duration.
     units: [t('unit.s'), t('unit.min'), t('unit.h'), t('unit.d')],
+    /// The name of a check of the doctor.
+    check: (name) => visible(served?.checks?.[name] ?? String(name), 80),
     item: (id) => visible(served?.items?.[id] ?? String(id).replaceAll('_', ' '), 80),
     /// "600: seat slope ...", empty for 0. `text`: the document's own sentence, used until the words have come.
     reason: (code, text = '') => {

@@ -14,6 +14,8 @@
 //   users=1|0       0: no users are configured
 //   required=1|0    1: nothing can be read without a login
 //   second=1|0      1: a decision needs a second person
+//   cookie=1|0      0: the browser gets no cookie with a login, as if it refused it
+//   limits=1|0      0: the blocks of a trend have different limits, and values with other limits were left out
 //   refuse=STATUS   every POST except login and logout is refused with this status
 //   reports=1       answers the CSP reports and errors that the page sent
 //
@@ -43,7 +45,7 @@ const types = { html: 'text/html; charset=utf-8', js: 'text/javascript; charset=
   svg: 'image/svg+xml', txt: 'text/plain; charset=utf-8' };
 
 const start = { status: 'live', slab: 'fail', id: null, done: '7', database: '1', fault: '0', newest: '', users: '1', required: '0',
-  second: '0', refuse: '' };
+  second: '0', refuse: '', cookie: '1', limits: '1' };
 let now = { ...start };
 let silent_since = 0;
 const reports = [];
@@ -84,12 +86,14 @@ function mapOf(which, language = 'en') {
   return map;
 }
 
-function webStatus() {
+const faults = { en: { text: 'the clock was set back', cure: 'set the clock (NTP)' }, zh: { text: '时钟被拨回', cure: '校准时钟（NTP）' } };
+
+function webStatus(language) {
   const status = structuredClone(documents.status);
   if (now.slab === 'open')
     Object.assign(status.slab, { id: now.id ?? 'C3-4161', stations_done: Number(now.done), current_station: Number(now.done) + 1 });
   else Object.assign(status, { slab: null, state: 'idle' });
-  if (now.fault !== '0') Object.assign(status, { state: 'fault', fault: { code: Number(now.fault), text: 'the clock was set back', cure: 'set the clock (NTP)' } });
+  if (now.fault !== '0') Object.assign(status, { state: 'fault', fault: { code: Number(now.fault), ...faults[language] } });
   const age_ms = now.status === 'gone' ? null : now.status === 'silent' ? Date.now() - silent_since : 120;
   const last = documents.history.slabs.slice(0, 8).map((slab, i) => ({ ...slab, slab_id: i === 0 && now.id !== null ? now.id : slab.slab_id }));
   const [newest, verdict] = now.newest.split(' ');
@@ -145,6 +149,7 @@ function login(body, token) {
   logins.delete(token);
   const next = randomUUID();
   logins.set(next, name);
+  if (now.cookie === '0') return { status: 200, body: sessionOf(name) };
   return { status: 200, body: sessionOf(name), more: { 'Set-Cookie': `slabd_test=${next}; HttpOnly; SameSite=Strict; Path=/` } };
 }
 
@@ -229,7 +234,7 @@ function documentOf(path, query) {
     case '/plant/slab': return foundSlab(query.get('id'));
     case '/doctor': return documents.doctor;
     case '/words': return documents[query.get('language') === 'zh' ? 'words_zh' : 'words_en'];
-    default: return path.startsWith('/trends/') ? { ...documents.trend, item: path.slice(8) } : null;
+    default: return path.startsWith('/trends/') ? { ...documents.trend, item: path.slice(8), ...(now.limits === '0' && { limits_differ: true, other_limits: 12 }) } : null;
   }
 }
 
@@ -269,7 +274,7 @@ async function serve(request, response) {
     if (now.status === 'hang') return undefined;
     if (now.status === 'garbage') return answer(response, 200, 'application/json', '{"schema":"slabd.web_status/1","age');
     if (now.status === 'closed') return json(response, 500, { schema: 'slabd.web_error/1', status: 500, text: 'closed', cure: '' });
-    return json(response, 200, webStatus());
+    return json(response, 200, webStatus(url.searchParams.get('language') === 'zh' ? 'zh' : 'en'));
   }
   if (url.pathname.startsWith('/api/v1/')) {
     const document = now.database === '0' ? null : documentOf(url.pathname.slice(7), url.searchParams);

@@ -55,6 +55,8 @@ test('an answer from before a login is not used', async () => {
   const login = session.login('mei', 'right');
   assert.deepEqual([here.posts[0].path, here.posts[0].body], ['/login', { name: 'mei', password: 'right' }]);
   here.posts[0].answer(of('mei'));
+  await settled();
+  here.asked[1].answer(of('mei'));
   await login;
   here.asked[0].answer(of(null));
   await settled();
@@ -71,6 +73,27 @@ test('a refused login keeps the session and is an error', async () => {
   here.posts[0].refuse(new ApiError(401, 'wrong name or password'));
   await assert.rejects(login, { status: 401 });
   assert.equal(session.state().session, null);
+});
+test('a login that the browser does not send back is an error, and no user is logged in', async () => {
+  const here = world();
+  const session = createSession(here);
+  const login = session.login('mei', 'right');
+  here.posts[0].answer(of('mei'));
+  await settled();
+  assert.equal(session.state().session, null, 'not logged in before the next answer');
+  here.asked[0].answer(of(null));
+  await assert.rejects(login, { message: 'cookie' });
+  assert.equal(session.state().session.user, null);
+});
+test('a login stays if the server does not answer the next question', async () => {
+  const here = world();
+  const session = createSession(here);
+  const login = session.login('mei', 'right');
+  here.posts[0].answer(of('mei'));
+  await settled();
+  here.asked[0].refuse(new ApiError(0, 'unreachable'));
+  await login;
+  assert.equal(session.state().session.user, 'mei');
 });
 test('a document that needs a login asks for the session, once', async () => {
   const here = world();
@@ -120,6 +143,7 @@ test('a refused login in the words of the page', () => {
   const t = (key, values) => say('en', key, values);
   assert.equal(refusalOf(new ApiError(401, 'x'), t), 'The name or the password is wrong.');
   assert.equal(refusalOf(new ApiError(429, 'x', '', 30), t), 'Too many attempts. Try again in 30 s.');
+  assert.match(refusalOf(new ApiError(0, 'cookie'), t), /allow cookies/);
   assert.equal(refusalOf(new ApiError(403, 'the connection is not encrypted'), t), '');
 });
 

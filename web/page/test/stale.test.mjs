@@ -120,6 +120,23 @@ test('woke: stale at once, and asks at once', async () => {
   assert.ok(here.requests.length <= before + 12, 'one chain of requests');
   poll.stop();
 });
+test('another language is asked for at once, in one chain of requests', async () => {
+  const here = world(() => good());
+  const poll = createPoll(here, 'zh');
+  poll.start();
+  await here.pass(2500);
+  assert.equal(here.requests.at(-1).path, '/api/v1/status?language=zh');
+  const before = here.requests.length;
+  poll.setLanguage('zh');
+  assert.equal(here.requests.length, before);
+  poll.setLanguage('en');
+  assert.equal(here.requests.length, before + 1);
+  const { path, options } = here.requests.at(-1);
+  assert.deepEqual([path, options.headers], ['/api/v1/status?language=en', {}]);
+  await here.pass(10_000);
+  assert.ok(here.requests.length <= before + 12);
+  poll.stop();
+});
 test('stopped: no request and no listener remain', async () => {
   const here = world(() => good());
   const poll = createPoll(here);

@@ -64,7 +64,7 @@ function Changes({ history }) {
   const columns = [
     { head: t('field.when'), row: true, cell: (change) => html`<time class="time">${localTime(change.time)}</time>` },
     { head: t('field.kind'), cell: (change) => `${t(`kind.${visible(change.kind, 20)}`)}${change.slab_type ? ` ${change.slab_type}` : ''}` },
-    { head: t('field.action'), cell: (change) => text(change.action) },
+    { head: t('field.action'), cell: (change) => t(`action.${visible(change.action, 20)}`) },
     { head: t('field.calibration'), cell: (change) => text(change.id) },
     { head: t('field.who'), cell: (change) => text(change.who) },
     { head: t('field.why'), cell: (change) => html`<span class="sentence">${text(change.why)}</span>` },
@@ -85,8 +85,8 @@ function Records({ history }) {
 }
 
 export function Calibration() {
-  const { t } = useWords();
-  const ask = useDocument('/calibration', 'slabd.web_calibration/1');
+  const { t, language } = useWords();
+  const ask = useDocument(`/calibration?language=${language}`, 'slabd.web_calibration/1');
   return html`
     <${PageHead} title=${t('calibration.title')} />
     <p class="quiet">${t('calibration.read_only')}</p>

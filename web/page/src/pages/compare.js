@@ -84,14 +84,14 @@ function SmallMap({ slabKey, name }) {
 }
 
 export function Compare({ route, theme }) {
-  const { t } = useWords();
+  const { t, language } = useWords();
   const legal = (name) => (/^[1-9]\d{0,18}$/.test(route.query.get(name) ?? '') ? route.query.get(name) : '');
   const [a, b] = [legal('a'), legal('b')];
   const all = route.query.get('all') === '1';
   const [first, setFirst] = useState(a);
   const [second, setSecond] = useState(b);
   const both = a !== '' && b !== '';
-  const ask = useDocument(both ? address('/compare', { a, b, all: all ? 1 : 0 }) : null, 'slabd.comparison/1');
+  const ask = useDocument(both ? address('/compare', { a, b, all: all ? 1 : 0, language }) : null, 'slabd.comparison/1');
   const submit = (event) => {
     event.preventDefault();
     go(address('/compare', { a: first.trim(), b: second.trim(), all: all ? 1 : '' }));

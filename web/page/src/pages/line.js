@@ -15,7 +15,7 @@ const kMarks = { failed: ['✗', 'fail'], warning: ['!', 'indeterminate'], note:
 const healthOf = (word) => (kOrder.includes(word) ? word : word === 'fail' || word === 'FAILED' ? 'failed' : 'unknown');
 
 function Findings({ findings }) {
-  const { t } = useWords();
+  const { t, check } = useWords();
   const [all, setAll] = useState(false);
   const sorted = findings.map((finding) => ({ ...finding, health: healthOf(finding.health) }))
     .sort((a, b) => kOrder.indexOf(a.health) - kOrder.indexOf(b.health));
@@ -23,7 +23,7 @@ function Findings({ findings }) {
   const columns = [
     { head: t('field.state'), cell: (finding) => html`<span class=${`verdict v-${kMarks[finding.health][1]}`}>
         <span class="verdict-symbol" aria-hidden="true">${kMarks[finding.health][0]}</span> ${t(`health.${finding.health}`)}</span>` },
-    { head: t('field.check'), row: true, cell: (finding) => html`<${Foreign} text=${finding.check} />` },
+    { head: t('field.check'), row: true, cell: (finding) => check(finding.check) },
     { head: t('field.saw'), cell: (finding) => html`<span class="sentence"><${Foreign} text=${finding.saw} max=${1000} /></span>` },
     { head: t('field.cure'), cell: (finding) => (finding.cure ? html`<span class="sentence">→ <${Foreign} text=${finding.cure} max=${1000} /></span>` : '') },
   ];
@@ -66,9 +66,9 @@ export function daemonFacts(status, words) {
 
 export function Line({ picture, since }) {
   const words = useWords();
-  const { t } = words;
+  const { t, language } = words;
   const status = picture.status?.status;
-  const ask = useDocument('/doctor', 'slabd.doctor/1');
+  const ask = useDocument(`/doctor?language=${language}`, 'slabd.doctor/1');
   return html`
     <${PageHead} title=${t('line.title')} />
     <${Panel} title=${t('line.links')}><${LinkTable} status=${status} since=${since} caption=${t('line.links_caption')} now_ms=${performance.now()} /><//>

@@ -11,6 +11,7 @@ import { useWords } from '../words.js';
 
 /// What the page says about a refused login, or '' if the server's own text is shown.
 export function refusalOf(error, t) {
+  if (error.message === 'cookie') return t('login.cookie');
   if (error.status === 401) return t('login.wrong');
   if (error.status === 429 && error.retry_after_s !== null) return t('login.wait', { seconds: error.retry_after_s });
   return '';

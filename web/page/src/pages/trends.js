@@ -25,7 +25,7 @@ function Judgement({ row }) {
 
 function Capability({ capability, chosen, parameters }) {
   const { t, item } = useWords();
-  const row_limits = (row) => limitsFigure({ ...row, value: null, verdict: 'none' });
+  const row_limits = (row) => (row.limits_differ ? t('trends.by_block') : limitsFigure({ ...row, value: null, verdict: 'none' }));
   const columns = [
     { head: t('field.item'), row: true, cell: (row) => html`<${Link} class="row-link" aria-current=${row.item === chosen ? 'true' : undefined}
         to=${address(`/trends/${row.item}`, { ...parameters, block: '' })}>${item(row.item)} <span class="unit">[${row.unit}]</span><//>` },
@@ -56,7 +56,7 @@ function Values({ trend }) {
     { head: t('trends.lowest'), number: true, cell: (point) => figure(point.lowest, digits) },
     { head: t('trends.highest'), number: true, cell: (point) => figure(point.highest, digits) },
     { head: t('trends.outside'), number: true, cell: (point) => point.outside },
-    { head: t('trends.signal'), cell: (point) => (point.signal === 'none' ? '' : html`<${Foreign} text=${point.signal.replaceAll('_', ' ')} />`) },
+    { head: t('trends.signal'), cell: (point) => (point.signal === 'none' ? '' : t(`signal.${visible(point.signal, 20)}`)) },
   ];
   return html`<details><summary>${t('app.table')}</summary>
     <${Table} caption=${t('trends.values_caption')} columns=${columns} rows=${trend.series.slice(-200).reverse()} id=${(point) => point.key} /></details>`;
@@ -79,8 +79,8 @@ function Stations({ trend }) {
 }
 
 function Chart({ item, parameters, theme }) {
-  const { t, item: name } = useWords();
-  const ask = useDocument(address(`/trends/${item}`, parameters), 'slabd.trend/1');
+  const { t, item: name, language } = useWords();
+  const ask = useDocument(address(`/trends/${item}`, { ...parameters, language }), 'slabd.trend/1');
   const title = t('trends.chart', { item: name(item) });
   const block = html`<label class="field"><span>${t('trends.block')}</span>
     <select value=${parameters.block ?? ''} onChange=${(event) => go(address(`/trends/${item}`, { ...parameters, block: event.target.value }), true)}>
@@ -90,6 +90,8 @@ function Chart({ item, parameters, theme }) {
   return html`<${Panel} title=${title} aside=${block}>
     <${Loaded} ask=${ask}>${(trend) => trend.series.length === 0 ? html`<p class="quiet">${t('trends.none')}</p>` : html`
       ${trend.preliminary && html`<p class="quiet">${t('trends.preliminary')}</p>`}
+      ${trend.limits_differ && html`<p class="quiet">${t('trends.limits_differ')}</p>`}
+      ${trend.other_limits > 0 && html`<p class="quiet">${t('trends.other_limits', { count: trend.other_limits })}</p>`}
       <${ControlChart} trend=${trend} theme=${theme} label=${t('trends.chart_label', { item: name(item), count: trend.series.length })} />
       <p><${Judgement} row=${trend} /> ${trend.judgement_reason && html`<span class="quiet"><${Foreign} text=${trend.judgement_reason} /></span>`}</p>
       <${Values} trend=${trend} /><${Stations} trend=${trend} />`}<//>
@@ -97,8 +99,8 @@ function Chart({ item, parameters, theme }) {
 }
 
 function Yield() {
-  const { t } = useWords();
-  const ask = useDocument('/yield?by=day&since=31d', 'slabd.yield/1');
+  const { t, language } = useWords();
+  const ask = useDocument(`/yield?by=day&since=31d&language=${language}`, 'slabd.yield/1');
   const columns = [
     { head: t('yield.day'), row: true, cell: (day) => html`<span class="time">${day.group === 'all' ? t('yield.all') : day.group}</span>` },
     ...['inspected', 'passed', 'failed', 'undecided', 'not_measured'].map((field) => ({ head: t(`yield.${field}`), number: true, cell: (day) => day[field] })),
@@ -131,11 +133,11 @@ function Reasons() {
 }
 
 export function Trends({ route, theme }) {
-  const { t } = useWords();
+  const { t, language } = useWords();
   const legal = (name, pattern) => (pattern.test(route.query.get(name) ?? '') ? route.query.get(name) : '');
   const item = route.item ?? 'seat_slope';
   const parameters = { slabs: legal('slabs', /^[1-9]\d{1,4}$/) || '200', slab_type: legal('slab_type', /^[1-9]\d{0,4}$/), block: legal('block', /^([1-9]|1[0-8])$/) };
-  const ask = useDocument(address('/trends', { ...parameters, block: '' }), 'slabd.capability/1');
+  const ask = useDocument(address('/trends', { ...parameters, block: '', language }), 'slabd.capability/1');
   return html`
     <${PageHead} title=${t('trends.title')}>
       <label class="field"><span>${t('trends.slabs')}</span>

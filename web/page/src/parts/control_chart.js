@@ -7,48 +7,18 @@ import { decimalsOf, figure } from '../figures.js';
 import { html } from '../html.js';
 import { Foreign } from '../text.js';
 import { useWords } from '../words.js';
+import { columnsOf, limitsOf, rangeOf } from './chart_data.js';
 
 const kHeight = 340;
 
 const token = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-/// Columns of uPlot: index, value, lowest, highest, then only the values that break a rule or lie outside the limits.
-export function columnsOf(trend) {
-  const series = trend.series;
-  return [
-    series.map((_, i) => i + 1),
-    series.map((point) => point.value),
-    series.map((point) => point.lowest),
-    series.map((point) => point.highest),
-    series.map((point) => (point.signal !== 'none' ? point.value : null)),
-    series.map((point) => (point.outside > 0 ? (outsideOf(point, trend) ?? point.value) : null)),
-  ];
-}
-
-/// The extreme value of a slab that lies outside the limits; null if the limits do not show which.
-function outsideOf(point, trend) {
-  if (trend.upper !== null && point.highest > trend.upper) return point.highest;
-  if (trend.lower !== null && point.lowest < trend.lower) return point.lowest;
-  return null;
-}
-
-/// Range of the vertical axis: everything that is drawn, with a margin.
-export function rangeOf(trend) {
-  const values = [trend.lower, trend.upper, trend.chart.lower_control, trend.chart.upper_control];
-  for (const point of trend.series) values.push(point.value, point.lowest, point.highest);
-  const there = values.filter((value) => typeof value === 'number');
-  if (there.length === 0) return [0, 1];
-  const low = Math.min(...there);
-  const high = Math.max(...there);
-  const margin = 0.06 * (high - low || Math.abs(high) || 1);
-  return [low - margin, high + margin];
-}
-
 function drawLines(plot, trend) {
   const { ctx, bbox } = plot;
+  const { lower, upper } = limitsOf(trend);
   const lines = [
-    [trend.lower, '--chart-limit', [], 2],
-    [trend.upper, '--chart-limit', [], 2],
+    [lower, '--chart-limit', [], 2],
+    [upper, '--chart-limit', [], 2],
     [trend.chart.lower_control, '--chart-control', [8, 6], 1.5],
     [trend.chart.upper_control, '--chart-control', [8, 6], 1.5],
     [trend.chart.mean, '--chart-control', [2, 4], 1.5],
@@ -164,7 +134,7 @@ export function ControlChart({ trend, theme, label }) {
         <li><i class="key key-line"></i>${t('trends.value')}</li>
         ${trend.block === null && html`<li><i class="key key-band"></i>${t('trends.range')}</li>`}
         <li><i class="key key-control"></i>${t('trends.control')}</li>
-        <li><i class="key key-limit"></i>${t('trends.limits')}</li>
+        ${!trend.limits_differ && html`<li><i class="key key-limit"></i>${t('trends.limits')}</li>`}
         <li><span aria-hidden="true">□</span> ${t('trends.signal')}</li>
         <li><span aria-hidden="true">✕</span> ${t('trends.outside')}</li>
       </ul>
