@@ -27,7 +27,7 @@ constexpr int kExitInternal = 5;
 constexpr auto kLook = std::chrono::seconds(2);           ///< between two looks at an outbox without news
 constexpr auto kPatienceFirst = std::chrono::seconds(1);  ///< after a failure, doubled each time
 constexpr auto kPatienceMost = std::chrono::seconds(60);
-constexpr auto kFaultPatience = std::chrono::seconds(300);  ///< after a fault that needs a person
+constexpr auto kFaultPatience = std::chrono::seconds(60);  ///< after a fault that needs a person
 constexpr auto kHour = std::chrono::hours(1);
 constexpr int kDaysDefault = 30;
 
@@ -111,9 +111,11 @@ class Sender {
           if (options_.once) return done();
           write_metrics(true);
           if (ended_within(ends, kLook)) return done();
-          if (Clock::now() < again) continue;
-          // Other epochs, a new month, what the server lost.
-          break;
+          // Opened again each time: a restore puts another file in this place, with another epoch.
+          const std::string epoch = line.epochs.back().uuid;
+          line = open_line(config_);
+          const bool is_another = line.epochs.back().uuid != epoch;
+          if (is_another || Clock::now() >= again) break;  // the server is told of the epoch, and makes the next month
         }
         continue;
       } catch (const Ended&) {

@@ -70,15 +70,24 @@ bool is_document(const ChildResult& result) {
   return ::pread(result.output.get(), end.data(), end.size(), at) == 2 && end[0] == '}' && end[1] == '\n';
 }
 
-/// The error of a process that ended by itself without a document.
+/// The error of a slabd-plant that ended by itself without a document.
+SharedAnswer refused_by_plant(const ChildResult& result) {
+  constexpr std::string_view kName = "slabd-plant: ";
+  std::string text = result.sentence.empty() ? "slabd-plant gave no document" : result.sentence;
+  if (text.starts_with(kName)) text.erase(0, kName.size());
+  if (text.find("has no [plant] dsn") != std::string::npos)
+    return error_answer(404, "there is no plant's database here", "docs/PLANT.md describes how to set it up");
+  if (result.status == kUsage) return error_answer(400, text, "correct the parameter");
+  return error_answer(503, text, "docs/PLANT.md lists the faults of the plant's database");
+}
+
+/// The error of a process of slabctl that ended by itself without a document.
 SharedAnswer refused(const ChildResult& result) {
   const std::string text = result.sentence.empty() ? "slabctl gave no document" : result.sentence;
   if (result.status == kUsage) return error_answer(400, text, "correct the parameter");
   if (text.starts_with("no slab with key")) return error_answer(404, text, "/api/v1/slabs lists the slabs");
   for (const char* comparison : {"was aborted", "slabs of types"})
     if (text.find(comparison) != std::string::npos) return error_answer(400, text, "choose two other slabs");
-  if (text.find("has no [plant] dsn") != std::string::npos)
-    return error_answer(404, "there is no plant's database here", "docs/PLANT.md describes how to set it up");
   if (text.starts_with("no cloud of")) return error_answer(404, text, "the maps of the block show its surface");
   if (text.starts_with("--block")) return error_answer(404, text, "choose a block of this slab");
   if (result.status == kNotReachable)
@@ -234,6 +243,7 @@ SharedAnswer Documents::made(const DocumentOrder& order) const {
     std::filesystem::remove(path, gone);
     if (result.end != End::exited || !answer->file.is_open()) return fault_of(result, time_s);
   } else {
+    if (order.is_plant && result.end == End::exited && !is_document(result)) return refused_by_plant(result);
     if (result.end != End::exited || !is_document(result)) return fault_of(result, time_s);
     answer->file = std::move(result.output);
     answer->bytes = result.bytes;

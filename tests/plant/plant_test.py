@@ -301,6 +301,17 @@ class PlantTest(unittest.TestCase):
         self.assertEqual(self.server.one("SELECT count(*) FROM plant.slab"), str(SLABS), "no slab is there twice")
         self.assertEqual(self.server.one("SELECT count(*) FROM plant.event WHERE kind = 'restored'"), "1")
 
+    def test_a_running_sender_follows_a_restore(self):
+        backup = self.line.folder / "backup.db"
+        self.line.slabctl("db", "backup", "--out", backup)
+        sender = subprocess.Popen([BUILD / "plant/slabd-plant", "--config", self.line.config], stderr=subprocess.DEVNULL)
+        self.addCleanup(sender.wait)
+        self.addCleanup(sender.kill)
+        self.until(lambda: self.inbox() == self.line.rows())
+        self.line.slabctl("db", "restore", backup, "--reason", "disk", "--operator", "anna")
+        self.assertEqual(len(self.line.sql("SELECT uuid FROM epoch")), 2)
+        self.until(lambda: self.inbox() == self.line.rows(), 60)
+
     def test_what_the_server_lost_is_sent_again(self):
         self.run_plant("--once")
         newest, = self.line.sql("SELECT max(seq) FROM outbox")[0]
