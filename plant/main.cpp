@@ -95,6 +95,7 @@ class Sender {
     bool introduced_ever = false;
     for (;;) {
       std::chrono::milliseconds wait = kLook;
+      bool may_repeat = false;
       try {
         Line line = open_line(config_);
         Postgres server(config_.plant.dsn, "slabd-plant");
@@ -115,7 +116,7 @@ class Sender {
           const std::string epoch = line.epochs.back().uuid;
           line = open_line(config_);
           const bool is_another = line.epochs.back().uuid != epoch;
-          if (is_another || Clock::now() >= again) break;  // the server is told of the epoch, and makes the next month
+          if (is_another || Clock::now() >= again) break;  // to introduce it, and to make the next month
         }
         continue;
       } catch (const Ended&) {
@@ -125,9 +126,11 @@ class Sender {
         wait = kFaultPatience;
       } catch (const PostgresFailure& failure) {
         complain(sentence_of(failure, place_));
+        // Two lines that bring the same new names at once may wait for each other; the server ends one of them.
+        may_repeat = failure.state == "40P01";
         wait = std::exchange(patience, std::min<std::chrono::seconds>(2 * patience, kPatienceMost));
       }
-      if (options_.once) return kExitUnreachable;
+      if (options_.once && !may_repeat) return kExitUnreachable;
       write_metrics(false);
       if (ended_within(ends, wait)) return done();
     }

@@ -240,12 +240,12 @@ BEGIN
   IF to_regclass('plant.' || name) IS NOT NULL THEN
     RETURN false;
   END IF;
-  EXECUTE format('CREATE TABLE plant.%I PARTITION OF plant.item FOR VALUES FROM (%L) TO (%L)', name, month,
-                 month + interval '1 month');
+  EXECUTE format('CREATE TABLE IF NOT EXISTS plant.%I PARTITION OF plant.item FOR VALUES FROM (%L) TO (%L)', name,
+                 month, month + interval '1 month');
   EXECUTE format('GRANT SELECT ON plant.%I TO slabd_plant_reader', name);
   RETURN true;
-EXCEPTION WHEN check_violation OR undefined_object THEN
-  RETURN false;  -- rows of this month are in item_other already, or nothing may read it yet
+EXCEPTION WHEN check_violation OR undefined_object OR duplicate_table OR unique_violation THEN
+  RETURN false;  -- rows of this month are in item_other already, or another line makes it at this moment
 END
 $$;
 
@@ -291,7 +291,7 @@ BEGIN
             doc ->> 'software', (doc ->> 'emulated')::boolean);
   INSERT INTO plant.item_name (name)
     SELECT DISTINCT i ->> 0 FROM jsonb_array_elements(doc -> 'items') AS i
-    WHERE NOT EXISTS (SELECT 1 FROM plant.item_name n WHERE n.name = i ->> 0) ON CONFLICT (name) DO NOTHING;
+    WHERE NOT EXISTS (SELECT 1 FROM plant.item_name n WHERE n.name = i ->> 0) ORDER BY 1 ON CONFLICT (name) DO NOTHING;
   INSERT INTO plant.item (ended, epoch_id, item_id, station, station_to, slab_key, mould, slab_type, value, nominal,
                           lower, upper, u, verdict)
     SELECT ended_at, id, n.item_id, (i ->> 1)::smallint, (i ->> 2)::smallint, key, of_mould, of_type,

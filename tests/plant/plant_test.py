@@ -45,13 +45,13 @@ def validate(document):
 class Line:
     """A stored history and its configuration; no daemon."""
 
-    def __init__(self, server, name, slabs=SLABS, seed=1):
+    def __init__(self, server, name, slabs=SLABS, seed=1, days=2):
         self.folder = pathlib.Path(tempfile.mkdtemp(prefix=f"slabd-{name}-"))
         self.db = self.folder / "slabd.db"
         self.config = self.folder / "slabd.toml"
         self.configure(server.dsn(), name)
         subprocess.run([BUILD / "cli/slabctl", "simulate", "history", "--slabs", str(slabs), "--seed", str(seed),
-                        "--out", self.db, "--recipe", SOURCE / "recipes/p5600.toml"], check=True,
+                        "--out", self.db, "--days", str(days), "--recipe", SOURCE / "recipes/p5600.toml"], check=True,
                        stdout=subprocess.DEVNULL)
 
     def configure(self, dsn, name, more=""):
@@ -300,6 +300,17 @@ class PlantTest(unittest.TestCase):
         self.assertTrue(json.loads(self.line.plant("--check", "--json").stdout)["complete"])
         self.assertEqual(self.server.one("SELECT count(*) FROM plant.slab"), str(SLABS), "no slab is there twice")
         self.assertEqual(self.server.one("SELECT count(*) FROM plant.event WHERE kind = 'restored'"), "1")
+
+    def test_lines_that_begin_at_once_do_not_disturb_each_other(self):
+        lines = [self.history(f"hall-{number}", seed=number, days=400) for number in range(2, 7)]
+        senders = [subprocess.Popen([BUILD / "plant/slabd-plant", "--config", line.config, "--once"],
+                                    stderr=subprocess.PIPE, text=True) for line in lines]
+        for sender in senders:
+            said = sender.communicate()[1]
+            self.assertEqual(sender.returncode, OK, said)
+        for line in lines:
+            self.assert_complete(line)
+        self.assertEqual(self.server.one("SELECT count(*) FROM plant.item_other"), "0")
 
     def test_a_running_sender_follows_a_restore(self):
         backup = self.line.folder / "backup.db"
