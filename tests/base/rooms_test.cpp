@@ -32,6 +32,7 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
     {"cli", {"base", "algo", "calib", "hal", "storage", "config", "daemon", "report", "emulator", "cli"}},
     {"gateway", {"base", "gateway"}},
     {"web", {"base", "hal", "config", "report", "web"}},
+    {"cad", {"base", "cad"}},
 };
 
 /// All headers of base are public.
@@ -61,6 +62,7 @@ const std::set<std::string> kPublic = {"algo/algo.h",
                                        "report/budget_text.h",
                                        "report/canvas.h",
                                        "report/content.h",
+                                       "report/drawing.h",
                                        "report/figures.h",
                                        "report/findings.h",
                                        "report/json.h",
