@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A parallel projection with a depth buffer: triangles of any order and size hide each other correctly. Edges are drawn
-// where neighbouring pixels belong to different faces.
+// Parallel projections from two sides with a depth buffer: triangles of any order and size hide each other correctly.
+// Edges are drawn where neighbouring pixels belong to different faces.
 #include "cli/cad/cad_picture.h"
 
 #include <algorithm>
@@ -45,7 +45,7 @@ std::uint32_t pixel(const Colour& colour, double light) {
 class Raster {
  public:
   static constexpr int kWidth = 1'600;
-  static constexpr int kHeight = 1'000;
+  static constexpr int kHeight = 800;
 
   Raster() : depth_(kWidth * kHeight, -1e30), face_(kWidth * kHeight, 0), argb_(kWidth * kHeight, 0) {}
 
@@ -120,55 +120,97 @@ Vec3 up_of(const CadFindings& findings, const std::map<int, std::string>& names)
   return best;
 }
 
+/// The model from 40 degrees above the horizon, with the numbers of its seats.
+class View {
+ public:
+  /// `ahead`: horizontal direction towards the viewer.
+  View(const CadFindings& findings, const std::map<int, std::string>& names, const Vec3& up, const Vec3& ahead)
+      : towards_(std::cos(rad_from_deg(40.0)) * ahead + std::sin(rad_from_deg(40.0)) * up),
+        right_(up.cross(towards_).normalized()),
+        above_(towards_.cross(right_)) {
+    fit(findings);
+    const Vec3 sun = (0.5 * towards_ + 0.8 * up + 0.3 * right_).normalized();
+    for (const CadPart& part : findings.parts) {
+      const auto named = names.find(part.face);
+      const Colour colour = named == names.end() ? kOther : colour_of(named->second);
+      Vec3 centre = Vec3::Zero();
+      double area = 0.0;
+      for (const std::array<Vec3, 3>& t : part.triangles) {
+        const Vec3 n = (t[1] - t[0]).cross(t[2] - t[0]);
+        if (!(n.norm() > 0.0)) continue;
+        const double light = 0.55 + 0.45 * std::abs(n.normalized().dot(sun));
+        raster_.fill({at(t[0]), at(t[1]), at(t[2])}, part.face, pixel(colour, light));
+        centre += n.norm() * (t[0] + t[1] + t[2]) / 3.0;
+        area += n.norm();
+      }
+      if (named != names.end() && named->second.starts_with("seat") && area > 0.0)
+        labels_.push_back({named->second == "seat" ? "seat" : named->second.substr(5), at(centre / area)});
+    }
+    raster_.draw_edges();
+  }
+
+  /// `top`: upper edge of the drawing on the canvas.
+  void draw(report::Canvas& canvas, double top, double mm_per_pixel) const {
+    canvas.cells(0.0, top, mm_per_pixel * Raster::kWidth, mm_per_pixel * Raster::kHeight, Raster::kWidth,
+                 Raster::kHeight, raster_.argb());
+    for (const Label& label : labels_)
+      canvas.text(label.at.x() * mm_per_pixel, top + (Raster::kHeight - label.at.y()) * mm_per_pixel, label.text,
+                  {.size_pt = 9.0, .bold = true, .colour = report::kWhite, .anchor = report::Anchor::centre});
+  }
+
+ private:
+  struct Label {
+    std::string text;
+    Vec3 at;
+  };
+
+  /// Chooses the scale and the middle.
+  void fit(const CadFindings& findings) {
+    Vec3 low = Vec3::Constant(1e30);
+    Vec3 high = Vec3::Constant(-1e30);
+    for (const CadPart& part : findings.parts)
+      for (const std::array<Vec3, 3>& t : part.triangles)
+        for (const Vec3& p : t) {
+          const Vec3 seen(right_.dot(p), above_.dot(p), 0.0);
+          low = low.cwiseMin(seen);
+          high = high.cwiseMax(seen);
+        }
+    middle_ = 0.5 * (low + high);
+    scale_ = std::min(0.95 * Raster::kWidth / std::max(high.x() - low.x(), 1e-6),
+                      0.95 * Raster::kHeight / std::max(high.y() - low.y(), 1e-6));
+  }
+
+  [[nodiscard]] Vec3 at(const Vec3& p) const {
+    return {0.5 * Raster::kWidth + scale_ * (right_.dot(p) - middle_.x()),
+            0.5 * Raster::kHeight + scale_ * (above_.dot(p) - middle_.y()), towards_.dot(p)};
+  }
+
+  Vec3 towards_;
+  Vec3 right_;
+  Vec3 above_;
+  Vec3 middle_ = Vec3::Zero();
+  double scale_ = 1.0;
+  Raster raster_;
+  std::vector<Label> labels_;
+};
+
 }  // namespace
 
 Status write_cad_picture(const std::string& path, const CadFindings& findings, const std::string& title) {
   std::map<int, std::string> names;
   for (const CadName& named : findings.names) names[named.face] = named.name;
   const Vec3 up = up_of(findings, names);
-  Vec3 side = up.cross(std::abs(up.x()) < 0.9 ? Vec3(Vec3::UnitX()) : Vec3(Vec3::UnitY())).normalized();
-  // The viewer looks from 40 degrees above the horizon, turned by 35 degrees.
-  const Vec3 ahead = Eigen::AngleAxisd(rad_from_deg(35.0), up) * side;
-  const Vec3 view = std::cos(rad_from_deg(40.0)) * ahead + std::sin(rad_from_deg(40.0)) * up;
-  const Vec3 right = up.cross(view).normalized();
-  const Vec3 above = view.cross(right);
-
-  double x_low = 1e30;
-  double x_high = -1e30;
-  double y_low = 1e30;
-  double y_high = -1e30;
-  for (const CadPart& part : findings.parts)
-    for (const std::array<Vec3, 3>& t : part.triangles)
-      for (const Vec3& p : t) {
-        x_low = std::min(x_low, right.dot(p));
-        x_high = std::max(x_high, right.dot(p));
-        y_low = std::min(y_low, above.dot(p));
-        y_high = std::max(y_high, above.dot(p));
-      }
-  const double scale = std::min(0.95 * Raster::kWidth / std::max(x_high - x_low, 1e-6),
-                                0.95 * Raster::kHeight / std::max(y_high - y_low, 1e-6));
-  const auto to_picture = [&](const Vec3& p) {
-    return Vec3(0.5 * Raster::kWidth + scale * (right.dot(p) - 0.5 * (x_low + x_high)),
-                0.5 * Raster::kHeight + scale * (above.dot(p) - 0.5 * (y_low + y_high)), view.dot(p));
-  };
-  const Vec3 sun = (0.5 * view + 0.8 * up + 0.3 * right).normalized();
-  Raster raster;
-  for (const CadPart& part : findings.parts) {
-    const auto named = names.find(part.face);
-    const Colour colour = named == names.end() ? kOther : colour_of(named->second);
-    for (const std::array<Vec3, 3>& t : part.triangles) {
-      const Vec3 n = (t[1] - t[0]).cross(t[2] - t[0]).normalized();
-      const double light = 0.55 + 0.45 * std::abs(n.dot(sun));
-      raster.fill({to_picture(t[0]), to_picture(t[1]), to_picture(t[2])}, part.face, pixel(colour, light));
-    }
-  }
-  raster.draw_edges();
+  const Vec3 side = up.cross(std::abs(up.x()) < 0.9 ? Vec3(Vec3::UnitX()) : Vec3(Vec3::UnitY())).normalized();
+  const std::array<View, 2> views = {View(findings, names, up, Eigen::AngleAxisd(rad_from_deg(35.0), up) * side),
+                                     View(findings, names, up, Eigen::AngleAxisd(rad_from_deg(215.0), up) * side)};
 
   constexpr double kWidth_mm = 320.0;
-  constexpr double kHeight_mm = 216.0;
-  constexpr double kDrawing_mm = 200.0;
+  constexpr double kHead_mm = 16.0;
+  constexpr double kDrawing_mm = kWidth_mm * Raster::kHeight / Raster::kWidth;
+  constexpr double kHeight_mm = kHead_mm + 2.0 * kDrawing_mm;
   return report::write_drawing(path, kWidth_mm, kHeight_mm, 127.0, [&](report::Canvas& canvas) {
-    canvas.cells(0.0, kHeight_mm - kDrawing_mm, kWidth_mm, kDrawing_mm, Raster::kWidth, Raster::kHeight, raster.argb());
+    for (std::size_t i = 0; i < views.size(); ++i)
+      views[i].draw(canvas, kHead_mm + static_cast<double>(i) * kDrawing_mm, kWidth_mm / Raster::kWidth);
     canvas.text(4.0, 7.0, title, {.size_pt = 11.0, .bold = true});
     double x = 4.0;
     for (const Feature& feature : kFeatures) {
@@ -178,23 +220,6 @@ Status write_cad_picture(const std::string& path, const CadFindings& findings, c
     }
     canvas.rectangle(x, 10.0, 4.0, 4.0, kOther, report::kBlack);
     canvas.text(x + 5.5, 13.5, "not used", {.size_pt = 9.0});
-    for (const CadPart& part : findings.parts) {
-      const auto named = names.find(part.face);
-      if (named == names.end() || !named->second.starts_with("seat") || part.triangles.empty()) continue;
-      Vec3 centre = Vec3::Zero();
-      double area = 0.0;
-      for (const std::array<Vec3, 3>& t : part.triangles) {
-        const double size = (t[1] - t[0]).cross(t[2] - t[0]).norm();
-        centre += size * (t[0] + t[1] + t[2]) / 3.0;
-        area += size;
-      }
-      if (area <= 0.0) continue;
-      const Vec3 at = to_picture(centre / area);
-      const double per_pixel = kWidth_mm / Raster::kWidth;
-      canvas.text(at.x() * per_pixel, kHeight_mm - at.y() * per_pixel,
-                  named->second == "seat" ? "seat" : named->second.substr(5),
-                  {.size_pt = 9.0, .bold = true, .colour = report::kWhite, .anchor = report::Anchor::centre});
-    }
   });
 }
 

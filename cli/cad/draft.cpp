@@ -82,7 +82,7 @@ std::string draft_text(const std::vector<std::string>& head, const std::string& 
       if (is_count)
         text += fmt::format("{} = {:.0f}  # {}\n", key.key, found->value, found->source);
       else
-        text += fmt::format("{} = {{ value = {}, confirmed = false, source = {} }}\n", key.key, found->value,
+        text += fmt::format("{} = {{ value = {:.12g}, confirmed = false, source = {} }}\n", key.key, found->value,
                             quoted(found->source));
     } else if (is_count) {
       text += fmt::format("# {} = ?  # not found: {}\n", key.key, reason(full));
@@ -95,13 +95,13 @@ std::string draft_text(const std::vector<std::string>& head, const std::string& 
       "\n# Method of measuring: take this table from the recipe of a similar slab (recipes/p5600.toml) and check it.\n"
       "[evaluation]\n";
   if (const std::optional<DraftNumber> margin = number("evaluation.edge_margin_mm"))
-    text += fmt::format("edge_margin_mm = {}  # {}\n", margin->value, margin->source);
+    text += fmt::format("edge_margin_mm = {:.12g}  # {}\n", margin->value, margin->source);
   bool any_edge = false;
   for (const char* key : kEdges)
     if (const std::optional<DraftNumber> found = number(fmt::format("edges.{}", key))) {
       if (!any_edge) text += "\n[edges]\n";
       any_edge = true;
-      text += fmt::format("{} = {}  # {}\n", key, found->value, found->source);
+      text += fmt::format("{} = {:.12g}  # {}\n", key, found->value, found->source);
     }
 
   const auto twice = [&](const char* key) {
@@ -148,7 +148,8 @@ std::string draft_text(const std::vector<std::string>& head, const std::string& 
       "# is judged `tolerance`, or `lower` and `upper`, `U`, and required = true.\n";
   for (const ItemNominal& item : items) {
     text += fmt::format("\n[items.{}]\n", item.item);
-    if (item.nominal && std::string_view(item.item) != "seat_std") text += fmt::format("nominal = {}\n", *item.nominal);
+    if (item.nominal && std::string_view(item.item) != "seat_std")
+      text += fmt::format("nominal = {:.12g}\n", *item.nominal);
     text += "required = false\nconfirmed = false\n";
   }
   return text;

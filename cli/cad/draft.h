@@ -15,7 +15,7 @@ struct DraftNumber {
   std::string source;  ///< one line: file, SHA-256, face
 };
 
-/// What a draft knows of a key ("block.cant_ratio"): its number, or the reason why it has none.
+/// The number of a key ("block.cant_ratio"); nullopt if it has none, and then the reason.
 using DraftLookup = std::function<std::optional<DraftNumber>(std::string_view)>;
 using DraftReason = std::function<std::string(std::string_view)>;
 

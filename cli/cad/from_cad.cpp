@@ -10,7 +10,7 @@
 
 #include "base/durable.h"
 #include "base/plain_text.h"
-#include "calib/session.h"
+#include "calib/calib.h"
 #include "cli/cad/cad_commands.h"
 #include "cli/cad/cad_findings.h"
 #include "cli/cad/cad_picture.h"
@@ -149,7 +149,7 @@ int from_cad(Options options) {
   OutFile out(options.out);
   out.write(draft_text(head, options.name, number, reason));
   need(out.close(), kBadInput);
-  const std::string title = fmt::format("{}  {} blocks  sha256 {:.12}", shown, findings.blocks, sha256);
+  const std::string title = fmt::format("{}  sha256 {:.12}  blocks found: {}", shown, sha256, findings.blocks);
   need(write_cad_picture(options.picture, findings, title), kBadInput);
   fmt::print("{}", options.json ? as_json(options, sha256, findings) : as_text(options, findings));
   if (!options.json)

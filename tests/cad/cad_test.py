@@ -194,6 +194,26 @@ class Import(unittest.TestCase):
         print(f"{SLABS} random slabs: worst relative difference {worst:.2e}")
 
 
+class FromScan(unittest.TestCase):
+    def test_a_master_block_gives_dimensions_with_their_uncertainty(self):
+        scan = PROGRAMS.path("master.ply")
+        ended = PROGRAMS.run("simulate", "scan", "--points", "quarter", "--recipe", places.RECIPE, "--block", 3, "--out", scan)
+        self.assertEqual(ended.returncode, 0, ended.stderr)
+        with open(PROGRAMS.path("master.json"), encoding="utf-8") as file:
+            truth = json.load(file)
+        ended = PROGRAMS.run("recipe", "from-scan", scan, "--like", places.RECIPE, "--out", PROGRAMS.path("m.toml"), "--json")
+        self.assertEqual(ended.returncode, 0, ended.stderr)
+        proposed = {p["key"]: p for p in json.loads(ended.stdout)["proposed"]}
+        for key, item, factor in (("block.jaw_half_distance_mm", "jaw_distance", 0.5),
+                                  ("block.casing_half_spacing_mm", "casing_spacing", 0.5)):
+            self.assertGreater(proposed[key]["U"], 0.0)
+            self.assertLess(abs(proposed[key]["value"] - factor * truth[item]), proposed[key]["U"], key)
+        with open(PROGRAMS.path("m.toml"), "rb") as file:
+            toml = tomllib.load(file)
+        self.assertIn("U ", toml["block"]["jaw_half_distance_mm"]["source"])
+        self.assertIn("not measured", toml["block"]["draft_deg"]["source"])
+
+
 class Process(unittest.TestCase):
     """A reader that crashes, hangs or grows is one sentence and status 3."""
 

@@ -36,7 +36,6 @@ class Gmsh(unittest.TestCase):
             ended = PROGRAMS.run("export", "model", places.RECIPE, "--out", PROGRAMS.path(name), *more)
             self.assertEqual(ended.returncode, 0, ended.stderr)
             code = ("import gmsh, sys\ngmsh.initialize(['', '-v', '0'])\n"
-                    "gmsh.option.setString('Geometry.OCCTargetUnit', 'MM')\n"
                     "gmsh.model.occ.importShapes(sys.argv[1])\ngmsh.model.occ.synchronize()\n"
                     "solids = gmsh.model.getEntities(3)\n"
                     "print(len(solids), len(gmsh.model.getEntities(2)), repr(sum(gmsh.model.occ.getMass(*s) for s in solids)))\n")
