@@ -8,11 +8,13 @@
 //
 // Status: 0 done, 2 usage, 3 the input cannot be used (one sentence on stderr), 5 internal.
 #include <fmt/core.h>
+#include <unistd.h>
 
 #include <Message.hxx>
 #include <Message_Messenger.hxx>
 #include <Standard_Failure.hxx>
 
+#include <cstdio>
 #include <cstdlib>
 #include <iostream>
 #include <iterator>
@@ -87,14 +89,18 @@ int run(int argc, const char* const* argv) {
 }  // namespace slabd::cad
 
 int main(int argc, char** argv) {
+  int status = slabd::cad::kInternal;
   try {
-    return slabd::cad::run(argc, argv);
+    status = slabd::cad::run(argc, argv);
   } catch (const Standard_Failure& fault) {
-    return slabd::cad::complain(slabd::cad::kBadInput,
-                                fmt::format("the geometry cannot be used: {}", fault.DynamicType()->Name()));
+    status = slabd::cad::complain(slabd::cad::kBadInput,
+                                  fmt::format("the geometry cannot be used: {}", fault.DynamicType()->Name()));
   } catch (const std::bad_alloc&) {
-    return slabd::cad::complain(slabd::cad::kBadInput, "the file needs more memory than is allowed");
+    status = slabd::cad::complain(slabd::cad::kBadInput, "the file needs more memory than is allowed");
   } catch (const std::exception& fault) {
-    return slabd::cad::complain(slabd::cad::kBadInput, fault.what());
+    status = slabd::cad::complain(slabd::cad::kBadInput, fault.what());
   }
+  // The result is written; a damaged file must not crash OpenCASCADE's destructors after it.
+  std::fflush(nullptr);
+  ::_exit(status);
 }

@@ -12,8 +12,8 @@
 #include <IGESSelect_WorkLibrary.hxx>
 #include <Interface_FloatWriter.hxx>
 #include <Interface_Static.hxx>
-#include <STEPCAFControl_Writer.hxx>
 #include <STEPCAFControl_Controller.hxx>
+#include <STEPCAFControl_Writer.hxx>
 #include <StepBasic_MeasureValueMember.hxx>
 #include <StepBasic_MeasureWithUnit.hxx>
 #include <StepBasic_NamedUnit.hxx>
