@@ -7,6 +7,7 @@
 #include <memory>
 #include <vector>
 
+#include "cli/cad/cad_commands.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -279,6 +280,8 @@ void add_recipe(args::Command& app) {
     return show_stored(o.database, o.slab.empty() ? "sha:" + o.sha256 : "slab:" + o.slab, o.json);
   });
   add_recipe_diff(*recipe);
+  add_recipe_from_cad(*recipe);
+  add_recipe_from_scan(*recipe);
   add_recipe_reload(*recipe);
 }
 

@@ -30,7 +30,7 @@ std::optional<double> degrees_from_ratio(const TomlValue& value) {
   return deg_from_rad(std::atan(1.0 / n));
 }
 
-/// Reads `{ value = 1.0, confirmed = false }`.
+/// Reads `{ value = 1.0, confirmed = false }`, optionally with `source`.
 void read_nominal(TableReader& table, std::string_view key, Nominal& out, Allowed allowed) {
   const TomlValue* v = table.value(key);
   const std::string expected =
@@ -41,6 +41,8 @@ void read_nominal(TableReader& table, std::string_view key, Nominal& out, Allowe
   TableReader nominal = table.table(key);
   nominal.required_number("value", out.value, allowed);
   nominal.required_boolean("confirmed", out.confirmed);
+  std::string source;  // for people: where a draft has the number from (slabctl recipe from-cad)
+  nominal.optional_text("source", source, 400);
   nominal.finish();
 }
 

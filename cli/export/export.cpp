@@ -6,11 +6,13 @@
 
 #include <algorithm>
 #include <cctype>
+#include <charconv>
 #include <filesystem>
 #include <memory>
 #include <sstream>
 
 #include "base/durable.h"
+#include "cli/cad/cad_commands.h"
 #include "cli/command.h"
 #include "cli/database.h"
 #include "cli/exit.h"
@@ -21,6 +23,7 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/progress.h"
+#include "config/designs.h"
 #include "report/json.h"
 #include "report/slab_json.h"
 #include "report/slab_view.h"
@@ -171,7 +174,12 @@ struct CloudOptions {
 struct ModelOptions {
   std::string recipe;
   std::string out;
-  bool block = false;
+  std::string block;  ///< number of the block; without one, a word of CLI11
+  ModelChoice choice;
+  bool ap214 = false;
+  std::string slab;
+  std::string sheet;
+  DatabaseOptions database;
 };
 
 int export_cloud(CloudOptions options) {
@@ -212,12 +220,53 @@ int export_cloud(CloudOptions options) {
   return kDone;
 }
 
+/// The slab's design: from a design sheet, or as stored with the slab.
+SlabDesign design_of(const ModelOptions& options, const Recipe& recipe) {
+  if (options.slab.empty()) return {};
+  if (!options.sheet.empty()) {
+    config::DesignSet set;
+    config::load_design_file(options.sheet, set);
+    if (!report_problems(set.problems)) stop(kBadInput);
+    const DesignSheet* const sheet = find_design(set.sheets, options.slab);
+    if (sheet == nullptr) stop(kBadInput, fmt::format("{}: no sheet of slab {}", options.sheet, options.slab));
+    if (sheet->stations != recipe.stations() || sheet->slab_type != recipe.slab_type)
+      stop(kBadInput, fmt::format("{}: slab {} is of another type than recipe {}", options.sheet, options.slab,
+                                  recipe.name.view()));
+    return need(parse_design(sheet->text.view()), kBadInput);
+  }
+  const auto reader = open_database(options.database);
+  const SlabHeader header = named_slab(*reader, options.slab).summary.header;
+  if (header.slab_type != recipe.slab_type || header.stations != recipe.stations())
+    stop(kBadInput, fmt::format("slab {} is of another type than recipe {}", options.slab, recipe.name.view()));
+  return facts_of(header).design;
+}
+
+/// Number behind --block; 0 without one.
+int block_number(const std::string& word, const Recipe& recipe) {
+  if (word.empty() || word == "true") return 0;
+  int number = 0;
+  const auto [end, fault] = std::from_chars(word.data(), word.data() + word.size(), number);
+  if (fault != std::errc() || end != word.data() + word.size() || number < 1 || number > recipe.stations())
+    stop(kUsage, fmt::format("--block {}: recipe {} has blocks 1..{}", word, recipe.name.view(), recipe.stations()));
+  return number;
+}
+
 int export_model(ModelOptions options) {
   const Recipe recipe = recipe_from(options.recipe);
-  if (options.out.empty()) options.out = fmt::format("{}-{}.stl", recipe.name.view(), options.block ? "block" : "slab");
-  const Mesh mesh = need(options.block ? block_mesh(recipe) : slab_mesh(recipe), kBadInput);
-  const std::string title = fmt::format("{} of recipe {} {:.12}, mm", options.block ? "block" : "slab",
-                                        recipe.name.view(), recipe.sha256.view());
+  const bool block = options.choice.block;
+  options.choice.station = block_number(options.block, recipe);
+  if (options.out.empty()) options.out = fmt::format("{}-{}.stl", recipe.name.view(), block ? "block" : "slab");
+  if (!options.sheet.empty() && options.slab.empty()) stop(kUsage, "--sheet: --slab names the slab in it");
+  const SlabDesign design = design_of(options, recipe);
+  if (is_cad_file(options.out)) {
+    export_cad(recipe, design, options.choice, options.ap214, options.out);
+    return kDone;
+  }
+  if (options.choice.pmi || options.ap214 || design.given || options.choice.station > 0)
+    stop(kUsage, "--pmi, --ap214, --slab and the number of --block are of STEP and IGES files");
+  const Mesh mesh = need(block ? block_mesh(recipe) : slab_mesh(recipe), kBadInput);
+  const std::string title =
+      fmt::format("{} of recipe {} {:.12}, mm", block ? "block" : "slab", recipe.name.view(), recipe.sha256.view());
   need(write_mesh(options.out, mesh, title), kBadInput);
   fmt::print("{}: {} triangles\n", options.out, mesh.triangles.size());
   return kDone;
@@ -251,12 +300,32 @@ void add_cloud(args::Command& parent) {
 
 void add_model(args::Command& parent) {
   auto options = std::make_shared<ModelOptions>();
-  args::Command command = parent.add_subcommand("model", "A recipe's slab as triangles: STL or PLY");
-  command->footer("\nExample: slabctl export model p5600.toml --block --out block.stl");
+  args::Command command =
+      parent.add_subcommand("model", "A recipe's slab as a solid (STEP, IGES) or triangles (STL, PLY)");
+  command->footer(
+      "\nSTEP AP242, AP214 and IGES need the package slabd-cad. Faces have names: seat_3, jaw_inner_3, jaw_outer_3,\n"
+      "casing_inner_3, casing_outer_3, slab_top; of one block without the number. See docs/CAD.md.\n"
+      "Examples: slabctl export model p5600.toml --out slab.step --pmi\n"
+      "          slabctl export model p5600.toml --block --out block.igs\n"
+      "          slabctl export model p5600.toml --slab SLAB-0042 --out curve.step");
   command->add_option("RECIPE", options->recipe, "Recipe file")->required();
-  command->add_option("--out", options->out, "File, .stl or .ply, mm; default: RECIPE-slab.stl or RECIPE-block.stl");
-  command->add_flag("--block", options->block, "One block in its own frame instead of the slab");
-  command->runs([options] { return export_model(*options); });
+  command->add_option("--out", options->out,
+                      "File, .step .stp .iges .igs .stl or .ply, mm; default: RECIPE-slab.stl or RECIPE-block.stl");
+  const args::Option block = command
+                                 ->add_option("--block", options->block,
+                                              "One block in its own frame instead of the slab; with its number, as the "
+                                              "design of --slab has it")
+                                 ->expected(0, 1);
+  command->add_flag("--pmi", options->choice.pmi, "With the recipe's tolerances as semantic PMI (STEP AP242)");
+  command->add_flag("--ap214", options->ap214, "STEP AP214 instead of AP242, for older programs");
+  command->add_option("--slab", options->slab, "With the design that this slab (key or id) was begun with");
+  command->add_option("--sheet", options->sheet,
+                      "Take the design of --slab from this design sheet, not from the database");
+  options->database.add_to(*command);
+  command->runs([options, block] {
+    options->choice.block = block.count() > 0;
+    return export_model(*options);
+  });
 }
 
 }  // namespace

@@ -33,6 +33,7 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
     {"gateway", {"base", "gateway"}},
     {"web", {"base", "hal", "config", "report", "web"}},
     {"plant", {"base", "hal", "storage", "config", "plant"}},
+    {"cad", {"base", "cad"}},
 };
 
 /// All headers of base are public.
@@ -63,6 +64,7 @@ const std::set<std::string> kPublic = {"algo/algo.h",
                                        "report/budget_text.h",
                                        "report/canvas.h",
                                        "report/content.h",
+                                       "report/drawing.h",
                                        "report/figures.h",
                                        "report/findings.h",
                                        "report/json.h",

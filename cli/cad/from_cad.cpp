@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl recipe from-cad: the draft of a recipe from a CAD model. slabd-cad finds the faces; this writes the draft,
+// the list and the picture.
+#include <fmt/core.h>
+
+#include <cmath>
+#include <filesystem>
+#include <memory>
+
+#include "base/durable.h"
+#include "base/plain_text.h"
+#include "calib/calib.h"
+#include "cli/cad/cad_commands.h"
+#include "cli/cad/cad_findings.h"
+#include "cli/cad/cad_picture.h"
+#include "cli/cad/cad_process.h"
+#include "cli/cad/draft.h"
+#include "cli/exit.h"
+#include "cli/terminal/arguments.h"
+#include "cli/terminal/parse.h"
+#include "cli/terminal/render.h"
+#include "report/json.h"
+#include "report/table.h"
+
+namespace slabd::cli {
+namespace {
+
+struct Options {
+  std::string file;
+  std::string out;
+  std::string picture;
+  std::string name;
+  double reference_mm = 10.0;
+  bool json = false;
+};
+
+std::string bytes_of(const std::string& path) {
+  const Fd file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (!file.is_open()) stop(kBadInput, fmt::format("{}: {}", path, errno_text(errno)));
+  std::string bytes;
+  std::array<char, 65'536> piece{};
+  for (;;) {
+    const ssize_t count = ::read(file.get(), piece.data(), piece.size());
+    if (count < 0) stop(kBadInput, fmt::format("{}: {}", path, errno_text(errno)));
+    if (count == 0) break;
+    bytes.append(piece.data(), static_cast<std::size_t>(count));
+    if (bytes.size() > kCadInputBytesMax)
+      stop(kBadInput, fmt::format("{}: larger than {} MB", path, kCadInputBytesMax / 1'000'000));
+  }
+  return bytes;
+}
+
+/// STEP by its first line, IGES by the S in column 73; the extension may be wrong.
+bool is_iges(const std::string& path, const std::string& bytes) {
+  if (bytes.find("ISO-10303-21") < 1'000) return false;
+  if (bytes.size() > 80 && bytes[72] == 'S') return true;
+  stop(kBadInput, fmt::format("{}: it begins neither like a STEP nor like an IGES file", path));
+}
+
+std::string faces_text(const std::vector<int>& faces) {
+  if (faces.empty()) return "";
+  std::string text = faces.size() == 1 ? ", face" : ", faces";
+  constexpr std::size_t kShown = 4;
+  for (std::size_t i = 0; i < faces.size() && i < kShown; ++i)
+    text += fmt::format("{} {}", i == 0 ? "" : ",", faces[i]);
+  if (faces.size() > kShown) text += " ...";
+  return text;
+}
+
+std::string source_of(const std::string& file, const std::string& sha256, const CadValue& value) {
+  return fmt::format("{}, sha256 {}{}", file, sha256, faces_text(value.faces));
+}
+
+std::string as_json(const Options& options, const std::string& sha256, const CadFindings& findings) {
+  report::Json json("slabd.cad_draft/1");
+  json.field("file", options.file).field("sha256", sha256).field("unit", findings.unit);
+  json.field("solids", findings.solids).field("faces", findings.faces).field("blocks", findings.blocks);
+  json.field("reference_height_mm", options.reference_mm).field("confined", findings.confined);
+  json.field("draft", options.out).field("picture", options.picture);
+  json.list("found", findings.found, [&](const CadValue& value) {
+    json.field("key", value.key).field("value", value.value).field("faces", value.faces).field("note", value.note);
+  });
+  json.list("not_found", findings.not_found,
+            [&](const CadMissing& missing) { json.field("key", missing.key).field("why", missing.why); });
+  json.field("remarks", findings.remarks);
+  json.list("named_faces", findings.names,
+            [&](const CadName& named) { json.field("name", named.name).field("face", named.face); });
+  return json.text();
+}
+
+std::string as_text(const Options& options, const CadFindings& findings) {
+  std::string text = fmt::format("{}: {} faces, {} solids, unit {}; {} blocks found\n\n", options.file, findings.faces,
+                                 findings.solids, findings.unit.empty() ? "not named" : findings.unit, findings.blocks);
+  report::Table table{"key", "value", "from<"};
+  for (const CadValue& value : findings.found)
+    table.add(value.key, report::Cell(value.value, 6), value.note + faces_text(value.faces));
+  text += report::text_of(table);
+  if (!findings.not_found.empty()) text += "\nnot found:\n";
+  for (const CadMissing& missing : findings.not_found) text += fmt::format("  {}: {}\n", missing.key, missing.why);
+  if (!findings.remarks.empty()) text += "\nlook at:\n";
+  for (const std::string& remark : findings.remarks) text += fmt::format("  {}\n", remark);
+  return text;
+}
+
+int from_cad(Options options) {
+  const std::string program = need(cad_program());
+  const std::string bytes = bytes_of(options.file);
+  const std::string sha256 = calib::sha256_hex(bytes);
+  const std::string shown = plain(std::filesystem::path(options.file).filename().string());
+  const bool iges = is_iges(options.file, bytes);
+  const CadAnswer answer = need(run_cad(
+      program, {"import", iges ? "iges" : "step", fmt::format("{}", options.reference_mm)}, bytes, options.file));
+  const CadFindings findings = need(parse_findings(answer.output));
+  if (findings.blocks == 0)
+    stop(kBadInput, fmt::format("{}: no supporting block was found: {}", options.file,
+                                findings.not_found.empty() ? "" : findings.not_found.front().why));
+  if (options.name.empty()) options.name = plain(std::filesystem::path(options.file).stem().string()).substr(0, 32);
+  if (options.picture.empty()) options.picture = std::filesystem::path(options.out).replace_extension(".png").string();
+
+  std::vector<std::string> head = {
+      fmt::format("Draft of a recipe from {}.", shown),
+      fmt::format("SHA-256 of the file: {}", sha256),
+      "",
+      "Every number is unconfirmed: compare each with the drawing, then set its confirmed = true. `source` names the",
+      fmt::format("file and its faces, in the order of the file; {} shows them in colours.",
+                  plain(std::filesystem::path(options.picture).filename().string())),
+      fmt::format("The distance of the jaws is stated {} mm above the seat (--reference-height).",
+                  options.reference_mm),
+  };
+  if (!findings.not_found.empty()) head.insert(head.end(), {"", "Not found:"});
+  for (const CadMissing& missing : findings.not_found)
+    head.push_back(fmt::format("  {}: {}", missing.key, missing.why));
+  if (!findings.remarks.empty()) head.insert(head.end(), {"", "Look at:"});
+  for (const std::string& remark : findings.remarks) head.push_back("  " + remark);
+  const auto number = [&](std::string_view key) -> std::optional<DraftNumber> {
+    if (key == "block.jaw_reference_height_mm")
+      return DraftNumber{options.reference_mm, "chosen: --reference-height, in no CAD model"};
+    const CadValue* const value = findings.value(key);
+    if (value == nullptr) return std::nullopt;
+    if (value->faces.empty()) return DraftNumber{value->value, value->note};
+    return DraftNumber{value->value, source_of(shown, sha256, *value)};
+  };
+  const auto reason = [&](std::string_view key) -> std::string {
+    for (const CadMissing& missing : findings.not_found)
+      if (missing.key == key || missing.key == key.substr(0, key.find('.'))) return missing.why;
+    return "the model does not show it";
+  };
+  OutFile out(options.out);
+  out.write(draft_text(head, options.name, number, reason));
+  need(out.close(), kBadInput);
+  const std::string title = fmt::format("{}  sha256 {:.12}  blocks found: {}", shown, sha256, findings.blocks);
+  need(write_cad_picture(options.picture, findings, title), kBadInput);
+  fmt::print("{}", options.json ? as_json(options, sha256, findings) : as_text(options, findings));
+  if (!options.json)
+    fmt::print("\n{} is a draft: look at {}, confirm each number with the drawing, and add what is missing\n",
+               options.out, options.picture);
+  return kDone;
+}
+
+}  // namespace
+
+void add_recipe_from_cad(args::Command& recipe) {
+  auto options = std::make_shared<Options>();
+  args::Command command = recipe.add_subcommand("from-cad", "The draft of a recipe from a STEP or IGES model");
+  command->footer(
+      "\nFinds the slab's top, seats, jaws, casings and the rest by geometry; names in the file, units, placements "
+      "and\n"
+      "the frame do not matter. Nothing is guessed: what was not found, or is contradictory, is listed and left out.\n"
+      "A model of triangles (STL, or STEP with facets) is refused. Needs the package slabd-cad. See docs/CAD.md.\n"
+      "Example: slabctl recipe from-cad slab.stp --out draft.toml");
+  command->add_option("FILE", options->file, "STEP or IGES file")->required();
+  command->add_option("--out", options->out, "The draft, .toml")->required();
+  command->add_option("--picture", options->picture,
+                      "The model with the found faces in colours, .png; default: the draft's name with .png");
+  command->add_option("--name", options->name, "Name of the recipe; default: the file's name");
+  command
+      ->add_option("--reference-height", options->reference_mm,
+                   "Height above the seat at which the distance of the jaws is stated, mm")
+      ->check(within(1.0, 30.0))
+      .capture_default_str();
+  command->add_flag("--json", options->json, "Print slabd.cad_draft/1 on stdout");
+  command->runs([options] { return from_cad(*options); });
+}
+
+}  // namespace slabd::cli
