@@ -281,6 +281,7 @@ void add_recipe(args::Command& app) {
   });
   add_recipe_diff(*recipe);
   add_recipe_from_cad(*recipe);
+  add_recipe_drafts(*recipe);
   add_recipe_from_scan(*recipe);
   add_recipe_reload(*recipe);
 }

@@ -88,6 +88,8 @@ SharedAnswer refused(const ChildResult& result) {
   if (text.starts_with("no slab with key")) return error_answer(404, text, "/api/v1/slabs lists the slabs");
   for (const char* comparison : {"was aborted", "slabs of types"})
     if (text.find(comparison) != std::string::npos) return error_answer(400, text, "choose two other slabs");
+  if (text.starts_with("no draft ") || text.find(".png: ") != std::string::npos)
+    return error_answer(404, text, "/api/v1/drafts lists the drafts");
   if (text.starts_with("no cloud of")) return error_answer(404, text, "the maps of the block show its surface");
   if (text.starts_with("--block")) return error_answer(404, text, "choose a block of this slab");
   if (result.status == kNotReachable)
@@ -113,9 +115,9 @@ SharedAnswer fault_of(const ChildResult& result, double time_s) {
 }
 
 /// A path in the folder that no other order has.
-std::string new_report(const std::string& folder) {
+std::string new_report(const std::string& folder, std::string_view type) {
   static std::atomic<unsigned> count{0};
-  return folder + "/" + std::to_string(++count) + ".pdf";
+  return folder + "/" + std::to_string(++count) + (type == "image/png" ? ".png" : ".pdf");
 }
 
 }  // namespace
@@ -229,7 +231,7 @@ SharedAnswer Documents::made(const DocumentOrder& order) const {
   if (order.is_plant) child.arguments.push_back("--config=" + settings_.config);
   std::string path;
   if (order.is_report) {
-    path = new_report(settings_.reports_dir);
+    path = new_report(settings_.reports_dir, order.file_type);
     for (std::string& word : child.arguments)
       if (const std::size_t at = word.find("{file}"); at != std::string::npos) word.replace(at, 6, path);
   }
@@ -237,7 +239,7 @@ SharedAnswer Documents::made(const DocumentOrder& order) const {
   auto answer = std::make_shared<Answer>();
   if (order.is_report) {
     answer->file = Fd(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
-    answer->type = "application/pdf";
+    answer->type = order.file_type;
     answer->bytes = static_cast<std::uint64_t>(file_state(answer->file.get(), "").bytes);
     std::error_code gone;
     std::filesystem::remove(path, gone);

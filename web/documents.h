@@ -55,9 +55,10 @@ struct DocumentsSettings {
 struct DocumentOrder {
   std::vector<std::string> arguments;
   double cache_s = 0.0;
-  bool is_report = false;  ///< the document is the PDF that "{file}" in the arguments names
-  bool is_live = false;    ///< of the poller: before all others that wait
-  bool is_plant = false;   ///< slabd-plant makes it
+  bool is_report = false;                     ///< the document is the file that "{file}" in the arguments names
+  bool is_live = false;                       ///< of the poller: before all others that wait
+  bool is_plant = false;                      ///< slabd-plant makes it
+  const char* file_type = "application/pdf";  ///< of a report
 };
 
 /// Callable from any thread.

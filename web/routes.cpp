@@ -69,6 +69,9 @@ constexpr std::array kRoutes = {
     Route{"/api/v1/doctor", Maker::slabctl, "slabd.doctor/1", 10, "doctor --no-write --json", kLanguage},
     Route{"/api/v1/plant", Maker::plant, "slabd.plant_overview/1", 60, "--show=overview", kPlant},
     Route{"/api/v1/plant/slab", Maker::plant, "slabd.plant_found/1", 10, "--show=slab={id}", kFound},
+    Route{"/api/v1/drafts", Maker::slabctl, "slabd.recipe_drafts/1", 5, "recipe drafts --json", {}},
+    Route{"/api/v1/drafts/{draft}", Maker::slabctl, "slabd.cad_draft/1", 5, "recipe drafts --json -- {draft}", {}},
+    Route{"/api/v1/drafts/{draft}/picture.png", Maker::report, "", 5, "recipe drafts --picture={file} -- {draft}", {}},
     Route{"/api/v1/session", Maker::session, "slabd.web_session/1", 0, "", {}},
     Route{"/api/v1/words", Maker::words, "slabd.web_words/1", 3'600, "", kOwnLanguage},
 };
@@ -76,6 +79,7 @@ constexpr std::array kRoutes = {
 /// Longest values; the pattern of a form decides about the rest.
 constexpr std::size_t kItemBytesMax = 40;
 constexpr std::size_t kTextBytesMax = 96;
+constexpr std::size_t kDraftBytesMax = 64;
 
 bool consists_of(std::string_view value, std::string_view letters, std::size_t least, std::size_t most) {
   return value.size() >= least && value.size() <= most && value.find_first_not_of(letters) == std::string_view::npos;
@@ -99,6 +103,10 @@ bool has_form(std::string_view value, Form form) {
       return consists_of(value, "0123456789-:TZdhmw", 2, 25) && kDigits.find(value[0]) != std::string_view::npos;
     case Form::text: return !value.empty() && value.size() <= kTextBytesMax;
     case Form::flag: return is_one_of(value, {"0", "1"});
+    case Form::draft: {
+      constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-";
+      return consists_of(value, kLetters, 1, kDraftBytesMax) && value[0] != '.' && value[0] != '-';
+    }
     case Form::verdict: return is_one_of(value, {"pass", "fail", "indeterminate", "not_measured", "aborted"});
     case Form::group: return is_one_of(value, {"day", "shift", "type", "mould"});
     case Form::language: return is_one_of(value, {"en", "zh"});
@@ -115,6 +123,7 @@ std::string_view words_of(Form form) {
     case Form::time: return "2026-11-20, 2026-11-20T08:00:00Z, 7d or 12h";
     case Form::text: return "1 to 96 bytes of text";
     case Form::flag: return "0 or 1";
+    case Form::draft: return "the name of a draft: letters, digits, '.', '_', '-'";
     case Form::verdict: return "pass, fail, indeterminate, not_measured or aborted";
     case Form::group: return "day, shift, type or mould";
     case Form::language: return "en or zh";
@@ -145,6 +154,7 @@ std::optional<Values> match(std::string_view pattern, std::string_view path) {
     const Form form = name == "key"     ? Form::key
                       : name == "block" ? Form::block
                       : name == "mould" ? Form::number
+                      : name == "draft" ? Form::draft
                                         : Form::item;
     if (!has_form(part, form)) return std::nullopt;
     values.emplace_back(name, part);
@@ -249,11 +259,11 @@ std::optional<WriteRequest> find_write(const Target& target) {
 }
 
 bool is_page(std::string_view path) {
-  constexpr std::array<std::string_view, 13> kPages = {
-      "/",        "/slabs",  "/slabs/{key}", "/slabs/{key}/blocks/{block}",
-      "/trends",  "/moulds", "/calibration", "/line",
-      "/compare", "/about",  "/login",       "/trends/{item}",
-      "/plant"};
+  constexpr std::array<std::string_view, 15> kPages = {
+      "/",        "/slabs",  "/slabs/{key}",   "/slabs/{key}/blocks/{block}",
+      "/trends",  "/moulds", "/calibration",   "/line",
+      "/compare", "/about",  "/login",         "/trends/{item}",
+      "/plant",   "/drafts", "/drafts/{draft}"};
   return std::any_of(kPages.begin(), kPages.end(),
                      [&](std::string_view page) { return page == path || match(page, path).has_value(); });
 }

@@ -24,6 +24,7 @@ enum class Form : std::uint8_t {
   time,      ///< 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h: digits, "-", ":", "T", "Z", "d", "h", "m", "w", 2 to 25
   text,      ///< part of a SLAB_ID: 1 to 96 bytes
   flag,      ///< 0 or 1
+  draft,     ///< letters, digits, ".", "_", "-", 1 to 64; the first is not "." or "-"
   verdict,   ///< pass, fail, indeterminate, not_measured, aborted
   group,     ///< day, shift, type
   language,  ///< en, zh
@@ -41,7 +42,7 @@ struct RouteParameter {
 enum class Maker : std::uint8_t {
   slabctl,      ///< one process of slabctl
   plant,        ///< a process of slabd-plant
-  report,       ///< the same, for a PDF in a file; with a longer time limit
+  report,       ///< one process of slabctl that writes a file, PDF or PNG; with a longer time limit
   calibration,  ///< the control socket and two processes of slabctl
   status,       ///< the state of the line, as the poller stored it
   session,      ///< who is logged in
@@ -49,10 +50,11 @@ enum class Maker : std::uint8_t {
 };
 
 struct Route {
-  /// "{name}" is a part with a value: {key} as Form::key, {block} as Form::block, {item} as Form::item.
+  /// "{name}" is a part with a value: {key} as Form::key, {block} as Form::block, {item} as Form::item,
+  /// {mould} as Form::number, {draft} as Form::draft.
   std::string_view path;
   Maker maker;
-  std::string_view schema;  ///< of the document; empty for a PDF
+  std::string_view schema;  ///< of the document; empty for a file
   double cache_s;           ///< time for which an answer is used again
   /// Words of the command, separated by blanks. "{key}" becomes "key:12", "{file}" the path of a report. Options from
   /// parameters are inserted before " -- ".

@@ -120,7 +120,8 @@ SharedAnswer Site::document(const HttpRequest& asked, const Target& target) {
     case Maker::report: break;
   }
   return documents_.get({request.arguments, request.route->cache_s, request.route->maker == Maker::report, false,
-                         request.route->maker == Maker::plant});
+                         request.route->maker == Maker::plant,
+                         request.route->path.ends_with(".png") ? "image/png" : "application/pdf"});
 }
 
 SharedAnswer Site::find(const HttpRequest& request, const Target& target) {

@@ -20,8 +20,9 @@ namespace slabd::cli {
 void export_cad(const Recipe& recipe, const SlabDesign& design, const ModelChoice& choice, bool ap214,
                 const std::string& path);
 
-/// Adds `slabctl recipe from-cad` and `slabctl recipe from-scan` to the command `recipe`.
+/// Add `slabctl recipe from-cad`, `recipe drafts` and `recipe from-scan` to the command `recipe`.
 void add_recipe_from_cad(args::Command& recipe);
+void add_recipe_drafts(args::Command& recipe);
 void add_recipe_from_scan(args::Command& recipe);
 
 }  // namespace slabd::cli

@@ -52,4 +52,22 @@ struct CadFindings {
 /// config: it is not such a document.
 [[nodiscard]] Result<CadFindings> parse_findings(const std::string& text);
 
+/// The document slabd.cad_draft/1: what the draft of a recipe was made from. It is written beside the draft.
+struct CadDraft {
+  std::string file;
+  std::string sha256;
+  std::string draft;    ///< path
+  std::string picture;  ///< path
+  double reference_height_mm = 0.0;
+  CadFindings findings;  ///< without parts
+};
+
+[[nodiscard]] std::string json_of(const CadDraft& draft);
+[[nodiscard]] std::string text_of(const CadDraft& draft);
+/// config: it is not such a document.
+[[nodiscard]] Result<CadDraft> parse_draft(const std::string& text);
+
+/// ", faces 3, 7, 12": the first four.
+[[nodiscard]] std::string faces_text(const std::vector<int>& faces);
+
 }  // namespace slabd::cli

@@ -20,8 +20,6 @@
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
 #include "cli/terminal/render.h"
-#include "report/json.h"
-#include "report/table.h"
 
 namespace slabd::cli {
 namespace {
@@ -58,49 +56,8 @@ bool is_iges(const std::string& path, const std::string& bytes) {
   stop(kBadInput, fmt::format("{}: it begins neither like a STEP nor like an IGES file", path));
 }
 
-std::string faces_text(const std::vector<int>& faces) {
-  if (faces.empty()) return "";
-  std::string text = faces.size() == 1 ? ", face" : ", faces";
-  constexpr std::size_t kShown = 4;
-  for (std::size_t i = 0; i < faces.size() && i < kShown; ++i)
-    text += fmt::format("{} {}", i == 0 ? "" : ",", faces[i]);
-  if (faces.size() > kShown) text += " ...";
-  return text;
-}
-
 std::string source_of(const std::string& file, const std::string& sha256, const CadValue& value) {
   return fmt::format("{}, sha256 {}{}", file, sha256, faces_text(value.faces));
-}
-
-std::string as_json(const Options& options, const std::string& sha256, const CadFindings& findings) {
-  report::Json json("slabd.cad_draft/1");
-  json.field("file", options.file).field("sha256", sha256).field("unit", findings.unit);
-  json.field("solids", findings.solids).field("faces", findings.faces).field("blocks", findings.blocks);
-  json.field("reference_height_mm", options.reference_mm).field("confined", findings.confined);
-  json.field("draft", options.out).field("picture", options.picture);
-  json.list("found", findings.found, [&](const CadValue& value) {
-    json.field("key", value.key).field("value", value.value).field("faces", value.faces).field("note", value.note);
-  });
-  json.list("not_found", findings.not_found,
-            [&](const CadMissing& missing) { json.field("key", missing.key).field("why", missing.why); });
-  json.field("remarks", findings.remarks);
-  json.list("named_faces", findings.names,
-            [&](const CadName& named) { json.field("name", named.name).field("face", named.face); });
-  return json.text();
-}
-
-std::string as_text(const Options& options, const CadFindings& findings) {
-  std::string text = fmt::format("{}: {} faces, {} solids, unit {}; {} blocks found\n\n", options.file, findings.faces,
-                                 findings.solids, findings.unit.empty() ? "not named" : findings.unit, findings.blocks);
-  report::Table table{"key", "value", "from<"};
-  for (const CadValue& value : findings.found)
-    table.add(value.key, report::Cell(value.value, 6), value.note + faces_text(value.faces));
-  text += report::text_of(table);
-  if (!findings.not_found.empty()) text += "\nnot found:\n";
-  for (const CadMissing& missing : findings.not_found) text += fmt::format("  {}: {}\n", missing.key, missing.why);
-  if (!findings.remarks.empty()) text += "\nlook at:\n";
-  for (const std::string& remark : findings.remarks) text += fmt::format("  {}\n", remark);
-  return text;
 }
 
 int from_cad(Options options) {
@@ -151,7 +108,11 @@ int from_cad(Options options) {
   need(out.close(), kBadInput);
   const std::string title = fmt::format("{}  sha256 {:.12}  blocks found: {}", shown, sha256, findings.blocks);
   need(write_cad_picture(options.picture, findings, title), kBadInput);
-  fmt::print("{}", options.json ? as_json(options, sha256, findings) : as_text(options, findings));
+  const CadDraft draft{options.file, sha256, options.out, options.picture, options.reference_mm, findings};
+  OutFile document(std::filesystem::path(options.out).replace_extension(".json").string());
+  document.write(json_of(draft));
+  need(document.close(), kBadInput);
+  fmt::print("{}", options.json ? json_of(draft) : text_of(draft));
   if (!options.json)
     fmt::print("\n{} is a draft: look at {}, confirm each number with the drawing, and add what is missing\n",
                options.out, options.picture);
@@ -167,6 +128,8 @@ void add_recipe_from_cad(args::Command& recipe) {
       "\nFinds the slab's top, seats, jaws, casings and the rest by geometry; names in the file, units, placements "
       "and\n"
       "the frame do not matter. Nothing is guessed: what was not found, or is contradictory, is listed and left out.\n"
+      "Beside the draft it writes the list (.json) and the picture (.png); in [recipes] dir/drafts the page shows "
+      "them.\n"
       "A model of triangles (STL, or STEP with facets) is refused. Needs the package slabd-cad. See docs/CAD.md.\n"
       "Example: slabctl recipe from-cad slab.stp --out draft.toml");
   command->add_option("FILE", options->file, "STEP or IGES file")->required();

@@ -20,6 +20,29 @@ struct WebDocuments : WebProcess {
                                        .c_str());
     EXPECT_EQ(status, 0) << cli::content(file("validated"));
   }
+
+  /// Writes list and picture of a draft as slabctl recipe from-cad does.
+  void store_draft() const {
+    fs::create_directories(file("recipes") + "/drafts");
+    std::ofstream(file("recipes/drafts/p4925.json")) << json{
+        {"schema", "slabd.cad_draft/1"},
+        {"file", "slab <b>.stp"},
+        {"sha256", std::string(64, 'a')},
+        {"unit", "mm"},
+        {"solids", 1},
+        {"faces", 9},
+        {"blocks", 1},
+        {"reference_height_mm", 10.0},
+        {"confined", true},
+        {"draft", "p4925.toml"},
+        {"picture", "p4925.png"},
+        {"found", {{{"key", "block.cant_ratio"}, {"value", 40.0}, {"faces", {3, 7}}, {"note", "one seat"}}}},
+        {"not_found", {{{"key", "slab"}, {"why", "one block"}}}},
+        {"remarks", json::array({"a casing is missing"})},
+        {"named_faces", {{{"name", "seat"}, {"face", 3}}}}}.dump();
+    std::ofstream(file("recipes/drafts/p4925.png"), std::ios::binary) << kPicture;
+  }
+  const std::string kPicture = std::string("\x89PNG\r\n\x1a\n") + std::string(3, '\0') + "data";
 };
 
 TEST_F(WebDocuments, every_route_matches_its_schema) {
@@ -28,13 +51,14 @@ TEST_F(WebDocuments, every_route_matches_its_schema) {
   measure(3);
   measure(4, "--defect jaw-distance=4:0.9");
   end();
+  store_draft();
   start();
   std::vector<std::string> documents;
   for (const Route& route : routes()) {
     if (route.maker == Maker::report) continue;
     std::string target(route.path);
-    for (const auto& [mark, value] :
-         {std::pair{"{key}", "1"}, std::pair{"{block}", "3"}, std::pair{"{item}", "seat_slope"}})
+    for (const auto& [mark, value] : {std::pair{"{key}", "1"}, std::pair{"{block}", "3"},
+                                      std::pair{"{item}", "seat_slope"}, std::pair{"{draft}", "p4925"}})
       if (const std::size_t at = target.find(mark); at != std::string::npos)
         target.replace(at, std::string_view(mark).size(), value);
     if (route.maker == Maker::plant) {
@@ -97,6 +121,32 @@ TEST_F(WebDocuments, are_what_slabctl_prints) {
               -0.5 * (deviation["columns"].get<double>() - 1.0) * deviation["cell_mm"].get<double>(), 1e-9);
   EXPECT_TRUE(maps["seat"].is_object());
   EXPECT_TRUE(document("/api/v1/slabs/1/blocks/4/map")["deviation"].is_null());
+}
+
+TEST_F(WebDocuments, a_draft_of_a_recipe_comes_with_its_picture) {
+  store_draft();
+  std::ofstream(file("recipes/drafts/other.json")) << "{\"schema\": \"slabd.slab/1\"}";
+  std::ofstream(file("recipes/drafts/a b.json")) << "{}";
+  start();
+  const json list = document("/api/v1/drafts");
+  ASSERT_EQ(list["drafts"].size(), 1U);
+  EXPECT_EQ(list["drafts"][0]["name"], "p4925");
+  EXPECT_EQ(list["drafts"][0]["found"], 1);
+  EXPECT_EQ(list["drafts"][0]["not_found"], 1);
+  ASSERT_EQ(list["passed_over"].size(), 2U);
+  EXPECT_EQ(list["passed_over"][0]["file"], "a b.json");
+  EXPECT_EQ(list["passed_over"][1]["file"], "other.json");
+  EXPECT_EQ(document("/api/v1/drafts/p4925")["found"][0]["value"], 40.0);
+  const Reply picture = get("/api/v1/drafts/p4925/picture.png");
+  ASSERT_EQ(picture.status, 200) << picture.body;
+  EXPECT_EQ(picture.field("content-type"), "image/png");
+  EXPECT_EQ(picture.body, kPicture);
+  cli::expect_mentions(refused(get("/api/v1/drafts/none"), 404), "no draft none");
+  cli::expect_mentions(refused(get("/api/v1/drafts/none/picture.png"), 404), "no draft none");
+  EXPECT_GE(get("/api/v1/drafts/other").status, 400);
+  std::ofstream(file("recipes/drafts/p4925.png"), std::ios::binary) << "<svg onload=alert(1)>";
+  std::ofstream(file("recipes/drafts/p5600.json")) << line::read_file(file("recipes/drafts/p4925.json"));
+  cli::expect_mentions(refused(get("/api/v1/drafts/p5600/picture.png"), 404), "p5600.png");
 }
 
 TEST_F(WebDocuments, a_report_is_a_pdf) {

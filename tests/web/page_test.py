@@ -21,7 +21,7 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 PAGE = os.path.join(ROOT, "web", "page")
 SIZES = {"wide": (1920, 1080), "panel": (1280, 800), "phone": (390, 844)}
 PAGES = {"live": "/", "slabs": "/slabs", "slab": "/slabs/55", "block": "/slabs/55/blocks/4", "trends": "/trends/seat_slope",
-         "moulds": "/moulds?mould=3", "plant": "/plant?id=C3-4155", "calibration": "/calibration", "line": "/line", "compare": "/compare?a=55&b=60", "about": "/about"}
+         "moulds": "/moulds?mould=3", "plant": "/plant?id=C3-4155", "drafts": "/drafts", "draft": "/drafts/p4925", "calibration": "/calibration", "line": "/line", "compare": "/compare?a=55&b=60", "about": "/about"}
 ATTACK = '<img src=x onerror="document.title=1">'
 CONTROL = "A\x00\x1b[31mB\u202eC\u200bD"
 WIDE = "轨道板" * 10 + "轨道"
@@ -343,6 +343,16 @@ class LivePage(Browser):
 
 
 class Stored(Browser):
+    def test_a_draft_shows_its_picture_or_that_there_is_none(self):
+        self.open("/drafts")
+        self.driver.find_element(By.LINK_TEXT, "p4925").click()
+        self.wait("const image = document.querySelector('img.draft-picture'); return image !== null && image.naturalWidth > 0",
+                  "the picture is drawn")
+        self.assertIn("block.jaw_half_distance_mm", self.driver.find_element(By.TAG_NAME, "main").text)
+        self.open("/drafts/p5600")
+        self.wait("return document.body.textContent.includes('cannot be shown')", "the missing picture is named")
+        self.logs()
+
     def test_links_back_and_forward(self):
         self.open("/slabs")
         self.driver.find_element(By.CSS_SELECTOR, "a.row-link").click()

@@ -149,7 +149,8 @@ TEST(Routes, an_option_cannot_be_smuggled_in) {
   for (const char* bad :
        {"/api/v1", "/api/v1/slabs/x", "/api/v1/slabs/-1", "/api/v1/slabs/1/blocks/19", "/api/v1/slabs/1/cloud",
         "/api/v1/slabs/1/blocks/0/cloud", "/api/v1/slabs/1234567890123456789", "/api/v1/slabs/1/report.html",
-        "/api/v1/trends/A", "/api/v2/slabs", "/api/v1/slabs/1/map/x"})
+        "/api/v1/trends/A", "/api/v2/slabs", "/api/v1/slabs/1/map/x", "/api/v1/drafts/--db",
+        "/api/v1/drafts/a/picture.pdf"})
     EXPECT_EQ(arguments_of(bad), Words{"404"}) << bad;
 }
 
@@ -167,9 +168,10 @@ TEST(Routes, only_logins_decisions_and_pins_are_written) {
 
 TEST(Routes, every_page_has_the_same_document_and_nothing_else_has_it) {
   for (const char* page : {"/", "/slabs", "/slabs/7", "/slabs/7/blocks/3", "/trends", "/moulds", "/calibration",
-                           "/line", "/compare", "/about", "/login"})
+                           "/line", "/compare", "/about", "/login", "/plant", "/drafts", "/drafts/p5600.v2"})
     EXPECT_TRUE(is_page(page)) << page;
-  for (const char* other : {"/slab", "/slabs/x", "/slabs/7/blocks/0", "/healthz", "/assets/app.js", "/index.html"})
+  for (const char* other : {"/slab", "/slabs/x", "/slabs/7/blocks/0", "/healthz", "/assets/app.js", "/index.html",
+                            "/drafts/.p", "/drafts/-p", "/drafts/a%2Fb"})
     EXPECT_FALSE(is_page(other)) << other;
 }
 

@@ -44,11 +44,15 @@ class WebProcess : public cli::StoredSlab {
   [[nodiscard]] std::string socket() const { return file("control.sock"); }
   /// Writes slabd.toml with `web` as the rest of its table [web].
   void write_config(const std::string& web = "") const {
+    fs::create_directories(file("recipes"));
+    for (const auto& recipe : fs::directory_iterator(places::source_dir() + "/recipes"))
+      if (const fs::path link = fs::path(file("recipes")) / recipe.path().filename(); !fs::is_symlink(link))
+        fs::create_symlink(recipe.path(), link);
     static_cast<void>(
         write("slabd.toml",
               "[cell]\nT_base_slab = [1000, 0, 500, 1, 0, 0, 0]\n[calibration]\nT_flange_scanner = [0, 0, 120, "
               "1, 0, 0, 0]\n[recipes]\ndir = \"" +
-                  places::source_dir() + "/recipes\"\n[storage]\ndb = \"" + db() + "\"\nspool_dir = \"" +
+                  file("recipes") + "\"\n[storage]\ndb = \"" + db() + "\"\nspool_dir = \"" +
                   file("spool") + "\"\n[scanner]\ndrop_dir = \"" + file("drop") + "\"\n[control]\nsocket = \"" +
                   socket() + "\"\n[web]\nlisten = \"127.0.0.1:0\"\n" +
                   (web.find("answer_s = ") != std::string::npos ? "" : "answer_s = 60\n") +

@@ -8,6 +8,7 @@ import { About } from './pages/about.js';
 import { Block } from './pages/block.js';
 import { Calibration } from './pages/calibration.js';
 import { Compare } from './pages/compare.js';
+import { Drafts } from './pages/drafts.js';
 import { Line } from './pages/line.js';
 import { Live } from './pages/live.js';
 import { Login } from './pages/login.js';
@@ -28,12 +29,12 @@ import { known } from './verdict.js';
 import { Words, useWords, wordsOf } from './words.js';
 
 const kPages = { live: Live, slabs: Slabs, slab: Slab, block: Block, trends: Trends, moulds: Moulds, calibration: Calibration, line: Line,
-  compare: Compare, about: About, login: Login, plant: Plant };
+  compare: Compare, about: About, login: Login, plant: Plant, drafts: Drafts };
 const kNavigation = [['live', '/'], ['slabs', '/slabs'], ['trends', '/trends'], ['moulds', '/moulds'], ['plant', '/plant'], ['compare', '/compare'],
   ['calibration', '/calibration'], ['line', '/line'], ['about', '/about']];
 /// Shown without a login even if everything else needs one.
 const kOpen = ['login', 'about'];
-const kBelongsTo = { slab: 'slabs', block: 'slabs' };
+const kBelongsTo = { slab: 'slabs', block: 'slabs', drafts: 'about' };
 
 function useStatus(poll) {
   const [picture, setPicture] = useState(poll.picture());

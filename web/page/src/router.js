@@ -14,6 +14,8 @@ const kRoutes = [
   [/^\/trends\/([a-z_]{1,40})$/, 'trends', ['item']],
   [/^\/moulds$/, 'moulds', []],
   [/^\/plant$/, 'plant', []],
+  [/^\/drafts$/, 'drafts', []],
+  [/^\/drafts\/([A-Za-z0-9_][A-Za-z0-9._-]{0,63})$/, 'drafts', ['draft']],
   [/^\/calibration$/, 'calibration', []],
   [/^\/line$/, 'line', []],
   [/^\/compare$/, 'compare', []],

@@ -17,7 +17,7 @@ test('addresses name their pages', () => {
   assert.deepEqual(at('/slabs/55'), { page: 'slab', key: '55' });
   assert.deepEqual(at('/slabs/55/blocks/18'), { page: 'block', key: '55', station: 18 });
   assert.deepEqual(at('/trends/seat_slope'), { page: 'trends', item: 'seat_slope' });
-  for (const page of ['trends', 'moulds', 'plant', 'calibration', 'line', 'compare', 'about', 'login']) assert.deepEqual(at(`/${page}`), { page });
+  for (const page of ['trends', 'moulds', 'plant', 'drafts', 'calibration', 'line', 'compare', 'about', 'login']) assert.deepEqual(at(`/${page}`), { page });
 });
 test('other addresses are unknown', () => {
   for (const path of ['/slabs/0', '/slabs/x', '/slabs/1/blocks/19', '/slabs/1/blocks/0', '/slabs/../etc', '/moulds/7', '/trends/A', '/slabs/12345678901234567890'])

@@ -47,6 +47,8 @@ const types = { html: 'text/html; charset=utf-8', js: 'text/javascript; charset=
 const start = { status: 'live', slab: 'fail', id: null, done: '7', database: '1', fault: '0', newest: '', users: '1', required: '0',
   second: '0', refuse: '', cookie: '1', limits: '1' };
 let now = { ...start };
+/// A PNG picture of one pixel.
+const kPixel = 'iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg==';
 let silent_since = 0;
 const reports = [];
 const roles = { mei: 'quality', wei: 'viewer' };
@@ -133,6 +135,20 @@ function foundSlab(slab_id) {
     disposition: items.length ? 'rework' : null, software: 'slabd 1.0.0', items });
   const item = { item: 'jaw_distance', station: 4, station_to: 0, verdict: 'fail', value: 381.4, nominal: 380.5, lower: 380, upper: 381, u: 0.05 };
   return { schema: 'slabd.plant_found/1', slab_id, slabs: slab_id === 'none' ? [] : [one('hall-2', 'pass', []), one('hall-1', 'fail', [item])] };
+}
+
+const drafts = () => ({ schema: 'slabd.recipe_drafts/1', folder: '/etc/slabd/recipes/drafts',
+  drafts: ['p4925', 'p5600'].map((name, i) => ({ name, written_utime_us: 1763999999000000 - i * 86400000000, file: `${name}.stp`, sha256: 'ab'.repeat(32),
+    blocks: 18 - 2 * i, found: 28, not_found: i, remarks: i })),
+  passed_over: [{ file: 'old.json', why: 'expected is a slabd.cad_draft/1' }] });
+
+function draftOf(name) {
+  if (name !== 'p4925' && name !== 'p5600') return null;
+  const found = [['block.cant_ratio', 40], ['block.jaw_half_distance_mm', 190.00000000000003], ['slab.pitch_mm', 630]];
+  return { schema: 'slabd.cad_draft/1', file: `${name}.stp`, sha256: 'ab'.repeat(32), unit: 'mm', solids: 1, faces: 512, blocks: 18, reference_height_mm: 10,
+    confined: true, draft: `${name}.toml`, picture: `${name}.png`, found: found.map(([key, value]) => ({ key, value, faces: [3, 7, 12], note: 'mean of 18 blocks' })),
+    not_found: [{ key: 'block.casing_inner_y_mm', why: 'block 4 has no inner casing' }], remarks: ['block 4 has no inner casing'],
+    named_faces: [{ name: 'seat_1', face: 3 }] };
 }
 
 const refusal = (status, text, cure = '') => ({ status, body: { schema: 'slabd.web_error/1', status, text, cure } });
@@ -232,9 +248,12 @@ function documentOf(path, query) {
     case '/moulds': return documents.moulds;
     case '/plant': return plant();
     case '/plant/slab': return foundSlab(query.get('id'));
+    case '/drafts': return drafts();
     case '/doctor': return documents.doctor;
     case '/words': return documents[query.get('language') === 'zh' ? 'words_zh' : 'words_en'];
-    default: return path.startsWith('/trends/') ? { ...documents.trend, item: path.slice(8), ...(now.limits === '0' && { limits_differ: true, other_limits: 12 }) } : null;
+    default:
+      if (path.startsWith('/drafts/')) return draftOf(path.slice(8));
+      return path.startsWith('/trends/') ? { ...documents.trend, item: path.slice(8), ...(now.limits === '0' && { limits_differ: true, other_limits: 12 }) } : null;
   }
 }
 
@@ -276,6 +295,7 @@ async function serve(request, response) {
     if (now.status === 'closed') return json(response, 500, { schema: 'slabd.web_error/1', status: 500, text: 'closed', cure: '' });
     return json(response, 200, webStatus(url.searchParams.get('language') === 'zh' ? 'zh' : 'en'));
   }
+  if (url.pathname === '/api/v1/drafts/p4925/picture.png') return answer(response, 200, 'image/png', Buffer.from(kPixel, 'base64'));
   if (url.pathname.startsWith('/api/v1/')) {
     const document = now.database === '0' ? null : documentOf(url.pathname.slice(7), url.searchParams);
     return document !== null ? json(response, 200, document)

@@ -3,6 +3,7 @@ import { useEffect, useState } from 'preact/hooks';
 import { html } from '../html.js';
 import { PageHead, Panel } from '../parts/panel.js';
 import { Facts } from '../parts/table.js';
+import { Link } from '../router.js';
 import { Foreign } from '../text.js';
 import { useWords } from '../words.js';
 
@@ -22,6 +23,7 @@ export function About({ picture }) {
   return html`
     <${PageHead} title=${t('about.title')} />
     <p>${t('about.text')}</p>
+    <p><${Link} to="/drafts">${t('drafts.title')}<//>: ${t('about.drafts')}</p>
     <${Panel} title=${t('about.versions')}><${Facts} facts=${[
       [t('about.slabd'), version(picture.status?.status?.software)],
       [t('about.web'), version(picture.status?.slabd_web?.version)],
