@@ -79,11 +79,12 @@ int show_reasons(Options options) {
   int slabs = 0;
   int total = 0;
   std::uint8_t emulated = 0;
-  for (const std::int64_t key : chosen_slabs(*reader, options.choice)) {
-    const auto record = need(reader->slab(key), kNotReachable);
-    if (!record) continue;  // the daemon has pruned it meanwhile
+  for (const storage::Inspection& slab : ended_slabs(*reader, options.choice)) {
     ++slabs;
-    emulated = static_cast<std::uint8_t>(emulated | record->summary.header.emulated);
+    emulated = static_cast<std::uint8_t>(emulated | slab.emulated);
+    if (slab.verdict == Verdict::pass) continue;  // all that is required of it has passed
+    const auto record = need(reader->slab(slab.slab_key), kNotReachable);
+    if (!record) continue;  // the daemon has pruned it meanwhile
     const auto count = [&](int reason, std::string_view item, int station, int to, Verdict verdict) {
       if (reason <= 0 || verdict == Verdict::pass || verdict == Verdict::none) return;
       ++counts[{reason, item, station, to}][verdict];

@@ -12,20 +12,6 @@
 #include "report/slab_view.h"
 
 namespace slabd::cli {
-namespace {
-
-storage::SlabFilter filter_of(const SlabChoice& choice) {
-  storage::SlabFilter filter;
-  filter.limit = 1'000'000'000;
-  filter.slab_type = choice.slab_type;
-  if (!choice.since.empty()) filter.since_utime_us = time_of("--since", choice.since);
-  if (!choice.until.empty()) filter.until_utime_us = time_of("--until", choice.until);
-  filter.verdict = verdict_from_name(choice.verdict).value_or(Verdict::none);
-  return filter;
-}
-
-}  // namespace
-
 bool SlabChoice::has_filter() const {
   return all || !since.empty() || !until.empty() || slab_type != 0 || !verdict.empty();
 }
@@ -58,6 +44,19 @@ storage::SlabRecord named_slab(storage::Reader& reader, const std::string& wante
   return std::move(*found);
 }
 
+std::vector<storage::Inspection> ended_slabs(storage::Reader& reader, const SlabChoice& choice) {
+  storage::InspectionFilter filter;
+  filter.slab_type = choice.slab_type;
+  if (!choice.since.empty()) filter.since_utime_us = time_of("--since", choice.since);
+  if (!choice.until.empty()) filter.until_utime_us = time_of("--until", choice.until);
+  filter.of_both_kinds = true;
+  auto slabs = need(reader.inspections(filter), kNotReachable).list;
+  const Verdict verdict = verdict_from_name(choice.verdict).value_or(Verdict::none);
+  if (verdict != Verdict::none)
+    std::erase_if(slabs, [&](const storage::Inspection& slab) { return slab.verdict != verdict; });
+  return slabs;
+}
+
 std::vector<std::int64_t> chosen_slabs(storage::Reader& reader, const SlabChoice& choice) {
   choice.check();
   std::vector<std::int64_t> keys;
@@ -68,10 +67,7 @@ std::vector<std::int64_t> chosen_slabs(storage::Reader& reader, const SlabChoice
     if (std::find(keys.begin(), keys.end(), key) == keys.end()) keys.push_back(key);
   }
   if (!choice.slabs.empty()) return keys;
-  const auto slabs = need(reader.slabs(filter_of(choice)), kNotReachable);
-  for (const storage::SlabSummary& slab : slabs)
-    if (slab.ended_utime_us != 0) keys.push_back(slab.header.key);
-  std::reverse(keys.begin(), keys.end());
+  for (const storage::Inspection& slab : ended_slabs(reader, choice)) keys.push_back(slab.slab_key);
   return keys;
 }
 

@@ -33,6 +33,9 @@ struct SlabChoice {
 /// The slab of that name, as found by find_slab(); stops if it does not exist.
 [[nodiscard]] storage::SlabRecord named_slab(storage::Reader& reader, const std::string& wanted);
 
+/// Ended slabs that match the filters, emulated ones included, oldest first; names are not looked at.
+[[nodiscard]] std::vector<storage::Inspection> ended_slabs(storage::Reader& reader, const SlabChoice& choice);
+
 /// Keys, each once, oldest first, or in the order of the names; open slabs only if named. Stops if a named slab does
 /// not exist; with filters the list may be empty.
 [[nodiscard]] std::vector<std::int64_t> chosen_slabs(storage::Reader& reader, const SlabChoice& choice);

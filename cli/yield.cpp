@@ -75,32 +75,26 @@ report::Table yield_table(std::vector<YieldGroup> groups, const std::string& by,
 
 int show_yield(const Options& options) {
   options.document.check();
-  trend::YieldChoice choice;
-  choice.by = options.by == "type"    ? GroupBy::type
-              : options.by == "mould" ? GroupBy::mould
-              : options.by == "shift" ? GroupBy::shift
-                                      : GroupBy::day;
-  choice.shifts = need(trend::parse_shifts(options.shifts), kUsage);
-  if (!options.since.empty()) choice.since_utime_us = time_of("--since", options.since);
-  if (!options.until.empty()) choice.until_utime_us = time_of("--until", options.until);
-  choice.slab_type = options.type;
+  const GroupBy by = options.by == "type"    ? GroupBy::type
+                     : options.by == "mould" ? GroupBy::mould
+                     : options.by == "shift" ? GroupBy::shift
+                                             : GroupBy::day;
+  const trend::Shifts shifts = need(trend::parse_shifts(options.shifts), kUsage);
+  storage::InspectionFilter filter;
+  if (!options.since.empty()) filter.since_utime_us = time_of("--since", options.since);
+  if (!options.until.empty()) filter.until_utime_us = time_of("--until", options.until);
+  filter.slab_type = options.type;
   const auto reader = open_database(options.database);
-  storage::SlabFilter all;
-  all.limit = 1'000'000'000;
-  all.counts = false;
-  auto slabs = need(reader->slabs(all), kNotReachable);
-  std::ranges::reverse(slabs);
-  // Emulated and real slabs are separated; the newest slab selects which are counted.
-  const bool emulated = !slabs.empty() && slabs.back().header.emulated != 0;
-  const auto others =
-      std::erase_if(slabs, [&](const storage::SlabSummary& slab) { return (slab.header.emulated != 0) != emulated; });
-  const std::vector<YieldGroup> groups = trend::first_pass_yield(slabs, choice);
+  const storage::Inspections inspections = need(reader->inspections(filter), kNotReachable);
+  const bool emulated = inspections.emulated != 0;
+  const std::size_t others = inspections.others;
+  const std::vector<YieldGroup> groups = trend::first_pass_yield(inspections.list, by, shifts);
   if (!options.document.out.empty()) {
     const report::Language language = options.document.wanted();
     report::Report document;
     document.language = language;
     document.judged = false;
-    if (emulated) document.emulated = slabs.back().header.emulated;
+    if (emulated) document.emulated = inspections.emulated;
     const report::Table table = yield_table(groups, options.by, language, language);
     document.title = table.title;
     report::Section& section = document.sections.emplace_back();

@@ -120,7 +120,7 @@ std::vector<MouldSlab> Moulds::newest_slabs(const MouldFilter& filter) {
   next.reset();
   std::string sql =
       "SELECT slab_key, slab_type, began_utime_us, age_h, emulated FROM slab CROSS JOIN slab_result USING (slab_key) "
-      "WHERE mould = ?1 AND slab_result.verdict <> 'aborted' AND began_utime_us >= ?3 AND began_utime_us < ?4";
+      "WHERE mould = ?1 AND slab_result.verdict <> 'aborted' AND +began_utime_us >= ?3 AND +began_utime_us < ?4";
   if (filter.slab_type != 0) sql += " AND slab_type = ?5";
   Statement rows(db_, sql + " ORDER BY slab_key DESC LIMIT ?2");
   std::vector<MouldSlab> slabs;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -274,8 +275,30 @@ struct SlabFilter {
   int block = 0;  ///< 0: any
   std::optional<ItemId> item;
   Disposition disposition = Disposition::none;  ///< in force; none: any or none
-  /// Also `acknowledged` and `stations_measured`, which need a look at all attempts of each slab.
-  bool counts = true;
+};
+
+/// Ended slab, for counts over many.
+struct Inspection {
+  std::int64_t slab_key = 0;
+  std::int64_t began_utime_us = 0;
+  std::uint16_t slab_type = 0;
+  std::uint16_t mould = 0;
+  Verdict verdict = Verdict::none;
+  std::uint16_t reason = 0;
+  std::uint8_t emulated = 0;
+  bool again = false;  ///< an earlier slab with this SLAB_ID has ended and was not aborted; false without a SLAB_ID
+};
+struct InspectionFilter {
+  std::optional<std::int64_t> since_utime_us = std::nullopt;  ///< began at or after
+  std::optional<std::int64_t> until_utime_us = std::nullopt;  ///< began before
+  int slab_type = 0;                                          ///< 0: all types
+  bool of_both_kinds = false;                                 ///< emulated and real slabs
+};
+/// Emulated and real slabs are not counted together unless of_both_kinds; the newest slab of the database selects.
+struct Inspections {
+  std::vector<Inspection> list;  ///< oldest first
+  std::uint8_t emulated = 0;     ///< emulation bits of the newest slab
+  std::size_t others = 0;        ///< slabs that match the filter and are left out, because the newest is of the other kind
 };
 
 /// Filter for values of one item. Open and aborted slabs have no values, because their measurements are not final.
@@ -377,8 +400,12 @@ class Reader {
     filter.limit = limit;
     return slabs(filter);
   }
+  [[nodiscard]] virtual Result<Inspections> inspections(const InspectionFilter& filter) = 0;
   /// Values that match the filter, oldest slab first, then by station.
   [[nodiscard]] virtual Result<std::vector<ItemValue>> values(const ItemFilter& filter) = 0;
+  /// The values of several items, in their order, for little more than those of one. `filter.item` is not used.
+  [[nodiscard]] virtual Result<std::vector<std::vector<ItemValue>>> values_of(const ItemFilter& filter,
+                                                                              std::span<const ItemId> items) = 0;
   /// Values of the newest slabs of each mould, and all resets of moulds.
   [[nodiscard]] virtual Result<MouldRecords> mould_records(const MouldFilter& filter) = 0;
   [[nodiscard]] virtual Result<std::optional<SlabRecord>> slab(std::int64_t key) = 0;

@@ -244,13 +244,8 @@ int show_capability(const Options& options) {
   newest.mould = filter.mould;
   if (const auto slabs = need(reader->slabs(newest), kNotReachable); filter.slab_type == 0 && !slabs.empty())
     filter.slab_type = slabs.front().header.slab_type;
-  std::vector<Trend> trends;
-  for (std::size_t i = 0; i < kItemCount; ++i) {
-    filter.item = static_cast<ItemId>(i);
-    bool other_types = false;
-    Trend t = trend::read_trend(*reader, filter, other_types);
-    if (t.values > 0 && (has_value(t.lower) || has_value(t.upper))) trends.push_back(std::move(t));
-  }
+  std::vector<Trend> trends = trend::read_trends(*reader, filter);
+  std::erase_if(trends, [](const Trend& t) { return t.values == 0 || !(has_value(t.lower) || has_value(t.upper)); });
   options.document.write(trend::document_of(trends, options.document.wanted()));
   if (options.json) {
     fmt::print("{}", as_json(trends, options.mould, json_language(options.document.language)));

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <ctime>
-#include <set>
 
 #include "report/figures.h"
 
@@ -60,7 +59,7 @@ std::string shift_name(std::int64_t utime_us, const Shifts& shifts) {
                      clock_text(shifts[(shift + 1) % shifts.size()]));
 }
 
-void count(YieldGroup& group, const storage::SlabSummary& slab) {
+void count(YieldGroup& group, const storage::Inspection& slab) {
   ++group.inspected;
   switch (slab.verdict) {
     case Verdict::pass: ++group.passed; break;
@@ -114,36 +113,28 @@ Result<Shifts> parse_shifts(const std::string& text) {
   return shifts;
 }
 
-std::vector<YieldGroup> first_pass_yield(const std::vector<storage::SlabSummary>& slabs, const YieldChoice& choice) {
+std::vector<YieldGroup> first_pass_yield(const std::vector<storage::Inspection>& inspections, GroupBy by,
+                                         const Shifts& shifts) {
   std::vector<YieldGroup> groups;
   std::map<std::string, std::size_t> by_name;
-  std::set<std::string> inspected;
-  for (const storage::SlabSummary& slab : slabs) {
-    if (slab.ended_utime_us == 0) continue;
-    const bool aborted = slab.verdict == Verdict::aborted;
-    const std::string id(slab.header.slab_id.view());
-    const bool again = !id.empty() && inspected.contains(id);
-    if (!aborted && !id.empty()) inspected.insert(id);
-    const std::int64_t began = slab.header.began_utime_us;
-    if (began < choice.since_utime_us || began >= choice.until_utime_us) continue;
-    if (choice.slab_type != 0 && slab.header.slab_type != choice.slab_type) continue;
-    const std::string name = choice.by == GroupBy::type    ? std::to_string(slab.header.slab_type)
-                             : choice.by == GroupBy::mould ? std::to_string(slab.header.mould)
-                             : choice.by == GroupBy::shift ? shift_name(began, choice.shifts)
-                                                           : day_text(local_parts(began));
+  for (const storage::Inspection& slab : inspections) {
+    const std::string name = by == GroupBy::type    ? std::to_string(slab.slab_type)
+                             : by == GroupBy::mould ? std::to_string(slab.mould)
+                             : by == GroupBy::shift ? shift_name(slab.began_utime_us, shifts)
+                                                    : day_text(local_parts(slab.began_utime_us));
     const auto [found, is_new] = by_name.try_emplace(name, groups.size());
     if (is_new) groups.emplace_back().name = name;
     YieldGroup& group = groups[found->second];
-    if (aborted) {
+    if (slab.verdict == Verdict::aborted) {
       ++group.aborted;
-    } else if (again) {
+    } else if (slab.again) {
       ++group.again;
     } else {
       count(group, slab);
     }
   }
   for (YieldGroup& group : groups) group.yield = study::share_of(group.passed, group.inspected);
-  if (choice.by == GroupBy::type || choice.by == GroupBy::mould)
+  if (by == GroupBy::type || by == GroupBy::mould)
     std::ranges::sort(groups, {}, [](const YieldGroup& group) { return std::stoi(group.name); });
   return groups;
 }

@@ -34,19 +34,10 @@ struct YieldGroup {
   std::map<std::uint16_t, std::size_t> reasons;  ///< of first inspections that did not pass
 };
 
-struct YieldChoice {
-  GroupBy by = GroupBy::day;
-  Shifts shifts;
-  std::int64_t since_utime_us = 0;
-  std::int64_t until_utime_us = INT64_MAX;
-  int slab_type = 0;
-};
-
-/// Groups in the order of time, types and moulds by number. `slabs`: all slabs of the database, oldest first, because
-/// an inspection before the interval decides whether one in it is the first. A slab without a SLAB_ID is a slab of its
-/// own. A shift over midnight belongs to the day of its begin. Times are local.
-[[nodiscard]] std::vector<YieldGroup> first_pass_yield(const std::vector<storage::SlabSummary>& slabs,
-                                                       const YieldChoice& choice);
+/// Groups in the order of time, types and moulds by number. A shift over midnight belongs to the day of its begin.
+/// Times are local. `shifts`: used by GroupBy::shift only.
+[[nodiscard]] std::vector<YieldGroup> first_pass_yield(const std::vector<storage::Inspection>& inspections, GroupBy by,
+                                                       const Shifts& shifts);
 /// All groups together.
 [[nodiscard]] YieldGroup total_of(const std::vector<YieldGroup>& groups);
 
