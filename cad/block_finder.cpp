@@ -95,22 +95,63 @@ class BlockSearch {
   void find_jaws() {
     for (const std::size_t side : {0U, 1U}) {
       const double sign = side == 0 ? -1.0 : 1.0;
-      jaw_[side] = largest([&](const ModelFace& face, const Vec3& n) {
+      const auto is_jaw = [&](const ModelFace& face, const Vec3& n) {
         const Vec3 off = face.centre - seat_.centre;
         const double s = sign * off.dot(along_);
         const double h = off.dot(n_);
         return std::abs(n.dot(block_.x)) < kParallel && n.dot(n_) > 0.015 && n.dot(n_) < 0.875 &&
                sign * n.dot(along_) < 0.0 && s > 60.0 && s < 330.0 && h > -2.0 && h < 110.0 &&
                std::abs(off.dot(block_.x)) < 60.0;
-      });
+      };
+      // A jaw may have a break: the plane that exists at the reference height counts.
+      jaw_[side] = largest(
+          [&](const ModelFace& face, const Vec3& n) { return is_jaw(face, n) && reaches(face, n_, reference_mm_); });
+      if (!jaw_[side]) jaw_[side] = largest(is_jaw);
     }
+  }
+
+  /// True if the face has points below and above this height over the seat.
+  [[nodiscard]] bool reaches(const ModelFace& face, const Vec3& n, double height_mm) const {
+    const auto [low, high] = heights(face, n);
+    return low < height_mm && height_mm < high;
+  }
+  [[nodiscard]] std::pair<double, double> heights(const ModelFace& face, const Vec3& n) const {
+    double low = 1e9;
+    double high = -1e9;
+    for (const Vec3& corner : face.corners) {
+      low = std::min(low, n.dot(corner - seat_.p));
+      high = std::max(high, n.dot(corner - seat_.p));
+    }
+    return {low, high};
   }
 
   struct Bore {
     const ModelFace* face = nullptr;
     double s = 0.0;  ///< along the seat, from its centre of area
     double x = 0.0;
+    bool has_rim = false;
+    double below_mm = 0.0;  ///< from the upper end of the cylinder to the ring, or to the seat
   };
+
+  /// True if the pieces of this cylinder go all around its axis: a slot ends in two halves.
+  [[nodiscard]] bool is_round(const ModelFace& face) const {
+    double area = 0.0;
+    double low = 1e9;
+    double high = -1e9;
+    for (const ModelFace& piece : model_.faces) {
+      if (piece.kind != FaceKind::cylinder || std::abs(piece.radius_mm - face.radius_mm) > kSame_mm ||
+          !parallel(piece.n, face.n))
+        continue;
+      const Vec3 off = piece.p - face.p;
+      if ((off - off.dot(face.n) * face.n).norm() > kSame_mm) continue;
+      const auto [from, to] = heights(piece, face.n);
+      area += piece.area_mm2;
+      low = std::min(low, from);
+      high = std::max(high, to);
+    }
+    constexpr double kShareMin = 0.9;
+    return area > kShareMin * 2.0 * kPi * face.radius_mm * (high - low);
+  }
 
   void find_casings() {
     for (const ModelFace& face : model_.faces) {
@@ -120,12 +161,22 @@ class BlockSearch {
       if (std::abs(at.dot(block_.x)) > 40.0 || std::abs(depth) > 260.0) continue;
       const double s = at.dot(along_);
       if (std::abs(s) < 30.0 || std::abs(s) > 270.0 || face.radius_mm > 60.0 || face.radius_mm < 4.0) continue;
-      casings_[s > 0.0 ? 1 : 0].push_back({&face, s, at.dot(block_.x)});
+      if (is_round(face)) casings_[s > 0.0 ? 1 : 0].push_back({&face, s, at.dot(block_.x)});
     }
-    // The bore: the smallest hollow cylinder around the axis nearest to the block's middle.
+    // The bore: a hollow cylinder around the axis nearest to the block's middle, one with a flat ring before one
+    // without, and of a stepped bore the cylinder that reaches the ring.
     for (std::vector<Bore>& side : casings_) {
+      for (Bore& bore : side) {
+        double radius = kNoValue;
+        const ModelFace* const rim = rim_of(bore, radius);
+        bore.has_rim = rim != nullptr;
+        const double ring = rim != nullptr ? n_.dot(rim->p - seat_.p) : 0.0;
+        bore.below_mm = std::abs(heights(*bore.face, n_).second - ring);
+      }
       std::stable_sort(side.begin(), side.end(), [](const Bore& a, const Bore& b) {
         if (std::abs(std::abs(a.x) - std::abs(b.x)) > kSame_mm) return std::abs(a.x) < std::abs(b.x);
+        if (a.has_rim != b.has_rim) return a.has_rim;
+        if (std::abs(a.below_mm - b.below_mm) > 1.0) return a.below_mm < b.below_mm;
         return a.face->radius_mm < b.face->radius_mm;
       });
       const auto hollow = [&](const Bore& bore) { return bore.face->hollow || !model_.has_sides; };
@@ -250,6 +301,7 @@ class BlockSearch {
     const ModelFace* best = nullptr;
     for (const ModelFace& face : model_.faces) {
       if (face.kind != FaceKind::plane || &face == &seat_ || !parallel(face.n, n_)) continue;
+      if (model_.has_sides && face.n.dot(n_) < 0.0) continue;
       if (std::abs(n_.dot(face.p - seat_.p)) > 12.0) continue;
       double outer = 0.0;
       double inner = 1e9;
@@ -340,17 +392,32 @@ class BlockSearch {
     }
   }
 
-  /// The slab's top: the largest face below that looks up, or of a single block the face that it rests on.
+  /// The slab's top: the highest large face below that looks up. Of a single block it may be the face on which it
+  /// rests.
   void find_top() {
-    const auto at_height = [&](double sign) {
-      return largest([&](const ModelFace& face, const Vec3& n) {
-        const double z = (face.p - block_.origin).dot(block_.z);
-        return n.cross(block_.z).norm() < kParallel && sign * n.dot(block_.z) > 0.0 && z < -3.0 && z > -210.0 &&
-               face.area_mm2 > seat_.area_mm2;
-      });
+    const auto is_level = [&](const ModelFace& face, const Vec3& n, double sign) {
+      const double z = height_of(face);
+      return n.cross(block_.z).norm() < kParallel && sign * n.dot(block_.z) > 0.0 && z < -3.0 && z > -210.0 &&
+             face.area_mm2 > seat_.area_mm2;
     };
-    Side top = at_height(1.0);
-    if (!top) top = at_height(-1.0);
+    Side top;
+    // Wider than any ledge of a block; of two levels the blocks stand on the upper one.
+    constexpr double kWide = 3.0;
+    for (const ModelFace& face : model_.faces)
+      for (const double sign : {1.0, -1.0})
+        if (face.kind == FaceKind::plane && face.area_mm2 > kWide * seat_.area_mm2 &&
+            (sign > 0.0 || !model_.has_sides) && is_level(face, sign * face.n, 1.0) &&
+            (!top || height_of(face) > height_of(*top.face)))
+          top = {&face, sign * face.n};
+    if (!top) top = largest([&](const ModelFace& face, const Vec3& n) { return is_level(face, n, 1.0); });
+    if (!top) {
+      // The foot of a block, not the bottom of a slab.
+      constexpr double kFootMax_mm2 = 300'000.0;
+      top = largest([&](const ModelFace& face, const Vec3& n) {
+        return is_level(face, n, -1.0) && face.area_mm2 < kFootMax_mm2;
+      });
+      block_.top_is_foot = static_cast<bool>(top);
+    }
     if (!top) {
       lack("slab_top_z_mm", "no horizontal face 5 to 200 mm below the seat was found");
       block_.values.at("cant_ratio").faces.pop_back();
@@ -362,14 +429,16 @@ class BlockSearch {
     ++block_.score;
   }
 
+  [[nodiscard]] double height_of(const ModelFace& face) const { return (face.p - block_.origin).dot(block_.z); }
+
   /// Fillets along the rail between the faces that were found, and chamfers at ends and sides.
   void find_edges() {
     std::vector<int> seat_faces;
     std::vector<int> shoulder_faces;
     std::vector<int> chamfer_faces;
-    double seat_r = kNoValue;
-    double shoulder_r = kNoValue;
-    double leg = kNoValue;
+    std::vector<double> seat_r;
+    std::vector<double> shoulder_r;
+    std::vector<double> legs;
     for (const ModelFace& face : model_.faces) {
       const Vec3 off = face.centre - block_.origin;
       if (std::abs(off.dot(block_.x)) > 200.0 || std::abs(off.dot(block_.y)) > 320.0 ||
@@ -382,10 +451,10 @@ class BlockSearch {
         for (const std::size_t side : {0U, 1U}) {
           if (!jaw_[side] || !touches(jaw_[side].face, jaw_[side].n)) continue;
           if (touches(&seat_, n_)) {
-            seat_r = face.radius_mm;
+            seat_r.push_back(face.radius_mm);
             seat_faces.push_back(face.number);
           } else if (shoulder_[side] && touches(shoulder_[side].face, shoulder_[side].n)) {
-            shoulder_r = face.radius_mm;
+            shoulder_r.push_back(face.radius_mm);
             shoulder_faces.push_back(face.number);
           }
         }
@@ -400,14 +469,25 @@ class BlockSearch {
           if (parallel(face.n, jaw_[0].n) || parallel(face.n, jaw_[1].n) || parallel(face.n, wall.n)) continue;
           const double width = face.area_mm2 / std::max(extent(face, across), 1.0);
           if (width > 25.0 || width < 0.5) continue;
-          leg = width / std::sqrt(2.0);
+          // Both legs, on the wall and on the shoulder, are equal.
+          const double half_turn = 0.5 * std::acos(std::clamp(wall.n.dot(block_.z), -1.0, 1.0));
+          const double leg = width / (2.0 * std::cos(half_turn));
+          legs.push_back(leg);
           chamfer_faces.push_back(face.number);
           block_.radii_mm.push_back(leg);
         }
     }
-    if (has_value(seat_r)) put("edges.fillet_seat_mm", seat_r, seat_faces);
-    if (has_value(shoulder_r)) put("edges.fillet_shoulder_mm", shoulder_r, shoulder_faces);
-    if (has_value(leg)) put("edges.chamfer_mm", leg, chamfer_faces);
+    put_edge("edges.fillet_seat_mm", seat_r, seat_faces, 0.01);
+    put_edge("edges.fillet_shoulder_mm", shoulder_r, shoulder_faces, 0.01);
+    // The width of a chamfer is from its area: mitred corners count.
+    put_edge("edges.chamfer_mm", legs, chamfer_faces, 0.1);
+  }
+
+  void put_edge(const char* key, const std::vector<double>& values, const std::vector<int>& faces, double same_mm) {
+    if (values.empty()) return;
+    const auto [low, high] = std::minmax_element(values.begin(), values.end());
+    if (*high - *low > same_mm) return lack(key, fmt::format("{:.2f} to {:.2f} mm; a recipe has one", *low, *high));
+    put(key, *low, faces);
   }
 
   static double extent(const ModelFace& face, const Vec3& axis) {

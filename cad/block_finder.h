@@ -27,6 +27,7 @@ struct FoundBlock {
   std::vector<NamedFace> names;                ///< without the block's number
   std::vector<double> radii_mm;                ///< of its fillets and chamfers
   int top_face = 0;                            ///< face of the slab's top; 0 if it was not found
+  bool top_is_foot = false;                    ///< it is the face on which the block rests
   int score = 0;                               ///< features that were found
 };
 

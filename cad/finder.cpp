@@ -9,6 +9,7 @@
 #include <set>
 
 #include "cad/slab_finder.h"
+#include "cad/unexplained.h"
 
 namespace slabd::cad {
 namespace {
@@ -99,6 +100,8 @@ Findings find_slab(const FaceList& model, double reference_mm) {
   Findings findings;
   std::vector<FoundBlock> blocks = find_blocks(model, reference_mm);
   findings.blocks = static_cast<int>(blocks.size());
+  if (model.unit.empty())
+    findings.remarks.push_back("the file does not name its unit of length: millimetres are assumed");
   if (!model.has_sides)
     findings.remarks.push_back("the faces do not close to a solid; their free sides are derived from the block's form");
   if (blocks.empty()) {
@@ -110,10 +113,15 @@ Findings find_slab(const FaceList& model, double reference_mm) {
     find_slab_values(model, blocks, findings);
   } else {
     findings.not_found.push_back({"slab", "the file has one block and no slab"});
+    if (blocks.front().top_is_foot)
+      findings.remarks.push_back(fmt::format(
+          "block.slab_top_z_mm is that of face {}, on which the block rests: compare it with the slab's top",
+          blocks.front().top_face));
   }
   for (const KeyNote& key : kBlockKeys) join(blocks, key, std::string("block.") + key.key, findings);
   for (const KeyNote& key : kEdgeKeys) join(blocks, key, key.key, findings);
   propose_margin(blocks, findings);
+  remark_unexplained(model, blocks, reference_mm, findings);
   for (std::size_t i = 0; i < blocks.size(); ++i)
     for (const NamedFace& named : blocks[i].names)
       findings.names.push_back({blocks.size() == 1 ? named.name : fmt::format("{}_{}", named.name, i + 1), named.face});

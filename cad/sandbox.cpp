@@ -14,6 +14,7 @@
 #include <array>
 #include <cerrno>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 namespace slabd::cad {
@@ -28,14 +29,15 @@ constexpr unsigned kMachine = AUDIT_ARCH_AARCH64;
 #endif
 
 constexpr std::array kForbidden = {
-    SYS_socket,   SYS_socketpair, SYS_connect,   SYS_bind,           SYS_listen,    SYS_accept,  SYS_accept4,
-    SYS_sendto,   SYS_sendmsg,    SYS_execve,    SYS_execveat,       SYS_clone3,    SYS_ptrace,  SYS_kill,
-    SYS_tgkill,   SYS_unlinkat,   SYS_renameat2, SYS_linkat,         SYS_symlinkat, SYS_mkdirat, SYS_mknodat,
-    SYS_fchmodat, SYS_fchownat,   SYS_truncate,  SYS_mount,          SYS_umount2,   SYS_unshare, SYS_setns,
-    SYS_openat2,  SYS_bpf,        SYS_keyctl,    SYS_io_uring_setup,
+    SYS_socket,    SYS_socketpair, SYS_connect,   SYS_bind,           SYS_listen,    SYS_accept,  SYS_accept4,
+    SYS_sendto,    SYS_sendmsg,    SYS_execve,    SYS_execveat,       SYS_clone3,    SYS_ptrace,  SYS_kill,
+    SYS_tgkill,    SYS_unlinkat,   SYS_renameat2, SYS_linkat,         SYS_symlinkat, SYS_mkdirat, SYS_mknodat,
+    SYS_fchmodat,  SYS_fchownat,   SYS_truncate,  SYS_mount,          SYS_umount2,   SYS_unshare, SYS_setns,
+    SYS_openat2,   SYS_bpf,        SYS_keyctl,    SYS_io_uring_setup, SYS_tkill,     SYS_fchmod,  SYS_fchown,
+    SYS_utimensat, SYS_setsid,     SYS_setpgid,   SYS_fsetxattr,      SYS_setxattr,  SYS_clone,   SYS_rt_sigqueueinfo,
 #if defined(__x86_64__)
-    SYS_fork,     SYS_vfork,      SYS_unlink,    SYS_rename,         SYS_renameat,  SYS_link,    SYS_symlink,
-    SYS_mkdir,    SYS_rmdir,      SYS_creat,     SYS_chmod,          SYS_chown,     SYS_open,    SYS_mknod,
+    SYS_fork,      SYS_vfork,      SYS_unlink,    SYS_rename,         SYS_renameat,  SYS_link,    SYS_symlink,
+    SYS_mkdir,     SYS_rmdir,      SYS_creat,     SYS_chmod,          SYS_chown,     SYS_open,    SYS_mknod,
 #endif
 };
 
@@ -59,6 +61,12 @@ bool confine() {
       step(BPF_RET | BPF_K, SECCOMP_RET_KILL_PROCESS),
       step(kLoad, field(offsetof(seccomp_data, nr))),
   };
+#if defined(__x86_64__)
+  // Calls of the ABI x32 have the same machine and other numbers.
+  constexpr unsigned kX32 = 0x40000000U;
+  filter.push_back(step(BPF_JMP | BPF_JGE | BPF_K, kX32, 0, 1));
+  filter.push_back(refuse);
+#endif
   for (const long call : kForbidden) {
     filter.push_back(step(kIfEqual, static_cast<unsigned>(call), 0, 1));
     filter.push_back(refuse);

@@ -24,6 +24,7 @@ class SlabSearch {
 
   void search() {
     order();
+    follow_the_rows();
     if (rows_[0].empty() || rows_[1].empty()) {
       findings_.remarks.push_back("all blocks are in one row: the other row of the slab was not found");
     } else if (rows_[0].size() != rows_[1].size()) {
@@ -34,9 +35,45 @@ class SlabSearch {
     pitch();
     across();
     body();
+    compare_places();
   }
 
  private:
+  /// Axes from the places of the blocks: those of one block are turned if it is.
+  void follow_the_rows() {
+    const std::vector<std::size_t>& row = rows_[0].size() >= rows_[1].size() ? rows_[0] : rows_[1];
+    if (row.size() < 2) return;
+    Vec3 x = blocks_[row.back()].origin - blocks_[row.front()].origin;
+    x -= x.dot(z_) * z_;
+    if (x.dot(x_) < 0.0) x = -x;
+    x_ = x.normalized();
+    y_ = z_.cross(x_);
+  }
+
+  /// Names what a recipe cannot say, or says otherwise: blocks that are turned, climb inward, or are not opposite.
+  void compare_places() {
+    constexpr double kTurned = 1e-5;
+    for (std::size_t i = 0; i < blocks_.size(); ++i)
+      if (const double turned = blocks_[i].x.cross(x_).norm(); turned > kTurned)
+        findings_.remarks.push_back(
+            fmt::format("block {} is turned by {:.4f} deg against its row", i + 1, deg_from_rad(std::asin(turned))));
+    if (rows_[0].empty() || rows_[1].empty()) return;
+    const FoundBlock& first = blocks_[rows_[0].front()];
+    const FoundBlock& other = blocks_[rows_[1].front()];
+    if ((first.origin - other.origin).dot(first.y) < 0.0)
+      findings_.remarks.push_back(
+          "the seats climb towards the middle of the slab; those of a recipe climb outward: inner and outer are "
+          "exchanged in all numbers");
+    for (std::size_t i = 0; i < std::min(rows_[0].size(), rows_[1].size()); ++i) {
+      const std::size_t a = rows_[0][i];
+      const std::size_t b = rows_[1][rows_[1].size() - 1 - i];
+      if (const double off = (blocks_[a].origin - blocks_[b].origin).dot(x_); std::abs(off) > kSame_mm)
+        findings_.remarks.push_back(
+            fmt::format("blocks {} and {} are {:.4f} mm apart along the slab; in a recipe they are opposite", a + 1,
+                        b + 1, std::abs(off)));
+    }
+  }
+
   void put(const char* key, double value, std::vector<int> faces, const std::string& note) {
     findings_.found.push_back({std::string("slab.") + key, value, std::move(faces), note});
   }
@@ -116,7 +153,12 @@ class SlabSearch {
         lack(key, "the slab's top was not found");
       return;
     }
-    if (const auto z = blocks_.front().values.find("slab_top_z_mm"); z != blocks_.front().values.end())
+    const auto [lowest, highest] = std::minmax_element(
+        blocks_.begin(), blocks_.end(),
+        [&](const FoundBlock& a, const FoundBlock& b) { return a.origin.dot(z_) < b.origin.dot(z_); });
+    if (const double differ = (highest->origin - lowest->origin).dot(z_); differ > kSame_mm)
+      lack("block_origin_z_mm", fmt::format("the seats differ in height by {:.4f} mm", differ));
+    else if (const auto z = blocks_.front().values.find("slab_top_z_mm"); z != blocks_.front().values.end())
       put("block_origin_z_mm", -z->second.value, {top}, "height of the seat's middle above the slab's top");
     const Vec3 on_top = blocks_.front().origin + blocks_.front().values.at("slab_top_z_mm").value * z_;
     /// Distance of two outer planes at the height of the slab's top, from the first block's origin.
@@ -144,28 +186,43 @@ class SlabSearch {
     std::vector<int> ends;
     std::vector<int> sides;
     const bool has_ends = size("length_mm", x_, x, ends);
-    static_cast<void>(size("width_mm", y_, y, sides));
+    if (size("width_mm", y_, y, sides)) name_rows_off_centre(0.5 * (y[0] + y[1]), on_top);
     const ModelFace* const bottom = outermost(-z_, (-z_).dot(on_top) + 20.0);
     if (bottom == nullptr || bottom->n.cross(z_).norm() > 1e-5)
       lack("thickness_mm", "the slab's body has no bottom that is parallel to its top");
     else
       put("thickness_mm", (on_top - bottom->p).dot(z_), {top, bottom->number}, "distance of top and bottom");
     if (!has_ends) return lack("first_pair_from_end_mm", "the slab's ends were not found");
-    double first = 1e9;
-    double last = -1e9;
-    for (const FoundBlock& block : blocks_) {
-      const double at = (block.origin - on_top).dot(x_);
-      first = std::min(first, at);
-      last = std::max(last, at);
+    double low = 1e9;
+    double high = -1e9;
+    for (const std::vector<std::size_t>& row : rows_) {
+      double first = 1e9;
+      double last = -1e9;
+      for (const std::size_t i : row) {
+        const double at = (blocks_[i].origin - on_top).dot(x_);
+        first = std::min(first, at);
+        last = std::max(last, at);
+      }
+      if (row.empty()) continue;
+      low = std::min({low, first - x[0], x[1] - last});
+      high = std::max({high, first - x[0], x[1] - last});
     }
-    const double low = first - x[0];
-    const double high = x[1] - last;
-    if (std::abs(low - high) > kSame_mm)
+    if (high - low > kSame_mm)
       return lack("first_pair_from_end_mm",
-                  fmt::format("{:.4f} mm at one end and {:.4f} mm at the other; a recipe counts from the end at -X",
-                              low, high));
+                  fmt::format("{:.4f} to {:.4f} mm at the ends of the rows; a recipe has one distance", low, high));
     ends.push_back(seat_of(blocks_.front()));
     put("first_pair_from_end_mm", 0.5 * (low + high), ends, "distance of the first seat from the slab's end");
+  }
+
+  /// `middle`: of the body's sides, along y from `on_top`.
+  void name_rows_off_centre(double middle, const Vec3& on_top) {
+    if (rows_[0].empty() || rows_[1].empty()) return;
+    const double rows =
+        0.5 * (blocks_[rows_[0].front()].origin + blocks_[rows_[1].front()].origin - 2.0 * on_top).dot(y_);
+    if (std::abs(rows - middle) > kSame_mm)
+      findings_.remarks.push_back(fmt::format(
+          "the middle of the rows is {:.4f} mm beside the middle of the slab's sides; a recipe has it in the middle",
+          std::abs(rows - middle)));
   }
 
   const FaceList& model_;

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "base/plain_text.h"
+#include "cli/cad/draft.h"
 #include "report/json.h"
 #include "report/table.h"
 
@@ -18,9 +19,7 @@ using nlohmann::json;
 
 /// One line of printable text: it is printed, and written into a file.
 std::string text_at(const json& object, const char* key) {
-  std::string text = plain(object.at(key).get<std::string>());
-  if (text.size() > 300) text.resize(300);
-  return text;
+  return first_bytes(plain(object.at(key).get<std::string>()), 300);
 }
 
 double finite(double value) {

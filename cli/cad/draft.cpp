@@ -5,9 +5,12 @@
 
 #include <array>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <string>
 
 #include "base/items.h"
+#include "cli/exit.h"
 
 namespace slabd::cli {
 namespace {
@@ -153,6 +156,29 @@ std::string draft_text(const std::vector<std::string>& head, const std::string& 
     text += "required = false\nconfirmed = false\n";
   }
   return text;
+}
+
+void check_draft_path(const std::string& out, const std::vector<std::string>& inputs) {
+  namespace fs = std::filesystem;
+  if (fs::path(out).extension() != ".toml") stop(kUsage, fmt::format("--out {}: the name must end in .toml", out));
+  std::error_code none;
+  for (const std::string& input : inputs)
+    if (fs::equivalent(out, input, none)) stop(kUsage, fmt::format("--out {} is the file that is read", out));
+  if (!fs::exists(out, none)) return;
+  std::ifstream file(out);
+  for (std::string line; std::getline(file, line);) {
+    std::erase(line, ' ');
+    if (const std::size_t at = line.find("confirmed=true"); at != std::string::npos && line.find('#') > at)
+      stop(kBadInput,
+           fmt::format("{} has confirmed numbers, which a new draft would set back: choose another name", out));
+  }
+}
+
+std::string first_bytes(const std::string& text, std::size_t bytes) {
+  if (text.size() <= bytes) return text;
+  std::size_t end = bytes;
+  while (end > 0 && (static_cast<unsigned char>(text[end]) & 0xC0U) == 0x80U) --end;
+  return text.substr(0, end);
 }
 
 }  // namespace slabd::cli

@@ -25,4 +25,11 @@ using DraftReason = std::function<std::string(std::string_view)>;
 [[nodiscard]] std::string draft_text(const std::vector<std::string>& head, const std::string& name,
                                      const DraftLookup& number, const DraftReason& reason);
 
+/// Stops unless a draft may be written to `out`: it must end in .toml, must not be one of `inputs`, and a file that is
+/// there must not contain a confirmed number.
+void check_draft_path(const std::string& out, const std::vector<std::string>& inputs);
+
+/// At most `bytes` bytes of a text, without half a character at the end.
+[[nodiscard]] std::string first_bytes(const std::string& text, std::size_t bytes);
+
 }  // namespace slabd::cli

@@ -61,6 +61,7 @@ std::string source_of(const std::string& file, const std::string& sha256, const 
 }
 
 int from_cad(Options options) {
+  check_draft_path(options.out, {options.file});
   const std::string program = need(cad_program());
   const std::string bytes = bytes_of(options.file);
   const std::string sha256 = calib::sha256_hex(bytes);
@@ -72,7 +73,10 @@ int from_cad(Options options) {
   if (findings.blocks == 0)
     stop(kBadInput, fmt::format("{}: no supporting block was found: {}", options.file,
                                 findings.not_found.empty() ? "" : findings.not_found.front().why));
-  if (options.name.empty()) options.name = plain(std::filesystem::path(options.file).stem().string()).substr(0, 32);
+  if (options.name.empty()) options.name = first_bytes(plain(std::filesystem::path(options.file).stem().string()), 32);
+  std::error_code none;
+  if (!options.picture.empty() && std::filesystem::equivalent(options.picture, options.file, none))
+    stop(kUsage, fmt::format("--picture {} is the file that is read", options.picture));
   if (options.picture.empty()) options.picture = std::filesystem::path(options.out).replace_extension(".png").string();
 
   std::vector<std::string> head = {

@@ -159,6 +159,7 @@ std::string as_text(const Recipe& like, const Proposals& proposals) {
 }
 
 int from_scan(const Options& options) {
+  check_draft_path(options.out, {options.scan, options.like});
   const Recipe like = recipe_from(options.like);
   const BlockResult block = measured(options, like);
   const Proposals proposals = proposals_of(block);
@@ -189,7 +190,7 @@ int from_scan(const Options& options) {
       "are those of the other recipe.",
   };
   OutFile out(options.out);
-  out.write(draft_text(head, fmt::format("{} draft", like.name.view()).substr(0, 32), number, reason));
+  out.write(draft_text(head, first_bytes(fmt::format("{} draft", like.name.view()), 32), number, reason));
   need(out.close(), kBadInput);
   fmt::print("{}", options.json ? as_json(options, like, proposals) : as_text(like, proposals));
   if (!options.json)

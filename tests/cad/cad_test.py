@@ -130,6 +130,7 @@ class Import(unittest.TestCase):
             self.assertEqual(ended.returncode, 0, ended.stderr)
             self.assertEqual(draft["blocks"], 18)
             self.assertEqual(draft["not_found"], [])
+            self.assertEqual(draft["remarks"], [])
             found = {value["key"]: value["value"] for value in draft["found"]}
             for table, keys in (("slab", random_recipe.SLAB), ("block", random_recipe.BLOCK)):
                 for key in keys:
@@ -160,6 +161,29 @@ class Import(unittest.TestCase):
         copied = PROGRAMS.path("copy.png")
         self.assertEqual(PROGRAMS.run("recipe", "drafts", "draft", "--dir", folder, "--picture", copied).returncode, 0)
         self.assertEqual(pathlib.Path(copied).read_bytes(), picture)
+
+    def test_no_file_of_a_person_is_overwritten(self):
+        model = PROGRAMS.export("mine.step", "--block")
+        before = pathlib.Path(model).read_bytes()
+        for out in (model, PROGRAMS.path("d.json")):
+            self.assertEqual(PROGRAMS.run("recipe", "from-cad", model, "--out", out).returncode, 2, out)
+        self.assertEqual(pathlib.Path(model).read_bytes(), before)
+        confirmed = pathlib.Path(PROGRAMS.path("confirmed.toml"))
+        self.assertEqual(PROGRAMS.run("recipe", "from-cad", model, "--out", confirmed).returncode, 0)
+        text = confirmed.read_text().replace("confirmed = false, source", "confirmed = true, source", 1)
+        confirmed.write_text(text)
+        ended = PROGRAMS.run("recipe", "from-cad", model, "--out", confirmed)
+        self.assertEqual(ended.returncode, 3, ended.stderr)
+        self.assertIn("confirmed", ended.stderr)
+        self.assertEqual(confirmed.read_text(), text)
+
+    def test_a_chinese_name_gives_a_draft_that_can_be_read(self):
+        name = "承轨台模型第三版修改后的最终文件"
+        model = pathlib.Path(PROGRAMS.path(f"{name}.step"))
+        model.write_bytes(pathlib.Path(PROGRAMS.export("plain.step", "--block")).read_bytes())
+        self.assertEqual(PROGRAMS.run("recipe", "from-cad", model, "--out", PROGRAMS.path("zh.toml")).returncode, 0)
+        with open(PROGRAMS.path("zh.toml"), "rb") as file:
+            self.assertTrue(name.startswith(tomllib.load(file)["name"]))
 
     def test_a_completed_draft_checks(self):
         draft_of(PROGRAMS.export("slab.step"))

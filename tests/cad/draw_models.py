@@ -88,6 +88,20 @@ def main(folder):
     filleted = plain.makeFillet(5.0, seat_edges)
     shoulder_edges = edges(filleted, lambda y, z: 190.0 < abs(y) < 205.0 and z > 15.0)
     filleted.makeFillet(4.0, shoulder_edges).exportStep(f"{folder}/filleted.step")
+    # Blocks that a recipe cannot say, or of which another face may be the right one.
+    def holes(radius, depth, places):
+        drills = [Part.makeCylinder(radius, depth + 60.0, ALONG * s + V(x, 0, 0) - UP * depth, UP) for s, x in places]
+        return drills[0].fuse(drills[1:])
+
+    plain.cut(holes(5.0, 30.0, [(-60, 0), (60, 0)])).exportStep(f"{folder}/small_holes.step")
+    plain.cut(holes(10.0, 35.0, [(-116.5, 0), (116.5, 0)])).exportStep(f"{folder}/stepped.step")
+    block(casings=()).cut(holes(15.0, 20.0, [(-116.5, 3), (116.5, 3)])).exportStep(f"{folder}/beside.step")
+    slot = holes(15.0, 20.0, [(-116.5, -8), (-116.5, 8)]).fuse(
+        prism([(0, 0), (30, 0), (30, 80), (0, 80)], 8.0).translated(V(0, -116.5 - 15, -20)))
+    block(casings=(1,)).cut(slot).exportStep(f"{folder}/slot.step")
+    plain.cut(Part.makeBox(60, 40, 200, V(-30, -20, -3))).exportStep(f"{folder}/grooved.step")
+    plain.fuse(Part.makeBox(20, 20, 40, V(-10, -225, 0))).removeSplitter().exportStep(f"{folder}/lug.step")
+
     outer = edges(plain, lambda y, z: abs(y) > 230.0 and z > 15.0)
     plain.makeChamfer(6.0, outer).exportStep(f"{folder}/chamfered.step")
 

@@ -121,6 +121,28 @@ class Drawn(unittest.TestCase):
         self.assertNotIn("block.casing_half_spacing_mm", found)
         self.assertIn("outer casing", missing["block.casing_half_spacing_mm"])
 
+    def test_a_right_model_leaves_nothing_to_look_at(self):
+        for name in ("plain.step", "plain.igs", "turned.step", "mirrored.step", "filleted.step", "inches.step"):
+            draft, _, _ = self.draft(name)
+            self.assertEqual([text for text in draft["remarks"] if "block rests" not in text], [], name)
+        self.assertEqual(self.draft("assembly.step")[0]["remarks"], [])
+
+    def test_faces_that_no_number_explains_are_named(self):
+        for name, words in (("small_holes.step", "hole of diameter 10.00"), ("stepped.step", "hole of diameter 20.00"),
+                            ("beside.step", "3.0 mm along the rail"), ("grooved.step", "a plane of"),
+                            ("lug.step", "a plane of")):
+            draft, found, _ = self.draft(name)
+            self.assertTrue(any("not explained" in text and words in text for text in draft["remarks"]),
+                            f"{name}: {draft['remarks']}")
+            if name in ("small_holes.step", "stepped.step"):
+                self.assertAlmostEqual(found["block.casing_bore_diameter_mm"], 30.0, delta=1e-6)
+                self.assertAlmostEqual(found["block.casing_half_spacing_mm"], 116.5, delta=1e-6)
+
+    def test_a_slot_is_no_bore(self):
+        _, found, missing = self.draft("slot.step")
+        self.assertIn("inner casing", missing["block.casing_half_spacing_mm"])
+        self.assertEqual(found["block.casing_bore_diameter_mm"], 30.0)
+
     def test_an_assembly_gives_pitch_and_pairs(self):
         draft, found, missing = self.expect_block("assembly.step")
         self.assertEqual(draft["blocks"], 12)

@@ -49,6 +49,9 @@ TEST(CadSandbox, forbids_files_for_writing_connections_and_programs) {
   EXPECT_EQ(confined([&] { return ::rename("/dev/null", name); }), kRefused);
   EXPECT_EQ(confined([&] { return ::unlink(name); }), kRefused);
   EXPECT_EQ(confined([] { return ::kill(::getppid(), 0); }), kRefused);
+  EXPECT_EQ(confined([] { return ::fork(); }), kRefused);
+  EXPECT_EQ(confined([] { return ::setsid(); }), kRefused);
+  EXPECT_EQ(confined([] { return ::fchmod(::open("/proc/self/maps", O_RDONLY), 0600); }), kRefused);
   EXPECT_EQ(confined([] { return ::execl("/bin/true", "true", nullptr); }), kRefused);
   EXPECT_NE(::access(name, F_OK), 0);
 }
