@@ -4,13 +4,18 @@
 
   bench/plant.py BUILD drain [--lines 10] [--slabs 2000]     one day's backlog of several lines
   bench/plant.py BUILD years [--line-years 10]               sizes, and the example queries of docs/PLANT.md
+  bench/plant.py BUILD cycle [--slabs 3] [--backlog 12000]   a line's slabs with and without a sender beside slabd
 
 Needs script/apt-packages-postgres. The server has a folder of its own and the defaults of Debian.
 """
 import argparse
+import json
 import pathlib
+import random
 import re
 import resource
+import signal
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -19,7 +24,7 @@ import time
 
 SOURCE = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(SOURCE / "tests/plant"))
-from server import Server  # noqa: E402
+from server import Server, free_port  # noqa: E402
 
 CONFIG = """
 [plc]
@@ -101,7 +106,7 @@ LOAD = """
 INSERT INTO plant.slab SELECT {epoch}, k, k, '{uuid}', 'Y{epoch}-' || k, k, 5600, 1 + k % 60, t - interval '5 min', t,
   CASE WHEN k % 33 = 0 THEN 'fail' ELSE 'pass' END, 0, 18, 18, 18, 'p5600', '', '', 'he-1', 'slabd', false
   FROM (SELECT k, timestamptz '{begin}' + k * interval '12 min 5 s' AS t FROM generate_series(1, {slabs}) k) s;
-INSERT INTO plant.item SELECT t, {epoch}, 1 + n % {names}, 1 + n % 18, 0, k, 1 + k % 60, 5600,
+INSERT INTO plant.item SELECT t, {epoch}, 1 + n % {names}, 1 + n % 18, 0, k, 1 + k % 60, 5600, false,
   10 + 0.1 * random() + 0.02 * (k % 60), 10.5, 9.5, 12.5, 0.05,
   CASE WHEN (k * 280 + n) % 400 <> 0 THEN 'pass' WHEN n % 3 = 0 THEN 'indeterminate' ELSE 'fail' END
   FROM (SELECT k, timestamptz '{begin}' + k * interval '12 min 5 s' AS t FROM generate_series(1, {slabs}) k) s,
@@ -151,18 +156,87 @@ def years(build, server, line_years):
         print(f"| {title} | {min(times[1:]):.2f} s, the first time {times[0]:.2f} s |")
 
 
+LINE = """
+[line]
+simulation = true
+[robot]
+lcm_url = "udpm://239.255.{a}.{b}:{port}?ttl=0"
+interface = "lo"
+[scanner]
+drop_dir = "drop"
+[calibration]
+T_flange_scanner = [0.0, 80.0, 150.0, 1.0, 0.0, 0.0, 0.0]
+station_sigma_mm = 0.02
+station_sigma_deg = 0.001
+"""
+
+
+def stop(process):
+    process.send_signal(signal.SIGTERM)
+    process.wait(60)
+
+
+def cycle(build, server, slabs, backlog, points):
+    """Slabs by turns without and with slabd-plant, which sends a backlog meanwhile, on one computer."""
+    seen = {"no sender": [], "slabd-plant sends a backlog": []}
+    with tempfile.TemporaryDirectory() as folder:
+        home = pathlib.Path(folder)
+        config = home / "slabd.toml"
+        text = CONFIG.format(recipes=SOURCE / "recipes", dsn=server.dsn(), number=1)
+        text = text.replace("127.0.0.1:1", f"127.0.0.1:{free_port()}")
+        config.write_text(text + LINE.format(a=random.randint(20, 220), b=random.randint(20, 220),
+                                             port=random.randint(40000, 60000)))
+        subprocess.run([build / "cli/slabctl", "simulate", "history", "--slabs", str(backlog), "--out", home / "slabd.db",
+                        "--recipe", SOURCE / "recipes/p5600.toml"], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([build / "plant/slabd-plant", "--config", config, "--init"], check=True, stdout=subprocess.DEVNULL)
+        with open(home / "log", "w", encoding="utf-8") as log:
+            slabd = subprocess.Popen([build / "daemon/slabd", "--config", config], stderr=log)
+        try:
+            # One slab before, so that every file and cache is there.
+            for turn in range(1 + 2 * slabs):
+                title = list(seen)[turn % 2 == 0 and turn > 0]
+                sender = None
+                if title != "no sender":
+                    sender = subprocess.Popen([build / "plant/slabd-plant", "--config", config], stderr=subprocess.DEVNULL)
+                before = int(server.one("SELECT count(*) FROM plant.inbox"))
+                ended = subprocess.run([build / "cli/slabctl", "simulate", "--config", config, "--points", points,
+                                        "--slab-no", str(turn + 1), "--slab-id", f"CYCLE-{turn}", "--json"],
+                                       capture_output=True, text=True, check=False)
+                sent = int(server.one("SELECT count(*) FROM plant.inbox")) - before
+                if sender is not None:
+                    stop(sender)
+                slab = json.loads(ended.stdout)["slabs"][0]
+                blocks = [1e3 * one["acquired_to_result_s"] for one in slab["stations"]]
+                if turn > 0:
+                    seen[title].append((1e3 * slab["last_acquired_to_verdict_s"], blocks, sent))
+        finally:
+            stop(slabd)
+    print("| Beside slabd | Slabs | Rows sent a slab | Verdict after the last ACQUIRED, median | longest "
+          "| Block, median | longest |")
+    print("|---|---|---|---|---|---|---|")
+    for title, rows in seen.items():
+        waits = [wait for wait, _, _ in rows]
+        blocks = [block for _, some, _ in rows for block in some]
+        print(f"| {title} | {len(rows)} | {statistics.mean(sent for _, _, sent in rows):.0f} | {statistics.median(waits):.0f} ms "
+              f"| {max(waits):.0f} ms | {statistics.median(blocks):.0f} ms | {max(blocks):.0f} ms |")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("build", type=pathlib.Path)
-    parser.add_argument("what", choices=("drain", "years"))
+    parser.add_argument("what", choices=("drain", "years", "cycle"))
     parser.add_argument("--lines", type=int, default=10)
-    parser.add_argument("--slabs", type=int, default=2000)
+    parser.add_argument("--slabs", type=int, default=0, help="default: 2000 of each line, 3 of a cycle")
+    parser.add_argument("--backlog", type=int, default=12_000)
+    parser.add_argument("--points", choices=("full", "quarter"), default="full")
     parser.add_argument("--line-years", type=int, default=10)
     options = parser.parse_args()
     server = Server()
     try:
         if options.what == "drain":
-            drain(options.build.resolve(), server, options.lines, options.slabs)
+            drain(options.build.resolve(), server, options.lines, options.slabs or 2000)
+        elif options.what == "cycle":
+            cycle(options.build.resolve(), server, options.slabs or 3, options.backlog, options.points)
         else:
             years(options.build.resolve(), server, options.line_years)
     finally:

@@ -124,9 +124,9 @@ std::string overview(Postgres& server, int days) {
               utime("n.newest") + ", " + utime("n.received") +
               ", (SELECT count(*) FROM plant.trouble t JOIN plant.epoch e USING (epoch) WHERE e.line_id = l.line_id) "
               "FROM "
-              "plant.line l LEFT JOIN (SELECT line, count(*) AS slabs, count(*) FILTER (WHERE first) AS first, "
-              "count(*) "
-              "FILTER (WHERE first AND verdict = 'pass') AS passed FROM plant.v_slab WHERE ended >= " +
+              "plant.line l LEFT JOIN (SELECT line, count(*) AS slabs, count(*) FILTER (WHERE first AND NOT "
+              "emulated) AS first, count(*) "
+              "FILTER (WHERE first AND NOT emulated AND verdict = 'pass') AS passed FROM plant.v_slab WHERE ended >= " +
               recent +
               " GROUP BY line) s ON s.line = l.name LEFT JOIN LATERAL (SELECT max(s.ended) AS newest, (SELECT "
               "max(i.received) FROM plant.epoch e JOIN LATERAL (SELECT received FROM plant.inbox WHERE epoch = e.epoch "
@@ -136,7 +136,7 @@ std::string overview(Postgres& server, int days) {
       {"line", "#slabs", "#first", "#passed", "~share", "#newest_utime_us", "#received_utime_us", "#troubles"});
   j["days_of"] =
       objects(server.run("SELECT line, ended::date::text, count(*), count(*) FILTER (WHERE verdict = 'pass') "
-                         "FROM plant.v_slab WHERE first AND ended >= " +
+                         "FROM plant.v_slab WHERE first AND NOT emulated AND ended >= " +
                              recent + " GROUP BY 1, 2 ORDER BY 2, 1",
                          since),
               {"line", "day", "#first", "#passed"});
@@ -148,16 +148,16 @@ std::string overview(Postgres& server, int days) {
           since),
       {"line", "item", "#failed", "#indeterminate", "#not_measured", "#slabs"});
   j["moulds"] = objects(
-      server.run(
-          "SELECT i.mould, i.slab_type, n.name, count(*), avg(i.value - i.nominal), stddev_samp(i.value - "
-          "i.nominal), count(DISTINCT e.line_id) FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN "
-          "plant.epoch e USING (epoch_id) WHERE i.mould IS NOT NULL AND i.value IS NOT NULL AND i.nominal IS NOT "
-          "NULL AND i.lower < i.upper AND i.ended >= " +
-              recent +
-              " GROUP BY 1, 2, 3 HAVING count(*) >= 5 ORDER BY abs(avg((i.value - i.nominal) / (i.upper - "
-              "i.lower))) DESC LIMIT " +
-              kListMax,
-          since),
+      server.run("SELECT i.mould, i.slab_type, n.name, count(*), avg(i.value - i.nominal), stddev_samp(i.value - "
+                 "i.nominal), count(DISTINCT e.line_id) FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN "
+                 "plant.epoch e USING (epoch_id) WHERE NOT i.emulated AND i.mould IS NOT NULL AND i.value IS NOT NULL "
+                 "AND i.nominal IS NOT "
+                 "NULL AND i.lower < i.upper AND i.ended >= " +
+                     recent +
+                     " GROUP BY 1, 2, 3 HAVING count(*) >= 5 ORDER BY abs(avg((i.value - i.nominal) / (i.upper - "
+                     "i.lower))) DESC LIMIT " +
+                     kListMax,
+                 since),
       {"#mould", "#slab_type", "item", "#n", "~mean", "~sd", "#lines"});
   return dumped(j);
 }

@@ -48,10 +48,15 @@ struct Options {
   int days = kDaysDefault;
 };
 
+/// Cure for missing rights, by the work that needs them.
+constexpr const char* kSends = "GRANT slabd_plant_writer TO it";
+constexpr const char* kShows = "GRANT slabd_plant_reader TO it";
+constexpr const char* kMakes =
+    "the owner of the database and of the schema \"plant\", or an administrator, runs --init";
+
 /// A server's error with its cure.
-std::string sentence_of(const PostgresFailure& failure, const std::string& place) {
-  if (failure.state == "42501")
-    return fmt::format("{}: {}; the role lacks rights: GRANT slabd_plant_writer TO it", place, failure.text);
+std::string sentence_of(const PostgresFailure& failure, const std::string& place, const char* rights = kSends) {
+  if (failure.state == "42501") return fmt::format("{}: {}; the role lacks rights: {}", place, failure.text, rights);
   if (failure.state == "53100") return fmt::format("{}: its disk is full: {}", place, failure.text);
   if (failure.state == "3F000" || failure.state == "42P01")
     return fmt::format("{}: {}; its owner makes the schema with slabd-plant --init", place, failure.text);
@@ -76,6 +81,16 @@ class Sender {
     if (epoch != epoch_) arrived_ = 0;
     epoch_ = epoch;
     arrived_ = std::max(arrived_, noted.value());
+    if (std::exchange(is_new_, false)) {
+      // A server that was set back to a backup lacks rows that it had taken.
+      if (const std::int64_t there = newest_there(server, line); there < arrived_) {
+        say(
+            fmt::format("the {} has this line's rows up to {} and had taken them up to {}: it was set back, and they "
+                        "are sent again",
+                        place_, there, arrived_));
+        arrived_ = there;
+      }
+    }
     for (;;) {
       const Sent sent = send_batch(server, line, arrived_, config_.plant.batch);
       if (sent.newest_seq == 0) break;
@@ -104,6 +119,7 @@ class Sender {
         if (!introduced_ever || !trouble_.empty())
           say(fmt::format("line {} sends to the {}", config_.plant.line, place_));
         introduced_ever = true;
+        is_new_ = true;
         trouble_.clear();
         patience = kPatienceFirst;
         write_metrics(true);
@@ -169,6 +185,7 @@ class Sender {
   std::string place_ = "plant's database";
   std::string trouble_;
   std::string epoch_;
+  bool is_new_ = false;  ///< the connection: nothing was sent over it
   std::int64_t arrived_ = 0;
   std::int64_t acknowledged_ = 0;
   std::int64_t total_ = 0;
@@ -185,7 +202,15 @@ int print_check(const config::Config& config, const Options& options) {
   for (const storage::Epoch& epoch : line.epochs) names.push_back(epoch.uuid);
   const std::int64_t troubles =
       server.integer("SELECT count(*) FROM plant.trouble WHERE epoch = ANY ($1)", {array_of(names)});
-  const bool complete = std::all_of(epochs.begin(), epochs.end(), [](const EpochCheck& one) { return one.equal; });
+  const std::int64_t missing = server.integer("SELECT plant.missing_slabs($1)", {array_of(names)});
+  std::int64_t newest = sent.value();
+  for (const EpochCheck& one : epochs) newest = std::max(newest, one.newest_there);
+  constexpr std::size_t kWaitingMax = 100'000;
+  const auto waits = line.outbox->rows_after(newest, kWaitingMax);
+  if (!waits.ok()) throw PlantFault{std::string(waits.error().text.view())};
+  const std::size_t waiting = waits.value().size();
+  const bool complete =
+      missing == 0 && std::all_of(epochs.begin(), epochs.end(), [](const EpochCheck& one) { return one.equal; });
   if (options.json) {
     nlohmann::ordered_json j{{"schema", "slabd.plant_check/1"}, {"line", config.plant.line}};
     j["epochs"] = nlohmann::ordered_json::array();
@@ -201,6 +226,8 @@ int print_check(const config::Config& config, const Options& options) {
                              {"other", one.other},
                              {"only_there", one.only_there}});
     j["troubles"] = troubles;
+    j["missing_slabs"] = missing;
+    j["waiting"] = waiting;
     j["complete"] = complete;
     fmt::print("{}\n", j.dump());
   } else {
@@ -209,6 +236,12 @@ int print_check(const config::Config& config, const Options& options) {
           "epoch {}: {} rows sent, {} there; {} sent again ({} without their slab), {} with another content, {} "
           "only there\n",
           one.epoch, one.stored, one.there, one.sent_again, one.lost, one.other, one.only_there);
+    if (waiting > 0) fmt::print("{} rows wait to be sent\n", waiting);
+    if (missing > 0)
+      fmt::print(
+          "{} slabs have arrived and are not in plant.slab: the owner of the plant's database makes its tables "
+          "again from what was sent with SELECT plant.unfold_all()\n",
+          missing);
     fmt::print("{} documents could not be unfolded\n{}\n", troubles,
                complete ? "the plant's database is complete" : "the plant's database differs from the outbox");
   }
@@ -283,7 +316,7 @@ int run(int argc, char** argv) {
     say(fault.text);
     return kExitUnreachable;
   } catch (const PostgresFailure& failure) {
-    say(sentence_of(failure, "plant's database"));
+    say(sentence_of(failure, "plant's database", options.init ? kMakes : options.show.empty() ? kSends : kShows));
     return kExitUnreachable;
   }
   return Sender(config, options).run(ends);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "plant/postgres.h"
 
+#include <arpa/inet.h>
 #include <libpq-fe.h>
 #include <poll.h>
 
@@ -8,6 +9,7 @@
 #include <array>
 #include <cerrno>
 #include <cstdlib>
+#include <sstream>
 
 namespace slabd::plant {
 namespace {
@@ -45,10 +47,32 @@ struct Options {
   PQconninfoOption* list = nullptr;
 };
 
-bool is_this_computer(const std::string& host, const std::string& address) {
-  const std::string& place = address.empty() ? host : address;
-  return place.empty() || place.front() == '/' || place.front() == '@' || place == "localhost" || place == "::1" ||
-         place.starts_with("127.");
+/// A socket, or an address that cannot leave this computer. A name that only begins like one is another computer.
+bool is_this_computer(const std::string& place) {
+  if (place.empty() || place.front() == '/' || place.front() == '@' || place == "localhost" || place == "::1")
+    return true;
+  in_addr address{};
+  return ::inet_pton(AF_INET, place.c_str(), &address) == 1 && (ntohl(address.s_addr) >> 24U) == IN_LOOPBACKNET;
+}
+
+std::string environment(const char* name) {
+  const char* const value = std::getenv(name);
+  return value == nullptr ? "" : value;
+}
+
+/// True if no server that libpq may choose is another computer: each host of the lists, from the string or from the
+/// environment. The content of a service file is not known here.
+bool are_on_this_computer(const Options& options) {
+  if (!options.value("service").empty() || !environment("PGSERVICE").empty()) return false;
+  const auto given = [&](const char* key, const char* variable) {
+    const std::string value = options.value(key);
+    return value.empty() ? environment(variable) : value;
+  };
+  const std::string addresses = given("hostaddr", "PGHOSTADDR");
+  std::istringstream list(addresses.empty() ? given("host", "PGHOST") : addresses);
+  for (std::string place; std::getline(list, place, ',');)
+    if (!is_this_computer(place)) return false;
+  return true;
 }
 
 }  // namespace
@@ -70,8 +94,7 @@ Postgres::Postgres(const std::string& dsn, const char* name) : handle_(new Handl
   const auto add = [&](const char* key, const std::string& value) {
     if (options.value(key).empty()) settings.emplace_back(key, value);
   };
-  const bool here = is_this_computer(options.value("host"), options.value("hostaddr"));
-  if (!here && std::getenv("PGSSLMODE") == nullptr) add("sslmode", "verify-full");
+  if (!are_on_this_computer(options) && std::getenv("PGSSLMODE") == nullptr) add("sslmode", "verify-full");
   add("application_name", name);
   add("tcp_user_timeout", "30000");
   add("keepalives_idle", "10");

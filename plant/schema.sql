@@ -22,7 +22,11 @@ CREATE TABLE plant.version (
 
 CREATE TABLE plant.line (
   line_id smallint GENERATED ALWAYS AS IDENTITY PRIMARY KEY,
-  name    text NOT NULL UNIQUE
+  name    text NOT NULL UNIQUE,
+  -- Newest epoch of the database that is the line's; a line says hello with it.
+  current uuid,
+  -- Role that sends for the line: no other one may.
+  role    text
 );
 
 CREATE TABLE plant.epoch (
@@ -96,6 +100,7 @@ CREATE TABLE plant.item (
   slab_key   bigint NOT NULL,
   mould      integer,
   slab_type  integer NOT NULL,
+  emulated   boolean NOT NULL,
   value      double precision,
   nominal    double precision,
   lower      double precision,
@@ -107,11 +112,11 @@ CREATE TABLE plant.item (
 CREATE TABLE plant.item_other PARTITION OF plant.item DEFAULT;
 CREATE INDEX item_of_slab ON plant.item (epoch_id, slab_key);
 CREATE INDEX item_by_time ON plant.item (item_id, ended)
-  INCLUDE (epoch_id, value, nominal, lower, upper, mould, slab_type);
+  INCLUDE (epoch_id, value, nominal, lower, upper, mould, slab_type) WHERE NOT emulated;
 CREATE INDEX item_not_passed ON plant.item (ended) INCLUDE (epoch_id, item_id, verdict, slab_key)
-  WHERE verdict IN ('fail', 'indeterminate', 'not_measured');
+  WHERE verdict IN ('fail', 'indeterminate', 'not_measured') AND NOT emulated;
 CREATE INDEX item_by_mould ON plant.item (mould, ended) INCLUDE (epoch_id, item_id, value, nominal, slab_type)
-  WHERE mould IS NOT NULL;
+  WHERE mould IS NOT NULL AND NOT emulated;
 
 CREATE TABLE plant.disposition (
   epoch_id  integer NOT NULL REFERENCES plant.epoch,
@@ -210,19 +215,40 @@ BEGIN
   IF NOT FOUND THEN
     INSERT INTO plant.line (name) VALUES (line_name) RETURNING line_id INTO id;
   END IF;
-  SELECT e.epoch, e.host, e.first_seen INTO newest FROM plant.epoch e WHERE e.line_id = id
-    ORDER BY e.epoch_id DESC LIMIT 1;
+  SELECT e.epoch, e.host, e.first_seen INTO newest FROM plant.epoch e JOIN plant.line l ON l.current = e.epoch
+    WHERE l.line_id = id;
   IF FOUND AND NOT newest.epoch = ANY (epochs) AND NOT take_over THEN
     RETURN format('line %s has sent from another database since %s (epoch %s, computer %s), which this one does not '
-                  'continue: give this line another name, or, if it replaces that one, run slabd-plant --once '
-                  '--take-over',
+                  'continue: give this line another name; or, if it replaces that one, as after a second restore of '
+                  'the same backup, run slabd-plant --once --take-over',
                   line_name, newest.first_seen::timestamp(0), replace(newest.epoch::text, '-', ''), newest.host);
+  END IF;
+  IF EXISTS (SELECT 1 FROM plant.line l WHERE l.line_id = id AND l.role <> session_user) THEN
+    RETURN (SELECT format('line %s sends as role %s, not %s: the owner of the plant''s database changes that with UPDATE '
+                          'plant.line SET role = NULL WHERE name = %L', line_name, l.role, session_user, line_name)
+            FROM plant.line l WHERE l.line_id = id);
   END IF;
   INSERT INTO plant.epoch (epoch, line_id, began, host)
     SELECT e, id, plant.time_of(b), host_name FROM unnest(epochs, began) WITH ORDINALITY AS given(e, b, place)
     ORDER BY place ON CONFLICT (epoch) DO NOTHING;
+  UPDATE plant.line SET current = epochs[array_length(epochs, 1)], role = session_user WHERE line_id = id
+    AND (current IS DISTINCT FROM epochs[array_length(epochs, 1)] OR role IS DISTINCT FROM session_user);
   RETURN '';
 END
+$$;
+
+-- Slabs that these epochs have sent, whose end was not taken back, and that are not in plant.slab.
+CREATE FUNCTION plant.missing_slabs(epochs uuid[]) RETURNS bigint
+  LANGUAGE sql SECURITY DEFINER SET search_path = pg_catalog, pg_temp AS
+$$
+  SELECT count(DISTINCT (i.doc ->> 'slab_epoch', i.doc ->> 'slab_key')) FROM plant.inbox i
+  WHERE i.epoch = ANY (epochs) AND i.kind = 'slab' AND i.doc ? 'verdict'
+    AND NOT EXISTS (SELECT 1 FROM plant.slab s JOIN plant.epoch e USING (epoch_id)
+                    WHERE e.epoch = (i.doc ->> 'slab_epoch')::uuid AND s.slab_key = (i.doc ->> 'slab_key')::bigint)
+    AND NOT EXISTS (SELECT 1 FROM plant.inbox r WHERE r.kind = 'reopened'
+                    AND (r.doc ->> 'slab_key')::bigint = (i.doc ->> 'slab_key')::bigint
+                    AND r.epoch = ANY (epochs) AND (r.epoch <> i.epoch OR r.seq > i.seq))
+    AND NOT EXISTS (SELECT 1 FROM plant.trouble t WHERE t.epoch = i.epoch AND t.seq = i.seq)
 $$;
 
 -- Makes the partition of a month, if that lies between 2020 and next year and is not there; before its first row.
@@ -292,10 +318,10 @@ BEGIN
   INSERT INTO plant.item_name (name)
     SELECT DISTINCT i ->> 0 FROM jsonb_array_elements(doc -> 'items') AS i
     WHERE NOT EXISTS (SELECT 1 FROM plant.item_name n WHERE n.name = i ->> 0) ORDER BY 1 ON CONFLICT (name) DO NOTHING;
-  INSERT INTO plant.item (ended, epoch_id, item_id, station, station_to, slab_key, mould, slab_type, value, nominal,
-                          lower, upper, u, verdict)
+  INSERT INTO plant.item (ended, epoch_id, item_id, station, station_to, slab_key, mould, slab_type, emulated, value,
+                          nominal, lower, upper, u, verdict)
     SELECT ended_at, id, n.item_id, (i ->> 1)::smallint, (i ->> 2)::smallint, key, of_mould, of_type,
-           (i ->> 4)::double precision, (i ->> 5)::double precision, (i ->> 6)::double precision,
+           (doc ->> 'emulated')::boolean, (i ->> 4)::double precision, (i ->> 5)::double precision, (i ->> 6)::double precision,
            (i ->> 7)::double precision, (i ->> 8)::double precision, i ->> 3
     FROM jsonb_array_elements(doc -> 'items') AS i JOIN plant.item_name n ON n.name = i ->> 0;
   PERFORM plant.unfold_decisions(id, key, doc -> 'dispositions');
@@ -307,14 +333,14 @@ CREATE FUNCTION plant.unfold_row(row_epoch uuid, row_seq bigint, row_kind text, 
 $$
 DECLARE
   id integer;
-  slab_id integer;
+  of_slab integer;
   r jsonb := doc -> 'record';
   key bigint := (doc ->> 'slab_key')::bigint;
   at timestamptz := plant.time_of((doc ->> 'utime_us')::bigint);
 BEGIN
   SELECT epoch_id INTO STRICT id FROM plant.epoch WHERE epoch = row_epoch;
   IF doc ->> 'slab_epoch' <> '' THEN
-    SELECT epoch_id INTO STRICT slab_id FROM plant.epoch WHERE epoch = (doc ->> 'slab_epoch')::uuid;
+    SELECT epoch_id INTO STRICT of_slab FROM plant.epoch WHERE epoch = (doc ->> 'slab_epoch')::uuid;
   END IF;
   CASE row_kind
     WHEN 'slab' THEN
@@ -323,13 +349,14 @@ BEGIN
         PERFORM plant.unfold_slab(row_epoch, row_seq, doc);
       END IF;
     WHEN 'decided' THEN
-      PERFORM plant.unfold_decisions(slab_id, key, coalesce(doc -> 'dispositions', '[]'));
+      PERFORM plant.unfold_decisions(of_slab, key, coalesce(doc -> 'dispositions', '[]'));
     WHEN 'reopened' THEN
-      DELETE FROM plant.item i USING plant.slab s WHERE s.epoch_id = slab_id AND s.slab_key = key
-        AND s.seq_epoch = row_epoch AND s.seq < row_seq AND i.epoch_id = s.epoch_id AND i.slab_key = s.slab_key
+      -- Sent before, in this epoch or in one before a restore.
+      DELETE FROM plant.item i USING plant.slab s WHERE s.epoch_id = of_slab AND s.slab_key = key
+        AND (s.seq_epoch <> row_epoch OR s.seq < row_seq) AND i.epoch_id = s.epoch_id AND i.slab_key = s.slab_key
         AND i.ended = s.ended;
-      DELETE FROM plant.slab s WHERE s.epoch_id = slab_id AND s.slab_key = key AND s.seq_epoch = row_epoch
-        AND s.seq < row_seq;
+      DELETE FROM plant.slab s WHERE s.epoch_id = of_slab AND s.slab_key = key
+        AND (s.seq_epoch <> row_epoch OR s.seq < row_seq);
       INSERT INTO plant.event VALUES (id, row_seq, at, row_kind, 0, '', key, NULL) ON CONFLICT DO NOTHING;
     WHEN 'remeasured' THEN
       INSERT INTO plant.event VALUES (id, row_seq, at, row_kind, 0, 'scan ' || (doc ->> 'attempt'), key,
@@ -367,16 +394,60 @@ BEGIN
   PERFORM plant.unfold_row(NEW.epoch, NEW.seq, NEW.kind, NEW.doc);
   RETURN NULL;
 EXCEPTION
-  WHEN data_exception OR integrity_constraint_violation OR raise_exception OR no_data_found OR too_many_rows THEN
+  WHEN OTHERS THEN
+    -- The server's own troubles: the batch is repeated.
+    IF left(SQLSTATE, 2) IN ('08', '25', '40', '53', '54', '55', '57', '58', 'XX') THEN
+      RAISE;
+    END IF;
     INSERT INTO plant.trouble (epoch, seq, why) VALUES (NEW.epoch, NEW.seq, SQLERRM) ON CONFLICT DO NOTHING;
     RETURN NULL;
 END
 $$;
 CREATE TRIGGER inbox_is_unfolded AFTER INSERT ON plant.inbox FOR EACH ROW EXECUTE FUNCTION plant.unfold();
 
+-- A role sends for its own line only. The owner may, as for repairs.
+CREATE FUNCTION plant.inbox_is_of_its_line() RETURNS trigger
+  LANGUAGE plpgsql SECURITY DEFINER SET search_path = pg_catalog, pg_temp AS
+$$
+DECLARE
+  of record;
+BEGIN
+  SELECT l.name, l.role INTO of FROM plant.epoch e JOIN plant.line l USING (line_id) WHERE e.epoch = NEW.epoch;
+  IF of.role IS DISTINCT FROM session_user THEN
+    RAISE EXCEPTION 'role % may not send for line %, which sends as %', session_user, of.name, of.role
+      USING ERRCODE = 'insufficient_privilege';
+  END IF;
+  RETURN NEW;
+END
+$$;
+CREATE TRIGGER inbox_is_of_its_line BEFORE INSERT ON plant.inbox
+  FOR EACH ROW EXECUTE FUNCTION plant.inbox_is_of_its_line();
+
 CREATE FUNCTION plant.inbox_stays() RETURNS trigger LANGUAGE plpgsql AS
 $$ BEGIN RAISE EXCEPTION 'what a line has sent is never changed'; END $$;
 CREATE TRIGGER inbox_stays BEFORE UPDATE ON plant.inbox FOR EACH ROW EXECUTE FUNCTION plant.inbox_stays();
+
+-- Makes slab, item, disposition and the other tables again from inbox; returns the number of rows. Of the owner only.
+CREATE FUNCTION plant.unfold_all() RETURNS bigint LANGUAGE plpgsql AS
+$$
+DECLARE
+  t record;
+  done bigint := 0;
+BEGIN
+  LOCK TABLE plant.inbox IN EXCLUSIVE MODE;
+  TRUNCATE plant.item, plant.slab, plant.disposition, plant.calibration, plant.calibration_check, plant.mould_reset,
+    plant.event, plant.trouble;
+  FOR t IN SELECT i.* FROM plant.inbox i JOIN plant.epoch e USING (epoch) ORDER BY e.epoch_id, i.seq LOOP
+    BEGIN
+      PERFORM plant.unfold_row(t.epoch, t.seq, t.kind, t.doc);
+    EXCEPTION WHEN OTHERS THEN
+      INSERT INTO plant.trouble (epoch, seq, why) VALUES (t.epoch, t.seq, SQLERRM) ON CONFLICT DO NOTHING;
+    END;
+    done := done + 1;
+  END LOOP;
+  RETURN done;
+END
+$$;
 
 -- Tries the documents of table trouble again, as after an upgrade; returns how many were unfolded. Of the owner only.
 CREATE FUNCTION plant.unfold_again() RETURNS integer LANGUAGE plpgsql AS
@@ -400,28 +471,29 @@ $$;
 
 -- ---- views: the contract -------------------------------------------------------------------------------------------
 
--- first: the first inspection of this SLAB_ID on any line that was not aborted.
+-- first: the first inspection of this SLAB_ID on any line that was not aborted; emulated slabs among themselves. The views
+-- that count leave emulated slabs out.
 CREATE VIEW plant.v_slab AS
   SELECT l.name AS line, s.slab_key, s.slab_id, s.slab_type, s.mould, s.ended, s.verdict, s.reason,
          (SELECT d.decision FROM plant.disposition d WHERE d.epoch_id = s.epoch_id AND d.slab_key = s.slab_key
           ORDER BY d.n DESC LIMIT 1) AS disposition,
          s.software, s.verdict <> 'aborted' AND (s.slab_id = '' OR NOT EXISTS (
            SELECT 1 FROM plant.slab b WHERE b.slab_id = s.slab_id AND b.verdict <> 'aborted'
-           AND (b.ended, b.epoch_id, b.slab_key) < (s.ended, s.epoch_id, s.slab_key))) AS first,
+           AND b.emulated = s.emulated AND (b.ended, b.epoch_id, b.slab_key) < (s.ended, s.epoch_id, s.slab_key))) AS first,
          s.began, s.stations, s.stations_measured, s.scans, s.recipe, s.recipe_sha256, s.design_sha256,
          s.calibration_id, s.emulated, e.epoch
   FROM plant.slab s JOIN plant.epoch e USING (epoch_id) JOIN plant.line l USING (line_id);
 
 CREATE VIEW plant.v_item AS
   SELECT l.name AS line, i.slab_key, n.name AS item, i.station, i.station_to, i.value, i.nominal, i.lower, i.upper, i.u,
-         i.verdict, i.ended, i.slab_type, i.mould, e.epoch
+         i.verdict, i.ended, i.slab_type, i.mould, i.emulated, e.epoch
   FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN plant.epoch e USING (epoch_id)
   JOIN plant.line l USING (line_id);
 
 CREATE VIEW plant.v_first_pass_yield AS
   SELECT line, ended::date AS day, slab_type, count(*) AS slabs, count(*) FILTER (WHERE verdict = 'pass') AS passed,
          count(*) FILTER (WHERE verdict = 'pass')::double precision / count(*) AS share
-  FROM plant.v_slab WHERE first GROUP BY line, ended::date, slab_type;
+  FROM plant.v_slab WHERE first AND NOT emulated GROUP BY line, ended::date, slab_type;
 
 CREATE VIEW plant.v_pareto AS
   SELECT l.name AS line, i.ended::date AS day, n.name AS item, count(*) FILTER (WHERE i.verdict = 'fail') AS failed,
@@ -430,7 +502,7 @@ CREATE VIEW plant.v_pareto AS
          count(DISTINCT (i.epoch_id, i.slab_key)) AS slabs
   FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN plant.epoch e USING (epoch_id)
   JOIN plant.line l USING (line_id)
-  WHERE i.verdict IN ('fail', 'indeterminate', 'not_measured') GROUP BY l.name, i.ended::date, n.name;
+  WHERE i.verdict IN ('fail', 'indeterminate', 'not_measured') AND NOT i.emulated GROUP BY l.name, i.ended::date, n.name;
 
 -- Deviations from the nominal by mould, item and month of the server's time zone, over all lines.
 CREATE VIEW plant.v_mould AS
@@ -438,7 +510,7 @@ CREATE VIEW plant.v_mould AS
          avg(i.value - coalesce(i.nominal, 0)) AS mean, stddev_samp(i.value - coalesce(i.nominal, 0)) AS sd,
          count(DISTINCT e.line_id) AS lines
   FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN plant.epoch e USING (epoch_id)
-  WHERE i.mould IS NOT NULL AND i.value IS NOT NULL
+  WHERE i.mould IS NOT NULL AND i.value IS NOT NULL AND NOT i.emulated
   GROUP BY i.mould, i.slab_type, n.name, date_trunc('month', i.ended);
 
 -- One point of a control chart for each day, item and line.
@@ -449,14 +521,15 @@ CREATE VIEW plant.v_spc AS
          min(i.lower - coalesce(i.nominal, 0)) AS lower, max(i.upper - coalesce(i.nominal, 0)) AS upper
   FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN plant.epoch e USING (epoch_id)
   JOIN plant.line l USING (line_id)
-  WHERE i.value IS NOT NULL GROUP BY l.name, n.name, i.slab_type, i.ended::date;
+  WHERE i.value IS NOT NULL AND NOT i.emulated GROUP BY l.name, n.name, i.slab_type, i.ended::date;
 
 -- A fault of a line that has begun and not ended.
 CREATE VIEW plant.v_open_fault AS
   SELECT l.name AS line, f.at AS since, f.code, f.text
   FROM plant.event f JOIN plant.epoch e USING (epoch_id) JOIN plant.line l USING (line_id)
   WHERE f.kind = 'fault' AND NOT EXISTS (
-    SELECT 1 FROM plant.event g WHERE g.epoch_id = f.epoch_id AND g.seq > f.seq
+    SELECT 1 FROM plant.event g JOIN plant.epoch h USING (epoch_id) WHERE h.line_id = e.line_id
+    AND (g.epoch_id > f.epoch_id OR g.epoch_id = f.epoch_id AND g.seq > f.seq)
     AND (g.kind = 'started' OR g.kind = 'cleared' AND g.code = f.code));
 
 -- ---- rights --------------------------------------------------------------------------------------------------------

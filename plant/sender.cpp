@@ -99,6 +99,12 @@ void introduce(Postgres& server, const config::PlantSettings& plant, const Line&
   server.run("SELECT plant.make_month(now() + m * interval '1 month') FROM generate_series(0, 2) AS m");
 }
 
+std::int64_t newest_there(Postgres& server, const Line& line) {
+  std::vector<std::string> epochs;
+  for (const storage::Epoch& epoch : line.epochs) epochs.push_back(epoch.uuid);
+  return server.integer("SELECT coalesce(max(seq), 0) FROM plant.inbox WHERE epoch = ANY ($1)", {array_of(epochs)});
+}
+
 Sent send_batch(Postgres& server, Line& line, std::int64_t seq, int limit) {
   const std::vector<OutboxRow> rows = value_of(line.outbox->rows_after(seq, static_cast<std::size_t>(limit)));
   Sent sent;

@@ -60,6 +60,9 @@ struct EpochCheck {
   std::int64_t other = 0;
   std::int64_t only_there = 0;
 };
+/// Highest number of the line's rows that are there, in any of its epochs.
+[[nodiscard]] std::int64_t newest_there(Postgres& server, const Line& line);
+
 /// Compares the outbox up to `seq`, or to the newest row that is there, with the inbox, by epoch, and sends again what
 /// is missing there.
 [[nodiscard]] std::vector<EpochCheck> check(Postgres& server, Line& line, std::int64_t seq);

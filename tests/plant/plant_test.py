@@ -111,6 +111,10 @@ class PlantTest(unittest.TestCase):
         self.assertEqual(done.returncode, status, done.stdout + done.stderr)
         return done.stdout + done.stderr
 
+    def make_real(self):
+        """Slabs of the history are emulated; from now on those that arrived are counted as if they were of concrete."""
+        self.server.run("UPDATE plant.slab SET emulated = false; UPDATE plant.item SET emulated = false")
+
     def inbox(self):
         return {(epoch, int(seq)) for epoch, seq, _ in self.server.run(INBOX)}
 
@@ -169,6 +173,7 @@ class PlantTest(unittest.TestCase):
 
     def test_views_count_as_slabctl_does(self):
         self.run_plant("--once")
+        self.make_real()
         rows = json.loads(self.line.slabctl("history", "--limit", "1000", "--json"))["slabs"]
         passed = sum(row["verdict"] == "pass" for row in rows)
         self.assertEqual(self.server.one("SELECT count(*) FROM plant.v_slab WHERE verdict = 'pass'"), str(passed))
@@ -279,6 +284,9 @@ class PlantTest(unittest.TestCase):
         self.assertEqual(self.inbox(), self.line.rows() | other.rows())
         self.assertEqual(self.server.run("SELECT name FROM plant.line"), [["hall-1"]])
         self.assertIn("another database", self.run_plant("--once", status=UNREACHABLE), "the old one is not the line's")
+        self.run_plant("--once", "--take-over")  # it was a mistake
+        self.run_plant("--once")
+        self.assertIn("another database", self.run_plant("--once", line=other, status=UNREACHABLE))
         other.configure(self.server.dsn(), "hall-2")
         self.assertIn("already sent as line hall-1", self.run_plant("--once", line=other, status=UNREACHABLE))
 
@@ -300,6 +308,76 @@ class PlantTest(unittest.TestCase):
         self.assertTrue(json.loads(self.line.plant("--check", "--json").stdout)["complete"])
         self.assertEqual(self.server.one("SELECT count(*) FROM plant.slab"), str(SLABS), "no slab is there twice")
         self.assertEqual(self.server.one("SELECT count(*) FROM plant.event WHERE kind = 'restored'"), "1")
+
+    def reopen(self, key):
+        """Adds what slabd writes when it takes the end of a slab back."""
+        self.line.sql("DELETE FROM slab_result WHERE slab_key = ?", key)
+        self.line.sql("INSERT INTO slab_seal (kind, form, about, slab_no, slab_id, utime_us, rows_sha256, sha256, tables) "
+                      "SELECT 'reopened', form, about, slab_no, slab_id, utime_us, rows_sha256, randomblob(32), x'' FROM "
+                      "slab_seal WHERE kind = 'slab' AND about = ?", key)
+
+    def assert_is_away(self, key):
+        self.assertEqual(self.server.one(f"SELECT count(*) FROM plant.slab WHERE slab_key = {key}"), "0")
+        self.assertEqual(self.server.one(f"SELECT count(*) FROM plant.item WHERE slab_key = {key}"), "0")
+        self.assertEqual(self.server.one("SELECT count(*) FROM plant.event WHERE kind = 'reopened'"), "1")
+        self.assertEqual(self.server.one("SELECT count(*) FROM plant.trouble"), "0")
+        self.assertEqual(self.server.one("SELECT count(*) FROM plant.slab"), str(SLABS - 1))
+
+    def test_an_end_that_was_taken_back_takes_the_slab_away(self):
+        self.run_plant("--once")
+        self.reopen(7)
+        self.run_plant("--once")
+        self.assert_is_away(7)
+        self.assert_complete()
+
+    def test_an_end_that_was_taken_back_after_a_restore_takes_the_slab_away(self):
+        backup = self.line.folder / "backup.db"
+        self.line.slabctl("db", "backup", "--out", backup)
+        self.run_plant("--once")
+        self.line.slabctl("db", "restore", backup, "--reason", "disk", "--operator", "anna", "--lose-calibrations")
+        self.reopen(8)
+        self.run_plant("--once")
+        self.assert_is_away(8)
+
+    def test_emulated_slabs_are_not_counted_as_concrete(self):
+        self.run_plant("--once")
+        self.assertEqual(self.server.one("SELECT count(*) FROM plant.v_slab WHERE emulated"), str(SLABS))
+        for view in ("v_first_pass_yield", "v_pareto", "v_mould", "v_spc"):
+            self.assertEqual(self.server.one(f"SELECT count(*) FROM plant.{view}"), "0", view)
+        line = json.loads(self.line.plant("--show", "overview", "--days", "3650").stdout)["lines"][0]
+        self.assertEqual((line["slabs"], line["first"]), (SLABS, 0))
+        self.make_real()
+        for view in ("v_first_pass_yield", "v_mould", "v_spc"):
+            self.assertNotEqual(self.server.one(f"SELECT count(*) FROM plant.{view}"), "0", view)
+
+    def test_a_server_that_was_set_back_is_sent_again_what_it_lost(self):
+        self.run_plant("--once")
+        self.line.sql("UPDATE line SET sent_seq = (SELECT max(seq) FROM outbox)")
+        self.server.run("ALTER TABLE plant.inbox DISABLE TRIGGER USER; DELETE FROM plant.inbox WHERE seq > 40; "
+                        "ALTER TABLE plant.inbox ENABLE TRIGGER USER")
+        self.assertIn("set back", self.run_plant("--once"))
+        self.assert_complete()
+
+    def test_tables_that_lost_rows_are_named_and_made_again(self):
+        self.run_plant("--once")
+        items = self.server.one("SELECT count(*) FROM plant.item")
+        self.server.run("DELETE FROM plant.item; DELETE FROM plant.slab")
+        self.assertIn("unfold_all", self.run_plant("--check", status=DIFFERS))
+        self.assertEqual(self.server.one("SELECT plant.unfold_all()"), self.server.one("SELECT count(*) FROM plant.inbox"))
+        self.assertEqual(self.server.one("SELECT count(*) FROM plant.item"), items)
+        self.assert_complete()
+
+    def test_a_role_sends_for_its_own_line_only(self):
+        self.server.run("CREATE ROLE one LOGIN; CREATE ROLE two LOGIN; GRANT slabd_plant_writer TO one, two")
+        self.line.configure(self.server.dsn("one"), "hall-1")
+        self.run_plant("--once")
+        epoch = self.server.one("SELECT epoch FROM plant.epoch")
+        with self.assertRaises(RuntimeError):
+            self.server.run(f"INSERT INTO plant.inbox VALUES ('{epoch}', 900001, 'event', decode('{'cd' * 32}', 'hex'), "
+                            "'{}')", user="two")
+        self.line.configure(self.server.dsn("two"), "hall-1")
+        self.assertIn("sends as role one", self.run_plant("--once", status=UNREACHABLE))
+        self.assertIn("slabd_plant_reader", self.run_plant("--show", "overview", status=UNREACHABLE))
 
     def test_lines_that_begin_at_once_do_not_disturb_each_other(self):
         lines = [self.history(f"hall-{number}", seed=number, days=400) for number in range(2, 7)]
@@ -332,6 +410,8 @@ class PlantTest(unittest.TestCase):
         self.assertNotEqual(self.inbox(), self.line.rows(), "these rows were noted as sent")
         checked = json.loads(self.line.plant("--check", "--json").stdout)
         self.assertGreater(checked["epochs"][0]["sent_again"], 0)
+        self.assertGreater(checked["missing_slabs"], 0)
+        self.server.one("SELECT plant.unfold_all()")
         self.assert_complete()
 
     def test_a_bad_network_delays_and_loses_nothing(self):
