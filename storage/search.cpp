@@ -155,7 +155,10 @@ void choose(const SlabFilter& filter, FallingKeys& keys) {
     }
     not_passed = info(*filter.item).scope == ItemScope::block && (any || filter.verdict == Verdict::not_measured);
   }
-  if (not_passed) keys.add("SELECT slab_key FROM slab_result WHERE verdict <> 'pass' ORDER BY slab_key DESC");
+  // With an item: the slabs with a station that was not measured, which are never undecided.
+  if (not_passed)
+    keys.add(std::string("SELECT slab_key FROM slab_result WHERE verdict <> 'pass'") +
+             (filter.item ? " AND verdict <> 'indeterminate'" : "") + " ORDER BY slab_key DESC");
 }
 
 SlabSummary read_summary(Statement& rows) {
