@@ -206,7 +206,10 @@ def cycle(build, server, slabs, backlog, points):
                 if sender is not None:
                     stop(sender)
                 slab = json.loads(ended.stdout)["slabs"][0]
-                blocks = [1e3 * one["acquired_to_result_s"] for one in slab["stations"]]
+                if slab["last_acquired_to_verdict_s"] is None:
+                    sys.exit(f"slab {turn + 1} has no verdict: {slab['trouble']}\n{(home / 'log').read_text()[-2000:]}")
+                blocks = [1e3 * one["acquired_to_result_s"] for one in slab["stations"]
+                          if one["acquired_to_result_s"] is not None]
                 if turn > 0:
                     seen[title].append((1e3 * slab["last_acquired_to_verdict_s"], blocks, sent))
         finally:
