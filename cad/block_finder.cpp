@@ -18,14 +18,9 @@
 namespace slabd::cad {
 namespace {
 
-constexpr double kParallel = 1e-5;  ///< sine of the angle of directions that count as parallel
 constexpr double kSlopeMin = 0.9e-3;
 constexpr double kSlopeMax = 0.11;
 constexpr double kSame_mm = 1e-3;
-
-bool parallel(const Vec3& a, const Vec3& b) {
-  return a.cross(b).norm() < kParallel;
-}
 
 /// Intersection of a plane with the line o + t d.
 double along_line(const ModelFace& plane, const Vec3& n, const Vec3& o, const Vec3& d) {

@@ -32,6 +32,13 @@ struct ModelFace {
   std::vector<std::array<Vec3, 3>> triangles;  ///< for the picture
 };
 
+/// Sine of the angle of directions that count as parallel.
+inline constexpr double kParallel = 1e-5;
+
+[[nodiscard]] inline bool parallel(const Vec3& a, const Vec3& b) {
+  return a.cross(b).norm() < kParallel;
+}
+
 struct FaceList {
   std::vector<ModelFace> faces;
   std::string unit;        ///< of the file, as it names it: "millimetre", "INCH"

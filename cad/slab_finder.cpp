@@ -52,9 +52,8 @@ class SlabSearch {
 
   /// Names what a recipe cannot say, or says otherwise: blocks that are turned, climb inward, or are not opposite.
   void compare_places() {
-    constexpr double kTurned = 1e-5;
     for (std::size_t i = 0; i < blocks_.size(); ++i)
-      if (const double turned = blocks_[i].x.cross(x_).norm(); turned > kTurned)
+      if (const double turned = blocks_[i].x.cross(x_).norm(); turned > kParallel)
         findings_.remarks.push_back(
             fmt::format("block {} is turned by {:.4f} deg against its row", i + 1, deg_from_rad(std::asin(turned))));
     if (rows_[0].empty() || rows_[1].empty()) return;

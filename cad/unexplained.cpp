@@ -13,7 +13,6 @@
 namespace slabd::cad {
 namespace {
 
-constexpr double kParallel = 1e-5;  ///< sine of the angle of directions that count as parallel
 constexpr double kSame_mm = 2e-3;
 constexpr double kAreaMin_mm2 = 1.0;
 /// Faces of a block are nearer to its origin than this.
@@ -31,10 +30,6 @@ struct Cylinder {
   Vec3 axis;
   double radius_mm;
 };
-
-bool parallel(const Vec3& a, const Vec3& b) {
-  return a.cross(b).norm() < kParallel;
-}
 
 /// Distance of a point from a line.
 double off_axis(const Vec3& point, const Vec3& p, const Vec3& axis) {

@@ -396,7 +396,7 @@ BEGIN
 EXCEPTION
   WHEN OTHERS THEN
     -- The server's own troubles: the batch is repeated.
-    IF left(SQLSTATE, 2) IN ('08', '25', '40', '53', '54', '55', '57', '58', 'XX') THEN
+    IF left(SQLSTATE, 2) IN ('08', '25', '40', '53', '55', '57', '58', 'XX') THEN
       RAISE;
     END IF;
     INSERT INTO plant.trouble (epoch, seq, why) VALUES (NEW.epoch, NEW.seq, SQLERRM) ON CONFLICT DO NOTHING;

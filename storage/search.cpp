@@ -56,8 +56,7 @@ std::string of_table(const char* table, const std::vector<std::string>& names) {
 std::string item_condition(const SlabFilter& filter, bool any) {
   const bool is_of_block = info(*filter.item).scope == ItemScope::block;
   const bool also_unseen = is_of_block && (any || filter.verdict == Verdict::not_measured);
-  std::string where;
-  where += " AND (";
+  std::string where = " AND (";
   if (also_unseen) where += (filter.block != 0 ? kIsUnseen : kHasUnseen) + std::string(" OR ");
   where += "EXISTS (SELECT 1 FROM item WHERE item.slab_key = slab.slab_key AND item.id = ?6 AND ";
   where += any ? "item.verdict NOT IN ('pass', 'none')" : "item.verdict = ?7";
@@ -72,8 +71,9 @@ std::string item_condition(const SlabFilter& filter, bool any) {
 std::string block_condition(const SlabFilter& filter, bool any) {
   // An aborted slab has no pass, whatever is stored.
   const bool passed = filter.verdict == Verdict::pass;
-  std::string where = " AND ?8 <= slab.stations";
-  where += " AND EXISTS (SELECT 1 FROM station_result AS s WHERE s.slab_key = slab.slab_key AND s.station = ?8 AND ";
+  std::string where =
+      " AND ?8 <= slab.stations AND EXISTS (SELECT 1 FROM station_result AS s WHERE s.slab_key = slab.slab_key AND "
+      "s.station = ?8 AND ";
   where += any      ? "(s.verdict <> 'pass' OR slab_result.verdict = 'aborted'))"
            : passed ? "s.verdict = ?7 AND slab_result.verdict <> 'aborted')"
                     : "s.verdict = ?7)";

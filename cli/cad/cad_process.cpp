@@ -4,6 +4,7 @@
 // environment is empty: OpenCASCADE reads file names from it. slabd-cad adds a filter of system calls (cad/sandbox).
 #include "cli/cad/cad_process.h"
 
+#include <fcntl.h>
 #include <poll.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
@@ -153,6 +154,22 @@ Result<CadAnswer> run_cad(const std::string& program, const std::vector<std::str
                "%s: cannot be read, it crashed slabd-cad (signal %d); the file is damaged or needs more "
                "than 1 GB of memory",
                name, signal);
+}
+
+Result<std::string> read_bounded(const std::string& path, std::uint64_t bytes_max) {
+  const Fd file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (!file.is_open()) return error(Code::config, "%s: %s", path.c_str(), errno_text(errno));
+  std::string bytes;
+  std::array<char, 65'536> piece{};
+  for (;;) {
+    const ssize_t count = ::read(file.get(), piece.data(), piece.size());
+    if (count < 0) return error(Code::config, "%s: %s", path.c_str(), errno_text(errno));
+    if (count == 0) return bytes;
+    bytes.append(piece.data(), static_cast<std::size_t>(count));
+    if (bytes.size() > bytes_max)
+      return error(Code::config, "%s: larger than %llu MB", path.c_str(),
+                   static_cast<unsigned long long>(bytes_max / 1'000'000));
+  }
 }
 
 }  // namespace slabd::cli

@@ -30,6 +30,9 @@ struct CadAnswer {
 /// Path of slabd-cad: the environment's SLABD_CAD, else next to slabctl. scanner_offline: it is not installed.
 [[nodiscard]] Result<std::string> cad_program();
 
+/// Content of a file; a pipe is read as far as it has content. config: it cannot be read, or has more bytes.
+[[nodiscard]] Result<std::string> read_bounded(const std::string& path, std::uint64_t bytes_max);
+
 /// Runs the program with `input` as standard input. `what` begins the sentences: "block.stp". config: the program
 /// refused the input, crashed, or exceeded a limit; the text is one sentence. internal: no process.
 [[nodiscard]] Result<CadAnswer> run_cad(const std::string& program, const std::vector<std::string>& arguments,

@@ -6,8 +6,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <memory>
 
 #include "base/durable.h"
@@ -15,6 +13,7 @@
 #include "base/plain_text.h"
 #include "cli/cad/cad_commands.h"
 #include "cli/cad/cad_findings.h"
+#include "cli/cad/cad_process.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
@@ -26,7 +25,7 @@
 namespace slabd::cli {
 namespace {
 
-constexpr std::uintmax_t kFileBytesMax = 8'000'000;
+constexpr std::size_t kFileBytesMax = 8'000'000;
 constexpr std::size_t kNameBytesMax = 64;
 
 struct Options {
@@ -55,18 +54,6 @@ bool is_name(std::string_view name) {
          name.find_first_not_of(kAllowed) == std::string_view::npos;
 }
 
-Result<std::string> bytes_of(const std::string& path) {
-  std::error_code fault;
-  if (!std::filesystem::is_regular_file(path, fault))
-    return error(Code::config, "%s: %s", path.c_str(), fault ? fault.message().c_str() : "it is not a file");
-  if (std::filesystem::file_size(path, fault) > kFileBytesMax)
-    return error(Code::config, "%s: larger than 8 MB", path.c_str());
-  std::ifstream file(path, std::ios::binary);
-  std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-  if (!file.is_open() || file.bad()) return error(Code::config, "%s: it cannot be read", path.c_str());
-  return bytes;
-}
-
 std::string folder_of(const Options& options) {
   if (!options.dir.empty()) return options.dir;
   config::Config config;
@@ -78,7 +65,7 @@ std::string folder_of(const Options& options) {
 
 Result<Listed> read_draft(const std::string& folder, const std::string& name) {
   const std::string path = (std::filesystem::path(folder) / (name + ".json")).string();
-  const Result<std::string> bytes = bytes_of(path);
+  const Result<std::string> bytes = read_bounded(path, kFileBytesMax);
   if (!bytes) return bytes.error();
   Result<CadDraft> draft = parse_draft(bytes.value());
   if (!draft) return error(draft.error().code, "%s: %s", path.c_str(), draft.error().text.c_str());
@@ -136,7 +123,7 @@ int list(const Options& options, const std::string& folder) {
 void copy_picture(const std::string& folder, const std::string& name, const std::string& path) {
   constexpr std::string_view kPng = "\x89PNG\r\n\x1a\n";
   const std::string from = (std::filesystem::path(folder) / (name + ".png")).string();
-  const std::string bytes = need(bytes_of(from), kBadInput);
+  const std::string bytes = need(read_bounded(from, kFileBytesMax), kBadInput);
   if (!bytes.starts_with(kPng)) stop(kBadInput, fmt::format("{}: expected is a PNG picture", from));
   OutFile out(path);
   out.write(bytes);

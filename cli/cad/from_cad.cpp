@@ -33,22 +33,6 @@ struct Options {
   bool json = false;
 };
 
-std::string bytes_of(const std::string& path) {
-  const Fd file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
-  if (!file.is_open()) stop(kBadInput, fmt::format("{}: {}", path, errno_text(errno)));
-  std::string bytes;
-  std::array<char, 65'536> piece{};
-  for (;;) {
-    const ssize_t count = ::read(file.get(), piece.data(), piece.size());
-    if (count < 0) stop(kBadInput, fmt::format("{}: {}", path, errno_text(errno)));
-    if (count == 0) break;
-    bytes.append(piece.data(), static_cast<std::size_t>(count));
-    if (bytes.size() > kCadInputBytesMax)
-      stop(kBadInput, fmt::format("{}: larger than {} MB", path, kCadInputBytesMax / 1'000'000));
-  }
-  return bytes;
-}
-
 /// STEP by its first line, IGES by the S in column 73; the extension may be wrong.
 bool is_iges(const std::string& path, const std::string& bytes) {
   if (bytes.find("ISO-10303-21") < 1'000) return false;
@@ -63,7 +47,7 @@ std::string source_of(const std::string& file, const std::string& sha256, const 
 int from_cad(Options options) {
   check_draft_path(options.out, {options.file});
   const std::string program = need(cad_program());
-  const std::string bytes = bytes_of(options.file);
+  const std::string bytes = need(read_bounded(options.file, kCadInputBytesMax), kBadInput);
   const std::string sha256 = calib::sha256_hex(bytes);
   const std::string shown = plain(std::filesystem::path(options.file).filename().string());
   const bool iges = is_iges(options.file, bytes);
