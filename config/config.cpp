@@ -433,6 +433,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   // A fault in the settings of other programs must not stop the inspection, so their problems have their own lists.
   static_cast<void>(root.value("web"));
   static_cast<void>(root.value("plant"));
+  static_cast<void>(root.value("genicam"));
   TableReader of_plant(path, &tree, "", complete ? config.plant_problems : ignored);
   of_plant.keep_doubts(&config.doubts);
   read_plant(of_plant.table("plant"), folder, config.plant);
@@ -440,6 +441,9 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   TableReader of_web(path, &tree, "", complete ? config.web_problems : ignored);
   of_web.keep_doubts(&config.doubts);
   read_web(of_web.table("web"), folder, config.web);
+  TableReader of_genicam(path, &tree, "", complete ? config.genicam_problems : ignored);
+  of_genicam.keep_doubts(&config.doubts);
+  read_genicam(of_genicam.table("genicam"), config.genicam);
   check_together(root, config);
   root.finish();
 }
