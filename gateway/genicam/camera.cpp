@@ -194,7 +194,7 @@ class Nodes {
 const char* words(ArvBufferStatus status) {
   switch (status) {
     case ARV_BUFFER_STATUS_SUCCESS: return "complete";
-    case ARV_BUFFER_STATUS_CLEARED: return "empty";
+    case ARV_BUFFER_STATUS_CLEARED: return "its payload type is none of image, chunk data and multi-part";
     case ARV_BUFFER_STATUS_TIMEOUT: return "packets are missing after the last one arrived";
     case ARV_BUFFER_STATUS_MISSING_PACKETS: return "packets are missing, and the camera cannot send them again";
     case ARV_BUFFER_STATUS_WRONG_PACKET_ID: return "a packet has a number outside the frame";
@@ -710,8 +710,12 @@ Status Camera::settle_debt(std::int64_t until_ns, const std::function<bool()>& s
 }
 
 Result<Shot> Camera::take(std::int64_t wait_ns, std::span<float> xyz, const std::function<bool()>& stop) {
-  const std::int64_t until_ns = now_ns() + wait_ns;
-  if (Status status = settle_debt(until_ns, stop); !status) return status.error();
+  const std::int64_t latest_ns = now_ns() + wait_ns;
+  if (Status status = settle_debt(latest_ns, stop); !status) return status.error();
+  const auto exposure_ns = static_cast<std::int64_t>(settings_.timeout_s * 1e9);
+  const std::int64_t begin_ns = now_ns();
+  const std::int64_t until_ns = std::min(latest_ns, begin_ns + exposure_ns);
+  const double limit_s = static_cast<double>(until_ns - begin_ns) / 1e9;
   const Nodes nodes = aravis_->nodes();
   ArvCamera* camera = aravis_->camera.get();
   Fault fault;
@@ -738,7 +742,7 @@ Result<Shot> Camera::take(std::int64_t wait_ns, std::span<float> xyz, const std:
   if (Status status = nodes.execute("AcquisitionStart"); !status) return status.error();
   if (software)
     if (Status status = nodes.execute("TriggerSoftware"); !status) return status.error();
-  owed_until_ns_ = now_ns() + static_cast<std::int64_t>(2.0 * settings_.timeout_s * 1e9);
+  owed_until_ns_ = now_ns() + 2 * exposure_ns;
   Shot shot;
   while (now_ns() < until_ns) {
     if (stop()) return error(Code::interrupted, "the exposure was cancelled");
@@ -751,24 +755,35 @@ Result<Shot> Camera::take(std::int64_t wait_ns, std::span<float> xyz, const std:
       continue;
     }
     owed_until_ns_ = 0;
-    std::uint64_t missing = 0;
-    arv_gv_stream_get_statistics(ARV_GV_STREAM(stream.get()), &shot.packets_resent, &missing);
+    const std::uint64_t missing = arv_stream_get_info_uint64_by_name(stream.get(), "n_missing_packets");
+    shot.packets_requested = arv_stream_get_info_uint64_by_name(stream.get(), "n_resend_requests");
     if (const ArvBufferStatus status = arv_buffer_get_status(buffer.get()); status != ARV_BUFFER_STATUS_SUCCESS)
-      return error(Code::frame_incomplete,
-                   "the frame is not complete: %s; %llu packets are missing, %llu were sent again (slabctl doctor: "
-                   "packet size, socket buffers)",
-                   words(status), static_cast<unsigned long long>(missing),
-                   static_cast<unsigned long long>(shot.packets_resent));
+      return error(
+          Code::frame_incomplete,
+          "the frame is not complete: %s; %llu packets are missing, %llu were requested again (slabctl doctor: "
+          "packet size, socket buffers)",
+          words(status), static_cast<unsigned long long>(missing),
+          static_cast<unsigned long long>(shot.packets_requested));
     const Result<std::span<const std::byte>> raw =
         component_of(buffer.get(), layout_, link_.payload_bytes, component_id_);
     if (!raw) return raw.error();
+    if (const std::size_t gap = first_gap(layout_, raw.value()); gap != raw.value().size())
+      return error(Code::frame_incomplete, "the bytes from %zu on never arrived, although the camera ended the frame",
+                   gap);
     shot.width = layout_.width;
     shot.height = layout_.height;
     shot.utime_us = utime_us();
     shot.finite = convert(layout_, raw.value(), xyz.first(3 * layout_.points()));
     return shot;
   }
-  return error(Code::trigger_timeout, "no frame within %.1f s after the trigger", static_cast<double>(wait_ns) / 1e9);
+  if (const std::uint64_t packets = arv_stream_get_info_uint64_by_name(stream.get(), "n_received_packets");
+      packets != 0)
+    return error(
+        Code::frame_incomplete,
+        "the frame is not complete after %.1f s: %llu packets arrived, %llu were requested again", limit_s,
+        static_cast<unsigned long long>(packets),
+        static_cast<unsigned long long>(arv_stream_get_info_uint64_by_name(stream.get(), "n_resend_requests")));
+  return error(Code::trigger_timeout, "no frame within %.1f s after the trigger", limit_s);
 }
 
 std::vector<std::string> cameras_found() {

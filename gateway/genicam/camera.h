@@ -65,10 +65,10 @@ struct LinkFacts {
 struct Shot {
   std::uint32_t width = 0;
   std::uint32_t height = 0;
-  std::size_t finite = 0;     ///< points that are not missing
-  std::int64_t utime_us = 0;  ///< this computer's clock when the frame began to arrive
-  std::uint64_t packets_resent = 0;
-  std::uint64_t frames_discarded = 0;  ///< of earlier exposures
+  std::size_t finite = 0;               ///< points that are not missing
+  std::int64_t utime_us = 0;            ///< this computer's clock when the frame began to arrive
+  std::uint64_t packets_requested = 0;  ///< requests for lost packets
+  std::uint64_t frames_discarded = 0;   ///< of earlier exposures
 };
 
 class Camera {
@@ -90,9 +90,9 @@ class Camera {
   [[nodiscard]] bool lost() const;
 
   /// Takes one exposure that begins after this call, into `xyz` (3 * layout().points() floats, mm). Returns only a
-  /// frame that is complete in every byte. trigger_timeout: no frame within `wait_ns`; frame_incomplete: packets are
-  /// missing, or the frame is not what the node map describes; scanner_offline: control was lost; interrupted: `stop`
-  /// returned true. After an error the content of `xyz` is undefined.
+  /// frame that is complete in every byte. trigger_timeout: no frame within [genicam] timeout_s, or `wait_ns` in all;
+  /// frame_incomplete: packets are missing, or the frame is not what the node map describes; scanner_offline: control
+  /// was lost; interrupted: `stop` returned true. After an error the content of `xyz` is undefined.
   [[nodiscard]] Result<Shot> take(std::int64_t wait_ns, std::span<float> xyz, const std::function<bool()>& stop);
 
  private:

@@ -210,9 +210,9 @@ class Gateway {
         return;
       }
       shot_ = shot.value();
-      if (shot_.packets_resent != 0 || shot_.frames_discarded != 0)
-        say("request {}: {} packets were sent again, {} frames of earlier exposures discarded", last_,
-            shot_.packets_resent, shot_.frames_discarded);
+      if (shot_.packets_requested != 0 || shot_.frames_discarded != 0)
+        say("request {}: {} packets were requested again, {} frames of earlier exposures discarded", last_,
+            shot_.packets_requested, shot_.frames_discarded);
     } else if (!has_scan_) {
       return;  // this request's exposure failed
     }
@@ -231,8 +231,7 @@ class Gateway {
       if (camera_ == nullptr) std::this_thread::sleep_for(std::chrono::milliseconds(kWait_ms));
     }
     if (Status status = check_accepted(settings_, camera_->identity()); !status) return status.error();
-    const auto exposure_ns = static_cast<std::int64_t>(settings_.timeout_s * 1e9);
-    return camera_->take(std::min(exposure_ns, until_ns - now_ns()), xyz_, [] { return g_stop.load(); });
+    return camera_->take(until_ns - now_ns(), xyz_, [] { return g_stop.load(); });
   }
 
   const config::GenicamSettings& settings_;
@@ -282,8 +281,8 @@ int examine(const config::GenicamSettings& settings, const std::string& out) {
     say("{}", shot.error().text.view());
     return kExitUnreachable;
   }
-  fmt::print("exposure   {} of {} points in {:.2f} s, {} packets sent again\n", shot.value().finite,
-             c.layout().points(), static_cast<double>(now_ns() - began_ns) / 1e9, shot.value().packets_resent);
+  fmt::print("exposure   {} of {} points in {:.2f} s, {} packets requested again\n", shot.value().finite,
+             c.layout().points(), static_cast<double>(now_ns() - began_ns) / 1e9, shot.value().packets_requested);
   if (!out.empty())
     if (const Status written = hal::write_ply(out.c_str(), xyz, shot.value().width, shot.value().height); !written) {
       say("{}", written.error().text.view());

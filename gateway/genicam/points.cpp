@@ -121,6 +121,21 @@ Status check(const PointLayout& layout) {
   return success();
 }
 
+std::size_t first_gap(const PointLayout& layout, std::span<const std::byte> raw) {
+  constexpr std::size_t kGapPoints = 4;  // of a real surface, neighbours differ in one coordinate at least
+  const std::size_t run = kGapPoints * 3 * info(layout.format).coordinate_bytes;
+  // Each run of this length contains a multiple of half of it, and begins less than that before it.
+  for (std::size_t i = 0; i < raw.size(); i += run / 2) {
+    if (raw[i] != kUnwritten) continue;
+    std::size_t begin = i;
+    std::size_t end = i;
+    while (begin > 0 && raw[begin - 1] == kUnwritten) --begin;
+    while (end < raw.size() && raw[end] == kUnwritten && end - begin < run) ++end;
+    if (end - begin >= run) return begin;
+  }
+  return raw.size();
+}
+
 std::size_t convert(const PointLayout& layout, std::span<const std::byte> raw, std::span<float> xyz) {
   assert(raw.size() == layout.bytes() && xyz.size() == 3 * layout.points());
   return info(layout.format).coordinate_bytes == sizeof(float) ? convert_as<float>(layout, raw, xyz)

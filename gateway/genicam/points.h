@@ -66,12 +66,16 @@ struct PointLayout {
 /// Checks size, scale, offset and invalid value. config: the text contains feature, value and range.
 [[nodiscard]] Status check(const PointLayout& layout);
 
-/// Byte that a frame's memory is filled with before the exposure. Three coordinates of these bytes were never received
-/// and are missing points, so that bytes of an earlier frame can never be measured.
-inline constexpr std::byte kUnwritten{0xFF};
+/// Byte that a frame's memory is filled with before the exposure, so that bytes that never arrived are detected and
+/// bytes of an earlier frame are never measured. As float32 it is -2.9e-16 and as uint16 42 405: neither a coordinate
+/// that repeats in neighbours nor a usual mark of missing points.
+inline constexpr std::byte kUnwritten{0xA5};
+/// Position of the first run of unwritten bytes of four points or more; raw.size() if there is none.
+[[nodiscard]] std::size_t first_gap(const PointLayout& layout, std::span<const std::byte> raw);
 
 /// Converts `raw`, layout.bytes() long, to `xyz`, 3 * layout.points() long; returns the number of points that are not
-/// missing. Float32 with scale 1 and offset 0 keeps its bits; others are computed in double and rounded once.
+/// missing. A point of unwritten bytes is missing. Float32 with scale 1 and offset 0 keeps its bits; others are
+/// computed in double and rounded once.
 std::size_t convert(const PointLayout& layout, std::span<const std::byte> raw, std::span<float> xyz);
 
 }  // namespace slabd::gateway::genicam
