@@ -480,6 +480,10 @@ class Device:
 
     def change(self, line):
         key, _, value = line.partition(" ")
+        if key == "again":  # the frame before, for a request that failed
+            self.next_file -= 1
+            self.say("set back")
+            return
         kind = type(getattr(self.options, key)) if getattr(self.options, key) is not None else str
         setattr(self.options, key, kind(value) if kind is not bool else value == "1")
         if key == "firmware":

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // Aravis' own fake camera with 3-D points: genicam_fake_camera DESCRIPTION.xml WIDTH HEIGHT FILE... Each frame is the
-// next file of raw little-endian float32, x y z, without a header. Listens on 127.0.0.1 until it is ended.
+// next file of raw little-endian float32, x y z, without a header; a line on stdin makes it the last one again. Listens
+// on 127.0.0.1 until it is ended.
 #include <arv.h>
 
-#include <csignal>
+#include <atomic>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -15,7 +16,7 @@ namespace {
 
 struct Frames {
   std::vector<std::string> files;
-  std::size_t next = 0;
+  std::atomic<std::size_t> next = 0;
 };
 
 void fill(ArvBuffer* buffer, void* data, guint32 /*exposure_us*/, guint32 /*gain*/, ArvPixelFormat /*format*/) {
@@ -35,12 +36,8 @@ void fill(ArvBuffer* buffer, void* data, guint32 /*exposure_us*/, guint32 /*gain
 
 int main(int argc, char** argv) {
   if (argc < 5) return 2;
-  Frames frames{{argv + 4, argv + argc}};
-  sigset_t ends;
-  sigemptyset(&ends);
-  sigaddset(&ends, SIGTERM);
-  sigaddset(&ends, SIGINT);
-  sigprocmask(SIG_BLOCK, &ends, nullptr);
+  Frames frames;
+  frames.files.assign(argv + 4, argv + argc);
   ArvGvFakeCamera* device = arv_gv_fake_camera_new_full("127.0.0.1", "FAKE-3D", argv[1]);
   if (arv_gv_fake_camera_is_running(device) == FALSE) return 4;
   ArvFakeCamera* camera = arv_gv_fake_camera_get_fake_camera(device);
@@ -50,8 +47,12 @@ int main(int argc, char** argv) {
   arv_fake_camera_set_fill_pattern(camera, fill, &frames);
   std::printf("ready\n");
   std::fflush(stdout);
-  int signal = 0;
-  sigwait(&ends, &signal);
+  for (int c = std::getchar(); c != EOF; c = std::getchar()) {
+    if (c != '\n') continue;
+    --frames.next;
+    std::printf("set back\n");
+    std::fflush(stdout);
+  }
   g_object_unref(device);
   return 0;
 }

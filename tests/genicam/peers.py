@@ -66,6 +66,8 @@ class Process:
         self.program.wait()
 
     def end(self):
+        if self.program.stdin:
+            self.program.stdin.close()  # ends Aravis' fake camera
         if self.program.poll() is None:
             self.program.terminate()
             try:
@@ -74,8 +76,6 @@ class Process:
                 self.kill()
         self.reader.join(5)
         self.program.stdout.close()
-        if self.program.stdin:
-            self.program.stdin.close()
         return self.program.returncode
 
 
