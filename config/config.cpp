@@ -11,6 +11,7 @@
 
 #include "config/config_parts.h"
 #include "hal/robot/lcm_wire.h"
+#include "hal/scan/scan_stream.h"
 
 /// Reads slabd.toml into Config. One function per table fills the values it can read and reports the rest. A fault in
 /// one table therefore does not hide faults in another, and the PLC can still receive code 504.
@@ -444,6 +445,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   TableReader of_genicam(path, &tree, "", complete ? config.genicam_problems : ignored);
   of_genicam.keep_doubts(&config.doubts);
   read_genicam(of_genicam.table("genicam"), config.genicam);
+  if (!config.genicam.camera.empty()) config.stream.scanner = hal::scanner_print(config.genicam.accepted);
   check_together(root, config);
   root.finish();
 }

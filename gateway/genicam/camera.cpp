@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "gateway/genicam/camera.h"
 
+#include <arpa/inet.h>
 #include <arv.h>
 #include <fmt/format.h>
+#include <netinet/in.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
 
 #include <algorithm>
 #include <atomic>
@@ -709,6 +712,25 @@ Status Camera::settle_debt(std::int64_t until_ns, const std::function<bool()>& s
   return success();
 }
 
+/// Sets the receive buffer of the stream's socket. Aravis sets it only after the first packet of a frame has been
+/// processed, and a camera at full rate fills the default buffer in less than 2 ms. It does not give its socket away,
+/// so this process' sockets are searched for the stream's port.
+static void widen_socket(std::uint16_t port) {
+  constexpr int kDescriptorsMax = 256;  // the program uses a dozen
+  for (int fd = 3; fd < kDescriptorsMax; ++fd) {
+    sockaddr_in own{};
+    socklen_t bytes = sizeof own;
+    int type = 0;
+    socklen_t type_bytes = sizeof type;
+    if (::getsockname(fd, static_cast<sockaddr*>(static_cast<void*>(&own)), &bytes) != 0 || own.sin_family != AF_INET ||
+        ntohs(own.sin_port) != port || ::getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &type_bytes) != 0 ||
+        type != SOCK_DGRAM)
+      continue;
+    const int size = config::kGenicamSocketBytes;
+    ::setsockopt(fd, SOL_SOCKET, SO_RCVBUF, &size, sizeof size);
+  }
+}
+
 Result<Shot> Camera::take(std::int64_t wait_ns, std::span<float> xyz, const std::function<bool()>& stop) {
   const std::int64_t latest_ns = now_ns() + wait_ns;
   if (Status status = settle_debt(latest_ns, stop); !status) return status.error();
@@ -725,6 +747,7 @@ Result<Shot> Camera::take(std::int64_t wait_ns, std::span<float> xyz, const std:
   g_object_set(stream.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
                config::kGenicamSocketBytes, "packet-request-ratio", kResendShare, "initial-packet-timeout", kReorder_us,
                "packet-timeout", kResend_us, "frame-retention", kFrameRetention_us, nullptr);
+  widen_socket(arv_gv_stream_get_port(ARV_GV_STREAM(stream.get())));
   for (std::size_t i = 0; i < kFrames; ++i) {
     const std::span<std::byte> memory = memory_.frame(i).first(link_.payload_bytes);
     std::memset(memory.data(), std::to_integer<int>(kUnwritten), memory.size());

@@ -23,7 +23,7 @@ using nlohmann::json;
 /// Longest line that slabd sends: 640 bytes, with room for further members.
 constexpr std::size_t kLineBytesMax = 65'536;
 constexpr int kConnect_ms = 2'000;
-/// Range of timeout_ms that is believed: slabd's own is 1 to 60 s.
+/// Accepted range of timeout_ms: slabd's own is 1 to 60 s.
 constexpr std::int64_t kTimeoutMin_ms = 100;
 constexpr std::int64_t kTimeoutMax_ms = 120'000;
 constexpr std::int64_t kTimeoutDefault_ms = 10'000;
@@ -53,6 +53,8 @@ std::optional<Request> request_of(const json& line) {
   Request request;
   request.session = static_cast<std::uint16_t>(*session);
   request.cmd_seq = static_cast<std::uint16_t>(*cmd_seq);
+  constexpr std::int64_t kExtended = 2;
+  request.extended = whole(line, "gateway", 1, 65'535).value_or(1) >= kExtended;
   request.have_points = static_cast<std::uint32_t>(whole(line, "have_points", 0, limits::kScanPointsMax).value_or(0));
   request.timeout_ns =
       whole(line, "timeout_ms", kTimeoutMin_ms, kTimeoutMax_ms).value_or(kTimeoutDefault_ms) * kNsPerMs;
@@ -140,7 +142,7 @@ bool Link::send_all(std::span<const std::byte> bytes, std::int64_t until_ns) {
 }
 
 Status Link::send(const Request& request, const Shot& shot, std::span<const float> xyz, std::uint32_t first,
-                  bool emulated, std::int64_t until_ns) {
+                  const std::string& scanner, bool emulated, std::int64_t until_ns) {
   hal::ScanStreamHeader header;
   header.session = request.session;
   header.cmd_seq = request.cmd_seq;
@@ -151,11 +153,30 @@ Status Link::send(const Request& request, const Shot& shot, std::span<const floa
   header.utime_us = static_cast<std::uint64_t>(shot.utime_us);
   header.points_crc = hal::crc32c(std::as_bytes(xyz));
   header.emulated = emulated;
+  if (request.extended) header.scanner = hal::scanner_print(scanner);
   const hal::ScanHeaderBytes bytes = hal::encode_scan_header(header);
   if (send_all(bytes, until_ns) && send_all(std::as_bytes(xyz.subspan(3 * std::size_t{header.first})), until_ns))
     return success();
   close();
   return error(Code::scanner_offline, "the connection to slabd was lost while the scan was sent");
+}
+
+Status Link::refuse(const Request& request, const Error& why, std::int64_t until_ns) {
+  if (!request.extended) return success();
+  const bool of_scanner = why.code >= Code::scanner_offline && why.code <= Code::exposure;
+  const std::string_view reason = why.text.view().substr(0, hal::kRefusalBytesMax);
+  hal::ScanStreamHeader header;
+  header.session = request.session;
+  header.cmd_seq = request.cmd_seq;
+  header.refused = true;
+  // A camera that does not fit its settings is as good as none.
+  header.width = static_cast<std::uint32_t>(of_scanner ? why.code : Code::scanner_offline);
+  header.count = static_cast<std::uint32_t>(reason.size());
+  header.points_crc = hal::crc32c(std::as_bytes(std::span(reason)));
+  const hal::ScanHeaderBytes bytes = hal::encode_scan_header(header);
+  if (send_all(bytes, until_ns) && send_all(std::as_bytes(std::span(reason)), until_ns)) return success();
+  close();
+  return error(Code::scanner_offline, "the connection to slabd was lost");
 }
 
 }  // namespace slabd::gateway::genicam

@@ -17,6 +17,7 @@ namespace slabd::gateway::genicam {
 struct Request {
   std::uint16_t session = 0;
   std::uint16_t cmd_seq = 0;
+  bool extended = false;          ///< slabd accepts refusals and the scanner's print
   std::uint32_t have_points = 0;  ///< points of an interrupted scan that slabd already has
   std::int64_t timeout_ns = 0;    ///< for exposure and transfer
   std::string slab_id;
@@ -36,8 +37,12 @@ class Link {
   [[nodiscard]] std::optional<Request> next_request(int wait_ms, std::string& note);
   /// Sends the scan from point `first` on, without waiting for the answer. scanner_offline: the connection was lost or
   /// slabd did not take the bytes until `until_ns` (steady clock); after a reconnect slabd repeats the request.
+  /// `scanner`: the camera's identity.
   [[nodiscard]] Status send(const Request& request, const Shot& shot, std::span<const float> xyz, std::uint32_t first,
-                            bool emulated, std::int64_t until_ns);
+                            const std::string& scanner, bool emulated, std::int64_t until_ns);
+  /// Ends the request with the reason why there is no scan. A slabd that does not accept refusals ends it by its
+  /// timeout.
+  [[nodiscard]] Status refuse(const Request& request, const Error& why, std::int64_t until_ns);
   void close();
 
  private:

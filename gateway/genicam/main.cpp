@@ -207,17 +207,21 @@ class Gateway {
         // Nothing of a broken frame is sent. slabd ends the request, and the PLC repeats the SCAN.
         say("request {}, station {}: no scan: {} ({})", last_, request.station, shot.error().text.view(),
             static_cast<int>(shot.error().code));
+        static_cast<void>(link_.refuse(request, shot.error(), until_ns));
         return;
       }
       shot_ = shot.value();
+      scanner_ = camera_->identity().text;
       if (shot_.packets_requested != 0 || shot_.frames_discarded != 0)
         say("request {}: {} packets were requested again, {} frames of earlier exposures discarded", last_,
             shot_.packets_requested, shot_.frames_discarded);
     } else if (!has_scan_) {
-      return;  // this request's exposure failed
+      // This request's exposure failed; slabd has not received the reason.
+      static_cast<void>(link_.refuse(request, error(Code::frame_incomplete, "the exposure failed"), until_ns));
+      return;
     }
     const std::size_t points = std::size_t{shot_.width} * shot_.height;
-    if (const Status sent = link_.send(request, shot_, std::span<const float>(xyz_).first(3 * points), first,
+    if (const Status sent = link_.send(request, shot_, std::span<const float>(xyz_).first(3 * points), first, scanner_,
                                        settings_.emulated, until_ns);
         !sent)
       say("request {}: {}", last_, sent.error().text.view());
@@ -246,6 +250,7 @@ class Gateway {
   std::string last_;       ///< request of `shot_`
   bool has_scan_ = false;  ///< `shot_` and `xyz_` answer `last_`
   Shot shot_;
+  std::string scanner_;  ///< identity of the camera of `shot_`
 };
 
 /// Connects, prints what the camera states, and takes one exposure. Nothing is sent to slabd.

@@ -4,12 +4,18 @@
 // next file of raw little-endian float32, x y z, without a header; a line on stdin makes it the last one again. Listens
 // on 127.0.0.1 until it is ended.
 #include <arv.h>
+#include <sys/socket.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 namespace {
@@ -33,6 +39,20 @@ void fill(ArvBuffer* buffer, void* data, guint32 /*exposure_us*/, guint32 /*gain
 }
 
 }  // namespace
+
+/// GLib's sendmsg(): at the pace of a network. The fake camera sends a frame as fast as the computer can, and never
+/// sends a packet again.
+extern "C" ssize_t sendmsg(int fd, const msghdr* message, int flags) {
+  constexpr double kBitsPerSecond = 400e6;
+  static std::atomic<std::int64_t> due_ns{0};
+  const long sent = ::syscall(SYS_sendmsg, fd, message, flags);
+  if (sent < 1'000) return sent;  // control
+  const std::int64_t now_ns = std::chrono::steady_clock::now().time_since_epoch().count();
+  due_ns =
+      std::max(due_ns.load(), now_ns) + static_cast<std::int64_t>(8e9 * static_cast<double>(sent) / kBitsPerSecond);
+  if (due_ns - now_ns > 1'000'000) std::this_thread::sleep_for(std::chrono::nanoseconds(due_ns - now_ns));
+  return sent;
+}
 
 int main(int argc, char** argv) {
   if (argc < 5) return 2;

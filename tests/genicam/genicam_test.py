@@ -205,6 +205,27 @@ class Faults(Case):
 
 
 class Link(Case):
+    def test_a_slabd_that_accepts_refusals_gets_the_reason_at_once(self):
+        self.start("--fault", "short", timeout_s=2)
+        self.slabd.ask(extended=True)
+        code, reason = self.slabd.refusal()
+        self.assertEqual(code, 303)
+        self.assertIn("bytes arrived, the frame has", reason)
+        self.camera.tell("fault no_frame")
+        self.slabd.ask(extended=True)
+        self.assertEqual(self.slabd.refusal()[0], 302)
+
+    def test_a_scan_carries_the_print_of_the_camera(self):
+        self.start()
+        self.slabd.ask()
+        self.assertEqual(self.expect_scan(1)["reserved"], 0)
+        self.slabd.ask(extended=True)
+        identity = re.search(r"camera slabd (.*) at ", self.gateway.text())[1]
+        print_of = 0xCBF29CE484222325
+        for byte in identity.encode():
+            print_of = (print_of ^ byte) * 0x100000001B3 % 2**64
+        self.assertEqual(self.expect_scan(2)["reserved"], print_of)
+
     def test_a_cut_connection_is_continued_without_another_exposure(self):
         self.start()
         self.slabd.ask()

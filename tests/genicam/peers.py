@@ -127,10 +127,12 @@ class Slabd:
             self.link.close()
         self.listener.close()
 
-    def ask(self, have_points=0, timeout_ms=10_000, again=False):
+    def ask(self, have_points=0, timeout_ms=10_000, again=False, extended=False):
         self.cmd_seq += 0 if again else 1
         line = {"schema": "slabd.scan_request/1", "session": 7, "cmd_seq": self.cmd_seq, "slab_id": "S-1", "station": 4,
                 "have_points": have_points, "timeout_ms": timeout_ms}
+        if extended:
+            line["gateway"] = 2
         self.link.sendall((json.dumps(line) + "\n").encode())
 
     def receive(self, count):
@@ -151,6 +153,12 @@ class Slabd:
         header = dict(zip(names, fields))
         points = np.frombuffer(self.receive(12 * (header["count"] - header["first"])), "<f4").reshape(-1, 3)
         return header, points
+
+    def refusal(self):
+        """Code and reason of a refusal."""
+        fields = struct.unpack("<8sHHHHIIIIIIQIQI", self.receive(64))
+        assert fields[10] & 2, fields
+        return fields[5], self.receive(fields[7]).decode()
 
     def nothing(self, seconds):
         """True if nothing arrives for this time."""

@@ -11,6 +11,7 @@ import json
 import os
 import pathlib
 import random
+import re
 import socket
 import subprocess
 import sys
@@ -158,7 +159,10 @@ class Slab(unittest.TestCase):
             seen = figures(slab)
             other = {key: (self.truth.get(key), seen.get(key)) for key in self.truth.keys() | seen.keys()
                      if self.truth.get(key) != seen.get(key)}
-            self.assertEqual(other, {}, log)
+            if other:
+                kinds = sorted({re.sub(r"\[\d+\]", "[]", key) for key in other})
+                self.fail(f"{len(other)} of {len(seen)} figures differ: {kinds[:40]}\n" +
+                          "\n".join(f"{key}: {other[key]}" for key in sorted(other)[:20]) + "\n" + log)
             self.assertGreater(sum(key.endswith("value") and one is not None for key, one in seen.items()), 200)
             self.assertEqual(sum("trigger" in text for text in camera.lines), 18 + self.repeated, log)
         finally:
