@@ -573,7 +573,8 @@ static void add_settings(const Nodes& nodes, ArvDevice* device, ArvGcNode* categ
       continue;
     }
     if (is_transport(name) || !nodes.has(name.c_str()) || ARV_IS_GC_COMMAND(node)) continue;
-    if (arv_device_get_feature_access_mode(device, name.c_str()) != ARV_GC_ACCESS_MODE_RW) continue;
+    // Aravis 0.8.26 reports WO also for features that can be read and written.
+    if (arv_device_get_feature_access_mode(device, name.c_str()) == ARV_GC_ACCESS_MODE_RO) continue;
     Fault fault;
     const char* value = arv_gc_feature_node_get_value_as_string(ARV_GC_FEATURE_NODE(node), fault.out());
     if (!fault && value != nullptr) lines += name + "=" + value + "\n";

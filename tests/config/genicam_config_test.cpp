@@ -37,7 +37,7 @@ TEST_F(GenicamConfig, every_key_is_read) {
             Texts{});
   const GenicamSettings& g = config_.genicam;
   EXPECT_EQ(g.camera, "192.168.0.30");
-  EXPECT_EQ(g.slabd_host, "192.168.0.2");
+  EXPECT_EQ(g.slabd_host.view(), "192.168.0.2");
   EXPECT_EQ(g.slabd_port, 1504);
   EXPECT_EQ(g.component, "Depth");
   EXPECT_FALSE(g.unit_required);
@@ -61,16 +61,16 @@ TEST_F(GenicamConfig, faults_are_named_and_do_not_concern_the_inspection) {
 
 TEST_F(GenicamConfig, the_program_reads_only_its_table_and_slabds_address) {
   EXPECT_EQ(load_alone("[genicam]\ncamera = \"cam\"\n"), Texts{});
-  EXPECT_EQ(settings_.slabd_host, "127.0.0.1");
+  EXPECT_EQ(settings_.slabd_host.view(), "127.0.0.1");
   EXPECT_EQ(settings_.slabd_port, 1504);
   EXPECT_EQ(
       load_alone(
           "[scanner]\nbackend = \"tcp\"\nlisten = \"10.0.0.2:2000\"\n[plc]\nrole = 5\n[genicam]\ncamera = \"cam\"\n"),
       Texts{});
-  EXPECT_EQ(settings_.slabd_host, "10.0.0.2");
+  EXPECT_EQ(settings_.slabd_host.view(), "10.0.0.2");
   EXPECT_EQ(settings_.slabd_port, 2000);
   EXPECT_EQ(load_alone("[scanner]\nlisten = \"0.0.0.0:2000\"\n[genicam]\ncamera = \"cam\"\n"), Texts{});
-  EXPECT_EQ(settings_.slabd_host, "127.0.0.1");
+  EXPECT_EQ(settings_.slabd_host.view(), "127.0.0.1");
 }
 
 TEST_F(GenicamConfig, the_program_needs_a_camera) {

@@ -144,9 +144,19 @@ class Slabd:
             data += piece
         return bytes(data)
 
-    def scan(self):
+    def scan_of_one_of(self, requests=6):
+        """Header and points of the first request that is not refused, as a PLC repeats a SCAN."""
+        for number in range(requests):
+            self.ask(timeout_ms=60_000, extended=True)
+            head = self.receive(64)
+            if struct.unpack_from("<I", head, 36)[0] & 2 == 0:
+                return self.scan(head)
+            self.receive(struct.unpack_from("<I", head, 24)[0])
+        raise AssertionError(f"{number + 1} requests were refused")
+
+    def scan(self, head=None):
         """The header's fields and the points that follow."""
-        head = self.receive(64)
+        head = head or self.receive(64)
         fields = struct.unpack("<8sHHHHIIIIIIQIQI", head)
         names = ("magic", "version", "bytes", "session", "cmd_seq", "width", "height", "count", "first", "unit", "flags",
                  "utime", "points_crc", "reserved", "crc")

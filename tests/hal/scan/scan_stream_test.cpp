@@ -132,12 +132,12 @@ TEST_F(ScanStreamTest, an_emulated_scanner_declares_itself_and_unknown_flags_are
   ASSERT_TRUE(feed(s.bytes()).ok());
   EXPECT_TRUE(decoder.shape().emulated);
   ScanHeaderBytes header = encode_scan_header(s.header);
-  header[36] = std::byte{2};
+  header[36] = std::byte{4};
   const std::uint32_t crc = crc32c(std::span(header).first(60));
   std::memcpy(&header[60], &crc, sizeof crc);
   const Result<ScanStreamHeader> read = decode_scan_header(header);
   ASSERT_FALSE(read.ok());
-  EXPECT_NE(read.error().text.view().find("flags 0x00000002"), std::string_view::npos) << read.error().text.view();
+  EXPECT_NE(read.error().text.view().find("flags 0x00000004"), std::string_view::npos) << read.error().text.view();
 }
 
 TEST_F(ScanStreamTest, metres_and_micrometres_become_mm) {
