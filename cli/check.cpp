@@ -218,7 +218,7 @@ int check_config(const std::string& file, bool json) {
   Check check;
   config::Config config;
   config::load_config(file, config, check.problems);
-  for (const auto* beside : {&config.web_problems, &config.plant_problems})
+  for (const auto* beside : {&config.web_problems, &config.plant_problems, &config.genicam_problems})
     check.problems.insert(check.problems.end(), beside->begin(), beside->end());
   check.doubts = config.doubts;
   if (check.problems.empty()) {

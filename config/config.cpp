@@ -11,6 +11,7 @@
 
 #include "config/config_parts.h"
 #include "hal/robot/lcm_wire.h"
+#include "hal/scan/scan_stream.h"
 
 /// Reads slabd.toml into Config. One function per table fills the values it can read and reports the rest. A fault in
 /// one table therefore does not hide faults in another, and the PLC can still receive code 504.
@@ -433,6 +434,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   // A fault in the settings of other programs must not stop the inspection, so their problems have their own lists.
   static_cast<void>(root.value("web"));
   static_cast<void>(root.value("plant"));
+  static_cast<void>(root.value("genicam"));
   TableReader of_plant(path, &tree, "", complete ? config.plant_problems : ignored);
   of_plant.keep_doubts(&config.doubts);
   read_plant(of_plant.table("plant"), folder, config.plant);
@@ -440,6 +442,10 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   TableReader of_web(path, &tree, "", complete ? config.web_problems : ignored);
   of_web.keep_doubts(&config.doubts);
   read_web(of_web.table("web"), folder, config.web);
+  TableReader of_genicam(path, &tree, "", complete ? config.genicam_problems : ignored);
+  of_genicam.keep_doubts(&config.doubts);
+  read_genicam(of_genicam.table("genicam"), config.genicam);
+  if (!config.genicam.camera.empty()) config.stream.scanner = hal::scanner_print(config.genicam.accepted);
   check_together(root, config);
   root.finish();
 }

@@ -55,6 +55,28 @@ struct PlantSettings {
   std::string metrics_file;  ///< text file of metrics for Prometheus' node exporter; empty: none
 };
 
+/// [genicam]: the program slabd-genicam, which takes the scans of a GigE Vision camera. docs/GENICAM.md.
+struct GenicamSettings {
+  static constexpr std::size_t kNameBytesMax = 63;      ///< of a feature's entry
+  static constexpr std::size_t kAcceptedBytesMax = 64;  ///< as ScannerNumbers::scanner, which contains the same text
+  /// Start of an exposure: TriggerSoftware, or AcquisitionStart in mode SingleFrame for cameras without it.
+  enum class Trigger : std::uint8_t { software, acquisition_start };
+  std::string camera;  ///< address, host name, or id as arv-tool lists it; empty: there is no such camera
+  FixedString<64> slabd_host{"127.0.0.1"};  ///< slabd's [scanner] listen
+  std::uint16_t slabd_port = 1504;
+  std::string component = "Range";   ///< entry of ComponentSelector that has the points
+  bool unit_required = true;         ///< unit_check: the camera must state Scan3dDistanceUnit = Millimeter
+  int packet_bytes = 1500;           ///< GevSCPSPacketSize, headers of IP and UDP included
+  double timeout_s = 8.0;            ///< from the trigger to the last byte of the frame
+  Trigger trigger = Trigger::software;
+  std::string accepted;   ///< identity of the accepted camera; another one is refused; empty: any
+  bool emulated = false;  ///< the camera is a test device: its scans are marked as emulated
+};
+/// Receive buffer of slabd-genicam's socket, which net.core.rmem_max must permit: at 1 Gbit/s the kernel can hold the
+/// packets of 0.13 s, in which the program does not run because the computer is busy. A frame of 60 MB does not fit and
+/// need not.
+inline constexpr int kGenicamSocketBytes = 33'554'432;
+
 struct Config {
   std::string path;
   std::vector<Problem> doubts;  ///< allowed values that are probably a mistake: another unit, another order
@@ -90,6 +112,8 @@ struct Config {
   std::vector<Problem> web_problems;  ///< faults of [web]; the rest may be usable
   PlantSettings plant;
   std::vector<Problem> plant_problems;  ///< faults of [plant]; the rest may be usable
+  GenicamSettings genicam;
+  std::vector<Problem> genicam_problems;  ///< faults of [genicam]; the rest may be usable
 };
 
 /// Smallest number of single-letter insertions, deletions and replacements that convert one word into the other.
@@ -99,6 +123,10 @@ struct Config {
 /// with the nearest known one. If `problems` is empty, `config` is usable. A readable [plc] table is filled in even if
 /// the rest is faulty, so that the daemon can report the fault to the PLC.
 void load_config(const std::string& path, Config& config, std::vector<Problem>& problems);
+
+/// Reads only [genicam], and [scanner] listen as the default of its key `slabd`, so that a computer without slabd needs
+/// no more than these. `settings` is usable if `problems` is empty.
+void load_genicam(const std::string& path, GenicamSettings& settings, std::vector<Problem>& problems);
 
 // ---- recipes (recipes/*.toml) --------------------------------------------------------------------------------------
 

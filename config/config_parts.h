@@ -40,6 +40,9 @@ void read_web(TableReader web, const std::string& folder, WebSettings& out);
 /// Reads [plant]; every fault is a problem of the table.
 void read_plant(TableReader plant, const std::string& folder, PlantSettings& out);
 
+/// Reads [genicam]; every fault is a problem of the table.
+void read_genicam(TableReader genicam, GenicamSettings& out);
+
 /// Reads [plc] as far as possible; every fault is a problem of the table.
 void read_plc(TableReader plc, hal::PlcSettings& out);
 

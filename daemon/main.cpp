@@ -114,7 +114,7 @@ FixedString<limits::kErrorTextBytes> plc_place(const hal::PlcSettings& plc) {
 /// does not use; once, at the start and by --check.
 void print_doubts(const config::Config& config) {
   for (const config::Problem& doubt : config.doubts) put_log("warning: " + doubt.text + "\n");
-  for (const auto* beside : {&config.web_problems, &config.plant_problems})
+  for (const auto* beside : {&config.web_problems, &config.plant_problems, &config.genicam_problems})
     for (const config::Problem& problem : *beside) put_log("warning: " + problem.text + "\n");
 }
 

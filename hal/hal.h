@@ -434,6 +434,7 @@ struct ScanStreamSettings {
   FixedString<64> host = "127.0.0.1";  ///< IPv4
   std::uint16_t port = 1504;           ///< 0 = any free port (tests)
   FixedVector<PlcSettings::Network, 16> allow;
+  std::uint64_t scanner = 0;  ///< scanner_print() of the accepted scanner; scans of others are rejected; 0: any
 };
 class ScanStreamPort : public ScannerPort {
  public:

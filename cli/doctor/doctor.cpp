@@ -93,6 +93,7 @@ int examine(const Options& options) {
     examine_routes(config, report);
     examine_plc(config, !status.empty(), report);
     examine_robot(config, options.listen_s, report);
+    examine_camera(config, report);
     examine_scanner(config, status, options.scan, report);
     examine_calibration(config, status, report);
   } else {

@@ -100,6 +100,12 @@ void examine_limits(const config::Config& config, Examination& report);
 
 void examine_routes(const config::Config& config, Examination& report);
 
+// ---- doctor_camera.cpp: a GigE Vision camera ----------------------------------------------------------------------
+
+/// Checks packet size and socket buffers for the camera of [genicam], and that the accepted camera is the one that was
+/// verified. Reports nothing without a camera.
+void examine_camera(const config::Config& config, Examination& report);
+
 // ---- doctor_links.cpp: daemon, PLC, robot and scanner ------------------------------------------------------------
 
 /// Queries the daemon; returns its status (slabd.status/1), empty if it does not run.

@@ -36,11 +36,12 @@ enum At : std::size_t {
   kAtFlags = 36,
   kAtUtime = 40,
   kAtPointsCrc = 48,
-  kAtReserved2 = 52,
+  kAtScanner = 52,
   kAtHeaderCrc = 60,
 };
 
 constexpr std::uint32_t kFlagEmulated = 1;
+constexpr std::uint32_t kFlagRefused = 2;
 
 template <typename Number>
 Number get(std::span<const std::byte, kScanHeaderBytes> bytes, std::size_t at) {
@@ -76,9 +77,10 @@ ScanHeaderBytes encode_scan_header(const ScanStreamHeader& header) {
   put(bytes, kAtCount, header.count);
   put(bytes, kAtFirst, header.first);
   put(bytes, kAtUnit, static_cast<std::uint32_t>(header.unit));
-  put(bytes, kAtFlags, header.emulated ? kFlagEmulated : 0U);
+  put(bytes, kAtFlags, (header.emulated ? kFlagEmulated : 0U) | (header.refused ? kFlagRefused : 0U));
   put(bytes, kAtUtime, header.utime_us);
   put(bytes, kAtPointsCrc, header.points_crc);
+  put(bytes, kAtScanner, header.scanner);
   put(bytes, kAtHeaderCrc, crc32c(std::span(bytes).first(kAtHeaderCrc)));
   return bytes;
 }
@@ -109,11 +111,23 @@ Result<ScanStreamHeader> decode_scan_header(std::span<const std::byte, kScanHead
     return error(Code::frame_incomplete, "scan header: unit %u, allowed are 0 (mm), 1 (m), 2 (um)", unit);
   header.unit = static_cast<LengthUnit>(unit);
   const auto flags = get<std::uint32_t>(bytes, kAtFlags);
-  if ((flags & ~kFlagEmulated) != 0 || get<std::uint64_t>(bytes, kAtReserved2) != 0)
+  if ((flags & ~(kFlagEmulated | kFlagRefused)) != 0)
     return error(Code::frame_incomplete,
-                 "scan header: flags 0x%08X; bits 1..31 of bytes 36..39, and bytes 52..59, are reserved and must be 0",
-                 flags);
+                 "scan header: flags 0x%08X; bits 2..31 of bytes 36..39 are reserved and must be 0", flags);
   header.emulated = (flags & kFlagEmulated) != 0;
+  header.refused = (flags & kFlagRefused) != 0;
+  header.scanner = get<std::uint64_t>(bytes, kAtScanner);
+  if (header.refused) {
+    constexpr auto kLow = static_cast<std::uint32_t>(Code::scanner_offline);
+    constexpr auto kHigh = static_cast<std::uint32_t>(Code::exposure);
+    if (header.width < kLow || header.width > kHigh || header.height != 0 || header.first != 0 || header.count == 0 ||
+        header.count > kRefusalBytesMax)
+      return error(Code::frame_incomplete,
+                   "scan header: a refusal with width %u, height %u, count %u, first %u; allowed are %u..%u (code), 0, "
+                   "1..%zu (bytes of the reason), 0",
+                   header.width, header.height, header.count, header.first, kLow, kHigh, kRefusalBytesMax);
+    return header;
+  }
   if (header.count == 0) return error(Code::too_few_points, "scan header: no points");
   const bool organised = header.width != 0 || header.height != 0;
   if (organised && std::uint64_t{header.width} * header.height != header.count)
@@ -137,10 +151,13 @@ void ScanStreamDecoder::cut() {
   header_have_ = 0;
   torn_have_ = 0;
   in_points_ = false;
+  in_reason_ = false;
+  reason_.clear();
 }
 
 std::size_t ScanStreamDecoder::wanted() const {
-  if (complete_) return 0;
+  if (complete_ || refusal_complete_) return 0;
+  if (in_reason_) return header_.count - reason_.size();
   if (!in_points_) return kScanHeaderBytes - header_have_;
   return (header_.count - points_) * kScanPointBytes - torn_have_;
 }
@@ -148,6 +165,7 @@ std::size_t ScanStreamDecoder::wanted() const {
 Status ScanStreamDecoder::feed(std::span<const std::byte> bytes) {
   if (bytes.size() > wanted())
     return error(Code::frame_incomplete, "%zu bytes, but only %zu belong to the scan", bytes.size(), wanted());
+  if (in_reason_) return take_reason(bytes);
   if (!in_points_) {
     if (bytes.empty()) return success();
     std::memcpy(&header_bytes_[header_have_], bytes.data(), bytes.size());
@@ -178,6 +196,12 @@ Status ScanStreamDecoder::take_header() {
   if (header.session != session_ || header.cmd_seq != cmd_seq_)
     return error(Code::frame_incomplete, "the scan answers request %u-%u, expected is %u-%u", unsigned{header.session},
                  unsigned{header.cmd_seq}, unsigned{session_}, unsigned{cmd_seq_});
+  if (header.refused) {
+    forget_points();
+    header_ = header;
+    in_reason_ = true;
+    return success();
+  }
   if (header.count > xyz_.size() / 3)
     return error(Code::frame_incomplete, "the scan has %u points, allowed are %zu", header.count, xyz_.size() / 3);
   if (header.first != 0) {
@@ -208,6 +232,23 @@ void ScanStreamDecoder::take_points(std::span<const std::byte> whole) {
   }
   settled_ += settle_points(fresh);
   points_ += whole.size() / kScanPointBytes;
+}
+
+Status ScanStreamDecoder::take_reason(std::span<const std::byte> bytes) {
+  crc_ = crc32c(bytes, crc_);
+  for (const std::byte b : bytes) {
+    const auto c = static_cast<char>(b);
+    reason_.append(std::string_view(c >= ' ' && c <= '~' ? &c : "?", 1));
+  }
+  if (reason_.size() != header_.count) return success();
+  const std::uint32_t found = crc_;
+  if (found != header_.points_crc)
+    return error(Code::frame_incomplete, "the reason of a refusal has CRC-32C 0x%08X, the header has 0x%08X", found,
+                 header_.points_crc);
+  refusal_ = error(static_cast<Code>(header_.width), "the gateway has no scan: %s", reason_.c_str());
+  refusal_complete_ = true;
+  in_reason_ = false;
+  return success();
 }
 
 void ScanStreamDecoder::forget_points() {

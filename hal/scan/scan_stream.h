@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string_view>
 
 #include "hal/hal.h"
 #include "hal/scan/scan_points.h"
@@ -17,6 +18,17 @@ namespace slabd::hal {
 inline constexpr std::size_t kScanHeaderBytes = 64;
 inline constexpr std::size_t kScanPointBytes = 3 * sizeof(float);
 inline constexpr std::uint16_t kScanStreamVersion = 1;
+/// Longest reason of a refusal: with slabd's own words it fits an error's text.
+inline constexpr std::size_t kRefusalBytesMax = 240;
+
+/// Print of a scanner's identity (model, serial number, firmware, settings): FNV-1a, 64 bits, of its UTF-8 text. It
+/// distinguishes scanners that are confused, not forged ones. 0 only for an empty text.
+[[nodiscard]] constexpr std::uint64_t scanner_print(std::string_view identity) {
+  if (identity.empty()) return 0;
+  std::uint64_t print = 0xCBF2'9CE4'8422'2325U;
+  for (const char c : identity) print = (print ^ static_cast<unsigned char>(c)) * 0x100'0000'01B3U;
+  return print == 0 ? 1 : print;
+}
 
 struct ScanStreamHeader {
   std::uint16_t session = 0;
@@ -29,12 +41,17 @@ struct ScanStreamHeader {
   std::uint64_t utime_us = 0;    ///< end of the exposure by the sender's clock: for records and to recognise a scan
   std::uint32_t points_crc = 0;  ///< CRC-32C of all `count` points as they are sent
   bool emulated = false;         ///< bit 0 of the flags: the scanner is not real
+  /// Bit 1 of the flags: the gateway has no scan for the request. Then `width` is the code of the error, 301 to 304,
+  /// and `count` the number of bytes of its reason, which follow instead of points; `points_crc` is theirs. Only if the
+  /// request had "gateway": 2, as a scanner print.
+  bool refused = false;
+  std::uint64_t scanner = 0;  ///< scanner_print() of the scanner; 0: not stated
 
   /// True for the same scan, whatever point it continues from.
   [[nodiscard]] bool same_scan(const ScanStreamHeader& other) const {
     return session == other.session && cmd_seq == other.cmd_seq && width == other.width && height == other.height &&
            count == other.count && unit == other.unit && utime_us == other.utime_us && points_crc == other.points_crc &&
-           emulated == other.emulated;
+           emulated == other.emulated && refused == other.refused && scanner == other.scanner;
   }
 };
 
@@ -65,6 +82,8 @@ class ScanStreamDecoder {
   [[nodiscard]] Status feed(std::span<const std::byte> bytes);
 
   [[nodiscard]] bool complete() const { return complete_; }
+  /// The gateway's error if it has no scan for the request; nullptr otherwise.
+  [[nodiscard]] const Error* refusal() const { return refusal_complete_ ? &refusal_ : nullptr; }
   /// True if part of a scan has arrived on this connection.
   [[nodiscard]] bool is_in_scan() const { return !complete_ && (in_points_ || header_have_ != 0); }
   [[nodiscard]] bool has_header() const { return has_header_; }
@@ -85,6 +104,7 @@ class ScanStreamDecoder {
  private:
   Status take_header();
   void take_points(std::span<const std::byte> whole);
+  Status take_reason(std::span<const std::byte> bytes);
   Status finish();
   void forget_points();
 
@@ -96,6 +116,10 @@ class ScanStreamDecoder {
   bool in_points_ = false;       ///< the header is complete, points follow
   bool has_header_ = false;      ///< `header_` and `points_` are of a scan that may be continued
   bool complete_ = false;
+  bool in_reason_ = false;  ///< the header of a refusal is complete, its reason follows
+  bool refusal_complete_ = false;
+  FixedString<kRefusalBytesMax> reason_;
+  Error refusal_;
   ScanStreamHeader header_;
   std::array<std::byte, kScanPointBytes> torn_{};  ///< an incomplete point
   std::size_t torn_have_ = 0;

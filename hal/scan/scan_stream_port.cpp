@@ -254,7 +254,7 @@ class StreamPort final : public ScanStreamPort {
     job.decoder.cut();
     job.moved_ns = clock_.mono_ns();
     FixedString<96> more;
-    more.printf(R"(, "have_points": %zu, "timeout_ms": %lld)", job.decoder.points(),
+    more.printf(R"(, "have_points": %zu, "timeout_ms": %lld, "gateway": 2)", job.decoder.points(),
                 static_cast<long long>(job.request.timeout_ns / kNsPerMs));
     if (!send_line(sender_.get(), scan_request_json(job.request, more.view()).view()))
       lost("the gateway does not take the request");
@@ -284,12 +284,20 @@ class StreamPort final : public ScanStreamPort {
       }
       job.moved_ns = clock_.mono_ns();
       const std::uint32_t starts = job.decoder.starts();
-      if (const Status fed = job.decoder.feed(std::span(piece).first(static_cast<std::size_t>(n))); !fed) {
+      const Status fed = job.decoder.feed(std::span(piece).first(static_cast<std::size_t>(n)));
+      if (const Error* refusal = job.decoder.refusal()) return *refusal;
+      if (!fed) {
         ++strays_;
         job.last = fed.error();
         turn_away(fed.error(), job.request.session, job.request.cmd_seq);
         job.decoder.cut();
         return success();
+      }
+      if (job.decoder.starts() != starts) {
+        if (Status status = accepted(job.decoder.header()); !status) {
+          ++strays_;
+          return status;
+        }
       }
       if (job.decoder.starts() != starts || job.begin_ns == 0) note_header(job);
       hang_.enter(HangWatch::kTake_ns, HangWatch::Place::spool);
@@ -298,6 +306,14 @@ class StreamPort final : public ScanStreamPort {
       if (!stored) return stored;
     }
     return success();
+  }
+
+  /// A scan of another scanner than the accepted one would be measured with the accepted one's uncertainty.
+  [[nodiscard]] Status accepted(const ScanStreamHeader& header) const {
+    if (settings_.scanner == 0 || header.scanner == settings_.scanner) return success();
+    return error(Code::frame_incomplete,
+                 "the scan is of scanner %016llx, accepted is %016llx ([genicam] accepted); 0: not stated",
+                 static_cast<unsigned long long>(header.scanner), static_cast<unsigned long long>(settings_.scanner));
   }
 
   void note_header(Job& job) {
@@ -314,11 +330,15 @@ class StreamPort final : public ScanStreamPort {
       if (Status status = job.file.begin(job.scan.path); !status) return status;
       FixedString<96> organised;
       if (header.width != 0) organised.printf("comment organized width %u height %u\n", header.width, header.height);
-      FixedString<256> text;
+      FixedString<48> scanner;
+      if (header.scanner != 0)
+        scanner.printf("comment scanner %016llx\n", static_cast<unsigned long long>(header.scanner));
+      FixedString<320> text;
       text.printf(
-          "ply\nformat binary_little_endian 1.0\ncomment unit mm\n%s%selement vertex %u\nproperty float x\n"
+          "ply\nformat binary_little_endian 1.0\ncomment unit mm\n%s%s%selement vertex %u\nproperty float x\n"
           "property float y\nproperty float z\nend_header\n",
-          organised.c_str(), header.emulated ? "comment emulated, as its sender declares\n" : "", header.count);
+          organised.c_str(), header.emulated ? "comment emulated, as its sender declares\n" : "", scanner.c_str(),
+          header.count);
       if (Status status = job.file.write(text.view()); !status) return status;
       job.starts = job.decoder.starts();
       job.points_stored = 0;

@@ -30,7 +30,7 @@ const std::map<std::string, std::set<std::string>> kMayInclude = {
     {"report", {"base", "storage", "config", "report"}},
     {"emulator", {"base", "hal", "config", "emulator"}},
     {"cli", {"base", "algo", "calib", "hal", "storage", "config", "daemon", "report", "emulator", "cli"}},
-    {"gateway", {"base", "gateway"}},
+    {"gateway", {"base", "hal", "config", "gateway"}},
     {"web", {"base", "hal", "config", "report", "web"}},
     {"plant", {"base", "hal", "storage", "config", "plant"}},
     {"cad", {"base", "cad"}},

@@ -54,9 +54,10 @@ class SteppedClock final : public Clock {
 class ScanStreamPortTest : public testing::Test {
  protected:
   void SetUp() override { open("127.0.0.0/8"); }
-  void open(const char* allow) {
+  void open(const char* allow, std::uint64_t scanner = 0) {
     ScanStreamSettings settings;
     settings.port = 0;
+    settings.scanner = scanner;
     ASSERT_TRUE(settings.allow.push(parse_network(allow).value()));
     port_.reset();
     auto made = make_scan_stream(settings, *clock_);
@@ -125,6 +126,24 @@ class ScanStreamPortTest : public testing::Test {
     EXPECT_EQ(send(fd, bytes.data(), bytes_of_points, MSG_NOSIGNAL), static_cast<ssize_t>(bytes_of_points));
     shutdown(fd, SHUT_WR);
     while (recv(fd, &asked, 1, 0) > 0) {
+    }
+    close(fd);
+  }
+  /// Answers the request with one message: header and bytes.
+  void answer_with(const ScanStreamHeader& header, std::span<const std::byte> bytes) const {
+    const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(port_->bound_port());
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    ASSERT_EQ(connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+    const ScanHeaderBytes head = encode_scan_header(header);
+    std::string line(1'000, '\0');
+    line.resize(static_cast<std::size_t>(std::max<ssize_t>(0, recv(fd, line.data(), line.size(), 0))));
+    EXPECT_NE(line.find("\"gateway\": 2"), std::string::npos) << line;
+    EXPECT_EQ(send(fd, head.data(), head.size(), MSG_NOSIGNAL), static_cast<ssize_t>(head.size()));
+    static_cast<void>(send(fd, bytes.data(), bytes.size(), MSG_NOSIGNAL));
+    while (recv(fd, line.data(), line.size(), 0) > 0) {
     }
     close(fd);
   }
@@ -385,6 +404,50 @@ TEST_F(ScanStreamPortTest, the_documented_gateway_delivers) {
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   kill(python, SIGKILL);
   waitpid(python, nullptr, 0);
+}
+
+TEST_F(ScanStreamPortTest, a_refusal_ends_the_request_at_once_with_the_gateways_reason) {
+  const std::string reason = "12 packets are missing";
+  ScanStreamHeader header{7, 3, 303, 0, static_cast<std::uint32_t>(reason.size())};
+  header.refused = true;
+  header.points_crc = crc32c(std::as_bytes(std::span(reason)));
+  std::thread thread([&] { answer_with(header, std::as_bytes(std::span(reason))); });
+  const auto result = port_->acquire(request(3, 600'000), xyz_, cancel_, [this](const AcquiredScan&) { ++decoded_; });
+  port_.reset();  // closes the connection
+  thread.join();
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::frame_incomplete);
+  EXPECT_EQ(result.error().text.view(), "the gateway has no scan: 12 packets are missing");
+  EXPECT_EQ(decoded_, 0);
+  expect_nothing_left();
+}
+
+TEST_F(ScanStreamPortTest, only_the_accepted_scanner_is_measured) {
+  const std::uint64_t accepted = scanner_print("PhoXi 7 1.13 0badcafe");
+  const std::vector<float> xyz = points(5.0F);
+  ScanStreamHeader header{7, 3, 0, 0, static_cast<std::uint32_t>(kPoints), 0, LengthUnit::mm, 99};
+  header.points_crc = crc32c(std::as_bytes(std::span(xyz)));
+  for (const std::uint64_t scanner : {std::uint64_t{0}, scanner_print("PhoXi 7 1.14 0badcafe"), accepted}) {
+    open("127.0.0.0/8", accepted);
+    header.scanner = scanner;
+    std::thread thread([&] { answer_with(header, std::as_bytes(std::span(xyz))); });
+    const auto result = port_->acquire(request(), xyz_, cancel_, [](const AcquiredScan&) {});
+    port_.reset();
+    thread.join();
+    EXPECT_EQ(result.ok(), scanner == accepted);
+    if (!result.ok()) {
+      EXPECT_EQ(result.error().code, Code::frame_incomplete);
+      EXPECT_NE(result.error().text.view().find("([genicam] accepted)"), std::string_view::npos);
+      expect_nothing_left();
+    } else {
+      std::ifstream in(result.value().path.c_str(), std::ios::binary);
+      std::string head(400, '\0');
+      in.read(head.data(), 400);
+      char comment[40];
+      std::snprintf(comment, sizeof comment, "comment scanner %016llx\n", static_cast<unsigned long long>(accepted));
+      EXPECT_NE(head.find(comment), std::string::npos) << head.substr(0, 200);
+    }
+  }
 }
 
 }  // namespace

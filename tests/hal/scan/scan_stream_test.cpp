@@ -132,12 +132,12 @@ TEST_F(ScanStreamTest, an_emulated_scanner_declares_itself_and_unknown_flags_are
   ASSERT_TRUE(feed(s.bytes()).ok());
   EXPECT_TRUE(decoder.shape().emulated);
   ScanHeaderBytes header = encode_scan_header(s.header);
-  header[36] = std::byte{2};
+  header[36] = std::byte{4};
   const std::uint32_t crc = crc32c(std::span(header).first(60));
   std::memcpy(&header[60], &crc, sizeof crc);
   const Result<ScanStreamHeader> read = decode_scan_header(header);
   ASSERT_FALSE(read.ok());
-  EXPECT_NE(read.error().text.view().find("flags 0x00000002"), std::string_view::npos) << read.error().text.view();
+  EXPECT_NE(read.error().text.view().find("flags 0x00000004"), std::string_view::npos) << read.error().text.view();
 }
 
 TEST_F(ScanStreamTest, metres_and_micrometres_become_mm) {
@@ -315,6 +315,66 @@ TEST_F(ScanStreamTest, noise_of_any_kind_is_survived) {
     EXPECT_LE(decoder.points(), 40U);
     EXPECT_FALSE(decoder.complete() && !good);
   }
+}
+
+TEST_F(ScanStreamTest, a_refusal_carries_code_and_reason_in_any_pieces) {
+  const std::string reason = "packets are missing\x1b";
+  ScanStreamHeader header{7, 3, 303, 0, static_cast<std::uint32_t>(reason.size())};
+  header.refused = true;
+  header.points_crc = crc32c(std::as_bytes(std::span(reason)));
+  const ScanHeaderBytes head = encode_scan_header(header);
+  Bytes bytes(head.begin(), head.end());
+  for (const char c : reason) bytes.push_back(static_cast<std::byte>(c));
+  for (const std::size_t piece : {std::size_t{1}, std::size_t{70}, std::size_t{4096}}) {
+    decoder.expect(7, 3);
+    ASSERT_TRUE(feed(bytes, piece).ok());
+    ASSERT_NE(decoder.refusal(), nullptr);
+    EXPECT_EQ(decoder.refusal()->code, Code::frame_incomplete);
+    EXPECT_EQ(decoder.refusal()->text.view(), "the gateway has no scan: packets are missing?");
+    EXPECT_FALSE(decoder.complete());
+    EXPECT_EQ(decoder.wanted(), 0U);
+  }
+  decoder.expect(7, 3);
+  EXPECT_EQ(decoder.refusal(), nullptr);
+  bytes.back() ^= std::byte{1};
+  expect_refused(bytes, "the reason of a refusal has CRC-32C");
+}
+
+TEST_F(ScanStreamTest, a_cut_refusal_begins_again) {
+  const std::string reason = "no frame";
+  ScanStreamHeader header{7, 3, 302, 0, static_cast<std::uint32_t>(reason.size())};
+  header.refused = true;
+  header.points_crc = crc32c(std::as_bytes(std::span(reason)));
+  const ScanHeaderBytes head = encode_scan_header(header);
+  Bytes bytes(head.begin(), head.end());
+  for (const char c : reason) bytes.push_back(static_cast<std::byte>(c));
+  ASSERT_TRUE(feed({bytes.begin(), bytes.end() - 3}).ok());
+  decoder.cut();
+  ASSERT_TRUE(feed(scan().bytes()).ok()) << "or a scan follows";
+  EXPECT_TRUE(decoder.complete());
+}
+
+TEST_F(ScanStreamTest, a_refusal_with_other_numbers_is_not_allowed) {
+  for (const auto& [width, height, count] :
+       {std::array<std::uint32_t, 3>{300, 0, 5}, {305, 0, 5}, {303, 1, 5}, {303, 0, 0}, {303, 0, 241}}) {
+    decoder.expect(7, 3);
+    ScanStreamHeader header{7, 3, width, height, count};
+    header.refused = true;
+    const ScanHeaderBytes head = encode_scan_header(header);
+    expect_refused({head.begin(), head.end()}, "scan header: a refusal with");
+  }
+}
+
+TEST_F(ScanStreamTest, the_scanners_print_is_part_of_the_scan) {
+  Scan s = scan();
+  s.header.scanner = scanner_print("PhoXi 7 1.13 0badcafe");
+  ASSERT_TRUE(feed(s.bytes()).ok());
+  EXPECT_EQ(decoder.header().scanner, s.header.scanner);
+  ScanStreamHeader other = s.header;
+  other.scanner = scanner_print("PhoXi 7 1.14 0badcafe");
+  EXPECT_FALSE(other.same_scan(s.header));
+  EXPECT_EQ(scanner_print(""), 0U);
+  EXPECT_EQ(scanner_print("a"), 0xAF63'DC4C'8601'EC8CU) << "FNV-1a's own example";
 }
 
 }  // namespace
