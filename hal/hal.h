@@ -113,6 +113,8 @@ struct PlcSettings {
   std::uint8_t unit_id = 1;  ///< slabd's own (server, rtu), or that of the PLC (client)
   WordOrder word_order = WordOrder::abcd;
 
+  bool gauges = false;  ///< a gauge's source is the PLC: the client also reads HR 40..74
+
   FixedString<64> host = "127.0.0.1";  ///< IPv4 address to listen on (server), or of the PLC (client)
   std::uint16_t port = 1502;           ///< server: 0 = any free port (tests), returned by `bound_port`
 

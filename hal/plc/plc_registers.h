@@ -138,6 +138,14 @@ void walk_inputs(Cursor& io, Inputs& in) {
   io.u16({38, "SESSION_ECHO", "", "SESSION (IR 9) as last read"}, in.session_echo);
   io.u16({kCommandSeqAddress, "CMD_SEQ", "", "written last: the command runs when it becomes CMD_ACK + 1; 1..65535"},
          in.cmd_seq);
+
+  for (std::size_t i = 0; i < limits::kGaugesMax; ++i) io.gauge(i, in.gauge_thousandths[i]);
+  io.u16({kGaugeSeqAddress, "GAUGE_SEQ", "",
+          "written last: the values and GAUGE_SLAB_NO are taken when it changes; 0 = none were written", kSince11},
+         in.gauge_seq);
+  io.u32({kGaugeSlabNoAddress, "GAUGE_SLAB_NO", "", "SLAB_NO of the slab that was gauged; 0 = none, such as a master",
+          kSince11},
+         in.gauge_slab_no);
 }
 
 // ---- input registers: written by slabd ---------------------------------------------------------------------------
