@@ -39,7 +39,7 @@ bool is_of_slab(const GaugeSample& sample, const GaugeReading* used, const Gauge
 }  // namespace
 
 bool passes(const GaugeCheck& check) {
-  return std::abs(check.value - check.master_value) <= check.limit;  // false with a NaN
+  return std::abs(check.value - check.master_value) <= check.within;  // false with a NaN
 }
 
 std::string_view name(GaugeState state) {
@@ -98,12 +98,14 @@ GaugeReading bind(const GaugeSettings& gauge, const GaugeSample& sample, const G
   reading.seq = sample.seq;
   reading.slab_no = sample.slab_no;
   reading.utime_us = sample.utime_us;
-  reading.age_s = static_cast<double>(slab.end_ns - sample.mono_ns) / 1e9;
+  // An instrument's thread may be some milliseconds ahead of the time of the turn.
+  const std::int64_t age_ns = std::max<std::int64_t>(slab.end_ns - sample.mono_ns, 0);
+  reading.age_s = static_cast<double>(age_ns) / 1e9;
   if (!std::isfinite(sample.value))
     reading.state = GaugeState::missing;
-  else if (!is_of_slab(sample, used, slab) || sample.mono_ns > slab.end_ns)
+  else if (!is_of_slab(sample, used, slab))
     reading.state = GaugeState::other_slab;
-  else if (slab.end_ns - sample.mono_ns > gauge.valid_ns)
+  else if (age_ns > gauge.valid_ns)
     reading.state = GaugeState::stale;
   else
     reading.state = check_state(gauge, last_check, slab.utime_us);
@@ -113,8 +115,7 @@ GaugeReading bind(const GaugeSettings& gauge, const GaugeSample& sample, const G
 void add_slab(GaugeRuns& runs, const GaugeReadings& readings) {
   for (const GaugeReading& reading : readings) {
     if (!has_value(reading.value)) continue;
-    GaugeRun* run =
-        std::find_if(runs.begin(), runs.end(), [&](const GaugeRun& r) { return r.gauge == reading.gauge; });
+    GaugeRun* run = std::find_if(runs.begin(), runs.end(), [&](const GaugeRun& r) { return r.gauge == reading.gauge; });
     if (run == runs.end()) {
       if (!runs.push({reading.gauge, reading.value, 0})) continue;
       run = &runs.back();
@@ -162,10 +163,11 @@ Result<GaugeFormula> parse_formula(std::string_view text) {
   for (const FormulaInfo& formula : kFormulas)
     if (formula.name == word) form = &formula;
   if (form == nullptr)
-    return error(Code::config,
-                 "the form \"%.*s\" is unknown; allowed are mean, difference, range and plane4_flatness of gauges, such "
-                 "as \"mean(length_left, length_right)\"",
-                 length(word), word.data());
+    return error(
+        Code::config,
+        "the form \"%.*s\" is unknown; allowed are mean, difference, range and plane4_flatness of gauges, such "
+        "as \"mean(length_left, length_right)\"",
+        length(word), word.data());
   if (open == std::string_view::npos || !text.ends_with(')'))
     return error(Code::config, "%s needs its gauges in brackets, such as \"mean(length_left, length_right)\"",
                  form->name.data());

@@ -25,10 +25,10 @@ using GaugeSource = FixedString<limits::kGaugeSourceBytes>;
 
 /// Carrier of a gauge's value.
 enum class GaugeLink : std::uint8_t {
-  plc,      ///< two of HR 40..71, by the PLC or a gauge hub
-  modbus,   ///< a register of an instrument, which slabd reads
-  udp,      ///< datagrams of a gauge hub
-  manual,   ///< a person enters it (slabctl gauge enter)
+  plc,     ///< two of HR 40..71, by the PLC or a gauge hub
+  modbus,  ///< a register of an instrument, which slabd reads
+  udp,     ///< datagrams of a gauge hub
+  manual,  ///< a person enters it (slabctl gauge enter)
 };
 inline constexpr std::array<std::string_view, 4> kGaugeLinks = {"plc", "modbus", "udp", "operator"};
 
@@ -54,28 +54,30 @@ struct GaugeSettings {
   ItemUnit unit = ItemUnit::mm;
   GaugeSource source;  ///< as written: "plc:40", "modbus:10.0.0.5:502/1/120"
   GaugeLink link = GaugeLink::manual;
-  std::uint8_t plc_index = 0;      ///< plc: 0..15, at HR 40 + 2 * plc_index
-  FixedString<64> host;            ///< modbus: IPv4 address
-  std::uint16_t port = 0;          ///< modbus, udp
-  std::uint8_t unit_id = 1;        ///< modbus
-  std::uint16_t address = 0;       ///< modbus: of the first register, from 0
-  bool input_register = false;     ///< modbus: read with FC 4 instead of FC 3
-  bool low_word_first = false;     ///< modbus: order of the two registers of a number
+  std::uint8_t plc_index = 0;   ///< plc: 0..15, at HR 40 + 2 * plc_index
+  FixedString<64> host;         ///< modbus: IPv4 address
+  std::uint16_t port = 0;       ///< modbus, udp
+  std::uint8_t unit_id = 1;     ///< modbus
+  std::uint16_t address = 0;    ///< modbus: of the first register, from 0
+  bool input_register = false;  ///< modbus: read with FC 4 instead of FC 3
+  bool low_word_first = false;  ///< modbus: order of the two registers of a number
   GaugeFormat format = GaugeFormat::i32;
-  double scale = 1.0;  ///< value = scale * number; a number of the PLC is in thousandths of the unit
-  double u = kNoValue;              ///< standard uncertainty (k = 1) of one value, in the unit
-  std::int64_t valid_ns = 0;        ///< a value older than this at SLAB_END is not used
+  double scale = 1.0;         ///< value = scale * number; a number of the PLC is in thousandths of the unit
+  double u = kNoValue;        ///< standard uncertainty (k = 1) of one value, in the unit
+  std::int64_t valid_ns = 0;  ///< a value older than this at SLAB_END is not used
   GaugeMaster master;
 };
 using GaugeList = FixedVector<GaugeSettings, limits::kGaugesMax>;
+/// No gauges. GCC 12 crashes if the constructor is first needed in a default argument.
+inline constexpr GaugeList kNoGauges{};
 
 /// The newest number of a gauge.
 struct GaugeSample {
   bool has_value = false;
-  double value = kNoValue;   ///< in the unit, scaled
-  std::uint32_t seq = 0;     ///< of the sender; of an instrument or a person: counts its values
-  std::uint32_t slab_no = 0; ///< slab that it names; 0: none
-  std::int64_t mono_ns = 0;  ///< when it arrived
+  double value = kNoValue;    ///< in the unit, scaled
+  std::uint32_t seq = 0;      ///< of the sender; of an instrument or a person: counts its values
+  std::uint32_t slab_no = 0;  ///< slab that it names; 0: none
+  std::int64_t mono_ns = 0;   ///< when it arrived
   std::int64_t utime_us = 0;
 };
 using GaugeSamples = std::array<GaugeSample, limits::kGaugesMax>;  ///< [index in the GaugeList]
@@ -84,12 +86,12 @@ using GaugeSamples = std::array<GaugeSample, limits::kGaugesMax>;  ///< [index i
 struct GaugeCheck {
   GaugeName gauge;
   ItemUnit unit = ItemUnit::mm;
-  double value = kNoValue;   ///< as the gauge read the master
+  double value = kNoValue;  ///< as the gauge read the master
   double master_value = kNoValue;
   double master_u = kNoValue;
-  double limit = kNoValue;
-  bool passed = false;       ///< |value - master_value| <= limit
-  std::int64_t utime_us = 0; ///< 0: there was none
+  double within = kNoValue;   ///< largest deviation that passes
+  bool passed = false;        ///< |value - master_value| <= within
+  std::int64_t utime_us = 0;  ///< 0: there was none
 };
 
 /// True if the check with this master passed.
@@ -98,13 +100,13 @@ struct GaugeCheck {
 /// Usability of a value for its slab: the first of these that applies.
 enum class GaugeState : std::uint8_t {
   ok,
-  missing,       ///< no value, or none since the start of slabd
-  other_slab,    ///< names another slab, arrived before SLAB_BEGIN without naming one, or was used for another slab
-  stale,         ///< older than valid_s
-  not_plausible, ///< far from the item's nominal: another unit, another dimension
-  unchecked,     ///< never checked with the configured master
-  check_failed,  ///< the last check was outside its limit
-  check_overdue, ///< the last check is older than every_h
+  missing,        ///< no value, or none since the start of slabd
+  other_slab,     ///< names another slab, arrived before SLAB_BEGIN without naming one, or was used for another slab
+  stale,          ///< older than valid_s
+  not_plausible,  ///< far from the item's nominal: another unit, another dimension
+  unchecked,      ///< never checked with the configured master
+  check_failed,   ///< the last check was outside its limit
+  check_overdue,  ///< the last check is older than every_h
 };
 inline constexpr std::size_t kGaugeStates = 8;
 [[nodiscard]] std::string_view name(GaugeState state);
@@ -117,9 +119,9 @@ struct GaugeReading {
   GaugeSource source;
   ItemUnit unit = ItemUnit::mm;
   GaugeState state = GaugeState::missing;
-  double value = kNoValue;          ///< also kept if it is not usable; NaN: there was none
-  double u = kNoValue;              ///< standard uncertainty (k = 1) of the gauge
-  double u_master = 0.0;            ///< standard uncertainty (k = 1) by its master: see master_uncertainty()
+  double value = kNoValue;  ///< also kept if it is not usable; NaN: there was none
+  double u = kNoValue;      ///< standard uncertainty (k = 1) of the gauge
+  double u_master = 0.0;    ///< standard uncertainty (k = 1) by its master: see master_uncertainty()
   std::uint32_t seq = 0;
   std::uint32_t slab_no = 0;
   std::int64_t utime_us = 0;        ///< arrival; 0: no value
@@ -128,6 +130,8 @@ struct GaugeReading {
   double check_deviation = kNoValue;
 };
 using GaugeReadings = FixedVector<GaugeReading, limits::kGaugesMax>;
+/// No readings; see kNoGauges.
+inline constexpr GaugeReadings kNoGaugeReadings{};
 
 /// Standard uncertainty (k = 1) that the master leaves: its own, and its check's limit as half width of a rectangular
 /// distribution, because a gauge that is off by less passes: u^2 = u_master^2 + limit^2 / 3. 0 without a master.
@@ -215,8 +219,8 @@ struct FormulaValue {
   double u_master = 0.0;
 };
 /// Sensitivities: mean 1/n each; difference 1 and -1; range 1 of the largest and -1 of the smallest; plane4_flatness
-/// 1/2 each. plane4_flatness is |a - b + c - d| / 2, the least distance of two parallel planes that hold the four points
-/// (ISO 12781 minimum zone), as the two diagonals of a rectangle lie in such planes.
+/// 1/2 each. plane4_flatness is |a - b + c - d| / 2, the least distance of two parallel planes that hold the four
+/// points (ISO 12781 minimum zone), as the two diagonals of a rectangle lie in such planes.
 [[nodiscard]] FormulaValue evaluate(const GaugeFormula& formula, const GaugeReadings& readings);
 
 /// The reading of a gauge; nullptr if there is none.

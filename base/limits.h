@@ -173,7 +173,7 @@ inline constexpr std::size_t kResultQueueMax = 3 * (kStationsMax + 1);
 inline constexpr std::size_t kGaugesMax = 16;
 /// A gauge's name, such as "thickness_left_front".
 inline constexpr std::size_t kGaugeNameBytes = 32;
-/// Where a gauge's value comes from, as configured: "modbus:192.168.100.100:65535/255/65535" and a reserve.
+/// Source of a gauge's values, as configured: "modbus:192.168.100.100:65535/255/65535" and a reserve.
 inline constexpr std::size_t kGaugeSourceBytes = 64;
 /// Gauges in one formula: a mean of the widths at eight places.
 inline constexpr std::size_t kFormulaGaugesMax = 8;

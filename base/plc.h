@@ -85,7 +85,7 @@ enum PlcWarn : std::uint16_t {
   kWarnRecipesDiffer = 1U << 12U,       ///< the recipe folder differs from the recipes in use
   /// The robot's stops over neighbouring blocks are too similar to assign a scan by its pose.
   kWarnStopsAlike = 1U << 14U,
-  kWarnGauge = 1U << 15U,  ///< a gauge is stuck, or its master check is missing, failed or overdue
+  kWarnGauge = 1U << 15U,      ///< a gauge is stuck, or its master check is missing, failed or overdue
   kWarnEmulation = 1U << 13U,  ///< robot or scanner is emulated, or was for the data shown to the PLC
 };
 

@@ -87,8 +87,8 @@ struct Config {
   bool second_chip_required = false;       ///< [line] second_chip = "required": SLAB_BEGIN needs SECOND_CHIP (HR 35)
   GaugeList gauges;                        ///< [[gauge]]
   FixedVector<hal::PlcSettings::Network, 16> gauge_senders;  ///< [gauges] allow: may send gauge values over UDP
-  bool simulation = false;                 ///< [line] simulation: shown to the PLC as STATUS bit 11
-  std::string project;                     ///< [report] project: printed on reports; empty: not printed
+  bool simulation = false;                                   ///< [line] simulation: shown to the PLC as STATUS bit 11
+  std::string project;  ///< [report] project: printed on reports; empty: not printed
   WebSettings web;
   std::vector<Problem> web_problems;  ///< faults of [web]; the rest may be usable
   PlantSettings plant;

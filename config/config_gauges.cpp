@@ -113,8 +113,9 @@ void read_master(TableReader& table, GaugeSettings& out) {
   if (!out.master.given) {
     // The instrument of a person is checked where instruments are kept; all others have only this check.
     if (out.link != GaugeLink::manual)
-      table.missing("master", "{ value = 5600.012, u = 0.02, every_h = 12, limit = 0.1 }: a gauge that is never "
-                              "checked measures nothing");
+      table.missing("master",
+                    "{ value = 5600.012, u = 0.02, every_h = 12, limit = 0.1 }: a gauge that is never "
+                    "checked measures nothing");
     return;
   }
   TableReader master = table.table("master");
@@ -194,10 +195,12 @@ void read_gauges(TableReader& root, const std::string& path, std::vector<Problem
     for (const GaugeSettings& other : config.gauges) {
       if (problems.size() != before) break;
       if (other.name == gauge.name)
-        root.problem_at(item, "gauge", fmt::format("found two gauges {}, allowed is each name once", gauge.name.view()));
+        root.problem_at(item, "gauge",
+                        fmt::format("found two gauges {}, allowed is each name once", gauge.name.view()));
       else if (is_same_source(other, gauge))
-        root.problem_at(item, "gauge", fmt::format("found {} and {} with the same source, {}", other.name.view(),
-                                                   gauge.name.view(), gauge.source.view()));
+        root.problem_at(item, "gauge",
+                        fmt::format("found {} and {} with the same source, {}", other.name.view(), gauge.name.view(),
+                                    gauge.source.view()));
       else if (has_same_master(other, gauge) && !std::exchange(same_master_told, true))
         root.doubt("gauge", fmt::format("found {} and {} with masters of the same size: their checks do not notice if "
                                         "the two are exchanged; allowed are masters that differ by more than both "
@@ -212,8 +215,7 @@ void read_gauges(TableReader& root, const std::string& path, std::vector<Problem
   const int command = config.plc.command_base;
   const int status = config.plc.status_base;
   const bool overlaps = command < status + 110 && status < command + kRegisters;
-  if (config.plc.gauges && config.plc.role == hal::PlcRole::client &&
-      (overlaps || command + kRegisters > 65'536))
+  if (config.plc.gauges && config.plc.role == hal::PlcRole::client && (overlaps || command + kRegisters > 65'536))
     root.problem("gauge", fmt::format("with source = \"plc:...\" the PLC has {} registers from plc.command_base {} on; "
                                       "they overlap the 110 from plc.status_base {} on, or end beyond 65535",
                                       kRegisters, command, status));
@@ -221,8 +223,8 @@ void read_gauges(TableReader& root, const std::string& path, std::vector<Problem
 
 void check_formulas(const Recipe& recipe, std::span<const GaugeSettings> gauges, std::vector<Problem>& problems) {
   const auto fault = [&](ItemId id, const std::string& what) {
-    problems.push_back({fmt::format("{}:{}: items.{}.formula: {}", recipe.path.view(), recipe.formula(id).line,
-                                    info(id).name, what)});
+    problems.push_back(
+        {fmt::format("{}:{}: items.{}.formula: {}", recipe.path.view(), recipe.formula(id).line, info(id).name, what)});
   };
   for (const ItemId id : kGaugeItemIds) {
     for (const GaugeName& name : recipe.formula(id).gauges) {

@@ -220,8 +220,7 @@ void read_formula(TableReader& item, GaugeFormula& out) {
   const TomlValue* const at = item.value("formula");
   if (at == nullptr || text.empty()) return;
   const Result<GaugeFormula> formula = parse_formula(text);
-  if (!formula.ok())
-    return item.problem("formula", fmt::format("found "{}": {}", text, formula.error().text.view()));
+  if (!formula.ok()) return item.problem("formula", fmt::format("found \"{}\": {}", text, formula.error().text.view()));
   out = formula.value();
   out.line = at->line;
   if (item.has("U"))
@@ -349,7 +348,8 @@ RecipeFile read_recipe_file(const std::string& path, std::vector<Problem>& probl
   if (!bytes) return file;
   file.bytes = std::move(*bytes);
   parse_recipe(path, file.bytes, file.recipe, problems, doubts);
-  if (gauges != nullptr && problems.size() == problems_before) check_formulas(file.recipe, {gauges->data(), gauges->size()}, problems);
+  if (gauges != nullptr && problems.size() == problems_before)
+    check_formulas(file.recipe, {gauges->data(), gauges->size()}, problems);
   file.is_good = problems.size() == problems_before;
   file.slab_type = file.is_good ? std::optional(file.recipe.slab_type) : slab_type_in(file.bytes);
   return file;
