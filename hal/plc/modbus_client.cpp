@@ -293,10 +293,10 @@ class Client final : public PlcPort {
     raise();
   }
 
-  /// Accepts a new command block, and new gauge values, only if two consecutive answers agree; the second is requested at once. A PLC may copy
-  /// its memory into an answer while its program fills the block, so that half of it is from the previous command.
-  /// Neither CMD_SEQ in last place nor the CRC, which ends before it, detects that. Until then the last confirmed block
-  /// is returned.
+  /// Accepts a new command block, and new gauge values, only if two consecutive answers agree; the second is requested
+  /// at once. A PLC may copy its memory into an answer while its program fills the block, so that half of it is from
+  /// the previous command. Neither CMD_SEQ in last place nor the CRC, which ends before it, detects that. Until then
+  /// the last confirmed block is returned.
   HoldingImage confirm_command(const HoldingImage& read, std::int64_t now_ns) {
     bool early = command_.confirm(read);
     // Gauges may change with every answer; a command does not wait for them.
@@ -435,8 +435,8 @@ Status check(const PlcSettings& settings) {
   const unsigned status = settings.status_base;
   const auto read = static_cast<unsigned>(settings.gauges ? kHoldingRegisters : kHoldingWithoutGauges);
   if (command + read > 65'536)
-    return error(Code::config, "plc.command_base is %u, allowed 0..%u: %u registers begin there", command, 65'536 - read,
-                 read);
+    return error(Code::config, "plc.command_base is %u, allowed 0..%u: %u registers begin there", command,
+                 65'536 - read, read);
   if (status + kInputRegisters > 65'536)
     return error(Code::config, "plc.status_base is %u, allowed 0..65426: 110 registers begin there", status);
   if (command < status + kInputRegisters && status < command + read)

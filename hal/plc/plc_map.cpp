@@ -145,8 +145,8 @@ class Decoder {
     row.reason = image_[address + 1U];
   }
   void gauge(std::size_t index, std::int32_t& value) {
-    value = static_cast<std::int32_t>(
-        static_cast<std::uint32_t>(wide_value(image_, kGaugeFirst + 2 * index, 2, order_)));
+    value =
+        static_cast<std::int32_t>(static_cast<std::uint32_t>(wide_value(image_, kGaugeFirst + 2 * index, 2, order_)));
   }
   void reserved(const Reg&, unsigned) {}
   void computed(const Reg&) {}

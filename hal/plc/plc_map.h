@@ -29,12 +29,11 @@ inline constexpr std::size_t kInputRegisters = 110;
 inline constexpr std::uint16_t kCommandFirst = 10;
 inline constexpr std::uint16_t kCommandLast = 39;
 /// HR 40..74, the gauges: 16 values, GAUGE_SEQ written last, GAUGE_SLAB_NO. Any connection that may write may write
-/// them; they are no part of the command block.
+/// them; the command block does not contain them.
 inline constexpr std::uint16_t kGaugeFirst = 40;
 inline constexpr std::uint16_t kGaugeSeqAddress = 72;
 inline constexpr std::uint16_t kGaugeSlabNoAddress = 73;
-static_assert(kGaugeFirst + 2 * limits::kGaugesMax == kGaugeSeqAddress &&
-              kGaugeSlabNoAddress + 2 == kHoldingRegisters);
+static_assert(kGaugeFirst + 2 * limits::kGaugesMax == kGaugeSeqAddress && kGaugeSlabNoAddress + 2 == kHoldingRegisters);
 /// HR 39, CMD_SEQ: written last; a change of its value starts the command.
 inline constexpr std::uint16_t kCommandSeqAddress = 39;
 /// First holding register of the mirrored input registers, for PLCs that cannot read them by FC 4.

@@ -58,7 +58,7 @@ inline constexpr std::array<std::string_view, 6> kCommandWords = {"none",     "S
                                                                   "SLAB_END", "SLAB_ABORT", "REPORT"};
 inline constexpr std::array<std::string_view, 5> kStatusWords = {"none", "accepted", "acquiring", "acquired", "done"};
 /// One word for each bit of PlcWarn.
-inline constexpr std::array<std::string_view, 15> kWarnWords = {"unconfirmed nominals",
+inline constexpr std::array<std::string_view, 16> kWarnWords = {"unconfirmed nominals",
                                                                 "commissioning calibration",
                                                                 "stray scan files",
                                                                 "results wait for RES_ACK",
@@ -72,7 +72,8 @@ inline constexpr std::array<std::string_view, 15> kWarnWords = {"unconfirmed nom
                                                                 "handedness of the scanner not proven",
                                                                 "recipe folder differs from recipes in use",
                                                                 "emulation",
-                                                                "robot stops alike over neighbouring blocks"};
+                                                                "robot stops alike over neighbouring blocks",
+                                                                "a gauge needs care"};
 inline constexpr std::array<std::string_view, 3> kKindWords = {"none", "station", "slab"};
 
 /// IR 42..55, by kind of record. A plain number is a station, pair or count.

@@ -97,7 +97,8 @@ TEST(ModbusCodec, writes_are_allowed_exactly_to_the_plcs_registers_and_mark_the_
         continue;
       }
       EXPECT_TRUE(check.writes);
-      EXPECT_EQ(check.writes_command, !all_inside(first, quantity, 0, 10) && !all_inside(first, quantity, 40, 75)) << first << " " << quantity;
+      EXPECT_EQ(check.writes_command, !all_inside(first, quantity, 0, 10) && !all_inside(first, quantity, 40, 75))
+          << first << " " << quantity;
       const RequestCheck both = check_request(frame(1, read_write_pdu(1000, 110, first, quantity)), 1);
       EXPECT_EQ(both.writes_command, check.writes_command);
     }
