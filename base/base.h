@@ -11,6 +11,7 @@
 #include "base/result.h"
 #include "base/prng.h"
 #include "base/items.h"
+#include "base/gauge.h"
 #include "base/recipe.h"
 #include "base/thermal.h"
 #include "base/records.h"

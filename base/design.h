@@ -57,6 +57,7 @@ struct DesignSheet {
 struct SlabFacts {
   double temperature_c = kNoValue;  ///< NaN if unknown
   SlabDesign design;
+  GaugeReadings gauges;  ///< known from SLAB_END on; empty while blocks are measured
 };
 
 /// blank_item for a slab with this design: nominal and limits are shifted by what the design changes. `station` 0 for a

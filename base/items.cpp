@@ -155,6 +155,48 @@ constexpr std::array<ItemInfo, kItemCount> kItems = {{
      .optional = true,
      .meaning = "surface of the block is displaced, broken out, cracked or missing",
      .cure = "`slabctl show` names place, size and depth; look at the block: damage, dirt or an object on it"},
+    {.id = ItemId::slab_length,
+     .name = "slab_length",
+     .scope = ItemScope::slab,
+     .unit = ItemUnit::mm,
+     .plc_bit = -1,
+     .reason = 620,
+     .of_gauges = true,
+     .optional = true,
+     .meaning = "the slab's length is outside its limits",
+     .cure = "`slabctl show` lists the gauges and their values; measure the slab by hand"},
+    {.id = ItemId::slab_width,
+     .name = "slab_width",
+     .scope = ItemScope::slab,
+     .unit = ItemUnit::mm,
+     .plc_bit = -1,
+     .reason = 621,
+     .of_gauges = true,
+     .optional = true,
+     .meaning = "the slab's width is outside its limits",
+     .cure = "`slabctl show` lists the gauges and their values; measure the slab by hand"},
+    {.id = ItemId::slab_thickness,
+     .name = "slab_thickness",
+     .scope = ItemScope::slab,
+     .unit = ItemUnit::mm,
+     .plc_bit = -1,
+     .reason = 622,
+     .of_gauges = true,
+     .optional = true,
+     .meaning = "the slab's thickness is outside its limits",
+     .cure = "`slabctl show` lists the gauges and their values; measure the slab by hand"},
+    {.id = ItemId::bottom_flatness,
+     .name = "bottom_flatness",
+     .scope = ItemScope::slab,
+     .unit = ItemUnit::mm,
+     .plc_bit = -1,
+     .reason = 623,
+     .is_size = true,
+     .nominal_is_zero = true,
+     .of_gauges = true,
+     .optional = true,
+     .meaning = "the slab's bottom is not flat",
+     .cure = "`slabctl show` lists the gauges and their values; measure the slab by hand"},
 }};
 
 }  // namespace
@@ -181,6 +223,7 @@ std::string_view name(BudgetPart part) {
     case BudgetPart::robot: return "robot";
     case BudgetPart::reference: return "reference";
     case BudgetPart::thermal: return "thermal";
+    case BudgetPart::gauge: return "gauge";
   }
   return "";
 }

@@ -33,7 +33,8 @@ enum class Disposition : std::uint8_t {
 [[nodiscard]] std::optional<Disposition> disposition_named(std::string_view word);
 
 /// Measured characteristics. 0..15 are the bits of the PLC's fail mask. warp_right shares bit 15; seat_std is
-/// information only. surface_pores and block_damage have no bit, but a REASON each (ItemInfo::reason).
+/// information only. surface_pores and block_damage have no bit, but a REASON each (ItemInfo::reason); so have the four
+/// items that gauges measure (base/gauge.h).
 enum class ItemId : std::uint8_t {
   seat_slope = 0,
   seat_flatness = 1,
@@ -55,8 +56,12 @@ enum class ItemId : std::uint8_t {
   seat_std = 17,
   surface_pores = 18,
   block_damage = 19,
+  slab_length = 20,
+  slab_width = 21,
+  slab_thickness = 22,
+  bottom_flatness = 23,
 };
-inline constexpr std::size_t kItemCount = 20;
+inline constexpr std::size_t kItemCount = 24;
 
 enum class ItemScope : std::uint8_t { block, seat_in_slab, seat_neighbours, seat_pair, slab };
 enum class ItemUnit : std::uint8_t { mm, deg };
@@ -73,6 +78,7 @@ struct ItemInfo {
   bool is_size = false;             ///< needs no lower limit; the other items are limited on both sides of the nominal
   bool nominal_is_zero = false;     ///< whatever the geometry is
   bool U_from_recipe = false;       ///< no U is computed from the scan
+  bool of_gauges = false;           ///< value and U follow from the line's gauges by the recipe's formula
   bool optional = false;            ///< a recipe may omit this item; then it is not listed and decides nothing
   std::string_view meaning = "";    ///< describe() and cure() of `reason`, for items without a bit
   std::string_view cure = "";
@@ -93,8 +99,9 @@ enum class BudgetPart : std::uint8_t {
   robot,         ///< repeatability
   reference,     ///< the artefact used to set up the system
   thermal,       ///< the slab's temperature and expansion (base/thermal.h)
+  gauge,         ///< the gauges' own standard uncertainty; that of their masters is `reference`
 };
-inline constexpr std::size_t kBudgetParts = 8;
+inline constexpr std::size_t kBudgetParts = 9;
 [[nodiscard]] std::string_view name(BudgetPart part);
 
 inline constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();

@@ -15,4 +15,13 @@ SlabFacts facts_of(const SlabHeader& slab) {
   return facts;
 }
 
+SlabFacts facts_of(const SlabHeader& slab, const SlabResult& ended) {
+  SlabFacts facts = facts_of(slab);
+  facts.gauges = ended.gauges;
+  // The judgement decides again which values are plausible.
+  for (GaugeReading& reading : facts.gauges)
+    if (reading.state == GaugeState::not_plausible) reading.state = GaugeState::ok;
+  return facts;
+}
+
 }  // namespace slabd

@@ -87,6 +87,8 @@ struct SlabHeader {
 /// Temperature and design of the slab. A design_text that cannot be read gives a design without numbers, with which
 /// nothing is measured.
 [[nodiscard]] SlabFacts facts_of(const SlabHeader& slab);
+/// The same with the gauges of an ended slab, to judge it again.
+[[nodiscard]] SlabFacts facts_of(const SlabHeader& slab, const SlabResult& ended);
 
 /// Number of scans whose fingerprints are remembered: three whole slabs and some retries. A scanner that hangs repeats
 /// its last scan; one that delivers old files could repeat a scan of one of the last slabs.
@@ -269,6 +271,10 @@ struct RecoveredLine {
 
   /// Fingerprints of the last scans, oldest first; unused entries after the newest are 0.
   std::array<std::uint64_t, kFingerprintsKept> fingerprints{};
+
+  std::vector<GaugeCheck> gauge_checks;  ///< the newest of each gauge
+  GaugeRuns gauge_runs;
+  GaugeReadings gauges_used;  ///< of the newest slab that has gauge values
 
   /// Noise prints of the last measured exposures, oldest first, at most limits::kNoisePrintsKept.
   std::vector<KeptNoise> noise;

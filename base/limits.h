@@ -167,6 +167,25 @@ inline constexpr std::size_t kModbusFramesPerTurn = 4;
 /// Results waiting for RES_ACK: three whole slabs of 18 stations and a verdict. If it is full, SCAN is rejected (103).
 inline constexpr std::size_t kResultQueueMax = 3 * (kStationsMax + 1);
 
+// ---- gauges --------------------------------------------------------------------------------------------------
+/// Gauges of a line: as many as HR 40..71 hold, two registers each. A line has two lengths, three widths, four
+/// thicknesses and the four heights of the bottom.
+inline constexpr std::size_t kGaugesMax = 16;
+/// A gauge's name, such as "thickness_left_front".
+inline constexpr std::size_t kGaugeNameBytes = 32;
+/// Source of a gauge's values, as configured: "modbus:192.168.100.100:65535/255/65535" and a reserve.
+inline constexpr std::size_t kGaugeSourceBytes = 64;
+/// Gauges in one formula: a mean of the widths at eight places.
+inline constexpr std::size_t kFormulaGaugesMax = 8;
+/// Slabs in a row with the same value of a gauge after which it is reported as stuck. Slabs scatter by tenths of a
+/// millimetre and gauges resolve hundredths, so that even three equal values in a row are unlikely.
+inline constexpr int kGaugeStuckSlabs = 20;
+/// Share of the nominal by which each gauge of a mean may be off. A slab is never a tenth too long; a gauge in another
+/// unit, or one that measures another dimension, is.
+inline constexpr double kGaugeOffShareMax = 0.1;
+/// Values in one datagram of a gauge hub, one a line: all gauges of the line.
+inline constexpr std::size_t kGaugeDatagramBytes = 1'472;  // one Ethernet frame
+
 // ---- the daemon's threads ------------------------------------------------------------------------------------
 /// Jobs that may wait for a worker. Storage is the busiest: acknowledgements, a block, a command and a session change
 /// can arrive during one slow sync.

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 
 #include "base/items.h"
 #include "base/limits.h"
@@ -14,7 +15,10 @@ namespace slabd {
 
 enum class PlcCommand : std::uint16_t { none = 0, slab_begin = 1, scan = 2, slab_end = 3, slab_abort = 4, report = 5 };
 
-/// Values written by the PLC so far (HR 0..39), decoded after each write.
+/// GAUGE_VALUE of a gauge without a value.
+inline constexpr std::int32_t kNoGaugeRegister = std::numeric_limits<std::int32_t>::min();
+
+/// Values written by the PLC so far (HR 0..74), decoded after each write.
 struct PlcInputs {
   std::uint16_t heartbeat = 0;
   bool enable = false;
@@ -37,6 +41,12 @@ struct PlcInputs {
   bool crc_ok = true;                     ///< CMD_CRC matches, or is 0 (not used)
   std::uint16_t session_echo = 0;
   std::uint16_t cmd_seq = 0;
+
+  // Gauges (HR 40..74), not part of the command block: any connection that may write may be the gauge hub.
+  /// Thousandths of a mm or degree; kNoGaugeRegister if the gauge has no value.
+  std::array<std::int32_t, limits::kGaugesMax> gauge_thousandths{};
+  std::uint16_t gauge_seq = 0;      ///< changes when all of them are written; 0: none was ever written
+  std::uint32_t gauge_slab_no = 0;  ///< slab that they belong to; 0: none, such as a master
 
   /// Connection that last wrote HR 10..39; 0 if none. Unique over the life of the process.
   std::uint32_t command_writer = 0;
@@ -75,6 +85,7 @@ enum PlcWarn : std::uint16_t {
   kWarnRecipesDiffer = 1U << 12U,       ///< the recipe folder differs from the recipes in use
   /// The robot's stops over neighbouring blocks are too similar to assign a scan by its pose.
   kWarnStopsAlike = 1U << 14U,
+  kWarnGauge = 1U << 15U,      ///< a gauge is stuck, or its master check is missing, failed or overdue
   kWarnEmulation = 1U << 13U,  ///< robot or scanner is emulated, or was for the data shown to the PLC
 };
 

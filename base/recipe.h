@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "base/fixed.h"
+#include "base/gauge.h"
 #include "base/items.h"
 #include "base/limits.h"
 #include "base/pose.h"
@@ -145,7 +146,9 @@ struct Recipe {
   double guard = 1.0;  ///< guard band in units of U; 0: simple acceptance
   std::array<Tolerance, kItemCount> tolerances;
   PoreLimits pores;
+  std::array<GaugeFormula, kGaugeItems> formulas;  ///< of slab_length, slab_width, slab_thickness, bottom_flatness
 
+  [[nodiscard]] const GaugeFormula& formula(ItemId id) const { return formulas[gauge_item_index(id)]; }
   [[nodiscard]] const Tolerance& tolerance(ItemId id) const { return tolerances[static_cast<std::size_t>(id)]; }
   [[nodiscard]] std::uint8_t stations() const { return static_cast<std::uint8_t>(2 * slab.pairs); }
 };

@@ -52,6 +52,12 @@ void fields(V& v, R& r) {
   fields(v, r.limits);
 }
 
+// ---- gauges ------------------------------------------------------------------------------------------------------
+
+SLABD_FIELDS(GaugeReading, gauge, source, unit, state, value, u, u_master, seq, slab_no, utime_us, age_s,
+             check_utime_us, check_deviation);
+SLABD_FIELDS(GaugeCheck, gauge, unit, value, master_value, master_u, within, passed, utime_us);
+
 // ---- one slab ----------------------------------------------------------------------------------------------------
 
 SLABD_FIELDS(SlabHeader, key, slab_id, slab_no, slab_type, stations, temperature_dk, age_h, mould, recipe,

@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "base/fixed.h"
+#include "base/gauge.h"
 #include "base/items.h"
 #include "base/limits.h"
 #include "base/pose.h"
@@ -307,7 +308,8 @@ struct BlockResult {
   StageTimes times;
 };
 
-/// 18 lateral + 18 vertical + 16 spacings + 9 large jaws + corner level + 2 warps + 18 slopes in the slab frame.
+/// 18 lateral + 18 vertical + 16 spacings + 9 large jaws + corner level + 2 warps + 18 slopes in the slab frame + 4 of
+/// gauges.
 inline constexpr std::size_t kSlabItemsMax = 96;
 
 struct SlabFitReport {
@@ -329,6 +331,7 @@ struct SlabResult {
   FixedVector<Item, kSlabItemsMax> items;  ///< slab-frame items; block items are stored with their blocks
   std::array<Verdict, limits::kStationsMax> station_verdict{};  ///< final, including slab items; [station - 1]
   std::array<std::uint16_t, limits::kStationsMax> station_reason{};
+  GaugeReadings gauges;  ///< of all gauges of the line, as they counted for this slab
 };
 
 /// Verdict of a block whose items gave `by_items`. A finding turns a pass into indeterminate, reason 617, unless the

@@ -56,7 +56,11 @@ constexpr std::array kTable = {
           "put its sheet into `[design] dir`; `slabctl doctor` names faulty files (docs/CURVE_SLABS.md)"},
     Entry{Code::unknown_mould, "MOULD and SLAB_ID name different moulds, or the mould in SLAB_ID is not 0..65535",
           "correct MOULD (HR 34) or SLAB_ID (HR 16..31), or `[line] mould_from_id` in the configuration"},
-    Entry{Code::no_gauge, "reserved: a gauge value is missing or unusable", "look at the gauge"},
+    Entry{
+        Code::no_gauge,
+        "a gauge has no usable value: missing, too old, of another slab, not plausible, or its master check is due",
+        "`slabctl gauge list` names gauge and reason; check it with its master (`slabctl gauge check`); the PLC writes "
+        "GAUGE_SLAB_NO and then GAUGE_SEQ (HR 72) before SLAB_END (docs/GAUGES.md)"},
     Entry{Code::attempts_used_up, "the station was scanned 255 times in this slab, the most that are counted",
           "end or abort the slab and begin it again; find out why the station is scanned again and again"},
     Entry{Code::no_pose, "no robot pose has arrived",

@@ -69,6 +69,7 @@ std::string recipe_json(const Recipe& recipe) {
     json.field("confirmed", t.confirmed && t.nominal.confirmed);
     if (item.id == ItemId::surface_pores)
       json.field("depth_max_mm", recipe.pores.depth_max_mm).field("share_max", recipe.pores.share_max);
+    if (info(item.id).of_gauges) json.field("formula", text_of(recipe.formula(item.id)).view());
   });
   return json.text();
 }
@@ -107,6 +108,9 @@ std::string recipe_text(const Recipe& recipe) {
     text += fmt::format("surface_pores: depth at most {:g} mm\n", recipe.pores.depth_max_mm);
   if (has_value(recipe.pores.share_max))
     text += fmt::format("surface_pores: at most {:g} % of the area\n", 100.0 * recipe.pores.share_max);
+  for (const ItemId id : kGaugeItemIds)
+    if (recipe.tolerance(id).given)
+      text += fmt::format("{}: {} of the gauges\n", info(id).name, text_of(recipe.formula(id)).view());
   text += fmt::format("{}\n", report::kNotVisible);
   return text;
 }
@@ -224,7 +228,7 @@ int check_config(const std::string& file, bool json) {
   if (check.problems.empty()) {
     if (!json) fmt::print("{}: good{}\n", file, check.doubts.empty() ? "" : ", but see the warnings");
     check.commissioning = !config.calibration.id.empty();
-    config::load_recipes(config.recipes_dir, check.recipes, check.problems, nullptr, &check.doubts);
+    config::load_recipes(config.recipes_dir, check.recipes, check.problems, nullptr, &check.doubts, &config.gauges);
     const config::DesignSet designs = config::load_designs(config.designs_dir);
     check.problems.insert(check.problems.end(), designs.problems.begin(), designs.problems.end());
   }

@@ -35,6 +35,7 @@ void add_report(args::Command& app);
 void add_reasons(args::Command& app);
 void add_trend(args::Command& app);
 void add_compare(args::Command& app);
+void add_gauge(args::Command& app);
 void add_mould(args::Command& app);
 void add_yield(args::Command& app);
 void add_replay(args::Command& app);

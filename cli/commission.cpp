@@ -101,7 +101,7 @@ using Steps = std::array<Step, kStepCount>;
 void look_at_recipes(const config::Config& config, Steps& steps, std::vector<std::uint16_t>& types) {
   std::vector<Recipe> recipes;
   std::vector<config::Problem> problems;
-  config::load_recipes(config.recipes_dir, recipes, problems);
+  config::load_recipes(config.recipes_dir, recipes, problems, nullptr, nullptr, &config.gauges);
   Step& step = steps[kRecipes];
   step.saw.clear();
   if (!problems.empty()) {

@@ -183,6 +183,13 @@ std::string never_judged() {
       "passed so far has no verdict");
 }
 
+/// Dimensions that no scan shows and no gauge has measured.
+std::string unseen_text(const SlabRecord& record) {
+  const std::string unseen = report::unseen_dimensions(record.slab, language_in_use());
+  return unseen.empty() ? ""
+                        : fmt::format(fmt::runtime(report::word(report::Word::not_visible, language_in_use())), unseen);
+}
+
 std::string slab_items_text(const SlabRecord& record, report::Style style) {
   std::string text;
   if (report::is_aborted(record)) {
@@ -201,6 +208,12 @@ std::string slab_items_text(const SlabRecord& record, report::Style style) {
     text += say("slab fit: not possible ({})\n", quote(fit.note.view()));
   }
   text += item_table(std::span<const Item>(record.slab.items.begin(), record.slab.items.size()), style, true);
+  if (record.slab.gauges.empty()) return text;
+  report::Table gauges{say("gauge<"), say("source<"), say("unit<"), say("value"), say("age s"), say("state<")};
+  for (const GaugeReading& reading : record.slab.gauges)
+    gauges.add(reading.gauge.view(), reading.source.view(), name(reading.unit), report::Cell(reading.value, 4),
+               report::Cell(reading.age_s, 1), report::gauge_state_sentence(reading.state, language_in_use()));
+  text += "\n" + report::text_of(gauges, style);
   return text;
 }
 
@@ -370,7 +383,7 @@ int show(const Options& options) {
                        report::scanner_source(record.summary.header, verified, language_in_use()), style);
   } else if (options.full) {
     text += fmt::format("{}\n{}{}{}\n", basis_text(record, true), blocks_text(record, style),
-                        slab_items_text(record, style), translated(report::kNotVisible));
+                        slab_items_text(record, style), unseen_text(record));
   } else {
     text += basis_text(record, false);
     if (report::is_aborted(record)) text += say("slab items: none; {}\n", never_judged());

@@ -289,6 +289,7 @@ void add_commands(args::Command& app) {
   add_report(app);
   add_reasons(app);
   add_trend(app);
+  add_gauge(app);
   add_mould(app);
   add_compare(app);
   add_yield(app);

@@ -410,6 +410,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   config.measure_threads = default_measure_threads();
   allow_loopback_only(config.plc.allow);
   allow_loopback_only(config.stream.allow);
+  allow_loopback_only(config.gauge_senders);
 
   const std::optional<std::string> bytes = read_text_file(path, problems);
   if (!bytes) return;
@@ -423,6 +424,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   TableReader root(path, &tree, "", complete ? problems : ignored);
   root.keep_doubts(&config.doubts);
   read_plc(root.table("plc"), config.plc);
+  read_gauges(root, path, complete ? problems : ignored, config);
   read_robot(root.table("robot"), config.robot, config.pose, config);
   read_pose(root.table("pose"), config.pose, config.robot);
   read_scanner(root.table("scanner"), folder, config);

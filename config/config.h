@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -106,8 +107,10 @@ struct Config {
   std::optional<IdPattern> id_pattern;     ///< [line] id_pattern: form of a SLAB_ID; nullopt: any text
   std::optional<IdPattern> mould_from_id;  ///< [line] mould_from_id: its only group is the mould; nullopt: not in it
   bool second_chip_required = false;       ///< [line] second_chip = "required": SLAB_BEGIN needs SECOND_CHIP (HR 35)
-  bool simulation = false;                 ///< [line] simulation: shown to the PLC as STATUS bit 11
-  std::string project;                     ///< [report] project: printed on reports; empty: not printed
+  GaugeList gauges;                        ///< [[gauge]]
+  FixedVector<hal::PlcSettings::Network, 16> gauge_senders;  ///< [gauges] allow: may send gauge values over UDP
+  bool simulation = false;                                   ///< [line] simulation: shown to the PLC as STATUS bit 11
+  std::string project;  ///< [report] project: printed on reports; empty: not printed
   WebSettings web;
   std::vector<Problem> web_problems;  ///< faults of [web]; the rest may be usable
   PlantSettings plant;
@@ -140,12 +143,17 @@ void load_recipe(const std::string& path, Recipe& recipe, std::vector<Problem>& 
 void parse_recipe(const std::string& path, const std::string& bytes, Recipe& recipe, std::vector<Problem>& problems,
                   std::vector<Problem>* doubts = nullptr);
 
+/// Checks the gauges that a recipe's formulas name: each must be one of the line, in the item's unit. A problem names
+/// the recipe's file and line.
+void check_formulas(const Recipe& recipe, std::span<const GaugeSettings> gauges, std::vector<Problem>& problems);
+
 /// Reads all *.toml files of a folder except hidden ones, sorted by name; faulty ones are reported and left out. If two
 /// files have the same slab_type, neither is used, even if one is faulty. If the slab_type of a file cannot be
 /// determined, no recipe is used. A folder without a usable recipe is a problem. `texts` (may be null) receives the
-/// files, in the same order.
+/// files, in the same order. `gauges` (may be null): those of the line, which formulas are checked against.
 void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems,
-                  std::vector<storage::RecipeText>* texts = nullptr, std::vector<Problem>* doubts = nullptr);
+                  std::vector<storage::RecipeText>* texts = nullptr, std::vector<Problem>* doubts = nullptr,
+                  const GaugeList* gauges = nullptr);
 
 /// Contents of all recipe files of a folder, by path; an unreadable file is reported and left out.
 [[nodiscard]] std::map<std::string, std::string> recipe_files(const std::string& dir, std::vector<Problem>& problems);

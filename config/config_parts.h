@@ -43,6 +43,9 @@ void read_plant(TableReader plant, const std::string& folder, PlantSettings& out
 /// Reads [genicam]; every fault is a problem of the table.
 void read_genicam(TableReader genicam, GenicamSettings& out);
 
+/// Reads all [[gauge]] and [gauges]; call it after read_plc. Faulty gauges are left out of `config`.
+void read_gauges(TableReader& root, const std::string& path, std::vector<Problem>& problems, Config& config);
+
 /// Reads [plc] as far as possible; every fault is a problem of the table.
 void read_plc(TableReader plc, hal::PlcSettings& out);
 

@@ -213,6 +213,20 @@ void read_pore_limits(TableReader& item, PoreLimits& out) {
       item.problem(key, "found without upper; allowed is a limit next to that of the largest diameter");
 }
 
+/// Reads `formula = "mean(length_left, length_right)"` of an item that gauges measure.
+void read_formula(TableReader& item, GaugeFormula& out) {
+  std::string text;
+  item.required_text("formula", text, FormulaText::capacity());
+  const TomlValue* const at = item.value("formula");
+  if (at == nullptr || text.empty()) return;
+  const Result<GaugeFormula> formula = parse_formula(text);
+  if (!formula.ok()) return item.problem("formula", fmt::format("found \"{}\": {}", text, formula.error().text.view()));
+  out = formula.value();
+  out.line = at->line;
+  if (item.has("U"))
+    item.problem("U", "found U of an item that gauges measure; leave it out: U follows from [[gauge]] u and master");
+}
+
 void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
   item.required_boolean("required", out.required);
   item.optional_boolean("confirmed", out.confirmed);
@@ -246,6 +260,7 @@ void read_items(TableReader items, Recipe& recipe) {
     recipe.tolerances[i].given = true;
     TableReader table = items.table(item.name);
     if (item.id == ItemId::surface_pores) read_pore_limits(table, recipe.pores);
+    if (item.of_gauges) read_formula(table, recipe.formulas[gauge_item_index(item.id)]);
     read_item(std::move(table), item, recipe.tolerances[i]);
   }
   items.finish();
@@ -324,7 +339,8 @@ std::optional<std::uint16_t> slab_type_in(std::string_view text) {
   return {};
 }
 
-RecipeFile read_recipe_file(const std::string& path, std::vector<Problem>& problems, std::vector<Problem>* doubts) {
+RecipeFile read_recipe_file(const std::string& path, std::vector<Problem>& problems, std::vector<Problem>* doubts,
+                            const GaugeList* gauges) {
   RecipeFile file;
   file.path = path;
   const std::size_t problems_before = problems.size();
@@ -332,6 +348,8 @@ RecipeFile read_recipe_file(const std::string& path, std::vector<Problem>& probl
   if (!bytes) return file;
   file.bytes = std::move(*bytes);
   parse_recipe(path, file.bytes, file.recipe, problems, doubts);
+  if (gauges != nullptr && problems.size() == problems_before)
+    check_formulas(file.recipe, {gauges->data(), gauges->size()}, problems);
   file.is_good = problems.size() == problems_before;
   file.slab_type = file.is_good ? std::optional(file.recipe.slab_type) : slab_type_in(file.bytes);
   return file;
@@ -392,7 +410,7 @@ std::map<std::string, std::string> recipe_files(const std::string& dir, std::vec
 }
 
 void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vector<Problem>& problems,
-                  std::vector<storage::RecipeText>* texts, std::vector<Problem>* doubts) {
+                  std::vector<storage::RecipeText>* texts, std::vector<Problem>* doubts, const GaugeList* gauges) {
   recipes.clear();
   if (texts != nullptr) texts->clear();
   std::vector<std::string> paths;
@@ -410,7 +428,7 @@ void load_recipes(const std::string& dir, std::vector<Recipe>& recipes, std::vec
 
   std::vector<RecipeFile> files;
   files.reserve(paths.size());
-  for (const std::string& path : paths) files.push_back(read_recipe_file(path, problems, doubts));
+  for (const std::string& path : paths) files.push_back(read_recipe_file(path, problems, doubts, gauges));
   // One of two files may be an old version of the other: a guess could pass bad slabs.
   std::map<std::uint16_t, std::string> path_of_type;
   bool any_type_unknown = false;

@@ -108,6 +108,9 @@ double nominal_from_geometry(const Recipe& r, ItemId id) {
     case ItemId::casing_protrusion_outer: return r.block.casing_rim_height_mm.value;
     case ItemId::seat_spacing: return r.slab.pitch_mm.value;
     case ItemId::large_jaw_distance: return large_jaw_distance_mm(r);
+    case ItemId::slab_length: return r.slab.length_mm.value;
+    case ItemId::slab_width: return r.slab.width_mm.value;
+    case ItemId::slab_thickness: return r.slab.thickness_mm.value;
     default: return info(id).nominal_is_zero ? 0.0 : kNoValue;
   }
 }
@@ -122,7 +125,7 @@ void check_item(TableReader item, const Recipe& recipe, ItemId id) {
   const Tolerance& t = recipe.tolerance(id);
   // Without U every verdict would be indeterminate, so the recipe is rejected.
   const bool never_computed = info(id).U_from_recipe;
-  if (t.required && (has_value(t.lower) || has_value(t.upper)) && !has_value(t.U) &&
+  if (t.required && (has_value(t.lower) || has_value(t.upper)) && !has_value(t.U) && !info(id).of_gauges &&
       (never_computed || !recipe.uncertainty.given))
     item.problem("U", never_computed
                           ? "missing; expected the expanded uncertainty (k = 2) of its value: none is computed"

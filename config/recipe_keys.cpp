@@ -102,6 +102,10 @@ void add_item(Keys& keys, const Recipe& recipe, ItemId id) {
   keys.add(item + ".required", t.required, KeyEffect::verdict);
   keys.add(item + ".confirmed", t.confirmed, KeyEffect::none);
   keys.add(item + ".nominal.confirmed", t.nominal.confirmed, KeyEffect::none);
+  if (info(id).of_gauges) {
+    const FormulaText formula = text_of(recipe.formula(id));
+    keys.add(item + ".formula", formula.empty() ? std::string_view("-") : formula.view(), KeyEffect::slab);
+  }
 }
 
 }  // namespace

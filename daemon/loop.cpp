@@ -253,8 +253,12 @@ void Loop::order_store() {
   if (!store_worker_->push(OpenStore{})) return;
   StationSettings settings = station_->settings;
   settings.fault = Code::ok;
+  const LineGauges gauges = station_->gauges;  // what has arrived keeps its time of arrival
   std::destroy_at(station_.get());
   std::construct_at(station_.get(), settings);
+  station_->gauges.samples = gauges.samples;
+  station_->gauges.plc_seq = gauges.plc_seq;
+  station_->gauges.plc_seen = gauges.plc_seen;
   figures_.opening = true;
   fault_was_reset_ = false;
   reopen_ns_.reset();
@@ -319,6 +323,7 @@ void Loop::turn(int wait_ms) {
 
 void Loop::serve() {
   tick();
+  take_gauges();
   take_poses();
   take_answers();
   serve_plc();
@@ -443,6 +448,15 @@ void Loop::apply_reloaded_recipes() {
   }
 }
 
+void Loop::take_gauges() {
+  if (ports_.gauges == nullptr) return;
+  ports_.gauges->newest(gauge_samples_);
+  handle(GaugesSampled{&gauge_samples_});
+  LogLine line;
+  line.level = LogLine::Level::warning;
+  if (ports_.gauges->next_note(ports_.clock.mono_ns(), line.text)) say(line);
+}
+
 void Loop::take_poses() {
   PoseSample sample;
   for (std::size_t i = 0; i < limits::kPosesPerTurn && ports_.pose.next(ports_.clock.mono_ns(), sample); ++i)
@@ -525,6 +539,7 @@ void Loop::take_change() {
   if (const LineCalibration* calibration = calibration_changer_.finish()) handle(CalibrationChanged{calibration});
   if (const storage::DispositionRecord* kept = calibration_changer_.disposition())
     handle(DispositionKept{kept->slab_key, kept->decision});
+  if (const GaugeCheck* const check = calibration_changer_.gauge_check()) handle(GaugeChecked{*check});
   LogLine line;
   line.level = calibration_changer_.succeeded() ? LogLine::Level::info : LogLine::Level::warning;
   line.text = calibration_changer_.summary().view();

@@ -30,8 +30,9 @@ struct Ports {
   hal::ControlPort* control = nullptr;
   hal::Clock& clock;
   hal::ServiceNotify& notify;
-  DesignWatch* designs = nullptr;  ///< of the design sheets; absent: there is no such folder
-  RecipeWatch* recipes = nullptr;  ///< of the recipe folder; absent: the folder is not watched
+  hal::GaugePort* gauges = nullptr;  ///< instruments and UDP; absent: no gauge has such a source
+  DesignWatch* designs = nullptr;    ///< of the design sheets; absent: there is no such folder
+  RecipeWatch* recipes = nullptr;    ///< of the recipe folder; absent: the folder is not watched
 };
 
 /// Opens the store, on the storage thread. Sets `scanner_is_ours` once no other process can use the scanner; until then
@@ -151,6 +152,7 @@ class Loop {
   void tick();
   void look_for_another_daemon();
   void note_fault();
+  void take_gauges();
   void take_poses();
   void log_pose_changes();
   void take_answers();
@@ -226,6 +228,7 @@ class Loop {
   bool scanner_is_anothers_ = false;  ///< another daemon uses the drop folder
   bool fault_was_reset_ = false;      ///< by the PLC, since the store was last ordered to be opened
   bool fault_reset_held_ = false;     ///< FAULT_RESET as last written by the PLC
+  GaugeSamples gauge_samples_{};
   std::shared_ptr<const config::DesignSet> designs_in_use_;
   std::shared_ptr<const RecipeSet> recipes_in_use_;  ///< loaded since the start
   bool measuring_given_up_ = false;                  ///< for the current block
@@ -257,6 +260,11 @@ class Loop {
 [[nodiscard]] std::string calibration_json(const Station& station, const CalibrationChanger& changer);
 /// The answer to {"verb":"capture",...}: operator, state of the robot, result of the last view; schema slabd.capture/1.
 [[nodiscard]] std::string capture_json(const Station& station);
+/// The answer to {"verb":"gauges"}: every gauge with its newest value, its last master check and its state for the open
+/// slab; schema slabd.gauges/1.
+[[nodiscard]] std::string gauges_json(const Station& station, const Ports& ports);
+/// Parses {"verb":"gauge_enter","gauge":NAME,"value":X,"slab_no":N} into an event. config: the text names the error.
+[[nodiscard]] Result<GaugeEntered> parse_gauge_entry(std::string_view line, const Station& station, std::uint32_t uid);
 /// The answer to {"verb":"recipes"}: the recipes in use, differences in the folder, result of the last reload; schema
 /// slabd.recipes/1. With "reload":true a reload is ordered first, unless a slab is open.
 [[nodiscard]] std::string recipes_json(const RecipeWatch& watch);

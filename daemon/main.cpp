@@ -152,6 +152,8 @@ StationSettings station_settings(const config::Config& config, const std::vector
   settings.id_pattern = config.id_pattern ? &*config.id_pattern : nullptr;
   settings.mould_from_id = config.mould_from_id ? &*config.mould_from_id : nullptr;
   settings.second_chip_required = config.second_chip_required;
+  settings.gauges = {config.gauges.data(), config.gauges.size()};
+  settings.plc_memory_lasts = config.plc.role == hal::PlcRole::client;
   settings.splice = config.splice;
   settings.check_interval_us = config.check_interval_us;
   settings.software = software_version();
@@ -314,17 +316,30 @@ int run(const config::Config& config, const std::vector<config::Problem>& config
   std::optional<RecipeWatch> recipe_watch;
   if (settings.fault == Code::ok)
     recipe_watch.emplace(config.recipes_dir,
-                         std::make_shared<const RecipeSet>(RecipeSet{recipes, config.storage.recipe_texts}));
+                         std::make_shared<const RecipeSet>(RecipeSet{recipes, config.storage.recipe_texts}), 2'000,
+                         config.gauges);
   std::optional<DesignWatch> design_watch;
   if (settings.fault == Code::ok && !config.designs_dir.empty())
     design_watch.emplace(config.designs_dir,
                          std::make_shared<const config::DesignSet>(config::load_designs(config.designs_dir)));
+  std::unique_ptr<hal::GaugePort> gauges;
+  const bool fetches = std::any_of(config.gauges.begin(), config.gauges.end(), [](const GaugeSettings& gauge) {
+    return gauge.link == GaugeLink::modbus || gauge.link == GaugeLink::udp;
+  });
+  if (settings.fault == Code::ok && fetches) {
+    // Without it the gauges are missing, and the items that need them are not measured.
+    if (auto made = hal::make_gauge_port(settings.gauges, config.gauge_senders, *clock); made.ok())
+      gauges = std::move(made.value());
+    else
+      say_text("error: %s\n", made.error().text.c_str());
+  }
   const Ports ports{.plc = *plc.value(),
                     .pose = *pose,
                     .scanner = *scanner,
                     .control = control.get(),
                     .clock = *clock,
                     .notify = *notify,
+                    .gauges = gauges.get(),
                     .designs = design_watch ? &*design_watch : nullptr,
                     .recipes = recipe_watch ? &*recipe_watch : nullptr};
   Opener opener(config);
@@ -380,7 +395,7 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
     std::vector<slabd::config::Problem> recipe_problems;
     if (config_problems.empty())
       slabd::config::load_recipes(config.recipes_dir, recipes, recipe_problems, &config.storage.recipe_texts,
-                                  &config.doubts);
+                                  &config.doubts, &config.gauges);
     if (check_only) return check(config, config_problems, recipes, recipe_problems);
     const int status = run(config, config_problems, recipes, recipe_problems, seal);
     (void)flush_log(kFlush_ms);

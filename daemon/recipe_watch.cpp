@@ -71,6 +71,7 @@ std::string sentence(const std::vector<RecipeDifference>& list) {
 
 struct RecipeWatch::State {
   std::string dir;
+  GaugeList gauges;
   int period_ms = 0;
 
   mutable std::mutex mutex;
@@ -151,7 +152,7 @@ void RecipeWatch::State::look() {
 void RecipeWatch::State::check() {
   auto set = std::make_shared<RecipeSet>();
   std::vector<config::Problem> problems;
-  config::load_recipes(dir, set->recipes, problems, &set->texts);
+  config::load_recipes(dir, set->recipes, problems, &set->texts, nullptr, &gauges);
   const std::lock_guard lock(mutex);
   if (!problems.empty()) {
     set_refused(fmt::format("the recipes in use stay in force, because the folder could not be used as it is: {}{}",
@@ -164,9 +165,11 @@ void RecipeWatch::State::check() {
   is_checked = true;
 }
 
-RecipeWatch::RecipeWatch(const std::string& dir, std::shared_ptr<const RecipeSet> in_use, int period_ms)
+RecipeWatch::RecipeWatch(const std::string& dir, std::shared_ptr<const RecipeSet> in_use, int period_ms,
+                         const GaugeList& gauges)
     : state_(std::make_shared<State>()) {
   state_->dir = dir;
+  state_->gauges = gauges;
   state_->period_ms = period_ms;
   state_->in_use = std::move(in_use);
   // Detached, with its own state, because a look at a share that hangs may return at any time.

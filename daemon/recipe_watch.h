@@ -34,8 +34,10 @@ class RecipeWatch {
   using Text = FixedString<limits::kErrorTextBytes>;
   enum class Reload : std::uint8_t { none, checking, checked, refused, done };
 
-  /// `in_use` was read from `dir`. The folder is checked about every `period_ms`.
-  RecipeWatch(const std::string& dir, std::shared_ptr<const RecipeSet> in_use, int period_ms = 2'000);
+  /// `in_use` was read from `dir`. The folder is checked about every `period_ms`. `gauges` of the line: a reload checks
+  /// formulas against them.
+  RecipeWatch(const std::string& dir, std::shared_ptr<const RecipeSet> in_use, int period_ms = 2'000,
+              const GaugeList& gauges = kNoGauges);
   /// Does not wait for a check that hangs.
   ~RecipeWatch();
   RecipeWatch(const RecipeWatch&) = delete;

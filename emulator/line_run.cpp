@@ -12,6 +12,9 @@
 namespace slabd::emulator {
 namespace {
 
+/// slabd asks every instrument twice a second.
+constexpr std::chrono::milliseconds kGaugeRounds{1'200};
+
 double seconds(PlcClock::duration d) {
   return std::chrono::duration<double>(d).count();
 }
@@ -111,10 +114,24 @@ class SlabProgram {
     return true;
   }
 
+  /// Gauges the slab, and waits until slabd has read its instruments. False if the run cannot continue.
+  bool gauge(PlcGauges& gauges) {
+    tell(truth_.stations, "gauging");
+    gauges = line_.gauges->measure(run_.order.slab_no);
+    if (gauges.any && !gauges.late) line_.plc.write_gauges(gauges.thousandths, gauges.slab_no);
+    const auto since = PlcClock::now();
+    const auto read = [&] { return PlcClock::now() - since > kGaugeRounds; };
+    return line_.plc.await(read, line_.timing.result_timeout, "the gauges", run_.trouble);
+  }
+
   bool end() {
+    PlcGauges gauges;
+    if (line_.gauges != nullptr && !gauge(gauges)) return false;
     tell(truth_.stations, "SLAB_END");
     std::uint16_t seq = 0;
     if (!line_.plc.issue(plc_order(run_.order, PlcCommand::slab_end), seq, run_.trouble)) return false;
+    if (gauges.any && gauges.late) line_.plc.write_gauges(gauges.thousandths, gauges.slab_no);
+    if (line_.gauges != nullptr) line_.gauges->send_late();
     // The verdict registers are final before the record, because the record waits for the acknowledgement of earlier
     // ones.
     const auto final_table = [&] { return seen().table_slab_no == run_.order.slab_no && !seen().slab_open; };

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/base.h"
+#include "emulator/gauge_peer.h"
 #include "emulator/plc_peer.h"
 #include "emulator/robot_peer.h"
 #include "emulator/scanner_peer.h"
@@ -60,6 +61,7 @@ struct Line {
   int scans_per_station_max = 3;
   PlcTraits timing;
   std::function<void(int station, std::string_view doing)> progress;
+  GaugePeer* gauges = nullptr;  ///< absent: the line has none
 };
 
 /// Runs one slab. Never discards the slab: a station that cannot be scanned is skipped after its attempts, and slabd's

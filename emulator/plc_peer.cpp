@@ -11,6 +11,7 @@
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <ctime>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -482,6 +483,17 @@ const StoredResult* PlcPeer::result(std::uint32_t slab_no, int kind, int station
     if (r.slab_no == slab_no && r.kind == kind && r.station == station && r.cmd_seq == cmd_seq) return &stored;
   }
   return nullptr;
+}
+
+void PlcPeer::write_gauges(const std::array<std::int32_t, limits::kGaugesMax>& thousandths, std::uint32_t slab_no) {
+  PlcInputs& memory = impl_->memory;
+  // As a PLC after a cold start, but not with the numbers of the last run: slabd remembers those of the last slab.
+  if (memory.gauge_seq == 0) memory.gauge_seq = static_cast<std::uint16_t>(std::time(nullptr) & 0x7FFF);
+  memory.gauge_thousandths = thousandths;
+  memory.gauge_slab_no = slab_no;
+  memory.gauge_seq = next_sequence(memory.gauge_seq);
+  constexpr int kCount = static_cast<int>(hal::kHoldingRegisters) - hal::kGaugeFirst;
+  impl_->write_registers(hal::kGaugeFirst, kCount);
 }
 
 void PlcPeer::disable() {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <functional>
@@ -88,6 +89,8 @@ class PlcPeer {
                            PlcTrouble& trouble);
   /// The stored record of this kind and command, or nullptr.
   [[nodiscard]] const StoredResult* result(std::uint32_t slab_no, int kind, int station, std::uint16_t cmd_seq) const;
+  /// Writes HR 40..74 in one request, with the next GAUGE_SEQ. A failure is detected by the next cycle.
+  void write_gauges(const std::array<std::int32_t, limits::kGaugesMax>& thousandths, std::uint32_t slab_no);
   /// Clears ENABLE.
   void disable();
 

@@ -113,6 +113,8 @@ struct PlcSettings {
   std::uint8_t unit_id = 1;  ///< slabd's own (server, rtu), or that of the PLC (client)
   WordOrder word_order = WordOrder::abcd;
 
+  bool gauges = false;  ///< a gauge's source is the PLC: the client also reads HR 40..74
+
   FixedString<64> host = "127.0.0.1";  ///< IPv4 address to listen on (server), or of the PLC (client)
   std::uint16_t port = 1502;           ///< server: 0 = any free port (tests), returned by `bound_port`
 
@@ -448,6 +450,38 @@ class ScanStreamPort : public ScannerPort {
 
 enum class ScannerBackend : std::uint8_t { drop, tcp };
 inline constexpr std::array<std::string_view, 2> kScannerBackends = {"drop", "tcp"};
+
+// ---- gauges ----------------------------------------------------------------------------------------------------
+
+/// Addresses that may send gauge values over UDP; IPv4.
+using GaugeSenders = FixedVector<PlcSettings::Network, 16>;
+
+/// Lines received over UDP since the start.
+struct GaugeCounters {
+  std::uint64_t accepted = 0;
+  std::uint64_t repeated = 0;   ///< the sequence number of the last one
+  std::uint64_t unknown = 0;    ///< no gauge of this name has this port
+  std::uint64_t malformed = 0;  ///< not "NAME VALUE SEQ SLAB_NO", or a datagram that is too long
+  std::uint64_t foreign = 0;    ///< datagrams from other addresses
+};
+
+/// Gauges whose values slabd fetches (Modbus instruments) or receives (UDP), on threads of their own. The loop only
+/// copies. Gauges of other links have no samples here.
+class GaugePort {
+ public:
+  virtual ~GaugePort() = default;
+  /// The newest sample of each gauge, in the order of its settings. Waits for no instrument; any thread.
+  virtual void newest(GaugeSamples& out) const = 0;
+  /// Reason why an instrument's last request failed; empty if it did not. Any thread.
+  [[nodiscard]] virtual ScannerText trouble(std::size_t index) const = 0;
+  [[nodiscard]] virtual GaugeCounters counters() const = 0;
+  /// A log line about datagrams that were not used, at most one a minute; false if there is none. One thread.
+  [[nodiscard]] virtual bool next_note(std::int64_t mono_ns, ScannerText& text) = 0;
+};
+/// Starts the threads that the links need. config: a UDP port cannot be opened. An instrument that does not answer is
+/// reported by trouble(), not as an error.
+[[nodiscard]] Result<std::unique_ptr<GaugePort>> make_gauge_port(std::span<const GaugeSettings> gauges,
+                                                                 const GaugeSenders& senders, const Clock& clock);
 
 // ---- control socket --------------------------------------------------------------------------------------------
 

@@ -57,8 +57,9 @@ std::optional<Table> budget_table(const storage::SlabRecord& record, Language la
   Table table;
   table.title = say(Word::budget);
   table.columns = {say(Word::characteristic) + "<", say(Word::block_column) + "<", say(Word::unit) + "<", "U, k = 2"};
-  for (const Word part : {Word::budget_fit, Word::budget_noise, Word::budget_scanner, Word::budget_registration,
-                          Word::budget_calibration, Word::budget_robot, Word::budget_reference, Word::budget_thermal})
+  for (const Word part :
+       {Word::budget_fit, Word::budget_noise, Word::budget_scanner, Word::budget_registration, Word::budget_calibration,
+        Word::budget_robot, Word::budget_reference, Word::budget_thermal, Word::budget_gauge})
     table.columns.push_back(say(part));
   for (std::size_t i = 0; i < kItemCount; ++i) {
     if (largest.item[i] == nullptr) continue;

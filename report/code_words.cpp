@@ -47,7 +47,10 @@ constexpr std::array kCodesZh = {
     CodeWords{Code::unknown_mould,
               {"MOULD 与 SLAB_ID 给出的模具不一致，或 SLAB_ID 中的模具号不在 0 至 65535 之间",
                "更正 MOULD（HR 34）或 SLAB_ID（HR 16 至 31），或更正配置中的 [line] mould_from_id"}},
-    CodeWords{Code::no_gauge, {"保留：量具值缺失或不可用", "检查量具"}},
+    CodeWords{Code::no_gauge,
+              {"量具没有可用的值：缺失、过旧、属于另一块板、不可信，或标准件校核已到期",
+               "slabctl gauge list 列出量具和原因；用标准件校核（slabctl gauge check）；PLC 在 SLAB_END 之前先写 "
+               "GAUGE_SLAB_NO，再写 GAUGE_SEQ（HR 72）（docs/GAUGES.md）"}},
     CodeWords{
         Code::attempts_used_up,
         {"该检测位在此轨道板中已扫描 255 次，达到计数上限", "结束或中止此轨道板并重新开始；查明该检测位为何反复扫描"}},
@@ -85,7 +88,7 @@ constexpr std::array kCodesZh = {
     CodeWords{Code::internal, {"内部检查失败", "记录日志条目并重启服务"}},
 };
 
-constexpr std::array<std::pair<std::uint16_t, std::string_view>, 15> kWarningsZh = {{
+constexpr std::array<std::pair<std::uint16_t, std::string_view>, 16> kWarningsZh = {{
     {kWarnUnconfirmedNominals, "结论依赖于未经确认的公称值或公差"},
     {kWarnCommissioningCalibration, "使用调试标定值：尚未启用任何标定"},
     {kWarnStrayFiles, "不对应任何请求的文件已移至 stray/"},
@@ -100,6 +103,7 @@ constexpr std::array<std::pair<std::uint16_t, std::string_view>, 15> kWarningsZh
     {kWarnHandednessUnproven, "扫描仪坐标系的手性未经证实：现用标定没有证明手性的视图"},
     {kWarnRecipesDiffer, "配方文件夹与正在使用的配方不一致"},
     {kWarnEmulation, "仿真：机器人或扫描仪不是真实设备"},
+    {kWarnGauge, "某个量具卡滞，或其标准件校核缺失、未通过或已过期（slabctl gauge list）"},
     {kWarnStopsAlike, "机器人在相邻承轨台上的停位相同，位姿无法证明扫描属于哪个承轨台"},
 }};
 

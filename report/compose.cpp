@@ -54,6 +54,7 @@ class Composer {
         report.sections.push_back(block(station));
     if (!full_) return report;
     report.sections.push_back(slab_items());
+    if (!record_.slab.gauges.empty()) report.sections.push_back(gauges());
     report.sections.push_back(seats());
     report.sections.push_back(registration());
     report.sections.push_back(times());
@@ -180,7 +181,12 @@ class Composer {
     if (header_.guard == 0.0) add(say(Word::simple_acceptance));
     const SlabFitReport& fit = record_.slab.fit;
     if (fit.ok && !fit.note.empty()) add(fmt::format("{}: {}", say(Word::slab_fit), fit.note.view()));
-    add(say(Word::not_visible));
+    for (const GaugeReading& reading : record_.slab.gauges)
+      if (reading.state != GaugeState::ok)
+        add(fmt::format("{} {}: {}", say(Word::gauge), reading.gauge.view(),
+                        gauge_state_sentence(reading.state, language_)));
+    if (const std::string unseen = unseen_dimensions(record_.slab, language_); !unseen.empty())
+      add(say(Word::not_visible, unseen));
     return section;
   }
 
@@ -270,6 +276,21 @@ class Composer {
     }
     Table table = item_table(section.title);
     for (const Item& item : record_.slab.items) add_item(table, item, true);
+    section.parts.push_back(std::move(table));
+    return section;
+  }
+
+  Section gauges() {
+    Section section;
+    section.title = say(Word::gauges);
+    section.together = true;
+    Table table;
+    table.title = section.title;
+    table.columns = {say(Word::gauge) + "<", say(Word::gauge_source) + "<", say(Word::unit) + "<",
+                     say(Word::measured),    say(Word::gauge_state) + "<",  say(Word::gauge_check)};
+    for (const GaugeReading& reading : record_.slab.gauges)
+      table.add(reading.gauge.view(), reading.source.view(), name(reading.unit), Cell(reading.value, 3),
+                gauge_state_sentence(reading.state, language_), Cell(reading.check_deviation, 3));
     section.parts.push_back(std::move(table));
     return section;
   }

@@ -3,9 +3,11 @@
 
 #include <fmt/core.h>
 
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <ctime>
+#include <vector>
 
 #include "report/say.h"
 
@@ -93,6 +95,30 @@ std::string flatness_operator(double cell_mm, const SeatFeature& seat, report::L
     if (seat.flatness_mm == seat.flatness_raw_mm) text += say(language, ", pits and all");
   }
   return text;
+}
+
+std::string unseen_dimensions(const SlabResult& slab, Language language) {
+  constexpr std::array<std::array<std::string_view, 2>, kGaugeItems> kNames = {
+      {{"length", "板长"}, {"width", "板宽"}, {"thickness", "板厚"}, {"bottom", "板底"}}};
+  const bool zh = language == Language::zh;
+  std::vector<std::string_view> unseen;
+  for (std::size_t i = 0; i < kGaugeItems; ++i) {
+    const Item* const item = find_item(slab.items.begin(), slab.items.end(), kGaugeItemIds[i]);
+    if (item == nullptr || !has_value(item->value)) unseen.push_back(kNames[i][zh ? 1 : 0]);
+  }
+  std::string text;
+  for (std::size_t i = 0; i < unseen.size(); ++i) {
+    if (i > 0) text += i + 1 < unseen.size() ? (zh ? "、" : ", ") : (zh ? "和" : " and ");
+    text += unseen[i];
+  }
+  return text;
+}
+
+std::string not_visible(const SlabResult& slab) {
+  std::string unseen = unseen_dimensions(slab, Language::en);
+  if (unseen.empty()) return unseen;
+  if (const std::size_t last = unseen.find(" and "); last != std::string::npos) unseen.replace(last, 5, ", ");
+  return "not visible to the block scans: " + unseen + " of the slab";
 }
 
 }  // namespace slabd::report

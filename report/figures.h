@@ -38,8 +38,12 @@ namespace slabd::report {
 [[nodiscard]] std::string flatness_operator(double cell_mm, const SeatFeature& seat,
                                             report::Language language = report::Language::en);
 
-/// Characteristics that the block scans cannot measure; printed on every report.
+/// Characteristics that the block scans cannot measure; printed on every report without gauges.
 inline constexpr std::string_view kNotVisible =
     "not visible to the block scans: length, width, thickness, bottom of the slab";
+/// The same without those that a gauge measured; empty if it measured all.
+[[nodiscard]] std::string not_visible(const SlabResult& slab);
+/// "length, width, thickness and bottom", without those that a gauge measured; empty if it measured all.
+[[nodiscard]] std::string unseen_dimensions(const SlabResult& slab, Language language);
 
 }  // namespace slabd::report

@@ -18,6 +18,14 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"seat {} off by {} mm in X", "承轨面 {} 在 X 方向偏 {} mm"},
     {"{} seats, 3 to {} can be fitted", "{} 个承轨面，可拟合 3 至 {} 个"},
     {"the slab's pose still moves after {} steps", "迭代 {} 步后，板的位姿仍在变化"},
+    // gauges (base/gauge)
+    {"no value has arrived", "没有收到值"},
+    {"the value belongs to another slab", "该值属于另一块板"},
+    {"the value is too old", "该值过旧"},
+    {"the value is far from the nominal: another unit or another dimension", "该值远离公称值：单位或尺寸不对"},
+    {"it was never checked with its master", "从未用标准件校核"},
+    {"its last master check was outside the limit", "上次标准件校核超出限值"},
+    {"its master check is overdue", "标准件校核已过期"},
     // scans (base/records)
     {"the coordinates are rounded to {}, {}, {} mm (x, y, z of the scanner; 0: not rounded), which makes U larger and "
      "may hide filled gaps: let the scanner write more decimals",

@@ -95,7 +95,16 @@ std::string slab_json(const SlabRecord& record, int only_block) {
     write_attempt(json, record, block);
     json.end_object();
   }
-  return json.end_array().field("not_visible", kNotVisible).text();
+  json.end_array().list("gauges", record.slab.gauges, [&](const GaugeReading& reading) {
+    json.field("name", reading.gauge).field("source", reading.source).field("unit", name(reading.unit));
+    json.field("state", name(reading.state)).field("value", reading.value).field("u", reading.u);
+    json.field("u_master", reading.u_master).field("seq", reading.seq).field("slab_no", reading.slab_no);
+    write_time(json, "arrived", reading.utime_us);
+    json.field("age_s", reading.age_s);
+    write_time(json, "checked", reading.check_utime_us);
+    json.field("check_deviation", reading.check_deviation);
+  });
+  return json.field("not_visible", not_visible(record.slab)).text();
 }
 
 }  // namespace slabd::report

@@ -118,6 +118,7 @@ Entry entry(Word word) {
     case Word::budget_robot: return {"robot", "机器人"};
     case Word::budget_reference: return {"reference", "基准"};
     case Word::budget_thermal: return {"thermal", "温度"};
+    case Word::budget_gauge: return {"gauge", "量具"};
     case Word::software: return {"software", "软件"};
     case Word::acceptance: return {"decision rule", "判定规则"};
     case Word::guarded: return {"ISO 14253-1, guard band {} U", "ISO 14253-1，保护带 {} U"};
@@ -146,9 +147,13 @@ Entry entry(Word word) {
       return {"{} nominals, tolerances and assumptions of the recipe had not been confirmed when this slab was judged.",
               "判定该板时，配方中有 {} 个公称值、公差或假设未经确认。"};
     case Word::not_visible:
-      return {
-          "Not visible to the scans of the blocks, and not judged: length, width, thickness and bottom of the slab.",
-          "承轨台扫描无法看到、未作判定：板长、板宽、板厚和板底。"};
+      return {"Not visible to the scans of the blocks, and not judged: {} of the slab.",
+              "承轨台扫描无法看到、未作判定：{}。"};
+    case Word::gauges: return {"Gauges", "量具"};
+    case Word::gauge: return {"gauge", "量具"};
+    case Word::gauge_source: return {"source", "来源"};
+    case Word::gauge_state: return {"state", "状态"};
+    case Word::gauge_check: return {"master check: off by", "标准件校核偏差"};
     case Word::commissioning:
       return {"No calibration was in force: the robot and scanner were taken as the configuration states them.",
               "没有生效的标定：机器人与扫描仪按配置文件的值使用。"};
@@ -189,6 +194,8 @@ Entry entry(Word word) {
   return {};
 }
 
+constexpr std::string_view kGaugeCureZh = "slabctl show 列出各量具及其值；人工测量该板";
+
 ItemEntry item_entry(ItemId id) {
   switch (id) {
     case ItemId::seat_slope: return {{"seat slope", "承轨面坡度"}};
@@ -217,9 +224,22 @@ ItemEntry item_entry(ItemId id) {
       return {{"damage, largest", "破损（最大）"},
               "承轨台表面有破损、裂缝、掉角或凸起",
               "slabctl show 给出位置、大小和深度；检查承轨台：破损、污物或遗留物"};
+    case ItemId::slab_length: return {{"slab length", "板长"}, "板长超出限值", kGaugeCureZh};
+    case ItemId::slab_width: return {{"slab width", "板宽"}, "板宽超出限值", kGaugeCureZh};
+    case ItemId::slab_thickness: return {{"slab thickness", "板厚"}, "板厚超出限值", kGaugeCureZh};
+    case ItemId::bottom_flatness: return {{"bottom flatness", "板底平面度"}, "板底不平", kGaugeCureZh};
   }
   return {};
 }
+
+constexpr std::array<const char*, kGaugeStates> kGaugeStatesZh = {"可用",
+                                                                  "没有收到值",
+                                                                  "属于另一块板",
+                                                                  "值过旧",
+                                                                  "远离公称值：单位或尺寸不对",
+                                                                  "从未用标准件校核",
+                                                                  "上次标准件校核超出限值",
+                                                                  "标准件校核已过期"};
 
 std::string_view pick(const Entry& entry, Language language) {
   return language == Language::zh ? entry.zh : entry.en;
@@ -309,6 +329,11 @@ std::string emulation_banner(std::uint8_t shown, std::uint8_t now, Language lang
 std::string_view emulation_mark(std::uint8_t bits, Language language) {
   if (bits == 0) return {};
   return language == Language::zh ? "仿真" : "EMULATED";
+}
+
+std::string gauge_state_sentence(GaugeState state, Language language) {
+  if (language == Language::zh) return kGaugeStatesZh.at(static_cast<std::size_t>(state));
+  return std::string(state == GaugeState::ok ? name(state) : reason_of(state));
 }
 
 std::string_view verdict_word(Verdict verdict, Language language) {

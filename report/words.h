@@ -88,6 +88,7 @@ enum class Word : std::uint8_t {
   budget_robot,
   budget_reference,
   budget_thermal,
+  budget_gauge,
   software,
   acceptance,
   guarded,
@@ -106,6 +107,11 @@ enum class Word : std::uint8_t {
   no_map,
   unconfirmed,
   not_visible,
+  gauges,
+  gauge,
+  gauge_source,
+  gauge_state,
+  gauge_check,
   commissioning,
   open_warning,
   outside_scale,
@@ -147,6 +153,8 @@ struct ReasonWords {
   std::string_view cure;
 };
 [[nodiscard]] ReasonWords item_reason_zh(ItemId id);
+/// "ok", or why a gauge's value did not count.
+[[nodiscard]] std::string gauge_state_sentence(GaugeState state, Language language);
 [[nodiscard]] std::string_view verdict_word(Verdict verdict, Language language);
 /// A finding with place and size.
 [[nodiscard]] std::string finding_sentence(const SurfaceFinding& finding, Language language);

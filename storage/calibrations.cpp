@@ -11,6 +11,7 @@
 #include <cstdlib>
 
 #include "storage/dispositions.h"
+#include "storage/gauges.h"
 #include "storage/jobs.h"
 #include "storage/moulds.h"
 #include "storage/rows.h"
@@ -64,6 +65,7 @@ std::string Calibrations::carry_out(const CalibrationChange& change) {
   if (const auto* what = std::get_if<RollBackCalibration>(&change)) return roll_back(*what);
   if (const auto* what = std::get_if<KeepDisposition>(&change)) return Dispositions(db_).keep(*what);
   if (const auto* what = std::get_if<ResetMould>(&change)) return Moulds(db_).reset(*what);
+  if (const auto* what = std::get_if<KeepGaugeCheck>(&change)) return Gauges(db_).keep(*what);
   return keep(std::get<KeepCheck>(change).check);
 }
 

@@ -146,6 +146,9 @@ void compare(const SlabResult& stored, const SlabResult& now, Comparison& out) {
                 StationResult{0, stored.station_verdict[i], stored.station_reason[i]},
                 StationResult{0, now.station_verdict[i], now.station_reason[i]}, out);
   compare_items(stored.items, now.items, out);
+  // The values of the gauges are the input of both; only what is made of it can differ.
+  for (std::size_t i = 0; i < std::min(stored.gauges.size(), now.gauges.size()); ++i)
+    compare_row("gauge " + std::string(stored.gauges[i].gauge.view()), stored.gauges[i], now.gauges[i], out);
 }
 
 }  // namespace slabd::storage

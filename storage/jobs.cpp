@@ -91,6 +91,8 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
       delete_items_(db, "DELETE FROM item WHERE slab_key = ?1 AND station = ?2 AND attempt = ?3"),
       insert_item_(db, insert_for<BlockKey, Position, Item>("item")),
       insert_map_(db, insert_for<BlockKey, FeatureName, PackedMap>("map")),
+      delete_gauges_(db, "DELETE FROM gauge_value WHERE slab_key = ?1"),
+      insert_gauge_(db, insert_for<SlabKey, Position, GaugeReading>("gauge_value")),
       upsert_slab_result_(db, upsert_for<SlabKey, SlabEnd, SlabResult>("slab_result", {"slab_key"})),
       upsert_station_result_(db, upsert_for<SlabKey, StationResult>("station_result", {"slab_key", "station"})),
       delete_unseen_result_(db,
@@ -200,6 +202,7 @@ void Jobs::undo_end(std::int64_t slab_key) {
   delete_slab_result_.bind(1, slab_key).run();
   delete_station_results_.bind(1, slab_key).run();
   delete_items_.bind(1, slab_key).bind(2, number(0)).bind(3, number(0)).run();
+  delete_gauges_.bind(1, slab_key).run();
   delete_slab_record_.bind(1, slab_key).run();
   with_seals([&](Seals& seals) { seals.reopen(slab_key); });
 }
@@ -403,6 +406,9 @@ void Jobs::operator()(const SlabJob& job) {
     write_row(upsert_station_result_, key,
               StationResult{static_cast<std::uint8_t>(i + 1), job.slab.station_verdict[i], job.slab.station_reason[i]});
   insert_items({job.slab_key, 0, 0}, job.slab.items.begin(), job.slab.items.end());
+  delete_gauges_.bind(1, job.slab_key).run();
+  for (const GaugeReading& reading : job.slab.gauges)
+    write_row(insert_gauge_, key, Position{static_cast<std::uint8_t>(&reading - job.slab.gauges.begin())}, reading);
   close_newest_.bind(1, number(kDone))
       .bind(2, number(static_cast<std::uint16_t>(PlcCommand::slab_end)))
       .bind(3, number(static_cast<std::uint16_t>(PlcCommand::slab_abort)))

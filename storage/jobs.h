@@ -129,6 +129,8 @@ class Jobs {
   Statement delete_items_;
   Statement insert_item_;
   Statement insert_map_;
+  Statement delete_gauges_;
+  Statement insert_gauge_;
   Statement upsert_slab_result_;
   Statement upsert_station_result_;
   Statement delete_unseen_result_;

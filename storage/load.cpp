@@ -5,6 +5,7 @@
 
 #include "base/jobs.h"
 #include "storage/dispositions.h"
+#include "storage/gauges.h"
 
 namespace slabd::storage {
 namespace {
@@ -50,7 +51,8 @@ Loader::Loader(Connection& db)
       findings_(db, select<SurfaceFinding>("finding", (std::string(kOfBlock) + " ORDER BY position").c_str())),
       edges_(db, select<EdgeFeature>("edge", (std::string(kOfBlock) + " ORDER BY position").c_str())),
       items_(db, select<Item>("item", (std::string(kOfBlock) + " ORDER BY position").c_str())),
-      maps_(db, select<FeatureName, PackedMap>("map", kOfBlock)) {}
+      maps_(db, select<FeatureName, PackedMap>("map", kOfBlock)),
+      gauges_(db, select<GaugeReading>("gauge_value", "slab_key = ?1 ORDER BY position")) {}
 
 std::optional<SlabHeader> Loader::slab(std::int64_t slab_key) {
   if (!slab_.bind(1, slab_key).step()) return std::nullopt;
@@ -79,6 +81,12 @@ bool Loader::slab_result(std::int64_t slab_key, SlabResult& out, std::int64_t& e
       out.station_verdict[row.station - 1U] = Verdict::none;
   }
   items({slab_key, 0, 0}, out.items);
+  gauges_.bind(1, slab_key);
+  while (gauges_.step()) {
+    GaugeReading reading;
+    read_row(gauges_, 0, reading);
+    if (!out.gauges.push(reading)) gauges_.refuse(0, "has more rows than a line has gauges");
+  }
   return true;
 }
 
@@ -323,6 +331,7 @@ HeldBack read_line(Connection& db, RecoveredLine& line) {
   read_last_ended(db, loader, line);
   read_fingerprints(db, line);
   read_noise(db, line);
+  Gauges(db).read_line(line);
   return held_back;
 }
 

@@ -47,6 +47,7 @@ class Loader {
   Statement edges_;
   Statement items_;
   Statement maps_;
+  Statement gauges_;
 };
 
 /// Closed range of ids of unacknowledged results that did not fit into RecoveredLine. They are not shown to the PLC

@@ -11,6 +11,7 @@
 #include "storage/dispositions.h"
 #include "storage/files/database.h"
 #include "storage/files/log_copy.h"
+#include "storage/gauges.h"
 #include "storage/load.h"
 #include "storage/moulds.h"
 #include "storage/search.h"
@@ -51,6 +52,13 @@ class SqliteReader final : public Reader {
 
   Result<MouldRecords> mould_records(const MouldFilter& filter) override {
     return read_value<MouldRecords>([&] { return Moulds(*db_).records(filter); });
+  }
+
+  Result<std::vector<GaugeCheckRecord>> gauge_checks(std::string_view gauge, std::size_t limit) override {
+    return read_value<std::vector<GaugeCheckRecord>>([&] { return Gauges(*db_).checks(gauge, limit); });
+  }
+  Result<std::vector<GaugeSlabValue>> gauge_values(std::string_view gauge, std::size_t limit) override {
+    return read_value<std::vector<GaugeSlabValue>>([&] { return Gauges(*db_).values(gauge, limit); });
   }
 
   Result<std::optional<SlabRecord>> slab(std::int64_t key) override {

@@ -41,6 +41,7 @@ struct Known {
   std::set<std::string> checks{};
   std::set<std::string> decisions{};  ///< dispositions of slabs
   std::set<std::string> resets{};     ///< of moulds
+  std::set<std::string> gauges{};     ///< master checks of gauges
 };
 
 std::int64_t missing(const std::set<std::string>& lost, const std::set<std::string>& back) {
@@ -57,6 +58,7 @@ std::string losses_of(const Known& lost, const Known& back) {
   count(missing(lost.checks, back.checks), "check of a calibration", "checks of calibrations");
   count(missing(lost.decisions, back.decisions), "decision about a slab", "decisions about slabs");
   count(missing(lost.resets, back.resets), "reset of a mould", "resets of moulds");
+  count(missing(lost.gauges, back.gauges), "master check of a gauge", "master checks of gauges");
   return text;
 }
 
@@ -90,6 +92,7 @@ Known known_at(const std::string& path) {
   known.checks = all("SELECT seq || ' ' || reference_id || ' ' || passed || ' ' || utime_us FROM calibration_check");
   known.decisions = all("SELECT slab_key || ' ' || n || ' ' || decision || ' ' || utime_us FROM disposition");
   known.resets = all("SELECT mould || ' ' || from_utime_us || ' ' || utime_us FROM mould_reset");
+  known.gauges = all("SELECT seq || ' ' || gauge || ' ' || passed || ' ' || utime_us FROM gauge_check");
   return known;
 }
 

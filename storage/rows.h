@@ -67,6 +67,10 @@ inline constexpr std::size_t kValues<PlaneDoubt> = kPlaneDoubts;
 template <>
 inline constexpr std::size_t kValues<CasingDoubt> = kCasingDoubts;
 template <>
+inline constexpr std::size_t kValues<ItemUnit> = 2;
+template <>
+inline constexpr std::size_t kValues<GaugeState> = kGaugeStates;
+template <>
 inline constexpr std::size_t kValues<FindingKind> = kFindingKinds;
 template <>
 inline constexpr std::size_t kValues<FindingFace> = kFindingFaces;
@@ -328,7 +332,7 @@ struct SlabKey {
 struct FeatureName {
   FixedString<16> feature;
 };
-/// Position of a finding, an edge or an item in the list of its block.
+/// Position of a finding, an edge, an item or a gauge in its list.
 struct Position {
   std::uint8_t position = 0;
 };
@@ -419,8 +423,8 @@ void columns(V& v, R& r) {
 
 /// Column names, in the order of BudgetPart.
 inline constexpr std::array<std::string_view, kBudgetParts> kBudgetColumns = {
-    "budget_fit",         "budget_noise", "budget_scanner",   "budget_registration",
-    "budget_calibration", "budget_robot", "budget_reference", "budget_thermal"};
+    "budget_fit",   "budget_noise",     "budget_scanner", "budget_registration", "budget_calibration",
+    "budget_robot", "budget_reference", "budget_thermal", "budget_gauge"};
 
 template <typename V, RecordOf<Item> R>
 void columns(V& v, R& r) {

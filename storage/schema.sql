@@ -19,6 +19,7 @@
 --                      station_correction, reference_block, monitor_ball or scanner_acceptance
 --   applied            what was put in force when, by whom and why; the newest row of a kind (and slab type) counts
 --   calibration_check  the trend of the daily checks
+--   gauge_value        what the gauges gave for a slab; gauge_check  when a gauge was checked with its master
 --   mould_reset        when a mould was adjusted, by whom and why: a new epoch of its statistics
 --
 --   event    starts of slabd, and faults that began and ended
@@ -379,12 +380,31 @@ CREATE TABLE item (
   measured REAL,                         -- value before its correction for temperature
   -- Standard uncertainties (k = 1) whose root sum of squares is U / 2; all 0: U is the recipe's.
   budget_fit REAL, budget_noise REAL, budget_scanner REAL, budget_registration REAL, budget_calibration REAL,
-  budget_robot REAL, budget_reference REAL, budget_thermal REAL,
+  budget_robot REAL, budget_reference REAL, budget_thermal REAL, budget_gauge REAL,
   PRIMARY KEY (slab_key, station, attempt, position)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX item_by_name ON item (id, slab_key);
 -- Items that did not pass are rare and looked for: the reader finds them among 100 000 slabs without visiting these.
 CREATE INDEX item_not_passed ON item (id, verdict, slab_key) WHERE verdict NOT IN ('pass', 'none');
+
+-- Values of the gauges for a slab, usable or not, as it counted at SLAB_END (base/gauge.h). u and u_master: k = 1.
+CREATE TABLE gauge_value (
+  slab_key        INTEGER NOT NULL REFERENCES slab (slab_key),
+  position        INTEGER NOT NULL,      -- in the configuration, from 0
+  gauge           TEXT NOT NULL,
+  source          TEXT NOT NULL,         -- as configured: plc:40, modbus:..., udp:..., operator
+  unit            TEXT NOT NULL,
+  state           TEXT NOT NULL,         -- ok, missing, other_slab, stale, not_plausible, unchecked, check_failed, ...
+  value REAL, u REAL, u_master REAL,
+  seq             INTEGER NOT NULL,      -- of the sender
+  slab_no         INTEGER NOT NULL,      -- named by the sender, 0: none
+  utime_us        INTEGER NOT NULL,      -- arrival, 0: no value
+  age_s           REAL,                  -- at SLAB_END
+  check_utime_us  INTEGER NOT NULL,      -- the master check in force, 0: none
+  check_deviation REAL,
+  PRIMARY KEY (slab_key, position)
+) STRICT, WITHOUT ROWID;
+CREATE INDEX gauge_value_by_name ON gauge_value (gauge, slab_key);
 
 CREATE TABLE result (
   id            INTEGER PRIMARY KEY,
@@ -571,6 +591,32 @@ CREATE TRIGGER calibration_check_is_kept BEFORE DELETE ON calibration_check
 CREATE TRIGGER calibration_check_is_new BEFORE INSERT ON calibration_check
   WHEN EXISTS (SELECT 1 FROM calibration_check WHERE seq = NEW.seq)
   BEGIN SELECT RAISE(ABORT, 'a check is never replaced'); END;
+
+-- ---- gauges: rows are only ever added --------------------------------------------------------------------------------
+
+-- A gauge measured its master. The newest row of a gauge counts.
+CREATE TABLE gauge_check (
+  seq          INTEGER PRIMARY KEY,
+  gauge        TEXT NOT NULL,
+  unit         TEXT NOT NULL,
+  value        REAL NOT NULL,              -- as the gauge read it
+  master_value REAL NOT NULL,
+  master_u     REAL NOT NULL,              -- k = 1
+  within       REAL NOT NULL,              -- largest deviation that passes
+  passed       INTEGER NOT NULL CHECK (passed = (abs(value - master_value) <= within)),
+  utime_us     INTEGER NOT NULL,
+  who          TEXT NOT NULL,
+  why          TEXT NOT NULL,
+  source       TEXT NOT NULL
+) STRICT;
+CREATE INDEX gauge_check_newest ON gauge_check (gauge, seq);
+CREATE TRIGGER gauge_check_stays BEFORE UPDATE ON gauge_check
+  BEGIN SELECT RAISE(ABORT, 'a master check is never changed'); END;
+CREATE TRIGGER gauge_check_is_kept BEFORE DELETE ON gauge_check
+  BEGIN SELECT RAISE(ABORT, 'a master check is never deleted'); END;
+CREATE TRIGGER gauge_check_is_new BEFORE INSERT ON gauge_check
+  WHEN EXISTS (SELECT 1 FROM gauge_check WHERE seq = NEW.seq)
+  BEGIN SELECT RAISE(ABORT, 'a master check is never replaced'); END;
 
 -- ---- moulds: rows are only ever added --------------------------------------------------------------------------------
 

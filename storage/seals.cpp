@@ -84,8 +84,12 @@ constexpr auto kForm1 = std::to_array<SealedTable>({
     {"item",
      "slab_key, station, attempt, position, id, verdict, required, from_station, to_station, value, nominal, "
      "lower, upper, U, beside, measured, budget_fit, budget_noise, budget_scanner, budget_registration, "
-     "budget_calibration, budget_robot, budget_reference, budget_thermal",
+     "budget_calibration, budget_robot, budget_reference, budget_thermal, budget_gauge",
      "", "station, attempt, position"},
+    {"gauge_value",
+     "slab_key, position, gauge, source, unit, state, value, u, u_master, seq, slab_no, utime_us, age_s, "
+     "check_utime_us, check_deviation",
+     "", "position"},
     {"result",
      "id, slab_key, is_repeat, res_seq, kind, cmd_seq, station, slab_no, verdict, reason, fail_mask, "
      "open_mask, flatness_mm, std_mm, deviation_1, deviation_2, deviation_3, deviation_4, deviation_5, "

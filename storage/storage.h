@@ -129,15 +129,21 @@ struct ResetMould {
   std::int64_t from_utime_us = 0;
   ChangeNote note;
 };
+/// Adds a master check of a gauge. It passes if the deviation is within its limit, whatever `check.passed` is.
+struct KeepGaugeCheck {
+  GaugeCheck check;    ///< its time is that of the note
+  ChangeNote note;     ///< `why` may be empty
+  std::string source;  ///< of the gauge, as configured
+};
 /// Writes the pin of a slab's scans, the file pin.json next to them, for a person who may not write there.
 struct KeepPin {
   std::int64_t slab_key = 0;
   std::string text;  ///< of the file; empty: the pin is removed
 };
 /// A change that a person makes while the daemon may run: of calibrations, of decisions about slabs, of moulds, of
-/// pins.
+/// gauges, of pins.
 using CalibrationChange = std::variant<KeepCalibration, ApplyCalibration, RollBackCalibration, KeepCheck,
-                                       KeepDisposition, ResetMould, KeepPin>;
+                                       KeepDisposition, ResetMould, KeepGaugeCheck, KeepPin>;
 
 /// One entry of the history of applied calibrations. Entries are only added.
 struct AppliedChange {
@@ -358,6 +364,22 @@ struct MouldRecords {
   std::int64_t unknown = 0;        ///< stored slabs of an unknown mould
 };
 
+/// One stored master check of a gauge.
+struct GaugeCheckRecord {
+  std::int64_t seq = 0;
+  GaugeCheck check;
+  ChangeNote note;
+  std::string source;
+};
+/// Value of one gauge of an ended slab.
+struct GaugeSlabValue {
+  std::int64_t slab_key = 0;
+  SlabId slab_id;
+  std::int64_t began_utime_us = 0;
+  std::uint8_t emulated = 0;
+  GaugeReading reading;
+};
+
 struct SlabBlock {
   Attempt attempt;
   StationPhase phase = StationPhase::empty;
@@ -434,6 +456,11 @@ class Reader {
   [[nodiscard]] virtual Result<std::vector<AppliedChange>> applied(std::size_t limit) = 0;
   /// Checks, newest first.
   [[nodiscard]] virtual Result<std::vector<CalibrationCheck>> checks(std::size_t limit) = 0;
+  /// Master checks of a gauge, or of all gauges if the name is empty; newest first.
+  [[nodiscard]] virtual Result<std::vector<GaugeCheckRecord>> gauge_checks(std::string_view gauge,
+                                                                           std::size_t limit) = 0;
+  /// Values of a gauge, of the newest slab first.
+  [[nodiscard]] virtual Result<std::vector<GaugeSlabValue>> gauge_values(std::string_view gauge, std::size_t limit) = 0;
 };
 /// Recipient of texts read from a database, which may contain control characters.
 enum class TextFor : std::uint8_t {

@@ -20,15 +20,15 @@ constexpr std::uint16_t kReasonFirst = 100;
 constexpr std::uint16_t kReasonEnd = 700;
 
 /// Checks of slabctl doctor (cli/doctor), whose document names them in English.
-constexpr std::array kChecks = {"configuration", "recipes",        "recipe",        "design sheets",  "user",
-                                "database",      "database lock",  "database disk", "scans",          "scan disk",
-                                "scan drop",     "disk speed",     "commit time",   "memory",         "processor",
-                                "huge pages",    "clock",          "limits",        "daemon",         "plc",
-                                "plc port",      "plc line",       "plc network",   "plc route",      "plc link",
-                                "plc heartbeat", "plc enable",     "plc registers", "word order",     "robot route",
-                                "robot link",    "robot poses",    "robot frame",   "robot position", "robot clock",
-                                "scanner link",  "scan",           "calibration",   "acceptance",     "daily check",
-                                "camera",        "camera packets", "camera buffers"};
+constexpr std::array kChecks = {"configuration", "recipes",        "recipe",         "design sheets",  "user",
+                                "database",      "database lock",  "database disk",  "scans",          "scan disk",
+                                "scan drop",     "disk speed",     "commit time",    "memory",         "processor",
+                                "huge pages",    "clock",          "limits",         "daemon",         "plc",
+                                "plc port",      "plc line",       "plc network",    "plc route",      "plc link",
+                                "plc heartbeat", "plc enable",     "plc registers",  "word order",     "robot route",
+                                "robot link",    "robot poses",    "robot frame",    "robot position", "robot clock",
+                                "scanner link",  "scan",           "calibration",    "acceptance",     "daily check",
+                                "camera",        "camera packets", "camera buffers", "gauge"};
 
 using Document = nlohmann::ordered_json;
 

@@ -439,6 +439,7 @@ void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std
   }
   ItemWriter write(recipe, slab.design, seats, budget, thermal, out);
   write_items(recipe, write);
+  measure_gauge_items(recipe, slab, thermal, out);
   reach_verdicts(recipe, blocks, seats, out);
 }
 

@@ -6,6 +6,7 @@
 
 #include "algo/algo.h"
 #include "algo/items/slab_fit.h"
+#include "base/thermal.h"
 
 namespace slabd::algo {
 
@@ -37,6 +38,11 @@ struct Seats {
   const auto index = static_cast<std::size_t>(station - 1);
   return index < blocks.size() && blocks[index].verdict != Verdict::none ? &blocks[index] : nullptr;
 }
+
+/// Items that gauges measure, after the other items of `out`: those that the recipe has. Copies the slab's readings to
+/// `out`, with the state not_plausible for a gauge that is far from the nominal (limits::kGaugeOffShareMax). An item of
+/// which a gauge has no usable value is not measured.
+void measure_gauge_items(const Recipe& recipe, const SlabFacts& slab, const Thermal& thermal, SlabResult& out);
 
 /// Computes verdicts, reasons and masks of the stations and of the slab from block items and the slab items in `out`.
 void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, const Seats& seats, SlabResult& out);

@@ -90,6 +90,14 @@ std::uint16_t earlier(std::uint16_t a, std::uint16_t b) {
   return std::min(a, b);
 }
 
+/// no_gauge if an item that is not measured, and must be, waits for a gauge; codes are below item numbers.
+Code gauge_cause(const Item* begin, const Item* end) {
+  const bool missing = std::any_of(begin, end, [](const Item& item) {
+    return info(item.id).of_gauges && item.required && item.verdict == Verdict::not_measured;
+  });
+  return missing ? Code::no_gauge : Code::ok;
+}
+
 }  // namespace
 
 void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, const Seats& seats, SlabResult& out) {
@@ -128,7 +136,9 @@ void reach_verdicts(const Recipe& recipe, std::span<const BlockResult> blocks, c
   // The slab's reason: the lowest of all reasons with the slab's verdict. Codes are below item numbers.
   if (out.verdict == Verdict::pass) return;
   if (slab_wide_counts && slab_wide == out.verdict)
-    out.reason = reason_for(out.verdict, of_slab.begin(), of_slab.end(), Code::ok);
+    out.reason =
+        reason_for(out.verdict, of_slab.begin(), of_slab.end(),
+                   out.verdict == Verdict::not_measured ? gauge_cause(of_slab.begin(), of_slab.end()) : Code::ok);
   for (int station = 1; station <= recipe.stations(); ++station) {
     const auto k = static_cast<std::size_t>(station - 1);
     if (out.station_verdict[k] == out.verdict) out.reason = earlier(out.reason, out.station_reason[k]);

@@ -96,6 +96,7 @@ int examine(const Options& options) {
     examine_camera(config, report);
     examine_scanner(config, status, options.scan, report);
     examine_calibration(config, status, report);
+    examine_gauges(config, !status.empty(), report);
   } else {
     // slabd also runs with such a configuration, in fault 504 or with its previous one, and takes its socket from it.
     // The other checks are not possible.

@@ -117,4 +117,8 @@ void examine_robot(const config::Config& config, double seconds, Examination& re
 void examine_scanner(const config::Config& config, const std::string& status, bool scan, Examination& report);
 void examine_calibration(const config::Config& config, const std::string& status, Examination& report);
 
+// ---- doctor_gauges.cpp -------------------------------------------------------------------------------------------
+
+void examine_gauges(const config::Config& config, bool daemon_runs, Examination& report);
+
 }  // namespace slabd::cli

@@ -270,7 +270,7 @@ void examine_foreign_lock(const std::string& db_path, Examination& report) {
 
 void examine_recipes(const config::Config& config, std::vector<Recipe>& recipes, Examination& report) {
   std::vector<config::Problem> problems;
-  config::load_recipes(config.recipes_dir, recipes, problems);
+  config::load_recipes(config.recipes_dir, recipes, problems, nullptr, nullptr, &config.gauges);
   for (const config::Problem& problem : problems)
     report.failed("recipe", quote(problem.text), say("correct the file; slabctl recipe check FILE"));
   std::string types;

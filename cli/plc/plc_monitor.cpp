@@ -173,7 +173,10 @@ std::string page(const Registers& registers, const Pulses& pulses) {
     }
     flush();
     const bool of_record = row.memory == hal::RegisterRow::Memory::input && row.address >= 30 && row.address < 64;
-    const bool blank_row = row.series != 0 && registers.input[row.address] == 0;
+    const bool of_gauges = row.memory == hal::RegisterRow::Memory::holding && row.address >= hal::kGaugeFirst;
+    const bool gauges = registers.holding[hal::kGaugeSeqAddress] != 0;
+    const bool blank_row =
+        of_gauges ? !gauges || (row.series != 0 && value == "-") : row.series != 0 && registers.input[row.address] == 0;
     if (row.type.empty() || (of_record && !record) || blank_row) return;
     text += fmt::format("{:<11} {:<26} {}\n", address_text(row), row.name, value);
   };

@@ -49,12 +49,12 @@ std::string meaning_text(const RegisterRow& row) {
 std::string table(RegisterRow::Memory memory, const char* prefix) {
   std::string text = fmt::format("| {} | Name | Type | Unit | Meaning | Since |\n|---|---|---|---|---|---|\n", prefix);
   each_row(memory, [&](const RegisterRow& row) {
-    if (row.series > 1) return;  // the first row of the station table represents all
+    if (row.series > 1) return;  // the first row of the station table, or of the gauges, represents all
     std::string address = address_text(row);
     std::string name(row.name);
     std::string unit(row.unit);
     if (row.series == 1) {
-      address = fmt::format("{}, {}, .. {}", row.address, row.address + 2, row.address + 34);
+      address = fmt::format("{}, {}, .. {}", row.address, row.address + 2, row.address + 2 * (row.series_rows - 1));
       name.replace(name.find('1'), 1, "k");
     }
     if (!row.slab_name.empty()) {

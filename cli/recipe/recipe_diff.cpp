@@ -143,7 +143,7 @@ StoredSlabs judge_stored(storage::Reader& reader, const std::vector<std::int64_t
       continue;
     }
     const std::vector<StationRecord> stations = rejudged(record, b, of_a ? &a : nullptr, out.unknown_U);
-    daemon::judge_slab({&b, slab.T_base_slab, *verified, facts_of(slab)}, stations, room, *judged);
+    daemon::judge_slab({&b, slab.T_base_slab, *verified, facts_of(slab, record.slab)}, stations, room, *judged);
     out.what_if.add(judged_slab(record, stations, *judged));
   }
   return out;

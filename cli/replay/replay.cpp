@@ -102,7 +102,8 @@ WhatIfSlab judge_again(storage::Reader& reader, const storage::SlabRecord& recor
   const std::vector<StationRecord> stations = stations_of(record, blocks);
   std::vector<BlockResult> room(limits::kStationsMax);
   auto judged = std::make_unique<SlabResult>();
-  daemon::judge_slab({&recipe, slab.T_base_slab, *verified.value(), facts_of(slab)}, stations, room, *judged);
+  daemon::judge_slab({&recipe, slab.T_base_slab, *verified.value(), facts_of(slab, record.slab)}, stations, room,
+                     *judged);
   return judged_slab(record, stations, *judged);
 }
 

@@ -241,8 +241,8 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
     // For stations without a scan the stored result is used, so that the judgement is always verified.
     std::vector<BlockResult> room(limits::kStationsMax);
     auto judged = std::make_unique<SlabResult>();
-    daemon::judge_slab({recipe, slab.T_base_slab, verified, facts_of(slab)}, stations_of(record, blocks), room,
-                       *judged);
+    daemon::judge_slab({recipe, slab.T_base_slab, verified, facts_of(slab, record.slab)}, stations_of(record, blocks),
+                       room, *judged);
     storage::compare(record.slab, *judged, replay.slab);
     replay.slab_compared = true;
     const bool block_differs = std::any_of(replay.blocks.begin(), replay.blocks.end(), [](const BlockReplay& block) {

@@ -40,6 +40,7 @@ struct Options {
   ScannerOptions scanner;
   std::string scan_format = "ply";
   std::string scanner_fault;
+  std::string gauge_fault;
   std::string stations;  ///< KRL points of the robot program
   std::string backend;   ///< empty: the configuration's backend
   double robot_rate_hz = 125.0;
@@ -172,7 +173,8 @@ double expansion_of(const Options& options, const ThermalSettings& thermal) {
 /// Runs the slabs with the three connected peers.
 std::vector<SlabOutcome> run_line(const Options& options, const config::Config& config, const Recipe& recipe,
                                   const emulator::Cell& cell, std::vector<emulator::SlabTruth> truths,
-                                  emulator::PlcPeer& plc, emulator::RobotPeer& robot, emulator::ScannerPeer& scanner) {
+                                  emulator::PlcPeer& plc, emulator::RobotPeer& robot, emulator::ScannerPeer& scanner,
+                                  emulator::GaugePeer* gauges) {
   std::vector<SlabOutcome> outcomes;
   outcomes.reserve(truths.size());
   for (int i = 0; i < options.slabs && !stop_requested; ++i) {
@@ -190,7 +192,8 @@ std::vector<SlabOutcome> run_line(const Options& options, const config::Config& 
                                 cell,
                                 options.scans_per_station,
                                 plc_traits(config, options),
-                                [&](int station, std::string_view doing) { progress(station, doing); }};
+                                [&](int station, std::string_view doing) { progress(station, doing); },
+                                gauges};
       outcome.run = emulator::run_slab(line, order, outcome.truth);
     }
     for (int k = 1; k <= outcome.truth.stations; ++k)
@@ -259,6 +262,8 @@ int simulate(const Options& options) {
                                 options.config)
                   : fmt::format("--plc-device: {} has [plc] role = \"{}\", which has no serial line", options.config,
                                 hal::kPlcRoles.at(static_cast<std::size_t>(config.plc.role))));
+  const emulator::GaugeFault gauge_fault =
+      cli::need(emulator::parse_gauge_fault(options.gauge_fault, config.gauges), cli::kUsage);
   // The emulated scanner is where the line believes it is: after a calibration was applied, there.
   const cli::InForce hand_eye = cli::hand_eye_in_force(config);
   if (hand_eye.id.empty())
@@ -298,10 +303,14 @@ int simulate(const Options& options) {
     emulator::stand_by({*robot, *scanner, recipe, cell, truths}, std::cin, std::cout, stop_requested);
     return cli::kDone;
   }
+  std::unique_ptr<emulator::GaugePeer> gauges;
+  if (!config.gauges.empty())
+    gauges = started(emulator::GaugePeer::start(config.gauges, recipe, gauge_fault, options.variation.seed));
   const auto plc = started(emulator::PlcPeer::connect(plc_traits(config, options), stop_requested));
   facts.peer = plc->peer_name();
 
-  const std::vector<SlabOutcome> outcomes = run_line(options, config, recipe, cell, truths, *plc, *robot, *scanner);
+  const std::vector<SlabOutcome> outcomes =
+      run_line(options, config, recipe, cell, truths, *plc, *robot, *scanner, gauges.get());
   plc->disable();
   if (options.json) {
     fmt::print("{}", simulation_json(recipe, facts, outcomes));
@@ -420,6 +429,9 @@ void add_simulate(args::Command& app) {
                       "Fault of the scanner: frame-before (gives the last frame, then takes one), one-block=K "
                       "(always block K), given-again=K (at station K the exposure before, in another form), loop=N (N "
                       "recorded scans again and again)");
+  command->add_option("--gauge-fault", options->gauge_fault,
+                      "Fault of a gauge: stuck=NAME (value of the first slab), swapped=NAME,NAME, late=NAME (after "
+                      "SLAB_END), unit=NAME (metres), previous=NAME (names the slab before), missing=NAME");
   command->add_option("--scan-format", options->scan_format, "In which format the scanner drops its scans")
       ->check(args::one_of(cli::simulate::scan_format_names()))
       ->capture_default_str();

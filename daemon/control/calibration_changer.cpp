@@ -64,6 +64,8 @@ void note_user(storage::CalibrationChange& change, std::uint32_t uid) {
     back->note.who += user;
   if (auto* kept = std::get_if<storage::KeepDisposition>(&change); kept != nullptr && !kept->record.who.empty())
     kept->record.who += user;
+  if (auto* check = std::get_if<storage::KeepGaugeCheck>(&change); check != nullptr && !check->note.who.empty())
+    check->note.who += user;
   if (auto* reset = std::get_if<storage::ResetMould>(&change); reset != nullptr && !reset->note.who.empty())
     reset->note.who += user;
 }
@@ -72,6 +74,7 @@ void note_user(storage::CalibrationChange& change, std::uint32_t uid) {
 struct WhereToLook {
   std::string_view operator()(const storage::KeepDisposition&) const { return "history --disposition, show"; }
   std::string_view operator()(const storage::ResetMould&) const { return "mould show"; }
+  std::string_view operator()(const storage::KeepGaugeCheck&) const { return "gauge history"; }
   std::string_view operator()(const storage::KeepPin&) const { return "pin --show"; }
   template <typename OfCalibrations>
   std::string_view operator()(const OfCalibrations&) const {
@@ -103,6 +106,7 @@ Status CalibrationChanger::accept(const std::string& file, std::uint32_t uid) {
   id_.clear();
   calibration_.reset();
   disposition_.reset();
+  gauge_check_.reset();
   return success();
 }
 
@@ -125,6 +129,11 @@ void CalibrationChanger::carry_out(storage::Store* store) {
       if (done.ok()) {
         id_.assign(done.value());
         if (const auto* kept = std::get_if<storage::KeepDisposition>(&change.value())) disposition_ = kept->record;
+        if (const auto* kept = std::get_if<storage::KeepGaugeCheck>(&change.value())) {
+          gauge_check_ = kept->check;
+          gauge_check_->passed = passes(kept->check);
+          gauge_check_->utime_us = kept->note.utime_us;
+        }
       } else {
         error_ = done.error();
       }
@@ -181,6 +190,9 @@ template <std::size_t N>
 Json of(const FixedString<N>& text) {
   return text.view();
 }
+Json of(ItemUnit unit) {
+  return std::string(name(unit));
+}
 Json of(CalibrationKind kind) {
   return name(kind);
 }
@@ -201,6 +213,9 @@ void read(const Json& j, T& out) {
 template <std::size_t N>
 void read(const Json& j, FixedString<N>& out) {
   out.assign(j.get<std::string>());
+}
+void read(const Json& j, ItemUnit& out) {
+  out = j.get<std::string>() == name(ItemUnit::deg) ? ItemUnit::deg : ItemUnit::mm;
 }
 void read(const Json& j, CalibrationKind& out) {
   const auto kind = calibration_kind_named(j.get<std::string>());
@@ -307,6 +322,9 @@ struct ChangeJson {
   Json operator()(const ResetMould& c) const {
     return {{"reset_mould", {{"mould", c.mould}, {"from_utime_us", c.from_utime_us}, {"note", object_of(c.note)}}}};
   }
+  Json operator()(const KeepGaugeCheck& c) const {
+    return {{"gauge_check", {{"check", object_of(c.check)}, {"note", object_of(c.note)}, {"source", c.source}}}};
+  }
   Json operator()(const KeepPin& c) const { return {{"pin", {{"slab_key", c.slab_key}, {"text", c.text}}}}; }
 };
 
@@ -341,11 +359,18 @@ Result<CalibrationChange> parse_change(std::string_view json) {
                                           reset.at("from_utime_us").get<std::int64_t>(),
                                           record_of<ChangeNote>(reset.at("note"))});
     }
+    if (j.contains("gauge_check")) {
+      const Json& kept = j.at("gauge_check");
+      return CalibrationChange(KeepGaugeCheck{record_of<GaugeCheck>(kept.at("check")),
+                                              record_of<ChangeNote>(kept.at("note")),
+                                              kept.at("source").get<std::string>()});
+    }
     if (j.contains("pin"))
       return CalibrationChange(
           KeepPin{j.at("pin").at("slab_key").get<std::int64_t>(), j.at("pin").at("text").get<std::string>()});
     return error(Code::config,
-                 "a calibration change must be one of keep, apply, roll_back, check, disposition, reset_mould, pin");
+                 "a calibration change must be one of keep, apply, roll_back, check, disposition, reset_mould, "
+                 "gauge_check, pin");
   } catch (const std::exception& e) {
     return error(Code::config, "a calibration change that cannot be read: %s", e.what());
   }

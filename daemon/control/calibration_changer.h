@@ -43,6 +43,9 @@ class CalibrationChanger {
     return succeeded() && disposition_ ? &*disposition_ : nullptr;
   }
 
+  /// The master check of a gauge that the finished change added; nullptr if it was another change.
+  [[nodiscard]] const GaugeCheck* gauge_check() const { return succeeded() && gauge_check_ ? &*gauge_check_ : nullptr; }
+
   // ---- on the storage thread, between started() and finish() ----
   void carry_out(storage::Store* store);
 
@@ -67,6 +70,7 @@ class CalibrationChanger {
   CalibrationId id_;
   std::unique_ptr<LineCalibration> calibration_;
   std::optional<storage::DispositionRecord> disposition_;
+  std::optional<GaugeCheck> gauge_check_;
   // Copies for answers, updated in finish().
   Error shown_error_{Code::ok, {}};
   CalibrationId shown_id_;

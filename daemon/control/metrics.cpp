@@ -105,6 +105,21 @@ void tell_pose(Text& text, const hal::PosePort& pose, const LoopFigures& figures
                figures.poses_wrong_frame);
 }
 
+/// Times until the master checks are due. A gauge that was never checked is only in slabd_gauges_need_care.
+void tell_gauges(Text& text, const Station& s) {
+  if (s.settings.gauges.empty()) return;
+  text.gauge("slabd_gauges_need_care", "1: a gauge is stuck, or its master check is missing, failed or overdue",
+             gauges_need_care(s) ? 1 : 0);
+  for (std::size_t i = 0; i < s.settings.gauges.size(); ++i) {
+    const GaugeSettings& gauge = s.settings.gauges[i];
+    const GaugeCheck& check = s.gauges.checks[i];
+    if (!gauge.master.given || check.utime_us == 0) continue;
+    text.labelled("slabd_gauge_check_due_seconds", "Until a gauge's master check is due; negative: overdue",
+                  "gauge=\"" + label_value(gauge.name.view()) + "\"",
+                  static_cast<double>(check.utime_us + gauge.master.every_us - expiry_utime_us(s)) / 1e6);
+  }
+}
+
 }  // namespace
 
 std::string metrics_text(const Station& station, const Ports& ports, const LoopFigures& figures) {
@@ -134,6 +149,7 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   text.counter("slabd_scan_strays_deleted_bytes_total", "Their bytes", deleted.bytes);
   text.gauge("slabd_scanner_hangs", "1: the scanner's drop folder, or the disk of the scans, does not answer",
              ports.scanner.hangs() ? 1 : 0);
+  tell_gauges(text, station);
   text.gauge("slabd_store_ok", "1: the database can be written", view.store_ok ? 1 : 0);
   text.gauge("slabd_database_bytes", "Size of the database's file", file_bytes(figures.db_path));
   text.gauge("slabd_database_log_bytes", "Size of its write-ahead log; it grows while a reader stays open",

@@ -63,6 +63,7 @@ Json warnings(std::uint16_t bits) {
   add(kWarnStopsAlike,
       "the robot stops alike over neighbouring blocks, so that no pose proves of which block a scan is (slabctl "
       "stations)");
+  add(kWarnGauge, "a gauge is stuck, or its master check is missing, failed or overdue (slabctl gauge list)");
   return list;
 }
 
@@ -384,6 +385,14 @@ std::string answer_control(std::string_view line, const Station& station, const 
     if (*verb == "status") return status_json(station, ports, figures);
     if (figures.opening && *verb != "metrics") return refusal("the database is being opened; repeat the request");
     if (*verb == "calibration") return calibration_json(station, changer);
+    if (*verb == "gauges") return gauges_json(station, ports);
+    if (*verb == "gauge_enter") {
+      const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kUidUnknown : ports.control->peer_uid();
+      const Result<GaugeEntered> entered = parse_gauge_entry(line, station, uid);
+      if (!entered.ok()) return refusal(entered.error());
+      handle(entered.value());
+      return gauges_json(station, ports);
+    }
     if (*verb == "plc_image") return plc_image_json(station, ports.plc, figures);
     if (*verb == "metrics") {
       std::string answer = metrics_json(station, ports, figures);
@@ -415,7 +424,7 @@ std::string answer_control(std::string_view line, const Station& station, const 
     if (*verb != "calibration_change" && *verb != "capture")
       return refusal(
           "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, sent, recipes, "
-          "calibration_change, capture");
+          "gauges, gauge_enter, calibration_change, capture");
     const std::uint32_t uid = ports.control == nullptr ? hal::ControlPort::kUidUnknown : ports.control->peer_uid();
     if (*verb == "capture") {
       const Result<CaptureRequest> capture = parse_capture(line, uid);

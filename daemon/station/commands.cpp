@@ -308,6 +308,7 @@ void watch_heartbeat(Station& s, Actions& actions) {
 void on_plc(Station& s, const PlcInputs& in, Actions& actions) {
   const PlcInputs before = s.plc.inputs;
   s.plc.inputs = in;
+  note_plc_gauges(s, in);
   if (!s.recovered) return;
   beat(s, before, in, actions);
   if (in.sync_req != before.sync_req) increment_session(s, actions, "the PLC requested synchronisation");
@@ -453,6 +454,7 @@ void open_slab(Station& s, const BeginSlabJob& job) {
   s.slab.header = job.slab;
   s.slab.recipe = recipe_for(s, job.slab.slab_type);
   s.slab.facts = facts_of(job.slab);
+  s.gauges.slab_begin_ns = s.now_ns;
   show_disposition(s, Disposition::none);
   s.slab.calibration = s.calibration;
   s.newest_time.note(job.slab.began_utime_us);
@@ -462,7 +464,7 @@ void begin_end(Station& s, std::uint16_t cmd_seq, bool aborting, Actions& action
   s.slab.phase = SlabPhase::ending;
   s.slab.end_seq = cmd_seq;
   s.slab.aborting = aborting;
-  if (!aborting) return;
+  if (!aborting) return freeze_gauges(s, actions);
   abort_acquisition(s, actions);
   drop_measurements(s);
 }

@@ -16,6 +16,7 @@
 ///   capture.cpp        maintenance: views for a calibration
 ///   station_views.cpp  the stop from which a scan shows its block
 ///   calibration.cpp    calibration in force, splice of a scan, fault 503
+///   gauges.cpp         values of gauges: which of them belong to the slab
 ///   stored.cpp         meaning of a durable (or failed) store job
 namespace slabd::daemon {
 
@@ -172,6 +173,25 @@ void abort_shot(Station& s, Actions& actions);
 }
 /// Folder of views' scans until the calibration session has copied them.
 [[nodiscard]] PathText capture_folder(const Station& s);
+
+// ---- gauges.cpp ----
+/// Takes the PLC's values if GAUGE_SEQ has changed.
+void note_plc_gauges(Station& s, const PlcInputs& in);
+void on_gauges_sampled(Station& s, const GaugesSampled& sampled);
+void on_gauge_entered(Station& s, const GaugeEntered& entered, Actions& actions);
+/// A check that is older than the one in force is ignored.
+void on_gauge_checked(Station& s, const GaugeCheck& check);
+void recover_gauges(Station& s, const RecoveredLine& line);
+/// The reading if the slab ended now; without an open slab, for the last one.
+[[nodiscard]] GaugeReading gauge_reading(const Station& s, std::size_t index);
+/// Fixes the readings of the open slab at its SLAB_END, and logs those that are not usable.
+void freeze_gauges(Station& s, Actions& actions);
+/// After the slab's result is durable.
+void note_used_gauges(Station& s, const SlabResult& result, Actions& actions);
+/// Slabs with the same value; nullptr if no slab has one.
+[[nodiscard]] const GaugeRun* run_of(const Station& s, std::string_view gauge);
+/// A gauge is stuck, or its master check is missing, failed or overdue.
+[[nodiscard]] bool gauges_need_care(const Station& s);
 
 // ---- stored.cpp ----
 void on_stored(Station& s, const StoreDone& done, Actions& actions);

@@ -97,6 +97,7 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
   for (const std::uint64_t fingerprint : line.fingerprints)
     if (fingerprint != 0) s.scan_unseen = fingerprint == kUnseenScan;
   recover_views(s, line);
+  recover_gauges(s, line);
   s.slab.header = line.slab;
   s.slab.facts = facts_of(line.slab);
   if (holds(Rule::open_slab_restored)) s.slab.stations = line.stations;
@@ -176,6 +177,9 @@ struct Dispatch {
   void operator()(const DispositionKept& e) const {
     if (s.slab.phase == SlabPhase::none && s.slab.header.key == e.slab_key) show_disposition(s, e.decision);
   }
+  void operator()(const GaugesSampled& e) const { on_gauges_sampled(s, e); }
+  void operator()(const GaugeEntered& e) const { on_gauge_entered(s, e, actions); }
+  void operator()(const GaugeChecked& e) const { on_gauge_checked(s, e.check); }
   void operator()(const CaptureRequest& e) const { on_capture_request(s, e, actions); }
 };
 
@@ -284,7 +288,7 @@ PlcOutputs plc_view(const Station& s) {
   out.warn = static_cast<std::uint16_t>(
       s.warn | s.settings.warn | calibration_warnings(s) | (waiting ? +kWarnResultsWaiting : 0) |
       (s.links.recipes_differ ? +kWarnRecipesDiffer : 0) | (out.simulation ? +kWarnEmulation : 0) |
-      (s.stop_alike != 0 ? +kWarnStopsAlike : 0));
+      (s.stop_alike != 0 ? +kWarnStopsAlike : 0) | (gauges_need_care(s) ? +kWarnGauge : 0));
   const bool shooting = in_maintenance(s) && s.capture.phase != Capture::Phase::ready;
   out.busy = s.command.pending || shooting || s.acquisition.phase != Acquisition::Phase::none ||
              s.slab.phase == SlabPhase::ending || s.slab.phase == SlabPhase::storing_end;

@@ -37,9 +37,11 @@ namespace slabd::daemon {
 // ---- configuration ---------------------------------------------------------------------------------------------
 
 struct StationSettings {
-  std::span<const Recipe> recipes;       ///< must outlive the station
-  std::span<const DesignSheet> designs;  ///< ascending by SLAB_ID; must outlive the station
-  bool designs_faulty = false;           ///< a sheet could not be read: a slab without a sheet may have had one
+  std::span<const Recipe> recipes;        ///< must outlive the station
+  std::span<const DesignSheet> designs;   ///< ascending by SLAB_ID; must outlive the station
+  bool designs_faulty = false;            ///< a sheet could not be read: a slab without a sheet may have had one
+  std::span<const GaugeSettings> gauges;  ///< of the line; must outlive the station
+  bool plc_memory_lasts = false;          ///< slabd is the client: the PLC's registers may hold values of any age
   Pose T_base_slab;
   Pose T_flange_scanner;                     ///< commissioning values: used until a calibration is applied
   CalibrationId calibration_id;              ///< id of these values; empty: there are none
@@ -141,6 +143,21 @@ struct DispositionKept {
   std::int64_t slab_key = 0;
   Disposition decision = Disposition::none;
 };
+/// The newest samples of the instruments that slabd reads, and of UDP.
+struct GaugesSampled {
+  const GaugeSamples* samples = nullptr;  ///< read during the step only; [index of StationSettings::gauges]
+};
+/// Value that a person has entered.
+struct GaugeEntered {
+  std::size_t index = 0;  ///< of StationSettings::gauges; its link is `manual`
+  double value = 0.0;     ///< before its scale
+  std::uint32_t slab_no = 0;
+  std::uint32_t uid = 0;
+};
+/// A master check was stored.
+struct GaugeChecked {
+  GaugeCheck check;
+};
 using CaptureName = FixedString<100>;
 /// Request of an operator who calibrates. After the step its result is in Station::capture; `Capture::refusal` holds
 /// the reason of a refusal.
@@ -154,7 +171,8 @@ struct CaptureRequest {
   PathText scan;  ///< release: the scan to release
 };
 using Event = std::variant<Recovered, NotRecovered, Tick, LinkStatus, PlcInputs, PoseSample, ScanDone, BlockMeasured,
-                           SlabJudged, StoreDone, CalibrationChanged, DispositionKept, CaptureRequest>;
+                           SlabJudged, StoreDone, CalibrationChanged, DispositionKept, GaugesSampled, GaugeEntered,
+                           GaugeChecked, CaptureRequest>;
 
 // ---- actions ---------------------------------------------------------------------------------------------------
 
@@ -368,6 +386,17 @@ struct AbandonedScan {
   std::uint8_t slot = 0;
 };
 
+/// Gauges of the line (gauges.cpp), [index of StationSettings::gauges].
+struct LineGauges {
+  GaugeSamples samples{};
+  std::array<GaugeCheck, limits::kGaugesMax> checks{};  ///< the newest one of each
+  GaugeReadings used;                                   ///< of the last slab that was judged with gauges
+  GaugeRuns runs;
+  std::int64_t slab_begin_ns = 0;  ///< SLAB_BEGIN of the open slab; 0: it was open when slabd started
+  std::uint16_t plc_seq = 0;       ///< GAUGE_SEQ of the last image
+  bool plc_seen = false;           ///< an image was seen
+};
+
 struct Station {
   explicit Station(const StationSettings& settings_in) noexcept
       : settings(settings_in), gate(settings_in.pose), still(settings_in.capture, settings_in.pose) {}
@@ -393,6 +422,7 @@ struct Station {
   StillWatch still;  ///< for the current view
   Capture capture;
   Acquisition acquisition;
+  LineGauges gauges;
   OpenSlab slab;       ///< with phase none: the last slab, until another begins
   Views views;         ///< block positions in the scans of this slab and the last one
   int stop_alike = 0;  ///< station of the last slab whose stop is like the next one's; 0: none

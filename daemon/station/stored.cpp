@@ -114,6 +114,7 @@ void on_slab(Station& s, const PendingStore& pending, Code code, Actions& action
       s.slab.header.slab_id.c_str(), name(result.verdict).data(), result.reason);
   s.newest_time.note(s.utime_us);
   warn_of_alike_stops(s, actions);
+  note_used_gauges(s, result, actions);
   s.slab.phase = SlabPhase::none;
   set_status(s, pending.value, CommandStatus::done);
 }

@@ -57,6 +57,30 @@ bool is_exception(int error_number) {
   return error_number >= EMBXILFUN && error_number <= EMBXGTAR;
 }
 
+/// Registers that were read twice alike.
+template <std::size_t First, std::size_t Count>
+class Confirmed {
+ public:
+  /// Adds an answer. True if another one is needed before these registers count.
+  bool confirm(const HoldingImage& read) {
+    const auto now = std::span(read).template subspan<First, Count>();
+    if (has_candidate_ && std::equal(now.begin(), now.end(), candidate_.begin())) {
+      confirmed_ = candidate_;
+      return false;
+    }
+    std::copy(now.begin(), now.end(), candidate_.begin());
+    has_candidate_ = true;
+    return true;
+  }
+  /// Replaces them by those of the last two answers that agreed; zeros if none did.
+  void put(HoldingImage& image) const { std::copy(confirmed_.begin(), confirmed_.end(), image.begin() + First); }
+
+ private:
+  std::array<std::uint16_t, Count> candidate_{};
+  std::array<std::uint16_t, Count> confirmed_{};
+  bool has_candidate_ = false;
+};
+
 class Client final : public PlcPort {
  public:
   Client(const PlcSettings& settings, modbus_t* context, Fd news)
@@ -210,7 +234,7 @@ class Client final : public PlcPort {
       if (!exchange([&] {
             if (settings_.read_write && begin == 0)
               return modbus_write_and_read_registers(context_.get(), base, end, image.data(), settings_.command_base,
-                                                     kReadCount, read_image.data()) == kReadCount;
+                                                     read_count(), read_image.data()) == read_count();
             return modbus_write_registers(context_.get(), base, end - begin, image.data() + begin) == end - begin;
           }))
         return false;
@@ -220,8 +244,8 @@ class Client final : public PlcPort {
   }
 
   bool read(HoldingImage& image) {
-    for (int end = kReadCount; end > 0;) {
-      const int begin = piece_before(end, kCommandFirst, kCommandFirst);
+    for (int end = read_count(); end > 0;) {
+      const int begin = piece_before(end, kCommandFirst, kGaugeFirst);
       asked_ = {3, end - begin};
       const auto talk = [&] {
         return modbus_read_registers(context_.get(), settings_.command_base + begin, end - begin,
@@ -244,8 +268,8 @@ class Client final : public PlcPort {
       ++connection_;
       ++counters_.connections;
       fresh_ = true;
-      has_candidate_ = false;
-      std::fill(confirmed_.begin(), confirmed_.end(), std::uint16_t{0});
+      command_ = {};
+      gauges_ = {};
       plan_.connected(now_ns);
       return;
     }
@@ -269,23 +293,19 @@ class Client final : public PlcPort {
     raise();
   }
 
-  /// Accepts a new command block only if two consecutive answers agree; the second is requested at once. A PLC may copy
-  /// its memory into an answer while its program fills the block, so that half of it is from the previous command.
-  /// Neither CMD_SEQ in last place nor the CRC, which ends before it, detects that. Until then the last confirmed block
-  /// is returned.
+  /// Accepts a new command block, and new gauge values, only if two consecutive answers agree; the second is requested
+  /// at once. A PLC may copy its memory into an answer while its program fills the block, so that half of it is from
+  /// the previous command. Neither CMD_SEQ in last place nor the CRC, which ends before it, detects that. Until then
+  /// the last confirmed block is returned.
   HoldingImage confirm_command(const HoldingImage& read, std::int64_t now_ns) {
-    const auto command = std::span(read).subspan(kCommandFirst);
-    if (has_candidate_ && std::equal(command.begin(), command.end(), candidate_.begin())) {
-      confirmed_ = candidate_;
-      read_again_ = false;
-    } else {
-      std::copy(command.begin(), command.end(), candidate_.begin());
-      has_candidate_ = true;
-      if (!read_again_) plan_.read_again(now_ns);
-      read_again_ = !read_again_;  // requested once; a block that changes with every answer waits for the next poll
-    }
+    bool early = command_.confirm(read);
+    // Gauges may change with every answer; a command does not wait for them.
+    if (settings_.gauges) early = gauges_.confirm(read) || early;
+    if (early && !read_again_) plan_.read_again(now_ns);
+    read_again_ = early && !read_again_;  // requested once; what changes with every answer waits for the next poll
     HoldingImage image = read;
-    std::copy(confirmed_.begin(), confirmed_.end(), image.begin() + kCommandFirst);
+    command_.put(image);
+    gauges_.put(image);
     return image;
   }
 
@@ -337,10 +357,11 @@ class Client final : public PlcPort {
       cure.printf("; FC %d with %d registers is refused: see its manual for the largest request (plc.registers_max)",
                   asked_.function, asked_.registers);
     } else if (asked_.function == 3) {
-      cure = "; does the PLC have 40 holding registers from plc.command_base on, for unit plc.unit_id?";
+      cure.printf("; does the PLC have %d holding registers from plc.command_base on, for unit plc.unit_id?",
+                  read_count());
     } else {
       cure.printf("; does the PLC have 110 holding registers from plc.status_base on that may be written%s?",
-                  asked_.function == 23 ? ", and 40 to read from plc.command_base on" : "");
+                  asked_.function == 23 ? ", and those to read from plc.command_base on" : "");
     }
     return cure;
   }
@@ -355,7 +376,9 @@ class Client final : public PlcPort {
     static_cast<void>(!::write(news_.get(), &one, sizeof one));
   }
 
-  static constexpr int kReadCount = static_cast<int>(kHoldingRegisters);
+  [[nodiscard]] int read_count() const {
+    return static_cast<int>(settings_.gauges ? kHoldingRegisters : kHoldingWithoutGauges);
+  }
   static constexpr int kRecordFirst = 30;  ///< first registers of the parts: state, record, table
   static constexpr int kTableFirst = 64;
   static constexpr int kManyRegisters = 100;  ///< usual limits of PLCs for one request
@@ -378,10 +401,8 @@ class Client final : public PlcPort {
   FixedQueue<Unread, kUnreadMax> unread_;
   HoldingImage last_read_{};
   bool fresh_ = true;  ///< no register was read on this connection yet
-  std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> candidate_{};  ///< HR 10..39 of the last answer
-  std::array<std::uint16_t, kHoldingRegisters - kCommandFirst> confirmed_{};  ///< last block on which two answers
-                                                                              ///< agreed
-  bool has_candidate_ = false;
+  Confirmed<kCommandFirst, kGaugeFirst - kCommandFirst> command_;
+  Confirmed<kGaugeFirst, kHoldingRegisters - kGaugeFirst> gauges_;
   Asked asked_;              ///< the last request; only the link's thread uses it
   int answers_ = 0;          ///< on this connection; used by the thread only
   int useless_ = 0;          ///< late or malformed answers since the last good one
@@ -412,13 +433,15 @@ Status check(const PlcSettings& settings) {
     return error(Code::config, "plc.unit_id is %u, allowed 0..247 and 255", unsigned{settings.unit_id});
   const unsigned command = settings.command_base;
   const unsigned status = settings.status_base;
-  if (command + kHoldingRegisters > 65'536)
-    return error(Code::config, "plc.command_base is %u, allowed 0..65496: 40 registers begin there", command);
+  const auto read = static_cast<unsigned>(settings.gauges ? kHoldingRegisters : kHoldingWithoutGauges);
+  if (command + read > 65'536)
+    return error(Code::config, "plc.command_base is %u, allowed 0..%u: %u registers begin there", command,
+                 65'536 - read, read);
   if (status + kInputRegisters > 65'536)
     return error(Code::config, "plc.status_base is %u, allowed 0..65426: 110 registers begin there", status);
-  if (command < status + kInputRegisters && status < command + kHoldingRegisters)
-    return error(Code::config, "plc.command_base %u (40 registers) and plc.status_base %u (110 registers) overlap",
-                 command, status);
+  if (command < status + kInputRegisters && status < command + read)
+    return error(Code::config, "plc.command_base %u (%u registers) and plc.status_base %u (110 registers) overlap",
+                 command, read, status);
   return success();
 }
 

@@ -48,7 +48,8 @@ RequestCheck refuse(ModbusException exception) {
 }
 
 RequestCheck written(const Registers& asked) {
-  return {std::nullopt, true, asked.first + asked.quantity > kCommandFirst};
+  const bool of_command = asked.first <= kCommandLast && asked.first + asked.quantity > kCommandFirst;
+  return {std::nullopt, true, of_command};
 }
 
 /// FC 3 and 4: function, address, quantity.

@@ -33,8 +33,8 @@ struct RequestCheck {
   bool writes_command = false;             ///< ... including some of HR 10..39
 };
 
-/// Checks a PDU (function code and data, at least one byte). Allowed are FC 3 on HR 0..39 and HR 1000..1109, FC 4 on IR
-/// 0..109, and FC 6, 16 and 23 (its write half) on HR 0..39.
+/// Checks a PDU (function code and data, at least one byte). Allowed are FC 3 on HR 0..74 and HR 1000..1109, FC 4 on IR
+/// 0..109, and FC 6, 16 and 23 (its write half) on HR 0..74.
 [[nodiscard]] RequestCheck check_pdu(std::span<const std::uint8_t> pdu);
 
 /// The two register memories. A reply is built from one bank at one moment, so no value is torn.

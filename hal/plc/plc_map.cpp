@@ -77,6 +77,9 @@ class Encoder {
     image_[address] = static_cast<std::uint16_t>((static_cast<unsigned>(row.verdict) << 8U) | row.attempts);
     image_[address + 1U] = row.reason;
   }
+  void gauge(std::size_t index, std::int32_t value) {
+    wide(kGaugeFirst + 2 * index, 2, static_cast<std::uint32_t>(value));
+  }
   void reserved(const Reg&, unsigned) {}
   void computed(const Reg&) {}
 
@@ -140,6 +143,10 @@ class Decoder {
     known(address, static_cast<std::uint16_t>(image_[address] >> 8U), row.verdict, Verdict::indeterminate);
     row.attempts = static_cast<std::uint8_t>(image_[address] & 0xFFU);
     row.reason = image_[address + 1U];
+  }
+  void gauge(std::size_t index, std::int32_t& value) {
+    value =
+        static_cast<std::int32_t>(static_cast<std::uint32_t>(wide_value(image_, kGaugeFirst + 2 * index, 2, order_)));
   }
   void reserved(const Reg&, unsigned) {}
   void computed(const Reg&) {}
@@ -393,6 +400,7 @@ class RegisterPrinter {
     const Reg first{address, name.c_str(), "", "high byte: verdict, low byte: attempts"};
     RegisterRow told = begin(first, 1, "u8, u8");
     told.series = static_cast<int>(station) + 1;
+    told.series_rows = static_cast<int>(limits::kStationsMax);
     told.words = kVerdictWords;
     Text text = in_words(static_cast<std::uint16_t>(image_[address] >> 8U), kVerdictWords);
     FixedString<32> attempts;
@@ -404,7 +412,21 @@ class RegisterPrinter {
     const Reg second{static_cast<std::uint16_t>(address + 1), reason_name.c_str(), "", "why; 0 = none"};
     RegisterRow reason = begin(second, 1, "u16");
     reason.series = told.series;
+    reason.series_rows = told.series_rows;
     sink_(reason, code_text(row.reason).view());
+  }
+  void gauge(std::size_t index, std::int32_t& value) {
+    const auto address = static_cast<std::uint16_t>(kGaugeFirst + 2 * index);
+    value = static_cast<std::int32_t>(static_cast<std::uint32_t>(wide_value(image_, address, 2, order_)));
+    FixedString<16> name;
+    name.printf("GAUGE_%zu", index + 1);
+    const Reg reg{address, name.c_str(), "mm", "value of a gauge in um (or 0.001 deg); 0x80000000 = none", kSince11};
+    RegisterRow row = begin(reg, 2, "i32 / 1000");
+    row.series = static_cast<int>(index) + 1;
+    row.series_rows = static_cast<int>(limits::kGaugesMax);
+    Text text = "-";
+    if (value != kNoGaugeRegister) text.printf("%.3f", static_cast<double>(value) / kThousandths);
+    sink_(row, text.view());
   }
   void reserved(const Reg& reg, unsigned count) { tell(reg, count, "", {}); }
   void computed(const Reg& reg) {

@@ -14,18 +14,26 @@
 /// Register map 1.1: the two memories that the PLC and slabd share. Only this file defines their addresses, scales and
 /// word order. Addresses are zero-based PDU addresses.
 ///
-///   holding registers 0..39   written by the PLC    (FC 6, 16, 23), read back by FC 3
+///   holding registers 0..74   written by the PLC    (FC 6, 16, 23), read back by FC 3
 ///   input registers 0..109    written by slabd      (FC 4), mirrored read-only at holding registers 1000..1109
 ///
 /// Each memory is listed once (plc_registers.h), and the list is used to encode and to decode. So the emulated PLC and
 /// the tools decode exactly what the daemon encodes. No heap, no I/O; a few hundred nanoseconds each.
 namespace slabd::hal {
 
-inline constexpr std::size_t kHoldingRegisters = 40;
+inline constexpr std::size_t kHoldingRegisters = 75;
+/// HR 0..39, all that a PLC without gauges has: as client slabd reads only these then.
+inline constexpr std::size_t kHoldingWithoutGauges = 40;
 inline constexpr std::size_t kInputRegisters = 110;
 /// Holding registers HR 10..39 carry a command; the connection that writes one of them owns the command block.
 inline constexpr std::uint16_t kCommandFirst = 10;
 inline constexpr std::uint16_t kCommandLast = 39;
+/// HR 40..74, the gauges: 16 values, GAUGE_SEQ written last, GAUGE_SLAB_NO. Any connection that may write may write
+/// them; the command block does not contain them.
+inline constexpr std::uint16_t kGaugeFirst = 40;
+inline constexpr std::uint16_t kGaugeSeqAddress = 72;
+inline constexpr std::uint16_t kGaugeSlabNoAddress = 73;
+static_assert(kGaugeFirst + 2 * limits::kGaugesMax == kGaugeSeqAddress && kGaugeSlabNoAddress + 2 == kHoldingRegisters);
 /// HR 39, CMD_SEQ: written last; a change of its value starts the command.
 inline constexpr std::uint16_t kCommandSeqAddress = 39;
 /// First holding register of the mirrored input registers, for PLCs that cannot read them by FC 4.
@@ -55,7 +63,7 @@ void encode_outputs(const PlcOutputs& outputs, WordOrder order, InputImage& imag
 
 // ---- the other side's directions (emulated PLC, tools) ----------------------------------------------------------
 
-/// Encodes a PLC's command to slabd. CMD_CRC is computed if `with_crc` is true, else 0 (not used).
+/// Encodes what a PLC writes to slabd. CMD_CRC is computed if `with_crc` is true, else 0 (not used).
 void encode_inputs(const PlcInputs& inputs, WordOrder order, bool with_crc, HoldingImage& image);
 
 /// SECOND_CHIP (HR 35) of a PLC that read this id in the second chip; for one id of 65,536 it is 0, "not read".
@@ -80,7 +88,8 @@ struct RegisterRow {
   std::uint16_t address = 0;
   std::size_t count = 1;                    ///< registers
   int bit = -1;                             ///< of a single bit, else -1
-  int series = 0;                           ///< 1..18 in the station table, else 0
+  int series = 0;                           ///< 1, 2, ... in the station table and in the gauges' values, else 0
+  int series_rows = 0;                      ///< how many there are, two registers apart
   std::string_view type;                    ///< "u16", "i16 / 1000", ...; "" = reserved
   std::string_view name;                    ///< "PLC_HEARTBEAT"; IR 42..55: the item for the record's kind
   std::string_view unit;                    ///< of the value, "" = a number

@@ -58,7 +58,7 @@ inline constexpr std::array<std::string_view, 6> kCommandWords = {"none",     "S
                                                                   "SLAB_END", "SLAB_ABORT", "REPORT"};
 inline constexpr std::array<std::string_view, 5> kStatusWords = {"none", "accepted", "acquiring", "acquired", "done"};
 /// One word for each bit of PlcWarn.
-inline constexpr std::array<std::string_view, 15> kWarnWords = {"unconfirmed nominals",
+inline constexpr std::array<std::string_view, 16> kWarnWords = {"unconfirmed nominals",
                                                                 "commissioning calibration",
                                                                 "stray scan files",
                                                                 "results wait for RES_ACK",
@@ -72,7 +72,8 @@ inline constexpr std::array<std::string_view, 15> kWarnWords = {"unconfirmed nom
                                                                 "handedness of the scanner not proven",
                                                                 "recipe folder differs from recipes in use",
                                                                 "emulation",
-                                                                "robot stops alike over neighbouring blocks"};
+                                                                "robot stops alike over neighbouring blocks",
+                                                                "a gauge needs care"};
 inline constexpr std::array<std::string_view, 3> kKindWords = {"none", "station", "slab"};
 
 /// IR 42..55, by kind of record. A plain number is a station, pair or count.
@@ -138,6 +139,14 @@ void walk_inputs(Cursor& io, Inputs& in) {
   io.u16({38, "SESSION_ECHO", "", "SESSION (IR 9) as last read"}, in.session_echo);
   io.u16({kCommandSeqAddress, "CMD_SEQ", "", "written last: the command runs when it becomes CMD_ACK + 1; 1..65535"},
          in.cmd_seq);
+
+  for (std::size_t i = 0; i < limits::kGaugesMax; ++i) io.gauge(i, in.gauge_thousandths[i]);
+  io.u16({kGaugeSeqAddress, "GAUGE_SEQ", "",
+          "written last: the values and GAUGE_SLAB_NO are taken when it changes; 0 = none were written", kSince11},
+         in.gauge_seq);
+  io.u32({kGaugeSlabNoAddress, "GAUGE_SLAB_NO", "", "SLAB_NO of the slab that was gauged; 0 = none, such as a master",
+          kSince11},
+         in.gauge_slab_no);
 }
 
 // ---- input registers: written by slabd ---------------------------------------------------------------------------

@@ -60,7 +60,7 @@ std::string NextVersions::fresh_text(int last) {
   add_column(text, "slab", "emulated           INTEGER NOT NULL", "batch INTEGER NOT NULL DEFAULT 0");
   if (last == kFirst) return text;
   add_column(text, "batch", "made_utime_us INTEGER NOT NULL", "strength REAL");
-  add_column(text, "item", "budget_thermal REAL", "batch_U REAL");
+  add_column(text, "item", "budget_gauge REAL", "batch_U REAL");
   replace(text, kOldKinds, kNewKinds);
   return text;
 }

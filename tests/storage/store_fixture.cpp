@@ -111,6 +111,20 @@ Item item(Prng& prng) {
   return i;
 }
 
+GaugeReading gauge_reading(Prng& prng, std::size_t index) {
+  GaugeReading g;
+  g.gauge.printf("gauge_%zu", index);
+  word(prng, g.source);
+  g.unit = prng.below(2) == 0 ? ItemUnit::mm : ItemUnit::deg;
+  g.state = static_cast<GaugeState>(prng.below(kGaugeStates));
+  for (double* x : {&g.value, &g.u, &g.u_master, &g.age_s, &g.check_deviation}) *x = number(prng);
+  g.seq = static_cast<std::uint32_t>(prng.next());
+  g.slab_no = static_cast<std::uint32_t>(prng.next());
+  g.utime_us = static_cast<std::int64_t>(prng.next() >> 10U);
+  g.check_utime_us = static_cast<std::int64_t>(prng.next() >> 10U);
+  return g;
+}
+
 std::uint64_t bits(double x) {
   return std::bit_cast<std::uint64_t>(std::isnan(x) ? kNoValue : x);
 }
@@ -351,6 +365,22 @@ void expect_same(const BlockResult& a, const BlockResult& b) {
   SAME_BITS(times.total_ms);
 }
 
+void expect_same(const GaugeReading& a, const GaugeReading& b) {
+  SAME(gauge);
+  SAME(source);
+  SAME(unit);
+  SAME(state);
+  SAME_BITS(value);
+  SAME_BITS(u);
+  SAME_BITS(u_master);
+  SAME(seq);
+  SAME(slab_no);
+  SAME(utime_us);
+  SAME_BITS(age_s);
+  SAME(check_utime_us);
+  SAME_BITS(check_deviation);
+}
+
 void expect_same(const SlabResult& a, const SlabResult& b) {
   SAME(verdict);
   SAME(reason);
@@ -362,6 +392,8 @@ void expect_same(const SlabResult& a, const SlabResult& b) {
   expect_same(a.fit.T_base_slab, b.fit.T_base_slab);
   SAME(fit.note.view());
   expect_same_items(a.items, b.items);
+  ASSERT_EQ(a.gauges.size(), b.gauges.size());
+  for (std::size_t i = 0; i < a.gauges.size(); ++i) expect_same(a.gauges[i], b.gauges[i]);
   SAME(station_verdict);
   SAME(station_reason);
 }
@@ -531,6 +563,8 @@ SlabResult random_slab(Prng& prng, Verdict verdict) {
   }
   for (Verdict& v : s.station_verdict) v = static_cast<Verdict>(prng.below(6));
   for (std::uint16_t& r : s.station_reason) integer(prng, r);
+  while (s.gauges.push(gauge_reading(prng, s.gauges.size()))) {
+  }
   return s;
 }
 

@@ -76,6 +76,7 @@ void expect_same(const SlabHeader& a, const SlabHeader& b);
 void expect_same(const Attempt& a, const Attempt& b);
 void expect_same(const PackedMap& a, const PackedMap& b);
 void expect_same(const BlockResult& a, const BlockResult& b);
+void expect_same(const GaugeReading& a, const GaugeReading& b);
 void expect_same(const SlabResult& a, const SlabResult& b);
 void expect_same(const PlcResult& a, const PlcResult& b);
 

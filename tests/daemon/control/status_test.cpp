@@ -115,7 +115,7 @@ TEST_F(StatusTest, every_request_is_answered) {
   EXPECT_EQ(ask("{\"verb\":7}")["schema"], "slabd.error/1");
   EXPECT_EQ(ask("{\"verb\":\"stop\"}")["error"],
             "unknown verb; known: status, calibration, plc_image, metrics, care, backup, prune, sent, recipes, "
-            "calibration_change, capture");
+            "gauges, gauge_enter, calibration_change, capture");
   EXPECT_EQ(ask("{\"verb\":\"\xff\"}")["schema"], "slabd.error/1");
   EXPECT_EQ(ask(std::string(60'000, '['))["schema"], "slabd.error/1");
   Prng prng(11);

@@ -266,6 +266,8 @@ struct MemoryStore {
     line.slab_open = false;
     line.last_slab = line.slab;
     line.last_result = job.slab;
+    if (!job.slab.gauges.empty()) line.gauges_used = job.slab.gauges;
+    add_slab(line.gauge_runs, job.slab.gauges);
     for (std::size_t i = 0; i < line.stations.size(); ++i) {
       const StationRecord& record = line.stations[i];
       line.last_blocks[i] = {

@@ -236,6 +236,7 @@ class Line {
       SlabJudged judged;
       judged.slab_key = judge->slab_key;
       judged.slab.verdict = Verdict::pass;
+      judged.slab.gauges = judge->basis.slab.gauges;
       for (int i = 0; i < recipe.stations(); ++i) {
         const StationRecord& record = station->slab.stations[static_cast<std::size_t>(i)];
         const Verdict v = record.phase == StationPhase::measured ? record.block.verdict : Verdict::not_measured;

@@ -64,8 +64,8 @@ bool all_inside(unsigned first, unsigned quantity, unsigned low, unsigned high) 
 
 TEST(ModbusCodec, reads_are_allowed_exactly_where_the_map_is) {
   for (unsigned first = 0; first < 1200; first += (first < 130 || first > 980) ? 1 : 50) {
-    for (const unsigned quantity : {1U, 2U, 30U, 40U, 41U, 109U, 110U, 111U, 125U}) {
-      const bool holding = all_inside(first, quantity, 0, 40) || all_inside(first, quantity, 1000, 1110);
+    for (const unsigned quantity : {1U, 2U, 30U, 75U, 76U, 109U, 110U, 111U, 125U}) {
+      const bool holding = all_inside(first, quantity, 0, 75) || all_inside(first, quantity, 1000, 1110);
       EXPECT_EQ(refusal(read_pdu(3, first, quantity)), holding ? 0 : 2) << first << " " << quantity;
       EXPECT_EQ(refusal(read_pdu(4, first, quantity)), all_inside(first, quantity, 0, 110) ? 0 : 2)
           << first << " " << quantity;
@@ -88,22 +88,23 @@ TEST(ModbusCodec, quantities_outside_the_standard_are_exception_3) {
 
 TEST(ModbusCodec, writes_are_allowed_exactly_to_the_plcs_registers_and_mark_the_command_block) {
   for (unsigned first = 0; first < 1110; ++first) {
-    for (const unsigned quantity : {1U, 4U, 10U, 11U, 30U, 40U, 41U}) {
+    for (const unsigned quantity : {1U, 4U, 10U, 11U, 30U, 35U, 75U, 76U}) {
       const RequestCheck check = check_request(frame(1, write_pdu(first, quantity)), 1);
-      const bool inside = all_inside(first, quantity, 0, 40);
+      const bool inside = all_inside(first, quantity, 0, 75);
       EXPECT_EQ(!check.refusal.has_value(), inside) << first << " " << quantity;
       if (!inside) {
         EXPECT_EQ(*check.refusal, ModbusException::illegal_address);
         continue;
       }
       EXPECT_TRUE(check.writes);
-      EXPECT_EQ(check.writes_command, !all_inside(first, quantity, 0, 10)) << first << " " << quantity;
+      EXPECT_EQ(check.writes_command, !all_inside(first, quantity, 0, 10) && !all_inside(first, quantity, 40, 75))
+          << first << " " << quantity;
       const RequestCheck both = check_request(frame(1, read_write_pdu(1000, 110, first, quantity)), 1);
       EXPECT_EQ(both.writes_command, check.writes_command);
     }
-    EXPECT_EQ(refusal(read_pdu(6, first, 7)), first < 40 ? 0 : 2);
+    EXPECT_EQ(refusal(read_pdu(6, first, 7)), first < 75 ? 0 : 2);
   }
-  EXPECT_EQ(refusal(read_write_pdu(0, 41, 0, 1)), 2);
+  EXPECT_EQ(refusal(read_write_pdu(0, 76, 0, 1)), 2);
   EXPECT_FALSE(check_request(frame(1, read_pdu(3, 0, 40)), 1).writes);
 }
 

@@ -113,7 +113,9 @@ TEST_F(ModbusServerTest, the_last_writer_of_the_command_block_owns_it) {
   EXPECT_NE(owner_b, owner_a);
   a->send(write_frame(5, 39, {7}));
   EXPECT_EQ(turn().at(0).command_writer, owner_a);
-  b->send(write_frame(6, 40, {7}));  // refused: changes nothing
+  b->send(write_frame(6, 40, {7}));
+  EXPECT_EQ(turn().at(0).command_writer, owner_a) << "the gauges have no owner";
+  b->send(write_frame(7, 75, {7}));  // refused: changes nothing
   EXPECT_TRUE(turn().empty());
 }
 

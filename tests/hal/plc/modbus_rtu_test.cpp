@@ -172,9 +172,9 @@ TEST_F(RtuTest, a_request_right_behind_another_slaves_traffic_is_answered) {
 }
 
 TEST_F(RtuTest, a_request_outside_the_map_is_refused_after_a_pause_only) {
-  EXPECT_EQ(asked(closed({kUnit, 3, 0, 40, 0, 1})), closed({kUnit, 0x83, 2}));
+  EXPECT_EQ(asked(closed({kUnit, 3, 0, 75, 0, 1})), closed({kUnit, 0x83, 2}));
   pause();
-  EXPECT_EQ(asked(joined({0x55}, closed({kUnit, 3, 0, 40, 0, 1}))), Bytes{}) << "glued: it may be anything";
+  EXPECT_EQ(asked(joined({0x55}, closed({kUnit, 3, 0, 75, 0, 1}))), Bytes{}) << "glued: it may be anything";
   pause();
   EXPECT_EQ(asked(closed({kUnit, 3, 0, 0, 0, 0})), closed({kUnit, 0x83, 3}));
   // A frame with a function of unknown length ends with the silence.
@@ -199,7 +199,7 @@ TEST_F(RtuTest, noise_of_the_line_behind_a_request_costs_a_pause_and_not_the_ans
   ASSERT_EQ(writes.size(), 1U) << "a write is handed over as any other";
   EXPECT_EQ(writes[0].cmd_seq, 9);
   EXPECT_EQ(receive(), kWriteSeq);
-  EXPECT_EQ(asked(joined(closed({kUnit, 3, 0, 40, 0, 1}), {0})), Bytes{});
+  EXPECT_EQ(asked(joined(closed({kUnit, 3, 0, 75, 0, 1}), {0})), Bytes{});
   pause();
   EXPECT_EQ(receive(), closed({kUnit, 0x83, 2}));
   EXPECT_EQ(line_->counters().malformed, 0U);

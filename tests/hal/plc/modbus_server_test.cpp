@@ -108,9 +108,9 @@ TEST_F(ModbusServerTest, refusals_are_answered_at_once_and_the_connection_stays_
       {frame(1, {17}), {0x91, 1}},
       {read_frame(1, 4, 0, 111), {0x84, 2}},
       {read_frame(1, 4, 0, 0), {0x84, 3}},
-      {read_frame(1, 3, 39, 2), {0x83, 2}},
+      {read_frame(1, 3, 74, 2), {0x83, 2}},
       {write_frame(1, 1000, {1}), {0x90, 2}},
-      {write_frame(1, 40, {1}), {0x90, 2}},
+      {write_frame(1, 75, {1}), {0x90, 2}},
       {frame(1, {3, 0}), {0x83, 3}},
       {frame(1, {4, 0, 0, 0, 1, 99, 99, 99, 99}), {0x84, 3}},
   };
@@ -305,7 +305,7 @@ TEST_F(ModbusServerTest, libmodbus_as_plc_can_command_and_read) {
   command.cmd_seq = 1234;
   HoldingImage image;
   encode_inputs(command, WordOrder::abcd, true, image);
-  EXPECT_EQ(modbus_write_registers(plc, 0, static_cast<int>(image.size()), image.data()), 40) << modbus_strerror(errno);
+  EXPECT_EQ(modbus_write_registers(plc, 0, static_cast<int>(image.size()), image.data()), 75) << modbus_strerror(errno);
   EXPECT_EQ(modbus_write_register(plc, 0, 5), 1) << modbus_strerror(errno);
   InputImage seen{};
   EXPECT_EQ(modbus_read_input_registers(plc, 0, 110, seen.data()), 110) << modbus_strerror(errno);

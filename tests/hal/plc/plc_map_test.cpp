@@ -374,6 +374,27 @@ TEST(PlcMap, blanks_and_NULs_around_a_slab_id_are_not_part_of_it) {
   EXPECT_EQ(read(std::string(32, 'x')), std::string(32, 'x'));
 }
 
+TEST(PlcMap, gauges_are_32_bit_thousandths_in_the_configured_word_order) {
+  HoldingImage image{};
+  image[40] = 0x0055;  // 5 600 076 um, high word first
+  image[41] = 0x734C;
+  image[42] = 0xFFFF;  // -1 um
+  image[43] = 0xFFFF;
+  image[70] = 0x8000;
+  image[72] = 7;
+  image[73] = 0x0001;
+  image[74] = 0x0002;
+  const PlcInputs inputs = decode_inputs(image, WordOrder::abcd);
+  EXPECT_EQ(inputs.gauge_thousandths[0], 5'600'076);
+  EXPECT_EQ(inputs.gauge_thousandths[1], -1);
+  EXPECT_EQ(inputs.gauge_thousandths[15], kNoGaugeRegister);
+  EXPECT_EQ(inputs.gauge_seq, 7);
+  EXPECT_EQ(inputs.gauge_slab_no, 0x00010002U);
+  const PlcInputs other = decode_inputs(image, WordOrder::cdab);
+  EXPECT_EQ(other.gauge_thousandths[0], 0x734C'0055);
+  EXPECT_EQ(other.gauge_slab_no, 0x00020001U);
+}
+
 TEST(PlcMap, inputs_come_back_as_they_went) {
   for (const WordOrder order : {WordOrder::abcd, WordOrder::cdab}) {
     for (const bool with_crc : {false, true}) {

@@ -54,6 +54,23 @@ export function SlabVerdict({ slab }) {
   </div>`;
 }
 
+/// Dimensions of the slab that only gauges measure.
+const kOfGauges = ['slab_length', 'slab_width', 'slab_thickness', 'bottom_flatness'];
+
+function Gauges({ gauges }) {
+  const { t } = useWords();
+  const columns = [
+    { head: t('field.gauge'), row: true, cell: (gauge) => html`<${Foreign} text=${gauge.name} /> <span class="unit">[${gauge.unit}]</span>` },
+    { head: t('field.source'), cell: (gauge) => html`<${Foreign} text=${gauge.source} />` },
+    { head: t('field.measured'), number: true, cell: (gauge) => html`<strong>${figure(gauge.value, 3)}</strong>` },
+    { head: t('field.value_age'), number: true, cell: (gauge) => figure(gauge.age_s, 1) },
+    { head: t('field.check_deviation'), number: true, cell: (gauge) => figure(gauge.check_deviation, 3) },
+    { head: t('field.gauge_state'), cell: (gauge) => (gauge.state === 'ok' ? '' : '! ') + t(`gauge_state.${visible(gauge.state, 30)}`) },
+  ];
+  return html`<${Panel} title=${t('slab.gauges')}><${Table} caption=${t('slab.gauges')} hideCaption columns=${columns} rows=${gauges}
+    id=${(gauge) => gauge.name} /><//>`;
+}
+
 /// Items that did not pass first; the rest in the order of the document.
 function ItemsOfSlab({ slab }) {
   const { t } = useWords();
@@ -61,13 +78,14 @@ function ItemsOfSlab({ slab }) {
   const [budget, setBudget] = useState(false);
   const odd = slab.items.filter((item) => item.verdict !== 'pass' && item.verdict !== 'none');
   const shown = all ? slab.items : odd;
+  const unseen = kOfGauges.filter((id) => !slab.items.some((item) => item.id === id && item.value !== null));
   return html`<${Panel} title=${t('slab.items')} aside=${html`<div class="buttons">
       <button type="button" aria-pressed=${String(all)} onClick=${() => setAll(!all)}>${t('slab.all_items')} (${slab.items.length})</button>
       <button type="button" aria-pressed=${String(budget)} onClick=${() => setBudget(!budget)}>${t('slab.budget')}</button></div>`}>
     ${slab.verdict === 'aborted' && html`<p>${t('slab.aborted')}</p>`}
     <${ItemTable} caption=${t('slab.items')} items=${shown} ofSlab empty=${t('live.no_findings')} />
     ${budget && html`<${BudgetTable} items=${shown.length > 0 ? shown : slab.items} ofSlab />`}
-    <p class="quiet">${t('slab.not_visible')}</p>
+    ${unseen.length > 0 && html`<p class="quiet">${t('slab.not_visible', { unseen: unseen.map((id) => t(`unseen.${id}`)).join(', ') })}</p>`}
   <//>`;
 }
 
@@ -117,6 +135,7 @@ export function Slab({ route }) {
       </div>
       <${DecisionPanel} slab=${slab} again=${ask.again} />
       <${ItemsOfSlab} slab=${slab} />
+      ${slab.gauges.length > 0 && html`<${Gauges} gauges=${slab.gauges} />`}
       <div class="two">
         <${Panel} title=${t('slab.identity')}><${Facts} facts=${identityFacts(slab, words)} /><//>
         <${Panel} title=${t('slab.blocks')}><${BlocksAndTimes} slab=${slab} /><//>

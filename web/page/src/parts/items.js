@@ -7,7 +7,7 @@ import { useWords } from '../words.js';
 import { Place } from './place.js';
 import { Table } from './table.js';
 
-const kParts = ['fit', 'noise', 'scanner', 'registration', 'calibration', 'robot', 'reference'];
+const kParts = ['fit', 'noise', 'scanner', 'registration', 'calibration', 'robot', 'reference', 'thermal', 'gauge'];
 
 /// True if the item has neither limit: it is shown for information.
 const isInformation = (item) => item.lower === null && item.upper === null;

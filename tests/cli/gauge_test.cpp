@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// slabctl gauge as a process: a check is stored without a running daemon and decides the exit status, the list of a
+// running one names what is wrong, and every document follows its schema.
+#include <nlohmann/json.hpp>
+
+#include "tests/cli/fake_daemon.h"
+#include "tests/cli/slabctl_process.h"
+#include "tests/places/places.h"
+
+namespace slabd::cli {
+namespace {
+
+using nlohmann::json;
+
+class GaugeCommand : public Slabctl {
+ protected:
+  /// Validates the documents with the published schemas.
+  [[nodiscard]] bool is_valid(const std::string& documents) const {
+    return std::system(("/usr/bin/python3 " + places::source_dir() + "/tests/cli/validate_json.py " +
+                        places::source_dir() + "/docs/schemas " + documents)
+                           .c_str()) == 0;
+  }
+  [[nodiscard]] std::string config(const std::string& gauges = kGauges) const {
+    return write("slabd.toml",
+                 "[scanner]\ndrop_dir = \"drop\"\n[storage]\ndb = \"slabd.db\"\nspool_dir = \"spool\"\n"
+                 "[recipes]\ndir = \"" +
+                     places::source_dir() +
+                     "/recipes\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n[control]\nsocket = "
+                     "\"control.sock\"\n" +
+                     gauges);
+  }
+  [[nodiscard]] Ended gauge(const std::string& more) const { return run("gauge " + more + " --config " + config()); }
+  /// An empty database with the tables of this version.
+  void make_database() const {
+    ASSERT_EQ(run("simulate history --slabs 5 --recipe " + kRecipe + " --out " + file("slabd.db")).status, 0)
+        << content(file("err"));
+  }
+  /// The daemon's answer to "gauges": one gauge that is stuck and overdue, one that is good, one without a master.
+  [[nodiscard]] static json answer() {
+    const json overdue{{"value", 5600.0},
+                       {"u", 0.02},
+                       {"limit", 0.1},
+                       {"every_h", 24.0},
+                       {"state", "check_overdue"},
+                       {"check",
+                        {{"utime_us", 1'000'000},
+                         {"value", 5600.05},
+                         {"deviation", 0.05},
+                         {"passed", true},
+                         {"due_utime_us", 2'000'000}}}};
+    json good = overdue;
+    good["state"] = "ok";
+    good["check"]["due_utime_us"] = 9'000'000'000'000'000;
+    json list;
+    list["schema"] = "slabd.gauges/1";
+    list["slab_no"] = 10042;
+    list["gauges"] = json::array();
+    for (const auto& [name, source, master] :
+         {std::tuple{"length_left", "plc:40", overdue}, std::tuple{"length_right", "plc:42", good},
+          std::tuple{"thickness", "operator", json(nullptr)}}) {
+      const bool is_good = std::string_view(name) != "length_left";
+      list["gauges"].push_back({{"name", name},
+                                {"unit", "mm"},
+                                {"source", source},
+                                {"u", 0.05},
+                                {"valid_s", 60.0},
+                                {"value", 5600.1234},
+                                {"age_s", 2.0},
+                                {"utime_us", 1'700'000'000'000'000},
+                                {"seq", 7},
+                                {"slab_no", 10042},
+                                {"state", is_good ? "ok" : "check_overdue"},
+                                {"reason", is_good ? "" : "its master check is overdue"},
+                                {"trouble", ""},
+                                {"same_slabs", is_good ? 1 : 25},
+                                {"stuck", !is_good},
+                                {"master", master}});
+    }
+    list["udp"] = {{"accepted", 0}, {"repeated", 0}, {"unknown", 0}, {"malformed", 0}, {"foreign", 0}};
+    return list;
+  }
+
+  static constexpr const char* kGauges =
+      "[[gauge]]\nname = \"length_left\"\nsource = \"plc:40\"\nu = 0.05\nvalid_s = 60\n"
+      "master = { value = 5600.0, u = 0.02, every_h = 24, limit = 0.1 }\n"
+      "[[gauge]]\nname = \"length_right\"\nsource = \"plc:42\"\nu = 0.05\nvalid_s = 60\n"
+      "master = { value = 5601.0, u = 0.02, every_h = 24, limit = 0.1 }\n"
+      "[[gauge]]\nname = \"thickness\"\nsource = \"operator\"\nu = 0.05\nvalid_s = 600\n";
+};
+
+TEST_F(GaugeCommand, a_check_is_stored_and_decides_the_exit_status) {
+  make_database();
+  const Ended passed = gauge("check length_left --value 5600.05 --operator anna --json");
+  ASSERT_EQ(passed.status, 0) << passed.err;
+  ASSERT_TRUE(is_valid(write("check.json", passed.out)));
+  EXPECT_EQ(json::parse(passed.out)["id"], "length_left-check-1");
+  const Ended failed = gauge("check length_left --value 5600.2 --operator anna --why 'after the knock'");
+  EXPECT_EQ(failed.status, 1) << failed.err;
+  expect_mentions(failed.out, "FAILED");
+
+  const Ended listed = run("gauge history length_left --checks --json --db " + file("slabd.db"));
+  ASSERT_EQ(listed.status, 0) << listed.err;
+  ASSERT_TRUE(is_valid(write("checks.json", listed.out)));
+  const json checks = json::parse(listed.out)["checks"];
+  ASSERT_EQ(checks.size(), 2U);
+  EXPECT_EQ(checks[0]["result"], "failed");
+  EXPECT_EQ(checks[0]["reason"], "after the knock");
+  EXPECT_EQ(checks[1]["operator"], "anna");
+  const Ended none = run("gauge history length_left --json --db " + file("slabd.db"));
+  ASSERT_EQ(none.status, 0) << none.err;
+  ASSERT_TRUE(is_valid(write("values.json", none.out)));
+  EXPECT_EQ(run("db check --config " + config()).status, 0);
+}
+
+TEST_F(GaugeCommand, a_check_of_another_gauge_is_refused_with_its_reason) {
+  make_database();
+  for (const auto& [arguments, status, words] :
+       {std::tuple{"check length_lift --value 1", 2, "did you mean length_left?"},
+        std::tuple{"check thickness --value 200", 2, "thickness has no master in the configuration"},
+        std::tuple{"check length_left --value 5600 --operator ' '", 2, "give the name of the operator"},
+        std::tuple{"check length_left", 3, "control.sock"}}) {
+    const Ended ended = gauge(arguments);
+    EXPECT_EQ(ended.status, status) << arguments << ": " << ended.err;
+    expect_mentions(ended.err, words);
+  }
+  const Ended none = run("gauge check length_left --value 1 --config " + config(""));
+  EXPECT_EQ(none.status, 2);
+  expect_mentions(none.err, "there is no [[gauge]]");
+}
+
+TEST_F(GaugeCommand, the_list_names_an_overdue_master_and_a_stuck_sensor) {
+  const std::string text = answer().dump();
+  ASSERT_TRUE(is_valid(write("gauges.json", text)));
+  const FakeDaemon daemon(file("control.sock"), text + "\n");
+  const Ended listed = gauge("list");
+  EXPECT_EQ(listed.status, 1) << listed.err;
+  expect_mentions(listed.out, "overdue by");
+  expect_mentions(listed.out, "length_left has given the same value for 25 slabs");
+  expect_mentions(listed.out, "without a master");
+  EXPECT_EQ(json::parse(gauge("list --json").out), answer());
+}
+
+TEST_F(GaugeCommand, without_a_daemon_the_list_and_an_entry_say_so) {
+  for (const char* arguments : {"list", "enter thickness 200.2 --slab-no 10042"}) {
+    const Ended ended = gauge(arguments);
+    EXPECT_EQ(ended.status, 3) << arguments;
+    expect_mentions(ended.err, "control.sock");
+  }
+  EXPECT_EQ(gauge("enter thickness 200.2").status, 2) << "a value without a slab is not entered";
+}
+
+}  // namespace
+}  // namespace slabd::cli
