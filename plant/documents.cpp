@@ -76,6 +76,23 @@ Json valid_items(const storage::SlabRecord& slab) {
   return items;
 }
 
+/// In the order of the line's configuration.
+Json gauges(const GaugeReadings& list) {
+  Json json = Json::array();
+  for (const GaugeReading& reading : list)
+    json.push_back({{"name", without_nul(reading.gauge.view())},
+                    {"source", without_nul(reading.source.view())},
+                    {"unit", name(reading.unit)},
+                    {"state", name(reading.state)},
+                    {"value", number(reading.value)},
+                    {"u", number(reading.u)},
+                    {"u_master", number(reading.u_master)},
+                    {"utime_us", reading.utime_us != 0 ? Json(reading.utime_us) : Json(nullptr)},
+                    {"check_utime_us", reading.check_utime_us != 0 ? Json(reading.check_utime_us) : Json(nullptr)},
+                    {"check_deviation", number(reading.check_deviation)}});
+  return json;
+}
+
 Json empty_record(const OutboxRow& row) {
   return Json{{"schema", "slabd.plant_record/1"},
               {"utime_us", row.utime_us},
@@ -124,6 +141,7 @@ std::string slab_document(const storage::SlabRecord& slab, const std::string& sl
                       {"software", without_nul(h.software.view())},
                       {"emulated", h.emulated != 0},
                       {"items", valid_items(slab)},
+                      {"gauges", gauges(slab.slab.gauges)},
                       {"dispositions", decisions(slab.dispositions)}});
 }
 

@@ -5,7 +5,8 @@
 --
 --   inbox        what the lines have sent, one row for each row of their outbox; the only table that they write
 --   line, epoch  who sent it: a line has a new epoch after its database was restored or begun again
---   slab, item, disposition, calibration, calibration_check, mould_reset, event: the rows of inbox unfolded
+--   slab, item, gauge, disposition, calibration, calibration_check, gauge_check, mould_reset, event: the rows of inbox
+--                unfolded
 --   trouble      rows of inbox that could not be unfolded, with the reason; plant.unfold_again() tries them again
 --
 -- A slab is named by the epoch in which it was first sent and its key in the line's database. Lengths in mm, angles in
@@ -118,6 +119,25 @@ CREATE INDEX item_not_passed ON plant.item (ended) INCLUDE (epoch_id, item_id, v
 CREATE INDEX item_by_mould ON plant.item (mould, ended) INCLUDE (epoch_id, item_id, value, nominal, slab_type)
   WHERE mould IS NOT NULL AND NOT emulated;
 
+-- Values of the gauges for a slab, usable or not, in the order of the line's configuration. u, u_master: k = 1.
+CREATE TABLE plant.gauge (
+  epoch_id        integer NOT NULL REFERENCES plant.epoch,
+  slab_key        bigint NOT NULL,
+  position        smallint NOT NULL,
+  name            text NOT NULL,
+  source          text NOT NULL,
+  unit            text NOT NULL,
+  state           text NOT NULL,
+  value           double precision,
+  u               double precision,
+  u_master        double precision,
+  arrived         timestamptz,
+  checked         timestamptz,
+  check_deviation double precision,
+  PRIMARY KEY (epoch_id, slab_key, position)
+);
+CREATE INDEX gauge_by_name ON plant.gauge (name, epoch_id, slab_key);
+
 CREATE TABLE plant.disposition (
   epoch_id  integer NOT NULL REFERENCES plant.epoch,
   slab_key  bigint NOT NULL,
@@ -160,6 +180,23 @@ CREATE TABLE plant.calibration_check (
   off_z_mm          double precision,
   who               text NOT NULL,
   note              text NOT NULL,
+  PRIMARY KEY (epoch_id, seq)
+);
+
+-- A gauge measured its master.
+CREATE TABLE plant.gauge_check (
+  epoch_id     integer NOT NULL REFERENCES plant.epoch,
+  seq          bigint NOT NULL,
+  at           timestamptz NOT NULL,
+  name         text NOT NULL,
+  unit         text NOT NULL,
+  passed       boolean NOT NULL,
+  value        double precision NOT NULL,
+  master_value double precision NOT NULL,
+  master_u     double precision NOT NULL,
+  within       double precision NOT NULL,
+  who          text NOT NULL,
+  why          text NOT NULL,
   PRIMARY KEY (epoch_id, seq)
 );
 
@@ -305,6 +342,7 @@ BEGIN
   END IF;
   IF before.ended IS NOT NULL THEN
     DELETE FROM plant.item WHERE epoch_id = id AND slab_key = key AND ended = before.ended;
+    DELETE FROM plant.gauge WHERE epoch_id = id AND slab_key = key;
     DELETE FROM plant.slab WHERE epoch_id = id AND slab_key = key;
   END IF;
   INSERT INTO plant.slab (epoch_id, slab_key, seq, seq_epoch, slab_id, slab_no, slab_type, mould, began, ended, verdict,
@@ -324,6 +362,14 @@ BEGIN
            (doc ->> 'emulated')::boolean, (i ->> 4)::double precision, (i ->> 5)::double precision, (i ->> 6)::double precision,
            (i ->> 7)::double precision, (i ->> 8)::double precision, i ->> 3
     FROM jsonb_array_elements(doc -> 'items') AS i JOIN plant.item_name n ON n.name = i ->> 0;
+  -- Without the list: sent by a version of slabd that knew no gauges.
+  INSERT INTO plant.gauge (epoch_id, slab_key, position, name, source, unit, state, value, u, u_master, arrived,
+                           checked, check_deviation)
+    SELECT id, key, g.n, g.row ->> 'name', g.row ->> 'source', g.row ->> 'unit', g.row ->> 'state',
+           (g.row ->> 'value')::double precision, (g.row ->> 'u')::double precision,
+           (g.row ->> 'u_master')::double precision, plant.time_of((g.row ->> 'utime_us')::bigint),
+           plant.time_of((g.row ->> 'check_utime_us')::bigint), (g.row ->> 'check_deviation')::double precision
+    FROM jsonb_array_elements(coalesce(doc -> 'gauges', '[]')) WITH ORDINALITY AS g(row, n);
   PERFORM plant.unfold_decisions(id, key, doc -> 'dispositions');
 END
 $$;
@@ -355,6 +401,8 @@ BEGIN
       DELETE FROM plant.item i USING plant.slab s WHERE s.epoch_id = of_slab AND s.slab_key = key
         AND (s.seq_epoch <> row_epoch OR s.seq < row_seq) AND i.epoch_id = s.epoch_id AND i.slab_key = s.slab_key
         AND i.ended = s.ended;
+      DELETE FROM plant.gauge g USING plant.slab s WHERE s.epoch_id = of_slab AND s.slab_key = key
+        AND (s.seq_epoch <> row_epoch OR s.seq < row_seq) AND g.epoch_id = s.epoch_id AND g.slab_key = s.slab_key;
       DELETE FROM plant.slab s WHERE s.epoch_id = of_slab AND s.slab_key = key
         AND (s.seq_epoch <> row_epoch OR s.seq < row_seq);
       INSERT INTO plant.event VALUES (id, row_seq, at, row_kind, 0, '', key, NULL) ON CONFLICT DO NOTHING;
@@ -376,6 +424,11 @@ BEGIN
         (r ->> 'passed')::integer = 1, (r ->> 'slope_rad')::double precision,
         (r ->> 'jaw_distance_mm')::double precision, (r ->> 'off_x_mm')::double precision,
         (r ->> 'off_y_mm')::double precision, (r ->> 'off_z_mm')::double precision, r ->> 'who', r ->> 'note')
+        ON CONFLICT DO NOTHING;
+    WHEN 'gauge_check' THEN
+      INSERT INTO plant.gauge_check VALUES (id, (r ->> 'seq')::bigint, at, r ->> 'gauge', r ->> 'unit',
+        (r ->> 'passed')::integer = 1, (r ->> 'value')::double precision, (r ->> 'master_value')::double precision,
+        (r ->> 'master_u')::double precision, (r ->> 'within')::double precision, r ->> 'who', r ->> 'why')
         ON CONFLICT DO NOTHING;
     WHEN 'mould_reset' THEN
       INSERT INTO plant.mould_reset VALUES (id, (r ->> 'seq')::bigint, (r ->> 'mould')::integer,
@@ -427,7 +480,7 @@ CREATE FUNCTION plant.inbox_stays() RETURNS trigger LANGUAGE plpgsql AS
 $$ BEGIN RAISE EXCEPTION 'what a line has sent is never changed'; END $$;
 CREATE TRIGGER inbox_stays BEFORE UPDATE ON plant.inbox FOR EACH ROW EXECUTE FUNCTION plant.inbox_stays();
 
--- Makes slab, item, disposition and the other tables again from inbox; returns the number of rows. Of the owner only.
+-- Makes slab, item, gauge and the other tables again from inbox; returns the number of rows. Of the owner only.
 CREATE FUNCTION plant.unfold_all() RETURNS bigint LANGUAGE plpgsql AS
 $$
 DECLARE
@@ -435,8 +488,8 @@ DECLARE
   done bigint := 0;
 BEGIN
   LOCK TABLE plant.inbox IN EXCLUSIVE MODE;
-  TRUNCATE plant.item, plant.slab, plant.disposition, plant.calibration, plant.calibration_check, plant.mould_reset,
-    plant.event, plant.trouble;
+  TRUNCATE plant.item, plant.gauge, plant.slab, plant.disposition, plant.calibration, plant.calibration_check,
+    plant.gauge_check, plant.mould_reset, plant.event, plant.trouble;
   FOR t IN SELECT i.* FROM plant.inbox i JOIN plant.epoch e USING (epoch) ORDER BY e.epoch_id, i.seq LOOP
     BEGIN
       PERFORM plant.unfold_row(t.epoch, t.seq, t.kind, t.doc);
@@ -488,6 +541,12 @@ CREATE VIEW plant.v_item AS
   SELECT l.name AS line, i.slab_key, n.name AS item, i.station, i.station_to, i.value, i.nominal, i.lower, i.upper, i.u,
          i.verdict, i.ended, i.slab_type, i.mould, i.emulated, e.epoch
   FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN plant.epoch e USING (epoch_id)
+  JOIN plant.line l USING (line_id);
+
+CREATE VIEW plant.v_gauge AS
+  SELECT l.name AS line, g.slab_key, g.name AS gauge, g.unit, g.state, g.value, g.u, g.u_master, g.checked,
+         g.check_deviation, s.ended, s.emulated, e.epoch
+  FROM plant.gauge g JOIN plant.slab s USING (epoch_id, slab_key) JOIN plant.epoch e USING (epoch_id)
   JOIN plant.line l USING (line_id);
 
 CREATE VIEW plant.v_first_pass_yield AS

@@ -38,6 +38,11 @@ constexpr auto kSubjects = std::to_array<Subject>({
      "SELECT seq, kind, reference_id, hand_eye_id, passed, slope_rad, slope_U_rad, jaw_distance_mm, jaw_distance_U_mm, "
      "off_x AS off_x_mm, off_y AS off_y_mm, off_z AS off_z_mm, utime_us, who, note FROM calibration_check WHERE seq = "
      "?1"},
+    {"gauge_check",
+     {"gauge_check", "seq, gauge, unit, value, master_value, master_u, within, passed, utime_us, who, why, source", "",
+      "seq"},
+     "SELECT seq, gauge, unit, value, master_value, master_u, within, passed, utime_us, who, why FROM gauge_check "
+     "WHERE seq = ?1"},
     {"mould_reset",
      {"mould_reset", "seq, mould, from_utime_us, who, why, utime_us", "", "seq"},
      "SELECT seq, mould, from_utime_us, who, why, utime_us FROM mould_reset WHERE seq = ?1"},

@@ -48,7 +48,7 @@ class Outbox {
   [[nodiscard]] virtual Result<std::vector<OutboxRow>> rows_after(std::int64_t seq, std::size_t limit) = 0;
   /// The row with this number; nullopt if there is none.
   [[nodiscard]] virtual Result<std::optional<OutboxRow>> row(std::int64_t seq) = 0;
-  /// The stored row that one of kind care, applied, check, mould_reset or event is about; of a calibration with the
+  /// The stored row that one of kind care, applied, check, gauge_check, mould_reset or event is about; of a calibration with the
   /// record that it puts in force. nullopt if it is gone.
   [[nodiscard]] virtual Result<std::optional<StoredRow>> subject(const OutboxRow& row) = 0;
   /// Epoch in which a slab was first sent; empty if it never was.

@@ -672,13 +672,13 @@ CREATE TRIGGER epoch_is_new BEFORE INSERT ON epoch
 INSERT INTO epoch (uuid, began_utime_us) VALUES (lower(hex(randomblob(16))), unixepoch() * 1000000);
 
 -- `about` is the number of the row in the table of its kind: slab_seal (slab, reopened, decided, care), applied,
--- calibration_check (check), mould_reset, event; of a station that was measured again (remeasured) 1000 x station +
+-- calibration_check (check), gauge_check, mould_reset, event; of a station that was measured again (remeasured) 1000 x station +
 -- attempt. Rows stay, so that what the plant's database lost can be sent again.
 CREATE TABLE outbox (
   seq      INTEGER PRIMARY KEY,
   epoch    INTEGER NOT NULL REFERENCES epoch (n),
   kind     TEXT NOT NULL CHECK (kind IN ('slab', 'reopened', 'decided', 'care', 'remeasured', 'applied', 'check',
-                                         'mould_reset', 'event')),
+                                         'gauge_check', 'mould_reset', 'event')),
   about    INTEGER NOT NULL,
   slab_key INTEGER NOT NULL,               -- 0: of no slab
   utime_us INTEGER NOT NULL
@@ -703,6 +703,9 @@ CREATE TRIGGER applied_is_sent AFTER INSERT ON applied
     NEW.seq, 0, NEW.utime_us); END;
 CREATE TRIGGER calibration_check_is_sent AFTER INSERT ON calibration_check
   BEGIN INSERT INTO outbox (epoch, kind, about, slab_key, utime_us) VALUES ((SELECT max(n) FROM epoch), 'check',
+    NEW.seq, 0, NEW.utime_us); END;
+CREATE TRIGGER gauge_check_is_sent AFTER INSERT ON gauge_check
+  BEGIN INSERT INTO outbox (epoch, kind, about, slab_key, utime_us) VALUES ((SELECT max(n) FROM epoch), 'gauge_check',
     NEW.seq, 0, NEW.utime_us); END;
 CREATE TRIGGER mould_reset_is_sent AFTER INSERT ON mould_reset
   BEGIN INSERT INTO outbox (epoch, kind, about, slab_key, utime_us) VALUES ((SELECT max(n) FROM epoch), 'mould_reset',

@@ -206,6 +206,32 @@ class PlantTest(unittest.TestCase):
         self.assertEqual(self.server.one(f"SELECT disposition FROM plant.v_slab WHERE slab_key = {key}"), "rework")
         self.assert_complete()
 
+    def test_gauges_and_their_checks_follow_their_slab(self):
+        with sqlite3.connect(self.line.db) as db:  # as slabd stores them; the history has none
+            for key, value, state in ((7, 5600.1234567890123, "ok"), (8, None, "missing")):
+                db.execute("INSERT INTO gauge_value VALUES (?, 0, 'length_left', 'plc:40', 'mm', ?, ?, 0.08, 0.06, 3, ?, "
+                           "?, 2.5, 0, NULL)", (key, state, value, key, 1_700_000_000_000_000 if value else 0))
+            db.execute("INSERT INTO gauge_check VALUES (1, 'length_left', 'mm', 5600.05, 5600.012, 0.02, 0.1, 1, "
+                       "1700000000000000, 'anna', 'start of shift', 'plc:40')")
+        self.run_plant("--once")
+        self.assert_complete()
+        asked = "SELECT slab_key, gauge, unit, state, value, u, checked FROM plant.v_gauge ORDER BY slab_key"
+        expected = [["7", "length_left", "mm", "ok", "5600.123456789012", "0.08", ""],
+                    ["8", "length_left", "mm", "missing", "", "0.08", ""]]
+        self.assertEqual(self.server.run(asked), expected)
+        for kind, name in (("slab", "plant_slab"), ("gauge_check", "plant_record")):
+            document = json.loads(self.server.one(f"SELECT doc FROM plant.inbox WHERE kind = '{kind}' LIMIT 1"))
+            self.assertEqual(document["schema"], f"slabd.{name}/1")
+            validate(document)
+        checks = "SELECT name, passed, value, within, who FROM plant.gauge_check"
+        self.assertEqual(self.server.run(checks), [["length_left", "t", "5600.05", "0.1", "anna"]])
+        self.server.one("SELECT plant.unfold_all()")
+        self.assertEqual(self.server.run(asked), expected)
+        self.assertEqual(self.server.one("SELECT count(*) FROM plant.gauge_check"), "1")
+        self.reopen(7)
+        self.run_plant("--once")
+        self.assertEqual(self.server.run(asked), expected[1:])
+
     def test_months_have_partitions_and_odd_times_do_not_stop_a_line(self):
         self.run_plant("--once")
         self.assertEqual(self.server.one("SELECT count(*) FROM plant.item_other"), "0")

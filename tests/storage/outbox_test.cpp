@@ -89,6 +89,22 @@ TEST_F(OutboxTest, each_subject_has_a_row_in_its_own_transaction) {
   EXPECT_EQ(outbox.value()->epoch_of_slab(2).value(), "");
 }
 
+TEST_F(OutboxTest, a_master_check_of_a_gauge_is_sent) {
+  KeepGaugeCheck keep;
+  keep.check.gauge = "length_left";
+  keep.check.value = 5600.05;
+  keep.check.master_value = 5600.0;
+  keep.check.master_u = 0.02;
+  keep.check.within = 0.1;
+  keep.note = {"anna", "", 7};
+  keep.source = "plc:40";
+  ASSERT_TRUE(store_->change(keep).ok());
+  EXPECT_EQ(kinds(), std::vector<std::string>{"gauge_check"});
+  const StoredRow row = open_outbox(settings_.db_path).value()->subject(rows()[0]).value().value();
+  EXPECT_EQ(row[1].name, "gauge");
+  EXPECT_EQ(std::get<std::string>(row[1].value), "length_left");
+}
+
 TEST_F(OutboxTest, a_job_that_fails_leaves_no_row) {
   slab(1, Verdict::fail);
   const std::size_t before = rows().size();
