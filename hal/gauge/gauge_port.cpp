@@ -27,8 +27,7 @@
 //   - Every wait ends: connecting and an answer take at most kAnswer_ns, and a silent endpoint gets its next request
 //     after a pause that doubles up to kPauseMax_ns, so that it does not delay the others.
 //   - An answer must have the transaction number of its request; after any error the connection is closed. A late
-//   answer
-//     is never taken for the next one.
+//     answer is never taken for the next one.
 //   - A sample is replaced only by a newer value. An instrument that does not answer leaves its last one, which ages.
 //   - No heap after construction.
 namespace slabd::hal {

@@ -119,6 +119,20 @@ TEST_F(CurveLine, is_judged_by_its_own_sheet_at_the_reference_temperature) {
   std::ofstream(box_.dir / "shown.csv") << shown.out;
   const Box::Answer checked = box_.slabctl({"design", "check", (box_.dir / "shown.csv").native()});
   EXPECT_EQ(checked.exit_status, 0) << shown.out << checked.err;
+
+  // A model of the stored design is that of its sheet.
+  const auto model = [&](const std::string& file, const std::vector<std::string>& more) {
+    std::vector<std::string> order{"export",    "model",   (box_.dir / "recipes/p5600.toml").native(),
+                                   "--slab",    "CURVE-1", "--config",
+                                   box_.config, "--out",   (box_.dir / file).native()};
+    order.insert(order.end(), more.begin(), more.end());
+    const Box::Answer made = box_.slabctl(order);
+    EXPECT_EQ(made.exit_status, 0) << made.err;
+    return read_file(box_.dir / file);
+  };
+  const std::string of_sheet = model("sheet.stl", {"--sheet", (box_.dir / "sheets/order-1.csv").native()});
+  EXPECT_GT(of_sheet.size(), 10'000U);
+  EXPECT_EQ(model("stored.stl", {}), of_sheet);
 }
 
 TEST_F(CurveLine, new_sheets_are_used_without_a_restart_and_faulty_ones_are_named) {
