@@ -249,6 +249,15 @@ class LivePage(Browser):
         self.set(slab="fail")
         self.wait("return document.querySelector('[data-slab-verdict]')?.dataset.slabVerdict === 'fail'", "the verdict", 5)
 
+    def test_a_gauge_that_did_not_count_says_why_in_both_languages(self):
+        for language, words in (("en", ("length_left", "5600.310", "usable", "of another slab")),
+                                ("zh", ("length_left", "5600.310", "可用", "属于另一块板"))):
+            self.open("/slabs/55", language)
+            self.wait("return document.querySelector('[data-slab-verdict]') !== null", "the slab", 10)
+            text = self.driver.execute_script("return document.body.innerText")
+            for word in words:
+                self.assertIn(word, text)
+
     def test_grey_within_three_seconds_whatever_is_silent(self):
         for mode in ("silent", "hang", "garbage", "closed", "gone"):
             with self.subTest(mode):
