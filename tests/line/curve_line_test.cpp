@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -120,7 +121,8 @@ TEST_F(CurveLine, is_judged_by_its_own_sheet_at_the_reference_temperature) {
   const Box::Answer checked = box_.slabctl({"design", "check", (box_.dir / "shown.csv").native()});
   EXPECT_EQ(checked.exit_status, 0) << shown.out << checked.err;
 
-  // A model of the stored design is that of its sheet.
+  // A model of the stored design is that of its sheet. slabd-cad is built where OpenCASCADE is installed.
+  if (!fs::exists(fs::path(places::slabctl()).parent_path().parent_path() / "cad/slabd-cad")) return;
   const auto model = [&](const std::string& file, const std::vector<std::string>& more) {
     std::vector<std::string> order{"export",    "model",   (box_.dir / "recipes/p5600.toml").native(),
                                    "--slab",    "CURVE-1", "--config",
@@ -128,11 +130,12 @@ TEST_F(CurveLine, is_judged_by_its_own_sheet_at_the_reference_temperature) {
     order.insert(order.end(), more.begin(), more.end());
     const Box::Answer made = box_.slabctl(order);
     EXPECT_EQ(made.exit_status, 0) << made.err;
-    return read_file(box_.dir / file);
+    const std::string text = read_file(box_.dir / file);
+    return text.substr(std::min(text.find("DATA;"), text.size()));  // the header has the time
   };
-  const std::string of_sheet = model("sheet.stl", {"--sheet", (box_.dir / "sheets/order-1.csv").native()});
+  const std::string of_sheet = model("sheet.step", {"--sheet", (box_.dir / "sheets/order-1.csv").native()});
   EXPECT_GT(of_sheet.size(), 10'000U);
-  EXPECT_EQ(model("stored.stl", {}), of_sheet);
+  EXPECT_EQ(model("stored.step", {}), of_sheet);
 }
 
 TEST_F(CurveLine, new_sheets_are_used_without_a_restart_and_faulty_ones_are_named) {

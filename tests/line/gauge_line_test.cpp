@@ -51,7 +51,6 @@ struct GaugeLine : ::testing::Test {
   int inspect(int slab_no, const std::string& fault) {
     std::vector<std::string> options{"--casting", "0",
                                      "--move-s",  "0.1",
-                                     "--points",  "quarter",
                                      "--slab-no", std::to_string(slab_no),
                                      "--slab-id", "G-" + std::to_string(slab_no)};
     if (!fault.empty()) options.insert(options.end(), {"--gauge-fault", fault});

@@ -3,6 +3,8 @@
 // Gauges in the handshake: only values of the open slab count, whatever the PLC, a hub or a person sends and when.
 #include <gtest/gtest.h>
 
+#include <utility>
+
 #include "daemon/station/parts.h"
 #include "tests/daemon/station/station_line.h"
 
@@ -203,6 +205,25 @@ TEST_F(GaugesTest, after_a_restart_the_memory_of_the_plc_may_be_of_any_age) {
   begin_slab(43);
   plc_sends(43);
   EXPECT_EQ(state(end_slab(), "plc_left"), "ok");
+}
+
+TEST_F(GaugesTest, values_read_again_after_a_lost_connection_are_not_new) {
+  line.settings.plc_memory_lasts = true;
+  line.start();
+  check_all();
+  line.feed(line.plc);  // zeros until the registers were read twice alike
+  plc_sends(0);
+  begin_slab(42);
+  EXPECT_EQ(state(end_slab(), "plc_left"), "missing") << "the first values may be of any age";
+  begin_slab(43);
+  plc_sends(0);
+  EXPECT_EQ(state(end_slab(), "plc_left"), "ok");
+  begin_slab(44);
+  const std::uint16_t seq = std::exchange(line.plc.gauge_seq, std::uint16_t{0});
+  line.feed(line.plc);
+  line.plc.gauge_seq = seq;
+  line.feed(line.plc);
+  EXPECT_EQ(state(end_slab(), "plc_left"), "other_slab");
 }
 
 TEST_F(GaugesTest, numbers_used_before_a_restart_stay_used) {
