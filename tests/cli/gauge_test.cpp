@@ -82,11 +82,11 @@ class GaugeCommand : public Slabctl {
   }
 
   static constexpr const char* kGauges =
-      "[[gauge]]\nname = \"length_left\"\nsource = \"plc:40\"\nu = 0.05\nvalid_s = 60\n"
+      "[[gauge]]\nname = \"length_left\"\nunit = \"mm\"\nsource = \"plc:40\"\nu = 0.05\nvalid_s = 60\n"
       "master = { value = 5600.0, u = 0.02, every_h = 24, limit = 0.1 }\n"
-      "[[gauge]]\nname = \"length_right\"\nsource = \"plc:42\"\nu = 0.05\nvalid_s = 60\n"
+      "[[gauge]]\nname = \"length_right\"\nunit = \"mm\"\nsource = \"plc:42\"\nu = 0.05\nvalid_s = 60\n"
       "master = { value = 5601.0, u = 0.02, every_h = 24, limit = 0.1 }\n"
-      "[[gauge]]\nname = \"thickness\"\nsource = \"operator\"\nu = 0.05\nvalid_s = 600\n";
+      "[[gauge]]\nname = \"thickness\"\nunit = \"mm\"\nsource = \"operator\"\nu = 0.05\nvalid_s = 600\n";
 };
 
 TEST_F(GaugeCommand, a_check_is_stored_and_decides_the_exit_status) {
