@@ -47,6 +47,7 @@ struct PlcInputs {
   std::array<std::int32_t, limits::kGaugesMax> gauge_thousandths{};
   std::uint16_t gauge_seq = 0;      ///< changes when all of them are written; 0: none was ever written
   std::uint32_t gauge_slab_no = 0;  ///< slab that they belong to; 0: none, such as a master
+  bool gauges_known = true;         ///< false: as a Modbus client, not read twice alike on this connection yet
 
   /// Connection that last wrote HR 10..39; 0 if none. Unique over the life of the process.
   std::uint32_t command_writer = 0;

@@ -59,9 +59,9 @@ const GaugeSettings& gauge_of(const config::Config& config, const std::string& n
     if (gauge.name == name) return gauge;
     names.emplace_back(gauge.name.view());
   }
-  if (names.empty()) stop(kBadInput, say("{}: there is no [[gauge]]", config.path));
+  if (names.empty()) stop(kUsage, say("{}: there is no [[gauge]]", config.path));
   const std::string meant = nearest(name, names);
-  stop(kBadInput,
+  stop(kUsage,
        meant.empty() ? say("there is no gauge {}", name) : say("there is no gauge {}; did you mean {}?", name, meant));
 }
 
@@ -122,7 +122,7 @@ int check(const Options& options) {
   const config::Config config = config_from(options.config);
   set_language(options.language);
   const GaugeSettings& gauge = gauge_of(config, options.gauge);
-  if (!gauge.master.given) stop(kBadInput, say("{} has no master in the configuration", gauge.name.view()));
+  if (!gauge.master.given) stop(kUsage, say("{} has no master in the configuration", gauge.name.view()));
   finish_killed_change(config);
   storage::KeepGaugeCheck change;
   change.check.gauge = gauge.name;

@@ -153,7 +153,6 @@ struct GaugePeer::Impl {
   std::array<double, limits::kGaugesMax> truth{};
   std::array<double, limits::kGaugesMax> first{};
   bool has_first = false;
-  std::uint32_t previous_slab_no = 0;
   /// Starts at the time, so that a second run does not repeat the numbers of the first.
   std::uint32_t seq = static_cast<std::uint32_t>(
       std::chrono::duration_cast<std::chrono::seconds>(std::chrono::system_clock::now().time_since_epoch()).count());
@@ -248,7 +247,8 @@ PlcGauges GaugePeer::measure(std::uint32_t slab_no) {
     const bool late = it.is_at_fault(gauge, GaugeFault::Kind::late);
     const bool missing = it.is_at_fault(gauge, GaugeFault::Kind::missing);
     const bool previous = it.is_at_fault(gauge, GaugeFault::Kind::previous);
-    const std::uint32_t names = previous ? it.previous_slab_no : slab_no;
+    const std::uint32_t before = slab_no > 1 ? slab_no - 1 : slab_no + 1;  // 0 names no slab
+    const std::uint32_t names = previous ? before : slab_no;
     const double number = it.reading(i) / gauge.scale;
     if (gauge.link == GaugeLink::plc) {
       plc.any = true;
@@ -268,7 +268,6 @@ PlcGauges GaugePeer::measure(std::uint32_t slab_no) {
         if (instrument->is_at(gauge)) instrument->show(gauge, number);
     }
   }
-  it.previous_slab_no = slab_no;
   return plc;
 }
 

@@ -43,9 +43,8 @@ void log_reading(Actions& actions, const GaugeReading& reading) {
 
 void note_plc_gauges(Station& s, const PlcInputs& in) {
   LineGauges& g = s.gauges;
-  // As client slabd shows zeros until it has read the registers twice alike, after each connection. Old values would
-  // look new behind them.
-  if (s.settings.plc_memory_lasts && in.gauge_seq == 0) return;
+  // Zeros, behind which the values before a lost connection would look new.
+  if (!in.gauges_known) return;
   const bool first = !std::exchange(g.plc_seen, true);
   if (in.gauge_seq == g.plc_seq) return;
   g.plc_seq = in.gauge_seq;

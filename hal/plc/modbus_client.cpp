@@ -66,6 +66,7 @@ class Confirmed {
     const auto now = std::span(read).template subspan<First, Count>();
     if (has_candidate_ && std::equal(now.begin(), now.end(), candidate_.begin())) {
       confirmed_ = candidate_;
+      is_confirmed_ = true;
       return false;
     }
     std::copy(now.begin(), now.end(), candidate_.begin());
@@ -73,12 +74,14 @@ class Confirmed {
     return true;
   }
   /// Replaces them by those of the last two answers that agreed; zeros if none did.
+  [[nodiscard]] bool is_confirmed() const { return is_confirmed_; }
   void put(HoldingImage& image) const { std::copy(confirmed_.begin(), confirmed_.end(), image.begin() + First); }
 
  private:
   std::array<std::uint16_t, Count> candidate_{};
   std::array<std::uint16_t, Count> confirmed_{};
   bool has_candidate_ = false;
+  bool is_confirmed_ = false;
 };
 
 class Client final : public PlcPort {
@@ -120,6 +123,7 @@ class Client final : public PlcPort {
     inputs = decode_inputs(holding_seen_, settings_.word_order);
     inputs.command_writer = unread_.front().connection;
     inputs.command_writes = unread_.front().number;
+    inputs.gauges_known = unread_.front().gauges_known;
     unread_.pop();
     return true;
   }
@@ -150,6 +154,7 @@ class Client final : public PlcPort {
     HoldingImage image{};
     std::uint32_t connection = 0;
     std::uint32_t number = 0;
+    bool gauges_known = false;
   };
 
   // ---- the thread. plan_ and the written images belong to it; only publish() reads them, under the mutex.
@@ -283,13 +288,15 @@ class Client final : public PlcPort {
     habit_.clear();
     useless_ = closed_behind_ = 0;
     const HoldingImage image_now = confirm_command(read_image, now_ns);
-    if (!fresh_ && image_now == last_read_) return;
+    const bool gauges_known = gauges_.is_confirmed();
+    if (!fresh_ && image_now == last_read_ && gauges_known == gauges_known_) return;
     fresh_ = false;
     last_read_ = image_now;
+    gauges_known_ = gauges_known;
     // The loop is blocked: the oldest states are lost, as with any late poll. Its own heartbeat stops then, and the PLC
     // detects that.
     if (unread_.full()) unread_.pop();
-    static_cast<void>(unread_.push({image_now, connection_, ++delivered_}));
+    static_cast<void>(unread_.push({image_now, connection_, ++delivered_, gauges_known}));
     raise();
   }
 
@@ -400,7 +407,8 @@ class Client final : public PlcPort {
   InputImage present_{};
   FixedQueue<Unread, kUnreadMax> unread_;
   HoldingImage last_read_{};
-  bool fresh_ = true;  ///< no register was read on this connection yet
+  bool fresh_ = true;          ///< no register was read on this connection yet
+  bool gauges_known_ = false;  ///< of the last image that was delivered
   Confirmed<kCommandFirst, kGaugeFirst - kCommandFirst> command_;
   Confirmed<kGaugeFirst, kHoldingRegisters - kGaugeFirst> gauges_;
   Asked asked_;              ///< the last request; only the link's thread uses it

@@ -118,8 +118,8 @@ TEST_F(GaugeCommand, a_check_of_another_gauge_is_refused_with_its_reason) {
   for (const auto& [arguments, status, words] :
        {std::tuple{"check length_lift --value 1", 2, "did you mean length_left?"},
         std::tuple{"check thickness --value 200", 2, "thickness has no master in the configuration"},
-        std::tuple{"check length_left --value 5600 --operator ' '", 2, "give the name of the operator"},
-        std::tuple{"check length_left", 3, "control.sock"}}) {
+        std::tuple{"check length_left --value 5600 --operator ' '", 3, "give the name of the operator"},
+        std::tuple{"check length_left", 4, "control.sock"}}) {
     const Ended ended = gauge(arguments);
     EXPECT_EQ(ended.status, status) << arguments << ": " << ended.err;
     expect_mentions(ended.err, words);
@@ -144,7 +144,7 @@ TEST_F(GaugeCommand, the_list_names_an_overdue_master_and_a_stuck_sensor) {
 TEST_F(GaugeCommand, without_a_daemon_the_list_and_an_entry_say_so) {
   for (const char* arguments : {"list", "enter thickness 200.2 --slab-no 10042"}) {
     const Ended ended = gauge(arguments);
-    EXPECT_EQ(ended.status, 3) << arguments;
+    EXPECT_EQ(ended.status, 4) << arguments;
     expect_mentions(ended.err, "control.sock");
   }
   EXPECT_EQ(gauge("enter thickness 200.2").status, 2) << "a value without a slab is not entered";
