@@ -35,7 +35,11 @@ struct ScanShape {
   std::size_t zeros = 0;
   bool emulated = false;            ///< the file or the sender declares an emulated scanner. Not stored here.
   std::uint8_t emulated_block = 0;  ///< block that an emulated file declares as its source; 0 if not declared
+  double scanner_temperature_c = kNoValue;  ///< of the scanner during the exposure, as it declares; NaN if it does not
 };
+/// Allowed temperatures of a scanner. No industrial sensor works outside; another value is in another unit, or damaged.
+inline constexpr double kScannerTemperatureMin_c = -40.0;
+inline constexpr double kScannerTemperatureMax_c = 125.0;
 
 struct ScanRequest {
   std::uint16_t session = 0;
