@@ -112,6 +112,9 @@ struct Attempt {
   double pose_spread_mm = kNoValue;
   std::uint32_t pose_samples = 0;
   Splice splice;  ///< transformation of the scan into the base frame
+  /// Half width of the relative error of a length by the scanner's temperature (base/calibration.h, scanner_drift); NaN:
+  /// a temperature is not known. Stored, so that a replay does not depend on the configuration.
+  double scanner_drift = kNoValue;
   PathText scan_path;
   ScanShape shape;
   std::int64_t scan_utime_us = 0;

@@ -91,6 +91,10 @@ struct Config {
   std::int64_t settle_timeout_ns = 8 * kNsPerS;
   /// Assumptions about the robot and about commissioning values, and the gate of station corrections.
   SpliceSettings splice;
+  ScannerDriftSettings scanner_drift;  ///< [scanner] drift_per_K, temperature_range_K
+  calib::WarmUpSettings warm_up;       ///< [scanner.warm_up]
+  double warm_up_every_s = 60.0;       ///< between the views of `slabctl scanner warm-up --live`
+  double warm_up_give_up_min = 90.0;   ///< it gives up after this time
   storage::StoreSettings storage;
   std::string recipes_dir = "/usr/share/slabd/recipes";
   std::string designs_dir;  ///< [design] dir; empty: no design sheets

@@ -490,6 +490,7 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"{} of the scanner", "{}"},
     {"the scanner was not verified: U rests on the recipe's specification", "扫描仪未经验证：U 取自配方的规格"},
     {"{} of the scanner has expired", "{} 已过期"},
+    {"the scanner's temperature is too far from that of {}", "扫描仪的温度与验收 {} 时的温度相差过大"},
     {"after {} the scanner was verified and out of its limits", "{} 之后对扫描仪的验证超出限值"},
     {"{} was applied last", "最近启用的是 {}"},
     {"none has been applied", "尚未启用任何标定"},

@@ -89,7 +89,8 @@ BlockResult measure_scan(const CheckOptions& options, const config::Config& conf
   inspector.use(recipe);
   const algo::Cloud cloud{xyz, shape.points, shape.width, shape.height};
   need(daemon::measure_block(inspector, *clock, 1, Pose::identity(), nominal_T_block_scanner(), cloud, shape, 0.0,
-                             line->scanner.numbers));
+                             line->scanner.numbers, {},
+                             scanner_drift(config.scanner_drift, line->scanner.numbers, shape.scanner_temperature_c)));
   return inspector.result();
 }
 

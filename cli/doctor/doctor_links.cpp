@@ -604,7 +604,9 @@ static void examine_acceptance(std::string_view id, std::string_view standing, E
   else
     report.warning("acceptance",
                    standing == "expired" ? say("{} of the scanner has expired", id)
-                                         : say("after {} the scanner was verified and out of its limits", id),
+                   : standing == "other_temperature"
+                       ? say("the scanner's temperature is too far from that of {}", id)
+                       : say("after {} the scanner was verified and out of its limits", id),
                    cure);
 }
 
