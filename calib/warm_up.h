@@ -25,10 +25,11 @@ inline constexpr int kWarmUpViewsMost = 1'000;
 struct WarmUpSettings {
   int views_min = 6;
   double window_s = 600.0;  ///< the views must span at least this time
-  /// Limits of the drift. The defaults are a tenth of the usual limit of the monitor ball (0.1 mm) in an hour: between
-  /// two daily checks of a scanner that stays on, the ball stays within its limit.
-  double centre_um_per_h = 10.0;
-  double radius_um_per_h = 10.0;
+  /// Limits of the drift. A drift that decays within an hour moves the ball further by less than its slope times an
+  /// hour. The defaults leave a fifth of the usual limit of the monitor ball (0.1 mm). A tenth needs twice the time with
+  /// 1 um of noise.
+  double centre_um_per_h = 20.0;
+  double radius_um_per_h = 20.0;
 };
 
 /// One view of the ball. The robot stands at the same pose in all of them.

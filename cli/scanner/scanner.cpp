@@ -88,11 +88,12 @@ void add_scanner_history(args::Command& scanner) {
 
 void add_scanner(args::Command& app) {
   args::Command scanner =
-      app.add_subcommand("scanner", "The scanner: send a scan as a gateway does, verify its accuracy");
+      app.add_subcommand("scanner", "The scanner: send a scan as a gateway does, verify its accuracy, wait until it is warm");
   scanner->require_subcommand(1);
   add_scanner_send(*scanner);
   add_scanner_verify(*scanner);
   add_scanner_history(*scanner);
+  add_scanner_warm_up(*scanner);
 }
 
 }  // namespace slabd::cli

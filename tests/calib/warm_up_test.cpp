@@ -90,7 +90,7 @@ TEST(WarmUp, slopes_and_standard_errors_are_those_of_least_squares) {
 
 TEST(WarmUp, one_limit_of_two_is_enough_to_wait) {
   Drift drift = still(0.2);
-  drift.grown_um = [](double time_s) { return 30.0 * time_s / kHour_s; };
+  drift.grown_um = [](double time_s) { return 60.0 * time_s / kHour_s; };
   EXPECT_EQ(examined(views_of(drift, 3, 40)).state, WarmUpState::drifting);
   std::swap(drift.moved_um, drift.grown_um);
   EXPECT_EQ(examined(views_of(drift, 3, 40)).state, WarmUpState::drifting);
@@ -118,7 +118,7 @@ TEST(WarmUp, much_noise_is_uncertain_not_stable) {
 
 TEST(WarmUp, a_constant_drift_of_twice_the_limit_is_never_stable) {
   Drift drift = still(1.0);
-  drift.moved_um = [](double time_s) { return 20.0 * time_s / kHour_s; };
+  drift.moved_um = [](double time_s) { return 40.0 * time_s / kHour_s; };
   for (std::uint64_t seed = 1; seed <= 300; ++seed)
     EXPECT_FALSE(stable_after_s(drift, seed, 91).has_value()) << "seed " << seed;
 }
