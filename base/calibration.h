@@ -96,7 +96,7 @@ inline constexpr std::uint16_t kBallPlacesMin = 10;
 /// Reason why these figures cannot be accepted, without a final period; empty if they can.
 [[nodiscard]] FixedString<limits::kErrorTextBytes> refusal_of(const ScannerNumbers& numbers);
 
-/// How a scanner's frame changes with its temperature, from the configuration.
+/// Change of a scanner's frame with its temperature, from the configuration.
 struct ScannerDriftSettings {
   /// Largest relative change of a length per kelvin. The default is a frame of aluminium without compensation
   /// (23e-6 per K), rounded up; one of invar or carbon fibre is below 3e-6.

@@ -66,8 +66,8 @@ struct WarmUpReport {
 };
 
 /// Examines the views, ascending in time. The slopes are least-squares fits over the newest views that are at least
-/// `views_min` and span at least `window_s`. Of all such windows the one counts that is nearest to stable: a longer one
-/// averages more noise, and only contains more of a decaying drift. config: a view without numbers, or times that do
+/// `views_min` and span at least `window_s`. The window that is nearest to stable counts, of all such windows: a longer
+/// one averages more noise, and only contains more of a decaying drift. config: a view without numbers, or times that do
 /// not ascend; the text has the number of the view.
 [[nodiscard]] Result<WarmUpReport> examine_warm_up(std::span<const WarmUpView> views, const WarmUpSettings& settings);
 

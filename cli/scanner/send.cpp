@@ -65,7 +65,7 @@ void deliver(emulator::StreamGateway& gateway, const Scan& scan, const std::stri
   const std::int64_t utime_us =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
           .count();
-  // What the file declares may be replaced, for example to try a warm scanner.
+  // The temperature that the file declares may be replaced, for example to try a warm scanner.
   const double temperature_c =
       has_value(options.temperature_c) ? options.temperature_c : scan.shape.scanner_temperature_c;
   std::size_t cut_after = options.cut_after == 0 ? SIZE_MAX : options.cut_after;
