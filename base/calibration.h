@@ -87,7 +87,7 @@ struct ScannerNumbers {
   double pitch_mm = kNoValue;  ///< distance between neighbours in a row
   std::uint16_t plates = 0;    ///< number of places where the plate was measured
   std::uint16_t balls = 0;
-  bool within_limits = false;  ///< true if every figure with a limit is within it
+  bool within_limits = false;       ///< true if every figure with a limit is within it
   double temperature_c = kNoValue;  ///< of the scanner during its acceptance; NaN: not known, then U does not grow
 };
 /// Minimum numbers from the guideline: the plate in six places of the volume and the ball in ten.

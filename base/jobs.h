@@ -33,8 +33,8 @@ struct ScanShape {
   bool in_records = false;
   /// Number of missing points stored as exactly (0, 0, 0). Not kept in the database.
   std::size_t zeros = 0;
-  bool emulated = false;            ///< the file or the sender declares an emulated scanner. Not stored here.
-  std::uint8_t emulated_block = 0;  ///< block that an emulated file declares as its source; 0 if not declared
+  bool emulated = false;                    ///< the file or the sender declares an emulated scanner. Not stored here.
+  std::uint8_t emulated_block = 0;          ///< block that an emulated file declares as its source; 0 if not declared
   double scanner_temperature_c = kNoValue;  ///< of the scanner during the exposure, as it declares; NaN if it does not
 };
 /// Allowed temperatures of a scanner. No industrial sensor works outside; another value is in another unit, or damaged.
@@ -112,8 +112,8 @@ struct Attempt {
   double pose_spread_mm = kNoValue;
   std::uint32_t pose_samples = 0;
   Splice splice;  ///< transformation of the scan into the base frame
-  /// Half width of the relative error of a length by the scanner's temperature (base/calibration.h, scanner_drift); NaN:
-  /// a temperature is not known. Stored, so that a replay does not depend on the configuration.
+  /// Half width of the relative error of a length by the scanner's temperature (base/calibration.h, scanner_drift);
+  /// NaN: a temperature is not known. Stored, so that a replay does not depend on the configuration.
   double scanner_drift = kNoValue;
   PathText scan_path;
   ScanShape shape;

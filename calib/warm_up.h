@@ -26,8 +26,8 @@ struct WarmUpSettings {
   int views_min = 6;
   double window_s = 600.0;  ///< the views must span at least this time
   /// Limits of the drift. A drift that decays within an hour moves the ball further by less than its slope times an
-  /// hour. The defaults leave a fifth of the usual limit of the monitor ball (0.1 mm). A tenth needs twice the time with
-  /// 1 um of noise.
+  /// hour. The defaults leave a fifth of the usual limit of the monitor ball (0.1 mm). A tenth needs twice the time
+  /// with 1 um of noise.
   double centre_um_per_h = 20.0;
   double radius_um_per_h = 20.0;
 };
@@ -40,10 +40,10 @@ struct WarmUpView {
 };
 
 enum class WarmUpState : std::uint8_t {
-  few_views,  ///< fewer than views_min
+  few_views,   ///< fewer than views_min
   short_time,  ///< they span less than the window
-  drifting,   ///< a slope alone is beyond its limit
-  uncertain,  ///< no slope is, but its uncertainty reaches beyond: more views are needed
+  drifting,    ///< a slope alone is beyond its limit
+  uncertain,   ///< no slope is, but its uncertainty reaches beyond: more views are needed
   stable,
 };
 inline constexpr std::size_t kWarmUpStates = 5;
@@ -53,8 +53,8 @@ inline constexpr std::size_t kWarmUpStates = 5;
 /// Slopes over the newest views. The figures are NaN for few_views and short_time.
 struct WarmUpReport {
   WarmUpState state = WarmUpState::few_views;
-  std::size_t views = 0;    ///< newest views that the slopes are of; before that: all
-  double window_s = 0.0;    ///< time that they span
+  std::size_t views = 0;  ///< newest views that the slopes are of; before that: all
+  double window_s = 0.0;  ///< time that they span
   Vec3 centre_um_per_h = Vec3::Constant(kNoValue);
   double centre_speed_um_per_h = kNoValue;  ///< magnitude of it
   double centre_sigma_um_per_h = kNoValue;  ///< its standard error: root sum of squares of the three
@@ -67,8 +67,8 @@ struct WarmUpReport {
 
 /// Examines the views, ascending in time. The slopes are least-squares fits over the newest views that are at least
 /// `views_min` and span at least `window_s`. The window that is nearest to stable counts, of all such windows: a longer
-/// one averages more noise, and only contains more of a decaying drift. config: a view without numbers, or times that do
-/// not ascend; the text has the number of the view.
+/// one averages more noise, and only contains more of a decaying drift. config: a view without numbers, or times that
+/// do not ascend; the text has the number of the view.
 [[nodiscard]] Result<WarmUpReport> examine_warm_up(std::span<const WarmUpView> views, const WarmUpSettings& settings);
 
 }  // namespace slabd::calib

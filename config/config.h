@@ -65,10 +65,10 @@ struct GenicamSettings {
   std::string camera;  ///< address, host name, or id as arv-tool lists it; empty: there is no such camera
   FixedString<64> slabd_host{"127.0.0.1"};  ///< slabd's [scanner] listen
   std::uint16_t slabd_port = 1504;
-  std::string component = "Range";   ///< entry of ComponentSelector that has the points
-  bool unit_required = true;         ///< unit_check: the camera must state Scan3dDistanceUnit = Millimeter
-  int packet_bytes = 1500;           ///< GevSCPSPacketSize, headers of IP and UDP included
-  double timeout_s = 8.0;            ///< from the trigger to the last byte of the frame
+  std::string component = "Range";  ///< entry of ComponentSelector that has the points
+  bool unit_required = true;        ///< unit_check: the camera must state Scan3dDistanceUnit = Millimeter
+  int packet_bytes = 1500;          ///< GevSCPSPacketSize, headers of IP and UDP included
+  double timeout_s = 8.0;           ///< from the trigger to the last byte of the frame
   Trigger trigger = Trigger::software;
   std::string accepted;   ///< identity of the accepted camera; another one is refused; empty: any
   bool emulated = false;  ///< the camera is a test device: its scans are marked as emulated

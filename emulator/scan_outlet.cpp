@@ -121,7 +121,7 @@ class DropOutlet final : public ScanOutlet {
   Status put(std::vector<float>& xyz, std::size_t width, std::size_t height, double temperature_c) override {
     if (const auto scale = static_cast<float>(per_mm(unit_)); unit_ != hal::LengthUnit::mm)
       for (float& v : xyz) v *= scale;
-    return hal::write_scan(drop_.part_path().c_str(), format_, xyz, width, height, 
+    return hal::write_scan(drop_.part_path().c_str(), format_, xyz, width, height,
                            {.emulator = true, .block = 0, .scanner_temperature_c = temperature_c});
   }
   Status deliver(const std::string& name) override { return drop_.deliver(name, format_); }

@@ -36,7 +36,8 @@ class StreamGateway {
   /// Sends `xyz` (mm) as the answer and waits for slabd's reply. Code::scanner_offline: the connection was lost; after
   /// a reconnect slabd repeats the request with `have_points`. The scan continues there if this gateway began it, and
   /// is sent as a whole otherwise. Other codes: slabd rejected the scan. `emulated`: declares the scan as emulated.
-  /// `cut_after_points` (tests): closes the connection there. `temperature_c`: of the scanner, sent if slabd accepts it.
+  /// `cut_after_points` (tests): closes the connection there. `temperature_c`: of the scanner, sent if slabd accepts
+  /// it.
   [[nodiscard]] Status answer(const StreamRequest& request, std::span<const float> xyz, std::size_t width,
                               std::size_t height, std::int64_t utime_us, std::size_t cut_after_points = SIZE_MAX,
                               bool emulated = false, double temperature_c = kNoValue);

@@ -128,10 +128,10 @@ class BlockBudget {
     const double fit = square(casing.sigma_height_mm) + variance(by_seat, seat());
     const double form_mm = seen_form_mm(seat_form_mm);
     widen(id, form_mm);
-    length(id, protrusion.value, fit, by_density(by_seat),
-           drifted(square(std::max(scanner_.difference_mm(from_centroid.norm()), form_mm)),
-                   from_centroid.squaredNorm()),
-           rounding_.place_mm2(seat().normal) + rounding_.variance(by_seat, seat()), Vec6::Zero());
+    length(
+        id, protrusion.value, fit, by_density(by_seat),
+        drifted(square(std::max(scanner_.difference_mm(from_centroid.norm()), form_mm)), from_centroid.squaredNorm()),
+        rounding_.place_mm2(seat().normal) + rounding_.variance(by_seat, seat()), Vec6::Zero());
   }
 
   /// Noise and form error can both only increase a flatness, so they are added linearly, U = m N + 1.645 u_form. So

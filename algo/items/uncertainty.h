@@ -180,8 +180,8 @@ struct FormDoubt {
 
 /// Computes budget and U of every block item with a value. seat_std always (its U is its sampling error, std sqrt(f /
 /// (2 (n - 1))) per standard deviation). The others if the recipe's uncertainty is given; otherwise they keep the
-/// recipe's U, raised to the values from circles and density. Needs the values (compute_block_items). `scanner_drift`: e
-/// above; NaN or 0: no such part.
+/// recipe's U, raised to the values from circles and density. Needs the values (compute_block_items). `scanner_drift`:
+/// e above; NaN or 0: no such part.
 void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, const FormDoubt& form,
                           BlockResult& result, double scanner_drift = kNoValue);
 

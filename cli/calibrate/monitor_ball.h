@@ -35,8 +35,8 @@ struct BallMeasurement {
 
 struct MeasuredBall {
   Pose T_base_flange;
-  Vec3 p_base_mm = Vec3::Zero();  ///< centre by the given hand-eye calibration
-  std::string source;             ///< source of the record: the scan, or the live view
+  Vec3 p_base_mm = Vec3::Zero();            ///< centre by the given hand-eye calibration
+  std::string source;                       ///< source of the record: the scan, or the live view
   double radius_free_mm = kNoValue;         ///< from the fit with free radius
   double scanner_temperature_c = kNoValue;  ///< as the scan declares it
 };

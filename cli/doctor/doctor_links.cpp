@@ -497,7 +497,7 @@ std::string examine_daemon(const config::Config& config, Examination& report) {
                   say("journalctl -u slabd names the reason"));
   if (const json& plant = at(status, {"plant"}); plant.is_object()) {
     const std::string waits = say("{} results wait for the plant's database, the oldest for {:.0f} s{}",
-                                plant.value("unsent", std::int64_t{0}), plant.value("unsent_s", 0.0), "");
+                                  plant.value("unsent", std::int64_t{0}), plant.value("unsent_s", 0.0), "");
     if (yes(at(plant, {"late"})))
       report.warning("plant", waits, say("journalctl -u slabd-plant names the reason; docs/PLANT.md"));
     else

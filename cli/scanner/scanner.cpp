@@ -87,8 +87,8 @@ void add_scanner_history(args::Command& scanner) {
 }  // namespace
 
 void add_scanner(args::Command& app) {
-  args::Command scanner =
-      app.add_subcommand("scanner", "The scanner: send a scan as a gateway does, verify its accuracy, wait until it is warm");
+  args::Command scanner = app.add_subcommand(
+      "scanner", "The scanner: send a scan as a gateway does, verify its accuracy, wait until it is warm");
   scanner->require_subcommand(1);
   add_scanner_send(*scanner);
   add_scanner_verify(*scanner);

@@ -82,8 +82,7 @@ void deliver(emulator::StreamGateway& gateway, const Scan& scan, const std::stri
     if (!note.empty()) last = "slabd: " + note;
     if (!request) continue;
     const Status sent = gateway.answer(*request, scan.xyz, scan.shape.width, scan.shape.height, utime_us,
-                                       std::exchange(cut_after, SIZE_MAX), scan.shape.emulated,
-                                       temperature_c);
+                                       std::exchange(cut_after, SIZE_MAX), scan.shape.emulated, temperature_c);
     if (sent) {
       fmt::print(
           "request {} (slab \"{}\", station {}): {}, {} points{}\n", request->name(), request->slab_id,

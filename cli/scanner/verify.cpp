@@ -100,9 +100,10 @@ void warn(const Verification& v) {
         "points or more; U takes what each scan shows of it");
   constexpr double kSpan_K = 3.0;
   if (const double span_K = temperature_span_K(v); span_K > kSpan_K)
-    complain(fmt::format("warning: the scanner's temperature changed by {:.1f} K during these scans; let it warm up "
-                         "first (slabctl scanner warm-up), then verify again",
-                         span_K));
+    complain(
+        fmt::format("warning: the scanner's temperature changed by {:.1f} K during these scans; let it warm up "
+                    "first (slabctl scanner warm-up), then verify again",
+                    span_K));
   // Independent noise in every point falls to 1/e within one point.
   constexpr double kSharedPoints = 1.5;
   for (const VerifiedPlate& p : v.plates)

@@ -84,8 +84,9 @@ std::vector<double> times_of(const Options& options) {
     at = rest == end ? end : rest + 1;
   }
   if (times.size() != options.files.size())
-    stop(kUsage, say("--times \"{}\": allowed are {} ascending numbers of seconds, separated by commas, one for each scan",
-                     options.times, options.files.size()));
+    stop(kUsage,
+         say("--times \"{}\": allowed are {} ascending numbers of seconds, separated by commas, one for each scan",
+             options.times, options.files.size()));
   return times;
 }
 
@@ -153,7 +154,8 @@ void need_same_pose(const Run& run, const MeasuredBall& seen) {
   const double off_mm = (seen.T_base_flange.translation_mm - first.translation_mm).norm();
   if (off_mm > run.config.splice.gate_mm ||
       angle_between_rad(seen.T_base_flange.rotation, first.rotation) > run.config.splice.gate_rad)
-    stop(kRefused, say("the robot moved by {:.1f} mm between two views; the warm-up needs one pose: begin again", off_mm));
+    stop(kRefused,
+         say("the robot moved by {:.1f} mm between two views; the warm-up needs one pose: begin again", off_mm));
 }
 
 bool watch_line(Run& run) {
@@ -254,9 +256,10 @@ int warm_up(const Options& options) {
   if (stable && options.look.live) keep_check(run);
   if (options.as_json) print_document(run);
   if (run.check && !run.check->passed)
-    complain(say("the scanner is stable, but the ball is not where it was: {}; slabs are refused (fault 503) until a "
-                 "check passes",
-                 quote(run.check->note.view())));
+    complain(
+        say("the scanner is stable, but the ball is not where it was: {}; slabs are refused (fault 503) until a "
+            "check passes",
+            quote(run.check->note.view())));
   if (!stable) complain(say("not stable: {}", missing_words(run.report, config)));
   return stable && (!run.check || run.check->passed) ? kDone : kRefused;
 }
@@ -269,7 +272,8 @@ void add_scanner_warm_up(args::Command& scanner) {
       scanner.add_subcommand("warm-up", "Views of the monitor ball until the scanner no longer drifts");
   command->footer(
       "\nStable: the slopes of the ball's centre and radius, with their uncertainty, are below the limits of\n"
-      "[scanner.warm_up], over enough views and time. With --live the line is held until then; a stable scanner's last\n"
+      "[scanner.warm_up], over enough views and time. With --live the line is held until then; a stable scanner's "
+      "last\n"
       "view is stored as a check of the monitor ball.\n"
       "Exit status: 0 stable, 6 not stable or the check failed.\n\n"
       "Examples: slabctl scanner warm-up --live\n"

@@ -87,8 +87,8 @@ class LiveCell {
     }
     const double time_s = std::chrono::duration<double>(Clock::now() - begin_).count();
     emulator::warm(order_.warming, time_s, xyz_);
-    Status given = outlet_.put(xyz_, drawn.value().width, drawn.value().height,
-                               emulator::temperature_c(order_.warming, time_s));
+    Status given =
+        outlet_.put(xyz_, drawn.value().width, drawn.value().height, emulator::temperature_c(order_.warming, time_s));
     if (given) given = outlet_.deliver(name);
     if (!given) {
       cli::complain(fmt::format("scanner: {}", given.error().text.view()));

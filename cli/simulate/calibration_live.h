@@ -26,8 +26,8 @@ struct CalibrationLiveOrder {
   double move_s = 0.5;
   double rate_hz = 125.0;
   emulator::Warming warming;  ///< of the scanner, from the start of the run
-  bool keep_flange = false;  ///< T_flange_scanner was given; otherwise it is the configuration's
-  bool keep_target = false;  ///< T_base_target was given; otherwise it is over the centre of the configured slab
+  bool keep_flange = false;   ///< T_flange_scanner was given; otherwise it is the configuration's
+  bool keep_target = false;   ///< T_base_target was given; otherwise it is over the centre of the configured slab
 };
 
 /// Runs until it is interrupted (Ctrl-C); returns the exit status. Prints the current view to stderr.

@@ -56,7 +56,8 @@ Json warnings(std::uint16_t bits) {
   add(kWarnCheckOverdue, "the check of the reference block or the monitor ball is overdue (slabctl calibrate check)");
   add(kWarnStationsNotCorrected, "stations were measured without their correction; U rests on the robot's accuracy");
   add(kWarnScannerNotVerified,
-      "the scanner is not verified: never, too long ago, out of limits or at another temperature (slabctl scanner verify)");
+      "the scanner is not verified: never, too long ago, out of limits or at another temperature (slabctl scanner "
+      "verify)");
   add(kWarnHandednessUnproven, "no applied calibration proves that the scanner's frame is right-handed");
   add(kWarnRecipesDiffer, kRecipesDifferText);
   add(kWarnEmulation, "emulation: robot or scanner is not the real one");

@@ -191,7 +191,7 @@ struct MeasureBlock {
   std::optional<std::uint32_t> points_crc32c{};  ///< of the acquired points; a reload is checked against it
   ScanShape shape;
   SlabBasis basis;
-  Pose T_base_scanner;  ///< spliced, with the station's correction if it holds
+  Pose T_base_scanner;              ///< spliced, with the station's correction if it holds
   double scanner_drift = kNoValue;  ///< as in Attempt
 };
 /// Runs the slab fit over the stations of the open slab; answered at once.
@@ -438,7 +438,7 @@ struct Station {
   FixedVector<std::uint16_t, limits::kResultQueueMax> unsaved_acks;
   /// The scanner may hold a scan whose points were not seen (kUnseenScan). Its next scan is remembered and discarded.
   bool scan_unseen = false;
-  bool scan_emulated = false;  ///< the newest scan declared itself emulated
+  bool scan_emulated = false;               ///< the newest scan declared itself emulated
   double scanner_temperature_c = kNoValue;  ///< of the newest scan, of a block or a view; NaN: it declared none
   std::array<bool, limits::kScanSlots> slot_busy{};
   AbandonedScan abandoned;

@@ -97,7 +97,8 @@ class HeaderParser : HeaderLines {
     return success();
   }
 
-  /// Evaluates `comment organized width W height H`, units, and declarations of the scanner; all other comments are ignored.
+  /// Evaluates `comment organized width W height H`, units, and declarations of the scanner; all other comments are
+  /// ignored.
   Status comment(std::string_view rest) {
     std::string_view words = rest;
     if (take_word(words) == "organized" && is_shape(words)) return organised(words);
@@ -462,9 +463,15 @@ Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> 
   const Status status = layout.encoding == PlyEncoding::ascii ? body.read_ascii() : body.read_binary();
   if (!status) return status.error();
   const Settled& settled = body.settled();
-  return ScanShape{
-      layout.vertices,           settled.finite,        layout.width, layout.height, layout.bytes_exact, settled.zeros,
-      layout.emulation.emulated, layout.emulation.block, layout.scanner.temperature_c};
+  return ScanShape{layout.vertices,
+                   settled.finite,
+                   layout.width,
+                   layout.height,
+                   layout.bytes_exact,
+                   settled.zeros,
+                   layout.emulation.emulated,
+                   layout.emulation.block,
+                   layout.scanner.temperature_c};
 }
 
 template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<float>, Team&);

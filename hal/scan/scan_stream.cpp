@@ -138,11 +138,12 @@ Result<ScanStreamHeader> decode_scan_header(std::span<const std::byte, kScanHead
                  "scan header: flags 0x%08X; bits 2..15 of bytes 36..39 are reserved and must be 0", flags);
   header.temperature_ck = static_cast<std::uint16_t>(flags >> kTemperatureShift);
   if (const unsigned ck = header.temperature_ck; ck != 0 && (ck < kTemperatureMin_ck || ck > kTemperatureMax_ck))
-    return error(Code::frame_incomplete,
-                 "scan header: scanner temperature %u in bytes 38..39 (unit 0.01 K); allowed are 0 (unknown) and %u..%u "
-                 "(%.0f..%.0f deg C)",
-                 ck, unsigned{kTemperatureMin_ck}, unsigned{kTemperatureMax_ck}, kScannerTemperatureMin_c,
-                 kScannerTemperatureMax_c);
+    return error(
+        Code::frame_incomplete,
+        "scan header: scanner temperature %u in bytes 38..39 (unit 0.01 K); allowed are 0 (unknown) and %u..%u "
+        "(%.0f..%.0f deg C)",
+        ck, unsigned{kTemperatureMin_ck}, unsigned{kTemperatureMax_ck}, kScannerTemperatureMin_c,
+        kScannerTemperatureMax_c);
   header.emulated = (flags & kFlagEmulated) != 0;
   header.refused = (flags & kFlagRefused) != 0;
   header.scanner = get<std::uint64_t>(bytes, kAtScanner);

@@ -21,8 +21,8 @@ inline constexpr std::uint16_t kScanStreamVersion = 1;
 /// Longest reason of a refusal: with slabd's own words it fits an error's text.
 inline constexpr std::size_t kRefusalBytesMax = 240;
 
-/// Value of "gateway" in a request: the optional fields that this slabd accepts. 2: refusals and the scanner's print; 3:
-/// also the scanner's temperature.
+/// Value of "gateway" in a request: the optional fields that this slabd accepts. 2: refusals and the scanner's print;
+/// 3: also the scanner's temperature.
 inline constexpr int kGatewayExtended = 2;
 inline constexpr int kGatewayTemperature = 3;
 inline constexpr int kGatewayNow = kGatewayTemperature;

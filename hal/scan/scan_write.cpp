@@ -92,7 +92,8 @@ FixedString<384> ply_header(const char* encoding, const Shape& shape) {
   FixedString<80> emulated;
   if (shape.by.emulator) emulated.printf("comment %s\n", emulated_comment(shape).c_str());
   header.printf(
-      "ply\nformat %s 1.0\n%s%s%selement vertex %zu\nproperty float x\nproperty float y\nproperty float z\nend_header\n",
+      "ply\nformat %s 1.0\n%s%s%selement vertex %zu\nproperty float x\nproperty float y\nproperty float "
+      "z\nend_header\n",
       encoding, organised.c_str(), emulated.c_str(), temperature_line("comment", shape).c_str(), shape.points);
   return header;
 }
@@ -104,8 +105,8 @@ FixedString<384> pcd_header(const char* data, const Shape& shape) {
   header.printf(
       "# .PCD v0.7 - Point Cloud Data file format\n%s%sVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
       "WIDTH %zu\nHEIGHT %zu\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS %zu\nDATA %s\n",
-      emulated.c_str(), temperature_line("#", shape).c_str(), shape.width != 0 ? shape.width : shape.points, shape.width != 0 ? shape.height : std::size_t{1},
-      shape.points, data);
+      emulated.c_str(), temperature_line("#", shape).c_str(), shape.width != 0 ? shape.width : shape.points,
+      shape.width != 0 ? shape.height : std::size_t{1}, shape.points, data);
   return header;
 }
 

@@ -53,15 +53,8 @@ class TextTable {
                    announced_ > points_ ? ": it was cut, or is still being written" : "");
     if (Status status = refuse_columns(); !status) return status.error();
     const Settled settled = settle_points(xyz_.data(), points_);
-    return ScanShape{points_,
-                     settled.finite,
-                     0,
-                     0,
-                     false,
-                     settled.zeros,
-                     emulation_.emulated,
-                     emulation_.block,
-                     scanner_.temperature_c};
+    return ScanShape{points_,          settled.finite,        0, 0, false, settled.zeros, emulation_.emulated,
+                     emulation_.block, scanner_.temperature_c};
   }
 
  private:
