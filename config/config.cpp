@@ -206,12 +206,12 @@ void read_warm_up(TableReader warm_up, Config& config) {
   warm_up.optional_integer("views", views, calib::kWarmUpViewsLeast, calib::kWarmUpViewsMost);
   config.warm_up.views_min = static_cast<int>(views);
   double window_min = config.warm_up.window_s / 60.0;
-  warm_up.optional_number("window_min", window_min, {1.0, 240.0});
+  warm_up.optional_number("window_min", window_min, {0.1, 240.0});
   config.warm_up.window_s = 60.0 * window_min;
-  warm_up.optional_number("every_s", config.warm_up_every_s, {5.0, 3'600.0});
+  warm_up.optional_number("every_s", config.warm_up_every_s, {1.0, 3'600.0});
   warm_up.optional_number("centre_um_per_h", config.warm_up.centre_um_per_h, {0.1, 10'000.0});
   warm_up.optional_number("radius_um_per_h", config.warm_up.radius_um_per_h, {0.1, 10'000.0});
-  warm_up.optional_number("give_up_min", config.warm_up_give_up_min, {2.0, 1'440.0});
+  warm_up.optional_number("give_up_min", config.warm_up_give_up_min, {0.5, 1'440.0});
   if (config.warm_up_give_up_min * 60.0 < config.warm_up.window_s)
     warm_up.problem("give_up_min", fmt::format("found {}, allowed is window_min ({}) or more",
                                                config.warm_up_give_up_min, window_min));
