@@ -157,9 +157,10 @@ class BlockInspector {
   /// T_base_block = identity and T_base_scanner = T_block_scanner. `verified`: figures of the scanner's acceptance. U
   /// takes them where they are worse than the recipe's specification; empty without an acceptance.
   /// `slab`: temperature and design of the slab; a seat that is
-  /// designed with another slope or height than the last one takes 80 ms more.
+  /// designed with another slope or height than the last one takes 80 ms more. `scanner_drift`: of this scan
+  /// (base/calibration.h); NaN: U contains none.
   void begin(int station, const Pose& T_base_block, const Pose& T_base_scanner, const ScannerNumbers& verified = {},
-             const SlabFacts& slab = {});
+             const SlabFacts& slab = {}, double scanner_drift = kNoValue);
 
   /// Sets isolated points, through which no surface goes at the scan's own pitch, to NaN in place. too_few_points if
   /// fewer than limits::kScanPointsMin remain, frame_incomplete if `points` does not fit the buffer. 2 ns a point for
@@ -212,6 +213,7 @@ struct StationSigma {
   /// Robot repeatability, unless `position_mm` and `rotation_rad` already contain it.
   double robot_position_mm = 0.0;
   double robot_rotation_rad = 0.0;
+  double scanner_drift = kNoValue;  ///< of its scan, as in BlockInspector::begin
 };
 
 /// Computes one robust rigid fit of all seats to the slab model, and the slab-frame items. `blocks` has one entry per

@@ -132,6 +132,7 @@ struct BlockInspector::Workspace {
   Pose T_base_block;
   Pose T_base_scanner;
   ScannerNumbers verified;
+  double scanner_drift = kNoValue;
   Thermal thermal;
   SeatDesign seat;  ///< of the model
   BlockResult result;
@@ -226,11 +227,12 @@ void BlockInspector::give_up() {
 }
 
 void BlockInspector::begin(int station, const Pose& T_base_block, const Pose& T_base_scanner,
-                           const ScannerNumbers& verified, const SlabFacts& slab) {
+                           const ScannerNumbers& verified, const SlabFacts& slab, double scanner_drift) {
   assert(work_->has_recipe && "use a recipe first");
   work_->T_base_block = T_base_block;
   work_->T_base_scanner = T_base_scanner;
   work_->verified = verified;
+  work_->scanner_drift = scanner_drift;
   if (const SeatDesign seat = slab.design.given ? slab.design.at(station) : SeatDesign{};
       seat.slope_rad != work_->seat.slope_rad || seat.offset_mm.z() != work_->seat.offset_mm.z())
     build_model(seat);
@@ -562,7 +564,7 @@ void BlockInspector::compute_items(const Cloud& cloud, const BlockFit& fit) {
   const FormDoubt form{form_tilts_rad(fit.jaws[0].strip, fit.jaws[1].strip),
                        evaluation.flatness == FlatnessKind::closed ? fit.flatness.bumps_mm : 0.0,
                        scatter2 > 0.0 ? std::sqrt(2.0 * scatter2) : 0.0};
-  compute_block_budget(w.recipe, w.verified, form, result);
+  compute_block_budget(w.recipe, w.verified, form, result, w.scanner_drift);
   for (Item& item : result.items)
     if (item.id == ItemId::jaw_distance || item.id == ItemId::casing_spacing)
       state_at_reference(w.thermal, item.value, item);

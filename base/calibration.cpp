@@ -8,7 +8,7 @@ namespace {
 
 constexpr std::array<std::string_view, kCalibrationKinds> kKinds = {"hand_eye", "stations", "reference_block",
                                                                     "monitor_ball", "scanner"};
-constexpr std::array<std::string_view, 4> kStandings = {"verified", "never", "expired", "failed"};
+constexpr std::array<std::string_view, 5> kStandings = {"verified", "never", "expired", "failed", "other_temperature"};
 constexpr std::array<std::string_view, kSpliceSources> kSources = {
     "none", "commissioning", "corrected", "not_mastered", "stale", "expired", "outside_gate"};
 
@@ -52,10 +52,20 @@ std::string_view name(AcceptanceState standing) {
   return kStandings.at(static_cast<std::size_t>(standing));
 }
 
-AcceptanceState acceptance_state(const ScannerInForce& scanner, std::int64_t utime_us) {
+double scanner_drift(const ScannerDriftSettings& settings, const ScannerNumbers& accepted, double temperature_c) {
+  return settings.per_K * std::abs(temperature_c - accepted.temperature_c);
+}
+
+bool is_outside_temperature(const ScannerDriftSettings& settings, const ScannerNumbers& accepted,
+                            double temperature_c) {
+  return std::abs(temperature_c - accepted.temperature_c) > settings.range_K;
+}
+
+AcceptanceState acceptance_state(const ScannerInForce& scanner, std::int64_t utime_us, bool outside) {
   if (scanner.id.empty()) return AcceptanceState::never;
   if (scanner.failed || !scanner.numbers.within_limits) return AcceptanceState::failed;
-  return is_over(scanner.expires_utime_us, utime_us) ? AcceptanceState::expired : AcceptanceState::verified;
+  if (is_over(scanner.expires_utime_us, utime_us)) return AcceptanceState::expired;
+  return outside ? AcceptanceState::other_temperature : AcceptanceState::verified;
 }
 
 FixedString<limits::kErrorTextBytes> refusal_of(const ScannerNumbers& n) {

@@ -87,13 +87,29 @@ struct ScannerNumbers {
   double pitch_mm = kNoValue;  ///< distance between neighbours in a row
   std::uint16_t plates = 0;    ///< number of places where the plate was measured
   std::uint16_t balls = 0;
-  bool within_limits = false;  ///< true if every figure with a limit is within it
+  bool within_limits = false;       ///< true if every figure with a limit is within it
+  double temperature_c = kNoValue;  ///< of the scanner during its acceptance; NaN: not known, then U does not grow
 };
 /// Minimum numbers from the guideline: the plate in six places of the volume and the ball in ten.
 inline constexpr std::uint16_t kPlatePlacesMin = 6;
 inline constexpr std::uint16_t kBallPlacesMin = 10;
 /// Reason why these figures cannot be accepted, without a final period; empty if they can.
 [[nodiscard]] FixedString<limits::kErrorTextBytes> refusal_of(const ScannerNumbers& numbers);
+
+/// Change of a scanner's frame with its temperature, from the configuration.
+struct ScannerDriftSettings {
+  /// Largest relative change of a length per kelvin. The default is a frame of aluminium without compensation
+  /// (23e-6 per K), rounded up; one of invar or carbon fibre is below 3e-6.
+  double per_K = 25e-6;
+  double range_K = 15.0;  ///< further than this from the acceptance's temperature is a warning
+};
+/// Half width of the relative error of a length in a scan at `temperature_c`, since the acceptance: per_K |T - T0|. NaN
+/// if one of the two temperatures is not known; U then contains no such part.
+[[nodiscard]] double scanner_drift(const ScannerDriftSettings& settings, const ScannerNumbers& accepted,
+                                   double temperature_c);
+/// True if the temperature is known to be further from the acceptance's than the settings allow.
+[[nodiscard]] bool is_outside_temperature(const ScannerDriftSettings& settings, const ScannerNumbers& accepted,
+                                          double temperature_c);
 
 // ---- checks --------------------------------------------------------------------------------------------------------
 
@@ -179,10 +195,13 @@ enum CalibrationWarn : std::uint16_t {
 };
 
 /// State of the scanner's acceptance. It never stops the line: a line without an acceptance continues.
-enum class AcceptanceState : std::uint8_t { verified, never, expired, failed };
-/// "verified", "never", "expired", "failed".
+/// other_temperature: valid, but the newest scan's temperature is too far from the acceptance's.
+enum class AcceptanceState : std::uint8_t { verified, never, expired, failed, other_temperature };
+/// "verified", "never", "expired", "failed", "other_temperature".
 [[nodiscard]] std::string_view name(AcceptanceState standing);
-[[nodiscard]] AcceptanceState acceptance_state(const ScannerInForce& scanner, std::int64_t utime_us);
+/// `outside`: is_outside_temperature() of the newest scan.
+[[nodiscard]] AcceptanceState acceptance_state(const ScannerInForce& scanner, std::int64_t utime_us,
+                                               bool outside = false);
 
 /// Time from which the next check is counted: the last check, or the artefact's first day if there was none. Taking an
 /// artefact into use is not a check and does not postpone the next one.

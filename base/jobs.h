@@ -33,9 +33,13 @@ struct ScanShape {
   bool in_records = false;
   /// Number of missing points stored as exactly (0, 0, 0). Not kept in the database.
   std::size_t zeros = 0;
-  bool emulated = false;            ///< the file or the sender declares an emulated scanner. Not stored here.
-  std::uint8_t emulated_block = 0;  ///< block that an emulated file declares as its source; 0 if not declared
+  bool emulated = false;                    ///< the file or the sender declares an emulated scanner. Not stored here.
+  std::uint8_t emulated_block = 0;          ///< block that an emulated file declares as its source; 0 if not declared
+  double scanner_temperature_c = kNoValue;  ///< of the scanner during the exposure, as it declares; NaN if it does not
 };
+/// Allowed temperatures of a scanner. No industrial sensor works outside; another value is in another unit, or damaged.
+inline constexpr double kScannerTemperatureMin_c = -40.0;
+inline constexpr double kScannerTemperatureMax_c = 125.0;
 
 struct ScanRequest {
   std::uint16_t session = 0;
@@ -108,6 +112,9 @@ struct Attempt {
   double pose_spread_mm = kNoValue;
   std::uint32_t pose_samples = 0;
   Splice splice;  ///< transformation of the scan into the base frame
+  /// Half width of the relative error of a length by the scanner's temperature (base/calibration.h, scanner_drift);
+  /// NaN: a temperature is not known. Stored, so that a replay does not depend on the configuration.
+  double scanner_drift = kNoValue;
   PathText scan_path;
   ScanShape shape;
   std::int64_t scan_utime_us = 0;

@@ -77,7 +77,7 @@ SLABD_FIELDS(StationCorrection, visits, T_base_reported, T_base_flange, sigma_mm
 SLABD_FIELDS(ReferenceBlock, slope_rad, slope_U_rad, jaw_distance_mm, jaw_distance_U_mm);
 SLABD_FIELDS(MonitorBall, p_base, radius_mm, limit_mm);
 SLABD_FIELDS(ScannerNumbers, scanner, PF_mm, PS_mm, RF_mm, form_half_mm, form_length_mm, noise_sigma_mm,
-             noise_correlation_mm, pitch_mm, plates, balls, within_limits);
+             noise_correlation_mm, pitch_mm, plates, balls, within_limits, temperature_c);
 SLABD_FIELDS(CalibrationCheck, kind, reference_id, hand_eye_id, passed, slope_rad, slope_U_rad, jaw_distance_mm,
              jaw_distance_U_mm, off_mm, utime_us, who, source, note);
 

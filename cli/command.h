@@ -57,6 +57,7 @@ void add_web(args::Command& app);
 void add_recipe_reload(args::Command& recipe);
 void add_scanner_send(args::Command& scanner);
 void add_scanner_verify(args::Command& scanner);
+void add_scanner_warm_up(args::Command& scanner);
 
 /// Adds all commands.
 void add_commands(args::Command& app);

@@ -129,6 +129,8 @@ std::string calibration_text(const json& status) {
   if (const json& scanner = calibration.value("scanner", json(nullptr)); scanner.is_object())
     text += line(say("acceptance"), say("{} of the scanner: {}, expires {}", text_at(scanner, {"id"}),
                                         word_at(scanner, {"state"}), time_at(scanner, "expires_utime_us")));
+  if (const json temperature = status.value("scanner_temperature_c", json(nullptr)); temperature.is_number())
+    text += line(say("scanner at"), say("{:.1f} deg C", temperature.get<double>()));
   return text;
 }
 

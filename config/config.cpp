@@ -201,6 +201,23 @@ void read_stream(TableReader& scanner, hal::ScanStreamSettings& out) {
       scanner.problem(key, "backend = \"tcp\" does not use it: each scan carries its request and its unit");
 }
 
+void read_warm_up(TableReader warm_up, Config& config) {
+  std::int64_t views = config.warm_up.views_min;
+  warm_up.optional_integer("views", views, calib::kWarmUpViewsLeast, calib::kWarmUpViewsMost);
+  config.warm_up.views_min = static_cast<int>(views);
+  double window_min = config.warm_up.window_s / 60.0;
+  warm_up.optional_number("window_min", window_min, {0.1, 240.0});
+  config.warm_up.window_s = 60.0 * window_min;
+  warm_up.optional_number("every_s", config.warm_up_every_s, {1.0, 3'600.0});
+  warm_up.optional_number("centre_um_per_h", config.warm_up.centre_um_per_h, {0.1, 10'000.0});
+  warm_up.optional_number("radius_um_per_h", config.warm_up.radius_um_per_h, {0.1, 10'000.0});
+  warm_up.optional_number("give_up_min", config.warm_up_give_up_min, {0.5, 1'440.0});
+  if (config.warm_up_give_up_min * 60.0 < config.warm_up.window_s)
+    warm_up.problem("give_up_min", fmt::format("found {}, allowed is window_min ({}) or more",
+                                               config.warm_up_give_up_min, window_min));
+  warm_up.finish();
+}
+
 void read_scanner(TableReader scanner, const std::string& folder, Config& config) {
   std::size_t backend = static_cast<std::size_t>(config.scanner_backend);
   scanner.optional_word("backend", backend, {hal::kScannerBackends[0], hal::kScannerBackends[1]});
@@ -210,6 +227,9 @@ void read_scanner(TableReader scanner, const std::string& folder, Config& config
     case hal::ScannerBackend::drop: read_drop(scanner, folder, config.scanner); break;
   }
   read_s(scanner, "timeout_s", config.scan_timeout_ns, {0.5, 15.0});
+  scanner.optional_number("drift_per_K", config.scanner_drift.per_K, {0.0, 1e-3});
+  scanner.optional_number("temperature_range_K", config.scanner_drift.range_K, {0.5, 100.0});
+  read_warm_up(scanner.table("warm_up"), config);
   scanner.finish();
 }
 

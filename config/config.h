@@ -65,10 +65,10 @@ struct GenicamSettings {
   std::string camera;  ///< address, host name, or id as arv-tool lists it; empty: there is no such camera
   FixedString<64> slabd_host{"127.0.0.1"};  ///< slabd's [scanner] listen
   std::uint16_t slabd_port = 1504;
-  std::string component = "Range";   ///< entry of ComponentSelector that has the points
-  bool unit_required = true;         ///< unit_check: the camera must state Scan3dDistanceUnit = Millimeter
-  int packet_bytes = 1500;           ///< GevSCPSPacketSize, headers of IP and UDP included
-  double timeout_s = 8.0;            ///< from the trigger to the last byte of the frame
+  std::string component = "Range";  ///< entry of ComponentSelector that has the points
+  bool unit_required = true;        ///< unit_check: the camera must state Scan3dDistanceUnit = Millimeter
+  int packet_bytes = 1500;          ///< GevSCPSPacketSize, headers of IP and UDP included
+  double timeout_s = 8.0;           ///< from the trigger to the last byte of the frame
   Trigger trigger = Trigger::software;
   std::string accepted;   ///< identity of the accepted camera; another one is refused; empty: any
   bool emulated = false;  ///< the camera is a test device: its scans are marked as emulated
@@ -91,6 +91,10 @@ struct Config {
   std::int64_t settle_timeout_ns = 8 * kNsPerS;
   /// Assumptions about the robot and about commissioning values, and the gate of station corrections.
   SpliceSettings splice;
+  ScannerDriftSettings scanner_drift;  ///< [scanner] drift_per_K, temperature_range_K
+  calib::WarmUpSettings warm_up;       ///< [scanner.warm_up]
+  double warm_up_every_s = 60.0;       ///< between the views of `slabctl scanner warm-up --live`
+  double warm_up_give_up_min = 90.0;   ///< it gives up after this time
   storage::StoreSettings storage;
   std::string recipes_dir = "/usr/share/slabd/recipes";
   std::string designs_dir;  ///< [design] dir; empty: no design sheets

@@ -155,6 +155,7 @@ StationSettings station_settings(const config::Config& config, const std::vector
   settings.gauges = {config.gauges.data(), config.gauges.size()};
   settings.plc_memory_lasts = config.plc.role == hal::PlcRole::client;
   settings.splice = config.splice;
+  settings.scanner_drift = config.scanner_drift;
   settings.check_interval_us = config.check_interval_us;
   settings.software = software_version();
   settings.spool_dir = std::string_view(config.storage.spool_dir);

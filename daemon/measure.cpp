@@ -59,8 +59,8 @@ Error named_cause(const Error& why, const ScanPlace& place, const Pose& T_base_b
 
 Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station, const Pose& T_base_block,
                      const Pose& T_base_scanner, algo::Cloud cloud, const ScanShape& read, double read_ms,
-                     const ScannerNumbers& verified, const SlabFacts& slab) {
-  inspector.begin(station, T_base_block, T_base_scanner, verified, slab);
+                     const ScannerNumbers& verified, const SlabFacts& slab, double scanner_drift) {
+  inspector.begin(station, T_base_block, T_base_scanner, verified, slab, scanner_drift);
   StageTimes times;
   times.read_ms = read_ms;
   std::int64_t stage_start_ns = clock.mono_ns();
@@ -110,7 +110,8 @@ void judge_slab(const SlabBasis& basis, std::span<const StationRecord> stations,
     }
     // The splice that each scan was measured with, from its attempt.
     const Splice& splice = record.attempt.splice;
-    sigmas[i] = {splice.calibration_mm, splice.calibration_rad, splice.robot_mm, splice.robot_rad};
+    sigmas[i] = {splice.calibration_mm, splice.calibration_rad, splice.robot_mm, splice.robot_rad,
+                 record.attempt.scanner_drift};
   }
   algo::inspect_slab(recipe, blocks.first(recipe.stations()), sigmas, basis.T_base_slab, out, basis.verified,
                      basis.slab);

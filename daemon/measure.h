@@ -14,11 +14,12 @@ namespace slabd::daemon {
 /// Denoises, registers, extracts and judges, with the clock between the stages. This is the only path from a scan to a
 /// block result, used by the daemon's worker and by `slabctl inspect`. The result is `inspector.result()`; it is
 /// complete in any case. An error is one sentence on why the block could not be measured. `read_ms` is copied into the
-/// result. `verified`: the scanner's acceptance for the slab; `slab`: its own facts. No heap.
+/// result. `verified`: the scanner's acceptance for the slab; `slab`: its own facts; `scanner_drift`: of this
+/// scan (Attempt). No heap.
 [[nodiscard]] Status measure_block(algo::BlockInspector& inspector, const hal::Clock& clock, int station,
                                    const Pose& T_base_block, const Pose& T_base_scanner, algo::Cloud cloud,
                                    const ScanShape& read, double read_ms, const ScannerNumbers& verified = {},
-                                   const SlabFacts& slab = {});
+                                   const SlabFacts& slab = {}, double scanner_drift = kNoValue);
 
 /// Packs the data that a report draws of the last measured block; empty maps if the block was not found. No heap; 1 ms.
 void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps);

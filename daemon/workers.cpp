@@ -117,7 +117,7 @@ BlockMeasured ThreadWorkers::measure(const MeasureBlock& job) {
   const Status status =
       measure_block(inspector_, clock_, job.id.station,
                     job.basis.T_base_slab * T_slab_block(*recipe, job.basis.slab.design, job.id.station),
-                    job.T_base_scanner, cloud, shape, read_ms, job.basis.verified, job.basis.slab);
+                    job.T_base_scanner, cloud, shape, read_ms, job.basis.verified, job.basis.slab, job.scanner_drift);
   done.block = inspector_.result();
   pack_maps(inspector_, done.maps);
   compare_exposure(job, done);

@@ -7,6 +7,7 @@
 
 #include "emulator/block_scene.h"
 #include "emulator/concrete_effects.h"
+#include "emulator/warming.h"
 
 /// Errors that the emulated scanner adds to a surface: noise, outliers and gaps.
 namespace slabd::emulator {
@@ -35,6 +36,7 @@ struct ScannerTraits {
   std::optional<EffectStrengths> concrete;
   std::vector<ConcreteDefect> damage;  ///< on the concrete
   std::uint64_t scanner_seed = 1;      ///< concrete: cameras, lens and scale of the scanner
+  Warming warming;                     ///< since ScannerPeer::start; not used by draw_scan
 };
 inline constexpr double kOutlierMin_mm = 1.0;
 inline constexpr double kOutlierMax_mm = 60.0;

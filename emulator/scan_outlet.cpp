@@ -118,10 +118,11 @@ class DropOutlet final : public ScanOutlet {
   ~DropOutlet() override { drop_.remove_part(); }
 
   std::string pending(std::string& trouble) override { return drop_.pending(trouble); }
-  Status put(std::vector<float>& xyz, std::size_t width, std::size_t height) override {
+  Status put(std::vector<float>& xyz, std::size_t width, std::size_t height, double temperature_c) override {
     if (const auto scale = static_cast<float>(per_mm(unit_)); unit_ != hal::LengthUnit::mm)
       for (float& v : xyz) v *= scale;
-    return hal::write_scan(drop_.part_path().c_str(), format_, xyz, width, height, {.emulator = true});
+    return hal::write_scan(drop_.part_path().c_str(), format_, xyz, width, height,
+                           {.emulator = true, .block = 0, .scanner_temperature_c = temperature_c});
   }
   Status deliver(const std::string& name) override { return drop_.deliver(name, format_); }
   void give_up(const std::string& name) override { drop_.give_up(name); }
@@ -145,24 +146,25 @@ class StreamOutlet final : public ScanOutlet {
     waiting_ = gateway_.next_request(0, trouble);
     return waiting_ ? waiting_->name() : "";
   }
-  Status put(std::vector<float>& xyz, std::size_t width, std::size_t height) override {
+  Status put(std::vector<float>& xyz, std::size_t width, std::size_t height, double temperature_c) override {
     xyz_.swap(xyz);
     width_ = width;
     height_ = height;
+    temperature_c_ = temperature_c;
     return success();
   }
   Status deliver(const std::string&) override {
     const std::int64_t utime_us =
         std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
             .count();
-    Status given = gateway_.answer(*waiting_, xyz_, width_, height_, utime_us, SIZE_MAX, true);
+    Status given = gateway_.answer(*waiting_, xyz_, width_, height_, utime_us, SIZE_MAX, true, temperature_c_);
     // After a lost connection slabd repeats the request on the next one, and the scan continues at the cut.
     for (int tries = 0; !given && given.error().code == Code::scanner_offline && tries < 5; ++tries) {
       std::string note;
       if (!gateway_.connect()) break;
       const auto again = gateway_.next_request(2'000, note);
       if (!again || again->name() != waiting_->name()) break;
-      given = gateway_.answer(*again, xyz_, width_, height_, utime_us, SIZE_MAX, true);
+      given = gateway_.answer(*again, xyz_, width_, height_, utime_us, SIZE_MAX, true, temperature_c_);
     }
     waiting_.reset();
     return given;
@@ -175,6 +177,7 @@ class StreamOutlet final : public ScanOutlet {
   std::vector<float> xyz_;
   std::size_t width_ = 0;
   std::size_t height_ = 0;
+  double temperature_c_ = kNoValue;
 };
 
 }  // namespace

@@ -18,7 +18,9 @@ class ScanOutlet {
   /// "<session>-<seq>" of a request without an answer, or empty. `trouble` is set on an error.
   [[nodiscard]] virtual std::string pending(std::string& trouble) = 0;
   /// Prepares a scan (mm) for delivery and replaces the previous one. The content of `xyz` is unspecified afterwards.
-  [[nodiscard]] virtual Status put(std::vector<float>& xyz, std::size_t width, std::size_t height) = 0;
+  /// `temperature_c`: of the scanner; NaN: it does not state one.
+  [[nodiscard]] virtual Status put(std::vector<float>& xyz, std::size_t width, std::size_t height,
+                                   double temperature_c = kNoValue) = 0;
   /// Delivers the prepared scan as the answer to `name`, which is then no longer pending.
   [[nodiscard]] virtual Status deliver(const std::string& name) = 0;
   /// Marks the request as answered without a scan.

@@ -31,6 +31,9 @@ struct Job {
 }  // namespace
 
 namespace {
+double seconds_since(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
 std::array<double, limits::kStationsMax + 1> no_flatness() {
   std::array<double, limits::kStationsMax + 1> none{};
   none.fill(kNoValue);
@@ -40,6 +43,7 @@ std::array<double, limits::kStationsMax + 1> no_flatness() {
 
 struct ScannerPeer::Impl {
   ScannerTraits traits;
+  std::chrono::steady_clock::time_point begin = std::chrono::steady_clock::now();  ///< when the scanner was switched on
   ScannerFault fault;
   std::unique_ptr<ScanOutlet> outlet;
 
@@ -110,8 +114,11 @@ struct ScannerPeer::Impl {
       const std::lock_guard lock(mutex);
       flatness_mm[static_cast<std::size_t>(station)] = block.value().concrete->flatness_form_mm;
     }
+    const double time_s = seconds_since(begin);
+    warm(traits.warming, time_s, xyz);
     if (fault.given_again != 0) last_exposure = xyz;
-    if (const Status ready = outlet->put(xyz, drawn.width, drawn.height); !ready) {
+    if (const Status ready = outlet->put(xyz, drawn.width, drawn.height, temperature_c(traits.warming, time_s));
+        !ready) {
       complain(ready.error().text.c_str());
       return false;
     }

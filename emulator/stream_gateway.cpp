@@ -37,6 +37,7 @@ std::optional<StreamRequest> request_of(const json& line) {
   request.station = line.value("station", 0);
   request.slab_id = line.value("slab_id", "");
   request.have_points = line.value("have_points", std::uint32_t{0});
+  request.gateway = line.value("gateway", 1);
   return request;
 }
 
@@ -112,7 +113,8 @@ bool StreamGateway::send_all(std::span<const std::byte> bytes) {
 }
 
 Status StreamGateway::answer(const StreamRequest& request, std::span<const float> xyz, std::size_t width,
-                             std::size_t height, std::int64_t utime_us, std::size_t cut_after_points, bool emulated) {
+                             std::size_t height, std::int64_t utime_us, std::size_t cut_after_points, bool emulated,
+                             double temperature_c) {
   hal::ScanStreamHeader header;
   header.session = request.session;
   header.cmd_seq = request.cmd_seq;
@@ -122,6 +124,7 @@ Status StreamGateway::answer(const StreamRequest& request, std::span<const float
   header.utime_us = static_cast<std::uint64_t>(utime_us);
   header.points_crc = hal::crc32c(std::as_bytes(xyz));
   header.emulated = emulated;
+  if (request.gateway >= hal::kGatewayTemperature) header.temperature_ck = hal::temperature_ck_of(temperature_c);
   // The points that slabd has may be of a scan that another process began; these must not be continued.
   const bool is_begun = begun_ == request.name() && utime_us_ == utime_us;
   header.first = is_begun && request.have_points < header.count ? request.have_points : 0;

@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 
+#include "base/items.h"
 #include "base/os.h"
 #include "base/result.h"
 
@@ -18,6 +19,7 @@ struct StreamRequest {
   int station = 0;
   std::string slab_id;
   std::uint32_t have_points = 0;  ///< points of an interrupted scan that slabd already has
+  int gateway = 1;                ///< optional fields that slabd accepts (hal/scan/scan_stream.h)
   [[nodiscard]] std::string name() const { return std::to_string(session) + "-" + std::to_string(cmd_seq); }
 };
 
@@ -34,10 +36,11 @@ class StreamGateway {
   /// Sends `xyz` (mm) as the answer and waits for slabd's reply. Code::scanner_offline: the connection was lost; after
   /// a reconnect slabd repeats the request with `have_points`. The scan continues there if this gateway began it, and
   /// is sent as a whole otherwise. Other codes: slabd rejected the scan. `emulated`: declares the scan as emulated.
-  /// `cut_after_points` (tests): closes the connection there.
+  /// `cut_after_points` (tests): closes the connection there. `temperature_c`: of the scanner, sent if slabd accepts
+  /// it.
   [[nodiscard]] Status answer(const StreamRequest& request, std::span<const float> xyz, std::size_t width,
                               std::size_t height, std::int64_t utime_us, std::size_t cut_after_points = SIZE_MAX,
-                              bool emulated = false);
+                              bool emulated = false, double temperature_c = kNoValue);
   /// First point sent by the last answer; 0: the whole scan was sent.
   [[nodiscard]] std::uint32_t resumed_from() const { return resumed_from_; }
   void close();

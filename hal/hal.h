@@ -329,8 +329,9 @@ struct ScanChecksum {
 
 /// Origin of the scan, written as a comment into the file; no comment by default.
 struct WrittenBy {
-  bool emulator = false;  ///< "emulated by slabctl simulate"
-  int block = 0;          ///< ", block 3"; 0: not written
+  bool emulator = false;                    ///< "emulated by slabctl simulate"
+  int block = 0;                            ///< ", block 3"; 0: not written
+  double scanner_temperature_c = kNoValue;  ///< "scanner_temperature_c 31.20"; NaN: not written
 };
 /// Writes a scan (for the emulator and tests) of float32 points; text has enough digits to restore the same bits. If
 /// width * height > 0 the scan is organised, if the format can store that. config if the shape does not fit;

@@ -99,7 +99,7 @@ constexpr std::array<std::pair<std::uint16_t, std::string_view>, 16> kWarningsZh
     {kWarnControlSocket, "控制套接字无法打开"},
     {kWarnCheckOverdue, "参考块或监测球的检查已逾期（slabctl calibrate check）"},
     {kWarnStationsNotCorrected, "有检测位未经修正测量；不确定度取决于机器人精度"},
-    {kWarnScannerNotVerified, "扫描仪未经验证：从未验证、已过期或超出限值（slabctl scanner verify）"},
+    {kWarnScannerNotVerified, "扫描仪未经验证：从未验证、已过期、超出限值或温度不同（slabctl scanner verify）"},
     {kWarnHandednessUnproven, "扫描仪坐标系的手性未经证实：现用标定没有证明手性的视图"},
     {kWarnRecipesDiffer, "配方文件夹与正在使用的配方不一致"},
     {kWarnEmulation, "仿真：机器人或扫描仪不是真实设备"},

@@ -17,7 +17,8 @@ void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block)
   json.field("station", attempt.station).field("attempt", attempt.number);
   json.field("valid", latest(record, attempt.station) == &block).field("final_verdict", block.final_verdict);
   json.field("final_reason", block.final_reason).field("code", block.code).field("scan_path", attempt.scan_path);
-  json.field("points", attempt.shape.points);
+  json.field("points", attempt.shape.points).field("scanner_temperature_c", attempt.shape.scanner_temperature_c);
+  json.field("scanner_drift", attempt.scanner_drift);
   write_crc32c(json, "points_crc32c", attempt.points_crc32c);
   write_time(json, "scanned", attempt.scan_utime_us);
   json.field("settle_ms", attempt.settle_ms).field("acquire_ms", attempt.acquire_ms);

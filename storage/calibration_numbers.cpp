@@ -69,6 +69,8 @@ struct WriteNumbers {
                            n.noise_correlation_mm, n.pitch_mm})
       out(x);
     for (const int x : {int{n.plates}, int{n.balls}, n.within_limits ? 1 : 0}) out(std::int64_t{x});
+    // An acceptance without a temperature keeps the id of its numbers alone.
+    if (!std::isnan(n.temperature_c)) out(n.temperature_c);
   }
 };
 
@@ -111,6 +113,8 @@ struct FindNonsense {
     for (const double x : {n.PF_mm, n.PS_mm, n.RF_mm, n.form_half_mm, n.form_length_mm, n.noise_sigma_mm,
                            n.noise_correlation_mm, n.pitch_mm})
       if (std::isinf(x) || x < 0.0) return "its figures must be finite and not negative";
+    if (n.temperature_c < kScannerTemperatureMin_c || n.temperature_c > kScannerTemperatureMax_c)
+      return "its temperature must be -40..125 deg C";
     return n.plates == 0 && n.balls == 0 ? "neither a plate nor a ball was measured" : "";
   }
 };

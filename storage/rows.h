@@ -400,6 +400,8 @@ void columns(V& v, R& r) {
   SLABD_EACH(r, scan_utime_us, settle_ms, acquire_ms)
   part(v, r.splice, "splice_", {{"source", "splice"}, {"T_base_reported", "T_base_reported"}});
   SLABD_EACH(r, points_crc32c, asked, emulated, fingerprint)
+  v("scanner_temperature_c", r.shape.scanner_temperature_c);
+  SLABD_EACH(r, scanner_drift)
 }
 
 /// Columns of a block, without its planes, casings, findings, edges and items.

@@ -193,6 +193,8 @@ CREATE TABLE attempt (
   measuring_since_ns INTEGER NOT NULL,
   emulated INTEGER NOT NULL,             -- as slab.emulated, while this scan was taken
   fingerprint INTEGER,                   -- 64 bits of the points, as a signed number; NULL: none came
+  scanner_temperature_c REAL,            -- as the scan declares, NULL: it does not
+  scanner_drift REAL,                    -- relative half width of a length's error by it, NULL: not known
   PRIMARY KEY (slab_key, station, attempt)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX attempt_with_scan ON attempt (slab_key, scan_bytes) WHERE scan_state = 'kept';
@@ -546,7 +548,8 @@ CREATE TABLE scanner_acceptance (
   noise_sigma_mm REAL, noise_correlation_mm REAL, pitch_mm REAL,
   plates         INTEGER NOT NULL,         -- places that were looked at
   balls          INTEGER NOT NULL,
-  within_limits  INTEGER NOT NULL
+  within_limits  INTEGER NOT NULL,
+  temperature_c  REAL                      -- of the scanner during it, NULL: not known
 ) STRICT, WITHOUT ROWID;
 
 CREATE TABLE applied (

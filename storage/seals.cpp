@@ -35,7 +35,7 @@ constexpr auto kForm1 = std::to_array<SealedTable>({
      "phase, code, scan_bytes, splice, splice_visits, T_base_reported_x, T_base_reported_y, T_base_reported_z, "
      "T_base_reported_qw, T_base_reported_qx, T_base_reported_qy, T_base_reported_qz, splice_off_mm, "
      "splice_off_rad, splice_calibration_mm, splice_calibration_rad, splice_robot_mm, splice_robot_rad, "
-     "points_crc32c, asked, emulated, fingerprint",
+     "points_crc32c, asked, emulated, fingerprint, scanner_temperature_c, scanner_drift",
      "", "station, attempt"},
     {"block",
      "slab_key, station, attempt, verdict, reason, points_read, points_finite, isolated_removed, points_kept, "

@@ -96,6 +96,11 @@ Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
     scanner += gp.squaredNorm() * square(scanner_.place_mm()) + gn.squaredNorm() * square(scanner_.tilt_rad()) +
                gj.squaredNorm() * at_jaw;
 
+    // The jaw against its own block, and tilts. The place of the whole block along the view is displaced alike at every
+    // station, which cancels in the frame of the slab.
+    if (const double drift = of_station.scanner_drift; std::isfinite(drift) && drift != 0.0)
+      scanner += square(drift) / 3.0 * (gn.squaredNorm() + gj.squaredNorm() * e.jaw_lever.squaredNorm());
+
     const double moved = (gp + gj).squaredNorm();
     const double turned = (e.normal.cross(gn) + e.jaw_lever.cross(gj)).squaredNorm();
     calibration += moved * square(of_station.position_mm) + times(turned, square(of_station.rotation_rad));

@@ -50,11 +50,12 @@ void widen_spacing(BlockResult& result) {
 /// Common values of the item budgets of one block.
 class BlockBudget {
  public:
-  BlockBudget(const Recipe& recipe, const ScannerNumbers& verified, BlockResult& result)
+  BlockBudget(const Recipe& recipe, const ScannerNumbers& verified, double scanner_drift, BlockResult& result)
       : recipe_(recipe),
         result_(result),
         scanner_(recipe.uncertainty, verified),
         rounding_(result),
+        drift_(std::isfinite(scanner_drift) ? scanner_drift / std::sqrt(3.0) : 0.0),
         noise_factor_(result.seat.noise_factor),
         length_reference_mm_(2.0 * recipe.block.jaw_half_distance_mm.value) {}
 
@@ -63,7 +64,8 @@ class BlockBudget {
     const SlopeGradient g = slope_gradient(seat().normal, result_.slab_top.normal);
     const double fit = variance({g.seat_normal, 0.0}, seat()) + variance({g.top_normal, 0.0}, result_.slab_top);
     angle(ItemId::seat_slope, fit, by_density({g.seat_normal, 0.0}),
-          square(scanner_.tilt_rad()) * (g.seat_normal.squaredNorm() + g.top_normal.squaredNorm()),
+          drifted(square(scanner_.tilt_rad()) * (g.seat_normal.squaredNorm() + g.top_normal.squaredNorm()),
+                  g.seat_normal.squaredNorm() + g.top_normal.squaredNorm()),
           rounding_.variance({g.seat_normal, 0.0}, seat()) + rounding_.variance({g.top_normal, 0.0}, result_.slab_top),
           g.registration);
   }
@@ -76,7 +78,7 @@ class BlockBudget {
     const PlaneGradient by_jaw{seat().normal / sine, 0.0};
     widen(id, deg_from_rad(form_rad));
     angle(id, variance(by_seat, seat()) + variance(by_jaw, jaw), by_density(by_seat),
-          2.0 * square(scanner_.tilt_rad()) + square(form_rad),
+          drifted(2.0 * square(scanner_.tilt_rad()) + square(form_rad), 2.0),
           rounding_.variance(by_seat, seat()) + rounding_.variance(by_jaw, jaw), Vec6::Zero());
   }
 
@@ -102,7 +104,7 @@ class BlockBudget {
         square(g_seat.height * scanner_.difference_mm(0.5 * distance.value)) +
         square(scanner_.tilt_rad()) * (g_outer.jaw.normal.squaredNorm() + g_inner.jaw.normal.squaredNorm()) +
         square(scanner_.length_mm(distance.value)) + form;
-    length(ItemId::jaw_distance, distance.value, fit, by_density(g_seat), scanner,
+    length(ItemId::jaw_distance, distance.value, fit, by_density(g_seat), drifted(scanner, square(distance.value)),
            rounding_.variance(g_seat, seat()) + rounding_.variance(g_outer.jaw, result_.jaw_outer) +
                rounding_.variance(g_inner.jaw, result_.jaw_inner),
            Vec6(g_outer.registration + g_inner.registration));
@@ -113,7 +115,8 @@ class BlockBudget {
     if (!has_value(spacing.value)) return;
     // A circle's covariance comes from the scatter of its own edge, so no noise factor is applied.
     put(ItemId::casing_spacing, spacing_variance_mm2(result_), 0.0,
-        square(scanner_.difference_mm(spacing.value)) + square(scanner_.length_mm(spacing.value)),
+        drifted(square(scanner_.difference_mm(spacing.value)) + square(scanner_.length_mm(spacing.value)),
+                square(spacing.value)),
         2.0 * rounding_.centre_mm2(seat().normal), Vec6::Zero(), square(reference_mm(spacing.value)), 1.0, 1.0);
   }
 
@@ -125,9 +128,10 @@ class BlockBudget {
     const double fit = square(casing.sigma_height_mm) + variance(by_seat, seat());
     const double form_mm = seen_form_mm(seat_form_mm);
     widen(id, form_mm);
-    length(id, protrusion.value, fit, by_density(by_seat),
-           square(std::max(scanner_.difference_mm(from_centroid.norm()), form_mm)),
-           rounding_.place_mm2(seat().normal) + rounding_.variance(by_seat, seat()), Vec6::Zero());
+    length(
+        id, protrusion.value, fit, by_density(by_seat),
+        drifted(square(std::max(scanner_.difference_mm(from_centroid.norm()), form_mm)), from_centroid.squaredNorm()),
+        rounding_.place_mm2(seat().normal) + rounding_.variance(by_seat, seat()), Vec6::Zero());
   }
 
   /// Noise and form error can both only increase a flatness, so they are added linearly, U = m N + 1.645 u_form. So
@@ -151,7 +155,8 @@ class BlockBudget {
     const double fit = 0.5 * noise_mm * flatness_noise_multiple(flatness.value, noise_mm, result_.seat.grid_points);
     // Highest and lowest cell may both be off by half a step.
     const double scanner =
-        std::sqrt(square(0.5 * 1.645 * scanner_.difference_mm(region_mm)) + 4.0 * rounding_.place_mm2(seat().normal));
+        std::sqrt(drifted(square(0.5 * 1.645 * scanner_.difference_mm(region_mm)), square(0.5 * 1.645 * region_mm)) +
+                  4.0 * rounding_.place_mm2(seat().normal));
     part(budget, BudgetPart::fit) = std::hypot(fit, bumps);
     part(budget, BudgetPart::noise) = std::sqrt(2.0 * fit * scanner);
     part(budget, BudgetPart::scanner) = scanner;
@@ -161,6 +166,10 @@ class BlockBudget {
 
  private:
   [[nodiscard]] const PlaneFit& seat() const { return result_.seat.plane; }
+  /// Adds the drift with temperature to a variance of the scanner. Without a drift the bits are unchanged.
+  [[nodiscard]] double drifted(double scanner, double gradient2) const {
+    return drift_ == 0.0 ? scanner : scanner + square(drift_) * gradient2;
+  }
   Item& item(ItemId id) { return item_of(result_, id); }
   /// Standard uncertainty between two distant places from the form of the seat, if that is more than twice the stated
   /// form of the scanner; else 0. It may also be the block's own form: the scan does not distinguish them.
@@ -210,6 +219,7 @@ class BlockBudget {
   BlockResult& result_;
   ScannerModel scanner_;
   CoordinateRounding rounding_;
+  double drift_;  ///< standard uncertainty of a length's relative error by the scanner's temperature
   double noise_factor_;
   double length_reference_mm_;
 };
@@ -393,10 +403,10 @@ bool settle(const Budget& budget, Item& item) {
 }
 
 void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, const FormDoubt& form,
-                          BlockResult& result) {
+                          BlockResult& result, double scanner_drift) {
   budget_seat_std(result);
   widen_spacing(result);
-  BlockBudget budget(recipe, verified, result);
+  BlockBudget budget(recipe, verified, scanner_drift, result);
   budget.flatness(form.bumps_mm);
   budget.slope();
   budget.jaw_angle(ItemId::jaw_angle_inner, result.jaw_inner, form.jaw_rad[0]);

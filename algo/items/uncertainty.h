@@ -30,6 +30,12 @@
 ///                   position of one place         a / sqrt(3)                         mm, per axis
 ///                   two places d apart            a / sqrt(3) min(sqrt(2), d / L)     mm: near ones are correlated
 ///                   length l                      p l / sqrt(3), verified: PS / sqrt(3)  mm: independent of l
+///                 Temperature: with e the half width of a length's relative error since the acceptance
+///                 (Attempt::scanner_drift), two places d apart are displaced against each other by up to e d in any
+///                 direction. In addition to the above, by root sum of squares:
+///                   length l                      e l / sqrt(3)                       mm
+///                   tilt of one feature           e / sqrt(3)                         rad, per axis
+///                   two places d apart            e d / sqrt(3)                       mm; flatness as well
 ///                 All rectangular. Tilts of different features count as independent, and a difference between two
 ///                 places already contains the features' tilts.
 ///                 Also the step to which the scan's coordinates were rounded (CoordinateRounding), if there is one,
@@ -174,9 +180,10 @@ struct FormDoubt {
 
 /// Computes budget and U of every block item with a value. seat_std always (its U is its sampling error, std sqrt(f /
 /// (2 (n - 1))) per standard deviation). The others if the recipe's uncertainty is given; otherwise they keep the
-/// recipe's U, raised to the values from circles and density. Needs the values (compute_block_items).
+/// recipe's U, raised to the values from circles and density. Needs the values (compute_block_items). `scanner_drift`:
+/// e above; NaN or 0: no such part.
 void compute_block_budget(const Recipe& recipe, const ScannerNumbers& verified, const FormDoubt& form,
-                          BlockResult& result);
+                          BlockResult& result, double scanner_drift = kNoValue);
 
 /// Fills observation.sigma_*, in block axes: effect of the scanner's noise (correlation included) and the seat's
 /// density in this scan. The slab adds form error, calibration and robot. NaN if a covariance is missing.

@@ -33,7 +33,6 @@ namespace {
 
 constexpr std::size_t kTrendRows = 10;
 constexpr double kSameRadius_mm = 1e-6;
-constexpr const char* kElsewhereNote = "seen from another pose";
 
 struct CheckOptions {
   std::string config;
@@ -89,7 +88,8 @@ BlockResult measure_scan(const CheckOptions& options, const config::Config& conf
   inspector.use(recipe);
   const algo::Cloud cloud{xyz, shape.points, shape.width, shape.height};
   need(daemon::measure_block(inspector, *clock, 1, Pose::identity(), nominal_T_block_scanner(), cloud, shape, 0.0,
-                             line->scanner.numbers));
+                             line->scanner.numbers, {},
+                             scanner_drift(config.scanner_drift, line->scanner.numbers, shape.scanner_temperature_c)));
   return inspector.result();
 }
 
@@ -130,20 +130,6 @@ BlockResult take_from_slab(const CheckOptions& options, storage::Reader& reader,
 }
 
 // ---- monitor ball ------------------------------------------------------------------------------------------------
-
-/// Message if the pose differs from the ball's own pose, else empty: the robot error there differs by up to its
-/// absolute accuracy, which is not a drift.
-std::string elsewhere(const config::Config& config, const std::string& observations, const MeasuredBall& seen) {
-  const std::optional<Pose> then = ball_pose_of(observations);
-  if (!then) return "";
-  const double off_mm = (seen.T_base_flange.translation_mm - then->translation_mm).norm();
-  const double off_rad = angle_between_rad(seen.T_base_flange.rotation, then->rotation);
-  if (off_mm <= config.splice.gate_mm && off_rad <= config.splice.gate_rad) return "";
-  return say(
-      "the robot stood {:.1f} mm and {:.2f} deg from where it stood when the ball was taken into use; from there it "
-      "errs otherwise, so look from the same pose",
-      off_mm, deg_from_rad(off_rad));
-}
 
 /// Rejects a passed check from another pose if the last check failed, because the robot error may have the opposite
 /// sign there.
@@ -304,7 +290,7 @@ CalibrationCheck judge(const CheckOptions& options, const config::Config& config
     check = calib::check_ball(ball, seen.p_base_mm);
     if (options.look.live) source = seen.source;
     need_new(options, reader, source);
-    if (const std::string where = elsewhere(config, reference->observations, seen); !where.empty()) {
+    if (const std::string where = seen_elsewhere(config, reference->observations, seen); !where.empty()) {
       need_clear_elsewhere(reader, check, where);
       complain(say("warning: {}", where));
       check.note.assign((check.note.empty() ? "" : std::string(check.note.view()) + "; ") + kElsewhereNote);

@@ -36,43 +36,81 @@ std::optional<Stop> find_in(const BallMeasurement& look, const std::string& scan
     return Stop{kRefused, say("{}: refused ({}): {}\n  what to do: {}", scan, name(view.value().refusal),
                               quote(view.value().words.reason.view()), quote(view.value().words.cure.view()))};
   seen.p_base_mm = seen.T_base_flange * (X * view.value().balls.front().centre_mm);
+  seen.radius_free_mm = view.value().balls.front().radius_free_mm;
+  seen.scanner_temperature_c = shape.value().scanner_temperature_c;
   return std::nullopt;
 }
 
 /// Takes one view through the daemon; the line is idle again afterwards, even after an error.
 MeasuredBall take_live(const config::Config& config, const BallMeasurement& look, const Pose& X) {
-  const std::string who = look.who.empty() ? default_operator() : look.who;
-  // The session name is unique, so that two simultaneous checks cannot continue or end each other's session. The lease
-  // is short, because after a crash no other process can continue the session.
-  constexpr std::int64_t kLease_s = 30;
-  const std::string session = fmt::format("monitor ball {}", ::getpid());
-  Result<LiveCapture> line = LiveCapture::begin(config.control_socket, {session, who, kLease_s, false});
-  if (!line.ok()) stop(live_capture_exit(line.error().code), line.error());
-  const bool terminal = isatty(STDERR_FILENO) != 0;
-  const Result<LiveShot> shot = line.value().shoot([&](std::string_view said) {
-    if (terminal) fmt::print(stderr, "\r\x1b[K{} ...", said);
-  });
-  if (terminal) fmt::print(stderr, "\r\x1b[K");
+  LiveBall line(config, look);
   MeasuredBall seen;
-  std::optional<Stop> unseen;  // printed before the line is returned
-  if (shot.ok()) {
-    for (const std::string& warning : shot.value().warnings) complain(say("warning: {}", quote(warning)));
-    seen.T_base_flange = shot.value().T_base_flange;
-    seen.source = fmt::format("live view of {}", shot.value().scan_utime_us);
-    unseen = find_in(look, shot.value().scan_path, config.scanner.form, X, seen);
-  } else {
-    unseen = Stop{live_capture_exit(shot.error().code), retold(shot.error().text.view())};
-  }
-  if (unseen) complain(unseen->sentence);
-  if (shot.ok())
-    if (const Status released = line.value().release(shot.value().scan_path); !released)
-      complain(say("warning: {}", quote(released.error().text.view())));
-  if (const Status ended = line.value().end(); !ended) complain(say("warning: {}", quote(ended.error().text.view())));
+  const std::optional<Stop> unseen = line.shoot(X, seen);
+  if (unseen) complain(unseen->sentence);  // printed before the line is returned
+  line.end();
   if (unseen) stop(unseen->status);
   return seen;
 }
 
 }  // namespace
+
+struct LiveBall::Session {
+  LiveCapture line;
+  hal::ScanForm form;
+  BallMeasurement look;
+};
+
+LiveBall::LiveBall(const config::Config& config, const BallMeasurement& look) {
+  const std::string who = look.who.empty() ? default_operator() : look.who;
+  // The session name is unique, so that two simultaneous checks cannot continue or end each other's session. The lease
+  // is short, because after a crash no other process can continue the session.
+  const std::string session = fmt::format("monitor ball {}", ::getpid());
+  Result<LiveCapture> line = LiveCapture::begin(config.control_socket, {session, who, kLease_s, false});
+  if (!line.ok()) stop(live_capture_exit(line.error().code), line.error());
+  session_ = std::make_unique<Session>(Session{std::move(line.value()), config.scanner.form, look});
+}
+
+LiveBall::~LiveBall() {
+  end();
+}
+
+std::optional<Stop> LiveBall::shoot(const Pose& T_flange_scanner, MeasuredBall& seen) {
+  const bool terminal = isatty(STDERR_FILENO) != 0;
+  const Result<LiveShot> shot = session_->line.shoot([&](std::string_view said) {
+    if (terminal) fmt::print(stderr, "\r\x1b[K{} ...", said);
+  });
+  if (terminal) fmt::print(stderr, "\r\x1b[K");
+  if (!shot.ok()) return Stop{live_capture_exit(shot.error().code), retold(shot.error().text.view())};
+  for (const std::string& warning : shot.value().warnings) complain(say("warning: {}", quote(warning)));
+  seen.T_base_flange = shot.value().T_base_flange;
+  seen.source = fmt::format("live view of {}", shot.value().scan_utime_us);
+  std::optional<Stop> unseen = find_in(session_->look, shot.value().scan_path, session_->form, T_flange_scanner, seen);
+  if (const Status released = session_->line.release(shot.value().scan_path); !released)
+    complain(say("warning: {}", quote(released.error().text.view())));
+  return unseen;
+}
+
+void LiveBall::keep() {
+  if (const Status kept = session_->line.keep(); !kept) stop(live_capture_exit(kept.error().code), kept.error());
+}
+
+void LiveBall::end() {
+  if (session_ == nullptr) return;
+  if (const Status ended = session_->line.end(); !ended) complain(say("warning: {}", quote(ended.error().text.view())));
+  session_.reset();
+}
+
+std::string seen_elsewhere(const config::Config& config, const std::string& observations, const MeasuredBall& seen) {
+  const std::optional<Pose> then = ball_pose_of(observations);
+  if (!then) return "";
+  const double off_mm = (seen.T_base_flange.translation_mm - then->translation_mm).norm();
+  const double off_rad = angle_between_rad(seen.T_base_flange.rotation, then->rotation);
+  if (off_mm <= config.splice.gate_mm && off_rad <= config.splice.gate_rad) return "";
+  return say(
+      "the robot stood {:.1f} mm and {:.2f} deg from where it stood when the ball was taken into use; from there it "
+      "errs otherwise, so look from the same pose",
+      off_mm, deg_from_rad(off_rad));
+}
 
 void BallMeasurement::add_to(args::Command& command) {
   args::Option pose =

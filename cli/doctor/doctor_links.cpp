@@ -497,7 +497,7 @@ std::string examine_daemon(const config::Config& config, Examination& report) {
                   say("journalctl -u slabd names the reason"));
   if (const json& plant = at(status, {"plant"}); plant.is_object()) {
     const std::string waits = say("{} results wait for the plant's database, the oldest for {:.0f} s{}",
-                                plant.value("unsent", std::int64_t{0}), plant.value("unsent_s", 0.0), "");
+                                  plant.value("unsent", std::int64_t{0}), plant.value("unsent_s", 0.0), "");
     if (yes(at(plant, {"late"})))
       report.warning("plant", waits, say("journalctl -u slabd-plant names the reason; docs/PLANT.md"));
     else
@@ -604,7 +604,9 @@ static void examine_acceptance(std::string_view id, std::string_view standing, E
   else
     report.warning("acceptance",
                    standing == "expired" ? say("{} of the scanner has expired", id)
-                                         : say("after {} the scanner was verified and out of its limits", id),
+                   : standing == "other_temperature"
+                       ? say("the scanner's temperature is too far from that of {}", id)
+                       : say("after {} the scanner was verified and out of its limits", id),
                    cure);
 }
 

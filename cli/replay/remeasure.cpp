@@ -88,9 +88,10 @@ void Remeasurer::measure(const SlabHeader& slab, const ScannerNumbers& verified,
   const SlabFacts facts = facts_of(slab);
   const algo::Cloud cloud{xyz_, shape.value().points, shape.value().width, shape.value().height};
   // A block that cannot be measured is a normal result, which contains the reason.
-  static_cast<void>(daemon::measure_block(
-      inspector_, *clock_, station, slab.T_base_slab * T_slab_block(*recipe_, facts.design, station),
-      stored_T_base_scanner(slab, stored.attempt), cloud, shape.value(), 0.0, verified, facts));
+  static_cast<void>(daemon::measure_block(inspector_, *clock_, station,
+                                          slab.T_base_slab * T_slab_block(*recipe_, facts.design, station),
+                                          stored_T_base_scanner(slab, stored.attempt), cloud, shape.value(), 0.0,
+                                          verified, facts, stored.attempt.scanner_drift));
   out.scan = Remeasured::Scan::measured;
   out.note = signs_of_change(out, stored, shape.value());
   out.block = inspector_.result();

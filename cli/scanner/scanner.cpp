@@ -18,9 +18,9 @@ namespace {
 
 using nlohmann::json;
 
-std::string number(const json& record, const char* key) {
+std::string number(const json& record, const char* key, int decimals = 4) {
   const json value = record.value(key, json(nullptr));
-  return value.is_number() ? fmt::format("{:.4f}", value.get<double>()) : "-";
+  return value.is_number() ? fmt::format("{:.{}f}", value.get<double>(), decimals) : "-";
 }
 
 bool is_verification(const json& record) {
@@ -59,12 +59,12 @@ int history(const std::string& config_path, bool as_json) {
     fmt::print("{}\n", json{{"schema", "slabd.scanner_history/1"}, {"records", records}}.dump(2));
     return kDone;
   }
-  fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:7} {:16} {}\n", "time", "scanner", "PF", "|PS|", "RF", "form",
-             "limits", "record", "");
+  fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:>6} {:7} {:16} {}\n", "time", "scanner", "PF", "|PS|", "RF", "form",
+             "deg C", "limits", "record", "");
   for (const json& record : records) {
-    fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:7} {:16} {}\n", record.value("utc", "-"),
+    fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:>6} {:7} {:16} {}\n", record.value("utc", "-"),
                record.value("scanner", "-"), number(record, "PF_mm"), number(record, "PS_abs_mm"),
-               number(record, "RF_mm"), number(record, "form_half_mm"),
+               number(record, "RF_mm"), number(record, "form_half_mm"), number(record, "temperature_c", 1),
                record.value("within_limits", false) ? "within" : "OUT", record.value("id", ""),
                record.value("in_force", false) ? "in force" : "");
   }
@@ -87,12 +87,13 @@ void add_scanner_history(args::Command& scanner) {
 }  // namespace
 
 void add_scanner(args::Command& app) {
-  args::Command scanner =
-      app.add_subcommand("scanner", "The scanner: send a scan as a gateway does, verify its accuracy");
+  args::Command scanner = app.add_subcommand(
+      "scanner", "The scanner: send a scan as a gateway does, verify its accuracy, wait until it is warm");
   scanner->require_subcommand(1);
   add_scanner_send(*scanner);
   add_scanner_verify(*scanner);
   add_scanner_history(*scanner);
+  add_scanner_warm_up(*scanner);
 }
 
 }  // namespace slabd::cli

@@ -26,6 +26,7 @@ struct Options {
   ScanFormOptions form;
   double wait_s = 60.0;
   std::size_t cut_after = 0;
+  double temperature_c = kNoValue;
 };
 
 std::atomic<bool> g_stop{false};
@@ -64,6 +65,9 @@ void deliver(emulator::StreamGateway& gateway, const Scan& scan, const std::stri
   const std::int64_t utime_us =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
           .count();
+  // The temperature that the file declares may be replaced, for example to try a warm scanner.
+  const double temperature_c =
+      has_value(options.temperature_c) ? options.temperature_c : scan.shape.scanner_temperature_c;
   std::size_t cut_after = options.cut_after == 0 ? SIZE_MAX : options.cut_after;
   std::string last = "slabd asked for nothing";
   while (!g_stop && Clock::now() < until) {
@@ -78,7 +82,7 @@ void deliver(emulator::StreamGateway& gateway, const Scan& scan, const std::stri
     if (!note.empty()) last = "slabd: " + note;
     if (!request) continue;
     const Status sent = gateway.answer(*request, scan.xyz, scan.shape.width, scan.shape.height, utime_us,
-                                       std::exchange(cut_after, SIZE_MAX), scan.shape.emulated);
+                                       std::exchange(cut_after, SIZE_MAX), scan.shape.emulated, temperature_c);
     if (sent) {
       fmt::print(
           "request {} (slab \"{}\", station {}): {}, {} points{}\n", request->name(), request->slab_id,
@@ -125,6 +129,10 @@ void add_scanner_send(args::Command& scanner) {
   command->add_option("--to", options->to, "Address where slabd listens: [scanner] listen")->capture_default_str();
   options->form.add_to(*command);
   command->add_option("--wait-s", options->wait_s, "For each request")->check(within(0.1, 1e6))->capture_default_str();
+  command
+      ->add_option("--temperature", options->temperature_c,
+                   "Temperature of the scanner, deg C, sent with the scans (default: what the file declares)")
+      ->check(within(kScannerTemperatureMin_c, kScannerTemperatureMax_c));
   command->add_option("--cut-after", options->cut_after,
                       "Cut the first connection after this number of points and connect again, to try just that");
   command->runs([options] { return send(*options); });

@@ -35,6 +35,7 @@ std::size_t places(const List& list, Apart apart) {
 
 void write_plate(report::Json& json, const VerifiedPlate& p) {
   json.begin_object().field("file", p.file).field("points", p.figures.points).field("rejected", p.figures.rejected);
+  json.field("temperature_c", p.temperature_c);
   json.field("length_mm", p.figures.length_mm).field("RF_mm", p.figures.RF_mm).field("rms_mm", p.figures.rms_mm);
   json.field("form_half_mm", p.figures.form_half_mm).field("noise_sigma_mm", p.figures.noise.sigma_mm);
   json.field("noise_correlation_mm", p.figures.noise.correlation_mm).field("pitch_mm", p.figures.noise.pitch_mm);
@@ -43,6 +44,7 @@ void write_plate(report::Json& json, const VerifiedPlate& p) {
 
 void write_ball(report::Json& json, const VerifiedBall& b) {
   json.begin_object().field("file", b.file).field("points", b.figures.points).field("rejected", b.figures.rejected);
+  json.field("temperature_c", b.temperature_c);
   json.field("centre_mm", b.figures.centre_mm).field("diameter_mm", 2.0 * b.figures.radius_mm);
   json.field("PF_mm", b.figures.PF_mm).field("PS_mm", b.figures.PS_mm).field("rms_mm", b.figures.rms_mm).end_object();
 }
@@ -62,6 +64,37 @@ std::size_t ball_places(const Verification& v) {
   });
 }
 
+namespace {
+
+/// Temperatures that the scans declare.
+std::vector<double> temperatures_in(const Verification& v) {
+  std::vector<double> all;
+  const auto add = [&all](const auto& list) {
+    for (const auto& one : list)
+      if (has_value(one.temperature_c)) all.push_back(one.temperature_c);
+  };
+  add(v.plates);
+  add(v.balls);
+  return all;
+}
+
+}  // namespace
+
+double temperature_of(const Verification& v) {
+  if (has_value(v.temperature_c)) return v.temperature_c;
+  const std::vector<double> all = temperatures_in(v);
+  double sum = 0.0;
+  for (const double temperature_c : all) sum += temperature_c;
+  return all.empty() ? kNoValue : sum / static_cast<double>(all.size());
+}
+
+double temperature_span_K(const Verification& v) {
+  const std::vector<double> all = temperatures_in(v);
+  if (all.empty()) return 0.0;
+  const auto [low, high] = std::minmax_element(all.begin(), all.end());
+  return *high - *low;
+}
+
 ScannerNumbers numbers_of(const Verification& v) {
   ScannerNumbers n;
   n.scanner.assign(v.scanner);
@@ -77,6 +110,7 @@ ScannerNumbers numbers_of(const Verification& v) {
   n.noise_correlation_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.noise.correlation_mm; });
   n.pitch_mm = worst(v.plates, [](const VerifiedPlate& p) { return p.figures.noise.pitch_mm; });
   n.within_limits = limits_broken(v).empty();
+  n.temperature_c = temperature_of(v);
   return n;
 }
 
@@ -110,7 +144,8 @@ std::string verification_json(const Verification& v, std::int64_t utime_us, std:
   json.field("in_force", in_force).field("refusal", refusal_of(n)).field("PF_mm", n.PF_mm).field("PS_abs_mm", n.PS_mm);
   json.field("RF_mm", n.RF_mm).field("form_half_mm", n.form_half_mm).field("form_length_mm", n.form_length_mm);
   json.field("noise_sigma_mm", n.noise_sigma_mm).field("noise_correlation_mm", n.noise_correlation_mm);
-  json.field("pitch_mm", n.pitch_mm).field("within_limits", n.within_limits).field("limit_PF_mm", v.limits.PF_mm);
+  json.field("pitch_mm", n.pitch_mm).field("within_limits", n.within_limits).field("temperature_c", n.temperature_c);
+  json.field("limit_PF_mm", v.limits.PF_mm);
   json.field("limit_PS_mm", v.limits.PS_mm).field("limit_RF_mm", v.limits.RF_mm).field("uncertainty", budget_lines(n));
   json.key("plates").begin_array();
   for (const VerifiedPlate& plate : v.plates) write_plate(json, plate);

@@ -14,10 +14,12 @@ namespace slabd::cli {
 struct VerifiedPlate {
   std::string file;
   PlateFigures figures;
+  double temperature_c = kNoValue;  ///< of the scanner, as the scan declares it
 };
 struct VerifiedBall {
   std::string file;
   BallFigures figures;
+  double temperature_c = kNoValue;
 };
 
 /// NaN: no limit.
@@ -31,6 +33,7 @@ struct Verification {
   std::string scanner;            ///< name or serial number; empty if not given
   double diameter_mm = kNoValue;  ///< certified, of the coated ball
   AcceptanceLimits limits;
+  double temperature_c = kNoValue;  ///< of the scanner, as given; NaN: as the scans declare it
   std::vector<VerifiedPlate> plates;
   std::vector<VerifiedBall> balls;
 };
@@ -40,6 +43,10 @@ struct Verification {
 [[nodiscard]] std::size_t ball_places(const Verification& verification);
 /// The worst figures of all places. A figure with a limit that was not measured is out of the limit.
 [[nodiscard]] ScannerNumbers numbers_of(const Verification& verification);
+/// Temperature of the scanner: as given, else the mean of the scans that declare one; NaN if none does.
+[[nodiscard]] double temperature_of(const Verification& verification);
+/// Largest difference between the temperatures that the scans declare, K; 0 if at most one does.
+[[nodiscard]] double temperature_span_K(const Verification& verification);
 /// "PF 0.3100 mm (allowed 0.0500)", one for each exceeded limit.
 [[nodiscard]] std::vector<std::string> limits_broken(const Verification& verification);
 /// Lines for [uncertainty] of a recipe with these figures; empty if no plate was measured.

@@ -60,13 +60,14 @@ void look(const Options& options, Verification& v) {
                          const ScanShape& shape) -> std::optional<Error> {
     const Result<PlateFigures> figures = judge_plate(xyz, shape, options.settings);
     if (!figures) return figures.error();
-    v.plates.push_back({file, figures.value()});
+    v.plates.push_back({file, figures.value(), shape.scanner_temperature_c});
     return std::nullopt;
   };
-  const auto ball = [&](const std::string& file, std::span<const float> xyz, const ScanShape&) -> std::optional<Error> {
+  const auto ball = [&](const std::string& file, std::span<const float> xyz,
+                        const ScanShape& shape) -> std::optional<Error> {
     const Result<BallFigures> figures = judge_ball(xyz, v.diameter_mm, options.settings);
     if (!figures) return figures.error();
-    v.balls.push_back({file, figures.value()});
+    v.balls.push_back({file, figures.value(), shape.scanner_temperature_c});
     return std::nullopt;
   };
   std::map<std::uint32_t, std::string> seen;  // files by the checksum of their points
@@ -97,6 +98,12 @@ void warn(const Verification& v) {
     complain(
         "warning: how far the noise of neighbours hangs together was not seen, because no plate's scan has rows of 128 "
         "points or more; U takes what each scan shows of it");
+  constexpr double kSpan_K = 3.0;
+  if (const double span_K = temperature_span_K(v); span_K > kSpan_K)
+    complain(
+        fmt::format("warning: the scanner's temperature changed by {:.1f} K during these scans; let it warm up "
+                    "first (slabctl scanner warm-up), then verify again",
+                    span_K));
   // Independent noise in every point falls to 1/e within one point.
   constexpr double kSharedPoints = 1.5;
   for (const VerifiedPlate& p : v.plates)
@@ -126,6 +133,7 @@ void print(const Verification& v) {
              n.within_limits ? "" : "  OUT OF LIMITS");
   fmt::print("for U: form +-{} mm over {} mm, size +-{} mm, noise correlated over {} mm\n", figure(n.form_half_mm),
              figure(n.form_length_mm, "{:.0f}"), figure(n.PS_mm), figure(n.noise_correlation_mm, "{:.2f}"));
+  if (has_value(n.temperature_c)) fmt::print("scanner at {:.1f} deg C\n", n.temperature_c);
   if (const std::string lines = budget_lines(n); !lines.empty())
     fmt::print("\nfor [uncertainty] of the recipe, if no acceptance is in force:\n{}", lines);
 }
@@ -222,6 +230,10 @@ void add_scanner_verify(args::Command& scanner) {
   command->add_option("--limit-pf-mm", v.limits.PF_mm, "PF allowed")->check(within(0.0, 10.0));
   command->add_option("--limit-ps-mm", v.limits.PS_mm, "|PS| allowed")->check(within(0.0, 10.0));
   command->add_option("--limit-rf-mm", v.limits.RF_mm, "RF allowed")->check(within(0.0, 10.0));
+  command
+      ->add_option("--temperature", v.temperature_c,
+                   "Of the scanner, deg C, for U at other temperatures (default: mean of what the scans declare)")
+      ->check(within(kScannerTemperatureMin_c, kScannerTemperatureMax_c));
   command->add_option("--scanner", v.scanner, "Name or serial number, for the record");
   command->add_option("--out", options->out, "Write slabd.scanner_verification/1, for the records");
   command->add_flag("--keep", options->keep, "Keep the record in the database, for `slabctl scanner history`");

@@ -85,7 +85,10 @@ class LiveCell {
       outlet_.give_up(name);
       return;
     }
-    Status given = outlet_.put(xyz_, drawn.value().width, drawn.value().height);
+    const double time_s = std::chrono::duration<double>(Clock::now() - begin_).count();
+    emulator::warm(order_.warming, time_s, xyz_);
+    Status given =
+        outlet_.put(xyz_, drawn.value().width, drawn.value().height, emulator::temperature_c(order_.warming, time_s));
     if (given) given = outlet_.deliver(name);
     if (!given) {
       cli::complain(fmt::format("scanner: {}", given.error().text.view()));
@@ -99,12 +102,13 @@ class LiveCell {
 
   void go_on() {
     goes_on_ = false;
-    shots_ = 0;
     if (view_ >= views_.size()) {
+      // The number of the shot goes on, so that no scan has the noise of an earlier one.
       if (!all_said_) fmt::print(stderr, "all {} views were scanned; the robot stays at the last one\n", views_.size());
       all_said_ = true;
       return;
     }
+    shots_ = 0;
     robot_.move_to(views_[view_]);
     ++view_;
     say_view();
@@ -138,6 +142,7 @@ class LiveCell {
   int shots_ = 0;
   bool goes_on_ = false;
   bool all_said_ = false;
+  Clock::time_point begin_ = Clock::now();
   Clock::time_point goes_on_at_;
   Clock::time_point look_again_at_;
   std::string followed_;

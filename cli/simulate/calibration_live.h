@@ -6,6 +6,7 @@
 
 #include "base/base.h"
 #include "cli/simulate/calibration_scene.h"
+#include "emulator/warming.h"
 #include "hal/hal.h"
 
 /// Robot and scanner with a calibration target, as peers of a running daemon. The robot moves from view to view and
@@ -24,8 +25,9 @@ struct CalibrationLiveOrder {
   std::string follow_file;  ///< if given: the robot moves to the last line of this file whenever it changes
   double move_s = 0.5;
   double rate_hz = 125.0;
-  bool keep_flange = false;  ///< T_flange_scanner was given; otherwise it is the configuration's
-  bool keep_target = false;  ///< T_base_target was given; otherwise it is over the centre of the configured slab
+  emulator::Warming warming;  ///< of the scanner, from the start of the run
+  bool keep_flange = false;   ///< T_flange_scanner was given; otherwise it is the configuration's
+  bool keep_target = false;   ///< T_base_target was given; otherwise it is over the centre of the configured slab
 };
 
 /// Runs until it is interrupted (Ctrl-C); returns the exit status. Prints the current view to stderr.

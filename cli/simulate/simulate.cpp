@@ -39,6 +39,7 @@ struct Options {
   emulator::SlabVariation variation;
   ScannerOptions scanner;
   std::string scan_format = "ply";
+  emulator::Warming warming;
   std::string scanner_fault;
   std::string gauge_fault;
   std::string stations;  ///< KRL points of the robot program
@@ -246,6 +247,7 @@ int simulate(const Options& options) {
   }
   emulator::ScannerTraits scanner_traits = options.scanner.traits();
   scanner_traits.scanner_seed = options.variation.seed;
+  scanner_traits.warming = options.warming;
   scanner_traits.concrete = options.scanner.concrete();
   const emulator::ScannerFault fault = cli::need(emulator::parse_scanner_fault(options.scanner_fault), cli::kUsage);
   for (int i = 0; i < options.slabs; ++i) {
@@ -425,6 +427,14 @@ void add_simulate(args::Command& app) {
       ->check(args::range(1, 20))
       ->capture_default_str();
   options->scanner.add_to(*command);
+  command
+      ->add_option("--warm-up-s", options->warming.time_constant_s,
+                   "Time constant with which the scanner warms up after the start; it states its temperature. 0: warm")
+      ->check(cli::within(0.0, 100'000.0))
+      ->capture_default_str();
+  command->add_option("--warm-up-K", options->warming.rise_K, "With --warm-up-s: rise of its temperature")
+      ->check(cli::within(0.0, 60.0))
+      ->capture_default_str();
   command->add_option("--scanner-fault", options->scanner_fault,
                       "Fault of the scanner: frame-before (gives the last frame, then takes one), one-block=K "
                       "(always block K), given-again=K (at station K the exposure before, in another form), loop=N (N "

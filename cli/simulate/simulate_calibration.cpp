@@ -221,6 +221,14 @@ void add_simulate_calibration(args::Command& simulate) {
   command->add_option("--move-s", running.move_s, "--live: time from one view to the next")
       ->check(cli::within(0.0, 60.0))
       ->capture_default_str();
+  command
+      ->add_option("--warm-up-s", running.warming.time_constant_s,
+                   "--live: time constant with which the scanner warms up; it states its temperature. 0: warm")
+      ->check(cli::within(0.0, 100'000.0))
+      ->capture_default_str();
+  command->add_option("--warm-up-K", running.warming.rise_K, "With --warm-up-s: rise of its temperature")
+      ->check(cli::within(0.0, 60.0))
+      ->capture_default_str();
   args::Option shots = command->add_option("--shots", order.shots, "Scans at every pose (--live: 3 if not given)")
                            ->check(args::range(1, 9))
                            ->capture_default_str();

@@ -56,7 +56,8 @@ Json warnings(std::uint16_t bits) {
   add(kWarnCheckOverdue, "the check of the reference block or the monitor ball is overdue (slabctl calibrate check)");
   add(kWarnStationsNotCorrected, "stations were measured without their correction; U rests on the robot's accuracy");
   add(kWarnScannerNotVerified,
-      "the scanner is not verified: never, too long ago or out of limits (slabctl scanner verify)");
+      "the scanner is not verified: never, too long ago, out of limits or at another temperature (slabctl scanner "
+      "verify)");
   add(kWarnHandednessUnproven, "no applied calibration proves that the scanner's frame is right-handed");
   add(kWarnRecipesDiffer, kRecipesDifferText);
   add(kWarnEmulation, "emulation: robot or scanner is not the real one");
@@ -105,6 +106,10 @@ std::int64_t memory_kb(const std::string& key) {
 
 namespace {
 
+Json number_or_null(double value) {
+  return has_value(value) ? Json(value) : Json(nullptr);
+}
+
 /// Calibration of the next slab, and checks that are due.
 Json in_force(const Station& station) {
   const LineCalibration& c = station.calibration;
@@ -140,11 +145,13 @@ Json in_force(const Station& station) {
   };
   j["reference_block"] = watch(c.block);
   j["monitor_ball"] = watch(c.ball);
+  const bool outside = is_outside_temperature(station);
   j["scanner"] = c.scanner.id.empty() ? Json(nullptr)
                                       : Json{{"id", c.scanner.id.view()},
                                              {"scanner", c.scanner.numbers.scanner.view()},
-                                             {"state", name(acceptance_state(c.scanner, now))},
-                                             {"expires_utime_us", c.scanner.expires_utime_us}};
+                                             {"state", name(acceptance_state(c.scanner, now, outside))},
+                                             {"expires_utime_us", c.scanner.expires_utime_us},
+                                             {"temperature_c", number_or_null(c.scanner.numbers.temperature_c)}};
   return j;
 }
 
@@ -277,6 +284,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   j["emulated"] = view.simulation;
   j["emulation"] = emulation(emulation_shown(station));
   j["emulation_now"] = emulation(emulation_of_line(station) | (station.scan_emulated ? kEmulatedScan : 0U));
+  j["scanner_temperature_c"] = number_or_null(station.scanner_temperature_c);
   j["calibration"] = in_force(station);
   const Capture& capture = station.capture;
   j["maintenance"] = in_maintenance(station)

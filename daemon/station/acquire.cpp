@@ -164,6 +164,7 @@ MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uin
   action.shape = attempt.shape;
   action.basis = slab_basis(s);
   action.T_base_scanner = stored_T_base_scanner(s.slab.header, attempt);
+  action.scanner_drift = attempt.scanner_drift;
   return action;
 }
 
@@ -399,7 +400,12 @@ void on_block_scanned(Station& s, const ScanDone& done, Actions& actions) {
   a.attempt.points_crc32c = done.points_crc32c;
   if (done.fingerprint != 0) a.attempt.fingerprint = static_cast<std::int64_t>(done.fingerprint);
   e.taken_ns = done.scan.taken_mono_ns;
-  if (done.code == Code::ok) s.scan_emulated = done.scan.shape.emulated;
+  a.attempt.scanner_drift = scanner_drift(s.settings.scanner_drift, s.slab.calibration.scanner.numbers,
+                                          done.scan.shape.scanner_temperature_c);
+  if (done.code == Code::ok) {
+    s.scan_emulated = done.scan.shape.emulated;
+    note_scanner_temperature(s, done.scan.shape.scanner_temperature_c, actions);
+  }
   a.read_ms = done.scan.read_ms;
   if (done.code == Code::ok && !e.looked_at) {
     e.looked_at = true;

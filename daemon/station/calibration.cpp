@@ -169,6 +169,17 @@ Splice splice_now(const Station& s, std::uint8_t station, const Pose& T_base_fla
   return splice;
 }
 
+void note_scanner_temperature(Station& s, double temperature_c, Actions& actions) {
+  const bool was_outside = is_outside_temperature(s);
+  s.scanner_temperature_c = temperature_c;
+  if (was_outside || !is_outside_temperature(s)) return;
+  log(actions, LogLine::Level::warning, Code::ok,
+      "the scanner has %.1f deg C, its acceptance was at %.1f deg C, allowed is a difference of %.1f K ([scanner] "
+      "temperature_range_K); U contains %.0f um per m for it",
+      temperature_c, s.calibration.scanner.numbers.temperature_c, s.settings.scanner_drift.range_K,
+      1e6 * scanner_drift(s.settings.scanner_drift, s.calibration.scanner.numbers, temperature_c));
+}
+
 std::uint16_t calibration_warnings(const Station& s) {
   std::uint16_t warn = 0;
   // With a fault of the start (504, or 502 without a database) calibration, acceptance and checks were not read.
@@ -179,7 +190,8 @@ std::uint16_t calibration_warnings(const Station& s) {
   if (overdue(s.calibration.block, s.settings.check_interval_us, now) ||
       overdue(s.calibration.ball, s.settings.check_interval_us, now))
     warn |= kWarnCheckOverdue;
-  if (acceptance_state(s.calibration.scanner, now) != AcceptanceState::verified) warn |= kWarnScannerNotVerified;
+  if (acceptance_state(s.calibration.scanner, now, is_outside_temperature(s)) != AcceptanceState::verified)
+    warn |= kWarnScannerNotVerified;
   // For the open slab, and for the last one until the next begins.
   for (const StationRecord& record : s.slab.stations)
     if (is_uncorrected(record.attempt.splice.source) && !s.slab.calibration.tables.empty())

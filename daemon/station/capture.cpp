@@ -409,6 +409,7 @@ void on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {
   e.taken_ns = done.scan.taken_mono_ns;
   c.shot.scan_path = done.scan.path;
   c.shot.shape = done.scan.shape;
+  note_scanner_temperature(s, done.scan.shape.scanner_temperature_c, actions);
   c.shot.scan_utime_us = done.scan.taken_utime_us;
   c.phase = Capture::Phase::checking;
 }

@@ -78,6 +78,12 @@ void advance_calibration(Station& s, Actions& actions);
 [[nodiscard]] CalibrationFault calibration_fault(const Station& s);
 /// Splice for a scan of this station of the open slab. Logs the reason if it could be corrected but is not.
 [[nodiscard]] Splice splice_now(const Station& s, std::uint8_t station, const Pose& T_base_flange, Actions& actions);
+/// Notes the temperature that a scan declares (NaN: none). Logs when it leaves the range of the acceptance.
+void note_scanner_temperature(Station& s, double temperature_c, Actions& actions);
+/// True if the newest scan's temperature is further from the acceptance's than the configuration allows.
+[[nodiscard]] inline bool is_outside_temperature(const Station& s) {
+  return is_outside_temperature(s.settings.scanner_drift, s.calibration.scanner.numbers, s.scanner_temperature_c);
+}
 /// Warnings that result from calibrations.
 [[nodiscard]] std::uint16_t calibration_warnings(const Station& s);
 /// The table of this slab type if it may be used now, otherwise nullptr.

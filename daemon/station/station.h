@@ -49,6 +49,7 @@ struct StationSettings {
   const IdPattern* mould_from_id = nullptr;  ///< its group is the mould; nullptr: not in the id. Must outlive it
   bool second_chip_required = false;         ///< SLAB_BEGIN without SECOND_CHIP (HR 35) is refused
   SpliceSettings splice;
+  ScannerDriftSettings scanner_drift;
   std::int64_t check_interval_us = 0;  ///< interval of daily checks, 0: none are due
   FixedString<64> software;
   PathText spool_dir;
@@ -190,7 +191,8 @@ struct MeasureBlock {
   std::optional<std::uint32_t> points_crc32c{};  ///< of the acquired points; a reload is checked against it
   ScanShape shape;
   SlabBasis basis;
-  Pose T_base_scanner;  ///< spliced, with the station's correction if it holds
+  Pose T_base_scanner;              ///< spliced, with the station's correction if it holds
+  double scanner_drift = kNoValue;  ///< as in Attempt
 };
 /// Runs the slab fit over the stations of the open slab; answered at once.
 struct JudgeSlab {
@@ -436,7 +438,8 @@ struct Station {
   FixedVector<std::uint16_t, limits::kResultQueueMax> unsaved_acks;
   /// The scanner may hold a scan whose points were not seen (kUnseenScan). Its next scan is remembered and discarded.
   bool scan_unseen = false;
-  bool scan_emulated = false;  ///< the newest scan declared itself emulated
+  bool scan_emulated = false;               ///< the newest scan declared itself emulated
+  double scanner_temperature_c = kNoValue;  ///< of the newest scan, of a block or a view; NaN: it declared none
   std::array<bool, limits::kScanSlots> slot_busy{};
   AbandonedScan abandoned;
   std::uint16_t own_request = 0;  ///< see next_own_request(); starts at another number in each process

@@ -798,6 +798,9 @@ Result<Shot> Camera::take(std::int64_t wait_ns, std::span<float> xyz, const std:
     shot.height = layout_.height;
     shot.utime_us = utime_us();
     shot.finite = convert(layout_, raw.value(), xyz.first(3 * layout_.points()));
+    // Optional: few cameras have the node, and a scan without a temperature is a scan.
+    if (nodes.has("DeviceTemperature"))
+      if (const Result<double> temperature = nodes.real("DeviceTemperature")) shot.temperature_c = temperature.value();
     return shot;
   }
   if (const std::uint64_t packets = arv_stream_get_info_uint64_by_name(stream.get(), "n_received_packets");

@@ -69,6 +69,7 @@ struct Shot {
   std::int64_t utime_us = 0;            ///< this computer's clock when the frame began to arrive
   std::uint64_t packets_requested = 0;  ///< requests for lost packets
   std::uint64_t frames_discarded = 0;   ///< of earlier exposures
+  double temperature_c = kNoValue;      ///< DeviceTemperature after the exposure; NaN if the camera does not state it
 };
 
 class Camera {

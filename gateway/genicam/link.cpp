@@ -53,8 +53,9 @@ std::optional<Request> request_of(const json& line) {
   Request request;
   request.session = static_cast<std::uint16_t>(*session);
   request.cmd_seq = static_cast<std::uint16_t>(*cmd_seq);
-  constexpr std::int64_t kExtended = 2;
-  request.extended = whole(line, "gateway", 1, 65'535).value_or(1) >= kExtended;
+  const std::int64_t gateway = whole(line, "gateway", 1, 65'535).value_or(1);
+  request.extended = gateway >= hal::kGatewayExtended;
+  request.temperature = gateway >= hal::kGatewayTemperature;
   request.have_points = static_cast<std::uint32_t>(whole(line, "have_points", 0, limits::kScanPointsMax).value_or(0));
   request.timeout_ns =
       whole(line, "timeout_ms", kTimeoutMin_ms, kTimeoutMax_ms).value_or(kTimeoutDefault_ms) * kNsPerMs;
@@ -154,6 +155,7 @@ Status Link::send(const Request& request, const Shot& shot, std::span<const floa
   header.points_crc = hal::crc32c(std::as_bytes(xyz));
   header.emulated = emulated;
   if (request.extended) header.scanner = hal::scanner_print(scanner);
+  if (request.temperature) header.temperature_ck = hal::temperature_ck_of(shot.temperature_c);
   const hal::ScanHeaderBytes bytes = hal::encode_scan_header(header);
   if (send_all(bytes, until_ns) && send_all(std::as_bytes(xyz.subspan(3 * std::size_t{header.first})), until_ns))
     return success();

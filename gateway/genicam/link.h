@@ -18,6 +18,7 @@ struct Request {
   std::uint16_t session = 0;
   std::uint16_t cmd_seq = 0;
   bool extended = false;          ///< slabd accepts refusals and the scanner's print
+  bool temperature = false;       ///< slabd accepts the scanner's temperature
   std::uint32_t have_points = 0;  ///< points of an interrupted scan that slabd already has
   std::int64_t timeout_ns = 0;    ///< for exposure and transfer
   std::string slab_id;

@@ -70,6 +70,7 @@ class HeaderParser : HeaderLines {
   Status comment(std::string_view text) {
     std::string_view found;
     layout_.emulation.take(text);
+    if (!layout_.scanner.take(text, found)) return temperature_refused(file_, line_number_, found);
     if (comment_agrees(text, unit_, found)) return success();
     return unit_contradicted(file_, line_number_, found, unit_);
   }
@@ -429,7 +430,8 @@ Result<ScanShape> read_pcd(ScanWindow& window, LengthUnit unit, std::span<Real> 
                    layout.data == PcdData::binary,
                    settled.zeros,
                    layout.emulation.emulated,
-                   layout.emulation.block};
+                   layout.emulation.block,
+                   layout.scanner.temperature_c};
 }
 
 template Result<ScanShape> read_pcd(ScanWindow&, LengthUnit, std::span<float>, Team&);

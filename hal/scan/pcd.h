@@ -35,6 +35,7 @@ struct PcdLayout {
   std::uint64_t bytes_min = 0;  ///< least size of the file
   bool bytes_exact = false;     ///< true if that is the exact size (binary)
   DeclaredEmulation emulation;
+  DeclaredTemperature scanner;
 };
 
 /// Compressed data begin with two 32-bit lengths: of the compressed and of the decompressed bytes.

@@ -97,11 +97,14 @@ class HeaderParser : HeaderLines {
     return success();
   }
 
-  /// Evaluates `comment organized width W height H` and units; all other comments are ignored.
+  /// Evaluates `comment organized width W height H`, units, and declarations of the scanner; all other comments are
+  /// ignored.
   Status comment(std::string_view rest) {
     std::string_view words = rest;
     if (take_word(words) == "organized" && is_shape(words)) return organised(words);
     layout_.emulation.take(rest);
+    if (std::string_view found; !layout_.scanner.take(rest, found))
+      return temperature_refused(file_, line_number_, found);
     return unit_declared_in(rest);
   }
 
@@ -460,9 +463,15 @@ Result<ScanShape> read_ply(ScanWindow& window, LengthUnit unit, std::span<Real> 
   const Status status = layout.encoding == PlyEncoding::ascii ? body.read_ascii() : body.read_binary();
   if (!status) return status.error();
   const Settled& settled = body.settled();
-  return ScanShape{
-      layout.vertices,           settled.finite,        layout.width, layout.height, layout.bytes_exact, settled.zeros,
-      layout.emulation.emulated, layout.emulation.block};
+  return ScanShape{layout.vertices,
+                   settled.finite,
+                   layout.width,
+                   layout.height,
+                   layout.bytes_exact,
+                   settled.zeros,
+                   layout.emulation.emulated,
+                   layout.emulation.block,
+                   layout.scanner.temperature_c};
 }
 
 template Result<ScanShape> read_ply(ScanWindow&, LengthUnit, std::span<float>, Team&);

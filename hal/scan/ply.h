@@ -51,6 +51,7 @@ struct PlyLayout {
   std::uint64_t bytes_min = 0;  ///< least size of the file
   bool bytes_exact = false;     ///< true if that is the exact size: a binary body without lists
   DeclaredEmulation emulation;
+  DeclaredTemperature scanner;
 
   [[nodiscard]] std::span<const PlyProperty> of(const PlyElement& element) const {
     return {properties.data() + element.first_property, element.properties};

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "base/thermal.h"
 #include "hal/scan/scan_points.h"
 #include "hal/system/crc32c.h"
 
@@ -42,6 +43,16 @@ enum At : std::size_t {
 
 constexpr std::uint32_t kFlagEmulated = 1;
 constexpr std::uint32_t kFlagRefused = 2;
+/// The upper 16 bits of the flags are the scanner's temperature, 0.01 K.
+constexpr unsigned kTemperatureShift = 16;
+constexpr std::uint32_t kFlagBits = (1U << kTemperatureShift) - 1U;
+constexpr double kCentikelvin = 100.0;
+
+constexpr std::uint16_t ck_of(double temperature_c) {
+  return static_cast<std::uint16_t>((temperature_c + kKelvinAtZero_c) * kCentikelvin + 0.5);
+}
+constexpr std::uint16_t kTemperatureMin_ck = ck_of(kScannerTemperatureMin_c);
+constexpr std::uint16_t kTemperatureMax_ck = ck_of(kScannerTemperatureMax_c);
 
 template <typename Number>
 Number get(std::span<const std::byte, kScanHeaderBytes> bytes, std::size_t at) {
@@ -65,6 +76,15 @@ double mm_per(LengthUnit unit) {
 
 }  // namespace
 
+std::uint16_t temperature_ck_of(double temperature_c) {
+  const bool allowed = temperature_c >= kScannerTemperatureMin_c && temperature_c <= kScannerTemperatureMax_c;
+  return allowed ? ck_of(temperature_c) : std::uint16_t{0};
+}
+
+double temperature_c_of(std::uint16_t temperature_ck) {
+  return temperature_ck == 0 ? kNoValue : static_cast<double>(temperature_ck) / kCentikelvin - kKelvinAtZero_c;
+}
+
 ScanHeaderBytes encode_scan_header(const ScanStreamHeader& header) {
   ScanHeaderBytes bytes{};
   std::memcpy(&bytes[kAtMagic], kMagic.data(), kMagic.size());
@@ -77,7 +97,9 @@ ScanHeaderBytes encode_scan_header(const ScanStreamHeader& header) {
   put(bytes, kAtCount, header.count);
   put(bytes, kAtFirst, header.first);
   put(bytes, kAtUnit, static_cast<std::uint32_t>(header.unit));
-  put(bytes, kAtFlags, (header.emulated ? kFlagEmulated : 0U) | (header.refused ? kFlagRefused : 0U));
+  put(bytes, kAtFlags,
+      (header.emulated ? kFlagEmulated : 0U) | (header.refused ? kFlagRefused : 0U) |
+          (std::uint32_t{header.temperature_ck} << kTemperatureShift));
   put(bytes, kAtUtime, header.utime_us);
   put(bytes, kAtPointsCrc, header.points_crc);
   put(bytes, kAtScanner, header.scanner);
@@ -111,9 +133,17 @@ Result<ScanStreamHeader> decode_scan_header(std::span<const std::byte, kScanHead
     return error(Code::frame_incomplete, "scan header: unit %u, allowed are 0 (mm), 1 (m), 2 (um)", unit);
   header.unit = static_cast<LengthUnit>(unit);
   const auto flags = get<std::uint32_t>(bytes, kAtFlags);
-  if ((flags & ~(kFlagEmulated | kFlagRefused)) != 0)
+  if ((flags & kFlagBits & ~(kFlagEmulated | kFlagRefused)) != 0)
     return error(Code::frame_incomplete,
-                 "scan header: flags 0x%08X; bits 2..31 of bytes 36..39 are reserved and must be 0", flags);
+                 "scan header: flags 0x%08X; bits 2..15 of bytes 36..39 are reserved and must be 0", flags);
+  header.temperature_ck = static_cast<std::uint16_t>(flags >> kTemperatureShift);
+  if (const unsigned ck = header.temperature_ck; ck != 0 && (ck < kTemperatureMin_ck || ck > kTemperatureMax_ck))
+    return error(
+        Code::frame_incomplete,
+        "scan header: scanner temperature %u in bytes 38..39 (unit 0.01 K); allowed are 0 (unknown) and %u..%u "
+        "(%.0f..%.0f deg C)",
+        ck, unsigned{kTemperatureMin_ck}, unsigned{kTemperatureMax_ck}, kScannerTemperatureMin_c,
+        kScannerTemperatureMax_c);
   header.emulated = (flags & kFlagEmulated) != 0;
   header.refused = (flags & kFlagRefused) != 0;
   header.scanner = get<std::uint64_t>(bytes, kAtScanner);

@@ -21,6 +21,17 @@ inline constexpr std::uint16_t kScanStreamVersion = 1;
 /// Longest reason of a refusal: with slabd's own words it fits an error's text.
 inline constexpr std::size_t kRefusalBytesMax = 240;
 
+/// Value of "gateway" in a request: the optional fields that this slabd accepts. 2: refusals and the scanner's print;
+/// 3: also the scanner's temperature.
+inline constexpr int kGatewayExtended = 2;
+inline constexpr int kGatewayTemperature = 3;
+inline constexpr int kGatewayNow = kGatewayTemperature;
+
+/// ScanStreamHeader::temperature_ck for a temperature; 0 if it is NaN or outside the allowed range.
+[[nodiscard]] std::uint16_t temperature_ck_of(double temperature_c);
+/// The reverse; NaN for 0.
+[[nodiscard]] double temperature_c_of(std::uint16_t temperature_ck);
+
 /// Print of a scanner's identity (model, serial number, firmware, settings): FNV-1a, 64 bits, of its UTF-8 text. It
 /// distinguishes scanners that are confused, not forged ones. 0 only for an empty text.
 [[nodiscard]] constexpr std::uint64_t scanner_print(std::string_view identity) {
@@ -43,15 +54,19 @@ struct ScanStreamHeader {
   bool emulated = false;         ///< bit 0 of the flags: the scanner is not real
   /// Bit 1 of the flags: the gateway has no scan for the request. Then `width` is the code of the error, 301 to 304,
   /// and `count` the number of bytes of its reason, which follow instead of points; `points_crc` is theirs. Only if the
-  /// request had "gateway": 2, as a scanner print.
+  /// request had "gateway": 2 or more, as a scanner print.
   bool refused = false;
   std::uint64_t scanner = 0;  ///< scanner_print() of the scanner; 0: not stated
+  /// Temperature of the scanner during the exposure, 0.01 K, in the upper 16 bits of the flags; 0: not stated. Only if
+  /// the request had "gateway": 3.
+  std::uint16_t temperature_ck = 0;
 
   /// True for the same scan, whatever point it continues from.
   [[nodiscard]] bool same_scan(const ScanStreamHeader& other) const {
     return session == other.session && cmd_seq == other.cmd_seq && width == other.width && height == other.height &&
            count == other.count && unit == other.unit && utime_us == other.utime_us && points_crc == other.points_crc &&
-           emulated == other.emulated && refused == other.refused && scanner == other.scanner;
+           emulated == other.emulated && refused == other.refused && scanner == other.scanner &&
+           temperature_ck == other.temperature_ck;
   }
 };
 
@@ -96,7 +111,9 @@ class ScanStreamDecoder {
   }
   [[nodiscard]] std::size_t finite() const { return settled_.finite; }
   [[nodiscard]] ScanShape shape() const {
-    return {points_, settled_.finite, header_.width, header_.height, true, settled_.zeros, header_.emulated};
+    ScanShape shape{points_, settled_.finite, header_.width, header_.height, true, settled_.zeros, header_.emulated};
+    shape.scanner_temperature_c = temperature_c_of(header_.temperature_ck);
+    return shape;
   }
   /// Number of scans that began with their first point; a copy of the points must restart when it changes.
   [[nodiscard]] std::uint32_t starts() const { return starts_; }

@@ -254,8 +254,8 @@ class StreamPort final : public ScanStreamPort {
     job.decoder.cut();
     job.moved_ns = clock_.mono_ns();
     FixedString<96> more;
-    more.printf(R"(, "have_points": %zu, "timeout_ms": %lld, "gateway": 2)", job.decoder.points(),
-                static_cast<long long>(job.request.timeout_ns / kNsPerMs));
+    more.printf(R"(, "have_points": %zu, "timeout_ms": %lld, "gateway": %d)", job.decoder.points(),
+                static_cast<long long>(job.request.timeout_ns / kNsPerMs), kGatewayNow);
     if (!send_line(sender_.get(), scan_request_json(job.request, more.view()).view()))
       lost("the gateway does not take the request");
   }
@@ -333,12 +333,15 @@ class StreamPort final : public ScanStreamPort {
       FixedString<48> scanner;
       if (header.scanner != 0)
         scanner.printf("comment scanner %016llx\n", static_cast<unsigned long long>(header.scanner));
-      FixedString<320> text;
+      FixedString<48> temperature;
+      if (header.temperature_ck != 0)
+        temperature.printf("comment scanner_temperature_c %.2f\n", temperature_c_of(header.temperature_ck));
+      FixedString<384> text;
       text.printf(
-          "ply\nformat binary_little_endian 1.0\ncomment unit mm\n%s%s%selement vertex %u\nproperty float x\n"
+          "ply\nformat binary_little_endian 1.0\ncomment unit mm\n%s%s%s%selement vertex %u\nproperty float x\n"
           "property float y\nproperty float z\nend_header\n",
           organised.c_str(), header.emulated ? "comment emulated, as its sender declares\n" : "", scanner.c_str(),
-          header.count);
+          temperature.c_str(), header.count);
       if (Status status = job.file.write(text.view()); !status) return status;
       job.starts = job.decoder.starts();
       job.points_stored = 0;

@@ -77,27 +77,36 @@ FixedString<64> emulated_comment(const Shape& shape) {
   return text;
 }
 
-FixedString<320> ply_header(const char* encoding, const Shape& shape) {
-  FixedString<320> header;
+/// Comment with the scanner's temperature after `mark`, with its line end; empty if it is not known.
+FixedString<64> temperature_line(const char* mark, const Shape& shape) {
+  FixedString<64> line;
+  if (has_value(shape.by.scanner_temperature_c))
+    line.printf("%s scanner_temperature_c %.2f\n", mark, shape.by.scanner_temperature_c);
+  return line;
+}
+
+FixedString<384> ply_header(const char* encoding, const Shape& shape) {
+  FixedString<384> header;
   FixedString<96> organised;
   if (shape.width != 0) organised.printf("comment organized width %zu height %zu\n", shape.width, shape.height);
   FixedString<80> emulated;
   if (shape.by.emulator) emulated.printf("comment %s\n", emulated_comment(shape).c_str());
   header.printf(
-      "ply\nformat %s 1.0\n%s%selement vertex %zu\nproperty float x\nproperty float y\nproperty float z\nend_header\n",
-      encoding, organised.c_str(), emulated.c_str(), shape.points);
+      "ply\nformat %s 1.0\n%s%s%selement vertex %zu\nproperty float x\nproperty float y\nproperty float "
+      "z\nend_header\n",
+      encoding, organised.c_str(), emulated.c_str(), temperature_line("comment", shape).c_str(), shape.points);
   return header;
 }
 
-FixedString<320> pcd_header(const char* data, const Shape& shape) {
-  FixedString<320> header;
+FixedString<384> pcd_header(const char* data, const Shape& shape) {
+  FixedString<384> header;
   FixedString<80> emulated;
   if (shape.by.emulator) emulated.printf("# %s\n", emulated_comment(shape).c_str());
   header.printf(
-      "# .PCD v0.7 - Point Cloud Data file format\n%sVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+      "# .PCD v0.7 - Point Cloud Data file format\n%s%sVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
       "WIDTH %zu\nHEIGHT %zu\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS %zu\nDATA %s\n",
-      emulated.c_str(), shape.width != 0 ? shape.width : shape.points, shape.width != 0 ? shape.height : std::size_t{1},
-      shape.points, data);
+      emulated.c_str(), temperature_line("#", shape).c_str(), shape.width != 0 ? shape.width : shape.points,
+      shape.width != 0 ? shape.height : std::size_t{1}, shape.points, data);
   return header;
 }
 
@@ -197,10 +206,13 @@ Status write_scan(const char* path, ScanFormat format, std::span<const float> xy
       break;
   }
   // Written at the end, because many readers of tables take the first line as names, whatever it begins with.
-  if (by.emulator && (format == ScanFormat::xyz || format == ScanFormat::csv)) {
-    file.write("# ");
-    file.write(emulated_comment(shape).view());
-    file.write("\n");
+  if (format == ScanFormat::xyz || format == ScanFormat::csv) {
+    if (by.emulator) {
+      file.write("# ");
+      file.write(emulated_comment(shape).view());
+      file.write("\n");
+    }
+    file.write(temperature_line("#", shape).view());
   }
   return file.close();
 }

@@ -356,6 +356,23 @@ void DeclaredEmulation::take(std::string_view comment) {
     }
 }
 
+bool DeclaredTemperature::take(std::string_view comment, std::string_view& found) {
+  if (take_comment_word(comment) != "scanner_temperature_c") return true;
+  found = take_comment_word(comment);
+  double value = kNoValue;
+  const auto [rest, failed] = std::from_chars(found.data(), found.data() + found.size(), value);
+  const bool is_number = failed == std::errc{} && rest == found.data() + found.size();
+  if (!is_number || !(value >= kScannerTemperatureMin_c && value <= kScannerTemperatureMax_c)) return false;
+  temperature_c = value;
+  return true;
+}
+
+Error temperature_refused(const char* file, std::size_t line, std::string_view found) {
+  return error(Code::frame_incomplete,
+               "%s: line %zu: scanner_temperature_c \"%s\", allowed is a number of %.0f..%.0f deg C", file, line,
+               shown(found).c_str(), kScannerTemperatureMin_c, kScannerTemperatureMax_c);
+}
+
 bool unit_name_agrees(std::string_view word, LengthUnit configured) {
   const std::optional<double> metres = metres_of(word);
   return !metres || *metres == metres_per(configured);

@@ -148,6 +148,16 @@ template <typename Real>  // float or double
 [[nodiscard]] Error unit_contradicted(const char* file, std::size_t line, std::string_view found,
                                       LengthUnit configured);
 
+/// Temperature in a comment whose first word is "scanner_temperature_c": "scanner_temperature_c 31.2".
+struct DeclaredTemperature {
+  double temperature_c = kNoValue;  ///< NaN: not declared
+
+  /// False if the comment declares a temperature that is not a number from -40 to 125 deg C; `found` is then its word.
+  [[nodiscard]] bool take(std::string_view comment, std::string_view& found);
+};
+/// "file: line n: scanner_temperature_c "found" ..."
+[[nodiscard]] Error temperature_refused(const char* file, std::size_t line, std::string_view found);
+
 /// Content of a comment whose first word is "emulated": "emulated by slabctl simulate, block 3".
 struct DeclaredEmulation {
   bool emulated = false;

@@ -53,7 +53,8 @@ class TextTable {
                    announced_ > points_ ? ": it was cut, or is still being written" : "");
     if (Status status = refuse_columns(); !status) return status.error();
     const Settled settled = settle_points(xyz_.data(), points_);
-    return ScanShape{points_, settled.finite, 0, 0, false, settled.zeros, emulation_.emulated, emulation_.block};
+    return ScanShape{points_,          settled.finite,        0, 0, false, settled.zeros, emulation_.emulated,
+                     emulation_.block, scanner_.temperature_c};
   }
 
  private:
@@ -235,6 +236,7 @@ class TextTable {
     const std::string_view words = text.substr(std::min(text.find_first_not_of("#/"), text.size()));
     if (!comment_agrees(words, unit_, found)) return unit_contradicted(window_.name(), lines_.number(), found, unit_);
     emulation_.take(words);
+    if (!scanner_.take(words, found)) return temperature_refused(window_.name(), lines_.number(), found);
     return decided_ ? success() : names(names_in_comment(text));
   }
 
@@ -420,6 +422,7 @@ class TextTable {
   std::size_t points_ = 0;
   bool decided_ = false;
   DeclaredEmulation emulation_;
+  DeclaredTemperature scanner_;
   bool plain_ = false;  ///< x, y, z are the first three columns
   Separator separator_ = Separator::blanks;
   TextColumns columns_;

@@ -169,8 +169,35 @@ TEST(ScannerAcceptance, is_valid_while_it_is_neither_out_of_limits_nor_too_old) 
   for (const auto& [standing, word] : {std::pair{AcceptanceState::verified, "verified"},
                                        {AcceptanceState::never, "never"},
                                        {AcceptanceState::expired, "expired"},
-                                       {AcceptanceState::failed, "failed"}})
+                                       {AcceptanceState::failed, "failed"},
+                                       {AcceptanceState::other_temperature, "other_temperature"}})
     EXPECT_EQ(name(standing), word);
+}
+
+TEST(ScannerDrift, grows_with_the_distance_from_the_acceptances_temperature_and_is_unknown_without_both) {
+  ScannerNumbers accepted;
+  const ScannerDriftSettings settings;
+  EXPECT_TRUE(std::isnan(scanner_drift(settings, accepted, 31.0)));
+  EXPECT_FALSE(is_outside_temperature(settings, accepted, 100.0));
+  accepted.temperature_c = 30.0;
+  EXPECT_TRUE(std::isnan(scanner_drift(settings, accepted, kNoValue)));
+  EXPECT_FALSE(is_outside_temperature(settings, accepted, kNoValue));
+  EXPECT_EQ(scanner_drift(settings, accepted, 30.0), 0.0);
+  EXPECT_DOUBLE_EQ(scanner_drift(settings, accepted, 40.0), 250e-6);
+  EXPECT_DOUBLE_EQ(scanner_drift(settings, accepted, 20.0), 250e-6);
+  EXPECT_FALSE(is_outside_temperature(settings, accepted, 45.0));
+  EXPECT_TRUE(is_outside_temperature(settings, accepted, 45.1));
+  EXPECT_TRUE(is_outside_temperature(settings, accepted, 14.9));
+}
+
+TEST(ScannerAcceptance, at_another_temperature_is_a_state_of_its_own_and_the_weakest) {
+  ScannerInForce scanner;
+  EXPECT_EQ(acceptance_state(scanner, 1, true), AcceptanceState::never);
+  scanner.id = "sc-1";
+  scanner.numbers.within_limits = true;
+  scanner.expires_utime_us = 100;
+  EXPECT_EQ(acceptance_state(scanner, 99, true), AcceptanceState::other_temperature);
+  EXPECT_EQ(acceptance_state(scanner, 100, true), AcceptanceState::expired);
 }
 
 }  // namespace

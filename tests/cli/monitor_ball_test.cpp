@@ -156,5 +156,37 @@ TEST_F(MonitorBallTest, a_station_of_a_slab_is_not_a_scan) {
   expect_mentions(nowhere.err, "--slab needs --station");
 }
 
+TEST_F(MonitorBallTest, a_scanner_is_warm_when_the_ball_no_longer_drifts) {
+  const auto warm_up = [this](const std::string& name, double up_mm_each, const std::string& more) {
+    std::string scans;
+    for (int i = 0; i < 7; ++i) scans += scan(name + std::to_string(i), up_mm_each * i, "", 20 + i) + " ";
+    return run("scanner warm-up " + scans + "--flange '" + kFlange + "' --radius 25.4 --config " + file("slabd.toml") +
+               " --times 0,600,1200,1800,2400,3000,3600 " + more);
+  };
+  const Ended still = warm_up("still", 0.0, "--json");
+  ASSERT_EQ(still.status, 0) << still.err;
+  const json document = json::parse(still.out);
+  EXPECT_EQ(document["schema"], "slabd.scanner_warm_up/1");
+  EXPECT_EQ(document["state"], "stable");
+  EXPECT_EQ(document["views"].size(), 7U);
+  EXPECT_TRUE(document["check"].is_null()) << "scans from files are no check";
+  expect_mentions(still.err, "needs 6 views at least");
+
+  const Ended drifting = warm_up("drifting", 0.02, "");
+  EXPECT_EQ(drifting.status, 6);
+  expect_mentions(drifting.out, "still drifting");
+  expect_mentions(drifting.err, "not stable: still drifting");
+}
+
+TEST_F(MonitorBallTest, times_of_a_warm_up_must_ascend_and_be_as_many_as_scans) {
+  const std::string one = scan("one", 0.0);
+  for (const char* times : {"", "0,1", "x", "nan"}) {
+    const Ended ended = run("scanner warm-up " + one + " --flange '" + kFlange + "' --radius 25.4 --config " +
+                            file("slabd.toml") + " --times '" + times + "'");
+    EXPECT_EQ(ended.status, 2) << times;
+    expect_mentions(ended.err, "allowed are 1 ascending numbers of seconds");
+  }
+}
+
 }  // namespace
 }  // namespace slabd::cli

@@ -50,6 +50,15 @@ any_name = true
 unit = "um"
 columns = "PosX, PosY, PosZ"
 timeout_s = 12.5
+drift_per_K = 3e-6
+temperature_range_K = 8
+[scanner.warm_up]
+views = 8
+window_min = 12
+every_s = 30
+centre_um_per_h = 15
+radius_um_per_h = 25
+give_up_min = 60
 [storage]
 db = "/srv/slabd.db"
 spool_dir = "/srv/spool"
@@ -313,6 +322,14 @@ TEST_F(ConfigTest, every_key_is_taken) {
   EXPECT_DOUBLE_EQ(config_.check_limits.slope_rad, rad_from_deg(0.02));
   EXPECT_EQ(config_.check_limits.jaw_distance_mm, 0.1);
   EXPECT_EQ(config_.calibration_valid_days, 180);
+  EXPECT_EQ(config_.scanner_drift.per_K, 3e-6);
+  EXPECT_EQ(config_.scanner_drift.range_K, 8.0);
+  EXPECT_EQ(config_.warm_up.views_min, 8);
+  EXPECT_EQ(config_.warm_up.window_s, 720.0);
+  EXPECT_EQ(config_.warm_up_every_s, 30.0);
+  EXPECT_EQ(config_.warm_up.centre_um_per_h, 15.0);
+  EXPECT_EQ(config_.warm_up.radius_um_per_h, 25.0);
+  EXPECT_EQ(config_.warm_up_give_up_min, 60.0);
   EXPECT_EQ(config_.capture.stable_mm, 0.02);
   EXPECT_NEAR(deg_from_rad(config_.capture.stable_rad), 0.002, 1e-12);
   EXPECT_EQ(config_.capture.stable_ns, 500'000'000);

@@ -187,6 +187,33 @@ TEST_F(CaptureLineTest, a_view_that_the_session_could_not_copy_stays_with_the_da
   EXPECT_EQ(left, 1U) << "the one that was kept";
 }
 
+TEST_F(CaptureLineTest, a_cold_scanner_is_watched_until_it_no_longer_drifts) {
+  // Quick instead of realistic: in twelve seconds no slope is certain to less than some hundred um an hour.
+  std::ofstream(box_.config, std::ios::app)
+      << "\n[scanner.warm_up]\nviews = 6\nwindow_min = 0.1\nevery_s = 1\ncentre_um_per_h = 5000\n"
+         "radius_um_per_h = 5000\ngive_up_min = 3\n";
+  start();
+  const Process cell({places::slabctl(), "simulate", "calibration", "--live", "--kind", "ball", "--views", "1",
+                      "--shots", "1", "--warm-up-s", "10", "--warm-up-K", "40", "--config", box_.config.native()},
+                     box_.dir / "cell.out", box_.dir / "cell.err");
+  wait_for_poses();
+  const Box::Answer warm = box_.slabctl(
+      {"scanner", "warm-up", "--live", "--radius", "25.4", "--json", "--config", box_.config.native()});
+  ASSERT_EQ(warm.exit_status, 0) << warm.err;
+  const json document = json::parse(warm.out);
+  EXPECT_EQ(document["state"], "stable");
+  const json& views = document["views"];
+  ASSERT_GE(views.size(), 6U);
+  EXPECT_LT(views.front()["temperature_c"].get<double>(), views.back()["temperature_c"].get<double>());
+  EXPECT_GT(views.front()["radius_mm"].get<double>(), views.back()["radius_mm"].get<double>())
+      << "a cold frame takes the ball for larger than it is";
+  EXPECT_TRUE(document["check"].is_null()) << "no monitor ball is in force";
+  EXPECT_NE(warm.err.find("still drifting"), std::string::npos) << warm.err;
+  const json now = status();
+  EXPECT_EQ(now["state"], "idle") << "the line is free again";
+  EXPECT_TRUE(now["scanner_temperature_c"].is_number());
+}
+
 TEST_F(CaptureLineTest, a_daemon_that_was_killed_starts_idle_and_a_missing_robot_is_named) {
   start();
   {

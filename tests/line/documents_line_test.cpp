@@ -162,6 +162,11 @@ TEST(DocumentsLine, output_on_calibrations_in_force_and_on_checks_matches_its_pu
   documents.ask({"calibrate", "block", scan, balls + "/view_01.ply", "--recipe", recipe, "--flange",
                  balls + "/flange.txt", "--start", "0 80 150 1 0 0 0"});
   documents.ask({"scanner", "verify", "--ball", balls + "/view_01.ply", "--diameter-mm", "50.8"});
+  const std::string ball = (box.dir / "one_ball").native();
+  done({"simulate", "calibration", "--kind", "ball", "--views", "1", "--out", ball, "--config", box.config.native()});
+  documents.keep_file(ball + "/truth.json");
+  ask({"scanner", "warm-up", ball + "/view_01.ply", "--times", "0", "--flange", "1500 200 900 0 1 0 0", "--radius",
+       "25.4"});
   std::vector<float> plate;
   for (int i = 0; i < 40'000; ++i)
     for (const int v : {i % 200 - 100, i / 200 - 100, 600}) plate.push_back(static_cast<float>(v));

@@ -140,7 +140,7 @@ class ScanStreamPortTest : public testing::Test {
     const ScanHeaderBytes head = encode_scan_header(header);
     std::string line(1'000, '\0');
     line.resize(static_cast<std::size_t>(std::max<ssize_t>(0, recv(fd, line.data(), line.size(), 0))));
-    EXPECT_NE(line.find("\"gateway\": 2"), std::string::npos) << line;
+    EXPECT_NE(line.find("\"gateway\": 3"), std::string::npos) << line;
     EXPECT_EQ(send(fd, head.data(), head.size(), MSG_NOSIGNAL), static_cast<ssize_t>(head.size()));
     static_cast<void>(send(fd, bytes.data(), bytes.size(), MSG_NOSIGNAL));
     while (recv(fd, line.data(), line.size(), 0) > 0) {

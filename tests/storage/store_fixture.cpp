@@ -258,6 +258,8 @@ void expect_same(const Attempt& a, const Attempt& b) {
   SAME(points_crc32c);
   SAME(emulated);
   SAME(fingerprint);
+  SAME_BITS(shape.scanner_temperature_c);
+  SAME_BITS(scanner_drift);
 }
 
 void expect_same(const PackedMap& a, const PackedMap& b) {
@@ -461,6 +463,8 @@ Attempt random_attempt(Prng& prng, std::int64_t slab_key, int station, int numbe
   integer(prng, a.pose_samples);
   word(prng, a.scan_path);
   a.shape = {4'900'000 + prng.below(1000), 4'800'000 + prng.below(1000), 2448, 2048};
+  a.shape.scanner_temperature_c = number(prng);
+  a.scanner_drift = number(prng);
   a.scan_utime_us = static_cast<std::int64_t>(prng.next() >> 10U);
   a.settle_ms = number(prng);
   a.acquire_ms = number(prng);

@@ -560,6 +560,38 @@ TEST(ScannerBudget, a_scanner_that_is_worse_than_specified_makes_every_U_larger_
   EXPECT_GT(find(worse, ItemId::seat_flatness).U, find(alone, ItemId::seat_flatness).U);
 }
 
+TEST(ScannerBudget, drift_with_temperature_adds_to_the_scanners_part_and_without_one_no_bit_changes) {
+  Block b;
+  b.result.seat.flatness_mm = 0.05;
+  b.result.seat.flatness_noise_mm = 0.01;
+  b.result.seat.grid_points = 6'800;
+  const auto budgeted = [&](double drift) {
+    BlockResult r = b.result;
+    blank_block_items(b.line.recipe(), {}, r);
+    compute_block_items(b.line.model(), r);
+    compute_block_budget(b.line.recipe(), {}, {}, r, drift);
+    return r;
+  };
+  const BlockResult without = budgeted(kNoValue);
+  const BlockResult same = budgeted(0.0);
+  constexpr double kDrift = 250e-6;  // 10 K of an aluminium frame
+  const BlockResult warm = budgeted(kDrift);
+  const auto added = [&](ItemId id) {
+    const double before = part_of(find(without, id), BudgetPart::scanner);
+    const double after = part_of(find(warm, id), BudgetPart::scanner);
+    return std::sqrt(after * after - before * before);
+  };
+  for (const ItemId id : kLinearItems) {
+    EXPECT_EQ(find(same, id).U, find(without, id).U) << info(id).name;
+    EXPECT_EQ(find(same, id).budget, find(without, id).budget) << info(id).name;
+    EXPECT_GT(find(warm, id).U, find(without, id).U) << info(id).name;
+  }
+  for (const ItemId id : {ItemId::jaw_distance, ItemId::casing_spacing})
+    EXPECT_NEAR(added(id), kDrift * find(without, id).value / std::sqrt(3.0), 1e-6) << info(id).name;
+  EXPECT_NEAR(added(ItemId::jaw_angle_inner), deg_from_rad(std::sqrt(2.0 / 3.0) * kDrift), 1e-6);
+  EXPECT_GT(find(warm, ItemId::seat_flatness).U, find(without, ItemId::seat_flatness).U);
+}
+
 TEST(ScannerBudget, verified_correlation_requires_a_noise_factor_by_the_density_of_the_scan) {
   ScannerNumbers n;
   EXPECT_EQ(verified_noise_factor(n, 20.0), 1.0) << "nothing was verified";

@@ -429,6 +429,31 @@ TEST(StationCalibration, a_scanner_that_was_not_verified_is_only_a_warning) {
   EXPECT_FALSE(has_value(line.measured.back().basis.verified.form_half_mm)) << "the recipe's specification alone";
 }
 
+TEST(StationCalibration, a_scanner_far_from_the_temperature_of_its_acceptance_measures_with_more_U_and_a_warning) {
+  MemoryStore store;
+  store.line.calibration = with_scanner("sc-1", 0.06);
+  store.line.calibration.scanner.numbers.temperature_c = 30.0;
+  Line line(store);
+  line.command(PlcCommand::slab_begin);
+  line.run_for(20);
+  line.scan(1);
+  ASSERT_FALSE(line.measured.empty());
+  EXPECT_TRUE(std::isnan(line.measured.back().scanner_drift)) << "the scan declares no temperature";
+  EXPECT_EQ(line.view().warn & kWarnScannerNotVerified, 0);
+  line.scanner_temperature_c = 40.0;
+  line.scan(2);
+  EXPECT_DOUBLE_EQ(line.measured.back().scanner_drift, 250e-6);
+  EXPECT_DOUBLE_EQ(line.station->slab.stations[1].attempt.scanner_drift, 250e-6) << "stored for a replay";
+  EXPECT_EQ(line.view().warn & kWarnScannerNotVerified, 0) << "within the range";
+  line.scanner_temperature_c = 45.5;
+  line.scan(3);
+  EXPECT_DOUBLE_EQ(line.measured.back().scanner_drift, 25e-6 * 15.5);
+  EXPECT_NE(line.view().warn & kWarnScannerNotVerified, 0);
+  line.scanner_temperature_c = 35.0;
+  line.scan(4);
+  EXPECT_EQ(line.view().warn & kWarnScannerNotVerified, 0);
+}
+
 TEST(StationCalibration, a_slab_is_measured_with_the_acceptance_it_was_begun_with_also_over_a_restart) {
   MemoryStore store;
   store.line.calibration = with_scanner("sc-1", 0.06);

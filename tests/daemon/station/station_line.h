@@ -56,6 +56,7 @@ class Line {
   bool robot_emulated = false;
   bool robot_commanded = false;  ///< its poses are not measured
   bool scan_emulated = false;
+  double scanner_temperature_c = kNoValue;  ///< as the scans declare it
   double robot_shake_mm = 0.2;
   double robot_turn_rad = 0.0;    ///< about base Z
   Dither dither{0.0, 0.0};        ///< the stops; all alike at first
@@ -273,6 +274,7 @@ class Line {
     done.scan.taken_mono_ns = now_ns_ + 4 * kNsPerMs;
     done.scan.shape = {1000, 900, 0, 0};
     done.scan.shape.emulated = scan_emulated;
+    done.scan.shape.scanner_temperature_c = scanner_temperature_c;
     done.fingerprint =
         acquire.request.session == 0 && fingerprint_thrown_away != 0 ? fingerprint_thrown_away : fingerprint;
     done.points_crc32c = points_crc32c;

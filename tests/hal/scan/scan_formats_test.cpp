@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <string>
+#include <tuple>
 
 #include "hal/scan/lzf.h"
 #include "tests/hal/scan/scan_reading.h"
@@ -235,6 +237,56 @@ TEST(ScanFormats, an_emulated_scan_declares_itself_and_its_block_in_every_format
     const ScanShape of_block = read({.emulator = true, .block = 17});
     EXPECT_TRUE(of_block.emulated) << what;
     EXPECT_EQ(of_block.emulated_block, 17) << what;
+  }
+}
+
+TEST(ScanFormats, a_scan_declares_the_scanners_temperature_in_every_format) {
+  TemporaryFolder folder;
+  const std::vector<float> wanted = cloud();
+  for (const ScanFormat format : kScanFormats) {
+    const std::string what(name(format));
+    const std::string path = folder / (what + "." + std::string(extension(format)));
+    for (const double temperature_c : {31.25, -40.0, 125.0, kNoValue}) {
+      ASSERT_TRUE(write_scan(path.c_str(), format, wanted, 0, 0,
+                             {.emulator = true, .block = 17, .scanner_temperature_c = temperature_c})
+                      .ok())
+          << what;
+      std::vector<float> xyz(wanted.size());
+      const Result<ScanShape> shape = read_scan(path.c_str(), LengthUnit::mm, xyz);
+      ASSERT_TRUE(shape.ok()) << what << ": " << shape.error().text.c_str();
+      expect_same_bits(xyz, wanted, what);
+      EXPECT_TRUE(shape.value().emulated) << what;
+      if (std::isnan(temperature_c)) {
+        EXPECT_TRUE(std::isnan(shape.value().scanner_temperature_c)) << what;
+      } else {
+        EXPECT_EQ(shape.value().scanner_temperature_c, temperature_c) << what;
+      }
+    }
+  }
+}
+
+TEST(ScanFormats, a_temperature_that_no_scanner_has_is_refused_with_line_and_range) {
+  TemporaryFolder folder;
+  for (const std::string value : {"warm", "-40.1", "304.4", "nan", ""}) {
+    const std::string ply = "ply\nformat ascii 1.0\ncomment scanner_temperature_c " + value +
+                            "\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+                            "1 2 3\n";
+    const std::string pcd = "# scanner_temperature_c: " + value +
+                            "\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\n"
+                            "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 1\nDATA ascii\n1 2 3\n";
+    const std::string xyz_text = "1 2 3\n4 5 6\n# scanner_temperature_c = " + value + "\n";
+    for (const auto& [file, bytes, line] : {std::tuple{"a.ply", ply, 3}, {"a.pcd", pcd, 1}, {"a.xyz", xyz_text, 3}}) {
+      const std::string path = folder / file;
+      std::ofstream(path, std::ios::binary) << bytes;
+      std::vector<float> xyz(6);
+      const Result<ScanShape> shape = read_scan(path.c_str(), LengthUnit::mm, xyz);
+      ASSERT_FALSE(shape.ok()) << file << " " << value;
+      EXPECT_EQ(shape.error().code, Code::frame_incomplete);
+      EXPECT_NE(shape.error().text.view().find("line " + std::to_string(line) + ": scanner_temperature_c \"" + value +
+                                               "\", allowed is a number of -40..125 deg C"),
+                std::string_view::npos)
+          << shape.error().text.view();
+    }
   }
 }
 

@@ -377,5 +377,29 @@ TEST_F(ScanStreamTest, the_scanners_print_is_part_of_the_scan) {
   EXPECT_EQ(scanner_print("a"), 0xAF63'DC4C'8601'EC8CU) << "FNV-1a's own example";
 }
 
+TEST_F(ScanStreamTest, the_scanners_temperature_is_in_the_upper_half_of_the_flags) {
+  Scan s = scan();
+  s.header.temperature_ck = temperature_ck_of(31.25);
+  EXPECT_EQ(s.header.temperature_ck, 30'440);
+  ASSERT_TRUE(feed(s.bytes()).ok());
+  EXPECT_NEAR(decoder.shape().scanner_temperature_c, 31.25, 1e-9);
+  ScanStreamHeader other = s.header;
+  other.temperature_ck = 0;
+  EXPECT_FALSE(other.same_scan(s.header));
+  EXPECT_TRUE(std::isnan(temperature_c_of(0)));
+  for (const double impossible : {-41.0, 126.0, kNoValue}) EXPECT_EQ(temperature_ck_of(impossible), 0) << impossible;
+  for (const double allowed : {-40.0, 0.0, 125.0})
+    EXPECT_NEAR(temperature_c_of(temperature_ck_of(allowed)), allowed, 0.005) << allowed;
+}
+
+TEST_F(ScanStreamTest, a_temperature_that_no_scanner_has_is_refused_with_its_bytes_and_the_allowed_range) {
+  for (const unsigned ck : {1U, 23'314U, 39'816U, 65'535U}) {
+    decoder.expect(7, 3);
+    Scan s = scan();
+    s.header.temperature_ck = static_cast<std::uint16_t>(ck);
+    expect_refused(s.header_bytes(), "scan header: scanner temperature " + std::to_string(ck) + " in bytes 38..39");
+  }
+}
+
 }  // namespace
 }  // namespace slabd::hal
