@@ -233,8 +233,8 @@ TEST_F(ModbusServerTest, a_refused_write_takes_no_block_over) {
   const auto stranger = connected();
   plc->send(write_frame(1, 10, {2, 5, 5600}));
   ASSERT_EQ(turn().size(), 1U);
-  std::vector<std::uint16_t> too_many(36, 1);  // HR 39 and the gauges' 40..74
-  too_many.push_back(1);                       // exceeds the map
+  std::vector<unsigned> too_many(36, 1);  // HR 39 and the gauges' 40..74
+  too_many.push_back(1);                  // exceeds the map
   stranger->send(write_frame(2, 39, too_many));
   EXPECT_TRUE(turn().empty());
   plc->send(write_frame(3, 39, {9}));
