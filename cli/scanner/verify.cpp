@@ -232,7 +232,7 @@ void add_scanner_verify(args::Command& scanner) {
   command->add_option("--limit-rf-mm", v.limits.RF_mm, "RF allowed")->check(within(0.0, 10.0));
   command
       ->add_option("--temperature", v.temperature_c,
-                   "Of the scanner, deg C, for U at other temperatures (default: mean of what the scans declare)")
+                   "Temperature of the scanner, deg C, for U at others (default: mean of what the scans declare)")
       ->check(within(kScannerTemperatureMin_c, kScannerTemperatureMax_c));
   command->add_option("--scanner", v.scanner, "Name or serial number, for the record");
   command->add_option("--out", options->out, "Write slabd.scanner_verification/1, for the records");

@@ -87,7 +87,8 @@ const std::set<std::string> kPublic = {"algo/algo.h",
                                        "emulator/slab_scene.h",
                                        "emulator/slab_history.h",
                                        "emulator/solid_scene.h",
-                                       "emulator/stream_gateway.h"};
+                                       "emulator/stream_gateway.h",
+                                       "emulator/warming.h"};
 
 struct Include {
   fs::path file;

@@ -169,7 +169,7 @@ TEST_F(MonitorBallTest, a_scanner_is_warm_when_the_ball_no_longer_drifts) {
   EXPECT_EQ(document["schema"], "slabd.scanner_warm_up/1");
   EXPECT_EQ(document["state"], "stable");
   EXPECT_EQ(document["views"].size(), 7U);
-  EXPECT_TRUE(document["check"].is_null()) << "scans from files are no check";
+  EXPECT_TRUE(document["check"].is_null()) << "a check needs the line";
   expect_mentions(still.err, "needs 6 views at least");
 
   const Ended drifting = warm_up("drifting", 0.02, "");

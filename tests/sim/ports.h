@@ -2,9 +2,11 @@
 #pragma once
 
 #include <deque>
+#include <optional>
 #include <string>
 
 #include "hal/plc/modbus_codec.h"
+#include "tests/sim/allocation.h"
 #include "tests/sim/line.h"
 #include "tests/sim/process.h"
 
@@ -97,10 +99,12 @@ class SimControl final : public hal::ControlPort {
   [[nodiscard]] std::size_t poll_fds(std::span<pollfd>) override { return 0; }
   [[nodiscard]] bool next(std::int64_t, std::string_view& line) override {
     if (!room_.next(line_)) return false;
+    answering_.emplace();
     line = line_;
     return true;
   }
   void reply(std::string_view json) override {
+    answering_.reset();
     ++room_.answers;
     world_.trace.number(json.size());
     if (json.empty()) world_.violated("a control request was answered with nothing");
@@ -111,6 +115,9 @@ class SimControl final : public hal::ControlPort {
   World& world_;
   ControlRoom& room_;
   std::string line_;
+  /// While an answer is made, memory is not refused: destructors of the JSON library ask for some, and a refusal there
+  /// ends the process.
+  std::optional<heap::Aside> answering_;
 };
 
 // ---- service manager -----------------------------------------------------------------------------------------------
