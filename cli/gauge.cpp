@@ -244,7 +244,7 @@ void add_gauge(args::Command& app) {
       "\nPut the master into the gauge's place first. The gauge's newest value is taken; --value is for one that\n"
       "slabd does not read. Exit 1 if the check failed.\nExample: slabctl gauge check length_left");
   checking->add_option("GAUGE", checked->gauge, "Its name in the configuration")->required();
-  checking->add_option("--value", checked->value, "Its reading of the master, in its unit");
+  checking->add_option("--value", checked->value, "Its reading of the master, in its unit")->check(within(-1e6, 1e6));
   checking->add_option("--why", checked->why, "Reason, if it is not the regular check");
   checking->add_option("--operator", checked->who, "Name of the operator (default: your login)");
   add_config_option(checking, *checked);
@@ -256,7 +256,9 @@ void add_gauge(args::Command& app) {
   args::Command showing = gauges.add_subcommand("history", "Values of a gauge slab by slab, or its master checks");
   showing->add_option("GAUGE", shown->gauge, "Its name; without it the checks of all gauges");
   showing->add_flag("--checks", shown->checks, "Its master checks instead of its values");
-  showing->add_option("-n,--limit", shown->limit, "At most this many rows")->capture_default_str();
+  showing->add_option("-n,--limit", shown->limit, "At most this many rows")
+      ->check(args::range(std::size_t{1}, std::size_t{100'000}))
+      ->capture_default_str();
   shown->database.add_to(showing);
   shown->output.add_to(showing, "slabd.gauge_history/1");
   shown->language.add_to(showing, "Language of the screen");
@@ -268,7 +270,9 @@ void add_gauge(args::Command& app) {
       "\nFor gauges with source \"operator\". The value counts for the slab of this number, if it is entered before\n"
       "SLAB_END and within valid_s.\nExample: slabctl gauge enter thickness_front 200.2 --slab-no 10042");
   entering->add_option("GAUGE", entered->gauge, "Its name in the configuration")->required();
-  entering->add_option("VALUE", entered->value, "Measured value, in the unit of the gauge")->required();
+  entering->add_option("VALUE", entered->value, "Measured value, in the unit of the gauge")
+      ->required()
+      ->check(within(-1e6, 1e6));
   entering->add_option("--slab-no", entered->slab_no, "SLAB_NO of the slab, as `slabctl status` shows it")->required();
   add_config_option(entering, *entered);
   entered->language.add_to(entering, "Language of the screen");

@@ -2,7 +2,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <bit>
 #include <string>
 
 #include "base/calibration.h"
@@ -53,9 +52,8 @@ TEST(CodeWords, a_full_disk_may_be_the_databases) {
 }
 
 TEST(CodeWords, every_warning_has_a_chinese_text) {
-  for (unsigned bit = 0; bit < std::bit_width(unsigned{kWarnScannerNotVerified}); ++bit)
+  for (unsigned bit = 0; bit < 16; ++bit)
     EXPECT_TRUE(has_chinese(warning_zh(static_cast<std::uint16_t>(1U << bit)))) << bit;
-  EXPECT_EQ(warning_zh(1U << 15U), "");
 }
 
 TEST(CodeWords, a_state_that_is_not_known_is_shown_as_it_is) {

@@ -167,7 +167,7 @@ TEST_F(DispositionTest, every_table_whose_rows_stay_refuses_to_replace_one) {
     return tables;
   };
   EXPECT_EQ(triggers("_is_new"), triggers("_is_kept"));
-  EXPECT_EQ(triggers("_is_kept").size(), 11U);
+  EXPECT_EQ(triggers("_is_kept").size(), 12U);
 }
 
 }  // namespace
