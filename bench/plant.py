@@ -11,10 +11,8 @@ Needs script/apt-packages-postgres. The server has a folder of its own and the d
 import argparse
 import json
 import pathlib
-import random
 import re
 import resource
-import signal
 import statistics
 import subprocess
 import sys
@@ -24,20 +22,10 @@ import time
 
 SOURCE = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(SOURCE / "tests/plant"))
-from server import Server, free_port  # noqa: E402
+from emulated_line import line_settings, start_slabd, stop, store_settings  # noqa: E402
+from server import Server  # noqa: E402
 
-CONFIG = """
-[plc]
-listen = "127.0.0.1:1"
-[storage]
-db = "slabd.db"
-spool_dir = "spool"
-[recipes]
-dir = "{recipes}"
-[cell]
-T_base_slab = [1800.0, 0.0, 300.0, 1.0, 0.0, 0.0, 0.0]
-[control]
-socket = "control.sock"
+PLANT = """
 [plant]
 dsn = "{dsn}"
 line = "hall-{number}"
@@ -59,7 +47,7 @@ def drain(build, server, lines, slabs):
             home = pathlib.Path(folder, str(number))
             home.mkdir()
             config = home / "slabd.toml"
-            config.write_text(CONFIG.format(recipes=SOURCE / "recipes", dsn=server.dsn(), number=number))
+            config.write_text(store_settings() + PLANT.format(dsn=server.dsn(), number=number))
             subprocess.run([build / "cli/slabctl", "simulate", "history", "--slabs", str(slabs), "--seed", str(number),
                             "--out", home / "slabd.db", "--recipe", SOURCE / "recipes/p5600.toml"], check=True,
                            stdout=subprocess.DEVNULL)
@@ -124,7 +112,7 @@ def examples():
 def years(build, server, line_years):
     with tempfile.TemporaryDirectory() as folder:
         config = pathlib.Path(folder, "slabd.toml")
-        config.write_text(CONFIG.format(recipes=SOURCE / "recipes", dsn=server.dsn(), number=1))
+        config.write_text(store_settings() + PLANT.format(dsn=server.dsn(), number=1))
         subprocess.run([build / "plant/slabd-plant", "--config", config, "--init"], check=True,
                        stdout=subprocess.DEVNULL)
     names = ["seat_slope", "seat_flatness", "jaw_distance", "casing_spacing", "jaw_angle_inner", "jaw_angle_outer",
@@ -165,41 +153,17 @@ def years(build, server, line_years):
         print(f"| {title} | {min(times[1:]):.2f} s, the first time {times[0]:.2f} s |")
 
 
-LINE = """
-[line]
-simulation = true
-[robot]
-lcm_url = "udpm://239.255.{a}.{b}:{port}?ttl=0"
-interface = "lo"
-[scanner]
-drop_dir = "drop"
-[calibration]
-T_flange_scanner = [0.0, 80.0, 150.0, 1.0, 0.0, 0.0, 0.0]
-station_sigma_mm = 0.02
-station_sigma_deg = 0.001
-"""
-
-
-def stop(process):
-    process.send_signal(signal.SIGTERM)
-    process.wait(60)
-
-
 def cycle(build, server, slabs, backlog, points):
     """Slabs by turns without and with slabd-plant, which sends a backlog meanwhile, on one computer."""
     seen = {"no sender": [], "slabd-plant sends a backlog": []}
     with tempfile.TemporaryDirectory() as folder:
         home = pathlib.Path(folder)
         config = home / "slabd.toml"
-        text = CONFIG.format(recipes=SOURCE / "recipes", dsn=server.dsn(), number=1)
-        text = text.replace("127.0.0.1:1", f"127.0.0.1:{free_port()}")
-        config.write_text(text + LINE.format(a=random.randint(20, 220), b=random.randint(20, 220),
-                                             port=random.randint(40000, 60000)))
+        config.write_text(line_settings() + PLANT.format(dsn=server.dsn(), number=1))
         subprocess.run([build / "cli/slabctl", "simulate", "history", "--slabs", str(backlog), "--out", home / "slabd.db",
                         "--recipe", SOURCE / "recipes/p5600.toml"], check=True, stdout=subprocess.DEVNULL)
         subprocess.run([build / "plant/slabd-plant", "--config", config, "--init"], check=True, stdout=subprocess.DEVNULL)
-        with open(home / "log", "w", encoding="utf-8") as log:
-            slabd = subprocess.Popen([build / "daemon/slabd", "--config", config], stderr=log)
+        slabd = start_slabd(build, config, home / "log")
         try:
             # One slab before, so that every file and cache is there.
             for turn in range(1 + 2 * slabs):

@@ -10,54 +10,21 @@ one of them drained for one worker (script/apt-packages-slurm; without it these 
 import argparse
 import os
 import pathlib
-import random
-import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import time
 
+from emulated_line import line_settings, start_slabd, stop
+
 SOURCE = pathlib.Path(__file__).resolve().parents[1]
 CLUSTER = SOURCE / "tests/cli/slurm_cluster"
-CONFIG = """
-[line]
-simulation = true
-[plc]
-listen = "127.0.0.1:{plc}"
-[storage]
-db = "slabd.db"
-spool_dir = "spool"
-[recipes]
-dir = "{recipes}"
-[cell]
-T_base_slab = [1800.0, 0.0, 300.0, 1.0, 0.0, 0.0, 0.0]
-[control]
-socket = "control.sock"
-[robot]
-lcm_url = "udpm://239.255.{a}.{b}:{port}?ttl=0"
-interface = "lo"
-[scanner]
-drop_dir = "drop"
-[calibration]
-T_flange_scanner = [0.0, 80.0, 150.0, 1.0, 0.0, 0.0, 0.0]
-station_sigma_mm = 0.02
-station_sigma_deg = 0.001
-"""
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def store_slabs(build, home, slabs, points):
     config = home / "slabd.toml"
-    config.write_text(CONFIG.format(plc=free_port(), recipes=SOURCE / "recipes", a=random.randint(20, 220),
-                                    b=random.randint(20, 220), port=random.randint(40000, 60000)))
-    with open(home / "log", "w", encoding="utf-8") as log:
-        slabd = subprocess.Popen([build / "daemon/slabd", "--config", config], stderr=log)
+    config.write_text(line_settings())
+    slabd = start_slabd(build, config, home / "log")
     try:
         for number in range(1, slabs + 1):
             ended = subprocess.run([build / "cli/slabctl", "simulate", "--config", config, "--points", points,
@@ -66,8 +33,7 @@ def store_slabs(build, home, slabs, points):
             if ended.returncode not in (0, 1):
                 sys.exit(f"{ended.stderr}\n{(home / 'log').read_text()[-2000:]}")
     finally:
-        slabd.send_signal(signal.SIGTERM)
-        slabd.wait(60)
+        stop(slabd)
     return config
 
 

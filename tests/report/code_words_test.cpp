@@ -54,6 +54,7 @@ TEST(CodeWords, a_full_disk_may_be_the_databases) {
 TEST(CodeWords, every_warning_has_a_chinese_text) {
   for (unsigned bit = 0; bit < 16; ++bit)
     EXPECT_TRUE(has_chinese(warning_zh(static_cast<std::uint16_t>(1U << bit)))) << bit;
+  EXPECT_EQ(warning_zh(0), "");
 }
 
 TEST(CodeWords, a_state_that_is_not_known_is_shown_as_it_is) {
