@@ -549,38 +549,65 @@ CREATE VIEW plant.v_gauge AS
   FROM plant.gauge g JOIN plant.slab s USING (epoch_id, slab_key) JOIN plant.epoch e USING (epoch_id)
   JOIN plant.line l USING (line_id);
 
+-- Days and months of the reader's time zone in which slabs ended. The views below look at each of them by itself, so
+-- that a query for some days reads only what ended then: an index cannot be searched for ended::date, because that
+-- depends on the time zone.
+CREATE VIEW plant.day AS
+  SELECT d::date AS day, d AS begins, d + interval '1 day' AS ends
+  FROM (SELECT min(ended) AS first, max(ended) AS last FROM plant.slab) s,
+       generate_series(date_trunc('day', s.first), s.last, interval '1 day') AS d;
+CREATE VIEW plant.month AS
+  SELECT m AS month, m + interval '1 month' AS ends
+  FROM (SELECT min(ended) AS first, max(ended) AS last FROM plant.slab) s,
+       generate_series(date_trunc('month', s.first), s.last, interval '1 month') AS m;
+
 CREATE VIEW plant.v_first_pass_yield AS
-  SELECT line, ended::date AS day, slab_type, count(*) AS slabs, count(*) FILTER (WHERE verdict = 'pass') AS passed,
-         count(*) FILTER (WHERE verdict = 'pass')::double precision / count(*) AS share
-  FROM plant.v_slab WHERE first AND NOT emulated GROUP BY line, ended::date, slab_type;
+  SELECT y.line, d.day, y.slab_type, y.slabs, y.passed, y.passed::double precision / y.slabs AS share
+  FROM plant.day d CROSS JOIN LATERAL (
+    SELECT s.line, s.slab_type, count(*) AS slabs, count(*) FILTER (WHERE s.verdict = 'pass') AS passed
+    FROM plant.v_slab s WHERE s.ended >= d.begins AND s.ended < d.ends AND s.first AND NOT s.emulated
+    GROUP BY s.line, s.slab_type) y;
 
 CREATE VIEW plant.v_pareto AS
-  SELECT l.name AS line, i.ended::date AS day, n.name AS item, count(*) FILTER (WHERE i.verdict = 'fail') AS failed,
-         count(*) FILTER (WHERE i.verdict = 'indeterminate') AS indeterminate,
-         count(*) FILTER (WHERE i.verdict = 'not_measured') AS not_measured,
-         count(DISTINCT (i.epoch_id, i.slab_key)) AS slabs
-  FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN plant.epoch e USING (epoch_id)
-  JOIN plant.line l USING (line_id)
-  WHERE i.verdict IN ('fail', 'indeterminate', 'not_measured') AND NOT i.emulated GROUP BY l.name, i.ended::date, n.name;
+  SELECT p.line, d.day, p.item, p.failed, p.indeterminate, p.not_measured, p.slabs
+  FROM plant.day d CROSS JOIN LATERAL (
+    SELECT l.name AS line, n.name AS item, count(*) FILTER (WHERE i.verdict = 'fail') AS failed,
+           count(*) FILTER (WHERE i.verdict = 'indeterminate') AS indeterminate,
+           count(*) FILTER (WHERE i.verdict = 'not_measured') AS not_measured,
+           count(DISTINCT (i.epoch_id, i.slab_key)) AS slabs
+    FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN plant.epoch e USING (epoch_id)
+    JOIN plant.line l USING (line_id)
+    WHERE i.ended >= d.begins AND i.ended < d.ends AND i.verdict IN ('fail', 'indeterminate', 'not_measured')
+    AND NOT i.emulated GROUP BY l.name, n.name) p;
 
--- Deviations from the nominal by mould, item and month of the server's time zone, over all lines.
+-- Deviations from the nominal by mould, item and month, over all lines.
 CREATE VIEW plant.v_mould AS
-  SELECT i.mould, i.slab_type, n.name AS item, date_trunc('month', i.ended) AS month, count(i.value) AS n,
-         avg(i.value - coalesce(i.nominal, 0)) AS mean, stddev_samp(i.value - coalesce(i.nominal, 0)) AS sd,
-         count(DISTINCT e.line_id) AS lines
-  FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN plant.epoch e USING (epoch_id)
-  WHERE i.mould IS NOT NULL AND i.value IS NOT NULL AND NOT i.emulated
-  GROUP BY i.mould, i.slab_type, n.name, date_trunc('month', i.ended);
+  SELECT v.mould, v.slab_type, v.item, m.month, v.n, v.mean, v.sd, v.lines
+  FROM plant.month m CROSS JOIN LATERAL (
+    SELECT g.mould, g.slab_type, g.item, sum(g.n)::bigint AS n, sum(g.n * g.mean) / sum(g.n) AS mean,
+           sqrt(greatest(0, sum(g.n * (g.variance + g.mean ^ 2)) - sum(g.n * g.mean) ^ 2 / sum(g.n))
+                / nullif(sum(g.n) - 1, 0)) AS sd,
+           count(DISTINCT e.line_id) AS lines
+    -- First of each line's epoch: without a distinct count the values need not be sorted.
+    FROM (SELECT i.mould, i.slab_type, n.name AS item, i.epoch_id, count(*)::double precision AS n,
+                 avg(i.value - coalesce(i.nominal, 0)) AS mean, var_pop(i.value - coalesce(i.nominal, 0)) AS variance
+          FROM plant.item i JOIN plant.item_name n USING (item_id)
+          WHERE i.ended >= m.month AND i.ended < m.ends AND i.mould IS NOT NULL AND i.value IS NOT NULL
+          AND NOT i.emulated GROUP BY i.mould, i.slab_type, n.name, i.epoch_id) g
+    JOIN plant.epoch e USING (epoch_id) GROUP BY g.mould, g.slab_type, g.item) v;
 
 -- One point of a control chart for each day, item and line.
 CREATE VIEW plant.v_spc AS
-  SELECT l.name AS line, n.name AS item, i.slab_type, i.ended::date AS day, count(i.value) AS n,
-         avg(i.value - coalesce(i.nominal, 0)) AS mean, stddev_samp(i.value - coalesce(i.nominal, 0)) AS sd,
-         min(i.value - coalesce(i.nominal, 0)) AS low, max(i.value - coalesce(i.nominal, 0)) AS high,
-         min(i.lower - coalesce(i.nominal, 0)) AS lower, max(i.upper - coalesce(i.nominal, 0)) AS upper
-  FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN plant.epoch e USING (epoch_id)
-  JOIN plant.line l USING (line_id)
-  WHERE i.value IS NOT NULL AND NOT i.emulated GROUP BY l.name, n.name, i.slab_type, i.ended::date;
+  SELECT v.line, v.item, v.slab_type, d.day, v.n, v.mean, v.sd, v.low, v.high, v.lower, v.upper
+  FROM plant.day d CROSS JOIN LATERAL (
+    SELECT l.name AS line, n.name AS item, i.slab_type, count(i.value) AS n,
+           avg(i.value - coalesce(i.nominal, 0)) AS mean, stddev_samp(i.value - coalesce(i.nominal, 0)) AS sd,
+           min(i.value - coalesce(i.nominal, 0)) AS low, max(i.value - coalesce(i.nominal, 0)) AS high,
+           min(i.lower - coalesce(i.nominal, 0)) AS lower, max(i.upper - coalesce(i.nominal, 0)) AS upper
+    FROM plant.item i JOIN plant.item_name n USING (item_id) JOIN plant.epoch e USING (epoch_id)
+    JOIN plant.line l USING (line_id)
+    WHERE i.ended >= d.begins AND i.ended < d.ends AND i.value IS NOT NULL AND NOT i.emulated
+    GROUP BY l.name, n.name, i.slab_type) v;
 
 -- A fault of a line that has begun and not ended.
 CREATE VIEW plant.v_open_fault AS

@@ -10,6 +10,7 @@
 #include <atomic>
 #include <cstdlib>
 #include <filesystem>
+#include <utility>
 
 #include "base/plain_text.h"
 #include "report/json.h"
@@ -159,10 +160,12 @@ Documents::Documents(DocumentsSettings settings)
   environment_.emplace_back("LC_ALL=C.UTF-8");
   // Not in its arguments, which all users of the computer can read.
   if (!settings_.plant_dsn.empty()) environment_.push_back("SLABD_PLANT_DSN=" + settings_.plant_dsn);
+  renewer_ = std::thread([this] { renew_documents(); });
 }
 
 Documents::~Documents() {
   stop();
+  renewer_.join();
 }
 
 void Documents::stop() {
@@ -263,33 +266,7 @@ void Documents::log(const DocumentOrder& order, const Answer& answer) {
   fmt::print(stderr, "slabd-web: slabctl{}: {}", plain(command), plain(answer.text, Lines::kept));
 }
 
-SharedAnswer Documents::get(const DocumentOrder& order) {
-  const std::string name = name_of(order);
-  Lock lock(mutex_);
-  if (Entry* entry = find(name); entry != nullptr) {
-    if (entry->is_made && Clock::now() < entry->until) return entry->answer;
-    if (!entry->is_made) {
-      // Another caller waits for this document or makes it. It may remove the entry when it gives up.
-      const auto is_made = [&] {
-        const Entry* const now = find(name);
-        return stopped_ || now == nullptr || now->is_made;
-      };
-      const double factor = order.is_report ? 3.0 * kReportFactor : 3.0;
-      changed_.wait_for(lock, seconds(factor * settings_.answer_s), is_made);
-      const Entry* const now = find(name);
-      if (now != nullptr && now->is_made) return now->answer;
-      return error_answer(503, "too many documents are wanted at once", "try again in some seconds");
-    }
-    entry->is_made = false;
-  } else {
-    entries_.push_front({name, nullptr, {}, false});
-  }
-  if (!wait_for_process(lock, order) || stopped_) {
-    entries_.remove_if([&](const Entry& entry) { return entry.name == name; });
-    changed_.notify_all();
-    return error_answer(503, stopped_ ? "slabd-web stops" : "too many documents are wanted at once",
-                        "try again in some seconds");
-  }
+SharedAnswer Documents::run(Lock& lock, const DocumentOrder& order) {
   ++running_;
   reports_ += order.is_report ? 1 : 0;
   lock.unlock();
@@ -303,6 +280,64 @@ SharedAnswer Documents::get(const DocumentOrder& order) {
   log(order, *answer);
   --running_;
   reports_ -= order.is_report ? 1 : 0;
+  return answer;
+}
+
+/// Makes documents again whose time is over. A document that cannot be made keeps its time: once renew_s is over, the
+/// next caller gets the error.
+void Documents::renew_documents() {
+  Lock lock(mutex_);
+  while (true) {
+    changed_.wait(lock, [&] { return stopped_ || !to_renew_.empty(); });
+    if (stopped_) return;
+    const DocumentOrder order = std::move(to_renew_.front());
+    to_renew_.pop_front();
+    SharedAnswer answer;
+    if (wait_for_process(lock, order) && !stopped_) answer = run(lock, order);
+    // A command that writes may have removed the entry meanwhile, and the document may be older than that.
+    if (Entry* const entry = find(name_of(order)); entry != nullptr && std::exchange(entry->is_renewed, false))
+      if (answer != nullptr && answer->status == 200) keep(entry->name, answer, order.cache_s);
+    changed_.notify_all();
+  }
+}
+
+SharedAnswer Documents::get(const DocumentOrder& order) {
+  const std::string name = name_of(order);
+  Lock lock(mutex_);
+  if (Entry* entry = find(name); entry != nullptr) {
+    const auto now = Clock::now();
+    if (entry->is_made && now < entry->until) return entry->answer;
+    if (entry->is_made && entry->answer->status == 200 && now < entry->until + seconds(order.renew_s)) {
+      if (!std::exchange(entry->is_renewed, true)) {
+        to_renew_.push_back(order);
+        changed_.notify_all();
+      }
+      return entry->answer;
+    }
+    if (!entry->is_made) {
+      // Another caller waits for this document or makes it. It may remove the entry when it gives up.
+      const auto is_made = [&] {
+        const Entry* const found = find(name);
+        return stopped_ || found == nullptr || found->is_made;
+      };
+      const double factor = order.is_report ? 3.0 * kReportFactor : 3.0;
+      changed_.wait_for(lock, seconds(factor * settings_.answer_s), is_made);
+      const Entry* const found = find(name);
+      if (found != nullptr && found->is_made) return found->answer;
+      return error_answer(503, "too many documents are wanted at once", "try again in some seconds");
+    }
+    entry->is_made = false;
+    entry->is_renewed = false;
+  } else {
+    entries_.push_front({name, nullptr, {}, false, false});
+  }
+  if (!wait_for_process(lock, order) || stopped_) {
+    entries_.remove_if([&](const Entry& entry) { return entry.name == name; });
+    changed_.notify_all();
+    return error_answer(503, stopped_ ? "slabd-web stops" : "too many documents are wanted at once",
+                        "try again in some seconds");
+  }
+  SharedAnswer answer = run(lock, order);
   keep(name, answer, order.cache_s);
   changed_.notify_all();
   return answer;

@@ -4,10 +4,12 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
+#include <deque>
 #include <list>
 #include <memory>
 #include <mutex>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "base/os.h"
@@ -55,6 +57,9 @@ struct DocumentsSettings {
 struct DocumentOrder {
   std::vector<std::string> arguments;
   double cache_s = 0.0;
+  /// After cache_s the document is still given for this time, while it is made again: for documents about many slabs,
+  /// which take seconds and which one slab hardly changes.
+  double renew_s = 0.0;
   bool is_report = false;                     ///< the document is the file that "{file}" in the arguments names
   bool is_live = false;                       ///< of the poller: before all others that wait
   bool is_plant = false;                      ///< slabd-plant makes it
@@ -85,12 +90,16 @@ class Documents {
     SharedAnswer answer;
     std::chrono::steady_clock::time_point until;
     bool is_made = false;
+    bool is_renewed = false;  ///< it is made again, or waits for that
   };
   using Lock = std::unique_lock<std::mutex>;
 
   [[nodiscard]] Entry* find(const std::string& name);
   [[nodiscard]] bool wait_for_process(Lock& lock, const DocumentOrder& order);
   [[nodiscard]] bool may_start(const DocumentOrder& order) const;
+  /// Runs the process. The caller has waited for it; the lock is free meanwhile.
+  [[nodiscard]] SharedAnswer run(Lock& lock, const DocumentOrder& order);
+  void renew_documents();
   void keep(const std::string& name, SharedAnswer answer, double cache_s);
   void log(const DocumentOrder& order, const Answer& answer);
   [[nodiscard]] SharedAnswer made(const DocumentOrder& order) const;
@@ -108,6 +117,8 @@ class Documents {
   int live_waiting_ = 0;
   bool stopped_ = false;
   RateLimit log_limit_{10 * kNsPerS, 3};
+  std::deque<DocumentOrder> to_renew_;  ///< each document once
+  std::thread renewer_;                 ///< last, because it uses the others
 };
 
 }  // namespace slabd::web

@@ -142,7 +142,7 @@ void Live::refresh() {
 }
 
 std::string Live::document(const std::vector<std::string>& arguments, std::string& trouble) {
-  const SharedAnswer made = documents_.get({arguments, 0.0, false, true});
+  const SharedAnswer made = documents_.get({.arguments = arguments, .is_live = true});
   const json document = json::parse(body_of(*made), nullptr, false);
   if (made->status == 200 && document.is_object()) return text_of(document);
   if (trouble.empty()) trouble = document.is_object() ? document.value("text", "") : "slabctl gave no JSON";

@@ -37,6 +37,9 @@ constexpr std::array kOwnLanguage = {P{"language", Form::language, ""}};
 constexpr std::array kPlant = {P{"days", Form::number, "--days"}};
 constexpr std::array kFound = {P{"id", Form::text, ""}};
 
+/// A statistic of many slabs that is older than this is not given.
+constexpr double kRenew_s = 600.0;
+
 constexpr std::array kRoutes = {
     Route{"/api/v1/status", Maker::status, "slabd.web_status/1", 0.2, "", kOwnLanguage},
     Route{"/api/v1/slabs", Maker::slabctl, "slabd.history/1", 2, "history --json", kSlabs},
@@ -58,12 +61,12 @@ constexpr std::array kRoutes = {
           {}},
     Route{"/api/v1/slabs/{key}/report.pdf", Maker::report, "", 60, "report --out={file} -- {key}", kReport},
     Route{"/api/v1/slabs/{key}/pin", Maker::slabctl, "slabd.pin_state/1", 1, "pin --show --json -- {key}", {}},
-    Route{"/api/v1/trends", Maker::slabctl, "slabd.capability/1", 60, "trend --json", kCapability},
-    Route{"/api/v1/trends/{item}", Maker::slabctl, "slabd.trend/1", 60, "trend --json -- {item}", kTrend},
-    Route{"/api/v1/yield", Maker::slabctl, "slabd.yield/1", 30, "yield --json", kYield},
-    Route{"/api/v1/reasons", Maker::slabctl, "slabd.reasons/1", 60, "reasons --json", kReasons},
+    Route{"/api/v1/trends", Maker::slabctl, "slabd.capability/1", 60, "trend --json", kCapability, kRenew_s},
+    Route{"/api/v1/trends/{item}", Maker::slabctl, "slabd.trend/1", 60, "trend --json -- {item}", kTrend, kRenew_s},
+    Route{"/api/v1/yield", Maker::slabctl, "slabd.yield/1", 30, "yield --json", kYield, kRenew_s},
+    Route{"/api/v1/reasons", Maker::slabctl, "slabd.reasons/1", 60, "reasons --json", kReasons, kRenew_s},
     Route{"/api/v1/compare", Maker::slabctl, "slabd.comparison/1", 60, "compare --json -- {a} {b}", kCompare},
-    Route{"/api/v1/moulds", Maker::slabctl, "slabd.moulds/1", 60, "mould list --json", kMoulds},
+    Route{"/api/v1/moulds", Maker::slabctl, "slabd.moulds/1", 60, "mould list --json", kMoulds, kRenew_s},
     Route{"/api/v1/moulds/{mould}/sheet.pdf", Maker::report, "", 60, "mould sheet --out={file} -- {mould}", kLanguage},
     Route{"/api/v1/calibration", Maker::calibration, "slabd.web_calibration/1", 10, "", kOwnLanguage},
     Route{"/api/v1/doctor", Maker::slabctl, "slabd.doctor/1", 10, "doctor --no-write --json", kLanguage},

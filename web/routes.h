@@ -60,6 +60,7 @@ struct Route {
   /// parameters are inserted before " -- ".
   std::string_view arguments;
   std::span<const RouteParameter> parameters;
+  double renew_s = 0.0;  ///< DocumentOrder::renew_s
 };
 
 [[nodiscard]] std::span<const Route> routes();

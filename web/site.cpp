@@ -96,8 +96,8 @@ bool Site::is_known_host(const HttpRequest& request) const {
 
 SharedAnswer Site::calibration(double cache_s, bool in_chinese) {
   const std::string state = live_.ask("calibration");
-  const SharedAnswer history = documents_.get({{"calibrate", "history", "--json"}, cache_s});
-  const SharedAnswer trend = documents_.get({{"calibrate", "check", "--json"}, cache_s});
+  const SharedAnswer history = documents_.get({.arguments = {"calibrate", "history", "--json"}, .cache_s = cache_s});
+  const SharedAnswer trend = documents_.get({.arguments = {"calibrate", "check", "--json"}, .cache_s = cache_s});
   const bool is_state = state.find("\"slabd.calibration_state/1\"") != std::string::npos;
   const auto part = [&](const std::string& text) { return in_chinese ? notes_in_chinese(text) : text; };
   return text_answer("{\"schema\":\"slabd.web_calibration/1\",\"state\":" + part(is_state ? state : "null") +
@@ -119,9 +119,13 @@ SharedAnswer Site::document(const HttpRequest& asked, const Target& target) {
     case Maker::plant:
     case Maker::report: break;
   }
-  return documents_.get({request.arguments, request.route->cache_s, request.route->maker == Maker::report, false,
-                         request.route->maker == Maker::plant,
-                         request.route->path.ends_with(".png") ? "image/png" : "application/pdf"});
+  const Route& route = *request.route;
+  return documents_.get({.arguments = request.arguments,
+                         .cache_s = route.cache_s,
+                         .renew_s = route.renew_s,
+                         .is_report = route.maker == Maker::report,
+                         .is_plant = route.maker == Maker::plant,
+                         .file_type = route.path.ends_with(".png") ? "image/png" : "application/pdf"});
 }
 
 SharedAnswer Site::find(const HttpRequest& request, const Target& target) {

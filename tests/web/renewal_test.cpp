@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Documents that are given while they are made again.
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <fstream>
+#include <string>
+
+#include "tests/hal/temporary_folder.h"
+#include "tests/places/wait.h"
+#include "web/documents.h"
+
+namespace slabd::web {
+namespace {
+
+/// A program that prints {"n": 1}, then {"n": 2}, ...; from the `last`-th time on it ends with an error.
+class RenewedDocuments : public ::testing::Test {
+ protected:
+  Documents documents(int last) {
+    const std::string program = (folder_ / "slabctl");
+    std::ofstream(program) << "#!/bin/sh\nn=$(($(cat " << (folder_ / "count") << " 2>/dev/null || echo 0) + 1))\n"
+                           << "echo $n >" << (folder_ / "count") << "\n[ $n -le " << last
+                           << " ] || { echo 'slabctl: internal error' >&2; exit 5; }\necho \"{\\\"n\\\": $n}\"\n";
+    ::chmod(program.c_str(), 0755);
+    return Documents({.slabctl = program, .config = "", .reports_dir = folder_.string(), .answer_s = 60.0, .plant = "", .plant_dsn = ""});
+  }
+  hal::test::TemporaryFolder folder_;
+};
+
+TEST_F(RenewedDocuments, are_given_while_they_are_made_again) {
+  Documents documents = this->documents(100);
+  const DocumentOrder order{.arguments = {"moulds"}, .cache_s = 0.0, .renew_s = 3'600.0};
+  EXPECT_EQ(body_of(*documents.get(order)), "{\"n\": 1}\n");
+  EXPECT_EQ(body_of(*documents.get(order)), "{\"n\": 1}\n") << "at once, and it is made again";
+  EXPECT_TRUE(places::wait_until([&] { return body_of(*documents.get(order)) != "{\"n\": 1}\n"; }));
+}
+
+TEST_F(RenewedDocuments, are_an_error_after_their_time_if_they_cannot_be_made) {
+  Documents documents = this->documents(1);
+  const DocumentOrder order{.arguments = {"moulds"}, .cache_s = 0.0, .renew_s = 0.5};
+  EXPECT_EQ(documents.get(order)->status, 200);
+  EXPECT_TRUE(places::wait_until([&] { return documents.get(order)->status == 500; }));
+}
+
+TEST_F(RenewedDocuments, are_made_before_they_are_given_after_a_write) {
+  Documents documents = this->documents(100);
+  const DocumentOrder order{.arguments = {"moulds"}, .cache_s = 3'600.0, .renew_s = 3'600.0};
+  EXPECT_EQ(body_of(*documents.get(order)), "{\"n\": 1}\n");
+  EXPECT_EQ(documents.carry_out({"disposition"})->status, 200);
+  EXPECT_EQ(body_of(*documents.get(order)), "{\"n\": 3}\n");
+}
+
+}  // namespace
+}  // namespace slabd::web
