@@ -6,8 +6,8 @@
 namespace slabd {
 namespace {
 
-constexpr std::array<std::string_view, kCalibrationKinds> kKinds = {"hand_eye", "stations", "reference_block",
-                                                                    "monitor_ball", "scanner", "tie"};
+constexpr std::array<std::string_view, kCalibrationKinds> kKinds = {"hand_eye",     "stations", "reference_block",
+                                                                    "monitor_ball", "scanner",  "tie"};
 constexpr std::array<std::string_view, 5> kStandings = {"verified", "never", "expired", "failed", "other_temperature"};
 constexpr std::array<std::string_view, kSpliceSources> kSources = {
     "none", "commissioning", "corrected", "not_mastered", "stale", "expired", "outside_gate"};
@@ -147,11 +147,15 @@ FixedString<limits::kErrorTextBytes> describe(TieFault fault, const CellCalibrat
     case TieFault::missing:
       text.printf("the base frames of the two robots are not tied; measure and apply a tie (slabctl calibrate tie)");
       break;
-    case TieFault::unusable: text.printf("the tie of the two robots cannot be used: %s", tie.trouble.c_str()); break;
+    case TieFault::unusable:
+      text.printf("the tie of the two robots cannot be used: %s; tie again (slabctl calibrate tie)",
+                  tie.trouble.c_str());
+      break;
     case TieFault::stale:
-      text.printf("tie %s of the two robots belongs to robot %s and the hand-eye calibrations %s and %s, and others are "
-                  "in force; tie again (slabctl calibrate tie)",
-                  tie.id.c_str(), tie.numbers.robot.c_str(), tie.hand_eye_id[0].c_str(), tie.hand_eye_id[1].c_str());
+      text.printf(
+          "tie %s of the two robots belongs to robot %s and the hand-eye calibrations %s and %s, and others are "
+          "in force; tie again (slabctl calibrate tie)",
+          tie.id.c_str(), tie.numbers.robot.c_str(), tie.hand_eye_id[0].c_str(), tie.hand_eye_id[1].c_str());
       break;
     case TieFault::expired:
       text.printf("tie %s of the two robots has expired; tie again and apply the result (slabctl calibrate tie)",
@@ -213,8 +217,7 @@ Splice splice_for(const CellCalibration& calibration, std::size_t arm, const Spl
                   std::uint16_t slab_type, int station, const Pose& T_base_flange, double lever_mm,
                   std::int64_t utime_us) {
   if (arm > 0 && calibration.tie.id.empty()) return {};
-  Splice splice =
-      splice_for(calibration.arm.at(arm), settings, slab_type, station, T_base_flange, lever_mm, utime_us);
+  Splice splice = splice_for(calibration.arm.at(arm), settings, slab_type, station, T_base_flange, lever_mm, utime_us);
   if (arm > 0 && splice.source != SpliceSource::none) {
     splice.tied = true;
     splice.T_base_robot = calibration.tie.numbers.T_base_robot;

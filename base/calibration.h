@@ -298,8 +298,8 @@ struct Splice {
 [[nodiscard]] Splice splice_for(const LineCalibration& calibration, const SpliceSettings& settings,
                                 std::uint16_t slab_type, int station, const Pose& T_base_flange, double lever_mm,
                                 std::int64_t utime_us);
-/// The same for a scan of one arm; `T_base_flange` is in the base of that arm's robot. An arm after the first is tied to
-/// the line's base frame. Without an applied tie its source is `none`.
+/// The same for a scan of one arm; `T_base_flange` is in the base of that arm's robot. An arm after the first is tied
+/// to the line's base frame. Without an applied tie its source is `none`.
 [[nodiscard]] Splice splice_for(const CellCalibration& calibration, std::size_t arm, const SpliceSettings& settings,
                                 std::uint16_t slab_type, int station, const Pose& T_base_flange, double lever_mm,
                                 std::int64_t utime_us);
