@@ -78,6 +78,7 @@ SLABD_FIELDS(ReferenceBlock, slope_rad, slope_U_rad, jaw_distance_mm, jaw_distan
 SLABD_FIELDS(MonitorBall, p_base, radius_mm, limit_mm);
 SLABD_FIELDS(ScannerNumbers, scanner, PF_mm, PS_mm, RF_mm, form_half_mm, form_length_mm, noise_sigma_mm,
              noise_correlation_mm, pitch_mm, plates, balls, within_limits, temperature_c);
+SLABD_FIELDS(TieNumbers, robot, T_base_robot, centre_mm, covariance, targets, rms_mm);
 SLABD_FIELDS(CalibrationCheck, kind, reference_id, hand_eye_id, passed, slope_rad, slope_U_rad, jaw_distance_mm,
              jaw_distance_U_mm, off_mm, utime_us, who, source, note);
 

@@ -103,9 +103,12 @@ std::string Calibrations::keep(const CalibrationRecord& given) {
   } else if (const auto* ball = std::get_if<MonitorBall>(&record.numbers)) {
     Statement row(db_, insert_text("monitor_ball", names_of<NumbersOf, MonitorBall>()));
     write_row(row, of, *ball);
-  } else {
+  } else if (const auto* scanner = std::get_if<ScannerNumbers>(&record.numbers)) {
     Statement row(db_, insert_text("scanner_acceptance", names_of<NumbersOf, ScannerNumbers>()));
-    write_row(row, of, std::get<ScannerNumbers>(record.numbers));
+    write_row(row, of, *scanner);
+  } else {
+    Statement row(db_, insert_text("tie_numbers", names_of<NumbersOf, TieNumbers>()));
+    write_row(row, of, std::get<TieNumbers>(record.numbers));
   }
   return record.id;
 }
@@ -243,6 +246,7 @@ CalibrationRecord Calibrations::read(Statement& row) {
     case CalibrationKind::reference_block: numbers("reference_block", ReferenceBlock{}); break;
     case CalibrationKind::monitor_ball: numbers("monitor_ball", MonitorBall{}); break;
     case CalibrationKind::scanner: numbers("scanner_acceptance", ScannerNumbers{}); break;
+    case CalibrationKind::tie: numbers("tie_numbers", TieNumbers{}); break;
     case CalibrationKind::stations: {
       StationTable table;
       table.slab_type = slab_type;

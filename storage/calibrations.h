@@ -68,7 +68,7 @@ class Calibrations {
 
 // Checks of a calibration's numbers.
 
-/// Prefix of the ids of this kind: "he", "st", "rb", "mb", "sc".
+/// Prefix of the ids of this kind: "he", "st", "rb", "mb", "sc", "ti".
 [[nodiscard]] std::string_view id_prefix(CalibrationKind kind);
 
 /// Reason why these numbers cannot be used, as the rest of a sentence; empty if they can.

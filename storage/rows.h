@@ -426,7 +426,7 @@ void columns(V& v, R& r) {
 /// Column names, in the order of BudgetPart.
 inline constexpr std::array<std::string_view, kBudgetParts> kBudgetColumns = {
     "budget_fit",   "budget_noise",     "budget_scanner", "budget_registration", "budget_calibration",
-    "budget_robot", "budget_reference", "budget_thermal", "budget_gauge"};
+    "budget_robot", "budget_reference", "budget_thermal", "budget_gauge",        "budget_tie"};
 
 template <typename V, RecordOf<Item> R>
 void columns(V& v, R& r) {

@@ -16,7 +16,7 @@
 --   slab_seal  the chain of checksums over what is stored of each ended slab
 --
 --   calibration        every calibration ever kept, with what it was made from; its numbers are in hand_eye,
---                      station_correction, reference_block, monitor_ball or scanner_acceptance
+--                      station_correction, reference_block, monitor_ball, scanner_acceptance or tie_numbers
 --   applied            what was put in force when, by whom and why; the newest row of a kind (and slab type) counts
 --   calibration_check  the trend of the daily checks
 --   gauge_value        what the gauges gave for a slab; gauge_check  when a gauge was checked with its master
@@ -382,7 +382,7 @@ CREATE TABLE item (
   measured REAL,                         -- value before its correction for temperature
   -- Standard uncertainties (k = 1) whose root sum of squares is U / 2; all 0: U is the recipe's.
   budget_fit REAL, budget_noise REAL, budget_scanner REAL, budget_registration REAL, budget_calibration REAL,
-  budget_robot REAL, budget_reference REAL, budget_thermal REAL, budget_gauge REAL,
+  budget_robot REAL, budget_reference REAL, budget_thermal REAL, budget_gauge REAL, budget_tie REAL,
   PRIMARY KEY (slab_key, station, attempt, position)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX item_by_name ON item (id, slab_key);
@@ -488,9 +488,10 @@ CREATE TRIGGER slab_seal_is_new BEFORE INSERT ON slab_seal
 CREATE TABLE calibration (
   seq              INTEGER PRIMARY KEY,
   id               TEXT NOT NULL UNIQUE,   -- from the SHA-256 of kind, numbers and parent
-  kind             TEXT NOT NULL CHECK (kind IN ('hand_eye', 'stations', 'reference_block', 'monitor_ball', 'scanner')),
+  kind             TEXT NOT NULL CHECK (kind IN ('hand_eye', 'stations', 'reference_block', 'monitor_ball', 'scanner',
+                                                  'tie')),
   slab_type        INTEGER NOT NULL,       -- of station corrections, else 0
-  parent_id        TEXT NOT NULL,          -- stations: the hand-eye calibration they hold for
+  parent_id        TEXT NOT NULL,          -- stations: the hand-eye calibration they hold for; tie: both, with a '+'
   figures          TEXT NOT NULL,          -- JSON
   observations     TEXT NOT NULL,
   certificate      TEXT NOT NULL,
@@ -550,6 +551,23 @@ CREATE TABLE scanner_acceptance (
   balls          INTEGER NOT NULL,
   within_limits  INTEGER NOT NULL,
   temperature_c  REAL                      -- of the scanner during it, NULL: not known
+) STRICT, WITHOUT ROWID;
+
+-- The second robot's base in the base frame. Covariance: of its small motion about the centre, base axes, mm and rad.
+CREATE TABLE tie_numbers (
+  calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
+  robot          TEXT NOT NULL,            -- id of the second robot
+  T_base_robot_x REAL, T_base_robot_y REAL, T_base_robot_z REAL,
+  T_base_robot_qw REAL, T_base_robot_qx REAL, T_base_robot_qy REAL, T_base_robot_qz REAL,
+  centre_x REAL, centre_y REAL, centre_z REAL,
+  covariance_11 REAL, covariance_12 REAL, covariance_13 REAL, covariance_14 REAL, covariance_15 REAL, covariance_16 REAL,
+  covariance_21 REAL, covariance_22 REAL, covariance_23 REAL, covariance_24 REAL, covariance_25 REAL, covariance_26 REAL,
+  covariance_31 REAL, covariance_32 REAL, covariance_33 REAL, covariance_34 REAL, covariance_35 REAL, covariance_36 REAL,
+  covariance_41 REAL, covariance_42 REAL, covariance_43 REAL, covariance_44 REAL, covariance_45 REAL, covariance_46 REAL,
+  covariance_51 REAL, covariance_52 REAL, covariance_53 REAL, covariance_54 REAL, covariance_55 REAL, covariance_56 REAL,
+  covariance_61 REAL, covariance_62 REAL, covariance_63 REAL, covariance_64 REAL, covariance_65 REAL, covariance_66 REAL,
+  targets        INTEGER NOT NULL,         -- balls that both robots measured
+  rms_mm REAL
 ) STRICT, WITHOUT ROWID;
 
 CREATE TABLE applied (

@@ -60,8 +60,9 @@ inline constexpr std::int64_t kKeepSlabsMin = 100;
 struct CalibrationRecord {
   std::string id;  ///< computed by storage from kind, numbers and parent (`calibration_id`)
   /// Alternatives in the order of CalibrationKind.
-  std::variant<HandEyeNumbers, StationTable, ReferenceBlock, MonitorBall, ScannerNumbers> numbers;
-  std::string parent_id;     ///< stations: the hand-eye calibration they were solved with; empty if none
+  std::variant<HandEyeNumbers, StationTable, ReferenceBlock, MonitorBall, ScannerNumbers, TieNumbers> numbers;
+  /// stations: the hand-eye calibration they were solved with; tie: both (tie_parent()); empty if none
+  std::string parent_id;
   std::string figures;       ///< quality figures as a JSON object, as printed by the solver
   std::string observations;  ///< the captured views in the neutral text form, sufficient to solve again
   std::string certificate;   ///< text of the artefact's certificate
@@ -304,7 +305,7 @@ struct InspectionFilter {
 struct Inspections {
   std::vector<Inspection> list;  ///< oldest first
   std::uint8_t emulated = 0;     ///< emulation bits of the newest slab
-  std::size_t others = 0;        ///< slabs that match the filter and are left out, because the newest is of the other kind
+  std::size_t others = 0;  ///< slabs that match the filter and are left out, because the newest is of the other kind
 };
 
 /// Filter for values of one item. Open and aborted slabs have no values, because their measurements are not final.

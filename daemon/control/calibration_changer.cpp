@@ -205,6 +205,14 @@ Json of(const Vec3& v) {
 Json of(const Pose& pose) {
   return pose.to_array();
 }
+Json of(const Mat6& m) {
+  Json rows = Json::array();
+  for (Eigen::Index row = 0; row < 6; ++row) {
+    rows.push_back(Json::array());
+    for (Eigen::Index column = 0; column < 6; ++column) rows.back().push_back(m(row, column));
+  }
+  return rows;
+}
 
 template <typename T>
 void read(const Json& j, T& out) {
@@ -239,6 +247,11 @@ void read(const Json& j, Pose& out) {
   for (std::size_t i = 0; i < a.size(); ++i) read(j.at(i), a.at(i));
   out.translation_mm = Vec3(a[0], a[1], a[2]);
   out.rotation = Quat(a[3], a[4], a[5], a[6]);
+}
+void read(const Json& j, Mat6& out) {
+  for (std::size_t row = 0; row < 6; ++row)
+    for (std::size_t column = 0; column < 6; ++column)
+      read(j.at(row).at(column), out(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(column)));
 }
 
 // ---- records -----------------------------------------------------------------------------------------------------
@@ -307,6 +320,7 @@ CalibrationRecord calibration(const Json& j) {
     case CalibrationKind::reference_block: record.numbers = record_of<ReferenceBlock>(numbers); break;
     case CalibrationKind::monitor_ball: record.numbers = record_of<MonitorBall>(numbers); break;
     case CalibrationKind::scanner: record.numbers = record_of<ScannerNumbers>(numbers); break;
+    case CalibrationKind::tie: record.numbers = record_of<TieNumbers>(numbers); break;
   }
   return record;
 }
