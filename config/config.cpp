@@ -524,6 +524,7 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   of_plant.keep_doubts(&config.doubts);
   read_plant(of_plant.table("plant"), folder, config.plant);
   config.storage.keep_unsent = !config.plant.dsn.empty();
+  config.storage.arms = config.arms;
   TableReader of_web(path, &tree, "", complete ? config.web_problems : ignored);
   of_web.keep_doubts(&config.doubts);
   read_web(of_web.table("web"), folder, config.web);

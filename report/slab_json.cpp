@@ -25,6 +25,7 @@ void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block)
   json.field("T_base_flange", attempt.T_base_flange).field("pose_samples", attempt.pose_samples);
   json.field("pose_spread_mm", attempt.pose_spread_mm).key("splice").begin_object();
   write_fields(json, attempt.splice, [&](std::string_view field) {
+    if (field == "tied" || field == "T_base_robot") return attempt.splice.tied;
     return field != "T_base_reported" || attempt.splice.source == SpliceSource::corrected;
   });
   json.end_object();

@@ -158,6 +158,8 @@ std::string calibration_id(const CalibrationRecord& record) {
   Canonical text;
   text(name(record.kind()));
   text(record.parent_id);
+  // Calibrations of the first scanner keep the ids that they have on a line with one.
+  if (record.scanner != "1") text(record.scanner);
   std::visit(WriteNumbers{text}, record.numbers);
   std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
   SHA256Data(reinterpret_cast<const std::uint8_t*>(text.text().data()), text.text().size(), hex.data());
