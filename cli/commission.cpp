@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/client/arms.h"
 #include "cli/client/control.h"
 #include "cli/client/record_options.h"
 #include "cli/command.h"
@@ -119,6 +120,23 @@ void look_at_recipes(const config::Config& config, Steps& steps, std::vector<std
   if (unconfirmed > 0) step.saw += say("; {} numbers are not confirmed", unconfirmed);
 }
 
+/// The robots, or the scanners, of a line: the step is done if `ok` is true in the status of each. `saw`: what is seen
+/// then.
+Step look_at_parts(const std::vector<ArmStatus>& arms, bool robots, const std::string& saw) {
+  const auto link = [&](const ArmStatus& arm) -> const nlohmann::json& {
+    return robots ? arm.pose : arm.scanner_link;
+  };
+  for (const ArmStatus& arm : arms) {
+    const nlohmann::json& state = link(arm);
+    if (state.is_object() && state.value(robots ? "ok" : "online", false)) continue;
+    const std::string why = state.is_object() ? state.value("text", std::string()) : std::string();
+    const std::string text = why.empty() ? say("not connected") : quote(why);
+    const std::string& id = robots ? arm.robot : arm.scanner;
+    return {StepState::open, id.empty() ? text : say("{}: {}", id, text)};
+  }
+  return {StepState::done, saw};
+}
+
 void look_at_links(const config::Config& config, Steps& steps) {
   const Result<std::string> answer = ask_daemon(config.control_socket, "{\"verb\":\"status\"}\n");
   if (!answer) {
@@ -145,11 +163,9 @@ void look_at_links(const config::Config& config, Steps& steps) {
                               : text("/software")};
   steps[kPlc] = {is("/links/plc/alive") ? StepState::done : StepState::note,
                  is("/links/plc/alive") ? say("heartbeat changes") : say("no heartbeat")};
-  steps[kRobot] = {is("/links/pose/ok") ? StepState::done : StepState::open,
-                   is("/links/pose/ok") ? say("poses are accepted") : quote(text("/links/pose/text"))};
-  steps[kScanner] = {is("/links/scanner/online") ? StepState::done : StepState::open,
-                     is("/links/scanner/online") ? say("connected") : quote(text("/links/scanner/text"))};
-  if (steps[kScanner].saw.empty()) steps[kScanner].saw = say("not connected");
+  const std::vector<ArmStatus> arms = arms_in(status);
+  steps[kRobot] = look_at_parts(arms, true, say("poses are accepted"));
+  steps[kScanner] = look_at_parts(arms, false, say("connected"));
 }
 
 void look_at_calibration(storage::Reader& reader, const config::Config& config, std::span<const std::uint16_t> types,

@@ -28,7 +28,7 @@ constexpr std::array kChecks = {"configuration", "recipes",        "recipe",    
                                 "plc heartbeat", "plc enable",     "plc registers",  "word order",     "robot route",
                                 "robot link",    "robot poses",    "robot frame",    "robot position", "robot clock",
                                 "scanner link",  "scan",           "calibration",    "acceptance",     "daily check",
-                                "camera",        "camera packets", "camera buffers", "gauge"};
+                                "camera",        "camera packets", "camera buffers", "gauge",          "tie"};
 
 using Document = nlohmann::ordered_json;
 
