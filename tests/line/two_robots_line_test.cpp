@@ -170,8 +170,8 @@ TEST_F(TwoRobotsTest, each_robot_scans_its_row_and_the_slab_passes) {
   EXPECT_EQ(count("attempt"), 18);
   EXPECT_EQ(count("slab WHERE tie_id <> ''"), 1);
   EXPECT_EQ(count("slab_arm WHERE robot = '2' AND scanner = '2'"), 1);
-  EXPECT_GT(count("item WHERE item = 'large_jaw_distance' AND budget_tie > 0"), 0) << "items across the tie";
-  EXPECT_EQ(count("item WHERE item = 'jaw_distance' AND budget_tie > 0"), 0) << "items of one block are not";
+  EXPECT_GT(count("item WHERE id = 'large_jaw_distance' AND budget_tie > 0"), 0) << "items across the tie";
+  EXPECT_EQ(count("item WHERE id = 'jaw_distance' AND budget_tie > 0"), 0) << "items of one block are not";
   const Json run = Json::parse(answer.out)["slabs"][0];
   EXPECT_EQ(run["stations"][0]["robot"], "1");
   EXPECT_EQ(run["stations"][17]["robot"], "2");
