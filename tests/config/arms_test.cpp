@@ -216,5 +216,15 @@ TEST_F(ArmsTest, commissioning_values_belong_to_one_place) {
   EXPECT_THAT(load(kCell + "[scanner]\nT_flange_scanner = [0, 0, 130, 1, 0, 0, 0]\n").at(0), HasSubstr("unknown key"));
 }
 
+TEST_F(ArmsTest, the_example_of_a_line_with_two_robots_is_good) {
+  std::vector<Problem> problems;
+  load_config(places::source_dir() + "/systemd/slabd-two-robots.toml", config_, problems);
+  EXPECT_EQ(files_.texts(problems), Texts{});
+  ASSERT_EQ(config_.arms.list.size(), 2U);
+  EXPECT_THAT(arms_of(9), ElementsAre(0));
+  EXPECT_THAT(arms_of(12), ElementsAre(1, 0));
+  EXPECT_THAT(arms_of(18), ElementsAre(1));
+}
+
 }  // namespace
 }  // namespace slabd::config
