@@ -108,6 +108,7 @@ export function Calibration({ picture }) {
   const arms = armsOf(status);
   const [chosen, choose] = useState(0);
   const arm = arms[chosen] ?? arms[0];
+  const trendOf = (document) => document.further_trends?.find((one) => one.scanner === arm.scanner)?.trend ?? document.trend;
   const inForce = (document) => (arm.scanner === '' ? document.state?.in_force : arm.calibration);
   return html`
     <${PageHead} title=${t('calibration.title')} />
@@ -118,7 +119,7 @@ export function Calibration({ picture }) {
     <${Loaded} ask=${ask}>${(document) => html`
       <${Panel} title=${t('calibration.in_force')}><${InForce} now=${inForce(document)} /><//>
       ${arms.length > 1 && html`<${Panel} title=${t('calibration.tie')}><${Tie} tie=${status.tie} /><//>`}
-      <${Panel} title=${t('calibration.checks')}><${Checks} checks=${rowsOf(document.trend?.checks, arm.scanner)} /><//>
+      <${Panel} title=${t('calibration.checks')}><${Checks} checks=${trendOf(document)?.checks ?? []} /><//>
       <${Panel} title=${t('calibration.changes')}><${Changes} changes=${rowsOf(document.history?.applied, arm.scanner)} /><//>
       <${Panel} title=${t('calibration.records')}><${Records} records=${rowsOf(document.history?.records, arm.scanner)} /><//>`}<//>`;
 }
