@@ -315,7 +315,7 @@ void refuse(Tie& tie, TieRefusal code, std::string text, std::string cure) {
 }
 
 /// Reasons, a cause before its consequences: a ball that was moved also raises s0.
-void judge(Tie& tie, bool converged) {
+void judge(Tie& tie, bool converged, std::span<const std::string> names) {
   if (tie.targets.size() < kTieTargetsMin)
     refuse(tie, TieRefusal::too_few_targets,
            sentence("%zu balls are seen by both robots; at least %zu are needed, 6 to 8 advised", tie.targets.size(),
@@ -332,13 +332,15 @@ void judge(Tie& tie, bool converged) {
   for (const TieTarget& target : tie.targets)
     if (has_value(target.sigmas) && (worst == nullptr || target.sigmas > worst->sigmas)) worst = &target;
   const bool moved = worst != nullptr && worst->sigmas > kTieMovedSigmas;
-  if (moved)
+  if (moved) {
+    const std::string ball = worst->target < names.size() ? names[worst->target] : std::to_string(worst->target + 1);
     refuse(
         tie, TieRefusal::target_moved,
-        sentence("ball %zu is %.3f mm from where the tie of the others puts it, as rare as %.1f sigma (at most %.1f)",
-                 worst->target + 1, worst->leave_one_out_mm, worst->sigmas, kTieMovedSigmas),
+        sentence("ball %s is %.3f mm from where the tie of the others puts it, as rare as %.1f sigma (at most %.1f)",
+                 ball.c_str(), worst->leave_one_out_mm, worst->sigmas, kTieMovedSigmas),
         "see whether that ball moved between the two robots, or is another one in one of the tables; measure it again "
         "with both robots, or leave it out");
+  }
   if (tie.s0 > kS0Max)
     refuse(tie, TieRefusal::noise_above_stated,
            sentence("residuals are %.3g times what the stated noise explains (at most %.0f)", tie.s0, kS0Max),
@@ -356,7 +358,7 @@ std::string_view name(TieRefusal refusal) {
   return kRefusals.at(static_cast<std::size_t>(refusal));
 }
 
-Result<Tie> solve_tie(const TieArm& first, const TieArm& second) {
+Result<Tie> solve_tie(const TieArm& first, const TieArm& second, std::span<const std::string> names) {
   if (const Status status = check(first, "first"); !status) return status.error();
   if (const Status status = check(second, "second"); !status) return status.error();
   const std::array<const TieArm*, 2> arms = {&first, &second};
@@ -381,7 +383,7 @@ Result<Tie> solve_tie(const TieArm& first, const TieArm& second) {
   nowhere.translation_mm.setConstant(kNoValue);
   tie.numbers.T_base_robot = nowhere;
   if (pairs.size() < kTargetsLeast) {
-    judge(tie, true);
+    judge(tie, true, names);
     return tie;
   }
 
@@ -392,7 +394,7 @@ Result<Tie> solve_tie(const TieArm& first, const TieArm& second) {
   tie.determined = tie.condition < kTieConditionDegenerate && all.covariance.allFinite();
   tie.degrees_of_freedom = freedom_within + 3 * static_cast<int>(pairs.size()) - 6;
   if (!tie.determined) {
-    judge(tie, true);
+    judge(tie, true, names);
     return tie;
   }
   tie.s0 = std::sqrt((within + all.chi_square) / tie.degrees_of_freedom);
@@ -423,7 +425,7 @@ Result<Tie> solve_tie(const TieArm& first, const TieArm& second) {
     covariance += scale * uncertainty.of_noise(robot, *arms[robot], places[robot]) +
                   uncertainty.of_hand_eye(robot, *arms[robot], places[robot]);
   tie.numbers.covariance = 0.5 * (covariance + covariance.transpose());
-  judge(tie, all.converged);
+  judge(tie, all.converged, names);
   return tie;
 }
 

@@ -103,7 +103,8 @@ struct Tie {
 /// Solves the tie. Refusals are part of the answer. Error (Code::config) only for invalid input: a robot without
 /// sightings, numbers that are not finite, noise that is negative or zero, more than kViewsMax sightings or kBallsMax
 /// balls.
-[[nodiscard]] Result<Tie> solve_tie(const TieArm& first, const TieArm& second);
+/// `names`: of the balls, for the reasons; without them a ball is named by its number, from 1.
+[[nodiscard]] Result<Tie> solve_tie(const TieArm& first, const TieArm& second, std::span<const std::string> names = {});
 
 /// Standard deviation (k = 1, in space) of a place in the base frame that was measured by the second robot, from the
 /// tie alone.

@@ -360,7 +360,7 @@ void add_calibrate_rollback(args::Command& group) {
       "\nStation corrections hold for one hand-eye calibration: roll that back first.\n"
       "Example: slabctl calibrate rollback --reason \"worse than before\"");
   command->add_option("--kind", options->kind, "Kind of calibration to roll back")
-      ->check(args::one_of({"hand_eye", "stations", "reference_block", "monitor_ball", "scanner"}))
+      ->check(args::one_of({"hand_eye", "stations", "reference_block", "monitor_ball", "scanner", "tie"}))
       ->capture_default_str();
   command->add_option("--slab-type", options->slab_type,
                       "SLAB_TYPE of station corrections (default: that of the newest change)");
