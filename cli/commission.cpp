@@ -123,9 +123,7 @@ void look_at_recipes(const config::Config& config, Steps& steps, std::vector<std
 /// The robots, or the scanners, of a line: the step is done if `ok` is true in the status of each. `saw`: what is seen
 /// then.
 Step look_at_parts(const std::vector<ArmStatus>& arms, bool robots, const std::string& saw) {
-  const auto link = [&](const ArmStatus& arm) -> const nlohmann::json& {
-    return robots ? arm.pose : arm.scanner_link;
-  };
+  const auto link = [&](const ArmStatus& arm) -> const nlohmann::json& { return robots ? arm.pose : arm.scanner_link; };
   for (const ArmStatus& arm : arms) {
     const nlohmann::json& state = link(arm);
     if (state.is_object() && state.value(robots ? "ok" : "online", false)) continue;

@@ -173,9 +173,9 @@ Code code_at(const json& status, std::initializer_list<const char*> path) {
 std::string robot_text(const ArmStatus& arm) {
   const json& pose = arm.pose;
   return line(with_id(say("robot"), plain(arm.robot)),
-              text_at(pose, {"ok"}) == "yes"
-                  ? say("poses arrive") + after(marked("; "), text_at(pose, {"note"}))
-                  : say("{}: {}", text_at(pose, {"code"}), code_text(code_at(pose, {"code"}), text_at(pose, {"text"})))) +
+              text_at(pose, {"ok"}) == "yes" ? say("poses arrive") + after(marked("; "), text_at(pose, {"note"}))
+                                             : say("{}: {}", text_at(pose, {"code"}),
+                                                   code_text(code_at(pose, {"code"}), text_at(pose, {"text"})))) +
          pose_faults_text(pose);
 }
 

@@ -107,8 +107,8 @@ void plan_further(const Cell& cell, const SlabVariation& variation, const Pose& 
     SlabVariation own = variation;
     own.seed = derived_seed(variation.seed, 4, i + 1);
     const Pose T_robot_base = arm.T_base_robot.inverse();
-    const Pose planned = T_robot_base * cell.T_base_slab * T_slab_block(recipe, k) * T_block_scanner *
-                         arm.T_flange_scanner.inverse();
+    const Pose planned =
+        T_robot_base * cell.T_base_slab * T_slab_block(recipe, k) * T_block_scanner * arm.T_flange_scanner.inverse();
     Stop& stop = station.further[i];
     stop.T_base_flange_reported = planned;
     stop.T_base_flange_reported.translation_mm +=

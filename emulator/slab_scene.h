@@ -52,9 +52,9 @@ struct StationTruth {
   double outlier_share = 0.005;
   /// Flatness of a block of real concrete, set after it was drawn; NaN: follows from `block`.
   double flatness_mm = kNoValue;
-  Pose T_slab_block;            ///< real
-  Pose T_base_flange_real;      ///< real flange pose of the first robot at this station
-  Pose T_base_flange_reported;  ///< pose that it reports
+  Pose T_slab_block;                                 ///< real
+  Pose T_base_flange_real;                           ///< real flange pose of the first robot at this station
+  Pose T_base_flange_reported;                       ///< pose that it reports
   std::array<Stop, limits::kArmsMax - 1> further{};  ///< of the other robots: [arm - 1]
 
   [[nodiscard]] Stop stop(std::size_t arm) const {
@@ -86,9 +86,9 @@ struct FurtherArm {
 
 /// The cell of the slab, from the daemon's configuration.
 struct Cell {
-  Pose T_base_slab;            ///< nominal
-  Pose T_flange_scanner;       ///< taken as true
-  std::vector<Pose> taught{};  ///< the first robot's targets by station; empty: straight above each block
+  Pose T_base_slab;                   ///< nominal
+  Pose T_flange_scanner;              ///< taken as true
+  std::vector<Pose> taught{};         ///< the first robot's targets by station; empty: straight above each block
   std::vector<FurtherArm> further{};  ///< arms after the first: [arm - 1]
 };
 

@@ -48,11 +48,11 @@ struct HttpReply {
 };
 
 struct SiteSettings {
-  std::vector<std::string> names;  ///< host names besides localhost and the address of the connection
-  std::string users_file;          ///< accounts; empty: no user can log in, and nothing can be written
-  bool viewer_login = false;       ///< documents are given only to users that are logged in
-  bool second_person = false;      ///< [quality] second_person, shown to the page
-  bool plant = false;              ///< there is a plant's database, so the page shows its link
+  std::vector<std::string> names;       ///< host names besides localhost and the address of the connection
+  std::string users_file;               ///< accounts; empty: no user can log in, and nothing can be written
+  bool viewer_login = false;            ///< documents are given only to users that are logged in
+  bool second_person = false;           ///< [quality] second_person, shown to the page
+  bool plant = false;                   ///< there is a plant's database, so the page shows its link
   std::vector<std::string> scanners{};  ///< ids of the line's scanners; empty: one without a name
 };
 

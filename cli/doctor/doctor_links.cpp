@@ -530,9 +530,9 @@ static void examine_robot(const config::ArmSettings& arm, double seconds, Examin
   const hal::PoseLinkCounters& counters = port.value()->counters();
   const std::string faults = refused(*port.value());
   if (!trouble.empty()) {
-    report.failed("robot link", quote(trouble),
-                  fmt::format("ip address; ip route get {}; [robot] interface",
-                              emulator::multicast_group(arm.robot.url.view())));
+    report.failed(
+        "robot link", quote(trouble),
+        fmt::format("ip address; ip route get {}; [robot] interface", emulator::multicast_group(arm.robot.url.view())));
   } else if (heard.poses == 0) {
     report.failed(
         "robot poses",

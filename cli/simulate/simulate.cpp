@@ -183,8 +183,7 @@ Arms start_arms(const Options& options, const config::Config& config, const emul
     const int first = std::max(1, emulator::first_station(config.arms, arm, slab.stations));
     auto robot = started(emulator::RobotPeer::start(robot_traits(config, arm, options),
                                                     slab.at(first).stop(arm).T_base_flange_reported));
-    auto outlet =
-        started(emulator::open_outlet(config.arm(arm), *hal::scan_format_named(options.scan_format)));
+    auto outlet = started(emulator::open_outlet(config.arm(arm), *hal::scan_format_named(options.scan_format)));
     emulator::ScannerTraits traits = scanner_traits;
     if (arm != 0) traits.scanner_seed = emulator::derived_seed(options.variation.seed, 7, arm);
     arms.add(std::move(robot), started(emulator::ScannerPeer::start(traits, std::move(outlet), fault)));

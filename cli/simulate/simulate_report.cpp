@@ -207,8 +207,7 @@ std::string planted_text(const Recipe& recipe, const RunFacts& facts, const Slab
   return text_of(table) + "\n";
 }
 
-void write_station(report::Json& json, const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome,
-                   int k) {
+void write_station(report::Json& json, const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome, int k) {
   const emulator::StationRun& run = run_of(outcome, k);
   const emulator::StationTruth& truth = outcome.truth.at(k);
   const PlcStationRow& row = outcome.run.table[static_cast<std::size_t>(k - 1)];
@@ -291,8 +290,8 @@ std::string outcome_text(const Recipe& recipe, const RunFacts& facts, const Slab
                       run.continued ? "(was already open: continued)" : "");
   text += fmt::format("{}{}\n", cli::slab_map(table_verdicts(outcome), style), cli::map_legend(style));
   const std::vector<SlabItem> slab = slab_items(recipe, outcome);
-  text +=
-      stations_text(recipe, facts, outcome, style) + slab_items_text(slab, style) + planted_text(recipe, facts, outcome, slab);
+  text += stations_text(recipe, facts, outcome, style) + slab_items_text(slab, style) +
+          planted_text(recipe, facts, outcome, slab);
   if (run.finished) {
     text +=
         fmt::format("slab verdict {}  {}\n", report::verdict_text(run.verdict, style), cli::reason_text(run.reason));

@@ -283,7 +283,8 @@ class Composer {
   void links() {
     for (const LinkState& state : p_.links) {
       Line line = {
-          {padded(" " + name_of(state.link) + (state.part.empty() ? "" : " " + state.part), state.part.empty() ? 14 : 18),
+          {padded(" " + name_of(state.link) + (state.part.empty() ? "" : " " + state.part),
+                  state.part.empty() ? 14 : 18),
            {}},
           {padded(fmt::format("{} {}", report::symbol(state.ok ? Verdict::pass : Verdict::fail, style_), state.word),
                   16),

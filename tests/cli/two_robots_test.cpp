@@ -52,16 +52,25 @@ struct TwoRobots : Slabctl {
   [[nodiscard]] std::string config() const {
     return write("slabd.toml",
                  "[plc]\nlisten = \"127.0.0.1:1502\"\n"
-                 "[[robot]]\nid = \"1\"\n" + kLcm + "[[robot]]\nid = \"2\"\nchannel = \"FLANGE_POSE_2\"\n" + kLcm +
-                 "[[scanner]]\nid = \"1\"\ndrop_dir = \"" + file("drop-1") + "\"\n"
-                 "[[scanner]]\nid = \"s2\"\ndrop_dir = \"" + file("drop-2") + "\"\n"
-                 "[[station]]\nnumbers = \"1..9\"\nrobot = \"1\"\nscanner = \"1\"\n"
-                 "[[station]]\nnumbers = \"10..18\"\nrobot = \"2\"\nscanner = \"s2\"\nor = \"1\"\n"
-                 "[storage]\ndb = \"" + file("slabd.db") + "\"\nspool_dir = \"" + file("spool") + "\"\n"
-                 "[recipes]\ndir = \"" + places::source_dir() + "/recipes\"\n"
-                 "[cell]\nT_base_slab = [1800.0, 0.0, 400.0, 1.0, 0.0, 0.0, 0.0]\n"
-                 "[calibration]\nT_flange_scanner = [0.0, 0.0, 120.0, 1.0, 0.0, 0.0, 0.0]\n"
-                 "[control]\nsocket = \"" + file("c.sock") + "\"\n");
+                 "[[robot]]\nid = \"1\"\n" +
+                     kLcm + "[[robot]]\nid = \"2\"\nchannel = \"FLANGE_POSE_2\"\n" + kLcm +
+                     "[[scanner]]\nid = \"1\"\ndrop_dir = \"" + file("drop-1") +
+                     "\"\n"
+                     "[[scanner]]\nid = \"s2\"\ndrop_dir = \"" +
+                     file("drop-2") +
+                     "\"\n"
+                     "[[station]]\nnumbers = \"1..9\"\nrobot = \"1\"\nscanner = \"1\"\n"
+                     "[[station]]\nnumbers = \"10..18\"\nrobot = \"2\"\nscanner = \"s2\"\nor = \"1\"\n"
+                     "[storage]\ndb = \"" +
+                     file("slabd.db") + "\"\nspool_dir = \"" + file("spool") +
+                     "\"\n"
+                     "[recipes]\ndir = \"" +
+                     places::source_dir() +
+                     "/recipes\"\n"
+                     "[cell]\nT_base_slab = [1800.0, 0.0, 400.0, 1.0, 0.0, 0.0, 0.0]\n"
+                     "[calibration]\nT_flange_scanner = [0.0, 0.0, 120.0, 1.0, 0.0, 0.0, 0.0]\n"
+                     "[control]\nsocket = \"" +
+                     file("c.sock") + "\"\n");
   }
 };
 

@@ -60,8 +60,8 @@ TEST(Screen, each_robot_and_scanner_of_a_line_with_two_is_named) {
     for (const std::string& line : screen(two_robots(), columns, rows, kColour, Language::zh))
       EXPECT_LE(report::display_width(line), columns) << line;
   const std::string text = joined(screen(two_robots(), 100, 40, kPlain, Language::en));
-  for (const char* words : {"robot 1", "robot 2", "-> start the robot bridge", "scanner 1, 2", "calibration 1, 2",
-                            "robots tied"})
+  for (const char* words :
+       {"robot 1", "robot 2", "-> start the robot bridge", "scanner 1, 2", "calibration 1, 2", "robots tied"})
     EXPECT_NE(text.find(words), std::string::npos) << words << "\n" << text;
 }
 

@@ -57,20 +57,21 @@ struct TwoRobotsTest : testing::Test {
     const std::string lcm = "lcm_url = \"udpm://239.255.77." + std::to_string(box.lcm_port % 250 + 2) + ":" +
                             std::to_string(box.lcm_port) + "?ttl=0\"\ninterface = \"lo\"\n";
     const std::string accuracy = "absolute_sigma_mm = 0.02\nabsolute_sigma_deg = 0.001\n";
-    std::ofstream(box.config)
-        << "[plc]\nlisten = \"127.0.0.1:" << box.port << "\"\n"
-        << "[[robot]]\nid = \"1\"\n" << lcm << accuracy
-        << "[[robot]]\nid = \"2\"\nchannel = \"FLANGE_POSE_2\"\n" << lcm << accuracy
-        << "[[scanner]]\nid = \"1\"\ndrop_dir = \"" << (box.dir / "drop").native() << "\"\n"
-        << "[[scanner]]\nid = \"2\"\nbackend = \"tcp\"\nlisten = \"127.0.0.1:" << stream_port << "\"\n"
-        << "[[station]]\nnumbers = \"1..9\"\nrobot = \"1\"\nscanner = \"1\"\n"
-        << "[[station]]\nnumbers = \"10..13\"\nrobot = \"2\"\nscanner = \"2\"\nor = \"1\"\n"
-        << "[[station]]\nnumbers = \"14..18\"\nrobot = \"2\"\nscanner = \"2\"\n"
-        << "[storage]\ndb = \"" << (box.dir / "slabd.db").native() << "\"\nspool_dir = \""
-        << (box.dir / "spool").native() << "\"\n"
-        << "[recipes]\ndir = \"" << places::source_dir() << "/recipes\"\n"
-        << "[cell]\nT_base_slab = [1800.0, 0.0, 300.0, 1.0, 0.0, 0.0, 0.0]\n"
-        << "[control]\nsocket = \"" << (box.dir / "control.sock").native() << "\"\n";
+    std::ofstream(box.config) << "[plc]\nlisten = \"127.0.0.1:" << box.port << "\"\n"
+                              << "[[robot]]\nid = \"1\"\n"
+                              << lcm << accuracy << "[[robot]]\nid = \"2\"\nchannel = \"FLANGE_POSE_2\"\n"
+                              << lcm << accuracy << "[[scanner]]\nid = \"1\"\ndrop_dir = \""
+                              << (box.dir / "drop").native() << "\"\n"
+                              << "[[scanner]]\nid = \"2\"\nbackend = \"tcp\"\nlisten = \"127.0.0.1:" << stream_port
+                              << "\"\n"
+                              << "[[station]]\nnumbers = \"1..9\"\nrobot = \"1\"\nscanner = \"1\"\n"
+                              << "[[station]]\nnumbers = \"10..13\"\nrobot = \"2\"\nscanner = \"2\"\nor = \"1\"\n"
+                              << "[[station]]\nnumbers = \"14..18\"\nrobot = \"2\"\nscanner = \"2\"\n"
+                              << "[storage]\ndb = \"" << (box.dir / "slabd.db").native() << "\"\nspool_dir = \""
+                              << (box.dir / "spool").native() << "\"\n"
+                              << "[recipes]\ndir = \"" << places::source_dir() << "/recipes\"\n"
+                              << "[cell]\nT_base_slab = [1800.0, 0.0, 300.0, 1.0, 0.0, 0.0, 0.0]\n"
+                              << "[control]\nsocket = \"" << (box.dir / "control.sock").native() << "\"\n";
   }
 
   /// Stores and applies the hand-eye calibration of each scanner, and the tie: robot 2 faces robot 1.
@@ -245,8 +246,8 @@ TEST_F(TwoRobotsTest, a_restart_in_mid_slab_keeps_the_scans_of_both_robots) {
 }
 
 TEST_F(TwoRobotsTest, doctor_and_status_name_each_robot_and_scanner) {
-  const Box::Answer doctor = box.slabctl({"doctor", "--no-write", "--json", "--listen-s", "0.5", "--config",
-                                          box.config.native()});
+  const Box::Answer doctor =
+      box.slabctl({"doctor", "--no-write", "--json", "--listen-s", "0.5", "--config", box.config.native()});
   const Json findings = Json::parse(doctor.out)["findings"];
   const auto has = [&](const std::string& check, const std::string& words) {
     return std::any_of(findings.begin(), findings.end(), [&](const Json& finding) {
