@@ -218,7 +218,7 @@ Splice splice_for(const CellCalibration& calibration, std::size_t arm, const Spl
                   std::int64_t utime_us) {
   if (arm > 0 && calibration.tie.id.empty()) return {};
   Splice splice = splice_for(calibration.arm.at(arm), settings, slab_type, station, T_base_flange, lever_mm, utime_us);
-  if (arm > 0 && splice.source != SpliceSource::none) {
+  if (arm > 0) {
     splice.tied = true;
     splice.T_base_robot = calibration.tie.numbers.T_base_robot;
   }
