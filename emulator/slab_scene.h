@@ -39,7 +39,7 @@ struct SlabVariation {
   double robot_sigma_deg = 0.0;
 };
 
-/// Where one robot stops at a station, in this robot's own base.
+/// Flange pose of one robot at a station, in this robot's own base.
 struct Stop {
   Pose T_base_flange_real;
   Pose T_base_flange_reported;
