@@ -19,6 +19,7 @@
 #include "cli/simulate/simulate_history.h"
 #include "cli/simulate/simulate_report.h"
 #include "cli/simulate/simulate_scan.h"
+#include "cli/simulate/simulate_tie.h"
 #include "cli/stations/krl.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
@@ -491,6 +492,7 @@ void add_simulate(args::Command& app) {
   cli::simulate::add_simulate_plane(*command);
   cli::simulate::add_simulate_calibration(*command);
   cli::simulate::add_simulate_history(*command);
+  cli::simulate::add_simulate_tie(*command);
   command->runs([options] { return simulate::simulate(*options); });
 }
 

@@ -53,6 +53,14 @@ emulator::Cell cell_in_force(const config::Config& config, const TieError& error
   return cell;
 }
 
+std::vector<Pose> scanners_in_force(const config::Config& config) {
+  const std::unique_ptr<CellCalibration> in_force = cell_calibration(config);
+  std::vector<Pose> scanners;
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm)
+    scanners.push_back(scanner_in_force(config, *in_force, arm));
+  return scanners;
+}
+
 Result<emulator::ScannerFailure> parse_failure(const std::string& text, const LineArms& arms, int stations) {
   emulator::ScannerFailure failure;
   if (text.empty()) return failure;

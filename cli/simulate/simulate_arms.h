@@ -23,6 +23,10 @@ struct TieError {
 /// where the tie in force has it, apart from `error`. Stops the command if a calibration or the tie is missing.
 [[nodiscard]] emulator::Cell cell_in_force(const config::Config& config, const TieError& error, std::uint64_t seed);
 
+/// Pose of the scanner of each arm on its flange: its calibration in force, otherwise the commissioning value. Stops
+/// the command if a scanner has neither.
+[[nodiscard]] std::vector<Pose> scanners_in_force(const config::Config& config);
+
 /// Parses "ID@STATION" of --fail-scanner. Code::config if no scanner has this id, or the slab has no such station.
 [[nodiscard]] Result<emulator::ScannerFailure> parse_failure(const std::string& text, const LineArms& arms,
                                                              int stations);
