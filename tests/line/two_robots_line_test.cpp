@@ -40,20 +40,16 @@ std::int64_t query(const fs::path& db, const std::string& sql) {
   return value;
 }
 
-struct TwoRobotsTest : testing::Test {
+struct TwoRobots : testing::Test {
   Box box;
   std::uint16_t stream_port = places::own_port();
 
-  void SetUp() override {
-    write_config();
-    keep_calibrations();
-    start();
-  }
   void TearDown() override {
     if (HasFailure()) std::fprintf(stderr, "---- slabd ----\n%s", box.log().c_str());
   }
 
-  void write_config() const {
+  /// `commissioning`: the poses of both scanners on their flanges are in the configuration.
+  void write_config(bool commissioning = false) const {
     const std::string lcm = "lcm_url = \"udpm://239.255.77." + std::to_string(box.lcm_port % 250 + 2) + ":" +
                             std::to_string(box.lcm_port) + "?ttl=0\"\ninterface = \"lo\"\n";
     const std::string accuracy = "absolute_sigma_mm = 0.02\nabsolute_sigma_deg = 0.001\n";
@@ -64,6 +60,7 @@ struct TwoRobotsTest : testing::Test {
                               << (box.dir / "drop").native() << "\"\n"
                               << "[[scanner]]\nid = \"2\"\nbackend = \"tcp\"\nlisten = \"127.0.0.1:" << stream_port
                               << "\"\n"
+                              << (commissioning ? "T_flange_scanner = [0.0, 70.0, 160.0, 1.0, 0.0, 0.0, 0.0]\n" : "")
                               << "[[station]]\nnumbers = \"1..9\"\nrobot = \"1\"\nscanner = \"1\"\n"
                               << "[[station]]\nnumbers = \"10..13\"\nrobot = \"2\"\nscanner = \"2\"\nor = \"1\"\n"
                               << "[[station]]\nnumbers = \"14..18\"\nrobot = \"2\"\nscanner = \"2\"\n"
@@ -71,6 +68,7 @@ struct TwoRobotsTest : testing::Test {
                               << (box.dir / "spool").native() << "\"\n"
                               << "[recipes]\ndir = \"" << places::source_dir() << "/recipes\"\n"
                               << "[cell]\nT_base_slab = [1800.0, 0.0, 300.0, 1.0, 0.0, 0.0, 0.0]\n"
+                              << (commissioning ? "[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\n" : "")
                               << "[control]\nsocket = \"" << (box.dir / "control.sock").native() << "\"\n";
   }
 
@@ -150,6 +148,14 @@ struct TwoRobotsTest : testing::Test {
   }
   [[nodiscard]] static bool wait_until(const std::function<bool()>& done) {
     return places::wait_until(done, std::chrono::minutes(5));
+  }
+};
+
+struct TwoRobotsTest : TwoRobots {
+  void SetUp() override {
+    write_config();
+    keep_calibrations();
+    start();
   }
 };
 
@@ -263,6 +269,49 @@ TEST_F(TwoRobotsTest, doctor_and_status_name_each_robot_and_scanner) {
   const Box::Answer text = box.slabctl({"status", "--config", box.config.native()});
   for (const char* words : {"robot 1", "robot 2", "scanner 1", "scanner 2", "tie ", "of robot 2"})
     EXPECT_NE(text.out.find(words), std::string::npos) << words << "\n" << text.out;
+}
+
+TEST_F(TwoRobots, are_calibrated_and_tied_by_commands) {
+  write_config(true);
+  start();
+  EXPECT_EQ(status()["tie"], nullptr);
+  const auto slabctl = [&](std::vector<std::string> args) {
+    args.insert(args.end(), {"--config", box.config.native()});
+    const Box::Answer answer = box.slabctl(args);
+    EXPECT_EQ(answer.exit_status, 0) << args[0] << " " << args[1] << "\n" << answer.out << answer.err;
+    return answer;
+  };
+  for (const char* scanner : {"1", "2"})
+    slabctl({"calibrate", "adopt", "--scanner", scanner, "--sigma-mm", "0.02", "--sigma-deg", "0.001", "--operator",
+             "anna", "--apply", "--reason", "tracker"});
+  const fs::path set = box.dir / "tie";
+  const auto table = [&](const char* name) { return (set / name).native(); };
+  slabctl({"simulate", "tie", "--out", set.native(), "--views", "8"});
+  slabctl({"calibrate",        "tie",
+           "--flange1",        table("flange1.txt"),
+           "--target1",        table("target1.txt"),
+           "--names1",         table("names1.txt"),
+           "--flange2",        table("flange2.txt"),
+           "--target2",        table("target2.txt"),
+           "--names2",         table("names2.txt"),
+           "--robot-sigma-mm", "0.03",
+           "--operator",       "anna",
+           "--store",          "--apply",
+           "--reason",         "emulated line"});
+  const Json now = status();
+  ASSERT_TRUE(now["tie"].is_object()) << now;
+  EXPECT_EQ(now["tie"]["robot"], "2");
+  EXPECT_EQ(now["tie"]["trouble"], "");
+  const Box::Answer slab = simulate({"--slab-no", "1", "--tie-error-mm", "0.03", "--move-s", "0.1"});
+  EXPECT_EQ(slab.exit_status, 0) << slab.out << slab.err;
+
+  // Another hand-eye calibration makes the tie stale.
+  slabctl({"calibrate", "adopt", "--scanner", "2", "--sigma-mm", "0.03", "--sigma-deg", "0.001", "--operator", "anna",
+           "--apply", "--reason", "tracker again"});
+  ASSERT_TRUE(wait_until([this] { return status()["tie"]["trouble"] != ""; }));
+  const Box::Answer refused = simulate({"--slab-no", "2", "--scans-per-block", "1", "--move-s", "0.1"});
+  EXPECT_EQ(refused.exit_status, 1) << refused.out << refused.err;
+  EXPECT_EQ(count("attempt WHERE robot = '2' AND slab_key = 2 AND phase = 'measured'"), 0);
 }
 
 }  // namespace
