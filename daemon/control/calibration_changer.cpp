@@ -139,7 +139,7 @@ void CalibrationChanger::carry_out(storage::Store* store) {
       }
       // A change that was refused was not stored. One that failed may be stored, so the database is read again.
       if (done.ok() || error_.code != Code::config) {
-        Result<std::unique_ptr<LineCalibration>> now = store->calibration();
+        Result<std::unique_ptr<CellCalibration>> now = store->calibration();
         if (now.ok()) calibration_ = std::move(now.value());
         if (done.ok() && !now.ok()) error_ = now.error();
       }
@@ -154,7 +154,7 @@ void CalibrationChanger::carry_out(storage::Store* store) {
   ::unlink(path.c_str());
 }
 
-const LineCalibration* CalibrationChanger::finish() {
+const CellCalibration* CalibrationChanger::finish() {
   phase_ = Phase::idle;
   shown_error_ = error_;
   shown_id_ = id_;
@@ -307,12 +307,14 @@ CalibrationKind kind_of(const Json& j) {
 Json of(const CalibrationRecord& record) {
   Json j = object_of(record);
   j["kind"] = of(record.kind());
+  j["scanner"] = record.scanner;
   j["numbers"] = std::visit(NumbersJson{}, record.numbers);
   return j;
 }
 
 CalibrationRecord calibration(const Json& j) {
   CalibrationRecord record = record_of<CalibrationRecord>(j);
+  record.scanner = j.value("scanner", "1");
   const Json& numbers = j.at("numbers");
   switch (kind_of(j)) {
     case CalibrationKind::hand_eye: record.numbers = record_of<HandEyeNumbers>(numbers); break;
@@ -327,9 +329,13 @@ CalibrationRecord calibration(const Json& j) {
 
 struct ChangeJson {
   Json operator()(const KeepCalibration& c) const { return {{"keep", of(c.record)}}; }
-  Json operator()(const ApplyCalibration& c) const { return {{"apply", {{"id", c.id}, {"note", object_of(c.note)}}}}; }
+  Json operator()(const ApplyCalibration& c) const {
+    return {{"apply", {{"id", c.id}, {"note", object_of(c.note)}, {"scanner", c.scanner}}}};
+  }
   Json operator()(const RollBackCalibration& c) const {
-    return {{"roll_back", {{"kind", name(c.kind)}, {"slab_type", c.slab_type}, {"note", object_of(c.note)}}}};
+    return {
+        {"roll_back",
+         {{"kind", name(c.kind)}, {"slab_type", c.slab_type}, {"note", object_of(c.note)}, {"scanner", c.scanner}}}};
   }
   Json operator()(const KeepCheck& c) const { return {{"check", object_of(c.check)}}; }
   Json operator()(const KeepDisposition& c) const { return {{"disposition", object_of(c.record)}}; }
@@ -357,12 +363,13 @@ Result<CalibrationChange> parse_change(std::string_view json) {
       return error(Code::config, "a calibration change of another schema than slabd.calibration_change/1");
     if (j.contains("keep")) return CalibrationChange(KeepCalibration{calibration(j.at("keep"))});
     if (j.contains("apply"))
-      return CalibrationChange(
-          ApplyCalibration{j.at("apply").at("id").get<std::string>(), record_of<ChangeNote>(j.at("apply").at("note"))});
+      return CalibrationChange(ApplyCalibration{j.at("apply").at("id").get<std::string>(),
+                                                record_of<ChangeNote>(j.at("apply").at("note")),
+                                                j.at("apply").value("scanner", "")});
     if (j.contains("roll_back")) {
       const Json& back = j.at("roll_back");
       return CalibrationChange(RollBackCalibration{kind_of(back), back.at("slab_type").get<std::uint16_t>(),
-                                                   record_of<ChangeNote>(back.at("note"))});
+                                                   record_of<ChangeNote>(back.at("note")), back.value("scanner", "1")});
     }
     if (j.contains("check")) return CalibrationChange(KeepCheck{record_of<CalibrationCheck>(j.at("check"))});
     if (j.contains("disposition"))

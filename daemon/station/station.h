@@ -353,7 +353,7 @@ struct OpenSlab {
   SlabHeader header;
   const Recipe* recipe = nullptr;
   SlabFacts facts;
-  /// Calibrations of the slab, from its begin to its end. An arm that could not be used at the begin has none.
+  /// Calibrations of the slab, from its begin to its end. The header names those of the arms that could be used then.
   CellCalibration calibration;
   std::array<StationRecord, limits::kStationsMax> stations{};
   std::uint16_t end_seq = 0;  ///< CMD_SEQ of SLAB_END or SLAB_ABORT
