@@ -29,14 +29,15 @@ bool ends_run(const PlcTrouble& trouble) {
   return trouble.link_lost || trouble.interrupted;
 }
 
-/// Troubles of a robot or of a scanner, which another arm does not have.
+/// Troubles of a robot, of a scanner or of their calibrations, which another arm does not have.
 bool is_of_the_arm(Code code) {
   switch (code) {
     case Code::no_pose:
     case Code::pose_stale:
     case Code::wrong_frame:
     case Code::scanner_offline:
-    case Code::trigger_timeout: return true;
+    case Code::trigger_timeout:
+    case Code::calibration_missing: return true;
     default: return false;
   }
 }

@@ -109,7 +109,8 @@ export function Calibration({ picture }) {
   const [chosen, choose] = useState(0);
   const arm = arms[chosen] ?? arms[0];
   const trendOf = (document) => document.further_trends?.find((one) => one.scanner === arm.scanner)?.trend ?? document.trend;
-  const inForce = (document) => (arm.scanner === '' ? document.state?.in_force : arm.calibration);
+  const inForce = ({ state }) =>
+    (arm.scanner === '' ? state?.in_force : state?.arms?.find((one) => one.scanner === arm.scanner)?.in_force ?? arm.calibration);
   return html`
     <${PageHead} title=${t('calibration.title')} />
     <p class="quiet">${t('calibration.read_only')}</p>
