@@ -611,7 +611,9 @@ static void examine_scanner(const config::Config& config, std::size_t arm, const
   }
   if (!scan) return report.note("scan", say("not tried"), say("slabctl doctor --scan has one taken"));
   if (status.is_null()) return report.unknown("scan", say("the daemon does not run"));
-  Result<LiveCapture> capture = LiveCapture::begin(config.control_socket, {"doctor", "doctor", 60, false});
+  Result<LiveCapture> capture = LiveCapture::begin(
+      config.control_socket,
+      {"doctor", "doctor", 60, false, config.arms.several() ? std::string(settings.by.scanner.view()) : ""});
   if (!capture) return report.failed("scan", quote(capture.error().text.view()), say("then try again"));
   const Result<LiveShot> shot = capture.value().shoot([](std::string_view) {});
   if (shot) {
