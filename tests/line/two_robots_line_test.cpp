@@ -59,7 +59,7 @@ struct TwoRobots : testing::Test {
                               << lcm << accuracy << "[[scanner]]\nid = \"1\"\ndrop_dir = \""
                               << (box.dir / "drop").native() << "\"\n"
                               << "[[scanner]]\nid = \"2\"\nbackend = \"tcp\"\nlisten = \"127.0.0.1:" << stream_port
-                              << "\"\n"
+                              << "\"\ntimeout_s = 5\n"
                               << (commissioning ? "T_flange_scanner = [0.0, 70.0, 160.0, 1.0, 0.0, 0.0, 0.0]\n" : "")
                               << "[[station]]\nnumbers = \"1..9\"\nrobot = \"1\"\nscanner = \"1\"\n"
                               << "[[station]]\nnumbers = \"10..13\"\nrobot = \"2\"\nscanner = \"2\"\nor = \"1\"\n"
