@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "cli/client/arms.h"
+#include "cli/client/calibration_change.h"
 #include "cli/client/control.h"
 #include "cli/client/record_options.h"
 #include "cli/command.h"
@@ -166,9 +167,9 @@ void look_at_links(const config::Config& config, Steps& steps) {
   steps[kScanner] = look_at_parts(arms, false, say("connected"));
 }
 
-void look_at_calibration(storage::Reader& reader, const config::Config& config, std::span<const std::uint16_t> types,
-                         Steps& steps) {
-  const auto line = need(reader.line_calibration(), kNotReachable);
+void look_at_scanner(storage::Reader& reader, const config::Config& config, std::span<const std::uint16_t> types,
+                     Steps& steps) {
+  const auto line = need(reader.line_calibration(config.by.scanner.view()), kNotReachable);
   const bool applied = line->source == LineCalibration::Source::applied;
   steps[kHandEye] = {applied ? StepState::done : StepState::open, applied ? std::string(line->id.view())
                                                                   : !config.calibration.id.empty()
@@ -195,6 +196,31 @@ void look_at_calibration(storage::Reader& reader, const config::Config& config, 
       checked ? StepState::done : StepState::note,
       checked ? std::string((line->block.reference_id.empty() ? line->ball : line->block).reference_id.view())
               : say("no reference is in use")};
+}
+
+/// The steps of every scanner: each is as far as with the scanner that is least far.
+void look_at_calibration(storage::Reader& reader, const config::Config& config, std::span<const std::uint16_t> types,
+                         Steps& steps) {
+  if (!config.arms.several()) return look_at_scanner(reader, config, types, steps);
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm) {
+    const std::string scanner = scanner_of_arm(config, arm);
+    Steps own = steps;
+    look_at_scanner(reader, ScannerChoice{scanner}.of(config), types, own);
+    for (const std::size_t step : {kHandEye, kAcceptance, kCorrections, kDailyCheck}) {
+      const std::string saw = say("scanner {}", scanner) + ": " + own[step].saw;
+      if (arm == 0) {
+        steps[step] = {own[step].state, saw};
+        continue;
+      }
+      steps[step].saw += ", " + saw;
+      steps[step].state = std::max(steps[step].state, own[step].state);  // `open` is the last one
+    }
+  }
+  const auto cell = need(reader.cell_calibration(config.arms), kNotReachable);
+  const TieFault fault = fault_of_tie(*cell, config.arms.list[1].robot, wall_clock_us());
+  steps[kHandEye].saw +=
+      ", " + (fault == TieFault::none ? std::string(cell->tie.id.view()) : quote(describe(fault, *cell).view()));
+  if (fault != TieFault::none) steps[kHandEye].state = StepState::open;
 }
 
 void look_at_slabs(storage::Reader& reader, Steps& steps) {

@@ -1279,6 +1279,7 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"the daemon does not describe its gauges", "守护进程没有给出量具信息"},
 
     // two robots
+    {"scanner {}", "扫描仪 {}"},
     {"{} is missing: this line has the scanners {}", "缺少 {}：此线有扫描仪 {}"},
     {"{} {}: this line has no such scanner, only {}", "{} {}：此线没有这台扫描仪，只有 {}"},
     {"{}: this line has one robot; a tie needs two ([[robot]], [[scanner]], [[station]])",
@@ -1289,6 +1290,10 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"{} balls seen by robots {} and {}; hand-eye {} and {}\n\n",
      "机器人 {1} 和 {2} 都看到 {0} 个球；手眼标定 {3} 和 {4}\n\n"},
     {"given", "由选项给出"},
+    {"--slab {} --station {}: scanner {} scanned it, not scanner {}",
+     "--slab {} --station {}：由扫描仪 {} 扫描，不是扫描仪 {}"},
+    {"the base frames of the two robots are not tied: slabctl calibrate tie",
+     "两台机器人的基坐标系没有关联：slabctl calibrate tie"},
     {"ball<", "球<"},
     {"residual (mm)", "残差 (mm)"},
     {"leave-one-out (mm)", "留一残差 (mm)"},

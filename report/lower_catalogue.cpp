@@ -569,6 +569,17 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"no visits to solve station corrections from", "没有可用于求解检测位修正的测量"},
     {"T_flange_scanner is not finite", "T_flange_scanner 含有无效数值"},
     {"station {}, {}: a number is not finite", "检测位 {}，{}：有一个数值无效"},
+    // the tie in force (base/calibration)
+    {"the base frames of the two robots are not tied; measure and apply a tie (slabctl calibrate tie)",
+     "两台机器人的基坐标系没有关联；请测量并启用基座关联（slabctl calibrate tie）"},
+    {"the tie of the two robots cannot be used: {}", "两台机器人的基座关联不能使用：{}"},
+    {"tie {} of the two robots belongs to robot {} and the hand-eye calibrations {} and {}, and others are in force; "
+     "tie "
+     "again (slabctl calibrate tie)",
+     "两台机器人的基座关联 {} 属于机器人 {} 以及手眼标定 {} 和 {}，而生效的是另外的；请重新关联（slabctl calibrate "
+     "tie）"},
+    {"tie {} of the two robots has expired; tie again and apply the result (slabctl calibrate tie)",
+     "两台机器人的基座关联 {} 已过期；请重新关联并启用（slabctl calibrate tie）"},
     // the tie of two robots (calib/tie)
     {"{} balls are seen by both robots; at least {} are needed, 6 to 8 advised",
      "两台机器人都看到 {} 个球；至少需要 {} 个，建议 6 至 8 个"},

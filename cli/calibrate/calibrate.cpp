@@ -9,7 +9,8 @@
 namespace slabd::cli {
 
 void add_calibrate(args::Command& app) {
-  args::Command group = app.add_subcommand("calibrate", "Pose of the scanner on the flange: hand-eye, stations, tie of two robots");
+  args::Command group =
+      app.add_subcommand("calibrate", "Pose of the scanner on the flange: hand-eye, stations, tie of two robots");
   group->require_subcommand(1);
   add_calibrate_new(*group);
   add_calibrate_capture(*group);

@@ -254,6 +254,7 @@ int calibrate_tie(const Options& options) {
   if (options.store) {
     storage::CalibrationRecord record;
     options.record.describe(config, record);
+    record.scanner = storage::CalibrationRecord{}.scanner;  // of no scanner in particular
     record.numbers = work.tie.numbers;
     record.parent_id = tie_parent(CalibrationId(work.hand_eye_id[0]), CalibrationId(work.hand_eye_id[1])).view();
     record.observations = work.observations;

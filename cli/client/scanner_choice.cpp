@@ -7,8 +7,7 @@
 
 namespace slabd::cli {
 
-void ScannerChoice::add_to(args::Command& command, const std::string& option) {
-  option_ = option;
+void ScannerChoice::add_to(args::Command& command) {
   command.add_option(option, id, "Id of the scanner, on a line with two ([[scanner]] id)");
 }
 
@@ -19,12 +18,18 @@ std::size_t ScannerChoice::arm(const config::Config& config) const {
     if (scanner == id || (id.empty() && !config.arms.several())) return arm;
     ids += (ids.empty() ? "" : ", ") + scanner;
   }
-  stop(kUsage, id.empty() ? say("{} is missing: this line has the scanners {}", option_, ids)
-                          : say("{} {}: this line has no such scanner, only {}", option_, id, ids));
+  stop(kUsage, id.empty() ? say("{} is missing: this line has the scanners {}", option, ids)
+                          : say("{} {}: this line has no such scanner, only {}", option, id, ids));
 }
 
-std::string ScannerChoice::scanner(const config::Config& config) const {
-  return scanner_of_arm(config, arm(config));
+config::Config ScannerChoice::of(config::Config config) const {
+  const config::ArmSettings chosen = config.arm(arm(config));
+  static_cast<config::ArmSettings&>(config) = chosen;
+  return config;
+}
+
+std::string id_if_several(const config::Config& config) {
+  return config.arms.several() ? std::string(config.by.scanner.view()) : std::string();
 }
 
 std::string scanner_of_arm(const config::Config& config, std::size_t arm) {

@@ -130,10 +130,11 @@ std::optional<Stop> take_all(const LiveOrder& order, const config::Config& confi
 }  // namespace
 
 std::vector<MeasuredOnce> live_measurements(const LiveOrder& order, const Recipe& recipe) {
-  const config::Config config = config_from(order.config);
+  const config::Config config = order.scanner.of(config_from(order.config));
   const InForce now = hand_eye_in_force(config);
-  Result<LiveCapture> line = LiveCapture::begin(
-      config.control_socket, {fmt::format("study of block {}", order.station), default_operator().substr(0, 60)});
+  Result<LiveCapture> line =
+      LiveCapture::begin(config.control_socket, {fmt::format("study of block {}", order.station),
+                                                 default_operator().substr(0, 60), 300, false, id_if_several(config)});
   if (!line.ok()) throw refused(line.error());
   for (const std::string& warning : line.value().warnings()) complain("warning: " + warning);
   std::vector<MeasuredOnce> measurements;
