@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <sqlite3.h>
 
+#include <functional>
 #include <set>
 
 #include "tests/storage/store_fixture.h"
@@ -660,6 +661,73 @@ TEST_F(CalibrationsTest, a_tie_that_was_changed_on_the_disk_is_not_used) {
   const std::unique_ptr<CellCalibration> now = cell_in_force();
   EXPECT_EQ(fault_of_tie(*now, PartId("2"), 1), TieFault::unusable);
   EXPECT_NE(describe(TieFault::unusable, *now).view().find("were changed after it was kept"), std::string_view::npos);
+}
+
+TEST_F(CalibrationsTest, a_tie_comes_back_bit_for_bit_and_is_rolled_back) {
+  with_two_arms();
+  const std::string left = keep(hand_eye(80.0));
+  const std::string right = keep(of_right(hand_eye(-80.0)));
+  put_in_force(left);
+  put_in_force(right);
+  CalibrationRecord given = tie(left, right);
+  auto& numbers = std::get<TieNumbers>(given.numbers);
+  for (int row = 0; row < 6; ++row)
+    for (int column = 0; column <= row; ++column)
+      numbers.covariance(row, column) = numbers.covariance(column, row) =
+          (row == column ? 1.0 : 0.1) * 1.234567890123e-5 / (1 + row + column);
+  given.observations = "# robot 1: flange poses, ball centres, names\n1 2 3 1 0 0 0\n";
+  const std::string id = keep(given);
+  EXPECT_EQ(id.substr(0, 3), "ti-");
+  const auto back = reader()->calibration(id);
+  ASSERT_TRUE(back.ok() && back.value().has_value());
+  EXPECT_EQ(back.value()->kind(), CalibrationKind::tie);
+  EXPECT_EQ(back.value()->parent_id, left + "+" + right);
+  EXPECT_EQ(back.value()->observations, given.observations);
+  const auto& read = std::get<TieNumbers>(back.value()->numbers);
+  EXPECT_EQ(read.robot.view(), "2");
+  // Minus zero is stored as zero.
+  for (std::size_t i = 0; i < 7; ++i)
+    EXPECT_EQ(read.T_base_robot.to_array()[i], numbers.T_base_robot.to_array()[i] + 0.0) << i;
+  EXPECT_TRUE(read.centre_mm == numbers.centre_mm);
+  EXPECT_TRUE(read.covariance == numbers.covariance);
+  EXPECT_EQ(read.targets, 6);
+  EXPECT_EQ(read.rms_mm, 0.04);
+  EXPECT_EQ(keep(given), id) << "kept already";
+
+  put_in_force(id);
+  numbers.rms_mm = 0.05;
+  const std::string later = keep(given);
+  EXPECT_NE(later, id);
+  put_in_force(later);
+  EXPECT_EQ(cell_in_force()->tie.id.view(), later);
+  const Result<std::string> rolled = store_->change(RollBackCalibration{CalibrationKind::tie, 0, note(), "1"});
+  ASSERT_TRUE(rolled.ok()) << rolled.error().text.view();
+  EXPECT_EQ(rolled.value(), id);
+  EXPECT_EQ(cell_in_force()->tie.id.view(), id);
+  EXPECT_TRUE(cell_in_force()->tie.numbers.covariance == numbers.covariance);
+}
+
+TEST_F(CalibrationsTest, a_tie_of_numbers_that_make_no_sense_is_not_kept) {
+  const auto refused_with = [&](const std::function<void(TieNumbers&)>& change) {
+    CalibrationRecord record = tie("he-1", "he-2");
+    change(std::get<TieNumbers>(record.numbers));
+    return refused(KeepCalibration{record});
+  };
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.robot = ""; }).find("names no robot"), std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.T_base_robot.rotation = Quat(2.0, 0.0, 0.0, 0.0); }).find("rigid"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.T_base_robot.translation_mm.x() = 1e6; }).find("more than 50 m"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.centre_mm.x() = kNoValue; }).find("middle of its targets"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.covariance.setConstant(kNoValue); }).find("covariance is not known"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.covariance(2, 2) = 0.0; }).find("covariance is not known"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.covariance(0, 1) = 1e-5; }).find("six errors"), std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.covariance(0, 1) = n.covariance(1, 0) = 1.0; }).find("six errors"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.targets = 3; }).find("fewer than 4 balls"), std::string::npos);
 }
 
 TEST_F(CalibrationsTest, an_open_slab_keeps_the_calibrations_of_both_arms_and_the_tie) {
