@@ -48,7 +48,7 @@ class CalibrateTie : public Slabctl {
           const auto noise = [&] { return 0.03 * prng.normal(); };
           flange.push_back(T_base_flange);
           target.push_back({Quat::Identity(), centre + Vec3(noise(), noise(), noise())});
-          names += "ball " + std::string(1, static_cast<char>('A' + ball)) + "\n";
+          names += "BALL-" + std::string(1, static_cast<char>('A' + ball)) + "\n";
         }
       }
       const std::string n = std::to_string(robot + 1);
@@ -101,7 +101,7 @@ TEST_F(CalibrateTie, gives_the_base_of_the_second_robot_every_figure_and_status_
   for (std::size_t k = 0; k < 7; ++k) T[k] = out["T_base_robot"][k];
   EXPECT_LT((Pose::from_array(T) * Vec3(0, 1'500, 0) - truth_ * Vec3(0, 1'500, 0)).norm(), 0.1);
   ASSERT_EQ(out["targets"].size(), 7U);
-  EXPECT_EQ(out["targets"][2]["name"], "ball C");
+  EXPECT_EQ(out["targets"][2]["name"], "BALL-C");
   EXPECT_EQ(out["targets"][2]["views"], json::array({2, 2}));
   EXPECT_EQ(out["covariance"].size(), 6U);
   EXPECT_EQ(out["centre_mm"].size(), 3U);
@@ -114,7 +114,7 @@ TEST_F(CalibrateTie, gives_the_base_of_the_second_robot_every_figure_and_status_
 
   const Ended text = tie_given();
   EXPECT_EQ(text.status, 0);
-  for (const char* words : {"ball C", "T_base_robot", "4 x 4", "leave-one-out", "sigma of the base"})
+  for (const char* words : {"BALL-C", "T_base_robot", "4 x 4", "leave-one-out", "sigma of the base"})
     expect_mentions(text.out, words);
   expect_chinese(tie_given("--language zh").out);
 }
@@ -126,7 +126,7 @@ TEST_F(CalibrateTie, a_ball_that_was_moved_is_named_with_status_6) {
   const json out = json::parse(ended.out);
   EXPECT_EQ(out["status"], "refused");
   EXPECT_EQ(out["reasons"][0]["code"], "target_moved");
-  expect_mentions(out["reasons"][0]["text"].get<std::string>(), "ball C");
+  expect_mentions(out["reasons"][0]["text"].get<std::string>(), "BALL-C");
   EXPECT_TRUE(out["T_base_robot"].is_array());
   expect_mentions(tie_given().err, "what to do: see whether that ball moved");
 }
