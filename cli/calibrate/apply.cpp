@@ -106,7 +106,14 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   config::Config config;
   if (!config_from(record_options.config, config))
     stop(kBadInput, say("applying needs the daemon's configuration: slabctl calibrate apply --config FILE"));
-  config = ScannerChoice{session.settings().scanner}.of(std::move(config));
+  ScannerChoice scanner = record_options.scanner;
+  if (const std::string& of_session = session.settings().scanner; !of_session.empty()) {
+    if (!scanner.id.empty() && scanner.id != of_session)
+      stop(kUsage,
+           say("--scanner {}: {} is a calibration of scanner {}", scanner.id, session_words(session), of_session));
+    scanner.id = of_session;
+  }
+  config = scanner.of(std::move(config));
   if (!yes && !is_of_line(session, record_options.config, config))
     stop(kRefused, say("{} was begun with {}: its views are of that line's robot and scanner, and {} is "
                        "another line; if it is the same one, say --yes",
@@ -168,6 +175,16 @@ int show_history(const Options& options) {
   if (reader != nullptr) {
     applied = need(reader->applied(options.limit), kNotReachable);
     records = need(reader->calibrations(), kNotReachable);
+  }
+  if (!options.scanner.id.empty()) {
+    // A tie is of both scanners.
+    const std::string scanner(options.scanner.of(config).by.scanner.view());
+    std::erase_if(applied, [&](const storage::AppliedChange& c) {
+      return c.kind != CalibrationKind::tie && c.scanner != scanner;
+    });
+    std::erase_if(records, [&](const storage::CalibrationRecord& r) {
+      return r.kind() != CalibrationKind::tie && r.scanner != scanner;
+    });
   }
   if (options.json) {
     report::Json json("slabd.calibration_history/1");
@@ -314,6 +331,7 @@ void add_calibrate_apply(args::Command& group) {
   command->add_flag("--json", options->known.json, "Print slabd.calibration_applied/1 on stdout");
   command->runs([options] {
     Options& known = options->known;
+    options->record.scanner = known.scanner;
     if (known.id.empty()) return apply_session(options->session, options->record, options->yes, known.json);
     known.language = options->session.language;
     set_language(known.language, known.json);
@@ -399,6 +417,7 @@ void add_calibrate_history(args::Command& group) {
   command->add_option("--limit", options->limit, "How many changes, newest first")
       ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();
+  options->scanner.add_to(*command);
   add_common(*command, *options);
   command->runs([options] { return show_history(*options); });
 }
