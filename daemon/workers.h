@@ -138,6 +138,14 @@ using ScanForms = FixedVector<hal::ScanForm, limits::kArmsMax>;
 [[nodiscard]] std::unique_ptr<Workers> make_workers(std::span<const Recipe> recipes, const ScanForms& scan_forms,
                                                     const hal::Clock& clock, int measure_threads,
                                                     bool simulation = false);
+/// The same for a line with one arm.
+[[nodiscard]] inline std::unique_ptr<Workers> make_workers(std::span<const Recipe> recipes,
+                                                           const hal::ScanForm& scan_form, const hal::Clock& clock,
+                                                           int measure_threads, bool simulation = false) {
+  ScanForms scan_forms;
+  (void)scan_forms.push(scan_form);
+  return make_workers(recipes, scan_forms, clock, measure_threads, simulation);
+}
 
 /// One line to the service manager's journal, or to a terminal.
 void say_line(const LogLine& line);

@@ -57,7 +57,7 @@ class SlowStore final : public storage::Store {
   Result<std::string> change(const storage::CalibrationChange& /*change*/) override {
     return error(Code::config, "not here");
   }
-  Result<std::unique_ptr<LineCalibration>> calibration() override { return error(Code::config, "not here"); }
+  Result<std::unique_ptr<CellCalibration>> calibration() override { return error(Code::config, "not here"); }
   void idle() override {
     ++database_.idles;
     if (recovering_) ++database_.idles_while_recovering;
@@ -98,7 +98,7 @@ class IdleWorkers final : public Workers {
     return std::make_unique<Worker<StoreTask, StoreAnswer, limits::kWorkerQueue>>("store", std::move(work),
                                                                                   std::move(idle));
   }
-  std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
+  std::unique_ptr<ScanQueue> scanner(std::size_t /*arm*/, std::function<ScanDone(const AcquireScan&)> work,
                                      std::function<void()> idle) override {
     return std::make_unique<Worker<AcquireScan, ScanDone, 4>>("scan", std::move(work), std::move(idle));
   }
@@ -107,7 +107,9 @@ class IdleWorkers final : public Workers {
         "measure", [](const MeasureBlock&) { return BlockMeasured{}; }, [] {});
   }
   std::span<float> slot(std::size_t /*index*/) override { return points_; }
-  std::optional<std::uint32_t> points_crc32c(const AcquiredScan& /*scan*/) override { return std::nullopt; }
+  std::optional<std::uint32_t> points_crc32c(const AcquiredScan& /*scan*/, std::size_t /*arm*/) override {
+    return std::nullopt;
+  }
 
  private:
   std::vector<float> points_ = std::vector<float>(3);
