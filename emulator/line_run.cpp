@@ -29,9 +29,11 @@ bool ends_run(const PlcTrouble& trouble) {
   return trouble.link_lost || trouble.interrupted;
 }
 
-/// Troubles of a robot, of a scanner or of their calibrations, which another arm does not have.
+/// Troubles of a robot, of a scanner or of their calibrations, which another arm does not have. outside_window: slabd
+/// waits for the other robot, because the scans of this one cannot be used.
 bool is_of_the_arm(Code code) {
   switch (code) {
+    case Code::outside_window:
     case Code::no_pose:
     case Code::pose_stale:
     case Code::wrong_frame:
