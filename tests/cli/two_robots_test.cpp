@@ -5,7 +5,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
 
 #include "cli/client/arms.h"
 #include "cli/exit.h"
@@ -162,6 +165,31 @@ TEST_F(TwoRobots, the_emulated_line_needs_a_tie) {
   const Ended ended = run("simulate --config " + config());
   EXPECT_EQ(ended.status, kBadInput);
   expect_mentions(ended.err, "robot 2 is not tied");
+}
+
+TEST_F(TwoRobots, the_tables_of_an_emulated_tie_are_solved) {
+  std::string text = content(config());
+  const std::string drop = "drop_dir = \"" + file("drop-2") + "\"\n";
+  text.replace(text.find(drop), drop.size(), drop + "T_flange_scanner = [10.0, 20.0, 130.0, 1.0, 0.0, 0.0, 0.0]\n");
+  const std::string both = " --config " + write("both.toml", text);
+  const Ended written = run("simulate tie --views 8 --out " + file("t") + both);
+  ASSERT_EQ(written.status, 0) << written.err;
+  EXPECT_EQ(run("simulate tie --out " + file("t") + both).status, kUsage) << "the folder is not empty";
+  std::string tables;
+  for (const char* name : {"flange1", "target1", "names1", "flange2", "target2", "names2"})
+    tables += std::string(" --") + name + " " + file("t/") + name + ".txt";
+  const Ended solved = run("calibrate tie --json --robot-sigma-mm 0.03" + tables + both);
+  ASSERT_EQ(solved.status, 0) << solved.out << solved.err;
+  const json tie = json::parse(solved.out);
+  EXPECT_EQ(tie["status"], "ok");
+  EXPECT_EQ(tie["targets"].size(), 6U);
+  // The second robot is opposite the first one, turned by 180 degrees.
+  const std::vector<double> T = tie["T_base_robot"];
+  EXPECT_NEAR(T[0], 3600.0, 0.3);
+  EXPECT_NEAR(T[1], 0.0, 0.3);
+  EXPECT_NEAR(T[2], 0.0, 0.3);
+  EXPECT_NEAR(std::abs(T[6]), 1.0, 1e-6);
+  EXPECT_LT(tie["s0"].get<double>(), 1.5);
 }
 
 TEST(FailScanner, names_a_scanner_and_a_station) {
