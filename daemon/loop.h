@@ -208,7 +208,7 @@ class Loop {
   void tell_store_trouble();
   [[nodiscard]] ScanDone scan(const AcquireScan& job);
 
-  /// What the loop has of one arm.
+  /// Data of the loop about one arm.
   struct LoopArm {
     std::atomic<bool> cancel_scan{false};
     DebouncedState<std::string> pose_trouble;

@@ -121,7 +121,7 @@ static void follow_clock(Station& s, const CellCalibration& next) {
   came(!(next.tie.id == s.calibration.tie.id), next.tie.expires_utime_us);
 }
 
-/// What has changed of one arm, for the log.
+/// Changes of one arm, for the log.
 struct ArmChange {
   bool hand_eye = false;
   bool scanner = false;

@@ -196,7 +196,7 @@ using Event = std::variant<Recovered, NotRecovered, Tick, LinkStatus, PlcInputs,
 struct AcquireScan {
   ScanRequest request;
   std::uint8_t slot = 0;  ///< buffer to fill
-  std::uint8_t arm = 0;   ///< whose scanner is asked
+  std::uint8_t arm = 0;   ///< whose scanner takes the scan
 };
 struct CancelScan {
   std::uint8_t arm = 0;

@@ -91,7 +91,7 @@ class CalibrationsTest : public StoreTest {
     EXPECT_EQ(done.error().code, Code::config);
     return std::string(done.error().text.view());
   }
-  /// Of the whole line.
+  /// Calibrations of the whole line.
   std::unique_ptr<CellCalibration> cell_in_force() {
     auto calibration = store_->calibration();
     EXPECT_TRUE(calibration.ok()) << calibration.error().text.view();
