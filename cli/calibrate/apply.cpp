@@ -442,15 +442,9 @@ std::optional<Stop> find_seat_shifts(const config::Config& config, std::uint16_t
   }
   const StationsInForce* table = line == nullptr ? nullptr : line->table_for(recipe->slab_type);
   // The poses of a table are in the base of the scanner's own robot, the slab is in the base frame of the line.
-  Pose T_robot_base;
-  if (config.by.scanner != config.arms.list[0].scanner) {
-    const auto cell = reader.value() == nullptr ? nullptr : need(reader.value()->cell_calibration(config.arms));
-    if (cell == nullptr || cell->tie.id.empty())
-      table = nullptr;
-    else
-      T_robot_base = cell->tie.numbers.T_base_robot.inverse();
-  }
-  const Pose T_robot_slab = T_robot_base * config.T_base_slab;
+  const std::optional<Pose> tied = find_T_robot_slab(reader.value().get(), config);
+  if (!tied) table = nullptr;
+  const Pose T_robot_slab = tied.value_or(config.T_base_slab);
   out.slab = say("slab type {}", recipe->slab_type);
   out.shift_max_mm = 0.0;
   for (int station = 1; station <= recipe->stations(); ++station) {

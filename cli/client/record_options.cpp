@@ -122,6 +122,13 @@ std::unique_ptr<storage::Reader> open_records(const config::Config& config) {
   return need(records_if_readable(config), kNotReachable);
 }
 
+std::optional<Pose> find_T_robot_slab(storage::Reader* reader, const config::Config& config) {
+  if (config.by.scanner == config.arms.list[0].scanner) return config.T_base_slab;
+  const auto cell = reader == nullptr ? nullptr : need(reader->cell_calibration(config.arms));
+  if (cell == nullptr || cell->tie.id.empty()) return std::nullopt;
+  return cell->tie.numbers.T_base_robot.inverse() * config.T_base_slab;
+}
+
 InForce hand_eye_in_force(storage::Reader* reader, const config::Config& config) {
   InForce now{config.calibration.id, config.calibration.T_flange_scanner, false};
   if (reader == nullptr) return now;

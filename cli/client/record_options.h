@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "cli/client/scanner_choice.h"
@@ -65,6 +66,10 @@ struct InForce {
   Pose T_flange_scanner;
   bool applied = false;
 };
+/// Pose of the slab in the base of the robot that carries the scanner `config.by`: for the first robot as configured,
+/// for the second one by the tie in force. nullopt: the robots are not tied.
+[[nodiscard]] std::optional<Pose> find_T_robot_slab(storage::Reader* reader, const config::Config& config);
+
 [[nodiscard]] InForce hand_eye_in_force(const config::Config& config);
 [[nodiscard]] InForce hand_eye_in_force(storage::Reader* reader, const config::Config& config);
 

@@ -65,12 +65,11 @@ struct Sources {
 
 /// Places the slab in the base of the robot that carries the scanner, because its poses are.
 void move_to_robot(config::Config& config, storage::Reader* reader) {
-  if (config.by.scanner == config.arms.list[0].scanner) return;
-  const auto cell = reader == nullptr ? nullptr : need(reader->cell_calibration(config.arms));
-  if (cell == nullptr || cell->tie.id.empty())
+  const std::optional<Pose> T_robot_slab = find_T_robot_slab(reader, config);
+  if (!T_robot_slab)
     stop(kRefused, fmt::format("where robot {} stands is not known: tie it to the first robot (slabctl calibrate tie)",
                                config.by.robot.view()));
-  config.T_base_slab = cell->tie.numbers.T_base_robot.inverse() * config.T_base_slab;
+  config.T_base_slab = *T_robot_slab;
 }
 
 Sources gather(const Options& options) {
