@@ -156,6 +156,22 @@ TEST_F(CalibrationChangerTest, a_change_is_applied_and_its_file_is_deleted) {
   EXPECT_EQ(reader.value()->applied(1).value().at(0).note.who, "anna (uid 1000)") << "who asked stands in the history";
 }
 
+TEST_F(CalibrationChangerTest, a_change_names_its_scanner) {
+  KeepCalibration keep{hand_eye()};
+  keep.record.scanner = "right";
+  const auto kept = parse_change(change_json(keep));
+  ASSERT_TRUE(kept.ok()) << kept.error().text.view();
+  EXPECT_EQ(std::get<KeepCalibration>(kept.value()).record.scanner, "right");
+  const auto applied = parse_change(change_json(ApplyCalibration{"he-1", {"anna", "test", 5}, "right"}));
+  ASSERT_TRUE(applied.ok());
+  EXPECT_EQ(std::get<ApplyCalibration>(applied.value()).scanner, "right");
+  const auto back =
+      parse_change(change_json(RollBackCalibration{CalibrationKind::tie, 0, {"anna", "test", 5}, "right"}));
+  ASSERT_TRUE(back.ok());
+  EXPECT_EQ(std::get<RollBackCalibration>(back.value()).kind, CalibrationKind::tie);
+  EXPECT_EQ(std::get<RollBackCalibration>(back.value()).scanner, "right");
+}
+
 /// A store that writes, but answers with an error, like a disk that fails during a commit.
 class DoubtfulStore : public Store {
  public:
