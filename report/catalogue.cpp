@@ -1290,6 +1290,7 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"{} balls seen by robots {} and {}; hand-eye {} and {}\n\n",
      "机器人 {1} 和 {2} 都看到 {0} 个球；手眼标定 {3} 和 {4}\n\n"},
     {"given", "由选项给出"},
+    {"views", "视图数"},
     {"--scanner {}: {} is a calibration of scanner {}", "--scanner {}：{} 是扫描仪 {} 的标定"},
     {"--slab {} --station {}: scanner {} scanned it, not scanner {}",
      "--slab {} --station {}：由扫描仪 {} 扫描，不是扫描仪 {}"},
