@@ -123,9 +123,11 @@ void look_at_recipes(const config::Config& config, Steps& steps, std::vector<std
 
 /// The robots, or the scanners, of a line: the step is done if `ok` is true in the status of each. `saw`: what is seen
 /// then.
-Step look_at_parts(const std::vector<ArmStatus>& arms, bool robots, const std::string& saw) {
-  const auto link = [&](const ArmStatus& arm) -> const nlohmann::json& { return robots ? arm.pose : arm.scanner_link; };
-  for (const ArmStatus& arm : arms) {
+Step look_at_parts(const std::vector<ArmStatus<nlohmann::json>>& arms, bool robots, const std::string& saw) {
+  const auto link = [&](const ArmStatus<nlohmann::json>& arm) -> const nlohmann::json& {
+    return robots ? arm.pose : arm.scanner_link;
+  };
+  for (const ArmStatus<nlohmann::json>& arm : arms) {
     const nlohmann::json& state = link(arm);
     if (state.is_object() && state.value(robots ? "ok" : "online", false)) continue;
     const std::string why = state.is_object() ? state.value("text", std::string()) : std::string();
@@ -162,7 +164,7 @@ void look_at_links(const config::Config& config, Steps& steps) {
                               : text("/software")};
   steps[kPlc] = {is("/links/plc/alive") ? StepState::done : StepState::note,
                  is("/links/plc/alive") ? say("heartbeat changes") : say("no heartbeat")};
-  const std::vector<ArmStatus> arms = arms_in(status);
+  const std::vector<ArmStatus<nlohmann::json>> arms = arms_in(status);
   steps[kRobot] = look_at_parts(arms, true, say("poses are accepted"));
   steps[kScanner] = look_at_parts(arms, false, say("connected"));
 }

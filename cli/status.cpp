@@ -114,7 +114,7 @@ std::string alike_text(const json& status) {
   return text;
 }
 
-std::string calibration_text(const ArmStatus& arm) {
+std::string calibration_text(const ArmStatus<json>& arm) {
   std::string text;
   const json& calibration = arm.calibration;
   if (!calibration.is_object()) return text;
@@ -170,7 +170,7 @@ Code code_at(const json& status, std::initializer_list<const char*> path) {
   return static_cast<Code>(std::strtoul(text_at(status, path).c_str(), nullptr, 10));
 }
 
-std::string robot_text(const ArmStatus& arm) {
+std::string robot_text(const ArmStatus<json>& arm) {
   const json& pose = arm.pose;
   return line(with_id(say("robot"), plain(arm.robot)),
               text_at(pose, {"ok"}) == "yes" ? say("poses arrive") + after(marked("; "), text_at(pose, {"note"}))
@@ -179,7 +179,7 @@ std::string robot_text(const ArmStatus& arm) {
          pose_faults_text(pose);
 }
 
-std::string scanner_text(const ArmStatus& arm) {
+std::string scanner_text(const ArmStatus<json>& arm) {
   const json& link = arm.scanner_link;
   return line(with_id(say("scanner"), plain(arm.scanner)),
               say("online {}, {} stray files{}", word_at(link, {"online"}), text_at(link, {"strays"}),
@@ -213,9 +213,9 @@ std::string status_text(const json& status) {
   text += line(say("plc"), say("{} clients, heartbeat {}{}", text_at(status, {"links", "plc", "clients"}),
                                text_at(status, {"links", "plc", "alive"}) == "yes" ? say("alive") : say("missing"),
                                after(marked("; "), text_at(status, {"links", "plc", "trouble"}))));
-  const std::vector<ArmStatus> arms = arms_in(status);
-  for (const ArmStatus& arm : arms) text += robot_text(arm);
-  for (const ArmStatus& arm : arms) text += scanner_text(arm);
+  const std::vector<ArmStatus<json>> arms = arms_in(status);
+  for (const ArmStatus<json>& arm : arms) text += robot_text(arm);
+  for (const ArmStatus<json>& arm : arms) text += scanner_text(arm);
   if (const nlohmann::json& chain = status.value("chain", nlohmann::json(nullptr)); chain.is_object())
     text += line(say("chain"), say("entry {} of the chain of results, SHA-256 {}",
                                    text_at(status, {"chain", "entries"}), text_at(status, {"chain", "sha256"})));
@@ -228,7 +228,7 @@ std::string status_text(const json& status) {
         line(say("plant"), say("{} results wait for the plant's database, the oldest for {:.0f} s{}",
                                text_at(status, {"plant", "unsent"}), plant.value("unsent_s", 0.0),
                                plant.value("late", false) ? say("; journalctl -u slabd-plant names the reason") : ""));
-  for (const ArmStatus& arm : arms) text += calibration_text(arm);
+  for (const ArmStatus<json>& arm : arms) text += calibration_text(arm);
   if (arms.size() > 1) text += tie_text(status);
   text += alike_text(status);
   if (status.contains("maintenance") && status["maintenance"].is_object())

@@ -566,9 +566,9 @@ void examine_robots(const config::Config& config, double seconds, Examination& r
 }
 
 /// State of an arm in the daemon's status. nullopt, with a finding: the daemon has fewer arms.
-static std::optional<ArmStatus> arm_in(const json& status, std::size_t arm, std::string_view check,
-                                       Examination& report) {
-  std::vector<ArmStatus> arms = arms_in(status);
+static std::optional<ArmStatus<json>> arm_in(const json& status, std::size_t arm, std::string_view check,
+                                             Examination& report) {
+  std::vector<ArmStatus<json>> arms = arms_in(status);
   if (arm < arms.size()) return std::move(arms[arm]);
   report.failed(check, say("the daemon has no such scanner: it runs with another configuration"),
                 say("systemctl restart slabd between two slabs"));
@@ -585,7 +585,7 @@ static void examine_scanner(const config::Config& config, std::size_t arm, const
   if (in_config_fault(status)) {
     report.unknown("scanner link", say("in fault 504 the daemon does not look for a scanner"));
   } else if (!status.is_null()) {
-    const std::optional<ArmStatus> state = arm_in(status, arm, "scanner link", report);
+    const std::optional<ArmStatus<json>> state = arm_in(status, arm, "scanner link", report);
     if (!state) return;
     const json& link = state->scanner_link;
     const std::string why = text(at(link, {"text"}));
@@ -761,7 +761,7 @@ void examine_calibrations(const config::Config& config, const std::string& statu
     name_part(config, say("scanner"), config.arm(arm).by.scanner, report);
     if (stored != nullptr)
       examine_stored(config.arm(arm), stored->arm[arm], report);
-    else if (const std::optional<ArmStatus> state = arm_in(status, arm, "calibration", report))
+    else if (const std::optional<ArmStatus<json>> state = arm_in(status, arm, "calibration", report))
       examine_in_force(config.arm(arm), state->calibration, report);
   }
   report.set_subject({});

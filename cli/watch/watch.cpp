@@ -205,19 +205,19 @@ class Watcher {
       since_.note(state, what.empty() ? (ok ? "up" : "down") : what);
       picture_.links.push_back(std::move(state));
     };
-    const std::vector<ArmStatus> arms = arms_in(status);
+    const std::vector<ArmStatus<json>> arms = arms_in(status);
     const bool plc = at<bool>(status, {"links", "plc", "alive"}, false);
     add(Link::plc, plc, plc ? say("alive", "在线") : say("silent", "无心跳"),
         at<int>(status, {"links", "plc", "clients"}, 0) == 0
             ? say("no client connected: check cable and PLC address", "无连接：检查网线和 PLC 地址")
             : say("its heartbeat (HR 0) does not change: check the PLC program", "心跳 (HR 0) 不变：检查 PLC 程序"));
-    for (const ArmStatus& arm : arms) {
+    for (const ArmStatus<json>& arm : arms) {
       const bool robot = at<bool>(arm.pose, {"ok"}, false);
       const auto code = static_cast<Code>(at<std::uint16_t>(arm.pose, {"code"}, 0));
       add(Link::robot, robot, robot ? say("poses", "有位姿") : say("no poses", "无位姿"),
           std::string(report::cure_words(code, language_)), {}, arm.robot);
     }
-    for (const ArmStatus& arm : arms) {
+    for (const ArmStatus<json>& arm : arms) {
       const bool scanner = at<bool>(arm.scanner_link, {"online"}, false);
       add(Link::scanner, scanner, scanner ? say("online", "在线") : say("offline", "离线"),
           std::string(report::cure_words(Code::scanner_offline, language_)), {}, arm.scanner);
@@ -227,7 +227,7 @@ class Watcher {
     const Code failed = picture_.fault == static_cast<int>(Code::store_full) ? Code::store_full : Code::journal_write;
     add(Link::store, store, store ? say("writing", "正常") : say("failed", "故障"),
         std::string(report::cure_words(failed, language_)));
-    for (const ArmStatus& arm : arms) {
+    for (const ArmStatus<json>& arm : arms) {
       const std::string source = at<std::string>(arm.calibration, {"source"}, "missing");
       const bool applied = source == "applied";
       const std::string word = applied                     ? say("applied", "已生效")
