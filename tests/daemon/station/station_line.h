@@ -74,7 +74,7 @@ class Line {
   bool measuring_works = true;  ///< false: MeasureBlock is never answered
   Verdict block_verdict = Verdict::pass;
   Code refuses = Code::ok;  ///< result of measuring
-  // Of the second robot and its scanner, if settings.arms lists them.
+  // The second robot and its scanner, if settings.arms lists them.
   Pose T_base_robot_2;
   int robot_2_station = 0;  ///< where it stands; 0: it looks at no block
   Code scan_code_2 = Code::ok;
