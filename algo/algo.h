@@ -214,6 +214,16 @@ struct StationSigma {
   double robot_position_mm = 0.0;
   double robot_rotation_rad = 0.0;
   double scanner_drift = kNoValue;  ///< of its scan, as in BlockInspector::begin
+  std::uint8_t arm = 0;             ///< arm that scanned it (base/arm.h)
+};
+
+/// The arms with which a slab was scanned.
+struct SlabArms {
+  std::span<const ScannerNumbers>
+      verified;  ///< [arm]: figures of the scanner's acceptance, as in BlockInspector::begin
+  /// Tie of the second arm's robot to the base frame. nullptr: its covariance is not known, and an item between the
+  /// stations of two arms has no U.
+  const TieNumbers* tie = nullptr;
 };
 
 /// Computes one robust rigid fit of all seats to the slab model, and the slab-frame items. `blocks` has one entry per
@@ -228,5 +238,9 @@ void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, con
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std::span<const StationSigma> sigmas,
                   const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified = {},
                   const SlabFacts& slab = {});
+/// The same for stations scanned by several arms: StationSigma::arm selects the scanner's figures. Items between
+/// stations of different arms contain the uncertainty of the tie (BudgetPart::tie).
+void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std::span<const StationSigma> sigmas,
+                  const Pose& T_base_slab_nominal, SlabResult& out, const SlabArms& arms, const SlabFacts& slab);
 
 }  // namespace slabd::algo

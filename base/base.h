@@ -8,6 +8,7 @@
 #include "base/units.h"
 #include "base/pose.h"
 #include "base/fixed.h"
+#include "base/arm.h"
 #include "base/result.h"
 #include "base/prng.h"
 #include "base/items.h"

@@ -6,8 +6,8 @@
 namespace slabd {
 namespace {
 
-constexpr std::array<std::string_view, kCalibrationKinds> kKinds = {"hand_eye", "stations", "reference_block",
-                                                                    "monitor_ball", "scanner"};
+constexpr std::array<std::string_view, kCalibrationKinds> kKinds = {"hand_eye",     "stations", "reference_block",
+                                                                    "monitor_ball", "scanner",  "tie"};
 constexpr std::array<std::string_view, 5> kStandings = {"verified", "never", "expired", "failed", "other_temperature"};
 constexpr std::array<std::string_view, kSpliceSources> kSources = {
     "none", "commissioning", "corrected", "not_mastered", "stale", "expired", "outside_gate"};
@@ -115,6 +115,56 @@ FixedString<limits::kErrorTextBytes> describe(CalibrationFault fault, const Line
   return text;
 }
 
+CalibrationId tie_parent(const CalibrationId& first, const CalibrationId& second) {
+  CalibrationId parent = first;
+  parent.append("+");
+  parent.append(second.view());
+  return parent;
+}
+
+std::optional<std::array<CalibrationId, limits::kArmsMax>> hand_eyes_of_tie(std::string_view parent) {
+  const std::size_t plus = parent.find('+');
+  if (plus == std::string_view::npos || plus == 0 || plus + 1 == parent.size()) return std::nullopt;
+  if (parent.find('+', plus + 1) != std::string_view::npos) return std::nullopt;
+  return std::array<CalibrationId, limits::kArmsMax>{parent.substr(0, plus), parent.substr(plus + 1)};
+}
+
+TieFault fault_of_tie(const CellCalibration& calibration, const PartId& robot, std::int64_t utime_us) {
+  const TieInForce& tie = calibration.tie;
+  if (!tie.trouble.empty()) return TieFault::unusable;
+  if (tie.id.empty()) return TieFault::missing;
+  for (std::size_t arm = 0; arm < limits::kArmsMax; ++arm)
+    if (!(tie.hand_eye_id[arm] == calibration.arm[arm].id)) return TieFault::stale;
+  if (!(tie.numbers.robot == robot)) return TieFault::stale;
+  return is_over(tie.expires_utime_us, utime_us) ? TieFault::expired : TieFault::none;
+}
+
+FixedString<limits::kErrorTextBytes> describe(TieFault fault, const CellCalibration& calibration) {
+  FixedString<limits::kErrorTextBytes> text;
+  const TieInForce& tie = calibration.tie;
+  switch (fault) {
+    case TieFault::none: break;
+    case TieFault::missing:
+      text.printf("the base frames of the two robots are not tied; measure and apply a tie (slabctl calibrate tie)");
+      break;
+    case TieFault::unusable:
+      text.printf("the tie of the two robots cannot be used: %s; tie again (slabctl calibrate tie)",
+                  tie.trouble.c_str());
+      break;
+    case TieFault::stale:
+      text.printf(
+          "tie %s of the two robots belongs to robot %s and the hand-eye calibrations %s and %s, and others are "
+          "in force; tie again (slabctl calibrate tie)",
+          tie.id.c_str(), tie.numbers.robot.c_str(), tie.hand_eye_id[0].c_str(), tie.hand_eye_id[1].c_str());
+      break;
+    case TieFault::expired:
+      text.printf("tie %s of the two robots has expired; tie again and apply the result (slabctl calibrate tie)",
+                  tie.id.c_str());
+      break;
+  }
+  return text;
+}
+
 std::int64_t checked_from_utime_us(const LineCalibration::Watch& watch) {
   return watch.checked_utime_us != 0 ? watch.checked_utime_us : watch.since_utime_us;
 }
@@ -160,6 +210,18 @@ Splice splice_for(const LineCalibration& calibration, const SpliceSettings& sett
   splice.calibration_rad = rows * calibration.hand_eye.sigma_rad;
   splice.robot_mm = std::hypot(settings.absolute_mm, settings.absolute_rad * lever_mm);
   splice.robot_rad = settings.absolute_rad;
+  return splice;
+}
+
+Splice splice_for(const CellCalibration& calibration, std::size_t arm, const SpliceSettings& settings,
+                  std::uint16_t slab_type, int station, const Pose& T_base_flange, double lever_mm,
+                  std::int64_t utime_us) {
+  if (arm > 0 && calibration.tie.id.empty()) return {};
+  Splice splice = splice_for(calibration.arm.at(arm), settings, slab_type, station, T_base_flange, lever_mm, utime_us);
+  if (arm > 0) {
+    splice.tied = true;
+    splice.T_base_robot = calibration.tie.numbers.T_base_robot;
+  }
   return splice;
 }
 

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string_view>
 
+#include "base/arm.h"
 #include "base/fixed.h"
 #include "base/items.h"
 #include "base/limits.h"
@@ -21,10 +22,10 @@ namespace slabd {
 /// numbers. Equal ids therefore mean equal numbers. Values from the configuration have "commissioning-<12 digits>".
 using CalibrationId = FixedString<64>;
 
-enum class CalibrationKind : std::uint8_t { hand_eye, stations, reference_block, monitor_ball, scanner };
-inline constexpr std::size_t kCalibrationKinds = 5;
-/// Word used in JSON, the database and on command lines: "hand_eye", "stations", "reference_block", "monitor_ball" or
-/// "scanner".
+enum class CalibrationKind : std::uint8_t { hand_eye, stations, reference_block, monitor_ball, scanner, tie };
+inline constexpr std::size_t kCalibrationKinds = 6;
+/// Word used in JSON, the database and on command lines: "hand_eye", "stations", "reference_block", "monitor_ball",
+/// "scanner" or "tie".
 [[nodiscard]] std::string_view name(CalibrationKind kind);
 [[nodiscard]] std::optional<CalibrationKind> calibration_kind_named(std::string_view word);
 
@@ -111,6 +112,19 @@ struct ScannerDriftSettings {
 [[nodiscard]] bool is_outside_temperature(const ScannerDriftSettings& settings, const ScannerNumbers& accepted,
                                           double temperature_c);
 
+/// Place of the second robot's base in the line's base frame, which is the base of the first robot.
+struct TieNumbers {
+  PartId robot;       ///< id of the second robot
+  Pose T_base_robot;  ///< maps coordinates in the second robot's base to the line's base frame
+  /// Point of the base frame about which the covariance is given: the middle of the targets.
+  Vec3 centre_mm = Vec3::Constant(kNoValue);
+  /// Covariance of the small motion from the stated base of the second robot to the true one. Order: x, y, z in mm,
+  /// rotation about X, Y, Z in rad; axes of the base frame, about centre_mm.
+  Mat6 covariance = Mat6::Constant(kNoValue);
+  std::uint16_t targets = 0;  ///< number of targets that both robots measured
+  double rms_mm = kNoValue;   ///< distance between the two measurements of a target, after the tie
+};
+
 // ---- checks --------------------------------------------------------------------------------------------------------
 
 /// One daily check of the reference block, or one measurement of the monitor ball.
@@ -181,11 +195,39 @@ struct LineCalibration {
   }
 };
 
+/// The tie of the two robots' bases in force.
+struct TieInForce {
+  CalibrationId id;  ///< empty: no tie was ever applied
+  TieNumbers numbers;
+  /// Hand-eye calibrations of both arms that it was solved with; if another one is in force, the tie is stale.
+  std::array<CalibrationId, limits::kArmsMax> hand_eye_id;
+  std::int64_t expires_utime_us = 0;  ///< 0 if it never expires
+  FixedString<160> trouble;           ///< reason why the applied tie cannot be used
+};
+
+/// Parent of a tie, as stored: the ids of the two hand-eye calibrations with a '+' between them.
+[[nodiscard]] CalibrationId tie_parent(const CalibrationId& first, const CalibrationId& second);
+/// The two ids of a tie's parent; nullopt if it is not two ids with a '+' between them.
+[[nodiscard]] std::optional<std::array<CalibrationId, limits::kArmsMax>> hand_eyes_of_tie(std::string_view parent);
+
+/// All calibrations of a line: those of each arm's scanner, and the tie between the robots.
+struct CellCalibration {
+  std::array<LineCalibration, limits::kArmsMax> arm;
+  TieInForce tie;  ///< unused on a line with one arm
+};
+
 /// Reason why a slab must not begin: the calibration is missing, has expired or failed its last check.
 enum class CalibrationFault : std::uint8_t { none, missing, expired, check_failed };
 [[nodiscard]] CalibrationFault fault_of(const LineCalibration& calibration, std::int64_t utime_us);
 /// One sentence with the fault and its remedy; empty for `none`.
 [[nodiscard]] FixedString<limits::kErrorTextBytes> describe(CalibrationFault fault, const LineCalibration& calibration);
+
+/// Reason why the tie cannot be used.
+enum class TieFault : std::uint8_t { none, missing, unusable, stale, expired };
+/// Fault of the tie between arm 0 and `robot`, the robot of arm 1.
+[[nodiscard]] TieFault fault_of_tie(const CellCalibration& calibration, const PartId& robot, std::int64_t utime_us);
+/// One sentence with the fault and its remedy; empty for `none`.
+[[nodiscard]] FixedString<limits::kErrorTextBytes> describe(TieFault fault, const CellCalibration& calibration);
 
 /// Bits of WARN (IR 8), in addition to those of PlcWarn (base/plc.h).
 enum CalibrationWarn : std::uint16_t {
@@ -248,10 +290,17 @@ struct Splice {
   double calibration_rad = kNoValue;
   double robot_mm = kNoValue;  ///< sigma of one visit if corrected; else absolute accuracy, or repeatability
   double robot_rad = kNoValue;
+  bool tied = false;  ///< true if the scan is of an arm after the first, and T_base_robot counts
+  Pose T_base_robot;  ///< base of the scan's robot in the line's base frame; identity for arm 0
 };
 /// Computes the splice of one scan. `lever_mm` is the distance from flange to block; the flange's absolute rotation
 /// error shifts the block by that error times the lever.
 [[nodiscard]] Splice splice_for(const LineCalibration& calibration, const SpliceSettings& settings,
+                                std::uint16_t slab_type, int station, const Pose& T_base_flange, double lever_mm,
+                                std::int64_t utime_us);
+/// The same for a scan of one arm; `T_base_flange` is in the base of that arm's robot. An arm after the first is tied
+/// to the line's base frame. Without an applied tie its source is `none`.
+[[nodiscard]] Splice splice_for(const CellCalibration& calibration, std::size_t arm, const SpliceSettings& settings,
                                 std::uint16_t slab_type, int station, const Pose& T_base_flange, double lever_mm,
                                 std::int64_t utime_us);
 

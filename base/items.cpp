@@ -224,6 +224,7 @@ std::string_view name(BudgetPart part) {
     case BudgetPart::reference: return "reference";
     case BudgetPart::thermal: return "thermal";
     case BudgetPart::gauge: return "gauge";
+    case BudgetPart::tie: return "tie";
   }
   return "";
 }

@@ -100,8 +100,9 @@ enum class BudgetPart : std::uint8_t {
   reference,     ///< the artefact used to set up the system
   thermal,       ///< the slab's temperature and expansion (base/thermal.h)
   gauge,         ///< the gauges' own standard uncertainty; that of their masters is `reference`
+  tie,           ///< the second robot's base in the line's base frame
 };
-inline constexpr std::size_t kBudgetParts = 9;
+inline constexpr std::size_t kBudgetParts = 10;
 [[nodiscard]] std::string_view name(BudgetPart part);
 
 inline constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();

@@ -24,4 +24,21 @@ SlabFacts facts_of(const SlabHeader& slab, const SlabResult& ended) {
   return facts;
 }
 
+Pose T_flange_scanner_of(const SlabHeader& slab, std::size_t arm) {
+  if (arm == 0) return slab.T_flange_scanner;
+  if (arm <= slab.more_arms.size()) return slab.more_arms[arm - 1].T_flange_scanner;
+  Pose none;
+  none.rotation.coeffs().setConstant(kNoValue);
+  none.translation_mm.setConstant(kNoValue);
+  return none;
+}
+
+Pose stored_T_base_scanner(const SlabHeader& slab, const Attempt& attempt) {
+  const Pose T_robot_scanner = attempt.T_base_flange * T_flange_scanner_of(slab, attempt.arm);
+  const Pose corrected = attempt.splice.source == SpliceSource::corrected
+                             ? attempt.splice.T_base_reported * T_robot_scanner
+                             : T_robot_scanner;
+  return attempt.splice.tied ? attempt.splice.T_base_robot * corrected : corrected;
+}
+
 }  // namespace slabd

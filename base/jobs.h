@@ -7,6 +7,7 @@
 #include <variant>
 #include <vector>
 
+#include "base/arm.h"
 #include "base/calibration.h"
 #include "base/design.h"
 #include "base/noise_print.h"
@@ -46,6 +47,8 @@ struct ScanRequest {
   std::uint16_t cmd_seq = 0;
   SlabId slab_id;
   std::uint8_t station = 0;
+  /// Arm that scans; without names on a line with one arm, whose scanner does not see a name.
+  Arm by{PartId{}, PartId{}};
   std::int64_t timeout_ns = 15 * kNsPerS;
   std::size_t points_min = limits::kScanPointsMin;  ///< minimum of finite points; fewer: too_few_points
   PathText spool_path;  ///< without extension; a durable scan must be here when it is acquired
@@ -60,6 +63,15 @@ struct AcquiredScan {
 };
 
 // ---- storage ---------------------------------------------------------------------------------------------------
+
+/// An arm after the first, as it was when a slab was begun.
+struct SlabArm {
+  Arm by;
+  CalibrationId calibration_id;  ///< hand-eye calibration; empty if there was none
+  CalibrationId stations_id;     ///< station corrections in force for the slab's type; empty if none
+  CalibrationId scanner_id;      ///< the scanner's acceptance in force, expired or not; empty if none
+  Pose T_flange_scanner;
+};
 
 struct SlabHeader {
   std::int64_t key = 0;  ///< 1, 2, 3, ... over the life of the database
@@ -77,7 +89,7 @@ struct SlabHeader {
   std::uint16_t unconfirmed = 0;  ///< number of unconfirmed nominals and tolerances when the slab was begun
   double guard = kNoValue;        ///< guard band of its verdicts in units of U; 0: simple acceptance
   double cell_mm = kNoValue;      ///< flatness cell of the recipe
-  CalibrationId calibration_id;   ///< hand-eye calibration
+  CalibrationId calibration_id;   ///< hand-eye calibration; this and the next two are those of arm 0
   CalibrationId stations_id;      ///< station corrections in force for this slab type; empty if none
   CalibrationId scanner_id;       ///< the scanner's acceptance in force, expired or not; empty if none
   FixedString<64> software;
@@ -86,6 +98,8 @@ struct SlabHeader {
   std::int64_t began_utime_us = 0;
   std::uint8_t emulated =
       0;  ///< emulation bits (base/records.h) of the line at the slab's begin and of all its acquired attempts
+  FixedVector<SlabArm, limits::kArmsMax - 1> more_arms;  ///< arms after the first: [arm - 1]
+  CalibrationId tie_id;                                  ///< tie of the robots' bases in force; empty if none
 };
 
 /// Temperature and design of the slab. A design_text that cannot be read gives a design without numbers, with which
@@ -106,9 +120,11 @@ struct Attempt {
   std::int64_t slab_key = 0;
   std::uint8_t station = 0;
   std::uint8_t number = 0;  ///< 1, 2, ... of this station; see `asked`
+  std::uint8_t arm = 0;     ///< arm that scanned: 0, or an index into SlabHeader::more_arms plus 1
+  Arm by;                   ///< its names
   std::uint16_t session = 0;
   std::uint16_t cmd_seq = 0;
-  Pose T_base_flange;  ///< mean over the exposure
+  Pose T_base_flange;  ///< mean over the exposure, in the base of the arm's own robot
   double pose_spread_mm = kNoValue;
   std::uint32_t pose_samples = 0;
   Splice splice;  ///< transformation of the scan into the base frame
@@ -224,8 +240,10 @@ enum class StationPhase : std::uint8_t {
 struct SlabBasis {
   const Recipe* recipe = nullptr;  ///< nullptr if the slab's type is not known
   Pose T_base_slab;
-  ScannerNumbers verified;  ///< the scanner's acceptance when the slab was begun
+  std::array<ScannerNumbers, limits::kArmsMax> verified;  ///< each arm's acceptance when the slab was begun
   SlabFacts slab;
+  bool has_tie = false;  ///< true if `tie` contains the numbers of the tie when the slab was begun
+  TieNumbers tie;
 };
 
 /// State of one station of the open slab.
@@ -255,8 +273,8 @@ struct RecoveredLine {
   std::int64_t last_slab_key = 0;
   std::int64_t newest_utime_us = 0;
 
-  LineCalibration calibration;       ///< in force; source `missing` without trouble: none was ever applied
-  LineCalibration slab_calibration;  ///< at the begin of the open slab; the same rule
+  CellCalibration calibration;       ///< in force; source `missing` without trouble: none was ever applied
+  CellCalibration slab_calibration;  ///< at the begin of the open slab; the same rule
 
   bool slab_open = false;
   /// CMD_SEQ of a SLAB_ABORT that was accepted for the open slab and not finished; 0 if none. It is the slab's newest
@@ -289,12 +307,13 @@ struct RecoveredLine {
   FixedQueue<PlcResult, limits::kResultQueueMax> unacknowledged;  ///< oldest first
 };
 
-/// Pose of the scanner when a stored scan was taken. It is computed from the stored flange pose, the hand-eye of its
-/// slab, and the station's correction if it was applied. Equal records give equal bits, in later versions too.
-[[nodiscard]] inline Pose stored_T_base_scanner(const SlabHeader& slab, const Attempt& attempt) {
-  const Pose T_base_scanner = attempt.T_base_flange * slab.T_flange_scanner;
-  return attempt.splice.source == SpliceSource::corrected ? attempt.splice.T_base_reported * T_base_scanner
-                                                          : T_base_scanner;
-}
+/// Pose of the scanner on the flange of one arm of a slab. An arm that the slab does not have gives a pose without
+/// numbers, with which nothing is measured.
+[[nodiscard]] Pose T_flange_scanner_of(const SlabHeader& slab, std::size_t arm);
+
+/// Pose of the scanner when a stored scan was taken, in the line's base frame. It is computed from the stored flange
+/// pose, the hand-eye of its arm, the station's correction if it was applied, and the robot's base. Equal records give
+/// equal bits, in later versions too.
+[[nodiscard]] Pose stored_T_base_scanner(const SlabHeader& slab, const Attempt& attempt);
 
 }  // namespace slabd

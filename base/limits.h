@@ -22,6 +22,8 @@ inline constexpr std::size_t kStationsMax = 18;
 inline constexpr std::size_t kPairsMax = kStationsMax / 2;
 /// Slab types loaded at once; the line makes four (P5600, P4925, P4856, P5350), the rest is reserve.
 inline constexpr std::size_t kRecipesMax = 16;
+/// Robots with a scanner on a line (base/arm.h): one for each row of the longest slab.
+inline constexpr std::size_t kArmsMax = 2;
 /// SLAB_ID occupies 16 registers of two characters (HR 16..31).
 inline constexpr std::size_t kSlabIdBytes = 32;
 
@@ -37,6 +39,12 @@ inline constexpr std::size_t kScanPointsMax = kScanSizes * 6'000'000;
 /// One scan is measured while the next one arrives. A third slot would only hide a scanner that is faster than the
 /// computer.
 inline constexpr std::size_t kScanSlots = 2;
+/// Slots of a line with this number of arms: one more for each further arm, because a scanner that hangs keeps its slot
+/// until it answers.
+constexpr std::size_t scan_slots(std::size_t arms) {
+  return kScanSlots + arms - 1;
+}
+inline constexpr std::size_t kScanSlotsMax = scan_slots(kArmsMax);
 /// Memory for one scan's x y z as float32: 72 MB.
 inline constexpr std::size_t kScanSlotBytes = kScanPointsMax * 3 * sizeof(float);
 /// Minimum of finite points in a scan of a block (a real scan has a hundred times more); fewer: code 401.
@@ -141,8 +149,13 @@ inline constexpr std::size_t kWorkspaceBytes =
     array_bytes(2 * kFlatnessCellsMax, 64) +                         // sums of either half of the points,
     2 * array_bytes(kFlatnessCellsMax + 1, sizeof(std::uint32_t)) +  // marks, groups of them
     array_bytes(kFlatnessCellsMax, 3 * sizeof(double));              // and means
-/// Memory that the inspection path holds permanently, resident from the start.
-inline constexpr std::size_t kInspectionBytes = kScanSlots * kScanSlotBytes + kWorkspaceBytes;
+/// Memory that the inspection path of a line with this number of arms holds permanently, resident from the start.
+constexpr std::size_t inspection_bytes(std::size_t arms) {
+  return scan_slots(arms) * kScanSlotBytes + kWorkspaceBytes;
+}
+inline constexpr std::size_t kInspectionBytes = inspection_bytes(1);
+static_assert(kScanSlotsMax == 3 && inspection_bytes(kArmsMax) == kInspectionBytes + kScanSlotBytes,
+              "a second arm takes the memory of one scan");
 /// Memory of the rest of the process: code, stacks, SQLite's cache and statements, the station and its queues.
 inline constexpr std::size_t kProcessBytes = 22'500'000;
 static_assert(kScanSlotBytes + kWorkspaceBytes + kProcessBytes <= kScanSizes * 160'000'000,

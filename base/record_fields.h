@@ -62,10 +62,10 @@ SLABD_FIELDS(GaugeCheck, gauge, unit, value, master_value, master_u, within, pas
 
 SLABD_FIELDS(SlabHeader, key, slab_id, slab_no, slab_type, stations, temperature_dk, age_h, mould, recipe,
              recipe_sha256, design_sha256, design_text, unconfirmed, guard, cell_mm, calibration_id, stations_id,
-             scanner_id, software, T_base_slab, T_flange_scanner, began_utime_us, emulated);
+             scanner_id, software, T_base_slab, T_flange_scanner, began_utime_us, emulated, tie_id);
 SLABD_FIELDS(SlabFitReport, ok, seats, iterations, rms_mm, plain_rms_mm, note, T_base_slab);
 SLABD_FIELDS(Splice, source, visits, T_base_reported, off_mm, off_rad, calibration_mm, calibration_rad, robot_mm,
-             robot_rad);
+             robot_rad, tied, T_base_robot);
 SLABD_FIELDS(CommandJob, session, cmd_seq, command, station, utime_us);
 SLABD_FIELDS(PlcResult, res_seq, kind, cmd_seq, station, slab_no, verdict, reason, fail_mask, open_mask, flatness_mm,
              std_mm, deviation, points, scan_utime_us, emulated);
@@ -78,6 +78,7 @@ SLABD_FIELDS(ReferenceBlock, slope_rad, slope_U_rad, jaw_distance_mm, jaw_distan
 SLABD_FIELDS(MonitorBall, p_base, radius_mm, limit_mm);
 SLABD_FIELDS(ScannerNumbers, scanner, PF_mm, PS_mm, RF_mm, form_half_mm, form_length_mm, noise_sigma_mm,
              noise_correlation_mm, pitch_mm, plates, balls, within_limits, temperature_c);
+SLABD_FIELDS(TieNumbers, robot, T_base_robot, centre_mm, covariance, targets, rms_mm);
 SLABD_FIELDS(CalibrationCheck, kind, reference_id, hand_eye_id, passed, slope_rad, slope_U_rad, jaw_distance_mm,
              jaw_distance_U_mm, off_mm, utime_us, who, source, note);
 

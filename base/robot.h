@@ -22,6 +22,7 @@ struct PoseSample {
   bool emulated = false;   ///< the sender declares an emulated robot
   bool commanded = false;  ///< the message has flags, but not the flag "measured"
   Pose T_base_flange;
+  std::uint8_t arm = 0;  ///< whose robot this is: index into LineArms::list
 };
 
 /// Criteria for a robot at rest, and its expected place. Lengths mm, angles rad, times ns.

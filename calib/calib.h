@@ -13,6 +13,7 @@
 #include "calib/reference.h"
 #include "calib/session.h"
 #include "calib/stations.h"
+#include "calib/tie.h"
 #include "calib/warm_up.h"
 
 /// Pose of the scanner on the flange and its uncertainty. It is computed from views of an artefact (hand_eye.h),

@@ -207,6 +207,7 @@ bool fields(Form& f, Record& s) {
   f.comment("a calibration by slabctl calibrate; agreed at its beginning, not to be edited");
   bool whole = f.choice("kind", s.kind, {ArtefactKind::ball, ArtefactKind::pose});
   f.text("name", s.name).text("created", s.created).text("config", s.config).text("operator", s.operator_name);
+  f.text("scanner", s.scanner);
   f.number("radius_mm", s.radius_mm, s.kind == ArtefactKind::ball).number("radius_sigma_mm", s.radius_sigma_mm, true);
   f.number("robot_sigma_mm", s.noise.robot_mm, true).number("robot_sigma_rad", s.noise.robot_rad, true);
   f.number("target_sigma_mm", s.noise.target_mm, true).number("target_sigma_rad", s.noise.target_rad, true);

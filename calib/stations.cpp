@@ -55,6 +55,18 @@ Pose mean_pose(const std::vector<const StationVisit*>& visits) {
   return mean;
 }
 
+/// Largest distance of a place from the line through the first one and another.
+double width_of(std::span<const Vec3> places) {
+  double widest = 0.0;
+  for (std::size_t i = 1; i < places.size(); ++i)
+    for (std::size_t j = i + 1; j < places.size(); ++j) {
+      const Vec3 a = places[i] - places[0];
+      const Vec3 b = places[j] - places[0];
+      widest = std::max(widest, a.cross(b).norm() / std::max({a.norm(), b.norm(), 1.0}));
+    }
+  return widest;
+}
+
 /// State of one station during the solution.
 struct Work {
   const MasterStation* certified = nullptr;
@@ -258,6 +270,10 @@ class Solver {
   /// Places the certificate by one rigid fit of all certified points to all measured ones.
   bool place_certificate() {
     if (certificate_.frame == MasterCertificate::Frame::base) return true;
+    if (settings_.T_base_certificate) {
+      out_.T_base_certificate = *settings_.T_base_certificate;
+      return true;
+    }
     std::vector<Vec3> certified;
     std::vector<Vec3> seen;
     std::vector<Vec3> places;
@@ -266,13 +282,7 @@ class Solver {
       seen.insert(seen.end(), work.mean_points.begin(), work.mean_points.end());
       places.push_back(reference_point(*work.certified, work.certified->points_mm));
     }
-    double widest = 0.0;
-    for (std::size_t i = 1; i < places.size(); ++i)
-      for (std::size_t j = i + 1; j < places.size(); ++j) {
-        const Vec3 a = places[i] - places[0];
-        const Vec3 b = places[j] - places[0];
-        widest = std::max(widest, a.cross(b).norm() / std::max({a.norm(), b.norm(), 1.0}));
-      }
+    const double widest = width_of(places);
     if (places.size() < kPlacementStationsMin || widest < kPlacementWidthMin_mm) {
       refuse(StationRefusal::placement, 0,
              "master stations of both rows, or use a certificate in the base frame (frame = base)",
@@ -514,6 +524,25 @@ class Solver {
 
 std::string_view name(StationRefusal refusal) {
   return kRefusals.at(static_cast<std::size_t>(refusal));
+}
+
+std::optional<Pose> placement_of(const MasterCertificate& certificate, std::span<const StationVisit> visits,
+                                 std::span<const Pose> T_base_scanner) {
+  if (certificate.frame == MasterCertificate::Frame::base) return std::nullopt;
+  std::vector<Vec3> certified;
+  std::vector<Vec3> seen;
+  std::vector<Vec3> places;
+  for (std::size_t i = 0; i < visits.size(); ++i) {
+    const auto station = std::find_if(certificate.stations.begin(), certificate.stations.end(),
+                                      [&](const MasterStation& s) { return s.station == visits[i].station; });
+    if (station == certificate.stations.end() || station->points_mm.size() != visits[i].points_mm.size())
+      return std::nullopt;
+    certified.insert(certified.end(), station->points_mm.begin(), station->points_mm.end());
+    for (const Vec3& point : visits[i].points_mm) seen.push_back(T_base_scanner[i] * point);
+    places.push_back(station->points_mm.front());
+  }
+  if (places.size() < kPlacementStationsMin || width_of(places) < kPlacementWidthMin_mm) return std::nullopt;
+  return rigid_fit(certified, seen);
 }
 
 Result<StationsSolution> solve_stations(const MasterCertificate& certificate, std::span<const StationVisit> visits,

@@ -106,6 +106,8 @@ struct StationSettings {
   /// Largest deviation of (certified minus measured slope) at a station from the other stations.
   double slope_max_rad = rad_from_deg(0.06);
   double shape_max_mm = 0.10;  ///< largest difference of certified and measured points after the correction
+  /// Place of a certificate of frame slab, if it is known (placement_of()); nullopt: from the visits.
+  std::optional<Pose> T_base_certificate{};
 };
 
 /// Reason why visits give no corrections. The words returned by `name` are stable.
@@ -162,6 +164,13 @@ struct StationsSolution {
   double before_rms_mm = kNoValue;
   double after_rms_mm = kNoValue;  ///< with the corrections
 };
+
+/// Place of a certificate of frame slab: one rigid fit of all visits, each seen from its own pose of the scanner
+/// (`T_base_scanner`, [visit]). For the stations of two robots, of which those of one may be on a line. nullopt:
+/// another frame, unknown stations or points, or stations that do not determine the place.
+[[nodiscard]] std::optional<Pose> placement_of(const MasterCertificate& certificate,
+                                               std::span<const StationVisit> visits,
+                                               std::span<const Pose> T_base_scanner);
 
 /// Solves all stations of the certificate. Refusals are part of the answer. Error (config) only for invalid input: no
 /// visits, or numbers that are not finite.

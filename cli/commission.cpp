@@ -11,6 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "cli/client/arms.h"
+#include "cli/client/calibration_change.h"
 #include "cli/client/control.h"
 #include "cli/client/record_options.h"
 #include "cli/command.h"
@@ -119,6 +121,23 @@ void look_at_recipes(const config::Config& config, Steps& steps, std::vector<std
   if (unconfirmed > 0) step.saw += say("; {} numbers are not confirmed", unconfirmed);
 }
 
+/// The robots, or the scanners, of a line: the step is done if `ok` is true in the status of each. `saw`: what is seen
+/// then.
+Step look_at_parts(const std::vector<ArmStatus<nlohmann::json>>& arms, bool robots, const std::string& saw) {
+  const auto link = [&](const ArmStatus<nlohmann::json>& arm) -> const nlohmann::json& {
+    return robots ? arm.pose : arm.scanner_link;
+  };
+  for (const ArmStatus<nlohmann::json>& arm : arms) {
+    const nlohmann::json& state = link(arm);
+    if (state.is_object() && state.value(robots ? "ok" : "online", false)) continue;
+    const std::string why = state.is_object() ? state.value("text", std::string()) : std::string();
+    const std::string text = why.empty() ? say("not connected") : quote(why);
+    const std::string& id = robots ? arm.robot : arm.scanner;
+    return {StepState::open, id.empty() ? text : say("{}: {}", id, text)};
+  }
+  return {StepState::done, saw};
+}
+
 void look_at_links(const config::Config& config, Steps& steps) {
   const Result<std::string> answer = ask_daemon(config.control_socket, "{\"verb\":\"status\"}\n");
   if (!answer) {
@@ -145,16 +164,14 @@ void look_at_links(const config::Config& config, Steps& steps) {
                               : text("/software")};
   steps[kPlc] = {is("/links/plc/alive") ? StepState::done : StepState::note,
                  is("/links/plc/alive") ? say("heartbeat changes") : say("no heartbeat")};
-  steps[kRobot] = {is("/links/pose/ok") ? StepState::done : StepState::open,
-                   is("/links/pose/ok") ? say("poses are accepted") : quote(text("/links/pose/text"))};
-  steps[kScanner] = {is("/links/scanner/online") ? StepState::done : StepState::open,
-                     is("/links/scanner/online") ? say("connected") : quote(text("/links/scanner/text"))};
-  if (steps[kScanner].saw.empty()) steps[kScanner].saw = say("not connected");
+  const std::vector<ArmStatus<nlohmann::json>> arms = arms_in(status);
+  steps[kRobot] = look_at_parts(arms, true, say("poses are accepted"));
+  steps[kScanner] = look_at_parts(arms, false, say("connected"));
 }
 
-void look_at_calibration(storage::Reader& reader, const config::Config& config, std::span<const std::uint16_t> types,
-                         Steps& steps) {
-  const auto line = need(reader.line_calibration(), kNotReachable);
+void look_at_scanner(storage::Reader& reader, const config::Config& config, std::span<const std::uint16_t> types,
+                     Steps& steps) {
+  const auto line = need(reader.line_calibration(config.by.scanner.view()), kNotReachable);
   const bool applied = line->source == LineCalibration::Source::applied;
   steps[kHandEye] = {applied ? StepState::done : StepState::open, applied ? std::string(line->id.view())
                                                                   : !config.calibration.id.empty()
@@ -181,6 +198,31 @@ void look_at_calibration(storage::Reader& reader, const config::Config& config, 
       checked ? StepState::done : StepState::note,
       checked ? std::string((line->block.reference_id.empty() ? line->ball : line->block).reference_id.view())
               : say("no reference is in use")};
+}
+
+/// The steps of every scanner: each is as far as with the scanner that is least far.
+void look_at_calibration(storage::Reader& reader, const config::Config& config, std::span<const std::uint16_t> types,
+                         Steps& steps) {
+  if (!config.arms.several()) return look_at_scanner(reader, config, types, steps);
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm) {
+    const std::string scanner = scanner_of_arm(config, arm);
+    Steps own = steps;
+    look_at_scanner(reader, ScannerChoice{scanner}.of(config), types, own);
+    for (const std::size_t step : {kHandEye, kAcceptance, kCorrections, kDailyCheck}) {
+      const std::string saw = say("scanner {}", scanner) + ": " + own[step].saw;
+      if (arm == 0) {
+        steps[step] = {own[step].state, saw};
+        continue;
+      }
+      steps[step].saw += ", " + saw;
+      steps[step].state = std::max(steps[step].state, own[step].state);  // `open` is the last one
+    }
+  }
+  const auto cell = need(reader.cell_calibration(config.arms), kNotReachable);
+  const TieFault fault = fault_of_tie(*cell, config.arms.list[1].robot, wall_clock_us());
+  steps[kHandEye].saw +=
+      ", " + (fault == TieFault::none ? std::string(cell->tie.id.view()) : quote(describe(fault, *cell).view()));
+  if (fault != TieFault::none) steps[kHandEye].state = StepState::open;
 }
 
 void look_at_slabs(storage::Reader& reader, Steps& steps) {

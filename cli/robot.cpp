@@ -26,6 +26,7 @@ namespace {
 
 struct Options {
   std::string config;
+  std::string robot;  ///< id; empty: the only one
   double seconds = 0.0;
   bool once = false;
   bool as_json = false;
@@ -66,14 +67,14 @@ struct View {
   bool lacks_stopped = false;
   /// True if the robot does not report "stopped". slabd may have received it earlier than this monitor, and then waits
   /// for it.
-  [[nodiscard]] bool stopped_missing(const config::Config& config) const {
+  [[nodiscard]] bool stopped_missing(const config::ArmSettings& config) const {
     return !newest.stopped && config.robot.type == hal::PoseType::flange_pose;
   }
 };
 
 class Monitor {
  public:
-  Monitor(const config::Config& config, hal::PosePort& port) : config_(config), port_(port), gate_(config.pose) {
+  Monitor(const config::ArmSettings& config, hal::PosePort& port) : config_(config), port_(port), gate_(config.pose) {
     traffic_.begin(clock_->mono_ns(), 0);
   }
 
@@ -117,7 +118,7 @@ class Monitor {
     heard_ = true;
   }
 
-  const config::Config& config_;
+  const config::ArmSettings& config_;
   hal::PosePort& port_;
   std::unique_ptr<hal::Clock> clock_ = hal::make_system_clock();
   daemon::PoseGate gate_;
@@ -126,7 +127,7 @@ class Monitor {
   bool heard_ = false;
 };
 
-std::string why(const config::Config& config, const View& view) {
+std::string why(const config::ArmSettings& config, const View& view) {
   if (!view.trouble.empty()) return view.trouble;
   if (!view.heard)
     return fmt::format("no poses on channel {} of {} ({}); {} foreign datagrams{}{}", config.robot.channel.view(),
@@ -164,7 +165,7 @@ std::string refused_text(const View& view) {
   return text;
 }
 
-std::vector<std::string> lines_of(const config::Config& config, const View& view) {
+std::vector<std::string> lines_of(const config::ArmSettings& config, const View& view) {
   std::vector<std::string> lines;
   lines.push_back(fmt::format("robot      {}", why(config, view)));
   if (!view.heard) return lines;
@@ -187,8 +188,9 @@ std::vector<std::string> lines_of(const config::Config& config, const View& view
   return lines;
 }
 
-std::string json_of(const config::Config& config, const View& view) {
+std::string json_of(const config::ArmSettings& config, const View& view) {
   report::Json json("slabd.robot/1");
+  json.field("robot", config.by.robot.view());
   json.field("settled", view.settled == Code::ok).field("code", static_cast<int>(view.settled));
   json.field("text", why(config, view)).field("rate_hz", view.rate_hz).field("age_ms", view.age_ms);
   json.field("gaps", view.gaps).field("foreign", view.counters.foreign).field("refusal", view.refusal);
@@ -221,8 +223,21 @@ void show(const std::vector<std::string>& lines, std::size_t& shown) {
   std::fflush(stdout);
 }
 
+/// The arm with this robot. Stops if no robot has the id, or if it must be named.
+const config::ArmSettings& arm_named(const config::Config& config, const std::string& robot) {
+  std::string ids;
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm) {
+    const std::string id(config.arms.list[arm].robot.view());
+    if (id == robot || (robot.empty() && !config.arms.several())) return config.arm(arm);
+    ids += (ids.empty() ? "" : ", ") + id;
+  }
+  stop(kUsage, robot.empty() ? fmt::format("--robot: the line has several; name one of {}", ids)
+                             : fmt::format("--robot {}: the line has {}", robot, ids));
+}
+
 int monitor(const Options& options) {
-  const config::Config config = config_from(options.config);
+  const config::Config line = config_from(options.config);
+  const config::ArmSettings& config = arm_named(line, options.robot);
   const std::unique_ptr<hal::PosePort> port = need(hal::make_lcm_pose_port(config.robot), kBadInput);
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
@@ -269,6 +284,7 @@ void add_robot(args::Command& app) {
       "Runs beside the daemon. Until Ctrl-C; --once until the robot has settled, for 3 s at most.\n"
       "Exit status: 0 poses came, 3 bad configuration, 4 none came.\nExample: slabctl robot monitor --once");
   command->add_option("--config", options->config, "Configuration with [robot]")->default_val(default_config());
+  command->add_option("--robot", options->robot, "Id of the robot, on a line with several");
   command->add_option("--seconds", options->seconds, "Stop after this time")->check(within(0.5, 1e6));
   command->add_flag("--once", options->once, "One picture");
   command->add_flag("--json", options->as_json, "Print slabd.robot/1");

@@ -122,6 +122,10 @@ std::string findings_text(const SlabRecord& record, bool full, report::Style sty
   return text;
 }
 
+std::string shown_id(const CalibrationId& id) {
+  return id.empty() ? say("none") : std::string(id.view());
+}
+
 /// Recipe, calibrations and what limits the verdict.
 std::string basis_text(const SlabRecord& record, bool full) {
   const SlabHeader& header = record.summary.header;
@@ -132,6 +136,11 @@ std::string basis_text(const SlabRecord& record, bool full) {
     text += say("slopes are judged against: {}\n", translated(datum));
   if (full && !header.stations_id.empty()) text += say("station corrections {}\n", header.stations_id.view());
   if (full && !header.scanner_id.empty()) text += say("scanner acceptance {}\n", header.scanner_id.view());
+  for (const SlabArm& arm : header.more_arms)
+    text +=
+        say("robot {} with scanner {}: calibration {}, station corrections {}, acceptance {}\n", arm.by.robot.view(),
+            arm.by.scanner.view(), shown_id(arm.calibration_id), shown_id(arm.stations_id), shown_id(arm.scanner_id));
+  if (!header.tie_id.empty()) text += say("tie of the two robots {}\n", header.tie_id.view());
   if (const std::string splices = splice_summary(record); full && !splices.empty())
     text += say("splice: {}\n", splices);
   if (header.unconfirmed > 0)
@@ -240,16 +249,20 @@ std::string budget_text(const SlabRecord& record, const SlabBlock& block, std::s
                         std::span<const Item> in_slab, const std::string& scanner) {
   std::string text;
   const std::string of_block = budget_table(own, false);
-  const std::string of_slab = budget_table(in_slab, true);
+  const std::string of_slab = budget_table(in_slab, true, !record.summary.header.tie_id.empty());
   if (of_block.empty() && of_slab.empty()) return text;
   text += fmt::format("{}{}{}", of_block, of_slab.empty() ? "" : "\n", of_slab);
   const SlabHeader& header = record.summary.header;
+  const SlabArm* arm = block.attempt.arm == 0 ? nullptr : &header.more_arms[block.attempt.arm - 1U];
+  const CalibrationId& calibration_id = arm == nullptr ? header.calibration_id : arm->calibration_id;
+  const CalibrationId& stations_id = arm == nullptr ? header.stations_id : arm->stations_id;
   text += say(
       "fit, registration: this scan (slab frame: its roll against the slab's top); noise: the larger of this scan's "
       "and the acceptance's\nscanner: {}\n"
       "calibration, robot: {} ({}{}{})\nreference: recipe {}\n\n",
-      scanner, splice_words(block.attempt.splice), header.calibration_id.view(), header.stations_id.empty() ? "" : ", ",
-      header.stations_id.view(), header.recipe.view());
+      scanner, splice_words(block.attempt.splice), calibration_id.view(), stations_id.empty() ? "" : ", ",
+      stations_id.view(), header.recipe.view());
+  if (!header.tie_id.empty()) text += say("tie: base frames of the two robots, {}\n\n", header.tie_id.view());
   return text;
 }
 
@@ -266,6 +279,8 @@ std::string block_text(const SlabRecord& record, int station, const std::string&
       say("block {}, attempt {}, scanned {}, session {} command {}\n", station, block->attempt.number,
           report::iso_time(block->attempt.scan_utime_us), block->attempt.session, block->attempt.cmd_seq);
   text += say("scan {}\n", block->attempt.scan_path.view());
+  if (!record.summary.header.more_arms.empty())
+    text += say("by robot {} with scanner {}\n", block->attempt.by.robot.view(), block->attempt.by.scanner.view());
   text += say("pose: {} samples, spread {:.4f} mm; settled after {:.2f} s, acquired after {:.2f} s\n",
               block->attempt.pose_samples, block->attempt.pose_spread_mm, block->attempt.settle_ms / 1e3,
               block->attempt.acquire_ms / 1e3);
@@ -377,10 +392,12 @@ int show(const Options& options) {
   if (options.block == 0) text += findings_text(record, options.full, style);
   text += "\n" + map_text(record, style);
   if (options.block != 0) {
-    const auto verified = need(scanner_of(*reader, record.summary.header), kNotReachable);
+    const SlabBlock* shown_block = report::latest(record, options.block);
+    const std::size_t arm = shown_block == nullptr ? 0 : shown_block->attempt.arm;
+    const auto verified = need(scanner_of(*reader, record.summary.header, arm), kNotReachable);
     text += basis_text(record, true) + "\n" +
             block_text(record, options.block,
-                       report::scanner_source(record.summary.header, verified, language_in_use()), style);
+                       report::scanner_source(record.summary.header, arm, verified, language_in_use()), style);
   } else if (options.full) {
     text += fmt::format("{}\n{}{}{}\n", basis_text(record, true), blocks_text(record, style),
                         slab_items_text(record, style), unseen_text(record));

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/plain_text.h"
+#include "cli/client/arms.h"
 #include "cli/client/control.h"
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -113,10 +114,11 @@ std::string alike_text(const json& status) {
   return text;
 }
 
-std::string calibration_text(const json& status) {
+std::string calibration_text(const ArmStatus<json>& arm) {
   std::string text;
-  if (!status.contains("calibration") || !status["calibration"].is_object()) return text;
-  const json& calibration = status["calibration"];
+  const json& calibration = arm.calibration;
+  if (!calibration.is_object()) return text;
+  if (!arm.scanner.empty()) text += line(with_id(say("scanner"), plain(arm.scanner)), "");
   text += line(say("calibration"), say("{} ({}), expires {}", text_at(calibration, {"id"}),
                                        word_at(calibration, {"source"}), time_at(calibration, "expires_utime_us")));
   if (calibration.contains("stations") && calibration["stations"].is_array())
@@ -129,8 +131,18 @@ std::string calibration_text(const json& status) {
   if (const json& scanner = calibration.value("scanner", json(nullptr)); scanner.is_object())
     text += line(say("acceptance"), say("{} of the scanner: {}, expires {}", text_at(scanner, {"id"}),
                                         word_at(scanner, {"state"}), time_at(scanner, "expires_utime_us")));
-  if (const json temperature = status.value("scanner_temperature_c", json(nullptr)); temperature.is_number())
-    text += line(say("scanner at"), say("{:.1f} deg C", temperature.get<double>()));
+  if (arm.temperature_c.is_number())
+    text += line(say("scanner at"), say("{:.1f} deg C", arm.temperature_c.get<double>()));
+  return text;
+}
+
+/// The tie of the robots' bases, on a line with two robots.
+std::string tie_text(const json& status) {
+  const json tie = status.value("tie", json(nullptr));
+  if (!tie.is_object()) return line(say("tie"), say("none: scans of the second robot cannot be used"));
+  std::string text = line(say("tie"), say("{} of robot {}, expires {}", text_at(tie, {"id"}), text_at(tie, {"robot"}),
+                                          time_at(tie, "expires_utime_us")));
+  if (const std::string why = text_at(tie, {"trouble"}); why != "-" && !why.empty()) text += line("", quote(why));
   return text;
 }
 
@@ -140,22 +152,38 @@ std::string after(const char* separator, const std::string& text) {
 }
 
 /// Counts of rejected messages on the pose link, if there are any.
-std::string pose_faults_text(const json& status) {
+std::string pose_faults_text(const json& pose) {
   std::string text;
   std::string faults;
   for (const char* key : {"other_type", "wrong_sender", "second_publisher", "not_finite", "not_unit", "out_of_reach",
                           "repeated", "time_back", "time_unit", "jumps", "gaps", "lost", "stale", "wrong_frame"}) {
-    const std::string count = text_at(status, {"links", "pose", key});
+    const std::string count = text_at(pose, {key});
     if (count != "0" && count != "-") faults += (faults.empty() ? "" : say(", ")) + say("{} {}", count, key);
   }
   if (!faults.empty()) text += line("", say("since the start: {}", faults));
-  if (const std::string now = text_at(status, {"links", "pose", "refusal"}); now != "-" && !now.empty())
+  if (const std::string now = text_at(pose, {"refusal"}); now != "-" && !now.empty())
     text += line("", say("now refused: {}", quote(now)));
   return text;
 }
 
 Code code_at(const json& status, std::initializer_list<const char*> path) {
   return static_cast<Code>(std::strtoul(text_at(status, path).c_str(), nullptr, 10));
+}
+
+std::string robot_text(const ArmStatus<json>& arm) {
+  const json& pose = arm.pose;
+  return line(with_id(say("robot"), plain(arm.robot)),
+              text_at(pose, {"ok"}) == "yes" ? say("poses arrive") + after(marked("; "), text_at(pose, {"note"}))
+                                             : say("{}: {}", text_at(pose, {"code"}),
+                                                   code_text(code_at(pose, {"code"}), text_at(pose, {"text"})))) +
+         pose_faults_text(pose);
+}
+
+std::string scanner_text(const ArmStatus<json>& arm) {
+  const json& link = arm.scanner_link;
+  return line(with_id(say("scanner"), plain(arm.scanner)),
+              say("online {}, {} stray files{}", word_at(link, {"online"}), text_at(link, {"strays"}),
+                  after(marked("; "), text_at(link, {"text"}))));
 }
 
 std::string uptime_text(const json& status) {
@@ -185,15 +213,9 @@ std::string status_text(const json& status) {
   text += line(say("plc"), say("{} clients, heartbeat {}{}", text_at(status, {"links", "plc", "clients"}),
                                text_at(status, {"links", "plc", "alive"}) == "yes" ? say("alive") : say("missing"),
                                after(marked("; "), text_at(status, {"links", "plc", "trouble"}))));
-  text += line(say("robot"), text_at(status, {"links", "pose", "ok"}) == "yes"
-                                 ? say("poses arrive") + after(marked("; "), text_at(status, {"links", "pose", "note"}))
-                                 : say("{}: {}", text_at(status, {"links", "pose", "code"}),
-                                       code_text(code_at(status, {"links", "pose", "code"}),
-                                                 text_at(status, {"links", "pose", "text"}))));
-  text += pose_faults_text(status);
-  const std::string scanner_why = text_at(status, {"links", "scanner", "text"});
-  text += line(say("scanner"), say("online {}, {} stray files{}", word_at(status, {"links", "scanner", "online"}),
-                                   text_at(status, {"links", "scanner", "strays"}), after(marked("; "), scanner_why)));
+  const std::vector<ArmStatus<json>> arms = arms_in(status);
+  for (const ArmStatus<json>& arm : arms) text += robot_text(arm);
+  for (const ArmStatus<json>& arm : arms) text += scanner_text(arm);
   if (const nlohmann::json& chain = status.value("chain", nlohmann::json(nullptr)); chain.is_object())
     text += line(say("chain"), say("entry {} of the chain of results, SHA-256 {}",
                                    text_at(status, {"chain", "entries"}), text_at(status, {"chain", "sha256"})));
@@ -206,7 +228,8 @@ std::string status_text(const json& status) {
         line(say("plant"), say("{} results wait for the plant's database, the oldest for {:.0f} s{}",
                                text_at(status, {"plant", "unsent"}), plant.value("unsent_s", 0.0),
                                plant.value("late", false) ? say("; journalctl -u slabd-plant names the reason") : ""));
-  text += calibration_text(status);
+  for (const ArmStatus<json>& arm : arms) text += calibration_text(arm);
+  if (arms.size() > 1) text += tie_text(status);
   text += alike_text(status);
   if (status.contains("maintenance") && status["maintenance"].is_object())
     text += line(say("maintenance"),

@@ -79,7 +79,9 @@ void check_standstill(TableReader& robot, const PoseSettings& pose) {
                     total_ms, kStandstillMax_ms));
 }
 
-void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, Config& config) {
+void read_robot(TableReader robot, ArmSettings& arm) {
+  hal::LcmSettings& lcm = arm.robot;
+  PoseSettings& pose = arm.pose;
   read_text(robot, "lcm_url", lcm.url);
   if (!lcm.url.view().starts_with("udpm://"))
     robot.problem("lcm_url", fmt::format("found \"{}\", allowed is \"udpm://group:port?ttl=n\"", lcm.url.view()));
@@ -109,25 +111,33 @@ void read_robot(TableReader robot, hal::LcmSettings& lcm, PoseSettings& pose, Co
   read_int16(robot, "base_id", pose.base_id);
   read_int16(robot, "tool_id", pose.tool_id);
   robot.optional_number("look_mm", pose.look_mm, {10.0, 300.0});
-  read_s(robot, "settle_timeout_s", config.settle_timeout_ns, {0.5, 15.0});
-  read_sigma_mm(robot, "repeatability_sigma_mm", config.splice.repeatability_mm, {0.0, 10.0});
-  read_deg(robot, "repeatability_sigma_deg", config.splice.repeatability_rad, {0.0, 1.0});
-  read_sigma_mm(robot, "absolute_sigma_mm", config.splice.absolute_mm, {1e-6, 10.0});
-  read_deg(robot, "absolute_sigma_deg", config.splice.absolute_rad, {1e-6, 1.0});
+  read_s(robot, "settle_timeout_s", arm.settle_timeout_ns, {0.5, 15.0});
+  read_sigma_mm(robot, "repeatability_sigma_mm", arm.splice.repeatability_mm, {0.0, 10.0});
+  read_deg(robot, "repeatability_sigma_deg", arm.splice.repeatability_rad, {0.0, 1.0});
+  read_sigma_mm(robot, "absolute_sigma_mm", arm.splice.absolute_mm, {1e-6, 10.0});
+  read_deg(robot, "absolute_sigma_deg", arm.splice.absolute_rad, {1e-6, 1.0});
   robot.finish();
 }
 
-/// Reads [pose]: the allowed senders and the message type.
-void read_pose(TableReader table, const PoseSettings& pose, hal::LcmSettings& lcm) {
+/// Reads [pose]: the allowed senders and the message type, of all robots.
+void read_pose(TableReader table, Config& config) {
+  hal::LcmSettings& lcm = config.robot;
   std::size_t type = static_cast<std::size_t>(lcm.type);
   table.optional_word("type", type, {hal::kPoseTypes[0], hal::kPoseTypes[1]});
   lcm.type = static_cast<hal::PoseType>(type);
-  if (lcm.type == hal::PoseType::rigid_transform && (pose.base_id != 0 || pose.tool_id != 0))
+  bool other_frame = false;
+  for (std::size_t i = 0; i < config.arms.list.size(); ++i)
+    other_frame = other_frame || config.arm(i).pose.base_id != 0 || config.arm(i).pose.tool_id != 0;
+  if (lcm.type == hal::PoseType::rigid_transform && other_frame)
     table.problem("type",
                   fmt::format("{} does not say which base and tool are active, so robot.base_id and "
                               "robot.tool_id must be 0 and the bridge must publish the flange in the robot root",
                               hal::kPoseTypes[1]));
   read_networks(table, "senders", lcm.senders);
+  for (ArmSettings& other : config.more_arms) {
+    other.robot.type = lcm.type;
+    other.robot.senders = lcm.senders;
+  }
   table.finish();
 }
 
@@ -201,35 +211,69 @@ void read_stream(TableReader& scanner, hal::ScanStreamSettings& out) {
       scanner.problem(key, "backend = \"tcp\" does not use it: each scan carries its request and its unit");
 }
 
-void read_warm_up(TableReader warm_up, Config& config) {
-  std::int64_t views = config.warm_up.views_min;
+double longest(const std::array<double, 7>& pose) {
+  return std::max({std::abs(pose[0]), std::abs(pose[1]), std::abs(pose[2])});
+}
+
+/// Doubts (0, 0, 0, 1): the identity if qw comes last, but a rotation by 180 degrees if qw comes first.
+void doubt_order(TableReader& table, std::string_view key, const std::array<double, 7>& pose) {
+  if (std::abs(pose[6]) == 1.0)
+    table.doubt(
+        key,
+        "found the quaternion (0, 0, 0, 1), which is half a turn about z: written as qx, qy, qz, qw? The order is "
+        "qw, qx, qy, qz, allowed is any of unit length");
+}
+
+std::array<double, 7> read_flange_scanner(TableReader& table) {
+  std::array<double, 7> pose = Pose::identity().to_array();
+  table.required_pose("T_flange_scanner", pose, kArmMax_mm);
+  if (const double mm = longest(pose); mm > 0.0 && mm < kArmMin_mm)
+    table.doubt("T_flange_scanner", fmt::format("found x, y, z of at most {} mm, metres? The origin of a scanner is "
+                                                "hardly in the flange; the unit is mm, allowed is -{}..{}",
+                                                mm, kArmMax_mm, kArmMax_mm));
+  doubt_order(table, "T_flange_scanner", pose);
+  return pose;
+}
+
+void read_warm_up(TableReader warm_up, ArmSettings& arm) {
+  std::int64_t views = arm.warm_up.views_min;
   warm_up.optional_integer("views", views, calib::kWarmUpViewsLeast, calib::kWarmUpViewsMost);
-  config.warm_up.views_min = static_cast<int>(views);
-  double window_min = config.warm_up.window_s / 60.0;
+  arm.warm_up.views_min = static_cast<int>(views);
+  double window_min = arm.warm_up.window_s / 60.0;
   warm_up.optional_number("window_min", window_min, {0.1, 240.0});
-  config.warm_up.window_s = 60.0 * window_min;
-  warm_up.optional_number("every_s", config.warm_up_every_s, {1.0, 3'600.0});
-  warm_up.optional_number("centre_um_per_h", config.warm_up.centre_um_per_h, {0.1, 10'000.0});
-  warm_up.optional_number("radius_um_per_h", config.warm_up.radius_um_per_h, {0.1, 10'000.0});
-  warm_up.optional_number("give_up_min", config.warm_up_give_up_min, {0.5, 1'440.0});
-  if (config.warm_up_give_up_min * 60.0 < config.warm_up.window_s)
-    warm_up.problem("give_up_min", fmt::format("found {}, allowed is window_min ({}) or more",
-                                               config.warm_up_give_up_min, window_min));
+  arm.warm_up.window_s = 60.0 * window_min;
+  warm_up.optional_number("every_s", arm.warm_up_every_s, {1.0, 3'600.0});
+  warm_up.optional_number("centre_um_per_h", arm.warm_up.centre_um_per_h, {0.1, 10'000.0});
+  warm_up.optional_number("radius_um_per_h", arm.warm_up.radius_um_per_h, {0.1, 10'000.0});
+  warm_up.optional_number("give_up_min", arm.warm_up_give_up_min, {0.5, 1'440.0});
+  if (arm.warm_up_give_up_min * 60.0 < arm.warm_up.window_s)
+    warm_up.problem("give_up_min",
+                    fmt::format("found {}, allowed is window_min ({}) or more", arm.warm_up_give_up_min, window_min));
   warm_up.finish();
 }
 
-void read_scanner(TableReader scanner, const std::string& folder, Config& config) {
-  std::size_t backend = static_cast<std::size_t>(config.scanner_backend);
+/// Reads the table of a scanner. `flange_scanner` is the T_flange_scanner of a [[scanner]]; that of scanner "1" is in
+/// [calibration].
+void read_scanner(const PartTable& part, const std::string& folder, ArmSettings& arm,
+                  std::optional<std::array<double, 7>>& flange_scanner) {
+  TableReader scanner = part.table;
+  std::size_t backend = static_cast<std::size_t>(arm.scanner_backend);
   scanner.optional_word("backend", backend, {hal::kScannerBackends[0], hal::kScannerBackends[1]});
-  config.scanner_backend = static_cast<hal::ScannerBackend>(backend);
-  switch (config.scanner_backend) {
-    case hal::ScannerBackend::tcp: read_stream(scanner, config.stream); break;
-    case hal::ScannerBackend::drop: read_drop(scanner, folder, config.scanner); break;
+  arm.scanner_backend = static_cast<hal::ScannerBackend>(backend);
+  switch (arm.scanner_backend) {
+    case hal::ScannerBackend::tcp: read_stream(scanner, arm.stream); break;
+    case hal::ScannerBackend::drop: read_drop(scanner, folder, arm.scanner); break;
   }
-  read_s(scanner, "timeout_s", config.scan_timeout_ns, {0.5, 15.0});
-  scanner.optional_number("drift_per_K", config.scanner_drift.per_K, {0.0, 1e-3});
-  scanner.optional_number("temperature_range_K", config.scanner_drift.range_K, {0.5, 100.0});
-  read_warm_up(scanner.table("warm_up"), config);
+  read_s(scanner, "timeout_s", arm.scan_timeout_ns, {0.5, 15.0});
+  scanner.optional_number("drift_per_K", arm.scanner_drift.per_K, {0.0, 1e-3});
+  scanner.optional_number("temperature_range_K", arm.scanner_drift.range_K, {0.5, 100.0});
+  read_warm_up(scanner.table("warm_up"), arm);
+  if (part.is_listed && scanner.has("T_flange_scanner")) {
+    if (part.id.view() == "1")
+      scanner.problem("T_flange_scanner", "found for scanner \"1\", allowed is calibration.T_flange_scanner");
+    else
+      flange_scanner = read_flange_scanner(scanner);
+  }
   scanner.finish();
 }
 
@@ -266,19 +310,6 @@ void read_storage(TableReader storage, const std::string& folder, storage::Store
         "keep_failed_slabs",
         "found with keep_slabs = 0, which keeps every record; allowed only with a keep_slabs that limits them");
   storage.finish();
-}
-
-double longest(const std::array<double, 7>& pose) {
-  return std::max({std::abs(pose[0]), std::abs(pose[1]), std::abs(pose[2])});
-}
-
-/// Doubts (0, 0, 0, 1): the identity if qw comes last, but a rotation by 180 degrees if qw comes first.
-void doubt_order(TableReader& table, std::string_view key, const std::array<double, 7>& pose) {
-  if (std::abs(pose[6]) == 1.0)
-    table.doubt(
-        key,
-        "found the quaternion (0, 0, 0, 1), which is half a turn about z: written as qx, qy, qz, qw? The order is "
-        "qw, qx, qy, qz, allowed is any of unit length");
 }
 
 void read_cell(TableReader cell, Pose& T_base_slab) {
@@ -325,19 +356,26 @@ void read_station_sigma(TableReader& table, const char* key, const char* other, 
     table.problem(key, fmt::format("found without {}; allowed are both or neither", other));
 }
 
-void read_calibration(TableReader table, const std::string& folder, Config& config) {
-  std::array<double, 7> pose = Pose::identity().to_array();
+/// T_flange_scanner of each arm as configured; nullopt: not given.
+using FlangeScanners = std::array<std::optional<std::array<double, 7>>, limits::kArmsMax>;
+
+/// Adds the T_flange_scanner of scanner "1" to `poses`.
+void read_first_flange_scanner(TableReader& table, const Config& config, FlangeScanners& poses) {
+  if (!table.has("T_flange_scanner")) return;
+  const std::array<double, 7> pose = read_flange_scanner(table);
+  for (std::size_t i = 0; i < config.arms.list.size(); ++i) {
+    if (!(config.arms.list[i].scanner.view() == "1")) continue;
+    poses.at(i) = pose;
+    return;
+  }
+  table.problem("T_flange_scanner", "found, but no scanner has the id \"1\"; allowed is scanner.T_flange_scanner");
+}
+
+void read_calibration(TableReader table, const std::string& folder, Config& config, FlangeScanners poses) {
   double sigma_mm = kNoValue;  // absent: slab-frame items are indeterminate
   double sigma_deg = kNoValue;
-  const bool commissioned = table.has("T_flange_scanner");
-  if (commissioned) {
-    table.required_pose("T_flange_scanner", pose, kArmMax_mm);
-    if (const double mm = longest(pose); mm > 0.0 && mm < kArmMin_mm)
-      table.doubt("T_flange_scanner", fmt::format("found x, y, z of at most {} mm, metres? The origin of a scanner is "
-                                                  "hardly in the flange; the unit is mm, allowed is -{}..{}",
-                                                  mm, kArmMax_mm, kArmMax_mm));
-    doubt_order(table, "T_flange_scanner", pose);
-  }
+  read_first_flange_scanner(table, config, poses);
+  const bool commissioned = std::any_of(poses.begin(), poses.end(), [](const auto& pose) { return pose.has_value(); });
   read_station_sigma(table, "station_sigma_mm", "station_sigma_deg", commissioned, sigma_mm, {1e-6, 10.0});
   read_station_sigma(table, "station_sigma_deg", "station_sigma_mm", commissioned, sigma_deg, {1e-6, 1.0});
   table.optional_number("station_gate_mm", config.splice.gate_mm, {0.01, 20.0});
@@ -347,15 +385,20 @@ void read_calibration(TableReader table, const std::string& folder, Config& conf
   config.sessions_dir = std::filesystem::path(config.storage.db_path).parent_path().native() + "/calibration";
   read_path(table, "sessions_dir", folder, config.sessions_dir);
   table.finish();
-  if (!commissioned) return;  // the applied calibration is used; without it every slab is rejected with fault 503
-  const Result<calib::Calibration> calibration = calib::commissioning(pose, sigma_mm, sigma_deg);
-  if (!calibration.ok()) {
-    table.problem("T_flange_scanner", std::string(calibration.error().text.view()));
-    return;
+  for (std::size_t i = 0; i < config.arms.list.size(); ++i) {
+    ArmSettings& arm = config.arm(i);
+    arm.splice.gate_mm = config.splice.gate_mm;
+    arm.splice.gate_rad = config.splice.gate_rad;
+    if (!poses.at(i)) continue;  // the applied calibration is used; without it every slab is rejected with fault 503
+    const Result<calib::Calibration> calibration = calib::commissioning(*poses.at(i), sigma_mm, sigma_deg);
+    if (!calibration.ok()) {
+      table.problem("T_flange_scanner", std::string(calibration.error().text.view()));
+      continue;
+    }
+    arm.calibration = calibration.value();
+    arm.splice.commissioning_mm = arm.calibration.station_sigma_mm;
+    arm.splice.commissioning_rad = arm.calibration.station_sigma_rad;
   }
-  config.calibration = calibration.value();
-  config.splice.commissioning_mm = config.calibration.station_sigma_mm;
-  config.splice.commissioning_rad = config.calibration.station_sigma_rad;
 }
 
 void read_measure(TableReader measure, int& threads) {
@@ -419,17 +462,23 @@ void read_rest(TableReader& root, const std::string& folder, Config& config) {
   report.finish();
 }
 
+/// Accepts only scans of the camera of [genicam]. With several arms it is the scanner whose port slabd-genicam connects
+/// to.
+void accept_camera(Config& config) {
+  for (std::size_t i = 0; i < config.arms.list.size(); ++i)
+    if (ArmSettings& arm = config.arm(i); !config.arms.several() || arm.stream.port == config.genicam.slabd_port)
+      arm.stream.scanner = hal::scanner_print(config.genicam.accepted);
+}
+
 }  // namespace
 
 void load_config(const std::string& path, Config& config, std::vector<Problem>& problems) {
   config = Config{};
   config.path = path;
-  config.scanner.drop_dir = "/var/lib/slabd/drop";
   config.storage.db_path = "/var/lib/slabd/slabd.db";
   config.storage.spool_dir = "/var/lib/slabd/spool";
   config.measure_threads = default_measure_threads();
   allow_loopback_only(config.plc.allow);
-  allow_loopback_only(config.stream.allow);
   allow_loopback_only(config.gauge_senders);
 
   const std::optional<std::string> bytes = read_text_file(path, problems);
@@ -445,12 +494,26 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   root.keep_doubts(&config.doubts);
   read_plc(root.table("plc"), config.plc);
   read_gauges(root, path, complete ? problems : ignored, config);
-  read_robot(root.table("robot"), config.robot, config.pose, config);
-  read_pose(root.table("pose"), config.pose, config.robot);
-  read_scanner(root.table("scanner"), folder, config);
+  std::vector<Problem>& reported = complete ? problems : ignored;
+  std::vector<PartTable> robots = read_parts(root, "robot", path, reported, &config.doubts);
+  std::vector<PartTable> scanners = read_parts(root, "scanner", path, reported, &config.doubts);
+  read_arms(root, path, robots, scanners, reported, config.arms);
+  config.more_arms.resize(config.arms.list.size() - 1);
+  FlangeScanners flange_scanners;
+  for (std::size_t i = 0; i < config.arms.list.size(); ++i) {
+    ArmSettings& arm = config.arm(i);
+    arm.by = config.arms.list[i];
+    arm.scanner.drop_dir = "/var/lib/slabd/drop";
+    allow_loopback_only(arm.stream.allow);
+    read_robot(robots[part_index(robots, arm.by.robot)].table, arm);
+  }
+  read_pose(root.table("pose"), config);
+  for (std::size_t i = 0; i < config.arms.list.size(); ++i)
+    read_scanner(scanners[part_index(scanners, config.arm(i).by.scanner)], folder, config.arm(i),
+                 flange_scanners.at(i));
   read_storage(root.table("storage"), folder, config.storage);
   read_cell(root.table("cell"), config.T_base_slab);
-  read_calibration(root.table("calibration"), folder, config);
+  read_calibration(root.table("calibration"), folder, config, flange_scanners);
   read_measure(root.table("measure"), config.measure_threads);
   read_rest(root, folder, config);
   // A fault in the settings of other programs must not stop the inspection, so their problems have their own lists.
@@ -461,14 +524,16 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   of_plant.keep_doubts(&config.doubts);
   read_plant(of_plant.table("plant"), folder, config.plant);
   config.storage.keep_unsent = !config.plant.dsn.empty();
+  config.storage.arms = config.arms;
   TableReader of_web(path, &tree, "", complete ? config.web_problems : ignored);
   of_web.keep_doubts(&config.doubts);
   read_web(of_web.table("web"), folder, config.web);
   TableReader of_genicam(path, &tree, "", complete ? config.genicam_problems : ignored);
   of_genicam.keep_doubts(&config.doubts);
   read_genicam(of_genicam.table("genicam"), config.genicam);
-  if (!config.genicam.camera.empty()) config.stream.scanner = hal::scanner_print(config.genicam.accepted);
-  check_together(root, config);
+  if (!config.genicam.camera.empty()) accept_camera(config);
+  check_together(root, config, scanners);
+  check_arms_together(config, robots, scanners);
   root.finish();
 }
 

@@ -10,6 +10,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/arm.h"
 #include "base/base.h"
 #include "base/id_pattern.h"
 #include "calib/calib.h"
@@ -78,10 +79,9 @@ struct GenicamSettings {
 /// need not.
 inline constexpr int kGenicamSocketBytes = 33'554'432;
 
-struct Config {
-  std::string path;
-  std::vector<Problem> doubts;  ///< allowed values that are probably a mistake: another unit, another order
-  hal::PlcSettings plc;
+/// Settings of an arm: of its robot, and of the scanner on its flange.
+struct ArmSettings {
+  Arm by;
   hal::LcmSettings robot;
   PoseSettings pose;
   hal::ScannerBackend scanner_backend = hal::ScannerBackend::drop;
@@ -95,12 +95,27 @@ struct Config {
   calib::WarmUpSettings warm_up;       ///< [scanner.warm_up]
   double warm_up_every_s = 60.0;       ///< between the views of `slabctl scanner warm-up --live`
   double warm_up_give_up_min = 90.0;   ///< it gives up after this time
+  /// Commissioning values. With an empty id the configuration has none, and slabs wait for an applied calibration.
+  calib::Calibration calibration;
+};
+
+/// The base class contains the settings of arm 0, which is the only one of most lines.
+struct Config : ArmSettings {
+  std::string path;
+  std::vector<Problem> doubts;  ///< allowed values that are probably a mistake: another unit, another order
+  LineArms arms;
+  std::vector<ArmSettings> more_arms;  ///< arms after the first: [arm - 1]
+  [[nodiscard]] const ArmSettings& arm(std::size_t index) const {
+    return index == 0 ? static_cast<const ArmSettings&>(*this) : more_arms.at(index - 1);
+  }
+  [[nodiscard]] ArmSettings& arm(std::size_t index) {
+    return index == 0 ? static_cast<ArmSettings&>(*this) : more_arms.at(index - 1);
+  }
+  hal::PlcSettings plc;
   storage::StoreSettings storage;
   std::string recipes_dir = "/usr/share/slabd/recipes";
   std::string designs_dir;  ///< [design] dir; empty: no design sheets
   Pose T_base_slab;
-  /// Commissioning values. With an empty id the configuration has none, and slabs wait for an applied calibration.
-  calib::Calibration calibration;
   std::int64_t check_interval_us = 24 * 3'600'000'000LL;  ///< between daily checks; 0: none are due
   calib::CheckLimits check_limits;
   CaptureGuard capture;              ///< limits for calibration views

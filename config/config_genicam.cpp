@@ -47,7 +47,10 @@ void load_genicam(const std::string& path, GenicamSettings& settings, std::vecto
   // The same computer: slabd's own address is the default.
   std::vector<Problem> of_others;
   TableReader all(path, &tree, "", of_others);
-  TableReader scanner = all.table("scanner");
+  const TomlValue* const of_scanners = all.value("scanner");
+  const bool is_list = of_scanners != nullptr && of_scanners->kind == TomlValue::Kind::array;
+  const TomlValue* const first = is_list && !of_scanners->items.empty() ? &of_scanners->items.front() : nullptr;
+  TableReader scanner = is_list ? TableReader(path, first, "scanner", of_others) : all.table("scanner");
   read_endpoint(scanner, "listen", 1, settings.slabd_host, settings.slabd_port);
   if (settings.slabd_host.view() == "0.0.0.0") settings.slabd_host.assign("127.0.0.1");
   TableReader genicam = root.table("genicam");

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <string>
+#include <vector>
 
 #include "config/config.h"
 #include "config/toml_reader.h"
@@ -49,8 +50,29 @@ void read_gauges(TableReader& root, const std::string& path, std::vector<Problem
 /// Reads [plc] as far as possible; every fault is a problem of the table.
 void read_plc(TableReader plc, hal::PlcSettings& out);
 
+/// The table of a robot or a scanner.
+struct PartTable {
+  PartId id;
+  TableReader table;
+  bool is_listed = false;  ///< [[robot]], not [robot]
+};
+
+/// The tables [[key]], or the single [key], whose id is "1"; at least one, at most kArmsMax.
+[[nodiscard]] std::vector<PartTable> read_parts(TableReader& root, const char* key, const std::string& path,
+                                                std::vector<Problem>& problems, std::vector<Problem>* doubts);
+/// Reads [[station]]: the arms, and which of them scan which station.
+void read_arms(TableReader& root, const std::string& path, const std::vector<PartTable>& robots,
+               const std::vector<PartTable>& scanners, std::vector<Problem>& problems, LineArms& out);
+/// Place of the part with this id; the first if there is none.
+[[nodiscard]] std::size_t part_index(const std::vector<PartTable>& parts, const PartId& id);
+/// Checks that the arms share no folder, port or channel.
+void check_arms_together(const Config& config, std::vector<PartTable>& robots, std::vector<PartTable>& scanners);
+
+/// True if `path` is `folder` or in it, also through links.
+[[nodiscard]] bool lies_in(const std::string& path, const std::string& folder);
+
 /// Checks relations between tables: paths inside one another, addresses used twice, times that do not match. Each fault
 /// is a problem of one of the tables.
-void check_together(TableReader& root, const Config& config);
+void check_together(TableReader& root, const Config& config, std::vector<PartTable>& scanners);
 
 }  // namespace slabd::config

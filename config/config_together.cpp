@@ -102,6 +102,8 @@ RealPlace real_place(const std::string& path) {
   return {named(path), std::nullopt, {}};
 }
 
+}  // namespace
+
 bool lies_in(const std::string& path, const std::string& folder) {
   if (path.empty()) return false;  // not used
   if (named(path).starts_with(named(folder))) return true;
@@ -110,6 +112,8 @@ bool lies_in(const std::string& path, const std::string& folder) {
   return inner.path.starts_with(outer.path) ||
          (outer.itself && std::find(inner.above.begin(), inner.above.end(), *outer.itself) != inner.above.end());
 }
+
+namespace {
 
 /// Path for a message, with its resolved location if that differs.
 std::string told(const std::string& path) {
@@ -120,9 +124,9 @@ std::string told(const std::string& path) {
 
 /// The scanner's folder may be written by others, and slabd moves and deletes its files. Therefore slabd's own files
 /// must not be in it, and it must not be in a folder that slabd treats as its own.
-void check_drop_dir(TableReader& root, const Config& config) {
-  if (config.scanner_backend != hal::ScannerBackend::drop) return;
-  const std::string drop_dir(config.scanner.drop_dir.view());
+void check_drop_dir(TableReader& root, const Config& config, const ArmSettings& arm, TableReader& scanner) {
+  if (arm.scanner_backend != hal::ScannerBackend::drop) return;
+  const std::string drop_dir(arm.scanner.drop_dir.view());
   for (const Place& place :
        {Place{"storage", "db", config.storage.db_path}, Place{"storage", "spool_dir", config.storage.spool_dir},
         Place{"calibration", "sessions_dir", config.sessions_dir}, Place{"recipes", "dir", config.recipes_dir},
@@ -136,9 +140,8 @@ void check_drop_dir(TableReader& root, const Config& config) {
   for (const Place& place : {Place{"storage", "spool_dir", config.storage.spool_dir},
                              Place{"calibration", "sessions_dir", config.sessions_dir}})
     if (lies_in(drop_dir, place.path))
-      root.table("scanner").problem(
-          "drop_dir", fmt::format("found {}, which is in {} ({}.{}); allowed is a place outside of it", told(drop_dir),
-                                  told(place.path), place.table, place.key));
+      scanner.problem("drop_dir", fmt::format("found {}, which is in {} ({}.{}); allowed is a place outside of it",
+                                              told(drop_dir), told(place.path), place.table, place.key));
 }
 
 /// Database and socket are files: neither may be one of the folders, contain one, or be the other.
@@ -148,8 +151,9 @@ void check_files(TableReader& root, const Config& config) {
   std::vector<Place> places = {{"storage", "spool_dir", config.storage.spool_dir},
                                {"calibration", "sessions_dir", config.sessions_dir},
                                {"recipes", "dir", config.recipes_dir}};
-  if (config.scanner_backend == hal::ScannerBackend::drop)
-    places.push_back({"scanner", "drop_dir", std::string(config.scanner.drop_dir.view())});
+  for (std::size_t i = 0; i < config.arms.list.size(); ++i)
+    if (const ArmSettings& arm = config.arm(i); arm.scanner_backend == hal::ScannerBackend::drop)
+      places.push_back({"scanner", "drop_dir", std::string(arm.scanner.drop_dir.view())});
   const auto hold_nothing = [&](const Place& file) {
     for (const Place& place : places)
       if (lies_in(place.path, file.path))
@@ -171,38 +175,40 @@ void check_files(TableReader& root, const Config& config) {
 }
 
 /// Rejects two listeners on one port: the second one would never be able to bind.
-void check_listeners(TableReader& root, const Config& config) {
-  const bool both = config.plc.role == hal::PlcRole::server && config.scanner_backend == hal::ScannerBackend::tcp;
-  if (!both || config.plc.port != config.stream.port) return;
-  const auto plc = hal::parse_network(config.plc.host.view());
-  const auto scanner = hal::parse_network(config.stream.host.view());
-  if (!plc.ok() || !scanner.ok()) return;
-  const auto a = plc.value().address;
-  const auto b = scanner.value().address;
+void check_listeners(const Config& config, const ArmSettings& arm, TableReader& scanner) {
+  const bool both = config.plc.role == hal::PlcRole::server && arm.scanner_backend == hal::ScannerBackend::tcp;
+  if (!both || config.plc.port != arm.stream.port) return;
+  const auto of_plc = hal::parse_network(config.plc.host.view());
+  const auto of_scanner = hal::parse_network(arm.stream.host.view());
+  if (!of_plc.ok() || !of_scanner.ok()) return;
+  const auto a = of_plc.value().address;
+  const auto b = of_scanner.value().address;
   if (a != b && a != 0 && b != 0) return;  // 0.0.0.0 matches every address
-  root.table("scanner").problem(
-      "listen", fmt::format("found \"{}:{}\", where the PLC is listened for already (plc.listen); allowed is another "
-                            "port",
-                            config.stream.host.view(), config.stream.port));
+  scanner.problem("listen", fmt::format("found \"{}:{}\", where the PLC is listened for already (plc.listen); allowed "
+                                        "is another port",
+                                        arm.stream.host.view(), arm.stream.port));
 }
 
-void check_timeouts(TableReader& root, const Config& config) {
+void check_timeouts(const ArmSettings& arm, TableReader& scanner) {
   // The PLC waits 20 s for "acquired"; one second is reserved for the disk.
-  const double total_s = static_cast<double>(config.settle_timeout_ns + config.scan_timeout_ns) / 1e9;
+  const double total_s = static_cast<double>(arm.settle_timeout_ns + arm.scan_timeout_ns) / 1e9;
   if (total_s > 19.0)
-    root.table("scanner").problem("timeout_s",
-                                  fmt::format("with robot.settle_timeout_s a scan may take {} s, allowed are 19 s: the "
-                                              "PLC gives up after 20 s",
-                                              total_s));
+    scanner.problem("timeout_s", fmt::format("with robot.settle_timeout_s a scan may take {} s, allowed are 19 s: the "
+                                             "PLC gives up after 20 s",
+                                             total_s));
 }
 
 }  // namespace
 
-void check_together(TableReader& root, const Config& config) {
-  check_timeouts(root, config);
-  check_drop_dir(root, config);
+void check_together(TableReader& root, const Config& config, std::vector<PartTable>& scanners) {
+  const auto each_scanner = [&](const auto& check) {
+    for (std::size_t i = 0; i < config.arms.list.size(); ++i)
+      check(config.arm(i), scanners[part_index(scanners, config.arm(i).by.scanner)].table);
+  };
+  each_scanner([](const ArmSettings& arm, TableReader& scanner) { check_timeouts(arm, scanner); });
+  each_scanner([&](const ArmSettings& arm, TableReader& scanner) { check_drop_dir(root, config, arm, scanner); });
   check_files(root, config);
-  check_listeners(root, config);
+  each_scanner([&](const ArmSettings& arm, TableReader& scanner) { check_listeners(config, arm, scanner); });
 }
 
 }  // namespace slabd::config

@@ -72,15 +72,16 @@ Code fault_without_store(const Error& why) {
   return why.code == Code::store_full ? Code::store_full : Code::journal_write;
 }
 
-Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, const hal::ScanForm& scan_form,
+Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, const ScanForms& scan_forms,
            int measure_threads, LoopFigures figures)
     : Loop(ports, settings, std::move(open),
-           make_workers(settings.recipes, scan_form, ports.clock, measure_threads, settings.simulation),
+           make_workers(settings.recipes, scan_forms, ports.clock, measure_threads, settings.simulation),
            std::move(figures)) {}
 
 Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, std::unique_ptr<Workers> workers,
            LoopFigures figures)
     : ports_(ports),
+      line_arms_(settings.arms),
       figures_(std::move(figures)),
       station_(std::make_unique<Station>(settings)),
       actions_(std::make_unique<Actions>()),
@@ -99,16 +100,19 @@ Loop::Loop(const Ports& ports, const StationSettings& settings, StoreOpener open
                                       or_later([this] { store_->idle(); });
                                       tell_store_trouble();
                                     });
-  scan_worker_ = workers_->scanner([this](const AcquireScan& job) { return scan(job); },
-                                   [this] {
-                                     if (scanner_is_ours_) or_later([this] { ports_.scanner.idle(); });
-                                   });
+  assert(ports_.arms() == line_arms_.list.size());
+  for (std::size_t arm = 0; arm < ports_.arms(); ++arm)
+    scan_workers_[arm] = workers_->scanner(
+        arm, [this](const AcquireScan& job) { return scan(job); },
+        [this, arm] {
+          if (scanner_is_ours_) or_later([this, arm] { ports_.scanner_of(arm).idle(); });
+        });
   measure_worker_ = workers_->measuring();
   (void)events_.push({storage::LineEvent::Kind::started, Code::ok, ports_.clock.utime_us()});
 }
 
 Loop::~Loop() {
-  cancel_scan_ = true;
+  for (LoopArm& arm : arms_) arm.cancel_scan = true;
 }
 
 // ---- on the workers' threads -------------------------------------------------------------------------------------
@@ -212,6 +216,8 @@ ScanDone Loop::scan(const AcquireScan& job) {
   ScanDone done;
   done.cmd_seq = job.request.cmd_seq;
   done.slot = job.slot;
+  done.arm = job.arm;
+  std::atomic<bool>& cancel = arms_[job.arm].cancel_scan;
   // Measuring need not wait for the disk. If this early event cannot be posted, it begins when the scan is durable.
   const std::span<float> xyz = workers_->slot(job.slot);
   const auto decoded = [this, &done, xyz](const AcquiredScan& scan) {
@@ -221,18 +227,18 @@ ScanDone Loop::scan(const AcquireScan& job) {
     // From here on the buffer belongs to the measurement, which changes it. Scans in records are read again below,
     // which is fast. For all others the checksum takes a twentieth of the reading time.
     if (!scan.shape.in_records) done.points_crc32c = hal::points_crc32c(points);
-    (void)scan_worker_->post(done);
+    (void)scan_workers_[done.arm]->post(done);
   };
   const Result<AcquiredScan> result =
-      or_failed([&] { return ports_.scanner.acquire(job.request, xyz, cancel_scan_, decoded); });
+      or_failed([&] { return ports_.scanner_of(job.arm).acquire(job.request, xyz, cancel, decoded); });
   done.durable = true;
   if (result.ok()) {
     done.scan = result.value();
-    if (done.scan.shape.in_records && !cancel_scan_) done.points_crc32c = workers_->points_crc32c(done.scan);
+    if (done.scan.shape.in_records && !cancel) done.points_crc32c = workers_->points_crc32c(done.scan, job.arm);
   } else {
     done.code = result.error().code;
     done.text = result.error().text;
-    say({LogLine::Level::warning, static_cast<std::uint16_t>(done.code), result.error().text});
+    say_of(job.arm, {LogLine::Level::warning, static_cast<std::uint16_t>(done.code), result.error().text});
   }
   return done;
 }
@@ -287,7 +293,7 @@ void Loop::take_store() {
 
 void Loop::finish() {
   ports_.notify.stopping();
-  cancel_scan_ = true;
+  for (LoopArm& arm : arms_) arm.cancel_scan = true;
   store_worker_->drain();
   abandon_measurements();
   while (delete_one()) continue;
@@ -308,10 +314,13 @@ void Loop::abandon_measurements() {
 }
 
 bool Loop::wait_for_scanner_thread() {
-  cancel_scan_ = true;
-  for (const std::uint64_t before = scan_worker_->turns(); scan_worker_->turns() == before;) {
-    if (ports_.scanner.hangs()) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(kTurn_ms));
+  for (LoopArm& arm : arms_) arm.cancel_scan = true;
+  for (std::size_t arm = 0; arm < ports_.arms(); ++arm) {
+    const ScanQueue& worker = *scan_workers_[arm];
+    for (const std::uint64_t before = worker.turns(); worker.turns() == before;) {
+      if (ports_.scanner_of(arm).hangs()) return false;
+      std::this_thread::sleep_for(std::chrono::milliseconds(kTurn_ms));
+    }
   }
   return true;
 }
@@ -324,7 +333,7 @@ void Loop::turn(int wait_ms) {
 void Loop::serve() {
   tick();
   take_gauges();
-  take_poses();
+  for (std::size_t arm = 0; arm < ports_.arms(); ++arm) take_poses(arm);
   take_answers();
   serve_plc();
   serve_control();
@@ -332,18 +341,29 @@ void Loop::serve() {
 }
 
 void Loop::wait(int wait_ms) {
-  std::array<pollfd, hal::kPlcPollFds + hal::kControlPollFds + 4> fds{};
+  std::array<pollfd, hal::kPlcPollFds + hal::kControlPollFds + 2 + 2 * limits::kArmsMax> fds{};
   std::size_t count = ports_.plc.poll_fds(std::span(fds).first(hal::kPlcPollFds));
   if (ports_.control != nullptr) count += ports_.control->poll_fds(std::span(fds).subspan(count, hal::kControlPollFds));
-  for (const int fd : {ports_.pose.fd(), store_worker_->fd(), scan_worker_->fd(), measure_worker_->fd()})
+  const auto add = [&](int fd) {
     if (fd >= 0) fds[count++] = {fd, POLLIN, 0};
+  };
+  add(store_worker_->fd());
+  add(measure_worker_->fd());
+  for (std::size_t arm = 0; arm < ports_.arms(); ++arm) {
+    add(ports_.pose_of(arm).fd());
+    add(scan_workers_[arm]->fd());
+  }
   ::poll(fds.data(), count, wait_ms);
 }
 
 void Loop::tick() {
   handle(Tick{ports_.clock.mono_ns(), ports_.clock.utime_us()});
-  handle(LinkStatus{ports_.scanner.online(), ports_.scanner.hangs(), ports_.scanner.stray_files(),
-                    ports_.scanner.spool_hangs(), ports_.recipes != nullptr && ports_.recipes->differs()});
+  const bool recipes_differ = ports_.recipes != nullptr && ports_.recipes->differs();
+  for (std::size_t arm = 0; arm < ports_.arms(); ++arm) {
+    const hal::ScannerPort& scanner = ports_.scanner_of(arm);
+    handle(LinkStatus{scanner.online(), scanner.hangs(), scanner.stray_files(), scanner.spool_hangs(), recipes_differ,
+                      static_cast<std::uint8_t>(arm)});
+  }
   if (ports_.recipes != nullptr && !is_opening()) apply_reloaded_recipes();
   if (ports_.designs != nullptr) apply_new_designs();
   look_for_another_daemon();
@@ -370,7 +390,8 @@ void Loop::note_fault() {
 void Loop::look_for_another_daemon() {
   if (ports_.store == nullptr) return;  // the fault of the store is shown
   Code& fault = station_->settings.fault;
-  const hal::ScannerText text = ports_.scanner.used_by_another();
+  hal::ScannerText text;
+  for (std::size_t arm = 0; arm < ports_.arms() && text.empty(); ++arm) text = ports_.scanner_of(arm).used_by_another();
   if (text.empty() == !scanner_is_anothers_) return;
   scanner_is_anothers_ = !text.empty();
   fault = scanner_is_anothers_ ? Code::config : Code::ok;
@@ -420,7 +441,7 @@ void Loop::apply_reloaded_recipes() {
   if (next == nullptr) return;
   const bool idle = s.recovered && s.settings.fault == Code::ok && s.slab.phase == SlabPhase::none &&
                     !s.command.pending && s.acquisition.phase == Acquisition::Phase::none && s.measuring == 0 &&
-                    !s.slot_busy[0] && !s.slot_busy[1];
+                    std::none_of(s.slot_busy.begin(), s.slot_busy.end(), [](bool busy) { return busy; });
   if (!idle) {
     ports_.recipes->refuse(
         s.settings.fault != Code::ok
@@ -457,29 +478,43 @@ void Loop::take_gauges() {
   if (ports_.gauges->next_note(ports_.clock.mono_ns(), line.text)) say(line);
 }
 
-void Loop::take_poses() {
+void Loop::say_of(std::size_t arm, LogLine line) const {
+  if (line_arms_.several()) {
+    const Arm& by = line_arms_.list[arm];
+    const FixedString<limits::kErrorTextBytes> text = line.text;
+    line.text.printf("robot %s, scanner %s: %s", by.robot.c_str(), by.scanner.c_str(), text.c_str());
+  }
+  say(line);
+}
+
+void Loop::take_poses(std::size_t arm) {
+  hal::PosePort& port = ports_.pose_of(arm);
   PoseSample sample;
-  for (std::size_t i = 0; i < limits::kPosesPerTurn && ports_.pose.next(ports_.clock.mono_ns(), sample); ++i)
+  for (std::size_t i = 0; i < limits::kPosesPerTurn && port.next(ports_.clock.mono_ns(), sample); ++i) {
+    sample.arm = static_cast<std::uint8_t>(arm);
     handle(sample);
-  if (const std::string_view trouble = ports_.pose.trouble(); pose_trouble_.is_news(trouble)) {
+  }
+  if (const std::string_view trouble = port.trouble(); arms_[arm].pose_trouble.is_news(trouble)) {
     LogLine line;
     line.level = trouble.empty() ? LogLine::Level::info : LogLine::Level::error;
     line.code = static_cast<std::uint16_t>(trouble.empty() ? Code::ok : Code::no_pose);
     line.text = trouble.empty() ? "robot pose link is up" : trouble;
-    say(line);
+    say_of(arm, line);
   }
-  log_pose_changes();
+  log_pose_changes(arm);
 }
 
-void Loop::log_pose_changes() {
+void Loop::log_pose_changes(std::size_t arm) {
   const std::int64_t now_ns = ports_.clock.mono_ns();
-  const Code code = station_->gate.link(now_ns);
-  if (code != pose_link_.seen()) {
-    if (code == Code::pose_stale) ++figures_.poses_stale;
-    if (code == Code::wrong_frame) ++figures_.poses_wrong_frame;
+  const PoseGate& gate = station_->arms[arm].gate;
+  LoopArm& seen = arms_[arm];
+  const Code code = gate.link(now_ns);
+  if (code != seen.pose_link.seen()) {
+    if (code == Code::pose_stale) ++figures_.poses[arm].stale;
+    if (code == Code::wrong_frame) ++figures_.poses[arm].wrong_frame;
   }
   LogLine line;
-  if (pose_link_.is_news(code, now_ns, {.lasts_ns = kNsPerS})) {
+  if (seen.pose_link.is_news(code, now_ns, {.lasts_ns = kNsPerS})) {
     line.level = code == Code::ok ? LogLine::Level::info : LogLine::Level::warning;
     line.code = static_cast<std::uint16_t>(code);
     if (code == Code::ok) {
@@ -487,19 +522,19 @@ void Loop::log_pose_changes() {
     } else {
       line.text.printf("robot pose: %s; %s", describe(code).data(), cure(code).data());
     }
-    say(line);
+    say_of(arm, line);
   }
   line.code = 0;
   line.level = LogLine::Level::warning;
-  if (!commanded_said_ && code == Code::ok && figures_.pose_type == hal::PoseType::flange_pose &&
-      !station_->gate.newest()->measured) {
-    commanded_said_ = true;
+  if (!seen.commanded_said && code == Code::ok && figures_.pose_type == hal::PoseType::flange_pose &&
+      !gate.newest()->measured) {
+    seen.commanded_said = true;
     line.text =
         "the robot marks its poses as commanded (flags, bit 0); a commanded pose can differ from the real one; send "
         "the measured ones (docs/ROBOT.md)";
-    say(line);
+    say_of(arm, line);
   }
-  if (ports_.pose.next_note(now_ns, line.text)) say(line);
+  if (ports_.pose_of(arm).next_note(now_ns, line.text)) say_of(arm, line);
 }
 
 void Loop::take_answers() {
@@ -513,8 +548,10 @@ void Loop::take_answers() {
       take_store();
   }
   ScanDone scanned;
-  while (scan_worker_->next(scanned)) handle(scanned);
-  log_scanner_changes();
+  for (std::size_t arm = 0; arm < ports_.arms(); ++arm) {
+    while (scan_workers_[arm]->next(scanned)) handle(scanned);
+    log_scanner_changes(arm);
+  }
   BlockMeasured measured;
   while (measure_worker_->next(measured)) {
     ++figures_.blocks_measured;
@@ -536,7 +573,7 @@ void Loop::take_stored(const StoreDone& stored) {
 }
 
 void Loop::take_change() {
-  if (const LineCalibration* calibration = calibration_changer_.finish()) handle(CalibrationChanged{calibration});
+  if (const CellCalibration* calibration = calibration_changer_.finish()) handle(CalibrationChanged{calibration});
   if (const storage::DispositionRecord* kept = calibration_changer_.disposition())
     handle(DispositionKept{kept->slab_key, kept->decision});
   if (const GaugeCheck* const check = calibration_changer_.gauge_check()) handle(GaugeChecked{*check});
@@ -546,23 +583,24 @@ void Loop::take_change() {
   say(line);
 }
 
-void Loop::log_scanner_changes() {
-  const bool online = ports_.scanner.online();
+void Loop::log_scanner_changes(std::size_t arm) {
+  hal::ScannerPort& scanner = ports_.scanner_of(arm);
+  const bool online = scanner.online();
   LogLine line;
   // At the start the port's first look is still in progress.
-  if (scanner_online_.is_news(online, ports_.clock.mono_ns(),
-                              {.lasts_ns = kScannerNews_ns, .apart_ns = kScannerNewsPeriod_ns})) {
+  if (arms_[arm].scanner_online.is_news(online, ports_.clock.mono_ns(),
+                                        {.lasts_ns = kScannerNews_ns, .apart_ns = kScannerNewsPeriod_ns})) {
     line.level = online ? LogLine::Level::info : LogLine::Level::warning;
-    const Code why_not = ports_.scanner.spool_hangs() ? Code::journal_write : Code::scanner_offline;
+    const Code why_not = scanner.spool_hangs() ? Code::journal_write : Code::scanner_offline;
     line.code = static_cast<std::uint16_t>(online ? Code::ok : why_not);
-    const hal::ScannerText why = ports_.scanner.trouble();
+    const hal::ScannerText why = scanner.trouble();
     line.text.printf("%s%s%s", online ? "the scanner is available again" : "the scanner is not available",
                      online || why.empty() ? "" : ": ", online ? "" : why.c_str());
-    say(line);
+    say_of(arm, line);
   }
   line.code = 0;
   line.level = LogLine::Level::warning;
-  if (ports_.scanner.next_note(line.text)) say(line);
+  if (scanner.next_note(line.text)) say_of(arm, line);
 }
 
 void Loop::serve_plc() {
@@ -604,18 +642,25 @@ void Loop::serve_control() {
 }
 
 void Loop::feed_watchdog() {
+  constexpr std::size_t kStore = 0;
+  constexpr std::size_t kMeasure = 1;
+  constexpr std::size_t kScanner = 2;  // of arm 0
   const std::int64_t now_ns = ports_.clock.mono_ns();
-  const std::array turns = {store_worker_->turns(), scan_worker_->turns(), measure_worker_->turns()};
   bool alive = true;
-  for (std::size_t i = 0; i < turns.size(); ++i) {
-    if (turns[i] != worker_turns_[i] || worker_moved_ns_[i] == 0) worker_moved_ns_[i] = now_ns;
-    worker_turns_[i] = turns[i];
+  for (std::size_t i = 0; i < kScanner + ports_.arms(); ++i) {
+    const bool is_scanner = i >= kScanner;
+    const std::uint64_t turns = i == kStore     ? store_worker_->turns()
+                                : i == kMeasure ? measure_worker_->turns()
+                                                : scan_workers_[i - kScanner]->turns();
+    if (turns != worker_turns_[i] || worker_moved_ns_[i] == 0) worker_moved_ns_[i] = now_ns;
+    worker_turns_[i] = turns;
     // A large database takes minutes to open. A share that hangs is reported (301) and recovers with its server;
     // restarting slabd would not help.
-    if ((i == 0 && is_opening()) || (i == 1 && ports_.scanner.hangs())) worker_moved_ns_[i] = now_ns;
+    if ((i == kStore && is_opening()) || (is_scanner && ports_.scanner_of(i - kScanner).hangs()))
+      worker_moved_ns_[i] = now_ns;
     alive = alive && now_ns - worker_moved_ns_[i] < kWorkerStuck_ns;
   }
-  const bool long_at_it = now_ns - worker_moved_ns_[2] >= kMeasuringMax_ns;
+  const bool long_at_it = now_ns - worker_moved_ns_[kMeasure] >= kMeasuringMax_ns;
   if (long_at_it && !measuring_given_up_) workers_->give_up_measuring();
   measuring_given_up_ = long_at_it;
   if (!alive || now_ns - watchdog_ns_ < kWatchdogPeriod_ns) return;
@@ -644,10 +689,10 @@ void Loop::perform(const Action& action) {
   if (const auto* job = std::get_if<StoreJob>(&action)) {
     accepted = store_worker_->push(*job);
   } else if (const auto* scan = std::get_if<AcquireScan>(&action)) {
-    cancel_scan_ = false;
-    accepted = scan_worker_->push(*scan);
-  } else if (std::holds_alternative<CancelScan>(action)) {
-    cancel_scan_ = true;
+    arms_[scan->arm].cancel_scan = false;
+    accepted = scan_workers_[scan->arm]->push(*scan);
+  } else if (const auto* cancel = std::get_if<CancelScan>(&action)) {
+    arms_[cancel->arm].cancel_scan = true;
   } else if (const auto* block = std::get_if<MeasureBlock>(&action)) {
     accepted = measure_worker_->push(*block);
   } else if (const auto* judge = std::get_if<JudgeSlab>(&action)) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <functional>
 #include <limits>
@@ -21,7 +22,13 @@
 
 namespace slabd::daemon {
 
-/// Ports of the loop.
+/// Ports of an arm.
+struct ArmPorts {
+  hal::PosePort* pose = nullptr;
+  hal::ScannerPort* scanner = nullptr;
+};
+
+/// Ports of the loop. `pose` and `scanner` are those of arm 0.
 struct Ports {
   hal::PlcPort& plc;
   hal::PosePort& pose;
@@ -30,9 +37,16 @@ struct Ports {
   hal::ControlPort* control = nullptr;
   hal::Clock& clock;
   hal::ServiceNotify& notify;
-  hal::GaugePort* gauges = nullptr;  ///< instruments and UDP; absent: no gauge has such a source
-  DesignWatch* designs = nullptr;    ///< of the design sheets; absent: there is no such folder
-  RecipeWatch* recipes = nullptr;    ///< of the recipe folder; absent: the folder is not watched
+  hal::GaugePort* gauges = nullptr;                         ///< instruments and UDP; absent: no gauge has such a source
+  DesignWatch* designs = nullptr;                           ///< of the design sheets; absent: there is no such folder
+  RecipeWatch* recipes = nullptr;                           ///< of the recipe folder; absent: the folder is not watched
+  FixedVector<ArmPorts, limits::kArmsMax - 1> more_arms{};  ///< arms after the first: [arm - 1]
+
+  [[nodiscard]] std::size_t arms() const { return 1 + more_arms.size(); }
+  [[nodiscard]] hal::PosePort& pose_of(std::size_t arm) const { return arm == 0 ? pose : *more_arms[arm - 1].pose; }
+  [[nodiscard]] hal::ScannerPort& scanner_of(std::size_t arm) const {
+    return arm == 0 ? scanner : *more_arms[arm - 1].scanner;
+  }
 };
 
 /// Opens the store, on the storage thread. Sets `scanner_is_ours` once no other process can use the scanner; until then
@@ -48,8 +62,11 @@ struct LoopFigures {
   double block_max_ms = 0.0;
   double commit_last_ms = 0.0;
   double commit_max_ms = 0.0;
-  std::uint64_t poses_stale = 0;        ///< number of times the newest pose became too old
-  std::uint64_t poses_wrong_frame = 0;  ///< number of times another base or tool became active
+  struct Poses {
+    std::uint64_t stale = 0;        ///< number of times the newest pose became too old
+    std::uint64_t wrong_frame = 0;  ///< number of times another base or tool became active
+  };
+  std::array<Poses, limits::kArmsMax> poses{};
   /// Why the database could not be opened or written, or which other daemon uses the spool; empty: no error.
   FixedString<limits::kErrorTextBytes> store_text;
   hal::PlcRole plc_role = hal::PlcRole::server;
@@ -116,9 +133,9 @@ class Loop {
   /// Longest interval between ticks: PLC acknowledgement within 50 ms, heartbeat, settle gate.
   static constexpr int kTurn_ms = 10;
 
-  /// With the workers of a running daemon. `scan_form`: of the scan files, which are stored in the spool as the scanner
-  /// wrote them. `measure_threads`: 1 or 2.
-  Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, const hal::ScanForm& scan_form,
+  /// With the workers of a running daemon. `scan_forms`: of the scan files of each arm, which are stored in the spool
+  /// as the scanner wrote them. `measure_threads`: 1 or 2. `ports` and `settings` have the same number of arms.
+  Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, const ScanForms& scan_forms,
        int measure_threads, LoopFigures figures);
   Loop(const Ports& ports, const StationSettings& settings, StoreOpener open, std::unique_ptr<Workers> workers,
        LoopFigures figures);
@@ -136,7 +153,7 @@ class Loop {
   [[nodiscard]] bool is_opening() const { return figures_.opening; }
   /// Ends the current scan and waits for the store jobs in progress; call it last.
   void finish();
-  /// After finish(): waits until the scanner's worker can be ended. False if it hangs, for an unknown time.
+  /// After finish(): waits until the workers of all scanners can be ended. False if one hangs, for an unknown time.
   [[nodiscard]] bool wait_for_scanner_thread();
 
   [[nodiscard]] const Station& station() const { return *station_; }
@@ -153,14 +170,14 @@ class Loop {
   void look_for_another_daemon();
   void note_fault();
   void take_gauges();
-  void take_poses();
-  void log_pose_changes();
+  void take_poses(std::size_t arm);
+  void log_pose_changes(std::size_t arm);
   void take_answers();
   void take_stored(const StoreDone& stored);
   void take_change();
   void order_store();
   void take_store();
-  void log_scanner_changes();
+  void log_scanner_changes(std::size_t arm);
   void serve_plc();
   void log_plc_changes();
   void serve_control();
@@ -178,6 +195,8 @@ class Loop {
   void delete_file(const PathText& path) const;
   void tidy_captures(const PathText& folder);
   void say(const LogLine& line) const { say_line(line); }
+  /// Says a line about one arm; it names the arm if there are several.
+  void say_of(std::size_t arm, LogLine line) const;
 
   [[nodiscard]] StoreAnswer do_task(const StoreTask& task);
   [[nodiscard]] StoreDone store(const StoreJob& job);
@@ -189,7 +208,17 @@ class Loop {
   void tell_store_trouble();
   [[nodiscard]] ScanDone scan(const AcquireScan& job);
 
+  /// Data of the loop about one arm.
+  struct LoopArm {
+    std::atomic<bool> cancel_scan{false};
+    DebouncedState<std::string> pose_trouble;
+    DebouncedState<Code> pose_link{Code::no_pose};
+    bool commanded_said = false;                ///< a log line about unmeasured poses was written
+    DebouncedState<bool> scanner_online{true};  ///< a scanner that is online from the start is not reported
+  };
+
   Ports ports_;
+  const LineArms line_arms_;
   LoopFigures figures_;
 
   std::unique_ptr<Station> station_;
@@ -200,8 +229,8 @@ class Loop {
   std::unique_ptr<SlabJudged> judged_;
 
   std::unique_ptr<Workers> workers_;
-  std::atomic<bool> cancel_scan_{false};
-  std::atomic<bool> scanner_is_ours_{false};
+  std::array<LoopArm, limits::kArmsMax> arms_;
+  std::atomic<bool> scanner_is_ours_{false};  ///< of all scanners
 
   StoreOpener open_;                       ///< storage thread only
   std::unique_ptr<storage::Store> store_;  ///< storage thread only; null: it is not open
@@ -233,13 +262,10 @@ class Loop {
   std::shared_ptr<const RecipeSet> recipes_in_use_;  ///< loaded since the start
   bool measuring_given_up_ = false;                  ///< for the current block
   std::int64_t watchdog_ns_ = 0;
-  std::array<std::uint64_t, 3> worker_turns_{};
-  std::array<std::int64_t, 3> worker_moved_ns_{};
-  bool commanded_said_ = false;  ///< a log line about unmeasured poses was written
+  /// Storage, measuring, and the scanner of each arm.
+  std::array<std::uint64_t, 2 + limits::kArmsMax> worker_turns_{};
+  std::array<std::int64_t, 2 + limits::kArmsMax> worker_moved_ns_{};
   DebouncedState<bool> recipes_differ_;
-  DebouncedState<std::string> pose_trouble_;
-  DebouncedState<Code> pose_link_{Code::no_pose};
-  DebouncedState<bool> scanner_online_{true};  ///< a scanner that is online from the start is not reported
   DebouncedState<std::string> plc_trouble_;
   DebouncedState<FixedString<limits::kErrorTextBytes>> spool_trouble_;  ///< storage thread only
   DebouncedState<FixedString<limits::kErrorTextBytes>> store_trouble_;  ///< storage thread only
@@ -247,7 +273,7 @@ class Loop {
 
   // Last: the workers start after all members they use, and end before them.
   std::unique_ptr<StoreQueue> store_worker_;
-  std::unique_ptr<ScanQueue> scan_worker_;
+  std::array<std::unique_ptr<ScanQueue>, limits::kArmsMax> scan_workers_;  ///< null: there is no such arm
   std::unique_ptr<MeasureQueue> measure_worker_;
 };
 

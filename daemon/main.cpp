@@ -13,6 +13,7 @@
 #include <memory>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "daemon/log_outlet.h"
 #include "daemon/loop.h"
@@ -132,37 +133,52 @@ int check(const config::Config& config, const std::vector<config::Problem>& conf
     std::printf("recipe %s: slab type %u, %u blocks, %d nominals and tolerances unconfirmed\n", recipe.name.c_str(),
                 recipe.slab_type, recipe.stations(), unconfirmed_count(recipe));
   for (const AlikeRecipes& alike : alike_recipes(recipes)) std::printf("warning: %s\n", text_of(alike).c_str());
-  std::printf("calibration %s\n",
-              config.calibration.id.empty()
-                  ? "none in the configuration: slabs wait for one to be applied"
-                  : (std::string(config.calibration.id.view()) + " (commissioning values: the handedness of the "
-                                                                 "scanner's frame is not proven)")
-                        .c_str());
+  for (std::size_t i = 0; i < config.arms.list.size(); ++i) {
+    const config::ArmSettings& arm = config.arm(i);
+    const std::string by = config.arms.several() ? " of scanner " + std::string(arm.by.scanner.view()) : std::string();
+    std::printf("calibration%s %s\n", by.c_str(),
+                arm.calibration.id.empty()
+                    ? "none in the configuration: slabs wait for one to be applied"
+                    : (std::string(arm.calibration.id.view()) + " (commissioning values: the handedness of the "
+                                                                "scanner's frame is not proven)")
+                          .c_str());
+  }
   std::printf("PLC: %s\n", plc_place(config.plc).c_str());
-  std::printf("inspection memory %.0f MB\n", static_cast<double>(limits::kInspectionBytes) / 1e6);
+  std::printf("inspection memory %.0f MB\n",
+              static_cast<double>(limits::inspection_bytes(config.arms.list.size())) / 1e6);
   return 0;
+}
+
+void set_arm(const config::ArmSettings& arm, StationArmSettings& settings) {
+  settings.T_flange_scanner = arm.calibration.T_flange_scanner;
+  settings.calibration_id = arm.calibration.id;
+  settings.splice = arm.splice;
+  settings.scanner_drift = arm.scanner_drift;
+  settings.pose = arm.pose;
+  settings.settle_timeout_ns = arm.settle_timeout_ns;
+  settings.scan_timeout_ns = arm.scan_timeout_ns;
 }
 
 StationSettings station_settings(const config::Config& config, const std::vector<Recipe>& recipes) {
   StationSettings settings;
   settings.recipes = recipes;
   settings.T_base_slab = config.T_base_slab;
-  settings.T_flange_scanner = config.calibration.T_flange_scanner;
-  settings.calibration_id = config.calibration.id;
+  set_arm(config, settings);
+  settings.arms = config.arms;
+  for (const config::ArmSettings& other : config.more_arms) {
+    StationArmSettings arm;
+    set_arm(other, arm);
+    static_cast<void>(settings.more_arms.push(arm));  // the configuration has no more
+  }
   settings.id_pattern = config.id_pattern ? &*config.id_pattern : nullptr;
   settings.mould_from_id = config.mould_from_id ? &*config.mould_from_id : nullptr;
   settings.second_chip_required = config.second_chip_required;
   settings.gauges = {config.gauges.data(), config.gauges.size()};
   settings.plc_memory_lasts = config.plc.role == hal::PlcRole::client;
-  settings.splice = config.splice;
-  settings.scanner_drift = config.scanner_drift;
   settings.check_interval_us = config.check_interval_us;
   settings.software = software_version();
   settings.spool_dir = std::string_view(config.storage.spool_dir);
-  settings.pose = config.pose;
   settings.capture = config.capture;
-  settings.scan_timeout_ns = config.scan_timeout_ns;
-  settings.settle_timeout_ns = config.settle_timeout_ns;
   settings.simulation = config.simulation;
   for (const Recipe& recipe : recipes)
     if (const int count = unconfirmed_count(recipe); count > 0) {
@@ -174,23 +190,51 @@ StationSettings station_settings(const config::Config& config, const std::vector
   return settings;
 }
 
-/// Creates the scanner port of the configured backend; one that cannot be set up reports the reason in trouble().
-std::unique_ptr<hal::ScannerPort> scanner_port(const config::Config& config, const hal::Clock& clock) {
+/// Creates the scanner port of an arm's backend; one that cannot be set up reports the reason in trouble().
+std::unique_ptr<hal::ScannerPort> scanner_port(const config::Config& config, const config::ArmSettings& arm,
+                                               const hal::Clock& clock) {
   const auto port = [](auto made) -> std::unique_ptr<hal::ScannerPort> {
     if (made.ok()) return std::move(made.value());
     say_text("error: %s\n", made.error().text.c_str());
     return std::make_unique<AbsentScanner>(made.error());
   };
-  switch (config.scanner_backend) {
-    case hal::ScannerBackend::tcp: return port(hal::make_scan_stream(config.stream, clock));
+  switch (arm.scanner_backend) {
+    case hal::ScannerBackend::tcp: return port(hal::make_scan_stream(arm.stream, clock));
     case hal::ScannerBackend::drop: break;
   }
   // The folder may be on a share that hangs, so only the scanner's own thread accesses it.
-  hal::ScanDropSettings settings = config.scanner;
+  hal::ScanDropSettings settings = arm.scanner;
   settings.make_drop_dir = true;
   settings.read_threads = config.measure_threads;
   settings.owner = hal::lock_owner_of_this_process(config.path);
   return port(hal::make_scan_drop(settings, clock));
+}
+
+/// Robot and scanner of an arm.
+struct ArmLinks {
+  std::unique_ptr<hal::PosePort> pose;
+  std::unique_ptr<hal::ScannerPort> scanner;
+};
+
+/// Creates the ports of an arm. A pose port that cannot be set up is a fault of the configuration.
+ArmLinks arm_links(const config::Config& config, const config::ArmSettings& arm, const hal::Clock& clock, Code& fault) {
+  ArmLinks links;
+  if (auto made = hal::make_lcm_pose_port(arm.robot); made.ok()) {
+    links.pose = std::move(made.value());
+  } else {
+    say_text("error: %s\n", made.error().text.c_str());
+    fault = Code::config;
+    links.pose = std::make_unique<AbsentPose>(made.error().text.view());
+  }
+  links.scanner = scanner_port(config, arm, clock);
+  return links;
+}
+
+/// Reason why the thread of a scanner hung.
+std::string hung_scanner(const std::vector<ArmLinks>& arms) {
+  for (const ArmLinks& arm : arms)
+    if (arm.scanner->hangs()) return std::string(arm.scanner->trouble().view());
+  return {};
 }
 
 /// Ends the process without waiting for its threads, because one of them is in a call that cannot be interrupted. As
@@ -277,22 +321,17 @@ int run(const config::Config& config, const std::vector<config::Problem>& config
   if (!recipe_problems.empty()) settings.warn |= kWarnRecipeUnusable;
   if (!config_problems.empty() || recipes.empty()) settings.fault = Code::config;
 
-  std::unique_ptr<hal::PosePort> pose;
-  std::unique_ptr<hal::ScannerPort> scanner;
+  std::vector<ArmLinks> arms;
   std::unique_ptr<hal::ControlPort> control;
-  if (settings.fault == Code::ok) {
-    if (auto made = hal::make_lcm_pose_port(config.robot); made.ok()) {
-      pose = std::move(made.value());
-    } else {
-      say_text("error: %s\n", made.error().text.c_str());
-      settings.fault = Code::config;
-      pose = std::make_unique<AbsentPose>(made.error().text.view());
+  const bool is_usable = settings.fault == Code::ok;
+  for (std::size_t i = 0; i < config.arms.list.size(); ++i) {
+    if (is_usable) {
+      arms.push_back(arm_links(config, config.arm(i), *clock, settings.fault));
+      continue;
     }
-    scanner = scanner_port(config, *clock);
-  } else {
     // The links are not reported in this case, because the configuration must be corrected first.
-    pose = std::make_unique<AbsentPose>(std::string_view());
-    scanner = std::make_unique<AbsentScanner>(error(Code::config, "the configuration is not usable"));
+    arms.push_back({std::make_unique<AbsentPose>(std::string_view()),
+                    std::make_unique<AbsentScanner>(error(Code::config, "the configuration is not usable"))});
   }
   // The control socket is also opened in fault 504, at the configured or default path, so that `slabctl status` can
   // report the fault.
@@ -334,33 +373,37 @@ int run(const config::Config& config, const std::vector<config::Problem>& config
     else
       say_text("error: %s\n", made.error().text.c_str());
   }
-  const Ports ports{.plc = *plc.value(),
-                    .pose = *pose,
-                    .scanner = *scanner,
-                    .control = control.get(),
-                    .clock = *clock,
-                    .notify = *notify,
-                    .gauges = gauges.get(),
-                    .designs = design_watch ? &*design_watch : nullptr,
-                    .recipes = recipe_watch ? &*recipe_watch : nullptr};
+  Ports ports{.plc = *plc.value(),
+              .pose = *arms.front().pose,
+              .scanner = *arms.front().scanner,
+              .control = control.get(),
+              .clock = *clock,
+              .notify = *notify,
+              .gauges = gauges.get(),
+              .designs = design_watch ? &*design_watch : nullptr,
+              .recipes = recipe_watch ? &*recipe_watch : nullptr};
+  ScanForms scan_forms;
+  for (std::size_t i = 0; i < arms.size(); ++i) {
+    static_cast<void>(scan_forms.push(config.arm(i).scanner.form));
+    if (i > 0) static_cast<void>(ports.more_arms.push({arms[i].pose.get(), arms[i].scanner.get()}));
+  }
   Opener opener(config);
   Loop loop(
       ports, settings, [&opener](std::atomic<bool>& scanner_is_ours) { return opener.open(scanner_is_ours); },
-      config.scanner.form, config.measure_threads, std::move(figures));
+      scan_forms, config.measure_threads, std::move(figures));
   loop.start();
   for (bool was_opened = false; !g_stop;) {
     loop.turn(Loop::kTurn_ms);
     if (was_opened || loop.is_opening()) continue;
     was_opened = true;  // or could not be
     say_text("info: %s: %s, inspection memory %.0f MB%s\n", settings.software.c_str(), plc_place(config.plc).c_str(),
-             static_cast<double>(limits::kInspectionBytes) / 1e6,
+             static_cast<double>(limits::inspection_bytes(arms.size())) / 1e6,
              loop.station().settings.fault == Code::ok ? "" : "; in FAULT, see above");
     if (sealed) seal();  // the lock applies to later mappings too
   }
   if (loop.is_opening()) leave(*notify, "the database was being opened");
   loop.finish();
-  if (!loop.wait_for_scanner_thread())
-    leave(*notify, "the scanner's thread hung: " + std::string(scanner->trouble().view()));
+  if (!loop.wait_for_scanner_thread()) leave(*notify, "the scanner's thread hung: " + hung_scanner(arms));
   say_text("info: slabd: stopped\n");
   return 0;
 }

@@ -111,10 +111,10 @@ void judge_slab(const SlabBasis& basis, std::span<const StationRecord> stations,
     // The splice that each scan was measured with, from its attempt.
     const Splice& splice = record.attempt.splice;
     sigmas[i] = {splice.calibration_mm, splice.calibration_rad, splice.robot_mm, splice.robot_rad,
-                 record.attempt.scanner_drift};
+                 record.attempt.scanner_drift, record.attempt.arm};
   }
-  algo::inspect_slab(recipe, blocks.first(recipe.stations()), sigmas, basis.T_base_slab, out, basis.verified,
-                     basis.slab);
+  const algo::SlabArms arms{basis.verified, basis.has_tie ? &basis.tie : nullptr};
+  algo::inspect_slab(recipe, blocks.first(recipe.stations()), sigmas, basis.T_base_slab, out, arms, basis.slab);
 }
 
 void pack_maps(const algo::BlockInspector& inspector, BlockMaps& maps) {

@@ -14,15 +14,16 @@ namespace {
 
 class ThreadWorkers final : public Workers {
  public:
-  ThreadWorkers(std::span<const Recipe> recipes, const hal::ScanForm& scan_form, const hal::Clock& clock,
+  ThreadWorkers(std::span<const Recipe> recipes, const ScanForms& scan_forms, const hal::Clock& clock,
                 int measure_threads, bool simulation)
       : recipes_(recipes),
-        scan_form_(scan_form),
+        scan_forms_(scan_forms),
         clock_(clock),
         simulation_(simulation),
         inspector_(measure_threads),
-        scan_memory_(limits::kScanSlots * limits::kScanSlotBytes) {
-    for (std::span<float>& slot : slots_) slot = scan_memory_.take<float>(limits::kScanPointsMax * 3);
+        scan_memory_(limits::scan_slots(scan_forms.size()) * limits::kScanSlotBytes) {
+    for (std::size_t i = 0; i < limits::scan_slots(scan_forms.size()); ++i)
+      slots_.at(i) = scan_memory_.take<float>(limits::kScanPointsMax * 3);
   }
 
   std::unique_ptr<StoreQueue> storage(std::function<StoreAnswer(const StoreTask&)> work,
@@ -30,9 +31,10 @@ class ThreadWorkers final : public Workers {
     return std::make_unique<Worker<StoreTask, StoreAnswer, limits::kWorkerQueue>>("slabd-store", std::move(work),
                                                                                   std::move(idle));
   }
-  std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
+  std::unique_ptr<ScanQueue> scanner(std::size_t arm, std::function<ScanDone(const AcquireScan&)> work,
                                      std::function<void()> idle) override {
-    return std::make_unique<Worker<AcquireScan, ScanDone, 4>>("slabd-scan", std::move(work), std::move(idle));
+    constexpr std::array<const char*, limits::kArmsMax> kNames = {"slabd-scan", "slabd-scan-2"};
+    return std::make_unique<Worker<AcquireScan, ScanDone, 4>>(kNames.at(arm), std::move(work), std::move(idle));
   }
   void remember(std::span<const KeptNoise> exposures) override {
     for (const KeptNoise& exposure : exposures) exposures_.add(exposure);
@@ -42,7 +44,7 @@ class ThreadWorkers final : public Workers {
         "slabd-measure", [this](const MeasureBlock& job) { return measure(job); }, [] {});
   }
   std::span<float> slot(std::size_t index) override { return slots_[index]; }
-  std::optional<std::uint32_t> points_crc32c(const AcquiredScan& scan) override;
+  std::optional<std::uint32_t> points_crc32c(const AcquiredScan& scan, std::size_t arm) override;
   void use_recipes(std::span<const Recipe> recipes) override {
     recipes_ = recipes;
     inspector_recipe_ = nullptr;
@@ -55,26 +57,30 @@ class ThreadWorkers final : public Workers {
   void refuse_exposure(const MeasureBlock& job, const FixedString<limits::kErrorTextBytes>& text, BlockMeasured& done);
   void look_at_slab_ends(const MeasureBlock& job, const algo::Cloud& cloud, BlockMeasured& done);
   Result<ScanShape> reload(const MeasureBlock& job);
+  /// Form of the files of this arm; of the first one for a slab of a line that had more.
+  [[nodiscard]] const hal::ScanForm& scan_form_of(std::size_t arm) const {
+    return scan_forms_[arm < scan_forms_.size() ? arm : 0];
+  }
 
   std::span<const Recipe> recipes_;
-  hal::ScanForm scan_form_;
+  ScanForms scan_forms_;
   const hal::Clock& clock_;
   bool simulation_;
-  KnownExposures exposures_;  ///< used by the measuring thread only
-  FilterWatch filters_;       ///< used by the measuring thread only
-  SlabEnds slab_ends_;        ///< used by the measuring thread only
+  KnownExposures exposures_;                           ///< used by the measuring thread only
+  std::array<FilterWatch, limits::kArmsMax> filters_;  ///< used by the measuring thread only
+  SlabEnds slab_ends_;                                 ///< used by the measuring thread only
   bool blind_ends_said_ = false;
   algo::BlockInspector inspector_;
   const Recipe* inspector_recipe_ = nullptr;
   Pages scan_memory_;  ///< of the slots
-  std::array<std::span<float>, limits::kScanSlots> slots_;
+  std::array<std::span<float>, limits::kScanSlotsMax> slots_;
 };
 
 /// Reads the scan of a block that was acquired before a restart. frame_incomplete if the file no longer contains those
 /// points.
 Result<ScanShape> ThreadWorkers::reload(const MeasureBlock& job) {
   const std::span<float> xyz = slots_[job.slot];
-  const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_form_, xyz, inspector_.team());
+  const Result<ScanShape> read = hal::read_scan(job.scan_path.c_str(), scan_form_of(job.arm), xyz, inspector_.team());
   if (!read || !job.points_crc32c) return read;
   const std::uint32_t now = hal::points_crc32c(xyz.first(3 * read.value().points));
   if (now != *job.points_crc32c)
@@ -114,10 +120,10 @@ BlockMeasured ThreadWorkers::measure(const MeasureBlock& job) {
     slab_ends_.use(recipes_, *recipe);
   }
   algo::Cloud cloud{slots_[job.slot], shape.points, shape.width, shape.height};
-  const Status status =
-      measure_block(inspector_, clock_, job.id.station,
-                    job.basis.T_base_slab * T_slab_block(*recipe, job.basis.slab.design, job.id.station),
-                    job.T_base_scanner, cloud, shape, read_ms, job.basis.verified, job.basis.slab, job.scanner_drift);
+  const Status status = measure_block(
+      inspector_, clock_, job.id.station,
+      job.basis.T_base_slab * T_slab_block(*recipe, job.basis.slab.design, job.id.station), job.T_base_scanner, cloud,
+      shape, read_ms, job.basis.verified.at(job.arm), job.basis.slab, job.scanner_drift);
   done.block = inspector_.result();
   pack_maps(inspector_, done.maps);
   compare_exposure(job, done);
@@ -157,7 +163,7 @@ void ThreadWorkers::compare_exposure(const MeasureBlock& job, BlockMeasured& don
         static_cast<long long>(earlier->slab_key), earlier->station, earlier->attempt, correlation, kSameExposure);
     return refuse_exposure(job, text, done);
   }
-  if (const double usual = filters_.unlike(done.block.scan.lag_ratio); has_value(usual)) {
+  if (const double usual = filters_.at(job.arm).unlike(done.block.scan.lag_ratio); has_value(usual)) {
     text.printf(
         "its neighbouring points share their noise (%.1f) and those of the scans before did not (%.1f): it was "
         "smoothed "
@@ -209,8 +215,8 @@ void ThreadWorkers::look_at_slab_ends(const MeasureBlock& job, const algo::Cloud
   say_line(line);
 }
 
-std::optional<std::uint32_t> ThreadWorkers::points_crc32c(const AcquiredScan& scan) {
-  const Result<hal::ScanChecksum> read = hal::read_scan_checksum(scan.path.c_str(), scan_form_.unit);
+std::optional<std::uint32_t> ThreadWorkers::points_crc32c(const AcquiredScan& scan, std::size_t arm) {
+  const Result<hal::ScanChecksum> read = hal::read_scan_checksum(scan.path.c_str(), scan_form_of(arm).unit);
   if (read.ok() && read.value().shape.points == scan.shape.points && read.value().shape.finite == scan.shape.finite)
     return read.value().crc32c;
   // The scan is still measured; without a checksum there is only less proof of its points.
@@ -223,9 +229,9 @@ std::optional<std::uint32_t> ThreadWorkers::points_crc32c(const AcquiredScan& sc
 
 }  // namespace
 
-std::unique_ptr<Workers> make_workers(std::span<const Recipe> recipes, const hal::ScanForm& scan_form,
+std::unique_ptr<Workers> make_workers(std::span<const Recipe> recipes, const ScanForms& scan_forms,
                                       const hal::Clock& clock, int measure_threads, bool simulation) {
-  return std::make_unique<ThreadWorkers>(recipes, scan_form, clock, measure_threads, simulation);
+  return std::make_unique<ThreadWorkers>(recipes, scan_forms, clock, measure_threads, simulation);
 }
 
 }  // namespace slabd::daemon

@@ -105,32 +105,47 @@ using MeasureQueue = JobQueue<MeasureBlock, BlockMeasured>;
 class Workers {
  public:
   virtual ~Workers() = default;
-  // Each is called once, and the queues are destroyed before the workers. `idle` is called about ten times a second
-  // while the queue is empty.
+  // Storage and measuring are called once, and the queues are destroyed before the workers. `idle` is called about ten
+  // times a second while the queue is empty.
   [[nodiscard]] virtual std::unique_ptr<StoreQueue> storage(std::function<StoreAnswer(const StoreTask&)> work,
                                                             std::function<void()> idle) = 0;
-  [[nodiscard]] virtual std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
+  /// Called once for each arm, in their order: every scanner has a worker of its own, so that one that hangs stops only
+  /// its own arm.
+  [[nodiscard]] virtual std::unique_ptr<ScanQueue> scanner(std::size_t arm,
+                                                           std::function<ScanDone(const AcquireScan&)> work,
                                                            std::function<void()> idle) = 0;
   /// The exposures that were measured before this process began, oldest first. Before the first block is measured.
   virtual void remember(std::span<const KeptNoise> exposures) { static_cast<void>(exposures); }
   /// Measures the scans in the buffers. Every block is answered, also after an error.
   [[nodiscard]] virtual std::unique_ptr<MeasureQueue> measuring() = 0;
-  /// Buffer for the points of a scan; `index` below limits::kScanSlots.
+  /// Buffer for the points of a scan; `index` below limits::scan_slots() of the line's arms.
   [[nodiscard]] virtual std::span<float> slot(std::size_t index) = 0;
   /// CRC-32C of the points of a durable scan in records, from its file, because measuring may have changed its buffer
   /// by then. nullopt if the file cannot be read or contains other points. Called by the scanner's thread.
-  [[nodiscard]] virtual std::optional<std::uint32_t> points_crc32c(const AcquiredScan& scan) = 0;
+  [[nodiscard]] virtual std::optional<std::uint32_t> points_crc32c(const AcquiredScan& scan, std::size_t arm) = 0;
   /// Other recipes from the next block on. Called while no block is measured; `recipes` must outlive their use.
   virtual void use_recipes(std::span<const Recipe> /*recipes*/) {}
   /// The current block takes too long: it must be answered soon.
   virtual void give_up_measuring() {}
 };
 
+/// Form of the scan files of each arm.
+using ScanForms = FixedVector<hal::ScanForm, limits::kArmsMax>;
+
 /// Threads, and all memory of the inspection path, resident from the start. `recipes` and `clock` must outlive it.
-/// `simulation`: the line is emulated, and an exposure that comes again is reported, not refused.
-[[nodiscard]] std::unique_ptr<Workers> make_workers(std::span<const Recipe> recipes, const hal::ScanForm& scan_form,
+/// `scan_forms`: one for each arm. `simulation`: the line is emulated, and an exposure that comes again is reported,
+/// not refused.
+[[nodiscard]] std::unique_ptr<Workers> make_workers(std::span<const Recipe> recipes, const ScanForms& scan_forms,
                                                     const hal::Clock& clock, int measure_threads,
                                                     bool simulation = false);
+/// The same for a line with one arm.
+[[nodiscard]] inline std::unique_ptr<Workers> make_workers(std::span<const Recipe> recipes,
+                                                           const hal::ScanForm& scan_form, const hal::Clock& clock,
+                                                           int measure_threads, bool simulation = false) {
+  ScanForms scan_forms;
+  (void)scan_forms.push(scan_form);
+  return make_workers(recipes, scan_forms, clock, measure_threads, simulation);
+}
 
 /// One line to the service manager's journal, or to a terminal.
 void say_line(const LogLine& line);

@@ -2,6 +2,7 @@
 #include "emulator/line_run.h"
 
 #include <fmt/core.h>
+#include <algorithm>
 #include <chrono>
 #include <istream>
 #include <ostream>
@@ -28,6 +29,38 @@ bool ends_run(const PlcTrouble& trouble) {
   return trouble.link_lost || trouble.interrupted;
 }
 
+/// Troubles of a robot, of a scanner or of their calibrations, which another arm does not have. outside_window: slabd
+/// waits for the other robot, because the scans of this one cannot be used.
+bool is_of_the_arm(Code code) {
+  switch (code) {
+    case Code::outside_window:
+    case Code::no_pose:
+    case Code::pose_stale:
+    case Code::wrong_frame:
+    case Code::scanner_offline:
+    case Code::trigger_timeout:
+    case Code::calibration_missing: return true;
+    default: return false;
+  }
+}
+
+const ArmChoice& arms_of(const LineArms& line, int station) {
+  return line.of_station[static_cast<std::size_t>(station - 1)];
+}
+
+/// The next station that this arm usually scans; 0: none.
+int next_station(const LineArms& line, std::size_t arm, int station, int stations) {
+  for (int k = station + 1; k <= stations; ++k)
+    if (!arms_of(line, k).empty() && arms_of(line, k)[0] == arm) return k;
+  return 0;
+}
+
+/// Moves one arm to its stop at the station.
+void move_arm(const ArmPeers& peers, std::size_t arm, const SlabTruth& slab, int station, int next) {
+  peers.robot->move_to(slab.at(station).stop(arm).T_base_flange_reported);
+  peers.scanner->stand_over(station, next);
+}
+
 class SlabProgram {
  public:
   SlabProgram(const Line& line, const SlabOrder& order, const SlabTruth& truth)
@@ -36,7 +69,8 @@ class SlabProgram {
   }
 
   SlabRun execute() {
-    line_.scanner.look_at(line_.recipe, truth_, line_.cell);
+    for (std::size_t arm = 0; arm < line_.arms.size(); ++arm)
+      line_.arms[arm].scanner->look_at(line_.recipe, truth_, line_.cell, arm);
     if (begin() && scan_all() && end()) run_.finished = true;
     collect_records();
     run_.total_s = seconds(PlcClock::now() - started_);
@@ -80,24 +114,54 @@ class SlabProgram {
     return true;
   }
 
+  /// Arms that may scan the station: the usual one first, those that failed before last.
+  [[nodiscard]] std::vector<std::size_t> arms_for(int station) const {
+    const ArmChoice& allowed = arms_of(line_.stations, station);
+    std::vector<std::size_t> arms(allowed.begin(), allowed.end());
+    std::stable_partition(arms.begin(), arms.end(), [this](std::size_t arm) { return !failed_[arm]; });
+    return arms;
+  }
+
   /// Returns false only if the run cannot continue.
   bool scan(int station) {
-    line_.robot.move_to(truth_.at(station).T_base_flange_reported);
-    line_.scanner.stand_over(station, station < truth_.stations ? station + 1 : 0);
+    const std::vector<std::size_t> arms = arms_for(station);
+    for (std::size_t turn = 0; turn < arms.size(); ++turn) {
+      bool acquired = false;
+      if (!scan_with(arms[turn], station, turn + 1 < arms.size(), acquired)) return false;
+      if (acquired) return true;
+      if (turn + 1 < arms.size()) line_.arms[arms[turn]].robot->move_to(truth_.aside[arms[turn]]);
+    }
+    return true;
+  }
+
+  [[nodiscard]] bool all_stand() const {
+    return std::all_of(line_.arms.begin(), line_.arms.end(),
+                       [](const ArmPeers& peers) { return peers.robot->standing(); });
+  }
+
+  /// Moves the arm there and scans. `another_may`: a failure of this arm ends its attempts at once. False if the run
+  /// cannot continue.
+  bool scan_with(std::size_t arm, int station, bool another_may, bool& acquired) {
+    move_arm(line_.arms[arm], arm, truth_, station, next_station(line_.stations, arm, station, truth_.stations));
     tell(station, "moving");
-    const auto arrived = [&] { return line_.robot.standing(); };
-    if (!line_.plc.await(arrived, line_.timing.acquire_timeout, "the robot", run_.trouble)) return false;
+    if (!line_.plc.await([this] { return all_stand(); }, line_.timing.acquire_timeout, "the robot", run_.trouble))
+      return false;
+    if (line_.failure.arm == arm && line_.failure.station == station) line_.arms[arm].scanner->switch_off();
 
     StationRun& run = at(station);
-    while (run.scans < line_.scans_per_station_max) {
+    run.arm = arm;
+    for (int scans = 0; scans < line_.scans_per_station_max; ++scans) {
       tell(station, "SCAN");
       PlcTrouble trouble;
-      if (scan_once(station, run, trouble)) return true;
+      acquired = scan_once(station, run, trouble);
+      if (acquired) return true;
       run.trouble = trouble.text;
       if (ends_run(trouble)) {
         run_.trouble = trouble;
         return false;
       }
+      if (is_of_the_arm(trouble.code)) failed_[arm] = true;
+      if (failed_[arm] && another_may) return true;
     }
     return true;
   }
@@ -175,6 +239,7 @@ class SlabProgram {
   const SlabTruth& truth_;
   SlabRun run_;
   PlcClock::time_point started_;
+  std::array<bool, limits::kArmsMax> failed_{};  ///< robot or scanner of this arm, at an earlier station
   PlcClock::time_point last_acquired_{};
   std::array<PlcClock::time_point, limits::kStationsMax> acquired_at_{};
 };
@@ -187,6 +252,11 @@ SlabRun run_slab(const Line& line, const SlabOrder& order, const SlabTruth& trut
 
 namespace {
 
+void show(const StandBy& line, std::size_t slab) {
+  for (std::size_t arm = 0; arm < line.arms.size(); ++arm)
+    line.arms[arm].scanner->look_at(line.recipe, line.slabs[slab], line.cell, arm);
+}
+
 std::string obey(const StandBy& line, std::size_t& slab, const std::string& order) {
   std::istringstream words(order);
   std::string verb;
@@ -196,23 +266,35 @@ std::string obey(const StandBy& line, std::size_t& slab, const std::string& orde
     if (number < 1 || static_cast<std::size_t>(number) > line.slabs.size())
       return "error: slab 1.." + std::to_string(line.slabs.size());
     slab = static_cast<std::size_t>(number) - 1;
-    line.scanner.look_at(line.recipe, line.slabs[slab], line.cell);
+    show(line, slab);
     return "slab " + std::to_string(number);
   }
   const int stations = line.slabs[slab].stations;
   if (verb != "station" || number < 1 || number > stations)
     return "error: station 1.." + std::to_string(stations) + ", or slab N";
-  line.robot.move_to(line.slabs[slab].at(number).T_base_flange_reported);
-  line.scanner.stand_over(number, number < stations ? number + 1 : 0);
-  while (!line.robot.standing()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  std::size_t arm = arms_of(line.stations, number)[0];
+  if (std::string robot; words >> robot) {
+    arm = 0;
+    while (arm < line.arms.size() && line.stations.list[arm].robot.view() != robot) ++arm;
+    if (arm == line.arms.size()) return "error: no robot has the id " + robot;
+    for (std::size_t other = 0; other < line.arms.size(); ++other)
+      if (other != arm) line.arms[other].robot->move_to(line.slabs[slab].aside[other]);
+  }
+  move_arm(line.arms[arm], arm, line.slabs[slab], number, next_station(line.stations, arm, number, stations));
+  for (const ArmPeers& peers : line.arms)
+    while (!peers.robot->standing()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
   return "standing " + std::to_string(number);
 }
 
 }  // namespace
 
+int first_station(const LineArms& line, std::size_t arm, int stations) {
+  return next_station(line, arm, 0, stations);
+}
+
 void stand_by(const StandBy& line, std::istream& in, std::ostream& out, const std::atomic<bool>& stop) {
   std::size_t slab = 0;
-  line.scanner.look_at(line.recipe, line.slabs[slab], line.cell);
+  show(line, slab);
   std::string order;
   while (!stop && std::getline(in, order)) out << obey(line, slab, order) << std::endl;
 }

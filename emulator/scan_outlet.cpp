@@ -182,19 +182,19 @@ class StreamOutlet final : public ScanOutlet {
 
 }  // namespace
 
-Result<std::unique_ptr<ScanOutlet>> open_outlet(const config::Config& config, hal::ScanFormat format) {
-  switch (config.scanner_backend) {
+Result<std::unique_ptr<ScanOutlet>> open_outlet(const config::ArmSettings& arm, hal::ScanFormat format) {
+  switch (arm.scanner_backend) {
     case hal::ScannerBackend::tcp: {
-      const std::string_view host = config.stream.host.view();
+      const std::string_view host = arm.stream.host.view();
       return std::unique_ptr<ScanOutlet>(
-          std::make_unique<StreamOutlet>(std::string(host == "0.0.0.0" ? "127.0.0.1" : host), config.stream.port));
+          std::make_unique<StreamOutlet>(std::string(host == "0.0.0.0" ? "127.0.0.1" : host), arm.stream.port));
     }
     case hal::ScannerBackend::drop: break;
   }
-  Result<DropAnswers> drop = DropAnswers::open(config.scanner.drop_dir.c_str());
+  Result<DropAnswers> drop = DropAnswers::open(arm.scanner.drop_dir.c_str());
   if (!drop) return drop.error();
   return std::unique_ptr<ScanOutlet>(
-      std::make_unique<DropOutlet>(std::move(drop.value()), config.scanner.form.unit, format));
+      std::make_unique<DropOutlet>(std::move(drop.value()), arm.scanner.form.unit, format));
 }
 
 }  // namespace slabd::emulator

@@ -27,8 +27,9 @@ class ScanOutlet {
   virtual void give_up(const std::string& name) = 0;
 };
 
-/// Opens the outlet of the daemon's configuration; `format`: format of dropped files. Code::scanner_offline if the
-/// drop directory cannot be used. The connection is retried if the daemon does not listen yet.
-[[nodiscard]] Result<std::unique_ptr<ScanOutlet>> open_outlet(const config::Config& config, hal::ScanFormat format);
+/// Opens the outlet to the daemon's port for the scanner of this arm; `format`: format of dropped files.
+/// Code::scanner_offline if the drop directory cannot be used. The connection is retried if the daemon does not listen
+/// yet.
+[[nodiscard]] Result<std::unique_ptr<ScanOutlet>> open_outlet(const config::ArmSettings& arm, hal::ScanFormat format);
 
 }  // namespace slabd::emulator

@@ -2,6 +2,7 @@
 #include "emulator/scanner_peer.h"
 
 #include <array>
+#include <atomic>
 #include <charconv>
 #include <chrono>
 #include <cmath>
@@ -23,6 +24,7 @@ struct Job {
   const Recipe* recipe = nullptr;
   const SlabTruth* slab = nullptr;
   const Cell* cell = nullptr;
+  std::size_t arm = 0;
   std::uint64_t slab_count = 0;  ///< distinguishes the drawings of successive slabs
   int station = 0;
   int next_station = 0;
@@ -52,6 +54,7 @@ struct ScannerPeer::Impl {
   std::array<double, limits::kStationsMax + 1> flatness_mm = no_flatness();
   std::uint64_t delivered = 0;
   std::string trouble;
+  std::atomic<bool> off{false};
 
   // Used by the thread only.
   std::vector<float> xyz;
@@ -102,7 +105,7 @@ struct ScannerPeer::Impl {
     drawn_station = 0;
     const StationTruth& truth = now.slab->at(station);
     const std::uint64_t block_seed = derived_seed(now.slab->cast_seed, static_cast<std::uint64_t>(station), 0);
-    const Pose T = T_scanner_block(*now.slab, *now.cell, station);
+    const Pose T = T_scanner_block(*now.slab, *now.cell, station, now.arm);
     const Result<DrawnBlock> block = draw_block(*now.recipe, truth, T, traits, block_seed, seed, xyz);
     if (!block) {
       complain(block.error().text.c_str());
@@ -194,6 +197,10 @@ struct ScannerPeer::Impl {
 
   void watch_until(const std::stop_token& stop) {
     while (!stop.stop_requested()) {
+      if (off) {
+        outlet.reset();
+        return;
+      }
       Job now;
       {
         const std::lock_guard lock(mutex);
@@ -258,9 +265,9 @@ Result<std::unique_ptr<ScannerPeer>> ScannerPeer::start(const ScannerTraits& tra
   return std::unique_ptr<ScannerPeer>(new ScannerPeer(std::move(impl)));
 }
 
-void ScannerPeer::look_at(const Recipe& recipe, const SlabTruth& slab, const Cell& cell) {
+void ScannerPeer::look_at(const Recipe& recipe, const SlabTruth& slab, const Cell& cell, std::size_t arm) {
   const std::lock_guard lock(impl_->mutex);
-  impl_->job = {&recipe, &slab, &cell, impl_->job.slab_count + 1, 0, 0};
+  impl_->job = {&recipe, &slab, &cell, arm, impl_->job.slab_count + 1, 0, 0};
   impl_->flatness_mm = no_flatness();
 }
 
@@ -268,6 +275,10 @@ void ScannerPeer::stand_over(int station, int next_station) {
   const std::lock_guard lock(impl_->mutex);
   impl_->job.station = station;
   impl_->job.next_station = next_station;
+}
+
+void ScannerPeer::switch_off() {
+  impl_->off = true;
 }
 
 std::uint64_t ScannerPeer::delivered() const {

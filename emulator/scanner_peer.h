@@ -38,10 +38,14 @@ class ScannerPeer {
   ScannerPeer(const ScannerPeer&) = delete;
   ScannerPeer& operator=(const ScannerPeer&) = delete;
 
-  /// Sets the content of the cell; all three must outlive the peer or the next call.
-  void look_at(const Recipe& recipe, const SlabTruth& slab, const Cell& cell);
+  /// Sets the content of the cell, and the arm that carries this scanner; all references must outlive the peer or the
+  /// next call.
+  void look_at(const Recipe& recipe, const SlabTruth& slab, const Cell& cell, std::size_t arm = 0);
   /// Sets the block before the scanner and the next one (0: none, no scan is drawn in advance).
   void stand_over(int station, int next_station);
+
+  /// The scanner loses its power: it drops its connection and answers no request from now on.
+  void switch_off();
 
   [[nodiscard]] std::uint64_t delivered() const;
   /// True flatness of a block of real concrete of the slab in the cell; NaN: not drawn, or a polyhedron.

@@ -15,6 +15,9 @@ constexpr double kScatterCasingSpacing_mm = 0.08;
 constexpr double kScatterProtrusion_mm = 0.04;
 constexpr double kScatterPlace_mm = 0.05;
 
+/// Distance of a robot beside the slab from its last stop, outwards; much more than the daemon's look test allows.
+constexpr double kAside_mm = 1200.0;
+
 /// The robot's error repeats from slab to slab and differs little between neighbours: one wave over the cell per axis.
 constexpr double kRobotWave_mm = 4000.0;
 /// A flange with a position error e is rotated by about e over the arm's last metre.
@@ -94,6 +97,31 @@ double lifted_mm(const Defect& defect, bool left_row, double along) {
   if (defect.kind == DefectKind::warp_right) return left_row ? 0.0 : bent;
   if (defect.kind == DefectKind::corner_level) return 0.25 * defect.value * (left_row ? -along : along);
   return 0.0;
+}
+
+/// The stops of the robots after the first. Each has an error of its own, so its stream has another seed.
+void plan_further(const Cell& cell, const SlabVariation& variation, const Pose& T_block_scanner, const Recipe& recipe,
+                  int k, double reported_above_mm, StationTruth& station) {
+  for (std::size_t i = 0; i < cell.further.size() && i < station.further.size(); ++i) {
+    const FurtherArm& arm = cell.further[i];
+    SlabVariation own = variation;
+    own.seed = derived_seed(variation.seed, 4, i + 1);
+    const Pose T_robot_base = arm.T_base_robot.inverse();
+    const Pose planned =
+        T_robot_base * cell.T_base_slab * T_slab_block(recipe, k) * T_block_scanner * arm.T_flange_scanner.inverse();
+    Stop& stop = station.further[i];
+    stop.T_base_flange_reported = planned;
+    stop.T_base_flange_reported.translation_mm +=
+        T_robot_base.rotation * (cell.T_base_slab.rotation * Vec3(0.0, 0.0, reported_above_mm));
+    stop.T_base_flange_real = robot_repeats(robot_error(planned, own), own, k);
+  }
+}
+
+/// A place beside the first stop of each robot's usual side; `outwards`: +1 for the row Y > 0.
+Pose beside(const Pose& T_base_flange, const Quat& base_from_slab, double outwards) {
+  Pose aside = T_base_flange;
+  aside.translation_mm += base_from_slab * Vec3(0.0, outwards * kAside_mm, 0.0);
+  return aside;
 }
 
 void plant(const Defect& defect, StationTruth& station, double& reported_above_mm) {
@@ -189,16 +217,37 @@ Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVa
     station.T_base_flange_reported = taught;
     station.T_base_flange_reported.translation_mm += cell.T_base_slab.rotation * Vec3(0.0, 0.0, reported_above_mm);
     station.T_base_flange_real = robot_repeats(robot_error(taught, variation), variation, k);
+    plan_further(cell, variation, T_block_scanner, recipe, k, reported_above_mm, station);
   }
+  slab.aside[0] = beside(slab.at(1).T_base_flange_reported, cell.T_base_slab.rotation, 1.0);
+  for (std::size_t i = 0; i < cell.further.size() && i + 1 < slab.aside.size(); ++i)
+    slab.aside[i + 1] = beside(slab.at(slab.stations).stop(i + 1).T_base_flange_reported,
+                               cell.further[i].T_base_robot.rotation.conjugate() * cell.T_base_slab.rotation, -1.0);
   return slab;
 }
 
-Pose T_scanner_block(const SlabTruth& slab, const Cell& cell, int station) {
+Pose T_scanner_block(const SlabTruth& slab, const Cell& cell, int station, std::size_t arm) {
   const StationTruth& truth = slab.at(station);
-  const Pose T_base_scanner = truth.T_base_flange_real * cell.T_flange_scanner;
+  const Pose T_base_scanner = arm == 0 ? truth.T_base_flange_real * cell.T_flange_scanner
+                                       : cell.further[arm - 1].T_base_robot_real *
+                                             truth.further[arm - 1].T_base_flange_real *
+                                             cell.further[arm - 1].T_flange_scanner;
   Pose T_slab_block = truth.T_slab_block;
   T_slab_block.translation_mm *= 1.0 + slab.expansion;
   return T_base_scanner.inverse() * slab.T_base_slab * T_slab_block;
+}
+
+Pose moved_base(const Pose& T_base_robot, const Vec3& centre_mm, double mm, double deg, std::uint64_t seed) {
+  Prng random(derived_seed(seed, 5, 0));
+  const auto direction = [&] {
+    Vec3 v;
+    for (int axis = 0; axis < 3; ++axis) v[axis] = random.normal();
+    return Vec3(v.normalized());
+  };
+  const Vec3 shift = mm * direction();
+  const Quat turn(Eigen::AngleAxisd(rad_from_deg(deg), direction()));
+  return {(turn * T_base_robot.rotation).normalized(),
+          centre_mm + turn * Vec3(T_base_robot.translation_mm - centre_mm) + shift};
 }
 
 double true_value(const Recipe& recipe, const StationTruth& station, ItemId id) {

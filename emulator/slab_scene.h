@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/base.h"
+#include "base/limits.h"
 #include "emulator/block_scene.h"
 #include "emulator/defects.h"
 #include "emulator/robot_error.h"
@@ -38,6 +39,12 @@ struct SlabVariation {
   double robot_sigma_deg = 0.0;
 };
 
+/// Flange pose of one robot at a station, in this robot's own base.
+struct Stop {
+  Pose T_base_flange_real;
+  Pose T_base_flange_reported;
+};
+
 struct StationTruth {
   BlockTruth block;
   Vec3 offset_slab_mm = Vec3::Zero();  ///< offset of the block from its designed position, slab axes
@@ -45,9 +52,14 @@ struct StationTruth {
   double outlier_share = 0.005;
   /// Flatness of a block of real concrete, set after it was drawn; NaN: follows from `block`.
   double flatness_mm = kNoValue;
-  Pose T_slab_block;            ///< real
-  Pose T_base_flange_real;      ///< real flange pose at this station
-  Pose T_base_flange_reported;  ///< pose that the robot reports
+  Pose T_slab_block;                                 ///< real
+  Pose T_base_flange_real;                           ///< real flange pose of the first robot at this station
+  Pose T_base_flange_reported;                       ///< pose that it reports
+  std::array<Stop, limits::kArmsMax - 1> further{};  ///< of the other robots: [arm - 1]
+
+  [[nodiscard]] Stop stop(std::size_t arm) const {
+    return arm == 0 ? Stop{T_base_flange_real, T_base_flange_reported} : further[arm - 1];
+  }
 };
 
 struct SlabTruth {
@@ -57,25 +69,40 @@ struct SlabTruth {
   std::uint64_t cast_seed = 0;  ///< marks on its concrete
   std::uint8_t stations = 0;
   std::array<StationTruth, limits::kStationsMax> station{};  ///< [station - 1]
+  /// Reported flange pose beside the slab, from where no block is in view; [arm], in this robot's own base.
+  std::array<Pose, limits::kArmsMax> aside{};
 
   [[nodiscard]] const StationTruth& at(int station_number) const {
     return station[static_cast<std::size_t>(station_number - 1)];
   }
 };
 
+/// A robot after the first, with its scanner.
+struct FurtherArm {
+  Pose T_base_robot;       ///< its base in the line's base, as tied
+  Pose T_base_robot_real;  ///< where its base is
+  Pose T_flange_scanner;   ///< taken as true
+};
+
 /// The cell of the slab, from the daemon's configuration.
 struct Cell {
-  Pose T_base_slab;            ///< nominal
-  Pose T_flange_scanner;       ///< taken as true
-  std::vector<Pose> taught{};  ///< robot targets by station; empty: straight above each block
+  Pose T_base_slab;                   ///< nominal
+  Pose T_flange_scanner;              ///< taken as true
+  std::vector<Pose> taught{};         ///< the first robot's targets by station; empty: straight above each block
+  std::vector<FurtherArm> further{};  ///< arms after the first: [arm - 1]
 };
 
 /// Casts the slab. Code::config if a defect names a block that the recipe does not have.
 [[nodiscard]] Result<SlabTruth> cast_slab(const Recipe& recipe, const Cell& cell, const SlabVariation& variation,
                                           std::span<const Defect> defects);
 
-/// Real pose of block `station` in the scanner's frame.
-[[nodiscard]] Pose T_scanner_block(const SlabTruth& slab, const Cell& cell, int station);
+/// Real pose of block `station` in the frame of this arm's scanner, which stops at the station.
+[[nodiscard]] Pose T_scanner_block(const SlabTruth& slab, const Cell& cell, int station, std::size_t arm = 0);
+
+/// A base that is off its tied place by a motion of exactly this size, in a random direction: a turn by `deg` about a
+/// random axis through `centre_mm` (line's base), then a shift by `mm`.
+[[nodiscard]] Pose moved_base(const Pose& T_base_robot, const Vec3& centre_mm, double mm, double deg,
+                              std::uint64_t seed);
 
 /// The true value of a block item in the item's unit, or of seat_lateral / seat_vertical as planted, before any slab
 /// fit. NaN for items that the scene does not determine.

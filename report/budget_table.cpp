@@ -61,11 +61,13 @@ std::optional<Table> budget_table(const storage::SlabRecord& record, Language la
        {Word::budget_fit, Word::budget_noise, Word::budget_scanner, Word::budget_registration, Word::budget_calibration,
         Word::budget_robot, Word::budget_reference, Word::budget_thermal, Word::budget_gauge})
     table.columns.push_back(say(part));
+  const bool tied = !record.summary.header.tie_id.empty();
+  if (tied) table.columns.push_back(say(Word::budget_tie));
   for (std::size_t i = 0; i < kItemCount; ++i) {
     if (largest.item[i] == nullptr) continue;
     const Item& item = *largest.item[i];
     table.add(item_word(item.id, language), place(item, largest.station[i]), name(info(item.id).unit), U_figure(item));
-    for (const std::string& part : budget_figures(item)) table.rows.back().emplace_back(part);
+    for (const std::string& part : budget_figures(item, tied)) table.rows.back().emplace_back(part);
   }
   if (table.rows.empty()) return std::nullopt;
   return table;

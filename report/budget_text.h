@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <array>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "base/base.h"
 #include "base/jobs.h"
@@ -14,12 +14,13 @@ namespace slabd::report {
 
 [[nodiscard]] bool has_budget(const Item& item);
 
-/// Budget parts as text, k = 1, in the item's unit; "-" for a part that the item does not have.
-[[nodiscard]] std::array<std::string, kBudgetParts> budget_figures(const Item& item);
+/// Budget parts as text, k = 1, in the item's unit; "-" for a part that the item does not have. The last one, the tie,
+/// only of a slab that two robots scanned (`tied`).
+[[nodiscard]] std::vector<std::string> budget_figures(const Item& item, bool tied);
 
 /// Source of the scanner part: "the larger of recipe p5600 and acceptance sc-3f2a... (form ...)", or the recipe alone.
-/// `verified` is nullopt if the acceptance record is not in the database.
-[[nodiscard]] std::string scanner_source(const SlabHeader& slab, const std::optional<ScannerNumbers>& verified,
-                                         report::Language language);
+/// `verified` is nullopt if the acceptance record of the arm's scanner is not in the database.
+[[nodiscard]] std::string scanner_source(const SlabHeader& slab, std::size_t arm,
+                                         const std::optional<ScannerNumbers>& verified, report::Language language);
 
 }  // namespace slabd::report

@@ -214,6 +214,16 @@ class Composer {
     add(Word::hand_eye, traced(std::string(header_.calibration_id.view())));
     add(Word::station_corrections, traced(std::string(header_.stations_id.view())));
     add(Word::scanner_acceptance, traced(std::string(header_.scanner_id.view())));
+    for (const SlabArm& arm : header_.more_arms) {
+      const auto of_arm = [&](Word key, const CalibrationId& id) {
+        table.add(fmt::format("{} {}", say(key), arm.by.scanner.view()),
+                  id.empty() ? say(Word::none) : traced(std::string(id.view())));
+      };
+      of_arm(Word::hand_eye, arm.calibration_id);
+      of_arm(Word::station_corrections, arm.stations_id);
+      of_arm(Word::scanner_acceptance, arm.scanner_id);
+    }
+    if (!header_.more_arms.empty()) add(Word::tie, traced(std::string(header_.tie_id.view())));
     add(Word::acceptance, header_.guard == 0.0       ? say(Word::simple_acceptance)
                           : has_value(header_.guard) ? say(Word::guarded, figure(header_.guard, 2))
                                                      : std::string());
@@ -372,6 +382,7 @@ class Composer {
     section.filler = !full_;
     const std::string id = header_.scanner_id.empty() ? say(Word::none) : std::string(header_.scanner_id.view());
     section.parts.push_back(Paragraph{say(Word::budget_note, id)});
+    if (!header_.tie_id.empty()) section.parts.push_back(Paragraph{say(Word::budget_note_tie)});
     section.parts.push_back(std::move(*table));
     sections.push_back(std::move(section));
   }

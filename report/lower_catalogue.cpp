@@ -569,6 +569,41 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"no visits to solve station corrections from", "没有可用于求解检测位修正的测量"},
     {"T_flange_scanner is not finite", "T_flange_scanner 含有无效数值"},
     {"station {}, {}: a number is not finite", "检测位 {}，{}：有一个数值无效"},
+    // the tie in force (base/calibration)
+    {"the base frames of the two robots are not tied; measure and apply a tie (slabctl calibrate tie)",
+     "两台机器人的基坐标系没有关联；请测量并启用基座关联（slabctl calibrate tie）"},
+    {"the tie of the two robots cannot be used: {}", "两台机器人的基座关联不能使用：{}"},
+    {"tie {} of the two robots belongs to robot {} and the hand-eye calibrations {} and {}, and others are in force; "
+     "tie "
+     "again (slabctl calibrate tie)",
+     "两台机器人的基座关联 {} 属于机器人 {} 以及手眼标定 {} 和 {}，而生效的是另外的；请重新关联（slabctl calibrate "
+     "tie）"},
+    {"tie {} of the two robots has expired; tie again and apply the result (slabctl calibrate tie)",
+     "两台机器人的基座关联 {} 已过期；请重新关联并启用（slabctl calibrate tie）"},
+    // the tie of two robots (calib/tie)
+    {"{} balls are seen by both robots; at least {} are needed, 6 to 8 advised",
+     "两台机器人都看到 {} 个球；至少需要 {} 个，建议 6 至 8 个"},
+    {"fix more balls in the cell, spread over the length of the slab, and measure them with both robots",
+     "请在工位中固定更多的球，沿板长分布，并用两台机器人测量"},
+    {"the balls are on a line, or nearly (condition {}, at most {}; standard deviations {}, {}, {} mm): the turn about "
+     "it is not determined",
+     "各球在一条直线上或接近直线（条件数 {}，最大 {}；标准差 {}、{}、{} mm）：绕该直线的转动不能确定"},
+    {"put balls to both sides of that line, or at other heights", "请将球放在该直线两侧，或不同高度"},
+    {"ball {} is {} mm from where the tie of the others puts it, as rare as {} sigma (at most {})",
+     "球 {} 距其余球的关联所给位置 {} mm，相当于 {} σ（最大 {}）"},
+    {"see whether that ball moved between the two robots, or is another one in one of the tables; measure it again "
+     "with "
+     "both robots, or leave it out",
+     "检查该球是否在两台机器人测量之间移动过，或在其中一个表中是另一个球；请用两台机器人重新测量，或将其去掉"},
+    {"residuals are {} times what the stated noise explains (at most {})", "残差为所述噪声可解释值的 {} 倍（最大 {}）"},
+    {"repeat the tie without the ball that moved", "去掉移动过的球，重新关联"},
+    {"check both hand-eye calibrations (slabctl calibrate verify) and that flange poses and balls belong together; if "
+     "the robots are no better than that, state it",
+     "检查两个手眼标定（slabctl calibrate verify），以及法兰位姿与球是否对应；如果机器人精度就是如此，请如实给出"},
+    {"measure more balls, further apart", "请测量更多、相距更远的球"},
+    {"the {} robot has no sightings", "{} 机器人没有测量值"},
+    {"{} names for {} lines of the target table", "目标表有 {1} 行，却有 {0} 个名称"},
+    {"the target table numbers its balls by labels; give no names for it", "目标表用标签给球编号；请不要给出名称"},
 });
 
 }  // namespace

@@ -15,6 +15,7 @@ using storage::SlabRecord;
 void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block) {
   const Attempt& attempt = block.attempt;
   json.field("station", attempt.station).field("attempt", attempt.number);
+  json.field("robot", attempt.by.robot).field("scanner", attempt.by.scanner);
   json.field("valid", latest(record, attempt.station) == &block).field("final_verdict", block.final_verdict);
   json.field("final_reason", block.final_reason).field("code", block.code).field("scan_path", attempt.scan_path);
   json.field("points", attempt.shape.points).field("scanner_temperature_c", attempt.shape.scanner_temperature_c);
@@ -25,6 +26,7 @@ void write_attempt(Json& json, const SlabRecord& record, const SlabBlock& block)
   json.field("T_base_flange", attempt.T_base_flange).field("pose_samples", attempt.pose_samples);
   json.field("pose_spread_mm", attempt.pose_spread_mm).key("splice").begin_object();
   write_fields(json, attempt.splice, [&](std::string_view field) {
+    if (field == "tied" || field == "T_base_robot") return attempt.splice.tied;
     return field != "T_base_reported" || attempt.splice.source == SpliceSource::corrected;
   });
   json.end_object();
@@ -67,6 +69,12 @@ std::string slab_json(const SlabRecord& record, int only_block) {
   json.field("acknowledged", record.summary.acknowledged).field("recipe", header.recipe);
   json.field("recipe_sha256", header.recipe_sha256).field("calibration_id", header.calibration_id);
   json.field("stations_id", header.stations_id).field("scanner_id", header.scanner_id);
+  json.list("more_arms", header.more_arms, [&](const SlabArm& arm) {
+    json.field("robot", arm.by.robot).field("scanner", arm.by.scanner).field("calibration_id", arm.calibration_id);
+    json.field("stations_id", arm.stations_id).field("scanner_id", arm.scanner_id);
+    json.field("T_flange_scanner", arm.T_flange_scanner);
+  });
+  json.field("tie_id", only_if(!header.tie_id.empty(), header.tie_id));
   json.field("unconfirmed", header.unconfirmed).field("guard", header.guard).field("cell_mm", header.cell_mm);
   json.field("software", header.software).field("stations", header.stations);
   json.field("stations_measured", record.summary.stations_measured);

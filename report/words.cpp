@@ -96,6 +96,7 @@ Entry entry(Word word) {
     case Word::hand_eye: return {"hand-eye calibration", "手眼标定"};
     case Word::station_corrections: return {"station corrections", "检测位修正"};
     case Word::scanner_acceptance: return {"scanner acceptance", "扫描仪验收"};
+    case Word::tie: return {"tie of the two robots", "两台机器人的基座关联"};
     case Word::scanner_not_verified:
       return {
           "The scanner had not been verified when this slab was begun: its part of U is the recipe's specification.",
@@ -109,6 +110,9 @@ Entry entry(Word word) {
           "各分量为标准不确定度 (k = 1)，单位同检测项目；U / 2 "
           "为其方和根。拟合、噪声、配准来自扫描；扫描仪取配方与验收（{}"
           "）中较大者；标定、机器人来自手眼标定与检测位修正；基准、温度来自配方。"};
+    case Word::budget_note_tie:
+      return {"Tie: place of the second robot's base, in items between stations of both robots.",
+              "基座关联：第二台机器人底座的位置，见于两台机器人检测位之间的项目。"};
     case Word::block_column: return {"block", "承轨台"};
     case Word::budget_fit: return {"fit", "拟合"};
     case Word::budget_noise: return {"noise", "噪声"};
@@ -119,6 +123,7 @@ Entry entry(Word word) {
     case Word::budget_reference: return {"reference", "基准"};
     case Word::budget_thermal: return {"thermal", "温度"};
     case Word::budget_gauge: return {"gauge", "量具"};
+    case Word::budget_tie: return {"tie", "基座关联"};
     case Word::software: return {"software", "软件"};
     case Word::acceptance: return {"decision rule", "判定规则"};
     case Word::guarded: return {"ISO 14253-1, guard band {} U", "ISO 14253-1，保护带 {} U"};

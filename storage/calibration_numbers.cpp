@@ -12,9 +12,11 @@
 namespace slabd::storage {
 namespace {
 
-constexpr std::array<const char*, kCalibrationKinds> kPrefix = {"he", "st", "rb", "mb", "sc"};
+constexpr std::array<const char*, kCalibrationKinds> kPrefix = {"he", "st", "rb", "mb", "sc", "ti"};
 constexpr std::size_t kIdDigits = 12;
 constexpr double kArmMax_mm = 2000.0;
+constexpr double kApartMax_mm = 50'000.0;
+constexpr std::uint16_t kTargetsMin = 4;  // calib::kTieTargetsMin
 constexpr double kUnitTolerance = 1e-6;
 
 /// Converts numbers to text with full precision; minus zero becomes zero, as SQLite stores it, and all NaN are equal.
@@ -72,6 +74,15 @@ struct WriteNumbers {
     // An acceptance without a temperature keeps the id of its numbers alone.
     if (!std::isnan(n.temperature_c)) out(n.temperature_c);
   }
+  void operator()(const TieNumbers& n) const {
+    out(n.robot.view());
+    out(n.T_base_robot);
+    out(n.centre_mm);
+    for (int row = 0; row < 6; ++row)
+      for (int column = 0; column < 6; ++column) out(n.covariance(row, column));
+    out(std::int64_t{n.targets});
+    out(n.rms_mm);
+  }
 };
 
 bool is_rigid(const Pose& pose) {
@@ -117,6 +128,23 @@ struct FindNonsense {
       return "its temperature must be -40..125 deg C";
     return n.plates == 0 && n.balls == 0 ? "neither a plate nor a ball was measured" : "";
   }
+  std::string operator()(const TieNumbers& n) const {
+    if (n.robot.empty()) return "it names no robot";
+    if (!is_rigid(n.T_base_robot)) return "T_base_robot is not a rigid transform of finite numbers";
+    if (n.T_base_robot.translation_mm.norm() > kApartMax_mm) return "the two robots are more than 50 m apart";
+    if (!n.centre_mm.allFinite()) return "the middle of its targets is not known";
+    // Variances are positive, and a covariance is at most the product of two standard deviations.
+    for (int row = 0; row < 6; ++row) {
+      if (!positive(n.covariance(row, row))) return "its covariance is not known";
+      for (int column = 0; column < 6; ++column) {
+        const double both = n.covariance(row, column);
+        if (!std::isfinite(both) || both != n.covariance(column, row) ||
+            both * both > n.covariance(row, row) * n.covariance(column, column) * (1.0 + kUnitTolerance))
+          return "its covariance is not that of six errors";
+      }
+    }
+    return n.targets < kTargetsMin ? "it rests on fewer than 4 balls" : "";
+  }
 };
 
 }  // namespace
@@ -130,6 +158,8 @@ std::string calibration_id(const CalibrationRecord& record) {
   Canonical text;
   text(name(record.kind()));
   text(record.parent_id);
+  // Calibrations of the first scanner keep the ids that they have on a line with one.
+  if (record.scanner != "1") text(record.scanner);
   std::visit(WriteNumbers{text}, record.numbers);
   std::array<char, SHA256_DIGEST_STRING_LENGTH> hex{};
   SHA256Data(reinterpret_cast<const std::uint8_t*>(text.text().data()), text.text().size(), hex.data());

@@ -26,6 +26,7 @@ template <typename V, RecordOf<CalibrationRecord> R>
 void columns(V& v, R& r) {
   v("id", r.id);
   part(v, r, "", {{"operator", "operator_name"}});
+  v("scanner", r.scanner);
 }
 
 /// Key of a row of numbers: its calibration.
@@ -42,6 +43,8 @@ namespace {
 
 /// observations, certificate and figures together; SQLite's own limit is 1 GB
 constexpr std::size_t kTextMax = 32U << 20U;
+/// A tie belongs to no single scanner.
+constexpr std::string_view kTieScanner = "1";
 
 template <typename... Parts>
 std::string select(const char* table, const std::string& rest) {
@@ -71,6 +74,7 @@ std::string Calibrations::carry_out(const CalibrationChange& change) {
 
 std::string Calibrations::keep(const CalibrationRecord& given) {
   CalibrationRecord record = given;
+  if (record.kind() == CalibrationKind::tie) record.scanner = kTieScanner;
   record.id = calibration_id(record);
   const std::string kind(name(record.kind()));
   if (const std::string nonsense = implausible_value_in(record); !nonsense.empty())
@@ -103,9 +107,12 @@ std::string Calibrations::keep(const CalibrationRecord& given) {
   } else if (const auto* ball = std::get_if<MonitorBall>(&record.numbers)) {
     Statement row(db_, insert_text("monitor_ball", names_of<NumbersOf, MonitorBall>()));
     write_row(row, of, *ball);
-  } else {
+  } else if (const auto* scanner = std::get_if<ScannerNumbers>(&record.numbers)) {
     Statement row(db_, insert_text("scanner_acceptance", names_of<NumbersOf, ScannerNumbers>()));
-    write_row(row, of, std::get<ScannerNumbers>(record.numbers));
+    write_row(row, of, *scanner);
+  } else {
+    Statement row(db_, insert_text("tie_numbers", names_of<NumbersOf, TieNumbers>()));
+    write_row(row, of, std::get<TieNumbers>(record.numbers));
   }
   return record.id;
 }
@@ -127,11 +134,11 @@ std::string Calibrations::kept_already(CalibrationRecord& record) {
   }
 }
 
-Calibrations::Row Calibrations::newest(CalibrationKind kind, std::uint16_t slab_type) {
+Calibrations::Row Calibrations::newest(CalibrationKind kind, std::uint16_t slab_type, std::string_view scanner) {
   Statement row(db_,
                 "SELECT seq, before_seq, calibration_id FROM applied WHERE kind = ?1 AND slab_type = ?2 "
-                "ORDER BY seq DESC LIMIT 1");
-  if (!row.bind(1, name(kind)).bind(2, std::int64_t{slab_type}).step()) return {};
+                "AND scanner = ?3 ORDER BY seq DESC LIMIT 1");
+  if (!row.bind(1, name(kind)).bind(2, std::int64_t{slab_type}).bind(3, scanner).step()) return {};
   return {row.integer(0), row.integer(1), std::string(row.text(2))};
 }
 
@@ -147,12 +154,28 @@ void Calibrations::check_may_apply(const CalibrationRecord& record, const Change
     refuse(not_in_force + "it has expired; calibrate again");
   if (const auto* scanner = std::get_if<ScannerNumbers>(&record.numbers))
     if (const auto why = refusal_of(*scanner); !why.empty()) refuse(not_in_force + std::string(why.view()));
+  if (record.kind() == CalibrationKind::tie) {
+    const auto hand_eyes = hand_eyes_of_tie(record.parent_id);
+    if (!hand_eyes || !is_hand_eye_in_force((*hand_eyes)[0].view()) || !is_hand_eye_in_force((*hand_eyes)[1].view()))
+      refuse(not_in_force + "it was solved with the hand-eye calibrations " + record.parent_id +
+             ", and these are not in force; tie again (slabctl calibrate tie)");
+  }
   if (record.kind() != CalibrationKind::stations) return;
-  const Row hand_eye = newest(CalibrationKind::hand_eye, 0);
+  const Row hand_eye = newest(CalibrationKind::hand_eye, 0, record.scanner);
   if (hand_eye.calibration_id != record.parent_id)
     refuse(not_in_force + "its station corrections were solved with hand-eye calibration " + record.parent_id +
            ", in force is " + (hand_eye.seq == 0 ? "none" : hand_eye.calibration_id) +
            "; solve them again (slabctl calibrate stations --again)");
+}
+
+/// True for the hand-eye calibration in force of any scanner. Commissioning values are in the configuration, so they
+/// are compared when the tie is used.
+bool Calibrations::is_hand_eye_in_force(std::string_view id) {
+  if (!id.starts_with(id_prefix(CalibrationKind::hand_eye))) return true;
+  Statement row(db_,
+                "SELECT 1 FROM applied AS a WHERE kind = 'hand_eye' AND calibration_id = ?1 AND seq = (SELECT max(seq) "
+                "FROM applied AS b WHERE b.kind = 'hand_eye' AND b.scanner = a.scanner) LIMIT 1");
+  return row.bind(1, id).step();
 }
 
 bool Calibrations::is_new(const CalibrationRecord& record, std::int64_t utime_us) {
@@ -166,7 +189,7 @@ void Calibrations::insert_applied(const CalibrationRecord& record, const Row& re
                                   std::int64_t before_seq, const ChangeNote& note) {
   Statement insert(db_,
                    "INSERT INTO applied (kind, slab_type, is_rollback, calibration_id, replaced_id, before_seq, who, "
-                   "why, utime_us) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)");
+                   "why, utime_us, scanner) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)");
   insert.bind(1, name(record.kind()))
       .bind(2, std::int64_t{record.slab_type()})
       .bind(3, std::int64_t{is_rollback ? 1 : 0})
@@ -176,13 +199,17 @@ void Calibrations::insert_applied(const CalibrationRecord& record, const Row& re
       .bind(7, std::string_view(note.who))
       .bind(8, std::string_view(note.why))
       .bind(9, note.utime_us)
+      .bind(10, std::string_view(record.scanner))
       .run();
 }
 
 std::string Calibrations::apply(const ApplyCalibration& change) {
   const std::optional<CalibrationRecord> record = find(change.id);
   if (!record) refuse("there is no calibration \"" + change.id + "\"; slabctl calibrate history lists them");
-  const Row replaced = newest(record->kind(), record->slab_type());
+  if (!change.scanner.empty() && record->kind() != CalibrationKind::tie && change.scanner != record->scanner)
+    refuse(record->id + " is not put in force: it is of scanner " + record->scanner + ", not of scanner " +
+           change.scanner);
+  const Row replaced = newest(record->kind(), record->slab_type(), record->scanner);
   check_may_apply(*record, change.note);
   if (replaced.calibration_id == record->id) return record->id;  // repeated because its answer was lost
   insert_applied(*record, replaced, false, replaced.seq, change.note);
@@ -192,12 +219,15 @@ std::string Calibrations::apply(const ApplyCalibration& change) {
 
 std::string Calibrations::roll_back(const RollBackCalibration& change) {
   const std::string kind(name(change.kind));
+  const std::string scanner = change.kind == CalibrationKind::tie ? std::string(kTieScanner) : change.scanner;
   std::uint16_t slab_type = change.slab_type;
   if (change.kind == CalibrationKind::stations && slab_type == 0) {
-    Statement newest_of_kind(db_, "SELECT slab_type FROM applied WHERE kind = 'stations' ORDER BY seq DESC LIMIT 1");
-    if (newest_of_kind.step()) slab_type = static_cast<std::uint16_t>(newest_of_kind.integer(0));
+    Statement newest_of_kind(
+        db_, "SELECT slab_type FROM applied WHERE kind = 'stations' AND scanner = ?1 ORDER BY seq DESC LIMIT 1");
+    if (newest_of_kind.bind(1, std::string_view(scanner)).step())
+      slab_type = static_cast<std::uint16_t>(newest_of_kind.integer(0));
   }
-  const Row now = newest(change.kind, slab_type);
+  const Row now = newest(change.kind, slab_type, scanner);
   if (now.seq == 0) refuse("no calibration of kind " + kind + " is in force that could be rolled back");
   Statement before(db_, "SELECT calibration_id, before_seq FROM applied WHERE seq = ?1");
   if (now.before_seq == 0 || !before.bind(1, now.before_seq).step())
@@ -243,6 +273,7 @@ CalibrationRecord Calibrations::read(Statement& row) {
     case CalibrationKind::reference_block: numbers("reference_block", ReferenceBlock{}); break;
     case CalibrationKind::monitor_ball: numbers("monitor_ball", MonitorBall{}); break;
     case CalibrationKind::scanner: numbers("scanner_acceptance", ScannerNumbers{}); break;
+    case CalibrationKind::tie: numbers("tie_numbers", TieNumbers{}); break;
     case CalibrationKind::stations: {
       StationTable table;
       table.slab_type = slab_type;
@@ -296,14 +327,15 @@ std::optional<CalibrationRecord> Calibrations::find(std::string_view id) {
   return found;
 }
 
-std::optional<CalibrationRecord> Calibrations::current(CalibrationKind kind, std::uint16_t slab_type) {
-  return find(newest(kind, slab_type).calibration_id);
+std::optional<CalibrationRecord> Calibrations::current(CalibrationKind kind, std::uint16_t slab_type,
+                                                       std::string_view scanner) {
+  return find(newest(kind, slab_type, kind == CalibrationKind::tie ? kTieScanner : scanner).calibration_id);
 }
 
 std::vector<AppliedChange> Calibrations::applied(std::size_t limit) {
   std::vector<AppliedChange> list;
   Statement rows(db_,
-                 "SELECT seq, kind, slab_type, is_rollback, calibration_id, replaced_id, who, why, utime_us "
+                 "SELECT seq, kind, slab_type, is_rollback, calibration_id, replaced_id, who, why, utime_us, scanner "
                  "FROM applied ORDER BY seq DESC LIMIT ?1");
   rows.bind(1, static_cast<std::int64_t>(std::min<std::size_t>(limit, 1'000'000'000)));
   while (rows.step()) {
@@ -315,6 +347,7 @@ std::vector<AppliedChange> Calibrations::applied(std::size_t limit) {
     change.calibration_id = rows.text(4);
     change.replaced_id = rows.text(5);
     change.note = {std::string(rows.text(6)), std::string(rows.text(7)), rows.integer(8)};
+    change.scanner = rows.text(9);
   }
   return list;
 }
@@ -379,22 +412,42 @@ void Calibrations::use_scanner(const std::optional<CalibrationRecord>& record, S
   // another named scanner is ignored; one without a name may be of this scanner.
   Statement later(
       db_,
-      "SELECT 1 FROM calibration JOIN scanner_acceptance ON calibration_id = id WHERE within_limits = 0 AND "
-      "seq > (SELECT seq FROM calibration WHERE id = ?1) AND (scanner = ?2 OR scanner = '' OR ?2 = '') LIMIT 1");
-  out.failed = later.bind(1, std::string_view(record->id)).bind(2, out.numbers.scanner.view()).step();
+      "SELECT 1 FROM calibration JOIN scanner_acceptance AS seen ON calibration_id = id WHERE within_limits = 0 AND "
+      "calibration.scanner = ?3 AND seq > (SELECT seq FROM calibration WHERE id = ?1) AND (seen.scanner = ?2 OR "
+      "seen.scanner = '' OR ?2 = '') LIMIT 1");
+  later.bind(1, std::string_view(record->id)).bind(2, out.numbers.scanner.view());
+  out.failed = later.bind(3, std::string_view(record->scanner)).step();
 }
 
-LineCalibration::Watch Calibrations::watch(CalibrationKind kind) {
+void Calibrations::use_tie(const std::optional<CalibrationRecord>& record, TieInForce& out) {
+  if (!record || record->kind() != CalibrationKind::tie) {
+    out.trouble = "it is not in the database";
+    return;
+  }
+  out.id.assign(record->id);
+  const auto hand_eyes = hand_eyes_of_tie(record->parent_id);
+  if (!hand_eyes || !numbers_give_id(*record)) {
+    out.trouble.printf("the numbers of %s in the database were changed after it was kept", record->id.c_str());
+    return;
+  }
+  out.numbers = std::get<TieNumbers>(record->numbers);
+  out.hand_eye_id = *hand_eyes;
+  out.expires_utime_us = record->expires_utime_us;
+}
+
+LineCalibration::Watch Calibrations::watch(CalibrationKind kind, std::string_view scanner) {
   LineCalibration::Watch watch;
-  const Row row = newest(kind, 0);
+  const Row row = newest(kind, 0, scanner);
   if (row.seq == 0) return watch;
   watch.reference_id.assign(row.calibration_id);
   Statement first(db_, "SELECT min(utime_us) FROM applied WHERE calibration_id = ?1");
   if (first.bind(1, std::string_view(row.calibration_id)).step()) watch.since_utime_us = first.integer(0);
   first.reset();
   // By kind, not by artefact: a check that failed with one artefact is not cleared by applying another.
-  Statement last(db_, select<CalibrationCheck>("calibration_check", "WHERE kind = ?1 ORDER BY seq DESC LIMIT 1"));
-  if (!last.bind(1, name(kind)).step()) return watch;
+  Statement last(db_, select<CalibrationCheck>("calibration_check",
+                                               "WHERE kind = ?1 AND reference_id IN (SELECT id FROM calibration WHERE "
+                                               "scanner = ?2) ORDER BY seq DESC LIMIT 1"));
+  if (!last.bind(1, name(kind)).bind(2, scanner).step()) return watch;
   CalibrationCheck check;
   read_row(last, 0, check);
   watch.checked_utime_us = check.utime_us;
@@ -412,26 +465,53 @@ std::int64_t Calibrations::newest_utime_us() {
   return db_.integer("SELECT newest_utime_us FROM line");
 }
 
-void Calibrations::in_force(LineCalibration& out) {
+void Calibrations::in_force(std::string_view scanner, LineCalibration& out) {
   out = LineCalibration{};
-  if (const Row row = newest(CalibrationKind::hand_eye, 0); row.seq != 0) use_hand_eye(find(row.calibration_id), out);
+  if (const Row row = newest(CalibrationKind::hand_eye, 0, scanner); row.seq != 0)
+    use_hand_eye(find(row.calibration_id), out);
   std::vector<std::uint16_t> types;
-  Statement rows(db_, "SELECT DISTINCT slab_type FROM applied WHERE kind = 'stations' ORDER BY slab_type");
+  Statement rows(db_,
+                 "SELECT DISTINCT slab_type FROM applied WHERE kind = 'stations' AND scanner = ?1 ORDER BY slab_type");
+  rows.bind(1, scanner);
   while (rows.step()) types.push_back(static_cast<std::uint16_t>(rows.integer(0)));
-  for (const std::uint16_t type : types) use_table(current(CalibrationKind::stations, type), out);
-  out.block = watch(CalibrationKind::reference_block);
-  out.ball = watch(CalibrationKind::monitor_ball);
-  if (const Row row = newest(CalibrationKind::scanner, 0); row.seq != 0)
+  for (const std::uint16_t type : types) use_table(current(CalibrationKind::stations, type, scanner), out);
+  out.block = watch(CalibrationKind::reference_block, scanner);
+  out.ball = watch(CalibrationKind::monitor_ball, scanner);
+  if (const Row row = newest(CalibrationKind::scanner, 0, scanner); row.seq != 0)
     use_scanner(find(row.calibration_id), out.scanner);
 }
 
-void Calibrations::of_slab(const SlabHeader& slab, LineCalibration& out) {
+void Calibrations::in_force(const LineArms& arms, CellCalibration& out) {
+  out.tie = TieInForce{};
+  for (std::size_t i = 0; i < out.arm.size(); ++i) {
+    if (i < arms.list.size())
+      in_force(arms.list[i].scanner.view(), out.arm[i]);
+    else
+      out.arm[i] = LineCalibration{};
+  }
+  if (!arms.several()) return;
+  if (const Row row = newest(CalibrationKind::tie, 0, kTieScanner); row.seq != 0)
+    use_tie(find(row.calibration_id), out.tie);
+}
+
+void Calibrations::use_slab(const CalibrationId& hand_eye, const CalibrationId& stations, const CalibrationId& scanner,
+                            LineCalibration& out) {
   out = LineCalibration{};
-  if (!slab.scanner_id.empty()) use_scanner(find(slab.scanner_id.view()), out.scanner);
+  if (!scanner.empty()) use_scanner(find(scanner.view()), out.scanner);
   // Commissioning values are in the configuration, not in the database.
-  if (!slab.calibration_id.view().starts_with(id_prefix(CalibrationKind::hand_eye))) return;
-  use_hand_eye(find(slab.calibration_id.view()), out);
-  if (!slab.stations_id.empty()) use_table(find(slab.stations_id.view()), out);
+  if (!hand_eye.view().starts_with(id_prefix(CalibrationKind::hand_eye))) return;
+  use_hand_eye(find(hand_eye.view()), out);
+  if (!stations.empty()) use_table(find(stations.view()), out);
+}
+
+void Calibrations::of_slab(const SlabHeader& slab, CellCalibration& out) {
+  use_slab(slab.calibration_id, slab.stations_id, slab.scanner_id, out.arm[0]);
+  for (std::size_t i = 1; i < out.arm.size(); ++i) {
+    const SlabArm arm = i <= slab.more_arms.size() ? slab.more_arms[i - 1] : SlabArm{};
+    use_slab(arm.calibration_id, arm.stations_id, arm.scanner_id, out.arm[i]);
+  }
+  out.tie = TieInForce{};
+  if (!slab.tie_id.empty()) use_tie(find(slab.tie_id.view()), out.tie);
 }
 
 }  // namespace slabd::storage

@@ -24,15 +24,18 @@ class Calibrations {
   [[nodiscard]] std::vector<CalibrationRecord> all();
   /// Finds a record by its id, or by a prefix of the id that is unique.
   [[nodiscard]] std::optional<CalibrationRecord> find(std::string_view id);
-  [[nodiscard]] std::optional<CalibrationRecord> current(CalibrationKind kind, std::uint16_t slab_type);
+  [[nodiscard]] std::optional<CalibrationRecord> current(CalibrationKind kind, std::uint16_t slab_type,
+                                                         std::string_view scanner);
   [[nodiscard]] std::vector<AppliedChange> applied(std::size_t limit);
   [[nodiscard]] std::vector<CalibrationCheck> checks(std::size_t limit);
 
   /// Reads the calibrations in force. A record whose numbers do not match its id is not used: the source is `missing`,
   /// or the table or the scanner's acceptance is omitted. `trouble` contains the reason.
-  void in_force(LineCalibration& out);
+  void in_force(std::string_view scanner, LineCalibration& out);
+  /// The same for all scanners of a line, with the tie.
+  void in_force(const LineArms& arms, CellCalibration& out);
   /// Reads the calibrations with which this slab was begun.
-  void of_slab(const SlabHeader& slab, LineCalibration& out);
+  void of_slab(const SlabHeader& slab, CellCalibration& out);
 
  private:
   [[nodiscard]] std::optional<CalibrationRecord> find_exactly(std::string_view id);
@@ -47,7 +50,8 @@ class Calibrations {
     std::int64_t before_seq = 0;
     std::string calibration_id;
   };
-  [[nodiscard]] Row newest(CalibrationKind kind, std::uint16_t slab_type);
+  [[nodiscard]] Row newest(CalibrationKind kind, std::uint16_t slab_type, std::string_view scanner);
+  [[nodiscard]] bool is_hand_eye_in_force(std::string_view id);
   void check_may_apply(const CalibrationRecord& record, const ChangeNote& note);
   void insert_applied(const CalibrationRecord& record, const Row& replaced, bool is_rollback, std::int64_t before_seq,
                       const ChangeNote& note);
@@ -55,7 +59,10 @@ class Calibrations {
   void use_hand_eye(const std::optional<CalibrationRecord>& record, LineCalibration& out);
   void use_table(const std::optional<CalibrationRecord>& record, LineCalibration& out);
   void use_scanner(const std::optional<CalibrationRecord>& record, ScannerInForce& out);
-  [[nodiscard]] LineCalibration::Watch watch(CalibrationKind kind);
+  void use_tie(const std::optional<CalibrationRecord>& record, TieInForce& out);
+  void use_slab(const CalibrationId& hand_eye, const CalibrationId& stations, const CalibrationId& scanner,
+                LineCalibration& out);
+  [[nodiscard]] LineCalibration::Watch watch(CalibrationKind kind, std::string_view scanner);
   [[nodiscard]] std::int64_t newest_utime_us();
   /// True if the record was made within a day before `utime_us` and was never in force.
   [[nodiscard]] bool is_new(const CalibrationRecord& record, std::int64_t utime_us);
@@ -68,7 +75,7 @@ class Calibrations {
 
 // Checks of a calibration's numbers.
 
-/// Prefix of the ids of this kind: "he", "st", "rb", "mb", "sc".
+/// Prefix of the ids of this kind: "he", "st", "rb", "mb", "sc", "ti".
 [[nodiscard]] std::string_view id_prefix(CalibrationKind kind);
 
 /// Reason why these numbers cannot be used, as the rest of a sentence; empty if they can.

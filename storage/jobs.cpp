@@ -47,6 +47,8 @@ Jobs::Jobs(Connection& db, const StoreSettings& settings, const HeldBack& held_b
                    "ORDER BY slab.slab_key DESC LIMIT 1"),
       slab_attempts_(db, "SELECT count(*) FROM attempt WHERE slab_key = ?1"),
       upsert_slab_(db, upsert_for<SlabHeader>("slab", {"slab_key"})),
+      delete_arms_(db, "DELETE FROM slab_arm WHERE slab_key = ?1"),
+      insert_arm_(db, insert_for<ArmKey, SlabArm>("slab_arm")),
       has_recipe_(db, "SELECT count(*) FROM recipe_text WHERE sha256 = ?1"),
       insert_recipe_(db, "INSERT INTO recipe_text (sha256, name, text, kept_utime_us) VALUES (?1, ?2, ?3, ?4)"),
       newest_command_(db,
@@ -168,6 +170,9 @@ void Jobs::operator()(const BeginSlabJob& job) {
     throw Refusal{error(Code::journal_write, "slab key %lld is not above the last one, %lld",
                         static_cast<long long>(job.slab.key), static_cast<long long>(newest))};
   write_row(upsert_slab_, job.slab);
+  delete_arms_.bind(1, job.slab.key).run();  // of a first try
+  for (std::size_t i = 0; i < job.slab.more_arms.size(); ++i)
+    write_row(insert_arm_, ArmKey{job.slab.key, static_cast<std::uint8_t>(i + 1)}, job.slab.more_arms[i]);
   keep_recipe(job.slab);
   insert_command({job.session, job.cmd_seq, static_cast<std::uint16_t>(PlcCommand::slab_begin), 0, job.slab.key,
                   job.slab.began_utime_us},
@@ -493,6 +498,13 @@ void Jobs::insert_failed_scan(std::int64_t slab_key, std::uint8_t station, std::
   attempt.number = static_cast<std::uint8_t>(last + 1);
   attempt.session = session;
   attempt.cmd_seq = cmd_seq;
+  // The journal has the station only. If several arms may scan it, the arm is not known.
+  const ArmChoice& choice = settings_.arms.of_station.at(station - 1U);
+  attempt.by = {PartId{}, PartId{}};
+  if (choice.size() == 1) {
+    attempt.arm = choice[0];
+    attempt.by = settings_.arms.list[choice[0]];
+  }
   write_row(upsert_attempt_, attempt,
             AttemptState{StationPhase::failed, static_cast<std::uint16_t>(Code::interrupted), 0, ScanState::none});
 }

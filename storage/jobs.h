@@ -103,6 +103,8 @@ class Jobs {
   Statement newest_slab_;
   Statement slab_attempts_;
   Statement upsert_slab_;
+  Statement delete_arms_;
+  Statement insert_arm_;
   Statement has_recipe_;
   Statement insert_recipe_;
   Statement newest_command_;

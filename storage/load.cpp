@@ -42,6 +42,7 @@ Statement& bind_key(Statement& statement, const BlockKey& key) {
 
 Loader::Loader(Connection& db)
     : slab_(db, select<SlabHeader>("slab", "slab_key = ?1")),
+      arms_(db, select<ArmKey, SlabArm>("slab_arm", "slab_key = ?1 ORDER BY arm")),
       slab_result_(db, select<SlabEnd, SlabResult>("slab_result", "slab_key = ?1")),
       station_results_(db, select<StationResult>("station_result", "slab_key = ?1 ORDER BY station")),
       attempts_(db, select<Attempt, AttemptState>("attempt", "slab_key = ?1 ORDER BY station, attempt")),
@@ -59,6 +60,15 @@ std::optional<SlabHeader> Loader::slab(std::int64_t slab_key) {
   SlabHeader header;
   read_row(slab_, 0, header);
   slab_.reset();
+  arms_.bind(1, slab_key);
+  while (arms_.step()) {
+    ArmKey key;
+    SlabArm arm;
+    read_row(arms_, 0, key, arm);
+    // An attempt names its arm by this number.
+    if (key.arm != header.more_arms.size() + 1 || !header.more_arms.push(arm))
+      arms_.refuse(1, "is not the next arm, or one too many");
+  }
   return header;
 }
 

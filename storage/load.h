@@ -37,6 +37,7 @@ class Loader {
   void items(const BlockKey& key, FixedVector<Item, N>& out);
 
   Statement slab_;
+  Statement arms_;
   Statement slab_result_;
   Statement station_results_;
   Statement attempts_;

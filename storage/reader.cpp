@@ -106,12 +106,20 @@ class SqliteReader final : public Reader {
   Result<std::optional<CalibrationRecord>> calibration(std::string_view id) override {
     return read_value<std::optional<CalibrationRecord>>([&] { return Calibrations(*db_).find(id); });
   }
-  Result<std::optional<CalibrationRecord>> current(CalibrationKind kind, std::uint16_t slab_type) override {
-    return read_value<std::optional<CalibrationRecord>>([&] { return Calibrations(*db_).current(kind, slab_type); });
+  Result<std::optional<CalibrationRecord>> current(CalibrationKind kind, std::uint16_t slab_type,
+                                                   std::string_view scanner) override {
+    return read_value<std::optional<CalibrationRecord>>(
+        [&] { return Calibrations(*db_).current(kind, slab_type, scanner); });
   }
-  Result<std::unique_ptr<LineCalibration>> line_calibration() override {
+  Result<std::unique_ptr<LineCalibration>> line_calibration(std::string_view scanner) override {
     auto calibration = std::make_unique<LineCalibration>();
-    const Status status = read([&] { Calibrations(*db_).in_force(*calibration); });
+    const Status status = read([&] { Calibrations(*db_).in_force(scanner, *calibration); });
+    if (!status.ok()) return status.error();
+    return calibration;
+  }
+  Result<std::unique_ptr<CellCalibration>> cell_calibration(const LineArms& arms) override {
+    auto calibration = std::make_unique<CellCalibration>();
+    const Status status = read([&] { Calibrations(*db_).in_force(arms, *calibration); });
     if (!status.ok()) return status.error();
     return calibration;
   }

@@ -329,6 +329,11 @@ struct BlockKey {
 struct SlabKey {
   std::int64_t slab_key = 0;
 };
+/// Place of a robot and its scanner in a slab: 1 is the second.
+struct ArmKey {
+  std::int64_t slab_key = 0;
+  std::uint8_t arm = 0;
+};
 struct FeatureName {
   FixedString<16> feature;
 };
@@ -362,6 +367,7 @@ struct CommandState {
 };
 SLABD_FIELDS(BlockKey, slab_key, station, attempt);
 SLABD_FIELDS(SlabKey, slab_key);
+SLABD_FIELDS(ArmKey, slab_key, arm);
 SLABD_FIELDS(FeatureName, feature);
 SLABD_FIELDS(Position, position);
 SLABD_FIELDS(AttemptState, phase, code, scan_bytes, scan_state, measuring_since_ns);
@@ -382,6 +388,13 @@ void columns(V& v, R& r) {
   part(v, r, "", {{"key", "slab_key"}});
 }
 
+template <typename V, RecordOf<SlabArm> R>
+void columns(V& v, R& r) {
+  v("robot", r.by.robot);
+  v("scanner", r.by.scanner);
+  SLABD_EACH(r, calibration_id, stations_id, scanner_id, T_flange_scanner)
+}
+
 template <typename V, RecordOf<SlabResult> R>
 void columns(V& v, R& r) {
   SLABD_EACH(r, verdict, reason)
@@ -398,10 +411,13 @@ void columns(V& v, R& r) {
   v("scan_width", r.shape.width);
   v("scan_height", r.shape.height);
   SLABD_EACH(r, scan_utime_us, settle_ms, acquire_ms)
-  part(v, r.splice, "splice_", {{"source", "splice"}, {"T_base_reported", "T_base_reported"}});
+  part(v, r.splice, "splice_",
+       {{"source", "splice"}, {"T_base_reported", "T_base_reported"}, {"T_base_robot", "T_base_robot"}});
   SLABD_EACH(r, points_crc32c, asked, emulated, fingerprint)
   v("scanner_temperature_c", r.shape.scanner_temperature_c);
-  SLABD_EACH(r, scanner_drift)
+  SLABD_EACH(r, scanner_drift, arm)
+  v("robot", r.by.robot);
+  v("scanner", r.by.scanner);
 }
 
 /// Columns of a block, without its planes, casings, findings, edges and items.
@@ -426,7 +442,7 @@ void columns(V& v, R& r) {
 /// Column names, in the order of BudgetPart.
 inline constexpr std::array<std::string_view, kBudgetParts> kBudgetColumns = {
     "budget_fit",   "budget_noise",     "budget_scanner", "budget_registration", "budget_calibration",
-    "budget_robot", "budget_reference", "budget_thermal", "budget_gauge"};
+    "budget_robot", "budget_reference", "budget_thermal", "budget_gauge",        "budget_tie"};
 
 template <typename V, RecordOf<Item> R>
 void columns(V& v, R& r) {

@@ -5,6 +5,7 @@
 --   line     one row: the session number last used, the newest wall clock of any record, what retention took away
 --   care     when the history was restored from a backup or begun again, by whom and why
 --   slab     the values of SLAB_BEGIN and what it was measured with; slab_result is its end (no row: still open)
+--   slab_arm  the same of the robots and scanners after the first
 --   command  the journal of accepted commands; id is their order
 --   attempt  one SCAN of one station; the highest attempt of a station is the valid one, all are kept
 --   recipe_text  the files of all recipes that a slab was begun with
@@ -16,7 +17,7 @@
 --   slab_seal  the chain of checksums over what is stored of each ended slab
 --
 --   calibration        every calibration ever kept, with what it was made from; its numbers are in hand_eye,
---                      station_correction, reference_block, monitor_ball or scanner_acceptance
+--                      station_correction, reference_block, monitor_ball, scanner_acceptance or tie_numbers
 --   applied            what was put in force when, by whom and why; the newest row of a kind (and slab type) counts
 --   calibration_check  the trend of the daily checks
 --   gauge_value        what the gauges gave for a slab; gauge_check  when a gauge was checked with its master
@@ -64,7 +65,8 @@ CREATE TABLE slab (
   cell_mm            REAL,               -- flatness cell
   calibration_id     TEXT NOT NULL,
   stations_id        TEXT NOT NULL,      -- station corrections in force, empty: none
-  scanner_id         TEXT NOT NULL,      -- the scanner's acceptance in force, empty: none
+  scanner_id         TEXT NOT NULL,      -- the scanner's acceptance in force, empty: none; all three of the first scanner
+  tie_id             TEXT NOT NULL,      -- the tie of the two robots' bases in force, empty: none
   software           TEXT NOT NULL,
   T_base_slab_x REAL, T_base_slab_y REAL, T_base_slab_z REAL,
   T_base_slab_qw REAL, T_base_slab_qx REAL, T_base_slab_qy REAL, T_base_slab_qz REAL,
@@ -73,6 +75,18 @@ CREATE TABLE slab (
   began_utime_us     INTEGER NOT NULL,
   emulated           INTEGER NOT NULL    -- what was not real, bits: 1 line, 2 robot, 4 poses, 8 scan; 0: all real
 ) STRICT;
+CREATE TABLE slab_arm (
+  slab_key       INTEGER NOT NULL REFERENCES slab (slab_key),
+  arm            INTEGER NOT NULL CHECK (arm > 0),
+  robot          TEXT NOT NULL,
+  scanner        TEXT NOT NULL,
+  calibration_id TEXT NOT NULL,          -- as in slab, of this scanner
+  stations_id    TEXT NOT NULL,
+  scanner_id     TEXT NOT NULL,
+  T_flange_scanner_x REAL, T_flange_scanner_y REAL, T_flange_scanner_z REAL,
+  T_flange_scanner_qw REAL, T_flange_scanner_qx REAL, T_flange_scanner_qy REAL, T_flange_scanner_qz REAL,
+  PRIMARY KEY (slab_key, arm)
+) STRICT, WITHOUT ROWID;
 CREATE INDEX slab_by_id ON slab (slab_id, slab_key);
 CREATE INDEX slab_by_mould ON slab (mould, slab_key);
 CREATE INDEX slab_by_time ON slab (began_utime_us);
@@ -195,6 +209,13 @@ CREATE TABLE attempt (
   fingerprint INTEGER,                   -- 64 bits of the points, as a signed number; NULL: none came
   scanner_temperature_c REAL,            -- as the scan declares, NULL: it does not
   scanner_drift REAL,                    -- relative half width of a length's error by it, NULL: not known
+  -- Robot and scanner. T_base_flange is in the robot's own base; T_base_robot counts with splice_tied = 1.
+  arm INTEGER NOT NULL,                  -- 0: the first ones; else slab_arm.arm
+  robot TEXT NOT NULL,                   -- empty: not known, because slabd ended before it scanned
+  scanner TEXT NOT NULL,
+  splice_tied INTEGER NOT NULL,
+  T_base_robot_x REAL, T_base_robot_y REAL, T_base_robot_z REAL,
+  T_base_robot_qw REAL, T_base_robot_qx REAL, T_base_robot_qy REAL, T_base_robot_qz REAL,
   PRIMARY KEY (slab_key, station, attempt)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX attempt_with_scan ON attempt (slab_key, scan_bytes) WHERE scan_state = 'kept';
@@ -382,7 +403,7 @@ CREATE TABLE item (
   measured REAL,                         -- value before its correction for temperature
   -- Standard uncertainties (k = 1) whose root sum of squares is U / 2; all 0: U is the recipe's.
   budget_fit REAL, budget_noise REAL, budget_scanner REAL, budget_registration REAL, budget_calibration REAL,
-  budget_robot REAL, budget_reference REAL, budget_thermal REAL, budget_gauge REAL,
+  budget_robot REAL, budget_reference REAL, budget_thermal REAL, budget_gauge REAL, budget_tie REAL,
   PRIMARY KEY (slab_key, station, attempt, position)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX item_by_name ON item (id, slab_key);
@@ -488,9 +509,10 @@ CREATE TRIGGER slab_seal_is_new BEFORE INSERT ON slab_seal
 CREATE TABLE calibration (
   seq              INTEGER PRIMARY KEY,
   id               TEXT NOT NULL UNIQUE,   -- from the SHA-256 of kind, numbers and parent
-  kind             TEXT NOT NULL CHECK (kind IN ('hand_eye', 'stations', 'reference_block', 'monitor_ball', 'scanner')),
+  kind             TEXT NOT NULL CHECK (kind IN ('hand_eye', 'stations', 'reference_block', 'monitor_ball', 'scanner',
+                                                  'tie')),
   slab_type        INTEGER NOT NULL,       -- of station corrections, else 0
-  parent_id        TEXT NOT NULL,          -- stations: the hand-eye calibration they hold for
+  parent_id        TEXT NOT NULL,          -- stations: the hand-eye calibration they hold for; tie: both, with a '+'
   figures          TEXT NOT NULL,          -- JSON
   observations     TEXT NOT NULL,
   certificate      TEXT NOT NULL,
@@ -500,7 +522,8 @@ CREATE TABLE calibration (
   temperature_c    REAL,
   software         TEXT NOT NULL,
   created_utime_us INTEGER NOT NULL,
-  expires_utime_us INTEGER NOT NULL        -- 0 = never
+  expires_utime_us INTEGER NOT NULL,       -- 0 = never
+  scanner          TEXT NOT NULL DEFAULT '1'  -- id of the scanner it is of; a tie has '1'
 ) STRICT;
 CREATE TRIGGER calibration_stays BEFORE UPDATE ON calibration
   BEGIN SELECT RAISE(ABORT, 'a calibration record is never changed'); END;
@@ -552,6 +575,23 @@ CREATE TABLE scanner_acceptance (
   temperature_c  REAL                      -- of the scanner during it, NULL: not known
 ) STRICT, WITHOUT ROWID;
 
+-- The second robot's base in the base frame. Covariance: of its small motion about the centre, base axes, mm and rad.
+CREATE TABLE tie_numbers (
+  calibration_id TEXT PRIMARY KEY REFERENCES calibration (id),
+  robot          TEXT NOT NULL,            -- id of the second robot
+  T_base_robot_x REAL, T_base_robot_y REAL, T_base_robot_z REAL,
+  T_base_robot_qw REAL, T_base_robot_qx REAL, T_base_robot_qy REAL, T_base_robot_qz REAL,
+  centre_x REAL, centre_y REAL, centre_z REAL,
+  covariance_11 REAL, covariance_12 REAL, covariance_13 REAL, covariance_14 REAL, covariance_15 REAL, covariance_16 REAL,
+  covariance_21 REAL, covariance_22 REAL, covariance_23 REAL, covariance_24 REAL, covariance_25 REAL, covariance_26 REAL,
+  covariance_31 REAL, covariance_32 REAL, covariance_33 REAL, covariance_34 REAL, covariance_35 REAL, covariance_36 REAL,
+  covariance_41 REAL, covariance_42 REAL, covariance_43 REAL, covariance_44 REAL, covariance_45 REAL, covariance_46 REAL,
+  covariance_51 REAL, covariance_52 REAL, covariance_53 REAL, covariance_54 REAL, covariance_55 REAL, covariance_56 REAL,
+  covariance_61 REAL, covariance_62 REAL, covariance_63 REAL, covariance_64 REAL, covariance_65 REAL, covariance_66 REAL,
+  targets        INTEGER NOT NULL,         -- balls that both robots measured
+  rms_mm REAL
+) STRICT, WITHOUT ROWID;
+
 CREATE TABLE applied (
   seq            INTEGER PRIMARY KEY,
   kind           TEXT NOT NULL,
@@ -562,9 +602,10 @@ CREATE TABLE applied (
   before_seq     INTEGER NOT NULL,         -- the row a rollback goes back to, 0: none
   who            TEXT NOT NULL,
   why            TEXT NOT NULL,
-  utime_us       INTEGER NOT NULL
+  utime_us       INTEGER NOT NULL,
+  scanner        TEXT NOT NULL DEFAULT '1'  -- as calibration.scanner
 ) STRICT;
-CREATE INDEX applied_newest ON applied (kind, slab_type, seq);
+CREATE INDEX applied_newest ON applied (kind, slab_type, scanner, seq);
 CREATE TRIGGER applied_stays BEFORE UPDATE ON applied
   BEGIN SELECT RAISE(ABORT, 'the history is never changed'); END;
 CREATE TRIGGER applied_is_kept BEFORE DELETE ON applied

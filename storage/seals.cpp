@@ -98,6 +98,47 @@ constexpr auto kForm1 = std::to_array<SealedTable>({
      " AND is_repeat = 0", "id"},
 });
 
+// Form 2: the robots and scanners of a line with several, and the tie between them.
+constexpr std::string_view kSlabOfForm2 =
+    "slab_key, slab_id, slab_no, slab_type, stations, temperature_dk, age_h, mould, recipe, recipe_sha256, "
+    "design_sha256, design_text, unconfirmed, guard, cell_mm, calibration_id, stations_id, scanner_id, software, "
+    "T_base_slab_x, "
+    "T_base_slab_y, T_base_slab_z, T_base_slab_qw, T_base_slab_qx, T_base_slab_qy, T_base_slab_qz, "
+    "T_flange_scanner_x, T_flange_scanner_y, T_flange_scanner_z, T_flange_scanner_qw, T_flange_scanner_qx, "
+    "T_flange_scanner_qy, T_flange_scanner_qz, began_utime_us, emulated, tie_id";
+constexpr SealedTable kArmsOfForm2 = {
+    "slab_arm",
+    "slab_key, arm, robot, scanner, calibration_id, stations_id, scanner_id, T_flange_scanner_x, T_flange_scanner_y, "
+    "T_flange_scanner_z, T_flange_scanner_qw, T_flange_scanner_qx, T_flange_scanner_qy, T_flange_scanner_qz",
+    "", "arm"};
+constexpr std::string_view kAttemptOfForm2 =
+    "slab_key, station, attempt, session, cmd_seq, T_base_flange_x, T_base_flange_y, T_base_flange_z, "
+    "T_base_flange_qw, T_base_flange_qx, T_base_flange_qy, T_base_flange_qz, pose_spread_mm, pose_samples, "
+    "scan_path, scan_points, scan_finite, scan_width, scan_height, scan_utime_us, settle_ms, acquire_ms, "
+    "phase, code, scan_bytes, splice, splice_visits, T_base_reported_x, T_base_reported_y, T_base_reported_z, "
+    "T_base_reported_qw, T_base_reported_qx, T_base_reported_qy, T_base_reported_qz, splice_off_mm, "
+    "splice_off_rad, splice_calibration_mm, splice_calibration_rad, splice_robot_mm, splice_robot_rad, "
+    "points_crc32c, asked, emulated, fingerprint, scanner_temperature_c, scanner_drift, arm, robot, "
+    "scanner, splice_tied, T_base_robot_x, T_base_robot_y, T_base_robot_z, T_base_robot_qw, T_base_robot_qx, "
+    "T_base_robot_qy, T_base_robot_qz";
+constexpr std::string_view kItemOfForm2 =
+    "slab_key, station, attempt, position, id, verdict, required, from_station, to_station, value, nominal, "
+    "lower, upper, U, beside, measured, budget_fit, budget_noise, budget_scanner, budget_registration, "
+    "budget_calibration, budget_robot, budget_reference, budget_thermal, budget_gauge, budget_tie";
+constexpr auto kForm2 = [] {
+  std::array<SealedTable, kForm1.size() + 1> form{};
+  std::size_t count = 0;
+  for (const SealedTable& table : kForm1) {
+    form[count] = table;
+    if (table.name == "slab") form[count].columns = kSlabOfForm2;
+    if (table.name == "attempt") form[count].columns = kAttemptOfForm2;
+    if (table.name == "item") form[count].columns = kItemOfForm2;
+    ++count;
+    if (table.name == "slab") form[count++] = kArmsOfForm2;
+  }
+  return form;
+}();
+
 constexpr SealedTable kDecisions = {"disposition", "slab_key, n, utime_us, who, decision, reason, authority, second",
                                     "", "n"};
 constexpr SealedTable kCare = {"care", "seq, what, slab_key, result_id, res_seq, source, who, why, utime_us", "",
@@ -183,6 +224,7 @@ Sha256 Digest::take() {
 
 std::span<const SealedTable> sealed_tables(std::int64_t form) {
   if (form == 1) return kForm1;
+  if (form == 2) return kForm2;
   return {};
 }
 

@@ -21,7 +21,7 @@ namespace slabd::storage {
 // the end of a slab. These are result.acknowledged and repeated records, attempt.scan_state and measuring_since_ns,
 // and commands.
 
-inline constexpr std::int64_t kSealForm = 1;
+inline constexpr std::int64_t kSealForm = 2;
 
 using Sha256 = std::array<std::uint8_t, 32>;
 

@@ -50,6 +50,7 @@ struct StoreSettings {
   /// [plant]: retention keeps a slab until the plant's database has all documents about it.
   bool keep_unsent = false;
   std::vector<RecipeText> recipe_texts{};
+  LineArms arms{};  ///< robots and scanners of the line: their calibrations are those in force
 };
 /// Minimum number of slabs kept: the PLC's table, repeats and counters are taken from the newest ones.
 inline constexpr std::int64_t kKeepSlabsMin = 100;
@@ -60,14 +61,16 @@ inline constexpr std::int64_t kKeepSlabsMin = 100;
 struct CalibrationRecord {
   std::string id;  ///< computed by storage from kind, numbers and parent (`calibration_id`)
   /// Alternatives in the order of CalibrationKind.
-  std::variant<HandEyeNumbers, StationTable, ReferenceBlock, MonitorBall, ScannerNumbers> numbers;
-  std::string parent_id;     ///< stations: the hand-eye calibration they were solved with; empty if none
+  std::variant<HandEyeNumbers, StationTable, ReferenceBlock, MonitorBall, ScannerNumbers, TieNumbers> numbers;
+  /// stations: the hand-eye calibration they were solved with; tie: both (tie_parent()); empty if none
+  std::string parent_id;
   std::string figures;       ///< quality figures as a JSON object, as printed by the solver
   std::string observations;  ///< the captured views in the neutral text form, sufficient to solve again
   std::string certificate;   ///< text of the artefact's certificate
   std::string operator_name;
   std::string robot_serial;
   std::string scanner_serial;
+  std::string scanner = "1";  ///< id of the scanner it is of; a tie is stored with "1"
   double temperature_c = kNoValue;
   std::string software;
   std::int64_t created_utime_us = 0;
@@ -91,16 +94,18 @@ struct ChangeNote {
 struct KeepCalibration {
   CalibrationRecord record;
 };
-/// Applies a record, replacing the one of its kind (and slab type).
+/// Applies a record, replacing the one of its kind (and slab type) and scanner.
 struct ApplyCalibration {
   std::string id;
   ChangeNote note;
+  std::string scanner{};  ///< rejected if the record is of another scanner; empty: of any
 };
 /// Restores the previously applied record; repeated calls go back further. Rejected without an earlier one.
 struct RollBackCalibration {
   CalibrationKind kind = CalibrationKind::hand_eye;
   std::uint16_t slab_type = 0;  ///< slab type of station tables; 0: that of the newest change of this kind
   ChangeNote note;
+  std::string scanner = "1";
 };
 /// Adds a check to the trend.
 struct KeepCheck {
@@ -150,6 +155,7 @@ struct AppliedChange {
   std::int64_t seq = 0;
   CalibrationKind kind = CalibrationKind::hand_eye;
   std::uint16_t slab_type = 0;
+  std::string scanner = "1";
   bool is_rollback = false;
   std::string calibration_id;  ///< in force from this entry on
   std::string replaced_id;     ///< in force until this entry; empty if none
@@ -225,7 +231,7 @@ class Store {
   /// contains the remedy. store_full, journal_write as apply().
   [[nodiscard]] virtual Result<std::string> change(const CalibrationChange& change) = 0;
   /// Returns the calibrations in force.
-  [[nodiscard]] virtual Result<std::unique_ptr<LineCalibration>> calibration() = 0;
+  [[nodiscard]] virtual Result<std::unique_ptr<CellCalibration>> calibration() = 0;
   /// Called by the writer's thread about ten times per second while no job waits. After several calls in a row it
   /// moves the write-ahead log into the database, so that no commit has to.
   virtual void idle() {}
@@ -258,7 +264,7 @@ class Store {
 // ---- reading (slabctl; short read-only transactions, never checkpoints) -------------------------------------------
 
 struct SlabSummary {
-  SlabHeader header;
+  SlabHeader header;                ///< without `more_arms` in a list of slabs
   std::int64_t ended_utime_us = 0;  ///< 0: still open
   Verdict verdict = Verdict::none;
   std::uint16_t reason = 0;
@@ -304,7 +310,7 @@ struct InspectionFilter {
 struct Inspections {
   std::vector<Inspection> list;  ///< oldest first
   std::uint8_t emulated = 0;     ///< emulation bits of the newest slab
-  std::size_t others = 0;        ///< slabs that match the filter and are left out, because the newest is of the other kind
+  std::size_t others = 0;  ///< slabs that match the filter and are left out, because the newest is of the other kind
 };
 
 /// Filter for values of one item. Open and aborted slabs have no values, because their measurements are not final.
@@ -449,9 +455,12 @@ class Reader {
   [[nodiscard]] virtual Result<std::optional<CalibrationRecord>> calibration(std::string_view id) = 0;
   /// The record in force; station tables by slab type.
   [[nodiscard]] virtual Result<std::optional<CalibrationRecord>> current(CalibrationKind kind,
-                                                                         std::uint16_t slab_type = 0) = 0;
-  /// The calibrations that the daemon would use now.
-  [[nodiscard]] virtual Result<std::unique_ptr<LineCalibration>> line_calibration() = 0;
+                                                                         std::uint16_t slab_type = 0,
+                                                                         std::string_view scanner = "1") = 0;
+  /// The calibrations of one scanner that the daemon would use now.
+  [[nodiscard]] virtual Result<std::unique_ptr<LineCalibration>> line_calibration(std::string_view scanner = "1") = 0;
+  /// The same for all scanners of a line, with the tie.
+  [[nodiscard]] virtual Result<std::unique_ptr<CellCalibration>> cell_calibration(const LineArms& arms) = 0;
   /// Applied changes, newest first.
   [[nodiscard]] virtual Result<std::vector<AppliedChange>> applied(std::size_t limit) = 0;
   /// Checks, newest first.

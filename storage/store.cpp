@@ -136,7 +136,7 @@ class SqliteStore final : public Store {
       open.jobs.interrupt_unfinished();
       held_back = read_line(*open.db, *line);
       Calibrations calibrations(*open.db);
-      calibrations.in_force(line->calibration);
+      calibrations.in_force(settings_.arms, line->calibration);
       if (line->slab_open) calibrations.of_slab(line->slab, line->slab_calibration);
       transaction.commit();
     });
@@ -228,11 +228,11 @@ class SqliteStore final : public Store {
     return id;
   }
 
-  Result<std::unique_ptr<LineCalibration>> calibration() override {
-    auto calibration = std::make_unique<LineCalibration>();
+  Result<std::unique_ptr<CellCalibration>> calibration() override {
+    auto calibration = std::make_unique<CellCalibration>();
     const Status status = run("calibration", [&](OpenDatabase& open) {
       Transaction transaction(*open.db, "BEGIN");
-      Calibrations(*open.db).in_force(*calibration);
+      Calibrations(*open.db).in_force(settings_.arms, *calibration);
       transaction.commit();
     });
     if (!status.ok()) return status.error();

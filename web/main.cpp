@@ -87,8 +87,10 @@ int serve(const config::Config& config, const sigset_t& ends) {
   Documents documents({slabctl, std::filesystem::absolute(config.path).string(), reports.path(), web.answer_s,
                        web.slabd_plant.empty() ? neighbour("slabd-plant") : web.slabd_plant, web.plant_dsn});
   Live live({config.control_socket, web.language, SLABD_VERSION}, documents);
+  std::vector<std::string> scanners;
+  for (const Arm& arm : config.arms.list) scanners.emplace_back(arm.scanner.view());
   Site site({web.names, web.users_file, web.viewer_login, config.storage.second_person,
-             !config.plant.dsn.empty() || !web.plant_dsn.empty()},
+             !config.plant.dsn.empty() || !web.plant_dsn.empty(), scanners},
             documents, live);
   const auto kiosk =
       opened({std::string(web.kiosk.host.view()), web.kiosk.port, kKioskPerAddressMax, {}, {}}, "kiosk", site);

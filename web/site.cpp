@@ -97,12 +97,26 @@ bool Site::is_known_host(const HttpRequest& request) const {
 SharedAnswer Site::calibration(double cache_s, bool in_chinese) {
   const std::string state = live_.ask("calibration");
   const SharedAnswer history = documents_.get({.arguments = {"calibrate", "history", "--json"}, .cache_s = cache_s});
-  const SharedAnswer trend = documents_.get({.arguments = {"calibrate", "check", "--json"}, .cache_s = cache_s});
+  const std::vector<std::string>& scanners = settings_.scanners;
+  const bool several = scanners.size() > 1;
+  const std::string trend = checks_of(several ? scanners.front() : "", cache_s);
   const bool is_state = state.find("\"slabd.calibration_state/1\"") != std::string::npos;
   const auto part = [&](const std::string& text) { return in_chinese ? notes_in_chinese(text) : text; };
+  std::string further;
+  for (std::size_t i = 1; i < scanners.size(); ++i)
+    further += fmt::format("{}{{\"scanner\":\"{}\",\"trend\":{}}}", further.empty() ? "" : ",", scanners[i],
+                           part(checks_of(scanners[i], cache_s)));
   return text_answer("{\"schema\":\"slabd.web_calibration/1\",\"state\":" + part(is_state ? state : "null") +
-                         ",\"history\":" + part(part_of(*history)) + ",\"trend\":" + part(part_of(*trend)) + "}\n",
+                         ",\"history\":" + part(part_of(*history)) + ",\"trend\":" + part(trend) +
+                         ",\"further_trends\":[" + further + "]}\n",
                      "application/json");
+}
+
+/// Checks of one scanner; of the only one if the id is empty. Ids consist of letters, digits, '-' and '_'.
+std::string Site::checks_of(const std::string& scanner, double cache_s) {
+  DocumentOrder order{{"calibrate", "check", "--json"}, cache_s};
+  if (!scanner.empty()) order.arguments.push_back("--scanner=" + scanner);
+  return part_of(*documents_.get(order));
 }
 
 SharedAnswer Site::document(const HttpRequest& asked, const Target& target) {

@@ -48,11 +48,12 @@ struct HttpReply {
 };
 
 struct SiteSettings {
-  std::vector<std::string> names;  ///< host names besides localhost and the address of the connection
-  std::string users_file;          ///< accounts; empty: no user can log in, and nothing can be written
-  bool viewer_login = false;       ///< documents are given only to users that are logged in
-  bool second_person = false;      ///< [quality] second_person, shown to the page
-  bool plant = false;              ///< there is a plant's database, so the page shows its link
+  std::vector<std::string> names;       ///< host names besides localhost and the address of the connection
+  std::string users_file;               ///< accounts; empty: no user can log in, and nothing can be written
+  bool viewer_login = false;            ///< documents are given only to users that are logged in
+  bool second_person = false;           ///< [quality] second_person, shown to the page
+  bool plant = false;                   ///< there is a plant's database, so the page shows its link
+  std::vector<std::string> scanners{};  ///< ids of the line's scanners; empty: one without a name
 };
 
 /// Names and texts of the JSON object in a POST.
@@ -81,6 +82,7 @@ class Site {
   [[nodiscard]] SharedAnswer find(const HttpRequest& request, const Target& target);
   [[nodiscard]] SharedAnswer document(const HttpRequest& request, const Target& target);
   [[nodiscard]] SharedAnswer calibration(double cache_s, bool in_chinese);
+  [[nodiscard]] std::string checks_of(const std::string& scanner, double cache_s);
   [[nodiscard]] bool is_known_host(const HttpRequest& request) const;
 
   const SiteSettings settings_;

@@ -28,7 +28,7 @@ constexpr std::array kChecks = {"configuration", "recipes",        "recipe",    
                                 "plc heartbeat", "plc enable",     "plc registers",  "word order",     "robot route",
                                 "robot link",    "robot poses",    "robot frame",    "robot position", "robot clock",
                                 "scanner link",  "scan",           "calibration",    "acceptance",     "daily check",
-                                "camera",        "camera packets", "camera buffers", "gauge"};
+                                "camera",        "camera packets", "camera buffers", "gauge",          "tie"};
 
 using Document = nlohmann::ordered_json;
 
@@ -74,16 +74,30 @@ void retell_warnings(Document& status) {
   }
 }
 
+void retell_link(Document& link) {
+  if (!link.is_object()) return;
+  for (const char* key : {"trouble", "note", "refusal"}) retell(link, key);
+  if (link.contains("code"))
+    retell_code(link);
+  else
+    retell(link, "text");
+}
+
 void retell_links(Document& links) {
   if (!links.is_object()) return;
-  for (auto& [name, link] : links.items()) {
-    if (!link.is_object()) continue;
-    for (const char* key : {"trouble", "note", "refusal"}) retell(link, key);
-    if (link.contains("code"))
-      retell_code(link);
-    else
-      retell(link, "text");
-  }
+  for (auto& [name, link] : links.items()) retell_link(link);
+}
+
+/// Robots and scanners of a line, and the tie.
+void retell_arms(Document& status) {
+  if (status.contains("arms") && status["arms"].is_array())
+    for (Document& arm : status["arms"]) {
+      if (!arm.is_object()) continue;
+      for (const char* key : {"pose", "scanner_link"})
+        if (arm.contains(key)) retell_link(arm[key]);
+      if (arm.contains("calibration")) retell_notes(arm["calibration"]);
+    }
+  if (status.contains("tie") && status["tie"].is_object()) retell(status["tie"], "trouble");
 }
 
 }  // namespace
@@ -122,6 +136,7 @@ std::string status_in_chinese(const std::string& status) {
   retell_warnings(document);
   if (document.contains("links")) retell_links(document["links"]);
   if (document.contains("calibration")) retell_notes(document["calibration"]);
+  retell_arms(document);
   if (document.contains("alike_recipes") && document["alike_recipes"].is_array())
     for (Document& pair : document["alike_recipes"])
       if (pair.is_object()) retell(pair, "text");

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cmath>
 #include <initializer_list>
 
@@ -38,11 +39,19 @@ Vec3 known(const Vec3& variance, std::initializer_list<double> sigmas) {
   return sum.cwiseSqrt();
 }
 
+ScannerModel scanner_of(const Recipe& recipe, const SlabArms& arms, std::size_t arm) {
+  return ScannerModel(recipe.uncertainty, arm < arms.verified.size() ? arms.verified[arm] : ScannerNumbers{});
+}
+static_assert(limits::kArmsMax == 2, "a budget has one tie and two scanners");
+
 }  // namespace
 
-SlabBudget::SlabBudget(const Recipe& recipe, const ScannerNumbers& verified, std::span<const StationSigma> sigmas)
-    : settings_(recipe.uncertainty), scanner_(recipe.uncertainty, verified) {
-  for (std::size_t i = 0; i < sigmas.size() && i < limits::kStationsMax; ++i) sigma_[i + 1] = sigmas[i];
+SlabBudget::SlabBudget(const Recipe& recipe, const SlabArms& arms, std::span<const StationSigma> sigmas)
+    : settings_(recipe.uncertainty), scanner_{scanner_of(recipe, arms, 0), scanner_of(recipe, arms, 1)} {
+  for (std::size_t i = 0; i < sigmas.size() && i < limits::kStationsMax; ++i) {
+    assert(sigmas[i].arm < limits::kArmsMax);
+    sigma_[i + 1] = sigmas[i];
+  }
 }
 
 void SlabBudget::set(int station, const StationErrors& errors) {
@@ -51,21 +60,55 @@ void SlabBudget::set(int station, const StationErrors& errors) {
 void SlabBudget::set(int station, const FrameResponse& response) {
   response_[static_cast<std::size_t>(station)] = response;
 }
+void SlabBudget::set_tie(const TieNumbers& tie, const Pose& T_base_slab) {
+  const Mat3 R = T_base_slab.rotation.toRotationMatrix();
+  Mat6 to_base = Mat6::Zero();
+  to_base.topLeftCorner<3, 3>() = R;
+  to_base.bottomRightCorner<3, 3>() = R;
+  tie_ = to_base.transpose() * tie.covariance * to_base;
+  tie_centre_ = T_base_slab.inverse() * tie.centre_mm;
+}
 
 Vec3 SlabBudget::known_p_mm(int station) const {
   return known(errors_[static_cast<std::size_t>(station)].p_noise,
-               {sigma(station).position_mm, sigma(station).robot_position_mm, scanner_.place_mm(),
-                settings_.reference_mm.value});
+               {sigma(station).position_mm, sigma(station).robot_position_mm,
+                scanner_at(static_cast<std::size_t>(station)).place_mm(), settings_.reference_mm.value});
 }
 
 Vec3 SlabBudget::known_n_rad(int station) const {
   return known(errors_[static_cast<std::size_t>(station)].n_noise,
-               {sigma(station).rotation_rad, sigma(station).robot_rotation_rad, scanner_.tilt_rad(),
-                settings_.reference_rad.value});
+               {sigma(station).rotation_rad, sigma(station).robot_rotation_rad,
+                scanner_at(static_cast<std::size_t>(station)).tilt_rad(), settings_.reference_rad.value});
 }
 
 double SlabBudget::of_roll(const SlabGradient& gradient) const {
   return std::abs(gradient.frame[3]) * u_roll_rad_;
+}
+
+SlabBudget::AtStation SlabBudget::at_station(const SlabGradient& gradient, std::size_t k) const {
+  const FrameResponse& response = response_[k];
+  AtStation g{gradient.p[k], gradient.n[k], gradient.jaw[k]};
+  for (int axis = 0; axis < 3; ++axis) g.p[axis] += gradient.frame.dot(response.by_p[static_cast<std::size_t>(axis)]);
+  for (int axis = 0; axis < 2; ++axis) g.n[axis] += gradient.frame.dot(response.by_n[static_cast<std::size_t>(axis)]);
+  return g;
+}
+
+double SlabBudget::of_tie(const SlabGradient& gradient) const {
+  FrameVector sum = FrameVector::Zero();
+  std::array<bool, limits::kArmsMax> any{};
+  for (std::size_t k = 1; k < errors_.size(); ++k) {
+    const AtStation g = at_station(gradient, k);
+    if (g.is_zero()) continue;
+    any[sigma_[k].arm] = true;
+    if (sigma_[k].arm == 0) continue;
+    const StationErrors& e = errors_[k];
+    const Vec3 p = e.place - tie_centre_;
+    sum.head<3>() += g.p + g.jaw;
+    sum.tail<3>() += p.cross(g.p) + Vec3(p + e.jaw_lever).cross(g.jaw) + e.normal.cross(g.n);
+  }
+  // All that counts was seen by one arm: the sum is zero but for rounding, and no tie is required.
+  if (!any[0] || !any[1]) return 0.0;
+  return std::sqrt(sum.dot(tie_ * sum));
 }
 
 Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
@@ -77,23 +120,22 @@ Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
   double reference = 0.0;
   for (std::size_t k = 1; k < errors_.size(); ++k) {
     const StationErrors& e = errors_[k];
-    const FrameResponse& response = response_[k];
     const StationSigma& of_station = sigma_[k];
-    Vec3 gp = gradient.p[k];
-    Vec3 gn = gradient.n[k];
-    const Vec3& gj = gradient.jaw[k];
-    for (int axis = 0; axis < 3; ++axis) gp[axis] += gradient.frame.dot(response.by_p[static_cast<std::size_t>(axis)]);
-    for (int axis = 0; axis < 2; ++axis) gn[axis] += gradient.frame.dot(response.by_n[static_cast<std::size_t>(axis)]);
-    if (gp.isZero(0.0) && gn.isZero(0.0) && gj.isZero(0.0)) continue;
+    const ScannerModel& of_scanner = scanner_at(k);
+    const AtStation g = at_station(gradient, k);
+    if (g.is_zero()) continue;
+    const Vec3& gp = g.p;
+    const Vec3& gn = g.n;
+    const Vec3& gj = g.jaw;
 
     const double in_scan = weighted(gp, e.p_noise) + weighted(gn, e.n_noise) + weighted(gj, e.jaw_noise);
     fit += in_scan / e.noise_factor;
     noise += in_scan * (1.0 - 1.0 / e.noise_factor);
 
-    const double at_jaw = square(e.jaw_per_shift * scanner_.place_mm()) +
-                          square(e.jaw_per_tilt_mm * scanner_.tilt_rad()) +
-                          square(scanner_.length_mm(e.jaw_lever.norm()));
-    scanner += gp.squaredNorm() * square(scanner_.place_mm()) + gn.squaredNorm() * square(scanner_.tilt_rad()) +
+    const double at_jaw = square(e.jaw_per_shift * of_scanner.place_mm()) +
+                          square(e.jaw_per_tilt_mm * of_scanner.tilt_rad()) +
+                          square(of_scanner.length_mm(e.jaw_lever.norm()));
+    scanner += gp.squaredNorm() * square(of_scanner.place_mm()) + gn.squaredNorm() * square(of_scanner.tilt_rad()) +
                gj.squaredNorm() * at_jaw;
 
     // The jaw against its own block, and tilts. The place of the whole block along the view is displaced alike at every
@@ -116,6 +158,7 @@ Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
   part(budget, BudgetPart::calibration) = unit * std::sqrt(calibration);
   part(budget, BudgetPart::robot) = unit * std::sqrt(robot);
   part(budget, BudgetPart::reference) = unit * std::sqrt(reference);
+  part(budget, BudgetPart::tie) = unit * of_tie(gradient);
   return budget;
 }
 

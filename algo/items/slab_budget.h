@@ -22,6 +22,15 @@
 ///
 /// The station's part of the sum is |gp + gj|^2 s_t^2 + |n x gn + l x gj|^2 s_w^2.
 ///
+/// A part of all stations of the second arm together is `tie`, the place of its robot's base. A small motion of that
+/// base, t and w about the tie's centre (slab axes), displaces all their observations. With p and l + p the seat and
+/// the jaw point relative to the centre and C the covariance of (t, w):
+///
+///   g_t = sum_k gp + gj,   g_w = sum_k p x gp + (p + l) x gj + n x gn,   u^2 = [g_t g_w]' C [g_t g_w]
+///
+/// The sums are over the second arm's stations. A motion common to all stations changes no item, because the frame
+/// moves with it; only what is across the tie counts.
+///
 /// One part does not come from stations: the frame's roll, if the slab's top contradicts it (check_roll). It is the
 /// part `registration`, which for a slab is the frame: u = |d item / d roll| u_roll.
 namespace slabd::algo {
@@ -32,6 +41,7 @@ struct StationErrors {
   Vec3 n_noise = Vec3::Constant(kNoValue);
   Vec3 jaw_noise = Vec3::Constant(kNoValue);
   double noise_factor = kNoValue;
+  Vec3 place = Vec3::Zero();      ///< of the block's origin, slab frame
   Vec3 normal = Vec3::UnitZ();    ///< of the seat
   Vec3 jaw_lever = Vec3::Zero();  ///< from the block's origin to its outer jaw point
   /// Effect of the scanner's form on the jaw point: per shift of jaw and seat, and per tilt of the seat, which
@@ -59,7 +69,8 @@ struct SlabGradient {
 class SlabBudget {
  public:
   /// `sigmas`: [station - 1]; a station beyond the span is not calibrated.
-  SlabBudget(const Recipe& recipe, const ScannerNumbers& verified, std::span<const StationSigma> sigmas);
+  /// `arms`: the tie is not used before `set_tie`.
+  SlabBudget(const Recipe& recipe, const SlabArms& arms, std::span<const StationSigma> sigmas);
 
   [[nodiscard]] const StationSigma& sigma(int station) const { return sigma_[static_cast<std::size_t>(station)]; }
 
@@ -69,6 +80,13 @@ class SlabBudget {
   void set(int station, const FrameResponse& response);
   /// Sets the standard uncertainty of the frame's roll about X beyond that from the stations.
   void set_roll(double u_rad) { u_roll_rad_ = u_rad; }
+
+  /// Sets the tie of the second arm in the frame of the slab. Without it an item across the arms has no budget.
+  void set_tie(const TieNumbers& tie, const Pose& T_base_slab);
+
+  /// Contribution of the tie to an item (k = 1, mm or rad). 0 on a slab that one arm scanned; not finite if the tie is
+  /// required and its covariance is not known.
+  [[nodiscard]] double of_tie(const SlabGradient& gradient) const;
 
   /// Contribution of the frame's roll to an item (k = 1, mm or rad); also available without a budget.
   [[nodiscard]] double of_roll(const SlabGradient& gradient) const;
@@ -81,12 +99,24 @@ class SlabBudget {
   [[nodiscard]] Budget budget(const SlabGradient& gradient, double unit) const;
 
  private:
+  /// Gradients of an item by one station's observations, the motion of the frame included.
+  struct AtStation {
+    Vec3 p;
+    Vec3 n;
+    Vec3 jaw;
+    [[nodiscard]] bool is_zero() const { return p.isZero(0.0) && n.isZero(0.0) && jaw.isZero(0.0); }
+  };
+  [[nodiscard]] AtStation at_station(const SlabGradient& gradient, std::size_t k) const;
+  [[nodiscard]] const ScannerModel& scanner_at(std::size_t k) const { return scanner_[sigma_[k].arm]; }
+
   UncertaintySettings settings_;
-  ScannerModel scanner_;
+  std::array<ScannerModel, limits::kArmsMax> scanner_;          ///< [arm]
   std::array<StationSigma, limits::kStationsMax + 1> sigma_{};  ///< [station]
   std::array<StationErrors, limits::kStationsMax + 1> errors_{};
   std::array<FrameResponse, limits::kStationsMax + 1> response_{};
   double u_roll_rad_ = 0.0;
+  Mat6 tie_ = Mat6::Constant(kNoValue);  ///< covariance in slab axes, about tie_centre_
+  Vec3 tie_centre_ = Vec3::Zero();       ///< slab frame
 };
 
 /// Comparison of the fitted frame's roll (about X) with the slab's top. Seats cannot detect a roll error: to them, a

@@ -47,6 +47,7 @@ StationErrors errors_of(const Recipe& recipe, const BlockResult& block, const Po
   e.n_noise = o.sigma_n_rad.cwiseAbs2();
   e.jaw_noise = o.sigma_jaw_mm.cwiseAbs2();
   e.noise_factor = block.seat.noise_factor;
+  e.place = T_slab_block.translation_mm;
   e.normal = T_slab_block.rotation * Vec3(0.0, -std::sin(cant), std::cos(cant));
   e.jaw_lever = T_slab_block.rotation * Vec3(0.0, half * std::cos(cant) - height * std::sin(cant),
                                              half * std::sin(cant) + height * std::cos(cant));
@@ -383,6 +384,8 @@ class ItemWriter {
     const double unit = info(item.id).unit == ItemUnit::deg ? deg_from_rad(1.0) : 1.0;
     const double of_roll = 2.0 * unit * budget_.of_roll(gradient.value());
     item.U = std::hypot(default_U(item.U, station_sigma), of_roll);
+    if (const double of_tie = 2.0 * unit * budget_.of_tie(gradient.value()); of_tie != 0.0)
+      item.U = std::hypot(item.U, of_tie);
     if (recipe_.uncertainty.given && has_value(item.value)) settle(budget_.budget(gradient.value(), unit), item);
     if (info(item.id).unit == ItemUnit::mm) state_at_reference(thermal_, gradient.by_expansion_mm(), item);
     item.verdict = judge(item, recipe_.guard);
@@ -425,8 +428,13 @@ void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, con
 void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std::span<const StationSigma> sigmas,
                   const Pose& T_base_slab_nominal, SlabResult& out, const ScannerNumbers& verified,
                   const SlabFacts& slab) {
+  inspect_slab(recipe, blocks, sigmas, T_base_slab_nominal, out, SlabArms{{&verified, 1}, nullptr}, slab);
+}
+
+void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std::span<const StationSigma> sigmas,
+                  const Pose& T_base_slab_nominal, SlabResult& out, const SlabArms& arms, const SlabFacts& slab) {
   out = SlabResult{};
-  SlabBudget budget(recipe, verified, sigmas);
+  SlabBudget budget(recipe, arms, sigmas);
   const Members members = members_of(recipe, blocks);
   const Thermal thermal = thermal_of(recipe.thermal, slab.temperature_c);
   out.fit = locate_slab(recipe, blocks, members, T_base_slab_nominal, slab.design, thermal, budget);
@@ -435,6 +443,7 @@ void inspect_slab(const Recipe& recipe, std::span<const BlockResult> blocks, std
     seats = seats_in_slab_frame(recipe, blocks, members, slab.design, out.fit.T_base_slab);
     const RollCheck check = check_roll(recipe, blocks, out.fit.T_base_slab, budget);
     budget.set_roll(check.u_rad);
+    if (arms.tie != nullptr) budget.set_tie(*arms.tie, out.fit.T_base_slab);
     note_frame(recipe, check, seats, thermal, out.fit);
   }
   ItemWriter write(recipe, slab.design, seats, budget, thermal, out);

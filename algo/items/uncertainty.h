@@ -50,6 +50,9 @@
 ///                 artefact gives the scale, and its error decreases with the length. Slab frame: reference_mm per
 ///                 axis and station, the coordinates of the mastered seats.
 ///
+///   tie           The second robot's base in the base frame, common to all its stations; only items between stations of
+///                 two robots have it (slab_budget.h).
+///
 /// If a part is not finite, the item has no budget: it keeps the recipe's U, or none, and is then indeterminate.
 namespace slabd::algo {
 

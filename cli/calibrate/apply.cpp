@@ -24,6 +24,7 @@ namespace {
 
 struct Options {
   std::string config;
+  ScannerChoice scanner;
   std::string id;
   std::string kind = "hand_eye";
   std::uint16_t slab_type = 0;
@@ -43,7 +44,9 @@ void warn_of_standing(const config::Config& config, std::string_view id) {
   const auto reader = records_if_readable(config);
   if (!reader.ok()) return complain(retold(reader.error().text.view()));
   if (reader.value() == nullptr) return;
-  const auto line = reader.value()->line_calibration();
+  const auto record = reader.value()->calibration(id);
+  if (!record || !record.value()) return;
+  const auto line = reader.value()->line_calibration(record.value()->scanner);
   if (!line || line.value()->scanner.id.view() != id ||
       acceptance_state(line.value()->scanner, wall_clock_us()) != AcceptanceState::failed)
     return;
@@ -103,6 +106,14 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
   config::Config config;
   if (!config_from(record_options.config, config))
     stop(kBadInput, say("applying needs the daemon's configuration: slabctl calibrate apply --config FILE"));
+  ScannerChoice scanner = record_options.scanner;
+  if (const std::string& of_session = session.settings().scanner; !of_session.empty()) {
+    if (!scanner.id.empty() && scanner.id != of_session)
+      stop(kUsage,
+           say("--scanner {}: {} is a calibration of scanner {}", scanner.id, session_words(session), of_session));
+    scanner.id = of_session;
+  }
+  config = scanner.of(std::move(config));
   if (!yes && !is_of_line(session, record_options.config, config))
     stop(kRefused, say("{} was begun with {}: its views are of that line's robot and scanner, and {} is "
                        "another line; if it is the same one, say --yes",
@@ -165,18 +176,30 @@ int show_history(const Options& options) {
     applied = need(reader->applied(options.limit), kNotReachable);
     records = need(reader->calibrations(), kNotReachable);
   }
+  if (!options.scanner.id.empty()) {
+    // A tie is of both scanners.
+    const std::string scanner(options.scanner.of(config).by.scanner.view());
+    std::erase_if(applied, [&](const storage::AppliedChange& c) {
+      return c.kind != CalibrationKind::tie && c.scanner != scanner;
+    });
+    std::erase_if(records, [&](const storage::CalibrationRecord& r) {
+      return r.kind() != CalibrationKind::tie && r.scanner != scanner;
+    });
+  }
   if (options.json) {
     report::Json json("slabd.calibration_history/1");
     json.list("applied", applied, [&](const storage::AppliedChange& c) {
       json.field("seq", c.seq).field("kind", c.kind).field("slab_type", c.slab_type);
       json.field("action", c.is_rollback ? "rollback" : "apply").field("id", c.calibration_id);
-      json.field("replaced", c.replaced_id).field("who", c.note.who).field("why", c.note.why);
+      json.field("scanner", c.scanner).field("replaced", c.replaced_id).field("who", c.note.who);
+      json.field("why", c.note.why);
       report::write_time(json, "time", c.note.utime_us);
     });
     json.key("records").begin_array();
     for (const storage::CalibrationRecord& r : records) {
       json.begin_object().field("id", r.id).field("kind", r.kind()).field("slab_type", r.slab_type());
-      json.field("parent", r.parent_id).field("operator", r.operator_name).field("robot_serial", r.robot_serial);
+      json.field("scanner", r.scanner).field("parent", r.parent_id).field("operator", r.operator_name);
+      json.field("robot_serial", r.robot_serial);
       json.field("scanner_serial", r.scanner_serial).field("temperature_c", r.temperature_c);
       json.field("software", r.software);
       report::write_time(json, "created", r.created_utime_us);
@@ -186,16 +209,21 @@ int show_history(const Options& options) {
     fmt::print("{}", json.text());
     return kDone;
   }
+  const auto of_scanner = [&](CalibrationKind kind, const std::string& scanner) {
+    const bool shown = config.arms.several() && kind != CalibrationKind::tie;
+    return shown ? ", " + say("scanner {}", scanner) : std::string();
+  };
   report::Table changes{say("when<"), say("what<"), say("now in force<"), say("before<"), say("who<"), say("why<")};
   for (const storage::AppliedChange& c : applied)
     changes.add(report::iso_time(c.note.utime_us),
-                fmt::format("{} {}{}", c.is_rollback ? say("rollback") : say("apply"), translated(name(c.kind)),
-                            c.slab_type == 0 ? "" : fmt::format(" {}", c.slab_type)),
+                fmt::format("{} {}{}{}", c.is_rollback ? say("rollback") : say("apply"), translated(name(c.kind)),
+                            c.slab_type == 0 ? "" : fmt::format(" {}", c.slab_type), of_scanner(c.kind, c.scanner)),
                 c.calibration_id, c.replaced_id.empty() ? "-" : c.replaced_id, c.note.who, retold(c.note.why));
   report::Table kept{say("\nkept<"),   say("kind<"),  say("created<"), say("expires<"),
                      say("operator<"), say("robot<"), say("scanner<"), say("holds for<")};
   for (const storage::CalibrationRecord& r : records)
-    kept.add(r.id, translated(name(r.kind())), report::iso_time(r.created_utime_us),
+    kept.add(r.id, std::string(translated(name(r.kind()))) + of_scanner(r.kind(), r.scanner),
+             report::iso_time(r.created_utime_us),
              r.expires_utime_us == 0 ? say("never") : report::iso_time(r.expires_utime_us), r.operator_name,
              r.robot_serial, r.scanner_serial, r.parent_id);
   fmt::print("{}{}", changes.rows.empty() ? say("no calibration was ever put in force\n") : report::text_of(changes),
@@ -226,7 +254,7 @@ void confirm_replacing(const config::Config& config, const Pose& after, std::str
 /// The same for a stored hand-eye calibration that is named. Does nothing for other records; the change itself rejects
 /// a name that does not exist.
 void confirm_applying(const Options& options, bool yes) {
-  const config::Config config = config_from(options.config);
+  config::Config config = config_from(options.config);
   const std::unique_ptr<storage::Reader> reader = open_records(config);
   if (reader == nullptr) return;
   const auto kept = need(reader->calibrations());
@@ -237,12 +265,13 @@ void confirm_applying(const Options& options, bool yes) {
     if (record.id == options.id) break;
   }
   const auto* numbers = named == nullptr ? nullptr : std::get_if<HandEyeNumbers>(&named->numbers);
-  if (numbers != nullptr) confirm_replacing(config, numbers->T_flange_scanner, named->id, yes);
+  if (numbers != nullptr)
+    confirm_replacing(ScannerChoice{named->scanner}.of(std::move(config)), numbers->T_flange_scanner, named->id, yes);
 }
 
 /// Stores the commissioning values as a record, with an uncertainty that the operator states.
 int adopt(RecordOptions options, double sigma_mm, double sigma_deg, bool yes) {
-  const config::Config config = config_from(options.config);
+  const config::Config config = options.scanner.of(config_from(options.config));
   if (config.calibration.id.empty())
     stop(kBadInput, say("{}: [calibration] T_flange_scanner is missing, there is nothing to adopt", options.config));
   if (options.apply)
@@ -292,6 +321,7 @@ void add_calibrate_apply(args::Command& group) {
       "          slabctl calibrate apply he-3f2a91c07b5e --reason \"scanner exchanged\"");
   command->add_option("ID", options->known.id, "Id of a kept record, or its first characters");
   options->session.add_to(*command);
+  options->known.scanner.add_to(*command);
   options->record.add_origin_to(*command);
   command->add_option("--reason", options->record.why, "Why, for the history; must be given with ID")
       ->check(some_words());
@@ -301,6 +331,7 @@ void add_calibrate_apply(args::Command& group) {
   command->add_flag("--json", options->known.json, "Print slabd.calibration_applied/1 on stdout");
   command->runs([options] {
     Options& known = options->known;
+    options->record.scanner = known.scanner;
     if (known.id.empty()) return apply_session(options->session, options->record, options->yes, known.json);
     known.language = options->session.language;
     set_language(known.language, known.json);
@@ -315,7 +346,7 @@ void add_calibrate_apply(args::Command& group) {
                        "--valid-days with "
                        "ID"));
     confirm_applying(known, options->yes);
-    return carry_out(known, storage::ApplyCalibration{known.id, note_of(known)});
+    return carry_out(known, storage::ApplyCalibration{known.id, note_of(known), known.scanner.id});
   });
 }
 
@@ -360,15 +391,22 @@ void add_calibrate_rollback(args::Command& group) {
       "\nStation corrections hold for one hand-eye calibration: roll that back first.\n"
       "Example: slabctl calibrate rollback --reason \"worse than before\"");
   command->add_option("--kind", options->kind, "Kind of calibration to roll back")
-      ->check(args::one_of({"hand_eye", "stations", "reference_block", "monitor_ball", "scanner"}))
+      ->check(args::one_of({"hand_eye", "stations", "reference_block", "monitor_ball", "scanner", "tie"}))
       ->capture_default_str();
   command->add_option("--slab-type", options->slab_type,
                       "SLAB_TYPE of station corrections (default: that of the newest change)");
+  options->scanner.add_to(*command);
   add_common(*command, *options);
   add_note(*command, *options);
   command->runs([options] {
-    return carry_out(*options, storage::RollBackCalibration{*calibration_kind_named(options->kind), options->slab_type,
-                                                            note_of(*options)});
+    set_language(options->language, options->json);
+    const CalibrationKind kind = *calibration_kind_named(options->kind);
+    // A tie is of both scanners.
+    const config::Config config = config_from(options->config);
+    const std::string scanner = kind == CalibrationKind::tie
+                                    ? storage::RollBackCalibration{}.scanner
+                                    : std::string(options->scanner.of(config).by.scanner.view());
+    return carry_out(*options, storage::RollBackCalibration{kind, options->slab_type, note_of(*options), scanner});
   });
 }
 
@@ -379,6 +417,7 @@ void add_calibrate_history(args::Command& group) {
   command->add_option("--limit", options->limit, "How many changes, newest first")
       ->check(args::range(std::size_t{1}, std::size_t{100'000}))
       ->capture_default_str();
+  options->scanner.add_to(*command);
   add_common(*command, *options);
   command->runs([options] { return show_history(*options); });
 }
@@ -397,15 +436,19 @@ std::optional<Stop> find_seat_shifts(const config::Config& config, std::uint16_t
   if (!reader.ok()) return Stop{kNotReachable, retold(reader.error().text.view())};
   std::unique_ptr<LineCalibration> line;
   if (reader.value() != nullptr) {
-    auto read = reader.value()->line_calibration();
+    auto read = reader.value()->line_calibration(config.by.scanner.view());
     if (!read.ok()) return Stop{exit_for(read.error().code), retold(read.error().text.view())};
     line = std::move(read.value());
   }
   const StationsInForce* table = line == nullptr ? nullptr : line->table_for(recipe->slab_type);
+  // The poses of a table are in the base of the scanner's own robot, the slab is in the base frame of the line.
+  const std::optional<Pose> tied = find_T_robot_slab(reader.value().get(), config);
+  if (!tied) table = nullptr;
+  const Pose T_robot_slab = tied.value_or(config.T_base_slab);
   out.slab = say("slab type {}", recipe->slab_type);
   out.shift_max_mm = 0.0;
   for (int station = 1; station <= recipe->stations(); ++station) {
-    const Pose T_base_block = config.T_base_slab * T_slab_block(*recipe, station);
+    const Pose T_base_block = T_robot_slab * T_slab_block(*recipe, station);
     StationShift s;
     s.station = station;
     Pose T_base_flange = T_base_block * nominal_T_block_scanner() * before.inverse();
@@ -415,8 +458,7 @@ std::optional<Stop> find_seat_shifts(const config::Config& config, std::uint16_t
       if (s.taught) T_base_flange = mastered.T_base_flange;
     }
     const Vec3 seen = (T_base_flange * before).inverse() * T_base_block.translation_mm;
-    s.shift_mm =
-        config.T_base_slab.rotation.conjugate() * Vec3(T_base_flange * (after * seen) - T_base_block.translation_mm);
+    s.shift_mm = T_robot_slab.rotation.conjugate() * Vec3(T_base_flange * (after * seen) - T_base_block.translation_mm);
     out.shift_max_mm = std::max(out.shift_max_mm, s.shift_mm.norm());
     out.stations.push_back(s);
   }

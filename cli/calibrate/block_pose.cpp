@@ -32,6 +32,7 @@ struct Options {
   std::string flange;
   std::string start;
   std::string config;
+  ScannerChoice scanner;
   std::string target;
   ScanFormOptions form;
   LanguageOption language;
@@ -44,7 +45,7 @@ Pose find_start(const Options& options) {
   config::Config config;
   if (!config_from(options.config, config))
     stop(kUsage, say("--start gives the rough pose of the scanner (T_flange_scanner), or --config where to read it"));
-  return hand_eye_in_force(config).T_flange_scanner;
+  return hand_eye_in_force(options.scanner.of(std::move(config))).T_flange_scanner;
 }
 
 /// Finds the block's pose in a scan.
@@ -169,6 +170,7 @@ void add_calibrate_block(args::Command& group) {
   command->add_option("--start", options->start,
                       "Roughly T_flange_scanner, \"x y z qw qx qy qz\" (default: what the configuration uses)");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
+  options->scanner.add_to(*command);
   command->add_option("--target", options->target,
                       "Write the poses as a target table for `calibrate solve --kind pose`; all must be accepted");
   options->form.add_to(*command);

@@ -9,7 +9,8 @@
 namespace slabd::cli {
 
 void add_calibrate(args::Command& app) {
-  args::Command group = app.add_subcommand("calibrate", "Pose of the scanner on the flange: hand-eye and stations");
+  args::Command group =
+      app.add_subcommand("calibrate", "Pose of the scanner on the flange: hand-eye, stations, tie of two robots");
   group->require_subcommand(1);
   add_calibrate_new(*group);
   add_calibrate_capture(*group);
@@ -25,6 +26,7 @@ void add_calibrate(args::Command& app) {
   add_calibrate_artefact(*group);
   add_calibrate_block(*group);
   add_calibrate_stations(*group);
+  add_calibrate_tie(*group);
   add_calibrate_reference(*group);
   add_calibrate_check(*group);
   add_calibrate_adopt(*group);

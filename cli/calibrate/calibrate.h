@@ -29,6 +29,7 @@ void add_calibrate_artefact(args::Command& group);
 void add_calibrate_block(args::Command& group);
 void add_calibrate_solve(args::Command& group);
 void add_calibrate_stations(args::Command& group);
+void add_calibrate_tie(args::Command& group);
 void add_calibrate_reference(args::Command& group);
 void add_calibrate_check(args::Command& group);
 void add_calibrate_apply(args::Command& group);

@@ -36,6 +36,7 @@ constexpr double kSameRadius_mm = 1e-6;
 
 struct CheckOptions {
   std::string config;
+  ScannerChoice scanner;
   std::string scan;
   std::string recipe;
   std::string slab;
@@ -78,7 +79,7 @@ BlockResult measure_scan(const CheckOptions& options, const config::Config& conf
   const Recipe recipe = recipe_from(options.recipe);
   need_recipe_of_line(recipe, options.recipe, config);
   // Measured with the scanner's acceptance, as on the line.
-  const auto line = need(reader.line_calibration());
+  const auto line = need(reader.line_calibration(config.by.scanner.view()));
   const ProgressNote note(stderr, say("measuring ..."), std::chrono::seconds(1));
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
@@ -108,15 +109,21 @@ Result<std::int64_t> last_check_utime_us(storage::Reader& reader) {
 
 /// Result of one station of an inspected slab, for a reference block that is a station of the cell. It is valid only
 /// if it was scanned with the calibration in force and after the last check. `source`: its name.
-BlockResult take_from_slab(const CheckOptions& options, storage::Reader& reader, const CalibrationId& in_force,
-                           std::string& source) {
+BlockResult take_from_slab(const CheckOptions& options, const config::Config& config, storage::Reader& reader,
+                           const CalibrationId& in_force, std::string& source) {
   const storage::SlabRecord slab = named_slab(reader, options.slab);
   const std::int64_t key = slab.summary.header.key;
   const storage::SlabBlock* valid = report::latest(slab, options.station);
   if (valid == nullptr || valid->phase != StationPhase::measured)
     stop(kBadInput, say("--slab {} --station {}: this station was not measured; slabctl show {} lists its blocks",
                         options.slab, options.station, options.slab));
-  const CalibrationId& measured_with = slab.summary.header.calibration_id;
+  const Attempt& attempt = valid->attempt;
+  if (config.arms.several() && attempt.by.scanner != config.by.scanner)
+    stop(kBadInput, say("--slab {} --station {}: scanner {} scanned it, not scanner {}", options.slab, options.station,
+                        attempt.by.scanner.view(), config.by.scanner.view()));
+  const SlabHeader& header = slab.summary.header;
+  const CalibrationId& measured_with =
+      attempt.arm == 0 ? header.calibration_id : header.more_arms[attempt.arm - 1U].calibration_id;
   if (!(measured_with == in_force))
     stop(kRefused, say("slab {} was measured with calibration {}, in force is {}: scan the reference block again", key,
                        measured_with.empty() ? say("none") : std::string(measured_with.view()), in_force.view()));
@@ -133,8 +140,9 @@ BlockResult take_from_slab(const CheckOptions& options, storage::Reader& reader,
 
 /// Rejects a passed check from another pose if the last check failed, because the robot error may have the opposite
 /// sign there.
-void need_clear_elsewhere(storage::Reader& reader, const CalibrationCheck& check, const std::string& where) {
-  if (check.passed && need(reader.line_calibration())->ball.failed)
+void need_clear_elsewhere(const config::Config& config, storage::Reader& reader, const CalibrationCheck& check,
+                          const std::string& where) {
+  if (check.passed && need(reader.line_calibration(config.by.scanner.view()))->ball.failed)
     stop(kRefused, say("refused: the last check failed, and this one does not clear it: {}", where));
 }
 
@@ -179,7 +187,7 @@ int show_trend(const CheckOptions& options, const config::Config& config, storag
   std::unique_ptr<LineCalibration> line = std::make_unique<LineCalibration>();
   if (reader != nullptr) {
     checks = need(reader->checks(options.limit));
-    line = need(reader->line_calibration());
+    line = need(reader->line_calibration(config.by.scanner.view()));
   }
   if (options.json) {
     report::Json json("slabd.calibration_trend/1");
@@ -224,7 +232,7 @@ Result<std::string> mark_of(const std::string& scan) {
 
 /// Requires a new scan, because a scan that was evaluated before contains no new information. Adds its identification
 /// to `source`; stops if it was evaluated before or defines the ball's position.
-void need_new(const CheckOptions& options, storage::Reader& reader, std::string& source) {
+void need_new(const CheckOptions& options, const config::Config& config, storage::Reader& reader, std::string& source) {
   constexpr std::size_t kLookBack = 10'000;
   if (options.look.live) return;
   if (options.slab.empty()) source = need(mark_of(options.scan)) + source;
@@ -234,7 +242,7 @@ void need_new(const CheckOptions& options, storage::Reader& reader, std::string&
     return options.slab.empty() ? other.substr(0, digest_end) == source.substr(0, digest_end) : other == source;
   };
   const CalibrationKind kind = options.ball ? CalibrationKind::monitor_ball : CalibrationKind::reference_block;
-  const auto reference = need(reader.current(kind));
+  const auto reference = need(reader.current(kind, 0, config.by.scanner.view()));
   if (options.ball && reference &&
       reference->observations.find("scan " + source.substr(0, digest_end)) != std::string::npos)
     stop(kRefused,
@@ -265,7 +273,7 @@ Thermal expansion_of(const storage::CalibrationRecord& reference, double tempera
 /// Compares with the artefact in force.
 CalibrationCheck judge(const CheckOptions& options, const config::Config& config, storage::Reader& reader) {
   const CalibrationKind kind = options.ball ? CalibrationKind::monitor_ball : CalibrationKind::reference_block;
-  const auto reference = need(reader.current(kind));
+  const auto reference = need(reader.current(kind, 0, config.by.scanner.view()));
   if (!reference)
     stop(kBadInput, say("no {} is in force to compare with: slabctl calibrate reference", translated(name(kind))));
   if (const std::int64_t end = reference->expires_utime_us; end != 0 && wall_clock_us() >= end)
@@ -289,16 +297,16 @@ CalibrationCheck judge(const CheckOptions& options, const config::Config& config
     const MeasuredBall seen = look_at_ball(config, look, hand_eye.T_flange_scanner);
     check = calib::check_ball(ball, seen.p_base_mm);
     if (options.look.live) source = seen.source;
-    need_new(options, reader, source);
+    need_new(options, config, reader, source);
     if (const std::string where = seen_elsewhere(config, reference->observations, seen); !where.empty()) {
-      need_clear_elsewhere(reader, check, where);
+      need_clear_elsewhere(config, reader, check, where);
       complain(say("warning: {}", where));
       check.note.assign((check.note.empty() ? "" : std::string(check.note.view()) + "; ") + kElsewhereNote);
     }
   } else {
     const BlockResult block = options.slab.empty() ? measure_scan(options, config, reader)
-                                                   : take_from_slab(options, reader, hand_eye.id, source);
-    need_new(options, reader, source);
+                                                   : take_from_slab(options, config, reader, hand_eye.id, source);
+    need_new(options, config, reader, source);
     check = calib::check_block(std::get<ReferenceBlock>(reference->numbers), block, config.check_limits,
                                expansion_of(*reference, options.temperature_c));
   }
@@ -312,7 +320,7 @@ CalibrationCheck judge(const CheckOptions& options, const config::Config& config
 
 int check_calibration(const CheckOptions& options) {
   set_language(options.language, options.json);
-  const config::Config config = config_from(options.config);
+  const config::Config config = options.scanner.of(config_from(options.config));
   finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader = open_records(config);
   if (options.ball && options.look.live == !options.scan.empty())
@@ -356,7 +364,7 @@ int take_reference(const ReferenceOptions& options) {
     stop(kUsage,
          say("give one of --certificate (reference block), --ball SCAN with --flange, or --live (monitor ball, with "
              "--radius)"));
-  const config::Config config = config_from(options.record.config);
+  const config::Config config = options.record.scanner.of(config_from(options.record.config));
   finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader = open_records(config);
   storage::CalibrationRecord record;
@@ -407,6 +415,7 @@ void add_calibrate_check(args::Command& group) {
       "          slabctl calibrate check");
   command->add_option("SCAN", options->scan, "Scan of the reference block, or of the monitor ball with --ball");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
+  options->scanner.add_to(*command);
   command->add_option("--recipe", options->recipe,
                       "Recipe with the shape of the reference block, one of the line's ([recipes] dir)");
   args::Option slab = command->add_option("--slab", options->slab, "Instead of a scan: slab key or id ...");

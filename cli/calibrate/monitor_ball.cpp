@@ -10,6 +10,7 @@
 #include "calib/calib.h"
 #include "cli/client/calibration_change.h"
 #include "cli/client/live_capture.h"
+#include "cli/client/scanner_choice.h"
 #include "cli/command.h"
 #include "cli/exit.h"
 #include "cli/terminal/arguments.h"
@@ -65,7 +66,8 @@ LiveBall::LiveBall(const config::Config& config, const BallMeasurement& look) {
   // The session name is unique, so that two simultaneous checks cannot continue or end each other's session. The lease
   // is short, because after a crash no other process can continue the session.
   const std::string session = fmt::format("monitor ball {}", ::getpid());
-  Result<LiveCapture> line = LiveCapture::begin(config.control_socket, {session, who, kLease_s, false});
+  Result<LiveCapture> line =
+      LiveCapture::begin(config.control_socket, {session, who, kLease_s, false, id_if_several(config)});
   if (!line.ok()) stop(live_capture_exit(line.error().code), line.error());
   session_ = std::make_unique<Session>(Session{std::move(line.value()), config.scanner.form, look});
 }

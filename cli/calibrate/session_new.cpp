@@ -30,6 +30,7 @@ namespace fs = std::filesystem;
 struct Options {
   std::string name;
   std::string config;
+  ScannerChoice scanner;
   std::string kind = "ball";
   double radius_mm = kNoValue;
   double radius_sigma_mm = 0.003;
@@ -78,6 +79,7 @@ int begin(const Options& options) {
   set_language(options.language, options.json);
   std::optional<config::Config> config;
   if (!config_if_any(options.config, config)) stop(kBadInput);
+  if (config) config = options.scanner.of(*config);
   const std::string dir = need(session_dir(options.name, options.config), kUsage);
 
   calib::SessionSettings settings;
@@ -91,6 +93,7 @@ int begin(const Options& options) {
             "folder is one that cannot be seen"));
   settings.created = report::iso_time(wall_clock_us());
   if (config) settings.config = fs::absolute(options.config.empty() ? default_config() : options.config).string();
+  if (config && config->arms.several()) settings.scanner = config->by.scanner.view();
   settings.operator_name = options.operator_name.empty() ? default_operator() : options.operator_name;
   settings.noise = options.solve.noise();
   settings.limit_mm = options.solve.limit_mm;
@@ -166,6 +169,7 @@ void add_calibrate_new(args::Command& group) {
       ->required();
   command->add_option("--config", options->config,
                       fmt::format("The daemon's configuration (default: {})", default_config()));
+  options->scanner.add_to(*command);
   command->add_option("--kind", options->kind, "ball: a tooling ball; artefact: three to eight balls on a frame")
       ->check(args::one_of({"ball", "artefact", "pose"}))
       ->capture_default_str();

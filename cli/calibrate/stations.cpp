@@ -48,9 +48,13 @@ struct Work {
   std::int64_t oldest_utime_us = std::numeric_limits<std::int64_t>::max();  ///< of the visits, if known
   std::int64_t end_utime_us = 0;    ///< expiry of the record that is solved again; 0: never
   double temperature_c = kNoValue;  ///< during the visits
+  /// With several robots: places of the visits of all of them, base frame, for the placement of the mastered slab.
+  std::vector<calib::StationVisit> of_all;
+  std::vector<Pose> T_base_scanner_of_all;
 };
 
-void add_slab(storage::Reader& reader, const std::string& name, Work& work) {
+/// Adds the visits of the scanner `config.by` in one inspection of the mastered slab.
+void add_slab(const config::Config& config, storage::Reader& reader, const std::string& name, Work& work) {
   const storage::SlabRecord slab = named_slab(reader, name);
   const SlabHeader& header = slab.summary.header;
   if (header.slab_type != work.certificate.slab_type)
@@ -60,9 +64,19 @@ void add_slab(storage::Reader& reader, const std::string& name, Work& work) {
   for (const calib::MasterStation& s : work.certificate.stations) {
     const storage::SlabBlock* valid = report::latest(slab, s.station);
     if (valid == nullptr || valid->phase != StationPhase::measured) continue;
-    auto visit = calib::seat_visit(valid->block, valid->attempt.T_base_flange, round);
+    const Attempt& attempt = valid->attempt;
+    auto visit = calib::seat_visit(valid->block, attempt.T_base_flange, round);
     if (!visit) continue;
-    visit->hand_eye_id = header.calibration_id.view();
+    if (config.arms.several()) {
+      // Without the corrections that were in force, because they are what is solved.
+      const Pose T_robot_scanner = attempt.T_base_flange * T_flange_scanner_of(header, attempt.arm);
+      work.of_all.push_back(*visit);
+      work.T_base_scanner_of_all.push_back(attempt.splice.tied ? attempt.splice.T_base_robot * T_robot_scanner
+                                                               : T_robot_scanner);
+      if (attempt.by.scanner != config.by.scanner) continue;
+    }
+    visit->hand_eye_id =
+        attempt.arm == 0 ? header.calibration_id.view() : header.more_arms[attempt.arm - 1U].calibration_id.view();
     work.oldest_utime_us = std::min(work.oldest_utime_us, valid->attempt.scan_utime_us);
     work.visits.push_back(std::move(*visit));
   }
@@ -80,9 +94,9 @@ void read_certificate(const std::string& text, const std::string& name, Work& wo
 }
 
 /// Requires a hand-eye calibration in force, because corrections are relative to it.
-void find_hand_eye(storage::Reader* reader, Work& work) {
+void find_hand_eye(const config::Config& config, storage::Reader* reader, Work& work) {
   if (reader != nullptr) {
-    auto current = need(reader->current(CalibrationKind::hand_eye));
+    auto current = need(reader->current(CalibrationKind::hand_eye, 0, config.by.scanner.view()));
     if (current) {
       work.hand_eye = std::move(*current);
       return;
@@ -94,17 +108,17 @@ void find_hand_eye(storage::Reader* reader, Work& work) {
 }
 
 /// Solves the table in force again with the current hand-eye calibration.
-void take_again(const Options& options, storage::Reader* reader, Work& work) {
+void take_again(const Options& options, const config::Config& config, storage::Reader* reader, Work& work) {
   std::uint16_t slab_type = options.slab_type;
   std::optional<storage::CalibrationRecord> record;
   if (reader != nullptr) {
     if (slab_type == 0) {
-      const auto line = need(reader->line_calibration());
+      const auto line = need(reader->line_calibration(config.by.scanner.view()));
       if (line->tables.size() > 1)
         stop(kUsage, say("--again: several slab types have corrections; say which with --slab-type"));
       if (!line->tables.empty()) slab_type = line->tables[0].table.slab_type;
     }
-    record = need(reader->current(CalibrationKind::stations, slab_type));
+    record = need(reader->current(CalibrationKind::stations, slab_type, config.by.scanner.view()));
   }
   if (!record)
     stop(kBadInput,
@@ -138,14 +152,14 @@ void find_earlier_hand_eyes(storage::Reader& reader, Work& work) {
   }
 }
 
-Work gather(const Options& options, storage::Reader* reader) {
+Work gather(const Options& options, const config::Config& config, storage::Reader* reader) {
   Work work;
-  find_hand_eye(reader, work);
+  find_hand_eye(config, reader, work);
   if (options.again) {
-    take_again(options, reader, work);
+    take_again(options, config, reader, work);
   } else {
     read_certificate(need(text_file(options.certificate)), options.certificate, work);
-    for (const std::string& slab : options.slabs) add_slab(*reader, slab, work);
+    for (const std::string& slab : options.slabs) add_slab(config, *reader, slab, work);
     for (const std::string& path : options.visits) add_file(path, work);
   }
   find_earlier_hand_eyes(*reader, work);
@@ -274,20 +288,34 @@ void complain_of_reasons(const calib::StationsSolution& s) {
     complain(say("refused ({}): {}\n  what to do: {}", name(reason.code), quote(reason.text), quote(reason.cure)));
 }
 
+/// Place of the mastered slab in the base of this scanner's robot, from the stations of all robots: those of one robot
+/// may be on a line. The corrections of both robots then refer to one place. nullopt: the own stations place it.
+std::optional<Pose> place_with_all_robots(const config::Config& config, storage::Reader& reader, const Work& work) {
+  const std::optional<Pose> T_base_certificate =
+      calib::placement_of(work.certificate, work.of_all, work.T_base_scanner_of_all);
+  if (!T_base_certificate || config.by.scanner == config.arms.list[0].scanner) return T_base_certificate;
+  const auto cell = need(reader.cell_calibration(config.arms));
+  if (cell->tie.id.empty())
+    stop(kRefused, say("the base frames of the two robots are not tied: slabctl calibrate tie"));
+  return cell->tie.numbers.T_base_robot.inverse() * *T_base_certificate;
+}
+
 int calibrate_stations(const Options& options) {
   set_language(options.language, options.json);
   const bool sources = !options.certificate.empty() && !(options.slabs.empty() && options.visits.empty());
   if (!options.again && !sources)
     stop(kUsage, say("give --certificate with --slabs or --visits, or --again to solve the visits in force once more"));
-  const config::Config config = config_from(options.record.config);
+  const config::Config config = options.record.scanner.of(config_from(options.record.config));
   finish_killed_change(config);
   std::unique_ptr<storage::Reader> reader = open_records(config);
-  Work work = gather(options, reader.get());
+  Work work = gather(options, config, reader.get());
   need_their_temperature(options, work);
   const std::optional<double> moved_mm = bring_to_visits(options, config, work);
   calib::StationSettings settings = options.settings;
   settings.gate_mm = config.splice.gate_mm;
   settings.gate_rad = config.splice.gate_rad;
+  if (config.arms.several() && !work.of_all.empty())
+    settings.T_base_certificate = place_with_all_robots(config, *reader, work);
   const auto& hand_eye = std::get<HandEyeNumbers>(work.hand_eye.numbers);
   const calib::StationsSolution s = need(calib::solve_stations(work.certificate, work.visits, hand_eye, settings));
   if (!moved_mm) warn_of_temperature(options, work);

@@ -311,6 +311,7 @@ Result<LiveCapture> begin(const Session& session, bool take_over) {
   wanted.session = name_on_the_line(session);
   wanted.operator_name = default_operator().substr(0, 60);
   wanted.take_over = take_over;
+  wanted.scanner = session.settings().scanner;
   return LiveCapture::begin(socket.value(), wanted);
 }
 

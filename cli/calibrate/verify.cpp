@@ -66,6 +66,7 @@ Verification carry_out(const Options& options, const Session& session, const Ses
   const std::string config_path = options.session.config.empty() ? settings.config : options.session.config;
   if (!config_if_any(config_path, config)) stop(kBadInput);
   if (config) {
+    config = ScannerChoice{settings.scanner}.of(*config);
     v.before = hand_eye_in_force(*config);
     v.has_before = !v.before.id.empty();
   }

@@ -97,12 +97,11 @@ Result<std::string> LiveCapture::ask(std::string_view action, std::string_view s
 }
 
 Result<LiveCapture> LiveCapture::begin(const std::string& socket, const LiveCaptureBegin& begin) {
-  const Result<json> state = understood(send(socket, {{"verb", "capture"},
-                                                      {"action", "begin"},
-                                                      {"session", begin.session},
-                                                      {"operator", begin.operator_name},
-                                                      {"lease_s", begin.lease_s},
-                                                      {"take_over", begin.take_over}}));
+  json request = {{"verb", "capture"},        {"action", "begin"},
+                  {"session", begin.session}, {"operator", begin.operator_name},
+                  {"lease_s", begin.lease_s}, {"take_over", begin.take_over}};
+  if (!begin.scanner.empty()) request["scanner"] = begin.scanner;
+  const Result<json> state = understood(send(socket, request));
   if (!state.ok()) return state.error();
   LiveCapture capture(socket, begin.session);
   capture.warnings_ = sentences(state.value());

@@ -39,6 +39,7 @@ struct LiveCaptureBegin {
   std::string operator_name;   ///< 1..60 bytes
   std::int64_t lease_s = 300;  ///< 10..3600, renewed by every action
   bool take_over = false;      ///< end an open session of another name (never during its shot)
+  std::string scanner{};       ///< id of the scanner, on a line with several
 };
 
 /// Result of a shot. Lengths mm, angles rad.

@@ -17,6 +17,7 @@ namespace slabd::cli {
 
 void RecordOptions::add_to(args::Command& command) {
   command.add_option("--config", config, "The daemon's configuration")->default_val(default_config());
+  scanner.add_to(command);
   add_origin_to(command);
   args::Option apply_flag = command.add_flag("--apply", apply, "Put it in force at once");
   command.add_option("--reason", why, "Why it is put in force, for the history")
@@ -43,6 +44,7 @@ void RecordOptions::describe(const config::Config& config_in, storage::Calibrati
   record.robot_serial = robot_serial;
   record.scanner_serial = scanner_serial;
   record.temperature_c = temperature_c;
+  record.scanner = config_in.by.scanner.view();
   record.software = daemon::software_version().view();
   record.created_utime_us = wall_clock_us();
   const int days = valid_days >= 0 ? valid_days : config_in.calibration_valid_days;
@@ -120,10 +122,17 @@ std::unique_ptr<storage::Reader> open_records(const config::Config& config) {
   return need(records_if_readable(config), kNotReachable);
 }
 
+std::optional<Pose> find_T_robot_slab(storage::Reader* reader, const config::Config& config) {
+  if (config.by.scanner == config.arms.list[0].scanner) return config.T_base_slab;
+  const auto cell = reader == nullptr ? nullptr : need(reader->cell_calibration(config.arms));
+  if (cell == nullptr || cell->tie.id.empty()) return std::nullopt;
+  return cell->tie.numbers.T_base_robot.inverse() * config.T_base_slab;
+}
+
 InForce hand_eye_in_force(storage::Reader* reader, const config::Config& config) {
   InForce now{config.calibration.id, config.calibration.T_flange_scanner, false};
   if (reader == nullptr) return now;
-  const auto current = need(reader->current(CalibrationKind::hand_eye));
+  const auto current = need(reader->current(CalibrationKind::hand_eye, 0, config.by.scanner.view()));
   if (!current) return now;
   now.id.assign(current->id);
   now.T_flange_scanner = std::get<HandEyeNumbers>(current->numbers).T_flange_scanner;

@@ -4,8 +4,10 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 
+#include "cli/client/scanner_choice.h"
 #include "cli/exit.h"
 #include "config/config.h"
 #include "storage/storage.h"
@@ -27,13 +29,14 @@ struct RecordOptions {
   std::string why;      ///< reason for applying it
   bool apply = false;
   bool dry_run = false;
+  ScannerChoice scanner;  ///< added by add_to()
 
   void add_to(args::Command& command);
   /// Adds the options for operator, equipment and validity: --operator, --robot-serial, --scanner-serial,
   /// --temperature, --valid-days.
   void add_origin_to(args::Command& command);
-  /// Sets operator, serials, temperature, software, times. The validity begins at `measured_utime_us`, the time of the
-  /// oldest input, because computing a calibration again is not a measurement.
+  /// Sets operator, serials, temperature, software, times, and the scanner by `config_in.by`. The validity begins at
+  /// `measured_utime_us`, the time of the oldest input, because computing a calibration again is not a measurement.
   void describe(const config::Config& config_in, storage::CalibrationRecord& record,
                 std::int64_t measured_utime_us = std::numeric_limits<std::int64_t>::max()) const;
 };
@@ -56,12 +59,17 @@ struct Kept {
 /// The same for a command that works without it.
 [[nodiscard]] Result<std::unique_ptr<storage::Reader>> records_if_readable(const config::Config& config);
 
-/// The effective hand-eye calibration: the applied one, otherwise the configuration's commissioning value.
+/// The effective hand-eye calibration of the scanner `config.by`: the applied one, otherwise the configuration's
+/// commissioning value.
 struct InForce {
   CalibrationId id;  ///< empty if there is neither
   Pose T_flange_scanner;
   bool applied = false;
 };
+/// Pose of the slab in the base of the robot that carries the scanner `config.by`: for the first robot as configured,
+/// for the second one by the tie in force. nullopt: the robots are not tied.
+[[nodiscard]] std::optional<Pose> find_T_robot_slab(storage::Reader* reader, const config::Config& config);
+
 [[nodiscard]] InForce hand_eye_in_force(const config::Config& config);
 [[nodiscard]] InForce hand_eye_in_force(storage::Reader* reader, const config::Config& config);
 

@@ -92,10 +92,10 @@ int examine(const Options& options) {
     if (!status.empty()) examine_limits(config, report);
     examine_routes(config, report);
     examine_plc(config, !status.empty(), report);
-    examine_robot(config, options.listen_s, report);
+    examine_robots(config, options.listen_s, report);
     examine_camera(config, report);
-    examine_scanner(config, status, options.scan, report);
-    examine_calibration(config, status, report);
+    examine_scanners(config, status, options.scan, report);
+    examine_calibrations(config, status, report);
     examine_gauges(config, !status.empty(), report);
   } else {
     // slabd also runs with such a configuration, in fault 504 or with its previous one, and takes its socket from it.
@@ -128,6 +128,7 @@ bool Examination::any(Health health) const {
 }
 
 void Examination::add(Finding finding) {
+  if (!subject_.empty()) finding.saw = say("{}: {}", subject_, finding.saw);
   if (!quiet_) print_finding(finding);
   findings_.push_back(std::move(finding));
 }

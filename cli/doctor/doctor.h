@@ -51,6 +51,8 @@ class Examination {
   void unknown(std::string_view check, std::string why, std::string cure = {}) {
     add({std::string(check), Health::unknown, std::move(why), std::move(cure)});
   }
+  /// Robot or scanner of the findings from now on, which precedes what they state; empty: none is named.
+  void set_subject(std::string subject) { subject_ = std::move(subject); }
   [[nodiscard]] const std::vector<Finding>& findings() const { return findings_; }
   [[nodiscard]] bool any(Health health) const;
 
@@ -58,6 +60,7 @@ class Examination {
   void add(Finding finding);
 
   bool quiet_;
+  std::string subject_;
   std::vector<Finding> findings_;
 };
 
@@ -111,11 +114,12 @@ void examine_camera(const config::Config& config, Examination& report);
 /// Queries the daemon; returns its status (slabd.status/1), empty if it does not run.
 [[nodiscard]] std::string examine_daemon(const config::Config& config, Examination& report);
 void examine_plc(const config::Config& config, bool daemon_runs, Examination& report);
-/// Receives poses for `seconds`.
-void examine_robot(const config::Config& config, double seconds, Examination& report);
-/// `scan`: takes a scan in the daemon's maintenance state.
-void examine_scanner(const config::Config& config, const std::string& status, bool scan, Examination& report);
-void examine_calibration(const config::Config& config, const std::string& status, Examination& report);
+/// Receives the poses of each robot for `seconds`.
+void examine_robots(const config::Config& config, double seconds, Examination& report);
+/// `scan`: takes a scan with each scanner in the daemon's maintenance state.
+void examine_scanners(const config::Config& config, const std::string& status, bool scan, Examination& report);
+/// Calibrations of each scanner, and the tie of two robots.
+void examine_calibrations(const config::Config& config, const std::string& status, Examination& report);
 
 // ---- doctor_gauges.cpp -------------------------------------------------------------------------------------------
 

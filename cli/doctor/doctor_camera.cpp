@@ -105,7 +105,10 @@ void examine_accepted(const config::Config& config, Examination& report) {
 
 void examine_camera(const config::Config& config, Examination& report) {
   if (config.genicam.camera.empty()) return;
-  if (config.scanner_backend != hal::ScannerBackend::tcp)
+  bool has_stream = false;
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm)
+    has_stream |= config.arm(arm).scanner_backend == hal::ScannerBackend::tcp;
+  if (!has_stream)
     report.failed("camera", say("[genicam] has a camera, but [scanner] backend is \"drop\""),
                   "[scanner] backend = \"tcp\"; docs/GENICAM.md");
   examine_packets(config.genicam, report);

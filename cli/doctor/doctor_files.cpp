@@ -345,9 +345,11 @@ void examine_disk(const config::Config& config, bool with_speed, Examination& re
   const std::string db_folder = fs::path(config.storage.db_path).parent_path().string();
   const bool database = examine_folder("database", db_folder.empty() ? "." : db_folder, account, kOwnerWrites, report);
   const bool spool = examine_folder("scans", config.storage.spool_dir, account, kOwnerWrites, report);
-  if (config.scanner_backend == hal::ScannerBackend::drop) {
-    (void)examine_folder("scan drop", config.scanner.drop_dir.c_str(), account, kScannerWrites, report);
-    examine_drop_group(config.scanner.drop_dir.c_str(), db_folder, account, report);
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm) {
+    const config::ArmSettings& settings = config.arm(arm);
+    if (settings.scanner_backend != hal::ScannerBackend::drop) continue;
+    (void)examine_folder("scan drop", settings.scanner.drop_dir.c_str(), account, kScannerWrites, report);
+    examine_drop_group(settings.scanner.drop_dir.c_str(), db_folder, account, report);
   }
   for (const char* side : {"", "-wal", "-shm"})
     examine_rights("database", config.storage.db_path + side, account, report);

@@ -24,10 +24,12 @@
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <thread>
 
 #include "base/os.h"
 #include "calib/calib.h"
+#include "cli/client/arms.h"
 #include "cli/client/control.h"
 #include "cli/client/live_capture.h"
 #include "cli/doctor/doctor.h"
@@ -365,7 +367,7 @@ std::string refused(const hal::PosePort& port) {
   return text;
 }
 
-void examine_poses(const config::Config& config, const ReceivedPoses& heard, const hal::PosePort& port,
+void examine_poses(const config::ArmSettings& arm, const ReceivedPoses& heard, const hal::PosePort& port,
                    Examination& report) {
   const double span_s = static_cast<double>(heard.last_ns - heard.first_ns) / 1e9;
   const double rate_hz = span_s > 0.0 ? static_cast<double>(heard.poses - 1) / span_s : 0.0;
@@ -375,7 +377,7 @@ void examine_poses(const config::Config& config, const ReceivedPoses& heard, con
                                      counters.jumps;
   const std::string faults = refused(port);
   const std::string saw = say("{:.0f} poses/s, {}", rate_hz, faults.empty() ? say("no gaps") : faults);
-  if (heard.age_ns > config.pose.stale_ns)
+  if (heard.age_ns > arm.pose.stale_ns)
     report.failed("robot poses",
                   say("the newest is {:.1f} s old; before: {}", static_cast<double>(heard.age_ns) / 1e9, saw),
                   say("does the robot's bridge still run, and is its network up?"));
@@ -387,13 +389,13 @@ void examine_poses(const config::Config& config, const ReceivedPoses& heard, con
     report.ok("robot poses", saw);
 
   const PoseSample& pose = heard.newest;
-  if (config.robot.type == hal::PoseType::flange_pose && !pose.measured)
+  if (arm.robot.type == hal::PoseType::flange_pose && !pose.measured)
     report.warning("robot poses", say("they are commanded, not measured (flags, bit 0)"),
                    say("commanded poses differ from the real ones: send the measured ones, docs/ROBOT.md"));
-  if (pose.base_id != config.pose.base_id || pose.tool_id != config.pose.tool_id)
+  if (pose.base_id != arm.pose.base_id || pose.tool_id != arm.pose.tool_id)
     report.failed("robot frame",
                   say("base {} and tool {} are active, expected {} and {}", pose.base_id, pose.tool_id,
-                      config.pose.base_id, config.pose.tool_id),
+                      arm.pose.base_id, arm.pose.tool_id),
                   say("$BASE = $NULLFRAME and $TOOL = $NULLFRAME in the robot's program, or correct [robot]"));
   else
     report.ok("robot frame", say("base {}, tool {}: the flange in the robot's base", pose.base_id, pose.tool_id));
@@ -516,8 +518,9 @@ void examine_plc(const config::Config& config, bool daemon_runs, Examination& re
     examine_free_port(config, report);
 }
 
-void examine_robot(const config::Config& config, double seconds, Examination& report) {
-  const Result<std::unique_ptr<hal::PosePort>> port = hal::make_lcm_pose_port(config.robot);
+/// Receives poses of one robot for `seconds`.
+static void examine_robot(const config::ArmSettings& arm, double seconds, Examination& report) {
+  const Result<std::unique_ptr<hal::PosePort>> port = hal::make_lcm_pose_port(arm.robot);
   if (!port) {
     report.failed("robot link", quote(port.error().text.view()), say("correct [robot]"));
     return;
@@ -527,14 +530,14 @@ void examine_robot(const config::Config& config, double seconds, Examination& re
   const hal::PoseLinkCounters& counters = port.value()->counters();
   const std::string faults = refused(*port.value());
   if (!trouble.empty()) {
-    report.failed("robot link", quote(trouble),
-                  fmt::format("ip address; ip route get {}; [robot] interface",
-                              emulator::multicast_group(config.robot.url.view())));
+    report.failed(
+        "robot link", quote(trouble),
+        fmt::format("ip address; ip route get {}; [robot] interface", emulator::multicast_group(arm.robot.url.view())));
   } else if (heard.poses == 0) {
     report.failed(
         "robot poses",
-        say("none of channel {} on {} in {:.1f} s{}; {} foreign datagrams{}", config.robot.channel.view(),
-            config.robot.url.view(), seconds, faults.empty() ? "" : say(" that could be believed"), counters.foreign,
+        say("none of channel {} on {} in {:.1f} s{}; {} foreign datagrams{}", arm.robot.channel.view(),
+            arm.robot.url.view(), seconds, faults.empty() ? "" : say(" that could be believed"), counters.foreign,
             faults.empty() ? "" : say("; {}", faults)),
         faults.empty()
             ? say("is the robot's bridge running, on this channel and group, and is its network [robot] interface?")
@@ -544,21 +547,49 @@ void examine_robot(const config::Config& config, double seconds, Examination& re
             ? say("the bridge has no poses to send, for the reason that it gives; docs/ROBOT.md, \"KUKA over RSI\"")
             : say("docs/ROBOT.md explains each of them and its cure"));
   } else {
-    report.ok("robot link", say("{} on {}", config.robot.channel.view(), config.robot.url.view()));
-    examine_poses(config, heard, *port.value(), report);
+    report.ok("robot link", say("{} on {}", arm.robot.channel.view(), arm.robot.url.view()));
+    examine_poses(arm, heard, *port.value(), report);
   }
 }
 
-void examine_scanner(const config::Config& config, const std::string& status_text, bool scan, Examination& report) {
-  const json status = status_of(status_text);
-  const std::string drop(config.scanner.drop_dir.view());
-  const bool stream = config.scanner_backend == hal::ScannerBackend::tcp;
-  const std::string endpoint = fmt::format("{}:{}", config.stream.host.view(), config.stream.port);
+/// Names the robot or the scanner of this arm in the findings, on a line with several.
+static void name_part(const config::Config& config, const std::string& part, const PartId& id, Examination& report) {
+  report.set_subject(config.arms.several() ? with_id(part, std::string(id.view())) : std::string());
+}
+
+void examine_robots(const config::Config& config, double seconds, Examination& report) {
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm) {
+    name_part(config, say("robot"), config.arm(arm).by.robot, report);
+    examine_robot(config.arm(arm), seconds, report);
+  }
+  report.set_subject({});
+}
+
+/// State of an arm in the daemon's status. nullopt, with a finding: the daemon has fewer arms.
+static std::optional<ArmStatus<json>> arm_in(const json& status, std::size_t arm, std::string_view check,
+                                             Examination& report) {
+  std::vector<ArmStatus<json>> arms = arms_in(status);
+  if (arm < arms.size()) return std::move(arms[arm]);
+  report.failed(check, say("the daemon has no such scanner: it runs with another configuration"),
+                say("systemctl restart slabd between two slabs"));
+  return std::nullopt;
+}
+
+/// Checks the scanner of one arm.
+static void examine_scanner(const config::Config& config, std::size_t arm, const json& status, bool scan,
+                            Examination& report) {
+  const config::ArmSettings& settings = config.arm(arm);
+  const std::string drop(settings.scanner.drop_dir.view());
+  const bool stream = settings.scanner_backend == hal::ScannerBackend::tcp;
+  const std::string endpoint = fmt::format("{}:{}", settings.stream.host.view(), settings.stream.port);
   if (in_config_fault(status)) {
     report.unknown("scanner link", say("in fault 504 the daemon does not look for a scanner"));
   } else if (!status.is_null()) {
-    const std::string why = text(at(status, {"links", "scanner", "text"}));
-    if (yes(at(status, {"links", "scanner", "online"})))
+    const std::optional<ArmStatus<json>> state = arm_in(status, arm, "scanner link", report);
+    if (!state) return;
+    const json& link = state->scanner_link;
+    const std::string why = text(at(link, {"text"}));
+    if (yes(at(link, {"online"})))
       report.ok("scanner link", stream ? say("the scanner's gateway is connected to {}", endpoint)
                                        : say("{}/request and /inbox are there for the daemon", drop));
     else if (stream && why.find("cannot listen") != std::string::npos)
@@ -570,7 +601,7 @@ void examine_scanner(const config::Config& config, const std::string& status_tex
     else
       report.failed("scanner link", say("the daemon cannot use {}", drop),
                     say("mount the share, and make it writable for slabd"));
-    const json& strays = at(status, {"links", "scanner", "strays"});
+    const json& strays = at(link, {"strays"});
     if (strays.is_number() && strays.get<int>() != 0)
       report.warning("scanner link",
                      stream ? say("{} scans or connections were refused", strays.get<int>())
@@ -580,7 +611,9 @@ void examine_scanner(const config::Config& config, const std::string& status_tex
   }
   if (!scan) return report.note("scan", say("not tried"), say("slabctl doctor --scan has one taken"));
   if (status.is_null()) return report.unknown("scan", say("the daemon does not run"));
-  Result<LiveCapture> capture = LiveCapture::begin(config.control_socket, {"doctor", "doctor", 60, false});
+  Result<LiveCapture> capture = LiveCapture::begin(
+      config.control_socket,
+      {"doctor", "doctor", 60, false, config.arms.several() ? std::string(settings.by.scanner.view()) : ""});
   if (!capture) return report.failed("scan", quote(capture.error().text.view()), say("then try again"));
   const Result<LiveShot> shot = capture.value().shoot([](std::string_view) {});
   if (shot) {
@@ -593,6 +626,15 @@ void examine_scanner(const config::Config& config, const std::string& status_tex
                   std::string(report::cure_words(shot.error().code, language_in_use())));
   }
   (void)capture.value().end();
+}
+
+void examine_scanners(const config::Config& config, const std::string& status_text, bool scan, Examination& report) {
+  const json status = status_of(status_text);
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm) {
+    name_part(config, say("scanner"), config.arm(arm).by.scanner, report);
+    examine_scanner(config, arm, status, scan, report);
+  }
+  report.set_subject({});
 }
 
 static void examine_acceptance(std::string_view id, std::string_view standing, Examination& report) {
@@ -611,33 +653,30 @@ static void examine_acceptance(std::string_view id, std::string_view standing, E
 }
 
 /// Examines a line with a measured hand-eye and without corrections.
-static void examine_uncorrected(const config::Config& config, Examination& report) {
-  if (has_value(config.splice.absolute_mm) && has_value(config.splice.absolute_rad)) return;
+static void examine_uncorrected(const config::ArmSettings& arm, Examination& report) {
+  if (has_value(arm.splice.absolute_mm) && has_value(arm.splice.absolute_rad)) return;
   report.failed(
       "stations", say("no station is corrected, and the robot's accuracy is not stated: no seat can pass"),
       say("set [robot] absolute_sigma_mm and absolute_sigma_deg, or master the stations (docs/MASTERING.md)"));
 }
 
-void examine_calibration(const config::Config& config, const std::string& status_text, Examination& report) {
-  const json status = status_of(status_text);
-  if (status.is_null() || in_config_fault(status) || is_opening(status)) {
-    const auto reader = storage::open_reader(config.storage.db_path);
-    if (!reader) return report.unknown("calibration", quote(reader.error().text.view()));
-    const auto hand_eye = reader.value()->current(CalibrationKind::hand_eye);
-    if (hand_eye && hand_eye.value())
-      report.ok("calibration", say("{} was applied last", hand_eye.value()->id));
-    else
-      report.warning("calibration", say("none has been applied"), "docs/CALIBRATION.md");
-    if (const auto line = reader.value()->line_calibration(); line) {
-      const ScannerInForce& scanner = line.value()->scanner;
-      examine_acceptance(scanner.id.view(), name(acceptance_state(scanner, hal::make_system_clock()->utime_us())),
-                         report);
-      if (line.value()->source == LineCalibration::Source::applied && line.value()->tables.empty())
-        examine_uncorrected(config, report);
-    }
-    return;
-  }
-  const json& calibration = at(status, {"calibration"});
+/// Calibrations of one arm as stored, without the daemon.
+static void examine_stored(const config::ArmSettings& settings, const LineCalibration& calibration,
+                           Examination& report) {
+  if (calibration.source == LineCalibration::Source::applied)
+    report.ok("calibration", say("{} was applied last", calibration.id.view()));
+  else if (!calibration.trouble.empty())
+    report.failed("calibration", quote(calibration.trouble.view()), "slabctl calibrate new; docs/CALIBRATION.md");
+  else
+    report.warning("calibration", say("none has been applied"), "docs/CALIBRATION.md");
+  examine_acceptance(calibration.scanner.id.view(),
+                     name(acceptance_state(calibration.scanner, hal::make_system_clock()->utime_us())), report);
+  if (calibration.source == LineCalibration::Source::applied && calibration.tables.empty())
+    examine_uncorrected(settings, report);
+}
+
+/// Calibrations of one arm as the daemon states them.
+static void examine_in_force(const config::ArmSettings& settings, const json& calibration, Examination& report) {
   const std::string source = text(at(calibration, {"source"}));
   const std::string id = text(at(calibration, {"id"}));
   const std::int64_t now = hal::make_system_clock()->utime_us();
@@ -656,7 +695,7 @@ void examine_calibration(const config::Config& config, const std::string& status
   else
     report.ok("calibration", id);
   const json& stations = at(calibration, {"stations"});
-  if (source == "applied" && (!stations.is_array() || stations.empty())) examine_uncorrected(config, report);
+  if (source == "applied" && (!stations.is_array() || stations.empty())) examine_uncorrected(settings, report);
   const json& scanner = at(calibration, {"scanner"});
   examine_acceptance(scanner.is_object() ? text(at(scanner, {"id"})) : "", text(at(scanner, {"state"})), report);
   for (const json& table : at(calibration, {"stations"}))
@@ -676,6 +715,61 @@ void examine_calibration(const config::Config& config, const std::string& status
     else
       report.ok("daily check", text(at(check, {"id"})));
   }
+}
+
+/// The tie of two robots as stored.
+static void examine_stored_tie(const config::Config& config, const CellCalibration& calibration, Examination& report) {
+  const std::int64_t now = hal::make_system_clock()->utime_us();
+  const TieFault fault = fault_of_tie(calibration, config.arm(1).by.robot, now);
+  if (fault == TieFault::none)
+    report.ok("tie", std::string(calibration.tie.id.view()));
+  else
+    report.failed("tie", quote(describe(fault, calibration).view()), "slabctl calibrate tie; docs/TWO_ROBOTS.md");
+}
+
+/// The tie of two robots as the daemon states it.
+static void examine_tie(const json& status, Examination& report) {
+  const json& tie = at(status, {"tie"});
+  const std::string cure = "slabctl calibrate tie; docs/TWO_ROBOTS.md";
+  if (!tie.is_object())
+    return report.failed("tie", say("there is none: scans of the second robot cannot be used"), cure);
+  const std::string id = text(at(tie, {"id"}));
+  const json& expires = at(tie, {"expires_utime_us"});
+  const std::int64_t left_us =
+      expires.is_number() ? expires.get<std::int64_t>() - hal::make_system_clock()->utime_us() : 0;
+  const bool expires_soon = expires.is_number() && expires.get<std::int64_t>() != 0 && left_us < kExpiresSoon_us;
+  if (const std::string trouble = text(at(tie, {"trouble"})); !trouble.empty() && trouble != "-")
+    report.failed("tie", say("{}: {}", id, quote(trouble)), cure);
+  else if (expires_soon)
+    report.warning("tie", say("{} expires in {} days", id, left_us / 86'400'000'000), say("plan a new one"));
+  else
+    report.ok("tie", id);
+}
+
+void examine_calibrations(const config::Config& config, const std::string& status_text, Examination& report) {
+  const json status = status_of(status_text);
+  const bool by_daemon = !(status.is_null() || in_config_fault(status) || is_opening(status));
+  std::unique_ptr<CellCalibration> stored;
+  if (!by_daemon) {
+    const auto reader = storage::open_reader(config.storage.db_path);
+    if (!reader) return report.unknown("calibration", quote(reader.error().text.view()));
+    auto read = reader.value()->cell_calibration(config.arms);
+    if (!read) return report.unknown("calibration", quote(read.error().text.view()));
+    stored = std::move(read.value());
+  }
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm) {
+    name_part(config, say("scanner"), config.arm(arm).by.scanner, report);
+    if (stored != nullptr)
+      examine_stored(config.arm(arm), stored->arm[arm], report);
+    else if (const std::optional<ArmStatus<json>> state = arm_in(status, arm, "calibration", report))
+      examine_in_force(config.arm(arm), state->calibration, report);
+  }
+  report.set_subject({});
+  if (!config.arms.several()) return;
+  if (stored != nullptr)
+    examine_stored_tie(config, *stored, report);
+  else
+    examine_tie(status, report);
 }
 
 }  // namespace slabd::cli

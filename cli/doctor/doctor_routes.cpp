@@ -15,6 +15,7 @@
 #include <optional>
 
 #include "base/os.h"
+#include "cli/client/arms.h"
 #include "cli/doctor/doctor.h"
 #include "cli/terminal/say.h"
 
@@ -130,13 +131,13 @@ void examine_plc_route(const config::Config& config, Examination& report) {
   }
 }
 
-void examine_robot_route(const config::Config& config, Examination& report) {
-  const std::string_view url = config.robot.url.view();
+void examine_robot_route(const config::ArmSettings& arm, Examination& report) {
+  const std::string_view url = arm.robot.url.view();
   const std::size_t begin = url.find("//");
   if (begin == std::string_view::npos) return;
   const auto group = address_in(url.substr(begin + 2, url.find(':', begin) - begin - 2));
   if (!group) return;
-  const std::string_view wanted = config.robot.interface.view();
+  const std::string_view wanted = arm.robot.interface.view();
   const RouteSeen route = route_to(*group);
   // A named interface is used whatever the route is; without a name the route selects it.
   if (wanted.empty()) {
@@ -170,7 +171,11 @@ void examine_robot_route(const config::Config& config, Examination& report) {
 
 void examine_routes(const config::Config& config, Examination& report) {
   examine_plc_route(config, report);
-  examine_robot_route(config, report);
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm) {
+    if (config.arms.several()) report.set_subject(with_id(say("robot"), std::string(config.arm(arm).by.robot.view())));
+    examine_robot_route(config.arm(arm), report);
+  }
+  report.set_subject({});
 }
 
 }  // namespace slabd::cli

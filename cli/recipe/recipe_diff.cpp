@@ -136,14 +136,13 @@ StoredSlabs judge_stored(storage::Reader& reader, const std::vector<std::int64_t
     }
     const bool of_a = slab.recipe_sha256 == a.sha256;
     if (of_a) ++out.of_a;
-    const auto verified = need(scanner_of(reader, slab), kNotReachable);
-    if (!verified) {
-      out.what_if.add(
-          left_out_slab(slab, fmt::format("the scanner acceptance {} is not in the database", slab.scanner_id.view())));
+    const StoredBasis stored = need(basis_of(reader, record, &b), kNotReachable);
+    if (!stored.missing.empty()) {
+      out.what_if.add(left_out_slab(slab, stored.missing_text()));
       continue;
     }
     const std::vector<StationRecord> stations = rejudged(record, b, of_a ? &a : nullptr, out.unknown_U);
-    daemon::judge_slab({&b, slab.T_base_slab, *verified, facts_of(slab, record.slab)}, stations, room, *judged);
+    daemon::judge_slab(stored.basis, stations, room, *judged);
     out.what_if.add(judged_slab(record, stations, *judged));
   }
   return out;

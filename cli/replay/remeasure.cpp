@@ -62,7 +62,7 @@ void Remeasurer::use(const Recipe& recipe) {
   recipe_ = &recipe;
 }
 
-void Remeasurer::measure(const SlabHeader& slab, const ScannerNumbers& verified, const storage::SlabBlock& stored,
+void Remeasurer::measure(const SlabHeader& slab, const SlabBasis& basis, const storage::SlabBlock& stored,
                          Remeasured& out) {
   out = {};
   out.path = scan_at(stored, scans_dir_);
@@ -91,7 +91,7 @@ void Remeasurer::measure(const SlabHeader& slab, const ScannerNumbers& verified,
   static_cast<void>(daemon::measure_block(inspector_, *clock_, station,
                                           slab.T_base_slab * T_slab_block(*recipe_, facts.design, station),
                                           stored_T_base_scanner(slab, stored.attempt), cloud, shape.value(), 0.0,
-                                          verified, facts, stored.attempt.scanner_drift));
+                                          basis.verified.at(stored.attempt.arm), facts, stored.attempt.scanner_drift));
   out.scan = Remeasured::Scan::measured;
   out.note = signs_of_change(out, stored, shape.value());
   out.block = inspector_.result();
@@ -103,17 +103,58 @@ bool Remeasurer::finds_scan(const storage::SlabBlock& stored) const {
   return fs::is_regular_file(scan_at(stored, scans_dir_), ignored);
 }
 
-Result<std::optional<ScannerNumbers>> scanner_of(storage::Reader& reader, const SlabHeader& slab) {
-  if (slab.scanner_id.empty()) return std::optional<ScannerNumbers>(ScannerNumbers{});
-  const auto found = reader.calibration(slab.scanner_id.view());
+namespace {
+
+/// The numbers of one kept record. nullopt: the database has no such record, or its numbers were changed there.
+template <typename Numbers>
+Result<std::optional<Numbers>> numbers_of(storage::Reader& reader, std::string_view id) {
+  const auto found = reader.calibration(id);
   if (!found) return found.error();
-  std::optional<ScannerNumbers> numbers;
-  if (!found.value() || found.value()->id != slab.scanner_id.view()) return numbers;
+  std::optional<Numbers> numbers;
+  if (!found.value() || found.value()->id != id) return numbers;
   const storage::CalibrationRecord& record = *found.value();
-  const auto* kept = std::get_if<ScannerNumbers>(&record.numbers);
+  const auto* kept = std::get_if<Numbers>(&record.numbers);
   // A record's id is made from its numbers; that of a record stored again has an added number.
   if (kept != nullptr && record.id.starts_with(storage::calibration_id(record))) numbers = *kept;
   return numbers;
+}
+
+std::string_view scanner_id_of(const SlabHeader& slab, std::size_t arm) {
+  if (arm == 0) return slab.scanner_id.view();
+  return arm <= slab.more_arms.size() ? slab.more_arms[arm - 1].scanner_id.view() : std::string_view();
+}
+
+}  // namespace
+
+Result<std::optional<ScannerNumbers>> scanner_of(storage::Reader& reader, const SlabHeader& slab, std::size_t arm) {
+  const std::string_view id = scanner_id_of(slab, arm);
+  if (id.empty()) return std::optional<ScannerNumbers>(ScannerNumbers{});
+  return numbers_of<ScannerNumbers>(reader, id);
+}
+
+std::string StoredBasis::missing_text() const {
+  return missing.empty() ? "" : fmt::format("the {} {} is not in the database", missing[0].what, missing[0].id);
+}
+
+Result<StoredBasis> basis_of(storage::Reader& reader, const storage::SlabRecord& record, const Recipe* recipe) {
+  const SlabHeader& slab = record.summary.header;
+  StoredBasis stored;
+  stored.basis.recipe = recipe;
+  stored.basis.T_base_slab = slab.T_base_slab;
+  stored.basis.slab = facts_of(slab, record.slab);
+  for (std::size_t arm = 0; arm <= slab.more_arms.size(); ++arm) {
+    const auto scanner = scanner_of(reader, slab, arm);
+    if (!scanner) return scanner.error();
+    if (!scanner.value()) stored.missing.push_back({"scanner acceptance", std::string(scanner_id_of(slab, arm))});
+    stored.basis.verified.at(arm) = scanner.value().value_or(ScannerNumbers{});
+  }
+  if (slab.tie_id.empty()) return stored;
+  const auto tie = numbers_of<TieNumbers>(reader, slab.tie_id.view());
+  if (!tie) return tie.error();
+  if (!tie.value()) stored.missing.push_back({"tie", std::string(slab.tie_id.view())});
+  stored.basis.has_tie = tie.value().has_value();
+  stored.basis.tie = tie.value().value_or(TieNumbers{});
+  return stored;
 }
 
 std::vector<StationRecord> stations_of(const storage::SlabRecord& record, std::span<const BlockResult* const> blocks) {

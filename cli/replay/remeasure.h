@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <span>
@@ -40,10 +41,8 @@ class Remeasurer {
 
   /// Builds the recipe's model, unless it is the current one. `recipe` must outlive its use.
   void use(const Recipe& recipe);
-  /// Measures the attempt's scan with the poses stored with it. `verified`: the scanner's acceptance at the begin of
-  /// the slab.
-  void measure(const SlabHeader& slab, const ScannerNumbers& verified, const storage::SlabBlock& stored,
-               Remeasured& out);
+  /// Measures the attempt's scan with the poses stored with it, and the acceptance of its scanner in `basis`.
+  void measure(const SlabHeader& slab, const SlabBasis& basis, const storage::SlabBlock& stored, Remeasured& out);
   /// True if the file of the attempt's scan exists.
   [[nodiscard]] bool finds_scan(const storage::SlabBlock& stored) const;
 
@@ -57,9 +56,25 @@ class Remeasurer {
   std::string scans_dir_;
 };
 
-/// The scanner's acceptance at the begin of the slab. nullopt: it is not in the database, or its numbers were changed
-/// there. If the slab had none, all figures are unknown, and only the recipe's specification applies.
-[[nodiscard]] Result<std::optional<ScannerNumbers>> scanner_of(storage::Reader& reader, const SlabHeader& slab);
+/// Acceptance of an arm's scanner at the begin of the slab. nullopt: it is not in the database, or its numbers were
+/// changed there. If the slab had none, all figures are unknown, and only the recipe's specification applies.
+[[nodiscard]] Result<std::optional<ScannerNumbers>> scanner_of(storage::Reader& reader, const SlabHeader& slab,
+                                                               std::size_t arm = 0);
+
+/// Basis of a stored slab, from the records that it was begun with.
+struct StoredBasis {
+  SlabBasis basis;
+  struct Missing {
+    std::string what;  ///< "scanner acceptance" or "tie"
+    std::string id;
+  };
+  std::vector<Missing> missing;  ///< records that are not in the database, or whose numbers were changed there
+  /// "the scanner acceptance sc-... is not in the database", for the first of them.
+  [[nodiscard]] std::string missing_text() const;
+};
+/// The basis with `recipe`. A missing acceptance counts as none, a missing tie as one of unknown uncertainty.
+[[nodiscard]] Result<StoredBasis> basis_of(storage::Reader& reader, const storage::SlabRecord& record,
+                                           const Recipe* recipe);
 
 /// Input of SLAB_END: the stations by attempts, as in the daemon, with `blocks[i]` instead of the stored i-th attempt
 /// (nullptr: the stored one).

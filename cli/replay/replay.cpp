@@ -80,10 +80,10 @@ WhatIfSlab judge_again(storage::Reader& reader, const storage::SlabRecord& recor
   if (recipe.slab_type != slab.slab_type || recipe.stations() != slab.stations)
     return out(fmt::format("it is of slab type {} with {} blocks, the recipe of type {} with {}", slab.slab_type,
                            slab.stations, recipe.slab_type, recipe.stations()));
-  const auto verified = scanner_of(reader, slab);
-  if (!verified) return out(std::string(verified.error().text.view()));
-  if (!verified.value())
-    return out(fmt::format("the scanner acceptance {} is not in the database", slab.scanner_id.view()));
+  const auto stored_basis = basis_of(reader, record, &recipe);
+  if (!stored_basis) return out(std::string(stored_basis.error().text.view()));
+  if (!stored_basis.value().missing.empty()) return out(stored_basis.value().missing_text());
+  const SlabBasis& basis = stored_basis.value().basis;
   std::vector<std::unique_ptr<Remeasured>> again(record.blocks.size());
   std::vector<const BlockResult*> blocks(record.blocks.size(), nullptr);
   for (std::size_t i = 0; i < record.blocks.size(); ++i) {
@@ -91,7 +91,7 @@ WhatIfSlab judge_again(storage::Reader& reader, const storage::SlabRecord& recor
     const bool valid = i + 1 == record.blocks.size() || record.blocks[i + 1].attempt.station != stored.attempt.station;
     if (!valid || stored.phase != StationPhase::measured) continue;
     again[i] = std::make_unique<Remeasured>();
-    remeasurer.measure(slab, *verified.value(), stored, *again[i]);
+    remeasurer.measure(slab, basis, stored, *again[i]);
     if (again[i]->scan != Remeasured::Scan::measured)
       return out(fmt::format("block {}: {} ({})", stored.attempt.station, again[i]->note, again[i]->path));
     if (again[i]->altered)
@@ -102,8 +102,7 @@ WhatIfSlab judge_again(storage::Reader& reader, const storage::SlabRecord& recor
   const std::vector<StationRecord> stations = stations_of(record, blocks);
   std::vector<BlockResult> room(limits::kStationsMax);
   auto judged = std::make_unique<SlabResult>();
-  daemon::judge_slab({&recipe, slab.T_base_slab, *verified.value(), facts_of(slab, record.slab)}, stations, room,
-                     *judged);
+  daemon::judge_slab(basis, stations, room, *judged);
   return judged_slab(record, stations, *judged);
 }
 

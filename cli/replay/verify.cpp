@@ -40,40 +40,78 @@ Result<const Recipe*> recipe_of(const SlabHeader& slab, storage::Reader& reader,
   return of_type;
 }
 
-/// The effective poses are stored with the slab and its attempts; this compares them with their source records.
-Status check_calibration(storage::Reader& reader, const storage::SlabRecord& record,
-                         std::vector<ChangedInput>& changed) {
-  const SlabHeader& slab = record.summary.header;
-  const std::string_view hand_eye_id = slab.calibration_id.view();
-  if (!hand_eye_id.empty() && !hand_eye_id.starts_with("commissioning-")) {
-    const auto found = reader.calibration(hand_eye_id);
+/// Numbers of a kept record with exactly this id, in `found`; nullptr if there is none.
+template <typename Numbers>
+const Numbers* numbers_in(const std::optional<storage::CalibrationRecord>& found, std::string_view id) {
+  return !found || found->id != id ? nullptr : std::get_if<Numbers>(&found->numbers);
+}
+
+/// The calibrations of one arm of a slab.
+struct ArmRecords {
+  std::size_t arm;
+  std::string_view hand_eye_id;
+  std::string_view stations_id;
+  const Pose& T_flange_scanner;
+};
+
+/// The effective poses are stored with the slab and its attempts; this compares those of one arm with their source
+/// records.
+Status check_arm(storage::Reader& reader, const storage::SlabRecord& record, const ArmRecords& of,
+                 std::vector<ChangedInput>& changed) {
+  if (!of.hand_eye_id.empty() && !of.hand_eye_id.starts_with("commissioning-")) {
+    const auto found = reader.calibration(of.hand_eye_id);
     if (!found) return found.error();
-    const HandEyeNumbers* numbers = !found.value() || found.value()->id != hand_eye_id
-                                        ? nullptr
-                                        : std::get_if<HandEyeNumbers>(&found.value()->numbers);
+    const auto* numbers = numbers_in<HandEyeNumbers>(found.value(), of.hand_eye_id);
     if (numbers == nullptr)
-      changed.push_back({"calibration", std::string(hand_eye_id), "the database holds no such record"});
-    else if (!same(numbers->T_flange_scanner, slab.T_flange_scanner))
-      changed.push_back({"calibration", std::string(hand_eye_id), "its record holds another T_flange_scanner"});
+      changed.push_back({"calibration", std::string(of.hand_eye_id), "the database holds no such record"});
+    else if (!same(numbers->T_flange_scanner, of.T_flange_scanner))
+      changed.push_back({"calibration", std::string(of.hand_eye_id), "its record holds another T_flange_scanner"});
   }
-  const std::string_view stations_id = slab.stations_id.view();
-  if (stations_id.empty()) return success();
-  const auto found = reader.calibration(stations_id);
+  if (of.stations_id.empty()) return success();
+  const auto found = reader.calibration(of.stations_id);
   if (!found) return found.error();
-  const StationTable* table =
-      !found.value() || found.value()->id != stations_id ? nullptr : std::get_if<StationTable>(&found.value()->numbers);
+  const auto* table = numbers_in<StationTable>(found.value(), of.stations_id);
   if (table == nullptr) {
-    changed.push_back({"stations", std::string(stations_id), "the database holds no such record"});
+    changed.push_back({"stations", std::string(of.stations_id), "the database holds no such record"});
     return success();
   }
   for (const storage::SlabBlock& block : record.blocks) {
-    if (block.attempt.splice.source != SpliceSource::corrected) continue;
+    if (block.attempt.arm != of.arm || block.attempt.splice.source != SpliceSource::corrected) continue;
     if (same(table->station[block.attempt.station - 1U].T_base_reported, block.attempt.splice.T_base_reported))
       continue;
-    changed.push_back({"stations", std::string(stations_id),
+    changed.push_back({"stations", std::string(of.stations_id),
                        fmt::format("its record corrects station {} otherwise", block.attempt.station)});
   }
   return success();
+}
+
+/// The same for the base of the second robot.
+Status check_tie(storage::Reader& reader, const storage::SlabRecord& record, std::vector<ChangedInput>& changed) {
+  const std::string_view id = record.summary.header.tie_id.view();
+  if (id.empty()) return success();
+  const auto found = reader.calibration(id);
+  if (!found) return found.error();
+  const auto* tie = numbers_in<TieNumbers>(found.value(), id);
+  if (tie == nullptr) return success();  // StoredBasis::missing names it
+  for (const storage::SlabBlock& block : record.blocks) {
+    if (!block.attempt.splice.tied || same(tie->T_base_robot, block.attempt.splice.T_base_robot)) continue;
+    changed.push_back({"tie", std::string(id),
+                       fmt::format("its record places the robot of station {} otherwise", block.attempt.station)});
+  }
+  return success();
+}
+
+Status check_calibration(storage::Reader& reader, const storage::SlabRecord& record,
+                         std::vector<ChangedInput>& changed) {
+  const SlabHeader& slab = record.summary.header;
+  Status status = check_arm(reader, record,
+                            {0, slab.calibration_id.view(), slab.stations_id.view(), slab.T_flange_scanner}, changed);
+  for (std::size_t i = 0; status && i < slab.more_arms.size(); ++i) {
+    const SlabArm& arm = slab.more_arms[i];
+    status = check_arm(reader, record, {i + 1, arm.calibration_id.view(), arm.stations_id.view(), arm.T_flange_scanner},
+                       changed);
+  }
+  return status ? check_tie(reader, record, changed) : status;
 }
 
 std::string names_of(const std::vector<ChangedInput>& changed) {
@@ -105,13 +143,13 @@ std::string reason_for_difference(const SlabHeader& slab, const std::vector<Chan
          this_build(slab);
 }
 
-BlockReplay replay_block(const SlabHeader& slab, const ScannerNumbers& verified, const storage::SlabBlock& stored,
+BlockReplay replay_block(const SlabHeader& slab, const SlabBasis& basis, const storage::SlabBlock& stored,
                          const BlockMaps& maps, const std::vector<ChangedInput>& changed, Remeasurer& remeasurer,
                          Remeasured& again) {
   BlockReplay replay;
   replay.station = stored.attempt.station;
   replay.attempt = stored.attempt.number;
-  remeasurer.measure(slab, verified, stored, again);
+  remeasurer.measure(slab, basis, stored, again);
   replay.scan = again.path;
   replay.why = again.note;
   replay.crc32c_stored = stored.attempt.points_crc32c;
@@ -203,13 +241,16 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
   if (!found) return found.error();
   const Recipe* recipe = found.value();
   if (Status status = check_calibration(reader, record, replay.changed); !status) return status.error();
-  const auto scanner = scanner_of(reader, slab);
-  if (!scanner) return scanner.error();
-  if (!scanner.value())
-    replay.changed.push_back({"scanner acceptance", std::string(slab.scanner_id.view()),
-                              "the database holds no such record, or its numbers were changed; the recipe's "
-                              "specification is used alone"});
-  const ScannerNumbers verified = scanner.value().value_or(ScannerNumbers{});
+  const auto stored_basis = basis_of(reader, record, recipe);
+  if (!stored_basis) return stored_basis.error();
+  const SlabBasis& basis = stored_basis.value().basis;
+  for (const StoredBasis::Missing& missing : stored_basis.value().missing)
+    replay.changed.push_back({missing.what, missing.id,
+                              missing.what == "tie"
+                                  ? "the database holds no such record, or its numbers were changed; items across the "
+                                    "two robots have no budget"
+                                  : "the database holds no such record, or its numbers were changed; the recipe's "
+                                    "specification is used alone"});
   if (recipe == nullptr) {
     replay.slab_why = "without a recipe nothing can be measured";
     replay.scans_left = std::any_of(record.blocks.begin(), record.blocks.end(), [&](const storage::SlabBlock& stored) {
@@ -228,7 +269,7 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
     const auto maps = reader.maps(slab.key, stored.attempt.station, stored.attempt.number);
     if (!maps) return maps.error();
     again[i] = std::make_unique<Remeasured>();
-    replay.blocks.push_back(replay_block(slab, verified, stored, *maps.value(), replay.changed, remeasurer, *again[i]));
+    replay.blocks.push_back(replay_block(slab, basis, stored, *maps.value(), replay.changed, remeasurer, *again[i]));
     if (again[i]->scan == Remeasured::Scan::measured) blocks[i] = &again[i]->block;
   }
 
@@ -241,8 +282,7 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
     // For stations without a scan the stored result is used, so that the judgement is always verified.
     std::vector<BlockResult> room(limits::kStationsMax);
     auto judged = std::make_unique<SlabResult>();
-    daemon::judge_slab({recipe, slab.T_base_slab, verified, facts_of(slab, record.slab)}, stations_of(record, blocks),
-                       room, *judged);
+    daemon::judge_slab(basis, stations_of(record, blocks), room, *judged);
     storage::compare(record.slab, *judged, replay.slab);
     replay.slab_compared = true;
     const bool block_differs = std::any_of(replay.blocks.begin(), replay.blocks.end(), [](const BlockReplay& block) {

@@ -35,7 +35,10 @@ void add_records(const config::Config& config, std::vector<json>& records) {
   const std::unique_ptr<storage::Reader> reader = open_records(config);
   if (reader == nullptr) return;
   const auto all = need(reader->calibrations(), kNotReachable);
-  const auto now = need(reader->current(CalibrationKind::scanner), kNotReachable);
+  std::vector<std::string> in_force;
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm)
+    if (const auto now = need(reader->current(CalibrationKind::scanner, 0, scanner_of_arm(config, arm)), kNotReachable))
+      in_force.push_back(now->id);
   // The database returns the newest first; records of the same second keep their order.
   for (auto it = all.rbegin(); it != all.rend(); ++it) {
     const storage::CalibrationRecord& kept = *it;
@@ -43,7 +46,7 @@ void add_records(const config::Config& config, std::vector<json>& records) {
     json record = json::parse(kept.figures, nullptr, false);
     if (!is_verification(record)) record = {{"schema", "slabd.scanner_verification/1"}};
     record["id"] = kept.id;
-    record["in_force"] = now && now->id == kept.id;
+    record["in_force"] = std::find(in_force.begin(), in_force.end(), kept.id) != in_force.end();
     record["expires"] = kept.expires_utime_us == 0 ? json(nullptr) : json(report::iso_time(kept.expires_utime_us));
     records.push_back(std::move(record));
   }

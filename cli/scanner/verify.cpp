@@ -154,6 +154,7 @@ Exit keep(const Options& options, const Verification& v, std::int64_t utime_us, 
   }
   config::Config config;
   if (!config_from(record_options.config, config)) return kBadInput;
+  config = record_options.scanner.of(std::move(config));
   storage::CalibrationRecord record;
   record_options.scanner_serial = v.scanner;
   record_options.describe(config, record);
@@ -250,6 +251,8 @@ void add_scanner_verify(args::Command& scanner) {
       ->check(args::range(0, 36'500));
   command->add_option("--config", record.config, "With --keep or --apply: the daemon's configuration")
       ->default_val(default_config());
+  record.scanner.option = "--scanner-id";
+  record.scanner.add_to(*command);
   command->add_flag("--json", options->as_json, "Print slabd.scanner_verification/1");
   command->runs([options] { return verify(*options); });
 }

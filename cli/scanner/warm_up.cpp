@@ -39,6 +39,7 @@ struct Options {
   std::vector<std::string> files;
   std::string times;
   std::string config;
+  ScannerChoice scanner;
   BallMeasurement look;
   LanguageOption language;
   bool as_json = false;
@@ -237,7 +238,7 @@ int warm_up(const Options& options) {
   set_language(options.language, options.as_json);
   if (options.look.live == !options.files.empty())
     stop(kUsage, say("give either scans with --times and --flange, or --live"));
-  const config::Config config = config_from(options.config);
+  const config::Config config = options.scanner.of(config_from(options.config));
   finish_killed_change(config);
   Run run{options, config, {}, {}, options.look, {}, {}, {}};
   {
@@ -246,7 +247,7 @@ int warm_up(const Options& options) {
     if (run.hand_eye.id.empty())
       stop(kRefused, say("no calibration is in force, and the configuration has no commissioning values"));
     if (reader != nullptr)
-      if (const auto record = need(reader->current(CalibrationKind::monitor_ball)))
+      if (const auto record = need(reader->current(CalibrationKind::monitor_ball, 0, config.by.scanner.view())))
         run.reference = Reference{record->id, record->observations, std::get<MonitorBall>(record->numbers)};
   }
   if (!has_value(run.look.radius_mm) && run.reference) run.look.radius_mm = run.reference->ball.radius_mm;
@@ -282,6 +283,7 @@ void add_scanner_warm_up(args::Command& scanner) {
   command->add_option("SCANS", options->files, "Scans of the ball, all from one pose, in the order of their times");
   command->add_option("--times", options->times, "Seconds from any origin, one for each scan: 0,60,120");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
+  options->scanner.add_to(*command);
   options->look.add_to(*command);
   command->add_option("--operator", options->look.who, "Name of the operator (default: your login)");
   options->language.add_to(*command, "Language of the text");

@@ -161,8 +161,9 @@ void catch_signals() {
 
 int run_calibration_live(CalibrationLiveOrder order) {
   const config::Config config = cli::config_from(order.config);
-  if (!order.keep_flange && !config.calibration.id.empty())
-    order.scene.T_flange_scanner = config.calibration.T_flange_scanner;
+  const config::ArmSettings& arm = config.arm(order.scanner.arm(config));
+  if (!order.keep_flange && !arm.calibration.id.empty())
+    order.scene.T_flange_scanner = arm.calibration.T_flange_scanner;
   if (!order.keep_target)
     order.scene.T_base_target = config.T_base_slab * Pose{Quat::Identity(), Vec3(0.0, 0.0, kTargetAboveSlab_mm)};
   std::optional<Recipe> recipe;
@@ -181,15 +182,15 @@ int run_calibration_live(CalibrationLiveOrder order) {
   }
   if (!order.out_dir.empty()) write_calibration_truth(scene, order.scan, views, order.shots, order.out_dir);
 
-  const auto outlet = cli::need(emulator::open_outlet(config, hal::ScanFormat::ply));
+  const auto outlet = cli::need(emulator::open_outlet(arm, hal::ScanFormat::ply));
   emulator::RobotTraits traits;
-  traits.lcm_url = config.robot.url.view();
-  traits.channel = config.robot.channel.view();
+  traits.lcm_url = arm.robot.url.view();
+  traits.channel = arm.robot.channel.view();
   traits.rate_hz = order.rate_hz;
   traits.move_s = order.move_s;
   traits.tremor_mm = kTremor_mm;
-  traits.base_id = config.pose.base_id;
-  traits.tool_id = config.pose.tool_id;
+  traits.base_id = arm.pose.base_id;
+  traits.tool_id = arm.pose.tool_id;
   traits.seed = emulator::derived_seed(order.scene.seed, 23, 0);
   const auto robot = cli::need(emulator::RobotPeer::start(traits, views.front()));
   catch_signals();

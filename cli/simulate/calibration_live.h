@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "base/base.h"
+#include "cli/client/scanner_choice.h"
 #include "cli/simulate/calibration_scene.h"
 #include "emulator/warming.h"
 #include "hal/hal.h"
@@ -16,9 +17,10 @@ namespace slabd::cli::simulate {
 struct CalibrationLiveOrder {
   CalibrationTraits scene;
   CalibrationScanTraits scan;
-  std::string config;   ///< the daemon's configuration
-  std::string recipe;   ///< for the reference block
-  std::string out_dir;  ///< folder for certificate.txt, flange.txt (the views) and truth.json; may be empty
+  std::string config;     ///< the daemon's configuration
+  ScannerChoice scanner;  ///< robot and scanner of this arm; poses are in the base of its own robot
+  std::string recipe;     ///< for the reference block
+  std::string out_dir;    ///< folder for certificate.txt, flange.txt (the views) and truth.json; may be empty
   int views = 24;
   int shots = 3;            ///< scans per view before the robot moves on
   std::string poses_file;   ///< if given: the views, one T_base_flange a line in slabd's own form

@@ -14,10 +14,12 @@
 #include "cli/exit.h"
 #include "cli/recipe/recipe_source.h"
 #include "cli/simulate/mastered_slab.h"
+#include "cli/simulate/simulate_arms.h"
 #include "cli/simulate/simulate_calibration.h"
 #include "cli/simulate/simulate_history.h"
 #include "cli/simulate/simulate_report.h"
 #include "cli/simulate/simulate_scan.h"
+#include "cli/simulate/simulate_tie.h"
 #include "cli/stations/krl.h"
 #include "cli/terminal/arguments.h"
 #include "cli/terminal/parse.h"
@@ -56,6 +58,8 @@ struct Options {
   std::string cast_by;      ///< folder of the design sheets of the concrete; empty: the line's
   std::string certificate;  ///< path for a certificate of the slab
   bool stand_by = false;    ///< runs robot and scanner only
+  TieError tie_error;
+  std::string fail_scanner;  ///< "ID@STATION"
   bool json = false;
 };
 
@@ -107,16 +111,17 @@ emulator::PlcTraits plc_traits(const config::Config& config, const Options& opti
   return traits;
 }
 
-emulator::RobotTraits robot_traits(const config::Config& config, const Options& options) {
+emulator::RobotTraits robot_traits(const config::Config& config, std::size_t arm, const Options& options) {
+  const config::ArmSettings& settings = config.arm(arm);
   emulator::RobotTraits traits;
-  traits.lcm_url = config.robot.url.view();
-  traits.channel = config.robot.channel.view();
+  traits.lcm_url = settings.robot.url.view();
+  traits.channel = settings.robot.channel.view();
   traits.rate_hz = options.robot_rate_hz;
   traits.move_s = options.move_s;
-  traits.base_id = config.pose.base_id;
-  traits.tool_id = config.pose.tool_id;
-  traits.seed = emulator::derived_seed(options.variation.seed, 6, 0);
-  traits.rsi = options.rsi;
+  traits.base_id = settings.pose.base_id;
+  traits.tool_id = settings.pose.tool_id;
+  traits.seed = emulator::derived_seed(options.variation.seed, 6, arm);
+  if (arm == 0) traits.rsi = options.rsi;
   traits.rsi_faults = options.rsi_faults;
   return traits;
 }
@@ -171,11 +176,27 @@ double expansion_of(const Options& options, const ThermalSettings& thermal) {
                        : kConcrete_per_K * (options.temperature_c - kReference_c);
 }
 
-/// Runs the slabs with the three connected peers.
+/// Starts the robot and the scanner of every arm. Each robot begins at the first station that it usually scans.
+Arms start_arms(const Options& options, const config::Config& config, const emulator::ScannerTraits& scanner_traits,
+                const emulator::ScannerFault& fault, const emulator::SlabTruth& slab) {
+  Arms arms;
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm) {
+    const int first = std::max(1, emulator::first_station(config.arms, arm, slab.stations));
+    auto robot = started(emulator::RobotPeer::start(robot_traits(config, arm, options),
+                                                    slab.at(first).stop(arm).T_base_flange_reported));
+    auto outlet = started(emulator::open_outlet(config.arm(arm), *hal::scan_format_named(options.scan_format)));
+    emulator::ScannerTraits traits = scanner_traits;
+    if (arm != 0) traits.scanner_seed = emulator::derived_seed(options.variation.seed, 7, arm);
+    arms.add(std::move(robot), started(emulator::ScannerPeer::start(traits, std::move(outlet), fault)));
+  }
+  return arms;
+}
+
+/// Runs the slabs with the connected peers.
 std::vector<SlabOutcome> run_line(const Options& options, const config::Config& config, const Recipe& recipe,
                                   const emulator::Cell& cell, std::vector<emulator::SlabTruth> truths,
-                                  emulator::PlcPeer& plc, emulator::RobotPeer& robot, emulator::ScannerPeer& scanner,
-                                  emulator::GaugePeer* gauges) {
+                                  emulator::PlcPeer& plc, const Arms& arms, emulator::GaugePeer* gauges,
+                                  const emulator::ScannerFailure& failure) {
   std::vector<SlabOutcome> outcomes;
   outcomes.reserve(truths.size());
   for (int i = 0; i < options.slabs && !stop_requested; ++i) {
@@ -187,20 +208,24 @@ std::vector<SlabOutcome> run_line(const Options& options, const config::Config& 
     {
       const Progress progress(recipe.stations(), order.slab_no);
       const emulator::Line line{plc,
-                                robot,
-                                scanner,
+                                arms.peers,
+                                config.arms,
                                 recipe,
                                 cell,
                                 options.scans_per_station,
                                 plc_traits(config, options),
                                 [&](int station, std::string_view doing) { progress(station, doing); },
-                                gauges};
+                                gauges,
+                                failure};
       outcome.run = emulator::run_slab(line, order, outcome.truth);
     }
-    for (int k = 1; k <= outcome.truth.stations; ++k)
-      outcome.truth.station[static_cast<std::size_t>(k - 1)].flatness_mm = scanner.flatness_mm(k);
-    if (const std::string trouble = scanner.trouble(); !trouble.empty())
-      cli::complain(fmt::format("scanner: {}", trouble));
+    for (int k = 1; k <= outcome.truth.stations; ++k) {
+      const auto index = static_cast<std::size_t>(k - 1);
+      outcome.truth.station[index].flatness_mm = arms.scanners[outcome.run.station[index].arm]->flatness_mm(k);
+    }
+    for (const auto& scanner : arms.scanners)
+      if (const std::string trouble = scanner->trouble(); !trouble.empty())
+        cli::complain(fmt::format("scanner: {}", trouble));
     outcome.stored = read_back(config.storage.db_path, order);
     if (!outcome.run.finished) break;
   }
@@ -267,18 +292,19 @@ int simulate(const Options& options) {
   const emulator::GaugeFault gauge_fault =
       cli::need(emulator::parse_gauge_fault(options.gauge_fault, config.gauges), cli::kUsage);
   // The emulated scanner is where the line believes it is: after a calibration was applied, there.
-  const cli::InForce hand_eye = cli::hand_eye_in_force(config);
-  if (hand_eye.id.empty())
-    cli::stop(cli::kBadInput,
-              fmt::format("{}: neither a calibration is in force nor is there a [calibration] T_flange_scanner; the "
-                          "emulated scanner has no place on the flange",
-                          options.config));
-  const std::string_view backend = hal::kScannerBackends.at(static_cast<std::size_t>(config.scanner_backend));
-  if (!options.backend.empty() && options.backend != backend)
-    cli::stop(cli::kUsage,
-              fmt::format("--scanner {}: {} has [scanner] backend = \"{}\", and the daemon accepts no other",
-                          options.backend, options.config, backend));
-  emulator::Cell cell{config.T_base_slab, hand_eye.T_flange_scanner};
+  emulator::Cell cell = cell_in_force(config, options.tie_error, options.variation.seed);
+  facts.arms = config.arms;
+  facts.further = cell.further;
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm) {
+    const std::string_view backend =
+        hal::kScannerBackends.at(static_cast<std::size_t>(config.arm(arm).scanner_backend));
+    if (!options.backend.empty() && options.backend != backend)
+      cli::stop(cli::kUsage,
+                fmt::format("--scanner {}: {} has [scanner] backend = \"{}\", and the daemon accepts no other",
+                            options.backend, options.config, backend));
+  }
+  const emulator::ScannerFailure failure =
+      cli::need(parse_failure(options.fail_scanner, config.arms, recipe.stations()), cli::kUsage);
   if (!options.stations.empty()) {
     Result<std::vector<Pose>> points = cli::read_krl_points(options.stations);
     if (points && points.value().size() != recipe.stations())
@@ -297,12 +323,9 @@ int simulate(const Options& options) {
   }
 
   catch_signals();
-  const auto robot =
-      started(emulator::RobotPeer::start(robot_traits(config, options), truths[0].at(1).T_base_flange_reported));
-  auto outlet = started(emulator::open_outlet(config, *hal::scan_format_named(options.scan_format)));
-  const auto scanner = started(emulator::ScannerPeer::start(scanner_traits, std::move(outlet), fault));
+  const Arms arms = start_arms(options, config, scanner_traits, fault, truths[0]);
   if (options.stand_by) {
-    emulator::stand_by({*robot, *scanner, recipe, cell, truths}, std::cin, std::cout, stop_requested);
+    emulator::stand_by({arms.peers, config.arms, recipe, cell, truths}, std::cin, std::cout, stop_requested);
     return cli::kDone;
   }
   std::unique_ptr<emulator::GaugePeer> gauges;
@@ -312,7 +335,7 @@ int simulate(const Options& options) {
   facts.peer = plc->peer_name();
 
   const std::vector<SlabOutcome> outcomes =
-      run_line(options, config, recipe, cell, truths, *plc, *robot, *scanner, gauges.get());
+      run_line(options, config, recipe, cell, truths, *plc, arms, gauges.get(), failure);
   plc->disable();
   if (options.json) {
     fmt::print("{}", simulation_json(recipe, facts, outcomes));
@@ -439,6 +462,17 @@ void add_simulate(args::Command& app) {
                       "Fault of the scanner: frame-before (gives the last frame, then takes one), one-block=K "
                       "(always block K), given-again=K (at station K the exposure before, in another form), loop=N (N "
                       "recorded scans again and again)");
+  command->add_option("--fail-scanner", options->fail_scanner,
+                      "ID@STATION: this scanner loses its power at this station; the PLC goes on with the other robot "
+                      "where [[station]] or allows it");
+  command
+      ->add_option("--tie-error-mm", options->tie_error.mm,
+                   "Two robots: distance of the second one's base from its tied place, in a random direction")
+      ->check(cli::within(0.0, 50.0))
+      ->capture_default_str();
+  command->add_option("--tie-error-deg", options->tie_error.deg, "... and its rotation about a random axis")
+      ->check(cli::within(0.0, 2.0))
+      ->capture_default_str();
   command->add_option("--gauge-fault", options->gauge_fault,
                       "Fault of a gauge: stuck=NAME (value of the first slab), swapped=NAME,NAME, late=NAME (after "
                       "SLAB_END), unit=NAME (metres), previous=NAME (names the slab before), missing=NAME");
@@ -452,12 +486,13 @@ void add_simulate(args::Command& app) {
       ->check(args::one_of({"drop", "tcp"}));
   command->add_flag("--json", options->json, "Print slabd.simulation/1 on stdout");
   command->add_flag("--stand-by", options->stand_by,
-                    "Robot and scanner only, for another PLC: orders \"slab N\" and \"station K\" on stdin");
+                    "Robot and scanner only, for another PLC: orders \"slab N\" and \"station K [ROBOT]\" on stdin");
   command->require_subcommand(0, 1);
   cli::simulate::add_simulate_scan(*command);
   cli::simulate::add_simulate_plane(*command);
   cli::simulate::add_simulate_calibration(*command);
   cli::simulate::add_simulate_history(*command);
+  cli::simulate::add_simulate_tie(*command);
   command->runs([options] { return simulate::simulate(*options); });
 }
 

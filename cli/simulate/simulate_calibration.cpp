@@ -211,6 +211,7 @@ void add_simulate_calibration(args::Command& simulate) {
                                          "The daemon's configuration; T_flange_scanner and the slab's place in "
                                          "it are taken as true")
                             ->default_val(cli::default_config());
+  running.scanner.add_to(command);
   args::Option poses =
       command->add_option("--poses", order.poses_file, "The views, one T_base_flange a line, instead of a plan");
   command

@@ -73,9 +73,11 @@ std::string error_text(double measured, double planted) {
   return fmt::format("{:+.0f}", 1e3 * (measured - planted));
 }
 
-/// Planted difference between the real and the reported position of the flange.
-Vec3 robot_off_mm(const emulator::StationTruth& truth) {
-  return truth.T_base_flange_real.translation_mm - truth.T_base_flange_reported.translation_mm;
+/// Planted difference between the real and the reported position of the flange, in the base of the robot that went
+/// there.
+Vec3 robot_off_mm(const SlabOutcome& outcome, int station) {
+  const emulator::Stop stop = outcome.truth.at(station).stop(run_of(outcome, station).arm);
+  return stop.T_base_flange_real.translation_mm - stop.T_base_flange_reported.translation_mm;
 }
 
 /// Planted items between seats or of the whole slab: the truth with the record's items.
@@ -115,19 +117,22 @@ std::string slab_items_text(const std::vector<SlabItem>& items, report::Style st
          "  (of spacings and large jaws the most wrong one; the robot's planted error is part of the error)\n\n";
 }
 
-std::string stations_text(const Recipe& recipe, const SlabOutcome& outcome, report::Style style) {
+std::string stations_text(const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome,
+                          report::Style style) {
   report::Table table{"block", "scans", "acquire s", "result s"};
+  if (facts.arms.several()) table.columns.emplace_back("by<");
   for (const Compared& item : kCompared) table.columns.emplace_back(item.heading);
   for (const char* heading : {"robot", "verdict<", "reason<"}) table.columns.emplace_back(heading);
   for (int k = 1; k <= outcome.truth.stations; ++k) {
     const emulator::StationRun& run = run_of(outcome, k);
     table.add(k, run.scans, seconds(run.trigger_to_acquired_s), seconds(run.acquired_to_result_s));
     report::Table::Row& row = table.rows.back();
+    if (facts.arms.several()) row.emplace_back(std::string(facts.arms.list[run.arm].robot.view()));
     for (const Compared& item : kCompared)
       row.emplace_back(error_text(measured_value(recipe, outcome, k, item.id),
                                   emulator::true_value(recipe, outcome.truth.at(k), item.id)));
     const PlcStationRow& shown = outcome.run.table[static_cast<std::size_t>(k - 1)];
-    row.emplace_back(1e3 * robot_off_mm(outcome.truth.at(k)).norm(), 0);
+    row.emplace_back(1e3 * robot_off_mm(outcome, k).norm(), 0);
     row.emplace_back(shown.verdict);
     row.emplace_back(run.trouble.empty() ? cli::reason_words(shown.reason) : run.trouble);
   }
@@ -202,20 +207,22 @@ std::string planted_text(const Recipe& recipe, const RunFacts& facts, const Slab
   return text_of(table) + "\n";
 }
 
-void write_station(report::Json& json, const Recipe& recipe, const SlabOutcome& outcome, int k) {
+void write_station(report::Json& json, const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome, int k) {
   const emulator::StationRun& run = run_of(outcome, k);
   const emulator::StationTruth& truth = outcome.truth.at(k);
   const PlcStationRow& row = outcome.run.table[static_cast<std::size_t>(k - 1)];
   const auto time = [&](const char* key, double s) { json.field(key, s < 0.0 ? kNoValue : s); };
   json.begin_object().field("station", k).field("verdict", row.verdict).field("reason", row.reason);
   json.field("attempts", row.attempts).field("scans", run.scans).field("trouble", run.trouble);
+  const Arm& by = facts.arms.list[run.arm];
+  json.field("robot", by.robot.view()).field("scanner", by.scanner.view());
   time("trigger_to_acquired_s", run.trigger_to_acquired_s);
   time("acquired_to_result_s", run.acquired_to_result_s);
   json.key("record").begin_object().field("stored", run.has_record).field("verdict", run.record.verdict);
   json.field("reason", run.record.reason).field("fail_mask", run.record.fail_mask);
   json.field("open_mask", run.record.open_mask).field("flatness_mm", run.record.flatness_mm);
   json.field("std_mm", run.record.std_mm).field("points", run.record.points).end_object();
-  json.field("T_slab_block", truth.T_slab_block.matrix()).field("robot_off_mm", robot_off_mm(truth));
+  json.field("T_slab_block", truth.T_slab_block.matrix()).field("robot_off_mm", robot_off_mm(outcome, k));
   json.list("items", kCompared, [&](const Compared& item) {
     json.field("id", info(item.id).name).field("unit", info(item.id).unit);
     json.field("planted", emulator::true_value(recipe, truth, item.id));
@@ -224,7 +231,7 @@ void write_station(report::Json& json, const Recipe& recipe, const SlabOutcome& 
   json.end_object();
 }
 
-void write_outcome(report::Json& json, const Recipe& recipe, const SlabOutcome& outcome) {
+void write_outcome(report::Json& json, const Recipe& recipe, const RunFacts& facts, const SlabOutcome& outcome) {
   const emulator::SlabRun& run = outcome.run;
   json.begin_object().field("slab_no", run.order.slab_no).field("slab_id", run.order.slab_id);
   json.field("slab_type", run.order.slab_type).field("finished", run.finished).field("continued", run.continued);
@@ -236,7 +243,7 @@ void write_outcome(report::Json& json, const Recipe& recipe, const SlabOutcome& 
   json.field("T_base_slab", outcome.truth.T_base_slab).field("from_database", outcome.stored.has_value());
   if (outcome.stored) json.field("key", outcome.stored->summary.header.key);
   json.key("stations").begin_array();
-  for (int k = 1; k <= outcome.truth.stations; ++k) write_station(json, recipe, outcome, k);
+  for (int k = 1; k <= outcome.truth.stations; ++k) write_station(json, recipe, facts, outcome, k);
   json.end_array();
   if (outcome.stored) {
     json.key("slab_items").begin_array();
@@ -283,8 +290,8 @@ std::string outcome_text(const Recipe& recipe, const RunFacts& facts, const Slab
                       run.continued ? "(was already open: continued)" : "");
   text += fmt::format("{}{}\n", cli::slab_map(table_verdicts(outcome), style), cli::map_legend(style));
   const std::vector<SlabItem> slab = slab_items(recipe, outcome);
-  text +=
-      stations_text(recipe, outcome, style) + slab_items_text(slab, style) + planted_text(recipe, facts, outcome, slab);
+  text += stations_text(recipe, facts, outcome, style) + slab_items_text(slab, style) +
+          planted_text(recipe, facts, outcome, slab);
   if (run.finished) {
     text +=
         fmt::format("slab verdict {}  {}\n", report::verdict_text(run.verdict, style), cli::reason_text(run.reason));
@@ -304,8 +311,17 @@ std::string simulation_json(const Recipe& recipe, const RunFacts& facts, const s
   report::Json json("slabd.simulation/1");
   json.field("config", facts.config).field("plc", facts.peer).field("recipe", recipe.name);
   json.field("recipe_sha256", recipe.sha256).field("seed", facts.seed).field("defects", facts.defect_texts);
-  json.key("slabs").begin_array();
-  for (const SlabOutcome& outcome : outcomes) write_outcome(json, recipe, outcome);
+  json.key("arms").begin_array();
+  for (std::size_t arm = 0; arm < facts.arms.list.size(); ++arm) {
+    json.begin_object().field("robot", facts.arms.list[arm].robot.view());
+    json.field("scanner", facts.arms.list[arm].scanner.view());
+    if (arm != 0)
+      json.field("T_base_robot", facts.further[arm - 1].T_base_robot)
+          .field("T_base_robot_real", facts.further[arm - 1].T_base_robot_real);
+    json.end_object();
+  }
+  json.end_array().key("slabs").begin_array();
+  for (const SlabOutcome& outcome : outcomes) write_outcome(json, recipe, facts, outcome);
   return json.text();
 }
 

@@ -25,6 +25,8 @@ struct RunFacts {
   std::uint64_t seed = 0;
   std::vector<emulator::Defect> defects;
   std::vector<std::string> defect_texts;
+  LineArms arms;
+  std::vector<emulator::FurtherArm> further;  ///< as in emulator::Cell
 };
 
 /// The measured value of a block item: from the database, otherwise nominal + the result record's deviation (um and

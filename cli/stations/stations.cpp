@@ -30,6 +30,7 @@ namespace {
 
 struct Options {
   std::string config;
+  ScannerChoice scanner;
   std::uint16_t type = 0;
   std::string krl;
   bool overwrite = false;
@@ -62,18 +63,28 @@ struct Sources {
   std::string not_used;  ///< reason why the line does not use it; empty if it does
 };
 
+/// Places the slab in the base of the robot that carries the scanner, because its poses are.
+void move_to_robot(config::Config& config, storage::Reader* reader) {
+  const std::optional<Pose> T_robot_slab = find_T_robot_slab(reader, config);
+  if (!T_robot_slab)
+    stop(kRefused, fmt::format("where robot {} stands is not known: tie it to the first robot (slabctl calibrate tie)",
+                               config.by.robot.view()));
+  config.T_base_slab = *T_robot_slab;
+}
+
 Sources gather(const Options& options) {
   Sources out;
-  out.config = config_from(options.config);
+  out.config = options.scanner.of(config_from(options.config));
   out.recipe = recipe_of_type(out.config, options.type);
   const std::unique_ptr<storage::Reader> reader = open_records(out.config);
+  move_to_robot(out.config, reader.get());
   out.hand_eye = hand_eye_in_force(reader.get(), out.config);
   if (out.hand_eye.id.empty())
     stop(kBadInput,
          "where the scanner sits on the flange is not known: apply a calibration, or set [calibration] "
          "T_flange_scanner");
   if (reader == nullptr) return out;
-  const auto table = reader->current(CalibrationKind::stations, out.recipe.slab_type);
+  const auto table = reader->current(CalibrationKind::stations, out.recipe.slab_type, out.config.by.scanner.view());
   if (!table.ok() || !table.value()) return out;
   const storage::CalibrationRecord& record = *table.value();
   out.table = std::get<StationTable>(record.numbers);
@@ -347,6 +358,7 @@ void add_stations(args::Command& app) {
       "Examples: slabctl stations --krl SLABPTS2 --set 2     writes SLABPTS2.dat and SLABPTS2.src\n"
       "          slabctl stations --taught SLABPTS2.dat --set 2 --json");
   command->add_option("--config", options->config, "The daemon's configuration")->default_val(default_config());
+  options->scanner.add_to(*command);
   command->add_option("--slab-type", options->type, "Slab type (default: the longest slab there is a recipe for)");
   args::Option krl = command->add_option("--krl", options->krl, "Write the points as a KRL data list and a subprogram");
   command->add_flag("--overwrite", options->overwrite, "--krl: even if the files exist")->needs(krl);

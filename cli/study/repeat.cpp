@@ -242,6 +242,7 @@ struct RepeatOptions {
   int live = 0;
   std::size_t count = 50;
   bool enter = false;
+  ScannerChoice scanner;
   DatabaseOptions database;
   int block = 0;
   std::vector<std::string> items;
@@ -312,7 +313,8 @@ Runs from_line(const RepeatOptions& options) {
     stop(kUsage, fmt::format("--live {}: recipe {} has blocks 1..{}, and --block is not needed", options.live,
                              recipe.name.view(), recipe.stations()));
   warn_unconfirmed(recipe);
-  const LiveOrder order{options.database.config, options.live, options.count, options.enter, options.scan.threads};
+  const LiveOrder order{options.database.config, options.live,         options.count,
+                        options.enter,           options.scan.threads, options.scanner};
   std::vector<MeasuredOnce> measurements = live_measurements(order, recipe);
   std::string source =
       fmt::format("{} scans of block {} on the line, recipe {}", measurements.size(), options.live, recipe.name.view());
@@ -416,6 +418,7 @@ void add_repeat(args::Command& study) {
   command->add_option("--count", options->count, "With --live: how many scans")
       ->check(args::range(std::size_t{2}, std::size_t{1000}))
       ->capture_default_str();
+  options->scanner.add_to(*command);
   command->add_flag("--enter", options->enter, "With --live: Enter before every scan, when the robot has come back");
   command->add_option("--block", options->block, "Only this block; needed for scans")
       ->check(args::range(1, static_cast<int>(limits::kStationsMax)));

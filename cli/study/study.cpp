@@ -107,9 +107,9 @@ Result<LiveShot> shoot(LiveCapture& line, const std::string& what) {
 
 /// Takes all scans. nullopt on success, otherwise the reason.
 std::optional<Stop> take_all(const LiveOrder& order, const config::Config& config, const Pose& X, const Recipe& recipe,
-                             LiveCapture& line, std::vector<MeasuredOnce>& measurements) {
+                             const Pose& T_robot_slab, LiveCapture& line, std::vector<MeasuredOnce>& measurements) {
   ScanMeter meter(recipe, config.scanner.form, order.threads);
-  const Pose T_block_base = (config.T_base_slab * T_slab_block(recipe, order.station)).inverse();
+  const Pose T_block_base = (T_robot_slab * T_slab_block(recipe, order.station)).inverse();
   for (std::size_t i = 1; i <= order.count; ++i) {
     if (order.enter && !robot_is_back(i, order.count)) return Stop{kUsage, "stdin ended before the last scan"};
     const Result<LiveShot> shot = shoot(line, fmt::format("scan {}/{}", i, order.count));
@@ -130,14 +130,20 @@ std::optional<Stop> take_all(const LiveOrder& order, const config::Config& confi
 }  // namespace
 
 std::vector<MeasuredOnce> live_measurements(const LiveOrder& order, const Recipe& recipe) {
-  const config::Config config = config_from(order.config);
-  const InForce now = hand_eye_in_force(config);
-  Result<LiveCapture> line = LiveCapture::begin(
-      config.control_socket, {fmt::format("study of block {}", order.station), default_operator().substr(0, 60)});
+  const config::Config config = order.scanner.of(config_from(order.config));
+  std::unique_ptr<storage::Reader> reader = open_records(config);
+  const InForce now = hand_eye_in_force(reader.get(), config);
+  const std::optional<Pose> T_robot_slab = find_T_robot_slab(reader.get(), config);
+  if (!T_robot_slab) stop(kRefused, "the base frames of the two robots are not tied: slabctl calibrate tie");
+  reader.reset();
+  Result<LiveCapture> line =
+      LiveCapture::begin(config.control_socket, {fmt::format("study of block {}", order.station),
+                                                 default_operator().substr(0, 60), 300, false, id_if_several(config)});
   if (!line.ok()) throw refused(line.error());
   for (const std::string& warning : line.value().warnings()) complain("warning: " + warning);
   std::vector<MeasuredOnce> measurements;
-  const std::optional<Stop> missed = take_all(order, config, now.T_flange_scanner, recipe, line.value(), measurements);
+  const std::optional<Stop> missed =
+      take_all(order, config, now.T_flange_scanner, recipe, *T_robot_slab, line.value(), measurements);
   if (missed) complain(missed->sentence);  // printed before the line is returned
   if (const Status ended = line.value().end(); !ended.ok())
     complain(fmt::format("warning: the line stays in maintenance until the lease ends: {}", ended.error().text.view()));

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/recipe.h"
+#include "cli/client/scanner_choice.h"
 #include "cli/exit.h"
 #include "cli/study/source.h"
 #include "cli/study/statistics.h"
@@ -53,6 +54,7 @@ struct LiveOrder {
   std::size_t count = 0;
   bool enter = false;  ///< waits for a line on stdin before every scan: the robot leaves and returns
   int threads = 1;
+  ScannerChoice scanner;
 };
 /// The daemon goes to maintenance, takes the scans while the robot is at rest, and returns to idle, also after a
 /// rejected scan. No results go to the PLC or the database. Stops if the daemon is not available, a shot was rejected,

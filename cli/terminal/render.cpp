@@ -76,14 +76,14 @@ std::string item_table(std::span<const Item> items, report::Style style, bool of
   return report::text_of(table, style);
 }
 
-std::string budget_table(std::span<const Item> items, bool of_slab) {
+std::string budget_table(std::span<const Item> items, bool of_slab, bool tied) {
   report::Table table{say("U from, k = 1"), "U (k = 2)"};
-  for (std::size_t part = 0; part < kBudgetParts; ++part)
+  for (std::size_t part = 0; part < kBudgetParts - (tied ? 0 : 1); ++part)
     table.columns.emplace_back(translated(name(static_cast<BudgetPart>(part))));
   for (const Item& item : items) {
     if (!report::has_budget(item) || !has_value(item.value)) continue;
     table.add(label_of(item, of_slab), report::U_figure(item));
-    for (const std::string& figure : report::budget_figures(item)) table.rows.back().emplace_back(figure);
+    for (const std::string& figure : report::budget_figures(item, tied)) table.rows.back().emplace_back(figure);
   }
   return table.rows.empty() ? "" : report::text_of(table);
 }

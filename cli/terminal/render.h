@@ -22,8 +22,9 @@ namespace slabd::cli {
 /// conformance of a value is neither certain nor impossible, a column contains its probability.
 [[nodiscard]] std::string item_table(std::span<const Item> items, report::Style style, bool of_slab = false);
 
-/// A line for each item with a budget: U (k = 2) and its parts (k = 1). Empty if there are none.
-[[nodiscard]] std::string budget_table(std::span<const Item> items, bool of_slab);
+/// A line for each item with a budget: U (k = 2) and its parts (k = 1), that of the tie only if `tied`. Empty if there
+/// are none.
+[[nodiscard]] std::string budget_table(std::span<const Item> items, bool of_slab, bool tied = false);
 
 /// Whole lines: the flatness operator, the part of flatness that is noise, and the largest defect if there is one.
 /// Empty if there are none.

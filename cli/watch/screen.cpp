@@ -275,6 +275,7 @@ class Composer {
       case Link::scanner: return say("scanner", "扫描仪");
       case Link::store: return say("database", "数据库");
       case Link::calibration: return say("calibration", "标定");
+      case Link::tie: return say("robots tied", "基座关联");
     }
     return "";
   }
@@ -282,7 +283,9 @@ class Composer {
   void links() {
     for (const LinkState& state : p_.links) {
       Line line = {
-          {padded(" " + name_of(state.link), 14), {}},
+          {padded(" " + name_of(state.link) + (state.part.empty() ? "" : " " + state.part),
+                  state.part.empty() ? 14 : 18),
+           {}},
           {padded(fmt::format("{} {}", report::symbol(state.ok ? Verdict::pass : Verdict::fail, style_), state.word),
                   16),
            state.ok ? kGreen : kRed}};
@@ -291,7 +294,7 @@ class Composer {
                                            age_text(state.for_s, language_)),
                                14),
                         kFaint});
-      const bool fits = 44 + 3 + report::display_width(state.cure) <= columns_;
+      const bool fits = (state.part.empty() ? 44 : 48) + 3 + report::display_width(state.cure) <= columns_;
       const bool has_cure = !state.ok && !state.cure.empty();
       if (has_cure && fits) line.push_back({"-> " + state.cure, kBold});
       add(std::move(line));

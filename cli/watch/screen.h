@@ -18,7 +18,7 @@ namespace slabd::cli::watch {
 /// Age from which data is shown as outdated.
 inline constexpr double kStaleAfter_s = 3.0;
 
-enum class Link : std::uint8_t { plc, robot, scanner, store, calibration };
+enum class Link : std::uint8_t { plc, robot, scanner, store, calibration, tie };
 
 struct LinkState {
   Link link{};
@@ -27,6 +27,7 @@ struct LinkState {
   std::string cure;      ///< set if not ok
   double for_s = 0.0;    ///< time since the last change of the state ...
   bool at_least = true;  ///< ... or longer: the state is older than the watch
+  std::string part{};    ///< id of the robot or scanner; empty on a line with one
 };
 
 struct PastSlab {

@@ -11,6 +11,7 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <csignal>
@@ -19,6 +20,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "cli/client/arms.h"
 #include "cli/client/control.h"
 #include "cli/command.h"
 #include "cli/exit.h"
@@ -87,7 +89,7 @@ class Since {
  public:
   /// `what`: the state as a word that does not depend on the language.
   void note(LinkState& state, const std::string& what) {
-    Seen& seen = seen_[state.link];
+    Seen& seen = seen_[{state.link, state.part}];
     if (seen.word.empty()) {
       seen = {what, Clock::now(), true};
     } else if (seen.word != what) {
@@ -103,7 +105,7 @@ class Since {
     Clock::time_point when;
     bool at_least = true;
   };
-  std::map<Link, Seen> seen_;
+  std::map<std::pair<Link, std::string>, Seen> seen_;
 };
 
 /// Takes over the terminal and restores it: alternate screen, no echo, no cursor.
@@ -196,35 +198,68 @@ class Watcher {
 
   void take_links(const json& status) {
     picture_.links.clear();
-    const auto add = [&](Link link, bool ok, std::string word, std::string cure, const std::string& what = {}) {
+    const auto add = [&](Link link, bool ok, std::string word, std::string cure, const std::string& what = {},
+                         const std::string& part = {}) {
       LinkState state{link, ok, std::move(word), std::move(cure)};
+      state.part = part;
       since_.note(state, what.empty() ? (ok ? "up" : "down") : what);
       picture_.links.push_back(std::move(state));
     };
+    const std::vector<ArmStatus<json>> arms = arms_in(status);
     const bool plc = at<bool>(status, {"links", "plc", "alive"}, false);
     add(Link::plc, plc, plc ? say("alive", "在线") : say("silent", "无心跳"),
         at<int>(status, {"links", "plc", "clients"}, 0) == 0
             ? say("no client connected: check cable and PLC address", "无连接：检查网线和 PLC 地址")
             : say("its heartbeat (HR 0) does not change: check the PLC program", "心跳 (HR 0) 不变：检查 PLC 程序"));
-    const bool robot = at<bool>(status, {"links", "pose", "ok"}, false);
-    const auto code = static_cast<Code>(at<std::uint16_t>(status, {"links", "pose", "code"}, 0));
-    add(Link::robot, robot, robot ? say("poses", "有位姿") : say("no poses", "无位姿"),
-        std::string(report::cure_words(code, language_)));
-    const bool scanner = at<bool>(status, {"links", "scanner", "online"}, false);
-    add(Link::scanner, scanner, scanner ? say("online", "在线") : say("offline", "离线"),
-        std::string(report::cure_words(Code::scanner_offline, language_)));
+    for (const ArmStatus<json>& arm : arms) {
+      const bool robot = at<bool>(arm.pose, {"ok"}, false);
+      const auto code = static_cast<Code>(at<std::uint16_t>(arm.pose, {"code"}, 0));
+      add(Link::robot, robot, robot ? say("poses", "有位姿") : say("no poses", "无位姿"),
+          std::string(report::cure_words(code, language_)), {}, arm.robot);
+    }
+    for (const ArmStatus<json>& arm : arms) {
+      const bool scanner = at<bool>(arm.scanner_link, {"online"}, false);
+      add(Link::scanner, scanner, scanner ? say("online", "在线") : say("offline", "离线"),
+          std::string(report::cure_words(Code::scanner_offline, language_)), {}, arm.scanner);
+    }
     const bool store = at<bool>(status, {"links", "store", "ok"}, false);
     // A full disk needs free space, not a backup.
     const Code failed = picture_.fault == static_cast<int>(Code::store_full) ? Code::store_full : Code::journal_write;
     add(Link::store, store, store ? say("writing", "正常") : say("failed", "故障"),
         std::string(report::cure_words(failed, language_)));
-    const std::string source = at<std::string>(status, {"calibration", "source"}, "missing");
-    const bool applied = source == "applied";
-    const std::string word = applied                     ? say("applied", "已生效")
-                             : source == "commissioning" ? say("commissioning", "调试值")
-                             : source == "missing"       ? say("missing", "缺失")
-                                                         : source;
-    add(Link::calibration, applied, word, say("calibrate: slabctl calibrate", "请标定：slabctl calibrate"), source);
+    for (const ArmStatus<json>& arm : arms) {
+      const std::string source = at<std::string>(arm.calibration, {"source"}, "missing");
+      const bool applied = source == "applied";
+      const std::string word = applied                     ? say("applied", "已生效")
+                               : source == "commissioning" ? say("commissioning", "调试值")
+                               : source == "missing"       ? say("missing", "缺失")
+                                                           : source;
+      add(Link::calibration, applied, word, say("calibrate: slabctl calibrate", "请标定：slabctl calibrate"), source,
+          arm.scanner);
+    }
+    if (arms.size() > 1) {
+      const bool tied = at<std::string>(status, {"tie", "trouble"}, "none").empty();
+      add(Link::tie, tied, tied ? say("tied", "已关联") : say("not tied", "未关联"),
+          say("tie the robots' bases: slabctl calibrate tie", "请关联机器人基座：slabctl calibrate tie"));
+    }
+    join_equal_links();
+  }
+
+  /// Joins the links of the arms that are all up into one line, because the screen is small.
+  void join_equal_links() {
+    std::vector<LinkState>& links = picture_.links;
+    for (std::size_t i = 0; i + 1 < links.size();) {
+      LinkState& first = links[i];
+      const LinkState& next = links[i + 1];
+      if (first.link != next.link || !first.ok || !next.ok || first.word != next.word) {
+        ++i;
+        continue;
+      }
+      first.part += ", " + next.part;
+      if (next.for_s < first.for_s) first.at_least = next.at_least;
+      first.for_s = std::min(first.for_s, next.for_s);
+      links.erase(links.begin() + static_cast<std::ptrdiff_t>(i) + 1);
+    }
   }
 
   /// Keeps the last read data, which the screen shows as outdated.

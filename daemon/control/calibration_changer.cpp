@@ -139,7 +139,7 @@ void CalibrationChanger::carry_out(storage::Store* store) {
       }
       // A change that was refused was not stored. One that failed may be stored, so the database is read again.
       if (done.ok() || error_.code != Code::config) {
-        Result<std::unique_ptr<LineCalibration>> now = store->calibration();
+        Result<std::unique_ptr<CellCalibration>> now = store->calibration();
         if (now.ok()) calibration_ = std::move(now.value());
         if (done.ok() && !now.ok()) error_ = now.error();
       }
@@ -154,7 +154,7 @@ void CalibrationChanger::carry_out(storage::Store* store) {
   ::unlink(path.c_str());
 }
 
-const LineCalibration* CalibrationChanger::finish() {
+const CellCalibration* CalibrationChanger::finish() {
   phase_ = Phase::idle;
   shown_error_ = error_;
   shown_id_ = id_;
@@ -205,6 +205,14 @@ Json of(const Vec3& v) {
 Json of(const Pose& pose) {
   return pose.to_array();
 }
+Json of(const Mat6& m) {
+  Json rows = Json::array();
+  for (Eigen::Index row = 0; row < 6; ++row) {
+    rows.push_back(Json::array());
+    for (Eigen::Index column = 0; column < 6; ++column) rows.back().push_back(m(row, column));
+  }
+  return rows;
+}
 
 template <typename T>
 void read(const Json& j, T& out) {
@@ -239,6 +247,11 @@ void read(const Json& j, Pose& out) {
   for (std::size_t i = 0; i < a.size(); ++i) read(j.at(i), a.at(i));
   out.translation_mm = Vec3(a[0], a[1], a[2]);
   out.rotation = Quat(a[3], a[4], a[5], a[6]);
+}
+void read(const Json& j, Mat6& out) {
+  for (std::size_t row = 0; row < 6; ++row)
+    for (std::size_t column = 0; column < 6; ++column)
+      read(j.at(row).at(column), out(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(column)));
 }
 
 // ---- records -----------------------------------------------------------------------------------------------------
@@ -294,12 +307,14 @@ CalibrationKind kind_of(const Json& j) {
 Json of(const CalibrationRecord& record) {
   Json j = object_of(record);
   j["kind"] = of(record.kind());
+  j["scanner"] = record.scanner;
   j["numbers"] = std::visit(NumbersJson{}, record.numbers);
   return j;
 }
 
 CalibrationRecord calibration(const Json& j) {
   CalibrationRecord record = record_of<CalibrationRecord>(j);
+  record.scanner = j.value("scanner", "1");
   const Json& numbers = j.at("numbers");
   switch (kind_of(j)) {
     case CalibrationKind::hand_eye: record.numbers = record_of<HandEyeNumbers>(numbers); break;
@@ -307,15 +322,20 @@ CalibrationRecord calibration(const Json& j) {
     case CalibrationKind::reference_block: record.numbers = record_of<ReferenceBlock>(numbers); break;
     case CalibrationKind::monitor_ball: record.numbers = record_of<MonitorBall>(numbers); break;
     case CalibrationKind::scanner: record.numbers = record_of<ScannerNumbers>(numbers); break;
+    case CalibrationKind::tie: record.numbers = record_of<TieNumbers>(numbers); break;
   }
   return record;
 }
 
 struct ChangeJson {
   Json operator()(const KeepCalibration& c) const { return {{"keep", of(c.record)}}; }
-  Json operator()(const ApplyCalibration& c) const { return {{"apply", {{"id", c.id}, {"note", object_of(c.note)}}}}; }
+  Json operator()(const ApplyCalibration& c) const {
+    return {{"apply", {{"id", c.id}, {"note", object_of(c.note)}, {"scanner", c.scanner}}}};
+  }
   Json operator()(const RollBackCalibration& c) const {
-    return {{"roll_back", {{"kind", name(c.kind)}, {"slab_type", c.slab_type}, {"note", object_of(c.note)}}}};
+    return {
+        {"roll_back",
+         {{"kind", name(c.kind)}, {"slab_type", c.slab_type}, {"note", object_of(c.note)}, {"scanner", c.scanner}}}};
   }
   Json operator()(const KeepCheck& c) const { return {{"check", object_of(c.check)}}; }
   Json operator()(const KeepDisposition& c) const { return {{"disposition", object_of(c.record)}}; }
@@ -343,12 +363,13 @@ Result<CalibrationChange> parse_change(std::string_view json) {
       return error(Code::config, "a calibration change of another schema than slabd.calibration_change/1");
     if (j.contains("keep")) return CalibrationChange(KeepCalibration{calibration(j.at("keep"))});
     if (j.contains("apply"))
-      return CalibrationChange(
-          ApplyCalibration{j.at("apply").at("id").get<std::string>(), record_of<ChangeNote>(j.at("apply").at("note"))});
+      return CalibrationChange(ApplyCalibration{j.at("apply").at("id").get<std::string>(),
+                                                record_of<ChangeNote>(j.at("apply").at("note")),
+                                                j.at("apply").value("scanner", "")});
     if (j.contains("roll_back")) {
       const Json& back = j.at("roll_back");
       return CalibrationChange(RollBackCalibration{kind_of(back), back.at("slab_type").get<std::uint16_t>(),
-                                                   record_of<ChangeNote>(back.at("note"))});
+                                                   record_of<ChangeNote>(back.at("note")), back.value("scanner", "1")});
     }
     if (j.contains("check")) return CalibrationChange(KeepCheck{record_of<CalibrationCheck>(j.at("check"))});
     if (j.contains("disposition"))

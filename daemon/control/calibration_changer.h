@@ -37,7 +37,7 @@ class CalibrationChanger {
   void started() { phase_ = Phase::under_way; }
   /// After the storage thread's answer: the calibration now in force, or nullptr if it did not change. Valid until the
   /// next accept().
-  [[nodiscard]] const LineCalibration* finish();
+  [[nodiscard]] const CellCalibration* finish();
   /// The decision about a slab that the finished change added; nullptr if it was another change.
   [[nodiscard]] const storage::DispositionRecord* disposition() const {
     return succeeded() && disposition_ ? &*disposition_ : nullptr;
@@ -68,7 +68,7 @@ class CalibrationChanger {
   // Written on the storage thread.
   Error error_{Code::ok, {}};
   CalibrationId id_;
-  std::unique_ptr<LineCalibration> calibration_;
+  std::unique_ptr<CellCalibration> calibration_;
   std::optional<storage::DispositionRecord> disposition_;
   std::optional<GaugeCheck> gauge_check_;
   // Copies for answers, updated in finish().

@@ -30,6 +30,16 @@ class Text {
   void counter_of(const char* name, const char* help, std::string_view what, std::uint64_t value) {
     metric("counter", name, help, "{what=\"" + std::string(what) + "\"}", static_cast<double>(value));
   }
+  /// One series of each arm: that of arm 0 has no further label, the others that of their scanner. `value(arm)`.
+  template <typename Value>
+  void of_arms(const char* type, const char* name, const char* help, const LineArms& arms, const std::string& label,
+               const Value& value) {
+    for (std::size_t i = 0; i < arms.list.size(); ++i) {
+      std::string labels = label;
+      if (i > 0) labels += std::string(labels.empty() ? "" : ",") + "scanner=\"" + arms.list[i].scanner.c_str() + "\"";
+      metric(type, name, help, labels.empty() ? "" : "{" + labels + "}", static_cast<double>(value(i)));
+    }
+  }
   [[nodiscard]] std::string take() { return std::move(text_); }
 
  private:
@@ -81,28 +91,54 @@ void tell_plc(Text& text, const hal::PlcPort& plc, bool alive) {
   fields(put, plc.counters());
 }
 
-void tell_pose(Text& text, const hal::PosePort& pose, const LoopFigures& figures, bool ok) {
-  const hal::PoseLinkCounters& c = pose.counters();
-  text.gauge("slabd_pose_ok", "1: fresh robot poses arrive", ok ? 1 : 0);
-  constexpr const char* kName = "slabd_pose_datagrams_total";
-  constexpr const char* kHelp = "Datagrams on the way from the robot";
-  text.counter_of(kName, kHelp, "accepted", c.accepted);
-  text.counter_of(kName, kHelp, "foreign", c.foreign);
-  text.counter_of(kName, kHelp, "other_type", c.other_type);
-  text.counter_of(kName, kHelp, "wrong_sender", c.wrong_sender);
-  text.counter_of(kName, kHelp, "not_finite", c.not_finite);
-  text.counter_of(kName, kHelp, "not_unit", c.not_unit);
-  text.counter_of(kName, kHelp, "out_of_reach", c.out_of_reach);
-  text.counter_of(kName, kHelp, "second_publisher", c.second_publisher);
-  text.counter_of(kName, kHelp, "repeated", c.repeated);
-  text.counter_of(kName, kHelp, "time_back", c.time_back);
-  text.counter_of(kName, kHelp, "time_unit", c.time_unit);
-  text.counter_of(kName, kHelp, "jump", c.jumps);
-  text.counter("slabd_pose_gaps_total", "Breaks in the numbering of the robot's poses", c.gaps);
-  text.counter("slabd_pose_lost_total", "Poses missing in those breaks", c.lost);
-  text.counter("slabd_pose_stale_total", "Times that the newest pose became too old", figures.poses_stale);
-  text.counter("slabd_pose_wrong_frame_total", "Times that another base or tool became active",
-               figures.poses_wrong_frame);
+void tell_pose(Text& text, const Station& station, const Ports& ports, const LoopFigures& figures) {
+  const LineArms& arms = station.settings.arms;
+  text.of_arms("gauge", "slabd_pose_ok", "1: fresh robot poses arrive", arms, "",
+               [&](std::size_t arm) { return station.arms[arm].gate.link(station.now_ns) == Code::ok ? 1 : 0; });
+  const auto datagrams = [&](const char* what, std::uint64_t hal::PoseLinkCounters::*counter) {
+    text.of_arms("counter", "slabd_pose_datagrams_total", "Datagrams on the way from the robot", arms,
+                 std::string("what=\"") + what + "\"",
+                 [&](std::size_t arm) { return ports.pose_of(arm).counters().*counter; });
+  };
+  using Counters = hal::PoseLinkCounters;
+  datagrams("accepted", &Counters::accepted);
+  datagrams("foreign", &Counters::foreign);
+  datagrams("other_type", &Counters::other_type);
+  datagrams("wrong_sender", &Counters::wrong_sender);
+  datagrams("not_finite", &Counters::not_finite);
+  datagrams("not_unit", &Counters::not_unit);
+  datagrams("out_of_reach", &Counters::out_of_reach);
+  datagrams("second_publisher", &Counters::second_publisher);
+  datagrams("repeated", &Counters::repeated);
+  datagrams("time_back", &Counters::time_back);
+  datagrams("time_unit", &Counters::time_unit);
+  datagrams("jump", &Counters::jumps);
+  text.of_arms("counter", "slabd_pose_gaps_total", "Breaks in the numbering of the robot's poses", arms, "",
+               [&](std::size_t arm) { return ports.pose_of(arm).counters().gaps; });
+  text.of_arms("counter", "slabd_pose_lost_total", "Poses missing in those breaks", arms, "",
+               [&](std::size_t arm) { return ports.pose_of(arm).counters().lost; });
+  text.of_arms("counter", "slabd_pose_stale_total", "Times that the newest pose became too old", arms, "",
+               [&](std::size_t arm) { return figures.poses[arm].stale; });
+  text.of_arms("counter", "slabd_pose_wrong_frame_total", "Times that another base or tool became active", arms, "",
+               [&](std::size_t arm) { return figures.poses[arm].wrong_frame; });
+}
+
+void tell_scanners(Text& text, const Station& station, const Ports& ports) {
+  const LineArms& arms = station.settings.arms;
+  text.of_arms("gauge", "slabd_scanner_online", "1: the scanner is available", arms, "",
+               [&](std::size_t arm) { return station.arms[arm].links.scanner_online ? 1 : 0; });
+  text.of_arms("counter", "slabd_scan_strays_total", "Files that answered no request", arms, "",
+               [&](std::size_t arm) { return station.arms[arm].links.stray_files; });
+  text.of_arms("counter", "slabd_scan_strays_deleted_total", "Stray scans deleted again because stray/ was full", arms,
+               "", [&](std::size_t arm) { return ports.scanner_of(arm).deleted().files; });
+  text.of_arms("counter", "slabd_scan_strays_deleted_bytes_total", "Their bytes", arms, "",
+               [&](std::size_t arm) { return ports.scanner_of(arm).deleted().bytes; });
+  text.of_arms("gauge", "slabd_scanner_hangs",
+               "1: the scanner's drop folder, or the disk of the scans, does not answer", arms, "",
+               [&](std::size_t arm) { return ports.scanner_of(arm).hangs() ? 1 : 0; });
+  if (!arms.several()) return;
+  const TieFault fault = fault_of_tie(station.calibration, arms.list[1].robot, expiry_utime_us(station));
+  text.gauge("slabd_tie_ok", "1: the tie of the two robots can be used", fault == TieFault::none ? 1 : 0);
 }
 
 /// Times until the master checks are due. A gauge that was never checked is only in slabd_gauges_need_care.
@@ -141,14 +177,8 @@ std::string metrics_text(const Station& station, const Ports& ports, const LoopF
   text.gauge("slabd_results_pending", "Results that wait for RES_ACK", view.results_pending);
   text.counter("slabd_commands_refused_total", "Commands refused or repeated", view.refused);
   tell_plc(text, ports.plc, view.plc_link_ok);
-  tell_pose(text, ports.pose, figures, view.pose_ok);
-  text.gauge("slabd_scanner_online", "1: the scanner is available", view.scanner_ok ? 1 : 0);
-  text.counter("slabd_scan_strays_total", "Files that answered no request", station.links.stray_files);
-  const hal::ScannerPort::Deleted deleted = ports.scanner.deleted();
-  text.counter("slabd_scan_strays_deleted_total", "Stray scans deleted again because stray/ was full", deleted.files);
-  text.counter("slabd_scan_strays_deleted_bytes_total", "Their bytes", deleted.bytes);
-  text.gauge("slabd_scanner_hangs", "1: the scanner's drop folder, or the disk of the scans, does not answer",
-             ports.scanner.hangs() ? 1 : 0);
+  tell_pose(text, station, ports, figures);
+  tell_scanners(text, station, ports);
   tell_gauges(text, station);
   text.gauge("slabd_store_ok", "1: the database can be written", view.store_ok ? 1 : 0);
   text.gauge("slabd_database_bytes", "Size of the database's file", file_bytes(figures.db_path));

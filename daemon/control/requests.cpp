@@ -52,9 +52,10 @@ Json warnings(const Station& s) {
         static_cast<double>(CaptureGuard::kStable_ns) / 1e9);
     list.push_back(text);
   }
-  if (const Code link = s.gate.link(s.now_ns); link != Code::ok)
+  const StationArm& arm = s.arms[s.capture.arm];
+  if (const Code link = arm.gate.link(s.now_ns); link != Code::ok)
     list.push_back(std::string(describe(link)) + "; " + std::string(cure(link)));
-  if (!s.links.scanner_online)
+  if (!arm.links.scanner_online)
     list.push_back(std::string(describe(Code::scanner_offline)) + "; " + std::string(cure(Code::scanner_offline)));
   return list;
 }
@@ -124,6 +125,7 @@ std::string capture_json(const Station& s) {
   if (in_maintenance(s)) {
     j["session"] = c.session.view();
     j["operator"] = c.operator_name.view();
+    j["scanner"] = s.settings.arms.list[c.arm].scanner.view();
     j["uid"] = c.uid;
     j["since_utime_us"] = c.since_utime_us;
     j["lease_left_s"] = static_cast<double>(c.lease_until_ns - s.now_ns) / 1e9;
@@ -131,13 +133,13 @@ std::string capture_json(const Station& s) {
   j["guard"] = {{"stable_s", static_cast<double>(s.settings.capture.stable_ns) / 1e9},
                 {"stable_mm", s.settings.capture.stable_mm},
                 {"stable_deg", deg_from_rad(s.settings.capture.stable_rad)}};
-  const PoseRange& recent = s.still.recent();
-  const bool any = s.still.samples() != 0;
-  j["robot"] =
-      any ? Json{{"stood_s", static_cast<double>(s.still.newest().arrival_ns - s.still.first().arrival_ns) / 1e9},
-                 {"moved_mm", recent.mm()},
-                 {"turned_deg", deg_from_rad(recent.rad())}}
-          : Json(nullptr);
+  const StillWatch& still = s.arms[c.arm].still;
+  const PoseRange& recent = still.recent();
+  const bool any = still.samples() != 0;
+  j["robot"] = any ? Json{{"stood_s", static_cast<double>(still.newest().arrival_ns - still.first().arrival_ns) / 1e9},
+                          {"moved_mm", recent.mm()},
+                          {"turned_deg", deg_from_rad(recent.rad())}}
+                   : Json(nullptr);
   j["folder"] = capture_folder(s).view();
   j["warnings"] = warnings(s);
   j["shot"] = shot_json(c.shot);
@@ -175,6 +177,8 @@ Result<CaptureRequest> parse_capture(std::string_view line, std::uint32_t uid) {
   if (lease != request.end() && !lease->is_number_integer())
     return error(Code::config, "\"lease_s\" must be an integer");
   made.lease_s = lease == request.end() ? 300 : lease->get<std::int64_t>();
+  if (request.contains("scanner") && !take_text(request, "scanner", made.scanner))
+    return error(Code::config, "\"scanner\" must be the id of a scanner, a text of 1..%zu bytes", PartId::capacity());
   const auto take_over = request.find("take_over");
   if (take_over != request.end() && !take_over->is_boolean())
     return error(Code::config, "\"take_over\" must be true or false");

@@ -110,11 +110,23 @@ Json number_or_null(double value) {
   return has_value(value) ? Json(value) : Json(nullptr);
 }
 
-/// Calibration of the next slab, and checks that are due.
-Json in_force(const Station& station) {
-  const LineCalibration& c = station.calibration;
+/// The acceptance of an arm's scanner; null: it was never accepted.
+Json acceptance(const Station& station, std::size_t arm) {
+  const ScannerInForce& scanner = station.calibration.arm[arm].scanner;
+  if (scanner.id.empty()) return nullptr;
+  const bool outside = is_outside_temperature(station, arm);
+  return Json{{"id", scanner.id.view()},
+              {"scanner", scanner.numbers.scanner.view()},
+              {"state", name(acceptance_state(scanner, expiry_utime_us(station), outside))},
+              {"expires_utime_us", scanner.expires_utime_us},
+              {"temperature_c", number_or_null(scanner.numbers.temperature_c)}};
+}
+
+/// Calibration of an arm for the next slab, and checks that are due.
+Json in_force(const Station& station, std::size_t arm) {
+  const LineCalibration& c = station.calibration.arm[arm];
   static constexpr std::array<const char*, 3> kSources = {"missing", "commissioning", "applied"};
-  const std::int64_t now = std::max(station.utime_us, station.newest_time.utime_us());
+  const std::int64_t now = expiry_utime_us(station);
   Json j;
   j["source"] = kSources.at(static_cast<std::size_t>(c.source));
   j["id"] = c.id.view();
@@ -145,14 +157,20 @@ Json in_force(const Station& station) {
   };
   j["reference_block"] = watch(c.block);
   j["monitor_ball"] = watch(c.ball);
-  const bool outside = is_outside_temperature(station);
-  j["scanner"] = c.scanner.id.empty() ? Json(nullptr)
-                                      : Json{{"id", c.scanner.id.view()},
-                                             {"scanner", c.scanner.numbers.scanner.view()},
-                                             {"state", name(acceptance_state(c.scanner, now, outside))},
-                                             {"expires_utime_us", c.scanner.expires_utime_us},
-                                             {"temperature_c", number_or_null(c.scanner.numbers.temperature_c)}};
+  j["scanner"] = acceptance(station, arm);
   return j;
+}
+
+/// The tie of the two robots' bases in force; null: there is none.
+Json tie_in_force(const Station& station) {
+  const TieInForce& tie = station.calibration.tie;
+  if (!station.settings.arms.several() || (tie.id.empty() && tie.trouble.empty())) return nullptr;
+  const TieFault fault =
+      fault_of_tie(station.calibration, station.settings.arms.list[1].robot, expiry_utime_us(station));
+  return Json{{"id", tie.id.view()},
+              {"robot", tie.numbers.robot.view()},
+              {"expires_utime_us", tie.expires_utime_us},
+              {"trouble", describe(fault, station.calibration).view()}};
 }
 
 /// Slab types that scans can distinguish by the slab's ends only, or not at all.
@@ -197,7 +215,11 @@ std::string_view pose_note(const PoseGate& gate, hal::PoseType type) {
   return "";
 }
 
-Json pose_link(const hal::PosePort& port, bool ok, Code code, const Station& station, const LoopFigures& figures) {
+Json pose_link(const Ports& ports, std::size_t arm, const Station& station, const LoopFigures& figures) {
+  const hal::PosePort& port = ports.pose_of(arm);
+  const PoseGate& gate = station.arms[arm].gate;
+  const Code code = gate.link(station.now_ns);
+  const bool ok = code == Code::ok;
   const std::string_view refusal = port.refusal(station.now_ns);
   std::string text(describe(code));
   if (!port.trouble().empty())
@@ -207,12 +229,44 @@ Json pose_link(const hal::PosePort& port, bool ok, Code code, const Station& sta
   Json j{{"ok", ok},
          {"code", static_cast<int>(code)},
          {"text", text},
-         {"note", ok ? pose_note(station.gate, figures.pose_type) : ""},
+         {"note", ok ? pose_note(gate, figures.pose_type) : ""},
          {"refusal", refusal}};
   put_fields(port.counters(), j);
-  j["stale"] = figures.poses_stale;
-  j["wrong_frame"] = figures.poses_wrong_frame;
+  j["stale"] = figures.poses[arm].stale;
+  j["wrong_frame"] = figures.poses[arm].wrong_frame;
   return j;
+}
+
+Json scanner_link(const Ports& ports, std::size_t arm, const Station& station) {
+  const LinkStatus& links = station.arms[arm].links;
+  return Json{{"online", links.scanner_online},
+              {"strays", links.stray_files},
+              {"text", ports.scanner_of(arm).trouble().view()}};
+}
+
+Json arms_json(const Station& station, const Ports& ports, const LoopFigures& figures) {
+  Json list = Json::array();
+  for (std::size_t i = 0; i < arm_count(station) && i < ports.arms(); ++i) {
+    const Arm& by = station.settings.arms.list[i];
+    list.push_back({{"robot", by.robot.view()},
+                    {"scanner", by.scanner.view()},
+                    {"pose", pose_link(ports, i, station, figures)},
+                    {"scanner_link", scanner_link(ports, i, station)},
+                    {"calibration", in_force(station, i)},
+                    {"acceptance", acceptance(station, i)},
+                    {"temperature_c", number_or_null(station.arms[i].scanner_temperature_c)}});
+  }
+  return list;
+}
+
+/// Why no slab can begin: the faults of all arms.
+std::string calibration_fault_text(const Station& station) {
+  std::string text;
+  for (std::size_t i = 0; i < arm_count(station); ++i) {
+    const ArmFault fault = arm_fault(station, i);
+    if (fault.any()) text += (text.empty() ? "" : "; ") + std::string(describe(station, i, fault).view());
+  }
+  return text;
 }
 
 /// Both register memories as they are on the wire now, in the configured word order.
@@ -232,8 +286,10 @@ std::string plc_image_json(const Station& station, const hal::PlcPort& plc, cons
 
 /// In fault 504: text on another daemon that uses this daemon's folders; empty if there is none.
 std::string used_by_another(const Ports& ports, const LoopFigures& figures) {
-  const hal::ScannerText scanner = ports.scanner.used_by_another();
-  return std::string(scanner.empty() ? figures.store_text.view() : scanner.view());
+  for (std::size_t arm = 0; arm < ports.arms(); ++arm)
+    if (const hal::ScannerText scanner = ports.scanner_of(arm).used_by_another(); !scanner.empty())
+      return std::string(scanner.view());
+  return std::string(figures.store_text.view());
 }
 
 }  // namespace
@@ -263,7 +319,6 @@ Json plant_link(const Station& station, const Ports& ports, const LoopFigures& f
 std::string status_json(const Station& station, const Ports& ports, const LoopFigures& figures) {
   const PlcOutputs view = plc_view(station);
   const Code fault = static_cast<Code>(view.fault);
-  const Code pose = station.gate.link(station.now_ns);
   Json j;
   j["schema"] = "slabd.status/1";
   j["software"] = station.settings.software.view();
@@ -273,8 +328,7 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
     j["fault"]["text"] = other;
     j["fault"]["cure"] = "stop one of the two daemons, or give each a folder of its own; this one continues by itself";
   }
-  if (fault == Code::calibration_missing)
-    j["fault"]["text"] = describe(calibration_fault(station), station.calibration).view();
+  if (fault == Code::calibration_missing) j["fault"]["text"] = calibration_fault_text(station);
   j["warn"] = warnings(view.warn);
   if (ports.recipes != nullptr && ports.recipes->differs())
     for (Json& text : j["warn"])
@@ -283,9 +337,9 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
   j["alike_recipes"] = alike(station.settings.recipes);
   j["emulated"] = view.simulation;
   j["emulation"] = emulation(emulation_shown(station));
-  j["emulation_now"] = emulation(emulation_of_line(station) | (station.scan_emulated ? kEmulatedScan : 0U));
-  j["scanner_temperature_c"] = number_or_null(station.scanner_temperature_c);
-  j["calibration"] = in_force(station);
+  j["emulation_now"] = emulation(unsigned{emulation_of_line(station)} | emulation_of_scans(station));
+  j["scanner_temperature_c"] = number_or_null(station.arms[0].scanner_temperature_c);
+  j["calibration"] = in_force(station, 0);
   const Capture& capture = station.capture;
   j["maintenance"] = in_maintenance(station)
                          ? Json{{"session", capture.session.view()},
@@ -307,9 +361,8 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                           {"emulated", station.slab.header.emulated != 0}}
                    : Json(nullptr);
   j["links"]["plc"] = plc_link(ports.plc, view.plc_link_ok, station.now_ns);
-  j["links"]["pose"] = pose_link(ports.pose, view.pose_ok, pose, station, figures);
-  j["links"]["scanner"] = {
-      {"online", view.scanner_ok}, {"strays", station.links.stray_files}, {"text", ports.scanner.trouble().view()}};
+  j["links"]["pose"] = pose_link(ports, 0, station, figures);
+  j["links"]["scanner"] = scanner_link(ports, 0, station);
   j["links"]["store"] = {{"ok", view.store_ok},
                          {"text", view.store_ok ? "" : figures.store_text.c_str()},
                          {"commit_last_ms", figures.commit_last_ms},
@@ -329,8 +382,11 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
                  {"measuring", station.measuring},
                  {"last_ms", figures.block_last_ms},
                  {"max_ms", figures.block_max_ms}};
-  j["memory"] = {
-      {"rss_kb", memory_kb("VmRSS")}, {"peak_kb", memory_kb("VmHWM")}, {"inspection_bytes", limits::kInspectionBytes}};
+  j["arms"] = arms_json(station, ports, figures);
+  j["tie"] = tie_in_force(station);
+  j["memory"] = {{"rss_kb", memory_kb("VmRSS")},
+                 {"peak_kb", memory_kb("VmHWM")},
+                 {"inspection_bytes", limits::inspection_bytes(arm_count(station))}};
   j["log_lines_lost"] = log_lines_lost();
   j["uptime_s"] = static_cast<double>(station.now_ns - figures.started_ns) / 1e9;
   j["config"] = figures.config_path;
@@ -341,7 +397,13 @@ std::string status_json(const Station& station, const Ports& ports, const LoopFi
 std::string calibration_json(const Station& station, const CalibrationChanger& changer) {
   Json j;
   j["schema"] = "slabd.calibration_state/1";
-  j["in_force"] = in_force(station);
+  j["in_force"] = in_force(station, 0);
+  j["arms"] = Json::array();
+  for (std::size_t i = 0; i < arm_count(station); ++i)
+    j["arms"].push_back({{"robot", station.settings.arms.list[i].robot.view()},
+                         {"scanner", station.settings.arms.list[i].scanner.view()},
+                         {"in_force", in_force(station, i)}});
+  j["tie"] = tie_in_force(station);
   const bool open = station.slab.phase != SlabPhase::none;
   j["open_slab"] = open ? Json{{"calibration_id", station.slab.header.calibration_id.view()},
                                {"stations_id", station.slab.header.stations_id.view()},

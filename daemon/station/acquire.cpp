@@ -36,13 +36,45 @@ StationRecord& record_of(Station& s, std::uint8_t station) {
 
 /// Checks that the block's nominal centre is near the scanner's axis and in front of it. Detects a wrong station, a
 /// wrong robot program and a slab that is not at its configured place.
-Code looks_at_station(const Station& s, const Pose& T_base_flange, double& off_axis_mm) {
-  const Pose T_base_scanner = T_base_flange * s.slab.header.T_flange_scanner;
+Code looks_at_station(const Station& s, std::size_t arm, const Pose& T_base_flange, double& off_axis_mm) {
+  const Pose T_base_scanner = in_base_frame(s, arm, T_base_flange) * T_flange_scanner_of(s.slab.header, arm);
   const Pose T_base_block =
       s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, s.slab.facts.design, s.acquisition.station);
   const Vec3 p_scanner = T_base_scanner.inverse() * T_base_block.translation_mm;
   off_axis_mm = std::hypot(p_scanner.x(), p_scanner.y());
-  return off_axis_mm <= s.settings.pose.look_mm && p_scanner.z() > 0.0 ? Code::ok : Code::outside_window;
+  return off_axis_mm <= s.settings.arm(arm).pose.look_mm && p_scanner.z() > 0.0 ? Code::ok : Code::outside_window;
+}
+
+/// The arm that scans the station. Of several that may, it is the one whose robot looks at the block now, because the
+/// PLC decides by the robot that it moves there. If both or none do, it is the usual one.
+std::uint8_t arm_to_scan(const Station& s) {
+  const ArmChoice& choice = s.settings.arms.of_station[s.acquisition.station - 1U];
+  const auto looks = [&s](std::uint8_t arm) {
+    double off_axis_mm = 0.0;
+    const PoseGate& gate = s.arms[arm].gate;
+    return can_scan(s, arm) && gate.link(s.now_ns) == Code::ok &&
+           looks_at_station(s, arm, gate.newest()->T_base_flange, off_axis_mm) == Code::ok;
+  };
+  if (choice.size() > 1) {
+    for (const std::uint8_t arm : choice)
+      if (looks(arm)) return arm;
+    for (const std::uint8_t arm : choice)
+      if (can_scan(s, arm)) return arm;
+  }
+  return choice.empty() ? std::uint8_t{0} : choice[0];
+}
+
+void use_arm(Station& s, std::uint8_t arm) {
+  s.acquisition.attempt.arm = arm;
+  s.acquisition.attempt.by = s.settings.arms.list[arm];
+}
+
+StationArm& arm_of(Station& s) {
+  return s.arms[s.acquisition.attempt.arm];
+}
+
+const StationArmSettings& settings_of_arm(const Station& s) {
+  return s.settings.arm(s.acquisition.attempt.arm);
 }
 
 std::int64_t time_left_ns(const Station& s) {
@@ -57,7 +89,8 @@ ScanRequest scan_to_ask(const Station& s) {
   request.slab_id = s.slab.header.slab_id;
   request.station = a.station;
   // Less than the allowed time only if another scan was taken first.
-  request.timeout_ns = std::clamp(time_left_ns(s), kNsPerMs, s.settings.scan_timeout_ns);
+  request.timeout_ns = std::clamp(time_left_ns(s), kNsPerMs, settings_of_arm(s).scan_timeout_ns);
+  if (s.settings.arms.several()) request.by = a.attempt.by;
   request.spool_path.printf("%s/%lld/%02u-%u", s.settings.spool_dir.c_str(), static_cast<long long>(s.slab.header.key),
                             a.station, a.attempt.number);
   return request;
@@ -67,7 +100,7 @@ ScanRequest scan_to_ask(const Station& s) {
 /// would also end in a discarded scan, and a slow scanner would never reach the block's own.
 bool time_for_another(const Station& s) {
   const std::int64_t took_ns = s.acquisition.cleared_in_ns;
-  return took_ns == 0 || time_left_ns(s) >= std::min(s.settings.scan_timeout_ns, took_ns + kNsPerS / 2);
+  return took_ns == 0 || time_left_ns(s) >= std::min(settings_of_arm(s).scan_timeout_ns, took_ns + kNsPerS / 2);
 }
 
 /// Requests a scan that is discarded; after it the scanner cannot hold an unknown scan.
@@ -78,32 +111,34 @@ void clear_scanner(Station& s, int slot, Actions& actions) {
   request.session = 0;
   request.cmd_seq = next_own_request(s);
   request.spool_path.append("-unseen");
-  ask_scanner(s, s.acquisition.exposure, slot, request, actions);
+  ask_scanner(s, s.acquisition.exposure, s.acquisition.attempt.arm, slot, request, actions);
   log(actions, LogLine::Level::info, Code::ok,
-      "station %u: a scan was requested before, and its points were not received; one more scan is taken first and "
+      "station %u%s: a scan was requested before, and its points were not received; one more scan is taken first and "
       "discarded, so that the old one cannot be delivered for this block",
-      s.acquisition.station);
+      s.acquisition.station, arm_words(s, s.acquisition.attempt.arm).c_str());
 }
 
 void try_to_trigger(Station& s, Actions& actions) {
   Acquisition& a = s.acquisition;
+  use_arm(s, arm_to_scan(s));
+  StationArm& arm = arm_of(s);
   PoseMean mean;
   double off_axis_mm = 0.0;
-  Code code = s.gate.settled(s.now_ns, mean);
+  Code code = arm.gate.settled(s.now_ns, mean);
   // A SCAN may come before the robot has left the last station, so a wrong position is not yet an error.
-  if (code == Code::ok) code = looks_at_station(s, mean.T_base_flange, off_axis_mm);
+  if (code == Code::ok) code = looks_at_station(s, a.attempt.arm, mean.T_base_flange, off_axis_mm);
   const int slot = free_slot(s);
-  if (code == Code::ok && (s.abandoned.waits || s.links.scanner_hangs)) code = code_of_hang(s);
+  if (code == Code::ok && (arm.abandoned.waits || arm.links.scanner_hangs)) code = code_of_hang(s, a.attempt.arm);
   if (code == Code::ok && slot < 0) code = Code::deadline;
   if (code != Code::ok) {
     // The time of the discarded scan does not count as the robot's.
     const std::int64_t settling_ns = s.now_ns - a.started_ns - a.cleared_in_ns;
-    if (settling_ns <= s.settings.settle_timeout_ns && time_for_another(s)) return;
+    if (settling_ns <= settings_of_arm(s).settle_timeout_ns && time_for_another(s)) return;
     if (code == Code::outside_window)
       log(actions, LogLine::Level::warning, code,
-          "station %u: its centre is %.0f mm off the scanner's axis, allowed %.0f mm", a.station, off_axis_mm,
-          s.settings.pose.look_mm);
-    if (code == Code::not_settled && s.gate.lacks_stopped())
+          "station %u%s: its centre is %.0f mm off the scanner's axis, allowed %.0f mm", a.station,
+          arm_words(s, a.attempt.arm).c_str(), off_axis_mm, settings_of_arm(s).pose.look_mm);
+    if (code == Code::not_settled && arm.gate.lacks_stopped())
       log(actions, LogLine::Level::warning, code,
           "station %u: the robot set the stopped flag (bit 1) at an earlier station and does not set it now; slabd "
           "requires it until no pose arrives for 1 s",
@@ -111,7 +146,7 @@ void try_to_trigger(Station& s, Actions& actions) {
     fail_acquisition(s, code, actions);
     return;
   }
-  if (holds(Rule::unseen_scan_discarded) && s.scan_unseen && !s.settings.simulation) {
+  if (holds(Rule::unseen_scan_discarded) && arm.scan_unseen && !s.settings.simulation) {
     clear_scanner(s, slot, actions);
     return;
   }
@@ -127,19 +162,20 @@ void try_to_trigger(Station& s, Actions& actions) {
   a.attempt.asked = true;
   record_of(s, a.station).attempts = a.attempt.number;
   a.settled_ns = s.now_ns;
-  a.attempt.emulated = emulation_of_line(s);
+  a.attempt.emulated = emulation_of_arm(s, a.attempt.arm);
   a.attempt.settle_ms = ms_from_ns(s.now_ns - a.started_ns);
-  s.gate.begin_exposure(mean.T_base_flange);
-  ask_scanner(s, a.exposure, slot, scan_to_ask(s), actions);
+  arm.gate.begin_exposure(mean.T_base_flange);
+  ask_scanner(s, a.exposure, a.attempt.arm, slot, scan_to_ask(s), actions);
 }
 
 void note_pose(Station& s, const PoseMean& mean, Actions& actions) {
   Acquisition& a = s.acquisition;
   a.attempt.T_base_flange = mean.T_base_flange;
-  a.attempt.splice = splice_now(s, a.station, mean.T_base_flange, actions);
+  a.attempt.splice = splice_now(s, a.attempt.arm, a.station, mean.T_base_flange, actions);
   a.attempt.pose_spread_mm = mean.spread_mm;
   a.attempt.pose_samples = mean.samples;
-  const unsigned emulated = a.attempt.emulated | emulation_of_line(s) | (a.attempt.shape.emulated ? kEmulatedScan : 0U);
+  const unsigned emulated =
+      a.attempt.emulated | emulation_of_arm(s, a.attempt.arm) | (a.attempt.shape.emulated ? kEmulatedScan : 0U);
   a.attempt.emulated = static_cast<std::uint8_t>(emulated);
 }
 
@@ -165,6 +201,7 @@ MeasureBlock block_to_measure(const Station& s, const Attempt& attempt, std::uin
   action.basis = slab_basis(s);
   action.T_base_scanner = stored_T_base_scanner(s.slab.header, attempt);
   action.scanner_drift = attempt.scanner_drift;
+  action.arm = attempt.arm;
   return action;
 }
 
@@ -186,7 +223,7 @@ void try_to_measure_ahead(Station& s, Actions& actions) {
   const Exposure& e = a.exposure;
   PoseMean mean;
   if (e.looked_at && !e.repeats && !e.abort && a.ahead == Acquisition::Ahead::no &&
-      s.gate.held_still(e.taken_ns, mean) == Code::ok)
+      arm_of(s).gate.held_still(e.taken_ns, mean) == Code::ok)
     measure_ahead(s, mean, actions);
 }
 
@@ -194,7 +231,7 @@ void check_stillness(Station& s, Actions& actions) {
   Acquisition& a = s.acquisition;
   if (a.ahead == Acquisition::Ahead::no) {
     PoseMean mean;
-    const Code code = s.gate.held_still(a.exposure.taken_ns, mean);
+    const Code code = arm_of(s).gate.held_still(a.exposure.taken_ns, mean);
     if (code == Code::pose_stale && s.now_ns - a.exposure.taken_ns < kCheckTimeout_ns) return;
     if (code != Code::ok) {
       fail_acquisition(s, code, actions);
@@ -228,7 +265,7 @@ void check_stillness(Station& s, Actions& actions) {
 void give_up_when_scanner_hangs(Station& s, Actions& actions) {
   Acquisition& a = s.acquisition;
   if (give_up_when_worker_hangs(s, a.exposure, a.started_ns, kHangTimeout_ns, actions))
-    fail_acquisition(s, a.exposure.abort ? Code::interrupted : code_of_hang(s), actions);
+    fail_acquisition(s, a.exposure.abort ? Code::interrupted : code_of_hang(s, a.exposure.arm), actions);
 }
 
 void release(Station& s) {
@@ -348,6 +385,7 @@ void begin_acquisition(Station& s, const PlcInputs& in, Actions& actions) {
   // off.
   a.attempt.number = static_cast<std::uint8_t>(record.attempts + 1);
   a.attempt.asked = false;
+  use_arm(s, arm_to_scan(s));
   a.attempt.session = a.session;
   a.attempt.cmd_seq = a.cmd_seq;
   set_status(s, a.cmd_seq, CommandStatus::acquiring);
@@ -386,7 +424,7 @@ void on_cleared(Station& s, const ScanDone& done, Actions& actions) {
     fail_acquisition(s, e.abort ? Code::interrupted : code, actions);
     return;
   }
-  s.scan_unseen = false;
+  arm_of(s).scan_unseen = false;
   a.cleared_in_ns = s.now_ns - a.clearing_since_ns;
   a.phase = Acquisition::Phase::settling;
 }
@@ -400,11 +438,12 @@ void on_block_scanned(Station& s, const ScanDone& done, Actions& actions) {
   a.attempt.points_crc32c = done.points_crc32c;
   if (done.fingerprint != 0) a.attempt.fingerprint = static_cast<std::int64_t>(done.fingerprint);
   e.taken_ns = done.scan.taken_mono_ns;
-  a.attempt.scanner_drift = scanner_drift(s.settings.scanner_drift, s.slab.calibration.scanner.numbers,
-                                          done.scan.shape.scanner_temperature_c);
+  a.attempt.scanner_drift =
+      scanner_drift(settings_of_arm(s).scanner_drift, s.slab.calibration.arm[a.attempt.arm].scanner.numbers,
+                    done.scan.shape.scanner_temperature_c);
   if (done.code == Code::ok) {
-    s.scan_emulated = done.scan.shape.emulated;
-    note_scanner_temperature(s, done.scan.shape.scanner_temperature_c, actions);
+    arm_of(s).scan_emulated = done.scan.shape.emulated;
+    note_scanner_temperature(s, a.attempt.arm, done.scan.shape.scanner_temperature_c, actions);
   }
   a.read_ms = done.scan.read_ms;
   if (done.code == Code::ok && !e.looked_at) {
@@ -416,7 +455,8 @@ void on_block_scanned(Station& s, const ScanDone& done, Actions& actions) {
       // The scans of an emulated line may have no noise.
       e.repeats = !s.settings.simulation;
       log(actions, LogLine::Level::error, Code::frame_incomplete,
-          "station %u: the scanner gave the points of an earlier scan again%s", a.station,
+          "station %u%s: the scanner gave the points of an earlier scan again%s", a.station,
+          arm_words(s, a.attempt.arm).c_str(),
           e.repeats ? "; restart the scanner program" : "; accepted, because the line is emulated");
     }
   }
@@ -457,8 +497,8 @@ void on_acquired_stored(Station& s, const PendingStore& pending, Code code, Acti
   s.newest_time.note(a.attempt.scan_utime_us);
   s.command.acq_seq = pending.value;
   set_status(s, pending.value, CommandStatus::acquired);
-  log(actions, LogLine::Level::info, Code::ok, "station %u: %zu points durable after %.0f ms, the robot may leave",
-      pending.station, a.attempt.shape.finite, a.attempt.acquire_ms);
+  log(actions, LogLine::Level::info, Code::ok, "station %u%s: %zu points durable after %.0f ms, the robot may leave",
+      pending.station, arm_words(s, a.attempt.arm).c_str(), a.attempt.shape.finite, a.attempt.acquire_ms);
   const Acquisition was = a;
   a = {};  // the buffer stays in use until the block is measured
   if (s.slab.aborting) return;
@@ -472,15 +512,15 @@ void fail_acquisition(Station& s, Code code, Actions& actions) {
   // The scan of a request without new points may arrive later, as the scan of another block. The mark is stored in one
   // transaction with the end of the command: a restart finds a SCAN in progress, or the mark.
   const bool unseen = asked && a.fingerprint == 0;
-  if (unseen) s.scan_unseen = true;
+  if (unseen) arm_of(s).scan_unseen = true;
   const std::uint64_t fingerprint = unseen ? kUnseenScan : a.fingerprint;
   StationRecord& record = record_of(s, a.station);
   record.phase = StationPhase::failed;
   record.code = static_cast<std::uint16_t>(code);
   set_failed(s, a.cmd_seq, code);
-  log(actions, LogLine::Level::warning, code, "station %u: scan %u failed: %.*s; %.*s", a.station, a.attempt.number,
-      static_cast<int>(describe(code).size()), describe(code).data(), static_cast<int>(cure(code).size()),
-      cure(code).data());
+  log(actions, LogLine::Level::warning, code, "station %u%s: scan %u failed: %.*s; %.*s", a.station,
+      arm_words(s, a.attempt.arm).c_str(), a.attempt.number, static_cast<int>(describe(code).size()),
+      describe(code).data(), static_cast<int>(cure(code).size()), cure(code).data());
   PendingStore pending;
   pending.kind = PendingStore::Kind::failed_attempt;
   pending.station = a.station;

@@ -15,6 +15,7 @@
 // clock.
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "daemon/station/parts.h"
 #include "daemon/station/still_watch.h"
@@ -40,6 +41,13 @@ bool is_text(std::string_view text) {
   });
 }
 
+StationArm& arm_of(Station& s) {
+  return s.arms[s.capture.arm];
+}
+const StationArm& arm_of(const Station& s) {
+  return s.arms[s.capture.arm];
+}
+
 void renew(Station& s) {
   s.capture.lease_until_ns = s.now_ns + s.capture.lease_ns;
 }
@@ -48,7 +56,7 @@ void renew(Station& s) {
 /// additional scan is taken.
 void withdraw_mark(Station& s) {
   const Capture& c = s.capture;
-  if (c.phase == Capture::Phase::settling && c.mark != Capture::Mark::none && !c.unseen) s.scan_unseen = false;
+  if (c.phase == Capture::Phase::settling && c.mark != Capture::Mark::none && !c.unseen) arm_of(s).scan_unseen = false;
 }
 
 void close(Station& s, Actions& actions, const char* why) {
@@ -84,8 +92,30 @@ Error line_is_free(const Station& s) {
   return {Code::ok, {}};
 }
 
+/// The arm whose scanner has this id; the only one if the id is empty. nullopt if there is none, or several.
+std::optional<std::uint8_t> arm_named(const Station& s, const PartId& scanner) {
+  for (std::size_t arm = 0; arm < arm_count(s); ++arm)
+    if (s.settings.arms.list[arm].scanner == scanner || (scanner.empty() && !s.settings.arms.several()))
+      return static_cast<std::uint8_t>(arm);
+  return std::nullopt;
+}
+
+FixedString<limits::kErrorTextBytes> scanner_ids(const Station& s) {
+  FixedString<limits::kErrorTextBytes> ids;
+  for (const Arm& arm : s.settings.arms.list) {
+    if (!ids.empty()) ids.append(", ");
+    ids.append(arm.scanner.view());
+  }
+  return ids;
+}
+
 void begin(Station& s, const CaptureRequest& request, Actions& actions) {
   Capture& c = s.capture;
+  const std::optional<std::uint8_t> arm = arm_named(s, request.scanner);
+  if (!arm) {
+    c.refusal = error(Code::config, "\"scanner\" must be one of: %s", scanner_ids(s).c_str());
+    return;
+  }
   if (!is_text(request.session.view()) || !is_text(request.operator_name.view())) {
     c.refusal = error(Code::config, "\"session\" and \"operator\" must be texts of 1..%zu and 1..%zu bytes",
                       CaptureName::capacity(), decltype(request.operator_name)::capacity());
@@ -97,7 +127,7 @@ void begin(Station& s, const CaptureRequest& request, Actions& actions) {
     return;
   }
   const bool open = in_maintenance(s) && !c.ending;
-  if (open && c.session == request.session) {
+  if (open && c.session == request.session && c.arm == *arm) {
     c.operator_name = request.operator_name;
     c.uid = request.uid;
     c.lease_ns = request.lease_s * kNsPerS;
@@ -125,16 +155,17 @@ void begin(Station& s, const CaptureRequest& request, Actions& actions) {
     return;
   }
   c.phase = Capture::Phase::ready;
+  c.arm = *arm;
   c.session = request.session;
   c.operator_name = request.operator_name;
   c.uid = request.uid;
   c.since_utime_us = s.utime_us;
   c.lease_ns = request.lease_s * kNsPerS;
   renew(s);
-  s.still.begin();
+  arm_of(s).still.begin();
   log(actions, LogLine::Level::info, Code::ok,
-      "maintenance (STATE 8): \"%s\" by %s (uid %u); SLAB_BEGIN and SCAN are refused with 107", c.session.c_str(),
-      c.operator_name.c_str(), c.uid);
+      "maintenance (STATE 8)%s: \"%s\" by %s (uid %u); SLAB_BEGIN and SCAN are refused with 107",
+      arm_words(s, c.arm).c_str(), c.session.c_str(), c.operator_name.c_str(), c.uid);
   if (s.settings.capture.is_wider())
     log(actions, LogLine::Level::warning, Code::ok,
         "views are taken with wider limits than they should be: %.3f mm, %.4f deg over %.1f s",
@@ -164,11 +195,12 @@ void refuse_shot(Station& s, const Error& why, Actions& actions) {
 
 /// Reason why the robot does not count as still, for display.
 Error why_not_still(const Station& s) {
+  const StillWatch& still = arm_of(s).still;
   const double stood_s =
-      s.still.samples() < 2 ? 0.0 : static_cast<double>(s.still.newest().arrival_ns - s.still.first().arrival_ns) / 1e9;
-  const StillWatch::Broken& last = s.still.last_break();
+      still.samples() < 2 ? 0.0 : static_cast<double>(still.newest().arrival_ns - still.first().arrival_ns) / 1e9;
+  const StillWatch::Broken& last = still.last_break();
   const bool by_motion = last.by == StillWatch::Break::moved;
-  const FixedString<240> what = s.still.describe(by_motion ? StillWatch::Broken{} : last);
+  const FixedString<240> what = still.describe(by_motion ? StillWatch::Broken{} : last);
   return error(last.by == StillWatch::Break::wrong_frame ? Code::wrong_frame : Code::not_settled,
                "the robot is not at rest: %s; it was at rest for %.1f s of %.1f s", what.c_str(), stood_s,
                static_cast<double>(s.settings.capture.stable_ns) / 1e9);
@@ -186,15 +218,16 @@ void shoot(Station& s) {
   c.started_ns = s.now_ns;
   // Only poses that arrive from now on count. The robot was stopped before the view was requested, and an earlier pose
   // may be from its motion.
-  s.still.begin();
+  arm_of(s).still.begin();
 }
 
 Error scanner_does_not_answer(const Station& s) {
-  return error(code_of_hang(s), "%s (slabctl status)", why_it_hangs(s));
+  return error(code_of_hang(s, s.capture.arm), "%s (slabctl status)", why_it_hangs(s, s.capture.arm));
 }
 
 bool is_out_of_patience(const Station& s, std::int64_t more_ns = 0) {
-  return s.now_ns - s.capture.started_ns > s.settings.settle_timeout_ns + s.settings.capture.stable_ns + more_ns;
+  return s.now_ns - s.capture.started_ns >
+         s.settings.arm(s.capture.arm).settle_timeout_ns + s.settings.capture.stable_ns + more_ns;
 }
 
 /// Stores that the scanner may hold an unseen view, for a restart. The fingerprint of its points replaces the mark
@@ -203,8 +236,8 @@ void mark_unseen(Station& s, Actions& actions) {
   Capture& c = s.capture;
   if (c.mark == Capture::Mark::none) {
     c.mark = Capture::Mark::storing;
-    c.unseen = s.scan_unseen;
-    s.scan_unseen = true;
+    c.unseen = arm_of(s).scan_unseen;
+    arm_of(s).scan_unseen = true;
     store_fingerprint(s, kUnseenScan, actions);
     c.mark_ticket = s.last_ticket;
   } else if (is_out_of_patience(s, kCheckTimeout_ns)) {
@@ -214,18 +247,19 @@ void mark_unseen(Station& s, Actions& actions) {
 
 void try_to_ask_scanner(Station& s, Actions& actions) {
   Capture& c = s.capture;
-  const Code link = s.gate.link(s.now_ns);
+  StationArm& arm = arm_of(s);
+  const Code link = arm.gate.link(s.now_ns);
   const bool room = s.storing.size() + 8 <= s.storing.capacity();  // for storing the fingerprints of the view
   const int slot = room ? free_slot(s) : -1;
-  const bool scanner_hangs = s.abandoned.waits || s.links.scanner_hangs;
-  if (link != Code::ok || !s.still.settled() || slot < 0 || scanner_hangs) {
+  const bool scanner_hangs = arm.abandoned.waits || arm.links.scanner_hangs;
+  if (link != Code::ok || !arm.still.settled() || slot < 0 || scanner_hangs) {
     if (!is_out_of_patience(s)) return;
     if (link == Code::no_pose || link == Code::pose_stale) {
       refuse_shot(s,
                   error(link, "%.*s; %.*s", static_cast<int>(describe(link).size()), describe(link).data(),
                         static_cast<int>(cure(link).size()), cure(link).data()),
                   actions);
-    } else if (!s.still.settled()) {
+    } else if (!arm.still.settled()) {
       refuse_shot(s, why_not_still(s), actions);
     } else if (scanner_hangs) {
       refuse_shot(s, scanner_does_not_answer(s), actions);
@@ -240,32 +274,35 @@ void try_to_ask_scanner(Station& s, Actions& actions) {
   }
   c.phase = Capture::Phase::scanning;
   c.shot.requested_utime_us = s.utime_us;
-  s.still.mark();
+  arm.still.mark();
 
   ScanRequest request;
   request.session = 0;
   request.cmd_seq = next_own_request(s);
   request.slab_id = "calibration";
-  request.timeout_ns = s.settings.scan_timeout_ns;
+  request.timeout_ns = s.settings.arm(c.arm).scan_timeout_ns;
+  if (s.settings.arms.several()) request.by = s.settings.arms.list[c.arm];
   request.points_min = kViewPointsMin;
   request.spool_path.printf("%s/%lld-%u", capture_folder(s).c_str(), static_cast<long long>(s.utime_us / 1'000'000),
                             unsigned{request.cmd_seq});
-  ask_scanner(s, c.exposure, slot, request, actions);
+  ask_scanner(s, c.exposure, c.arm, slot, request, actions);
 }
 
 void give_up_when_scanner_hangs(Station& s, Actions& actions) {
   Capture& c = s.capture;
-  const std::int64_t patience_ns = s.settings.settle_timeout_ns + s.settings.capture.stable_ns + kHangTimeout_ns;
+  const std::int64_t patience_ns =
+      s.settings.arm(c.arm).settle_timeout_ns + s.settings.capture.stable_ns + kHangTimeout_ns;
   if (!give_up_when_worker_hangs(s, c.exposure, c.started_ns, patience_ns, actions)) return;
   refuse_shot(s, scanner_does_not_answer(s), actions);
 }
 
 void check_stillness(Station& s, Actions& actions) {
   Capture& c = s.capture;
-  const StillWatch::Broken& broken = s.still.first_break();
+  const StillWatch& still = arm_of(s).still;
+  const StillWatch::Broken& broken = still.first_break();
   if (broken.by != StillWatch::Break::none) {
     emit(actions, DropScan{c.shot.scan_path});
-    const FixedString<240> what = s.still.describe(broken);
+    const FixedString<240> what = still.describe(broken);
     refuse_shot(
         s,
         error(broken.by == StillWatch::Break::wrong_frame                                    ? Code::wrong_frame
@@ -275,7 +312,7 @@ void check_stillness(Station& s, Actions& actions) {
         actions);
     return;
   }
-  if (s.still.newest().arrival_ns <= c.exposure.taken_ns) {
+  if (still.newest().arrival_ns <= c.exposure.taken_ns) {
     if (s.now_ns - c.exposure.taken_ns < kCheckTimeout_ns) return;
     emit(actions, DropScan{c.shot.scan_path});
     refuse_shot(s, error(Code::pose_stale, "no pose arrived after the scan; check the robot bridge and its network"),
@@ -283,12 +320,12 @@ void check_stillness(Station& s, Actions& actions) {
     return;
   }
   CaptureShot& shot = c.shot;
-  shot.T_base_flange = s.still.mean();
-  shot.spread_mm = s.still.range().mm();
-  shot.spread_rad = s.still.range().rad();
-  shot.samples = s.still.samples();
-  shot.first = s.still.first();
-  shot.last = s.still.newest();
+  shot.T_base_flange = still.mean();
+  shot.spread_mm = still.range().mm();
+  shot.spread_rad = still.range().rad();
+  shot.samples = still.samples();
+  shot.first = still.first();
+  shot.last = still.newest();
   shot.pose_age_us = s.utime_us - shot.last.utime_us;
   shot.done = true;
   c.phase = Capture::Phase::ready;
@@ -388,7 +425,7 @@ void on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {
   if (done.code == Code::ok && !e.looked_at) {
     e.looked_at = true;
     const bool repeats = was_seen(s, done, actions);
-    if (!repeats) s.scan_unseen = false;
+    if (!repeats) arm_of(s).scan_unseen = false;
     e.repeats = repeats && !s.settings.simulation;
   }
   if (!done.durable) return;
@@ -409,7 +446,7 @@ void on_view_scanned(Station& s, const ScanDone& done, Actions& actions) {
   e.taken_ns = done.scan.taken_mono_ns;
   c.shot.scan_path = done.scan.path;
   c.shot.shape = done.scan.shape;
-  note_scanner_temperature(s, done.scan.shape.scanner_temperature_c, actions);
+  note_scanner_temperature(s, c.arm, done.scan.shape.scanner_temperature_c, actions);
   c.shot.scan_utime_us = done.scan.taken_utime_us;
   c.phase = Capture::Phase::checking;
 }

@@ -34,6 +34,13 @@ void refuse(Station& s, const PlcInputs& in, Code code, Actions& actions) {
   if (!state.refusal_limit.permits(s.now_ns)) return;
   log(actions, LogLine::Level::warning, code, "command %u (CMD %u, station %u) refused: %.*s (refusal %u)", in.cmd_seq,
       in.command, in.station, static_cast<int>(describe(code).size()), describe(code).data(), state.refused);
+  const bool is_scan = in.command == static_cast<std::uint16_t>(PlcCommand::scan);
+  const bool in_range = in.station >= 1 && in.station <= limits::kStationsMax;
+  if (!is_scan || !in_range || code != Code::calibration_missing || s.slab.phase == SlabPhase::none) return;
+  for (const std::uint8_t arm : s.settings.arms.of_station[in.station - 1U])
+    log(actions, LogLine::Level::warning, code,
+        "station %u cannot be scanned%s: its calibration or its tie could not be used when the slab was begun",
+        in.station, arm_words(s, arm).c_str());
 }
 
 bool printable(const std::array<char, limits::kSlabIdBytes>& id) {
@@ -100,6 +107,9 @@ Code check_scan(const Station& s, const PlcInputs& in) {
   if (s.slab.phase != SlabPhase::open) return Code::busy;
   if (s.slab.recipe == nullptr) return Code::unknown_type;
   if (in.station < 1 || in.station > s.slab.recipe->stations()) return Code::station_range;
+  const ArmChoice& arms = s.settings.arms.of_station[in.station - 1U];
+  if (std::none_of(arms.begin(), arms.end(), [&s](std::uint8_t arm) { return can_scan(s, arm); }))
+    return Code::calibration_missing;
   if (s.acquisition.phase != Acquisition::Phase::none || s.station_measuring[in.station - 1U]) return Code::busy;
   if (!room_for_records(s, 2)) return Code::busy;  // for this scan and the slab
   if (s.slab.stations[in.station - 1U].attempts == 0xFF) return Code::attempts_used_up;
@@ -435,12 +445,9 @@ BeginSlabJob slab_to_begin(const Station& s, const PlcInputs& in) {
   slab.unconfirmed = static_cast<std::uint16_t>(unconfirmed_count(*recipe));
   slab.guard = recipe->guard;
   slab.cell_mm = recipe->evaluation.cell_mm;
-  slab.calibration_id = s.calibration.id;
-  if (const StationsInForce* table = usable_table(s, in.slab_type)) slab.stations_id = table->id;
-  slab.scanner_id = s.calibration.scanner.id;
   slab.software = s.settings.software;
   slab.T_base_slab = s.settings.T_base_slab;
-  slab.T_flange_scanner = s.calibration.hand_eye.T_flange_scanner;
+  put_calibrations(s, slab);
   slab.began_utime_us = s.utime_us;
   slab.emulated = static_cast<std::uint8_t>(s.settings.simulation ? kEmulatedLine : 0U);
   return job;
@@ -456,7 +463,7 @@ void open_slab(Station& s, const BeginSlabJob& job) {
   s.slab.facts = facts_of(job.slab);
   s.gauges.slab_begin_ns = s.now_ns;
   show_disposition(s, Disposition::none);
-  s.slab.calibration = s.calibration;
+  take_calibrations(s);
   s.newest_time.note(job.slab.began_utime_us);
 }
 

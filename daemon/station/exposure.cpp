@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // One request to the scanner, from its buffer to the answer of the scanner's worker. At most one is in progress: for a
-// block, for a scan that is discarded first, or for a view of a calibration.
+// block, for a scan that is discarded first, or for a view of a calibration. With several arms each scanner has a
+// worker of its own, so that one that hangs stops only its own arm.
 #include <algorithm>
 #include <utility>
 
@@ -12,7 +13,7 @@
 namespace slabd::daemon {
 
 int free_slot(const Station& s) {
-  for (std::size_t slot = 0; slot < s.slot_busy.size(); ++slot)
+  for (std::size_t slot = 0; slot < limits::scan_slots(arm_count(s)); ++slot)
     if (!s.slot_busy[slot] || !holds(Rule::buffer_kept_while_measured)) return static_cast<int>(slot);
   return -1;
 }
@@ -22,13 +23,14 @@ std::uint16_t next_own_request(Station& s) {
   return s.own_request = next_sequence(s.own_request);
 }
 
-void ask_scanner(Station& s, Exposure& e, int slot, const ScanRequest& request, Actions& actions) {
+void ask_scanner(Station& s, Exposure& e, std::uint8_t arm, int slot, const ScanRequest& request, Actions& actions) {
   e = {};
+  e.arm = arm;
   e.cmd_seq = request.cmd_seq;
   e.slot = static_cast<std::uint8_t>(slot);
   e.slot_taken = true;
   s.slot_busy[e.slot] = true;
-  emit(actions, AcquireScan{request, e.slot});
+  emit(actions, AcquireScan{request, e.slot, e.arm});
 }
 
 void give_back(Station& s, Exposure& e) {
@@ -38,27 +40,29 @@ void give_back(Station& s, Exposure& e) {
 
 void break_off(Exposure& e, Actions& actions) {
   e.abort = true;
-  emit(actions, CancelScan{});
+  emit(actions, CancelScan{e.arm});
 }
 
 // ---- a worker that hangs ----
 
 bool give_up_when_worker_hangs(Station& s, Exposure& e, std::int64_t since_ns, std::int64_t patience_ns,
                                Actions& actions) {
-  if (!s.links.scanner_hangs || (!e.abort && s.now_ns - since_ns < patience_ns)) return false;
-  s.abandoned = {true, e.slot_taken, e.slot};
+  StationArm& arm = s.arms[e.arm];
+  if (!arm.links.scanner_hangs || (!e.abort && s.now_ns - since_ns < patience_ns)) return false;
+  arm.abandoned = {true, e.slot_taken, e.slot};
   e.slot_taken = false;
-  emit(actions, CancelScan{});
-  log(actions, LogLine::Level::error, code_of_hang(s), "%s; no further scan is requested until it responds again",
-      why_it_hangs(s));
+  emit(actions, CancelScan{e.arm});
+  log(actions, LogLine::Level::error, code_of_hang(s, e.arm),
+      "%s%s; no further scan is requested until it responds again", why_it_hangs(s, e.arm),
+      arm_words(s, e.arm).c_str());
   return true;
 }
 
-Code code_of_hang(const Station& s) {
-  return s.links.spool_hangs ? Code::journal_write : Code::scanner_offline;
+Code code_of_hang(const Station& s, std::size_t arm) {
+  return s.arms[arm].links.spool_hangs ? Code::journal_write : Code::scanner_offline;
 }
-const char* why_it_hangs(const Station& s) {
-  return s.links.spool_hangs
+const char* why_it_hangs(const Station& s, std::size_t arm) {
+  return s.arms[arm].links.spool_hangs
              ? "the scanner's worker hangs while it stores a scan: look at the disk of the spool"
              : "the scanner's worker hangs, most likely in a network share or while it copies from there to the spool";
 }
@@ -88,7 +92,7 @@ static void renew(Station& s, std::uint64_t fingerprint, Actions& actions) {
     std::swap(newest_first(back), moved);
     if (moved == fingerprint) break;  // its former place
   }
-  if (s.scan_unseen)
+  if (any_scan_unseen(s))
     hold_back(s, fingerprint);
   else
     store_fingerprint(s, fingerprint, actions);
@@ -122,18 +126,20 @@ void store_fingerprint(Station& s, std::uint64_t fingerprint, Actions& actions) 
 
 /// The worker received no other request meanwhile, so its answer belongs to the scan that was given up.
 static void on_abandoned(Station& s, const ScanDone& done, Actions& actions) {
+  StationArm& arm = s.arms[done.arm];
   const bool repeated = was_seen(s, done, actions);
-  if (done.code == Code::ok && done.fingerprint != 0 && !repeated) s.scan_unseen = false;
+  if (done.code == Code::ok && done.fingerprint != 0 && !repeated) arm.scan_unseen = false;
   if (!done.durable) return;
   if (done.code == Code::ok) emit(actions, DropScan{done.scan.path});
-  if (s.abandoned.slot_taken) s.slot_busy[s.abandoned.slot] = false;
-  s.abandoned = {};
-  log(actions, LogLine::Level::info, Code::ok, "the scanner's worker responds again; the abandoned scan is discarded");
+  if (arm.abandoned.slot_taken) s.slot_busy[arm.abandoned.slot] = false;
+  arm.abandoned = {};
+  log(actions, LogLine::Level::info, Code::ok, "the scanner's worker responds again%s; the abandoned scan is discarded",
+      arm_words(s, done.arm).c_str());
 }
 
 /// A scan that no exposure awaits: only its points are remembered.
 static void on_stray(Station& s, const ScanDone& done, Actions& actions) {
-  if (!s.scan_unseen) {
+  if (!any_scan_unseen(s)) {
     (void)was_seen(s, done, actions);
   } else if (done.code == Code::ok && done.fingerprint != 0) {
     if (!is_known(s, done.fingerprint)) remember(s, done.fingerprint);
@@ -143,10 +149,13 @@ static void on_stray(Station& s, const ScanDone& done, Actions& actions) {
 
 void on_scan_done(Station& s, const ScanDone& done, Actions& actions) {
   // The buffer identifies the scan as well as the number, because numbers restart with each session.
-  const auto answers = [&](const Exposure& e) { return done.cmd_seq == e.cmd_seq && done.slot == e.slot; };
+  const auto answers = [&](const Exposure& e) {
+    return done.arm == e.arm && done.cmd_seq == e.cmd_seq && done.slot == e.slot;
+  };
   const Acquisition& a = s.acquisition;
   const Capture& c = s.capture;
-  if (s.abandoned.waits)
+  assert(done.arm < s.arms.size());
+  if (s.arms[done.arm].abandoned.waits)
     on_abandoned(s, done, actions);
   else if (a.phase == Acquisition::Phase::clearing && answers(a.exposure))
     on_cleared(s, done, actions);

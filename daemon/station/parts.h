@@ -47,16 +47,36 @@ void emit(Actions& actions, const T& action) {
 [[nodiscard]] const Recipe* recipe_for(const Station& s, std::uint16_t slab_type);
 /// Basis of the open slab.
 [[nodiscard]] inline SlabBasis slab_basis(const Station& s) {
-  return {s.slab.recipe, s.slab.header.T_base_slab, s.slab.calibration.scanner.numbers, s.slab.facts};
+  const TieInForce& tie = s.slab.calibration.tie;
+  SlabBasis basis;
+  basis.recipe = s.slab.recipe;
+  basis.T_base_slab = s.slab.header.T_base_slab;
+  for (std::size_t arm = 0; arm < basis.verified.size(); ++arm)
+    basis.verified[arm] = s.slab.calibration.arm[arm].scanner.numbers;
+  basis.slab = s.slab.facts;
+  basis.has_tie = !tie.id.empty() && tie.trouble.empty();
+  basis.tie = tie.numbers;
+  return basis;
 }
+/// Number of robots with a scanner.
+[[nodiscard]] inline std::size_t arm_count(const Station& s) {
+  return s.settings.arms.list.size();
+}
+/// " (robot 2, scanner 2)" for a message; empty on a line with one arm.
+[[nodiscard]] FixedString<64> arm_words(const Station& s, std::size_t arm);
 /// Shows another decision about the slab whose verdict is shown.
 inline void show_disposition(Station& s, Disposition decision) {
   if (s.results.disposition == decision) return;
   s.results.disposition = decision;
   s.results.disposition_seq = static_cast<std::uint16_t>(s.results.disposition_seq + 1U);
 }
-/// Emulation bits of the line's configuration and of the present poses.
+/// Emulation bits of the line's configuration and of the present poses of one robot, or of all.
+[[nodiscard]] std::uint8_t emulation_of_arm(const Station& s, std::size_t arm);
 [[nodiscard]] std::uint8_t emulation_of_line(const Station& s);
+/// Emulation bit of the newest scans of all scanners.
+[[nodiscard]] std::uint8_t emulation_of_scans(const Station& s);
+/// The arm whose links the PLC reads: the first one that has both poses and a scanner, otherwise arm 0.
+[[nodiscard]] std::size_t best_arm(const Station& s);
 /// The same, plus those of the newest scan, the open slab, and every result shown to the PLC.
 [[nodiscard]] std::uint8_t emulation_shown(const Station& s);
 /// "line, scan"; empty for 0.
@@ -68,26 +88,40 @@ inline void show_disposition(Station& s, Disposition decision) {
   return std::max(s.utime_us, s.newest_time.utime_us());
 }
 /// Puts a stored calibration in force, or the commissioning values if there is none.
-void start_calibration(Station& s, const LineCalibration& stored, Actions& actions);
+void start_calibration(Station& s, const CellCalibration& stored, Actions& actions);
 /// The same for the calibration of the open slab.
 void recover_slab_calibration(Station& s, const RecoveredLine& line, Actions& actions);
-void on_calibration_changed(Station& s, const LineCalibration& calibration);
+void on_calibration_changed(Station& s, const CellCalibration& calibration);
 /// Activates a changed calibration as soon as allowed, and logs once why no slab can begin.
 void advance_calibration(Station& s, Actions& actions);
-/// Reason why no slab may begin.
+/// Reason why the scans of an arm cannot be used for the next slab.
+[[nodiscard]] ArmFault arm_fault(const Station& s, std::size_t arm);
+/// One sentence with the fault and its remedy; on a line with several arms it names this one.
+[[nodiscard]] FixedString<limits::kErrorTextBytes> describe(const Station& s, std::size_t arm, const ArmFault& fault);
+/// Reason why no slab may begin: the fault of arm 0, if no other arm can scan either.
 [[nodiscard]] CalibrationFault calibration_fault(const Station& s);
+/// Gives the header the calibrations in force of the arms that can be used.
+void put_calibrations(const Station& s, SlabHeader& slab);
+/// Puts the calibrations of its header in force for the slab that begins.
+void take_calibrations(Station& s);
+/// True if scans of this arm can be used for the open slab.
+[[nodiscard]] bool can_scan(const Station& s, std::size_t arm);
+/// Place of the flange in the line's base frame; `T_robot_flange` is in the base of the arm's robot. For the open slab.
+[[nodiscard]] Pose in_base_frame(const Station& s, std::size_t arm, const Pose& T_robot_flange);
 /// Splice for a scan of this station of the open slab. Logs the reason if it could be corrected but is not.
-[[nodiscard]] Splice splice_now(const Station& s, std::uint8_t station, const Pose& T_base_flange, Actions& actions);
+[[nodiscard]] Splice splice_now(const Station& s, std::size_t arm, std::uint8_t station, const Pose& T_base_flange,
+                                Actions& actions);
 /// Notes the temperature that a scan declares (NaN: none). Logs when it leaves the range of the acceptance.
-void note_scanner_temperature(Station& s, double temperature_c, Actions& actions);
+void note_scanner_temperature(Station& s, std::size_t arm, double temperature_c, Actions& actions);
 /// True if the newest scan's temperature is further from the acceptance's than the configuration allows.
-[[nodiscard]] inline bool is_outside_temperature(const Station& s) {
-  return is_outside_temperature(s.settings.scanner_drift, s.calibration.scanner.numbers, s.scanner_temperature_c);
+[[nodiscard]] inline bool is_outside_temperature(const Station& s, std::size_t arm) {
+  return is_outside_temperature(s.settings.arm(arm).scanner_drift, s.calibration.arm[arm].scanner.numbers,
+                                s.arms[arm].scanner_temperature_c);
 }
 /// Warnings that result from calibrations.
 [[nodiscard]] std::uint16_t calibration_warnings(const Station& s);
 /// The table of this slab type if it may be used now, otherwise nullptr.
-[[nodiscard]] const StationsInForce* usable_table(const Station& s, std::uint16_t slab_type);
+[[nodiscard]] const StationsInForce* usable_table(const Station& s, std::size_t arm, std::uint16_t slab_type);
 
 // ---- commands.cpp ----
 void on_plc(Station& s, const PlcInputs& inputs, Actions& actions);
@@ -120,8 +154,12 @@ void number_record(Station& s, PlcResult& record);
 /// Number of a request to the scanner without a command: a view, or a scan that is discarded. Its session is 0, which
 /// the PLC never uses. Scanner programs may take a repeated number for a request that they have answered.
 std::uint16_t next_own_request(Station& s);
-/// Requests a scan into this buffer; `e` is that exposure from now on.
-void ask_scanner(Station& s, Exposure& e, int slot, const ScanRequest& request, Actions& actions);
+/// Requests a scan of this arm's scanner into this buffer; `e` is that exposure from now on.
+void ask_scanner(Station& s, Exposure& e, std::uint8_t arm, int slot, const ScanRequest& request, Actions& actions);
+/// True if any scanner may hold an unseen scan.
+[[nodiscard]] inline bool any_scan_unseen(const Station& s) {
+  return std::any_of(s.arms.begin(), s.arms.end(), [](const StationArm& arm) { return arm.scan_unseen; });
+}
 /// Frees the buffer if it still belongs to the exposure.
 void give_back(Station& s, Exposure& e);
 /// Cancels the request. The worker still writes into the buffer, so the exposure ends with its answer.
@@ -130,9 +168,9 @@ void break_off(Exposure& e, Actions& actions);
 /// buffer stays busy until the worker returns. True if it was given up.
 [[nodiscard]] bool give_up_when_worker_hangs(Station& s, Exposure& e, std::int64_t since_ns, std::int64_t patience_ns,
                                              Actions& actions);
-/// Code for the place where the worker hangs: the scanner's folder, or the disk of the spool.
-[[nodiscard]] Code code_of_hang(const Station& s);
-[[nodiscard]] const char* why_it_hangs(const Station& s);
+/// Code for the place where the arm's worker hangs: the scanner's folder, or the disk of the spool.
+[[nodiscard]] Code code_of_hang(const Station& s, std::size_t arm);
+[[nodiscard]] const char* why_it_hangs(const Station& s, std::size_t arm);
 /// Passes the answer to the exposure that it belongs to.
 void on_scan_done(Station& s, const ScanDone& done, Actions& actions);
 /// True if these points were received before. A scanner program that hangs may export its last scan under every new

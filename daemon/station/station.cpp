@@ -94,8 +94,11 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
   s.fingerprint_next = static_cast<std::size_t>(std::count_if(line.fingerprints.begin(), line.fingerprints.end(),
                                                               [](std::uint64_t f) { return f != 0; })) %
                        s.fingerprints.size();
+  // The mark is the newest entry. With several scanners others may follow it, and it does not name the scanner.
+  bool is_unseen = false;
   for (const std::uint64_t fingerprint : line.fingerprints)
-    if (fingerprint != 0) s.scan_unseen = fingerprint == kUnseenScan;
+    if (fingerprint != 0) is_unseen = fingerprint == kUnseenScan || (is_unseen && s.settings.arms.several());
+  for (std::size_t arm = 0; arm < arm_count(s); ++arm) s.arms[arm].scan_unseen = is_unseen;
   recover_views(s, line);
   recover_gauges(s, line);
   s.slab.header = line.slab;
@@ -161,13 +164,17 @@ struct Dispatch {
   void operator()(const NotRecovered& e) const { on_not_recovered(s, e, actions); }
   void operator()(const Tick& e) const { on_tick(s, e, actions); }
   void operator()(const LinkStatus& e) const {
-    if (e.stray_files > s.links.stray_files) s.warn |= kWarnStrayFiles;
-    s.links = e;
+    assert(e.arm < s.arms.size());
+    LinkStatus& links = s.arms[e.arm].links;
+    if (e.stray_files > links.stray_files) s.warn |= kWarnStrayFiles;
+    links = e;
   }
   void operator()(const PlcInputs& e) const { on_plc(s, e, actions); }
   void operator()(const PoseSample& e) const {
-    s.gate.add(e);
-    if (in_maintenance(s)) s.still.add(e);
+    assert(e.arm < s.arms.size());
+    StationArm& arm = s.arms[e.arm];
+    arm.gate.add(e);
+    if (in_maintenance(s) && s.capture.arm == e.arm) arm.still.add(e);
   }
   void operator()(const ScanDone& e) const { on_scan_done(s, e, actions); }
   void operator()(const BlockMeasured& e) const { on_block_measured(s, e, actions); }
@@ -249,18 +256,43 @@ PlcState state_of(const Station& s) {
 
 }  // namespace
 
-std::uint8_t emulation_of_line(const Station& s) {
+FixedString<64> arm_words(const Station& s, std::size_t arm) {
+  FixedString<64> words;
+  if (!s.settings.arms.several() || arm >= arm_count(s)) return words;
+  const Arm& by = s.settings.arms.list[arm];
+  words.printf(" (robot %s, scanner %s)", by.robot.c_str(), by.scanner.c_str());
+  return words;
+}
+
+std::uint8_t emulation_of_arm(const Station& s, std::size_t arm) {
   unsigned bits = s.settings.simulation ? kEmulatedLine : 0U;
   // A silent robot is neither real nor emulated.
-  const PoseSample* pose = s.gate.newest();
+  const PoseSample* pose = s.arms[arm].gate.newest();
   if (pose != nullptr && s.now_ns - pose->arrival_ns < PoseGate::kForget_ns)
     bits |= (pose->emulated ? kEmulatedRobot : 0U) | (pose->commanded ? kCommandedPoses : 0U);
   return static_cast<std::uint8_t>(bits);
 }
 
+std::uint8_t emulation_of_line(const Station& s) {
+  unsigned bits = 0;
+  for (std::size_t arm = 0; arm < arm_count(s); ++arm) bits |= emulation_of_arm(s, arm);
+  return static_cast<std::uint8_t>(bits);
+}
+
+std::uint8_t emulation_of_scans(const Station& s) {
+  const bool any = std::any_of(s.arms.begin(), s.arms.end(), [](const StationArm& arm) { return arm.scan_emulated; });
+  return any ? kEmulatedScan : 0U;
+}
+
+std::size_t best_arm(const Station& s) {
+  for (std::size_t arm = 0; arm < arm_count(s); ++arm)
+    if (s.arms[arm].links.scanner_online && s.arms[arm].gate.link(s.now_ns) == Code::ok) return arm;
+  return 0;
+}
+
 std::uint8_t emulation_shown(const Station& s) {
   const bool open = s.slab.phase != SlabPhase::none;
-  unsigned bits = emulation_of_line(s) | (s.scan_emulated ? kEmulatedScan : 0U);
+  unsigned bits = unsigned{emulation_of_line(s)} | emulation_of_scans(s);
   bits |= open ? s.slab.header.emulated : s.results.slab_emulated;
   if (!s.results.queue.empty()) bits |= s.results.queue.front().emulated;
   return static_cast<std::uint8_t>(bits);
@@ -287,7 +319,7 @@ PlcOutputs plc_view(const Station& s) {
   out.simulation = emulation_shown(s) != 0;
   out.warn = static_cast<std::uint16_t>(
       s.warn | s.settings.warn | calibration_warnings(s) | (waiting ? +kWarnResultsWaiting : 0) |
-      (s.links.recipes_differ ? +kWarnRecipesDiffer : 0) | (out.simulation ? +kWarnEmulation : 0) |
+      (s.arms[0].links.recipes_differ ? +kWarnRecipesDiffer : 0) | (out.simulation ? +kWarnEmulation : 0) |
       (s.stop_alike != 0 ? +kWarnStopsAlike : 0) | (gauges_need_care(s) ? +kWarnGauge : 0));
   const bool shooting = in_maintenance(s) && s.capture.phase != Capture::Phase::ready;
   out.busy = s.command.pending || shooting || s.acquisition.phase != Acquisition::Phase::none ||
@@ -299,8 +331,10 @@ PlcOutputs plc_view(const Station& s) {
   out.slab_open = open;
   out.fault_present = fault != Code::ok;
   out.warn_present = out.warn != 0;
-  out.pose_ok = s.gate.link(s.now_ns) == Code::ok;
-  out.scanner_ok = s.links.scanner_online;
+  // A scan is possible at one station at least if one arm has both.
+  const StationArm& arm = s.arms[best_arm(s)];
+  out.pose_ok = arm.gate.link(s.now_ns) == Code::ok;
+  out.scanner_ok = arm.links.scanner_online;
   out.plc_link_ok = s.plc.alive;
   // In fault 504 the database is not opened.
   out.store_ok = s.recovered && fault != Code::journal_write && fault != Code::store_full && fault != Code::config;

@@ -6,6 +6,7 @@
 #include <span>
 #include <variant>
 
+#include "base/arm.h"
 #include "base/base.h"
 #include "base/calibration.h"
 #include "base/id_pattern.h"
@@ -36,30 +37,41 @@ namespace slabd::daemon {
 
 // ---- configuration ---------------------------------------------------------------------------------------------
 
-struct StationSettings {
+/// Settings of an arm: its robot, and the scanner on its flange.
+struct StationArmSettings {
+  Pose T_flange_scanner;         ///< commissioning values: used until a calibration is applied
+  CalibrationId calibration_id;  ///< id of these values; empty: there are none
+  SpliceSettings splice;
+  ScannerDriftSettings scanner_drift;
+  PoseSettings pose;
+  std::int64_t settle_timeout_ns = 8 * kNsPerS;  ///< from SCAN accepted to settled; acquisition must end in 20 s
+  std::int64_t scan_timeout_ns = 10 * kNsPerS;   ///< from request to scan
+};
+
+/// The base class contains the settings of arm 0.
+struct StationSettings : StationArmSettings {
+  LineArms arms;                                                    ///< who may scan which station
+  FixedVector<StationArmSettings, limits::kArmsMax - 1> more_arms;  ///< arms after the first: [arm - 1]
+  /// Those of arm 0 if there is no such arm.
+  [[nodiscard]] const StationArmSettings& arm(std::size_t index) const {
+    return index == 0 || index > more_arms.size() ? *this : more_arms[index - 1];
+  }
   std::span<const Recipe> recipes;        ///< must outlive the station
   std::span<const DesignSheet> designs;   ///< ascending by SLAB_ID; must outlive the station
   bool designs_faulty = false;            ///< a sheet could not be read: a slab without a sheet may have had one
   std::span<const GaugeSettings> gauges;  ///< of the line; must outlive the station
   bool plc_memory_lasts = false;          ///< slabd is the client: the PLC's registers may hold values of any age
   Pose T_base_slab;
-  Pose T_flange_scanner;                     ///< commissioning values: used until a calibration is applied
-  CalibrationId calibration_id;              ///< id of these values; empty: there are none
   const IdPattern* id_pattern = nullptr;     ///< form of a SLAB_ID; nullptr: any text. Must outlive the station
   const IdPattern* mould_from_id = nullptr;  ///< its group is the mould; nullptr: not in the id. Must outlive it
   bool second_chip_required = false;         ///< SLAB_BEGIN without SECOND_CHIP (HR 35) is refused
-  SpliceSettings splice;
-  ScannerDriftSettings scanner_drift;
-  std::int64_t check_interval_us = 0;  ///< interval of daily checks, 0: none are due
+  std::int64_t check_interval_us = 0;        ///< interval of daily checks, 0: none are due
   FixedString<64> software;
   PathText spool_dir;
-  PoseSettings pose;
   CaptureGuard capture;
   std::uint16_t warn = 0;  ///< PlcWarn bits that are set for the whole run
   Code fault = Code::ok;   ///< a fault that FAULT_RESET does not clear: 504 config, or NotRecovered::fault
   bool simulation = false;
-  std::int64_t settle_timeout_ns = 8 * kNsPerS;  ///< from SCAN accepted to settled; acquisition must end in 20 s
-  std::int64_t scan_timeout_ns = 10 * kNsPerS;   ///< from request to scan
   std::int64_t heartbeat_lost_ns = 2'500'000'000;
   std::int64_t heartbeat_period_ns = 500'000'000;
 };
@@ -78,12 +90,14 @@ struct Tick {
   std::int64_t mono_ns = 0;
   std::int64_t utime_us = 0;
 };
+/// Links of one arm.
 struct LinkStatus {
   bool scanner_online = false;
   bool scanner_hangs = false;  ///< its worker may be blocked for a long time
   std::uint64_t stray_files = 0;
   bool spool_hangs = false;     ///< the worker is blocked by the disk of the scans
   bool recipes_differ = false;  ///< between the recipe folder and the recipes in use
+  std::uint8_t arm = 0;
 };
 /// Sent twice for a successful scan: when its points are in the buffer, and when it is durable. The first event may be
 /// missing; a failed scan has only the second.
@@ -97,6 +111,7 @@ struct ScanDone {
   /// CRC-32C of the scan's points. Set only in the final ScanDone; nullopt if it was not computed.
   std::optional<std::uint32_t> points_crc32c{};
   FixedString<limits::kErrorTextBytes> text;  ///< reason of the failure
+  std::uint8_t arm = 0;                       ///< whose scanner this is
 };
 /// Identity of one scan of a slab, carried whole from its attempt through the measurement to the result.
 struct ScanId {
@@ -137,7 +152,7 @@ struct StoreDone {
 };
 /// The calibration in force in the database has changed, or a check was added. An open slab keeps its own.
 struct CalibrationChanged {
-  const LineCalibration* calibration = nullptr;  ///< read during the step only
+  const CellCalibration* calibration = nullptr;  ///< read during the step only
 };
 /// Quality decided about a slab that did not pass.
 struct DispositionKept {
@@ -169,7 +184,8 @@ struct CaptureRequest {
   std::uint32_t uid = 0;
   std::int64_t lease_s = 0;
   bool take_over = false;
-  PathText scan;  ///< release: the scan to release
+  PathText scan;   ///< release: the scan to release
+  PartId scanner;  ///< begin: the scanner that is calibrated; empty: the only one
 };
 using Event = std::variant<Recovered, NotRecovered, Tick, LinkStatus, PlcInputs, PoseSample, ScanDone, BlockMeasured,
                            SlabJudged, StoreDone, CalibrationChanged, DispositionKept, GaugesSampled, GaugeEntered,
@@ -180,8 +196,11 @@ using Event = std::variant<Recovered, NotRecovered, Tick, LinkStatus, PlcInputs,
 struct AcquireScan {
   ScanRequest request;
   std::uint8_t slot = 0;  ///< buffer to fill
+  std::uint8_t arm = 0;   ///< whose scanner takes the scan
 };
-struct CancelScan {};
+struct CancelScan {
+  std::uint8_t arm = 0;
+};
 struct MeasureBlock {
   ScanId id;
   std::uint8_t slot = 0;
@@ -193,6 +212,7 @@ struct MeasureBlock {
   SlabBasis basis;
   Pose T_base_scanner;              ///< spliced, with the station's correction if it holds
   double scanner_drift = kNoValue;  ///< as in Attempt
+  std::uint8_t arm = 0;             ///< as in Attempt
 };
 /// Runs the slab fit over the stations of the open slab; answered at once.
 struct JudgeSlab {
@@ -253,6 +273,7 @@ struct PlcLink {
 /// One request to the scanner and its answer: for a block (Acquisition), for a scan that is discarded first, or for a
 /// view of a calibration (Capture). The owner's phase says whether the answer is awaited.
 struct Exposure {
+  std::uint8_t arm = 0;       ///< whose scanner was asked
   std::uint16_t cmd_seq = 0;  ///< of the request
   std::uint8_t slot = 0;      ///< buffer of the points
   bool slot_taken = false;    ///< the buffer belongs to this exposure
@@ -307,6 +328,7 @@ struct CaptureShot {
 /// Maintenance (STATE 8): the operator who calibrates, and the current view. Intentionally not kept over a restart.
 struct Capture {
   enum class Phase : std::uint8_t { closed, ready, settling, scanning, checking } phase = Phase::closed;
+  std::uint8_t arm = 0;  ///< whose scanner is calibrated
   CaptureName session;
   FixedString<60> operator_name;
   std::uint32_t uid = 0;
@@ -331,7 +353,8 @@ struct OpenSlab {
   SlabHeader header;
   const Recipe* recipe = nullptr;
   SlabFacts facts;
-  LineCalibration calibration;  ///< calibration of the slab, from its begin to its end
+  /// Calibrations of the slab, from its begin to its end. The header names those of the arms that could be used then.
+  CellCalibration calibration;
   std::array<StationRecord, limits::kStationsMax> stations{};
   std::uint16_t end_seq = 0;  ///< CMD_SEQ of SLAB_END or SLAB_ABORT
   bool aborting = false;
@@ -399,9 +422,33 @@ struct LineGauges {
   bool plc_seen = false;           ///< an image was seen
 };
 
+/// State of an arm.
+struct StationArm {
+  StationArm(const PoseSettings& pose, const CaptureGuard& capture) : gate(pose), still(capture, pose) {}
+
+  PoseGate gate;
+  StillWatch still;  ///< for the current view
+  LinkStatus links;
+  AbandonedScan abandoned;
+  /// The scanner may hold a scan whose points were not seen (kUnseenScan). Its next scan is remembered and discarded.
+  bool scan_unseen = false;
+  bool scan_emulated = false;               ///< the newest scan declared itself emulated
+  double scanner_temperature_c = kNoValue;  ///< of the newest scan, of a block or a view; NaN: it declared none
+};
+
+/// Reason why the scans of an arm cannot be used.
+struct ArmFault {
+  CalibrationFault calibration = CalibrationFault::none;
+  TieFault tie = TieFault::none;  ///< of arms after the first
+  [[nodiscard]] bool any() const { return calibration != CalibrationFault::none || tie != TieFault::none; }
+  friend bool operator==(const ArmFault&, const ArmFault&) = default;
+};
+
 struct Station {
   explicit Station(const StationSettings& settings_in) noexcept
-      : settings(settings_in), gate(settings_in.pose), still(settings_in.capture, settings_in.pose) {}
+      : settings(settings_in),
+        arms{StationArm(settings_in.arm(0).pose, settings_in.capture),
+             StationArm(settings_in.arm(1).pose, settings_in.capture)} {}
 
   StationSettings settings;
   bool recovered = false;
@@ -411,17 +458,15 @@ struct Station {
   std::int64_t heartbeat_ns = 0;
   std::uint16_t fault = 0;  ///< latched code; FAULT_RESET clears it unless settings.fault holds
   std::uint16_t warn = 0;
-  NewestTime newest_time;  ///< of any record
-  LinkStatus links;
-  LineCalibration calibration;       ///< in force: for the next slab
-  LineCalibration calibration_next;  ///< replaces it once no SLAB_BEGIN is being stored
+  NewestTime newest_time;                         ///< of any record
+  std::array<StationArm, limits::kArmsMax> arms;  ///< as many count as settings.arms lists
+  CellCalibration calibration;                    ///< in force: for the next slab
+  CellCalibration calibration_next;               ///< replaces it once no SLAB_BEGIN is being stored
   bool calibration_waits = false;
-  CalibrationFault calibration_fault_said = CalibrationFault::none;
+  std::array<ArmFault, limits::kArmsMax> arm_fault_said{};
 
   CommandState command;
   PlcLink plc;
-  PoseGate gate;
-  StillWatch still;  ///< for the current view
   Capture capture;
   Acquisition acquisition;
   LineGauges gauges;
@@ -436,12 +481,7 @@ struct Station {
   /// Acknowledgements that could not be stored; stored the same way. If one more is lost, its record is only shown
   /// again after a restart.
   FixedVector<std::uint16_t, limits::kResultQueueMax> unsaved_acks;
-  /// The scanner may hold a scan whose points were not seen (kUnseenScan). Its next scan is remembered and discarded.
-  bool scan_unseen = false;
-  bool scan_emulated = false;               ///< the newest scan declared itself emulated
-  double scanner_temperature_c = kNoValue;  ///< of the newest scan, of a block or a view; NaN: it declared none
-  std::array<bool, limits::kScanSlots> slot_busy{};
-  AbandonedScan abandoned;
+  std::array<bool, limits::kScanSlotsMax> slot_busy{};  ///< as many count as limits::scan_slots() gives the arms
   std::uint16_t own_request = 0;  ///< see next_own_request(); starts at another number in each process
   std::array<bool, limits::kStationsMax> station_measuring{};       ///< until its result is stored
   std::array<std::uint8_t, limits::kStationsMax> measuring_slot{};  ///< the buffer whose answer is awaited

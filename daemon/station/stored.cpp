@@ -156,7 +156,7 @@ static void settle_unsaved(Station& s, const PendingStore& pending, Code code, A
   // While a scan is unseen its mark must be the newest, because a restart finds it that way; the others wait.
   // Afterwards the newest is stored first, which is the one that replaced the mark.
   const auto last = fingerprints.empty() ? fingerprints.end() : fingerprints.end() - 1;
-  const auto next = s.scan_unseen ? std::find(fingerprints.begin(), fingerprints.end(), kUnseenScan) : last;
+  const auto next = any_scan_unseen(s) ? std::find(fingerprints.begin(), fingerprints.end(), kUnseenScan) : last;
   if (next != fingerprints.end()) {
     const std::uint64_t fingerprint = *next;
     fingerprints.erase(static_cast<std::size_t>(next - fingerprints.begin()));

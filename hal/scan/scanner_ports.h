@@ -144,8 +144,13 @@ void append_json_text(FixedString<Capacity>& json, std::string_view text, std::s
   FixedString<640> json;
   json.printf(R"({"schema": "slabd.scan_request/1", "session": %u, "cmd_seq": %u, "slab_id": ")",
               unsigned{request.session}, unsigned{request.cmd_seq});
-  FixedString<160> rest;
+  FixedString<240> rest;
   rest.printf("\", \"station\": %u", unsigned{request.station});
+  if (!request.by.scanner.empty()) {
+    FixedString<80> by;
+    by.printf(R"(, "scanner": "%s", "robot": "%s")", request.by.scanner.c_str(), request.by.robot.c_str());
+    rest.append(by.view());
+  }
   rest.append(more);
   rest.append("}\n");
   append_json_text(json, request.slab_id.view(), rest.size());

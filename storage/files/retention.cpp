@@ -21,8 +21,8 @@ namespace slabd::storage {
 namespace {
 
 /// Tables in the order of their references; deleting a block also deletes its planes, casings and maps.
-constexpr std::array kTables = {"item",    "gauge_value",    "block",       "attempt", "result",
-                                "command", "station_result", "slab_result", "slab",    "disposition"};
+constexpr std::array kTables = {"item",           "gauge_value", "block",    "attempt", "result",     "command",
+                                "station_result", "slab_result", "slab_arm", "slab",    "disposition"};
 
 constexpr const char* kIsSent =
     "AND NOT EXISTS (SELECT 1 FROM outbox WHERE outbox.slab_key = slab.slab_key AND seq > (SELECT sent_seq FROM "

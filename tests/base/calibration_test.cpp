@@ -5,6 +5,8 @@
 
 #include <cmath>
 
+#include "base/jobs.h"
+
 namespace slabd {
 namespace {
 
@@ -108,6 +110,96 @@ TEST(Splice, zeroed_memory_has_no_splice) {
   const Splice s = splice(LineCalibration{}, at(1000.0));
   EXPECT_EQ(s.source, SpliceSource::none);
   EXPECT_TRUE(std::isnan(s.calibration_mm));
+}
+
+/// Two arms whose bases are tied.
+CellCalibration tied() {
+  CellCalibration c;
+  c.arm[0] = applied();
+  c.arm[1] = applied();
+  c.arm[1].id = "he-2";
+  c.arm[1].tables[0].hand_eye_id = "he-2";
+  c.tie.id = "ti-1";
+  c.tie.numbers.robot = "right";
+  c.tie.numbers.T_base_robot.translation_mm = Vec3(4000.0, 1.0, -2.0);
+  c.tie.hand_eye_id = {c.arm[0].id, c.arm[1].id};
+  return c;
+}
+
+TEST(Splice, a_scan_of_the_second_arm_is_tied_to_the_base_frame) {
+  const CellCalibration c = tied();
+  const Splice first = splice_for(c, 0, robot(), 5600, 3, at(1000.0), 700.0, kNow);
+  EXPECT_EQ(first.source, SpliceSource::corrected);
+  EXPECT_FALSE(first.tied);
+  EXPECT_EQ(first.T_base_robot.to_array(), Pose::identity().to_array());
+  const Splice second = splice_for(c, 1, robot(), 5600, 3, at(1000.0), 700.0, kNow);
+  EXPECT_EQ(second.source, SpliceSource::corrected) << "by the table of its own scanner";
+  EXPECT_TRUE(second.tied);
+  EXPECT_EQ(second.T_base_robot.translation_mm, Vec3(4000.0, 1.0, -2.0));
+  CellCalibration loose = c;
+  loose.tie = {};
+  EXPECT_EQ(splice_for(loose, 1, robot(), 5600, 3, at(1000.0), 700.0, kNow).source, SpliceSource::none);
+}
+
+TEST(Splice, the_place_of_the_scanner_is_that_of_its_arm) {
+  SlabHeader slab;
+  slab.T_flange_scanner.translation_mm = Vec3(1.0, 0.0, 0.0);
+  SlabArm arm;
+  arm.T_flange_scanner.translation_mm = Vec3(0.0, 10.0, 0.0);
+  ASSERT_TRUE(slab.more_arms.push(arm));
+  Attempt attempt;
+  attempt.T_base_flange.translation_mm = Vec3(100.0, 0.0, 0.0);
+  attempt.splice.source = SpliceSource::corrected;
+  attempt.splice.T_base_reported.translation_mm = Vec3(0.0, 0.0, 0.5);
+  EXPECT_EQ(stored_T_base_scanner(slab, attempt).translation_mm, Vec3(101.0, 0.0, 0.5));
+  attempt.arm = 1;
+  attempt.splice.tied = true;
+  attempt.splice.T_base_robot.rotation = Quat(0.0, 0.0, 0.0, 1.0);  // half a turn about Z
+  attempt.splice.T_base_robot.translation_mm = Vec3(4000.0, 0.0, 0.0);
+  EXPECT_LT((stored_T_base_scanner(slab, attempt).translation_mm - Vec3(3900.0, -10.0, 0.5)).norm(), 1e-12);
+  attempt.arm = 2;
+  EXPECT_FALSE(stored_T_base_scanner(slab, attempt).all_finite()) << "the slab has no such arm";
+}
+
+TEST(Tie, belongs_to_the_two_hand_eye_calibrations_it_was_solved_with) {
+  CellCalibration c = tied();
+  const PartId right("right");
+  EXPECT_EQ(fault_of_tie(c, right, kNow), TieFault::none);
+  EXPECT_EQ(fault_of_tie(c, PartId("2"), kNow), TieFault::stale) << "of another robot";
+  c.tie.expires_utime_us = kNow;
+  EXPECT_EQ(fault_of_tie(c, right, kNow), TieFault::expired);
+  EXPECT_EQ(fault_of_tie(c, right, kNow - 1), TieFault::none);
+  c.arm[0].id = "he-9";
+  EXPECT_EQ(fault_of_tie(c, right, kNow - 1), TieFault::stale);
+  c.tie.trouble = "changed";
+  EXPECT_EQ(fault_of_tie(c, right, kNow - 1), TieFault::unusable);
+  c.tie = {};
+  EXPECT_EQ(fault_of_tie(c, right, kNow), TieFault::missing);
+  for (const auto fault : {TieFault::missing, TieFault::unusable, TieFault::stale, TieFault::expired})
+    EXPECT_NE(describe(fault, c).view().find("slabctl calibrate tie"), std::string_view::npos) << "the cure is named";
+  EXPECT_TRUE(describe(TieFault::none, c).empty());
+}
+
+TEST(Tie, has_a_parent_of_two_ids) {
+  EXPECT_EQ(tie_parent("he-1", "he-2").view(), "he-1+he-2");
+  const auto both = hand_eyes_of_tie("he-1+commissioning-0123456789ab");
+  ASSERT_TRUE(both.has_value());
+  EXPECT_EQ((*both)[0].view(), "he-1");
+  EXPECT_EQ((*both)[1].view(), "commissioning-0123456789ab");
+  for (const char* wrong : {"", "he-1", "+", "he-1+", "+he-2", "he-1+he-2+he-3"})
+    EXPECT_FALSE(hand_eyes_of_tie(wrong).has_value()) << wrong;
+}
+
+TEST(LineArms, has_one_arm_for_every_station_unless_configured) {
+  const LineArms arms;
+  ASSERT_EQ(arms.list.size(), 1U);
+  EXPECT_EQ(arms.list[0].robot.view(), "1");
+  EXPECT_EQ(arms.list[0].scanner.view(), "1");
+  EXPECT_FALSE(arms.several());
+  for (const ArmChoice& choice : arms.of_station) {
+    ASSERT_EQ(choice.size(), 1U);
+    EXPECT_EQ(choice[0], 0);
+  }
 }
 
 TEST(CalibrationFault, missing_expired_and_failed_checks_keep_slabs_from_beginning) {

@@ -165,7 +165,7 @@ TEST(Items, every_budget_part_and_companion_has_a_word) {
   std::vector<std::string_view> parts;
   for (std::size_t i = 0; i < kBudgetParts; ++i) parts.push_back(name(static_cast<BudgetPart>(i)));
   EXPECT_EQ(parts, (std::vector<std::string_view>{"fit", "noise", "scanner", "registration", "calibration", "robot",
-                                                  "reference", "thermal", "gauge"}));
+                                                  "reference", "thermal", "gauge", "tie"}));
   EXPECT_EQ(name(ItemUnit::mm), "mm");
   EXPECT_EQ(name(ItemUnit::deg), "deg");
   EXPECT_EQ(info(ItemId::seat_slope).companion, "ratio_n");

@@ -55,6 +55,15 @@ TEST(SessionText, restores_every_bit) {
   EXPECT_EQ(view.value().shots.size(), 2U);
 }
 
+TEST(SessionText, names_the_scanner_on_a_line_with_two) {
+  SessionSettings s = some_settings();
+  EXPECT_EQ(session_text(s).find("scanner ="), std::string::npos) << "as before";
+  s.scanner = "right";
+  const Result<SessionSettings> back = parse_session(session_text(s), "session.txt");
+  ASSERT_TRUE(back.ok()) << back.error().text.view();
+  EXPECT_EQ(back.value().scanner, "right");
+}
+
 TEST(SessionText, a_file_cut_off_anywhere_is_not_a_view) {
   const std::string text = view_text(some_view());
   for (std::size_t bytes = 0; bytes < text.size(); ++bytes)

@@ -110,6 +110,50 @@ TEST(Stations, take_up_the_robots_error_and_leave_its_repeatability) {
   EXPECT_NEAR(std::sqrt(squares / count), kRepeat_mm * std::sqrt(1.0 + 1.0 / 5.0), 0.004);
 }
 
+TEST(Stations, of_two_robots_one_for_each_row_are_placed_together) {
+  Scene scene;
+  // The second robot has the second row; its base is elsewhere.
+  Pose T_base_robot;
+  T_base_robot.translation_mm = Vec3(100.0, 3'000.0, -20.0);
+  T_base_robot.rotation = rotation_from_kuka_abc(kPi - 0.01, 0.002, 0.001);
+  const std::vector<StationVisit> all = scene.visits;
+  std::vector<Pose> T_base_scanner;
+  for (const StationVisit& visit : all) T_base_scanner.push_back(visit.T_base_flange * scene.X);
+  const std::optional<Pose> placed = placement_of(scene.certificate, all, T_base_scanner);
+  ASSERT_TRUE(placed.has_value());
+  EXPECT_EQ(placement_of(scene.certificate, std::span(all).first(2), std::span(T_base_scanner).first(2)), std::nullopt);
+
+  const auto row_of = [&](bool second) {
+    std::vector<StationVisit> visits;
+    for (StationVisit visit : all) {
+      if ((visit.station > 3) != second) continue;
+      if (second) visit.T_base_flange = T_base_robot.inverse() * visit.T_base_flange;
+      visits.push_back(visit);
+    }
+    return visits;
+  };
+  for (const bool second : {false, true}) {
+    const std::vector<StationVisit> visits = row_of(second);
+    const auto alone = solve_stations(scene.certificate, visits, HandEyeNumbers{scene.X}, {});
+    ASSERT_TRUE(alone.ok());
+    EXPECT_TRUE(refused_for(alone.value(), StationRefusal::placement)) << "one row is a line";
+    StationSettings settings;
+    settings.T_base_certificate = second ? T_base_robot.inverse() * *placed : *placed;
+    const auto solved = solve_stations(scene.certificate, visits, HandEyeNumbers{scene.X}, settings);
+    ASSERT_TRUE(solved.ok());
+    ASSERT_TRUE(solved.value().ok) << solved.value().reasons.front().text;
+    EXPECT_LT(solved.value().after_rms_mm, 0.04);
+    // Both rows come to the one place of the slab, in the base of the first robot.
+    for (const StationVisit& visit : visits) {
+      const StationCorrection& c = solved.value().table.station[static_cast<std::size_t>(visit.station - 1)];
+      const Vec3 own = c.T_base_reported * (visit.T_base_flange * (scene.X * visit.points_mm[0]));
+      const Vec3 p = second ? T_base_robot * own : own;
+      const Vec3& certified = scene.certificate.stations[static_cast<std::size_t>(visit.station - 1)].points_mm[0];
+      EXPECT_LT((p - *placed * certified).norm(), 0.15);
+    }
+  }
+}
+
 TEST(Stations, sigma_is_what_the_visits_scatter_and_a_little_more_for_having_been_estimated) {
   double ratio = 0.0;
   constexpr int kSets = 40;

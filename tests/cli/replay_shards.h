@@ -65,7 +65,7 @@ struct ReplayShards : StoredSlab {
     std::vector<BlockResult> room(limits::kStationsMax);
     SlabJob slab;
     slab.slab_key = key;
-    daemon::judge_slab({&recipe_, header_.T_base_slab, {}, facts_of(header_)}, stations_, room, slab.slab);
+    daemon::judge_slab({&recipe_, header_.T_base_slab, {}, facts_of(header_), false, {}}, stations_, room, slab.slab);
     slab.record.kind = 2;
     slab.record.res_seq = static_cast<std::uint16_t>(1'000 * key + 999);
     slab.ended_utime_us = header_.began_utime_us + 500'000'000;

@@ -62,6 +62,28 @@ TEST(SlabView, the_budget_is_that_of_the_item_that_was_judged) {
   EXPECT_EQ(table->rows[0][3].text, "0.0100");
 }
 
+TEST(SlabView, the_tie_is_a_column_of_the_budget_of_a_slab_by_two_robots) {
+  storage::SlabRecord record;
+  record.summary.header.stations = 2;
+  Item item = item_of(ItemId::large_jaw_distance, 1, 1895.4);
+  item.station_to = 2;
+  item.U = 0.2;
+  item.budget[0] = 0.06;
+  item.budget[static_cast<std::size_t>(BudgetPart::tie)] = 0.08;
+  ASSERT_TRUE(record.slab.items.push(item));
+  auto table = report::budget_table(record, report::Language::en);
+  ASSERT_TRUE(table);
+  const std::size_t columns = table->columns.size();
+  ASSERT_EQ(table->rows.size(), 1U);
+  EXPECT_EQ(table->rows[0].size(), columns);
+  record.summary.header.tie_id = "ti-0123456789ab";
+  table = report::budget_table(record, report::Language::en);
+  ASSERT_TRUE(table);
+  EXPECT_EQ(table->columns.size(), columns + 1);
+  ASSERT_EQ(table->rows[0].size(), columns + 1);
+  EXPECT_EQ(table->rows[0].back().text, "0.08000");
+}
+
 TEST(SlabView, a_name_says_whether_it_is_a_key_or_an_id) {
   EXPECT_EQ(report::slab_name("12").key, 12);
   EXPECT_EQ(report::slab_name("12").id, "12");

@@ -114,7 +114,7 @@ class StoredSlab : public Slabctl {
     std::vector<BlockResult> room(limits::kStationsMax);
     SlabJob job;
     job.slab_key = 1;
-    daemon::judge_slab({&recipe_, header_.T_base_slab, {}, facts_of(header_)}, stations_, room, job.slab);
+    daemon::judge_slab({&recipe_, header_.T_base_slab, {}, facts_of(header_), false, {}}, stations_, room, job.slab);
     job.record.kind = 2;
     job.record.res_seq = 999;
     job.ended_utime_us = 1'763'681'999'000'000;

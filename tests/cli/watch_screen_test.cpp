@@ -42,6 +42,29 @@ std::string joined(const std::vector<std::string>& lines) {
   return text;
 }
 
+/// A line with two robots, of which the second one is silent.
+Picture two_robots() {
+  Picture p = busy_line();
+  p.links = {{Link::plc, true, "alive", "", 35.0, false},
+             {Link::robot, true, "poses", "", 35.0, false, "1"},
+             {Link::robot, false, "no poses", "start the robot bridge", 12.0, false, "2"},
+             {Link::scanner, true, "online", "", 35.0, true, "1, 2"},
+             {Link::store, true, "writing", "", 35.0, true},
+             {Link::calibration, true, "applied", "", 35.0, true, "1, 2"},
+             {Link::tie, true, "tied", "", 35.0, true}};
+  return p;
+}
+
+TEST(Screen, each_robot_and_scanner_of_a_line_with_two_is_named) {
+  for (const auto& [columns, rows] : {std::pair{80UL, 24UL}, {100UL, 30UL}, {240UL, 67UL}, {20UL, 4UL}})
+    for (const std::string& line : screen(two_robots(), columns, rows, kColour, Language::zh))
+      EXPECT_LE(report::display_width(line), columns) << line;
+  const std::string text = joined(screen(two_robots(), 100, 40, kPlain, Language::en));
+  for (const char* words :
+       {"robot 1", "robot 2", "-> start the robot bridge", "scanner 1, 2", "calibration 1, 2", "robots tied"})
+    EXPECT_NE(text.find(words), std::string::npos) << words << "\n" << text;
+}
+
 TEST(Screen, fills_every_size_from_80_by_24_up_and_never_overflows_it) {
   for (const Language language : {Language::en, Language::zh}) {
     for (const auto& [columns, rows] : {std::pair{80UL, 24UL}, {100UL, 30UL}, {240UL, 67UL}, {20UL, 4UL}}) {

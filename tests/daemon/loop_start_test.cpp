@@ -57,7 +57,7 @@ class SlowStore final : public storage::Store {
   Result<std::string> change(const storage::CalibrationChange& /*change*/) override {
     return error(Code::config, "not here");
   }
-  Result<std::unique_ptr<LineCalibration>> calibration() override { return error(Code::config, "not here"); }
+  Result<std::unique_ptr<CellCalibration>> calibration() override { return error(Code::config, "not here"); }
   void idle() override {
     ++database_.idles;
     if (recovering_) ++database_.idles_while_recovering;
@@ -98,7 +98,7 @@ class IdleWorkers final : public Workers {
     return std::make_unique<Worker<StoreTask, StoreAnswer, limits::kWorkerQueue>>("store", std::move(work),
                                                                                   std::move(idle));
   }
-  std::unique_ptr<ScanQueue> scanner(std::function<ScanDone(const AcquireScan&)> work,
+  std::unique_ptr<ScanQueue> scanner(std::size_t /*arm*/, std::function<ScanDone(const AcquireScan&)> work,
                                      std::function<void()> idle) override {
     return std::make_unique<Worker<AcquireScan, ScanDone, 4>>("scan", std::move(work), std::move(idle));
   }
@@ -107,7 +107,9 @@ class IdleWorkers final : public Workers {
         "measure", [](const MeasureBlock&) { return BlockMeasured{}; }, [] {});
   }
   std::span<float> slot(std::size_t /*index*/) override { return points_; }
-  std::optional<std::uint32_t> points_crc32c(const AcquiredScan& /*scan*/) override { return std::nullopt; }
+  std::optional<std::uint32_t> points_crc32c(const AcquiredScan& /*scan*/, std::size_t /*arm*/) override {
+    return std::nullopt;
+  }
 
  private:
   std::vector<float> points_ = std::vector<float>(3);
@@ -218,6 +220,47 @@ TEST_F(LoopStart, the_scanner_is_left_alone_until_it_is_this_process_s_own) {
   for (int i = 0; i < 3'000 && scanner.idle_count == 0; ++i) loop.turn(10);
   EXPECT_GT(scanner.idle_count, 0);
   loop.finish();
+}
+
+TEST_F(LoopStart, each_arm_has_its_own_poses_scanner_and_worker) {
+  hal::MockPose pose_2;
+  hal::MockScanner scanner_2{clock};
+  Ports both = ports;
+  ASSERT_TRUE(both.more_arms.push({&pose_2, &scanner_2}));
+  StationSettings settings;
+  ASSERT_TRUE(settings.arms.list.push(Arm{PartId("2"), PartId("right")}));
+  ASSERT_TRUE(settings.more_arms.push(StationArmSettings{}));
+  const auto opener_of_all = [](Database& database) -> StoreOpener {
+    return [&database](std::atomic<bool>& scanner_is_ours) -> Result<std::unique_ptr<storage::Store>> {
+      scanner_is_ours = true;
+      return std::unique_ptr<storage::Store>(std::make_unique<SlowStore>(database));
+    };
+  };
+  Database database;
+  scanner.is_hung = true;
+  Loop loop(both, settings, opener_of_all(database), std::make_unique<IdleWorkers>(), LoopFigures{});
+  loop.start();
+  open(loop);
+  PoseSample sample;
+  sample.arrival_ns = clock.mono_ns();
+  sample.seq = 11;
+  pose.push(sample);
+  sample.seq = 22;
+  pose_2.push(sample);
+  for (int i = 0; i < 3'000 && scanner_2.idle_count == 0; ++i) loop.turn(10);
+  const Station& station = loop.station();
+  ASSERT_NE(station.arms[0].gate.newest(), nullptr);
+  ASSERT_NE(station.arms[1].gate.newest(), nullptr);
+  EXPECT_EQ(station.arms[0].gate.newest()->seq, 11);
+  EXPECT_EQ(station.arms[1].gate.newest()->seq, 22);
+  EXPECT_EQ(station.arms[1].gate.newest()->arm, 1);
+  EXPECT_TRUE(station.arms[0].links.scanner_hangs);
+  EXPECT_FALSE(station.arms[1].links.scanner_hangs);
+  EXPECT_GT(scanner_2.idle_count, 0) << "each worker looks after its own scanner";
+  loop.finish();
+  EXPECT_FALSE(loop.wait_for_scanner_thread()) << "one of them hangs";
+  scanner.is_hung = false;
+  EXPECT_TRUE(loop.wait_for_scanner_thread());
 }
 
 TEST_F(LoopStart, storage_is_not_tried_again_for_a_fault_reset_that_is_held_down) {

@@ -36,6 +36,77 @@ TEST(SlabScene, exact_slab_shows_every_block_in_the_nominal_view) {
   }
 }
 
+/// The same cell with a second robot on the other side of the slab, which is off its tied place by the given motion.
+Cell two_robots(double mm = 0.0, double deg = 0.0) {
+  Cell cell = some_cell();
+  FurtherArm arm;
+  arm.T_base_robot = {rotation_from_kuka_abc(3.1, 0.002, -0.001), Vec3(3600.0, 250.0, -12.0)};
+  arm.T_base_robot_real = moved_base(arm.T_base_robot, Vec3(1800.0, 100.0, 300.0), mm, deg, 5);
+  arm.T_flange_scanner = {rotation_from_kuka_abc(-0.4, 0.05, 0.1), Vec3(-15.0, 30.0, 140.0)};
+  cell.further.push_back(arm);
+  return cell;
+}
+
+TEST(SlabScene, the_second_robot_sees_every_block_in_the_nominal_view) {
+  const Recipe recipe = cli::reference_recipe();
+  const Cell cell = two_robots();
+  const auto slab = cast_slab(recipe, cell, exact(), {});
+  ASSERT_TRUE(slab);
+  const Pose nominal = nominal_T_block_scanner().inverse();
+  for (int k = 1; k <= 18; ++k) {
+    const Pose seen = T_scanner_block(slab.value(), cell, k, 1);
+    EXPECT_LT((seen.translation_mm - nominal.translation_mm).norm(), 1e-9) << k;
+    EXPECT_LT(angle_between_rad(seen.rotation, nominal.rotation), 1e-9) << k;
+  }
+}
+
+TEST(SlabScene, the_first_robot_and_the_slab_are_the_same_with_and_without_a_second_one) {
+  const Recipe recipe = cli::reference_recipe();
+  const auto one = cast_slab(recipe, some_cell(), SlabVariation{}, {});
+  const auto two = cast_slab(recipe, two_robots(), SlabVariation{}, {});
+  ASSERT_TRUE(one && two);
+  for (int k = 1; k <= 18; ++k) {
+    EXPECT_EQ(one.value().at(k).T_base_flange_real.translation_mm, two.value().at(k).T_base_flange_real.translation_mm);
+    EXPECT_EQ(one.value().at(k).T_slab_block.translation_mm, two.value().at(k).T_slab_block.translation_mm);
+  }
+}
+
+TEST(SlabScene, an_error_of_the_tie_moves_all_that_the_second_robot_sees_and_nothing_of_the_first) {
+  const Recipe recipe = cli::reference_recipe();
+  const auto slab = cast_slab(recipe, two_robots(), exact(), {});
+  ASSERT_TRUE(slab);
+  const Cell tied = two_robots();
+  const Cell shifted = two_robots(0.3, 0.0);
+  const Cell turned = two_robots(0.0, 0.01);
+  for (int k = 1; k <= 18; ++k) {
+    const auto place = [&](const Cell& cell, std::size_t arm) {
+      return T_scanner_block(slab.value(), cell, k, arm).translation_mm;
+    };
+    EXPECT_NEAR((place(shifted, 1) - place(tied, 1)).norm(), 0.3, 1e-9) << k;
+    EXPECT_LT((place(turned, 1) - place(tied, 1)).norm(), rad_from_deg(0.01) * 3000.0) << k;
+    EXPECT_EQ(place(shifted, 0), place(tied, 0)) << k;
+  }
+  const Pose& T = tied.further[0].T_base_robot;
+  EXPECT_NEAR(deg_from_rad(angle_between_rad(turned.further[0].T_base_robot_real.rotation, T.rotation)), 0.01, 1e-9);
+  EXPECT_NEAR((shifted.further[0].T_base_robot_real.translation_mm - T.translation_mm).norm(), 0.3, 1e-9);
+}
+
+TEST(SlabScene, no_block_is_in_view_of_a_robot_that_is_aside) {
+  const Recipe recipe = cli::reference_recipe();
+  const Cell cell = two_robots();
+  const auto slab = cast_slab(recipe, cell, SlabVariation{}, {});
+  ASSERT_TRUE(slab);
+  constexpr double kLookMax_mm = 300.0;  // [robot] look_mm
+  for (const std::size_t arm : {0UL, 1UL})
+    for (int k = 1; k <= 18; ++k) {
+      const Pose T_base_robot = arm == 0 ? Pose{} : cell.further[0].T_base_robot;
+      const Pose& T_flange_scanner = arm == 0 ? cell.T_flange_scanner : cell.further[0].T_flange_scanner;
+      const Pose T_base_scanner = T_base_robot * slab.value().aside[arm] * T_flange_scanner;
+      const Vec3 p = T_base_scanner.inverse() * (cell.T_base_slab * T_slab_block(recipe, k).translation_mm);
+      EXPECT_GT(std::hypot(p.x(), p.y()), kLookMax_mm) << "arm " << arm << ", block " << k;
+    }
+}
+
 TEST(SlabScene, defects_change_their_block_and_no_other) {
   const Recipe recipe = cli::reference_recipe();
   const std::vector<Defect> defects = {{DefectKind::slope, 4, 36.0},

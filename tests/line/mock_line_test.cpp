@@ -66,7 +66,9 @@ struct MockLineTest : testing::Test {
   /// Starts a loop and turns it until the store is open, or cannot be opened.
   void make_loop(const StoreOpener& opener) {
     loop.reset();
-    loop = std::make_unique<Loop>(ports, settings, opener, hal::LengthUnit::mm, 2, LoopFigures{});
+    ScanForms forms;
+    ASSERT_TRUE(forms.push(hal::LengthUnit::mm));
+    loop = std::make_unique<Loop>(ports, settings, opener, forms, 2, LoopFigures{});
     loop->start();
     open();
   }

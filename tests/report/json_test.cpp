@@ -132,7 +132,7 @@ TEST(JsonWriter, an_item_has_its_uncertainty_budget_and_its_conformance_probabil
   EXPECT_EQ(budget.size(), kBudgetParts);
   EXPECT_EQ(budget["scanner"], 0.04);
   EXPECT_EQ(budget["fit"], 0.03);
-  for (const char* part : {"noise", "registration", "calibration", "robot", "reference"})
+  for (const char* part : {"noise", "registration", "calibration", "robot", "reference", "tie"})
     EXPECT_EQ(budget[part], 0.0) << part;
 }
 

@@ -90,7 +90,7 @@ class OverheardStore final : public storage::Store {
   [[nodiscard]] Result<std::string> change(const storage::CalibrationChange& change) override {
     return store_->change(change);
   }
-  [[nodiscard]] Result<std::unique_ptr<LineCalibration>> calibration() override { return store_->calibration(); }
+  [[nodiscard]] Result<std::unique_ptr<CellCalibration>> calibration() override { return store_->calibration(); }
   void idle() override { store_->idle(); }
   [[nodiscard]] std::string_view spool_trouble() const override { return store_->spool_trouble(); }
   [[nodiscard]] Status order(const storage::CareOrder& order) override { return store_->order(order); }

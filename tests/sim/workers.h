@@ -104,7 +104,8 @@ class FiberWorkers final : public daemon::Workers {
         process_, std::move(work), std::move(idle));
   }
   [[nodiscard]] std::unique_ptr<daemon::ScanQueue> scanner(
-      std::function<daemon::ScanDone(const daemon::AcquireScan&)> work, std::function<void()> idle) override {
+      std::size_t /*arm*/, std::function<daemon::ScanDone(const daemon::AcquireScan&)> work,
+      std::function<void()> idle) override {
     return std::make_unique<FiberQueue<daemon::AcquireScan, daemon::ScanDone, 4>>(process_, std::move(work),
                                                                                   std::move(idle));
   }
@@ -113,7 +114,9 @@ class FiberWorkers final : public daemon::Workers {
         process_, [this](const daemon::MeasureBlock& job) { return measure(job); }, [] {});
   }
   [[nodiscard]] std::span<float> slot(std::size_t index) override { return slots_[index]; }
-  [[nodiscard]] std::optional<std::uint32_t> points_crc32c(const AcquiredScan&) override { return std::nullopt; }
+  [[nodiscard]] std::optional<std::uint32_t> points_crc32c(const AcquiredScan&, std::size_t) override {
+    return std::nullopt;
+  }
 
  private:
   daemon::BlockMeasured measure(const daemon::MeasureBlock& job);

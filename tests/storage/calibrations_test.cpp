@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <sqlite3.h>
 
+#include <functional>
 #include <set>
 
 #include "tests/storage/store_fixture.h"
@@ -90,10 +91,38 @@ class CalibrationsTest : public StoreTest {
     EXPECT_EQ(done.error().code, Code::config);
     return std::string(done.error().text.view());
   }
-  LineCalibration in_force() {
-    const auto calibration = store_->calibration();
+  /// Calibrations of the whole line.
+  std::unique_ptr<CellCalibration> cell_in_force() {
+    auto calibration = store_->calibration();
     EXPECT_TRUE(calibration.ok()) << calibration.error().text.view();
-    return calibration.ok() ? *calibration.value() : LineCalibration{};
+    return calibration.ok() ? std::move(calibration.value()) : std::make_unique<CellCalibration>();
+  }
+  LineCalibration in_force(std::size_t arm = 0) { return cell_in_force()->arm.at(arm); }
+  /// Opens the store as that of a line with two robots, whose second scanner has the id "right".
+  void with_two_arms() {
+    close();
+    settings_.arms.list.clear();
+    ASSERT_TRUE(settings_.arms.list.push(Arm{}));
+    ASSERT_TRUE(settings_.arms.list.push(Arm{PartId("2"), PartId("right")}));
+    open();
+  }
+  static CalibrationRecord of_right(CalibrationRecord record) {
+    record.scanner = "right";
+    return record;
+  }
+  CalibrationRecord tie(const std::string& first, const std::string& second) {
+    CalibrationRecord r = hand_eye(0.0);
+    TieNumbers n;
+    n.robot = "2";
+    n.T_base_robot.translation_mm = Vec3(4000.25, -0.5, 3.0);
+    n.T_base_robot.rotation = Quat(0.01, 0.0, 0.02, 1.0).normalized();
+    n.centre_mm = Vec3(2000.0, 100.0, 700.0);
+    n.covariance = Mat6::Identity() * 1e-4;
+    n.targets = 6;
+    n.rms_mm = 0.04;
+    r.numbers = n;
+    r.parent_id = std::string(tie_parent(CalibrationId(first), CalibrationId(second)).view());
+    return r;
   }
   void on_the_disk(const std::string& sql) {
     close();
@@ -175,7 +204,7 @@ TEST_F(CalibrationsTest, applied_is_used_kept_over_a_restart_and_rolled_back_ste
   open();  // as after a restart
   EXPECT_EQ(in_force().id.view(), c);
   EXPECT_EQ(in_force().hand_eye.T_flange_scanner.translation_mm.x(), 3.0);
-  EXPECT_EQ(recover()->calibration.id.view(), c);
+  EXPECT_EQ(recover()->calibration.arm[0].id.view(), c);
 
   EXPECT_EQ(store_->change(RollBackCalibration{CalibrationKind::hand_eye, 0, note()}).value(), b);
   EXPECT_EQ(in_force().id.view(), b);
@@ -268,10 +297,10 @@ TEST_F(CalibrationsTest, an_open_slab_keeps_what_it_was_begun_with) {
   put_in_force(keep(hand_eye(2.0)));
   open();
   const auto line = recover();
-  EXPECT_EQ(line->slab_calibration.id.view(), a);
-  ASSERT_NE(line->slab_calibration.table_for(5600), nullptr);
-  EXPECT_EQ(line->slab_calibration.table_for(5600)->id.view(), s);
-  EXPECT_EQ(line->calibration.hand_eye.T_flange_scanner.translation_mm.x(), 2.0);
+  EXPECT_EQ(line->slab_calibration.arm[0].id.view(), a);
+  ASSERT_NE(line->slab_calibration.arm[0].table_for(5600), nullptr);
+  EXPECT_EQ(line->slab_calibration.arm[0].table_for(5600)->id.view(), s);
+  EXPECT_EQ(line->calibration.arm[0].hand_eye.T_flange_scanner.translation_mm.x(), 2.0);
 }
 
 TEST_F(CalibrationsTest, numbers_that_were_changed_on_the_disk_are_not_used) {
@@ -508,7 +537,7 @@ TEST_F(CalibrationsTest, a_scanners_figures_that_were_edited_on_the_disk_are_not
   ASSERT_TRUE(store_->apply({1, BeginSlabJob{header, 1, 1}}).ok());
   open();
   const auto recovered = recover();
-  EXPECT_EQ(recovered->slab_calibration.scanner.numbers.form_half_mm, 0.061)
+  EXPECT_EQ(recovered->slab_calibration.arm[0].scanner.numbers.form_half_mm, 0.061)
       << "also of a slab that was begun with commissioning values";
   EXPECT_EQ(recovered->slab.scanner_id.view(), id);
   on_the_disk("UPDATE scanner_acceptance SET form_half_mm = 0.001");
@@ -518,6 +547,248 @@ TEST_F(CalibrationsTest, a_scanners_figures_that_were_edited_on_the_disk_are_not
   EXPECT_NE(line.scanner.trouble.view().find("were changed"), std::string_view::npos);
   EXPECT_TRUE(line.trouble.empty());
   EXPECT_EQ(line.id.view(), hand);
+}
+
+TEST_F(CalibrationsTest, each_scanner_has_its_own_calibrations) {
+  const std::string left = keep(hand_eye(1.0));
+  const std::string right = keep(of_right(hand_eye(2.0)));
+  put_in_force(left);
+  put_in_force(right);
+  EXPECT_EQ(in_force().id.view(), left) << "without [[scanner]] the first one's are in force";
+  EXPECT_EQ(in_force(1).source, LineCalibration::Source::missing);
+  with_two_arms();
+  EXPECT_EQ(in_force(0).id.view(), left);
+  EXPECT_EQ(in_force(1).id.view(), right);
+  EXPECT_EQ(in_force(1).hand_eye.T_flange_scanner.translation_mm.x(), 2.0);
+
+  const std::string right_table = keep(of_right(stations(right, 0.5)));
+  put_in_force(right_table);
+  EXPECT_TRUE(in_force(0).tables.empty());
+  ASSERT_NE(in_force(1).table_for(5600), nullptr);
+  EXPECT_EQ(in_force(1).table_for(5600)->id.view(), right_table);
+  EXPECT_NE(refused(ApplyCalibration{keep(of_right(stations(left, 0.5))), note()}).find("solve them again"),
+            std::string::npos)
+      << "the hand-eye of the other scanner";
+
+  const std::string accepted = keep(of_right(scanner(0.05)));
+  put_in_force(accepted);
+  EXPECT_TRUE(in_force(0).scanner.id.empty());
+  EXPECT_EQ(in_force(1).scanner.id.view(), accepted);
+  keep(scanner(0.30, false));
+  EXPECT_FALSE(in_force(1).scanner.failed) << "a verification of the first scanner";
+  keep(of_right(scanner(0.30, false)));
+  EXPECT_TRUE(in_force(1).scanner.failed);
+
+  const std::string block = keep(of_right(reference_block()));
+  put_in_force(block);
+  CalibrationCheck check;
+  check.reference_id.assign(block);
+  check.passed = false;
+  check.utime_us = 50;
+  ASSERT_TRUE(store_->change(KeepCheck{check}).ok());
+  EXPECT_FALSE(in_force(0).block.failed);
+  EXPECT_TRUE(in_force(1).block.failed);
+  EXPECT_EQ(recover()->calibration.arm[1].id.view(), right);
+}
+
+TEST_F(CalibrationsTest, the_scanner_is_part_of_an_id_unless_it_is_the_first) {
+  const std::string first = keep(hand_eye(1.0));
+  const std::string right = keep(of_right(hand_eye(1.0)));
+  EXPECT_NE(first, right) << "equal numbers of two scanners are two calibrations";
+  const auto back = reader()->calibration(right);
+  ASSERT_TRUE(back.ok() && back.value().has_value());
+  EXPECT_EQ(back.value()->scanner, "right");
+  EXPECT_EQ(calibration_id(*back.value()), right);
+  EXPECT_EQ(reader()->calibration(first).value()->scanner, "1");
+  on_the_disk("DROP TRIGGER calibration_stays; UPDATE calibration SET scanner = '1' WHERE scanner = 'right'");
+  EXPECT_NE(refused(ApplyCalibration{right, note()}).find("were changed"), std::string::npos);
+}
+
+TEST_F(CalibrationsTest, a_calibration_is_applied_and_rolled_back_for_its_scanner) {
+  const std::string a = keep(hand_eye(1.0));
+  const std::string b = keep(hand_eye(2.0));
+  const std::string c = keep(of_right(hand_eye(3.0)));
+  const std::string d = keep(of_right(hand_eye(4.0)));
+  for (const std::string& id : {a, c, d, b}) put_in_force(id);
+  with_two_arms();
+  EXPECT_NE(refused(ApplyCalibration{a, note(), "right"}).find("it is of scanner 1, not of scanner right"),
+            std::string::npos);
+  ASSERT_TRUE(store_->change(ApplyCalibration{d, note(), "right"}).ok());
+  EXPECT_EQ(store_->change(RollBackCalibration{CalibrationKind::hand_eye, 0, note(), "right"}).value(), c);
+  EXPECT_EQ(in_force(0).id.view(), b) << "the other scanner keeps its own";
+  EXPECT_EQ(in_force(1).id.view(), c);
+  EXPECT_EQ(reader()->applied(1).value().at(0).scanner, "right");
+  EXPECT_EQ(reader()->current(CalibrationKind::hand_eye, 0, "right").value()->id, c);
+  EXPECT_EQ(reader()->current(CalibrationKind::hand_eye).value()->id, b);
+  EXPECT_EQ(reader()->line_calibration("right").value()->id.view(), c);
+  EXPECT_EQ(reader()->cell_calibration(settings_.arms).value()->arm[1].id.view(), c);
+}
+
+TEST_F(CalibrationsTest, a_tie_is_stale_with_another_hand_eye_calibration) {
+  with_two_arms();
+  const std::string left = keep(hand_eye(1.0));
+  const std::string right = keep(of_right(hand_eye(2.0)));
+  put_in_force(left);
+  const std::string id = keep(tie(left, right));
+  EXPECT_NE(refused(ApplyCalibration{id, note()}).find("tie again"), std::string::npos) << "right is not in force";
+  put_in_force(right);
+  EXPECT_EQ(fault_of_tie(*cell_in_force(), PartId("2"), 1), TieFault::missing);
+  put_in_force(id);
+  std::unique_ptr<CellCalibration> now = cell_in_force();
+  EXPECT_EQ(now->tie.id.view(), id);
+  EXPECT_EQ(now->tie.numbers.targets, 6);
+  EXPECT_EQ(fault_of_tie(*now, PartId("2"), 1), TieFault::none);
+  EXPECT_EQ(fault_of_tie(*now, PartId("3"), 1), TieFault::stale) << "another robot stands there";
+  EXPECT_EQ(reader()->cell_calibration(settings_.arms).value()->tie.id.view(), id);
+
+  const std::string other = keep(of_right(hand_eye(2.5)));
+  put_in_force(other);
+  EXPECT_EQ(fault_of_tie(*cell_in_force(), PartId("2"), 1), TieFault::stale);
+  EXPECT_NE(refused(ApplyCalibration{keep(tie(right, left)), note()}).find("tie again"), std::string::npos);
+  put_in_force(right);
+  EXPECT_EQ(fault_of_tie(*cell_in_force(), PartId("2"), 1), TieFault::none) << "the one it was solved with is back";
+  EXPECT_EQ(fault_of_tie(recover()->calibration, PartId("2"), 1), TieFault::none);
+}
+
+TEST_F(CalibrationsTest, a_tie_that_was_changed_on_the_disk_is_not_used) {
+  with_two_arms();
+  const std::string left = keep(hand_eye(1.0));
+  const std::string right = keep(of_right(hand_eye(2.0)));
+  put_in_force(left);
+  put_in_force(right);
+  put_in_force(keep(tie(left, right)));
+  on_the_disk("UPDATE tie_numbers SET T_base_robot_x = T_base_robot_x + 1.0");
+  const std::unique_ptr<CellCalibration> now = cell_in_force();
+  EXPECT_EQ(fault_of_tie(*now, PartId("2"), 1), TieFault::unusable);
+  EXPECT_NE(describe(TieFault::unusable, *now).view().find("were changed after it was kept"), std::string_view::npos);
+}
+
+TEST_F(CalibrationsTest, a_tie_comes_back_bit_for_bit_and_is_rolled_back) {
+  with_two_arms();
+  const std::string left = keep(hand_eye(80.0));
+  const std::string right = keep(of_right(hand_eye(-80.0)));
+  put_in_force(left);
+  put_in_force(right);
+  CalibrationRecord given = tie(left, right);
+  auto& numbers = std::get<TieNumbers>(given.numbers);
+  for (int row = 0; row < 6; ++row)
+    for (int column = 0; column <= row; ++column)
+      numbers.covariance(row, column) = numbers.covariance(column, row) =
+          (row == column ? 1.0 : 0.1) * 1.234567890123e-5 / (1 + row + column);
+  given.observations = "# robot 1: flange poses, ball centres, names\n1 2 3 1 0 0 0\n";
+  const std::string id = keep(given);
+  EXPECT_EQ(id.substr(0, 3), "ti-");
+  const auto back = reader()->calibration(id);
+  ASSERT_TRUE(back.ok() && back.value().has_value());
+  EXPECT_EQ(back.value()->kind(), CalibrationKind::tie);
+  EXPECT_EQ(back.value()->parent_id, left + "+" + right);
+  EXPECT_EQ(back.value()->observations, given.observations);
+  const auto& read = std::get<TieNumbers>(back.value()->numbers);
+  EXPECT_EQ(read.robot.view(), "2");
+  // Minus zero is stored as zero.
+  for (std::size_t i = 0; i < 7; ++i)
+    EXPECT_EQ(read.T_base_robot.to_array()[i], numbers.T_base_robot.to_array()[i] + 0.0) << i;
+  EXPECT_TRUE(read.centre_mm == numbers.centre_mm);
+  EXPECT_TRUE(read.covariance == numbers.covariance);
+  EXPECT_EQ(read.targets, 6);
+  EXPECT_EQ(read.rms_mm, 0.04);
+  EXPECT_EQ(keep(given), id) << "kept already";
+
+  put_in_force(id);
+  numbers.rms_mm = 0.05;
+  const std::string later = keep(given);
+  EXPECT_NE(later, id);
+  put_in_force(later);
+  EXPECT_EQ(cell_in_force()->tie.id.view(), later);
+  const Result<std::string> rolled = store_->change(RollBackCalibration{CalibrationKind::tie, 0, note(), "1"});
+  ASSERT_TRUE(rolled.ok()) << rolled.error().text.view();
+  EXPECT_EQ(rolled.value(), id);
+  EXPECT_EQ(cell_in_force()->tie.id.view(), id);
+  EXPECT_TRUE(cell_in_force()->tie.numbers.covariance == numbers.covariance);
+}
+
+TEST_F(CalibrationsTest, a_tie_of_numbers_that_make_no_sense_is_not_kept) {
+  const auto refused_with = [&](const std::function<void(TieNumbers&)>& change) {
+    CalibrationRecord record = tie("he-1", "he-2");
+    change(std::get<TieNumbers>(record.numbers));
+    return refused(KeepCalibration{record});
+  };
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.robot = ""; }).find("names no robot"), std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.T_base_robot.rotation = Quat(2.0, 0.0, 0.0, 0.0); }).find("rigid"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.T_base_robot.translation_mm.x() = 1e6; }).find("more than 50 m"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.centre_mm.x() = kNoValue; }).find("middle of its targets"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.covariance.setConstant(kNoValue); }).find("covariance is not known"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.covariance(2, 2) = 0.0; }).find("covariance is not known"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.covariance(0, 1) = 1e-5; }).find("six errors"), std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.covariance(0, 1) = n.covariance(1, 0) = 1.0; }).find("six errors"),
+            std::string::npos);
+  EXPECT_NE(refused_with([](TieNumbers& n) { n.targets = 3; }).find("fewer than 4 balls"), std::string::npos);
+}
+
+TEST_F(CalibrationsTest, an_open_slab_keeps_the_calibrations_of_both_arms_and_the_tie) {
+  with_two_arms();
+  const std::string left = keep(hand_eye(1.0));
+  const std::string right = keep(of_right(hand_eye(2.0)));
+  put_in_force(left);
+  put_in_force(right);
+  const std::string table = keep(of_right(stations(right, 0.5)));
+  const std::string accepted = keep(of_right(scanner(0.05)));
+  const std::string tied = keep(tie(left, right));
+  for (const std::string& id : {table, accepted, tied}) put_in_force(id);
+  SlabHeader header = random_header(prng_, 1);
+  header.calibration_id.assign(left);
+  header.stations_id.clear();
+  header.scanner_id.clear();
+  header.tie_id.assign(tied);
+  header.more_arms[0].by = settings_.arms.list[1];
+  header.more_arms[0].calibration_id.assign(right);
+  header.more_arms[0].stations_id.assign(table);
+  header.more_arms[0].scanner_id.assign(accepted);
+  apply(BeginSlabJob{header, session_, ++cmd_seq_});
+  put_in_force(keep(of_right(hand_eye(5.0))));
+  open();
+  const auto line = recover();
+  expect_same(line->slab, header);
+  EXPECT_EQ(line->slab_calibration.arm[0].id.view(), left);
+  EXPECT_EQ(line->slab_calibration.arm[1].id.view(), right);
+  ASSERT_NE(line->slab_calibration.arm[1].table_for(5600), nullptr);
+  EXPECT_EQ(line->slab_calibration.arm[1].scanner.id.view(), accepted);
+  EXPECT_EQ(line->slab_calibration.tie.id.view(), tied);
+  EXPECT_EQ(fault_of_tie(line->slab_calibration, PartId("2"), 1), TieFault::none);
+  EXPECT_EQ(fault_of_tie(line->calibration, PartId("2"), 1), TieFault::stale);
+}
+
+TEST_F(CalibrationsTest, an_interrupted_scan_names_its_arm_only_if_one_arm_scans_the_station) {
+  with_two_arms();
+  close();
+  for (std::size_t i = 0; i < limits::kStationsMax; ++i) {
+    ArmChoice& choice = settings_.arms.of_station.at(i);
+    choice.clear();
+    ASSERT_TRUE(choice.push(i < 9 ? 0 : 1));
+    if (i == 4) {
+      ASSERT_TRUE(choice.push(1));
+    }
+  }
+  open();
+  for (const int station : {3, 5, 12}) {
+    const std::int64_t key = station;
+    begin(key);
+    accept(PlcCommand::scan, station, key);
+    open();
+    (void)recover();
+    const auto record = reader()->slab(key);
+    ASSERT_TRUE(record.ok() && record.value().has_value());
+    ASSERT_EQ(record.value()->blocks.size(), 1U);
+    const Attempt& attempt = record.value()->blocks[0].attempt;
+    EXPECT_EQ(attempt.by.scanner.view(), station == 3 ? "1" : station == 5 ? "" : "right");
+    EXPECT_EQ(attempt.arm, station == 12 ? 1 : 0);
+    end(key, Verdict::not_measured);
+  }
 }
 
 }  // namespace

@@ -10,8 +10,8 @@ namespace {
 
 constexpr std::string_view kNewTable =
     "CREATE TABLE batch (number INTEGER PRIMARY KEY, made_utime_us INTEGER NOT NULL) STRICT;\n";
-constexpr std::string_view kOldKinds = "'monitor_ball', 'scanner'))";
-constexpr std::string_view kNewKinds = "'monitor_ball', 'scanner', 'batch'))";
+constexpr std::string_view kOldKinds = "'tie'))";
+constexpr std::string_view kNewKinds = "'tie', 'batch'))";
 
 void replace(std::string& text, std::string_view what, std::string_view with) {
   const std::size_t at = text.find(what);
@@ -60,7 +60,7 @@ std::string NextVersions::fresh_text(int last) {
   add_column(text, "slab", "emulated           INTEGER NOT NULL", "batch INTEGER NOT NULL DEFAULT 0");
   if (last == kFirst) return text;
   add_column(text, "batch", "made_utime_us INTEGER NOT NULL", "strength REAL");
-  add_column(text, "item", "budget_gauge REAL", "batch_U REAL");
+  add_column(text, "item", "budget_tie REAL", "batch_U REAL");
   replace(text, kOldKinds, kNewKinds);
   return text;
 }

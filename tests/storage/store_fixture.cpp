@@ -227,6 +227,16 @@ void expect_same(const SlabHeader& a, const SlabHeader& b) {
   expect_same(a.T_flange_scanner, b.T_flange_scanner);
   SAME(began_utime_us);
   SAME(emulated);
+  SAME(tie_id.view());
+  ASSERT_EQ(a.more_arms.size(), b.more_arms.size());
+  for (std::size_t i = 0; i < a.more_arms.size(); ++i) {
+    SAME(more_arms[i].by.robot.view());
+    SAME(more_arms[i].by.scanner.view());
+    SAME(more_arms[i].calibration_id.view());
+    SAME(more_arms[i].stations_id.view());
+    SAME(more_arms[i].scanner_id.view());
+    expect_same(a.more_arms[i].T_flange_scanner, b.more_arms[i].T_flange_scanner);
+  }
 }
 
 void expect_same(const Attempt& a, const Attempt& b) {
@@ -260,6 +270,11 @@ void expect_same(const Attempt& a, const Attempt& b) {
   SAME(fingerprint);
   SAME_BITS(shape.scanner_temperature_c);
   SAME_BITS(scanner_drift);
+  SAME(arm);
+  SAME(by.robot.view());
+  SAME(by.scanner.view());
+  SAME(splice.tied);
+  expect_same(a.splice.T_base_robot, b.splice.T_base_robot);
 }
 
 void expect_same(const PackedMap& a, const PackedMap& b) {
@@ -448,6 +463,15 @@ SlabHeader random_header(Prng& prng, std::int64_t key) {
   h.T_flange_scanner = pose(prng);
   h.began_utime_us = static_cast<std::int64_t>(prng.next() >> 10U);
   h.emulated = 15;  // so that no attempt adds a bit
+  word(prng, h.tie_id);
+  SlabArm arm;
+  word(prng, arm.by.robot);
+  word(prng, arm.by.scanner);
+  word(prng, arm.calibration_id);
+  word(prng, arm.stations_id);
+  word(prng, arm.scanner_id);
+  arm.T_flange_scanner = pose(prng);
+  EXPECT_TRUE(h.more_arms.push(arm));
   return h;
 }
 
@@ -477,6 +501,11 @@ Attempt random_attempt(Prng& prng, std::int64_t slab_key, int station, int numbe
   if (prng.below(4) != 0) a.points_crc32c = static_cast<std::uint32_t>(prng.next());
   a.emulated = static_cast<std::uint8_t>(station % 16);
   if (prng.below(4) != 0) a.fingerprint = static_cast<std::int64_t>(prng.next());
+  a.arm = static_cast<std::uint8_t>(prng.below(limits::kArmsMax));
+  word(prng, a.by.robot);
+  word(prng, a.by.scanner);
+  s.tied = prng.below(2) == 0;
+  s.T_base_robot = pose(prng);
   return a;
 }
 

@@ -179,9 +179,9 @@ TEST_F(UpgradeTest, calibrations_keep_their_places_when_a_step_makes_their_table
     db.run(
         "INSERT INTO calibration VALUES (7, 'mb-000000000000', 'monitor_ball', 0, '', '{}', 'o', 'c', 'anna', 'r', "
         "'s', "
-        "21.5, 'slabd', 1000, 0);"
+        "21.5, 'slabd', 1000, 0, '1');"
         "INSERT INTO monitor_ball VALUES ('mb-000000000000', 1, 2, 3, 19, 0.1);"
-        "INSERT INTO applied VALUES (3, 'monitor_ball', 0, 0, 'mb-000000000000', '', 0, 'anna', 'new', 1001)");
+        "INSERT INTO applied VALUES (3, 'monitor_ball', 0, 0, 'mb-000000000000', '', 0, 'anna', 'new', 1001, '1')");
   }
   const NextVersions later;
   open();
@@ -209,7 +209,7 @@ TEST_F(UpgradeTest, a_step_that_loses_a_calibration_is_not_committed) {
     Plain db(settings_.db_path);
     db.run(
         "INSERT INTO calibration VALUES (7, 'mb-000000000000', 'monitor_ball', 0, '', '{}', 'o', 'c', 'anna', 'r', "
-        "'s', 21.5, 'slabd', 1000, 0);"
+        "'s', 21.5, 'slabd', 1000, 0, '1');"
         "INSERT INTO monitor_ball VALUES ('mb-000000000000', 1, 2, 3, 19, 0.1)");
   }
   const NextVersions later("DROP TRIGGER calibration_is_kept; DELETE FROM calibration");

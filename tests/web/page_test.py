@@ -249,6 +249,26 @@ class LivePage(Browser):
         self.set(slab="fail")
         self.wait("return document.querySelector('[data-slab-verdict]')?.dataset.slabVerdict === 'fail'", "the verdict", 5)
 
+    def test_a_line_with_two_robots_shows_each_of_them(self):
+        for language, words in (("en", ("Robot 1", "Robot 2", "Scanner 2", "offline", "Tie of the robots")),
+                                ("zh", ("机器人 1", "机器人 2", "扫描仪 2", "离线", "机器人基座关联"))):
+            self.set(arms=2)
+            for path in ("/", "/line"):
+                self.open(path, language)
+                text = self.driver.execute_script("return document.body.innerText")
+                for word in words:
+                    self.assertIn(word, text, f"{path} {language}")
+            self.open("/calibration", language)
+            self.assertNotIn("he-of-the-second", self.driver.execute_script("return document.body.innerText"))
+            self.driver.execute_script("document.querySelector('[data-scanner=\"2\"]').click()")
+            self.wait("return document.body.innerText.includes('he-of-the-second')", "the second scanner's calibration")
+            self.assertIn("ti-5ad0c2", self.driver.execute_script("return document.body.innerText"))
+            self.accessible(f"/calibration of two scanners, {language}")
+        self.set(arms=1)
+        self.open("/line")
+        self.assertNotIn("Robot 1", self.driver.execute_script("return document.body.innerText"))
+        self.clean("two robots")
+
     def test_a_gauge_that_did_not_count_says_why_in_both_languages(self):
         for language, words in (("en", ("length_left", "5600.310", "usable", "of another slab")),
                                 ("zh", ("length_left", "5600.310", "可用", "属于另一块板"))):

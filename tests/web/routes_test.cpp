@@ -123,6 +123,23 @@ TEST(Words, a_status_in_chinese_keeps_its_keys_and_figures) {
   EXPECT_EQ(status_in_chinese("null"), "null");
 }
 
+TEST(Words, robots_and_scanners_of_a_status_are_translated) {
+  const std::string no_pose(describe(Code::no_pose));
+  const json arm = {{"robot", "2"},
+                    {"scanner", "2"},
+                    {"pose", {{"code", 201}, {"text", no_pose}, {"lost", 3}}},
+                    {"scanner_link", {{"online", false}, {"text", "gateway 17"}}},
+                    {"calibration", {{"reference_block", {{"note", "to the left"}}}}}};
+  const json status = {{"arms", json::array({arm, nullptr})}, {"tie", {{"id", "ti-1"}, {"trouble", "to the left"}}}};
+  const json chinese = json::parse(status_in_chinese(status.dump()));
+  EXPECT_EQ(chinese["arms"][0]["pose"]["text"], report::meaning(Code::no_pose, report::Language::zh));
+  EXPECT_EQ(chinese["arms"][0]["pose"]["lost"], 3);
+  EXPECT_EQ(chinese["arms"][0]["scanner_link"], arm["scanner_link"]) << "a text that the catalogue does not have";
+  EXPECT_EQ(chinese["arms"][0]["calibration"]["reference_block"]["note"], "向左");
+  EXPECT_EQ(chinese["arms"][1], nullptr);
+  EXPECT_EQ(chinese["tie"]["trouble"], "向左");
+}
+
 TEST(Words, notes_and_the_main_reason_are_translated_and_foreign_texts_stay) {
   EXPECT_EQ(
       json::parse(notes_in_chinese(R"({"checks":[{"note":"to the left","who":"to the left"},{"note":"by Li"}]})")),

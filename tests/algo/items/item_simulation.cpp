@@ -148,7 +148,7 @@ Errors none() {
   e.seat_offset_mm = e.seat_tilt_rad = e.jaw_offset_mm = e.jaw_tilt_rad = e.top_offset_mm = e.top_tilt_rad = 0.0;
   e.circle_mm = e.rim_mm = e.cell_mm = 0.0;
   e.registration.fill(0.0);
-  e.noise_factor = e.scanner = e.station = e.reference = 0.0;
+  e.noise_factor = e.scanner = e.station = e.tie = e.reference = 0.0;
   return e;
 }
 
@@ -191,8 +191,56 @@ BuiltSlab varied(const Recipe& recipe, Prng& prng) {
   return slab;
 }
 
-Line::Line(const Recipe& recipe, const algo::StationSigma& sigma) : recipe_(recipe), sigma_(sigma) {
+TieNumbers independent_tie(double sigma_mm, double sigma_rad, const Vec3& centre_mm) {
+  TieNumbers tie;
+  tie.robot = "2";
+  tie.centre_mm = centre_mm;
+  tie.covariance = Mat6::Zero();
+  for (int axis = 0; axis < 3; ++axis) {
+    tie.covariance(axis, axis) = sigma_mm * sigma_mm;
+    tie.covariance(axis + 3, axis + 3) = sigma_rad * sigma_rad;
+  }
+  tie.targets = 8;
+  return tie;
+}
+
+Line::Line(const Recipe& recipe, const algo::StationSigma& sigma, const std::optional<SecondRobot>& second)
+    : recipe_(recipe), sigma_(sigma), second_(second) {
   model_.build(recipe.block);
+}
+
+Pose Line::tie_error(const Errors& errors, Prng& prng) const {
+  if (!second_) return {};
+  const Mat6& covariance = second_->tie.covariance;  // of independent errors
+  Vec3 shift;
+  Vec3 turn;
+  for (int axis = 0; axis < 3; ++axis) shift[axis] = errors.tie * std::sqrt(covariance(axis, axis)) * prng.normal();
+  for (int axis = 0; axis < 3; ++axis)
+    turn[axis] = errors.tie * std::sqrt(covariance(axis + 3, axis + 3)) * prng.normal();
+  const Vec3& centre = second_->tie.centre_mm;
+  const Quat rotation = turned(turn);
+  return {rotation, centre + shift - rotation * centre};
+}
+
+void Line::displace(const Pose& motion, std::vector<BlockResult>& blocks) const {
+  if (!second_) return;
+  for (BlockResult& block : blocks) {
+    if (!second_->scans[block.station - 1U]) continue;
+    SeatObservation& seen = block.observation;
+    seen.p_base = motion * seen.p_base;
+    seen.jaw_outer_base = motion * seen.jaw_outer_base;
+    seen.n_base = motion.rotation * seen.n_base;
+    seen.top_n_base = motion.rotation * seen.top_n_base;
+  }
+}
+
+void Line::inspect(std::span<const BlockResult> blocks, SlabResult& out) const {
+  if (!second_) return algo::inspect_slab(recipe_, blocks, sigma_, T_base_slab(), out);
+  std::array<algo::StationSigma, limits::kStationsMax> sigmas;
+  sigmas.fill(sigma_);
+  for (std::size_t i = 0; i < sigmas.size(); ++i) sigmas[i].arm = second_->scans[i] ? 1 : 0;
+  const std::array<ScannerNumbers, limits::kArmsMax> verified{};
+  algo::inspect_slab(recipe_, blocks, sigmas, T_base_slab(), out, algo::SlabArms{verified, &second_->tie}, {});
 }
 
 Pose Line::T_base_slab() {
@@ -339,7 +387,8 @@ Measured Line::measure(const BuiltSlab& slab, const Errors& errors, Prng& prng) 
   Measured m;
   for (int station = 1; station <= recipe_.stations(); ++station)
     m.blocks.push_back(measure_block(station, slab.blocks[static_cast<std::size_t>(station - 1)], errors, prng));
-  algo::inspect_slab(recipe_, m.blocks, sigma_, T_base_slab(), m.slab);
+  if (second_) displace(tie_error(errors, prng), m.blocks);
+  inspect(m.blocks, m.slab);
   return m;
 }
 
@@ -398,9 +447,9 @@ std::vector<Coverage> coverage(const Line& line, const Errors& errors, int slabs
       for (const Item& item : measured.blocks.back().items)
         compare(item, *find_item(truth.blocks.back().items.begin(), truth.blocks.back().items.end(), item.id), false);
     }
-    algo::StationSigma sigma = line.sigma();
-    algo::inspect_slab(line.recipe(), measured.blocks, sigma, Line::T_base_slab(), measured.slab);
-    algo::inspect_slab(line.recipe(), truth.blocks, sigma, Line::T_base_slab(), truth.slab);
+    line.displace(line.tie_error(errors, prng), measured.blocks);
+    line.inspect(measured.blocks, measured.slab);
+    line.inspect(truth.blocks, truth.slab);
     for (std::size_t i = 0; i < measured.slab.items.size(); ++i)
       compare(measured.slab.items[i], truth.slab.items[i], true);
   }

@@ -2,10 +2,13 @@
 #pragma once
 
 #include <array>
+#include <optional>
+#include <span>
 #include <vector>
 
 #include "algo/algo.h"
 #include "algo/block_model.h"
+#include "base/calibration.h"
 
 /// Slabs at the level of fitted features: known geometry, errors drawn from the distributions stated in the budget, and
 /// the real item functions on top. A slab costs a millisecond, so thousands of them can test U.
@@ -50,6 +53,7 @@ struct Errors {
   // Each is zero for a perfect component.
   double scanner = 1.0;    ///< times the recipe's specification
   double station = 1.0;    ///< times the StationSigma
+  double tie = 1.0;        ///< times the covariance of the tie, as a standard deviation
   double reference = 1.0;  ///< times the recipe's
   bool flatness = false;   ///< simulate cells; else flatness has no value
   std::uint32_t points = 236'000;
@@ -70,13 +74,28 @@ struct Measured {
   SlabResult slab;
 };
 
+/// Stations of the second of two robots, and the tie between them.
+struct SecondRobot {
+  std::array<bool, limits::kStationsMax> scans{};  ///< [station - 1]
+  TieNumbers tie;
+};
+/// A tie with independent errors: `sigma_mm` per axis in the middle of the targets, `sigma_rad` per axis.
+[[nodiscard]] TieNumbers independent_tie(double sigma_mm, double sigma_rad, const Vec3& centre_mm);
+
 /// Measures a built slab: features with errors, block items, budgets, observations, slab items.
 class Line {
  public:
-  Line(const Recipe& recipe, const algo::StationSigma& sigma);
+  Line(const Recipe& recipe, const algo::StationSigma& sigma, const std::optional<SecondRobot>& second = {});
 
   [[nodiscard]] BlockResult measure_block(int station, const BuiltBlock& built, const Errors& errors, Prng& prng) const;
   [[nodiscard]] Measured measure(const BuiltSlab& slab, const Errors& errors, Prng& prng) const;
+
+  /// True motion of the second robot's base from where the tie puts it, base frame.
+  [[nodiscard]] Pose tie_error(const Errors& errors, Prng& prng) const;
+  /// As if the second robot stood elsewhere: displaces what it observed.
+  void displace(const Pose& motion, std::vector<BlockResult>& blocks) const;
+  /// Computes the slab's items from its blocks.
+  void inspect(std::span<const BlockResult> blocks, SlabResult& out) const;
 
   [[nodiscard]] const Recipe& recipe() const { return recipe_; }
   [[nodiscard]] const algo::BlockModel& model() const { return model_; }
@@ -87,6 +106,7 @@ class Line {
   Recipe recipe_;
   algo::BlockModel model_;
   algo::StationSigma sigma_;
+  std::optional<SecondRobot> second_;
 };
 
 /// The recipe of the tests with the reference recipe's [uncertainty]: form 0.05 mm over 150 mm, 50 ppm, reference

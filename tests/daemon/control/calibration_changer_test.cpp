@@ -120,7 +120,7 @@ class CalibrationChangerTest : public ::testing::Test {
 
   void leave(const std::string& name, const std::string& text) { std::ofstream(dir_ / "changes" / name) << text; }
   /// Lays a file and has it carried out, as the loop and the storage thread do.
-  const LineCalibration* carry_out(const std::string& name) {
+  const CellCalibration* carry_out(const std::string& name) {
     const Status laid = changer_->accept(name, 1000);
     EXPECT_TRUE(laid.ok()) << laid.error().text.view();
     EXPECT_TRUE(changer_->is_waiting());
@@ -142,18 +142,34 @@ class CalibrationChangerTest : public ::testing::Test {
 
 TEST_F(CalibrationChangerTest, a_change_is_applied_and_its_file_is_deleted) {
   leave("1.json", change_json(KeepCalibration{hand_eye()}));
-  const LineCalibration* kept = carry_out("1.json");
+  const CellCalibration* kept = carry_out("1.json");
   ASSERT_TRUE(changer_->succeeded()) << changer_->error().text.view();
   ASSERT_NE(kept, nullptr);
-  EXPECT_EQ(kept->source, LineCalibration::Source::missing) << "kept is not applied";
+  EXPECT_EQ(kept->arm[0].source, LineCalibration::Source::missing) << "kept is not applied";
   const std::string id(changer_->id().view());
   EXPECT_FALSE(fs::exists(dir_ / "changes" / "1.json"));
   leave("2.json", change_json(ApplyCalibration{id, {"anna", "test", 5}}));
-  const LineCalibration* applied = carry_out("2.json");
+  const CellCalibration* applied = carry_out("2.json");
   ASSERT_NE(applied, nullptr);
-  EXPECT_EQ(applied->id.view(), id);
+  EXPECT_EQ(applied->arm[0].id.view(), id);
   const auto reader = open_reader((dir_ / "slabd.db").native());
   EXPECT_EQ(reader.value()->applied(1).value().at(0).note.who, "anna (uid 1000)") << "who asked stands in the history";
+}
+
+TEST_F(CalibrationChangerTest, a_change_names_its_scanner) {
+  KeepCalibration keep{hand_eye()};
+  keep.record.scanner = "right";
+  const auto kept = parse_change(change_json(keep));
+  ASSERT_TRUE(kept.ok()) << kept.error().text.view();
+  EXPECT_EQ(std::get<KeepCalibration>(kept.value()).record.scanner, "right");
+  const auto applied = parse_change(change_json(ApplyCalibration{"he-1", {"anna", "test", 5}, "right"}));
+  ASSERT_TRUE(applied.ok());
+  EXPECT_EQ(std::get<ApplyCalibration>(applied.value()).scanner, "right");
+  const auto back =
+      parse_change(change_json(RollBackCalibration{CalibrationKind::tie, 0, {"anna", "test", 5}, "right"}));
+  ASSERT_TRUE(back.ok());
+  EXPECT_EQ(std::get<RollBackCalibration>(back.value()).kind, CalibrationKind::tie);
+  EXPECT_EQ(std::get<RollBackCalibration>(back.value()).scanner, "right");
 }
 
 /// A store that writes, but answers with an error, like a disk that fails during a commit.
@@ -166,7 +182,7 @@ class DoubtfulStore : public Store {
     EXPECT_TRUE(store_.change(change).ok());
     return error(Code::journal_write, "disk I/O error");
   }
-  Result<std::unique_ptr<LineCalibration>> calibration() override { return store_.calibration(); }
+  Result<std::unique_ptr<CellCalibration>> calibration() override { return store_.calibration(); }
   Status order(const CareOrder& order) override { return store_.order(order); }
   CareState care() const override { return store_.care(); }
 
@@ -183,11 +199,11 @@ TEST_F(CalibrationChangerTest, after_a_failed_change_the_line_uses_what_is_in_th
   ASSERT_TRUE(changer_->accept("2.json", 1000).ok());
   changer_->started();
   changer_->carry_out(&doubtful);
-  const LineCalibration* now = changer_->finish();
+  const CellCalibration* now = changer_->finish();
   EXPECT_FALSE(changer_->succeeded());
   EXPECT_NE(changer_->error().text.view().find("made nevertheless"), std::string_view::npos);
   ASSERT_NE(now, nullptr);
-  EXPECT_EQ(now->id.view(), id);
+  EXPECT_EQ(now->arm[0].id.view(), id);
 }
 
 TEST_F(CalibrationChangerTest, a_refused_change_has_no_effect_and_names_the_reason) {

@@ -64,7 +64,7 @@ TEST_F(StatusTest, oddities_of_accepted_poses_are_noted) {
     sample.arrival_ns = station_.now_ns;
     sample.measured = measured;
     sample.stopped = stopped;
-    station_.gate.add(sample);
+    station_.arms[0].gate.add(sample);
     return ask(R"({"verb":"status"})")["links"]["pose"]["note"].get<std::string>();
   };
   EXPECT_EQ(ask(R"({"verb":"status"})")["links"]["pose"]["note"], "");
@@ -75,6 +75,81 @@ TEST_F(StatusTest, oddities_of_accepted_poses_are_noted) {
   EXPECT_NE(note(false, false).find("not measured"), std::string::npos);
   figures_.pose_type = hal::PoseType::rigid_transform;
   EXPECT_EQ(note(false, false), "") << "this message cannot say it";
+}
+
+TEST_F(StatusTest, a_line_with_one_arm_lists_it) {
+  const json answer = ask(R"({"verb":"status"})");
+  ASSERT_EQ(answer["arms"].size(), 1U);
+  const json& arm = answer["arms"][0];
+  EXPECT_EQ(arm["robot"], "1");
+  EXPECT_EQ(arm["scanner"], "1");
+  EXPECT_EQ(arm["pose"], answer["links"]["pose"]);
+  EXPECT_EQ(arm["scanner_link"], answer["links"]["scanner"]);
+  EXPECT_EQ(arm["calibration"], answer["calibration"]);
+  EXPECT_EQ(arm["acceptance"], answer["calibration"]["scanner"]);
+  EXPECT_TRUE(answer["tie"].is_null());
+  const std::string metrics = ask(R"({"verb":"metrics"})")["text"];
+  EXPECT_EQ(metrics.find("scanner=\""), std::string::npos) << "no series has a label that a line with one arm lacks";
+  EXPECT_EQ(metrics.find("slabd_tie_ok"), std::string::npos);
+}
+
+TEST(StatusOfTwoArms, names_the_links_the_calibration_and_the_tie_of_each) {
+  hal::ManualClock clock;
+  hal::MockNotify notify;
+  hal::MockPlc plc;
+  hal::MockPose pose;
+  hal::MockPose pose_2;
+  hal::MockScanner scanner{clock};
+  hal::MockScanner scanner_2{clock};
+  Ports ports{plc, pose, scanner, nullptr, nullptr, clock, notify};
+  ASSERT_TRUE(ports.more_arms.push({&pose_2, &scanner_2}));
+  StationSettings settings;
+  ASSERT_TRUE(settings.arms.list.push(Arm{PartId("2"), PartId("right")}));
+  ASSERT_TRUE(settings.more_arms.push(StationArmSettings{}));
+  const auto station = std::make_unique<Station>(settings);
+  LoopFigures figures;
+  CalibrationChanger changer{""};
+  Actions actions;
+  const auto ask = [&](const std::string& line) {
+    return json::parse(answer_control(line, *station, ports, figures, changer,
+                                      [&](const Event& event) { step(*station, event, actions); }));
+  };
+  LinkStatus online;
+  online.scanner_online = true;
+  online.stray_files = 3;
+  online.arm = 1;
+  step(*station, online, actions);
+  station->calibration.arm[1].id = "he-2";
+  station->calibration.arm[1].scanner.id = "sc-2";
+  station->arms[1].scanner_temperature_c = 31.5;
+  station->calibration.tie.id = "ti-1";
+  station->calibration.tie.numbers.robot = "2";
+  json answer = ask(R"({"verb":"status"})");
+  ASSERT_EQ(answer["arms"].size(), 2U);
+  EXPECT_EQ(answer["arms"][1]["robot"], "2");
+  EXPECT_EQ(answer["arms"][1]["scanner"], "right");
+  EXPECT_EQ(answer["arms"][1]["scanner_link"]["online"], true);
+  EXPECT_EQ(answer["arms"][1]["scanner_link"]["strays"], 3);
+  EXPECT_EQ(answer["arms"][0]["scanner_link"]["online"], false);
+  EXPECT_EQ(answer["links"]["scanner"]["online"], false) << "the first one's";
+  EXPECT_EQ(answer["arms"][1]["calibration"]["id"], "he-2");
+  EXPECT_EQ(answer["arms"][1]["acceptance"]["id"], "sc-2");
+  EXPECT_EQ(answer["arms"][1]["temperature_c"], 31.5);
+  EXPECT_EQ(answer["tie"]["id"], "ti-1");
+  EXPECT_EQ(answer["tie"]["robot"], "2");
+  EXPECT_NE(answer["tie"]["trouble"], "") << "of other hand-eye calibrations";
+  station->calibration.tie.hand_eye_id[1] = "he-2";
+  answer = ask(R"({"verb":"status"})");
+  EXPECT_EQ(answer["tie"]["trouble"], "");
+  EXPECT_EQ(answer["memory"]["inspection_bytes"], limits::kInspectionBytes + limits::kScanSlotBytes);
+  const std::string metrics = ask(R"({"verb":"metrics"})")["text"];
+  EXPECT_NE(metrics.find("\nslabd_scanner_online 0\nslabd_scanner_online{scanner=\"right\"} 1\n"), std::string::npos)
+      << metrics;
+  EXPECT_NE(metrics.find("slabd_pose_datagrams_total{what=\"accepted\",scanner=\"right\"} 0\n"), std::string::npos);
+  EXPECT_NE(metrics.find("\nslabd_tie_ok 1\n"), std::string::npos);
+  const json state = ask(R"({"verb":"calibration"})");
+  EXPECT_EQ(state["arms"][1]["in_force"]["id"], "he-2");
+  EXPECT_EQ(state["tie"]["id"], "ti-1");
 }
 
 TEST_F(StatusTest, stops_that_are_alike_are_reported_with_the_command_that_plans_others) {

@@ -49,6 +49,13 @@ LineCalibration with_scanner(const char* id, double form_half_mm) {
   return c;
 }
 
+/// Puts it in force for the next slab.
+void change(Line& line, const LineCalibration& calibration) {
+  CellCalibration cell;
+  cell.arm[0] = calibration;
+  line.feed(CalibrationChanged{&cell});
+}
+
 bool says(const std::vector<std::string>& lines, std::string_view text) {
   return std::any_of(lines.begin(), lines.end(),
                      [&](const std::string& line) { return line.find(text) != std::string::npos; });
@@ -69,7 +76,7 @@ TEST(StationCalibration, commissioning_values_are_used_with_a_warning_until_one_
   EXPECT_EQ(store.line.stations[0].attempt.splice.source, SpliceSource::commissioning);
 
   MemoryStore applied;
-  applied.line.calibration = hand_eye("he-1", 5.0);
+  applied.line.calibration.arm[0] = hand_eye("he-1", 5.0);
   Line other(applied);
   EXPECT_EQ(other.view().warn & kWarnCommissioningCalibration, 0);
   other.command(PlcCommand::slab_begin);
@@ -86,7 +93,7 @@ TEST(StationCalibration, handedness_is_unproven_until_a_calibration_is_applied_a
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
   const LineCalibration now = hand_eye("he-1");
-  line.feed(CalibrationChanged{&now});
+  change(line, now);
   line.run_for(20);
   EXPECT_EQ(line.view().warn & kWarnCommissioningCalibration, 0);
   EXPECT_NE(line.view().warn & kWarnHandednessUnproven, 0) << "the open slab is measured with the values it began with";
@@ -97,14 +104,14 @@ TEST(StationCalibration, handedness_is_unproven_until_a_calibration_is_applied_a
   EXPECT_EQ(line.view().warn & kWarnHandednessUnproven, 0);
 
   MemoryStore applied;
-  applied.line.calibration = hand_eye("he-1");
+  applied.line.calibration.arm[0] = hand_eye("he-1");
   Line other(applied);
   EXPECT_EQ(other.view().warn & kWarnHandednessUnproven, 0);
   EXPECT_FALSE(says(other.logged, "right-handed"));
 
   MemoryStore adopted;
-  adopted.line.calibration = hand_eye("he-2");
-  adopted.line.calibration.trouble = "he-2 was adopted: no views prove that the scanner's frame is right-handed";
+  adopted.line.calibration.arm[0] = hand_eye("he-2");
+  adopted.line.calibration.arm[0].trouble = "he-2 was adopted: no views prove that the scanner's frame is right-handed";
   Line third(adopted);
   EXPECT_NE(third.view().warn & kWarnHandednessUnproven, 0);
   EXPECT_EQ(third.view().warn & kWarnCommissioningCalibration, 0);
@@ -114,8 +121,8 @@ TEST(StationCalibration, handedness_is_unproven_until_a_calibration_is_applied_a
 
 TEST(StationCalibration, an_applied_calibration_that_cannot_be_used_is_never_replaced_by_commissioning_values) {
   MemoryStore store;
-  store.line.calibration.id = "he-1";
-  store.line.calibration.trouble = "the numbers were changed";
+  store.line.calibration.arm[0].id = "he-1";
+  store.line.calibration.arm[0].trouble = "the numbers were changed";
   Line line(store);
   EXPECT_EQ(line.view().fault, 503);
   EXPECT_EQ(line.view().state, PlcState::fault);
@@ -128,8 +135,8 @@ TEST(StationCalibration, an_applied_calibration_that_cannot_be_used_is_never_rep
 
 TEST(StationCalibration, an_expired_one_refuses_the_next_slab_and_finishes_the_open_one) {
   MemoryStore store;
-  store.line.calibration = hand_eye("he-1");
-  store.line.calibration.expires_utime_us = 4'000'000;  // the line's clock starts at two seconds
+  store.line.calibration.arm[0] = hand_eye("he-1");
+  store.line.calibration.arm[0].expires_utime_us = 4'000'000;  // the line's clock starts at two seconds
   Line line(store);
   EXPECT_EQ(line.view().fault, 0);
   line.command(PlcCommand::slab_begin);
@@ -149,18 +156,18 @@ TEST(StationCalibration, an_expired_one_refuses_the_next_slab_and_finishes_the_o
 
 TEST(StationCalibration, a_failed_check_stops_the_line_and_a_passed_one_releases_it) {
   MemoryStore store;
-  store.line.calibration = hand_eye("he-1");
+  store.line.calibration.arm[0] = hand_eye("he-1");
   Line line(store);
   LineCalibration now = hand_eye("he-1");
   now.block.reference_id = "rb-1";
   now.block.failed = true;
-  line.feed(CalibrationChanged{&now});
+  change(line, now);
   EXPECT_EQ(line.view().fault, 503);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
   EXPECT_FALSE(line.view().slab_open);
   now.block.failed = false;
-  line.feed(CalibrationChanged{&now});
+  change(line, now);
   EXPECT_EQ(line.view().fault, 0);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
@@ -169,9 +176,9 @@ TEST(StationCalibration, a_failed_check_stops_the_line_and_a_passed_one_releases
 
 TEST(StationCalibration, an_overdue_check_is_a_warning) {
   MemoryStore store;
-  store.line.calibration = hand_eye("he-1");
-  store.line.calibration.block.reference_id = "rb-1";
-  store.line.calibration.block.since_utime_us = 2'000'000;
+  store.line.calibration.arm[0] = hand_eye("he-1");
+  store.line.calibration.arm[0].block.reference_id = "rb-1";
+  store.line.calibration.arm[0].block.since_utime_us = 2'000'000;
   Line line(store);
   line.station->settings.check_interval_us = 3'000'000;
   line.run_for(1'000);
@@ -183,14 +190,14 @@ TEST(StationCalibration, an_overdue_check_is_a_warning) {
 
 TEST(StationCalibration, a_change_waits_for_the_next_slab) {
   MemoryStore store;
-  store.line.calibration = mastered("he-1", test_recipe());
+  store.line.calibration.arm[0] = mastered("he-1", test_recipe());
   Line line(store);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
   EXPECT_EQ(begun(store).stations_id.view(), "st-1");
   line.scan(1);
   const LineCalibration other = hand_eye("he-2", 7.0);
-  line.feed(CalibrationChanged{&other});
+  change(line, other);
   line.scan(2);
   for (const std::size_t i : {0U, 1U}) {
     EXPECT_EQ(store.line.stations[i].attempt.splice.source, SpliceSource::corrected) << i;
@@ -210,21 +217,21 @@ TEST(StationCalibration, a_change_waits_for_the_next_slab) {
 
 TEST(StationCalibration, a_slab_begin_on_its_way_to_the_database_keeps_the_calibration_it_names) {
   MemoryStore store;
-  store.line.calibration = hand_eye("he-1");
+  store.line.calibration.arm[0] = hand_eye("he-1");
   Line line(store);
   line.command(PlcCommand::slab_begin);  // journalled, not yet answered
   const LineCalibration other = hand_eye("he-2");
-  line.feed(CalibrationChanged{&other});
+  change(line, other);
   line.run_for(20);
   ASSERT_TRUE(line.view().slab_open);
   EXPECT_EQ(line.station->slab.header.calibration_id.view(), "he-1");
-  EXPECT_EQ(line.station->slab.calibration.id.view(), "he-1");
-  EXPECT_EQ(line.station->calibration.id.view(), "he-2");
+  EXPECT_EQ(line.station->slab.calibration.arm[0].id.view(), "he-1");
+  EXPECT_EQ(line.station->calibration.arm[0].id.view(), "he-2");
 }
 
 TEST(StationCalibration, a_restart_continues_with_the_open_slabs_calibration) {
   MemoryStore store;
-  store.line.calibration = mastered("he-1", test_recipe());
+  store.line.calibration.arm[0] = mastered("he-1", test_recipe());
   {
     Line line(store);
     line.command(PlcCommand::slab_begin);
@@ -232,17 +239,17 @@ TEST(StationCalibration, a_restart_continues_with_the_open_slabs_calibration) {
     line.scan(1);
   }
   store.line.slab_calibration = store.line.calibration;  // found by storage through the header's ids
-  store.line.calibration = hand_eye("he-2", 7.0);
+  store.line.calibration.arm[0] = hand_eye("he-2", 7.0);
   Line again(store);
   again.scan(2);
   EXPECT_EQ(store.line.stations[1].attempt.splice.source, SpliceSource::corrected);
-  EXPECT_EQ(again.station->slab.calibration.id.view(), "he-1");
+  EXPECT_EQ(again.station->slab.calibration.arm[0].id.view(), "he-1");
 }
 
 TEST(StationCalibration, stale_corrections_are_not_used_and_not_named) {
   MemoryStore store;
-  store.line.calibration = mastered("he-1", test_recipe());
-  store.line.calibration.id = "he-2";
+  store.line.calibration.arm[0] = mastered("he-1", test_recipe());
+  store.line.calibration.arm[0].id = "he-2";
   Line line(store);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
@@ -254,7 +261,7 @@ TEST(StationCalibration, stale_corrections_are_not_used_and_not_named) {
 
 TEST(StationCalibration, outside_the_gate_the_scan_is_spliced_without_its_correction_and_marked) {
   MemoryStore store;
-  store.line.calibration = mastered("he-1", test_recipe());
+  store.line.calibration.arm[0] = mastered("he-1", test_recipe());
   Line line(store);
   line.station->settings.splice.absolute_mm = 0.7;
   line.station->settings.splice.absolute_rad = 5e-4;
@@ -274,14 +281,14 @@ TEST(StationCalibration, outside_the_gate_the_scan_is_spliced_without_its_correc
 TEST(StationCalibration, a_new_one_ends_what_a_clock_that_was_ahead_has_let_expire) {
   constexpr std::int64_t kYear_us = 365 * std::int64_t{86'400'000'000};
   MemoryStore store;
-  store.line.calibration = hand_eye("he-1");
-  store.line.calibration.expires_utime_us = kYear_us;
+  store.line.calibration.arm[0] = hand_eye("he-1");
+  store.line.calibration.arm[0].expires_utime_us = kYear_us;
   store.line.newest_utime_us = 2 * kYear_us;
   Line line(store);
   EXPECT_EQ(line.view().fault, 503);
   LineCalibration fresh = hand_eye("he-2");
   fresh.expires_utime_us = kYear_us + 1;
-  line.feed(CalibrationChanged{&fresh});
+  change(line, fresh);
   line.run_for(20);
   line.plc.fault_reset = true;
   line.feed(line.plc);
@@ -293,7 +300,7 @@ TEST(StationCalibration, a_new_one_ends_what_a_clock_that_was_ahead_has_let_expi
 TEST(StationCalibration, corrections_and_an_acceptance_made_after_a_clock_that_was_ahead_are_used_at_once) {
   constexpr std::int64_t kDay_us = 86'400'000'000;
   MemoryStore store;
-  store.line.calibration = hand_eye("he-1");
+  store.line.calibration.arm[0] = hand_eye("he-1");
   store.line.newest_utime_us = 200 * kDay_us;
   Line line(store);
   ASSERT_NE(line.view().warn & kWarnClockBackwards, 0);
@@ -302,7 +309,7 @@ TEST(StationCalibration, corrections_and_an_acceptance_made_after_a_clock_that_w
     line.station->newest_time = NewestTime(200 * kDay_us);
     LineCalibration fresh = table ? mastered("he-1", line.recipe) : with_scanner("sc-1", 0.06);
     (table ? fresh.tables[0].expires_utime_us : fresh.scanner.expires_utime_us) = 90 * kDay_us;
-    line.feed(CalibrationChanged{&fresh});
+    change(line, fresh);
     line.command(PlcCommand::slab_begin);
     line.run_for(20);
     ASSERT_TRUE(line.view().slab_open);
@@ -316,8 +323,8 @@ TEST(StationCalibration, corrections_and_an_acceptance_made_after_a_clock_that_w
 
 TEST(StationCalibration, corrections_that_expired_are_not_used_and_not_named) {
   MemoryStore store;
-  store.line.calibration = mastered("he-1", test_recipe());
-  store.line.calibration.tables[0].expires_utime_us = 1;
+  store.line.calibration.arm[0] = mastered("he-1", test_recipe());
+  store.line.calibration.arm[0].tables[0].expires_utime_us = 1;
   Line line(store);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
@@ -331,10 +338,10 @@ TEST(StationCalibration, a_slab_is_measured_with_the_corrections_it_was_begun_wi
   for (const bool expired_at_first : {false, true}) {
     SCOPED_TRACE(expired_at_first ? "a clock that was ahead when the slab began" : "expired amid the slab");
     MemoryStore store;
-    store.line.calibration = mastered("he-1", test_recipe());
+    store.line.calibration.arm[0] = mastered("he-1", test_recipe());
     Line line(store);
     const std::int64_t now_us = line.station->utime_us;
-    auto& expires_us = line.station->calibration.tables[0].expires_utime_us;
+    auto& expires_us = line.station->calibration.arm[0].tables[0].expires_utime_us;
     expires_us = expired_at_first ? 1 : now_us + 1'000'000'000;
     line.command(PlcCommand::slab_begin);
     line.run_for(20);
@@ -342,7 +349,7 @@ TEST(StationCalibration, a_slab_is_measured_with_the_corrections_it_was_begun_wi
     const SpliceSource as_begun = expired_at_first ? SpliceSource::expired : SpliceSource::corrected;
     line.scan(1);
     EXPECT_EQ(store.line.stations[0].attempt.splice.source, as_begun);
-    line.station->slab.calibration.tables[0].expires_utime_us = expired_at_first ? INT64_MAX : 1;
+    line.station->slab.calibration.arm[0].tables[0].expires_utime_us = expired_at_first ? INT64_MAX : 1;
     line.scan(2);
     EXPECT_EQ(store.line.stations[1].attempt.splice.source, as_begun);
   }
@@ -350,8 +357,8 @@ TEST(StationCalibration, a_slab_is_measured_with_the_corrections_it_was_begun_wi
 
 TEST(StationCalibration, corrections_that_will_expire_are_used_until_then) {
   MemoryStore store;
-  store.line.calibration = mastered("he-1", test_recipe());
-  store.line.calibration.tables[0].expires_utime_us = INT64_MAX;
+  store.line.calibration.arm[0] = mastered("he-1", test_recipe());
+  store.line.calibration.arm[0].tables[0].expires_utime_us = INT64_MAX;
   Line line(store);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
@@ -360,8 +367,8 @@ TEST(StationCalibration, corrections_that_will_expire_are_used_until_then) {
 
 TEST(StationCalibration, a_station_that_was_never_mastered_among_others_that_were_is_a_warning) {
   MemoryStore store;
-  store.line.calibration = mastered("he-1", test_recipe());
-  store.line.calibration.tables[0].table.station[1] = {};
+  store.line.calibration.arm[0] = mastered("he-1", test_recipe());
+  store.line.calibration.arm[0].tables[0].table.station[1] = {};
   Line line(store);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
@@ -374,9 +381,9 @@ TEST(StationCalibration, a_station_that_was_never_mastered_among_others_that_wer
 
 TEST(StationCalibration, an_overdue_check_of_the_ball_is_a_warning_too) {
   MemoryStore store;
-  store.line.calibration = hand_eye("he-1");
-  store.line.calibration.ball.reference_id = "ball-1";
-  store.line.calibration.ball.since_utime_us = 2'000'000;
+  store.line.calibration.arm[0] = hand_eye("he-1");
+  store.line.calibration.arm[0].ball.reference_id = "ball-1";
+  store.line.calibration.arm[0].ball.since_utime_us = 2'000'000;
   Line line(store);
   line.station->settings.check_interval_us = 3'000'000;
   line.run_for(5'000);
@@ -385,14 +392,14 @@ TEST(StationCalibration, an_overdue_check_of_the_ball_is_a_warning_too) {
 
 TEST(StationCalibration, a_calibration_that_fails_during_a_slab_stops_the_line_after_it) {
   MemoryStore store;
-  store.line.calibration = hand_eye("he-1");
+  store.line.calibration.arm[0] = hand_eye("he-1");
   Line line(store);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
   LineCalibration now = hand_eye("he-2");
   now.block.reference_id = "rb-1";
   now.block.failed = true;
-  line.feed(CalibrationChanged{&now});
+  change(line, now);
   line.run_for(100);
   EXPECT_EQ(line.view().fault, 0) << "a slab that was begun is finished";
   line.scan(1);
@@ -407,7 +414,7 @@ TEST(StationCalibration, a_line_with_neither_an_applied_nor_a_configured_calibra
   Line line(store);
   line.station->settings.calibration_id = "";
   const LineCalibration nothing;
-  line.feed(CalibrationChanged{&nothing});
+  change(line, nothing);
   EXPECT_EQ(line.view().fault, 503);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
@@ -416,7 +423,7 @@ TEST(StationCalibration, a_line_with_neither_an_applied_nor_a_configured_calibra
 
 TEST(StationCalibration, a_scanner_that_was_not_verified_is_only_a_warning) {
   MemoryStore store;
-  store.line.calibration = hand_eye("he-1");
+  store.line.calibration.arm[0] = hand_eye("he-1");
   Line line(store);
   EXPECT_NE(line.view().warn & kWarnScannerNotVerified, 0);
   EXPECT_EQ(line.view().fault, 0);
@@ -426,13 +433,13 @@ TEST(StationCalibration, a_scanner_that_was_not_verified_is_only_a_warning) {
   EXPECT_TRUE(begun(store).scanner_id.empty());
   line.scan(1);
   ASSERT_FALSE(line.measured.empty());
-  EXPECT_FALSE(has_value(line.measured.back().basis.verified.form_half_mm)) << "the recipe's specification alone";
+  EXPECT_FALSE(has_value(line.measured.back().basis.verified[0].form_half_mm)) << "the recipe's specification alone";
 }
 
 TEST(StationCalibration, a_scanner_far_from_the_temperature_of_its_acceptance_measures_with_more_U_and_a_warning) {
   MemoryStore store;
-  store.line.calibration = with_scanner("sc-1", 0.06);
-  store.line.calibration.scanner.numbers.temperature_c = 30.0;
+  store.line.calibration.arm[0] = with_scanner("sc-1", 0.06);
+  store.line.calibration.arm[0].scanner.numbers.temperature_c = 30.0;
   Line line(store);
   line.command(PlcCommand::slab_begin);
   line.run_for(20);
@@ -456,7 +463,7 @@ TEST(StationCalibration, a_scanner_far_from_the_temperature_of_its_acceptance_me
 
 TEST(StationCalibration, a_slab_is_measured_with_the_acceptance_it_was_begun_with_also_over_a_restart) {
   MemoryStore store;
-  store.line.calibration = with_scanner("sc-1", 0.06);
+  store.line.calibration.arm[0] = with_scanner("sc-1", 0.06);
   {
     Line line(store);
     EXPECT_EQ(line.view().warn & kWarnScannerNotVerified, 0);
@@ -464,24 +471,24 @@ TEST(StationCalibration, a_slab_is_measured_with_the_acceptance_it_was_begun_wit
     line.run_for(20);
     EXPECT_EQ(begun(store).scanner_id.view(), "sc-1");
     const LineCalibration next = with_scanner("sc-2", 0.09);
-    line.feed(CalibrationChanged{&next});
+    change(line, next);
     line.scan(1);
-    EXPECT_EQ(line.measured.back().basis.verified.form_half_mm, 0.06) << "the change is for the next slab";
-    EXPECT_EQ(line.station->slab.calibration.scanner.id.view(), "sc-1");
+    EXPECT_EQ(line.measured.back().basis.verified[0].form_half_mm, 0.06) << "the change is for the next slab";
+    EXPECT_EQ(line.station->slab.calibration.arm[0].scanner.id.view(), "sc-1");
   }
-  store.line.slab_calibration = with_scanner("sc-1", 0.06);
-  store.line.calibration = with_scanner("sc-2", 0.09);
+  store.line.slab_calibration.arm[0] = with_scanner("sc-1", 0.06);
+  store.line.calibration.arm[0] = with_scanner("sc-2", 0.09);
   Line restarted(store);
   restarted.scan(2);
-  EXPECT_EQ(restarted.measured.back().basis.verified.form_half_mm, 0.06);
+  EXPECT_EQ(restarted.measured.back().basis.verified[0].form_half_mm, 0.06);
 }
 
 TEST(StationCalibration, an_acceptance_that_is_too_old_or_was_followed_by_a_failure_warns_and_stays_in_use) {
   for (const bool failed : {false, true}) {
     MemoryStore store;
-    store.line.calibration = with_scanner("sc-1", 0.06);
-    store.line.calibration.scanner.failed = failed;
-    if (!failed) store.line.calibration.scanner.expires_utime_us = 1'000'000;  // the clock starts at two seconds
+    store.line.calibration.arm[0] = with_scanner("sc-1", 0.06);
+    store.line.calibration.arm[0].scanner.failed = failed;
+    if (!failed) store.line.calibration.arm[0].scanner.expires_utime_us = 1'000'000;  // the clock starts at two seconds
     Line line(store);
     EXPECT_NE(line.view().warn & kWarnScannerNotVerified, 0) << failed;
     EXPECT_EQ(line.view().fault, 0);
@@ -489,7 +496,7 @@ TEST(StationCalibration, an_acceptance_that_is_too_old_or_was_followed_by_a_fail
     line.run_for(20);
     EXPECT_EQ(begun(store).scanner_id.view(), "sc-1");
     line.scan(1);
-    EXPECT_EQ(line.measured.back().basis.verified.form_half_mm, 0.06) << "U does not fall because a day has passed";
+    EXPECT_EQ(line.measured.back().basis.verified[0].form_half_mm, 0.06) << "U does not fall because a day has passed";
   }
 }
 

@@ -275,7 +275,7 @@ TEST_F(CaptureTest, a_view_that_ends_before_the_scanner_was_asked_costs_no_scan)
     }
     line_.disk_answers = true;
     line_.run_for(100);
-    EXPECT_FALSE(line_.station->scan_unseen);
+    EXPECT_FALSE(line_.station->arms[0].scan_unseen);
     if (by_end) begin();
     EXPECT_EQ(shoot().code, Code::ok);
     ask(Action::end);
@@ -330,8 +330,8 @@ TEST_F(CaptureTest, a_slab_on_its_way_into_the_journal_comes_first) {
 }
 
 TEST_F(CaptureTest, a_line_without_a_calibration_may_be_calibrated_and_shows_the_fault) {
-  store_.line.calibration.id = "he-1";
-  store_.line.calibration.trouble = "the numbers were changed";
+  store_.line.calibration.arm[0].id = "he-1";
+  store_.line.calibration.arm[0].trouble = "the numbers were changed";
   line_.start();
   ASSERT_EQ(line_.view().fault, 503);
   begin();

@@ -74,6 +74,11 @@ class Line {
   bool measuring_works = true;  ///< false: MeasureBlock is never answered
   Verdict block_verdict = Verdict::pass;
   Code refuses = Code::ok;  ///< result of measuring
+  // The second robot and its scanner, if settings.arms lists them.
+  Pose T_base_robot_2;
+  int robot_2_station = 0;  ///< where it stands; 0: it looks at no block
+  Code scan_code_2 = Code::ok;
+  bool scanner_2_answers = true;
   bool plc_beats = true;
   bool disk_answers = true;  ///< false: jobs wait without end, as on a disk that hangs
 
@@ -135,6 +140,7 @@ class Line {
       now_ns_ += 4 * kNsPerMs;
       feed(Tick{now_ns_, now_ns_ / 1000 + 1'000'000});
       if (robot_present) feed(pose());
+      if (settings.arms.several()) feed(pose_of_second());
       if (plc_beats && now_ns_ - beat_ns_ > 250 * kNsPerMs) {
         beat_ns_ = now_ns_;
         ++plc.heartbeat;
@@ -200,6 +206,21 @@ class Line {
     return sample;
   }
 
+  PoseSample pose_of_second() {
+    PoseSample sample;
+    sample.arm = 1;
+    sample.arrival_ns = now_ns_;
+    sample.utime_us = now_ns_ / 1000 + 1'000'000;
+    sample.seq = ++pose_2_seq_;
+    Pose T_base_flange;
+    T_base_flange.translation_mm = Vec3(0.0, 0.0, 5'000.0);
+    if (robot_2_station != 0)
+      T_base_flange =
+          T_slab_block(recipe, robot_2_station) * dithered(nominal_T_block_scanner(), robot_2_station, dither);
+    sample.T_base_flange = T_base_robot_2.inverse() * T_base_flange;
+    return sample;
+  }
+
   void carry_out(const Action& action) {
     if (const auto* job = std::get_if<StoreJob>(&action)) {
       if (!disk_answers) return;
@@ -207,7 +228,7 @@ class Line {
     } else if (const auto* acquire = std::get_if<AcquireScan>(&action)) {
       scans.push_back(*acquire);
       exposing_ = true;
-      if (!scanner_answers) return;
+      if (acquire->arm == 0 ? !scanner_answers : !scanner_2_answers) return;
       ScanDone done = answer(*acquire);
       if (decodes_first && done.code == Code::ok) pending_.push_back(done);
       done.durable = true;
@@ -215,11 +236,12 @@ class Line {
         pending_.push_back(done);
       else
         syncing_ = done;
-    } else if (std::holds_alternative<CancelScan>(action)) {
+    } else if (const auto* cancel = std::get_if<CancelScan>(&action)) {
       ++cancelled;
       exposing_ = false;
       if (worker_hangs) return;
       ScanDone done;
+      done.arm = cancel->arm;
       done.cmd_seq = scans.back().request.cmd_seq;
       done.slot = scans.back().slot;
       done.code = Code::interrupted;
@@ -268,8 +290,9 @@ class Line {
     ScanDone done;
     done.cmd_seq = acquire.request.cmd_seq;
     done.slot = acquire.slot;
-    done.code = scan_code;
-    if (scan_code != Code::ok) done.text = "as the test wants it";
+    done.arm = acquire.arm;
+    done.code = acquire.arm == 0 ? scan_code : scan_code_2;
+    if (done.code != Code::ok) done.text = "as the test wants it";
     done.scan.path = acquire.request.spool_path;
     done.scan.taken_mono_ns = now_ns_ + 4 * kNsPerMs;
     done.scan.shape = {1000, 900, 0, 0};
@@ -284,6 +307,7 @@ class Line {
   std::int64_t now_ns_ = kNsPerS;
   std::int64_t beat_ns_ = 0;
   std::int32_t pose_seq_ = 0;
+  std::int32_t pose_2_seq_ = 0;
   bool exposing_ = false;
   ScanDone syncing_;
   Actions actions_;

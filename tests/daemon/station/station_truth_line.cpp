@@ -42,7 +42,7 @@ void TruthLine::start() {
   RecoveredLine line = store_.recover();
   // Found by the header's id, as in the database.
   if (!(line.slab.calibration_id == settings_.calibration_id))
-    line.slab_calibration = calibration_named(line.slab.calibration_id);
+    line.slab_calibration.arm[0] = calibration_named(line.slab.calibration_id);
   feed(Recovered{&line});
 }
 
@@ -191,7 +191,8 @@ void TruthLine::mend_everything() {
   disk_.all_is_well = true;
   poses_come_ = true;
   press_abort(false);
-  LineCalibration calibration = calibration_named("he-3");
+  CellCalibration calibration;
+  calibration.arm[0] = calibration_named("he-3");
   feed(CalibrationChanged{&calibration});
 }
 
@@ -243,7 +244,7 @@ void TruthLine::pass_a_slab(int orders_max) {
 
 bool TruthLine::is_at_rest() const {
   const bool slots_free = !station_->slot_busy[0] && !station_->slot_busy[1];
-  return station_->storing.empty() && station_->measuring == 0 && slots_free && !station_->abandoned.waits &&
+  return station_->storing.empty() && station_->measuring == 0 && slots_free && !station_->arms[0].abandoned.waits &&
          !plc_view(*station_).busy;
 }
 
@@ -251,7 +252,7 @@ void TruthLine::check_nothing_is_left() {
   if (!is_at_rest()) violated("a job, a measurement, a buffer or a scan that was given up is left over");
   if (!station_->unsaved_fingerprints.empty() || !station_->unsaved_acks.empty())
     violated("something that a failing disk kept back is never stored");
-  if (station_->scan_unseen) violated("the scanner is not trusted though it gave a whole slab");
+  if (station_->arms[0].scan_unseen) violated("the scanner is not trusted though it gave a whole slab");
   if (store_.refused != 0) violated(std::to_string(store_.refused) + " jobs were refused by the database");
 }
 

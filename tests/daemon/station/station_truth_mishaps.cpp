@@ -98,8 +98,9 @@ void TruthLine::act_as_maintenance() {
 }
 
 void TruthLine::change_calibration() {
-  LineCalibration calibration = calibration_named(chance_.happens(0.5) ? "he-1" : "he-2");
-  if (chance_.happens(0.1)) calibration.expires_utime_us = utime_us_ + chance_.between(-100, 100) * 1'000'000LL;
+  CellCalibration calibration;
+  calibration.arm[0] = calibration_named(chance_.happens(0.5) ? "he-1" : "he-2");
+  if (chance_.happens(0.1)) calibration.arm[0].expires_utime_us = utime_us_ + chance_.between(-100, 100) * 1'000'000LL;
   store_.line.calibration = calibration;
   feed(CalibrationChanged{&calibration});
 }

@@ -32,6 +32,36 @@ TEST_F(ScanDropTest, an_answer_is_decoded_and_stored_in_the_spool) {
   EXPECT_EQ(scanner_->stray_files(), 0U);
 }
 
+TEST_F(ScanDropTest, a_request_of_a_line_with_several_scanners_names_the_one_that_is_asked) {
+  ScanRequest to_right = request();
+  to_right.by = {PartId("2"), PartId("right")};
+  std::string request_text;
+  ASSERT_TRUE(acquire(to_right, [&] {
+                request_text = read_file(request_file("7-3.json"));
+                drop_scan("7-3.ply");
+              }).ok());
+  EXPECT_EQ(request_text,
+            "{\"schema\": \"slabd.scan_request/1\", \"session\": 7, \"cmd_seq\": 3, \"slab_id\": \"S-1\", "
+            "\"station\": 4, \"scanner\": \"right\", \"robot\": \"2\"}\n");
+}
+
+TEST_F(ScanDropTest, two_scanners_have_a_folder_and_a_lock_each) {
+  ScanDropSettings other;
+  other.drop_dir = PathText(folder_ / "drop-2");
+  other.make_drop_dir = true;
+  other.owner = "the same daemon";
+  auto second = make_scan_drop(other, *clock_);
+  ASSERT_TRUE(second.ok()) << second.error().text.c_str();
+  second.value()->idle();
+  EXPECT_TRUE(second.value()->online()) << second.value()->trouble().c_str();
+  EXPECT_TRUE(second.value()->used_by_another().empty());
+  EXPECT_TRUE(fs::exists(folder_ / "drop-2/request"));
+  const auto result = acquire(request(), [&] { drop_scan("7-3.ply"); });
+  EXPECT_TRUE(result.ok()) << result.error().text.c_str();
+  second.value()->idle();
+  EXPECT_EQ(second.value()->stray_files(), 0U) << "the answer was not for it";
+}
+
 TEST_F(ScanDropTest, the_points_are_there_before_the_scan_is_durable) {
   int told = 0;
   on_decoded_ = [&](const AcquiredScan& scan) {

@@ -15,6 +15,7 @@
 //   required=1|0    1: nothing can be read without a login
 //   second=1|0      1: a decision needs a second person
 //   cookie=1|0      0: the browser gets no cookie with a login, as if it refused it
+//   arms=1|2        2: two robots with a scanner each, the second scanner offline
 //   limits=1|0      0: the blocks of a trend have different limits, and values with other limits were left out
 //   refuse=STATUS   every POST except login and logout is refused with this status
 //   reports=1       answers the CSP reports and errors that the page sent
@@ -45,7 +46,7 @@ const types = { html: 'text/html; charset=utf-8', js: 'text/javascript; charset=
   svg: 'image/svg+xml', txt: 'text/plain; charset=utf-8' };
 
 const start = { status: 'live', slab: 'fail', id: null, done: '7', database: '1', fault: '0', newest: '', users: '1', required: '0',
-  second: '0', refuse: '', cookie: '1', limits: '1' };
+  second: '0', refuse: '', cookie: '1', limits: '1', arms: '1' };
 let now = { ...start };
 /// A PNG picture of one pixel.
 const kPixel = 'iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg==';
@@ -92,6 +93,7 @@ const faults = { en: { text: 'the clock was set back', cure: 'set the clock (NTP
 
 function webStatus(language) {
   const status = structuredClone(documents.status);
+  Object.assign(status, armsIn(status));
   if (now.slab === 'open')
     Object.assign(status.slab, { id: now.id ?? 'C3-4161', stations_done: Number(now.done), current_station: Number(now.done) + 1 });
   else Object.assign(status, { slab: null, state: 'idle' });
@@ -106,6 +108,17 @@ function webStatus(language) {
     map: now.slab === 'none' ? null : mapOf(now.slab), last: now.slab === 'none' ? [] : last,
     yield: now.slab === 'none' ? null : documents.yield.groups.at(-2), slabd_web: { version: '1.0.0', language: 'en' },
   };
+}
+
+/// The arms of the line, and the tie of two.
+function armsIn(status) {
+  const arm = (id, online) => ({ robot: id, scanner: id, pose: status.links.pose,
+    scanner_link: { online, strays: 0, text: online ? '' : 'no gateway is connected' },
+    calibration: { ...documents.calibration.state.in_force, id: id === '1' ? documents.calibration.state.in_force.id : 'he-of-the-second' },
+    acceptance: documents.calibration.state.in_force.scanner, temperature_c: id === '1' ? null : 33.5 });
+  if (now.arms !== '2') return { arms: [arm('1', status.links.scanner.online)], tie: null };
+  return { arms: [arm('1', true), arm('2', false)],
+    tie: { id: 'ti-5ad0c2', robot: '2', expires_utime_us: 1_780_000_000_000_000, trouble: '' } };
 }
 
 const tokenOf = (request) => /(?:^|; )slabd_test=([\w-]+)/.exec(request.headers.cookie ?? '')?.[1] ?? '';

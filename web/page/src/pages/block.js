@@ -156,6 +156,8 @@ export function Block({ route, theme }) {
         ${block?.result && html`<${Defects} result=${block.result} />`}
         ${block && html`<${Panel} title=${t('block.scan')}><${Facts} facts=${[
           [t('block.attempt'), block.attempt],
+          (slab.more_arms ?? []).length > 0 && [t('block.by'),
+            t('calibration.arm', { scanner: visible(block.scanner, 16), robot: visible(block.robot, 16) })],
           [t('slab.scanned'), localTime(block.scanned)],
           [t('block.points'), block.points],
           [t('block.spread'), `${figure(block.pose_spread_mm, 4)} mm`],

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Calibration: what is in force, when the next check is due, the checks, the changes and the records. Read only.
+// Calibration: what is in force, when the next check is due, the checks, the changes and the records. Read only. On a line
+// with several scanners a tab for each, and the tie of the robots.
+import { useState } from 'preact/hooks';
 import { useDocument } from '../api.js';
 import { figure, kNone, localTime } from '../figures.js';
 import { html } from '../html.js';
+import { armsOf } from '../parts/links.js';
 import { Loaded, PageHead, Panel } from '../parts/panel.js';
 import { Facts, Table } from '../parts/table.js';
 import { Foreign, visible } from '../text.js';
@@ -17,10 +20,9 @@ function Passed({ passed }) {
     t(passed ? 'calibration.passed' : 'calibration.failed')}</span>`;
 }
 
-function InForce({ state }) {
+function InForce({ now }) {
   const { t } = useWords();
-  if (!state) return html`<p class="quiet">${t('calibration.no_state')}</p>`;
-  const now = state.in_force;
+  if (!now) return html`<p class="quiet">${t('calibration.no_state')}</p>`;
   const until = (utime_us) => (utime_us ? localTime(utime_us) : t('app.never'));
   const reference = (name) => {
     const one = now[name];
@@ -41,7 +43,7 @@ function InForce({ state }) {
   ]} />`;
 }
 
-function Checks({ trend }) {
+function Checks({ checks }) {
   const { t } = useWords();
   const columns = [
     { head: t('field.when'), row: true, cell: (check) => html`<time class="time">${localTime(check.time)}</time>` },
@@ -56,10 +58,10 @@ function Checks({ trend }) {
     { head: t('field.who'), cell: (check) => text(check.who) },
     { head: t('field.note'), cell: (check) => html`<span class="sentence">${text(check.note)}</span>` },
   ];
-  return html`<${Table} caption=${t('calibration.checks_caption')} columns=${columns} rows=${trend?.checks ?? []} empty=${t('calibration.no_checks')} />`;
+  return html`<${Table} caption=${t('calibration.checks_caption')} columns=${columns} rows=${checks} empty=${t('calibration.no_checks')} />`;
 }
 
-function Changes({ history }) {
+function Changes({ changes }) {
   const { t } = useWords();
   const columns = [
     { head: t('field.when'), row: true, cell: (change) => html`<time class="time">${localTime(change.time)}</time>` },
@@ -69,10 +71,10 @@ function Changes({ history }) {
     { head: t('field.who'), cell: (change) => text(change.who) },
     { head: t('field.why'), cell: (change) => html`<span class="sentence">${text(change.why)}</span>` },
   ];
-  return html`<${Table} caption=${t('calibration.changes_caption')} columns=${columns} rows=${history?.applied ?? []} empty=${t('calibration.no_changes')} />`;
+  return html`<${Table} caption=${t('calibration.changes_caption')} columns=${columns} rows=${changes} empty=${t('calibration.no_changes')} />`;
 }
 
-function Records({ history }) {
+function Records({ records }) {
   const { t } = useWords();
   const columns = [
     { head: t('field.calibration'), row: true, cell: (record) => text(record.id) },
@@ -81,18 +83,44 @@ function Records({ history }) {
     { head: t('field.expires'), cell: (record) => (record.expires ? html`<time class="time">${localTime(record.expires)}</time>` : t('app.never')) },
     { head: t('calibration.operator'), cell: (record) => text(record.operator) },
   ];
-  return html`<${Table} caption=${t('calibration.records_caption')} columns=${columns} rows=${history?.records ?? []} empty=${t('calibration.no_records')} />`;
+  return html`<${Table} caption=${t('calibration.records_caption')} columns=${columns} rows=${records} empty=${t('calibration.no_records')} />`;
 }
 
-export function Calibration() {
+/// Rows of this scanner, and those that belong to no scanner: the tie.
+const rowsOf = (rows, scanner) =>
+  (rows ?? []).filter((row) => scanner === '' || row.kind === 'tie' || (row.scanner ?? scanner) === scanner);
+
+function Tie({ tie }) {
+  const { t } = useWords();
+  if (!tie) return html`<p>✗ ${t('calibration.no_tie')}</p>`;
+  return html`<${Facts} facts=${[
+    [t('field.calibration'), text(tie.id)],
+    [t('calibration.tied_robot'), text(tie.robot)],
+    [t('field.expires'), tie.expires_utime_us ? localTime(tie.expires_utime_us) : t('app.never')],
+    tie.trouble && [t('field.note'), html`<strong class="verdict v-fail">! ${text(tie.trouble)}</strong>`],
+  ]} />`;
+}
+
+export function Calibration({ picture }) {
   const { t, language } = useWords();
   const ask = useDocument(`/calibration?language=${language}`, 'slabd.web_calibration/1');
+  const status = picture.status?.status;
+  const arms = armsOf(status);
+  const [chosen, choose] = useState(0);
+  const arm = arms[chosen] ?? arms[0];
+  const trendOf = (document) => document.further_trends?.find((one) => one.scanner === arm.scanner)?.trend ?? document.trend;
+  const inForce = ({ state }) =>
+    (arm.scanner === '' ? state?.in_force : state?.arms?.find((one) => one.scanner === arm.scanner)?.in_force ?? arm.calibration);
   return html`
     <${PageHead} title=${t('calibration.title')} />
     <p class="quiet">${t('calibration.read_only')}</p>
+    ${arms.length > 1 && html`<div class="buttons" role="group" aria-label=${t('calibration.arms')}>${arms.map((one, i) => html`
+      <button type="button" key=${one.scanner} data-scanner=${one.scanner} aria-pressed=${String(one === arm)} onClick=${() => choose(i)}>${
+        t('calibration.arm', { scanner: one.scanner, robot: one.robot })}</button>`)}</div>`}
     <${Loaded} ask=${ask}>${(document) => html`
-      <${Panel} title=${t('calibration.in_force')}><${InForce} state=${document.state} /><//>
-      <${Panel} title=${t('calibration.checks')}><${Checks} trend=${document.trend} /><//>
-      <${Panel} title=${t('calibration.changes')}><${Changes} history=${document.history} /><//>
-      <${Panel} title=${t('calibration.records')}><${Records} history=${document.history} /><//>`}<//>`;
+      <${Panel} title=${t('calibration.in_force')}><${InForce} now=${inForce(document)} /><//>
+      ${arms.length > 1 && html`<${Panel} title=${t('calibration.tie')}><${Tie} tie=${status.tie} /><//>`}
+      <${Panel} title=${t('calibration.checks')}><${Checks} checks=${trendOf(document)?.checks ?? []} /><//>
+      <${Panel} title=${t('calibration.changes')}><${Changes} changes=${rowsOf(document.history?.applied, arm.scanner)} /><//>
+      <${Panel} title=${t('calibration.records')}><${Records} records=${rowsOf(document.history?.records, arm.scanner)} /><//>`}<//>`;
 }

@@ -4,7 +4,7 @@ import { useState } from 'preact/hooks';
 import { useDocument } from '../api.js';
 import { duration, figure } from '../figures.js';
 import { html } from '../html.js';
-import { LinkTable } from '../parts/links.js';
+import { armsOf, LinkTable, nameOfLink } from '../parts/links.js';
 import { Loaded, PageHead, Panel } from '../parts/panel.js';
 import { Facts, Table } from '../parts/table.js';
 import { Foreign } from '../text.js';
@@ -33,17 +33,24 @@ function Findings({ findings }) {
 }
 
 /// Counters of the links that are numbers; those above zero that mean trouble are marked by the daemon's own text.
-function Counters({ links }) {
+function Counters({ status }) {
   const { t } = useWords();
-  const rows = ['plc', 'pose', 'scanner', 'store'].flatMap((name) =>
-    Object.entries(links?.[name] ?? {}).filter(([, value]) => typeof value === 'number' && Number.isFinite(value))
-      .map(([counter, value]) => ({ name, counter, value })));
+  const arms = armsOf(status);
+  const links = [
+    { name: 'plc', part: '', of: status?.links?.plc },
+    ...arms.map((arm) => ({ name: 'robot', part: arm.robot, of: arm.pose })),
+    ...arms.map((arm) => ({ name: 'scanner', part: arm.scanner, of: arm.link })),
+    { name: 'store', part: '', of: status?.links?.store },
+  ];
+  const rows = links.flatMap(({ name, part, of }) =>
+    Object.entries(of ?? {}).filter(([, value]) => typeof value === 'number' && Number.isFinite(value))
+      .map(([counter, value]) => ({ name, part, counter, value })));
   const columns = [
-    { head: t('line.links'), cell: (row) => t(`link.${row.name === 'pose' ? 'robot' : row.name}`) },
+    { head: t('line.links'), cell: (row) => nameOfLink(t, row) },
     { head: t('line.counters'), row: true, cell: (row) => html`<code>${row.counter}</code>` },
     { head: t('field.value'), number: true, cell: (row) => figure(row.value, Number.isInteger(row.value) ? 0 : 3) },
   ];
-  return html`<${Table} caption=${t('line.counters_caption')} columns=${columns} dense rows=${rows} id=${(row) => `${row.name} ${row.counter}`} />`;
+  return html`<${Table} caption=${t('line.counters_caption')} columns=${columns} dense rows=${rows} id=${(row) => `${row.name} ${row.part} ${row.counter}`} />`;
 }
 
 export function daemonFacts(status, words) {
@@ -58,6 +65,8 @@ export function daemonFacts(status, words) {
     [t('line.pending'), status.results_pending],
     [t('line.commit'), t('line.commit_text', { last: figure(status.links.store.commit_last_ms, 1), longest: figure(status.links.store.commit_max_ms, 1) })],
     [t('line.memory'), t('line.memory_text', { now: mb(status.memory.rss_kb * 1024), peak: mb(status.memory.peak_kb * 1024), inspection: mb(status.memory.inspection_bytes) })],
+    ...armsOf(status).filter((arm) => arm.scanner !== '' && typeof arm.temperature_c === 'number')
+      .map((arm) => [t('line.temperature', { scanner: arm.scanner }), `${figure(arm.temperature_c, 1)} °C`]),
     status.chain && [t('line.chain'), html`${t('line.chain_text', { entries: status.chain.entries, sha: '' })}<code class="hash">${status.chain.sha256}</code>`],
     [t('line.database'), html`<${Foreign} text=${status.db} />`],
     [t('line.config'), html`<${Foreign} text=${status.config} />`],
@@ -78,6 +87,6 @@ export function Line({ picture, since }) {
     <//>
     <div class="two">
       <${Panel} title=${t('line.daemon')}><${Facts} facts=${daemonFacts(status, words)} /><//>
-      <${Panel} title=${t('line.counters')}><${Counters} links=${status?.links} /><//>
+      <${Panel} title=${t('line.counters')}><${Counters} status=${status} /><//>
     </div>`;
 }

@@ -33,6 +33,11 @@ export function identityFacts(slab, words) {
     [t('field.calibration'), text(slab.calibration_id)],
     [t('field.stations'), text(slab.stations_id)],
     [t('field.scanner'), text(slab.scanner_id)],
+    ...(slab.more_arms ?? []).flatMap((arm) => [
+      [t('slab.further_scanner', { scanner: visible(arm.scanner, 16), robot: visible(arm.robot, 16) }),
+        html`${text(arm.calibration_id)}, ${text(arm.stations_id)}, ${text(arm.scanner_id)}`],
+    ]),
+    slab.tie_id && [t('calibration.tie'), text(slab.tie_id)],
     [t('field.guard'), slab.guard === 0 ? t('slab.simple') : t('slab.guarded', { guard: slab.guard ?? '-' })],
     slab.slope_datum && [t('field.datum'), t(`datum.${visible(slab.slope_datum, 30)}`)],
     fit?.ok && [t('field.fit'), t('slab.fit', { seats: fit.seats, rms: figure(fit.rms_mm, 3) })],

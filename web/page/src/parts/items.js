@@ -7,7 +7,8 @@ import { useWords } from '../words.js';
 import { Place } from './place.js';
 import { Table } from './table.js';
 
-const kParts = ['fit', 'noise', 'scanner', 'registration', 'calibration', 'robot', 'reference', 'thermal', 'gauge'];
+/// The tie of two robots is shown if an item depends on it.
+const kParts = ['fit', 'noise', 'scanner', 'registration', 'calibration', 'robot', 'reference', 'thermal', 'gauge', 'tie'];
 
 /// True if the item has neither limit: it is shown for information.
 const isInformation = (item) => item.lower === null && item.upper === null;
@@ -42,7 +43,7 @@ export function BudgetTable({ items, ofSlab = false }) {
     { head: t('field.item'), row: true, cell: (item) => html`${name(item.id)} <span class="unit">[${item.unit}]</span>` },
     ofSlab && { head: t('field.block'), number: true, cell: stationsText },
     { head: t('field.u'), number: true, cell: uncertaintyFigure },
-    ...kParts.map((which) => ({ head: t(`budget.${which}`), number: true, cell: (item) => part(item, which) })),
+    ...kParts.filter((which) => which !== 'tie' || known.some((one) => one.budget.tie)).map((which) => ({ head: t(`budget.${which}`), number: true, cell: (item) => part(item, which) })),
   ].filter(Boolean);
   return html`<${Table} caption=${t('slab.budget_caption')} columns=${columns} rows=${known} empty=${t('app.none')}
     id=${(item) => `${item.id} ${stationsText(item)}`} />`;

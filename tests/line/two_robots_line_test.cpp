@@ -1,0 +1,318 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// A line with two robots: the real daemon and the emulated line as processes. Robot 1 scans the row Y > 0, robot 2 the
+// other row. Scanner 1 delivers files, scanner 2 a stream. Station 10 to 13 may be scanned by both arms.
+#include <gtest/gtest.h>
+#include <sqlite3.h>
+
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "base/base.h"
+#include "base/limits.h"
+#include "processes.h"
+#include "storage/storage.h"
+#include "tests/places/places.h"
+#include "tests/places/ports.h"
+#include "tests/places/wait.h"
+
+namespace slabd::line {
+namespace {
+
+using Json = nlohmann::json;
+
+/// One number from the database, read-only next to the writer; -1 if there is none.
+std::int64_t query(const fs::path& db, const std::string& sql) {
+  sqlite3* handle = nullptr;
+  std::int64_t value = -1;
+  if (sqlite3_open_v2(db.c_str(), &handle, SQLITE_OPEN_READONLY, nullptr) == SQLITE_OK) {
+    sqlite3_busy_timeout(handle, 2000);
+    sqlite3_stmt* statement = nullptr;
+    if (sqlite3_prepare_v2(handle, sql.c_str(), -1, &statement, nullptr) == SQLITE_OK &&
+        sqlite3_step(statement) == SQLITE_ROW)
+      value = sqlite3_column_int64(statement, 0);
+    sqlite3_finalize(statement);
+  }
+  sqlite3_close(handle);
+  return value;
+}
+
+struct TwoRobots : testing::Test {
+  Box box;
+  std::uint16_t stream_port = places::own_port();
+
+  void TearDown() override {
+    if (HasFailure()) std::fprintf(stderr, "---- slabd ----\n%s", box.log().c_str());
+  }
+
+  /// `commissioning`: the poses of both scanners on their flanges are in the configuration.
+  void write_config(bool commissioning = false) const {
+    const std::string lcm = "lcm_url = \"udpm://239.255.77." + std::to_string(box.lcm_port % 250 + 2) + ":" +
+                            std::to_string(box.lcm_port) + "?ttl=0\"\ninterface = \"lo\"\n";
+    const std::string accuracy = "absolute_sigma_mm = 0.02\nabsolute_sigma_deg = 0.001\n";
+    std::ofstream(box.config) << "[plc]\nlisten = \"127.0.0.1:" << box.port << "\"\n"
+                              << "[[robot]]\nid = \"1\"\n"
+                              << lcm << accuracy << "[[robot]]\nid = \"2\"\nchannel = \"FLANGE_POSE_2\"\n"
+                              << lcm << accuracy << "[[scanner]]\nid = \"1\"\ndrop_dir = \""
+                              << (box.dir / "drop").native() << "\"\n"
+                              << "[[scanner]]\nid = \"2\"\nbackend = \"tcp\"\nlisten = \"127.0.0.1:" << stream_port
+                              << "\"\ntimeout_s = 5\n"
+                              << (commissioning ? "T_flange_scanner = [0.0, 70.0, 160.0, 1.0, 0.0, 0.0, 0.0]\n" : "")
+                              << "[[station]]\nnumbers = \"1..9\"\nrobot = \"1\"\nscanner = \"1\"\n"
+                              << "[[station]]\nnumbers = \"10..13\"\nrobot = \"2\"\nscanner = \"2\"\nor = \"1\"\n"
+                              << "[[station]]\nnumbers = \"14..18\"\nrobot = \"2\"\nscanner = \"2\"\n"
+                              << "[storage]\ndb = \"" << (box.dir / "slabd.db").native() << "\"\nspool_dir = \""
+                              << (box.dir / "spool").native() << "\"\n"
+                              << "[recipes]\ndir = \"" << places::source_dir() << "/recipes\"\n"
+                              << "[cell]\nT_base_slab = [1800.0, 0.0, 300.0, 1.0, 0.0, 0.0, 0.0]\n"
+                              << (commissioning ? "[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\n" : "")
+                              << "[control]\nsocket = \"" << (box.dir / "control.sock").native() << "\"\n";
+  }
+
+  /// Stores and applies the hand-eye calibration of each scanner, and the tie: robot 2 faces robot 1.
+  void keep_calibrations() {
+    storage::StoreSettings settings;
+    settings.db_path = box.dir / "slabd.db";
+    settings.spool_dir = box.dir / "spool";
+    settings.arms.list.clear();
+    ASSERT_TRUE(settings.arms.list.push(Arm{}));
+    ASSERT_TRUE(settings.arms.list.push(Arm{PartId("2"), PartId("2")}));
+    auto store = storage::open_store(settings);
+    ASSERT_TRUE(store.ok()) << store.error().text.view();
+    const auto apply = [&](const storage::CalibrationRecord& record) {
+      const Result<std::string> id = store.value()->change(storage::KeepCalibration{record});
+      EXPECT_TRUE(id.ok()) << id.error().text.view();
+      if (!id.ok()) return std::string();
+      const auto done = store.value()->change(storage::ApplyCalibration{id.value(), {"anna", "two robots", 1}});
+      EXPECT_TRUE(done.ok()) << done.error().text.view();
+      return id.value();
+    };
+    const auto hand_eye = [&](const char* scanner, const Vec3& place_mm) {
+      storage::CalibrationRecord record;
+      record.numbers = HandEyeNumbers{Pose{Quat::Identity(), place_mm}, 0.02, rad_from_deg(0.001)};
+      record.figures = "{}";
+      record.observations = "# none\n";
+      record.operator_name = "anna";
+      record.software = "test";
+      record.created_utime_us = 1;
+      record.scanner = scanner;
+      return record;
+    };
+    const std::string first = apply(hand_eye("1", Vec3(0.0, 80.0, 150.0)));
+    const std::string second = apply(hand_eye("2", Vec3(0.0, 70.0, 160.0)));
+    TieNumbers tie;
+    tie.robot = "2";
+    tie.T_base_robot = {rotation_from_kuka_abc(kPi, 0.0, 0.0), Vec3(3600.0, 40.0, 5.0)};
+    tie.centre_mm = Vec3(1800.0, 0.0, 300.0);
+    tie.covariance = Mat6::Zero();
+    for (int axis = 0; axis < 3; ++axis) {
+      tie.covariance(axis, axis) = 0.02 * 0.02;
+      tie.covariance(axis + 3, axis + 3) = 1e-5 * 1e-5;
+    }
+    tie.targets = 6;
+    tie.rms_mm = 0.02;
+    storage::CalibrationRecord record = hand_eye("1", Vec3::Zero());
+    record.numbers = tie;
+    record.parent_id = tie_parent(CalibrationId(first), CalibrationId(second)).view();
+    apply(record);
+  }
+
+  void start() {
+    box.start();
+    ASSERT_TRUE(box.ready()) << box.log();
+    ASSERT_TRUE(wait_until([this] { return status()["state"] != "recover"; }));
+  }
+  Box::Answer simulate(std::vector<std::string> args) {
+    std::vector<std::string> all = {"simulate", "--config", box.config.native(), "--points", "quarter", "--json"};
+    all.insert(all.end(), args.begin(), args.end());
+    return box.slabctl(all);
+  }
+  Json status() const {
+    const Box::Answer answer = box.slabctl({"status", "--config", box.config.native(), "--json"});
+    return Json::parse(answer.out, nullptr, false);
+  }
+  [[nodiscard]] std::int64_t count(const std::string& from_where) const {
+    return query(box.dir / "slabd.db", "SELECT count(*) FROM " + from_where);
+  }
+  /// Stops the emulator once `blocks` blocks are measured and none is being measured.
+  [[nodiscard]] bool stands_still(const Process& line, std::int64_t blocks) const {
+    if (count("block") < blocks) return false;
+    line.signal(SIGSTOP);
+    if (places::wait_until([&] { return count("attempt WHERE phase = 'acquired'") == 0; }, std::chrono::seconds(5)))
+      return true;
+    line.signal(SIGCONT);
+    return false;
+  }
+  [[nodiscard]] static bool wait_until(const std::function<bool()>& done) {
+    return places::wait_until(done, std::chrono::minutes(5));
+  }
+};
+
+struct TwoRobotsTest : TwoRobots {
+  void SetUp() override {
+    write_config();
+    keep_calibrations();
+    start();
+  }
+};
+
+TEST_F(TwoRobotsTest, each_robot_scans_its_row_and_the_slab_passes) {
+  const Json before = status();
+  ASSERT_EQ(before["arms"].size(), 2U);
+  EXPECT_EQ(before["arms"][1]["robot"], "2");
+  EXPECT_EQ(before["arms"][1]["calibration"]["source"], "applied");
+  EXPECT_EQ(before["tie"]["trouble"], "");
+  EXPECT_EQ(before["memory"]["inspection_bytes"].get<std::size_t>(), limits::inspection_bytes(2));
+  if (!kSanitized) {
+    EXPECT_GE(1024 * before["memory"]["rss_kb"].get<std::size_t>(), limits::inspection_bytes(2));
+  }
+
+  const Box::Answer answer = simulate({"--slab-no", "1", "--slab-id", "TWO-1"});
+  ASSERT_EQ(answer.exit_status, 0) << answer.out << answer.err;
+  EXPECT_EQ(count("attempt WHERE robot = '1' AND scanner = '1' AND station <= 9"), 9);
+  EXPECT_EQ(count("attempt WHERE robot = '2' AND scanner = '2' AND station >= 10"), 9);
+  EXPECT_EQ(count("attempt"), 18);
+  EXPECT_EQ(count("slab WHERE tie_id <> ''"), 1);
+  EXPECT_EQ(count("slab_arm WHERE robot = '2' AND scanner = '2'"), 1);
+  EXPECT_GT(count("item WHERE id = 'large_jaw_distance' AND budget_tie > 0"), 0) << "items across the tie";
+  EXPECT_EQ(count("item WHERE id = 'jaw_distance' AND budget_tie > 0"), 0) << "items of one block are not";
+  const Json run = Json::parse(answer.out)["slabs"][0];
+  EXPECT_EQ(run["stations"][0]["robot"], "1");
+  EXPECT_EQ(run["stations"][17]["robot"], "2");
+  if (!kSanitized) {
+    EXPECT_LE(1024 * status()["memory"]["peak_kb"].get<std::size_t>(),
+              limits::inspection_bytes(2) + limits::kProcessBytes);
+  }
+  const Box::Answer shown = box.slabctl({"show", "TWO-1", "--config", box.config.native(), "--json"});
+  EXPECT_EQ(shown.exit_status, 0) << shown.err;
+  EXPECT_EQ(box.slabctl({"db", "check", "--config", box.config.native()}).exit_status, 0) << "its seal holds";
+  EXPECT_EQ(box.stop(), 0);
+}
+
+TEST_F(TwoRobotsTest, a_robot_that_was_moved_since_the_tie_makes_no_slab_pass) {
+  const Box::Answer answer = simulate({"--slab-no", "2", "--tie-error-mm", "6"});
+  EXPECT_EQ(answer.exit_status, 1) << answer.out << answer.err;
+  EXPECT_EQ(count("slab_result WHERE verdict = 'pass'"), 0);
+}
+
+TEST_F(TwoRobotsTest, a_planted_defect_of_the_second_row_fails_its_block) {
+  const Box::Answer answer = simulate({"--slab-no", "3", "--defect", "slope=14:1/35"});
+  EXPECT_EQ(answer.exit_status, 1) << answer.out << answer.err;
+  EXPECT_EQ(count("station_result WHERE verdict = 'fail' AND station = 14"), 1);
+  EXPECT_EQ(count("station_result WHERE verdict = 'fail'"), 1);
+}
+
+TEST_F(TwoRobotsTest, without_the_second_scanner_its_blocks_are_scanned_by_the_first_robot_or_not_measured) {
+  const Box::Answer answer =
+      simulate({"--slab-no", "4", "--fail-scanner", "2@12", "--scans-per-block", "1", "--move-s", "0.1"});
+  ASSERT_EQ(answer.exit_status, 1) << answer.out << answer.err;
+  EXPECT_EQ(count("slab_result WHERE verdict = 'pass'"), 0);
+  EXPECT_EQ(count("slab_result WHERE verdict = 'not_measured'"), 1);
+  const Json run = Json::parse(answer.out)["slabs"][0];
+  for (int k = 1; k <= 18; ++k) {
+    const Json& station = run["stations"][static_cast<std::size_t>(k - 1)];
+    EXPECT_EQ(station["verdict"], k <= 13 ? "pass" : "not_measured") << k;
+    EXPECT_EQ(station["robot"], k == 10 || k == 11 || k >= 14 ? "2" : "1") << k;
+    if (k >= 14) {
+      EXPECT_NE(station["trouble"].get<std::string>().find("301"), std::string::npos) << station["trouble"];
+    }
+  }
+  EXPECT_EQ(count("attempt WHERE station IN (12, 13) AND robot = '1' AND phase = 'measured'"), 2);
+  EXPECT_EQ(count("block WHERE station >= 14"), 0);
+  const Json after = status();
+  EXPECT_EQ(after["arms"][0]["scanner_link"]["online"], true);
+  EXPECT_EQ(after["arms"][1]["scanner_link"]["online"], false);
+  EXPECT_EQ(after["links"]["scanner"]["online"], true) << "the fields of old are those of the first arm";
+}
+
+TEST_F(TwoRobotsTest, a_restart_in_mid_slab_keeps_the_scans_of_both_robots) {
+  {
+    const auto line = box.simulate({"--slab-no", "5", "--slab-id", "KILLED"});
+    ASSERT_TRUE(wait_until([&] { return !line->running() || stands_still(*line, 12); }))
+        << "twelve blocks were not measured\n"
+        << read_file(box.dir / "simulate.err");
+    ASSERT_TRUE(line->running()) << read_file(box.dir / "simulate.err");
+    box.kill_hard();
+    line->signal(SIGCONT);
+    line->signal(SIGINT);
+    line->wait();
+  }
+  EXPECT_GE(count("block"), 12);
+  EXPECT_EQ(count("slab_result"), 0);
+  start();
+  const Box::Answer answer = simulate({"--slab-no", "5", "--slab-id", "KILLED"});
+  EXPECT_EQ(answer.exit_status, 0) << answer.out << answer.err;
+  EXPECT_EQ(count("slab_result WHERE verdict = 'pass'"), 1);
+  EXPECT_LE(count("attempt"), 19) << "acquired scans are not repeated";
+  EXPECT_EQ(count("attempt WHERE robot = '1' AND station >= 10"), 0);
+  EXPECT_EQ(count("attempt WHERE robot = '2' AND station <= 9"), 0);
+}
+
+TEST_F(TwoRobotsTest, doctor_and_status_name_each_robot_and_scanner) {
+  const Box::Answer doctor =
+      box.slabctl({"doctor", "--no-write", "--json", "--listen-s", "0.5", "--config", box.config.native()});
+  const Json findings = Json::parse(doctor.out)["findings"];
+  const auto has = [&](const std::string& check, const std::string& words) {
+    return std::any_of(findings.begin(), findings.end(), [&](const Json& finding) {
+      return finding["check"] == check && finding["saw"].get<std::string>().find(words) != std::string::npos;
+    });
+  };
+  EXPECT_TRUE(has("robot poses", "robot 1: none of channel FLANGE_POSE on")) << doctor.out;
+  EXPECT_TRUE(has("robot poses", "robot 2: none of channel FLANGE_POSE_2 on")) << doctor.out;
+  EXPECT_TRUE(has("scanner link", "scanner 1: ")) << doctor.out;
+  EXPECT_TRUE(has("scanner link", "scanner 2: no gateway is connected to 127.0.0.1:")) << doctor.out;
+  EXPECT_TRUE(has("calibration", "scanner 2: he-")) << doctor.out;
+  EXPECT_TRUE(has("tie", "ti-")) << doctor.out;
+  const Box::Answer text = box.slabctl({"status", "--config", box.config.native()});
+  for (const char* words : {"robot 1", "robot 2", "scanner 1", "scanner 2", "tie ", "of robot 2"})
+    EXPECT_NE(text.out.find(words), std::string::npos) << words << "\n" << text.out;
+}
+
+TEST_F(TwoRobots, are_calibrated_and_tied_by_commands) {
+  write_config(true);
+  start();
+  EXPECT_EQ(status()["tie"], nullptr);
+  const auto slabctl = [&](std::vector<std::string> args) {
+    args.insert(args.end(), {"--config", box.config.native()});
+    const Box::Answer answer = box.slabctl(args);
+    EXPECT_EQ(answer.exit_status, 0) << args[0] << " " << args[1] << "\n" << answer.out << answer.err;
+    return answer;
+  };
+  for (const char* scanner : {"1", "2"})
+    slabctl({"calibrate", "adopt", "--scanner", scanner, "--sigma-mm", "0.02", "--sigma-deg", "0.001", "--operator",
+             "anna", "--apply", "--reason", "tracker"});
+  const fs::path set = box.dir / "tie";
+  const auto table = [&](const char* name) { return (set / name).native(); };
+  slabctl({"simulate", "tie", "--out", set.native(), "--views", "8"});
+  slabctl({"calibrate",        "tie",
+           "--flange1",        table("flange1.txt"),
+           "--target1",        table("target1.txt"),
+           "--names1",         table("names1.txt"),
+           "--flange2",        table("flange2.txt"),
+           "--target2",        table("target2.txt"),
+           "--names2",         table("names2.txt"),
+           "--robot-sigma-mm", "0.03",
+           "--operator",       "anna",
+           "--store",          "--apply",
+           "--reason",         "emulated line"});
+  const Json now = status();
+  ASSERT_TRUE(now["tie"].is_object()) << now;
+  EXPECT_EQ(now["tie"]["robot"], "2");
+  EXPECT_EQ(now["tie"]["trouble"], "");
+  const Box::Answer slab = simulate({"--slab-no", "1", "--tie-error-mm", "0.03", "--move-s", "0.1"});
+  EXPECT_EQ(slab.exit_status, 0) << slab.out << slab.err;
+
+  // Another hand-eye calibration makes the tie stale.
+  slabctl({"calibrate", "adopt", "--scanner", "2", "--sigma-mm", "0.03", "--sigma-deg", "0.001", "--operator", "anna",
+           "--apply", "--reason", "tracker again"});
+  ASSERT_TRUE(wait_until([this] { return status()["tie"]["trouble"] != ""; }));
+  const Box::Answer refused = simulate({"--slab-no", "2", "--scans-per-block", "1", "--move-s", "0.1"});
+  EXPECT_EQ(refused.exit_status, 1) << refused.out << refused.err;
+  EXPECT_EQ(count("attempt WHERE robot = '2' AND slab_key = 2 AND phase = 'measured'"), 0);
+}
+
+}  // namespace
+}  // namespace slabd::line
