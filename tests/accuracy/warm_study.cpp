@@ -92,7 +92,7 @@ class WarmBench {
   /// Measures the slab as the daemon and compares every length with the slab at 20 deg C.
   void measure(const WarmSlab& slab, double temperature_c, std::map<ItemId, Tally>& tallies) {
     const emulator::Cell place = cell();
-    const SlabFacts facts{temperature_c, {}};
+    const SlabFacts facts{temperature_c, {}, {}};
     const SlabTruthItems truth(recipe_, slab.at_reference, {});
     for (int k = 1; k <= slab.now.stations; ++k) {
       const emulator::StationTruth& station = slab.now.at(k);
