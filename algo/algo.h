@@ -219,11 +219,14 @@ struct StationSigma {
 
 /// The arms with which a slab was scanned.
 struct SlabArms {
-  std::span<const ScannerNumbers>
-      verified;  ///< [arm]: figures of the scanner's acceptance, as in BlockInspector::begin
+  /// `verified_in`: [arm]. Without a default, so that `{}` is an acceptance without figures.
+  SlabArms(std::span<const ScannerNumbers> verified_in, const TieNumbers* tie_in)
+      : verified(verified_in), tie(tie_in) {}
+
+  std::span<const ScannerNumbers> verified;  ///< figures of each scanner's acceptance, as in BlockInspector::begin
   /// Tie of the second arm's robot to the base frame. nullptr: its covariance is not known, and an item between the
   /// stations of two arms has no U.
-  const TieNumbers* tie = nullptr;
+  const TieNumbers* tie;
 };
 
 /// Computes one robust rigid fit of all seats to the slab model, and the slab-frame items. `blocks` has one entry per

@@ -273,7 +273,7 @@ struct PlcLink {
 /// One request to the scanner and its answer: for a block (Acquisition), for a scan that is discarded first, or for a
 /// view of a calibration (Capture). The owner's phase says whether the answer is awaited.
 struct Exposure {
-  std::uint8_t arm = 0;       ///< whose scanner was asked
+  std::uint8_t arm = 0;       ///< whose scanner got the request
   std::uint16_t cmd_seq = 0;  ///< of the request
   std::uint8_t slot = 0;      ///< buffer of the points
   bool slot_taken = false;    ///< the buffer belongs to this exposure

@@ -93,6 +93,34 @@ TEST(CalibrationChangeJson, every_bit_comes_back) {
   EXPECT_TRUE(std::isnan(std::get<KeepCheck>(kept.value()).check.off_mm.x()));
 }
 
+TEST(CalibrationChangeJson, a_tie_keeps_every_bit) {
+  TieNumbers numbers;
+  numbers.robot = "right";
+  numbers.T_base_robot = {Quat(0.1, 0.2, -0.3, 0.9).normalized(), Vec3(0.1, 1.0 / 3.0, 3'000.7)};
+  numbers.centre_mm = Vec3(1.0 / 7.0, -2.0, 3.0);
+  for (int row = 0; row < 6; ++row)
+    for (int column = 0; column < 6; ++column) numbers.covariance(row, column) = 1e-6 / (1 + row + column);
+  numbers.covariance(5, 5) = kNoValue;
+  numbers.targets = 7;
+  numbers.rms_mm = 0.1 / 3.0;
+  CalibrationRecord tie;
+  tie.numbers = numbers;
+  tie.parent_id = "he-1+he-2";
+  const auto kept = parse_change(change_json(KeepCalibration{tie}));
+  ASSERT_TRUE(kept.ok()) << kept.error().text.view();
+  const CalibrationRecord& back = std::get<KeepCalibration>(kept.value()).record;
+  EXPECT_EQ(back.parent_id, tie.parent_id);
+  const auto& read = std::get<TieNumbers>(back.numbers);
+  EXPECT_EQ(read.robot, numbers.robot);
+  EXPECT_EQ(read.T_base_robot.to_array(), numbers.T_base_robot.to_array());
+  EXPECT_TRUE(read.centre_mm == numbers.centre_mm);
+  EXPECT_TRUE(read.covariance.topRows<5>() == numbers.covariance.topRows<5>());
+  EXPECT_TRUE(std::isnan(read.covariance(5, 5)));
+  EXPECT_EQ(read.targets, 7);
+  EXPECT_EQ(read.rms_mm, numbers.rms_mm);
+  EXPECT_EQ(storage::calibration_id(back), storage::calibration_id(tie));
+}
+
 TEST(CalibrationChangeJson, anything_else_is_an_error_and_no_change) {
   const std::string good = change_json(KeepCalibration{record()});
   for (const std::string text : {"", "[]", "{}", "{\"schema\":\"slabd.calibration_change/1\"}", "null", "\xff"})

@@ -32,7 +32,7 @@ TEST_F(ScanDropTest, an_answer_is_decoded_and_stored_in_the_spool) {
   EXPECT_EQ(scanner_->stray_files(), 0U);
 }
 
-TEST_F(ScanDropTest, a_request_of_a_line_with_several_scanners_names_the_one_that_is_asked) {
+TEST_F(ScanDropTest, a_request_of_a_line_with_several_scanners_names_its_robot_and_scanner) {
   ScanRequest to_right = request();
   to_right.by = {PartId("2"), PartId("right")};
   std::string request_text;
