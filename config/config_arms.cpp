@@ -301,6 +301,7 @@ std::vector<PartTable> read_parts(TableReader& root, const char* key, const std:
       table.problem("id", fmt::format("found \"{}\" twice, allowed is once", id));
     parts.push_back({PartId(id), table, true});
   }
+  if (list->items.empty()) root.problem(key, fmt::format("found an empty list, allowed are [[{}]] tables", key));
   if (parts.empty()) parts.push_back({PartId("1"), TableReader(path, nullptr, key, problems), false});
   return parts;
 }
