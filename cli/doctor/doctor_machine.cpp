@@ -38,13 +38,14 @@ std::uint64_t memory(const std::string& key) {
   return 0;
 }
 
-void examine_memory(Examination& report) {
-  const std::uint64_t needed = 2 * static_cast<std::uint64_t>(limits::kInspectionBytes);
+void examine_memory(const config::Config& config, Examination& report) {
+  const std::uint64_t takes = limits::inspection_bytes(config.arms.list.size());
+  const std::uint64_t needed = 2 * takes;
   const std::uint64_t total = memory("MemTotal");
   const std::uint64_t available = memory("MemAvailable");
   const std::string saw =
       say("{:.1f} GB, {:.1f} GB available; inspection takes {:.2f} GB", static_cast<double>(total) / 1e9,
-          static_cast<double>(available) / 1e9, static_cast<double>(limits::kInspectionBytes) / 1e9);
+          static_cast<double>(available) / 1e9, static_cast<double>(takes) / 1e9);
   if (available < needed)
     report.failed("memory", saw, say("end other programs, or give the computer more memory"));
   else
@@ -68,7 +69,7 @@ void examine_machine(const config::Config& config, Examination& report) {
   if (governor == "powersave")
     report.note("processor", say("the processor saves power: a block takes longer after a pause"),
                 "cpupower frequency-set -g performance");
-  examine_memory(report);
+  examine_memory(config, report);
   const std::string pages = first_line("/sys/kernel/mm/transparent_hugepage/enabled");
   if (pages.find("[never]") != std::string::npos)
     report.note("huge pages", say("switched off: reading a scan takes longer"),
@@ -88,17 +89,17 @@ void examine_limits(const config::Config& config, Examination& report) {
   };
   // Required limits: a scan of 6 million points as PLY, or a database of some ten thousand slabs; sockets, files and a
   // reserve; the buffers and the process itself.
-  static constexpr std::array kNeeds = {
+  const std::array needs = {
       Need{"Max file size", std::uint64_t{100} << 30U, marked("bytes"),
            marked("LimitFSIZE=infinity in the unit, or ulimit -f unlimited")},
       Need{"Max open files", 256, marked("files"), marked("LimitNOFILE=1024 in the unit")},
-      Need{"Max address space", 4 * static_cast<std::uint64_t>(limits::kInspectionBytes), marked("bytes"),
+      Need{"Max address space", 4 * std::uint64_t{limits::inspection_bytes(config.arms.list.size())}, marked("bytes"),
            marked("LimitAS=infinity in the unit, or twice what slabctl status shows as memory")}};
   std::string line;
   bool all = true;
   std::size_t found = 0;
   while (std::getline(file, line))
-    for (const Need& need : kNeeds) {
+    for (const Need& need : needs) {
       if (line.rfind(need.name, 0) != 0) continue;
       ++found;
       const std::string soft = line.substr(std::string_view(need.name).size());
@@ -110,7 +111,7 @@ void examine_limits(const config::Config& config, Examination& report) {
       report.failed("limits", say("{}: {} {}, needed {}", need.name, allowed, translated(need.unit), need.least),
                     std::string(translated(need.cure)));
     }
-  if (found != kNeeds.size())
+  if (found != needs.size())
     return report.unknown("limits", say("the kernel lists them in a form this slabctl does not know"));
   if (all) report.ok("limits", say("file size, open files and address space suffice"));
 }
