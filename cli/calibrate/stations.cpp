@@ -288,6 +288,18 @@ void complain_of_reasons(const calib::StationsSolution& s) {
     complain(say("refused ({}): {}\n  what to do: {}", name(reason.code), quote(reason.text), quote(reason.cure)));
 }
 
+/// Leaves out the certified stations that this scanner does not scan, and those that it may scan for another one and
+/// was not led to: these stay without a correction of this scanner.
+void keep_own_stations(const config::Config& config, Work& work) {
+  std::erase_if(work.certificate.stations, [&](const calib::MasterStation& station) {
+    const ArmChoice& arms = config.arms.of_station[static_cast<std::size_t>(station.station - 1)];
+    const bool is_usual = !arms.empty() && config.arms.list[arms[0]].scanner == config.by.scanner;
+    return !is_usual && std::ranges::none_of(work.visits, [&](const calib::StationVisit& visit) {
+      return visit.station == station.station;
+    });
+  });
+}
+
 /// Place of the mastered slab in the base of this scanner's robot, from the stations of all robots: those of one robot
 /// may be on a line. The corrections of both robots then refer to one place. nullopt: the own stations place it.
 std::optional<Pose> place_with_all_robots(const config::Config& config, storage::Reader& reader, const Work& work) {
@@ -316,6 +328,7 @@ int calibrate_stations(const Options& options) {
   settings.gate_rad = config.splice.gate_rad;
   if (config.arms.several() && !work.of_all.empty())
     settings.T_base_certificate = place_with_all_robots(config, *reader, work);
+  if (config.arms.several()) keep_own_stations(config, work);
   const auto& hand_eye = std::get<HandEyeNumbers>(work.hand_eye.numbers);
   const calib::StationsSolution s = need(calib::solve_stations(work.certificate, work.visits, hand_eye, settings));
   if (!moved_mm) warn_of_temperature(options, work);

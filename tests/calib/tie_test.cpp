@@ -305,7 +305,7 @@ std::vector<std::size_t> targets_of(const Result<std::vector<TieSighting>>& sigh
   return targets;
 }
 
-TEST(Tie, balls_are_told_apart_by_name_by_label_or_by_order) {
+TEST(Tie, balls_are_distinguished_by_name_by_label_or_by_order) {
   using Numbers = std::vector<std::size_t>;
   std::vector<std::string> known;
   EXPECT_EQ(targets_of(tie_sightings(views_of({0, 0, 0}), false, {}, known)), (Numbers{0, 1, 2}));

@@ -86,7 +86,7 @@ TEST_F(StoredBasisTest, contains_the_acceptance_of_each_scanner_and_the_tie) {
   EXPECT_EQ(stored.basis.tie.T_base_robot.translation_mm.y(), 3'000.0);
 }
 
-TEST_F(StoredBasisTest, of_a_slab_by_one_robot_has_no_tie) {
+TEST_F(StoredBasisTest, has_no_tie_for_a_slab_by_one_robot) {
   storage::SlabRecord record;
   record.summary.header.scanner_id.assign(keep_scanner("1", 0.01));
   const StoredBasis stored = basis(record);

@@ -247,8 +247,9 @@ TEST_F(LoopStart, each_arm_has_its_own_poses_scanner_and_worker) {
   pose.push(sample);
   sample.seq = 22;
   pose_2.push(sample);
-  for (int i = 0; i < 3'000 && scanner_2.idle_count == 0; ++i) loop.turn(10);
   const Station& station = loop.station();
+  for (int i = 0; i < 3'000 && (scanner_2.idle_count == 0 || station.arms[1].gate.newest() == nullptr); ++i)
+    loop.turn(10);
   ASSERT_NE(station.arms[0].gate.newest(), nullptr);
   ASSERT_NE(station.arms[1].gate.newest(), nullptr);
   EXPECT_EQ(station.arms[0].gate.newest()->seq, 11);

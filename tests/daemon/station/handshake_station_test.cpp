@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include <deque>
+#include <memory>
 #include <optional>
 
 #include "base/prng.h"
@@ -223,7 +224,8 @@ class RealSlabd {
   std::deque<StoreDone> answers_;
   std::vector<MeasureBlock> measuring_;
   std::optional<AcquireScan> request_;
-  Actions actions_;
+  std::unique_ptr<Actions> actions_of_a_step_ = std::make_unique<Actions>();  ///< too large for the stack
+  Actions& actions_ = *actions_of_a_step_;
   std::int64_t now_ns_ = kNsPerS;
   std::int32_t pose_ = 0;
   int robot_ = 1;

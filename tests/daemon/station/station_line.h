@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <deque>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -310,7 +311,8 @@ class Line {
   std::int32_t pose_2_seq_ = 0;
   bool exposing_ = false;
   ScanDone syncing_;
-  Actions actions_;
+  std::unique_ptr<Actions> actions_of_a_step_ = std::make_unique<Actions>();  ///< too large for the stack
+  Actions& actions_ = *actions_of_a_step_;
   std::deque<Event> pending_;
 };
 

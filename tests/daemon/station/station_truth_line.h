@@ -102,7 +102,8 @@ class TruthLine {
   Recipe recipe_ = test_recipe();
   StationSettings settings_;
   std::unique_ptr<Station> station_;
-  Actions actions_;
+  std::unique_ptr<Actions> actions_of_a_step_ = std::make_unique<Actions>();  ///< too large for the stack
+  Actions& actions_ = *actions_of_a_step_;
   std::optional<SlabJudged> judged_;
   /// Refused scans; true: refused before they were recorded.
   std::map<ScanKey, bool> refused_;
