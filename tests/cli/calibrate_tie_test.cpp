@@ -204,7 +204,8 @@ TEST_F(CalibrateTie, a_line_with_one_robot_has_nothing_to_tie) {
   write_tables();
   static_cast<void>(write("slabd.toml",
                           "[scanner]\ndrop_dir = \"drop\"\n[storage]\ndb = \"slabd.db\"\nspool_dir = "
-                          "\"spool\"\n[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\n"));
+                          "\"spool\"\n[cell]\nT_base_slab = [1800, 0, 300, 1, 0, 0, 0]\n"
+                          "[calibration]\nT_flange_scanner = [0, 80, 150, 1, 0, 0, 0]\n"));
   const Ended ended = on_line("calibrate tie" + tables());
   EXPECT_EQ(ended.status, 3);
   expect_mentions(ended.err, "one robot");

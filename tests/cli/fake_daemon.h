@@ -19,6 +19,7 @@ class FakeDaemon {
     sockaddr_un address{};
     address.sun_family = AF_UNIX;
     path.copy(address.sun_path, sizeof address.sun_path - 1);
+    ::unlink(path.c_str());  // of the one before
     listener_ = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
     EXPECT_EQ(::bind(listener_, static_cast<const sockaddr*>(static_cast<const void*>(&address)), sizeof address), 0);
     EXPECT_EQ(::listen(listener_, 8), 0);

@@ -207,7 +207,7 @@ TEST_F(TwoRobotsTest, a_planted_defect_of_the_second_row_fails_its_block) {
 
 TEST_F(TwoRobotsTest, without_the_second_scanner_its_blocks_are_scanned_by_the_first_robot_or_not_measured) {
   const Box::Answer answer =
-      simulate({"--slab-no", "4", "--fail-scanner", "2@12", "--scans-per-block", "1", "--move-s", "0.1"});
+      simulate({"--slab-no", "4", "--fail-scanner", "2@12", "--scans-per-block", "2", "--move-s", "0.1"});
   ASSERT_EQ(answer.exit_status, 1) << answer.out << answer.err;
   EXPECT_EQ(count("slab_result WHERE verdict = 'pass'"), 0);
   EXPECT_EQ(count("slab_result WHERE verdict = 'not_measured'"), 1);

@@ -227,7 +227,7 @@ TEST_F(AnsweredWithAnError, an_attempt_is_a_failed_one_with_the_next_job) {
 TEST_F(AnsweredWithAnError, a_full_disk_does_not_keep_the_log_from_being_used_again) {
   crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened from here on count
   open();
-  const std::int64_t slabs = kKeepSlabsMin + 10;
+  const std::int64_t slabs = kKeepSlabsMin + 30;
   for (std::int64_t key = 1; key <= slabs; ++key) {
     begin(key);
     EXPECT_NE(scan(key, 4, 1), 0);
@@ -248,7 +248,8 @@ TEST_F(AnsweredWithAnError, a_full_disk_does_not_keep_the_log_from_being_used_ag
   ASSERT_FALSE(told.ok());
   EXPECT_EQ(told.error().code, Code::store_full);
   for (int look = 0; look < 100; ++look) store_->idle();
-  EXPECT_TRUE(try_apply(SessionJob{++session_}).ok()) << "FAULT_RESET";
+  const Status again = try_apply(SessionJob{++session_});
+  EXPECT_TRUE(again.ok()) << "FAULT_RESET: " << again.error().text.view();
   EXPECT_EQ(reader()->slab(key).value()->blocks.at(0).phase, StationPhase::failed);
   (void)crash_disk::heal();
 }
