@@ -462,12 +462,20 @@ void read_rest(TableReader& root, const std::string& folder, Config& config) {
   report.finish();
 }
 
-/// Accepts only scans of the camera of [genicam]. With several arms it is the scanner whose port slabd-genicam connects
-/// to.
-void accept_camera(Config& config) {
+/// Accepts only scans of the camera of [genicam], as the scanner with this id, or the only one with a stream. If it is
+/// not clear which one it is, all of them accept no other, so that no scan of another camera is used.
+void accept_camera(TableReader genicam, const std::string& id, Config& config) {
+  std::vector<ArmSettings*> streams;
   for (std::size_t i = 0; i < config.arms.list.size(); ++i)
-    if (ArmSettings& arm = config.arm(i); !config.arms.several() || arm.stream.port == config.genicam.slabd_port)
-      arm.stream.scanner = hal::scanner_print(config.genicam.accepted);
+    if (config.arm(i).scanner_backend == hal::ScannerBackend::tcp &&
+        (id.empty() || config.arms.list[i].scanner.view() == id))
+      streams.push_back(&config.arm(i));
+  if (streams.size() > 1 || (streams.empty() && !id.empty()))
+    genicam.problem("scanner", fmt::format("{} scanners with backend \"tcp\" fit; name one by its id", streams.size()));
+  const bool is_clear = streams.size() == 1;
+  for (std::size_t i = 0; !is_clear && i < config.arms.list.size(); ++i) streams.push_back(&config.arm(i));
+  for (ArmSettings* const arm : streams) arm->stream.scanner = hal::scanner_print(config.genicam.accepted);
+  if (is_clear && genicam.value("slabd") == nullptr) config.genicam.slabd_port = streams[0]->stream.port;
 }
 
 }  // namespace
@@ -530,8 +538,9 @@ void load_config(const std::string& path, Config& config, std::vector<Problem>& 
   read_web(of_web.table("web"), folder, config.web);
   TableReader of_genicam(path, &tree, "", complete ? config.genicam_problems : ignored);
   of_genicam.keep_doubts(&config.doubts);
-  read_genicam(of_genicam.table("genicam"), config.genicam);
-  if (!config.genicam.camera.empty()) accept_camera(config);
+  std::string camera_is;
+  read_genicam(of_genicam.table("genicam"), config.genicam, camera_is);
+  if (!config.genicam.camera.empty()) accept_camera(of_genicam.table("genicam"), camera_is, config);
   check_together(root, config, scanners);
   check_arms_together(config, robots, scanners);
   root.finish();

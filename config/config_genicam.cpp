@@ -17,7 +17,7 @@ constexpr std::int64_t kPacketBytesMin = 576;
 
 }  // namespace
 
-void read_genicam(TableReader genicam, GenicamSettings& out) {
+void read_genicam(TableReader genicam, GenicamSettings& out, std::string& scanner) {
   genicam.optional_text("camera", out.camera, kCameraBytesMax);
   read_endpoint(genicam, "slabd", 1, out.slabd_host, out.slabd_port);
   genicam.optional_text("component", out.component, GenicamSettings::kNameBytesMax);
@@ -33,6 +33,7 @@ void read_genicam(TableReader genicam, GenicamSettings& out) {
   std::size_t trigger = static_cast<std::size_t>(out.trigger);
   genicam.optional_word("trigger", trigger, {"software", "acquisition_start"});
   out.trigger = static_cast<GenicamSettings::Trigger>(trigger);
+  genicam.optional_text("scanner", scanner, PartId::capacity());
   genicam.optional_text("accepted", out.accepted, GenicamSettings::kAcceptedBytesMax);
   genicam.optional_boolean("emulated", out.emulated);
   genicam.finish();
@@ -47,14 +48,32 @@ void load_genicam(const std::string& path, GenicamSettings& settings, std::vecto
   // The same computer: slabd's own address is the default.
   std::vector<Problem> of_others;
   TableReader all(path, &tree, "", of_others);
+  TableReader genicam = root.table("genicam");
+  std::string id;
+  GenicamSettings of_camera;
+  read_genicam(genicam, of_camera, id);
   const TomlValue* const of_scanners = all.value("scanner");
   const bool is_list = of_scanners != nullptr && of_scanners->kind == TomlValue::Kind::array;
-  const TomlValue* const first = is_list && !of_scanners->items.empty() ? &of_scanners->items.front() : nullptr;
-  TableReader scanner = is_list ? TableReader(path, first, "scanner", of_others) : all.table("scanner");
+  std::vector<const TomlValue*> streams;
+  if (is_list)
+    for (const TomlValue& one : of_scanners->items) {
+      TableReader table(path, &one, "scanner", of_others);
+      std::string own_id = "1";
+      std::string backend;
+      table.optional_text("id", own_id, PartId::capacity());
+      table.optional_text("backend", backend, PartId::capacity());
+      if (backend == "tcp" && (id.empty() || id == own_id)) streams.push_back(&one);
+    }
+  if (is_list && streams.size() != 1)
+    genicam.problem("scanner", fmt::format("{} of the [[scanner]] with backend \"tcp\" {}; name one by its id",
+                                           streams.size(), streams.size() == 1 ? "fits" : "fit"));
+  TableReader scanner = is_list ? TableReader(path, streams.empty() ? nullptr : streams[0], "scanner", of_others)
+                                : all.table("scanner");
   read_endpoint(scanner, "listen", 1, settings.slabd_host, settings.slabd_port);
   if (settings.slabd_host.view() == "0.0.0.0") settings.slabd_host.assign("127.0.0.1");
-  TableReader genicam = root.table("genicam");
-  read_genicam(genicam, settings);
+  // Once more, with slabd's own address as the default of its key.
+  std::vector<Problem> known;
+  read_genicam(TableReader(path, &tree, "", known).table("genicam"), settings, id);
   if (settings.camera.empty() && problems.empty())
     genicam.missing("camera", "the camera's address, such as \"192.168.0.30\", or its id in arv-tool");
 }

@@ -42,7 +42,8 @@ void read_web(TableReader web, const std::string& folder, WebSettings& out);
 void read_plant(TableReader plant, const std::string& folder, PlantSettings& out);
 
 /// Reads [genicam]; every fault is a problem of the table.
-void read_genicam(TableReader genicam, GenicamSettings& out);
+/// `scanner`: id of the scanner that the camera is; empty: not given.
+void read_genicam(TableReader genicam, GenicamSettings& out, std::string& scanner);
 
 /// Reads all [[gauge]] and [gauges]; call it after read_plc. Faulty gauges are left out of `config`.
 void read_gauges(TableReader& root, const std::string& path, std::vector<Problem>& problems, Config& config);

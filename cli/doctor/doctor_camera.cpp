@@ -91,14 +91,20 @@ void examine_accepted(const config::Config& config, Examination& report) {
                           say("slabd-genicam --check prints the identity for [genicam] accepted"));
   const auto reader = storage::open_reader(config.storage.db_path);
   if (!reader) return report.unknown("camera", quote(reader.error().text.view()));
-  const auto line = reader.value()->line_calibration();
+  // The scanner that the camera is.
+  std::size_t arm = 0;
+  for (std::size_t i = 0; i < config.arms.list.size(); ++i)
+    if (config.arm(i).scanner_backend == hal::ScannerBackend::tcp && config.arm(i).stream.scanner != 0) arm = i;
+  const PartId& scanner = config.arms.list[arm].scanner;
+  const auto line = reader.value()->line_calibration(scanner.view());
   if (!line || line.value()->scanner.id.empty()) return;  // reported as missing acceptance
   const std::string_view verified = line.value()->scanner.numbers.scanner.view();
   if (verified == accepted)
     report.ok("camera", say("accepted is {}, which was verified", accepted));
   else
     report.warning("camera", say("accepted is {}, verified was {}", accepted, verified),
-                   say("slabctl scanner verify --scanner \"{}\"", accepted));
+                   say("slabctl scanner verify --scanner \"{}\"{}", accepted,
+                       config.arms.several() ? fmt::format(" --scanner-id {}", scanner.view()) : ""));
 }
 
 }  // namespace

@@ -39,7 +39,8 @@ void refuse(Station& s, const PlcInputs& in, Code code, Actions& actions) {
   if (!is_scan || !in_range || code != Code::calibration_missing || s.slab.phase == SlabPhase::none) return;
   for (const std::uint8_t arm : s.settings.arms.of_station[in.station - 1U])
     log(actions, LogLine::Level::warning, code,
-        "station %u cannot be scanned%s: its calibration or its tie could not be used when the slab was begun",
+        "station %u cannot be scanned%s: its calibration or its tie could not be used when the slab was begun, or it "
+        "was begun with another robot or scanner: SLAB_ABORT, or start slabd with that configuration again",
         in.station, arm_words(s, arm).c_str());
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gmock/gmock.h>
 
+#include "hal/scan/scan_stream.h"
 #include "tests/config/text_file.h"
 #include "tests/places/places.h"
 
@@ -102,6 +103,38 @@ TEST_F(ArmsTest, a_scanner_without_commissioning_values_waits_for_its_calibratio
   ASSERT_EQ(load(with(kTwo, "T_flange_scanner = [0, 0, 130, 1, 0, 0, 0]\n", "")), Texts{});
   EXPECT_FALSE(config_.calibration.id.empty());
   EXPECT_TRUE(config_.arm(1).calibration.id.empty());
+}
+
+TEST_F(ArmsTest, the_accepted_camera_is_the_scanner_with_a_stream) {
+  const std::string camera = "[genicam]\ncamera = \"10.0.0.9\"\naccepted = \"Range 7\"\n";
+  ASSERT_EQ(load(kTwo + camera), Texts{});
+  EXPECT_EQ(files_.texts(config_.genicam_problems), Texts{});
+  EXPECT_EQ(config_.stream.scanner, 0U);
+  EXPECT_EQ(config_.arm(1).stream.scanner, hal::scanner_print("Range 7"));
+  EXPECT_EQ(config_.genicam.slabd_port, 1505);
+  ASSERT_EQ(load(kTwo + camera + "scanner = \"1\"\n"), Texts{});
+  EXPECT_EQ(config_.genicam_problems.size(), 1U) << "scanner 1 delivers files";
+  EXPECT_EQ(config_.arm(1).stream.scanner, hal::scanner_print("Range 7")) << "no other camera is used meanwhile";
+}
+
+TEST_F(ArmsTest, a_camera_that_may_be_either_of_two_streams_is_named) {
+  const std::string two = with(kTwo, "drop_dir = \"/srv/drop-1\"", "backend = \"tcp\"\nlisten = \"127.0.0.1:1504\"");
+  const std::string camera = "[genicam]\ncamera = \"10.0.0.9\"\naccepted = \"Range 7\"\n";
+  ASSERT_EQ(load(two + camera), Texts{});
+  EXPECT_EQ(config_.genicam_problems.size(), 1U);
+  EXPECT_EQ(config_.stream.scanner, hal::scanner_print("Range 7"));
+  EXPECT_EQ(config_.arm(1).stream.scanner, hal::scanner_print("Range 7"));
+  ASSERT_EQ(load(two + camera + "scanner = \"2\"\n"), Texts{});
+  EXPECT_EQ(files_.texts(config_.genicam_problems), Texts{});
+  EXPECT_EQ(config_.stream.scanner, 0U);
+  EXPECT_EQ(config_.genicam.slabd_port, 1505);
+  GenicamSettings alone;
+  std::vector<Problem> problems;
+  load_genicam(files_.write("slabd.toml", two + camera + "scanner = \"2\"\n"), alone, problems);
+  EXPECT_EQ(files_.texts(problems), Texts{});
+  EXPECT_EQ(alone.slabd_port, 1505);
+  load_genicam(files_.write("slabd.toml", two + camera), alone, problems);
+  EXPECT_EQ(problems.size(), 1U);
 }
 
 TEST_F(ArmsTest, an_alternative_may_be_a_table) {

@@ -346,6 +346,30 @@ TEST_F(ArmsTest, a_restart_with_other_arms_refuses_the_stations_of_an_arm_that_t
   expect_scanned(1, 0);
 }
 
+TEST_F(ArmsTest, a_restart_with_exchanged_scanners_refuses_the_stations_of_both_arms) {
+  begin();
+  store_.line.slab_calibration = store_.line.calibration;
+  std::swap(line_.settings.arms.list[0].scanner, line_.settings.arms.list[1].scanner);
+  start();
+  line_.scan(1);
+  EXPECT_EQ(line_.view().cmd_status, failed(Code::calibration_missing)) << "no hand-eye of another scanner is used";
+  (void)scan_by_second(11);
+  EXPECT_EQ(line_.view().cmd_status, failed(Code::calibration_missing));
+}
+
+TEST_F(ArmsTest, a_restart_with_another_first_scanner_refuses_its_stations) {
+  begin();
+  line_.scan(1);
+  expect_scanned(1, 0);
+  store_.line.slab_calibration = store_.line.calibration;
+  line_.settings.arms.list[0].scanner = "spare";
+  start();
+  line_.scan(2);
+  EXPECT_EQ(line_.view().cmd_status, failed(Code::calibration_missing));
+  (void)scan_by_second(11);
+  expect_scanned(11, 1);
+}
+
 TEST_F(ArmsTest, a_view_is_taken_by_the_scanner_that_is_named) {
   CaptureRequest request;
   request.action = CaptureRequest::Action::begin;
