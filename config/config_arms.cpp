@@ -339,7 +339,9 @@ void check_arms_together(const Config& config, std::vector<PartTable>& robots, s
     const ArmSettings& b = config.arm(i);
     TableReader& robot = robots[part_index(robots, b.by.robot)].table;
     TableReader& scanner = scanners[part_index(scanners, b.by.scanner)].table;
-    if (a.robot.url == b.robot.url && a.robot.channel == b.robot.channel)
+    // The group and port receive; what follows "?" concerns sending.
+    const auto group_of = [](std::string_view url) { return url.substr(0, url.find('?')); };
+    if (group_of(a.robot.url.view()) == group_of(b.robot.url.view()) && a.robot.channel == b.robot.channel)
       robot.problem("channel", fmt::format("found channel \"{}\" at {}, which is that of robot \"{}\"; allowed is "
                                            "another one",
                                            b.robot.channel.view(), b.robot.url.view(), a.by.robot.view()));

@@ -207,6 +207,10 @@ void read_gauges(TableReader& root, const std::string& path, std::vector<Problem
                                         "limits (docs/GAUGES.md)",
                                         other.name.view(), gauge.name.view()));
     }
+    if (problems.size() == before && gauge.master.value == 0.0)
+      root.doubt("gauge", fmt::format("found {} with a master of 0: its check notices neither a wrong unit or scale nor "
+                                      "a sensor that always gives 0; allowed is a master near the values of a slab",
+                                      gauge.name.view()));
     if (problems.size() == before) static_cast<void>(config.gauges.push(gauge));
     config.plc.gauges = config.plc.gauges || gauge.link == GaugeLink::plc;
   }

@@ -290,7 +290,7 @@ constexpr auto kCatalogue = std::to_array<Translation>({
      "slabd-genicam --check 给出 [genicam] accepted 所需的标识"},
     {"accepted is {}, which was verified", "接受的是 {}，已经过验收"},
     {"accepted is {}, verified was {}", "接受的是 {}，经过验收的是 {}"},
-    {"slabctl scanner verify --scanner \"{}\"", "slabctl scanner verify --scanner \"{}\"，重新验收"},
+    {"slabctl scanner verify --scanner \"{}\"{}", "slabctl scanner verify --scanner \"{}\"{}，重新验收"},
     {"[genicam] has a camera, but [scanner] backend is \"drop\"",
      "[genicam] 中有相机，但 [scanner] backend 为 \"drop\""},
     {"corrections", "检测位修正"},
@@ -829,6 +829,7 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"reference_block", "参考块"},
     {"monitor_ball", "监测球"},
     {"no calibration was ever put in force\n", "从未启用过任何标定\n"},
+    {"warning: {} cannot be used: {}", "警告：{} 不能使用：{}"},
     {"warning: the line goes on warning of the scanner: after {} was kept, a verification was out of its limits; only "
      "a new acceptance, from other scans, ends that (slabctl scanner verify --apply)",
      "警告：生产线仍会发出扫描仪警告：{} 存储之后有一次验证超出限值；只有用其他扫描重新验收才能解除（slabctl scanner "

@@ -56,6 +56,18 @@ void warn_of_standing(const config::Config& config, std::string_view id) {
           id));
 }
 
+/// Warns if the tie that was put in force cannot be used, because it was solved with other hand-eye calibrations.
+void warn_of_tie(const config::Config& config, std::string_view id) {
+  if (!config.arms.several() || !id.starts_with("ti-")) return;
+  const auto reader = records_if_readable(config);
+  if (!reader.ok() || reader.value() == nullptr) return;
+  const auto cell = reader.value()->cell_calibration(config.arms);
+  if (!cell) return;
+  const TieFault fault = fault_of_tie(*cell.value(), config.arms.list[1].robot, wall_clock_us());
+  if (fault != TieFault::none)
+    complain(say("warning: {} cannot be used: {}", id, quote(describe(fault, *cell.value()).view())));
+}
+
 int carry_out(const Options& options, const storage::CalibrationChange& change) {
   set_language(options.language, options.json);
   const config::Config config = config_from(options.config);
@@ -71,6 +83,7 @@ int carry_out(const Options& options, const storage::CalibrationChange& change) 
                          done.after_slab ? say(" from the next slab on; one is open now") : ""));
   }
   warn_of_standing(config, done.id);
+  warn_of_tie(config, done.id);
   return kDone;
 }
 

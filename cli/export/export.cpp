@@ -41,7 +41,7 @@ constexpr const char* kColumns =
     "version,slab_key,slab_id,slab_no,slab_type,began,ended,slab_verdict,slab_reason,recipe,recipe_sha256,guard,"
     "calibration_id,stations_id,software,scope,station,station_to,attempt,scanned,item,unit,nominal,lower,upper,"
     "value,deviation,U,verdict,required,conformance_probability,beside_name,beside,scanner_id,slab_temperature_k,"
-    "slab_age_h,slope_datum,emulated,mould,measured,disposition";
+    "slab_age_h,slope_datum,emulated,mould,measured,disposition,robot,scanner,tie_id";
 
 report::Table empty_table() {
   report::Table table;
@@ -55,23 +55,38 @@ report::Cell unless_0(int number) {
   return number == 0 ? report::Cell("") : report::Cell(number);
 }
 
+/// Calibrations that a row was measured with: those of the robot and scanner of its scan; for an item of the slab those
+/// of the first ones.
+SlabArm arm_of(const SlabHeader& slab, const Attempt* attempt) {
+  if (attempt != nullptr && attempt->arm > 0 && attempt->arm <= slab.more_arms.size())
+    return slab.more_arms[attempt->arm - 1U];
+  SlabArm first;
+  first.by = attempt == nullptr ? Arm{PartId{}, PartId{}} : attempt->by;
+  first.calibration_id = slab.calibration_id;
+  first.stations_id = slab.stations_id;
+  first.scanner_id = slab.scanner_id;
+  return first;
+}
+
 void add_item(report::Table& table, const storage::SlabRecord& record, const Item& item,
               const storage::SlabBlock* block) {
   const SlabHeader& slab = record.summary.header;
   const Attempt* attempt = block == nullptr ? nullptr : &block->attempt;
   const std::string_view companion = info(item.id).companion;
+  const SlabArm arm = arm_of(slab, attempt);
   table.add(
       kItemRowsVersion, slab.key, slab.slab_id, slab.slab_no, slab.slab_type, report::iso_time(slab.began_utime_us),
       report::iso_time(record.summary.ended_utime_us), name(record.summary.verdict), record.summary.reason, slab.recipe,
-      slab.recipe_sha256, slab.guard, slab.calibration_id, slab.stations_id, slab.software,
+      slab.recipe_sha256, slab.guard, arm.calibration_id, arm.stations_id, slab.software,
       attempt != nullptr ? "block" : "slab", unless_0(attempt != nullptr ? attempt->station : item.station),
       unless_0(item.station_to), attempt != nullptr ? report::Cell(attempt->number) : "",
       attempt != nullptr ? report::iso_time(attempt->scan_utime_us) : "", info(item.id).name, name(info(item.id).unit),
       item.nominal, item.lower, item.upper, item.value, item.deviation(), item.U, name(item.verdict), item.required,
-      conformance_probability(item), companion, companion.empty() ? kNoValue : item.companion, slab.scanner_id,
+      conformance_probability(item), companion, companion.empty() ? kNoValue : item.companion, arm.scanner_id,
       slab.temperature_dk == 0 ? kNoValue : slab.temperature_dk / 10.0, unless_0(slab.age_h),
       report::slope_datum(record), slab.emulated != 0, unless_0(slab.mould), item.measured,
-      record.summary.disposition == Disposition::none ? "" : name(record.summary.disposition));
+      record.summary.disposition == Disposition::none ? "" : name(record.summary.disposition), arm.by.robot,
+      arm.by.scanner, slab.tie_id);
 }
 
 /// The heading with its line end.

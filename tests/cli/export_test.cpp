@@ -52,7 +52,7 @@ TEST_F(Export, a_table_has_one_row_for_each_item_and_reads_as_rfc_4180) {
   ASSERT_EQ(ended.status, 0) << ended.err;
   const json table = read("csv", file("items.csv"));
   EXPECT_TRUE(table["bom"]);
-  EXPECT_EQ(table["columns"].size(), 41U);
+  EXPECT_EQ(table["columns"].size(), 44U);
   const json document = json::parse(run("show 1 --json --db " + db()).out);
   std::size_t items = document["items"].size();
   for (const json& block : document["blocks"])
@@ -97,13 +97,14 @@ TEST_F(Export, temperature_age_mould_and_slope_datum_are_written) {
   const json table = read("csv", file("items.csv"));
   const auto& columns = table["columns"];
   ASSERT_GT(columns.size(), 8U);
-  EXPECT_EQ(columns[columns.size() - 8], "scanner_id") << "new columns come at the end";
-  EXPECT_EQ(columns.back(), "disposition");
+  EXPECT_EQ(columns[columns.size() - 11], "scanner_id") << "new columns come at the end";
+  EXPECT_EQ(columns.back(), "tie_id");
   for (const json& row : table["rows"]) {
     EXPECT_EQ(row["slab_temperature_k"], "293.1");
     EXPECT_EQ(row["slab_age_h"], "26");
     EXPECT_EQ(row["mould"], "12");
     EXPECT_EQ(row["slope_datum"], "slab_frame");
+    EXPECT_EQ(row["scanner"], row["scope"] == "block" ? "1" : "");
     EXPECT_EQ(row["emulated"], "1");
   }
 }
