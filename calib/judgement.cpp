@@ -7,8 +7,8 @@
 
 #include <array>
 #include <cmath>
-#include <cstdarg>
-#include <cstdio>
+
+#include "calib/sentence.h"
 
 namespace slabd::calib {
 namespace {
@@ -16,15 +16,6 @@ namespace {
 /// Below this a principal rotation or spread counts as zero.
 constexpr double kNoRotation_deg = 0.5;
 constexpr double kNearNothing_mm = 10.0;
-
-[[gnu::format(printf, 1, 2)]] std::string sentence(const char* format, ...) {
-  std::array<char, 512> text{};
-  va_list args;
-  va_start(args, format);
-  std::vsnprintf(text.data(), text.size(), format, args);
-  va_end(args);
-  return text.data();
-}
 
 void refuse(HandEye& result, Refusal code, std::string text, std::string cure) {
   result.reasons.push_back({code, std::move(text), std::move(cure)});

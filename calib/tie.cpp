@@ -4,11 +4,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdarg>
-#include <cstdio>
 #include <limits>
 
 #include "calib/mathematics.h"
+#include "calib/sentence.h"
 
 namespace slabd::calib {
 namespace {
@@ -23,15 +22,6 @@ constexpr double kStepMin_rad = 1e-12;
 constexpr int kStepsMax = 30;
 
 using Matrix = Eigen::MatrixXd;
-
-[[gnu::format(printf, 1, 2)]] std::string sentence(const char* format, ...) {
-  std::array<char, 512> text{};
-  va_list args;
-  va_start(args, format);
-  std::vsnprintf(text.data(), text.size(), format, args);
-  va_end(args);
-  return text.data();
-}
 
 double square(double v) {
   return v * v;

@@ -4,7 +4,6 @@
 // other row. Scanner 1 delivers files, scanner 2 a stream. Station 10 to 14 may be scanned by both arms: without scanner
 // 2 the row then has five seats, which seat_vertical needs.
 #include <gtest/gtest.h>
-#include <sqlite3.h>
 
 #include <chrono>
 #include <csignal>
@@ -14,6 +13,7 @@
 
 #include "base/base.h"
 #include "base/limits.h"
+#include "database.h"
 #include "processes.h"
 #include "storage/storage.h"
 #include "tests/places/places.h"
@@ -24,22 +24,6 @@ namespace slabd::line {
 namespace {
 
 using Json = nlohmann::json;
-
-/// One number from the database, read-only next to the writer; -1 if there is none.
-std::int64_t query(const fs::path& db, const std::string& sql) {
-  sqlite3* handle = nullptr;
-  std::int64_t value = -1;
-  if (sqlite3_open_v2(db.c_str(), &handle, SQLITE_OPEN_READONLY, nullptr) == SQLITE_OK) {
-    sqlite3_busy_timeout(handle, 2000);
-    sqlite3_stmt* statement = nullptr;
-    if (sqlite3_prepare_v2(handle, sql.c_str(), -1, &statement, nullptr) == SQLITE_OK &&
-        sqlite3_step(statement) == SQLITE_ROW)
-      value = sqlite3_column_int64(statement, 0);
-    sqlite3_finalize(statement);
-  }
-  sqlite3_close(handle);
-  return value;
-}
 
 struct TwoRobots : testing::Test {
   Box box;
