@@ -301,8 +301,12 @@ int examine(const config::GenicamSettings& settings, const std::string& out) {
 }
 
 int list() {
-  for (const std::string& id : cameras_found()) fmt::print("{}\n", id);
-  return 0;
+  const std::vector<std::string> found = cameras_found();
+  for (const std::string& id : found) fmt::print("{}\n", id);
+  if (!found.empty()) return 0;
+  say("no camera answered a broadcast in the networks of this computer; with its address in [genicam] camera, "
+      "slabd-genicam --check reaches one behind a router");
+  return kExitUnreachable;
 }
 
 }  // namespace
@@ -328,7 +332,7 @@ int main(int argc, char** argv) {  // NOLINT(bugprone-exception-escape)
       ->capture_default_str();
   app.add_flag("--check", check, "Print what the camera states, take one exposure, and end");
   app.add_option("--out", out, "With --check: write the exposure to this PLY file");
-  app.add_flag("--list", cameras, "Print the cameras that answer, and end");
+  app.add_flag("--list", cameras, "Print the cameras that answer, and end; exit status 4: none");
   app.set_version_flag("--version", "slabd " SLABD_VERSION);
   try {
     app.parse(argc, argv);
