@@ -82,6 +82,7 @@ void Totals::add(const Totals& other) {
   lost_rows += other.lost_rows;
   stuck += other.stuck;
   scans += other.scans;
+  scans_by_second += other.scans_by_second;
   for (std::size_t f = 0; f < kFaults; ++f)
     for (std::size_t s = 0; s < kStates; ++s) injected[f][s] += other.injected[f][s];
 }

@@ -100,6 +100,7 @@ struct Totals {
   std::uint64_t lost_rows = 0;
   std::uint64_t stuck = 0;
   std::uint64_t scans = 0;
+  std::uint64_t scans_by_second = 0;  ///< of them by the second robot
   std::array<std::array<std::uint64_t, kStates>, kFaults> injected{};
 
   void add(const Totals& other);

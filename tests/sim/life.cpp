@@ -9,6 +9,7 @@
 #include <array>
 #include <cstdio>
 #include <cstdlib>
+#include <deque>
 #include <filesystem>
 
 #include "config/config.h"
@@ -47,19 +48,19 @@ struct Episode {
 
 class Life {
  public:
-  Life(std::uint64_t seed, const std::vector<Recipe>& recipes, bool loud)
+  Life(std::uint64_t seed, const std::vector<Recipe>& recipes, bool loud, int robots)
       : world_(seed, loud),
         clock_(world_),
         recipes_(recipes),
-        line_(world_, recipes_),
+        line_(world_, recipes_, robots),
         disk_(world_),
         wire_(world_),
         plc_(world_, line_, wire_),
-        poses_(world_, line_.robot),
-        control_room_(world_),
+        control_room_(world_, line_.arms.several()),
         promises_(world_, line_),
         notify_(world_),
         chance_(world_.chance(10)) {
+    for (std::size_t arm = 0; arm < line_.robots.size(); ++arm) poses_.emplace_back(line_, arm);
     plc_.decided = [this](const Decision& decision) {
       promises_.decided(decision);
       if (calm_ && decision.slab_no == calm_slab_no_) calm_verdict_ = decision.verdict;
@@ -83,6 +84,7 @@ class Life {
   void think_up_clusters();
   void boot();
   Result<std::unique_ptr<storage::Store>> open_store();
+  Status calibrate(storage::Store& store);
   void run_daemon();
   void bury(bool power);
   void manage_service();
@@ -101,7 +103,7 @@ class Life {
   Disk disk_;
   Wire wire_;
   Plc plc_;
-  PoseStream poses_;
+  std::deque<PoseStream> poses_;  ///< [arm]
   ControlRoom control_room_;
   Promises promises_;
   SimNotify notify_;
@@ -209,7 +211,7 @@ daemon::StationSettings Life::settings() const {
   daemon::StationSettings s;
   s.recipes = recipes_;
   s.T_base_slab = line_.T_base_slab;
-  s.T_flange_scanner = line_.T_flange_scanner;
+  s.T_flange_scanner = line_.T_flange_scanner[0];
   s.calibration_id = "commissioning";
   s.splice.commissioning_mm = 0.02;
   s.splice.commissioning_rad = rad_from_deg(0.001);
@@ -217,7 +219,51 @@ daemon::StationSettings Life::settings() const {
   s.splice.repeatability_rad = rad_from_deg(0.001);
   s.software = "slabd simulated";
   s.spool_dir = kSpool;
+  if (!line_.arms.several()) return s;
+  s.arms = line_.arms;
+  s.splice.absolute_mm = 0.02;
+  s.splice.absolute_rad = rad_from_deg(0.001);
+  daemon::StationArmSettings second = s;
+  second.T_flange_scanner = line_.T_flange_scanner[1];
+  (void)s.more_arms.push(second);
   return s;
+}
+
+/// Stores and applies the hand-eye calibrations and the tie of two robots, unless they are in force.
+Status Life::calibrate(storage::Store& store) {
+  const auto now = store.calibration();
+  if (!now.ok()) return now.error();
+  if (!now.value()->tie.id.empty()) return success();
+  std::array<std::string, 2> ids;
+  for (std::size_t arm = 0; arm <= ids.size(); ++arm) {
+    storage::CalibrationRecord record;
+    record.figures = "{}";
+    record.observations = "# none\n";
+    record.operator_name = "anna";
+    record.software = "simulated";
+    record.created_utime_us = 1;
+    if (arm < ids.size()) {
+      record.scanner = line_.arms.list[arm].scanner.view();
+      record.numbers = HandEyeNumbers{line_.T_flange_scanner[arm], 0.02, rad_from_deg(0.001)};
+    } else {
+      TieNumbers tie;
+      tie.robot = line_.arms.list[1].robot;
+      tie.T_base_robot = line_.T_base_robot[1];
+      tie.centre_mm = line_.T_base_slab.translation_mm;
+      tie.covariance = Mat6::Identity() * 1e-10;
+      tie.targets = 6;
+      tie.rms_mm = 0.02;
+      record.numbers = tie;
+      record.parent_id = tie_parent(CalibrationId(ids[0]), CalibrationId(ids[1])).view();
+    }
+    const Result<std::string> id = store.change(storage::KeepCalibration{record});
+    if (!id.ok()) return id.error();
+    if (arm < ids.size()) ids[arm] = id.value();
+    const Result<std::string> applied =
+        store.change(storage::ApplyCalibration{id.value(), {"anna", "two robots", world_.utime_us()}});
+    if (!applied.ok()) return applied.error();
+  }
+  return success();
 }
 
 // ---- one process of slabd -----------------------------------------------------------------------------------------
@@ -241,8 +287,16 @@ Result<std::unique_ptr<storage::Store>> Life::open_store() {
   storage::StoreSettings where;
   where.db_path = kDatabase;
   where.spool_dir = kSpool;
+  where.arms = line_.arms;
   auto made = storage::open_store(where);
   if (!made.ok()) return made;
+  if (line_.arms.several()) {
+    try {
+      if (const Status status = calibrate(*made.value()); !status.ok()) return status.error();
+    } catch (const std::bad_alloc&) {
+      return error(Code::internal, "no memory");
+    }
+  }
   const heap::Aside aside;
   return std::unique_ptr<storage::Store>(
       std::make_unique<OverheardStore>(std::move(made.value()), kDatabase, promises_, *process_));
@@ -258,8 +312,12 @@ void Life::run_daemon() {
       shown_state_ = static_cast<std::size_t>(out.state);
       quiet_ = !out.busy && !out.slab_open;
     });
-    SimPose pose(poses_);
-    SimScanner scanner(line_, process);
+    std::deque<SimPose> poses;
+    std::deque<SimScanner> scanners;
+    for (std::size_t arm = 0; arm < line_.robots.size(); ++arm) {
+      poses.emplace_back(poses_[arm]);
+      scanners.emplace_back(line_, process, arm);
+    }
     SimControl control(world_, control_room_);
     daemon::StationSettings station = settings();
     if (config_broken_) station.fault = Code::config;
@@ -268,8 +326,10 @@ void Life::run_daemon() {
     process.sleep_for(between(chance_, 20 * kMs, 150 * kMs));  // time to touch the memory of the scans
     promises_.process_started();
     heap::fail_at(std::exchange(fail_allocation_, 0));
+    daemon::Ports ports{plc, poses[0], scanners[0], nullptr, &control, clock_, notify_};
+    if (poses.size() > 1) (void)ports.more_arms.push({&poses[1], &scanners[1]});
     daemon::Loop loop(
-        {plc, pose, scanner, nullptr, &control, clock_, notify_}, station, [this](auto&) { return open_store(); },
+        ports, station, [this](auto&) { return open_store(); },
         std::make_unique<FiberWorkers>(process, line_, recipes_), std::move(figures));
     loop.start();
     while (!process.dead() && !stop_) {
@@ -526,10 +586,10 @@ std::vector<Recipe> life_recipes() {
   return {small, whole};
 }
 
-LifeResult live(std::uint64_t seed, const std::vector<Recipe>& recipes, bool loud) {
+LifeResult live(std::uint64_t seed, const std::vector<Recipe>& recipes, bool loud, int robots) {
   fs::remove_all("data");
   fs::remove_all(kSpool);
-  Life life(seed, recipes, loud);
+  Life life(seed, recipes, loud, robots);
   return life.run();
 }
 

@@ -22,8 +22,8 @@ struct LifeResult {
 [[nodiscard]] std::vector<Recipe> life_recipes();
 
 /// Runs the life `seed` in the working folder, which must belong to this process only. `loud`: every line of the trace
-/// is written to stdout.
-[[nodiscard]] LifeResult live(std::uint64_t seed, const std::vector<Recipe>& recipes, bool loud);
+/// is written to stdout. `robots`: 1 or 2, each with a scanner.
+[[nodiscard]] LifeResult live(std::uint64_t seed, const std::vector<Recipe>& recipes, bool loud, int robots = 1);
 
 /// Changes into a new folder in memory and returns its name. Once for each process.
 std::string enter_own_folder();

@@ -28,16 +28,28 @@ Vec3 scattered(Prng& chance, const Vec3& half_width) {
 
 // ---- the robot -----------------------------------------------------------------------------------------------------
 
-Robot::Robot(World& world, const Pose& T_base_slab_nominal, const Pose& T_flange_scanner)
-    : world_(world), chance_(world.chance(2)), T_base_slab_(T_base_slab_nominal), T_flange_scanner_(T_flange_scanner) {
-  to_.translation_mm = Vec3(0.0, 1'500.0, 1'800.0);  // home
-  from_ = to_;
+Robot::Robot(World& world, std::uint64_t part, const Vec3& home_mm, const Pose& T_base_slab_nominal,
+             const Pose& T_flange_scanner)
+    : world_(world),
+      chance_(world.chance(part)),
+      T_base_slab_(T_base_slab_nominal),
+      T_flange_scanner_(T_flange_scanner) {
+  home_.translation_mm = home_mm;
+  to_ = from_ = home_;
 }
 
 void Robot::go_to(const Recipe& recipe, int station) {
   const Pose T_base_scanner = T_base_slab_ * T_slab_block(recipe, station) * nominal_T_block_scanner();
+  go(T_base_scanner * T_flange_scanner_.inverse());
+}
+
+void Robot::go_home() {
+  go(home_);
+}
+
+void Robot::go(const Pose& target) {
   from_ = T_base_flange(world_.now_ns);
-  to_ = T_base_scanner * T_flange_scanner_.inverse();
+  to_ = target;
   to_.translation_mm += scattered(chance_, Vec3(0.02, 0.02, 0.02));
   leaves_ns_ = world_.now_ns;
   arrives_ns_ = leaves_ns_ + between(chance_, 300 * kMs, 900 * kMs);
@@ -63,21 +75,26 @@ bool Robot::moves(std::int64_t from_ns, std::int64_t to_ns) const {
 
 // ---- the line ------------------------------------------------------------------------------------------------------
 
-Line::Line(World& world_in, std::span<const Recipe> recipes_in)
-    : world(world_in),
-      recipes(recipes_in),
-      chance(world_in.chance(3)),
-      T_base_slab([] {
-        Pose pose;
-        pose.translation_mm = Vec3(1'800.0, 0.0, 400.0);
-        return pose;
-      }()),
-      T_flange_scanner([] {
-        Pose pose;
-        pose.translation_mm = Vec3(0.0, 0.0, 120.0);
-        return pose;
-      }()),
-      robot(world_in, T_base_slab, T_flange_scanner) {}
+Line::Line(World& world_in, std::span<const Recipe> recipes_in, int robots_in)
+    : world(world_in), recipes(recipes_in), chance(world_in.chance(3)) {
+  T_base_slab.translation_mm = Vec3(1'800.0, 0.0, 400.0);
+  robots.reserve(2);  // others refer to its elements
+  T_base_robot.emplace_back();
+  T_flange_scanner.push_back({Quat::Identity(), Vec3(0.0, 0.0, 120.0)});
+  robots.emplace_back(world, 2, Vec3(0.0, 1'500.0, 1'800.0), T_base_slab, T_flange_scanner[0]);
+  if (robots_in == 1) return;
+  T_base_robot.push_back({rotation_from_kuka_abc(kPi, 0.0, 0.0), Vec3(3'600.0, 40.0, 5.0)});
+  T_flange_scanner.push_back({Quat::Identity(), Vec3(7.0, -70.0, 160.0)});
+  robots.emplace_back(world, 12, Vec3(3'600.0, -1'500.0, 1'800.0), T_base_slab, T_flange_scanner[1]);
+  // By thirds of the slab; one station at each border may be scanned by both.
+  (void)arms.list.push(Arm{PartId("2"), PartId("2")});
+  for (std::size_t i = 0; i < arms.of_station.size(); ++i) {
+    const std::uint8_t usual = i / 6 == 1 ? 1 : 0;
+    arms.of_station[i].clear();
+    (void)arms.of_station[i].push(usual);
+    if (i % 6 == 5) (void)arms.of_station[i].push(static_cast<std::uint8_t>(1 - usual));
+  }
+}
 
 void Line::lay_down(bool again, bool certainly_good) {
   slab.serial = ++serials_;
@@ -115,13 +132,13 @@ ScanTruth Line::in_spool(const std::string& path) const {
   return at == spool.end() ? ScanTruth{} : takes[at->second - 1];
 }
 
-ScanTruth& Line::expose() {
+ScanTruth& Line::expose(std::size_t arm) {
   ScanTruth& shown = takes.emplace_back();
   shown.take = static_cast<std::uint32_t>(takes.size());
   shown.exposed_ns = world.now_ns;
   if (slab.serial == 0) return shown;
   shown.serial = slab.serial;
-  const Pose T_base_scanner = robot.T_base_scanner(world.now_ns);
+  const Pose T_base_scanner = robots[arm].T_base_scanner(world.now_ns);
   for (int k = 1; k <= slab.recipe->stations(); ++k) {
     Pose T_base_block = slab.T_base_slab * T_slab_block(*slab.recipe, k);
     const BlockTruth truth = slab.blocks[static_cast<std::size_t>(k - 1)];

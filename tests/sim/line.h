@@ -55,10 +55,13 @@ inline constexpr std::size_t kTruthFloats = 4;
 /// The robot: it is at a station (0: home) or travels.
 class Robot {
  public:
-  Robot(World& world, const Pose& T_base_slab_nominal, const Pose& T_flange_scanner);
+  /// `part`: its random source. All poses are in the base frame of the line.
+  Robot(World& world, std::uint64_t part, const Vec3& home_mm, const Pose& T_base_slab_nominal,
+        const Pose& T_flange_scanner);
 
   /// Moves by the PLC's order; takes about a second.
   void go_to(const Recipe& recipe, int station);
+  void go_home();
   [[nodiscard]] bool arrived() const { return world_.now_ns >= arrives_ns_; }
   /// Pose of the flange at this or a nearby moment.
   [[nodiscard]] Pose T_base_flange(std::int64_t at_ns) const;
@@ -72,10 +75,13 @@ class Robot {
   }
 
  private:
+  void go(const Pose& T_base_flange);
+
   World& world_;
   Prng chance_;
   Pose T_base_slab_;
   Pose T_flange_scanner_;
+  Pose home_;
   Pose from_;
   Pose to_;
   std::int64_t leaves_ns_ = 0;
@@ -86,26 +92,29 @@ class Robot {
 
 /// The present state of the line.
 struct Line {
-  Line(World& world_in, std::span<const Recipe> recipes_in);
+  /// `robots_in`: 1 or 2, each with a scanner.
+  Line(World& world_in, std::span<const Recipe> recipes_in, int robots_in);
 
   World& world;
   std::span<const Recipe> recipes;
   Prng chance;
-  Pose T_base_slab;  ///< as configured
-  Pose T_flange_scanner;
-  Robot robot;
+  Pose T_base_slab;                            ///< as configured
+  std::vector<Pose> T_base_robot;              ///< [arm]; the first is the identity
+  std::vector<Pose> T_flange_scanner;          ///< [arm]
+  std::vector<Robot> robots;                   ///< [arm]
+  LineArms arms;                               ///< who may scan which station
   SlabTruth slab;                              ///< serial 0: the line is empty
   std::vector<ScanTruth> takes;                ///< every exposure
   std::map<std::string, std::uint32_t> spool;  ///< durable scans by path: number of the exposure
   /// Scans that measuring refused, by slab, station and attempt: their data must not reach a verdict.
   std::set<std::tuple<std::int64_t, int, int>> refused;
-  std::uint32_t last_export = 0;  ///< the exposure that the scanner returned last, for any request
+  std::array<std::uint32_t, 2> last_export{};  ///< the exposure that each scanner returned last, for any request
 
   /// Places the next slab. `again`: the last one, possibly damaged in the meantime.
   void lay_down(bool again, bool certainly_good);
   void take_away() { slab.serial = 0; }
   /// Starts an exposure; later events may still spoil its content.
-  [[nodiscard]] ScanTruth& expose();
+  [[nodiscard]] ScanTruth& expose(std::size_t arm);
   void write(const ScanTruth& shown, std::span<float> xyz) const;
   /// The exposure in a buffer; take 0: none.
   [[nodiscard]] ScanTruth read(std::span<const float> xyz) const;

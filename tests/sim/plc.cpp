@@ -374,11 +374,11 @@ void Plc::plan_slab() {
       if (going_to_ != next) {
         going_to_ = next;
         const bool wrong = std::exchange(wishes.wrong_station, false);
-        line_.robot.go_to(*line_.slab.recipe, wrong ? 1 + next % kept_.stations : next);
+        send_robot(next, wrong ? 1 + next % kept_.stations : next);
         return;
       }
       // Often sent before the robot has arrived, because slabd waits for that.
-      if (!line_.robot.arrived() && happens(chance_, 0.8)) return;
+      if (!line_.robots[arm_].arrived() && happens(chance_, 0.8)) return;
       going_to_ = 0;
       wishes.rescan = false;
       order(PlcCommand::scan, next);
@@ -392,6 +392,19 @@ void Plc::plan_slab() {
       }
       break;
   }
+}
+
+/// Sends the usual robot of station `next` to `target`. After a failure, where both may scan, it may send the other one
+/// and move the usual one aside, because that one scans if both look at the block.
+void Plc::send_robot(int next, int target) {
+  const auto i = static_cast<std::size_t>(next - 1);
+  const ArmChoice& choice = line_.arms.of_station[i];
+  arm_ = choice[0];
+  if (choice.size() > 1 && kept_.tries[i] > 0 && happens(chance_, 0.5)) {
+    line_.robots[arm_].go_home();
+    arm_ = choice[1];
+  }
+  line_.robots[arm_].go_to(*line_.slab.recipe, target);
 }
 
 void Plc::decide(const PlcResult& record) {

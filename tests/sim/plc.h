@@ -79,6 +79,7 @@ class Plc {
   void order_ended(bool done, Code code);
   void plan();
   void plan_slab();
+  void send_robot(int next, int target);
   void order(PlcCommand command, int station);
   void decide(const PlcResult& record);
   void finish_slab();
@@ -115,7 +116,8 @@ class Plc {
   std::int64_t step_ns_ = 0;
   std::uint16_t refused_before_ = 0;
   int reset_ = 0;
-  int going_to_ = 0;  ///< station to which the robot is moving, to be scanned then
+  int going_to_ = 0;     ///< station to which a robot is moving, to be scanned then
+  std::size_t arm_ = 0;  ///< the robot that is moving
 };
 
 }  // namespace slabd::sim

@@ -23,7 +23,8 @@ void put_u32(Datagram& out, std::uint32_t value) {
 // ---- robot poses ---------------------------------------------------------------------------------------------------
 
 void PoseStream::send() {
-  const Pose pose = robot_.T_base_flange(sent_ns_);
+  Pose pose = robot_.T_base_flange(sent_ns_);
+  if (!is_first_) pose = T_robot_base_ * pose;
   flange_pose_t message{};
   message.utime = sent_ns_ / 1000 + 1'790'000'000'000'000;  // the sender's clock
   if (happens(chance_, world_.often(Fault::lcm_old_time, 0.3))) message.utime -= between(chance_, 1'000, 3'600'000'000);
@@ -85,7 +86,8 @@ bool PoseStream::next(PoseSample& sample, hal::PoseLinkCounters& counters) {
 
 // ---- scanner -------------------------------------------------------------------------------------------------------
 
-SimScanner::SimScanner(Line& line, Process& process) : line_(line), process_(process), chance_(line.world.chance(5)) {
+SimScanner::SimScanner(Line& line, Process& process, std::size_t arm)
+    : line_(line), process_(process), arm_(arm), chance_(line.world.chance(arm == 0 ? 5 : 15)) {
   for (std::size_t i = 0; i < line.takes.size(); ++i) (void)chance_.next();  // other random numbers in each process
 }
 
@@ -102,27 +104,29 @@ Result<AcquiredScan> SimScanner::acquire(const ScanRequest& request, std::span<f
                                          const std::atomic<bool>& cancel, const hal::ScanDecoded& decoded) {
   World& world = line_.world;
   ++world.totals.scans;
+  world.totals.scans_by_second += arm_;
+  Robot& robot = line_.robots[arm_];
+  std::uint32_t& last_export = line_.last_export[arm_];
   const Error cancelled = error(Code::interrupted, "given up");
   const std::int64_t started_ns = world.mono_ns();
   if (!wait(between(chance_, 20 * kMs, 120 * kMs), cancel)) return cancelled;
   const std::int64_t exposure_ns = between(chance_, 150 * kMs, 500 * kMs);
-  const std::size_t take = line_.expose().take;
+  const std::size_t take = line_.expose(arm_).take;
   if (world.faulty(Fault::robot_moves) && happens(chance_, 0.7)) {
     const std::int64_t after_ns = between(chance_, 0, exposure_ns);
-    line_.robot.jolt(world.now_ns + after_ns, between(chance_, 120 * kMs, 300 * kMs));
+    robot.jolt(world.now_ns + after_ns, between(chance_, 120 * kMs, 300 * kMs));
   }
   const std::int64_t exposed_ns = world.now_ns;
   if (!wait(exposure_ns, cancel)) return cancelled;
   ScanTruth& shown = line_.takes[take - 1];
-  shown.smeared = line_.robot.moves(exposed_ns, world.now_ns);
+  shown.smeared = robot.moves(exposed_ns, world.now_ns);
   if (shown.smeared) world.trace.line(world.now_ns, "the robot moved during the exposure");
   const std::int64_t taken_ns = world.mono_ns();
   const std::int64_t taken_us = world.utime_us();
   // A frozen scanner program exports its last scan under the new name, including one that was never fetched.
   std::size_t exported = take;
-  if (world.faulty(Fault::scanner_frozen) && line_.last_export != 0 && happens(chance_, 0.6))
-    exported = line_.last_export;
-  line_.last_export = static_cast<std::uint32_t>(exported);
+  if (world.faulty(Fault::scanner_frozen) && last_export != 0 && happens(chance_, 0.6)) exported = last_export;
+  last_export = static_cast<std::uint32_t>(exported);
 
   if ((world.faulty(Fault::scanner_stall) || world.faulty(Fault::scanner_late)) && happens(chance_, 0.7)) {
     const bool late = world.faulty(Fault::scanner_late);
@@ -191,9 +195,14 @@ bool ControlRoom::next(std::string& line) {
     return true;
   }
   in_session_ = true;
-  line = happens(chance_, 0.3)
-             ? R"({"verb":"capture","action":"begin","session":"monday","operator":"me","lease_s":20})"
-             : R"({"verb":"capture","action":"shoot","session":"monday"})";
+  if (!happens(chance_, 0.3))
+    line = R"({"verb":"capture","action":"shoot","session":"monday"})";
+  else if (!several_scanners_)
+    line = R"({"verb":"capture","action":"begin","session":"monday","operator":"me","lease_s":20})";
+  else if (happens(chance_, 0.5))
+    line = R"({"verb":"capture","action":"begin","session":"monday","operator":"me","lease_s":20,"scanner":"1"})";
+  else
+    line = R"({"verb":"capture","action":"begin","session":"monday","operator":"me","lease_s":20,"scanner":"2"})";
   return true;
 }
 

@@ -18,7 +18,12 @@ namespace slabd::sim {
 /// Datagrams of the robot bridge, decoded by slabd's own reader.
 class PoseStream {
  public:
-  PoseStream(World& world, const Robot& robot) : world_(world), robot_(robot), chance_(world.chance(4)) {}
+  PoseStream(const Line& line, std::size_t arm)
+      : world_(line.world),
+        robot_(line.robots[arm]),
+        T_robot_base_(line.T_base_robot[arm].inverse()),
+        is_first_(arm == 0),
+        chance_(world_.chance(is_first_ ? 4 : 14)) {}
   /// Datagrams sent before this moment are not delivered any more.
   void begin() { sent_ns_ = world_.now_ns; }
   [[nodiscard]] bool next(PoseSample& sample, hal::PoseLinkCounters& counters);
@@ -32,6 +37,8 @@ class PoseStream {
   void send();
   World& world_;
   const Robot& robot_;
+  Pose T_robot_base_;
+  bool is_first_;  ///< its base frame is that of the line
   Prng chance_;
   std::int64_t period_ns_ = 20 * kMs;
   std::int64_t sent_ns_ = 0;
@@ -61,7 +68,7 @@ class SimPose final : public hal::PosePort {
 
 class SimScanner final : public hal::ScannerPort {
  public:
-  SimScanner(Line& line, Process& process);
+  SimScanner(Line& line, Process& process, std::size_t arm);
   [[nodiscard]] Result<AcquiredScan> acquire(const ScanRequest& request, std::span<float> xyz,
                                              const std::atomic<bool>& cancel, const hal::ScanDecoded& decoded) override;
   void idle() override {}
@@ -73,6 +80,7 @@ class SimScanner final : public hal::ScannerPort {
   bool wait(std::int64_t time_ns, const std::atomic<bool>& cancel);
   Line& line_;
   Process& process_;
+  std::size_t arm_;
   Prng chance_;
   std::uint64_t stray_ = 0;
 };
@@ -82,13 +90,15 @@ class SimScanner final : public hal::ScannerPort {
 /// The clients of the control socket: none, a flood, or an operator who takes views for a calibration.
 class ControlRoom {
  public:
-  explicit ControlRoom(World& world) : world_(world), chance_(world.chance(6)) {}
+  ControlRoom(World& world, bool several_scanners)
+      : world_(world), chance_(world.chance(6)), several_scanners_(several_scanners) {}
   [[nodiscard]] bool next(std::string& line);
   std::uint64_t answers = 0;
 
  private:
   World& world_;
   Prng chance_;
+  bool several_scanners_;
   std::int64_t next_ns_ = 0;
   bool in_session_ = false;
 };

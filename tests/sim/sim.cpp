@@ -30,6 +30,7 @@ struct Options {
   std::uint64_t seed = 0;
   std::uint64_t hashes = 0;
   unsigned jobs = 1;
+  int robots = 1;
   double minutes = 0.0;
   std::uint64_t every_pair = 0;
   bool keep_going = false;
@@ -60,9 +61,14 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-void print_failure(std::uint64_t seed, const LifeResult& life) {
-  std::printf("SEED %llu BROKE A PROMISE: %s\n  again: script/sim --seed %llu\n", static_cast<unsigned long long>(seed),
-              life.violation.c_str(), static_cast<unsigned long long>(seed));
+/// Command that repeats a life.
+std::string again(const Options& options, std::uint64_t seed) {
+  return "script/sim" + std::string(options.robots == 2 ? " --robots 2" : "") + " --seed " + std::to_string(seed);
+}
+
+void print_failure(const Options& options, std::uint64_t seed, const LifeResult& life) {
+  std::printf("SEED %llu BROKE A PROMISE: %s\n  again: %s\n", static_cast<unsigned long long>(seed),
+              life.violation.c_str(), again(options, seed).c_str());
   const std::size_t shown = std::min<std::size_t>(life.last_lines.size(), 25);
   for (std::size_t i = life.last_lines.size() - shown; i < life.last_lines.size(); ++i)
     std::printf("  %s\n", life.last_lines[i].c_str());
@@ -86,7 +92,7 @@ void work(const Options& options, Shared& shared, unsigned worker) {
     if (options.minutes > 0.0 && seconds_since(begun) > 60.0 * options.minutes) break;
     const auto start = Clock::now();
     shared.living[worker] = options.from + index;
-    const LifeResult life = live(options.from + index, recipes, false);
+    const LifeResult life = live(options.from + index, recipes, false, options.robots);
     const double took_s = seconds_since(start);
     while (shared.lock.test_and_set()) ::usleep(50);
     shared.totals.add(life.totals);
@@ -100,7 +106,7 @@ void work(const Options& options, Shared& shared, unsigned worker) {
       shared.slowest_seed = options.from + index;
     }
     if (!life.violation.empty()) {
-      print_failure(options.from + index, life);
+      print_failure(options, options.from + index, life);
       if (!options.keep_going) shared.stop = true;
     }
     shared.lock.clear();
@@ -128,6 +134,7 @@ void print_summary(const Options& options, const Shared& shared, double real_s) 
   std::printf("stuck lives              %llu\n", u(t.stuck));
   std::printf("restarts                 %llu, of which %llu after a loss of power\n", u(t.restarts), u(t.power_losses));
   std::printf("scans, commits, turns    %llu, %llu, %llu\n", u(t.scans), u(t.commits), u(t.turns));
+  if (options.robots == 2) std::printf("scans by robot 2         %llu\n", u(t.scans_by_second));
   std::printf("slowest seed             %llu, %.2f s\n", u(shared.slowest_seed), shared.slowest_s);
 
   std::printf("\n%-24s", "fault in state");
@@ -151,7 +158,7 @@ void print_summary(const Options& options, const Shared& shared, double real_s) 
 int live_once(const Options& options) {
   const std::vector<Recipe> recipes = life_recipes();
   const std::string folder = enter_own_folder();
-  const LifeResult life = live(options.seed, recipes, true);
+  const LifeResult life = live(options.seed, recipes, true, options.robots);
   std::filesystem::current_path("/");
   std::filesystem::remove_all(folder);
   std::printf("seed %llu, %.0f s, trace %016llx: %s\n", static_cast<unsigned long long>(options.seed),
@@ -166,7 +173,7 @@ int print_hashes(const Options& options) {
   const std::string folder = enter_own_folder();
   for (std::uint64_t i = 0; i < options.hashes; ++i)
     std::printf("%llu %016llx\n", static_cast<unsigned long long>(options.from + i),
-                static_cast<unsigned long long>(live(options.from + i, recipes, false).hash));
+                static_cast<unsigned long long>(live(options.from + i, recipes, false, options.robots).hash));
   std::filesystem::current_path("/");
   std::filesystem::remove_all(folder);
   return 0;
@@ -198,7 +205,7 @@ int live_many(const Options& options) {
     if (WIFEXITED(status) && WEXITSTATUS(status) == 0) continue;
     crashed = true;
     const auto seed = static_cast<unsigned long long>(shared->living[i].load());
-    std::printf("SEED %llu CRASHED\n  again: script/sim --seed %llu\n", seed, seed);
+    std::printf("SEED %llu CRASHED\n  again: %s\n", seed, again(options, seed).c_str());
     std::fflush(stdout);
   }
   print_summary(options, *shared, seconds_since(start));
@@ -239,6 +246,9 @@ int main(int argc, char** argv) {
   app.add_option("--seed", options.seed, "live only this one, and tell everything");
   app.add_option("--hashes", options.hashes, "print the trace's hash of this number of lives from --from on");
   app.add_option("--jobs", options.jobs, "processes")->capture_default_str();
+  app.add_option("--robots", options.robots, "robots with a scanner each")
+      ->check(CLI::Range(1, 2))
+      ->capture_default_str();
   app.add_option("--minutes", options.minutes, "end after so long, whatever --seeds says");
   app.add_flag("--keep-going", options.keep_going, "also after a promise was broken");
   app.add_option("--every-pair", options.every_pair,

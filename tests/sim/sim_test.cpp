@@ -54,6 +54,21 @@ TEST_F(Sim, no_seed_makes_a_wrong_pass_a_lost_row_or_a_stopped_line) {
   EXPECT_EQ(kinds, kFaults);
 }
 
+TEST_F(Sim, no_seed_of_two_robots_makes_a_wrong_pass_a_lost_row_or_a_stopped_line) {
+  const std::vector<Recipe> recipes = life_recipes();
+  Totals totals;
+  for (std::uint64_t seed = 1; seed <= 60; ++seed) {
+    const LifeResult life = live(seed, recipes, false, 2);
+    totals.add(life.totals);
+    ASSERT_EQ(life.violation, "") << "seed " << seed << "; again: script/sim --robots 2 --seed " << seed << "\n"
+                                  << testing::PrintToString(life.last_lines);
+  }
+  EXPECT_GT(totals.passes_taken, 60U);
+  EXPECT_GT(totals.restarts, 60U);
+  EXPECT_GT(totals.scans_by_second, totals.scans / 4);
+  EXPECT_LT(totals.scans_by_second, totals.scans);
+}
+
 TEST_F(Sim, a_seed_is_one_life_bit_by_bit) {
   const std::vector<Recipe> recipes = life_recipes();
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {

@@ -125,7 +125,7 @@ class FiberWorkers final : public daemon::Workers {
   Line& line_;
   std::span<const Recipe> recipes_;
   Prng chance_;
-  std::array<std::array<float, kTruthFloats>, limits::kScanSlots> slots_{};
+  std::array<std::array<float, kTruthFloats>, limits::kScanSlotsMax> slots_{};
 };
 
 }  // namespace slabd::sim
