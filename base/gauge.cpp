@@ -48,6 +48,7 @@ std::string_view name(GaugeState state) {
     case GaugeState::missing: return "missing";
     case GaugeState::other_slab: return "other_slab";
     case GaugeState::stale: return "stale";
+    case GaugeState::out_of_range: return "out_of_range";
     case GaugeState::not_plausible: return "not_plausible";
     case GaugeState::unchecked: return "unchecked";
     case GaugeState::check_failed: return "check_failed";
@@ -56,12 +57,19 @@ std::string_view name(GaugeState state) {
   return "missing";
 }
 
+GaugeState gauge_state_of(std::string_view text) {
+  for (std::size_t i = 0; i < kGaugeStates; ++i)
+    if (name(static_cast<GaugeState>(i)) == text) return static_cast<GaugeState>(i);
+  return GaugeState::missing;
+}
+
 std::string_view reason_of(GaugeState state) {
   switch (state) {
     case GaugeState::ok: return "";
     case GaugeState::missing: return "no value has arrived";
     case GaugeState::other_slab: return "the value belongs to another slab";
     case GaugeState::stale: return "the value is too old";
+    case GaugeState::out_of_range: return "the value is outside the measuring range";
     case GaugeState::not_plausible: return "the value is far from the nominal: another unit or another dimension";
     case GaugeState::unchecked: return "it was never checked with its master";
     case GaugeState::check_failed: return "its last master check was outside the limit";
@@ -107,6 +115,8 @@ GaugeReading bind(const GaugeSettings& gauge, const GaugeSample& sample, const G
     reading.state = GaugeState::other_slab;
   else if (age_ns > gauge.valid_ns)
     reading.state = GaugeState::stale;
+  else if (sample.value < gauge.low || sample.value > gauge.high)
+    reading.state = GaugeState::out_of_range;
   else
     reading.state = check_state(gauge, last_check, slab.utime_us);
   return reading;

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <string_view>
 
@@ -62,10 +63,15 @@ struct GaugeSettings {
   bool input_register = false;  ///< modbus: read with FC 4 instead of FC 3
   bool low_word_first = false;  ///< modbus: order of the two registers of a number
   GaugeFormat format = GaugeFormat::i32;
-  double scale = 1.0;         ///< value = scale * number; a number of the PLC is in thousandths of the unit
-  double u = kNoValue;        ///< standard uncertainty (k = 1) of one value, in the unit
+  double scale = 1.0;   ///< value = scale * number; a number of the PLC is in thousandths of the unit
+  double u = kNoValue;  ///< standard uncertainty (k = 1) of one value, in the unit
+  /// Measuring range of the sensor in its place; a value outside does not count.
+  double low = -std::numeric_limits<double>::infinity();
+  double high = std::numeric_limits<double>::infinity();
   std::int64_t valid_ns = 0;  ///< a value older than this at SLAB_END is not used
   GaugeMaster master;
+
+  [[nodiscard]] bool has_range() const { return low > -std::numeric_limits<double>::infinity(); }
 };
 using GaugeList = FixedVector<GaugeSettings, limits::kGaugesMax>;
 /// No gauges. GCC 12 crashes if the constructor is first needed in a default argument.
@@ -103,13 +109,16 @@ enum class GaugeState : std::uint8_t {
   missing,        ///< no value, or none since the start of slabd
   other_slab,     ///< names another slab, arrived before SLAB_BEGIN without naming one, or was used for another slab
   stale,          ///< older than valid_s
+  out_of_range,   ///< outside the gauge's measuring range
   not_plausible,  ///< far from the item's nominal: another unit, another dimension
   unchecked,      ///< never checked with the configured master
   check_failed,   ///< the last check was outside its limit
   check_overdue,  ///< the last check is older than every_h
 };
-inline constexpr std::size_t kGaugeStates = 8;
+inline constexpr std::size_t kGaugeStates = 9;
 [[nodiscard]] std::string_view name(GaugeState state);
+/// The state of this name; `missing` for others.
+[[nodiscard]] GaugeState gauge_state_of(std::string_view name);
 /// Reason in words, to follow "length_left:"; empty for ok.
 [[nodiscard]] std::string_view reason_of(GaugeState state);
 

@@ -20,6 +20,7 @@
 #include "cli/terminal/render.h"
 #include "report/figures.h"
 #include "report/json.h"
+#include "report/words.h"
 
 namespace slabd::cli {
 namespace {
@@ -82,6 +83,10 @@ std::string check_words(const json& master, std::int64_t now_us) {
                       : say("due in {:.1f} h, {} off", left_h, deviation);
 }
 
+std::string state_words(std::string_view state) {
+  return report::gauge_state_sentence(gauge_state_of(state), language_in_use());
+}
+
 int list(const Options& options) {
   const config::Config config = config_from(options.config);
   const json answer = ask(config, {{"verb", "gauges"}});
@@ -104,7 +109,7 @@ int list(const Options& options) {
     const std::uint32_t slab_no = gauge["slab_no"].get<std::uint32_t>();
     table.add(name, report::Cell(number_of(gauge, "value"), 4), gauge["unit"].get<std::string>(),
               report::Cell(number_of(gauge, "age_s"), 1), slab_no == 0 ? "-" : std::to_string(slab_no),
-              gauge["state"].get<std::string>(), check_words(gauge["master"], now_us));
+              state_words(gauge["state"].get<std::string>()), check_words(gauge["master"], now_us));
     if (const std::string trouble = gauge["trouble"].get<std::string>(); !trouble.empty())
       notes += fmt::format("! {} ({}): {}\n", name, gauge["source"].get<std::string>(), quote(trouble));
     if (gauge["stuck"].get<bool>())
@@ -123,6 +128,10 @@ int check(const Options& options) {
   set_language(options.language);
   const GaugeSettings& gauge = gauge_of(config, options.gauge);
   if (!gauge.master.given) stop(kUsage, say("{} has no master in the configuration", gauge.name.view()));
+  // A typed value would pass with exchanged cables.
+  if (has_value(options.value) && gauge.link != GaugeLink::manual)
+    stop(kUsage, say("--value is for gauges with source \"operator\": slabd reads {} itself ({})", gauge.name.view(),
+                     gauge.source.view()));
   finish_killed_change(config);
   storage::KeepGaugeCheck change;
   change.check.gauge = gauge.name;
@@ -143,8 +152,7 @@ int check(const Options& options) {
     const std::string trouble = (*found)["trouble"].get<std::string>();
     if (!trouble.empty()) stop(kNotReachable, fmt::format("{}: {}", options.gauge, quote(trouble)));
     if (!(age_s <= kCheckAgeS))
-      stop(kNotReachable, say("{} has sent no value for {} s: measure the master now, or give --value",
-                              gauge.name.view(), kCheckAgeS));
+      stop(kNotReachable, say("{} has sent no value for {} s: measure the master now", gauge.name.view(), kCheckAgeS));
     change.check.value = number_of(*found, "value");
     if (!has_value(change.check.value)) stop(kNotReachable, say("{} has no value", gauge.name.view()));
   }
@@ -241,10 +249,13 @@ void add_gauge(args::Command& app) {
   auto checked = std::make_shared<Options>();
   args::Command checking = gauges.add_subcommand("check", "Compare a gauge with its master and store the result");
   checking->footer(
-      "\nPut the master into the gauge's place first. The gauge's newest value is taken; --value is for one that\n"
-      "slabd does not read. Exit 1 if the check failed.\nExample: slabctl gauge check length_left");
+      "\nPut the master into the gauge's place first. The gauge's newest value is taken; --value is for gauges\n"
+      "with source \"operator\". Exit 1 if the check failed.\nExample: slabctl gauge check length_left");
   checking->add_option("GAUGE", checked->gauge, "Its name in the configuration")->required();
-  checking->add_option("--value", checked->value, "Its reading of the master, in its unit")->check(within(-1e6, 1e6));
+  checking
+      ->add_option("--value", checked->value,
+                   "Reading of the master, for a gauge with source \"operator\", in its unit")
+      ->check(within(-1e6, 1e6));
   checking->add_option("--why", checked->why, "Reason, if it is not the regular check");
   checking->add_option("--operator", checked->who, "Name of the operator (default: your login)");
   add_config_option(checking, *checked);
@@ -268,7 +279,8 @@ void add_gauge(args::Command& app) {
   args::Command entering = gauges.add_subcommand("enter", "Enter a value that a person has measured");
   entering->footer(
       "\nFor gauges with source \"operator\". The value counts for the slab of this number, if it is entered before\n"
-      "SLAB_END and within valid_s.\nExample: slabctl gauge enter thickness_front 200.2 --slab-no 10042");
+      "SLAB_END and within valid_s. A restart of slabd forgets it.\nExample: slabctl gauge enter thickness_front 200.2 "
+      "--slab-no 10042");
   entering->add_option("GAUGE", entered->gauge, "Its name in the configuration")->required();
   entering->add_option("VALUE", entered->value, "Measured value, in the unit of the gauge")
       ->required()

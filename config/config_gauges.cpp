@@ -128,6 +128,24 @@ void read_master(TableReader& table, GaugeSettings& out) {
   master.finish();
 }
 
+/// Reads the measuring range, in the unit of the gauge.
+void read_range(TableReader& table, GaugeSettings& out) {
+  const TomlValue* const value = table.value("range");
+  if (value == nullptr) return;
+  constexpr double kMost = 1e5;
+  const bool two = value->kind == TomlValue::Kind::array && value->items.size() == 2;
+  const std::optional<double> low = two ? as_number(value->items[0]) : std::nullopt;
+  const std::optional<double> high = two ? as_number(value->items[1]) : std::nullopt;
+  if (!low || !high || !(*low < *high) || !(*low >= -kMost) || !(*high <= kMost))
+    return table.problem("range", fmt::format("found {}, allowed are two numbers from {} to {}, the smaller one first",
+                                              found(*value), -kMost, kMost));
+  out.low = *low;
+  out.high = *high;
+  if (out.master.given && !(out.master.value >= out.low && out.master.value <= out.high))
+    table.problem("range", fmt::format("found {} to {}, allowed is a range that contains the master, {}", out.low,
+                                       out.high, out.master.value));
+}
+
 void read_gauge(TableReader table, hal::WordOrder plc_order, GaugeSettings& out) {
   std::string name;
   table.required_text("name", name, limits::kGaugeNameBytes);
@@ -149,6 +167,7 @@ void read_gauge(TableReader table, hal::WordOrder plc_order, GaugeSettings& out)
   table.optional_number("valid_s", valid_s, {1.0, 86'400.0});
   out.valid_ns = std::llround(valid_s * 1e9);
   read_master(table, out);
+  read_range(table, out);
   table.finish();
 }
 
@@ -208,9 +227,10 @@ void read_gauges(TableReader& root, const std::string& path, std::vector<Problem
                                         other.name.view(), gauge.name.view()));
     }
     if (problems.size() == before && gauge.master.value == 0.0)
-      root.doubt("gauge", fmt::format("found {} with a master of 0: its check notices neither a wrong unit or scale nor "
-                                      "a sensor that always gives 0; allowed is a master near the values of a slab",
-                                      gauge.name.view()));
+      root.doubt("gauge",
+                 fmt::format("found {} with a master of 0: its check notices neither a wrong unit or scale nor "
+                             "a sensor that always gives 0; allowed is a master near the values of a slab",
+                             gauge.name.view()));
     if (problems.size() == before) static_cast<void>(config.gauges.push(gauge));
     config.plc.gauges = config.plc.gauges || gauge.link == GaugeLink::plc;
   }
@@ -242,6 +262,11 @@ void check_formulas(const Recipe& recipe, std::span<const GaugeSettings> gauges,
       } else if (gauge->unit != info(id).unit) {
         fault(id, fmt::format("names the gauge {}, whose unit is {}; allowed are gauges in {}", name.view(),
                               slabd::name(gauge->unit), slabd::name(info(id).unit)));
+      } else if (recipe.formula(id).kind != FormulaKind::mean && !gauge->has_range()) {
+        // The value of a mean is near the nominal; that of another formula is small, also in a wrong unit.
+        fault(id, fmt::format("names the gauge {} without `range`; allowed in {} are gauges with range = [LOW, HIGH], "
+                              "because nothing else would show a value in another unit",
+                              name.view(), info(recipe.formula(id).kind).name));
       }
     }
   }

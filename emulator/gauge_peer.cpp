@@ -32,8 +32,10 @@ constexpr std::uint64_t kGaugeStream = 41;
 /// Scatter of a good slab: a dimension, and the height of a corner of the bottom.
 constexpr double kCasting_mm = 0.3;
 constexpr double kBottom_mm = 0.1;
-/// Reading of the second gauge of a difference: the two sensors' common zero.
-constexpr double kZero_mm = 100.0;
+/// Reading of a sensor whose place is not the zero of the dimension: the middle of its measuring range.
+double middle(const GaugeSettings& gauge) {
+  return gauge.has_range() ? 0.5 * (gauge.low + gauge.high) : 0.0;
+}
 
 struct MappingFree {
   void operator()(modbus_mapping_t* mapping) const { modbus_mapping_free(mapping); }
@@ -181,9 +183,9 @@ struct GaugePeer::Impl {
         switch (formula.kind) {
           case FormulaKind::none: break;
           case FormulaKind::mean: truth[gauge] = dimension + gauges[gauge].u * random.normal(); break;
-          case FormulaKind::difference: truth[gauge] = i == 0 ? kZero_mm + dimension : kZero_mm; break;
+          case FormulaKind::difference: truth[gauge] = middle(gauges[gauge]) + (i == 0 ? dimension : 0.0); break;
           case FormulaKind::range:
-          case FormulaKind::plane4_flatness: truth[gauge] = kBottom_mm * random.normal(); break;
+          case FormulaKind::plane4_flatness: truth[gauge] = middle(gauges[gauge]) + kBottom_mm * random.normal(); break;
         }
       }
     }

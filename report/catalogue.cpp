@@ -1255,8 +1255,9 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"{} has no master in the configuration", "配置中 {} 没有标准件"},
     {"the running slabd does not have the gauge {}: restart it with this configuration",
      "运行中的 slabd 没有量具 {}：请用此配置重新启动"},
-    {"{} has sent no value for {} s: measure the master now, or give --value",
-     "{} 已有 {} s 没有发送值：请现在测量标准件，或给出 --value"},
+    {"{} has sent no value for {} s: measure the master now", "{} 已有 {} s 没有发送值：请现在测量标准件"},
+    {"--value is for gauges with source \"operator\": slabd reads {} itself ({})",
+     "--value 只用于 source 为 \"operator\" 的量具：slabd 自己读取 {} ({})"},
     {"{} has no value", "{} 没有值"},
     {"{}: {:.4f} {}, master {:.4f}, {:+.4f} off, limit {:.4f}: {}\n",
      "{}：{:.4f} {}，标准件 {:.4f}，偏差 {:+.4f}，限值 {:.4f}：{}\n"},
@@ -1315,6 +1316,10 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"give --names1 and --names2, or neither", "请同时给出 --names1 和 --names2，或都不给出"},
     {"--store keeps a tie of the hand-eye calibrations in force: no --hand-eye1, --hand-eye2 with it",
      "--store 存储对应于生效手眼标定的基座关联：不能同时给出 --hand-eye1、--hand-eye2"},
+
+    {"{} and {} are acceptances of one device{}: each scanner needs its own (slabctl scanner verify --scanner-id)",
+     "{} 和 {} 是同一台设备的验收{}：每台扫描仪都需要自己的验收 (slabctl scanner verify --scanner-id)"},
+    {"docs/SCANNER.md, \"Is it good enough?\"", "docs/SCANNER.md，\"Is it good enough?\""},
 
     // Slips, and a line on which nothing can pass.
     {"--since {} is not before --until {}", "--since {} 不早于 --until {}"},

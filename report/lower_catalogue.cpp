@@ -22,6 +22,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"no value has arrived", "没有收到值"},
     {"the value belongs to another slab", "该值属于另一块板"},
     {"the value is too old", "该值过旧"},
+    {"the value is outside the measuring range", "该值超出量程"},
     {"the value is far from the nominal: another unit or another dimension", "该值远离公称值：单位或尺寸不对"},
     {"it was never checked with its master", "从未用标准件校核"},
     {"its last master check was outside the limit", "上次标准件校核超出限值"},
@@ -596,7 +597,8 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
      "both robots, or leave it out",
      "检查该球是否在两台机器人测量之间移动过，或在其中一个表中是另一个球；请用两台机器人重新测量，或将其去掉"},
     {"residuals are {} times what the stated noise explains (at most {})", "残差为所述噪声可解释值的 {} 倍（最大 {}）"},
-    {"repeat the tie without the ball that moved", "去掉移动过的球，重新关联"},
+    {"repeat the tie without that ball; if another one is named then, compare the names of the balls in both tables",
+     "去掉该球重新关联；如果又指出另一个球，请比较两个表中各球的名称"},
     {"check both hand-eye calibrations (slabctl calibrate verify) and that flange poses and balls belong together; if "
      "the robots are no better than that, state it",
      "检查两个手眼标定（slabctl calibrate verify），以及法兰位姿与球是否对应；如果机器人精度就是如此，请如实给出"},

@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 
 namespace slabd::hal {
 namespace {
 
 constexpr std::string_view kBlanks = " \t";
+constexpr double kNumberMost = 1e9;  ///< in um, 1 km
 
 std::string_view next_word(std::string_view& line) {
   line.remove_prefix(std::min(line.find_first_not_of(kBlanks), line.size()));
@@ -36,7 +38,8 @@ std::optional<GaugeLine> parse_gauge_line(std::string_view line) {
   GaugeLine gauge;
   gauge.name = next_word(line);
   const bool good = !gauge.name.empty() && parse(next_word(line), gauge.number) && parse(next_word(line), gauge.seq) &&
-                    parse(next_word(line), gauge.slab_no) && gauge.seq != 0 && next_word(line).empty();
+                    parse(next_word(line), gauge.slab_no) && gauge.seq != 0 && next_word(line).empty() &&
+                    !(std::abs(gauge.number) > kNumberMost);
   return good ? std::optional(gauge) : std::nullopt;
 }
 

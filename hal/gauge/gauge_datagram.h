@@ -9,8 +9,8 @@
 ///
 ///     length_left 5600.123 17 10042
 ///
-/// VALUE is a number before the gauge's scale, SEQ 1..4294967295 changes with every measurement, SLAB_NO is the slab
-/// that was measured, 0 if the hub does not know it. Empty lines are skipped.
+/// VALUE is a number up to 1e9 before the gauge's scale, SEQ 1..4294967295 changes with every measurement, SLAB_NO is
+/// the slab that was measured, 0 if the hub does not know it. Empty lines are skipped.
 namespace slabd::hal {
 
 struct GaugeLine {

@@ -162,6 +162,23 @@ TEST(Gauge, a_value_counts_for_its_own_slab_only) {
   for (const Case& c : cases) EXPECT_EQ(name(bind(g, c.sample, check, nullptr, kSlab).state), name(c.state)) << c.why;
 }
 
+TEST(Gauge, a_value_outside_the_measuring_range_does_not_count) {
+  GaugeSettings g = gauge("height");
+  g.low = 45.0;
+  g.high = 55.0;
+  for (const double inside : {45.0, 50.0, 55.0})
+    EXPECT_EQ(bind(g, sample(inside, 77, 5, 1'200), good_check(g), nullptr, kSlab).state, GaugeState::ok) << inside;
+  for (const double outside : {44.999, 55.001, 50.0 / 25.4, 50e3, -50.0})
+    EXPECT_EQ(bind(g, sample(outside, 77, 5, 1'200), good_check(g), nullptr, kSlab).state, GaugeState::out_of_range)
+        << outside;
+}
+
+TEST(Gauge, every_state_is_found_by_its_name) {
+  for (std::size_t i = 0; i < kGaugeStates; ++i)
+    EXPECT_EQ(gauge_state_of(name(static_cast<GaugeState>(i))), static_cast<GaugeState>(i));
+  EXPECT_EQ(gauge_state_of("good"), GaugeState::missing);
+}
+
 TEST(Gauge, a_number_that_was_used_does_not_count_again) {
   const GaugeSettings g = gauge("length_left");
   GaugeReading used;

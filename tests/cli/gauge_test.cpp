@@ -81,6 +81,10 @@ class GaugeCommand : public Slabctl {
     return list;
   }
 
+  /// A person's instrument that is checked with a master.
+  static constexpr const char* kPersons =
+      "[[gauge]]\nname = \"thickness\"\nunit = \"mm\"\nsource = \"operator\"\nu = 0.05\nvalid_s = 600\n"
+      "master = { value = 200.0, u = 0.02, every_h = 24, limit = 0.1 }\n";
   static constexpr const char* kGauges =
       "[[gauge]]\nname = \"length_left\"\nunit = \"mm\"\nsource = \"plc:40\"\nu = 0.05\nvalid_s = 60\n"
       "master = { value = 5600.0, u = 0.02, every_h = 24, limit = 0.1 }\n"
@@ -91,15 +95,18 @@ class GaugeCommand : public Slabctl {
 
 TEST_F(GaugeCommand, a_check_is_stored_and_decides_the_exit_status) {
   make_database();
-  const Ended passed = gauge("check length_left --value 5600.05 --operator anna --json");
+  const auto check = [&](const std::string& more) {
+    return run("gauge check thickness " + more + " --operator anna --config " + config(kPersons));
+  };
+  const Ended passed = check("--value 200.05 --json");
   ASSERT_EQ(passed.status, 0) << passed.err;
   ASSERT_TRUE(is_valid(write("check.json", passed.out)));
-  EXPECT_EQ(json::parse(passed.out)["id"], "length_left-check-1");
-  const Ended failed = gauge("check length_left --value 5600.2 --operator anna --why 'after the knock'");
+  EXPECT_EQ(json::parse(passed.out)["id"], "thickness-check-1");
+  const Ended failed = check("--value 200.2 --why 'after the knock'");
   EXPECT_EQ(failed.status, 1) << failed.err;
   expect_mentions(failed.out, "FAILED");
 
-  const Ended listed = run("gauge history length_left --checks --json --db " + file("slabd.db"));
+  const Ended listed = run("gauge history thickness --checks --json --db " + file("slabd.db"));
   ASSERT_EQ(listed.status, 0) << listed.err;
   ASSERT_TRUE(is_valid(write("checks.json", listed.out)));
   const json checks = json::parse(listed.out)["checks"];
@@ -107,7 +114,7 @@ TEST_F(GaugeCommand, a_check_is_stored_and_decides_the_exit_status) {
   EXPECT_EQ(checks[0]["result"], "failed");
   EXPECT_EQ(checks[0]["reason"], "after the knock");
   EXPECT_EQ(checks[1]["operator"], "anna");
-  const Ended none = run("gauge history length_left --json --db " + file("slabd.db"));
+  const Ended none = run("gauge history thickness --json --db " + file("slabd.db"));
   ASSERT_EQ(none.status, 0) << none.err;
   ASSERT_TRUE(is_valid(write("values.json", none.out)));
   EXPECT_EQ(run("db check --config " + config()).status, 0);
@@ -118,12 +125,15 @@ TEST_F(GaugeCommand, a_check_of_another_gauge_is_refused_with_its_reason) {
   for (const auto& [arguments, status, words] :
        {std::tuple{"check length_lift --value 1", 2, "did you mean length_left?"},
         std::tuple{"check thickness --value 200", 2, "thickness has no master in the configuration"},
-        std::tuple{"check length_left --value 5600 --operator ' '", 3, "give the name of the operator"},
+        std::tuple{"check length_left --value 5600", 2, "slabd reads length_left itself (plc:40)"},
         std::tuple{"check length_left", 4, "control.sock"}}) {
     const Ended ended = gauge(arguments);
     EXPECT_EQ(ended.status, status) << arguments << ": " << ended.err;
     expect_mentions(ended.err, words);
   }
+  const Ended nameless = run("gauge check thickness --value 200 --operator ' ' --config " + config(kPersons));
+  EXPECT_EQ(nameless.status, 3) << nameless.err;
+  expect_mentions(nameless.err, "give the name of the operator");
   const Ended none = run("gauge check length_left --value 1 --config " + config(""));
   EXPECT_EQ(none.status, 2);
   expect_mentions(none.err, "there is no [[gauge]]");

@@ -42,6 +42,7 @@ TEST_F(GaugesTest, a_gauge_is_read_with_all_its_keys) {
   EXPECT_TRUE(gauge.master.given);
   EXPECT_EQ(gauge.master.value, 5600.012);
   EXPECT_EQ(gauge.master.every_us, 12 * 3'600'000'000LL);
+  EXPECT_FALSE(gauge.has_range());
   EXPECT_TRUE(config_.plc.gauges);
   ASSERT_EQ(config_.gauge_senders.size(), 1U) << "this computer";
 }
@@ -64,6 +65,19 @@ TEST_F(GaugesTest, every_source_is_read) {
       << "a person's instrument is checked elsewhere";
   EXPECT_EQ(config_.gauges[0].link, GaugeLink::manual);
   EXPECT_FALSE(config_.gauges[0].master.given);
+}
+
+TEST_F(GaugesTest, a_measuring_range_contains_the_master) {
+  ASSERT_EQ(load(kLine + kGauge + "range = [5590, 5610.5]\n"), Texts{});
+  EXPECT_TRUE(config_.gauges[0].has_range());
+  EXPECT_EQ(config_.gauges[0].low, 5590.0);
+  EXPECT_EQ(config_.gauges[0].high, 5610.5);
+  for (const char* range : {"[5610, 5590]", "[5600]", "5600", "[\"a\", 5700]", "[5590, 1e6]"})
+    EXPECT_THAT(load(kLine + kGauge + "range = " + range + "\n"),
+                testing::Contains(testing::HasSubstr("gauge.range: found")))
+        << range;
+  EXPECT_THAT(load(kLine + kGauge + "range = [10, 20]\n"),
+              testing::Contains(testing::HasSubstr("allowed is a range that contains the master, 5600.012")));
 }
 
 TEST_F(GaugesTest, the_number_of_an_instrument_has_a_format) {
@@ -207,6 +221,24 @@ TEST_F(FormulaTest, the_gauges_of_a_formula_must_be_those_of_the_line) {
               testing::Contains(testing::HasSubstr("length_right, whose unit is deg; allowed are gauges in mm")));
   gauges.back().unit = ItemUnit::mm;
   EXPECT_EQ(load(kItem, &gauges), Texts{});
+}
+
+TEST_F(FormulaTest, small_differences_need_gauges_with_a_measuring_range) {
+  GaugeList gauges;
+  GaugeSettings gauge;
+  for (const char* name : {"a", "b"}) {
+    gauge.name = name;
+    ASSERT_TRUE(gauges.push(gauge));
+  }
+  const std::string item =
+      "\n[items.bottom_flatness]\nformula = \"range(a, b)\"\nnominal = 0\nupper = 3\nrequired = true\n"
+      "confirmed = false\n";
+  EXPECT_THAT(load(item, &gauges), testing::Contains(testing::HasSubstr("names the gauge a without `range`")));
+  for (GaugeSettings& each : gauges) {
+    each.low = 40.0;
+    each.high = 60.0;
+  }
+  EXPECT_EQ(load(item, &gauges), Texts{});
 }
 
 }  // namespace

@@ -3,11 +3,14 @@
 // Gauges on the whole line: an instrument, a hub and the PLC, with each fault that the emulator plays.
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
 #include "processes.h"
+#include "storage/storage.h"
 #include "tests/places/places.h"
 #include "tests/places/ports.h"
 
@@ -16,7 +19,14 @@ namespace {
 
 using nlohmann::json;
 
+// The bottom: two heights and their difference, which is small also in a wrong unit.
 constexpr const char* kItems = R"toml(
+[items.bottom_flatness]
+formula = "range(bottom_1, bottom_2)"
+nominal = 0
+upper = 3.0
+required = true
+confirmed = true
 [items.slab_length]
 formula = "mean(length_left, length_right)"
 nominal = 5600
@@ -31,9 +41,18 @@ required = true
 confirmed = true
 )toml";
 
-std::string gauge(const std::string& name, const std::string& source, double master) {
-  return "[[gauge]]\nname = \"" + name + "\"\nunit = \"mm\"\nsource = \"" + source +
-         "\"\nu = 0.08\nmaster = { value = " + std::to_string(master) + ", u = 0.02, every_h = 12, limit = 0.1 }\n";
+struct Gauged {
+  std::string name;
+  std::string source;
+  double master = 0.0;
+  double read = 0.0;  ///< its reading of the master
+  std::string range;  ///< as in the configuration
+};
+
+std::string table(const Gauged& gauge) {
+  return "[[gauge]]\nname = \"" + gauge.name + "\"\nunit = \"mm\"\nsource = \"" + gauge.source +
+         "\"\nu = 0.08\nmaster = { value = " + std::to_string(gauge.master) +
+         ", u = 0.02, every_h = 12, limit = 0.1 }\n" + (gauge.range.empty() ? "" : "range = " + gauge.range + "\n");
 }
 
 struct GaugeLine : ::testing::Test {
@@ -43,9 +62,37 @@ struct GaugeLine : ::testing::Test {
     std::string text = read_file(box_.config);
     const std::string installed = places::source_dir() + "/recipes";
     text.replace(text.find(installed), installed.size(), (box_.dir / "recipes").native());
-    std::ofstream(box_.config) << text << gauge("length_left", "plc:40", 5600.0)
-                               << gauge("length_right", "plc:42", 5601.0)
-                               << gauge("thickness", "udp:" + std::to_string(places::own_port()), 200.0);
+    const std::string hub = "udp:" + std::to_string(places::own_port());
+    gauges_ = {{"length_left", "plc:40", 5600.0, 5600.02, ""},
+               {"length_right", "plc:42", 5601.0, 5600.97, ""},
+               {"thickness", hub, 200.0, 200.03, ""},
+               {"bottom_1", "plc:44", 50.0, 50.01, "[40, 60]"},
+               {"bottom_2", "plc:46", 51.0, 51.02, "[40, 60]"}};
+    for (const Gauged& gauge : gauges_) text += table(gauge);
+    std::ofstream(box_.config) << text;
+  }
+  /// Stores a master check of each gauge, as if it had been made before slabd started.
+  void check_all() {
+    storage::StoreSettings settings;
+    settings.db_path = box_.dir / "slabd.db";
+    settings.spool_dir = box_.dir / "spool";
+    auto store = storage::open_store(settings);
+    ASSERT_TRUE(store.ok()) << store.error().text.view();
+    const std::int64_t now_us =
+        std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+            .count();
+    for (const Gauged& gauge : gauges_) {
+      storage::KeepGaugeCheck change;
+      change.check.gauge = GaugeName(gauge.name);
+      change.check.value = gauge.read;
+      change.check.master_value = gauge.master;
+      change.check.master_u = 0.02;
+      change.check.within = 0.1;
+      change.source = gauge.source;
+      change.note = {"anna", "", now_us};
+      const Result<std::string> id = store.value()->change(change);
+      ASSERT_TRUE(id.ok()) << id.error().text.view();
+    }
   }
   /// Exit status of a slab that the line inspects with this fault.
   int inspect(int slab_no, const std::string& fault) {
@@ -75,17 +122,13 @@ struct GaugeLine : ::testing::Test {
     return read_file(box_.dir / "simulate.out") + read_file(box_.dir / "simulate.err") + box_.log();
   }
   Box box_;
+  std::vector<Gauged> gauges_;
 };
 
 TEST_F(GaugeLine, a_value_counts_for_its_slab_only) {
+  check_all();
   box_.start();
   ASSERT_TRUE(box_.ready()) << box_.log();
-  for (const auto& [name, value] :
-       {std::pair{"length_left", "5600.02"}, {"length_right", "5600.97"}, {"thickness", "200.03"}}) {
-    const Box::Answer checked =
-        box_.slabctl({"gauge", "check", name, "--value", value, "--operator", "anna", "--config", box_.config});
-    ASSERT_EQ(checked.exit_status, 0) << checked.out << checked.err;
-  }
   EXPECT_EQ(inspect(1, ""), 0) << trouble();
   const json good = stored(1);
   ASSERT_TRUE(good.is_object());
@@ -105,7 +148,8 @@ TEST_F(GaugeLine, a_value_counts_for_its_slab_only) {
   for (const Fault& played :
        {Fault{"late=length_left", "length_left", "other_slab"}, Fault{"unit=thickness", "thickness", "not_plausible"},
         Fault{"previous=thickness", "thickness", "other_slab"}, Fault{"missing=length_left", "length_left", "missing"},
-        Fault{"swapped=length_left,thickness", "thickness", "not_plausible"}}) {
+        Fault{"swapped=length_left,thickness", "thickness", "not_plausible"},
+        Fault{"unit=bottom_1", "bottom_1", "out_of_range"}}) {
     EXPECT_NE(inspect(++slab_no, played.fault), 0) << played.fault;
     const json slab = stored(slab_no);
     ASSERT_TRUE(slab.is_object()) << played.fault << trouble();

@@ -132,9 +132,17 @@ class Line:
         self.socket.sendto(f"thickness {value} {seq or self.seq} {slab_no}\n".encode(), ("127.0.0.1", self.udp))
 
     def check(self, name, value, passes=True):
-        with subprocess.Popen([f"{self.box.build}/cli/slabctl", "gauge", "check", name, "--value", str(value),
-                               "--config", self.box.config], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                              text=True) as check:
+        """The gauge measures its master, and the check takes the value that has arrived."""
+        if name == "width":
+            self.instrument.show(round(1000 * value))
+            self.wait(1.2)
+        elif name == "thickness":
+            self.send_hub(0, value)
+            self.wait()
+        else:
+            self.write_plc(0, **{name.removeprefix("length_"): round(1000 * value)})
+        with subprocess.Popen([f"{self.box.build}/cli/slabctl", "gauge", "check", name, "--config", self.box.config],
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as check:
             self.plc.until(lambda: check.poll() is not None, 60, "the check")
             assert check.returncode == (0 if passes else 1), check.stdout.read()
 

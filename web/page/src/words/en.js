@@ -249,6 +249,7 @@ export const en = {
   'gauge_state.missing': 'no value has arrived',
   'gauge_state.other_slab': 'of another slab',
   'gauge_state.stale': 'too old',
+  'gauge_state.out_of_range': 'outside the measuring range',
   'gauge_state.not_plausible': 'far from the nominal: another unit or dimension',
   'gauge_state.unchecked': 'never checked with its master',
   'gauge_state.check_failed': 'last master check outside its limit',

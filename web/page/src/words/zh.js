@@ -249,6 +249,7 @@ export const zh = {
   'gauge_state.missing': '没有收到值',
   'gauge_state.other_slab': '属于另一块板',
   'gauge_state.stale': '值过旧',
+  'gauge_state.out_of_range': '超出量程',
   'gauge_state.not_plausible': '远离公称值：单位或尺寸不对',
   'gauge_state.unchecked': '从未用标准件校核',
   'gauge_state.check_failed': '上次标准件校核超出限值',
