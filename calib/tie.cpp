@@ -332,11 +332,14 @@ void judge(Tie& tie, bool converged, std::span<const std::string> names) {
         "with both robots, or leave it out");
   }
   if (tie.s0 > kS0Max)
-    refuse(tie, TieRefusal::noise_above_stated,
-           sentence("residuals are %.3g times what the stated noise explains (at most %.0f)", tie.s0, kS0Max),
-           moved ? "repeat the tie without the ball that moved"
-                 : "check both hand-eye calibrations (slabctl calibrate verify) and that flange poses and balls belong "
-                   "together; if the robots are no better than that, state it");
+    refuse(
+        tie, TieRefusal::noise_above_stated,
+        sentence("residuals are %.3g times what the stated noise explains (at most %.0f)", tie.s0, kS0Max),
+        moved
+            ? "repeat the tie without that ball; if another one is named then, compare the names of the balls in both "
+              "tables"
+            : "check both hand-eye calibrations (slabctl calibrate verify) and that flange poses and balls belong "
+              "together; if the robots are no better than that, state it");
   if (tie.determined && !converged)
     refuse(tie, TieRefusal::not_converged, "the adjustment did not converge", "measure more balls, further apart");
   tie.ok = tie.determined && tie.reasons.empty();

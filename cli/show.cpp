@@ -170,17 +170,21 @@ std::string map_text(const SlabRecord& record, report::Style style) {
 std::string blocks_text(const SlabRecord& record, report::Style style) {
   report::Table table{say("block"),    say("attempts"), say("acquire s"), say("measure s"),
                       say("verdict<"), say("reason<"),  say("scan<")};
+  const bool several = !record.summary.header.more_arms.empty();
+  if (several) table.columns.emplace_back(say("scanner<"));
   for (int station = 1; station <= record.summary.header.stations; ++station) {
     const SlabBlock* block = report::latest(record, station);
     const auto [verdict, reason] = report::shown(record, station);
     if (block == nullptr) {
       table.add(station, 0, "-", "-", verdict_cell(verdict), reason_words(reason), "");
+      if (several) table.rows.back().emplace_back("");
       continue;
     }
     const bool measured = block->phase == StationPhase::measured;
     table.add(station, block->attempt.number, report::Cell(block->attempt.acquire_ms / 1e3, 2),
               report::Cell(measured ? block->block.times.total_ms / 1e3 : kNoValue, 2), verdict_cell(verdict),
               reason_words(reason), block->attempt.scan_path);
+    if (several) table.rows.back().emplace_back(block->attempt.by.scanner.view());
   }
   return report::text_of(table, style) + "\n";
 }

@@ -387,6 +387,14 @@ class Composer {
     sections.push_back(std::move(section));
   }
 
+  /// Robot and scanner of a scan; empty on a line with one.
+  [[nodiscard]] std::string arm_words(const SlabBlock& block) const {
+    if (header_.more_arms.empty()) return {};
+    const Arm& by = block.attempt.by;
+    return fmt::format(fmt::runtime(pick(language_, "robot {}, scanner {}", "机器人 {}，扫描仪 {}")), by.robot.view(),
+                       by.scanner.view());
+  }
+
   Section times() {
     Section section;
     section.title = say(Word::cycle_times);
@@ -396,6 +404,8 @@ class Composer {
         say(Word::block, "") + "<", say(Word::scanned) + "<", say(Word::attempts), say(Word::settle),
         say(Word::acquire),         say(Word::read),          say(Word::denoise),  say(Word::register_step),
         say(Word::extract),         say(Word::total)};
+    const bool several = !header_.more_arms.empty();
+    if (several) table.columns.emplace_back(std::string(pick(language_, "by", "设备")) + "<");
     for (int station = 1; station <= header_.stations; ++station) {
       const SlabBlock* block = latest(record_, station);
       if (block == nullptr) continue;
@@ -404,6 +414,7 @@ class Composer {
                 Cell(1e-3 * block->attempt.settle_ms, 2), Cell(1e-3 * block->attempt.acquire_ms, 2));
       for (const double ms : {times.read_ms, times.denoise_ms, times.register_ms, times.extract_ms, times.total_ms})
         table.rows.back().emplace_back(block->phase == StationPhase::measured ? ms : kNoValue, 0);
+      if (several) table.rows.back().emplace_back(arm_words(*block));
     }
     section.parts.push_back(std::move(table));
     return section;
@@ -440,6 +451,7 @@ class Composer {
     }
     std::string about = fmt::format("{} {} · {} {}", say(Word::scanned), times_text(block->attempt.scan_utime_us),
                                     say(Word::scan_file), block->attempt.scan_path.view());
+    if (const std::string arm = arm_words(*block); !arm.empty()) about += " · " + arm;
     const SeatFeature& seat = block->block.seat;
     if (block->phase == StationPhase::measured && has_value(seat.flatness_mm))
       about += fmt::format(" · {} {}", seat.grid_points, say(Word::evaluation_points));

@@ -54,10 +54,12 @@ Result<std::unique_ptr<SlabPicture>> picture_of(storage::Reader& reader, const s
   auto picture = std::make_unique<SlabPicture>();
   picture->record = &record;
   const SlabHeader& header = record.summary.header;
-  for (const std::string_view id :
-       {header.calibration_id.view(), header.stations_id.view(), header.scanner_id.view()}) {
+  std::vector<CalibrationId> ids = {header.calibration_id, header.stations_id, header.scanner_id, header.tie_id};
+  for (const SlabArm& arm : header.more_arms)
+    ids.insert(ids.end(), {arm.calibration_id, arm.stations_id, arm.scanner_id});
+  for (const CalibrationId& id : ids) {
     if (id.empty()) continue;
-    auto calibration = reader.calibration(id);
+    auto calibration = reader.calibration(id.view());
     if (!calibration) return calibration.error();
     if (calibration.value()) picture->calibrations.push_back(std::move(*calibration.value()));
   }

@@ -68,6 +68,10 @@ void warn_of_tie(const config::Config& config, std::string_view id) {
     complain(say("warning: {} cannot be used: {}", id, quote(describe(fault, *cell.value()).view())));
 }
 
+void warn_of_one_acceptance(const config::Config& config) {
+  if (const std::string why = one_acceptance_for_two(config); !why.empty()) complain(say("warning: {}", why));
+}
+
 int carry_out(const Options& options, const storage::CalibrationChange& change) {
   set_language(options.language, options.json);
   const config::Config config = config_from(options.config);
@@ -84,6 +88,7 @@ int carry_out(const Options& options, const storage::CalibrationChange& change) 
   }
   warn_of_standing(config, done.id);
   warn_of_tie(config, done.id);
+  warn_of_one_acceptance(config);
   return kDone;
 }
 

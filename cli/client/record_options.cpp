@@ -122,6 +122,28 @@ std::unique_ptr<storage::Reader> open_records(const config::Config& config) {
   return need(records_if_readable(config), kNotReachable);
 }
 
+std::string one_acceptance_for_two(const config::Config& config) {
+  if (!config.arms.several()) return {};
+  const auto reader = records_if_readable(config);
+  if (!reader.ok() || reader.value() == nullptr) return {};
+  const auto cell = reader.value()->cell_calibration(config.arms);
+  if (!cell) return {};
+  const ScannerInForce& first = cell.value()->arm[0].scanner;
+  const ScannerInForce& second = cell.value()->arm[1].scanner;
+  if (first.id.empty() || second.id.empty()) return {};
+  const ScannerNumbers& a = first.numbers;
+  const ScannerNumbers& b = second.numbers;
+  // Two devices do not have the same noise to the last bit.
+  const bool same_scans = (has_value(a.noise_sigma_mm) && a.noise_sigma_mm == b.noise_sigma_mm) ||
+                          (has_value(a.PF_mm) && a.PF_mm == b.PF_mm);
+  const bool same_name = !a.scanner.empty() && a.scanner == b.scanner;
+  if (!same_scans && !same_name) return {};
+  return say(
+      "{} and {} are acceptances of one device{}: each scanner needs its own (slabctl scanner verify "
+      "--scanner-id)",
+      first.id.view(), second.id.view(), same_name ? fmt::format(" ({})", a.scanner.view()) : std::string());
+}
+
 std::optional<Pose> find_T_robot_slab(storage::Reader* reader, const config::Config& config) {
   if (config.by.scanner == config.arms.list[0].scanner) return config.T_base_slab;
   const auto cell = reader == nullptr ? nullptr : need(reader->cell_calibration(config.arms));

@@ -59,6 +59,10 @@ struct Kept {
 /// The same for a command that works without it.
 [[nodiscard]] Result<std::unique_ptr<storage::Reader>> records_if_readable(const config::Config& config);
 
+/// Sentence if the acceptances in force of two scanners are those of one device: they have its name, or the figures of
+/// the same scans. Empty if not, or if the records cannot be read.
+[[nodiscard]] std::string one_acceptance_for_two(const config::Config& config);
+
 /// The effective hand-eye calibration of the scanner `config.by`: the applied one, otherwise the configuration's
 /// commissioning value.
 struct InForce {

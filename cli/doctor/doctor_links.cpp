@@ -32,6 +32,7 @@
 #include "cli/client/arms.h"
 #include "cli/client/control.h"
 #include "cli/client/live_capture.h"
+#include "cli/client/record_options.h"
 #include "cli/doctor/doctor.h"
 #include "cli/plc/plc.h"
 #include "cli/pose_counts.h"
@@ -766,6 +767,8 @@ void examine_calibrations(const config::Config& config, const std::string& statu
   }
   report.set_subject({});
   if (!config.arms.several()) return;
+  if (const std::string why = one_acceptance_for_two(config); !why.empty())
+    report.failed("acceptance", why, say("docs/SCANNER.md, \"Is it good enough?\""));
   if (stored != nullptr)
     examine_stored_tie(config, *stored, report);
   else

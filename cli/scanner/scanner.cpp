@@ -46,6 +46,7 @@ void add_records(const config::Config& config, std::vector<json>& records) {
     json record = json::parse(kept.figures, nullptr, false);
     if (!is_verification(record)) record = {{"schema", "slabd.scanner_verification/1"}};
     record["id"] = kept.id;
+    record["scanner_id"] = kept.scanner;
     record["in_force"] = std::find(in_force.begin(), in_force.end(), kept.id) != in_force.end();
     record["expires"] = kept.expires_utime_us == 0 ? json(nullptr) : json(report::iso_time(kept.expires_utime_us));
     records.push_back(std::move(record));
@@ -62,9 +63,12 @@ int history(const std::string& config_path, bool as_json) {
     fmt::print("{}\n", json{{"schema", "slabd.scanner_history/1"}, {"records", records}}.dump(2));
     return kDone;
   }
+  const bool several = config.arms.several();
+  if (several) fmt::print("{:8} ", "id");
   fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:>6} {:7} {:16} {}\n", "time", "scanner", "PF", "|PS|", "RF", "form",
              "deg C", "limits", "record", "");
   for (const json& record : records) {
+    if (several) fmt::print("{:8} ", record.value("scanner_id", "-"));
     fmt::print("{:22} {:16} {:>9} {:>9} {:>9} {:>9} {:>6} {:7} {:16} {}\n", record.value("utc", "-"),
                record.value("scanner", "-"), number(record, "PF_mm"), number(record, "PS_abs_mm"),
                number(record, "RF_mm"), number(record, "form_half_mm"), number(record, "temperature_c", 1),

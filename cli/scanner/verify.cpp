@@ -165,11 +165,13 @@ Exit keep(const Options& options, const Verification& v, std::int64_t utime_us, 
   if (!v.balls.empty()) record.certificate = fmt::format("ball diameter {} mm, certified as coated\n", v.diameter_mm);
   kept = keep_record(config, record_options, record);
   if (kept.status != kDone) return kept.status;
-  if (kept.applied)
+  if (kept.applied) {
     fmt::print(stderr, "{}", kept_text(kept, false));
-  else
+    if (const std::string why = one_acceptance_for_two(config); !why.empty()) complain("warning: " + why);
+  } else {
     fmt::print(stderr, "kept as {}{}\n", kept.id,
                numbers.within_limits ? "" : "; the line warns: scanner not verified");
+  }
   return status;
 }
 

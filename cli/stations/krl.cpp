@@ -91,26 +91,44 @@ std::optional<std::size_t> station_of(const std::string& line) {
 
 }  // namespace
 
-std::string krl_data_list(std::string_view name, int set, const std::vector<Pose>& T_base_flange) {
+std::string krl_data_list(std::string_view name, int set, const Stops& stops) {
   std::string text = fmt::format(
       "&ACCESS RVP\nDEFDAT {} PUBLIC\n"
       ";Flange poses in the robot root: $BASE=$NULLFRAME, $TOOL=$NULLFRAME. Written by slabctl stations --set {}.\n"
       "DECL GLOBAL FRAME STATION{}[{}]\n",
-      name, set, set, T_base_flange.size());
-  for (std::size_t k = 0; k < T_base_flange.size(); ++k) {
-    const Vec3& p = T_base_flange[k].translation_mm;
-    const KukaAbc abc = kuka_abc_from_rotation(T_base_flange[k].rotation);
-    text += fmt::format("STATION{}[{}]={{X {:.4f},Y {:.4f},Z {:.4f},A {:.6f},B {:.6f},C {:.6f}}}\n", set, k + 1, p.x(),
-                        p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
+      name, set, set, stops.empty() ? 0 : stops.rbegin()->first);
+  for (const auto& [station, T_base_flange] : stops) {
+    const Vec3& p = T_base_flange.translation_mm;
+    const KukaAbc abc = kuka_abc_from_rotation(T_base_flange.rotation);
+    text += fmt::format("STATION{}[{}]={{X {:.4f},Y {:.4f},Z {:.4f},A {:.6f},B {:.6f},C {:.6f}}}\n", set, station,
+                        p.x(), p.y(), p.z(), deg_from_rad(abc.a_rad), deg_from_rad(abc.b_rad), deg_from_rad(abc.c_rad));
   }
   return text + "ENDDAT\n";
 }
 
-std::string krl_program(std::string_view name, int set, std::size_t stations) {
+namespace {
+
+/// A KRL condition on k that is true at the stations without a stop, up to the highest number that the PLC can name.
+std::string without_stop(const Stops& stops) {
+  std::string condition;
+  const auto add = [&](const std::string& part) { condition += (condition.empty() ? "" : " OR ") + part; };
+  int next = 1;
+  for (const auto& [station, pose] : stops) {
+    if (station == next + 1) add(fmt::format("(k == {})", next));
+    if (station > next + 1) add(fmt::format("((k >= {}) AND (k <= {}))", next, station - 1));
+    next = station + 1;
+  }
+  add(condition.empty() ? fmt::format("k > {}", next - 1) : fmt::format("(k > {})", next - 1));
+  return condition;
+}
+
+}  // namespace
+
+std::string krl_program(std::string_view name, int set, const Stops& stops, int stations_of_slab) {
+  const bool has_all = stops.size() == static_cast<std::size_t>(stations_of_slab);
   return fmt::format(
       "&ACCESS RVP\nDEF {0}( )\n"
-      "  ;One slab with the stops of set {1}. Returns after station {2}, or if the PLC names station 0 (slab "
-      "aborted).\n"
+      "  ;One slab with the stops of set {1}. Returns {2}\n"
       "  ;The calling program contains the loop over the slabs, and RSI_CREATE and RSI_ON (docs/ROBOT.md).\n"
       "  ;The PLC names the station on $IN[1..5] and holds $IN[17] until slabd reports ACQUIRED.\n"
       "  ;First run in T1, station by station: the way between them is not checked against the cell.\n"
@@ -122,7 +140,7 @@ std::string krl_program(std::string_view name, int set, std::size_t stations) {
       "  LOOP\n"
       "    WAIT FOR $IN[17]\n"
       "    k = STATION_IN\n"
-      "    IF k > {2} THEN\n"
+      "    IF {3} THEN\n"
       "      HALT\n"
       "    ENDIF\n"
       "    IF k > 0 THEN\n"
@@ -134,16 +152,20 @@ std::string krl_program(std::string_view name, int set, std::size_t stations) {
       "    $OUT[17] = TRUE\n"
       "    WAIT FOR NOT $IN[17]\n"
       "    $OUT[17] = FALSE\n"
-      "    IF (k == 0) OR (k == {2}) THEN\n"
+      "    IF {4} THEN\n"
       "      EXIT\n"
       "    ENDIF\n"
       "  ENDLOOP\n"
       "END\n",
-      name, set, stations);
+      name, set,
+      has_all ? fmt::format("after station {}, or if the PLC names station 0 (slab aborted).", stations_of_slab)
+              : std::string("if the PLC names station 0 (slab ended or aborted): the other\n"
+                            "  ;robot may scan the last station."),
+      without_stop(stops), has_all ? fmt::format("(k == 0) OR (k == {})", stations_of_slab) : "k == 0");
 }
 
-Result<std::vector<Pose>> parse_krl_points(std::string_view text, std::string_view origin) {
-  std::vector<std::optional<Pose>> found;
+Result<Stops> parse_krl_stops(std::string_view text, std::string_view origin) {
+  Stops stops;
   std::size_t number = 0;
   for (std::size_t at = 0; at <= text.size();) {
     const std::size_t end = std::min(text.find('\n', at), text.size());
@@ -159,16 +181,23 @@ Result<std::vector<Pose>> parse_krl_points(std::string_view text, std::string_vi
     if (close == std::string_view::npos) return at_line(origin, number, "the closing brace is missing");
     const Result<Pose> pose = pose_of(line.substr(open + 1, close - open - 1), origin, number);
     if (!pose) return pose.error();
-    if (found.size() < *station) found.resize(*station);
-    if (found[*station - 1]) return at_line(origin, number, fmt::format("station {} is there twice", *station));
-    found[*station - 1] = pose.value();
+    if (!stops.try_emplace(static_cast<int>(*station), pose.value()).second)
+      return at_line(origin, number, fmt::format("station {} is there twice", *station));
   }
+  if (stops.empty()) return at_line(origin, number, "no line like STATION[1]={X 0.0,Y 0.0,Z 0.0,A 0.0,B 0.0,C 0.0}");
+  return stops;
+}
+
+Result<std::vector<Pose>> parse_krl_points(std::string_view text, std::string_view origin) {
+  const Result<Stops> stops = parse_krl_stops(text, origin);
+  if (!stops) return stops.error();
   std::vector<Pose> poses;
-  for (std::size_t k = 0; k < found.size(); ++k) {
-    if (!found[k]) return at_line(origin, number, fmt::format("station {} is missing", k + 1));
-    poses.push_back(*found[k]);
+  for (const auto& [station, pose] : stops.value()) {
+    if (static_cast<std::size_t>(station) != poses.size() + 1)
+      return error(Code::config, "%.*s: station %zu is missing", static_cast<int>(origin.size()), origin.data(),
+                   poses.size() + 1);
+    poses.push_back(pose);
   }
-  if (poses.empty()) return at_line(origin, number, "no line like STATION[1]={X 0.0,Y 0.0,Z 0.0,A 0.0,B 0.0,C 0.0}");
   return poses;
 }
 

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <sstream>
@@ -58,10 +59,25 @@ struct Row {
 struct Sources {
   config::Config config;
   Recipe recipe;
+  std::vector<int> stations;  ///< that are planned
   InForce hand_eye;
   std::optional<StationTable> table;
   std::string not_used;  ///< reason why the line does not use it; empty if it does
 };
+
+/// Stations that the arm may scan, the usual ones and those with `or`.
+std::vector<int> stations_of(const Options& options, const config::Config& line, const Recipe& recipe) {
+  const std::size_t arm = options.scanner.arm(line);
+  std::vector<int> stations;
+  for (int station = 1; station <= recipe.stations(); ++station) {
+    const ArmChoice& choice = line.arms.of_station.at(static_cast<std::size_t>(station - 1));
+    if (std::find(choice.begin(), choice.end(), arm) != choice.end()) stations.push_back(station);
+  }
+  if (stations.empty())
+    stop(kBadInput, fmt::format("scanner {} has no station of slab type {} ([[station]])", scanner_of_arm(line, arm),
+                                recipe.slab_type));
+  return stations;
+}
 
 /// Places the slab in the base of the robot that carries the scanner, because its poses are.
 void move_to_robot(config::Config& config, storage::Reader* reader) {
@@ -74,8 +90,10 @@ void move_to_robot(config::Config& config, storage::Reader* reader) {
 
 Sources gather(const Options& options) {
   Sources out;
-  out.config = options.scanner.of(config_from(options.config));
+  const config::Config line = config_from(options.config);
+  out.config = options.scanner.of(line);
   out.recipe = recipe_of_type(out.config, options.type);
+  out.stations = stations_of(options, line, out.recipe);
   const std::unique_ptr<storage::Reader> reader = open_records(out.config);
   move_to_robot(out.config, reader.get());
   out.hand_eye = hand_eye_in_force(reader.get(), out.config);
@@ -95,15 +113,29 @@ Sources gather(const Options& options) {
   return out;
 }
 
-/// Reads taught points: a KRL data list or program, otherwise slabd's own form, one pose a line.
-std::vector<Pose> read_taught(const std::string& path) {
+/// Reads taught points: a KRL data list or program, otherwise slabd's own form, one pose a line for the stations in
+/// their order.
+Stops read_taught(const std::string& path, const std::vector<int>& stations) {
   std::ifstream file(path, std::ios::binary);
   std::ostringstream bytes;
   bytes << file.rdbuf();
   if (!file) stop(kBadInput, fmt::format("{}: cannot be read", path));
   const std::string text = bytes.str();
-  if (text.find('{') != std::string::npos) return need(parse_krl_points(text, path), kBadInput);
-  return need(calib::parse_poses(text, path, calib::TableRole::flange), kBadInput).poses;
+  Stops taught;
+  if (text.find('{') != std::string::npos) {
+    taught = need(parse_krl_stops(text, path), kBadInput);
+  } else {
+    const std::vector<Pose> poses = need(calib::parse_poses(text, path, calib::TableRole::flange), kBadInput).poses;
+    if (poses.size() != stations.size())
+      stop(kBadInput, fmt::format("{}: {} points, there are {} stations", path, poses.size(), stations.size()));
+    for (std::size_t i = 0; i < poses.size(); ++i) taught[stations[i]] = poses[i];
+  }
+  for (const int station : stations)
+    if (!taught.contains(station)) stop(kBadInput, fmt::format("{}: station {} is missing", path, station));
+  for (const auto& [station, pose] : taught)
+    if (std::find(stations.begin(), stations.end(), station) == stations.end())
+      stop(kBadInput, fmt::format("{}: station {} is not one of this scanner and slab type", path, station));
+  return taught;
 }
 
 /// Pose of the scanner over a block: looking straight down, rotated about its axis.
@@ -122,13 +154,13 @@ int station_of_set(int station, int set) {
   return (station - 1 + kApart * (set - 1)) % static_cast<int>(limits::kStationsMax) + 1;
 }
 
-std::vector<Row> plan(const Options& options, const Sources& sources, const std::vector<Pose>& taught) {
+std::vector<Row> plan(const Options& options, const Sources& sources, const Stops& taught) {
   const auto look = [&](const Pose& T_base_flange, int station) {
     return look_at(sources.recipe, options.view, sources.config.T_base_slab, sources.hand_eye.T_flange_scanner,
                    T_base_flange, station);
   };
   std::vector<Row> rows;
-  for (int station = 1; station <= sources.recipe.stations(); ++station) {
+  for (const int station : sources.stations) {
     const auto index = static_cast<std::size_t>(station - 1);
     Row row;
     row.station = station;
@@ -136,9 +168,9 @@ std::vector<Row> plan(const Options& options, const Sources& sources, const std:
         sources.recipe, sources.config.T_base_slab, sources.hand_eye.T_flange_scanner,
         dithered(T_block_scanner(options), station_of_set(station, options.set), options.dither), station);
     row.view = look(row.planned, station);
-    if (index < taught.size()) {
-      row.taught = taught[index];
-      row.taught_view = look(taught[index], station);
+    if (const auto found = taught.find(station); found != taught.end()) {
+      row.taught = found->second;
+      row.taught_view = look(found->second, station);
     }
     if (sources.table && sources.table->station.at(index).visits != 0)
       row.mastered = sources.table->station.at(index).T_base_flange;
@@ -161,6 +193,10 @@ struct Alike {
 };
 Alike most_alike(const Sources& sources, const std::vector<Row>& rows) {
   Alike least;
+  if (rows.size() == 1) {
+    constexpr double kFar = std::numeric_limits<double>::infinity();
+    return {rows[0].station, rows[0].station, {kFar, kFar}};
+  }
   for (std::size_t i = 0; i < rows.size(); ++i) {
     const Row& next = rows[(i + 1) % rows.size()];
     const StopDifference d = stop_difference(stop_of(sources, rows[i]), stop_of(sources, next));
@@ -289,7 +325,7 @@ void write_file(const std::string& path, const std::string& text) {
 
 /// Writes FILE.dat and FILE.src; the module has the name of the file. Existing files may contain points that were
 /// corrected by hand, so they are only replaced with --overwrite.
-void write_krl(const std::string& path, int set, bool overwrite, const std::vector<Row>& rows) {
+void write_krl(const std::string& path, int set, bool overwrite, int stations_of_slab, const std::vector<Row>& rows) {
   std::filesystem::path base(path);
   base.replace_extension();
   const std::string name = base.filename().string();
@@ -307,28 +343,25 @@ void write_krl(const std::string& path, int set, bool overwrite, const std::vect
     if (overwrite || !std::filesystem::exists(std::filesystem::symlink_status(file, fault))) continue;
     stop(kBadInput, fmt::format("--krl {}: {} exists already; name another, or say --overwrite", path, file));
   }
-  std::vector<Pose> poses;
-  for (const Row& row : rows) poses.push_back(row.planned);
-  write_file(base.string() + ".dat", krl_data_list(name, set, poses));
-  write_file(base.string() + ".src", krl_program(name, set, poses.size()));
+  Stops stops;
+  for (const Row& row : rows) stops[row.station] = row.planned;
+  write_file(base.string() + ".dat", krl_data_list(name, set, stops));
+  write_file(base.string() + ".src", krl_program(name, set, stops, stations_of_slab));
 }
 
 int stations(Options& options) {
   options.view.incidence_max_rad = rad_from_deg(options.incidence_deg);
   if (options.no_dither) options.dither = {0.0, 0.0};
   const Sources sources = gather(options);
-  std::vector<Pose> taught;
-  if (!options.taught.empty()) taught = read_taught(options.taught);
-  if (!options.taught.empty() && taught.size() != sources.recipe.stations())
-    stop(kBadInput, fmt::format("{}: {} points, slab type {} has {} stations", options.taught, taught.size(),
-                                sources.recipe.slab_type, sources.recipe.stations()));
+  Stops taught;
+  if (!options.taught.empty()) taught = read_taught(options.taught, sources.stations);
   warn_unconfirmed(sources.recipe);
   const std::vector<Row> rows = plan(options, sources, taught);
   const double look_mm = sources.config.pose.look_mm;
   const bool all_ok = std::all_of(rows.begin(), rows.end(), [&](const Row& row) {
     return row.taught ? row.taught_view.ok(look_mm) : row.view.ok(look_mm);
   });
-  if (!options.krl.empty()) write_krl(options.krl, options.set, options.overwrite, rows);
+  if (!options.krl.empty()) write_krl(options.krl, options.set, options.overwrite, sources.recipe.stations(), rows);
   const Alike alike = most_alike(sources, rows);
   if (!is_told_apart(alike.differ))
     fmt::print(
@@ -352,7 +385,9 @@ void add_stations(args::Command& app) {
   command->footer(
       "\nFrom the recipe, [cell] T_base_slab and the hand-eye calibration in force. A feature counts as seen when it "
       "is\n"
-      "inside the scanner's view, met steeply enough and not hidden by the block. Run the points in T1 first: the way\n"
+      "inside the scanner's view, met steeply enough and not hidden by the block. With --scanner, the stations are "
+      "those\n"
+      "that this scanner may scan, in the base of its robot. Run the points in T1 first: the way\n"
       "between them and the arm's reach are not looked at.\n"
       "Exit status: 0 everything is seen from every station (the taught ones, with --taught), 1 not.\n"
       "Examples: slabctl stations --krl SLABPTS2 --set 2     writes SLABPTS2.dat and SLABPTS2.src\n"

@@ -14,8 +14,14 @@ namespace {
 
 [[noreturn]] void fail(sqlite3* handle, const std::string& doing) {
   const int result = handle != nullptr ? sqlite3_extended_errcode(handle) : SQLITE_NOMEM;
-  const char* message = handle != nullptr ? sqlite3_errmsg(handle) : "out of memory";
-  throw SqlFailure{result, std::string(message) + " (SQLite " + std::to_string(result) + ") in: " + doing};
+  const std::string message = handle != nullptr ? sqlite3_errmsg(handle) : "out of memory";
+  // All statements are ours: only a file with other tables can lack what they name.
+  if (message.starts_with("no such column") || message.starts_with("no such table") ||
+      message.find("has no column named") != std::string::npos)
+    throw SqlFailure{result, "a test version of slabd before 1.0 wrote it, with other tables (" + message +
+                                 "): begin a new one with slabctl db restore --fresh, which keeps this one in "
+                                 "quarantine"};
+  throw SqlFailure{result, message + " (SQLite " + std::to_string(result) + ") in: " + doing};
 }
 
 const char* kind_of(mode_t mode) {

@@ -24,6 +24,12 @@ std::vector<Pose> plan() {
   return poses;
 }
 
+Stops stops_of(const std::vector<Pose>& poses) {
+  Stops stops;
+  for (const Pose& pose : poses) stops[static_cast<int>(stops.size()) + 1] = pose;
+  return stops;
+}
+
 TEST(KrlPoints, a_written_pose_is_read_back_as_the_same_pose) {
   Prng prng(7);
   std::vector<Pose> poses = plan();
@@ -31,7 +37,7 @@ TEST(KrlPoints, a_written_pose_is_read_back_as_the_same_pose) {
     pose.rotation =
         rotation_from_kuka_abc(6.2 * prng.uniform() - 3.1, 3.1 * prng.uniform() - 1.55, 6.2 * prng.uniform() - 3.1);
   poses[3].rotation = rotation_from_kuka_abc(1.0, kPi / 2.0, 0.3);  // B at 90 degrees
-  const Result<std::vector<Pose>> back = parse_krl_points(krl_data_list("PTS", 2, poses), "PTS.dat");
+  const Result<std::vector<Pose>> back = parse_krl_points(krl_data_list("PTS", 2, stops_of(poses)), "PTS.dat");
   ASSERT_TRUE(back.ok()) << back.error().text.view();
   ASSERT_EQ(back.value().size(), poses.size());
   for (std::size_t k = 0; k < poses.size(); ++k) {
@@ -41,7 +47,7 @@ TEST(KrlPoints, a_written_pose_is_read_back_as_the_same_pose) {
 }
 
 TEST(KrlPoints, the_files_of_several_sets_can_be_on_one_controller) {
-  const std::vector<Pose> poses = plan();
+  const Stops poses = stops_of(plan());
   for (int set = 1; set <= 4; ++set) {
     const std::string name = "SLABPTS" + std::to_string(set);
     const std::string array = "STATION" + std::to_string(set);
@@ -49,11 +55,40 @@ TEST(KrlPoints, the_files_of_several_sets_can_be_on_one_controller) {
     EXPECT_NE(list.find("DECL GLOBAL FRAME " + array + "[18]\n"), std::string::npos) << list;
     EXPECT_NE(list.find("\n" + array + "[18]={X "), std::string::npos) << list;
     EXPECT_EQ(list.find("STATION["), std::string::npos) << "a global name of all sets";
-    const std::string program = krl_program(name, set, poses.size());
+    const std::string program = krl_program(name, set, poses, recipe().stations());
     EXPECT_NE(program.find("DEF " + name + "( )\n"), std::string::npos) << program;
     EXPECT_NE(program.find("PTP " + array + "[k]\n"), std::string::npos) << program;
     EXPECT_NE(program.find("IF (k == 0) OR (k == 18) THEN\n      EXIT\n"), std::string::npos)
         << "a call that never returns: " << program;
+  }
+}
+
+TEST(KrlPoints, a_robot_that_shares_the_slab_halts_at_the_stations_of_the_other_one) {
+  const Stops all = stops_of(plan());
+  const auto part = [&](const std::vector<int>& stations) {
+    Stops stops;
+    for (const int station : stations) stops[station] = all.at(station);
+    return stops;
+  };
+  struct Case {
+    std::vector<int> stations;
+    const char* halt;
+  };
+  for (const Case& c :
+       {Case{{10, 11, 12, 13, 14, 15, 16, 17, 18}, "((k >= 1) AND (k <= 9)) OR (k > 18)"}, Case{{1, 2, 3}, "k > 3"},
+        Case{{2, 4, 5, 9}, "(k == 1) OR (k == 3) OR ((k >= 6) AND (k <= 8)) OR (k > 9)"}}) {
+    const Stops stops = part(c.stations);
+    const std::string program = krl_program("PTS", 1, stops, recipe().stations());
+    EXPECT_NE(program.find("    IF " + std::string(c.halt) + " THEN\n      HALT\n"), std::string::npos) << program;
+    EXPECT_NE(program.find("    IF k == 0 THEN\n      EXIT\n"), std::string::npos)
+        << "the other robot may have the last station: " << program;
+    const std::string list = krl_data_list("PTS", 1, stops);
+    EXPECT_NE(list.find("STATION1[" + std::to_string(c.stations.back()) + "]\n"), std::string::npos) << list;
+    const Result<Stops> back = parse_krl_stops(list, "PTS.dat");
+    ASSERT_TRUE(back.ok()) << back.error().text.view();
+    std::vector<int> stations;
+    for (const auto& [station, pose] : back.value()) stations.push_back(station);
+    EXPECT_EQ(stations, c.stations);
   }
 }
 

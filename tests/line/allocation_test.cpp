@@ -160,17 +160,24 @@ TEST(Allocation, none_when_the_slab_is_judged) {
   EXPECT_GT(result.items.size(), 0U);
 }
 
+/// Heap calls of the steps of a line. The line calls plain functions, so there is one counter.
+struct CountedSteps {
+  explicit CountedSteps(daemon::Line& line) {
+    calls = 0;
+    line.before_step = [] { counting = std::make_unique<HeapCount>(); };
+    line.after_step = [] {
+      calls += counting->calls();
+      counting.reset();
+    };
+  }
+  inline static std::uint64_t calls = 0;
+  inline static std::unique_ptr<HeapCount> counting;
+};
+
 TEST(Allocation, none_in_the_cycle_of_a_whole_slab) {
   daemon::MemoryStore store;
   daemon::Line line(store);
-  static std::uint64_t calls;
-  static std::unique_ptr<HeapCount> counting;
-  calls = 0;
-  line.before_step = [] { counting = std::make_unique<HeapCount>(); };
-  line.after_step = [] {
-    calls += counting->calls();
-    counting.reset();
-  };
+  const CountedSteps steps(line);
   line.run_for(300);
   line.command(PlcCommand::slab_begin);
   for (int station = 1; station <= 18; ++station) {
@@ -180,7 +187,51 @@ TEST(Allocation, none_in_the_cycle_of_a_whole_slab) {
   line.command(PlcCommand::slab_end);
   line.run_for(40);
   EXPECT_EQ(line.view().slab_verdict, Verdict::pass);
-  EXPECT_EQ(calls, 0U);
+  EXPECT_EQ(CountedSteps::calls, 0U);
+}
+
+TEST(Allocation, none_in_the_cycle_of_a_slab_by_two_robots) {
+  daemon::MemoryStore store;
+  CellCalibration& calibration = store.line.calibration;
+  for (std::size_t arm = 0; arm < 2; ++arm) {
+    calibration.arm[arm].source = LineCalibration::Source::applied;
+    calibration.arm[arm].id = arm == 0 ? "he-1" : "he-2";
+    calibration.arm[arm].hand_eye.sigma_mm = 0.02;
+    calibration.arm[arm].hand_eye.sigma_rad = 1e-5;
+    calibration.tie.hand_eye_id[arm] = calibration.arm[arm].id;
+  }
+  calibration.tie.id = "ti-1";
+  calibration.tie.numbers.robot = "2";
+  calibration.tie.numbers.T_base_robot = Pose::identity();
+  daemon::Line line(store);
+  line.T_base_robot_2 = Pose::identity();
+  LineArms& arms = line.settings.arms;
+  ASSERT_TRUE(arms.list.push(Arm{PartId("2"), PartId("2")}));
+  for (std::size_t i = 9; i < arms.of_station.size(); ++i) {
+    arms.of_station[i].clear();
+    ASSERT_TRUE(arms.of_station[i].push(1));
+  }
+  ASSERT_TRUE(line.settings.more_arms.push(daemon::StationArmSettings{}));
+  line.start();
+  const CountedSteps steps(line);
+  line.run_for(300);
+  line.command(PlcCommand::slab_begin);
+  for (int station = 1; station <= 18; ++station) {
+    if (station < 10) {
+      line.scan(station);
+    } else {
+      line.robot_2_station = station;
+      line.run_for(600);
+      line.command(PlcCommand::scan, station);
+      line.run_for(1'000);
+    }
+    line.take_results();
+  }
+  line.command(PlcCommand::slab_end);
+  line.run_for(40);
+  EXPECT_EQ(line.view().slab_verdict, Verdict::pass);
+  EXPECT_EQ(store.line.slab.more_arms.size(), 1U);
+  EXPECT_EQ(CountedSteps::calls, 0U);
 }
 
 TEST(Allocation, none_when_a_pose_is_decoded) {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // A line with two robots: the real daemon and the emulated line as processes. Robot 1 scans the row Y > 0, robot 2 the
-// other row. Scanner 1 delivers files, scanner 2 a stream. Station 10 to 14 may be scanned by both arms: without scanner
-// 2 the row then has five seats, which seat_vertical needs.
+// other row. Scanner 1 delivers files, scanner 2 a stream. Station 10 to 14 may be scanned by both arms: without
+// scanner 2 the row then has five seats, which seat_vertical needs.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -57,8 +57,9 @@ struct TwoRobots : testing::Test {
                               << "[control]\nsocket = \"" << (box.dir / "control.sock").native() << "\"\n";
   }
 
-  /// Stores and applies the hand-eye calibration of each scanner, and the tie: robot 2 faces robot 1.
-  void keep_calibrations() {
+  /// Stores and applies the hand-eye calibration of each scanner, and the tie: robot 2 faces robot 1. `devices`: also
+  /// an acceptance of each scanner, with this name and noise.
+  void keep_calibrations(const std::vector<std::pair<std::string, double>>& devices = {}) {
     storage::StoreSettings settings;
     settings.db_path = box.dir / "slabd.db";
     settings.spool_dir = box.dir / "spool";
@@ -103,6 +104,22 @@ struct TwoRobots : testing::Test {
     record.numbers = tie;
     record.parent_id = tie_parent(CalibrationId(first), CalibrationId(second)).view();
     apply(record);
+    for (std::size_t arm = 0; arm < devices.size(); ++arm) {
+      ScannerNumbers numbers;
+      numbers.scanner = std::string_view(devices[arm].first);
+      numbers.PF_mm = 0.06 + devices[arm].second;
+      numbers.PS_mm = 0.01;
+      numbers.RF_mm = 0.1;
+      numbers.form_half_mm = 0.02;
+      numbers.form_length_mm = 110.0;
+      numbers.noise_sigma_mm = devices[arm].second;
+      numbers.plates = kPlatePlacesMin;
+      numbers.balls = kBallPlacesMin;
+      numbers.within_limits = true;
+      record = hand_eye(arm == 0 ? "1" : "2", Vec3::Zero());
+      record.numbers = numbers;
+      apply(record);
+    }
   }
 
   void start() {
@@ -171,6 +188,16 @@ TEST_F(TwoRobotsTest, each_robot_scans_its_row_and_the_slab_passes) {
     EXPECT_LE(1024 * status()["memory"]["peak_kb"].get<std::size_t>(),
               limits::inspection_bytes(2) + limits::kProcessBytes);
   }
+  const fs::path report = box.dir / "two.html";
+  const Box::Answer printed =
+      box.slabctl({"report", "TWO-1", "--full", "--out", report.native(), "--config", box.config.native()});
+  EXPECT_EQ(printed.exit_status, 0) << printed.err;
+  const std::string html = read_file(report);
+  for (const char* words : {"robot 1, scanner 1", "robot 2, scanner 2"})
+    EXPECT_NE(html.find(words), std::string::npos) << words;
+  std::size_t operators = 0;
+  for (std::size_t at = html.find(", anna"); at != std::string::npos; at = html.find(", anna", at + 1)) ++operators;
+  EXPECT_GE(operators, 3U) << "both hand-eye calibrations and the tie have date and operator";
   const Box::Answer shown = box.slabctl({"show", "TWO-1", "--config", box.config.native(), "--json"});
   EXPECT_EQ(shown.exit_status, 0) << shown.err;
   EXPECT_EQ(box.slabctl({"db", "check", "--config", box.config.native()}).exit_status, 0) << "its seal holds";
@@ -234,6 +261,45 @@ TEST_F(TwoRobotsTest, a_restart_in_mid_slab_keeps_the_scans_of_both_robots) {
   EXPECT_LE(count("attempt"), 19) << "acquired scans are not repeated";
   EXPECT_EQ(count("attempt WHERE robot = '1' AND station >= 10"), 0);
   EXPECT_EQ(count("attempt WHERE robot = '2' AND station <= 9"), 0);
+}
+
+TEST_F(TwoRobotsTest, stops_are_planned_for_the_stations_of_one_robot) {
+  const auto points = [&](const char* scanner) {
+    const fs::path module = box.dir / ("PTS" + std::string(scanner));
+    const Box::Answer plan = box.slabctl(
+        {"stations", "--scanner", scanner, "--krl", module.native(), "--config", box.config.native(), "--json"});
+    EXPECT_TRUE(plan.exit_status == 0 || plan.exit_status == 1) << plan.err;
+    std::vector<int> stations;
+    const Json document = Json::parse(plan.out);
+    for (const Json& station : document["stations"]) stations.push_back(station["station"]);
+    const std::string list = read_file(module.native() + ".dat");
+    for (int k = 1; k <= 18; ++k)
+      EXPECT_EQ(list.find("\nSTATION1[" + std::to_string(k) + "]={") != std::string::npos,
+                std::find(stations.begin(), stations.end(), k) != stations.end())
+          << k;
+    return stations;
+  };
+  EXPECT_EQ(points("1"), (std::vector<int>{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14})) << "10 to 14 by `or`";
+  EXPECT_EQ(points("2"), (std::vector<int>{10, 11, 12, 13, 14, 15, 16, 17, 18}));
+  const Box::Answer taught = box.slabctl(
+      {"stations", "--scanner", "2", "--taught", (box.dir / "PTS1.dat").native(), "--config", box.config.native()});
+  EXPECT_EQ(taught.exit_status, 3);
+  EXPECT_NE(taught.err.find("PTS1.dat: station 15 is missing"), std::string::npos) << taught.err;
+}
+
+TEST_F(TwoRobots, one_acceptance_for_two_scanners_is_named) {
+  for (const auto& [devices, is_one] :
+       {std::pair{std::vector<std::pair<std::string, double>>{{"SN-1", 0.021}, {"SN-2", 0.022}}, false},
+        {{{"SN-1", 0.021}, {"SN-1", 0.022}}, true},
+        {{{"SN-1", 0.021}, {"SN-2", 0.021}}, true}}) {
+    write_config();
+    keep_calibrations(devices);
+    const Box::Answer doctor =
+        box.slabctl({"doctor", "--no-write", "--json", "--listen-s", "0.5", "--config", box.config.native()});
+    EXPECT_EQ(doctor.out.find("are acceptances of one device") != std::string::npos, is_one) << doctor.out;
+    const Box::Answer history = box.slabctl({"scanner", "history", "--json", "--config", box.config.native()});
+    EXPECT_NE(history.out.find("\"scanner_id\": \"2\""), std::string::npos) << history.out;
+  }
 }
 
 TEST_F(TwoRobotsTest, doctor_and_status_name_each_robot_and_scanner) {

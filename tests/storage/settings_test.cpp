@@ -205,6 +205,17 @@ TEST_F(SettingsTest, foreign_database_is_refused_and_left_alone) {
   sqlite3_close(db);
 }
 
+TEST_F(SettingsTest, a_database_with_other_tables_is_named_with_the_cure) {
+  ASSERT_TRUE(open_store(settings_).ok());
+  make("ALTER TABLE gauge_check RENAME COLUMN master_value TO master_size");
+  const Result<std::unique_ptr<Reader>> reader = open_reader(settings_.db_path);
+  ASSERT_TRUE(reader.ok()) << reader.error().text.view();
+  const auto checks = reader.value()->gauge_checks("", 10);
+  ASSERT_FALSE(checks.ok());
+  for (const char* part : {"with other tables (no such column: ", "master_value", "slabctl db restore --fresh"})
+    EXPECT_NE(checks.error().text.view().find(part), std::string_view::npos) << checks.error().text.view();
+}
+
 TEST_F(SettingsTest, a_database_of_a_test_version_is_refused_with_a_reason_and_left_unchanged) {
   for (const char* version : {"1", "9"}) {
     make("PRAGMA application_id = 1397506370; CREATE TABLE IF NOT EXISTS slab (a); INSERT INTO slab VALUES (7)");
