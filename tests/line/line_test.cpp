@@ -332,7 +332,8 @@ TEST_F(LineTest, a_scan_from_before_a_restart_is_not_accepted_for_another_block_
     }
   ASSERT_FALSE(kept.empty());
   const auto inspect_with_old_answers = [&](const char* slab) {
-    const auto line = box.simulate({"--slab-no", slab, "--defect", "slope=5:1/35"});
+    // More tries than one for each old answer: on a busy computer poses may come late, too.
+    const auto line = box.simulate({"--slab-no", slab, "--defect", "slope=5:1/35", "--scans-per-block", "8"});
     const fs::path ready = box.dir / "drop/inbox/ready.part";
     std::string answered;
     for (std::uint32_t turn = 0; line->running(); std::this_thread::sleep_for(std::chrono::milliseconds(1))) {
