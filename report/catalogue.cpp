@@ -444,6 +444,7 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"slabctl calibrate check; docs/CALIBRATION.md, \"The daily check\"",
      "slabctl calibrate check；docs/CALIBRATION.zh.md，“日常检查”"},
     {"slabctl calibrate stations; docs/MASTERING.md", "slabctl calibrate stations；docs/MASTERING.md"},
+    {"slabctl gauge list names gauge and reason; docs/GAUGES.md", "slabctl gauge list 指出量具和原因；docs/GAUGES.md"},
     {"slabctl scanner verify; docs/SCANNER.md, \"Is it good enough?\"",
      "slabctl scanner verify；docs/SCANNER.md，\"Is it good enough?\""},
     {"slabctl calibrate new, and apply it; docs/CALIBRATION.md",

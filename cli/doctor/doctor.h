@@ -109,13 +109,21 @@ void examine_routes(const config::Config& config, Examination& report);
 /// verified. Reports nothing without a camera.
 void examine_camera(const config::Config& config, Examination& report);
 
-// ---- doctor_links.cpp: daemon, PLC, robot and scanner ------------------------------------------------------------
+// ---- doctor_plc.cpp ----------------------------------------------------------------------------------------------
+
+void examine_plc(const config::Config& config, bool daemon_runs, Examination& report);
+
+// ---- doctor_robot.cpp --------------------------------------------------------------------------------------------
+
+/// Receives the poses of each robot for `seconds`.
+void examine_robots(const config::Config& config, double seconds, Examination& report);
+
+// ---- doctor_links.cpp: daemon, scanner and calibrations ----------------------------------------------------------
 
 /// Queries the daemon; returns its status (slabd.status/1), empty if it does not run.
 [[nodiscard]] std::string examine_daemon(const config::Config& config, Examination& report);
-void examine_plc(const config::Config& config, bool daemon_runs, Examination& report);
-/// Receives the poses of each robot for `seconds`.
-void examine_robots(const config::Config& config, double seconds, Examination& report);
+/// Names the robot or the scanner of an arm in the findings, on a line with several: "robot 2".
+void name_part(const config::Config& config, const std::string& part, const PartId& id, Examination& report);
 /// `scan`: takes a scan with each scanner in the daemon's maintenance state.
 void examine_scanners(const config::Config& config, const std::string& status, bool scan, Examination& report);
 /// Calibrations of each scanner, and the tie of two robots.

@@ -27,6 +27,13 @@ test('every key that the page uses is in the catalogues', () => {
   assert.ok(used.length > 150);
   for (const key of used) assert.ok(key in en, key);
 });
+test('every bit of WARN has a text, and the live page shows it', () => {
+  const headers = ['plc.h', 'calibration.h'].map((name) => readFileSync(new URL(`../../../base/${name}`, import.meta.url), 'utf8'));
+  const bits = [...headers.join('\n').matchAll(/kWarn\w+ = 1U << (\d+)U/g)];
+  assert.equal(bits.length, 16);
+  for (const [, bit] of bits) assert.ok(`warn.${bit}` in zh, bit);
+  assert.ok(sources.includes('length: 16 }, (_, bit) => bit'));
+});
 test('every key of the catalogues is used, by itself or by its group', () => {
   const groups = [...sources.matchAll(/['`]([a-z_]+\.)(?:\$\{|')/g)].map((found) => found[1]);
   for (const key of Object.keys(en))

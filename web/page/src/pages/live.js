@@ -61,7 +61,7 @@ function Today({ row }) {
 function Warnings({ status }) {
   const { t, language } = useWords();
   const bits = status?.warn_bits ?? 0;
-  const own = Array.from({ length: 15 }, (_, bit) => bit).filter((bit) => bits & (1 << bit));
+  const own = Array.from({ length: 16 }, (_, bit) => bit).filter((bit) => bits & (1 << bit));
   const texts = language === 'en' ? status?.warn ?? [] : own.map((bit) => t(`warn.${bit}`));
   if (texts.length === 0) return null;
   return html`<${Panel} title=${`${t('warnings.title')} (${texts.length})`} className="panel-warnings">

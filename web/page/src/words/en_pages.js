@@ -273,6 +273,7 @@ export const enPages = {
   'warn.12': 'the recipe folder differs from the recipes in use',
   'warn.13': 'emulation: robot or scanner is not the real one',
   'warn.14': 'the robot’s stops at neighbouring blocks are alike; the pose cannot prove which block a scan shows',
+  'warn.15': 'a gauge is stuck, or its master check is missing, failed or overdue (slabctl gauge list)',
   'surface.what': 'What is drawn',
   'surface.map': 'Map',
   'surface.scan': 'Scan',

@@ -273,6 +273,7 @@ export const zhPages = {
   'warn.12': '配方文件夹与正在使用的配方不一致',
   'warn.13': '仿真：机器人或扫描仪不是真实设备',
   'warn.14': '机器人在相邻承轨台上的停位相同，位姿无法证明扫描属于哪个承轨台',
+  'warn.15': '某个量具卡滞，或其标准件校核缺失、未通过或已过期（slabctl gauge list）',
   'surface.what': '显示内容',
   'surface.map': '偏差图',
   'surface.scan': '扫描点云',
