@@ -201,6 +201,8 @@ class Loop {
   [[nodiscard]] StoreAnswer do_task(const StoreTask& task);
   [[nodiscard]] StoreDone store(const StoreJob& job);
   void open_store();
+  void idle_store();
+  void idle_scanner(std::size_t arm);
   void note_chain(std::int64_t slab_key);
   /// Keeps the events that wait, if the store is open.
   void keep_events();
