@@ -260,7 +260,7 @@ SharedAnswer Documents::made(const DocumentOrder& order) const {
 /// Logs a fault of slabctl or of the computer, not one of a request.
 void Documents::log(const DocumentOrder& order, const Answer& answer) {
   const auto now_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
-  if (answer.status < 500 || stopped_ || !log_limit_.permits(now_ns)) return;
+  if (answer.status < 500 || order.is_ahead || stopped_ || !log_limit_.permits(now_ns)) return;
   std::string command;
   for (const std::string& word : order.arguments) command += " " + word;
   fmt::print(stderr, "slabd-web: slabctl{}: {}", plain(command), plain(answer.text, Lines::kept));
@@ -288,8 +288,10 @@ SharedAnswer Documents::run(Lock& lock, const DocumentOrder& order) {
 void Documents::renew_documents() {
   Lock lock(mutex_);
   while (true) {
-    changed_.wait(lock, [&] { return stopped_ || !to_renew_.empty(); });
+    changed_.wait_until(lock, ahead_at_, [&] { return stopped_ || !to_renew_.empty() || Clock::now() >= ahead_at_; });
     if (stopped_) return;
+    if (Clock::now() >= ahead_at_) order_ahead();
+    if (to_renew_.empty()) continue;
     const DocumentOrder order = std::move(to_renew_.front());
     to_renew_.pop_front();
     SharedAnswer answer;
@@ -297,15 +299,49 @@ void Documents::renew_documents() {
     // A command that writes may have removed the entry meanwhile, and the document may be older than that.
     if (Entry* const entry = find(name_of(order)); entry != nullptr && std::exchange(entry->is_renewed, false))
       if (answer != nullptr && answer->status == 200) keep(entry->name, answer, order.cache_s);
+    if (order.is_ahead) give_up(name_of(order));
     changed_.notify_all();
   }
+}
+
+/// Removes a document that could not be made, so that the next caller makes it.
+void Documents::give_up(const std::string& name) {
+  entries_.remove_if([&](const Entry& entry) { return entry.name == name && !entry.is_made; });
+}
+
+/// Orders the documents that are made ahead, and sets the next time.
+void Documents::order_ahead() {
+  const auto now = Clock::now();
+  ahead_at_ = now - asked_at_ < seconds(kAheadFor_s) ? now + seconds(ahead_every_s_) : kNeverAhead;
+  for (const DocumentOrder& order : ahead_) {
+    Entry* entry = find(name_of(order));
+    // A caller makes it, or it is made again already.
+    if (entry != nullptr && (!entry->is_made || entry->is_renewed)) continue;
+    if (entry == nullptr) entry = &entries_.emplace_front(Entry{name_of(order), nullptr, {}, false, false});
+    entry->is_renewed = true;
+    to_renew_.push_back(order);
+  }
+}
+
+void Documents::make_ahead(std::vector<DocumentOrder> orders, double every_s) {
+  const Lock lock(mutex_);
+  ahead_ = std::move(orders);
+  for (DocumentOrder& order : ahead_) order.is_ahead = true;
+  ahead_every_s_ = every_s;
+  asked_at_ = ahead_at_ = Clock::now();
+  changed_.notify_all();
 }
 
 SharedAnswer Documents::get(const DocumentOrder& order) {
   const std::string name = name_of(order);
   Lock lock(mutex_);
+  const auto now = Clock::now();
+  asked_at_ = now;
+  if (!ahead_.empty() && ahead_at_ == kNeverAhead) {
+    ahead_at_ = now;
+    changed_.notify_all();
+  }
   if (Entry* entry = find(name); entry != nullptr) {
-    const auto now = Clock::now();
     if (entry->is_made && now < entry->until) return entry->answer;
     if (entry->is_made && entry->answer->status == 200 && now < entry->until + seconds(order.renew_s)) {
       if (!std::exchange(entry->is_renewed, true)) {
@@ -353,6 +389,10 @@ SharedAnswer Documents::carry_out(const std::vector<std::string>& arguments) {
     // Whatever the end was, the change may have been made.
     const Lock lock(mutex_);
     entries_.remove_if([](const Entry& entry) { return entry.is_made; });
+    if (!ahead_.empty()) {
+      ahead_at_ = Clock::now();
+      changed_.notify_all();
+    }
   }
   if (result.end != End::exited) return fault_of(result, time_s);
   Answer printed;

@@ -23,6 +23,9 @@ namespace slabd::web {
 inline constexpr int kChildrenMax = 2;
 /// Callers that wait for a process of their own; more are refused.
 inline constexpr int kWaitingMax = 16;
+/// Interval in which documents are made ahead, and the time after the last request in which that goes on.
+inline constexpr double kAheadEvery_s = 300.0;
+inline constexpr double kAheadFor_s = 86'400.0;
 /// Documents kept, and their bytes. They are files in memory and count for MemoryMax of the unit.
 inline constexpr std::size_t kKeptMax = 64;
 inline constexpr std::uint64_t kKeptBytesMax = 32'000'000;
@@ -63,6 +66,7 @@ struct DocumentOrder {
   bool is_report = false;                     ///< the document is the file that "{file}" in the arguments names
   bool is_live = false;                       ///< of the poller: before all others that wait
   bool is_plant = false;                      ///< slabd-plant makes it
+  bool is_ahead = false;                      ///< made without a caller: an error is not logged
   const char* file_type = "application/pdf";  ///< of a report
 };
 
@@ -77,6 +81,9 @@ class Documents {
   /// The document, or an answer with slabd.web_error/1: status 400 and 404 of slabctl's messages, 503 if a process is
   /// not available, 504 if it was late. Waits at most about three time limits.
   [[nodiscard]] SharedAnswer get(const DocumentOrder& order);
+  /// Makes these documents now, and again every `every_s` seconds until a day after the last request, so that the first
+  /// caller of a document that takes seconds does not wait. Their renew_s must be longer than `every_s`. Call it once.
+  void make_ahead(std::vector<DocumentOrder> orders, double every_s = kAheadEvery_s);
   /// Carries out a command that writes, one at a time. Status 200 with the document slabd.web_done/1, which contains
   /// the first line that it printed; else slabd.web_error/1: 400 and 409 refused, 404 no such slab, 503 slabd does not
   /// answer. The documents that are kept are made again afterwards.
@@ -93,6 +100,7 @@ class Documents {
     bool is_renewed = false;  ///< it is made again, or waits for that
   };
   using Lock = std::unique_lock<std::mutex>;
+  static constexpr auto kNeverAhead = std::chrono::steady_clock::time_point::max();
 
   [[nodiscard]] Entry* find(const std::string& name);
   [[nodiscard]] bool wait_for_process(Lock& lock, const DocumentOrder& order);
@@ -100,6 +108,8 @@ class Documents {
   /// Runs the process. The caller has waited for it; the lock is free meanwhile.
   [[nodiscard]] SharedAnswer run(Lock& lock, const DocumentOrder& order);
   void renew_documents();
+  void order_ahead();
+  void give_up(const std::string& name);
   void keep(const std::string& name, SharedAnswer answer, double cache_s);
   void log(const DocumentOrder& order, const Answer& answer);
   [[nodiscard]] SharedAnswer made(const DocumentOrder& order) const;
@@ -118,7 +128,11 @@ class Documents {
   bool stopped_ = false;
   RateLimit log_limit_{10 * kNsPerS, 3};
   std::deque<DocumentOrder> to_renew_;  ///< each document once
-  std::thread renewer_;                 ///< last, because it uses the others
+  std::vector<DocumentOrder> ahead_;
+  double ahead_every_s_ = kAheadEvery_s;
+  std::chrono::steady_clock::time_point ahead_at_ = kNeverAhead;  ///< next time that `ahead_` is made
+  std::chrono::steady_clock::time_point asked_at_;                ///< last request
+  std::thread renewer_;                                           ///< last, because it uses the others
 };
 
 }  // namespace slabd::web

@@ -76,6 +76,27 @@ std::int64_t seconds_until(SessionClock::time_point end) {
   return std::chrono::duration_cast<std::chrono::seconds>(end - SessionClock::now()).count();
 }
 
+DocumentOrder order_of(const Request& request) {
+  const Route& route = *request.route;
+  return {.arguments = request.arguments,
+          .cache_s = route.cache_s,
+          .renew_s = route.renew_s,
+          .is_report = route.maker == Maker::report,
+          .is_plant = route.maker == Maker::plant,
+          .file_type = route.path.ends_with(".png") ? "image/png" : "application/pdf"};
+}
+
+/// Documents of many slabs that take seconds, as the pages ask for them.
+std::vector<DocumentOrder> slow_documents() {
+  std::vector<DocumentOrder> orders;
+  for (const char* target : {"/api/v1/moulds", "/api/v1/reasons?since=31d"})
+    if (const auto parsed = parse_target(target)) {
+      const auto found = find_document(*parsed);
+      if (const auto* const request = std::get_if<Request>(&found)) orders.push_back(order_of(*request));
+    }
+  return orders;
+}
+
 }  // namespace
 
 Site::Site(SiteSettings settings, Documents& documents, Live& live)
@@ -87,6 +108,7 @@ Site::Site(SiteSettings settings, Documents& documents, Live& live)
       words_zh_(text_answer(words_document("zh"), "application/json")) {
   for (const Asset& asset : assets())
     files_.emplace_back(asset.name, text_answer(std::string(asset.bytes), std::string(media_type(asset.name))));
+  documents_.make_ahead(slow_documents());
 }
 
 bool Site::is_known_host(const HttpRequest& request) const {
@@ -133,13 +155,7 @@ SharedAnswer Site::document(const HttpRequest& asked, const Target& target) {
     case Maker::plant:
     case Maker::report: break;
   }
-  const Route& route = *request.route;
-  return documents_.get({.arguments = request.arguments,
-                         .cache_s = route.cache_s,
-                         .renew_s = route.renew_s,
-                         .is_report = route.maker == Maker::report,
-                         .is_plant = route.maker == Maker::plant,
-                         .file_type = route.path.ends_with(".png") ? "image/png" : "application/pdf"});
+  return documents_.get(order_of(request));
 }
 
 SharedAnswer Site::find(const HttpRequest& request, const Target& target) {

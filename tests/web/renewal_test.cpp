@@ -23,7 +23,18 @@ class RenewedDocuments : public ::testing::Test {
                            << "echo $n >" << (folder_ / "count") << "\n[ $n -le " << last
                            << " ] || { echo 'slabctl: internal error' >&2; exit 5; }\necho \"{\\\"n\\\": $n}\"\n";
     ::chmod(program.c_str(), 0755);
-    return Documents({.slabctl = program, .config = "", .reports_dir = folder_.string(), .answer_s = 60.0, .plant = "", .plant_dsn = ""});
+    return Documents({.slabctl = program,
+                      .config = "",
+                      .reports_dir = folder_.string(),
+                      .answer_s = 60.0,
+                      .plant = "",
+                      .plant_dsn = ""});
+  }
+  /// Times that the program was started.
+  int count() {
+    int count = 0;
+    std::ifstream(folder_ / "count") >> count;
+    return count;
   }
   hal::test::TemporaryFolder folder_;
 };
@@ -49,6 +60,27 @@ TEST_F(RenewedDocuments, are_made_before_they_are_given_after_a_write) {
   EXPECT_EQ(body_of(*documents.get(order)), "{\"n\": 1}\n");
   EXPECT_EQ(documents.carry_out({"disposition"})->status, 200);
   EXPECT_EQ(body_of(*documents.get(order)), "{\"n\": 3}\n");
+}
+
+TEST_F(RenewedDocuments, made_ahead_wait_for_their_first_caller) {
+  Documents documents = this->documents(100);
+  const DocumentOrder order{.arguments = {"moulds"}, .cache_s = 3'600.0, .renew_s = 3'600.0};
+  documents.make_ahead({order}, 0.2);
+  // Without a caller it is made again and again.
+  EXPECT_TRUE(places::wait_until([&] { return count() >= 3; }));
+  EXPECT_NE(body_of(*documents.get(order)), "{\"n\": 1}\n");
+  // A write removes it, and it is made once more without a caller.
+  EXPECT_EQ(documents.carry_out({"disposition"})->status, 200);
+  const int written = count();
+  EXPECT_TRUE(places::wait_until([&] { return count() > written; }));
+}
+
+TEST_F(RenewedDocuments, that_cannot_be_made_ahead_are_made_by_their_caller) {
+  Documents documents = this->documents(0);
+  const DocumentOrder order{.arguments = {"moulds"}, .cache_s = 0.0, .renew_s = 3'600.0};
+  documents.make_ahead({order}, 3'600.0);
+  EXPECT_TRUE(places::wait_until([&] { return count() >= 1; }));
+  EXPECT_EQ(documents.get(order)->status, 500);
 }
 
 }  // namespace
