@@ -297,14 +297,15 @@ void Documents::renew_documents() {
     SharedAnswer answer;
     if (wait_for_process(lock, order) && !stopped_) answer = run(lock, order);
     // A command that writes may have removed the entry meanwhile, and the document may be older than that.
+    // A caller may wait for a document that is made ahead, and then gets its error.
     if (Entry* const entry = find(name_of(order)); entry != nullptr && std::exchange(entry->is_renewed, false))
-      if (answer != nullptr && answer->status == 200) keep(entry->name, answer, order.cache_s);
+      if (answer != nullptr && (answer->status == 200 || !entry->is_made)) keep(entry->name, answer, order.cache_s);
     if (order.is_ahead) give_up(name_of(order));
     changed_.notify_all();
   }
 }
 
-/// Removes a document that could not be made, so that the next caller makes it.
+/// Removes a document that no process was available for, so that the next caller makes it.
 void Documents::give_up(const std::string& name) {
   entries_.remove_if([&](const Entry& entry) { return entry.name == name && !entry.is_made; });
 }

@@ -79,8 +79,9 @@ TEST_F(RenewedDocuments, that_cannot_be_made_ahead_are_made_by_their_caller) {
   Documents documents = this->documents(0);
   const DocumentOrder order{.arguments = {"moulds"}, .cache_s = 0.0, .renew_s = 3'600.0};
   documents.make_ahead({order}, 3'600.0);
+  EXPECT_EQ(documents.get(order)->status, 500) << "made by itself, or while it is made ahead";
   EXPECT_TRUE(places::wait_until([&] { return count() >= 1; }));
-  EXPECT_EQ(documents.get(order)->status, 500);
+  EXPECT_EQ(documents.get(order)->status, 500) << "afterwards";
 }
 
 }  // namespace
