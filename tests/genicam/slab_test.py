@@ -51,6 +51,8 @@ listen = "127.0.0.1:{free_port()}"
 [robot]
 lcm_url = "udpm://{group}?ttl=0"
 interface = "lo"
+stale_ms = 1000
+gap_ms = 1000
 [scanner]
 SCANNER
 [storage]

@@ -5,11 +5,9 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
-#include <thread>
 
 #include "processes.h"
 #include "tests/places/places.h"
@@ -144,19 +142,12 @@ TEST_F(CurveLine, is_judged_by_its_own_sheet_at_the_reference_temperature) {
 TEST_F(CurveLine, new_sheets_are_used_without_a_restart_and_faulty_ones_are_named) {
   box_.start();
   ASSERT_TRUE(box_.ready()) << box_.log();
-  const auto logged = [&](const std::string& words) {
-    for (int i = 0; i < 600; ++i) {
-      if (box_.log().find(words) != std::string::npos) return true;
-      std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    }
-    return false;
-  };
-  ASSERT_TRUE(logged("design sheets of 2 slabs are in use")) << box_.log();
+  ASSERT_TRUE(box_.logs("design sheets of 2 slabs are in use")) << box_.log();
   std::ofstream(box_.dir / "sheets/order-2.csv.new") << kHeading << sheet("CURVE-3", 1.0);
   fs::rename(box_.dir / "sheets/order-2.csv.new", box_.dir / "sheets/order-2.csv");
-  ASSERT_TRUE(logged("design sheets of 3 slabs are in use")) << box_.log();
+  ASSERT_TRUE(box_.logs("design sheets of 3 slabs are in use")) << box_.log();
   std::ofstream(box_.dir / "sheets/order-3.csv") << kHeading << "CURVE-4,5600,1,0,0,900,0\n";
-  ASSERT_TRUE(logged("order-3.csv:2:20: dz_mm: found \"900\", allowed is a number within +-50")) << box_.log();
+  ASSERT_TRUE(box_.logs("order-3.csv:2:20: dz_mm: found \"900\", allowed is a number within +-50")) << box_.log();
   const Box::Answer doctor = box_.slabctl({"doctor", "--no-write", "--config", box_.config});
   EXPECT_NE(doctor.out.find("order-3.csv:2:20"), std::string::npos) << doctor.out;
 }

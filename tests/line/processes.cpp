@@ -22,6 +22,7 @@
 
 #include "tests/places/places.h"
 #include "tests/places/ports.h"
+#include "tests/places/wait.h"
 
 namespace slabd::line {
 namespace {
@@ -144,7 +145,7 @@ Box::Box() {
   std::ofstream(config) << "[plc]\nlisten = \"127.0.0.1:" << port << "\"\n"
                         << "[robot]\nlcm_url = \"udpm://239.255.77." << lcm_port % 250 + 2 << ":" << lcm_port
                         << "?ttl=0\"\ninterface = \"lo\"\n"
-                        << "[scanner]\ndrop_dir = \"" << (dir / "drop").native() << "\"\n"
+                        << kPatientRobot << "[scanner]\ndrop_dir = \"" << (dir / "drop").native() << "\"\n"
                         << "[storage]\ndb = \"" << (dir / "slabd.db").native() << "\"\nspool_dir = \""
                         << (dir / "spool").native() << "\"\n"
                         << "[recipes]\ndir = \"" << places::source_dir() << "/recipes\"\n"
@@ -152,6 +153,10 @@ Box::Box() {
                         << "[calibration]\nT_flange_scanner = [0.0, 80.0, 150.0, 1.0, 0.0, 0.0, 0.0]\n"
                         << "station_sigma_mm = 0.02\nstation_sigma_deg = 0.001\n"
                         << "[control]\nsocket = \"" << (dir / "control.sock").native() << "\"\n";
+}
+
+bool Box::logs(const std::string& text) const {
+  return places::wait_until([&] { return log().find(text) != std::string::npos; });
 }
 
 Box::~Box() {

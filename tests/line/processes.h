@@ -48,6 +48,10 @@ inline constexpr bool kSanitized = false;
 /// Bytes in a UDP port's receive buffer; nullopt if the port is not bound.
 [[nodiscard]] std::optional<std::size_t> udp_backlog(std::uint16_t port);
 
+/// Keys of [robot] for tests of the line: a pose may be a second old. On a computer with other work the emulated robot
+/// sends late, and a scan would be refused as code 202, which tests/daemon and pose_line_test.cpp test.
+inline constexpr const char* kPatientRobot = "stale_ms = 1000\ngap_ms = 1000\n";
+
 /// One configured daemon: writes its slabd.toml, starts and stops it.
 class Box {
  public:
@@ -66,6 +70,8 @@ class Box {
   [[nodiscard]] bool running() { return daemon_ && daemon_->running(); }
   [[nodiscard]] pid_t pid() const { return daemon_->pid(); }
   [[nodiscard]] std::string log() const { return read_file(dir / "slabd.err"); }
+  /// Waits until the log contains this text: a thread of its own writes it, after what it tells of.
+  [[nodiscard]] bool logs(const std::string& text) const;
 
   struct Answer {
     int exit_status = -1;

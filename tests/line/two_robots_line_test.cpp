@@ -36,7 +36,7 @@ struct TwoRobots : testing::Test {
   /// `commissioning`: the poses of both scanners on their flanges are in the configuration.
   void write_config(bool commissioning = false) const {
     const std::string lcm = "lcm_url = \"udpm://239.255.77." + std::to_string(box.lcm_port % 250 + 2) + ":" +
-                            std::to_string(box.lcm_port) + "?ttl=0\"\ninterface = \"lo\"\n";
+                            std::to_string(box.lcm_port) + "?ttl=0\"\ninterface = \"lo\"\n" + kPatientRobot;
     const std::string accuracy = "absolute_sigma_mm = 0.02\nabsolute_sigma_deg = 0.001\n";
     std::ofstream(box.config) << "[plc]\nlisten = \"127.0.0.1:" << box.port << "\"\n"
                               << "[[robot]]\nid = \"1\"\n"

@@ -73,6 +73,8 @@ interface = "lo"
 window_ms = 100
 samples_min = 5
 dwell_ms = 0
+stale_ms = 1000
+gap_ms = 1000
 [storage]
 db = "{self.dir}/slabd.db"
 spool_dir = "{self.dir}/spool"

@@ -11,6 +11,7 @@
 #include "tests/cli/stored_slab.h"
 #include "tests/line/processes.h"
 #include "tests/places/places.h"
+#include "tests/places/wait.h"
 #include "tests/web/http.h"
 
 /// slabd-web as a process on a database with a slab, on ports that the kernel chose.
@@ -68,6 +69,10 @@ class WebProcess : public cli::StoredSlab {
     if (web.find("lan_listen") != std::string::npos) lan_port_ = reported_port(*process_, file("web.err"), "lan");
   }
   [[nodiscard]] std::string log() const { return line::read_file(file("web.err")); }
+  /// Waits until the log contains this text.
+  [[nodiscard]] bool logs(const std::string& text) const {
+    return places::wait_until([&] { return log().find(text) != std::string::npos; });
+  }
   [[nodiscard]] Reply get(const std::string& target, const std::string& fields = "") const {
     return web::get(port_, target, fields);
   }
