@@ -24,6 +24,8 @@ using Clock = std::chrono::steady_clock;
 using End = ChildResult::End;
 
 constexpr double kReportFactor = 6.0;
+/// Before every renewal.
+constexpr auto kLongAgo = Clock::time_point::min();
 /// An error is kept this long, so that a page that repeats a wrong request starts one process a second.
 constexpr double kErrorCache_s = 1.0;
 /// Exit status of slabctl, which are the same in all versions (cli/exit.h).
@@ -187,6 +189,7 @@ Documents::Entry* Documents::find(const std::string& name) {
 bool Documents::may_start(const DocumentOrder& order) const {
   if (stopped_) return true;  // and is refused then
   if (running_ >= kChildrenMax || (order.is_report && reports_ > 0)) return false;
+  if (order.is_ahead) return waiting_ == 0;
   return order.is_live || live_waiting_ == 0;
 }
 
@@ -195,7 +198,7 @@ bool Documents::wait_for_process(Lock& lock, const DocumentOrder& order) {
   if (may_start(order)) return true;
   if (waiting_ >= kWaitingMax && !order.is_live) return false;
   int& live = live_waiting_;
-  ++waiting_;
+  waiting_ += order.is_ahead ? 0 : 1;
   live += order.is_live ? 1 : 0;
   const double factor = order.is_report ? 2.0 * kReportFactor : 2.0;
   const auto ready = [&] {
@@ -204,7 +207,7 @@ bool Documents::wait_for_process(Lock& lock, const DocumentOrder& order) {
   };
   const bool came = changed_.wait_for(lock, seconds(factor * settings_.answer_s), ready);
   live -= order.is_live ? 1 : 0;
-  --waiting_;
+  waiting_ -= order.is_ahead ? 0 : 1;
   return came;
 }
 
@@ -212,7 +215,8 @@ void Documents::keep(const std::string& name, SharedAnswer answer, double cache_
   Entry* entry = find(name);
   if (entry == nullptr) return;
   const bool good = answer->status == 200;
-  entry->until = Clock::now() + seconds(good ? cache_s : std::min(cache_s, kErrorCache_s));
+  const bool is_old = std::exchange(entry->is_old, false);
+  entry->until = is_old ? kLongAgo : Clock::now() + seconds(good ? cache_s : std::min(cache_s, kErrorCache_s));
   entry->answer = std::move(answer);
   entry->is_made = true;
   std::uint64_t bytes = 0;
@@ -333,6 +337,22 @@ void Documents::make_ahead(std::vector<DocumentOrder> orders, double every_s) {
   changed_.notify_all();
 }
 
+std::optional<SharedAnswer> Documents::wait_for_other(Lock& lock, const DocumentOrder& order) {
+  const std::string name = name_of(order);
+  const bool was_old = find(name)->is_old;
+  const Entry* found = nullptr;
+  // The other caller may remove the entry when it gives up.
+  const auto is_made = [&] {
+    found = find(name);
+    return stopped_ || found == nullptr || found->is_made;
+  };
+  changed_.wait_for(lock, seconds((order.is_report ? 3.0 * kReportFactor : 3.0) * settings_.answer_s), is_made);
+  if (found == nullptr || !found->is_made)
+    return error_answer(503, "too many documents are wanted at once", "try again in some seconds");
+  if (was_old && found->until == kLongAgo) return std::nullopt;
+  return found->answer;
+}
+
 SharedAnswer Documents::get(const DocumentOrder& order) {
   const std::string name = name_of(order);
   Lock lock(mutex_);
@@ -351,18 +371,9 @@ SharedAnswer Documents::get(const DocumentOrder& order) {
       }
       return entry->answer;
     }
-    if (!entry->is_made) {
-      // Another caller waits for this document or makes it. It may remove the entry when it gives up.
-      const auto is_made = [&] {
-        const Entry* const found = find(name);
-        return stopped_ || found == nullptr || found->is_made;
-      };
-      const double factor = order.is_report ? 3.0 * kReportFactor : 3.0;
-      changed_.wait_for(lock, seconds(factor * settings_.answer_s), is_made);
-      const Entry* const found = find(name);
-      if (found != nullptr && found->is_made) return found->answer;
-      return error_answer(503, "too many documents are wanted at once", "try again in some seconds");
-    }
+    if (!entry->is_made)
+      if (const auto answer = wait_for_other(lock, order)) return *answer;
+    entry = find(name);
     entry->is_made = false;
     entry->is_renewed = false;
   } else {
@@ -390,6 +401,7 @@ SharedAnswer Documents::carry_out(const std::vector<std::string>& arguments) {
     // Whatever the end was, the change may have been made.
     const Lock lock(mutex_);
     entries_.remove_if([](const Entry& entry) { return entry.is_made; });
+    for (Entry& entry : entries_) entry.is_old = true;
     if (!ahead_.empty()) {
       ahead_at_ = Clock::now();
       changed_.notify_all();

@@ -8,6 +8,7 @@
 #include <list>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -82,7 +83,8 @@ class Documents {
   /// not available, 504 if it was late. Waits at most about three time limits.
   [[nodiscard]] SharedAnswer get(const DocumentOrder& order);
   /// Makes these documents now, and again every `every_s` seconds until a day after the last request, so that the first
-  /// caller of a document that takes seconds does not wait. Their renew_s must be longer than `every_s`. Call it once.
+  /// caller of a document that takes seconds does not wait. They begin only while no caller waits. Their renew_s must
+  /// be longer than `every_s`. Call it once.
   void make_ahead(std::vector<DocumentOrder> orders, double every_s = kAheadEvery_s);
   /// Carries out a command that writes, one at a time. Status 200 with the document slabd.web_done/1, which contains
   /// the first line that it printed; else slabd.web_error/1: 400 and 409 refused, 404 no such slab, 503 slabd does not
@@ -98,6 +100,7 @@ class Documents {
     std::chrono::steady_clock::time_point until;
     bool is_made = false;
     bool is_renewed = false;  ///< it is made again, or waits for that
+    bool is_old = false;      ///< something was written while it is made: it may lack that
   };
   using Lock = std::unique_lock<std::mutex>;
   static constexpr auto kNeverAhead = std::chrono::steady_clock::time_point::max();
@@ -110,7 +113,10 @@ class Documents {
   void renew_documents();
   void order_ahead();
   void give_up(const std::string& name);
+  /// A document that is old is kept for those only who asked before the write.
   void keep(const std::string& name, SharedAnswer answer, double cache_s);
+  /// Waits for a document that another caller makes; nullopt if this caller must make it.
+  [[nodiscard]] std::optional<SharedAnswer> wait_for_other(Lock& lock, const DocumentOrder& order);
   void log(const DocumentOrder& order, const Answer& answer);
   [[nodiscard]] SharedAnswer made(const DocumentOrder& order) const;
 
@@ -123,7 +129,7 @@ class Documents {
   std::list<Entry> entries_;  ///< the last used first
   int running_ = 0;
   int reports_ = 0;
-  int waiting_ = 0;
+  int waiting_ = 0;  ///< callers, and documents that are made again; not those that are made ahead
   int live_waiting_ = 0;
   bool stopped_ = false;
   RateLimit log_limit_{10 * kNsPerS, 3};

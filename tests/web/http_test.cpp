@@ -160,14 +160,14 @@ TEST_F(Http, a_process_that_hangs_is_killed_and_others_are_answered) {
   const std::string pids = file("pids");
   const std::string slow = write("slow", "#!/bin/sh\necho $$ >>" + pids + "\nexec sleep 1000\n");
   fs::permissions(slow, fs::perms::owner_all);
-  start("slabctl = \"" + slow + "\"\nanswer_s = 1\n");
+  start("slabctl = \"" + slow + "\"\nanswer_s = 2\n");
   Reply late;
   std::thread asking([&] { late = get("/api/v1/slabs"); });
   EXPECT_EQ(get("/healthz").status, 200);
   EXPECT_EQ(get("/").status, 200);
   EXPECT_EQ(get("/api/v1/status").status, 200);
   asking.join();
-  cli::expect_mentions(refused(late, 504), "slabctl was ended after 1 s; ask for fewer slabs");
+  cli::expect_mentions(refused(late, 504), "slabctl was ended after 2 s; ask for fewer slabs");
   process_->signal(SIGTERM);
   EXPECT_EQ(process_->wait(), 0);
   std::istringstream lines(line::read_file(pids));

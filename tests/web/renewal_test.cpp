@@ -4,8 +4,11 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <chrono>
+#include <filesystem>
 #include <fstream>
 #include <string>
+#include <thread>
 
 #include "tests/hal/temporary_folder.h"
 #include "tests/places/wait.h"
@@ -19,8 +22,10 @@ class RenewedDocuments : public ::testing::Test {
  protected:
   Documents documents(int last) {
     const std::string program = (folder_ / "slabctl");
+    // With the name of a file as second argument it waits while that exists.
     std::ofstream(program) << "#!/bin/sh\nn=$(($(cat " << (folder_ / "count") << " 2>/dev/null || echo 0) + 1))\n"
-                           << "echo $n >" << (folder_ / "count") << "\n[ $n -le " << last
+                           << "echo $n >" << (folder_ / "count")
+                           << "\nwhile [ -e \"${2-/nowhere}\" ]; do sleep 0.01; done\n[ $n -le " << last
                            << " ] || { echo 'slabctl: internal error' >&2; exit 5; }\necho \"{\\\"n\\\": $n}\"\n";
     ::chmod(program.c_str(), 0755);
     return Documents({.slabctl = program,
@@ -60,6 +65,26 @@ TEST_F(RenewedDocuments, are_made_before_they_are_given_after_a_write) {
   EXPECT_EQ(body_of(*documents.get(order)), "{\"n\": 1}\n");
   EXPECT_EQ(documents.carry_out({"disposition"})->status, 200);
   EXPECT_EQ(body_of(*documents.get(order)), "{\"n\": 3}\n");
+}
+
+TEST_F(RenewedDocuments, being_made_during_a_write_are_made_again) {
+  Documents documents = this->documents(100);
+  const DocumentOrder order{.arguments = {"moulds", folder_ / "slow"}, .cache_s = 3'600.0, .renew_s = 3'600.0};
+  std::string before;
+  std::string after;
+  {
+    std::ofstream(folder_ / "slow") << "1";
+    const std::jthread first([&] { before = body_of(*documents.get(order)); });
+    EXPECT_TRUE(places::wait_until([&] { return count() == 1; }));
+    EXPECT_EQ(documents.carry_out({"disposition"})->status, 200);
+    // Asked for after the write, while the document from before it is still being made.
+    const std::jthread second([&] { after = body_of(*documents.get(order)); });
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    std::filesystem::remove(folder_ / "slow");
+  }
+  EXPECT_EQ(before, "{\"n\": 1}\n");
+  EXPECT_EQ(after, "{\"n\": 3}\n");
+  EXPECT_EQ(body_of(*documents.get(order)), "{\"n\": 3}\n") << "and kept";
 }
 
 TEST_F(RenewedDocuments, made_ahead_wait_for_their_first_caller) {
