@@ -302,16 +302,14 @@ void Documents::renew_documents() {
     if (wait_for_process(lock, order) && !stopped_) answer = run(lock, order);
     // A command that writes may have removed the entry meanwhile, and the document may be older than that.
     // A caller may wait for a document that is made ahead, and then gets its error.
-    if (Entry* const entry = find(name_of(order)); entry != nullptr && std::exchange(entry->is_renewed, false))
-      if (answer != nullptr && (answer->status == 200 || !entry->is_made)) keep(entry->name, answer, order.cache_s);
-    if (order.is_ahead) give_up(name_of(order));
+    if (Entry* const entry = find(name_of(order)); entry != nullptr && std::exchange(entry->is_renewed, false)) {
+      if (answer != nullptr && (answer->status == 200 || !entry->is_made))
+        keep(entry->name, answer, order.cache_s);
+      else if (!entry->is_made)  // no process was available; find() put it in front
+        entries_.pop_front();
+    }
     changed_.notify_all();
   }
-}
-
-/// Removes a document that no process was available for, so that the next caller makes it.
-void Documents::give_up(const std::string& name) {
-  entries_.remove_if([&](const Entry& entry) { return entry.name == name && !entry.is_made; });
 }
 
 /// Orders the documents that are made ahead, and sets the next time.

@@ -112,7 +112,6 @@ class Documents {
   [[nodiscard]] SharedAnswer run(Lock& lock, const DocumentOrder& order);
   void renew_documents();
   void order_ahead();
-  void give_up(const std::string& name);
   /// A document that is old is kept for those only who asked before the write.
   void keep(const std::string& name, SharedAnswer answer, double cache_s);
   /// Waits for a document that another caller makes; nullopt if this caller must make it.

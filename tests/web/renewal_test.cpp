@@ -4,11 +4,15 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <algorithm>
+#include <array>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "tests/hal/temporary_folder.h"
 #include "tests/places/wait.h"
@@ -17,15 +21,17 @@
 namespace slabd::web {
 namespace {
 
-/// A program that prints {"n": 1}, then {"n": 2}, ...; from the `last`-th time on it ends with an error.
+/// A program that counts from 1 and prints {"n": 1}, then {"n": 2}, ...; from the `last`-th time on it ends with an
+/// error.
 class RenewedDocuments : public ::testing::Test {
  protected:
   Documents documents(int last) {
     const std::string program = (folder_ / "slabctl");
     // With the name of a file as second argument it waits while that exists.
-    std::ofstream(program) << "#!/bin/sh\nn=$(($(cat " << (folder_ / "count") << " 2>/dev/null || echo 0) + 1))\n"
-                           << "echo $n >" << (folder_ / "count")
-                           << "\nwhile [ -e \"${2-/nowhere}\" ]; do sleep 0.01; done\n[ $n -le " << last
+    std::ofstream(folder_ / "count").flush();
+    std::ofstream(program) << "#!/bin/sh\nn=$(($(wc -l <" << (folder_ / "count") << ") + 1))\necho >>"
+                           << (folder_ / "count") << "\nwhile [ -e \"${2-/nowhere}\" ]; do sleep 0.01; done\n[ $n -le "
+                           << last
                            << " ] || { echo 'slabctl: internal error' >&2; exit 5; }\necho \"{\\\"n\\\": $n}\"\n";
     ::chmod(program.c_str(), 0755);
     return Documents({.slabctl = program,
@@ -37,9 +43,8 @@ class RenewedDocuments : public ::testing::Test {
   }
   /// Times that the program was started.
   int count() {
-    int count = 0;
-    std::ifstream(folder_ / "count") >> count;
-    return count;
+    std::ifstream lines(folder_ / "count");
+    return static_cast<int>(std::count(std::istreambuf_iterator<char>(lines), {}, '\n'));
   }
   hal::test::TemporaryFolder folder_;
 };
@@ -98,6 +103,25 @@ TEST_F(RenewedDocuments, made_ahead_wait_for_their_first_caller) {
   EXPECT_EQ(documents.carry_out({"disposition"})->status, 200);
   const int written = count();
   EXPECT_TRUE(places::wait_until([&] { return count() > written; }));
+}
+
+TEST_F(RenewedDocuments, made_ahead_during_a_write_come_to_all_waiting_callers) {
+  for (int round = 0; round < 5; ++round) {
+    Documents documents = this->documents(100);
+    const DocumentOrder order{.arguments = {"moulds", folder_ / "slow"}, .cache_s = 3'600.0, .renew_s = 3'600.0};
+    std::ofstream(folder_ / "slow") << "1";
+    documents.make_ahead({order}, 3'600.0);
+    EXPECT_TRUE(places::wait_until([&] { return count() == 1; }));
+    EXPECT_EQ(documents.carry_out({"disposition"})->status, 200);
+    std::array<std::string, 4> given;
+    {
+      std::vector<std::jthread> asking;
+      for (std::string& one : given) asking.emplace_back([&] { one = body_of(*documents.get(order)); });
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+      std::filesystem::remove(folder_ / "slow");
+    }
+    for (const std::string& one : given) EXPECT_TRUE(one == "{\"n\": 3}\n" || one == "{\"n\": 4}\n") << one;
+  }
 }
 
 TEST_F(RenewedDocuments, that_cannot_be_made_ahead_are_made_by_their_caller) {
