@@ -249,7 +249,7 @@ bool is_unused(const std::string& db_path) {
 }
 
 bool is_unfinished(const std::string& db_path) {
-  return log_is_in_doubt(db_path);
+  return log_is_in_doubt(db_path) || has_half_a_write(db_path);
 }
 
 Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path, TextFor text) {

@@ -482,7 +482,8 @@ enum class TextFor : std::uint8_t {
 /// True if the database was never used: the file does not exist, or its creation was stopped before the first
 /// transaction. The next writer completes it. Never true for a file with content, of slabd or not.
 [[nodiscard]] bool is_unused(const std::string& db_path);
-/// True if a writer was stopped while it made an earlier log durable: readers wait, and the next writer completes it.
+/// True if a writer was stopped while it made an earlier log durable, or before its first commit to a new or restored
+/// file: readers fail, and the next writer completes or undoes it.
 [[nodiscard]] bool is_unfinished(const std::string& db_path);
 
 // ---- maintenance of the file (slabctl) -----------------------------------------------------------------------------

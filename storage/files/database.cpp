@@ -151,6 +151,10 @@ bool is_for_reading_only(const std::string& path) {
 /// Adds the reason to SQLite's message: a database with a log requires a -shm file, for readers too.
 SqlFailure explained(SqlFailure failure, const std::string& path) {
   const int primary = failure.result & 0xFF;
+  if (failure.result == SQLITE_READONLY_ROLLBACK)
+    failure.text =
+        "the program that last opened it for writing was killed before its first commit (-journal exists next to it); "
+        "start slabd to undo that half of a write";
   if ((primary == SQLITE_CANTOPEN || primary == SQLITE_READONLY) && is_for_reading_only(path))
     failure.text +=
         "; it has a log (-wal) without its index (-shm), which cannot be made here: start slabd, read as its user, or "
@@ -294,6 +298,18 @@ std::unique_ptr<Connection> open_protected(const std::string& path) {
   return db;
 }
 
+/// True if the write that the journal undoes was the first one, so that the database is empty without it. SQLite's file
+/// format, section 3: 8 bytes of magic, then four numbers of 4 bytes; the third is the number of pages before the
+/// write.
+bool was_empty_before_journal(const std::string& path) {
+  static constexpr std::string_view kMagic("\xd9\xd5\x05\xf9\x20\xa1\x63\xd7", 8);
+  std::ifstream in(path + "-journal", std::ios::binary);
+  std::array<char, 20> header{};
+  in.read(header.data(), header.size());
+  const std::string_view text(header.data(), header.size());
+  return in.good() && text.starts_with(kMagic) && text.substr(16, 4) == std::string_view("\0\0\0\0", 4);
+}
+
 /// `looked`: result of the check for the file; it may exist in a folder without permission.
 Error no_database(const std::string& path, const std::error_code& looked) {
   if (looked)
@@ -379,8 +395,19 @@ bool unused_at(const std::string& path) {
   if (!std::filesystem::exists(path, ec)) return !ec;
   try {
     return owner_of(*connect_for_reading(path)) == Owner::nobody;
-  } catch (const SqlFailure&) {
-    return false;  // open_for_writing() and open_for_reading() report the cause
+  } catch (const SqlFailure& failure) {
+    // Otherwise open_for_writing() and open_for_reading() report the cause.
+    return failure.result == SQLITE_READONLY_ROLLBACK && was_empty_before_journal(path);
+  }
+}
+
+bool has_half_a_write(const std::string& path) {
+  if (file_bytes(path + "-journal") == 0) return false;
+  try {
+    (void)connect_for_reading(path);
+    return false;
+  } catch (const SqlFailure& failure) {
+    return failure.result == SQLITE_READONLY_ROLLBACK;
   }
 }
 

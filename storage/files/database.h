@@ -39,4 +39,8 @@ void begin_to_read(Connection& db);
 /// Implements is_unused() of storage/storage.h.
 [[nodiscard]] bool unused_at(const std::string& path);
 
+/// True if a writer was killed before it had made the file a database with a log. Readers fail until the next writer
+/// has undone that write.
+[[nodiscard]] bool has_half_a_write(const std::string& path);
+
 }  // namespace slabd::storage

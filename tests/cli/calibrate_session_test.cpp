@@ -434,6 +434,26 @@ TEST_F(CalibrateSession, a_database_whose_creation_was_stopped_does_not_stand_in
   EXPECT_EQ(run("calibrate history --config " + file("a/slabd.toml")).status, 0);
   expect_next(run("calibrate apply"), 0, "is in force");
   EXPECT_FALSE(in_force("a").id.empty());
+  // The same after a kill within that transaction: a page, and a journal that restores an empty file. SQLite's file
+  // format, section 3: magic, number of pages in it, nonce, pages before, sector size, page size.
+  for (const char* side : {"", "-wal", "-shm"}) fs::remove(file("a/slabd.db") + side);
+  std::string journal(
+      "\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
+      "\0\0\0\0"
+      "abcd"
+      "\0\0\0\0"
+      "\0\0\2\0"
+      "\0\0\x10\0",
+      28);
+  journal.resize(512, '\0');
+  ASSERT_FALSE(write("a/slabd.db", std::string(4096, 'x')).empty());
+  ASSERT_FALSE(write("a/slabd.db-journal", journal).empty());
+  expect_next(run("calibrate history --config " + file("a/slabd.toml")), 0, "no calibration was ever put in force");
+  EXPECT_EQ(run("calibrate verify --yes").status, 0);
+  ASSERT_FALSE(write("a/slabd.db", std::string(4096, 'x')).empty());
+  ASSERT_FALSE(write("a/slabd.db-journal", journal).empty());
+  expect_next(run("calibrate apply"), 0, "is in force");
+  EXPECT_FALSE(in_force("a").id.empty());
   // A file of another program is not taken for a database.
   ASSERT_EQ(run(new_in("b", "", 10)).status, 0);
   ASSERT_FALSE(write("b/slabd.db", "not a database, and it is longer than nothing").empty());

@@ -463,6 +463,55 @@ TEST_F(SurvivalTest, kill_9_at_every_call_loses_no_reported_step) {
               static_cast<unsigned long long>(calls));
 }
 
+/// A file with the journal mode of a backup, as it is after `slabctl db restore`.
+void make_as_restored(const StoreSettings& settings) {
+  ASSERT_TRUE(open_store(settings).ok());
+  Connection db(settings.db_path, SQLITE_OPEN_READWRITE);
+  ASSERT_EQ(db.text("PRAGMA journal_mode = DELETE"), "delete");
+}
+
+TEST_F(SurvivalTest, kill_9_at_every_call_of_an_opening_leaves_what_is_read_or_named_as_unused_or_unfinished) {
+  const std::string path = settings_.db_path;
+  for (const bool restored : {false, true}) {
+    SCOPED_TRACE(restored ? "restored" : "new");
+    const auto begin = [&] {
+      fs::remove_all(root_ + "/db");
+      fs::remove_all(settings_.spool_dir);
+      if (restored) make_as_restored(settings_);
+    };
+    begin();
+    crash_disk::kill_at(root_, ~std::uint64_t{0} >> 1U);
+    ASSERT_TRUE(open_store(settings_).ok());
+    const std::uint64_t calls = crash_disk::heal();
+    int half_written = 0;
+    for (std::uint64_t point = 1; point <= calls && !HasFailure(); ++point) {
+      SCOPED_TRACE("killed at call " + std::to_string(point));
+      begin();
+      const pid_t child = fork();
+      if (child == 0) {
+        crash_disk::kill_at(root_, point);
+        _exit(open_store(settings_).ok() ? 0 : 1);
+      }
+      int status = 0;
+      ASSERT_EQ(waitpid(child, &status, 0), child);
+      const auto first = open_reader(path);
+      if (is_unfinished(path)) {
+        EXPECT_FALSE(first.ok());
+        EXPECT_NE(first.error().text.view().find("start slabd"), std::string::npos) << first.error().text.view();
+        half_written += fs::exists(path + "-journal") ? 1 : 0;
+        EXPECT_EQ(is_unused(path), !restored);
+      } else {
+        EXPECT_TRUE(first.ok() || is_unused(path)) << first.error().text.view();
+        EXPECT_FALSE(restored && is_unused(path));
+      }
+      EXPECT_TRUE(open_store(settings_).ok());
+      EXPECT_FALSE(is_unfinished(path));
+      EXPECT_TRUE(open_reader(path).ok());
+    }
+    EXPECT_GT(half_written, 0) << "the test cannot fail";
+  }
+}
+
 struct Trouble {
   const char* name;
   int error_number;
