@@ -29,8 +29,10 @@ int length(std::string_view text) {
 }
 
 /// True if the sample was made for this slab.
-bool is_of_slab(const GaugeSample& sample, const GaugeReading* used, const GaugeMoment& slab) {
-  if (sample.slab_no == 0) return sample.mono_ns >= slab.begin_ns;
+bool is_of_slab(const GaugeSettings& gauge, const GaugeSample& sample, const GaugeReading* used,
+                const GaugeMoment& slab) {
+  if (sample.slab_no == 0)
+    return sample.mono_ns >= slab.begin_ns && (slab.slab_no == 0 || !is_of_master(gauge, sample));
   // The slab may be inspected again, and the number is that of the first time.
   const bool was_used = used != nullptr && used->slab_no == sample.slab_no && used->seq == sample.seq;
   return sample.slab_no == slab.slab_no && !was_used;
@@ -71,7 +73,7 @@ std::string_view reason_of(GaugeState state) {
     case GaugeState::stale: return "the value is too old";
     case GaugeState::out_of_range: return "the value is outside the measuring range";
     case GaugeState::not_plausible: return "the value is far from the nominal: another unit or another dimension";
-    case GaugeState::unchecked: return "it was never checked with its master";
+    case GaugeState::unchecked: return "it was never checked with this master and source";
     case GaugeState::check_failed: return "its last master check was outside the limit";
     case GaugeState::check_overdue: return "its master check is overdue";
   }
@@ -82,12 +84,20 @@ double master_uncertainty(const GaugeMaster& master) {
   return master.given ? std::hypot(master.u, master.limit / std::sqrt(3.0)) : 0.0;
 }
 
+bool is_of_master(const GaugeSettings& gauge, const GaugeSample& sample) {
+  return sample.slab_no == 0 && gauge.link != GaugeLink::modbus;
+}
+
 GaugeState check_state(const GaugeSettings& gauge, const GaugeCheck& last, std::int64_t utime_us) {
+  constexpr std::int64_t kAhead_us = 3'600'000'000;
   const GaugeMaster& master = gauge.master;
   if (!master.given) return GaugeState::ok;
-  // A check with another master, or of another value of it, is not a check of this one.
-  if (last.utime_us == 0 || last.master_value != master.value || last.unit != gauge.unit) return GaugeState::unchecked;
+  // A check with another master, of another value of it, or through another register is not a check of this gauge.
+  if (last.utime_us == 0 || last.master_value != master.value || last.unit != gauge.unit ||
+      !(last.source == gauge.channel))
+    return GaugeState::unchecked;
   if (!last.passed || !(std::abs(last.value - master.value) <= master.limit)) return GaugeState::check_failed;
+  if (last.utime_us - utime_us > kAhead_us) return GaugeState::unchecked;
   return utime_us - last.utime_us > master.every_us ? GaugeState::check_overdue : GaugeState::ok;
 }
 
@@ -111,7 +121,7 @@ GaugeReading bind(const GaugeSettings& gauge, const GaugeSample& sample, const G
   reading.age_s = static_cast<double>(age_ns) / 1e9;
   if (!std::isfinite(sample.value))
     reading.state = GaugeState::missing;
-  else if (!is_of_slab(sample, used, slab))
+  else if (!is_of_slab(gauge, sample, used, slab))
     reading.state = GaugeState::other_slab;
   else if (age_ns > gauge.valid_ns)
     reading.state = GaugeState::stale;

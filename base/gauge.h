@@ -23,6 +23,8 @@ namespace slabd {
 
 using GaugeName = FixedString<limits::kGaugeNameBytes>;
 using GaugeSource = FixedString<limits::kGaugeSourceBytes>;
+/// A source with all settings that change its number, such as "modbus:10.0.0.5:502/1/120 f32 x0.001".
+using GaugeChannel = FixedString<limits::kGaugeSourceBytes + 48>;
 
 /// Carrier of a gauge's value.
 enum class GaugeLink : std::uint8_t {
@@ -53,7 +55,8 @@ struct GaugeMaster {
 struct GaugeSettings {
   GaugeName name;
   ItemUnit unit = ItemUnit::mm;
-  GaugeSource source;  ///< as written: "plc:40", "modbus:10.0.0.5:502/1/120"
+  GaugeSource source;    ///< as written: "plc:40", "modbus:10.0.0.5:502/1/120"
+  GaugeChannel channel;  ///< a check counts only for the channel that it was made with
   GaugeLink link = GaugeLink::manual;
   std::uint8_t plc_index = 0;   ///< plc: 0..15, at HR 40 + 2 * plc_index
   FixedString<64> host;         ///< modbus: IPv4 address
@@ -98,6 +101,7 @@ struct GaugeCheck {
   double within = kNoValue;   ///< largest deviation that passes
   bool passed = false;        ///< |value - master_value| <= within
   std::int64_t utime_us = 0;  ///< 0: there was none
+  GaugeChannel source;        ///< GaugeSettings::channel
 };
 
 /// True if the check with this master passed.
@@ -107,11 +111,11 @@ struct GaugeCheck {
 enum class GaugeState : std::uint8_t {
   ok,
   missing,        ///< no value, or none since the start of slabd
-  other_slab,     ///< names another slab, arrived before SLAB_BEGIN without naming one, or was used for another slab
+  other_slab,     ///< names another slab, was used for another slab, or names none (see bind())
   stale,          ///< older than valid_s
   out_of_range,   ///< outside the gauge's measuring range
   not_plausible,  ///< far from the item's nominal: another unit, another dimension
-  unchecked,      ///< never checked with the configured master
+  unchecked,      ///< never checked with the configured master and source
   check_failed,   ///< the last check was outside its limit
   check_overdue,  ///< the last check is older than every_h
 };
@@ -146,7 +150,12 @@ inline constexpr GaugeReadings kNoGaugeReadings{};
 /// distribution, because a gauge that is off by less passes: u^2 = u_master^2 + limit^2 / 3. 0 without a master.
 [[nodiscard]] double master_uncertainty(const GaugeMaster& master);
 
-/// Usability of a gauge's master check at this time.
+/// True if the value is that of a master: all but an instrument name the slab that a value belongs to, and a master has
+/// none.
+[[nodiscard]] bool is_of_master(const GaugeSettings& gauge, const GaugeSample& sample);
+
+/// Usability of a gauge's master check at this time. A check that is more than an hour ahead was made with a wrong
+/// clock and does not count.
 [[nodiscard]] GaugeState check_state(const GaugeSettings& gauge, const GaugeCheck& last, std::int64_t utime_us);
 
 /// The slab to which values are bound at its SLAB_END.
@@ -157,9 +166,10 @@ struct GaugeMoment {
   std::int64_t utime_us = 0;  ///< SLAB_END, for the due date of checks: the wall clock, or the newest record if later
 };
 
-/// Binds the newest sample of a gauge to a slab. It belongs to the slab if it names its number, or names none and
-/// arrived after SLAB_BEGIN. `used`: the reading of the slab before, or nullptr; a sample with its slab number and
-/// sequence number was used for that slab and does not count again.
+/// Binds the newest sample of a gauge to a slab. It belongs to the slab if it names its number. A sample without a
+/// number belongs to it if it arrived after SLAB_BEGIN and cannot be a master's (is_of_master()), or if the slab has no
+/// number either. `used`: the reading of the slab before, or nullptr; a sample with its slab number and sequence number
+/// was used for that slab and does not count again.
 [[nodiscard]] GaugeReading bind(const GaugeSettings& gauge, const GaugeSample& sample, const GaugeCheck& last_check,
                                 const GaugeReading* used, const GaugeMoment& slab);
 

@@ -56,7 +56,7 @@ void fields(V& v, R& r) {
 
 SLABD_FIELDS(GaugeReading, gauge, source, unit, state, value, u, u_master, seq, slab_no, utime_us, age_s,
              check_utime_us, check_deviation);
-SLABD_FIELDS(GaugeCheck, gauge, unit, value, master_value, master_u, within, passed, utime_us);
+SLABD_FIELDS(GaugeCheck, gauge, unit, value, master_value, master_u, within, passed, utime_us, source);
 
 // ---- one slab ----------------------------------------------------------------------------------------------------
 

@@ -139,7 +139,7 @@ int check(const Options& options) {
   change.check.master_value = gauge.master.value;
   change.check.master_u = gauge.master.u;
   change.check.within = gauge.master.limit;
-  change.source = std::string(gauge.source.view());
+  change.check.source = gauge.channel;
   change.check.value = options.value;
   if (!has_value(options.value)) {
     const json answer = ask(config, {{"verb", "gauges"}});
@@ -148,11 +148,22 @@ int check(const Options& options) {
     if (found == answer["gauges"].end())
       stop(kBadInput,
            say("the running slabd does not have the gauge {}: restart it with this configuration", gauge.name.view()));
+    if ((*found)["channel"] != gauge.channel.view())
+      stop(kBadInput, say("the running slabd reads {} from {}, and the configuration has {}: restart it",
+                          gauge.name.view(), quote((*found)["channel"].get<std::string>()), gauge.channel.view()));
+    // An instrument cannot tell a master from a slab.
+    if (gauge.link == GaugeLink::modbus && !answer["slab_no"].is_null())
+      stop(kRefused, say("slab {} is open, and the master's value would count for it: check {} between two slabs",
+                         answer["slab_no"].get<std::uint32_t>(), gauge.name.view()));
     const double age_s = number_of(*found, "age_s");
     const std::string trouble = (*found)["trouble"].get<std::string>();
     if (!trouble.empty()) stop(kNotReachable, fmt::format("{}: {}", options.gauge, quote(trouble)));
     if (!(age_s <= kCheckAgeS))
       stop(kNotReachable, say("{} has sent no value for {} s: measure the master now", gauge.name.view(), kCheckAgeS));
+    const auto slab_no = (*found)["slab_no"].get<std::uint32_t>();
+    if (gauge.link != GaugeLink::modbus && slab_no != 0)
+      stop(kRefused, say("the newest value of {} is of slab {}: send the master's value with SLAB_NO 0",
+                         gauge.name.view(), slab_no));
     change.check.value = number_of(*found, "value");
     if (!has_value(change.check.value)) stop(kNotReachable, say("{} has no value", gauge.name.view()));
   }

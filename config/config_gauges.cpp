@@ -146,6 +146,18 @@ void read_range(TableReader& table, GaugeSettings& out) {
                                        out.high, out.master.value));
 }
 
+/// Everything that decides which number a gauge gives.
+std::string channel_of(const GaugeSettings& gauge) {
+  std::string text(gauge.source.view());
+  if (gauge.link == GaugeLink::modbus) {
+    text += fmt::format(" {}", kGaugeFormats.at(static_cast<std::size_t>(gauge.format)));
+    if (gauge.low_word_first) text += " cdab";
+    if (gauge.input_register) text += " input";
+  }
+  if (gauge.scale != 1.0) text += fmt::format(" x{}", gauge.scale);
+  return text;
+}
+
 void read_gauge(TableReader table, hal::WordOrder plc_order, GaugeSettings& out) {
   std::string name;
   table.required_text("name", name, limits::kGaugeNameBytes);
@@ -162,6 +174,7 @@ void read_gauge(TableReader table, hal::WordOrder plc_order, GaugeSettings& out)
   read_format(table, plc_order, out);
   table.optional_number("scale", out.scale, {-1e6, 1e6});
   if (out.scale == 0.0) table.problem("scale", "found 0, allowed is any other number: every value would be 0");
+  out.channel.assign(channel_of(out));
   table.required_number("u", out.u, {1e-6, 100.0});
   double valid_s = kValidS;
   table.optional_number("valid_s", valid_s, {1.0, 86'400.0});

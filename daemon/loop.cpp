@@ -82,6 +82,7 @@ void Loop::order_store() {
   std::destroy_at(station_.get());
   std::construct_at(station_.get(), settings);
   station_->gauges.samples = gauges.samples;
+  station_->gauges.masters = gauges.masters;
   station_->gauges.plc_seq = gauges.plc_seq;
   station_->gauges.plc_seen = gauges.plc_seen;
   figures_.opening = true;

@@ -24,7 +24,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"the value is too old", "该值过旧"},
     {"the value is outside the measuring range", "该值超出量程"},
     {"the value is far from the nominal: another unit or another dimension", "该值远离公称值：单位或尺寸不对"},
-    {"it was never checked with its master", "从未用标准件校核"},
+    {"it was never checked with this master and source", "从未用此标准件和此来源校核"},
     {"its last master check was outside the limit", "上次标准件校核超出限值"},
     {"its master check is overdue", "标准件校核已过期"},
     // scans (base/records)

@@ -50,19 +50,18 @@ std::string Gauges::keep(const KeepGaugeCheck& change) {
   if (!last.empty() && last.front().check.utime_us == check.utime_us && last.front().check.value == check.value)
     return check_id(gauge, last.front().seq);
   std::vector<std::string> names = names_of<GaugeCheck>();
-  for (const char* column : {"who", "why", "source"}) names.emplace_back(column);
+  for (const char* column : {"who", "why"}) names.emplace_back(column);
   Statement insert(db_, insert_text("gauge_check", names));
   Bind bind(insert, 1);
   columns(bind, check);
   insert.bind(bind.next_index(), std::string_view(change.note.who))
       .bind(bind.next_index() + 1, std::string_view(change.note.why))
-      .bind(bind.next_index() + 2, std::string_view(change.source))
       .run();
   return check_id(gauge, db_.integer("SELECT max(seq) FROM gauge_check"));
 }
 
 std::vector<GaugeCheckRecord> Gauges::checks(std::string_view gauge, std::size_t limit) {
-  Statement rows(db_, "SELECT seq, who, why, source, " + check_columns() +
+  Statement rows(db_, "SELECT seq, who, why, " + check_columns() +
                           " FROM gauge_check WHERE ?1 = '' OR gauge = ?1 ORDER BY seq DESC LIMIT ?2");
   rows.bind(1, gauge).bind(2, static_cast<std::int64_t>(limit));
   std::vector<GaugeCheckRecord> list;
@@ -71,8 +70,7 @@ std::vector<GaugeCheckRecord> Gauges::checks(std::string_view gauge, std::size_t
     record.seq = rows.integer(0);
     record.note.who = rows.text(1);
     record.note.why = rows.text(2);
-    record.source = rows.text(3);
-    read_row(rows, 4, record.check);
+    read_row(rows, 3, record.check);
     record.note.utime_us = record.check.utime_us;
   }
   return list;

@@ -136,9 +136,8 @@ struct ResetMould {
 };
 /// Adds a master check of a gauge. It passes if the deviation is within its limit, whatever `check.passed` is.
 struct KeepGaugeCheck {
-  GaugeCheck check;    ///< its time is that of the note
-  ChangeNote note;     ///< `why` may be empty
-  std::string source;  ///< of the gauge, as configured
+  GaugeCheck check;  ///< its time is that of the note
+  ChangeNote note;   ///< `why` may be empty
 };
 /// Writes the pin of a slab's scans, the file pin.json next to them, for a person who may not write there.
 struct KeepPin {
@@ -375,7 +374,6 @@ struct GaugeCheckRecord {
   std::int64_t seq = 0;
   GaugeCheck check;
   ChangeNote note;
-  std::string source;
 };
 /// Value of one gauge of an ended slab.
 struct GaugeSlabValue {

@@ -343,7 +343,7 @@ struct ChangeJson {
     return {{"reset_mould", {{"mould", c.mould}, {"from_utime_us", c.from_utime_us}, {"note", object_of(c.note)}}}};
   }
   Json operator()(const KeepGaugeCheck& c) const {
-    return {{"gauge_check", {{"check", object_of(c.check)}, {"note", object_of(c.note)}, {"source", c.source}}}};
+    return {{"gauge_check", {{"check", object_of(c.check)}, {"note", object_of(c.note)}}}};
   }
   Json operator()(const KeepPin& c) const { return {{"pin", {{"slab_key", c.slab_key}, {"text", c.text}}}}; }
 };
@@ -382,9 +382,8 @@ Result<CalibrationChange> parse_change(std::string_view json) {
     }
     if (j.contains("gauge_check")) {
       const Json& kept = j.at("gauge_check");
-      return CalibrationChange(KeepGaugeCheck{record_of<GaugeCheck>(kept.at("check")),
-                                              record_of<ChangeNote>(kept.at("note")),
-                                              kept.at("source").get<std::string>()});
+      return CalibrationChange(
+          KeepGaugeCheck{record_of<GaugeCheck>(kept.at("check")), record_of<ChangeNote>(kept.at("note"))});
     }
     if (j.contains("pin"))
       return CalibrationChange(

@@ -37,13 +37,14 @@ Json master_json(const Station& s, const GaugeSettings& gauge, const GaugeCheck&
 
 Json gauge_json(const Station& s, const Ports& ports, std::size_t index) {
   const GaugeSettings& gauge = s.settings.gauges[index];
-  const GaugeSample& sample = s.gauges.samples[index];
+  const GaugeSample& sample = newest_sample(s, index);
   const GaugeReading reading = gauge_reading(s, index);
   const GaugeRun* const run = run_of(s, gauge.name.view());
   const hal::ScannerText trouble = ports.gauges == nullptr ? hal::ScannerText() : ports.gauges->trouble(index);
   Json j{{"name", gauge.name.view()},
          {"unit", name(gauge.unit)},
          {"source", gauge.source.view()},
+         {"channel", gauge.channel.view()},
          {"u", gauge.u},
          {"valid_s", static_cast<double>(gauge.valid_ns) / 1e9},
          {"value", sample.has_value ? number(sample.value) : Json(nullptr)},

@@ -34,6 +34,11 @@ bool is_used(const Station& s, const GaugeName& gauge) {
   return false;
 }
 
+/// Keeps the newest sample. That of a master does not replace the slab's.
+void take(Station& s, std::size_t index, const GaugeSample& sample) {
+  (is_of_master(s.settings.gauges[index], sample) ? s.gauges.masters : s.gauges.samples)[index] = sample;
+}
+
 void log_reading(Actions& actions, const GaugeReading& reading) {
   log(actions, LogLine::Level::warning, Code::no_gauge, "gauge %s (%s): %s", reading.gauge.c_str(),
       reading.source.c_str(), reason_of(reading.state).data());
@@ -53,35 +58,41 @@ void note_plc_gauges(Station& s, const PlcInputs& in) {
     const GaugeSettings& gauge = s.settings.gauges[i];
     if (gauge.link != GaugeLink::plc) continue;
     const std::int32_t number = in.gauge_thousandths[gauge.plc_index];
-    GaugeSample& sample = g.samples[i] = {};
-    if (!known || number == kNoGaugeRegister) continue;
-    sample = {true, gauge.scale * kThousandth * number, in.gauge_seq, in.gauge_slab_no, s.now_ns, s.utime_us};
+    if (!known) {
+      g.samples[i] = g.masters[i] = {};
+      continue;
+    }
+    GaugeSample sample;
+    sample.slab_no = in.gauge_slab_no;
+    if (number != kNoGaugeRegister)
+      sample = {true, gauge.scale * kThousandth * number, in.gauge_seq, in.gauge_slab_no, s.now_ns, s.utime_us};
+    take(s, i, sample);
   }
 }
 
 void on_gauges_sampled(Station& s, const GaugesSampled& sampled) {
   for (std::size_t i = 0; i < s.settings.gauges.size(); ++i) {
     const GaugeLink link = s.settings.gauges[i].link;
-    if (link == GaugeLink::modbus || link == GaugeLink::udp) s.gauges.samples[i] = (*sampled.samples)[i];
+    if (link == GaugeLink::modbus || link == GaugeLink::udp) take(s, i, (*sampled.samples)[i]);
   }
 }
 
 void on_gauge_entered(Station& s, const GaugeEntered& entered, Actions& actions) {
   if (entered.index >= s.settings.gauges.size()) return;
   const GaugeSettings& gauge = s.settings.gauges[entered.index];
-  GaugeSample& sample = s.gauges.samples[entered.index];
+  GaugeSample sample = newest_sample(s, entered.index);
   // Seconds as a start, so that the numbers do not repeat after a restart.
   const auto start = static_cast<std::uint32_t>(s.utime_us / 1'000'000);
   const std::uint32_t seq = std::max(start, sample.seq + 1);
   sample = {true, gauge.scale * entered.value, seq, entered.slab_no, s.now_ns, s.utime_us};
+  take(s, entered.index, sample);
   log(actions, LogLine::Level::info, Code::ok, "gauge %s: %.4f %s entered for slab %u by uid %u", gauge.name.c_str(),
       sample.value, name(gauge.unit).data(), entered.slab_no, entered.uid);
 }
 
 void on_gauge_checked(Station& s, const GaugeCheck& check) {
   for (std::size_t i = 0; i < s.settings.gauges.size(); ++i)
-    if (s.settings.gauges[i].name == check.gauge && check.utime_us >= s.gauges.checks[i].utime_us)
-      s.gauges.checks[i] = check;
+    if (s.settings.gauges[i].name == check.gauge) s.gauges.checks[i] = check;
 }
 
 void recover_gauges(Station& s, const RecoveredLine& line) {
@@ -90,15 +101,26 @@ void recover_gauges(Station& s, const RecoveredLine& line) {
   s.gauges.used = line.gauges_used;
 }
 
+const GaugeSample& newest_sample(const Station& s, std::size_t index) {
+  const GaugeSample& sample = s.gauges.samples[index];
+  const GaugeSample& master = s.gauges.masters[index];
+  return master.has_value && (!sample.has_value || master.mono_ns >= sample.mono_ns) ? master : sample;
+}
+
 GaugeReading gauge_reading(const Station& s, std::size_t index) {
   const GaugeSettings& gauge = s.settings.gauges[index];
-  return bind(gauge, s.gauges.samples[index], s.gauges.checks[index], used_before(s, gauge), moment_of(s));
+  const GaugeMoment moment = moment_of(s);
+  // On a line that does not number its slabs, no value names one.
+  const GaugeSample& sample = moment.slab_no == 0 ? newest_sample(s, index) : s.gauges.samples[index];
+  return bind(gauge, sample, s.gauges.checks[index], used_before(s, gauge), moment);
 }
 
 void freeze_gauges(Station& s, Actions& actions) {
-  s.slab.facts.gauges.clear();
+  // A SLAB_END that could not be stored is given again, when the next slab may be in the gauges already.
+  const GaugeReadings before = std::exchange(s.slab.facts.gauges, {});
   for (std::size_t i = 0; i < s.settings.gauges.size(); ++i) {
-    const GaugeReading reading = gauge_reading(s, i);
+    const GaugeReading* const kept = find_gauge(before, s.settings.gauges[i].name.view());
+    const GaugeReading reading = kept != nullptr && kept->state == GaugeState::ok ? *kept : gauge_reading(s, i);
     if (reading.state != GaugeState::ok && is_used(s, reading.gauge)) log_reading(actions, reading);
     (void)s.slab.facts.gauges.push(reading);
   }

@@ -223,11 +223,13 @@ void abort_shot(Station& s, Actions& actions);
 void note_plc_gauges(Station& s, const PlcInputs& in);
 void on_gauges_sampled(Station& s, const GaugesSampled& sampled);
 void on_gauge_entered(Station& s, const GaugeEntered& entered, Actions& actions);
-/// A check that is older than the one in force is ignored.
+/// The last check that was made is in force, whatever the clock showed.
 void on_gauge_checked(Station& s, const GaugeCheck& check);
 void recover_gauges(Station& s, const RecoveredLine& line);
 /// The reading if the slab ended now; without an open slab, for the last one.
 [[nodiscard]] GaugeReading gauge_reading(const Station& s, std::size_t index);
+/// The last value that arrived, of a slab or a master.
+[[nodiscard]] const GaugeSample& newest_sample(const Station& s, std::size_t index);
 /// Fixes the readings of the open slab at its SLAB_END, and logs those that are not usable.
 void freeze_gauges(Station& s, Actions& actions);
 /// After the slab's result is durable.

@@ -414,6 +414,7 @@ struct AbandonedScan {
 /// Gauges of the line (gauges.cpp), [index of StationSettings::gauges].
 struct LineGauges {
   GaugeSamples samples{};
+  GaugeSamples masters{};                               ///< sent without a slab, by a PLC or a hub
   std::array<GaugeCheck, limits::kGaugesMax> checks{};  ///< the newest one of each
   GaugeReadings used;                                   ///< of the last slab that was judged with gauges
   GaugeRuns runs;

@@ -153,13 +153,27 @@ TEST(Gauge, a_value_counts_for_its_own_slab_only) {
       {sample(5600.1, 77, 5, 1'200), GaugeState::ok, "it names the slab"},
       {sample(5600.1, 77, 5, 900), GaugeState::ok, "gauged before SLAB_BEGIN, upstream"},
       {sample(5600.1, 76, 5, 1'200), GaugeState::other_slab, "the slab before, although it came late"},
-      {sample(5600.1, 0, 5, 1'200), GaugeState::ok, "no number, but it came while the slab was open"},
-      {sample(5600.1, 0, 5, 999), GaugeState::other_slab, "no number, before SLAB_BEGIN"},
+      {sample(5600.1, 0, 5, 1'200), GaugeState::other_slab, "no number: a master's, although the slab was open"},
       {sample(5600.1, 77, 5, 600), GaugeState::stale, "older than valid_s"},
       {sample(kNoValue, 77, 5, 1'200), GaugeState::missing, "not a number"},
       {GaugeSample{}, GaugeState::missing, "nothing has arrived"},
   };
   for (const Case& c : cases) EXPECT_EQ(name(bind(g, c.sample, check, nullptr, kSlab).state), name(c.state)) << c.why;
+}
+
+TEST(Gauge, only_an_instrument_may_name_no_slab) {
+  for (const GaugeLink link : {GaugeLink::plc, GaugeLink::udp, GaugeLink::manual, GaugeLink::modbus}) {
+    const GaugeSettings g = gauge("length_left", link);
+    const auto state_at = [&](std::int64_t at_s, std::uint32_t slab_no) {
+      GaugeMoment slab = kSlab;
+      slab.slab_no = slab_no;
+      return bind(g, sample(5600.1, 0, 5, at_s), good_check(g), nullptr, slab).state;
+    };
+    EXPECT_EQ(state_at(1'200, 77) == GaugeState::ok, link == GaugeLink::modbus);
+    EXPECT_EQ(state_at(999, 77), GaugeState::other_slab) << "before SLAB_BEGIN";
+    EXPECT_EQ(state_at(1'200, 0), GaugeState::ok) << "a line that does not number its slabs";
+    EXPECT_EQ(state_at(999, 0), GaugeState::other_slab);
+  }
 }
 
 TEST(Gauge, a_value_outside_the_measuring_range_does_not_count) {
@@ -208,6 +222,12 @@ TEST(Gauge, without_a_good_check_in_time_a_value_does_not_count) {
   check = good_check(g);
   check.utime_us = kNow_us - g.master.every_us - 1;
   EXPECT_EQ(bind(g, s, check, nullptr, kSlab).state, GaugeState::check_overdue);
+  check = good_check(g);
+  check.utime_us = kNow_us + 3'600'000'001LL;
+  EXPECT_EQ(bind(g, s, check, nullptr, kSlab).state, GaugeState::unchecked) << "made with a wrong clock";
+  check = good_check(g);
+  check.source = "plc:42";
+  EXPECT_EQ(bind(g, s, check, nullptr, kSlab).state, GaugeState::unchecked) << "another register";
   GaugeSettings without = g;
   without.master = {};
   EXPECT_EQ(bind(without, s, {}, nullptr, kSlab).state, GaugeState::ok);

@@ -63,6 +63,7 @@ class GaugeCommand : public Slabctl {
       list["gauges"].push_back({{"name", name},
                                 {"unit", "mm"},
                                 {"source", source},
+                                {"channel", source},
                                 {"u", 0.05},
                                 {"valid_s", 60.0},
                                 {"value", 5600.1234},
@@ -137,6 +138,30 @@ TEST_F(GaugeCommand, a_check_of_another_gauge_is_refused_with_its_reason) {
   const Ended none = run("gauge check length_left --value 1 --config " + config(""));
   EXPECT_EQ(none.status, 2);
   expect_mentions(none.err, "there is no [[gauge]]");
+}
+
+TEST_F(GaugeCommand, the_value_of_a_slab_is_not_that_of_the_master) {
+  make_database();
+  const auto check = [&](const std::string& gauges, const json& now) {
+    const FakeDaemon daemon(file("control.sock"), now.dump() + "\n");
+    return run("gauge check length_left --operator anna --config " + config(gauges));
+  };
+  const std::string scaled = std::string(kGauges).insert(std::string_view(kGauges).find("u = "), "scale = 0.9995\n");
+  std::string instrument = kGauges;
+  instrument.replace(instrument.find("plc:40"), 6, "modbus:10.0.0.5:502/1/120");
+  const Ended of_slab = check(kGauges, answer());
+  EXPECT_EQ(of_slab.status, 6) << of_slab.err;
+  expect_mentions(of_slab.err,
+                  "the newest value of length_left is of slab 10042: send the master's value with SLAB_NO 0");
+  json now = answer();
+  now["gauges"][0]["slab_no"] = 0;
+  const Ended other = check(scaled, now);
+  EXPECT_EQ(other.status, 3) << other.err;
+  expect_mentions(other.err, "reads length_left from plc:40, and the configuration has plc:40 x0.9995: restart it");
+  now["gauges"][0]["channel"] = "modbus:10.0.0.5:502/1/120 i32";
+  const Ended open = check(instrument, now);
+  EXPECT_EQ(open.status, 6) << open.err;
+  expect_mentions(open.err, "slab 10042 is open, and the master's value would count for it");
 }
 
 TEST_F(GaugeCommand, the_list_names_an_overdue_master_and_a_stuck_sensor) {

@@ -88,7 +88,7 @@ struct GaugeLine : ::testing::Test {
       change.check.master_value = gauge.master;
       change.check.master_u = 0.02;
       change.check.within = 0.1;
-      change.source = gauge.source;
+      change.check.source = GaugeChannel(gauge.source);
       change.note = {"anna", "", now_us};
       const Result<std::string> id = store.value()->change(change);
       ASSERT_TRUE(id.ok()) << id.error().text.view();

@@ -56,7 +56,7 @@ class GaugesTest : public StoreTest {
     change.check.master_u = 0.02;
     change.check.within = 0.1;
     change.note = {"anna", "", utime_us};
-    change.source = "plc:40";
+    change.check.source = "plc:40";
     return change;
   }
 };

@@ -97,7 +97,7 @@ TEST_F(OutboxTest, a_master_check_of_a_gauge_is_sent) {
   keep.check.master_u = 0.02;
   keep.check.within = 0.1;
   keep.note = {"anna", "", 7};
-  keep.source = "plc:40";
+  keep.check.source = "plc:40";
   ASSERT_TRUE(store_->change(keep).ok());
   EXPECT_EQ(kinds(), std::vector<std::string>{"gauge_check"});
   const StoredRow row = open_outbox(settings_.db_path).value()->subject(rows()[0]).value().value();

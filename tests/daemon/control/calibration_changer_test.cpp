@@ -76,13 +76,13 @@ TEST(CalibrationChangeJson, every_bit_comes_back) {
   gauge.check.master_u = 0.02;
   gauge.check.within = 0.1;
   gauge.note = {"anna", "after the knock", 77};
-  gauge.source = "udp:5005";
+  gauge.check.source = "udp:5005";
   const auto gauged = parse_change(change_json(gauge));
   ASSERT_TRUE(gauged.ok()) << gauged.error().text.view();
   EXPECT_EQ(std::get<KeepGaugeCheck>(gauged.value()).check.value, gauge.check.value);
   EXPECT_EQ(std::get<KeepGaugeCheck>(gauged.value()).check.gauge, gauge.check.gauge);
   EXPECT_EQ(std::get<KeepGaugeCheck>(gauged.value()).note.utime_us, 77);
-  EXPECT_EQ(std::get<KeepGaugeCheck>(gauged.value()).source, "udp:5005");
+  EXPECT_EQ(std::get<KeepGaugeCheck>(gauged.value()).check.source.view(), "udp:5005");
   CalibrationCheck check;
   check.reference_id = "rb-1";
   check.note = "slope off";

@@ -32,6 +32,7 @@ struct GaugesTest : StationTest {
     add("plc_right", GaugeLink::plc, 1);
     add("hub", GaugeLink::udp, 0);
     add("tape", GaugeLink::manual, 0);
+    add("meter", GaugeLink::modbus, 0);
     line.settings.gauges = {gauges.data(), gauges.size()};
     line.start();
     check_all();
@@ -67,6 +68,12 @@ struct GaugesTest : StationTest {
     samples[2] = {true, value, seq, slab_no, line.station->now_ns, line.station->utime_us};
     line.feed(GaugesSampled{&samples});
   }
+  void meter_shows(double value) {
+    GaugeSamples samples{};
+    samples[4] = {true, value, ++meter_seq, 0, line.station->now_ns, line.station->utime_us};
+    line.feed(GaugesSampled{&samples});
+  }
+  std::uint32_t meter_seq = 0;
   void begin_slab(std::uint32_t slab_no) {
     line.run_for(300);
     line.plc.slab_no = slab_no;
@@ -98,7 +105,7 @@ TEST_F(GaugesTest, values_of_this_slab_count_and_are_stored_with_it) {
   hub_sends(42);
   line.run_for(100);
   const GaugeReadings stored = end_slab();
-  ASSERT_EQ(stored.size(), 4U);
+  ASSERT_EQ(stored.size(), 5U);
   EXPECT_EQ(state(stored, "plc_left"), "ok");
   EXPECT_EQ(state(stored, "hub"), "ok");
   EXPECT_EQ(state(stored, "tape"), "missing");
@@ -164,13 +171,48 @@ TEST_F(GaugesTest, the_same_number_does_not_serve_a_second_inspection) {
   EXPECT_EQ(state(end_slab(), "plc_left"), "ok");
 }
 
-TEST_F(GaugesTest, a_value_that_names_no_slab_must_come_while_the_slab_is_open) {
-  hub_sends(0);
+TEST_F(GaugesTest, a_value_of_an_instrument_must_come_while_the_slab_is_open) {
+  meter_shows(5600.5);
   begin_slab(42);
-  EXPECT_EQ(state(end_slab(), "hub"), "other_slab");
+  EXPECT_EQ(state(end_slab(), "meter"), "other_slab");
   begin_slab(43);
-  hub_sends(0, 5600.5, 2);
-  EXPECT_EQ(state(end_slab(), "hub"), "ok");
+  meter_shows(5600.5);
+  EXPECT_EQ(state(end_slab(), "meter"), "ok");
+}
+
+// The gauging place is free while the robot scans, so that the master is measured there.
+TEST_F(GaugesTest, a_master_that_is_measured_while_a_slab_is_open_does_not_replace_its_values) {
+  begin_slab(42);
+  plc_sends(42, 5'606'000, kNoGaugeRegister);
+  hub_sends(42, 5606.0);
+  line.feed(GaugeEntered{3, 5606.0, 42, 1000});
+  line.run_for(20);
+  plc_sends(0, 5'600'010, 5'601'510);
+  hub_sends(0, 5600.01, 2);
+  line.feed(GaugeEntered{3, 5600.01, 0, 1000});
+  for (const std::size_t i : {0U, 2U, 3U})
+    EXPECT_NEAR(newest_sample(*line.station, i).value, 5600.01, 1e-9) << "the check takes it: " << i;
+  check_all();
+  const GaugeReadings stored = end_slab();
+  for (const char* name : {"plc_left", "hub", "tape"}) {
+    EXPECT_EQ(state(stored, name), "ok") << name;
+    EXPECT_NEAR(find_gauge(stored, name)->value, 5606.0, 1e-9) << name;
+  }
+  EXPECT_EQ(state(stored, "plc_right"), "missing");
+  begin_slab(43);
+  const GaugeReadings only_masters = end_slab();
+  for (const char* name : {"plc_left", "plc_right", "hub", "tape"}) EXPECT_NE(state(only_masters, name), "ok") << name;
+}
+
+TEST_F(GaugesTest, the_last_check_is_in_force_although_the_clock_was_set_back) {
+  GaugeCheck check = line.station->gauges.checks[0];
+  check.utime_us -= 60'000'000;
+  check.value += 1.0;
+  check.passed = false;
+  line.feed(GaugeChecked{check});
+  begin_slab(42);
+  plc_sends(42);
+  EXPECT_EQ(state(end_slab(), "plc_left"), "check_failed");
 }
 
 TEST_F(GaugesTest, an_old_value_is_stale_and_a_missing_one_is_missing) {
@@ -214,13 +256,13 @@ TEST_F(GaugesTest, values_read_again_after_a_lost_connection_are_not_new) {
   line.plc.gauges_known = false;  // zeros until the registers were read twice alike
   line.feed(line.plc);
   line.plc.gauges_known = true;
-  plc_sends(0);
+  plc_sends(42);
   begin_slab(42);
   EXPECT_EQ(state(end_slab(), "plc_left"), "missing") << "the first values may be of any age";
   begin_slab(43);
-  plc_sends(0);
+  plc_sends(43);
   EXPECT_EQ(state(end_slab(), "plc_left"), "ok");
-  begin_slab(44);
+  begin_slab(43);
   const std::uint16_t seq = std::exchange(line.plc.gauge_seq, std::uint16_t{0});
   line.plc.gauges_known = false;
   line.feed(line.plc);
