@@ -111,6 +111,29 @@ double SlabBudget::of_tie(const SlabGradient& gradient) const {
   return std::sqrt(sum.dot(tie_ * sum));
 }
 
+double SlabBudget::between_scanners(const SlabGradient& gradient) const {
+  struct OfArm {
+    bool any = false;
+    double drift = 0.0;
+    double sum = 0.0;
+  };
+  std::array<OfArm, limits::kArmsMax> arms;
+  for (std::size_t k = 1; k < errors_.size(); ++k) {
+    const AtStation g = at_station(gradient, k);
+    if (g.is_zero()) continue;
+    OfArm& arm = arms[sigma_[k].arm];
+    arm.any = true;
+    arm.sum += errors_[k].normal.dot(g.p + g.jaw);
+    // All scans of a slab are made within minutes; the largest counts.
+    if (const double drift = sigma_[k].scanner_drift; std::isfinite(drift))
+      arm.drift = std::max(arm.drift, std::abs(drift));
+  }
+  if (!arms[0].any || !arms[1].any) return 0.0;
+  double variance = 0.0;
+  for (const OfArm& arm : arms) variance += square(arm.drift * distance_mm_ * arm.sum) / 3.0;
+  return variance;
+}
+
 Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
   double fit = 0.0;
   double noise = 0.0;
@@ -139,7 +162,7 @@ Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
                gj.squaredNorm() * at_jaw;
 
     // The jaw against its own block, and tilts. The place of the whole block along the view is displaced alike at every
-    // station, which cancels in the frame of the slab.
+    // station of an arm: between_scanners().
     if (const double drift = of_station.scanner_drift; std::isfinite(drift) && drift != 0.0)
       scanner += square(drift) / 3.0 * (gn.squaredNorm() + gj.squaredNorm() * e.jaw_lever.squaredNorm());
 
@@ -150,6 +173,7 @@ Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
     reference +=
         moved * square(settings_.reference_mm.value) + gn.squaredNorm() * square(settings_.reference_rad.value);
   }
+  scanner += between_scanners(gradient);
   Budget budget{};
   part(budget, BudgetPart::fit) = unit * std::sqrt(fit);
   part(budget, BudgetPart::noise) = unit * std::sqrt(noise);

@@ -31,6 +31,11 @@
 /// The sums are over the second arm's stations. A motion common to all stations changes no item, because the frame
 /// moves with it; only what is across the tie counts.
 ///
+/// A part of all stations of one arm together is the drift of its scanner since the acceptance (uncertainty.h). It
+/// displaces every block along the view by up to e d, with d the distance of the scanner. Between stations of one arm
+/// that cancels. With stations of both, per arm and independent: u^2 = (e d)^2 / 3 (sum_k n . (gp + gj))^2, in the part
+/// `scanner`.
+///
 /// One part does not come from stations: the frame's roll, if the slab's top contradicts it (check_roll). It is the
 /// part `registration`, which for a slab is the frame: u = |d item / d roll| u_roll.
 namespace slabd::algo {
@@ -107,6 +112,8 @@ class SlabBudget {
     [[nodiscard]] bool is_zero() const { return p.isZero(0.0) && n.isZero(0.0) && jaw.isZero(0.0); }
   };
   [[nodiscard]] AtStation at_station(const SlabGradient& gradient, std::size_t k) const;
+  /// Variance (mm^2) by the drift of the arms' scanners against each other; 0 on a slab that one arm scanned.
+  [[nodiscard]] double between_scanners(const SlabGradient& gradient) const;
   [[nodiscard]] const ScannerModel& scanner_at(std::size_t k) const { return scanner_[sigma_[k].arm]; }
 
   UncertaintySettings settings_;
@@ -114,6 +121,7 @@ class SlabBudget {
   std::array<StationSigma, limits::kStationsMax + 1> sigma_{};  ///< [station]
   std::array<StationErrors, limits::kStationsMax + 1> errors_{};
   std::array<FrameResponse, limits::kStationsMax + 1> response_{};
+  double distance_mm_ = nominal_T_block_scanner().translation_mm.norm();
   double u_roll_rad_ = 0.0;
   Mat6 tie_ = Mat6::Constant(kNoValue);  ///< covariance in slab axes, about tie_centre_
   Vec3 tie_centre_ = Vec3::Zero();       ///< slab frame

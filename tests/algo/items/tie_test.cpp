@@ -120,6 +120,44 @@ TEST(Tie, distance_across_the_track_contains_the_tie_in_full) {
   }
 }
 
+TEST(Tie, a_scanner_that_has_become_warm_displaces_the_half_of_its_robot) {
+  constexpr double kDrift = 200e-6;  // 8 K of aluminium
+  const Line line = line_with(half_of_its_own(), 1e-6, 1e-9);
+  const std::vector<BlockResult> blocks = blocks_of(line, 9);
+  const TieNumbers tie = simulation::independent_tie(1e-6, 1e-9, centre_mm());
+  const std::array<ScannerNumbers, limits::kArmsMax> verified{};
+  const auto inspected = [&](const std::vector<BlockResult>& seen, double drift) {
+    std::array<algo::StationSigma, limits::kStationsMax> sigmas;
+    for (std::size_t i = 0; i < sigmas.size(); ++i) {
+      sigmas[i] = kSigma;
+      sigmas[i].arm = half_of_its_own()[i] ? 1 : 0;
+      sigmas[i].scanner_drift = sigmas[i].arm == 1 ? drift : 0.0;
+    }
+    SlabResult slab;
+    algo::inspect_slab(line.recipe(), seen, sigmas, Line::T_base_slab(), slab, algo::SlabArms{verified, &tie}, {});
+    return slab;
+  };
+  std::vector<BlockResult> displaced = blocks;
+  line.displace(small_motion(2, 600.0 * kDrift), displaced);
+  const SlabResult cold = inspected(blocks, 0.0);
+  const SlabResult warm = inspected(blocks, kDrift);
+  const SlabResult moved = inspected(displaced, 0.0);
+  int compared = 0;
+  for (std::size_t i = 0; i < cold.items.size(); ++i) {
+    const ItemId id = cold.items[i].id;
+    if (id != ItemId::seat_vertical && id != ItemId::corner_level) continue;
+    const auto part = [&](const SlabResult& slab) {
+      return slab.items[i].budget[static_cast<std::size_t>(BudgetPart::scanner)];
+    };
+    const double added = std::sqrt(std::max(0.0, std::pow(part(warm), 2) - std::pow(part(cold), 2)));
+    const double off = std::abs(moved.items[i].value - cold.items[i].value) / std::sqrt(3.0);
+    EXPECT_NEAR(added, off, 0.1 * off + 0.004) << info(id).name << " " << int{cold.items[i].station};
+    EXPECT_GE(warm.items[i].U, cold.items[i].U);
+    compared += off > 0.01 ? 1 : 0;
+  }
+  EXPECT_GE(compared, 4);
+}
+
 TEST(Tie, one_robot_needs_none) {
   for (const bool second : {false, true}) {
     const Line two = line_with(scans_of([&](int) { return second; }), 1.0, 1e-3);
