@@ -172,6 +172,7 @@ struct LineCalibration {
   enum class Source : std::uint8_t { missing, commissioning, applied } source = Source::missing;
   FixedString<160> trouble;
   CalibrationId id;
+  PartId of_scanner;  ///< the applied hand-eye calibration's; empty: there is none
   HandEyeNumbers hand_eye;
   std::int64_t expires_utime_us = 0;                         ///< hand-eye calibration; 0 if it never expires
   FixedVector<StationsInForce, limits::kRecipesMax> tables;  ///< at most one for each slab type

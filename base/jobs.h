@@ -171,6 +171,7 @@ struct AcquiredJob {
   std::uint64_t fingerprint = 0;        ///< fingerprint of the scan's points, to be remembered; 0 if none
   std::int64_t measuring_since_ns = 0;  ///< as in MeasuringJob; 0 if its measurement has ended
   bool refuse_known = true;             ///< false: an emulated line without noise repeats its scans
+  bool keeps_unseen = false;            ///< another scanner's kUnseenScan stays the newest entry
 };
 /// Marks an attempt whose measurement begins. A process that ends in order removes the mark. After a crash or a
 /// watchdog stop the mark remains, and the next process does not measure this attempt automatically.
@@ -187,6 +188,7 @@ struct FailedAttemptJob {
   Attempt attempt;  ///< the known part of it
   std::uint16_t code = 0;
   std::uint64_t fingerprint = 0;  ///< as in AcquiredJob
+  bool keeps_unseen = false;      ///< as in AcquiredJob
 };
 /// A measured block and its record for the PLC, in one transaction. Closes the command.
 struct BlockJob {

@@ -373,6 +373,7 @@ void Calibrations::use_hand_eye(const std::optional<CalibrationRecord>& record, 
     return;
   }
   out.source = LineCalibration::Source::applied;
+  out.of_scanner.assign(record->scanner);
   out.hand_eye = std::get<HandEyeNumbers>(record->numbers);
   out.expires_utime_us = record->expires_utime_us;
   // Views of robot poses and targets would contradict a mirrored point cloud. An adopted calibration has none.

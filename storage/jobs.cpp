@@ -307,7 +307,7 @@ void Jobs::operator()(const AcquiredJob& job) {
     if (measured) return;
   }
   if (job.refuse_known && is_known(a)) {
-    (*this)(FailedAttemptJob{a, static_cast<std::uint16_t>(Code::frame_incomplete), job.fingerprint});
+    (*this)(FailedAttemptJob{a, static_cast<std::uint16_t>(Code::frame_incomplete), job.fingerprint, job.keeps_unseen});
     return;
   }
   AttemptState state = state_of(a, StationPhase::acquired, 0);
@@ -315,6 +315,7 @@ void Jobs::operator()(const AcquiredJob& job) {
   write_row(upsert_attempt_, a, state);
   if (a.emulated != 0) set_emulated_.bind(1, a.slab_key).bind(2, number(a.emulated)).run();
   remember_scan(job.fingerprint);
+  if (job.keeps_unseen) remember_scan(kUnseenScan);
   close_command(a.session, a.cmd_seq, kAcquired, true);
   note_time(a.scan_utime_us);
   seal_if_ended(a.slab_key);
@@ -324,6 +325,7 @@ void Jobs::operator()(const FailedAttemptJob& job) {
   const Attempt& a = job.attempt;
   write_row(upsert_attempt_, a, state_of(a, StationPhase::failed, job.code));
   remember_scan(job.fingerprint);
+  if (job.keeps_unseen) remember_scan(kUnseenScan);
   close_command(a.session, a.cmd_seq, static_cast<std::uint16_t>(kCommandFailed + job.code), false);
   note_time(a.scan_utime_us);
   seal_if_ended(a.slab_key);

@@ -258,7 +258,8 @@ void check_stillness(Station& s, Actions& actions) {
   const std::int64_t measuring_since_ns = a.ahead == Acquisition::Ahead::measured ? 0 : s.now_ns;
   // The scans of an emulated line may have no noise.
   const bool refuse_known = !s.settings.simulation;
-  submit(s, actions, AcquiredJob{a.attempt, a.fingerprint, measuring_since_ns, refuse_known}, pending);
+  submit(s, actions, AcquiredJob{a.attempt, a.fingerprint, measuring_since_ns, refuse_known, any_scan_unseen(s)},
+         pending);
 }
 
 /// ABORT takes effect at any time, and a waiting PLC gets its answer.
@@ -525,7 +526,8 @@ void fail_acquisition(Station& s, Code code, Actions& actions) {
   pending.kind = PendingStore::Kind::failed_attempt;
   pending.station = a.station;
   pending.fingerprint = fingerprint;
-  submit(s, actions, FailedAttemptJob{a.attempt, static_cast<std::uint16_t>(code), fingerprint}, pending);
+  submit(s, actions, FailedAttemptJob{a.attempt, static_cast<std::uint16_t>(code), fingerprint, any_scan_unseen(s)},
+         pending);
   release(s);
 }
 

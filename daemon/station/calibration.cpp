@@ -232,7 +232,8 @@ void take_calibrations(Station& s) {
 }
 
 /// True if the open slab was begun with another robot or scanner as the first arm, which a restart with another
-/// configuration can lead to. Its header names the later arms only, its scans all of them.
+/// configuration can lead to. Its header names the later arms only, its scans all of them, and its hand-eye calibration
+/// the first scanner.
 static bool begun_with_another_first(const Station& s) {
   const Arm& first = s.settings.arms.list[0];
   const auto is_of_another = [&first](const StationRecord& record) {
@@ -242,14 +243,15 @@ static bool begun_with_another_first(const Station& s) {
   const auto is_in_its_place = [&first](const SlabArm& later) {
     return later.by.scanner == first.scanner || later.by.robot == first.robot;
   };
-  return std::any_of(s.slab.stations.begin(), s.slab.stations.end(), is_of_another) ||
+  const PartId& of_scanner = s.slab.calibration.arm[0].of_scanner;
+  return (!of_scanner.empty() && !(of_scanner == first.scanner)) ||
+         std::any_of(s.slab.stations.begin(), s.slab.stations.end(), is_of_another) ||
          std::any_of(s.slab.header.more_arms.begin(), s.slab.header.more_arms.end(), is_in_its_place);
 }
 
 bool can_scan(const Station& s, std::size_t arm) {
   const SlabHeader& slab = s.slab.header;
-  if (arm == 0)
-    return !begun_with_another_first(s) && (!s.settings.arms.several() || !slab.calibration_id.empty());
+  if (arm == 0) return !begun_with_another_first(s) && (!s.settings.arms.several() || !slab.calibration_id.empty());
   // After a restart the configuration may list other arms than the slab was begun with.
   if (arm > slab.more_arms.size() || arm >= arm_count(s)) return false;
   const SlabArm& of_slab = slab.more_arms[arm - 1];

@@ -94,7 +94,8 @@ void on_recovered(Station& s, const Recovered& event, Actions& actions) {
   s.fingerprint_next = static_cast<std::size_t>(std::count_if(line.fingerprints.begin(), line.fingerprints.end(),
                                                               [](std::uint64_t f) { return f != 0; })) %
                        s.fingerprints.size();
-  // The mark is the newest entry. With several scanners others may follow it, and it does not name the scanner.
+  // The mark is the newest entry; scans by another scanner store it again. It does not name the scanner, and with
+  // several of them older entries count, too.
   bool is_unseen = false;
   for (const std::uint64_t fingerprint : line.fingerprints)
     if (fingerprint != 0) is_unseen = fingerprint == kUnseenScan || (is_unseen && s.settings.arms.several());

@@ -189,6 +189,21 @@ TEST_F(RecoverTest, an_unseen_scan_is_listed_among_the_fingerprints_until_anothe
   EXPECT_EQ(kept, 1) << "it takes one place";
 }
 
+TEST_F(RecoverTest, an_unseen_scan_of_another_scanner_stays_the_newest_fingerprint) {
+  begin(1);
+  accept(PlcCommand::scan, 4, 1);
+  apply(FailedAttemptJob{attempt(1, 4, 1), 302, kUnseenScan});
+  for (std::uint8_t number = 1; number <= 70; ++number) {
+    const std::uint64_t fingerprint = 101U + 2U * number;
+    accept(PlcCommand::scan, 13, 1);
+    if (number % 7 == 0)
+      apply(FailedAttemptJob{attempt(1, 13, number), 303, fingerprint, true});
+    else
+      apply(AcquiredJob{attempt(1, 13, number), fingerprint, 0, true, true});
+  }
+  EXPECT_EQ(newest_fingerprint(), kUnseenScan);
+}
+
 TEST_F(RecoverTest, the_newest_fingerprints_come_back_oldest_first) {
   EXPECT_EQ(restart()->fingerprints[0], 0U);
   begin(1);

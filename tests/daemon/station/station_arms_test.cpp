@@ -370,6 +370,19 @@ TEST_F(ArmsTest, a_restart_with_another_first_scanner_refuses_its_stations) {
   expect_scanned(11, 1);
 }
 
+TEST_F(ArmsTest, a_restart_with_another_first_scanner_is_noticed_before_its_first_scan) {
+  for (const bool is_another : {false, true}) {
+    begin();
+    store_.line.slab_calibration = store_.line.calibration;
+    store_.line.slab_calibration.arm[0].of_scanner = is_another ? "broken" : line_.settings.arms.list[0].scanner.view();
+    start();
+    line_.scan(1);
+    EXPECT_EQ(line_.view().cmd_status == failed(Code::calibration_missing), is_another);
+    line_.command(PlcCommand::slab_abort);
+    line_.run_for(500);
+  }
+}
+
 TEST_F(ArmsTest, a_view_is_taken_by_the_scanner_that_is_named) {
   CaptureRequest request;
   request.action = CaptureRequest::Action::begin;
