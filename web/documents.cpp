@@ -28,6 +28,8 @@ constexpr double kReportFactor = 6.0;
 constexpr auto kLongAgo = Clock::time_point::min();
 /// An error is kept this long, so that a page that repeats a wrong request starts one process a second.
 constexpr double kErrorCache_s = 1.0;
+/// A document that is kept for no longer is about the present.
+constexpr double kBrief_s = 5.0;
 /// Exit status of slabctl, which are the same in all versions (cli/exit.h).
 constexpr int kUsage = 2;
 constexpr int kBadInput = 3;
@@ -219,6 +221,7 @@ void Documents::keep(const std::string& name, SharedAnswer answer, double cache_
   entry->until = is_old ? kLongAgo : Clock::now() + seconds(good ? cache_s : std::min(cache_s, kErrorCache_s));
   entry->answer = std::move(answer);
   entry->is_made = true;
+  entry->is_brief = cache_s <= kBrief_s;
   std::uint64_t bytes = 0;
   std::size_t count = 0;
   for (auto at = entries_.begin(); at != entries_.end();) {
@@ -320,7 +323,7 @@ void Documents::order_ahead() {
     Entry* entry = find(name_of(order));
     // A caller makes it, or it is made again already.
     if (entry != nullptr && (!entry->is_made || entry->is_renewed)) continue;
-    if (entry == nullptr) entry = &entries_.emplace_front(Entry{name_of(order), nullptr, {}, false, false});
+    if (entry == nullptr) entry = &entries_.emplace_front(Entry{name_of(order), nullptr, {}, false, false, false});
     entry->is_renewed = true;
     to_renew_.push_back(order);
   }
@@ -355,14 +358,20 @@ SharedAnswer Documents::get(const DocumentOrder& order) {
   const std::string name = name_of(order);
   Lock lock(mutex_);
   const auto now = Clock::now();
-  asked_at_ = now;
-  if (!ahead_.empty() && ahead_at_ == kNeverAhead) {
-    ahead_at_ = now;
-    changed_.notify_all();
+  // The live picture asks all the time, also if no page is open.
+  if (!order.is_live) {
+    asked_at_ = now;
+    if (!ahead_.empty() && ahead_at_ == kNeverAhead) {
+      ahead_at_ = now;
+      changed_.notify_all();
+    }
   }
   if (Entry* entry = find(name); entry != nullptr) {
-    if (entry->is_made && now < entry->until) return entry->answer;
-    if (entry->is_made && entry->answer->status == 200 && now < entry->until + seconds(order.renew_s)) {
+    // The live picture asks because something has changed: what was made or begun before may lack it.
+    if (order.is_live && !entry->is_made) entry->is_old = true;
+    const bool is_kept = entry->is_made && !order.is_live;
+    if (is_kept && now < entry->until) return entry->answer;
+    if (is_kept && entry->answer->status == 200 && now < entry->until + seconds(order.renew_s)) {
       if (!std::exchange(entry->is_renewed, true)) {
         to_renew_.push_back(order);
         changed_.notify_all();
@@ -375,7 +384,7 @@ SharedAnswer Documents::get(const DocumentOrder& order) {
     entry->is_made = false;
     entry->is_renewed = false;
   } else {
-    entries_.push_front({name, nullptr, {}, false, false});
+    entries_.push_front({name, nullptr, {}, false, false, false});
   }
   if (!wait_for_process(lock, order) || stopped_) {
     entries_.remove_if([&](const Entry& entry) { return entry.name == name; });
@@ -387,6 +396,14 @@ SharedAnswer Documents::get(const DocumentOrder& order) {
   keep(name, answer, order.cache_s);
   changed_.notify_all();
   return answer;
+}
+
+void Documents::note_change() {
+  const Lock lock(mutex_);
+  for (Entry& entry : entries_) {
+    if (entry.is_made && entry.is_brief) entry.until = kLongAgo;
+    if (!entry.is_made && !entry.is_renewed) entry.is_old = true;
+  }
 }
 
 SharedAnswer Documents::carry_out(const std::vector<std::string>& arguments) {

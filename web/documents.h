@@ -86,6 +86,8 @@ class Documents {
   /// caller of a document that takes seconds does not wait. They begin only while no caller waits. Their renew_s must
   /// be longer than `every_s`. Call it once.
   void make_ahead(std::vector<DocumentOrder> orders, double every_s = kAheadEvery_s);
+  /// The line has changed: documents that are kept for seconds only, and those that callers wait for, are made again.
+  void note_change();
   /// Carries out a command that writes, one at a time. Status 200 with the document slabd.web_done/1, which contains
   /// the first line that it printed; else slabd.web_error/1: 400 and 409 refused, 404 no such slab, 503 slabd does not
   /// answer. The documents that are kept are made again afterwards.
@@ -99,6 +101,7 @@ class Documents {
     SharedAnswer answer;
     std::chrono::steady_clock::time_point until;
     bool is_made = false;
+    bool is_brief = false;    ///< kept for seconds only
     bool is_renewed = false;  ///< it is made again, or waits for that
     bool is_old = false;      ///< something was written while it is made: it may lack that
   };

@@ -118,6 +118,8 @@ void Live::poll_once() {
   status_at_ = Clock::now();
   std::string mark = mark_of(status);
   if (mark == mark_) return;
+  // Before a page can see the mark and ask for documents because of it.
+  documents_.note_change();
   mark_ = std::move(mark);
   last_slab_ = text_of(status.value("last_slab", json()));
   changed_.notify_all();

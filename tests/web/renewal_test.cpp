@@ -72,6 +72,36 @@ TEST_F(RenewedDocuments, are_made_before_they_are_given_after_a_write) {
   EXPECT_EQ(body_of(*documents.get(order)), "{\"n\": 3}\n");
 }
 
+// A page in another language and the live picture ask when a verdict arrives.
+TEST_F(RenewedDocuments, are_made_again_when_the_line_has_changed_if_they_show_the_present) {
+  Documents documents = this->documents(100);
+  const DocumentOrder map{.arguments = {"map"}, .cache_s = 2.0};
+  const DocumentOrder moulds{.arguments = {"moulds"}, .cache_s = 3'600.0, .renew_s = 3'600.0};
+  EXPECT_EQ(body_of(*documents.get(map)), "{\"n\": 1}\n");
+  EXPECT_EQ(body_of(*documents.get(moulds)), "{\"n\": 2}\n");
+  documents.note_change();
+  EXPECT_EQ(body_of(*documents.get(map)), "{\"n\": 3}\n");
+  EXPECT_EQ(body_of(*documents.get(moulds)), "{\"n\": 2}\n") << "one slab hardly changes it";
+}
+
+TEST_F(RenewedDocuments, made_for_a_page_are_not_given_to_the_live_picture) {
+  Documents documents = this->documents(100);
+  const DocumentOrder page{.arguments = {"map", folder_ / "slow"}, .cache_s = 3'600.0};
+  const DocumentOrder live{.arguments = page.arguments, .is_live = true};
+  EXPECT_EQ(body_of(*documents.get(page)), "{\"n\": 1}\n");
+  EXPECT_EQ(body_of(*documents.get(live)), "{\"n\": 2}\n");
+  std::ofstream(folder_ / "slow").flush();
+  std::string seen;
+  std::thread other([&] { std::ignore = documents.get({.arguments = live.arguments, .is_live = true}); });
+  ASSERT_TRUE(places::wait_until([&] { return count() == 3; }));
+  std::thread again([&] { seen = body_of(*documents.get(live)); });  // the line changed after the third had begun
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));
+  std::filesystem::remove(folder_ / "slow");
+  other.join();
+  again.join();
+  EXPECT_EQ(seen, "{\"n\": 4}\n");
+}
+
 TEST_F(RenewedDocuments, being_made_during_a_write_are_made_again) {
   Documents documents = this->documents(100);
   const DocumentOrder order{.arguments = {"moulds", folder_ / "slow"}, .cache_s = 3'600.0, .renew_s = 3'600.0};
