@@ -312,13 +312,15 @@ EXCEPTION WHEN check_violation OR undefined_object OR duplicate_table OR unique_
 END
 $$;
 
+-- A document has all decisions about its slab, as the line has them: after a restore it may lack some that were sent.
+-- Without a list it was sent when the slab was no longer stored.
 CREATE FUNCTION plant.unfold_decisions(of_epoch integer, key bigint, list jsonb) RETURNS void LANGUAGE sql AS
 $$
+  DELETE FROM plant.disposition WHERE epoch_id = of_epoch AND slab_key = key AND list IS NOT NULL;
   INSERT INTO plant.disposition (epoch_id, slab_key, n, at, who, decision, reason, authority, second)
     SELECT of_epoch, key, d.n, plant.time_of(d.utime_us), d.who, d.decision, d.reason, d.authority, d.second
     FROM jsonb_to_recordset(list) AS d(n integer, utime_us bigint, who text, decision text, reason text, authority text,
                                        second text)
-    ON CONFLICT (epoch_id, slab_key, n) DO NOTHING
 $$;
 
 CREATE FUNCTION plant.unfold_slab(row_epoch uuid, row_seq bigint, doc jsonb) RETURNS void LANGUAGE plpgsql AS
@@ -395,7 +397,7 @@ BEGIN
         PERFORM plant.unfold_slab(row_epoch, row_seq, doc);
       END IF;
     WHEN 'decided' THEN
-      PERFORM plant.unfold_decisions(of_slab, key, coalesce(doc -> 'dispositions', '[]'));
+      PERFORM plant.unfold_decisions(of_slab, key, doc -> 'dispositions');
     WHEN 'reopened' THEN
       -- Sent before, in this epoch or in one before a restore.
       DELETE FROM plant.item i USING plant.slab s WHERE s.epoch_id = of_slab AND s.slab_key = key
@@ -512,6 +514,14 @@ BEGIN
   FOR t IN SELECT i.* FROM plant.trouble JOIN plant.inbox i USING (epoch, seq) ORDER BY i.epoch, i.seq LOOP
     BEGIN
       PERFORM plant.unfold_row(t.epoch, t.seq, t.kind, t.doc);
+      -- Later documents about the slab may have been unfolded already.
+      IF t.doc ? 'dispositions' THEN
+        PERFORM plant.unfold_decisions(s.epoch_id, (n.doc ->> 'slab_key')::bigint, n.doc -> 'dispositions')
+          FROM (SELECT i.doc FROM plant.inbox i JOIN plant.epoch e USING (epoch)
+                WHERE i.doc ->> 'slab_epoch' = t.doc ->> 'slab_epoch' AND i.doc ->> 'slab_key' = t.doc ->> 'slab_key'
+                AND i.doc ? 'dispositions' ORDER BY e.epoch_id DESC, i.seq DESC LIMIT 1) AS n
+          JOIN plant.epoch s ON s.epoch = (n.doc ->> 'slab_epoch')::uuid;
+      END IF;
       DELETE FROM plant.trouble WHERE epoch = t.epoch AND seq = t.seq;
       done := done + 1;
     EXCEPTION WHEN OTHERS THEN

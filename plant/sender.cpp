@@ -4,7 +4,9 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -100,9 +102,17 @@ void introduce(Postgres& server, const config::PlantSettings& plant, const Line&
 }
 
 std::int64_t newest_there(Postgres& server, const Line& line) {
-  std::vector<std::string> epochs;
-  for (const storage::Epoch& epoch : line.epochs) epochs.push_back(epoch.uuid);
-  return server.integer("SELECT coalesce(max(seq), 0) FROM plant.inbox WHERE epoch = ANY ($1)", {array_of(epochs)});
+  // A restored line goes on from an older number in an epoch of its own. Rows from that number on that were sent in an
+  // earlier epoch are no longer the line's.
+  std::int64_t below = std::numeric_limits<std::int64_t>::max();
+  for (auto epoch = line.epochs.rbegin(); epoch != line.epochs.rend(); ++epoch) {
+    const std::int64_t there = server.integer(
+        "SELECT coalesce(max(seq), 0) FROM plant.inbox WHERE epoch = $1 AND seq < $2", {epoch->uuid, text(below)});
+    if (there != 0) return there;
+    if (const std::int64_t first = value_of(line.outbox->first_seq(epoch->uuid)); first != 0)
+      below = std::min(below, first);
+  }
+  return 0;
 }
 
 Sent send_batch(Postgres& server, Line& line, std::int64_t seq, int limit) {

@@ -86,6 +86,16 @@ class SqliteOutbox final : public Outbox {
     });
   }
 
+  Result<std::int64_t> first_seq(std::string_view epoch) override {
+    return read([&] {
+      Statement first(*db_,
+                      "SELECT coalesce(min(seq), 0) FROM outbox WHERE epoch = (SELECT n FROM epoch WHERE uuid = ?1)");
+      first.bind(1, epoch);
+      (void)first.step();
+      return first.integer(0);
+    });
+  }
+
   Result<std::int64_t> sent_seq() override {
     return read([&] { return db_->integer("SELECT sent_seq FROM line"); });
   }

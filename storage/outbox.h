@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -42,14 +43,16 @@ class Outbox {
   virtual ~Outbox() = default;
   /// All epochs of this file, oldest first. The last one is that of new rows.
   [[nodiscard]] virtual Result<std::vector<Epoch>> epochs() = 0;
+  /// Number of the oldest row of an epoch; 0 if it has none.
+  [[nodiscard]] virtual Result<std::int64_t> first_seq(std::string_view epoch) = 0;
   /// Number up to which the daemon has noted that rows were sent.
   [[nodiscard]] virtual Result<std::int64_t> sent_seq() = 0;
   /// At most `limit` rows after `seq`, by number.
   [[nodiscard]] virtual Result<std::vector<OutboxRow>> rows_after(std::int64_t seq, std::size_t limit) = 0;
   /// The row with this number; nullopt if there is none.
   [[nodiscard]] virtual Result<std::optional<OutboxRow>> row(std::int64_t seq) = 0;
-  /// The stored row that one of kind care, applied, check, gauge_check, mould_reset or event is about; of a calibration with the
-  /// record that it puts in force. nullopt if it is gone.
+  /// The stored row that one of kind care, applied, check, gauge_check, mould_reset or event is about; of a calibration
+  /// with the record that it puts in force. nullopt if it is gone.
   [[nodiscard]] virtual Result<std::optional<StoredRow>> subject(const OutboxRow& row) = 0;
   /// Epoch in which a slab was first sent; empty if it never was.
   [[nodiscard]] virtual Result<std::string> epoch_of_slab(std::int64_t slab_key) = 0;

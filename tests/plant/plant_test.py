@@ -334,6 +334,36 @@ class PlantTest(unittest.TestCase):
         self.assertTrue(json.loads(self.line.plant("--check", "--json").stdout)["complete"])
         self.assertEqual(self.server.one("SELECT count(*) FROM plant.slab"), str(SLABS), "no slab is there twice")
         self.assertEqual(self.server.one("SELECT count(*) FROM plant.event WHERE kind = 'restored'"), "1")
+        # The decisions are those that the line has, also when all is unfolded again.
+        decisions = f"SELECT string_agg(reason, ',') FROM plant.disposition WHERE slab_key = {key}"
+        self.assertEqual(self.server.one(decisions), "after")
+        self.server.run("SELECT plant.unfold_all()")
+        self.assertEqual(self.server.one(decisions), "after")
+        self.assertEqual(self.server.one("SELECT count(*) FROM plant.trouble"), "0")
+
+    def test_a_server_set_back_to_before_a_restore_of_the_line_gets_all_rows_again(self):
+        backup = self.line.folder / "backup.db"
+        key, = self.line.sql("SELECT min(slab_key) FROM slab_result WHERE verdict <> 'pass'")[0]
+        decide = ("disposition", f"key:{key}", "--decision", "hold", "--authority", "Li Wei", "--operator", "anna",
+                  "--reason")
+        self.line.slabctl("db", "backup", "--out", backup)
+        for reason in ("one", "two", "three"):
+            self.line.slabctl(*decide, reason)
+        self.run_plant("--once")
+        first = self.line.sql("SELECT uuid FROM epoch")[0][0]
+        self.line.slabctl("db", "restore", backup, "--reason", "disk", "--operator", "anna", "--lose-calibrations")
+        self.line.slabctl(*decide, "after")
+        self.run_plant("--once")
+        # The server's backup from before the restore: rows of the first epoch only, and more of them than the line has.
+        self.line.sql("UPDATE line SET sent_seq = (SELECT max(seq) FROM outbox)")
+        self.server.run("ALTER TABLE plant.inbox DISABLE TRIGGER USER; "
+                        f"DELETE FROM plant.inbox WHERE epoch <> '{first}'; "
+                        "ALTER TABLE plant.inbox ENABLE TRIGGER USER")
+        self.server.run("SELECT plant.unfold_all()")
+        self.assertIn("set back", self.run_plant("--once"))
+        self.assertEqual(self.inbox() & self.line.rows(), self.line.rows())
+        self.assertEqual(
+            self.server.one(f"SELECT string_agg(reason, ',') FROM plant.disposition WHERE slab_key = {key}"), "after")
 
     def reopen(self, key):
         """Adds what slabd writes when it takes the end of a slab back."""
