@@ -321,6 +321,8 @@ class BlockSearch {
       if (!side.empty())
         if (const double value = measure(side.front(), faces); has_value(value)) values.push_back(value);
     if (values.empty()) return lack(key, "no face was found");
+    if (values.size() == 1 && !casings_[0].empty() && !casings_[1].empty())
+      return lack(key, fmt::format("{:.4f} mm at one casing, and no face at the other", values[0]));
     if (values.size() == 2 && std::abs(values[0] - values[1]) > kSame_mm)
       return lack(key, fmt::format("{:.4f} mm inside and {:.4f} mm outside; a recipe has one", values[0], values[1]));
     put(key, values.front(), faces);

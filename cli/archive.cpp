@@ -178,8 +178,12 @@ ScanRow pack(const storage::SlabBlock& stored, std::int64_t key, const ArchiveOp
   const bool has_archive = ::stat(row.archive.c_str(), &archive) == 0;
   if (row.scan.ends_with(hal::kPackedExtension) || ::stat(row.scan.c_str(), &original) != 0) {
     row.state = has_archive ? ScanState::there : ScanState::gone;
-    if (const auto packed = hal::packed_scan_at(row.archive.c_str()); has_archive && packed)
+    if (!has_archive) return row;
+    // It is the only copy now.
+    if (const auto packed = hal::packed_scan_at(row.archive.c_str()); packed)
       row.packed = packed.value();
+    else
+      refuse(row, std::string(packed.error().text.view()));
     return row;
   }
   std::error_code ignored;

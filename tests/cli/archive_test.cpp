@@ -119,6 +119,12 @@ TEST_F(Archive, a_scan_that_is_gone_counts_only_if_its_slab_was_named) {
   fs::remove(scan(4));
   const Ended ended = archive("--all");
   expect_mentions(ended.out, "there 1, gone 1; ");
+  // The only copy is cut off.
+  fs::resize_file(packed(4), 20);
+  const Ended damaged = archive("--all");
+  EXPECT_EQ(damaged.status, 3);
+  expect_mentions(damaged.out, "gone 1, refused 1; ");
+  expect_mentions(damaged.err, packed(4));
 }
 
 TEST_F(Archive, a_damaged_archive_is_named_by_byte) {
