@@ -148,6 +148,25 @@ TEST_F(GaugesTest, the_readings_are_fixed_when_slab_end_is_taken) {
   EXPECT_NEAR(find_gauge(line.station->gauges.used, "plc_left")->value, 5600.123, 1e-9);
 }
 
+// The end of the slab cannot be stored, and the next slab is gauged before SLAB_END is given again.
+TEST_F(GaugesTest, readings_stay_those_of_the_first_slab_end_if_it_is_given_again) {
+  begin_slab(42);
+  plc_sends(42);
+  store.fail_when = [](const StoreJob& job) { return std::holds_alternative<SlabJob>(job.what); };
+  line.command(PlcCommand::slab_end);
+  line.run_for(200);
+  ASSERT_TRUE(line.view().slab_open);
+  store.fail_when = nullptr;
+  line.plc.fault_reset = true;
+  line.feed(line.plc);
+  line.plc.fault_reset = false;
+  line.run_for(200);
+  plc_sends(43, 1, 2);
+  const GaugeReadings stored = end_slab();
+  EXPECT_EQ(state(stored, "plc_left"), "ok");
+  EXPECT_NEAR(find_gauge(stored, "plc_left")->value, 5600.123, 1e-9);
+}
+
 TEST_F(GaugesTest, values_are_taken_when_the_sequence_number_changes) {
   begin_slab(42);
   plc_sends(42);
