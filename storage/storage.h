@@ -477,8 +477,8 @@ enum class TextFor : std::uint8_t {
 /// Opens a database for reading. config: the file does not exist, is not a slabd database, or has an older or newer
 /// schema version. A reader changes nothing; the daemon upgrades an older one at its start.
 [[nodiscard]] Result<std::unique_ptr<Reader>> open_reader(const std::string& db_path, TextFor text = TextFor::people);
-/// True if the database was never used: the file does not exist, or its creation was stopped before the first
-/// transaction. The next writer completes it. Never true for a file with content, of slabd or not.
+/// True if the database was never used: the file does not exist, or its creation was stopped before or within the first
+/// transaction. The next writer completes it. Never true for a file with other content, of slabd or not.
 [[nodiscard]] bool is_unused(const std::string& db_path);
 /// True if a writer was stopped while it made an earlier log durable, or before its first commit to a new or restored
 /// file: readers fail, and the next writer completes or undoes it.

@@ -340,6 +340,11 @@ class PlantTest(unittest.TestCase):
         self.server.run("SELECT plant.unfold_all()")
         self.assertEqual(self.server.one(decisions), "after")
         self.assertEqual(self.server.one("SELECT count(*) FROM plant.trouble"), "0")
+        # An old document that is unfolded late brings back no decision.
+        self.server.run("INSERT INTO plant.trouble (epoch, seq, why) SELECT epoch, seq, 'too old' FROM plant.inbox "
+                        "WHERE kind = 'decided' AND doc::text LIKE '%before%'")
+        self.assertEqual(self.server.one("SELECT plant.unfold_again()"), "1")
+        self.assertEqual(self.server.one(decisions), "after")
 
     def test_a_server_set_back_to_before_a_restore_of_the_line_gets_all_rows_again(self):
         backup = self.line.folder / "backup.db"
