@@ -434,7 +434,8 @@ Status BlockInspector::fit_faces(const Cloud& cloud, BlockFit& fit) {
                w.survey_table,
                evaluation,
                result.registration.T_scanner_block.inverse(),
-               {settings_of(extents.full_seat, ItemId::seat_slope, 2), of_top}},
+               {settings_of(extents.full_seat, ItemId::seat_slope, 2), of_top},
+               extents.full_seat.area_mm2},
               {w.pool,
                w.survey_blocks,
                w.survey_runs,
@@ -515,7 +516,7 @@ Status BlockInspector::measure_seat_and_casings(const Cloud& cloud, BlockFit& fi
     seat.noise_factor = std::max(seat.noise_factor, verified_noise_factor(w.verified, seat_density(seat, evaluation)));
   seat.flatness_noise_mm = flatness.noise_mm;
   seat.defect = flatness.defect;
-  if (flatness.seat_share < evaluation.inlier_share_min) {
+  if (!(flatness.seat_share >= evaluation.inlier_share_min)) {
     refuse(seat.plane, PlaneDoubt::area);
     return seat_refused();
   }

@@ -198,7 +198,7 @@ namespace {
 
 bool decide_by_themselves(const BlockResult& block) {
   const Item* damage = find_item(block.items.begin(), block.items.end(), ItemId::block_damage);
-  const bool judged = damage != nullptr && has_value(damage->upper);
+  const bool judged = damage != nullptr && has_value(damage->upper) && has_value(damage->value);
   return !block.findings.empty() && !judged;
 }
 

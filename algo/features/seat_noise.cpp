@@ -199,8 +199,10 @@ class Spectrum {
   }
 
   /// Spectral density at infinite wavelength, extrapolated ring by ring from the modes between the two wavelengths, as
-  /// the variance of a cell with white noise of that density. NaN if a ring has no modes.
+  /// the variance of a cell with white noise of that density; at most kBeyondLongest times that of the longest modes.
+  /// NaN if a ring has no modes.
   [[nodiscard]] double at_infinity() const {
+    constexpr double kBeyondLongest = 4.0;
     constexpr double k2_min = 1.0 / (kWavelengthMax_mm * kWavelengthMax_mm);
     constexpr double k2_max = 1.0 / (kWavelengthMin_mm * kWavelengthMin_mm);
     std::array<double, kRings> level;
@@ -223,7 +225,9 @@ class Spectrum {
       reciprocal.add(at[ring], (1.0 - 2.0 / count[ring]) / level[ring], count[ring] * smooth * smooth);
     }
     // Noise never has more energy at short wavelengths than at long ones.
-    return 1.0 / (reciprocal.slope() > 0.0 ? reciprocal.value_at(0.0) : reciprocal.mean());
+    if (!(reciprocal.slope() > 0.0)) return 1.0 / reciprocal.mean();
+    // Steep spectra, of texture rather than of noise, reach 0 before the end.
+    return 1.0 / std::fmax(reciprocal.value_at(0.0), 1.0 / (kBeyondLongest * level[0]));
   }
 
  private:

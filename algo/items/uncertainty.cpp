@@ -396,7 +396,15 @@ bool settle(const Budget& budget, Item& item) {
   double squares = 0.0;
   for (const double u : budget) squares += u * u;
   item.budget = {};
-  if (!std::isfinite(squares) || !(squares > 0.0)) return false;
+  if (!std::isfinite(squares)) {
+    double known = 0.0;
+    for (const double u : budget)
+      if (std::isfinite(u)) known += u * u;
+    // No U stays none; fmax would take the number.
+    if (has_value(item.U)) item.U = std::fmax(item.U, 2.0 * std::sqrt(known));
+    return false;
+  }
+  if (!(squares > 0.0)) return false;
   item.budget = budget;
   item.U = 2.0 * std::sqrt(squares);
   return true;

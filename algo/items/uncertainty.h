@@ -53,7 +53,8 @@
 ///   tie           The second robot's base in the base frame, common to all its stations; only items between stations of
 ///                 two robots have it (slab_budget.h).
 ///
-/// If a part is not finite, the item has no budget: it keeps the recipe's U, or none, and is then indeterminate.
+/// If a part is not finite, the item has no budget: U is the recipe's or that of the known parts, whichever is larger.
+/// Without one in the recipe there is none, and the item is indeterminate.
 namespace slabd::algo {
 
 /// Standard uncertainties by origin, [BudgetPart].
@@ -167,8 +168,9 @@ struct SlopeGradient {
 /// between. Measured on bows, waves, saddles, steps, bumps and chips of every height.
 [[nodiscard]] double flatness_noise_multiple(double flatness_mm, double noise_mm, std::uint32_t cells);
 
-/// Writes U = 2 sqrt(sum of squares) and the budget into `item`. If a part is not finite or all are zero, the item
-/// keeps U and an all-zero budget, and the function returns false.
+/// Writes U = 2 sqrt(sum of squares) and the budget into `item`. If a part is not finite, the item's own U stays, or
+/// becomes that of the finite parts if it is smaller; if all are zero, it stays. The budget is then all-zero, and the
+/// function returns false.
 bool settle(const Budget& budget, Item& item);
 
 /// Uncertainty of a scan's items from the form of its own faces.

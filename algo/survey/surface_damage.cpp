@@ -422,10 +422,10 @@ void find_pores_and_damage(const BlockModel& model, const SurfaceTable& table, s
                   found.seen_mm2 > 0.0 ? found.pore_area_mm2 / found.seen_mm2 : kNoValue,
                   {}};
   for (const FoundSurface& one : found.damage) (void)result.findings.push(one.finding);
-  // Damage without a limit is decided by its findings, so pores must not be among them.
+  if (!told[0] || !told[1] || !saw_enough(table, field)) return;
+  // Damage without a limit or without a value is decided by its findings, so pores must not be among them.
   if (damage != nullptr && has_value(damage->upper))
     for (const FoundSurface& one : found.pores) (void)result.findings.push(one.finding);
-  if (!told[0] || !told[1] || !saw_enough(table, field)) return;
   if (pores != nullptr) {
     pores->value = found.pore_largest_mm;
     pores->companion = found.pore_deepest_mm;

@@ -66,6 +66,10 @@ double displaced_mm(FindingFace face) {
   return face == FindingFace::shoulder_inner || face == FindingFace::shoulder_outer ? kDisplacedShoulder_mm
                                                                                     : kDisplaced_mm;
 }
+/// Residual of cast concrete and a scanner's form error, as a share of the above.
+constexpr double kResidual = 0.5;
+/// A shallow place wider than this may be the block's form.
+constexpr double kForm_mm = 20.0;
 constexpr double kMissing_mm2 = limits::kFindingArea_mm2;  ///< a drop of water of 9 mm hides 64
 constexpr double kBump_mm2 = 20.0;                         ///< a burr of 4 mm has 13
 /// A place at an edge is a chip if it is deeper than any pore, or larger than nearly all of them; pores also occur at
@@ -255,11 +259,15 @@ bool name_low(const Place& place, double pore_max_mm, double edge_wear, FoundSur
     return true;
   }
   f.kind = FindingKind::pit;
+  const double displaced = displaced_mm(f.face);
   if (found.diameter_mm <= pore_max_mm && found.extent_mm <= 2.0 * pore_max_mm) {
     found.is_pore = true;
     return area >= kPoreArea_mm2 && place.deepest_mm() >= kPoreDepth_mm;
   }
-  return place.deepest_mm() >= displaced_mm(f.face);
+  if (place.deepest_mm() >= displaced) return true;
+  // Wider and too shallow for damage: a pore beyond its limit, so that a larger pit has no better verdict.
+  found.is_pore = found.extent_mm <= kForm_mm && place.deepest_mm() >= kResidual * displaced;
+  return found.is_pore;
 }
 
 bool name_high(const Place& place, FoundSurface& found) {

@@ -91,13 +91,18 @@ std::size_t first_sixteen(std::size_t block, std::size_t stride) {
   return static_cast<std::size_t>((std::uint64_t{fraction} * stride) >> 32U);
 }
 
-/// Points of each sixteen added to the surface raster: about six in each of its cells, and at least four.
-std::size_t surface_lanes(const Cloud& cloud) {
+/// Points of each sixteen added to the surface raster: at least six in each of its cells where the scan has as many.
+/// `points_per_mm2`: on the seat, in the projection on (x, y). A scan of many points may have few of them there.
+std::size_t surface_lanes(const Cloud& cloud, double points_per_mm2) {
   constexpr std::size_t kDense = 2'500'000;
   constexpr std::size_t kSparse = 1'200'000;
+  constexpr double kPerCell = 6.0;
   if (cloud.points <= kSparse) return kLanes;
-  const std::size_t lanes = cloud.points <= kDense ? kLanes / 2 : kLanes / 4;
-  return cloud.width != 0 ? lanes : 2 * lanes;
+  std::size_t lanes = cloud.points <= kDense ? kLanes / 2 : kLanes / 4;
+  if (cloud.width == 0) lanes *= 2;
+  const double in_cell = points_per_mm2 * kSurfaceCell_mm * kSurfaceCell_mm / static_cast<double>(kLanes);
+  while (lanes < kLanes && in_cell * static_cast<double>(lanes) < kPerCell) lanes *= 2;
+  return lanes;
 }
 
 /// One pass, merged.
@@ -108,8 +113,10 @@ struct Passed {
   bool overflown = false;
 };
 
-Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride, bool with_map,
+/// `lanes`: see surface_lanes(); 0: without the map and the surface raster.
+Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride, std::size_t lanes,
                  const SurveyWorkspace& work, Team& team) {
+  const bool with_map = lanes != 0;
   const std::size_t blocks = (cloud.points + kBlockPoints - 1) / kBlockPoints;
   work.pool.clear();
   std::array<std::atomic<bool>, 2> taken{};
@@ -119,7 +126,6 @@ Passed pass_over(const Cloud& cloud, const SurveyTask& task, std::size_t stride,
     std::fill(work.map[i].count.begin(), work.map[i].count.end(), 0U);
     std::fill(work.surface[i].begin(), work.surface[i].end(), SurfaceCell{});
   });
-  const std::size_t lanes = surface_lanes(cloud);
   team.run(blocks, [&](std::size_t b) {
     // Integer sums do not depend on the order, so any unused map is suitable. One thread uses only the first.
     std::size_t slot = 0;
@@ -314,7 +320,9 @@ void survey_scan(const Cloud& cloud, const SurveyInput& input, const SurveyWorks
   task.inner_mm.fill(-1.0F);
   task.outer_mm.fill(std::numeric_limits<float>::max());
   const std::size_t stride = std::max<std::size_t>(1, cloud.points / kScouted);
-  const Passed scouted = pass_over(cloud, task, stride, false, work, team);
+  const Passed scouted = pass_over(cloud, task, stride, 0, work, team);
+  const auto on_seat = static_cast<double>(stride * scouted.points[static_cast<std::size_t>(PointList::seat_edge)]);
+  const std::size_t lanes = surface_lanes(cloud, on_seat / input.seat_mm2);
   team.run(kLargeFaces, [&](std::size_t i) {
     const auto list = static_cast<std::size_t>(kEdgeList[i]);
     const Plane& face = input.model.plane(kLargeFace[i]);
@@ -343,7 +351,7 @@ void survey_scan(const Cloud& cloud, const SurveyInput& input, const SurveyWorks
   }
 
   for (int pass = 0; pass < kPasses; ++pass) {
-    const Passed passed = pass_over(cloud, task, 1, true, work, team);
+    const Passed passed = pass_over(cloud, task, 1, lanes, work, team);
     bool done = state_deviation(passed.sums, task, survey.deviation);
     if (!done) bracket_shares(std_of(passed.sums), task);
     std::array<bool, kLargeFaces> beyond{};

@@ -60,6 +60,7 @@ struct SurveyInput {
   const EvaluationSettings& settings;
   Pose T_block_scanner;
   std::array<PlaneSettings, kLargeFaces> large;  ///< for the fits of the large faces
+  double seat_mm2 = 0.0;                         ///< area of the whole seat in the projection on (x, y)
 };
 
 struct Survey {

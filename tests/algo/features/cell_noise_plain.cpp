@@ -75,7 +75,8 @@ std::vector<Mode> spectrum(const CellGrid& grid, const Eigen::MatrixXd& field) {
   return all;
 }
 
-/// Density at infinite wavelength from six rings of equal area between 40 and 10 mm. NaN if a ring has no modes.
+/// Density at infinite wavelength from six rings of equal area between 40 and 10 mm, at most four times that of the
+/// ring with the longest waves. NaN if a ring has no modes.
 double density_at_infinity(const std::vector<Mode>& modes) {
   constexpr Eigen::Index kRings = 6;
   const double low = 1.0 / 1600.0;
@@ -103,7 +104,8 @@ double density_at_infinity(const std::vector<Mode>& modes) {
   const Eigen::ArrayXd weight = count * (2.0 * (log_line[0] + log_line[1] * at)).exp();
   const Eigen::ArrayXd reciprocal = (1.0 - 2.0 / count) / level;
   const Eigen::Vector2d line = line_through(at, reciprocal, weight);
-  return 1.0 / (line[1] > 0.0 ? line[0] : (weight * reciprocal).sum() / weight.sum());
+  if (!(line[1] > 0.0)) return weight.sum() / (weight * reciprocal).sum();
+  return 1.0 / std::fmax(line[0], 0.25 / level[0]);
 }
 
 }  // namespace

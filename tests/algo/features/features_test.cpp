@@ -249,6 +249,51 @@ TEST(FastCellNoise, agrees_with_the_plain_one_to_rounding) {
   }
 }
 
+TEST(FastCellNoise, a_steep_spectrum_has_a_known_factor_larger_than_that_of_white_noise) {
+  const FlatnessRegion region{51.0, 75.0, 1.5, 12};
+  const CellGrid grid(region);
+  const double across_mm = grid.region.cell_mm * static_cast<double>(grid.columns);
+  const double along_mm = grid.region.cell_mm * static_cast<double>(grid.rows);
+  // Amplitudes in waves per mm: 0 is white.
+  for (const double power : {0.0, 1.0, 1.5, 2.0, 3.0}) {
+    for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+      SCOPED_TRACE(::testing::Message() << "power " << power << ", seed " << seed);
+      Prng prng(seed);
+      Eigen::MatrixXd amplitude = Eigen::MatrixXd::Zero(46, 31);
+      for (Eigen::Index q = 0; q < amplitude.rows(); ++q)
+        for (Eigen::Index p = 0; p < amplitude.cols(); ++p)
+          if (const double k = 0.5 * std::hypot(double(p) / across_mm, double(q) / along_mm); k > 1.0 / 45.0)
+            amplitude(q, p) = 2e-4 * std::pow(20.0 * k, -power) * prng.normal();
+      const auto waves = [](Eigen::Index count, std::size_t places) {
+        Eigen::MatrixXd all(static_cast<Eigen::Index>(places), count);
+        for (Eigen::Index i = 0; i < all.rows(); ++i)
+          for (Eigen::Index k = 0; k < count; ++k)
+            all(i, k) = std::cos(kPi * double(k) * (double(i) + 0.5) / double(places));
+        return all;
+      };
+      const Eigen::MatrixXd field =
+          waves(amplitude.rows(), grid.rows) * amplitude * waves(amplitude.cols(), grid.columns).transpose();
+      std::vector<double> heights(grid.cells());
+      std::vector<std::uint32_t> cells(grid.cells());
+      for (std::uint32_t c = 0; c < grid.cells(); ++c) {
+        cells[c] = c;
+        heights[c] = field(static_cast<Eigen::Index>(c / grid.columns), static_cast<Eigen::Index>(c % grid.columns)) +
+                     0.0005 * prng.normal();
+      }
+      const CellNoise noise = noise_of_cells(grid, heights, cells, 9e-4, 40.0);
+      ASSERT_TRUE(noise.ok);
+      EXPECT_GT(noise.cell_sigma_mm, 0.0005);
+      EXPECT_LT(noise.factor, 1e3);
+      // Texture with more energy in long waves is never taken for white noise.
+      const double white =
+          40.0 * noise.cell_sigma_mm * noise.cell_sigma_mm / (noise.point_sigma_mm * noise.point_sigma_mm);
+      if (power >= 1.0) {
+        EXPECT_GT(noise.factor, std::fmax(1.0, white));
+      }
+    }
+  }
+}
+
 /// A rim sampled by a rotated grid of points, possibly partly hidden, with strays; in a seat's frame.
 struct Rim {
   std::vector<float> x, s, h;

@@ -360,7 +360,7 @@ TEST(Uncertainty, a_part_that_is_unknown_never_makes_U_small) {
     return one.budgeted();
   };
   const auto fell_back = [&](const BlockResult& r, ItemId id) {
-    return find(r, id).U == recipe.tolerance(id).U && rss(find(r, id)) == 0.0;
+    return find(r, id).U >= recipe.tolerance(id).U && rss(find(r, id)) == 0.0;
   };
   BlockResult r = spoiled([](BlockResult& b) { b.seat.noise_factor = kNoValue; });
   for (const ItemId id : kLinearItems) EXPECT_TRUE(fell_back(r, id)) << info(id).name;
@@ -385,8 +385,17 @@ TEST(Uncertainty, a_part_that_is_unknown_never_makes_U_small) {
   item.upper = 1.0;
   Budget budget{};
   budget[0] = kNoValue;
+  budget[1] = 0.6;
   EXPECT_FALSE(settle(budget, item));
+  EXPECT_FALSE(has_value(item.U));
   EXPECT_EQ(judge(item, 1.0), Verdict::indeterminate);
+  // With one it is not smaller than the parts that are known.
+  for (const auto& [of_recipe, expected] : {std::pair{0.5, 1.2}, std::pair{1.5, 1.5}}) {
+    item.U = of_recipe;
+    EXPECT_FALSE(settle(budget, item));
+    EXPECT_DOUBLE_EQ(item.U, expected);
+    EXPECT_EQ(item.budget, Budget{});
+  }
 }
 
 TEST(Uncertainty, is_the_sampling_error_for_seat_std_also_without_settings) {

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <functional>
@@ -133,6 +134,26 @@ TEST(SurfaceDamage, a_pore_beyond_the_limit_is_reason_616_and_a_larger_pit_is_da
   EXPECT_NEAR(item(pit, ItemId::block_damage).value, 16.0, 2.5);
 }
 
+TEST(SurfaceDamage, a_larger_or_deeper_pit_has_no_better_verdict) {
+  for (const double depth_mm : {0.6, 0.8, 1.5}) {
+    bool was_good = true;
+    for (const double diameter_mm : {5.0, 8.0, 12.0, 13.5, 15.0, 17.0, 19.0}) {
+      SCOPED_TRACE(::testing::Message() << diameter_mm << " mm, " << depth_mm << " mm deep");
+      // A floor, unlike a dome, so that the whole place is as deep.
+      scene::Block block;
+      block.relief_mm = [=](double x, double s) {
+        return std::hypot(x - 71.0, s + 43.0) < 0.5 * diameter_mm ? -depth_mm : 0.0;
+      };
+      const BlockResult r = inspected(scene::take(block, seen(600.0)));
+      const bool good = r.verdict == Verdict::pass;
+      EXPECT_EQ(good, diameter_mm <= 8.0);
+      EXPECT_LE(good, was_good);
+      EXPECT_EQ(r.findings.empty(), false);
+      was_good = good;
+    }
+  }
+}
+
 TEST(SurfaceDamage, pores_beyond_the_limits_of_depth_and_share_are_reason_616) {
   const scene::Cloud scan = with_pore(8.0, 2.8);
   const auto with_limits = [&](double depth_max_mm, double share_max) {
@@ -204,6 +225,24 @@ TEST(SurfaceDamage, at_any_pitch_a_crack_does_not_pass_and_a_coarse_scan_is_not_
       expect_damage(cracked, FindingKind::crack, 100.0);
     }
   }
+}
+
+TEST(SurfaceDamage, is_judged_in_a_large_image_of_which_the_block_fills_a_part) {
+  scene::Scan scan = seen(0.0, 2);
+  scan.pitch_mm = 0.4;
+  const scene::Cloud small = scene::take({}, scan);
+  scene::Cloud large = small;
+  large.width = 2'448;
+  large.height = 2'048;
+  ASSERT_LE(small.width, large.width);
+  ASSERT_LE(small.height, large.height);
+  large.xyz.assign(3 * large.width * large.height, std::nanf(""));
+  for (std::size_t row = 0; row < small.height; ++row)
+    std::copy_n(&small.xyz[3 * row * small.width], 3 * small.width, &large.xyz[3 * ((row + 300) * large.width + 500)]);
+  const BlockResult r = inspected(large);
+  EXPECT_EQ(item(r, ItemId::block_damage).verdict, Verdict::pass);
+  EXPECT_EQ(item(r, ItemId::surface_pores).verdict, Verdict::pass);
+  EXPECT_EQ(item(r, ItemId::block_damage).value, 0.0);
 }
 
 TEST(SurfaceDamage, chips_out_of_the_edges_are_found) {
