@@ -27,6 +27,10 @@ Worst worst_of(const SlabResult& slab, ItemId id) {
   return worst;
 }
 
+bool has_limits(const Item& item) {
+  return has_value(item.lower) || has_value(item.upper);
+}
+
 double slab_deviation(const SlabResult& slab, ItemId id) {
   const Item* item = find_item(slab.items.begin(), slab.items.end(), id);
   return item == nullptr ? kNoValue : item->deviation();
@@ -72,11 +76,13 @@ PlcResult station_record(const BlockResult& block, const SlabResult& slab) {
        {Place{ItemId::seat_slope, 0}, Place{ItemId::seat_lateral, 9}, Place{ItemId::seat_vertical, 10}}) {
     const Item* item = find_item(slab.items.begin(), slab.items.end(), place.id, block.station);
     if (item == nullptr) continue;
+    // There are two slopes: the one in the slab frame replaces the one against the local slab top, unless only the
+    // latter is judged.
+    const Item* local = find_item(block.items.begin(), block.items.end(), place.id);
+    if (local != nullptr && has_limits(*local) && !has_limits(*item)) continue;
     record.deviation[place.deviation] = item->deviation();
-    // There are two slopes: the one in the slab frame replaces the one against the local slab top.
     const std::uint16_t failed = fail_mask(item, item + 1);
     const std::uint16_t open = open_mask(item, item + 1);
-    const Item* local = find_item(block.items.begin(), block.items.end(), place.id);
     if (local != nullptr) {
       record.fail_mask = static_cast<std::uint16_t>(record.fail_mask & ~fail_mask(local, local + 1));
       record.open_mask = static_cast<std::uint16_t>(record.open_mask & ~open_mask(local, local + 1));

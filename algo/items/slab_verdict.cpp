@@ -39,17 +39,18 @@ bool counts_for(const Seats& seats, const Item& item, int station) {
   return out_of_place_mm(own, item) >= out_of_place_mm(other, item);
 }
 
-/// All items that decide one station: its block items (the local slope is replaced if the slab frame decides) and the
-/// slab items that count for it.
+/// All items that decide one station: its block items and the slab items that count for it. Of the two slopes it is the
+/// one that the recipe chooses.
 StationItems items_of_station(const Recipe& recipe, const BlockResult* block, const Seats& seats,
                               const SlabResult& slab, int station) {
   StationItems items;
+  const bool local = recipe.slope_datum == SlopeDatum::local_slab_top;
   if (block != nullptr) {
     for (const Item& item : block->items)
-      if (item.id != ItemId::seat_slope || recipe.slope_datum == SlopeDatum::local_slab_top) (void)items.push(item);
+      if (item.id != ItemId::seat_slope || local) (void)items.push(item);
   }
   for (const Item& item : slab.items)
-    if (counts_for(seats, item, station)) (void)items.push(item);
+    if (counts_for(seats, item, station) && (item.id != ItemId::seat_slope || !local)) (void)items.push(item);
   return items;
 }
 

@@ -196,6 +196,28 @@ TEST(StationRecord, has_place_and_final_verdict_of_its_seat_once_the_slab_has_en
   EXPECT_EQ(after.fail_mask, fail_mask(&lateral, &lateral + 1));
 }
 
+TEST(StationRecord, has_the_local_slope_if_only_that_one_is_judged) {
+  BlockResult block;
+  block.station = 7;
+  Item local = judged(ItemId::seat_slope, Verdict::fail, true, 7, 0.3);
+  local.lower = -0.1;
+  local.upper = 0.1;
+  ASSERT_TRUE(block.items.push(local));
+  for (const double in_slab_frame : {0.05, kNoValue}) {
+    SlabResult slab;
+    ASSERT_TRUE(
+        slab.items.push(judged(ItemId::seat_slope, has_value(in_slab_frame) ? Verdict::none : Verdict::not_measured,
+                               false, 7, in_slab_frame)));
+    slab.station_verdict[6] = Verdict::fail;
+    slab.station_reason[6] = 600;
+    const PlcResult record = station_record(block, slab);
+    EXPECT_DOUBLE_EQ(record.deviation[0], 0.3);
+    EXPECT_EQ(record.fail_mask, fail_mask(&local, &local + 1));
+    EXPECT_NE(record.fail_mask, 0);
+    EXPECT_EQ(record.open_mask, 0);
+  }
+}
+
 TEST(Sequence, never_uses_zero) {
   EXPECT_EQ(next_sequence(0), 1);
   EXPECT_EQ(next_sequence(1), 2);
