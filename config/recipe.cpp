@@ -227,7 +227,8 @@ void read_formula(TableReader& item, GaugeFormula& out) {
     item.problem("U", "found U of an item that gauges measure; leave it out: U follows from [[gauge]] u and master");
 }
 
-void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
+/// `is_size`: no value is too small.
+void read_item(TableReader item, const ItemInfo& info, bool is_size, Tolerance& out) {
   item.required_boolean("required", out.required);
   item.optional_boolean("confirmed", out.confirmed);
   read_item_nominal(item, info, out);
@@ -241,7 +242,7 @@ void read_item(TableReader item, const ItemInfo& info, Tolerance& out) {
   if (limited && !item.has("nominal")) item.missing("nominal", "the value that deviations are counted from");
   if (limited && !item.has("tolerance")) {
     if (!item.has("upper")) item.missing("upper", "a limit: without it any value above would pass");
-    if (!item.has("lower") && !info.is_size) item.missing("lower", "a limit: without it any value below would pass");
+    if (!item.has("lower") && !is_size) item.missing("lower", "a limit: without it any value below would pass");
   }
   if (out.required && !limited)
     item.problem("required", "found true without lower, upper or tolerance: such an item could never pass");
@@ -260,8 +261,14 @@ void read_items(TableReader items, Recipe& recipe) {
     recipe.tolerances[i].given = true;
     TableReader table = items.table(item.name);
     if (item.id == ItemId::surface_pores) read_pore_limits(table, recipe.pores);
-    if (item.of_gauges) read_formula(table, recipe.formulas[gauge_item_index(item.id)]);
-    read_item(std::move(table), item, recipe.tolerances[i]);
+    bool is_size = item.is_size;
+    if (item.of_gauges) {
+      GaugeFormula& formula = recipe.formulas[gauge_item_index(item.id)];
+      read_formula(table, formula);
+      // The other two have a sign.
+      is_size = is_size && (formula.kind == FormulaKind::range || formula.kind == FormulaKind::plane4_flatness);
+    }
+    read_item(std::move(table), item, is_size, recipe.tolerances[i]);
   }
   items.finish();
   // A capped casing is not visible.

@@ -115,6 +115,17 @@ double nominal_from_geometry(const Recipe& r, ItemId id) {
   }
 }
 
+/// A data sheet's number in another unit would make U too small.
+void check_uncertainty(TableReader table, const UncertaintySettings& u) {
+  const auto doubt_below = [&](const char* key, double value, double least, const char* question) {
+    if (value > 0.0 && value < least)
+      table.doubt(key, fmt::format("found {:.6g}, {}; usual are 0 and {} and more", value, question, least));
+  };
+  doubt_below("scanner_form_mm", u.scanner_form_mm.value, 0.001, "metres? the unit is mm");
+  doubt_below("reference_mm", u.reference_mm.value, 0.0001, "metres? the unit is mm");
+  doubt_below("scanner_length_ppm", u.scanner_length_ppm.value, 0.1, "a ratio? the unit is 1e-6");
+}
+
 std::string limits_text(const Tolerance& t) {
   if (!has_value(t.lower)) return fmt::format("at most {:.4f}", t.upper);
   if (!has_value(t.upper)) return fmt::format("at least {:.4f}", t.lower);
@@ -137,6 +148,17 @@ void check_item(TableReader item, const Recipe& recipe, ItemId id) {
     item.problem("nominal", fmt::format("found {:.4f}, but the geometry of this recipe gives {:.4f} {}; allowed is a "
                                         "difference of {}",
                                         t.nominal.value, expected, name(info(id).unit), kAgreement));
+  // Beyond what any block or slab is off: such a limit decides nothing.
+  const bool is_angle = info(id).unit == ItemUnit::deg;
+  const double far = is_angle ? 10.0 : 50.0;
+  for (const auto& [key, limit] : {std::pair{"lower", t.lower}, std::pair{"upper", t.upper}}) {
+    if (!(std::abs(limit - t.nominal.value) > far)) continue;
+    item.doubt(item.has(key) ? key : "tolerance",
+               fmt::format("found a limit {:.6g} {} from the nominal, {}? the unit is {}, usual are at most {}",
+                           std::abs(limit - t.nominal.value), name(info(id).unit),
+                           is_angle ? "minutes of arc" : "micrometres", name(info(id).unit), far));
+    break;
+  }
   if ((has_value(t.lower) && t.nominal.value < t.lower) || (has_value(t.upper) && t.nominal.value > t.upper))
     item.problem("nominal", fmt::format("found {:.4f}, allowed is a nominal inside its own limits: {}", t.nominal.value,
                                         limits_text(t)));
@@ -154,6 +176,7 @@ void check_relations(TableReader& root, const Recipe& recipe) {
   check_block(root.table("block"), recipe.block);
   check_searched(root.table("block"), recipe);
   check_evaluation(root.table("evaluation"), recipe.evaluation, recipe.block);
+  if (recipe.uncertainty.given) check_uncertainty(root.table("uncertainty"), recipe.uncertainty);
   TableReader items = root.table("items");
   for (std::size_t i = 0; i < kItemCount; ++i) {
     const ItemId id = static_cast<ItemId>(i);

@@ -203,6 +203,21 @@ TEST_F(FormulaTest, every_fault_of_an_item_is_named) {
               testing::Contains(testing::HasSubstr("items.bottom_flatness.nominal")));
 }
 
+TEST_F(FormulaTest, a_flatness_with_a_sign_needs_both_limits) {
+  const auto flatness = [&](const std::string& formula, const std::string& limits) {
+    return load("\n[items.bottom_flatness]\nformula = \"" + formula + "\"\nnominal = 0\n" + limits +
+                "\nrequired = true\nconfirmed = false\n");
+  };
+  for (const char* formula : {"difference(a, b)", "mean(a, b)"}) {
+    EXPECT_THAT(flatness(formula, "upper = 3"),
+                testing::ElementsAre(testing::HasSubstr("items.bottom_flatness.lower: missing")))
+        << formula;
+    EXPECT_EQ(flatness(formula, "tolerance = 3"), Texts{});
+  }
+  EXPECT_EQ(flatness("range(a, b)", "upper = 3"), Texts{});
+  EXPECT_EQ(flatness("plane4_flatness(a, b, c, d)", "upper = 3"), Texts{});
+}
+
 TEST_F(FormulaTest, the_gauges_of_a_formula_must_be_those_of_the_line) {
   GaugeList gauges;
   GaugeSettings gauge;

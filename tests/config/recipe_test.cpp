@@ -346,6 +346,27 @@ TEST_F(RecipeTest, faulty_temperatures_are_named) {
   refused("reference_c = { value = 20", "reference_c = { value = 293", "thermal.reference_c.value: found 293");
 }
 
+TEST_F(RecipeTest, numbers_that_may_be_of_another_unit_are_doubted) {
+  const std::string good = read_whole(kP5600);
+  const auto doubts_of = [&](const std::string& from, const std::string& to) {
+    Recipe recipe;
+    std::vector<config::Problem> problems;
+    std::vector<config::Problem> doubts;
+    config::load_recipe(files_.write("doubted.toml", with(good, from, to)), recipe, problems, &doubts);
+    EXPECT_TRUE(problems.empty()) << problems[0].text;
+    return files_.texts(doubts);
+  };
+  EXPECT_EQ(doubts_of("cell_mm = 1.5\n", "cell_mm = 1.5\n"), Texts{});
+  for (const auto& [from, to, words] :
+       {std::tuple{"scanner_length_ppm = { value = 50,", "scanner_length_ppm = { value = 5e-5,", "a ratio?"},
+        std::tuple{"reference_mm = { value = 0.005,", "reference_mm = { value = 5e-6,", "metres?"},
+        std::tuple{"nominal = 380\ntolerance = 0.5", "nominal = 380\ntolerance = 500", "micrometres?"}}) {
+    const Texts doubts = doubts_of(from, to);
+    ASSERT_EQ(doubts.size(), 1U) << to;
+    EXPECT_NE(doubts[0].find(words), std::string::npos) << doubts[0];
+  }
+}
+
 TEST_F(RecipeTest, an_assumption_left_out_of_the_uncertainty_is_missed) {
   const Texts problems = load(with(read_whole(kP5600), "reference_mm = { value = 0.005, confirmed = false }\n", ""));
   ASSERT_EQ(problems.size(), 1U);
