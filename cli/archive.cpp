@@ -4,8 +4,8 @@
 // restores the original files. It deletes nothing.
 //
 // An archive is written under a temporary name, synced, renamed, and read back. Only an archive that restored the
-// original gets the original's time of writing. An archive with that time and size is therefore not read again, which
-// makes a nightly run short.
+// original, with the points that were measured, gets the original's time of writing. An archive with that time and size
+// is therefore not read again, which makes a nightly run short.
 #include <fcntl.h>
 #include <fmt/core.h>
 #include <sys/stat.h>
@@ -132,6 +132,16 @@ bool is_proven(ScanRow& row, const std::string& sha256, hal::LengthUnit unit) {
   return false;
 }
 
+/// False: the archive was read back, and its points are not those that were measured; `row` has the reason. Such an
+/// archive does not get the original's time: it is read at each run, and reported.
+bool holds_the_measured(ScanRow& row) {
+  if (!row.crc32c_stored || !row.crc32c_now || row.crc32c_stored == row.crc32c_now) return true;
+  row.state = ScanState::changed;
+  row.why = fmt::format("the points are not those that were measured: crc32c {:08x} stored, {:08x} now",
+                        *row.crc32c_stored, *row.crc32c_now);
+  return false;
+}
+
 /// The archive exists: is it of this scan?
 void compare_with_archive(ScanRow& row, const struct stat& original, const struct stat& archive, hal::LengthUnit unit) {
   row.state = ScanState::there;
@@ -140,7 +150,7 @@ void compare_with_archive(ScanRow& row, const struct stat& original, const struc
   row.packed = packed.value();
   if (same_time(original, archive) && row.packed.bytes == static_cast<std::uint64_t>(original.st_size)) return;
   const FileDigest digest = need(digest_of(row.scan), kNotReachable);
-  if (is_proven(row, digest.sha256, unit)) set_time(row.archive, original);
+  if (is_proven(row, digest.sha256, unit) && holds_the_measured(row)) set_time(row.archive, original);
 }
 
 void write_archive(ScanRow& row, const struct stat& original, hal::LengthUnit unit) {
@@ -158,8 +168,8 @@ void write_archive(ScanRow& row, const struct stat& original, hal::LengthUnit un
     ::unlink(row.archive.c_str());
     return;
   }
-  set_time(row.archive, original);
   row.state = ScanState::packed;
+  if (holds_the_measured(row)) set_time(row.archive, original);
 }
 
 /// Packs the scan of one attempt below `out`.
@@ -196,11 +206,6 @@ ScanRow pack(const storage::SlabBlock& stored, std::int64_t key, const ArchiveOp
   } else {
     make_folder(options.out, folder);
     write_archive(row, original, unit);
-  }
-  if (row.state == ScanState::packed && row.crc32c_stored && row.crc32c_now && row.crc32c_stored != row.crc32c_now) {
-    row.state = ScanState::changed;
-    row.why = fmt::format("the points are not those that were measured: crc32c {:08x} stored, {:08x} now",
-                          *row.crc32c_stored, *row.crc32c_now);
   }
   return row;
 }

@@ -140,7 +140,8 @@ int check(const Options& options) {
   change.check.master_u = gauge.master.u;
   change.check.within = gauge.master.limit;
   change.check.source = gauge.channel;
-  change.check.value = options.value;
+  // As entered values count, so that a wrong scale does not pass.
+  if (has_value(options.value)) change.check.value = gauge.scale * options.value;
   if (!has_value(options.value)) {
     const json answer = ask(config, {{"verb", "gauges"}});
     const auto found = std::find_if(answer["gauges"].begin(), answer["gauges"].end(),
@@ -265,7 +266,7 @@ void add_gauge(args::Command& app) {
   checking->add_option("GAUGE", checked->gauge, "Its name in the configuration")->required();
   checking
       ->add_option("--value", checked->value,
-                   "Reading of the master, for a gauge with source \"operator\", in its unit")
+                   "The number that the instrument shows for the master, for a gauge with source \"operator\"")
       ->check(within(-1e6, 1e6));
   checking->add_option("--why", checked->why, "Reason, if it is not the regular check");
   checking->add_option("--operator", checked->who, "Name of the operator (default: your login)");

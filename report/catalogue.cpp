@@ -1303,6 +1303,11 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"--scanner {}: {} is a calibration of scanner {}", "--scanner {}：{} 是扫描仪 {} 的标定"},
     {"--slab {} --station {}: scanner {} scanned it, not scanner {}",
      "--slab {} --station {}：由扫描仪 {} 扫描，不是扫描仪 {}"},
+    {"the corrections of two robots refer to one place of the mastered slab, which the stations of both give: give the "
+     "same slabs again for each scanner (--certificate and --slabs)",
+     "两台机器人的修正须以基准轨道板的同一位置为准，该位置由两台机器人的检测位共同确定：请对每台扫描仪重新给出相同的轨"
+     "道板"
+     "（--certificate 和 --slabs）"},
     {"the base frames of the two robots are not tied: slabctl calibrate tie",
      "两台机器人的基坐标系没有关联：slabctl calibrate tie"},
     {"ball<", "球<"},

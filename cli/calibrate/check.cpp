@@ -4,6 +4,7 @@
 // daemon::measure_block, as every scan of the line, so a check tests the computation of the verdicts.
 #include <fmt/core.h>
 #include <cmath>
+#include <map>
 #include <memory>
 #include <span>
 #include <vector>
@@ -94,14 +95,30 @@ BlockResult measure_scan(const CheckOptions& options, const config::Config& conf
   return inspector.result();
 }
 
-/// Time of the last check of reference blocks; 0: never. A check with a time in the future is ignored, because the
-/// clock was wrong.
-Result<std::int64_t> last_check_utime_us(storage::Reader& reader) {
+/// The newest checks of this scanner's artefacts, newest first, at most `limit`.
+std::vector<CalibrationCheck> checks_of_scanner(const config::Config& config, storage::Reader& reader,
+                                                std::size_t limit) {
+  if (!config.arms.several()) return need(reader.checks(limit));
+  constexpr std::size_t kLookBack = 100'000;
+  std::map<std::string, bool> is_own;
+  std::vector<CalibrationCheck> own;
+  for (const CalibrationCheck& check : need(reader.checks(kLookBack))) {
+    const auto [known, is_new] = is_own.try_emplace(std::string(check.reference_id.view()), false);
+    if (is_new) {
+      const auto reference = need(reader.calibration(known->first));
+      known->second = reference && reference->scanner == config.by.scanner.view();
+    }
+    if (known->second && own.size() < limit) own.push_back(check);
+  }
+  return own;
+}
+
+/// Time of the last check of this scanner's reference blocks; 0: never. A check with a time in the future is ignored,
+/// because the clock was wrong.
+std::int64_t last_check_utime_us(const config::Config& config, storage::Reader& reader) {
   constexpr std::size_t kLookBack = 1'000;
-  const auto checks = reader.checks(kLookBack);
-  if (!checks.ok()) return checks.error();
   std::int64_t newest = 0;
-  for (const CalibrationCheck& check : checks.value())
+  for (const CalibrationCheck& check : checks_of_scanner(config, reader, kLookBack))
     if (check.kind == CalibrationKind::reference_block && check.utime_us <= wall_clock_us())
       newest = std::max(newest, check.utime_us);
   return newest;
@@ -127,7 +144,7 @@ BlockResult take_from_slab(const CheckOptions& options, const config::Config& co
   if (!(measured_with == in_force))
     stop(kRefused, say("slab {} was measured with calibration {}, in force is {}: scan the reference block again", key,
                        measured_with.empty() ? say("none") : std::string(measured_with.view()), in_force.view()));
-  const std::int64_t checked = need(last_check_utime_us(reader));
+  const std::int64_t checked = last_check_utime_us(config, reader);
   if (valid->attempt.scan_utime_us <= checked)
     stop(kRefused,
          say("slab {} station {} was scanned at {}, before the last check at {}: scan the reference block again", key,
@@ -186,7 +203,7 @@ int show_trend(const CheckOptions& options, const config::Config& config, storag
   std::vector<CalibrationCheck> checks;
   std::unique_ptr<LineCalibration> line = std::make_unique<LineCalibration>();
   if (reader != nullptr) {
-    checks = need(reader->checks(options.limit));
+    checks = checks_of_scanner(config, *reader, options.limit);
     line = need(reader->line_calibration(config.by.scanner.view()));
   }
   if (options.json) {

@@ -326,6 +326,9 @@ int calibrate_stations(const Options& options) {
   calib::StationSettings settings = options.settings;
   settings.gate_mm = config.splice.gate_mm;
   settings.gate_rad = config.splice.gate_rad;
+  if (config.arms.several() && work.of_all.empty() && work.certificate.frame == calib::MasterCertificate::Frame::slab)
+    stop(kRefused, say("the corrections of two robots refer to one place of the mastered slab, which the stations of "
+                       "both give: give the same slabs again for each scanner (--certificate and --slabs)"));
   if (config.arms.several() && !work.of_all.empty())
     settings.T_base_certificate = place_with_all_robots(config, *reader, work);
   if (config.arms.several()) keep_own_stations(config, work);

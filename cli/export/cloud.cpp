@@ -77,6 +77,13 @@ class VertexFile {
   std::size_t count_ = 0;
 };
 
+/// Code::config: the file does not hold the points that were measured.
+Status need_measured_points(const Attempt& attempt, std::span<const float> points) {
+  const std::optional<std::uint32_t>& crc32c = attempt.points_crc32c;
+  if (points.size() == 3 * attempt.shape.points && (!crc32c || *crc32c == hal::points_crc32c(points))) return success();
+  return error(Code::config, "its scan was changed: its points are not those that were measured");
+}
+
 /// Reads one scan at a time and removes points that are not on a surface.
 class ScanReader {
  public:
@@ -89,6 +96,8 @@ class ScanReader {
     const std::string path = scan_at(block, settings.scans_dir);
     const Result<ScanShape> shape = hal::read_scan(path.c_str(), settings.form, xyz_);
     if (!shape) return shape.error();
+    // Before points are removed.
+    if (Status same = need_measured_points(block.attempt, xyz_.first(3 * shape.value().points)); !same) return same;
     cloud_ = {xyz_, shape.value().points, shape.value().width, shape.value().height};
     inspector_.begin(block.attempt.station, Pose::identity(), Pose::identity());
     return inspector_.denoise(cloud_);
@@ -363,9 +372,7 @@ Result<std::string> block_cloud_json(const SlabHeader& slab, const storage::Slab
   const Result<ScanShape> shape = hal::read_scan(path.c_str(), settings.form, xyz);
   if (!shape) return shape.error();
   const std::span<const float> points = xyz.first(3 * shape.value().points);
-  const std::optional<std::uint32_t>& crc32c = block.attempt.points_crc32c;
-  if (shape.value().points != block.attempt.shape.points || (crc32c && *crc32c != hal::points_crc32c(points)))
-    return error(Code::config, "its scan was changed: its points are not those that were measured");
+  if (Status same = need_measured_points(block.attempt, points); !same) return same.error();
 
   const ThinnedScan thin = thinned(points, shape.value().finite, block.block.registration.T_scanner_block.inverse());
   report::Json json("slabd.block_cloud/1");

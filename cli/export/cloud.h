@@ -23,8 +23,8 @@ struct CloudCount {
 
 /// Writes one block in its own frame, as it was registered: x, y, z, `deviation_mm` (signed distance to the nearest
 /// face of the recipe's block, positive for excess material) and `face` (the order of algo::Face). Points that are not
-/// on a surface are removed, as in measuring. Code::config: the block is not registered or has no scan, or `path`
-/// cannot be written.
+/// on a surface are removed, as in measuring. Code::config: the block is not registered or has no scan, the file does
+/// not hold the points that were measured, or `path` cannot be written.
 [[nodiscard]] Result<CloudCount> write_block_cloud(const std::string& path, const storage::SlabRecord& record,
                                                    int station, const Recipe& recipe, const CloudSettings& settings);
 

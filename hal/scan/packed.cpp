@@ -503,9 +503,15 @@ Result<PackedScan> packed_scan_at(const char* path) {
   ScanWindow window(fd.get(), path, bytes.value());
   Result<ArchiveHead> head = read_head(window);
   if (!head) return head.error();
-  std::array<std::uint8_t, kEndBytes> digest{};
   if (window.left() < kBlockHeadBytes + kEndBytes) return damaged(window, window.offset(), "the archive ends here");
-  if (!window.look_at(window.file_bytes() - kEndBytes, digest.data(), digest.size())) return window.failure();
+  const std::uint64_t at = window.file_bytes() - kEndBytes - kBlockHeadBytes;
+  std::array<std::byte, kBlockHeadBytes> end{};
+  std::array<std::uint8_t, kEndBytes> digest{};
+  if (!window.look_at(at, end.data(), end.size()) || !window.look_at(at + end.size(), digest.data(), digest.size()))
+    return window.failure();
+  // The checksum of the end covers the whole archive; its head alone shows whether something is missing behind it.
+  if (get<Kind>(end, 0) != Kind::end || get<std::uint32_t>(end, 4) != 0 || get<std::uint32_t>(end, 8) != kEndBytes)
+    return damaged(window, at, "not the end of an archive");
   head.value().packed.sha256 = hex(digest);
   return head.value().packed;
 }

@@ -51,7 +51,8 @@ enum class Proof : std::uint8_t {
 /// The same for an open file; `name` appears in the error texts.
 [[nodiscard]] Result<PackedScan> unpack_scan_fd(int fd, const char* name, Proof proof, const ByteSink& sink);
 
-/// Reads name, sizes and SHA-256 from both ends of an archive. The data in between are not checked.
+/// Reads name, sizes and SHA-256 from both ends of an archive. frame_incomplete: an end is damaged or missing. The data
+/// in between are not checked.
 [[nodiscard]] Result<PackedScan> packed_scan_at(const char* path);
 
 struct CheckedScan {

@@ -200,6 +200,21 @@ TEST_F(CalibrateTie, a_line_with_two_scanners_needs_the_name_of_one) {
   EXPECT_EQ(tie["hand_eye_ids"][1].get<std::string>().substr(0, 3), "he-");
 }
 
+TEST_F(CalibrateTie, the_mastered_slab_is_placed_by_the_stations_of_both_robots_only) {
+  configure();
+  ASSERT_EQ(on_line("calibrate adopt --scanner right --sigma-mm 0.05 --sigma-deg 0.003 --apply").status, 0);
+  const std::string master =
+      write("master.txt",
+            "id = m\ndate = 2026-01-01\nslab_type = 5600\nframe = slab\nU_mm = 0.01\ntemperature_c = 21\n"
+            "seat = 1 0 0 0 0 0 1 0 1 0\nseat = 2 1000 0 0 0 0 1 0 1 0\nseat = 3 1000 900 0 0 0 1 0 1 0\n");
+  const std::string visits =
+      write("visits.txt", "visit = 1 \"round 1\" 0 0 600 0 1 0 0  0 -80 450  0 -80 350  0 -180 450\n");
+  const Ended refused =
+      on_line("calibrate stations --scanner right --certificate " + master + " --visits " + visits + " --apply");
+  EXPECT_EQ(refused.status, 6) << refused.err;
+  expect_mentions(refused.err, "give the same slabs again for each scanner");
+}
+
 TEST_F(CalibrateTie, a_line_with_one_robot_has_nothing_to_tie) {
   write_tables();
   static_cast<void>(write("slabd.toml",

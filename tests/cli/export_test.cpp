@@ -173,6 +173,17 @@ TEST_F(Export, clouds_are_read_by_others_and_lie_where_they_should) {
   EXPECT_EQ(run("export cloud 1 --block 7 --out " + file("x.ply") + " --db " + db() + recipes()).status, 3);
   EXPECT_FALSE(fs::exists(file("x.ply")));
   EXPECT_FALSE(fs::exists(file("x.ply.part")));
+
+  // Another scan under the name of the one that was measured.
+  fs::copy_file(scan(4), scan(3), fs::copy_options::overwrite_existing);
+  const Ended other = run("export cloud 1 --block 3 --out " + file("x.ply") + " --db " + db() + recipes());
+  EXPECT_EQ(other.status, 3) << other.out;
+  expect_mentions(other.err, "its points are not those that were measured");
+  EXPECT_FALSE(fs::exists(file("x.ply")));
+  const Ended rest = run("export cloud 1 --voxel 4 --out " + file("rest.ply") + " --db " + db() + recipes());
+  EXPECT_EQ(rest.status, 0) << rest.err;
+  expect_mentions(rest.err, "left out: block 3: its scan was changed");
+  EXPECT_EQ(read("cloud", file("rest.ply"))["stations"], (json{4, 12}));
 }
 
 TEST_F(Export, models_are_closed_and_as_large_as_the_recipe_says) {

@@ -121,6 +121,19 @@ TEST_F(GaugeCommand, a_check_is_stored_and_decides_the_exit_status) {
   EXPECT_EQ(run("db check --config " + config()).status, 0);
 }
 
+TEST_F(GaugeCommand, a_typed_value_is_scaled_as_an_entered_one) {
+  make_database();
+  std::string scaled = kPersons;
+  scaled.replace(scaled.find("u = 0.05"), 8, "u = 0.05\nscale = 25.4");
+  const auto check = [&](const std::string& value) {
+    return run("gauge check thickness --value " + value + " --json --config " + config(scaled));
+  };
+  const Ended passed = check("7.874");  // 199.9996 mm
+  EXPECT_EQ(passed.status, 0) << passed.err;
+  EXPECT_NEAR(json::parse(passed.out)["value"].get<double>(), 199.9996, 1e-9);
+  EXPECT_EQ(check("200").status, 1) << "the number of another scale";
+}
+
 TEST_F(GaugeCommand, a_check_of_another_gauge_is_refused_with_its_reason) {
   make_database();
   for (const auto& [arguments, status, words] :
