@@ -346,7 +346,7 @@ void Loop::perform(const Action& action) {
   } else if (const auto* drop = std::get_if<DropScan>(&action)) {
     if (!delete_later(drop->path)) delete_file(drop->path);
   } else if (const auto* tidy = std::get_if<TidyCaptures>(&action)) {
-    tidy_captures(tidy->folder);
+    tidy_captures_later(tidy->folder);
   } else if (const auto* line = std::get_if<LogLine>(&action)) {
     say(*line);
   }

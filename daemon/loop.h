@@ -193,7 +193,9 @@ class Loop {
   /// Deletes one queued file; false if there is none. Called by the storage thread, or when no other thread runs.
   bool delete_one();
   void delete_file(const PathText& path) const;
-  void tidy_captures(const PathText& folder);
+  void tidy_captures_later(const PathText& folder);
+  /// Called by the storage thread: a folder's disk may stop, and the loop must not.
+  void tidy_captures();
   void say(const LogLine& line) const { say_line(line); }
   /// Says a line about one arm; it names the arm if there are several.
   void say_of(std::size_t arm, LogLine line) const;
@@ -244,6 +246,7 @@ class Loop {
 
   std::mutex to_delete_guard_;
   FixedVector<PathText, 32> to_delete_;
+  PathText to_tidy_;  ///< the captures' folder, also with this guard; empty: nothing to do
 
   std::mutex events_guard_;
   /// A start of slabd (code 0), or a fault that began or ended. Without memory of the heap, as all of a turn.

@@ -170,6 +170,7 @@ ScanDone Loop::scan(const AcquireScan& job) {
 /// Work of the storage thread between two jobs.
 void Loop::idle_store() {
   delete_one();
+  or_later([this] { tidy_captures(); });
   if (store_ == nullptr) return;
   or_later([this] { keep_events(); });
   or_later([this] { store_->idle(); });
@@ -209,8 +210,19 @@ void Loop::delete_file(const PathText& path) const {
   say(line);
 }
 
+void Loop::tidy_captures_later(const PathText& folder) {
+  const std::lock_guard<std::mutex> lock(to_delete_guard_);
+  to_tidy_ = folder;
+}
+
 /// Deletes views that were not fetched, a few at a time; the others are deleted at the next calibration.
-void Loop::tidy_captures(const PathText& folder) {
+void Loop::tidy_captures() {
+  PathText folder;
+  {
+    const std::lock_guard<std::mutex> lock(to_delete_guard_);
+    if (to_tidy_.empty()) return;
+    folder = std::exchange(to_tidy_, {});
+  }
   const std::int64_t oldest_us = ports_.clock.utime_us() - kCaptureKept_us;
   std::error_code fault;  // error: the folder does not exist, so it contains no views
   for (std::filesystem::directory_iterator entry(folder.c_str(), fault), end; !fault && entry != end;

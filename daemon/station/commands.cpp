@@ -147,6 +147,8 @@ Code check_content(const Station& s, const PlcInputs& in) {
   if (in_maintenance(s) && inspects) return Code::not_enabled;
   // Room for this command's jobs and for those of the current measurements.
   if (s.storing.size() + s.measuring + 8 > s.storing.capacity()) return Code::busy;
+  // Not wrong_slab, which would say that no slab is open.
+  if (s.without_store) return s.settings.fault;
   switch (static_cast<PlcCommand>(in.command)) {
     case PlcCommand::slab_begin: return check_begin(s, in);
     case PlcCommand::scan: return check_scan(s, in);

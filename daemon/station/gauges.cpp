@@ -116,11 +116,14 @@ GaugeReading gauge_reading(const Station& s, std::size_t index) {
 }
 
 void freeze_gauges(Station& s, Actions& actions) {
-  // A SLAB_END that could not be stored is given again, when the next slab may be in the gauges already.
+  // A SLAB_END that could not be stored is given again, when the next slab may be in the gauges already. Good readings
+  // stay, and every reading of an instrument, which cannot name its slab.
   const GaugeReadings before = std::exchange(s.slab.facts.gauges, {});
   for (std::size_t i = 0; i < s.settings.gauges.size(); ++i) {
-    const GaugeReading* const kept = find_gauge(before, s.settings.gauges[i].name.view());
-    const GaugeReading reading = kept != nullptr && kept->state == GaugeState::ok ? *kept : gauge_reading(s, i);
+    const GaugeSettings& gauge = s.settings.gauges[i];
+    const GaugeReading* const before_it = find_gauge(before, gauge.name.view());
+    const bool stays = before_it != nullptr && (before_it->state == GaugeState::ok || gauge.link == GaugeLink::modbus);
+    const GaugeReading reading = stays ? *before_it : gauge_reading(s, i);
     if (reading.state != GaugeState::ok && is_used(s, reading.gauge)) log_reading(actions, reading);
     (void)s.slab.facts.gauges.push(reading);
   }

@@ -140,6 +140,7 @@ void on_not_recovered(Station& s, const NotRecovered& event, Actions& actions) {
   s.command.session_next = kSessionWithoutStore;
   start_calibration(s, {}, actions);
   s.recovered = true;
+  s.without_store = true;
   increment_session(s, actions, "start");
 }
 

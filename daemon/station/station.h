@@ -453,6 +453,7 @@ struct Station {
 
   StationSettings settings;
   bool recovered = false;
+  bool without_store = false;  ///< the stored state could not be read: whether a slab is open is unknown
   std::int64_t now_ns = 0;
   std::int64_t utime_us = 0;
   std::uint16_t heartbeat = 0;

@@ -162,9 +162,13 @@ TEST_F(GaugesTest, readings_stay_those_of_the_first_slab_end_if_it_is_given_agai
   line.plc.fault_reset = false;
   line.run_for(200);
   plc_sends(43, 1, 2);
+  meter_shows(5600.5);
+  hub_sends(42);
   const GaugeReadings stored = end_slab();
   EXPECT_EQ(state(stored, "plc_left"), "ok");
   EXPECT_NEAR(find_gauge(stored, "plc_left")->value, 5600.123, 1e-9);
+  EXPECT_EQ(state(stored, "hub"), "ok") << "late, but of this slab";
+  EXPECT_NE(state(stored, "meter"), "ok") << "an instrument does not say of which slab";
 }
 
 TEST_F(GaugesTest, values_are_taken_when_the_sequence_number_changes) {

@@ -704,6 +704,18 @@ TEST_F(StationTest, a_config_fault_shows_itself_and_refuses_work) {
   EXPECT_EQ(line.view().cmd_status, failed(Code::config));
 }
 
+TEST_F(StationTest, without_its_database_no_command_says_that_no_slab_is_open) {
+  line.station = std::make_unique<Station>(line.settings);
+  line.feed(NotRecovered{Code::journal_write});
+  line.run_for(300);
+  for (const PlcCommand command :
+       {PlcCommand::slab_begin, PlcCommand::scan, PlcCommand::slab_end, PlcCommand::slab_abort, PlcCommand::report}) {
+    line.command(command);
+    line.run_for(20);
+    EXPECT_EQ(line.view().cmd_status, failed(Code::journal_write)) << static_cast<int>(command);
+  }
+}
+
 TEST_F(StationTest, a_full_disk_refuses_the_slab_before_it_begins) {
   line.run_for(300);
   store.fail_next = Code::store_full;
