@@ -61,19 +61,24 @@ function ThreeMaps({ a, b, keys, station, theme }) {
     <${ScaleBar} end_mm=${end_mm} beyond=${beyond(maps[0]?.values ?? [], end_mm) + beyond(maps[1]?.values ?? [], end_mm)} />`;
 }
 
+// One station of the two slabs. Its key is the pair and the station, so that no map of the pair before is drawn meanwhile.
+function StationMaps({ a, b, station, theme }) {
+  const path = (key) => `/slabs/${key}/blocks/${station}/map`;
+  const first = useDocument(path(a), 'slabd.block_map/1');
+  const second = useDocument(path(b), 'slabd.block_map/1');
+  return html`<${Loaded} ask=${first}>${(one) => html`<${Loaded} ask=${second}>${(two) =>
+    html`<${ThreeMaps} a=${one} b=${two} keys=${[a, b]} station=${station} theme=${theme} />`}<//>`}<//>`;
+}
+
 function BlockMaps({ a, b, theme }) {
   const { t } = useWords();
   const [station, setStation] = useState(0);
-  const path = (key) => (station === 0 ? null : `/slabs/${key}/blocks/${station}/map`);
-  const first = useDocument(path(a), 'slabd.block_map/1');
-  const second = useDocument(path(b), 'slabd.block_map/1');
   return html`<label class="field"><span>${t('compare.block')}</span>
       <select value=${String(station)} onChange=${(event) => setStation(Number(event.target.value))}>
         <option value="0">${t('compare.choose')}</option>
         ${Array.from({ length: 18 }, (_, i) => html`<option key=${i} value=${String(i + 1)}>${i + 1}</option>`)}
       </select></label>
-    ${station > 0 && html`<${Loaded} ask=${first}>${(one) => html`<${Loaded} ask=${second}>${(two) =>
-      html`<${ThreeMaps} a=${one} b=${two} keys=${[a, b]} station=${station} theme=${theme} />`}<//>`}<//>`}`;
+    ${station > 0 && html`<${StationMaps} key=${`${a} ${b} ${station}`} a=${a} b=${b} station=${station} theme=${theme} />`}`;
 }
 
 function SmallMap({ slabKey, name }) {
