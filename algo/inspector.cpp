@@ -578,7 +578,9 @@ void BlockInspector::compute_items(const Cloud& cloud, const BlockFit& fit) {
     return;
   }
   find_surface_damage(cloud, w.model, result.registration.T_scanner_block.inverse(),
-                      {deviation_map(), {&w.survey.of(PointList::jaw_inner), &w.survey.of(PointList::jaw_outer)}},
+                      {deviation_map(),
+                       {&w.survey.of(PointList::jaw_inner), &w.survey.of(PointList::jaw_outer)},
+                       seat_density(result.seat, evaluation)},
                       w.sample, w.team, result);
 }
 

@@ -91,7 +91,7 @@ inline constexpr std::size_t kRimSectors = 48;
 /// Findings stored per block, damage first and the largest first. After a few of them a person inspects the block
 /// anyway. A block of good concrete has about thirty pores large enough to be listed.
 inline constexpr std::size_t kFindingsMax = 32;
-/// Displaced or missing area that prevents a pass if the recipe lacks the item block_damage: a fifth of the area of one
+/// Displaced or missing area that prevents a pass if no item block_damage judges it: a fifth of the area of one
 /// casing's rim.
 inline constexpr double kFindingArea_mm2 = 100.0;
 /// Cells of the surface raster (algo/survey/surface_raster.h), 1.25 mm: 260 x 550 mm around the block.

@@ -335,7 +335,7 @@ struct SlabResult {
 };
 
 /// Verdict of a block whose items gave `by_items`. A finding turns a pass into indeterminate, reason 617, unless the
-/// block has the item block_damage, which judges findings. Other verdicts are kept because they are not better.
+/// item block_damage has a limit and a value, and judges findings. Other verdicts are kept, as they are not better.
 [[nodiscard]] Verdict with_findings(Verdict by_items, const BlockResult& block);
 /// `reason_for` including the block's findings: 617 if the block is indeterminate but none of its items is.
 [[nodiscard]] std::uint16_t reason_with_findings(Verdict verdict, const Item* begin, const Item* end, Code code,

@@ -18,10 +18,12 @@ constexpr std::size_t kStationItemsMax = kBlockItemsMax + 6;
 
 using StationItems = FixedVector<Item, kStationItemsMax>;
 
-/// Deviation of a seat from its own position, as far as it affects an item between two seats.
-double out_of_place_mm(const Seat& seat, const Item& item) {
-  return item.id == ItemId::large_jaw_distance ? std::abs(std::abs(seat.jaw_outer.y()) - 0.5 * item.nominal)
-                                               : std::abs(seat.p.x() - seat.nominal.x());
+/// Deviation of a seat from its own position, as far as it affects an item between it and `other`.
+double out_of_place_mm(const Seat& seat, const Seat& other, const Item& item) {
+  if (item.id != ItemId::large_jaw_distance) return std::abs(seat.p.x() - seat.nominal.x());
+  // Half of the nominal on both sides of the middle; in a curve slab that is not the slab's axis.
+  const double middle_y = 0.5 * (seat.nominal.y() + other.nominal.y());
+  return std::abs(std::abs(seat.jaw_outer.y() - middle_y) - 0.5 * item.nominal);
 }
 
 /// True if this slab item counts for this station. An item between two stations counts for the one that spoils it: the
@@ -36,7 +38,7 @@ bool counts_for(const Seats& seats, const Item& item, int station) {
   const bool other_ok = jaw ? other.jaw_ok : other.ok;
   if (own_ok != other_ok) return !own_ok;
   if (!own_ok) return true;
-  return out_of_place_mm(own, item) >= out_of_place_mm(other, item);
+  return out_of_place_mm(own, other, item) >= out_of_place_mm(other, own, item);
 }
 
 /// All items that decide one station: its block items and the slab items that count for it. Of the two slopes it is the

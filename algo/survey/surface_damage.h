@@ -64,7 +64,8 @@ struct FoundSurfaces {
 };
 
 /// Finds connected cells of `field` that are off or were not seen, and classifies them. A pit with an equal-area
-/// diameter of up to `pore_max_mm` is a pore. `marks` and `stack`: kSurfaceCells each. No heap; 0.3 ms.
+/// diameter of up to `pore_max_mm` is a pore, also a larger one too shallow for damage. `marks` and `stack`:
+/// kSurfaceCells each. No heap; 0.3 ms.
 void group_cells(const BlockModel& model, const SurfaceTable& table, const SurfaceField& field, double pore_max_mm,
                  std::span<std::uint8_t> marks, std::span<std::uint32_t> stack, FoundSurfaces& found);
 
@@ -74,7 +75,7 @@ void add_crack(const BlockModel& model, const SurfaceTable& table, const CrackPa
 
 /// Floats of memory for the search.
 inline constexpr std::size_t kSurfaceFloats = 800'000;
-/// A pit is a pore up to this many times the recipe's limit of its diameter; above that it is damage.
+/// A pit is a pore up to this many times the recipe's limit of its diameter; above that it is damage if it is deep.
 inline constexpr double kPoreReserve = 1.25;
 
 /// Fills `result.findings`, `result.pores`, `result.edges`, and the items surface_pores and block_damage if `result`

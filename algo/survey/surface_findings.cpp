@@ -500,7 +500,8 @@ void find_surface_damage(const Cloud& cloud, const BlockModel& model, const Pose
   auto* numbers = reinterpret_cast<std::uint32_t*>(memory.data() + 2 * 4 * kCellsMax);
   const std::array<Counts, 2> counts = {Counts{{cells, kCellsMax}, {numbers, kSquares}},
                                         Counts{{cells + kCellsMax, kCellsMax}, {numbers + kSquares, kSquares}}};
-  const std::size_t stride = std::max<std::size_t>(1, cloud.points / kLooked);
+  const double most = std::clamp(surveyed.points_per_mm2 * kCell_mm * kCell_mm / kInCell, 1.0, 1e6);
+  const std::size_t stride = std::clamp<std::size_t>(cloud.points / kLooked, 1, static_cast<std::size_t>(most));
   const std::size_t looked = cloud.points / stride;
   team.run(2, [&](std::size_t half) {
     std::fill(counts[half].cells.begin(), counts[half].cells.end(), Cell{});

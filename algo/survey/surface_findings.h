@@ -26,14 +26,17 @@ inline constexpr double kRim_mm = 7.0;
 inline constexpr double kCasingRim_mm = 8.0;
 /// Search range of a face's points along its normal. The broken surface of a jaw's corner is within it.
 inline constexpr double kReach_mm = 30.0;
-/// Approximate number of points read: five in each cell of a jaw.
+/// Approximate number of points read: five in each cell of a jaw. More where a cell of the seat would have fewer than
+/// kInCell, and one of a jaw four: a scan of many points may have few of them on the block.
 inline constexpr std::size_t kLooked = 450'000;
+inline constexpr double kInCell = 12.0;
 }  // namespace findings
 
 /// Results of the survey for a first test.
 struct SurveyedSurface {
   DeviationMap map;
   std::array<const ListedPoints*, 2> jaws{};  ///< points of the inner and the outer jaw
+  double points_per_mm2 = 0.0;                ///< on the seat
 };
 
 inline constexpr std::size_t kFindingFloats = 300'000;

@@ -66,7 +66,7 @@ double displaced_mm(FindingFace face) {
   return face == FindingFace::shoulder_inner || face == FindingFace::shoulder_outer ? kDisplacedShoulder_mm
                                                                                     : kDisplaced_mm;
 }
-/// Residual of cast concrete and a scanner's form error, as a share of the above.
+/// Share of kDisplaced_mm and kDisplacedShoulder_mm that is the residual of cast concrete and a scanner's form error.
 constexpr double kResidual = 0.5;
 /// A shallow place wider than this may be the block's form.
 constexpr double kForm_mm = 20.0;
@@ -265,7 +265,13 @@ bool name_low(const Place& place, double pore_max_mm, double edge_wear, FoundSur
     return area >= kPoreArea_mm2 && place.deepest_mm() >= kPoreDepth_mm;
   }
   if (place.deepest_mm() >= displaced) return true;
-  // Wider and too shallow for damage: a pore beyond its limit, so that a larger pit has no better verdict.
+  // Mostly unseen, with a rim that is low.
+  if (place.empty() > low && area >= kMissing_mm2) {
+    f.kind = FindingKind::missing;
+    return true;
+  }
+  // Wider than a pore and too shallow for damage: a pore beyond its limit. What is wider still, or as shallow as the
+  // residual, cannot be told from the block's form.
   found.is_pore = found.extent_mm <= kForm_mm && place.deepest_mm() >= kResidual * displaced;
   return found.is_pore;
 }

@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+
 #include "algo/algo.h"
 #include "scene.h"
 
@@ -38,6 +41,19 @@ inline const Item& item(const BlockResult& r, ItemId id) {
   const Item* found = find_item(r.items.begin(), r.items.end(), id);
   EXPECT_NE(found, nullptr);
   return *found;
+}
+
+/// The same scan in an image of 2448 x 2048 pixels, of which the others are empty.
+inline scene::Cloud in_large_image(const scene::Cloud& small) {
+  scene::Cloud large = small;
+  large.width = 2'448;
+  large.height = 2'048;
+  EXPECT_LE(small.width + 500, large.width);
+  EXPECT_LE(small.height + 300, large.height);
+  large.xyz.assign(3 * large.width * large.height, std::nanf(""));
+  for (std::size_t row = 0; row < small.height; ++row)
+    std::copy_n(&small.xyz[3 * row * small.width], 3 * small.width, &large.xyz[3 * ((row + 300) * large.width + 500)]);
+  return large;
 }
 
 /// Expects that every item passes (or is information, or a skew without an insert) except `failing`.

@@ -104,6 +104,32 @@ TEST(Design, a_curve_slab_has_the_verdicts_of_the_straight_one_with_the_same_err
   EXPECT_GT(passed, 0);
 }
 
+TEST(Design, a_large_jaw_distance_counts_for_the_jaw_that_is_out_of_its_designed_place) {
+  const Recipe recipe = simulation::recipe_with_uncertainty();
+  const simulation::Line line(recipe, {0.02, rad_from_deg(0.001)});
+  for (const double bend_mm : {-8.0, 0.0, 8.0}) {
+    for (const int station : {3, 16}) {
+      SCOPED_TRACE(testing::Message() << "bend " << bend_mm << " mm, station " << station);
+      Prng prng(13);
+      std::vector<BlockResult> blocks = line.measure(simulation::nominal(recipe), simulation::none(), prng).blocks;
+      SlabDesign design;
+      design.given = true;
+      for (int i = 1; i <= recipe.stations(); ++i)
+        design.seats[static_cast<std::size_t>(i - 1)].offset_mm = Vec3(0.0, bend_mm, 0.0);
+      move_to(design, recipe, blocks);
+      // Too far inward by more than the tolerance.
+      const double inward = station == 3 ? -1.6 : 1.6;
+      blocks[static_cast<std::size_t>(station - 1)].observation.jaw_outer_base +=
+          line.T_base_slab().rotation * Vec3(0.0, inward, 0.0);
+      SlabResult slab;
+      algo::inspect_slab(recipe, blocks, line.sigma(), line.T_base_slab(), slab, {}, with(design));
+      EXPECT_EQ(slab.station_verdict[static_cast<std::size_t>(station - 1)], Verdict::fail);
+      EXPECT_EQ(slab.station_reason[static_cast<std::size_t>(station - 1)], 613);
+      EXPECT_NE(slab.station_verdict[static_cast<std::size_t>(18 - station)], Verdict::fail);
+    }
+  }
+}
+
 TEST(Design, the_neighbour_s_sheet_and_the_straight_nominal_never_pass) {
   const Recipe recipe = simulation::recipe_with_uncertainty();
   const simulation::Line line(recipe, {0.02, rad_from_deg(0.001)});

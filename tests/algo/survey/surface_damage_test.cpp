@@ -135,22 +135,38 @@ TEST(SurfaceDamage, a_pore_beyond_the_limit_is_reason_616_and_a_larger_pit_is_da
 }
 
 TEST(SurfaceDamage, a_larger_or_deeper_pit_has_no_better_verdict) {
-  for (const double depth_mm : {0.6, 0.8, 1.5}) {
-    bool was_good = true;
+  // A floor, unlike a dome, so that the whole place is as deep.
+  const auto pit = [](double x_mm, double s_mm, double diameter_mm, double depth_mm) {
+    scene::Block block;
+    block.relief_mm = [=](double x, double s) {
+      return std::hypot(x - x_mm, s - s_mm) < 0.5 * diameter_mm ? -depth_mm : 0.0;
+    };
+    return inspected(scene::take(block, seen(600.0)));
+  };
+  for (const double depth_mm : {0.6, 0.8, 1.5, 3.0}) {
     for (const double diameter_mm : {5.0, 8.0, 12.0, 13.5, 15.0, 17.0, 19.0}) {
       SCOPED_TRACE(::testing::Message() << diameter_mm << " mm, " << depth_mm << " mm deep");
-      // A floor, unlike a dome, so that the whole place is as deep.
-      scene::Block block;
-      block.relief_mm = [=](double x, double s) {
-        return std::hypot(x - 71.0, s + 43.0) < 0.5 * diameter_mm ? -depth_mm : 0.0;
-      };
-      const BlockResult r = inspected(scene::take(block, seen(600.0)));
-      const bool good = r.verdict == Verdict::pass;
-      EXPECT_EQ(good, diameter_mm <= 8.0);
-      EXPECT_LE(good, was_good);
-      EXPECT_EQ(r.findings.empty(), false);
-      was_good = good;
+      const BlockResult r = pit(71.0, -43.0, diameter_mm, depth_mm);
+      EXPECT_EQ(r.verdict == Verdict::pass, diameter_mm <= 8.0);
+      EXPECT_FALSE(r.findings.empty());
     }
+  }
+}
+
+TEST(SurfaceDamage, a_hole_in_a_shoulder_is_missing_also_with_a_rim_that_is_low) {
+  for (const double rim_mm : {0.0, 1.5}) {
+    SCOPED_TRACE(rim_mm);
+    const auto hole = [=](const Vec3& p) {
+      const double x = std::abs(p.x());
+      const double y = std::abs(p.y() - 221.0);
+      if (p.z() < 20.0 || x > 22.0 || y > 12.0) return kNowhere;
+      return x < 20.0 && y < 10.0 ? kNotSeen : 29.75 - rim_mm;
+    };
+    const BlockResult r = inspected(lowered(scene::take({}, seen()), hole));
+    EXPECT_NE(r.verdict, Verdict::pass);
+    ASSERT_FALSE(r.findings.empty());
+    EXPECT_EQ(r.findings[0].kind, FindingKind::missing) << sentence(r.findings[0]).c_str();
+    EXPECT_EQ(r.findings[0].face, FindingFace::shoulder_outer);
   }
 }
 
@@ -230,16 +246,7 @@ TEST(SurfaceDamage, at_any_pitch_a_crack_does_not_pass_and_a_coarse_scan_is_not_
 TEST(SurfaceDamage, is_judged_in_a_large_image_of_which_the_block_fills_a_part) {
   scene::Scan scan = seen(0.0, 2);
   scan.pitch_mm = 0.4;
-  const scene::Cloud small = scene::take({}, scan);
-  scene::Cloud large = small;
-  large.width = 2'448;
-  large.height = 2'048;
-  ASSERT_LE(small.width, large.width);
-  ASSERT_LE(small.height, large.height);
-  large.xyz.assign(3 * large.width * large.height, std::nanf(""));
-  for (std::size_t row = 0; row < small.height; ++row)
-    std::copy_n(&small.xyz[3 * row * small.width], 3 * small.width, &large.xyz[3 * ((row + 300) * large.width + 500)]);
-  const BlockResult r = inspected(large);
+  const BlockResult r = inspected(in_large_image(scene::take({}, scan)));
   EXPECT_EQ(item(r, ItemId::block_damage).verdict, Verdict::pass);
   EXPECT_EQ(item(r, ItemId::surface_pores).verdict, Verdict::pass);
   EXPECT_EQ(item(r, ItemId::block_damage).value, 0.0);

@@ -125,14 +125,18 @@ TEST(Findings, surface_without_points_amid_the_scan_is_one) {
     const Vec3 p = cloud.T_block_scanner * Vec3(cloud.xyz[i], cloud.xyz[i + 1], cloud.xyz[i + 2]);
     if (std::abs(p.x() - 75.0) < 8.0 && std::abs(p.y() + 20.0) < 12.0) cloud.xyz[i] = nan;
   }
-  const BlockResult r = inspect(cloud);
-  expect_doubt(r);
-  ASSERT_EQ(r.findings.size(), 1U);
-  EXPECT_EQ(r.findings[0].kind, FindingKind::missing);
-  EXPECT_FALSE(has_value(r.findings[0].depth_mm));
-  EXPECT_NEAR(r.findings[0].x_mm, 75.0, 1.5);
-  EXPECT_NEAR(r.findings[0].s_mm, -20.0, 1.5);
-  EXPECT_NEAR(r.findings[0].area_mm2, 16.0 * 24.0, 110.0);
+  // Also where the block fills a part of a large image, so that few of all points are on it.
+  for (const bool large : {false, true}) {
+    SCOPED_TRACE(large);
+    const BlockResult r = inspect(large ? in_large_image(cloud) : cloud);
+    expect_doubt(r);
+    ASSERT_EQ(r.findings.size(), 1U);
+    EXPECT_EQ(r.findings[0].kind, FindingKind::missing);
+    EXPECT_FALSE(has_value(r.findings[0].depth_mm));
+    EXPECT_NEAR(r.findings[0].x_mm, 75.0, 1.5);
+    EXPECT_NEAR(r.findings[0].s_mm, -20.0, 1.5);
+    EXPECT_NEAR(r.findings[0].area_mm2, 16.0 * 24.0, 110.0);
+  }
 }
 
 TEST(Findings, an_object_on_the_seat_is_one) {
