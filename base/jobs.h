@@ -282,7 +282,8 @@ struct RecoveredLine {
   /// CMD_SEQ of a SLAB_ABORT that was accepted for the open slab and not finished; 0 if none. It is the slab's newest
   /// command and is carried out after the restart.
   std::uint16_t abort_seq = 0;
-  SlabHeader slab;  ///< the open slab, else the last ended one (key 0: there is none)
+  bool end_was_given = false;  ///< a SLAB_END of the open slab was accepted before the restart
+  SlabHeader slab;             ///< the open slab, else the last ended one (key 0: there is none)
   std::array<StationRecord, limits::kStationsMax> stations{};  ///< stations of `slab`
   SlabHeader last_slab;                                        ///< the last ended slab (key 0: there is none)
   SlabResult last_result;                                      ///< result of the last ended slab

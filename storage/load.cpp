@@ -337,6 +337,11 @@ HeldBack read_line(Connection& db, RecoveredLine& line) {
     line.abort_seq = static_cast<std::uint16_t>(
         db.integer("SELECT coalesce((SELECT cmd_seq FROM command WHERE status = 1 AND command = 4 AND slab_key = " +
                    std::to_string(newest) + " ORDER BY id DESC LIMIT 1), 0)"));
+    // From the newest one back to this slab's SLAB_BEGIN: the table is long.
+    line.end_was_given = db.integer(
+                             "SELECT coalesce((SELECT command = 3 FROM command WHERE command IN (1, 3) AND "
+                             "slab_key = " +
+                             std::to_string(newest) + " ORDER BY id DESC LIMIT 1), 0)") != 0;
   }
   read_last_ended(db, loader, line);
   read_fingerprints(db, line);

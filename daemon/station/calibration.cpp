@@ -292,7 +292,7 @@ Splice splice_now(const Station& s, std::size_t arm, std::uint8_t station, const
     } else {
       log(actions, LogLine::Level::warning, Code::ok,
           "station %u is not corrected: its correction is %s; U rests on the robot's absolute accuracy", station,
-          splice.source == SpliceSource::stale ? "of another hand-eye calibration (slabctl calibrate stations --again)"
+          splice.source == SpliceSource::stale ? "of another hand-eye calibration or tie (slabctl calibrate stations)"
           : splice.source == SpliceSource::expired ? "expired"
                                                    : "missing");
     }

@@ -465,6 +465,7 @@ void open_slab(Station& s, const BeginSlabJob& job) {
   s.slab.recipe = recipe_for(s, job.slab.slab_type);
   s.slab.facts = facts_of(job.slab);
   s.gauges.slab_begin_ns = s.now_ns;
+  s.gauges.end_before_start = false;
   show_disposition(s, Disposition::none);
   take_calibrations(s);
   s.newest_time.note(job.slab.began_utime_us);

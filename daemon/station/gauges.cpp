@@ -99,6 +99,7 @@ void recover_gauges(Station& s, const RecoveredLine& line) {
   for (const GaugeCheck& check : line.gauge_checks) on_gauge_checked(s, check);
   s.gauges.runs = line.gauge_runs;
   s.gauges.used = line.gauges_used;
+  s.gauges.end_before_start = line.slab_open && line.end_was_given;
 }
 
 const GaugeSample& newest_sample(const Station& s, std::size_t index) {
@@ -117,13 +118,16 @@ GaugeReading gauge_reading(const Station& s, std::size_t index) {
 
 void freeze_gauges(Station& s, Actions& actions) {
   // A SLAB_END that could not be stored is given again, when the next slab may be in the gauges already. Good readings
-  // stay, and every reading of an instrument, which cannot name its slab.
+  // stay, and every reading whose value does not name a slab.
   const GaugeReadings before = std::exchange(s.slab.facts.gauges, {});
   for (std::size_t i = 0; i < s.settings.gauges.size(); ++i) {
     const GaugeSettings& gauge = s.settings.gauges[i];
-    const GaugeReading* const before_it = find_gauge(before, gauge.name.view());
-    const bool stays = before_it != nullptr && (before_it->state == GaugeState::ok || gauge.link == GaugeLink::modbus);
-    const GaugeReading reading = stays ? *before_it : gauge_reading(s, i);
+    const bool names_slab = gauge.link != GaugeLink::modbus && s.slab.header.slab_no != 0;
+    const GaugeReading* const first = find_gauge(before, gauge.name.view());
+    const bool stays = first != nullptr && (first->state == GaugeState::ok || !names_slab);
+    GaugeReading reading = stays ? *first : gauge_reading(s, i);
+    if (reading.state == GaugeState::ok && !stays && !names_slab && s.gauges.end_before_start)
+      reading.state = GaugeState::other_slab;
     if (reading.state != GaugeState::ok && is_used(s, reading.gauge)) log_reading(actions, reading);
     (void)s.slab.facts.gauges.push(reading);
   }

@@ -419,6 +419,7 @@ struct LineGauges {
   GaugeReadings used;                                   ///< of the last slab that was judged with gauges
   GaugeRuns runs;
   std::int64_t slab_begin_ns = 0;  ///< SLAB_BEGIN of the open slab; 0: it was open when slabd started
+  bool end_before_start = false;   ///< its SLAB_END was given before slabd started, and the readings of then are lost
   std::uint16_t plc_seq = 0;       ///< GAUGE_SEQ of the last image
   bool plc_seen = false;           ///< an image was seen
 };

@@ -171,6 +171,15 @@ TEST_F(RecoverTest, an_accepted_slab_abort_is_left_to_be_finished) {
   EXPECT_EQ(restart()->abort_seq, 0) << "the line went on";
 }
 
+TEST_F(RecoverTest, an_accepted_slab_end_of_the_open_slab_is_remembered) {
+  begin(1);
+  EXPECT_FALSE(restart()->end_was_given);
+  accept(PlcCommand::slab_end, 0, 1);
+  EXPECT_TRUE(restart()->end_was_given);
+  accept(PlcCommand::scan, 4, 1);
+  EXPECT_TRUE(restart()->end_was_given);
+}
+
 TEST_F(RecoverTest, an_unseen_scan_is_listed_among_the_fingerprints_until_another_scan_is_seen) {
   begin(1);
   apply(SeenScanJob{7});

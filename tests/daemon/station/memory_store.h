@@ -197,6 +197,7 @@ struct MemoryStore {
   void keep(const SessionJob& job) { line.session = job.session; }
   void keep(const BeginSlabJob& job) {
     line.slab_open = true;
+    line.end_was_given = false;
     line.slab = job.slab;
     line.stations = {};
     line.last_slab_key = job.slab.key;
@@ -208,6 +209,7 @@ struct MemoryStore {
   void keep(const CommandJob& job) {
     begin_command(job, CommandStatus::accepted);
     unfinished_.push_back(job);
+    line.end_was_given = line.end_was_given || is(job, PlcCommand::slab_end);
     if (is(job, PlcCommand::scan)) newest_scan_[job.station] = job;
     if (!is(job, PlcCommand::report)) newest_order_ = job;
   }

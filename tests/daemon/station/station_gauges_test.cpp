@@ -150,25 +150,54 @@ TEST_F(GaugesTest, the_readings_are_fixed_when_slab_end_is_taken) {
 
 // The end of the slab cannot be stored, and the next slab is gauged before SLAB_END is given again.
 TEST_F(GaugesTest, readings_stay_those_of_the_first_slab_end_if_it_is_given_again) {
-  begin_slab(42);
-  plc_sends(42);
-  store.fail_when = [](const StoreJob& job) { return std::holds_alternative<SlabJob>(job.what); };
-  line.command(PlcCommand::slab_end);
-  line.run_for(200);
-  ASSERT_TRUE(line.view().slab_open);
-  store.fail_when = nullptr;
-  line.plc.fault_reset = true;
-  line.feed(line.plc);
-  line.plc.fault_reset = false;
-  line.run_for(200);
-  plc_sends(43, 1, 2);
-  meter_shows(5600.5);
-  hub_sends(42);
-  const GaugeReadings stored = end_slab();
-  EXPECT_EQ(state(stored, "plc_left"), "ok");
-  EXPECT_NEAR(find_gauge(stored, "plc_left")->value, 5600.123, 1e-9);
-  EXPECT_EQ(state(stored, "hub"), "ok") << "late, but of this slab";
-  EXPECT_NE(state(stored, "meter"), "ok") << "an instrument does not say of which slab";
+  for (const std::uint32_t slab_no : {42U, 0U}) {
+    SCOPED_TRACE(slab_no);
+    line.numbers_slabs = slab_no != 0;
+    begin_slab(slab_no);
+    plc_sends(slab_no, kLength_um, kNoGaugeRegister);
+    store.fail_when = [](const StoreJob& job) { return std::holds_alternative<SlabJob>(job.what); };
+    line.command(PlcCommand::slab_end);
+    line.run_for(200);
+    ASSERT_TRUE(line.view().slab_open);
+    store.fail_when = nullptr;
+    line.plc.fault_reset = true;
+    line.feed(line.plc);
+    line.plc.fault_reset = false;
+    line.run_for(200);
+    plc_sends(slab_no == 0 ? 0 : 43, 1, 2);
+    // The hub's value is late, but names its slab; the instrument says nothing of it.
+    GaugeSamples late{};
+    late[2] = {true, 5600.5, 1, slab_no, line.station->now_ns, line.station->utime_us};
+    late[4] = {true, 5600.5, ++meter_seq, 0, line.station->now_ns, line.station->utime_us};
+    line.feed(GaugesSampled{&late});
+    ASSERT_TRUE(newest_sample(*line.station, 4).has_value);
+    const GaugeReadings stored = end_slab();
+    EXPECT_EQ(state(stored, "plc_left"), "ok");
+    EXPECT_NEAR(find_gauge(stored, "plc_left")->value, 5600.123, 1e-9);
+    EXPECT_NE(state(stored, "plc_right"), "ok");
+    EXPECT_EQ(state(stored, "hub") == "ok", slab_no != 0);
+    EXPECT_NE(state(stored, "meter"), "ok");
+  }
+}
+
+TEST_F(GaugesTest, an_instrument_is_not_read_for_a_slab_whose_end_was_given_before_a_restart) {
+  for (const bool was_ended : {false, true}) {
+    SCOPED_TRACE(was_ended);
+    begin_slab(42);
+    meter_shows(5600.5);
+    if (was_ended) {
+      store.fail_when = [](const StoreJob& job) { return std::holds_alternative<SlabJob>(job.what); };
+      line.command(PlcCommand::slab_end);
+      line.run_for(200);
+      store.fail_when = nullptr;
+    }
+    line.start();
+    check_all();
+    line.run_for(300);
+    ASSERT_TRUE(line.view().slab_open);
+    meter_shows(5600.5);
+    EXPECT_EQ(state(end_slab(), "meter"), was_ended ? "other_slab" : "ok");
+  }
 }
 
 TEST_F(GaugesTest, values_are_taken_when_the_sequence_number_changes) {

@@ -50,6 +50,7 @@ class Line {
 
   // ---- faults that a test can set ----
   bool robot_present = true;
+  bool numbers_slabs = true;
   double robot_off_mm = 0.0;    ///< distance from the commanded station
   double robot_moves_mm = 0.0;  ///< while a scan is taken
   bool robot_shakes = false;
@@ -160,7 +161,7 @@ class Line {
     plc.command = static_cast<std::uint16_t>(what);
     plc.station = static_cast<std::uint16_t>(station_no);
     plc.slab_type = slab_type;
-    if (plc.slab_no == 0) plc.slab_no = 77;
+    if (plc.slab_no == 0 && numbers_slabs) plc.slab_no = 77;
     plc.session_echo = view().session;
     plc.cmd_seq = next_sequence(view().cmd_ack);
     if (plc.command_writer == 0) plc.command_writer = 1;
