@@ -149,7 +149,8 @@ struct CalibrationCheck {
 /// A table of station corrections in force.
 struct StationsInForce {
   CalibrationId id;
-  /// Hand-eye calibration the table was solved with; if another one is in force, the table is stale.
+  /// Hand-eye calibration the table was solved with; if another one is in force, the table is stale. Empty if the
+  /// table is of the second robot, and was put in force with another tie.
   CalibrationId hand_eye_id;
   std::int64_t expires_utime_us = 0;  ///< 0 if it never expires
   StationTable table;

@@ -27,14 +27,18 @@ double square(double v) {
   return v * v;
 }
 
-/// One sighting in the base of its own robot.
+/// All sightings of one ball from one place of the flange, in the base of their own robot. They share the robot's
+/// error, so only their mean says something of it.
 struct Place {
-  Vec3 q_mm;             ///< place of the ball
-  Vec3 u_mm;             ///< the same from the flange, axes of the base
-  Mat3 R_base_flange;    ///< rotation of the flange
-  Mat3 covariance;       ///< by the stated noise
-  Mat3 weight;           ///< its inverse
-  std::size_t view = 0;  ///< place of the flange; equal ones repeat the robot's error
+  Vec3 q_mm = Vec3::Zero();           ///< place of the ball
+  Vec3 u_mm = Vec3::Zero();           ///< the same from the flange, axes of the base
+  Mat3 R_base_flange = Mat3::Zero();  ///< rotation of the flange
+  Mat3 covariance = Mat3::Zero();     ///< by the stated noise
+  Mat3 weight = Mat3::Zero();         ///< its inverse
+  std::size_t target = 0;             ///< the ball
+  std::size_t view = 0;               ///< place of the flange; equal ones repeat the robot's error
+  std::size_t sightings = 0;
+  double target_mm = 0.0;  ///< standard deviation of the mean by the noise of the target
 };
 
 Mat3 inverse3(const Mat3& m) {
@@ -45,44 +49,56 @@ std::vector<Place> places_of(const TieArm& arm) {
   std::vector<Place> places;
   std::vector<Pose> stops;
   for (const TieSighting& sighting : arm.sightings) {
-    Place place;
-    const Vec3 u = arm.hand_eye.T_flange_scanner * sighting.centre_mm;
-    place.R_base_flange = sighting.T_base_flange.rotation.toRotationMatrix();
-    place.u_mm = place.R_base_flange * u;
-    place.q_mm = sighting.T_base_flange * u;
-    const Mat3 lever = skew(place.u_mm);
-    place.covariance = (square(arm.noise.robot_mm) + square(arm.noise.target_mm)) * Mat3::Identity() +
-                       square(arm.noise.robot_rad) * lever * lever.transpose();
-    place.weight = inverse3(place.covariance);
     const auto stop = std::find_if(stops.begin(), stops.end(),
                                    [&](const Pose& pose) { return same_place(pose, sighting.T_base_flange); });
-    place.view = static_cast<std::size_t>(stop - stops.begin());
+    const auto view = static_cast<std::size_t>(stop - stops.begin());
     if (stop == stops.end()) stops.push_back(sighting.T_base_flange);
-    places.push_back(place);
+    auto place = std::find_if(places.begin(), places.end(),
+                              [&](const Place& one) { return one.target == sighting.target && one.view == view; });
+    if (place == places.end()) {
+      place = places.insert(places.end(), Place{});
+      place->target = sighting.target;
+      place->view = view;
+      place->R_base_flange = sighting.T_base_flange.rotation.toRotationMatrix();
+    }
+    const Vec3 u = arm.hand_eye.T_flange_scanner * sighting.centre_mm;
+    place->u_mm += sighting.T_base_flange.rotation.toRotationMatrix() * u;
+    place->q_mm += sighting.T_base_flange * u;
+    ++place->sightings;
+  }
+  for (Place& place : places) {
+    const auto n = static_cast<double>(place.sightings);
+    place.u_mm /= n;
+    place.q_mm /= n;
+    place.target_mm = arm.noise.target_mm / std::sqrt(n);
+    const Mat3 lever = skew(place.u_mm);
+    place.covariance = (square(arm.noise.robot_mm) + square(place.target_mm)) * Mat3::Identity() +
+                       square(arm.noise.robot_rad) * lever * lever.transpose();
+    place.weight = inverse3(place.covariance);
   }
   return places;
 }
 
-/// All sightings of one ball by one robot.
+/// All places from which one robot saw one ball.
 struct Mean {
-  std::vector<std::size_t> sightings;
+  std::vector<std::size_t> places;
   Vec3 q_mm = Vec3::Zero();
   Mat3 covariance = Mat3::Zero();  ///< of the weighted mean
-  double chi_square = 0.0;         ///< of the sightings about it
+  double chi_square = 0.0;         ///< of the places about it
 };
 
-Mean mean_of(const std::vector<Place>& places, std::vector<std::size_t> sightings) {
+Mean mean_of(const std::vector<Place>& places, std::vector<std::size_t> chosen) {
   Mean mean;
-  mean.sightings = std::move(sightings);
+  mean.places = std::move(chosen);
   Mat3 weight = Mat3::Zero();
   Vec3 sum = Vec3::Zero();
-  for (const std::size_t i : mean.sightings) {
+  for (const std::size_t i : mean.places) {
     weight += places[i].weight;
     sum += places[i].weight * places[i].q_mm;
   }
   mean.covariance = inverse3(weight);
   mean.q_mm = mean.covariance * sum;
-  for (const std::size_t i : mean.sightings) {
+  for (const std::size_t i : mean.places) {
     const Vec3 off = places[i].q_mm - mean.q_mm;
     mean.chi_square += off.dot(places[i].weight * off);
   }
@@ -107,7 +123,7 @@ Eigen::Matrix<double, 3, 6> motion_at(const Vec3& p_mm, const Vec3& middle_mm) {
 struct Fit {
   Pose T;
   Vec3 middle_mm = Vec3::Zero();
-  Mat6 covariance = Mat6::Constant(kNoValue);  ///< by the stated noise, all sightings independent
+  Mat6 covariance = Mat6::Constant(kNoValue);  ///< by the stated noise, all places independent
   double chi_square = 0.0;                     ///< of the pairs
   bool converged = false;
 };
@@ -159,7 +175,7 @@ class Spread6 {
  public:
   Spread6(const Fit& fit, const std::vector<Pair>& pairs) : fit_(fit), pairs_(pairs) {}
 
-  /// Covariance from the stated noise of robot and target; sightings of one view share the robot's error.
+  /// Covariance from the stated noise of robot and target; balls of one view share the robot's error.
   [[nodiscard]] Mat6 of_noise(std::size_t robot, const TieArm& arm, const std::vector<Place>& places) const {
     std::vector<Eigen::Matrix<double, 6, 6>> by_view;
     Mat6 sum = Mat6::Zero();
@@ -167,7 +183,7 @@ class Spread6 {
       if (by_view.size() <= place.view) by_view.resize(place.view + 1, Eigen::Matrix<double, 6, 6>::Zero());
       by_view[place.view].leftCols<3>() += K;
       by_view[place.view].rightCols<3>() -= K * skew(place.u_mm);
-      sum += square(arm.noise.target_mm) * K * K.transpose();
+      sum += square(place.target_mm) * K * K.transpose();
     });
     for (const Eigen::Matrix<double, 6, 6>& M : by_view)
       sum += square(arm.noise.robot_mm) * M.leftCols<3>() * M.leftCols<3>().transpose() +
@@ -179,7 +195,7 @@ class Spread6 {
   [[nodiscard]] Mat6 of_hand_eye(std::size_t robot, const TieArm& arm, const std::vector<Place>& places) const {
     const double shift_mm = has_value(arm.hand_eye.sigma_mm) ? arm.hand_eye.sigma_mm : 0.0;
     const double turn_rad = has_value(arm.hand_eye.sigma_rad) ? arm.hand_eye.sigma_rad : 0.0;
-    Vec3 middle = Vec3::Zero();  // of the sightings, flange frame: sigma_mm is that of a point in the field of view
+    Vec3 middle = Vec3::Zero();  // of the places, flange frame: sigma_mm is that of a point in the field of view
     for (const Place& place : places)
       middle += place.R_base_flange.transpose() * place.u_mm / static_cast<double>(places.size());
     Eigen::Matrix<double, 6, 6> M = Eigen::Matrix<double, 6, 6>::Zero();
@@ -196,7 +212,7 @@ class Spread6 {
   }
 
  private:
-  /// Calls f(sighting, K) for every sighting of a robot, with K = d motion / d place.
+  /// Calls f(place, K) for every place of a robot, with K = d motion / d place.
   template <typename F>
   void for_each(std::size_t robot, const std::vector<Place>& places, F&& f) const {
     const Mat3 R = fit_.T.rotation.toRotationMatrix();
@@ -204,7 +220,7 @@ class Spread6 {
       const Vec3 p = fit_.T * pair.by[1].q_mm;
       const Mat3 weight = inverse3(covariance_of(pair, fit_.T));
       const Eigen::Matrix<double, 6, 3> by_pair = fit_.covariance * motion_at(p, fit_.middle_mm).transpose() * weight;
-      for (const std::size_t i : pair.by[robot].sightings) {
+      for (const std::size_t i : pair.by[robot].places) {
         const Mat3 share = pair.by[robot].covariance * places[i].weight;
         f(places[i], robot == 0 ? Eigen::Matrix<double, 6, 3>(by_pair * share)
                                 : Eigen::Matrix<double, 6, 3>(-by_pair * R * share));
@@ -239,14 +255,13 @@ Status check(const TieArm& arm, const char* which) {
   return success();
 }
 
-std::vector<Pair> pairs_of(const std::array<const TieArm*, 2>& arms, const std::array<std::vector<Place>, 2>& places,
-                           std::vector<std::size_t>& seen_by_one) {
+std::vector<Pair> pairs_of(const std::array<std::vector<Place>, 2>& places, std::vector<std::size_t>& seen_by_one) {
   std::vector<Pair> pairs;
   for (std::size_t target = 0; target < kBallsMax; ++target) {
     std::array<std::vector<std::size_t>, 2> found;
     for (std::size_t robot = 0; robot < 2; ++robot)
-      for (std::size_t i = 0; i < arms[robot]->sightings.size(); ++i)
-        if (arms[robot]->sightings[i].target == target) found[robot].push_back(i);
+      for (std::size_t i = 0; i < places[robot].size(); ++i)
+        if (places[robot][i].target == target) found[robot].push_back(i);
     if (found[0].empty() != found[1].empty()) seen_by_one.push_back(target);
     if (found[0].empty() || found[1].empty()) continue;
     Pair& pair = pairs.emplace_back();
@@ -357,16 +372,16 @@ Result<Tie> solve_tie(const TieArm& first, const TieArm& second, std::span<const
   const std::array<const TieArm*, 2> arms = {&first, &second};
   const std::array<std::vector<Place>, 2> places = {places_of(first), places_of(second)};
   Tie tie;
-  const std::vector<Pair> pairs = pairs_of(arms, places, tie.seen_by_one);
+  const std::vector<Pair> pairs = pairs_of(places, tie.seen_by_one);
   double within = 0.0;
   int freedom_within = 0;
   for (const Pair& pair : pairs) {
     TieTarget& target = tie.targets.emplace_back();
     target.target = pair.target;
     for (std::size_t robot = 0; robot < 2; ++robot) {
-      target.views[robot] = pair.by[robot].sightings.size();
+      for (const std::size_t i : pair.by[robot].places) target.views[robot] += places[robot][i].sightings;
       within += pair.by[robot].chi_square;
-      freedom_within += 3 * (static_cast<int>(target.views[robot]) - 1);
+      freedom_within += 3 * (static_cast<int>(pair.by[robot].places.size()) - 1);
     }
     target.p_base = pair.by[0].q_mm;
   }

@@ -59,7 +59,8 @@ std::string splice_words(const Splice& splice) {
     case SpliceSource::commissioning: return say("commissioning values, {}", worth);
     case SpliceSource::corrected: return say("hand-eye and station correction of {} visits, {}", splice.visits, worth);
     case SpliceSource::not_mastered: return say("hand-eye alone (station not mastered), {}", worth);
-    case SpliceSource::stale: return say("hand-eye alone (correction of another hand-eye calibration), {}", worth);
+    case SpliceSource::stale:
+      return say("hand-eye alone (correction of another hand-eye calibration or tie), {}", worth);
     case SpliceSource::expired: return say("hand-eye alone (correction expired), {}", worth);
     case SpliceSource::outside_gate:
       return say("hand-eye alone (robot {:.3f} mm and {:.4f} deg from its mastered pose), {}", splice.off_mm,

@@ -491,8 +491,47 @@ void Calibrations::in_force(const LineArms& arms, CellCalibration& out) {
       out.arm[i] = LineCalibration{};
   }
   if (!arms.several()) return;
-  if (const Row row = newest(CalibrationKind::tie, 0, kTieScanner); row.seq != 0)
-    use_tie(find(row.calibration_id), out.tie);
+  const Row tie = newest(CalibrationKind::tie, 0, kTieScanner);
+  if (tie.seq != 0) use_tie(find(tie.calibration_id), out.tie);
+  for (std::size_t i = 1; i < out.arm.size(); ++i) check_tie_of_tables(tie.calibration_id, out.arm[i]);
+}
+
+/// True if the tie's numbers are the same: the same calibration kept again has the id with a number behind a dot.
+static bool is_same_tie(std::string_view a, std::string_view b) {
+  return a.substr(0, a.find('.')) == b.substr(0, b.find('.'));
+}
+
+/// True if a certificate gives its points in the robot's own base, so that no tie is needed to place them.
+static bool is_in_base(std::string_view certificate) {
+  constexpr std::string_view kBlank = " \t\r";
+  constexpr std::string_view kKey = "frame";
+  while (!certificate.empty()) {
+    std::string_view line = certificate.substr(0, certificate.find('\n'));
+    certificate.remove_prefix(std::min(line.size() + 1, certificate.size()));
+    line.remove_prefix(std::min(line.find_first_not_of(kBlank), line.size()));
+    if (!line.starts_with(kKey)) continue;
+    line.remove_prefix(kKey.size());
+    line.remove_prefix(std::min(line.find_first_not_of(kBlank), line.size()));
+    if (!line.starts_with('=')) continue;
+    return line.find("base") != std::string_view::npos;
+  }
+  return false;
+}
+
+/// Makes the second robot's corrections stale, as with another hand-eye calibration, that were put in force with
+/// another tie than `tie_id`: they place the mastered slab through that one, and contain its error.
+void Calibrations::check_tie_of_tables(std::string_view tie_id, LineCalibration& out) {
+  Statement then(db_,
+                 "SELECT calibration_id FROM applied WHERE kind = 'tie' AND scanner = ?1 AND seq < "
+                 "(SELECT min(seq) FROM applied WHERE calibration_id = ?2) ORDER BY seq DESC LIMIT 1");
+  for (StationsInForce& table : out.tables) {
+    const std::string of_then =
+        then.bind(1, kTieScanner).bind(2, table.id.view()).step() ? std::string(then.text(0)) : "";
+    then.reset();
+    if (is_same_tie(of_then, tie_id)) continue;
+    if (const auto record = find(table.id.view()); record && is_in_base(record->certificate)) continue;
+    table.hand_eye_id.clear();
+  }
 }
 
 void Calibrations::use_slab(const CalibrationId& hand_eye, const CalibrationId& stations, const CalibrationId& scanner,

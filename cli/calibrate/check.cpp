@@ -77,14 +77,16 @@ void need_recipe_of_line(const Recipe& recipe, const std::string& file, const co
 BlockResult measure_scan(const CheckOptions& options, const config::Config& config, storage::Reader& reader) {
   if (options.recipe.empty())
     stop(kUsage, say("a scan needs --recipe: the block's shape, and what U is computed from"));
-  const Recipe recipe = recipe_from(options.recipe);
+  Recipe recipe = recipe_from(options.recipe);
   need_recipe_of_line(recipe, options.recipe, config);
+  // The certificate's own expansion counts, and the artefact is not of concrete.
+  recipe.thermal.given = false;
   // Measured with the scanner's acceptance, as on the line.
   const auto line = need(reader.line_calibration(config.by.scanner.view()));
   const ProgressNote note(stderr, say("measuring ..."), std::chrono::seconds(1));
   Pages memory(limits::kScanSlotBytes);
   const std::span<float> xyz = memory.take<float>(limits::kScanPointsMax * 3);
-  const ScanShape shape = need(hal::read_scan(options.scan.c_str(), options.look.form.form(), xyz));
+  const ScanShape shape = need(hal::read_scan(options.scan.c_str(), options.look.form.form(config.scanner.form), xyz));
   const std::unique_ptr<hal::Clock> clock = hal::make_system_clock();
   algo::BlockInspector inspector(config::default_measure_threads());
   inspector.use(recipe);

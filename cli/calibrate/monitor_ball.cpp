@@ -140,7 +140,8 @@ MeasuredBall look_at_ball(const config::Config& config, const BallMeasurement& l
   MeasuredBall seen;
   seen.T_base_flange = pose.value();
   seen.source = look.scan;
-  if (const auto unseen = find_in(look, look.scan, look.form.form(), T_flange_scanner, seen)) throw *unseen;
+  if (const auto unseen = find_in(look, look.scan, look.form.form(config.scanner.form), T_flange_scanner, seen))
+    throw *unseen;
   return seen;
 }
 

@@ -27,7 +27,7 @@ struct BallMeasurement {
   std::string who;     ///< live: operator that holds the line; empty: the login
   double radius_mm = kNoValue;
   double noise_mm = 0.05;
-  ScanFormOptions form;
+  ScanFormOptions form{.unit = "", .columns = ""};  ///< empty: the configuration's
 
   /// Adds --flange, --live, --radius, --noise, --unit, --columns.
   void add_to(args::Command& command);

@@ -101,8 +101,10 @@ int begin(const Options& options) {
   settings.scanner_noise_mm = options.ball.noise_mm;
   settings.noise_correlation_mm = options.ball.noise_correlation_mm;
   settings.parallel = options.ball.parallel;
-  settings.unit = options.ball.form.unit;
-  settings.columns = options.ball.form.columns;
+  ScanFormOptions form = options.ball.form;
+  form.complete_from(config ? config->scanner.form : hal::ScanForm());
+  settings.unit = form.unit;
+  settings.columns = form.columns;
   settings.goal = options.goal;
   settings.held_out = options.held_out;
   settings.flange_form = form_words(options.flange_form);
@@ -155,6 +157,7 @@ int begin(const Options& options) {
 
 void add_calibrate_new(args::Command& group) {
   auto options = std::make_shared<Options>();
+  options->ball.form.unit.clear();  // the configuration's
   args::Command command =
       group.add_subcommand("new", "Begin a calibration of the scanner on the flange: the commands after it lead on");
   command->footer(

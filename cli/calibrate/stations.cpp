@@ -61,6 +61,8 @@ void add_slab(const config::Config& config, storage::Reader& reader, const std::
     stop(kBadInput, say("--slabs {}: it is of slab type {}, the certificate is of {}", name, header.slab_type,
                         work.certificate.slab_type));
   const std::string round = fmt::format("slab {}", header.key);
+  TieInForce tie;
+  if (config.arms.several()) tie = need(reader.cell_calibration(config.arms))->tie;
   for (const calib::MasterStation& s : work.certificate.stations) {
     const storage::SlabBlock* valid = report::latest(slab, s.station);
     if (valid == nullptr || valid->phase != StationPhase::measured) continue;
@@ -71,8 +73,9 @@ void add_slab(const config::Config& config, storage::Reader& reader, const std::
       // Without the corrections that were in force, because they are what is solved.
       const Pose T_robot_scanner = attempt.T_base_flange * T_flange_scanner_of(header, attempt.arm);
       work.of_all.push_back(*visit);
-      work.T_base_scanner_of_all.push_back(attempt.splice.tied ? attempt.splice.T_base_robot * T_robot_scanner
-                                                               : T_robot_scanner);
+      // By the tie in force, which the corrections will be used with; without one, by that of the inspection.
+      const Pose& T_base_robot = tie.id.empty() ? attempt.splice.T_base_robot : tie.numbers.T_base_robot;
+      work.T_base_scanner_of_all.push_back(attempt.splice.tied ? T_base_robot * T_robot_scanner : T_robot_scanner);
       if (attempt.by.scanner != config.by.scanner) continue;
     }
     visit->hand_eye_id =
@@ -379,7 +382,9 @@ void add_calibrate_stations(args::Command& group) {
       "the\n"
       "five slabs here. What is left after the correction is the robot's repeatability: sigma sqrt(1 + 1/visits).\n"
       "A new hand-eye calibration makes the corrections stale; --again solves the same visits with it, if the scanner "
-      "has not\nmoved on the flange since: what a visit saw it saw from where the scanner sat.\n"
+      "has not\nmoved on the flange since: what a visit saw it saw from where the scanner sat. With two robots, give "
+      "the "
+      "slabs\nagain for each scanner instead.\n"
       "Certificate and visits as text: docs/MASTERING.md.\n\n"
       "Exit status 6: refused, nothing is kept; every reason contains its cure.\n"
       "Example: slabctl calibrate stations --certificate master.txt --slabs 12 13 14 15 16 --apply --reason \"new "

@@ -204,4 +204,12 @@ hal::ScanForm ScanFormOptions::form(hal::ScanForm otherwise) const {
   return otherwise;
 }
 
+void ScanFormOptions::complete_from(const hal::ScanForm& form) {
+  for (const char* word : {"mm", "m", "um"})
+    if (unit.empty() && length_unit(word) == form.unit) unit = word;
+  if (!columns.empty() || form.columns.empty()) return;
+  const auto& [x, y, z] = form.columns.xyz;
+  columns = fmt::format("{},{},{}", x.view(), y.view(), z.view());
+}
+
 }  // namespace slabd::cli

@@ -56,6 +56,8 @@ struct ScanFormOptions {
   void add_to(args::Command& command);
   /// `otherwise` contains the values that were not given.
   [[nodiscard]] hal::ScanForm form(hal::ScanForm otherwise = {}) const;
+  /// The values that were not given become those of `form`.
+  void complete_from(const hal::ScanForm& form);
 };
 
 }  // namespace slabd::cli

@@ -179,6 +179,18 @@ TEST(Tie, views_from_one_place_repeat_the_robots_error) {
   const double one = tie_sigma_mm(solved(once, 3).numbers, Vec3::Zero());
   EXPECT_GT(many, 0.8 * one);
   EXPECT_GE(coverage(still, 1'500), 0.935);
+  // Repeats neither make a ball look moved, nor hide a robot that is worse than stated.
+  for (const std::size_t views : {2U, 4U, 8U}) {
+    still.views = views;
+    int refused = 0;
+    for (std::uint64_t seed = 1; seed <= 200; ++seed) refused += solved(still, seed).ok ? 0 : 1;
+    EXPECT_LE(refused, 2) << views << " views";
+  }
+  still.views = 6;
+  still.noise = 2.0;
+  double sum = 0.0;
+  for (std::uint64_t seed = 1; seed <= 200; ++seed) sum += solved(still, seed).s0 / 200.0;
+  EXPECT_NEAR(sum, 2.0, 0.3);
 }
 
 TEST(Tie, a_ball_that_was_moved_is_named) {

@@ -129,6 +129,31 @@ std::string without_times(const std::string& text) {
   return kept;
 }
 
+TEST_F(CalibrateSession, a_session_reads_scans_in_the_form_of_the_configuration) {
+  const auto session_text = [&](const std::string& name, const std::string& more) {
+    const std::string path = config(name);
+    std::ifstream was(path);
+    std::string text{std::istreambuf_iterator<char>(was), {}};
+    const std::string drop = "drop_dir = \"drop\"\n";
+    text.replace(text.find(drop), drop.size(), drop + "unit = \"m\"\ncolumns = \"PosX,PosY,PosZ\"\n");
+    static_cast<void>(write(name + "/slabd.toml", text));
+    const Ended begun = run("calibrate new hall --config " + path + " --radius 25.4 --robot-sigma-mm 0.017 " + more);
+    EXPECT_EQ(begun.status, 0) << begun.err;
+    for (const auto& entry : fs::recursive_directory_iterator(file(name))) {
+      if (entry.path().filename() != "session.txt") continue;
+      std::ifstream session(entry.path());
+      return std::string{std::istreambuf_iterator<char>(session), {}};
+    }
+    return std::string();
+  };
+  const std::string configured = session_text("a", "");
+  EXPECT_NE(configured.find("unit = m\n"), std::string::npos) << configured;
+  EXPECT_NE(configured.find("PosX,PosY,PosZ"), std::string::npos) << configured;
+  const std::string given = session_text("b", "--unit um --columns 2,3,4");
+  EXPECT_NE(given.find("unit = um\n"), std::string::npos) << given;
+  EXPECT_NE(given.find("2,3,4"), std::string::npos) << given;
+}
+
 TEST_F(CalibrateSession, from_nothing_to_an_applied_calibration_in_six_commands) {
   simulate("set", "--views 13 --seed 3");  // 1
   const Ended begun = run(new_in("a"));    // 2

@@ -3,12 +3,15 @@
 // slabctl calibrate tie as a process: tables of two robots, figures, refusals, and the record that it stores.
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 #include "base/prng.h"
 #include "calib/calib.h"
+#include "cli/client/calibration_change.h"
+#include "cli/command.h"
 #include "tests/cli/chinese.h"
 #include "tests/cli/slabctl_process.h"
 #include "tests/places/places.h"
@@ -213,6 +216,41 @@ TEST_F(CalibrateTie, the_mastered_slab_is_placed_by_the_stations_of_both_robots_
       on_line("calibrate stations --scanner right --certificate " + master + " --visits " + visits + " --apply");
   EXPECT_EQ(refused.status, 6) << refused.err;
   expect_mentions(refused.err, "give the same slabs again for each scanner");
+}
+
+TEST_F(CalibrateTie, the_trend_of_a_scanner_consists_of_its_own_checks) {
+  configure();
+  config::Config config;
+  ASSERT_TRUE(config_from(file("slabd.toml"), config));
+  std::map<std::string, std::string> ids;
+  for (const char* scanner : {"left", "right"}) {
+    storage::CalibrationRecord ball;
+    ball.numbers = MonitorBall{Vec3(1'000.0, 200.0, 300.0), 19.05, 0.1};
+    ball.scanner = scanner;
+    ball.operator_name = "anna";
+    ball.created_utime_us = wall_clock_us();
+    ball.observations = scanner;
+    const auto kept = change_calibration(config, storage::KeepCalibration{ball});
+    ASSERT_TRUE(kept.ok()) << kept.error().text.view();
+    ids[scanner] = kept.value().id;
+    CalibrationCheck check;
+    check.kind = CalibrationKind::monitor_ball;
+    check.reference_id.assign(kept.value().id);
+    check.passed = true;
+    check.off_mm = Vec3::Zero();
+    check.utime_us = wall_clock_us();
+    check.who = "anna";
+    check.source = scanner;
+    const auto checked = change_calibration(config, storage::KeepCheck{check});
+    ASSERT_TRUE(checked.ok()) << checked.error().text.view();
+  }
+  for (const auto& [scanner, id] : ids) {
+    const Ended ended = on_line("calibrate check --scanner " + scanner + " --json");
+    ASSERT_EQ(ended.status, 0) << ended.err;
+    const json checks = json::parse(ended.out)["checks"];
+    ASSERT_EQ(checks.size(), 1U) << ended.out;
+    EXPECT_EQ(checks[0]["reference_id"], id);
+  }
 }
 
 TEST_F(CalibrateTie, a_line_with_one_robot_has_nothing_to_tie) {

@@ -730,6 +730,46 @@ TEST_F(CalibrationsTest, a_tie_of_numbers_that_make_no_sense_is_not_kept) {
   EXPECT_NE(refused_with([](TieNumbers& n) { n.targets = 3; }).find("fewer than 4 balls"), std::string::npos);
 }
 
+TEST_F(CalibrationsTest, corrections_of_the_second_robot_are_stale_with_another_tie) {
+  with_two_arms();
+  const std::string left = keep(hand_eye(1.0));
+  const std::string right = keep(of_right(hand_eye(2.0)));
+  put_in_force(left);
+  put_in_force(right);
+  const auto with = [&](std::size_t arm) {
+    const auto cell = cell_in_force();
+    const StationsInForce* table = cell->arm.at(arm).table_for(5600);
+    return table == nullptr ? "none" : std::string(table->hand_eye_id.view());
+  };
+  put_in_force(keep(of_right(stations(right, 0.4))));
+  EXPECT_EQ(with(1), right);
+  const std::string first = keep(tie(left, right));
+  put_in_force(first);
+  EXPECT_EQ(with(1), "") << "they were placed without one";
+  const std::string tied = keep(of_right(stations(right, 0.5)));
+  put_in_force(tied);
+  put_in_force(keep(stations(left, 0.5)));
+  EXPECT_EQ(with(1), right);
+  CalibrationRecord other = tie(left, right);
+  std::get<TieNumbers>(other.numbers).T_base_robot.translation_mm.x() += 2.0;
+  put_in_force(keep(other));
+  EXPECT_EQ(with(1), "");
+  EXPECT_EQ(with(0), left) << "the first robot is the line's base";
+  ASSERT_TRUE(store_->change(RollBackCalibration{CalibrationKind::tie, 0, note(), "1"}).ok());
+  EXPECT_EQ(with(1), right);
+  // The same numbers with another end, and corrections that need no tie.
+  CalibrationRecord longer = tie(left, right);
+  longer.expires_utime_us = 90'000'000'000;
+  put_in_force(keep(longer));
+  EXPECT_EQ(with(1), right);
+  CalibrationRecord in_base = of_right(stations(right, 0.6));
+  in_base.certificate = "id = m\nframe = base\n";
+  put_in_force(keep(in_base));
+  std::get<TieNumbers>(other.numbers).T_base_robot.translation_mm.x() += 1.0;
+  put_in_force(keep(other));
+  EXPECT_EQ(with(1), right);
+}
+
 TEST_F(CalibrationsTest, an_open_slab_keeps_the_calibrations_of_both_arms_and_the_tie) {
   with_two_arms();
   const std::string left = keep(hand_eye(1.0));
