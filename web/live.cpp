@@ -19,6 +19,7 @@ using json = nlohmann::ordered_json;
 using hal::ControlAnswer;
 
 constexpr auto kPollPeriod = std::chrono::seconds(1);
+constexpr auto kCalibrationPeriod = std::chrono::seconds(1);
 constexpr auto kComposePeriod = std::chrono::milliseconds(200);
 /// Stored results are read again at least this often, for changes that the status does not show (acknowledgement,
 /// retention, another database).
@@ -89,10 +90,14 @@ Live::~Live() {
   refresher_.join();
 }
 
-std::string Live::ask(const std::string& verb) const {
-  const ControlAnswer answer = hal::ask_control(settings_.socket, "{\"verb\":\"" + verb + "\"}\n", kAnswerTimeout_ms);
+std::string Live::calibration() {
+  const std::lock_guard lock(asking_);
+  if (!calibration_.empty() && Clock::now() - calibration_at_ < kCalibrationPeriod) return calibration_;
+  const ControlAnswer answer = hal::ask_control(settings_.socket, "{\"verb\":\"calibration\"}\n", kAnswerTimeout_ms);
   const json document = answer.ok() ? json::parse(answer.line, nullptr, false) : json();
-  return document.is_object() ? text_of(document) : "null";
+  calibration_ = document.is_object() ? text_of(document) : "null";
+  calibration_at_ = Clock::now();  // after the answer, so that callers do not wait for a silent daemon one by one
+  return calibration_;
 }
 
 void Live::poll() {

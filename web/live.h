@@ -35,8 +35,9 @@ class Live {
   /// so that callers share it. The age of a status grows while the daemon does not answer, or while its answer is not
   /// read.
   [[nodiscard]] SharedAnswer answer(const std::string& language);
-  /// The daemon's answer to a verb without arguments, as the text of a JSON object; "null" if it did not answer.
-  [[nodiscard]] std::string ask(const std::string& verb) const;
+  /// The daemon's answer to the verb "calibration", as the text of a JSON object; "null" if it did not answer. The
+  /// question goes to the daemon at most once a second: callers share the answer, and wait while another one asks.
+  [[nodiscard]] std::string calibration();
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -77,6 +78,10 @@ class Live {
     Clock::time_point at;
   };
   std::array<Composed, 2> composed_;  ///< in English, in Chinese
+
+  std::mutex asking_;        ///< of calibration(); held while one caller waits for the answer
+  std::string calibration_;  ///< empty: not asked yet
+  Clock::time_point calibration_at_;
 
   std::thread poller_;
   std::thread refresher_;

@@ -7,11 +7,13 @@
 #include <malloc.h>
 
 #include <CLI/CLI.hpp>
+#include <cerrno>
 #include <csignal>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <iterator>
+#include <sstream>
 
 #include "config/config.h"
 #include "web/server.h"
@@ -49,9 +51,23 @@ class ReportsFolder {
   std::string path_;
 };
 
-std::string content(const std::string& path) {
+/// False after a complaint if the file cannot be read or is empty.
+bool read_tls_file(const std::string& path, std::string& out) {
+  errno = 0;
   std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
+  std::ostringstream text;
+  text << in.rdbuf();  // of a folder nothing is read, and errno has the reason
+  out = text.str();
+  if (!out.empty()) return true;
+  complain(fmt::format("web.lan_listen does not open without its certificate and key: {}: {}", path,
+                       errno != 0 ? std::strerror(errno) : "is empty"));
+  return false;
+}
+
+/// Reads certificate and key of the LAN listener. False after a complaint.
+bool read_tls(const config::WebSettings& web, ListenerSettings& out) {
+  out.is_tls = true;
+  return read_tls_file(web.tls_cert, out.certificate) && read_tls_file(web.tls_key, out.key);
 }
 
 std::string neighbour(const char* name) {
@@ -67,13 +83,17 @@ std::unique_ptr<Listener> opened(const ListenerSettings& settings, const char* n
     complain(std::string(listener.error().text.view()));
     return nullptr;
   }
-  complain(fmt::format("{}: {}://{}:{}/", name, settings.certificate.empty() ? "http" : "https", settings.host,
-                       listener.value()->port()));
+  complain(fmt::format("{}: {}://{}:{}/{}", name, settings.is_tls ? "https" : "http", settings.host,
+                       listener.value()->port(),
+                       listener.value()->has_address() ? "" : " as soon as this computer has this address"));
   return std::move(listener.value());
 }
 
 int serve(const config::Config& config, const sigset_t& ends) {
   const config::WebSettings& web = config.web;
+  ListenerSettings lan_settings{std::string(web.lan.host.view()), web.lan.port, kLanPerAddressMax};
+  lan_settings.waits_for_address = true;
+  if (!web.tls_cert.empty() && !read_tls(web, lan_settings)) return kExitBadInput;
   const ReportsFolder reports;
   if (reports.path().empty()) {
     complain("no folder for reports can be made in the folder for temporary files");
@@ -92,13 +112,9 @@ int serve(const config::Config& config, const sigset_t& ends) {
   Site site({web.names, web.users_file, web.viewer_login, config.storage.second_person,
              !config.plant.dsn.empty() || !web.plant_dsn.empty(), scanners},
             documents, live);
-  const auto kiosk =
-      opened({std::string(web.kiosk.host.view()), web.kiosk.port, kKioskPerAddressMax, {}, {}}, "kiosk", site);
+  const auto kiosk = opened({std::string(web.kiosk.host.view()), web.kiosk.port, kKioskPerAddressMax}, "kiosk", site);
   std::unique_ptr<Listener> lan;
-  if (kiosk != nullptr && !web.lan.host.empty())
-    lan = opened({std::string(web.lan.host.view()), web.lan.port, kLanPerAddressMax, content(web.tls_cert),
-                  content(web.tls_key)},
-                 "lan", site);
+  if (kiosk != nullptr && !web.lan.host.empty()) lan = opened(lan_settings, "lan", site);
   const bool good = kiosk != nullptr && (web.lan.host.empty() || lan != nullptr);
   int signal = 0;
   if (good) ::sigwait(&ends, &signal);

@@ -12,7 +12,7 @@ using P = RouteParameter;
 
 // Filters of slabs, as `slabctl history` has them.
 constexpr std::array kSlabs = {
-    P{"limit", Form::number, "--limit"},         P{"since", Form::time, "--since"},   P{"until", Form::time, "--until"},
+    P{"limit", Form::rows, "--limit"},           P{"since", Form::time, "--since"},   P{"until", Form::time, "--until"},
     P{"slab_type", Form::number, "--slab-type"}, P{"mould", Form::number, "--mould"}, P{"id", Form::text, "--id"},
     P{"verdict", Form::verdict, "--verdict"},    P{"block", Form::block, "--block"},  P{"item", Form::item, "--item"}};
 constexpr std::array kLanguage = {P{"language", Form::language, "--language"}};
@@ -79,6 +79,8 @@ constexpr std::array kRoutes = {
     Route{"/api/v1/words", Maker::words, "slabd.web_words/1", 3'600, "", kOwnLanguage},
 };
 
+/// kMost of web/page/src/pages/slabs.js.
+constexpr std::string_view kRowsMax = "2000";
 /// Longest values; the pattern of a form decides about the rest.
 constexpr std::size_t kItemBytesMax = 40;
 constexpr std::size_t kTextBytesMax = 96;
@@ -97,6 +99,9 @@ bool has_form(std::string_view value, Form form) {
   switch (form) {
     case Form::key: return consists_of(value, kDigits, 1, 18);
     case Form::number: return consists_of(value, kDigits, 1, 6);
+    case Form::rows:
+      return consists_of(value, kDigits, 1, kRowsMax.size()) && value[0] != '0' &&
+             (value.size() < kRowsMax.size() || value <= kRowsMax);
     case Form::block: {
       const bool two = value.size() == 2 && value[0] == '1' && value[1] >= '0' && value[1] <= '8';
       return two || (value.size() == 1 && value[0] >= '1' && value[0] <= '9');
@@ -121,6 +126,7 @@ std::string_view words_of(Form form) {
   switch (form) {
     case Form::key: return "the key of a slab, digits";
     case Form::number: return "a number of up to 6 digits";
+    case Form::rows: return "1..2000";
     case Form::block: return "1..18";
     case Form::item: return "the name of an item, such as seat_slope";
     case Form::time: return "2026-11-20, 2026-11-20T08:00:00Z, 7d or 12h";

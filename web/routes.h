@@ -19,6 +19,7 @@ namespace slabd::web {
 enum class Form : std::uint8_t {
   key,       ///< key of a slab: 1 to 18 digits
   number,    ///< 1 to 6 digits
+  rows,      ///< 1 to 2000, the longest list of the page: a longer one takes more memory than the unit has (MemoryMax)
   block,     ///< 1 to 18
   item,      ///< lower-case letters and "_", 1 to 40
   time,      ///< 2026-11-20, 2026-11-20T08:00:00Z, 7d, 12h: digits, "-", ":", "T", "Z", "d", "h", "m", "w", 2 to 25

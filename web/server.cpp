@@ -204,12 +204,12 @@ std::size_t keep_escapes(void*, MHD_Connection*, char* text) {
 }
 
 Error not_open(const ListenerSettings& settings, const char* why) {
-  return error(Code::config, "%s:%u: %s; does another program listen there, is it an address of this computer?",
-               settings.host.c_str(), unsigned{settings.port}, why);
+  return error(Code::config, "%s:%u: %s; does another program listen there?", settings.host.c_str(),
+               unsigned{settings.port}, why);
 }
 
 /// A listening socket. libmicrohttpd would not report the port that the kernel chose.
-Result<Fd> listening_socket(const ListenerSettings& settings, std::uint16_t& port) {
+Result<Fd> listening_socket(const ListenerSettings& settings, std::uint16_t& port, bool& has_address) {
   sockaddr_in address{};
   address.sin_family = AF_INET;
   address.sin_port = htons(settings.port);
@@ -220,8 +220,14 @@ Result<Fd> listening_socket(const ListenerSettings& settings, std::uint16_t& por
   ::setsockopt(socket.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
   auto* const place = static_cast<sockaddr*>(static_cast<void*>(&address));
   socklen_t bytes = sizeof address;
-  if (!socket.is_open() || ::bind(socket.get(), place, bytes) != 0 || ::listen(socket.get(), 64) != 0 ||
-      ::getsockname(socket.get(), place, &bytes) != 0)
+  bool is_bound = socket.is_open() && ::bind(socket.get(), place, bytes) == 0;
+  has_address = is_bound || errno != EADDRNOTAVAIL || !settings.waits_for_address;
+  if (!has_address) {
+    // A network card without a cable or an address must not stop the other listener, the kiosk.
+    ::setsockopt(socket.get(), IPPROTO_IP, IP_FREEBIND, &on, sizeof on);
+    is_bound = ::bind(socket.get(), place, bytes) == 0;
+  }
+  if (!is_bound || ::listen(socket.get(), 64) != 0 || ::getsockname(socket.get(), place, &bytes) != 0)
     return not_open(settings, errno_text(errno));
   port = ntohs(address.sin_port);
   return socket;
@@ -231,7 +237,7 @@ Result<Fd> listening_socket(const ListenerSettings& settings, std::uint16_t& por
 
 Result<std::unique_ptr<Listener>> Listener::open(const ListenerSettings& settings, Site& site) {
   std::unique_ptr<Listener> listener(new Listener(settings, site));
-  auto socket = listening_socket(settings, listener->port_);
+  auto socket = listening_socket(settings, listener->port_, listener->has_address_);
   if (!socket) return socket.error();
   const auto function = [](auto* call) { return reinterpret_cast<std::intptr_t>(call); };
   const auto text = [](const std::string& pem) { return const_cast<char*>(pem.c_str()); };  // NOLINT: it only reads
@@ -246,10 +252,9 @@ Result<std::unique_ptr<Listener>> Listener::open(const ListenerSettings& setting
                                          {MHD_OPTION_UNESCAPE_CALLBACK, function(&keep_escapes), nullptr},
                                          {MHD_OPTION_NOTIFY_COMPLETED, function(&end_request), nullptr}};
   unsigned flags = MHD_USE_INTERNAL_POLLING_THREAD | MHD_USE_THREAD_PER_CONNECTION | MHD_USE_POLL;
-  const std::string& certificate = listener->settings_.certificate;
-  if (!certificate.empty()) {
+  if (settings.is_tls) {
     flags |= MHD_USE_TLS;
-    options.push_back({MHD_OPTION_HTTPS_MEM_CERT, 0, text(certificate)});
+    options.push_back({MHD_OPTION_HTTPS_MEM_CERT, 0, text(listener->settings_.certificate)});
     options.push_back({MHD_OPTION_HTTPS_MEM_KEY, 0, text(listener->settings_.key)});
     options.push_back({MHD_OPTION_HTTPS_PRIORITIES, 0, const_cast<char*>(kTlsPriorities)});  // NOLINT: it only reads
   }
@@ -257,8 +262,8 @@ Result<std::unique_ptr<Listener>> Listener::open(const ListenerSettings& setting
   listener->daemon_ = MHD_start_daemon(flags, 0, nullptr, nullptr, &answer_request, &listener->context_,
                                        MHD_OPTION_ARRAY, options.data(), MHD_OPTION_END);
   if (listener->daemon_ == nullptr)
-    return not_open(settings, certificate.empty() ? "the HTTP library does not start"
-                                                  : "tls_cert and tls_key are not a PEM certificate and its key");
+    return not_open(settings, settings.is_tls ? "tls_cert and tls_key are not a PEM certificate and its key"
+                                              : "the HTTP library does not start");
   static_cast<void>(socket.value().release());  // closed by the library
   return listener;
 }

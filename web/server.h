@@ -22,14 +22,16 @@ struct ListenerSettings {
   std::string host;  ///< IPv4 address
   std::uint16_t port = 0;
   unsigned per_address_max = 16;
-  std::string certificate;  ///< PEM; empty: without TLS
-  std::string key;          ///< PEM
+  bool is_tls = false;
+  bool waits_for_address = false;  ///< opens although this computer does not have the address yet
+  std::string certificate{};       ///< PEM; used with TLS only, as the key
+  std::string key{};               ///< PEM
 };
 
 class Listener {
  public:
-  /// `site` must live longer. Code::config: the address is in use, does not belong to this computer, or certificate and
-  /// key are not usable.
+  /// `site` must live longer. An address that this computer does not have yet opens, too, and is reachable as soon as
+  /// the computer has it. Code::config: the address is in use, or certificate and key are not usable.
   [[nodiscard]] static Result<std::unique_ptr<Listener>> open(const ListenerSettings& settings, Site& site);
   /// Closes all connections. Documents must have been stopped, because their waiting threads are joined.
   ~Listener();
@@ -37,19 +39,22 @@ class Listener {
   Listener& operator=(const Listener&) = delete;
 
   [[nodiscard]] std::uint16_t port() const { return port_; }
+  /// False if this computer did not have the address when the listener was opened.
+  [[nodiscard]] bool has_address() const { return has_address_; }
 
   struct Context {
     Site& site;
     bool is_tls = false;
+    bool waits_for_address = false;  ///< opens although this computer does not have the address yet
   };
 
  private:
-  Listener(const ListenerSettings& settings, Site& site)
-      : settings_(settings), context_{site, !settings.certificate.empty()} {}
+  Listener(const ListenerSettings& settings, Site& site) : settings_(settings), context_{site, settings.is_tls} {}
 
   const ListenerSettings settings_;
   Context context_;
   std::uint16_t port_ = 0;
+  bool has_address_ = true;
   MHD_Daemon* daemon_ = nullptr;
 };
 

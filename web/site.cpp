@@ -117,7 +117,7 @@ bool Site::is_known_host(const HttpRequest& request) const {
 }
 
 SharedAnswer Site::calibration(double cache_s, bool in_chinese) {
-  const std::string state = live_.ask("calibration");
+  const std::string state = live_.calibration();
   const SharedAnswer history = documents_.get({.arguments = {"calibrate", "history", "--json"}, .cache_s = cache_s});
   const std::vector<std::string>& scanners = settings_.scanners;
   const bool several = scanners.size() > 1;

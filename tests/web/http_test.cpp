@@ -155,6 +155,38 @@ TEST_F(Http, the_lan_listener_speaks_tls_with_its_certificate) {
   EXPECT_NE(web::get(lan_port_, "/healthz").status, 200) << "an answer without TLS";
 }
 
+TEST_F(Http, a_certificate_or_key_without_content_stops_it_before_it_listens) {
+  store_slab();
+  const std::string lan = "lan_listen = \"127.0.0.1:0\"\ntls_cert = \"web.pem\"\ntls_key = \"web.key\"\n";
+  write_config(lan);
+  const auto expect_refused = [&](const std::string& reason) {
+    fs::remove(file("web.err"));
+    line::Process refused({places::slabd_web(), "--config", config()}, file("web.out"), file("web.err"));
+    EXPECT_EQ(reported_port(refused, file("web.err"), "lan"), 0) << log();
+    if (refused.running()) refused.signal(SIGTERM);
+    EXPECT_EQ(refused.wait(), 3) << log();
+    cli::expect_mentions(log(), reason);
+    EXPECT_EQ(log().find("kiosk: "), std::string::npos) << log();
+  };
+  static_cast<void>(write("web.key", "a key"));
+  expect_refused(file("web.pem") + ": No such file or directory");
+  static_cast<void>(write("web.pem", ""));
+  expect_refused(file("web.pem") + ": is empty");
+  static_cast<void>(write("web.pem", "a certificate"));
+  static_cast<void>(write("web.key", ""));
+  expect_refused(file("web.key") + ": is empty");
+  fs::remove(file("web.key"));
+  expect_refused(file("web.key") + ": No such file or directory");
+}
+
+TEST_F(Http, a_lan_address_that_this_computer_does_not_have_leaves_the_kiosk_alone) {
+  store_slab();
+  start("lan_listen = \"198.51.100.7:0\"\nlan_plain = true\n");  // RFC 5737: for documents, no computer has it
+  ASSERT_NE(lan_port_, 0) << log();
+  cli::expect_mentions(log(), "/ as soon as this computer has this address");
+  EXPECT_EQ(get("/healthz").status, 200);
+}
+
 TEST_F(Http, a_process_that_hangs_is_killed_and_others_are_answered) {
   store_slab();
   const std::string pids = file("pids");

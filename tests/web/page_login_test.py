@@ -140,6 +140,19 @@ class Login(Browser):
         self.wait("return document.querySelector('[name=reason]')?.value === 'burr' && "
                   "document.querySelector('[name=second]').value === 'mei 2'", "draft")
 
+    def test_a_reason_is_typed_while_the_slab_ends(self):
+        self.set(ended="0")
+        self.open("/login?to=/slabs/55")
+        self.log_in()
+        self.wait("return document.querySelector('main form [name=reason]')", "the form")
+        self.field("reason").send_keys("complaint 1")
+        self.wait_renewed("/slabs/55/pin", 2)
+        self.set(ended="1")
+        self.wait("return document.querySelector('select[name=decision]')", "the slab has ended")
+        self.driver.switch_to.active_element.send_keys("7")
+        self.assertEqual(self.driver.execute_script("return [...document.querySelectorAll('[name=reason]')].map((e) => e.value)"),
+                         ["", "complaint 17"])
+
     def test_a_viewer_reads_and_guessing_is_slowed_down(self):
         self.open("/login?to=//evil.example")
         self.log_in("wei")

@@ -72,6 +72,13 @@ return [...document.querySelectorAll('[data-verdict], [data-slab-verdict], main 
   return spread(style.backgroundColor) > 24 || spread(style.color) > 24;
 }).map((e) => e.outerHTML.slice(0, 100) + getComputedStyle(e).backgroundColor + getComputedStyle(e).color);
 """
+# Counts in window.dimmed how often a part of the page is shown as loading.
+WATCH_DIMMED = """
+window.dimmed = 0;
+new MutationObserver((changes) => { window.dimmed += changes.filter((one) => one.target.classList.contains('loading')).length; })
+  .observe(document.querySelector('main'), {subtree: true, attributes: true, attributeFilter: ['class']});
+"""
+BAND = "document.querySelector('.slab-verdict')"
 
 
 class Browser(unittest.TestCase):
@@ -131,6 +138,19 @@ class Browser(unittest.TestCase):
         self.driver.get(self.base + path + ("&" if "?" in path else "?") + f"lang={language}")
         self.wait("return document.body.dataset.stale === 'false' && !document.querySelector('[aria-busy=true]') && "
                   "document.querySelector('h1') !== null", f"{path} is loaded")
+
+    def asked(self, path):
+        """Requests for the document at `path` since the page was opened."""
+        return self.driver.execute_script("return performance.getEntriesByType('resource').filter((entry) => "
+                                          "new URL(entry.name).pathname === `/api/v1${arguments[0]}`).length", path)
+
+    def wait_renewed(self, path, more=1):
+        """Waits until the document at `path` was asked for `more` times again."""
+        before = self.asked(path)
+        limit = time.monotonic() + 15 * more
+        while self.asked(path) < before + more:
+            self.assertLess(time.monotonic(), limit, f"{path} comes again")
+            time.sleep(0.1)
 
     def stale(self):
         return self.driver.execute_script("return document.body.dataset.stale")
@@ -416,6 +436,90 @@ class Stored(Browser):
         second = value.text
         webdriver.ActionChains(self.driver).move_to_element_with_offset(frame, 20, 30).perform()
         self.wait("return document.querySelector('.heat-value').textContent !== arguments[0]", "pointed", 5, second)
+
+    def test_a_block_of_an_open_slab_is_provisional_and_renewed_until_the_slab_has_ended(self):
+        path = "/slabs/55/blocks/4"
+        for language, words in (("en", "still open"), ("zh", "未结束")):
+            self.set(ended="0")
+            self.open(path, language)
+            self.assertIn(words, self.driver.execute_script(f"return {BAND}.innerText"))
+            self.assertEqual(self.driver.execute_script(f"return {BAND}.dataset.verdict"), "none", "a pass is not final")
+            self.assertEqual(self.driver.execute_script(f"return {BAND}.querySelector('.large')"), None)
+            self.assertEqual(self.driver.execute_script(
+                f"const band = {BAND}; const of = (e) => getComputedStyle(e);"
+                "return [of(band).backgroundColor, of(band.querySelector('.verdict')).color === of(band).color]"),
+                ["rgba(0, 0, 0, 0)", True])
+            self.accessible(f"open slab, {language}")
+        self.ask("reports=1")  # those of axe itself
+        self.driver.find_element(By.CSS_SELECTOR, "button[aria-pressed=false]").click()
+        self.driver.find_element(By.CSS_SELECTOR, "button[aria-expanded]").click()
+        self.wait("return document.querySelector('.surface-frame[data-ready=true] canvas') !== null", "the surface", 20)
+        self.driver.execute_script(WATCH_DIMMED)
+        self.wait_renewed(path, 2)
+        self.wait_renewed(f"{path}/map")
+        self.logs()
+        self.set(database="0")
+        self.wait_renewed(path)
+        time.sleep(0.5)
+        self.assertEqual(self.driver.execute_script("return document.querySelectorAll('main .trouble').length"), 0)
+        self.set(database="1", ended="1")
+        self.logs()  # the answers without a database
+        self.wait(f"return {BAND}.dataset.verdict === 'fail' && {BAND}.querySelector('.large') !== null", "the verdict", 15)
+        self.assertNotIn("未结束", self.driver.execute_script(f"return {BAND}.innerText"))
+        self.assertEqual(self.driver.execute_script("return window.dimmed"), 0, "a renewal is not shown as loading")
+        self.assertEqual(self.driver.execute_script("return [document.querySelectorAll('button[aria-pressed=true]').length > 0, "
+                                                    "document.querySelectorAll('.surface-frame canvas').length]"), [True, 1])
+        time.sleep(12)
+        before = [self.asked(path), self.asked(f"{path}/map")]
+        time.sleep(8)
+        self.assertEqual([self.asked(path), self.asked(f"{path}/map")], before, "a slab that has ended is not asked for again")
+        self.clean("open slab")
+
+    def test_an_open_slab_is_renewed_until_it_has_ended(self):
+        self.set(ended="0")
+        self.open("/slabs/55")
+        self.assertEqual(self.driver.execute_script(f"return {BAND}.dataset.slabVerdict"), "none")
+        self.assertNotIn("within its limits", self.driver.find_element(By.TAG_NAME, "main").text)
+        self.driver.execute_script(WATCH_DIMMED)
+        self.wait_renewed("/slabs/55")
+        self.set(ended="1")
+        self.wait(f"return {BAND}.dataset.slabVerdict === 'fail'", "the verdict", 15)
+        self.wait("return document.querySelectorAll('.findings .finding').length > 0", "the findings", 15)
+        self.assertEqual(self.driver.execute_script("return window.dimmed"), 0, "a renewal is not shown as loading")
+        time.sleep(12)
+        paths = ("/slabs/55", "/slabs/55/map", "/slabs/55/pin")
+        before = [self.asked(path) for path in paths]
+        self.assertEqual([count > 1 for count in before], [True, True, True])
+        time.sleep(8)
+        self.assertEqual([self.asked(path) for path in paths], before)
+        self.clean("open slab")
+
+    def test_maps_of_an_older_attempt_than_the_verdict_are_named(self):
+        note = "return document.querySelector('main .warning-line')?.innerText ?? ''"
+        for language, words in (("en", "attempt 1, the newest that was measured. The verdict is that of attempt 2"),
+                                ("zh", "第 1 次扫描（最近一次有测量结果的扫描）；结论属于第 2 次扫描")):
+            self.set(attempts="2")
+            self.open("/slabs/55/blocks/4", language)
+            self.wait("return document.querySelector('.heat') !== null", "the map")
+            self.assertIn(words, self.driver.execute_script(note))
+            self.accessible(f"two attempts, {language}")
+            self.set(attempts="1")
+            self.open("/slabs/55/blocks/4", language)
+            self.wait("return document.querySelector('.heat') !== null", "the map")
+            self.assertEqual(self.driver.execute_script(note), "")
+
+    def test_the_scale_of_a_comparison_stays_when_another_block_is_chosen(self):
+        choose = ("const one = document.querySelectorAll('main select')[arguments[0]]; one.value = arguments[1];"
+                  "one.dispatchEvent(new Event('change', {bubbles: true}))")
+        self.open("/compare?a=55&b=60")
+        for station in ("4", "11"):
+            self.driver.execute_script(choose, 0, station)
+            self.wait("return document.querySelector('.three .heat-frame')?.ariaLabel.includes(`block ${arguments[0]}.`)",
+                      "the maps", 15, station)
+            if station == "4":
+                self.driver.execute_script(choose, 1, "0.5")
+            self.assertEqual(self.driver.execute_script("return document.querySelectorAll('main select')[1].value"), "0.5")
+        self.clean("compare")
 
     def test_the_surface_turns_by_keyboard(self):
         self.open("/slabs/55/blocks/4")

@@ -171,6 +171,14 @@ TEST(Routes, an_option_cannot_be_smuggled_in) {
     EXPECT_EQ(arguments_of(bad), Words{"404"}) << bad;
 }
 
+// More slabs need hundreds of MB in slabctl.
+TEST(Routes, a_list_of_slabs_is_at_most_as_long_as_that_of_the_page) {
+  EXPECT_EQ(arguments_of("/api/v1/slabs?limit=1"), (Words{"history", "--json", "--limit=1"}));
+  EXPECT_EQ(arguments_of("/api/v1/slabs?limit=2000"), (Words{"history", "--json", "--limit=2000"}));
+  for (const char* bad : {"0", "050", "2001", "3000", "10000", "100000"})
+    EXPECT_EQ(arguments_of(std::string("/api/v1/slabs?limit=") + bad), Words{"400"}) << bad;
+}
+
 TEST(Routes, only_logins_decisions_and_pins_are_written) {
   const auto write_of = [](const char* raw) { return find_write(*parse_target(raw)); };
   EXPECT_EQ(write_of("/api/v1/login")->write, Write::login);

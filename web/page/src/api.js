@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Documents of the server. Every request has a time limit; an answer that is not the expected document is an error.
-import { useEffect, useState } from 'preact/hooks';
+import { useEffect, useRef, useState } from 'preact/hooks';
 
 /// slabctl makes most documents within 0.2 s; a report or a busy computer takes longer.
 const kTimeout_ms = 20000;
@@ -65,29 +65,58 @@ export const document_of = (path, schema, signal) => request(path, { cache: 'no-
 export const post = (path, body, schema = 'slabd.web_done/1') =>
   request(path, { method: 'POST', cache: 'no-store', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(body) }, schema);
 
+/// Period of renewing a document of a slab that has not ended: its verdicts are provisional.
+export const kOpen_ms = 5000;
+/// `every_ms` of the documents of a slabd.slab/1.
+export const whileOpen = (slab) => (slab.ended ? 0 : kOpen_ms);
+
+/// Calls ask(signal) for a document and show({document, error}) with the answer. `every_ms(document)`: milliseconds until the
+/// document is renewed; 0: never. A renewal without news shows nothing. A renewal that fails keeps the document, and the
+/// next one follows. Returns a function that ends this. `world`: setTimeout, clearTimeout; tests replace them.
+export function follow(ask, every_ms, show, world = globalThis) {
+  const ending = new AbortController();
+  let timer = 0;
+  let kept = null;
+  let text = '';
+  const turn = async () => {
+    try {
+      const document = await ask(ending.signal);
+      if (ending.signal.aborted) return;
+      const now = JSON.stringify(document);
+      if (now !== text) {
+        kept = document;
+        text = now;
+        show({ document, error: null });
+      }
+    } catch (error) {
+      if (ending.signal.aborted) return;
+      if (kept === null) show({ document: null, error });
+    }
+    const wait_ms = kept === null ? 0 : every_ms(kept);
+    if (wait_ms > 0) timer = world.setTimeout(turn, wait_ms);
+  };
+  turn();
+  return () => {
+    ending.abort();
+    world.clearTimeout(timer);
+  };
+}
+
+const never = () => 0;
+
 /// {document, error, loading, again} of `path`; null as path: nothing is asked. While a new path loads, the previous
-/// document stays with loading = true, so that filters do not make the page jump. `every_ms`: asks again and again.
-/// `mark`: asks again when it changes.
-export function useDocument(path, schema, every_ms = 0, mark = '') {
+/// document stays with loading = true, so that filters do not make the page jump. `mark`: asks again when it changes.
+/// `every_ms(document)`: as of follow; a renewal is not shown as loading.
+export function useDocument(path, schema, { every_ms = never, mark = '' } = {}) {
   const [state, setState] = useState({ path: null, document: null, error: null, loading: true });
   const [turn, setTurn] = useState(0);
+  const every = useRef(every_ms);
+  every.current = every_ms;
   useEffect(() => {
     if (path === null) return undefined;
-    const ending = new AbortController();
-    let timer = 0;
     setState((before) => ({ ...before, loading: true }));
-    document_of(path, schema, ending.signal)
-      .then((document) => setState({ path, document, error: null, loading: false }))
-      .catch((error) => {
-        if (!ending.signal.aborted) setState({ path, document: null, error, loading: false });
-      })
-      .finally(() => {
-        if (every_ms > 0 && !ending.signal.aborted) timer = setTimeout(() => setTurn((n) => n + 1), every_ms);
-      });
-    return () => {
-      ending.abort();
-      clearTimeout(timer);
-    };
-  }, [path, schema, turn, every_ms, mark]);
+    return follow((signal) => document_of(path, schema, signal), (document) => every.current(document),
+      (answer) => setState({ path, ...answer, loading: false }));
+  }, [path, schema, turn, mark]);
   return { ...state, again: () => setTurn((n) => n + 1) };
 }

@@ -140,7 +140,7 @@ export function App({ poll, firstLanguage }) {
   const [language, setLanguage] = useState(firstLanguage);
   const since = useMemo(createSince, []);
   const main = useRef(null);
-  const served = useDocument(`/words?language=${language}`, 'slabd.web_words/1', 0, String(closed)).document;
+  const served = useDocument(`/words?language=${language}`, 'slabd.web_words/1', { mark: String(closed) }).document;
   const words = useMemo(() => wordsOf(language, served?.language === language ? served : null), [language, served]);
   const kiosk = route.query.get('kiosk') === '1';
   useRenewal();

@@ -13,6 +13,9 @@ export function known(verdict) {
 
 export const symbol = (verdict) => kSymbols[known(verdict)];
 
+/// The verdict whose colour a band has. A pass before SLAB_END is provisional: only the slab's end makes it final.
+export const bandVerdict = (verdict, ended) => (ended || verdict !== 'pass' ? known(verdict) : 'none');
+
 /// Symbol and word in the colour of the verdict.
 export function VerdictMark({ verdict, className = '' }) {
   const { t } = useWords();

@@ -17,6 +17,8 @@
 //   cookie=1|0      0: the browser gets no cookie with a login, as if it refused it
 //   arms=1|2        2: two robots with a scanner each, the second scanner offline
 //   limits=1|0      0: the blocks of a trend have different limits, and values with other limits were left out
+//   ended=1|0       0: the stored slabs have not ended, and all their blocks have passed so far
+//   attempts=1|2    2: the stored blocks have a second attempt, which failed
 //   refuse=STATUS   every POST except login and logout is refused with this status
 //   reports=1       answers the CSP reports and errors that the page sent
 //
@@ -46,7 +48,7 @@ const types = { html: 'text/html; charset=utf-8', js: 'text/javascript; charset=
   svg: 'image/svg+xml', txt: 'text/plain; charset=utf-8' };
 
 const start = { status: 'live', slab: 'fail', id: null, done: '7', database: '1', fault: '0', newest: '', users: '1', required: '0',
-  second: '0', refuse: '', cookie: '1', limits: '1', arms: '1' };
+  second: '0', refuse: '', cookie: '1', limits: '1', arms: '1', ended: '1', attempts: '1' };
 let now = { ...start };
 /// A PNG picture of one pixel.
 const kPixel = 'iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg==';
@@ -221,6 +223,20 @@ async function textOf(request) {
   return text;
 }
 
+/// A slabd.slab/1 as set by `ended`.
+function atItsTime(slab) {
+  if (now.ended === '1') return slab;
+  const station_verdicts = slab.station_verdicts.map((one) => ({ ...one, verdict: 'pass', reason: 0 }));
+  return { ...slab, ended: null, verdict: 'none', reason: 0, acknowledged: false, items: [], station_verdicts };
+}
+
+/// The attempts of a block as set by `attempts`; the second one has too few points.
+function attemptsOf(block) {
+  if (now.attempts === '1') return [block];
+  const { result, ...scanned } = block;
+  return [{ ...block, valid: false }, { ...scanned, attempt: block.attempt + 1, valid: true, code: 401, final_verdict: 'not_measured', final_reason: 401 }];
+}
+
 /// The document of an address of the interface, or null.
 function documentOf(path, query) {
   const block = /^\/slabs\/(\d+)\/blocks\/(\d+)(\/map|\/cloud)?$/.exec(path);
@@ -231,8 +247,9 @@ function documentOf(path, query) {
     const slab = structuredClone(documents.slab_fail);
     slab.key = Number(block[1]);
     const near = slab.blocks.find((one) => one.station === station) ?? slab.blocks.find((one) => one.station === 3);
-    slab.blocks = [{ ...near, station }];
-    return slab;
+    slab.blocks = attemptsOf({ ...near, station });
+    if (now.attempts === '2') Object.assign(slab.station_verdicts[station - 1], { verdict: 'not_measured', reason: 401 });
+    return atItsTime(slab);
   }
   const slab = /^\/slabs\/(\d+)(\/map|\/pin)?$/.exec(path);
   if (slab !== null) {
@@ -241,10 +258,13 @@ function documentOf(path, query) {
     if (slab[2] === '/pin')
       return { schema: 'slabd.pin_state/1', key: Number(slab[1]), slab_id: now.id ?? 'C3-4155', scans: 18, scans_there: Number(slab[1]) < 50 ? 0 : 17,
         pin: pins.get(Number(slab[1])) ?? null };
-    if (slab[2]) return { ...mapOf(passed ? 'pass' : 'fail', query.get('language') ?? 'en'), key: Number(slab[1]) };
+    if (slab[2]) {
+      const map = mapOf(passed || now.ended === '0' ? 'pass' : 'fail', query.get('language') ?? 'en');
+      return { ...map, ...(now.ended === '0' && { verdict: 'none', ended_utime_us: null }), key: Number(slab[1]) };
+    }
     const document = structuredClone(documents[passed ? 'slab_pass' : 'slab_fail']);
     const dispositions = [...document.dispositions, ...(decisions.get(Number(slab[1])) ?? [])];
-    return { ...document, key: Number(slab[1]), slab_id: now.id ?? document.slab_id, dispositions };
+    return { ...atItsTime(document), key: Number(slab[1]), slab_id: now.id ?? document.slab_id, dispositions };
   }
   switch (path) {
     case '/slabs': {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One block: its items, its deviation map with a section, its surface in 3-D, and how it was scanned.
 import { useMemo, useState } from 'preact/hooks';
-import { useDocument } from '../api.js';
+import { kOpen_ms, useDocument, whileOpen } from '../api.js';
 import { figure, localTime } from '../figures.js';
 import { html } from '../html.js';
 import { HeatMap, ScaleBar } from '../parts/heat_map.js';
@@ -14,7 +14,7 @@ import { SurfaceView } from '../parts/surface_view.js';
 import { Facts, Table } from '../parts/table.js';
 import { Link } from '../router.js';
 import { Foreign, visible } from '../text.js';
-import { VerdictMark } from '../verdict.js';
+import { bandVerdict, VerdictMark } from '../verdict.js';
 import { useWords } from '../words.js';
 
 const kExaggerations = [1, 2, 5, 10, 20, 50, 100, 200, 500];
@@ -59,10 +59,10 @@ function Maps({ document, path, station, theme }) {
     <select value=${which} onChange=${(event) => setWanted(event.target.value)}>
       ${there.map((name) => html`<option key=${name} value=${name}>${t(name === 'seat' ? 'block.of_seat' : 'block.of_model')}</option>`)}
     </select></label>`;
-  return html`<${OneMap} key=${which} map=${maps[which]} choice=${choice} path=${path} station=${station} theme=${theme} />`;
+  return html`<${OneMap} key=${which} map=${maps[which]} attempt=${document.attempt} choice=${choice} path=${path} station=${station} theme=${theme} />`;
 }
 
-function OneMap({ map, choice, path, station, theme }) {
+function OneMap({ map, attempt, choice, path, station, theme }) {
   const { t } = useWords();
   const automatic_mm = useMemo(() => scaleFor(map.values), [map]);
   const [chosen, setChosen] = useState(0);
@@ -90,8 +90,8 @@ function OneMap({ map, choice, path, station, theme }) {
     <//>
     <${Panel} title=${t('block.surface')} aside=${html`<button type="button" aria-expanded=${String(open)}
         onClick=${() => setOpen(!open)}>${t('surface.open')}</button>`}>
-      ${open && html`<${SurfaceView} map=${map} path=${`${path}/cloud`} chosen_mm=${chosen} end_mm=${end_mm} exaggeration=${exaggeration}
-        station=${station} theme=${theme} />`}
+      ${open && html`<${SurfaceView} map=${map} attempt=${attempt} path=${`${path}/cloud`} chosen_mm=${chosen} end_mm=${end_mm}
+        exaggeration=${exaggeration} station=${station} theme=${theme} />`}
     <//>`;
 }
 
@@ -112,15 +112,39 @@ function Defects({ result }) {
   <//>`;
 }
 
+/// Verdict of the block as a band. Before SLAB_END it is provisional, so a pass is not shown as one.
+function BlockVerdict({ slab, station, verdict, why }) {
+  const { t, reason } = useWords();
+  const shown = bandVerdict(verdict, slab.ended);
+  return html`<div class=${`slab-verdict v-${shown}`} data-block=${station} data-verdict=${shown}>
+    ${!slab.ended && html`<span>· ${t('slab.still_open')}</span>`}
+    <${VerdictMark} verdict=${verdict} className=${slab.ended ? 'large' : ''} /> ${why ? html`<span>${reason(why)}</span>` : ''}
+    ${slab.emulated && html`<span class="mark">${t('emulation.mark')}</span>`}</div>`;
+}
+
+/// Number of the newest measured attempt, which is that of the stored maps; null if there is none.
+export const measuredAttempt = (attempts) => attempts.findLast((one) => one.result)?.attempt ?? null;
+
+/// Note that the maps are of an older attempt than the verdict: the newest attempt was not measured.
+function OtherAttempt({ map, block, newest }) {
+  const { t } = useWords();
+  // The two documents are kept for different times, so that one of them may be older.
+  if (!block || map.attempt === null || map.attempt === block.attempt || map.attempt !== newest) return null;
+  return html`<p class="warning-line"><span aria-hidden="true">! </span>${t('block.other_attempt', { map: map.attempt, attempt: block.attempt })}</p>`;
+}
+
 export function Block({ route, theme }) {
-  const words = useWords();
-  const { t, reason } = words;
+  const { t } = useWords();
   const { key, station } = route;
   const path = `/slabs/${key}/blocks/${station}`;
-  const ask = useDocument(path, 'slabd.slab/1');
-  const maps = useDocument(`${path}/map`, 'slabd.block_map/1');
-  const [budget, setBudget] = useState(false);
+  const ask = useDocument(path, 'slabd.slab/1', { every_ms: whileOpen });
   const slab = ask.document;
+  const attempts = slab?.blocks.filter((block) => block.station === station) ?? [];
+  const block = attempts.find((one) => one.valid) ?? attempts.at(-1);
+  // The server caches maps for 10 s, so that they may be those of the previous attempt when the slab has ended.
+  const maps = useDocument(`${path}/map`, 'slabd.block_map/1',
+    { every_ms: (map) => (slab?.ended && map.attempt === measuredAttempt(attempts) ? 0 : kOpen_ms) });
+  const [budget, setBudget] = useState(false);
   const last = slab?.stations ?? 18;
   const name = slab ? visible(slab.slab_id || slab.slab_no, 64) : key;
   return html`
@@ -133,16 +157,12 @@ export function Block({ route, theme }) {
     </nav>
     <${PageHead} title=${t('page.block', { station })} />
     <${Loaded} ask=${ask}>${(slab) => {
-      const attempts = slab.blocks.filter((block) => block.station === station);
-      const block = attempts.find((one) => one.valid) ?? attempts.at(-1);
       const final = slab.station_verdicts?.find((one) => one.station === station);
       const verdict = final?.verdict ?? block?.final_verdict ?? 'none';
       const why = final?.reason ?? block?.final_reason ?? 0;
       const items = block ? itemsInForce(slab, block) : { own: [], in_slab: [] };
       return html`
-        <div class=${`slab-verdict v-${verdict}`} data-block=${station} data-verdict=${verdict}>
-          <${VerdictMark} verdict=${verdict} className="large" /> ${why ? html`<span>${reason(why)}</span>` : ''}
-          ${slab.emulated && html`<span class="mark">${t('emulation.mark')}</span>`}</div>
+        <${BlockVerdict} slab=${slab} station=${station} verdict=${verdict} why=${why} />
         ${!block && html`<p>${t('block.not_scanned')}</p>`}
         ${block?.result && html`
           <${Panel} title=${t('block.items')} aside=${html`<button type="button" aria-pressed=${String(budget)}
@@ -152,7 +172,8 @@ export function Block({ route, theme }) {
             ${budget && html`<${BudgetTable} items=${[...items.own, ...items.in_slab]} ofSlab />`}
           <//>`}
         ${maps.error?.status === 404 ? html`<p class="quiet">${t('block.no_map')}</p>`
-          : html`<${Loaded} ask=${maps}>${(document) => html`<${Maps} key=${`${key} ${station}`} document=${document} path=${path} station=${station} theme=${theme} />`}<//>`}
+          : html`<${Loaded} ask=${maps}>${(document) => html`<${OtherAttempt} map=${document} block=${block} newest=${measuredAttempt(attempts)} />
+            <${Maps} key=${`${key} ${station}`} document=${document} path=${path} station=${station} theme=${theme} />`}<//>`}
         ${block?.result && html`<${Defects} result=${block.result} />`}
         ${block && html`<${Panel} title=${t('block.scan')}><${Facts} facts=${[
           [t('block.attempt'), block.attempt],

@@ -42,14 +42,14 @@ function Differences({ comparison }) {
     ${rest > 0 && html`<p class="quiet">${t('compare.more', { count: rest })}</p>`}`;
 }
 
-function ThreeMaps({ a, b, keys, station, theme }) {
+/// `chosen`: end of the scale, 0: automatic; it stays when another station is chosen.
+function ThreeMaps({ a, b, keys, station, chosen, setChosen, theme }) {
   const { t } = useWords();
   const maps = useMemo(() => {
     const [first, second] = [mapOf(a, 'deviation'), mapOf(b, 'deviation')];
     return [first, second, difference(first, second)];
   }, [a, b]);
   const automatic_mm = useMemo(() => scaleFor(maps.slice(0, 2).flatMap((map) => map?.values ?? [])), [maps]);
-  const [chosen, setChosen] = useState(0);
   const [cursor, setCursor] = useState(null);
   const end_mm = chosen || automatic_mm;
   const titles = [t('compare.map_a', { key: keys[0] }), t('compare.map_b', { key: keys[1] }), t('compare.map_difference')];
@@ -62,23 +62,25 @@ function ThreeMaps({ a, b, keys, station, theme }) {
 }
 
 // One station of the two slabs. Its key is the pair and the station, so that no map of the pair before is drawn meanwhile.
-function StationMaps({ a, b, station, theme }) {
+function StationMaps({ a, b, station, ...rest }) {
   const path = (key) => `/slabs/${key}/blocks/${station}/map`;
   const first = useDocument(path(a), 'slabd.block_map/1');
   const second = useDocument(path(b), 'slabd.block_map/1');
   return html`<${Loaded} ask=${first}>${(one) => html`<${Loaded} ask=${second}>${(two) =>
-    html`<${ThreeMaps} a=${one} b=${two} keys=${[a, b]} station=${station} theme=${theme} />`}<//>`}<//>`;
+    html`<${ThreeMaps} a=${one} b=${two} keys=${[a, b]} station=${station} ...${rest} />`}<//>`}<//>`;
 }
 
 function BlockMaps({ a, b, theme }) {
   const { t } = useWords();
   const [station, setStation] = useState(0);
+  const [chosen, setChosen] = useState(0);
   return html`<label class="field"><span>${t('compare.block')}</span>
       <select value=${String(station)} onChange=${(event) => setStation(Number(event.target.value))}>
         <option value="0">${t('compare.choose')}</option>
         ${Array.from({ length: 18 }, (_, i) => html`<option key=${i} value=${String(i + 1)}>${i + 1}</option>`)}
       </select></label>
-    ${station > 0 && html`<${StationMaps} key=${`${a} ${b} ${station}`} a=${a} b=${b} station=${station} theme=${theme} />`}`;
+    ${station > 0 && html`<${StationMaps} key=${`${a} ${b} ${station}`} a=${a} b=${b} station=${station}
+      chosen=${chosen} setChosen=${setChosen} theme=${theme} />`}`;
 }
 
 function SmallMap({ slabKey, name }) {

@@ -74,7 +74,7 @@ function Warnings({ status }) {
 function useMap(map, language) {
   const foreign = map !== null && map.language !== undefined && map.language !== language;
   const mark = foreign ? `${map.key} ${map.verdict} ${map.findings_count} ${map.blocks.map((block) => `${block.verdict}${block.attempts}`)}` : '';
-  const ask = useDocument(foreign ? `/slabs/${map.key}/map?language=${language}` : null, 'slabd.slab_map/1', 0, mark);
+  const ask = useDocument(foreign ? `/slabs/${map.key}/map?language=${language}` : null, 'slabd.slab_map/1', { mark });
   if (!foreign) return map;
   return ask.document?.key === map.key && !ask.loading ? { ...map, findings: ask.document.findings } : { ...map, findings: [] };
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // One stored slab: findings first, then the map, the slab's items, and what it was measured with.
 import { useState } from 'preact/hooks';
-import { useDocument } from '../api.js';
+import { kOpen_ms, useDocument, whileOpen } from '../api.js';
 import { figure, localTime } from '../figures.js';
 import { html } from '../html.js';
 import { DecisionPanel, Dispositions } from '../parts/decision.js';
@@ -114,8 +114,9 @@ function BlocksAndTimes({ slab }) {
 export function Slab({ route }) {
   const words = useWords();
   const { t, language } = words;
-  const ask = useDocument(`/slabs/${route.key}`, 'slabd.slab/1');
-  const map = useDocument(`/slabs/${route.key}/map?language=${language}`, 'slabd.slab_map/1');
+  const ask = useDocument(`/slabs/${route.key}`, 'slabd.slab/1', { every_ms: whileOpen });
+  const map = useDocument(`/slabs/${route.key}/map?language=${language}`, 'slabd.slab_map/1',
+    { every_ms: (map) => (map.ended_utime_us === null ? kOpen_ms : 0) });
   const slab = ask.document;
   const name = slab ? visible(slab.slab_id || slab.slab_no, 64) : route.key;
   return html`
@@ -133,7 +134,7 @@ export function Slab({ route }) {
       <div class="two">
         <${Panel} title=${t('slab.findings')}>
           <${Loaded} ask=${map}>${(map) => html`<${FindingList} findings=${findingsOf(map, words)} count=${map.findings_count} slabKey=${slab.key}
-            empty=${t(slab.ended ? 'slab.no_findings' : 'live.no_findings')} />`}<//>
+            empty=${t(map.ended_utime_us === null ? 'live.no_findings' : 'slab.no_findings')} />`}<//>
           ${slab.unconfirmed > 0 && html`<p class="warning-line"><span aria-hidden="true">! </span>${t('slab.unconfirmed', { count: slab.unconfirmed })}</p>`}
         <//>
         <${Panel} title=${t('slab.map')}><${SlabMap} blocks=${blocksOf(slab)} slabKey=${slab.key} small /><${Legend} /><//>

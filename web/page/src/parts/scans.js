@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Scans of a slab: how many of their files exist, and whether they are kept although space is needed (slabctl pin).
 import { useEffect, useRef, useState } from 'preact/hooks';
-import { post, useDocument } from '../api.js';
+import { post, useDocument, whileOpen } from '../api.js';
 import { localTime } from '../figures.js';
 import { html } from '../html.js';
 import { useSession } from '../session.js';
@@ -83,6 +83,6 @@ function ScanState({ state, again }) {
 
 /// Nothing if the state cannot be read.
 export function ScansPanel({ slab }) {
-  const ask = useDocument(`/slabs/${slab.key}/pin`, 'slabd.pin_state/1');
+  const ask = useDocument(`/slabs/${slab.key}/pin`, 'slabd.pin_state/1', { every_ms: () => whileOpen(slab) });
   return ask.document && html`<${ScanState} state=${ask.document} again=${ask.again} />`;
 }

@@ -2,7 +2,7 @@
 // The surface in 3-D: the stored map, or the points of the scan while its file is kept. Its program (three.js) is loaded
 // when the view is opened, the points when they are chosen.
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
-import { useDocument } from '../api.js';
+import { kOpen_ms, useDocument } from '../api.js';
 import { figure } from '../figures.js';
 import { html } from '../html.js';
 import { Foreign } from '../text.js';
@@ -30,7 +30,8 @@ function ScanNote({ ask, cloud, low, high }) {
 }
 
 /// `chosen_mm`: end of the scale, 0: automatic. `end_mm`: that of the map. `path`: where the scan's points are.
-export function SurfaceView({ map, path, chosen_mm, end_mm, exaggeration, station, theme }) {
+/// `attempt`: that of the map. The server caches points for 60 s, so its first answer may be those of the previous attempt.
+export function SurfaceView({ map, attempt, path, chosen_mm, end_mm, exaggeration, station, theme }) {
   const { t } = useWords();
   const host = useRef(null);
   const view = useRef(null);
@@ -38,7 +39,8 @@ export function SurfaceView({ map, path, chosen_mm, end_mm, exaggeration, statio
   const [ready, setReady] = useState(false);
   const [what, setWhat] = useState('map');
   const [asked, setAsked] = useState(false);
-  const ask = useDocument(asked ? path : null, 'slabd.block_cloud/1');
+  const ask = useDocument(asked ? path : null, 'slabd.block_cloud/1',
+    { mark: String(attempt), every_ms: (cloud) => (cloud.attempt === attempt ? 0 : kOpen_ms) });
   const cloud = useMemo(() => (ask.document === null ? null : cloudOf(ask.document)), [ask.document]);
   const [low, high] = useMemo(() => {
     if (cloud === null) return [0, 1];

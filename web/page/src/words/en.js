@@ -279,6 +279,7 @@ export const en = {
   'block.defects': 'Surface findings',
   'block.not_scanned': 'This block was not scanned.',
   'block.no_map': 'No map was stored with this block: it was not found in its scan.',
+  'block.other_attempt': 'The map, the section and the surface are those of attempt {map}, the newest that was measured. The verdict is that of attempt {attempt}.',
   'block.attempt': 'Attempt',
   'block.by': 'Scanned by',
   'block.points': 'Points',

@@ -279,6 +279,7 @@ export const zh = {
   'block.defects': '表面缺陷',
   'block.not_scanned': '该承轨台未扫描。',
   'block.no_map': '该承轨台没有保存偏差图：扫描中未找到承轨台。',
+  'block.other_attempt': '偏差图、剖面和三维表面来自第 {map} 次扫描（最近一次有测量结果的扫描）；结论属于第 {attempt} 次扫描。',
   'block.attempt': '第几次扫描',
   'block.by': '扫描设备',
   'block.points': '点数',
