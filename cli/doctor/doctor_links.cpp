@@ -256,7 +256,9 @@ static void examine_stored(const config::ArmSettings& settings, const LineCalibr
 }
 
 /// Calibrations of one arm as the daemon states them.
-static void examine_in_force(const config::ArmSettings& settings, const json& calibration, Examination& report) {
+/// `several`: the line has several robots.
+static void examine_in_force(const config::ArmSettings& settings, const json& calibration, bool several,
+                             Examination& report) {
   const std::string source = text(at(calibration, {"source"}));
   const std::string id = text(at(calibration, {"id"}));
   const std::int64_t now = hal::make_system_clock()->utime_us();
@@ -282,7 +284,9 @@ static void examine_in_force(const config::ArmSettings& settings, const json& ca
     if (text(at(table, {"state"})) != "used")
       report.warning(
           "corrections", say("{} is {}", text(at(table, {"id"})), translated(text(at(table, {"state"})))),
-          say("slabctl calibrate stations --again --apply; if the scanner was moved, master the stations again"));
+          several
+              ? say("slabctl calibrate stations with the mastered slabs (--slabs) again")
+              : say("slabctl calibrate stations --again --apply; if the scanner was moved, master the stations again"));
   for (const char* watch : {"reference_block", "monitor_ball"}) {
     const json& check = at(calibration, {watch});
     if (!check.is_object()) continue;
@@ -342,7 +346,7 @@ void examine_calibrations(const config::Config& config, const std::string& statu
     if (stored != nullptr)
       examine_stored(config.arm(arm), stored->arm[arm], report);
     else if (const std::optional<ArmStatus<json>> state = arm_in(status, arm, "calibration", report))
-      examine_in_force(config.arm(arm), state->calibration, report);
+      examine_in_force(config.arm(arm), state->calibration, config.arms.several(), report);
   }
   report.set_subject({});
   if (!config.arms.several()) return;

@@ -2,6 +2,7 @@
 #include <fmt/core.h>
 #include <sys/resource.h>
 #include <sys/timex.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -151,6 +152,9 @@ std::string udp_program(unsigned port) {
   if (socket.empty()) return "";
   std::error_code fault;
   for (fs::directory_iterator process("/proc", fault), end; !fault && process != end; process.increment(fault)) {
+    // "self" is this program, which may have inherited a socket from the one that started it.
+    const std::string pid = process->path().filename();
+    if (pid.find_first_not_of("0123456789") != std::string::npos || pid == std::to_string(::getpid())) continue;
     // A process that ends in the meantime is passed over.
     std::error_code ended;
     for (fs::directory_iterator file(process->path() / "fd", ended), last; !ended && file != last;
@@ -162,7 +166,7 @@ std::string udp_program(unsigned port) {
       std::ifstream comm(process->path() / "comm");
       std::string name;
       std::getline(comm, name);
-      return fmt::format("{} (pid {})", name, process->path().filename().string());
+      return fmt::format("{} (pid {})", name, pid);
     }
   }
   return "";

@@ -134,8 +134,9 @@ class Builder {
     }
     trend_.chart = individuals(complete);
     for (std::size_t i = 0; i < of.size(); ++i) of[i]->signal = trend_.chart.signals[i];
-    // A size is never below zero, so it has no lower control limit there.
-    const bool is_size = info(trend_.item).is_size || trend_.value_is == ValueIs::largest;
+    // A size is never below zero, so it has no lower control limit there. A gauge item may have a sign by its formula.
+    const bool has_sign = std::any_of(complete.begin(), complete.end(), [](double value) { return value < 0.0; });
+    const bool is_size = (info(trend_.item).is_size && !has_sign) || trend_.value_is == ValueIs::largest;
     if (is_size && trend_.chart.lower_control < 0.0) trend_.chart.lower_control = kNoValue;
   }
 

@@ -279,8 +279,9 @@ TEST_F(DoctorTest, refused_poses_are_reported_with_the_reason_and_a_bridge_that_
 
 TEST_F(DoctorTest, two_programs_that_publish_poses_are_named) {
   std::atomic<bool> stop{false};
-  const auto publish = [&](double x) {
-    lcm_t* lcm = lcm_create(lcm_url().c_str());
+  // slabctl inherits their sockets, and is not the one that publishes.
+  const std::array<lcm_t*, 2> publishers = {lcm_create(lcm_url().c_str()), lcm_create(lcm_url().c_str())};
+  const auto publish = [&](lcm_t* lcm, double x) {
     ASSERT_NE(lcm, nullptr);
     flange_pose_t pose{};
     pose.quat[0] = 1.0;
@@ -295,8 +296,8 @@ TEST_F(DoctorTest, two_programs_that_publish_poses_are_named) {
     }
     lcm_destroy(lcm);
   };
-  std::thread first([&] { publish(0.0); });
-  std::thread second([&] { publish(0.3); });
+  std::thread first([&] { publish(publishers[0], 0.0); });
+  std::thread second([&] { publish(publishers[1], 0.3); });
   const Opinion opinion = examine({}, "2");
   stop = true;
   first.join();
