@@ -75,7 +75,7 @@ struct ItemInfo {
   int plc_bit;  ///< bit of fail mask IR 38 / IR 39; -1 if none
   int reason;   ///< REASON of a verdict decided by this item; -1 if the item is information and decides nothing
   std::string_view companion = "";  ///< name of `Item::companion` in JSON and reports; empty if the item has none
-  bool is_size = false;             ///< needs no lower limit; the other items are limited on both sides of the nominal
+  bool is_size = false;             ///< needs no lower limit unless a formula gives it a sign; other items need both
   bool nominal_is_zero = false;     ///< whatever the geometry is
   bool U_from_recipe = false;       ///< no U is computed from the scan
   bool of_gauges = false;           ///< value and U follow from the line's gauges by the recipe's formula
