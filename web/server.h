@@ -30,8 +30,9 @@ struct ListenerSettings {
 
 class Listener {
  public:
-  /// `site` must live longer. An address that this computer does not have yet opens, too, and is reachable as soon as
-  /// the computer has it. Code::config: the address is in use, or certificate and key are not usable.
+  /// `site` must live longer. With waits_for_address, an address that this computer does not have yet opens, too, and
+  /// is reachable as soon as the computer has it. Code::config: the address is in use, or certificate and key are not
+  /// usable.
   [[nodiscard]] static Result<std::unique_ptr<Listener>> open(const ListenerSettings& settings, Site& site);
   /// Closes all connections. Documents must have been stopped, because their waiting threads are joined.
   ~Listener();

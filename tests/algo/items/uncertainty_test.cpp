@@ -354,13 +354,18 @@ TEST(Uncertainty, without_settings_items_keep_the_recipes_U_and_no_budget) {
 TEST(Uncertainty, a_part_that_is_unknown_never_makes_U_small) {
   const Block block;
   const Recipe& recipe = block.line.recipe();
+  Block good;
+  const BlockResult whole = good.budgeted();
   const auto spoiled = [&](const std::function<void(BlockResult&)>& spoil) {
     Block one;
     spoil(one.result);
     return one.budgeted();
   };
   const auto fell_back = [&](const BlockResult& r, ItemId id) {
-    return find(r, id).U >= recipe.tolerance(id).U && rss(find(r, id)) == 0.0;
+    // Not less than the recipe states, nor more than all parts together.
+    const double U = find(r, id).U;
+    const double of_recipe = recipe.tolerance(id).U;
+    return U >= of_recipe && U <= std::max(of_recipe, find(whole, id).U) && rss(find(r, id)) == 0.0;
   };
   BlockResult r = spoiled([](BlockResult& b) { b.seat.noise_factor = kNoValue; });
   for (const ItemId id : kLinearItems) EXPECT_TRUE(fell_back(r, id)) << info(id).name;
