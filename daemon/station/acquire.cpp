@@ -330,7 +330,8 @@ void hold_against_pose(Station& s, const Attempt& attempt, BlockMeasured& measur
   view.T_base_scanner = stored_T_base_scanner(s.slab.header, attempt);
   view.T_base_block = s.slab.header.T_base_slab * T_slab_block(*s.slab.recipe, s.slab.facts.design, attempt.station);
   view.T_scanner_block = registration.T_scanner_block;
-  if (measured.refused == Code::ok) {
+  // Another exposure may also show what looks like the end of another slab type.
+  if (measured.refused == Code::ok || measured.refused == Code::unknown_type) {
     const ViewFinding finding = compare_view(s.views, attempt.station, view);
     if (finding.is_refused) {
       measured.refused = Code::frame_incomplete;

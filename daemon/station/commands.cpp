@@ -210,6 +210,12 @@ bool is_byte_swapped(std::uint16_t echo, std::uint16_t session) {
   return echo != session && static_cast<std::uint16_t>(echo << 8U | echo >> 8U) == session;
 }
 
+/// True for a SLAB_END that will be given again once the fault is reset; the line may have moved on by then.
+bool is_end_in_fault(const Station& s, const PlcInputs& in, Code refusal) {
+  return static_cast<PlcCommand>(in.command) == PlcCommand::slab_end && refusal == current_fault(s) &&
+         s.slab.phase == SlabPhase::open && names_open_slab(s, in);
+}
+
 void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   CommandState& state = s.command;
   if (in.command_writer == 0) return;
@@ -251,6 +257,7 @@ void judge_command(Station& s, const PlcInputs& in, Actions& actions) {
   } else if (take_over(s, in, actions)) {
     refuse(s, in, Code::stale_session, actions);
   } else if (const Code code = check_content(s, in); code != Code::ok) {
+    if (is_end_in_fault(s, in, code)) freeze_gauges(s, actions);
     refuse(s, in, code, actions);
   } else {
     journal(s, in, actions);

@@ -25,6 +25,11 @@ const GaugeReading* used_before(const Station& s, const GaugeSettings& gauge) {
   return find_gauge(s.gauges.used, gauge.name.view());
 }
 
+/// True if the gauge's values say to which slab they belong.
+bool names_slab(const Station& s, const GaugeSettings& gauge) {
+  return gauge.link != GaugeLink::modbus && s.slab.header.slab_no != 0;
+}
+
 /// True if an item of the open slab needs this gauge.
 bool is_used(const Station& s, const GaugeName& gauge) {
   if (s.slab.recipe == nullptr) return false;
@@ -113,22 +118,23 @@ GaugeReading gauge_reading(const Station& s, std::size_t index) {
   const GaugeMoment moment = moment_of(s);
   // On a line that does not number its slabs, no value names one.
   const GaugeSample& sample = moment.slab_no == 0 ? newest_sample(s, index) : s.gauges.samples[index];
-  return bind(gauge, sample, s.gauges.checks[index], used_before(s, gauge), moment);
+  GaugeReading reading = bind(gauge, sample, s.gauges.checks[index], used_before(s, gauge), moment);
+  if (reading.state == GaugeState::ok && s.gauges.end_before_start && !names_slab(s, gauge))
+    reading.state = GaugeState::other_slab;
+  return reading;
 }
 
 void freeze_gauges(Station& s, Actions& actions) {
-  // A SLAB_END that could not be stored is given again, when the next slab may be in the gauges already. Good readings
+  // A SLAB_END that a fault hindered is given again, when the next slab may be in the gauges already. Good readings
   // stay, and every reading whose value does not name a slab.
   const GaugeReadings before = std::exchange(s.slab.facts.gauges, {});
   for (std::size_t i = 0; i < s.settings.gauges.size(); ++i) {
     const GaugeSettings& gauge = s.settings.gauges[i];
-    const bool names_slab = gauge.link != GaugeLink::modbus && s.slab.header.slab_no != 0;
     const GaugeReading* const first = find_gauge(before, gauge.name.view());
-    const bool stays = first != nullptr && (first->state == GaugeState::ok || !names_slab);
-    GaugeReading reading = stays ? *first : gauge_reading(s, i);
-    if (reading.state == GaugeState::ok && !stays && !names_slab && s.gauges.end_before_start)
-      reading.state = GaugeState::other_slab;
-    if (reading.state != GaugeState::ok && is_used(s, reading.gauge)) log_reading(actions, reading);
+    const bool stays = first != nullptr && (first->state == GaugeState::ok || !names_slab(s, gauge));
+    const GaugeReading reading = stays ? *first : gauge_reading(s, i);
+    const bool is_new = first == nullptr || first->state != reading.state;
+    if (is_new && reading.state != GaugeState::ok && is_used(s, reading.gauge)) log_reading(actions, reading);
     (void)s.slab.facts.gauges.push(reading);
   }
 }

@@ -230,7 +230,8 @@ void recover_gauges(Station& s, const RecoveredLine& line);
 [[nodiscard]] GaugeReading gauge_reading(const Station& s, std::size_t index);
 /// The last value that arrived, of a slab or a master.
 [[nodiscard]] const GaugeSample& newest_sample(const Station& s, std::size_t index);
-/// Fixes the readings of the open slab at its SLAB_END, and logs those that are not usable.
+/// Fixes the readings of the open slab at its SLAB_END, also at one that a fault hinders, and logs those that are not
+/// usable.
 void freeze_gauges(Station& s, Actions& actions);
 /// After the slab's result is durable.
 void note_used_gauges(Station& s, const SlabResult& result, Actions& actions);

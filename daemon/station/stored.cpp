@@ -45,6 +45,7 @@ void on_command(Station& s, const PendingStore& pending, Code code, Actions& act
   s.command.refuse_code = static_cast<std::uint16_t>(code);
   s.command.refuse_seq = pending.value;
   ++s.command.refused;
+  if (static_cast<PlcCommand>(s.command.pending_inputs.command) == PlcCommand::slab_end) freeze_gauges(s, actions);
   if (code == Code::store_full) {
     s.warn |= kWarnDiskLow;
     log(actions, LogLine::Level::error, code, "command refused: %.*s; %.*s", static_cast<int>(describe(code).size()),

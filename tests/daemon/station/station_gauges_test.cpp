@@ -148,17 +148,31 @@ TEST_F(GaugesTest, the_readings_are_fixed_when_slab_end_is_taken) {
   EXPECT_NEAR(find_gauge(line.station->gauges.used, "plc_left")->value, 5600.123, 1e-9);
 }
 
-// The end of the slab cannot be stored, and the next slab is gauged before SLAB_END is given again.
+// SLAB_END, or the end of the slab, cannot be stored, or a fault is shown already. The next slab is gauged before
+// SLAB_END is given again.
 TEST_F(GaugesTest, readings_stay_those_of_the_first_slab_end_if_it_is_given_again) {
-  for (const std::uint32_t slab_no : {42U, 0U}) {
-    SCOPED_TRACE(slab_no);
+  enum class Hindrance { end, command, fault };
+  for (const auto& [slab_no, hindrance] :
+       {std::pair(42U, Hindrance::end), std::pair(0U, Hindrance::end), std::pair(42U, Hindrance::command),
+        std::pair(0U, Hindrance::command), std::pair(42U, Hindrance::fault), std::pair(0U, Hindrance::fault)}) {
+    SCOPED_TRACE(testing::Message() << slab_no << ", hindrance " << static_cast<int>(hindrance));
     line.numbers_slabs = slab_no != 0;
     begin_slab(slab_no);
+    if (hindrance == Hindrance::fault) {
+      store.fail_when = [](const StoreJob& job) { return std::holds_alternative<BlockJob>(job.what); };
+      line.scan(1);
+      line.run_for(200);
+      ASSERT_NE(line.station->fault, 0);
+    }
     plc_sends(slab_no, kLength_um, kNoGaugeRegister);
-    store.fail_when = [](const StoreJob& job) { return std::holds_alternative<SlabJob>(job.what); };
+    if (hindrance == Hindrance::end)
+      store.fail_when = [](const StoreJob& job) { return std::holds_alternative<SlabJob>(job.what); };
+    if (hindrance == Hindrance::command)
+      store.fail_when = [](const StoreJob& job) { return std::holds_alternative<CommandJob>(job.what); };
     line.command(PlcCommand::slab_end);
     line.run_for(200);
     ASSERT_TRUE(line.view().slab_open);
+    ASSERT_NE(line.station->fault, 0);
     store.fail_when = nullptr;
     line.plc.fault_reset = true;
     line.feed(line.plc);
@@ -167,7 +181,7 @@ TEST_F(GaugesTest, readings_stay_those_of_the_first_slab_end_if_it_is_given_agai
     plc_sends(slab_no == 0 ? 0 : 43, 1, 2);
     // The hub's value is late, but names its slab; the instrument says nothing of it.
     GaugeSamples late{};
-    late[2] = {true, 5600.5, 1, slab_no, line.station->now_ns, line.station->utime_us};
+    late[2] = {true, 5600.5, ++meter_seq, slab_no, line.station->now_ns, line.station->utime_us};
     late[4] = {true, 5600.5, ++meter_seq, 0, line.station->now_ns, line.station->utime_us};
     line.feed(GaugesSampled{&late});
     ASSERT_TRUE(newest_sample(*line.station, 4).has_value);
