@@ -101,7 +101,7 @@ void write_registration(Json& json, const RegistrationReport& registration) {
   json.field("deviation", registration.deviation).end_object();
 }
 
-/// null if no budget was computed; U is then the recipe's.
+/// null if no budget was computed; U is then the recipe's, or that of the known parts if it is larger.
 void write_budget(Json& json, const Item& item) {
   json.key("budget");
   if (!has_budget(item)) {

@@ -44,6 +44,17 @@ ScannerModel scanner_of(const Recipe& recipe, const SlabArms& arms, std::size_t 
 }
 static_assert(limits::kArmsMax == 2, "a budget has one tie and two scanners");
 
+/// Both outer jaws of a pair that one scanner sees are at the same place of its image, and its flange is turned by 180
+/// degrees between the rows. Its error there is outward in both blocks: the distance across the track has it twice,
+/// which the sum over stations, as if they were independent, does not show (as for the hand-eye, `splice_for`). Two
+/// scanners err independently.
+double jaws_of_pair(const std::array<Vec3, limits::kStationsMax + 1>& jaw, std::span<const StationSigma> sigmas) {
+  std::array<bool, limits::kArmsMax> sees{};
+  for (std::size_t k = 1; k < jaw.size(); ++k)
+    if (!jaw[k].isZero()) sees[sigmas[k].arm] = true;
+  return sees[0] && sees[1] ? 1.0 : 2.0;
+}
+
 }  // namespace
 
 SlabBudget::SlabBudget(const Recipe& recipe, const SlabArms& arms, std::span<const StationSigma> sigmas)
@@ -141,6 +152,7 @@ Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
   double calibration = 0.0;
   double robot = 0.0;
   double reference = 0.0;
+  const double jaws = jaws_of_pair(gradient.jaw, sigma_);
   for (std::size_t k = 1; k < errors_.size(); ++k) {
     const StationErrors& e = errors_[k];
     const StationSigma& of_station = sigma_[k];
@@ -159,12 +171,12 @@ Budget SlabBudget::budget(const SlabGradient& gradient, double unit) const {
                           square(e.jaw_per_tilt_mm * of_scanner.tilt_rad()) +
                           square(of_scanner.length_mm(e.jaw_lever.norm()));
     scanner += gp.squaredNorm() * square(of_scanner.place_mm()) + gn.squaredNorm() * square(of_scanner.tilt_rad()) +
-               gj.squaredNorm() * at_jaw;
+               jaws * gj.squaredNorm() * at_jaw;
 
     // The jaw against its own block, and tilts. The place of the whole block along the view is displaced alike at every
     // station of an arm: between_scanners().
     if (const double drift = of_station.scanner_drift; std::isfinite(drift) && drift != 0.0)
-      scanner += square(drift) / 3.0 * (gn.squaredNorm() + gj.squaredNorm() * e.jaw_lever.squaredNorm());
+      scanner += square(drift) / 3.0 * (gn.squaredNorm() + jaws * gj.squaredNorm() * e.jaw_lever.squaredNorm());
 
     const double moved = (gp + gj).squaredNorm();
     const double turned = (e.normal.cross(gn) + e.jaw_lever.cross(gj)).squaredNorm();

@@ -20,7 +20,11 @@ using StationItems = FixedVector<Item, kStationItemsMax>;
 
 /// Deviation of a seat from its own position, as far as it affects an item between it and `other`.
 double out_of_place_mm(const Seat& seat, const Seat& other, const Item& item) {
-  if (item.id != ItemId::large_jaw_distance) return std::abs(seat.p.x() - seat.nominal.x());
+  if (item.id != ItemId::large_jaw_distance) {
+    // The seats are at the slab's temperature. Of a spacing, measured / value is the expansion since the reference.
+    const double expanded = has_value(item.measured) ? item.measured / item.value : 1.0;
+    return std::abs(seat.p.x() - expanded * seat.nominal.x());
+  }
   // Half of the nominal on both sides of the middle; in a curve slab that is not the slab's axis.
   const double middle_y = 0.5 * (seat.nominal.y() + other.nominal.y());
   return std::abs(std::abs(seat.jaw_outer.y() - middle_y) - 0.5 * item.nominal);

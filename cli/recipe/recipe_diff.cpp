@@ -62,9 +62,9 @@ std::vector<KeyDifference> differences_of(const Recipe& a, const Recipe& b) {
 }
 
 /// True for items whose U without a budget is the larger one of the recipe's U and that from the scan
-/// (algo/items/uncertainty.h). The scan gives no U of flatness.
+/// (algo/items/uncertainty.h).
 bool widens_by_scan(ItemId id) {
-  return info(id).scope == ItemScope::block && id != ItemId::seat_flatness && !info(id).U_from_recipe;
+  return info(id).scope == ItemScope::block && !info(id).U_from_recipe;
 }
 
 /// Sets U and verdict of `judged`, which contains the recipe's U. A stored U above that of the original recipe is the

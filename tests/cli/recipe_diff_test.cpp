@@ -96,10 +96,10 @@ TEST_F(RecipeDiff, differences_that_need_scans_are_reported) {
   expect_mentions(other.out, "left out: slab 1 \"SLAB-0042\": it has 18 blocks, the recipe 16");
 }
 
-/// A slab with one block whose only item is a casing spacing without a budget, stored with `U`.
-storage::SlabRecord stored_spacing(double value, double U) {
+/// A slab with one block that has only this item, without a budget and stored with `U`.
+storage::SlabRecord stored_item(ItemId id, double value, double U) {
   Item item;
-  item.id = ItemId::casing_spacing;
+  item.id = id;
   item.station = 1;
   item.value = value;
   item.U = U;
@@ -127,7 +127,8 @@ TEST_F(RecipeDiff, share_of_the_scan_in_U_is_kept) {
   };
   const auto now = [&](double value, double U, const Recipe* measured_with) {
     Now out;
-    const Item item = rejudged(stored_spacing(value, U), b, measured_with, out.unknown)[0].block.items[0];
+    const Item item =
+        rejudged(stored_item(ItemId::casing_spacing, value, U), b, measured_with, out.unknown)[0].block.items[0];
     out.U = item.U;
     out.verdict = item.verdict;
     return out;
@@ -155,6 +156,19 @@ TEST_F(RecipeDiff, share_of_the_scan_in_U_is_kept) {
   expect(now(233.4, kNoValue, nullptr), 0.3, Verdict::indeterminate, 0);
   set_U(kNoValue);
   expect(now(233.1, 0.25, nullptr), kNoValue, Verdict::indeterminate, 0);
+}
+
+// A U whose known parts were larger than that of the recipe.
+TEST_F(RecipeDiff, flatness_keeps_the_U_that_was_above_the_recipe) {
+  Recipe b = recipe_;
+  Tolerance& flatness = b.tolerances[static_cast<std::size_t>(ItemId::seat_flatness)];
+  flatness.U = 0.05;
+  const double value = flatness.upper - 0.07;
+  int unknown = 0;
+  const auto judged = [&](double U) { return rejudged(stored_item(ItemId::seat_flatness, value, U), b, &b, unknown); };
+  EXPECT_EQ(judged(0.08)[0].block.items[0].verdict, Verdict::indeterminate);
+  EXPECT_EQ(judged(0.05)[0].block.items[0].verdict, Verdict::pass);
+  EXPECT_EQ(unknown, 0);
 }
 
 TEST_F(RecipeDiff, verdicts_that_only_scans_can_tell_are_counted) {

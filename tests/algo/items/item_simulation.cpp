@@ -74,12 +74,6 @@ void disturb(PlaneFit& fit, const PlaneNoise& noise, Prng& prng) {
   const double b = root * noise.tilt_rad * prng.normal();
   disturb(fit, shift, a, b);
 }
-void tilt_rectangular(PlaneFit& fit, double half_width, Prng& prng) {
-  const double a = rectangular(prng, half_width);
-  const double b = rectangular(prng, half_width);
-  disturb(fit, 0.0, a, b);
-}
-
 /// Projects p onto the plane.
 Vec3 on(const PlaneFit& plane, const Vec3& p) {
   return p - (plane.normal.dot(p) - plane.offset_mm) * plane.normal;
@@ -247,7 +241,17 @@ Pose Line::T_base_slab() {
   return scene::displaced(2500.0, -300.0, 400.0, 0.4, -0.3, 25.0);
 }
 
-BlockResult Line::measure_block(int station, const BuiltBlock& built, const Errors& errors, Prng& prng) const {
+ScannersAtJaw outer_jaw_errors(Prng& prng) {
+  ScannersAtJaw scanners;
+  for (OuterJawErrors& jaw : scanners)
+    for (double* error : {&jaw.place, &jaw.length, &jaw.tilt_a, &jaw.tilt_b}) *error = rectangular(prng, 1.0);
+  return scanners;
+}
+
+BlockResult Line::measure_block(int station, const BuiltBlock& built, const Errors& errors, Prng& prng,
+                                const ScannersAtJaw* scanners) const {
+  const std::size_t arm = second_ && second_->scans[static_cast<std::size_t>(station - 1)] ? 1 : 0;
+  const OuterJawErrors* const of_slab = scanners == nullptr ? nullptr : &scanners->at(arm);
   const BlockGeometry& g = recipe_.block;
   const algo::ScannerModel scanner(recipe_.uncertainty);
   const double spec = errors.scanner * std::sqrt(3.0);  // half widths from standard uncertainties
@@ -325,11 +329,19 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
   r.casing_inner.centre += shift - 0.5 * (apart + longer) * s;
   disturb(r.seat.plane, r.seat.plane.normal.dot(shift), 0.0, 0.0);
   disturb(r.jaw_inner, rectangular(prng, place), 0.0, 0.0);
-  disturb(r.jaw_outer, rectangular(prng, place), 0.0, 0.0);
-  const double jaw_longer = rectangular(prng, spec * scanner.length_mm(g.jaw_half_distance_mm.value));
+  const double outer_mm = rectangular(prng, place);
+  disturb(r.jaw_outer, of_slab == nullptr ? outer_mm : place * of_slab->place, 0.0, 0.0);
+  const double length_mm = spec * scanner.length_mm(g.jaw_half_distance_mm.value);
+  const double own_mm = rectangular(prng, length_mm);
+  const double jaw_longer = of_slab == nullptr ? own_mm : length_mm * of_slab->length;
   disturb(r.jaw_inner, -jaw_longer * r.jaw_inner.normal.dot(s), 0.0, 0.0);
   disturb(r.jaw_outer, jaw_longer * r.jaw_outer.normal.dot(s), 0.0, 0.0);
-  for (PlaneFit* plane : {&r.seat.plane, &r.jaw_inner, &r.jaw_outer, &r.slab_top}) tilt_rectangular(*plane, tilt, prng);
+  for (PlaneFit* plane : {&r.seat.plane, &r.jaw_inner, &r.jaw_outer, &r.slab_top}) {
+    const double a = rectangular(prng, tilt);
+    const double b = rectangular(prng, tilt);
+    const bool is_of_slab = of_slab != nullptr && plane == &r.jaw_outer;
+    disturb(*plane, 0.0, is_of_slab ? tilt * of_slab->tilt_a : a, is_of_slab ? tilt * of_slab->tilt_b : b);
+  }
 
   // Reference: angles by the error of the seat's, lengths by a common scale.
   const double turn_a = reference_rad * prng.normal();
@@ -385,8 +397,11 @@ BlockResult Line::measure_block(int station, const BuiltBlock& built, const Erro
 
 Measured Line::measure(const BuiltSlab& slab, const Errors& errors, Prng& prng) const {
   Measured m;
+  Prng copy = prng;  // the other numbers stay as they are
+  Prng of_scanner(static_cast<std::uint64_t>(1e15 * copy.uniform()));
+  const ScannersAtJaw jaw = outer_jaw_errors(of_scanner);
   for (int station = 1; station <= recipe_.stations(); ++station)
-    m.blocks.push_back(measure_block(station, slab.blocks[static_cast<std::size_t>(station - 1)], errors, prng));
+    m.blocks.push_back(measure_block(station, slab.blocks[static_cast<std::size_t>(station - 1)], errors, prng, &jaw));
   if (second_) displace(tie_error(errors, prng), m.blocks);
   inspect(m.blocks, m.slab);
   return m;
@@ -434,6 +449,8 @@ std::vector<Coverage> coverage(const Line& line, const Errors& errors, int slabs
     Measured truth;
     Measured measured;
     Prng silent(1);
+    Prng of_scanner(seed + static_cast<std::uint64_t>(k) + 1'000'000);
+    const ScannersAtJaw jaw = outer_jaw_errors(of_scanner);
     for (int station = 1; station <= line.recipe().stations(); ++station) {
       const BuiltBlock& block = built.blocks[static_cast<std::size_t>(station - 1)];
       const bool flat = flatness_every > 0 && (k * line.recipe().stations() + station) % flatness_every == 0;
@@ -442,7 +459,7 @@ std::vector<Coverage> coverage(const Line& line, const Errors& errors, int slabs
       with.flatness = without.flatness = flat;
       without.noise_mm = with.noise_mm;
       without.points = with.points;
-      measured.blocks.push_back(line.measure_block(station, block, with, prng));
+      measured.blocks.push_back(line.measure_block(station, block, with, prng, &jaw));
       truth.blocks.push_back(line.measure_block(station, block, without, silent));
       for (const Item& item : measured.blocks.back().items)
         compare(item, *find_item(truth.blocks.back().items.begin(), truth.blocks.back().items.end(), item.id), false);

@@ -82,12 +82,26 @@ struct SecondRobot {
 /// A tie with independent errors: `sigma_mm` per axis in the middle of the targets, `sigma_rad` per axis.
 [[nodiscard]] TieNumbers independent_tie(double sigma_mm, double sigma_rad, const Vec3& centre_mm);
 
+/// Errors of a scanner at the outer jaw, -1..1 of their half widths. They belong to a place of its image, so that all
+/// of its blocks have the same.
+struct OuterJawErrors {
+  double place = 0.0;
+  double length = 0.0;
+  double tilt_a = 0.0;
+  double tilt_b = 0.0;
+};
+/// One for each arm.
+using ScannersAtJaw = std::array<OuterJawErrors, limits::kArmsMax>;
+[[nodiscard]] ScannersAtJaw outer_jaw_errors(Prng& prng);
+
 /// Measures a built slab: features with errors, block items, budgets, observations, slab items.
 class Line {
  public:
   Line(const Recipe& recipe, const algo::StationSigma& sigma, const std::optional<SecondRobot>& second = {});
 
-  [[nodiscard]] BlockResult measure_block(int station, const BuiltBlock& built, const Errors& errors, Prng& prng) const;
+  /// `scanners`: nullptr for a block by itself.
+  [[nodiscard]] BlockResult measure_block(int station, const BuiltBlock& built, const Errors& errors, Prng& prng,
+                                          const ScannersAtJaw* scanners = nullptr) const;
   [[nodiscard]] Measured measure(const BuiltSlab& slab, const Errors& errors, Prng& prng) const;
 
   /// True motion of the second robot's base from where the tie puts it, base frame.

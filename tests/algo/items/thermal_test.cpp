@@ -83,6 +83,27 @@ TEST(Thermal, a_warm_slab_reads_what_it_has_at_the_reference) {
   }
 }
 
+TEST(Thermal, the_displaced_one_of_two_seats_is_to_blame_at_any_temperature) {
+  Recipe recipe = simulation::recipe_with_uncertainty();
+  recipe.thermal = settings();
+  const simulation::Line line(recipe, {0.02, rad_from_deg(0.001)});
+  for (const double temperature_c : {-10.0, 20.0, 50.0}) {
+    SCOPED_TRACE(temperature_c);
+    Prng prng(3);
+    std::vector<BlockResult> blocks = line.measure(simulation::nominal(recipe), simulation::none(), prng).blocks;
+    expand(blocks, kConcrete_per_K * (temperature_c - 20.0));
+    // Station 9 is at the end of its row: inward if the slab is warm, outward if it is cold.
+    const Vec3 off_mm(temperature_c < 20.0 ? 1.2 : -1.2, 0.0, 0.0);
+    const Vec3 off_base_mm = simulation::Line::T_base_slab().rotation * off_mm;
+    blocks[8].observation.p_base += off_base_mm;
+    blocks[8].observation.jaw_outer_base += off_base_mm;
+    SlabResult slab;
+    algo::inspect_slab(recipe, blocks, line.sigma(), line.T_base_slab(), slab, {}, at(temperature_c));
+    EXPECT_EQ(slab.station_verdict[8], Verdict::fail);
+    EXPECT_NE(slab.station_verdict[7], Verdict::fail);
+  }
+}
+
 TEST(Thermal, without_the_recipe_s_table_nothing_is_corrected) {
   const simulation::Line line(simulation::recipe_with_uncertainty(), {0.02, rad_from_deg(0.001)});
   Prng prng(6);

@@ -606,6 +606,22 @@ TEST(ScannerBudget, drift_with_temperature_adds_to_the_scanners_part_and_without
   EXPECT_GT(find(warm, ItemId::seat_flatness).U, find(without, ItemId::seat_flatness).U);
 }
 
+// Both outer jaws are at the same place of the scanner's image.
+TEST(ScannerBudget, an_error_at_the_outer_jaw_counts_twice_across_the_track) {
+  Recipe recipe = simulation::recipe_with_uncertainty();
+  recipe.uncertainty.scanner_form_mm.value = 1e-9;
+  const Line line(recipe, {0.02, rad_from_deg(0.001)});
+  Prng prng(4);
+  Errors errors = simulation::none();
+  errors.noise_factor = 1.0;
+  const simulation::Measured m = line.measure(simulation::nominal(recipe), errors, prng);
+  const Item* item = find_item(m.slab.items.begin(), m.slab.items.end(), ItemId::large_jaw_distance);
+  ASSERT_NE(item, nullptr);
+  const SeatObservation& seen = m.blocks[0].observation;
+  const double length_mm = algo::ScannerModel(recipe.uncertainty).length_mm((seen.jaw_outer_base - seen.p_base).norm());
+  EXPECT_NEAR(item->budget[static_cast<std::size_t>(BudgetPart::scanner)], 2.0 * length_mm, 0.02 * length_mm);
+}
+
 TEST(ScannerBudget, verified_correlation_requires_a_noise_factor_by_the_density_of_the_scan) {
   ScannerNumbers n;
   EXPECT_EQ(verified_noise_factor(n, 20.0), 1.0) << "nothing was verified";
