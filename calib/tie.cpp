@@ -299,6 +299,33 @@ double condition_of(const std::vector<Pair>& pairs, const Fit& fit, double lever
   return parts.values[0] > 0.0 ? std::sqrt(parts.values[5] / parts.values[0]) : std::numeric_limits<double>::infinity();
 }
 
+/// Variance of the misfit between the robots over the stated one, at least 1. A robot's error that neighbouring poses
+/// share is the same in all views of a ball: it does not show in their scatter, and more views do not reduce it. What
+/// chance explains counts as 1.
+double misfit_of(double chi_square, std::size_t pairs) {
+  constexpr double kByChance = 2.5;
+  const int freedom = 3 * static_cast<int>(pairs) - 6;
+  return freedom > 0 && normal_sigmas(chi_square, freedom) > kByChance ? std::max(1.0, chi_square / freedom) : 1.0;
+}
+
+/// The same of the usual one among the pairs without the k-th: another ball that was moved does not excuse this one.
+double usual_misfit_of(const std::vector<Pair>& pairs, std::size_t k, const Fit& others) {
+  const double misfit = misfit_of(others.chi_square, pairs.size() - 1);
+  if (misfit <= 1.0) return misfit;
+  std::vector<double> each;
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    if (i == k) continue;
+    const Vec3 off = pairs[i].by[0].q_mm - others.T * pairs[i].by[1].q_mm;
+    each.push_back(off.dot(Vec3(inverse3(covariance_of(pairs[i], others.T)) * off)));
+  }
+  std::sort(each.begin(), each.end());
+  const std::size_t count = each.size();
+  const double median = 0.5 * (each[(count - 1) / 2] + each[count / 2]);
+  // The fit takes six of the three coordinates of each pair.
+  const double left = static_cast<double>(count) / (static_cast<double>(count) - 2.0);
+  return std::max(1.0, left * median / chi_square_median(3));
+}
+
 /// Distance of one pair from the tie of the others, and its rarity.
 void leave_out(const std::vector<Pair>& pairs, std::size_t k, double chi_square_within, int freedom_within,
                TieTarget& out) {
@@ -311,7 +338,9 @@ void leave_out(const std::vector<Pair>& pairs, std::size_t k, double chi_square_
   const Matrix own = Matrix(covariance_of(pairs[k], others.T)) + carried(J, Matrix(others.covariance));
   out.leave_one_out_mm = off.norm();
   const int freedom = freedom_within + 3 * (static_cast<int>(pairs.size()) - 1) - 6;
-  const double scale = freedom > 0 ? std::max(1.0, (chi_square_within + others.chi_square) / freedom) : 1.0;
+  const double scale =
+      freedom > 0 ? std::max((chi_square_within + others.chi_square) / freedom, usual_misfit_of(pairs, k, others))
+                  : 1.0;
   out.sigmas = normal_sigmas(off.dot(Vec3(Vec3(inverse(own) * off))) / scale, 3);
 }
 
@@ -427,7 +456,7 @@ Result<Tie> solve_tie(const TieArm& first, const TieArm& second, std::span<const
   tie.numbers.centre_mm = all.middle_mm;
   tie.numbers.rms_mm = std::sqrt(sum_mm2 / static_cast<double>(pairs.size()));
   const Spread6 uncertainty(all, pairs);
-  const double scale = std::max(1.0, square(tie.s0));
+  const double scale = std::max(square(tie.s0), misfit_of(all.chi_square, pairs.size()));
   Mat6 covariance = Mat6::Zero();
   for (std::size_t robot = 0; robot < 2; ++robot)
     covariance += scale * uncertainty.of_noise(robot, *arms[robot], places[robot]) +

@@ -538,8 +538,8 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"{} expires in {} days", "{} 将在 {} 天后过期"},
     {"plan a new one", "请安排新的标定"},
     {"{} is {}", "{}：{}"},
-    {"slabctl calibrate stations with the mastered slabs (--slabs) again",
-     "用基准轨道板（--slabs）重新执行 slabctl calibrate stations"},
+    {"slabctl calibrate stations with the mastered slabs (--slabs) again, for each scanner",
+     "对每台扫描仪用基准轨道板（--slabs）重新执行 slabctl calibrate stations"},
     {"slabctl calibrate stations --again --apply; if the scanner was moved, master the stations again",
      "slabctl calibrate stations --again --apply；如果扫描仪移动过，请重新测量各检测位的修正"},
     {"find the cause, then slabctl calibrate check", "查明原因，然后执行 slabctl calibrate check"},
@@ -763,9 +763,10 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"mastered", "示教"},
     {"nominal", "公称"},
     {"the station corrections in force hold for the old calibration and become stale; afterwards: slabctl calibrate "
-     "stations --again --apply, or master the stations again if the scanner was moved on the flange\n",
+     "stations --again --apply, or master the stations again if the scanner was moved on the flange or the line has "
+     "two robots and a certificate of a slab\n",
      "生效的检测位修正属于旧标定，将会失效；之后执行：slabctl calibrate stations --again "
-     "--apply；如果扫描仪在法兰上移动过，请重新测量各检测位\n"},
+     "--apply；如果扫描仪在法兰上移动过，或产线有两台机器人且证书是轨道板的，请重新测量各检测位\n"},
     {"warning: the held-out views fit what is in force better than the new solution; is a change needed?",
      "警告：留出的视图与生效的标定更相符；确实需要更改吗？"},
     {"Use it? Type yes: ", "采用吗？输入 yes："},
@@ -1306,11 +1307,10 @@ constexpr auto kCatalogue = std::to_array<Translation>({
     {"--scanner {}: {} is a calibration of scanner {}", "--scanner {}：{} 是扫描仪 {} 的标定"},
     {"--slab {} --station {}: scanner {} scanned it, not scanner {}",
      "--slab {} --station {}：由扫描仪 {} 扫描，不是扫描仪 {}"},
-    {"the corrections of two robots refer to one place of the mastered slab, which the stations of both give: give the "
-     "same slabs again for each scanner (--certificate and --slabs)",
-     "两台机器人的修正须以基准轨道板的同一位置为准，该位置由两台机器人的检测位共同确定：请对每台扫描仪重新给出相同的轨"
-     "道板"
-     "（--certificate 和 --slabs）"},
+    {"the corrections of two robots refer to one place of the mastered slab, which the measured stations of both give: "
+     "give the same slabs, scanned by both, again for each scanner (--certificate and --slabs)",
+     "两台机器人的修正须以基准轨道板的同一位置为准，该位置由两台机器人测量过的检测位共同确定：请对每台扫描仪重新给出"
+     "两台机器人都扫描过的相同轨道板（--certificate 和 --slabs）"},
     {"the base frames of the two robots are not tied: slabctl calibrate tie",
      "两台机器人的基坐标系没有关联：slabctl calibrate tie"},
     {"ball<", "球<"},

@@ -65,6 +65,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"ask for fewer slabs, or raise [web] answer_s", "请查询较少的板，或加大 [web] answer_s"},
     {"the document is longer than 64 MB", "文档超过 64 MB"},
     {"ask for fewer slabs", "请查询较少的板"},
+    {"ask for fewer slabs: the unit's memory was used up", "请查询较少的板：该单元的内存已用完"},
     {"slabctl was ended by signal {}", "slabctl 被信号 {} 结束"},
     {"slabctl cannot be started: {}", "无法启动 slabctl：{}"},
     {"[web] slabctl names the program", "[web] slabctl 给出该程序"},
@@ -426,8 +427,8 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"its numbers in the database were changed after it was kept", "其在数据库中的数值在存储后被改动"},
     {"it has expired; calibrate again", "已过期；请重新标定"},
     {"its station corrections were solved with hand-eye calibration {}, in force is {}; solve them again (slabctl "
-     "calibrate stations --again)",
-     "其检测位修正用手眼标定 {} 求解，现在生效的是 {}；请重新求解（slabctl calibrate stations --again）"},
+     "calibrate stations)",
+     "其检测位修正用手眼标定 {} 求解，现在生效的是 {}；请重新求解（slabctl calibrate stations）"},
     {"there is no calibration {}; slabctl calibrate history lists them",
      "没有标定 {}；slabctl calibrate history 列出全部标定"},
     {"no calibration of kind {} is in force that could be rolled back", "没有生效的{}，因此没有可回退的标定"},

@@ -45,10 +45,24 @@ namespace {
 constexpr std::size_t kTextMax = 32U << 20U;
 /// A tie belongs to no single scanner.
 constexpr std::string_view kTieScanner = "1";
+/// First line of the visits of corrections that were solved while a tie was in force, followed by its id.
+constexpr std::string_view kWithTie = "# placed with tie ";
 
 template <typename... Parts>
 std::string select(const char* table, const std::string& rest) {
   return "SELECT " + joined(names_of<Parts...>(), ", ") + " FROM " + table + " " + rest;
+}
+
+/// True if the tie's numbers are the same: the same calibration kept again has the id with a number behind a dot.
+bool is_same_tie(std::string_view a, std::string_view b) {
+  return a.substr(0, a.find('.')) == b.substr(0, b.find('.'));
+}
+
+/// Tie in force when the corrections of these visits were kept; empty if none is named.
+std::string tie_of_visits(std::string_view visits) {
+  if (!visits.starts_with(kWithTie)) return "";
+  visits.remove_prefix(kWithTie.size());
+  return std::string(visits.substr(0, visits.find('\n')));
 }
 
 [[noreturn]] void refuse(const std::string& sentence) {
@@ -81,6 +95,10 @@ std::string Calibrations::keep(const CalibrationRecord& given) {
     refuse("this " + kind + " calibration is not kept: " + nonsense);
   if (record.observations.size() + record.certificate.size() + record.figures.size() > kTextMax)
     refuse("this " + kind + " calibration is not kept: its observations and certificate have more than 32 MB");
+  // Through the tie in force both robots refer to one place of the mastered slab.
+  if (const Row tie = newest(CalibrationKind::tie, 0, kTieScanner);
+      record.kind() == CalibrationKind::stations && tie.seq != 0)
+    record.observations = std::string(kWithTie) + tie.calibration_id + "\n" + record.observations;
   if (std::string there = kept_already(record); !there.empty()) return there;
 
   std::vector<std::string> names = {"kind", "slab_type"};
@@ -119,7 +137,7 @@ std::string Calibrations::keep(const CalibrationRecord& given) {
 
 /// Id of this record if it is already stored (a change is repeated if its answer was lost). Otherwise empty, and
 /// `record.id` is set to a free id. The same numbers with another certificate or expiry are another record, with a
-/// number appended to the id.
+/// number appended to the id, as are the same corrections with another tie.
 std::string Calibrations::kept_already(CalibrationRecord& record) {
   constexpr std::int64_t kSameDay_us = 86'400'000'000;
   const std::string numbers = record.id;
@@ -129,7 +147,9 @@ std::string Calibrations::kept_already(CalibrationRecord& record) {
     const std::int64_t apart = there->expires_utime_us - record.expires_utime_us;
     const bool same_end =
         (there->expires_utime_us == 0) == (record.expires_utime_us == 0) && std::abs(apart) < kSameDay_us;
-    if (same_end && there->certificate == record.certificate) return record.id;
+    const bool same_tie = record.kind() != CalibrationKind::stations ||
+                          is_same_tie(tie_of_visits(there->observations), tie_of_visits(record.observations));
+    if (same_end && same_tie && there->certificate == record.certificate) return record.id;
     record.id = numbers + "." + std::to_string(n);
   }
 }
@@ -165,7 +185,7 @@ void Calibrations::check_may_apply(const CalibrationRecord& record, const Change
   if (hand_eye.calibration_id != record.parent_id)
     refuse(not_in_force + "its station corrections were solved with hand-eye calibration " + record.parent_id +
            ", in force is " + (hand_eye.seq == 0 ? "none" : hand_eye.calibration_id) +
-           "; solve them again (slabctl calibrate stations --again)");
+           "; solve them again (slabctl calibrate stations)");
 }
 
 /// True for the hand-eye calibration in force of any scanner. Commissioning values are in the configuration, so they
@@ -493,12 +513,7 @@ void Calibrations::in_force(const LineArms& arms, CellCalibration& out) {
   if (!arms.several()) return;
   const Row tie = newest(CalibrationKind::tie, 0, kTieScanner);
   if (tie.seq != 0) use_tie(find(tie.calibration_id), out.tie);
-  for (std::size_t i = 1; i < out.arm.size(); ++i) check_tie_of_tables(tie.calibration_id, out.arm[i]);
-}
-
-/// True if the tie's numbers are the same: the same calibration kept again has the id with a number behind a dot.
-static bool is_same_tie(std::string_view a, std::string_view b) {
-  return a.substr(0, a.find('.')) == b.substr(0, b.find('.'));
+  for (std::size_t i = 0; i < out.arm.size(); ++i) check_tie_of_tables(tie.calibration_id, i == 0, out.arm[i]);
 }
 
 /// True if a certificate gives its points in the robot's own base, so that no tie is needed to place them.
@@ -508,6 +523,7 @@ static bool is_in_base(std::string_view certificate) {
   while (!certificate.empty()) {
     std::string_view line = certificate.substr(0, certificate.find('\n'));
     certificate.remove_prefix(std::min(line.size() + 1, certificate.size()));
+    line = line.substr(0, line.find('#'));
     line.remove_prefix(std::min(line.find_first_not_of(kBlank), line.size()));
     if (!line.starts_with(kKey)) continue;
     line.remove_prefix(kKey.size());
@@ -518,18 +534,22 @@ static bool is_in_base(std::string_view certificate) {
   return false;
 }
 
-/// Makes the second robot's corrections stale, as with another hand-eye calibration, that were put in force with
-/// another tie than `tie_id`: they place the mastered slab through that one, and contain its error.
-void Calibrations::check_tie_of_tables(std::string_view tie_id, LineCalibration& out) {
+/// Makes corrections stale, as with another hand-eye calibration, that placed the mastered slab through another tie
+/// than `tie_id`: they contain its error. If none is named, it is the one that was in force when they were first
+/// applied; those of the first robot, the line's base, were then solved without one.
+void Calibrations::check_tie_of_tables(std::string_view tie_id, bool is_first, LineCalibration& out) {
   Statement then(db_,
                  "SELECT calibration_id FROM applied WHERE kind = 'tie' AND scanner = ?1 AND seq < "
                  "(SELECT min(seq) FROM applied WHERE calibration_id = ?2) ORDER BY seq DESC LIMIT 1");
   for (StationsInForce& table : out.tables) {
-    const std::string of_then =
-        then.bind(1, kTieScanner).bind(2, table.id.view()).step() ? std::string(then.text(0)) : "";
-    then.reset();
-    if (is_same_tie(of_then, tie_id)) continue;
-    if (const auto record = find(table.id.view()); record && is_in_base(record->certificate)) continue;
+    const auto record = find(table.id.view());
+    std::string of_then = record ? tie_of_visits(record->observations) : "";
+    if (of_then.empty()) {
+      if (is_first) continue;
+      if (then.bind(1, kTieScanner).bind(2, table.id.view()).step()) of_then = then.text(0);
+      then.reset();
+    }
+    if (is_same_tie(of_then, tie_id) || (record && is_in_base(record->certificate))) continue;
     table.hand_eye_id.clear();
   }
 }

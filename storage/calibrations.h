@@ -52,7 +52,7 @@ class Calibrations {
   };
   [[nodiscard]] Row newest(CalibrationKind kind, std::uint16_t slab_type, std::string_view scanner);
   [[nodiscard]] bool is_hand_eye_in_force(std::string_view id);
-  void check_tie_of_tables(std::string_view tie_id, LineCalibration& out);
+  void check_tie_of_tables(std::string_view tie_id, bool is_first, LineCalibration& out);
   void check_may_apply(const CalibrationRecord& record, const ChangeNote& note);
   void insert_applied(const CalibrationRecord& record, const Row& replaced, bool is_rollback, std::int64_t before_seq,
                       const ChangeNote& note);

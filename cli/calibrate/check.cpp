@@ -388,7 +388,7 @@ int take_reference(const ReferenceOptions& options) {
   std::unique_ptr<storage::Reader> reader = open_records(config);
   storage::CalibrationRecord record;
   options.record.describe(config, record);
-  if (options.record.valid_days < 0) record.expires_utime_us = 0;  // an artefact's certificate contains its own expiry
+  if (options.record.valid_days < 0) record.expires_utime_us = 0;  // an artefact has no end unless one is given
   if (!options.certificate.empty()) {
     const std::string text = need(text_file(options.certificate));
     const auto certificate = need(calib::parse_reference_certificate(text, options.certificate));

@@ -5,6 +5,8 @@
 // mastering needs no mode of its own: inspect the slab five times, then solve.
 #include <fmt/core.h>
 #include <algorithm>
+#include <array>
+#include <functional>
 #include <limits>
 #include <map>
 #include <memory>
@@ -51,7 +53,12 @@ struct Work {
   /// With several robots: places of the visits of all of them, base frame, for the placement of the mastered slab.
   std::vector<calib::StationVisit> of_all;
   std::vector<Pose> T_base_scanner_of_all;
+  std::array<bool, limits::kArmsMax> seen_by{};  ///< robots with at least one of these visits
 };
+
+bool is_usable(const TieInForce& tie) {
+  return !tie.id.empty() && tie.trouble.empty();
+}
 
 /// Adds the visits of the scanner `config.by` in one inspection of the mastered slab.
 void add_slab(const config::Config& config, storage::Reader& reader, const std::string& name, Work& work) {
@@ -74,7 +81,8 @@ void add_slab(const config::Config& config, storage::Reader& reader, const std::
       const Pose T_robot_scanner = attempt.T_base_flange * T_flange_scanner_of(header, attempt.arm);
       work.of_all.push_back(*visit);
       // By the tie in force, which the corrections will be used with; without one, by that of the inspection.
-      const Pose& T_base_robot = tie.id.empty() ? attempt.splice.T_base_robot : tie.numbers.T_base_robot;
+      const Pose& T_base_robot = is_usable(tie) ? tie.numbers.T_base_robot : attempt.splice.T_base_robot;
+      work.seen_by.at(attempt.arm) = true;
       work.T_base_scanner_of_all.push_back(attempt.splice.tied ? T_base_robot * T_robot_scanner : T_robot_scanner);
       if (attempt.by.scanner != config.by.scanner) continue;
     }
@@ -310,7 +318,7 @@ std::optional<Pose> place_with_all_robots(const config::Config& config, storage:
       calib::placement_of(work.certificate, work.of_all, work.T_base_scanner_of_all);
   if (!T_base_certificate || config.by.scanner == config.arms.list[0].scanner) return T_base_certificate;
   const auto cell = need(reader.cell_calibration(config.arms));
-  if (cell->tie.id.empty())
+  if (!is_usable(cell->tie))
     stop(kRefused, say("the base frames of the two robots are not tied: slabctl calibrate tie"));
   return cell->tie.numbers.T_base_robot.inverse() * *T_base_certificate;
 }
@@ -329,9 +337,11 @@ int calibrate_stations(const Options& options) {
   calib::StationSettings settings = options.settings;
   settings.gate_mm = config.splice.gate_mm;
   settings.gate_rad = config.splice.gate_rad;
-  if (config.arms.several() && work.of_all.empty() && work.certificate.frame == calib::MasterCertificate::Frame::slab)
-    stop(kRefused, say("the corrections of two robots refer to one place of the mastered slab, which the stations of "
-                       "both give: give the same slabs again for each scanner (--certificate and --slabs)"));
+  if (config.arms.several() && !std::ranges::all_of(work.seen_by, std::identity()) &&
+      work.certificate.frame == calib::MasterCertificate::Frame::slab)
+    stop(kRefused, say("the corrections of two robots refer to one place of the mastered slab, which the measured "
+                       "stations of both give: give the same slabs, scanned by both, again for each scanner "
+                       "(--certificate and --slabs)"));
   if (config.arms.several() && !work.of_all.empty())
     settings.T_base_certificate = place_with_all_robots(config, *reader, work);
   if (config.arms.several()) keep_own_stations(config, work);

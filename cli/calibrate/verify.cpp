@@ -168,7 +168,8 @@ std::string verification_text(const Session& session, const SessionSolution& sol
     if (std::any_of(v.seats.stations.begin(), v.seats.stations.end(), [](const StationShift& s) { return s.taught; }))
       text += say(
           "the station corrections in force hold for the old calibration and become stale; afterwards: slabctl "
-          "calibrate stations --again --apply, or master the stations again if the scanner was moved on the flange\n");
+          "calibrate stations --again --apply, or master the stations again if the scanner was moved on the flange or "
+          "the line has two robots and a certificate of a slab\n");
   } else if (has_value(v.seats.shift_max_mm)) {
     text += say("if applied, the middle of the view moves by {:.3f} mm; the scanner turns by {:.3f} deg\n",
                 v.seats.shift_max_mm, v.turn_deg);

@@ -285,7 +285,7 @@ static void examine_in_force(const config::ArmSettings& settings, const json& ca
       report.warning(
           "corrections", say("{} is {}", text(at(table, {"id"})), translated(text(at(table, {"state"})))),
           several
-              ? say("slabctl calibrate stations with the mastered slabs (--slabs) again")
+              ? say("slabctl calibrate stations with the mastered slabs (--slabs) again, for each scanner")
               : say("slabctl calibrate stations --again --apply; if the scanner was moved, master the stations again"));
   for (const char* watch : {"reference_block", "monitor_ball"}) {
     const json& check = at(calibration, {watch});

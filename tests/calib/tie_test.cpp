@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <string>
 #include <vector>
@@ -23,6 +24,7 @@ struct Cell {
   StatedNoise stated;
   HandEyeNumbers hand_eye;          ///< sigmas: of the true error of each hand-eye calibration
   bool robot_stands_still = false;  ///< all views of a ball from one pose, with one error of the robot
+  double shared = 0.0;              ///< part of the variance of the robot's position that all poses at a ball share
 };
 
 Pose pose(const Vec3& translation_mm, const Vec3& turn_rad) {
@@ -59,6 +61,8 @@ TieArm arm_of(const Cell& cell, const Pose& T_line_robot, Prng& prng) {
     const Vec3 p = T_line_robot.inverse() * cell.balls_mm[ball];
     Pose T_base_flange;
     Pose reported;
+    const Vec3 at_ball_mm =
+        cell.shared > 0.0 ? Vec3(std::sqrt(cell.shared) * cell.stated.robot_mm * normal3(prng)) : Vec3(Vec3::Zero());
     for (std::size_t view = 0; view < cell.views; ++view) {
       if (view == 0 || !cell.robot_stands_still) {
         const double tilt = cell.tilt_rad * prng.uniform();
@@ -71,7 +75,8 @@ TieArm arm_of(const Cell& cell, const Pose& T_line_robot, Prng& prng) {
         T_base_flange = T_base_scanner * T_flange_scanner.inverse();
         const Quat robot_turn = exp_rotation(cell.noise * cell.stated.robot_rad * normal3(prng));
         reported.rotation = robot_turn * T_base_flange.rotation;
-        reported.translation_mm = T_base_flange.translation_mm + cell.noise * cell.stated.robot_mm * normal3(prng);
+        reported.translation_mm = T_base_flange.translation_mm + at_ball_mm +
+                                  std::sqrt(1.0 - cell.shared) * cell.noise * cell.stated.robot_mm * normal3(prng);
       }
       const Vec3 centre = (T_base_flange * T_flange_scanner).inverse() * p;
       arm.sightings.push_back({ball, reported, centre + cell.noise * cell.stated.target_mm * normal3(prng)});
@@ -193,6 +198,20 @@ TEST(Tie, views_from_one_place_repeat_the_robots_error) {
   EXPECT_NEAR(sum, 2.0, 0.3);
 }
 
+// A robot's error is smooth over the cell, so that the views of one ball do not average it out.
+TEST(Tie, an_error_that_neighbouring_poses_share_is_in_the_covariance_and_moves_no_ball) {
+  Cell cell;
+  cell.stated.robot_mm = 0.7;
+  cell.shared = 0.8;
+  for (const std::size_t views : {3U, 6U, 10U}) {
+    cell.views = views;
+    int refused = 0;
+    for (std::uint64_t seed = 1; seed <= 200; ++seed) refused += solved(cell, seed).ok ? 0 : 1;
+    EXPECT_LE(refused, 20) << views << " views";
+    EXPECT_GE(coverage(cell, 500), 0.8) << views << " views";
+  }
+}
+
 TEST(Tie, a_ball_that_was_moved_is_named) {
   for (std::uint64_t seed = 1; seed <= 200; ++seed) {
     Cell cell;
@@ -214,6 +233,23 @@ TEST(Tie, a_ball_that_was_moved_is_named) {
     EXPECT_TRUE(has_value(tie.residual_mm.max));
     EXPECT_TRUE(tie.numbers.T_base_robot.all_finite());
   }
+}
+
+TEST(Tie, two_balls_that_were_moved_do_not_hide_each_other) {
+  int accepted = 0;
+  for (std::uint64_t seed = 1; seed <= 100; ++seed) {
+    Cell cell;
+    Arms arms = arms_of(cell, seed);
+    Prng prng(seed + 1'000);
+    const std::array<Vec3, 2> moved_mm = {0.8 * normal3(prng).normalized(), 0.8 * normal3(prng).normalized()};
+    for (TieSighting& sighting : arms.second.sightings) {
+      if (sighting.target > 1) continue;
+      const Pose T = sighting.T_base_flange * arms.second.hand_eye.T_flange_scanner;
+      sighting.centre_mm = T.inverse() * Vec3(T * sighting.centre_mm + moved_mm.at(sighting.target));
+    }
+    accepted += solved(arms).ok ? 1 : 0;
+  }
+  EXPECT_LE(accepted, 15);
 }
 
 TEST(Tie, honest_sets_are_accepted) {

@@ -215,7 +215,7 @@ TEST_F(CalibrateTie, the_mastered_slab_is_placed_by_the_stations_of_both_robots_
   const Ended refused =
       on_line("calibrate stations --scanner right --certificate " + master + " --visits " + visits + " --apply");
   EXPECT_EQ(refused.status, 6) << refused.err;
-  expect_mentions(refused.err, "give the same slabs again for each scanner");
+  expect_mentions(refused.err, "give the same slabs, scanned by both, again for each scanner");
 }
 
 TEST_F(CalibrateTie, the_trend_of_a_scanner_consists_of_its_own_checks) {

@@ -746,7 +746,9 @@ TEST_F(CalibrationsTest, corrections_of_the_second_robot_are_stale_with_another_
   const std::string first = keep(tie(left, right));
   put_in_force(first);
   EXPECT_EQ(with(1), "") << "they were placed without one";
-  const std::string tied = keep(of_right(stations(right, 0.5)));
+  CalibrationRecord of_slab = of_right(stations(right, 0.5));
+  of_slab.certificate = "frame = slab   # the slab's own axes; \"base\": measured in the robot's base\n";
+  const std::string tied = keep(of_slab);
   put_in_force(tied);
   put_in_force(keep(stations(left, 0.5)));
   EXPECT_EQ(with(1), right);
@@ -754,7 +756,15 @@ TEST_F(CalibrationsTest, corrections_of_the_second_robot_are_stale_with_another_
   std::get<TieNumbers>(other.numbers).T_base_robot.translation_mm.x() += 2.0;
   put_in_force(keep(other));
   EXPECT_EQ(with(1), "");
-  EXPECT_EQ(with(0), left) << "the first robot is the line's base";
+  EXPECT_EQ(with(0), "") << "both robots refer to one place of the mastered slab";
+  ASSERT_TRUE(store_->change(RollBackCalibration{CalibrationKind::tie, 0, note(), "1"}).ok());
+  EXPECT_EQ(with(1), right);
+  EXPECT_EQ(with(0), left);
+  // Solved with one tie, put in force with another one.
+  const std::string late = keep(of_right(stations(right, 0.7)));
+  put_in_force(keep(other));
+  put_in_force(late);
+  EXPECT_EQ(with(1), "");
   ASSERT_TRUE(store_->change(RollBackCalibration{CalibrationKind::tie, 0, note(), "1"}).ok());
   EXPECT_EQ(with(1), right);
   // The same numbers with another end, and corrections that need no tie.
@@ -763,7 +773,7 @@ TEST_F(CalibrationsTest, corrections_of_the_second_robot_are_stale_with_another_
   put_in_force(keep(longer));
   EXPECT_EQ(with(1), right);
   CalibrationRecord in_base = of_right(stations(right, 0.6));
-  in_base.certificate = "id = m\nframe = base\n";
+  in_base.certificate = "id = m\nframe = base  # not of the slab\n";
   put_in_force(keep(in_base));
   std::get<TieNumbers>(other.numbers).T_base_robot.translation_mm.x() += 1.0;
   put_in_force(keep(other));
