@@ -173,7 +173,9 @@ void write_archive(ScanRow& row, const struct stat& original, hal::LengthUnit un
 }
 
 /// Packs the scan of one attempt below `out`.
-ScanRow pack(const storage::SlabBlock& stored, std::int64_t key, const ArchiveOptions& options, hal::LengthUnit unit) {
+ScanRow pack(const storage::SlabBlock& stored, std::int64_t key, const ArchiveOptions& options,
+             const ScanForms& forms) {
+  const hal::LengthUnit unit = forms.of(stored.attempt).unit;
   ScanRow row;
   row.key = key;
   row.station = stored.attempt.station;
@@ -211,9 +213,9 @@ ScanRow pack(const storage::SlabBlock& stored, std::int64_t key, const ArchiveOp
 }
 
 std::vector<ScanRow> pack_slabs(const ArchiveOptions& options) {
-  hal::ScanForm form;
-  if (options.database.db.empty()) form = config_from(options.database.config).scanner.form;
-  form = options.form.form(form);
+  config::Config config;
+  if (options.database.db.empty()) config = config_from(options.database.config);
+  const ScanForms forms(config, options.form);
   const auto reader = open_database(options.database);
   const std::vector<std::int64_t> keys = chosen_slabs(*reader, options.choice);
   std::error_code ignored;
@@ -226,7 +228,7 @@ std::vector<ScanRow> pack_slabs(const ArchiveOptions& options) {
     const auto record = need(reader->slab(key), kNotReachable);
     if (!record) continue;
     for (const storage::SlabBlock& stored : record->blocks)
-      if (!stored.attempt.scan_path.empty()) rows.push_back(pack(stored, key, options, form.unit));
+      if (!stored.attempt.scan_path.empty()) rows.push_back(pack(stored, key, options, forms));
   }
   progress.erase();
   return rows;

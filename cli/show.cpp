@@ -362,7 +362,7 @@ std::string cloud_document(storage::Reader& reader, const SlabRecord& record, co
   std::vector<Recipe> of_folder;
   if (options.database.db.empty()) {
     const config::Config config = config_from(options.database.config);
-    settings.form = config.scanner.form;
+    settings.forms = ScanForms(config, ScanFormOptions{.unit = "", .columns = ""});
     settings.scans_dir = config.storage.spool_dir;
     of_folder = recipes_in(config.recipes_dir, problems);
   }

@@ -81,7 +81,8 @@ class VertexFile {
 Status need_measured_points(const Attempt& attempt, std::span<const float> points) {
   const std::optional<std::uint32_t>& crc32c = attempt.points_crc32c;
   if (points.size() == 3 * attempt.shape.points && (!crc32c || *crc32c == hal::points_crc32c(points))) return success();
-  return error(Code::config, "its scan was changed: its points are not those that were measured");
+  return error(Code::config,
+               "its scan was changed, or --unit is another one: its points are not those that were measured");
 }
 
 /// Reads one scan at a time and removes points that are not on a surface.
@@ -94,7 +95,7 @@ class ScanReader {
   /// The error contains the reason.
   Status read(const storage::SlabBlock& block, const CloudSettings& settings) {
     const std::string path = scan_at(block, settings.scans_dir);
-    const Result<ScanShape> shape = hal::read_scan(path.c_str(), settings.form, xyz_);
+    const Result<ScanShape> shape = hal::read_scan(path.c_str(), settings.forms.of(block.attempt), xyz_);
     if (!shape) return shape.error();
     // Before points are removed.
     if (Status same = need_measured_points(block.attempt, xyz_.first(3 * shape.value().points)); !same) return same;
@@ -357,7 +358,9 @@ Result<CloudCount> write_slab_cloud(const std::string& path, const storage::Slab
     if (settings.voxel_mm > 0.0) thinner.give(put);
   }
   count.points = file.count();
-  if (count.points == 0) return error(Code::config, "none of the slab's scans is there");
+  if (count.points == 0)
+    return error(Code::config, "none of the slab's scans can be used: %s",
+                 count.not_scanned.empty() ? "none has a point on a surface" : count.not_scanned.front().c_str());
   if (const Status closed = file.close(); !closed) return closed.error();
   return count;
 }
@@ -369,7 +372,7 @@ Result<std::string> block_cloud_json(const SlabHeader& slab, const storage::Slab
   Pages memory(limits::array_bytes(floats, sizeof(float)));
   const std::span<float> xyz = memory.take<float>(floats);
   const std::string path = scan_at(block, settings.scans_dir);
-  const Result<ScanShape> shape = hal::read_scan(path.c_str(), settings.form, xyz);
+  const Result<ScanShape> shape = hal::read_scan(path.c_str(), settings.forms.of(block.attempt), xyz);
   if (!shape) return shape.error();
   const std::span<const float> points = xyz.first(3 * shape.value().points);
   if (Status same = need_measured_points(block.attempt, points); !same) return same.error();

@@ -11,7 +11,7 @@
 namespace slabd::cli {
 
 struct CloudSettings {
-  hal::ScanForm form;
+  ScanForms forms;
   std::string scans_dir;  ///< a copy of the spool, for scans that were moved
   double voxel_mm = 0.0;  ///< one mean point per cube of this size; 0: every point
 };

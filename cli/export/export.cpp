@@ -200,11 +200,8 @@ struct ModelOptions {
 int export_cloud(CloudOptions options) {
   if (options.block != 0 && options.cloud.voxel_mm != 0.0) stop(kUsage, "--voxel: of a block every point is written");
   config::Config config;
-  if (options.database.db.empty()) {
-    config = config_from(options.database.config);
-    options.cloud.form = config.scanner.form;
-  }
-  options.cloud.form = options.form.form(options.cloud.form);
+  if (options.database.db.empty()) config = config_from(options.database.config);
+  options.cloud.forms = ScanForms(config, options.form);
   const auto reader = open_database(options.database);
   const storage::SlabRecord record = named_slab(*reader, options.slab);
   const SlabHeader& slab = record.summary.header;

@@ -48,12 +48,68 @@ std::string signs_of_change(const Remeasured& again, const storage::SlabBlock& s
 
 }  // namespace
 
-Remeasurer::Remeasurer(int threads, const hal::ScanForm& form, std::string scans_dir)
+bool was_refused(const BlockResult& stored, const BlockResult& now) {
+  const auto reason_is = [&](Code code) { return stored.reason == static_cast<std::uint16_t>(code); };
+  // Like another scan's noise, filter or stop; of another slab type; given up.
+  return stored.verdict == Verdict::not_measured && stored.items.empty() && now.reason != stored.reason &&
+         (reason_is(Code::frame_incomplete) || reason_is(Code::unknown_type) || reason_is(Code::deadline));
+}
+
+namespace {
+
+std::string unit_of(const hal::ScanForm& form) {
+  switch (form.unit) {
+    case hal::LengthUnit::m: return "m";
+    case hal::LengthUnit::um: return "um";
+    case hal::LengthUnit::mm: break;
+  }
+  return "mm";
+}
+
+std::string columns_of(const hal::ScanForm& form) {
+  const hal::TableColumns& columns = form.columns;
+  if (columns.empty()) return "";
+  return fmt::format("{},{},{}", columns.xyz[0].view(), columns.xyz[1].view(), columns.xyz[2].view());
+}
+
+}  // namespace
+
+ScanForms::ScanForms(const config::Config& config, const ScanFormOptions& given)
+    : other_(given.form(config.scanner.form)) {
+  for (std::size_t arm = 0; arm < config.arms.list.size(); ++arm)
+    of_scanner_.emplace_back(config.arms.list[arm].scanner, given.form(config.arm(arm).scanner.form));
+}
+
+const hal::ScanForm& ScanForms::of(const Attempt& attempt) const {
+  for (const auto& [scanner, form] : of_scanner_)
+    if (scanner == attempt.by.scanner) return form;
+  return other_;
+}
+
+std::string ScanForms::joined(std::string (*text)(const hal::ScanForm&)) const {
+  std::string words = text(other_);
+  const bool all_alike =
+      std::all_of(of_scanner_.begin(), of_scanner_.end(), [&](const auto& one) { return text(one.second) == words; });
+  if (all_alike) return words;
+  words.clear();
+  for (const auto& [scanner, form] : of_scanner_) words += (words.empty() ? "" : "+") + text(form);
+  return words;
+}
+
+std::string ScanForms::unit() const {
+  return joined(unit_of);
+}
+
+std::string ScanForms::columns() const {
+  return joined(columns_of);
+}
+
+Remeasurer::Remeasurer(int threads, ScanForms forms, std::string scans_dir)
     : clock_(hal::make_system_clock()),
       memory_(limits::kScanSlotBytes),
       xyz_(memory_.take<float>(limits::kScanPointsMax * 3)),
       inspector_(threads),
-      form_(form),
+      forms_(std::move(forms)),
       scans_dir_(std::move(scans_dir)) {}
 
 void Remeasurer::use(const Recipe& recipe) {
@@ -74,7 +130,7 @@ void Remeasurer::measure(const SlabHeader& slab, const SlabBasis& basis, const s
     out.note = pruned ? "the scans of this slab are gone, pruned or moved away" : "its scan is not there";
     return;
   }
-  const Result<ScanShape> shape = hal::read_scan(out.path.c_str(), form_, xyz_, inspector_.team());
+  const Result<ScanShape> shape = hal::read_scan(out.path.c_str(), forms_.of(stored.attempt), xyz_, inspector_.team());
   if (!shape) {
     out.scan = Remeasured::Scan::unreadable;
     out.note = std::string(shape.error().text.view());

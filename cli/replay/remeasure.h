@@ -6,10 +6,12 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "algo/algo.h"
 #include "base/pages.h"
+#include "cli/terminal/parse.h"
 #include "config/config.h"
 #include "storage/storage.h"
 
@@ -33,11 +35,35 @@ struct Remeasured {
   BlockMaps maps;
 };
 
+/// True if `stored` is the reason for which slabd did not use this scan, or the end of a process that measured it. It
+/// came from other scans or from the process, so that the scan's points do not give it again.
+[[nodiscard]] bool was_refused(const BlockResult& stored, const BlockResult& now);
+
+/// The form of each scanner's files, by its id.
+class ScanForms {
+ public:
+  ScanForms() = default;
+  /// Those of the configuration; values of `given` are for all scanners.
+  ScanForms(const config::Config& config, const ScanFormOptions& given);
+
+  /// That of the scanner of this attempt; for one that is not configured, that of the first scanner.
+  [[nodiscard]] const hal::ScanForm& of(const Attempt& attempt) const;
+  /// Unit and columns in words, as options name them; those of several scanners that differ are joined by '+'.
+  [[nodiscard]] std::string unit() const;
+  [[nodiscard]] std::string columns() const;
+
+ private:
+  [[nodiscard]] std::string joined(std::string (*text)(const hal::ScanForm&)) const;
+
+  hal::ScanForm other_;
+  std::vector<std::pair<PartId, hal::ScanForm>> of_scanner_;
+};
+
 class Remeasurer {
  public:
   /// `scans_dir`: a copy of the spool for scans that are no longer at their stored path; may be empty. Allocates
   /// memory for one scan and the measuring workspace.
-  Remeasurer(int threads, const hal::ScanForm& form, std::string scans_dir);
+  Remeasurer(int threads, ScanForms forms, std::string scans_dir);
 
   /// Builds the recipe's model, unless it is the current one. `recipe` must outlive its use.
   void use(const Recipe& recipe);
@@ -52,7 +78,7 @@ class Remeasurer {
   std::span<float> xyz_;
   algo::BlockInspector inspector_;
   const Recipe* recipe_ = nullptr;
-  hal::ScanForm form_;
+  ScanForms forms_;
   std::string scans_dir_;
 };
 

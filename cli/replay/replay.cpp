@@ -53,19 +53,16 @@ struct ReplayOptions {
 struct ReplaySources {
   std::unique_ptr<storage::Reader> reader;
   std::string recipes_dir;
-  hal::ScanForm form;
+  ScanForms forms;
 };
 
 /// Recipes folder and scan form come from the command line, otherwise from the configuration.
 ReplaySources open_sources(const ReplayOptions& options) {
   ReplaySources sources;
   config::Config config;
-  if (options.database.db.empty()) {
-    config = config_from(options.database.config);
-    sources.form = config.scanner.form;
-  }
+  if (options.database.db.empty()) config = config_from(options.database.config);
   sources.recipes_dir = options.recipes_dir.empty() ? config.recipes_dir : options.recipes_dir;
-  sources.form = options.form.form(sources.form);
+  sources.forms = ScanForms(config, options.form);
   sources.reader = open_database(options.database);
   return sources;
 }
@@ -97,7 +94,7 @@ WhatIfSlab judge_again(storage::Reader& reader, const storage::SlabRecord& recor
     if (again[i]->altered)
       return out(fmt::format("block {}: the scan was changed: {} ({})", stored.attempt.station, again[i]->note,
                              again[i]->path));
-    blocks[i] = &again[i]->block;
+    blocks[i] = was_refused(stored.block, again[i]->block) ? nullptr : &again[i]->block;
   }
   const std::vector<StationRecord> stations = stations_of(record, blocks);
   std::vector<BlockResult> room(limits::kStationsMax);
@@ -113,7 +110,7 @@ class SlabMeasurer {
   SlabMeasurer(const ReplayOptions& options, ReplaySources& sources, std::size_t slabs)
       : reader_(*sources.reader),
         kind_(options.recipe.empty() ? ReplayKind::verify : ReplayKind::what_if),
-        remeasurer_(options.threads, sources.form, options.scans_dir) {
+        remeasurer_(options.threads, sources.forms, options.scans_dir) {
     if (kind_ == ReplayKind::what_if) {
       recipe_ = recipe_named(sources.reader.get(), options.recipe);
       warn_unconfirmed(recipe_);
@@ -165,20 +162,6 @@ class SlabMeasurer {
   std::optional<RecipeStore> recipe_store_;
   std::optional<ProgressCount> progress_;
 };
-
-std::string columns_text(const hal::TableColumns& columns) {
-  if (columns.empty()) return "";
-  return fmt::format("{},{},{}", columns.xyz[0].view(), columns.xyz[1].view(), columns.xyz[2].view());
-}
-
-std::string_view unit_name(hal::LengthUnit unit) {
-  switch (unit) {
-    case hal::LengthUnit::m: return "m";
-    case hal::LengthUnit::um: return "um";
-    case hal::LengthUnit::mm: break;
-  }
-  return "mm";
-}
 
 /// The keys with the begin of each slab, in the order of the keys.
 std::vector<SelectedSlab> selected(storage::Reader& reader, const std::vector<std::int64_t>& keys) {
@@ -290,8 +273,8 @@ int replay_shard(const ReplayOptions& options, const Shard& shard) {
   selection.inputs.software = head.software;
   selection.inputs.build = build_sha256();
   selection.inputs.threads = head.threads;
-  selection.inputs.unit = unit_name(sources.form.unit);
-  selection.inputs.columns = columns_text(sources.form.columns);
+  selection.inputs.unit = sources.forms.unit();
+  selection.inputs.columns = sources.forms.columns();
   selection.inputs.scans = options.scans_dir;
   selection.inputs.recipe = head.recipe;
   selection.inputs.recipes = measurer.recipe_files();

@@ -158,6 +158,14 @@ BlockReplay replay_block(const SlabHeader& slab, const SlabBasis& basis, const s
     replay.outcome = again.scan == Remeasured::Scan::pruned ? ReplayOutcome::not_verified : ReplayOutcome::differs;
     return replay;
   }
+  if (!again.altered && was_refused(stored.block, again.block)) {
+    replay.outcome = ReplayOutcome::not_verified;
+    replay.why = fmt::format(
+        "slabd did not use this scan, or ended while it measured it (reason {}): none of its figures "
+        "was stored",
+        stored.block.reason);
+    return replay;
+  }
   storage::compare(stored.block, again.block, replay.comparison);
   storage::compare(maps, again.maps, replay.comparison);
   replay.outcome = replay.comparison.differences.empty() ? ReplayOutcome::identical : ReplayOutcome::differs;
@@ -270,7 +278,8 @@ Result<SlabReplay> replay_slab(storage::Reader& reader, const storage::SlabRecor
     if (!maps) return maps.error();
     again[i] = std::make_unique<Remeasured>();
     replay.blocks.push_back(replay_block(slab, basis, stored, *maps.value(), replay.changed, remeasurer, *again[i]));
-    if (again[i]->scan == Remeasured::Scan::measured) blocks[i] = &again[i]->block;
+    if (again[i]->scan == Remeasured::Scan::measured && !was_refused(stored.block, again[i]->block))
+      blocks[i] = &again[i]->block;
   }
 
   if (recipe->sha256 == slab.recipe_sha256) compare_header(slab, *recipe, replay.slab);

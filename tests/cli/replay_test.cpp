@@ -5,6 +5,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "cli/replay/remeasure.h"
 #include "cli/replay/what_if.h"
 #include "daemon/measure.h"
 #include "tests/cli/stored_slab.h"
@@ -288,6 +289,59 @@ TEST_F(ReplayOther, a_stored_figure_that_was_edited_is_found) {
   const bool named = !version.ends_with(".dirty") && !version.ends_with("unknown");
   expect_mentions(ended.out, std::string("the scan's points are those that were measured: ") +
                                  (named ? "this build measures otherwise" : "this may be another build: "));
+}
+
+// slabd had reasons that are not in the points: the scans before, or the end of the process.
+TEST_F(ReplayOther, a_scan_that_slabd_did_not_use_is_neither_a_difference_nor_judged) {
+  begin();
+  measure(3);
+  measure(4);
+  for (const auto& [station, code] : {std::pair(3, Code::frame_incomplete), std::pair(4, Code::deadline)}) {
+    BlockJob refused;
+    refused.slab_key = 1;
+    refused.attempt = 1;
+    refused.block.station = static_cast<std::uint8_t>(station);
+    refused.block.verdict = Verdict::not_measured;
+    refused.block.reason = static_cast<std::uint16_t>(code);
+    refused.record.kind = 1;
+    refused.record.res_seq = static_cast<std::uint16_t>(2'000 + station);
+    refused.record.station = refused.block.station;
+    apply(refused);
+    stations_[static_cast<std::size_t>(station - 1)].block = refused.block;
+  }
+  end();
+  const std::string recipes = " --db " + db() + " --recipes " + places::source_dir() + "/recipes";
+  const Ended ended = run("replay 1 --verify" + recipes);
+  expect_mentions(ended.out, "slabd did not use this scan, or ended while it measured it (reason 303)");
+  expect_mentions(ended.out, "(reason 405)");
+  EXPECT_EQ(ended.out.find("differs"), std::string::npos) << ended.out;
+  const json judged = json::parse(run("replay 1 --recipe " + kRecipe + " --json --db " + db()).out, nullptr, false);
+  EXPECT_EQ(judged["slabs"]["count"], 1);
+  EXPECT_EQ(judged["changed"].size(), 0U) << judged;
+}
+
+TEST(ScanForms, are_those_of_each_scanner_unless_given_for_all) {
+  config::Config config;
+  config.arms.list[0].scanner = "left";
+  Arm right;
+  right.scanner = "right";
+  ASSERT_TRUE(config.arms.list.push(right));
+  config.more_arms.emplace_back();
+  config.scanner.form.unit = hal::LengthUnit::m;
+  Attempt attempt;
+  const auto unit_of = [&](const ScanForms& forms, const char* scanner) {
+    attempt.by.scanner = scanner;
+    return forms.of(attempt).unit;
+  };
+  const ScanForms forms(config, ScanFormOptions{.unit = "", .columns = ""});
+  EXPECT_EQ(unit_of(forms, "left"), hal::LengthUnit::m);
+  EXPECT_EQ(unit_of(forms, "right"), hal::LengthUnit::mm);
+  EXPECT_EQ(unit_of(forms, "removed"), hal::LengthUnit::m);
+  EXPECT_EQ(forms.unit(), "m+mm");
+  EXPECT_EQ(forms.columns(), "");
+  const ScanForms given(config, ScanFormOptions{.unit = "um", .columns = ""});
+  EXPECT_EQ(unit_of(given, "right"), hal::LengthUnit::um);
+  EXPECT_EQ(given.unit(), "um");
 }
 
 TEST_F(ReplayOther, recipe_values_in_the_header_are_compared) {
