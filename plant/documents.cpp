@@ -53,6 +53,8 @@ bool is_judged(const Item& item) {
 /// frame, and those of the slab. One of the slab without limits, which is information, gives way to that of the block.
 Json valid_items(const storage::SlabRecord& slab) {
   Json items = Json::array();
+  // An aborted slab was never judged, and its line counts no values of it either.
+  if (slab.summary.verdict == Verdict::aborted) return items;
   std::set<std::pair<ItemId, int>> of_blocks;
   const auto in_slab_frame = [&](const Item& item, int station) {
     return std::any_of(slab.slab.items.begin(), slab.slab.items.end(), [&](const Item& other) {

@@ -11,6 +11,7 @@
 #include "report/figures.h"
 #include "report/findings.h"
 #include "report/json.h"
+#include "report/retell.h"
 #include "report/slab_view.h"
 
 namespace slabd::report {
@@ -52,8 +53,8 @@ class Composer {
     for (int station = 1; station <= header_.stations; ++station)
       if (full_ || (is_objected(findings_, station) && measured(station) != nullptr))
         report.sections.push_back(block(station));
+    if (full_ || hides_finding_of_slab()) report.sections.push_back(slab_items());
     if (!full_) return report;
-    report.sections.push_back(slab_items());
     if (!record_.slab.gauges.empty()) report.sections.push_back(gauges());
     report.sections.push_back(seats());
     report.sections.push_back(registration());
@@ -114,6 +115,17 @@ class Composer {
     for (const Item& item : record_.slab.items)
       if (!said_by_block(item)) count += counts(item);
     return count;
+  }
+
+  /// True if a finding of the slab, which is on no block's page, is beyond the first page.
+  [[nodiscard]] bool hides_finding_of_slab() const {
+    const auto hidden = findings_.begin() + static_cast<std::ptrdiff_t>(std::min(findings_.size(), kFindingsShown));
+    return std::any_of(hidden, findings_.end(), [&](const Finding& finding) {
+      if (!finding.stations.empty()) return false;
+      if (!finding.item || finding.item->station == 0 || finding.item->station_to != 0) return true;
+      const SlabBlock* block = measured(finding.item->station);  // its page has the slab's items of this station
+      return block == nullptr || block->block.items.empty();
+    });
   }
 
   Section findings() {
@@ -177,10 +189,13 @@ class Composer {
       if (const SlabBlock* block = measured(station))
         commissioning = commissioning || block->attempt.splice.source == SpliceSource::commissioning;
     if (commissioning) add(say(Word::commissioning));
-    if (header_.scanner_id.empty()) add(say(Word::scanner_not_verified));
+    const bool all_verified =
+        !header_.scanner_id.empty() && std::none_of(header_.more_arms.begin(), header_.more_arms.end(),
+                                                    [](const SlabArm& arm) { return arm.scanner_id.empty(); });
+    if (!all_verified) add(say(Word::scanner_not_verified));
     if (header_.guard == 0.0) add(say(Word::simple_acceptance));
     const SlabFitReport& fit = record_.slab.fit;
-    if (fit.ok && !fit.note.empty()) add(fmt::format("{}: {}", say(Word::slab_fit), fit.note.view()));
+    if (fit.ok && !fit.note.empty()) add(fmt::format("{}: {}", say(Word::slab_fit), fit_note()));
     for (const GaugeReading& reading : record_.slab.gauges)
       if (reading.state != GaugeState::ok)
         add(fmt::format("{} {}: {}", say(Word::gauge), reading.gauge.view(),
@@ -188,6 +203,11 @@ class Composer {
     if (const std::string unseen = unseen_dimensions(record_.slab, language_); !unseen.empty())
       add(say(Word::not_visible, unseen));
     return section;
+  }
+
+  [[nodiscard]] std::string fit_note() const {
+    const std::string_view note = record_.slab.fit.note.view();
+    return language_ == Language::zh ? retold_or_quoted(note) : std::string(note);
   }
 
   Section identity() {
@@ -231,9 +251,9 @@ class Composer {
     if (fit.ok)
       add(Word::slab_fit, say(Word::slab_fit_value, fit.seats, figure(fit.rms_mm, 3)));
     else if (!is_open(record_))
-      add(Word::slab_fit, fmt::format("{}: {}", verdict_word(Verdict::not_measured, language_),
-                                      is_aborted(record_) ? reason_sentence(record_.summary.reason, language_)
-                                                          : std::string(fit.note.view())));
+      add(Word::slab_fit,
+          fmt::format("{}: {}", verdict_word(Verdict::not_measured, language_),
+                      is_aborted(record_) ? reason_sentence(record_.summary.reason, language_) : fit_note()));
     add(Word::software, std::string(header_.software.view()));
     section.parts.push_back(std::move(table));
     return section;
@@ -380,8 +400,10 @@ class Composer {
     section.title = table->title;
     section.together = true;
     section.filler = !full_;
-    const std::string id = header_.scanner_id.empty() ? say(Word::none) : std::string(header_.scanner_id.view());
-    section.parts.push_back(Paragraph{say(Word::budget_note, id)});
+    const auto named = [&](const CalibrationId& id) { return id.empty() ? say(Word::none) : std::string(id.view()); };
+    std::string ids = named(header_.scanner_id);
+    for (const SlabArm& arm : header_.more_arms) ids += ", " + named(arm.scanner_id);
+    section.parts.push_back(Paragraph{say(Word::budget_note, ids)});
     if (!header_.tie_id.empty()) section.parts.push_back(Paragraph{say(Word::budget_note_tie)});
     section.parts.push_back(std::move(*table));
     sections.push_back(std::move(section));

@@ -470,6 +470,37 @@ TEST_F(ReportTest, has_the_answer_on_two_pages_and_only_the_blocks_with_findings
   EXPECT_LT(html.find("Disposition and signatures"), html.find("<h2>✗ Block"));
 }
 
+TEST_F(ReportTest, a_finding_of_the_slab_beyond_the_first_page_is_in_the_table_of_its_items) {
+  SurfaceFinding finding;
+  finding.kind = FindingKind::chip;
+  finding.face = FindingFace::jaw_outer;
+  finding.length_mm = 40.0;
+  finding.area_mm2 = 600.0;
+  finding.depth_mm = 15.0;
+  findings_ = {finding, finding};
+  for (int station = 1; station <= 18; ++station) measure(station);
+  SlabResult slab;
+  slab.verdict = Verdict::fail;
+  slab.fit.ok = true;
+  slab.fit.note = "slab top unseen, roll unconfirmed";
+  Item level{ItemId::corner_level, Verdict::fail, true, 0, 0, 2.5, 0.0};
+  level.upper = 1.0;
+  level.U = 0.1;
+  EXPECT_TRUE(slab.items.push(level));
+  PlcResult record;
+  record.kind = 2;
+  record.res_seq = 100;
+  apply(SlabJob{1, slab, record, 1'763'681'999'000'000});
+  ASSERT_EQ(report("r.html").status, 0);
+  const std::string html = content(file("r.html"));
+  EXPECT_EQ(html.find("2.500 mm, limits"), std::string::npos) << "the first page has no room for it";
+  const std::vector<Row> rows = rows_below(html, "Items of the slab");
+  EXPECT_TRUE(std::any_of(rows.begin(), rows.end(),
+                          [](const Row& row) { return std::find(row.begin(), row.end(), "2.500") != row.end(); }));
+  ASSERT_EQ(report("zh.html", "--language zh").status, 0);
+  expect_mentions(content(file("zh.html")), "未看到板顶面，侧倾未经确认");
+}
+
 TEST_F(ReportTest, counts_items_that_were_not_required_and_not_measured_for_a_slab_that_passed) {
   for (const bool required : {true, false}) {
     PlcResult record;
