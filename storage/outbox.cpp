@@ -127,8 +127,8 @@ class SqliteOutbox final : public Outbox {
   Result<std::string> epoch_of_slab(std::int64_t slab_key) override {
     return read([&]() -> std::string {
       Statement first(*db_,
-                      "SELECT uuid FROM outbox JOIN epoch ON epoch.n = outbox.epoch WHERE slab_key = ?1 AND kind = "
-                      "'slab' ORDER BY seq LIMIT 1");
+                      "SELECT uuid FROM outbox JOIN epoch ON epoch.n = outbox.epoch WHERE slab_key = ?1 AND "
+                      "slab_key > 0 AND kind = 'slab' ORDER BY seq LIMIT 1");
       if (!first.bind(1, slab_key).step()) return {};
       return std::string(first.stored_text(0));
     });

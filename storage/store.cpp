@@ -122,7 +122,7 @@ class SqliteStore final : public Store {
     if (Status status = reopen(); !status.ok()) return status;
     if (Status status = check_age(); !status.ok()) return status;
     file_ = file_id(settings_.db_path);
-    (void)backup_folder(settings_.db_path);  // now, so that an order for a copy does not have to wait for it
+    (void)backup_folder(settings_.db_path);
     remove_cut_short_backups(settings_.db_path);
     return success();
   }
@@ -266,7 +266,12 @@ class SqliteStore final : public Store {
     backlog_due_ = true;
     return run("events", [&](OpenDatabase& open) {
       Transaction transaction(*open.db, "BEGIN IMMEDIATE");
-      Statement insert(*open.db, "INSERT INTO event (kind, code, text, utime_us) VALUES (?1, ?2, ?3, ?4)");
+      // An event of a commit whose sync failed may be there: the log was written again when the file was opened.
+      Statement insert(
+          *open.db,
+          "INSERT INTO event (kind, code, text, utime_us) SELECT ?1, ?2, ?3, ?4 WHERE NOT EXISTS (SELECT 1 "
+          "FROM (SELECT kind, code, utime_us FROM event ORDER BY seq DESC LIMIT 64) WHERE kind = ?1 AND "
+          "code = ?2 AND utime_us = ?4)");
       for (const LineEvent& event : events)
         insert.bind(1, kKinds.at(static_cast<std::size_t>(event.kind)))
             .bind(2, std::int64_t{event.code})
@@ -387,6 +392,7 @@ class SqliteStore final : public Store {
     try {
       if (!opened.ok()) throw SqlFailure{SQLITE_IOERR, std::string(opened.error().text.view())};
       if (!open_->backup) {
+        (void)backup_folder(settings_.db_path);
         const std::string folder = path.substr(0, path.rfind('/') + 1);
         const bool takes_scans_room = share_a_disk(folder.empty() ? "." : folder, settings_.spool_dir);
         open_->backup =

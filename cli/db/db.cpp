@@ -250,6 +250,8 @@ Result<std::string> backup_by_daemon(const config::Config& config) {
 }
 
 Result<std::string> backup_offline(const config::Config& config) {
+  if (const Result<std::string> folder = storage::backup_folder(config.storage.db_path); !folder.ok())
+    return folder.error();
   Result<std::string> path = storage::backup_path(config.storage.db_path, wall_clock_us());
   if (!path.ok()) return path;
   if (Status status = storage::back_up_database(config.storage.db_path, path.value()); !status.ok())

@@ -24,9 +24,10 @@ namespace {
 constexpr std::array kTables = {"item",           "gauge_value", "block",    "attempt", "result",     "command",
                                 "station_result", "slab_result", "slab_arm", "slab",    "disposition"};
 
+/// With slab_key > 0, the condition of the index outbox_by_slab, without which each slab reads all unsent rows.
 constexpr const char* kIsSent =
-    "AND NOT EXISTS (SELECT 1 FROM outbox WHERE outbox.slab_key = slab.slab_key AND seq > (SELECT sent_seq FROM "
-    "line)) ";
+    "AND NOT EXISTS (SELECT 1 FROM outbox WHERE outbox.slab_key > 0 AND outbox.slab_key = slab.slab_key AND seq > "
+    "(SELECT sent_seq FROM line)) ";
 
 }  // namespace
 
