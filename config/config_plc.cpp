@@ -56,7 +56,7 @@ void read_client(TableReader& plc, hal::PlcSettings& out) {
   read_endpoint(plc, "connect", 1, out.host, out.port);
   read_bases(plc, out);
   plc.optional_boolean("read_write", out.read_write);
-  // FC 23 reads the PLC's 40 registers in one request.
+  // FC 23 reads the PLC's 40 registers in one request. With gauges there are 75: if the PLC allows fewer, FC 3 reads.
   std::int64_t registers_max = out.registers_max;
   plc.optional_integer("registers_max", registers_max, out.read_write ? 40 : hal::kPlcRegistersMin,
                        hal::kPlcRegistersMax);

@@ -231,13 +231,18 @@ class Client final : public PlcPort {
     return std::max(end > third_part ? third_part : end > second_part ? second_part : 0, end - most);
   }
 
+  /// FC 23 reads all registers in one request, if the PLC allows as many.
+  [[nodiscard]] bool reads_with_write() const {
+    return settings_.read_write && read_count() <= settings_.registers_max;
+  }
+
   bool write(const InputImage& image, int count, HoldingImage& read_image) {
     for (int end = count; end > 0;) {
       const int begin = piece_before(end, kRecordFirst, kTableFirst);
       const int base = settings_.status_base + begin;
-      asked_ = {settings_.read_write && begin == 0 ? 23 : 16, end - begin};
+      asked_ = {reads_with_write() && begin == 0 ? 23 : 16, end - begin};
       if (!exchange([&] {
-            if (settings_.read_write && begin == 0)
+            if (reads_with_write() && begin == 0)
               return modbus_write_and_read_registers(context_.get(), base, end, image.data(), settings_.command_base,
                                                      read_count(), read_image.data()) == read_count();
             return modbus_write_registers(context_.get(), base, end - begin, image.data() + begin) == end - begin;
@@ -282,7 +287,7 @@ class Client final : public PlcPort {
     counters_.last_frame_ns = now_ns;
     if (step == ClientStep::write_all) plan_.wrote_all(now_ns, image);
     if (step == ClientStep::write_head) plan_.wrote_head(now_ns, image);
-    if (step != ClientStep::read && !settings_.read_write) return;
+    if (step != ClientStep::read && !reads_with_write()) return;
     plan_.has_read(now_ns);
     trouble_.clear();
     habit_.clear();

@@ -462,12 +462,12 @@ class ScanDrop final : public ScannerPort {
     return std::optional<Answer>();
   }
 
-  /// An answer that lacks bytes: it will be rejected in any case.
+  /// An answer that lacks bytes or has a hole: it will be rejected in any case.
   const UnchangedTimes::Watched* find_begun(std::string_view stem) const {
     for (const UnchangedTimes::Watched& watched : watch_.watched()) {
       if (!watched.entry.regular) continue;
-      if ((settings_.any_name || stem_of(watched.entry.name.view()) == stem) && look_into(watched.entry).lacks_bytes)
-        return &watched;
+      if (!settings_.any_name && stem_of(watched.entry.name.view()) != stem) continue;
+      if (const Signs signs = look_into(watched.entry); signs.lacks_bytes || signs.has_hole) return &watched;
     }
     return nullptr;
   }
@@ -567,6 +567,12 @@ class ScanDrop final : public ScannerPort {
     const bool untouched = is_untouched(fd.get(), found);
     doubted = answer.accounted && (!shape || shape.value().zeros > 0 || !untouched);
     if (!shape) return shape.error();
+    // Also after the longest pause of a writer: it may still write them, into the file in the spool.
+    if (!doubted && look_into(found).has_hole)
+      return error(Code::frame_incomplete,
+                   "%s: parts of its data were never written (write it under another name, then "
+                   "rename)",
+                   shown.c_str());
     if (doubted || !untouched)
       return error(Code::frame_incomplete, "%s: changed while it was read (write it under another name, then rename)",
                    shown.c_str());

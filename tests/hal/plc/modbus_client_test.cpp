@@ -166,7 +166,7 @@ class FakePlc {
       reply.insert(reply.end(), {static_cast<std::uint8_t>(pdu[0] | 0x80), 1});
       return true;
     }
-    if (requests_.back().second > registers_max) {
+    if (requests_.back().second > registers_max || (both && word(3) > registers_max)) {
       reply.insert(reply.end(), {static_cast<std::uint8_t>(pdu[0] | 0x80), 3});
       return true;
     }
@@ -291,6 +291,16 @@ TEST_F(ModbusClientTest, bases_word_order_and_read_write_are_as_configured) {
   EXPECT_EQ(seen.back().slab_no, 0x00020001U);
   EXPECT_EQ(plc.get(302), 0x5678);
   EXPECT_EQ(plc.get(0), 0);
+}
+
+TEST_F(ModbusClientTest, gauges_are_read_by_themselves_if_the_plc_takes_too_few_registers_at_once) {
+  settings.gauges = settings.read_write = true;
+  settings.registers_max = 48;
+  plc.registers_max = 48;
+  plc.order(5, 7);
+  start();
+  ASSERT_TRUE(until([&] { return !seen.empty() && seen.back().cmd_seq == 7; })) << port->trouble();
+  for (const auto& [first, count] : plc.requests()) EXPECT_LE(count, 48U) << first;
 }
 
 TEST_F(ModbusClientTest, a_plc_that_restarts_gets_the_present_image_and_is_a_new_connection) {

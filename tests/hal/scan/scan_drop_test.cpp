@@ -521,6 +521,21 @@ TEST_F(ScanDropFilledTest, are_waited_for_until_all_of_it_is_there) {
   }
 }
 
+TEST_F(ScanDropFilledTest, content_that_never_comes_is_missing_and_not_a_scan_of_fewer_points) {
+  const auto result = acquire(request(), [&] {
+    ASSERT_TRUE(write_ply((drop() + "/whole").c_str(), many_, 0, 0).ok());
+    const std::string bytes = read_file(drop() + "/whole");
+    fs::remove(drop() + "/whole");
+    write_file(inbox("7-3.ply"), bytes.substr(0, bytes.size() / 2));
+    fs::resize_file(inbox("7-3.ply"), bytes.size());
+  });
+  ASSERT_FALSE(result.ok());
+  EXPECT_EQ(result.error().code, Code::frame_incomplete);
+  EXPECT_NE(result.error().text.view().find("parts of its data were never written"), std::string_view::npos)
+      << result.error().text.c_str();
+  expect_nothing_spooled();
+}
+
 TEST_F(ScanDropFilledTest, zeros_that_stay_are_points_that_are_missing) {
   std::fill_n(many_.begin() + 3 * 100, 3 * 50, 0.0F);
   const auto result = acquire(request(), [&] {
