@@ -65,7 +65,9 @@ void limit(__rlimit_resource resource, rlim_t most) {
       ::dup2(plan.errors, STDERR_FILENO) < 0)
     ::_exit(kNotExecuted);
   ::close_range(3, ~0U, CLOSE_RANGE_CLOEXEC);
-  limit(RLIMIT_CPU, plan.processor_s);
+  // SIGXCPU, and SIGKILL a second later: alone, SIGKILL says that the unit's memory was used up.
+  const rlimit processor{plan.processor_s, plan.processor_s + 1};
+  ::setrlimit(RLIMIT_CPU, &processor);
   limit(RLIMIT_FSIZE, kChildOutputBytesMax);
   limit(RLIMIT_CORE, 0);
   limit(RLIMIT_NOFILE, 64);
@@ -153,7 +155,6 @@ ChildResult run_child(const ChildOrder& order) {
   } else if (result.end == End::exited) {
     result.status = WTERMSIG(status);
     result.end = result.status == SIGXFSZ ? End::too_large : result.status == SIGXCPU ? End::late : End::crashed;
-    if (result.status == SIGKILL) result.end = End::late;  // RLIMIT_CPU, or MemoryMax of the unit
   }
   const FileState state = file_state(output.get(), "");
   result.bytes = static_cast<std::uint64_t>(state.bytes);

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <csignal>
 #include <cstdlib>
 #include <filesystem>
 #include <utility>
@@ -109,8 +110,9 @@ SharedAnswer fault_of(const ChildResult& result, double time_s) {
                           "ask for fewer slabs, or raise [web] answer_s");
     case End::too_large: return error_answer(500, "the document is longer than 64 MB", "ask for fewer slabs");
     case End::crashed:
-      return error_answer(500, "slabctl was ended by signal " + std::to_string(result.status),
-                          "journalctl -u slabd-web");
+      return error_answer(
+          500, "slabctl was ended by signal " + std::to_string(result.status),
+          result.status == SIGKILL ? "ask for fewer slabs: the unit's memory was used up" : "journalctl -u slabd-web");
     case End::not_started:
       return error_answer(503, "slabctl cannot be started: " + result.sentence, "[web] slabctl names the program");
     case End::stopped: return error_answer(503, "slabd-web stops", "try again in some seconds");

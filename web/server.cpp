@@ -204,8 +204,8 @@ std::size_t keep_escapes(void*, MHD_Connection*, char* text) {
 }
 
 Error not_open(const ListenerSettings& settings, const char* why) {
-  return error(Code::config, "%s:%u: %s; does another program listen there?", settings.host.c_str(),
-               unsigned{settings.port}, why);
+  return error(Code::config, "%s:%u: %s; does another program listen there, is it an address of this computer?",
+               settings.host.c_str(), unsigned{settings.port}, why);
 }
 
 /// A listening socket. libmicrohttpd would not report the port that the kernel chose.

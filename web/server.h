@@ -46,7 +46,6 @@ class Listener {
   struct Context {
     Site& site;
     bool is_tls = false;
-    bool waits_for_address = false;  ///< opens although this computer does not have the address yet
   };
 
  private:

@@ -92,7 +92,9 @@ Status Link::connect() {
   setsockopt(socket.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   // A peer that lost its power sends no end, and between two scans nothing else is sent.
   setsockopt(socket.get(), SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
-  constexpr std::array<std::array<int, 2>, 3> kWatch = {{{TCP_KEEPIDLE, 10}, {TCP_KEEPINTVL, 3}, {TCP_KEEPCNT, 3}}};
+  // The last also while data wait for their acknowledgement, when no probe is sent.
+  constexpr std::array<std::array<int, 2>, 4> kWatch = {
+      {{TCP_KEEPIDLE, 10}, {TCP_KEEPINTVL, 3}, {TCP_KEEPCNT, 3}, {TCP_USER_TIMEOUT, 20'000}}};
   for (const auto& [option, value] : kWatch) setsockopt(socket.get(), IPPROTO_TCP, option, &value, sizeof value);
   socket_ = std::move(socket);
   text_.clear();

@@ -150,7 +150,7 @@ class Gateway {
       const std::optional<Request> request = link_.next_request(kWait_ms, note);
       if (!note.empty()) say("slabd rejected the scan of request {}: {}", last_, note);
       if (request) serve(*request);
-      if (!link_.connected()) say("slabd has closed the connection; connecting again");
+      if (!link_.connected()) say("the connection to slabd has ended; connecting again");
     }
   }
 

@@ -208,6 +208,15 @@ TEST_F(Http, a_process_that_hangs_is_killed_and_others_are_answered) {
   EXPECT_GE(count, 1);
 }
 
+// As the kernel does when the unit has no memory left.
+TEST_F(Http, a_process_that_was_killed_is_not_reported_as_late) {
+  store_slab();
+  const std::string killed = write("killed", "#!/bin/sh\nkill -KILL $$\n");
+  fs::permissions(killed, fs::perms::owner_all);
+  start("slabctl = \"" + killed + "\"\nanswer_s = 60\n");
+  cli::expect_mentions(refused(get("/api/v1/slabs"), 500), "slabctl was ended by signal 9; ask for fewer slabs");
+}
+
 TEST_F(Http, more_documents_than_can_wait_are_refused_with_a_sentence) {
   store_slab();
   const std::string slow = write("slow", "#!/bin/sh\nexec sleep 2\n");
