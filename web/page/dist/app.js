@@ -226,13 +226,13 @@ var U={page:"1.0.0",preact:"11.2.0",htm:"3.1.1",uplot:"1.6.32",three:"0.187.0"};
     ${a>0&&u`<li class="quiet">${l("live.more_findings",{count:a})}</li>`}
   </ul>`}function Js({caption:e,slabs:t,short:n=!1,linked:o=!0,empty:s="",hideCaption:l=!1}){let{t:i,reason:a}=M(),r=[{head:i("field.slab"),row:!0,cell:d=>{let p=u`<${R} text=${d.slab_id===""?`${d.slab_no}`:d.slab_id} max=${64} />`;return o?u`<${ae} class="row-link slab-link" to=${`/slabs/${d.key}`}>${p}<//>`:u`<span class="slab-link">${p}</span>`}},{head:i("field.verdict"),cell:d=>d.ended?u`<${kt} verdict=${d.verdict} />`:u`<span class="quiet">· ${i("verdict.open")}</span>`},...t.some(d=>d.disposition)?[{head:i("slab.disposition"),cell:d=>d.disposition?i(`disposition.${d.disposition}`):""}]:[],{head:i(n?"field.ended":"field.began"),cell:d=>u`<time class="time">${n?he(d.ended??d.began,!1).slice(5,16):he(d.began,!1)}</time>`},{head:i("field.reason"),cell:d=>u`${d.reason?u`<span class="reason">${a(d.reason)}</span> `:""}
         ${d.emulated&&u` <span class="mark">${i("emulation.mark")}</span>`}`},!n&&{head:i("field.blocks"),number:!0,cell:d=>`${d.stations_measured}/${d.stations}`},!n&&{head:i("field.type"),number:!0,cell:d=>d.slab_type},!n&&{head:i("field.no"),number:!0,cell:d=>d.slab_no},!n&&{head:i("field.key"),number:!0,cell:d=>d.key}].filter(Boolean);return u`<${se} caption=${e} columns=${r} rows=${t} id=${d=>d.key} empty=${s}
-    hideCaption=${l} />`}function tp({map:e,open:t,stale:n,age_ms:o}){let{t:s,units:l,reason:i}=M(),a=lt(e?.verdict);return n?u`<div class="big big-stale" data-slab-verdict=${a}>
+    hideCaption=${l} />`}function tp({map:e,open:t,stale:n,age_ms:o}){let{t:s,units:l,reason:i}=M(),a=lt(e?.verdict),r=!t&&(e?.ended_utime_us??null)!==null;return n?u`<div class="big big-stale" data-slab-verdict=${a}>
       <span class="big-word">${s("stale.word")}</span>
-      <span class="big-note">${o===null?s("stale.never"):s("stale.age",{age:_n(o/1e3,l)})}${e&&!t?` · ${s("stale.last")}: ${rn(a)} ${s(`verdict.${a}`)}`:""}</span>
-    </div>`:t||!e?null:u`<div class=${`big v-${a}`} data-slab-verdict=${a}>
+      <span class="big-note">${o===null?s("stale.never"):s("stale.age",{age:_n(o/1e3,l)})}${r?` · ${s("stale.last")}: ${rn(a)} ${s(`verdict.${a}`)}`:""}</span>
+    </div>`:r?u`<div class=${`big v-${a}`} data-slab-verdict=${a}>
     <span class="big-word"><span aria-hidden="true">${rn(a)} </span>${s(`verdict.${a}`)}</span>
     ${a!=="pass"&&e.reason?u`<span class="big-note">${i(e.reason,e.reason_text)}</span>`:""}
-  </div>`}function np({slab:e}){let{t}=M(),n=e?.stations_done??0,o=e?.stations??0;return u`<div class="big big-open" data-slab-verdict="none">
+  </div>`:null}function np({slab:e}){let{t}=M(),n=e?.stations_done??0,o=e?.stations??0;return u`<div class="big big-open" data-slab-verdict="none">
     <span class="big-word">${t("live.scanned",{done:n,all:o})}</span>
     <span class="big-note">${e?.current_station?t("live.current",{station:e.current_station}):""}</span>
     <progress max=${o} value=${n} aria-label=${t("live.scanned",{done:n,all:o})}></progress>

@@ -14,17 +14,19 @@ import { Foreign } from '../text.js';
 import { known, symbol } from '../verdict.js';
 import { useWords } from '../words.js';
 
-/// The verdict in letters as large as the screen allows. A stale page shows that it is stale instead.
+/// The verdict in letters as large as the screen allows. A stale page shows that it is stale instead. Just after SLAB_END
+/// the newest map may be that of before it, without a verdict.
 function Verdict({ map, open, stale, age_ms }) {
   const { t, units, reason } = useWords();
   const verdict = known(map?.verdict);
+  const isJudged = !open && (map?.ended_utime_us ?? null) !== null;
   if (stale)
     return html`<div class="big big-stale" data-slab-verdict=${verdict}>
       <span class="big-word">${t('stale.word')}</span>
       <span class="big-note">${age_ms === null ? t('stale.never') : t('stale.age', { age: duration(age_ms / 1000, units) })}${
-        map && !open ? ` · ${t('stale.last')}: ${symbol(verdict)} ${t(`verdict.${verdict}`)}` : ''}</span>
+        isJudged ? ` · ${t('stale.last')}: ${symbol(verdict)} ${t(`verdict.${verdict}`)}` : ''}</span>
     </div>`;
-  if (open || !map) return null;
+  if (!isJudged) return null;
   return html`<div class=${`big v-${verdict}`} data-slab-verdict=${verdict}>
     <span class="big-word"><span aria-hidden="true">${symbol(verdict)} </span>${t(`verdict.${verdict}`)}</span>
     ${verdict !== 'pass' && map.reason ? html`<span class="big-note">${reason(map.reason, map.reason_text)}</span>` : ''}
