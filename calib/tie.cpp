@@ -321,7 +321,7 @@ double usual_misfit_of(const std::vector<Pair>& pairs, std::size_t k, const Fit&
   std::sort(each.begin(), each.end());
   const std::size_t count = each.size();
   const double median = 0.5 * (each[(count - 1) / 2] + each[count / 2]);
-  // The fit takes six of the three coordinates of each pair.
+  // The fit takes six degrees of freedom, those of two pairs.
   const double left = static_cast<double>(count) / (static_cast<double>(count) - 2.0);
   return std::max(1.0, left * median / chi_square_median(3));
 }

@@ -82,7 +82,7 @@ Status need_measured_points(const Attempt& attempt, std::span<const float> point
   const std::optional<std::uint32_t>& crc32c = attempt.points_crc32c;
   if (points.size() == 3 * attempt.shape.points && (!crc32c || *crc32c == hal::points_crc32c(points))) return success();
   return error(Code::config,
-               "its scan was changed, or --unit is another one: its points are not those that were measured");
+               "its scan was changed, or is in another unit: its points are not those that were measured");
 }
 
 /// Reads one scan at a time and removes points that are not on a surface.

@@ -57,19 +57,10 @@ bool was_refused(const BlockResult& stored, const BlockResult& now) {
 
 namespace {
 
-std::string unit_of(const hal::ScanForm& form) {
-  switch (form.unit) {
-    case hal::LengthUnit::m: return "m";
-    case hal::LengthUnit::um: return "um";
-    case hal::LengthUnit::mm: break;
-  }
-  return "mm";
-}
-
-std::string columns_of(const hal::ScanForm& form) {
-  const hal::TableColumns& columns = form.columns;
-  if (columns.empty()) return "";
-  return fmt::format("{},{},{}", columns.xyz[0].view(), columns.xyz[1].view(), columns.xyz[2].view());
+ScanFormOptions words_of(const hal::ScanForm& form) {
+  ScanFormOptions words{.unit = "", .columns = ""};
+  words.complete_from(form);
+  return words;
 }
 
 }  // namespace
@@ -86,22 +77,22 @@ const hal::ScanForm& ScanForms::of(const Attempt& attempt) const {
   return other_;
 }
 
-std::string ScanForms::joined(std::string (*text)(const hal::ScanForm&)) const {
-  std::string words = text(other_);
-  const bool all_alike =
-      std::all_of(of_scanner_.begin(), of_scanner_.end(), [&](const auto& one) { return text(one.second) == words; });
+std::string ScanForms::joined(std::string ScanFormOptions::*part) const {
+  std::string words = words_of(other_).*part;
+  const bool all_alike = std::all_of(of_scanner_.begin(), of_scanner_.end(),
+                                     [&](const auto& one) { return words_of(one.second).*part == words; });
   if (all_alike) return words;
   words.clear();
-  for (const auto& [scanner, form] : of_scanner_) words += (words.empty() ? "" : "+") + text(form);
+  for (const auto& [scanner, form] : of_scanner_) words += (words.empty() ? "" : "+") + words_of(form).*part;
   return words;
 }
 
 std::string ScanForms::unit() const {
-  return joined(unit_of);
+  return joined(&ScanFormOptions::unit);
 }
 
 std::string ScanForms::columns() const {
-  return joined(columns_of);
+  return joined(&ScanFormOptions::columns);
 }
 
 Remeasurer::Remeasurer(int threads, ScanForms forms, std::string scans_dir)

@@ -53,7 +53,7 @@ class ScanForms {
   [[nodiscard]] std::string columns() const;
 
  private:
-  [[nodiscard]] std::string joined(std::string (*text)(const hal::ScanForm&)) const;
+  [[nodiscard]] std::string joined(std::string ScanFormOptions::*part) const;
 
   hal::ScanForm other_;
   std::vector<std::pair<PartId, hal::ScanForm>> of_scanner_;
