@@ -172,28 +172,46 @@ void look_at_links(const config::Config& config, Steps& steps) {
 void look_at_scanner(storage::Reader& reader, const config::Config& config, std::span<const std::uint16_t> types,
                      Steps& steps) {
   const auto line = need(reader.line_calibration(config.by.scanner.view()), kNotReachable);
+  const std::int64_t now_us = wall_clock_us();
   const bool applied = line->source == LineCalibration::Source::applied;
-  steps[kHandEye] = {applied ? StepState::done : StepState::open, applied ? std::string(line->id.view())
-                                                                  : !config.calibration.id.empty()
-                                                                      ? say("only the configuration's T_flange_scanner")
-                                                                      : say("none")};
+  const bool expired = fault_of(*line, now_us) == CalibrationFault::expired;
+  steps[kHandEye] = {applied && !expired ? StepState::done : StepState::open,
+                     expired                          ? say("{} has expired", line->id.view())
+                     : applied                        ? std::string(line->id.view())
+                     : !config.calibration.id.empty() ? say("only the configuration's T_flange_scanner")
+                                                      : say("none")};
   const bool accepted = !line->scanner.id.empty() && !line->scanner.failed;
   steps[kAcceptance] = {
       accepted ? StepState::done : StepState::note,
       accepted ? std::string(line->scanner.id.view()) : say("none: U takes the recipe's specification")};
   std::string without;
-  for (const std::uint16_t type : types)
-    if (line->table_for(type) == nullptr) without += fmt::format("{}{}", without.empty() ? "" : ", ", type);
+  std::string unused;
+  for (const std::uint16_t type : types) {
+    const StationsInForce* table = line->table_for(type);
+    const std::string_view why = table == nullptr ? "" : why_unused(*table, line->id, now_us);
+    if (table != nullptr && why.empty()) continue;
+    without += fmt::format("{}{}", without.empty() ? "" : ", ", type);
+    if (table != nullptr) unused += "; " + say("{} is {}", table->id.view(), translated(why));
+  }
   // Without both, U of a seat's place and slope is unknown, and a value without U never passes.
-  const bool robot_stated = has_value(config.splice.absolute_mm) && has_value(config.splice.absolute_rad);
+  const bool robot_stated = applied ? has_value(config.splice.absolute_mm) && has_value(config.splice.absolute_rad)
+                                    : has_value(config.splice.commissioning_mm);
   steps[kCorrections] = {without.empty() && !types.empty() ? StepState::done
-                         : robot_stated || !applied        ? StepState::note
+                         : robot_stated                    ? StepState::note
                                                            : StepState::open,
-                         without.empty() ? say("of every slab type") : say("none for type {}", without)};
+                         without.empty() ? say("of every slab type") : say("none for type {}", without) + unused};
   if (steps[kCorrections].state == StepState::open)
     steps[kCorrections].saw +=
-        say("; [robot] absolute_sigma_mm and absolute_sigma_deg are not stated either: no seat can pass");
+        applied ? say("; [robot] absolute_sigma_mm and absolute_sigma_deg are not stated either: no seat can pass")
+                : say("; [calibration] station_sigma_mm and station_sigma_deg are not stated either: no seat can pass");
   const bool checked = !line->block.reference_id.empty() || !line->ball.reference_id.empty();
+  if (line->block.failed || line->ball.failed) {
+    const LineCalibration::Watch& watch = line->block.failed ? line->block : line->ball;
+    const std::string note = quote(watch.note.view());
+    steps[kDailyCheck] = {StepState::open,
+                          watch.reference_id.empty() ? note : say("{}: {}", watch.reference_id.view(), note)};
+    return;
+  }
   steps[kDailyCheck] = {
       checked ? StepState::done : StepState::note,
       checked ? std::string((line->block.reference_id.empty() ? line->ball : line->block).reference_id.view())

@@ -151,6 +151,11 @@ std::optional<Pose> find_T_robot_slab(storage::Reader* reader, const config::Con
   return cell->tie.numbers.T_base_robot.inverse() * config.T_base_slab;
 }
 
+std::string_view why_unused(const StationsInForce& table, const CalibrationId& hand_eye_id, std::int64_t utime_us) {
+  if (!(table.hand_eye_id == hand_eye_id)) return "stale";
+  return table.expires_utime_us != 0 && utime_us >= table.expires_utime_us ? "expired" : "";
+}
+
 InForce hand_eye_in_force(storage::Reader* reader, const config::Config& config) {
   InForce now{config.calibration.id, config.calibration.T_flange_scanner, false};
   if (reader == nullptr) return now;

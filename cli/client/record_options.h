@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "cli/client/scanner_choice.h"
 #include "cli/exit.h"
@@ -62,6 +63,11 @@ struct Kept {
 /// Sentence if the acceptances in force of two scanners are those of one device: they have its name, or the figures of
 /// the same scans. Empty if not, or if the records cannot be read.
 [[nodiscard]] std::string one_acceptance_for_two(const config::Config& config);
+
+/// "stale" or "expired" if the corrections do not apply to slabs that begin at `utime_us` with this hand-eye
+/// calibration in force; otherwise empty.
+[[nodiscard]] std::string_view why_unused(const StationsInForce& table, const CalibrationId& hand_eye_id,
+                                          std::int64_t utime_us);
 
 /// The effective hand-eye calibration of the scanner `config.by`: the applied one, otherwise the configuration's
 /// commissioning value.

@@ -94,11 +94,18 @@ bool examine_folder(const char* check, const std::string& folder, const DaemonUs
     report.failed(check, say("{} is not a folder", there.string()), say("remove it or name another one"));
     return false;
   }
+  const std::string group = rights.group != nullptr ? rights.group : account.name;
+  if (!writable && there != fs::path(folder)) {
+    // The parent is of the system or of a share that is not mounted, and must not be handed over.
+    report.failed(check, say("{} does not exist, and {} cannot make it", folder, account.name),
+                  say("if it belongs on another disk or a share, mount that first; otherwise {}",
+                      fmt::format("install -d -o {} -g {} -m {} {}", account.name, group, rights.mode, folder)));
+    return false;
+  }
   if (!writable) {
-    report.failed(check, say("{} is not writable for {}", there.string(), account.name),
-                  fmt::format("chown {}:{} {} && chmod {} {}", account.name,
-                              rights.group != nullptr ? rights.group : account.name, there.string(), rights.mode,
-                              there.string()));
+    report.failed(
+        check, say("{} is not writable for {}", folder, account.name),
+        fmt::format("chown {}:{} {} && chmod {} {}", account.name, group, folder, rights.mode, folder));
     return false;
   }
   // The mode does not show a disk that the kernel has made read-only, as it does with a damaged one.

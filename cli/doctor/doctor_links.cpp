@@ -3,6 +3,7 @@
 // The daemon, scanners and calibrations by its status. If it does not run, the calibrations are read from the database.
 #include <fmt/core.h>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <filesystem>
@@ -72,7 +73,7 @@ constexpr std::array kWarningCures = {
     marked("slabctl calibrate stations; docs/MASTERING.md"),
     marked("slabctl scanner verify; docs/SCANNER.md, \"Is it good enough?\""),
     marked("slabctl calibrate new, and apply it; docs/CALIBRATION.md"),
-    marked("slabctl recipe diff shows the difference; slabctl recipe reload between two slabs"),
+    marked("slabctl recipe reload --look lists the differences; slabctl recipe reload between two slabs"),
     marked(
         "expected on a test line; on a real one [line] simulation = false, real poses (flags, bits 0 and 4) and a real "
         "scanner; "
@@ -232,7 +233,7 @@ static void examine_acceptance(std::string_view id, std::string_view standing, E
                    cure);
 }
 
-/// Examines a line with a measured hand-eye and without corrections.
+/// Examines a line with a measured hand-eye and without corrections that are used.
 static void examine_uncorrected(const config::ArmSettings& arm, Examination& report) {
   if (has_value(arm.splice.absolute_mm) && has_value(arm.splice.absolute_rad)) return;
   report.failed(
@@ -240,19 +241,42 @@ static void examine_uncorrected(const config::ArmSettings& arm, Examination& rep
       say("set [robot] absolute_sigma_mm and absolute_sigma_deg, or master the stations (docs/MASTERING.md)"));
 }
 
+/// Names what the values of the configuration lack.
+static void examine_commissioning(const config::ArmSettings& arm, Examination& report) {
+  report.warning("calibration",
+                 has_value(arm.splice.commissioning_mm)
+                     ? say("commissioning values: the position of the scanner was not measured")
+                     : say("commissioning values without [calibration] station_sigma_mm and station_sigma_deg: no seat "
+                           "can pass"),
+                 "slabctl calibrate new; docs/CALIBRATION.md");
+}
+
 /// Calibrations of one arm as stored, without the daemon.
 static void examine_stored(const config::ArmSettings& settings, const LineCalibration& calibration,
                            Examination& report) {
-  if (calibration.source == LineCalibration::Source::applied)
+  const std::int64_t now = hal::make_system_clock()->utime_us();
+  if (fault_of(calibration, now) == CalibrationFault::expired)
+    report.failed("calibration", say("{} has expired", calibration.id.view()),
+                  "slabctl calibrate new; docs/CALIBRATION.md");
+  else if (calibration.source == LineCalibration::Source::applied)
     report.ok("calibration", say("{} was applied last", calibration.id.view()));
   else if (!calibration.trouble.empty())
     report.failed("calibration", quote(calibration.trouble.view()), "slabctl calibrate new; docs/CALIBRATION.md");
+  else if (calibration.source == LineCalibration::Source::commissioning && !has_value(settings.splice.commissioning_mm))
+    examine_commissioning(settings, report);
   else
     report.warning("calibration", say("none has been applied"), "docs/CALIBRATION.md");
   examine_acceptance(calibration.scanner.id.view(),
-                     name(acceptance_state(calibration.scanner, hal::make_system_clock()->utime_us())), report);
-  if (calibration.source == LineCalibration::Source::applied && calibration.tables.empty())
-    examine_uncorrected(settings, report);
+                     name(acceptance_state(calibration.scanner, now)), report);
+  const bool corrected =
+      std::any_of(calibration.tables.begin(), calibration.tables.end(),
+                  [&](const StationsInForce& table) { return why_unused(table, calibration.id, now).empty(); });
+  if (calibration.source == LineCalibration::Source::applied && !corrected) examine_uncorrected(settings, report);
+  for (const LineCalibration::Watch* watch : {&calibration.block, &calibration.ball})
+    if (const std::string note = quote(watch->note.view()); watch->failed)
+      report.failed("daily check",
+                    watch->reference_id.empty() ? note : say("{}: {}", watch->reference_id.view(), note),
+                    say("find the cause, then slabctl calibrate check"));
 }
 
 /// Calibrations of one arm as the daemon states them.
@@ -269,15 +293,17 @@ static void examine_in_force(const config::ArmSettings& settings, const json& ca
   else if (expires_us != 0 && expires_us < now)
     report.failed("calibration", say("{} has expired", id), "slabctl calibrate new; docs/CALIBRATION.md");
   else if (source == "commissioning")
-    report.warning("calibration", say("commissioning values: the position of the scanner was not measured"),
-                   "slabctl calibrate new; docs/CALIBRATION.md");
+    examine_commissioning(settings, report);
   else if (expires_us != 0 && expires_us - now < kExpiresSoon_us)
     report.warning("calibration", say("{} expires in {} days", id, (expires_us - now) / 86'400'000'000),
                    say("plan a new one"));
   else
     report.ok("calibration", id);
   const json& stations = at(calibration, {"stations"});
-  if (source == "applied" && (!stations.is_array() || stations.empty())) examine_uncorrected(settings, report);
+  const bool corrected =
+      stations.is_array() && std::any_of(stations.begin(), stations.end(),
+                                         [](const json& table) { return text(at(table, {"state"})) == "used"; });
+  if (source == "applied" && !corrected) examine_uncorrected(settings, report);
   const json& scanner = at(calibration, {"scanner"});
   examine_acceptance(scanner.is_object() ? text(at(scanner, {"id"})) : "", text(at(scanner, {"state"})), report);
   for (const json& table : at(calibration, {"stations"}))
