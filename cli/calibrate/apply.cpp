@@ -138,8 +138,11 @@ int apply_session(const SessionOptions& which, RecordOptions record_options, boo
                        session_words(session), session.settings().config, record_options.config));
   finish_killed_change(config);
   const InForce now = hand_eye_in_force(config);
+  storage::CalibrationRecord same;
+  same.numbers = solution.record.numbers;
+  same.scanner = config.by.scanner.view();
   // The id of the same numbers with another expiry has an added number behind a dot.
-  if (now.id.view().substr(0, now.id.view().find('.')) != solution.record.id &&
+  if (now.id.view().substr(0, now.id.view().find('.')) != storage::calibration_id(same) &&
       now.id.view() != solution.verified->before_id)
     stop(kRefused, say("{} is in force now, and it was verified against {}; next: slabctl calibrate verify --config {}",
                        now.id.empty() ? say("nothing") : std::string(now.id.view()),
@@ -191,7 +194,9 @@ int show_history(const Options& options) {
   std::vector<storage::AppliedChange> applied;
   std::vector<storage::CalibrationRecord> records;
   if (reader != nullptr) {
-    applied = need(reader->applied(options.limit), kNotReachable);
+    // The limit counts the changes that are shown: those of one scanner are selected first.
+    constexpr std::size_t kLookBack = 100'000;
+    applied = need(reader->applied(options.scanner.id.empty() ? options.limit : kLookBack), kNotReachable);
     records = need(reader->calibrations(), kNotReachable);
   }
   if (!options.scanner.id.empty()) {
@@ -200,6 +205,7 @@ int show_history(const Options& options) {
     std::erase_if(applied, [&](const storage::AppliedChange& c) {
       return c.kind != CalibrationKind::tie && c.scanner != scanner;
     });
+    applied.resize(std::min(applied.size(), options.limit));
     std::erase_if(records, [&](const storage::CalibrationRecord& r) {
       return r.kind() != CalibrationKind::tie && r.scanner != scanner;
     });

@@ -33,7 +33,6 @@ namespace slabd::cli {
 namespace {
 
 constexpr std::size_t kTrendRows = 10;
-constexpr double kSameRadius_mm = 1e-6;
 
 struct CheckOptions {
   std::string config;

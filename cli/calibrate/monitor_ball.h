@@ -20,6 +20,9 @@ class Command;
 /// both.
 namespace slabd::cli {
 
+/// Two radii that differ by more are not the same: the centre found would move by about the difference.
+inline constexpr double kSameRadius_mm = 1e-6;
+
 struct BallMeasurement {
   std::string scan;
   std::string flange;  ///< T_base_flange as reported: "x y z qw qx qy qz"

@@ -355,6 +355,7 @@ Result<SessionSolution> solve_session(const Session& session) {
     record.numbers.sigma_rad = std::sqrt(covariance.bottomRightCorner<3, 3>().trace() / 3.0);
     storage::CalibrationRecord kept;
     kept.numbers = record.numbers;
+    if (!settings.scanner.empty()) kept.scanner = settings.scanner;
     record.id = storage::calibration_id(kept);
   }
   record.point_sigma_mm = h.predicted_point_sigma_mm;

@@ -54,6 +54,7 @@ struct Seen {
 struct Reference {
   std::string id;
   std::string observations;
+  std::int64_t expires_utime_us = 0;  ///< 0 if it never expires
   MonitorBall ball;
 };
 
@@ -189,6 +190,15 @@ void keep_check(Run& run) {
     complain(say("no monitor ball is in force, so no check is stored: slabctl calibrate reference"));
     return;
   }
+  if (const std::int64_t end = run.reference->expires_utime_us; end != 0 && wall_clock_us() >= end) {
+    complain(say("no check is stored: {}", say("{} has expired", run.reference->id)));
+    return;
+  }
+  if (const double taken_mm = run.reference->ball.radius_mm; std::abs(run.look.radius_mm - taken_mm) > kSameRadius_mm) {
+    complain(say("no check is stored: {}", say("--radius {:g}: {} was taken into use with {:g} mm",
+                                               run.look.radius_mm, run.reference->id, taken_mm)));
+    return;
+  }
   const MeasuredBall& seen = run.seen.back().ball;
   if (const std::string where = seen_elsewhere(run.config, run.reference->observations, seen); !where.empty()) {
     complain(say("no check is stored: {}", where));
@@ -248,7 +258,8 @@ int warm_up(const Options& options) {
       stop(kRefused, say("no calibration is in force, and the configuration has no commissioning values"));
     if (reader != nullptr)
       if (const auto record = need(reader->current(CalibrationKind::monitor_ball, 0, config.by.scanner.view())))
-        run.reference = Reference{record->id, record->observations, std::get<MonitorBall>(record->numbers)};
+        run.reference = Reference{record->id, record->observations, record->expires_utime_us,
+                                  std::get<MonitorBall>(record->numbers)};
   }
   if (!has_value(run.look.radius_mm) && run.reference) run.look.radius_mm = run.reference->ball.radius_mm;
   if (!has_value(run.look.radius_mm))
