@@ -31,9 +31,11 @@ constexpr std::array kTable = {
     Entry{Code::unknown_command, "the command word is none of 1..5", "correct CMD (HR 10) in the PLC program"},
     Entry{Code::stale_session, "the command carries an old session number",
           "read SESSION (IR 9) again, copy it to SESSION_ECHO (HR 38), write the command again"},
-    Entry{Code::busy, "another command is still being carried out", "wait until BUSY (IR 5 bit 1) is clear"},
-    Entry{Code::wrong_slab, "no slab is open, or the command names another slab",
-          "send SLAB_BEGIN first; SLAB_NO must stay the same until SLAB_END"},
+    Entry{Code::busy, "another command is still being carried out, or too many results wait for RES_ACK",
+          "wait until BUSY (IR 5 bit 1) is clear; if it is, acknowledge the results (IR 20, HR 2)"},
+    Entry{Code::wrong_slab, "no slab is open, the command names another slab, or SLAB_BEGIN came while one is open",
+          "IR 14-15 name an open slab: SLAB_END or SLAB_ABORT it first; if none is open, SLAB_BEGIN; keep SLAB_NO "
+          "until SLAB_END"},
     Entry{Code::station_range, "the station number is outside 1..number of blocks", "correct STATION (HR 11)"},
     Entry{
         Code::unknown_type, "no usable recipe for this slab type, or a scan shows the slab end of another one",
