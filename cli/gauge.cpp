@@ -294,7 +294,7 @@ void add_gauge(args::Command& app) {
       "SLAB_END and within valid_s. A restart of slabd forgets it.\nExample: slabctl gauge enter thickness_front 200.2 "
       "--slab-no 10042");
   entering->add_option("GAUGE", entered->gauge, "Its name in the configuration")->required();
-  entering->add_option("VALUE", entered->value, "Measured value, in the unit of the gauge")
+  entering->add_option("VALUE", entered->value, "The number that the instrument shows, before `scale`")
       ->required()
       ->check(within(-1e6, 1e6));
   entering->add_option("--slab-no", entered->slab_no, "SLAB_NO of the slab, as `slabctl status` shows it")->required();

@@ -166,7 +166,7 @@ class Sender {
     say(sentence);
   }
 
-  void write_metrics(bool connected) const {
+  void write_metrics(bool connected) {
     if (config_.plant.metrics_file.empty()) return;
     const std::string text = fmt::format(
         "# HELP slabd_plant_connected 1: the plant's database takes this line's results\n"
@@ -176,14 +176,17 @@ class Sender {
         "# HELP slabd_plant_arrived_seq All rows of the outbox up to this one have arrived\n"
         "# TYPE slabd_plant_arrived_seq gauge\nslabd_plant_arrived_seq {}\n",
         connected ? 1 : 0, total_, arrived_);
-    if (const Status status = write_durably(config_.plant.metrics_file, text); !status.ok())
-      say(std::string(status.error().text.view()));
+    const Status status = write_durably(config_.plant.metrics_file, text);
+    const std::string trouble = status.ok() ? "" : std::string(status.error().text.view());
+    if (!trouble.empty() && trouble != metrics_trouble_) say(trouble);
+    metrics_trouble_ = trouble;
   }
 
   const config::Config& config_;
   const Options& options_;
   std::string place_ = "plant's database";
   std::string trouble_;
+  std::string metrics_trouble_;
   std::string epoch_;
   bool is_new_ = false;  ///< the connection: nothing was sent over it
   std::int64_t arrived_ = 0;

@@ -238,12 +238,17 @@ int show_capability(const Options& options) {
   const auto reader = open_database(options.database);
   storage::ItemFilter filter = filter_of(options);
   storage::SlabFilter newest;
-  newest.limit = 1;
+  newest.limit = 100;  // the newest ones may be open or aborted, without values
   newest.since_utime_us = filter.since_utime_us;
   newest.until_utime_us = filter.until_utime_us;
   newest.mould = filter.mould;
-  if (const auto slabs = need(reader->slabs(newest), kNotReachable); filter.slab_type == 0 && !slabs.empty())
-    filter.slab_type = slabs.front().header.slab_type;
+  if (filter.slab_type == 0) {
+    const auto slabs = need(reader->slabs(newest), kNotReachable);
+    const auto with_values = std::find_if(slabs.begin(), slabs.end(), [](const storage::SlabSummary& slab) {
+      return slab.ended_utime_us != 0 && slab.verdict != Verdict::aborted;
+    });
+    if (with_values != slabs.end()) filter.slab_type = with_values->header.slab_type;
+  }
   std::vector<Trend> trends = trend::read_trends(*reader, filter);
   std::erase_if(trends, [](const Trend& t) { return t.values == 0 || !(has_value(t.lower) || has_value(t.upper)); });
   options.document.write(trend::document_of(trends, options.document.wanted()));
