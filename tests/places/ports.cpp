@@ -18,7 +18,7 @@ namespace {
 constexpr unsigned kFirst = 20'000;
 constexpr unsigned kCount = 10'000;
 
-/// Claims a port until the process ends, with the same name as tests/plc/line.py. The name is an abstract socket: the
+/// Claims a port until the process ends, with the same name as ports.py. The name is an abstract socket: the
 /// kernel removes it with the process, and like ports it belongs to a network namespace.
 bool claim(unsigned port) {
   const std::string name = "slabd-test-port-" + std::to_string(port);

@@ -3,7 +3,6 @@
 import os
 import pathlib
 import pwd
-import random
 import shutil
 import signal
 import socket
@@ -13,20 +12,14 @@ import tempfile
 import threading
 import time
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "places"))
+from ports import own_port  # noqa: E402
+
 PROGRAMS = next((path for path in sorted(pathlib.Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)
                  if (path / "initdb").exists()), None)
 if PROGRAMS is None:
     print("SKIP: no PostgreSQL server is installed (script/apt-packages-postgres)", file=sys.stderr)
     sys.exit(77)
-
-
-def free_port():
-    # Neither a number of the other tests nor one of the kernel, whose own begin at 32768.
-    while True:
-        port = random.randrange(20000, 30000)
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) != 0:
-                return port
 
 
 def as_user():
@@ -42,7 +35,7 @@ class Server:
 
     def __init__(self, size_mb=0):
         self.folder = tempfile.mkdtemp(prefix="slabd-plant-")
-        self.port = free_port()
+        self.port = own_port()
         self.disk = pathlib.Path(self.folder, "disk")
         self.disk.mkdir()
         self.data = self.disk / "data"

@@ -4,11 +4,10 @@ made of pymodbus and the function block of docs/plc. Nothing of the PLC's side s
 import json
 import logging
 import os
-import random
 import shutil
 import signal
-import socket
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -18,7 +17,9 @@ from pymodbus.datastore import ModbusSequentialDataBlock, ModbusServerContext, M
 from pymodbus.exceptions import ModbusException
 from pymodbus.server import ServerStop, StartTcpServer
 
-from st_block import Block
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "places"))
+from ports import own_port  # noqa: E402
+from st_block import Block  # noqa: E402
 
 logging.disable(logging.ERROR)  # pymodbus logs every reconnection; its timeout= must be whole seconds
 
@@ -26,28 +27,6 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 SLAB_BEGIN, SCAN, SLAB_END, SLAB_ABORT = 1, 2, 3, 4
 PASS, FAIL = 1, 2
 STATIONS = 18
-
-
-CLAIMS = []
-
-
-def own_port():
-    """As own_port() of tests/places/ports.h, which uses the same claims: a TCP and UDP port of this process alone."""
-    begin = random.randrange(10000)
-    for i in range(10000):
-        port = 20000 + (begin + i) % 10000
-        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        try:
-            claim.bind(f"\0slabd-test-port-{port}")
-            for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
-                with socket.socket(socket.AF_INET, kind) as s:
-                    s.bind(("", port))
-        except OSError:
-            claim.close()
-            continue
-        CLAIMS.append(claim)
-        return port
-    raise RuntimeError("no free port")
 
 
 class Box:
