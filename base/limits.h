@@ -156,8 +156,9 @@ constexpr std::size_t inspection_bytes(std::size_t arms) {
 inline constexpr std::size_t kInspectionBytes = inspection_bytes(1);
 static_assert(kScanSlotsMax == 3 && inspection_bytes(kArmsMax) == kInspectionBytes + kScanSlotBytes,
               "a second arm takes the memory of one scan");
-/// Memory of the rest of the process: code, stacks, SQLite's cache and statements, the station and its queues.
-inline constexpr std::size_t kProcessBytes = 22'500'000;
+/// Memory of the rest of the process: code, stacks, SQLite's cache and statements, the station and its queues. The
+/// kernel decides how many pages of program and libraries it maps, so they have a reserve of 2.8 MB.
+inline constexpr std::size_t kProcessBytes = 25'000'000;
 static_assert(kScanSlotBytes + kWorkspaceBytes + kProcessBytes <= kScanSizes * 160'000'000,
               "one scan in flight must fit an industrial PC together with its other work");
 static_assert(kScanSlotBytes <= kScanSizes * 72'000'000, "and so must every further one");
