@@ -202,7 +202,7 @@ struct CareState {
   enum class Phase : std::uint8_t { none, under_way, done, failed };
   Phase backup = Phase::none;
   std::string backup_path;
-  std::int64_t backup_pages = 0;  ///< pages copied, of backup_pages_all
+  std::int64_t backup_pages = 0;  ///< of backup_pages_all: pages copied, then again pages read
   std::int64_t backup_pages_all = 0;
   std::string backup_error;
   Phase prune = Phase::none;

@@ -58,7 +58,7 @@ struct CareAnswer {
   struct Work {
     std::string state;  ///< none, under_way, done, failed
     std::string path;
-    std::int64_t done = 0;  ///< pages copied, slabs deleted
+    std::int64_t done = 0;  ///< pages copied or read for the checksum; slabs deleted
     std::string error;
   };
   Work backup;

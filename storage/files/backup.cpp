@@ -6,6 +6,7 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <ctime>
@@ -88,6 +89,8 @@ bool Backup::step(int pages) {
   if (checksum_) {
     bool done = false;
     must(checksum_->step(pages < 0 ? ~std::uint64_t{0} : static_cast<std::uint64_t>(pages * page_bytes_), done));
+    // Reading takes as long as copying. slabctl gives up if the count does not change for two minutes.
+    pages_done_ = std::min(pages_all_, static_cast<std::int64_t>(checksum_->bytes_read()) / page_bytes_);
     if (done) name_it();
     return done;
   }

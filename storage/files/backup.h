@@ -35,6 +35,7 @@ class Backup {
   /// renamed.
   bool step(int pages);
   [[nodiscard]] std::int64_t pages_all() const { return pages_all_; }
+  /// Pages copied, and then, counted again from 0, pages read for the checksum.
   [[nodiscard]] std::int64_t pages_done() const { return pages_done_; }
 
  private:

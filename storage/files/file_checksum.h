@@ -33,6 +33,8 @@ class ChecksumWriter {
   /// Reads up to `bytes` more. At the end of the file it appends the line, syncs the file and sets `done`. Codes:
   /// journal_write, store_full.
   [[nodiscard]] Status step(std::uint64_t bytes, bool& done);
+  /// Bytes read up to now.
+  [[nodiscard]] std::uint64_t bytes_read() const { return read_; }
 
  private:
   struct Sum;
