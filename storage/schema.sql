@@ -170,6 +170,8 @@ CREATE TABLE command (
   acquired INTEGER NOT NULL              -- 1: cloud and pose became durable
 ) STRICT;
 CREATE INDEX command_unfinished ON command (id) WHERE status = 1;
+-- Retention deletes the commands of one slab, and its reference to the slab is checked, without reading the table.
+CREATE INDEX command_by_slab ON command (slab_key);
 
 CREATE TABLE attempt (
   slab_key       INTEGER NOT NULL REFERENCES slab (slab_key),

@@ -78,6 +78,41 @@ TEST_F(CareTest, a_copy_holds_what_was_committed_before_and_while_it_was_made) {
   EXPECT_FALSE(fs::exists(copy_path() + "-wal")) << "looking at a copy changes nothing";
 }
 
+// slabctl gives up if the count stays the same for two minutes, in which the checksum reads 1.2 GB.
+TEST_F(CareTest, the_count_of_pages_changes_with_each_piece_of_the_copy_and_of_its_checksum) {
+  open();
+  (void)recover();
+  slabs(1, 1);
+  close();
+  {
+    Connection db(settings_.db_path, SQLITE_OPEN_READWRITE);
+    db.execute("INSERT INTO recipe_text VALUES (hex(zeroblob(32)), 'large.toml', hex(zeroblob(2500000)), 1)");
+  }
+  open();
+  (void)recover();
+  ASSERT_TRUE(store_->order(BackupOrder{copy_path()}).ok());
+  quiet(4);  // the first piece
+  CareState before = store_->care();
+  ASSERT_EQ(before.backup, Phase::under_way);
+  ASSERT_GT(before.backup_pages, 0);
+  int copied = 1;
+  int read = 0;
+  for (int piece = 0; piece < 100 && before.backup == Phase::under_way; ++piece) {
+    quiet(1);
+    const CareState after = store_->care();
+    EXPECT_LE(after.backup_pages, after.backup_pages_all);
+    if (after.backup == Phase::under_way) {
+      EXPECT_NE(after.backup_pages, before.backup_pages) << "piece " << piece;
+    }
+    (read > 0 || after.backup_pages < before.backup_pages ? read : copied) += 1;
+    before = after;
+  }
+  EXPECT_EQ(before.backup, Phase::done) << before.backup_error;
+  EXPECT_EQ(before.backup_pages, before.backup_pages_all);
+  EXPECT_GT(copied, 3);
+  EXPECT_GT(read, 3);
+}
+
 TEST_F(CareTest, one_copy_at_a_time_and_none_over_an_existing_file) {
   open();
   (void)recover();
@@ -235,6 +270,21 @@ TEST_F(CareTest, slabs_beyond_keep_slabs_are_deleted_and_the_gap_is_recorded) {
   EXPECT_EQ(gaps.value()[0].slabs, 5);
   EXPECT_EQ(gaps.value()[0].slab_key, 5);
   EXPECT_EQ(recover()->last_slab_key, kKeepSlabsMin + 5);
+}
+
+TEST_F(CareTest, the_rows_of_a_slab_are_deleted_without_reading_whole_tables) {
+  open();
+  (void)recover();
+  close();
+  Connection db(settings_.db_path, SQLITE_OPEN_READWRITE);
+  db.execute("PRAGMA foreign_keys = ON");  // references to a deleted row are searched too
+  for (const char* table : {"item", "gauge_value", "block", "attempt", "result", "command", "station_result",
+                            "slab_result", "slab_arm", "slab", "disposition"}) {
+    Statement plan(db, std::string("EXPLAIN QUERY PLAN DELETE FROM ") + table + " WHERE slab_key = 1");
+    int lines = 0;
+    for (; plan.step(); ++lines) EXPECT_TRUE(plan.text(3).starts_with("SEARCH ")) << table << ": " << plan.text(3);
+    EXPECT_GT(lines, 0) << table;
+  }
 }
 
 /// Creates slabs that are ended and acknowledged with this verdict, without scans.
