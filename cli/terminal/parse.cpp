@@ -9,6 +9,7 @@
 #include <charconv>
 #include <chrono>
 #include <cmath>
+#include <ctime>
 #include <cstdlib>
 #include <limits>
 
@@ -114,6 +115,15 @@ Result<std::int64_t> parse_time(std::string_view text, std::int64_t now_utime_us
   const int minute = number(14, 2);
   const int second = number(17, 2);
   if (!day.ok() || hour > 23 || minute > 59 || second > 59) return wrong();
+  if (text.size() == 10) {
+    // A day of lists and of groups by day is a day of the reader's time zone.
+    std::tm midnight{};
+    midnight.tm_year = number(0, 4) - 1900;
+    midnight.tm_mon = number(5, 2) - 1;
+    midnight.tm_mday = number(8, 2);
+    midnight.tm_isdst = -1;
+    return std::int64_t{1'000'000} * std::mktime(&midnight);
+  }
   const auto time = std::chrono::sys_days(day) + std::chrono::hours(hour) + std::chrono::minutes(minute) +
                     std::chrono::seconds(second);
   return std::chrono::duration_cast<std::chrono::microseconds>(time.time_since_epoch()).count();

@@ -22,8 +22,8 @@ namespace slabd::cli {
 /// fault and the allowed range.
 [[nodiscard]] Result<Pose> parse_pose(std::string_view text);
 
-/// Parses a time (UTC) as us since 1970: "2026-11-20", "2026-11-20T23:28:01Z", or an interval before `now_utime_us`:
-/// "30m", "12h", "7d". Code::config: the expected form.
+/// Parses a time as us since 1970: "2026-11-20" (begin of the day in the computer's time zone), "2026-11-20T23:28:01Z",
+/// or an interval before `now_utime_us`: "30m", "12h", "7d". Code::config: the expected form.
 [[nodiscard]] Result<std::int64_t> parse_time(std::string_view text, std::int64_t now_utime_us);
 
 /// The time of an option, with intervals before now; 0 if it was not given. Stops if it is invalid.

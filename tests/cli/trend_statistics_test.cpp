@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdlib>
+#include <ctime>
 #include <vector>
 
 #include "base/prng.h"
@@ -199,7 +201,28 @@ TEST(Sparkline, shows_the_newest_values_from_lowest_to_highest) {
   EXPECT_EQ(sparkline({}, 8, true), "");
 }
 
+/// Time zone of this process while the object lives.
+class TimeZone {
+ public:
+  explicit TimeZone(const char* name) { set(name); }
+  ~TimeZone() { set("UTC0"); }
+  TimeZone(const TimeZone&) = delete;
+  TimeZone& operator=(const TimeZone&) = delete;
+
+ private:
+  static void set(const char* name) {
+    ::setenv("TZ", name, 1);
+    ::tzset();
+  }
+};
+
+TEST(ParseTime, a_day_begins_at_midnight_of_the_time_zone) {
+  const TimeZone zone("CST-8");
+  EXPECT_EQ(parse_time("2025-11-21", 0).value(), parse_time("2025-11-20T16:00:00Z", 0).value());
+}
+
 TEST(ParseTime, knows_days_seconds_and_ages) {
+  const TimeZone zone("UTC0");
   constexpr std::int64_t kNow = 1'763'683'200'000'000;  // 2025-11-21T00:00:00Z
   EXPECT_EQ(parse_time("2025-11-21", 0).value(), kNow);
   EXPECT_EQ(parse_time("2025-11-21T00:00:01Z", 0).value(), kNow + 1'000'000);
