@@ -61,9 +61,11 @@ struct PlaneSettings {
   double threshold_min_mm = 0.0;   ///< not less than this: rounded coordinates may all be on the plane
   double inlier_share_min = 0.0;   ///< below it `ok` is false
   PlaneSupport support{};          ///< below it `ok` is false
-  /// For a face of which only the direction is used, such as one that undulates: the largest tilt that may depend on
-  /// where the threshold cuts.
+  /// Largest tilt that may depend on where the threshold cuts, as on a face that undulates or sinks towards an edge.
   double bend_max_rad = 0.0;
+  /// Largest shift (root mean square over the inliers) that may. A finite one makes the fit state its `bend`; infinity
+  /// is for a face of which only the direction is used.
+  double bend_max_mm = std::numeric_limits<double>::infinity();
   std::uint64_t seed = 1;
   int refits_max = 20;
 };

@@ -423,18 +423,27 @@ Status BlockInspector::fit_faces(const Cloud& cloud, BlockFit& fit) {
   };
   SeatFeature& seat = result.seat;
   const FaceExtents& extents = w.extents;
-  // Only the direction of the slab top is used, and cast tops undulate by tenths of a millimetre.
+  // Only the direction of the slab top is used, and cast tops undulate by tenths of a millimetre. A seat may sink by
+  // such an amount towards its edge.
+  constexpr double kBendShare = 1.0 / 3.0;
+  constexpr double kSeatBend_mm = 0.01;
+  const double U_deg = w.recipe.tolerance(ItemId::seat_slope).U;
+  const double bend_max_rad = has_value(U_deg) ? kBendShare * rad_from_deg(U_deg) : 0.0;
   PlaneSettings of_top = settings_of(extents.top, ItemId::seat_slope, 5);
-  constexpr double kTopBendShare = 1.0 / 3.0;
-  if (const double U_deg = w.recipe.tolerance(ItemId::seat_slope).U; has_value(U_deg))
-    of_top.bend_max_rad = kTopBendShare * rad_from_deg(U_deg);
+  of_top.bend_max_rad = bend_max_rad;
+  const auto settings_of_seat = [&](const FaceExtent& whole, std::uint64_t seed) {
+    PlaneSettings settings = settings_of(whole, ItemId::seat_slope, seed);
+    settings.bend_max_rad = bend_max_rad;
+    settings.bend_max_mm = kSeatBend_mm;
+    return settings;
+  };
   const Survey& survey = w.survey;
   survey_scan(cloud,
               {w.model,
                w.survey_table,
                evaluation,
                result.registration.T_scanner_block.inverse(),
-               {settings_of(extents.full_seat, ItemId::seat_slope, 2), of_top},
+               {settings_of_seat(extents.full_seat, 2), of_top},
                extents.full_seat.area_mm2},
               {w.pool,
                w.survey_blocks,
@@ -457,7 +466,7 @@ Status BlockInspector::fit_faces(const Cloud& cloud, BlockFit& fit) {
     // The seat is checked cell by cell, by its flatness.
     if (which == 0) {
       seat.plane = fit_plane_over(survey.of(PointList::seat_crop), w.model.plane(Face::seat).n,
-                                  settings_of(extents.seat_crop, ItemId::seat_slope, 1));
+                                  settings_of_seat(extents.seat_crop, 1));
       return;
     }
     const std::size_t side = which - 1;

@@ -95,6 +95,12 @@ inline constexpr std::size_t kPlaneDoubts = 11;
 [[nodiscard]] std::string_view reason_of(PlaneDoubt doubt);
 
 /// One fitted plane n.p = d in the block's registered frame (mm).
+/// Difference between a plane and its alternative fit.
+struct PlaneShift {
+  Vec3 normal = Vec3::Zero();  ///< change of the normal, rad
+  double height_mm = 0.0;      ///< change of the height at the plane's centroid
+};
+
 struct PlaneFit {
   bool ok = false;
   PlaneDoubt doubt = PlaneDoubt::not_fitted;
@@ -108,12 +114,8 @@ struct PlaneFit {
   Vec3 centroid = Vec3::Zero();                ///< centroid of the inliers, where offset and tilt are independent
   double sigma_offset_mm = kNoValue;           ///< standard deviation of the height at the centroid, from white noise
   Mat3 cov_normal = Mat3::Constant(kNoValue);  ///< covariance of `normal` (rad^2, rank 2), from white noise
-};
-
-/// Difference between a plane and its alternative fit.
-struct PlaneShift {
-  Vec3 normal = Vec3::Zero();  ///< change of the normal, rad
-  double height_mm = 0.0;      ///< change of the height at the plane's centroid
+  /// The plane with a quarter wider threshold; zero unless it depends on that by more than the noise explains.
+  PlaneShift bend;
 };
 
 /// The largest connected group of flatness cells beyond the defect limit on one side of the seat plane.

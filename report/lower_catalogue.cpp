@@ -16,6 +16,7 @@ constexpr auto kLowerCatalogue = std::to_array<Translation>({
     {"slab top unseen, roll unconfirmed", "未看到板顶面，侧倾未经确认"},
     {"top rolled {} deg to the seats", "板顶面相对承轨面侧倾 {}°"},
     {"seat {} off by {} mm in X", "承轨面 {} 在 X 方向偏 {} mm"},
+    {"seat {} turned {} deg", "承轨面 {} 绕竖直轴转动 {}°"},
     {"{} seats, 3 to {} can be fitted", "{} 个承轨面，可拟合 3 至 {} 个"},
     {"the slab's pose still moves after {} steps", "迭代 {} 步后，板的位姿仍在变化"},
     // gauges (base/gauge)

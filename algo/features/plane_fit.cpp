@@ -158,11 +158,14 @@ PlaneFit finish_fit(const Points& points, const PlaneSettings& settings, const P
     if (start.doubtful) return PlaneDoubt::second_surface;
     if (fit.inlier_fraction < settings.inlier_share_min) return PlaneDoubt::share;
     if (!rests_on_enough(settings.support, fit, spread)) return PlaneDoubt::support;
-    if (bends_with_threshold(start.sample, plane, threshold, settings.bend_max_rad)) return PlaneDoubt::bends;
+    if (bends_with_threshold(start.sample, plane, threshold, {settings.bend_max_rad, settings.bend_max_mm},
+                             fit.centroid, fit.bend))
+      return PlaneDoubt::bends;
     if (has_rival(start.sample, start.search, plane, threshold)) return PlaneDoubt::rival;
     return PlaneDoubt::none;
   }();
   fit.ok = fit.doubt == PlaneDoubt::none;
+  if (plane.n.dot(up) < 0.0) fit.bend = {-fit.bend.normal, -fit.bend.height_mm};
   return fit;
 }
 

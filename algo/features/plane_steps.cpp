@@ -309,13 +309,15 @@ bool has_rival(const PlaneSample& sample, const PlaneSearch& search, const FlatP
          static_cast<double>(count_within(points, rival, threshold)) >= kRivalShare * own;
 }
 
-bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, double threshold, double tilt_max_rad) {
+bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, double threshold, const BendLimits& limits,
+                          const Vec3& centroid, PlaneShift& bend) {
   const SamplePoints points = sample.all();
   FlatPlane narrow = plane;
   polish(points, plane.n, threshold, narrow);
   FlatPlane wide = plane;
   polish(points, plane.n, kWider * threshold, wide);
-  if ((wide.n - narrow.n).norm() <= tilt_max_rad && tilt_max_rad > 0.0) return false;
+  const bool is_small_tilt = limits.tilt_rad > 0.0 && (wide.n - narrow.n).norm() <= limits.tilt_rad;
+  if (is_small_tilt && !std::isfinite(limits.move_mm)) return false;
   ScalarMoments moves(0.0);
   ScalarMoments squares(0.0);
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -332,7 +334,11 @@ bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, dou
   // A few points move the plane by chance.
   const double limit = kMoveSigmas + 2.0 / std::sqrt(static_cast<double>(moves.count()));
   const double noise = std::fmax(std::sqrt(squares.mean()), kThresholdFloor_mm);
-  return std::sqrt(moves.mean()) > limit * noise;
+  const double move_mm = std::sqrt(moves.mean());
+  if (!(move_mm > limit * noise)) return false;
+  if (!is_small_tilt || move_mm > limits.move_mm) return true;
+  bend = {wide.n - narrow.n, narrow.distance(centroid) - wide.distance(centroid)};
+  return false;
 }
 
 namespace {

@@ -189,9 +189,13 @@ void state_covariance(const Spread& spread, const Vec3& mean, double threshold, 
 
 /// True if the plane depends on where the threshold cuts. A second surface three to four standard deviations
 /// away pulls the plane to one side. With a quarter wider threshold, the plane then moves by more than a tenth
-/// of a standard deviation. It does not count if the plane then tilts by at most `tilt_max_rad` (and that is not
-/// 0).
+/// of a standard deviation. It does not count if the plane then tilts by at most `limits.tilt_rad` (and that is not
+/// 0) and moves by at most `limits.move_mm`. `bend` is then the change at `centroid`, if `limits.move_mm` is finite.
+struct BendLimits {
+  double tilt_rad = 0.0;
+  double move_mm = 0.0;
+};
 [[nodiscard]] bool bends_with_threshold(const PlaneSample& sample, const FlatPlane& plane, double threshold,
-                                        double tilt_max_rad);
+                                        const BendLimits& limits, const Vec3& centroid, PlaneShift& bend);
 
 }  // namespace slabd::algo

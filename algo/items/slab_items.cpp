@@ -172,8 +172,17 @@ Seats seats_in_slab_frame(const Recipe& recipe, std::span<const BlockResult> blo
   return seats;
 }
 
-/// Writes remarks about the frame. Items do not show these errors: none measures a row's height or its position along
-/// the rail.
+/// Rotation of a block about the vertical against its nominal place, from its casings to its outer jaw. NaN if one of
+/// the two is not known.
+double turned_rad(const Recipe& recipe, const Seats& seats, int station) {
+  const Seat& seat = seats[station];
+  if (!seat.ok || !seat.jaw_ok) return kNoValue;
+  const Vec3 outward = T_slab_block(recipe, station).rotation.conjugate() * (seat.jaw_outer - seat.p);
+  return std::atan2(-outward.x(), outward.y());
+}
+
+/// Writes remarks about the frame. Items do not show these errors: none measures a row's height, its position along
+/// the rail or a block's rotation about the vertical.
 void note_frame(const Recipe& recipe, const RollCheck& check, const Seats& seats, const Thermal& thermal,
                 SlabFitReport& fit) {
   if (!check.seen)
@@ -193,6 +202,17 @@ void note_frame(const Recipe& recipe, const RollCheck& check, const Seats& seats
     // Both remarks must fit into the note: large values need no hundredths.
     along.printf("seat %d off by %.*f mm in X", station, most_mm < 9.995 ? 2 : most_mm < 99.95 ? 1 : 0, off_mm);
   }
+  // Casings may be cast a millimetre off along the rail, which looks like 0.3 deg.
+  double turned_most_rad = rad_from_deg(0.5);
+  FixedString<32> turned;
+  for (int station = 1; station <= recipe.stations(); ++station) {
+    const double by_rad = turned_rad(recipe, seats, station);
+    if (!(std::abs(by_rad) > turned_most_rad)) continue;
+    turned_most_rad = std::abs(by_rad);
+    turned.printf("seat %d turned %+.2f deg", station, deg_from_rad(by_rad));
+  }
+  // There is room for one remark about a seat.
+  if (along.empty()) along = turned;
   if (!along.empty() && !fit.note.empty()) fit.note.append("; ");
   fit.note.append(along.view());
 }

@@ -183,7 +183,7 @@ class BlockBudget {
     if (2.0 * u > item(id).U) item(id).U = 2.0 * u;
   }
   [[nodiscard]] double by_density(const PlaneGradient& by_seat) const {
-    return variance(by_seat, result_.seat.by_area);
+    return variance(by_seat, result_.seat.by_area) + variance(by_seat, seat().bend);
   }
   [[nodiscard]] double reference_mm(double length_mm) const {
     return recipe_.uncertainty.reference_mm.value * std::min(1.0, std::abs(length_mm) / length_reference_mm_);
@@ -439,12 +439,14 @@ void compute_observation_sigma(const BlockGeometry& geometry, CasingKind casings
     for (int axis = 0; axis < 3; ++axis) v[axis] = rounding.variance({Vec3::Unit(axis), 0.0}, plane);
     return v;
   };
-  if (seat.ok) o.sigma_n_rad = spread(seat.cov_normal, by_area.normal.cwiseAbs2() / 3.0 + rounded_normal(seat));
+  const auto shifted = [](const PlaneShift& shift) -> Vec3 { return shift.normal.cwiseAbs2() / 3.0; };
+  if (seat.ok) o.sigma_n_rad = spread(seat.cov_normal, shifted(by_area) + shifted(seat.bend) + rounded_normal(seat));
   if (result.slab_top.ok) o.sigma_top_n_rad = spread(result.slab_top.cov_normal, rounded_normal(result.slab_top));
   if (o.ok && casings == CasingKind::capped) {
     const Vec3 middle = middle_of_seat(seat);
     const PlaneGradient height{middle - seat.centroid, -1.0};
-    const double of_plane = f * variance(height, seat) + variance(height, by_area) + rounding.variance(height, seat);
+    const double of_plane = f * variance(height, seat) + variance(height, by_area) + variance(height, seat.bend) +
+                            rounding.variance(height, seat);
     // Intersection of the registered frame's Z axis with the plane: it moves with the frame, and up and down with the
     // plane.
     for (int axis = 0; axis < 3; ++axis) {

@@ -50,6 +50,25 @@ TEST(Block, fails_the_flatness_only_whatever_the_height_of_a_step) {
   }
 }
 
+TEST(Block, measures_a_seat_that_sinks_smoothly_towards_an_edge) {
+  const double slope_deg = item(inspect(scene::Block{}), ItemId::seat_slope).value;
+  for (const double noise_mm : {0.013, 0.02})
+    for (const double drop_mm : {0.1, 0.15, 0.25}) {
+      SCOPED_TRACE(testing::Message() << drop_mm << " mm, noise " << noise_mm);
+      scene::Block block;
+      block.relief_mm = [&](double x, double) {
+        return -drop_mm * std::pow(std::clamp((x - 21.0) / 30.0, 0.0, 1.0), 2);
+      };
+      scene::Scan scan;
+      scan.noise_mm = noise_mm;
+      const BlockResult r = inspect(scene::take(block, scan));
+      EXPECT_TRUE(r.seat.plane.ok) << reason_of(r.seat.plane.doubt);
+      EXPECT_EQ(r.verdict, Verdict::pass) << r.reason;
+      EXPECT_NEAR(item(r, ItemId::seat_slope).value, slope_deg, item(r, ItemId::seat_slope).U);
+      EXPECT_NEAR(item(r, ItemId::seat_flatness).value, drop_mm, 0.1);
+    }
+}
+
 TEST(Block, does_not_judge_the_seat_by_a_part_of_it) {
   // More than half of the evaluation region is off the plane of the rest, further than any face's gate.
   for (const double height : {5.0, -5.0}) {

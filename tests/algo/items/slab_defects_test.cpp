@@ -514,6 +514,19 @@ TEST(SlabDefects, a_row_displaced_along_the_rail_is_reported) {
   EXPECT_TRUE(bench.measure(bench.slab(), 5).fit.note.empty());
 }
 
+TEST(SlabDefects, a_block_turned_about_the_vertical_is_reported) {
+  const Bench bench;
+  Prng prng(4);
+  Measured m = bench.line.measure(bench.slab(), robot_only(), prng);
+  SeatObservation& o = m.blocks[6].observation;
+  const Vec3 up = Line::T_base_slab().rotation * Vec3::UnitZ();
+  const Quat turn(Eigen::AngleAxisd(rad_from_deg(1.0), up));
+  o.jaw_outer_base = o.p_base + turn * (o.jaw_outer_base - o.p_base);
+  o.n_base = turn * o.n_base;
+  algo::inspect_slab(bench.line.recipe(), m.blocks, kRobot, Line::T_base_slab(), m.slab);
+  EXPECT_NE(m.slab.fit.note.view().find("seat 7 turned +"), std::string_view::npos) << m.slab.fit.note.view();
+}
+
 TEST(SlabDefects, a_seat_out_of_place_is_reported_in_full_next_to_the_roll_and_without_spacing_limits) {
   Recipe recipe = simulation::recipe_with_uncertainty();
   Tolerance& spacing = recipe.tolerances[static_cast<std::size_t>(ItemId::seat_spacing)];
