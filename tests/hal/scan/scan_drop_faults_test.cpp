@@ -264,12 +264,16 @@ TEST_F(ScanDropTest, a_disk_that_does_not_store_the_scan_is_reported_as_the_spoo
   };
   std::thread watcher([&] {
     ASSERT_TRUE(wait_until([&] { return points_are_there.load(); })) << "the scan was not read";
-    wait_ms(500);
-    stepped.now_ns += HangWatch::kStoreMin_ns - kNsPerS / 2;
-    EXPECT_FALSE(scanner_->hangs());
-    stepped.now_ns += kNsPerS / 2;
+    const auto is_reported = [&] {
+      if (scanner_->spool_hangs()) return true;
+      wait_ms(20);
+      stepped.now_ns += 100 * kNsPerMs;
+      return false;
+    };
+    EXPECT_TRUE(wait_until(is_reported));
     EXPECT_TRUE(scanner_->hangs());
-    EXPECT_TRUE(scanner_->spool_hangs());
+    // The first report contains the time limit, so it was not given earlier.
+    static_assert(HangWatch::kStoreMin_ns == 2 * kNsPerS);
     EXPECT_EQ(scanner_->trouble().view(),
               "the spool has been storing a scan for 2 s; look at the disk of storage.spool_dir");
     std::ifstream(pipe).ignore(std::numeric_limits<std::streamsize>::max());
@@ -277,13 +281,8 @@ TEST_F(ScanDropTest, a_disk_that_does_not_store_the_scan_is_reported_as_the_spoo
   const auto result = acquire(request(), [&] {
     drop_scan("7-3.ply");
     fs::create_hard_link(inbox("7-3.ply"), folder_ / "kept.ply");
-    const auto read = [&] {
-      if (points_are_there) return true;
-      stepped.now_ns += 20 * kNsPerMs;
-      wait_ms(3);
-      return false;
-    };
-    ASSERT_TRUE(wait_until(read)) << "the scan was not read";
+    step(stepped, 20);
+    ASSERT_TRUE(wait_until([&] { return points_are_there.load(); })) << "the scan was not read";
   });
   watcher.join();
   ASSERT_FALSE(result.ok()) << "a pipe is not a disk";
@@ -385,21 +384,30 @@ TEST_F(ScanDropAnyNameTest, the_late_answer_to_an_abandoned_request_is_never_use
 }
 
 TEST_F(ScanDropAnyNameTest, an_answer_that_is_still_written_at_the_deadline_ends_the_wait_when_it_is_whole) {
+  SteppedClock stepped;
+  open_with(stepped, true);
+  const std::string whole = folder_ / "whole.ply";
+  ASSERT_TRUE(write_ply(whole.c_str(), points(9.0F), 0, 0).ok());
   const auto cut = acquire(request(3, 2'000), [&] {
-    drop_scan("late.ply", 9.0F);
-    fs::copy_file(inbox("late.ply"), folder_ / "whole.ply");
-    fs::resize_file(inbox("late.ply"), 1000);
+    fs::copy_file(whole, drop() + "/short");
+    fs::resize_file(drop() + "/short", 1'000);
+    fs::rename(drop() + "/short", inbox("late.ply"));
+    step(stepped, 2'000);
   });
   ASSERT_FALSE(cut.ok());
   EXPECT_EQ(cut.error().code, Code::frame_incomplete);
   std::thread scanner_that_is_slow([&] {
-    wait_ms(300);
-    std::ifstream rest(folder_ / "whole.ply", std::ios::binary);
+    step(stepped, 300);
+    std::ifstream rest(whole, std::ios::binary);
     rest.seekg(1000);
-    std::ofstream(inbox("late.ply"), std::ios::binary | std::ios::app) << rest.rdbuf();
+    std::ofstream(inbox("late.ply"), std::ios::binary | std::ios::app) << rest.rdbuf() << std::flush;
+    step(stepped, 600);
   });
-  // Shorter than the wait for an answer that never comes.
-  const auto next = acquire(request(4, 8'000), [&] { drop_scan("fresh.ply", 5.0F); });
+  // The clock advances less than the wait for an answer that never comes.
+  const auto next = acquire(request(4, 8'000), [&] {
+    drop_scan("fresh.ply", 5.0F);
+    step(stepped, 600);
+  });
   scanner_that_is_slow.join();
   ASSERT_TRUE(next.ok()) << next.error().text.c_str();
   EXPECT_EQ(xyz_[2], 5.0F);

@@ -45,12 +45,20 @@ class SteppedClock final : public Clock {
   [[nodiscard]] bool let_look(int ms) const {
     const int before = asked_;
     wait_ms(ms);
-    return wait_until([&] { return asked_ >= before + 24; });
+    return wait_until([&] { return asked_ >= before + kSomeLooks; });
+  }
+  /// Advances half a second if the port has looked some times since the last call.
+  void pass_if_looked() {
+    if (asked_ < passed_at_ + kSomeLooks) return;
+    passed_at_ = asked_;
+    now_ns += kNsPerS / 2;
   }
   std::atomic<std::int64_t> now_ns = kNsPerS;
 
  private:
+  static constexpr int kSomeLooks = 24;
   mutable std::atomic<int> asked_ = 0;
+  int passed_at_ = 0;
 };
 
 /// A clock that advances one millisecond at each reading, so that time limits become limits on readings.
@@ -117,13 +125,19 @@ class ScanDropTest : public ::testing::Test {
   }
 
   /// Runs acquire() on this thread, and `scanner_software` on another as soon as the request exists. A fatal failure
-  /// there cancels acquire(), which may have a clock that is stopped.
-  Result<AcquiredScan> acquire(const ScanRequest& r, const std::function<void()>& scanner_software) {
+  /// there cancels acquire(), which may have a clock that is stopped. `passing` is such a clock that advances until the
+  /// request exists, because the port first waits for a late answer.
+  Result<AcquiredScan> acquire(const ScanRequest& r, const std::function<void()>& scanner_software,
+                               SteppedClock* passing = nullptr) {
     make_place(fs::path(std::string(r.spool_path.view())));
     const std::string name = std::to_string(r.session) + "-" + std::to_string(r.cmd_seq) + ".json";
     std::atomic<bool> over = false;
     std::thread software([&] {
-      const bool asked = wait_until([&] { return over || fs::exists(request_file(name)); });
+      const bool asked = wait_until([&] {
+        if (over || fs::exists(request_file(name))) return true;
+        if (passing != nullptr) passing->pass_if_looked();
+        return false;
+      });
       EXPECT_TRUE(asked) << "there is no " << name;
       if (asked && !over) scanner_software();
       if (!asked || HasFatalFailure()) cancel_ = true;
@@ -150,8 +164,15 @@ class ScanDropTest : public ::testing::Test {
     fs::rename(temporary, inbox(name));
   }
 
-  /// Writes directly into the inbox, in parts with pauses, as unsuitable software does.
-  void write_slowly(ScanFormat format, const std::string& name, int parts, int pause_ms) const {
+  /// Lets the port look at the inbox as it is, then advances the clock.
+  static void step(SteppedClock& clock, int ms) {
+    ASSERT_TRUE(clock.let_look(60)) << "the port does not look at its inbox";
+    clock.now_ns += ms * kNsPerMs;
+  }
+
+  /// Writes directly into the inbox, in parts with pauses, as unsuitable software does. The port looks before and after
+  /// each pause, and after the last part until it counts as unchanged.
+  void write_slowly(SteppedClock& clock, ScanFormat format, const std::string& name, int parts, int pause_ms) const {
     const std::string temporary = drop() + "/whole";
     ASSERT_TRUE(write_scan(temporary.c_str(), format, points(), 0, 0).ok());
     const std::string bytes = read_file(temporary);
@@ -161,7 +182,10 @@ class ScanDropTest : public ::testing::Test {
       const std::size_t begin = bytes.size() * static_cast<std::size_t>(part) / static_cast<std::size_t>(parts);
       const std::size_t end = bytes.size() * static_cast<std::size_t>(part + 1) / static_cast<std::size_t>(parts);
       file << bytes.substr(begin, end - begin) << std::flush;
-      if (part + 1 < parts) wait_ms(pause_ms);
+      const bool is_last = part + 1 == parts;
+      step(clock, is_last ? 600 : pause_ms);
+      if (is_last || HasFatalFailure()) return;
+      ASSERT_TRUE(clock.let_look(60)) << "the port does not look at its inbox";
     }
   }
 

@@ -160,17 +160,23 @@ TEST_F(ScanDropTest, unfinished_files_are_kept_and_abandoned_ones_are_moved) {
 }
 
 TEST_F(ScanDropTest, a_torn_answer_is_303_and_a_good_repeat_works) {
+  SteppedClock stepped;
+  open_with(stepped);
   const auto torn = acquire(request(3, 2'000), [&] {
     drop_scan("t");
     fs::resize_file(inbox("t"), fs::file_size(inbox("t")) - 1);
     fs::rename(inbox("t"), inbox("7-3.ply"));
+    step(stepped, 2'000);
   });
   ASSERT_FALSE(torn.ok());
   EXPECT_EQ(torn.error().code, Code::frame_incomplete);
   EXPECT_TRUE(names_in(inbox()).empty());
   EXPECT_TRUE(fs::exists(stray("7-3.ply")));
   expect_nothing_spooled();
-  const auto repeat = acquire(request(4), [&] { drop_scan("7-4.ply"); });
+  const auto repeat = acquire(request(4), [&] {
+    drop_scan("7-4.ply");
+    step(stepped, 20);
+  });
   EXPECT_TRUE(repeat.ok()) << repeat.error().text.c_str();
 }
 
@@ -287,10 +293,12 @@ TEST_F(ScanDropTest, complete_binary_is_read_after_two_looks_and_text_when_it_ha
 }
 
 TEST_F(ScanDropTest, a_file_that_grows_under_its_own_name_is_waited_for) {
+  SteppedClock stepped;
+  open_with(stepped);
   for (const ScanFormat format :
        {ScanFormat::ply, ScanFormat::ply_ascii, ScanFormat::pcd_compressed, ScanFormat::pcd_ascii, ScanFormat::xyz}) {
     const auto result =
-        acquire(request(), [&] { write_slowly(format, "7-3." + std::string(extension(format)), 4, 100); });
+        acquire(request(), [&] { write_slowly(stepped, format, "7-3." + std::string(extension(format)), 4, 100); });
     ASSERT_TRUE(result.ok()) << name(format) << ": " << result.error().text.c_str();
     EXPECT_EQ(result.value().shape.finite, kPoints) << name(format);
   }
@@ -323,18 +331,21 @@ TEST_F(ScanDropTest, a_file_that_stays_short_of_its_header_is_303_in_every_forma
 }
 
 TEST_F(ScanDropTest, a_writer_may_pause_in_what_certainly_lacks_something) {
+  SteppedClock stepped;
+  open_with(stepped);
   std::uint16_t seq = 10;
   for (const ScanFormat format : {ScanFormat::ply, ScanFormat::pcd_compressed}) {
     const std::string file = "7-" + std::to_string(++seq) + "." + std::string(extension(format));
-    const auto result = acquire(request(seq), [&] { write_slowly(format, file, 2, 900); });
+    const auto result = acquire(request(seq), [&] { write_slowly(stepped, format, file, 2, 900); });
     ASSERT_TRUE(result.ok()) << name(format) << ": " << result.error().text.c_str();
     EXPECT_EQ(result.value().shape.finite, kPoints);
   }
   // A table that is created at first and written after the scan is computed.
   const auto table = acquire(request(20), [&] {
     write_file(inbox("7-20.xyz"), "");
-    wait_ms(900);
-    write_slowly(ScanFormat::xyz, "7-20.xyz", 1, 0);
+    step(stepped, 900);
+    ASSERT_TRUE(stepped.let_look(60)) << "the port does not look at its inbox";
+    write_slowly(stepped, ScanFormat::xyz, "7-20.xyz", 1, 0);
   });
   ASSERT_TRUE(table.ok()) << table.error().text.c_str();
   EXPECT_EQ(table.value().shape.finite, kPoints);
@@ -342,16 +353,22 @@ TEST_F(ScanDropTest, a_writer_may_pause_in_what_certainly_lacks_something) {
 }
 
 TEST_F(ScanDropTest, an_incomplete_file_at_the_timeout_is_303_and_the_error_names_the_missing_part) {
+  SteppedClock stepped;
+  open_with(stepped);
   const auto cut = acquire(request(3, 2'000), [&] {
     drop_scan_as(ScanFormat::ply, "t");
     fs::resize_file(inbox("t"), 1'000);
     fs::rename(inbox("t"), inbox("7-3.ply"));
+    step(stepped, 2'000);
   });
   ASSERT_FALSE(cut.ok());
   EXPECT_EQ(cut.error().code, Code::frame_incomplete) << cut.error().text.c_str();
   EXPECT_NE(cut.error().text.view().find("byte 1000: the file ends here"), std::string_view::npos)
       << cut.error().text.c_str();
-  const auto empty = acquire(request(4, 2'000), [&] { write_file(inbox("7-4.xyz"), ""); });
+  const auto empty = acquire(request(4, 2'000), [&] {
+    write_file(inbox("7-4.xyz"), "");
+    step(stepped, 2'000);
+  });
   ASSERT_FALSE(empty.ok());
   EXPECT_EQ(empty.error().code, Code::frame_incomplete) << empty.error().text.c_str();
   EXPECT_NE(empty.error().text.view().find("0 bytes"), std::string_view::npos) << empty.error().text.c_str();
@@ -570,7 +587,9 @@ TEST_F(ScanDropAnyNameTest, a_file_that_grows_is_waited_for) {
 }
 
 TEST_F(ScanDropAnyNameTest, text_that_grows_is_waited_for) {
-  const auto result = acquire(request(), [&] { write_slowly(ScanFormat::csv, "Scan 2.CSV", 4, 200); });
+  SteppedClock stepped;
+  open_with(stepped, true);
+  const auto result = acquire(request(), [&] { write_slowly(stepped, ScanFormat::csv, "Scan 2.CSV", 4, 200); });
   ASSERT_TRUE(result.ok()) << result.error().text.c_str();
   EXPECT_EQ(result.value().shape.finite, kPoints);
   EXPECT_EQ(result.value().path, folder_ / "spool/1/04-1.csv");
@@ -586,6 +605,8 @@ TEST_F(ScanDropAnyNameTest, an_inbox_that_is_not_empty_at_the_request_is_303) {
 }
 
 TEST_F(ScanDropAnyNameTest, two_files_are_not_an_answer_and_the_next_scan_starts_clean) {
+  SteppedClock stepped;
+  open_with(stepped, true);
   const auto result = acquire(request(3, 1'000), [&] {
     drop_scan("a.ply");
     drop_scan("b.ply");
@@ -595,7 +616,11 @@ TEST_F(ScanDropAnyNameTest, two_files_are_not_an_answer_and_the_next_scan_starts
   EXPECT_TRUE(names_in(inbox()).empty());
   EXPECT_EQ(scanner_->stray_files(), 2U);
   // Perhaps neither was the answer, which may still come for some seconds.
-  const auto repeat = acquire(request(4), [&] { drop_scan("c.ply"); });
+  const auto drop_and_step = [&] {
+    drop_scan("c.ply");
+    step(stepped, 600);
+  };
+  const auto repeat = acquire(request(4), drop_and_step, &stepped);
   EXPECT_TRUE(repeat.ok()) << repeat.error().text.c_str();
 }
 
@@ -624,16 +649,24 @@ TEST_F(ScanDropAnyNameTest, an_exposure_that_is_saved_twice_is_not_the_next_requ
 }
 
 TEST_F(ScanDropAnyNameTest, a_file_that_stays_short_of_its_header_is_303) {
+  SteppedClock stepped;
+  open_with(stepped, true);
   const auto result = acquire(request(3, 2'000), [&] {
-    drop_scan("short.ply");
-    fs::resize_file(inbox("short.ply"), 1000);
+    ASSERT_TRUE(write_ply((drop() + "/short").c_str(), points(), 0, 0).ok());
+    fs::resize_file(drop() + "/short", 1'000);
+    fs::rename(drop() + "/short", inbox("short.ply"));
+    step(stepped, 2'000);
   });
   ASSERT_FALSE(result.ok());
   EXPECT_EQ(result.error().code, Code::frame_incomplete);
   EXPECT_NE(result.error().text.view().find("short.ply: not whole within 2.0 s"), std::string_view::npos);
   // Its writer may continue, so the file stays; the next request still gets its own answer.
   EXPECT_EQ(names_in(inbox()).size(), 1U);
-  const auto next = acquire(request(4, 20'000), [&] { drop_scan("fresh.ply", 5.0F); });
+  const auto drop_and_step = [&] {
+    drop_scan("fresh.ply", 5.0F);
+    step(stepped, 600);
+  };
+  const auto next = acquire(request(4), drop_and_step, &stepped);
   ASSERT_TRUE(next.ok()) << next.error().text.c_str();
   EXPECT_EQ(xyz_[2], 5.0F);
   EXPECT_TRUE(names_in(inbox()).empty());
@@ -691,11 +724,14 @@ TEST_F(ScanDropLateTest, a_text_that_exists_already_is_not_the_awaited_answer) {
 }
 
 TEST_F(ScanDropAnyNameTest, a_link_or_a_folder_is_not_an_answer) {
+  SteppedClock stepped;
+  open_with(stepped, true);
   ASSERT_TRUE(write_ply((folder_ / "outside.ply").c_str(), points(), 0, 0).ok());
   const auto link = acquire(request(3, 1'000), [&] { fs::create_symlink(folder_ / "outside.ply", inbox("x.ply")); });
   ASSERT_FALSE(link.ok());
   EXPECT_EQ(link.error().code, Code::frame_incomplete);
-  const auto directory = acquire(request(4), [&] { fs::create_directory(inbox("folder")); });
+  const auto directory = acquire(
+      request(4), [&] { fs::create_directory(inbox("folder")); }, &stepped);
   ASSERT_FALSE(directory.ok());
   EXPECT_EQ(directory.error().code, Code::frame_incomplete);
   EXPECT_TRUE(names_in(inbox()).empty());
