@@ -77,11 +77,18 @@ class PlantOnALine(unittest.TestCase):
         self.assertIn(done.returncode, status, done.stdout + done.stderr)
         return done.stdout
 
-    def status(self):
+    def answer(self, *arguments):
+        """Empty if slabd has not answered in time."""
         try:
-            return json.loads(self.slabctl("status", "--json"))
-        except (AssertionError, ValueError):
-            return {}
+            return self.slabctl(*arguments)
+        except AssertionError:
+            return ""
+
+    def status(self):
+        return json.loads(self.answer("status", "--json") or "{}")
+
+    def plant(self):
+        return self.status().get("plant") or {}
 
     def simulate(self, *more):
         self.slab_no += 1
@@ -93,10 +100,12 @@ class PlantOnALine(unittest.TestCase):
     def until(self, condition, what):
         begun = time.monotonic()
         while time.monotonic() - begun < PATIENCE_S:
-            if condition():
-                return
+            value = condition()
+            if value:
+                return value
             time.sleep(0.2)
         self.fail(f"not within {PATIENCE_S} s: {what}\n" + (self.folder / "slabd.log").read_text()[-2000:])
+        return None
 
     def outbox(self):
         with sqlite3.connect(f"file:{self.folder}/slabd.db?mode=ro", uri=True) as db:
@@ -112,14 +121,18 @@ class PlantOnALine(unittest.TestCase):
         # 1. A slab is measured without a sender: it waits in the outbox, and status and metrics say so.
         slab = self.simulate()
         self.assertLessEqual(slab.wait(PATIENCE_S), 1)
-        self.until(lambda: (self.status().get("plant") or {}).get("unsent", 0) > 0, "the backlog is shown")
-        plant = self.status()["plant"]
+
+        def backlog():
+            plant = self.plant()
+            return plant if plant.get("unsent", 0) > 0 else None
+
+        plant = self.until(backlog, "the backlog is shown")
         self.assertEqual((plant["line"], plant["late"]), ("hall-1", False))
-        self.assertIn("slabd_plant_unsent ", self.slabctl("metrics"))
+        self.until(lambda: "slabd_plant_unsent " in self.answer("metrics"), "the backlog is a metric")
         # 2. The sender starts: all arrives, and slabd notes it.
         self.start_sender()
         self.until(lambda: self.inbox() == self.outbox(), "the first slab is there")
-        self.until(lambda: self.status()["plant"]["unsent"] == 0, "slabd has noted it")
+        self.until(lambda: self.plant().get("unsent") == 0, "slabd has noted it")
         # 3. While the second slab is measured, server, sender and slabd are killed.
         slab = self.simulate()
         for victim in ("sender", "server", "sender", "server"):
@@ -134,7 +147,8 @@ class PlantOnALine(unittest.TestCase):
                 self.server.start()
         self.assertLessEqual(slab.wait(PATIENCE_S), 1, "the inspection does not notice")
         slab = self.simulate()
-        time.sleep(chance.uniform(2.0, 5.0))
+        self.until(lambda: (self.status().get("slab") or {}).get("id") == "PLANT-3", "the third slab is open")
+        time.sleep(chance.uniform(0.0, 3.0))
         os.kill(self.daemon, signal.SIGKILL)
         slab.kill()
         slab.wait()
@@ -143,7 +157,7 @@ class PlantOnALine(unittest.TestCase):
         slab = self.simulate()
         self.assertLessEqual(slab.wait(PATIENCE_S), 1)
         self.until(lambda: self.inbox() == self.outbox(), "all rows are there")
-        self.until(lambda: self.status()["plant"]["unsent"] == 0, "slabd has noted them")
+        self.until(lambda: self.plant().get("unsent") == 0, "slabd has noted them")
         verdicts = {row["slab_id"]: row["verdict"] for row in
                     json.loads(self.slabctl("history", "--json"))["slabs"] if row["verdict"]}
         there = dict(self.server.run("SELECT slab_id, verdict FROM plant.v_slab"))

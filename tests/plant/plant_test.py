@@ -550,8 +550,7 @@ class PlantTest(unittest.TestCase):
         said = line.plant("--once")
         self.assertEqual(said.returncode, UNREACHABLE, said.stderr)
         filler.unlink()
-        if small.process.poll() is not None:
-            small.start()
+        small.wait()
         self.assertEqual(line.plant("--once").returncode, OK)
         checked = json.loads(line.plant("--check", "--json").stdout)
         self.assertTrue(checked["complete"], checked)

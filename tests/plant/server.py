@@ -30,6 +30,20 @@ def as_user():
     return {"user": user.pw_uid, "group": user.pw_gid, "extra_groups": []}
 
 
+def children(pid):
+    """Processes that a process has started and that have not ended. Their parent is readable for every user, their folder
+    only with special rights."""
+    found = []
+    for stat in pathlib.Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, parent = stat.read_text().rsplit(")", 1)[1].split()[:2]
+        except OSError:  # ended meanwhile
+            continue
+        if int(parent) == pid and state not in "ZX":
+            found.append(int(stat.parent.name))
+    return found
+
+
 class Server:
     """`size_mb`: its files lie on a disk of this size, which needs the rights to mount one."""
 
@@ -55,34 +69,41 @@ class Server:
         self.start()
         self.run("CREATE DATABASE plant", "postgres")
 
-    def start(self):
+    def launch(self):
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(
                 [PROGRAMS / "postgres", "-D", self.data, "-p", str(self.port), "-k", self.folder,
                  "-c", "listen_addresses=127.0.0.1", "-c", "max_wal_size=64MB", "-c", "min_wal_size=32MB"],
                 stdout=log, stderr=log, cwd="/", start_new_session=True, **as_user())
+
+    def wait(self):
+        """Until it accepts connections. If it has ended, it is started again."""
         for _ in range(1200):
+            if self.process.poll() is not None:
+                self.launch()
             if subprocess.run([PROGRAMS / "pg_isready", "-q", "-h", "127.0.0.1", "-p", str(self.port)]).returncode == 0:
                 return
             time.sleep(0.1)
         raise RuntimeError(self.log.read_text()[-2000:])
 
+    def start(self):
+        self.launch()
+        self.wait()
+
     def kill(self):
         """As a power cut of the server: no process of it ends in order."""
-        os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait()
-        # Its children have sessions of their own and end when they see that the first process is gone.
-        for _ in range(600):
-            left = subprocess.run(["pgrep", "-f", f"postgres.*{self.port}"], capture_output=True,
-                                  text=True).stdout.split()
-            if not left:
-                break
-            for pid in left:
-                try:
-                    os.kill(int(pid), signal.SIGKILL)
-                except ProcessLookupError:
-                    pass
+        # Each process has a session of its own. The first one starts all others; while it is stopped, none is added.
+        pid = self.process.pid
+        os.kill(pid, signal.SIGSTOP)
+        end = time.monotonic() + 300
+        while left := children(pid):
+            if time.monotonic() > end:
+                raise RuntimeError(f"the server's processes {left} do not end")
+            for child in left:
+                os.kill(child, signal.SIGKILL)
             time.sleep(0.05)
+        os.kill(pid, signal.SIGKILL)
+        self.process.wait()
         pathlib.Path(self.data, "postmaster.pid").unlink(missing_ok=True)
 
     def close(self):

@@ -135,8 +135,8 @@ class PageOnALine(unittest.TestCase):
 
         self.until(judged, "18 blocks with a verdict, and at least two counts between 0 and 18")
         self.assertGreaterEqual(len(counts), 4, f"seen on the way: {sorted(counts)}")
-        # Both are read at one moment, because the line goes on with the next slab. If the verdict is missed in the pause
-        # between two slabs, that of the next slab counts.
+        # Both are read at one moment, because the line goes on with the next slab. If the verdict is missed between two
+        # slabs, that of the next slab counts.
         verdict, link = self.until(lambda: self.driver.execute_script(
             "const big = document.querySelector('.big[data-slab-verdict]:not(.big-open):not(.big-stale)');"
             "const link = document.querySelector('.slab-name a');"
