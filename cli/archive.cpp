@@ -9,10 +9,12 @@
 #include <fcntl.h>
 #include <fmt/core.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
@@ -115,6 +117,51 @@ void make_folder(const std::string& out, const fs::path& folder) {
   need(sync_folder(out), kNotReachable);
 }
 
+// ---- free space ---------------------------------------------------------------------------------------------------
+
+/// Left free on the disk of the database, as by a backup: the records of a day.
+constexpr std::uint64_t kRecordsBytes = 200'000'000;
+
+/// True if both folders use the same free space. `other` may not exist.
+bool share_a_disk(const std::string& folder, const std::string& other) {
+  struct stat a {};
+  struct stat b {};
+  if (::stat(other.c_str(), &b) != 0) return errno != ENOENT;
+  struct statvfs room_a {};
+  struct statvfs room_b {};
+  if (::stat(folder.c_str(), &a) != 0 || ::statvfs(folder.c_str(), &room_a) != 0 ||
+      ::statvfs(other.c_str(), &room_b) != 0)
+    return true;
+  // Subvolumes have their own device numbers, but the same free-space figures.
+  return a.st_dev == b.st_dev || (room_a.f_frsize == room_b.f_frsize && room_a.f_blocks == room_b.f_blocks);
+}
+
+/// Bytes to leave free on the disk of `out`. On a disk without them slabd begins no slab (fault 501). 0: the disk has
+/// neither the database nor the spool.
+std::uint64_t bytes_to_leave(const ArchiveOptions& options, const config::Config& config) {
+  const bool is_configured = options.database.db.empty();
+  const fs::path db = is_configured ? config.storage.db_path : options.database.db;
+  const std::string db_folder = db.has_parent_path() ? db.parent_path().string() : ".";
+  // Without a configuration the spool is taken to be next to the database, as in a new installation.
+  const std::string spool = is_configured ? config.storage.spool_dir : db_folder;
+  return (share_a_disk(options.out, db_folder) ? kRecordsBytes : 0) +
+         (share_a_disk(options.out, spool) ? config.storage.spool_free_bytes_min : 0);
+}
+
+/// Stops if a file of `bytes` would take space that slabd needs.
+void require_room(const std::string& out, std::uint64_t bytes, std::uint64_t leave_bytes) {
+  struct statvfs disk {};
+  if (leave_bytes == 0 || ::statvfs(out.c_str(), &disk) != 0) return;
+  const std::uint64_t free = static_cast<std::uint64_t>(disk.f_bavail) * disk.f_frsize;
+  if (free >= leave_bytes && free - leave_bytes >= bytes) return;
+  constexpr double kMb = 1e6;
+  stop(kNotReachable,
+       fmt::format("--out {}: a scan of {:.1f} MB, with {:.1f} MB left for slabd on the same disk, needs {:.1f} MB "
+                   "free, and {:.1f} MB are free",
+                   out, static_cast<double>(bytes) / kMb, static_cast<double>(leave_bytes) / kMb,
+                   static_cast<double>(bytes + leave_bytes) / kMb, static_cast<double>(free) / kMb));
+}
+
 // ---- packing -----------------------------------------------------------------------------------------------------
 
 /// Reads the archive back and compares it with `sha256`. False: `row` has the reason.
@@ -172,9 +219,9 @@ void write_archive(ScanRow& row, const struct stat& original, hal::LengthUnit un
   if (holds_the_measured(row)) set_time(row.archive, original);
 }
 
-/// Packs the scan of one attempt below `out`.
-ScanRow pack(const storage::SlabBlock& stored, std::int64_t key, const ArchiveOptions& options,
-             const ScanForms& forms) {
+/// Packs the scan of one attempt below `out`. `leave_bytes`: see bytes_to_leave().
+ScanRow pack(const storage::SlabBlock& stored, std::int64_t key, const ArchiveOptions& options, const ScanForms& forms,
+             std::uint64_t leave_bytes) {
   const hal::LengthUnit unit = forms.of(stored.attempt).unit;
   ScanRow row;
   row.key = key;
@@ -206,6 +253,7 @@ ScanRow pack(const storage::SlabBlock& stored, std::int64_t key, const ArchiveOp
   if (has_archive) {
     compare_with_archive(row, original, archive, unit);
   } else {
+    require_room(options.out, static_cast<std::uint64_t>(original.st_size), leave_bytes);
     make_folder(options.out, folder);
     write_archive(row, original, unit);
   }
@@ -221,6 +269,7 @@ std::vector<ScanRow> pack_slabs(const ArchiveOptions& options) {
   std::error_code ignored;
   if (!fs::is_directory(options.out, ignored))
     stop(kNotReachable, fmt::format("--out {}: the folder is not there", options.out));
+  const std::uint64_t leave_bytes = bytes_to_leave(options, config);
   std::vector<ScanRow> rows;
   ProgressCount progress(stderr, keys.size());
   for (const std::int64_t key : keys) {
@@ -228,7 +277,7 @@ std::vector<ScanRow> pack_slabs(const ArchiveOptions& options) {
     const auto record = need(reader->slab(key), kNotReachable);
     if (!record) continue;
     for (const storage::SlabBlock& stored : record->blocks)
-      if (!stored.attempt.scan_path.empty()) rows.push_back(pack(stored, key, options, forms));
+      if (!stored.attempt.scan_path.empty()) rows.push_back(pack(stored, key, options, forms, leave_bytes));
   }
   progress.erase();
   return rows;
@@ -391,7 +440,8 @@ void add_archive(args::Command& app) {
       "before it is reported. Scans are not deleted, archives are not replaced. A scan that was packed before is left\n"
       "out. `replay`, `export cloud` and `inspect` read packed scans: --scans DIR.\n"
       "Exit status 0: done; 1: a scan of a named slab is gone, or the points of one are not those that were measured;\n"
-      "3: an archive is damaged (the byte is named) or holds another file; 4: the folder cannot be written.\n"
+      "3: an archive is damaged (the byte is named) or holds another file; 4: the folder cannot be written, or it is\n"
+      "on a disk of slabd, which would have too little space left for the next slab.\n"
       "Examples: slabctl archive SLAB-0042 --out /mnt/archive\n"
       "          slabctl archive --until 7d --out /mnt/archive\n"
       "          slabctl archive --check /mnt/archive/12/*.slabz\n"

@@ -131,6 +131,42 @@ TEST_F(Archive, a_scan_that_is_gone_counts_only_if_its_slab_was_named) {
   }
 }
 
+/// Extends the scan of station 3 to a gigabyte less than what is free on the disk, without using space. It is larger
+/// than any file that is packed, so that it is refused for its size if the space is not the reason.
+struct ArchiveOnAFullDisk : Archive {
+  void SetUp() override {
+    Archive::SetUp();
+    const std::uintmax_t free = fs::space(dir_).available;
+    if (free < 4'000'000'000) GTEST_SKIP() << "the disk is full already";
+    std::error_code fault;
+    fs::resize_file(scan(3), free - 1'000'000'000, fault);
+    if (fault) GTEST_SKIP() << "the file system has no files of that size";
+  }
+};
+
+TEST_F(ArchiveOnAFullDisk, the_space_that_slabd_needs_is_left) {
+  const Ended ended = archive("1");
+  EXPECT_EQ(ended.status, 4) << ended.out << ended.err;
+  expect_mentions(ended.err, "--out " + file("archive") + ": a scan of ");
+  expect_mentions(ended.err, " MB, with 2500.0 MB left for slabd on the same disk, needs ");
+  expect_mentions(ended.err, " MB are free");
+  EXPECT_TRUE(fs::is_empty(file("archive")));
+}
+
+TEST_F(ArchiveOnAFullDisk, another_disk_may_be_filled) {
+  std::string other = "/dev/shm/slabctl-test-XXXXXX";
+  if (mkdtemp(other.data()) == nullptr) GTEST_SKIP() << "this machine has one file system";
+  struct stat here {};
+  struct stat there {};
+  const bool differs = ::stat(file("archive").c_str(), &here) == 0 && ::stat(other.c_str(), &there) == 0 &&
+                       here.st_dev != there.st_dev && fs::space(dir_).capacity != fs::space(other).capacity;
+  const Ended ended = run("archive 1 --db " + db() + " --out " + other);
+  fs::remove_all(other);
+  if (!differs) GTEST_SKIP() << "this machine has one file system";
+  EXPECT_EQ(ended.status, 3) << ended.out << ended.err;
+  expect_mentions(ended.out, "packed 1, refused 1; ");
+}
+
 TEST_F(Archive, a_damaged_archive_is_named_by_byte) {
   ASSERT_EQ(archive("1").status, 0);
   EXPECT_EQ(run("archive --check " + packed(3) + " " + packed(4)).status, 0);
