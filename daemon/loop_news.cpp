@@ -17,6 +17,18 @@ constexpr std::int64_t kPlcNewsPeriod_ns = 60 * kNsPerS;
 constexpr std::int64_t kScannerNews_ns = 2 * kNsPerS;
 constexpr std::int64_t kScannerNewsPeriod_ns = 10 * kNsPerS;
 
+/// Why no recipes are taken up in this fault. Of a long cure the first steps, as far as they fit.
+RecipeWatch::Text reload_refused_by(Code fault, bool only_restart_clears) {
+  RecipeWatch::Text text;
+  text.printf("slabd is in fault %u (%.*s)%s: ", static_cast<unsigned>(fault), static_cast<int>(describe(fault).size()),
+              describe(fault).data(),
+              only_restart_clears ? ", which only a restart clears" : "; try again when it is cleared");
+  const std::size_t room = text.capacity() - text.size();
+  const std::string_view steps = cure(fault);
+  text.append(steps.size() <= room ? steps : steps.substr(0, steps.rfind(';', room)));
+  return text;
+}
+
 }  // namespace
 
 /// Faults are events for the plant's database. A fault that lasts less than a second is not one.
@@ -91,11 +103,15 @@ void Loop::apply_reloaded_recipes() {
                     !s.command.pending && s.acquisition.phase == Acquisition::Phase::none && s.measuring == 0 &&
                     std::none_of(s.slot_busy.begin(), s.slot_busy.end(), [](bool busy) { return busy; });
   if (!idle) {
-    ports_.recipes->refuse(
-        s.settings.fault != Code::ok
-            ? "slabd is in fault 504, which only a restart clears"
-            : "a slab is open, or a scan or a measurement of one is under way; the recipes in use stay "
-              "in force until it has ended");
+    const Code fault = s.settings.fault;
+    // The store is opened again in intervals, and the other daemon is looked for: these faults end without a restart.
+    const bool only_restart_clears = fault == Code::config && !reopen_ns_ && !scanner_is_anothers_;
+    if (fault != Code::ok)
+      ports_.recipes->refuse(reload_refused_by(fault, only_restart_clears).view());
+    else
+      ports_.recipes->refuse(
+          "a slab is open, or a scan or a measurement of one is under way; the recipes in use stay in force until it "
+          "has ended");
     return;
   }
   s.slab.recipe = nullptr;

@@ -15,8 +15,10 @@
 #include <vector>
 
 #include "daemon/loop.h"
+#include "daemon/recipe_watch.h"
 #include "daemon/workers.h"
 #include "tests/mock/mock.h"
+#include "tests/places/places.h"
 
 namespace slabd::daemon {
 namespace {
@@ -424,6 +426,41 @@ TEST_F(LoopStart, state_and_figures_are_reported_while_the_database_is_opened) {
        {R"({"verb":"backup"})", R"({"verb":"calibration"})", R"({"verb":"recipes","reload":true})",
         R"({"verb":"calibration_change","file":"x"})", R"({"verb":"capture","action":"begin"})"})
     EXPECT_NE(ask(question).find("repeat the request"), std::string::npos) << question;
+}
+
+TEST_F(LoopStart, a_reload_of_the_recipes_in_a_fault_is_refused_with_its_cause_and_cure) {
+  const auto refusal = [&](const StationSettings& settings, Code reading) {
+    Database database;
+    database.reading = reading;
+    RecipeWatch watch(places::source_dir() + "/recipes", std::make_shared<RecipeSet>(), 5);
+    Ports watched = ports;
+    watched.recipes = &watch;
+    Loop loop(watched, settings, opener(database), std::make_unique<IdleWorkers>(), LoopFigures{});
+    loop.start();
+    open(loop);
+    EXPECT_TRUE(watch.order_reload());
+    for (int i = 0; i < 3'000 && watch.reload() != RecipeWatch::Reload::refused; ++i) loop.turn(10);
+    loop.finish();
+    EXPECT_EQ(watch.reload(), RecipeWatch::Reload::refused);
+    return std::string(watch.reload_text().view());
+  };
+  EXPECT_EQ(refusal({}, Code::store_full),
+            "slabd is in fault 501 (a disk is full, or has no room for two more slabs); try again when it is cleared: "
+            "free space on the disk of the scans or of the database; `journalctl -u slabd` shows which");
+  EXPECT_EQ(refusal({}, Code::journal_write),
+            "slabd is in fault 502 (the database or the spool of scans could not be written, or the database is "
+            "damaged or not there); try again when it is cleared: `slabctl status` and `journalctl -u slabd` say "
+            "which; check the disk and its mount, then reset the fault")
+      << "the steps of the cure that fit";
+  EXPECT_EQ(refusal({}, Code::busy),
+            "slabd is in fault 504 (the configuration is not usable); try again when it is cleared: run `slabctl "
+            "config check`; it names file and line")
+      << "another daemon works with the folder, and may end";
+  StationSettings settings;
+  settings.fault = Code::config;
+  EXPECT_EQ(refusal(settings, Code::ok),
+            "slabd is in fault 504 (the configuration is not usable), which only a restart clears: run `slabctl "
+            "config check`; it names file and line");
 }
 
 /// Under a service manager stderr is a stream that the journal reads.
