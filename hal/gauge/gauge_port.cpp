@@ -29,6 +29,7 @@
 //   - An answer must have the transaction number of its request; after any error the connection is closed. A late
 //     answer is never taken for the next one.
 //   - A sample is replaced only by a newer value. An instrument that does not answer leaves its last one, which ages.
+//   - A lost connection is the trouble of every gauge behind it, because none of them gets a value then.
 //   - No heap after construction.
 namespace slabd::hal {
 namespace {
@@ -170,14 +171,9 @@ class Port final : public GaugePort {
   void ask(std::size_t index) {
     const GaugeSettings& gauge = gauges_[index];
     Endpoint& endpoint = endpoint_of(gauge);
-    if (!endpoint.fd.is_open() && (clock_.mono_ns() < endpoint.try_ns || !connect(endpoint, index))) return;
+    if (!endpoint.fd.is_open() && (clock_.mono_ns() < endpoint.try_ns || !connect(endpoint))) return;
     std::array<std::uint16_t, 2> registers{};
-    Trouble trouble;
-    const bool refused = !read(endpoint, gauge, registers, trouble);
-    if (refused) {
-      complain(index, trouble.c_str());
-      return;
-    }
+    if (!read(endpoint, index, registers)) return;
     endpoint.pause_ns = kPauseFirst_ns;
     GaugeSample sample;
     sample.has_value = true;
@@ -188,7 +184,9 @@ class Port final : public GaugePort {
     store(index, sample);
   }
 
-  void lose(Endpoint& endpoint) {
+  void lose(Endpoint& endpoint, const char* why) {
+    for (std::size_t i = 0; i < gauges_.size(); ++i)
+      if (gauges_[i].link == GaugeLink::modbus && &endpoint_of(gauges_[i]) == &endpoint) complain(i, why);
     endpoint.fd.reset();
     endpoint.try_ns = clock_.mono_ns() + endpoint.pause_ns;
     endpoint.pause_ns = std::min(2 * endpoint.pause_ns, kPauseMax_ns);
@@ -200,7 +198,7 @@ class Port final : public GaugePort {
     return left_ns > 0 && ::poll(&one, 1, static_cast<int>(left_ns / kNsPerMs) + 1) == 1 && (one.revents & events) != 0;
   }
 
-  bool connect(Endpoint& endpoint, std::size_t index) {
+  bool connect(Endpoint& endpoint) {
     sockaddr_in address{};
     address.sin_family = AF_INET;
     address.sin_port = htons(endpoint.port);
@@ -212,8 +210,7 @@ class Port final : public GaugePort {
     socklen_t bytes = sizeof fault;
     open = open && getsockopt(fd.get(), SOL_SOCKET, SO_ERROR, &fault, &bytes) == 0 && fault == 0;
     if (!open) {
-      complain(index, "the instrument's Modbus server does not accept a connection");
-      lose(endpoint);
+      lose(endpoint, "the instrument's Modbus server does not accept a connection");
       return false;
     }
     const int on = 1;
@@ -222,8 +219,10 @@ class Port final : public GaugePort {
     return true;
   }
 
-  /// Reads the registers of one gauge. An exception of the instrument keeps the connection; any other fault closes it.
-  bool read(Endpoint& endpoint, const GaugeSettings& gauge, std::span<std::uint16_t, 2> out, Trouble& trouble) {
+  /// Reads the registers of one gauge; false if it stored a trouble instead. An exception of the instrument keeps the
+  /// connection; any other fault closes it.
+  bool read(Endpoint& endpoint, std::size_t index, std::span<std::uint16_t, 2> out) {
+    const GaugeSettings& gauge = gauges_[index];
     const auto byte = [](unsigned value) { return static_cast<std::uint8_t>(value & 0xFFU); };
     const unsigned transaction = ++endpoint.transaction;
     const unsigned function = gauge.input_register ? 4 : 3;
@@ -235,8 +234,7 @@ class Port final : public GaugePort {
     const std::int64_t until_ns = clock_.mono_ns() + kAnswer_ns;
     if (::send(endpoint.fd.get(), request.data(), request.size(), MSG_NOSIGNAL) !=
         static_cast<ssize_t>(request.size())) {
-      trouble = "the instrument closed the connection";
-      lose(endpoint);
+      lose(endpoint, "the instrument closed the connection");
       return false;
     }
     std::array<std::uint8_t, 13> answer{};
@@ -246,8 +244,7 @@ class Port final : public GaugePort {
       const bool came = ready(endpoint.fd.get(), POLLIN, until_ns);
       const ssize_t n = came ? ::recv(endpoint.fd.get(), answer.data() + bytes, wanted - bytes, MSG_DONTWAIT) : 0;
       if (n <= 0) {
-        trouble = came ? "the instrument closed the connection" : "the instrument does not answer";
-        lose(endpoint);
+        lose(endpoint, came ? "the instrument closed the connection" : "the instrument does not answer");
         return false;
       }
       bytes += static_cast<std::size_t>(n);
@@ -256,12 +253,13 @@ class Port final : public GaugePort {
     const bool is_own = answer[0] == request[0] && answer[1] == request[1] && answer[2] == 0 && answer[3] == 0 &&
                         answer[6] == gauge.unit_id;
     if (is_own && answer[7] == (function | 0x80U)) {
+      Trouble trouble;
       trouble.printf("the instrument refuses register %u with exception %u", address, unsigned{answer[8]});
+      complain(index, trouble.c_str());
       return false;
     }
     if (!is_own || answer[7] != function || answer[8] != 2 * count) {
-      trouble = "the instrument's answer is not that of the request";
-      lose(endpoint);
+      lose(endpoint, "the instrument's answer is not that of the request");
       return false;
     }
     for (std::size_t i = 0; i < count; ++i)

@@ -11,9 +11,7 @@
 #include <array>
 #include <atomic>
 #include <bit>
-#include <chrono>
 #include <cmath>
-#include <functional>
 #include <mutex>
 #include <thread>
 
@@ -21,11 +19,12 @@
 #include "hal/gauge/gauge_datagram.h"
 #include "hal/hal.h"
 #include "tests/places/ports.h"
+#include "tests/places/wait.h"
 
 namespace slabd::hal {
 namespace {
 
-using namespace std::chrono_literals;
+using places::wait_until;
 
 /// A Modbus/TCP server with holding and input registers.
 class Instrument {
@@ -100,15 +99,6 @@ GaugeSettings instrument_gauge(const char* name, std::uint16_t port, std::uint16
   return g;
 }
 
-/// True as soon as `done` is, within three seconds.
-bool soon(const std::function<bool()>& done) {
-  for (int i = 0; i < 300; ++i) {
-    if (done()) return true;
-    std::this_thread::sleep_for(10ms);
-  }
-  return false;
-}
-
 GaugeSample newest(const GaugePort& port, std::size_t index) {
   GaugeSamples samples{};
   port.newest(samples);
@@ -150,7 +140,7 @@ TEST(GaugePort, reads_every_format_of_an_instrument) {
   const auto clock = make_system_clock();
   const auto port = make_gauge_port({gauges.data(), gauges.size()}, this_computer(), *clock);
   ASSERT_TRUE(port.ok());
-  ASSERT_TRUE(soon([&] { return newest(*port.value(), 7).has_value; })) << port.value()->trouble(7).view();
+  ASSERT_TRUE(wait_until([&] { return newest(*port.value(), 7).has_value; })) << port.value()->trouble(7).view();
   EXPECT_NEAR(newest(*port.value(), 0).value, -0.2, 1e-12);
   EXPECT_NEAR(newest(*port.value(), 1).value, 6553.4, 1e-9);
   EXPECT_NEAR(newest(*port.value(), 2).value, 5600.123, 1e-9);
@@ -172,20 +162,42 @@ TEST(GaugePort, an_instrument_that_does_not_answer_leaves_its_last_value_and_a_r
   const auto clock = make_system_clock();
   const auto port = make_gauge_port({gauges.data(), gauges.size()}, this_computer(), *clock);
   ASSERT_TRUE(port.ok());
-  ASSERT_TRUE(soon([&] { return newest(*port.value(), 0).has_value; }));
-  EXPECT_TRUE(soon([&] { return !port.value()->trouble(1).empty(); }));
+  ASSERT_TRUE(wait_until([&] { return newest(*port.value(), 0).has_value; }));
+  EXPECT_TRUE(wait_until([&] { return !port.value()->trouble(1).empty(); }));
   EXPECT_NE(port.value()->trouble(1).view().find("does not accept a connection"), std::string_view::npos);
-  EXPECT_TRUE(soon([&] { return !port.value()->trouble(2).empty(); }));
-  EXPECT_NE(port.value()->trouble(2).view().find("refuses register 199 with exception 2"), std::string_view::npos);
-  EXPECT_TRUE(port.value()->trouble(0).empty()) << "an exception keeps the connection";
+  EXPECT_TRUE(wait_until([&] {
+    return port.value()->trouble(2).view().find("refuses register 199 with exception 2") != std::string_view::npos;
+  })) << port.value()->trouble(2).view();
+  EXPECT_TRUE(wait_until([&] { return port.value()->trouble(0).empty(); })) << "an exception keeps the connection";
   instrument.silent = true;
   instrument.set(0, 6);
-  EXPECT_TRUE(soon([&] { return !port.value()->trouble(0).empty(); }));
+  EXPECT_TRUE(wait_until([&] { return !port.value()->trouble(0).empty(); }));
   const GaugeSample last = newest(*port.value(), 0);
   EXPECT_EQ(last.value, 5.0);
   instrument.silent = false;
-  EXPECT_TRUE(soon([&] { return newest(*port.value(), 0).value == 6.0; })) << "the late answer is not taken for it";
+  EXPECT_TRUE(wait_until([&] { return newest(*port.value(), 0).value == 6.0; }))
+      << "the late answer is not taken for it";
   EXPECT_GT(newest(*port.value(), 0).seq, last.seq);
+}
+
+TEST(GaugePort, every_gauge_of_a_silent_instrument_is_in_trouble) {
+  Instrument instrument;
+  GaugeList gauges;
+  EXPECT_TRUE(gauges.push(instrument_gauge("left", instrument.port(), 0, GaugeFormat::u16)));
+  EXPECT_TRUE(gauges.push(instrument_gauge("right", instrument.port(), 1, GaugeFormat::u16)));
+  instrument.set(0, 5);
+  instrument.set(1, 6);
+  const auto clock = make_system_clock();
+  const auto port = make_gauge_port({gauges.data(), gauges.size()}, this_computer(), *clock);
+  ASSERT_TRUE(port.ok());
+  const auto in_trouble = [&](std::size_t index) { return !port.value()->trouble(index).empty(); };
+  ASSERT_TRUE(wait_until([&] { return newest(*port.value(), 1).has_value && !in_trouble(0) && !in_trouble(1); }));
+  instrument.silent = true;
+  ASSERT_TRUE(wait_until([&] { return in_trouble(0) && in_trouble(1); }));
+  EXPECT_EQ(port.value()->trouble(0).view(), "the instrument does not answer");
+  EXPECT_EQ(port.value()->trouble(1).view(), "the instrument does not answer");
+  instrument.silent = false;
+  EXPECT_TRUE(wait_until([&] { return !in_trouble(0) && !in_trouble(1); }));
 }
 
 // ---- datagrams ---------------------------------------------------------------------------------------------------
@@ -243,7 +255,7 @@ struct UdpTest : ::testing::Test {
 TEST_F(UdpTest, values_of_a_hub_arrive_with_number_and_slab) {
   start(this_computer());
   send("left 5600.1 7 42\nright 5600.3 7 42\n");
-  ASSERT_TRUE(soon([&] { return newest(*port, 1).has_value; }));
+  ASSERT_TRUE(wait_until([&] { return newest(*port, 1).has_value; }));
   EXPECT_EQ(newest(*port, 0).value, 5600.1);
   EXPECT_EQ(newest(*port, 1).value, 5600.3);
   EXPECT_EQ(newest(*port, 1).seq, 7U);
@@ -253,10 +265,10 @@ TEST_F(UdpTest, values_of_a_hub_arrive_with_number_and_slab) {
 TEST_F(UdpTest, a_repeated_datagram_does_not_refresh_a_value) {
   start(this_computer());
   send("left 5600.1 7 42\n");
-  ASSERT_TRUE(soon([&] { return newest(*port, 0).has_value; }));
+  ASSERT_TRUE(wait_until([&] { return newest(*port, 0).has_value; }));
   const GaugeSample first = newest(*port, 0);
   send("left 5600.9 7 43\n");
-  ASSERT_TRUE(soon([&] { return port->counters().repeated == 1; }));
+  ASSERT_TRUE(wait_until([&] { return port->counters().repeated == 1; }));
   EXPECT_EQ(newest(*port, 0).mono_ns, first.mono_ns);
   EXPECT_EQ(newest(*port, 0).value, 5600.1);
 }
@@ -267,7 +279,7 @@ TEST_F(UdpTest, other_bytes_are_counted_and_change_nothing) {
   send("middle 5600 7 42\n");
   send(std::string(2'000, 'x'));
   send("left 5600.1 8 42\n");
-  ASSERT_TRUE(soon([&] { return port->counters().accepted == 1; }));
+  ASSERT_TRUE(wait_until([&] { return port->counters().accepted == 1; }));
   EXPECT_EQ(port->counters().malformed, 2U);
   EXPECT_EQ(port->counters().unknown, 1U);
   ScannerText note;
@@ -280,7 +292,7 @@ TEST_F(UdpTest, other_computers_are_refused) {
   ASSERT_TRUE(senders.push({0x0A00'0000U, 0xFF00'0000U}));
   start(senders);
   send("left 5600.1 7 42\n");
-  ASSERT_TRUE(soon([&] { return port->counters().foreign == 1; }));
+  ASSERT_TRUE(wait_until([&] { return port->counters().foreign == 1; }));
   EXPECT_FALSE(newest(*port, 0).has_value);
 }
 
