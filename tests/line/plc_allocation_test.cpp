@@ -98,6 +98,7 @@ TEST(PlcAllocation, none_in_a_client_and_its_thread) {
   settings.role = PlcRole::client;
   settings.port = ntohs(address.sin_port);
   settings.poll_ns = 2 * kNsPerMs;
+  settings.timeout_ns = 20 * kNsPerS;
   auto client = make_plc_port(settings);
   ASSERT_TRUE(client.ok()) << client.error().text.c_str();
   const Fd slabd(accept(listener.get(), nullptr, nullptr));

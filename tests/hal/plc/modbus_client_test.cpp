@@ -214,6 +214,7 @@ class FakePlc {
 struct ModbusClientTest : ::testing::Test {
   FakePlc plc;
   PlcSettings settings;
+  std::int64_t timeout_ns = 20 * kNsPerS;  ///< longer than a loaded computer delays a good PLC
   std::unique_ptr<PlcPort> port;
   PlcOutputs outputs;
   std::vector<PlcInputs> seen;
@@ -222,7 +223,7 @@ struct ModbusClientTest : ::testing::Test {
     settings.role = PlcRole::client;
     settings.port = plc.port();
     settings.poll_ns = 10 * kNsPerMs;
-    settings.timeout_ns = 400 * kNsPerMs;  // long enough for a good PLC on a loaded computer
+    settings.timeout_ns = timeout_ns;
     auto made = make_plc_port(settings);
     ASSERT_TRUE(made.ok()) << made.error().text.c_str();
     port = std::move(made.value());
@@ -327,6 +328,7 @@ TEST_F(ModbusClientTest, a_plc_that_restarts_gets_the_present_image_and_is_a_new
 
 TEST_F(ModbusClientTest, every_misbehaviour_ends_the_connection_and_the_next_one_is_good) {
   using enum FakePlc::Manner;
+  timeout_ns = 400 * kNsPerMs;
   start();
   ASSERT_TRUE(until([&] { return linked(); }));
   for (const FakePlc::Manner manner : {deaf, late, drops_answer, refuses_writes, garbles, drips}) {
@@ -439,6 +441,7 @@ TEST_F(ModbusClientTest, a_plc_that_closes_after_each_answer_is_reported_and_sup
 
 TEST_F(ModbusClientTest, transaction_numbers_that_are_not_the_questions_are_named) {
   using enum FakePlc::Manner;
+  timeout_ns = 400 * kNsPerMs;
   plc.manner = forgets_transaction;
   start();
   ASSERT_TRUE(until([&] { return port->trouble().find("transaction number 0") != std::string_view::npos; }));

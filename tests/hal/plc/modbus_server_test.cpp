@@ -298,6 +298,7 @@ TEST_F(ModbusServerTest, libmodbus_as_plc_can_command_and_read) {
   });
   modbus_t* plc = modbus_new_tcp("127.0.0.1", server_->bound_port());
   modbus_set_slave(plc, 1);
+  modbus_set_response_timeout(plc, 20, 0);
   ASSERT_EQ(modbus_connect(plc), 0) << modbus_strerror(errno);
   PlcInputs command;
   command.command = 2;
