@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <array>
-#include <chrono>
+#include <ctime>
 #include <regex>
 #include <string>
 
@@ -74,13 +74,13 @@ TEST(IdPattern, names_what_is_wrong_and_where) {
 // (a+)+b takes std::regex 2^32 steps for 32 characters.
 TEST(IdPattern, takes_little_time_whatever_the_expression) {
   const std::string text(32, 'a');
-  const auto began = std::chrono::steady_clock::now();
+  const std::clock_t began = std::clock();  // of the process: other programs do not count
   for (const char* slow : {"(a+)+b", "(a*)*b", "(?:a|a)*b", "(?:a?){32}a{32}b", "(?:(?:a*)*)*b"}) {
     EXPECT_FALSE(compiled(slow).matches(text)) << slow;
     EXPECT_EQ(compiled(slow).first_group(text), std::nullopt) << slow;
   }
   EXPECT_TRUE(compiled("(?:a?){32}a{32}").matches(text));
-  EXPECT_LT(std::chrono::steady_clock::now() - began, std::chrono::seconds(1));
+  EXPECT_LT(std::clock() - began, CLOCKS_PER_SEC);
 }
 
 /// An expression of characters a, b, c, nested to `depth`; with at most one group that captures.

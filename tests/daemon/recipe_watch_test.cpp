@@ -36,7 +36,11 @@ struct RecipesInUse : testing::Test {
   }
   ~RecipesInUse() override { std::filesystem::remove_all(folder); }
 
-  void write(const std::string& name, const std::string& bytes) const { std::ofstream(folder + "/" + name) << bytes; }
+  /// Replaces the file in one step, because a watch may read it at any time.
+  void write(const std::string& name, const std::string& bytes) const {
+    std::ofstream(folder + ".new") << bytes;
+    std::filesystem::rename(folder + ".new", folder + "/" + name);
+  }
   /// The recipe with other jaws.
   [[nodiscard]] std::string tightened() const {
     std::string other = text;

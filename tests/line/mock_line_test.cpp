@@ -291,7 +291,7 @@ TEST_P(MockLineWhoseStoreFails, a_command_refused_meanwhile_is_not_carried_out_w
   clock.advance(5 * kNsPerS);
   loop->turn(0);
   open();
-  for (int i = 0; i < 1'000 && view().session == 0; ++i) loop->turn(1);  // the PLC writes once the session is shown
+  for (int i = 0; i < 30'000 && view().session == 0; ++i) loop->turn(1);  // the PLC writes once the session is shown
   ASSERT_EQ(view().session, 1);
   EXPECT_FALSE(turn_until([&] { return view().slab_open; }, 200));
   EXPECT_EQ(view().fault, 0) << "nothing but the session keeps it from being carried out";
