@@ -240,6 +240,7 @@ class SqliteStore final : public Store {
   }
 
   void idle() override {
+    if (looks_to_reopen_ > 0) --looks_to_reopen_;
     if (looks_to_place_ > 0) --looks_to_place_;
     if (looks_to_place_ == 0) (void)look_at_place();
     if (quiet_looks_ < kQuietLooks && ++quiet_looks_ < kQuietLooks) return;
@@ -262,6 +263,7 @@ class SqliteStore final : public Store {
   Status keep_events(const std::vector<LineEvent>& events) override {
     static constexpr std::array<std::string_view, 3> kKinds = {"started", "fault", "cleared"};
     if (Status status = look_at_place(); !status.ok()) return status;
+    if (Status status = reopen_when_idle(); !status.ok()) return status;
     log_holds_commits_ = true;
     backlog_due_ = true;
     return run("events", [&](OpenDatabase& open) {
@@ -456,12 +458,16 @@ class SqliteStore final : public Store {
 
   /// Writes what the plant's database has acknowledged, and reads how far it is behind.
   void look_at_outbox() {
+    {
+      const std::lock_guard lock(care_mutex_);
+      if (!sent_next_ && !backlog_due_) return;
+    }
+    if (!reopen_when_idle().ok()) return;
     std::optional<std::int64_t> sent;
     {
       const std::lock_guard lock(care_mutex_);
       sent = std::exchange(sent_next_, std::nullopt);
     }
-    if (!sent && !backlog_due_) return;
     Backlog now;
     const Status status = run("outbox", [&](OpenDatabase& open) {
       if (sent) {
@@ -520,6 +526,16 @@ class SqliteStore final : public Store {
       return error(Code::journal_write, "cannot use database %s: %s", settings_.db_path.c_str(), failure.text.c_str());
     }
     return success();
+  }
+
+  /// For work that is repeated as long as it fails. After a failed opening, which reads the log and may read the whole
+  /// file, the next calls of idle() do not try again. Jobs and orders do.
+  Status reopen_when_idle() {
+    if (!open_ && looks_to_reopen_ > 0)
+      return error(Code::journal_write, "%s could not be opened, and is tried again later", settings_.db_path.c_str());
+    const Status status = reopen();
+    if (!status.ok()) looks_to_reopen_ = kLooksToSettle;
+    return status;
   }
 
   /// Rejects a database that is older than the spool. A slab is stored in the database before its folder exists, so a
@@ -637,6 +653,7 @@ class SqliteStore final : public Store {
   Unsettled unsettled_;
   bool contradicted_ = false;  ///< the last job contradicted the stored data
   int looks_to_settle_ = 0;    ///< calls of idle() until the next attempt
+  int looks_to_reopen_ = 0;    ///< the same for reopen_when_idle()
   std::unique_ptr<OpenDatabase> open_;
   FixedString<limits::kErrorTextBytes> spool_trouble_;
   FixedString<limits::kErrorTextBytes> trouble_;

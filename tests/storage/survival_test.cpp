@@ -660,6 +660,45 @@ TEST_F(SurvivalTest, reads_that_fail_set_no_whole_database_aside) {
   std::printf("reads that fail: %llu calls, %d times refused\n", static_cast<unsigned long long>(calls), refused);
 }
 
+// An opening reads and writes the log, and the storage thread is idle ten times a second.
+TEST_F(SurvivalTest, a_disk_that_rejects_every_write_is_tried_a_few_times_in_a_hundred_idle_calls) {
+  const auto reject_writes = [&] { crash_disk::fail(root_, 1, crash_disk::kAllThatFollow, EIO, false); };
+  const auto keep = [&](std::int64_t utime_us) {
+    return store_->keep_events({{LineEvent::Kind::fault, 502, "disk", utime_us}}).ok();
+  };
+  crash_disk::fail(root_, ~std::uint64_t{0} >> 1U, 1, EIO, false);  // only files opened from here on count
+  open();
+  begin(1);
+  reject_writes();
+  EXPECT_FALSE(try_apply(SessionJob{2}).ok());  // closes the file
+  reject_writes();
+  EXPECT_FALSE(try_apply(SessionJob{2}).ok());
+  const std::uint64_t calls_per_opening = crash_disk::heal();
+  ASSERT_GT(calls_per_opening, 0U);
+  reject_writes();
+  for (int i = 0; i < 100; ++i) {
+    EXPECT_FALSE(keep(1));
+    store_->idle();
+  }
+  const std::uint64_t calls = crash_disk::heal();
+  EXPECT_GE(calls, calls_per_opening);
+  EXPECT_LE(calls, 6 * calls_per_opening) << "by the events and the outbox, and to settle the job";
+
+  int looks = 0;
+  for (; looks < 60 && !keep(1); ++looks) store_->idle();
+  EXPECT_LE(looks, 50) << "without a job";
+  reject_writes();
+  EXPECT_FALSE(try_apply(SessionJob{3}).ok());
+  EXPECT_FALSE(keep(2));
+  (void)crash_disk::heal();
+  EXPECT_FALSE(keep(2)) << "not at once";
+  apply(SessionJob{4});
+  EXPECT_TRUE(keep(2)) << "a job opens the file at once";
+  const auto db = open_for_reading(settings_.db_path);
+  ASSERT_TRUE(db.ok()) << db.error().text.view();
+  EXPECT_EQ(db.value()->integer("SELECT count(*) FROM event"), 2);
+}
+
 // The two parts of `script/survival --strace`. One is a life in a given folder, which writes a byte for every reported
 // step; the other is the check after a kill. Without that folder each part is an undisturbed life.
 class StraceTest : public SurvivalTest {
