@@ -13,8 +13,8 @@
 namespace slabd::emulator {
 namespace {
 
-/// slabd asks every instrument twice a second.
-constexpr std::chrono::milliseconds kGaugeRounds{1'200};
+/// slabd asks every instrument twice a second, and later on a busy computer.
+constexpr std::chrono::milliseconds kGaugeRounds{3'000};
 
 double seconds(PlcClock::duration d) {
   return std::chrono::duration<double>(d).count();

@@ -108,6 +108,9 @@ emulator::PlcTraits plc_traits(const config::Config& config, const Options& opti
   traits.plc = config.plc;
   traits.device = options.plc_device;
   traits.cycle = std::chrono::milliseconds(options.plc_cycle_ms);
+  // A PLC gives an order up after the 2 s of FB_SLABD.st, because its robot waits. Here the daemon may share a busy
+  // computer with its line, and a late answer is not a fault: as long as for a scan.
+  traits.ack_rewrites = 40;
   return traits;
 }
 

@@ -6,10 +6,9 @@
 import argparse
 import os
 import sys
-import threading
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from line import SLAB_BEGIN, Box, Plc, wait_for, wire_for  # noqa: E402
+from line import Box, Plc, wait_for, wire_for  # noqa: E402
 
 
 LINE = """[line]
@@ -58,15 +57,9 @@ def by_hand(box):
 def with_a_plc(box):
     """A PLC that commands keeps the line, and its results stay its own."""
     plc = Plc(wire_for(box))
-    assert plc.order(SLAB_BEGIN, slab_no=9, slab_id="PLC-9")[0] == 0
-    running = threading.Event()
-    thread = threading.Thread(target=lambda: [plc.cycle() for _ in iter(running.is_set, True)])
-    thread.start()
-    try:
+    plc.begin(9, "PLC-9")
+    with plc.cycling():
         assert "a PLC commands" in ask(box, 6, "SCAN", "3")
-    finally:
-        running.set()
-        thread.join()
     # The PLC scans and goes before it has stored the result.
     plc.stores = False
     plc.scan(box, 3, 9)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A line around a real slabd: its folder and configuration, robot and scanner (slabctl simulate --stand-by), and a PLC
 made of pymodbus and the function block of docs/plc. Nothing of the PLC's side shares code with slabd."""
+import contextlib
 import json
 import logging
 import os
@@ -27,6 +28,7 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 SLAB_BEGIN, SCAN, SLAB_END, SLAB_ABORT = 1, 2, 3, 4
 PASS, FAIL = 1, 2
 STATIONS = 18
+NO_ANSWER = 9999  # an order that the function block has given up
 
 
 class Box:
@@ -118,8 +120,13 @@ socket = "{self.dir}/control.sock"
         return self.slabctl_and_errors(*arguments)[:2]
 
     def status(self):
-        code, out = self.slabctl("status", "--socket", f"{self.dir}/control.sock", "--json")
-        return json.loads(out) if code == 0 else None
+        """None if slabd has not answered ten times: next to other work slabctl may give up."""
+        for _ in range(10):
+            code, out = self.slabctl("status", "--socket", f"{self.dir}/control.sock", "--json")
+            if code == 0:
+                return json.loads(out)
+            time.sleep(0.1)
+        return None
 
     def log(self):
         with open(os.path.join(self.dir, "slabd.err"), encoding="utf-8") as file:
@@ -262,6 +269,23 @@ class Plc:
         self.cycles += 1
         time.sleep(self.period)
 
+    @contextlib.contextmanager
+    def cycling(self):
+        """The PLC goes on in a thread of its own during the block, as beside another program."""
+        stop = threading.Event()
+
+        def run():
+            while not stop.is_set():
+                self.cycle()
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
+
     def until(self, done, seconds, what):
         end = time.monotonic() + seconds
         while not done():
@@ -277,11 +301,37 @@ class Plc:
         self.inputs.update(xExecute=True, uiCmd=cmd, uiStation=station, uiSlabType=5600, udSlabNo=slab_no,
                            awSlabId=[text[i] << 8 | text[i + 1] for i in range(0, 32, 2)])
         self.until(lambda: fb.xDone or fb.xError, 90, f"order {cmd}")
-        code = 0 if fb.xDone else fb.uiCode or 9999
+        code = 0 if fb.xDone else fb.uiCode or NO_ANSWER
         seq = fb.HR[39]
         self.inputs["xExecute"] = False
         self.cycle()
         return code, seq
+
+    def is_open(self, slab_no):
+        image = self.block.IR
+        return bool(image[5] & 16) and image[14] << 16 | image[15] == slab_no
+
+    def begin_or_end(self, cmd, slab_no, slab_id=""):
+        """As order(), for SLAB_BEGIN and SLAB_END. An order without an answer, as next to other work, is given again if
+        slabd has not carried it out."""
+        for _ in range(4):
+            code, seq = self.order(cmd, slab_no=slab_no, slab_id=slab_id)
+            if code != NO_ANSWER:
+                break
+            self.until(lambda: self.block.xReady, 60, "READY")
+            if self.is_open(slab_no) == (cmd == SLAB_BEGIN):
+                return 0, seq
+        return code, seq
+
+    def begin(self, slab_no, slab_id):
+        code, _ = self.begin_or_end(SLAB_BEGIN, slab_no, slab_id)
+        assert code == 0, f"SLAB_BEGIN {slab_no}: code {code}"
+
+    def end(self, slab_no):
+        """Returns CMD_SEQ, by which the slab's record is found."""
+        code, seq = self.begin_or_end(SLAB_END, slab_no)
+        assert code == 0, f"SLAB_END {slab_no}: code {code}"
+        return seq
 
     def scan(self, box, station, slab_no):
         box.order(f"station {station}", f"standing {station}")
@@ -295,14 +345,12 @@ class Plc:
         """One whole slab; returns its verdict."""
         box.order(f"slab {number}", f"slab {number}")
         if not continued:
-            code, _ = self.order(SLAB_BEGIN, slab_no=slab_no, slab_id=f"PY-{slab_no}")
-            assert code == 0, f"SLAB_BEGIN {slab_no}: code {code}"
+            self.begin(slab_no, f"PY-{slab_no}")
         for station in range(1, STATIONS + 1):
             mask = self.block.IR[18] << 16 | self.block.IR[19]
             if not (continued and mask >> (station - 1) & 1):
                 self.scan(box, station, slab_no)
-        code, seq = self.order(SLAB_END, slab_no=slab_no)
-        assert code == 0, f"SLAB_END {slab_no}: code {code}"
+        seq = self.end(slab_no)
         self.until(lambda: (slab_no, 0, seq) in self.results, 60, "the slab's record")
         record = self.results[(slab_no, 0, seq)]
         assert record[1] == 2 and record[0] == record[33], record

@@ -18,10 +18,11 @@ import sys
 import time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from line import FAIL, PASS, SCAN, SLAB_ABORT, SLAB_BEGIN, SLAB_END, STATIONS, Box, Plc, own_port, wait_for, wire_for  # noqa: E402
+from line import FAIL, PASS, SCAN, SLAB_ABORT, STATIONS, Box, Plc, own_port, wait_for, wire_for  # noqa: E402
 from scan_faults import BEFORE, BEGIN, END, MEASURING, DropScanner, StreamScanner, file_cases, stream_cases  # noqa: E402
 
 NOT_MEASURED = 3
+NO_POSES = (202, 203)  # the robot's poses came late, next to other work: the fault has not been tried
 NOBODY = 65534
 BAD_BLOCKS = range(3, STATIONS + 1, 3)
 
@@ -80,9 +81,12 @@ class Sweep:
             self.disarm(case)
             return self.check(case, step, 0)
         before = self.strays() if case.refused else 0
-        self.arm(case, step, station)
-        code, _ = self.plc.order(SCAN, station, slab_no)
-        self.disarm(case)
+        for _ in range(4):
+            self.arm(case, step, station)
+            code, _ = self.plc.order(SCAN, station, slab_no)
+            self.disarm(case)
+            if code not in NO_POSES:
+                break
         self.check(case, step, code)
         assert not case.refused or self.strays() > before, f"{case.name}: nothing was refused"
         if code != 0:
@@ -94,12 +98,10 @@ class Sweep:
     def begin(self, slab_no):
         self.number += 1
         self.box.order(f"slab {self.number}", f"slab {self.number}")  # a separate scan each time
-        code, _ = self.plc.order(SLAB_BEGIN, slab_no=slab_no, slab_id=f"SC-{slab_no}")
-        assert code == 0, f"SLAB_BEGIN: {code}"
+        self.plc.begin(slab_no, f"SC-{slab_no}")
 
     def end(self, slab_no):
-        code, seq = self.plc.order(SLAB_END, slab_no=slab_no)
-        assert code == 0, f"SLAB_END: {code}"
+        seq = self.plc.end(slab_no)
         self.plc.until(lambda: (slab_no, 0, seq) in self.plc.results, 60, "the slab's record")
         return self.plc.results[(slab_no, 0, seq)][6]
 
