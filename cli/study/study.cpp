@@ -89,7 +89,8 @@ bool robot_is_back(std::size_t number, std::size_t count) {
   return static_cast<bool>(std::getline(std::cin, line));
 }
 
-/// Takes a scan. If the robot moved, it is repeated a few times, because this is not an error of the study.
+/// Takes a scan. If the robot moved or its poses paused, it is repeated a few times, because this is not an error of
+/// the study.
 Result<LiveShot> shoot(LiveCapture& line, const std::string& what) {
   constexpr int kTries = 5;
   const bool terminal = isatty(STDERR_FILENO) != 0;
@@ -100,7 +101,7 @@ Result<LiveShot> shoot(LiveCapture& line, const std::string& what) {
     if (terminal) fmt::print(stderr, "\r\x1b[K");
     if (shot.ok() || i == kTries) return shot;
     const Code code = shot.error().code;
-    if (code != Code::not_settled && code != Code::moved_during_scan) return shot;
+    if (code != Code::not_settled && code != Code::moved_during_scan && code != Code::pose_stale) return shot;
     complain(fmt::format("{} again: {}", what, shot.error().text.view()));
   }
 }

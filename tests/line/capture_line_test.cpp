@@ -8,6 +8,8 @@
 #include <csignal>
 #include <cstdlib>
 #include <fstream>
+#include <functional>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -15,6 +17,7 @@
 #include "hal/hal.h"
 #include "processes.h"
 #include "tests/places/places.h"
+#include "tests/places/wait.h"
 
 namespace slabd::line {
 namespace {
@@ -43,12 +46,36 @@ class CaptureLineTest : public testing::Test {
   std::unique_ptr<Process> emulate() const {
     return std::make_unique<Process>(
         std::vector<std::string>{places::slabctl(), "simulate", "calibration", "--live", "--kind", "ball", "--views",
-                                 "3", "--shots", "1", "--move-s", "0.2", "--config", box_.config.native(), "--out",
+                                 "12", "--shots", "1", "--move-s", "0.2", "--config", box_.config.native(), "--out",
                                  (box_.dir / "truth").native()},
         box_.dir / "cell.out", box_.dir / "cell.err");
   }
   Result<LiveCapture> begin(const std::string& session = "spring") const {
     return LiveCapture::begin((box_.dir / "control.sock").native(), {session, "anna", 60, false});
+  }
+  /// Takes a view, again if the robot moved or its poses paused: on a computer with other work a pause of 0.25 s breaks
+  /// a view, and the emulated robot goes on 0.6 s after its scan although slabd may not have seen the end yet. `shots`
+  /// counts the views that were begun.
+  static Result<LiveShot> shoot(LiveCapture& line, std::uint32_t& shots,
+                                const std::function<void(std::string_view)>& said = {}) {
+    constexpr int kTries = 8;
+    for (int i = 1;; ++i) {
+      ++shots;
+      Result<LiveShot> shot = line.shoot(said);
+      if (shot.ok() || i == kTries) return shot;
+      const Code code = shot.error().code;
+      if (code != Code::pose_stale && code != Code::moved_during_scan && code != Code::not_settled) return shot;
+    }
+  }
+  /// Runs `slabctl calibrate capture` for one view until `done`, at most eight times, for the same reason.
+  template <typename Done>
+  Box::Answer capture_until(const Done& done) const {
+    Box::Answer answer;
+    for (int i = 0; i < 8; ++i) {
+      answer = calibrate({"capture", "--live", "--shots", "1"});
+      if (done(answer)) break;
+    }
+    return answer;
   }
   /// Runs `slabctl calibrate` with its own session "spring".
   Box::Answer calibrate(std::vector<std::string> words) const {
@@ -69,6 +96,14 @@ class CaptureLineTest : public testing::Test {
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
     }
     FAIL() << "no poses: " << read_file(box_.dir / "cell.err");
+  }
+
+  /// Number of the planned view that the emulated robot stands at or moves to, from 1.
+  [[nodiscard]] std::size_t robots_view() const {
+    const std::string text = read_file(box_.dir / "cell.err");
+    std::size_t count = 0;
+    for (std::size_t at = 0; (at = text.find(": the robot arrives", at)) != std::string::npos; ++at) ++count;
+    return count;
   }
 
   /// Waits for the deletion by the storage thread, which happens when it is idle.
@@ -95,25 +130,40 @@ TEST_F(CaptureLineTest, views_are_taken_one_after_the_other_and_given_to_the_ses
 
   const json truth = json::parse(read_file(box_.dir / "truth" / "truth.json"));
   std::vector<std::string> said;
-  for (std::size_t i = 0; i < 3; ++i) {
-    const Result<LiveShot> shot = capture.value().shoot([&](std::string_view text) { said.emplace_back(text); });
+  std::uint32_t shots = 0;
+  for (int i = 0; i < 3; ++i) {
+    const std::size_t begun_at = robots_view();
+    const Result<LiveShot> shot =
+        shoot(capture.value(), shots, [&](std::string_view text) { said.emplace_back(text); });
     ASSERT_TRUE(shot.ok()) << shot.error().text.view();
+    const std::size_t taken_at = robots_view();
     const LiveShot& view = shot.value();
-    EXPECT_EQ(view.number, i + 1);
+    EXPECT_EQ(view.number, shots) << "those that were refused count";
     EXPECT_GE(view.window_s, 1.0);
     EXPECT_LT(view.spread_mm, 0.01);
     EXPECT_EQ(view.pose_samples, static_cast<std::uint32_t>(view.last_seq - view.first_seq + 1));
     EXPECT_GE(view.last_utime_us, view.scan_utime_us - 50'000) << "poses of after the scan";
     EXPECT_GE(view.requested_utime_us - view.first_utime_us, 950'000) << "a second of them before it";
-    const auto planned = truth["views"][i]["T_base_flange_reported"].get<std::vector<double>>();
-    const Vec3 off = view.T_base_flange.translation_mm - Vec3(planned[0], planned[1], planned[2]);
-    EXPECT_LT(off.norm(), 0.001) << "the mean of the view that the robot stood at";
+    // A refused view may have been scanned, and the robot has then gone on.
+    double off_mm = std::numeric_limits<double>::infinity();
+    std::size_t planned_at = 0;
+    for (std::size_t k = 0; k < truth["views"].size(); ++k) {
+      const auto planned = truth["views"][k]["T_base_flange_reported"].get<std::vector<double>>();
+      const Vec3 off = view.T_base_flange.translation_mm - Vec3(planned[0], planned[1], planned[2]);
+      if (off.norm() >= off_mm) continue;
+      off_mm = off.norm();
+      planned_at = k;
+    }
+    EXPECT_LT(off_mm, 0.001) << "the mean of the view that the robot stood at";
+    EXPECT_GE(planned_at + 1, begun_at) << "not of a view before it";
+    EXPECT_LE(planned_at + 1, taken_at);
     std::vector<float> xyz(3 * 600'000);
     const auto read = hal::read_scan(view.scan_path.c_str(), hal::LengthUnit::mm, std::span(xyz));
     ASSERT_TRUE(read.ok()) << read.error().text.view();
     EXPECT_EQ(read.value().finite, view.points);
     ASSERT_TRUE(capture.value().release(view.scan_path).ok());
     EXPECT_TRUE(is_gone(view.scan_path));
+    ASSERT_TRUE(places::wait_until([&] { return robots_view() > planned_at + 1; })) << "the robot does not go on";
   }
   EXPECT_FALSE(said.empty());
   ASSERT_TRUE(capture.value().end().ok());
@@ -141,10 +191,12 @@ TEST_F(CaptureLineTest, ending_a_session_that_was_never_begun_begins_none) {
   }
   ASSERT_TRUE(LiveCapture::end((box_.dir / "control.sock").native(), "autumn").ok());
   ASSERT_TRUE(begin("spring").ok());
-  EXPECT_EQ(end().exit_status, 0);
+  answer = end();
+  EXPECT_EQ(answer.exit_status, 0) << answer.err;
   EXPECT_EQ(status()["state"], "idle");
   box_.kill_hard();
-  EXPECT_EQ(end().exit_status, 4);
+  answer = end();
+  EXPECT_EQ(answer.exit_status, 4) << answer.err;
 }
 
 TEST_F(CaptureLineTest, a_line_that_another_session_has_is_taken_over_when_asked_for) {
@@ -167,7 +219,8 @@ TEST_F(CaptureLineTest, a_view_that_the_session_could_not_copy_stays_with_the_da
   // Like a disk without space: a folder cannot be made inside a file.
   fs::remove_all(box_.dir / "calibration" / "spring" / "views");
   std::ofstream(box_.dir / "calibration" / "spring" / "views") << "full";
-  const Box::Answer answer = calibrate({"capture", "--live", "--shots", "1"});
+  const Box::Answer answer =
+      capture_until([](const Box::Answer& seen) { return seen.err.find("kept for a week: ") != std::string::npos; });
   EXPECT_EQ(answer.exit_status, 4) << answer.out << answer.err;
   const std::size_t at = answer.err.find("kept for a week: ");
   ASSERT_NE(at, std::string::npos) << answer.err;
@@ -176,7 +229,8 @@ TEST_F(CaptureLineTest, a_view_that_the_session_could_not_copy_stays_with_the_da
   // Scans of a session that has its copy are deleted.
   fs::remove(box_.dir / "calibration" / "spring" / "views");
   fs::create_directory(box_.dir / "calibration" / "spring" / "views");
-  EXPECT_EQ(calibrate({"capture", "--live", "--shots", "1"}).exit_status, 0);
+  const Box::Answer copied = capture_until([](const Box::Answer& seen) { return seen.exit_status == 0; });
+  EXPECT_EQ(copied.exit_status, 0) << copied.out << copied.err;
   std::size_t left = 0;
   for (int i = 0; i < 3'000; ++i) {
     left = static_cast<std::size_t>(
@@ -197,8 +251,8 @@ TEST_F(CaptureLineTest, a_cold_scanner_is_watched_until_it_no_longer_drifts) {
                       "--shots", "1", "--warm-up-s", "10", "--warm-up-K", "40", "--config", box_.config.native()},
                      box_.dir / "cell.out", box_.dir / "cell.err");
   wait_for_poses();
-  const Box::Answer warm = box_.slabctl(
-      {"scanner", "warm-up", "--live", "--radius", "25.4", "--json", "--config", box_.config.native()});
+  const Box::Answer warm =
+      box_.slabctl({"scanner", "warm-up", "--live", "--radius", "25.4", "--json", "--config", box_.config.native()});
   ASSERT_EQ(warm.exit_status, 0) << warm.err;
   const json document = json::parse(warm.out);
   EXPECT_EQ(document["state"], "stable");
@@ -221,7 +275,8 @@ TEST_F(CaptureLineTest, a_daemon_that_was_killed_starts_idle_and_a_missing_robot
     wait_for_poses();
     Result<LiveCapture> capture = begin();
     ASSERT_TRUE(capture.ok()) << capture.error().text.view();
-    const Result<LiveShot> shot = capture.value().shoot({});
+    std::uint32_t shots = 0;
+    const Result<LiveShot> shot = shoot(capture.value(), shots);
     ASSERT_TRUE(shot.ok()) << shot.error().text.view();
     box_.kill_hard();
     EXPECT_EQ(capture.value().keep().error().code, Code::scanner_offline);

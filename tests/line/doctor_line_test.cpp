@@ -6,6 +6,7 @@
 #include <lcm/lcm.h>
 #include <modbus.h>
 #include <netinet/in.h>
+#include <pwd.h>
 #include <sched.h>
 #include <stdlib.h>
 #include <sys/mount.h>
@@ -20,6 +21,7 @@
 #include <atomic>
 #include <bot_core/rigid_transform_t.hpp>
 #include <chrono>
+#include <csignal>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -31,6 +33,7 @@
 
 #include "processes.h"
 #include "tests/places/places.h"
+#include "tests/places/wait.h"
 
 namespace slabd::line {
 namespace {
@@ -62,6 +65,7 @@ class DoctorTest : public testing::Test {
       return word;
     }
     [[nodiscard]] std::string all() const { return findings.dump(1); }
+    [[nodiscard]] bool says(const std::string& text) const { return all().find(text) != std::string::npos; }
   };
   /// True if namespaces are refused, as inside some containers. Another reason for a missing answer is a failure.
   [[nodiscard]] bool namespaces_refused() const {
@@ -81,6 +85,17 @@ class DoctorTest : public testing::Test {
       EXPECT_TRUE(!bad || finding["cure"] != "") << finding;
     }
     return {answer.exit_status, document["findings"]};
+  }
+  /// Examines until `done`, at most twenty times: the doctor judges the rate of one second, and on a computer with
+  /// other work sender or doctor may pause for a part of it.
+  template <typename Done>
+  [[nodiscard]] Opinion examine_until(const Done& done, const char* listen_s = "1") const {
+    Opinion opinion;
+    for (int i = 0; i < 20; ++i) {
+      opinion = examine({}, listen_s);
+      if (done(opinion)) break;
+    }
+    return opinion;
   }
   /// Findings with the scans' folder on a disk with these mount options; nullopt if the kernel refuses the mount.
   [[nodiscard]] std::optional<Opinion> with_scans_on(unsigned long flags, const char* options) const {
@@ -136,8 +151,11 @@ TEST_F(DoctorTest, reports_that_the_daemon_does_not_run_and_checks_the_rest) {
   EXPECT_EQ(opinion.health("daemon"), "failed");
   EXPECT_EQ(opinion.health("plc port"), "ok") << opinion.all();
   EXPECT_EQ(opinion.health("robot poses"), "failed");
-  EXPECT_EQ(opinion.health("disk speed"), "ok") << opinion.all();
-  EXPECT_EQ(opinion.health("commit time"), "ok") << opinion.all();
+  // The disk of this computer may be slow, and other programs may use it.
+  for (const char* check : {"disk speed", "commit time"}) {
+    const std::string health = opinion.health(check);
+    EXPECT_TRUE(health == "ok" || health == "warning") << check << " " << opinion.all();
+  }
 }
 
 TEST_F(DoctorTest, the_cure_of_a_robot_link_names_the_group_that_is_configured) {
@@ -175,8 +193,53 @@ TEST_F(DoctorTest, a_file_in_place_of_the_scan_folder_is_found) {
   EXPECT_EQ(examine().health("scans"), "failed");
 }
 
+TEST_F(DoctorTest, a_missing_folder_is_to_be_made_and_its_parent_is_not_to_be_handed_over) {
+  const fs::path share = box_.dir / "share";
+  const std::string scans = (share / "scans").native();
+  std::string text = read_file(box_.config);
+  const std::string spool = (box_.dir / "spool").native();
+  ASSERT_NE(text.find(spool), std::string::npos) << text;
+  text.replace(text.find(spool), spool.size(), scans);
+  std::ofstream(box_.config) << text;
+  fs::create_directory(share);
+  ASSERT_EQ(::chmod(share.c_str(), 0555), 0);
+  std::vector<std::string> command = {places::slabctl(), "doctor",     "--config",   box_.config.native(),
+                                      "--json",          "--no-write", "--listen-s", "0.5"};
+  // Root may write everywhere. Without a user slabd the doctor examines for the one that runs it.
+  if (::geteuid() == 0 && ::getpwnam("slabd") == nullptr) {
+    ASSERT_EQ(::chmod(box_.dir.c_str(), 0755), 0);
+    ASSERT_EQ(::chmod(box_.config.c_str(), 0644), 0);
+    command.insert(command.begin(), {"/usr/bin/setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"});
+  }
+  Process doctor(command, box_.dir / "doctor.out", box_.dir / "doctor.err");
+  (void)doctor.wait();
+  const json document = json::parse(read_file(box_.dir / "doctor.out"), nullptr, false);
+  if (!document.is_object()) {
+    const std::string said = read_file(box_.dir / "doctor.err");
+    ASSERT_NE(said.find("setpriv"), std::string::npos) << said;
+    GTEST_SKIP() << "slabctl cannot be run as another user here";
+  }
+  std::string cure;
+  for (const json& finding : document["findings"])
+    if (finding["check"] == "scans") {
+      EXPECT_EQ(finding["health"], "failed") << finding;
+      cure = finding["cure"];
+    }
+  EXPECT_NE(cure.find("mount that first"), std::string::npos) << cure;
+  EXPECT_NE(cure.find("install -d -o "), std::string::npos) << cure;
+  EXPECT_TRUE(cure.ends_with(" " + scans)) << cure;
+  for (const char* change : {"chown", "chmod", "chgrp"}) EXPECT_EQ(cure.find(change), std::string::npos) << cure;
+  EXPECT_EQ(cure.find(share.native()), cure.size() - scans.size()) << "the parent alone is not named: " << cure;
+}
+
 TEST_F(DoctorTest, a_daemon_without_plc_and_robot_lacks_heartbeat_and_poses) {
   start();
+  const auto scanner_is_online = [this] {
+    const json now =
+        json::parse(box_.slabctl({"status", "--config", box_.config.native(), "--json"}).out, nullptr, false);
+    return now.is_object() && now["links"]["scanner"]["online"] == true;
+  };
+  ASSERT_TRUE(places::wait_until(scanner_is_online)) << box_.log();
   const Opinion opinion = examine();
   EXPECT_EQ(opinion.exit_status, 4);
   EXPECT_EQ(opinion.health("plc registers"), "ok") << opinion.all();
@@ -210,10 +273,15 @@ TEST_F(DoctorTest, a_heartbeat_that_is_a_bit_moves_as_well_as_a_number) {
       last = now;
       std::this_thread::sleep_for(std::chrono::milliseconds(200));
     }
+    const auto end = std::chrono::steady_clock::now();
+    longest_s = std::max(longest_s.load(), std::chrono::duration<double>(end - last).count());
     modbus_close(client.get());
   });
-  for (int i = 0; i < 3; ++i) EXPECT_EQ(examine().health("plc heartbeat"), "ok") << i;
-  const Process monitor(
+  // The doctor takes a heartbeat for dead after 1.2 s, and this computer may pause for so long.
+  int alive = 0;
+  for (int i = 0; i < 10 && alive < 3; ++i) alive += examine().health("plc heartbeat") == "ok" ? 1 : 0;
+  EXPECT_EQ(alive, 3) << "of ten";
+  Process monitor(
       {places::slabctl(), "plc", "monitor", "--json", "--interval-ms", "400", "--config", box_.config.native()},
       box_.dir / "monitor.out", box_.dir / "monitor.err");
   const auto pictures = [&] {
@@ -221,6 +289,8 @@ TEST_F(DoctorTest, a_heartbeat_that_is_a_bit_moves_as_well_as_a_number) {
     return std::count(text.begin(), text.end(), '\n');
   };
   for (int i = 0; i < 6'000 && pictures() < 7; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  monitor.signal(SIGINT);  // before the heartbeat ends
+  static_cast<void>(monitor.wait());
   stop = true;
   plc.join();
   std::ifstream lines(box_.dir / "monitor.out");
@@ -251,15 +321,15 @@ TEST_F(DoctorTest, refused_poses_are_reported_with_the_reason_and_a_bridge_that_
       std::this_thread::sleep_for(std::chrono::milliseconds(8));
     }
   });
-  Opinion opinion = examine();
+  Opinion opinion = examine_until([](const Opinion& seen) { return seen.says("no unit quaternion"); });
   EXPECT_EQ(opinion.health("robot poses"), "failed") << opinion.all();
   EXPECT_NE(opinion.all().find("not_unit"), std::string::npos) << opinion.all();
   EXPECT_NE(opinion.all().find("no unit quaternion"), std::string::npos) << opinion.all();
   unit = 1.0;
-  opinion = examine();
+  opinion = examine_until([](const Opinion& seen) { return seen.health("robot poses") == "ok"; });
   EXPECT_EQ(opinion.health("robot poses"), "ok") << "without numbers (seq 0) nothing is lost\n" << opinion.all();
   flags = 0;
-  opinion = examine();
+  opinion = examine_until([](const Opinion& seen) { return seen.health("robot poses") == "warning"; });
   EXPECT_EQ(opinion.health("robot poses"), "warning") << opinion.all();
   EXPECT_NE(opinion.all().find("not measured"), std::string::npos) << opinion.all();
   std::thread death([&] {
@@ -269,7 +339,7 @@ TEST_F(DoctorTest, refused_poses_are_reported_with_the_reason_and_a_bridge_that_
     std::this_thread::sleep_for(std::chrono::milliseconds(2'500));
     stop = true;
   });
-  opinion = examine({}, "6");
+  opinion = examine({}, "10");
   death.join();
   bridge.join();
   lcm_destroy(lcm);
@@ -298,7 +368,10 @@ TEST_F(DoctorTest, two_programs_that_publish_poses_are_named) {
   };
   std::thread first([&] { publish(publishers[0], 0.0); });
   std::thread second([&] { publish(publishers[1], 0.3); });
-  const Opinion opinion = examine({}, "2");
+  const auto both_are_named = [](const Opinion& seen) {
+    return seen.health("robot poses") == "failed" && seen.says("two programs publish poses");
+  };
+  const Opinion opinion = examine_until(both_are_named, "2");
   stop = true;
   first.join();
   second.join();
@@ -321,7 +394,8 @@ TEST_F(DoctorTest, poses_of_another_type_are_named_with_the_key_to_set) {
       std::this_thread::sleep_for(std::chrono::milliseconds(8));
     }
   });
-  const Opinion opinion = examine();
+  const Opinion opinion =
+      examine_until([](const Opinion& seen) { return seen.says("of type bot_core.rigid_transform_t"); });
   start();
   std::string status;
   for (int i = 0; i < 600 && status.find("of type bot_core.rigid_transform_t") == std::string::npos; ++i) {

@@ -10,6 +10,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <chrono>
 #include <csignal>
 #include <cstring>
@@ -21,6 +23,7 @@
 #include "processes.h"
 #include "tests/places/places.h"
 #include "tests/places/ports.h"
+#include "tests/places/wait.h"
 
 namespace slabd::line {
 namespace {
@@ -41,10 +44,11 @@ class KukaLineTest : public testing::Test {
     command.insert(command.end(), more.begin(), more.end());
     return std::make_unique<Process>(command, box_.dir / "bridge.out", box_.dir / "bridge.err");
   }
-  /// Sends packets without <Base>, <Tool> and <Stopped>, for a minute or until it is destroyed.
+  /// Sends packets without <Base>, <Tool> and <Stopped>, for ten minutes or until it is destroyed.
   [[nodiscard]] std::unique_ptr<Process> standing_robot() const {
     const std::string script =
-        "for i in $(seq 6000); do printf '<Rob><RIst X=\"1800\" Y=\"-12.5\" Z=\"900\" A=\"30\" B=\"-20\" C=\"110\"/>"
+        "for ((i = 1; i <= 60000; ++i)); do printf '<Rob><RIst X=\"1800\" Y=\"-12.5\" Z=\"900\" A=\"30\" B=\"-20\" "
+        "C=\"110\"/>"
         "<IPOC>%d</IPOC></Rob>' $((i*4)) >/dev/udp/" +
         std::regex_replace(rsi_, std::regex(":"), "/") + "; sleep 0.01; done";
     return std::make_unique<Process>(std::vector<std::string>{"/bin/bash", "-c", script}, box_.dir / "robot.out",
@@ -53,6 +57,10 @@ class KukaLineTest : public testing::Test {
   [[nodiscard]] json status() const {
     const Box::Answer answer = box_.slabctl({"status", "--config", box_.config.native(), "--json"});
     return answer.exit_status == 0 ? json::parse(answer.out, nullptr, false) : json(nullptr);
+  }
+  /// True if the bridge has written this.
+  [[nodiscard]] bool bridge_says(const std::string& text) const {
+    return read_file(box_.dir / "bridge.err").find(text) != std::string::npos;
   }
 
   Box box_;
@@ -64,7 +72,7 @@ TEST_F(KukaLineTest, a_kr_c2_without_rist_is_named_in_status_and_by_the_doctor) 
   ASSERT_TRUE(box_.ready());
   const std::unique_ptr<Process> bridge = start_bridge();
   const std::string script =
-      "for i in $(seq 3000); do printf '<Rob TYPE=\"KUKA\"><RSol X=\"1\"/><ST_Source>17.2</ST_Source>"
+      "for ((i = 1; i <= 30000; ++i)); do printf '<Rob TYPE=\"KUKA\"><RSol X=\"1\"/><ST_Source>17.2</ST_Source>"
       "<IPOC>%d</IPOC></Rob>' $((i*12)) >/dev/udp/" +
       std::regex_replace(rsi_, std::regex(":"), "/") + "; sleep 0.02; done";
   const Process robot({"/bin/bash", "-c", script}, box_.dir / "robot.out", box_.dir / "robot.err");
@@ -78,7 +86,10 @@ TEST_F(KukaLineTest, a_kr_c2_without_rist_is_named_in_status_and_by_the_doctor) 
     if (now.is_object()) pose = now["links"]["pose"]["refusal"].get<std::string>();
   }
   EXPECT_TRUE(is_named(pose)) << pose;
-  const Box::Answer doctor = box_.slabctl({"doctor", "--config", box_.config.native(), "--json", "--listen-s", "2"});
+  // The bridge says it once a second, so that one pause of it is enough for a doctor of two seconds not to hear it.
+  Box::Answer doctor;
+  for (int i = 0; i < 10 && !is_named(doctor.out); ++i)
+    doctor = box_.slabctl({"doctor", "--config", box_.config.native(), "--json", "--listen-s", "2"});
   EXPECT_TRUE(is_named(doctor.out)) << doctor.out;
 }
 
@@ -116,9 +127,16 @@ TEST_F(KukaLineTest, a_robot_in_the_wrong_base_is_refused) {
 TEST_F(KukaLineTest, the_monitor_shows_the_pendants_numbers_and_that_the_robot_is_at_rest) {
   const auto bridge = start_bridge();
   const auto robot = standing_robot();
-  const Box::Answer answer = box_.slabctl({"robot", "monitor", "--once", "--json", "--config", box_.config.native()});
+  ASSERT_TRUE(places::wait_until([&] { return bridge_says("packets arrive from"); }, std::chrono::minutes(1)));
+  // The monitor listens for 3 s from its start, which may be too short on a computer with other work.
+  Box::Answer answer;
+  json seen;
+  for (int i = 0; i < 20 && !(seen.is_object() && seen["settled"] == true); ++i) {
+    answer = box_.slabctl({"robot", "monitor", "--once", "--json", "--config", box_.config.native()});
+    seen = json::parse(answer.out, nullptr, false);
+  }
   EXPECT_EQ(answer.exit_status, 0) << answer.err;
-  const json seen = json::parse(answer.out);
+  ASSERT_TRUE(seen.is_object()) << answer.out;
   EXPECT_EQ(seen["settled"], true) << seen;
   EXPECT_EQ(seen["gaps"], 0);
   EXPECT_NEAR(seen["T_base_flange"][0].get<double>(), 1800.0, 1e-9);
@@ -156,27 +174,54 @@ TEST_F(KukaLineTest, while_two_controllers_send_none_is_published_and_both_are_n
     sendto(robot, packet.data(), packet.size(), 0, static_cast<sockaddr*>(static_cast<void*>(&to)), sizeof to);
     std::this_thread::sleep_for(std::chrono::milliseconds(4));
   };
-  const auto says = [&](const std::string& text) {
-    return read_file(box_.dir / "bridge.err").find(text) != std::string::npos;
+  const auto send_until = [&](int robot, const char* x, const std::string& said) {
+    const auto is_said = [&] {
+      send(robot, x);
+      return bridge_says(said);
+    };
+    return places::wait_until(is_said, std::chrono::minutes(1));
   };
-  for (int i = 0; i < 2'000 && !says("packets arrive from 127.0.0.1:"); ++i) send(robots[0], "1000");
-  const Process monitor(
-      {places::slabctl(), "robot", "monitor", "--seconds", "2", "--json", "--config", box_.config.native()},
-      box_.dir / "monitor.out", box_.dir / "monitor.err");
-  for (std::size_t i = 0; i < 600; ++i) send(robots[i % 2], i % 2 == 0 ? "1000" : "1620");
-  EXPECT_TRUE(says("packets of 127.0.0.2:")) << read_file(box_.dir / "bridge.err");
-  EXPECT_TRUE(says("127.0.0.1 sends as well")) << read_file(box_.dir / "bridge.err");
-  EXPECT_EQ(read_file(box_.dir / "monitor.out").find("[1620"), std::string::npos) << "not the second one's";
-  for (int i = 0; i < 2'000 && !says("packets arrive from 127.0.0.2:"); ++i) send(robots[1], "1620");
-  EXPECT_TRUE(says("packets arrive from 127.0.0.2:")) << "the first one has fallen silent";
+  ASSERT_TRUE(send_until(robots[0], "1000", "packets arrive from 127.0.0.1:")) << read_file(box_.dir / "bridge.err");
+  // A controller that is silent for a second has left, and the other one is then the robot. On a computer with other
+  // work this test may pause for so long: that round shows nothing, and is repeated.
+  constexpr double kPauseMax_s = 0.8;
+  const auto send_in_turn = [&](std::size_t packets) {
+    double longest_s = 0.0;
+    auto last = std::chrono::steady_clock::now();
+    for (std::size_t i = 0; i < packets; ++i) {
+      send(robots[i % 2], i % 2 == 0 ? "1000" : "1620");
+      const auto now = std::chrono::steady_clock::now();
+      longest_s = std::max(longest_s, std::chrono::duration<double>(now - last).count());
+      last = now;
+    }
+    return longest_s;
+  };
+  double longest_s = kPauseMax_s;
+  fs::path shown;
+  for (int round = 0; round < 20 && longest_s >= kPauseMax_s; ++round) {
+    send_in_turn(20);  // a round may follow on a pause
+    shown = box_.dir / ("monitor-" + std::to_string(round) + ".out");
+    const Process monitor(
+        {places::slabctl(), "robot", "monitor", "--seconds", "2", "--json", "--config", box_.config.native()}, shown,
+        box_.dir / "monitor.err");
+    longest_s = send_in_turn(600);
+  }
+  ASSERT_LT(longest_s, kPauseMax_s) << "twenty rounds with a pause";
+  EXPECT_EQ(read_file(shown).find("[1620"), std::string::npos) << "not the second one's";
+  EXPECT_TRUE(places::wait_until([&] { return bridge_says("packets of 127.0.0.2:"); }))
+      << read_file(box_.dir / "bridge.err");
+  EXPECT_TRUE(bridge_says("127.0.0.1 sends as well")) << read_file(box_.dir / "bridge.err");
+  EXPECT_TRUE(send_until(robots[1], "1620", "packets arrive from 127.0.0.2:")) << "the first one has fallen silent";
   for (const int robot : robots) close(robot);
 }
 
 TEST_F(KukaLineTest, packets_of_a_stranger_are_dropped) {
   const auto bridge = start_bridge({"--from", "127.0.0.9"});
-  const auto line = box_.simulate({"--slab-no", "1", "--rsi", rsi_});
+  const auto robot = standing_robot();
+  ASSERT_TRUE(places::wait_until([&] { return bridge_says("are dropped"); }, std::chrono::minutes(1)))
+      << read_file(box_.dir / "bridge.err");
   std::this_thread::sleep_for(std::chrono::milliseconds(1'500));
-  EXPECT_EQ(read_file(box_.dir / "bridge.err").find("packets arrive from"), std::string::npos);
+  EXPECT_FALSE(bridge_says("packets arrive from"));
   EXPECT_TRUE(bridge->running());
 }
 
@@ -214,7 +259,7 @@ int lose_the_route(const std::string& rsi, const fs::path& dir) {
   Process bridge({places::kuka_bridge(), "--listen", rsi, "--lcm-url", "udpm://239.255.76.67:7667?ttl=0"}, dir / "out",
                  dir / "err");
   const auto says = [&](const char* text) {
-    for (int i = 0; i < 1'000; ++i) {
+    for (int i = 0; i < 6'000; ++i) {
       const std::string packet = "<Rob><RIst X=\"1\" Y=\"2\" Z=\"3\" A=\"0\" B=\"0\" C=\"0\"/><IPOC>" +
                                  std::to_string(ipoc_ms += 12) + "</IPOC></Rob>";
       sendto(robot, packet.data(), packet.size(), 0, static_cast<sockaddr*>(static_cast<void*>(&to)), sizeof to);

@@ -150,13 +150,6 @@ class PoseLineTest : public testing::Test {
     return Json::parse(answer.out, nullptr, false);
   }
   [[nodiscard]] Json link() const { return status()["links"]["pose"]; }
-  /// Memory that slabd has asked for; the pages of its program come and go with the page cache.
-  [[nodiscard]] long memory_kb() const {
-    const std::string text = read_file("/proc/" + std::to_string(box_.pid()) + "/status");
-    std::smatch match;
-    EXPECT_TRUE(std::regex_search(text, match, std::regex("RssAnon:\\s+([0-9]+) kB")));
-    return match.empty() ? 0 : std::stol(match[1]);
-  }
   /// Polls until `done`; false if that takes longer than a line does on a loaded computer.
   [[nodiscard]] static bool wait_until(const std::function<bool()>& done) { return places::wait_until(done, 5min); }
   void start() {
@@ -190,7 +183,8 @@ TEST_F(PoseLineTest, two_hundred_thousand_crafted_datagrams_change_neither_pose_
   };
   burst(0);  // the first publisher is accepted
   for (int i = 0; i < 20 && !HasFatalFailure(); ++i) burst(kCraftedPerBurst);
-  const long before_kb = memory_kb();
+  const std::int64_t before_kb = anonymous_kb(box_.pid());
+  ASSERT_GT(before_kb, 0);
   for (int i = 20; i < kBursts && !HasFatalFailure(); ++i) burst(kCraftedPerBurst);
   ASSERT_FALSE(HasFatalFailure());
   // A valid pose lost in a full buffer is a gap, never a wrong pose.
@@ -198,13 +192,15 @@ TEST_F(PoseLineTest, two_hundred_thousand_crafted_datagrams_change_neither_pose_
   const Json after = status();
   const Json& pose_link = after["links"]["pose"];
   EXPECT_TRUE(box_.running());
-  EXPECT_LE(pose_link["accepted"].get<int>(), seq) << "only true ones";
+  // After a second without a pose slabd forgets the last one, and accepts a repeated or an old one as the first.
+  constexpr int kPausesMax = 20;
+  EXPECT_LE(pose_link["accepted"].get<int>(), seq + kPausesMax) << "only true ones";
   EXPECT_GE(pose_link["accepted"].get<int>(), seq / 4);
   EXPECT_EQ(pose_link["jumps"], 0);
   for (const char* counter :
        {"foreign", "malformed", "not_finite", "not_unit", "out_of_reach", "repeated", "time_back"})
     EXPECT_GT(pose_link[counter].get<int>(), 1'000) << counter;
-  EXPECT_LE(memory_kb(), before_kb + 512);
+  EXPECT_LE(anonymous_kb(box_.pid()), before_kb + 512);
   // Poses have stopped, which is reported.
   EXPECT_EQ(pose_link["code"], 202) << pose_link;
   EXPECT_GE(pose_link["stale"].get<int>(), 1);
@@ -263,13 +259,21 @@ TEST_F(PoseLineTest, pose_flags_of_the_robot_are_shown_by_log_status_and_monitor
   EXPECT_TRUE(box_.logs("its poses as commanded")) << box_.log();
   flags = 3;  // measured, stopped
   ASSERT_TRUE(wait_until([&] { return link()["note"] == ""; })) << link();
-  EXPECT_NE(monitor().find("settled: a scan could begin\n"), std::string::npos);
+  // The monitor listens for 3 s from its start, which may be too short on a computer with other work.
+  std::string shown;
+  const auto shows = [&](const char* text) {
+    shown = monitor();
+    return shown.find(text) != std::string::npos;
+  };
+  EXPECT_TRUE(wait_until([&] { return shows("settled: a scan could begin\n"); })) << shown;
   flags = 1;
   ASSERT_TRUE(wait_until([&] { return noted("does not say \"stopped\""); })) << link();
-  const std::string shown = monitor();
-  EXPECT_NE(shown.find("unless slabd has received \"stopped\""), std::string::npos) << shown;
-  const Box::Answer status = box_.slabctl({"status", "--config", box_.config.native()});
-  EXPECT_NE(status.out.find("poses arrive; the robot does not say"), std::string::npos) << status.out;
+  EXPECT_TRUE(wait_until([&] { return shows("unless slabd has received \"stopped\""); })) << shown;
+  const auto status_shows = [&](const char* text) {
+    shown = box_.slabctl({"status", "--config", box_.config.native()}).out;
+    return shown.find(text) != std::string::npos;
+  };
+  EXPECT_TRUE(wait_until([&] { return status_shows("poses arrive; the robot does not say"); })) << shown;
 }
 
 TEST_F(PoseLineTest, a_log_played_by_lcm_logplayer_arrives_pose_by_pose) {
@@ -293,11 +297,15 @@ TEST_F(PoseLineTest, a_log_played_by_lcm_logplayer_arrives_pose_by_pose) {
   start();
   Process player({"/usr/bin/lcm-logplayer", "--lcm-url", url(), log}, box_.dir / "player.out", box_.dir / "player.err");
   EXPECT_EQ(player.wait(), 0) << read_file(box_.dir / "player.err");
+  ASSERT_TRUE(wait_until([&] { return link()["accepted"].get<int>() >= kPoses - kPoses / 5; })) << link();
   ASSERT_TRUE(wait_until([&] { return link()["code"] == 202; })) << link();
   const Json seen = link();
   EXPECT_EQ(seen["accepted"], kPoses - kPoses / 5) << seen;
   EXPECT_EQ(seen["foreign"], kPoses / 5);
-  EXPECT_EQ(seen["gaps"], kPoses / 5 - 1) << "those on the other channel are missing in the numbers";
+  // Over a second without poses slabd does not count, so a pause of the player or of slabd may hide a gap.
+  constexpr int kPausesMax = 2;
+  EXPECT_LE(seen["gaps"].get<int>(), kPoses / 5 - 1) << "those on the other channel are missing in the numbers";
+  EXPECT_GE(seen["gaps"].get<int>(), kPoses / 5 - 1 - kPausesMax);
   EXPECT_EQ(seen["malformed"], 0);
 }
 
@@ -316,15 +324,25 @@ TEST_F(PoseLineTest, a_rigid_transform_settles_and_a_stranger_is_refused_by_name
     }
     lcm_destroy(lcm);
   });
-  const Box::Answer good = box_.slabctl({"robot", "monitor", "--once", "--json", "--config", box_.config.native()});
+  // The monitor listens for 3 s from its start, which may be too short on a computer with other work.
+  Box::Answer good;
+  const auto is_settled = [&] {
+    good = box_.slabctl({"robot", "monitor", "--once", "--json", "--config", box_.config.native()});
+    const Json seen = Json::parse(good.out, nullptr, false);
+    return seen.is_object() && seen["settled"] == true;
+  };
+  EXPECT_TRUE(wait_until(is_settled)) << good.out << good.err;
   std::ofstream(box_.config, std::ios::app) << "senders = [\"203.0.113.0/24\"]\n";
-  const Box::Answer strange = box_.slabctl({"robot", "monitor", "--once", "--config", box_.config.native()});
+  Box::Answer strange;
+  const auto is_named = [&] {
+    strange = box_.slabctl({"robot", "monitor", "--once", "--config", box_.config.native()});
+    return strange.out.find("[pose] senders") != std::string::npos;
+  };
+  EXPECT_TRUE(wait_until(is_named)) << strange.out;
   stop = true;
   robot.join();
   EXPECT_EQ(good.exit_status, 0) << good.err;
-  EXPECT_EQ(Json::parse(good.out)["settled"], true) << good.out;
   EXPECT_EQ(strange.exit_status, 4) << strange.out;
-  EXPECT_NE(strange.out.find("[pose] senders"), std::string::npos) << strange.out;
 }
 
 }  // namespace

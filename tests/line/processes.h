@@ -43,6 +43,9 @@ inline constexpr bool kSanitized = false;
 #endif
 
 [[nodiscard]] std::string read_file(const fs::path& path);
+/// Memory that a process has touched itself. The pages of its program and libraries do not count, because the kernel
+/// maps and unmaps them as the page cache is filled.
+[[nodiscard]] std::int64_t anonymous_kb(pid_t pid);
 /// Waits for the deletion of released scans, which the storage thread does when it is idle.
 [[nodiscard]] bool is_emptied(const fs::path& folder);
 /// Bytes in a UDP port's receive buffer; nullopt if the port is not bound.
@@ -78,7 +81,8 @@ class Box {
     std::string out;
     std::string err;
   };
-  /// Runs slabctl to its end.
+  /// Runs slabctl to its end. slabctl waits 3 s for slabd's answer, and on a computer with other work a process may be
+  /// paused for longer: `status`, `metrics` and `plc monitor` are then repeated while slabd runs.
   [[nodiscard]] Answer slabctl(std::vector<std::string> args) const;
   /// Starts `slabctl simulate` without waiting.
   [[nodiscard]] std::unique_ptr<Process> simulate(std::vector<std::string> args) const;
@@ -92,6 +96,8 @@ class Box {
   std::uint16_t lcm_port = 0;
 
  private:
+  [[nodiscard]] Answer slabctl_once(const std::vector<std::string>& args) const;
+
   std::unique_ptr<Process> daemon_;
 };
 

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "base/limits.h"
 #include "processes.h"
 
 namespace slabd::line {
@@ -46,12 +47,15 @@ class RolesLineTest : public testing::Test {
   void run_slabs(const std::vector<std::string>& more = {}) {
     const Box::Answer first = slab(1, more);
     ASSERT_EQ(first.exit_status, 0) << first.out << first.err << box_.log();
-    const auto peak_kb = status()["memory"]["peak_kb"].get<std::int64_t>();
+    const std::int64_t first_kb = anonymous_kb(box_.pid());
+    ASSERT_GT(first_kb, 0);
     std::vector<std::string> bad = {"--defect", "slope=4:1/35"};
     bad.insert(bad.end(), more.begin(), more.end());
     EXPECT_EQ(slab(2, bad).exit_status, 1);
     if (!kSanitized) {
-      EXPECT_LT(status()["memory"]["peak_kb"].get<std::int64_t>(), peak_kb + 2048);
+      EXPECT_LT(anonymous_kb(box_.pid()), first_kb + 2048);
+      EXPECT_LE(1024 * status()["memory"]["peak_kb"].get<std::size_t>(),
+                limits::kInspectionBytes + limits::kProcessBytes);
     }
     EXPECT_EQ(box_.stop(), 0);
   }

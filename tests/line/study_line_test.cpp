@@ -33,9 +33,12 @@ class StudyLineTest : public testing::Test {
   }
   /// Robot and scanner, ordered to stay above block 3.
   std::unique_ptr<Process> stand_over_block_3() const {
-    const std::string command = "(echo 'slab 1'; echo 'station 3'; sleep 120) | " + places::slabctl() +
-                                " simulate --config " + box_.config.native() +
-                                " --points quarter --stand-by --move-s 0.05 --slabs 1";
+    // A FIFO that slabctl itself holds open has no end, and slabctl is the process that is ended, not a child of it.
+    const std::string orders = (box_.dir / "orders").native();
+    const std::string command = "mkfifo '" + orders + "' && exec 0<>'" + orders +
+                                "' && echo 'slab 1' >&0 && echo 'station 3' >&0 && exec '" + places::slabctl() +
+                                "' simulate --config '" + box_.config.native() +
+                                "' --points quarter --stand-by --move-s 0.05 --slabs 1";
     return std::make_unique<Process>(std::vector<std::string>{"/bin/bash", "-c", command}, box_.dir / "cell.out",
                                      box_.dir / "cell.err");
   }

@@ -33,8 +33,9 @@ struct TwoRobots : testing::Test {
     if (HasFailure()) std::fprintf(stderr, "---- slabd ----\n%s", box.log().c_str());
   }
 
-  /// `commissioning`: the poses of both scanners on their flanges are in the configuration.
-  void write_config(bool commissioning = false) const {
+  /// `commissioning`: the poses of both scanners on their flanges are in the configuration. `scan_s`: the time after
+  /// which scanner 2 counts as not answering.
+  void write_config(bool commissioning = false, int scan_s = 10) const {
     const std::string lcm = "lcm_url = \"udpm://239.255.77." + std::to_string(box.lcm_port % 250 + 2) + ":" +
                             std::to_string(box.lcm_port) + "?ttl=0\"\ninterface = \"lo\"\n" + kPatientRobot;
     const std::string accuracy = "absolute_sigma_mm = 0.02\nabsolute_sigma_deg = 0.001\n";
@@ -44,7 +45,7 @@ struct TwoRobots : testing::Test {
                               << lcm << accuracy << "[[scanner]]\nid = \"1\"\ndrop_dir = \""
                               << (box.dir / "drop").native() << "\"\n"
                               << "[[scanner]]\nid = \"2\"\nbackend = \"tcp\"\nlisten = \"127.0.0.1:" << stream_port
-                              << "\"\ntimeout_s = 5\n"
+                              << "\"\ntimeout_s = " << scan_s << "\n"
                               << (commissioning ? "T_flange_scanner = [0.0, 70.0, 160.0, 1.0, 0.0, 0.0, 0.0]\n" : "")
                               << "[[station]]\nnumbers = \"1..9\"\nrobot = \"1\"\nscanner = \"1\"\n"
                               << "[[station]]\nnumbers = \"10..14\"\nrobot = \"2\"\nscanner = \"2\"\nor = \"1\"\n"
@@ -125,7 +126,12 @@ struct TwoRobots : testing::Test {
   void start() {
     box.start();
     ASSERT_TRUE(box.ready()) << box.log();
-    ASSERT_TRUE(wait_until([this] { return status()["state"] != "recover"; }));
+    const auto is_open = [this] {
+      const Box::Answer answer = box.slabctl({"status", "--config", box.config.native(), "--json"});
+      return !box.running() ||
+             (answer.exit_status == 0 && Json::parse(answer.out, nullptr, false)["state"] != "recover");
+    };
+    ASSERT_TRUE(wait_until(is_open)) << box.log();
   }
   Box::Answer simulate(std::vector<std::string> args) {
     std::vector<std::string> all = {"simulate", "--config", box.config.native(), "--points", "quarter", "--json"};
@@ -134,6 +140,7 @@ struct TwoRobots : testing::Test {
   }
   Json status() const {
     const Box::Answer answer = box.slabctl({"status", "--config", box.config.native(), "--json"});
+    EXPECT_EQ(answer.exit_status, 0) << answer.err;
     return Json::parse(answer.out, nullptr, false);
   }
   [[nodiscard]] std::int64_t count(const std::string& from_where) const {
@@ -174,9 +181,11 @@ TEST_F(TwoRobotsTest, each_robot_scans_its_row_and_the_slab_passes) {
 
   const Box::Answer answer = simulate({"--slab-no", "1", "--slab-id", "TWO-1"});
   ASSERT_EQ(answer.exit_status, 0) << answer.out << answer.err;
-  EXPECT_EQ(count("attempt WHERE robot = '1' AND scanner = '1' AND station <= 9"), 9);
-  EXPECT_EQ(count("attempt WHERE robot = '2' AND scanner = '2' AND station >= 10"), 9);
-  EXPECT_EQ(count("attempt"), 18);
+  EXPECT_EQ(count("attempt WHERE phase = 'measured' AND robot = '1' AND scanner = '1' AND station <= 9"), 9);
+  EXPECT_EQ(count("attempt WHERE phase = 'measured' AND robot = '2' AND scanner = '2' AND station >= 10"), 9);
+  EXPECT_EQ(count("attempt WHERE phase = 'measured'"), 18);
+  // On a computer with other work the poses of a robot or a scanner may pause: the attempt is then made again.
+  EXPECT_EQ(count("attempt WHERE code NOT IN (0, 202, 203, 302)"), 0);
   EXPECT_EQ(count("slab WHERE tie_id <> ''"), 1);
   EXPECT_EQ(count("slab_arm WHERE robot = '2' AND scanner = '2'"), 1);
   EXPECT_GT(count("item WHERE id = 'large_jaw_distance' AND budget_tie > 0"), 0) << "items across the tie";
@@ -217,7 +226,10 @@ TEST_F(TwoRobotsTest, a_planted_defect_of_the_second_row_fails_its_block) {
   EXPECT_EQ(count("station_result WHERE verdict = 'fail'"), 1);
 }
 
-TEST_F(TwoRobotsTest, without_the_second_scanner_its_blocks_are_scanned_by_the_first_robot_or_not_measured) {
+TEST_F(TwoRobots, without_the_second_scanner_its_blocks_are_scanned_by_the_first_robot_or_not_measured) {
+  write_config(false, 5);
+  keep_calibrations();
+  start();
   const Box::Answer answer =
       simulate({"--slab-no", "4", "--fail-scanner", "2@12", "--scans-per-block", "2", "--move-s", "0.1"});
   ASSERT_EQ(answer.exit_status, 1) << answer.out << answer.err;
@@ -258,7 +270,7 @@ TEST_F(TwoRobotsTest, a_restart_in_mid_slab_keeps_the_scans_of_both_robots) {
   const Box::Answer answer = simulate({"--slab-no", "5", "--slab-id", "KILLED"});
   EXPECT_EQ(answer.exit_status, 0) << answer.out << answer.err;
   EXPECT_EQ(count("slab_result WHERE verdict = 'pass'"), 1);
-  EXPECT_LE(count("attempt"), 19) << "acquired scans are not repeated";
+  EXPECT_EQ(count("attempt WHERE phase = 'measured'"), 18) << "acquired scans are not repeated";
   EXPECT_EQ(count("attempt WHERE robot = '1' AND station >= 10"), 0);
   EXPECT_EQ(count("attempt WHERE robot = '2' AND station <= 9"), 0);
 }
