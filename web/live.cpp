@@ -26,8 +26,6 @@ constexpr auto kComposePeriod = std::chrono::milliseconds(200);
 constexpr auto kRefreshPeriod = std::chrono::seconds(30);
 /// The same after an attempt that failed.
 constexpr auto kTroublePeriod = std::chrono::seconds(5);
-/// Each step of a question; the daemon answers within milliseconds.
-constexpr int kAnswerTimeout_ms = 1'000;
 /// An older status is not of a daemon that answers.
 constexpr std::int64_t kReachableAge_ms = 3'000;
 constexpr const char* kHistoryRows = "8";
@@ -93,7 +91,7 @@ Live::~Live() {
 std::string Live::calibration() {
   const std::lock_guard lock(asking_);
   if (!calibration_.empty() && Clock::now() - calibration_at_ < kCalibrationPeriod) return calibration_;
-  const ControlAnswer answer = hal::ask_control(settings_.socket, "{\"verb\":\"calibration\"}\n", kAnswerTimeout_ms);
+  const ControlAnswer answer = hal::ask_control(settings_.socket, "{\"verb\":\"calibration\"}\n", settings_.answer_ms);
   const json document = answer.ok() ? json::parse(answer.line, nullptr, false) : json();
   calibration_ = document.is_object() ? text_of(document) : "null";
   calibration_at_ = Clock::now();  // after the answer, so that callers do not wait for a silent daemon one by one
@@ -110,7 +108,7 @@ void Live::poll() {
 }
 
 void Live::poll_once() {
-  const ControlAnswer answer = hal::ask_control(settings_.socket, "{\"verb\":\"status\"}\n", kAnswerTimeout_ms);
+  const ControlAnswer answer = hal::ask_control(settings_.socket, "{\"verb\":\"status\"}\n", settings_.answer_ms);
   const json status = answer.ok() ? json::parse(answer.line, nullptr, false) : json();
   const bool good = status.is_object() && status.value("schema", "") == "slabd.status/1";
   const std::lock_guard lock(mutex_);

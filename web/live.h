@@ -20,6 +20,8 @@ struct LiveSettings {
   std::string socket;    ///< the daemon's control socket
   std::string language;  ///< "en" or "zh"
   std::string version;
+  /// Time limit for each step of a question; the daemon answers within milliseconds.
+  int answer_ms = 1'000;
 };
 
 /// Callable from any thread.

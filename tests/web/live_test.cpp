@@ -55,7 +55,7 @@ TEST(Live, asks_about_the_calibration_once_a_second_for_all_pages) {
                        .answer_s = 60.0,
                        .plant = "",
                        .plant_dsn = ""});
-  Live live({folder / "control.sock", "en", "1.0"}, documents);
+  Live live({folder / "control.sock", "en", "1.0", 60'000}, documents);
   const auto begin = Clock::now();
   {
     std::vector<std::jthread> pages;

@@ -87,7 +87,9 @@ TEST_F(Login, wrong_passwords_have_one_answer_and_are_slowed_down) {
   for (int i = 0; i < 3; ++i) EXPECT_EQ(log_in("mei", "wrong password").status, 401) << i;
   const Reply later = log_in("mei", kPassword);
   EXPECT_EQ(later.status, 429) << "five wrong passwords from this address";
-  EXPECT_GE(std::stoi(later.field("retry-after")), 8);
+  const int wait_s = std::stoi(later.field("retry-after"));
+  EXPECT_GE(wait_s, 1);
+  EXPECT_LE(wait_s, 10);
   EXPECT_EQ(log().find(kPassword), std::string::npos);
   EXPECT_TRUE(logs("wrong password for \"mei\"")) << log();
 }
