@@ -93,7 +93,9 @@ int begin(const Options& options) {
             "folder is one that cannot be seen"));
   settings.created = report::iso_time(wall_clock_us());
   if (config) settings.config = fs::absolute(options.config.empty() ? default_config() : options.config).string();
-  if (config && config->arms.several()) settings.scanner = config->by.scanner.view();
+  // The name of a scanner is part of its calibrations' ids, except "1".
+  if (config && (config->arms.several() || config->by.scanner != PartId("1")))
+    settings.scanner = config->by.scanner.view();
   settings.operator_name = options.operator_name.empty() ? default_operator() : options.operator_name;
   settings.noise = options.solve.noise();
   settings.limit_mm = options.solve.limit_mm;

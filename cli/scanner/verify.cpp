@@ -26,7 +26,7 @@ namespace {
 struct Options {
   std::vector<std::string> plates;
   std::vector<std::string> balls;
-  ScanFormOptions form;
+  ScanFormOptions form{.unit = "", .columns = ""};  ///< empty: the configuration's, if the record is kept
   AcceptanceSettings settings;
   Verification verification;  ///< scanner, diameter and limits are from the command line
   std::string out;
@@ -55,6 +55,13 @@ void each(
   }
 }
 
+/// Unit and columns of the scans. A record is of the configuration's scanner, so that its form holds then.
+hal::ScanForm form_of(const Options& options) {
+  if (!options.keep && !options.record.apply) return options.form.form();
+  config::Config config = config_from(options.record.config);
+  return options.form.form(options.record.scanner.of(std::move(config)).scanner.form);
+}
+
 void look(const Options& options, Verification& v) {
   const auto plate = [&](const std::string& file, std::span<const float> xyz,
                          const ScanShape& shape) -> std::optional<Error> {
@@ -71,7 +78,7 @@ void look(const Options& options, Verification& v) {
     return std::nullopt;
   };
   std::map<std::uint32_t, std::string> seen;  // files by the checksum of their points
-  const hal::ScanForm form = options.form.form();
+  const hal::ScanForm form = form_of(options);
   each(options.plates, form, plate, seen);
   each(options.balls, form, ball, seen);
 }

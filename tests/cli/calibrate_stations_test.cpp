@@ -126,6 +126,50 @@ TEST_F(CalibrateStations, corrections_that_the_line_does_not_use_do_not_hold) {
   expect_mentions(slabctl("stations --slab-type 5600").out, "its correction expired on ");
 }
 
+TEST_F(CalibrateStations, commission_counts_only_calibrations_that_the_line_uses) {
+  constexpr std::size_t kHandEye = 8;
+  constexpr std::size_t kCorrections = 10;
+  constexpr std::size_t kDailyCheck = 11;
+  const auto step = [this](std::size_t number) {
+    const json document = json::parse(slabctl("commission --json").out);
+    return document["steps"][number - 1];
+  };
+  expect_mentions(step(kCorrections)["saw"], "[calibration] station_sigma_mm");
+  EXPECT_EQ(step(kCorrections)["state"], "open") << "commissioning values without a sigma: no seat can pass";
+  ASSERT_EQ(adopt("0.05").status, 0);
+  EXPECT_EQ(step(kHandEye)["state"], "done");
+  const std::string table = put_in_force(table_of_the_plan(), wall_clock_us());
+  EXPECT_EQ(step(kCorrections)["saw"].get<std::string>().find(table), std::string::npos);
+  ASSERT_EQ(adopt("0.06").status, 0);
+  expect_mentions(step(kCorrections)["saw"], table + " is stale");
+
+  EXPECT_EQ(step(kDailyCheck)["state"], "note");
+  storage::CalibrationRecord ball;
+  ball.numbers = MonitorBall{Vec3(1'000.0, 200.0, 300.0), 19.05, 0.1};
+  ball.created_utime_us = wall_clock_us();
+  CalibrationCheck check;
+  check.kind = CalibrationKind::monitor_ball;
+  check.reference_id.assign(put_in_force(ball, wall_clock_us()));
+  EXPECT_EQ(step(kDailyCheck)["state"], "done");
+  check.utime_us = wall_clock_us();
+  check.who = "anna";
+  check.source = "scan";
+  check.note = "the ball is 0.4 mm off";
+  config::Config config;
+  ASSERT_TRUE(config_from(file("slabd.toml"), config));
+  ASSERT_TRUE(change_calibration(config, storage::KeepCheck{check}).ok());
+  EXPECT_EQ(step(kDailyCheck)["state"], "open");
+  expect_mentions(step(kDailyCheck)["saw"], "the ball is 0.4 mm off");
+
+  storage::CalibrationRecord hand_eye = in_force(CalibrationKind::hand_eye);
+  std::get<HandEyeNumbers>(hand_eye.numbers).sigma_mm = 0.07;
+  hand_eye.created_utime_us = wall_clock_us() - 20 * kDay_us;
+  hand_eye.expires_utime_us = wall_clock_us() - 10 * kDay_us;
+  static_cast<void>(put_in_force(hand_eye, hand_eye.created_utime_us + 1'000'000));
+  EXPECT_EQ(step(kHandEye)["state"], "open");
+  expect_mentions(step(kHandEye)["saw"], " has expired");
+}
+
 TEST_F(CalibrateStations, solved_again_they_hold_no_longer_than_before) {
   ASSERT_EQ(adopt("0.05").status, 0);
   const Ended first = slabctl("calibrate stations --apply --valid-days 10 --temperature 21" + sources());

@@ -68,6 +68,19 @@ TEST_F(ScannerVerify, figures_are_printed_kept_and_found_again_and_limits_decide
   EXPECT_EQ(kept[1]["within_limits"], false);
 }
 
+TEST_F(ScannerVerify, a_record_is_of_scans_in_the_unit_of_the_configuration) {
+  const std::string plate = file("plate.ply");
+  write_plate(plate);
+  const std::string config =
+      write("slabd.toml", "[scanner]\nunit = \"m\"\n[storage]\ndb = \"" + file("slabd.db") + "\"\nspool_dir = \"" +
+                              file("spool") + "\"\n[control]\nsocket = \"" + file("none.sock") +
+                              "\"\n[cell]\nT_base_slab = [0,0,0,1,0,0,0]\n");
+  const std::string keep = "scanner verify --plate " + plate + " --keep --config " + config;
+  EXPECT_NE(run(keep).status, 0) << "the plate would be 120 m wide";
+  const Ended given = run(keep + " --unit mm");
+  EXPECT_EQ(given.status, 0) << given.err;
+}
+
 TEST_F(ScannerVerify, an_emulated_plate_and_ball_rehearse_the_acceptance) {
   const auto drawn = [&](const char* kind, int views) {
     const std::string folder = file(kind);
