@@ -1,8 +1,10 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """Logins, decisions and pins on the page in a real browser, against web/page/test/server.mjs. Options as of page_test.py."""
+import json
 import time
 import unittest
+import urllib.request
 
 from page_test import SMALL_TARGETS, Browser, By, Keys
 
@@ -51,7 +53,20 @@ class Login(Browser):
         self.size(size)
 
     def wait_focus(self, name, message):
-        self.wait("return document.activeElement.name === arguments[0]", message, 15, name)
+        self.wait("return document.activeElement.name === arguments[0]", message, name)
+
+    def decide_elsewhere(self, key, decision):
+        """Another browser records a decision about the slab `key`."""
+        def post(path, body, cookie):
+            return urllib.request.urlopen(urllib.request.Request(
+                self.base + "/api/v1" + path, json.dumps(body).encode(), {"Content-Type": "application/json", "Cookie": cookie}))
+        with post("/login", {"name": "mei", "password": "right"}, "") as answer:
+            cookie = answer.headers["Set-Cookie"].split(";")[0]
+        with post(f"/slabs/{key}/disposition", {"decision": decision, "reason": "seen at the line", "authority": "Li Wei"}, cookie) as answer:
+            self.assertEqual(json.load(answer)["schema"], "slabd.web_done/1")
+
+    def wait_decisions(self, count, message):
+        self.wait("return document.querySelectorAll('.dispositions li').length === arguments[0]", message, count)
 
     def decide(self, language, size):
         self.wait_focus("decision", "the first field without a value has the focus")
@@ -73,7 +88,7 @@ class Login(Browser):
         self.press(SUBMIT)
         self.wait("return document.activeElement.tagName === 'H3'", "confirmation")
         self.press(".form > .buttons button")
-        self.wait("return document.querySelectorAll('.dispositions li').length === 3", "recorded")
+        self.wait_decisions(3, "recorded")
         self.assertIn("disposition 3 of slab 55: scrap", self.text("main [role=status]"))
         self.assertEqual(self.field("reason").get_attribute("value"), "")
 
@@ -140,6 +155,44 @@ class Login(Browser):
         self.wait("return document.querySelector('[name=reason]')?.value === 'burr' && "
                   "document.querySelector('[name=second]').value === 'mei 2'", "draft")
 
+    def test_a_decision_from_another_browser_is_shown_before_the_next_one_is_recorded(self):
+        self.open("/login?to=/slabs/55")
+        self.log_in()
+        self.wait("return document.querySelector('select[name=decision]')", "the form")
+        self.choose(4)
+        self.field("reason").send_keys("crack")
+        self.press(SUBMIT)
+        self.wait("return document.activeElement.tagName === 'H3'", "confirmation")
+        self.decide_elsewhere(55, "hold")
+        self.press(".form > .buttons button")
+        self.wait("return document.querySelector('.panel > .trouble')?.innerText.includes('meanwhile')", "not recorded")
+        self.wait_decisions(3, "the other decision")
+        self.wait_focus("decision", "the form again")
+        self.assertEqual(self.field("reason").get_attribute("value"), "crack")
+        self.usable("another decision")
+        self.press(SUBMIT)
+        self.wait("return document.activeElement.tagName === 'H3'", "confirmation")
+        self.assertEqual(self.count(".panel > .trouble"), 0)
+        self.press(".form > .buttons button")
+        self.wait_decisions(4, "recorded")
+        self.assertIn("disposition 4 of slab 55: scrap", self.text("main [role=status]"))
+
+    def test_a_decision_from_another_browser_appears(self):
+        self.open("/slabs/55")
+        self.wait_decisions(2, "the slab")
+        self.decide_elsewhere(55, "scrap")
+        self.wait_decisions(3, "a slab of the live page")
+        self.open("/slabs")
+        self.wait("return document.querySelector('tbody tr') !== null", "the list")
+        self.decide_elsewhere(58, "rework")
+        self.wait("return [...document.querySelectorAll('tbody tr')].some((e) => e.innerText.includes('C3-4158') && e.innerText.includes('rework'))",
+                  "the list")
+        self.open("/slabs/30")
+        self.wait_decisions(2, "an older slab")
+        self.decide_elsewhere(30, "hold")
+        self.driver.execute_script("document.dispatchEvent(new Event('visibilitychange'))")
+        self.wait_decisions(3, "the page was hidden meanwhile")
+
     def test_a_reason_is_typed_while_the_slab_ends(self):
         self.set(ended="0")
         self.open("/login?to=/slabs/55")
@@ -185,8 +238,7 @@ class Login(Browser):
                 self.driver.get(self.base + path + ("&" if "?" in path else "?") + f"lang={language}")
                 self.wait("return document.querySelector('input[name=password]')", path)
                 time.sleep(3.2)  # the page would be grey by now
-                self.assertEqual(self.text(".band"), "", path)
-                self.assertEqual(self.stale(), "false")
+                self.wait("return document.body.dataset.stale === 'false' && !document.querySelector('.band')", f"{path}: no band")
                 self.assertEqual(self.count("main h1"), 1)
                 self.usable(path)
         self.driver.get(self.base + "/about?lang=en")

@@ -29,6 +29,19 @@ export function onRefused(listener) {
   return () => refused.delete(listener);
 }
 
+const sleepers = new Set();
+
+/// Calls `listener` when the page was hidden or suspended, so that its documents may be old. Returns a function that ends
+/// this.
+export function onWoke(listener) {
+  sleepers.add(listener);
+  return () => sleepers.delete(listener);
+}
+/// The page was hidden or suspended.
+export function woke() {
+  for (const listener of sleepers) listener();
+}
+
 /// Seconds of the header Retry-After; null if it is missing or a date.
 export function retryAfter(text) {
   return /^\d{1,6}$/.test(text ?? '') ? Number(text) : null;
@@ -65,20 +78,30 @@ export const document_of = (path, schema, signal) => request(path, { cache: 'no-
 export const post = (path, body, schema = 'slabd.web_done/1') =>
   request(path, { method: 'POST', cache: 'no-store', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(body) }, schema);
 
-/// Period of renewing a document of a slab that has not ended: its verdicts are provisional.
+/// Period of renewing a document of a slab that has not ended: its verdicts are provisional. Also the time until the next
+/// try of a request that failed.
 export const kOpen_ms = 5000;
 /// `every_ms` of the documents of a slabd.slab/1.
 export const whileOpen = (slab) => (slab.ended ? 0 : kOpen_ms);
 
+/// True if the same request may succeed later: no answer came, or the server has a fault.
+const mayPass = (error) => error !== null && (error.status === 0 || error.status >= 500);
+
 /// Calls ask(signal) for a document and show({document, error}) with the answer. `every_ms(document)`: milliseconds until the
-/// document is renewed; 0: never. A renewal without news shows nothing. A renewal that fails keeps the document, and the
-/// next one follows. Returns a function that ends this. `world`: setTimeout, clearTimeout; tests replace them.
+/// document is renewed; 0: never. A renewal without news shows nothing. A renewal that fails keeps the document. After a
+/// failure that may pass, the next request follows in any case. Returns {again, end}: again() renews at once, and an answer
+/// to an earlier request is not used. `world`: setTimeout, clearTimeout; tests replace them.
 export function follow(ask, every_ms, show, world = globalThis) {
-  const ending = new AbortController();
+  let request = null;
   let timer = 0;
   let kept = null;
   let text = '';
-  const turn = async () => {
+  const again = async () => {
+    const ending = new AbortController();
+    request?.abort();
+    request = ending;
+    world.clearTimeout(timer);
+    let failure = null;
     try {
       const document = await ask(ending.signal);
       if (ending.signal.aborted) return;
@@ -90,33 +113,49 @@ export function follow(ask, every_ms, show, world = globalThis) {
       }
     } catch (error) {
       if (ending.signal.aborted) return;
+      failure = error;
       if (kept === null) show({ document: null, error });
     }
-    const wait_ms = kept === null ? 0 : every_ms(kept);
-    if (wait_ms > 0) timer = world.setTimeout(turn, wait_ms);
+    const usual_ms = kept === null ? 0 : every_ms(kept);
+    const wait_ms = usual_ms > 0 || !mayPass(failure) ? usual_ms : kOpen_ms;
+    if (wait_ms > 0) timer = world.setTimeout(again, wait_ms);
   };
-  turn();
-  return () => {
-    ending.abort();
+  again();
+  const end = () => {
+    request.abort();
     world.clearTimeout(timer);
   };
+  return { again, end };
 }
 
 const never = () => 0;
 
 /// {document, error, loading, again} of `path`; null as path: nothing is asked. While a new path loads, the previous
 /// document stays with loading = true, so that filters do not make the page jump. `mark`: asks again when it changes.
-/// `every_ms(document)`: as of follow; a renewal is not shown as loading.
-export function useDocument(path, schema, { every_ms = never, mark = '' } = {}) {
+/// `every_ms(document)`: as of follow. `news`: renews the document when it changes. So does a page that was hidden or
+/// suspended. A renewal is not shown as loading.
+export function useDocument(path, schema, { every_ms = never, mark = '', news = '' } = {}) {
   const [state, setState] = useState({ path: null, document: null, error: null, loading: true });
   const [turn, setTurn] = useState(0);
   const every = useRef(every_ms);
   every.current = every_ms;
+  const following = useRef(null);
+  const known = useRef(news);
   useEffect(() => {
     if (path === null) return undefined;
     setState((before) => ({ ...before, loading: true }));
-    return follow((signal) => document_of(path, schema, signal), (document) => every.current(document),
+    following.current = follow((signal) => document_of(path, schema, signal), (document) => every.current(document),
       (answer) => setState({ path, ...answer, loading: false }));
+    return () => {
+      following.current.end();
+      following.current = null;
+    };
   }, [path, schema, turn, mark]);
+  useEffect(() => onWoke(() => following.current?.again()), []);
+  useEffect(() => {
+    if (known.current === news) return;
+    known.current = news;
+    following.current?.again();
+  }, [news]);
   return { ...state, again: () => setTurn((n) => n + 1) };
 }

@@ -96,11 +96,12 @@ function Announcer({ picture }) {
   const now = { slab: newest ? `${newest.key} ${newest.verdict}` : '', stale: picture.stale, ready: picture.status !== null };
   useEffect(() => {
     const was = before.current;
-    before.current = now;
+    // A verdict that came while the data was stale is said when it is fresh again.
+    before.current = now.stale && was?.ready ? { ...now, slab: was.slab } : now;
     if (was === null || !was.ready) return;
-    if (now.stale !== was.stale) setText(t(now.stale ? 'stale.said' : 'stale.over'));
-    else if (!now.stale && newest && now.slab !== was.slab)
+    if (!now.stale && newest && now.slab !== was.slab)
       setText(t('live.said', { name: visible(newest.slab_id || newest.slab_no, 64), verdict: t(`verdict.${known(newest.verdict)}`) }));
+    else if (now.stale !== was.stale) setText(t(now.stale ? 'stale.said' : 'stale.over'));
   }, [now.slab, now.stale, now.ready]);
   return html`<div class="for-readers" role="status" aria-live="polite">${text}</div>`;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { render } from 'preact';
 import { html } from './html.js';
-import { answerIn } from './api.js';
+import { answerIn, woke } from './api.js';
 import { createPoll } from './poll.js';
 import { App } from './app.js';
 import { session, startSession } from './session.js';
@@ -12,6 +12,7 @@ answerIn(language);
 const poll = createPoll({
   fetch: (...request) => fetch(...request),
   now: () => performance.now(),
+  wall: () => Date.now(),
   setTimeout: (...call) => setTimeout(...call),
   clearTimeout: (timer) => clearTimeout(timer),
 }, language);
@@ -24,6 +25,10 @@ document.addEventListener('visibilitychange', () => {
 });
 window.addEventListener('pageshow', (event) => {
   if (event.persisted) poll.woke();
+});
+// The browser slows a hidden page down as if it slept; its documents are renewed when it is shown again.
+poll.onWoke(() => {
+  if (document.visibilityState === 'visible') woke();
 });
 
 poll.start();

@@ -66,9 +66,9 @@ export const loginAddress = () => address('/login', { to: `${location.pathname}$
 
 const kMoved = 'slabd-moved';
 
-/// Goes to an address of this page. `replace`: without a new entry in the history.
+/// Goes to an address of this page. `replace`: without a new entry in the history, as if the address is the one shown.
 export function go(to, replace = false) {
-  if (replace) history.replaceState(null, '', to);
+  if (replace || to === `${location.pathname}${location.search}`) history.replaceState(null, '', to);
   else history.pushState(null, '', to);
   window.dispatchEvent(new Event(kMoved));
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import assert from 'node:assert/strict';
 import test from 'node:test';
-import { follow, kOpen_ms, whileOpen } from '../src/api.js';
+import { ApiError, follow, kOpen_ms, whileOpen } from '../src/api.js';
 import { measuredAttempt } from '../src/pages/block.js';
 import { bandVerdict } from '../src/verdict.js';
 
@@ -21,14 +21,14 @@ function followed(every_ms) {
     clearTimeout: (id) => (timers = timers.filter((_, i) => i !== id - 1)),
   };
   const ask = (signal) => new Promise((answer, refuse) => asked.push({ signal, answer, refuse }));
-  const end = follow(ask, every_ms, (answer) => shown.push(answer), world);
+  const { again, end } = follow(ask, every_ms, (answer) => shown.push(answer), world);
   /// Runs the timer: its milliseconds, or null if there is none.
   const wait = () => {
     const [timer] = timers.splice(0);
     timer?.call();
     return timer?.ms ?? null;
   };
-  return { asked, shown, wait, end };
+  return { asked, shown, wait, again, end };
 }
 
 test('a document of an open slab is renewed until the slab has ended, and then never again', async () => {
@@ -70,12 +70,54 @@ test('a renewal that fails keeps the document, and the next one follows', async 
   await settled();
   assert.equal(shown.at(-1).document, ended);
 });
-test('a first request that fails is shown and is not repeated', async () => {
+test('a first request that is refused is shown and is not repeated', async () => {
+  for (const error of [new Error('a fault of the page'), new ApiError(404, 'no such slab'), new ApiError(401, 'expired'), new ApiError(400, 'a filter'),
+    new ApiError(200, 'unusable')]) {
+    const { asked, shown, wait } = followed(whileOpen);
+    asked[0].refuse(error);
+    await settled();
+    assert.deepEqual(shown, [{ document: null, error }]);
+    assert.equal(wait(), null);
+  }
+});
+test('a first request that got no document is shown, and repeated until there is one', async () => {
   const { asked, shown, wait } = followed(whileOpen);
-  const error = new Error('unreachable');
-  asked[0].refuse(error);
+  const errors = [new ApiError(0, 'timeout'), new ApiError(503, 'busy')];
+  for (const [i, error] of errors.entries()) {
+    asked[i].refuse(error);
+    await settled();
+    assert.equal(wait(), kOpen_ms);
+  }
+  asked[2].answer(ended);
   await settled();
-  assert.deepEqual(shown, [{ document: null, error }]);
+  assert.deepEqual(shown, [...errors.map((error) => ({ document: null, error })), { document: ended, error: null }]);
+  assert.equal(wait(), null);
+});
+test('again: an answer to an earlier request is not used, and there is one chain of requests', async () => {
+  const { asked, shown, wait, again } = followed(whileOpen);
+  asked[0].answer(open);
+  await settled();
+  wait();
+  again();
+  assert.deepEqual(asked.map((one) => one.signal.aborted), [true, true, false]);
+  asked[1].answer(open);
+  asked[2].answer(ended);
+  await settled();
+  assert.deepEqual(shown.map((one) => one.document), [open, ended]);
+  assert.equal(wait(), null);
+});
+test('again: a document of a slab that has ended stays if it fails, and is asked for until there is an answer', async () => {
+  const { asked, shown, wait, again } = followed(whileOpen);
+  asked[0].answer(ended);
+  await settled();
+  again();
+  asked[1].refuse(new ApiError(0, 'unreachable'));
+  await settled();
+  assert.equal(wait(), kOpen_ms);
+  asked[2].answer({ ...ended, dispositions: 1 });
+  await settled();
+  assert.deepEqual(shown.map((one) => one.error), [null, null]);
+  assert.equal(shown.at(-1).document.dispositions, 1);
   assert.equal(wait(), null);
 });
 test('nothing is asked or shown after the end', async () => {

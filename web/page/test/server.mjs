@@ -5,7 +5,7 @@
 //
 // GET /_test?name=value changes what it answers; the tests drive the page with it:
 //   status=live|silent|gone|hang|garbage|closed   as usual; slabd silent; slabd never answered; no answer; not JSON; HTTP 500
-//   slab=none|open|pass|fail|odd   the slab of the live page; odd: every verdict
+//   slab=none|open|pass|fail|odd|whole   the slab of the live page; odd: every verdict; whole: failed, but all its blocks passed
 //   id=TEXT         SLAB_ID of the live slab and of the first row of the history
 //   done=N          stations of the open slab that have been measured
 //   database=1|0    0: every document that is read from the database is an error
@@ -74,9 +74,10 @@ function mapOf(which, language = 'en') {
     schema: 'slabd.slab_map/1', language, key: slab.key, slab_id: now.id ?? slab.slab_id, slab_no: slab.slab_no, slab_type: slab.slab_type,
     recipe: slab.recipe, emulated: slab.emulated, emulation: slab.emulation, verdict: slab.verdict, reason: slab.reason, reason_text: '',
     began_utime_us: Date.parse(slab.began) * 1000, ended_utime_us: Date.parse(slab.ended) * 1000,
-    blocks: documents[which === 'pass' ? 'stations_pass' : 'stations_fail'].map((one) => ({ ...one, reason_text: '', attempts: 1, damage: 0, scan_kept: true })),
+    blocks: documents[['pass', 'whole'].includes(which) ? 'stations_pass' : 'stations_fail'].map((one) => ({ ...one, reason_text: '', attempts: 1, damage: 0, scan_kept: true })),
     findings: which === 'pass' ? [] : documents[`findings_${language}`],
   };
+  if (which === 'whole') map.findings = [{ ...map.findings[0], stations: [] }];
   map.findings_count = map.findings.length;
   if (which === 'odd') {
     const verdicts = ['pass', 'fail', 'indeterminate', 'not_measured', 'none'];
@@ -101,7 +102,7 @@ function webStatus(language) {
   else Object.assign(status, { slab: null, state: 'idle' });
   if (now.fault !== '0') Object.assign(status, { state: 'fault', fault: { code: Number(now.fault), ...faults[language] } });
   const age_ms = now.status === 'gone' ? null : now.status === 'silent' ? Date.now() - silent_since : 120;
-  const last = documents.history.slabs.slice(0, 8).map((slab, i) => ({ ...slab, slab_id: i === 0 && now.id !== null ? now.id : slab.slab_id }));
+  const last = documents.history.slabs.slice(0, 8).map((slab, i) => ({ ...withDecision(slab), slab_id: i === 0 && now.id !== null ? now.id : slab.slab_id }));
   const [newest, verdict] = now.newest.split(' ');
   if (newest !== '') Object.assign(last[0], { key: Number(newest), verdict });
   return {
@@ -122,6 +123,9 @@ function armsIn(status) {
   return { arms: [arm('1', true), arm('2', false)],
     tie: { id: 'ti-5ad0c2', robot: '2', expires_utime_us: 1_780_000_000_000_000, trouble: '' } };
 }
+
+/// A row of the history with the newest decision that was sent about its slab.
+const withDecision = (row) => ({ ...row, disposition: decisions.get(row.key)?.at(-1).decision ?? row.disposition });
 
 const tokenOf = (request) => /(?:^|; )slabd_test=([\w-]+)/.exec(request.headers.cookie ?? '')?.[1] ?? '';
 
@@ -259,7 +263,7 @@ function documentOf(path, query) {
       return { schema: 'slabd.pin_state/1', key: Number(slab[1]), slab_id: now.id ?? 'C3-4155', scans: 18, scans_there: Number(slab[1]) < 50 ? 0 : 17,
         pin: pins.get(Number(slab[1])) ?? null };
     if (slab[2]) {
-      const map = mapOf(passed || now.ended === '0' ? 'pass' : 'fail', query.get('language') ?? 'en');
+      const map = mapOf(passed || now.ended === '0' ? 'pass' : now.slab === 'whole' ? 'whole' : 'fail', query.get('language') ?? 'en');
       return { ...map, ...(now.ended === '0' && { verdict: 'none', ended_utime_us: null }), key: Number(slab[1]) };
     }
     const document = structuredClone(documents[passed ? 'slab_pass' : 'slab_fail']);
@@ -270,7 +274,7 @@ function documentOf(path, query) {
     case '/slabs': {
       const matching = documents.history.slabs.filter((one) => (!query.get('verdict') || one.verdict === query.get('verdict')) &&
         (!query.get('id') || one.slab_id.includes(query.get('id'))));
-      const slabs = matching.map((one, i) => (i === 0 && now.id !== null ? { ...one, slab_id: now.id } : one));
+      const slabs = matching.map(withDecision).map((one, i) => (i === 0 && now.id !== null ? { ...one, slab_id: now.id } : one));
       return { ...documents.history, slabs: slabs.slice(0, Number(query.get('limit') ?? 20)) };
     }
     case '/trends': return documents.capability;

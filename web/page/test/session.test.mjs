@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import test from 'node:test';
 import { ApiError, onRefused, post, retryAfter } from '../src/api.js';
 import { refusalOf } from '../src/pages/login.js';
-import { bodyOf, problemOf } from '../src/parts/decision.js';
+import { bodyOf, isDecidedMeanwhile, problemOf } from '../src/parts/decision.js';
 import { bytesOf, oneLine } from '../src/parts/field.js';
 import { reasonProblem } from '../src/parts/scans.js';
 import { createSession } from '../src/session.js';
@@ -171,4 +171,13 @@ test('a text is one line without control characters', () => {
 test('the second person is sent only if one is needed', () => {
   assert.deepEqual(bodyOf({ ...draft, second: 'Wang Fang ' }, false), { decision: 'rework', reason: 'burr at block 4', authority: 'Li Wei' });
   assert.equal(bodyOf({ ...draft, second: 'Wang Fang ' }, true).second, 'Wang Fang');
+});
+test('a decision of another user is noticed, the own one that was stored before its answer was lost is not another', () => {
+  const body = bodyOf(draft, false);
+  const [other, own] = [{ decision: 'hold', reason: 'a', authority: 'b', second: '' }, { ...body, second: '' }];
+  assert.equal(isDecidedMeanwhile([other], 1, body), false);
+  assert.equal(isDecidedMeanwhile([other, own], 1, body), false);
+  assert.equal(isDecidedMeanwhile([other, other], 1, body), true);
+  assert.equal(isDecidedMeanwhile([other, other, own], 1, body), true);
+  assert.equal(isDecidedMeanwhile([other, own], 0, body), true);
 });

@@ -3,12 +3,12 @@ import assert from 'node:assert/strict';
 import test from 'node:test';
 import { createPoll } from '../src/poll.js';
 import { createSince } from '../src/since.js';
-import { age, heard, heardNothing, isStale, kStale_ms, looked, slept } from '../src/stale.js';
+import { age, hasSlept, heard, heardNothing, isStale, kStale_ms, looked, slept } from '../src/stale.js';
 
 test('a page that heard nothing is stale', () => {
   assert.equal(isStale(heardNothing(), 0), true);
 });
-test('the age is that of the answer plus the time since', () => {
+test('the age is that of the answer plus the time since the request', () => {
   const state = heard(heardNothing(), 1000, 400);
   assert.equal(age(state, 1000), 400);
   assert.equal(age(state, 2500), 1900);
@@ -22,22 +22,35 @@ test('a page that slept believes nothing until an answer comes', () => {
   const asleep = slept(heard(heardNothing(), 0, 0));
   assert.equal(isStale(asleep, 1), true);
   assert.equal(isStale(heard(asleep, 2, 0), 2), false);
-  const gap = looked(looked(heard(heardNothing(), 0, 0), 10), 6000);
-  assert.equal(gap.distrust, true);
+});
+test('a gap of either clock is a sleep', () => {
+  const awake = looked(heard(heardNothing(), 0, 0), 10, 1e12);
+  assert.equal(hasSlept(heardNothing(), 6000, 1e12), false, 'the first look');
+  assert.equal(looked(awake, 6000, 1e12 + 5990).distrust, true, 'both clocks');
+  assert.equal(looked(awake, 210, 1e12 + 8 * 3600e3).distrust, true, 'performance.now() stopped while the computer was suspended');
+  assert.equal(looked(awake, 210, 1e12 + 200).distrust, false);
+  assert.equal(looked(awake, 210, 1e12 - 3600e3).distrust, false, 'the clock was set back');
+});
+test('an answer does not hide the gap before it', () => {
+  const awake = looked(heard(heardNothing(), 0, 0), 10, 1e12);
+  assert.equal(hasSlept(heard(awake, 6000, 0), 6000, 1e12 + 5990), true);
 });
 test('a clock that stands still or goes back makes no answer younger', () => {
   assert.equal(age(heard(heardNothing(), 1000, 300), 500), 300);
 });
 
-/// A world whose time passes only by pass().
+/// A world whose time passes only by pass(). In sleep() the clock of the computer advances, and now() does not.
 function world(answers) {
   let now = 0;
+  let asleep_ms = 1e12;
   let timers = [];
   let id = 0;
   const requests = [];
   return {
     requests,
     now: () => now,
+    wall: () => now + asleep_ms,
+    sleep: (ms) => (asleep_ms += ms),
     setTimeout: (call, ms) => (timers.push({ id: ++id, at: now + ms, call }), id),
     clearTimeout: (which) => (timers = timers.filter((timer) => timer.id !== which)),
     fetch: (path, options) => {
@@ -120,6 +133,99 @@ test('woke: stale at once, and asks at once', async () => {
   assert.ok(here.requests.length <= before + 12, 'one chain of requests');
   poll.stop();
 });
+test('a computer that was suspended for a night shows nothing of the evening', async () => {
+  const pending = [];
+  const here = world((n) => (n < 4 ? good() : new Promise((answer) => pending.push(answer))));
+  const poll = createPoll(here);
+  let woke = 0;
+  poll.onWoke(() => ++woke);
+  poll.start();
+  await here.pass(2500);
+  assert.deepEqual([poll.picture().stale, woke], [false, 0]);
+  here.sleep(8 * 3600e3);
+  await here.pass(200);
+  assert.deepEqual([poll.picture().stale, woke, pending.length], [true, 1, 1], 'grey with the first look, and asks at once');
+  pending[0](good());
+  await here.pass(10);
+  assert.deepEqual([poll.picture().stale, woke], [false, 1]);
+  poll.stop();
+});
+test('an answer from before a sleep does not count, whether a look or the answer comes first', async () => {
+  for (const look_ms of [200, 0]) {
+    const pending = [];
+    const here = world((n) => (n < 4 ? good() : new Promise((answer) => pending.push(answer))));
+    const poll = createPoll(here);
+    poll.start();
+    await here.pass(3050);
+    assert.equal(pending.length, 1);
+    here.sleep(8 * 3600e3);
+    await here.pass(look_ms);
+    pending[0](good());
+    await here.pass(10);
+    assert.deepEqual([poll.picture().stale, pending.length], [true, 2], `look after ${look_ms} ms`);
+    pending[1](good());
+    await here.pass(10);
+    assert.equal(poll.picture().stale, false);
+    poll.stop();
+  }
+});
+test('woke: an answer that was pending does not count', async () => {
+  const pending = [];
+  const here = world((n, options) => (n < 4 ? good() : new Promise((answer) => pending.push({ answer, signal: options.signal }))));
+  const poll = createPoll(here);
+  poll.start();
+  await here.pass(3050);
+  poll.woke();
+  assert.equal(pending.length, 2);
+  assert.deepEqual(pending.map((one) => one.signal.aborted), [true, false]);
+  pending[0].answer(good());
+  await here.pass(10);
+  assert.deepEqual([poll.picture().stale, poll.picture().trouble], [true, '']);
+  pending[1].answer(good());
+  await here.pass(10);
+  assert.equal(poll.picture().stale, false);
+  await here.pass(1000);
+  assert.equal(pending.length, 3, 'one chain of requests');
+  poll.stop();
+});
+test('a request that is ended by woke is not trouble of the server', async () => {
+  const here = world((n, options) => (n === 4 ? hangs(options) : good()));
+  const poll = createPoll(here);
+  const troubles = new Set();
+  poll.listen((picture) => troubles.add(picture.trouble));
+  poll.start();
+  await here.pass(3050);
+  poll.woke();
+  await here.pass(3000);
+  assert.deepEqual([[...troubles], poll.picture().stale], [[''], false]);
+  poll.stop();
+});
+test('an answer that took 1.9 s is 1.9 s old', async () => {
+  const here = world((n) => (n === 1 ? new Promise((answer) => here.setTimeout(() => answer(good()), 1900)) : hangs(here.requests.at(-1).options)));
+  const poll = createPoll(here);
+  poll.start();
+  await here.pass(1950);
+  assert.deepEqual([poll.picture().stale, poll.picture().age_ms], [false, 2000]);
+  await here.pass(500);
+  assert.equal(poll.picture().stale, false, '2.5 s after the server made it, at most');
+  await here.pass(250);
+  assert.equal(poll.picture().stale, true);
+  poll.stop();
+});
+test('answers that take a second keep the page fresh', async () => {
+  const here = world(() => new Promise((answer) => here.setTimeout(() => answer(good()), 1000)));
+  const poll = createPoll(here);
+  poll.start();
+  await here.pass(1100);
+  const seen = new Set();
+  for (let i = 0; i < 100; ++i) {
+    await here.pass(100);
+    seen.add(poll.picture().stale);
+  }
+  assert.deepEqual([...seen], [false]);
+  assert.ok(here.requests.length <= 10, 'one request at a time, with a pause');
+  poll.stop();
+});
 test('another language is asked for at once, in one chain of requests', async () => {
   const here = world(() => good());
   const poll = createPoll(here, 'zh');
@@ -142,11 +248,14 @@ test('stopped: no request and no listener remain', async () => {
   const poll = createPoll(here);
   let calls = 0;
   poll.listen(() => ++calls);
+  poll.onWoke(() => ++calls);
   poll.start();
   await here.pass(3000);
   poll.stop();
   const [requests, told] = [here.requests.length, calls];
+  here.sleep(8 * 3600e3);
   await here.pass(60_000);
+  poll.woke();
   assert.deepEqual([here.requests.length, calls], [requests, told]);
 });
 test('since: a state that was there when the page opened began at least then', () => {

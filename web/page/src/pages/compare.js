@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Two slabs place by place, their maps of verdicts, and the deviation maps of one block with their difference.
-import { useMemo, useState } from 'preact/hooks';
+import { useEffect, useMemo, useState } from 'preact/hooks';
 import { useDocument } from '../api.js';
 import { figure, kNone } from '../figures.js';
 import { html } from '../html.js';
@@ -97,6 +97,9 @@ export function Compare({ route, theme }) {
   const all = route.query.get('all') === '1';
   const [first, setFirst] = useState(a);
   const [second, setSecond] = useState(b);
+  // The browser's back button changes the address.
+  useEffect(() => setFirst(a), [a]);
+  useEffect(() => setSecond(b), [b]);
   const both = a !== '' && b !== '';
   const ask = useDocument(both ? address('/compare', { a, b, all: all ? 1 : 0, language }) : null, 'slabd.comparison/1');
   const submit = (event) => {

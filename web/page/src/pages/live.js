@@ -4,7 +4,7 @@
 import { useDocument } from '../api.js';
 import { duration, figure, localTime } from '../figures.js';
 import { html } from '../html.js';
-import { FindingList, findingsOf } from '../parts/findings.js';
+import { FindingList, findingsOf, isBad } from '../parts/findings.js';
 import { LinkTable } from '../parts/links.js';
 import { PageHead, Panel } from '../parts/panel.js';
 import { blocksOf, Legend, SlabMap } from '../parts/slab_map.js';
@@ -122,7 +122,7 @@ export function Live({ picture, since, kiosk }) {
           : html`<div class="nothing"><p class="huge">${t('live.no_slab')}</p><p class="quiet">${t('live.no_slab_text')}</p></div>`}
         ${map && html`<div class="live-findings"><h3>${t('live.findings')}</h3>
           <${FindingList} findings=${findingsOf(map, words)} count=${map.findings_count} slabKey=${linkKey} max=${6}
-            empty=${t('live.no_findings')} /></div>`}
+            empty=${isBad(map) || map.findings_count > 0 ? html`${t('app.loading')} …` : t('live.no_findings')} /></div>`}
       </section>
       <div class="live-last">
         <${Panel} title=${t('live.last_slabs')}>

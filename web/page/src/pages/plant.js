@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The plant: its lines side by side, findings and moulds of all lines, and a slab wherever it was measured.
-import { useState } from 'preact/hooks';
+import { useEffect, useState } from 'preact/hooks';
 import { useDocument } from '../api.js';
 import { figure, kNone, localTime } from '../figures.js';
 import { html } from '../html.js';
@@ -100,6 +100,8 @@ export function Plant({ route }) {
   const days = kDays.includes(route.query.get('days')) ? route.query.get('days') : kDaysAtFirst;
   const id = (route.query.get('id') ?? '').slice(0, 32);
   const [wanted, setWanted] = useState(id);
+  // The browser's back button changes the address.
+  useEffect(() => setWanted(id), [id]);
   const ask = useDocument(address('/plant', { days }), 'slabd.plant_overview/1');
   return html`
     <${PageHead} title=${t('plant.title')} />

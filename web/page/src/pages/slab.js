@@ -15,7 +15,7 @@ import { address, Link } from '../router.js';
 import { Foreign, visible } from '../text.js';
 import { VerdictMark } from '../verdict.js';
 import { useWords } from '../words.js';
-import { reportAddress } from './slabs.js';
+import { newsOf, reportAddress } from './slabs.js';
 
 export function identityFacts(slab, words) {
   const { t } = words;
@@ -111,10 +111,11 @@ function BlocksAndTimes({ slab }) {
     id=${(block) => `${block.station} ${block.attempt}`} />`;
 }
 
-export function Slab({ route }) {
+export function Slab({ route, picture }) {
   const words = useWords();
   const { t, language } = words;
-  const ask = useDocument(`/slabs/${route.key}`, 'slabd.slab/1', { every_ms: whileOpen });
+  const row = picture.status?.last?.find((one) => String(one.key) === route.key);
+  const ask = useDocument(`/slabs/${route.key}`, 'slabd.slab/1', { every_ms: whileOpen, news: newsOf(row) });
   const map = useDocument(`/slabs/${route.key}/map?language=${language}`, 'slabd.slab_map/1',
     { every_ms: (map) => (map.ended_utime_us === null ? kOpen_ms : 0) });
   const slab = ask.document;

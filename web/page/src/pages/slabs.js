@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Stored slabs with the filters of slabctl history. The filters are in the address, so that a list can be bookmarked and
 // the browser's back button returns to it.
-import { useState } from 'preact/hooks';
+import { useEffect, useState } from 'preact/hooks';
 import { kApi, useDocument } from '../api.js';
 import { localTime } from '../figures.js';
 import { html } from '../html.js';
@@ -46,12 +46,18 @@ function Select({ label, value, options, set }) {
     </select></label>`;
 }
 
-export function Slabs({ route }) {
+/// What the status has about a slab in a row of its newest slabs: a document of the slab is old if this has changed.
+export const newsOf = (row) => (row ? `${row.key} ${row.verdict} ${row.disposition}` : '');
+
+export function Slabs({ route, picture }) {
   const { t, item } = useWords();
   const filters = filtersOf(route.query);
   const [id, setId] = useState(filters.id ?? '');
   const limit = Math.min(kMost, Number(filters.limit ?? kStep));
-  const ask = useDocument(address('/slabs', { ...filters, limit }), 'slabd.history/1');
+  const ask = useDocument(address('/slabs', { ...filters, limit }), 'slabd.history/1', {
+    news: (picture.status?.last ?? []).map(newsOf).join() });
+  // The browser's back button changes the address.
+  useEffect(() => setId(filters.id ?? ''), [filters.id]);
   const set = (change, replace = false) => go(address('/slabs', { ...filters, limit: '', ...change }), replace);
   const any = ['', t('slabs.any')];
   const verdicts = ['pass', 'fail', 'indeterminate', 'not_measured', 'aborted'];

@@ -2,7 +2,7 @@
 // Decisions of quality about a slab that did not pass: those that were recorded, and a form for the next one. Decisions are
 // only added; the measured verdict stays.
 import { useEffect, useRef, useState } from 'preact/hooks';
-import { post } from '../api.js';
+import { document_of, post } from '../api.js';
 import { localTime } from '../figures.js';
 import { html } from '../html.js';
 import { Link, loginAddress } from '../router.js';
@@ -46,6 +46,14 @@ export function bodyOf(draft, second_person) {
   const { decision } = draft;
   const body = { decision, reason: draft.reason.trim(), authority: draft.authority.trim() };
   return second_person ? { ...body, second: draft.second.trim() } : body;
+}
+
+/// True if the decisions `now` contain another one than the first `seen` of them and `body`. `body` itself may be there: the
+/// answer to it was lost, and the server stores it only once.
+export function isDecidedMeanwhile(now, seen, body) {
+  const fields = ['decision', 'reason', 'authority', 'second'];
+  const isOwn = (one) => fields.every((field) => one[field] === (body[field] ?? ''));
+  return now.length !== seen && !(now.length === seen + 1 && isOwn(now.at(-1)));
 }
 
 /// Drafts by slab and user, so that a text is still there if the login expires while it is written. A logout deletes them.
@@ -114,6 +122,9 @@ function NewDecision({ slab, session, again }) {
   const { second_person } = session;
   const [draft, set, clear] = useDraft(slab, session.user ?? '');
   const [confirming, setConfirming] = useState(false);
+  const [meanwhile, setMeanwhile] = useState(false);
+  /// Number of decisions on the page when the user checked the form.
+  const seen = useRef(0);
   const [problem, setProblem] = useState(null);
   const [error, setError] = useState(null);
   const [busy, setBusy] = useState(false);
@@ -131,6 +142,8 @@ function NewDecision({ slab, session, again }) {
     const found = problemOf(draft, second_person);
     setProblem(found);
     setDone('');
+    setMeanwhile(false);
+    seen.current = slab.dispositions.length;
     if (found === null) setConfirming(true);
     else form.current.elements[found.field].focus();
   };
@@ -143,8 +156,16 @@ function NewDecision({ slab, session, again }) {
     if (busy) return;
     setBusy(true);
     setError(null);
+    const body = bodyOf(draft, second_person);
     try {
-      const answer = await post(`/slabs/${slab.key}/disposition`, bodyOf(draft, second_person));
+      const { dispositions } = await document_of(`/slabs/${slab.key}`, 'slabd.slab/1');
+      if (isDecidedMeanwhile(dispositions, seen.current, body)) {
+        setMeanwhile(true);
+        setConfirming(false);
+        again();
+        return;
+      }
+      const answer = await post(`/slabs/${slab.key}/disposition`, body);
       setDone(answer.text);
       clear();
       setConfirming(false);
@@ -158,6 +179,7 @@ function NewDecision({ slab, session, again }) {
   return html`<${Panel} title=${t('decision.title')}>
     <p class="quiet">${t('decision.stays')}</p>
     <${Recorded} text=${done} />
+    ${meanwhile && html`<${Refusal} text=${t('decision.meanwhile')} />`}
     ${error && html`<${Refusal} error=${error} cure=${isUnclear(error) ? t('decision.once') : ''} />`}
     ${confirming
       ? html`<${Confirm} slab=${slab} draft=${draft} second_person=${second_person} busy=${busy} record=${record} back=${back} heading=${heading} />`

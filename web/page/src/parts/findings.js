@@ -10,7 +10,7 @@ import { useWords } from '../words.js';
 const kBad = ['fail', 'not_measured', 'aborted', 'indeterminate'];
 
 /// True if a block or the slab did not pass: then "no findings" would be wrong.
-function isBad(map) {
+export function isBad(map) {
   return [map, ...(map.blocks ?? [])].some((one) => kBad.includes(one.verdict));
 }
 

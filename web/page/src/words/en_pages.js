@@ -194,6 +194,7 @@ export const enPages = {
   'decision.record': 'Record',
   'decision.back': 'Back',
   'decision.once': 'Press “Record” again: the same decision is stored only once.',
+  'decision.meanwhile': 'Another decision about this slab was recorded meanwhile. Read it, and continue only if yours is still correct.',
   'decision.no_decision': 'Choose a decision.',
   'decision.no_authority': 'Enter the name of the person who decided.',
   'decision.no_second': 'Enter the name of the second person.',

@@ -194,6 +194,7 @@ export const zhPages = {
   'decision.record': '记录',
   'decision.back': '返回',
   'decision.once': '请再按一次“记录”：同一处置只存储一次。',
+  'decision.meanwhile': '在此期间该板已记录另一项处置。请先阅读；您的处置仍然正确时再继续。',
   'decision.no_decision': '请选择处置。',
   'decision.no_authority': '请输入批准人姓名。',
   'decision.no_second': '请输入第二人姓名。',
