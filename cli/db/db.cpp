@@ -231,7 +231,8 @@ Result<CareAnswer> ask_care(const config::Config& config, const std::string& lin
   return parse_care(answer.value());
 }
 
-/// Makes a backup through the daemon; returns its path.
+/// Makes a backup through the daemon; returns its path. Stops with kRefused if the daemon cannot take the order now,
+/// for example while it opens its database: no copy was made, and a later call may succeed.
 Result<std::string> backup_by_daemon(const config::Config& config) {
   Result<CareAnswer> care = ask_care(config, R"({"verb":"backup"})");
   std::int64_t last = -1;
@@ -243,6 +244,7 @@ Result<std::string> backup_by_daemon(const config::Config& config) {
     std::this_thread::sleep_for(kPollEvery);
     care = ask_care(config, R"({"verb":"care"})");
   }
+  if (!care.ok() && care.error().code == Code::config) stop(kRefused, care.error());
   if (!care.ok()) return care.error();
   if (care.value().backup.state != "done")
     return error(Code::journal_write, "the backup failed: %s", care.value().backup.error.c_str());

@@ -108,6 +108,13 @@ class Units(unittest.TestCase):
         found = re.search(r"^SuccessExitStatus=(.*)$", read("slabd-metrics.service"), re.MULTILINE)
         self.assertEqual(found.group(1).split(), ["3", "4"])
 
+    def test_a_refused_backup_is_repeated_and_one_that_leaves_a_copy_is_not(self):
+        unit, service = read("slabd-backup.service").split("[Service]\n")
+        for line in ("StartLimitIntervalSec=2h", "StartLimitBurst=6"):
+            self.assertIn(line, unit.splitlines())
+        for line in ("Restart=on-failure", "RestartSec=5min", "RestartPreventExitStatus=3 4"):
+            self.assertIn(line, service.splitlines())
+
     def test_a_slack_unit_has_a_higher_exposure(self):
         text = read("slabd.service").replace("ProtectSystem=strict", "ProtectSystem=no")
         self.assertGreater(self.exposure("slabd.service", text), 1.2)
