@@ -78,7 +78,7 @@ TEST_F(CareTest, a_copy_holds_what_was_committed_before_and_while_it_was_made) {
   EXPECT_FALSE(fs::exists(copy_path() + "-wal")) << "looking at a copy changes nothing";
 }
 
-// slabctl gives up if the count stays the same for two minutes, in which the checksum reads 1.2 GB.
+// slabctl gives up if the count stays the same for two minutes, in which 1.2 GB are read for the checksum.
 TEST_F(CareTest, the_count_of_pages_changes_with_each_piece_of_the_copy_and_of_its_checksum) {
   open();
   (void)recover();
